@@ -1,0 +1,2 @@
+//! The `photofit` program.
+fn main() {}

@@ -1,0 +1,5 @@
+//! Mesh operations with gradients, decimation and atlas.
+
+mod mesh;
+
+pub use mesh::Mesh;

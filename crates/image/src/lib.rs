@@ -1,0 +1,5 @@
+//! Image buffers, colour transfer, files, pyramids and metrics.
+
+mod buffer;
+
+pub use buffer::Image;

@@ -1,0 +1,1 @@
+//! photofit pathtrace.

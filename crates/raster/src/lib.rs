@@ -1,0 +1,5 @@
+//! Differentiable rasterizer on the CPU.
+
+mod maps;
+
+pub use maps::{CHANNELS, Maps, channel};

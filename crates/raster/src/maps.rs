@@ -1,0 +1,35 @@
+//! The material maps of a fitted asset: all channels of a texel side by side, one cache line each.
+
+/// Samples of a texel.
+pub const CHANNELS: usize = 16;
+
+/// Which sample of a texel means what.
+pub mod channel {
+    /// Linear base colour, three samples.
+    pub const BASE_COLOR: usize = 0;
+    /// Straight alpha.
+    pub const ALPHA: usize = 3;
+    /// Specular suppression gamma (0 = full specular lobe).
+    pub const GAMMA: usize = 4;
+    /// Perceptual roughness.
+    pub const ROUGHNESS: usize = 5;
+    /// Metalness.
+    pub const METALLIC: usize = 6;
+    /// Tangent-space unit normal, three samples in [-1, 1].
+    pub const NORMAL: usize = 7;
+    /// Linear emitted radiance, three samples.
+    pub const EMISSIVE: usize = 10;
+    /// Samples in use; the rest is padding.
+    pub const USED: usize = 13;
+}
+
+/// Material maps: `height * width` texels of [`CHANNELS`] samples, row 0 at the top (v = 0).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Maps<T = f32> {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// The texels.
+    pub texels: Vec<[T; CHANNELS]>,
+}

@@ -1,0 +1,134 @@
+//! Materials: the metallic-roughness model of glTF 2.0.
+
+/// How a texture continues outside of [0,1].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Wrap {
+    /// Periodic.
+    #[default]
+    Repeat,
+    /// Periodic with every other period mirrored.
+    MirroredRepeat,
+    /// The border texel continues.
+    ClampToEdge,
+}
+
+/// How a texture is filtered.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Filter {
+    /// The nearest texel of the base level.
+    Nearest,
+    /// Bilinear on the base level.
+    Bilinear,
+    /// Bilinear on two levels of the mip chain, linear between them.
+    #[default]
+    Trilinear,
+}
+
+/// How a texture is read.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Sampler {
+    /// Continuation along u.
+    pub wrap_u: Wrap,
+    /// Continuation along v.
+    pub wrap_v: Wrap,
+    /// Filter.
+    pub filter: Filter,
+}
+
+/// A texture as a material uses it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TextureSlot {
+    /// Index into [`crate::Scene::images`].
+    pub image: usize,
+    /// How it is read.
+    pub sampler: Sampler,
+    /// Set of texture coordinates: 0 or 1.
+    pub tex_coord: u32,
+    /// `KHR_texture_transform` as two rows of an affine map: `u' = m[0] . (u, v, 1)`, `v' = m[1] . (u, v, 1)`.
+    pub transform: [[f32; 3]; 2],
+}
+
+/// What alpha means.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum AlphaMode {
+    /// Alpha is ignored.
+    #[default]
+    Opaque,
+    /// Visible where alpha is at least the cutoff.
+    Mask {
+        /// The cutoff.
+        cutoff: f32,
+    },
+    /// Straight alpha blending.
+    Blend,
+}
+
+/// A metallic-roughness material; factors multiply their textures.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    /// Name in the file.
+    pub name: String,
+    /// Linear base colour and alpha.
+    pub base_color: [f32; 4],
+    /// sRGB base colour texture (alpha linear).
+    pub base_color_texture: Option<TextureSlot>,
+    /// Metalness factor.
+    pub metallic: f32,
+    /// Perceptual roughness factor (GGX alpha is its square).
+    pub roughness: f32,
+    /// Linear texture: green = roughness, blue = metalness.
+    pub metallic_roughness_texture: Option<TextureSlot>,
+    /// Tangent-space normal texture (linear).
+    pub normal_texture: Option<TextureSlot>,
+    /// Scale of the x and y of the normal texture.
+    pub normal_scale: f32,
+    /// Linear texture: red = occlusion.
+    pub occlusion_texture: Option<TextureSlot>,
+    /// Strength of the occlusion.
+    pub occlusion_strength: f32,
+    /// Linear emitted radiance (`KHR_materials_emissive_strength` multiplied in).
+    pub emissive: [f32; 3],
+    /// sRGB emission texture.
+    pub emissive_texture: Option<TextureSlot>,
+    /// What alpha means.
+    pub alpha_mode: AlphaMode,
+    /// Both sides are shaded.
+    pub double_sided: bool,
+    /// `KHR_materials_unlit`: the base colour is shown as it is.
+    pub unlit: bool,
+}
+
+impl Default for Material {
+    fn default() -> Self {
+        Self {
+            name: String::new(),
+            base_color: [1.0; 4],
+            base_color_texture: None,
+            metallic: 1.0,
+            roughness: 1.0,
+            metallic_roughness_texture: None,
+            normal_texture: None,
+            normal_scale: 1.0,
+            occlusion_texture: None,
+            occlusion_strength: 1.0,
+            emissive: [0.0; 3],
+            emissive_texture: None,
+            alpha_mode: AlphaMode::Opaque,
+            double_sided: false,
+            unlit: false,
+        }
+    }
+}
+
+impl Material {
+    /// The grey dielectric given to assets without a material: base colour 0.5, roughness 0.5.
+    pub fn clay() -> Self {
+        Self {
+            name: "clay".into(),
+            base_color: [0.5, 0.5, 0.5, 1.0],
+            metallic: 0.0,
+            roughness: 0.5,
+            ..Self::default()
+        }
+    }
+}

@@ -1,0 +1,1 @@
+//! Golden-image and end-to-end tests.
