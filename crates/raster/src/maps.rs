@@ -1,5 +1,7 @@
 //! The material maps of a fitted asset: all channels of a texel side by side, one cache line each.
 
+use crate::texture::Texture;
+
 /// Samples of a texel.
 pub const CHANNELS: usize = 16;
 
@@ -23,13 +25,5 @@ pub mod channel {
     pub const USED: usize = 13;
 }
 
-/// Material maps: `height * width` texels of [`CHANNELS`] samples, row 0 at the top (v = 0).
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Maps<T = f32> {
-    /// Columns.
-    pub width: usize,
-    /// Rows.
-    pub height: usize,
-    /// The texels.
-    pub texels: Vec<[T; CHANNELS]>,
-}
+/// Material maps: a texture of [`CHANNELS`] samples a texel, row 0 at the top (v = 0).
+pub type Maps<T = f32> = Texture<T, CHANNELS>;

@@ -1,0 +1,204 @@
+//! One pixel: interpolate, texture, normal map, shade; forward and adjoint.
+
+use super::{Geometry, Passes, View};
+use crate::interpolate::{derivatives, interpolate, interpolate_vjp};
+use crate::maps::{CHANNELS, channel};
+use crate::rasterize::{Barycentrics, PixelGrid, barycentrics, barycentrics_vjp};
+use crate::texture::{Lookup, Pyramid, level_of_detail, lookup, sample, sample_vjp};
+use photofit_scalar::{Real, Vec2, Vec3, Vec4, vec2, vec3};
+use photofit_scene::{AlphaMode, Filter, Sampler, Wrap};
+use photofit_shading::{
+    Surface, face_viewer, face_viewer_vjp, perturb, perturb_vjp, shade, shade_vjp, view_direction,
+    view_direction_vjp,
+};
+
+/// How the maps of a fitted mesh are read: its atlas is padded, so the border texel continues.
+pub(super) const SAMPLER: Sampler =
+    Sampler { wrap_u: Wrap::ClampToEdge, wrap_v: Wrap::ClampToEdge, filter: Filter::Trilinear };
+
+/// The corners of one triangle.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Corners<T> {
+    pub clip: [Vec4<T>; 3],
+    position: [[T; 3]; 3],
+    normal: [[T; 3]; 3],
+    tangent: [[T; 3]; 3],
+    uv: [[T; 2]; 3],
+    handedness: T,
+    geometric_normal: Vec3<T>,
+    alpha: AlphaMode,
+}
+
+/// Gradients of the corners of one triangle.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct CornerGradients<T> {
+    pub clip: [Vec4<T>; 3],
+    pub position: [[T; 3]; 3],
+    pub normal: [[T; 3]; 3],
+    pub tangent: [[T; 3]; 3],
+}
+
+impl<T: Real> Default for CornerGradients<T> {
+    fn default() -> Self {
+        let zero = [[T::zero(); 3]; 3];
+        Self { clip: [Vec4::zero(); 3], position: zero, normal: zero, tangent: zero }
+    }
+}
+
+impl<T: Real> Corners<T> {
+    #[inline]
+    pub(super) fn load(geometry: &Geometry<'_, T>, clip: &[Vec4<T>], triangle: usize) -> Self {
+        let id = geometry.topology.triangles[triangle].map(|i| i as usize);
+        let p = id.map(|i| geometry.positions[i]);
+        Self {
+            clip: id.map(|i| clip[i]),
+            position: p.map(Vec3::to_array),
+            normal: id.map(|i| geometry.normals[i].to_array()),
+            tangent: id.map(|i| geometry.tangents[i].xyz().to_array()),
+            uv: id.map(|i| geometry.uvs[i].to_array()),
+            handedness: geometry.tangents[id[0]].w,
+            geometric_normal: (p[1] - p[0]).cross(p[2] - p[0]),
+            alpha: geometry.alpha.get(triangle).copied().unwrap_or_default(),
+        }
+    }
+}
+
+/// Everything that a pixel computes on the way to its colour.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pixel<T> {
+    b: Barycentrics<T>,
+    at: Lookup<T>,
+    texel: [T; CHANNELS],
+    position: Vec3<T>,
+    normal: Vec3<T>,
+    tangent: Vec3<T>,
+    perturbed: Vec3<T>,
+    shading_normal: Vec3<T>,
+    wo: Vec3<T>,
+}
+
+#[inline(always)]
+fn refs<const C: usize, T>(a: &[[T; C]; 3]) -> [&[T; C]; 3] {
+    [&a[0], &a[1], &a[2]]
+}
+
+#[inline(always)]
+fn triple<T: Real>(t: &[T; CHANNELS], at: usize) -> Vec3<T> {
+    vec3(t[at], t[at + 1], t[at + 2])
+}
+
+/// The material of a texel.
+#[inline(always)]
+fn surface<T: Real>(t: &[T; CHANNELS]) -> Surface<T> {
+    Surface {
+        base_color: triple(t, channel::BASE_COLOR),
+        roughness: t[channel::ROUGHNESS],
+        metallic: t[channel::METALLIC],
+        gamma: t[channel::GAMMA],
+    }
+}
+
+impl<T: Real> Pixel<T> {
+    /// Runs the stages up to the shading normal.
+    #[inline(always)]
+    pub(super) fn new(
+        c: &Corners<T>,
+        f: Vec2<T>,
+        grid: &PixelGrid<T>,
+        maps: &Pyramid<T, CHANNELS>,
+        view: &View<'_, T>,
+        passes: &Passes,
+    ) -> Self {
+        let b = barycentrics(&c.clip, f, grid);
+        let [u, v] = interpolate(refs(&c.uv), &b);
+        let duv = derivatives(refs(&c.uv), &b);
+        let base = &maps.levels[0];
+        let lod = level_of_detail(&duv, base.width, base.height, view.lod_bias, maps.levels.len() - 1);
+        let at = lookup(maps, vec2(u, v), Some(&lod), &SAMPLER);
+        let texel = sample(maps, &at);
+        let position = Vec3::from_array(interpolate(refs(&c.position), &b));
+        let normal = Vec3::from_array(interpolate(refs(&c.normal), &b));
+        let tangent = Vec3::from_array(interpolate(refs(&c.tangent), &b));
+        let perturbed = if passes.normal_map {
+            perturb(normal, tangent, c.handedness, triple(&texel, channel::NORMAL))
+        } else {
+            normal.normalize_or_zero()
+        };
+        let wo = view_direction(view.eye, position);
+        let shading_normal = face_viewer(perturbed, c.geometric_normal, wo);
+        Self { b, at, texel, position, normal, tangent, perturbed, shading_normal, wo }
+    }
+
+    /// Radiance and alpha.
+    #[inline(always)]
+    pub(super) fn color(&self, c: &Corners<T>, view: &View<'_, T>, passes: &Passes) -> [T; 4] {
+        let s = surface(&self.texel);
+        let mut rgb = shade(&s, self.position, self.shading_normal, self.wo, view.lights);
+        if passes.emissive {
+            rgb += triple(&self.texel, channel::EMISSIVE);
+        }
+        let alpha = match c.alpha {
+            AlphaMode::Opaque => T::one(),
+            AlphaMode::Mask { cutoff } if self.texel[channel::ALPHA] >= T::of(f64::from(cutoff)) => T::one(),
+            AlphaMode::Mask { .. } => T::zero(),
+            AlphaMode::Blend => self.texel[channel::ALPHA],
+        };
+        [rgb.x, rgb.y, rgb.z, alpha]
+    }
+
+    /// Adjoint of the whole pixel for the gradient `g` of radiance and alpha. Returns the lookup and the gradient of
+    /// the texel; corner gradients are accumulated if positions are optimised.
+    #[inline(always)]
+    pub(super) fn vjp(
+        &self,
+        c: &Corners<T>,
+        f: Vec2<T>,
+        maps: &Pyramid<T, CHANNELS>,
+        view: &View<'_, T>,
+        passes: &Passes,
+        g: &[T; 4],
+        out: &mut CornerGradients<T>,
+    ) -> (Lookup<T>, [T; CHANNELS]) {
+        let s = surface(&self.texel);
+        let g_rgb = vec3(g[0], g[1], g[2]);
+        let sg = shade_vjp(&s, self.position, self.shading_normal, self.wo, view.lights, g_rgb);
+        let mut g_texel = [T::zero(); CHANNELS];
+        g_texel[..3].copy_from_slice(&sg.surface.base_color.to_array());
+        g_texel[channel::ROUGHNESS] = sg.surface.roughness;
+        g_texel[channel::METALLIC] = sg.surface.metallic;
+        g_texel[channel::GAMMA] = sg.surface.gamma;
+        if passes.emissive {
+            g_texel[channel::EMISSIVE..channel::EMISSIVE + 3].copy_from_slice(&g_rgb.to_array());
+        }
+        if c.alpha == AlphaMode::Blend {
+            g_texel[channel::ALPHA] = g[3];
+        }
+        let fv = face_viewer_vjp(self.perturbed, c.geometric_normal, self.wo, sg.n);
+        let (g_normal, g_tangent) = if passes.normal_map {
+            let map = triple(&self.texel, channel::NORMAL);
+            let p = perturb_vjp(self.normal, self.tangent, c.handedness, map, fv.normal);
+            g_texel[channel::NORMAL..channel::NORMAL + 3].copy_from_slice(&p.map.to_array());
+            (p.normal, p.tangent)
+        } else {
+            (self.normal.normalize_vjp(fv.normal), Vec3::zero())
+        };
+        if passes.position_gradients {
+            let g_position = sg.position + view_direction_vjp(view.eye, self.position, sg.wo + fv.wo);
+            let (g_uv, _) = sample_vjp(maps, &self.at, &g_texel);
+            let mut unused = [[T::zero(); 2]; 3];
+            let [p0, p1, p2] = &mut out.position;
+            let mut g_uvw = interpolate_vjp(refs(&c.position), &self.b, &g_position.to_array(), [p0, p1, p2]);
+            let [n0, n1, n2] = &mut out.normal;
+            g_uvw += interpolate_vjp(refs(&c.normal), &self.b, &g_normal.to_array(), [n0, n1, n2]);
+            let [t0, t1, t2] = &mut out.tangent;
+            g_uvw += interpolate_vjp(refs(&c.tangent), &self.b, &g_tangent.to_array(), [t0, t1, t2]);
+            let [u0, u1, u2] = &mut unused;
+            g_uvw += interpolate_vjp(refs(&c.uv), &self.b, &g_uv.to_array(), [u0, u1, u2]);
+            let g_clip = barycentrics_vjp(&c.clip, f, g_uvw.x, g_uvw.y);
+            for k in 0..3 {
+                out.clip[k] += g_clip[k];
+            }
+        }
+        (self.at, g_texel)
+    }
+}

@@ -1,0 +1,141 @@
+//! Binning: which triangles may touch which tile.
+
+use super::tile::{TILE, Tile};
+use photofit_scalar::Vec4f;
+use rayon::prelude::*;
+
+/// Triangles handled by one task.
+const CHUNK: usize = 16 * 1024;
+/// Slack of the bounding boxes in pixels: keeps a pixel centre that lies exactly on an edge inside of the box.
+const SLACK: f64 = 1e-3;
+
+/// Triangles of a fixed range sorted by tile.
+#[derive(Debug)]
+struct Chunk {
+    /// Start of each tile's triangles in `ids`, and the end.
+    start: Vec<u32>,
+    ids: Vec<u32>,
+}
+
+/// Triangles by tile, in ascending order of their index.
+#[derive(Debug)]
+pub struct Bins {
+    width: usize,
+    height: usize,
+    columns: usize,
+    chunks: Vec<Chunk>,
+}
+
+impl Bins {
+    /// Sorts the triangles of a view into tiles; those that cover no pixel centre's surroundings are dropped.
+    ///
+    /// # Panics
+    /// If an index is out of range.
+    pub fn new(clip: &[Vec4f], triangles: &[[u32; 3]], width: usize, height: usize) -> Self {
+        let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
+        let chunks = triangles
+            .par_chunks(CHUNK)
+            .enumerate()
+            .map(|(c, tris)| bin_chunk(clip, tris, (c * CHUNK) as u32, width, height, columns, rows))
+            .collect();
+        Self { width, height, columns, chunks }
+    }
+
+    /// Tiles in a row.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// One tile.
+    pub fn tile(&self, column: usize, row: usize) -> Tile<'_> {
+        Tile {
+            x: column * TILE,
+            y: row * TILE,
+            width: TILE.min(self.width - column * TILE),
+            height: TILE.min(self.height - row * TILE),
+            image: (self.width, self.height),
+            bins: self,
+        }
+    }
+
+    /// Indices of the triangles that may touch a tile, ascending.
+    pub(super) fn triangles(&self, x: usize, y: usize) -> impl Iterator<Item = u32> + '_ {
+        let tile = (y / TILE) * self.columns + x / TILE;
+        self.chunks.iter().flat_map(move |c| &c.ids[c.start[tile] as usize..c.start[tile + 1] as usize]).copied()
+    }
+}
+
+fn bin_chunk(
+    clip: &[Vec4f],
+    tris: &[[u32; 3]],
+    first: u32,
+    width: usize,
+    height: usize,
+    columns: usize,
+    rows: usize,
+) -> Chunk {
+    let mut start = vec![0u32; columns * rows + 1];
+    let boxes: Vec<Option<[u16; 4]>> = tris
+        .iter()
+        .map(|t| {
+            let b = tile_box(t.map(|i| clip[i as usize]), width, height)?;
+            for r in b[1]..=b[3] {
+                for c in b[0]..=b[2] {
+                    start[r as usize * columns + c as usize + 1] += 1;
+                }
+            }
+            Some(b)
+        })
+        .collect();
+    for i in 0..columns * rows {
+        start[i + 1] += start[i];
+    }
+    let mut next = start.clone();
+    let mut ids = vec![0u32; start[columns * rows] as usize];
+    for (i, b) in boxes.iter().enumerate() {
+        let Some(b) = b else { continue };
+        for r in b[1]..=b[3] {
+            for c in b[0]..=b[2] {
+                let at = &mut next[r as usize * columns + c as usize];
+                ids[*at as usize] = first + i as u32;
+                *at += 1;
+            }
+        }
+    }
+    Chunk { start, ids }
+}
+
+/// Range of tiles (x0, y0, x1, y1, inclusive) that hold a pixel centre inside the box around a triangle.
+fn tile_box(p: [Vec4f; 3], width: usize, height: usize) -> Option<[u16; 4]> {
+    if !p.iter().all(|v| v.is_finite()) || width == 0 || height == 0 {
+        return None;
+    }
+    if p.iter().all(|v| v.w <= 0.0) || p.iter().all(|v| v.z < 0.0) || p.iter().all(|v| v.z > v.w) {
+        return None;
+    }
+    let (w, h) = (width as f64, height as f64);
+    // A triangle that crosses w = 0 has no bounded box; its edge functions decide.
+    let mut lo = [0.0f64, 0.0];
+    let mut hi = [w - 1.0, h - 1.0];
+    if p.iter().all(|v| v.w > 0.0) {
+        let mut min = [f64::INFINITY; 2];
+        let mut max = [f64::NEG_INFINITY; 2];
+        for v in p {
+            let r = 1.0 / f64::from(v.w);
+            let q = [(f64::from(v.x) * r + 1.0) * 0.5 * w, (1.0 - f64::from(v.y) * r) * 0.5 * h];
+            for k in 0..2 {
+                min[k] = min[k].min(q[k]);
+                max[k] = max[k].max(q[k]);
+            }
+        }
+        for k in 0..2 {
+            lo[k] = lo[k].max((min[k] - 0.5 - SLACK).ceil());
+            hi[k] = hi[k].min((max[k] - 0.5 + SLACK).floor());
+        }
+    }
+    if !(lo[0] <= hi[0] && lo[1] <= hi[1]) {
+        return None;
+    }
+    let tile = |x: f64| (x as usize / TILE) as u16;
+    Some([tile(lo[0]), tile(lo[1]), tile(hi[0]), tile(hi[1])])
+}

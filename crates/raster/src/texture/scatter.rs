@@ -1,0 +1,126 @@
+//! Texel gradients: pixels queue what they read, bands of texel rows then add it up in a fixed order.
+//!
+//! A pixel's adjoint touches texels anywhere, so pixels in parallel would need atomics, whose order changes the last
+//! bits. Instead every task queues its pixels, sorted into bands of v; each band is summed by one thread that walks
+//! the queues in order. The result does not depend on the number of threads.
+
+use super::pyramid::add_scaled;
+use super::{Lookup, Pyramid, Taps, Texture};
+use photofit_scalar::Real;
+use rayon::prelude::*;
+
+/// Bands of texel rows.
+const BANDS: usize = 32;
+
+/// What one pixel hands back to the texture.
+#[derive(Clone, Copy, Debug)]
+struct Entry<T, const C: usize> {
+    at: Lookup<T>,
+    g: [T; C],
+}
+
+/// The pixels of one task.
+#[derive(Clone, Debug)]
+pub struct ScatterQueue<T, const C: usize> {
+    entries: Vec<Entry<T, C>>,
+    bands: Vec<Vec<u32>>,
+}
+
+impl<T: Real, const C: usize> Default for ScatterQueue<T, C> {
+    fn default() -> Self {
+        Self { entries: Vec::new(), bands: vec![Vec::new(); BANDS] }
+    }
+}
+
+/// Band of a row.
+#[inline(always)]
+fn band(row: usize, height: usize) -> usize {
+    row * BANDS / height
+}
+
+impl<T: Real, const C: usize> ScatterQueue<T, C> {
+    /// Forgets all pixels and keeps the memory.
+    pub fn clear(&mut self) {
+        self.entries.clear();
+        self.bands.iter_mut().for_each(Vec::clear);
+    }
+
+    /// Queues the adjoint of one lookup.
+    #[inline]
+    pub fn push(&mut self, texture: &Pyramid<T, C>, at: &Lookup<T>, g: &[T; C]) {
+        let id = self.entries.len() as u32;
+        self.entries.push(Entry { at: *at, g: *g });
+        let mut seen = [usize::MAX; 4];
+        let mut note = |k: usize, taps: &Taps<T>, t: &Texture<T, C>, low: usize| {
+            let row = taps.index[low] as usize / t.width;
+            seen[k] = band(row, t.height);
+        };
+        note(0, &at.fine, &texture.levels[at.level], 0);
+        note(1, &at.fine, &texture.levels[at.level], 2);
+        if let Some((taps, _)) = &at.coarse {
+            note(2, taps, &texture.levels[at.level + 1], 0);
+            note(3, taps, &texture.levels[at.level + 1], 2);
+        }
+        for k in 0..4 {
+            if seen[k] != usize::MAX && !seen[..k].contains(&seen[k]) {
+                self.bands[seen[k]].push(id);
+            }
+        }
+    }
+}
+
+/// Adds queued adjoints to texel gradients.
+#[derive(Debug)]
+pub struct Scatter;
+
+/// Rows of one level that belong to a band.
+struct Rows<'a, T, const C: usize> {
+    first: usize,
+    texels: &'a mut [[T; C]],
+}
+
+impl Scatter {
+    /// Accumulates the queues, in order, into the gradients of every level.
+    pub fn accumulate<T: Real, const C: usize>(queues: &[&ScatterQueue<T, C>], gradient: &mut Pyramid<T, C>) {
+        let sizes: Vec<(usize, usize)> = gradient.levels.iter().map(|l| (l.width, l.height)).collect();
+        let mut bands: Vec<Vec<Rows<'_, T, C>>> = (0..BANDS).map(|_| Vec::with_capacity(sizes.len())).collect();
+        for level in &mut gradient.levels {
+            let mut rest = level.texels.as_mut_slice();
+            let mut first = 0;
+            for (b, rows) in bands.iter_mut().enumerate() {
+                // Rows r with band(r) == b.
+                let end = ((b + 1) * level.height).div_ceil(BANDS);
+                let (head, tail) = rest.split_at_mut((end - first) * level.width);
+                rows.push(Rows { first: first * level.width, texels: head });
+                rest = tail;
+                first = end;
+            }
+        }
+        bands.par_iter_mut().enumerate().for_each(|(b, rows)| {
+            for q in queues {
+                for &id in &q.bands[b] {
+                    let e = &q.entries[id as usize];
+                    match &e.at.coarse {
+                        None => add(&mut rows[e.at.level], &e.at.fine, &e.g, T::one()),
+                        Some((taps, share)) => {
+                            add(&mut rows[e.at.level], &e.at.fine, &e.g, T::one() - *share);
+                            add(&mut rows[e.at.level + 1], taps, &e.g, *share);
+                        }
+                    }
+                }
+            }
+        });
+    }
+}
+
+/// Adds the taps that fall into the band's rows.
+#[inline(always)]
+fn add<T: Real, const C: usize>(rows: &mut Rows<'_, T, C>, taps: &Taps<T>, g: &[T; C], scale: T) {
+    let w = taps.weights();
+    for k in 0..4 {
+        let i = (taps.index[k] as usize).wrapping_sub(rows.first);
+        if let Some(t) = rows.texels.get_mut(i) {
+            add_scaled(t, g, w[k] * scale);
+        }
+    }
+}
