@@ -1,5 +1,30 @@
 //! Mesh operations with gradients, decimation and atlas.
+//!
+//! Meshes are indexed triangles ([`Mesh`]). Topology is taken on welded positions ([`weld`]), so that uv seams and hard
+//! edges do not open the surface; [`adjacency`] finds edges, neighbours and one-rings; [`Incidence`] holds the gather
+//! lists on which [`normals`] and [`tangents`] (forward and vector-Jacobian product) run deterministically for any
+//! number of threads.
 
+pub mod atlas;
+mod angle;
+mod error;
+mod incidence;
 mod mesh;
+mod split;
 
+pub mod adjacency;
+pub mod csr;
+pub mod laplacian;
+pub mod normals;
+pub mod shapes;
+pub mod subdivide;
+pub mod tangents;
+pub mod weld;
+
+pub use adjacency::{Edges, NONE};
+pub use csr::{Csr, CsrMatrix};
+pub use error::{GeometryError, check_triangles};
+pub use incidence::Incidence;
 pub use mesh::Mesh;
+pub use split::Split;
+pub use weld::Weld;

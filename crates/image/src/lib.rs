@@ -1,5 +1,39 @@
 //! Image buffers, colour transfer, files, pyramids and metrics.
+//!
+//! An [`Image`] holds interleaved `f32` samples in linear light, row 0 at the top. Files are read into linear light
+//! and written back through the sRGB transfer where their format asks for it. Metrics compare display images
+//! (sRGB-encoded, in `[0, 1]`) and return a map beside the mean.
+//!
+//! ```
+//! use photofit_image::{Image, to_display, psnr, flip, DEFAULT_PIXELS_PER_DEGREE};
+//! let reference = to_display(&Image::from_fn(32, 32, 3, |x, y, c| (x + y + c) as f32 / 66.0));
+//! let test = reference.map(|v| (v + 0.02).min(1.0));
+//! assert!((psnr(&reference, &test) - 34.0).abs() < 0.3);
+//! assert!(flip(&reference, &test, DEFAULT_PIXELS_PER_DEGREE).mean < 0.15);
+//! ```
 
 mod buffer;
+mod color;
+mod convolve;
+mod error;
+mod file;
+mod heatmap;
+mod metrics;
+mod mip;
+mod resample;
+mod sheet;
 
 pub use buffer::Image;
+pub use color::{linear_to_srgb_u8, luminance, srgb_decode, srgb_encode, srgb_u8_to_linear, to_display};
+pub use error::ImageError;
+pub use file::{
+    Limits, PngCompression, decode, decode_texture, encode_png, encode_srgb_png, read, read_exr_layers,
+    read_with_limits, texture_size, write_atomically, write_exr, write_png,
+};
+pub use heatmap::{heatmap, heatmap_color};
+pub use metrics::{
+    DEFAULT_PIXELS_PER_DEGREE, ErrorMap, dilate, flip, mse, psnr, psnr_from_mse, rmse, squared_error, ssim,
+};
+pub use mip::{mip_down, mip_down_vjp, mip_levels, mip_size, pyramid};
+pub use resample::{downsample, downsample_vjp, resize_bilinear};
+pub use sheet::contact_sheet;

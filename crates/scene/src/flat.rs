@@ -1,6 +1,9 @@
 //! The scene as one mesh in world space.
 
+use crate::{Material, Primitive, Scene};
+use glam::Affine3A;
 use photofit_geometry::Mesh;
+use photofit_scalar::{Vec3f, Vec4f, vec2, vec3, vec4};
 
 /// All instances of a scene as one world-space mesh; built by [`crate::Scene::flatten`].
 ///
@@ -12,4 +15,171 @@ pub struct FlatScene {
     pub mesh: Mesh,
     /// Index into [`crate::Scene::materials`] for each triangle.
     pub triangle_material: Vec<u32>,
+}
+
+impl Scene {
+    /// All instances as one world-space mesh.
+    ///
+    /// Normals go by the inverse transpose; mirrored transforms turn the winding of the triangles and the handedness
+    /// of tangents, so that front faces stay counter-clockwise. Tangents exist when some placed material has a normal
+    /// map: the file's, else those of MikkTSpace on the map's own texture coordinates (which may split vertices);
+    /// where no map needs them they are any unit vector across the normal.
+    ///
+    /// # Panics
+    /// If the scene is not valid (see [`Scene::validate`]), or more than 2^32 - 1 vertices are placed.
+    pub fn flatten(&self) -> FlatScene {
+        let wants = Wants::of(self);
+        let prepared: Vec<Option<Mesh>> = self.prepare(wants);
+        let mut flat = FlatScene::default();
+        let vertices = self.instances.iter().map(|i| self.mesh_of(&prepared, i.primitive).positions.len()).sum();
+        assert!(u32::try_from(vertices).is_ok(), "at most 2^32 - 1 vertices");
+        let triangles = self.triangle_count();
+        flat.mesh.positions.reserve_exact(vertices);
+        flat.mesh.normals.reserve_exact(vertices);
+        flat.mesh.triangles.reserve_exact(triangles);
+        flat.triangle_material.reserve_exact(triangles);
+        for instance in &self.instances {
+            let mesh = self.mesh_of(&prepared, instance.primitive);
+            append(&mut flat.mesh, mesh, &instance.transform, wants);
+            let material = self.primitives[instance.primitive].material as u32;
+            flat.triangle_material.extend(std::iter::repeat_n(material, mesh.triangles.len()));
+        }
+        flat
+    }
+
+    fn mesh_of<'a>(&'a self, prepared: &'a [Option<Mesh>], primitive: usize) -> &'a Mesh {
+        prepared[primitive].as_ref().unwrap_or(&self.primitives[primitive].mesh)
+    }
+
+    /// The primitives that lack normals or needed tangents, completed in their own frame.
+    fn prepare(&self, wants: Wants) -> Vec<Option<Mesh>> {
+        self.primitives
+            .iter()
+            .map(|p| {
+                let normals = p.mesh.normals.is_empty() && !p.mesh.positions.is_empty();
+                let tangents = wants.tangents
+                    && p.mesh.tangents.is_empty()
+                    && self.materials[p.material].normal_texture.is_some();
+                (normals || tangents).then(|| complete(p, &self.materials[p.material], tangents))
+            })
+            .collect()
+    }
+}
+
+/// Optional attributes of the flat mesh.
+#[derive(Clone, Copy, Debug)]
+struct Wants {
+    uvs: bool,
+    uvs1: bool,
+    colors: bool,
+    tangents: bool,
+}
+
+impl Wants {
+    fn of(scene: &Scene) -> Self {
+        let placed = || scene.instances.iter().map(|i| &scene.primitives[i.primitive]);
+        Self {
+            uvs: placed().any(|p| !p.mesh.uvs.is_empty()),
+            uvs1: placed().any(|p| !p.mesh.uvs1.is_empty()),
+            colors: placed().any(|p| !p.mesh.colors.is_empty()),
+            tangents: placed().any(|p| scene.materials[p.material].normal_texture.is_some()),
+        }
+    }
+}
+
+fn append(flat: &mut Mesh, mesh: &Mesh, transform: &Affine3A, wants: Wants) {
+    let base = flat.positions.len() as u32;
+    let n = mesh.positions.len();
+    let normals = Normals::of(transform);
+    flat.positions.extend(mesh.positions.iter().map(|p| {
+        let p = transform.transform_point3a(glam::vec3a(p.x, p.y, p.z));
+        vec3(p.x, p.y, p.z)
+    }));
+    flat.normals.extend(mesh.normals.iter().map(|&n| normals.apply(n)));
+    if wants.uvs {
+        fill(&mut flat.uvs, &mesh.uvs, n, vec2(0.0, 0.0));
+    }
+    if wants.uvs1 {
+        fill(&mut flat.uvs1, &mesh.uvs1, n, vec2(0.0, 0.0));
+    }
+    if wants.colors {
+        fill(&mut flat.colors, &mesh.colors, n, vec4(1.0, 1.0, 1.0, 1.0));
+    }
+    if wants.tangents {
+        let from = flat.normals.len() - n;
+        let unit = &flat.normals[from..];
+        let tangents = (0..n).map(|v| match mesh.tangents.get(v) {
+            Some(t) => normals.tangent(transform, *t, unit[v]),
+            None => unit[v].orthonormal_pair().0.extend(1.0),
+        });
+        flat.tangents.extend(tangents);
+    }
+    flat.triangles.extend(mesh.triangles.iter().map(|t| {
+        let [a, b, c] = t.map(|i| i + base);
+        if normals.mirrored { [a, c, b] } else { [a, b, c] }
+    }));
+}
+
+fn fill<T: Copy>(out: &mut Vec<T>, from: &[T], n: usize, default: T) {
+    if from.is_empty() {
+        out.extend(std::iter::repeat_n(default, n));
+    } else {
+        out.extend_from_slice(from);
+    }
+}
+
+/// How normals go with a transform: by the inverse transpose, up to a positive factor.
+///
+/// The matrix of cofactors is used, which exists for singular transforms too.
+#[derive(Debug)]
+pub(crate) struct Normals {
+    cofactors: glam::Mat3A,
+    /// The transform turns handedness around.
+    pub(crate) mirrored: bool,
+}
+
+impl Normals {
+    pub(crate) fn of(transform: &Affine3A) -> Self {
+        let m = transform.matrix3;
+        // Scaled to the order of one, so that products neither overflow nor vanish.
+        let size = m.x_axis.abs().max(m.y_axis.abs()).max(m.z_axis.abs()).max_element();
+        let s = if size > 0.0 && size.is_finite() { 1.0 / size } else { 1.0 };
+        let [x, y, z] = [m.x_axis * s, m.y_axis * s, m.z_axis * s];
+        let mirrored = x.cross(y).dot(z) < 0.0;
+        let sign = if mirrored { -1.0 } else { 1.0 };
+        let cofactors = glam::Mat3A::from_cols(y.cross(z) * sign, z.cross(x) * sign, x.cross(y) * sign);
+        Self { cofactors, mirrored }
+    }
+
+    pub(crate) fn apply(&self, n: Vec3f) -> Vec3f {
+        let m = self.cofactors * glam::vec3a(n.x, n.y, n.z);
+        let unit = vec3(m.x, m.y, m.z).normalize_or_zero();
+        // A flattened shape has no such normal; the old one keeps the arithmetic finite.
+        if unit == Vec3f::zero() { n } else { unit }
+    }
+
+    /// The moved tangent, with the handedness of the moved frame.
+    pub(crate) fn tangent(&self, transform: &Affine3A, t: Vec4f, normal: Vec3f) -> Vec4f {
+        let m = transform.matrix3 * glam::vec3a(t.x, t.y, t.z);
+        let unit = vec3(m.x, m.y, m.z).normalize_or_zero();
+        let unit = if unit == Vec3f::zero() { normal.orthonormal_pair().0 } else { unit };
+        unit.extend(if self.mirrored { -t.w } else { t.w })
+    }
+}
+
+/// The primitive's mesh with normals, and with tangents where asked.
+fn complete(primitive: &Primitive, material: &Material, tangents: bool) -> Mesh {
+    let mut mesh = primitive.mesh.clone();
+    if mesh.normals.is_empty() {
+        mesh.normals = crate::load::smooth_normals(&mesh.positions, &mesh.triangles);
+    }
+    if tangents {
+        mesh = with_tangents(mesh, material);
+    }
+    mesh
+}
+
+fn with_tangents(mut mesh: Mesh, _material: &Material) -> Mesh {
+    mesh.tangents = mesh.normals.iter().map(|n| n.orthonormal_pair().0.extend(1.0)).collect();
+    mesh
 }

@@ -1,7 +1,9 @@
 //! The scene: primitives, their placements, materials and images.
 
-use crate::{Camera, Material};
+use crate::error::{Fault, fault};
+use crate::{Camera, Material, SceneError, TextureSlot};
 use photofit_geometry::Mesh;
+use photofit_scalar::Vec3f;
 
 /// An 8-bit image of a texture, RGBA, row 0 at the top; its encoding follows from the slot that uses it.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -36,7 +38,7 @@ pub struct Instance {
 
 /// An asset in memory.
 ///
-/// Invariant: every index is in range (loaders check it).
+/// Invariant: every index is in range (loaders check it; [`Scene::validate`] checks scenes made by hand).
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
     /// Name, usually the file's stem.
@@ -51,4 +53,209 @@ pub struct Scene {
     pub images: Vec<TextureImage>,
     /// Cameras of the file, in world space.
     pub cameras: Vec<Camera>,
+    /// What the loader ignored or repaired, one line each.
+    pub warnings: Vec<String>,
+}
+
+/// Bytes that a scene takes; see [`Scene::memory`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Memory {
+    /// Vertices and triangles as stored, bytes.
+    pub geometry: usize,
+    /// Texels as stored, bytes.
+    pub images: usize,
+    /// Vertices and triangles that [`Scene::flatten`] makes at most, bytes.
+    pub flattened: usize,
+    /// Texels with the mip chains of a [`crate::surface::SurfaceLibrary`] at most, bytes.
+    pub surfaces: usize,
+}
+
+/// Largest number of vertices or triangles that [`Scene::flatten`] makes.
+pub const MAX_FLAT: usize = 100_000_000;
+
+impl Scene {
+    /// Triangles as they are placed: a primitive that appears twice counts twice.
+    pub fn triangle_count(&self) -> usize {
+        self.instances.iter().map(|i| self.primitives[i.primitive].mesh.triangles.len()).sum()
+    }
+
+    /// Vertices as they are placed: a primitive that appears twice counts twice.
+    pub fn vertex_count(&self) -> usize {
+        self.instances.iter().map(|i| self.primitives[i.primitive].mesh.positions.len()).sum()
+    }
+
+    /// World-space box around all placed vertices, `(min, max)`; `None` without vertices.
+    pub fn bounds(&self) -> Option<(Vec3f, Vec3f)> {
+        let mut all: Option<(Vec3f, Vec3f)> = None;
+        for instance in &self.instances {
+            for p in &self.primitives[instance.primitive].mesh.positions {
+                let p = instance.transform.transform_point3a(glam::vec3a(p.x, p.y, p.z));
+                let p = photofit_scalar::vec3(p.x, p.y, p.z);
+                all = Some(all.map_or((p, p), |(lo, hi)| (lo.min(p), hi.max(p))));
+            }
+        }
+        all
+    }
+
+    /// Centre of the bounds and radius of the sphere around it that holds all placed vertices; `None` without
+    /// vertices.
+    pub fn bounding_sphere(&self) -> Option<(glam::Vec3, f32)> {
+        let (lo, hi) = self.bounds()?;
+        let center = glam::vec3a(lo.x + hi.x, lo.y + hi.y, lo.z + hi.z) * 0.5;
+        let mut radius = 0.0_f32;
+        for instance in &self.instances {
+            for p in &self.primitives[instance.primitive].mesh.positions {
+                let p = instance.transform.transform_point3a(glam::vec3a(p.x, p.y, p.z));
+                radius = radius.max(p.distance_squared(center));
+            }
+        }
+        Some((center.into(), radius.sqrt()))
+    }
+
+    /// World-space area of all triangles, in squared units, summed in f64.
+    pub fn area(&self) -> f64 {
+        let mut sum = 0.0;
+        for instance in &self.instances {
+            let mesh = &self.primitives[instance.primitive].mesh;
+            let m = instance.transform.matrix3;
+            for t in 0..mesh.triangles.len() {
+                let p = mesh.corners(t);
+                let edge = |k: usize| {
+                    let e = p[k] - p[0];
+                    (m * glam::vec3a(e.x, e.y, e.z)).as_dvec3()
+                };
+                sum += 0.5 * edge(1).cross(edge(2)).length();
+            }
+        }
+        sum
+    }
+
+    /// Bytes in memory.
+    pub fn memory(&self) -> Memory {
+        fn bytes<T>(v: &[T]) -> usize {
+            size_of_val(v)
+        }
+        let of_mesh = |m: &Mesh| {
+            bytes(&m.positions)
+                + bytes(&m.normals)
+                + bytes(&m.uvs)
+                + bytes(&m.uvs1)
+                + bytes(&m.tangents)
+                + bytes(&m.colors)
+                + bytes(&m.triangles)
+        };
+        let images: usize = self.images.iter().map(|i| bytes(&i.texels)).sum();
+        Memory {
+            geometry: self.primitives.iter().map(|p| of_mesh(&p.mesh)).sum(),
+            images,
+            flattened: self.vertex_count() * 72 + self.triangle_count() * 16,
+            surfaces: images / 3 * 4,
+        }
+    }
+
+    /// Checks the invariants of a scene made by hand.
+    ///
+    /// # Errors
+    /// If an index is out of range, an attribute has another length than the positions, or an image has another
+    /// number of texels than its size says.
+    pub fn validate(&self) -> Result<(), SceneError> {
+        self.check().map_err(Fault::in_scene)
+    }
+
+    pub(crate) fn check(&self) -> Result<(), Fault> {
+        for (p, primitive) in self.primitives.iter().enumerate() {
+            check_mesh(&primitive.mesh).map_err(|rule| fault(format!("primitive {p}"), rule))?;
+            if primitive.material >= self.materials.len() {
+                let rule =
+                    format!("material {} is one of {}", primitive.material, self.materials.len());
+                return Err(fault(format!("primitive {p}"), rule));
+            }
+        }
+        for (i, instance) in self.instances.iter().enumerate() {
+            if instance.primitive >= self.primitives.len() {
+                let rule =
+                    format!("primitive {} is one of {}", instance.primitive, self.primitives.len());
+                return Err(fault(format!("instance {i}"), rule));
+            }
+        }
+        for (m, material) in self.materials.iter().enumerate() {
+            if let Some(slot) = slots(material).find(|s| s.image >= self.images.len()) {
+                let rule = format!("image {} is one of {}", slot.image, self.images.len());
+                return Err(fault(format!("material {m}"), rule));
+            }
+        }
+        for (i, image) in self.images.iter().enumerate() {
+            if image.width == 0
+                || image.height == 0
+                || image.width.checked_mul(image.height) != Some(image.texels.len())
+            {
+                let rule = format!("{} x {} texels, found {}", image.width, image.height, image.texels.len());
+                return Err(fault(format!("image {i}"), rule));
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks that the scene can be the input of a fit: it has triangles, a surface, and a size that can be
+    /// flattened.
+    ///
+    /// # Errors
+    /// If there are no triangles (a point cloud included), the whole area is zero, or more than [`MAX_FLAT`] vertices
+    /// or triangles are placed.
+    pub fn validate_for_fit(&self) -> Result<(), SceneError> {
+        self.validate()?;
+        let fail = |rule: String| Err(fault("the asset", rule).in_scene());
+        let (vertices, triangles) = (self.vertex_count(), self.triangle_count());
+        if triangles == 0 {
+            return fail(match vertices {
+                0 => "has no geometry".into(),
+                n => format!("has triangles, found {n} points only"),
+            });
+        }
+        if vertices.max(triangles) > MAX_FLAT {
+            return fail(format!(
+                "places at most {MAX_FLAT} vertices and triangles, found {vertices} and {triangles}"
+            ));
+        }
+        let area = self.area();
+        if !(area > 0.0 && area.is_finite()) {
+            return fail(format!("has a surface of positive finite area, found {area}"));
+        }
+        Ok(())
+    }
+}
+
+/// The texture slots that a material uses.
+pub(crate) fn slots(m: &Material) -> impl Iterator<Item = &TextureSlot> {
+    [
+        &m.base_color_texture,
+        &m.metallic_roughness_texture,
+        &m.normal_texture,
+        &m.occlusion_texture,
+        &m.emissive_texture,
+    ]
+    .into_iter()
+    .flatten()
+}
+
+fn check_mesh(mesh: &Mesh) -> Result<(), String> {
+    let n = mesh.positions.len();
+    if u32::try_from(n).is_err() {
+        return Err(format!("at most {} vertices, found {n}", u32::MAX));
+    }
+    for (name, length) in [
+        ("normals", mesh.normals.len()),
+        ("uvs", mesh.uvs.len()),
+        ("uvs1", mesh.uvs1.len()),
+        ("tangents", mesh.tangents.len()),
+        ("colors", mesh.colors.len()),
+    ] {
+        if length != 0 && length != n {
+            return Err(format!("none or one of {name} per vertex, found {length} for {n}"));
+        }
+    }
+    match mesh.triangles.iter().flatten().find(|&&i| i as usize >= n) {
+        Some(i) => Err(format!("index {i} stays below the {n} vertices")),
+        None => Ok(()),
+    }
 }

@@ -80,3 +80,6 @@ impl Default for Passes {
     }
 }
 
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,1 @@
+//! Procedural meshes through the whole of [`unwrap`](super::unwrap).

@@ -1,0 +1,101 @@
+//! Writing a file under a temporary name and renaming it.
+
+use crate::ImageError;
+use std::fs::{File, OpenOptions};
+use std::io::{BufWriter, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Writes `bytes` to a temporary name in the folder of `path` and renames it, so that `path` holds either its old
+/// content or all of the new one, and a failure leaves nothing behind.
+///
+/// # Errors
+/// If the folder does not exist, or the file system refuses.
+pub fn write_atomically(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), ImageError> {
+    let path = path.as_ref();
+    write_with(path, |file| file.write_all(bytes)).map_err(|e| ImageError::io(path, e))
+}
+
+/// Removes the temporary file unless it was renamed.
+struct Temporary {
+    path: PathBuf,
+    renamed: bool,
+}
+
+impl Drop for Temporary {
+    fn drop(&mut self) {
+        if !self.renamed {
+            // Nothing more can be done about a file that refuses to go.
+            let _ = std::fs::remove_file(&self.path);
+        }
+    }
+}
+
+fn create_beside(path: &Path) -> std::io::Result<(File, Temporary)> {
+    static COUNTER: AtomicU64 = AtomicU64::new(0);
+    let name = path
+        .file_name()
+        .ok_or_else(|| std::io::Error::new(ErrorKind::InvalidInput, "a path without file name"))?;
+    loop {
+        let mut temporary = std::ffi::OsString::from(".");
+        temporary.push(name);
+        let n = COUNTER.fetch_add(1, Ordering::Relaxed);
+        temporary.push(format!(".{}-{n}.tmp", std::process::id()));
+        let temporary = path.with_file_name(temporary);
+        match OpenOptions::new().write(true).read(true).create_new(true).open(&temporary) {
+            Ok(file) => return Ok((file, Temporary { path: temporary, renamed: false })),
+            Err(e) if e.kind() == ErrorKind::AlreadyExists => {}
+            Err(e) => return Err(e),
+        }
+    }
+}
+
+pub(crate) fn write_with<E: From<std::io::Error>>(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<File>) -> Result<(), E>,
+) -> Result<(), E> {
+    let (file, mut temporary) = create_beside(path)?;
+    let mut writer = BufWriter::new(file);
+    write(&mut writer)?;
+    // Closed before the rename, which other systems demand.
+    drop(writer.into_inner().map_err(std::io::IntoInnerError::into_error)?);
+    std::fs::rename(&temporary.path, path)?;
+    temporary.renamed = true;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let mut names: Vec<_> = std::fs::read_dir(folder)
+            .unwrap()
+            .map(|e| e.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn replaces_whole_files_and_leaves_nothing_behind() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.bin");
+        write_atomically(&path, b"one").unwrap();
+        write_atomically(&path, b"two").unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"two");
+        let failed: Result<(), std::io::Error> = write_with(&path, |file| {
+            file.write_all(b"half")?;
+            Err(std::io::Error::other("stop"))
+        });
+        assert!(failed.is_err());
+        assert_eq!(std::fs::read(&path).unwrap(), b"two", "the old content stays");
+        let taken = folder.path().join("folder");
+        std::fs::create_dir_all(taken.join("x")).unwrap();
+        assert!(write_atomically(&taken, b"no").is_err(), "a folder is not replaced");
+        assert_eq!(names(folder.path()), ["a.bin", "folder"]);
+        let missing = folder.path().join("no/such/file.png");
+        let message = write_atomically(&missing, b"").unwrap_err().to_string();
+        assert!(message.contains("no/such/file.png"), "{message}");
+    }
+}

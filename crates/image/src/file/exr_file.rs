@@ -1,0 +1,216 @@
+//! OpenEXR: named layers of named channels.
+
+use super::{Format, Limits, atomic, file_bytes};
+use crate::{Image, ImageError};
+use exr::image::{AnyChannel, AnyChannels, Encoding, FlatImage, FlatSamples, Layer};
+use exr::meta::MetaData;
+use exr::meta::attribute::{SampleType, Text};
+use exr::meta::header::{ImageAttributes, LayerAttributes};
+use exr::prelude::{IntegerBounds, ReadChannels, ReadLayers, WritableImage};
+use std::collections::BTreeSet;
+use std::io::Cursor;
+use std::path::Path;
+
+/// Reads all layers of an OpenEXR file as `(layer name, image, channel names)`, in the order of the file.
+///
+/// Parts of a multi-part file are layers, and so are groups of channels with a common prefix in their names
+/// (`albedo.R`, `albedo.G`), as many renderers write them; a layer inside a named part is called `part.prefix`.
+/// Channels come in the order R, G, B, A, then X, Y, Z, then the others as stored. Only the full resolution level is
+/// read. Default [`Limits`] apply.
+///
+/// # Errors
+/// If the file cannot be read, is no valid OpenEXR file, holds deep or subsampled data, or is larger than the limits.
+pub fn read_exr_layers(path: impl AsRef<Path>) -> Result<Vec<(String, Image, Vec<String>)>, ImageError> {
+    let path = path.as_ref();
+    let place = path.display().to_string();
+    let limits = Limits::default();
+    let bytes = file_bytes(path, &limits)?;
+    if Format::of(&bytes) != Some(Format::Exr) {
+        return Err(ImageError::invalid(&place, "not an OpenEXR file"));
+    }
+    decode_layers(&bytes, &place, &limits)
+}
+
+pub(super) fn decode_first(bytes: &[u8], place: &str, limits: &Limits) -> Result<Image, ImageError> {
+    let layers = decode_layers(bytes, place, limits)?;
+    layers.into_iter().next().map(|(_, image, _)| image).ok_or_else(|| ImageError::invalid(place, "no layer"))
+}
+
+fn decode_layers(
+    bytes: &[u8],
+    place: &str,
+    limits: &Limits,
+) -> Result<Vec<(String, Image, Vec<String>)>, ImageError> {
+    check_header(bytes, place, limits)?;
+    let file: FlatImage = exr::image::read::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .all_layers()
+        .all_attributes()
+        .from_buffered(Cursor::new(bytes))
+        .map_err(|e| invalid(place, &e))?;
+    let mut out = Vec::new();
+    for layer in file.layer_data {
+        let part = layer.attributes.layer_name.as_ref().map(ToString::to_string).unwrap_or_default();
+        split_layer(&part, layer.size.0, layer.size.1, &layer.channel_data.list, &mut out);
+    }
+    Ok(out)
+}
+
+fn invalid(place: &str, e: &exr::error::Error) -> ImageError {
+    ImageError::invalid(place, format!("not a valid OpenEXR file: {e}"))
+}
+
+/// The decoder takes the memory that the header claims and aborts where there is none: the claim is checked first.
+fn check_header(bytes: &[u8], place: &str, limits: &Limits) -> Result<(), ImageError> {
+    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|e| invalid(place, &e))?;
+    let mut left = *limits;
+    let mut file_left = bytes.len();
+    for header in &meta.headers {
+        if header.deep {
+            return Err(ImageError::invalid(place, "deep data is not read"));
+        }
+        if header.channels.list.iter().any(|c| c.sampling.0 != 1 || c.sampling.1 != 1) {
+            return Err(ImageError::invalid(place, "subsampled channels are not read"));
+        }
+        let (width, height) = (header.layer_size.0 as u64, header.layer_size.1 as u64);
+        let channels = header.channels.list.len() as u64;
+        let sizes = header.channels.list.iter().map(|c| match c.sample_type {
+            SampleType::F16 => 2,
+            SampleType::F32 | SampleType::U32 => 4,
+        });
+        left.check(place, (width, height), channels, sizes.sum(), file_left)?;
+        left.max_samples -= width * height * channels;
+        // Every block has an entry in the offset table and a head of its own.
+        let blocks = header.chunk_count as u64;
+        if blocks.saturating_mul(16) > bytes.len() as u64 {
+            let rule = format!("{blocks} blocks do not fit the {} bytes of the file", bytes.len());
+            return Err(ImageError::invalid(place, rule));
+        }
+        file_left = file_left.saturating_sub(16 * blocks as usize);
+    }
+    Ok(())
+}
+
+/// Rank of a channel within its layer: colour, then vectors, then the rest.
+fn rank(channel: &str) -> usize {
+    let known = ["R", "r", "G", "g", "B", "b", "A", "a", "X", "x", "Y", "y", "Z", "z"];
+    known.iter().position(|k| *k == channel).unwrap_or(known.len())
+}
+
+fn split_layer(
+    part: &str,
+    width: usize,
+    height: usize,
+    channels: &[AnyChannel<FlatSamples>],
+    out: &mut Vec<(String, Image, Vec<String>)>,
+) {
+    let names: Vec<String> = channels.iter().map(|c| c.name.to_string()).collect();
+    let split = |name: &str| match name.rsplit_once('.') {
+        Some((prefix, channel)) => (prefix.to_owned(), channel.to_owned()),
+        None => (String::new(), name.to_owned()),
+    };
+    // The plain group sorts first.
+    let groups: BTreeSet<String> = names.iter().map(|n| split(n).0).collect();
+    for prefix in groups {
+        let mut members: Vec<(String, &FlatSamples)> = names
+            .iter()
+            .zip(channels)
+            .filter(|(name, _)| split(name).0 == prefix)
+            .map(|(name, c)| (split(name).1, &c.sample_data))
+            .collect();
+        members.sort_by_key(|(name, _)| rank(name));
+        let mut image = Image::new(width, height, members.len());
+        for (c, (_, samples)) in members.iter().enumerate() {
+            let target = image.data.iter_mut().skip(c).step_by(members.len());
+            for (t, v) in target.zip(samples.values_as_f32()) {
+                *t = v;
+            }
+        }
+        let name = match (part.is_empty(), prefix.is_empty()) {
+            (true, _) => prefix,
+            (false, true) => part.to_owned(),
+            (false, false) => format!("{part}.{prefix}"),
+        };
+        out.push((name, image, members.into_iter().map(|(n, _)| n).collect()));
+    }
+}
+
+/// Writes images of one size as the layers of an OpenEXR file: `(layer name, image, channel names)`.
+///
+/// Samples are stored as 32-bit floats with lossless compression. A single layer may have an empty name; several are
+/// written as parts and need distinct names. The file appears under its name only when it is complete.
+///
+/// ```no_run
+/// use photofit_image::{Image, write_exr};
+/// let (color, depth) = (Image::new(64, 64, 3), Image::new(64, 64, 1));
+/// write_exr("aov.exr", &[("color", &color, &["R", "G", "B"]), ("depth", &depth, &["Z"])])?;
+/// # Ok::<(), photofit_image::ImageError>(())
+/// ```
+///
+/// # Errors
+/// If there is no layer, a layer has no pixels or another size than the first, names are missing, doubled or not
+/// Latin-1, or the file system refuses.
+///
+/// # Panics
+/// If a layer has not one name per channel.
+pub fn write_exr(path: impl AsRef<Path>, layers: &[(&str, &Image, &[&str])]) -> Result<(), ImageError> {
+    let path = path.as_ref();
+    let place = path.display().to_string();
+    let bad = |rule: String| Err(ImageError::invalid(&place, rule));
+    let Some((_, first, _)) = layers.first() else { return bad("an OpenEXR file needs a layer".into()) };
+    let mut names = BTreeSet::new();
+    for (name, image, channels) in layers {
+        assert_eq!(channels.len(), image.channels, "one name per channel of layer {name:?}");
+        if image.data.is_empty() || (image.width, image.height) != (first.width, first.height) {
+            return bad(format!("layer {name:?}: pixels are needed, and all layers of one size"));
+        }
+        if (layers.len() > 1 && name.is_empty()) || !names.insert(*name) {
+            return bad(format!("layer {name:?}: the layers of a file need distinct names"));
+        }
+        let distinct: BTreeSet<&str> = channels.iter().copied().collect();
+        if distinct.len() != channels.len() || distinct.contains("") {
+            return bad(format!("layer {name:?}: channels need distinct names"));
+        }
+    }
+    let mut parts = exr::image::Layers::new();
+    for (name, image, channels) in layers {
+        let Some(layer) = exr_layer(name, image, channels) else {
+            return bad(format!("layer {name:?}: names are Latin-1 without zeros and at most 255 long"));
+        };
+        parts.push(layer);
+    }
+    let bounds = IntegerBounds::from_dimensions((first.width, first.height));
+    let file = exr::image::Image::from_layers(ImageAttributes::new(bounds), parts);
+    atomic::write_with(path, |writer| file.write().to_buffered(writer)).map_err(|e| match e {
+        exr::error::Error::Io(source) => ImageError::io(path, source),
+        e => invalid(&place, &e),
+    })
+}
+
+fn exr_layer(name: &str, image: &Image, channels: &[&str]) -> Option<Layer<AnyChannels<FlatSamples>>> {
+    let text =
+        |s: &str| Text::new_or_none(s).filter(|t| t.as_slice().len() <= 255 && !t.as_slice().contains(&0));
+    let list = channels
+        .iter()
+        .enumerate()
+        .map(|(c, channel)| {
+            let samples = image.data.iter().skip(c).step_by(image.channels).copied().collect();
+            Some(AnyChannel::new(text(channel)?, FlatSamples::F32(samples)))
+        })
+        .collect::<Option<_>>()?;
+    let mut attributes = LayerAttributes::default();
+    if !name.is_empty() {
+        attributes.layer_name = Some(text(name)?);
+    }
+    Some(Layer::new(
+        (image.width, image.height),
+        attributes,
+        Encoding::FAST_LOSSLESS,
+        AnyChannels::sort(list),
+    ))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,92 @@
+//! Image files: reading into linear light, limits, and writing under a temporary name.
+
+mod atomic;
+mod exr_file;
+mod limits;
+mod png_jpeg;
+mod radiance;
+
+pub use atomic::write_atomically;
+pub use exr_file::{read_exr_layers, write_exr};
+pub use limits::Limits;
+pub use png_jpeg::{PngCompression, decode_texture, encode_png, encode_srgb_png, texture_size, write_png};
+
+use crate::{Image, ImageError};
+use std::io::Read;
+use std::path::Path;
+
+/// Reads a PNG, JPEG, Radiance or OpenEXR file into linear light with the default [`Limits`].
+///
+/// The format is recognised by its content. PNG and JPEG are decoded through sRGB (alpha is linear) to 3 channels, or
+/// 4 where the file has alpha; Radiance to 3 channels. Of an OpenEXR file the first layer is returned, channels R, G,
+/// B, A first and others after them as stored.
+///
+/// # Errors
+/// If the file cannot be read, is no valid image of these formats, or is larger than the limits.
+pub fn read(path: impl AsRef<Path>) -> Result<Image, ImageError> {
+    read_with_limits(path, &Limits::default())
+}
+
+/// As [`read`], with stated limits.
+///
+/// # Errors
+/// If the file cannot be read, is no valid image of these formats, or is larger than the limits.
+pub fn read_with_limits(path: impl AsRef<Path>, limits: &Limits) -> Result<Image, ImageError> {
+    let path = path.as_ref();
+    let place = path.display().to_string();
+    let bytes = file_bytes(path, limits)?;
+    decode(&bytes, &place, limits)
+}
+
+/// Decodes the bytes of a PNG, JPEG, Radiance or OpenEXR file as [`read`] does; `place` names them in errors.
+///
+/// # Errors
+/// If the bytes are no valid image of these formats, or the image is larger than the limits.
+pub fn decode(bytes: &[u8], place: &str, limits: &Limits) -> Result<Image, ImageError> {
+    match Format::of(bytes) {
+        Some(Format::Png | Format::Jpeg) => png_jpeg::decode_linear(bytes, place, limits),
+        Some(Format::Radiance) => radiance::decode(bytes, place, limits),
+        Some(Format::Exr) => exr_file::decode_first(bytes, place, limits),
+        None if bytes.is_empty() => Err(ImageError::invalid(place, "the file is empty")),
+        None => Err(ImageError::invalid(place, "not a PNG, JPEG, Radiance or OpenEXR file")),
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Format {
+    Png,
+    Jpeg,
+    Radiance,
+    Exr,
+}
+
+impl Format {
+    fn of(bytes: &[u8]) -> Option<Self> {
+        let magic: [(&[u8], Self); 5] = [
+            (b"\x89PNG\r\n\x1a\n", Self::Png),
+            (b"\xff\xd8\xff", Self::Jpeg),
+            (b"#?RADIANCE", Self::Radiance),
+            (b"#?RGBE", Self::Radiance),
+            (b"\x76\x2f\x31\x01", Self::Exr),
+        ];
+        magic.iter().find(|(m, _)| bytes.starts_with(m)).map(|(_, f)| *f)
+    }
+}
+
+/// All bytes of a regular file, at most `limits.max_file_bytes`.
+fn file_bytes(path: &Path, limits: &Limits) -> Result<Vec<u8>, ImageError> {
+    let place = path.display().to_string();
+    let meta = std::fs::metadata(path).map_err(|e| ImageError::io(path, e))?;
+    if !meta.is_file() {
+        return Err(ImageError::invalid(&place, "not a regular file"));
+    }
+    if meta.len() > limits.max_file_bytes {
+        let rule = format!("{} bytes, more than the limit of {}", meta.len(), limits.max_file_bytes);
+        return Err(ImageError::invalid(&place, rule));
+    }
+    let mut bytes = Vec::with_capacity(meta.len() as usize);
+    let file = std::fs::File::open(path).map_err(|e| ImageError::io(path, e))?;
+    // The file may grow between the two calls: never read past the limit.
+    file.take(limits.max_file_bytes).read_to_end(&mut bytes).map_err(|e| ImageError::io(path, e))?;
+    Ok(bytes)
+}

@@ -1,0 +1,213 @@
+//! PNG and JPEG: decoding to linear light or to undecoded texels, and PNG encoding.
+
+use super::{Format, Limits, write_atomically};
+use crate::{Image, ImageError, color};
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageFormat, ImageReader};
+use rayon::prelude::*;
+use std::io::Cursor;
+use std::path::Path;
+
+/// Effort of PNG compression.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PngCompression {
+    /// Fast, some tens of percent larger: previews and reports.
+    #[default]
+    Fast,
+    /// Slow and small: shipped textures.
+    Small,
+}
+
+/// Decodes a PNG or JPEG texture of an asset in memory to `(width, height, texels)`: RGBA, 8 bits, row-major from the
+/// top, transfer not decoded; alpha is 255 where the file has none, grey is replicated, 16 bits are rounded to 8.
+///
+/// Errors speak of "texture"; see [`ImageError::at`].
+///
+/// # Errors
+/// If the bytes are no complete PNG or JPEG, or the image is larger than the limits.
+pub fn decode_texture(bytes: &[u8], limits: &Limits) -> Result<(usize, usize, Vec<[u8; 4]>), ImageError> {
+    let image = decode_dynamic(bytes, "texture", limits)?.into_rgba8();
+    let (width, height) = (image.width() as usize, image.height() as usize);
+    Ok((width, height, image.into_raw().as_chunks::<4>().0.to_vec()))
+}
+
+/// Width and height of a PNG or JPEG texture from its header, without decoding it.
+///
+/// # Errors
+/// If the header is no valid PNG or JPEG header.
+pub fn texture_size(bytes: &[u8]) -> Result<(usize, usize), ImageError> {
+    let place = "texture";
+    let (width, height) = reader(bytes, place)?.into_dimensions().map_err(|e| invalid(place, e))?;
+    Ok((width as usize, height as usize))
+}
+
+/// Decodes to linear light: 3 channels, or 4 where the file has alpha.
+pub(super) fn decode_linear(bytes: &[u8], place: &str, limits: &Limits) -> Result<Image, ImageError> {
+    let image = decode_dynamic(bytes, place, limits)?;
+    let (width, height) = (image.width() as usize, image.height() as usize);
+    let channels = if image.color().has_alpha() { 4 } else { 3 };
+    let wide = image.color().bytes_per_pixel() / image.color().channel_count() > 1;
+    let data = match (wide, channels) {
+        (false, 3) => linear_u8(&image.into_rgb8().into_raw(), 3),
+        (false, _) => linear_u8(&image.into_rgba8().into_raw(), 4),
+        (true, 3) => linear_u16(&image.into_rgb16().into_raw(), 3),
+        (true, _) => linear_u16(&image.into_rgba16().into_raw(), 4),
+    };
+    Ok(Image::from_data(width, height, channels, data))
+}
+
+fn linear_u8(samples: &[u8], channels: usize) -> Vec<f32> {
+    let mut out = vec![0.0; samples.len()];
+    for (i, (o, s)) in out.iter_mut().zip(samples).enumerate() {
+        *o = if i % channels == 3 { f32::from(*s) / 255.0 } else { color::srgb_u8_to_linear(*s) };
+    }
+    out
+}
+
+fn linear_u16(samples: &[u16], channels: usize) -> Vec<f32> {
+    let mut out = vec![0.0; samples.len()];
+    let rows = 1 << 12;
+    out.par_chunks_mut(channels * rows).zip(samples.par_chunks(channels * rows)).for_each(
+        |(out, samples)| {
+            for (i, (o, s)) in out.iter_mut().zip(samples).enumerate() {
+                let v = f32::from(*s) / 65535.0;
+                *o = if i % channels == 3 { v } else { color::srgb_decode(v) };
+            }
+        },
+    );
+    out
+}
+
+fn invalid(place: &str, e: image::ImageError) -> ImageError {
+    ImageError::invalid(place, format!("not a valid PNG or JPEG: {e}"))
+}
+
+fn reader<'a>(bytes: &'a [u8], place: &str) -> Result<ImageReader<Cursor<&'a [u8]>>, ImageError> {
+    let format = match Format::of(bytes) {
+        Some(Format::Png) => ImageFormat::Png,
+        Some(Format::Jpeg) => ImageFormat::Jpeg,
+        _ if bytes.is_empty() => return Err(ImageError::invalid(place, "no bytes")),
+        _ => return Err(ImageError::invalid(place, "neither PNG nor JPEG")),
+    };
+    Ok(ImageReader::with_format(Cursor::new(bytes), format))
+}
+
+fn decode_dynamic(bytes: &[u8], place: &str, limits: &Limits) -> Result<DynamicImage, ImageError> {
+    let mut reader = reader(bytes, place)?;
+    let mut inner = image::Limits::no_limits();
+    inner.max_image_width = Some(limits.max_side);
+    inner.max_image_height = Some(limits.max_side);
+    // Room for the 16-bit samples and the decoder's own state.
+    inner.max_alloc = Some(limits.max_samples.saturating_mul(4).saturating_add(1 << 24));
+    reader.limits(inner);
+    let jpeg = reader.format() == Some(ImageFormat::Jpeg);
+    let decoder = reader.into_decoder().map_err(|e| invalid(place, e))?;
+    let (width, height) = decoder.dimensions();
+    let color = decoder.color_type();
+    let bytes_per_pixel = u64::from(color.bytes_per_pixel());
+    limits.check(
+        place,
+        (width.into(), height.into()),
+        color.channel_count().into(),
+        bytes_per_pixel,
+        bytes.len(),
+    )?;
+    if jpeg && !jpeg_is_complete(bytes) {
+        return Err(ImageError::invalid(place, "the JPEG ends before its end-of-image marker"));
+    }
+    DynamicImage::from_decoder(decoder).map_err(|e| invalid(place, e))
+}
+
+/// Whether an end-of-image marker follows the first scan. The decoder fills missing rows with grey without a word.
+fn jpeg_is_complete(bytes: &[u8]) -> bool {
+    let mut at = 2;
+    // Segments before the first scan are skipped by their length: an embedded thumbnail has its own end marker.
+    while let Some(&[0xff, marker]) = bytes.get(at..at + 2) {
+        if marker == 0xff {
+            at += 1;
+            continue;
+        }
+        let Some(&[high, low]) = bytes.get(at + 2..at + 4) else { return false };
+        at += 2 + usize::from(u16::from_be_bytes([high, low]));
+        if marker == 0xda {
+            return bytes.get(at..).is_some_and(|scan| scan.windows(2).any(|pair| pair == [0xff, 0xd9]));
+        }
+    }
+    false
+}
+
+/// Encodes 8-bit samples (grey, grey and alpha, RGB or RGBA; row-major from the top) as a PNG.
+///
+/// ```
+/// use photofit_image::{Limits, PngCompression, decode_texture, encode_png};
+/// let png = encode_png(2, 1, 3, &[1, 2, 3, 4, 5, 6], PngCompression::Fast)?;
+/// assert_eq!(decode_texture(&png, &Limits::default())?, (2, 1, vec![[1, 2, 3, 255], [4, 5, 6, 255]]));
+/// # Ok::<(), photofit_image::ImageError>(())
+/// ```
+///
+/// # Errors
+/// If the image has no pixels or a side does not fit 31 bits.
+///
+/// # Panics
+/// If `data.len() != width * height * channels`, or `channels` is not 1 to 4.
+pub fn encode_png(
+    width: usize,
+    height: usize,
+    channels: usize,
+    data: &[u8],
+    compression: PngCompression,
+) -> Result<Vec<u8>, ImageError> {
+    assert_eq!(data.len(), width * height * channels, "one sample per pixel and channel");
+    assert!((1..=4).contains(&channels), "1 to 4 channels");
+    let color =
+        [ExtendedColorType::L8, ExtendedColorType::La8, ExtendedColorType::Rgb8, ExtendedColorType::Rgba8]
+            [channels - 1];
+    let mut out = Vec::new();
+    let too_large = |_| ImageError::invalid("PNG", "a side that does not fit 31 bits");
+    let (w, h) = (u32::try_from(width).map_err(too_large)?, u32::try_from(height).map_err(too_large)?);
+    let level = match compression {
+        PngCompression::Fast => CompressionType::Fast,
+        PngCompression::Small => CompressionType::Best,
+    };
+    PngEncoder::new_with_quality(&mut out, level, FilterType::Adaptive)
+        .write_image(data, w, h, color)
+        .map_err(|e| ImageError::invalid("PNG", e.to_string()))?;
+    Ok(out)
+}
+
+/// Encodes a linear image of 1 to 4 channels as an 8-bit sRGB PNG; the alpha of 2 and 4 channels stays linear.
+///
+/// # Errors
+/// If the image has no pixels.
+///
+/// # Panics
+/// If it has not 1 to 4 channels.
+pub fn encode_srgb_png(linear: &Image, compression: PngCompression) -> Result<Vec<u8>, ImageError> {
+    let channels = linear.channels;
+    let alpha = if channels == 2 || channels == 4 { channels - 1 } else { channels };
+    let mut bytes = vec![0_u8; linear.data.len()];
+    let step = channels.max(1) << 12;
+    bytes.par_chunks_mut(step).zip(linear.data.par_chunks(step)).for_each(|(out, samples)| {
+        for (i, (o, s)) in out.iter_mut().zip(samples).enumerate() {
+            *o = if i % channels == alpha { (s * 255.0 + 0.5) as u8 } else { color::linear_to_srgb_u8(*s) };
+        }
+    });
+    encode_png(linear.width, linear.height, channels, &bytes, compression)
+}
+
+/// Writes a linear image of 1 to 4 channels as an 8-bit sRGB PNG (fast compression), under a temporary name first.
+///
+/// # Errors
+/// If the image has no pixels, or the file system refuses.
+///
+/// # Panics
+/// If it has not 1 to 4 channels.
+pub fn write_png(path: impl AsRef<Path>, linear: &Image) -> Result<(), ImageError> {
+    let path = path.as_ref();
+    let bytes =
+        encode_srgb_png(linear, PngCompression::Fast).map_err(|e| e.at(path.display().to_string()))?;
+    write_atomically(path, &bytes)
+}
+
+#[cfg(test)]
+mod tests;

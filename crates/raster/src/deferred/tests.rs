@@ -1,0 +1,215 @@
+//! The whole chain against central differences of the rendered image.
+
+use super::*;
+use crate::maps::{CHANNELS, Maps, channel};
+use crate::rasterize::NONE;
+use crate::texture::{MipAdjoint, Pyramid};
+use photofit_gradcheck::{Uniform, check, max_relative_error};
+use photofit_scalar::{vec2, vec3, vec4};
+
+const SIZE: usize = 20;
+const TRIANGLES: [[u32; 3]; 4] = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]];
+const OPPOSITE: [[u32; 3]; 4] = [[NONE, 2, 3], [NONE, 3, 0], [NONE, 0, 1], [NONE, 1, 2]];
+const NEIGHBOUR: [[u32; 3]; 4] = [[NONE, 1, 3], [NONE, 2, 0], [NONE, 3, 1], [NONE, 0, 2]];
+
+/// A pyramid-shaped patch with random attributes.
+struct Patch {
+    positions: Vec<f64>,
+    normals: Vec<f64>,
+    tangents: Vec<f64>,
+    uvs: Vec<Vec2<f64>>,
+    texels: Vec<f64>,
+    alpha: Vec<AlphaMode>,
+    size: usize,
+}
+
+impl Patch {
+    fn new(size: usize, seed: u64) -> Self {
+        let mut rng = Uniform::new(seed);
+        let flat = [[-0.83, -0.71], [0.77, -0.69], [0.74, 0.81], [-0.79, 0.76], [0.03, 0.05]];
+        let mut positions = vec![];
+        for p in flat {
+            positions.extend([p[0], p[1], rng.range(-0.2, 0.2)]);
+        }
+        let normals = (0..5).flat_map(|_| [rng.range(-0.3, 0.3), rng.range(-0.3, 0.3), 1.0]).collect();
+        let tangents = (0..5).flat_map(|_| [1.0, rng.range(-0.3, 0.3), rng.range(-0.3, 0.3)]).collect();
+        let uvs = flat.iter().map(|p| vec2(p[0] * 0.55 + 0.5, 0.5 - p[1] * 0.55)).collect();
+        let mut texels = vec![0.0; size * size * CHANNELS];
+        for t in texels.chunks_mut(CHANNELS) {
+            t.copy_from_slice(&rng.vec(CHANNELS, 0.2, 0.8));
+            t[channel::NORMAL] = rng.range(-0.3, 0.3);
+            t[channel::NORMAL + 1] = rng.range(-0.3, 0.3);
+            t[channel::NORMAL + 2] = 0.9;
+        }
+        Self { positions, normals, tangents, uvs, texels, alpha: vec![], size }
+    }
+
+    fn maps(&self) -> Pyramid<f64, CHANNELS> {
+        let texels = self.texels.chunks(CHANNELS).map(|t| std::array::from_fn(|c| t[c])).collect();
+        Pyramid::new(Maps { width: self.size, height: self.size, texels })
+    }
+
+    /// Runs `f` with the geometry and the view.
+    fn with<R>(&self, f: impl FnOnce(&Geometry<'_, f64>, &View<'_, f64>) -> R) -> R {
+        let tangents: Vec<Vec4<f64>> = self.tangents.chunks(3).map(|t| vec4(t[0], t[1], t[2], 1.0)).collect();
+        let geometry = Geometry {
+            positions: bytemuck::cast_slice(&self.positions),
+            normals: bytemuck::cast_slice(&self.normals),
+            tangents: &tangents,
+            uvs: &self.uvs,
+            topology: Topology { triangles: &TRIANGLES, opposite: &OPPOSITE, neighbour: &NEIGHBOUR },
+            alpha: &self.alpha,
+        };
+        let lights = [
+            Light::Point { position: vec3(1.0, 1.5, 3.0), intensity: vec3(20.0, 18.0, 15.0) },
+            Light::Ambient { radiance: vec3(0.3, 0.3, 0.4) },
+        ];
+        let view = View {
+            view_projection: [[1.3, 0.0, 0.0, 0.0], [0.0, 1.3, 0.0, 0.0], [0.0, 0.0, -1.2, 1.8], [0.0, 0.0, -1.0, 2.5]],
+            eye: vec3(0.0, 0.0, 2.5),
+            lights: &lights,
+            width: SIZE,
+            height: SIZE,
+            lod_bias: -8.0,
+        };
+        f(&geometry, &view)
+    }
+
+    fn loss(&self, weights: &[[f64; 4]], background: &[[f64; 3]], passes: &Passes) -> f64 {
+        let frame = self.with(|g, v| render(g, &self.maps(), v, background, passes));
+        frame.color.iter().zip(weights).map(|(c, w)| (0..4).map(|k| c[k] * w[k]).sum::<f64>()).sum()
+    }
+
+    fn gradients(&self, weights: &[[f64; 4]], background: &[[f64; 3]], passes: &Passes) -> Gradients<f64> {
+        let maps = self.maps();
+        let mut out = Gradients::new(5, &maps);
+        self.with(|g, v| {
+            let frame = render(g, &maps, v, background, passes);
+            render_vjp(g, &maps, v, passes, &frame, weights, &mut out);
+        });
+        out.maps.collapse_vjp(MipAdjoint::Exact);
+        out
+    }
+}
+
+fn weights(seed: u64) -> (Vec<[f64; 4]>, Vec<[f64; 3]>) {
+    let mut rng = Uniform::new(seed);
+    let w = (0..SIZE * SIZE).map(|_| std::array::from_fn(|_| rng.range(-1.0, 1.0))).collect();
+    let b = (0..SIZE * SIZE).map(|_| std::array::from_fn(|_| rng.range(0.0, 1.0))).collect();
+    (w, b)
+}
+
+#[test]
+fn gradients_of_vertex_attributes_and_texels() {
+    let patch = Patch::new(16, 11);
+    let (w, b) = weights(3);
+    let passes = Passes::default();
+    let g = patch.gradients(&w, &b, &passes);
+    let with = |set: &dyn Fn(&mut Patch)| {
+        let mut p = Patch::new(16, 11);
+        set(&mut p);
+        p.loss(&w, &b, &passes)
+    };
+    let normals: &[f64] = bytemuck::cast_slice(&g.normals);
+    check("normals", &patch.normals, normals, 1e-6, 1e-6, |x| with(&|p| p.normals = x.to_vec()));
+    let tangents: &[f64] = bytemuck::cast_slice(&g.tangents);
+    check("tangents", &patch.tangents, tangents, 1e-6, 1e-6, |x| with(&|p| p.tangents = x.to_vec()));
+    let texels = g.maps.levels[0].texels.concat();
+    check("texels", &patch.texels, &texels, 1e-6, 1e-6, |x| with(&|p| p.texels = x.to_vec()));
+}
+
+#[test]
+fn gradients_of_positions_through_the_rendered_image() {
+    // Visibility does not change for these steps, so differences of the image are the truth.
+    let patch = Patch::new(16, 12);
+    let (w, b) = weights(4);
+    let passes = Passes::default();
+    let g = patch.gradients(&w, &b, &passes);
+    let positions: &[f64] = bytemuck::cast_slice(&g.positions);
+    check("positions", &patch.positions, positions, 1e-7, 1e-5, |x| {
+        let mut p = Patch::new(16, 12);
+        p.positions = x.to_vec();
+        p.loss(&w, &b, &passes)
+    });
+}
+
+#[test]
+fn gradients_through_transparent_layers() {
+    let mut patch = Patch::new(16, 13);
+    patch.alpha = vec![AlphaMode::Blend; 4];
+    // A second, tilted copy of the outer vertices would need more topology; instead let the patch cover itself by
+    // perspective: the frame has one layer, and alpha blends it with the background.
+    let (w, b) = weights(5);
+    let passes = Passes::default();
+    let g = patch.gradients(&w, &b, &passes);
+    let texels = g.maps.levels[0].texels.concat();
+    assert!(texels.chunks(CHANNELS).any(|t| t[channel::ALPHA] != 0.0), "alpha has a gradient");
+    let error = max_relative_error(&patch.texels, &texels, 1e-6, |x| {
+        let mut p = Patch::new(16, 13);
+        p.alpha = vec![AlphaMode::Blend; 4];
+        p.texels = x.to_vec();
+        p.loss(&w, &b, &passes)
+    });
+    assert!(error < 1e-6, "texels with alpha: {error:.2e}");
+}
+
+#[test]
+fn frozen_parts_get_no_gradient_and_opaque_scenes_one_layer() {
+    let patch = Patch::new(8, 14);
+    let (w, b) = weights(6);
+    let g = patch.gradients(&w, &b, &Passes { position_gradients: false, ..Passes::default() });
+    assert!(g.positions.iter().chain(&g.normals).all(|p| *p == Vec3::zero()));
+    assert!(g.maps.levels[0].texels.iter().flatten().any(|t| *t != 0.0));
+    let g = patch.gradients(&w, &b, &Passes { map_gradients: false, ..Passes::default() });
+    assert!(g.maps.levels[0].texels.iter().flatten().all(|t| *t == 0.0));
+    assert!(g.positions.iter().any(|p| *p != Vec3::zero()));
+    let frame = patch.with(|g, v| render(g, &patch.maps(), v, &b, &Passes::default()));
+    assert_eq!(frame.layers.len(), 1);
+}
+
+#[test]
+fn production_precision_agrees_with_double() {
+    let patch = Patch::new(16, 15);
+    let (w, b) = weights(7);
+    let g = patch.gradients(&w, &b, &Passes::default());
+    let maps = patch.maps();
+    let maps32 = Pyramid::new(Maps {
+        width: 16,
+        height: 16,
+        texels: maps.levels[0].texels.iter().map(|t| t.map(|x| x as f32)).collect(),
+    });
+    let cast3 = |v: &[f64]| v.chunks(3).map(|c| vec3(c[0] as f32, c[1] as f32, c[2] as f32)).collect::<Vec<_>>();
+    let (positions, normals) = (cast3(&patch.positions), cast3(&patch.normals));
+    let tangents: Vec<_> =
+        patch.tangents.chunks(3).map(|t| vec4(t[0] as f32, t[1] as f32, t[2] as f32, 1.0)).collect();
+    let uvs: Vec<_> = patch.uvs.iter().map(|u| u.cast::<f32>()).collect();
+    let geometry = Geometry {
+        positions: &positions,
+        normals: &normals,
+        tangents: &tangents,
+        uvs: &uvs,
+        topology: Topology { triangles: &TRIANGLES, opposite: &OPPOSITE, neighbour: &NEIGHBOUR },
+        alpha: &[],
+    };
+    let lights = [
+        Light::Point { position: vec3(1.0, 1.5, 3.0_f32), intensity: vec3(20.0, 18.0, 15.0) },
+        Light::Ambient { radiance: vec3(0.3, 0.3, 0.4) },
+    ];
+    let view = patch.with(|_, v| View {
+        view_projection: v.view_projection.map(|r| r.map(|x| x as f32)),
+        eye: v.eye.cast(),
+        lights: &lights,
+        width: SIZE,
+        height: SIZE,
+        lod_bias: -8.0,
+    });
+    let b32: Vec<[f32; 3]> = b.iter().map(|b| b.map(|x| x as f32)).collect();
+    let w32: Vec<[f32; 4]> = w.iter().map(|b| b.map(|x| x as f32)).collect();
+    let frame = render(&geometry, &maps32, &view, &b32, &Passes::default());
+    let mut g32 = Gradients::new(5, &maps32);
+    render_vjp(&geometry, &maps32, &view, &Passes::default(), &frame, &w32, &mut g32);
+    let scale = g.positions.iter().fold(0.0, |m: f64, p| m.max(p.length()));
+    for (a, e) in g32.positions.iter().zip(&g.positions) {
+        assert!((a.cast::<f64>() - *e).length() < 2e-4 * scale, "{a:?} against {e:?}");
+    }
+}

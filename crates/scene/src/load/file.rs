@@ -1,0 +1,134 @@
+//! Reading files, and finding the files that an asset names without leaving its folder.
+
+use crate::SceneError;
+use crate::error::{Fault, fault};
+use base64::Engine;
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// Reads a regular file of at most `limit` bytes.
+pub(crate) fn read(path: &Path, limit: u64) -> Result<Vec<u8>, SceneError> {
+    let cannot = |cause| SceneError::Read { path: path.to_owned(), cause };
+    let size = size_of_regular(path).map_err(cannot)?;
+    if size > limit {
+        return Err(
+            fault("the file's size", format!("at most {limit} bytes, found {size}")).in_file(path)
+        );
+    }
+    let mut bytes = Vec::with_capacity(size as usize);
+    File::open(path)
+        .and_then(|f| f.take(limit).read_to_end(&mut bytes))
+        .map_err(cannot)?;
+    Ok(bytes)
+}
+
+fn size_of_regular(path: &Path) -> std::io::Result<u64> {
+    let metadata = std::fs::metadata(path)?;
+    if metadata.is_file() {
+        Ok(metadata.len())
+    } else {
+        Err(std::io::Error::other("not a regular file"))
+    }
+}
+
+/// The folder of an asset: the only place that its references may reach.
+#[derive(Debug)]
+pub(crate) struct Folder(PathBuf);
+
+impl Folder {
+    pub(crate) fn of(asset: &Path) -> Self {
+        match asset.parent() {
+            Some(p) if !p.as_os_str().is_empty() => Self(p.to_owned()),
+            _ => Self(PathBuf::from(".")),
+        }
+    }
+
+    /// Contents of a glTF URI: percent-encoded relative path or base64 data.
+    pub(crate) fn read_uri(&self, uri: &str, limit: u64, place: &str) -> Result<Vec<u8>, Fault> {
+        if let Some(data) = uri.strip_prefix("data:") {
+            return decode_data(data, place);
+        }
+        let name = percent_decode(uri)
+            .ok_or_else(|| fault(place, format!("the URI `{}` is not percent-encoded UTF-8", clip(uri))))?;
+        self.read_name(&name, limit, place)
+    }
+
+    /// Contents of a file by its path relative to the folder.
+    pub(crate) fn read_name(&self, name: &str, limit: u64, place: &str) -> Result<Vec<u8>, Fault> {
+        let path = self.resolve(name, place)?;
+        read(&path, limit).map_err(|e| match e {
+            SceneError::Read { cause, .. } => {
+                fault(place, format!("the file `{}` cannot be read: {cause}", clip(name)))
+            }
+            other => fault(place, other.to_string()),
+        })
+    }
+
+    fn resolve(&self, name: &str, place: &str) -> Result<PathBuf, Fault> {
+        let leaves = || {
+            fault(place, format!("`{}` is not a path inside of the asset's folder", clip(name)))
+        };
+        // Exporters on Windows write backslashes; both separate folders here.
+        let name = name.replace('\\', "/");
+        if name.is_empty() || name.starts_with('/') || name.contains('\0') || has_scheme(&name) {
+            return Err(leaves());
+        }
+        let mut depth = 0_i64;
+        for part in name.split('/') {
+            depth += match part {
+                "" | "." => 0,
+                ".." => -1,
+                _ => 1,
+            };
+            if depth < 0 {
+                return Err(leaves());
+            }
+        }
+        let path = self.0.join(&name);
+        let missing = |e: std::io::Error| {
+            fault(place, format!("the file `{}` cannot be read: {e}", clip(&name)))
+        };
+        let real = path.canonicalize().map_err(missing)?;
+        let folder = self.0.canonicalize().map_err(missing)?;
+        if real.starts_with(&folder) { Ok(real) } else { Err(leaves()) }
+    }
+}
+
+fn has_scheme(name: &str) -> bool {
+    name.split('/').next().is_some_and(|first| first.contains(':'))
+}
+
+/// The first characters of a text from a file, for messages on one line.
+pub(crate) fn clip(text: &str) -> String {
+    let short: String = text.chars().take(80).map(|c| if c.is_control() { '?' } else { c }).collect();
+    if short.len() < text.len() { short + "..." } else { short }
+}
+
+fn percent_decode(uri: &str) -> Option<String> {
+    let mut out = Vec::with_capacity(uri.len());
+    let mut bytes = uri.bytes();
+    while let Some(b) = bytes.next() {
+        if b == b'%' {
+            let hex = [bytes.next()?, bytes.next()?];
+            out.push(u8::from_str_radix(std::str::from_utf8(&hex).ok()?, 16).ok()?);
+        } else {
+            out.push(b);
+        }
+    }
+    String::from_utf8(out).ok()
+}
+
+fn decode_data(data: &str, place: &str) -> Result<Vec<u8>, Fault> {
+    let (kind, body) = data.split_once(',').ok_or_else(|| fault(place, "a data URI has a comma"))?;
+    if !kind.ends_with(";base64") {
+        return Err(fault(place, "a data URI is base64"));
+    }
+    base64::engine::GeneralPurpose::new(
+        &base64::alphabet::STANDARD,
+        base64::engine::GeneralPurposeConfig::new()
+            .with_decode_padding_mode(base64::engine::DecodePaddingMode::Indifferent),
+    )
+    .decode(body)
+    .map_err(|e| fault(place, format!("the data URI is not base64: {e}")))
+}

@@ -1,0 +1,205 @@
+//! Materials: metallic-roughness factors and texture slots.
+
+use super::document::Document;
+use crate::error::{Fault, fault};
+use crate::load::texture::{Textures, affine_of_transform};
+use crate::{AlphaMode, Filter, Material, Sampler, TextureSlot, Wrap};
+use gltf::json;
+use gltf::json::texture::{MagFilter, MinFilter, WrappingMode};
+use gltf::json::validation::Checked;
+use serde_json::Value;
+
+/// Reads material `m`; its textures are requested from `textures`.
+pub(super) fn read(
+    document: &Document<'_>,
+    m: usize,
+    textures: &mut Textures<'_>,
+    warnings: &mut Vec<String>,
+) -> Result<Material, Fault> {
+    let count = document.root.materials.len();
+    let place = format!("material {m}");
+    let json =
+        document.root.materials.get(m).ok_or_else(|| fault(&place, format!("is one of {count} materials")))?;
+    let raw = &document.materials[m];
+    let pbr = &json.pbr_metallic_roughness;
+    let mut slot = |texture: Option<usize>, set: u32, path: &str| {
+        texture.map(|t| read_slot(document, t, set, raw, m, path, textures, warnings)).transpose()
+    };
+    let info = |i: &Option<json::texture::Info>| {
+        (i.as_ref().map(|i| i.index.value()), i.as_ref().map_or(0, |i| i.tex_coord))
+    };
+    let (t, set) = info(&pbr.base_color_texture);
+    let base_color_texture = slot(t, set, "/pbrMetallicRoughness/baseColorTexture")?;
+    let (t, set) = info(&pbr.metallic_roughness_texture);
+    let metallic_roughness_texture = slot(t, set, "/pbrMetallicRoughness/metallicRoughnessTexture")?;
+    let (t, set) = info(&json.emissive_texture);
+    let emissive_texture = slot(t, set, "/emissiveTexture")?;
+    let normal = json.normal_texture.as_ref();
+    let normal_texture =
+        slot(normal.map(|n| n.index.value()), normal.map_or(0, |n| n.tex_coord), "/normalTexture")?;
+    let occlusion = json.occlusion_texture.as_ref();
+    let occlusion_texture =
+        slot(occlusion.map(|o| o.index.value()), occlusion.map_or(0, |o| o.tex_coord), "/occlusionTexture")?;
+    let extensions = json.extensions.as_ref();
+    let strength = extensions
+        .and_then(|e| e.emissive_strength.as_ref())
+        .map_or(1.0, |e| e.emissive_strength.0);
+    let alpha_mode = match json.alpha_mode {
+        Checked::Valid(json::material::AlphaMode::Opaque) => AlphaMode::Opaque,
+        Checked::Valid(json::material::AlphaMode::Mask) => {
+            AlphaMode::Mask { cutoff: json.alpha_cutoff.map_or(0.5, |c| c.0) }
+        }
+        Checked::Valid(json::material::AlphaMode::Blend) => AlphaMode::Blend,
+        Checked::Invalid => return Err(fault(place, "alphaMode is OPAQUE, MASK or BLEND")),
+    };
+    let material = Material {
+        name: json.name.clone().unwrap_or_default(),
+        base_color: pbr.base_color_factor.0,
+        base_color_texture,
+        metallic: pbr.metallic_factor.0,
+        roughness: pbr.roughness_factor.0,
+        metallic_roughness_texture,
+        normal_texture,
+        normal_scale: normal.map_or(1.0, |n| n.scale),
+        occlusion_texture,
+        occlusion_strength: occlusion.map_or(1.0, |o| o.strength.0),
+        emissive: json.emissive_factor.0.map(|e| e * strength),
+        emissive_texture,
+        alpha_mode,
+        double_sided: json.double_sided,
+        unlit: extensions.is_some_and(|e| e.unlit.is_some()),
+    };
+    check_factors(&material).map_err(|rule| fault(place, rule))?;
+    Ok(material)
+}
+
+fn check_factors(m: &Material) -> Result<(), &'static str> {
+    let unit = |x: f32| (0.0..=1.0).contains(&x);
+    if !m.base_color.iter().all(|&x| unit(x)) {
+        return Err("baseColorFactor lies in [0, 1]");
+    }
+    if !unit(m.metallic) || !unit(m.roughness) {
+        return Err("metallicFactor and roughnessFactor lie in [0, 1]");
+    }
+    if !m.emissive.iter().all(|x| x.is_finite() && *x >= 0.0) {
+        return Err("emissiveFactor and emissiveStrength are finite and not negative");
+    }
+    if !m.normal_scale.is_finite() || !unit(m.occlusion_strength) {
+        return Err("normalTexture.scale is finite and occlusionTexture.strength lies in [0, 1]");
+    }
+    if matches!(m.alpha_mode, AlphaMode::Mask { cutoff } if !(cutoff.is_finite() && cutoff >= 0.0)) {
+        return Err("alphaCutoff is finite and not negative");
+    }
+    Ok(())
+}
+
+fn read_slot(
+    document: &Document<'_>,
+    texture: usize,
+    set: u32,
+    raw: &Value,
+    m: usize,
+    path: &str,
+    textures: &mut Textures<'_>,
+    warnings: &mut Vec<String>,
+) -> Result<TextureSlot, Fault> {
+    let place = format!("material {m}{}", path.replace('/', "."));
+    let root = &document.root;
+    let json = root
+        .textures
+        .get(texture)
+        .ok_or_else(|| fault(&place, format!("texture {texture} is one of {}", root.textures.len())))?;
+    let source = json.source.value();
+    if source == u32::MAX as usize {
+        return Err(fault(format!("texture {texture}"), "has a `source` image (PNG or JPEG)"));
+    }
+    let image = image(document, source, texture, textures)?;
+    let sampler = match json.sampler.map(|s| s.value()) {
+        None => Sampler::default(),
+        Some(s) => {
+            let json = root.samplers.get(s).ok_or_else(|| {
+                fault(format!("texture {texture}"), format!("sampler {s} is one of {}", root.samplers.len()))
+            })?;
+            sampler(json).ok_or_else(|| {
+                fault(format!("sampler {s}"), "wrap and filter are constants of the specification")
+            })?
+        }
+    };
+    let transform = raw.pointer(path).and_then(|t| t.pointer("/extensions/KHR_texture_transform"));
+    let (transform, set) = match transform {
+        None => (IDENTITY, set),
+        Some(t) => {
+            let own = t.get("texCoord").and_then(Value::as_u64).map_or(set, |s| s.min(99) as u32);
+            (read_transform(t).ok_or_else(|| fault(&place, "KHR_texture_transform has finite numbers"))?, own)
+        }
+    };
+    if set > 1 {
+        warnings.push(format!("{place}: texture coordinate set {set} is not read, set 0 is used"));
+    }
+    Ok(TextureSlot { image, sampler, tex_coord: if set == 1 { 1 } else { 0 }, transform })
+}
+
+const IDENTITY: [[f32; 3]; 2] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+
+fn read_transform(t: &Value) -> Option<[[f32; 3]; 2]> {
+    let number = |v: &Value| v.as_f64().map(|x| x as f32).filter(|x| x.is_finite());
+    let pair = |key: &str, default: f32| match t.get(key) {
+        None => Some([default; 2]),
+        Some(v) => match v.as_array()?.as_slice() {
+            [a, b] => Some([number(a)?, number(b)?]),
+            _ => None,
+        },
+    };
+    let rotation = t.get("rotation").map_or(Some(0.0), number)?;
+    Some(affine_of_transform(pair("offset", 0.0)?, rotation, pair("scale", 1.0)?))
+}
+
+/// `None` where a constant is not of the specification.
+fn sampler(json: &json::texture::Sampler) -> Option<Sampler> {
+    fn valid<T: Copy>(c: Option<Checked<T>>) -> Option<Option<T>> {
+        match c {
+            None => Some(None),
+            Some(Checked::Valid(v)) => Some(Some(v)),
+            Some(Checked::Invalid) => None,
+        }
+    }
+    let wrap = |w| {
+        Some(match w {
+            Checked::Valid(WrappingMode::Repeat) => Wrap::Repeat,
+            Checked::Valid(WrappingMode::MirroredRepeat) => Wrap::MirroredRepeat,
+            Checked::Valid(WrappingMode::ClampToEdge) => Wrap::ClampToEdge,
+            Checked::Invalid => return None,
+        })
+    };
+    let filter = match (valid(json.mag_filter)?, valid(json.min_filter)?) {
+        // Blocks are what an asset with nearest magnification wants to show.
+        (Some(MagFilter::Nearest), _) => Filter::Nearest,
+        (_, Some(MinFilter::Linear | MinFilter::Nearest)) => Filter::Bilinear,
+        _ => Filter::Trilinear,
+    };
+    Some(Sampler { wrap_u: wrap(json.wrap_s)?, wrap_v: wrap(json.wrap_t)?, filter })
+}
+
+/// Requests an image; the same image is decoded once.
+fn image(
+    document: &Document<'_>,
+    i: usize,
+    texture: usize,
+    textures: &mut Textures<'_>,
+) -> Result<usize, Fault> {
+    let root = &document.root;
+    let json = root.images.get(i).ok_or_else(|| {
+        fault(format!("texture {texture}"), format!("image {i} is one of {}", root.images.len()))
+    })?;
+    let place = format!("image {i}");
+    if let Some(known) = textures.known(&place) {
+        return Ok(known);
+    }
+    let name = json.name.clone().or_else(|| json.uri.clone().filter(|u| !u.starts_with("data:")));
+    let bytes = match (&json.buffer_view, &json.uri) {
+        (Some(view), _) => document.view(view.value(), &place)?.to_vec(),
+        (None, Some(uri)) => document.folder.read_uri(uri, document.limits.file_bytes, &place)?,
+        (None, None) => return Err(fault(place, "has a bufferView or a URI")),
+    };
+    textures.request(place, name.unwrap_or_default(), bytes)
+}

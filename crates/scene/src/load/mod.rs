@@ -1,0 +1,202 @@
+//! Loading asset files: glTF 2.0, Wavefront OBJ and PLY, all treated as untrusted.
+
+mod file;
+mod gltf;
+mod mtl;
+mod normals;
+mod obj;
+mod ply;
+mod polygon;
+mod texture;
+
+use crate::error::{Fault, fault};
+use crate::{Material, Primitive, Scene, SceneError};
+use std::path::Path;
+
+/// What a loader accepts; anything larger is an error before memory is taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Bytes of one file.
+    pub file_bytes: u64,
+    /// Bytes of the JSON part of a glTF asset.
+    pub json_bytes: usize,
+    /// Objects and arrays in the JSON part of a glTF asset.
+    pub json_items: usize,
+    /// Vertices of all primitives together, as stored.
+    pub vertices: usize,
+    /// Triangles of all primitives together, as stored.
+    pub triangles: usize,
+    /// Placed primitives.
+    pub instances: usize,
+    /// Columns or rows of one texture.
+    pub texture_side: usize,
+    /// Texels of all textures together.
+    pub texels: u64,
+}
+
+impl Default for Limits {
+    /// 4 GiB per file, 512 MiB of JSON with 2 million items, 64 million vertices, 128 million triangles, 4 million
+    /// instances, textures up to 16384 x 16384 and half a gigatexel together.
+    fn default() -> Self {
+        Self {
+            file_bytes: 4 << 30,
+            json_bytes: 512 << 20,
+            json_items: 2_000_000,
+            vertices: 64_000_000,
+            triangles: 128_000_000,
+            instances: 4_000_000,
+            texture_side: 16_384,
+            texels: 1 << 29,
+        }
+    }
+}
+
+/// Largest coordinate that a loader accepts, in the asset's units and in world space: squares of it stay finite.
+pub const MAX_COORDINATE: f32 = 1e15;
+
+/// Loads a glTF (`.glb`, `.gltf`), OBJ or PLY asset with the default [`Limits`].
+///
+/// The format follows from the contents, then from the extension. Textures and buffers are read from the asset's
+/// folder and below only. Missing normals are computed: flat for glTF as the specification asks, smooth (weighted by
+/// angle, over vertices of equal position) for OBJ and PLY. Things that are ignored are listed in
+/// [`Scene::warnings`].
+///
+/// # Errors
+/// If the file or a file that it names cannot be read, breaks a rule of its format, or exceeds a limit; the message
+/// names file, place and rule.
+pub fn load(path: impl AsRef<Path>) -> Result<Scene, SceneError> {
+    load_with(path, &Limits::default())
+}
+
+/// As [`load`], with other limits.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_with(path: impl AsRef<Path>, limits: &Limits) -> Result<Scene, SceneError> {
+    let path = path.as_ref();
+    let bytes = file::read(path, limits.file_bytes)?;
+    let mut scene = parse(path, &bytes, limits).map_err(|f| f.in_file(path))?;
+    scene.name = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+    scene.check().map_err(|f| f.in_file(path))?;
+    check_extent(&scene).map_err(|f| f.in_file(path))?;
+    Ok(scene)
+}
+
+fn parse(path: &Path, bytes: &[u8], limits: &Limits) -> Result<Scene, Fault> {
+    let folder = file::Folder::of(path);
+    let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+    let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let first = text.iter().copied().find(|b| !b.is_ascii_whitespace());
+    if bytes.is_empty() {
+        return Err(fault("byte 0", "the file is empty"));
+    }
+    if bytes.starts_with(b"glTF") {
+        return gltf::parse_glb(bytes, &folder, limits);
+    }
+    if text.starts_with(b"ply\n") || text.starts_with(b"ply\r") {
+        return ply::parse(text, &folder, limits);
+    }
+    match extension.as_str() {
+        "obj" => obj::parse(text, &folder, limits),
+        "gltf" | "glb" | "json" | "" if first == Some(b'{') => gltf::parse_json(text, &folder, limits),
+        "glb" => Err(fault("byte 0", "a .glb file begins with the magic `glTF`")),
+        "gltf" => Err(fault("byte 0", "a .gltf file is a JSON object")),
+        "ply" => Err(fault("byte 0", "a .ply file begins with the line `ply`")),
+        other => Err(fault(
+            "the file's name",
+            format!("assets are .glb, .gltf, .obj or .ply files, not `.{other}`"),
+        )),
+    }
+}
+
+/// World-space coordinates are finite and at most [`MAX_COORDINATE`].
+fn check_extent(scene: &Scene) -> Result<(), Fault> {
+    let boxes: Vec<_> = scene.primitives.iter().map(|p| p.mesh.bounds()).collect();
+    for (i, instance) in scene.instances.iter().enumerate() {
+        let Some((lo, hi)) = boxes[instance.primitive] else { continue };
+        for k in 0..8 {
+            let corner = glam::vec3(
+                if k & 1 == 0 { lo.x } else { hi.x },
+                if k & 2 == 0 { lo.y } else { hi.y },
+                if k & 4 == 0 { lo.z } else { hi.z },
+            );
+            let p = instance.transform.transform_point3(corner);
+            if !(p.abs().max_element() <= MAX_COORDINATE && p.is_finite()) {
+                return Err(fault(
+                    format!("instance {i} of primitive {}", instance.primitive),
+                    format!("world-space coordinates are finite and at most {MAX_COORDINATE:e}, found {p}"),
+                ));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Counts what is loaded against the limits.
+#[derive(Debug)]
+pub(crate) struct Budget<'a> {
+    limits: &'a Limits,
+    vertices: usize,
+    triangles: usize,
+    primitives: usize,
+}
+
+impl<'a> Budget<'a> {
+    pub(crate) fn new(limits: &'a Limits) -> Self {
+        Self { limits, vertices: 0, triangles: 0, primitives: 0 }
+    }
+
+    /// Takes `n` vertices, before they are allocated.
+    pub(crate) fn vertices(&mut self, n: u64, place: impl FnOnce() -> String) -> Result<(), Fault> {
+        let total = n.saturating_add(self.vertices as u64);
+        if total > self.limits.vertices as u64 {
+            return Err(fault(
+                place(),
+                format!("at most {} vertices in all, this makes {total}", self.limits.vertices),
+            ));
+        }
+        self.vertices = total as usize;
+        Ok(())
+    }
+
+    /// Takes one more primitive.
+    pub(crate) fn primitive(&mut self, place: &str) -> Result<(), Fault> {
+        self.primitives += 1;
+        if self.primitives > self.limits.instances {
+            return Err(fault(place, format!("at most {} placed primitives", self.limits.instances)));
+        }
+        Ok(())
+    }
+
+    /// Takes `n` triangles, before they are allocated.
+    pub(crate) fn triangles(&mut self, n: u64, place: impl FnOnce() -> String) -> Result<(), Fault> {
+        let total = n.saturating_add(self.triangles as u64);
+        if total > self.limits.triangles as u64 {
+            return Err(fault(
+                place(),
+                format!("at most {} triangles in all, this makes {total}", self.limits.triangles),
+            ));
+        }
+        self.triangles = total as usize;
+        Ok(())
+    }
+}
+
+/// Appends a primitive placed once without a transform.
+pub(crate) use normals::smooth as smooth_normals;
+
+pub(crate) fn place(scene: &mut Scene, primitive: Primitive) {
+    scene.instances.push(crate::Instance {
+        primitive: scene.primitives.len(),
+        transform: glam::Affine3A::IDENTITY,
+    });
+    scene.primitives.push(primitive);
+}
+
+/// Index of a material, appended when it is not there yet.
+pub(crate) fn intern_material(scene: &mut Scene, material: Material) -> usize {
+    scene.materials.iter().position(|m| *m == material).unwrap_or_else(|| {
+        scene.materials.push(material);
+        scene.materials.len() - 1
+    })
+}

@@ -1,0 +1,121 @@
+//! Normals that a file lacks.
+
+use photofit_geometry::Mesh;
+use photofit_scalar::{Vec3f, vec3};
+use std::collections::HashMap;
+
+/// The mesh with three vertices of its own and the face normal for every triangle.
+pub(crate) fn flat(mesh: &Mesh) -> Mesh {
+    fn corners<T: Copy>(values: &[T], triangles: &[[u32; 3]]) -> Vec<T> {
+        if values.is_empty() {
+            return Vec::new();
+        }
+        triangles.iter().flatten().map(|&i| values[i as usize]).collect()
+    }
+    let t = &mesh.triangles;
+    let normals = (0..t.len()).flat_map(|i| [unit_or_up(area_normal(mesh.corners(i))); 3]).collect();
+    Mesh {
+        positions: corners(&mesh.positions, t),
+        normals,
+        uvs: corners(&mesh.uvs, t),
+        uvs1: corners(&mesh.uvs1, t),
+        tangents: Vec::new(),
+        colors: corners(&mesh.colors, t),
+        triangles: (0..t.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
+    }
+}
+
+/// Smooth unit normals: the face normals around a position weighted by the angle there (Thuermer and Wuethrich 1998),
+/// vertices of equal position sharing one normal. Positions without a face of positive area get +y.
+pub(crate) fn smooth(positions: &[Vec3f], triangles: &[[u32; 3]]) -> Vec<Vec3f> {
+    let weld = weld(positions);
+    let mut sums = vec![vec3(0.0_f64, 0.0, 0.0); positions.len()];
+    for t in triangles {
+        let p = t.map(|i| positions[i as usize].cast::<f64>());
+        let n = (p[1] - p[0]).cross(p[2] - p[0]).normalize_or_zero();
+        for k in 0..3 {
+            let a = (p[(k + 1) % 3] - p[k]).normalize_or_zero();
+            let b = (p[(k + 2) % 3] - p[k]).normalize_or_zero();
+            let angle = a.cross(b).length().atan2(a.dot(b));
+            sums[weld[t[k] as usize] as usize] += n * angle;
+        }
+    }
+    weld.iter().map(|&w| unit_or_up(sums[w as usize].cast())).collect()
+}
+
+/// Computes the normals that are zero; returns how many there were.
+pub(crate) fn repair(mesh: &mut Mesh) -> usize {
+    let computed = smooth(&mesh.positions, &mesh.triangles);
+    let mut found = 0;
+    for (n, c) in mesh.normals.iter_mut().zip(computed) {
+        if *n == Vec3f::zero() {
+            *n = c;
+            found += 1;
+        }
+    }
+    found
+}
+
+/// The first vertex with the same position, for each vertex.
+fn weld(positions: &[Vec3f]) -> Vec<u32> {
+    let mut first: HashMap<[u32; 3], u32> = HashMap::with_capacity(positions.len());
+    positions
+        .iter()
+        .enumerate()
+        // Adding zero joins -0 and +0.
+        .map(|(i, p)| *first.entry(p.to_array().map(|x| (x + 0.0).to_bits())).or_insert(i as u32))
+        .collect()
+}
+
+fn area_normal(p: [Vec3f; 3]) -> Vec3f {
+    let p = p.map(|p| p.cast::<f64>());
+    (p[1] - p[0]).cross(p[2] - p[0]).normalize_or_zero().cast()
+}
+
+fn unit_or_up(n: Vec3f) -> Vec3f {
+    let n = n.normalize_or_zero();
+    if n == Vec3f::zero() { vec3(0.0, 1.0, 0.0) } else { n }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cube_corner() -> Mesh {
+        // Three faces of a cube at the origin, the corner vertex doubled.
+        Mesh {
+            positions: vec![
+                vec3(0.0, 0.0, 0.0),
+                vec3(1.0, 0.0, 0.0),
+                vec3(0.0, 1.0, 0.0),
+                vec3(0.0, 0.0, 1.0),
+                vec3(-0.0, 0.0, 0.0),
+            ],
+            triangles: vec![[0, 1, 2], [0, 2, 3], [4, 3, 1]],
+            ..Mesh::default()
+        }
+    }
+
+    #[test]
+    fn smooth_normals_join_equal_positions() {
+        let mesh = cube_corner();
+        let n = smooth(&mesh.positions, &mesh.triangles);
+        let d = 1.0 / 3.0_f32.sqrt();
+        assert!((n[0] - vec3(d, d, d)).length() < 1e-6, "{:?}", n[0]);
+        assert_eq!(n[0], n[4], "doubled vertex");
+    }
+
+    #[test]
+    fn flat_normals_are_those_of_the_faces() {
+        let flat = flat(&cube_corner());
+        assert_eq!(flat.positions.len(), 9);
+        assert_eq!(flat.normals[0], vec3(0.0, 0.0, 1.0));
+        assert_eq!(flat.normals[3], vec3(1.0, 0.0, 0.0));
+    }
+
+    #[test]
+    fn zero_area_gives_a_unit_normal() {
+        let n = smooth(&[vec3(1.0, 1.0, 1.0); 3], &[[0, 1, 2]]);
+        assert_eq!(n, vec![vec3(0.0, 1.0, 0.0); 3]);
+    }
+}

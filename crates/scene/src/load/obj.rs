@@ -1,0 +1,272 @@
+//! Wavefront OBJ with its material library.
+
+use super::file::{Folder, clip};
+use super::texture::Textures;
+use super::{Budget, Limits, mtl, normals, place, polygon};
+use crate::error::{Fault, fault};
+use crate::{Material, Primitive, Scene};
+use photofit_geometry::Mesh;
+use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3};
+use std::borrow::Cow;
+use std::collections::HashMap;
+
+/// Stands for "none" in a corner.
+const NONE: u32 = u32::MAX;
+
+/// Indices of position, texture coordinate and normal.
+type Corner = [u32; 3];
+
+/// The statements of a file.
+#[derive(Debug, Default)]
+struct Statements {
+    positions: Vec<Vec3f>,
+    /// One per position once any position has a colour, else empty.
+    colors: Vec<Vec4f>,
+    uvs: Vec<Vec2f>,
+    normals: Vec<Vec3f>,
+    /// Triangles by material, in the order of first use.
+    groups: Vec<(usize, Vec<[Corner; 3]>)>,
+}
+
+/// Loads an OBJ file: polygons, negative indices, texture coordinates (turned to the upper left origin), normals,
+/// vertex colours (sRGB, as tools write them) and `usemtl`; lines, points, curves and smoothing groups are ignored.
+pub(crate) fn parse(text: &[u8], folder: &Folder, limits: &Limits) -> Result<Scene, Fault> {
+    let mut scene = Scene::default();
+    let mut textures = Textures::new(limits);
+    let mut names: HashMap<String, usize> = HashMap::new();
+    let mut statements = Statements::default();
+    let mut budget = Budget::new(limits);
+    let mut current: Option<usize> = None;
+    let mut polygon = Vec::new();
+    let mut ignored = Ignored::default();
+    for (line, text) in lines(text) {
+        let line = || format!("line {line}");
+        let (keyword, rest) = split_keyword(&text);
+        match keyword {
+            "v" => {
+                budget.vertices(1, line)?;
+                statements.position(rest).map_err(|rule| fault(line(), rule))?;
+            }
+            "vt" => {
+                let [u, v] = numbers(rest, &[0.0, 0.0], 1).map_err(|rule| fault(line(), rule))?;
+                statements.uvs.push(vec2(u, 1.0 - v));
+            }
+            "vn" => {
+                let [x, y, z] = numbers(rest, &[0.0; 3], 3).map_err(|rule| fault(line(), rule))?;
+                statements.normals.push(vec3(x, y, z).normalize_or_zero());
+            }
+            "f" => {
+                statements.corners(rest, &mut polygon).map_err(|rule| fault(line(), rule))?;
+                budget.triangles(polygon.len() as u64 - 2, line)?;
+                let group = current.get_or_insert_with(|| {
+                    super::intern_material(&mut scene, Material::clay())
+                });
+                statements.face(*group, &polygon);
+            }
+            "usemtl" => {
+                let found = names.get(rest).copied();
+                if found.is_none() {
+                    scene.warnings.push(format!("{}: the material `{}` is not defined", line(), clip(rest)));
+                }
+                current =
+                    Some(found.unwrap_or_else(|| super::intern_material(&mut scene, Material::clay())));
+            }
+            "mtllib" => mtl::load(rest, folder, limits, &line(), &mut scene, &mut names, &mut textures)?,
+            "" | "#" | "o" | "g" | "s" => {}
+            other => ignored.add(other),
+        }
+    }
+    if let Some(text) = ignored.message() {
+        scene.warnings.push(text);
+    }
+    statements.build(&mut scene, &mut budget)?;
+    scene.images = textures.decode()?;
+    Ok(scene)
+}
+
+/// Keywords without a meaning here, each named once.
+#[derive(Debug, Default)]
+struct Ignored(Vec<String>);
+
+impl Ignored {
+    fn add(&mut self, keyword: &str) {
+        if self.0.len() < 8 && !keyword.starts_with('#') && !self.0.iter().any(|k| k == keyword) {
+            self.0.push(clip(keyword));
+        }
+    }
+
+    fn message(&self) -> Option<String> {
+        (!self.0.is_empty()).then(|| format!("ignored statements: {}", self.0.join(", ")))
+    }
+}
+
+/// Lines with their number from 1, continuation lines joined.
+pub(super) fn lines(text: &[u8]) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
+    let mut raw = text.split(|&b| b == b'\n').enumerate();
+    std::iter::from_fn(move || {
+        let (i, first) = raw.next()?;
+        let mut line = String::from_utf8_lossy(first.trim_ascii());
+        while line.ends_with('\\') {
+            let joined = line.to_mut();
+            joined.pop();
+            joined.push(' ');
+            match raw.next() {
+                Some((_, next)) => joined.push_str(&String::from_utf8_lossy(next.trim_ascii())),
+                None => break,
+            }
+        }
+        Some((i + 1, line))
+    })
+}
+
+/// First word and the rest of a line.
+pub(super) fn split_keyword(line: &str) -> (&str, &str) {
+    if line.starts_with('#') {
+        return ("#", "");
+    }
+    line.split_once(|c: char| c.is_ascii_whitespace()).map_or((line, ""), |(k, r)| (k, r.trim()))
+}
+
+/// Up to `N` finite numbers, at least `least` of them, the others by default.
+pub(super) fn numbers<const N: usize>(text: &str, default: &[f32; N], least: usize) -> Result<[f32; N], String> {
+    let mut out = *default;
+    let mut found = 0;
+    for (value, word) in out.iter_mut().zip(text.split_ascii_whitespace()) {
+        *value = word
+            .parse()
+            .ok()
+            .filter(|x: &f32| x.is_finite())
+            .ok_or_else(|| format!("`{}` is a finite number", clip(word)))?;
+        found += 1;
+    }
+    if found < least { Err(format!("at least {least} numbers, found {found}")) } else { Ok(out) }
+}
+
+impl Statements {
+    fn position(&mut self, rest: &str) -> Result<(), String> {
+        // Either x y z [w] or x y z r g b.
+        let six: [f32; 6] = numbers(rest, &[0.0, 0.0, 0.0, f32::MAX, f32::MAX, f32::MAX], 3)?;
+        let [x, y, z, r, g, b] = six;
+        if b != f32::MAX || !self.colors.is_empty() {
+            self.colors.resize(self.positions.len(), vec3(1.0, 1.0, 1.0).extend(1.0));
+            let color = if b == f32::MAX {
+                vec3(1.0, 1.0, 1.0)
+            } else {
+                vec3(r, g, b).map(|c| photofit_image::srgb_decode(c.clamp(0.0, 1.0)))
+            };
+            self.colors.push(color.extend(1.0));
+        }
+        self.positions.push(vec3(x, y, z));
+        Ok(())
+    }
+
+    fn corners(&self, rest: &str, out: &mut Vec<Corner>) -> Result<(), String> {
+        out.clear();
+        let counts = [self.positions.len(), self.uvs.len(), self.normals.len()];
+        for word in rest.split_ascii_whitespace() {
+            if word.starts_with('#') {
+                break;
+            }
+            let mut corner = [NONE; 3];
+            for (k, part) in word.split('/').enumerate() {
+                if k >= 3 {
+                    return Err(format!("`{}` is v, v/vt, v//vn or v/vt/vn", clip(word)));
+                }
+                if !part.is_empty() {
+                    corner[k] = index(part, counts[k]).map_err(|rule| format!("`{}`: {rule}", clip(word)))?;
+                }
+            }
+            if corner[0] == NONE {
+                return Err(format!("`{}` names a vertex", clip(word)));
+            }
+            out.push(corner);
+        }
+        if out.len() < 3 { Err(format!("a face has at least 3 corners, found {}", out.len())) } else { Ok(()) }
+    }
+
+    fn face(&mut self, material: usize, polygon: &[Corner]) {
+        let group = match self.groups.iter().position(|g| g.0 == material) {
+            Some(g) => g,
+            None => {
+                self.groups.push((material, Vec::new()));
+                self.groups.len() - 1
+            }
+        };
+        if let [a, b, c] = *polygon {
+            self.groups[group].1.push([a, b, c]);
+            return;
+        }
+        let places: Vec<Vec3f> = polygon.iter().map(|c| self.positions[c[0] as usize]).collect();
+        let mut cut = Vec::new();
+        polygon::triangulate(&places, &mut cut);
+        self.groups[group].1.extend(cut.into_iter().map(|t| t.map(|k| polygon[k])));
+    }
+
+    fn build(&self, scene: &mut Scene, budget: &mut Budget<'_>) -> Result<(), Fault> {
+        let corners = || self.groups.iter().flat_map(|g| g.1.iter().flatten());
+        let missing = corners().any(|c| c[2] == NONE || self.normals[c[2] as usize] == Vec3f::zero());
+        let smooth = if missing {
+            let all: Vec<[u32; 3]> =
+                self.groups.iter().flat_map(|g| g.1.iter().map(|t| t.map(|c| c[0]))).collect();
+            normals::smooth(&self.positions, &all)
+        } else {
+            Vec::new()
+        };
+        for (material, triangles) in &self.groups {
+            let mesh = self.group_mesh(triangles, &smooth);
+            budget.vertices(mesh.positions.len() as u64, || "the corners of all faces".into())?;
+            place(scene, Primitive { mesh, material: *material });
+        }
+        if self.groups.is_empty() && !self.positions.is_empty() {
+            // Points alone: kept, so that the message can say what the file holds.
+            let material = super::intern_material(scene, Material::clay());
+            let mesh = Mesh {
+                positions: self.positions.clone(),
+                normals: normals::smooth(&self.positions, &[]),
+                colors: self.colors.clone(),
+                ..Mesh::default()
+            };
+            place(scene, Primitive { mesh, material });
+        }
+        Ok(())
+    }
+
+    /// A vertex for each distinct corner.
+    fn group_mesh(&self, triangles: &[[Corner; 3]], smooth: &[Vec3f]) -> Mesh {
+        let mut mesh = Mesh::default();
+        let mut known: HashMap<Corner, u32> = HashMap::new();
+        let textured = triangles.iter().flatten().any(|c| c[1] != NONE);
+        for t in triangles {
+            let triangle = t.map(|corner| {
+                *known.entry(corner).or_insert_with(|| {
+                    let [v, vt, vn] = corner.map(|i| i as usize);
+                    mesh.positions.push(self.positions[v]);
+                    if textured {
+                        mesh.uvs.push(self.uvs.get(vt).copied().unwrap_or_default());
+                    }
+                    let own = self.normals.get(vn).copied().filter(|n| *n != Vec3f::zero());
+                    mesh.normals.push(own.unwrap_or_else(|| smooth[v]));
+                    if let Some(&color) = self.colors.get(v) {
+                        mesh.colors.push(color);
+                    }
+                    mesh.positions.len() as u32 - 1
+                })
+            });
+            mesh.triangles.push(triangle);
+        }
+        if mesh.colors.len() != mesh.positions.len() {
+            mesh.colors.clear();
+        }
+        mesh
+    }
+}
+
+/// A 1-based or negative index as a 0-based one.
+fn index(text: &str, count: usize) -> Result<u32, String> {
+    let i: i64 = text.parse().map_err(|_| "indices are integers".to_owned())?;
+    let at = if i < 0 { count as i64 + i } else { i - 1 };
+    if at < 0 || at >= count as i64 || at >= i64::from(NONE) {
+        return Err(format!("index {i} refers to one of the {count} lines before this one"));
+    }
+    Ok(at as u32)
+}

@@ -1,0 +1,84 @@
+//! Decoding the textures that materials use, within a budget of texels.
+
+use super::Limits;
+use crate::TextureImage;
+use crate::error::{Fault, fault};
+use rayon::prelude::*;
+use std::collections::HashMap;
+
+/// Textures requested so far; each is decoded once.
+#[derive(Debug)]
+pub(crate) struct Textures<'a> {
+    limits: &'a Limits,
+    texels: u64,
+    pending: Vec<Pending>,
+    known: HashMap<String, usize>,
+}
+
+#[derive(Debug)]
+struct Pending {
+    place: String,
+    name: String,
+    bytes: Vec<u8>,
+}
+
+impl<'a> Textures<'a> {
+    pub(crate) fn new(limits: &'a Limits) -> Self {
+        Self { limits, texels: 0, pending: Vec::new(), known: HashMap::new() }
+    }
+
+    /// Index of the texture requested from this place before.
+    pub(crate) fn known(&self, place: &str) -> Option<usize> {
+        self.known.get(place).copied()
+    }
+
+    /// Asks for a PNG or JPEG; its size is checked here, its texels are decoded by [`Self::decode`].
+    pub(crate) fn request(&mut self, place: String, name: String, bytes: Vec<u8>) -> Result<usize, Fault> {
+        let (width, height) =
+            photofit_image::texture_size(&bytes).map_err(|e| fault(&place, image_rule(e)))?;
+        let side = self.limits.texture_side;
+        if width > side || height > side {
+            return Err(fault(place, format!("at most {side} x {side} texels, found {width} x {height}")));
+        }
+        self.texels = self.texels.saturating_add(width as u64 * height as u64);
+        if self.texels > self.limits.texels {
+            return Err(fault(place, format!("all textures have at most {} texels", self.limits.texels)));
+        }
+        self.known.insert(place.clone(), self.pending.len());
+        self.pending.push(Pending { place, name, bytes });
+        Ok(self.pending.len() - 1)
+    }
+
+    /// All textures, in the order of their requests.
+    pub(crate) fn decode(self) -> Result<Vec<TextureImage>, Fault> {
+        let limits = photofit_image::Limits {
+            max_side: self.limits.texture_side as u32,
+            ..photofit_image::Limits::default()
+        };
+        let images: Vec<Result<TextureImage, Fault>> = self
+            .pending
+            .into_par_iter()
+            .map(|p| {
+                let (width, height, texels) = photofit_image::decode_texture(&p.bytes, &limits)
+                    .map_err(|e| fault(&p.place, image_rule(e)))?;
+                Ok(TextureImage { name: p.name, width, height, texels })
+            })
+            .collect();
+        // The first error in the file's order, whichever thread met one first.
+        images.into_iter().collect()
+    }
+}
+
+/// The message of an image error without its place, which the caller knows better.
+fn image_rule(error: photofit_image::ImageError) -> String {
+    let text = error.at("").to_string();
+    text.strip_prefix(": ").unwrap_or(&text).to_owned()
+}
+
+/// `KHR_texture_transform` as an affine map: offset after rotation after scale.
+///
+/// The rotation turns texture coordinates counter-clockwise as seen in the image, whose v points down.
+pub(crate) fn affine_of_transform(offset: [f32; 2], rotation: f32, scale: [f32; 2]) -> [[f32; 3]; 2] {
+    let (s, c) = rotation.sin_cos();
+    [[c * scale[0], s * scale[1], offset[0]], [-s * scale[0], c * scale[1], offset[1]]]
+}

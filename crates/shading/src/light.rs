@@ -1,0 +1,277 @@
+//! Lights, and the radiance that a surface reflects from them.
+
+use crate::environment::Environment;
+use crate::ggx::{eval_lobes, eval_lobes_vjp};
+use crate::split_sum::split_sum;
+use crate::surface::{Lobes, LobesGradient, Surface, SurfaceGradient};
+use photofit_scalar::{Real, Vec3, vec3};
+
+/// Smallest squared distance to a point light.
+const DISTANCE_SQUARED_MIN: f64 = 1e-8;
+
+/// A light, without visibility: nothing casts a shadow here.
+#[derive(Clone, Copy, Debug)]
+pub enum Light<'a, T = f32> {
+    /// A point that radiates equally in all directions.
+    Point {
+        /// Place in world space.
+        position: Vec3<T>,
+        /// Radiant intensity (W/sr per channel); irradiance falls with the square of the distance.
+        intensity: Vec3<T>,
+    },
+    /// Light from one direction, infinitely far away.
+    Directional {
+        /// Unit vector towards the light.
+        direction: Vec3<T>,
+        /// Irradiance on a surface that faces the light.
+        irradiance: Vec3<T>,
+    },
+    /// The same radiance from every direction.
+    Ambient {
+        /// The radiance.
+        radiance: Vec3<T>,
+    },
+    /// Light from an environment map.
+    Environment {
+        /// The map.
+        map: &'a Environment<T>,
+        /// How the map is turned.
+        rotation: Yaw<T>,
+        /// Factor of the map's radiance.
+        scale: T,
+    },
+}
+
+/// A turn about the y axis, counterclockwise seen from above.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Yaw<T = f32> {
+    cosine: T,
+    sine: T,
+}
+
+impl<T: Real> Yaw<T> {
+    /// A turn by `angle` radians.
+    pub fn new(angle: T) -> Self {
+        Self { cosine: angle.cos(), sine: angle.sin() }
+    }
+
+    /// Turns a vector.
+    #[inline(always)]
+    pub fn apply(self, v: Vec3<T>) -> Vec3<T> {
+        vec3(self.cosine * v.x + self.sine * v.z, v.y, self.cosine * v.z - self.sine * v.x)
+    }
+
+    /// Turns a vector back (also the adjoint of [`Self::apply`]).
+    #[inline(always)]
+    pub fn invert(self, v: Vec3<T>) -> Vec3<T> {
+        vec3(self.cosine * v.x - self.sine * v.z, v.y, self.cosine * v.z + self.sine * v.x)
+    }
+}
+
+impl<T: Real> Default for Yaw<T> {
+    fn default() -> Self {
+        Self { cosine: T::one(), sine: T::zero() }
+    }
+}
+
+/// Gradient of [`shade`].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ShadeGradient<T = f32> {
+    /// With respect to the material.
+    pub surface: SurfaceGradient<T>,
+    /// With respect to the position, for a fixed `wo` (see [`view_direction_vjp`]).
+    pub position: Vec3<T>,
+    /// With respect to the shading normal.
+    pub n: Vec3<T>,
+    /// With respect to the direction to the viewer.
+    pub wo: Vec3<T>,
+}
+
+/// Unit direction from `position` to `eye`; zero where they coincide.
+#[inline(always)]
+pub fn view_direction<T: Real>(eye: Vec3<T>, position: Vec3<T>) -> Vec3<T> {
+    (eye - position).normalize_or_zero()
+}
+
+/// Adjoint of [`view_direction`]: the gradient with respect to the position, from that of the direction.
+#[inline(always)]
+pub fn view_direction_vjp<T: Real>(eye: Vec3<T>, position: Vec3<T>, g: Vec3<T>) -> Vec3<T> {
+    -(eye - position).normalize_vjp(g)
+}
+
+/// Radiance reflected towards `wo`, summed over the lights in order.
+///
+/// `n` (the unit shading normal, on the viewer's side: see [`crate::face_viewer`]) and `wo` are unit vectors. Point
+/// and directional lights use the exact BSDF ([`crate::eval`]); ambient light its exact integral, up to the table of
+/// [`crate::split_sum()`]; environments the split-sum approximation.
+///
+/// ```
+/// use photofit_scalar::{Vec3, vec3};
+/// use photofit_shading::{Light, Surface, shade};
+/// let surface = Surface { base_color: vec3(0.5_f32, 0.5, 0.5), roughness: 0.8, metallic: 0.0, gamma: 0.0 };
+/// let (up, eye) = (vec3(0.0, 1.0, 0.0), vec3(0.0, 0.8, 0.6));
+/// let sun = Light::Directional { direction: up, irradiance: Vec3::splat(3.0) };
+/// let sky = Light::Ambient { radiance: Vec3::splat(0.2) };
+/// let both = shade(&surface, Vec3::zero(), up, eye, &[sun, sky]);
+/// let one = shade(&surface, Vec3::zero(), up, eye, &[sun]);
+/// assert!(both.x > one.x + 0.1 && one.x > 0.4);
+/// ```
+#[inline]
+pub fn shade<T: Real>(
+    surface: &Surface<T>,
+    position: Vec3<T>,
+    n: Vec3<T>,
+    wo: Vec3<T>,
+    lights: &[Light<'_, T>],
+) -> Vec3<T> {
+    let lobes = surface.lobes();
+    let mut sum = Vec3::zero();
+    for light in lights {
+        sum += match *light {
+            Light::Point { position: at, intensity } => {
+                let (wi, falloff, _) = towards(at, position);
+                eval_lobes(&lobes, n, wo, wi).mul(intensity) * falloff
+            }
+            Light::Directional { direction, irradiance } => {
+                eval_lobes(&lobes, n, wo, direction).mul(irradiance)
+            }
+            Light::Ambient { radiance } => ambient(&lobes, n, wo).mul(radiance),
+            Light::Environment { map, rotation, scale } => environment(&lobes, n, wo, map, rotation) * scale,
+        };
+    }
+    sum
+}
+
+/// Adjoint of [`shade`] for the gradient `g` of the radiance; the forward pass is recomputed.
+#[inline]
+pub fn shade_vjp<T: Real>(
+    surface: &Surface<T>,
+    position: Vec3<T>,
+    n: Vec3<T>,
+    wo: Vec3<T>,
+    lights: &[Light<'_, T>],
+    g: Vec3<T>,
+) -> ShadeGradient<T> {
+    let lobes = surface.lobes();
+    let mut sum = Sum { lobes: Lobes::default(), position: Vec3::zero(), n: Vec3::zero(), wo: Vec3::zero() };
+    for light in lights {
+        match *light {
+            Light::Point { position: at, intensity } => {
+                let (wi, falloff, inverse) = towards(at, position);
+                let g = g.mul(intensity);
+                let (f, d) = eval_lobes_vjp(&lobes, n, wo, wi, |_| g * falloff);
+                sum.lobes += d.lobes;
+                sum.n += d.n;
+                sum.wo += d.wo;
+                // wi = v / |v| and falloff = 1 / |v|^2 with v = at - position.
+                let g_wi = d.wi - wi * wi.dot(d.wi);
+                let g_falloff = g.dot(f) * falloff;
+                sum.position += (wi * (g_falloff + g_falloff) - g_wi) * inverse;
+            }
+            Light::Directional { direction, irradiance } => {
+                let (_, d) = eval_lobes_vjp(&lobes, n, wo, direction, |_| g.mul(irradiance));
+                sum.lobes += d.lobes;
+                sum.n += d.n;
+                sum.wo += d.wo;
+            }
+            Light::Ambient { radiance } => ambient_vjp(&lobes, n, wo, g.mul(radiance), &mut sum),
+            Light::Environment { map, rotation, scale } => {
+                environment_vjp(&lobes, n, wo, map, rotation, g * scale, &mut sum);
+            }
+        }
+    }
+    ShadeGradient { surface: surface.lobes_vjp(&sum.lobes), position: sum.position, n: sum.n, wo: sum.wo }
+}
+
+/// Gradients summed over the lights.
+struct Sum<T> {
+    lobes: LobesGradient<T>,
+    position: Vec3<T>,
+    n: Vec3<T>,
+    wo: Vec3<T>,
+}
+
+/// Unit direction to a point light, inverse squared distance and inverse distance.
+#[inline(always)]
+fn towards<T: Real>(at: Vec3<T>, position: Vec3<T>) -> (Vec3<T>, T, T) {
+    let v = at - position;
+    let d2 = v.length_squared();
+    let floor = T::of(DISTANCE_SQUARED_MIN);
+    let falloff = T::one() / if d2 > floor { d2 } else { floor };
+    let inverse = falloff.sqrt();
+    (v * inverse, falloff, inverse)
+}
+
+/// Reflection of unit radiance from everywhere: `diffuse + f0 scale + bias`.
+#[inline(always)]
+fn ambient<T: Real>(lobes: &Lobes<T>, n: Vec3<T>, wo: Vec3<T>) -> Vec3<T> {
+    let s = split_sum(n.dot(wo), lobes.roughness);
+    lobes.diffuse + lobes.f0 * s.scale + Vec3::splat(s.bias)
+}
+
+#[inline(always)]
+fn ambient_vjp<T: Real>(lobes: &Lobes<T>, n: Vec3<T>, wo: Vec3<T>, g: Vec3<T>, sum: &mut Sum<T>) {
+    let s = split_sum(n.dot(wo), lobes.roughness);
+    let (g_scale, g_bias) = (g.dot(lobes.f0), g.sum());
+    let g_cosine = g_scale * s.d_scale[0] + g_bias * s.d_bias[0];
+    sum.lobes.diffuse += g;
+    sum.lobes.f0 += g * s.scale;
+    sum.lobes.roughness += g_scale * s.d_scale[1] + g_bias * s.d_bias[1];
+    sum.n += wo * g_cosine;
+    sum.wo += n * g_cosine;
+}
+
+/// Axis of the specular lobe: the mirror direction, drawn towards the normal on rough surfaces by `r^2`.
+#[inline(always)]
+fn lobe_axis<T: Real>(n: Vec3<T>, wo: Vec3<T>, r: T) -> Vec3<T> {
+    let t = r * r;
+    // m + t (n - m), m = 2 (n.wo) n - wo
+    n * ((T::one() - t) * (n.dot(wo) + n.dot(wo)) + t) - wo * (T::one() - t)
+}
+
+#[inline(always)]
+fn environment<T: Real>(
+    lobes: &Lobes<T>,
+    n: Vec3<T>,
+    wo: Vec3<T>,
+    map: &Environment<T>,
+    rotation: Yaw<T>,
+) -> Vec3<T> {
+    let r = lobes.roughness;
+    let s = split_sum(n.dot(wo), r);
+    let specular = map.specular(rotation.invert(lobe_axis(n, wo, r)), r);
+    lobes.diffuse.mul(map.diffuse(rotation.invert(n)))
+        + specular.mul(lobes.f0 * s.scale + Vec3::splat(s.bias))
+}
+
+#[inline(always)]
+fn environment_vjp<T: Real>(
+    lobes: &Lobes<T>,
+    n: Vec3<T>,
+    wo: Vec3<T>,
+    map: &Environment<T>,
+    rotation: Yaw<T>,
+    g: Vec3<T>,
+    sum: &mut Sum<T>,
+) {
+    let (one, two, r) = (T::one(), T::of(2.0), lobes.roughness);
+    let s = split_sum(n.dot(wo), r);
+    let (diffuse, g_n) = map.diffuse_vjp(rotation.invert(n), |_| g.mul(lobes.diffuse));
+    let g_specular = g.mul(lobes.f0 * s.scale + Vec3::splat(s.bias));
+    let axis = rotation.invert(lobe_axis(n, wo, r));
+    let (specular, g_axis, g_r) = map.specular_vjp(axis, r, g_specular);
+    let g_axis = rotation.apply(g_axis);
+    let g_albedo = g.mul(specular);
+    let (g_scale, g_bias) = (g_albedo.dot(lobes.f0), g_albedo.sum());
+
+    // axis = k n - (1 - t) wo, k = 2 (1 - t)(n.wo) + t, t = r^2
+    let (t, cosine) = (r * r, n.dot(wo));
+    let g_k = g_axis.dot(n);
+    let g_cosine = g_scale * s.d_scale[0] + g_bias * s.d_bias[0] + g_k * two * (one - t);
+    let g_t = g_k * (one - two * cosine) + g_axis.dot(wo);
+    sum.lobes.diffuse += g.mul(diffuse);
+    sum.lobes.f0 += g_albedo * s.scale;
+    sum.lobes.roughness += g_scale * s.d_scale[1] + g_bias * s.d_bias[1] + g_r + two * r * g_t;
+    sum.n += rotation.apply(g_n) + g_axis * (two * (one - t) * cosine + t) + wo * g_cosine;
+    sum.wo += n * g_cosine - g_axis * (one - t);
+}

@@ -1,0 +1,234 @@
+//! Lights: gradients, and ambient and environment light against brute-force integration.
+
+use super::{at, at_cosine, flatten, join, material, unflatten, unit, vector};
+use crate::{
+    Environment, Light, ROUGHNESS_MIN, Surface, Yaw, eval, shade, shade_vjp, view_direction,
+    view_direction_vjp,
+};
+use photofit_gradcheck::{Uniform, check};
+use photofit_scalar::{Vec3, vec3};
+use std::f64::consts::{PI, TAU};
+use std::sync::LazyLock;
+
+const WIDTH: usize = 256;
+const HEIGHT: usize = 128;
+
+/// A sky with a horizon, a soft window and a small sun of 500 times the sky's radiance.
+static SKY: LazyLock<Vec<f32>> = LazyLock::new(|| {
+    let mut rgb = Vec::with_capacity(WIDTH * HEIGHT * 3);
+    for k in 0..WIDTH * HEIGHT {
+        let d = pixel(k).0;
+        let sky = 0.5 + 0.5 * d.y;
+        let window = (8.0 * (d.dot(vec3(-0.6, 0.48, 0.64)) - 1.0)).exp() * 4.0;
+        let sun = (800.0 * (d.dot(vec3(0.48, 0.64, 0.6)) - 1.0)).exp() * 500.0;
+        rgb.extend(
+            [sky * 0.6 + window + sun, sky * 0.8 + sun * 0.9, sky + 0.5 * window + sun * 0.7]
+                .map(|v| v as f32),
+        );
+    }
+    rgb
+});
+
+static MAP: LazyLock<Environment> =
+    LazyLock::new(|| Environment::from_equirectangular(WIDTH, HEIGHT, &SKY).unwrap());
+
+/// Direction and solid angle of a pixel.
+fn pixel(k: usize) -> (Vec3<f64>, f64) {
+    let (u, v) = (((k % WIDTH) as f64 + 0.5) / WIDTH as f64, ((k / WIDTH) as f64 + 0.5) / HEIGHT as f64);
+    let (phi, theta) = ((u - 0.5) * TAU, v * PI);
+    let d = vec3(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin());
+    (d, theta.sin() * TAU * PI / (WIDTH * HEIGHT) as f64)
+}
+
+/// Integral of a function times the sky over all directions.
+fn integrate(mut f: impl FnMut(Vec3<f64>) -> Vec3<f64>) -> Vec3<f64> {
+    let mut sum = Vec3::zero();
+    for (k, c) in SKY.chunks(3).enumerate() {
+        let (d, w) = pixel(k);
+        sum += f(d).mul(vec3(c[0], c[1], c[2]).cast()) * w;
+    }
+    sum
+}
+
+fn check_shade(name: &str, lights: &[Light<'_, f64>], random: &mut Uniform, h: f64, tolerance: f64) {
+    let roughness = random.range(0.2, 0.95);
+    let s = material(random, roughness);
+    let n = unit(random);
+    let cosine = random.range(0.1, 0.95);
+    let wo = at_cosine(random, n, cosine);
+    let x = join(flatten(&s), &[vector(random) * 0.2, n, wo]);
+    let seed = vector(random);
+    let f = |x: &[f64]| shade(&unflatten(x), at(x, 6), at(x, 9), at(x, 12), lights).dot(seed);
+    let d = shade_vjp(&s, at(&x, 6), n, wo, lights, seed);
+    let gradient = join(flatten(&d.surface), &[d.position, d.n, d.wo]);
+    check(name, &x, &gradient, h, tolerance, f);
+}
+
+#[test]
+fn gradients_of_every_light() {
+    let mut random = Uniform::new(31);
+    let map: Environment<f64> = MAP.cast();
+    for k in 0..60 {
+        let point = Light::Point { position: unit(&mut random) * 2.0, intensity: vector(&mut random) };
+        let sun = Light::Directional { direction: unit(&mut random), irradiance: vector(&mut random) };
+        let ambient = Light::Ambient { radiance: vector(&mut random) };
+        let rotation = Yaw::new(random.range(0.0, TAU));
+        let environment = Light::Environment { map: &map, rotation, scale: 0.7 };
+        check_shade(&format!("ambient {k}"), &[ambient], &mut random, 1e-7, 1e-5);
+        check_shade(&format!("environment {k}"), &[environment], &mut random, 1e-7, 1e-5);
+        check_shade(
+            &format!("mixed {k}"),
+            &[point, sun, ambient, environment, point],
+            &mut random,
+            1e-7,
+            1e-5,
+        );
+        // A light in front of the surface in any case.
+        let sure = [Light::Ambient { radiance: vec3(0.1, 0.2, 0.3) }, point, sun];
+        check_shade(&format!("point and sun {k}"), &sure, &mut random, 1e-6, 1e-5);
+    }
+}
+
+#[test]
+fn gradients_of_directions_and_maps() {
+    let mut random = Uniform::new(32);
+    let map: Environment<f64> = MAP.cast();
+    for k in 0..100 {
+        let (eye, position, seed) = (vector(&mut random) * 3.0, vector(&mut random), vector(&mut random));
+        let g = view_direction_vjp(eye, position, seed);
+        check("view direction", &position.to_array(), &g.to_array(), 1e-6, 1e-6, |x| {
+            view_direction(eye, at(x, 0)).dot(seed)
+        });
+        let d = unit(&mut random);
+        let (_, g) = map.diffuse_vjp(d, |_| seed);
+        check(&format!("diffuse {k}"), &d.to_array(), &g.to_array(), 1e-7, 1e-5, |x| {
+            map.diffuse(at(x, 0)).dot(seed)
+        });
+        let r = random.range(0.01, 0.99);
+        let (_, g, g_r) = map.specular_vjp(d, r, seed);
+        check(&format!("specular {k}"), &[d.x, d.y, d.z, r], &[g.x, g.y, g.z, g_r], 1e-7, 1e-5, |x| {
+            map.specular(at(x, 0), x[3]).dot(seed)
+        });
+    }
+}
+
+#[test]
+fn a_point_light_falls_with_the_square_of_the_distance() {
+    let s = Surface { base_color: vec3(0.5, 0.6, 0.7), roughness: 0.4, metallic: 0.2, gamma: 0.0 };
+    let (n, wo) = (vec3(0.0, 1.0, 0.0), vec3(0.6, 0.8, 0.0));
+    let d = vec3(0.0, 0.8, 0.6);
+    let sun = Light::Directional { direction: d, irradiance: vec3(1.0, 2.0, 3.0) };
+    let point = Light::Point { position: d * 3.0, intensity: vec3(9.0, 18.0, 27.0) };
+    let (a, b) = (shade(&s, Vec3::zero(), n, wo, &[sun]), shade(&s, Vec3::zero(), n, wo, &[point]));
+    assert!((a - b).length() < 1e-12, "{a:?} {b:?}");
+    assert!((a - eval(&s, n, wo, d).mul(vec3(1.0, 2.0, 3.0))).length() < 1e-12);
+    let inside = Light::Point { position: Vec3::zero(), intensity: vec3(1.0, 1.0, 1.0) };
+    assert_eq!(shade(&s, Vec3::zero(), n, wo, &[inside]), Vec3::zero());
+}
+
+#[test]
+fn ambient_light_is_the_integral_of_the_bsdf() {
+    let n = vec3(0.0, 1.0, 0.0);
+    for roughness in [0.3, 0.5, 0.8, 1.0] {
+        for cosine in [0.1, 0.4, 0.8, 1.0_f64] {
+            let s = Surface { base_color: vec3(0.9, 0.5, 0.1), roughness, metallic: 0.4, gamma: 0.1 };
+            let wo = vec3((1.0 - cosine * cosine).sqrt(), cosine, 0.0);
+            // Half of the azimuths, finely: lobes are narrow sideways near grazing.
+            let (mut sum, cosines, azimuths) = (Vec3::zero(), 400, 600);
+            for k in 0..cosines * azimuths {
+                let c = ((k / azimuths) as f64 + 0.5) / cosines as f64;
+                let phi = ((k % azimuths) as f64 + 0.5) / azimuths as f64 * PI;
+                let wi = vec3((1.0 - c * c).sqrt() * phi.cos(), c, (1.0 - c * c).sqrt() * phi.sin());
+                sum += eval(&s, n, wo, wi) * (TAU / (cosines * azimuths) as f64);
+            }
+            let radiance = vec3(1.0, 2.0, 0.5);
+            let got = shade(&s, Vec3::zero(), n, wo, &[Light::Ambient { radiance }]);
+            let e = (got - sum.mul(radiance)).length();
+            assert!(e < 5e-3, "roughness {roughness} cosine {cosine}: {got:?} {:?}", sum.mul(radiance));
+        }
+    }
+}
+
+#[test]
+fn diffuse_environment_agrees_with_integration() {
+    let mut random = Uniform::new(33);
+    let (mut worst, mut scale): (f64, f64) = (0.0, 0.0);
+    for _ in 0..60 {
+        let n = unit(&mut random);
+        let exact = integrate(|d| Vec3::splat(d.dot(n).max(0.0) / PI));
+        let got = MAP.diffuse(n.cast()).cast::<f64>();
+        worst = worst.max((got - exact).length());
+        scale = scale.max(exact.length());
+    }
+    assert!(worst < 1e-2 * scale, "error {worst:.4} of {scale:.3}");
+}
+
+#[test]
+fn specular_environment_agrees_with_integration() {
+    let mut random = Uniform::new(34);
+    for k in 1..9 {
+        let roughness = f64::from(k) / 8.0;
+        let a2 = roughness.powi(4);
+        let (mut error, mut scale): (f64, f64) = (0.0, 0.0);
+        for _ in 0..20 {
+            let n = unit(&mut random);
+            let mut weight = 0.0;
+            let lobe = |d: Vec3<f64>| {
+                let nl = d.dot(n);
+                // Density of wi for n = wo, times n.wi: D / 4.
+                let nh2 = 0.5 * (1.0 + nl);
+                if nl > 0.0 { nl * a2 / (nh2 * (a2 - 1.0) + 1.0).powi(2) } else { 0.0 }
+            };
+            let exact = integrate(|d| {
+                let w = lobe(d);
+                weight += w * (1.0 - d.y * d.y).sqrt() * TAU * PI / (WIDTH * HEIGHT) as f64;
+                Vec3::splat(w)
+            }) * (1.0 / weight);
+            error += (MAP.specular(n.cast(), roughness as f32).cast() - exact).length_squared();
+            scale += exact.length_squared();
+        }
+        let relative = (error / scale).sqrt();
+        assert!(relative < if k < 4 { 0.05 } else { 0.015 }, "roughness {roughness}: {relative:.4}");
+    }
+}
+
+#[test]
+fn environment_shading_is_near_the_integral_of_the_bsdf() {
+    let mut random = Uniform::new(35);
+    for roughness in [0.25, 0.4, 0.6, 0.8, 1.0] {
+        let (mut error, mut scale): (f64, f64) = (0.0, 0.0);
+        for _ in 0..20 {
+            let s = material(&mut random, roughness);
+            let n = unit(&mut random);
+            let cosine = random.range(0.2, 1.0);
+            let wo = at_cosine(&mut random, n, cosine);
+            let exact = integrate(|d| eval(&s, n, wo, d));
+            let light = Light::Environment { map: &*MAP, rotation: Yaw::default(), scale: 1.0 };
+            let got = shade(&s.cast(), Vec3::zero(), n.cast(), wo.cast(), &[light]).cast::<f64>();
+            error += (got - exact).length_squared();
+            scale += exact.length_squared();
+        }
+        let relative = (error / scale).sqrt();
+        assert!(relative < 0.15, "roughness {roughness}: relative rms error {relative:.4}");
+        assert!(relative > 1e-4, "an approximation cannot be this good: {relative:.2e}");
+    }
+}
+
+#[test]
+fn turning_the_environment_turns_the_light() {
+    let mut random = Uniform::new(36);
+    let (angle, map) = (1.1, &*MAP);
+    let yaw = Yaw::new(angle as f32);
+    for _ in 0..50 {
+        let roughness = random.range(ROUGHNESS_MIN, 1.0);
+        let s = material(&mut random, roughness).cast();
+        let (n, wo) = (unit(&mut random).cast(), unit(&mut random).cast());
+        let still = Light::Environment { map, rotation: Yaw::default(), scale: 1.0 };
+        let turned = Light::Environment { map, rotation: yaw, scale: 1.0 };
+        let a = shade(&s, Vec3::zero(), n, wo, &[still]);
+        let b = shade(&s, Vec3::zero(), yaw.apply(n), yaw.apply(wo), &[turned]);
+        assert!((a - b).length() < 1e-3 * a.length() + 1e-4, "{a:?} {b:?}");
+    }
+    let east = Yaw::new(std::f64::consts::FRAC_PI_2).apply(vec3(0.0, 0.0, -1.0));
+    assert!((east - vec3(-1.0, 0.0, 0.0)).length() < 1e-12, "counterclockwise seen from above: {east:?}");
+}

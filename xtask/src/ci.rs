@@ -1,0 +1,12 @@
+//! Everything CI runs, in order.
+
+use anyhow::Result;
+
+use crate::{lint, tasks, tidy};
+
+/// Tidy, lint, then the test command of the README unless `no_test`.
+pub(crate) fn run(no_test: bool) -> Result<()> {
+    tidy::run()?;
+    lint::run()?;
+    if no_test { Ok(()) } else { tasks::test(false, false) }
+}

@@ -1,0 +1,43 @@
+//! The tasks that hand over to one cargo command.
+
+use anyhow::{Result, bail};
+
+use crate::shell::{run_cargo, run_cargo_with};
+
+/// `cargo test --workspace`, the test command of the README.
+///
+/// `slow` runs the ignored suites afterwards; `gpu` makes a missing adapter an error instead of an ignored test.
+pub(crate) fn test(gpu: bool, slow: bool) -> Result<()> {
+    let env: &[(&str, &str)] = if gpu { &[("PHOTOFIT_REQUIRE_GPU", "1")] } else { &[] };
+    run_cargo_with(&["test", "--workspace"], env)?;
+    if slow {
+        run_cargo_with(&["test", "--workspace", "--", "--ignored"], env)?;
+    }
+    Ok(())
+}
+
+/// `golden report | accept NAME... | prune`.
+pub(crate) fn golden(args: &[String]) -> Result<()> {
+    match args.first().map(String::as_str) {
+        Some("report" | "prune") if args.len() == 1 => {}
+        Some("accept") if args.len() > 1 => {}
+        _ => bail!("expected `golden report`, `golden accept NAME...` or `golden prune`"),
+    }
+    // The same profile as the tests, so that an accepted image is the one that the tests will render.
+    pass_on(&["run", "--quiet", "-p", "photofit-tests", "--bin", "golden", "--"], args)
+}
+
+/// Error-against-time suites.
+pub(crate) fn bench(args: &[String]) -> Result<()> {
+    pass_on(&["run", "--release", "-p", "photofit-bench", "--"], args)
+}
+
+/// The main job on a generated asset.
+pub(crate) fn demo(args: &[String]) -> Result<()> {
+    pass_on(&["run", "--release", "-p", "photofit-cli", "--", "demo"], args)
+}
+
+fn pass_on(command: &[&str], args: &[String]) -> Result<()> {
+    let all: Vec<&str> = command.iter().copied().chain(args.iter().map(String::as_str)).collect();
+    run_cargo(&all)
+}
