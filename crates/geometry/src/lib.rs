@@ -5,7 +5,6 @@
 //! lists on which [`normals`] and [`tangents`] (forward and vector-Jacobian product) run deterministically for any
 //! number of threads.
 
-pub mod atlas;
 mod angle;
 mod error;
 mod incidence;
@@ -13,7 +12,9 @@ mod mesh;
 mod split;
 
 pub mod adjacency;
+pub mod atlas;
 pub mod csr;
+pub mod decimate;
 pub mod laplacian;
 pub mod normals;
 pub mod shapes;

@@ -92,14 +92,15 @@ fn accumulate<'a>(out: &mut [f32], terms: impl Iterator<Item = (f32, &'a [f32])>
                 *s += weight * v;
             }
         }
+        out.copy_from_slice(&sum);
     } else {
         for (weight, source) in terms {
             for (s, v) in sum.iter_mut().zip(&source[..out.len()]) {
                 *s += weight * v;
             }
         }
+        out.copy_from_slice(&sum[..out.len()]);
     }
-    out.copy_from_slice(&sum[..out.len()]);
 }
 
 #[cfg(test)]

@@ -1,0 +1,226 @@
+//! The asset being fitted: welded vertex positions and material maps, and the chain from them to a loss.
+//!
+//! The data of a fit goes one way: positions -> normals -> tangents -> rasterize -> shade -> loss; [`Candidate::step`]
+//! writes it forward and, reversed line by line, backward.
+
+use crate::views::Shot;
+use photofit_geometry::normals::{Weighting, vertex_normals, vertex_normals_vjp};
+use photofit_geometry::tangents::{UvFrames, vertex_tangents, vertex_tangents_vjp};
+use photofit_geometry::weld::weld_exact;
+use photofit_geometry::{Csr, Edges, Incidence, Mesh, Weld, laplacian};
+use photofit_raster::antialias::Topology;
+use photofit_raster::deferred::{self, Frame, Geometry, Gradients, Passes, View};
+use photofit_raster::loss::Loss;
+use photofit_raster::project::matrix_rows;
+use photofit_raster::texture::Pyramid;
+use photofit_raster::{CHANNELS, Maps};
+use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec3};
+use photofit_scene::AlphaMode;
+
+/// Topology and parameters of a fitted mesh.
+#[derive(Clone, Debug)]
+pub struct Candidate {
+    /// Positions by welded id: the shape's parameters.
+    pub positions: Vec<Vec3f>,
+    /// The maps with their mip chain: level 0 holds the parameters.
+    pub maps: Pyramid<f32, CHANNELS>,
+    /// Texture coordinates, one per vertex.
+    pub uvs: Vec<Vec2f>,
+    /// Vertex indices.
+    pub triangles: Vec<[u32; 3]>,
+    /// Index of the alpha class of each triangle (see [`Candidate::classes`]).
+    pub class: Vec<u32>,
+    /// What alpha means in each class.
+    pub classes: Vec<AlphaMode>,
+    /// Neighbours of each welded vertex.
+    pub rings: Csr,
+    /// Edges between welded vertices, each once.
+    pub edges: Vec<[u32; 2]>,
+    alpha: Vec<AlphaMode>,
+    smooth: Incidence,
+    unique: Incidence,
+    frames: UvFrames,
+    opposite: Vec<[u32; 3]>,
+    neighbour: Vec<[u32; 3]>,
+}
+
+/// Vertex arrays that follow from the positions.
+#[derive(Clone, Debug)]
+pub struct Vertices {
+    /// One per vertex.
+    pub positions: Vec<Vec3f>,
+    /// Smooth unit normals.
+    pub normals: Vec<Vec3f>,
+    /// Tangents with handedness.
+    pub tangents: Vec<Vec4f>,
+}
+
+/// Gradients of the parameters, and scratch of the chain.
+#[derive(Debug)]
+pub struct ParameterGradients {
+    /// Of the welded positions.
+    pub positions: Vec<Vec3f>,
+    /// Of everything the renderer reads; its map gradients, once collapsed, are those of level 0.
+    pub rendered: Gradients<f32>,
+}
+
+impl Candidate {
+    /// Prepares the topology of an atlas mesh (`positions`, `uvs`, `triangles`; vertices split only where uvs differ).
+    ///
+    /// # Panics
+    /// If an index is out of range or the arrays disagree in length.
+    pub fn new(mesh: &Mesh, class: Vec<u32>, classes: Vec<AlphaMode>, maps: Maps) -> Self {
+        assert_eq!(class.len(), mesh.triangles.len(), "one class per triangle");
+        let weld = weld_exact(&mesh.positions);
+        let edges = Edges::new(&mesh.triangles, &weld);
+        let unique = Incidence::new(&mesh.triangles, &Weld::identity(mesh.positions.len()));
+        let frames = UvFrames::new(&unique, &mesh.uvs);
+        let transparent = classes.iter().any(|c| *c != AlphaMode::Opaque);
+        let alpha = class.iter().filter(|_| transparent).map(|c| classes[*c as usize]).collect();
+        Self {
+            positions: weld.pick(&mesh.positions),
+            maps: Pyramid::new(maps),
+            uvs: mesh.uvs.clone(),
+            triangles: mesh.triangles.clone(),
+            class,
+            classes,
+            rings: edges.one_rings(),
+            opposite: edges.opposite_vertices(&mesh.triangles, &weld),
+            neighbour: edges.triangle_neighbours(),
+            edges: edges.vertices,
+            alpha,
+            smooth: Incidence::new(&mesh.triangles, &weld),
+            unique,
+            frames,
+        }
+    }
+
+    /// Whether any triangle may be transparent.
+    pub fn is_transparent(&self) -> bool {
+        !self.alpha.is_empty()
+    }
+
+    /// The vertex arrays for the present positions.
+    pub fn vertices(&self) -> Vertices {
+        let positions = self.smooth.weld.expand(&self.positions);
+        let normals = vertex_normals(&self.smooth, &positions, Weighting::Angle);
+        let tangents = vertex_tangents(&self.unique, &self.frames, &positions, &normals);
+        Vertices { positions, normals, tangents }
+    }
+
+    /// The mesh as it would be exported.
+    pub fn mesh(&self) -> Mesh {
+        let v = self.vertices();
+        Mesh {
+            positions: v.positions,
+            normals: v.normals,
+            uvs: self.uvs.clone(),
+            tangents: v.tangents,
+            triangles: self.triangles.clone(),
+            ..Mesh::default()
+        }
+    }
+
+    fn geometry<'a>(&'a self, v: &'a Vertices) -> Geometry<'a, f32> {
+        Geometry {
+            positions: &v.positions,
+            normals: &v.normals,
+            tangents: &v.tangents,
+            uvs: &self.uvs,
+            topology: Topology {
+                triangles: &self.triangles,
+                opposite: &self.opposite,
+                neighbour: &self.neighbour,
+            },
+            alpha: &self.alpha,
+        }
+    }
+
+    /// Zero gradients of the right size.
+    pub fn gradients(&self) -> ParameterGradients {
+        ParameterGradients {
+            positions: vec![Vec3f::zero(); self.positions.len()],
+            rendered: Gradients::new(self.uvs.len(), &self.maps),
+        }
+    }
+
+    /// Renders one shot over its background.
+    pub fn render(&self, vertices: &Vertices, shot: &Shot, lod_bias: f32, passes: &Passes) -> Frame<f32> {
+        let lights = shot.lights.lights();
+        deferred::render(&self.geometry(vertices), &self.maps, &view(shot, &lights, lod_bias), &shot.background, passes)
+    }
+
+    /// Loss of a batch of shots against their references, and its gradients (overwritten). Returns the loss, the mean
+    /// over the shots.
+    pub fn step(
+        &self,
+        shots: &[Shot],
+        loss: Loss,
+        lod_bias: f32,
+        passes: &Passes,
+        out: &mut ParameterGradients,
+    ) -> f64 {
+        out.positions.fill(Vec3f::zero());
+        out.rendered.clear();
+        let vertices = self.vertices();
+        let mut total = 0.0;
+        let weight = 1.0 / shots.len().max(1) as f64;
+        for shot in shots {
+            let frame = self.render(&vertices, shot, lod_bias, passes);
+            let rgb: Vec<f32> = frame.color.iter().flat_map(|c| [c[0], c[1], c[2]]).collect();
+            let mut g_rgb = vec![0.0; rgb.len()];
+            let value =
+                loss.value_and_gradient(&rgb, &shot.reference, shot.width, shot.height, 3, None, &mut g_rgb);
+            total += value * weight;
+            let scale = weight as f32;
+            let g: Vec<[f32; 4]> =
+                g_rgb.chunks_exact(3).map(|g| [g[0] * scale, g[1] * scale, g[2] * scale, 0.0]).collect();
+            let lights = shot.lights.lights();
+            let view = view(shot, &lights, lod_bias);
+            let geometry = self.geometry(&vertices);
+            deferred::render_vjp(&geometry, &self.maps, &view, passes, &frame, &g, &mut out.rendered);
+        }
+        if passes.position_gradients {
+            self.vertices_vjp(&vertices, out);
+        }
+        if passes.map_gradients {
+            out.rendered.maps.collapse_vjp(photofit_raster::texture::MipAdjoint::Smooth);
+        }
+        total
+    }
+
+    /// Adjoint of [`Self::vertices`].
+    fn vertices_vjp(&self, v: &Vertices, out: &mut ParameterGradients) {
+        let g = &mut out.rendered;
+        let tangents: Vec<Vec4f> = g.tangents.iter().map(|t| t.extend(0.0)).collect();
+        vertex_tangents_vjp(
+            &self.unique,
+            &self.frames,
+            &v.positions,
+            &v.normals,
+            &tangents,
+            &mut g.positions,
+            &mut g.normals,
+        );
+        vertex_normals_vjp(&self.smooth, &v.positions, Weighting::Angle, &g.normals, &mut g.positions);
+        self.smooth.weld.expand_vjp(&g.positions, &mut out.positions);
+    }
+
+    /// Uniform differential coordinates of the present shape.
+    pub fn differential(&self) -> Vec<Vec3f> {
+        laplacian::differential(&self.rings, &self.positions)
+    }
+}
+
+/// The renderer's view of a shot.
+fn view<'a>(shot: &Shot, lights: &'a [photofit_shading::Light<'a, f32>], lod_bias: f32) -> View<'a, f32> {
+    let eye = shot.camera.eye;
+    View {
+        view_projection: matrix_rows(&shot.camera.view_projection()),
+        eye: vec3(eye.x, eye.y, eye.z),
+        lights,
+        width: shot.width,
+        height: shot.height,
+        lod_bias,
+    }
+}

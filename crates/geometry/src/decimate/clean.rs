@@ -1,0 +1,202 @@
+//! Validation, normalisation, welding and removal of degenerate and duplicate triangles.
+
+use super::weld::weld;
+use super::{DecimateError, Options, Target};
+use crate::Mesh;
+use glam::DVec3;
+
+/// Most vertices and triangles, so that corners and flags fit 32 bits.
+const LIMIT: usize = 1 << 29;
+
+/// A cleaned triangle soup in a unit frame.
+#[derive(Debug)]
+pub(super) struct Soup {
+    /// Centre of the bounds, in the asset's units.
+    pub(super) centre: DVec3,
+    /// Length of the bounding diagonal, in the asset's units.
+    pub(super) diagonal: f64,
+    /// Distinct positions, centred and divided by the diagonal.
+    pub(super) positions: Vec<DVec3>,
+    /// An input vertex at each distinct position.
+    pub(super) origin: Vec<u32>,
+    /// Triangles over the distinct positions.
+    pub(super) triangles: Vec<[u32; 3]>,
+    /// Input triangle of each triangle.
+    pub(super) source: Vec<u32>,
+    /// Input triangles that were degenerate or duplicates.
+    pub(super) cleaned: usize,
+}
+
+fn lengths(mesh: &Mesh, group: &[u32], importance: &[f32]) -> Result<(), DecimateError> {
+    let (v, t) = (mesh.positions.len(), mesh.triangles.len());
+    if v > LIMIT || t > LIMIT {
+        return Err(DecimateError::TooLarge);
+    }
+    let arrays = [
+        ("normals", mesh.normals.len(), v),
+        ("uvs", mesh.uvs.len(), v),
+        ("uvs1", mesh.uvs1.len(), v),
+        ("colors", mesh.colors.len(), v),
+        ("group", group.len(), t),
+        ("importance", importance.len(), t),
+    ];
+    for (name, found, expected) in arrays {
+        if found != 0 && found != expected {
+            return Err(DecimateError::Length { name, found, expected });
+        }
+    }
+    Ok(())
+}
+
+fn numbers(options: &Options) -> Result<(), DecimateError> {
+    let ok = |x: f64, name| if x.is_finite() && x >= 0.0 { Ok(()) } else { Err(DecimateError::Option(name)) };
+    ok(options.normal_weight, "normal_weight")?;
+    ok(options.uv_weight, "uv_weight")?;
+    ok(options.border_weight, "border_weight")?;
+    ok(options.seam_weight, "seam_weight")?;
+    ok(options.group_weight, "group_weight")?;
+    ok(options.area_weight, "area_weight")?;
+    ok(options.regularity, "regularity")?;
+    ok(options.pinch_weight, "pinch_weight")?;
+    ok(options.removal_weight, "removal_weight")?;
+    ok(options.thin_power, "thin_power")?;
+    ok(options.min_compactness, "min_compactness")?;
+    ok(options.merge_tolerance, "merge_tolerance")?;
+    ok(options.max_error.unwrap_or(0.0), "max_error")?;
+    if !(options.min_normal_cosine >= -1.0 && options.min_normal_cosine <= 1.0) {
+        return Err(DecimateError::Option("min_normal_cosine"));
+    }
+    if options.merge_tolerance > 0.1 {
+        return Err(DecimateError::Option("merge_tolerance"));
+    }
+    match options.target {
+        Target::Triangles(0) => Err(DecimateError::ZeroBudget),
+        Target::Triangles(_) => Ok(()),
+        Target::Ratio(r) if r > 0.0 && r <= 1.0 => Ok(()),
+        Target::Error(e) if e >= 0.0 && e.is_finite() => Ok(()),
+        Target::ScreenSize(px) if px > 0.0 && px.is_finite() => Ok(()),
+        _ => Err(DecimateError::Option("target")),
+    }
+}
+
+/// Checks everything that the rest relies on.
+pub(super) fn validate(
+    mesh: &Mesh,
+    group: &[u32],
+    importance: &[f32],
+    options: &Options,
+) -> Result<(), DecimateError> {
+    numbers(options)?;
+    lengths(mesh, group, importance)?;
+    if mesh.triangles.is_empty() {
+        return Err(DecimateError::Empty);
+    }
+    if let Some(i) = mesh.positions.iter().position(|p| !p.is_finite()) {
+        return Err(DecimateError::Position(i));
+    }
+    if options.keep_uvs {
+        let bad = |name, i: Option<usize>| i.map_or(Ok(()), |i| Err(DecimateError::Attribute(name, i)));
+        bad("normal", mesh.normals.iter().position(|p| !p.is_finite()))?;
+        bad("uv", mesh.uvs.iter().position(|p| !p.is_finite()))?;
+        bad("uv1", mesh.uvs1.iter().position(|p| !p.is_finite()))?;
+        bad("color", mesh.colors.iter().position(|p| !p.is_finite()))?;
+    }
+    if let Some(i) = importance.iter().position(|w| !(w.is_finite() && *w >= 0.0)) {
+        return Err(DecimateError::Importance(i));
+    }
+    let vertices = mesh.positions.len();
+    for (triangle, t) in mesh.triangles.iter().enumerate() {
+        if let Some(&vertex) = t.iter().find(|&&i| i as usize >= vertices) {
+            return Err(DecimateError::Index { triangle, vertex, vertices });
+        }
+    }
+    Ok(())
+}
+
+/// Welds and cleans; the mesh is valid.
+pub(super) fn clean(mesh: &Mesh, group: &[u32], options: &Options) -> Result<Soup, DecimateError> {
+    let point = |i: u32| {
+        let p = mesh.positions[i as usize];
+        DVec3::new(f64::from(p.x), f64::from(p.y), f64::from(p.z))
+    };
+    let mut used = vec![u32::MAX; mesh.positions.len()];
+    let mut origin = Vec::new();
+    for &i in mesh.triangles.iter().flatten() {
+        if used[i as usize] == u32::MAX {
+            used[i as usize] = 0;
+        }
+    }
+    let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for i in 0..used.len() as u32 {
+        if used[i as usize] == 0 {
+            used[i as usize] = origin.len() as u32;
+            origin.push(i);
+            (lo, hi) = (lo.min(point(i)), hi.max(point(i)));
+        }
+    }
+    let (centre, diagonal) = ((lo + hi) * 0.5, (hi - lo).length());
+    if diagonal <= 0.0 {
+        return Err(DecimateError::Empty);
+    }
+    let points: Vec<DVec3> = origin.iter().map(|&i| (point(i) - centre) / diagonal).collect();
+    let (map, count) = weld(&points, options.merge_tolerance);
+    let mut positions = vec![DVec3::NAN; count];
+    let mut first = vec![0; count];
+    for (k, &c) in map.iter().enumerate() {
+        if positions[c as usize].is_nan() {
+            positions[c as usize] = points[k];
+            first[c as usize] = origin[k];
+        }
+    }
+    let double = |t: usize| {
+        let g = group.get(t).copied().unwrap_or(0) as usize;
+        options.double_sided.get(g).copied().unwrap_or(false)
+    };
+    let mut triangles: Vec<[u32; 3]> = Vec::with_capacity(mesh.triangles.len());
+    let mut source = Vec::with_capacity(mesh.triangles.len());
+    for (t, corners) in mesh.triangles.iter().enumerate() {
+        let c = corners.map(|i| map[used[i as usize] as usize]);
+        if c[0] != c[1] && c[1] != c[2] && c[2] != c[0] {
+            triangles.push(c);
+            source.push(t as u32);
+        }
+    }
+    let keep = unique(&triangles, |k| double(source[k] as usize));
+    let mut kept = keep.iter().copied();
+    triangles.retain(|_| kept.next().unwrap_or(false));
+    let mut kept = keep.iter().copied();
+    source.retain(|_| kept.next().unwrap_or(false));
+    if triangles.is_empty() {
+        return Err(DecimateError::Empty);
+    }
+    let cleaned = mesh.triangles.len() - triangles.len();
+    Ok(Soup { centre, diagonal, positions, origin: first, triangles, source, cleaned })
+}
+
+/// Sorted corners and whether the order is an odd permutation.
+fn canonical(t: [u32; 3]) -> ([u32; 3], bool) {
+    let mut s = t;
+    s.sort_unstable();
+    let even = s == t || s == [t[1], t[2], t[0]] || s == [t[2], t[0], t[1]];
+    (s, !even)
+}
+
+/// False for every triangle that repeats an earlier one (of the same orientation unless seen from both sides).
+fn unique(triangles: &[[u32; 3]], double: impl Fn(usize) -> bool) -> Vec<bool> {
+    let mut order: Vec<([u32; 3], bool, u32)> = triangles
+        .iter()
+        .enumerate()
+        .map(|(k, &t)| {
+            let (s, odd) = canonical(t);
+            (s, odd && !double(k), k as u32)
+        })
+        .collect();
+    order.sort_unstable();
+    let mut keep = vec![true; triangles.len()];
+    for pair in order.windows(2) {
+        if (pair[0].0, pair[0].1) == (pair[1].0, pair[1].1) {
+            keep[pair[1].2 as usize] = false;
+        }
+    }
+    keep
+}

@@ -1,0 +1,222 @@
+//! Initial quadrics, borders and components of a cleaned mesh.
+
+use super::Options;
+use super::clean::Soup;
+use super::components::components;
+use super::engine::{Engine, Members, Part, Scratch};
+use super::quadric::Quadric;
+use super::topology::Topology;
+use super::wedge::Wedges;
+use crate::Mesh;
+use glam::DVec3;
+use nalgebra::Matrix3;
+
+/// Smallest weight of a triangle relative to the mean: keeps quadrics of unseen regions well defined.
+const LEAST_IMPORTANCE: f64 = 1e-6;
+
+fn corner_points(positions: &[DVec3], t: [u32; 3]) -> [DVec3; 3] {
+    t.map(|i| positions[i as usize])
+}
+
+fn area_of(p: [DVec3; 3]) -> f64 {
+    0.5 * (p[1] - p[0]).cross(p[2] - p[0]).length()
+}
+
+/// Importance of each triangle over its area-weighted mean.
+fn relative_importance(soup: &Soup, importance: &[f32]) -> Vec<f64> {
+    let of = |k: usize| importance.get(soup.source[k] as usize).map_or(1.0, |&w| f64::from(w));
+    let (mut sum, mut total) = (0.0, 0.0);
+    for (k, &t) in soup.triangles.iter().enumerate() {
+        let area = area_of(corner_points(&soup.positions, t));
+        sum += area * of(k);
+        total += area;
+    }
+    let mean = if sum > 0.0 { sum / total } else { 1.0 };
+    (0..soup.triangles.len()).map(|k| (of(k) / mean).max(LEAST_IMPORTANCE)).collect()
+}
+
+/// Drops triangles of importance zero none of whose vertices is on a visible triangle; returns how many.
+pub(super) fn drop_unseen(soup: &mut Soup, importance: &[f32]) -> usize {
+    let seen: Vec<bool> =
+        soup.source.iter().map(|&s| importance.get(s as usize).is_none_or(|&w| w > 0.0)).collect();
+    let mut near = vec![false; soup.positions.len()];
+    for (t, _) in soup.triangles.iter().zip(&seen).filter(|(_, s)| **s) {
+        for &v in t {
+            near[v as usize] = true;
+        }
+    }
+    let keep: Vec<bool> = soup.triangles.iter().map(|t| t.iter().any(|&v| near[v as usize])).collect();
+    let before = soup.triangles.len();
+    if !keep.contains(&true) {
+        return 0;
+    }
+    let mut k = keep.iter().copied();
+    soup.triangles.retain(|_| k.next().unwrap_or(true));
+    let mut k = keep.iter().copied();
+    soup.source.retain(|_| k.next().unwrap_or(true));
+    before - soup.triangles.len()
+}
+
+/// Builds the state for a cleaned mesh.
+pub(super) fn engine<'a>(
+    mesh: &Mesh,
+    soup: Soup,
+    group: &[u32],
+    importance: &[f32],
+    options: &'a Options,
+) -> Engine<'a> {
+    let mut weight = relative_importance(&soup, importance);
+    let (part, parts) = parts(&soup, &mut weight, options.thin_power);
+    let group: Vec<u32> = soup.source.iter().map(|&s| group.get(s as usize).copied().unwrap_or(0)).collect();
+    let mut wedges = options
+        .keep_uvs
+        .then(|| Wedges::new(mesh, &soup, options.normal_weight, options.uv_weight))
+        .filter(|w| w.width > 0);
+    let n = soup.positions.len();
+    let mut quadrics = vec![Quadric::default(); n];
+    let mut areas = vec![0.0; n];
+    for (k, &t) in soup.triangles.iter().enumerate() {
+        let p = corner_points(&soup.positions, t);
+        let cross = (p[1] - p[0]).cross(p[2] - p[0]);
+        let area = 0.5 * cross.length();
+        let w = weight[k] * area / 3.0;
+        let normal = cross.normalize_or_zero();
+        let centre = (p[0] + p[1] + p[2]) / 3.0;
+        let mut q = Quadric::linear(normal, -normal.dot(p[0]), w);
+        q.add(&Quadric::point(centre, w * options.regularity));
+        q.weight = w;
+        if let Some(wedges) = &mut wedges {
+            q.add(&wedges.add_face(k, p, w));
+        }
+        for i in t {
+            quadrics[i as usize].add(&q);
+            areas[i as usize] += area / 3.0;
+        }
+    }
+    let topology = Topology::new(soup.triangles, n);
+    let mut engine = Engine {
+        options,
+        topology,
+        positions: soup.positions,
+        origin: soup.origin,
+        quadrics,
+        area: areas,
+        version: vec![0; n],
+        border: vec![false; n],
+        group,
+        members: Members::new(&part, parts.len()),
+        part,
+        parts,
+        wedges,
+        worst: 0.0,
+        scratch: Scratch { mark: vec![0; n], ..Scratch::default() },
+    };
+    hold_edges(&mut engine, &weight);
+    engine
+}
+
+/// Adds the planes that hold borders, group edges and seams, and marks border vertices.
+fn hold_edges(engine: &mut Engine<'_>, weight: &[f64]) {
+    let edges = engine.topology.edges();
+    let mut start = 0;
+    while start < edges.len() {
+        let key = edges[start].0;
+        let mut end = start + 1;
+        while end < edges.len() && edges[end].0 == key {
+            end += 1;
+        }
+        let faces = &edges[start..end];
+        let (a, b) = ((key >> 32) as u32, key as u32);
+        start = end;
+        if faces.len() == 1 {
+            engine.border[a as usize] = true;
+            engine.border[b as usize] = true;
+        }
+        let strength = edge_weight(engine, a, b, faces);
+        if strength <= 0.0 {
+            continue;
+        }
+        let (p, r) = (engine.positions[a as usize], engine.positions[b as usize]);
+        for &(_, t) in faces {
+            let c = corner_points(&engine.positions, engine.topology.triangles[t as usize]);
+            let normal = (c[1] - c[0]).cross(c[2] - c[0]).normalize_or_zero();
+            let side = (r - p).cross(normal).normalize_or_zero();
+            let w = strength * weight[t as usize] * p.distance_squared(r);
+            let q = Quadric::linear(side, -side.dot(p), w);
+            engine.quadrics[a as usize].add(&q);
+            engine.quadrics[b as usize].add(&q);
+        }
+    }
+}
+
+/// Weight of the planes along an edge with these faces; 0 for an ordinary edge.
+fn edge_weight(engine: &Engine<'_>, a: u32, b: u32, faces: &[(u64, u32)]) -> f64 {
+    let o = engine.options;
+    if faces.len() == 1 {
+        return o.border_weight;
+    }
+    let first = faces[0].1 as usize;
+    if faces.iter().any(|f| engine.group[f.1 as usize] != engine.group[first]) {
+        return o.group_weight;
+    }
+    let Some(wedges) = &engine.wedges else { return 0.0 };
+    let at = |t: usize, v: u32| {
+        let k = engine.topology.triangles[t].iter().position(|&x| x == v).unwrap_or(0);
+        wedges.corners[t][k]
+    };
+    let seam = faces[1..].iter().any(|f| {
+        let t = f.1 as usize;
+        at(t, a) != at(first, a) || at(t, b) != at(first, b)
+    });
+    if seam { o.seam_weight } else { 0.0 }
+}
+
+/// Components with their weighted area and thickness.
+///
+/// Multiplies the weights of thin components.
+fn parts(soup: &Soup, weight: &mut [f64], thin_power: f64) -> (Vec<u32>, Vec<Part>) {
+    let (label, count) = components(&soup.triangles, soup.positions.len());
+    let mut parts = vec![Part::default(); count];
+    let mut area = vec![0.0; count];
+    let mut mean = vec![DVec3::ZERO; count];
+    for (k, &t) in soup.triangles.iter().enumerate() {
+        let p = corner_points(&soup.positions, t);
+        let (a, c) = (area_of(p), label[k] as usize);
+        area[c] += a;
+        mean[c] += (p[0] + p[1] + p[2]) * (a / 3.0);
+        parts[c].live += 1;
+    }
+    for (m, a) in mean.iter_mut().zip(&area) {
+        *m /= a.max(f64::MIN_POSITIVE);
+    }
+    let mut moments = vec![Matrix3::<f64>::zeros(); count];
+    for (k, &t) in soup.triangles.iter().enumerate() {
+        let p = corner_points(&soup.positions, t);
+        let c = label[k] as usize;
+        // Exact second moment of a triangle: area / 12 (sum of v v' + 9 m m') with m the centroid.
+        let d = p.map(|x| x - mean[c]);
+        let m = d[0] + d[1] + d[2];
+        let w = area_of(p) / 12.0;
+        for x in [d[0], d[1], d[2], m] {
+            let x = nalgebra::Vector3::new(x.x, x.y, x.z);
+            moments[c] += x * x.transpose() * w;
+        }
+    }
+    for c in 0..count {
+        let m = moments[c] / area[c].max(f64::MIN_POSITIVE);
+        let mut e = m.symmetric_eigenvalues().as_slice().to_vec();
+        e.sort_by(f64::total_cmp);
+        parts[c].thickness2 = (2.0 * e[1]).max(0.0);
+    }
+    // Powers of squares: half the exponent; a factor above 1000 would only drown everything else.
+    let thick = parts.iter().fold(0.0, |a: f64, p| a.max(p.thickness2));
+    let factor = |p: &Part| (thick / p.thickness2.max(1e-6 * thick)).powf(0.5 * thin_power).min(1e3);
+    for (k, &t) in soup.triangles.iter().enumerate() {
+        let part = &mut parts[label[k] as usize];
+        if thick > 0.0 {
+            weight[k] *= factor(part);
+        }
+        part.area += area_of(corner_points(&soup.positions, t)) * weight[k];
+    }
+    (label, parts)
+}

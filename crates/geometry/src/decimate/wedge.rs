@@ -1,0 +1,217 @@
+//! Vertex attributes as wedges with attribute quadrics (Hoppe 1999).
+//!
+//! A wedge is one set of attributes at a position; the corners of triangles point to wedges. Over a face each
+//! attribute is `s(x) = g.x + d`. For a wedge with value `s` the error is `sum area (g.x + d - s)^2`; its best value
+//! `s = sum area (g.x + d) / sum area` is linear in the position, so `s` is eliminated and a plain quadric is left.
+
+use super::clean::Soup;
+use super::quadric::Quadric;
+use crate::Mesh;
+use glam::DVec3;
+
+/// Attributes per corner, scaled so that one unit counts as one bounding diagonal.
+#[derive(Debug)]
+pub(super) struct Wedges {
+    /// Attributes per wedge.
+    pub(super) width: usize,
+    /// Wedge of each corner.
+    pub(super) corners: Vec<[u32; 3]>,
+    /// Scaled values, `width` per wedge.
+    pub(super) values: Vec<f64>,
+    /// Per wedge: area, then `width` times `(sum area g, sum area d)`.
+    forms: Vec<f64>,
+    /// Where the uvs start within a wedge.
+    pub(super) uv: Option<usize>,
+    scale: Vec<f64>,
+}
+
+/// Wedges at the two ends of an edge that become one.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pairing {
+    /// Wedge.
+    pub(super) wedge: u32,
+    /// First wedge of its class.
+    pub(super) class: u32,
+    /// Whether it sits at the second end.
+    pub(super) second: bool,
+}
+
+impl Wedges {
+    /// Wedges of a cleaned mesh: input vertices with equal position and attributes share one.
+    pub(super) fn new(mesh: &Mesh, soup: &Soup, normal_weight: f64, uv_weight: f64) -> Self {
+        let mut scale = Vec::new();
+        let floor = |w: f64| w.max(1e-6);
+        if !mesh.normals.is_empty() {
+            scale.extend([floor(normal_weight); 3]);
+        }
+        let uv = (!mesh.uvs.is_empty()).then_some(scale.len());
+        if !mesh.uvs.is_empty() {
+            scale.extend([floor(uv_weight); 2]);
+        }
+        if !mesh.uvs1.is_empty() {
+            scale.extend([floor(uv_weight); 2]);
+        }
+        if !mesh.colors.is_empty() {
+            scale.extend([floor(normal_weight); 4]);
+        }
+        let row = |i: u32| {
+            let i = i as usize;
+            let n = mesh.normals.get(i).into_iter().flat_map(|v| v.to_array());
+            let u = mesh.uvs.get(i).into_iter().flat_map(|v| v.to_array());
+            let u1 = mesh.uvs1.get(i).into_iter().flat_map(|v| v.to_array());
+            let c = mesh.colors.get(i).into_iter().flat_map(|v| v.to_array());
+            n.chain(u).chain(u1).chain(c).map(|x| x + 0.0)
+        };
+        let mut order: Vec<(u32, u32)> = Vec::with_capacity(soup.triangles.len() * 3);
+        for (t, c) in soup.triangles.iter().enumerate() {
+            let input = mesh.triangles[soup.source[t] as usize];
+            order.extend((0..3).map(|k| (c[k], input[k])));
+        }
+        order.sort_unstable();
+        order.dedup();
+        order.sort_by(|a, b| {
+            a.0.cmp(&b.0).then_with(|| row(a.1).map(f32::to_bits).cmp(row(b.1).map(f32::to_bits)))
+        });
+        let mut values = Vec::new();
+        let mut count = 0_u32;
+        let mut named: Vec<((u32, u32), u32)> = Vec::with_capacity(order.len());
+        for (k, &(v, i)) in order.iter().enumerate() {
+            let fresh = k == 0
+                || order[k - 1].0 != v
+                || !row(order[k - 1].1).map(f32::to_bits).eq(row(i).map(f32::to_bits));
+            if fresh {
+                values.extend(row(i).zip(&scale).map(|(x, s)| f64::from(x) * s));
+                count += 1;
+            }
+            named.push(((v, i), count - 1));
+        }
+        named.sort_unstable();
+        let find = |v: u32, i: u32| named.binary_search_by_key(&(v, i), |e| e.0).map_or(0, |k| named[k].1);
+        let corners = soup
+            .triangles
+            .iter()
+            .zip(&soup.source)
+            .map(|(c, &s)| {
+                let input = mesh.triangles[s as usize];
+                [find(c[0], input[0]), find(c[1], input[1]), find(c[2], input[2])]
+            })
+            .collect();
+        let width = scale.len();
+        Self { width, corners, values, forms: vec![0.0; count as usize * (1 + 4 * width)], uv, scale }
+    }
+
+    /// Value of attribute `j` of a wedge.
+    #[inline]
+    fn value(&self, wedge: u32, j: usize) -> f64 {
+        self.values[wedge as usize * self.width + j]
+    }
+
+    #[inline]
+    fn form(&self, wedge: u32) -> &[f64] {
+        let n = 1 + 4 * self.width;
+        &self.forms[wedge as usize * n..][..n]
+    }
+
+    /// Adds a face: its forms go to its three wedges, its gradient part is returned for the vertices.
+    pub(super) fn add_face(&mut self, t: usize, p: [DVec3; 3], area: f64) -> Quadric {
+        let (e, f) = (p[1] - p[0], p[2] - p[0]);
+        let (ee, ef, ff) = (e.length_squared(), e.dot(f), f.length_squared());
+        let det = ee * ff - ef * ef;
+        // Gradients of slivers explode; they count as constant.
+        let regular = det > 1e-6 * (ee + ff) * (ee + ff);
+        let mut sum = Quadric::default();
+        let n = 1 + 4 * self.width;
+        for j in 0..self.width {
+            let s = self.corners[t].map(|w| self.value(w, j));
+            let (mut g, mut d) = (DVec3::ZERO, (s[0] + s[1] + s[2]) / 3.0);
+            if regular {
+                let (a, b) = (s[1] - s[0], s[2] - s[0]);
+                g = e * ((a * ff - b * ef) / det) + f * ((b * ee - a * ef) / det);
+                d = s[0] - g.dot(p[0]);
+            }
+            sum.add(&Quadric::linear(g, d, area));
+            for w in self.corners[t] {
+                let at = &mut self.forms[w as usize * n + 1 + 4 * j..][..4];
+                at[0] += area * g.x;
+                at[1] += area * g.y;
+                at[2] += area * g.z;
+                at[3] += area * d;
+            }
+        }
+        for w in self.corners[t] {
+            self.forms[w as usize * n] += area;
+        }
+        sum
+    }
+
+    /// Sum of the forms of a class into `out` (`1 + 4 width` numbers).
+    fn gather(&self, pairs: &[Pairing], class: u32, out: &mut Vec<f64>) {
+        out.clear();
+        out.resize(1 + 4 * self.width, 0.0);
+        for p in pairs.iter().filter(|p| p.class == class) {
+            for (o, x) in out.iter_mut().zip(self.form(p.wedge)) {
+                *o += x;
+            }
+        }
+    }
+
+    /// Takes from `q` what choosing the best attribute values saves.
+    pub(super) fn eliminate(&self, pairs: &[Pairing], q: &mut Quadric, scratch: &mut Vec<f64>) {
+        for p in pairs.iter().filter(|p| p.class == p.wedge) {
+            self.gather(pairs, p.class, scratch);
+            if scratch[0] > 0.0 {
+                let w = 1.0 / scratch[0];
+                for f in scratch[1..].chunks_exact(4) {
+                    q.sub(&Quadric::linear(DVec3::new(f[0], f[1], f[2]), f[3], w));
+                }
+            }
+        }
+    }
+
+    /// Best values of every class for a collapse to `x` from `ends`, `width` per class in the order of `pairs`.
+    pub(super) fn solve(
+        &self,
+        pairs: &[Pairing],
+        x: DVec3,
+        ends: [DVec3; 2],
+        scratch: &mut Vec<f64>,
+        out: &mut Vec<f64>,
+    ) {
+        out.clear();
+        for p in pairs.iter().filter(|p| p.class == p.wedge) {
+            self.gather(pairs, p.class, scratch);
+            let area = scratch[0];
+            for j in 0..self.width {
+                let f = &scratch[1 + 4 * j..][..4];
+                let g = DVec3::new(f[0], f[1], f[2]);
+                let slope = if area > 0.0 { g.length() / area } else { 0.0 };
+                let (mut lo, mut hi, mut mean, mut n) = (f64::INFINITY, f64::NEG_INFINITY, 0.0, 0.0);
+                for m in pairs.iter().filter(|m| m.class == p.class) {
+                    let reach = slope * x.distance(ends[usize::from(m.second)]);
+                    let s = self.value(m.wedge, j);
+                    (lo, hi) = (lo.min(s - reach), hi.max(s + reach));
+                    (mean, n) = (mean + s, n + 1.0);
+                }
+                let best = if area > 0.0 { (g.dot(x) + f[3]) / area } else { mean / n };
+                out.push(best.clamp(lo, hi));
+            }
+        }
+    }
+
+    /// Merges every class into its first wedge with the values of [`Self::solve`].
+    pub(super) fn merge(&mut self, pairs: &[Pairing], solved: &[f64], scratch: &mut Vec<f64>) {
+        let n = 1 + 4 * self.width;
+        for (k, p) in pairs.iter().filter(|p| p.class == p.wedge).enumerate() {
+            self.gather(pairs, p.class, scratch);
+            self.forms[p.class as usize * n..][..n].copy_from_slice(scratch);
+            self.values[p.class as usize * self.width..][..self.width]
+                .copy_from_slice(&solved[k * self.width..][..self.width]);
+        }
+    }
+
+    /// Attributes of a wedge in the input's scale.
+    pub(super) fn unscaled(&self, wedge: u32) -> impl Iterator<Item = f32> {
+        let row = &self.values[wedge as usize * self.width..][..self.width];
+        row.iter().zip(&self.scale).map(|(x, s)| (x / s) as f32)
+    }
+}
