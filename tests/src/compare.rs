@@ -73,11 +73,13 @@ pub fn compare(
     Ok(found)
 }
 
-/// The difference as a picture `[height, width, 3]`: black for none, yellow at the bound, red from four times the bound.
+/// The difference as a picture `[height, width, 3]`: black for none, yellow at `sample`, red from four times that.
+///
+/// `step` is the quantisation step of the stored image; what it explains is left out.
 ///
 /// # Panics
 /// If the shapes differ.
-pub fn heat(actual: &Image, expected: &Image, bound: f32) -> Image {
+pub fn heat(actual: &Image, expected: &Image, step: f32, sample: f32) -> Image {
     assert_eq!(
         (actual.width, actual.height, actual.channels),
         (expected.width, expected.height, expected.channels),
@@ -87,7 +89,7 @@ pub fn heat(actual: &Image, expected: &Image, bound: f32) -> Image {
     let samples = actual.data.chunks_exact(actual.channels).zip(expected.data.chunks_exact(actual.channels));
     for ((a, b), rgb) in samples.zip(out.data.chunks_exact_mut(3)) {
         let worst = a.iter().zip(b).map(|(a, b)| distance(*a, *b)).fold(0.0, f32::max);
-        let ratio = worst / bound.max(f32::MIN_POSITIVE);
+        let ratio = (worst - 0.5 * step).max(0.0) / sample.max(f32::MIN_POSITIVE);
         rgb[0] = ratio.min(1.0);
         rgb[1] = if ratio <= 1.0 { ratio } else { ((4.0 - ratio) / 3.0).max(0.0) };
     }
@@ -169,7 +171,8 @@ mod tests {
     fn the_heat_map_marks_what_exceeds_the_bound() {
         let a = Image::new(3, 1, 1);
         let b = Image::from_data(3, 1, 1, vec![0.0, 0.1, 0.9]);
-        let map = heat(&a, &b, 0.1);
+        let map = heat(&a, &b, 0.0, 0.1);
         assert_eq!(map.data, [0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0, 0.0, 0.0]);
+        assert_eq!(heat(&a, &b, 0.2, 0.1).data[3..6], [0.0; 3], "half a step is left out");
     }
 }

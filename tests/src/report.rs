@@ -16,7 +16,7 @@ use crate::suite::Outcome;
 const HEAD: &str = "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Golden images</title><style>\
 body{font:15px system-ui,sans-serif;margin:2rem;background:#fafafa;color:#222}\
 section{background:#fff;border:1px solid #ddd;border-left:6px solid #2a2;margin:1rem 0;padding:.6rem 1rem}\
-section.failed{border-left-color:#c22}figure{display:inline-block;margin:.4rem 1rem .4rem 0}\
+section.failed{border-left-color:#c22}figure{display:inline-block;vertical-align:top;width:288px;margin:.4rem 1rem .4rem 0}\
 img{image-rendering:pixelated;width:288px;background:repeating-conic-gradient(#ccc 0 25%,#fff 0 50%) 0/16px 16px}\
 figcaption{color:#666}td{padding:0 1rem 0 0}</style><h1>Golden images</h1>\n";
 
@@ -60,8 +60,9 @@ fn section(text: &mut String, outcome: &Outcome) -> Result<()> {
     if let Some(expected) = &outcome.expected {
         figure(text, "expected", expected, outcome.case.format)?;
         if let Ok(d) = &outcome.result {
-            let map = heat(&outcome.actual, expected, d.bound);
-            figure(text, "difference: yellow at the bound, red at 4 times", &map, Format::Png)?;
+            let case = outcome.case;
+            let map = heat(&outcome.actual, expected, case.format.step(), case.tolerance.sample);
+            figure(text, "difference, yellow at the bound", &map, Format::Png)?;
             writeln!(
                 text,
                 "<table><tr><td>largest difference<td>{:.3e} at ({}, {})<tr><td>root mean square<td>{:.3e}\

@@ -129,7 +129,7 @@ fn encode_exr(image: &Image) -> Result<Vec<u8>> {
     let layer = ex::Layer::new(
         (image.width, image.height),
         ex::LayerAttributes::default(),
-        ex::Encoding::FAST_LOSSLESS,
+        ex::Encoding::SMALL_LOSSLESS,
         ex::AnyChannels::sort(list),
     );
     let mut bytes = Cursor::new(Vec::new());

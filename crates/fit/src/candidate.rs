@@ -10,7 +10,7 @@ use photofit_geometry::weld::weld_exact;
 use photofit_geometry::{Csr, Edges, Incidence, Mesh, Weld, laplacian};
 use photofit_raster::antialias::Topology;
 use photofit_raster::deferred::{self, Frame, Geometry, Gradients, Passes, View};
-use photofit_raster::loss::Loss;
+use photofit_raster::loss::{self, Loss};
 use photofit_raster::project::matrix_rows;
 use photofit_raster::texture::Pyramid;
 use photofit_raster::{CHANNELS, Maps};
@@ -100,6 +100,17 @@ impl Candidate {
         !self.alpha.is_empty()
     }
 
+    /// Replaces the maps (of the same size).
+    ///
+    /// # Panics
+    /// If the size differs.
+    pub fn set_maps(&mut self, maps: Maps) {
+        let base = &mut self.maps.levels[0];
+        assert_eq!((base.width, base.height), (maps.width, maps.height), "maps of the same size");
+        *base = maps;
+        self.maps.rebuild();
+    }
+
     /// The vertex arrays for the present positions.
     pub fn vertices(&self) -> Vertices {
         let positions = self.smooth.weld.expand(&self.positions);
@@ -167,14 +178,10 @@ impl Candidate {
         let weight = 1.0 / shots.len().max(1) as f64;
         for shot in shots {
             let frame = self.render(&vertices, shot, lod_bias, passes);
-            let rgb: Vec<f32> = frame.color.iter().flat_map(|c| [c[0], c[1], c[2]]).collect();
-            let mut g_rgb = vec![0.0; rgb.len()];
-            let value =
-                loss.value_and_gradient(&rgb, &shot.reference, shot.width, shot.height, 3, None, &mut g_rgb);
-            total += value * weight;
-            let scale = weight as f32;
-            let g: Vec<[f32; 4]> =
-                g_rgb.chunks_exact(3).map(|g| [g[0] * scale, g[1] * scale, g[2] * scale, 0.0]).collect();
+            let mut g = vec![[0.0; 4]; frame.color.len()];
+            let shape = loss::Frame::new(shot.width, shot.height, 4).only(0..3);
+            let (x, y) = (frame.color.as_flattened(), shot.reference.as_flattened());
+            total += loss.value_and_gradient(x, y, &shape, weight, g.as_flattened_mut());
             let lights = shot.lights.lights();
             let view = view(shot, &lights, lod_bias);
             let geometry = self.geometry(&vertices);

@@ -1,1 +1,14 @@
-//! photofit fit.
+//! Fitting 3D assets to images: the tasks that join the other crates.
+//!
+//! [`simplify`] takes a heavy asset and gives back a light one that looks the same.
+
+pub mod bake;
+pub mod candidate;
+mod error;
+mod progress;
+pub mod simplify;
+pub mod views;
+pub mod visibility;
+
+pub use error::FitError;
+pub use progress::{Progress, Silent};

@@ -4,7 +4,7 @@
 
 use glam::Vec3;
 use photofit_image::Image;
-use photofit_sampling::Rng;
+use photofit_sampling::{Rng, uniform_sphere};
 use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::Camera;
 use photofit_shading::{Environment, Light, Yaw};
@@ -83,7 +83,7 @@ pub fn setup(set: Set, index: u64, count: u64, seed: u64, lighting: &Lighting) -
     let mut rng = Rng::new(seed, stream + index);
     let framing = 1.0 / HALF_TANGENT.atan().sin();
     let (direction, distance) = match set {
-        Set::Train => (sphere(&mut rng), framing * rng.range(0.72, 1.1)),
+        Set::Train => (sphere(&mut rng), framing * rng.uniform(0.72, 1.1)),
         Set::HeldOut | Set::Report => {
             (fibonacci(index, count, if set == Set::Report { 0.7 } else { 2.1 }), framing * 1.01)
         }
@@ -99,7 +99,7 @@ pub fn setup(set: Set, index: u64, count: u64, seed: u64, lighting: &Lighting) -
         distance + 1.5,
     );
     if set == Set::Train {
-        let shift = glam::vec3(rng.range(-0.12, 0.12), rng.range(-0.12, 0.12), 0.0);
+        let shift = glam::vec3(rng.uniform(-0.12, 0.12), rng.uniform(-0.12, 0.12), 0.0);
         camera.view = glam::Mat4::from_translation(shift) * camera.view;
         camera.eye = camera.view.inverse().transform_point3(Vec3::ZERO);
     }
@@ -111,31 +111,29 @@ fn lights(rng: &mut Rng, towards_camera: Vec3, lighting: &Lighting) -> ShotLight
         Lighting::Point => {
             // Cosine-weighted about the camera's direction.
             let (s, t) = towards_camera.any_orthonormal_pair();
-            let (u, a) = (rng.range(0.0, 1.0), rng.range(0.0, std::f32::consts::TAU));
+            let (u, a) = (rng.uniform(0.0, 1.0), rng.uniform(0.0, std::f32::consts::TAU));
             let r = u.sqrt();
             let d = s * (r * a.cos()) + t * (r * a.sin()) + towards_camera * (1.0 - u).max(0.0).sqrt();
             let distance = 3.0;
-            let irradiance = rng.range(2.0, 3.2);
+            let irradiance = rng.uniform(2.0, 3.2);
             let p = d * distance;
             ShotLights {
                 point: Some((vec3(p.x, p.y, p.z), Vec3f::splat(irradiance * distance * distance))),
-                ambient: Vec3f::splat(rng.range(0.1, 0.35)),
+                ambient: Vec3f::splat(rng.uniform(0.1, 0.35)),
                 environment: None,
             }
         }
         Lighting::Environment(map) => ShotLights {
             point: None,
             ambient: Vec3f::zero(),
-            environment: Some((map.clone(), rng.range(0.0, std::f32::consts::TAU))),
+            environment: Some((map.clone(), rng.uniform(0.0, std::f32::consts::TAU))),
         },
     }
 }
 
 fn sphere(rng: &mut Rng) -> Vec3 {
-    let z = rng.range(-1.0f32, 1.0);
-    let a = rng.range(0.0, std::f32::consts::TAU);
-    let r = (1.0 - z * z).max(0.0).sqrt();
-    Vec3::new(r * a.cos(), z, r * a.sin())
+    let d: Vec3f = uniform_sphere([rng.next_f32(), rng.next_f32()]);
+    Vec3::new(d.x, d.y, d.z)
 }
 
 fn fibonacci(index: u64, count: u64, turn: f32) -> Vec3 {
@@ -171,7 +169,7 @@ impl Shot {
         assert_eq!(picture.channels, 4, "a premultiplied RGBA picture");
         let mut rng = Rng::new(seed, STREAM_BACKGROUND + index);
         let background: Vec<[f32; 3]> = (0..picture.pixels())
-            .map(|_| [rng.range(0.0, 0.8), rng.range(0.0, 0.8), rng.range(0.0, 0.8)])
+            .map(|_| [rng.uniform(0.0, 0.8), rng.uniform(0.0, 0.8), rng.uniform(0.0, 0.8)])
             .collect();
         let reference = picture
             .data

@@ -7,6 +7,7 @@
 
 use crate::Image;
 use photofit_scalar::Real;
+use rayon::prelude::*;
 
 /// Width and height of the next smaller level; `1` stays `1`.
 #[inline]
@@ -21,7 +22,7 @@ pub fn mip_levels(width: usize, height: usize) -> usize {
 }
 
 /// First source texel, number of taps and weights of output texel `i` of a row of `n`.
-#[inline]
+#[inline(always)]
 fn taps<T: Real>(i: usize, n: usize) -> (usize, usize, [T; 3]) {
     if n == 1 {
         return (0, 1, [T::one(), T::zero(), T::zero()]);
@@ -30,48 +31,88 @@ fn taps<T: Real>(i: usize, n: usize) -> (usize, usize, [T; 3]) {
     if n.is_multiple_of(2) {
         return (2 * i, 2, [half, half, T::zero()]);
     }
-    let (m, n) = ((n / 2) as f64, n as f64);
-    let i_f = i as f64;
+    let (m, n, i_f) = ((n / 2) as f64, n as f64, i as f64);
     (2 * i, 3, [T::of((m - i_f) / n), T::of(m / n), T::of((i_f + 1.0) / n)])
+}
+
+/// The transpose of [`taps`]: the output texels that read texel `v` of a row of `n`, and their weights for it.
+#[inline(always)]
+fn parents<T: Real>(v: usize, n: usize) -> ([usize; 2], usize, [T; 2]) {
+    if n == 1 {
+        return ([0, 0], 1, [T::one(), T::zero()]);
+    }
+    if n.is_multiple_of(2) {
+        return ([v / 2, 0], 1, [T::of(0.5), T::zero()]);
+    }
+    let (m, n_f, i) = (n / 2, n as f64, v / 2);
+    if !v.is_multiple_of(2) {
+        return ([i, 0], 1, [T::of(m as f64 / n_f), T::zero()]);
+    }
+    // An even texel lies in two outputs, but for the first and the last one.
+    let (before, after) = (T::of(i as f64 / n_f), T::of((m - i) as f64 / n_f));
+    if i == 0 {
+        ([0, 0], 1, [after, T::zero()])
+    } else if i == m {
+        ([m - 1, 0], 1, [before, T::zero()])
+    } else {
+        ([i - 1, i], 2, [before, after])
+    }
 }
 
 fn check_shapes(source: usize, smaller: usize, (width, height): (usize, usize), channels: usize) {
     let (w, h) = mip_size(width, height);
-    assert!(width > 0 && height > 0, "a level has pixels");
+    assert!(width > 0 && height > 0 && channels > 0, "a level has pixels with channels");
     assert_eq!(source, width * height * channels, "one sample per pixel and channel");
     assert_eq!(smaller, w * h * channels, "the next level has the size `mip_size`");
+}
+
+/// Rows that one task works on, for rows of `len` samples.
+fn rows_per_task(len: usize) -> usize {
+    (1_usize << 14).div_ceil(len.max(1))
+}
+
+/// `out += weight * row`.
+#[inline(always)]
+fn add_scaled<T: Real>(out: &mut [T], weight: T, row: &[T]) {
+    for (o, r) in out.iter_mut().zip(row) {
+        *o += weight * *r;
+    }
 }
 
 /// Writes the next smaller level of `source` (`height x width x channels`, interleaved) to `smaller`.
 ///
 /// # Panics
-/// If a slice has another length than its level, or the source has no pixels.
+/// If a slice has another length than its level, or the source has no samples.
 pub fn mip_down<T: Real>(source: &[T], width: usize, height: usize, channels: usize, smaller: &mut [T]) {
     check_shapes(source.len(), smaller.len(), (width, height), channels);
-    let (w, h) = mip_size(width, height);
-    for y in 0..h {
-        let (y0, ny, wy) = taps::<T>(y, height);
-        for x in 0..w {
-            let (x0, nx, wx) = taps::<T>(x, width);
-            let out = &mut smaller[(y * w + x) * channels..][..channels];
-            out.fill(T::zero());
-            for (j, wy) in wy.iter().enumerate().take(ny) {
-                for (i, wx) in wx.iter().enumerate().take(nx) {
-                    let weight = *wx * *wy;
-                    let texel = &source[((y0 + j) * width + x0 + i) * channels..][..channels];
-                    for (o, t) in out.iter_mut().zip(texel) {
-                        *o += weight * *t;
-                    }
+    let (w, _) = mip_size(width, height);
+    let (long, short) = ((width * channels).max(1), (w * channels).max(1));
+    let rows = smaller.par_chunks_exact_mut(short).enumerate().with_min_len(rows_per_task(long));
+    rows.for_each_init(
+        || vec![T::zero(); long],
+        |column_sums, (y, out)| {
+            let (first, n, weights) = taps::<T>(y, height);
+            column_sums.fill(T::zero());
+            for (j, weight) in weights.iter().enumerate().take(n) {
+                add_scaled(column_sums, *weight, &source[(first + j) * long..][..long]);
+            }
+            for (x, out) in out.chunks_exact_mut(channels).enumerate() {
+                let (first, n, weights) = taps::<T>(x, width);
+                out.fill(T::zero());
+                for (texel, weight) in
+                    column_sums[first * channels..].chunks_exact(channels).zip(weights).take(n)
+                {
+                    add_scaled(out, weight, texel);
                 }
             }
-        }
-    }
+        },
+    );
 }
 
 /// Adjoint of [`mip_down`]: adds to `grad_source` what `grad_smaller` passes down to each texel.
 ///
 /// # Panics
-/// If a slice has another length than its level, or the source has no pixels.
+/// If a slice has another length than its level, or the source has no samples.
 pub fn mip_down_vjp<T: Real>(
     grad_smaller: &[T],
     width: usize,
@@ -80,23 +121,26 @@ pub fn mip_down_vjp<T: Real>(
     grad_source: &mut [T],
 ) {
     check_shapes(grad_source.len(), grad_smaller.len(), (width, height), channels);
-    let (w, h) = mip_size(width, height);
-    for y in 0..h {
-        let (y0, ny, wy) = taps::<T>(y, height);
-        for x in 0..w {
-            let (x0, nx, wx) = taps::<T>(x, width);
-            let seed = &grad_smaller[(y * w + x) * channels..][..channels];
-            for (j, wy) in wy.iter().enumerate().take(ny) {
-                for (i, wx) in wx.iter().enumerate().take(nx) {
-                    let weight = *wx * *wy;
-                    let texel = &mut grad_source[((y0 + j) * width + x0 + i) * channels..][..channels];
-                    for (t, s) in texel.iter_mut().zip(seed) {
-                        *t += weight * *s;
-                    }
+    let (w, _) = mip_size(width, height);
+    let (long, short) = ((width * channels).max(1), (w * channels).max(1));
+    // A gather over source rows, so that no two tasks write one texel.
+    let rows = grad_source.par_chunks_exact_mut(long).enumerate().with_min_len(rows_per_task(long));
+    rows.for_each_init(
+        || vec![T::zero(); short],
+        |row_sums, (y, grad)| {
+            let (from, n, weights) = parents::<T>(y, height);
+            row_sums.fill(T::zero());
+            for (from, weight) in from.into_iter().zip(weights).take(n) {
+                add_scaled(row_sums, weight, &grad_smaller[from * short..][..short]);
+            }
+            for (x, grad) in grad.chunks_exact_mut(channels).enumerate() {
+                let (from, n, weights) = parents::<T>(x, width);
+                for (from, weight) in from.into_iter().zip(weights).take(n) {
+                    add_scaled(grad, weight, &row_sums[from * channels..][..channels]);
                 }
             }
-        }
-    }
+        },
+    );
 }
 
 /// The full pyramid of an image, the image itself first and one pixel last.
@@ -109,7 +153,7 @@ pub fn mip_down_vjp<T: Real>(
 /// ```
 ///
 /// # Panics
-/// If the image has no pixels.
+/// If the image has no samples.
 pub fn pyramid(base: Image) -> Vec<Image> {
     let mut levels = vec![base];
     while let Some(last) = levels.last().filter(|l| l.width > 1 || l.height > 1) {

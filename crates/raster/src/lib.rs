@@ -13,7 +13,8 @@ pub mod interpolate;
 mod maps;
 pub mod project;
 pub mod rasterize;
-//pub mod scene_render;
+pub mod loss;
+pub mod scene_render;
 pub mod texture;
 
 pub use maps::{CHANNELS, Maps, channel};

@@ -2,8 +2,10 @@
 
 use crate::{Material, Primitive, Scene};
 use glam::Affine3A;
-use photofit_geometry::Mesh;
-use photofit_scalar::{Vec3f, Vec4f, vec2, vec3, vec4};
+use photofit_geometry::tangents::{UvFrames, split_mirrored, vertex_tangents};
+use photofit_geometry::weld::weld_rows;
+use photofit_geometry::{Incidence, Mesh};
+use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3, vec4};
 
 /// All instances of a scene as one world-space mesh; built by [`crate::Scene::flatten`].
 ///
@@ -179,7 +181,41 @@ fn complete(primitive: &Primitive, material: &Material, tangents: bool) -> Mesh 
     mesh
 }
 
-fn with_tangents(mut mesh: Mesh, _material: &Material) -> Mesh {
-    mesh.tangents = mesh.normals.iter().map(|n| n.orthonormal_pair().0.extend(1.0)).collect();
+/// Tangents of MikkTSpace on the coordinates that the normal map is read at.
+fn with_tangents(mesh: Mesh, material: &Material) -> Mesh {
+    let slot = material.normal_texture.as_ref();
+    let uvs = match slot.map_or(0, |s| s.tex_coord) {
+        1 => &mesh.uvs1,
+        _ => &mesh.uvs,
+    };
+    if uvs.is_empty() {
+        return mesh;
+    }
+    let t = slot.map_or([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], |s| s.transform);
+    let apply = |uv: &Vec2f| {
+        vec2(t[0][0] * uv.x + t[0][1] * uv.y + t[0][2], t[1][0] * uv.x + t[1][1] * uv.y + t[1][2])
+    };
+    let uvs: Vec<Vec2f> = uvs.iter().map(apply).collect();
+    let split = split_mirrored(&mesh.triangles, &uvs);
+    let uvs: Vec<Vec2f> = split.source.iter().map(|&v| uvs[v as usize]).collect();
+    let mut mesh = split.apply(&mesh);
+    // Vertices that agree in position, normal, coordinates and orientation share a tangent.
+    let mut mirrored = vec![0.0_f32; uvs.len()];
+    for t in &mesh.triangles {
+        let [a, b, c] = t.map(|v| uvs[v as usize]);
+        let (s, t_) = (b - a, c - a);
+        if s.x * t_.y - s.y * t_.x < 0.0 {
+            t.iter().for_each(|&v| mirrored[v as usize] = 1.0);
+        }
+    }
+    let rows: Vec<f32> = (0..uvs.len())
+        .flat_map(|v| {
+            let (p, n, uv) = (mesh.positions[v], mesh.normals[v], uvs[v]);
+            [p.x, p.y, p.z, n.x, n.y, n.z, uv.x, uv.y, mirrored[v]]
+        })
+        .collect();
+    let incidence = Incidence::new(&mesh.triangles, &weld_rows(&rows, 9));
+    let frames = UvFrames::new(&incidence, &uvs);
+    mesh.tangents = vertex_tangents(&incidence, &frames, &mesh.positions, &mesh.normals);
     mesh
 }

@@ -3,15 +3,21 @@
 //! [`load`] reads a glTF, OBJ or PLY asset into a [`Scene`]; [`Scene::flatten`] makes one world-space mesh of it.
 
 mod camera;
+mod environment;
 mod error;
 mod flat;
 mod load;
 mod material;
 mod model;
+mod save;
+pub mod surface;
 
 pub use camera::Camera;
+pub use environment::load_environment;
 pub use error::SceneError;
 pub use flat::FlatScene;
 pub use load::{Limits, MAX_COORDINATE, load, load_with};
 pub use material::{AlphaMode, Filter, Material, Sampler, TextureSlot, Wrap};
 pub use model::{Instance, MAX_FLAT, Memory, Primitive, Scene, TextureImage};
+pub use save::{save_glb, to_glb};
+pub use surface::{SurfaceLibrary, SurfaceSample, UvDerivatives};

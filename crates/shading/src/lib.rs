@@ -1,4 +1,29 @@
 //! Surface scattering and lights with derivatives.
+//!
+//! One description of reflection for both renderers: a [`Surface`] becomes [`Lobes`], which [`eval_lobes`] turns into
+//! BSDF times cosine; [`shade`] sums it over [`Light`]s. [`perturb`] and [`face_viewer`] make the shading normal,
+//! [`Environment`] is a prefiltered environment map. Beside each function stands its adjoint `*_vjp`, which recomputes
+//! the forward pass and returns the gradient with respect to every differentiable input.
+//!
+//! Everything is generic over [`photofit_scalar::Real`], allocates nothing and holds no state. Directions point away
+//! from the surface; colours are linear Rec.709.
+//!
+//! ```
+//! use photofit_scalar::{Vec3, vec3};
+//! use photofit_shading::{Light, Surface, face_viewer, perturb, shade, shade_vjp, view_direction};
+//!
+//! let surface = Surface { base_color: vec3(0.8_f32, 0.6, 0.4), roughness: 0.5, metallic: 0.0, gamma: 0.0 };
+//! let (position, eye) = (Vec3::zero(), vec3(0.0, 0.0, 3.0));
+//! let (normal, tangent) = (vec3(0.0, 0.0, 1.0), vec3(1.0, 0.0, 0.0));
+//! let wo = view_direction(eye, position);
+//! let n = face_viewer(perturb(normal, tangent, 1.0, vec3(0.1, 0.0, 0.99)), normal, wo);
+//! let lights = [Light::Point { position: vec3(1.0, 1.0, 2.0), intensity: Vec3::splat(10.0) }];
+//! let radiance = shade(&surface, position, n, wo, &lights);
+//! assert!(radiance.x > radiance.z && radiance.z > 0.0);
+//! // A brighter base colour gives a brighter picture.
+//! let gradient = shade_vjp(&surface, position, n, wo, &lights, Vec3::splat(1.0));
+//! assert!(gradient.surface.base_color.x > 0.0);
+//! ```
 
 mod environment;
 mod ggx;

@@ -11,14 +11,32 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
         let case = format!("{size} x {size}");
         let pixels = size * size;
         let definition = (size <= 256).then(|| ssim_by_definition(&a, &b));
-        ctx.measure("SSIM", &case, pixels, || ssim(&a, &b).mean, |value| {
-            let error = definition.map(|exact| ("error", (value - exact).abs()));
-            error.into_iter().chain([("value", *value)]).collect()
-        });
+        ctx.measure(
+            "SSIM",
+            &case,
+            pixels,
+            || ssim(&a, &b).mean,
+            |value| {
+                let error = definition.map(|exact| ("error", (value - exact).abs()));
+                error.into_iter().chain([("value", *value)]).collect()
+            },
+        );
         if ctx.baseline() && size <= 256 {
-            ctx.measure("SSIM by definition", &case, pixels, || ssim_by_definition(&a, &b), |v| vec![("value", *v)]);
+            ctx.measure(
+                "SSIM by definition",
+                &case,
+                pixels,
+                || ssim_by_definition(&a, &b),
+                |v| vec![("value", *v)],
+            );
         }
-        ctx.measure("FLIP", &case, pixels, || flip(&a, &b, DEFAULT_PIXELS_PER_DEGREE).mean, |v| vec![("value", *v)]);
+        ctx.measure(
+            "FLIP",
+            &case,
+            pixels,
+            || flip(&a, &b, DEFAULT_PIXELS_PER_DEGREE).mean,
+            |v| vec![("value", *v)],
+        );
         ctx.measure("PSNR", &case, pixels, || psnr(&a, &b), |v| vec![("value", *v)]);
     }
     ctx.note("Colour images; sizes are pixels; all threads. The error of SSIM is against its definition in double precision.");

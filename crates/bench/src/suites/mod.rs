@@ -1,5 +1,8 @@
 //! The registry of suites.
 
+mod atlas;
+mod decimate;
+mod metrics;
 mod rays;
 
 use anyhow::Result;
@@ -15,8 +18,17 @@ pub(crate) struct Suite {
 }
 
 /// All suites, in the order in which they run.
-pub(crate) const SUITES: &[Suite] = &[Suite {
-    name: "rays",
-    about: "ray casting through the hierarchy, time against triangles",
-    run: rays::run,
-}];
+pub(crate) const SUITES: &[Suite] = &[
+    Suite { name: "metrics", about: "image metrics, time against size", run: metrics::run },
+    Suite {
+        name: "rays",
+        about: "ray casting through the hierarchy, time against triangles",
+        run: rays::run,
+    },
+    Suite {
+        name: "decimate",
+        about: "decimation to 3%, time and error against triangles",
+        run: decimate::run,
+    },
+    Suite { name: "atlas", about: "unwrapping, time and stretch against triangles", run: atlas::run },
+];

@@ -90,3 +90,76 @@ fn file_bytes(path: &Path, limits: &Limits) -> Result<Vec<u8>, ImageError> {
     file.take(limits.max_file_bytes).read_to_end(&mut bytes).map_err(|e| ImageError::io(path, e))?;
     Ok(bytes)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A Radiance file of `width x height` flat pixels with the given bytes.
+    fn radiance(width: usize, height: usize, magic: &str, pixels: &[[u8; 4]]) -> Vec<u8> {
+        let mut bytes = format!("{magic}\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n").into_bytes();
+        bytes.extend(pixels.iter().flatten());
+        bytes
+    }
+
+    #[test]
+    fn radiance_is_decoded_to_linear_light() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sky.hdr");
+        for magic in ["#?RADIANCE", "#?RGBE"] {
+            std::fs::write(&path, radiance(2, 1, magic, &[[128, 64, 32, 129], [255, 0, 0, 138]])).unwrap();
+            let image = read(&path).unwrap();
+            assert_eq!((image.width, image.height, image.channels), (2, 1, 3));
+            assert_eq!(image.data, [1.0, 0.5, 0.25, 1020.0, 0.0, 0.0], "mantissa / 256 * 2^(exponent - 128)");
+        }
+    }
+
+    #[test]
+    fn radiance_bombs_and_truncations_are_refused() {
+        let good = radiance(3, 2, "#?RADIANCE", &[[1, 2, 3, 128]; 6]);
+        assert!(decode(&good, "good", &Limits::default()).is_ok());
+        for keep in 0..good.len() {
+            assert!(
+                decode(&good[..keep], "cut", &Limits::default()).is_err(),
+                "{keep} of {} bytes",
+                good.len()
+            );
+        }
+        for (w, h) in [(100_000, 100_000), (30_000, 30_000), (0, 5), (20_000, 1000)] {
+            let message =
+                decode(&radiance(w, h, "#?RADIANCE", &[]), "bomb.hdr", &Limits::default()).unwrap_err();
+            assert!(message.to_string().starts_with("bomb.hdr: "), "{message}");
+        }
+        for i in 0..good.len() {
+            let mut bad = good.clone();
+            bad[i] ^= 0x15;
+            let _ = decode(&bad, "flipped", &Limits::default());
+        }
+    }
+
+    #[test]
+    fn errors_name_the_file_and_the_rule() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, bytes: &[u8]| {
+            let path = folder.path().join(name);
+            std::fs::write(&path, bytes).unwrap();
+            path
+        };
+        let small = Limits { max_file_bytes: 3, ..Limits::default() };
+        let default = Limits::default();
+        let cases = [
+            (write("empty.png", b""), &default, "empty"),
+            (write("text.png", b"hello, this is no image"), &default, "not a PNG"),
+            (write("long.png", b"\x89PNG\r\n\x1a\n"), &small, "limit of 3"),
+            (folder.path().to_path_buf(), &default, "not a regular file"),
+            (folder.path().join("missing.exr"), &default, "missing.exr"),
+        ];
+        for (path, limits, rule) in cases {
+            let message = read_with_limits(&path, limits).unwrap_err().to_string();
+            let name = path.file_name().unwrap().to_str().unwrap();
+            assert!(message.contains(name) && message.contains(rule), "{message}");
+        }
+        let message = read_exr_layers(write("a.exr", b"\x89PNG\r\n\x1a\n")).unwrap_err().to_string();
+        assert!(message.contains("a.exr") && message.contains("not an OpenEXR file"), "{message}");
+    }
+}

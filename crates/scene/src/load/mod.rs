@@ -8,6 +8,8 @@ mod obj;
 mod ply;
 mod polygon;
 mod texture;
+#[cfg(test)]
+mod tests;
 
 use crate::error::{Fault, fault};
 use crate::{Material, Primitive, Scene, SceneError};
@@ -184,6 +186,7 @@ impl<'a> Budget<'a> {
 
 /// Appends a primitive placed once without a transform.
 pub(crate) use normals::smooth as smooth_normals;
+pub(crate) use texture::affine_of_transform;
 
 pub(crate) fn place(scene: &mut Scene, primitive: Primitive) {
     scene.instances.push(crate::Instance {

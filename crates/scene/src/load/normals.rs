@@ -1,8 +1,9 @@
 //! Normals that a file lacks.
 
-use photofit_geometry::Mesh;
+use photofit_geometry::normals::{Weighting, vertex_normals};
+use photofit_geometry::weld::weld_exact;
+use photofit_geometry::{Incidence, Mesh};
 use photofit_scalar::{Vec3f, vec3};
-use std::collections::HashMap;
 
 /// The mesh with three vertices of its own and the face normal for every triangle.
 pub(crate) fn flat(mesh: &Mesh) -> Mesh {
@@ -25,22 +26,12 @@ pub(crate) fn flat(mesh: &Mesh) -> Mesh {
     }
 }
 
-/// Smooth unit normals: the face normals around a position weighted by the angle there (Thuermer and Wuethrich 1998),
-/// vertices of equal position sharing one normal. Positions without a face of positive area get +y.
+/// Smooth unit normals, weighted by angle, vertices of equal position sharing one; +y where no face has an area.
 pub(crate) fn smooth(positions: &[Vec3f], triangles: &[[u32; 3]]) -> Vec<Vec3f> {
-    let weld = weld(positions);
-    let mut sums = vec![vec3(0.0_f64, 0.0, 0.0); positions.len()];
-    for t in triangles {
-        let p = t.map(|i| positions[i as usize].cast::<f64>());
-        let n = (p[1] - p[0]).cross(p[2] - p[0]).normalize_or_zero();
-        for k in 0..3 {
-            let a = (p[(k + 1) % 3] - p[k]).normalize_or_zero();
-            let b = (p[(k + 2) % 3] - p[k]).normalize_or_zero();
-            let angle = a.cross(b).length().atan2(a.dot(b));
-            sums[weld[t[k] as usize] as usize] += n * angle;
-        }
-    }
-    weld.iter().map(|&w| unit_or_up(sums[w as usize].cast())).collect()
+    let incidence = Incidence::new(triangles, &weld_exact(positions));
+    let mut normals = vertex_normals(&incidence, positions, Weighting::Angle);
+    normals.iter_mut().for_each(|n| *n = unit_or_up(*n));
+    normals
 }
 
 /// Computes the normals that are zero; returns how many there were.
@@ -54,17 +45,6 @@ pub(crate) fn repair(mesh: &mut Mesh) -> usize {
         }
     }
     found
-}
-
-/// The first vertex with the same position, for each vertex.
-fn weld(positions: &[Vec3f]) -> Vec<u32> {
-    let mut first: HashMap<[u32; 3], u32> = HashMap::with_capacity(positions.len());
-    positions
-        .iter()
-        .enumerate()
-        // Adding zero joins -0 and +0.
-        .map(|(i, p)| *first.entry(p.to_array().map(|x| (x + 0.0).to_bits())).or_insert(i as u32))
-        .collect()
 }
 
 fn area_normal(p: [Vec3f; 3]) -> Vec3f {

@@ -232,20 +232,20 @@ fn read_floats<'o, const N: usize>(
     let n = layout.normalized;
     match layout.component {
         ComponentType::F32 => run(data, stride, out, f32::from_le_bytes),
-        ComponentType::U8 => run(data, stride, out, |[b]| f32::from(b) * if n { 1.0 / 255.0 } else { 1.0 }),
+        ComponentType::U8 => run(data, stride, out, |[b]| f32::from(b) / if n { 255.0 } else { 1.0 }),
         ComponentType::I8 => run(data, stride, out, |[b]| {
             let x = f32::from(b as i8);
             if n { (x / 127.0).max(-1.0) } else { x }
         }),
         ComponentType::U16 => run(data, stride, out, |b| {
-            f32::from(u16::from_le_bytes(b)) * if n { 1.0 / 65535.0 } else { 1.0 }
+            f32::from(u16::from_le_bytes(b)) / if n { 65535.0 } else { 1.0 }
         }),
         ComponentType::I16 => run(data, stride, out, |b| {
             let x = f32::from(i16::from_le_bytes(b));
             if n { (x / 32767.0).max(-1.0) } else { x }
         }),
         ComponentType::U32 => run(data, stride, out, |b| {
-            (f64::from(u32::from_le_bytes(b)) * if n { 1.0 / f64::from(u32::MAX) } else { 1.0 }) as f32
+            (f64::from(u32::from_le_bytes(b)) / if n { f64::from(u32::MAX) } else { 1.0 }) as f32
         }),
     }
 }

@@ -1,0 +1,63 @@
+//! Why a fit cannot be done.
+
+use std::path::PathBuf;
+
+/// Errors of the fitting tasks.
+#[derive(Debug, thiserror::Error)]
+pub enum FitError {
+    /// The asset cannot be read, written or used.
+    #[error(transparent)]
+    Scene(#[from] photofit_scene::SceneError),
+    /// Decimation failed.
+    #[error("decimation: {0}")]
+    Decimate(#[from] photofit_geometry::decimate::DecimateError),
+    /// The atlas failed.
+    #[error("texture atlas: {0}")]
+    Atlas(#[from] photofit_geometry::atlas::AtlasError),
+    /// Baking failed.
+    #[error("baking: {0}")]
+    Bake(#[from] crate::bake::BakeError),
+    /// An optimizer refused its input: a gradient that is not finite, with the step it happened at.
+    #[error("step {step}: {source}; {kept}")]
+    Optim {
+        /// Step of the fit.
+        step: u64,
+        /// What the optimizer says.
+        source: photofit_optim::OptimError,
+        /// What remains.
+        kept: String,
+    },
+    /// Large Steps could not be set up.
+    #[error("preconditioner: {0}")]
+    Preconditioner(#[source] photofit_optim::OptimError),
+    /// A picture could not be written.
+    #[error(transparent)]
+    Image(#[from] photofit_image::ImageError),
+    /// A file could not be read or written.
+    #[error("{path}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// A checkpoint that does not belong to this fit.
+    #[error("{path}: {rule}")]
+    Checkpoint {
+        /// The file.
+        path: PathBuf,
+        /// The rule that it breaks.
+        rule: String,
+    },
+    /// An option out of range.
+    #[error("{option}: {rule}")]
+    Setting {
+        /// Name of the option.
+        option: &'static str,
+        /// The rule that it breaks.
+        rule: String,
+    },
+    /// Stopped by the user before there was anything to keep.
+    #[error("stopped before the fit began; nothing was written")]
+    Interrupted,
+}

@@ -1,0 +1,20 @@
+//! How long work tells what it is doing, and how it is asked to stop.
+
+/// Receives progress; implementations must be cheap.
+pub trait Progress: Sync {
+    /// `done` of `total` units of a stage are finished.
+    fn report(&self, stage: &'static str, done: u64, total: u64, note: &str);
+    /// True once the user asked to stop.
+    fn is_cancelled(&self) -> bool;
+}
+
+/// Says nothing and never stops.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Silent;
+
+impl Progress for Silent {
+    fn report(&self, _: &'static str, _: u64, _: u64, _: &str) {}
+    fn is_cancelled(&self) -> bool {
+        false
+    }
+}

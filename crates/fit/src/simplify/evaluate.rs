@@ -1,0 +1,183 @@
+//! Quality of candidates on views and lights that no fit saw.
+
+use super::{Normalised, SimplifyOptions};
+use crate::Progress;
+use crate::views::{Set, setup};
+use photofit_geometry::Mesh;
+use photofit_image::{Image, dilate, flip, psnr_from_mse, squared_error, ssim, to_display};
+use photofit_raster::scene_render::SceneRenderer;
+use photofit_scene::{FlatScene, Scene, SurfaceLibrary};
+
+/// Grey behind the asset, sRGB.
+const BACKGROUND: f32 = 0.5;
+/// The foreground is grown by this many pixels.
+const MARGIN: usize = 6;
+/// Pixels per degree of the FLIP viewer.
+const PIXELS_PER_DEGREE: f32 = 67.02;
+/// Quality of equal pictures: what 8 bits can tell apart, rounded up.
+const BEST_PSNR: f64 = 60.0;
+/// Samples per axis of a pixel.
+const SUPERSAMPLE: usize = 4;
+
+/// Mean quality over the foreground: the union of both silhouettes, dilated.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Quality {
+    /// Peak signal to noise of sRGB images, decibels.
+    pub psnr: f64,
+    /// Structural similarity.
+    pub ssim: f64,
+    /// Mean LDR-FLIP.
+    pub flip: f64,
+}
+
+impl Quality {
+    /// Mean over views.
+    pub fn mean<'a>(views: impl Iterator<Item = &'a ViewQuality>) -> Self {
+        let (mut sum, mut n) = (Self::default(), 0.0);
+        for v in views {
+            sum.psnr += v.quality.psnr;
+            sum.ssim += v.quality.ssim;
+            sum.flip += v.quality.flip;
+            n += 1.0;
+        }
+        let n = f64::max(n, 1.0);
+        Self { psnr: sum.psnr / n, ssim: sum.ssim / n, flip: sum.flip / n }
+    }
+}
+
+/// Quality of one candidate in one view.
+#[derive(Clone, Debug)]
+pub struct ViewQuality {
+    /// Figures over the foreground.
+    pub quality: Quality,
+    /// FLIP per pixel.
+    pub flip: Image,
+    /// Display picture (sRGB) of the candidate over grey.
+    pub picture: Image,
+}
+
+/// One view of the report.
+#[derive(Clone, Debug)]
+pub struct ReportView {
+    /// Display picture (sRGB) of the reference.
+    pub reference: Image,
+    /// Each candidate against it.
+    pub quality: Vec<ViewQuality>,
+}
+
+/// A candidate ready to be rendered.
+#[derive(Debug)]
+pub struct Prepared {
+    flat: FlatScene,
+    library: SurfaceLibrary,
+    normalised: bool,
+}
+
+impl Prepared {
+    /// A candidate in the asset's frame.
+    pub fn of_scene(scene: &Scene) -> Self {
+        Self { flat: scene.flatten(), library: SurfaceLibrary::new(scene), normalised: false }
+    }
+
+    /// A candidate in the normalised frame with the reference's materials.
+    pub(super) fn of_flat(n: &Normalised, mesh: Mesh, triangle_material: Vec<u32>) -> Self {
+        // Through a scene, so that tangents are made where a normal map needs them.
+        let scene = Scene {
+            primitives: split_by_material(&mesh, &triangle_material, n.materials.len()),
+            materials: n.materials.clone(),
+            images: n.images.clone(),
+            ..Scene::default()
+        };
+        let instances = (0..scene.primitives.len())
+            .map(|primitive| photofit_scene::Instance { primitive, transform: glam::Affine3A::IDENTITY })
+            .collect();
+        let scene = Scene { instances, ..scene };
+        Self { flat: scene.flatten(), library: SurfaceLibrary::new(&scene), normalised: true }
+    }
+}
+
+fn split_by_material(mesh: &Mesh, material: &[u32], count: usize) -> Vec<photofit_scene::Primitive> {
+    (0..count)
+        .filter_map(|m| {
+            let triangles: Vec<[u32; 3]> =
+                mesh.triangles.iter().zip(material).filter(|(_, k)| **k as usize == m).map(|(t, _)| *t).collect();
+            (!triangles.is_empty()).then(|| photofit_scene::Primitive {
+                mesh: Mesh { triangles, tangents: Vec::new(), ..mesh.clone() },
+                material: m,
+            })
+        })
+        .collect()
+}
+
+/// Renders the reference and the candidates and compares them.
+pub(super) fn evaluate(
+    n: &Normalised,
+    candidates: &[Prepared],
+    options: &SimplifyOptions,
+    progress: &dyn Progress,
+) -> Vec<ReportView> {
+    let size = options.resolution;
+    let candidates: Vec<InFrame<'_>> = candidates.iter().map(|c| InFrame::new(c, n)).collect();
+    (0..options.report_views)
+        .map(|i| {
+            progress.report("report", i, options.report_views, "");
+            let s = setup(Set::Report, i, options.report_views, options.seed, &options.lighting);
+            let lights = s.lights.lights();
+            let render = |flat: &FlatScene, library: &SurfaceLibrary| {
+                SceneRenderer::new(flat, library).render(&s.camera, &lights, size, size, SUPERSAMPLE)
+            };
+            let reference = render(&n.flat, &n.library);
+            let quality = candidates.iter().map(|c| compare(&reference, &render(&c.flat, c.library))).collect();
+            ReportView { reference: display(&reference), quality }
+        })
+        .collect()
+}
+
+/// A candidate in the normalised frame.
+struct InFrame<'a> {
+    flat: FlatScene,
+    library: &'a SurfaceLibrary,
+}
+
+impl<'a> InFrame<'a> {
+    fn new(c: &'a Prepared, n: &Normalised) -> Self {
+        let mut flat = c.flat.clone();
+        if !c.normalised {
+            for p in &mut flat.mesh.positions {
+                *p = (*p - n.center) / n.radius;
+            }
+        }
+        Self { flat, library: &c.library }
+    }
+}
+
+/// Linear premultiplied RGBA as a display picture over grey.
+fn display(rgba: &Image) -> Image {
+    let grey = photofit_image::srgb_decode(BACKGROUND);
+    let over = |p: &[f32]| [0, 1, 2].map(|k| p[k] + (1.0 - p[3]) * grey);
+    let rgb: Vec<[f32; 3]> = rgba.data.chunks_exact(4).map(over).collect();
+    to_display(&Image::from_data(rgba.width, rgba.height, 3, rgb.into_flattened()))
+}
+
+/// Compares two renderings (linear premultiplied RGBA).
+///
+/// # Panics
+/// If the sizes differ.
+pub fn compare(reference: &Image, candidate: &Image) -> ViewQuality {
+    let (r, c) = (display(reference), display(candidate));
+    let covered: Vec<bool> = reference
+        .data
+        .chunks_exact(4)
+        .zip(candidate.data.chunks_exact(4))
+        .map(|(a, b)| a[3] > 0.02 || b[3] > 0.02)
+        .collect();
+    let mask = dilate(&covered, reference.width, reference.height, MARGIN);
+    let over = |m: Option<f64>| m.unwrap_or(0.0);
+    let flip_map = flip(&r, &c, PIXELS_PER_DEGREE);
+    let quality = Quality {
+        psnr: psnr_from_mse(over(squared_error(&r, &c).mean_over(&mask))).min(BEST_PSNR),
+        ssim: ssim(&r, &c).mean_over(&mask).unwrap_or(1.0),
+        flip: over(flip_map.mean_over(&mask)),
+    };
+    ViewQuality { quality, flip: flip_map.map, picture: c }
+}

@@ -1,0 +1,151 @@
+//! The fitted candidate as a scene that can be written.
+
+use super::Normalised;
+use crate::candidate::Candidate;
+use photofit_geometry::Mesh;
+use photofit_geometry::atlas::{dilate, mesh_coverage};
+use photofit_image::linear_to_srgb_u8;
+use photofit_raster::{CHANNELS, channel};
+use photofit_scene::{
+    AlphaMode, Filter, Instance, Material, Primitive, Sampler, Scene, TextureImage, TextureSlot, Wrap,
+};
+
+/// Differences below this are one step of 8 bits: a map that varies less becomes a factor.
+const FLAT: f32 = 0.75 / 255.0;
+
+/// Turns a candidate into a scene: one primitive and material per alpha class, all sharing one set of maps. Maps that
+/// are constant become factors, a flat normal map and absent emission are left out.
+pub fn to_scene(candidate: &Candidate, n: &Normalised, name: &str) -> Scene {
+    let mut mesh = candidate.mesh();
+    for p in &mut mesh.positions {
+        *p = *p * n.radius + n.center;
+    }
+    let base = &candidate.maps.levels[0];
+    let (width, height) = (base.width, base.height);
+    let mut texels = base.texels.clone();
+    let owned = mesh_coverage(&mesh.uvs, &mesh.triangles, width, height, true).mask();
+    dilate(&mut texels, &owned, width, height, None);
+
+    let mut scene = Scene { name: name.into(), ..Scene::default() };
+    let transparent = candidate.is_transparent();
+    let mut template = material(&mut scene, &texels, &owned, (width, height), transparent);
+    template.double_sided = n.materials.iter().any(|m| m.double_sided);
+    for (class, mode) in candidate.classes.iter().enumerate() {
+        let part = part(&mesh, &candidate.class, class as u32);
+        if part.triangles.is_empty() {
+            continue;
+        }
+        let suffix = match mode {
+            AlphaMode::Opaque => "",
+            AlphaMode::Mask { .. } => "-mask",
+            AlphaMode::Blend => "-blend",
+        };
+        scene.materials.push(Material {
+            name: format!("{name}{suffix}"),
+            alpha_mode: *mode,
+            double_sided: template.double_sided || *mode != AlphaMode::Opaque,
+            ..template.clone()
+        });
+        let primitive = scene.primitives.len();
+        scene.primitives.push(Primitive { mesh: part, material: scene.materials.len() - 1 });
+        scene.instances.push(Instance { primitive, transform: glam::Affine3A::IDENTITY });
+    }
+    scene
+}
+
+/// The triangles of one class with the vertices that they use; tangents are left to the reader, which derives the same
+/// ones by `MikkTSpace`.
+fn part(mesh: &Mesh, class: &[u32], wanted: u32) -> Mesh {
+    let mut map = vec![u32::MAX; mesh.positions.len()];
+    let mut out = Mesh::default();
+    for (t, _) in mesh.triangles.iter().zip(class).filter(|(_, c)| **c == wanted) {
+        out.triangles.push(t.map(|v| {
+            let at = &mut map[v as usize];
+            if *at == u32::MAX {
+                *at = out.positions.len() as u32;
+                let v = v as usize;
+                out.positions.push(mesh.positions[v]);
+                // A vertex of degenerate faces alone has no normal; any unit vector is valid.
+                let normal = mesh.normals[v];
+                let up = photofit_scalar::vec3(0.0, 1.0, 0.0);
+                out.normals.push(if normal.length_squared() > 0.5 { normal } else { up });
+                out.uvs.push(mesh.uvs[v]);
+            }
+            *at
+        }));
+    }
+    out
+}
+
+/// Smallest and largest value of a channel over the owned texels.
+fn range(texels: &[[f32; CHANNELS]], owned: &[bool], c: usize) -> (f32, f32) {
+    texels
+        .iter()
+        .zip(owned)
+        .filter(|(_, o)| **o)
+        .fold((f32::INFINITY, f32::NEG_INFINITY), |(lo, hi), (t, _)| (lo.min(t[c]), hi.max(t[c])))
+}
+
+fn material(
+    scene: &mut Scene,
+    texels: &[[f32; CHANNELS]],
+    owned: &[bool],
+    (width, height): (usize, usize),
+    transparent: bool,
+) -> Material {
+    let constant = |c: usize| {
+        let (lo, hi) = range(texels, owned, c);
+        (hi - lo <= FLAT || !lo.is_finite()).then(|| if lo.is_finite() { 0.5 * (lo + hi) } else { 1.0 })
+    };
+    let mut add = |name: &str, texel: &dyn Fn(&[f32; CHANNELS]) -> [u8; 4]| {
+        scene.images.push(TextureImage {
+            name: name.into(),
+            width,
+            height,
+            texels: texels.iter().map(texel).collect(),
+        });
+        let wrap = Wrap::ClampToEdge;
+        Some(TextureSlot {
+            image: scene.images.len() - 1,
+            sampler: Sampler { wrap_u: wrap, wrap_v: wrap, filter: Filter::Trilinear },
+            tex_coord: 0,
+            transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+        })
+    };
+    let unorm = |x: f32| (x.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
+    let mut out = Material { metallic: 1.0, roughness: 1.0, ..Material::default() };
+    match [0, 1, 2].map(constant) {
+        [Some(r), Some(g), Some(b)] if !transparent => out.base_color = [r, g, b, 1.0],
+        _ => {
+            out.base_color_texture = add("base-color", &|t| {
+                let a = if transparent { unorm(t[channel::ALPHA]) } else { 255 };
+                [linear_to_srgb_u8(t[0]), linear_to_srgb_u8(t[1]), linear_to_srgb_u8(t[2]), a]
+            });
+        }
+    }
+    match [channel::ROUGHNESS, channel::METALLIC].map(constant) {
+        [Some(r), Some(m)] => (out.roughness, out.metallic) = (r, m),
+        _ => {
+            out.metallic_roughness_texture = add("roughness-metallic", &|t| {
+                [255, unorm(t[channel::ROUGHNESS]), unorm(t[channel::METALLIC]), 255]
+            });
+        }
+    }
+    let flat = [channel::NORMAL, channel::NORMAL + 1].map(|c| range(texels, owned, c));
+    if flat.iter().any(|(lo, hi)| lo.abs().max(hi.abs()) > FLAT) {
+        out.normal_texture = add("normal", &|t| {
+            let n = |k: usize| unorm(t[channel::NORMAL + k] * 0.5 + 0.5);
+            [n(0), n(1), n(2), 255]
+        });
+    }
+    let peak = (0..3).map(|k| range(texels, owned, channel::EMISSIVE + k).1).fold(0.0, f32::max);
+    if peak > FLAT * 0.1 {
+        let scale = peak.max(1.0);
+        out.emissive = [scale; 3];
+        out.emissive_texture = add("emissive", &|t| {
+            let e = |k: usize| linear_to_srgb_u8(t[channel::EMISSIVE + k] / scale);
+            [e(0), e(1), e(2), 255]
+        });
+    }
+    out
+}

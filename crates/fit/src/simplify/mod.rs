@@ -1,0 +1,66 @@
+//! Appearance-driven simplification: the main job (Hasselgren et al. 2021).
+//!
+//! load -> normalise -> decimate -> atlas -> bake -> fit by rendering -> bake again on the fitted shape -> fit the
+//! maps -> export -> reload the file and compare it with the reference on views and lights that the fit never saw.
+
+mod checkpoint;
+mod evaluate;
+mod export;
+mod options;
+mod outcome;
+mod plan;
+mod prepare;
+mod train;
+
+pub use evaluate::{Quality, ReportView, ViewQuality};
+pub use export::to_scene;
+pub use options::{Init, SimplifyOptions};
+pub use outcome::Outcome;
+pub use plan::Plan;
+pub use prepare::{Normalised, Prepared};
+pub use train::{HistoryPoint, Trained};
+
+use crate::{FitError, Progress};
+use photofit_geometry::decimate::{Options, Target};
+use photofit_scene::Scene;
+use std::path::Path;
+use std::time::Instant;
+
+/// Simplifies `scene` and writes the result to `output` (.glb).
+///
+/// When the user stops the fit, what has been reached is exported and reported like a finished fit.
+///
+/// # Errors
+/// See [`FitError`]; nothing is written then.
+pub fn simplify(
+    scene: &Scene,
+    output: &Path,
+    options: &SimplifyOptions,
+    progress: &dyn Progress,
+) -> Result<Outcome, FitError> {
+    let start = Instant::now();
+    scene.validate_for_fit()?;
+    options.check(scene.triangle_count())?;
+    let normalised = Normalised::new(scene)?;
+    let reference = normalised.reference()?;
+    let prepared = prepare::prepare(&normalised, &reference, options, progress)?;
+    let plan = Plan::new(scene, &prepared.candidate, options);
+    let baked = prepared.candidate.clone();
+    let trained = train::train(&normalised, &reference, prepared, &plan, options, progress)?;
+    let fit_seconds = start.elapsed().as_secs_f64();
+
+    let name = output.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+    photofit_scene::save_glb(output, &to_scene(&trained.candidate, &normalised, &name))?;
+    let fitted = photofit_scene::load(output)?;
+    let triangles_out = fitted.triangle_count();
+    let mut only = Options::new(Target::Triangles(triangles_out));
+    only.keep_uvs = true;
+    let decimated = prepare::decimated_only(&normalised, &only)?;
+    let candidates = [
+        decimated,
+        evaluate::Prepared::of_scene(&to_scene(&baked, &normalised, &name)),
+        evaluate::Prepared::of_scene(&fitted),
+    ];
+    let views = evaluate::evaluate(&normalised, &candidates, options, progress);
+    Ok(Outcome::new(scene, trained, plan, views, triangles_out, [start.elapsed().as_secs_f64(), fit_seconds], options))
+}

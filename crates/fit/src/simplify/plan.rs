@@ -1,0 +1,105 @@
+//! The plan: which passes a fit runs and which gradients flow, derived from the asset ("skip what a scene doesn't
+//! need").
+
+use super::SimplifyOptions;
+use crate::candidate::Candidate;
+use photofit_raster::deferred::Passes;
+use photofit_raster::{CHANNELS, channel};
+use photofit_scene::{AlphaMode, Scene};
+use std::fmt;
+
+/// What runs; printable and comparable.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// Depth layers that are looked for.
+    pub layers: usize,
+    /// Alpha of blended surfaces is fitted.
+    pub blend: bool,
+    /// Some surfaces are cut out by an alpha mask.
+    pub mask: bool,
+    /// Normal maps are read, perturbed and fitted.
+    pub normal_map: bool,
+    /// Metalness is fitted.
+    pub metallic: bool,
+    /// Emission is read and fitted.
+    pub emissive: bool,
+    /// Positions are fitted: silhouettes, normals and tangents have gradients.
+    pub positions: bool,
+    /// Texel samples with a gradient, out of those stored.
+    pub channels: usize,
+    /// Textures of the reference that are read, out of those in the file.
+    pub textures: (usize, usize),
+}
+
+impl Plan {
+    /// Derives the plan of a fit.
+    pub fn new(scene: &Scene, candidate: &Candidate, options: &SimplifyOptions) -> Self {
+        let base = &candidate.maps.levels[0].texels;
+        let any = |c: usize, f: &dyn Fn(f32) -> bool| base.iter().any(|t| f(t[c]));
+        let emissive = (0..3).any(|k| any(channel::EMISSIVE + k, &|x| x > 1e-4));
+        let metallic = any(channel::METALLIC, &|x| x > 0.02);
+        let used = |mode: fn(&AlphaMode) -> bool| candidate.class.iter().any(|c| mode(&candidate.classes[*c as usize]));
+        let blend = used(|m| *m == AlphaMode::Blend);
+        let mask = used(|m| matches!(m, AlphaMode::Mask { .. }));
+        let channels = 3 + 1 + 3 + usize::from(metallic) + usize::from(blend) + 3 * usize::from(emissive);
+        let mut read: Vec<usize> = scene
+            .materials
+            .iter()
+            .flat_map(|m| {
+                [m.base_color_texture, m.metallic_roughness_texture, m.normal_texture, m.emissive_texture]
+            })
+            .flatten()
+            .map(|t| t.image)
+            .collect();
+        read.sort_unstable();
+        read.dedup();
+        Self {
+            layers: if blend || mask { Passes::default().max_layers } else { 1 },
+            blend,
+            mask,
+            normal_map: true,
+            metallic,
+            emissive,
+            positions: options.steps > 0,
+            channels,
+            textures: (read.len(), scene.images.len()),
+        }
+    }
+
+    /// The passes of the renderer.
+    pub fn passes(&self) -> Passes {
+        Passes {
+            normal_map: self.normal_map,
+            emissive: self.emissive,
+            antialias: true,
+            max_layers: self.layers,
+            position_gradients: self.positions,
+            map_gradients: true,
+        }
+    }
+}
+
+impl fmt::Display for Plan {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut line = |what: &str, runs: bool, why: &str| {
+            writeln!(f, "  {} {what:<22} {why}", if runs { "run " } else { "skip" })
+        };
+        let alpha = match (self.mask, self.blend) {
+            (false, false) => "every surface is opaque: one layer, no blending",
+            (true, false) => "alpha masks: layers until nothing shows through",
+            (false, true) => "blended surfaces: layers until nothing shows through",
+            (true, true) => "masks and blended surfaces: layers until nothing shows through",
+        };
+        line("transparent layers", self.layers > 1, alpha)?;
+        line("alpha gradients", self.blend, if self.blend { "blended surfaces" } else { "nothing is blended" })?;
+        line("normal map", self.normal_map, "detail of the reference goes into normals")?;
+        line("metalness gradients", self.metallic, if self.metallic { "metals" } else { "no metal in the baked maps" })?;
+        line("emission", self.emissive, if self.emissive { "emitting texels" } else { "nothing emits" })?;
+        line("position gradients", self.positions, if self.positions { "while the shape is fitted; the last phase freezes it" } else { "no steps" })?;
+        line("silhouette search", true, "only where neighbouring pixels show different triangles")?;
+        line("volumes", false, "the asset has none")?;
+        line("indirect light", false, "the rasterizer is the reference renderer")?;
+        writeln!(f, "  {} of {CHANNELS} samples of a texel have a gradient", self.channels)?;
+        write!(f, "  {} of {} textures of the reference are read", self.textures.0, self.textures.1)
+    }
+}

@@ -1,0 +1,229 @@
+//! From the reference to the start of the fit: normalise, decimate, unwrap, bake.
+
+use super::evaluate;
+use super::{Init, SimplifyOptions};
+use crate::bake::{AlphaClass, BakeSettings, Reference, bake, blank_texel};
+use crate::candidate::Candidate;
+use crate::visibility::{Visibility, VisibilitySettings, visibility};
+use crate::{FitError, Progress};
+use photofit_geometry::atlas::{UnwrapOptions, unwrap};
+use photofit_geometry::decimate::{Decimated, Options, Target, decimate};
+use photofit_geometry::{Mesh, shapes};
+use photofit_raster::{Maps, channel};
+use photofit_scalar::{Vec3f, vec3};
+use photofit_scene::{AlphaMode, FlatScene, Material, Scene, SurfaceLibrary};
+use std::ops::ControlFlow;
+
+/// Triangles that fewer than this share of the sky sees still count this much in the decimation.
+const LEAST_IMPORTANCE: f32 = 0.05;
+
+/// The reference in the frame of the fit: its bounding sphere has radius 1 about the origin.
+#[derive(Debug)]
+pub struct Normalised {
+    /// World-space geometry in the normalised frame.
+    pub flat: FlatScene,
+    /// Its materials.
+    pub materials: Vec<Material>,
+    /// Its materials, ready to be looked up.
+    pub library: SurfaceLibrary,
+    /// Its texture images.
+    pub images: Vec<photofit_scene::TextureImage>,
+    /// Centre in the asset's frame.
+    pub center: Vec3f,
+    /// Radius in the asset's units.
+    pub radius: f32,
+}
+
+impl Normalised {
+    /// Flattens and normalises a scene.
+    ///
+    /// # Errors
+    /// A scene without a visible extent.
+    pub fn new(scene: &Scene) -> Result<Self, FitError> {
+        let mut flat = scene.flatten();
+        let (center, radius) = bounding_sphere(&flat.mesh).ok_or_else(|| FitError::Setting {
+            option: "asset",
+            rule: "it has no triangles with an extent".into(),
+        })?;
+        for p in &mut flat.mesh.positions {
+            *p = (*p - center) / radius;
+        }
+        let (materials, images) = (scene.materials.clone(), scene.images.clone());
+        Ok(Self { flat, materials, images, library: SurfaceLibrary::new(scene), center, radius })
+    }
+
+    /// The reference prepared for rays.
+    ///
+    /// # Errors
+    /// Geometry that cannot be ray cast.
+    pub fn reference(&self) -> Result<Reference<'_>, FitError> {
+        Ok(Reference::new(&self.flat, &self.materials, &self.library)?)
+    }
+
+    /// Alpha class of each triangle of the reference.
+    fn classes(&self) -> Vec<u32> {
+        self.flat.triangle_material.iter().map(|m| class_of(self.materials[*m as usize].alpha_mode)).collect()
+    }
+
+    /// What alpha means in each class; the cutoff is that of the first masked material.
+    fn class_modes(&self) -> Vec<AlphaMode> {
+        let cutoff = self.materials.iter().find_map(|m| match m.alpha_mode {
+            AlphaMode::Mask { cutoff } => Some(cutoff),
+            _ => None,
+        });
+        vec![AlphaMode::Opaque, AlphaMode::Mask { cutoff: cutoff.unwrap_or(0.5) }, AlphaMode::Blend]
+    }
+}
+
+fn class_of(mode: AlphaMode) -> u32 {
+    match mode {
+        AlphaMode::Opaque => 0,
+        AlphaMode::Mask { .. } => 1,
+        AlphaMode::Blend => 2,
+    }
+}
+
+/// Centre of the box around the used vertices and the largest distance from it.
+fn bounding_sphere(mesh: &Mesh) -> Option<(Vec3f, f32)> {
+    let used = || mesh.triangles.iter().flatten().map(|i| mesh.positions[*i as usize]);
+    let first = used().next()?;
+    let (lo, hi) = used().fold((first, first), |(lo, hi), p| (lo.min(p), hi.max(p)));
+    let center = (lo + hi) * 0.5;
+    let radius = used().map(|p| (p - center).length()).fold(0.0, f32::max);
+    (radius > 0.0 && radius.is_finite()).then_some((center, radius))
+}
+
+/// The start of a fit.
+#[derive(Debug)]
+pub struct Prepared {
+    /// The decimated, unwrapped and baked asset.
+    pub candidate: Candidate,
+    /// What of the reference can be seen.
+    pub visibility: Visibility,
+    /// Share of the atlas inside charts.
+    pub occupancy: f32,
+    /// Number of charts.
+    pub charts: u32,
+    /// Triangles of the reference that nobody sees.
+    pub hidden: usize,
+}
+
+/// Decimates, unwraps and bakes.
+pub(super) fn prepare(
+    n: &Normalised,
+    reference: &Reference<'_>,
+    options: &SimplifyOptions,
+    progress: &dyn Progress,
+) -> Result<Prepared, FitError> {
+    let go_on = || if progress.is_cancelled() { Err(FitError::Interrupted) } else { Ok(()) };
+    progress.report("visibility", 0, 1, "");
+    let seen = visibility(reference, &VisibilitySettings::default());
+    go_on()?;
+    progress.report("decimate", 0, 1, "");
+    let (mesh, class) = match options.init {
+        Init::Decimate => {
+            let d = decimate_reference(n, &seen, options.target)?;
+            (d.mesh, d.group)
+        }
+        Init::Sphere => sphere(n, &seen, options.target)?,
+    };
+    go_on()?;
+    progress.report("atlas", 0, 1, "");
+    let settings = UnwrapOptions { size: options.texture_size as u32, ..UnwrapOptions::default() };
+    let atlas = unwrap(&mesh.positions, &mesh.triangles, &class, &settings)?;
+    let (split, _) = atlas.build_mesh(&mesh.positions, &mesh.triangles);
+    go_on()?;
+    let maps = Maps::filled(options.texture_size, options.texture_size, blank_texel());
+    let mut candidate = Candidate::new(&split, class, n.class_modes(), maps);
+    let from_sphere = options.init == Init::Sphere;
+    let baked = bake_candidate(reference, &seen, &candidate, from_sphere, progress)?;
+    candidate.set_maps(baked);
+    Ok(Prepared {
+        candidate,
+        hidden: seen.hidden(),
+        visibility: seen,
+        occupancy: atlas.occupancy,
+        charts: atlas.charts,
+    })
+}
+
+/// Decimates the reference with its visible triangles first.
+fn decimate_reference(n: &Normalised, seen: &Visibility, target: Target) -> Result<Decimated, FitError> {
+    let triangles = n.flat.mesh.triangles.len();
+    let importance: Vec<f32> = (0..triangles)
+        .map(|t| if seen.is_visible(t) { LEAST_IMPORTANCE + seen.importance(t) } else { 0.0 })
+        .collect();
+    let mut options = Options::new(target);
+    options.double_sided = vec![false, true, true];
+    Ok(decimate(&n.flat.mesh, &n.classes(), &importance, &options)?)
+}
+
+/// The decimated reference with its own textures: one scene with the reference's materials.
+pub(super) fn decimated_only(n: &Normalised, options: &Options) -> Result<evaluate::Prepared, FitError> {
+    let d = decimate(&n.flat.mesh, &n.flat.triangle_material, &[], options)?;
+    let mut mesh = d.mesh;
+    if mesh.normals.is_empty() {
+        mesh.normals = photofit_geometry::normals::mesh_normals(&mesh);
+    }
+    Ok(evaluate::Prepared::of_flat(n, mesh, d.group))
+}
+
+/// A sphere around the visible reference, as many triangles as the budget allows.
+fn sphere(n: &Normalised, seen: &Visibility, target: Target) -> Result<(Mesh, Vec<u32>), FitError> {
+    let budget = match target {
+        Target::Triangles(t) => t,
+        Target::Ratio(r) => (n.flat.mesh.triangles.len() as f64 * r) as usize,
+        Target::Error(_) | Target::ScreenSize(_) => {
+            return Err(FitError::Setting {
+                option: "--init sphere",
+                rule: "needs a budget given by --triangles or --ratio".into(),
+            });
+        }
+    };
+    let frequency = ((budget as f64 / 20.0).sqrt().floor() as u32).max(1);
+    let mut mesh = shapes::icosphere(frequency);
+    let visible = |t: &usize| seen.is_visible(*t);
+    let corners = || (0..n.flat.mesh.triangles.len()).filter(visible).flat_map(|t| n.flat.mesh.corners(t));
+    let first = corners().next().unwrap_or_default();
+    let (lo, hi) = corners().fold((first, first), |(lo, hi), p| (lo.min(p), hi.max(p)));
+    let (center, half) = ((lo + hi) * 0.5, (hi - lo) * 0.5);
+    for p in &mut mesh.positions {
+        *p = center + vec3(p.x * half.x, p.y * half.y, p.z * half.z) * 0.9;
+    }
+    mesh.normals.clear();
+    let class = vec![0; mesh.triangles.len()];
+    Ok((mesh, class))
+}
+
+/// Bakes the reference onto the candidate's present shape.
+pub(super) fn bake_candidate(
+    reference: &Reference<'_>,
+    seen: &Visibility,
+    candidate: &Candidate,
+    far: bool,
+    progress: &dyn Progress,
+) -> Result<Maps, FitError> {
+    let base = &candidate.maps.levels[0];
+    let mut settings = BakeSettings { width: base.width, height: base.height, ..BakeSettings::default() };
+    if far {
+        settings.max_distance = 1.0;
+    }
+    let classes: Vec<AlphaClass> = candidate
+        .class
+        .iter()
+        .map(|c| [AlphaClass::Opaque, AlphaClass::Mask, AlphaClass::Blend][*c as usize])
+        .collect();
+    let report = |share: f32| {
+        progress.report("bake", (share * 1000.0) as u64, 1000, "");
+        if progress.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    };
+    let mut baked = bake(reference, seen, &candidate.mesh(), Some(&classes), &settings, &report).map_err(|e| match e {
+        crate::bake::BakeError::Stopped => FitError::Interrupted,
+        e => e.into(),
+    })?;
+    baked.fill(None);
+    for t in &mut baked.maps.texels {
+        t[channel::GAMMA] = 0.0;
+    }
+    Ok(baked.maps)
+}

@@ -1,0 +1,387 @@
+//! The fit: steps of gradient descent on positions and maps.
+
+use super::checkpoint::{self, Checkpoint};
+use super::prepare::bake_candidate;
+use super::{Init, Normalised, Plan, Prepared, SimplifyOptions};
+use crate::bake::Reference;
+use crate::candidate::{Candidate, ParameterGradients};
+use crate::views::{Set, Setup, Shot, setup};
+use crate::{FitError, Progress};
+use photofit_image::{Image, downsample, psnr_from_mse};
+use photofit_optim::{Adam, AdamConfig, LargeSteps, Optimizer, Rows, Schedule, UniformAdam, clamp_channels, normalize_vectors};
+use photofit_raster::deferred::Passes;
+use photofit_raster::loss::Loss;
+use photofit_raster::scene_render::SceneRenderer;
+use photofit_raster::{CHANNELS, channel};
+use photofit_sampling::Rng;
+use photofit_scalar::Vec3f;
+use std::time::Instant;
+
+/// Reference pictures that the fit draws from.
+const POOL: u64 = 72;
+/// Views of the early stop.
+const HELD_OUT: u64 = 5;
+/// Samples per axis of a reference picture.
+const SUPERSAMPLE: usize = 4;
+/// Steps between two looks at the held-out views.
+const EVALUATE_EVERY: u64 = 25;
+/// Looks without progress after which a phase ends.
+const PATIENCE: usize = 6;
+/// Added to the mip level: a trilinear lookup is blurrier than the average over a pixel.
+const LOD_BIAS: f32 = -0.7;
+/// Smoothness of the preconditioner for the start from a decimated mesh, and from a sphere.
+const LAMBDA: [f64; 2] = [1.5, 12.0];
+
+/// One look at the held-out views.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HistoryPoint {
+    /// Steps made.
+    pub step: u64,
+    /// Wall time since the start of the fit.
+    pub seconds: f64,
+    /// Mean training loss since the last look.
+    pub loss: f64,
+    /// PSNR (sRGB, foreground) of the held-out views.
+    pub held_out_psnr: f64,
+}
+
+/// The end of a fit.
+#[derive(Debug)]
+pub struct Trained {
+    /// The best state seen on the held-out views.
+    pub candidate: Candidate,
+    /// The course of the fit.
+    pub history: Vec<HistoryPoint>,
+    /// Steps made.
+    pub steps: u64,
+    /// Million pixels per second, forward and backward.
+    pub mpix_per_s: f64,
+    /// Ended by the user or the time limit.
+    pub stopped: bool,
+}
+
+/// Which parameters a phase of the fit moves, and how fast.
+#[derive(Clone, Copy, Debug)]
+struct Phase {
+    first: u64,
+    steps: u64,
+    /// Pictures are smaller by this factor.
+    shrink: usize,
+    position_rate: f64,
+    map_rate: f64,
+}
+
+/// Learning rates of a texel's samples, relative to the phase's.
+fn channel_rates(plan: &Plan) -> [f32; CHANNELS] {
+    let mut r = [0.0; CHANNELS];
+    r[..3].fill(1.0);
+    r[channel::ALPHA] = if plan.blend { 1.0 } else { 0.0 };
+    r[channel::ROUGHNESS] = 1.0;
+    r[channel::METALLIC] = if plan.metallic { 0.5 } else { 0.0 };
+    r[channel::NORMAL..channel::NORMAL + 3].fill(1.0);
+    if plan.emissive {
+        r[channel::EMISSIVE..channel::EMISSIVE + 3].fill(1.0);
+    }
+    r
+}
+
+struct Trainer<'a> {
+    n: &'a Normalised,
+    options: &'a SimplifyOptions,
+    plan: &'a Plan,
+    candidate: Candidate,
+    gradients: ParameterGradients,
+    large_steps: LargeSteps,
+    shape: UniformAdam<f32>,
+    maps: Adam<f32>,
+    pool: Vec<Option<(Setup, Image)>>,
+    held_out: Vec<Shot>,
+    best: (f64, Vec<Vec3f>, photofit_raster::Maps),
+    history: Vec<HistoryPoint>,
+    passes: Passes,
+    pixels: f64,
+    render_seconds: f64,
+    start: Instant,
+    step: u64,
+    loss: Vec<f64>,
+}
+
+/// Runs the fit.
+pub(super) fn train(
+    n: &Normalised,
+    reference: &Reference<'_>,
+    prepared: Prepared,
+    plan: &Plan,
+    options: &SimplifyOptions,
+    progress: &dyn Progress,
+) -> Result<Trained, FitError> {
+    let start = Instant::now();
+    let candidate = prepared.candidate;
+    let from_sphere = options.init == Init::Sphere;
+    let lambda = LAMBDA[usize::from(from_sphere)];
+    let large_steps = LargeSteps::new(candidate.positions.len(), &candidate.edges, lambda)
+        .map_err(FitError::Preconditioner)?;
+    let optim = |source| FitError::Optim { step: 0, source, kept: "nothing was written".into() };
+    let shape = UniformAdam::new("positions", candidate.positions.len() * 3, AdamConfig { beta1: 0.9, beta2: 0.99, ..AdamConfig::default() }).map_err(optim)?;
+    let texels = candidate.maps.levels[0].texels.len();
+    let maps = Adam::new("maps", texels * CHANNELS, AdamConfig { beta1: 0.8, beta2: 0.98, relative_epsilon: 0.5, ..AdamConfig::default() }).map_err(optim)?;
+    let best = (f64::NEG_INFINITY, candidate.positions.clone(), candidate.maps.levels[0].clone());
+    let mut t = Trainer {
+        n,
+        options,
+        plan,
+        gradients: candidate.gradients(),
+        candidate,
+        large_steps,
+        shape,
+        maps,
+        pool: (0..POOL).map(|_| None).collect(),
+        held_out: Vec::new(),
+        best,
+        history: Vec::new(),
+        passes: plan.passes(),
+        pixels: 0.0,
+        render_seconds: 0.0,
+        start,
+        step: 0,
+        loss: Vec::new(),
+    };
+    t.held_out = (0..HELD_OUT).map(|i| t.shot(Set::HeldOut, i)).collect();
+    let mut stopped = false;
+    let mut phases = phases(options);
+    if let Some(c) = checkpoint::load(options, &t.candidate)? {
+        t.restore(c)?;
+    }
+    for (k, phase) in phases.iter_mut().enumerate() {
+        if t.step >= phase.first + phase.steps {
+            continue;
+        }
+        if t.step == phase.first && k > 0 {
+            t.rebake(reference, &prepared.visibility, progress)?;
+        }
+        stopped = t.run(phase, progress)?;
+        if stopped {
+            break;
+        }
+    }
+    let (_, positions, maps) = t.best;
+    t.candidate.positions = positions;
+    t.candidate.set_maps(maps);
+    Ok(Trained {
+        candidate: t.candidate,
+        history: t.history,
+        steps: t.step,
+        mpix_per_s: t.pixels / 1e6 / t.render_seconds.max(1e-9),
+        stopped,
+    })
+}
+
+/// Coarse to fine: the shape at half resolution, shape and maps at full resolution, then the maps on the final shape.
+fn phases(options: &SimplifyOptions) -> Vec<Phase> {
+    let n = options.steps;
+    let (a, b) = if options.init == Init::Sphere { (n * 5 / 10, n * 3 / 10) } else { (n * 4 / 10, n * 3 / 10) };
+    let rate = if options.init == Init::Sphere { 6e-3 } else { 1.5e-3 };
+    let shrink = if options.resolution % 2 == 0 && options.resolution >= 256 { 2 } else { 1 };
+    vec![
+        Phase { first: 0, steps: a, shrink, position_rate: rate, map_rate: 4e-3 },
+        Phase { first: a, steps: b, shrink: 1, position_rate: 0.3 * rate, map_rate: 3e-3 },
+        Phase { first: a + b, steps: n - a - b, shrink: 1, position_rate: 0.0, map_rate: 3e-3 },
+    ]
+}
+
+impl Trainer<'_> {
+    /// Renders a reference picture.
+    fn picture(&self, s: &Setup) -> Image {
+        let r = self.options.resolution;
+        SceneRenderer::new(&self.n.flat, &self.n.library).render(&s.camera, &s.lights.lights(), r, r, SUPERSAMPLE)
+    }
+
+    fn shot(&self, set: Set, index: u64) -> Shot {
+        let s = setup(set, index, HELD_OUT, self.options.seed, &self.options.lighting);
+        Shot::new(&s, &self.picture(&s), self.options.seed ^ 0x5eed, index)
+    }
+
+    /// The pictures of one step.
+    fn batch(&mut self, phase: &Phase) -> Vec<Shot> {
+        let mut rng = Rng::new(self.options.seed, (7 << 32) + self.step);
+        (0..self.options.batch as u64)
+            .map(|b| {
+                // The pool is walked through once in order, then at random.
+                let serial = self.step * self.options.batch as u64 + b;
+                let k = if serial < POOL { serial } else { u64::from(rng.next_u32()) % POOL } as usize;
+                if self.pool[k].is_none() {
+                    let s = setup(Set::Train, k as u64, POOL, self.options.seed, &self.options.lighting);
+                    let picture = self.picture(&s);
+                    self.pool[k] = Some((s, picture));
+                }
+                let (s, picture) = self.pool[k].as_ref().expect("just rendered");
+                let small = (phase.shrink > 1).then(|| downsample(picture, phase.shrink));
+                Shot::new(s, small.as_ref().unwrap_or(picture), self.options.seed, serial)
+            })
+            .collect()
+    }
+
+    /// Runs a phase to its end; true when the user or the time limit stopped it.
+    fn run(&mut self, phase: &Phase, progress: &dyn Progress) -> Result<bool, FitError> {
+        self.passes = Passes { position_gradients: phase.position_rate > 0.0, ..self.plan.passes() };
+        if self.history.last().is_none_or(|h| h.step != self.step) {
+            self.look(progress);
+        }
+        let end = phase.first + phase.steps;
+        while self.step < end {
+            let over = self.options.time_limit.is_some_and(|l| self.start.elapsed() >= l);
+            if over || progress.is_cancelled() {
+                self.look(progress);
+                self.save(progress)?;
+                return Ok(true);
+            }
+            if self.is_stale(phase) {
+                self.step = end;
+                break;
+            }
+            self.one_step(phase)?;
+            if self.step % EVALUATE_EVERY == 0 || self.step == end {
+                self.look(progress);
+                self.save(progress)?;
+            }
+        }
+        Ok(false)
+    }
+
+    /// Whether the last looks of a phase brought nothing.
+    fn is_stale(&self, phase: &Phase) -> bool {
+        let looks: Vec<f64> =
+            self.history.iter().filter(|h| h.step >= phase.first).map(|h| h.held_out_psnr).collect();
+        let best = looks.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        looks.iter().rev().take_while(|l| **l < best).count() >= PATIENCE
+    }
+
+    fn one_step(&mut self, phase: &Phase) -> Result<(), FitError> {
+        let shots = self.batch(phase);
+        let began = Instant::now();
+        let value = self.candidate.step(&shots, Loss::LogSrgbL1, LOD_BIAS, &self.passes, &mut self.gradients);
+        self.render_seconds += began.elapsed().as_secs_f64();
+        self.pixels += shots.iter().map(|s| (s.width * s.height) as f64).sum::<f64>();
+        self.loss.push(value);
+        let schedule = Schedule::WarmupCosine { warmup: 10, total: phase.steps, floor: 0.05 };
+        let factor = schedule.factor(self.step - phase.first);
+        let step = self.step;
+        let fail = |source| FitError::Optim { step, source, kept: "the last checkpoint is unchanged".into() };
+        if phase.position_rate > 0.0 {
+            let x: &[f32] = bytemuck::cast_slice(&self.candidate.positions);
+            let mut u = self.large_steps.to_u(x).map_err(fail)?;
+            let g = self.large_steps.gradient::<f32>(bytemuck::cast_slice(&self.gradients.positions)).map_err(fail)?;
+            self.shape.step(&mut u, &g, (phase.position_rate * factor) as f32).map_err(fail)?;
+            let x = self.large_steps.to_x(&u).map_err(fail)?;
+            self.candidate.positions.copy_from_slice(bytemuck::cast_slice(&x));
+        }
+        let rates = channel_rates(self.plan).map(|r| r * (phase.map_rate * factor) as f32);
+        let base = &mut self.candidate.maps.levels[0].texels;
+        let g = &self.gradients.rendered.maps.levels[0].texels;
+        self.maps
+            .step_rows(base.as_flattened_mut(), g.as_flattened(), &Rows { rates: &rates, touched: None })
+            .map_err(fail)?;
+        clamp_channels(base.as_flattened_mut(), &RANGES);
+        normalize_vectors(base.as_flattened_mut(), CHANNELS, channel::NORMAL);
+        self.candidate.maps.rebuild();
+        self.step += 1;
+        Ok(())
+    }
+
+    /// PSNR of the held-out views; keeps the best state.
+    fn look(&mut self, progress: &dyn Progress) -> f64 {
+        let vertices = self.candidate.vertices();
+        let passes = self.plan.passes();
+        let (mut squares, mut count) = (0.0, 0.0);
+        for shot in &self.held_out {
+            let frame = self.candidate.render(&vertices, shot, LOD_BIAS, &passes);
+            for (c, r) in frame.color.iter().zip(&shot.reference) {
+                if c[3] > 0.0 || r[3] > 0.0 {
+                    let e = |x: f32| photofit_image::srgb_encode(x.clamp(0.0, 1.0));
+                    squares += (0..3).map(|k| f64::from(e(c[k]) - e(r[k])).powi(2)).sum::<f64>() / 3.0;
+                    count += 1.0;
+                }
+            }
+        }
+        let psnr = psnr_from_mse(squares / f64::max(count, 1.0));
+        let loss = self.loss.iter().sum::<f64>() / self.loss.len().max(1) as f64;
+        self.loss.clear();
+        let seconds = self.start.elapsed().as_secs_f64();
+        self.history.push(HistoryPoint { step: self.step, seconds, loss, held_out_psnr: psnr });
+        progress.report("fit", self.step, self.options.steps, &format!("{psnr:.2} dB"));
+        if psnr > self.best.0 {
+            self.best = (psnr, self.candidate.positions.clone(), self.candidate.maps.levels[0].clone());
+        }
+        psnr
+    }
+
+    /// Puts the reference's surface on the fitted shape, whose texels have moved; keeps it if it is better.
+    fn rebake(
+        &mut self,
+        reference: &Reference<'_>,
+        seen: &crate::visibility::Visibility,
+        progress: &dyn Progress,
+    ) -> Result<(), FitError> {
+        self.candidate.positions.clone_from(&self.best.1);
+        let baked = bake_candidate(reference, seen, &self.candidate, false, progress)?;
+        self.candidate.set_maps(baked);
+        let before = self.best.0;
+        if self.look(progress) < before {
+            self.candidate.set_maps(self.best.2.clone());
+        }
+        let texels = self.candidate.maps.levels[0].texels.len();
+        let config = *self.maps.config();
+        let fail = |source| FitError::Optim { step: self.step, source, kept: "the last checkpoint is unchanged".into() };
+        self.maps = Adam::new("maps", texels * CHANNELS, config).map_err(fail)?;
+        Ok(())
+    }
+
+    fn save(&self, progress: &dyn Progress) -> Result<(), FitError> {
+        let Some(folder) = &self.options.checkpoint else { return Ok(()) };
+        progress.report("checkpoint", self.step, self.options.steps, "");
+        checkpoint::save(
+            folder,
+            &Checkpoint {
+                step: self.step,
+                best_psnr: self.best.0,
+                positions: &self.candidate.positions,
+                maps: &self.candidate.maps.levels[0],
+                best_positions: &self.best.1,
+                best_maps: &self.best.2,
+                shape: self.shape.state(),
+                adam: self.maps.state(),
+                history: &self.history,
+                loss: &self.loss,
+            },
+            self.options,
+            &self.candidate,
+        )
+    }
+
+    fn restore(&mut self, c: checkpoint::Loaded) -> Result<(), FitError> {
+        let step = c.step;
+        let fail = |source| FitError::Optim { step, source, kept: "the checkpoint is unchanged".into() };
+        self.shape.restore(c.shape).map_err(fail)?;
+        self.maps.restore(c.adam).map_err(fail)?;
+        self.step = c.step;
+        self.candidate.positions = c.positions;
+        self.candidate.set_maps(c.maps);
+        self.best = (c.best_psnr, c.best_positions, c.best_maps);
+        self.history = c.history;
+        self.loss = c.loss;
+        Ok(())
+    }
+}
+
+/// Range of each sample of a texel.
+const RANGES: [[f32; 2]; CHANNELS] = {
+    let mut r = [[0.0, 1.0]; CHANNELS];
+    r[channel::ROUGHNESS] = [0.03, 1.0];
+    r[channel::NORMAL] = [-1.0, 1.0];
+    r[channel::NORMAL + 1] = [-1.0, 1.0];
+    r[channel::NORMAL + 2] = [0.02, 1.0];
+    r[channel::EMISSIVE] = [0.0, 1e4];
+    r[channel::EMISSIVE + 1] = [0.0, 1e4];
+    r[channel::EMISSIVE + 2] = [0.0, 1e4];
+    r
+};

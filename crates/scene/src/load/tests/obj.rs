@@ -1,0 +1,91 @@
+//! OBJ and MTL features with known results, and broken files.
+
+use super::{load_files, png, refused};
+use crate::{AlphaMode, Material, Wrap};
+use photofit_scalar::{vec2, vec3};
+
+const QUAD: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
+
+fn obj(text: &str) -> crate::Scene {
+    load_files(&[("a.obj", text.as_bytes())]).unwrap()
+}
+
+#[test]
+fn polygons_indices_and_attributes() {
+    let scene = obj(&format!("{QUAD}vt 0 0\nvt 1 0.25\nvn 0 0 2\nf 1/1/1 2/2/1 3/2/1 4/1/1\n"));
+    let mesh = &scene.primitives[0].mesh;
+    assert_eq!((mesh.positions.len(), mesh.triangles.len()), (4, 2));
+    assert_eq!(mesh.uvs[..2], [vec2(0.0, 1.0), vec2(1.0, 0.75)], "v is turned");
+    assert_eq!(mesh.normals[0], vec3(0.0, 0.0, 1.0));
+    assert_eq!(scene.materials[0], Material::clay());
+    let negative = obj(&format!("{QUAD}f -4 -3 -2 -1 # all\n"));
+    assert_eq!(negative.triangle_count(), 2);
+    assert_eq!(negative.primitives[0].mesh.normals[3], vec3(0.0, 0.0, 1.0), "computed");
+    assert!(negative.primitives[0].mesh.uvs.is_empty());
+    let mixed = obj(&format!("{QUAD}vn 0 0 -1\nf 1//1 2//1 3//1\nf 1 3 \\\n 4\n"));
+    assert_eq!(mixed.primitives[0].mesh.positions.len(), 6, "given and computed normals differ");
+    let colored = obj("v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 0.5\nf 1 2 3\n");
+    assert!((colored.primitives[0].mesh.colors[2].z - 0.214_041).abs() < 1e-5);
+}
+
+#[test]
+fn smooth_normals_cross_materials_and_seams() {
+    let text = format!("{QUAD}v 0 0 1\nv 0 1 1\nusemtl a\nf 1 2 3 4\nusemtl b\nf 1 4 6 5\n");
+    let scene = obj(&text);
+    assert_eq!(scene.primitives.len(), 1, "unknown materials are clay");
+    assert_eq!(scene.warnings.len(), 2, "{:?}", scene.warnings);
+    let mesh = &scene.primitives[0].mesh;
+    let n = mesh.normals[0];
+    assert!((n - vec3(1.0, 0.0, 1.0).normalize_or_zero()).length() < 1e-6, "{n:?}");
+}
+
+#[test]
+fn materials_and_maps() {
+    let mtl = "newmtl red\nKd 1 0 0\nd 0.5\nKs 1 1 1\nbump x.png\nnewmtl wood\nKd 0.5 0.5 0.5\n\
+        map_Kd -s 2 2 -o 0.25 0.5 -clamp on my wood.png\nKe 3 0 0\n";
+    let text = format!("mtllib a.mtl\n{QUAD}vt 0 0\nusemtl wood\nf 1/1 2/1 3/1\nusemtl red\nf 1 3 4\nusemtl wood\nf 1/1 2/1 3/1\n");
+    let picture = png(2, 1, [1, 2, 3, 255]);
+    let scene =
+        load_files(&[("a.obj", text.as_bytes()), ("a.mtl", mtl.as_bytes()), ("my wood.png", &picture)]).unwrap();
+    assert_eq!(scene.primitives.len(), 2);
+    let wood = &scene.materials[scene.primitives[0].material];
+    assert_eq!((wood.base_color, wood.roughness, wood.metallic), ([0.5, 0.5, 0.5, 1.0], 0.5, 0.0));
+    assert_eq!(wood.emissive, [3.0, 0.0, 0.0]);
+    let slot = wood.base_color_texture.unwrap();
+    assert_eq!(slot.sampler.wrap_u, Wrap::ClampToEdge);
+    // File coordinates (0, 0) are (0.25, 0.5) in the map: v = 0.5 from the top too.
+    let at = |u: f32, v: f32| vec2(slot.transform[0][0] * u + slot.transform[0][2], slot.transform[1][1] * v + slot.transform[1][2]);
+    assert_eq!(at(0.0, 1.0), vec2(0.25, 0.5));
+    let red = &scene.materials[scene.primitives[1].material];
+    assert_eq!((red.base_color, red.alpha_mode), ([1.0, 0.0, 0.0, 0.5], AlphaMode::Blend));
+    assert_eq!(scene.triangle_count(), 3);
+    assert!(scene.warnings.iter().any(|w| w.contains("bump")), "{:?}", scene.warnings);
+}
+
+#[test]
+fn broken_files() {
+    let bad = |text: &str, words: &[&str]| refused(&[("bad.obj", text.as_bytes())], words);
+    bad(&format!("{QUAD}f 1 2 9\n"), &["line 5", "index 9", "4"]);
+    bad(&format!("{QUAD}f 1 2 0\n"), &["line 5", "index 0"]);
+    bad(&format!("{QUAD}f 1 2 -5\n"), &["line 5", "index -5"]);
+    bad(&format!("{QUAD}f 1/7 2/1 3/1\n"), &["line 5", "index 7"]);
+    bad(&format!("{QUAD}f 1 2\n"), &["line 5", "3 corners"]);
+    bad(&format!("{QUAD}f a b c\n"), &["line 5", "integers"]);
+    bad("v 0 nan 0\n", &["line 1", "finite"]);
+    bad("v 0 1e99 0\n", &["line 1", "finite"]);
+    bad("v 0\n", &["line 1", "3 numbers"]);
+    bad("mtllib ../a.mtl\n", &["line 1", "folder"]);
+    bad("mtllib /etc/passwd\n", &["line 1", "folder"]);
+    let files: [(&str, &[u8]); 2] = [("bad.obj", b"mtllib a.mtl\n"), ("a.mtl", b"newmtl a\nmap_Kd none.png\n")];
+    refused(&files, &["a.mtl line 2", "none.png"]);
+    let files: [(&str, &[u8]); 2] = [("bad.obj", b"mtllib a.mtl\n"), ("a.mtl", b"newmtl a\nKd x\n")];
+    refused(&files, &["a.mtl line 2", "number"]);
+}
+
+#[test]
+fn a_missing_library_is_a_warning_and_points_are_found_by_the_check() {
+    let scene = obj(&format!("mtllib none.mtl\n{QUAD}"));
+    assert!(scene.warnings.iter().any(|w| w.contains("none.mtl")), "{:?}", scene.warnings);
+    let text = scene.validate_for_fit().unwrap_err().to_string();
+    assert!(text.contains("4 points only"), "{text}");
+}

@@ -1,0 +1,189 @@
+//! Saving assets as glTF 2.0 binary files.
+
+mod geometry;
+mod material;
+#[cfg(test)]
+mod tests;
+
+use crate::error::{Fault, fault};
+use crate::{Camera, Scene, SceneError};
+use serde_json::{Map, Value, json};
+use std::collections::BTreeSet;
+use std::path::Path;
+
+/// Writes a scene as a `.glb` file that holds everything: geometry, materials and textures (as PNG).
+///
+/// Primitives keep their sharing, instances become nodes (transforms that shear, which glTF nodes cannot, are worked
+/// into the vertices), factors above one of the emission become `KHR_materials_emissive_strength`. Images that no
+/// material uses are left out. The file appears under its name only when it is complete.
+///
+/// # Errors
+/// If the scene is not valid (see [`Scene::validate`]), is larger than 4 GiB, or the file cannot be written.
+///
+/// ```
+/// use photofit_scene::{Material, Primitive, Instance, Scene, load, save_glb};
+/// use photofit_scalar::vec3;
+/// let mut scene = Scene { materials: vec![Material::clay()], ..Scene::default() };
+/// let mut primitive = Primitive::default();
+/// primitive.mesh.positions = vec![vec3(0.0, 0.0, 0.0), vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0)];
+/// primitive.mesh.triangles = vec![[0, 1, 2]];
+/// scene.primitives.push(primitive);
+/// scene.instances.push(Instance { primitive: 0, transform: glam::Affine3A::IDENTITY });
+/// let path = std::env::temp_dir().join("photofit_scene_triangle.glb");
+/// save_glb(&path, &scene)?;
+/// assert_eq!(load(&path)?.triangle_count(), 1);
+/// # std::fs::remove_file(&path).ok();
+/// # Ok::<(), photofit_scene::SceneError>(())
+/// ```
+pub fn save_glb(path: impl AsRef<Path>, scene: &Scene) -> Result<(), SceneError> {
+    let path = path.as_ref();
+    let bytes = to_glb(scene)?;
+    photofit_image::write_atomically(path, &bytes).map_err(|e| {
+        let cause = match e {
+            photofit_image::ImageError::Io { source, .. } => source,
+            other => std::io::Error::other(other.to_string()),
+        };
+        SceneError::Write { path: path.to_owned(), cause }
+    })
+}
+
+/// The bytes that [`save_glb`] writes.
+///
+/// # Errors
+/// If the scene is not valid (see [`Scene::validate`]) or is larger than 4 GiB.
+pub fn to_glb(scene: &Scene) -> Result<Vec<u8>, SceneError> {
+    scene.validate()?;
+    encode(scene).map_err(Fault::in_scene)
+}
+
+fn encode(scene: &Scene) -> Result<Vec<u8>, Fault> {
+    let mut writer = Writer::default();
+    geometry::write(scene, &mut writer)?;
+    for camera in &scene.cameras {
+        write_camera(camera, &mut writer);
+    }
+    material::write(scene, &mut writer)?;
+    writer.finish()
+}
+
+/// The document and its binary chunk as they grow.
+#[derive(Debug, Default)]
+struct Writer {
+    binary: Vec<u8>,
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+    meshes: Vec<Value>,
+    nodes: Vec<Value>,
+    cameras: Vec<Value>,
+    materials: Vec<Value>,
+    textures: Vec<Value>,
+    samplers: Vec<Value>,
+    images: Vec<Value>,
+    extensions: BTreeSet<&'static str>,
+}
+
+/// `bufferView.target` of vertices and of indices.
+const VERTICES: u32 = 34962;
+const INDICES: u32 = 34963;
+
+impl Writer {
+    /// Appends bytes at a multiple of four; the index of their view.
+    fn view(&mut self, bytes: &[u8], target: Option<u32>) -> usize {
+        self.binary.resize(self.binary.len().next_multiple_of(4), 0);
+        let mut view = json!({"buffer": 0, "byteOffset": self.binary.len(), "byteLength": bytes.len()});
+        if let Some(target) = target {
+            view["target"] = json!(target);
+        }
+        self.binary.extend_from_slice(bytes);
+        self.views.push(view);
+        self.views.len() - 1
+    }
+
+    fn finish(mut self) -> Result<Vec<u8>, Fault> {
+        self.binary.resize(self.binary.len().next_multiple_of(4), 0);
+        let mut root = Map::new();
+        root.insert("asset".into(), json!({"version": "2.0", "generator": "photofit"}));
+        let mut scene = Map::new();
+        if !self.nodes.is_empty() {
+            scene.insert("nodes".into(), json!((0..self.nodes.len()).collect::<Vec<_>>()));
+        }
+        root.insert("scene".into(), json!(0));
+        // Readers differ in whether an empty scene may lack its list of nodes; an empty node serves all.
+        if self.nodes.is_empty() {
+            self.nodes.push(json!({"name": "empty"}));
+            scene.insert("nodes".into(), json!([0]));
+        }
+        root.insert("scenes".into(), json!([scene]));
+        if !self.binary.is_empty() {
+            root.insert("buffers".into(), json!([{"byteLength": self.binary.len()}]));
+        }
+        let extensions: Vec<Value> = self.extensions.iter().map(|&e| json!(e)).collect();
+        for (key, values) in [
+            ("nodes", self.nodes),
+            ("meshes", self.meshes),
+            ("cameras", self.cameras),
+            ("materials", self.materials),
+            ("textures", self.textures),
+            ("samplers", self.samplers),
+            ("images", self.images),
+            ("accessors", self.accessors),
+            ("bufferViews", self.views),
+            ("extensionsUsed", extensions),
+        ] {
+            if !values.is_empty() {
+                root.insert(key.into(), Value::Array(values));
+            }
+        }
+        let mut json = Value::Object(root).to_string().into_bytes();
+        json.resize(json.len().next_multiple_of(4), b' ');
+        container(&json, &self.binary)
+    }
+}
+
+fn container(json: &[u8], binary: &[u8]) -> Result<Vec<u8>, Fault> {
+    let binary_chunk = if binary.is_empty() { 0 } else { 8 + binary.len() };
+    let total = 12 + 8 + json.len() + binary_chunk;
+    let total = u32::try_from(total)
+        .map_err(|_| fault("the .glb", format!("is smaller than 4 GiB, found {total} bytes")))?;
+    let mut out = Vec::with_capacity(total as usize);
+    out.extend_from_slice(b"glTF");
+    out.extend_from_slice(&2_u32.to_le_bytes());
+    out.extend_from_slice(&total.to_le_bytes());
+    let mut chunk = |kind: &[u8; 4], data: &[u8]| {
+        // Fits: it is part of the total.
+        out.extend_from_slice(&(data.len() as u32).to_le_bytes());
+        out.extend_from_slice(kind);
+        out.extend_from_slice(data);
+    };
+    chunk(b"JSON", json);
+    if !binary.is_empty() {
+        chunk(b"BIN\0", binary);
+    }
+    Ok(out)
+}
+
+fn write_camera(camera: &Camera, writer: &mut Writer) {
+    writer.cameras.push(json!({
+        "type": "perspective",
+        "perspective": {
+            "yfov": camera.fov_y,
+            "aspectRatio": camera.aspect,
+            "znear": camera.near,
+            "zfar": camera.far,
+        },
+    }));
+    let (_, rotation, _) = camera.view.inverse().to_scale_rotation_translation();
+    writer.nodes.push(json!({
+        "camera": writer.cameras.len() - 1,
+        "translation": camera.eye.to_array(),
+        "rotation": rotation.normalize().to_array(),
+    }));
+}
+
+/// Adds the name when there is one.
+fn named(mut value: Value, name: &str) -> Value {
+    if !name.is_empty() {
+        value["name"] = json!(name);
+    }
+    value
+}

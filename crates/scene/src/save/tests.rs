@@ -1,0 +1,235 @@
+//! Round trips through `.glb` files.
+
+use super::*;
+use crate::{
+    AlphaMode, Filter, Instance, Material, Primitive, Sampler, TextureImage, TextureSlot, Wrap, load,
+};
+use glam::{Affine3A, Mat3A, Quat, Vec3};
+use photofit_geometry::Mesh;
+use photofit_scalar::{Vec3f, vec2, vec3, vec4};
+
+fn patch() -> Mesh {
+    let n = 3;
+    let grid = |f: &dyn Fn(f32, f32) -> Vec3f| {
+        (0..n * n).map(|i| f((i % n) as f32 / 2.0, (i / n) as f32 / 2.0)).collect::<Vec<_>>()
+    };
+    let positions = grid(&|x, y| vec3(x, y, 0.1 * x * y));
+    Mesh {
+        normals: grid(&|x, y| vec3(-0.1 * y, -0.1 * x, 1.0).normalize_or_zero()),
+        uvs: grid(&|x, y| vec3(x, 1.0 - y, 0.0)).iter().map(|p| vec2(p.x, p.y)).collect(),
+        uvs1: positions.iter().map(|p| vec2(2.0 * p.x, p.y)).collect(),
+        tangents: positions.iter().map(|_| vec4(1.0, 0.0, 0.0, -1.0)).collect(),
+        colors: positions.iter().map(|p| vec4(p.x, p.y, 0.25, 1.0)).collect(),
+        triangles: vec![[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4], [3, 4, 7], [3, 7, 6], [4, 5, 8], [4, 8, 7]],
+        positions,
+    }
+}
+
+fn slot(image: usize, tex_coord: u32) -> TextureSlot {
+    TextureSlot {
+        image,
+        sampler: Sampler { wrap_u: Wrap::ClampToEdge, wrap_v: Wrap::MirroredRepeat, filter: Filter::Bilinear },
+        tex_coord,
+        transform: load::affine_of_transform([0.25, 0.5], 0.75, [2.0, -0.5]),
+    }
+}
+
+fn image(name: &str, alpha: u8) -> TextureImage {
+    let texels = (0..6).map(|i| [i * 40, 255 - i, 7, if i == 3 { alpha } else { 255 }]).collect();
+    TextureImage { name: name.into(), width: 3, height: 2, texels }
+}
+
+/// A scene that uses every feature that can be written.
+fn rich() -> Scene {
+    let bare = Mesh {
+        positions: vec![vec3(0.0, 0.0, 0.0), vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0)],
+        normals: vec![vec3(0.0, 0.0, 1.0); 3],
+        triangles: vec![[0, 1, 2]],
+        ..Mesh::default()
+    };
+    let full = Material {
+        name: "full".into(),
+        base_color: [0.5, 0.25, 1.0, 0.75],
+        base_color_texture: Some(slot(0, 0)),
+        metallic: 0.25,
+        roughness: 0.5,
+        metallic_roughness_texture: Some(slot(1, 1)),
+        normal_texture: Some(TextureSlot { transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], ..slot(1, 0) }),
+        normal_scale: 0.5,
+        occlusion_texture: Some(TextureSlot { sampler: Sampler::default(), ..slot(1, 0) }),
+        occlusion_strength: 0.75,
+        emissive: [4.0, 2.0, 0.0],
+        emissive_texture: Some(slot(0, 0)),
+        alpha_mode: AlphaMode::Mask { cutoff: 0.25 },
+        double_sided: true,
+        unlit: false,
+    };
+    let unlit = Material { name: "unlit".into(), unlit: true, alpha_mode: AlphaMode::Blend, ..Material::clay() };
+    let turned = Affine3A::from_scale_rotation_translation(
+        Vec3::new(2.0, 2.0, 3.0),
+        Quat::from_rotation_y(0.5),
+        Vec3::new(1.0, -2.0, 3.0),
+    );
+    Scene {
+        name: "rich".into(),
+        primitives: vec![
+            Primitive { mesh: patch(), material: 0 },
+            Primitive { mesh: bare, material: 1 },
+        ],
+        instances: vec![
+            Instance { primitive: 0, transform: Affine3A::IDENTITY },
+            Instance { primitive: 1, transform: turned },
+            Instance { primitive: 1, transform: Affine3A::from_scale(Vec3::new(-1.0, 1.0, 1.0)) },
+        ],
+        materials: vec![full, unlit, Material::default()],
+        images: vec![image("colour", 100), image("orm", 255), image("unused", 255)],
+        cameras: vec![Camera::look_at(Vec3::new(3.0, 2.0, 1.0), Vec3::ZERO, Vec3::Y, 0.8, 1.5, 0.1, 50.0)],
+        warnings: Vec::new(),
+    }
+}
+
+fn round_trip(scene: &Scene) -> Scene {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("rich.glb");
+    save_glb(&path, scene).unwrap();
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing but the file is left");
+    load(&path).unwrap()
+}
+
+#[test]
+fn everything_comes_back() {
+    let before = rich();
+    let after = round_trip(&before);
+    assert_eq!(after.name, "rich");
+    assert_eq!(after.warnings, Vec::<String>::new());
+    assert_eq!(after.primitives[0].mesh.positions, before.primitives[0].mesh.positions);
+    let (a, b) = (&after.primitives[0].mesh, &before.primitives[0].mesh);
+    assert_eq!((&a.uvs, &a.uvs1, &a.colors, &a.triangles), (&b.uvs, &b.uvs1, &b.colors, &b.triangles));
+    assert_eq!(a.tangents, b.tangents);
+    assert!(a.normals.iter().zip(&b.normals).all(|(a, b)| (*a - *b).length() < 1e-6), "normals");
+    assert_eq!(after.primitives.len(), 2);
+    for (a, b) in after.instances.iter().zip(&before.instances) {
+        assert_eq!(a.primitive, b.primitive);
+        assert!(a.transform.abs_diff_eq(b.transform, 1e-5), "{a:?} {b:?}");
+    }
+    for (a, b) in after.materials.iter().zip(&before.materials) {
+        check_material(a, b, &after, &before);
+    }
+    let (a, b) = (after.cameras[0], before.cameras[0]);
+    assert!(a.view.abs_diff_eq(b.view, 1e-5) && a.fov_y == b.fov_y && a.far == b.far, "{a:?}");
+}
+
+fn check_material(a: &Material, b: &Material, after: &Scene, before: &Scene) {
+    let close = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
+    assert_eq!((&a.name, a.alpha_mode, a.double_sided, a.unlit), (&b.name, b.alpha_mode, b.double_sided, b.unlit));
+    assert!(close(&a.base_color, &b.base_color) && close(&a.emissive, &b.emissive), "{a:?}");
+    assert!(
+        close(
+            &[a.metallic, a.roughness, a.normal_scale, a.occlusion_strength],
+            &[b.metallic, b.roughness, b.normal_scale, b.occlusion_strength]
+        ),
+        "{a:?}"
+    );
+    let pairs: Vec<_> = slots_of(a).into_iter().zip(slots_of(b)).collect();
+    for (a, b) in pairs {
+        assert_eq!(a.is_some(), b.is_some());
+        let (Some(a), Some(b)) = (a, b) else { continue };
+        assert_eq!((a.sampler, a.tex_coord), (b.sampler, b.tex_coord));
+        assert!(close(a.transform.as_flattened(), b.transform.as_flattened()), "{a:?} {b:?}");
+        assert_eq!(after.images[a.image], before.images[b.image]);
+    }
+}
+
+fn slots_of(m: &Material) -> [Option<TextureSlot>; 5] {
+    [
+        m.base_color_texture,
+        m.metallic_roughness_texture,
+        m.normal_texture,
+        m.occlusion_texture,
+        m.emissive_texture,
+    ]
+}
+
+#[test]
+fn shear_is_worked_into_the_vertices() {
+    let mut scene = rich();
+    let shear = Affine3A::from_mat3(Mat3A::from_cols_array(&[1.0, 0.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, -1.0]).into());
+    let flat = Affine3A::from_scale(Vec3::new(1.0, 1.0, 0.0));
+    scene.instances = vec![Instance { primitive: 0, transform: shear }, Instance { primitive: 0, transform: flat }];
+    let (before, after) = (scene.flatten(), round_trip(&scene).flatten());
+    assert_eq!(before.mesh.triangles, after.mesh.triangles);
+    for (a, b) in before.mesh.positions.iter().zip(&after.mesh.positions) {
+        assert!((*a - *b).length() < 1e-6, "{a:?} {b:?}");
+    }
+    for (a, b) in before.mesh.normals.iter().zip(&after.mesh.normals) {
+        assert!((*a - *b).length() < 1e-5, "{a:?} {b:?}");
+    }
+    assert_eq!(before.mesh.tangents.len(), after.mesh.tangents.len());
+    assert!(before.mesh.tangents.iter().zip(&after.mesh.tangents).all(|(a, b)| a.w == b.w), "handedness");
+}
+
+#[test]
+fn large_meshes_take_wide_indices() {
+    for n in [0xffff_usize, 0x1_0000] {
+        let mesh = Mesh {
+            positions: (0..n).map(|i| vec3(i as f32, (i % 7) as f32, 0.0)).collect(),
+            normals: vec![vec3(0.0, 0.0, 1.0); n],
+            triangles: vec![[0, 1, n as u32 - 1]],
+            ..Mesh::default()
+        };
+        let scene = Scene {
+            primitives: vec![Primitive { mesh, material: 0 }],
+            instances: vec![Instance { primitive: 0, transform: Affine3A::IDENTITY }],
+            materials: vec![Material::default()],
+            ..Scene::default()
+        };
+        let after = round_trip(&scene);
+        assert_eq!(after.primitives[0].mesh.triangles, scene.primitives[0].mesh.triangles, "{n} vertices");
+        assert_eq!(after.primitives[0].mesh.positions.len(), n);
+    }
+}
+
+#[test]
+fn empty_scenes_are_files_too() {
+    let after = round_trip(&Scene::default());
+    assert_eq!((after.triangle_count(), after.instances.len()), (0, 0));
+    assert!(after.bounds().is_none());
+}
+
+#[test]
+fn broken_scenes_and_paths_are_errors() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut scene = rich();
+    scene.primitives[0].mesh.triangles[0][0] = 99;
+    let path = folder.path().join("a.glb");
+    let text = save_glb(&path, &scene).unwrap_err().to_string();
+    assert!(text.contains("primitive 0") && text.contains("99"), "{text}");
+    let mut scene = rich();
+    scene.primitives[0].mesh.positions[2].x = f32::NAN;
+    assert!(save_glb(&path, &scene).unwrap_err().to_string().contains("finite"));
+    let mut scene = rich();
+    scene.materials[0].roughness = f32::NAN;
+    assert!(save_glb(&path, &scene).unwrap_err().to_string().contains("material 0"));
+    let nowhere = folder.path().join("no/such/folder.glb");
+    let text = save_glb(&nowhere, &rich()).unwrap_err().to_string();
+    assert!(text.contains("folder.glb") && !text.contains('\n'), "{text}");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing is left behind");
+}
+
+#[test]
+fn texture_transforms_are_taken_apart() {
+    for (offset, rotation, scale) in [
+        ([0.0, 0.0], 0.0, [1.0, 1.0]),
+        ([0.1, -0.2], 1.2, [2.0, 0.5]),
+        ([0.0, 0.0], -2.5, [-1.0, 3.0]),
+        ([0.0, 0.0], 0.7, [0.0, 2.0]),
+    ] {
+        let m = load::affine_of_transform(offset, rotation, scale);
+        let (o, r, s) = material::parts(&m).unwrap();
+        let again = load::affine_of_transform(o, r, s);
+        for (a, b) in m.as_flattened().iter().zip(again.as_flattened()) {
+            assert!((a - b).abs() < 1e-5, "{m:?} {again:?}");
+        }
+    }
+    assert!(material::parts(&[[1.0, 0.5, 0.0], [0.0, 1.0, 0.0]]).is_none(), "shear");
+}

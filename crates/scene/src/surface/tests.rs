@@ -1,0 +1,145 @@
+//! Known values of the lookup.
+
+use super::*;
+use crate::{Sampler, TextureImage, Wrap};
+use photofit_scalar::{vec2, vec4};
+
+const WHITE: Vec4f = vec4(1.0, 1.0, 1.0, 1.0);
+
+fn image(width: usize, height: usize, texel: impl Fn(usize, usize) -> [u8; 4]) -> TextureImage {
+    let texels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| texel(x, y)).collect();
+    TextureImage { name: String::new(), width, height, texels }
+}
+
+fn slot(image: usize, filter: Filter) -> TextureSlot {
+    TextureSlot {
+        image,
+        sampler: Sampler { filter, ..Sampler::default() },
+        tex_coord: 0,
+        transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+    }
+}
+
+fn scene(material: Material, images: Vec<TextureImage>) -> Scene {
+    Scene { materials: vec![material], images, ..Scene::default() }
+}
+
+fn at(library: &SurfaceLibrary, u: f32, v: f32) -> SurfaceSample {
+    library.lookup(0, vec2(u, v), vec2(0.0, 0.0), WHITE, None)
+}
+
+#[test]
+fn constant_materials_need_no_texture() {
+    let library = SurfaceLibrary::new(&scene(Material::clay(), vec![]));
+    assert!(library.is_constant(0) && library.is_opaque(0));
+    let s = library.lookup(0, vec2(f32::NAN, 3.0), vec2(0.0, 0.0), vec4(0.5, 1.0, 1.0, 0.1), None);
+    assert_eq!(s.base_color, vec3(0.25, 0.5, 0.5));
+    assert_eq!((s.alpha, s.roughness, s.metallic), (1.0, 0.5, 0.0));
+    assert_eq!(library.bytes(), 0);
+}
+
+#[test]
+fn base_colour_is_decoded_and_multiplied() {
+    let checker = image(2, 2, |x, y| if (x + y) % 2 == 0 { [255, 188, 0, 128] } else { [0; 4] });
+    let material = Material {
+        base_color: [0.5, 1.0, 1.0, 1.0],
+        base_color_texture: Some(slot(0, Filter::Bilinear)),
+        alpha_mode: AlphaMode::Blend,
+        ..Material::default()
+    };
+    let library = SurfaceLibrary::new(&scene(material, vec![checker]));
+    let s = at(&library, 0.25, 0.25);
+    assert!((s.base_color - vec3(0.5, photofit_image::srgb_u8_to_linear(188), 0.0)).length() < 1e-6, "{s:?}");
+    assert!((s.alpha - 128.0 / 255.0).abs() < 1e-6);
+    // Halfway between four texels, in linear light.
+    let s = at(&library, 0.5, 0.5);
+    assert!((s.base_color.x - 0.25).abs() < 1e-6, "{s:?}");
+    assert!((library.alpha(0, vec2(0.5, 0.5), vec2(0.0, 0.0), 1.0) - s.alpha).abs() < 1e-6);
+}
+
+#[test]
+fn masks_are_zero_or_one() {
+    let ramp = image(4, 1, |x, _| [255, 255, 255, (x * 85) as u8]);
+    let material = Material {
+        base_color_texture: Some(slot(0, Filter::Nearest)),
+        alpha_mode: AlphaMode::Mask { cutoff: 0.5 },
+        ..Material::default()
+    };
+    let library = SurfaceLibrary::new(&scene(material, vec![ramp]));
+    let alphas: Vec<f32> = (0..4).map(|x| at(&library, (x as f32 + 0.5) / 4.0, 0.5).alpha).collect();
+    assert_eq!(alphas, [0.0, 0.0, 1.0, 1.0]);
+}
+
+#[test]
+fn channels_of_the_other_maps() {
+    let texel = [255, 128, 0, 255];
+    let material = Material {
+        roughness: 0.5,
+        metallic_roughness_texture: Some(slot(0, Filter::Trilinear)),
+        normal_texture: Some(slot(0, Filter::Trilinear)),
+        normal_scale: 0.5,
+        emissive: [2.0, 2.0, 2.0],
+        emissive_texture: Some(slot(0, Filter::Trilinear)),
+        ..Material::default()
+    };
+    let library = SurfaceLibrary::new(&scene(material, vec![image(8, 8, |_, _| texel)]));
+    let s = at(&library, 0.3, 0.7);
+    assert!((s.roughness - 0.5 * 128.0 / 255.0).abs() < 1e-6 && s.metallic == 0.0, "{s:?}");
+    let n = vec3(0.5, 0.5 * (2.0 * 128.0 / 255.0 - 1.0), -1.0).normalize_or_zero();
+    assert!((s.normal - n).length() < 1e-6, "{s:?}");
+    assert!((s.emissive - vec3(2.0, 2.0 * photofit_image::srgb_u8_to_linear(128), 0.0)).length() < 1e-6, "{s:?}");
+    // One size, one sampler: one set of taps for all; two encodings of one image.
+    assert_eq!(library.materials[0].addresses.len(), 1);
+    assert_eq!(library.textures.len(), 2);
+}
+
+#[test]
+fn footprints_choose_the_level() {
+    // Columns of black and white: every level below the base is grey.
+    let columns = image(16, 16, |x, _| if x % 2 == 0 { [255; 4] } else { [0, 0, 0, 255] });
+    let material = Material {
+        metallic_roughness_texture: Some(slot(0, Filter::Trilinear)),
+        ..Material::default()
+    };
+    let library = SurfaceLibrary::new(&scene(material, vec![columns]));
+    let rough = |texels: f32| {
+        let d = texels / 16.0;
+        let f = UvDerivatives::same(vec2(d, 0.0), vec2(0.0, d));
+        library.lookup(0, vec2(0.5 / 16.0, 0.5), vec2(0.0, 0.0), WHITE, Some(&f)).roughness
+    };
+    assert!((rough(0.5) - 1.0).abs() < 1e-6, "magnified: the base level");
+    assert!((rough(2.0) - 128.0 / 255.0).abs() < 1e-6, "two texels a pixel: level 1");
+    let between = 0.5 + 0.5 * 128.0 / 255.0;
+    assert!((rough(2.0_f32.sqrt()) - between).abs() < 1e-5, "half way: {}", rough(2.0_f32.sqrt()));
+    assert!((rough(1e9) - 128.0 / 255.0).abs() < 1e-6, "beyond the chain: the last level");
+    assert!((rough(f32::NAN) - 1.0).abs() < 1e-6, "no number: the base level");
+}
+
+#[test]
+fn transforms_sets_and_wraps_are_obeyed() {
+    let ramp = image(4, 1, |x, _| [(x * 60) as u8; 4]);
+    let mut s = slot(0, Filter::Nearest);
+    s.tex_coord = 1;
+    s.sampler.wrap_u = Wrap::MirroredRepeat;
+    // u' = v + 1: reads the mirrored period.
+    s.transform = [[0.0, 1.0, 1.0], [0.0, 0.0, 0.5]];
+    let material = Material { metallic_roughness_texture: Some(s), ..Material::default() };
+    let library = SurfaceLibrary::new(&scene(material, vec![ramp]));
+    let r = library.lookup(0, vec2(0.9, 0.9), vec2(0.3, 0.125), WHITE, None).roughness;
+    assert!((r - 180.0 / 255.0).abs() < 1e-6, "{r}");
+}
+
+#[test]
+fn unlit_reads_the_base_colour_only() {
+    let material = Material {
+        unlit: true,
+        emissive: [1.0; 3],
+        base_color_texture: Some(slot(0, Filter::Trilinear)),
+        normal_texture: Some(slot(0, Filter::Trilinear)),
+        ..Material::default()
+    };
+    let library = SurfaceLibrary::new(&scene(material, vec![image(2, 2, |_, _| [255, 0, 0, 255])]));
+    let s = at(&library, 0.1, 0.1);
+    assert!(s.unlit && s.emissive == Vec3f::zero() && s.normal.z == 1.0 && s.base_color.x == 1.0, "{s:?}");
+    assert!(!library.has_normal_map(0));
+}
