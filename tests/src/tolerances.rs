@@ -30,6 +30,14 @@ pub const LIBRARY_FUNCTIONS: Tolerance = Tolerance {
              formulas amplify them by far less than this",
 };
 
+/// Error maps of images.
+pub const METRICS: Tolerance = Tolerance {
+    sample: 1e-3,
+    outliers: 0.0,
+    reason: "variances are differences of nearly equal sums, and FLIP raises its colour difference to the power 0.7, \
+             whose slope grows without bound towards zero: rounding of 1e-6 may show as 1e-4",
+};
+
 /// Pictures with visibility edges: a last bit decides which triangle covers a pixel centre.
 pub const EDGES: Tolerance = Tolerance {
     sample: 2e-3,

@@ -31,7 +31,9 @@ pub(crate) fn curves(
 ) -> Result<String> {
     let all = || curves.iter().flat_map(|(_, points)| points);
     let (x_low, x_high) = range(all().map(|p| p.0));
-    let (y_low, y_high) = range(all().map(|p| p.1));
+    let (y_low, top) = range(all().map(|p| p.1));
+    // Room above the curves for their names.
+    let y_high = top * (top / y_low).powf(0.08 + 0.06 * curves.len() as f64);
     let mut svg = String::new();
     {
         let area = SVGBackend::with_string(&mut svg, (760, 460)).into_drawing_area();

@@ -13,8 +13,8 @@ mod split;
 
 pub mod adjacency;
 pub mod atlas;
-pub mod decimate;
 pub mod csr;
+pub mod decimate;
 pub mod laplacian;
 pub mod normals;
 pub mod shapes;

@@ -50,7 +50,10 @@ impl<T: Real> Rows<'_, T> {
     }
 }
 
-/// Sum of squares and number of the samples that move; `None` where none does.
+/// Lanes of the sums of squares: sample `i` of a chunk goes to lane `i % LANES`.
+const LANES: usize = 16;
+
+/// Sum of squares and number of the samples that move in one chunk, and the first that is not finite.
 #[derive(Clone, Copy, Debug, Default)]
 struct Part {
     squares: f64,
@@ -59,48 +62,31 @@ struct Part {
 }
 
 /// Mean square of the gradients of touched rows and unfrozen channels; `None` when no row is touched.
+///
+/// Finiteness is read off the sums: the square of a finite f32 neither overflows in f64 nor turns finite again.
 pub(crate) fn mean_square<T: Real>(
     group: &str,
     grads: &[T],
     rows: &Rows<'_, T>,
 ) -> Result<Option<f64>, OptimError> {
     let (chunk, width) = (rows.chunk(), rows.rates.len());
-    let live: Vec<f64> = rows.rates.iter().map(|r| if *r > T::zero() { 1.0 } else { 0.0 }).collect();
-    let live_per_row = live.iter().filter(|l| **l > 0.0).count() as u64;
+    let live: Vec<bool> = rows.rates.iter().map(|r| *r > T::zero()).collect();
+    let live_per_row = live.iter().filter(|l| **l).count() as u64;
     let part = |(c, grads): (usize, &[T])| {
-        let mut part = Part::default();
-        let mut all_finite = true;
-        let mut add = |row: &[T]| {
-            let mut squares = 0.0;
-            for (g, live) in row.iter().zip(&live) {
-                all_finite &= g.is_finite();
-                squares += g.f64() * g.f64() * live;
+        let touched = rows.touched_in(c);
+        let (squares, finite) = match touched {
+            None if LANES.is_multiple_of(width) => {
+                let lanes = lane_squares(grads);
+                let moving = lanes.iter().enumerate().filter(|(k, _)| live[k % width]).map(|(_, s)| s);
+                (moving.sum::<f64>(), lanes.iter().sum::<f64>().is_finite())
             }
-            part.squares += squares;
+            _ => row_squares(grads, &live, touched),
         };
-        match rows.touched_in(c) {
-            None if width == 1 => {
-                let (squares, finite) = scan(grads);
-                part.squares = squares * live[0];
-                all_finite = finite;
-                part.count = grads.len() as u64 * live_per_row;
-            }
-            None => {
-                grads.chunks_exact(width).for_each(add);
-                part.count = (grads.len() / width) as u64 * live_per_row;
-            }
-            Some(touched) => {
-                let taken = grads.chunks_exact(width).zip(touched).filter(|(_, t)| **t);
-                taken.for_each(|(row, _)| add(row));
-                part.count = touched.iter().filter(|t| **t).count() as u64 * live_per_row;
-            }
-        }
-        if !all_finite {
-            let is_touched = |i: usize| rows.touched_in(c).is_none_or(|t| t[i / width]);
-            part.bad =
-                (0..grads.len()).find(|&i| !grads[i].is_finite() && is_touched(i)).map(|i| c * chunk + i);
-        }
-        part
+        let taken = touched.map_or(grads.len() / width, |t| t.iter().filter(|t| **t).count());
+        let is_touched = |i: usize| touched.is_none_or(|t| t[i / width]);
+        let is_bad = |&i: &usize| !grads[i].is_finite() && is_touched(i);
+        let bad = if finite { None } else { (0..grads.len()).find(is_bad).map(|i| c * chunk + i) };
+        Part { squares, count: taken as u64 * live_per_row, bad }
     };
     let parts: Vec<Part> = grads.par_chunks(chunk).enumerate().map(part).collect();
     if let Some(index) = parts.iter().find_map(|p| p.bad) {
@@ -112,21 +98,37 @@ pub(crate) fn mean_square<T: Real>(
     }
     let count: u64 = parts.iter().map(|p| p.count).sum();
     let any = rows.touched.is_none_or(|t| t.contains(&true)) && !grads.is_empty();
-    let squares: f64 = parts.iter().map(|p| p.squares).sum();
+    // Squares of f64 gradients above 1e154 overflow: the mean is then as large as can be.
+    let squares = parts.iter().map(|p| p.squares).sum::<f64>().min(f64::MAX);
     Ok(any.then(|| if count > 0 { squares / count as f64 } else { 0.0 }))
 }
 
-/// Sum of squares in eight fixed lanes, and whether all values are finite.
-fn scan<T: Real>(values: &[T]) -> (f64, bool) {
-    let mut lanes = [0.0_f64; 8];
-    let mut finite = [true; 8];
-    let (eights, rest) = values.as_chunks::<8>();
-    for eight in eights {
-        for k in 0..8 {
-            lanes[k] += eight[k].f64() * eight[k].f64();
-            finite[k] &= eight[k].is_finite();
+/// Sums of squares by `i % LANES`.
+fn lane_squares<T: Real>(values: &[T]) -> [f64; LANES] {
+    let mut lanes = [0.0_f64; LANES];
+    let (groups, rest) = values.as_chunks::<LANES>();
+    for group in groups {
+        for k in 0..LANES {
+            lanes[k] += group[k].f64() * group[k].f64();
         }
     }
-    let tail: f64 = rest.iter().map(|g| g.f64() * g.f64()).sum();
-    (lanes.iter().sum::<f64>() + tail, finite.iter().all(|f| *f) && rest.iter().all(|g| g.is_finite()))
+    for (lane, g) in lanes.iter_mut().zip(rest) {
+        *lane += g.f64() * g.f64();
+    }
+    lanes
+}
+
+/// Sum of squares over touched rows and live channels, and whether all gradients of touched rows may be finite.
+fn row_squares<T: Real>(grads: &[T], live: &[bool], touched: Option<&[bool]>) -> (f64, bool) {
+    let (mut moving, mut frozen) = (0.0, 0.0);
+    for (r, row) in grads.chunks_exact(live.len()).enumerate() {
+        if touched.is_some_and(|t| !t[r]) {
+            continue;
+        }
+        for (g, live) in row.iter().zip(live) {
+            let square = g.f64() * g.f64();
+            *(if *live { &mut moving } else { &mut frozen }) += square;
+        }
+    }
+    (moving, moving.is_finite() && frozen.is_finite())
 }

@@ -25,11 +25,8 @@ impl Camera {
     /// `up` parallel to the view direction is replaced by another axis.
     pub fn look_at(eye: Vec3, target: Vec3, up: Vec3, fov_y: f32, aspect: f32, near: f32, far: f32) -> Self {
         let back = (eye - target).try_normalize().unwrap_or(Vec3::Z);
-        let right = up
-            .cross(back)
-            .try_normalize()
-            .or_else(|| Vec3::Z.cross(back).try_normalize())
-            .unwrap_or(Vec3::X);
+        let right =
+            up.cross(back).try_normalize().or_else(|| Vec3::Z.cross(back).try_normalize()).unwrap_or(Vec3::X);
         let true_up = back.cross(right);
         let view = Mat4::from_cols(
             glam::vec4(right.x, true_up.x, back.x, 0.0),
@@ -116,7 +113,11 @@ mod tests {
             (0.7, -FRAC_PI_2, Vec3::NEG_Y),
         ] {
             let c = Camera::orbit(Vec3::ONE, 1.0, azimuth, elevation, 3.0, 0.8, 1.0);
-            assert!((c.eye - (Vec3::ONE + expected * 3.0)).length() < 1e-5, "{azimuth} {elevation}: {}", c.eye);
+            assert!(
+                (c.eye - (Vec3::ONE + expected * 3.0)).length() < 1e-5,
+                "{azimuth} {elevation}: {}",
+                c.eye
+            );
             let m = c.view_projection();
             let p = m * Vec3::ONE.extend(1.0);
             assert!(p.x.abs() < 1e-5 && p.y.abs() < 1e-5 && p.z > 0.0 && p.z < p.w, "{p}");

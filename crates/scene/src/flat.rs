@@ -6,6 +6,7 @@ use photofit_geometry::tangents::{UvFrames, split_mirrored, vertex_tangents};
 use photofit_geometry::weld::weld_rows;
 use photofit_geometry::{Incidence, Mesh};
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3, vec4};
+use std::borrow::Cow;
 
 /// All instances of a scene as one world-space mesh; built by [`crate::Scene::flatten`].
 ///
@@ -33,7 +34,8 @@ impl Scene {
         let wants = Wants::of(self);
         let prepared: Vec<Option<Mesh>> = self.prepare(wants);
         let mut flat = FlatScene::default();
-        let vertices = self.instances.iter().map(|i| self.mesh_of(&prepared, i.primitive).positions.len()).sum();
+        let vertices =
+            self.instances.iter().map(|i| self.mesh_of(&prepared, i.primitive).positions.len()).sum();
         assert!(u32::try_from(vertices).is_ok(), "at most 2^32 - 1 vertices");
         let triangles = self.triangle_count();
         flat.mesh.positions.reserve_exact(vertices);
@@ -169,6 +171,18 @@ impl Normals {
     }
 }
 
+/// The mesh as a file should hold it: with tangents exactly where a normal map needs them.
+pub(crate) fn for_file<'a>(primitive: &'a Primitive, material: &Material) -> Cow<'a, Mesh> {
+    let mapped = material.normal_texture.is_some() && !material.unlit;
+    if mapped && primitive.mesh.tangents.is_empty() {
+        return Cow::Owned(complete(primitive, material, true));
+    }
+    if !mapped && !primitive.mesh.tangents.is_empty() {
+        return Cow::Owned(Mesh { tangents: Vec::new(), ..primitive.mesh.clone() });
+    }
+    Cow::Borrowed(&primitive.mesh)
+}
+
 /// The primitive's mesh with normals, and with tangents where asked.
 fn complete(primitive: &Primitive, material: &Material, tangents: bool) -> Mesh {
     let mut mesh = primitive.mesh.clone();
@@ -218,4 +232,104 @@ fn with_tangents(mesh: Mesh, material: &Material) -> Mesh {
     let frames = UvFrames::new(&incidence, &uvs);
     mesh.tangents = vertex_tangents(&incidence, &frames, &mesh.positions, &mesh.normals);
     mesh
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Instance, TextureSlot};
+    use glam::{Mat3A, Quat, Vec3};
+
+    fn scene(transform: Affine3A) -> Scene {
+        let mesh = Mesh {
+            positions: vec![vec3(0.0, 0.0, 0.0), vec3(1.0, 0.0, 0.2), vec3(0.0, 1.0, 0.1)],
+            normals: vec![vec3(-0.2, -0.1, 1.0).normalize_or_zero(); 3],
+            tangents: vec![vec3(1.0, 0.0, 0.2).normalize_or_zero().extend(-1.0); 3],
+            uvs: vec![vec2(0.0, 0.0), vec2(1.0, 0.0), vec2(0.0, 1.0)],
+            triangles: vec![[0, 1, 2]],
+            ..Mesh::default()
+        };
+        let slot = TextureSlot {
+            image: 0,
+            sampler: crate::Sampler::default(),
+            tex_coord: 0,
+            transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+        };
+        Scene {
+            primitives: vec![Primitive { mesh, material: 0 }],
+            instances: vec![Instance { primitive: 0, transform }],
+            materials: vec![Material { normal_texture: Some(slot), ..Material::default() }, Material::clay()],
+            images: vec![crate::TextureImage {
+                name: String::new(),
+                width: 1,
+                height: 1,
+                texels: vec![[0; 4]],
+            }],
+            ..Scene::default()
+        }
+    }
+
+    #[test]
+    fn frames_go_with_any_transform() {
+        let turned = Affine3A::from_scale_rotation_translation(
+            Vec3::new(-2.0, 0.5, 1e-3),
+            Quat::from_rotation_x(0.7),
+            Vec3::ONE,
+        );
+        let shear = Affine3A::from_mat3(
+            Mat3A::from_cols_array(&[1.0, 0.0, 0.3, 0.5, -1.0, 0.0, 0.0, 0.2, 1.0]).into(),
+        );
+        let tiny = Affine3A::from_scale(Vec3::splat(1e-20));
+        for transform in [Affine3A::IDENTITY, turned, shear, tiny] {
+            let flat = scene(transform).flatten().mesh;
+            let [a, b, c] = flat.corners(0);
+            let scale = 1.0 / (b - a).length().max((c - a).length());
+            let face = ((b - a) * scale).cross((c - a) * scale).normalize_or_zero();
+            let (n, t) = (flat.normals[0], flat.tangents[0]);
+            assert!(face.dot(n) > 0.999, "winding and normal agree: {transform:?} {face:?} {n:?}");
+            assert!(t.xyz().dot(n).abs() < 1e-3, "tangent lies in the surface: {transform:?}");
+            // The moved bitangent: w cross(n, t) = -(n x t) in the mesh's own frame.
+            let own = vec3(-0.2, -0.1, 1.0).cross(vec3(1.0, 0.0, 0.2)) * -1.0;
+            let moved = transform.transform_vector3(Vec3::new(own.x, own.y, own.z));
+            let bitangent = n.cross(t.xyz()) * t.w;
+            assert!(bitangent.dot(vec3(moved.x, moved.y, moved.z)) > 0.0, "handedness: {transform:?}");
+        }
+    }
+
+    #[test]
+    fn flat_shapes_stay_finite() {
+        let flat = scene(Affine3A::from_scale(Vec3::ZERO)).flatten().mesh;
+        assert!(flat.normals.iter().all(|n| (n.length() - 1.0).abs() < 1e-6));
+        assert!(flat.tangents.iter().all(|t| (t.xyz().length() - 1.0).abs() < 1e-6));
+    }
+
+    #[test]
+    fn absent_attributes_are_filled() {
+        let mut scene = scene(Affine3A::IDENTITY);
+        let mut bare = scene.primitives[0].clone();
+        bare.mesh.normals.clear();
+        bare.mesh.tangents.clear();
+        bare.mesh.uvs.clear();
+        bare.mesh.colors = vec![vec4(0.5, 0.5, 0.5, 1.0); 3];
+        bare.material = 1;
+        scene.primitives.push(bare);
+        scene.instances.push(Instance { primitive: 1, transform: Affine3A::from_translation(Vec3::X) });
+        scene.instances.push(Instance { primitive: 1, transform: Affine3A::IDENTITY });
+        let flat = scene.flatten();
+        assert_eq!(flat.triangle_material, [0, 1, 1]);
+        assert_eq!(flat.mesh.triangles, [[0, 1, 2], [3, 4, 5], [6, 7, 8]]);
+        for (name, n) in [
+            ("normals", flat.mesh.normals.len()),
+            ("uvs", flat.mesh.uvs.len()),
+            ("tangents", flat.mesh.tangents.len()),
+            ("colors", flat.mesh.colors.len()),
+        ] {
+            assert_eq!(n, 9, "{name}");
+        }
+        assert!((flat.mesh.normals[3] - flat.mesh.normals[0]).length() < 1e-6, "computed");
+        assert_eq!((flat.mesh.colors[0].x, flat.mesh.uvs[3]), (1.0, vec2(0.0, 0.0)));
+        assert_eq!(scene.bounds(), flat.mesh.bounds());
+        scene.materials[0].normal_texture = None;
+        assert!(scene.flatten().mesh.tangents.is_empty(), "no normal map, no tangents");
+    }
 }

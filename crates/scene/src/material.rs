@@ -1,6 +1,6 @@
 //! Materials: the metallic-roughness model of glTF 2.0.
 
-/// How a texture continues outside of [0,1].
+/// How a texture continues outside of 0 to 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Wrap {
     /// Periodic.

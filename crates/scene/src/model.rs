@@ -166,15 +166,13 @@ impl Scene {
         for (p, primitive) in self.primitives.iter().enumerate() {
             check_mesh(&primitive.mesh).map_err(|rule| fault(format!("primitive {p}"), rule))?;
             if primitive.material >= self.materials.len() {
-                let rule =
-                    format!("material {} is one of {}", primitive.material, self.materials.len());
+                let rule = format!("material {} is one of {}", primitive.material, self.materials.len());
                 return Err(fault(format!("primitive {p}"), rule));
             }
         }
         for (i, instance) in self.instances.iter().enumerate() {
             if instance.primitive >= self.primitives.len() {
-                let rule =
-                    format!("primitive {} is one of {}", instance.primitive, self.primitives.len());
+                let rule = format!("primitive {} is one of {}", instance.primitive, self.primitives.len());
                 return Err(fault(format!("instance {i}"), rule));
             }
         }

@@ -4,12 +4,13 @@ mod geometry;
 mod image;
 mod raster;
 mod sampling;
+mod scene;
 mod shading;
 
 use photofit_image::Image;
 
 use crate::store::Format;
-use crate::tolerances::{EDGES, EXACT, LIBRARY_FUNCTIONS, Tolerance};
+use crate::tolerances::{EDGES, EXACT, LIBRARY_FUNCTIONS, METRICS, Tolerance};
 
 /// One golden image.
 #[derive(Debug)]
@@ -37,8 +38,8 @@ pub const CASES: &[Case] = &[
     png("image-pyramid", EXACT, image::pyramid_levels),
     png("image-resize", EXACT, image::resized),
     png("image-srgb-heat", LIBRARY_FUNCTIONS, image::srgb_heat),
-    exr("image-flip", LIBRARY_FUNCTIONS, image::flip_map),
-    exr("image-ssim", LIBRARY_FUNCTIONS, image::ssim_map),
+    exr("image-flip", METRICS, image::flip_map),
+    exr("image-ssim", METRICS, image::ssim_map),
     png("sampling-sobol", EXACT, sampling::sobol),
     png("sampling-cosine", EDGES, sampling::cosine),
     png("geometry-atlas", EDGES, geometry::atlas),
@@ -49,4 +50,7 @@ pub const CASES: &[Case] = &[
     png("raster-layers", EDGES, raster::depth_layers),
     exr("shading-point", LIBRARY_FUNCTIONS, shading::point_light),
     exr("shading-ambient", LIBRARY_FUNCTIONS, shading::ambient_light),
+    exr("shading-environment", LIBRARY_FUNCTIONS, shading::environment_light),
+    png("scene-materials", EDGES, scene::materials),
+    png("raster-deferred", EDGES, scene::deferred),
 ];

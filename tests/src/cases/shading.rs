@@ -2,7 +2,7 @@
 
 use photofit_image::{Image, contact_sheet};
 use photofit_scalar::{Vec3, Vec3f, vec3};
-use photofit_shading::{Light, Surface, shade};
+use photofit_shading::{Environment, Light, Surface, Yaw, shade};
 
 /// Size of one sphere in pixels.
 const SIZE: usize = 32;
@@ -53,4 +53,21 @@ pub(super) fn point_light() -> Image {
 /// The same radiance from every direction.
 pub(super) fn ambient_light() -> Image {
     materials(&[Light::Ambient { radiance: vec3(0.7, 0.8, 1.0) }])
+}
+
+/// An environment of a sky gradient, a dark ground and a warm window, turned by a quarter.
+pub(super) fn environment_light() -> Image {
+    let (width, height) = (32, 16);
+    let texel = |i: usize| {
+        let (x, y) = (i % width, i / width);
+        match (x, y) {
+            (10..14, 4..7) => [12.0, 8.0, 4.0],
+            (_, 0..8) => [0.3, 0.4, 0.5 + 0.06 * y as f32],
+            _ => [0.1, 0.08, 0.05],
+        }
+    };
+    let rgb: Vec<f32> = (0..width * height).flat_map(texel).collect();
+    let map = Environment::from_equirectangular(width, height, &rgb).expect("a valid image");
+    let rotation = Yaw::new(std::f32::consts::FRAC_PI_2);
+    materials(&[Light::Environment { map: &map, rotation, scale: 1.0 }])
 }

@@ -92,33 +92,69 @@ struct Step<T> {
 }
 
 impl<T: Real> Step<T> {
-    /// Moves one sample; `live` is zero on frozen channels, whose gradient counts as zero.
+    /// Moves one sample.
     #[inline(always)]
-    fn apply(&self, p: &mut T, m: &mut T, v: &mut T, g: T, rate: T, correction: [T; 2]) {
-        let g = g * self.inverse_scale;
+    fn apply(self, p: &mut T, m: &mut T, v: &mut T, g: T, rate: T, correction: [T; 2]) {
+        self.scaled(p, m, v, g * self.inverse_scale, rate, correction);
+    }
+
+    /// Moves one sample by a gradient in the moments' unit.
+    #[inline(always)]
+    fn scaled(self, p: &mut T, m: &mut T, v: &mut T, g: T, rate: T, correction: [T; 2]) {
         let first = self.beta[0] * *m + self.rest[0] * g;
         let second = self.beta[1] * *v + self.rest[1] * (g * g);
-        *m = if first.abs() < self.tiny[0] { T::zero() } else { first };
-        *v = if second < self.tiny[1] { T::zero() } else { second };
-        *p -= rate * (*m * correction[0]) / ((*v * correction[1]).sqrt() + self.epsilon);
+        let first = if first.abs() < self.tiny[0] { T::zero() } else { first };
+        let second = if second < self.tiny[1] { T::zero() } else { second };
+        *m = first;
+        *v = second;
+        *p -= rate * (first * correction[0]) / ((second * correction[1]).sqrt() + self.epsilon);
     }
 
-    fn dense(&self, p: &mut [T], m: &mut [T], v: &mut [T], g: &[T], rates: &[T], correction: [T; 2]) {
-        if let &[rate] = rates {
-            for (((p, m), v), g) in p.iter_mut().zip(m).zip(v).zip(g) {
-                self.apply(p, m, v, *g, rate, correction);
+    /// Moves whole rows. Takes the constants by value: loads through a reference could alias the stores.
+    #[inline(never)]
+    fn dense(self, p: &mut [T], m: &mut [T], v: &mut [T], g: &[T], rates: &[T], correction: [T; 2]) {
+        match rates.len() {
+            1 => {
+                for (((p, m), v), g) in p.iter_mut().zip(m).zip(v).zip(g) {
+                    self.apply(p, m, v, *g, rates[0], correction);
+                }
             }
-            return;
+            4 => self.fixed::<4>(p, m, v, g, rates, correction),
+            8 => self.fixed::<8>(p, m, v, g, rates, correction),
+            16 => self.fixed::<16>(p, m, v, g, rates, correction),
+            width => {
+                let rows = p.chunks_exact_mut(width).zip(m.chunks_exact_mut(width));
+                for (((p, m), v), g) in rows.zip(v.chunks_exact_mut(width)).zip(g.chunks_exact(width)) {
+                    self.row(p, m, v, g, rates, correction);
+                }
+            }
         }
-        let width = rates.len();
-        let rows = p.chunks_exact_mut(width).zip(m.chunks_exact_mut(width));
-        for (((p, m), v), g) in rows.zip(v.chunks_exact_mut(width)).zip(g.chunks_exact(width)) {
-            self.row(p, m, v, g, rates, correction);
+    }
+
+    /// [`Self::dense`] for rows of a length known to the compiler.
+    #[inline(always)]
+    fn fixed<const W: usize>(
+        self,
+        p: &mut [T],
+        m: &mut [T],
+        v: &mut [T],
+        g: &[T],
+        rates: &[T],
+        correction: [T; 2],
+    ) {
+        let Some(rates) = rates.first_chunk::<W>().copied() else { return };
+        let live = rates.map(|r| if r > T::zero() { self.inverse_scale } else { T::zero() });
+        let rows = p.as_chunks_mut::<W>().0.iter_mut().zip(m.as_chunks_mut::<W>().0);
+        let rest = v.as_chunks_mut::<W>().0.iter_mut().zip(g.as_chunks::<W>().0);
+        for ((p, m), (v, g)) in rows.zip(rest) {
+            for k in 0..W {
+                self.scaled(&mut p[k], &mut m[k], &mut v[k], g[k] * live[k], rates[k], correction);
+            }
         }
     }
 
     #[inline(always)]
-    fn row(&self, p: &mut [T], m: &mut [T], v: &mut [T], g: &[T], rates: &[T], correction: [T; 2]) {
+    fn row(self, p: &mut [T], m: &mut [T], v: &mut [T], g: &[T], rates: &[T], correction: [T; 2]) {
         for ((((p, m), v), g), rate) in p.iter_mut().zip(m).zip(v).zip(g).zip(rates) {
             let g = if *rate > T::zero() { *g } else { T::zero() };
             self.apply(p, m, v, g, *rate, correction);
@@ -127,7 +163,7 @@ impl<T: Real> Step<T> {
 
     /// `p -= rate g / (|g| + eps)`.
     #[inline(always)]
-    fn memoryless(&self, p: &mut [T], g: &[T], rates: &[T]) {
+    fn memoryless(self, p: &mut [T], g: &[T], rates: &[T]) {
         for ((p, g), rate) in p.iter_mut().zip(g).zip(rates) {
             let g = *g * self.inverse_scale;
             *p -= *rate * g / (g.abs() + self.epsilon);
@@ -231,7 +267,7 @@ impl<T: Real> Adam<T> {
                 *count = count.saturating_add(1);
                 let at = r * width..(r + 1) * width;
                 let (p, m, v) = (&mut p[at.clone()], &mut m[at.clone()], &mut v[at.clone()]);
-                step.row(p, m, v, &g[at], rows.rates, correction(*count));
+                step.dense(p, m, v, &g[at], rows.rates, correction(*count));
             }
         });
     }

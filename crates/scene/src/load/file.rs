@@ -12,24 +12,16 @@ pub(crate) fn read(path: &Path, limit: u64) -> Result<Vec<u8>, SceneError> {
     let cannot = |cause| SceneError::Read { path: path.to_owned(), cause };
     let size = size_of_regular(path).map_err(cannot)?;
     if size > limit {
-        return Err(
-            fault("the file's size", format!("at most {limit} bytes, found {size}")).in_file(path)
-        );
+        return Err(fault("the file's size", format!("at most {limit} bytes, found {size}")).in_file(path));
     }
     let mut bytes = Vec::with_capacity(size as usize);
-    File::open(path)
-        .and_then(|f| f.take(limit).read_to_end(&mut bytes))
-        .map_err(cannot)?;
+    File::open(path).and_then(|f| f.take(limit).read_to_end(&mut bytes)).map_err(cannot)?;
     Ok(bytes)
 }
 
 fn size_of_regular(path: &Path) -> std::io::Result<u64> {
     let metadata = std::fs::metadata(path)?;
-    if metadata.is_file() {
-        Ok(metadata.len())
-    } else {
-        Err(std::io::Error::other("not a regular file"))
-    }
+    if metadata.is_file() { Ok(metadata.len()) } else { Err(std::io::Error::other("not a regular file")) }
 }
 
 /// The folder of an asset: the only place that its references may reach.
@@ -66,9 +58,7 @@ impl Folder {
     }
 
     fn resolve(&self, name: &str, place: &str) -> Result<PathBuf, Fault> {
-        let leaves = || {
-            fault(place, format!("`{}` is not a path inside of the asset's folder", clip(name)))
-        };
+        let leaves = || fault(place, format!("`{}` is not a path inside of the asset's folder", clip(name)));
         // Exporters on Windows write backslashes; both separate folders here.
         let name = name.replace('\\', "/");
         if name.is_empty() || name.starts_with('/') || name.contains('\0') || has_scheme(&name) {
@@ -86,9 +76,8 @@ impl Folder {
             }
         }
         let path = self.0.join(&name);
-        let missing = |e: std::io::Error| {
-            fault(place, format!("the file `{}` cannot be read: {e}", clip(&name)))
-        };
+        let missing =
+            |e: std::io::Error| fault(place, format!("the file `{}` cannot be read: {e}", clip(&name)));
         let real = path.canonicalize().map_err(missing)?;
         let folder = self.0.canonicalize().map_err(missing)?;
         if real.starts_with(&folder) { Ok(real) } else { Err(leaves()) }

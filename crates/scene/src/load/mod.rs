@@ -7,22 +7,22 @@ mod normals;
 mod obj;
 mod ply;
 mod polygon;
-mod texture;
 #[cfg(test)]
 mod tests;
+mod texture;
 
 use crate::error::{Fault, fault};
-use crate::{Material, Primitive, Scene, SceneError};
+use crate::{Primitive, Scene, SceneError};
 use std::path::Path;
 
 /// What a loader accepts; anything larger is an error before memory is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Bytes of one file.
+    /// Bytes of one file; of all buffers of an asset; of all textures, as encoded.
     pub file_bytes: u64,
     /// Bytes of the JSON part of a glTF asset.
     pub json_bytes: usize,
-    /// Objects and arrays in the JSON part of a glTF asset.
+    /// Objects and arrays in the JSON part of a glTF asset; sixteen times as many values.
     pub json_items: usize,
     /// Vertices of all primitives together, as stored.
     pub vertices: usize,
@@ -189,17 +189,8 @@ pub(crate) use normals::smooth as smooth_normals;
 pub(crate) use texture::affine_of_transform;
 
 pub(crate) fn place(scene: &mut Scene, primitive: Primitive) {
-    scene.instances.push(crate::Instance {
-        primitive: scene.primitives.len(),
-        transform: glam::Affine3A::IDENTITY,
-    });
+    scene
+        .instances
+        .push(crate::Instance { primitive: scene.primitives.len(), transform: glam::Affine3A::IDENTITY });
     scene.primitives.push(primitive);
-}
-
-/// Index of a material, appended when it is not there yet.
-pub(crate) fn intern_material(scene: &mut Scene, material: Material) -> usize {
-    scene.materials.iter().position(|m| *m == material).unwrap_or_else(|| {
-        scene.materials.push(material);
-        scene.materials.len() - 1
-    })
 }

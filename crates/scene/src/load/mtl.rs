@@ -67,12 +67,15 @@ fn statement(
     let color = || -> Result<[f32; 3], Fault> {
         let c: [f32; 3] = numbers(rest, &[f32::MAX; 3], 1).map_err(rule)?;
         // One number stands for all three.
-        Ok(if c[1] == f32::MAX { [c[0].max(0.0); 3] } else { c.map(|x| if x == f32::MAX { 0.0 } else { x.max(0.0) }) })
+        Ok(if c[1] == f32::MAX {
+            [c[0].max(0.0); 3]
+        } else {
+            c.map(|x| if x == f32::MAX { 0.0 } else { x.max(0.0) })
+        })
     };
     let mut alpha = |a: f32| {
         material.base_color[3] = a.clamp(0.0, 1.0);
-        material.alpha_mode =
-            if material.base_color[3] < 1.0 { AlphaMode::Blend } else { AlphaMode::Opaque };
+        material.alpha_mode = if material.base_color[3] < 1.0 { AlphaMode::Blend } else { AlphaMode::Opaque };
     };
     match keyword {
         "Kd" => {
@@ -151,7 +154,7 @@ fn map(
         Some(image) => image,
         None => {
             let bytes = folder.read_name(rest, limits.file_bytes, place)?;
-            textures.request(key, rest.to_owned(), bytes).map_err(|f| fault(format!("{place}: {}", f.place), f.rule))?
+            textures.request(key, place.to_owned(), rest.to_owned(), bytes.into())?
         }
     };
     // The file's v points up: v' = 1 - (scale (1 - v) + offset).

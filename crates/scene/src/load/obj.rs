@@ -10,6 +10,9 @@ use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3};
 use std::borrow::Cow;
 use std::collections::HashMap;
 
+/// Each may be large; more than a few are no honest file.
+const MOST_LIBRARIES: usize = 64;
+
 /// Stands for "none" in a corner.
 const NONE: u32 = u32::MAX;
 
@@ -26,6 +29,8 @@ struct Statements {
     normals: Vec<Vec3f>,
     /// Triangles by material, in the order of first use.
     groups: Vec<(usize, Vec<[Corner; 3]>)>,
+    /// Index into `groups` by material.
+    group_of: HashMap<usize, usize>,
 }
 
 /// Loads an OBJ file: polygons, negative indices, texture coordinates (turned to the upper left origin), normals,
@@ -37,6 +42,8 @@ pub(crate) fn parse(text: &[u8], folder: &Folder, limits: &Limits) -> Result<Sce
     let mut statements = Statements::default();
     let mut budget = Budget::new(limits);
     let mut current: Option<usize> = None;
+    let mut clay: Option<usize> = None;
+    let mut libraries: Vec<String> = Vec::new();
     let mut polygon = Vec::new();
     let mut ignored = Ignored::default();
     for (line, text) in lines(text) {
@@ -58,20 +65,26 @@ pub(crate) fn parse(text: &[u8], folder: &Folder, limits: &Limits) -> Result<Sce
             "f" => {
                 statements.corners(rest, &mut polygon).map_err(|rule| fault(line(), rule))?;
                 budget.triangles(polygon.len() as u64 - 2, line)?;
-                let group = current.get_or_insert_with(|| {
-                    super::intern_material(&mut scene, Material::clay())
-                });
-                statements.face(*group, &polygon);
+                let material = *current.get_or_insert_with(|| add_clay(&mut clay, &mut scene));
+                statements.face(material, &polygon);
             }
             "usemtl" => {
-                let found = names.get(rest).copied();
-                if found.is_none() {
+                let material = names.get(rest).copied().unwrap_or_else(|| {
                     scene.warnings.push(format!("{}: the material `{}` is not defined", line(), clip(rest)));
-                }
-                current =
-                    Some(found.unwrap_or_else(|| super::intern_material(&mut scene, Material::clay())));
+                    let clay = add_clay(&mut clay, &mut scene);
+                    names.insert(rest.to_owned(), clay);
+                    clay
+                });
+                current = Some(material);
             }
-            "mtllib" => mtl::load(rest, folder, limits, &line(), &mut scene, &mut names, &mut textures)?,
+            "mtllib" if libraries.iter().any(|l| l == rest) => {}
+            "mtllib" if libraries.len() >= MOST_LIBRARIES => {
+                return Err(fault(line(), format!("at most {MOST_LIBRARIES} material libraries")));
+            }
+            "mtllib" => {
+                libraries.push(rest.to_owned());
+                mtl::load(rest, folder, limits, &line(), &mut scene, &mut names, &mut textures)?;
+            }
             "" | "#" | "o" | "g" | "s" => {}
             other => ignored.add(other),
         }
@@ -79,9 +92,20 @@ pub(crate) fn parse(text: &[u8], folder: &Folder, limits: &Limits) -> Result<Sce
     if let Some(text) = ignored.message() {
         scene.warnings.push(text);
     }
-    statements.build(&mut scene, &mut budget)?;
+    if statements.groups.is_empty() {
+        add_clay(&mut clay, &mut scene);
+    }
+    statements.build(&mut scene, &mut budget, clay.unwrap_or(0))?;
     scene.images = textures.decode()?;
     Ok(scene)
+}
+
+/// Index of the grey material, appended at its first use.
+fn add_clay(clay: &mut Option<usize>, scene: &mut Scene) -> usize {
+    *clay.get_or_insert_with(|| {
+        scene.materials.push(Material::clay());
+        scene.materials.len() - 1
+    })
 }
 
 /// Keywords without a meaning here, each named once.
@@ -128,7 +152,11 @@ pub(super) fn split_keyword(line: &str) -> (&str, &str) {
 }
 
 /// Up to `N` finite numbers, at least `least` of them, the others by default.
-pub(super) fn numbers<const N: usize>(text: &str, default: &[f32; N], least: usize) -> Result<[f32; N], String> {
+pub(super) fn numbers<const N: usize>(
+    text: &str,
+    default: &[f32; N],
+    least: usize,
+) -> Result<[f32; N], String> {
     let mut out = *default;
     let mut found = 0;
     for (value, word) in out.iter_mut().zip(text.split_ascii_whitespace()) {
@@ -181,17 +209,18 @@ impl Statements {
             }
             out.push(corner);
         }
-        if out.len() < 3 { Err(format!("a face has at least 3 corners, found {}", out.len())) } else { Ok(()) }
+        if out.len() < 3 {
+            Err(format!("a face has at least 3 corners, found {}", out.len()))
+        } else {
+            Ok(())
+        }
     }
 
     fn face(&mut self, material: usize, polygon: &[Corner]) {
-        let group = match self.groups.iter().position(|g| g.0 == material) {
-            Some(g) => g,
-            None => {
-                self.groups.push((material, Vec::new()));
-                self.groups.len() - 1
-            }
-        };
+        let group = *self.group_of.entry(material).or_insert_with(|| {
+            self.groups.push((material, Vec::new()));
+            self.groups.len() - 1
+        });
         if let [a, b, c] = *polygon {
             self.groups[group].1.push([a, b, c]);
             return;
@@ -202,7 +231,7 @@ impl Statements {
         self.groups[group].1.extend(cut.into_iter().map(|t| t.map(|k| polygon[k])));
     }
 
-    fn build(&self, scene: &mut Scene, budget: &mut Budget<'_>) -> Result<(), Fault> {
+    fn build(&self, scene: &mut Scene, budget: &mut Budget<'_>, clay: usize) -> Result<(), Fault> {
         let corners = || self.groups.iter().flat_map(|g| g.1.iter().flatten());
         let missing = corners().any(|c| c[2] == NONE || self.normals[c[2] as usize] == Vec3f::zero());
         let smooth = if missing {
@@ -219,14 +248,13 @@ impl Statements {
         }
         if self.groups.is_empty() && !self.positions.is_empty() {
             // Points alone: kept, so that the message can say what the file holds.
-            let material = super::intern_material(scene, Material::clay());
             let mesh = Mesh {
                 positions: self.positions.clone(),
                 normals: normals::smooth(&self.positions, &[]),
                 colors: self.colors.clone(),
                 ..Mesh::default()
             };
-            place(scene, Primitive { mesh, material });
+            place(scene, Primitive { mesh, material: clay });
         }
         Ok(())
     }
@@ -263,7 +291,7 @@ impl Statements {
 
 /// A 1-based or negative index as a 0-based one.
 fn index(text: &str, count: usize) -> Result<u32, String> {
-    let i: i64 = text.parse().map_err(|_| "indices are integers".to_owned())?;
+    let i: i64 = text.parse().map_err(|e| format!("indices are integers: {e}"))?;
     let at = if i < 0 { count as i64 + i } else { i - 1 };
     if at < 0 || at >= count as i64 || at >= i64::from(NONE) {
         return Err(format!("index {i} refers to one of the {count} lines before this one"));

@@ -4,6 +4,7 @@ use super::Limits;
 use crate::TextureImage;
 use crate::error::{Fault, fault};
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::collections::HashMap;
 
 /// Textures requested so far; each is decoded once.
@@ -11,29 +12,41 @@ use std::collections::HashMap;
 pub(crate) struct Textures<'a> {
     limits: &'a Limits,
     texels: u64,
-    pending: Vec<Pending>,
+    /// Encoded bytes requested so far: many images may share the same ones.
+    encoded: u64,
+    pending: Vec<Pending<'a>>,
     known: HashMap<String, usize>,
 }
 
 #[derive(Debug)]
-struct Pending {
+struct Pending<'a> {
     place: String,
     name: String,
-    bytes: Vec<u8>,
+    bytes: Cow<'a, [u8]>,
 }
 
 impl<'a> Textures<'a> {
     pub(crate) fn new(limits: &'a Limits) -> Self {
-        Self { limits, texels: 0, pending: Vec::new(), known: HashMap::new() }
+        Self { limits, texels: 0, encoded: 0, pending: Vec::new(), known: HashMap::new() }
     }
 
-    /// Index of the texture requested from this place before.
-    pub(crate) fn known(&self, place: &str) -> Option<usize> {
-        self.known.get(place).copied()
+    /// Index of the texture requested under this key before.
+    pub(crate) fn known(&self, key: &str) -> Option<usize> {
+        self.known.get(key).copied()
     }
 
     /// Asks for a PNG or JPEG; its size is checked here, its texels are decoded by [`Self::decode`].
-    pub(crate) fn request(&mut self, place: String, name: String, bytes: Vec<u8>) -> Result<usize, Fault> {
+    pub(crate) fn request(
+        &mut self,
+        key: String,
+        place: String,
+        name: String,
+        bytes: Cow<'a, [u8]>,
+    ) -> Result<usize, Fault> {
+        self.encoded = self.encoded.saturating_add(bytes.len() as u64);
+        if self.encoded > self.limits.file_bytes {
+            return Err(fault(place, format!("all textures have at most {} bytes", self.limits.file_bytes)));
+        }
         let (width, height) =
             photofit_image::texture_size(&bytes).map_err(|e| fault(&place, image_rule(e)))?;
         let side = self.limits.texture_side;
@@ -44,7 +57,7 @@ impl<'a> Textures<'a> {
         if self.texels > self.limits.texels {
             return Err(fault(place, format!("all textures have at most {} texels", self.limits.texels)));
         }
-        self.known.insert(place.clone(), self.pending.len());
+        self.known.insert(key, self.pending.len());
         self.pending.push(Pending { place, name, bytes });
         Ok(self.pending.len() - 1)
     }

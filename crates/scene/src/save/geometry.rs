@@ -3,7 +3,7 @@
 use super::{INDICES, VERTICES, Writer};
 use crate::Scene;
 use crate::error::{Fault, fault};
-use crate::flat::Normals;
+use crate::flat::{Normals, for_file};
 use glam::{Affine3A, Quat, Vec3};
 use photofit_geometry::Mesh;
 use photofit_scalar::{Vec3f, Vec4f, vec3};
@@ -21,15 +21,16 @@ pub(super) fn write(scene: &Scene, writer: &mut Writer) -> Result<(), Fault> {
         }
         check_finite(&primitive.mesh, &instance.transform)
             .map_err(|rule| fault(format!("primitive {}", instance.primitive), rule))?;
+        let mesh = || for_file(primitive, &scene.materials[primitive.material]);
         match Trs::of(&instance.transform) {
             Some(trs) => {
                 let mesh = *meshes
                     .entry(instance.primitive)
-                    .or_insert_with(|| write_mesh(&primitive.mesh, primitive.material, writer));
+                    .or_insert_with(|| write_mesh(&mesh(), primitive.material, writer));
                 writer.nodes.push(trs.node(mesh));
             }
             None => {
-                let moved = transformed(&primitive.mesh, &instance.transform);
+                let moved = transformed(&mesh(), &instance.transform);
                 let mesh = write_mesh(&moved, primitive.material, writer);
                 writer.nodes.push(json!({"mesh": mesh}));
             }
@@ -47,7 +48,11 @@ fn check_finite(mesh: &Mesh, transform: &Affine3A) -> Result<(), &'static str> {
     }
     let uvs = mesh.uvs.iter().chain(&mesh.uvs1).all(|uv| uv.is_finite());
     let rest = mesh.tangents.iter().chain(&mesh.colors).all(|x| x.is_finite());
-    if uvs && rest && mesh.normals.iter().all(|n| n.is_finite()) { Ok(()) } else { Err("attributes are finite") }
+    if uvs && rest && mesh.normals.iter().all(|n| n.is_finite()) {
+        Ok(())
+    } else {
+        Err("attributes are finite")
+    }
 }
 
 /// What a node can express.
@@ -124,7 +129,8 @@ fn write_mesh(mesh: &Mesh, material: usize, writer: &mut Writer) -> usize {
         let unit: Vec<Vec3f> = mesh.normals.iter().map(|&n| unit(n)).collect();
         add("NORMAL", floats(bytemuck::cast_slice(&unit), 3, writer));
         if !mesh.tangents.is_empty() {
-            let unit: Vec<Vec4f> = mesh.tangents.iter().zip(&unit).map(|(&t, &n)| unit_tangent(t, n)).collect();
+            let unit: Vec<Vec4f> =
+                mesh.tangents.iter().zip(&unit).map(|(&t, &n)| unit_tangent(t, n)).collect();
             add("TANGENT", floats(bytemuck::cast_slice(&unit), 4, writer));
         }
     }

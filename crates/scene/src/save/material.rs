@@ -14,8 +14,10 @@ pub(super) fn write(scene: &Scene, writer: &mut Writer) -> Result<(), Fault> {
     let mut used: Vec<usize> = scene.materials.iter().flat_map(slots).map(|s| s.image).collect();
     used.sort_unstable();
     used.dedup();
-    let encoded: Vec<Result<Vec<u8>, Fault>> =
-        used.par_iter().map(|&i| png(&scene.images[i]).map_err(|rule| fault(format!("image {i}"), rule))).collect();
+    let encoded: Vec<Result<Vec<u8>, Fault>> = used
+        .par_iter()
+        .map(|&i| png(&scene.images[i]).map_err(|rule| fault(format!("image {i}"), rule)))
+        .collect();
     let mut images = HashMap::new();
     for (&i, png) in used.iter().zip(encoded) {
         let view = writer.view(&png?, None);
@@ -25,8 +27,8 @@ pub(super) fn write(scene: &Scene, writer: &mut Writer) -> Result<(), Fault> {
     }
     let mut tables = Tables { images, samplers: Vec::new(), textures: Vec::new() };
     for (m, material) in scene.materials.iter().enumerate() {
-        let value =
-            write_material(material, &mut tables, writer).map_err(|rule| fault(format!("material {m}"), rule))?;
+        let value = write_material(material, &mut tables, writer)
+            .map_err(|rule| fault(format!("material {m}"), rule))?;
         writer.materials.push(named(value, &material.name));
     }
     Ok(())
@@ -151,7 +153,8 @@ fn info(slot: &TextureSlot, tables: &mut Tables, writer: &mut Writer) -> Result<
     if slot.tex_coord != 0 {
         info["texCoord"] = json!(slot.tex_coord);
     }
-    let (offset, rotation, scale) = parts(&slot.transform).ok_or("a texture transform is offset, rotation and scale")?;
+    let (offset, rotation, scale) =
+        parts(&slot.transform).ok_or("a texture transform is offset, rotation and scale")?;
     let mut transform = Map::new();
     if offset != [0.0; 2] {
         transform.insert("offset".into(), json!(offset));
@@ -198,6 +201,12 @@ fn png(image: &TextureImage) -> Result<Vec<u8>, String> {
         image.texels.iter().flatten().copied().collect()
     };
     let channels = if opaque { 3 } else { 4 };
-    photofit_image::encode_png(image.width, image.height, channels, &bytes, photofit_image::PngCompression::Small)
-        .map_err(|e| e.to_string())
+    photofit_image::encode_png(
+        image.width,
+        image.height,
+        channels,
+        &bytes,
+        photofit_image::PngCompression::Small,
+    )
+    .map_err(|e| e.to_string())
 }

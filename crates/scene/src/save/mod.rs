@@ -13,6 +13,7 @@ use std::path::Path;
 
 /// Writes a scene as a `.glb` file that holds everything: geometry, materials and textures (as PNG).
 ///
+/// Tangents are written exactly where a normal map needs them, and computed when they are missing.
 /// Primitives keep their sharing, instances become nodes (transforms that shear, which glTF nodes cannot, are worked
 /// into the vertices), factors above one of the emission become `KHR_materials_emissive_strength`. Images that no
 /// material uses are left out. The file appears under its name only when it is complete.
@@ -143,8 +144,9 @@ impl Writer {
 fn container(json: &[u8], binary: &[u8]) -> Result<Vec<u8>, Fault> {
     let binary_chunk = if binary.is_empty() { 0 } else { 8 + binary.len() };
     let total = 12 + 8 + json.len() + binary_chunk;
-    let total = u32::try_from(total)
-        .map_err(|_| fault("the .glb", format!("is smaller than 4 GiB, found {total} bytes")))?;
+    let Ok(total) = u32::try_from(total) else {
+        return Err(fault("the .glb", format!("is smaller than 4 GiB, found {total} bytes")));
+    };
     let mut out = Vec::with_capacity(total as usize);
     out.extend_from_slice(b"glTF");
     out.extend_from_slice(&2_u32.to_le_bytes());

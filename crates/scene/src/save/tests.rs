@@ -20,7 +20,16 @@ fn patch() -> Mesh {
         uvs1: positions.iter().map(|p| vec2(2.0 * p.x, p.y)).collect(),
         tangents: positions.iter().map(|_| vec4(1.0, 0.0, 0.0, -1.0)).collect(),
         colors: positions.iter().map(|p| vec4(p.x, p.y, 0.25, 1.0)).collect(),
-        triangles: vec![[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4], [3, 4, 7], [3, 7, 6], [4, 5, 8], [4, 8, 7]],
+        triangles: vec![
+            [0, 1, 4],
+            [0, 4, 3],
+            [1, 2, 5],
+            [1, 5, 4],
+            [3, 4, 7],
+            [3, 7, 6],
+            [4, 5, 8],
+            [4, 8, 7],
+        ],
         positions,
     }
 }
@@ -28,7 +37,11 @@ fn patch() -> Mesh {
 fn slot(image: usize, tex_coord: u32) -> TextureSlot {
     TextureSlot {
         image,
-        sampler: Sampler { wrap_u: Wrap::ClampToEdge, wrap_v: Wrap::MirroredRepeat, filter: Filter::Bilinear },
+        sampler: Sampler {
+            wrap_u: Wrap::ClampToEdge,
+            wrap_v: Wrap::MirroredRepeat,
+            filter: Filter::Bilinear,
+        },
         tex_coord,
         transform: load::affine_of_transform([0.25, 0.5], 0.75, [2.0, -0.5]),
     }
@@ -64,7 +77,8 @@ fn rich() -> Scene {
         double_sided: true,
         unlit: false,
     };
-    let unlit = Material { name: "unlit".into(), unlit: true, alpha_mode: AlphaMode::Blend, ..Material::clay() };
+    let unlit =
+        Material { name: "unlit".into(), unlit: true, alpha_mode: AlphaMode::Blend, ..Material::clay() };
     let turned = Affine3A::from_scale_rotation_translation(
         Vec3::new(2.0, 2.0, 3.0),
         Quat::from_rotation_y(0.5),
@@ -72,10 +86,7 @@ fn rich() -> Scene {
     );
     Scene {
         name: "rich".into(),
-        primitives: vec![
-            Primitive { mesh: patch(), material: 0 },
-            Primitive { mesh: bare, material: 1 },
-        ],
+        primitives: vec![Primitive { mesh: patch(), material: 0 }, Primitive { mesh: bare, material: 1 }],
         instances: vec![
             Instance { primitive: 0, transform: Affine3A::IDENTITY },
             Instance { primitive: 1, transform: turned },
@@ -121,7 +132,10 @@ fn everything_comes_back() {
 
 fn check_material(a: &Material, b: &Material, after: &Scene, before: &Scene) {
     let close = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
-    assert_eq!((&a.name, a.alpha_mode, a.double_sided, a.unlit), (&b.name, b.alpha_mode, b.double_sided, b.unlit));
+    assert_eq!(
+        (&a.name, a.alpha_mode, a.double_sided, a.unlit),
+        (&b.name, b.alpha_mode, b.double_sided, b.unlit)
+    );
     assert!(close(&a.base_color, &b.base_color) && close(&a.emissive, &b.emissive), "{a:?}");
     assert!(
         close(
@@ -153,9 +167,11 @@ fn slots_of(m: &Material) -> [Option<TextureSlot>; 5] {
 #[test]
 fn shear_is_worked_into_the_vertices() {
     let mut scene = rich();
-    let shear = Affine3A::from_mat3(Mat3A::from_cols_array(&[1.0, 0.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, -1.0]).into());
+    let shear =
+        Affine3A::from_mat3(Mat3A::from_cols_array(&[1.0, 0.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, -1.0]).into());
     let flat = Affine3A::from_scale(Vec3::new(1.0, 1.0, 0.0));
-    scene.instances = vec![Instance { primitive: 0, transform: shear }, Instance { primitive: 0, transform: flat }];
+    scene.instances =
+        vec![Instance { primitive: 0, transform: shear }, Instance { primitive: 0, transform: flat }];
     let (before, after) = (scene.flatten(), round_trip(&scene).flatten());
     assert_eq!(before.mesh.triangles, after.mesh.triangles);
     for (a, b) in before.mesh.positions.iter().zip(&after.mesh.positions) {

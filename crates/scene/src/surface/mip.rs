@@ -142,7 +142,8 @@ mod tests {
     #[test]
     fn levels_agree_with_the_float_pyramid() {
         let (width, height) = (13, 6);
-        let texels: Vec<[u8; 4]> = (0..width * height).map(|i| [(i * 37 % 256) as u8, 9, 200, (i % 256) as u8]).collect();
+        let texels: Vec<[u8; 4]> =
+            (0..width * height).map(|i| [(i * 37 % 256) as u8, 9, 200, (i % 256) as u8]).collect();
         let image = TextureImage { name: String::new(), width, height, texels };
         let levels = Levels::full(width, height);
         let built = build(&image, &levels, Encoding { srgb: true, weighted: false });

@@ -9,6 +9,7 @@ use crate::{AlphaMode, Filter, Material, Scene, TextureSlot};
 use mip::{Encoding, Levels, MipTexture};
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec3};
 use rayon::prelude::*;
+use std::collections::HashMap;
 use taps::{Address, Taps};
 
 /// Derivatives of both sets of texture coordinates with respect to the pixel, `d(uv)/dX` and `d(uv)/dY`, per pixel.
@@ -77,8 +78,8 @@ struct Compiled {
 pub struct SurfaceLibrary {
     textures: Vec<MipTexture>,
     materials: Vec<Compiled>,
-    /// Bytes to linear values: of linear slots, of sRGB slots.
-    tables: [[f32; 256]; 2],
+    /// Bytes to linear light, of sRGB slots.
+    decode: [f32; 256],
 }
 
 impl SurfaceLibrary {
@@ -102,9 +103,8 @@ impl SurfaceLibrary {
                 mip::build(image, &levels, want.encoding)
             })
             .collect();
-        let unit = std::array::from_fn(|i| i as f32 / 255.0);
-        let srgb = std::array::from_fn(|i| photofit_image::srgb_u8_to_linear(i as u8));
-        Self { textures, materials, tables: [unit, srgb] }
+        let decode = std::array::from_fn(|i| photofit_image::srgb_u8_to_linear(i as u8));
+        Self { textures, materials, decode }
     }
 
     /// The material at texture coordinates `uv0` and `uv1`.
@@ -165,9 +165,8 @@ impl SurfaceLibrary {
         if let Some(slot) = m.base_color {
             let taps = m.addresses[slot.address].taps([uv0, uv1], None);
             let texels = &self.textures[slot.texture].texels;
-            let sum: f32 = (0..taps.count)
-                .map(|k| taps.weight[k] * f32::from(texels[taps.index[k] as usize][3]))
-                .sum();
+            let sum: f32 =
+                (0..taps.count).map(|k| taps.weight[k] * f32::from(texels[taps.index[k] as usize][3])).sum();
             alpha *= sum / 255.0;
         }
         coverage(m.alpha_mode, alpha)
@@ -223,16 +222,26 @@ impl Reader<'_> {
             }
         };
         let texture = &self.library.textures[slot.texture];
-        let color = &self.library.tables[usize::from(texture.srgb)];
-        let linear = &self.library.tables[0];
         let mut sum = [0.0_f32; 4];
-        for k in 0..taps.count {
-            let [r, g, b, a] = texture.texels[taps.index[k] as usize];
-            let w = taps.weight[k];
-            sum[0] += w * color[r as usize];
-            sum[1] += w * color[g as usize];
-            sum[2] += w * color[b as usize];
-            sum[3] += w * linear[a as usize];
+        let taps = taps.index.iter().zip(&taps.weight).take(taps.count);
+        if texture.srgb {
+            let decode = &self.library.decode;
+            for (&i, &w) in taps {
+                let [r, g, b, a] = texture.texels[i as usize];
+                let color = [decode[r as usize], decode[g as usize], decode[b as usize], f32::from(a)];
+                for c in 0..4 {
+                    sum[c] += w * color[c];
+                }
+            }
+            sum[3] *= 1.0 / 255.0;
+        } else {
+            for (&i, &w) in taps {
+                let texel = texture.texels[i as usize];
+                for c in 0..4 {
+                    sum[c] += w * f32::from(texel[c]);
+                }
+            }
+            sum = sum.map(|s| s * (1.0 / 255.0));
         }
         Vec4f::from_array(sum)
     }
@@ -265,18 +274,18 @@ struct Want {
 #[derive(Debug, Default)]
 struct Plan {
     textures: Vec<Want>,
+    known: HashMap<(usize, Encoding), usize>,
 }
 
 impl Plan {
     /// Index of the texture; one with more levels serves who needs fewer.
     fn texture(&mut self, want: Want) -> usize {
-        let same = |t: &Want| t.image == want.image && t.encoding == want.encoding;
-        if let Some(i) = self.textures.iter().position(same) {
-            self.textures[i].mips |= want.mips;
-            return i;
-        }
-        self.textures.push(want);
-        self.textures.len() - 1
+        let i = *self.known.entry((want.image, want.encoding)).or_insert_with(|| {
+            self.textures.push(want);
+            self.textures.len() - 1
+        });
+        self.textures[i].mips |= want.mips;
+        i
     }
 }
 
@@ -309,8 +318,7 @@ fn compile(scene: &Scene, m: &Material, plan: &mut Plan) -> Compiled {
     let glows = m.emissive.iter().any(|&e| e > 0.0);
     let varies = m.roughness > 0.0 || m.metallic > 0.0;
     let base_color = slot(&m.base_color_texture, true, weighted);
-    let metallic_roughness =
-        slot(&lit(&m.metallic_roughness_texture).filter(|_| varies), false, false);
+    let metallic_roughness = slot(&lit(&m.metallic_roughness_texture).filter(|_| varies), false, false);
     let normal = slot(&lit(&m.normal_texture), false, false);
     let emissive = slot(&lit(&m.emissive_texture).filter(|_| glows), true, false);
     let [r, g, b, a] = m.base_color;

@@ -71,11 +71,7 @@ impl Address {
         let half = 0.5 * (a - b);
         let longest = 0.5 * (a + b) + (half * half + c * c).sqrt();
         // Not above one, or not a number: the base level alone.
-        if longest > 1.0 {
-            (0.5 * longest.log2()).min((self.levels.0.len() - 1) as f32)
-        } else {
-            0.0
-        }
+        if longest > 1.0 { (0.5 * longest.log2()).min((self.levels.0.len() - 1) as f32) } else { 0.0 }
     }
 
     #[inline(always)]
@@ -110,6 +106,7 @@ fn floor(x: f32) -> f32 {
 
 /// The coordinate inside of [0, 1]; what is not a number is 0.
 #[inline(always)]
+#[expect(clippy::manual_clamp, reason = "`max` turns what is not a number into 0, `clamp` does not")]
 fn fold(u: f32, wrap: Wrap) -> f32 {
     let folded = match wrap {
         Wrap::Repeat => u - floor(u),
@@ -119,7 +116,6 @@ fn fold(u: f32, wrap: Wrap) -> f32 {
             if m > 1.0 { 2.0 - m } else { m }
         }
     };
-    // `max` and `min` return the number where one side is none.
     folded.max(0.0).min(1.0)
 }
 
@@ -161,7 +157,9 @@ mod tests {
 
     #[test]
     fn extreme_coordinates_stay_inside() {
-        for u in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30, -1e30, 3e9, -0.0, f32::MIN_POSITIVE, -1e-9] {
+        for u in
+            [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30, -1e30, 3e9, -0.0, f32::MIN_POSITIVE, -1e-9]
+        {
             for wrap in [Wrap::Repeat, Wrap::MirroredRepeat, Wrap::ClampToEdge] {
                 for n in [1, 2, 5, 16384] {
                     let (a, b, f) = axis(u, n, wrap);

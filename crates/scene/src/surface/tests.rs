@@ -7,7 +7,8 @@ use photofit_scalar::{vec2, vec4};
 const WHITE: Vec4f = vec4(1.0, 1.0, 1.0, 1.0);
 
 fn image(width: usize, height: usize, texel: impl Fn(usize, usize) -> [u8; 4]) -> TextureImage {
-    let texels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| texel(x, y)).collect();
+    let texels =
+        (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| texel(x, y)).collect();
     TextureImage { name: String::new(), width, height, texels }
 }
 
@@ -87,7 +88,10 @@ fn channels_of_the_other_maps() {
     assert!((s.roughness - 0.5 * 128.0 / 255.0).abs() < 1e-6 && s.metallic == 0.0, "{s:?}");
     let n = vec3(0.5, 0.5 * (2.0 * 128.0 / 255.0 - 1.0), -1.0).normalize_or_zero();
     assert!((s.normal - n).length() < 1e-6, "{s:?}");
-    assert!((s.emissive - vec3(2.0, 2.0 * photofit_image::srgb_u8_to_linear(128), 0.0)).length() < 1e-6, "{s:?}");
+    assert!(
+        (s.emissive - vec3(2.0, 2.0 * photofit_image::srgb_u8_to_linear(128), 0.0)).length() < 1e-6,
+        "{s:?}"
+    );
     // One size, one sampler: one set of taps for all; two encodings of one image.
     assert_eq!(library.materials[0].addresses.len(), 1);
     assert_eq!(library.textures.len(), 2);
@@ -97,10 +101,8 @@ fn channels_of_the_other_maps() {
 fn footprints_choose_the_level() {
     // Columns of black and white: every level below the base is grey.
     let columns = image(16, 16, |x, _| if x % 2 == 0 { [255; 4] } else { [0, 0, 0, 255] });
-    let material = Material {
-        metallic_roughness_texture: Some(slot(0, Filter::Trilinear)),
-        ..Material::default()
-    };
+    let material =
+        Material { metallic_roughness_texture: Some(slot(0, Filter::Trilinear)), ..Material::default() };
     let library = SurfaceLibrary::new(&scene(material, vec![columns]));
     let rough = |texels: f32| {
         let d = texels / 16.0;

@@ -20,6 +20,35 @@ impl Layout {
     }
 }
 
+/// How many elements a user of an accessor needs.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Need {
+    /// All that there are.
+    All,
+    /// As many as there are positions, no more and no less.
+    Exactly(usize),
+    /// The first ones; there may be more.
+    First(usize),
+}
+
+impl Need {
+    fn check(self, layout: &mut Layout, place: &dyn Fn() -> String) -> Result<(), Fault> {
+        match self {
+            Self::Exactly(n) if n != layout.count => {
+                Err(fault(place(), format!("count {n} as the positions, found {}", layout.count)))
+            }
+            Self::First(n) if n > layout.count => {
+                Err(fault(place(), format!("count is at least {n}, found {}", layout.count)))
+            }
+            Self::First(n) => {
+                layout.count = n;
+                Ok(())
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
 impl Document<'_> {
     fn accessor(&self, i: usize, user: &str) -> Result<(&Accessor, Layout), Fault> {
         let count = self.root.accessors.len();
@@ -57,29 +86,26 @@ impl Document<'_> {
         Ok(self.accessor(i, user)?.1.components)
     }
 
-    /// Elements of `N` floats; normalized integers become fractions. `count` is the number that is expected.
+    /// Elements of `N` floats; normalized integers become fractions.
     pub(super) fn floats<const N: usize>(
         &self,
         i: usize,
         user: &str,
-        count: Option<usize>,
+        need: Need,
     ) -> Result<Vec<[f32; N]>, Fault> {
-        let (accessor, layout) = self.accessor(i, user)?;
+        let (accessor, mut layout) = self.accessor(i, user)?;
         let place = || format!("accessor {i} ({user})");
         if layout.components != N {
             return Err(fault(place(), format!("{N} components per element, found {}", layout.components)));
         }
-        if count.is_some_and(|c| c != layout.count) {
-            let rule = format!("count {} as the positions, found {}", count.unwrap_or(0), layout.count);
-            return Err(fault(place(), rule));
-        }
+        need.check(&mut layout, &place)?;
         self.check_count(accessor, &layout, &place)?;
         let mut out = vec![[0.0; N]; layout.count];
         if let Some((data, stride)) = self.data(accessor, &layout, &place)? {
             read_floats(data, stride, &layout, out.iter_mut());
         }
         if let Some(sparse) = self.sparse(accessor, &layout, &place)? {
-            for (k, &at) in sparse.indices.iter().enumerate() {
+            for (k, &at) in sparse.indices.iter().enumerate().take_while(|i| *i.1 < layout.count) {
                 let from = &sparse.values[k * layout.element()..];
                 read_floats(from, layout.element(), &layout, std::iter::once(&mut out[at]));
             }
@@ -92,9 +118,9 @@ impl Document<'_> {
         &self,
         i: usize,
         user: &str,
-        count: Option<usize>,
+        need: Need,
     ) -> Result<Vec<[u32; N]>, Fault> {
-        let (accessor, layout) = self.accessor(i, user)?;
+        let (accessor, mut layout) = self.accessor(i, user)?;
         let place = || format!("accessor {i} ({user})");
         if layout.components != N {
             return Err(fault(place(), format!("{N} components per element, found {}", layout.components)));
@@ -102,17 +128,14 @@ impl Document<'_> {
         if !matches!(layout.component, ComponentType::U8 | ComponentType::U16 | ComponentType::U32) {
             return Err(fault(place(), "unsigned integer components"));
         }
-        if count.is_some_and(|c| c != layout.count) {
-            let rule = format!("count {} as the positions, found {}", count.unwrap_or(0), layout.count);
-            return Err(fault(place(), rule));
-        }
+        need.check(&mut layout, &place)?;
         self.check_count(accessor, &layout, &place)?;
         let mut out = vec![[0; N]; layout.count];
         if let Some((data, stride)) = self.data(accessor, &layout, &place)? {
             read_integers(data, stride, layout.component, out.iter_mut());
         }
         if let Some(sparse) = self.sparse(accessor, &layout, &place)? {
-            for (k, &at) in sparse.indices.iter().enumerate() {
+            for (k, &at) in sparse.indices.iter().enumerate().take_while(|i| *i.1 < layout.count) {
                 let from = &sparse.values[k * layout.element()..];
                 read_integers(from, layout.element(), layout.component, std::iter::once(&mut out[at]));
             }
@@ -121,7 +144,12 @@ impl Document<'_> {
     }
 
     /// Bounds accessors without data of their own, whose count nothing else limits.
-    fn check_count(&self, accessor: &Accessor, layout: &Layout, place: &dyn Fn() -> String) -> Result<(), Fault> {
+    fn check_count(
+        &self,
+        accessor: &Accessor,
+        layout: &Layout,
+        place: &dyn Fn() -> String,
+    ) -> Result<(), Fault> {
         let most = self.limits.vertices.max(self.limits.triangles.saturating_mul(3));
         if accessor.buffer_view.is_none() && layout.count > most {
             return Err(fault(place(), format!("count is at most {most}, found {}", layout.count)));
@@ -147,7 +175,9 @@ impl Document<'_> {
         let offset = accessor.byte_offset.map_or(0, |o| o.0);
         let needed = match layout.count {
             0 => Some(0),
-            n => (n as u64 - 1).checked_mul(stride as u64).and_then(|b| b.checked_add(layout.element() as u64)),
+            n => {
+                (n as u64 - 1).checked_mul(stride as u64).and_then(|b| b.checked_add(layout.element() as u64))
+            }
         };
         match needed.and_then(|n| n.checked_add(offset)) {
             Some(end) if end <= bytes.len() as u64 => Ok(Some((&bytes[offset as usize..], stride))),
@@ -169,8 +199,9 @@ impl Document<'_> {
         place: &dyn Fn() -> String,
     ) -> Result<Option<Sparse<'_>>, Fault> {
         let Some(sparse) = &accessor.sparse else { return Ok(None) };
-        if sparse.count.0 > layout.count as u64 {
-            let rule = format!("sparse.count {} is at most count {}", sparse.count.0, layout.count);
+        let elements = accessor.count.0;
+        if sparse.count.0 > elements {
+            let rule = format!("sparse.count {} is at most count {elements}", sparse.count.0);
             return Err(fault(place(), rule));
         }
         let count = sparse.count.0 as usize;
@@ -197,8 +228,8 @@ impl Document<'_> {
         read_integers(raw, size, component.0, indices.iter_mut());
         let indices: Vec<usize> = indices.into_iter().map(|[i]| i as usize).collect();
         let rising = indices.windows(2).all(|w| w[0] < w[1]);
-        if !rising || indices.last().is_some_and(|&i| i >= layout.count) {
-            let rule = format!("sparse indices rise strictly and stay below count {}", layout.count);
+        if !rising || indices.last().is_some_and(|&i| i as u64 >= elements) {
+            let rule = format!("sparse indices rise strictly and stay below count {elements}");
             return Err(fault(place(), rule));
         }
         Ok(Some(Sparse { indices, values }))
@@ -237,9 +268,9 @@ fn read_floats<'o, const N: usize>(
             let x = f32::from(b as i8);
             if n { (x / 127.0).max(-1.0) } else { x }
         }),
-        ComponentType::U16 => run(data, stride, out, |b| {
-            f32::from(u16::from_le_bytes(b)) / if n { 65535.0 } else { 1.0 }
-        }),
+        ComponentType::U16 => {
+            run(data, stride, out, |b| f32::from(u16::from_le_bytes(b)) / if n { 65535.0 } else { 1.0 })
+        }
         ComponentType::I16 => run(data, stride, out, |b| {
             let x = f32::from(i16::from_le_bytes(b));
             if n { (x / 32767.0).max(-1.0) } else { x }

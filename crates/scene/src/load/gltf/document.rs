@@ -51,8 +51,14 @@ impl<'a> Document<'a> {
         }
         check_extensions(&root, warnings)?;
         let mut document = Self { root, materials, buffers: Vec::new(), folder, limits };
+        let mut total = 0_u64;
         for i in 0..document.root.buffers.len() {
             let bytes = document.buffer(i, binary)?;
+            total = total.saturating_add(bytes.len() as u64);
+            if total > limits.file_bytes {
+                let rule = format!("all buffers have at most {} bytes", limits.file_bytes);
+                return Err(fault(format!("buffer {i}"), rule));
+            }
             document.buffers.push(bytes);
         }
         Ok(document)
@@ -75,7 +81,11 @@ impl<'a> Document<'a> {
         if (bytes.len() as u64) < buffer.byte_length.0 {
             return Err(fault(
                 place,
-                format!("byteLength {} is at most the {} bytes that exist", buffer.byte_length.0, bytes.len()),
+                format!(
+                    "byteLength {} is at most the {} bytes that exist",
+                    buffer.byte_length.0,
+                    bytes.len()
+                ),
             ));
         }
         Ok(bytes)
@@ -98,7 +108,9 @@ impl<'a> Document<'a> {
             Some(end) if end <= available => Ok(&buffer[offset as usize..end as usize]),
             _ => Err(fault(
                 place(),
-                format!("byteOffset {offset} + byteLength {length} fits into the {available} bytes of buffer {b}"),
+                format!(
+                    "byteOffset {offset} + byteLength {length} fits into the {available} bytes of buffer {b}"
+                ),
             )),
         }
     }
@@ -108,6 +120,11 @@ impl<'a> Document<'a> {
 fn check_size(text: &[u8], limits: &Limits) -> Result<(), Fault> {
     if text.len() > limits.json_bytes {
         let rule = format!("at most {} bytes, found {}", limits.json_bytes, text.len());
+        return Err(fault("the JSON", rule));
+    }
+    let values = text.iter().filter(|&&b| b == b',').count();
+    if values > limits.json_items.saturating_mul(16) {
+        let rule = format!("at most {} values, found {values}", limits.json_items.saturating_mul(16));
         return Err(fault("the JSON", rule));
     }
     let items = text.iter().filter(|&&b| b == b'{' || b == b'[').count();
@@ -133,7 +150,8 @@ fn check_extensions(root: &json::Root, warnings: &mut Vec<String>) -> Result<(),
         }
     }
     if !root.animations.is_empty() {
-        warnings.push(format!("{} animations are ignored: the default pose is loaded", root.animations.len()));
+        warnings
+            .push(format!("{} animations are ignored: the default pose is loaded", root.animations.len()));
     }
     Ok(())
 }

@@ -1,5 +1,6 @@
 //! Mesh primitives: attributes, morph targets, topology modes.
 
+use super::accessor::Need;
 use super::document::Document;
 use super::skin::{Influences, Skin};
 use crate::error::{Fault, fault};
@@ -74,11 +75,11 @@ fn read(
         positions: bytemuck::cast_vec::<[f32; 3], Vec3f>(document.floats(
             positions,
             &what("POSITION"),
-            None,
+            Need::All,
         )?),
         ..Mesh::default()
     };
-    let n = Some(mesh.positions.len());
+    let n = Need::Exactly(mesh.positions.len());
     if let Some(a) = attribute(primitive, Semantic::Normals) {
         mesh.normals = bytemuck::cast_vec(document.floats::<3>(a, &what("NORMAL"), n)?);
     }
@@ -109,7 +110,7 @@ fn read(
     Ok(mesh)
 }
 
-fn colors(document: &Document<'_>, a: usize, place: &str, n: Option<usize>) -> Result<Vec<Vec4f>, Fault> {
+fn colors(document: &Document<'_>, a: usize, place: &str, n: Need) -> Result<Vec<Vec4f>, Fault> {
     if document.components(a, place)? == 3 {
         let rgb = document.floats::<3>(a, place, n)?;
         Ok(rgb.into_iter().map(|[r, g, b]| vec4(r, g, b, 1.0)).collect())
@@ -127,7 +128,7 @@ fn morph(
     place: &str,
     budget: &mut Budget<'_>,
 ) -> Result<(), Fault> {
-    let n = Some(mesh.positions.len());
+    let n = Need::Exactly(mesh.positions.len());
     let targets = primitive.targets.as_deref().unwrap_or(&[]);
     for (t, (target, &w)) in targets.iter().zip(weights).enumerate() {
         if w == 0.0 {
@@ -156,7 +157,7 @@ fn morph(
 fn influences(
     document: &Document<'_>,
     primitive: &Primitive,
-    n: Option<usize>,
+    n: Need,
     place: &str,
 ) -> Result<Influences, Fault> {
     let mut sets = Vec::new();
@@ -195,7 +196,7 @@ fn triangles(
     budget.triangles(of_count(count), || place.clone())?;
     let indices: Vec<u32> = match primitive.indices {
         Some(a) => {
-            let indices = document.integers::<1>(a.value(), &place, None)?;
+            let indices = document.integers::<1>(a.value(), &place, Need::All)?;
             let bad = indices.iter().position(|[i]| *i as usize >= vertices);
             if let Some(k) = bad {
                 let rule = format!("index {k} is {} and stays below the {vertices} vertices", indices[k][0]);
@@ -259,7 +260,9 @@ fn clean(mesh: &mut Mesh, place: &str, warnings: &mut Vec<String>) -> Result<(),
         others += 1;
     }
     if others > 0 {
-        warnings.push(format!("{place}: {others} texture coordinates or colours that are no numbers are replaced"));
+        warnings.push(format!(
+            "{place}: {others} texture coordinates or colours that are no numbers are replaced"
+        ));
     }
     Ok(())
 }

@@ -8,18 +8,22 @@ use gltf::json;
 use gltf::json::texture::{MagFilter, MinFilter, WrappingMode};
 use gltf::json::validation::Checked;
 use serde_json::Value;
+use std::borrow::Cow;
 
 /// Reads material `m`; its textures are requested from `textures`.
-pub(super) fn read(
-    document: &Document<'_>,
+pub(super) fn read<'a>(
+    document: &'a Document<'_>,
     m: usize,
-    textures: &mut Textures<'_>,
+    textures: &mut Textures<'a>,
     warnings: &mut Vec<String>,
 ) -> Result<Material, Fault> {
     let count = document.root.materials.len();
     let place = format!("material {m}");
-    let json =
-        document.root.materials.get(m).ok_or_else(|| fault(&place, format!("is one of {count} materials")))?;
+    let json = document
+        .root
+        .materials
+        .get(m)
+        .ok_or_else(|| fault(&place, format!("is one of {count} materials")))?;
     let raw = &document.materials[m];
     let pbr = &json.pbr_metallic_roughness;
     let mut slot = |texture: Option<usize>, set: u32, path: &str| {
@@ -41,9 +45,8 @@ pub(super) fn read(
     let occlusion_texture =
         slot(occlusion.map(|o| o.index.value()), occlusion.map_or(0, |o| o.tex_coord), "/occlusionTexture")?;
     let extensions = json.extensions.as_ref();
-    let strength = extensions
-        .and_then(|e| e.emissive_strength.as_ref())
-        .map_or(1.0, |e| e.emissive_strength.0);
+    let strength =
+        extensions.and_then(|e| e.emissive_strength.as_ref()).map_or(1.0, |e| e.emissive_strength.0);
     let alpha_mode = match json.alpha_mode {
         Checked::Valid(json::material::AlphaMode::Opaque) => AlphaMode::Opaque,
         Checked::Valid(json::material::AlphaMode::Mask) => {
@@ -93,14 +96,14 @@ fn check_factors(m: &Material) -> Result<(), &'static str> {
     Ok(())
 }
 
-fn read_slot(
-    document: &Document<'_>,
+fn read_slot<'a>(
+    document: &'a Document<'_>,
     texture: usize,
     set: u32,
     raw: &Value,
     m: usize,
     path: &str,
-    textures: &mut Textures<'_>,
+    textures: &mut Textures<'a>,
     warnings: &mut Vec<String>,
 ) -> Result<TextureSlot, Fault> {
     let place = format!("material {m}{}", path.replace('/', "."));
@@ -181,25 +184,31 @@ fn sampler(json: &json::texture::Sampler) -> Option<Sampler> {
 }
 
 /// Requests an image; the same image is decoded once.
-fn image(
-    document: &Document<'_>,
+fn image<'a>(
+    document: &'a Document<'_>,
     i: usize,
     texture: usize,
-    textures: &mut Textures<'_>,
+    textures: &mut Textures<'a>,
 ) -> Result<usize, Fault> {
     let root = &document.root;
     let json = root.images.get(i).ok_or_else(|| {
         fault(format!("texture {texture}"), format!("image {i} is one of {}", root.images.len()))
     })?;
     let place = format!("image {i}");
-    if let Some(known) = textures.known(&place) {
+    // By source, so that images that share one are decoded once.
+    let key = match (&json.buffer_view, &json.uri) {
+        (Some(view), _) => format!("bufferView {view}"),
+        (None, Some(uri)) if !uri.starts_with("data:") => format!("file {uri}"),
+        _ => place.clone(),
+    };
+    if let Some(known) = textures.known(&key) {
         return Ok(known);
     }
     let name = json.name.clone().or_else(|| json.uri.clone().filter(|u| !u.starts_with("data:")));
     let bytes = match (&json.buffer_view, &json.uri) {
-        (Some(view), _) => document.view(view.value(), &place)?.to_vec(),
-        (None, Some(uri)) => document.folder.read_uri(uri, document.limits.file_bytes, &place)?,
+        (Some(view), _) => Cow::Borrowed(document.view(view.value(), &place)?),
+        (None, Some(uri)) => document.folder.read_uri(uri, document.limits.file_bytes, &place)?.into(),
         (None, None) => return Err(fault(place, "has a bufferView or a URI")),
     };
-    textures.request(place, name.unwrap_or_default(), bytes)
+    textures.request(key, place, name.unwrap_or_default(), bytes)
 }

@@ -17,6 +17,7 @@ use crate::error::Fault;
 use crate::{Instance, Material, Primitive, Scene};
 use document::Document;
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 
 /// Loads a binary container.
 pub(crate) fn parse_glb(bytes: &[u8], folder: &Folder, limits: &Limits) -> Result<Scene, Fault> {
@@ -59,8 +60,8 @@ fn parse_document(
         let skin = match json.skin.map(|s| s.value()) {
             None => None,
             Some(s) => {
-                if !skins.contains_key(&s) {
-                    skins.insert(s, skin::Skin::new(&document, &nodes, s, node)?);
+                if let Entry::Vacant(e) = skins.entry(s) {
+                    e.insert(skin::Skin::new(&document, &nodes, s, node)?);
                 }
                 skins.get(&s)
             }
@@ -71,11 +72,7 @@ fn parse_document(
             scene.instances.extend(primitives.iter().map(|&primitive| Instance { primitive, transform }));
             continue;
         }
-        let context = geometry::Context {
-            document: &document,
-            weights: json.weights.as_deref(),
-            skin,
-        };
+        let context = geometry::Context { document: &document, weights: json.weights.as_deref(), skin };
         let loaded = geometry::mesh(&context, mesh, node, &mut budget, &mut scene.warnings)?;
         // A skin places the vertices in the world itself; the node's own transform is ignored by the specification.
         let transform = if skin.is_some() { glam::Affine3A::IDENTITY } else { nodes.world(node) };
@@ -100,12 +97,12 @@ struct Materials {
 }
 
 impl Materials {
-    fn index(
+    fn index<'a>(
         &mut self,
-        document: &Document<'_>,
+        document: &'a Document<'_>,
         material: Option<usize>,
         scene: &mut Scene,
-        textures: &mut Textures<'_>,
+        textures: &mut Textures<'a>,
     ) -> Result<usize, Fault> {
         if let Some(&i) = self.index.get(&material) {
             return Ok(i);

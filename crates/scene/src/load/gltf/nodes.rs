@@ -54,16 +54,23 @@ impl Nodes {
     }
 
     /// The nodes of the default scene, parents before children.
-    pub(super) fn of_scene(&self, root: &json::Root, warnings: &mut Vec<String>) -> Result<Vec<usize>, Fault> {
-        let roots: Vec<usize> = match root.scene.map(|s| s.value()).or((!root.scenes.is_empty()).then_some(0)) {
+    pub(super) fn of_scene(
+        &self,
+        root: &json::Root,
+        warnings: &mut Vec<String>,
+    ) -> Result<Vec<usize>, Fault> {
+        let roots: Vec<usize> = match root.scene.map(|s| s.value()).or((!root.scenes.is_empty()).then_some(0))
+        {
             None => {
                 warnings.push("the file has no scene: all nodes are loaded".into());
                 (0..self.len()).filter(|&i| !self.has_parent[i]).collect()
             }
             Some(s) => {
                 let count = root.scenes.len();
-                let scene =
-                    root.scenes.get(s).ok_or_else(|| fault("scene", format!("{s} is one of {count} scenes")))?;
+                let scene = root
+                    .scenes
+                    .get(s)
+                    .ok_or_else(|| fault("scene", format!("{s} is one of {count} scenes")))?;
                 scene.nodes.iter().map(|n| n.value()).collect()
             }
         };

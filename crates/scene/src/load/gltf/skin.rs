@@ -1,5 +1,6 @@
 //! Skins in their default pose.
 
+use super::accessor::Need;
 use super::document::Document;
 use super::nodes::Nodes;
 use crate::error::{Fault, fault};
@@ -13,19 +14,17 @@ pub(super) struct Skin {
     joints: Vec<Affine3A>,
 }
 
-/// Joints and weights of the vertices of a primitive: `sets` entries of four per vertex.
+/// Four joints and their weights per vertex.
+pub(super) type InfluenceSet = (Vec<[u32; 4]>, Vec<[f32; 4]>);
+
+/// Joints and weights of the vertices of a primitive.
 #[derive(Debug)]
 pub(super) struct Influences {
-    pub(super) sets: Vec<(Vec<[u32; 4]>, Vec<[f32; 4]>)>,
+    pub(super) sets: Vec<InfluenceSet>,
 }
 
 impl Skin {
-    pub(super) fn new(
-        document: &Document<'_>,
-        nodes: &Nodes,
-        s: usize,
-        node: usize,
-    ) -> Result<Self, Fault> {
+    pub(super) fn new(document: &Document<'_>, nodes: &Nodes, s: usize, node: usize) -> Result<Self, Fault> {
         let count = document.root.skins.len();
         let skin = document
             .root
@@ -34,13 +33,9 @@ impl Skin {
             .ok_or_else(|| fault(format!("node {node}"), format!("skin {s} is one of {count}")))?;
         let place = format!("skin {s}");
         let bind: Vec<[f32; 16]> = match skin.inverse_bind_matrices {
-            Some(a) => document.floats(a.value(), &place, None)?,
+            Some(a) => document.floats(a.value(), &place, Need::First(skin.joints.len()))?,
             None => vec![Mat4::IDENTITY.to_cols_array(); skin.joints.len()],
         };
-        if bind.len() < skin.joints.len() {
-            let rule = format!("{} inverse bind matrices for {} joints", bind.len(), skin.joints.len());
-            return Err(fault(place, rule));
-        }
         let joints: Result<Vec<_>, Fault> = skin
             .joints
             .iter()

@@ -82,8 +82,7 @@ pub(super) struct Header {
 
 impl Header {
     pub(super) fn parse(bytes: &[u8]) -> Result<Self, Fault> {
-        let mut header =
-            Self { encoding: Encoding::Ascii, elements: Vec::new(), texture: None, end: 0 };
+        let mut header = Self { encoding: Encoding::Ascii, elements: Vec::new(), texture: None, end: 0 };
         let mut encoding = None;
         for number in 1.. {
             let place = || format!("header line {number}");
@@ -91,7 +90,9 @@ impl Header {
             let length = rest.iter().position(|&b| b == b'\n' || b == b'\r').ok_or_else(|| {
                 fault(place(), format!("the header ends with `end_header` within {MOST_BYTES} bytes"))
             })?;
-            let line = std::str::from_utf8(&rest[..length]).map_err(|_| fault(place(), "is text"))?.trim();
+            let line = std::str::from_utf8(&rest[..length])
+                .map_err(|e| fault(place(), format!("is text: {e}")))?
+                .trim();
             header.end += length + 1;
             // A line may end with carriage return and line feed.
             if rest[length] == b'\r' && bytes.get(header.end) == Some(&b'\n') {
@@ -129,7 +130,7 @@ impl Header {
         let kind = |name: &str| Kind::parse(name).ok_or_else(|| format!("`{}` is a PLY type", clip(name)));
         match *words {
             ["element", name, count] => {
-                let count = count.parse().map_err(|_| format!("`{}` is a count", clip(count)))?;
+                let count = count.parse().map_err(|e| format!("`{}` is a count: {e}", clip(count)))?;
                 self.elements.push(Element { name: clip(name), count, properties: Vec::new() });
                 return Ok(());
             }

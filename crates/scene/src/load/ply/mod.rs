@@ -28,10 +28,11 @@ pub(crate) fn parse(bytes: &[u8], folder: &Folder, limits: &Limits) -> Result<Sc
         let name = element.name.as_str();
         body.check_count(element)?;
         match name {
-            "vertex" => {
+            "vertex" if mesh.positions.is_empty() => {
                 budget.vertices(element.count, || "element vertex".into())?;
                 vertices(element, &mut body, &mut mesh)?;
             }
+            "vertex" => return Err(fault("element vertex", "comes once")),
             "face" => faces(element, &mut body, &mut mesh, &mut wedges, &mut budget)?,
             "tristrips" => strips(element, &mut body, &mut mesh, &mut budget)?,
             _ => {
@@ -57,7 +58,8 @@ pub(crate) fn parse(bytes: &[u8], folder: &Folder, limits: &Limits) -> Result<Sc
     let mut textures = Textures::new(limits);
     if let (Some(file), false) = (&header.texture, mesh.uvs.is_empty()) {
         let bytes = folder.read_name(file, limits.file_bytes, "comment TextureFile")?;
-        let image = textures.request("comment TextureFile".into(), file.clone(), bytes)?;
+        let image =
+            textures.request(file.clone(), "comment TextureFile".into(), file.clone(), bytes.into())?;
         material.base_color = [1.0; 4];
         material.base_color_texture = Some(TextureSlot {
             image,
@@ -171,7 +173,8 @@ fn faces(
     wedges: &mut Vec<[Vec2f; 3]>,
     budget: &mut Budget<'_>,
 ) -> Result<(), Fault> {
-    let is_indices = |p: &Property| p.list.is_some() && matches!(p.name.as_str(), "vertex_indices" | "vertex_index");
+    let is_indices =
+        |p: &Property| p.list.is_some() && matches!(p.name.as_str(), "vertex_indices" | "vertex_index");
     if !element.properties.iter().any(is_indices) {
         return Err(fault("element face", "has a list property vertex_indices"));
     }
@@ -223,12 +226,18 @@ fn vertex_index(x: f64, count: usize, place: impl FnOnce() -> String) -> Result<
     }
 }
 
-fn strips(element: &Element, body: &mut Body<'_>, mesh: &mut Mesh, budget: &mut Budget<'_>) -> Result<(), Fault> {
+fn strips(
+    element: &Element,
+    body: &mut Body<'_>,
+    mesh: &mut Mesh,
+    budget: &mut Budget<'_>,
+) -> Result<(), Fault> {
     let mut list = Vec::new();
     let mut run = Vec::new();
     for s in 0..element.count as usize {
         for property in &element.properties {
-            if property.list.is_none() || !matches!(property.name.as_str(), "vertex_indices" | "vertex_index") {
+            if property.list.is_none() || !matches!(property.name.as_str(), "vertex_indices" | "vertex_index")
+            {
                 body.skip_property(element, property, s)?;
                 continue;
             }

@@ -147,7 +147,10 @@ fn nodes() {
     with(json!([{"mesh": 0, "skin": 5}]), &["node 0", "skin 5"]);
     with(json!([{"mesh": 0, "camera": 5}]), &["node 0", "camera 5"]);
     with(json!([{"mesh": 0, "rotation": [0, 0, 0, 0]}]), &["node 0", "rotation"]);
-    with(json!([{"mesh": 0, "scale": [1e38, 1, 1], "children": [1]}, {"mesh": 0, "scale": [1e38, 1, 1]}]), &["finite"]);
+    with(
+        json!([{"mesh": 0, "scale": [1e38, 1, 1], "children": [1]}, {"mesh": 0, "scale": [1e38, 1, 1]}]),
+        &["finite"],
+    );
     let mut b = triangle();
     b.json["scenes"] = json!([{"nodes": [0, 0]}]);
     b.refused(&["scene", "listed once"]);
@@ -241,7 +244,10 @@ fn uris_stay_in_the_folder() {
         let path = inside.join("a.gltf");
         std::fs::write(&path, b.json.to_string()).unwrap();
         let text = crate::load(&path).unwrap_err().to_string();
-        assert!(text.contains("buffer 0") && text.contains("inside of the asset's folder"), "`{uri}`: {text}");
+        assert!(
+            text.contains("buffer 0") && text.contains("inside of the asset's folder"),
+            "`{uri}`: {text}"
+        );
     }
     // A detour that ends inside is fine.
     std::fs::create_dir(inside.join("sub")).unwrap();
@@ -250,7 +256,10 @@ fn uris_stay_in_the_folder() {
     std::fs::write(inside.join("a.gltf"), b.json.to_string()).unwrap();
     assert_eq!(crate::load(inside.join("a.gltf")).unwrap().triangle_count(), 1);
     refused(
-        &[("bad.gltf", b"{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"byteLength\":9,\"uri\":\"data:,x\"}]}")],
+        &[(
+            "bad.gltf",
+            b"{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"byteLength\":9,\"uri\":\"data:,x\"}]}",
+        )],
         &["buffer 0", "base64"],
     );
     refused(
@@ -299,4 +308,75 @@ fn truncations_and_flipped_bits_never_panic() {
             Err(e) => assert!(e.to_string().contains("a.glb"), "{e}"),
         }
     }
+}
+
+#[test]
+fn shared_bytes_are_counted_each_time() {
+    let small = Limits { file_bytes: 4000, ..Limits::default() };
+    let mut b = triangle();
+    let buffer = json!({"byteLength": 1500, "uri": "data.bin"});
+    b.json["buffers"] = json!([buffer, buffer, buffer]);
+    let files: [(&str, &[u8]); 2] =
+        [("bad.gltf", &b.json.to_string().into_bytes()), ("data.bin", &[0; 1500])];
+    refused_with(&files, &small, &["buffer 2", "all buffers", "4000"]);
+    let mut b = triangle();
+    let bytes = png(64, 64, [1, 2, 3, 4]);
+    let images: Vec<_> = (0..200)
+        .map(|_| {
+            let view = b.view(&bytes);
+            json!({"bufferView": view})
+        })
+        .collect();
+    b.json["images"] = json!(images);
+    b.json["textures"] = (0..200).map(|i| json!({"source": i})).collect();
+    b.json["materials"] = (0..200).map(|i| json!({"emissiveTexture": {"index": i}})).collect();
+    let attributes = b.json["meshes"][0]["primitives"][0].clone();
+    b.json["meshes"][0]["primitives"] = (0..200)
+        .map(|i| {
+            let mut p = attributes.clone();
+            p["material"] = json!(i);
+            p
+        })
+        .collect();
+    let scene = b.load();
+    assert_eq!((scene.images.len(), scene.primitives.len()), (200, 200));
+    let few = Limits { texels: 64 * 64 * 150, ..Limits::default() };
+    refused_with(&[("bad.glb", &b.glb())], &few, &["image 150", "all textures"]);
+    let few = Limits { instances: 100, ..Limits::default() };
+    refused_with(&[("bad.glb", &b.glb())], &few, &["primitive 100", "at most 100 placed"]);
+}
+
+#[test]
+fn skins() {
+    let skinned = || {
+        let mut b = triangle();
+        let joints = b.accessor(&[0; 12], 5121, "VEC4", 3);
+        let weights = b.floats(&[1.0, 0.0, 0.0, 0.0].repeat(3), "VEC4", 3);
+        let attributes = &mut b.json["meshes"][0]["primitives"][0]["attributes"];
+        attributes["JOINTS_0"] = json!(joints);
+        attributes["WEIGHTS_0"] = json!(weights);
+        b.json["nodes"] = json!([{"mesh": 0, "skin": 0}, {}]);
+        b.json["skins"] = json!([{"joints": [1]}]);
+        b
+    };
+    assert_eq!(skinned().load().triangle_count(), 1);
+    let mut b = skinned();
+    b.json["skins"] = json!([{"joints": [7]}]);
+    b.refused(&["skin 0", "joint 7"]);
+    b.json["skins"] = json!([{"joints": []}]);
+    b.refused(&["mesh 0 primitive 0", "joint 0 of vertex 0"]);
+    // Many inverse bind matrices that nobody needs are not read.
+    let zeros = json!({"componentType": 5126, "count": 4_000_000_000_u64, "type": "MAT4", "sparse": {
+        "count": 0, "indices": {"bufferView": 0, "componentType": 5121}, "values": {"bufferView": 0},
+    }});
+    let bind = push(&mut b.json["accessors"], zeros);
+    b.json["skins"] = json!([{"joints": [1], "inverseBindMatrices": bind}]);
+    assert_eq!(b.load().triangle_count(), 1);
+    b.json["skins"] = json!([{"joints": [1, 1], "inverseBindMatrices": 0}]);
+    b.refused(&["accessor 0", "16 components"]);
+    let mut b = skinned();
+    b.json["meshes"][0]["primitives"][0]["attributes"]["WEIGHTS_0"] = json!(1);
+    b.refused(&["WEIGHTS_0", "4 components"]);
+    b.json["meshes"][0]["primitives"][0]["attributes"] = json!({"POSITION": 0});
+    b.refused(&["mesh 0 primitive 0", "JOINTS_0"]);
 }

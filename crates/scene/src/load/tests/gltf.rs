@@ -5,6 +5,7 @@ use crate::{AlphaMode, Filter, Scene, Wrap};
 use base64::Engine;
 use photofit_scalar::{vec2, vec3, vec4};
 use serde_json::{Value, json};
+use std::f32::consts::FRAC_1_SQRT_2;
 
 /// A document under construction.
 pub(super) struct Builder {
@@ -14,7 +15,10 @@ pub(super) struct Builder {
 
 impl Builder {
     pub(super) fn new() -> Self {
-        Self { json: json!({"asset": {"version": "2.0"}, "accessors": [], "bufferViews": []}), binary: Vec::new() }
+        Self {
+            json: json!({"asset": {"version": "2.0"}, "accessors": [], "bufferViews": []}),
+            binary: Vec::new(),
+        }
     }
 
     /// A bufferView of these bytes.
@@ -77,8 +81,7 @@ pub(super) fn triangle() -> Builder {
     let p = b.floats(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0], "VEC3", 3);
     let n = b.floats(&[0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0], "VEC3", 3);
     let i = b.accessor(&[0, 0, 1, 0, 2, 0], 5123, "SCALAR", 3);
-    b.json["meshes"] =
-        json!([{"primitives": [{"attributes": {"POSITION": p, "NORMAL": n}, "indices": i}]}]);
+    b.json["meshes"] = json!([{"primitives": [{"attributes": {"POSITION": p, "NORMAL": n}, "indices": i}]}]);
     b.json["nodes"] = json!([{"mesh": 0}]);
     b.json["scenes"] = json!([{"nodes": [0]}]);
     b.json["scene"] = json!(0);
@@ -89,7 +92,7 @@ pub(super) fn triangle() -> Builder {
 fn node_transforms_compose_and_mirror() {
     let mut b = triangle();
     b.json["nodes"] = json!([
-        {"children": [1], "translation": [1, 0, 0], "rotation": [0, 0, 0.70710678, 0.70710678]},
+        {"children": [1], "translation": [1, 0, 0], "rotation": [0, 0, FRAC_1_SQRT_2, FRAC_1_SQRT_2]},
         {"mesh": 0, "scale": [-2, 1, 1]},
     ]);
     let flat = b.load().flatten();
@@ -207,7 +210,8 @@ fn materials_slots_and_transforms() {
     let mut b = triangle();
     let one = b.view(&png(2, 2, [10, 20, 30, 40]));
     let two = b.view(&png(4, 1, [1, 2, 3, 255]));
-    b.json["images"] = json!([{"bufferView": two, "mimeType": "image/png"}, {"bufferView": one, "name": "one"}]);
+    b.json["images"] =
+        json!([{"bufferView": two, "mimeType": "image/png"}, {"bufferView": one, "name": "one"}]);
     b.json["samplers"] = json!([{"magFilter": 9728, "minFilter": 9984, "wrapS": 33071, "wrapT": 33648}]);
     b.json["textures"] = json!([{"source": 1, "sampler": 0}, {"source": 0}]);
     b.json["materials"] = json!([{
@@ -281,8 +285,7 @@ fn morph_weights_of_node_and_mesh() {
 fn skins_are_loaded_in_their_pose() {
     let mut b = triangle();
     let joints = b.accessor(&[0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0], 5121, "VEC4", 3);
-    let weights =
-        b.floats(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.5, 0.5, 0.0, 0.0], "VEC4", 3);
+    let weights = b.floats(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.5, 0.5, 0.0, 0.0], "VEC4", 3);
     let attributes = &mut b.json["meshes"][0]["primitives"][0]["attributes"];
     attributes["JOINTS_0"] = json!(joints);
     attributes["WEIGHTS_0"] = json!(weights);

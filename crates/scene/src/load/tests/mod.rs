@@ -65,5 +65,9 @@ fn formats_are_told_by_content_and_name() {
     // A binary file under a wrong extension still loads by its content.
     let scene = load_files(&[("a.obj", &gltf::triangle().glb())]).unwrap();
     assert_eq!(scene.triangle_count(), 1);
-    refused_with(&[("a.obj", b"v 0 0 0\n")], &Limits { file_bytes: 4, ..Limits::default() }, &["at most 4 bytes"]);
+    refused_with(
+        &[("a.obj", b"v 0 0 0\n")],
+        &Limits { file_bytes: 4, ..Limits::default() },
+        &["at most 4 bytes"],
+    );
 }

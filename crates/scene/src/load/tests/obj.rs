@@ -43,10 +43,13 @@ fn smooth_normals_cross_materials_and_seams() {
 fn materials_and_maps() {
     let mtl = "newmtl red\nKd 1 0 0\nd 0.5\nKs 1 1 1\nbump x.png\nnewmtl wood\nKd 0.5 0.5 0.5\n\
         map_Kd -s 2 2 -o 0.25 0.5 -clamp on my wood.png\nKe 3 0 0\n";
-    let text = format!("mtllib a.mtl\n{QUAD}vt 0 0\nusemtl wood\nf 1/1 2/1 3/1\nusemtl red\nf 1 3 4\nusemtl wood\nf 1/1 2/1 3/1\n");
+    let text = format!(
+        "mtllib a.mtl\n{QUAD}vt 0 0\nusemtl wood\nf 1/1 2/1 3/1\nusemtl red\nf 1 3 4\nusemtl wood\nf 1/1 2/1 3/1\n"
+    );
     let picture = png(2, 1, [1, 2, 3, 255]);
     let scene =
-        load_files(&[("a.obj", text.as_bytes()), ("a.mtl", mtl.as_bytes()), ("my wood.png", &picture)]).unwrap();
+        load_files(&[("a.obj", text.as_bytes()), ("a.mtl", mtl.as_bytes()), ("my wood.png", &picture)])
+            .unwrap();
     assert_eq!(scene.primitives.len(), 2);
     let wood = &scene.materials[scene.primitives[0].material];
     assert_eq!((wood.base_color, wood.roughness, wood.metallic), ([0.5, 0.5, 0.5, 1.0], 0.5, 0.0));
@@ -54,7 +57,9 @@ fn materials_and_maps() {
     let slot = wood.base_color_texture.unwrap();
     assert_eq!(slot.sampler.wrap_u, Wrap::ClampToEdge);
     // File coordinates (0, 0) are (0.25, 0.5) in the map: v = 0.5 from the top too.
-    let at = |u: f32, v: f32| vec2(slot.transform[0][0] * u + slot.transform[0][2], slot.transform[1][1] * v + slot.transform[1][2]);
+    let at = |u: f32, v: f32| {
+        vec2(slot.transform[0][0] * u + slot.transform[0][2], slot.transform[1][1] * v + slot.transform[1][2])
+    };
     assert_eq!(at(0.0, 1.0), vec2(0.25, 0.5));
     let red = &scene.materials[scene.primitives[1].material];
     assert_eq!((red.base_color, red.alpha_mode), ([1.0, 0.0, 0.0, 0.5], AlphaMode::Blend));
@@ -76,7 +81,10 @@ fn broken_files() {
     bad("v 0\n", &["line 1", "3 numbers"]);
     bad("mtllib ../a.mtl\n", &["line 1", "folder"]);
     bad("mtllib /etc/passwd\n", &["line 1", "folder"]);
-    let files: [(&str, &[u8]); 2] = [("bad.obj", b"mtllib a.mtl\n"), ("a.mtl", b"newmtl a\nmap_Kd none.png\n")];
+    let many: String = (0..70).map(|i| format!("mtllib {i}.mtl\n")).collect();
+    bad(&many, &["line 65", "at most 64"]);
+    let files: [(&str, &[u8]); 2] =
+        [("bad.obj", b"mtllib a.mtl\n"), ("a.mtl", b"newmtl a\nmap_Kd none.png\n")];
     refused(&files, &["a.mtl line 2", "none.png"]);
     let files: [(&str, &[u8]); 2] = [("bad.obj", b"mtllib a.mtl\n"), ("a.mtl", b"newmtl a\nKd x\n")];
     refused(&files, &["a.mtl line 2", "number"]);

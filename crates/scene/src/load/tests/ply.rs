@@ -102,7 +102,9 @@ fn broken_files() {
         bad(&good[..body], &["element face"]);
         bad(&good[..60], &["header"]);
     }
-    let swap = |from: &str, to: &str| String::from_utf8(encoded("ascii")).unwrap().replacen(from, to, 1).into_bytes();
+    let swap = |from: &str, to: &str| {
+        String::from_utf8(encoded("ascii")).unwrap().replacen(from, to, 1).into_bytes()
+    };
     bad(&swap("vertex 4", "vertex 4000000000"), &["element vertex", "4000000000"]);
     bad(&swap("vertex 4", "vertex 99999999999999999999"), &["header line 4", "count"]);
     bad(&swap("face 2", "face 18446744073709551615"), &["element face"]);
@@ -117,6 +119,9 @@ fn broken_files() {
     bad(&swap("format ascii", "format morse"), &["header line 2", "morse"]);
     bad(&swap("format ascii 1.0\n", "\n"), &["header", "format"]);
     bad(b"ply\nformat ascii 1.0\nelement vertex 4000000000\nend_header\n", &["element vertex", "properties"]);
+    let twice = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
+        element vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n0 0 0\n";
+    bad(twice.as_bytes(), &["element vertex", "once"]);
     let mut little = encoded("binary_little_endian");
     // The first face claims 255 corners.
     let face = little.len() - (1 + 4 * 5) - (1 + 4 * 4);

@@ -1,0 +1,203 @@
+//! How visible each triangle of an asset is from outside.
+//!
+//! Rays leave points of a triangle in cosine-weighted directions; the share that reaches the sky is the triangle's
+//! accessibility (unoccluded form factor to a far surrounding sphere). Triangles that no ray leaves can be removed or
+//! simplified freely, and are not a source for baking.
+
+use crate::bake::Reference;
+use crate::bake::reference::Place;
+use photofit_pathtrace::Ray;
+use photofit_scalar::Vec3f;
+use photofit_scene::AlphaMode;
+use rayon::prelude::*;
+
+/// How many rays [`visibility`] spends, and what occludes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VisibilitySettings {
+    /// Rays of the first pass over all triangles, shared out by area. The second pass, over triangles that the first
+    /// found hidden, spends at most as many again.
+    pub rays: usize,
+    /// Least rays for each side of a triangle in the first pass (fewer where `rays` would be exceeded).
+    pub min_rays: usize,
+    /// Most rays for each side of a triangle in the first pass.
+    pub max_rays: usize,
+    /// Rays of the second pass for each hidden side; it ends at the first ray that gets out.
+    pub retry_rays: usize,
+    /// Single-sided triangles are not drawn from behind (glTF) and occlude nothing there.
+    pub cull_back_faces: bool,
+}
+
+impl Default for VisibilitySettings {
+    fn default() -> Self {
+        Self { rays: 6_000_000, min_rays: 24, max_rays: 256, retry_rays: 192, cull_back_faces: true }
+    }
+}
+
+/// Accessibility of the triangles of an asset.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Visibility {
+    /// Share of the cosine-weighted sky over the counter-clockwise side that is not occluded, in [0, 1].
+    pub front: Vec<f32>,
+    /// The same for the other side; zero for single-sided materials where back faces are culled.
+    pub back: Vec<f32>,
+}
+
+impl Visibility {
+    /// Every side of `triangles` triangles is visible.
+    pub fn everything(triangles: usize) -> Self {
+        Self { front: vec![1.0; triangles], back: vec![1.0; triangles] }
+    }
+
+    /// Accessibility of the better side of a triangle, in [0, 1].
+    pub fn importance(&self, triangle: usize) -> f32 {
+        self.front[triangle].max(self.back[triangle])
+    }
+
+    /// True when some ray got out of either side.
+    pub fn is_visible(&self, triangle: usize) -> bool {
+        self.importance(triangle) > 0.0
+    }
+
+    /// True when some ray got out of the given side.
+    #[inline]
+    pub fn is_side_visible(&self, triangle: usize, front: bool) -> bool {
+        (if front { self.front[triangle] } else { self.back[triangle] }) > 0.0
+    }
+
+    /// Number of triangles that no ray left.
+    pub fn hidden(&self) -> usize {
+        (0..self.front.len()).filter(|&t| !self.is_visible(t)).count()
+    }
+}
+
+/// Measures the accessibility of all triangles of a reference.
+///
+/// Surfaces that an alpha mask cuts out occlude nothing and are not visible themselves; blended surfaces occlude
+/// nothing. Degenerate triangles are not visible. Deterministic for any number of threads.
+pub fn visibility(reference: &Reference<'_>, settings: &VisibilitySettings) -> Visibility {
+    let n = reference.mesh().triangles.len();
+    let areas: Vec<f32> = (0..n as u32).into_par_iter().map(|t| reference.area_normal(t).length()).collect();
+    let total: f64 = areas.iter().map(|&a| f64::from(a)).sum();
+    let sides = |t: u32| if two_sided(reference, t, settings) { 2 } else { 1 };
+    let all_sides: usize = (0..n as u32).map(sides).sum();
+    let least = settings.min_rays.min(settings.rays / all_sides.max(1)).max(1);
+    let most = settings.max_rays.max(least);
+    let mut out = Visibility { front: vec![0.0; n], back: vec![0.0; n] };
+    let pass = |out: &mut Visibility, rays: &(dyn Fn(usize) -> usize + Sync), stop: bool| {
+        let chunk = 64;
+        out.front.par_chunks_mut(chunk).zip(out.back.par_chunks_mut(chunk)).enumerate().for_each(
+            |(c, (front, back))| {
+                for (i, (f, b)) in front.iter_mut().zip(back).enumerate() {
+                    let t = c * chunk + i;
+                    if areas[t] <= 0.0 || !areas[t].is_finite() || (stop && f.max(*b) > 0.0) {
+                        continue;
+                    }
+                    let probe = Probe { reference, settings, triangle: t as u32, rays: rays(t), stop };
+                    *f = probe.side(true);
+                    if sides(t as u32) == 2 {
+                        *b = probe.side(false);
+                    }
+                }
+            },
+        );
+    };
+    let by_area = |t: usize| {
+        let share = f64::from(areas[t]) / total * settings.rays as f64;
+        (share as usize).clamp(least, most)
+    };
+    pass(&mut out, &by_area, false);
+    let hidden = out.hidden();
+    if hidden > 0 {
+        let retry = settings.retry_rays.min(settings.rays / (2 * hidden));
+        pass(&mut out, &|_| retry, true);
+    }
+    out
+}
+
+/// True when the back of a triangle is drawn.
+fn two_sided(reference: &Reference<'_>, triangle: u32, settings: &VisibilitySettings) -> bool {
+    !settings.cull_back_faces || reference.material(triangle).double_sided
+}
+
+/// The rays of one triangle.
+struct Probe<'a> {
+    reference: &'a Reference<'a>,
+    settings: &'a VisibilitySettings,
+    triangle: u32,
+    rays: usize,
+    /// End at the first ray that gets out.
+    stop: bool,
+}
+
+impl Probe<'_> {
+    /// Share of rays that get out of one side.
+    fn side(&self, front: bool) -> f32 {
+        let reference = self.reference;
+        let [a, b, c] = reference.mesh().corners(self.triangle as usize);
+        let up = (b - a).cross(c - a).normalize_or_zero();
+        let up = if front { up } else { -up };
+        let (s, t) = up.orthonormal_pair();
+        // Above the rounding of the point, and above surfaces that lie on this one.
+        let size = a.to_array().into_iter().fold(0.0, |m: f32, x| m.max(x.abs()));
+        let lift = (1e-5 * reference.diagonal()).max(4.0 * f32::EPSILON * size);
+        let start = (u64::from(self.triangle) << 2) | (u64::from(front) << 1) | u64::from(self.stop);
+        let offset = start_of(start);
+        let mut free = 0;
+        for i in 0..self.rays {
+            let [x0, x1, x2, x3] = sequence(offset, i);
+            // Square root warp to the triangle; Malley's method to the hemisphere.
+            let r = x0.sqrt();
+            let place = Place { triangle: self.triangle, u: r * (1.0 - x1), v: r * x1 };
+            let p = a + (b - a) * place.u + (c - a) * place.v;
+            let (sin, cos) = (std::f32::consts::TAU * x2).sin_cos();
+            let d = s * (x3.sqrt() * cos) + t * (x3.sqrt() * sin) + up * (1.0 - x3).sqrt();
+            if !reference.is_cut(&place) && !self.occluded(p + up * lift, d) {
+                free += 1;
+                if self.stop {
+                    break;
+                }
+            }
+        }
+        if self.rays == 0 { 0.0 } else { free as f32 / self.rays as f32 }
+    }
+
+    fn occluded(&self, origin: Vec3f, direction: Vec3f) -> bool {
+        let reference = self.reference;
+        reference.accel().occluded_where(&Ray::new(origin, direction), |hit| {
+            let material = reference.material(hit.triangle);
+            // Whoever looks from the sky sees the other side of what the ray meets.
+            let drawn = !hit.front || material.double_sided || !self.settings.cull_back_faces;
+            drawn
+                && hit.triangle != self.triangle
+                && match material.alpha_mode {
+                    AlphaMode::Opaque => true,
+                    AlphaMode::Mask { .. } => !reference.is_cut(&hit.into()),
+                    AlphaMode::Blend => false,
+                }
+        })
+    }
+}
+
+/// Start of a sequence, from a hash of `key` (the finaliser of `SplitMix64`).
+fn start_of(key: u64) -> [f64; 4] {
+    let mut state = key.wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    std::array::from_fn(|_| {
+        state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    })
+}
+
+/// Point `i` of the four-dimensional additive sequence with the generalised golden ratio, in [0, 1)^4.
+fn sequence(start: [f64; 4], i: usize) -> [f32; 4] {
+    // Powers of the inverse of the root of x^5 = x + 1.
+    const STEP: [f64; 4] =
+        [0.856_674_883_854_502_9, 0.733_891_856_627_126, 0.628_706_721_037_808_6, 0.538_597_257_223_61];
+    std::array::from_fn(|k| {
+        let x = start[k] + STEP[k] * (i + 1) as f64;
+        // The largest single below one, should the conversion round up.
+        ((x - x.floor()) as f32).min(1.0 - 0.5 * f32::EPSILON)
+    })
+}
