@@ -16,6 +16,7 @@ use photofit_raster::texture::Pyramid;
 use photofit_raster::{CHANNELS, Maps};
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec3};
 use photofit_scene::AlphaMode;
+use rayon::prelude::*;
 
 /// Topology and parameters of a fitted mesh.
 #[derive(Clone, Debug)]
@@ -155,10 +156,11 @@ impl Candidate {
         }
     }
 
-    /// Renders one shot over its background.
-    pub fn render(&self, vertices: &Vertices, shot: &Shot, lod_bias: f32, passes: &Passes) -> Frame<f32> {
+    /// Renders one shot over its background, `samples` times finer per axis than its picture.
+    pub fn render(&self, vertices: &Vertices, shot: &Shot, passes: &Passes) -> Frame<f32> {
         let lights = shot.lights.lights();
-        deferred::render(&self.geometry(vertices), &self.maps, &view(shot, &lights, lod_bias), &shot.background, passes)
+        let background = magnify(&shot.background, shot.width, shot.samples, [1.0; 3]);
+        deferred::render(&self.geometry(vertices), &self.maps, &view(shot, &lights), &background, passes)
     }
 
     /// Loss of a batch of shots against their references, and its gradients (overwritten). Returns the loss, the mean
@@ -167,7 +169,6 @@ impl Candidate {
         &self,
         shots: &[Shot],
         loss: Loss,
-        lod_bias: f32,
         passes: &Passes,
         out: &mut ParameterGradients,
     ) -> f64 {
@@ -177,13 +178,17 @@ impl Candidate {
         let mut total = 0.0;
         let weight = 1.0 / shots.len().max(1) as f64;
         for shot in shots {
-            let frame = self.render(&vertices, shot, lod_bias, passes);
-            let mut g = vec![[0.0; 4]; frame.color.len()];
+            let frame = self.render(&vertices, shot, passes);
+            let picture = average(&frame.color, shot);
+            let mut g = vec![[0.0; 4]; picture.len()];
             let shape = loss::Frame::new(shot.width, shot.height, 4).only(0..3);
-            let (x, y) = (frame.color.as_flattened(), shot.reference.as_flattened());
+            let (x, y) = (picture.as_flattened(), shot.reference.as_flattened());
             total += loss.value_and_gradient(x, y, &shape, weight, g.as_flattened_mut());
+            // Adjoint of the average: every sample gets its share.
+            let share = 1.0 / (shot.samples * shot.samples) as f32;
+            let g = magnify(&g, shot.width, shot.samples, [share; 4]);
             let lights = shot.lights.lights();
-            let view = view(shot, &lights, lod_bias);
+            let view = view(shot, &lights);
             let geometry = self.geometry(&vertices);
             deferred::render_vjp(&geometry, &self.maps, &view, passes, &frame, &g, &mut out.rendered);
         }
@@ -219,15 +224,41 @@ impl Candidate {
     }
 }
 
+/// Averages the samples of each pixel of a shot.
+pub fn average(color: &[[f32; 4]], shot: &Shot) -> Vec<[f32; 4]> {
+    let (n, share) = (shot.samples, 1.0 / (shot.samples * shot.samples) as f32);
+    let mut out = vec![[0.0; 4]; shot.width * shot.height];
+    out.par_chunks_mut(shot.width).enumerate().for_each(|(y, row)| {
+        for line in color[y * n * shot.width * n..].chunks(shot.width * n).take(n) {
+            for (o, samples) in row.iter_mut().zip(line.chunks(n)) {
+                samples.iter().for_each(|s| (0..4).for_each(|k| o[k] += s[k] * share));
+            }
+        }
+    });
+    out
+}
+
+/// Repeats each pixel `n` times per axis, times `scale`.
+fn magnify<const C: usize>(pixels: &[[f32; C]], width: usize, n: usize, scale: [f32; C]) -> Vec<[f32; C]> {
+    let mut out = vec![[0.0; C]; pixels.len() * n * n];
+    out.par_chunks_mut(width * n).enumerate().for_each(|(y, row)| {
+        let source = &pixels[(y / n) * width..][..width];
+        for (o, p) in row.chunks_mut(n).zip(source) {
+            o.fill(std::array::from_fn(|c| p[c] * scale[c]));
+        }
+    });
+    out
+}
+
 /// The renderer's view of a shot.
-fn view<'a>(shot: &Shot, lights: &'a [photofit_shading::Light<'a, f32>], lod_bias: f32) -> View<'a, f32> {
+fn view<'a>(shot: &Shot, lights: &'a [photofit_shading::Light<'a, f32>]) -> View<'a, f32> {
     let eye = shot.camera.eye;
     View {
         view_projection: matrix_rows(&shot.camera.view_projection()),
         eye: vec3(eye.x, eye.y, eye.z),
         lights,
-        width: shot.width,
-        height: shot.height,
-        lod_bias,
+        width: shot.width * shot.samples,
+        height: shot.height * shot.samples,
+        lod_bias: 0.0,
     }
 }

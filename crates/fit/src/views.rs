@@ -150,11 +150,13 @@ pub struct Shot {
     pub camera: Camera,
     /// The lights.
     pub lights: ShotLights,
-    /// Columns.
+    /// Columns of the picture.
     pub width: usize,
-    /// Rows.
+    /// Rows of the picture.
     pub height: usize,
-    /// Radiance behind the asset, the same for both images.
+    /// Samples per axis that the candidate takes of a pixel.
+    pub samples: usize,
+    /// Radiance behind the asset, the same for both images, one per pixel.
     pub background: Vec<[f32; 3]>,
     /// The reference over the background; the fourth sample is its coverage.
     pub reference: Vec<[f32; 4]>,
@@ -165,7 +167,7 @@ impl Shot {
     ///
     /// # Panics
     /// If the picture does not have four channels.
-    pub fn new(setup: &Setup, picture: &Image, seed: u64, index: u64) -> Self {
+    pub fn new(setup: &Setup, picture: &Image, samples: usize, seed: u64, index: u64) -> Self {
         assert_eq!(picture.channels, 4, "a premultiplied RGBA picture");
         let mut rng = Rng::new(seed, STREAM_BACKGROUND + index);
         let background: Vec<[f32; 3]> = (0..picture.pixels())
@@ -185,6 +187,7 @@ impl Shot {
             lights: setup.lights.clone(),
             width: picture.width,
             height: picture.height,
+            samples,
             background,
             reference,
         }

@@ -201,3 +201,71 @@ fn sequence(start: [f64; 4], i: usize) -> [f32; 4] {
         ((x - x.floor()) as f32).min(1.0 - 0.5 * f32::EPSILON)
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{VisibilitySettings, visibility};
+    use crate::bake::tests::{World, moved, quick, sheet};
+    use photofit_geometry::shapes;
+    use photofit_scalar::Vec3f;
+    use photofit_scene::{AlphaMode, Material};
+
+    #[test]
+    fn visibility_knows_inside_from_outside() {
+        let sphere = shapes::icosphere(8);
+        let cube = moved(&shapes::cube(), 0.2, Vec3f::zero());
+        let n = sphere.triangles.len();
+        let mut world = World::default();
+        world.add(&sphere, Material::clay()).add(&cube, Material::clay());
+        let seen = world.visibility();
+        assert!(
+            (0..n).all(|t| seen.front[t] > 0.98 && seen.back[t] == 0.0),
+            "a convex shell sees all of the sky"
+        );
+        assert!((n..n + 12).all(|t| !seen.is_visible(t)), "the cube inside is hidden");
+        assert_eq!(seen.hidden(), 12);
+
+        // Holes, glass and back faces let light through.
+        let clear = Material { base_color: [1.0, 1.0, 1.0, 0.1], ..Material::clay() };
+        for (mode, visible) in [
+            (AlphaMode::Opaque, false),
+            (AlphaMode::Mask { cutoff: 0.5 }, true),
+            (AlphaMode::Mask { cutoff: 0.05 }, false),
+            (AlphaMode::Blend, true),
+        ] {
+            let mut world = World::default();
+            world.add(&sphere, Material { alpha_mode: mode, ..clear.clone() }).add(&cube, Material::clay());
+            let seen = world.visibility();
+            assert!((n..n + 12).all(|t| seen.is_visible(t) == visible), "{mode:?}");
+            // What is wholly cut out cannot be seen itself.
+            assert_eq!(seen.is_visible(0), mode != AlphaMode::Mask { cutoff: 0.5 }, "{mode:?}");
+        }
+        let mut inward = sphere.clone();
+        inward.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        let mut room = World::default();
+        room.add(&inward, Material::clay()).add(&cube, Material::clay());
+        assert!(
+            (n..n + 12).all(|t| room.visibility().is_visible(t)),
+            "a room without back faces shows its inside"
+        );
+        let all = VisibilitySettings { cull_back_faces: false, ..quick() };
+        assert!(room.with(|r| visibility(r, &all)).front[n..].iter().all(|&x| x == 0.0));
+    }
+
+    #[test]
+    fn accessibility_has_its_closed_form() {
+        // The floor under the middle of a square ceiling of side 2 at height 1: form factor 0.5541 (Howell, C-11, 4 quarters).
+        let mut floor = moved(&sheet(1), 1e-3, Vec3f::zero());
+        floor.triangles.truncate(1);
+        let mut ceiling = sheet(1);
+        ceiling.positions.iter_mut().for_each(|p| p.z = 1.0);
+        let mut world = World::default();
+        world.add(&floor, Material::clay()).add(&ceiling, Material::clay());
+        let s = VisibilitySettings { min_rays: 20_000, max_rays: 20_000, rays: 1_000_000, ..quick() };
+        let seen = world.with(|r| visibility(r, &s));
+        let quarter = 1.0 / 2.0_f64.sqrt() * (1.0 / 2.0_f64.sqrt()).atan() / std::f64::consts::PI;
+        let expected = 1.0 - 4.0 * quarter;
+        assert!((f64::from(seen.front[0]) - expected).abs() < 0.005, "{} against {expected}", seen.front[0]);
+        assert!(seen.front[1] > 0.99 && seen.back[1] == 0.0);
+    }
+}

@@ -15,7 +15,7 @@ mod target;
 mod texel;
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 use crate::visibility::Visibility;
 use photofit_geometry::{Mesh, atlas};
@@ -50,7 +50,8 @@ pub struct BakeSettings {
     pub height: usize,
     /// Samples of a texel are a grid of this many by as many, 1 to 8.
     pub samples_per_side: usize,
-    /// Width of the box over which a texel's samples are spread, in texels.
+    /// Width of the box over which a texel's samples are spread, in texels. Below 1 it makes up for some of the blur
+    /// of bilinear lookups.
     pub filter_width: f32,
     /// How far from the target the reference is searched at most, in diagonals of the reference's box.
     pub max_distance: f32,
@@ -68,7 +69,7 @@ impl Default for BakeSettings {
             width: 1024,
             height: 1024,
             samples_per_side: 2,
-            filter_width: 1.0,
+            filter_width: 0.75,
             max_distance: 0.04,
             face_normal: 0.0,
             widen_roughness: false,
@@ -230,6 +231,30 @@ pub fn blank_texel() -> [f32; CHANNELS] {
 /// the reference; `classes` one per triangle of the target, which then takes surfaces of that class alone. `progress`
 /// is called with the finished share in [0, 1], from any thread, and may stop the bake. The result is the same for any
 /// number of threads.
+///
+/// ```
+/// use photofit_fit::bake::{BakeSettings, Reference, bake};
+/// use photofit_fit::visibility::{VisibilitySettings, visibility};
+/// use photofit_geometry::shapes;
+/// use photofit_scalar::vec4;
+/// use photofit_scene::{FlatScene, Material, Scene, SurfaceLibrary};
+/// use std::ops::ControlFlow;
+///
+/// let scene = Scene { materials: vec![Material::clay()], ..Scene::default() };
+/// let flat = FlatScene { mesh: shapes::icosphere(8), triangle_material: vec![0; 20 * 64] };
+/// let surfaces = SurfaceLibrary::new(&scene);
+/// let reference = Reference::new(&flat, &scene.materials, &surfaces)?;
+/// let seen = visibility(&reference, &VisibilitySettings { rays: 100_000, ..Default::default() });
+///
+/// let mut target = shapes::quad_grid(1, 1);
+/// target.positions.iter_mut().for_each(|p| *p = *p * 0.5 + photofit_scalar::vec3(0.0, 0.0, 0.9));
+/// target.tangents = vec![vec4(1.0, 0.0, 0.0, 1.0); 4];
+/// let settings = BakeSettings { width: 16, height: 16, max_distance: 0.2, ..Default::default() };
+/// let baked = bake(&reference, &seen, &target, None, &settings, &|_| ControlFlow::Continue(()))?;
+/// assert_eq!(baked.statistics.missed, 0);
+/// assert_eq!(baked.maps.texels[0][..4], [0.5, 0.5, 0.5, 1.0]);
+/// # Ok::<(), photofit_fit::bake::BakeError>(())
+/// ```
 ///
 /// # Errors
 /// Wrong lengths, values that are not finite, settings out of range, or [`BakeError::Stopped`].

@@ -104,6 +104,8 @@ pub struct Prepared {
     pub occupancy: f32,
     /// Number of charts.
     pub charts: u32,
+    /// Mean distance between the candidate and the reference, in the normalised frame.
+    pub distance: f64,
     /// Triangles of the reference that nobody sees.
     pub hidden: usize,
 }
@@ -136,10 +138,11 @@ pub(super) fn prepare(
     let maps = Maps::filled(options.texture_size, options.texture_size, blank_texel());
     let mut candidate = Candidate::new(&split, class, n.class_modes(), maps);
     let from_sphere = options.init == Init::Sphere;
-    let baked = bake_candidate(reference, &seen, &candidate, from_sphere, progress)?;
+    let (baked, distance) = bake_candidate(reference, &seen, &candidate, from_sphere, progress)?;
     candidate.set_maps(baked);
     Ok(Prepared {
         candidate,
+        distance,
         hidden: seen.hidden(),
         visibility: seen,
         occupancy: atlas.occupancy,
@@ -195,14 +198,14 @@ fn sphere(n: &Normalised, seen: &Visibility, target: Target) -> Result<(Mesh, Ve
     Ok((mesh, class))
 }
 
-/// Bakes the reference onto the candidate's present shape.
+/// Bakes the reference onto the candidate's present shape; also returns the mean distance between the two.
 pub(super) fn bake_candidate(
     reference: &Reference<'_>,
     seen: &Visibility,
     candidate: &Candidate,
     far: bool,
     progress: &dyn Progress,
-) -> Result<Maps, FitError> {
+) -> Result<(Maps, f64), FitError> {
     let base = &candidate.maps.levels[0];
     let mut settings = BakeSettings { width: base.width, height: base.height, ..BakeSettings::default() };
     if far {
@@ -225,5 +228,5 @@ pub(super) fn bake_candidate(
     for t in &mut baked.maps.texels {
         t[channel::GAMMA] = 0.0;
     }
-    Ok(baked.maps)
+    Ok((baked.maps, baked.statistics.mean_distance))
 }

@@ -4,7 +4,7 @@ use super::checkpoint::{self, Checkpoint};
 use super::prepare::bake_candidate;
 use super::{Init, Normalised, Plan, Prepared, SimplifyOptions};
 use crate::bake::Reference;
-use crate::candidate::{Candidate, ParameterGradients};
+use crate::candidate::{Candidate, ParameterGradients, average};
 use crate::views::{Set, Setup, Shot, setup};
 use crate::{FitError, Progress};
 use photofit_image::{Image, downsample, psnr_from_mse};
@@ -27,10 +27,15 @@ const SUPERSAMPLE: usize = 4;
 const EVALUATE_EVERY: u64 = 25;
 /// Looks without progress after which a phase ends.
 const PATIENCE: usize = 6;
-/// Added to the mip level: a trilinear lookup is blurrier than the average over a pixel.
-const LOD_BIAS: f32 = -0.7;
+/// Samples per axis that the candidate takes of a pixel: with one, its texture filter would be fitted to that of the
+/// reference, and the result be too sharp in any renderer that takes more.
+const SAMPLES: usize = 2;
+/// Step of the maps, relative to the error of the start.
+const MAP_RATE: f64 = 0.04;
+/// Step of the positions, relative to the distance between the start and the reference.
+const POSITION_RATE: f64 = 1.0;
 /// Smoothness of the preconditioner for the start from a decimated mesh, and from a sphere.
-const LAMBDA: [f64; 2] = [1.5, 12.0];
+const LAMBDA: [f64; 2] = [0.3, 12.0];
 
 /// One look at the held-out views.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -118,7 +123,7 @@ pub(super) fn train(
     let start = Instant::now();
     let candidate = prepared.candidate;
     let from_sphere = options.init == Init::Sphere;
-    let lambda = LAMBDA[usize::from(from_sphere)];
+    let lambda = std::env::var("LAMBDA").ok().and_then(|v| v.parse().ok()).unwrap_or(LAMBDA[usize::from(from_sphere)]);
     let large_steps = LargeSteps::new(candidate.positions.len(), &candidate.edges, lambda)
         .map_err(FitError::Preconditioner)?;
     let optim = |source| FitError::Optim { step: 0, source, kept: "nothing was written".into() };
@@ -148,11 +153,13 @@ pub(super) fn train(
     };
     t.held_out = (0..HELD_OUT).map(|i| t.shot(Set::HeldOut, i)).collect();
     let mut stopped = false;
-    let mut phases = phases(options);
     if let Some(c) = checkpoint::load(options, &t.candidate)? {
         t.restore(c)?;
     }
-    for (k, phase) in phases.iter_mut().enumerate() {
+    let first = t.history.first().map(|h| h.held_out_psnr);
+    let start_psnr = first.unwrap_or_else(|| t.look(progress));
+    progress.report("fit", t.step, options.steps, &format!("start {start_psnr:.2} dB, distance {:.5}", prepared.distance));
+    for (k, phase) in phases(options, prepared.distance, start_psnr).iter().enumerate() {
         if t.step >= phase.first + phase.steps {
             continue;
         }
@@ -176,29 +183,30 @@ pub(super) fn train(
     })
 }
 
-/// Coarse to fine: the shape at half resolution, shape and maps at full resolution, then the maps on the final shape.
-fn phases(options: &SimplifyOptions) -> Vec<Phase> {
+/// Coarse to fine: half resolution, then, with maps baked anew on the moved shape, full resolution.
+fn phases(options: &SimplifyOptions, distance: f64, start_psnr: f64) -> Vec<Phase> {
     let n = options.steps;
-    let (a, b) = if options.init == Init::Sphere { (n * 5 / 10, n * 3 / 10) } else { (n * 4 / 10, n * 3 / 10) };
-    let rate = if options.init == Init::Sphere { 6e-3 } else { 1.5e-3 };
+    let a = if options.init == Init::Sphere { n * 6 / 10 } else { n * 4 / 10 };
+    let e = |k: &str, d: f64| std::env::var(k).ok().and_then(|v| v.parse().ok()).unwrap_or(d);
+    let rate = if options.init == Init::Sphere { 6e-3 } else { (e("PR", POSITION_RATE) * distance).clamp(1e-4, 1.5e-2) };
+    let mr = (e("MR", MAP_RATE) * 10f64.powf(-start_psnr / 20.0)).clamp(2e-4, 5e-3);
     let shrink = if options.resolution % 2 == 0 && options.resolution >= 256 { 2 } else { 1 };
     vec![
-        Phase { first: 0, steps: a, shrink, position_rate: rate, map_rate: 4e-3 },
-        Phase { first: a, steps: b, shrink: 1, position_rate: 0.3 * rate, map_rate: 3e-3 },
-        Phase { first: a + b, steps: n - a - b, shrink: 1, position_rate: 0.0, map_rate: 3e-3 },
+        Phase { first: 0, steps: a, shrink, position_rate: rate, map_rate: mr },
+        Phase { first: a, steps: n - a, shrink: 1, position_rate: e("P2", 0.4) * rate, map_rate: mr },
     ]
 }
 
 impl Trainer<'_> {
     /// Renders a reference picture.
     fn picture(&self, s: &Setup) -> Image {
-        let r = self.options.resolution;
+        let r = (self.options.resolution / SAMPLES).max(1);
         SceneRenderer::new(&self.n.flat, &self.n.library).render(&s.camera, &s.lights.lights(), r, r, SUPERSAMPLE)
     }
 
     fn shot(&self, set: Set, index: u64) -> Shot {
         let s = setup(set, index, HELD_OUT, self.options.seed, &self.options.lighting);
-        Shot::new(&s, &self.picture(&s), self.options.seed ^ 0x5eed, index)
+        Shot::new(&s, &self.picture(&s), SAMPLES, self.options.seed ^ 0x5eed, index)
     }
 
     /// The pictures of one step.
@@ -216,7 +224,7 @@ impl Trainer<'_> {
                 }
                 let (s, picture) = self.pool[k].as_ref().expect("just rendered");
                 let small = (phase.shrink > 1).then(|| downsample(picture, phase.shrink));
-                Shot::new(s, small.as_ref().unwrap_or(picture), self.options.seed, serial)
+                Shot::new(s, small.as_ref().unwrap_or(picture), SAMPLES, self.options.seed, serial)
             })
             .collect()
     }
@@ -259,9 +267,9 @@ impl Trainer<'_> {
     fn one_step(&mut self, phase: &Phase) -> Result<(), FitError> {
         let shots = self.batch(phase);
         let began = Instant::now();
-        let value = self.candidate.step(&shots, Loss::LogSrgbL1, LOD_BIAS, &self.passes, &mut self.gradients);
+        let value = self.candidate.step(&shots, Loss::LogSrgbL1, &self.passes, &mut self.gradients);
         self.render_seconds += began.elapsed().as_secs_f64();
-        self.pixels += shots.iter().map(|s| (s.width * s.height) as f64).sum::<f64>();
+        self.pixels += shots.iter().map(|s| (s.width * s.height * SAMPLES * SAMPLES) as f64).sum::<f64>();
         self.loss.push(value);
         let schedule = Schedule::WarmupCosine { warmup: 10, total: phase.steps, floor: 0.05 };
         let factor = schedule.factor(self.step - phase.first);
@@ -294,8 +302,8 @@ impl Trainer<'_> {
         let passes = self.plan.passes();
         let (mut squares, mut count) = (0.0, 0.0);
         for shot in &self.held_out {
-            let frame = self.candidate.render(&vertices, shot, LOD_BIAS, &passes);
-            for (c, r) in frame.color.iter().zip(&shot.reference) {
+            let frame = self.candidate.render(&vertices, shot, &passes);
+            for (c, r) in average(&frame.color, shot).iter().zip(&shot.reference) {
                 if c[3] > 0.0 || r[3] > 0.0 {
                     let e = |x: f32| photofit_image::srgb_encode(x.clamp(0.0, 1.0));
                     squares += (0..3).map(|k| f64::from(e(c[k]) - e(r[k])).powi(2)).sum::<f64>() / 3.0;
@@ -323,7 +331,7 @@ impl Trainer<'_> {
         progress: &dyn Progress,
     ) -> Result<(), FitError> {
         self.candidate.positions.clone_from(&self.best.1);
-        let baked = bake_candidate(reference, seen, &self.candidate, false, progress)?;
+        let (baked, _) = bake_candidate(reference, seen, &self.candidate, false, progress)?;
         self.candidate.set_maps(baked);
         let before = self.best.0;
         if self.look(progress) < before {

@@ -2,6 +2,7 @@
 
 use super::overlap::rows_of;
 use photofit_scalar::Vec2;
+use std::ops::RangeInclusive;
 
 /// Cells covered by a shape: per row, disjoint spans `[from, to)` in increasing order.
 #[derive(Clone, Debug, PartialEq)]
@@ -10,6 +11,8 @@ pub(super) struct Mask {
     pub(super) height: u32,
     start: Vec<u32>,
     spans: Vec<(u32, u32)>,
+    /// Longest span of each row.
+    longest: Vec<u32>,
 }
 
 /// Rounding guard, in cells.
@@ -57,21 +60,41 @@ impl Mask {
         let words = (width as usize).div_ceil(64);
         let mut start = vec![0];
         let mut spans = Vec::new();
+        let mut longest = Vec::with_capacity(height as usize);
         for row in bits.chunks_exact(words) {
             let mut x = 0;
+            let mut most = 0;
             while let Some(from) = next_bit(row, x, true) {
                 let to = next_bit(row, from, false).unwrap_or(words * 64);
                 spans.push((from as u32, to as u32));
+                most = most.max((to - from) as u32);
                 x = to;
             }
+            longest.push(most);
             start.push(spans.len() as u32);
         }
-        Self { width, height, start, spans }
+        Self { width, height, start, spans, longest }
     }
 
     #[inline]
     pub(super) fn row(&self, y: u32) -> &[(u32, u32)] {
         &self.spans[self.start[y as usize] as usize..self.start[y as usize + 1] as usize]
+    }
+
+    /// The cells within `by` cells (in either axis) of the shape; the box grows by `2 by` and its corner moves by `-by`.
+    pub(super) fn grown(&self, by: u32) -> Self {
+        let (width, height) = (self.width + 2 * by, self.height + 2 * by);
+        let words = (width as usize).div_ceil(64);
+        let mut bits = vec![0_u64; words * height as usize];
+        for r in 0..self.height {
+            for &(a, b) in self.row(r) {
+                for row in r..=r + 2 * by {
+                    let at = row as usize * words;
+                    fill(&mut bits[at..at + words], a as usize, (b + 2 * by) as usize);
+                }
+            }
+        }
+        Self::of_bits(&bits, width, height)
     }
 
     /// Number of covered cells.
@@ -110,6 +133,34 @@ fn fill(row: &mut [u64], from: usize, to: usize) {
     row[last] |= tail;
 }
 
+/// Longest run of clear bits among the first `width`.
+fn longest_free(row: &[u64], width: usize) -> u32 {
+    let (mut x, mut best) = (0, 0);
+    while let Some(from) = next_bit(row, x, false).filter(|&f| f < width) {
+        x = next_bit(row, from, true).unwrap_or(width).min(width);
+        best = best.max(x - from);
+    }
+    best as u32
+}
+
+/// Clears the bits `[from, to)`.
+#[inline]
+fn clear(row: &mut [u64], from: usize, to: usize) {
+    if from >= to {
+        return;
+    }
+    let (first, last) = (from / 64, (to - 1) / 64);
+    let head = u64::MAX << (from % 64);
+    let tail = u64::MAX >> (63 - (to - 1) % 64);
+    if first == last {
+        row[first] &= !(head & tail);
+        return;
+    }
+    row[first] &= !head;
+    row[first + 1..last].fill(0);
+    row[last] &= !tail;
+}
+
 /// Last set bit in `[from, to)`.
 #[inline]
 fn last_set(row: &[u64], from: usize, to: usize) -> Option<usize> {
@@ -136,13 +187,15 @@ pub(super) struct Strip {
     width: u32,
     words: usize,
     rows: Vec<u64>,
+    /// Longest free run of each row.
+    run: Vec<u32>,
     /// Rows up to here have no free cell.
     full: u32,
 }
 
 impl Strip {
     pub(super) fn new(width: u32) -> Self {
-        Self { width, words: (width as usize).div_ceil(64), rows: Vec::new(), full: 0 }
+        Self { width, words: (width as usize).div_ceil(64), rows: Vec::new(), run: Vec::new(), full: 0 }
     }
 
     /// Lowest, then leftmost place of the shape with its lowest row in `from..=last`.
@@ -153,8 +206,10 @@ impl Strip {
         let room = self.width - mask.width;
         let mut hint = 0;
         for y in from.max(self.full)..=last {
-            if y as usize * self.words >= self.rows.len() {
-                return Some((0, y));
+            let Some(run) = self.run.get(y as usize..) else { return Some((0, y)) };
+            let narrow = |r: &u32| run.get(*r as usize).is_some_and(|&free| free < mask.longest[*r as usize]);
+            if narrow(&hint) || order.iter().any(narrow) {
+                continue;
             }
             let mut x = 0;
             while let Some(next) = self.collision(mask, order, x, y, &mut hint) {
@@ -203,6 +258,7 @@ impl Strip {
         let top = (y + mask.height + padding) as usize;
         if self.rows.len() < top * self.words {
             self.rows.resize(top * self.words, 0);
+            self.run.resize(top, self.width);
         }
         for r in 0..mask.height {
             let low = (y + r).saturating_sub(padding) as usize;
@@ -215,14 +271,84 @@ impl Strip {
                 }
             }
         }
-        while let Some(row) =
-            self.rows.get(self.full as usize * self.words..(self.full as usize + 1) * self.words)
-        {
-            if next_bit(row, 0, false).is_some_and(|b| b < self.width as usize) {
-                break;
-            }
+        for y in y.saturating_sub(padding) as usize..top {
+            let row = &self.rows[y * self.words..(y + 1) * self.words];
+            self.run[y] = longest_free(row, self.width as usize);
+        }
+        while self.run.get(self.full as usize).is_some_and(|&free| free == 0) {
             self.full += 1;
         }
+    }
+}
+
+/// A square of cells with the shapes that stand on it, without padding, so that they can be taken away again.
+pub(super) struct Board {
+    size: u32,
+    words: usize,
+    rows: Vec<u64>,
+}
+
+impl Board {
+    pub(super) fn new(size: u32) -> Self {
+        let words = (size as usize).div_ceil(64);
+        Self { size, words, rows: vec![0; words * size as usize] }
+    }
+
+    /// Puts the shape down with its lower corner at `(x, y)`, or takes it away.
+    pub(super) fn set(&mut self, mask: &Mask, x: u32, y: u32, present: bool) {
+        for r in 0..mask.height {
+            let at = (y + r) as usize * self.words;
+            let row = &mut self.rows[at..at + self.words];
+            for &(a, b) in mask.row(r) {
+                let (from, to) = ((x + a) as usize, (x + b) as usize);
+                if present { fill(row, from, to) } else { clear(row, from, to) }
+            }
+        }
+    }
+
+    /// First free column in `xs` for the shape with its lower corner in row `y`.
+    pub(super) fn free_column(
+        &self,
+        mask: &Mask,
+        probe: &[u32],
+        xs: RangeInclusive<u32>,
+        y: u32,
+        hint: &mut u32,
+    ) -> Option<u32> {
+        let last = (*xs.end()).min(self.size.checked_sub(mask.width)?);
+        if y > self.size.checked_sub(mask.height)? {
+            return None;
+        }
+        let mut x = *xs.start();
+        while x <= last {
+            match self.collision(mask, probe, x, y, hint) {
+                Some(next) => x = next,
+                None => return Some(x),
+            }
+        }
+        None
+    }
+
+    fn collision(&self, mask: &Mask, probe: &[u32], x: u32, y: u32, hint: &mut u32) -> Option<u32> {
+        if let Some(next) = self.row_collision(mask, *hint, x, y) {
+            return Some(next);
+        }
+        for &r in probe {
+            if let Some(next) = self.row_collision(mask, r, x, y) {
+                *hint = r;
+                return Some(next);
+            }
+        }
+        None
+    }
+
+    #[inline]
+    fn row_collision(&self, mask: &Mask, r: u32, x: u32, y: u32) -> Option<u32> {
+        let at = (y + r) as usize * self.words;
+        let row = &self.rows[at..at + self.words];
+        mask.row(r)
+            .iter()
+            .find_map(|&(a, b)| last_set(row, (x + a) as usize, (x + b) as usize).map(|q| q as u32 + 1 - a))
     }
 }
 

@@ -1,6 +1,6 @@
 //! One chart: triangles sewn along chosen edges, its local vertices, and the measures of its plane map.
 
-use super::topology::{NONE, Topology, cross2};
+use super::topology::{NONE, Topology, cross2, positive};
 use photofit_scalar::{Vec2, vec2};
 
 /// A directed boundary edge of a chart.
@@ -26,6 +26,17 @@ pub(super) struct Chart {
     pub(super) area: f64,
     /// Area times importance.
     pub(super) weighted: f64,
+}
+
+/// How much of its surroundings a chart fills.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Fill {
+    /// Part of the least rectangle.
+    pub(super) rectangle: f64,
+    /// Part of the convex hull.
+    pub(super) hull: f64,
+    /// Longer side of the least rectangle.
+    pub(super) long: f64,
 }
 
 /// Reusable map from triangles to places in a chart.
@@ -70,7 +81,8 @@ impl Chart {
                 at = start;
                 while open {
                     let o = partner(at);
-                    if o == NONE {
+                    open = o != NONE;
+                    if !open {
                         break;
                     }
                     at = 3 * (o / 3) + (o % 3 + 1) % 3;
@@ -127,7 +139,7 @@ impl Chart {
         let mut worst: f64 = 1.0;
         for i in 0..self.triangles.len() {
             let (s1, s2) = singular(self.jacobian(topo, i));
-            if !(s2 > 0.0) {
+            if !positive(s2) {
                 return f64::INFINITY;
             }
             worst = worst.max(s1).max(1.0 / s2);
@@ -137,12 +149,26 @@ impl Chart {
 
     /// Number of triangles whose plane area is not positive.
     pub(super) fn flips(&self) -> usize {
-        self.corners.iter().filter(|c| !(cross2(self.at(c[0]), self.at(c[1]), self.at(c[2])) > 0.0)).count()
+        self.corners.iter().filter(|c| !positive(cross2(self.at(c[0]), self.at(c[1]), self.at(c[2])))).count()
     }
 
     /// Perimeter on the surface.
     pub(super) fn perimeter(&self, topo: &Topology) -> f64 {
         self.border.iter().map(|b| topo.length(b.half_edge)).sum()
+    }
+
+    /// How much of its surroundings the plane map fills.
+    pub(super) fn fill(&self) -> Fill {
+        let hull = hull(&self.uv);
+        let area = self.uv_area();
+        let hull_area: f64 =
+            (1..hull.len().max(1) - 1).map(|i| 0.5 * cross2(hull[0], hull[i], hull[i + 1])).sum();
+        let size = Self { uv: hull, ..Self::default() }.align();
+        Fill {
+            rectangle: area / (size.x * size.y).max(1e-300),
+            hull: area / hull_area.max(1e-300),
+            long: size.x,
+        }
     }
 
     /// Turns the map so that the rectangle of least area around it lies along the axes, longer side along x, its
@@ -160,7 +186,7 @@ impl Chart {
             (lo, hi) = bounds(&self.uv);
         }
         for p in &mut self.uv {
-            *p = *p - lo;
+            *p -= lo;
         }
         hi - lo
     }
@@ -182,7 +208,7 @@ pub(super) fn bounds(points: &[Vec2<f64>]) -> (Vec2<f64>, Vec2<f64>) {
 }
 
 /// Convex hull, counter-clockwise (Andrew's monotone chain).
-pub(super) fn hull(points: &[Vec2<f64>]) -> Vec<Vec2<f64>> {
+fn hull(points: &[Vec2<f64>]) -> Vec<Vec2<f64>> {
     let mut p = points.to_vec();
     p.sort_unstable_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
     p.dedup();

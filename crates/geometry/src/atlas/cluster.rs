@@ -4,6 +4,7 @@
 //! `S` the area-weighted sum of normals and `A` the area, `sum area |n - S/|S||^2 = 2 (A - |S|)`. The greedy order is
 //! that of hierarchical face clustering (Garland et al. 2001).
 
+use super::regrow::{regrow, smooth};
 use super::topology::{NONE, Topology};
 use photofit_scalar::Vec3;
 use std::cmp::{Ordering, Reverse};
@@ -11,9 +12,11 @@ use std::collections::BinaryHeap;
 use std::f64::consts::PI;
 
 /// Largest mean of `1 - cos` between the normals of a cluster and their mean.
-const MAX_DEVIATION: f64 = 0.10;
+const MAX_DEVIATION: f64 = 0.05;
 /// Weight of non-compactness against deviation.
-const COMPACTNESS: f64 = 0.03;
+const COMPACTNESS: f64 = 0.1;
+/// Repetitions of the regrowth.
+const LLOYD_STEPS: usize = 3;
 /// Largest ratio of the mean importance of two clusters that may join.
 pub(super) const MAX_WEIGHT_RATIO: f64 = 2.25;
 
@@ -82,6 +85,11 @@ impl Ord for Candidate {
 /// of labels too.
 pub(super) fn cluster(topo: &Topology) -> (Vec<u32>, u32) {
     let mut label = merge(topo);
+    for _ in 0..LLOYD_STEPS {
+        let count = relabel(topo, &mut label);
+        regrow(topo, &mut label, count);
+    }
+    relabel(topo, &mut label);
     smooth(topo, &mut label);
     let count = relabel(topo, &mut label);
     (label, count)
@@ -177,70 +185,6 @@ fn root(parent: &mut [u32], mut t: u32) -> u32 {
     t
 }
 
-/// Moves boundary triangles to a neighbouring patch where that lowers normal deviation plus boundary length. A
-/// length along a crease counts less, so that boundaries settle on creases.
-fn smooth(topo: &Topology, label: &mut [u32]) {
-    let count = label.len();
-    let mut sums = vec![Vec3::<f64>::zero(); count];
-    let mut size = vec![0_u32; count];
-    for t in 0..count {
-        if label[t] != NONE {
-            sums[label[t] as usize] += topo.normal[t] * topo.area(t as u32);
-            size[label[t] as usize] += 1;
-        }
-    }
-    for _ in 0..4 {
-        let proxy: Vec<_> = sums.iter().map(|s| s.normalize_or_zero()).collect();
-        let mut moved = 0;
-        for t in 0..count {
-            let from = label[t];
-            if from == NONE || size[from as usize] == 1 {
-                continue;
-            }
-            let to = best_label(topo, label, &proxy, t);
-            if to != from {
-                let share = topo.normal[t] * topo.area(t as u32);
-                sums[from as usize] = sums[from as usize] - share;
-                sums[to as usize] += share;
-                size[from as usize] -= 1;
-                size[to as usize] += 1;
-                label[t] = to;
-                moved += 1;
-            }
-        }
-        if moved == 0 {
-            break;
-        }
-    }
-}
-
-fn best_label(topo: &Topology, label: &[u32], proxy: &[Vec3<f64>], t: usize) -> u32 {
-    let area = topo.area(t as u32);
-    let mut sides = [(NONE, 0.0); 3];
-    for e in 0..3 {
-        let h = 3 * t + e;
-        let o = topo.opposite[h];
-        if o != NONE {
-            let weight = 0.1 + 0.9 * topo.crease(h as u32).max(0.0);
-            sides[e] = (label[(o / 3) as usize], topo.length(h as u32) * weight);
-        }
-    }
-    let cost = |l: u32| {
-        let cut: f64 = sides.iter().filter(|s| s.0 != NONE && s.0 != l).map(|s| s.1).sum();
-        area * (1.0 - topo.normal[t].dot(proxy[l as usize])) + 0.25 * area.sqrt() * cut
-    };
-    let mut best = (cost(label[t]) - 1e-9 * area, label[t]);
-    for (l, _) in sides {
-        if l != NONE && l != label[t] {
-            let c = cost(l);
-            if c < best.0 {
-                best = (c, l);
-            }
-        }
-    }
-    best.1
-}
-
 /// Numbers the connected patches from 0 in the order of their first triangle.
 fn relabel(topo: &Topology, label: &mut [u32]) -> u32 {
     let old = label.to_vec();
@@ -266,74 +210,4 @@ fn relabel(topo: &Topology, label: &mut [u32]) -> u32 {
         count += 1;
     }
     count
-}
-
-/// Cuts a set of at least two triangles into two non-empty parts around two far-apart seeds; steps across creases
-/// are longer, so that the cut prefers them. The parts need not hang together.
-pub(super) fn bisect(topo: &Topology, triangles: &[u32], member: &mut [u32]) -> (Vec<u32>, Vec<u32>) {
-    for (i, &t) in triangles.iter().enumerate() {
-        member[t as usize] = i as u32;
-    }
-    let first = farthest(&distances(topo, triangles, member, 0));
-    let from_a = distances(topo, triangles, member, first);
-    let from_b = distances(topo, triangles, member, farthest(&from_a));
-    for &t in triangles {
-        member[t as usize] = NONE;
-    }
-    let key = |i: usize| match (from_a[i].is_finite(), from_b[i].is_finite()) {
-        (true, true) => from_a[i] - from_b[i],
-        (true, false) => f64::MIN,
-        _ => f64::MAX,
-    };
-    let mut order: Vec<usize> = (0..triangles.len()).collect();
-    order.sort_by(|&i, &j| key(i).total_cmp(&key(j)).then(i.cmp(&j)));
-    let n = order.len();
-    let natural = order.partition_point(|&i| key(i) < 0.0);
-    // Keep the parts balanced, so that repeated cutting ends soon.
-    let at = natural.clamp((n / 8).max(1), n - (n / 8).max(1));
-    let take = |part: &[usize]| {
-        let mut v: Vec<u32> = part.iter().map(|&i| triangles[i]).collect();
-        v.sort_unstable();
-        v
-    };
-    (take(&order[..at]), take(&order[at..]))
-}
-
-fn farthest(distance: &[f64]) -> usize {
-    let mut best = 0;
-    for (i, d) in distance.iter().enumerate() {
-        if *d > distance[best] {
-            best = i;
-        }
-    }
-    best
-}
-
-fn distances(topo: &Topology, triangles: &[u32], member: &[u32], seed: usize) -> Vec<f64> {
-    let mut distance = vec![f64::INFINITY; triangles.len()];
-    let mut heap = BinaryHeap::new();
-    distance[seed] = 0.0;
-    heap.push((Reverse(0_u64), seed as u32));
-    while let Some((Reverse(bits), i)) = heap.pop() {
-        let d = f64::from_bits(bits);
-        if d > distance[i as usize] {
-            continue;
-        }
-        let t = triangles[i as usize];
-        for e in 0..3 {
-            let o = topo.opposite[(3 * t + e) as usize];
-            if o == NONE || member[(o / 3) as usize] == NONE {
-                continue;
-            }
-            let j = member[(o / 3) as usize];
-            let fold = 1.0 + 4.0 * (1.0 - topo.crease(3 * t + e));
-            let next = d + (topo.centroid(o / 3) - topo.centroid(t)).length() * fold;
-            if next < distance[j as usize] {
-                distance[j as usize] = next;
-                // The bits of non-negative floats order as the floats do.
-                heap.push((Reverse(next.to_bits()), j));
-            }
-        }
-    }
-    distance
 }

@@ -7,7 +7,7 @@
 use super::chart::{Chart, singular};
 use super::linear::{Factor, Symmetric};
 use super::overlap::is_injective;
-use super::topology::{Topology, frame};
+use super::topology::{Topology, frame, positive};
 use photofit_scalar::{Vec2, Vec3, vec2};
 
 /// Projects the chart along its mean normal.
@@ -191,7 +191,7 @@ fn relax_vertex(chart: &mut Chart, topo: &Topology, v: usize, around: &[(u32, u3
         let d = a.x * b.y - a.y * b.x;
         let root = (d * d + eps * eps).sqrt();
         let (x, dx) = if eps > 0.0 { (0.5 * (d + root), 0.5 * (1.0 + d / root)) } else { (d, 1.0) };
-        if !(x > 0.0) {
+        if !positive(x) {
             return;
         }
         let df = (a * hat.x + b * hat.y) * 2.0;
@@ -243,7 +243,7 @@ fn ring_energy(chart: &Chart, topo: &Topology, around: &[(u32, u32)], power: i32
         let f = a.length_squared() + b.length_squared();
         let d = a.x * b.y - a.y * b.x;
         let x = if eps > 0.0 { 0.5 * (d + (d * d + eps * eps).sqrt()) } else { d };
-        if !(x > 0.0) {
+        if !positive(x) {
             return f64::INFINITY;
         }
         sum += topo.area(chart.triangles[i as usize]) * (0.25 * f * (1.0 + 1.0 / (x * x))).powi(power);

@@ -3,7 +3,7 @@
 //! The up-looking factorisation follows Davis, "Algorithm 849: a concise sparse Cholesky factorization package"
 //! (2005); the order is George's nested dissection (1973) with coordinate bisection, O(n log n) fill.
 
-use super::topology::NONE;
+use super::topology::{NONE, positive};
 use photofit_scalar::Vec2;
 
 /// A symmetric matrix: diagonal and, per row, the entries of all other columns.
@@ -124,7 +124,7 @@ impl Factor {
                 self.value[end[i]] = l;
                 end[i] += 1;
             }
-            if !(d > 0.0 && d.is_finite()) {
+            if !positive(d) || !d.is_finite() {
                 return None;
             }
             self.diagonal[k] = d;
@@ -141,14 +141,14 @@ impl Factor {
             let x = work[k];
             let range = self.start[k]..self.start[k + 1];
             for (&r, &l) in self.row[range.clone()].iter().zip(&self.value[range]) {
-                work[r as usize] = work[r as usize] - x * l;
+                work[r as usize] -= x * l;
             }
         }
         for k in (0..n).rev() {
             let mut x = work[k] * (1.0 / self.diagonal[k]);
             let range = self.start[k]..self.start[k + 1];
             for (&r, &l) in self.row[range.clone()].iter().zip(&self.value[range]) {
-                x = x - work[r as usize] * l;
+                x -= work[r as usize] * l;
             }
             work[k] = x;
         }

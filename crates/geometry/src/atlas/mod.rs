@@ -23,13 +23,17 @@ mod bitmap;
 mod chart;
 mod cluster;
 mod coverage;
+mod cut;
 mod dilate;
 mod flatten;
+mod join;
 mod layout;
 mod linear;
 mod overlap;
 mod pack;
+mod regrow;
 mod segment;
+mod settle;
 mod topology;
 
 #[cfg(test)]
@@ -145,7 +149,7 @@ pub fn unwrap(
     if !(1..=MAX_SIZE).contains(&options.size) {
         return Err(AtlasError::Size { size: options.size });
     }
-    if !(options.max_stretch >= 1.05) {
+    if options.max_stretch.is_nan() || options.max_stretch < 1.05 {
         return Err(AtlasError::StretchBound { bound: options.max_stretch });
     }
     if group.len() != count {

@@ -4,7 +4,7 @@
 //! boundary edges meet and exactly one loop turns counter-clockwise, that number is 0 or 1 everywhere.
 
 use super::chart::{Chart, bounds};
-use super::topology::{NONE, cross2};
+use super::topology::{NONE, cross2, positive};
 use photofit_scalar::{Vec2, vec2};
 
 /// True when the boundary loops are simple and disjoint and exactly one encloses area positively.
@@ -66,7 +66,7 @@ fn edges_meet(chart: &Chart) -> bool {
     let size = hi - lo;
     // Cells about one edge long, at most four per edge.
     let cell = (1.5 * length / n as f64).max((size.x * size.y / (4 * n) as f64).sqrt());
-    if !(cell > 0.0) {
+    if !positive(cell) {
         return true;
     }
     let (w, h) = ((size.x / cell) as usize + 1, (size.y / cell) as usize + 1);

@@ -117,8 +117,11 @@ impl Topology {
     }
 }
 
+/// Welded vertices of each triangle, and their positions.
+type Welded = (Vec<[u32; 3]>, Vec<Vec3<f64>>);
+
 /// Joins vertices of equal position; returns the welded corners and the welded positions.
-fn weld(positions: &[Vec3f], triangles: &[[u32; 3]]) -> Result<(Vec<[u32; 3]>, Vec<Vec3<f64>>), AtlasError> {
+fn weld(positions: &[Vec3f], triangles: &[[u32; 3]]) -> Result<Welded, AtlasError> {
     let mut welded = vec![NONE; positions.len()];
     let mut known: HashMap<[u32; 3], u32> = HashMap::with_capacity(positions.len());
     let mut out = Vec::new();
@@ -206,6 +209,12 @@ fn pair_smallest_fold(
             join(opposite, f, b);
         }
     }
+}
+
+/// True for numbers above zero, false for NaN.
+#[inline]
+pub(super) fn positive(x: f64) -> bool {
+    x > 0.0
 }
 
 /// Twice the signed area of a plane triangle.

@@ -18,17 +18,19 @@ pub(super) struct Rules {
     pub(super) max_error2: f64,
 }
 
-/// Most triangles around a merged vertex under the full rules.
+/// Most triangles around a merged vertex, unless one end has more already.
 const MAX_FAN: usize = 48;
 
 impl Engine<'_> {
     /// Whether the loaded edge can collapse to `at` without folding, slivers or flipped uvs.
     pub(super) fn is_shapely(&mut self, u: u32, v: u32, at: DVec3, rules: &Rules) -> bool {
+        let (n, m) = (self.scratch.first.len(), self.scratch.second.len());
+        // Fans may not grow beyond bounds under any rules: time per collapse goes with them.
+        if (n + m).saturating_sub(4) > n.max(m).max(MAX_FAN) {
+            return false;
+        }
         if rules.min_cosine < -1.0 {
             return true;
-        }
-        if self.scratch.first.len() + self.scratch.second.len() > MAX_FAN + 4 {
-            return false;
         }
         for (list, own, other) in [(&self.scratch.first, u, v), (&self.scratch.second, v, u)] {
             let p = self.positions[own as usize];

@@ -1,12 +1,18 @@
 //! Validation, normalisation, welding and removal of degenerate and duplicate triangles.
 
-use super::weld::weld;
 use super::{DecimateError, Options, Target};
 use crate::Mesh;
+use crate::weld::weld_within;
 use glam::DVec3;
+use photofit_scalar::Vec3f;
 
 /// Most vertices and triangles, so that corners and flags fit 32 bits.
 const LIMIT: usize = 1 << 29;
+
+/// Most triangles around a vertex: far above the poles and caps of real meshes.
+const HUB: u32 = 1024;
+/// The same where each of them may have attributes of its own.
+const HUB_WITH_ATTRIBUTES: u32 = 128;
 
 /// A cleaned triangle soup in a unit frame.
 #[derive(Debug)]
@@ -138,16 +144,12 @@ pub(super) fn clean(mesh: &Mesh, group: &[u32], options: &Options) -> Result<Sou
     if diagonal <= 0.0 {
         return Err(DecimateError::Empty);
     }
-    let points: Vec<DVec3> = origin.iter().map(|&i| (point(i) - centre) / diagonal).collect();
-    let (map, count) = weld(&points, options.merge_tolerance);
-    let mut positions = vec![DVec3::NAN; count];
-    let mut first = vec![0; count];
-    for (k, &c) in map.iter().enumerate() {
-        if positions[c as usize].is_nan() {
-            positions[c as usize] = points[k];
-            first[c as usize] = origin[k];
-        }
-    }
+    // The tolerance is capped where the diagonal is near the end of the number range.
+    let tolerance = (options.merge_tolerance * diagonal).min(f64::from(f32::MAX)) as f32;
+    let used_positions: Vec<Vec3f> = origin.iter().map(|&i| mesh.positions[i as usize]).collect();
+    let map = weld_within(&used_positions, tolerance);
+    let origin = map.pick(&origin);
+    let positions = origin.iter().map(|&i| (point(i) - centre) / diagonal).collect();
     let double = |t: usize| {
         let g = group.get(t).copied().unwrap_or(0) as usize;
         options.double_sided.get(g).copied().unwrap_or(false)
@@ -155,7 +157,7 @@ pub(super) fn clean(mesh: &Mesh, group: &[u32], options: &Options) -> Result<Sou
     let mut triangles: Vec<[u32; 3]> = Vec::with_capacity(mesh.triangles.len());
     let mut source = Vec::with_capacity(mesh.triangles.len());
     for (t, corners) in mesh.triangles.iter().enumerate() {
-        let c = corners.map(|i| map[used[i as usize] as usize]);
+        let c = corners.map(|i| map.ids[used[i as usize] as usize]);
         if c[0] != c[1] && c[1] != c[2] && c[2] != c[0] {
             triangles.push(c);
             source.push(t as u32);
@@ -170,7 +172,26 @@ pub(super) fn clean(mesh: &Mesh, group: &[u32], options: &Options) -> Result<Sou
         return Err(DecimateError::Empty);
     }
     let cleaned = mesh.triangles.len() - triangles.len();
-    Ok(Soup { centre, diagonal, positions, origin: first, triangles, source, cleaned })
+    let mut soup = Soup { centre, diagonal, positions, origin, triangles, source, cleaned };
+    split_hubs(&mut soup, if options.keep_uvs { HUB_WITH_ATTRIBUTES } else { HUB });
+    Ok(soup)
+}
+
+/// Gives vertices with more than `most` triangles several copies, so that no step is slower than a constant.
+fn split_hubs(soup: &mut Soup, most: u32) {
+    let mut count = vec![0_u32; soup.positions.len()];
+    let mut copy: Vec<u32> = (0..count.len() as u32).collect();
+    for v in soup.triangles.iter_mut().flatten() {
+        let hub = *v as usize;
+        count[hub] += 1;
+        if count[hub] > most {
+            count[hub] = 1;
+            copy[hub] = soup.positions.len() as u32;
+            soup.positions.push(soup.positions[hub]);
+            soup.origin.push(soup.origin[hub]);
+        }
+        *v = copy[hub];
+    }
 }
 
 /// Sorted corners and whether the order is an odd permutation.

@@ -1,10 +1,14 @@
 //! State of a decimation: placement, cost and execution of one edge collapse.
 
 use super::Options;
+use super::part::{Members, Part};
 use super::quadric::Quadric;
 use super::topology::{NONE, Topology};
 use super::wedge::{Pairing, Wedges};
 use glam::DVec3;
+
+/// Most triangles around an edge for which the change of area is looked at.
+const AREA_FAN: usize = 128;
 
 /// Where the merged vertex of an edge goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,49 +25,6 @@ pub(super) enum Place {
 
 impl Place {
     pub(super) const ALL: [Self; 4] = [Self::Best, Self::First, Self::Second, Self::Middle];
-}
-
-/// What a component weighs; see [`super::setup`].
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Part {
-    /// Live triangles.
-    pub(super) live: usize,
-    /// Weighted area of the input.
-    pub(super) area: f64,
-    /// Squared thickness: twice the second largest variance.
-    pub(super) thickness2: f64,
-    /// Whether its removal is in the heap.
-    pub(super) queued: bool,
-}
-
-/// Triangles of each component, in compressed rows.
-#[derive(Debug, Default)]
-pub(super) struct Members {
-    start: Vec<u32>,
-    triangles: Vec<u32>,
-}
-
-impl Members {
-    pub(super) fn new(part: &[u32], count: usize) -> Self {
-        let mut start = vec![0_u32; count + 1];
-        for &c in part {
-            start[c as usize + 1] += 1;
-        }
-        for c in 0..count {
-            start[c + 1] += start[c];
-        }
-        let mut fill = start.clone();
-        let mut triangles = vec![0; part.len()];
-        for (t, &c) in part.iter().enumerate() {
-            triangles[fill[c as usize] as usize] = t as u32;
-            fill[c as usize] += 1;
-        }
-        Self { start, triangles }
-    }
-
-    pub(super) fn of(&self, c: u32) -> &[u32] {
-        &self.triangles[self.start[c as usize] as usize..self.start[c as usize + 1] as usize]
-    }
 }
 
 /// Everything that changes while edges collapse.
@@ -89,6 +50,8 @@ pub(super) struct Engine<'a> {
     /// Triangles of each component.
     pub(super) members: Members,
     pub(super) wedges: Option<Wedges>,
+    /// Vertex that a vertex was merged into; itself while it lives.
+    pub(super) parent: Vec<u32>,
     /// Largest mean squared error of a collapse so far.
     pub(super) worst: f64,
     pub(super) scratch: Scratch,
@@ -136,14 +99,8 @@ impl Engine<'_> {
         let Some(wedges) = &self.wedges else { return };
         let s = &mut self.scratch;
         s.pairs.clear();
-        for (second, list) in [(false, &s.first), (true, &s.second)] {
-            for &c in list {
-                let wedge = wedges.corners[c as usize / 3][c as usize % 3];
-                if !s.pairs.iter().any(|p| p.wedge == wedge) {
-                    s.pairs.push(Pairing { wedge, class: wedge, second });
-                }
-            }
-        }
+        wedges.collect(&s.first, false, &mut s.pairs);
+        wedges.collect(&s.second, true, &mut s.pairs);
         // Corners of one face at both ends merge.
         for &c in &s.first {
             let t = &self.topology.triangles[c as usize / 3];
@@ -177,7 +134,8 @@ impl Engine<'_> {
         };
         let value = q.eval(at);
         let move2 = at.distance_squared(p).max(at.distance_squared(r));
-        let extra = if self.options.area_weight > 0.0 {
+        let few = self.scratch.first.len() + self.scratch.second.len() <= AREA_FAN;
+        let extra = if few && self.options.area_weight > 0.0 {
             self.options.area_weight * self.area_change(u, v, at) * move2
         } else {
             0.0
@@ -241,6 +199,7 @@ impl Engine<'_> {
         self.worst = self.worst.max(priced.error2);
         self.version[u as usize] += 1;
         self.version[v as usize] += 1;
+        self.parent[v as usize] = u;
         let first = std::mem::take(&mut self.scratch.first);
         let second = std::mem::take(&mut self.scratch.second);
         for &c in &second {
@@ -253,6 +212,40 @@ impl Engine<'_> {
         self.topology.merge(u, &first, &second);
         self.scratch.first = first;
         self.scratch.second = second;
+    }
+
+    /// Quadric of a vertex with the attributes of its own corners at their best, for its corner list.
+    pub(super) fn memory(&mut self, v: u32, list: &[u32]) -> Quadric {
+        let mut q = self.quadrics[v as usize];
+        if let Some(wedges) = &self.wedges {
+            let s = &mut self.scratch;
+            s.pairs.clear();
+            wedges.collect(list, false, &mut s.pairs);
+            wedges.eliminate(&s.pairs, &mut q, &mut s.form);
+        }
+        q
+    }
+
+    /// Moves a vertex whose wedges [`Self::memory`] has just collected; its attributes follow.
+    pub(super) fn shift(&mut self, v: u32, to: DVec3) {
+        let from = self.positions[v as usize];
+        if let Some(wedges) = &mut self.wedges {
+            let s = &mut self.scratch;
+            wedges.solve(&s.pairs, to, [from; 2], &mut s.form, &mut s.solved);
+            wedges.merge(&s.pairs, &s.solved, &mut s.form);
+        }
+        self.positions[v as usize] = to;
+        self.origin[v as usize] = NONE;
+    }
+
+    /// The vertex that a vertex was merged into in the end.
+    pub(super) fn root(&mut self, mut v: u32) -> u32 {
+        while self.parent[v as usize] != v {
+            let up = self.parent[self.parent[v as usize] as usize];
+            self.parent[v as usize] = up;
+            v = up;
+        }
+        v
     }
 
     /// Removes a triangle from its component too.

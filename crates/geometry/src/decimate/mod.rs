@@ -8,7 +8,11 @@
 //! With attributes (`keep_uvs`) the quadrics of Hoppe, "New quadric metric for simplifying meshes with appearance
 //! attributes", 1999, are eliminated into the plain ones.
 //!
-//! Dropping a whole small component competes in the same queue at the price of collapsing it onto its axis. A budget is
+//! After the collapses the positions are fitted to samples of the input surface, with edge flips in between (Hoppe et
+//! al., "Mesh optimization", 1993): at 1 to 3 % of the triangles this takes a third off the surface error.
+//!
+//! Silhouettes go with the length of a part, not with its area, so thin components (ropes, straps) count more
+//! ([`Options::thin_power`]). Dropping a whole small component competes in the same queue at the price of collapsing it onto its axis. A budget is
 //! always reached: by collapses under full checks, then with relaxed ones, then without, and in the end by dropping
 //! components. Errors are estimates from the quadrics, relative to the bounding diagonal.
 //!
@@ -38,14 +42,17 @@ mod check;
 mod clean;
 mod components;
 mod engine;
+mod flip;
 mod options;
 mod output;
+mod part;
 mod quadric;
+mod queue;
+mod refine;
 mod run;
 mod setup;
 mod topology;
 mod wedge;
-mod weld;
 
 #[cfg(test)]
 mod tests;
@@ -87,9 +94,12 @@ pub fn decimate(
         stats.unseen = setup::drop_unseen(&mut soup, importance);
     }
     let (centre, diagonal, source) = (soup.centre, soup.diagonal, soup.source.clone());
-    let mut engine = setup::engine(mesh, soup, group, importance, options);
+    let (mut engine, original) = setup::engine(mesh, soup, group, importance, options);
     stats.components = engine.parts.len();
     run::run(&mut engine, &goal, &mut stats);
+    if let Some(original) = original.filter(|_| stats.collapses > 0) {
+        refine::refine(&mut engine, &original, options.refine_rounds);
+    }
     let (mesh, group, source) = output::output(&engine, mesh, &source, centre, diagonal);
     let relative_error = engine.worst.sqrt();
     Ok(Decimated { mesh, group, source, error: relative_error * diagonal, relative_error, stats })

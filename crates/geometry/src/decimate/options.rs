@@ -73,15 +73,15 @@ impl Options {
         Self {
             target,
             keep_uvs: false,
-            normal_weight: 0.02,
-            uv_weight: 0.5,
+            normal_weight: 0.01,
+            uv_weight: 0.02,
             border_weight: 1.0,
-            seam_weight: 1.0,
+            seam_weight: 0.5,
             group_weight: 1.0,
             area_weight: 0.05,
             regularity: 1e-6,
-            pinch_weight: 1.0,
-            removal_weight: 8.0,
+            pinch_weight: 4.0,
+            removal_weight: 16.0,
             thin_power: 0.5,
             keep_manifold: false,
             keep_border: false,
@@ -91,7 +91,7 @@ impl Options {
             merge_tolerance: 1e-6,
             drop_unseen: true,
             double_sided: Vec::new(),
-            refine_rounds: 0,
+            refine_rounds: 8,
         }
     }
 }

@@ -57,6 +57,12 @@ impl Quadric {
         self.weight -= o.weight;
     }
 
+    /// The form times a factor.
+    #[inline]
+    pub(super) fn scaled(&self, f: f64) -> Self {
+        Self { a: self.a.map(|x| x * f), b: self.b * f, c: self.c * f, weight: self.weight * f }
+    }
+
     #[inline]
     fn apply(&self, x: DVec3) -> DVec3 {
         let [xx, yy, zz, xy, xz, yz] = self.a;

@@ -2,30 +2,15 @@
 
 use super::check::Rules;
 use super::engine::{Engine, Place, Priced};
+use super::queue::{Entry, Queue};
 use super::topology::NONE;
 use super::{Options, Stats, Target};
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
 
 /// Components with at most this many triangles left may be dropped as a whole.
 const REMOVABLE: usize = 64;
 
 /// Set in the flags of an entry whose cost contains the factor on pinching.
 const PINCH: u32 = 4;
-
-/// A candidate: the order is that of the cost, ties by index.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-struct Entry {
-    /// Bits of a non-negative cost, ordered as the cost.
-    cost: u64,
-    u: u32,
-    /// [`NONE`] for the removal of component `u`.
-    v: u32,
-    /// Sum of the versions of both ends.
-    stamp: u32,
-    /// Place, and [`PINCH`].
-    flags: u32,
-}
 
 /// Number of triangles and error to stop at.
 #[derive(Clone, Copy, Debug)]
@@ -98,7 +83,7 @@ fn stage(engine: &mut Engine<'_>, goal: &Goal, rules: &Rules, stats: &mut Stats)
 }
 
 /// Prices all edges and all removable components.
-fn fill(engine: &mut Engine<'_>, rules: &Rules) -> BinaryHeap<Reverse<Entry>> {
+fn fill(engine: &mut Engine<'_>, rules: &Rules) -> Queue {
     let mut keys: Vec<u64> = engine.topology.edges().into_iter().map(|e| e.0).collect();
     keys.dedup();
     let mut entries = Vec::with_capacity(keys.len());
@@ -117,59 +102,53 @@ fn fill(engine: &mut Engine<'_>, rules: &Rules) -> BinaryHeap<Reverse<Entry>> {
         engine.parts[c].queued = false;
         entries.extend(removal(engine, c as u32));
     }
-    BinaryHeap::from(entries)
+    Queue::fill(entries)
 }
 
 /// Entry for the loaded edge; none where the rules refuse it whatever happens.
-fn price_loaded(engine: &mut Engine<'_>, u: u32, v: u32, rules: &Rules) -> Option<Reverse<Entry>> {
+fn price_loaded(engine: &mut Engine<'_>, u: u32, v: u32, rules: &Rules) -> Option<(f64, Entry)> {
     if rules.keep_border && engine.border[u as usize] && engine.border[v as usize] {
         return None;
     }
     let priced = engine.price(u, v, Place::Best, rules.keep_border);
-    Some(Reverse(entry(engine, u, v, priced.cost, 0)))
+    Some((priced.cost, entry(engine, u, v, 0)))
 }
 
-fn entry(engine: &Engine<'_>, u: u32, v: u32, cost: f64, flags: u32) -> Entry {
+fn entry(engine: &Engine<'_>, u: u32, v: u32, flags: u32) -> Entry {
     let stamp = engine.version[u as usize].wrapping_add(engine.version[v as usize]);
-    Entry { cost: cost.to_bits(), u, v, stamp, flags }
+    Entry { u, v, stamp, flags }
 }
 
 /// Entry for the removal of a component that is small enough and not in the heap yet.
-fn removal(engine: &mut Engine<'_>, c: u32) -> Option<Reverse<Entry>> {
+fn removal(engine: &mut Engine<'_>, c: u32) -> Option<(f64, Entry)> {
     let part = &mut engine.parts[c as usize];
     if part.queued || part.live == 0 || part.live > REMOVABLE {
         return None;
     }
     part.queued = true;
-    Some(Reverse(Entry { cost: removal_cost(engine, c).to_bits(), u: c, v: NONE, stamp: 0, flags: 0 }))
+    Some((removal_cost(engine, c), Entry { u: c, v: NONE, stamp: 0, flags: 0 }))
 }
 
 /// Cost of dropping a component, per two triangles, so that it compares with a collapse.
 fn removal_cost(engine: &Engine<'_>, c: u32) -> f64 {
     let part = &engine.parts[c as usize];
-    let cost = engine.options.removal_weight * part.area * part.thickness2 * 2.0 / part.live.max(1) as f64;
+    let cost = engine.options.removal_weight * part.area * part.extent2 * 2.0 / part.live.max(1) as f64;
     if cost.is_finite() { cost } else { f64::MAX }
 }
 
-fn drain(
-    engine: &mut Engine<'_>,
-    heap: &mut BinaryHeap<Reverse<Entry>>,
-    pause: usize,
-    rules: &Rules,
-    stats: &mut Stats,
-) {
+fn drain(engine: &mut Engine<'_>, heap: &mut Queue, pause: usize, rules: &Rules, stats: &mut Stats) {
     while engine.topology.live > pause {
-        let Some(Reverse(top)) = heap.pop() else { return };
+        let Some((cost, top)) = heap.pop() else { return };
         if top.v == NONE {
-            remove(engine, heap, top, rules, stats);
+            remove(engine, heap, cost, top, rules, stats);
             continue;
         }
         if top.stamp != engine.version[top.u as usize].wrapping_add(engine.version[top.v as usize]) {
             continue;
         }
         engine.load(top.u, top.v);
-        match decide(engine, top, rules) {
-            Verdict::Later(e) => heap.push(Reverse(e)),
+        match decide(engine, cost, top, rules) {
+            Verdict::Later(cost, e) => heap.push(cost, e),
             Verdict::Never => {}
             Verdict::Now(priced) => {
                 engine.collapse(top.u, top.v, &priced);
@@ -183,11 +162,11 @@ fn drain(
 /// What to do with the cheapest entry.
 enum Verdict {
     Now(Priced),
-    Later(Entry),
+    Later(f64, Entry),
     Never,
 }
 
-fn decide(engine: &mut Engine<'_>, top: Entry, rules: &Rules) -> Verdict {
+fn decide(engine: &mut Engine<'_>, priced_at: f64, top: Entry, rules: &Rules) -> Verdict {
     let (u, v) = (top.u, top.v);
     if engine.scratch.first.is_empty() || engine.scratch.second.is_empty() || engine.vanishes(v) {
         return Verdict::Never;
@@ -219,14 +198,14 @@ fn decide(engine: &mut Engine<'_>, top: Entry, rules: &Rules) -> Verdict {
     }
     let cost = (found.cost * factor).min(f64::MAX);
     // The neighbourhood may have changed since the entry was priced.
-    if cost > f64::from_bits(top.cost) * 1.01 {
-        return Verdict::Later(entry(engine, u, v, cost, chosen as u32 | flags));
+    if cost > priced_at * 1.01 {
+        return Verdict::Later(cost, entry(engine, u, v, chosen as u32 | flags));
     }
     Verdict::Now(found)
 }
 
 /// Prices the edges of a merged vertex again, and its component once it is small.
-fn requeue(engine: &mut Engine<'_>, heap: &mut BinaryHeap<Reverse<Entry>>, u: u32, rules: &Rules) {
+fn requeue(engine: &mut Engine<'_>, heap: &mut Queue, u: u32, rules: &Rules) {
     let mut first = std::mem::take(&mut engine.scratch.first);
     engine.topology.corners(u, &mut first);
     engine.scratch.first = first;
@@ -240,31 +219,36 @@ fn requeue(engine: &mut Engine<'_>, heap: &mut BinaryHeap<Reverse<Entry>>, u: u3
     near.dedup();
     for &w in &near {
         engine.load_second(u, w);
-        heap.extend(price_loaded(engine, u, w, rules));
+        if let Some((cost, entry)) = price_loaded(engine, u, w, rules) {
+            heap.push(cost, entry);
+        }
     }
     engine.scratch.near = near;
     if let Some(&c) = engine.scratch.first.first() {
         let part = engine.part[c as usize / 3];
-        heap.extend(removal(engine, part));
+        if let Some((cost, entry)) = removal(engine, part) {
+            heap.push(cost, entry);
+        }
     }
 }
 
 /// Drops a component if its price still holds.
 fn remove(
     engine: &mut Engine<'_>,
-    heap: &mut BinaryHeap<Reverse<Entry>>,
+    heap: &mut Queue,
+    priced_at: f64,
     top: Entry,
     rules: &Rules,
     stats: &mut Stats,
 ) {
     let part = engine.parts[top.u as usize];
     // The last component stays.
-    if part.live == 0 || part.live == engine.topology.live || part.thickness2 > rules.max_error2 {
+    if part.live == 0 || part.live == engine.topology.live || part.extent2 > rules.max_error2 {
         return;
     }
     let cost = removal_cost(engine, top.u);
-    if cost > f64::from_bits(top.cost) * 1.01 {
-        heap.push(Reverse(Entry { cost: cost.to_bits(), ..top }));
+    if cost > priced_at * 1.01 {
+        heap.push(cost, top);
         return;
     }
     drop_part(engine, top.u);

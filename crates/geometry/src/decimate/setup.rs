@@ -2,14 +2,14 @@
 
 use super::Options;
 use super::clean::Soup;
-use super::components::components;
-use super::engine::{Engine, Members, Part, Scratch};
+use super::engine::{Engine, Scratch};
+use super::part::{Members, parts};
 use super::quadric::Quadric;
+use super::refine::Original;
 use super::topology::Topology;
 use super::wedge::Wedges;
 use crate::Mesh;
 use glam::DVec3;
-use nalgebra::Matrix3;
 
 /// Smallest weight of a triangle relative to the mean: keeps quadrics of unseen regions well defined.
 const LEAST_IMPORTANCE: f64 = 1e-6;
@@ -64,9 +64,11 @@ pub(super) fn engine<'a>(
     group: &[u32],
     importance: &[f32],
     options: &'a Options,
-) -> Engine<'a> {
+) -> (Engine<'a>, Option<Original>) {
     let mut weight = relative_importance(&soup, importance);
-    let (part, parts) = parts(&soup, &mut weight, options.thin_power);
+    let topology = Topology::new(soup.triangles.clone(), soup.positions.len());
+    let edges = topology.edges();
+    let (part, parts) = parts(&soup, &edges, &mut weight, options.thin_power);
     let group: Vec<u32> = soup.source.iter().map(|&s| group.get(s as usize).copied().unwrap_or(0)).collect();
     let mut wedges = options
         .keep_uvs
@@ -93,7 +95,11 @@ pub(super) fn engine<'a>(
             areas[i as usize] += area / 3.0;
         }
     }
-    let topology = Topology::new(soup.triangles, n);
+    let original = (options.refine_rounds > 0).then(|| Original {
+        positions: soup.positions.clone(),
+        triangles: soup.triangles,
+        weight: weight.clone(),
+    });
     let mut engine = Engine {
         options,
         topology,
@@ -108,26 +114,18 @@ pub(super) fn engine<'a>(
         part,
         parts,
         wedges,
+        parent: (0..n as u32).collect(),
         worst: 0.0,
         scratch: Scratch { mark: vec![0; n], ..Scratch::default() },
     };
-    hold_edges(&mut engine, &weight);
-    engine
+    hold_edges(&mut engine, &edges, &weight);
+    (engine, original)
 }
 
 /// Adds the planes that hold borders, group edges and seams, and marks border vertices.
-fn hold_edges(engine: &mut Engine<'_>, weight: &[f64]) {
-    let edges = engine.topology.edges();
-    let mut start = 0;
-    while start < edges.len() {
-        let key = edges[start].0;
-        let mut end = start + 1;
-        while end < edges.len() && edges[end].0 == key {
-            end += 1;
-        }
-        let faces = &edges[start..end];
-        let (a, b) = ((key >> 32) as u32, key as u32);
-        start = end;
+fn hold_edges(engine: &mut Engine<'_>, edges: &[(u64, u32)], weight: &[f64]) {
+    for faces in edges.chunk_by(|a, b| a.0 == b.0) {
+        let (a, b) = ((faces[0].0 >> 32) as u32, faces[0].0 as u32);
         if faces.len() == 1 {
             engine.border[a as usize] = true;
             engine.border[b as usize] = true;
@@ -169,54 +167,4 @@ fn edge_weight(engine: &Engine<'_>, a: u32, b: u32, faces: &[(u64, u32)]) -> f64
         at(t, a) != at(first, a) || at(t, b) != at(first, b)
     });
     if seam { o.seam_weight } else { 0.0 }
-}
-
-/// Components with their weighted area and thickness.
-///
-/// Multiplies the weights of thin components.
-fn parts(soup: &Soup, weight: &mut [f64], thin_power: f64) -> (Vec<u32>, Vec<Part>) {
-    let (label, count) = components(&soup.triangles, soup.positions.len());
-    let mut parts = vec![Part::default(); count];
-    let mut area = vec![0.0; count];
-    let mut mean = vec![DVec3::ZERO; count];
-    for (k, &t) in soup.triangles.iter().enumerate() {
-        let p = corner_points(&soup.positions, t);
-        let (a, c) = (area_of(p), label[k] as usize);
-        area[c] += a;
-        mean[c] += (p[0] + p[1] + p[2]) * (a / 3.0);
-        parts[c].live += 1;
-    }
-    for (m, a) in mean.iter_mut().zip(&area) {
-        *m /= a.max(f64::MIN_POSITIVE);
-    }
-    let mut moments = vec![Matrix3::<f64>::zeros(); count];
-    for (k, &t) in soup.triangles.iter().enumerate() {
-        let p = corner_points(&soup.positions, t);
-        let c = label[k] as usize;
-        // Exact second moment of a triangle: area / 12 (sum of v v' + 9 m m') with m the centroid.
-        let d = p.map(|x| x - mean[c]);
-        let m = d[0] + d[1] + d[2];
-        let w = area_of(p) / 12.0;
-        for x in [d[0], d[1], d[2], m] {
-            let x = nalgebra::Vector3::new(x.x, x.y, x.z);
-            moments[c] += x * x.transpose() * w;
-        }
-    }
-    for c in 0..count {
-        let m = moments[c] / area[c].max(f64::MIN_POSITIVE);
-        let mut e = m.symmetric_eigenvalues().as_slice().to_vec();
-        e.sort_by(f64::total_cmp);
-        parts[c].thickness2 = (2.0 * e[1]).max(0.0);
-    }
-    // Powers of squares: half the exponent; a factor above 1000 would only drown everything else.
-    let thick = parts.iter().fold(0.0, |a: f64, p| a.max(p.thickness2));
-    let factor = |p: &Part| (thick / p.thickness2.max(1e-6 * thick)).powf(0.5 * thin_power).min(1e3);
-    for (k, &t) in soup.triangles.iter().enumerate() {
-        let part = &mut parts[label[k] as usize];
-        if thick > 0.0 {
-            weight[k] *= factor(part);
-        }
-        part.area += area_of(corner_points(&soup.positions, t)) * weight[k];
-    }
-    (label, parts)
 }

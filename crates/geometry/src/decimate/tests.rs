@@ -151,9 +151,9 @@ fn sphere_keeps_radius_volume_and_manifold() {
             worst = worst.max((p.length() - 1.0).abs());
         }
     }
-    assert!(worst < 0.013, "radial error {worst}");
+    assert!(worst < 0.0135, "radial error {worst}");
     let v = volume(&d.mesh) / volume(&mesh);
-    assert!((v - 1.0).abs() < 0.012, "volume ratio {v}");
+    assert!((v - 1.0).abs() < 0.003, "volume ratio {v}");
     assert!(d.relative_error > 0.0 && d.relative_error < 0.01, "{}", d.relative_error);
     assert!((d.error / d.relative_error - 12.0_f64.sqrt()).abs() < 1e-3, "diagonal of the cube around it");
 }
@@ -211,6 +211,20 @@ fn open_borders_hold() {
     let few = to(&mesh, 20, |o| o.keep_border = true);
     assert!(few.mesh.triangles.len() >= 16, "{}", few.mesh.triangles.len());
     assert!(area(&few.mesh) > 0.95);
+}
+
+#[test]
+fn nearly_equal_positions_are_one() {
+    let mut mesh = Mesh::default();
+    let half = grid(10, |_, _| 0.0);
+    append(&mut mesh, &half, vec3(1.0, 1.0, 1.0), vec3(0.0, 0.0, 0.0));
+    append(&mut mesh, &half, vec3(1.0, 1.0, 1.0), vec3(1.0, 4e-7, -3e-7));
+    let d = to(&mesh, 400, |_| {});
+    assert_eq!((d.stats.welded_vertices, d.stats.components), (231, 1));
+    let exact = to(&mesh, 400, |o| o.merge_tolerance = 0.0);
+    assert_eq!((exact.stats.welded_vertices, exact.stats.components), (242, 2));
+    let flat = to(&mesh, 2, |_| {});
+    assert!((area(&flat.mesh) - 2.0).abs() < 1e-4, "one rectangle of two squares");
 }
 
 #[test]
@@ -403,6 +417,22 @@ fn broken_meshes_are_handled() {
     let d = to(&doubled, 10_000, |o| o.double_sided = vec![true]);
     assert_eq!(d.mesh.triangles.len(), 800);
     assert_eq!(d.stats.cleaned, 1601);
+}
+
+#[test]
+fn huge_fans_take_linear_time() {
+    let mut star = Mesh { positions: vec![vec3(0.0, 0.0, 0.0)], ..Mesh::default() };
+    let n = 60_000;
+    for i in 1..=n {
+        let a = i as f32 / n as f32 * std::f32::consts::TAU;
+        star.positions.push(vec3(a.cos(), a.sin(), 0.0));
+        star.triangles.push([0, i, i % n + 1]);
+    }
+    star.uvs = star.positions.iter().map(|p| vec2(p.x, p.y)).collect();
+    // Quadratic time would be minutes.
+    let d = to(&star, 500, |_| {});
+    assert!((area(&d.mesh) - std::f64::consts::PI).abs() < 0.2, "{}", area(&d.mesh));
+    to(&star, 500, |o| o.keep_uvs = true);
 }
 
 #[test]

@@ -16,17 +16,23 @@ pub(super) struct Topology {
 
 impl Topology {
     pub(super) fn new(triangles: Vec<[u32; 3]>, vertices: usize) -> Self {
-        let mut head = vec![NONE; vertices];
-        let mut next = vec![NONE; triangles.len() * 3];
+        let (live, next) = (triangles.len(), vec![NONE; triangles.len() * 3]);
+        let mut all = Self { live, triangles, next, head: vec![NONE; vertices] };
+        all.relink();
+        all
+    }
+
+    /// Makes the lists anew from the triangles.
+    pub(super) fn relink(&mut self) {
+        self.head.fill(NONE);
         // Backwards, so that every list runs in increasing order.
-        for (t, corners) in triangles.iter().enumerate().rev() {
+        for (t, corners) in self.triangles.iter().enumerate().rev().filter(|(_, c)| c[0] != NONE) {
             for k in 0..3 {
                 let v = corners[k] as usize;
-                next[3 * t + k] = head[v];
-                head[v] = (3 * t + k) as u32;
+                self.next[3 * t + k] = self.head[v];
+                self.head[v] = (3 * t + k) as u32;
             }
         }
-        Self { live: triangles.len(), triangles, next, head }
     }
 
     #[inline]
@@ -58,6 +64,12 @@ impl Topology {
         } else {
             self.next[last as usize] = NONE;
         }
+    }
+
+    /// Corners at `v` of lists without dead triangles ([`Self::relink`]).
+    pub(super) fn around(&self, v: u32) -> impl Iterator<Item = u32> {
+        let step = |c: u32| (c != NONE).then_some(c);
+        std::iter::successors(step(self.head[v as usize]), move |&c| step(self.next[c as usize]))
     }
 
     /// The other two vertices of the triangle of a corner, in its orientation.

@@ -144,6 +144,16 @@ impl Wedges {
         sum
     }
 
+    /// Appends the wedges of corners, each in a class of its own.
+    pub(super) fn collect(&self, corners: &[u32], second: bool, pairs: &mut Vec<Pairing>) {
+        for &c in corners {
+            let wedge = self.corners[c as usize / 3][c as usize % 3];
+            if !pairs.iter().any(|p| p.wedge == wedge) {
+                pairs.push(Pairing { wedge, class: wedge, second });
+            }
+        }
+    }
+
     /// Sum of the forms of a class into `out` (`1 + 4 width` numbers).
     fn gather(&self, pairs: &[Pairing], class: u32, out: &mut Vec<f64>) {
         out.clear();

@@ -12,6 +12,7 @@
 
 mod build;
 mod nearest;
+mod stack;
 mod traverse;
 mod triangle;
 mod wide;

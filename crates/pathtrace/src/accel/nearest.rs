@@ -1,6 +1,7 @@
 //! The closest point of a mesh.
 
 use super::Accel;
+use super::stack::Stack;
 use super::wide::LEAF;
 use glam::{Vec3, Vec4};
 use photofit_scalar::Vec3f;
@@ -49,7 +50,7 @@ impl Accel {
         let mut limit = reach * reach;
         let mut best: Option<(f32, NearestPoint)> = None;
         let lanes = [Vec4::splat(q.x), Vec4::splat(q.y), Vec4::splat(q.z)];
-        let mut stack: Vec<(u32, f32)> = Vec::with_capacity(64);
+        let mut stack = Stack::new();
         stack.push((0, 0.0));
         while let Some((at, lower)) = stack.pop() {
             // Rounding of the two ways to compute a distance.
@@ -66,17 +67,23 @@ impl Accel {
                 }
                 let mut mask = square.cmple(Vec4::splat(reachable)).bitmask();
                 let square = square.to_array();
-                let base = stack.len();
+                // The farthest goes to the bottom.
+                let mut found = [(0_u32, 0.0_f32); 4];
+                let mut count = 0;
                 while mask != 0 {
                     let lane = mask.trailing_zeros() as usize;
                     mask &= mask - 1;
                     let entry = (node.child[lane], square[lane]);
-                    stack.push(entry);
-                    let mut i = stack.len() - 1;
-                    while i > base && stack[i - 1].1 < entry.1 {
-                        stack.swap(i, i - 1);
+                    let mut i = count;
+                    while i > 0 && found[i - 1].1 < entry.1 {
+                        found[i] = found[i - 1];
                         i -= 1;
                     }
+                    found[i] = entry;
+                    count += 1;
+                }
+                for &entry in &found[..count] {
+                    stack.push(entry);
                 }
                 continue;
             }

@@ -1,5 +1,6 @@
 //! Rays through the tree.
 
+use super::stack::Stack;
 use super::triangle::{Packet, PacketHits, Shear};
 use super::wide::LEAF;
 use super::{Accel, Hit};
@@ -90,43 +91,6 @@ impl Local {
             local.far_origin[k] = Vec4::splat(o[k] - shift);
         }
         Some(local)
-    }
-}
-
-/// Nodes still to visit with the distances of their boxes; spills to the heap in very deep trees.
-struct Stack {
-    inline: [(u32, f32); Self::INLINE],
-    len: usize,
-    spilled: Vec<(u32, f32)>,
-}
-
-impl Stack {
-    const INLINE: usize = 64;
-
-    #[inline(always)]
-    fn new() -> Self {
-        Self { inline: [(0, 0.0); Self::INLINE], len: 0, spilled: Vec::new() }
-    }
-
-    #[inline(always)]
-    fn push(&mut self, entry: (u32, f32)) {
-        if self.len < Self::INLINE {
-            self.inline[self.len] = entry;
-            self.len += 1;
-        } else {
-            self.spilled.push(entry);
-        }
-    }
-
-    #[inline(always)]
-    fn pop(&mut self) -> Option<(u32, f32)> {
-        if self.len == Self::INLINE
-            && let Some(entry) = self.spilled.pop()
-        {
-            return Some(entry);
-        }
-        self.len = self.len.checked_sub(1)?;
-        Some(self.inline[self.len])
     }
 }
 
