@@ -165,13 +165,7 @@ impl Candidate {
 
     /// Loss of a batch of shots against their references, and its gradients (overwritten). Returns the loss, the mean
     /// over the shots.
-    pub fn step(
-        &self,
-        shots: &[Shot],
-        loss: Loss,
-        passes: &Passes,
-        out: &mut ParameterGradients,
-    ) -> f64 {
+    pub fn step(&self, shots: &[Shot], loss: Loss, passes: &Passes, out: &mut ParameterGradients) -> f64 {
         out.positions.fill(Vec3f::zero());
         out.rendered.clear();
         let vertices = self.vertices();

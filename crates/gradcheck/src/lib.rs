@@ -14,6 +14,9 @@
 ///
 /// Each coordinate is compared; errors are relative to the largest absolute difference quotient, so that
 /// coordinates with a vanishing gradient do not count their rounding noise.
+///
+/// # Panics
+/// When there is not one derivative per coordinate.
 pub fn max_relative_error(x: &[f64], gradient: &[f64], h: f64, mut f: impl FnMut(&[f64]) -> f64) -> f64 {
     assert_eq!(x.len(), gradient.len(), "one derivative per coordinate");
     let mut at = x.to_vec();
@@ -36,15 +39,11 @@ pub fn max_relative_error(x: &[f64], gradient: &[f64], h: f64, mut f: impl FnMut
 /// # Panics
 /// When the error exceeds `tolerance`, or when the gradient is zero everywhere while a tolerance below one is
 /// asked for (such a check could not fail).
-pub fn check(
-    name: &str,
-    x: &[f64],
-    gradient: &[f64],
-    h: f64,
-    tolerance: f64,
-    f: impl FnMut(&[f64]) -> f64,
-) {
-    assert!(gradient.iter().any(|g| *g != 0.0), "{name}: the gradient is zero everywhere, the check is empty");
+pub fn check(name: &str, x: &[f64], gradient: &[f64], h: f64, tolerance: f64, f: impl FnMut(&[f64]) -> f64) {
+    assert!(
+        gradient.iter().any(|g| *g != 0.0),
+        "{name}: the gradient is zero everywhere, the check is empty"
+    );
     let error = max_relative_error(x, gradient, h, f);
     assert!(error <= tolerance, "{name}: relative gradient error {error:.3e} above {tolerance:.1e}");
 }

@@ -39,7 +39,11 @@ pub fn derivatives<T: Real, const C: usize>(a: [&[T; C]; 3], b: &Barycentrics<T>
 
 /// Adjoint of [`derivatives`] with respect to the attributes, accumulating.
 #[inline(always)]
-pub fn derivatives_vjp<T: Real, const C: usize>(b: &Barycentrics<T>, g: &[Vec2<T>; C], g_a: [&mut [T; C]; 3]) {
+pub fn derivatives_vjp<T: Real, const C: usize>(
+    b: &Barycentrics<T>,
+    g: &[Vec2<T>; C],
+    g_a: [&mut [T; C]; 3],
+) {
     let [g0, g1, g2] = g_a;
     for c in 0..C {
         let (s, t) = (g[c].dot(b.du), g[c].dot(b.dv));

@@ -10,10 +10,10 @@
 pub mod antialias;
 pub mod deferred;
 pub mod interpolate;
+pub mod loss;
 mod maps;
 pub mod project;
 pub mod rasterize;
-pub mod loss;
 pub mod scene_render;
 pub mod texture;
 

@@ -136,7 +136,8 @@ impl Shading<'_> {
                         continue;
                     }
                     let t = work.transmittance[i];
-                    let (radiance, alpha) = self.pixel(work.layer.triangle[i] as usize, tile.x + x, tile.y + y);
+                    let (radiance, alpha) =
+                        self.pixel(work.layer.triangle[i] as usize, tile.x + x, tile.y + y);
                     work.rgb[i] += radiance * (t * alpha);
                     work.transmittance[i] = t * (1.0 - alpha);
                     if work.transmittance[i] > NEGLIGIBLE {

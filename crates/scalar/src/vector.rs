@@ -57,6 +57,7 @@ macro_rules! vector {
                 Self { $($f: op(self.$f)),+ }
             }
             /// Component-wise product.
+            #[expect(clippy::should_implement_trait, reason = "`*` is left to scalars: a product of vectors has no one meaning")]
             #[inline(always)]
             pub fn mul(self, o: Self) -> Self {
                 Self { $($f: self.$f * o.$f),+ }

@@ -155,7 +155,8 @@ struct Rest<'a> {
 
 impl Rest<'_> {
     fn words(&mut self, n: usize) -> Result<Vec<[u8; 4]>, FitError> {
-        let broken = || FitError::Checkpoint { path: self.path.into(), rule: "the file ends too early".into() };
+        let broken =
+            || FitError::Checkpoint { path: self.path.into(), rule: "the file ends too early".into() };
         let size = n.checked_mul(4).filter(|s| *s <= self.bytes.len()).ok_or_else(broken)?;
         let (head, tail) = self.bytes.split_at(size);
         self.bytes = tail;
@@ -199,7 +200,12 @@ pub(super) fn load(options: &SimplifyOptions, candidate: &Candidate) -> Result<O
     parse(&path, &bytes, options, candidate).map(Some)
 }
 
-fn parse(path: &PathBuf, bytes: &[u8], options: &SimplifyOptions, candidate: &Candidate) -> Result<Loaded, FitError> {
+fn parse(
+    path: &PathBuf,
+    bytes: &[u8],
+    options: &SimplifyOptions,
+    candidate: &Candidate,
+) -> Result<Loaded, FitError> {
     let broken = |rule: &str| FitError::Checkpoint { path: path.clone(), rule: rule.into() };
     let length = bytes.get(8..16).and_then(|b| b.try_into().ok()).map(u64::from_le_bytes);
     let (Some(length), true) = (length, bytes.starts_with(MAGIC)) else {
@@ -207,7 +213,8 @@ fn parse(path: &PathBuf, bytes: &[u8], options: &SimplifyOptions, candidate: &Ca
     };
     let json = usize::try_from(length).ok().and_then(|l| bytes.get(16..l.checked_add(16)?));
     let json = json.ok_or_else(|| broken("the file ends too early"))?;
-    let h: Header = serde_json::from_slice(json).map_err(|e| broken(&format!("the header is broken: {e}")))?;
+    let h: Header =
+        serde_json::from_slice(json).map_err(|e| broken(&format!("the header is broken: {e}")))?;
     let base = &candidate.maps.levels[0];
     let same_sizes =
         h.vertices == candidate.positions.len() && (h.width, h.height) == (base.width, base.height);

@@ -67,7 +67,7 @@ pub struct ReportView {
 
 /// A candidate ready to be rendered.
 #[derive(Debug)]
-pub struct Prepared {
+pub(super) struct Prepared {
     flat: FlatScene,
     library: SurfaceLibrary,
     normalised: bool,
@@ -75,7 +75,7 @@ pub struct Prepared {
 
 impl Prepared {
     /// A candidate in the asset's frame.
-    pub fn of_scene(scene: &Scene) -> Self {
+    pub(super) fn of_scene(scene: &Scene) -> Self {
         Self { flat: scene.flatten(), library: SurfaceLibrary::new(scene), normalised: false }
     }
 
@@ -99,8 +99,13 @@ impl Prepared {
 fn split_by_material(mesh: &Mesh, material: &[u32], count: usize) -> Vec<photofit_scene::Primitive> {
     (0..count)
         .filter_map(|m| {
-            let triangles: Vec<[u32; 3]> =
-                mesh.triangles.iter().zip(material).filter(|(_, k)| **k as usize == m).map(|(t, _)| *t).collect();
+            let triangles: Vec<[u32; 3]> = mesh
+                .triangles
+                .iter()
+                .zip(material)
+                .filter(|(_, k)| **k as usize == m)
+                .map(|(t, _)| *t)
+                .collect();
             (!triangles.is_empty()).then(|| photofit_scene::Primitive {
                 mesh: Mesh { triangles, tangents: Vec::new(), ..mesh.clone() },
                 material: m,
@@ -127,7 +132,8 @@ pub(super) fn evaluate(
                 SceneRenderer::new(flat, library).render(&s.camera, &lights, size, size, SUPERSAMPLE)
             };
             let reference = render(&n.flat, &n.library);
-            let quality = candidates.iter().map(|c| compare(&reference, &render(&c.flat, c.library))).collect();
+            let quality =
+                candidates.iter().map(|c| compare(&reference, &render(&c.flat, c.library))).collect();
             ReportView { reference: display(&reference), quality }
         })
         .collect()

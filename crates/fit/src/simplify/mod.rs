@@ -12,7 +12,7 @@ mod plan;
 mod prepare;
 mod train;
 
-pub use evaluate::{Quality, ReportView, ViewQuality};
+pub use evaluate::{Quality, ReportView, ViewQuality, compare};
 pub use export::to_scene;
 pub use options::{Init, SimplifyOptions};
 pub use outcome::Outcome;
@@ -62,5 +62,13 @@ pub fn simplify(
         evaluate::Prepared::of_scene(&fitted),
     ];
     let views = evaluate::evaluate(&normalised, &candidates, options, progress);
-    Ok(Outcome::new(scene, trained, plan, views, triangles_out, [start.elapsed().as_secs_f64(), fit_seconds], options))
+    Ok(Outcome::new(
+        scene,
+        trained,
+        plan,
+        views,
+        triangles_out,
+        [start.elapsed().as_secs_f64(), fit_seconds],
+        options,
+    ))
 }

@@ -74,7 +74,10 @@ impl SimplifyOptions {
         match self.target {
             Target::Triangles(0) => return fail("--triangles", "the budget is at least 1 triangle".into()),
             Target::Triangles(n) if n > triangles => {
-                return fail("--triangles", format!("the budget of {n} is above the {triangles} triangles of the asset"));
+                return fail(
+                    "--triangles",
+                    format!("the budget of {n} is above the {triangles} triangles of the asset"),
+                );
             }
             Target::Ratio(r) if !(r > 0.0 && r <= 1.0) => {
                 return fail("--ratio", format!("{r} is not in (0, 1]"));

@@ -38,7 +38,9 @@ impl Plan {
         let any = |c: usize, f: &dyn Fn(f32) -> bool| base.iter().any(|t| f(t[c]));
         let emissive = (0..3).any(|k| any(channel::EMISSIVE + k, &|x| x > 1e-4));
         let metallic = any(channel::METALLIC, &|x| x > 0.02);
-        let used = |mode: fn(&AlphaMode) -> bool| candidate.class.iter().any(|c| mode(&candidate.classes[*c as usize]));
+        let used = |mode: fn(&AlphaMode) -> bool| {
+            candidate.class.iter().any(|c| mode(&candidate.classes[*c as usize]))
+        };
         let blend = used(|m| *m == AlphaMode::Blend);
         let mask = used(|m| matches!(m, AlphaMode::Mask { .. }));
         let channels = 3 + 1 + 3 + usize::from(metallic) + usize::from(blend) + 3 * usize::from(emissive);
@@ -91,11 +93,23 @@ impl fmt::Display for Plan {
             (true, true) => "masks and blended surfaces: layers until nothing shows through",
         };
         line("transparent layers", self.layers > 1, alpha)?;
-        line("alpha gradients", self.blend, if self.blend { "blended surfaces" } else { "nothing is blended" })?;
+        line(
+            "alpha gradients",
+            self.blend,
+            if self.blend { "blended surfaces" } else { "nothing is blended" },
+        )?;
         line("normal map", self.normal_map, "detail of the reference goes into normals")?;
-        line("metalness gradients", self.metallic, if self.metallic { "metals" } else { "no metal in the baked maps" })?;
+        line(
+            "metalness gradients",
+            self.metallic,
+            if self.metallic { "metals" } else { "no metal in the baked maps" },
+        )?;
         line("emission", self.emissive, if self.emissive { "emitting texels" } else { "nothing emits" })?;
-        line("position gradients", self.positions, if self.positions { "while the shape is fitted; the last phase freezes it" } else { "no steps" })?;
+        line(
+            "position gradients",
+            self.positions,
+            if self.positions { "while the shape is fitted; the last phase freezes it" } else { "no steps" },
+        )?;
         line("silhouette search", true, "only where neighbouring pixels show different triangles")?;
         line("volumes", false, "the asset has none")?;
         line("indirect light", false, "the rasterizer is the reference renderer")?;

@@ -220,10 +220,12 @@ pub(super) fn bake_candidate(
         progress.report("bake", (share * 1000.0) as u64, 1000, "");
         if progress.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
-    let mut baked = bake(reference, seen, &candidate.mesh(), Some(&classes), &settings, &report).map_err(|e| match e {
-        crate::bake::BakeError::Stopped => FitError::Interrupted,
-        e => e.into(),
-    })?;
+    let mut baked = bake(reference, seen, &candidate.mesh(), Some(&classes), &settings, &report).map_err(
+        |e| match e {
+            crate::bake::BakeError::Stopped => FitError::Interrupted,
+            e => e.into(),
+        },
+    )?;
     baked.fill(None);
     for t in &mut baked.maps.texels {
         t[channel::GAMMA] = 0.0;

@@ -8,7 +8,9 @@ use crate::candidate::{Candidate, ParameterGradients, average};
 use crate::views::{Set, Setup, Shot, setup};
 use crate::{FitError, Progress};
 use photofit_image::{Image, downsample, psnr_from_mse};
-use photofit_optim::{Adam, AdamConfig, LargeSteps, Optimizer, Rows, Schedule, UniformAdam, clamp_channels, normalize_vectors};
+use photofit_optim::{
+    Adam, AdamConfig, LargeSteps, Optimizer, Rows, Schedule, UniformAdam, clamp_channels, normalize_vectors,
+};
 use photofit_raster::deferred::Passes;
 use photofit_raster::loss::Loss;
 use photofit_raster::scene_render::SceneRenderer;
@@ -34,6 +36,8 @@ const SAMPLES: usize = 2;
 const MAP_RATE: f64 = 0.04;
 /// Step of the positions, relative to the distance between the start and the reference.
 const POSITION_RATE: f64 = 1.0;
+/// Step of the positions from a sphere.
+const SPHERE_RATE: f64 = 6e-3;
 /// Smoothness of the preconditioner for the start from a decimated mesh, and from a sphere.
 const LAMBDA: [f64; 2] = [0.3, 12.0];
 
@@ -123,13 +127,23 @@ pub(super) fn train(
     let start = Instant::now();
     let candidate = prepared.candidate;
     let from_sphere = options.init == Init::Sphere;
-    let lambda = std::env::var("LAMBDA").ok().and_then(|v| v.parse().ok()).unwrap_or(LAMBDA[usize::from(from_sphere)]);
+    let lambda = LAMBDA[usize::from(from_sphere)];
     let large_steps = LargeSteps::new(candidate.positions.len(), &candidate.edges, lambda)
         .map_err(FitError::Preconditioner)?;
     let optim = |source| FitError::Optim { step: 0, source, kept: "nothing was written".into() };
-    let shape = UniformAdam::new("positions", candidate.positions.len() * 3, AdamConfig { beta1: 0.9, beta2: 0.99, ..AdamConfig::default() }).map_err(optim)?;
+    let shape = UniformAdam::new(
+        "positions",
+        candidate.positions.len() * 3,
+        AdamConfig { beta1: 0.9, beta2: 0.99, ..AdamConfig::default() },
+    )
+    .map_err(optim)?;
     let texels = candidate.maps.levels[0].texels.len();
-    let maps = Adam::new("maps", texels * CHANNELS, AdamConfig { beta1: 0.8, beta2: 0.98, relative_epsilon: 0.5, ..AdamConfig::default() }).map_err(optim)?;
+    let maps = Adam::new(
+        "maps",
+        texels * CHANNELS,
+        AdamConfig { beta1: 0.8, beta2: 0.98, relative_epsilon: 0.5, ..AdamConfig::default() },
+    )
+    .map_err(optim)?;
     let best = (f64::NEG_INFINITY, candidate.positions.clone(), candidate.maps.levels[0].clone());
     let mut t = Trainer {
         n,
@@ -158,7 +172,7 @@ pub(super) fn train(
     }
     let first = t.history.first().map(|h| h.held_out_psnr);
     let start_psnr = first.unwrap_or_else(|| t.look(progress));
-    progress.report("fit", t.step, options.steps, &format!("start {start_psnr:.2} dB, distance {:.5}", prepared.distance));
+    progress.report("fit", t.step, options.steps, &format!("{start_psnr:.2} dB"));
     for (k, phase) in phases(options, prepared.distance, start_psnr).iter().enumerate() {
         if t.step >= phase.first + phase.steps {
             continue;
@@ -187,13 +201,13 @@ pub(super) fn train(
 fn phases(options: &SimplifyOptions, distance: f64, start_psnr: f64) -> Vec<Phase> {
     let n = options.steps;
     let a = if options.init == Init::Sphere { n * 6 / 10 } else { n * 4 / 10 };
-    let e = |k: &str, d: f64| std::env::var(k).ok().and_then(|v| v.parse().ok()).unwrap_or(d);
-    let rate = if options.init == Init::Sphere { 6e-3 } else { (e("PR", POSITION_RATE) * distance).clamp(1e-4, 1.5e-2) };
-    let mr = (e("MR", MAP_RATE) * 10f64.powf(-start_psnr / 20.0)).clamp(2e-4, 5e-3);
-    let shrink = if options.resolution % 2 == 0 && options.resolution >= 256 { 2 } else { 1 };
+    let from_sphere = options.init == Init::Sphere;
+    let rate = if from_sphere { SPHERE_RATE } else { (POSITION_RATE * distance).clamp(1e-4, 1.5e-2) };
+    let map_rate = (MAP_RATE * 10f64.powf(-start_psnr / 20.0)).clamp(2e-4, 5e-3);
+    let shrink = if options.resolution.is_multiple_of(2) && options.resolution >= 256 { 2 } else { 1 };
     vec![
-        Phase { first: 0, steps: a, shrink, position_rate: rate, map_rate: mr },
-        Phase { first: a, steps: n - a, shrink: 1, position_rate: e("P2", 0.4) * rate, map_rate: mr },
+        Phase { first: 0, steps: a, shrink, position_rate: rate, map_rate },
+        Phase { first: a, steps: n - a, shrink: 1, position_rate: 0.4 * rate, map_rate },
     ]
 }
 
@@ -201,7 +215,13 @@ impl Trainer<'_> {
     /// Renders a reference picture.
     fn picture(&self, s: &Setup) -> Image {
         let r = (self.options.resolution / SAMPLES).max(1);
-        SceneRenderer::new(&self.n.flat, &self.n.library).render(&s.camera, &s.lights.lights(), r, r, SUPERSAMPLE)
+        SceneRenderer::new(&self.n.flat, &self.n.library).render(
+            &s.camera,
+            &s.lights.lights(),
+            r,
+            r,
+            SUPERSAMPLE,
+        )
     }
 
     fn shot(&self, set: Set, index: u64) -> Shot {
@@ -248,7 +268,7 @@ impl Trainer<'_> {
                 break;
             }
             self.one_step(phase)?;
-            if self.step % EVALUATE_EVERY == 0 || self.step == end {
+            if self.step.is_multiple_of(EVALUATE_EVERY) || self.step == end {
                 self.look(progress);
                 self.save(progress)?;
             }
@@ -278,7 +298,10 @@ impl Trainer<'_> {
         if phase.position_rate > 0.0 {
             let x: &[f32] = bytemuck::cast_slice(&self.candidate.positions);
             let mut u = self.large_steps.to_u(x).map_err(fail)?;
-            let g = self.large_steps.gradient::<f32>(bytemuck::cast_slice(&self.gradients.positions)).map_err(fail)?;
+            let g = self
+                .large_steps
+                .gradient::<f32>(bytemuck::cast_slice(&self.gradients.positions))
+                .map_err(fail)?;
             self.shape.step(&mut u, &g, (phase.position_rate * factor) as f32).map_err(fail)?;
             let x = self.large_steps.to_x(&u).map_err(fail)?;
             self.candidate.positions.copy_from_slice(bytemuck::cast_slice(&x));
@@ -339,7 +362,11 @@ impl Trainer<'_> {
         }
         let texels = self.candidate.maps.levels[0].texels.len();
         let config = *self.maps.config();
-        let fail = |source| FitError::Optim { step: self.step, source, kept: "the last checkpoint is unchanged".into() };
+        let fail = |source| FitError::Optim {
+            step: self.step,
+            source,
+            kept: "the last checkpoint is unchanged".into(),
+        };
         self.maps = Adam::new("maps", texels * CHANNELS, config).map_err(fail)?;
         Ok(())
     }

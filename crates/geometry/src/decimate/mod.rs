@@ -12,9 +12,9 @@
 //! al., "Mesh optimization", 1993): at 1 to 3 % of the triangles this takes a third off the surface error.
 //!
 //! Silhouettes go with the length of a part, not with its area, so thin components (ropes, straps) count more
-//! ([`Options::thin_power`]). Dropping a whole small component competes in the same queue at the price of collapsing it onto its axis. A budget is
-//! always reached: by collapses under full checks, then with relaxed ones, then without, and in the end by dropping
-//! components. Errors are estimates from the quadrics, relative to the bounding diagonal.
+//! ([`Options::thin_power`]). Dropping a whole small component competes in the same queue at the price of collapsing
+//! it onto its axis. A budget is always reached: by collapses under full checks, then with relaxed ones, then without,
+//! and in the end by dropping components. Errors are estimates from the quadrics.
 //!
 //! ```
 //! use photofit_geometry::{Mesh, decimate::{Options, Target, decimate}};

@@ -314,12 +314,12 @@ fn tubes_keep_length_and_width() {
 #[test]
 fn many_parts_reach_the_budget_by_dropping_the_small() {
     let mut mesh = Mesh::default();
-    let ball = sphere(4);
+    let ball = sphere(3);
     for k in 0..300 {
         let s = 0.02 + 0.2 * (k as f32 / 300.0).powi(4);
         append(&mut mesh, &ball, vec3(s, s, s), vec3((k % 20) as f32, (k / 20) as f32, 0.0));
     }
-    for n in [3000, 500, 100, 7, 1] {
+    for n in [2000, 500, 7, 1] {
         let d = to(&mesh, n, |_| {});
         assert!(d.mesh.triangles.len() * 10 >= n * 7, "{} of {n}", d.mesh.triangles.len());
         if n == 500 {
@@ -399,18 +399,18 @@ fn broken_meshes_are_handled() {
     doubled.triangles.extend(copy.iter().map(|t| [t[1], t[0], t[2]]));
     doubled.triangles.push([0, 0, 1]);
     let mut star = Mesh { positions: vec![vec3(0.0, 0.0, 0.0)], ..Mesh::default() };
-    for i in 1..=999_u32 {
-        let a = i as f32 * 0.0063;
+    for i in 1..=300_u32 {
+        let a = i as f32 * 0.0209;
         star.positions.push(vec3(a.cos(), a.sin(), (i % 7) as f32 * 0.1));
-        star.triangles.push([0, i, i % 999 + 1]);
+        star.triangles.push([0, i, i % 300 + 1]);
     }
     for (name, mesh) in [("fan", &fan), ("slivers", &slivers), ("doubled", &doubled), ("star", &star)] {
-        for n in [200, 50, 10, 3, 1] {
+        for n in [200, 20, 1] {
             for keep_uvs in [false, true] {
                 let mut m = mesh.clone();
                 m.uvs = m.positions.iter().map(|p| vec2(p.x, p.y)).collect();
                 let d = to(&m, n, |o| o.keep_uvs = keep_uvs);
-                assert!(n < 50 || d.mesh.triangles.len() * 2 >= n, "{name} {n}: {}", d.mesh.triangles.len());
+                assert!(n < 20 || d.mesh.triangles.len() * 2 >= n, "{name} {n}: {}", d.mesh.triangles.len());
             }
         }
     }
@@ -422,7 +422,7 @@ fn broken_meshes_are_handled() {
 #[test]
 fn huge_fans_take_linear_time() {
     let mut star = Mesh { positions: vec![vec3(0.0, 0.0, 0.0)], ..Mesh::default() };
-    let n = 60_000;
+    let n = 30_000;
     for i in 1..=n {
         let a = i as f32 / n as f32 * std::f32::consts::TAU;
         star.positions.push(vec3(a.cos(), a.sin(), 0.0));
@@ -450,14 +450,14 @@ fn enough_budget_returns_the_welded_input() {
 
 #[test]
 fn error_and_screen_targets_stop_early() {
-    let mesh = sphere(40);
+    let mesh = sphere(24);
     let run = |t| decimate(&mesh, &[], &[], &Options::new(t)).expect("valid");
-    let (coarse, fine) = (run(Target::Error(3e-3)), run(Target::Error(3e-4)));
-    assert!(coarse.relative_error <= 3e-3 && fine.relative_error <= 3e-4);
+    let (coarse, fine) = (run(Target::Error(5e-3)), run(Target::Error(5e-4)));
+    assert!(coarse.relative_error <= 5e-3 && fine.relative_error <= 5e-4);
     assert!(coarse.mesh.triangles.len() * 4 < fine.mesh.triangles.len(), "error of order h^2");
     assert!(fine.mesh.triangles.len() < mesh.triangles.len() / 2);
-    assert_eq!(run(Target::ScreenSize(0.5 / 3e-3)).mesh, coarse.mesh);
-    assert!(run(Target::Ratio(0.1)).mesh.triangles.len().abs_diff(1280) <= 2);
+    assert_eq!(run(Target::ScreenSize(0.5 / 5e-3)).mesh, coarse.mesh);
+    assert!(run(Target::Ratio(0.1)).mesh.triangles.len().abs_diff(460) <= 2);
 }
 
 #[test]

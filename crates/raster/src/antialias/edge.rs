@@ -74,7 +74,13 @@ pub(super) fn find_crossing<T: Real>(
                 return None;
             }
             let vertices = [corners[k], corners[(k + 1) % 3]];
-            return Some(Crossing { t: t.clamp_to(T::zero(), T::one()), vertices, a, b, vertical: view.vertical });
+            return Some(Crossing {
+                t: t.clamp_to(T::zero(), T::one()),
+                vertices,
+                a,
+                b,
+                vertical: view.vertical,
+            });
         }
         from = current as u32;
         current = match topology.neighbour[current][k] {
@@ -126,10 +132,7 @@ impl<T: Real> Crossing<T> {
         let d = b.y - a.y;
         let r = T::one() / d;
         let x = a.x - a.y * (b.x - a.x) * r;
-        let (ga, gb) = (
-            vec2(b.y * r * g, (x - b.x) * r * g),
-            vec2(-a.y * r * g, -(x - a.x) * r * g),
-        );
+        let (ga, gb) = (vec2(b.y * r * g, (x - b.x) * r * g), vec2(-a.y * r * g, -(x - a.x) * r * g));
         for (i, gp) in self.vertices.into_iter().zip([ga, gb]) {
             let (gx, gy) = if self.vertical { (gp.y, gp.x) } else { (gp.x, gp.y) };
             pixel_to_clip_vjp(clip[i as usize], gx, gy, width, height, &mut g_clip[i as usize]);

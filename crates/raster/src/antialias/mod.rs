@@ -46,7 +46,11 @@ pub struct Pair<T> {
 ///
 /// # Panics
 /// If sizes differ or an index is out of range.
-pub fn silhouettes<T: Real>(visibility: &Visibility, clip: &[Vec4<T>], topology: &Topology<'_>) -> Vec<Pair<T>> {
+pub fn silhouettes<T: Real>(
+    visibility: &Visibility,
+    clip: &[Vec4<T>],
+    topology: &Topology<'_>,
+) -> Vec<Pair<T>> {
     let (w, h) = (visibility.width, visibility.height);
     let strips: Vec<Vec<Pair<T>>> = (0..h.div_ceil(TILE))
         .into_par_iter()
@@ -93,7 +97,8 @@ fn pair<T: Real>(
     let first_is_closer = b == NONE || (a != NONE && v.depth[first] <= v.depth[second]);
     let (triangle, pixel) = if first_is_closer { (a, first) } else { (b, second) };
     let sign = if first_is_closer { T::one() } else { -T::one() };
-    let grid = edge::View { width: v.width, height: v.height, x: pixel % v.width, y: pixel / v.width, vertical };
+    let grid =
+        edge::View { width: v.width, height: v.height, x: pixel % v.width, y: pixel / v.width, vertical };
     let crossing = find_crossing(clip, topology, triangle as usize, sign, &grid)?;
     let alpha = sign * (T::of(0.5) - crossing.t);
     (alpha != T::zero()).then_some(Pair { first: first as u32, second: second as u32, alpha, crossing })

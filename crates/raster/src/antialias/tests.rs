@@ -24,7 +24,9 @@ fn corners() -> Vec<f64> {
     x
 }
 
-fn render(clip: &[Vec4<f64>], size: usize) -> (Visibility, Vec<Pair<f64>>, Vec<[f64; 1]>, Vec<[f64; 1]>) {
+type Rendered = (Visibility, Vec<Pair<f64>>, Vec<[f64; 1]>, Vec<[f64; 1]>);
+
+fn render(clip: &[Vec4<f64>], size: usize) -> Rendered {
     let clip32: Vec<_> = clip.iter().map(|c| c.cast::<f32>()).collect();
     let v = rasterize(&clip32, &QUAD, size, size, None);
     let pairs = silhouettes(&v, clip, &TOPOLOGY);
@@ -40,7 +42,8 @@ fn coverage_approaches_the_area() {
     let (_, pairs, color, out) = render(&clip, 48);
     let p: Vec<(f64, f64)> =
         clip.iter().map(|c| ((c.x / c.w + 1.0) * 24.0, (1.0 - c.y / c.w) * 24.0)).collect();
-    let area: f64 = (0..4).map(|i| (p[i].0 * p[(i + 1) % 4].1 - p[(i + 1) % 4].0 * p[i].1) / 2.0).sum::<f64>().abs();
+    let area: f64 =
+        (0..4).map(|i| (p[i].0 * p[(i + 1) % 4].1 - p[(i + 1) % 4].0 * p[i].1) / 2.0).sum::<f64>().abs();
     let sum = |c: &[[f64; 1]]| c.iter().map(|c| c[0]).sum::<f64>();
     assert!((sum(&out) - area).abs() < 0.006 * area, "antialiased {} against {area}", sum(&out));
     assert!((sum(&out) - area).abs() < (sum(&color) - area).abs() || (sum(&color) - area).abs() < 0.5);

@@ -53,7 +53,12 @@ impl<T: Real> Gradients<T> {
     /// Zero gradients.
     pub fn new(vertices: usize, maps: &Pyramid<T, CHANNELS>) -> Self {
         let zero = vec![Vec3::zero(); vertices];
-        Self { positions: zero.clone(), normals: zero.clone(), tangents: zero, maps: Pyramid::zeros_like(maps) }
+        Self {
+            positions: zero.clone(),
+            normals: zero.clone(),
+            tangents: zero,
+            maps: Pyramid::zeros_like(maps),
+        }
     }
 
     /// Sets everything to zero.
@@ -84,13 +89,15 @@ pub fn render<T: Real>(
     let mut layers: Vec<FrameLayer<T>> = Vec::new();
     let mut front: Option<Visibility> = None;
     while layers.len() < passes.max_layers.max(1) {
-        let visibility = rasterize(&clip32, geometry.topology.triangles, view.width, view.height, front.as_ref());
+        let visibility =
+            rasterize(&clip32, geometry.topology.triangles, view.width, view.height, front.as_ref());
         if !layers.is_empty() && visibility.triangle.iter().all(|t| *t == NONE) {
             break;
         }
         let mut shaded = vec![[T::zero(); 4]; n];
         shaded.par_chunks_mut(view.width.max(1) * TILE).enumerate().for_each(|(s, out)| {
-            let strip = Strip { geometry, view, passes, maps, clip: &clip, visibility: &visibility, y: s * TILE };
+            let strip =
+                Strip { geometry, view, passes, maps, clip: &clip, visibility: &visibility, y: s * TILE };
             strip.shade(&mut Vec::new(), out);
         });
         let pairs =

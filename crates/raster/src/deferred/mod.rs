@@ -80,6 +80,5 @@ impl Default for Passes {
     }
 }
 
-
 #[cfg(test)]
 mod tests;

@@ -65,7 +65,12 @@ impl Patch {
             Light::Ambient { radiance: vec3(0.3, 0.3, 0.4) },
         ];
         let view = View {
-            view_projection: [[1.3, 0.0, 0.0, 0.0], [0.0, 1.3, 0.0, 0.0], [0.0, 0.0, -1.2, 1.8], [0.0, 0.0, -1.0, 2.5]],
+            view_projection: [
+                [1.3, 0.0, 0.0, 0.0],
+                [0.0, 1.3, 0.0, 0.0],
+                [0.0, 0.0, -1.2, 1.8],
+                [0.0, 0.0, -1.0, 2.5],
+            ],
             eye: vec3(0.0, 0.0, 2.5),
             lights: &lights,
             width: SIZE,
@@ -178,7 +183,8 @@ fn production_precision_agrees_with_double() {
         height: 16,
         texels: maps.levels[0].texels.iter().map(|t| t.map(|x| x as f32)).collect(),
     });
-    let cast3 = |v: &[f64]| v.chunks(3).map(|c| vec3(c[0] as f32, c[1] as f32, c[2] as f32)).collect::<Vec<_>>();
+    let cast3 =
+        |v: &[f64]| v.chunks(3).map(|c| vec3(c[0] as f32, c[1] as f32, c[2] as f32)).collect::<Vec<_>>();
     let (positions, normals) = (cast3(&patch.positions), cast3(&patch.normals));
     let tangents: Vec<_> =
         patch.tangents.chunks(3).map(|t| vec4(t[0] as f32, t[1] as f32, t[2] as f32, 1.0)).collect();

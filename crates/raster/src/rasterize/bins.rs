@@ -61,7 +61,10 @@ impl Bins {
     /// Indices of the triangles that may touch a tile, ascending.
     pub(super) fn triangles(&self, x: usize, y: usize) -> impl Iterator<Item = u32> + '_ {
         let tile = (y / TILE) * self.columns + x / TILE;
-        self.chunks.iter().flat_map(move |c| &c.ids[c.start[tile] as usize..c.start[tile + 1] as usize]).copied()
+        self.chunks
+            .iter()
+            .flat_map(move |c| &c.ids[c.start[tile] as usize..c.start[tile + 1] as usize])
+            .copied()
     }
 }
 

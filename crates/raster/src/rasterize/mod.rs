@@ -47,28 +47,31 @@ pub fn rasterize(
     behind: Option<&Visibility>,
 ) -> Visibility {
     let bins = Bins::new(clip, triangles, width, height);
-    let mut out = Visibility {
-        width,
-        height,
-        triangle: vec![NONE; width * height],
-        depth: vec![1.0; width * height],
-    };
+    let mut out =
+        Visibility { width, height, triangle: vec![NONE; width * height], depth: vec![1.0; width * height] };
     if let Some(b) = behind {
         assert_eq!((b.width, b.height), (width, height), "the layer in front has the same size");
     }
-    out.triangle.par_chunks_mut(width.max(1) * TILE).zip(out.depth.par_chunks_mut(width.max(1) * TILE)).enumerate().for_each(
-        |(row, (ids, depths))| {
+    out.triangle
+        .par_chunks_mut(width.max(1) * TILE)
+        .zip(out.depth.par_chunks_mut(width.max(1) * TILE))
+        .enumerate()
+        .for_each(|(row, (ids, depths))| {
             let (mut layer, mut front) = (Layer::default(), Layer::default());
             for column in 0..bins.columns() {
                 let tile = bins.tile(column, row);
                 if let Some(b) = behind {
-                    front.load(&tile, &b.triangle[row * TILE * width..], &b.depth[row * TILE * width..], width);
+                    front.load(
+                        &tile,
+                        &b.triangle[row * TILE * width..],
+                        &b.depth[row * TILE * width..],
+                        width,
+                    );
                 }
                 tile.rasterize(clip, triangles, behind.map(|_| &front), &mut layer);
                 layer.store(&tile, ids, depths, width);
             }
-        },
-    );
+        });
     out
 }
 

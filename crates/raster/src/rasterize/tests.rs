@@ -27,7 +27,7 @@ fn row_zero_is_the_top() {
     let clip = vec![vec4(-1.0, 0.0, 0.5, 1.0), vec4(1.0, 0.0, 0.5, 1.0), vec4(0.0, 1.0, 0.5, 1.0)];
     let v = rasterize(&clip, &[[0, 1, 2]], 8, 8, None);
     assert!(v.triangle[32..].iter().all(|t| *t == NONE), "the lower half is empty");
-    assert!(v.triangle[..32].iter().any(|t| *t == 0), "the upper half is not");
+    assert!(v.triangle[..32].contains(&0), "the upper half is not");
 }
 
 #[test]
@@ -42,7 +42,12 @@ fn a_fan_has_neither_holes_nor_double_hits() {
         for i in 0..n {
             let a = i as f64 / n as f64 * std::f64::consts::TAU;
             let w = rng.range(0.5, 3.0);
-            clip.push(vec4((a.cos() * 3.0 * w) as f32, (a.sin() * 3.0 * w) as f32, (0.5 * w) as f32, w as f32));
+            clip.push(vec4(
+                (a.cos() * 3.0 * w) as f32,
+                (a.sin() * 3.0 * w) as f32,
+                (0.5 * w) as f32,
+                w as f32,
+            ));
         }
         let w = rng.range(0.5, 3.0);
         clip.push(vec4((cx * w) as f32, (cy * w) as f32, (0.5 * w) as f32, w as f32));
@@ -72,8 +77,7 @@ fn triangles_through_the_camera_plane_do_not_crack() {
 #[test]
 fn peeling_keeps_coplanar_duplicates_and_ends() {
     let clip: Vec<Vec4f> = quad(0.5).into_iter().chain(quad(0.5)).chain(quad(0.7)).collect();
-    let tris: Vec<[u32; 3]> =
-        (0..3).flat_map(|k| QUAD.map(|t: [u32; 3]| t.map(|i| i + 4 * k))).collect();
+    let tris: Vec<[u32; 3]> = (0..3).flat_map(|k| QUAD.map(|t: [u32; 3]| t.map(|i| i + 4 * k))).collect();
     let l0 = rasterize(&clip, &tris, 32, 32, None);
     let l1 = rasterize(&clip, &tris, 32, 32, Some(&l0));
     let l2 = rasterize(&clip, &tris, 32, 32, Some(&l1));
@@ -117,7 +121,9 @@ fn gradient_of_the_barycentrics() {
     let f = grid.ndc(22, 14);
     let x = [-0.7, -0.6, 0.3, 1.1, 1.3, -0.2, 0.2, 1.9, 0.1, 0.8, 0.4, 0.8];
     let (gu, gv) = (rng.range(-1.0, 1.0), rng.range(-1.0, 1.0));
-    let points = |x: &[f64]| -> [Vec4<f64>; 3] { [0, 1, 2].map(|i| vec4(x[4 * i], x[4 * i + 1], x[4 * i + 2], x[4 * i + 3])) };
+    let points = |x: &[f64]| -> [Vec4<f64>; 3] {
+        [0, 1, 2].map(|i| vec4(x[4 * i], x[4 * i + 1], x[4 * i + 2], x[4 * i + 3]))
+    };
     let g = barycentrics_vjp(&points(&x), f, gu, gv);
     let flat: Vec<f64> = g.iter().flat_map(|v| v.to_array()).collect();
     check("barycentrics", &x, &flat, 1e-6, 1e-7, |x| {

@@ -169,7 +169,7 @@ impl Setup {
                 }
                 let z = (self.depth[0] * fx + row[3]) + self.depth[2];
                 let i = y * TILE + x;
-                if z >= 0.0 && z <= 1.0 && (z < out.depth[i] || out.triangle[i] == NONE) && accept(i, z) {
+                if (0.0..=1.0).contains(&z) && (z < out.depth[i] || out.triangle[i] == NONE) && accept(i, z) {
                     out.depth[i] = z;
                     out.triangle[i] = id;
                 }

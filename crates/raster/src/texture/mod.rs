@@ -62,7 +62,8 @@ pub fn lookup<T: Real, const C: usize>(
         Some(d) if d.level > T::zero() => {
             let level = d.level.floor().to_usize().unwrap_or(0).min(texture.levels.len() - 1);
             let share = d.level - T::of(level as f64);
-            let coarse = (share > T::zero() && level + 1 < texture.levels.len()).then(|| (on(level + 1), share));
+            let coarse =
+                (share > T::zero() && level + 1 < texture.levels.len()).then(|| (on(level + 1), share));
             Lookup { level, fine: on(level), coarse }
         }
         _ => Lookup { level: 0, fine: on(0), coarse: None },
@@ -87,7 +88,11 @@ pub fn sample<T: Real, const C: usize>(texture: &Pyramid<T, C>, at: &Lookup<T>) 
 /// The uv gradient is the bilinear derivative times the level's size, weighted by the level's share;
 /// `dL/dlevel = sum g (coarse - fine)`. The texel gradients go through [`ScatterQueue`].
 #[inline(always)]
-pub fn sample_vjp<T: Real, const C: usize>(texture: &Pyramid<T, C>, at: &Lookup<T>, g: &[T; C]) -> (Vec2<T>, T) {
+pub fn sample_vjp<T: Real, const C: usize>(
+    texture: &Pyramid<T, C>,
+    at: &Lookup<T>,
+    g: &[T; C],
+) -> (Vec2<T>, T) {
     let fine = &texture.levels[at.level];
     match &at.coarse {
         None => (at.fine.uv_vjp(fine, g), T::zero()),

@@ -83,7 +83,8 @@ impl Scatter {
     /// Accumulates the queues, in order, into the gradients of every level.
     pub fn accumulate<T: Real, const C: usize>(queues: &[&ScatterQueue<T, C>], gradient: &mut Pyramid<T, C>) {
         let sizes: Vec<(usize, usize)> = gradient.levels.iter().map(|l| (l.width, l.height)).collect();
-        let mut bands: Vec<Vec<Rows<'_, T, C>>> = (0..BANDS).map(|_| Vec::with_capacity(sizes.len())).collect();
+        let mut bands: Vec<Vec<Rows<'_, T, C>>> =
+            (0..BANDS).map(|_| Vec::with_capacity(sizes.len())).collect();
         for level in &mut gradient.levels {
             let mut rest = level.texels.as_mut_slice();
             let mut first = 0;

@@ -101,12 +101,19 @@ fn gradients_of_trilinear_lookup() {
         trilinear(&Texture { width: 13, height: 9, texels }, &x, &w)
     });
     let exact: f64 = g.levels[0].texels.iter().map(|t| t[0]).sum();
-    assert!((smooth - exact).abs() < 0.1 * exact.abs() + 0.05, "smooth {smooth} and exact {exact} sums agree roughly");
+    assert!(
+        (smooth - exact).abs() < 0.1 * exact.abs() + 0.05,
+        "smooth {smooth} and exact {exact} sums agree roughly"
+    );
 }
 
 #[test]
 fn scatter_has_the_same_bits_for_any_thread_count() {
-    let t = Pyramid::new(Texture { width: 64, height: 64, texels: random(64, 64, 3).texels.iter().map(|t| t.map(|x| x as f32)).collect() });
+    let t = Pyramid::new(Texture {
+        width: 64,
+        height: 64,
+        texels: random(64, 64, 3).texels.iter().map(|t| t.map(|x| x as f32)).collect(),
+    });
     let s = sampler(Wrap::Repeat, Filter::Trilinear);
     let run = |threads: usize| {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
