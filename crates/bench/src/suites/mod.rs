@@ -2,8 +2,11 @@
 
 mod atlas;
 mod decimate;
+mod gradients;
 mod metrics;
+mod raster;
 mod rays;
+mod vertex_color;
 
 use anyhow::Result;
 
@@ -20,6 +23,16 @@ pub(crate) struct Suite {
 /// All suites, in the order in which they run.
 pub(crate) const SUITES: &[Suite] = &[
     Suite { name: "metrics", about: "image metrics, time against size", run: metrics::run },
+    Suite {
+        name: "raster",
+        about: "differentiable rasterizer, time against pixels and triangles",
+        run: raster::run,
+    },
+    Suite {
+        name: "gradients",
+        about: "position gradients at silhouettes, error against time",
+        run: gradients::run,
+    },
     Suite {
         name: "rays",
         about: "ray casting through the hierarchy, time against triangles",

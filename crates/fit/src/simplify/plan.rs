@@ -8,6 +8,9 @@ use photofit_raster::{CHANNELS, channel};
 use photofit_scene::{AlphaMode, Scene};
 use std::fmt;
 
+/// A sample that varies less than this over the baked maps is constant: one step of 8 bits.
+const CONSTANT: f32 = 1.0 / 255.0;
+
 /// What runs; printable and comparable.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
@@ -25,8 +28,8 @@ pub struct Plan {
     pub emissive: bool,
     /// Positions are fitted: silhouettes, normals and tangents have gradients.
     pub positions: bool,
-    /// Texel samples with a gradient, out of those stored.
-    pub channels: usize,
+    /// Whether each sample of a texel is fitted; one that is the same everywhere in the baked maps is not.
+    pub fitted: [bool; CHANNELS],
     /// Textures of the reference that are read, out of those in the file.
     pub textures: (usize, usize),
 }
@@ -43,7 +46,17 @@ impl Plan {
         };
         let blend = used(|m| *m == AlphaMode::Blend);
         let mask = used(|m| matches!(m, AlphaMode::Mask { .. }));
-        let channels = 3 + 1 + 3 + usize::from(metallic) + usize::from(blend) + 3 * usize::from(emissive);
+        let varies = |c: usize| {
+            let (lo, hi) = base.iter().fold((f32::MAX, f32::MIN), |(lo, hi), t| (lo.min(t[c]), hi.max(t[c])));
+            hi - lo > CONSTANT
+        };
+        let mut fitted = [false; CHANNELS];
+        fitted[..3].fill((0..3).any(varies));
+        fitted[channel::ALPHA] = blend;
+        fitted[channel::ROUGHNESS] = varies(channel::ROUGHNESS);
+        fitted[channel::METALLIC] = metallic && varies(channel::METALLIC);
+        fitted[channel::NORMAL..channel::NORMAL + 3].fill(true);
+        fitted[channel::EMISSIVE..channel::EMISSIVE + 3].fill(emissive);
         let mut read: Vec<usize> = scene
             .materials
             .iter()
@@ -63,7 +76,7 @@ impl Plan {
             metallic,
             emissive,
             positions: options.steps > 0,
-            channels,
+            fitted,
             textures: (read.len(), scene.images.len()),
         }
     }
@@ -113,7 +126,11 @@ impl fmt::Display for Plan {
         line("silhouette search", true, "only where neighbouring pixels show different triangles")?;
         line("volumes", false, "the asset has none")?;
         line("indirect light", false, "the rasterizer is the reference renderer")?;
-        writeln!(f, "  {} of {CHANNELS} samples of a texel have a gradient", self.channels)?;
+        writeln!(
+            f,
+            "  {} of {CHANNELS} samples of a texel are fitted; the others are constant or unused",
+            self.fitted.iter().filter(|f| **f).count()
+        )?;
         write!(f, "  {} of {} textures of the reference are read", self.textures.0, self.textures.1)
     }
 }

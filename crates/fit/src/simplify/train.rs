@@ -82,15 +82,8 @@ struct Phase {
 
 /// Learning rates of a texel's samples, relative to the phase's.
 fn channel_rates(plan: &Plan) -> [f32; CHANNELS] {
-    let mut r = [0.0; CHANNELS];
-    r[..3].fill(1.0);
-    r[channel::ALPHA] = if plan.blend { 1.0 } else { 0.0 };
-    r[channel::ROUGHNESS] = 1.0;
-    r[channel::METALLIC] = if plan.metallic { 0.5 } else { 0.0 };
-    r[channel::NORMAL..channel::NORMAL + 3].fill(1.0);
-    if plan.emissive {
-        r[channel::EMISSIVE..channel::EMISSIVE + 3].fill(1.0);
-    }
+    let mut r = plan.fitted.map(|f| if f { 1.0 } else { 0.0 });
+    r[channel::METALLIC] *= 0.5;
     r
 }
 

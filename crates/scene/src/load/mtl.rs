@@ -10,7 +10,7 @@ use std::collections::HashMap;
 
 /// Appends the materials of the libraries named on an `mtllib` line.
 ///
-/// `Kd` and `map_Kd` make the base colour, `d` or `Tr` its alpha, `Ke` and `map_Ke` the emission; roughness is 0.5
+/// `Kd` or, where there is one, `map_Kd` is the base colour, `d` or `Tr` its alpha, `Ke` and `map_Ke` the emission; roughness is 0.5
 /// and metalness 0. A library that does not exist is a warning, a texture that does not exist an error.
 pub(super) fn load(
     files: &str,
@@ -78,6 +78,8 @@ fn statement(
         material.alpha_mode = if material.base_color[3] < 1.0 { AlphaMode::Blend } else { AlphaMode::Opaque };
     };
     match keyword {
+        // A map stands in place of Kd, as in Blender: exporters write 0.64 or 0.8 beside it.
+        "Kd" if material.base_color_texture.is_some() => drop(color()?),
         "Kd" => {
             let c = color()?;
             material.base_color[..3].copy_from_slice(&c.map(|x| x.min(1.0)));
@@ -88,7 +90,10 @@ fn statement(
             alpha(numbers::<1>(words, &[1.0], 1).map_err(rule)?[0]);
         }
         "Tr" => alpha(1.0 - numbers::<1>(rest, &[0.0], 1).map_err(rule)?[0]),
-        "map_Kd" => material.base_color_texture = Some(map(rest, folder, limits, place, textures)?),
+        "map_Kd" => {
+            material.base_color_texture = Some(map(rest, folder, limits, place, textures)?);
+            material.base_color[..3].fill(1.0);
+        }
         "map_Ke" => {
             material.emissive_texture = Some(map(rest, folder, limits, place, textures)?);
             if material.emissive == [0.0; 3] {
