@@ -4,8 +4,10 @@
 
 pub mod bake;
 pub mod candidate;
+pub mod compare;
 mod error;
 mod progress;
+pub mod report;
 pub mod simplify;
 pub mod views;
 pub mod visibility;

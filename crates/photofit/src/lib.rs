@@ -1,1 +1,71 @@
-//! photofit photofit.
+//! photofit fits 3D assets to images: this crate re-exports its parts under features.
+//!
+//! | feature | module | contents | brings |
+//! |---|---|---|---|
+//! | always | [`scalar`] | the scalar trait and small vectors | |
+//! | `image` | `image` | image buffers, colour, files, pyramids, metrics | |
+//! | `sampling` | `sampling` | counter-based random numbers, warps | |
+//! | `geometry` | `geometry` | meshes, normals, tangents, Laplacians, decimation, atlas | |
+//! | `shading` | `shading` | surfaces, lights and their derivatives | |
+//! | `optim` | `optim` | optimizers on plain slices | |
+//! | `scene` | `scene` | cameras, materials; glTF, OBJ and PLY files | `image`, `geometry`, `shading` |
+//! | `raster` | `raster` | the differentiable rasterizer | `scene` |
+//! | `pathtrace` | `pathtrace` | ray casting | `scene` |
+//! | `fit` (default) | `fit` | the tasks: simplify, bake, compare, report | all |
+//!
+//! Features only add. With `default-features = false` and one feature a crate gets that part and what it stands on.
+//!
+#![cfg_attr(
+    feature = "fit",
+    doc = r#"
+```
+use photofit::fit::{Silent, simplify::{SimplifyOptions, simplify}};
+use photofit::geometry::{decimate::Target, shapes};
+use photofit::scene::{Instance, Material, Primitive, Scene};
+
+// A rock of 1,280 triangles; an asset from a file would be `photofit::scene::load("rock.glb")?`.
+let rock = Scene {
+    primitives: vec![Primitive { mesh: shapes::displaced_sphere(8, 0.2, 3, 1), material: 0 }],
+    instances: vec![Instance { primitive: 0, transform: Default::default() }],
+    materials: vec![Material::clay()],
+    ..Scene::default()
+};
+let options = SimplifyOptions {
+    target: Target::Triangles(200),
+    resolution: 32,
+    texture_size: 32,
+    steps: 4,
+    batch: 1,
+    report_views: 1,
+    ..SimplifyOptions::default()
+};
+let file = std::env::temp_dir().join(format!("photofit-example-{}.glb", std::process::id()));
+let outcome = simplify(&rock, &file, &options, &Silent)?;
+assert!(outcome.triangles_out <= 200);
+assert!(outcome.fitted.psnr > 10.0);
+# std::fs::remove_file(&file)?;
+# Ok::<(), Box<dyn std::error::Error>>(())
+```
+"#
+)]
+
+pub use photofit_scalar as scalar;
+
+#[cfg(feature = "fit")]
+pub use photofit_fit as fit;
+#[cfg(feature = "geometry")]
+pub use photofit_geometry as geometry;
+#[cfg(feature = "image")]
+pub use photofit_image as image;
+#[cfg(feature = "optim")]
+pub use photofit_optim as optim;
+#[cfg(feature = "pathtrace")]
+pub use photofit_pathtrace as pathtrace;
+#[cfg(feature = "raster")]
+pub use photofit_raster as raster;
+#[cfg(feature = "sampling")]
+pub use photofit_sampling as sampling;
+#[cfg(feature = "scene")]
+pub use photofit_scene as scene;
+#[cfg(feature = "shading")]
+pub use photofit_shading as shading;

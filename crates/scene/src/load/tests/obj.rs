@@ -52,7 +52,11 @@ fn materials_and_maps() {
             .unwrap();
     assert_eq!(scene.primitives.len(), 2);
     let wood = &scene.materials[scene.primitives[0].material];
-    assert_eq!((wood.base_color, wood.roughness, wood.metallic), ([0.5, 0.5, 0.5, 1.0], 0.5, 0.0));
+    assert_eq!(
+        (wood.base_color, wood.roughness, wood.metallic),
+        ([1.0, 1.0, 1.0, 1.0], 0.5, 0.0),
+        "a map replaces Kd"
+    );
     assert_eq!(wood.emissive, [3.0, 0.0, 0.0]);
     let slot = wood.base_color_texture.unwrap();
     assert_eq!(slot.sampler.wrap_u, Wrap::ClampToEdge);

@@ -1,0 +1,231 @@
+//! The command line.
+
+use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Fits 3D assets to images: a heavy asset in, a light one that looks the same out.
+#[derive(Debug, Parser)]
+#[command(name = "photofit", version, arg_required_else_help = true)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Make a light asset that looks like a heavy one.
+    Simplify(Simplify),
+    /// Render a picture of an asset.
+    Render(Render),
+    /// Compare two images, or two assets from shared views: PSNR, SSIM, FLIP, RMSE.
+    Compare(Compare),
+    /// Show what an asset holds, what memory it takes, and what a fit of it would run and skip.
+    Inspect(Inspect),
+    /// Run the main job on a generated asset and write pictures and a report.
+    Demo(Demo),
+}
+
+/// Where the light comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum FitLight {
+    /// A point light around the camera and a weak constant environment.
+    Point,
+    /// The environment map of --env, turned at random.
+    Env,
+}
+
+/// What a fit starts from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Start {
+    /// The decimated asset.
+    Decimate,
+    /// A sphere around it.
+    Sphere,
+}
+
+#[derive(Args, Debug)]
+#[command(group = ArgGroup::new("budget").args(["triangles", "ratio", "error", "screen_size"]))]
+pub(crate) struct Simplify {
+    /// The asset: .glb, .gltf, .obj or .ply.
+    #[arg(value_name = "IN")]
+    pub(crate) input: PathBuf,
+    /// The file to write.
+    #[arg(short, long, value_name = "OUT.glb")]
+    pub(crate) output: PathBuf,
+    /// Budget: at most N triangles.
+    #[arg(long, value_name = "N")]
+    pub(crate) triangles: Option<usize>,
+    /// Budget: at most this share of the asset's triangles; 0.03 when no budget is given.
+    #[arg(long, value_name = "R")]
+    pub(crate) ratio: Option<f64>,
+    /// Budget: as few triangles as keep the geometric error below this share of the bounding diagonal.
+    #[arg(long, value_name = "E")]
+    pub(crate) error: Option<f64>,
+    /// Budget: as few triangles as look right on a screen where the asset is this large.
+    #[arg(long, value_name = "PX")]
+    pub(crate) screen_size: Option<f64>,
+    /// What the fit starts from.
+    #[arg(long, value_enum, default_value = "decimate")]
+    pub(crate) init: Start,
+    /// Width and height of the training pictures, pixels.
+    #[arg(long, value_name = "PX", default_value_t = 512)]
+    pub(crate) resolution: usize,
+    /// Pictures per step.
+    #[arg(long, value_name = "B")]
+    pub(crate) batch: Option<usize>,
+    /// Steps of the fit; fewer are made when held-out views stop improving.
+    #[arg(long, value_name = "N")]
+    pub(crate) steps: Option<u64>,
+    /// End the fit after this many seconds and keep what was reached.
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub(crate) time_limit: Option<Duration>,
+    /// Width and height of the textures, texels.
+    #[arg(long, value_name = "N")]
+    pub(crate) texture_size: Option<usize>,
+    /// Light while fitting and judging.
+    #[arg(long, value_enum, default_value = "point")]
+    pub(crate) light: FitLight,
+    /// Equirectangular environment (.hdr, .exr, .png, .jpg) of --light env.
+    #[arg(long, value_name = "FILE", required_if_eq("light", "env"))]
+    pub(crate) env: Option<PathBuf>,
+    /// Seed of all random choices.
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    pub(crate) seed: u64,
+    /// Threads; the result is the same for any number. All cores when not given.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(crate) threads: Option<u16>,
+    /// Folder in which the state of the fit is kept, for --resume.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) checkpoint: Option<PathBuf>,
+    /// Go on from the checkpoint, if there is one, to the same result as an uninterrupted run.
+    #[arg(long, requires = "checkpoint")]
+    pub(crate) resume: bool,
+    /// Folder for a report with pictures: index.html.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) report: Option<PathBuf>,
+    /// Print what runs and what is skipped, and why.
+    #[arg(long)]
+    pub(crate) explain: bool,
+    /// Write the figures as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) json: Option<PathBuf>,
+}
+
+/// The light of a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum RenderLight {
+    /// A point light above the camera's left shoulder and a weak constant environment.
+    Point,
+    /// The environment map of --env.
+    Env,
+    /// A light at the camera.
+    Headlight,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct Render {
+    /// The asset: .glb, .gltf, .obj or .ply.
+    #[arg(value_name = "IN")]
+    pub(crate) input: PathBuf,
+    /// The picture: .png (sRGB, straight alpha, transparent background) or .exr (linear, premultiplied RGBA).
+    #[arg(short, long, value_name = "OUT.png|.exr")]
+    pub(crate) output: PathBuf,
+    /// Width, pixels.
+    #[arg(long, value_name = "PX", default_value_t = 512, value_parser = clap::value_parser!(u32).range(1..=16384))]
+    pub(crate) width: u32,
+    /// Height, pixels.
+    #[arg(long, value_name = "PX", default_value_t = 512, value_parser = clap::value_parser!(u32).range(1..=16384))]
+    pub(crate) height: u32,
+    /// Turn of the camera around +y, from +z towards +x, degrees.
+    #[arg(long, value_name = "DEG", default_value_t = 30.0, value_parser = finite, allow_negative_numbers = true)]
+    pub(crate) azimuth: f32,
+    /// Lift of the camera towards +y, degrees.
+    #[arg(long, value_name = "DEG", default_value_t = 20.0, value_parser = finite, allow_negative_numbers = true)]
+    pub(crate) elevation: f32,
+    /// Distance of the camera from the centre, in radii of the bounding sphere; fills the picture when not given.
+    #[arg(long, value_name = "RADII", value_parser = distance)]
+    pub(crate) distance: Option<f32>,
+    /// The light.
+    #[arg(long, value_enum, default_value = "point")]
+    pub(crate) light: RenderLight,
+    /// Equirectangular environment (.hdr, .exr, .png, .jpg) of --light env.
+    #[arg(long, value_name = "FILE", required_if_eq("light", "env"))]
+    pub(crate) env: Option<PathBuf>,
+    /// Samples per pixel: 1, 4, 16 or 64.
+    #[arg(long, value_name = "N", default_value = "16", value_parser = ["1", "4", "16", "64"])]
+    pub(crate) spp: String,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct Compare {
+    /// The reference: an image (.png, .jpg, .exr, .hdr) or an asset (.glb, .gltf, .obj, .ply).
+    #[arg(value_name = "A")]
+    pub(crate) reference: PathBuf,
+    /// What is compared with it: a file of the same kind.
+    #[arg(value_name = "B")]
+    pub(crate) candidate: PathBuf,
+    /// Write the figures as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) json: Option<PathBuf>,
+    /// Write the FLIP error as a picture (.png): black is no error, pale yellow is 1.
+    #[arg(long, value_name = "FILE.png")]
+    pub(crate) heatmap: Option<PathBuf>,
+    /// Views of two assets.
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u64).range(1..=256))]
+    pub(crate) views: u64,
+    /// Width and height of the views of two assets, pixels.
+    #[arg(long, value_name = "PX", default_value_t = 512, value_parser = clap::value_parser!(u32).range(16..=4096))]
+    pub(crate) resolution: u32,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct Inspect {
+    /// The asset: .glb, .gltf, .obj or .ply.
+    #[arg(value_name = "IN")]
+    pub(crate) input: PathBuf,
+    /// Write what is shown as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) json: Option<PathBuf>,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct Demo {
+    /// Folder for the assets, the pictures and the report.
+    #[arg(long, value_name = "DIR", default_value = "photofit-demo")]
+    pub(crate) out: PathBuf,
+}
+
+fn seconds(text: &str) -> Result<Duration, String> {
+    let s: f64 = text.parse().map_err(|_| "a number of seconds".to_owned())?;
+    if s > 0.0 {
+        Duration::try_from_secs_f64(s).map_err(|e| e.to_string())
+    } else {
+        Err("more than 0 seconds".into())
+    }
+}
+
+fn finite(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(x) if x.is_finite() => Ok(x),
+        _ => Err("a finite number".into()),
+    }
+}
+
+fn distance(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(x) if (1.0..=1000.0).contains(&x) => Ok(x),
+        _ => Err("a number in 1..1000".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+}

@@ -1,0 +1,146 @@
+//! `photofit compare`: how much two images, or two assets, look alike.
+
+use crate::args::Compare;
+use crate::output::{self, print};
+use crate::preflight;
+use crate::progress::Terminal;
+use anyhow::{Result, anyhow, bail};
+use photofit_fit::compare::{ComparedView, compare_assets};
+use photofit_image::{
+    DEFAULT_PIXELS_PER_DEGREE, Image, contact_sheet, flip, heatmap, psnr_from_mse, rmse, ssim, to_display,
+    write_png,
+};
+use photofit_scene::Scene;
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// FLIP of the brightest colour of a heat map.
+const HEAT: f32 = 1.0;
+
+/// The four figures.
+#[derive(Clone, Copy, Debug, Default)]
+struct Figures {
+    psnr: f64,
+    ssim: f64,
+    flip: f64,
+    rmse: f64,
+}
+
+impl Figures {
+    fn of(v: &ComparedView) -> Self {
+        let q = &v.view.quality;
+        Self { psnr: q.psnr, ssim: q.ssim, flip: q.flip, rmse: v.rmse }
+    }
+
+    fn json(&self) -> Value {
+        json!({ "psnr": self.psnr, "ssim": self.ssim, "flip": self.flip, "rmse": self.rmse })
+    }
+
+    fn row(&self, name: &str) -> String {
+        format!("{name:<10} {:>9.2} {:>8.4} {:>8.4} {:>8.4}\n", self.psnr, self.ssim, self.flip, self.rmse)
+    }
+}
+
+pub(crate) fn run(a: &Compare) -> Result<()> {
+    if let Some(file) = &a.json {
+        preflight::file(file, &[])?;
+    }
+    if let Some(file) = &a.heatmap {
+        preflight::file(file, &["png"])?;
+    }
+    let (kinds, heat, views) = match (is_asset(&a.reference), is_asset(&a.candidate)) {
+        (true, true) => assets(a)?,
+        (false, false) => images(a)?,
+        (asset, _) => {
+            let kind = if asset { "asset" } else { "image" };
+            bail!(
+                "{}: both files are of one kind, {} is an {kind}",
+                a.candidate.display(),
+                a.reference.display()
+            )
+        }
+    };
+    let mean = mean(&views);
+    let mut text = format!("{:<10} {:>9} {:>8} {:>8} {:>8}\n", "", "PSNR dB", "SSIM", "FLIP", "RMSE");
+    if views.len() > 1 {
+        views.iter().enumerate().for_each(|(i, v)| text += &v.row(&format!("view {}", i + 1)));
+    }
+    text += &mean.row(if views.len() > 1 { "mean" } else { "" });
+    if let Some(file) = &a.heatmap {
+        write_png(file, &heat)?;
+        text += &format!("wrote {}\n", file.display());
+    }
+    if let Some(file) = &a.json {
+        let mut value = mean.json();
+        value["reference"] = json!(a.reference.display().to_string());
+        value["candidate"] = json!(a.candidate.display().to_string());
+        value["kind"] = json!(kinds);
+        if views.len() > 1 {
+            value["views"] = views.iter().map(Figures::json).collect();
+        }
+        output::write_json(file, &value)?;
+    }
+    print(&text)
+}
+
+fn is_asset(path: &Path) -> bool {
+    let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    ["glb", "gltf", "obj", "ply"].contains(&ending.as_str())
+}
+
+fn mean(views: &[Figures]) -> Figures {
+    let n = views.len().max(1) as f64;
+    let of = |f: fn(&Figures) -> f64| views.iter().map(f).sum::<f64>() / n;
+    Figures { psnr: of(|v| v.psnr), ssim: of(|v| v.ssim), flip: of(|v| v.flip), rmse: of(|v| v.rmse) }
+}
+
+type Compared = (&'static str, Image, Vec<Figures>);
+
+fn assets(a: &Compare) -> Result<Compared> {
+    let load = |path: &Path| -> Result<Scene> {
+        let scene = photofit_scene::load(path)?;
+        scene.validate_for_fit().map_err(|e| anyhow!("{}: {e}", path.display()))?;
+        Ok(scene)
+    };
+    let (reference, candidate) = (load(&a.reference)?, load(&a.candidate)?);
+    let progress = Terminal::new();
+    let views = compare_assets(&reference, &candidate, a.views, a.resolution as usize, &progress)?;
+    progress.finish();
+    let maps: Vec<Image> = views.iter().map(|v| heatmap(&v.view.flip, HEAT)).collect();
+    let columns = (maps.len() as f64).sqrt().ceil() as usize;
+    let sheet = contact_sheet(&maps.iter().collect::<Vec<_>>(), columns, 4);
+    Ok(("assets", sheet, views.iter().map(Figures::of).collect()))
+}
+
+fn images(a: &Compare) -> Result<Compared> {
+    let (reference, candidate) = (photofit_image::read(&a.reference)?, photofit_image::read(&a.candidate)?);
+    let size = |i: &Image| format!("{} x {}", i.width, i.height);
+    if (reference.width, reference.height) != (candidate.width, candidate.height) {
+        bail!(
+            "{}: the images have one size, found {} against {} of {}",
+            a.candidate.display(),
+            size(&candidate),
+            size(&reference),
+            a.reference.display()
+        );
+    }
+    let (r, c) = (shown(&reference, &a.reference)?, shown(&candidate, &a.candidate)?);
+    let error = flip(&r, &c, DEFAULT_PIXELS_PER_DEGREE);
+    let rmse = rmse(&r, &c);
+    let figures =
+        Figures { psnr: psnr_from_mse(rmse * rmse), ssim: ssim(&r, &c).mean, flip: error.mean, rmse };
+    Ok(("images", heatmap(&error.map, HEAT), vec![figures]))
+}
+
+/// The display picture of an image: RGB over black for straight alpha (PNG) and premultiplied alpha (`OpenEXR`), grey
+/// replicated.
+fn shown(image: &Image, path: &Path) -> Result<Image> {
+    let premultiplied = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
+    let rgb = match image.channels {
+        1 => image.select(&[0, 0, 0]),
+        4 if !premultiplied => image.over([0.0; 3]),
+        3.. => image.select(&[0, 1, 2]),
+        n => bail!("{}: an image of 1, 3 or 4 channels, found {n}", path.display()),
+    };
+    Ok(to_display(&rgb))
+}

@@ -1,0 +1,172 @@
+//! `photofit inspect`: what an asset holds, and what a fit of it would run.
+
+use crate::args::Inspect;
+use crate::output::{self, bytes, count, print};
+use crate::{forecast, preflight};
+use anyhow::Result;
+use photofit_scene::{AlphaMode, Material, Scene};
+use serde_json::{Value, json};
+use std::path::Path;
+
+pub(crate) fn run(a: &Inspect) -> Result<()> {
+    if let Some(file) = &a.json {
+        preflight::file(file, &[])?;
+    }
+    let scene = photofit_scene::load(&a.input)?;
+    if let Some(file) = &a.json {
+        output::write_json(file, &to_json(&a.input, &scene))?;
+    }
+    print(&text(&a.input, &scene))
+}
+
+fn alpha(m: &Material) -> String {
+    match m.alpha_mode {
+        AlphaMode::Opaque => "opaque".into(),
+        AlphaMode::Mask { cutoff } => format!("mask at {cutoff}"),
+        AlphaMode::Blend => "blend".into(),
+    }
+}
+
+/// The slots of a material that have a texture, with the index of its image.
+fn textures(m: &Material) -> Vec<(&'static str, usize)> {
+    [
+        ("base colour", &m.base_color_texture),
+        ("roughness and metalness", &m.metallic_roughness_texture),
+        ("normal", &m.normal_texture),
+        ("occlusion", &m.occlusion_texture),
+        ("emission", &m.emissive_texture),
+    ]
+    .into_iter()
+    .filter_map(|(name, slot)| slot.map(|s| (name, s.image)))
+    .collect()
+}
+
+/// Names of the attributes that a primitive has.
+fn attributes(mesh: &photofit_geometry::Mesh) -> Vec<&'static str> {
+    [
+        ("normals", mesh.normals.is_empty()),
+        ("tangents", mesh.tangents.is_empty()),
+        ("uv 0", mesh.uvs.is_empty()),
+        ("uv 1", mesh.uvs1.is_empty()),
+        ("colours", mesh.colors.is_empty()),
+    ]
+    .into_iter()
+    .filter_map(|(name, absent)| (!absent).then_some(name))
+    .collect()
+}
+
+fn named(name: &str) -> String {
+    if name.is_empty() { String::new() } else { format!(" {name:?}") }
+}
+
+fn text(path: &Path, scene: &Scene) -> String {
+    let mut out = format!("{}\n", path.display());
+    out += &format!(
+        "  {} primitives, {} placed: {} triangles, {} vertices\n",
+        scene.primitives.len(),
+        scene.instances.len(),
+        count(scene.triangle_count()),
+        count(scene.vertex_count())
+    );
+    if let Some((lo, hi)) = scene.bounds() {
+        let d = hi - lo;
+        out += &format!("  box of {:.4} x {:.4} x {:.4} units, area {:.4}\n", d.x, d.y, d.z, scene.area());
+    }
+    for (i, p) in scene.primitives.iter().enumerate() {
+        out += &format!(
+            "  primitive {i}: {} triangles, {} vertices, material {}; {}\n",
+            count(p.mesh.triangles.len()),
+            count(p.mesh.positions.len()),
+            p.material,
+            attributes(&p.mesh).join(", ")
+        );
+    }
+    for (i, m) in scene.materials.iter().enumerate() {
+        let kinds: Vec<String> =
+            textures(m).iter().map(|(name, image)| format!("{name} from image {image}")).collect();
+        let flags = [(m.double_sided, ", double-sided"), (m.unlit, ", unlit")];
+        let flags: String = flags.iter().filter(|f| f.0).map(|f| f.1).collect();
+        let kinds = if kinds.is_empty() { "no textures".into() } else { kinds.join(", ") };
+        out += &format!("  material {i}{}: {}{flags}; {kinds}\n", named(&m.name), alpha(m));
+    }
+    for (i, image) in scene.images.iter().enumerate() {
+        out += &format!("  image {i}{}: {} x {}\n", named(&image.name), image.width, image.height);
+    }
+    if !scene.cameras.is_empty() {
+        out += &format!("  {} cameras\n", scene.cameras.len());
+    }
+    let m = scene.memory();
+    let [geometry, images, flattened, surfaces] =
+        [m.geometry, m.images, m.flattened, m.surfaces].map(|b| bytes(b as u64));
+    out += &format!(
+        "memory\n  geometry {geometry}, images {images}; when used: at most {flattened} and {surfaces}\n"
+    );
+    if !scene.warnings.is_empty() {
+        out += "warnings\n";
+        scene.warnings.iter().for_each(|w| out += &format!("  {w}\n"));
+    }
+    out += "a fit\n";
+    match scene.validate_for_fit() {
+        Ok(()) => out += &forecast::text(&forecast::forecast(scene)),
+        Err(e) => out += &format!("  is not possible: {e}\n"),
+    }
+    out
+}
+
+fn to_json(path: &Path, scene: &Scene) -> Value {
+    let m = scene.memory();
+    let bounds = scene.bounds().map(|(lo, hi)| json!([lo.to_array(), hi.to_array()]));
+    let primitives: Vec<Value> = scene
+        .primitives
+        .iter()
+        .map(|p| {
+            json!({
+                "triangles": p.mesh.triangles.len(),
+                "vertices": p.mesh.positions.len(),
+                "material": p.material,
+                "attributes": attributes(&p.mesh),
+            })
+        })
+        .collect();
+    let materials: Vec<Value> = scene
+        .materials
+        .iter()
+        .map(|m| {
+            let textures: serde_json::Map<String, Value> =
+                textures(m).into_iter().map(|(k, i)| (k.to_owned(), json!(i))).collect();
+            json!({
+                "name": m.name,
+                "alpha_mode": alpha(m),
+                "double_sided": m.double_sided,
+                "unlit": m.unlit,
+                "textures": textures,
+            })
+        })
+        .collect();
+    let images: Vec<Value> = scene
+        .images
+        .iter()
+        .map(|i| json!({ "name": i.name, "width": i.width, "height": i.height }))
+        .collect();
+    let problem = scene.validate_for_fit().err().map(|e| e.to_string());
+    let plan = if problem.is_none() { forecast::to_json(&forecast::forecast(scene)) } else { Value::Null };
+    json!({
+        "input": path.display().to_string(),
+        "meshes": scene.primitives.len(),
+        "instances": scene.instances.len(),
+        "triangles": scene.triangle_count(),
+        "vertices": scene.vertex_count(),
+        "area": scene.area(),
+        "bounds": bounds,
+        "primitives": primitives,
+        "materials": materials,
+        "images": images,
+        "cameras": scene.cameras.len(),
+        "memory": {
+            "geometry": m.geometry, "images": m.images, "flattened": m.flattened, "surfaces": m.surfaces,
+        },
+        "warnings": scene.warnings,
+        "problem": problem,
+        "plan": plan,
+    })
+}

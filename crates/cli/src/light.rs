@@ -1,0 +1,21 @@
+//! The environment of `--env`.
+
+use anyhow::{Result, anyhow};
+use photofit_scene::load_environment;
+use photofit_shading::Environment;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Radiance that a white diffuse sphere shows on average.
+const MEAN: f32 = 0.7;
+
+/// Loads an equirectangular environment and scales it to a mean of [`MEAN`].
+///
+/// # Errors
+/// If the file is no such image.
+pub(crate) fn environment(path: &Path) -> Result<Arc<Environment>> {
+    let image = load_environment(path)?;
+    let map = Environment::from_equirectangular(image.width, image.height, &image.data)
+        .map_err(|e| anyhow!("{}: {e}", path.display()))?;
+    Ok(Arc::new(map.normalised(MEAN)))
+}

@@ -1,0 +1,82 @@
+//! What goes to stdout and into JSON files.
+
+use anyhow::Result;
+use photofit_fit::simplify::Quality;
+use serde_json::{Value, json};
+use std::io::{ErrorKind, Write};
+use std::path::Path;
+
+/// Prints to stdout; a reader that has gone away is no error.
+///
+/// # Errors
+/// Any other refusal of stdout.
+pub(crate) fn print(text: &str) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(e.into()),
+        _ => Ok(()),
+    }
+}
+
+/// Writes JSON under a temporary name and renames it.
+///
+/// # Errors
+/// If the file system refuses.
+pub(crate) fn write_json(path: &Path, value: &Value) -> Result<()> {
+    let mut text = serde_json::to_string_pretty(value)?;
+    text.push('\n');
+    Ok(photofit_image::write_atomically(path, text.as_bytes())?)
+}
+
+/// A quality as JSON.
+pub(crate) fn quality(q: &Quality) -> Value {
+    json!({ "psnr": q.psnr, "ssim": q.ssim, "flip": q.flip })
+}
+
+/// A table of qualities.
+pub(crate) fn quality_table(rows: &[(&str, &Quality)]) -> String {
+    let mut text = format!("{:<12} {:>9} {:>8} {:>8}\n", "", "PSNR dB", "SSIM", "FLIP");
+    for (name, q) in rows {
+        text += &format!("{name:<12} {:>9.2} {:>8.4} {:>8.4}\n", q.psnr, q.ssim, q.flip);
+    }
+    text
+}
+
+/// A number of bytes for people.
+pub(crate) fn bytes(n: u64) -> String {
+    let x = n as f64;
+    match n {
+        0..1024 => format!("{n} B"),
+        1024..1_048_576 => format!("{:.1} KiB", x / 1024.0),
+        1_048_576..1_073_741_824 => format!("{:.1} MiB", x / 1_048_576.0),
+        _ => format!("{:.2} GiB", x / 1_073_741_824.0),
+    }
+}
+
+/// A count with separated thousands.
+pub(crate) fn count(n: usize) -> String {
+    let digits = n.to_string();
+    let mut out = String::new();
+    for (i, c) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i) % 3 == 0 {
+            out.push(',');
+        }
+        out.push(c);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_for_people() {
+        for (n, text) in [(0, "0"), (999, "999"), (1000, "1,000"), (1_234_567, "1,234,567")] {
+            assert_eq!(count(n), text);
+        }
+        for (n, text) in [(12, "12 B"), (1536, "1.5 KiB"), (3 << 20, "3.0 MiB"), (5 << 30, "5.00 GiB")] {
+            assert_eq!(bytes(n), text);
+        }
+    }
+}

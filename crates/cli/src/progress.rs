@@ -1,0 +1,136 @@
+//! Progress on the terminal, and Ctrl-C.
+
+use indicatif::{ProgressBar, ProgressStyle};
+use photofit_fit::Progress;
+use std::io::{IsTerminal, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Time between two lines when stderr is no terminal.
+const PLAIN_INTERVAL: Duration = Duration::from_secs(10);
+
+static CANCELLED: AtomicBool = AtomicBool::new(false);
+
+/// Installs the handler of Ctrl-C: the first asks the work to stop and keep what it has, the second quits.
+pub(crate) fn handle_interrupts() {
+    let handler = || {
+        if CANCELLED.swap(true, Ordering::SeqCst) {
+            std::process::exit(130);
+        }
+        say("stopping; what was reached is kept. Press Ctrl-C again to quit at once.");
+    };
+    // Without a handler Ctrl-C ends the program as usual.
+    let _ = ctrlc::set_handler(handler);
+}
+
+/// A line on stderr.
+pub(crate) fn say(text: &str) {
+    // Nobody is left to tell when stderr is gone.
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+/// Shows progress: a bar on a terminal, else a line at each stage and every ten seconds.
+pub(crate) struct Terminal {
+    state: Mutex<State>,
+}
+
+struct State {
+    bar: Option<ProgressBar>,
+    stage: &'static str,
+    began: Instant,
+    spoke: Instant,
+    /// Units that were done when the stage began: a resumed fit does not begin at 0.
+    first: u64,
+}
+
+impl Terminal {
+    pub(crate) fn new() -> Self {
+        let now = Instant::now();
+        let bar = std::io::stderr().is_terminal().then(|| {
+            let bar = ProgressBar::new(1);
+            let template = "{msg:<12} {wide_bar} {pos}/{len} {prefix} {elapsed} eta {eta}";
+            if let Ok(style) = ProgressStyle::with_template(template) {
+                bar.set_style(style.progress_chars("=> "));
+            }
+            bar.enable_steady_tick(Duration::from_millis(500));
+            bar
+        });
+        Self { state: Mutex::new(State { bar, stage: "", began: now, spoke: now, first: 0 }) }
+    }
+
+    /// Ends the last stage.
+    pub(crate) fn finish(&self) {
+        let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        state.end_stage();
+        if let Some(bar) = &state.bar {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+impl Drop for Terminal {
+    fn drop(&mut self) {
+        if let Some(bar) = &self.state.get_mut().unwrap_or_else(PoisonError::into_inner).bar {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+impl State {
+    fn end_stage(&self) {
+        if self.stage.is_empty() {
+            return;
+        }
+        let line = format!("{:<12} {:.1} s", self.stage, self.began.elapsed().as_secs_f64());
+        match &self.bar {
+            Some(bar) => bar.suspend(|| say(&line)),
+            None => say(&line),
+        }
+    }
+
+    fn plain_line(&mut self, done: u64, total: u64, note: &str) {
+        if self.spoke.elapsed() < PLAIN_INTERVAL {
+            return;
+        }
+        self.spoke = Instant::now();
+        let elapsed = self.began.elapsed().as_secs_f64();
+        let made = done.saturating_sub(self.first);
+        let left = match made {
+            0 => String::new(),
+            n => format!(", {:.0} s left at most", elapsed / n as f64 * total.saturating_sub(done) as f64),
+        };
+        let note = if note.is_empty() { String::new() } else { format!(", {note}") };
+        say(&format!("{:<12} {done}/{total}{note}, {elapsed:.0} s{left}", self.stage));
+    }
+}
+
+impl Progress for Terminal {
+    fn report(&self, stage: &'static str, done: u64, total: u64, note: &str) {
+        // Written between two steps of the fit, in no time.
+        if stage == "checkpoint" {
+            return;
+        }
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        if stage != state.stage {
+            state.end_stage();
+            (state.stage, state.began, state.first) = (stage, Instant::now(), done);
+            if let Some(bar) = &state.bar {
+                bar.reset();
+                bar.set_message(stage);
+            }
+        }
+        match &state.bar {
+            Some(bar) => {
+                bar.set_length(total);
+                bar.set_position(done);
+                bar.set_prefix(note.to_owned());
+            }
+            None => state.plain_line(done, total, note),
+        }
+    }
+
+    fn is_cancelled(&self) -> bool {
+        CANCELLED.load(Ordering::SeqCst)
+    }
+}

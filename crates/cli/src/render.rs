@@ -1,0 +1,130 @@
+//! `photofit render`: one picture of an asset.
+
+use crate::args::{Render, RenderLight};
+use crate::{light, preflight};
+use anyhow::{Result, anyhow};
+use glam::Vec3;
+use photofit_image::Image;
+use photofit_raster::scene_render::SceneRenderer;
+use photofit_scalar::{Vec3f, vec3};
+use photofit_scene::{Camera, Scene, SurfaceLibrary};
+use photofit_shading::{Light, Yaw};
+use std::path::Path;
+
+/// Vertical field of view, radians.
+const FIELD_OF_VIEW: f32 = 0.7;
+/// Irradiance of the main light at the centre of the asset.
+const IRRADIANCE: f32 = 2.6;
+/// Radiance of the weak constant environment beside a point light.
+const AMBIENT: f32 = 0.22;
+
+pub(crate) fn run(a: &Render) -> Result<()> {
+    preflight::file(&a.output, &["png", "exr"])?;
+    preflight::distinct(&a.input, &a.output)?;
+    let environment = match (a.light, &a.env) {
+        (RenderLight::Env, Some(file)) => Some(light::environment(file)?),
+        _ => None,
+    };
+    let scene = photofit_scene::load(&a.input)?;
+    scene.validate_for_fit().map_err(|e| anyhow!("{}: {e}", a.input.display()))?;
+    let (center, radius) =
+        scene.bounding_sphere().ok_or_else(|| anyhow!("{}: the asset has no extent", a.input.display()))?;
+    let aspect = a.width as f32 / a.height as f32;
+    let (azimuth, elevation) = (a.azimuth.to_radians(), a.elevation.to_radians());
+    let camera = match a.distance {
+        None => Camera::framing(center, radius, azimuth, elevation, FIELD_OF_VIEW, aspect),
+        Some(d) => Camera::orbit(center, radius, azimuth, elevation, d * radius, FIELD_OF_VIEW, aspect),
+    };
+    let lights = match (a.light, &environment) {
+        (RenderLight::Env, Some(map)) => {
+            vec![Light::Environment { map, rotation: Yaw::new(0.0), scale: 1.0 }]
+        }
+        (RenderLight::Headlight, _) => headlight(&camera, center),
+        _ => point_light(&camera, center, radius),
+    };
+    let supersample = match a.spp.as_str() {
+        "1" => 1,
+        "4" => 2,
+        "64" => 8,
+        _ => 4,
+    };
+    let picture = render(&scene, &camera, &lights, (a.width as usize, a.height as usize), supersample);
+    write(&a.output, &picture)
+}
+
+/// Renders linear, premultiplied RGBA.
+pub(crate) fn render(
+    scene: &Scene,
+    camera: &Camera,
+    lights: &[Light<'_>],
+    (width, height): (usize, usize),
+    supersample: usize,
+) -> Image {
+    let (flat, library) = (scene.flatten(), SurfaceLibrary::new(scene));
+    SceneRenderer::new(&flat, &library).render(camera, lights, width, height, supersample)
+}
+
+/// A picture of the whole scene as the command shows it without options, linear and premultiplied.
+pub(crate) fn portrait(scene: &Scene, side: usize) -> Option<Image> {
+    let (center, radius) = scene.bounding_sphere()?;
+    let camera =
+        Camera::framing(center, radius, 30_f32.to_radians(), 20_f32.to_radians(), FIELD_OF_VIEW, 1.0);
+    Some(render(scene, &camera, &point_light(&camera, center, radius), (side, side), 4))
+}
+
+/// A point light above the camera's left shoulder and a weak constant environment.
+fn point_light(camera: &Camera, center: Vec3, radius: f32) -> Vec<Light<'static>> {
+    let to_world = camera.view.inverse();
+    let direction = to_world.transform_vector3(glam::vec3(-0.5, 0.6, 1.0)).normalize_or_zero();
+    let distance = 4.0 * radius;
+    let p = center + direction * distance;
+    vec![
+        Light::Point {
+            position: vec3(p.x, p.y, p.z),
+            intensity: Vec3f::splat(IRRADIANCE * distance * distance),
+        },
+        Light::Ambient { radiance: Vec3f::splat(AMBIENT) },
+    ]
+}
+
+/// A light at the eye that is as bright at the centre as the point light.
+fn headlight(camera: &Camera, center: Vec3) -> Vec<Light<'static>> {
+    let p = camera.eye;
+    let squared = p.distance_squared(center);
+    vec![Light::Point { position: vec3(p.x, p.y, p.z), intensity: Vec3f::splat(IRRADIANCE * squared) }]
+}
+
+/// Writes linear, premultiplied RGBA: as it is to `.exr`, as sRGB with straight alpha to `.png`.
+pub(crate) fn write(path: &Path, picture: &Image) -> Result<()> {
+    let exr = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
+    if exr {
+        photofit_image::write_exr(path, &[("", picture, &["R", "G", "B", "A"])])?;
+    } else {
+        photofit_image::write_png(path, &straight(picture))?;
+    }
+    Ok(())
+}
+
+/// Straight alpha from premultiplied.
+fn straight(picture: &Image) -> Image {
+    let mut out = picture.clone();
+    for p in out.data.chunks_exact_mut(4) {
+        let alpha = p[3];
+        if alpha > 0.0 {
+            p[..3].iter_mut().for_each(|c| *c /= alpha);
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::straight;
+    use photofit_image::Image;
+
+    #[test]
+    fn alpha_is_divided_out() {
+        let image = Image::from_data(2, 1, 4, vec![0.1, 0.2, 0.3, 0.5, 0.0, 0.0, 0.0, 0.0]);
+        assert_eq!(straight(&image).data, [0.2, 0.4, 0.6, 0.5, 0.0, 0.0, 0.0, 0.0]);
+    }
+}

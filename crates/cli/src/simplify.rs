@@ -1,0 +1,230 @@
+//! `photofit simplify`: the main job.
+
+use crate::args::{FitLight, Simplify, Start};
+use crate::output::{self, print};
+use crate::progress::{Terminal, handle_interrupts};
+use crate::{forecast, light, memory, preflight};
+use anyhow::{Error, Result, anyhow};
+use photofit_fit::FitError;
+use photofit_fit::report::{ReportInfo, write_report};
+use photofit_fit::simplify::{Init, Outcome, SimplifyOptions, simplify};
+use photofit_fit::views::Lighting;
+use photofit_geometry::decimate::Target;
+use photofit_scene::{Scene, SceneError};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+
+/// Share of the triangles that is kept when no budget is given.
+const DEFAULT_RATIO: f64 = 0.03;
+
+pub(crate) fn run(a: &Simplify) -> Result<()> {
+    preflight::file(&a.output, &["glb"])?;
+    preflight::distinct(&a.input, &a.output)?;
+    if let Some(json) = &a.json {
+        preflight::file(json, &[])?;
+    }
+    for folder in [&a.report, &a.checkpoint].into_iter().flatten() {
+        preflight::folder(folder)?;
+    }
+    set_threads(a.threads)?;
+    let options = options(a)?;
+    // What no asset could satisfy is told before one is read.
+    options.check(usize::MAX).map_err(|e| explain_error(&a.input, e))?;
+    let scene = photofit_scene::load(&a.input)?;
+    let job = Job { input: &a.input, output: &a.output, report: a.report.as_deref(), explain: a.explain };
+    let done = job.run(&scene, &options)?;
+    if let Some(path) = &a.json {
+        output::write_json(path, &done.json)?;
+    }
+    Ok(())
+}
+
+/// Sizes the pool that all crates share.
+fn set_threads(threads: Option<u16>) -> Result<()> {
+    let Some(n) = threads else { return Ok(()) };
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(usize::from(n))
+        .build_global()
+        .map_err(|e| anyhow!("--threads {n}: {e}"))
+}
+
+fn options(a: &Simplify) -> Result<SimplifyOptions> {
+    let target = match (a.triangles, a.ratio, a.error, a.screen_size) {
+        (Some(n), ..) => Target::Triangles(n),
+        (_, Some(r), ..) => Target::Ratio(r),
+        (_, _, Some(e), _) => Target::Error(e),
+        (.., Some(p)) => Target::ScreenSize(p),
+        _ => Target::Ratio(DEFAULT_RATIO),
+    };
+    let lighting = match (a.light, &a.env) {
+        (FitLight::Env, Some(file)) => Lighting::Environment(light::environment(file)?),
+        _ => Lighting::Point,
+    };
+    let default = SimplifyOptions::default();
+    Ok(SimplifyOptions {
+        target,
+        init: match a.init {
+            Start::Decimate => Init::Decimate,
+            Start::Sphere => Init::Sphere,
+        },
+        resolution: a.resolution,
+        batch: a.batch.unwrap_or(default.batch),
+        steps: a.steps.unwrap_or(default.steps),
+        time_limit: a.time_limit,
+        texture_size: a.texture_size.unwrap_or(default.texture_size),
+        lighting,
+        seed: a.seed,
+        checkpoint: a.checkpoint.clone(),
+        resume: a.resume,
+        ..default
+    })
+}
+
+/// Adds the name of the asset to errors that do not name a file.
+fn explain_error(input: &Path, error: FitError) -> Error {
+    let named = match &error {
+        FitError::Io { .. }
+        | FitError::Image(_)
+        | FitError::Checkpoint { .. }
+        | FitError::Interrupted
+        | FitError::Scene(SceneError::Read { .. } | SceneError::Write { .. } | SceneError::Invalid { .. }) => {
+            true
+        }
+        _ => false,
+    };
+    if named { error.into() } else { anyhow!("{}: {error}", input.display()) }
+}
+
+/// One simplification with everything that is told about it.
+pub(crate) struct Job<'a> {
+    pub(crate) input: &'a Path,
+    pub(crate) output: &'a Path,
+    pub(crate) report: Option<&'a Path>,
+    pub(crate) explain: bool,
+}
+
+/// What a job leaves.
+pub(crate) struct Done {
+    pub(crate) outcome: Outcome,
+    pub(crate) json: Value,
+}
+
+impl Job<'_> {
+    pub(crate) fn run(&self, scene: &Scene, options: &SimplifyOptions) -> Result<Done> {
+        scene.validate_for_fit().map_err(|e| explain_error(self.input, e.into()))?;
+        for warning in &scene.warnings {
+            crate::progress::say(&format!("warning: {}: {warning}", self.input.display()));
+        }
+        if self.explain {
+            print(&format!("what the asset asks for:\n{}\n", forecast::text(&forecast::forecast(scene))))?;
+        }
+        handle_interrupts();
+        let progress = Terminal::new();
+        let outcome =
+            simplify(scene, self.output, options, &progress).map_err(|e| explain_error(self.input, e))?;
+        progress.finish();
+        if outcome.stopped {
+            crate::progress::say("the fit was ended early; what was reached is written");
+        }
+        if self.explain {
+            print(&format!("what ran:\n{}\n\n", outcome.plan))?;
+        }
+        let report = self.write_report(scene, &outcome)?;
+        self.print_summary(&outcome, report.as_deref())?;
+        let json = self.json(&outcome, report.as_deref());
+        Ok(Done { outcome, json })
+    }
+
+    fn write_report(&self, scene: &Scene, outcome: &Outcome) -> Result<Option<PathBuf>> {
+        let Some(folder) = self.report else { return Ok(None) };
+        let arguments = std::env::args().skip(1).map(|a| quoted(&a));
+        let command = ["photofit".to_owned()].into_iter().chain(arguments).collect::<Vec<_>>().join(" ");
+        let info = ReportInfo {
+            scene,
+            title: name(self.input),
+            command,
+            bytes_in: std::fs::metadata(self.input).ok().map(|m| m.len()),
+            bytes_out: std::fs::metadata(self.output).ok().map(|m| m.len()),
+        };
+        Ok(Some(write_report(folder, outcome, &info)?))
+    }
+
+    fn print_summary(&self, o: &Outcome, report: Option<&Path>) -> Result<()> {
+        let mut text =
+            output::quality_table(&[("decimated", &o.decimated), ("baked", &o.baked), ("fitted", &o.fitted)]);
+        text += &format!(
+            "\n{} -> {} triangles, {} steps, {:.1} s ({:.1} s of it until the file was written)\n",
+            output::count(o.triangles_in),
+            output::count(o.triangles_out),
+            o.steps,
+            o.seconds,
+            o.fit_seconds
+        );
+        text += &format!("wrote {}\n", self.output.display());
+        if let Some(page) = report {
+            text += &format!("wrote {}\n", page.display());
+        }
+        print(&text)
+    }
+
+    fn json(&self, o: &Outcome, report: Option<&Path>) -> Value {
+        let views: Vec<Value> = o
+            .views
+            .iter()
+            .map(|v| v.quality.iter().map(|q| output::quality(&q.quality)).collect::<Vec<_>>())
+            .map(|q| json!({ "decimated": q[0], "baked": q[1], "fitted": q[2] }))
+            .collect();
+        let history: Vec<Value> = o
+            .history
+            .iter()
+            .map(|h| json!({ "step": h.step, "seconds": h.seconds, "loss": h.loss, "held_out_psnr": h.held_out_psnr }))
+            .collect();
+        json!({
+            "input": self.input.display().to_string(),
+            "output": self.output.display().to_string(),
+            "report": report.map(|p| p.display().to_string()),
+            "triangles_in": o.triangles_in,
+            "triangles_out": o.triangles_out,
+            "seconds": o.seconds,
+            "fit_seconds": o.fit_seconds,
+            "seconds_to_half_db": o.seconds_to_half_db,
+            "steps": o.steps,
+            "stopped": o.stopped,
+            "mpix_per_s": o.mpix_per_s,
+            "peak_rss_mb": memory::peak_rss_mb(),
+            "threads": rayon::current_num_threads(),
+            "decimated": output::quality(&o.decimated),
+            "baked": output::quality(&o.baked),
+            "fitted": output::quality(&o.fitted),
+            "views": views,
+            "history": history,
+        })
+    }
+}
+
+fn name(path: &Path) -> String {
+    path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned())
+}
+
+/// An argument as a shell would take it.
+fn quoted(argument: &str) -> String {
+    let plain = |c: char| c.is_alphanumeric() || "-_./=:,+@%".contains(c);
+    if !argument.is_empty() && argument.chars().all(plain) {
+        argument.to_owned()
+    } else {
+        format!("'{}'", argument.replace('\'', "'\\''"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::quoted;
+
+    #[test]
+    fn arguments_are_quoted_where_a_shell_needs_it() {
+        assert_eq!(quoted("--ratio=0.03"), "--ratio=0.03");
+        assert_eq!(quoted("my asset.glb"), "'my asset.glb'");
+        assert_eq!(quoted("it's"), "'it'\\''s'");
+        assert_eq!(quoted(""), "''");
+    }
+}

@@ -1,0 +1,101 @@
+//! `render`, `compare` and `inspect`.
+
+use crate::support::{names, rock, stdout, succeeds, write_rock};
+use serde_json::Value;
+use std::path::Path;
+
+fn json(path: &Path) -> Value {
+    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+}
+
+#[test]
+fn pictures_have_the_size_light_and_background_asked_for() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 8, true);
+    let small = ["--width", "40", "--height", "24"];
+    let render = |output: &str, more: &[&str]| {
+        succeeds(d, &[&["render", "rock.glb", "-o", output][..], &small, more].concat());
+        photofit_image::read(d.join(output)).unwrap()
+    };
+    let png = render("a.png", &["--spp", "4"]);
+    assert_eq!((png.width, png.height, png.channels), (40, 24, 4));
+    assert_eq!(png.pixel(0, 0)[3], 0.0, "the background is transparent");
+    assert_eq!(png.pixel(20, 12)[3], 1.0, "the asset is in the middle");
+    let exr = render("a.exr", &["--spp", "4"]);
+    let close = png.data.iter().zip(&exr.data).filter(|(a, b)| (*a - *b).abs() < 0.02).count();
+    assert!(close as f64 > 0.9 * png.data.len() as f64, "both show the same, {close} of {}", png.data.len());
+    let mean = |i: &photofit_image::Image| i.data.iter().sum::<f32>() / i.data.len() as f32;
+    let far = render("far.exr", &["--distance", "20", "--light", "headlight"]);
+    assert!(mean(&far.select(&[3])) < 0.1 * mean(&exr.select(&[3])), "far away it is small");
+    let turned = render("b.exr", &["--azimuth", "-100", "--elevation", "-30"]);
+    assert!(turned.data != exr.data);
+
+    let sky = photofit_image::Image::from_fn(16, 8, 3, |_, y, c| if y < 4 && c == 0 { 4.0 } else { 0.1 });
+    photofit_image::write_exr(d.join("sky.exr"), &[("", &sky, &["R", "G", "B"])]).unwrap();
+    let red = render("red.exr", &["--light", "env", "--env", "sky.exr"]);
+    assert!(mean(&red.select(&[0])) > 1.5 * mean(&red.select(&[2])), "lit by the environment");
+}
+
+#[test]
+fn images_and_assets_are_compared() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 10, true);
+    photofit_scene::save_glb(d.join("coarse.glb"), &rock(4, true)).unwrap();
+    for (asset, picture) in [("rock.glb", "a.png"), ("coarse.glb", "b.png")] {
+        succeeds(d, &["render", asset, "-o", picture, "--width", "64", "--height", "64"]);
+    }
+    let compare = |a: &str, b: &str, more: &[&str]| {
+        let o = succeeds(d, &[&["compare", a, b, "--json", "c.json"][..], more].concat());
+        assert!(stdout(&o).contains("PSNR"));
+        json(&d.join("c.json"))
+    };
+    let figures = compare("a.png", "b.png", &["--heatmap", "heat.png"]);
+    assert_eq!(photofit_image::read(d.join("heat.png")).unwrap().width, 64);
+    let views = ["--views", "2", "--resolution", "64", "--heatmap", "sheet.png"];
+    let assets = compare("rock.glb", "coarse.glb", &views);
+    assert_eq!(assets["views"].as_array().unwrap().len(), 2);
+    for f in [&figures, &assets] {
+        let at = |key: &str| f[key].as_f64().unwrap();
+        assert!((8.0..50.0).contains(&at("psnr")) && (0.2..1.0).contains(&at("ssim")), "{f}");
+        assert!(at("flip") > 0.0 && at("rmse") > 0.0);
+    }
+    let same = compare("a.png", "a.png", &[]);
+    assert_eq!((same["rmse"].as_f64(), same["ssim"].as_f64()), (Some(0.0), Some(1.0)));
+    assert!(same["psnr"].is_null(), "infinity has no number in JSON");
+    let same = compare("rock.glb", "rock.glb", &["--views", "1", "--resolution", "32"]);
+    assert_eq!(same["flip"].as_f64(), Some(0.0));
+}
+
+#[test]
+fn inspect_tells_contents_and_plan() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 4, true);
+    let o = succeeds(d, &["inspect", "rock.glb", "--json", "i.json"]);
+    let text = stdout(&o);
+    for part in [
+        "320 triangles",
+        "opaque",
+        "image 0",
+        "16 x 16",
+        "memory",
+        "skip transparent layers",
+        "run  textures",
+    ] {
+        assert!(text.contains(part), "{part} in {text}");
+    }
+    let i = json(&d.join("i.json"));
+    assert_eq!(i["triangles"], 320);
+    assert_eq!(i["images"][0]["width"], 16);
+    assert!(i["memory"]["geometry"].as_u64().unwrap() > 320 * 12);
+    let plan = i["plan"].as_array().unwrap();
+    let runs = |what: &str| plan.iter().find(|p| p["what"] == what).unwrap()["runs"].as_bool().unwrap();
+    assert!(runs("textures") && !runs("emission") && !runs("alpha gradients"));
+    // An asset that cannot be fitted can still be looked at.
+    let points = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n";
+    std::fs::write(d.join("points.ply"), points).unwrap();
+    assert!(stdout(&succeeds(d, &["inspect", "points.ply"])).contains("is not possible"));
+    assert_eq!(names(d), ["i.json", "points.ply", "rock.glb"]);
+}

@@ -1,0 +1,7 @@
+//! Tests of the `photofit` program as users run it.
+
+mod bad_input;
+mod commands;
+mod simplify;
+mod support;
+mod usage;

@@ -1,0 +1,139 @@
+//! The main job on small assets.
+
+use crate::support::{command, names, photofit, stderr, stdout, succeeds, write_rock};
+use serde_json::Value;
+use std::path::Path;
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
+/// A small fit to a file.
+fn fit<'a>(output: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+    let mut all = vec![
+        "simplify",
+        "rock.glb",
+        "-o",
+        output,
+        "--triangles",
+        "300",
+        "--resolution",
+        "48",
+        "--texture-size",
+        "64",
+        "--batch",
+        "1",
+    ];
+    all.extend(more);
+    all
+}
+
+fn json(path: &Path) -> Value {
+    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+}
+
+#[test]
+fn the_main_job_end_to_end() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    // Without uvs.
+    write_rock(d, 12, false);
+    let more = ["--steps", "8", "--json", "f.json", "--report", "r", "--explain", "--checkpoint", "c"];
+    let o = succeeds(d, &fit("out.glb", &more));
+    let (text, f) = (stdout(&o), json(&d.join("f.json")));
+    for part in
+        ["decimated", "baked", "fitted", "what ran", "skip transparent layers", "out.glb", "index.html"]
+    {
+        assert!(text.contains(part), "{part} in {text}");
+    }
+    let light = photofit_scene::load(d.join("out.glb")).unwrap();
+    assert!((1..=300).contains(&light.triangle_count()), "{}", light.triangle_count());
+    assert_eq!(f["triangles_in"], 20 * 144);
+    assert_eq!(f["triangles_out"], light.triangle_count());
+    assert_eq!(f["steps"], 8);
+    for key in ["seconds", "mpix_per_s"] {
+        assert!(f[key].as_f64().is_some_and(|x| x > 0.0), "{key}: {}", f[key]);
+    }
+    assert_eq!(f["peak_rss_mb"].is_number(), cfg!(target_os = "linux"));
+    for stage in ["decimated", "baked", "fitted"] {
+        let psnr = f[stage]["psnr"].as_f64().unwrap();
+        assert!((8.0..=60.0).contains(&psnr), "{stage}: {psnr}");
+        assert!(f[stage]["ssim"].is_number() && f[stage]["flip"].is_number());
+    }
+    assert!(std::fs::read_to_string(d.join("r/index.html")).unwrap().contains("rock.glb"));
+    assert_eq!(names(d), ["c", "f.json", "out.glb", "r", "rock.glb"]);
+}
+
+#[test]
+fn threads_do_not_change_the_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 10, true);
+    let file = |output: &str, threads: &str| {
+        succeeds(d, &fit(output, &["--steps", "12", "--threads", threads]));
+        std::fs::read(d.join(output)).unwrap()
+    };
+    // The name of the file is the name of the asset in it.
+    std::fs::create_dir(d.join("two")).unwrap();
+    assert!(file("out.glb", "1") == file("two/out.glb", "2"), "the same bytes");
+    let other = succeeds(d, &fit("out.glb", &["--steps", "12", "--seed", "1"]));
+    assert!(other.status.success());
+    let (a, b) = (std::fs::read(d.join("out.glb")).unwrap(), std::fs::read(d.join("two/out.glb")).unwrap());
+    assert!(a != b, "another seed gives another file");
+}
+
+#[test]
+fn a_killed_fit_resumes_to_the_same_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 10, true);
+    for folder in ["a", "b"] {
+        std::fs::create_dir(d.join(folder)).unwrap();
+    }
+    let steps = ["--steps", "60"];
+    succeeds(d, &fit("a/out.glb", &steps));
+
+    let kept = ["--steps", "60", "--checkpoint", "state"];
+    let mut child =
+        command(d, &fit("b/out.glb", &kept)).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let start = Instant::now();
+    while !d.join("state/fit.ckpt").exists() {
+        assert!(start.elapsed() < Duration::from_secs(60), "no checkpoint");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(!d.join("b/out.glb").exists(), "killed before the end");
+
+    let other = photofit(d, &fit("b/out.glb", &["--steps", "61", "--checkpoint", "state", "--resume"]));
+    assert_eq!(other.status.code(), Some(1), "a checkpoint of another fit is refused");
+    assert!(stderr(&other).contains("other options"), "{}", stderr(&other));
+
+    let resumed = [&kept[..], &["--resume"]].concat();
+    succeeds(d, &fit("b/out.glb", &resumed));
+    let (a, b) = (std::fs::read(d.join("a/out.glb")).unwrap(), std::fs::read(d.join("b/out.glb")).unwrap());
+    assert!(a == b, "the same bytes");
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupt_keeps_what_was_reached() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 10, true);
+    let more = ["--steps", "100000", "--checkpoint", "state", "--json", "f.json"];
+    let child =
+        command(d, &fit("out.glb", &more)).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let start = Instant::now();
+    while !d.join("state/fit.ckpt").exists() {
+        assert!(start.elapsed() < Duration::from_secs(60), "no checkpoint");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let sent = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(sent.success());
+    let o = child.wait_with_output().unwrap();
+    assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
+    assert!(stderr(&o).contains("stopping"), "{}", stderr(&o));
+    let f = json(&d.join("f.json"));
+    assert_eq!(f["stopped"], true);
+    assert!(f["steps"].as_u64().unwrap() < 100_000);
+    assert!(photofit_scene::load(d.join("out.glb")).unwrap().triangle_count() <= 300);
+}

@@ -1,0 +1,55 @@
+//! The page around the sections, and pieces of HTML.
+
+/// A page with its style and script inside.
+pub(super) fn page(title: &str, body: &str) -> String {
+    format!(
+        "<!DOCTYPE html>\n<html lang=en>\n<head>\n<meta charset=utf-8>\n\
+         <meta name=viewport content=\"width=device-width\">\n<title>{}</title>\n<style>\n{}</style>\n</head>\n\
+         <body>\n<main>\n{body}</main>\n<script>\n{}</script>\n</body>\n</html>\n",
+        escape(title),
+        include_str!("style.css"),
+        include_str!("slider.js"),
+    )
+}
+
+/// A picture with a caption; `name` says to the script which picture it is.
+pub(super) fn figure(uri: &str, name: &str, caption: &str) -> String {
+    format!(
+        "<figure><img src=\"{uri}\" alt=\"{0}\" data-name=\"{0}\"><figcaption>{caption}</figcaption></figure>\n",
+        escape(name)
+    )
+}
+
+/// Text as HTML.
+pub(super) fn escape(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => out.push_str("&amp;"),
+            '<' => out.push_str("&lt;"),
+            '>' => out.push_str("&gt;"),
+            '"' => out.push_str("&quot;"),
+            c => out.push(c),
+        }
+    }
+    out
+}
+
+/// A count with separated thousands.
+pub(super) fn count(n: usize) -> String {
+    let digits = n.to_string();
+    let mut out = String::new();
+    for (i, c) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i) % 3 == 0 {
+            out.push(',');
+        }
+        out.push(c);
+    }
+    out
+}
+
+/// A number of bytes for people.
+pub(super) fn bytes(n: u64) -> String {
+    let x = n as f64;
+    if n < 1 << 20 { format!("{:.0} KiB", x / 1024.0) } else { format!("{:.1} MiB", x / (1 << 20) as f64) }
+}

@@ -1,0 +1,63 @@
+//! Tests of the whole page.
+
+use super::*;
+use crate::Silent;
+use crate::simplify::{SimplifyOptions, simplify};
+use photofit_geometry::decimate::Target;
+use photofit_geometry::shapes::displaced_sphere;
+use photofit_scene::{Instance, Material, Primitive};
+
+fn asset() -> Scene {
+    Scene {
+        name: "rock".into(),
+        primitives: vec![Primitive { mesh: displaced_sphere(8, 0.2, 3, 1), material: 0 }],
+        instances: vec![Instance { primitive: 0, transform: glam::Affine3A::IDENTITY }],
+        materials: vec![Material::clay()],
+        ..Scene::default()
+    }
+}
+
+#[test]
+fn the_page_is_whole_and_needs_nothing_else() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = asset();
+    let options = SimplifyOptions {
+        target: Target::Triangles(200),
+        resolution: 32,
+        steps: 3,
+        batch: 1,
+        texture_size: 32,
+        report_views: 2,
+        ..SimplifyOptions::default()
+    };
+    let outcome = simplify(&scene, &dir.path().join("rock.glb"), &options, &Silent).unwrap();
+    let info = ReportInfo {
+        scene: &scene,
+        title: "rock <&>".into(),
+        command: "photofit simplify \"a b\"".into(),
+        bytes_in: Some(5_000_000),
+        bytes_out: Some(40_000),
+    };
+    let page = write_report(&dir.path().join("new/report"), &outcome, &info).unwrap();
+    let html = std::fs::read_to_string(&page).unwrap();
+    assert!(html.starts_with("<!DOCTYPE html>") && html.ends_with("</html>\n"));
+    for part in [
+        "rock &lt;&amp;&gt;",
+        "4.8 MiB",
+        "View 2",
+        "Course of the fit",
+        "Wireframes",
+        "texture layout",
+        "Plan",
+    ] {
+        assert!(html.contains(part), "{part}");
+    }
+    // Per view 4 pictures and 3 heat maps; then 2 wireframes, 3 maps and the layout.
+    assert_eq!(html.matches("src=\"data:image/png;base64,").count(), 2 * 7 + 2 + 4);
+    let outside = html.replace("http://www.w3.org/2000/svg", "");
+    for address in ["http:", "https:", "src=\"/", "@import", "url("] {
+        assert!(!outside.contains(address), "the page refers to {address}");
+    }
+    assert_eq!(html.matches("<svg ").count(), 4, "four curves");
+    assert_eq!(html.matches("<figure>").count(), html.matches("</figure>").count());
+}
