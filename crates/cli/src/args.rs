@@ -197,7 +197,7 @@ pub(crate) struct Demo {
 }
 
 fn seconds(text: &str) -> Result<Duration, String> {
-    let s: f64 = text.parse().map_err(|_| "a number of seconds".to_owned())?;
+    let s: f64 = text.parse().map_err(|e| format!("a number of seconds: {e}"))?;
     if s > 0.0 {
         Duration::try_from_secs_f64(s).map_err(|e| e.to_string())
     } else {

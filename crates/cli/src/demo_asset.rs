@@ -68,7 +68,7 @@ pub(crate) fn demo_asset() -> Scene {
     place(&mut scene, grid(900, 14, collar), gold, &[Vec3f::zero()]);
     let mut bead = shapes::icosphere(10);
     for p in &mut bead.positions {
-        *p = *p * 0.042;
+        *p *= 0.042;
     }
     let beads: Vec<Vec3f> = (0..BEADS)
         .map(|i| {

@@ -82,16 +82,16 @@ fn options(a: &Simplify) -> Result<SimplifyOptions> {
 
 /// Adds the name of the asset to errors that do not name a file.
 fn explain_error(input: &Path, error: FitError) -> Error {
-    let named = match &error {
+    let named = matches!(
+        &error,
         FitError::Io { .. }
-        | FitError::Image(_)
-        | FitError::Checkpoint { .. }
-        | FitError::Interrupted
-        | FitError::Scene(SceneError::Read { .. } | SceneError::Write { .. } | SceneError::Invalid { .. }) => {
-            true
-        }
-        _ => false,
-    };
+            | FitError::Image(_)
+            | FitError::Checkpoint { .. }
+            | FitError::Interrupted
+            | FitError::Scene(
+                SceneError::Read { .. } | SceneError::Write { .. } | SceneError::Invalid { .. }
+            )
+    );
     if named { error.into() } else { anyhow!("{}: {error}", input.display()) }
 }
 

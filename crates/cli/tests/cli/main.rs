@@ -1,4 +1,5 @@
 //! Tests of the `photofit` program as users run it.
+#![expect(clippy::unwrap_used, reason = "a test stops at the first surprise")]
 
 mod bad_input;
 mod commands;

@@ -64,8 +64,9 @@ pub(crate) fn rock(frequency: u32, textured: bool) -> Scene {
     let mut images = Vec::new();
     if textured {
         mesh.uvs = mesh.positions.iter().map(|p| vec2(0.5 + 0.3 * p.x, 0.5 + 0.3 * p.y)).collect();
-        let texel =
-            |i: usize| if (i % 16 / 4 + i / 64) % 2 == 0 { [200, 90, 40, 255] } else { [40, 80, 190, 255] };
+        let texel = |i: usize| {
+            if (i % 16 / 4 + i / 64).is_multiple_of(2) { [200, 90, 40, 255] } else { [40, 80, 190, 255] }
+        };
         images.push(TextureImage {
             name: "checks".into(),
             width: 16,

@@ -1,3 +1,5 @@
+//! Tests of this operation: known values, gradients, determinism.
+
 use super::*;
 use crate::shapes;
 use crate::weld::Weld;

@@ -1,3 +1,5 @@
+//! Tests of this operation: known values, gradients, determinism.
+
 use super::*;
 use crate::weld::{Weld, weld_exact, weld_rows};
 use crate::{Mesh, shapes};

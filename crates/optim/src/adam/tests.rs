@@ -1,3 +1,5 @@
+//! Tests of this operation: known values, gradients, determinism.
+
 use super::*;
 use photofit_gradcheck::Uniform;
 
