@@ -2,6 +2,7 @@
 
 use super::{Normalised, SimplifyOptions};
 use crate::Progress;
+use crate::candidate::Candidate;
 use crate::views::{Set, setup};
 use photofit_geometry::Mesh;
 use photofit_image::{Image, dilate, flip, psnr_from_mse, squared_error, ssim, to_display};
@@ -16,6 +17,8 @@ const MARGIN: usize = 6;
 const PIXELS_PER_DEGREE: f32 = 67.02;
 /// Quality of equal pictures: what 8 bits can tell apart, rounded up.
 const BEST_PSNR: f64 = 60.0;
+/// Views by which the result is chosen.
+const CHOICE_VIEWS: u64 = 4;
 /// Samples per axis of a pixel.
 const SUPERSAMPLE: usize = 4;
 
@@ -137,6 +140,36 @@ pub(super) fn evaluate(
             ReportView { reference: display(&reference), quality }
         })
         .collect()
+}
+
+/// The candidate with the best pictures in the held-out views: PSNR and FLIP, both in decibels, count the same. The
+/// first wins a tie.
+pub(super) fn best_of(
+    n: &Normalised,
+    candidates: [Candidate; 3],
+    options: &SimplifyOptions,
+    progress: &dyn Progress,
+) -> Candidate {
+    let size = options.resolution;
+    let scenes = candidates.each_ref().map(|c| Prepared::of_scene(&super::to_scene(c, n, "")));
+    let scenes = scenes.each_ref().map(|c| InFrame::new(c, n));
+    let mut score = [0.0; 3];
+    for i in 0..CHOICE_VIEWS {
+        progress.report("choose", i, CHOICE_VIEWS, "");
+        let s = setup(Set::HeldOut, i, CHOICE_VIEWS, options.seed, &options.lighting);
+        let lights = s.lights.lights();
+        let render = |flat: &FlatScene, library: &SurfaceLibrary| {
+            SceneRenderer::new(flat, library).render(&s.camera, &lights, size, size, SUPERSAMPLE)
+        };
+        let reference = render(&n.flat, &n.library);
+        for (score, c) in score.iter_mut().zip(&scenes) {
+            let q = compare(&reference, &render(&c.flat, c.library)).quality;
+            *score += q.psnr - 20.0 * q.flip.max(1e-6).log10();
+        }
+    }
+    let best = (0..3).fold(0, |best, k| if score[k] > score[best] { k } else { best });
+    let [a, b, c] = candidates;
+    [a, b, c].into_iter().nth(best).expect("one of three")
 }
 
 /// A candidate in the normalised frame.

@@ -20,7 +20,7 @@ pub use plan::Plan;
 pub use prepare::{Normalised, Prepared};
 pub use train::{HistoryPoint, Trained};
 
-use crate::{FitError, Progress};
+use crate::{FitError, Progress, Silent};
 use photofit_geometry::decimate::{Options, Target};
 use photofit_scene::Scene;
 use std::path::Path;
@@ -46,7 +46,15 @@ pub fn simplify(
     let prepared = prepare::prepare(&normalised, &reference, options, progress)?;
     let plan = Plan::new(scene, &prepared.candidate, options);
     let baked = prepared.candidate.clone();
-    let trained = train::train(&normalised, &reference, prepared, &plan, options, progress)?;
+    let visibility = prepared.visibility.clone();
+    let mut trained = train::train(&normalised, &reference, prepared, &plan, options, progress)?;
+    // The fit judged itself by its own renderer; the choice is made as a user would see it.
+    let mut rebaked = trained.candidate.clone();
+    if let Ok((maps, _)) = prepare::bake_candidate(&reference, &visibility, &rebaked, false, &Silent) {
+        rebaked.set_maps(maps);
+    }
+    let fitted = std::mem::replace(&mut trained.candidate, baked.clone());
+    trained.candidate = evaluate::best_of(&normalised, [fitted, rebaked, baked.clone()], options, progress);
     let fit_seconds = start.elapsed().as_secs_f64();
 
     let name = output.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());

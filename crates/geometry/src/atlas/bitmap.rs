@@ -19,37 +19,38 @@ pub(super) struct Mask {
 const GUARD: f64 = 1e-3;
 
 impl Mask {
-    /// Every cell that touches one of the triangles; `points` are in cells and not negative.
-    pub(super) fn of_triangles(points: &[Vec2<f64>], corners: &[[u32; 3]], width: u32, height: u32) -> Self {
+    /// Every cell that touches the region inside the closed, simple, disjoint loops that the segments of `outline`
+    /// make, in any order; points are in cells and not negative.
+    pub(super) fn of_outline(outline: &[[Vec2<f64>; 2]], width: u32, height: u32) -> Self {
         let words = (width as usize).div_ceil(64);
+        let last = height as usize - 1;
         let mut bits = vec![0_u64; words * height as usize];
-        let mut extent: Vec<(f64, f64)> = Vec::new();
-        for c in corners {
-            let p = c.map(|v| points[v as usize]);
-            let low = p[0].y.min(p[1].y).min(p[2].y) - GUARD;
-            let high = p[0].y.max(p[1].y).max(p[2].y) + GUARD;
-            let first = (low.floor().max(0.0) as usize).min(height as usize - 1);
-            let last = (high.floor().max(0.0) as usize).min(height as usize - 1);
-            extent.clear();
-            extent.resize(last - first + 1, (f64::INFINITY, f64::NEG_INFINITY));
-            for k in 0..3 {
-                // The guard shifts make rows that are met within rounding count as met.
-                for shift in [-GUARD, GUARD] {
-                    let moved = |q: Vec2<f64>| Vec2 { x: q.x, y: q.y + shift };
-                    rows_of(moved(p[k]), moved(p[(k + 1) % 3]), |row, x0, x1| {
-                        let row = (row.max(0) as usize).clamp(first, last) - first;
-                        extent[row].0 = extent[row].0.min(x0);
-                        extent[row].1 = extent[row].1.max(x1);
-                    });
-                }
+        let mut crossings: Vec<(u32, f64)> = Vec::new();
+        for &[a, b] in outline {
+            // The shifts make rows that are met within rounding count as met.
+            for shift in [-GUARD, GUARD] {
+                let moved = |q: Vec2<f64>| Vec2 { x: q.x, y: q.y + shift };
+                rows_of(moved(a), moved(b), |row, x0, x1| {
+                    let at = (row.max(0) as usize).min(last) * words;
+                    let from = ((x0 - GUARD).floor().max(0.0) as usize).min(width as usize - 1);
+                    let to = ((x1 + GUARD).floor().max(0.0) as usize + 1).min(width as usize);
+                    fill(&mut bits[at..at + words], from, to);
+                });
             }
-            for (row, (x0, x1)) in extent.iter().enumerate() {
-                if x0 > x1 {
-                    continue;
-                }
-                let from = ((x0 - GUARD).floor().max(0.0) as usize).min(width as usize - 1);
-                let to = ((x1 + GUARD).floor().max(0.0) as usize + 1).min(width as usize);
-                let at = (first + row) * words;
+            // Rows whose middle lies in `[low, high)`: neighbouring segments share no crossing.
+            let (low, high) = if a.y <= b.y { (a, b) } else { (b, a) };
+            let first = (low.y - 0.5).ceil().max(0.0) as u32;
+            let end = ((high.y - 0.5).ceil().max(0.0) as u32).min(height);
+            let slope = (high.x - low.x) / (high.y - low.y);
+            crossings.extend((first..end).map(|r| (r, low.x + slope * (f64::from(r) + 0.5 - low.y))));
+        }
+        // A cell that no segment touches is inside as a whole or not at all: its middle decides.
+        crossings.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+        for row in crossings.chunk_by(|a, b| a.0 == b.0) {
+            let at = row[0].0 as usize * words;
+            for pair in row.chunks_exact(2) {
+                let from = (pair[0].1 - 0.5).ceil().max(0.0) as usize;
+                let to = ((pair[1].1 - 0.5).ceil().max(0.0) as usize).min(width as usize);
                 fill(&mut bits[at..at + words], from, to);
             }
         }
@@ -380,7 +381,7 @@ mod tests {
     #[test]
     fn mask_covers_each_touched_cell() {
         let points = [vec2(0.2, 0.2), vec2(6.7, 1.4), vec2(2.1, 4.9)];
-        let mask = Mask::of_triangles(&points, &[[0, 1, 2]], 7, 5);
+        let mask = Mask::of_outline(&[0, 1, 2].map(|k| [points[k], points[(k + 1) % 3]]), 7, 5);
         for y in 0..5_u32 {
             for x in 0..7_u32 {
                 let inside = |px: f64, py: f64| {
@@ -410,7 +411,7 @@ mod tests {
     fn strip_places_shapes_apart_and_low() {
         let square = |s: f64| {
             let p = [vec2(0.0, 0.0), vec2(s, 0.0), vec2(s, s), vec2(0.0, s)];
-            Mask::of_triangles(&p, &[[0, 1, 2], [0, 2, 3]], s.ceil() as u32, s.ceil() as u32)
+            Mask::of_outline(&[0, 1, 2, 3].map(|k| [p[k], p[(k + 1) % 4]]), s.ceil() as u32, s.ceil() as u32)
         };
         let mut strip = Strip::new(100);
         let mask = square(29.5);

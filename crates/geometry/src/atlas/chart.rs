@@ -39,6 +39,13 @@ pub(super) struct Fill {
     pub(super) long: f64,
 }
 
+impl Fill {
+    /// Largest useful length, against the root of the area of all charts.
+    pub(super) fn max_length(&self) -> f64 {
+        if self.rectangle >= 0.9 { 1.25 } else { 0.75 }
+    }
+}
+
 /// Reusable map from triangles to places in a chart.
 pub(super) struct Places(Vec<u32>);
 

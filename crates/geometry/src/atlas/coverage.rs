@@ -2,6 +2,7 @@
 
 use photofit_scalar::{Vec2, Vec2f, vec2};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Rows that one task rasterises.
 const BAND: usize = 32;
@@ -103,16 +104,33 @@ struct Rows<'a> {
 }
 
 impl Rows<'_> {
-    /// Texel columns and rows (relative to the band) within `margin` of the triangle's box.
-    fn window(&self, p: &[Vec2<f64>; 3], margin: f64) -> (std::ops::Range<usize>, std::ops::Range<usize>) {
+    /// Rows of the band, relative to its first, that the triangle meets.
+    fn rows(&self, p: &[Vec2<f64>; 3]) -> Range<usize> {
         let rows = self.triangle.len() / self.width;
-        let (lo, hi) = (p[0].min(p[1]).min(p[2]), p[0].max(p[1]).max(p[2]));
-        let clip = |x: f64, max: usize| (x.max(0.0) as usize).min(max);
-        let base = self.first as f64;
-        (
-            clip((lo.x - margin).floor(), self.width)..clip((hi.x + margin).floor() + 1.0, self.width),
-            clip((lo.y - margin - base).floor(), rows)..clip((hi.y + margin - base).floor() + 1.0, rows),
-        )
+        let (lo, hi) = (p[0].y.min(p[1].y).min(p[2].y), p[0].y.max(p[1].y).max(p[2].y));
+        let clip = |y: f64| ((y.floor() - self.first as f64).max(0.0) as usize).min(rows);
+        clip(lo)..clip(hi + 1.0)
+    }
+
+    /// Columns where the triangle meets row `y` of the band.
+    fn columns(&self, p: &[Vec2<f64>; 3], y: usize) -> Range<usize> {
+        let low = (self.first + y) as f64;
+        let (mut from, mut to) = (f64::INFINITY, f64::NEG_INFINITY);
+        for k in 0..3 {
+            let (a, b) = (p[k], p[(k + 1) % 3]);
+            let (a, b) = if a.y <= b.y { (a, b) } else { (b, a) };
+            if b.y < low || a.y > low + 1.0 {
+                continue;
+            }
+            let slope = (b.x - a.x) / (b.y - a.y);
+            let x0 = if a.y < low { a.x + slope * (low - a.y) } else { a.x };
+            let x1 = if b.y > low + 1.0 { a.x + slope * (low + 1.0 - a.y) } else { b.x };
+            from = from.min(x0).min(x1);
+            to = to.max(x0).max(x1);
+        }
+        // A little wider, for rounding.
+        let clip = |x: f64| (x.floor().max(0.0) as usize).min(self.width);
+        clip(from - 1e-6)..clip(to + 1.0 + 1e-6)
     }
 
     fn centres(&mut self, t: u32, p: &[Vec2<f64>; 3]) {
@@ -121,9 +139,8 @@ impl Rows<'_> {
             return;
         }
         let r = 1.0 / area;
-        let (columns, rows) = self.window(p, 0.0);
-        for y in rows {
-            for x in columns.clone() {
+        for y in self.rows(p) {
+            for x in self.columns(p, y) {
                 let c = vec2(x as f64 + 0.5, (self.first + y) as f64 + 0.5);
                 let b0 = cross(c, p[1], p[2]) * r;
                 let b1 = cross(p[0], c, p[2]) * r;
@@ -138,9 +155,8 @@ impl Rows<'_> {
     }
 
     fn touched(&mut self, t: u32, p: &[Vec2<f64>; 3], distance: &mut [f64]) {
-        let (columns, rows) = self.window(p, 0.0);
-        for y in rows {
-            for x in columns.clone() {
+        for y in self.rows(p) {
+            for x in self.columns(p, y) {
                 let at = y * self.width + x;
                 if self.triangle[at] != u32::MAX && distance[at] == f64::INFINITY {
                     continue;

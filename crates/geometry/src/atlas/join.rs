@@ -3,7 +3,6 @@
 use super::chart::{Chart, Fill, Places};
 use super::cluster::similar_weight;
 use super::flatten::flatten;
-use super::segment::MAX_LENGTH;
 use super::topology::{NONE, Topology};
 use photofit_scalar::{Vec2, vec2};
 use std::cmp::Ordering;
@@ -317,14 +316,15 @@ impl<'a> Joiner<'a> {
     /// The chart must be compact enough to pack well; `slack < 1` loosens the rule.
     fn shape_rule(&self, chart: &Chart, parts: (Fill, Fill), slack: f64) -> bool {
         let new = chart.fill();
-        let longest = MAX_LENGTH * self.total.sqrt();
         // A part that breaks a rule by itself may grow as long as it does not get worse.
         let fill = MIN_FILL.min(parts.0.rectangle).min(parts.1.rectangle.max(0.8 * MIN_FILL));
         let solidity = MIN_SOLIDITY.min(parts.0.hull).min(parts.1.hull.max(0.8 * MIN_SOLIDITY));
+        let longest = new.max_length() * self.total.sqrt();
+        let longest = longest.max(1.05 * parts.0.long.max(parts.1.long));
         let share = chart.area / self.total;
         new.rectangle >= fill * slack
             && new.hull >= solidity * slack
-            && (new.long * slack <= longest || new.rectangle >= 0.9 && share > MAX_SHARE)
+            && new.long * slack <= longest
             && (share <= MAX_SHARE || new.rectangle >= 0.9)
     }
 }

@@ -83,28 +83,17 @@ pub(super) fn lay_out(
     let size = options.size;
     let padding = options.padding.unwrap_or((size / 256).max(2));
     let stretch = statistics(topo, &mut charts);
-    let mut density = Vec::with_capacity(charts.len());
     let mut shapes = Vec::with_capacity(charts.len());
     for c in &mut charts {
-        let d = (c.weighted / c.area).sqrt();
-        c.uv.iter_mut().for_each(|p| *p *= d);
+        let density = (c.weighted / c.area).sqrt();
+        c.uv.iter_mut().for_each(|p| *p *= density);
         let box_size = c.align();
-        density.push(d);
-        shapes.push(Shape {
-            points: c.uv.clone(),
-            corners: c.corners.clone(),
-            size: box_size,
-            area: c.uv_area(),
-        });
+        let outline = c.border.iter().map(|b| [b.from, b.to].map(|v| c.uv[v as usize])).collect();
+        shapes.push(Shape { outline, size: box_size, area: c.uv_area() });
     }
     let lost = Lost::new(topo, group, charts.len());
     for _ in 0..lost.groups.len() {
-        shapes.push(Shape {
-            points: vec![Vec2::zero()],
-            corners: vec![[0; 3]],
-            size: Vec2::zero(),
-            area: 0.0,
-        });
+        shapes.push(Shape { outline: vec![[Vec2::zero(); 2]], size: Vec2::zero(), area: 0.0 });
     }
     let layout =
         pack(&shapes, size, padding).ok_or(AtlasError::TooManyCharts { charts: shapes.len(), size })?;
@@ -114,11 +103,10 @@ pub(super) fn lay_out(
     let mut used = 0.0;
     for (id, (c, shape)) in charts.iter().zip(&shapes).enumerate() {
         let place = layout.places[id];
-        let uv: Vec<Vec2f> = shape
-            .points
-            .iter()
-            .map(|&p| to_uv(turn_point(p, shape.size, place.turn) * layout.scale, place, size))
-            .collect();
+        let uv: Vec<Vec2f> =
+            c.uv.iter()
+                .map(|&p| to_uv(turn_point(p, shape.size, place.turn) * layout.scale, place, size))
+                .collect();
         used += shape.area * layout.scale * layout.scale;
         for (corners, &t) in c.corners.iter().zip(&c.triangles) {
             corner_uv[t as usize] = corners.map(|v| uv[v as usize]);

@@ -183,11 +183,16 @@ fn elimination_tree(a: &Symmetric, order: &[u32], place: &[u32]) -> (Vec<u32>, V
 /// Nested dissection: halves first, the separating vertices last.
 fn dissect(a: &Symmetric, points: &[Vec2<f64>]) -> Vec<u32> {
     let n = points.len();
+    // A vertex with very many neighbours would pull half of the mesh into a separator: those come last of all.
+    let crowded = 16 + 10 * n.isqrt();
+    let degree = |i: u32| (a.start[i as usize + 1] - a.start[i as usize]) as usize;
     let mut order: Vec<u32> = (0..n as u32).collect();
+    order.sort_by_key(|&i| degree(i) > crowded);
+    let plain = order.partition_point(|&i| degree(i) <= crowded);
     let mut side = vec![0_u32; n];
     let mut stamp = 0;
     let mut spare = Vec::new();
-    let mut stack = vec![(0, n)];
+    let mut stack = vec![(0, plain)];
     while let Some((lo, hi)) = stack.pop() {
         if hi - lo <= 24 {
             continue;
@@ -268,6 +273,20 @@ mod tests {
         assert!(worst < 1e-9, "largest difference {worst}");
         // Row after row, the factor would hold `side` numbers in each row.
         assert!(f.row.len() < 2 * n * side as usize / 3, "fill {} of {n} rows", f.row.len());
+    }
+
+    #[test]
+    fn a_hub_does_not_fill_the_factor() {
+        let n = 4000_u32;
+        let mut diagonal = vec![4.0; n as usize];
+        diagonal[0] = f64::from(2 * n);
+        let ring = (1..n).map(|i| (i.max(i % (n - 1) + 1), i.min(i % (n - 1) + 1), -1.0));
+        let a = Symmetric::new(diagonal, ring.chain((1..n).map(|i| (i, 0, -1.0))).collect());
+        let at = |i: u32| (f64::from(i) * 0.001).sin_cos();
+        let points: Vec<_> =
+            (0..n).map(|i| if i == 0 { vec2(0.0, 0.0) } else { vec2(at(i).0, at(i).1) }).collect();
+        let f = Factor::new(&a, &points).unwrap();
+        assert!(f.row.len() < 20 * n as usize, "fill {}", f.row.len());
     }
 
     #[test]

@@ -20,8 +20,8 @@ const BATCH: usize = 8;
 
 /// A chart to pack, in its own units, lower corner of its box at the origin.
 pub(super) struct Shape {
-    pub(super) points: Vec<Vec2<f64>>,
-    pub(super) corners: Vec<[u32; 3]>,
+    /// Directed edges of its border.
+    pub(super) outline: Vec<[Vec2<f64>; 2]>,
     pub(super) size: Vec2<f64>,
     pub(super) area: f64,
 }
@@ -30,9 +30,10 @@ impl Shape {
     /// Cells covered after quarter turns at a scale in cells per unit.
     pub(super) fn mask(&self, turn: u32, scale: f64) -> Mask {
         let size = if turn.is_multiple_of(2) { self.size } else { vec2(self.size.y, self.size.x) } * scale;
-        let points: Vec<_> = self.points.iter().map(|&p| turn_point(p, self.size, turn) * scale).collect();
+        let at = |p| turn_point(p, self.size, turn) * scale;
+        let outline: Vec<_> = self.outline.iter().map(|&[a, b]| [at(a), at(b)]).collect();
         let cells = |s: f64| ((s + 2e-3).floor() as u32).saturating_add(1);
-        Mask::of_triangles(&points, &self.corners, cells(size.x), cells(size.y))
+        Mask::of_outline(&outline, cells(size.x), cells(size.y))
     }
 }
 
@@ -209,9 +210,10 @@ impl Packer<'_> {
     /// Largest scale found by bracketing from `start`; `reach` is the first step.
     fn bracket(&self, start: f64, reach: f64, place: impl Fn(f64) -> Option<Vec<Place>>) -> Option<Layout> {
         let (mut good, mut bad): (Option<(f64, Vec<Place>)>, f64) = (None, f64::INFINITY);
-        let mut scale = start;
         let mut step = reach;
         let largest = self.shapes.iter().map(|s| s.size.x).fold(0.0, f64::max);
+        let most = 1.5 * f64::from(self.size) / largest.max(1e-300);
+        let mut scale = start.min(most);
         for _ in 0..60 {
             match place(scale) {
                 Some(places) => good = Some((scale, places)),
@@ -226,7 +228,7 @@ impl Packer<'_> {
             if good.is_none() {
                 step = (step * 2.0).min(1.0);
             }
-            if scale * largest < 1e-3 || scale * largest > 2.0 * f64::from(self.size) {
+            if scale * largest < 1e-3 || scale > most {
                 break;
             }
         }

@@ -8,9 +8,6 @@ use super::join::Joiner;
 use super::topology::{NONE, Topology};
 use rayon::prelude::*;
 
-/// Longest side of a chart, against the root of the whole area.
-pub(super) const MAX_LENGTH: f64 = 0.75;
-
 /// The charts of all non-degenerate triangles, in the order of their first triangle; `bound` is the largest stretch.
 pub(super) fn charts(topo: &Topology, bound: f64) -> Vec<Chart> {
     let mut sewn = vec![false; topo.opposite.len()];
@@ -66,8 +63,11 @@ fn initial(topo: &Topology, bound: f64, sewn: &mut [bool]) -> Vec<Chart> {
     done
 }
 
-/// True for a chart that is too long to pack well, unless it is a filled rectangle.
+/// True for a chart that is too long to pack well.
 fn is_long(chart: &Chart, total: f64) -> bool {
     let fill = chart.fill();
-    fill.long > MAX_LENGTH * total.sqrt() && fill.rectangle < 0.9
+    let edges = chart.corners.iter().flat_map(|c| (0..3).map(move |k| (c[k], c[(k + 1) % 3])));
+    let edge = edges.map(|(a, b)| (chart.uv[a as usize] - chart.uv[b as usize]).length()).fold(0.0, f64::max);
+    // Cutting between long triangles would shorten nothing.
+    fill.long > (fill.max_length() * total.sqrt()).max(1.5 * edge)
 }

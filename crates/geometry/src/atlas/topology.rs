@@ -8,7 +8,7 @@ use std::collections::HashMap;
 pub(super) const NONE: u32 = u32::MAX;
 
 /// A triangle whose height is below this fraction of its longest edge counts as degenerate.
-const DEGENERATE_HEIGHT: f64 = 1e-4;
+const DEGENERATE_HEIGHT: f64 = 1e-6;
 
 /// A triangle laid into the plane: corners `(0, 0)`, `(x1, 0)`, `(x2, y2)` with `x1, y2 > 0`.
 #[derive(Clone, Copy, Debug, Default)]

@@ -63,6 +63,9 @@ fn folds_and_layers() {
 #[test]
 fn slivers_and_degenerate_triangles() {
     good("needles", &shapes::needles(60), 256, 1..=20, 0.1);
+    good("disc of 3000 spokes", &shapes::spokes(3000, 0.0), 256, 1..=10, 0.5);
+    good("cone of 3000 spokes", &shapes::spokes(3000, 2.0), 256, 1..=16, 0.5);
+    good("ribbon of 1 by 800", &shapes::ribbon(800), 512, 10..=100, 0.1);
     let mut broken = shapes::icosphere(2);
     let n = broken.triangles.len();
     for i in 0..n / 3 {

@@ -5,7 +5,7 @@ use super::shapes::Shape;
 use photofit_scalar::{Vec2, Vec2f, vec2};
 
 /// Triangles flatter than this (height against the longest edge) carry no promise of stretch or orientation.
-const FLAT: f64 = 2e-4;
+const FLAT: f64 = 2e-6;
 
 /// Signed area in `(u, 1 - v)`.
 pub(super) fn signed_area(c: &[Vec2f; 3]) -> f64 {

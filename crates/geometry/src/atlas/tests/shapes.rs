@@ -211,3 +211,20 @@ pub(super) fn pages(n: u32) -> Shape {
     }
     Shape { positions, triangles }
 }
+
+/// A fan around one vertex at height `z` above a unit circle.
+pub(super) fn spokes(n: u32, z: f32) -> Shape {
+    let mut positions = vec![vec3(0.0, 0.0, z)];
+    for i in 0..n {
+        let (s, c) = (TAU * i as f32 / n as f32).sin_cos();
+        positions.push(vec3(c, s, 0.0));
+    }
+    Shape { positions, triangles: (0..n).map(|i| [0, i + 1, (i + 1) % n + 1]).collect() }
+}
+
+/// A flat strip of `n` squares.
+pub(super) fn ribbon(n: u32) -> Shape {
+    let positions = (0..2 * (n + 1)).map(|i| vec3((i / 2) as f32, (i % 2) as f32, 0.0)).collect();
+    let triangles = (0..n).flat_map(|i| [[2 * i, 2 * i + 2, 2 * i + 3], [2 * i, 2 * i + 3, 2 * i + 1]]);
+    Shape { positions, triangles: triangles.collect() }
+}
