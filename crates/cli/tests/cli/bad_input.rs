@@ -53,7 +53,7 @@ fn broken_glb_files() {
         ("truncated.glb", sound[..sound.len() / 2].to_vec(), &[]),
         ("claims-4-GB.glb", claims, &[]),
         ("chunk-4-GB.glb", chunk, &[]),
-        ("count.glb", glb(&many, &bin), &["accessor"]),
+        ("count.glb", glb(&many, &bin), &["4000000000"]),
         ("index.glb", glb(&json, &triangle_bin(TRIANGLE, [0, 1, 9])), &["9"]),
         ("nan.glb", glb(&json, &triangle_bin(nan, [0, 1, 2])), &["finite"]),
         ("flat.glb", glb(&json, &triangle_bin([TRIANGLE[0]; 3], [0, 1, 2])), &["area"]),
