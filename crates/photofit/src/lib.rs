@@ -8,6 +8,7 @@
 //! | `geometry` | `geometry` | meshes, normals, tangents, Laplacians, decimation, atlas | |
 //! | `shading` | `shading` | surfaces, lights and their derivatives | |
 //! | `optim` | `optim` | optimizers on plain slices | |
+//! | `denoise` | `denoise` | variational denoising, surfaces from points | `image` |
 //! | `scene` | `scene` | cameras, materials; glTF, OBJ and PLY files | `image`, `geometry`, `shading` |
 //! | `raster` | `raster` | the differentiable rasterizer | `scene` |
 //! | `pathtrace` | `pathtrace` | ray casting | `scene` |
@@ -51,6 +52,8 @@ assert!(outcome.fitted.psnr > 10.0);
 
 pub use photofit_scalar as scalar;
 
+#[cfg(feature = "denoise")]
+pub use photofit_denoise as denoise;
 #[cfg(feature = "fit")]
 pub use photofit_fit as fit;
 #[cfg(feature = "geometry")]

@@ -1,0 +1,1 @@
+//! Variational denoising of images and depth maps, Monte Carlo denoising, and surfaces from points.
