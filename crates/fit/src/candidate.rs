@@ -63,6 +63,8 @@ pub struct ParameterGradients {
     pub positions: Vec<Vec3f>,
     /// Of everything the renderer reads; its map gradients, once collapsed, are those of level 0.
     pub rendered: Gradients<f32>,
+    /// The picture at work.
+    frame: Frame<f32>,
 }
 
 impl Candidate {
@@ -153,14 +155,15 @@ impl Candidate {
         ParameterGradients {
             positions: vec![Vec3f::zero(); self.positions.len()],
             rendered: Gradients::new(self.uvs.len(), &self.maps),
+            frame: Frame::default(),
         }
     }
 
     /// Renders one shot over its background, `samples` times finer per axis than its picture.
     pub fn render(&self, vertices: &Vertices, shot: &Shot, passes: &Passes) -> Frame<f32> {
         let lights = shot.lights.lights();
-        let background = magnify(&shot.background, shot.width, shot.samples, [1.0; 3]);
-        deferred::render(&self.geometry(vertices), &self.maps, &view(shot, &lights), &background, passes)
+        let geometry = self.geometry(vertices);
+        deferred::render(&geometry, &self.maps, &view(shot, &lights), &shot.background, passes)
     }
 
     /// Loss of a batch of shots against their references, and its gradients (overwritten). Returns the loss, the mean
@@ -172,19 +175,16 @@ impl Candidate {
         let mut total = 0.0;
         let weight = 1.0 / shots.len().max(1) as f64;
         for shot in shots {
-            let frame = self.render(&vertices, shot, passes);
+            let lights = shot.lights.lights();
+            let (view, geometry) = (view(shot, &lights), self.geometry(&vertices));
+            let frame = &mut out.frame;
+            deferred::render_into(&geometry, &self.maps, &view, &shot.background, passes, frame);
             let picture = average(&frame.color, shot);
             let mut g = vec![[0.0; 4]; picture.len()];
             let shape = loss::Frame::new(shot.width, shot.height, 4).only(0..3);
             let (x, y) = (picture.as_flattened(), shot.reference.as_flattened());
             total += loss.value_and_gradient(x, y, &shape, weight, g.as_flattened_mut());
-            // Adjoint of the average: every sample gets its share.
-            let share = 1.0 / (shot.samples * shot.samples) as f32;
-            let g = magnify(&g, shot.width, shot.samples, [share; 4]);
-            let lights = shot.lights.lights();
-            let view = view(shot, &lights);
-            let geometry = self.geometry(&vertices);
-            deferred::render_vjp(&geometry, &self.maps, &view, passes, &frame, &g, &mut out.rendered);
+            deferred::render_vjp(&geometry, &self.maps, &view, passes, frame, &g, &mut out.rendered);
         }
         if passes.position_gradients {
             self.vertices_vjp(&vertices, out);
@@ -232,18 +232,6 @@ pub fn average(color: &[[f32; 4]], shot: &Shot) -> Vec<[f32; 4]> {
     out
 }
 
-/// Repeats each pixel `n` times per axis, times `scale`.
-fn magnify<const C: usize>(pixels: &[[f32; C]], width: usize, n: usize, scale: [f32; C]) -> Vec<[f32; C]> {
-    let mut out = vec![[0.0; C]; pixels.len() * n * n];
-    out.par_chunks_mut(width * n).enumerate().for_each(|(y, row)| {
-        let source = &pixels[(y / n) * width..][..width];
-        for (o, p) in row.chunks_mut(n).zip(source) {
-            o.fill(std::array::from_fn(|c| p[c] * scale[c]));
-        }
-    });
-    out
-}
-
 /// The renderer's view of a shot.
 fn view<'a>(shot: &Shot, lights: &'a [photofit_shading::Light<'a, f32>]) -> View<'a, f32> {
     let eye = shot.camera.eye;
@@ -253,6 +241,7 @@ fn view<'a>(shot: &Shot, lights: &'a [photofit_shading::Light<'a, f32>]) -> View
         lights,
         width: shot.width * shot.samples,
         height: shot.height * shot.samples,
+        samples: shot.samples,
         lod_bias: 0.0,
     }
 }

@@ -8,6 +8,7 @@
 //! reduced in a fixed order: the same bits for any number of threads.
 
 pub mod antialias;
+mod cpu;
 pub mod deferred;
 pub mod interpolate;
 pub mod loss;

@@ -22,6 +22,8 @@ pub trait Real:
     fn of(x: f64) -> Self;
     /// This value in double precision.
     fn f64(self) -> f64;
+    /// Base-2 logarithm of a positive normal number to 1e-5, without a library call: in `f64` the exact one.
+    fn log2_fast(self) -> Self;
     /// `max(self, 0)` with a zero derivative at zero.
     #[inline(always)]
     fn relu(self) -> Self {
@@ -43,6 +45,17 @@ impl Real for f32 {
     fn f64(self) -> f64 {
         f64::from(self)
     }
+    #[inline(always)]
+    fn log2_fast(self) -> Self {
+        // x = 2^e m with m in [sqrt(1/2), sqrt(2)); ln m by the odd series of s = (m - 1) / (m + 1).
+        let shifted = self.to_bits().wrapping_sub(0x3f35_04f3);
+        let e = (shifted as i32) >> 23;
+        let m = Self::from_bits((shifted & 0x007f_ffff).wrapping_add(0x3f35_04f3));
+        let s = (m - 1.0) / (m + 1.0);
+        let s2 = s * s;
+        let series = ((0.577_078 * s2 + 0.961_796_7) * s2 + 2.885_39) * s;
+        e as Self + series
+    }
 }
 
 impl Real for f64 {
@@ -53,5 +66,25 @@ impl Real for f64 {
     #[inline(always)]
     fn f64(self) -> f64 {
         self
+    }
+    #[inline(always)]
+    fn log2_fast(self) -> Self {
+        self.log2()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_fast_logarithm_is_close_to_the_exact_one() {
+        let mut worst = 0.0_f32;
+        for i in 0..100_000_u32 {
+            let x = ((i as f32 / 100_000.0 - 0.5) * 80.0).exp2();
+            worst = worst.max((x.log2_fast() - x.log2()).abs());
+        }
+        assert!(worst < 1e-5, "error {worst}");
+        assert_eq!([0.25_f32, 1.0, 2.0, 1024.0].map(Real::log2_fast), [-2.0, 0.0, 1.0, 10.0]);
     }
 }

@@ -111,6 +111,7 @@ pub(super) fn deferred() -> Image {
             lights: &lights(),
             width: SIZE,
             height: SIZE,
+            samples: 1,
             lod_bias: 0.0,
         },
         &vec![[0.02, 0.02, 0.03]; SIZE * SIZE],

@@ -1,7 +1,7 @@
 //! Position gradients at silhouettes against central differences of a picture of 4096 samples a pixel, with random
 //! weights: error against time for each number of samples.
 
-use super::vertex_color::{Model, average, color_at};
+use super::vertex_color::{Model, Picture, Reverse, average, color_at};
 use crate::context::Context;
 use anyhow::Result;
 use photofit_geometry::{Mesh, shapes};
@@ -28,6 +28,7 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
         let colors = mesh.positions.iter().map(|p| color_at(*p)).collect();
         let mut model = Model::new(&mesh, colors);
         let truth = truth(&mut model, &camera);
+        let (mut picture, mut reverse) = (Picture::default(), Reverse::default());
         for samples in [1_usize, 2, 4, 8] {
             let size = SIZE * samples;
             ctx.measure(
@@ -35,14 +36,15 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
                 &format!("{samples} x {samples} samples"),
                 samples * samples,
                 || {
-                    let p = model.render(&camera, size, true);
+                    model.render(&camera, size, true, &mut picture);
                     let gradients: Vec<Vec<Vec3f>> = (0..WEIGHTS)
                         .map(|w| {
                             let share = 1.0 / (samples * samples) as f32;
-                            let g: Vec<[f32; 3]> = (0..size * size)
-                                .map(|i| weight(w, (i / size / samples) * SIZE + (i % size) / samples, share))
-                                .collect();
-                            model.render_vjp(&camera, size, &p, &g).0
+                            let g = |i: usize, _| {
+                                weight(w, (i / size / samples) * SIZE + (i % size) / samples, share)
+                            };
+                            model.render_vjp(&camera, size, &picture, g, &mut reverse);
+                            reverse.positions.clone()
                         })
                         .collect();
                     gradients
@@ -106,7 +108,9 @@ fn truth(model: &mut Model, camera: &Matrix4<f32>) -> Vec<f64> {
     for d in 0..DIRECTIONS {
         let [plus, minus] = [step, -step].map(|s| {
             model.positions = start.iter().map(|p| *p + motion(d, *p) * s).collect();
-            average(&model.render(camera, SIZE * TRUTH, false).color, SIZE * TRUTH, TRUTH)
+            let mut picture = Picture::default();
+            model.render(camera, SIZE * TRUTH, false, &mut picture);
+            average(&picture.color, SIZE * TRUTH, TRUTH)
         });
         for w in 0..WEIGHTS {
             let dot = |(i, (a, b)): (usize, (&[f64; 3], &[f64; 3]))| {

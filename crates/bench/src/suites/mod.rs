@@ -29,6 +29,11 @@ pub(crate) const SUITES: &[Suite] = &[
         run: raster::run,
     },
     Suite {
+        name: "vertex-color",
+        about: "vertex-coloured meshes, the case that other differentiable rasterizers offer too",
+        run: vertex_color::run,
+    },
+    Suite {
         name: "gradients",
         about: "position gradients at silhouettes, error against time",
         run: gradients::run,

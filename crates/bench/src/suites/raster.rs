@@ -1,20 +1,16 @@
 //! Throughput of the differentiable rasterizer: pixels, triangles, threads, and what each skip saves.
 
-use super::vertex_color::{Model, color_at};
 use crate::context::Context;
 use anyhow::Result;
 use photofit_geometry::{Edges, Mesh, normals::mesh_normals, shapes, weld::weld_exact};
 use photofit_raster::antialias::Topology;
-use photofit_raster::deferred::{Geometry, Gradients, Passes, View, render, render_vjp};
+use photofit_raster::deferred::{Frame, Geometry, Gradients, Passes, View, render_into, render_vjp};
 use photofit_raster::project::matrix_rows;
 use photofit_raster::texture::Pyramid;
 use photofit_raster::{CHANNELS, Maps};
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3};
 use photofit_scene::{AlphaMode, Camera};
 use photofit_shading::Light;
-
-/// Meshes for the comparison with other programs, separated by colons (PLY); procedural ones without it.
-const MESHES: &str = "PHOTOFIT_BENCH_MESHES";
 
 pub(crate) fn run(ctx: &mut Context) -> Result<()> {
     let item = Item::new(22, 1024);
@@ -44,8 +40,7 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
     }
     let blend = vec![AlphaMode::Blend; item.mesh.triangles.len()];
     item.measure(ctx, "with transparent layers", 512, &all, true, &blend);
-    vertex_colors(ctx)?;
-    ctx.note("One picture of a displaced sphere with GGX, normal map, a point and an ambient light, 1024^2 maps of 16 samples; `both` is forward and reverse. The comparable rows with other programs are `vertex colours`: forward and reverse of positions and colours with antialiasing.");
+    ctx.note("One picture of a displaced sphere with GGX, normal map, a point and an ambient light, 1024^2 maps of 16 samples; `both` is forward and reverse.");
     Ok(())
 }
 
@@ -111,17 +106,19 @@ impl Item {
             lights: &lights,
             width: size,
             height: size,
+            samples: 1,
             lod_bias: 0.0,
         };
         let background = vec![[0.2; 3]; size * size];
         let mut gradients = Gradients::new(self.mesh.positions.len(), &self.maps);
+        let mut frame = Frame::default();
         let case = format!("{} tri, {size}^2", self.mesh.triangles.len());
         ctx.measure(
             name,
             &case,
             size * size,
             || {
-                let frame = render(&geometry, &self.maps, &view, &background, passes);
+                render_into(&geometry, &self.maps, &view, &background, passes, &mut frame);
                 if both {
                     let g: Vec<[f32; 4]> = frame.color.iter().map(|c| c.map(|c| c - 0.25)).collect();
                     render_vjp(&geometry, &self.maps, &view, passes, &frame, &g, &mut gradients);
@@ -131,50 +128,4 @@ impl Item {
             |layers| vec![("layers", *layers as f64)],
         );
     }
-}
-
-/// The case that other differentiable rasterizers offer too.
-fn vertex_colors(ctx: &mut Context) -> Result<()> {
-    let meshes: Vec<Mesh> = match std::env::var(MESHES) {
-        Ok(paths) => paths
-            .split(':')
-            .map(|p| photofit_scene::load(p).map(|s| s.flatten().mesh))
-            .collect::<Result<_, _>>()?,
-        Err(_) => [16, 71].map(|f| shapes::displaced_sphere(f, 0.12, 6, 7)).to_vec(),
-    };
-    let camera = Camera::look_at(
-        glam::vec3(0.0, 0.0, 3.0),
-        glam::Vec3::ZERO,
-        glam::Vec3::Y,
-        std::f32::consts::FRAC_PI_4,
-        1.0,
-        0.1,
-        10.0,
-    );
-    let camera = matrix_rows(&camera.view_projection());
-    for mesh in meshes {
-        let model = Model::new(&mesh, mesh.positions.iter().map(|p| color_at(*p)).collect());
-        for threads in [1_usize, 2] {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
-            let case = format!("{} tri, 512^2", mesh.triangles.len());
-            pool.install(|| {
-                ctx.measure(
-                    &format!("vertex colours, {threads} thread(s)"),
-                    &case,
-                    mesh.triangles.len(),
-                    || {
-                        let p = model.render(&camera, 512, true);
-                        let g: Vec<[f32; 3]> = p.color.iter().map(|c| c.map(|c| 2.0 * (c - 0.25))).collect();
-                        model.render_vjp(&camera, 512, &p, &g)
-                    },
-                    |(g, c)| {
-                        let norm = g.iter().map(|g| f64::from(g.length_squared())).sum::<f64>().sqrt();
-                        let colors = c.iter().flatten().map(|c| f64::from(c * c)).sum::<f64>().sqrt();
-                        vec![("position gradient", norm), ("colour gradient", colors)]
-                    },
-                );
-            });
-        }
-    }
-    Ok(())
 }

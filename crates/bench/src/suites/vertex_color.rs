@@ -1,12 +1,70 @@
 //! A vertex-coloured mesh through the differentiable primitives: what the benchmarks of the rasterizer render.
 
-use photofit_geometry::{Edges, Mesh, weld::weld_exact};
+use crate::context::Context;
+use anyhow::Result;
+use photofit_geometry::{Edges, Mesh, shapes, weld::weld_exact};
 use photofit_raster::antialias::{Pair, Topology, antialias, antialias_vjp, silhouettes};
 use photofit_raster::interpolate::{interpolate, interpolate_vjp};
-use photofit_raster::project::{Matrix4, project, project_vjp};
-use photofit_raster::rasterize::{NONE, PixelGrid, Visibility, barycentrics, barycentrics_vjp, rasterize};
+use photofit_raster::project::{Matrix4, matrix_rows, project, project_vjp};
+use photofit_raster::rasterize::{
+    NONE, PixelGrid, TILE, Visibility, barycentrics, barycentrics_vjp, rasterize_into,
+};
 use photofit_scalar::{Vec3f, Vec4f, vec3};
+use photofit_scene::Camera;
 use rayon::prelude::*;
+use std::ops::Range;
+
+/// Meshes for the comparison with other programs, separated by colons (PLY); procedural ones without it.
+const MESHES: &str = "PHOTOFIT_BENCH_MESHES";
+
+/// The case that other differentiable rasterizers offer too.
+pub(crate) fn run(ctx: &mut Context) -> Result<()> {
+    let meshes: Vec<Mesh> = match std::env::var(MESHES) {
+        Ok(paths) => paths
+            .split(':')
+            .map(|p| photofit_scene::load(p).map(|s| s.flatten().mesh))
+            .collect::<Result<_, _>>()?,
+        Err(_) => [16, 71].map(|f| shapes::displaced_sphere(f, 0.12, 6, 7)).to_vec(),
+    };
+    let camera = Camera::look_at(
+        glam::vec3(0.0, 0.0, 3.0),
+        glam::Vec3::ZERO,
+        glam::Vec3::Y,
+        std::f32::consts::FRAC_PI_4,
+        1.0,
+        0.1,
+        10.0,
+    );
+    let camera = matrix_rows(&camera.view_projection());
+    for mesh in meshes {
+        let model = Model::new(&mesh, mesh.positions.iter().map(|p| color_at(*p)).collect());
+        for threads in [1_usize, 2] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+            let case = format!("{} tri, 512^2", mesh.triangles.len());
+            let mut work = (Picture::default(), Reverse::default());
+            pool.install(|| {
+                ctx.measure(
+                    &format!("both, {threads} thread(s)"),
+                    &case,
+                    mesh.triangles.len(),
+                    || {
+                        let (p, r) = &mut work;
+                        model.render(&camera, 512, true, p);
+                        model.render_vjp(&camera, 512, p, |_, c| c.map(|c| 2.0 * (c - 0.25)), r);
+                        let norm = r.positions.iter().map(|g| f64::from(g.length_squared())).sum::<f64>();
+                        let colors = r.colors.iter().flatten().map(|c| f64::from(c * c)).sum::<f64>();
+                        (norm.sqrt(), colors.sqrt())
+                    },
+                    |(positions, colors)| {
+                        vec![("position gradient", *positions), ("colour gradient", *colors)]
+                    },
+                );
+            });
+        }
+    }
+    ctx.note("Forward and reverse of positions and vertex colours with antialiasing, by the primitives of the rasterizer.");
+    Ok(())
+}
 
 /// A mesh with its topology.
 pub(crate) struct Model {
@@ -17,13 +75,31 @@ pub(crate) struct Model {
     neighbour: Vec<[u32; 3]>,
 }
 
-/// One picture and what its adjoint needs.
+/// One picture and what its adjoint needs; its memory is used again.
+#[derive(Default)]
 pub(crate) struct Picture {
     pub(crate) color: Vec<[f32; 3]>,
     clip: Vec<Vec4f>,
     visibility: Visibility,
     flat: Vec<[f32; 3]>,
     pairs: Vec<Pair<f32>>,
+}
+
+/// Gradients, and memory of the reverse pass.
+#[derive(Default)]
+pub(crate) struct Reverse {
+    pub(crate) positions: Vec<Vec3f>,
+    pub(crate) colors: Vec<[f32; 3]>,
+    clip: Vec<Vec4f>,
+    pixels: Vec<[f32; 3]>,
+    strips: Vec<Vec<Run>>,
+}
+
+/// Gradients of the corners of a triangle from neighbouring pixels.
+struct Run {
+    triangle: u32,
+    clip: [Vec4f; 3],
+    color: [[f32; 3]; 3],
 }
 
 impl Model {
@@ -44,57 +120,114 @@ impl Model {
     }
 
     /// Renders over black.
-    pub(crate) fn render(&self, camera: &Matrix4<f32>, size: usize, smooth: bool) -> Picture {
-        let mut clip = vec![Vec4f::zero(); self.positions.len()];
-        project(camera, &self.positions, &mut clip);
-        let visibility = rasterize(&clip, &self.triangles, size, size, None);
+    pub(crate) fn render(&self, camera: &Matrix4<f32>, size: usize, smooth: bool, out: &mut Picture) {
+        let Picture { color, clip, visibility, flat, pairs } = out;
+        clip.resize(self.positions.len(), Vec4f::zero());
+        project(camera, &self.positions, clip);
+        rasterize_into(clip, &self.triangles, size, size, None, visibility);
         let grid = PixelGrid::new(size, size);
-        let mut flat = vec![[0.0; 3]; size * size];
-        flat.par_chunks_mut(size.max(1)).enumerate().for_each(|(y, row)| {
-            for (x, out) in row.iter_mut().enumerate() {
-                let id = visibility.triangle[y * size + x];
-                if id != NONE {
-                    let t = self.triangles[id as usize].map(|i| i as usize);
-                    let b = barycentrics(&t.map(|i| clip[i]), grid.ndc(x, y), &grid);
-                    *out = interpolate(t.map(|i| &self.colors[i]), &b);
-                }
+        flat.resize(size * size, [0.0; 3]);
+        let rows = size.max(1) * TILE;
+        let strips = flat.par_chunks_mut(rows).zip(visibility.triangle.par_chunks(rows));
+        strips.enumerate().for_each(|(s, (flat, ids))| {
+            flat.fill([0.0; 3]);
+            for (y, (flat, ids)) in flat.chunks_mut(size).zip(ids.chunks(size)).enumerate() {
+                for_each_run(ids, |triangle, run| {
+                    let [i, j, k] = self.corners(triangle);
+                    let corners = [clip[i], clip[j], clip[k]];
+                    let colors = [&self.colors[i], &self.colors[j], &self.colors[k]];
+                    for x in run {
+                        let b = barycentrics(&corners, grid.ndc(x, s * TILE + y), &grid);
+                        flat[x] = interpolate(colors, &b);
+                    }
+                });
             }
         });
-        let pairs = if smooth { silhouettes(&visibility, &clip, &self.topology()) } else { Vec::new() };
-        let mut color = flat.clone();
-        antialias(&pairs, &flat, &mut color);
-        Picture { color, clip, visibility, flat, pairs }
+        *pairs = if smooth { silhouettes(visibility, clip, &self.topology()) } else { Vec::new() };
+        color.clone_from(flat);
+        antialias(pairs, flat, color);
     }
 
-    /// Gradients of positions and colours.
+    /// Gradients of positions and colours for the gradient `g` of the picture.
     pub(crate) fn render_vjp(
         &self,
         camera: &Matrix4<f32>,
         size: usize,
         p: &Picture,
-        g: &[[f32; 3]],
-    ) -> (Vec<Vec3f>, Vec<[f32; 3]>) {
-        let mut g_clip = vec![Vec4f::zero(); self.positions.len()];
-        let mut g_colors = vec![[0.0; 3]; self.colors.len()];
-        let mut g_flat = g.to_vec();
-        antialias_vjp(&p.pairs, &p.clip, (size, size), &p.flat, g, &mut g_flat, &mut g_clip);
-        let grid = PixelGrid::new(size, size);
-        for (i, id) in p.visibility.triangle.iter().enumerate().filter(|(_, id)| **id != NONE) {
-            let t = self.triangles[*id as usize].map(|i| i as usize);
-            let (f, corners) = (grid.ndc(i % size, i / size), t.map(|i| p.clip[i]));
-            let b = barycentrics(&corners, f, &grid);
-            let mut part = [[0.0; 3]; 3];
-            let [g0, g1, g2] = &mut part;
-            let uv = interpolate_vjp(t.map(|i| &self.colors[i]), &b, &g_flat[i], [g0, g1, g2]);
-            let corner = barycentrics_vjp(&corners, f, uv.x, uv.y);
-            for k in 0..3 {
-                g_clip[t[k]] += corner[k];
-                (0..3).for_each(|c| g_colors[t[k]][c] += part[k][c]);
+        g: impl Fn(usize, [f32; 3]) -> [f32; 3] + Sync,
+        out: &mut Reverse,
+    ) {
+        let Reverse { positions, colors, clip, pixels, strips } = out;
+        clip.clear();
+        clip.resize(self.positions.len(), Vec4f::zero());
+        colors.clear();
+        colors.resize(self.colors.len(), [0.0; 3]);
+        p.color.par_iter().enumerate().map(|(i, c)| g(i, *c)).collect_into_vec(pixels);
+        antialias_vjp(&p.pairs, &p.clip, (size, size), &p.flat, pixels, clip);
+        let rows = size.max(1) * TILE;
+        strips.resize_with((size * size).div_ceil(rows), Vec::new);
+        let parts = pixels.par_chunks(rows).zip(p.visibility.triangle.par_chunks(rows));
+        parts.zip(strips.par_iter_mut()).enumerate().for_each(|(s, ((g, ids), runs))| {
+            self.strip_vjp(p, size, s * TILE, g, ids, runs);
+        });
+        for run in strips.iter().flatten() {
+            for (n, i) in self.corners(run.triangle).into_iter().enumerate() {
+                clip[i] += run.clip[n];
+                (0..3).for_each(|c| colors[i][c] += run.color[n][c]);
             }
         }
-        let mut g_positions = vec![Vec3f::zero(); self.positions.len()];
-        project_vjp(camera, &g_clip, &mut g_positions);
-        (g_positions, g_colors)
+        positions.clear();
+        positions.resize(self.positions.len(), Vec3f::zero());
+        project_vjp(camera, clip, positions);
+    }
+
+    /// Gradients of the runs of pixels of one triangle in some rows from `first` on.
+    fn strip_vjp(
+        &self,
+        p: &Picture,
+        size: usize,
+        first: usize,
+        g: &[[f32; 3]],
+        ids: &[u32],
+        runs: &mut Vec<Run>,
+    ) {
+        let grid = PixelGrid::new(size, size);
+        runs.clear();
+        for (y, (g, ids)) in g.chunks(size).zip(ids.chunks(size)).enumerate() {
+            for_each_run(ids, |triangle, run| {
+                let [i, j, k] = self.corners(triangle);
+                let corners = [p.clip[i], p.clip[j], p.clip[k]];
+                let colors = [&self.colors[i], &self.colors[j], &self.colors[k]];
+                let mut sum = Run { triangle, clip: [Vec4f::zero(); 3], color: [[0.0; 3]; 3] };
+                for x in run {
+                    let f = grid.ndc(x, first + y);
+                    let b = barycentrics(&corners, f, &grid);
+                    let [g0, g1, g2] = &mut sum.color;
+                    let uv = interpolate_vjp(colors, &b, &g[x], [g0, g1, g2]);
+                    let corner = barycentrics_vjp(&corners, f, uv.x, uv.y);
+                    (0..3).for_each(|k| sum.clip[k] += corner[k]);
+                }
+                runs.push(sum);
+            });
+        }
+    }
+
+    fn corners(&self, triangle: u32) -> [usize; 3] {
+        self.triangles[triangle as usize].map(|i| i as usize)
+    }
+}
+
+/// Calls `run` with the triangle and the columns of each run of pixels in a row.
+#[inline(always)]
+fn for_each_run(ids: &[u32], mut run: impl FnMut(u32, Range<usize>)) {
+    let mut start = 0;
+    while start < ids.len() {
+        let id = ids[start];
+        let end = start + ids[start..].iter().take_while(|i| **i == id).count();
+        if id != NONE {
+            run(id, start..end);
+        }
+        start = end;
     }
 }
 

@@ -1,5 +1,6 @@
 //! Where a silhouette edge crosses the line between two pixel centres.
 
+use super::fold::Folds;
 use super::{Topology, pixel_to_clip_vjp};
 use crate::rasterize::NONE;
 use photofit_scalar::{Real, Vec2, Vec4, vec2};
@@ -41,17 +42,12 @@ fn place<T: Real>(c: Vec4<T>, v: &View) -> Vec2<T> {
     if v.vertical { vec2(y, x) } else { vec2(x, y) }
 }
 
-/// Twice the area of (a, b, p).
-#[inline(always)]
-fn side<T: Real>(a: Vec2<T>, b: Vec2<T>, p: Vec2<T>) -> T {
-    (b.x - a.x) * (p.y - a.y) - (b.y - a.y) * (p.x - a.x)
-}
-
 /// Where the surface that starts at the closer pixel ends on the way to the other one (`sign` = direction along the
 /// pair): walks from triangle to triangle across inner edges until a silhouette is met.
 pub(super) fn find_crossing<T: Real>(
     clip: &[Vec4<T>],
     topology: &Topology<'_>,
+    folds: &Folds,
     triangle: usize,
     sign: T,
     view: &View,
@@ -68,8 +64,8 @@ pub(super) fn find_crossing<T: Real>(
         if t.is_nan() || t <= T::of(-MARGIN) || t >= T::of(1.0 + MARGIN) {
             return None;
         }
-        let (a, b, own) = (q[k], q[(k + 1) % 3], q[(k + 2) % 3]);
-        if is_silhouette(clip, topology.opposite[current][k], a, b, own, view) {
+        if folds.is_silhouette(current, k) {
+            let (a, b) = (q[k], q[(k + 1) % 3]);
             if (b.y - a.y).abs() < (b.x - a.x).abs() {
                 return None;
             }
@@ -106,23 +102,6 @@ fn exit<T: Real>(q: &[Vec2<T>; 3], sign: T, is_entry: impl Fn(usize) -> bool) ->
         }
     }
     best
-}
-
-/// Whether the surface ends or folds over at an edge.
-#[inline(always)]
-fn is_silhouette<T: Real>(
-    clip: &[Vec4<T>],
-    across: u32,
-    a: Vec2<T>,
-    b: Vec2<T>,
-    own: Vec2<T>,
-    view: &View,
-) -> bool {
-    if across == NONE {
-        return true;
-    }
-    let o = clip[across as usize];
-    o.w > T::zero() && (side(a, b, place(o, view)) < T::zero()) == (side(a, b, own) < T::zero())
 }
 
 impl<T: Real> Crossing<T> {

@@ -11,9 +11,11 @@
 //! A silhouette is judged by welded topology, so duplicated vertices do not matter.
 
 mod edge;
+mod fold;
 
 use crate::rasterize::{NONE, TILE, Visibility};
 use edge::{Crossing, find_crossing};
+use fold::Folds;
 use photofit_scalar::{Real, Vec4, vec4};
 use rayon::prelude::*;
 
@@ -52,12 +54,13 @@ pub fn silhouettes<T: Real>(
     topology: &Topology<'_>,
 ) -> Vec<Pair<T>> {
     let (w, h) = (visibility.width, visibility.height);
+    let folds = Folds::new(clip, topology);
     let strips: Vec<Vec<Pair<T>>> = (0..h.div_ceil(TILE))
         .into_par_iter()
         .map(|s| {
             let mut pairs = Vec::new();
             for y in s * TILE..((s + 1) * TILE).min(h) {
-                row_pairs(visibility, clip, topology, y, &mut pairs);
+                row_pairs(visibility, clip, topology, &folds, y, &mut pairs);
             }
             pairs
         })
@@ -70,17 +73,22 @@ fn row_pairs<T: Real>(
     v: &Visibility,
     clip: &[Vec4<T>],
     topology: &Topology<'_>,
+    folds: &Folds,
     y: usize,
     pairs: &mut Vec<Pair<T>>,
 ) {
     let w = v.width;
+    let differ = |i: usize, j: usize| {
+        let (a, b) = (v.triangle[i], v.triangle[j]);
+        a != b && (a == NONE || b == NONE || !folds.continuous(topology, a as usize, b))
+    };
     for x in 0..w {
         let i = y * w + x;
-        if x + 1 < w && v.triangle[i] != v.triangle[i + 1] {
-            pairs.extend(pair(v, clip, topology, i, i + 1, false));
+        if x + 1 < w && differ(i, i + 1) {
+            pairs.extend(pair(v, clip, topology, folds, i, i + 1, false));
         }
-        if y + 1 < v.height && v.triangle[i] != v.triangle[i + w] {
-            pairs.extend(pair(v, clip, topology, i, i + w, true));
+        if y + 1 < v.height && differ(i, i + w) {
+            pairs.extend(pair(v, clip, topology, folds, i, i + w, true));
         }
     }
 }
@@ -89,6 +97,7 @@ fn pair<T: Real>(
     v: &Visibility,
     clip: &[Vec4<T>],
     topology: &Topology<'_>,
+    folds: &Folds,
     first: usize,
     second: usize,
     vertical: bool,
@@ -99,7 +108,7 @@ fn pair<T: Real>(
     let sign = if first_is_closer { T::one() } else { -T::one() };
     let grid =
         edge::View { width: v.width, height: v.height, x: pixel % v.width, y: pixel / v.width, vertical };
-    let crossing = find_crossing(clip, topology, triangle as usize, sign, &grid)?;
+    let crossing = find_crossing(clip, topology, folds, triangle as usize, sign, &grid)?;
     let alpha = sign * (T::of(0.5) - crossing.t);
     (alpha != T::zero()).then_some(Pair { first: first as u32, second: second as u32, alpha, crossing })
 }
@@ -129,8 +138,8 @@ pub fn antialias<T: Real, const C: usize>(pairs: &[Pair<T>], color: &[[T; C]], o
     }
 }
 
-/// Adjoint of [`antialias`]: from `g_out` to the gradients of the colours (`g_color` must hold a copy of `g_out`) and
-/// of the clip-space positions (accumulated).
+/// Adjoint of [`antialias`]: turns `g`, the gradient of its output, into that of its input colours, and accumulates
+/// the gradients of the clip-space positions.
 ///
 /// # Panics
 /// If the slices differ in length or a pair is out of range.
@@ -139,19 +148,19 @@ pub fn antialias_vjp<T: Real, const C: usize>(
     clip: &[Vec4<T>],
     (width, height): (usize, usize),
     color: &[[T; C]],
-    g_out: &[[T; C]],
-    g_color: &mut [[T; C]],
+    g: &mut [[T; C]],
     g_clip: &mut [Vec4<T>],
 ) {
-    assert_eq!(color.len(), g_out.len(), "one gradient per pixel");
-    for p in pairs {
+    assert_eq!(color.len(), g.len(), "one gradient per pixel");
+    // All pairs read the gradient of the output, also where others have changed it.
+    let g_out: Vec<[T; C]> = pairs.iter().map(|p| g[p.written()]).collect();
+    for (p, g_out) in pairs.iter().zip(&g_out) {
         let (i0, i1) = (p.first as usize, p.second as usize);
-        let g = g_out[p.written()];
         let mut d = T::zero();
         for c in 0..C {
-            d += g[c] * (color[i1][c] - color[i0][c]);
-            g_color[i1][c] += p.alpha * g[c];
-            g_color[i0][c] -= p.alpha * g[c];
+            d += g_out[c] * (color[i1][c] - color[i0][c]);
+            g[i1][c] += p.alpha * g_out[c];
+            g[i0][c] -= p.alpha * g_out[c];
         }
         if p.alpha.abs() < T::of(0.5) {
             p.crossing.vjp(-d, clip, width, height, g_clip);

@@ -1,11 +1,12 @@
 //! One image: layers, blending, antialiasing; and the reverse pass.
 
+use super::pixel::CornerGradients;
 use super::tile::{Strip, StripGradients};
 use super::{Geometry, Passes, View};
 use crate::antialias::{Pair, antialias, antialias_vjp, silhouettes};
 use crate::maps::CHANNELS;
 use crate::project::{project, project_vjp};
-use crate::rasterize::{NONE, TILE, Visibility, rasterize};
+use crate::rasterize::{NONE, TILE, Visibility, rasterize_into};
 use crate::texture::{Pyramid, Scatter};
 use photofit_scalar::{Real, Vec3, Vec4};
 use photofit_scene::AlphaMode;
@@ -13,6 +14,8 @@ use rayon::prelude::*;
 
 /// Transparency below which nothing behind a pixel is looked for.
 const OPAQUE_ENOUGH: f64 = 1.0 - 1.0 / 512.0;
+/// Samples handled by one task where tiles do not matter.
+const CHUNK: usize = 1 << 14;
 
 /// One depth layer of an image.
 #[derive(Clone, Debug)]
@@ -26,14 +29,35 @@ pub struct FrameLayer<T> {
     blended: Vec<[T; 4]>,
 }
 
-/// A rendered image and what its reverse pass needs.
+impl<T> Default for FrameLayer<T> {
+    fn default() -> Self {
+        Self { visibility: Visibility::default(), pairs: Vec::new(), shaded: Vec::new(), blended: Vec::new() }
+    }
+}
+
+/// A rendered image and what its reverse pass needs. [`render_into`] uses its memory again.
 #[derive(Clone, Debug)]
 pub struct Frame<T> {
-    /// Radiance over the background and coverage, row 0 at the top.
+    /// Radiance over the background and coverage, one per sample, row 0 at the top.
     pub color: Vec<[T; 4]>,
     /// Layers, front first.
     pub layers: Vec<FrameLayer<T>>,
     clip: Vec<Vec4<T>>,
+    clip32: Vec<Vec4<f32>>,
+    /// Layers of earlier images, for their memory.
+    spare: Vec<FrameLayer<T>>,
+}
+
+impl<T> Default for Frame<T> {
+    fn default() -> Self {
+        Self {
+            color: Vec::new(),
+            layers: Vec::new(),
+            clip: Vec::new(),
+            clip32: Vec::new(),
+            spare: Vec::new(),
+        }
+    }
 }
 
 /// Gradients of one or more images; accumulated.
@@ -47,6 +71,18 @@ pub struct Gradients<T> {
     pub tangents: Vec<Vec3<T>>,
     /// Of the texels, level by level.
     pub maps: Pyramid<T, CHANNELS>,
+    scratch: Scratch<T>,
+}
+
+/// Memory of the reverse pass, kept from image to image.
+#[derive(Clone, Debug)]
+struct Scratch<T> {
+    /// Gradient of the colours in front of the layer at work.
+    g: Vec<[T; 4]>,
+    /// Gradient of the layer's fragments.
+    shaded: Vec<[T; 4]>,
+    clip: Vec<Vec4<T>>,
+    strips: Vec<StripGradients<T>>,
 }
 
 impl<T: Real> Gradients<T> {
@@ -58,6 +94,7 @@ impl<T: Real> Gradients<T> {
             normals: zero.clone(),
             tangents: zero,
             maps: Pyramid::zeros_like(maps),
+            scratch: Scratch { g: Vec::new(), shaded: Vec::new(), clip: Vec::new(), strips: Vec::new() },
         }
     }
 
@@ -70,7 +107,8 @@ impl<T: Real> Gradients<T> {
     }
 }
 
-/// Renders a mesh over `background` `[H*W]` (radiance; its coverage counts as zero).
+/// Renders a mesh over `background` `[H/s*W/s]` (radiance per pixel; its coverage counts as zero), with `s =
+/// view.samples`.
 ///
 /// # Panics
 /// If array lengths disagree with the geometry or the view, or an index is out of range.
@@ -81,40 +119,77 @@ pub fn render<T: Real>(
     background: &[[T; 3]],
     passes: &Passes,
 ) -> Frame<T> {
+    let mut frame = Frame::default();
+    render_into(geometry, maps, view, background, passes, &mut frame);
+    frame
+}
+
+/// [`render`] into a frame whose memory is used again.
+///
+/// # Panics
+/// As [`render`].
+pub fn render_into<T: Real>(
+    geometry: &Geometry<'_, T>,
+    maps: &Pyramid<T, CHANNELS>,
+    view: &View<'_, T>,
+    background: &[[T; 3]],
+    passes: &Passes,
+    frame: &mut Frame<T>,
+) {
     let n = view.width * view.height;
-    assert_eq!(background.len(), n, "one background colour per pixel");
-    let mut clip = vec![Vec4::zero(); geometry.positions.len()];
-    project(&view.view_projection, geometry.positions, &mut clip);
-    let clip32: Vec<Vec4<f32>> = clip.iter().map(|c| c.cast()).collect();
-    let mut layers: Vec<FrameLayer<T>> = Vec::new();
+    let Frame { color, layers, clip, clip32, spare } = frame;
+    spare.append(layers);
+    clip.resize(geometry.positions.len(), Vec4::zero());
+    project(&view.view_projection, geometry.positions, clip);
+    clip.par_iter().map(|c| c.cast()).collect_into_vec(clip32);
     let mut front: Option<Visibility> = None;
     while layers.len() < passes.max_layers.max(1) {
-        let visibility =
-            rasterize(&clip32, geometry.topology.triangles, view.width, view.height, front.as_ref());
+        let mut layer = spare.pop().unwrap_or_default();
+        let (triangles, visibility) = (geometry.topology.triangles, &mut layer.visibility);
+        rasterize_into(clip32, triangles, view.width, view.height, front.as_ref(), visibility);
         if !layers.is_empty() && visibility.triangle.iter().all(|t| *t == NONE) {
+            spare.push(layer);
             break;
         }
-        let mut shaded = vec![[T::zero(); 4]; n];
-        shaded.par_chunks_mut(view.width.max(1) * TILE).enumerate().for_each(|(s, out)| {
-            let strip =
-                Strip { geometry, view, passes, maps, clip: &clip, visibility: &visibility, y: s * TILE };
+        layer.shaded.resize(n, [T::zero(); 4]);
+        let visibility = &layer.visibility;
+        layer.shaded.par_chunks_mut(view.width.max(1) * TILE).enumerate().for_each(|(s, out)| {
+            let strip = Strip { geometry, view, passes, maps, clip, visibility, y: s * TILE };
             strip.shade(&mut Vec::new(), out);
         });
-        let pairs =
-            if passes.antialias { silhouettes(&visibility, &clip, &geometry.topology) } else { Vec::new() };
-        front = transparent_part(geometry, &visibility, &shaded);
-        layers.push(FrameLayer { visibility, pairs, shaded, blended: Vec::new() });
+        layer.pairs.clear();
+        if passes.antialias {
+            layer.pairs.append(&mut silhouettes(visibility, clip, &geometry.topology));
+        }
+        front = transparent_part(geometry, visibility, &layer.shaded);
+        layers.push(layer);
         if front.is_none() {
             break;
         }
     }
-    let mut color: Vec<[T; 4]> = background.iter().map(|b| [b[0], b[1], b[2], T::zero()]).collect();
+    color.resize(n, [T::zero(); 4]);
+    magnify(background, view, color, |b| [b[0], b[1], b[2], T::zero()]);
     for layer in layers.iter_mut().rev() {
-        blend(layer, &mut color);
-        layer.blended.clone_from(&color);
-        antialias(&layer.pairs, &layer.blended, &mut color);
+        blend(layer, color);
+        antialias(&layer.pairs, &layer.blended, color);
     }
-    Frame { color, layers, clip }
+}
+
+/// Writes one value per pixel to all samples of the pixel.
+fn magnify<P: Sync, T: Real>(
+    pixels: &[P],
+    view: &View<'_, T>,
+    out: &mut [[T; 4]],
+    value: impl Fn(&P) -> [T; 4] + Sync,
+) {
+    let (s, w) = (view.samples.max(1), view.width);
+    assert!(w.is_multiple_of(s) && view.height.is_multiple_of(s), "whole pixels");
+    assert_eq!(pixels.len() * s * s, out.len(), "one value per pixel");
+    out.par_chunks_mut(w.max(1)).enumerate().for_each(|(y, row)| {
+        for (o, p) in row.chunks_mut(s).zip(&pixels[(y / s) * (w / s)..]) {
+            o.fill(value(p));
+        }
+    });
 }
 
 /// The layer restricted to pixels that let something through; `None` if there is none.
@@ -133,20 +208,27 @@ fn transparent_part<T: Real>(g: &Geometry<'_, T>, v: &Visibility, shaded: &[[T; 
     any.then_some(front)
 }
 
-/// `color = alpha (rgb, 1) + (1 - alpha) color` where the layer has a fragment.
-fn blend<T: Real>(layer: &FrameLayer<T>, color: &mut [[T; 4]]) {
-    for ((c, s), t) in color.iter_mut().zip(&layer.shaded).zip(&layer.visibility.triangle) {
-        if *t != NONE {
-            let a = s[3];
-            let over = [s[0], s[1], s[2], T::one()];
-            for k in 0..4 {
-                c[k] += a * (over[k] - c[k]);
+/// `color = alpha (rgb, 1) + (1 - alpha) color` where the layer has a fragment; kept as the layer's blended colour.
+fn blend<T: Real>(layer: &mut FrameLayer<T>, color: &mut [[T; 4]]) {
+    layer.blended.resize(color.len(), [T::zero(); 4]);
+    let fragments = layer.shaded.par_chunks(CHUNK).zip(layer.visibility.triangle.par_chunks(CHUNK));
+    let colors = color.par_chunks_mut(CHUNK).zip(layer.blended.par_chunks_mut(CHUNK));
+    colors.zip(fragments).for_each(|((color, blended), (shaded, triangle))| {
+        for ((c, s), t) in color.iter_mut().zip(shaded).zip(triangle) {
+            if *t != NONE {
+                let a = s[3];
+                let over = [s[0], s[1], s[2], T::one()];
+                for k in 0..4 {
+                    c[k] += a * (over[k] - c[k]);
+                }
             }
         }
-    }
+        blended.copy_from_slice(color);
+    });
 }
 
-/// Adjoint of [`render`]: accumulates into `out` the gradients for `g` `[H*W]`, the gradient of `frame.color`.
+/// Adjoint of [`render`]: accumulates into `out` the gradients for `g` `[H/s*W/s]`, the gradient of the pixels, which
+/// are the means of their `s*s` samples in `frame.color`.
 ///
 /// # Panics
 /// If array lengths disagree.
@@ -159,48 +241,62 @@ pub fn render_vjp<T: Real>(
     g: &[[T; 4]],
     out: &mut Gradients<T>,
 ) {
-    assert_eq!(g.len(), frame.color.len(), "one gradient per pixel");
-    let mut g_clip = vec![Vec4::zero(); geometry.positions.len()];
-    let mut g = g.to_vec();
+    let n = frame.color.len();
+    let Scratch { g: g_color, shaded: g_shaded, clip: g_clip, .. } = &mut out.scratch;
+    g_clip.clear();
+    g_clip.resize(geometry.positions.len(), Vec4::zero());
+    g_color.resize(n, [T::zero(); 4]);
+    g_shaded.resize(n, [T::zero(); 4]);
+    let share = T::one() / T::of((view.samples * view.samples).max(1) as f64);
+    magnify(g, view, g_color, |g| g.map(|g| g * share));
     for layer in &frame.layers {
-        let g_out = g.clone();
+        let Scratch { g: g_color, shaded: g_shaded, clip: g_clip, .. } = &mut out.scratch;
         let size = (view.width, view.height);
-        antialias_vjp(&layer.pairs, &frame.clip, size, &layer.blended, &g_out, &mut g, &mut g_clip);
-        let g_shaded = blend_vjp(layer, &mut g);
-        shade_vjp(geometry, maps, view, passes, frame, layer, &g_shaded, &mut g_clip, out);
+        antialias_vjp(&layer.pairs, &frame.clip, size, &layer.blended, g_color, g_clip);
+        blend_vjp(layer, g_color, g_shaded);
+        shade_vjp(geometry, maps, view, passes, frame, layer, out);
     }
     if passes.position_gradients {
-        project_vjp(&view.view_projection, &g_clip, &mut out.positions);
+        project_vjp(&view.view_projection, &out.scratch.clip, &mut out.positions);
     }
 }
 
-/// Adjoint of [`blend`]: returns the gradient of the layer's fragments and turns `g` into that of what lies behind.
+/// Adjoint of [`blend`]: writes the gradient of the layer's fragments and turns `g` into that of what lies behind.
 ///
 /// What lies behind is recovered from the blended colour; where alpha leaves nothing of it, alpha gets no gradient.
-fn blend_vjp<T: Real>(layer: &FrameLayer<T>, g: &mut [[T; 4]]) -> Vec<[T; 4]> {
-    let mut out = vec![[T::zero(); 4]; g.len()];
-    let fragments = layer.shaded.iter().zip(&layer.visibility.triangle).zip(&layer.blended);
-    for (((s, t), c), (g, o)) in fragments.zip(g.iter_mut().zip(&mut out)) {
-        if *t == NONE {
-            continue;
-        }
-        let (a, rest) = (s[3], T::one() - s[3]);
-        let over = [s[0], s[1], s[2], T::one()];
-        for k in 0..4 {
-            if k < 3 {
-                o[k] = a * g[k];
+fn blend_vjp<T: Real>(layer: &FrameLayer<T>, g: &mut [[T; 4]], out: &mut [[T; 4]]) {
+    let fragments = layer.shaded.par_chunks(CHUNK).zip(layer.visibility.triangle.par_chunks(CHUNK));
+    let gradients = g.par_chunks_mut(CHUNK).zip(out.par_chunks_mut(CHUNK));
+    gradients.zip(fragments.zip(layer.blended.par_chunks(CHUNK))).for_each(
+        |((g, out), ((shaded, triangle), blended))| {
+            let fragments = shaded.iter().zip(triangle).zip(blended);
+            for (((s, t), c), (g, o)) in fragments.zip(g.iter_mut().zip(out)) {
+                *o = [T::zero(); 4];
+                if *t != NONE {
+                    fragment_vjp(s, c, g, o);
+                }
             }
-            if rest > T::zero() {
-                // d/da = over - back, with back = (c - a over) / (1 - a), so over - back = (over - c) / (1 - a).
-                o[3] += g[k] * (over[k] - c[k]) / rest;
-            }
-            g[k] *= rest;
-        }
-    }
-    out
+        },
+    );
 }
 
-/// Adjoint of shading one layer.
+#[inline(always)]
+fn fragment_vjp<T: Real>(s: &[T; 4], c: &[T; 4], g: &mut [T; 4], o: &mut [T; 4]) {
+    let (a, rest) = (s[3], T::one() - s[3]);
+    let over = [s[0], s[1], s[2], T::one()];
+    for k in 0..4 {
+        if k < 3 {
+            o[k] = a * g[k];
+        }
+        if rest > T::zero() {
+            // d/da = over - back, with back = (c - a over) / (1 - a), so over - back = (over - c) / (1 - a).
+            o[3] += g[k] * (over[k] - c[k]) / rest;
+        }
+        g[k] *= rest;
+    }
+}
+
+/// Adjoint of shading one layer, whose fragments' gradient is in the scratch memory.
 fn shade_vjp<T: Real>(
     geometry: &Geometry<'_, T>,
     maps: &Pyramid<T, CHANNELS>,
@@ -208,32 +304,41 @@ fn shade_vjp<T: Real>(
     passes: &Passes,
     frame: &Frame<T>,
     layer: &FrameLayer<T>,
-    g_shaded: &[[T; 4]],
-    g_clip: &mut [Vec4<T>],
     out: &mut Gradients<T>,
 ) {
-    let strips: Vec<StripGradients<T>> = g_shaded
-        .par_chunks(view.width.max(1) * TILE)
-        .enumerate()
-        .map(|(s, g)| {
-            let mut strip_out = StripGradients::default();
-            let v = &layer.visibility;
-            let strip = Strip { geometry, view, passes, maps, clip: &frame.clip, visibility: v, y: s * TILE };
-            strip.shade_vjp(g, &mut strip_out);
-            strip_out
-        })
-        .collect();
+    let Scratch { shaded, clip: g_clip, strips, .. } = &mut out.scratch;
+    let rows = view.width.max(1) * TILE;
+    strips.resize_with(shaded.len().div_ceil(rows), StripGradients::default);
+    strips.par_iter_mut().zip(shaded.par_chunks(rows)).enumerate().for_each(|(s, (strip_out, g))| {
+        let v = &layer.visibility;
+        let strip = Strip { geometry, view, passes, maps, clip: &frame.clip, visibility: v, y: s * TILE };
+        strip.shade_vjp(g, strip_out);
+    });
     if passes.map_gradients {
         let queues: Vec<_> = strips.iter().map(|s| &s.texels).collect();
         Scatter::accumulate(&queues, &mut out.maps);
     }
-    for (triangle, c) in strips.iter().flat_map(|s| &s.corners) {
-        for k in 0..3 {
-            let i = geometry.topology.triangles[*triangle as usize][k] as usize;
-            g_clip[i] += c.clip[k];
-            out.positions[i] += Vec3::from_array(c.position[k]);
-            out.normals[i] += Vec3::from_array(c.normal[k]);
-            out.tangents[i] += Vec3::from_array(c.tangent[k]);
-        }
+    if !passes.position_gradients {
+        return;
     }
+    // One task per attribute: each adds in the same fixed order.
+    let (strips, triangles) = (&*strips, geometry.topology.triangles);
+    let (positions, normals, tangents) = (&mut out.positions, &mut out.normals, &mut out.tangents);
+    let add = |g: &mut [Vec3<T>], part: fn(&CornerGradients<T>) -> &[[T; 3]; 3]| {
+        for (triangle, c) in strips.iter().flat_map(|s| &s.corners) {
+            for (i, p) in triangles[*triangle as usize].iter().zip(part(c)) {
+                g[*i as usize] += Vec3::from_array(*p);
+            }
+        }
+    };
+    rayon::scope(|s| {
+        s.spawn(|_| add(positions, |c| &c.position));
+        s.spawn(|_| add(normals, |c| &c.normal));
+        s.spawn(|_| add(tangents, |c| &c.tangent));
+        for (triangle, c) in strips.iter().flat_map(|s| &s.corners) {
+            for (i, p) in triangles[*triangle as usize].iter().zip(c.clip) {
+                g_clip[*i as usize] += p;
+            }
+        }
+    });
 }

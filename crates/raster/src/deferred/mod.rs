@@ -8,7 +8,7 @@ mod frame;
 mod pixel;
 mod tile;
 
-pub use frame::{Frame, FrameLayer, Gradients, render, render_vjp};
+pub use frame::{Frame, FrameLayer, Gradients, render, render_into, render_vjp};
 
 use crate::antialias::Topology;
 use crate::project::Matrix4;
@@ -42,10 +42,13 @@ pub struct View<'a, T> {
     pub eye: Vec3<T>,
     /// The lights.
     pub lights: &'a [Light<'a, T>],
-    /// Columns.
+    /// Columns of samples.
     pub width: usize,
-    /// Rows.
+    /// Rows of samples.
     pub height: usize,
+    /// Samples per axis of one pixel (supersampling; both sizes are multiples of it): backgrounds and gradients
+    /// come per pixel.
+    pub samples: usize,
     /// Added to the mip level; negative is sharper.
     pub lod_bias: T,
 }

@@ -75,6 +75,7 @@ impl Patch {
             lights: &lights,
             width: SIZE,
             height: SIZE,
+            samples: 1,
             lod_bias: -8.0,
         };
         f(&geometry, &view)
@@ -207,6 +208,7 @@ fn production_precision_agrees_with_double() {
         lights: &lights,
         width: SIZE,
         height: SIZE,
+        samples: 1,
         lod_bias: -8.0,
     });
     let b32: Vec<[f32; 3]> = b.iter().map(|b| b.map(|x| x as f32)).collect();

@@ -14,13 +14,6 @@ pub trait LossScalar: Real {
     fn log_srgb<const FMA: bool>(x: Self) -> (Self, Self);
 }
 
-/// Whether this machine has AVX2 and fused multiply-add.
-#[cfg(target_arch = "x86_64")]
-#[inline]
-pub(crate) fn has_avx2() -> bool {
-    std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma")
-}
-
 /// The odd continuation of the tone curve and its derivative; samples beyond the clamp have a zero derivative.
 #[inline(always)]
 pub(crate) fn tone<T: LossScalar, const FMA: bool>(x: T) -> (T, T) {

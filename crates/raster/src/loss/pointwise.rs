@@ -147,7 +147,7 @@ fn block_avx2<T: LossScalar, K: Term>(
 #[inline]
 fn any_block<T: LossScalar, K: Term>(x: &[T], y: &[T], w: Option<&[T]>, scale: T, gradient: &mut [T]) -> f64 {
     #[cfg(target_arch = "x86_64")]
-    if super::curve::has_avx2() {
+    if crate::cpu::has_avx2() {
         #[expect(unsafe_code, reason = "calling a function compiled for AVX2 and FMA")]
         // SAFETY: both features were just detected.
         return unsafe { block_avx2::<T, K>(x, y, w, scale, gradient) };

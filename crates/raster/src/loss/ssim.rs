@@ -258,7 +258,7 @@ fn any_band<T: LossScalar>(
     gradient: Option<&mut [T]>,
 ) -> f64 {
     #[cfg(target_arch = "x86_64")]
-    if super::curve::has_avx2() {
+    if crate::cpu::has_avx2() {
         #[expect(unsafe_code, reason = "calling a function compiled for AVX2 and FMA")]
         // SAFETY: both features were just detected.
         return unsafe { band_avx2(x, y, frame, window, own, scale, gradient) };

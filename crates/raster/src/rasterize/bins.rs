@@ -81,7 +81,7 @@ fn bin_chunk(
     let boxes: Vec<Option<[u16; 4]>> = tris
         .iter()
         .map(|t| {
-            let b = tile_box(t.map(|i| clip[i as usize]), width, height)?;
+            let b = tile_box([clip[t[0] as usize], clip[t[1] as usize], clip[t[2] as usize]], width, height)?;
             for r in b[1]..=b[3] {
                 for c in b[0]..=b[2] {
                     start[r as usize * columns + c as usize + 1] += 1;
@@ -132,8 +132,15 @@ fn tile_box(p: [Vec4f; 3], width: usize, height: usize) -> Option<[u16; 4]> {
             }
         }
         for k in 0..2 {
-            lo[k] = lo[k].max((min[k] - 0.5 - SLACK).ceil());
-            hi[k] = hi[k].min((max[k] - 0.5 + SLACK).floor());
+            let (first, last) = (min[k] - 0.5 - SLACK, max[k] - 0.5 + SLACK);
+            if !(first <= hi[k] && last >= 0.0) {
+                return None;
+            }
+            // Whole pixels inside of both, without the library calls that `ceil` and `floor` are on old machines.
+            let (first, last) = (first.max(0.0), last.min(hi[k]));
+            let low = first as u32;
+            lo[k] = f64::from(low + u32::from(f64::from(low) < first));
+            hi[k] = f64::from(last as u32);
         }
     }
     if !(lo[0] <= hi[0] && lo[1] <= hi[1]) {

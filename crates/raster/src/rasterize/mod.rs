@@ -7,6 +7,8 @@
 mod barycentric;
 mod bins;
 mod tile;
+#[cfg(target_arch = "x86_64")]
+mod tile_avx2;
 
 pub use barycentric::{Barycentrics, PixelGrid, barycentrics, barycentrics_vjp};
 pub use bins::Bins;
@@ -46,9 +48,27 @@ pub fn rasterize(
     height: usize,
     behind: Option<&Visibility>,
 ) -> Visibility {
+    let mut out = Visibility::default();
+    rasterize_into(clip, triangles, width, height, behind, &mut out);
+    out
+}
+
+/// [`rasterize`] into memory that is used again.
+///
+/// # Panics
+/// As [`rasterize`].
+pub fn rasterize_into(
+    clip: &[Vec4f],
+    triangles: &[[u32; 3]],
+    width: usize,
+    height: usize,
+    behind: Option<&Visibility>,
+    out: &mut Visibility,
+) {
     let bins = Bins::new(clip, triangles, width, height);
-    let mut out =
-        Visibility { width, height, triangle: vec![NONE; width * height], depth: vec![1.0; width * height] };
+    (out.width, out.height) = (width, height);
+    out.triangle.resize(width * height, NONE);
+    out.depth.resize(width * height, 1.0);
     if let Some(b) = behind {
         assert_eq!((b.width, b.height), (width, height), "the layer in front has the same size");
     }
@@ -72,7 +92,6 @@ pub fn rasterize(
                 layer.store(&tile, ids, depths, width);
             }
         });
-    out
 }
 
 #[cfg(test)]

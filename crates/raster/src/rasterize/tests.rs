@@ -131,3 +131,37 @@ fn gradient_of_the_barycentrics() {
         gu * b.u + gv * b.v
     });
 }
+
+#[test]
+fn eight_pixels_at_a_time_give_the_bits_of_one_at_a_time() {
+    let mut rng = Uniform::new(41);
+    let clip: Vec<Vec4f> = (0..600)
+        .map(|_| {
+            let w = rng.range(-0.2, 2.0);
+            let (x, y, z) = (rng.range(-1.5, 1.5), rng.range(-1.5, 1.5), rng.range(-0.1, 1.1));
+            vec4((x * w) as f32, (y * w) as f32, (z * w) as f32, w as f32)
+        })
+        .collect();
+    let triangles: Vec<[u32; 3]> = (0..200).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+    let bins = Bins::new(&clip, &triangles, 77, 70);
+    let mut covered = 0;
+    for (column, row) in [(0, 0), (1, 1), (2, 2)] {
+        let tile = bins.tile(column, row);
+        let mut front: Option<Layer> = None;
+        for _ in 0..3 {
+            let (mut wide, mut narrow) = (Layer::default(), Layer::default());
+            tile.rasterize(&clip, &triangles, front.as_ref(), &mut wide);
+            narrow.depth.fill(f32::INFINITY);
+            tile.for_each_setup(&clip, &triangles, |id, s| s.draw(id, front.as_ref(), &mut narrow));
+            for y in 0..tile.height {
+                for i in y * TILE..y * TILE + tile.width {
+                    assert_eq!(wide.triangle[i], narrow.triangle[i], "tile {column},{row}, pixel {i}");
+                    assert_eq!(wide.depth[i], narrow.depth[i].min(1.0), "tile {column},{row}, pixel {i}");
+                    covered += usize::from(wide.triangle[i] != NONE);
+                }
+            }
+            front = Some(wide);
+        }
+    }
+    assert!(covered > 3000, "the scene covers {covered} pixels");
+}

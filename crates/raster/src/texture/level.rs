@@ -42,7 +42,7 @@ pub fn level_of_detail<T: Real>(
     bias: T,
     max: usize,
 ) -> LevelOfDetail<T> {
-    let level = ellipse(duv, width, height).axis.log2() * T::of(0.5) + bias;
+    let level = ellipse(duv, width, height).axis.log2_fast() * T::of(0.5) + bias;
     LevelOfDetail { level: level.clamp_to(T::zero(), T::of(max as f64)) }
 }
 
