@@ -38,6 +38,9 @@ pub struct Candidate {
     /// Edges between welded vertices, each once.
     pub edges: Vec<[u32; 2]>,
     alpha: Vec<AlphaMode>,
+    /// Vertices to positions.
+    weld: Weld,
+    /// Vertices to normals.
     smooth: Incidence,
     unique: Incidence,
     frames: UvFrames,
@@ -68,11 +71,12 @@ pub struct ParameterGradients {
 }
 
 impl Candidate {
-    /// Prepares the topology of an atlas mesh (`positions`, `uvs`, `triangles`; vertices split only where uvs differ).
+    /// Prepares the topology of an atlas mesh (`positions`, `uvs`, `triangles`; vertices split only where uvs differ
+    /// and at creases). Vertices of one id in `smoothing` share their normal.
     ///
     /// # Panics
     /// If an index is out of range or the arrays disagree in length.
-    pub fn new(mesh: &Mesh, class: Vec<u32>, classes: Vec<AlphaMode>, maps: Maps) -> Self {
+    pub fn new(mesh: &Mesh, smoothing: &Weld, class: Vec<u32>, classes: Vec<AlphaMode>, maps: Maps) -> Self {
         assert_eq!(class.len(), mesh.triangles.len(), "one class per triangle");
         let weld = weld_exact(&mesh.positions);
         let edges = Edges::new(&mesh.triangles, &weld);
@@ -92,7 +96,8 @@ impl Candidate {
             neighbour: edges.triangle_neighbours(),
             edges: edges.vertices,
             alpha,
-            smooth: Incidence::new(&mesh.triangles, &weld),
+            smooth: Incidence::new(&mesh.triangles, smoothing),
+            weld,
             unique,
             frames,
         }
@@ -116,7 +121,7 @@ impl Candidate {
 
     /// The vertex arrays for the present positions.
     pub fn vertices(&self) -> Vertices {
-        let positions = self.smooth.weld.expand(&self.positions);
+        let positions = self.weld.expand(&self.positions);
         let normals = vertex_normals(&self.smooth, &positions, Weighting::Angle);
         let tangents = vertex_tangents(&self.unique, &self.frames, &positions, &normals);
         Vertices { positions, normals, tangents }
@@ -133,6 +138,12 @@ impl Candidate {
             triangles: self.triangles.clone(),
             ..Mesh::default()
         }
+    }
+
+    /// Normals that know no creases, one per vertex: along them a bake leaves no gaps.
+    pub fn round_normals(&self) -> Vec<Vec3f> {
+        let round = Incidence::new(&self.triangles, &self.weld);
+        vertex_normals(&round, &self.weld.expand(&self.positions), Weighting::Angle)
     }
 
     fn geometry<'a>(&'a self, v: &'a Vertices) -> Geometry<'a, f32> {
@@ -209,7 +220,7 @@ impl Candidate {
             &mut g.normals,
         );
         vertex_normals_vjp(&self.smooth, &v.positions, Weighting::Angle, &g.normals, &mut g.positions);
-        self.smooth.weld.expand_vjp(&g.positions, &mut out.positions);
+        self.weld.expand_vjp(&g.positions, &mut out.positions);
     }
 
     /// Uniform differential coordinates of the present shape.

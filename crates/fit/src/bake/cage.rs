@@ -3,6 +3,7 @@
 use super::select::Selector;
 use super::target::{Point, point};
 use photofit_geometry::Mesh;
+use photofit_scalar::Vec3f;
 use rayon::prelude::*;
 
 /// Least distance to look, in diagonals: covers what the samples below miss between them.
@@ -15,19 +16,19 @@ const INNER: [[f32; 3]; 4] =
 ///
 /// Twice, since a line along the normal meets the reference farther away than the closest point. Points that find no
 /// surface count as the floor: their samples search the full distance by themselves.
-pub(super) fn measure(selector: &Selector<'_>, target: &Mesh) -> Vec<f32> {
+pub(super) fn measure(selector: &Selector<'_>, target: &Mesh, directions: &[Vec3f]) -> Vec<f32> {
     let floor = FLOOR * selector.reference.diagonal();
     let at = |p: Option<Point>| p.and_then(|p| selector.distance(&p)).unwrap_or(0.0);
     let mut cage: Vec<f32> = (0..target.positions.len())
         .into_par_iter()
         .map(|v| {
-            let normal = target.normals[v].normalize_or_zero();
+            let normal = directions[v].normalize_or_zero();
             at((normal.length_squared() > 0.0).then_some(Point { position: target.positions[v], normal }))
         })
         .collect();
     let inner: Vec<f32> = (0..target.triangles.len())
         .into_par_iter()
-        .map(|t| INNER.iter().map(|&w| at(point(target, t, w, 0.0))).fold(0.0, f32::max))
+        .map(|t| INNER.iter().map(|&w| at(point(target, directions, t, w, 0.0))).fold(0.0, f32::max))
         .collect();
     for (corners, &d) in target.triangles.iter().zip(&inner) {
         for &i in corners {

@@ -9,6 +9,7 @@
 //! [`photofit_shading::perturb`] gives them back.
 
 mod cage;
+mod creases;
 pub(crate) mod reference;
 mod select;
 mod target;
@@ -21,10 +22,12 @@ use crate::visibility::Visibility;
 use photofit_geometry::{Mesh, atlas};
 use photofit_pathtrace::AccelError;
 use photofit_raster::{CHANNELS, Maps, channel};
+use photofit_scalar::Vec3f;
 use rayon::prelude::*;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
+pub(crate) use creases::hard_edges;
 pub use reference::Reference;
 
 /// Largest width and height of the maps.
@@ -75,6 +78,25 @@ impl Default for BakeSettings {
             widen_roughness: false,
             unlit_as_emission: true,
         }
+    }
+}
+
+/// What is baked onto.
+#[derive(Clone, Copy, Debug)]
+pub struct Target<'a> {
+    /// With normals, tangents and uvs inside of the unit square.
+    pub mesh: &'a Mesh,
+    /// Unit vectors along which to look, one per vertex; `None`: the normals. At creases these should be smoother than
+    /// the normals, or what lies between the two sides is not seen.
+    pub directions: Option<&'a [Vec3f]>,
+    /// One per triangle, which then takes surfaces of that class alone.
+    pub classes: Option<&'a [AlphaClass]>,
+}
+
+impl<'a> Target<'a> {
+    /// A mesh that takes surfaces of any class along its normals.
+    pub fn new(mesh: &'a Mesh) -> Self {
+        Self { mesh, directions: None, classes: None }
     }
 }
 
@@ -227,13 +249,11 @@ pub fn blank_texel() -> [f32; CHANNELS] {
 
 /// Bakes the surface of `reference` onto the atlas of `target`.
 ///
-/// `target` needs normals, tangents and uvs inside of the unit square. `visibility` holds one entry per triangle of
-/// the reference; `classes` one per triangle of the target, which then takes surfaces of that class alone. `progress`
-/// is called with the finished share in [0, 1], from any thread, and may stop the bake. The result is the same for any
+/// `visibility` holds one entry per triangle of the reference. `progress` is called with the finished share in [0, 1], from any thread, and may stop the bake. The result is the same for any
 /// number of threads.
 ///
 /// ```
-/// use photofit_fit::bake::{BakeSettings, Reference, bake};
+/// use photofit_fit::bake::{BakeSettings, Reference, Target, bake};
 /// use photofit_fit::visibility::{VisibilitySettings, visibility};
 /// use photofit_geometry::shapes;
 /// use photofit_scalar::vec4;
@@ -250,7 +270,7 @@ pub fn blank_texel() -> [f32; CHANNELS] {
 /// target.positions.iter_mut().for_each(|p| *p = *p * 0.5 + photofit_scalar::vec3(0.0, 0.0, 0.9));
 /// target.tangents = vec![vec4(1.0, 0.0, 0.0, 1.0); 4];
 /// let settings = BakeSettings { width: 16, height: 16, max_distance: 0.2, ..Default::default() };
-/// let baked = bake(&reference, &seen, &target, None, &settings, &|_| ControlFlow::Continue(()))?;
+/// let baked = bake(&reference, &seen, &Target::new(&target), &settings, &|_| ControlFlow::Continue(()))?;
 /// assert_eq!(baked.statistics.missed, 0);
 /// assert_eq!(baked.maps.texels[0][..4], [0.5, 0.5, 0.5, 1.0]);
 /// # Ok::<(), photofit_fit::bake::BakeError>(())
@@ -261,14 +281,16 @@ pub fn blank_texel() -> [f32; CHANNELS] {
 pub fn bake(
     reference: &Reference<'_>,
     visibility: &Visibility,
-    target: &Mesh,
-    classes: Option<&[AlphaClass]>,
+    target: &Target<'_>,
     settings: &BakeSettings,
     progress: &(dyn Fn(f32) -> ControlFlow<()> + Sync),
 ) -> Result<Baked, BakeError> {
     check_settings(settings)?;
+    let Target { mesh: target, classes, directions } = *target;
     target::check(target)?;
+    let directions = directions.unwrap_or(&target.normals);
     let lengths = [
+        ("directions", directions.len(), target.positions.len(), "target"),
         ("sides' visibility", visibility.front.len(), reference.mesh().triangles.len(), "reference"),
         ("sides' visibility", visibility.back.len(), reference.mesh().triangles.len(), "reference"),
         ("classes", classes.map_or(target.triangles.len(), <[_]>::len), target.triangles.len(), "target"),
@@ -280,8 +302,9 @@ pub fn bake(
     let coverage = atlas::mesh_coverage(&target.uvs, &target.triangles, width, height, true);
     let limit = settings.max_distance * reference.diagonal();
     let selector = select::Selector { reference, visibility, limit };
-    let cage = cage::measure(&selector, target);
-    let job = texel::Job { selector, target, classes, settings, coverage: &coverage, cage: &cage };
+    let cage = cage::measure(&selector, target, directions);
+    let job =
+        texel::Job { selector, target, directions, classes, settings, coverage: &coverage, cage: &cage };
 
     let mut baked = Baked {
         maps: Maps { width, height, texels: vec![blank_texel(); width * height] },

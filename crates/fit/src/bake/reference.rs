@@ -120,6 +120,16 @@ impl<'a> Reference<'a> {
         (b - a).cross(c - a)
     }
 
+    /// Unit interpolated normal at a place, without its normal map.
+    pub(crate) fn smooth_normal(&self, place: &Place) -> Vec3f {
+        let mesh = &self.scene.mesh;
+        let t = mesh.triangles[place.triangle as usize].map(|i| i as usize);
+        let w = place.weights();
+        let n = mesh.normals[t[0]] * w[0] + mesh.normals[t[1]] * w[1] + mesh.normals[t[2]] * w[2];
+        let n = n.normalize_or_zero();
+        if n == Vec3f::zero() { self.area_normal(place.triangle).normalize_or_zero() } else { n }
+    }
+
     /// True where an alpha mask removes the surface.
     #[inline]
     pub(crate) fn is_cut(&self, place: &Place) -> bool {
@@ -167,7 +177,7 @@ impl<'a> Reference<'a> {
         let surface = self.surfaces.lookup(at.material, at.uv[0], at.uv[1], at.color, footprint.as_ref());
         let n = mesh.normals[t[0]] * w[0] + mesh.normals[t[1]] * w[1] + mesh.normals[t[2]] * w[2];
         let normal = if mesh.tangents.is_empty() {
-            n.normalize_or_zero()
+            self.smooth_normal(place)
         } else {
             let tangent = mesh.tangents[t[0]].xyz() * w[0]
                 + mesh.tangents[t[1]].xyz() * w[1]

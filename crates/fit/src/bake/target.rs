@@ -56,13 +56,19 @@ pub(super) fn check(mesh: &Mesh) -> Result<(), BakeError> {
 
 /// The point with barycentric weights `w`; `None` where neither the vertices nor the face have a normal.
 ///
-/// `face_share` in [0, 1] mixes the face normal into the direction.
-pub(super) fn point(mesh: &Mesh, triangle: usize, w: [f32; 3], face_share: f32) -> Option<Point> {
+/// It looks along the interpolated `directions`, one per vertex; `face_share` in [0, 1] mixes the face normal into the direction.
+pub(super) fn point(
+    mesh: &Mesh,
+    directions: &[Vec3f],
+    triangle: usize,
+    w: [f32; 3],
+    face_share: f32,
+) -> Option<Point> {
     let t = mesh.triangles[triangle].map(|i| i as usize);
     let [a, b, c] = t.map(|i| mesh.positions[i]);
     let face = (b - a).cross(c - a).normalize_or_zero();
-    let smooth = (mesh.normals[t[0]] * w[0] + mesh.normals[t[1]] * w[1] + mesh.normals[t[2]] * w[2])
-        .normalize_or_zero();
+    let smooth =
+        (directions[t[0]] * w[0] + directions[t[1]] * w[1] + directions[t[2]] * w[2]).normalize_or_zero();
     // Normals that lean away from their own face are of no use.
     let smooth = if smooth.dot(face) < 0.1 && face != Vec3f::zero() { face } else { smooth };
     let normal = (smooth * (1.0 - face_share) + face * face_share).normalize_or_zero();

@@ -14,6 +14,8 @@ use photofit_scene::AlphaMode;
 pub(super) struct Job<'a> {
     pub(super) selector: Selector<'a>,
     pub(super) target: &'a Mesh,
+    /// Where to look, one per vertex.
+    pub(super) directions: &'a [Vec3f],
     pub(super) classes: Option<&'a [AlphaClass]>,
     pub(super) settings: &'a BakeSettings,
     pub(super) coverage: &'a Coverage,
@@ -79,7 +81,7 @@ impl Job<'_> {
             let (dx, dy) = (place(k % n), place(k / n));
             let (triangle, w) = self.locate(x, y, owner, vec2(x as f32 + dx, y as f32 + dy));
             statistics.samples += 1;
-            let Some(point) = point(self.target, triangle, w, s.face_normal) else {
+            let Some(point) = point(self.target, self.directions, triangle, w, s.face_normal) else {
                 statistics.missed += 1;
                 continue;
             };

@@ -2,13 +2,13 @@
 
 use super::evaluate;
 use super::{Init, SimplifyOptions};
-use crate::bake::{AlphaClass, BakeSettings, Reference, bake, blank_texel};
+use crate::bake::{self, AlphaClass, BakeSettings, Reference, bake, blank_texel, hard_edges};
 use crate::candidate::Candidate;
 use crate::visibility::{Visibility, VisibilitySettings, visibility};
 use crate::{FitError, Progress};
 use photofit_geometry::atlas::{UnwrapOptions, unwrap};
 use photofit_geometry::decimate::{Decimated, Options, Target, decimate};
-use photofit_geometry::{Mesh, shapes};
+use photofit_geometry::{Edges, Mesh, normals::split_hard_edges, shapes, weld::weld_exact};
 use photofit_raster::{Maps, channel};
 use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::{AlphaMode, FlatScene, Material, Scene, SurfaceLibrary};
@@ -133,11 +133,17 @@ pub(super) fn prepare(
     progress.report("atlas", 0, 1, "");
     let settings = UnwrapOptions { size: options.texture_size as u32, ..UnwrapOptions::default() };
     let atlas = unwrap(&mesh.positions, &mesh.triangles, &class, &settings)?;
-    let (split, _) = atlas.build_mesh(&mesh.positions, &mesh.triangles);
+    let (unwrapped, _) = atlas.build_mesh(&mesh.positions, &mesh.triangles);
     go_on()?;
-    let maps = Maps::filled(options.texture_size, options.texture_size, blank_texel());
-    let mut candidate = Candidate::new(&split, class, n.class_modes(), maps);
     let from_sphere = options.init == Init::Sphere;
+    let weld = weld_exact(&unwrapped.positions);
+    let edges = Edges::new(&unwrapped.triangles, &weld);
+    let hard =
+        if from_sphere { vec![false; edges.len()] } else { hard_edges(reference, &seen, &unwrapped, &edges) };
+    let creased = split_hard_edges(&unwrapped.triangles, &weld, &edges, &hard);
+    let maps = Maps::filled(options.texture_size, options.texture_size, blank_texel());
+    let split = creased.split.apply(&unwrapped);
+    let mut candidate = Candidate::new(&split, &creased.smoothing, class, n.class_modes(), maps);
     let (baked, distance) = bake_candidate(reference, &seen, &candidate, from_sphere, progress)?;
     candidate.set_maps(baked);
     Ok(Prepared {
@@ -220,12 +226,12 @@ pub(super) fn bake_candidate(
         progress.report("bake", (share * 1000.0) as u64, 1000, "");
         if progress.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
-    let mut baked = bake(reference, seen, &candidate.mesh(), Some(&classes), &settings, &report).map_err(
-        |e| match e {
-            crate::bake::BakeError::Stopped => FitError::Interrupted,
-            e => e.into(),
-        },
-    )?;
+    let (mesh, round) = (candidate.mesh(), candidate.round_normals());
+    let target = bake::Target { mesh: &mesh, directions: Some(&round), classes: Some(&classes) };
+    let mut baked = bake(reference, seen, &target, &settings, &report).map_err(|e| match e {
+        bake::BakeError::Stopped => FitError::Interrupted,
+        e => e.into(),
+    })?;
     baked.fill(None);
     for t in &mut baked.maps.texels {
         t[channel::GAMMA] = 0.0;

@@ -1,4 +1,4 @@
-//! Normals with hard edges: vertices are split where faces meet at more than a crease angle.
+//! Hard edges: vertices are split along them, so that each side has normals of its own.
 
 use crate::adjacency::Edges;
 use crate::angle::unit;
@@ -6,6 +6,73 @@ use crate::split::Split;
 use crate::weld::Weld;
 use crate::{Incidence, normals};
 use photofit_scalar::{Vec3f, vec3};
+
+/// A mesh split along its hard edges.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Creased {
+    /// The split vertices; attributes are copied with [`Split::apply`].
+    pub split: Split,
+    /// Smoothing groups: output vertices of one id share their normal. A group lies at one place.
+    pub smoothing: Weld,
+}
+
+/// Splits vertices where hard edges part the surface around them.
+///
+/// `edges` are those of `triangles` under `weld`; `hard` has one entry per edge. Two corners at a place belong together
+/// if a path of triangles joined by soft edges leads from one to the other around it.
+///
+/// ```
+/// use photofit_geometry::{Edges, normals::split_hard_edges, weld::Weld};
+/// // Two triangles that share the edge (1, 2).
+/// let (triangles, weld) = ([[0, 1, 2], [2, 1, 3]], Weld::identity(4));
+/// let edges = Edges::new(&triangles, &weld);
+/// let hard: Vec<bool> = edges.vertices.iter().map(|e| *e == [1, 2]).collect();
+/// let creased = split_hard_edges(&triangles, &weld, &edges, &hard);
+/// assert_eq!(creased.split.source, [0, 1, 2, 3, 2, 1]);
+/// assert_eq!(creased.split.triangles, [[0, 1, 2], [4, 5, 3]]);
+/// assert_eq!(creased.smoothing.count(), 6);
+/// ```
+///
+/// # Panics
+/// When the arguments are not of one mesh, or when the split would exceed 2^32 - 2 vertices.
+pub fn split_hard_edges(triangles: &[[u32; 3]], weld: &Weld, edges: &Edges, hard: &[bool]) -> Creased {
+    assert_eq!(hard.len(), edges.len(), "one flag per edge");
+    assert_eq!(triangles.len(), edges.of_triangle.len(), "the triangles the edges were made of");
+    let mut groups = Groups { parent: (0..3 * triangles.len() as u32).collect() };
+    for e in (0..edges.len()).filter(|e| !hard[*e]) {
+        for pair in edges.half_edges.row(e).windows(2) {
+            let [ta, tb] = [pair[0], pair[1]].map(|half| half as usize / 3);
+            for end in edges.vertices[e] {
+                let corner = |t: usize| (0..3).find(|&k| weld.ids[triangles[t][k] as usize] == end);
+                if let (Some(i), Some(j)) = (corner(ta), corner(tb)) {
+                    groups.join((3 * ta + i) as u32, (3 * tb + j) as u32);
+                }
+            }
+        }
+    }
+    // Output vertices: the first group met at a vertex keeps it, later ones append.
+    let vertices = weld.vertices();
+    let mut split = Split { triangles: triangles.to_vec(), source: (0..vertices as u32).collect() };
+    let mut by_vertex: Vec<Vec<(u32, u32)>> = vec![Vec::new(); vertices];
+    let mut group_of_output = vec![u32::MAX; vertices];
+    for corner in 0..3 * triangles.len() {
+        let group = groups.find(corner as u32);
+        let vertex = triangles[corner / 3][corner % 3] as usize;
+        let known = by_vertex[vertex].iter().find(|(g, _)| *g == group).map(|&(_, v)| v);
+        let output = known.unwrap_or_else(|| {
+            let output = if by_vertex[vertex].is_empty() { vertex as u32 } else { split.source.len() as u32 };
+            if output as usize == split.source.len() {
+                split.source.push(vertex as u32);
+                group_of_output.push(u32::MAX);
+            }
+            group_of_output[output as usize] = group;
+            by_vertex[vertex].push((group, output));
+            output
+        });
+        split.triangles[corner / 3][corner % 3] = output;
+    }
+    Creased { split, smoothing: weld_groups(&group_of_output) }
+}
 
 /// Angle-weighted normals that are smooth only across edges whose two faces differ by at most `crease` radians.
 ///
@@ -29,45 +96,17 @@ pub fn split_creases(
         unit((b - a).cross(c - a))
     };
     let limit = f64::from(crease).clamp(0.0, std::f64::consts::PI).cos() - 1e-9;
-    let mut groups = Groups { parent: (0..3 * triangles.len() as u32).collect() };
-    for e in 0..edges.len() {
-        let &[a, b] = edges.half_edges.row(e) else { continue };
-        let (ta, tb) = (a as usize / 3, b as usize / 3);
-        let (na, nb) = (face(ta), face(tb));
-        let degenerate = na.length_squared() == 0.0 || nb.length_squared() == 0.0;
-        if !degenerate && na.dot(nb) < limit {
-            continue;
-        }
-        for end in edges.vertices[e] {
-            let corner = |t: usize| (0..3).find(|&k| weld.ids[triangles[t][k] as usize] == end);
-            if let (Some(i), Some(j)) = (corner(ta), corner(tb)) {
-                groups.join((3 * ta + i) as u32, (3 * tb + j) as u32);
-            }
-        }
-    }
-    // Output vertices: the first group met at a vertex keeps it, later ones append.
-    let mut split = Split { triangles: triangles.to_vec(), source: (0..positions.len() as u32).collect() };
-    let mut by_vertex: Vec<Vec<(u32, u32)>> = vec![Vec::new(); positions.len()];
-    let mut group_of_output = vec![u32::MAX; positions.len()];
-    for corner in 0..3 * triangles.len() {
-        let group = groups.find(corner as u32);
-        let vertex = triangles[corner / 3][corner % 3] as usize;
-        let known = by_vertex[vertex].iter().find(|(g, _)| *g == group).map(|&(_, v)| v);
-        let output = known.unwrap_or_else(|| {
-            let output = if by_vertex[vertex].is_empty() { vertex as u32 } else { split.source.len() as u32 };
-            if output as usize == split.source.len() {
-                split.source.push(vertex as u32);
-                group_of_output.push(u32::MAX);
-            }
-            group_of_output[output as usize] = group;
-            by_vertex[vertex].push((group, output));
-            output
-        });
-        split.triangles[corner / 3][corner % 3] = output;
-    }
-    let shared = weld_groups(&group_of_output);
+    let hard: Vec<bool> = (0..edges.len())
+        .map(|e| {
+            let &[a, b] = edges.half_edges.row(e) else { return true };
+            let (na, nb) = (face(a as usize / 3), face(b as usize / 3));
+            let degenerate = na.length_squared() == 0.0 || nb.length_squared() == 0.0;
+            !degenerate && na.dot(nb) < limit
+        })
+        .collect();
+    let Creased { split, smoothing } = split_hard_edges(triangles, weld, &edges, &hard);
     let moved: Vec<Vec3f> = split.source.iter().map(|&v| positions[v as usize]).collect();
-    let incidence = Incidence::new(&split.triangles, &shared);
+    let incidence = Incidence::new(&split.triangles, &smoothing);
     let smooth = normals::vertex_normals(&incidence, &moved, normals::Weighting::Angle);
     debug_assert!(smooth.iter().all(|n| *n == vec3(0.0, 0.0, 0.0) || n.is_finite()), "normals are finite");
     (split, smooth)
@@ -156,5 +195,22 @@ mod tests {
             split_creases(&positions, &[[0, 1, 2], [0, 1, 1], [0, 3, 3]], &Weld::identity(4), 0.5);
         assert!(normals.iter().all(|n| n.is_finite()));
         assert_eq!(normals[split.triangles[0][1] as usize], vec3(0.0, 0.0, 1.0));
+    }
+
+    #[test]
+    fn a_hard_edge_that_ends_on_the_surface_splits_only_what_it_parts() {
+        // A fan of six triangles around vertex 0 with one hard spoke: the surface around the vertex stays one piece.
+        let triangles: Vec<[u32; 3]> = (0..6).map(|k| [0, 1 + k, 1 + (k + 1) % 6]).collect();
+        let weld = Weld::identity(7);
+        let edges = Edges::new(&triangles, &weld);
+        let split = |spokes: &[u32]| {
+            let hard: Vec<bool> =
+                edges.vertices.iter().map(|e| e[0] == 0 && spokes.contains(&e[1])).collect();
+            split_hard_edges(&triangles, &weld, &edges, &hard)
+        };
+        let none = split(&[]);
+        assert_eq!((none.split.triangles, none.smoothing), (triangles.clone(), weld.clone()));
+        assert_eq!(split(&[1]).split.source.len(), 8, "only the outer end is split");
+        assert_eq!(split(&[1, 4]).split.source.len(), 10, "both outer ends and the centre");
     }
 }

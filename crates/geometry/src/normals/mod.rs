@@ -7,7 +7,7 @@
 
 mod crease;
 
-pub use crease::split_creases;
+pub use crease::{Creased, split_creases, split_hard_edges};
 
 use crate::Mesh;
 use crate::angle::{reach, unit, unit_vjp};

@@ -2,7 +2,7 @@
 
 use super::{World, color_of, go_on, moved, painted, sheet, size};
 use crate::bake::reference::Place;
-use crate::bake::{AlphaClass, BakeSettings, bake};
+use crate::bake::{AlphaClass, BakeSettings, Target, bake};
 use crate::visibility::Visibility;
 use photofit_raster::channel;
 use photofit_scalar::vec3;
@@ -23,7 +23,9 @@ fn masks_are_sampled_and_holes_give_no_colour() {
     let seen = world.visibility();
     let target = sheet(1);
     let ask = |classes: Option<&[AlphaClass]>| {
-        world.with(|r| bake(r, &seen, &target, classes, &size(20), &go_on)).unwrap()
+        world
+            .with(|r| bake(r, &seen, &Target { classes, ..Target::new(&target) }, &size(20), &go_on))
+            .unwrap()
     };
     let baked = ask(Some(&[AlphaClass::Mask; 2]));
     let alpha: f32 = baked.maps.texels.iter().map(|t| t[channel::ALPHA]).sum::<f32>() / 400.0;

@@ -4,7 +4,7 @@ mod alpha;
 mod robustness;
 mod surface;
 
-use super::{BakeSettings, Baked, Reference, bake};
+use super::{BakeSettings, Baked, Reference, Target, bake};
 use crate::visibility::{Visibility, VisibilitySettings, visibility};
 use photofit_geometry::{Mesh, shapes};
 use photofit_raster::channel;
@@ -61,7 +61,7 @@ impl World {
     }
 
     pub(crate) fn bake(&self, seen: &Visibility, target: &Mesh, settings: &BakeSettings) -> Baked {
-        self.with(|r| bake(r, seen, target, None, settings, &go_on)).unwrap()
+        self.with(|r| bake(r, seen, &Target::new(target), settings, &go_on)).unwrap()
     }
 }
 

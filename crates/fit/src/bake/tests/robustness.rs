@@ -1,7 +1,7 @@
 //! Determinism, stopping and bad input.
 
 use super::{World, go_on, patches, sheet, size};
-use crate::bake::{BakeError, BakeSettings, Reference, bake};
+use crate::bake::{BakeError, BakeSettings, Reference, Target, bake};
 use crate::visibility::Visibility;
 use photofit_geometry::{Mesh, shapes};
 use photofit_pathtrace::AccelError;
@@ -26,7 +26,7 @@ fn results_do_not_depend_on_threads_and_a_bake_can_be_stopped() {
     let stop = |share: f32| if share > 0.3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
     let seen = world.visibility();
     assert_eq!(
-        world.with(|r| bake(r, &seen, &target, None, &size(64), &stop)).unwrap_err(),
+        world.with(|r| bake(r, &seen, &Target::new(&target), &size(64), &stop)).unwrap_err(),
         BakeError::Stopped
     );
 }
@@ -37,7 +37,8 @@ fn bad_input_is_refused() {
     world.add(&sheet(1), Material::clay());
     let seen = Visibility::everything(2);
     let check = |target: &Mesh, seen: &Visibility, settings: &BakeSettings, expected: &str| {
-        let error = world.with(|r| bake(r, seen, target, None, settings, &go_on)).unwrap_err().to_string();
+        let error =
+            world.with(|r| bake(r, seen, &Target::new(target), settings, &go_on)).unwrap_err().to_string();
         assert_eq!(error, expected);
     };
     let good = sheet(1);
