@@ -1,5 +1,7 @@
 //! Materials: the metallic-roughness model of glTF 2.0.
 
+use crate::Extensions;
+
 /// How a texture continues outside of 0 to 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Wrap {
@@ -96,6 +98,8 @@ pub struct Material {
     pub double_sided: bool,
     /// `KHR_materials_unlit`: the base colour is shown as it is.
     pub unlit: bool,
+    /// What extensions add; `None` for plain materials. The rasterizer and fits leave it out.
+    pub extensions: Option<Box<Extensions>>,
 }
 
 impl Default for Material {
@@ -116,6 +120,7 @@ impl Default for Material {
             alpha_mode: AlphaMode::Opaque,
             double_sided: false,
             unlit: false,
+            extensions: None,
         }
     }
 }

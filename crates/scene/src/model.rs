@@ -1,7 +1,7 @@
 //! The scene: primitives, their placements, materials and images.
 
 use crate::error::{Fault, fault};
-use crate::{Camera, Material, SceneError, TextureSlot};
+use crate::{Camera, Material, PunctualLight, SceneError, TextureSlot};
 use photofit_geometry::Mesh;
 use photofit_scalar::Vec3f;
 
@@ -53,6 +53,8 @@ pub struct Scene {
     pub images: Vec<TextureImage>,
     /// Cameras of the file, in world space.
     pub cameras: Vec<Camera>,
+    /// Lights of the file, in world space.
+    pub lights: Vec<PunctualLight>,
     /// What the loader ignored or repaired, one line each.
     pub warnings: Vec<String>,
 }
@@ -234,6 +236,7 @@ pub(crate) fn slots(m: &Material) -> impl Iterator<Item = &TextureSlot> {
     ]
     .into_iter()
     .flatten()
+    .chain(m.extensions.iter().flat_map(|e| e.textures().map(|(_, slot)| slot)))
 }
 
 fn check_mesh(mesh: &Mesh) -> Result<(), String> {

@@ -5,6 +5,8 @@
 //! [`Environment`] is a prefiltered environment map. Beside each function stands its adjoint `*_vjp`, which recomputes
 //! the forward pass and returns the gradient with respect to every differentiable input.
 //!
+//! [`mod@bsdf`] adds sampling and densities for path tracing, and more materials.
+//!
 //! Everything is generic over [`photofit_scalar::Real`], allocates nothing and holds no state. Directions point away
 //! from the surface; colours are linear Rec.709.
 //!
@@ -25,6 +27,7 @@
 //! assert!(gradient.surface.base_color.x > 0.0);
 //! ```
 
+pub mod bsdf;
 mod environment;
 mod ggx;
 mod light;

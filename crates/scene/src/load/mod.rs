@@ -6,6 +6,7 @@ mod mtl;
 mod normals;
 mod obj;
 mod ply;
+mod points;
 mod polygon;
 #[cfg(test)]
 mod tests;
@@ -13,6 +14,7 @@ mod texture;
 
 use crate::error::{Fault, fault};
 use crate::{Primitive, Scene, SceneError};
+pub use points::{Points, Sensor, load_points, load_points_with};
 use std::path::Path;
 
 /// What a loader accepts; anything larger is an error before memory is taken.

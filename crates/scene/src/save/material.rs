@@ -1,6 +1,6 @@
 //! Materials, textures, samplers and images.
 
-use super::{Writer, named};
+use super::{Writer, extensions, named};
 use crate::error::{Fault, fault};
 use crate::load::affine_of_transform;
 use crate::model::slots;
@@ -35,7 +35,7 @@ pub(super) fn write(scene: &Scene, writer: &mut Writer) -> Result<(), Fault> {
 }
 
 /// Samplers and textures written so far; the order is that of first use.
-struct Tables {
+pub(super) struct Tables {
     images: HashMap<usize, usize>,
     samplers: Vec<Sampler>,
     textures: Vec<(usize, Sampler)>,
@@ -129,6 +129,9 @@ fn write_material(m: &Material, tables: &mut Tables, writer: &mut Writer) -> Res
         extensions.insert("KHR_materials_unlit".into(), json!({}));
         writer.extensions.insert("KHR_materials_unlit");
     }
+    if let Some(e) = &m.extensions {
+        extensions::write(e, &mut extensions, tables, writer)?;
+    }
     match m.alpha_mode {
         AlphaMode::Opaque => {}
         AlphaMode::Mask { cutoff } => {
@@ -148,7 +151,7 @@ fn write_material(m: &Material, tables: &mut Tables, writer: &mut Writer) -> Res
     Ok(Value::Object(out))
 }
 
-fn info(slot: &TextureSlot, tables: &mut Tables, writer: &mut Writer) -> Result<Value, String> {
+pub(super) fn info(slot: &TextureSlot, tables: &mut Tables, writer: &mut Writer) -> Result<Value, String> {
     let mut info = json!({"index": tables.texture(slot, writer)});
     if slot.tex_coord != 0 {
         info["texCoord"] = json!(slot.tex_coord);

@@ -1,5 +1,6 @@
 //! Saving assets as glTF 2.0 binary files.
 
+mod extensions;
 mod geometry;
 mod material;
 #[cfg(test)]
@@ -63,6 +64,7 @@ fn encode(scene: &Scene) -> Result<Vec<u8>, Fault> {
     for camera in &scene.cameras {
         write_camera(camera, &mut writer);
     }
+    extensions::write_lights(&scene.lights, &mut writer)?;
     material::write(scene, &mut writer)?;
     writer.finish()
 }
@@ -80,6 +82,7 @@ struct Writer {
     textures: Vec<Value>,
     samplers: Vec<Value>,
     images: Vec<Value>,
+    lights: Vec<Value>,
     extensions: BTreeSet<&'static str>,
 }
 
@@ -117,6 +120,10 @@ impl Writer {
         root.insert("scenes".into(), json!([scene]));
         if !self.binary.is_empty() {
             root.insert("buffers".into(), json!([{"byteLength": self.binary.len()}]));
+        }
+        if !self.lights.is_empty() {
+            root.insert("extensions".into(), json!({"KHR_lights_punctual": {"lights": self.lights}}));
+            self.extensions.insert("KHR_lights_punctual");
         }
         let extensions: Vec<Value> = self.extensions.iter().map(|&e| json!(e)).collect();
         for (key, values) in [

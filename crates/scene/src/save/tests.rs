@@ -2,7 +2,8 @@
 
 use super::*;
 use crate::{
-    AlphaMode, Filter, Instance, Material, Primitive, Sampler, TextureImage, TextureSlot, Wrap, load,
+    AlphaMode, Anisotropy, Clearcoat, Extensions, Filter, Instance, LightKind, Material, Primitive,
+    PunctualLight, Sampler, Sheen, Specular, TextureImage, TextureSlot, Transmission, Volume, Wrap, load,
 };
 use glam::{Affine3A, Mat3A, Quat, Vec3};
 use photofit_geometry::Mesh;
@@ -76,6 +77,7 @@ fn rich() -> Scene {
         alpha_mode: AlphaMode::Mask { cutoff: 0.25 },
         double_sided: true,
         unlit: false,
+        extensions: None,
     };
     let unlit =
         Material { name: "unlit".into(), unlit: true, alpha_mode: AlphaMode::Blend, ..Material::clay() };
@@ -95,6 +97,7 @@ fn rich() -> Scene {
         materials: vec![full, unlit, Material::default()],
         images: vec![image("colour", 100), image("orm", 255), image("unused", 255)],
         cameras: vec![Camera::look_at(Vec3::new(3.0, 2.0, 1.0), Vec3::ZERO, Vec3::Y, 0.8, 1.5, 0.1, 50.0)],
+        lights: Vec::new(),
         warnings: Vec::new(),
     }
 }
@@ -248,4 +251,80 @@ fn texture_transforms_are_taken_apart() {
         }
     }
     assert!(material::parts(&[[1.0, 0.5, 0.0], [0.0, 1.0, 0.0]]).is_none(), "shear");
+}
+
+/// Extensions with every value and slot, on images 0 and 1.
+fn extended() -> Extensions {
+    let plain = |image| Some(TextureSlot { transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], ..slot(image, 1) });
+    Extensions {
+        ior: 1.25,
+        specular: Some(Specular {
+            factor: 0.5,
+            texture: plain(0),
+            color: [2.0, 1.0, 0.25],
+            color_texture: plain(1),
+        }),
+        transmission: Some(Transmission { factor: 0.75, texture: plain(0) }),
+        volume: Some(Volume {
+            thickness: 2.0,
+            thickness_texture: plain(1),
+            attenuation_distance: 8.0,
+            attenuation_color: [0.5, 0.75, 1.0],
+        }),
+        clearcoat: Some(Clearcoat {
+            factor: 0.5,
+            texture: plain(0),
+            roughness: 0.125,
+            roughness_texture: plain(1),
+            normal_texture: plain(0),
+            normal_scale: 0.5,
+        }),
+        sheen: Some(Sheen {
+            color: [0.25, 0.5, 1.0],
+            color_texture: plain(0),
+            roughness: 0.5,
+            roughness_texture: plain(0),
+        }),
+        anisotropy: Some(Anisotropy { strength: 0.5, rotation: 0.75, texture: plain(1) }),
+    }
+}
+
+#[test]
+fn extensions_and_lights_come_back() {
+    let mut before = rich();
+    before.materials[0].extensions = Some(Box::new(extended()));
+    before.materials[1].extensions = Some(Box::new(Extensions {
+        volume: Some(Volume { thickness: 1.0, ..Volume::default() }),
+        ..Extensions::default()
+    }));
+    let light = |kind, direction: Vec3| PunctualLight {
+        name: format!("{kind:?}"),
+        kind,
+        intensity: [10.0, 5.0, 2.5],
+        position: Vec3::new(1.0, 2.0, 3.0),
+        direction: direction.normalize_or_zero(),
+        range: (kind == LightKind::Point).then_some(4.0),
+    };
+    before.lights = vec![
+        light(LightKind::Directional, Vec3::new(1.0, -2.0, 0.5)),
+        light(LightKind::Point, Vec3::NEG_Z),
+        light(LightKind::Spot { inner: 0.25, outer: 0.5 }, Vec3::Z),
+    ];
+    let after = round_trip(&before);
+    assert_eq!(after.warnings, Vec::<String>::new());
+    for m in 0..2 {
+        assert_eq!(after.materials[m].extensions, before.materials[m].extensions);
+    }
+    assert_eq!(after.lights.len(), 3);
+    for (a, b) in after.lights.iter().zip(&before.lights) {
+        assert_eq!((&a.name, a.kind, a.intensity, a.range), (&b.name, b.kind, b.intensity, b.range));
+        assert!((a.direction - b.direction).length() < 1e-6 && a.position == b.position, "{a:?}");
+    }
+    // What cannot be written is refused.
+    before.lights[0].intensity[1] = f32::NAN;
+    assert!(to_glb(&before).unwrap_err().to_string().contains("light 0"));
+    before.lights.clear();
+    before.materials[0].extensions.as_mut().unwrap().ior = f32::INFINITY;
+    let text = to_glb(&before).unwrap_err().to_string();
+    assert!(text.contains("material 0") && text.contains("KHR_materials_ior: ior is finite"), "{text}");
 }

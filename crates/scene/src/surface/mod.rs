@@ -1,11 +1,15 @@
 //! Forward lookup of materials: what a surface is made of at a point.
 
+mod extensions;
 mod mip;
 mod taps;
 #[cfg(test)]
 mod tests;
 
+pub use extensions::ExtensionSample;
+
 use crate::{AlphaMode, Filter, Material, Scene, TextureSlot};
+use extensions::CompiledExtensions;
 use mip::{Encoding, Levels, MipTexture};
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec3};
 use rayon::prelude::*;
@@ -67,6 +71,7 @@ struct Compiled {
     metallic_roughness: Option<Slot>,
     normal: Option<Slot>,
     emissive: Option<Slot>,
+    extensions: Option<Box<CompiledExtensions>>,
 }
 
 /// The materials of a scene, ready to be looked up from many threads.
@@ -321,6 +326,9 @@ fn compile(scene: &Scene, m: &Material, plan: &mut Plan) -> Compiled {
     let metallic_roughness = slot(&lit(&m.metallic_roughness_texture).filter(|_| varies), false, false);
     let normal = slot(&lit(&m.normal_texture), false, false);
     let emissive = slot(&lit(&m.emissive_texture).filter(|_| glows), true, false);
+    let extensions = m.extensions.as_ref().filter(|_| !m.unlit);
+    let extensions =
+        extensions.map(|e| Box::new(extensions::compile(e, |texture, srgb| slot(texture, srgb, false))));
     let [r, g, b, a] = m.base_color;
     Compiled {
         constant: SurfaceSample {
@@ -340,5 +348,6 @@ fn compile(scene: &Scene, m: &Material, plan: &mut Plan) -> Compiled {
         metallic_roughness,
         normal,
         emissive,
+        extensions,
     }
 }

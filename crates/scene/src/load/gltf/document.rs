@@ -4,12 +4,22 @@ use crate::error::{Fault, fault};
 use crate::load::Limits;
 use crate::load::file::{Folder, clip};
 use gltf::json;
+use serde_json::Value;
 use std::borrow::Cow;
+use std::collections::HashMap;
 
 /// Extensions whose meaning is read here.
 const SUPPORTED: &[&str] = &[
+    "KHR_lights_punctual",
+    "KHR_materials_anisotropy",
+    "KHR_materials_clearcoat",
     "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_sheen",
+    "KHR_materials_specular",
+    "KHR_materials_transmission",
     "KHR_materials_unlit",
+    "KHR_materials_volume",
     "KHR_mesh_quantization",
     "KHR_texture_transform",
 ];
@@ -19,16 +29,51 @@ const SUPPORTED: &[&str] = &[
 pub(super) struct Document<'a> {
     pub(super) root: json::Root,
     /// The `materials` array as it stands: the typed one lacks the texture transforms of some slots.
-    pub(super) materials: Vec<serde_json::Value>,
+    pub(super) materials: Vec<Value>,
+    /// The lights of `KHR_lights_punctual` as they stand.
+    pub(super) lights: Vec<Value>,
+    /// Index of the light of each node that has one.
+    node_lights: HashMap<usize, usize>,
     pub(super) buffers: Vec<Cow<'a, [u8]>>,
     pub(super) folder: &'a Folder,
     pub(super) limits: &'a Limits,
 }
 
+/// What the typed document leaves out.
 #[derive(serde::Deserialize)]
-struct RawMaterials {
+struct Raw {
     #[serde(default)]
-    materials: Vec<serde_json::Value>,
+    materials: Vec<Value>,
+    #[serde(default)]
+    nodes: Vec<RawNode>,
+    extensions: Option<RootExtensions>,
+}
+
+#[derive(serde::Deserialize)]
+struct RawNode {
+    extensions: Option<NodeExtensions>,
+}
+
+#[derive(serde::Deserialize)]
+struct NodeExtensions {
+    #[serde(rename = "KHR_lights_punctual")]
+    light: Option<LightIndex>,
+}
+
+#[derive(serde::Deserialize)]
+struct LightIndex {
+    light: usize,
+}
+
+#[derive(serde::Deserialize)]
+struct RootExtensions {
+    #[serde(rename = "KHR_lights_punctual")]
+    lights: Option<LightList>,
+}
+
+#[derive(serde::Deserialize)]
+struct LightList {
+    lights: Vec<Value>,
 }
 
 impl<'a> Document<'a> {
@@ -42,7 +87,7 @@ impl<'a> Document<'a> {
         check_size(text, limits)?;
         let syntax = |e: serde_json::Error| fault("the JSON", e.to_string());
         let root: json::Root = serde_json::from_slice(text).map_err(syntax)?;
-        let RawMaterials { materials } = serde_json::from_slice(text).map_err(syntax)?;
+        let Raw { materials, nodes, extensions } = serde_json::from_slice(text).map_err(syntax)?;
         if !root.asset.version.starts_with("2.") {
             return Err(fault(
                 "asset.version",
@@ -50,7 +95,12 @@ impl<'a> Document<'a> {
             ));
         }
         check_extensions(&root, warnings)?;
-        let mut document = Self { root, materials, buffers: Vec::new(), folder, limits };
+        let lights = extensions.and_then(|e| e.lights).map_or_else(Vec::new, |l| l.lights);
+        let node_lights = nodes.iter().enumerate();
+        let node_lights =
+            node_lights.filter_map(|(i, n)| Some((i, n.extensions.as_ref()?.light.as_ref()?.light)));
+        let node_lights = node_lights.collect();
+        let mut document = Self { root, materials, lights, node_lights, buffers: Vec::new(), folder, limits };
         let mut total = 0_u64;
         for i in 0..document.root.buffers.len() {
             let bytes = document.buffer(i, binary)?;
@@ -62,6 +112,11 @@ impl<'a> Document<'a> {
             document.buffers.push(bytes);
         }
         Ok(document)
+    }
+
+    /// Index of the light of a node.
+    pub(super) fn light(&self, node: usize) -> Option<usize> {
+        self.node_lights.get(&node).copied()
     }
 
     fn buffer(&self, i: usize, binary: Option<&'a [u8]>) -> Result<Cow<'a, [u8]>, Fault> {

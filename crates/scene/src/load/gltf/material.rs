@@ -1,7 +1,9 @@
 //! Materials: metallic-roughness factors and texture slots.
 
 use super::document::Document;
+use super::extensions;
 use crate::error::{Fault, fault};
+use crate::load::file::clip;
 use crate::load::texture::{Textures, affine_of_transform};
 use crate::{AlphaMode, Filter, Material, Sampler, TextureSlot, Wrap};
 use gltf::json;
@@ -44,9 +46,11 @@ pub(super) fn read<'a>(
     let occlusion = json.occlusion_texture.as_ref();
     let occlusion_texture =
         slot(occlusion.map(|o| o.index.value()), occlusion.map_or(0, |o| o.tex_coord), "/occlusionTexture")?;
-    let extensions = json.extensions.as_ref();
-    let strength =
-        extensions.and_then(|e| e.emissive_strength.as_ref()).map_or(1.0, |e| e.emissive_strength.0);
+    let typed = json.extensions.as_ref();
+    let name = json.name.clone().unwrap_or_default();
+    let described = if name.is_empty() { place.clone() } else { format!("{place} `{}`", clip(&name)) };
+    let added = extensions::read(document, m, &described, textures, warnings)?;
+    let strength = typed.and_then(|e| e.emissive_strength.as_ref()).map_or(1.0, |e| e.emissive_strength.0);
     let alpha_mode = match json.alpha_mode {
         Checked::Valid(json::material::AlphaMode::Opaque) => AlphaMode::Opaque,
         Checked::Valid(json::material::AlphaMode::Mask) => {
@@ -56,7 +60,7 @@ pub(super) fn read<'a>(
         Checked::Invalid => return Err(fault(place, "alphaMode is OPAQUE, MASK or BLEND")),
     };
     let material = Material {
-        name: json.name.clone().unwrap_or_default(),
+        name,
         base_color: pbr.base_color_factor.0,
         base_color_texture,
         metallic: pbr.metallic_factor.0,
@@ -70,9 +74,10 @@ pub(super) fn read<'a>(
         emissive_texture,
         alpha_mode,
         double_sided: json.double_sided,
-        unlit: extensions.is_some_and(|e| e.unlit.is_some()),
+        unlit: typed.is_some_and(|e| e.unlit.is_some()),
+        extensions: added,
     };
-    check_factors(&material).map_err(|rule| fault(place, rule))?;
+    check_factors(&material).map_err(|rule| fault(described, rule))?;
     Ok(material)
 }
 
@@ -96,7 +101,7 @@ fn check_factors(m: &Material) -> Result<(), &'static str> {
     Ok(())
 }
 
-fn read_slot<'a>(
+pub(super) fn read_slot<'a>(
     document: &'a Document<'_>,
     texture: usize,
     set: u32,

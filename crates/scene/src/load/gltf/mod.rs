@@ -3,7 +3,9 @@
 mod accessor;
 mod container;
 mod document;
+mod extensions;
 mod geometry;
+mod lights;
 mod material;
 mod nodes;
 mod skin;
@@ -54,7 +56,17 @@ fn parse_document(
         }
         let json = &document.root.nodes[node];
         if let Some(camera) = json.camera {
-            scene.cameras.extend(nodes::camera(&document.root, camera.value(), nodes.world(node), node)?);
+            match nodes::camera(&document.root, camera.value(), nodes.world(node), node)? {
+                Some(camera) => scene.cameras.push(camera),
+                None => {
+                    let warning =
+                        format!("camera {} is not a perspective one and is left out", camera.value());
+                    scene.warnings.push(warning);
+                }
+            }
+        }
+        if let Some(light) = document.light(node) {
+            scene.lights.push(lights::read(&document.lights, light, nodes.world(node), node)?);
         }
         let Some(mesh) = json.mesh.map(|m| m.value()) else { continue };
         let skin = match json.skin.map(|s| s.value()) {

@@ -1,7 +1,10 @@
 //! PLY in its three encodings.
 
 mod body;
+mod cloud;
 mod header;
+
+pub(crate) use cloud::parse_points;
 
 use super::file::Folder;
 use super::texture::Textures;

@@ -224,7 +224,7 @@ fn materials_slots_and_transforms() {
         "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 4}, "KHR_materials_unlit": {}},
     }]);
     b.json["meshes"][0]["primitives"][0]["material"] = json!(0);
-    b.json["extensionsUsed"] = json!(["KHR_materials_unlit", "KHR_materials_transmission"]);
+    b.json["extensionsUsed"] = json!(["KHR_materials_unlit", "KHR_materials_iridescence"]);
     let scene = b.load();
     let m = &scene.materials[0];
     let base = m.base_color_texture.unwrap();
@@ -243,7 +243,7 @@ fn materials_slots_and_transforms() {
     }
     assert_eq!((m.emissive, m.unlit, m.roughness, m.normal_scale), ([4.0, 2.0, 0.0], true, 0.5, 0.5));
     assert_eq!(m.alpha_mode, AlphaMode::Mask { cutoff: 0.5 });
-    assert!(scene.warnings.iter().any(|w| w.contains("KHR_materials_transmission")), "{:?}", scene.warnings);
+    assert!(scene.warnings.iter().any(|w| w.contains("KHR_materials_iridescence")), "{:?}", scene.warnings);
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Files made on the spot: good ones with known contents, and bad ones with known messages.
 
 mod bad_gltf;
+mod extensions;
 mod gltf;
 mod obj;
 mod ply;

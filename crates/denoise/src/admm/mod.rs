@@ -1,0 +1,33 @@
+//! One over-relaxed ADMM for all convex models: total variation, Hessian and guided gradient under quadratic, absolute,
+//! hybrid and one-sided Huber data terms.
+//!
+//! [`Problem`] says what is minimised, [`Admm`] does it step by step [@boyd2011]. With scaled duals `b`, penalties `t`
+//! and relaxation `a`, a step is
+//!
+//! ```text
+//! u  = (t0 + (t1+t3) L + t2 L^2)^-1 ( t0(p-b0) - t1 div(w-b) + t2 H^T(v-d) - t3 div(t+g-e) )
+//! p  = prox(a u + (1-a) p + b0)              w = S(a grad u + (1-a) w + b, alpha/t1)
+//! v  = S(a H u + (1-a) v + d, beta/t2)       t = S(a (grad u - g) + (1-a) t + e, gamma/t3)
+//! ```
+//!
+//! with the dual of each split increased by what its map took away, and `S(x, s) = x max(|x|-s, 0)/|x|`. Components at
+//! the border pass `S` unchanged: natural boundaries. Each iteration is one pass over the rows for all splits at
+//! once, one banded solve and one inverse transform ([`crate::transform::StripSolver`]).
+
+mod energy;
+mod penalties;
+mod plan;
+mod problem;
+mod rows;
+mod solver;
+mod stop;
+mod tile;
+
+pub use penalties::{Penalties, contrast};
+pub use plan::{ChannelPlan, Plan};
+pub use problem::{Coupling, DataTerm, Guide, Problem, Weight};
+pub use solver::Admm;
+pub use stop::{Report, Stop};
+
+#[cfg(test)]
+mod tests;

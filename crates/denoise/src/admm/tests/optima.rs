@@ -1,0 +1,31 @@
+//! Energies against the stored optima of an independent solver.
+
+use super::problems::{cases, stored};
+use crate::admm::Admm;
+
+/// Largest relative gap after so many iterations, for every model.
+const TARGETS: [(usize, f64); 4] = [(50, 1e-2), (100, 3e-3), (200, 1e-3), (1000, 2e-4)];
+
+#[test]
+fn energies_reach_the_optima() {
+    for case in cases() {
+        let problem = case.problem();
+        let [optimum, probe] = stored(case.name);
+        let at_probe = problem.energy(&case.probe);
+        assert!((at_probe / probe - 1.0).abs() < 1e-9, "{}: another problem: {at_probe} {probe}", case.name);
+        let mut admm = Admm::new(&problem).expect("a good problem");
+        let mut line = format!("{:16}", case.name);
+        for k in 1..=1000 {
+            admm.step();
+            let target = TARGETS.iter().find(|(at, _)| *at == k).map(|t| t.1);
+            if target.is_none() && k != 20 {
+                continue;
+            }
+            let gap = problem.energy(&admm.solution()) / optimum - 1.0;
+            line += &format!(" {gap:8.1e}");
+            assert!(gap > -1e-8, "{}: better than the optimum: {line}", case.name);
+            assert!(target.is_none_or(|t| gap <= t), "{}: {line}", case.name);
+        }
+        println!("{line}");
+    }
+}

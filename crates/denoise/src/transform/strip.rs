@@ -1,0 +1,213 @@
+//! The production solver: real FFT along rows, banded Cholesky solve down the columns.
+
+use std::fmt;
+use std::sync::Arc;
+
+use rayon::prelude::{
+    IndexedParallelIterator, IntoParallelRefMutIterator, ParallelIterator, ParallelSliceMut,
+};
+use realfft::num_complex::Complex;
+use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
+
+use super::banded::BandedFactors;
+use super::{Sample, Symbol, eigenvalue};
+
+/// Frequencies solved by one task.
+const WIDTH: usize = 32;
+/// Rows transformed by one task.
+const ROWS: usize = 16;
+
+/// Solves `(c0 + c1 L + c2 L^2) u = f`, periodic along rows and Neumann along columns.
+///
+/// After a real FFT of each row the system falls apart into one banded system per frequency, positive definite with
+/// one subdiagonal (two with `c2`), the same for all channels [@hockney1965]. The sweeps down and up run over
+/// [`WIDTH`] frequencies at once and vectorise.
+pub struct StripSolver<T: Sample> {
+    cols: usize,
+    forward: Arc<dyn RealToComplex<T>>,
+    inverse: Arc<dyn ComplexToReal<T>>,
+    factors: BandedFactors<T>,
+    rows: usize,
+}
+
+/// Buffers of one task for the transforms of rows.
+#[derive(Debug)]
+pub(crate) struct RowScratch<T> {
+    spectrum: Vec<Complex<T>>,
+    fft: Vec<Complex<T>>,
+}
+
+/// A range of frequencies of one channel: all rows, of each the real parts, then the imaginary parts.
+#[derive(Clone, Debug)]
+pub(crate) struct Block<T> {
+    pub(crate) channel: usize,
+    from: usize,
+    to: usize,
+    values: Vec<T>,
+}
+
+impl<T> Block<T> {
+    /// Bytes of the values.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(self.values.as_slice())
+    }
+}
+
+impl<T: Sample> fmt::Debug for StripSolver<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "StripSolver({} rows x {} columns)", self.rows, self.cols)
+    }
+}
+
+impl<T: Sample> StripSolver<T> {
+    /// Plans for planes of `rows x cols`; fastest where `cols` is a [`super::fast_length`].
+    ///
+    /// # Panics
+    /// If there are no pixels, or the symbol is not positive definite and finite.
+    pub fn new(rows: usize, cols: usize, symbol: Symbol) -> Self {
+        symbol.check();
+        assert!(rows > 0 && cols > 0, "an image of {rows} rows x {cols} columns has no pixels");
+        let mut planner = RealFftPlanner::new();
+        let frequencies: Vec<f64> =
+            (0..=cols / 2).map(|k| eigenvalue(std::f64::consts::TAU * k as f64 / cols as f64)).collect();
+        Self {
+            cols,
+            forward: planner.plan_fft_forward(cols),
+            inverse: planner.plan_fft_inverse(cols),
+            factors: BandedFactors::new(symbol, rows, &frequencies, 1.0 / cols as f64),
+            rows,
+        }
+    }
+
+    /// Number of frequencies of a row.
+    pub(crate) fn frequencies(&self) -> usize {
+        self.cols / 2 + 1
+    }
+
+    /// Bytes of the factors.
+    pub(crate) fn bytes(&self) -> usize {
+        self.factors.bytes()
+    }
+
+    pub(crate) fn scratch(&self) -> RowScratch<T> {
+        let zero = Complex::new(T::zero(), T::zero());
+        RowScratch {
+            spectrum: vec![zero; self.frequencies()],
+            fft: vec![zero; self.forward.get_scratch_len().max(self.inverse.get_scratch_len())],
+        }
+    }
+
+    /// The blocks of all channels, in the order in which [`Self::inverse_row`] wants them.
+    pub(crate) fn blocks(&self, channels: usize) -> Vec<Block<T>> {
+        let n = self.frequencies();
+        let make = |channel: usize, from: usize| {
+            let to = (from + WIDTH).min(n);
+            Block { channel, from, to, values: vec![T::zero(); 2 * (to - from) * self.rows] }
+        };
+        (0..channels).flat_map(|c| (0..n).step_by(WIDTH).map(move |f| make(c, f))).collect()
+    }
+
+    /// Number of blocks of one channel.
+    pub(crate) fn blocks_per_channel(&self) -> usize {
+        self.frequencies().div_ceil(WIDTH)
+    }
+
+    /// Transforms one row; its samples are lost.
+    pub(crate) fn forward_row(&self, row: &mut [T], out: &mut [Complex<T>], s: &mut RowScratch<T>) {
+        self.forward.process_with_scratch(row, out, &mut s.fft).expect("buffers have the planned lengths");
+    }
+
+    /// Solves the systems of one block; `source(i)` is the spectrum of row `i` of its channel.
+    pub(crate) fn solve_block<'a>(&self, block: &mut Block<T>, source: impl Fn(usize) -> &'a [Complex<T>])
+    where
+        T: 'a,
+    {
+        let (from, to) = (block.from, block.to);
+        let width = to - from;
+        for i in 0..self.rows {
+            let (before, rest) = block.values.split_at_mut(2 * width * i);
+            let (re, im) = rest[..2 * width].split_at_mut(width);
+            for ((re, im), z) in re.iter_mut().zip(im).zip(&source(i)[from..to]) {
+                (*re, *im) = (z.re, z.im);
+            }
+            let l = self.factors.row(i, from, to);
+            let row = &mut rest[..2 * width];
+            if i > 0 {
+                add_scaled(row, l.first, &before[2 * width * (i - 1)..]);
+            }
+            if i > 1 && self.factors.wide() {
+                add_scaled(row, l.second, &before[2 * width * (i - 2)..]);
+            }
+        }
+        for i in (0..self.rows).rev() {
+            let (row, after) = block.values[2 * width * i..].split_at_mut(2 * width);
+            let pivot = self.factors.row(i, from, to).pivot;
+            for half in row.chunks_exact_mut(width) {
+                for (v, p) in half.iter_mut().zip(pivot) {
+                    *v *= *p;
+                }
+            }
+            if i + 1 < self.rows {
+                add_scaled(row, self.factors.row(i + 1, from, to).first, after);
+            }
+            if i + 2 < self.rows && self.factors.wide() {
+                add_scaled(row, self.factors.row(i + 2, from, to).second, &after[2 * width..]);
+            }
+        }
+    }
+
+    /// Gathers row `i` from the blocks of one channel and transforms it back.
+    pub(crate) fn inverse_row(&self, blocks: &[Block<T>], i: usize, out: &mut [T], s: &mut RowScratch<T>) {
+        for block in blocks {
+            let width = block.to - block.from;
+            let (re, im) = block.values[2 * width * i..2 * width * (i + 1)].split_at(width);
+            for ((z, &re), &im) in s.spectrum[block.from..block.to].iter_mut().zip(re).zip(im) {
+                *z = Complex::new(re, im);
+            }
+        }
+        s.spectrum[0].im = T::zero();
+        if self.cols.is_multiple_of(2) {
+            s.spectrum[self.cols / 2].im = T::zero();
+        }
+        self.inverse
+            .process_with_scratch(&mut s.spectrum, out, &mut s.fft)
+            .expect("buffers have the planned lengths and real ends");
+    }
+
+    /// Replaces the right-hand side `f` by the solution `u`.
+    ///
+    /// # Panics
+    /// If `plane` does not have `rows * cols` samples.
+    pub fn solve(&self, plane: &mut [T]) {
+        let (rows, cols, n) = (self.rows, self.cols, self.frequencies());
+        assert_eq!(plane.len(), rows * cols, "a plane of {rows} rows x {cols} columns");
+        let mut spectrum = vec![Complex::new(T::zero(), T::zero()); rows * n];
+        spectrum.par_chunks_mut(ROWS * n).zip(plane.par_chunks_mut(ROWS * cols)).for_each(|(out, rows)| {
+            let mut scratch = self.scratch();
+            for (out, row) in out.chunks_mut(n).zip(rows.chunks_mut(cols)) {
+                self.forward_row(row, out, &mut scratch);
+            }
+        });
+        let mut blocks = self.blocks(1);
+        blocks.par_iter_mut().for_each(|b| self.solve_block(b, |i| &spectrum[i * n..(i + 1) * n]));
+        plane.par_chunks_mut(ROWS * cols).enumerate().for_each(|(chunk, out)| {
+            let mut scratch = self.scratch();
+            for (k, row) in out.chunks_mut(cols).enumerate() {
+                self.inverse_row(&blocks, chunk * ROWS + k, row, &mut scratch);
+            }
+        });
+    }
+}
+
+/// Adds `factor * other` to both halves of `row`.
+#[inline(always)]
+fn add_scaled<T: Sample>(row: &mut [T], factor: &[T], other: &[T]) {
+    let width = factor.len();
+    let (re, im) = row.split_at_mut(width);
+    for ((v, o), f) in re.iter_mut().zip(&other[..width]).zip(factor) {
+        *v += *f * *o;
+    }
+    for ((v, o), f) in im.iter_mut().zip(&other[width..2 * width]).zip(factor) {
+        *v += *f * *o;
+    }
+}
