@@ -1,6 +1,6 @@
 //! The main job on small assets.
 
-use crate::support::{command, names, photofit, stderr, stdout, succeeds, write_rock};
+use crate::support::{command, names, photofit, rock, stderr, stdout, succeeds, write_rock};
 use serde_json::Value;
 use std::path::Path;
 use std::process::Stdio;
@@ -108,6 +108,15 @@ fn a_killed_fit_resumes_to_the_same_file() {
     assert!(stderr(&other).contains("other options"), "{}", stderr(&other));
 
     let resumed = [&kept[..], &["--resume"]].concat();
+    let mut edited = rock(10, true);
+    edited.primitives[0].mesh.positions.iter_mut().for_each(|p| p.y *= 1.01);
+    photofit_scene::save_glb(&d.join("edited.glb"), &edited).unwrap();
+    std::fs::rename(d.join("rock.glb"), d.join("kept.glb")).unwrap();
+    std::fs::rename(d.join("edited.glb"), d.join("rock.glb")).unwrap();
+    let other = photofit(d, &fit("b/out.glb", &resumed));
+    assert_eq!(other.status.code(), Some(1), "an edited asset of the same counts is refused");
+    assert!(stderr(&other).contains("another asset"), "{}", stderr(&other));
+    std::fs::rename(d.join("kept.glb"), d.join("rock.glb")).unwrap();
     succeeds(d, &fit("b/out.glb", &resumed));
     let (a, b) = (std::fs::read(d.join("a/out.glb")).unwrap(), std::fs::read(d.join("b/out.glb")).unwrap());
     assert!(a == b, "the same bytes");

@@ -6,6 +6,7 @@
 use super::{HistoryPoint, SimplifyOptions};
 use crate::FitError;
 use crate::candidate::Candidate;
+use crate::views::Shot;
 use photofit_image::write_atomically;
 use photofit_optim::State;
 use photofit_raster::{CHANNELS, Maps};
@@ -80,10 +81,18 @@ fn state_header(s: &State<f32>) -> StateHeader {
     }
 }
 
-/// What must agree between the run that wrote a checkpoint and the one that reads it.
-fn fingerprint(options: &SimplifyOptions, triangles: usize, vertices: usize) -> String {
+/// What must agree between the run that wrote a checkpoint and the one that reads it: the options that steer the fit,
+/// the candidate it starts from (which follows from the asset), and a held-out view (which follows from the asset and
+/// the light).
+pub(super) fn fingerprint(options: &SimplifyOptions, start: &Candidate, view: &Shot) -> String {
+    let mut digest = Digest(0xcbf2_9ce4_8422_2325);
+    digest.add(start.triangles.as_flattened());
+    digest.add(&start.positions);
+    digest.add(&start.uvs);
+    digest.add(start.maps.levels[0].texels.as_flattened());
+    digest.add(view.reference.as_flattened());
     format!(
-        "{:?} {:?} {} {} {} {} {} triangles {triangles} vertices {vertices}",
+        "{:?} {:?} {} {} {} {} {} {:016x}",
         options.target,
         options.init,
         options.resolution,
@@ -91,23 +100,30 @@ fn fingerprint(options: &SimplifyOptions, triangles: usize, vertices: usize) -> 
         options.steps,
         options.texture_size,
         options.seed,
+        digest.0
     )
 }
 
-fn of_candidate(options: &SimplifyOptions, c: &Candidate) -> String {
-    fingerprint(options, c.triangles.len(), c.positions.len())
+/// FNV-1a (Fowler, Noll, Vo), word by word.
+struct Digest(u64);
+
+impl Digest {
+    fn add<A: bytemuck::NoUninit>(&mut self, values: &[A]) {
+        for word in bytemuck::cast_slice::<A, u32>(values) {
+            self.0 = (self.0 ^ u64::from(*word)).wrapping_mul(0x0100_0000_01b3);
+        }
+    }
 }
 
 /// Writes the checkpoint of a folder, replacing the one before.
 pub(super) fn save(
     folder: &Path,
     c: &Checkpoint<'_>,
-    options: &SimplifyOptions,
-    candidate: &Candidate,
+    fingerprint: &str,
 ) -> Result<(), FitError> {
     std::fs::create_dir_all(folder).map_err(|source| FitError::Io { path: folder.into(), source })?;
     let header = Header {
-        fingerprint: of_candidate(options, candidate),
+        fingerprint: fingerprint.to_owned(),
         step: c.step,
         best_psnr_bits: c.best_psnr.to_bits(),
         vertices: c.positions.len(),
@@ -189,7 +205,11 @@ impl Rest<'_> {
 }
 
 /// Reads the checkpoint if the options ask for it and there is one.
-pub(super) fn load(options: &SimplifyOptions, candidate: &Candidate) -> Result<Option<Loaded>, FitError> {
+pub(super) fn load(
+    options: &SimplifyOptions,
+    candidate: &Candidate,
+    fingerprint: &str,
+) -> Result<Option<Loaded>, FitError> {
     let Some(path) = options.checkpoint.as_ref().filter(|_| options.resume).map(|f| f.join(FILE)) else {
         return Ok(None);
     };
@@ -197,14 +217,14 @@ pub(super) fn load(options: &SimplifyOptions, candidate: &Candidate) -> Result<O
         return Ok(None);
     }
     let bytes = std::fs::read(&path).map_err(|source| FitError::Io { path: path.clone(), source })?;
-    parse(&path, &bytes, options, candidate).map(Some)
+    parse(&path, &bytes, candidate, fingerprint).map(Some)
 }
 
 fn parse(
     path: &PathBuf,
     bytes: &[u8],
-    options: &SimplifyOptions,
     candidate: &Candidate,
+    fingerprint: &str,
 ) -> Result<Loaded, FitError> {
     let broken = |rule: &str| FitError::Checkpoint { path: path.clone(), rule: rule.into() };
     let length = bytes.get(8..16).and_then(|b| b.try_into().ok()).map(u64::from_le_bytes);
@@ -218,8 +238,8 @@ fn parse(
     let base = &candidate.maps.levels[0];
     let same_sizes =
         h.vertices == candidate.positions.len() && (h.width, h.height) == (base.width, base.height);
-    if h.fingerprint != of_candidate(options, candidate) || !same_sizes {
-        return Err(broken("it belongs to a fit with other options or another asset"));
+    if h.fingerprint != fingerprint || !same_sizes {
+        return Err(broken("it belongs to a fit with other options or another asset or light"));
     }
     let mut rest = Rest { bytes: &bytes[16 + json.len()..], path };
     let (positions, best_positions) = (rest.vectors(h.vertices)?, rest.vectors(h.vertices)?);

@@ -106,6 +106,8 @@ struct Trainer<'a> {
     start: Instant,
     step: u64,
     loss: Vec<f64>,
+    /// Of the fit, for its checkpoints.
+    fingerprint: String,
 }
 
 /// Runs the fit.
@@ -157,10 +159,12 @@ pub(super) fn train(
         start,
         step: 0,
         loss: Vec::new(),
+        fingerprint: String::new(),
     };
     t.held_out = (0..HELD_OUT).map(|i| t.shot(Set::HeldOut, i)).collect();
+    t.fingerprint = checkpoint::fingerprint(options, &t.candidate, &t.held_out[0]);
     let mut stopped = false;
-    if let Some(c) = checkpoint::load(options, &t.candidate)? {
+    if let Some(c) = checkpoint::load(options, &t.candidate, &t.fingerprint)? {
         t.restore(c)?;
     }
     let first = t.history.first().map(|h| h.held_out_psnr);
@@ -381,8 +385,7 @@ impl Trainer<'_> {
                 history: &self.history,
                 loss: &self.loss,
             },
-            self.options,
-            &self.candidate,
+            &self.fingerprint,
         )
     }
 
