@@ -7,7 +7,11 @@ use photofit_scalar::{Real, Vec2, vec2};
 #[inline(always)]
 pub fn interpolate<T: Real, const C: usize>(a: [&[T; C]; 3], b: &Barycentrics<T>) -> [T; C] {
     let w = T::one() - b.u - b.v;
-    std::array::from_fn(|c| a[0][c] * b.u + a[1][c] * b.v + a[2][c] * w)
+    let mut out = [T::zero(); C];
+    for c in 0..C {
+        out[c] = a[0][c] * b.u + a[1][c] * b.v + a[2][c] * w;
+    }
+    out
 }
 
 /// Adjoint of [`interpolate`]: returns (dL/du, dL/dv) and accumulates into the attribute gradients.
@@ -19,15 +23,30 @@ pub fn interpolate_vjp<T: Real, const C: usize>(
     g_a: [&mut [T; C]; 3],
 ) -> Vec2<T> {
     let w = T::one() - b.u - b.v;
-    let mut out = Vec2::zero();
+    let (mut u, mut v) = ([T::zero(); C], [T::zero(); C]);
     let [g0, g1, g2] = g_a;
     for c in 0..C {
         g0[c] += b.u * g[c];
         g1[c] += b.v * g[c];
         g2[c] += w * g[c];
-        out += vec2(g[c] * (a[0][c] - a[2][c]), g[c] * (a[1][c] - a[2][c]));
+        u[c] = g[c] * (a[0][c] - a[2][c]);
+        v[c] = g[c] * (a[1][c] - a[2][c]);
     }
-    out
+    vec2(halved_sum(u), halved_sum(v))
+}
+
+/// Sum of the samples, folding the upper half onto the lower until one is left: unlike a running sum it vectorises.
+#[inline(always)]
+pub(crate) fn halved_sum<T: Real, const C: usize>(mut x: [T; C]) -> T {
+    let mut n = C;
+    while n > 1 {
+        let half = n / 2;
+        for c in 0..half {
+            x[c] += x[n - half + c];
+        }
+        n -= half;
+    }
+    x.first().copied().unwrap_or_default()
 }
 
 /// Screen derivatives of an interpolated attribute, per pixel:

@@ -116,7 +116,7 @@ pub fn view_direction_vjp<T: Real>(eye: Vec3<T>, position: Vec3<T>, g: Vec3<T>) 
 /// let one = shade(&surface, Vec3::zero(), up, eye, &[sun]);
 /// assert!(both.x > one.x + 0.1 && one.x > 0.4);
 /// ```
-#[inline]
+#[inline(always)]
 pub fn shade<T: Real>(
     surface: &Surface<T>,
     position: Vec3<T>,
@@ -143,7 +143,7 @@ pub fn shade<T: Real>(
 }
 
 /// Adjoint of [`shade`] for the gradient `g` of the radiance; the forward pass is recomputed.
-#[inline]
+#[inline(always)]
 pub fn shade_vjp<T: Real>(
     surface: &Surface<T>,
     position: Vec3<T>,

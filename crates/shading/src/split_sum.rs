@@ -48,7 +48,7 @@ pub struct SplitSum<T = f32> {
 ///
 /// The largest error against numerical integration is 5e-3 (at grazing, smooth surfaces), the rms error below 1e-3. Derivatives are those of the
 /// interpolation; they vanish where the arguments are clamped.
-#[inline]
+#[inline(always)]
 pub fn split_sum<T: Real>(cosine: T, roughness: T) -> SplitSum<T> {
     let one = T::one();
     let (lo, hi) = (T::of(COSINE_MIN), one);

@@ -11,6 +11,7 @@ use photofit_raster::{CHANNELS, Maps};
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3};
 use photofit_scene::{AlphaMode, Camera};
 use photofit_shading::Light;
+use rayon::prelude::*;
 
 pub(crate) fn run(ctx: &mut Context) -> Result<()> {
     let item = Item::new(22, 1024);
@@ -111,7 +112,7 @@ impl Item {
         };
         let background = vec![[0.2; 3]; size * size];
         let mut gradients = Gradients::new(self.mesh.positions.len(), &self.maps);
-        let mut frame = Frame::default();
+        let (mut frame, mut g) = (Frame::default(), Vec::new());
         let case = format!("{} tri, {size}^2", self.mesh.triangles.len());
         ctx.measure(
             name,
@@ -120,7 +121,7 @@ impl Item {
             || {
                 render_into(&geometry, &self.maps, &view, &background, passes, &mut frame);
                 if both {
-                    let g: Vec<[f32; 4]> = frame.color.iter().map(|c| c.map(|c| c - 0.25)).collect();
+                    frame.color.par_iter().map(|c| c.map(|c| c - 0.25)).collect_into_vec(&mut g);
                     render_vjp(&geometry, &self.maps, &view, passes, &frame, &g, &mut gradients);
                 }
                 frame.layers.len()

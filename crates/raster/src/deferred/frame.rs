@@ -1,14 +1,14 @@
 //! One image: layers, blending, antialiasing; and the reverse pass.
 
-use super::pixel::CornerGradients;
-use super::tile::{Strip, StripGradients};
+use super::pixel::attribute;
+use super::tile::{Strip, StripGradients, StripPixels};
 use super::{Geometry, Passes, View};
 use crate::antialias::{Pair, antialias, antialias_vjp, silhouettes};
 use crate::maps::CHANNELS;
 use crate::project::{project, project_vjp};
 use crate::rasterize::{NONE, TILE, Visibility, rasterize_into};
 use crate::texture::{Pyramid, Scatter};
-use photofit_scalar::{Real, Vec3, Vec4};
+use photofit_scalar::{Real, Vec3, Vec4, vec3};
 use photofit_scene::AlphaMode;
 use rayon::prelude::*;
 
@@ -27,11 +27,18 @@ pub struct FrameLayer<T> {
     shaded: Vec<[T; 4]>,
     /// This layer over those behind it, before antialiasing.
     blended: Vec<[T; 4]>,
+    strips: Vec<StripPixels<T>>,
 }
 
 impl<T> Default for FrameLayer<T> {
     fn default() -> Self {
-        Self { visibility: Visibility::default(), pairs: Vec::new(), shaded: Vec::new(), blended: Vec::new() }
+        Self {
+            visibility: Visibility::default(),
+            pairs: Vec::new(),
+            shaded: Vec::new(),
+            blended: Vec::new(),
+            strips: Vec::new(),
+        }
     }
 }
 
@@ -152,11 +159,14 @@ pub fn render_into<T: Real>(
             break;
         }
         layer.shaded.resize(n, [T::zero(); 4]);
-        let visibility = &layer.visibility;
-        layer.shaded.par_chunks_mut(view.width.max(1) * TILE).enumerate().for_each(|(s, out)| {
+        let FrameLayer { visibility, shaded, strips, .. } = &mut layer;
+        strips.resize_with(view.height.div_ceil(TILE), StripPixels::default);
+        let parts = shaded.par_chunks_mut(view.width.max(1) * TILE).zip(strips);
+        parts.enumerate().for_each(|(s, (out, kept))| {
             let strip = Strip { geometry, view, passes, maps, clip, visibility, y: s * TILE };
-            strip.shade(&mut Vec::new(), out);
+            strip.shade(kept, out);
         });
+        let visibility = &layer.visibility;
         layer.pairs.clear();
         if passes.antialias {
             layer.pairs.append(&mut silhouettes(visibility, clip, &geometry.topology));
@@ -227,7 +237,7 @@ fn blend<T: Real>(layer: &mut FrameLayer<T>, color: &mut [[T; 4]]) {
     });
 }
 
-/// Adjoint of [`render`]: accumulates into `out` the gradients for `g` `[H/s*W/s]`, the gradient of the pixels, which
+/// Adjoint of [`render`] with the same arguments (`passes` asking for no more gradients): accumulates into `out` the gradients for `g` `[H/s*W/s]`, the gradient of the pixels, which
 /// are the means of their `s*s` samples in `frame.color`.
 ///
 /// # Panics
@@ -309,10 +319,11 @@ fn shade_vjp<T: Real>(
     let Scratch { shaded, clip: g_clip, strips, .. } = &mut out.scratch;
     let rows = view.width.max(1) * TILE;
     strips.resize_with(shaded.len().div_ceil(rows), StripGradients::default);
-    strips.par_iter_mut().zip(shaded.par_chunks(rows)).enumerate().for_each(|(s, (strip_out, g))| {
+    let parts = strips.par_iter_mut().zip(&layer.strips).zip(shaded.par_chunks(rows));
+    parts.enumerate().for_each(|(s, ((strip_out, kept), g))| {
         let v = &layer.visibility;
         let strip = Strip { geometry, view, passes, maps, clip: &frame.clip, visibility: v, y: s * TILE };
-        strip.shade_vjp(g, strip_out);
+        strip.shade_vjp(kept, g, strip_out);
     });
     if passes.map_gradients {
         let queues: Vec<_> = strips.iter().map(|s| &s.texels).collect();
@@ -324,17 +335,17 @@ fn shade_vjp<T: Real>(
     // One task per attribute: each adds in the same fixed order.
     let (strips, triangles) = (&*strips, geometry.topology.triangles);
     let (positions, normals, tangents) = (&mut out.positions, &mut out.normals, &mut out.tangents);
-    let add = |g: &mut [Vec3<T>], part: fn(&CornerGradients<T>) -> &[[T; 3]; 3]| {
+    let add = |g: &mut [Vec3<T>], at: usize| {
         for (triangle, c) in strips.iter().flat_map(|s| &s.corners) {
-            for (i, p) in triangles[*triangle as usize].iter().zip(part(c)) {
-                g[*i as usize] += Vec3::from_array(*p);
+            for (i, a) in triangles[*triangle as usize].iter().zip(&c.attributes) {
+                g[*i as usize] += vec3(a[at], a[at + 1], a[at + 2]);
             }
         }
     };
     rayon::scope(|s| {
-        s.spawn(|_| add(positions, |c| &c.position));
-        s.spawn(|_| add(normals, |c| &c.normal));
-        s.spawn(|_| add(tangents, |c| &c.tangent));
+        s.spawn(|_| add(positions, attribute::POSITION));
+        s.spawn(|_| add(normals, attribute::NORMAL));
+        s.spawn(|_| add(tangents, attribute::TANGENT));
         for (triangle, c) in strips.iter().flat_map(|s| &s.corners) {
             for (i, p) in triangles[*triangle as usize].iter().zip(c.clip) {
                 g_clip[*i as usize] += p;

@@ -16,14 +16,22 @@ use photofit_shading::{
 pub(super) const SAMPLER: Sampler =
     Sampler { wrap_u: Wrap::ClampToEdge, wrap_v: Wrap::ClampToEdge, filter: Filter::Trilinear };
 
+/// Interpolated vertex attributes: side by side, they fill whole vector registers.
+const ATTRIBUTES: usize = 12;
+
+/// Where each attribute starts.
+pub(super) mod attribute {
+    pub(crate) const POSITION: usize = 0;
+    pub(crate) const NORMAL: usize = 3;
+    pub(crate) const TANGENT: usize = 6;
+    pub(crate) const UV: usize = 9;
+}
+
 /// The corners of one triangle.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Corners<T> {
     pub clip: [Vec4<T>; 3],
-    position: [[T; 3]; 3],
-    normal: [[T; 3]; 3],
-    tangent: [[T; 3]; 3],
-    uv: [[T; 2]; 3],
+    attributes: [[T; ATTRIBUTES]; 3],
     handedness: T,
     geometric_normal: Vec3<T>,
     alpha: AlphaMode,
@@ -33,29 +41,30 @@ pub(super) struct Corners<T> {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CornerGradients<T> {
     pub clip: [Vec4<T>; 3],
-    pub position: [[T; 3]; 3],
-    pub normal: [[T; 3]; 3],
-    pub tangent: [[T; 3]; 3],
+    /// Those of uv are not used by anyone: the atlas is fixed.
+    pub attributes: [[T; ATTRIBUTES]; 3],
 }
 
 impl<T: Real> Default for CornerGradients<T> {
     fn default() -> Self {
-        let zero = [[T::zero(); 3]; 3];
-        Self { clip: [Vec4::zero(); 3], position: zero, normal: zero, tangent: zero }
+        Self { clip: [Vec4::zero(); 3], attributes: [[T::zero(); ATTRIBUTES]; 3] }
     }
 }
 
 impl<T: Real> Corners<T> {
     #[inline]
     pub(super) fn load(geometry: &Geometry<'_, T>, clip: &[Vec4<T>], triangle: usize) -> Self {
-        let id = geometry.topology.triangles[triangle].map(|i| i as usize);
-        let p = id.map(|i| geometry.positions[i]);
+        let [i, j, k] = geometry.topology.triangles[triangle].map(|i| i as usize);
+        let p = [geometry.positions[i], geometry.positions[j], geometry.positions[k]];
+        let attributes = |i: usize| {
+            let (p, n) = (geometry.positions[i], geometry.normals[i]);
+            let (t, uv) = (geometry.tangents[i], geometry.uvs[i]);
+            [p.x, p.y, p.z, n.x, n.y, n.z, t.x, t.y, t.z, uv.x, uv.y, T::zero()]
+        };
+        let id = [i, j, k];
         Self {
-            clip: id.map(|i| clip[i]),
-            position: p.map(Vec3::to_array),
-            normal: id.map(|i| geometry.normals[i].to_array()),
-            tangent: id.map(|i| geometry.tangents[i].xyz().to_array()),
-            uv: id.map(|i| geometry.uvs[i].to_array()),
+            clip: [clip[i], clip[j], clip[k]],
+            attributes: [attributes(i), attributes(j), attributes(k)],
             handedness: geometry.tangents[id[0]].w,
             geometric_normal: (p[1] - p[0]).cross(p[2] - p[0]),
             alpha: geometry.alpha.get(triangle).copied().unwrap_or_default(),
@@ -83,7 +92,7 @@ fn refs<const C: usize, T>(a: &[[T; C]; 3]) -> [&[T; C]; 3] {
 }
 
 #[inline(always)]
-fn triple<T: Real>(t: &[T; CHANNELS], at: usize) -> Vec3<T> {
+fn triple<T: Real>(t: &[T], at: usize) -> Vec3<T> {
     vec3(t[at], t[at + 1], t[at + 2])
 }
 
@@ -110,15 +119,16 @@ impl<T: Real> Pixel<T> {
         passes: &Passes,
     ) -> Self {
         let b = barycentrics(&c.clip, f, grid);
-        let [u, v] = interpolate(refs(&c.uv), &b);
-        let duv = derivatives(refs(&c.uv), &b);
+        let a = interpolate(refs(&c.attributes), &b);
+        let uv = vec2(a[attribute::UV], a[attribute::UV + 1]);
+        let corner_uv = |k: usize| [c.attributes[k][attribute::UV], c.attributes[k][attribute::UV + 1]];
+        let duv = derivatives([&corner_uv(0), &corner_uv(1), &corner_uv(2)], &b);
         let base = &maps.levels[0];
         let lod = level_of_detail(&duv, base.width, base.height, view.lod_bias, maps.levels.len() - 1);
-        let at = lookup(maps, vec2(u, v), Some(&lod), &SAMPLER);
+        let at = lookup(maps, uv, Some(&lod), &SAMPLER);
         let texel = sample(maps, &at);
-        let position = Vec3::from_array(interpolate(refs(&c.position), &b));
-        let normal = Vec3::from_array(interpolate(refs(&c.normal), &b));
-        let tangent = Vec3::from_array(interpolate(refs(&c.tangent), &b));
+        let position = triple(&a, attribute::POSITION);
+        let (normal, tangent) = (triple(&a, attribute::NORMAL), triple(&a, attribute::TANGENT));
         let perturbed = if passes.normal_map {
             perturb(normal, tangent, c.handedness, triple(&texel, channel::NORMAL))
         } else {
@@ -185,15 +195,10 @@ impl<T: Real> Pixel<T> {
         if passes.position_gradients {
             let g_position = sg.position + view_direction_vjp(view.eye, self.position, sg.wo + fv.wo);
             let (g_uv, _) = sample_vjp(maps, &self.at, &g_texel);
-            let mut unused = [[T::zero(); 2]; 3];
-            let [p0, p1, p2] = &mut out.position;
-            let mut g_uvw = interpolate_vjp(refs(&c.position), &self.b, &g_position.to_array(), [p0, p1, p2]);
-            let [n0, n1, n2] = &mut out.normal;
-            g_uvw += interpolate_vjp(refs(&c.normal), &self.b, &g_normal.to_array(), [n0, n1, n2]);
-            let [t0, t1, t2] = &mut out.tangent;
-            g_uvw += interpolate_vjp(refs(&c.tangent), &self.b, &g_tangent.to_array(), [t0, t1, t2]);
-            let [u0, u1, u2] = &mut unused;
-            g_uvw += interpolate_vjp(refs(&c.uv), &self.b, &g_uv.to_array(), [u0, u1, u2]);
+            let (p, n, t) = (g_position, g_normal, g_tangent);
+            let g = [p.x, p.y, p.z, n.x, n.y, n.z, t.x, t.y, t.z, g_uv.x, g_uv.y, T::zero()];
+            let [a0, a1, a2] = &mut out.attributes;
+            let g_uvw = interpolate_vjp(refs(&c.attributes), &self.b, &g, [a0, a1, a2]);
             let g_clip = barycentrics_vjp(&c.clip, f, g_uvw.x, g_uvw.y);
             for k in 0..3 {
                 out.clip[k] += g_clip[k];

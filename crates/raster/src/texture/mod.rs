@@ -54,20 +54,28 @@ pub fn lookup<T: Real, const C: usize>(
     lod: Option<&LevelOfDetail<T>>,
     sampler: &Sampler,
 ) -> Lookup<T> {
-    let on = |l: usize| {
-        let t = &texture.levels[l];
-        taps(uv, t.width, t.height, sampler)
+    let Some(d) = lod.filter(|d| d.level > T::zero()) else {
+        return Lookup { level: 0, fine: level_taps(texture, uv, 0, sampler), coarse: None };
     };
-    match lod {
-        Some(d) if d.level > T::zero() => {
-            let level = d.level.floor().to_usize().unwrap_or(0).min(texture.levels.len() - 1);
-            let share = d.level - T::of(level as f64);
-            let coarse =
-                (share > T::zero() && level + 1 < texture.levels.len()).then(|| (on(level + 1), share));
-            Lookup { level, fine: on(level), coarse }
-        }
-        _ => Lookup { level: 0, fine: on(0), coarse: None },
+    let level = d.level.floor().to_usize().unwrap_or(0).min(texture.levels.len() - 1);
+    let share = d.level - T::of(level as f64);
+    let fine = level_taps(texture, uv, level, sampler);
+    if share > T::zero() && level + 1 < texture.levels.len() {
+        Lookup { level, fine, coarse: Some((level_taps(texture, uv, level + 1, sampler), share)) }
+    } else {
+        Lookup { level, fine, coarse: None }
     }
+}
+
+#[inline(always)]
+fn level_taps<T: Real, const C: usize>(
+    texture: &Pyramid<T, C>,
+    uv: Vec2<T>,
+    level: usize,
+    sampler: &Sampler,
+) -> Taps<T> {
+    let t = &texture.levels[level];
+    taps(uv, t.width, t.height, sampler)
 }
 
 /// Reads the texture.

@@ -1,6 +1,7 @@
 //! The four taps of a bilinear lookup on one level.
 
 use super::Texture;
+use crate::interpolate::halved_sum;
 use photofit_scalar::{Real, Vec2, vec2};
 use photofit_scene::{Filter, Sampler, Wrap};
 
@@ -84,7 +85,11 @@ impl<T: Real> Taps<T> {
     pub fn read<const C: usize>(&self, t: &Texture<T, C>) -> [T; C] {
         let w = self.weights();
         let q = self.index.map(|i| &t.texels[i as usize]);
-        std::array::from_fn(|c| (q[0][c] * w[0] + q[1][c] * w[1]) + (q[2][c] * w[2] + q[3][c] * w[3]))
+        let mut out = [T::zero(); C];
+        for c in 0..C {
+            out[c] = (q[0][c] * w[0] + q[1][c] * w[1]) + (q[2][c] * w[2] + q[3][c] * w[3]);
+        }
+        out
     }
 
     /// Adjoint with respect to uv.
@@ -101,18 +106,4 @@ impl<T: Real> Taps<T> {
         let (x, y) = (halved_sum(x), halved_sum(y));
         vec2(x * T::of(t.width as f64), y * T::of(t.height as f64))
     }
-}
-
-/// Sum of the channels, folding the upper half onto the lower until one is left.
-#[inline(always)]
-fn halved_sum<T: Real, const C: usize>(mut x: [T; C]) -> T {
-    let mut n = C;
-    while n > 1 {
-        let half = n / 2;
-        for c in 0..half {
-            x[c] += x[n - half + c];
-        }
-        n -= half;
-    }
-    x.first().copied().unwrap_or_default()
 }
