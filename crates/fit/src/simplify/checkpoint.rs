@@ -116,11 +116,7 @@ impl Digest {
 }
 
 /// Writes the checkpoint of a folder, replacing the one before.
-pub(super) fn save(
-    folder: &Path,
-    c: &Checkpoint<'_>,
-    fingerprint: &str,
-) -> Result<(), FitError> {
+pub(super) fn save(folder: &Path, c: &Checkpoint<'_>, fingerprint: &str) -> Result<(), FitError> {
     std::fs::create_dir_all(folder).map_err(|source| FitError::Io { path: folder.into(), source })?;
     let header = Header {
         fingerprint: fingerprint.to_owned(),
@@ -220,12 +216,7 @@ pub(super) fn load(
     parse(&path, &bytes, candidate, fingerprint).map(Some)
 }
 
-fn parse(
-    path: &PathBuf,
-    bytes: &[u8],
-    candidate: &Candidate,
-    fingerprint: &str,
-) -> Result<Loaded, FitError> {
+fn parse(path: &PathBuf, bytes: &[u8], candidate: &Candidate, fingerprint: &str) -> Result<Loaded, FitError> {
     let broken = |rule: &str| FitError::Checkpoint { path: path.clone(), rule: rule.into() };
     let length = bytes.get(8..16).and_then(|b| b.try_into().ok()).map(u64::from_le_bytes);
     let (Some(length), true) = (length, bytes.starts_with(MAGIC)) else {

@@ -11,6 +11,7 @@ mod outcome;
 mod plan;
 mod prepare;
 mod train;
+mod wrap;
 
 pub use evaluate::{Quality, ReportView, ViewQuality, compare};
 pub use export::to_scene;
@@ -50,7 +51,7 @@ pub fn simplify(
     let mut trained = train::train(&normalised, &reference, prepared, &plan, options, progress)?;
     // The fit judged itself by its own renderer; the choice is made as a user would see it.
     let mut rebaked = trained.candidate.clone();
-    if let Ok((maps, _)) = prepare::bake_candidate(&reference, &visibility, &rebaked, false, &Silent) {
+    if let Ok((maps, _)) = prepare::bake_candidate(&reference, &visibility, &rebaked, &Silent) {
         rebaked.set_maps(maps);
     }
     let fitted = std::mem::replace(&mut trained.candidate, baked.clone());

@@ -1,6 +1,7 @@
 //! From the reference to the start of the fit: normalise, decimate, unwrap, bake.
 
 use super::evaluate;
+use super::wrap::wrap;
 use super::{Init, SimplifyOptions};
 use crate::bake::{self, AlphaClass, BakeSettings, Reference, bake, blank_texel, hard_edges};
 use crate::candidate::Candidate;
@@ -127,7 +128,11 @@ pub(super) fn prepare(
             let d = decimate_reference(n, &seen, options.target)?;
             (d.mesh, d.group)
         }
-        Init::Sphere => sphere(n, &seen, options.target)?,
+        Init::Sphere => {
+            let (mut mesh, class) = sphere(n, &seen, options.target)?;
+            wrap(&mut mesh, reference, &seen, progress)?;
+            (mesh, class)
+        }
     };
     go_on()?;
     progress.report("atlas", 0, 1, "");
@@ -135,16 +140,14 @@ pub(super) fn prepare(
     let atlas = unwrap(&mesh.positions, &mesh.triangles, &class, &settings)?;
     let (unwrapped, _) = atlas.build_mesh(&mesh.positions, &mesh.triangles);
     go_on()?;
-    let from_sphere = options.init == Init::Sphere;
     let weld = weld_exact(&unwrapped.positions);
     let edges = Edges::new(&unwrapped.triangles, &weld);
-    let hard =
-        if from_sphere { vec![false; edges.len()] } else { hard_edges(reference, &seen, &unwrapped, &edges) };
+    let hard = hard_edges(reference, &seen, &unwrapped, &edges);
     let creased = split_hard_edges(&unwrapped.triangles, &weld, &edges, &hard);
     let maps = Maps::filled(options.texture_size, options.texture_size, blank_texel());
     let split = creased.split.apply(&unwrapped);
     let mut candidate = Candidate::new(&split, &creased.smoothing, class, n.class_modes(), maps);
-    let (baked, distance) = bake_candidate(reference, &seen, &candidate, from_sphere, progress)?;
+    let (baked, distance) = bake_candidate(reference, &seen, &candidate, progress)?;
     candidate.set_maps(baked);
     Ok(Prepared {
         candidate,
@@ -209,14 +212,10 @@ pub(super) fn bake_candidate(
     reference: &Reference<'_>,
     seen: &Visibility,
     candidate: &Candidate,
-    far: bool,
     progress: &dyn Progress,
 ) -> Result<(Maps, f64), FitError> {
     let base = &candidate.maps.levels[0];
-    let mut settings = BakeSettings { width: base.width, height: base.height, ..BakeSettings::default() };
-    if far {
-        settings.max_distance = 1.0;
-    }
+    let settings = BakeSettings { width: base.width, height: base.height, ..BakeSettings::default() };
     let classes: Vec<AlphaClass> = candidate
         .class
         .iter()

@@ -2,7 +2,7 @@
 
 use super::checkpoint::{self, Checkpoint};
 use super::prepare::bake_candidate;
-use super::{Init, Normalised, Plan, Prepared, SimplifyOptions};
+use super::{Normalised, Plan, Prepared, SimplifyOptions};
 use crate::bake::Reference;
 use crate::candidate::{Candidate, ParameterGradients, average};
 use crate::views::{Set, Setup, Shot, setup};
@@ -36,10 +36,8 @@ const SAMPLES: usize = 2;
 const MAP_RATE: f64 = 0.04;
 /// Step of the positions, relative to the distance between the start and the reference.
 const POSITION_RATE: f64 = 1.0;
-/// Step of the positions from a sphere.
-const SPHERE_RATE: f64 = 6e-3;
-/// Smoothness of the preconditioner for the start from a decimated mesh, and from a sphere.
-const LAMBDA: [f64; 2] = [0.3, 12.0];
+/// Smoothness of the preconditioner.
+const LAMBDA: f64 = 0.3;
 
 /// One look at the held-out views.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -121,9 +119,7 @@ pub(super) fn train(
 ) -> Result<Trained, FitError> {
     let start = Instant::now();
     let candidate = prepared.candidate;
-    let from_sphere = options.init == Init::Sphere;
-    let lambda = LAMBDA[usize::from(from_sphere)];
-    let large_steps = LargeSteps::new(candidate.positions.len(), &candidate.edges, lambda)
+    let large_steps = LargeSteps::new(candidate.positions.len(), &candidate.edges, LAMBDA)
         .map_err(FitError::Preconditioner)?;
     let optim = |source| FitError::Optim { step: 0, source, kept: "nothing was written".into() };
     let shape = UniformAdam::new(
@@ -197,9 +193,8 @@ pub(super) fn train(
 /// Coarse to fine: half resolution, then, with maps baked anew on the moved shape, full resolution.
 fn phases(options: &SimplifyOptions, distance: f64, start_psnr: f64) -> Vec<Phase> {
     let n = options.steps;
-    let a = if options.init == Init::Sphere { n * 6 / 10 } else { n * 4 / 10 };
-    let from_sphere = options.init == Init::Sphere;
-    let rate = if from_sphere { SPHERE_RATE } else { (POSITION_RATE * distance).clamp(1e-4, 1.5e-2) };
+    let a = n * 4 / 10;
+    let rate = (POSITION_RATE * distance).clamp(1e-4, 1.5e-2);
     let map_rate = (MAP_RATE * 10f64.powf(-start_psnr / 20.0)).clamp(2e-4, 5e-3);
     let shrink = if options.resolution.is_multiple_of(2) && options.resolution >= 256 { 2 } else { 1 };
     vec![
@@ -351,7 +346,7 @@ impl Trainer<'_> {
         progress: &dyn Progress,
     ) -> Result<(), FitError> {
         self.candidate.positions.clone_from(&self.best.1);
-        let (baked, _) = bake_candidate(reference, seen, &self.candidate, false, progress)?;
+        let (baked, _) = bake_candidate(reference, seen, &self.candidate, progress)?;
         self.candidate.set_maps(baked);
         let before = self.best.0;
         if self.look(progress) < before {

@@ -1,0 +1,151 @@
+//! Shrink-wrapping: a mesh of given topology is pulled onto the reference before anything is rendered.
+//!
+//! The squared distances between the two surfaces, both ways (a symmetric chamfer distance), are lowered by
+//! preconditioned steps: each vertex wants to go to the mean of what pulls at it, and the motion is smoothed by
+//! `(I + lambda L)^-1` (Nicolet et al. 2021) with `lambda` falling from stage to stage, so that the shape follows as a
+//! whole first and in detail last.
+
+use crate::bake::{BakeError, Reference};
+use crate::visibility::Visibility;
+use crate::{FitError, Progress};
+use photofit_geometry::{Edges, Mesh, weld::Weld};
+use photofit_optim::LargeSteps;
+use photofit_pathtrace::Accel;
+use photofit_sampling::Rng;
+use photofit_scalar::Vec3f;
+use rayon::prelude::*;
+
+/// Smoothness of each stage.
+const LAMBDA: [f64; 6] = [200.0, 60.0, 20.0, 6.0, 2.0, 0.6];
+/// Steps in a stage.
+const STEPS: u64 = 12;
+/// Points of the reference that pull, per vertex of the mesh.
+const SAMPLES_PER_VERTEX: usize = 8;
+/// Share of the way that a step goes.
+const STEP: f32 = 0.8;
+/// Seed of the points.
+const SEED: u64 = 0x77_7261_70;
+
+/// Pulls `mesh` (closed, vertices not split) onto what can be seen of the reference.
+pub(super) fn wrap(
+    mesh: &mut Mesh,
+    reference: &Reference<'_>,
+    seen: &Visibility,
+    progress: &dyn Progress,
+) -> Result<(), FitError> {
+    let samples = sample(reference.mesh(), seen, SAMPLES_PER_VERTEX * mesh.positions.len());
+    let edges = Edges::new(&mesh.triangles, &Weld::identity(mesh.positions.len()));
+    let total = LAMBDA.len() as u64 * STEPS;
+    for (stage, lambda) in LAMBDA.into_iter().enumerate() {
+        let smooth = LargeSteps::new(mesh.positions.len(), &edges.vertices, lambda)
+            .map_err(FitError::Preconditioner)?;
+        for step in 0..STEPS {
+            progress.report("wrap", stage as u64 * STEPS + step, total, "");
+            if progress.is_cancelled() {
+                return Err(FitError::Interrupted);
+            }
+            let pull = pull(mesh, reference, seen, &samples)?;
+            let motion = smooth.to_x(bytemuck::cast_slice(&pull)).map_err(FitError::Preconditioner)?;
+            for (p, m) in mesh.positions.iter_mut().zip(bytemuck::cast_slice::<f32, Vec3f>(&motion)) {
+                *p += *m * STEP;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Points on the visible triangles, evenly by area.
+fn sample(mesh: &Mesh, seen: &Visibility, count: usize) -> Vec<Vec3f> {
+    let mut sum = 0.0;
+    let visible: Vec<(usize, f64)> = (0..mesh.triangles.len())
+        .filter(|t| seen.is_visible(*t))
+        .map(|t| {
+            let [a, b, c] = mesh.corners(t);
+            sum += f64::from((b - a).cross(c - a).length());
+            (t, sum)
+        })
+        .collect();
+    let mut rng = Rng::new(SEED, 0);
+    (0..count)
+        .filter_map(|i| {
+            // One point in each of `count` equal shares of the area.
+            let at = (i as f64 + f64::from(rng.next_f32())) / count as f64 * sum;
+            let k = visible.partition_point(|(_, end)| *end <= at).min(visible.len().checked_sub(1)?);
+            let [a, b, c] = mesh.corners(visible[k].0);
+            let (u, v) = (rng.next_f32(), rng.next_f32());
+            let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+            Some(a + (b - a) * u + (c - a) * v)
+        })
+        .collect()
+}
+
+/// Where each vertex wants to go, relative to where it is.
+fn pull(
+    mesh: &Mesh,
+    reference: &Reference<'_>,
+    seen: &Visibility,
+    samples: &[Vec3f],
+) -> Result<Vec<Vec3f>, FitError> {
+    let own: Vec<Option<Vec3f>> = mesh
+        .positions
+        .par_iter()
+        .map(|p| {
+            let visible = |n: &photofit_pathtrace::NearestPoint| seen.is_visible(n.triangle as usize);
+            let n = reference.accel().closest_point_where(*p, f32::INFINITY, visible)?;
+            let [a, b, c] = reference.mesh().corners(n.triangle as usize);
+            Some(a + (b - a) * n.u + (c - a) * n.v - *p)
+        })
+        .collect();
+    let accel = Accel::build(&mesh.positions, &mesh.triangles)
+        .map_err(|source| BakeError::Geometry { mesh: "target", source })?;
+    let nearest: Vec<_> = samples.par_iter().map(|s| accel.closest_point(*s, f32::INFINITY)).collect();
+    // A weighted mean of the pulls at a vertex; the sums run in a fixed order.
+    let mut sum: Vec<(Vec3f, f32)> =
+        own.iter().map(|p| p.map_or((Vec3f::zero(), 0.0), |p| (p, 1.0))).collect();
+    for (s, n) in samples.iter().zip(&nearest) {
+        let Some(n) = n else { continue };
+        let t = mesh.triangles[n.triangle as usize].map(|i| i as usize);
+        let w = [1.0 - n.u - n.v, n.u, n.v];
+        let at = (0..3).fold(Vec3f::zero(), |at, k| at + mesh.positions[t[k]] * w[k]);
+        for k in 0..3 {
+            sum[t[k]].0 += (*s - at) * w[k];
+            sum[t[k]].1 += w[k] * w[k];
+        }
+    }
+    Ok(sum.into_iter().map(|(p, w)| if w > 0.0 { p * (1.0 / w) } else { Vec3f::zero() }).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Silent;
+    use crate::bake::tests::World;
+    use photofit_geometry::shapes;
+    use photofit_scalar::vec3;
+    use photofit_scene::Material;
+
+    #[test]
+    fn a_sphere_becomes_the_shape_around_it() {
+        let mut target = shapes::torus(48, 24, 1.0, 0.45);
+        target.positions.iter_mut().for_each(|p| *p = vec3(p.x, p.y * 1.3, p.z) + vec3(0.1, 0.2, 0.0));
+        // A torus is no sphere: its hole stays closed. A displaced sphere is.
+        let bumpy = shapes::displaced_sphere(24, 0.3, 3, 5);
+        for (shape, limit) in [(bumpy, 0.012), (target, 0.25)] {
+            let mut world = World::default();
+            world.add(&shape, Material::clay());
+            let seen = world.visibility();
+            let mut mesh = shapes::icosphere(8);
+            mesh.normals.clear();
+            let distance = world.with(|r| {
+                wrap(&mut mesh, r, &seen, &Silent).unwrap();
+                let reach = |p: &Vec3f| r.accel().closest_point(*p, 10.0).unwrap().distance;
+                mesh.positions.iter().map(reach).sum::<f32>() / mesh.positions.len() as f32
+            });
+            assert!(distance < limit, "mean distance {distance}");
+            let back = Accel::build(&mesh.positions, &mesh.triangles).unwrap();
+            let reach = |p: &Vec3f| back.closest_point(*p, 10.0).unwrap().distance;
+            let far = shape.positions.iter().map(reach).sum::<f32>() / shape.positions.len() as f32;
+            assert!(far < limit, "mean distance back {far}");
+        }
+    }
+}
