@@ -1,7 +1,7 @@
 //! From the reference to the start of the fit: normalise, decimate, unwrap, bake.
 
 use super::evaluate;
-use super::wrap::wrap;
+use super::wrap;
 use super::{Init, SimplifyOptions};
 use crate::bake::{self, AlphaClass, BakeSettings, Reference, bake, blank_texel, hard_edges};
 use crate::candidate::Candidate;
@@ -126,11 +126,13 @@ pub(super) fn prepare(
     let (mesh, class) = match options.init {
         Init::Decimate => {
             let d = decimate_reference(n, &seen, options.target)?;
-            (d.mesh, d.group)
+            let mut mesh = d.mesh;
+            wrap::NEARBY.run(&mut mesh, reference, &seen, progress)?;
+            (mesh, d.group)
         }
         Init::Sphere => {
             let (mut mesh, class) = sphere(n, &seen, options.target)?;
-            wrap(&mut mesh, reference, &seen, progress)?;
+            wrap::FROM_AFAR.run(&mut mesh, reference, &seen, progress)?;
             (mesh, class)
         }
     };

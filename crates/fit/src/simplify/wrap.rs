@@ -8,50 +8,70 @@
 use crate::bake::{BakeError, Reference};
 use crate::visibility::Visibility;
 use crate::{FitError, Progress};
-use photofit_geometry::{Edges, Mesh, weld::Weld};
+use photofit_geometry::{Edges, Mesh, weld::weld_exact};
 use photofit_optim::LargeSteps;
 use photofit_pathtrace::Accel;
 use photofit_sampling::Rng;
 use photofit_scalar::Vec3f;
 use rayon::prelude::*;
 
-/// Smoothness of each stage.
-const LAMBDA: [f64; 6] = [200.0, 60.0, 20.0, 6.0, 2.0, 0.6];
-/// Steps in a stage.
-const STEPS: u64 = 12;
-/// Points of the reference that pull, per vertex of the mesh.
-const SAMPLES_PER_VERTEX: usize = 8;
 /// Share of the way that a step goes.
 const STEP: f32 = 0.8;
+/// Most points of the reference that pull.
+const MOST_SAMPLES: usize = 250_000;
 /// Seed of the points.
 const SEED: u64 = 0x77_7261_70;
 
-/// Pulls `mesh` (closed, vertices not split) onto what can be seen of the reference.
-pub(super) fn wrap(
-    mesh: &mut Mesh,
-    reference: &Reference<'_>,
-    seen: &Visibility,
-    progress: &dyn Progress,
-) -> Result<(), FitError> {
-    let samples = sample(reference.mesh(), seen, SAMPLES_PER_VERTEX * mesh.positions.len());
-    let edges = Edges::new(&mesh.triangles, &Weld::identity(mesh.positions.len()));
-    let total = LAMBDA.len() as u64 * STEPS;
-    for (stage, lambda) in LAMBDA.into_iter().enumerate() {
-        let smooth = LargeSteps::new(mesh.positions.len(), &edges.vertices, lambda)
-            .map_err(FitError::Preconditioner)?;
-        for step in 0..STEPS {
-            progress.report("wrap", stage as u64 * STEPS + step, total, "");
-            if progress.is_cancelled() {
-                return Err(FitError::Interrupted);
-            }
-            let pull = pull(mesh, reference, seen, &samples)?;
-            let motion = smooth.to_x(bytemuck::cast_slice(&pull)).map_err(FitError::Preconditioner)?;
-            for (p, m) in mesh.positions.iter_mut().zip(bytemuck::cast_slice::<f32, Vec3f>(&motion)) {
-                *p += *m * STEP;
+/// How to wrap.
+pub(super) struct Wrap {
+    /// Smoothness of each stage.
+    lambda: &'static [f64],
+    /// Steps in a stage.
+    steps: u64,
+    /// Points of the reference that pull, per vertex of the mesh.
+    samples_per_vertex: usize,
+}
+
+/// From a shape that has nothing to do with the reference.
+pub(super) const FROM_AFAR: Wrap =
+    Wrap { lambda: &[200.0, 60.0, 20.0, 6.0, 2.0, 0.6], steps: 12, samples_per_vertex: 8 };
+/// From a decimated reference: quadrics look at single vertices, this at the whole surface.
+pub(super) const NEARBY: Wrap = Wrap { lambda: &[0.1], steps: 15, samples_per_vertex: 64 };
+
+impl Wrap {
+    /// Pulls `mesh` onto what can be seen of the reference; vertices at one place move together.
+    pub(super) fn run(
+        &self,
+        mesh: &mut Mesh,
+        reference: &Reference<'_>,
+        seen: &Visibility,
+        progress: &dyn Progress,
+    ) -> Result<(), FitError> {
+        let weld = weld_exact(&mesh.positions);
+        let mut positions = weld.pick(&mesh.positions);
+        let triangles = weld.triangles(&mesh.triangles);
+        let edges = Edges::new(&mesh.triangles, &weld);
+        let count = (self.samples_per_vertex * positions.len()).min(MOST_SAMPLES);
+        let samples = sample(reference.mesh(), seen, count);
+        let total = self.lambda.len() as u64 * self.steps;
+        for (stage, lambda) in self.lambda.iter().enumerate() {
+            let smooth = LargeSteps::new(positions.len(), &edges.vertices, *lambda)
+                .map_err(FitError::Preconditioner)?;
+            for step in 0..self.steps {
+                progress.report("wrap", stage as u64 * self.steps + step, total, "");
+                if progress.is_cancelled() {
+                    return Err(FitError::Interrupted);
+                }
+                let pull = pull(&positions, &triangles, reference, seen, &samples)?;
+                let motion = smooth.to_x(bytemuck::cast_slice(&pull)).map_err(FitError::Preconditioner)?;
+                for (p, m) in positions.iter_mut().zip(bytemuck::cast_slice::<f32, Vec3f>(&motion)) {
+                    *p += *m * STEP;
+                }
             }
         }
+        mesh.positions = weld.expand(&positions);
+        Ok(())
     }
-    Ok(())
 }
 
 /// Points on the visible triangles, evenly by area.
@@ -81,13 +101,13 @@ fn sample(mesh: &Mesh, seen: &Visibility, count: usize) -> Vec<Vec3f> {
 
 /// Where each vertex wants to go, relative to where it is.
 fn pull(
-    mesh: &Mesh,
+    positions: &[Vec3f],
+    triangles: &[[u32; 3]],
     reference: &Reference<'_>,
     seen: &Visibility,
     samples: &[Vec3f],
 ) -> Result<Vec<Vec3f>, FitError> {
-    let own: Vec<Option<Vec3f>> = mesh
-        .positions
+    let own: Vec<Option<Vec3f>> = positions
         .par_iter()
         .map(|p| {
             let visible = |n: &photofit_pathtrace::NearestPoint| seen.is_visible(n.triangle as usize);
@@ -96,7 +116,7 @@ fn pull(
             Some(a + (b - a) * n.u + (c - a) * n.v - *p)
         })
         .collect();
-    let accel = Accel::build(&mesh.positions, &mesh.triangles)
+    let accel = Accel::build(positions, triangles)
         .map_err(|source| BakeError::Geometry { mesh: "target", source })?;
     let nearest: Vec<_> = samples.par_iter().map(|s| accel.closest_point(*s, f32::INFINITY)).collect();
     // A weighted mean of the pulls at a vertex; the sums run in a fixed order.
@@ -104,9 +124,9 @@ fn pull(
         own.iter().map(|p| p.map_or((Vec3f::zero(), 0.0), |p| (p, 1.0))).collect();
     for (s, n) in samples.iter().zip(&nearest) {
         let Some(n) = n else { continue };
-        let t = mesh.triangles[n.triangle as usize].map(|i| i as usize);
+        let t = triangles[n.triangle as usize].map(|i| i as usize);
         let w = [1.0 - n.u - n.v, n.u, n.v];
-        let at = (0..3).fold(Vec3f::zero(), |at, k| at + mesh.positions[t[k]] * w[k]);
+        let at = (0..3).fold(Vec3f::zero(), |at, k| at + positions[t[k]] * w[k]);
         for k in 0..3 {
             sum[t[k]].0 += (*s - at) * w[k];
             sum[t[k]].1 += w[k] * w[k];
@@ -125,6 +145,26 @@ mod tests {
     use photofit_scene::Material;
 
     #[test]
+    fn a_decimated_shape_comes_closer() {
+        let shape = shapes::displaced_sphere(40, 0.3, 4, 5);
+        let mut world = World::default();
+        world.add(&shape, Material::clay());
+        let seen = world.visibility();
+        let target = photofit_geometry::decimate::Target::Triangles(300);
+        let options = photofit_geometry::decimate::Options::new(target);
+        let group = vec![0; shape.triangles.len()];
+        let mut mesh = photofit_geometry::decimate::decimate(&shape, &group, &[], &options).unwrap().mesh;
+        let distance = |mesh: &Mesh| {
+            let accel = Accel::build(&mesh.positions, &mesh.triangles).unwrap();
+            let squared = |p: &Vec3f| f64::from(accel.closest_point(*p, 10.0).unwrap().distance).powi(2);
+            (shape.positions.iter().map(squared).sum::<f64>() / shape.positions.len() as f64).sqrt()
+        };
+        let before = distance(&mesh);
+        world.with(|r| NEARBY.run(&mut mesh, r, &seen, &Silent).unwrap());
+        assert!(distance(&mesh) < 0.99 * before, "rms distance {before} became {}", distance(&mesh));
+    }
+
+    #[test]
     fn a_sphere_becomes_the_shape_around_it() {
         let mut target = shapes::torus(48, 24, 1.0, 0.45);
         target.positions.iter_mut().for_each(|p| *p = vec3(p.x, p.y * 1.3, p.z) + vec3(0.1, 0.2, 0.0));
@@ -137,7 +177,7 @@ mod tests {
             let mut mesh = shapes::icosphere(8);
             mesh.normals.clear();
             let distance = world.with(|r| {
-                wrap(&mut mesh, r, &seen, &Silent).unwrap();
+                FROM_AFAR.run(&mut mesh, r, &seen, &Silent).unwrap();
                 let reach = |p: &Vec3f| r.accel().closest_point(*p, 10.0).unwrap().distance;
                 mesh.positions.iter().map(reach).sum::<f32>() / mesh.positions.len() as f32
             });
