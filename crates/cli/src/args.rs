@@ -29,6 +29,8 @@ pub(crate) enum Command {
 /// Where the light comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum FitLight {
+    /// Every other view under a point light, the others in a studio: what holds up in most renderers.
+    Mixed,
     /// A point light around the camera and a weak constant environment.
     Point,
     /// The environment map of --env, turned at random.
@@ -84,7 +86,7 @@ pub(crate) struct Simplify {
     #[arg(long, value_name = "N")]
     pub(crate) texture_size: Option<usize>,
     /// Light while fitting and judging.
-    #[arg(long, value_enum, default_value = "point")]
+    #[arg(long, value_enum, default_value = "mixed")]
     pub(crate) light: FitLight,
     /// Equirectangular environment (.hdr, .exr, .png, .jpg) of --light env.
     #[arg(long, value_name = "FILE", required_if_eq("light", "env"))]

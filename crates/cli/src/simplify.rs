@@ -12,6 +12,7 @@ use photofit_fit::views::Lighting;
 use photofit_geometry::decimate::Target;
 use photofit_scene::{Scene, SceneError};
 use serde_json::{Value, json};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Share of the triangles that is kept when no budget is given.
@@ -58,7 +59,8 @@ fn options(a: &Simplify) -> Result<SimplifyOptions> {
     };
     let lighting = match (a.light, &a.env) {
         (FitLight::Env, Some(file)) => Lighting::Environment(light::environment(file)?),
-        _ => Lighting::Point,
+        (FitLight::Point, _) => Lighting::Point,
+        _ => Lighting::Mixed,
     };
     let default = SimplifyOptions::default();
     Ok(SimplifyOptions {
@@ -113,6 +115,13 @@ impl Job<'_> {
     pub(crate) fn run(&self, scene: &Scene, options: &SimplifyOptions) -> Result<Done> {
         scene.validate_for_fit().map_err(|e| explain_error(self.input, e.into()))?;
         for warning in &scene.warnings {
+            crate::progress::say(&format!("warning: {}: {warning}", self.input.display()));
+        }
+        let left_out: BTreeSet<&str> =
+            scene.materials.iter().filter_map(|m| m.extensions.as_ref()).flat_map(|e| e.names()).collect();
+        if !left_out.is_empty() {
+            let names = left_out.into_iter().collect::<Vec<_>>().join(", ");
+            let warning = format!("a fit leaves out these material extensions: {names}");
             crate::progress::say(&format!("warning: {}: {warning}", self.input.display()));
         }
         if self.explain {

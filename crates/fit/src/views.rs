@@ -8,7 +8,7 @@ use photofit_sampling::{Rng, uniform_sphere};
 use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::Camera;
 use photofit_shading::{Environment, Light, Yaw};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Tangent of half the field of view of the training cameras.
 pub const HALF_TANGENT: f32 = 0.4;
@@ -21,11 +21,46 @@ const STREAM_BACKGROUND: u64 = 4 << 32;
 /// Where the light of a fit comes from.
 #[derive(Clone, Debug, Default)]
 pub enum Lighting {
-    /// A point light around the camera and a weak constant environment.
+    /// Every other view as [`Lighting::Point`], the others under the environment [`studio`]: an asset fitted under one
+    /// kind of light alone looks worse under the other.
     #[default]
+    Mixed,
+    /// A point light around the camera and a weak constant environment.
     Point,
     /// An environment map, turned at random, scaled so that a white diffuse sphere averages 0.7.
     Environment(Arc<Environment>),
+}
+
+/// The environment of [`Lighting::Mixed`]: a sky, a ground and three soft lights, scaled so that a white diffuse sphere
+/// averages 0.7.
+pub fn studio() -> Arc<Environment> {
+    static STUDIO: OnceLock<Arc<Environment>> = OnceLock::new();
+    /// Direction, sharpness and radiance of each light.
+    const LIGHTS: [([f32; 3], f32, [f32; 3]); 3] = [
+        ([0.6, 0.5, 0.62], 40.0, [14.0, 12.6, 11.0]),
+        ([-0.75, 0.25, 0.6], 15.0, [2.2, 2.5, 3.0]),
+        ([0.1, 0.75, -0.65], 80.0, [10.0, 10.0, 11.0]),
+    ];
+    let (width, height) = (128, 64);
+    let texel = |i: usize| {
+        let theta = ((i / width) as f32 + 0.5) / height as f32 * std::f32::consts::PI;
+        let phi = ((i % width) as f32 + 0.5) / width as f32 * std::f32::consts::TAU;
+        let d = vec3(theta.sin() * phi.sin(), theta.cos(), theta.sin() * phi.cos());
+        let sky = 1.0 / (1.0 + (-8.0 * d.y).exp());
+        let mut rgb =
+            vec3(0.16, 0.14, 0.12) * (1.0 - sky) + vec3(0.35, 0.42, 0.55) * (sky * (1.0 - 0.4 * d.y));
+        for (towards, sharpness, radiance) in LIGHTS {
+            let cosine = d.dot(Vec3f::from_array(towards).normalize_or_zero());
+            rgb += Vec3f::from_array(radiance) * ((cosine - 1.0) * sharpness).exp();
+        }
+        rgb.to_array()
+    };
+    let make = || {
+        let rgb: Vec<f32> = (0..width * height).flat_map(texel).collect();
+        let map = Environment::from_equirectangular(width, height, &rgb);
+        Arc::new(map.expect("finite radiance").normalised(0.7))
+    };
+    STUDIO.get_or_init(make).clone()
 }
 
 /// The lights of one shot.
@@ -103,12 +138,15 @@ pub fn setup(set: Set, index: u64, count: u64, seed: u64, lighting: &Lighting) -
         camera.view = glam::Mat4::from_translation(shift) * camera.view;
         camera.eye = camera.view.inverse().transform_point3(Vec3::ZERO);
     }
-    Setup { camera, lights: lights(&mut rng, direction, lighting) }
+    Setup { camera, lights: lights(&mut rng, direction, lighting, index) }
 }
 
-fn lights(rng: &mut Rng, towards_camera: Vec3, lighting: &Lighting) -> ShotLights {
+fn lights(rng: &mut Rng, towards_camera: Vec3, lighting: &Lighting, index: u64) -> ShotLights {
     match lighting {
-        Lighting::Point => {
+        Lighting::Mixed if index.is_multiple_of(2) => {
+            lights(rng, towards_camera, &Lighting::Environment(studio()), index)
+        }
+        Lighting::Mixed | Lighting::Point => {
             // Cosine-weighted about the camera's direction.
             let (s, t) = towards_camera.any_orthonormal_pair();
             let (u, a) = (rng.uniform(0.0, 1.0), rng.uniform(0.0, std::f32::consts::TAU));

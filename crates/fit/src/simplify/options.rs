@@ -55,7 +55,7 @@ impl Default for SimplifyOptions {
             steps: 400,
             time_limit: None,
             texture_size: 1024,
-            lighting: Lighting::Point,
+            lighting: Lighting::default(),
             seed: 0,
             checkpoint: None,
             resume: false,
