@@ -22,6 +22,8 @@ pub(crate) enum Command {
     Compare(Compare),
     /// Show what an asset holds, what memory it takes, and what a fit of it would run and skip.
     Inspect(Inspect),
+    /// Make depth, normals and colours without holes from a point cloud.
+    Surface(Surface),
     /// Run the main job on a generated asset and write pictures and a report.
     Demo(Demo),
 }
@@ -191,6 +193,78 @@ pub(crate) struct Inspect {
     pub(crate) json: Option<PathBuf>,
 }
 
+/// How holes between points are filled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum SurfaceMethod {
+    /// Pull-push and 20 steps.
+    Fast,
+    /// Two full solutions, blended.
+    Blend,
+    /// One full solution with both data terms.
+    Hybrid,
+}
+
+/// The axis of a cloud that points up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum UpAxis {
+    /// As in glTF.
+    Y,
+    /// As in surveys.
+    Z,
+    /// As in the frames of cameras.
+    #[value(name = "-y")]
+    NegativeY,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct Surface {
+    /// The cloud: .ply or .pcd, with or without normals and colours.
+    #[arg(value_name = "POINTS")]
+    pub(crate) input: PathBuf,
+    /// The folder to write: surface.exr (depth, normal, albedo), previews, a sheet of before and after, camera.json.
+    #[arg(short, long, value_name = "DIR")]
+    pub(crate) output: PathBuf,
+    /// The camera as JSON, see the guide.
+    #[arg(long, value_name = "FILE.json", conflicts_with_all = ["azimuth", "elevation", "distance", "fov", "up"])]
+    pub(crate) camera: Option<PathBuf>,
+    /// Width, pixels; 960 when not given.
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
+    pub(crate) width: Option<u32>,
+    /// Height, pixels; 720 when not given.
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
+    pub(crate) height: Option<u32>,
+    /// Turn of the camera around the up axis, degrees; 30 when not given.
+    #[arg(long, value_name = "DEG", value_parser = finite, allow_negative_numbers = true)]
+    pub(crate) azimuth: Option<f32>,
+    /// Lift of the camera, degrees; 20 when not given.
+    #[arg(long, value_name = "DEG", value_parser = finite, allow_negative_numbers = true)]
+    pub(crate) elevation: Option<f32>,
+    /// Distance of the camera from the centre, in radii of the cloud; such that it fills the picture when not given.
+    #[arg(long, value_name = "RADII", value_parser = point_distance)]
+    pub(crate) distance: Option<f32>,
+    /// Vertical field of view, degrees; 40 when not given.
+    #[arg(long, value_name = "DEG", value_parser = field_of_view)]
+    pub(crate) fov: Option<f32>,
+    /// The axis that points up; y when not given.
+    #[arg(long, value_enum, allow_hyphen_values = true)]
+    pub(crate) up: Option<UpAxis>,
+    /// How holes are filled.
+    #[arg(long, value_enum, default_value = "fast")]
+    pub(crate) method: SurfaceMethod,
+    /// Steps of the solver; 10 for each pass of the fast method, else 100.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=10000))]
+    pub(crate) iterations: Option<u16>,
+    /// Strength of the smoothing of colours; 0 is none.
+    #[arg(long, value_name = "S", value_parser = strength)]
+    pub(crate) texture: Option<f32>,
+    /// Fill the whole picture, also where no point is near.
+    #[arg(long)]
+    pub(crate) fill: bool,
+    /// Write the figures as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) json: Option<PathBuf>,
+}
+
 #[derive(Args, Debug)]
 pub(crate) struct Demo {
     /// Folder for the assets, the pictures and the report.
@@ -219,6 +293,25 @@ fn distance(text: &str) -> Result<f32, String> {
         Ok(x) if (1.0..=1000.0).contains(&x) => Ok(x),
         _ => Err("a number in 1..1000".into()),
     }
+}
+
+fn number_in(text: &str, range: std::ops::RangeInclusive<f32>) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(x) if range.contains(&x) => Ok(x),
+        _ => Err(format!("a number in {}..{}", range.start(), range.end())),
+    }
+}
+
+fn point_distance(text: &str) -> Result<f32, String> {
+    number_in(text, 0.01..=1000.0)
+}
+
+fn field_of_view(text: &str) -> Result<f32, String> {
+    number_in(text, 0.1..=170.0)
+}
+
+fn strength(text: &str) -> Result<f32, String> {
+    number_in(text, 0.0..=10.0)
 }
 
 #[cfg(test)]

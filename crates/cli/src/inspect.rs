@@ -4,7 +4,7 @@ use crate::args::Inspect;
 use crate::output::{self, bytes, count, print};
 use crate::{forecast, preflight};
 use anyhow::Result;
-use photofit_scene::{AlphaMode, Material, Scene};
+use photofit_scene::{AlphaMode, LightKind, Material, PunctualLight, Scene};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -38,7 +38,22 @@ fn textures(m: &Material) -> Vec<(&'static str, usize)> {
     ]
     .into_iter()
     .filter_map(|(name, slot)| slot.map(|s| (name, s.image)))
+    .chain(m.extensions.iter().flat_map(|e| e.textures().map(|(name, slot)| (name, slot.image))))
     .collect()
+}
+
+/// Names of the extensions that a material uses; a fit leaves them out.
+fn extensions(m: &Material) -> Vec<&'static str> {
+    m.extensions.as_ref().map_or_else(Vec::new, |e| e.names())
+}
+
+/// What kind of light it is.
+fn kind(light: &PunctualLight) -> &'static str {
+    match light.kind {
+        LightKind::Directional => "directional",
+        LightKind::Point => "point",
+        LightKind::Spot { .. } => "spot",
+    }
 }
 
 /// Names of the attributes that a primitive has.
@@ -88,12 +103,21 @@ fn text(path: &Path, scene: &Scene) -> String {
         let flags: String = flags.iter().filter(|f| f.0).map(|f| f.1).collect();
         let kinds = if kinds.is_empty() { "no textures".into() } else { kinds.join(", ") };
         out += &format!("  material {i}{}: {}{flags}; {kinds}\n", named(&m.name), alpha(m));
+        let extensions = extensions(m);
+        if !extensions.is_empty() {
+            out += &format!("    extensions: {} (path tracer only)\n", extensions.join(", "));
+        }
     }
     for (i, image) in scene.images.iter().enumerate() {
         out += &format!("  image {i}{}: {} x {}\n", named(&image.name), image.width, image.height);
     }
     if !scene.cameras.is_empty() {
         out += &format!("  {} cameras\n", scene.cameras.len());
+    }
+    for (i, light) in scene.lights.iter().enumerate() {
+        let unit = if light.kind == LightKind::Directional { "lux" } else { "candela" };
+        let [r, g, b] = light.intensity;
+        out += &format!("  light {i}{}: {}, {r} {g} {b} {unit}\n", named(&light.name), kind(light));
     }
     let m = scene.memory();
     let [geometry, images, flattened, surfaces] =
@@ -139,6 +163,7 @@ fn to_json(path: &Path, scene: &Scene) -> Value {
                 "alpha_mode": alpha(m),
                 "double_sided": m.double_sided,
                 "unlit": m.unlit,
+                "extensions": extensions(m),
                 "textures": textures,
             })
         })
@@ -162,6 +187,9 @@ fn to_json(path: &Path, scene: &Scene) -> Value {
         "materials": materials,
         "images": images,
         "cameras": scene.cameras.len(),
+        "lights": scene.lights.iter().map(|l| json!({
+            "name": l.name, "kind": kind(l), "intensity": l.intensity,
+        })).collect::<Vec<_>>(),
         "memory": {
             "geometry": m.geometry, "images": m.images, "flattened": m.flattened, "surfaces": m.surfaces,
         },

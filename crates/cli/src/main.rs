@@ -1,4 +1,4 @@
-//! The `photofit` program: simplify, render, compare and inspect 3D assets, and a demo.
+//! The `photofit` program: simplify, render, compare and inspect 3D assets, surfaces from points, and a demo.
 //!
 //! Every command checks its options and where it will write before it starts work. Errors are one line on stderr and
 //! exit status 1; a wrong command line is exit status 2; Ctrl-C before there was anything to keep is 130.
@@ -16,6 +16,8 @@ mod preflight;
 mod progress;
 mod render;
 mod simplify;
+mod surface;
+mod surface_camera;
 
 use args::{Cli, Command};
 use clap::Parser;
@@ -33,6 +35,7 @@ fn main() -> ExitCode {
         Command::Render(a) => render::run(a),
         Command::Compare(a) => compare::run(a),
         Command::Inspect(a) => inspect::run(a),
+        Command::Surface(a) => surface::run(a),
         Command::Demo(a) => demo::run(a),
     };
     let Err(error) = result else { return ExitCode::SUCCESS };

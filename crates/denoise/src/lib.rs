@@ -20,6 +20,7 @@ mod error;
 mod field;
 pub mod models;
 pub mod operators;
+pub mod surface;
 pub mod transform;
 
 pub use error::DenoiseError;

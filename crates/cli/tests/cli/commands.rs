@@ -1,6 +1,7 @@
 //! `render`, `compare` and `inspect`.
 
 use crate::support::{names, rock, stdout, succeeds, write_rock};
+use photofit_scene::{Clearcoat, Extensions, LightKind, PunctualLight};
 use serde_json::Value;
 use std::path::Path;
 
@@ -98,4 +99,30 @@ fn inspect_tells_contents_and_plan() {
     std::fs::write(d.join("points.ply"), points).unwrap();
     assert!(stdout(&succeeds(d, &["inspect", "points.ply"])).contains("is not possible"));
     assert_eq!(names(d), ["i.json", "points.ply", "rock.glb"]);
+}
+
+#[test]
+fn inspect_lists_extensions_and_lights() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    let mut scene = rock(4, false);
+    let clearcoat = Some(Clearcoat { factor: 1.0, ..Clearcoat::default() });
+    scene.materials[0].extensions =
+        Some(Box::new(Extensions { ior: 1.25, clearcoat, ..Extensions::default() }));
+    scene.lights.push(PunctualLight {
+        name: "lamp".into(),
+        kind: LightKind::Point,
+        intensity: [8.0, 4.0, 2.0],
+        position: glam::Vec3::ONE,
+        direction: glam::Vec3::NEG_Z,
+        range: None,
+    });
+    photofit_scene::save_glb(d.join("a.glb"), &scene).unwrap();
+    let text = stdout(&succeeds(d, &["inspect", "a.glb", "--json", "i.json"]));
+    for part in ["extensions: ior, clearcoat", "light 0 `lamp`: point, 8 4 2 candela"] {
+        assert!(text.contains(part), "{part} in {text}");
+    }
+    let i = json(&d.join("i.json"));
+    assert_eq!(i["materials"][0]["extensions"], serde_json::json!(["ior", "clearcoat"]));
+    assert_eq!(i["lights"][0]["kind"], "point");
 }

@@ -5,4 +5,5 @@ mod bad_input;
 mod commands;
 mod simplify;
 mod support;
+mod surface;
 mod usage;

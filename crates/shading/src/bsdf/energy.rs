@@ -4,7 +4,8 @@
 //! `Fm (1 - E(mu_o)) (1 - E(mu_i)) / (pi (1 - Ea))` returns what is lost; `Fm = Fa^2 Ea / (1 - Fa (1 - Ea))` accounts for
 //! the Fresnel reflections in between, `Fa = f0 20/21 + f90 / 21` is the average of Schlick's term. It is reciprocal.
 //!
-//! `E` is the table of [`crate::split_sum()`]; its averages are tabulated here, once per process at first use.
+//! `E` is the table of [`crate::split_sum()`] (of the module `anisotropic` for two alphas); its averages are tabulated
+//! here, once per process at first use.
 
 use crate::split_sum::split_sum;
 use photofit_scalar::{Real, Vec3};
@@ -76,16 +77,24 @@ const LOST_MIN: f64 = 1e-5;
 impl<T: Real> SpecularAlbedo<T> {
     #[inline]
     pub(super) fn new(f0: Vec3<T>, f90: T, alpha: T) -> Self {
-        let one = T::one();
-        let fresnel = |f0: T| f0 * T::of(20.0 / 21.0) + f90 * T::of(1.0 / 21.0);
-        let average = f0.map(fresnel);
         if alpha < T::of(super::ALPHA_DELTA) {
-            return Self { f0, f90, alpha, multiple: Vec3::zero(), lost: T::zero(), average };
+            let fresnel = |f0: T| f0 * T::of(20.0 / 21.0) + f90 * T::of(1.0 / 21.0);
+            let zero = T::zero();
+            return Self { f0, f90, alpha, multiple: Vec3::zero(), lost: zero, average: f0.map(fresnel) };
         }
-        let [scale, bias] = averages(alpha);
+        Self::with_averages(f0, f90, alpha, averages(alpha))
+    }
+
+    /// For a lobe with these averages of scale and bias; `alpha` serves [`Self::at`] alone.
+    #[inline]
+    pub(super) fn with_averages(f0: Vec3<T>, f90: T, alpha: T, [scale, bias]: [T; 2]) -> Self {
+        let one = T::one();
         let whole = scale + bias;
         let lost = one - whole;
-        let multiple = average.map(|f| f * f * whole / (one - f * lost));
+        let multiple = f0.map(|f0| {
+            let f = f0 * T::of(20.0 / 21.0) + f90 * T::of(1.0 / 21.0);
+            f * f * whole / (one - f * lost)
+        });
         let average = f0.map(|f| f * scale + f90 * bias) + multiple * lost;
         Self { f0, f90, alpha, multiple, lost, average }
     }
@@ -98,20 +107,19 @@ impl<T: Real> SpecularAlbedo<T> {
             return (self.f0 * (T::one() - p) + Vec3::splat(self.f90 * p), T::zero());
         }
         let s = split_sum(mu, self.alpha.sqrt());
-        let lost = (T::one() - s.scale - s.bias).relu();
-        (self.f0 * s.scale + Vec3::splat(self.f90 * s.bias) + self.multiple * lost, lost)
+        self.of([s.scale, s.bias])
     }
 
-    /// The same averages with another alpha for [`Self::at`]: anisotropic lobes differ by direction.
+    /// The same for a direction of this scale and bias.
     #[inline]
-    pub(super) fn with_alpha(&self, alpha: T) -> Self {
-        Self { alpha, ..*self }
+    pub(super) fn of(&self, [scale, bias]: [T; 2]) -> (Vec3<T>, T) {
+        let lost = (T::one() - scale - bias).relu();
+        (self.f0 * scale + Vec3::splat(self.f90 * bias) + self.multiple * lost, lost)
     }
 
-    /// Albedo of single scattering towards a direction of cosine `mu`.
+    /// Albedo of single scattering, from what [`Self::at`] says.
     #[inline]
-    pub(super) fn single(&self, mu: T) -> Vec3<T> {
-        let (e, lost) = self.at(mu);
+    pub(super) fn single(&self, (e, lost): (Vec3<T>, T)) -> Vec3<T> {
         e - self.multiple * lost
     }
 

@@ -14,6 +14,7 @@
 //!   [`BsdfSample::delta`] set, its weight divided by the probability of choosing it.
 //! - Microfacet lobes with alpha below [`ALPHA_DELTA`] are delta lobes.
 
+mod anisotropic;
 mod beckmann;
 mod conductor;
 mod dielectric;
@@ -26,6 +27,8 @@ mod microfacet;
 mod plastic;
 mod refraction;
 mod simple;
+#[cfg(test)]
+mod tests;
 
 pub use conductor::{Conductor, RoughConductor};
 pub use dielectric::{Dielectric, RoughDielectric, ThinDielectric};

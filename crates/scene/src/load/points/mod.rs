@@ -45,6 +45,19 @@ pub struct Sensor {
     pub axes: [[f64; 3]; 3],
 }
 
+impl Sensor {
+    /// This pose if nearly all points lie in front of it; else the identity, if they lie in front of that: programs
+    /// disagree on whether the points of a file are already turned by its pose.
+    fn facing(self, positions: &[Vec3<f64>]) -> Option<Self> {
+        let identity = Self { eye: [0.0; 3], axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]] };
+        [self, identity].into_iter().find(|s| {
+            let (eye, forward) = (Vec3::from_array(s.eye), Vec3::from_array(s.axes[2]));
+            let before = positions.iter().filter(|p| (**p - eye).dot(forward) > 0.0).count();
+            before * 50 >= positions.len() * 49
+        })
+    }
+}
+
 /// A cloud as a reader finds it, before it is moved and checked as a whole.
 #[derive(Debug, Default)]
 pub(crate) struct RawPoints {
@@ -87,7 +100,8 @@ impl RawPoints {
         let center = (lo + hi) * 0.5;
         let far = center.length() > FAR * (hi - lo).length();
         let origin = if far { center } else { Vec3::zero() };
-        let sensor = self.sensor.map(|s| Sensor { eye: (Vec3::from_array(s.eye) - origin).to_array(), ..s });
+        let sensor = self.sensor.and_then(|s| s.facing(&self.positions));
+        let sensor = sensor.map(|s| Sensor { eye: (Vec3::from_array(s.eye) - origin).to_array(), ..s });
         let mut normals = self.normals;
         if normals.iter().all(|n| *n == Vec3f::zero()) {
             normals.clear();

@@ -96,11 +96,20 @@ fn the_encodings_of_pcd_hold_the_same() {
         let red = photofit_image::srgb_u8_to_linear(0x80);
         assert_eq!((points.colors[0].x, points.colors[1]), (red, Vec3f::splat(1.0)), "{what}");
         assert_eq!(points.warnings, ["the field `label` is ignored"], "{what}");
-        let sensor = points.sensor.unwrap();
-        // A half turn around x.
-        assert_eq!(sensor.eye, [1.0, 2.0, 3.0], "{what}");
-        assert_eq!(sensor.axes, [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]], "{what}");
+        // The points lie behind the pose of the header and in front of the identity.
+        assert_eq!(points.sensor.unwrap().axes[2], [0.0, 0.0, 1.0], "{what}");
     }
+}
+
+#[test]
+fn the_pose_of_a_sensor_is_read() {
+    let before = String::from_utf8(ascii()).unwrap().replace("VIEWPOINT 1 2 3", "VIEWPOINT 1 2 9");
+    let sensor = read("a.pcd", before.as_bytes()).unwrap().sensor.unwrap();
+    assert_eq!(sensor.eye, [1.0, 2.0, 9.0]);
+    // A half turn around x.
+    assert_eq!(sensor.axes, [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]);
+    let amid = before.replace("VIEWPOINT 1 2 9", "VIEWPOINT 0 0 3.5").replace("0 -2 8 ", "0 -2 -8 ");
+    assert_eq!(read("a.pcd", amid.as_bytes()).unwrap().sensor, None, "no pose has the points before it");
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! The layered BSDF of a glTF material with extensions.
 
 use super::{GltfParameters, sheen};
+use crate::bsdf::anisotropic;
 use crate::bsdf::energy::{Energy, SpecularAlbedo, schlick_weight};
 use crate::bsdf::ggx::{Ggx, Reflection};
 use crate::bsdf::refraction::{Facets, REFRACTION_DELTA, reflect, refract, refracted_cosine, refraction};
@@ -137,16 +138,24 @@ impl<T: Real> GltfBsdf<T> {
         self.uses & bits != 0
     }
 
-    /// Alpha that stands for both axes in the tables of albedos, for a direction.
+    /// Albedos of the base's reflection for Schlick's `f0` and `f90`.
     #[inline(always)]
-    fn alpha_along(&self, v: Vec3<T>) -> T {
-        if !self.uses(ANISOTROPY) {
-            return self.base.ax;
+    fn albedos(&self, f0: Vec3<T>, f90: T) -> SpecularAlbedo<T> {
+        if self.uses(ANISOTROPY) && !self.uses(SMOOTH) {
+            SpecularAlbedo::with_averages(f0, f90, self.base.ax, anisotropic::average(&self.base))
+        } else {
+            SpecularAlbedo::new(f0, f90, self.base.ax)
         }
-        let (x, y) = (v.x * v.x, v.y * v.y);
-        let sum = x + y;
-        let (ax, ay) = (self.base.ax, self.base.ay);
-        if sum > T::zero() { ((ax * ax * x + ay * ay * y) / sum).sqrt() } else { (ax * ay).sqrt() }
+    }
+
+    /// Albedo towards `v`, and what single scattering loses.
+    #[inline(always)]
+    fn albedo_at(&self, albedo: &SpecularAlbedo<T>, v: Vec3<T>) -> (Vec3<T>, T) {
+        if self.uses(ANISOTROPY) && !self.uses(SMOOTH) {
+            albedo.of(anisotropic::directional(&self.base, v))
+        } else {
+            albedo.at(v.z.abs())
+        }
     }
 
     /// To the axes of the anisotropy.
@@ -215,8 +224,8 @@ impl<T: Real> GltfBsdf<T> {
         let coat_normal = self.turn(flip(self.coat.normal));
         let compensated = self.energy == Energy::Compensated && !self.uses(VOLUME);
         let compensation = compensated.then(|| {
-            let albedo = SpecularAlbedo::new(self.f0, self.f90, self.alpha_along(wo));
-            let (e_o, lost_o) = albedo.at(wo.z);
+            let albedo = self.albedos(self.f0, self.f90);
+            let (e_o, lost_o) = self.albedo_at(&albedo, wo);
             Compensation { albedo, e_o, lost_o }
         });
         let mut p = Prepared {
@@ -245,7 +254,7 @@ impl<T: Real> GltfBsdf<T> {
     #[inline(always)]
     fn coat_albedo(&self, cosine: T) -> T {
         let coat = SpecularAlbedo::new(Vec3::splat(T::of(COAT_F0)), T::one(), self.coat.alpha);
-        self.coat.weight * coat.single(cosine.abs()).x
+        self.coat.weight * coat.single(coat.at(cosine.abs())).x
     }
 
     #[inline(always)]
@@ -326,7 +335,7 @@ impl<T: Real> GltfBsdf<T> {
             }
             None => self.diffuse * inv_pi,
             Some(c) => {
-                let (e_i, lost_i) = c.albedo.with_alpha(self.alpha_along(wi)).at(wi.z);
+                let (e_i, lost_i) = self.albedo_at(&c.albedo, wi);
                 self.diffuse.mul(c.albedo.below(c.e_o, e_i)) * inv_pi + c.albedo.multiple(c.lost_o, lost_i)
             }
         } * wi.z;
@@ -386,7 +395,7 @@ impl<T: Real> GltfBsdf<T> {
             pdf = p.probability[TRANSMITTED] * r.pdf;
         }
         if let Some(c) = &p.compensation {
-            let (_, lost_i) = c.albedo.with_alpha(self.alpha_along(wi)).at(-wi.z);
+            let (_, lost_i) = self.albedo_at(&c.albedo, wi);
             let value_here = c.albedo.multiple_passed(c.lost_o, lost_i);
             value += self.transmitted.mul(value_here) * -wi.z;
             pdf += p.probability[BROAD_TRANSMITTED] * -wi.z * inv_pi;
@@ -408,9 +417,8 @@ impl<T: Real> GltfBsdf<T> {
                 let passed = if self.uses(SMOOTH) {
                     self.passed(p.inside, p.eta, p.wo.z)
                 } else {
-                    let f = (self.dielectric_f0, self.dielectric_f90);
-                    let albedo = SpecularAlbedo::new(f.0, f.1, self.alpha_along(p.wo));
-                    albedo.single(p.wo.z).map(|e| (T::one() - e).relu())
+                    let albedo = self.albedos(self.dielectric_f0, self.dielectric_f90);
+                    albedo.single(self.albedo_at(&albedo, p.wo)).map(|e| (T::one() - e).relu())
                 };
                 let value = self.transmitted.mul(passed) * self.scale(p.eta);
                 Some((wi, value * self.below_layers(p, wi)))
@@ -502,8 +510,8 @@ impl<T: Real> Scatter<T> for GltfBsdf<T> {
 
     fn albedo(&self, wo: Vec3<T>) -> Vec3<T> {
         let Some(p) = self.prepare(wo) else { return Vec3::zero() };
-        let albedo = SpecularAlbedo::new(self.f0, self.f90, self.alpha_along(p.wo));
-        let e = albedo.single(p.wo.z);
+        let albedo = self.albedos(self.f0, self.f90);
+        let e = albedo.single(self.albedo_at(&albedo, p.wo));
         let below = self.diffuse + self.transmitted;
         let base = match self.energy {
             Energy::Single => self.diffuse + e + self.transmitted.mul(e.map(|e| (T::one() - e).relu())),

@@ -5,20 +5,20 @@
 //! the roughness and the cosine are small: there the value is divided by the larger albedo of the two directions.
 
 use photofit_scalar::{Real, Vec3};
-use rayon::prelude::*;
 use std::sync::LazyLock;
 
 /// Smallest `a` of the distribution: below it the powers leave the range of `f32`.
 const ALPHA_MIN: f64 = 0.005;
 /// Cosines and sheen roughnesses in the table of albedos.
-const COSINES: usize = 64;
-const ROUGHNESSES: usize = 32;
+const COSINES: usize = 40;
+const ROUGHNESSES: usize = 20;
 /// Quadrature points per entry, along each axis.
-const POLAR: usize = 96;
-const AZIMUTHAL: usize = 48;
+const POLAR: usize = 64;
+const AZIMUTHAL: usize = 24;
 /// Smallest cosine of the table; cosines go with the square of the coordinate, because the albedo rises at grazing.
 const COSINE_MIN: f64 = 1e-3;
 
+// On one thread: a worker of a pool that waits for others in here could be given work that waits for this table.
 static ALBEDO: LazyLock<Vec<f32>> = LazyLock::new(|| {
     let entry = |k: usize| {
         let (i, j) = (k % COSINES, k / COSINES);
@@ -26,7 +26,7 @@ static ALBEDO: LazyLock<Vec<f32>> = LazyLock::new(|| {
         let r = j as f64 / (ROUGHNESSES - 1) as f64;
         integrate((x * x).max(COSINE_MIN), alpha(r)) as f32
     };
-    (0..COSINES * ROUGHNESSES).into_par_iter().map(entry).collect()
+    (0..COSINES * ROUGHNESSES).map(entry).collect()
 });
 
 /// Albedo of the formula without Fresnel and color, by quadrature with points dense at grazing.
@@ -105,7 +105,7 @@ pub(super) fn albedo<T: Real>(mu: T, roughness: T) -> T {
 pub(super) fn value<T: Real>(roughness: T, wo: Vec3<T>, wi: Vec3<T>) -> T {
     let h = (wo + wi).normalize_or_zero();
     let sine_h = (h.x * h.x + h.y * h.y).sqrt();
-    let floor = T::of(COSINE_MIN);
-    let raw = raw(alpha(roughness), wo.z.max(floor), wi.z.max(floor), sine_h);
+    let cosine = |v: Vec3<T>| v.z.clamp_to(T::of(COSINE_MIN), T::one());
+    let raw = raw(alpha(roughness), cosine(wo), cosine(wi), sine_h.min(T::one()));
     raw / tabulated(wo.z, roughness).max(tabulated(wi.z, roughness)).max(T::one())
 }

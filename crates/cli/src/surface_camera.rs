@@ -1,0 +1,202 @@
+//! The camera of `photofit surface`: from a JSON file, from the options, or from the cloud.
+
+use crate::args::{Surface, UpAxis};
+use anyhow::{Result, anyhow, bail};
+use photofit_denoise::surface::Pinhole;
+use photofit_scene::{Points, Sensor};
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// Vertical field of view without `--fov`, degrees, as `photofit render` has it.
+const FIELD_OF_VIEW: f64 = 40.0;
+/// Share of the points that the default camera frames: the rest is taken for strays.
+const FRAMED: f64 = 0.98;
+/// Share of half of the picture that they fill.
+const MARGIN: f64 = 0.95;
+/// Largest camera file, bytes.
+const MOST_BYTES: u64 = 1 << 20;
+
+/// A camera file in world coordinates.
+pub(crate) struct File {
+    name: String,
+    value: Value,
+}
+
+/// Reads a camera file: a JSON object with `eye`, and either `target`, `up` and `fov_y_degrees` or `right`, `down`,
+/// `forward` and `fx`, `fy`, `cx`, `cy`; `width` and `height` as well, unless the options give them.
+///
+/// # Errors
+/// If the file cannot be read or is no JSON object.
+pub(crate) fn read(path: &Path) -> Result<File> {
+    let name = path.display().to_string();
+    let size = std::fs::metadata(path).map_err(|e| anyhow!("{name}: cannot be read: {e}"))?.len();
+    if size > MOST_BYTES {
+        bail!("{name}: a camera file has at most {MOST_BYTES} bytes, found {size}");
+    }
+    let text = std::fs::read_to_string(path).map_err(|e| anyhow!("{name}: cannot be read: {e}"))?;
+    let value: Value = serde_json::from_str(&text).map_err(|e| anyhow!("{name}: not JSON: {e}"))?;
+    if value.is_object() { Ok(File { name, value }) } else { bail!("{name}: a camera file is a JSON object") }
+}
+
+impl File {
+    fn vector(&self, key: &str) -> Result<Option<[f64; 3]>> {
+        let Some(value) = self.value.get(key) else { return Ok(None) };
+        let numbers: Vec<f64> = value.as_array().into_iter().flatten().filter_map(Value::as_f64).collect();
+        match <[f64; 3]>::try_from(numbers) {
+            Ok(v) if value.as_array().is_some_and(|a| a.len() == 3) => Ok(Some(v)),
+            _ => bail!("{}: `{key}` is an array of three numbers", self.name),
+        }
+    }
+
+    fn number(&self, key: &str) -> Result<Option<f64>> {
+        let Some(value) = self.value.get(key) else { return Ok(None) };
+        value.as_f64().map(Some).ok_or_else(|| anyhow!("{}: `{key}` is a number", self.name))
+    }
+
+    fn size(&self, key: &str, option: Option<u32>) -> Result<usize> {
+        match (option, self.number(key)?) {
+            (Some(n), _) => Ok(n as usize),
+            (None, Some(n)) if (1.0..=16384.0).contains(&n) && n.fract() == 0.0 => Ok(n as usize),
+            (None, Some(n)) => bail!("{}: `{key}` is an integer in 1..16384, found {n}", self.name),
+            (None, None) => bail!("{}: has `{key}`, or --{key} is given", self.name),
+        }
+    }
+
+    /// The camera relative to the origin of the points.
+    ///
+    /// # Errors
+    /// A member that is missing or broken.
+    pub(crate) fn camera(&self, origin: [f64; 3], sizes: (Option<u32>, Option<u32>)) -> Result<Pinhole> {
+        let needed = |key: &str| {
+            self.vector(key)?.ok_or_else(|| anyhow!("{}: has `{key}`, an array of three numbers", self.name))
+        };
+        let (width, height) = (self.size("width", sizes.0)?, self.size("height", sizes.1)?);
+        let relative = |p: [f64; 3]| [p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]];
+        let eye = relative(needed("eye")?);
+        if let Some(target) = self.vector("target")? {
+            let up = self.vector("up")?.unwrap_or([0.0, 1.0, 0.0]);
+            let degrees = self.number("fov_y_degrees")?.unwrap_or(FIELD_OF_VIEW);
+            if !(0.1..=179.0).contains(&degrees) {
+                bail!("{}: `fov_y_degrees` lies in 0.1..179, found {degrees}", self.name);
+            }
+            return Ok(Pinhole::look_at(eye, relative(target), up, degrees.to_radians(), width, height));
+        }
+        let axes = [needed("right")?, needed("down")?, needed("forward")?];
+        let focal =
+            |key: &str| self.number(key)?.ok_or_else(|| anyhow!("{}: has `target` or `{key}`", self.name));
+        let camera = Pinhole {
+            width,
+            height,
+            fx: focal("fx")?,
+            fy: focal("fy")?,
+            cx: self.number("cx")?.unwrap_or(0.5 * width as f64),
+            cy: self.number("cy")?.unwrap_or(0.5 * height as f64),
+            eye,
+            axes,
+        };
+        camera.check().map_err(|e| anyhow!("{}: {e}", self.name))?;
+        Ok(camera)
+    }
+}
+
+/// The camera in world coordinates, as [`read`] takes it.
+pub(crate) fn to_json(c: &Pinhole, origin: [f64; 3]) -> Value {
+    let eye = [c.eye[0] + origin[0], c.eye[1] + origin[1], c.eye[2] + origin[2]];
+    json!({
+        "width": c.width, "height": c.height, "fx": c.fx, "fy": c.fy, "cx": c.cx, "cy": c.cy,
+        "eye": eye, "right": c.axes[0], "down": c.axes[1], "forward": c.axes[2],
+    })
+}
+
+/// The camera of the options; without any of them the sensor's own view where the file has one, else a view of the
+/// whole cloud.
+pub(crate) fn chosen(a: &Surface, points: &Points) -> Pinhole {
+    let (width, height) = (a.width.unwrap_or(960) as usize, a.height.unwrap_or(720) as usize);
+    let placed = a.azimuth.is_some() || a.elevation.is_some() || a.distance.is_some() || a.up.is_some();
+    if let (false, Some(sensor)) = (placed, &points.sensor) {
+        return sensor_view(sensor, points, a.fov, width, height);
+    }
+    let fov = a.fov.map_or(FIELD_OF_VIEW, f64::from).to_radians();
+    let (center, radius) = framed(points);
+    let (az, el) = (a.azimuth.unwrap_or(30.0).to_radians(), a.elevation.unwrap_or(20.0).to_radians());
+    let ((sa, ca), (se, ce)) = (f64::from(az).sin_cos(), f64::from(el).sin_cos());
+    // With y up; up itself turns with the elevation, so that the poles are no exception.
+    let (back, up) = ([ce * sa, se, ce * ca], [-se * sa, ce, -se * ca]);
+    let turned = |v: [f64; 3]| match a.up.unwrap_or(UpAxis::Y) {
+        UpAxis::Y => v,
+        UpAxis::Z => [v[0], -v[2], v[1]],
+        UpAxis::NegativeY => [v[0], -v[1], -v[2]],
+    };
+    let (back, up) = (turned(back), turned(up));
+    let at = |distance: f64| {
+        let eye = std::array::from_fn(|k| center[k] + distance * back[k]);
+        Pinhole::look_at(eye, center, up, fov, width, height)
+    };
+    match a.distance {
+        Some(d) => at(f64::from(d) * radius),
+        None => at(filling(&at(radius), radius, points)),
+    }
+}
+
+/// The distance from which most of the points fill the picture, for a camera that looks at their centre from
+/// `radius`.
+fn filling(camera: &Pinhole, radius: f64, points: &Points) -> f64 {
+    let (x, y) = (camera.fx / (MARGIN * camera.cx), camera.fy / (MARGIN * camera.cy));
+    let mut needed: Vec<f64> = points
+        .positions
+        .iter()
+        .map(|p| camera.to_camera([p.x, p.y, p.z].map(f64::from)))
+        .map(|p| (p[0].abs() * x).max(p[1].abs() * y) - (p[2] - radius))
+        .collect();
+    let k = ((needed.len() - 1) as f64 * FRAMED) as usize;
+    needed.select_nth_unstable_by(k, f64::total_cmp).1.max(0.1 * radius)
+}
+
+/// Centre and radius of a sphere that holds most of the points.
+fn framed(points: &Points) -> ([f64; 3], f64) {
+    let at = |mut values: Vec<f32>, share: f64| {
+        let k = ((values.len() - 1) as f64 * share) as usize;
+        f64::from(*values.select_nth_unstable_by(k, f32::total_cmp).1)
+    };
+    let center: [f64; 3] = std::array::from_fn(|k| {
+        let axis: Vec<f32> = points.positions.iter().map(|p| p.to_array()[k]).collect();
+        0.5 * (at(axis.clone(), 1.0 - FRAMED) + at(axis, FRAMED))
+    });
+    let distance = |p: &photofit_scalar::Vec3f| {
+        let d = [p.x, p.y, p.z].iter().zip(center).map(|(p, c)| (f64::from(*p) - c).powi(2)).sum::<f64>();
+        d.sqrt() as f32
+    };
+    let radius = at(points.positions.iter().map(distance).collect(), FRAMED);
+    (center, if radius > 0.0 { radius } else { 1.0 })
+}
+
+/// The view of the sensor, wide enough for most of the points.
+fn sensor_view(sensor: &Sensor, points: &Points, fov: Option<f32>, width: usize, height: usize) -> Pinhole {
+    let mut camera = Pinhole {
+        width,
+        height,
+        fx: 1.0,
+        fy: 1.0,
+        cx: 0.5 * width as f64,
+        cy: 0.5 * height as f64,
+        eye: sensor.eye,
+        axes: sensor.axes,
+    };
+    let mut slopes: Vec<f64> = points
+        .positions
+        .iter()
+        .map(|p| camera.to_camera([p.x, p.y, p.z].map(f64::from)))
+        .filter(|p| p[2] > 0.0)
+        .map(|[x, y, z]| (x.abs() / (0.5 * width as f64)).max(y.abs() / (0.5 * height as f64)) / z)
+        .collect();
+    let seen = match slopes.len() {
+        0 => 1.0 / height as f64,
+        n => *slopes.select_nth_unstable_by(((n - 1) as f64 * FRAMED) as usize, f64::total_cmp).1,
+    };
+    let focal = match fov {
+        Some(degrees) => 0.5 * height as f64 / (0.5 * f64::from(degrees).to_radians()).tan(),
+        None => (1.0 / seen).clamp(0.05 * height as f64, 1e4 * height as f64),
+    };
+    (camera.fx, camera.fy) = (focal, focal);
+    camera
+}

@@ -1,0 +1,7 @@
+//! Tests of every BSDF: sampling, energy, reciprocity, known values, robustness.
+
+mod catalogue;
+mod chi_square;
+mod energy;
+mod stress;
+mod values;
