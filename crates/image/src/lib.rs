@@ -22,13 +22,14 @@ mod metrics;
 mod mip;
 mod resample;
 mod sheet;
+mod tone;
 
 pub use buffer::Image;
 pub use color::{linear_to_srgb_u8, luminance, srgb_decode, srgb_encode, srgb_u8_to_linear, to_display};
 pub use error::ImageError;
 pub use file::{
     Limits, PngCompression, decode, decode_texture, encode_png, encode_srgb_png, read, read_exr_layers,
-    read_with_limits, texture_size, write_atomically, write_exr, write_png,
+    read_with_limits, texture_size, write_atomically, write_exr, write_exr_channels, write_png,
 };
 pub use heatmap::{heatmap, heatmap_color};
 pub use metrics::{
@@ -37,3 +38,4 @@ pub use metrics::{
 pub use mip::{mip_down, mip_down_vjp, mip_levels, mip_size, pyramid};
 pub use resample::{downsample, downsample_vjp, resize_bilinear};
 pub use sheet::contact_sheet;
+pub use tone::tone_map;

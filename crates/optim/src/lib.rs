@@ -9,6 +9,7 @@ mod adam;
 mod constrain;
 mod error;
 mod large_steps;
+pub mod sampled;
 mod scan;
 mod schedule;
 mod sgd;

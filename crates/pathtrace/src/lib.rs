@@ -11,5 +11,29 @@
 //! ```
 
 pub mod accel;
+mod camera;
+mod error;
+mod film;
+mod integrator;
+mod light;
+mod plan;
+mod random;
+mod render;
+mod volume;
+mod world;
+
+#[cfg(test)]
+mod validation;
 
 pub use accel::{Accel, AccelError, Hit, NearestPoint, Ray};
+pub use camera::{Lens, View};
+pub use error::PathtraceError;
+pub use film::{Aov, Filter};
+pub use integrator::{PathOptions, Strategy};
+pub use light::{EnvironmentMap, Falloff, LightSource};
+pub use plan::{Features, Plan};
+pub use render::{Integrator, Progress, RenderOptions, Renderer};
+pub use volume::Volume;
+pub use world::{
+    Instance, Interaction, Material, Parts, Scattering, Shape, World, WorldHit, WorldOptions, WorldRay,
+};

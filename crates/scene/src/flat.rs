@@ -51,6 +51,22 @@ impl Scene {
         flat
     }
 
+    /// The mesh of a primitive in its own frame, with normals, and with tangents where its material has a normal map
+    /// or is anisotropic.
+    ///
+    /// # Panics
+    /// If there is no such primitive, or the scene is not valid.
+    pub fn complete_mesh(&self, primitive: usize) -> Cow<'_, Mesh> {
+        let p = &self.primitives[primitive];
+        let material = &self.materials[p.material];
+        let frames = material.extensions.as_deref().is_some_and(|e| {
+            e.anisotropy.is_some() || e.clearcoat.as_ref().is_some_and(|c| c.normal_texture.is_some())
+        });
+        let tangents = p.mesh.tangents.is_empty() && (frames || material.normal_texture.is_some());
+        let normals = p.mesh.normals.is_empty() && !p.mesh.positions.is_empty();
+        if normals || tangents { Cow::Owned(complete(p, material, tangents)) } else { Cow::Borrowed(&p.mesh) }
+    }
+
     fn mesh_of<'a>(&'a self, prepared: &'a [Option<Mesh>], primitive: usize) -> &'a Mesh {
         prepared[primitive].as_ref().unwrap_or(&self.primitives[primitive].mesh)
     }

@@ -189,9 +189,67 @@ pub fn write_exr(path: impl AsRef<Path>, layers: &[(&str, &Image, &[&str])]) -> 
     })
 }
 
+/// Writes images of one size as the channels of one part, as renderers do: those of the layer `""` plain, those of
+/// other layers as `layer.channel`; with text attributes as metadata.
+///
+/// [`read_exr_layers`] gives the layers back. Samples are stored as 32-bit floats with lossless compression. The file
+/// appears under its name only when it is complete.
+///
+/// # Errors
+/// If there is no layer, a layer has no pixels or another size than the first, a channel appears twice, names or
+/// metadata are not Latin-1, or the file system refuses.
+///
+/// # Panics
+/// If a layer has not one name per channel.
+pub fn write_exr_channels(
+    path: impl AsRef<Path>,
+    layers: &[(&str, &Image, &[&str])],
+    metadata: &[(&str, &str)],
+) -> Result<(), ImageError> {
+    let path = path.as_ref();
+    let place = path.display().to_string();
+    let bad = |rule: String| Err(ImageError::invalid(&place, rule));
+    let Some((_, first, _)) = layers.first() else { return bad("an OpenEXR file needs a layer".into()) };
+    let mut names = BTreeSet::new();
+    let mut list = Vec::new();
+    for (name, image, channels) in layers {
+        assert_eq!(channels.len(), image.channels, "one name per channel of layer {name:?}");
+        if image.data.is_empty() || (image.width, image.height) != (first.width, first.height) {
+            return bad(format!("layer {name:?}: pixels are needed, and all layers of one size"));
+        }
+        for (c, channel) in channels.iter().enumerate() {
+            let full = if name.is_empty() { (*channel).to_owned() } else { format!("{name}.{channel}") };
+            let samples = image.data.iter().skip(c).step_by(image.channels).copied().collect();
+            let Some(text) = text(&full).filter(|_| names.insert(full.clone())) else {
+                return bad(format!("channel {full:?}: names are distinct, Latin-1 and at most 255 long"));
+            };
+            list.push(AnyChannel::new(text, FlatSamples::F32(samples)));
+        }
+    }
+    let mut attributes = LayerAttributes::default();
+    for (key, value) in metadata {
+        match (text(key), Text::new_or_none(value)) {
+            (Some(key), Some(value)) => {
+                attributes.other.insert(key, exr::meta::attribute::AttributeValue::Text(value));
+            }
+            _ => return bad(format!("metadata {key:?}: keys and values are Latin-1")),
+        }
+    }
+    let size = (first.width, first.height);
+    let layer = Layer::new(size, attributes, Encoding::FAST_LOSSLESS, AnyChannels::sort(list.into()));
+    let file = exr::image::Image::from_layer(layer);
+    atomic::write_with(path, |writer| file.write().to_buffered(writer)).map_err(|e| match e {
+        exr::error::Error::Io(source) => ImageError::io(path, source),
+        e => invalid(&place, &e),
+    })
+}
+
+/// A name for a file.
+fn text(s: &str) -> Option<Text> {
+    Text::new_or_none(s).filter(|t| t.as_slice().len() <= 255 && !t.as_slice().contains(&0))
+}
+
 fn exr_layer(name: &str, image: &Image, channels: &[&str]) -> Option<Layer<AnyChannels<FlatSamples>>> {
-    let text =
-        |s: &str| Text::new_or_none(s).filter(|t| t.as_slice().len() <= 255 && !t.as_slice().contains(&0));
     let list = channels
         .iter()
         .enumerate()

@@ -7,7 +7,7 @@ mod png_jpeg;
 mod radiance;
 
 pub use atomic::write_atomically;
-pub use exr_file::{read_exr_layers, write_exr};
+pub use exr_file::{read_exr_layers, write_exr, write_exr_channels};
 pub use limits::Limits;
 pub use png_jpeg::{PngCompression, decode_texture, encode_png, encode_srgb_png, texture_size, write_png};
 

@@ -48,9 +48,12 @@ pub(super) fn build(positions: &[Vec3f], triangles: &[[u32; 3]]) -> Result<Accel
     // Four triangles cost one packet test: leaves are filled wherever the boxes allow it.
     collapse(&mut tree, Packet::SIZE as u32, 3.0);
     reinsertion.run(&mut tree, 0.1, None);
-    let (nodes, packets) = wide::collapse(&tree, corners);
-    accel.nodes = nodes;
-    accel.packets = packets;
+    accel.packets.reserve(tree.nodes.len() / 2 + 1);
+    let packets = &mut accel.packets;
+    accel.nodes = wide::collapse(&tree, |triangles| {
+        packets.push(Packet::new(triangles, corners));
+        (packets.len() - 1) as u32
+    });
     Ok(accel)
 }
 

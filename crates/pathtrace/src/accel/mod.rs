@@ -13,6 +13,7 @@
 mod build;
 mod nearest;
 mod stack;
+mod top;
 mod traverse;
 mod triangle;
 mod wide;
@@ -23,6 +24,7 @@ mod tests;
 use photofit_scalar::Vec3f;
 
 pub use nearest::NearestPoint;
+pub(crate) use top::{FrameRay, TopRay, TopTree};
 pub use traverse::Ray;
 
 /// Largest coordinate that [`Accel::build`] accepts.

@@ -2,7 +2,7 @@
 
 use super::stack::Stack;
 use super::triangle::{Packet, PacketHits, Shear};
-use super::wide::LEAF;
+use super::wide::{LEAF, Node};
 use super::{Accel, Hit};
 use glam::{Vec3, Vec4};
 use photofit_scalar::{Vec3f, vec3};
@@ -43,26 +43,62 @@ impl Ray {
     }
 }
 
-/// A ray in the frame of the structure, with what the box and triangle tests need.
-struct Local {
-    shear: Shear,
-    /// Origins for the lower and the upper planes; apart by the rounding of the triangle test.
+/// What the box tests need of a ray.
+pub(super) struct Slabs {
+    /// Origins for the lower and the upper planes; apart by the rounding of the tests.
     near_origin: [Vec4; 3],
     far_origin: [Vec4; 3],
     inverse: [Vec4; 3],
     negative: [bool; 3],
     t_min: f32,
+}
+
+impl Slabs {
+    /// `d` is finite and not zero; the slabs are widened by `pad` on both sides.
+    #[inline(always)]
+    pub(super) fn new(o: Vec3, d: Vec3, pad: f32, t_min: f32) -> Self {
+        let floor = d.abs().max_element() * 1e-12;
+        let mut slabs = Self {
+            near_origin: [Vec4::ZERO; 3],
+            far_origin: [Vec4::ZERO; 3],
+            inverse: [Vec4::ZERO; 3],
+            negative: [false; 3],
+            t_min,
+        };
+        for k in 0..3 {
+            // A finite inverse: 0 * inf would be NaN. The pad times 1e12 exceeds every distance in question.
+            let inverse = 1.0 / if d[k].abs() > floor { d[k] } else { floor.copysign(d[k]) };
+            let negative = inverse < 0.0;
+            let shift = if negative { -pad } else { pad };
+            slabs.negative[k] = negative;
+            slabs.inverse[k] = Vec4::splat(inverse);
+            slabs.near_origin[k] = Vec4::splat(o[k] + shift);
+            slabs.far_origin[k] = Vec4::splat(o[k] - shift);
+        }
+        slabs
+    }
+}
+
+/// A ray in the frame of the structure.
+pub(super) struct Local {
+    shear: Shear,
+    slabs: Slabs,
     t_max: f32,
 }
 
 impl Local {
     #[inline(always)]
     fn new(accel: &Accel, ray: &Ray) -> Option<Self> {
-        let d = Vec3::from_array(ray.direction.to_array());
-        let largest = d.abs().max_element();
         let scale = accel.scale as f32;
         let (t_min, t_max) = (ray.t_min * scale, (ray.t_max * scale).min(f32::MAX));
-        let o = accel.local(ray.origin);
+        let d = Vec3::from_array(ray.direction.to_array());
+        Self::in_frame(accel, accel.local(ray.origin), d, t_min, t_max)
+    }
+
+    /// From an origin and a direction in the structure's own frame; `t` counts lengths of `d`.
+    #[inline(always)]
+    pub(super) fn in_frame(accel: &Accel, o: Vec3, d: Vec3, t_min: f32, t_max: f32) -> Option<Self> {
+        let largest = d.abs().max_element();
         // Written so that NaN fails.
         let usable = d.is_finite() && (1e-12..=1e12).contains(&largest) && o.is_finite() && t_min <= t_max;
         if !usable || accel.nodes.is_empty() {
@@ -70,27 +106,7 @@ impl Local {
         }
         // The sheared corners and the slab distances are off by at most 6 ulp of the largest coordinate involved.
         let pad = (o.abs().max_element() + accel.extent) * (8.0 * 0.5 * f32::EPSILON);
-        let floor = largest * 1e-12;
-        let mut local = Self {
-            shear: Shear::new(o, d),
-            near_origin: [Vec4::ZERO; 3],
-            far_origin: [Vec4::ZERO; 3],
-            inverse: [Vec4::ZERO; 3],
-            negative: [false; 3],
-            t_min,
-            t_max,
-        };
-        for k in 0..3 {
-            // A finite inverse: 0 * inf would be NaN. The pad times 1e12 exceeds every distance in question.
-            let inverse = 1.0 / if d[k].abs() > floor { d[k] } else { floor.copysign(d[k]) };
-            let negative = inverse < 0.0;
-            let shift = if negative { -pad } else { pad };
-            local.negative[k] = negative;
-            local.inverse[k] = Vec4::splat(inverse);
-            local.near_origin[k] = Vec4::splat(o[k] + shift);
-            local.far_origin[k] = Vec4::splat(o[k] - shift);
-        }
-        Some(local)
+        Some(Self { shear: Shear::new(o, d), slabs: Slabs::new(o, d, pad, t_min), t_max })
     }
 }
 
@@ -173,72 +189,84 @@ impl Accel {
 
     /// Visits the leaves along the ray, near ones first; `leaf` returns the new limit or ends the walk.
     #[inline(always)]
-    fn traverse(
+    pub(super) fn traverse(
         &self,
         ray: &Local,
-        mut limit: f32,
+        limit: f32,
         mut leaf: impl FnMut(&Packet, &PacketHits) -> Option<f32>,
     ) {
-        let mut stack = Stack::new();
-        let mut at = 0_u32;
-        loop {
-            if at & LEAF == 0 {
-                let node = &self.nodes[at as usize];
-                let mut near = Vec4::splat(ray.t_min);
-                let mut far = Vec4::splat(limit);
-                for k in 0..3 {
-                    let (a, b) =
-                        if ray.negative[k] { (node.hi[k], node.lo[k]) } else { (node.lo[k], node.hi[k]) };
-                    near = near.max((a - ray.near_origin[k]) * ray.inverse[k]);
-                    far = far.min((b - ray.far_origin[k]) * ray.inverse[k]);
-                }
-                let mut mask = near.cmple(far).bitmask();
-                if mask != 0 {
-                    let near = near.to_array();
-                    let first = mask.trailing_zeros() as usize;
-                    mask &= mask - 1;
-                    let mut next = (node.child[first], near[first]);
-                    // The nearest child is walked next; the others wait, the farthest at the bottom.
-                    let mut waiting = [(0_u32, 0.0_f32); 3];
-                    let mut count = 0;
-                    while mask != 0 {
-                        let lane = mask.trailing_zeros() as usize;
-                        mask &= mask - 1;
-                        let mut entry = (node.child[lane], near[lane]);
-                        if entry.1 < next.1 {
-                            std::mem::swap(&mut entry, &mut next);
-                        }
-                        let mut i = count;
-                        while i > 0 && waiting[i - 1].1 < entry.1 {
-                            waiting[i] = waiting[i - 1];
-                            i -= 1;
-                        }
-                        waiting[i] = entry;
-                        count += 1;
-                    }
-                    for &entry in &waiting[..count] {
-                        stack.push(entry);
-                    }
-                    at = next.0;
-                    continue;
-                }
-            } else {
-                let packet = &self.packets[(at & !LEAF) as usize];
-                let hits = packet.intersect(&ray.shear, ray.t_min, limit);
-                if hits.mask != 0 {
-                    match leaf(packet, &hits) {
-                        Some(new) => limit = new,
-                        None => return,
-                    }
-                }
+        walk(&self.nodes, &ray.slabs, limit, |index, limit| {
+            let packet = &self.packets[index as usize];
+            let hits = packet.intersect(&ray.shear, ray.slabs.t_min, limit);
+            if hits.mask == 0 { Some(limit) } else { leaf(packet, &hits) }
+        });
+    }
+}
+
+/// Visits the leaves of a tree that the ray's boxes lead to, near ones first, with the limit so far; `leaf` returns the
+/// new limit or ends the walk.
+#[inline(always)]
+pub(super) fn walk(
+    nodes: &[Node],
+    ray: &Slabs,
+    mut limit: f32,
+    mut leaf: impl FnMut(u32, f32) -> Option<f32>,
+) {
+    let mut stack = Stack::new();
+    let mut at = 0_u32;
+    loop {
+        if at & LEAF == 0 {
+            let node = &nodes[at as usize];
+            let mut near = Vec4::splat(ray.t_min);
+            let mut far = Vec4::splat(limit);
+            for k in 0..3 {
+                let (a, b) =
+                    if ray.negative[k] { (node.hi[k], node.lo[k]) } else { (node.lo[k], node.hi[k]) };
+                near = near.max((a - ray.near_origin[k]) * ray.inverse[k]);
+                far = far.min((b - ray.far_origin[k]) * ray.inverse[k]);
             }
-            at = loop {
-                match stack.pop() {
-                    None => return,
-                    Some((node, near)) if near <= limit => break node,
-                    Some(_) => {}
+            let mut mask = near.cmple(far).bitmask();
+            if mask != 0 {
+                let near = near.to_array();
+                let first = mask.trailing_zeros() as usize;
+                mask &= mask - 1;
+                let mut next = (node.child[first], near[first]);
+                // The nearest child is walked next; the others wait, the farthest at the bottom.
+                let mut waiting = [(0_u32, 0.0_f32); 3];
+                let mut count = 0;
+                while mask != 0 {
+                    let lane = mask.trailing_zeros() as usize;
+                    mask &= mask - 1;
+                    let mut entry = (node.child[lane], near[lane]);
+                    if entry.1 < next.1 {
+                        std::mem::swap(&mut entry, &mut next);
+                    }
+                    let mut i = count;
+                    while i > 0 && waiting[i - 1].1 < entry.1 {
+                        waiting[i] = waiting[i - 1];
+                        i -= 1;
+                    }
+                    waiting[i] = entry;
+                    count += 1;
                 }
-            };
+                for &entry in &waiting[..count] {
+                    stack.push(entry);
+                }
+                at = next.0;
+                continue;
+            }
+        } else {
+            match leaf(at & !LEAF, limit) {
+                Some(new) => limit = new,
+                None => return,
+            }
         }
+        at = loop {
+            match stack.pop() {
+                None => return,
+                Some((node, near)) if near <= limit => break node,
+                Some(_) => {}
+            }
+        };
     }
 }

@@ -1,7 +1,6 @@
 //! The four-wide tree, collapsed from the binary one.
 
-use super::triangle::Packet;
-use glam::{Vec3A, Vec4};
+use glam::Vec4;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
 
@@ -35,12 +34,11 @@ impl Node {
     }
 }
 
-/// Collapses a binary tree whose leaves hold at most [`Packet::SIZE`] triangles.
-pub(super) fn collapse(tree: &Bvh2, corners: impl Fn(u32) -> [Vec3A; 3]) -> (Vec<Node>, Vec<Packet>) {
+/// Collapses a binary tree; `leaf` turns the primitives of a leaf into an index below [`LEAF`].
+pub(super) fn collapse(tree: &Bvh2, mut leaf: impl FnMut(&[u32]) -> u32) -> Vec<Node> {
     let mut nodes = vec![Node::empty()];
-    let mut packets = Vec::with_capacity(tree.nodes.len() / 2 + 1);
     let Some(root) = tree.nodes.first() else {
-        return (Vec::new(), packets);
+        return Vec::new();
     };
     // Pairs of a wide node and the binary nodes that become its children.
     let mut work = vec![(0_usize, open(tree, root))];
@@ -49,8 +47,7 @@ pub(super) fn collapse(tree: &Bvh2, corners: impl Fn(u32) -> [Vec3A; 3]) -> (Vec
             nodes[at].set_box(lane, child);
             nodes[at].child[lane] = if child.is_leaf() {
                 let range = child.first_index as usize..(child.first_index + child.prim_count) as usize;
-                packets.push(Packet::new(&tree.primitive_indices[range], &corners));
-                LEAF | (packets.len() - 1) as u32
+                LEAF | leaf(&tree.primitive_indices[range])
             } else {
                 nodes.push(Node::empty());
                 work.push((nodes.len() - 1, open(tree, child)));
@@ -58,7 +55,7 @@ pub(super) fn collapse(tree: &Bvh2, corners: impl Fn(u32) -> [Vec3A; 3]) -> (Vec
             };
         }
     }
-    (nodes, packets)
+    nodes
 }
 
 /// Up to four descendants of `node` that cover it: the largest inner ones are opened first.

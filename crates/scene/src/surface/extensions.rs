@@ -223,6 +223,15 @@ impl SurfaceLibrary {
         self.materials[material].extensions.is_some()
     }
 
+    /// Whether some point of a material may let light pass.
+    ///
+    /// # Panics
+    /// If there is no such material.
+    pub fn may_transmit(&self, material: usize) -> bool {
+        let m = &self.materials[material];
+        m.extensions.as_deref().is_some_and(|e| e.constant.transmission > 0.0)
+    }
+
     /// What the extensions of a material are at texture coordinates; `None` at once for plain materials. Arguments are
     /// those of [`Self::lookup`].
     ///

@@ -193,6 +193,19 @@ impl SurfaceLibrary {
         self.materials[material].addresses.is_empty()
     }
 
+    /// Number of materials.
+    pub fn materials(&self) -> usize {
+        self.materials.len()
+    }
+
+    /// Whether some point of a material may emit.
+    ///
+    /// # Panics
+    /// If there is no such material.
+    pub fn may_emit(&self, material: usize) -> bool {
+        self.materials[material].constant.emissive != Vec3f::zero()
+    }
+
     /// Whether a material has a normal map that is read.
     ///
     /// # Panics

@@ -124,3 +124,30 @@ fn flipped_bytes_never_panic() {
         }
     }
 }
+
+#[test]
+fn channels_of_one_part_come_back_as_layers() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("aov.exr");
+    let color = Image::from_fn(5, 3, 4, |x, y, c| (x + 10 * y + 100 * c) as f32);
+    let depth = Image::from_fn(5, 3, 1, |x, y, _| (x * y) as f32 + 0.5);
+    let normal = Image::from_fn(5, 3, 3, |x, _, c| x as f32 - c as f32);
+    let layers: [(&str, &Image, &[&str]); 3] = [
+        ("", &color, &["R", "G", "B", "A"]),
+        ("depth", &depth, &["Z"]),
+        ("normal", &normal, &["X", "Y", "Z"]),
+    ];
+    write_exr_channels(&path, &layers, &[("renderer", "photofit"), ("spp", "64")]).unwrap();
+    let read = read_exr_layers(&path).unwrap();
+    assert_eq!(read.len(), 3);
+    for ((name, image, channels), (found, pixels, names)) in layers.iter().zip(&read) {
+        assert_eq!((*name, image.data.as_slice()), (found.as_str(), pixels.data.as_slice()));
+        assert_eq!(names, channels);
+    }
+    let bytes = std::fs::read(&path).unwrap();
+    let has = |text: &[u8]| bytes.windows(text.len()).any(|w| w == text);
+    assert!(has(b"renderer") && has(b"photofit") && has(b"spp"), "metadata is in the file");
+    let twice = [layers[0], layers[0]];
+    assert!(write_exr_channels(&path, &twice, &[]).unwrap_err().to_string().contains("\"R\""));
+    assert!(write_exr_channels(&path, &[], &[]).is_err());
+}

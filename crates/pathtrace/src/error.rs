@@ -1,0 +1,38 @@
+//! What can be wrong with a scene that is to be rendered.
+
+use crate::accel::AccelError;
+
+/// An error of this crate; the message names the place and the rule.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum PathtraceError {
+    /// A part of the scene breaks a rule.
+    #[error("{place}: {rule}")]
+    Invalid {
+        /// Where: "instance 3", "light 0", "camera".
+        place: String,
+        /// The rule that is broken.
+        rule: String,
+    },
+    /// A mesh that no acceleration structure can be built for.
+    #[error("shape {shape}: {cause}")]
+    Accel {
+        /// Index of the shape.
+        shape: usize,
+        /// Why.
+        cause: AccelError,
+    },
+    /// Nothing in the scene gives light.
+    #[error(
+        "the scene has no light: no emitting surface, no light source and no environment that is not black"
+    )]
+    NoLight,
+    /// A saved state that cannot be continued.
+    #[error("the saved state cannot be continued: {0}")]
+    State(String),
+}
+
+/// A broken rule at a place.
+pub(crate) fn invalid(place: impl Into<String>, rule: impl Into<String>) -> PathtraceError {
+    PathtraceError::Invalid { place: place.into(), rule: rule.into() }
+}

@@ -1,0 +1,89 @@
+//! The film as bytes: what a render goes on from.
+
+use super::{Film, Tile};
+use crate::PathtraceError;
+
+const MAGIC: &[u8; 8] = b"PFPATH01";
+
+impl Film {
+    /// All sums and counts; `key` names what is rendered.
+    pub(crate) fn to_bytes(&self, key: u64) -> Vec<u8> {
+        let mut out =
+            Vec::with_capacity(64 + self.tiles.len() * (16 + 8 * self.stride * super::TILE * super::TILE));
+        out.extend_from_slice(MAGIC);
+        for n in [key, self.width as u64, self.height as u64, self.stride as u64, self.tiles.len() as u64] {
+            out.extend_from_slice(&n.to_le_bytes());
+        }
+        for tile in &self.tiles {
+            out.extend_from_slice(&tile.count.to_le_bytes());
+            out.extend_from_slice(&u32::from(tile.active).to_le_bytes());
+            tile.sums.iter().for_each(|s| out.extend_from_slice(&s.to_le_bytes()));
+            tile.ids.iter().for_each(|i| out.extend_from_slice(&i.to_le_bytes()));
+        }
+        let sum = checksum(&out);
+        out.extend_from_slice(&sum.to_le_bytes());
+        out
+    }
+
+    /// Takes over what [`Self::to_bytes`] wrote for the same key and shape.
+    pub(crate) fn restore(&mut self, bytes: &[u8], key: u64) -> Result<(), PathtraceError> {
+        let fail = |why: &str| Err(PathtraceError::State(why.into()));
+        let Some((body, sum)) = bytes.split_last_chunk::<8>() else { return fail("it is too short") };
+        if body.get(..8) != Some(MAGIC) {
+            return fail("it is no state of this version");
+        }
+        if checksum(body) != u64::from_le_bytes(*sum) {
+            return fail("it is damaged");
+        }
+        let mut reader = Reader(&body[8..]);
+        if reader.u64() != Some(key) {
+            return fail("it belongs to another scene, camera or command line");
+        }
+        let shape = [self.width, self.height, self.stride, self.tiles.len()];
+        if shape.iter().any(|n| reader.u64() != Some(*n as u64)) {
+            return fail("it belongs to another size or other auxiliary images");
+        }
+        let mut tiles = self.tiles.clone();
+        if tiles.iter_mut().any(|tile| reader.tile(tile).is_none()) || !reader.0.is_empty() {
+            return fail("its length is not that of the picture");
+        }
+        self.tiles = tiles;
+        Ok(())
+    }
+}
+
+struct Reader<'a>(&'a [u8]);
+
+impl Reader<'_> {
+    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
+        let (head, rest) = self.0.split_first_chunk::<N>()?;
+        self.0 = rest;
+        Some(*head)
+    }
+
+    fn u64(&mut self) -> Option<u64> {
+        self.take().map(u64::from_le_bytes)
+    }
+
+    fn tile(&mut self, tile: &mut Tile) -> Option<()> {
+        tile.count = u32::from_le_bytes(self.take()?);
+        tile.active = u32::from_le_bytes(self.take()?) != 0;
+        for s in &mut tile.sums {
+            *s = f64::from_le_bytes(self.take()?);
+        }
+        for i in &mut tile.ids {
+            *i = u32::from_le_bytes(self.take()?);
+        }
+        Some(())
+    }
+}
+
+/// Fowler, Noll and Vo's hash over words: finds damage, not malice.
+pub(crate) fn checksum(bytes: &[u8]) -> u64 {
+    let mut h = 0xcbf2_9ce4_8422_2325_u64;
+    let mut step = |word: u64| h = (h ^ word).wrapping_mul(0x0100_0000_01b3).rotate_left(29);
+    let (words, rest) = bytes.as_chunks::<8>();
+    words.iter().for_each(|w| step(u64::from_le_bytes(*w)));
+    rest.iter().for_each(|b| step(u64::from(*b)));
+    h ^ bytes.len() as u64
+}

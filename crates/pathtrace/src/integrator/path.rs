@@ -1,0 +1,336 @@
+//! The path tracer: next-event estimation and BSDF sampling with multiple importance sampling (Veach 1997), Russian
+//! roulette, stochastic opacity, media.
+
+use super::visibility::{closest, transmittance};
+use super::{FirstHit, PathOptions, PathSample, Strategy, brightest, exp};
+use crate::light::{LightRandom, LightSample};
+use crate::plan;
+use crate::random::PathRandom;
+use crate::volume::{phase, sample_phase};
+use crate::world::{Interaction, SurfaceMaterial, World, WorldRay};
+use photofit_sampling::power_heuristic;
+use photofit_scalar::Vec3f;
+
+/// Largest probability with which roulette lets a path go on.
+const ROULETTE_MAX: f32 = 0.95;
+/// Boundaries that are not there, passed in a row; a path that meets more is cut.
+const MAX_CROSSINGS: u32 = 1024;
+
+/// How the last direction was chosen.
+#[derive(Clone, Copy)]
+struct Last {
+    /// The vertex it left.
+    p: Vec3f,
+    /// Its density, 1/sr.
+    pdf: f32,
+    /// No other strategy finds it: the camera, or a delta lobe.
+    only: bool,
+}
+
+/// The state of a path between two vertices.
+struct Path<'a, const F: u32> {
+    world: &'a World,
+    random: &'a PathRandom,
+    options: &'a PathOptions,
+    ray: WorldRay,
+    radiance: Vec3f,
+    throughput: Vec3f,
+    /// Square of the relative indices of refraction crossed: what roulette must not see.
+    eta_squared: f32,
+    last: Last,
+    /// Absorption of the surface that the path is in.
+    inside: Vec3f,
+    depth: u32,
+}
+
+/// Estimates the radiance along a camera ray; what `F` lacks is not compiled in.
+pub(crate) fn trace_path<const F: u32>(
+    world: &World,
+    ray: &WorldRay,
+    random: &PathRandom,
+    options: &PathOptions,
+) -> PathSample {
+    let mut path = Path::<F> {
+        world,
+        random,
+        options,
+        ray: *ray,
+        radiance: Vec3f::zero(),
+        throughput: Vec3f::splat(1.0),
+        eta_squared: 1.0,
+        last: Last { p: ray.origin, pdf: 0.0, only: true },
+        inside: Vec3f::zero(),
+        depth: 0,
+    };
+    let mut out = PathSample::default();
+    let mut crossings = 0;
+    loop {
+        let hit = closest::<F>(world, &path.ray, random, 2 * (path.depth + crossings));
+        if F & plan::VOLUMES != 0 {
+            let end = hit.map_or(path.ray.t_max, |h| h.t);
+            match path.collide(end, crossings) {
+                Event::Scattered => {
+                    if path.depth == 1 {
+                        out.alpha = 1.0;
+                        out.direct = path.radiance;
+                    }
+                    if path.roulette() {
+                        continue;
+                    }
+                    break;
+                }
+                Event::Ended => {
+                    out.alpha = 1.0;
+                    break;
+                }
+                Event::Passed => {}
+            }
+        }
+        let Some(hit) = hit else {
+            if F & plan::ENVIRONMENT != 0 {
+                path.escape();
+            }
+            if path.depth <= 1 {
+                out.direct = path.radiance;
+            }
+            break;
+        };
+        let wo = -path.ray.direction;
+        let (at, material) = if F & plan::TEXTURES != 0 {
+            let at = world.interaction::<true>(&path.ray, &hit);
+            (at, world.material_at::<true>(&at, wo))
+        } else {
+            let at = world.interaction::<false>(&path.ray, &hit);
+            (at, world.material_at::<false>(&at, wo))
+        };
+        if F & plan::ABSORPTION != 0 {
+            path.absorb(&at, hit.t);
+        }
+        if path.depth == 0 && crossings == 0 {
+            out.alpha = 1.0;
+            out.first = first_hit(&at, &material, wo);
+        }
+        if F & plan::EMITTERS != 0 && material.emission != Vec3f::zero() {
+            path.emission(&at, &material);
+        }
+        if path.depth <= 1 {
+            out.direct = path.radiance;
+        }
+        if path.depth >= options.max_depth || crossings > MAX_CROSSINGS {
+            break;
+        }
+        match path.scatter(&at, &material) {
+            Step::Scattered => {
+                path.depth += 1;
+                if !path.roulette() {
+                    break;
+                }
+            }
+            Step::Crossed => crossings += 1,
+            Step::Ended => break,
+        }
+    }
+    out.radiance = path.radiance;
+    out
+}
+
+/// What happened in a medium.
+enum Event {
+    Passed,
+    Scattered,
+    Ended,
+}
+
+/// What happened at a surface.
+enum Step {
+    Scattered,
+    /// The surface is not there.
+    Crossed,
+    Ended,
+}
+
+impl<const F: u32> Path<'_, F> {
+    /// Light of the environment along a ray that meets nothing.
+    #[inline(always)]
+    fn escape(&mut self) {
+        if self.depth == 0 && !self.options.show_environment {
+            return;
+        }
+        let d = self.ray.direction;
+        let radiance = self.world.lights.environment_radiance(d);
+        let weight = self.weight(|lights| lights.environment_pdf(d));
+        self.radiance += self.throughput.mul(radiance) * weight;
+    }
+
+    /// Light that the surface itself emits.
+    #[inline(always)]
+    fn emission(&mut self, at: &Interaction, material: &SurfaceMaterial) {
+        let (world, p) = (self.world, self.last.p);
+        let weight = self.weight(|lights| lights.surface_pdf(world, p, at));
+        self.radiance += self.throughput.mul(material.emission) * weight;
+    }
+
+    /// Weight of light found by scattering, against next-event estimation of density `pdf`.
+    #[inline(always)]
+    fn weight(&self, pdf: impl FnOnce(&crate::light::Lights) -> f32) -> f32 {
+        match self.options.strategy {
+            _ if self.last.only => 1.0,
+            Strategy::Bsdf => 1.0,
+            Strategy::Light => 0.0,
+            Strategy::Mis => power_heuristic(1.0, self.last.pdf, 1.0, pdf(&self.world.lights)),
+        }
+    }
+
+    /// Absorption on the way to a surface.
+    #[inline(always)]
+    fn absorb(&mut self, at: &Interaction, t: f32) {
+        let material = &self.world.materials[self.world.placed[at.instance as usize].material as usize];
+        // A path that begins inside learns of it at the way out.
+        let unknown = !at.front && self.inside == Vec3f::zero();
+        let sigma = if unknown { material.absorption } else { self.inside };
+        if sigma != Vec3f::zero() {
+            self.throughput = self.throughput.mul(exp(sigma * -t));
+        }
+    }
+
+    /// Whether the path goes on; its weight makes up for those that do not.
+    #[inline(always)]
+    fn roulette(&mut self) -> bool {
+        if self.depth < self.options.roulette_depth {
+            return self.throughput != Vec3f::zero();
+        }
+        let q = (brightest(self.throughput) * self.eta_squared).min(ROULETTE_MAX);
+        let [_, _, _, u] = self.random.scatter(self.depth - 1);
+        // NaN ends the path.
+        let survives = u < q;
+        if survives {
+            self.throughput *= 1.0 / q;
+        }
+        survives
+    }
+
+    /// Next-event estimation and a new direction at a surface.
+    #[inline(always)]
+    fn scatter(&mut self, at: &Interaction, material: &SurfaceMaterial) -> Step {
+        let wo = -self.ray.direction;
+        let local = material.to_local(wo);
+        if !material.bsdf.is_delta() {
+            self.light_at_surface(at, material, wo, local);
+        }
+        let [u, v, lobe, _] = self.random.scatter(self.depth);
+        let Some(sample) = material.sample(local, lobe, [u, v]) else { return Step::Ended };
+        let wi = material.to_render(sample.wi).normalize_or_zero();
+        let crosses = sample.wi.z * local.z < 0.0;
+        // A direction that the shading normal puts on another side than the geometry does leaks light.
+        if (wi.dot(at.ng) * wo.dot(at.ng) < 0.0) != crosses || wi == Vec3f::zero() {
+            return Step::Ended;
+        }
+        if F & plan::ABSORPTION != 0 && crosses {
+            let world = self.world;
+            let compiled = &world.materials[world.placed[at.instance as usize].material as usize];
+            self.inside = if at.front { compiled.absorption } else { Vec3f::zero() };
+            if compiled.is_null {
+                self.ray = at.leave(wi, f32::INFINITY);
+                return Step::Crossed;
+            }
+        }
+        self.throughput = self.throughput.mul(sample.weight);
+        self.eta_squared *= sample.eta * sample.eta;
+        self.last = Last { p: at.p, pdf: sample.pdf, only: sample.delta };
+        self.ray = at.leave(wi, f32::INFINITY);
+        if self.throughput.is_finite() { Step::Scattered } else { Step::Ended }
+    }
+
+    /// A light for this vertex.
+    #[inline(always)]
+    fn light_for(&self, p: Vec3f) -> Option<LightSample> {
+        if F & (plan::ENVIRONMENT | plan::SOURCES | plan::EMITTERS) == 0 {
+            return None;
+        }
+        let [u, v, a, b] = self.random.light(self.depth);
+        let sample =
+            self.world.lights.sample(self.world, p, LightRandom { choice: [a, b], place: [u, v] })?;
+        (sample.delta || self.options.strategy != Strategy::Bsdf).then_some(sample)
+    }
+
+    /// Weight of a light sample against scattering of density `pdf`.
+    #[inline(always)]
+    fn light_weight(&self, light: &LightSample, pdf: f32) -> f32 {
+        if light.delta || self.options.strategy == Strategy::Light {
+            1.0
+        } else {
+            power_heuristic(1.0, light.pdf, 1.0, pdf)
+        }
+    }
+
+    #[inline(always)]
+    fn light_at_surface(&mut self, at: &Interaction, material: &SurfaceMaterial, wo: Vec3f, local: Vec3f) {
+        let Some(light) = self.light_for(at.p) else { return };
+        let wi = material.to_local(light.wi);
+        if (light.wi.dot(at.ng) * wo.dot(at.ng) < 0.0) != (wi.z * local.z < 0.0) {
+            return;
+        }
+        let (value, pdf) = material.eval_pdf(local, wi);
+        let weight = self.light_weight(&light, pdf) / light.pdf;
+        let arrives = self.throughput.mul(value).mul(light.radiance) * weight;
+        if arrives == Vec3f::zero() || !arrives.is_finite() {
+            return;
+        }
+        let index = 2 * self.depth + 1;
+        let inside = if light.wi.dot(at.ng) * wo.dot(at.ng) < 0.0 { Vec3f::zero() } else { self.inside };
+        let through = transmittance::<F>(self.world, at.p, Some(at), &light, inside, self.random, index);
+        self.radiance += arrives.mul(through);
+    }
+
+    /// The first collision with a medium before the distance `end`.
+    #[inline(never)]
+    fn collide(&mut self, end: f32, crossings: u32) -> Event {
+        let mut rng = self.random.tracking(0x1000 + 2 * (self.depth + crossings));
+        let mut first: Option<(f32, Vec3f, usize)> = None;
+        for (i, medium) in self.world.media.0.iter().enumerate() {
+            let limit = first.map_or(end, |f| f.0);
+            if let Some((t, q)) = medium.collide(self.ray.origin, self.ray.direction, limit, &mut rng) {
+                first = Some((t, q, i));
+            }
+        }
+        let Some((t, q, i)) = first else { return Event::Passed };
+        if self.depth >= self.options.max_depth {
+            return Event::Ended;
+        }
+        let medium = &self.world.media.0[i];
+        self.throughput = self.throughput.mul(medium.albedo(q));
+        if self.throughput == Vec3f::zero() {
+            return Event::Ended;
+        }
+        let (p, d) = (self.ray.origin + self.ray.direction * t, self.ray.direction);
+        if let Some(light) = self.light_for(p) {
+            let pdf = phase(medium.g, d.dot(light.wi));
+            let weight = self.light_weight(&light, pdf) * pdf / light.pdf;
+            let arrives = self.throughput.mul(light.radiance) * weight;
+            if arrives != Vec3f::zero() && arrives.is_finite() {
+                let index = 2 * self.depth + 1;
+                let inside = self.inside;
+                let through = transmittance::<F>(self.world, p, None, &light, inside, self.random, index);
+                self.radiance += arrives.mul(through);
+            }
+        }
+        let [u, v, _, _] = self.random.scatter(self.depth);
+        let wi = sample_phase(medium.g, d, [u, v]);
+        self.last = Last { p, pdf: phase(medium.g, d.dot(wi)), only: false };
+        self.ray = WorldRay { origin: p, direction: wi, t_max: f32::INFINITY };
+        self.depth += 1;
+        Event::Scattered
+    }
+}
+
+fn first_hit(at: &Interaction, material: &SurfaceMaterial, wo: Vec3f) -> FirstHit {
+    let turned = |n: Vec3f| if at.front { n } else { -n };
+    let shading = if material.n.dot(wo) < 0.0 { -material.n } else { material.n };
+    FirstHit {
+        p: at.p,
+        ng: turned(at.ng),
+        ns: shading,
+        albedo: material.bsdf.albedo(material.to_local(wo)),
+        instance: at.instance,
+    }
+}

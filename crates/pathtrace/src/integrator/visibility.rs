@@ -1,0 +1,140 @@
+//! What a ray passes on its way: cut-outs, blended surfaces, boundaries that are not there, media.
+
+use super::exp;
+use crate::light::{End, LightSample};
+use crate::plan;
+use crate::random::PathRandom;
+use crate::world::{Interaction, World, WorldHit, WorldRay};
+use photofit_scalar::Vec3f;
+use std::cell::Cell;
+
+/// Shortens a shadow ray by more than its rounding, so that it does not meet the light itself.
+const SHORTENED: f32 = 1.0 - 1e-5;
+
+/// Whether a surface stops a ray: chance decides for blended ones, always in the same way for one ray and one surface.
+#[inline(always)]
+fn stops<const ALPHA: bool>(world: &World, hit: &WorldHit, random: &PathRandom, ray: u32) -> bool {
+    if !ALPHA || !world.placed[hit.instance as usize].alpha {
+        return true;
+    }
+    let coverage = world.coverage(hit);
+    coverage >= 1.0
+        || (coverage > 0.0
+            && random.surface(ray, u64::from(hit.instance) << 32 | u64::from(hit.piece)) < coverage)
+}
+
+/// The first surface along a ray.
+#[inline(always)]
+pub(super) fn closest<const F: u32>(
+    world: &World,
+    ray: &WorldRay,
+    random: &PathRandom,
+    index: u32,
+) -> Option<WorldHit> {
+    match (F & plan::TWO_LEVEL != 0, F & plan::ALPHA != 0) {
+        (false, false) => closest_with::<false, false>(world, ray, random, index),
+        (false, true) => closest_with::<false, true>(world, ray, random, index),
+        (true, false) => closest_with::<true, false>(world, ray, random, index),
+        (true, true) => closest_with::<true, true>(world, ray, random, index),
+    }
+}
+
+#[inline(never)]
+fn closest_with<const TWO_LEVEL: bool, const ALPHA: bool>(
+    world: &World,
+    ray: &WorldRay,
+    random: &PathRandom,
+    index: u32,
+) -> Option<WorldHit> {
+    world.closest_where::<TWO_LEVEL>(ray, |hit| stops::<ALPHA>(world, hit, random, index))
+}
+
+/// What a shadow ray meets.
+struct Passage {
+    blocked: bool,
+    /// Depth of closed surfaces that are not there but absorb: what lies before a back side counts, what lies before a
+    /// front side does not.
+    depth: Vec3f,
+    /// Absorption of those that were entered and not left.
+    open: Vec3f,
+}
+
+#[inline(never)]
+fn pass<const TWO_LEVEL: bool, const FILTER: bool>(
+    world: &World,
+    ray: &WorldRay,
+    random: &PathRandom,
+    index: u32,
+) -> Passage {
+    let (depth, open) = (Cell::new(Vec3f::zero()), Cell::new(Vec3f::zero()));
+    let blocked = world.occluded_where::<TWO_LEVEL>(ray, |hit| {
+        if FILTER {
+            let material = &world.materials[world.placed[hit.instance as usize].material as usize];
+            if material.is_null {
+                let sign = if hit.front { -1.0 } else { 1.0 };
+                depth.set(depth.get() + material.absorption * (sign * hit.t));
+                open.set(open.get() - material.absorption * sign);
+                return false;
+            }
+        }
+        stops::<FILTER>(world, hit, random, index)
+    });
+    Passage { blocked, depth: depth.get(), open: open.get() }
+}
+
+/// Part of the light of a sample that arrives at `from`; `surface` is where the ray starts, if it is on a surface.
+#[inline(always)]
+pub(super) fn transmittance<const F: u32>(
+    world: &World,
+    from: Vec3f,
+    surface: Option<&Interaction>,
+    light: &LightSample,
+    inside: Vec3f,
+    random: &PathRandom,
+    index: u32,
+) -> Vec3f {
+    let origin = surface.map_or(from, |s| s.beside(light.wi));
+    let ray = match light.end {
+        End::Infinite => WorldRay { origin, direction: light.wi, t_max: f32::INFINITY },
+        End::Point(p) | End::Surface(p) => {
+            let v = p - origin;
+            let distance = v.length();
+            if distance == 0.0 {
+                return Vec3f::splat(1.0);
+            }
+            WorldRay { origin, direction: v * (1.0 / distance), t_max: distance * SHORTENED }
+        }
+    };
+    let passage = match (F & plan::TWO_LEVEL != 0, F & (plan::ALPHA | plan::ABSORPTION) != 0) {
+        (false, false) => pass::<false, false>(world, &ray, random, index),
+        (false, true) => pass::<false, true>(world, &ray, random, index),
+        (true, false) => pass::<true, false>(world, &ray, random, index),
+        (true, true) => pass::<true, true>(world, &ray, random, index),
+    };
+    if passage.blocked {
+        return Vec3f::zero();
+    }
+    let mut through = Vec3f::splat(1.0);
+    if F & plan::ABSORPTION != 0 {
+        // A surface entered and not left encloses the light; where none is met, what encloses the start goes on.
+        let mut total = passage.depth;
+        for k in 0..3 {
+            if passage.open[k] > 0.0 {
+                total[k] += passage.open[k] * ray.t_max;
+            } else if passage.open[k] == 0.0 && passage.depth[k] == 0.0 && inside[k] > 0.0 {
+                total[k] = inside[k] * ray.t_max;
+            }
+        }
+        through = exp(total.map(|x| -x.max(0.0)));
+    }
+    if F & plan::VOLUMES != 0 {
+        let mut rng = random.tracking(index);
+        for medium in &world.media.0 {
+            through *= medium.transmittance(ray.origin, ray.direction, ray.t_max, &mut rng);
+            if through == Vec3f::zero() {
+                break;
+            }
+        }
+    }
+    through
+}

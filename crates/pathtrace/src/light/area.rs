@@ -1,0 +1,259 @@
+//! Emitting surfaces: triangles and spheres.
+
+use super::{End, LightSample, luminance};
+use crate::PathtraceError;
+use crate::error::invalid;
+use crate::world::{Interaction, Kind, Placed, World, WorldHit, WorldRay, from_glam, to_glam};
+use photofit_sampling::{uniform_sphere, uniform_triangle};
+use photofit_scalar::{Vec3f, vec3};
+use std::f32::consts::PI;
+
+/// Points of a triangle at which emission that varies is looked at, to estimate its power.
+const PROBES: u32 = 32;
+
+/// A triangle or sphere that emits; one for every piece of an emitting instance.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Emitter {
+    instance: u32,
+    piece: u32,
+    /// Area in the render frame; that of triangles only.
+    area: f32,
+    both_sides: bool,
+}
+
+/// The emitters of all instances, instance by instance, with their powers; instances learn where theirs begin.
+pub(crate) fn collect(world: &mut World) -> Result<(Vec<Emitter>, Vec<f32>), PathtraceError> {
+    let (mut emitters, mut weights) = (Vec::new(), Vec::new());
+    for i in 0..world.placed.len() {
+        let material = &world.materials[world.placed[i].material as usize];
+        if !material.emits {
+            continue;
+        }
+        let both_sides = material.both_sides;
+        let pieces = world.shapes[world.placed[i].shape as usize].pieces();
+        if emitters.len() + pieces > u32::MAX as usize {
+            return Err(invalid(format!("instance {i}"), "at most 2^32 - 1 emitting triangles are placed"));
+        }
+        world.placed[i].emitter = emitters.len() as u32;
+        for piece in 0..pieces as u32 {
+            let area = area(world, &world.placed[i], piece);
+            let power = area * emission(world, i as u32, piece) * if both_sides { 2.0 * PI } else { PI };
+            emitters.push(Emitter { instance: i as u32, piece, area, both_sides });
+            weights.push(if power.is_finite() { power } else { 0.0 });
+        }
+    }
+    Ok((emitters, weights))
+}
+
+/// Corners of a triangle in the render frame.
+#[inline(always)]
+fn corners(world: &World, placed: &Placed, piece: u32) -> Option<[Vec3f; 3]> {
+    match &world.shapes[placed.shape as usize].kind {
+        Kind::Mesh(mesh) => Some(mesh.corners(piece as usize).map(|p| placed.point(p))),
+        Kind::Sphere { .. } => None,
+    }
+}
+
+fn area(world: &World, placed: &Placed, piece: u32) -> f32 {
+    match corners(world, placed, piece) {
+        Some([a, b, c]) => {
+            let [a, b, c] = [a, b, c].map(Vec3f::cast::<f64>);
+            (0.5 * (b - a).cross(c - a).length()) as f32
+        }
+        None => {
+            // Of the ellipsoid by its mean stretch: for the choice of lights only.
+            let Kind::Sphere { radius } = world.shapes[placed.shape as usize].kind else { return 0.0 };
+            let scale = placed.to_render.matrix3.determinant().abs().powf(2.0 / 3.0);
+            4.0 * PI * radius * radius * scale
+        }
+    }
+}
+
+/// Mean luminance of the emission of a piece.
+fn emission(world: &World, instance: u32, piece: u32) -> f32 {
+    let placed = &world.placed[instance as usize];
+    let material = &world.materials[placed.material as usize];
+    if !material.varies || material.unlit {
+        return luminance(material.emission);
+    }
+    let mut sum = 0.0;
+    for i in 0..PROBES {
+        // The points of Roberts' sequence, in the same places of every triangle.
+        let (a, b) = (0.754_877_7 * (i as f32 + 0.5), 0.569_840_3 * (i as f32 + 0.5));
+        let at = surface_point(world, instance, piece, [a.fract(), b.fract()]);
+        let wo = at.ng;
+        sum += luminance(world.material_at::<true>(&at, wo).emission);
+    }
+    sum / PROBES as f32
+}
+
+/// The point of a triangle for two random numbers, seen from its front.
+fn surface_point(world: &World, instance: u32, piece: u32, u: [f32; 2]) -> Interaction {
+    let [_, v, w] = uniform_triangle(u);
+    let hit = WorldHit { t: 0.0, u: v, v: w, instance, piece, front: true };
+    let ray = WorldRay { origin: Vec3f::zero(), direction: vec3(0.0, 0.0, -1.0), t_max: 0.0 };
+    world.interaction::<true>(&ray, &hit)
+}
+
+impl Emitter {
+    /// A point of the emitter as seen from `p`.
+    #[inline]
+    pub(crate) fn sample(&self, world: &World, p: Vec3f, u: [f32; 2]) -> Option<LightSample> {
+        let placed = &world.placed[self.instance as usize];
+        if let Kind::Sphere { radius } = world.shapes[placed.shape as usize].kind {
+            return self.sample_sphere(world, radius, p, u);
+        }
+        let [_, bu, bv] = uniform_triangle(u);
+        let mut hit =
+            WorldHit { t: 0.0, u: bu, v: bv, instance: self.instance, piece: self.piece, front: true };
+        let ray = WorldRay { origin: p, direction: vec3(0.0, 0.0, -1.0), t_max: 0.0 };
+        let material = &world.materials[placed.material as usize];
+        let mut at = if material.varies {
+            world.interaction::<true>(&ray, &hit)
+        } else {
+            world.interaction::<false>(&ray, &hit)
+        };
+        let (wi, distance) = direction(p, at.p)?;
+        let cosine = -wi.dot(at.ng);
+        hit.front = cosine > 0.0;
+        at.front = hit.front;
+        if !hit.front && !self.both_sides {
+            return None;
+        }
+        let pdf = distance * distance / (cosine.abs() * self.area);
+        self.seen(world, &at, wi, pdf)
+    }
+
+    #[inline(always)]
+    fn seen(&self, world: &World, at: &Interaction, wi: Vec3f, pdf: f32) -> Option<LightSample> {
+        if !(pdf > 0.0 && pdf.is_finite()) {
+            return None;
+        }
+        let material = &world.materials[world.placed[at.instance as usize].material as usize];
+        let radiance = if material.varies {
+            world.material_at::<true>(at, -wi).emission
+        } else if at.front || self.both_sides {
+            material.emission
+        } else {
+            Vec3f::zero()
+        };
+        (radiance != Vec3f::zero()).then(|| LightSample {
+            wi,
+            radiance,
+            pdf,
+            delta: false,
+            end: End::Surface(at.beside(-wi)),
+        })
+    }
+
+    /// A direction in the cone of a sphere seen from outside; a point of its surface else, or where the transform
+    /// makes an ellipsoid of it.
+    fn sample_sphere(&self, world: &World, radius: f32, p: Vec3f, u: [f32; 2]) -> Option<LightSample> {
+        let placed = &world.placed[self.instance as usize];
+        if let Some(cone) = Cone::around(placed, radius, p) {
+            let cosine = 1.0 - u[0] * cone.one_minus_cos;
+            let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+            let (s, t) = cone.axis.orthonormal_pair();
+            let (sin_phi, cos_phi) = (2.0 * PI * u[1]).sin_cos();
+            let wi = (s * (sine * cos_phi) + t * (sine * sin_phi) + cone.axis * cosine).normalize_or_zero();
+            // The nearer intersection; at the rim rounding may miss, where the point of closest approach serves.
+            let along = wi.dot(cone.axis) * cone.distance;
+            let below =
+                (cone.radius * cone.radius - (cone.distance * cone.distance - along * along)).max(0.0);
+            let t = along - below.sqrt();
+            let near = p + wi * t;
+            let ray = WorldRay { origin: p, direction: wi, t_max: t };
+            let hit = WorldHit { t, u: 0.0, v: 0.0, instance: self.instance, piece: 0, front: true };
+            let mut at = world.interaction::<true>(&ray, &hit);
+            at.p = near;
+            let pdf = 1.0 / (2.0 * PI * cone.one_minus_cos);
+            return self.seen(world, &at, wi, pdf);
+        }
+        let q: Vec3f = uniform_sphere(u);
+        let to = placed.point(q * radius);
+        let (wi, t) = direction(p, to)?;
+        let ray = WorldRay { origin: p, direction: wi, t_max: t };
+        let hit = WorldHit { t, u: 0.0, v: 0.0, instance: self.instance, piece: 0, front: true };
+        let mut at = world.interaction::<true>(&ray, &hit);
+        at.front = wi.dot(at.ng) < 0.0;
+        if !at.front && !self.both_sides {
+            return None;
+        }
+        let pdf = t * t / wi.dot(at.ng).abs() * ellipsoid_density(placed, radius, q);
+        self.seen(world, &at, wi, pdf)
+    }
+
+    /// Density per solid angle with which [`Self::sample`] finds `at` from `p`.
+    #[inline]
+    pub(crate) fn pdf(&self, world: &World, p: Vec3f, at: &Interaction) -> f32 {
+        let placed = &world.placed[self.instance as usize];
+        if !at.front && !self.both_sides {
+            return 0.0;
+        }
+        let Some((wi, distance)) = direction(p, at.p) else { return 0.0 };
+        let cosine = wi.dot(at.ng).abs();
+        let pdf = match world.shapes[placed.shape as usize].kind {
+            Kind::Mesh(_) => distance * distance / (cosine * self.area),
+            Kind::Sphere { radius } => match Cone::around(placed, radius, p) {
+                Some(cone) => 1.0 / (2.0 * PI * cone.one_minus_cos),
+                None => {
+                    let q = from_glam(placed.to_render.inverse().transform_point3a(to_glam(at.p)));
+                    distance * distance / cosine * ellipsoid_density(placed, radius, q * (1.0 / radius))
+                }
+            },
+        };
+        if pdf.is_finite() { pdf } else { 0.0 }
+    }
+}
+
+/// Unit direction and distance.
+#[inline(always)]
+fn direction(from: Vec3f, to: Vec3f) -> Option<(Vec3f, f32)> {
+    let v = to - from;
+    let distance = v.length();
+    (distance > f32::MIN_POSITIVE && distance.is_finite()).then(|| (v * (1.0 / distance), distance))
+}
+
+/// Density per area at the image of the unit vector `q`, for points uniform on the unit sphere.
+fn ellipsoid_density(placed: &Placed, radius: f32, q: Vec3f) -> f32 {
+    let m = placed.to_render.matrix3;
+    let det = m.determinant().abs();
+    // A surface element grows by |det M| |M^-T q|.
+    let stretch = (m.inverse().transpose() * to_glam(q)).length();
+    1.0 / (4.0 * PI * radius * radius * det * stretch)
+}
+
+/// The cone that a sphere fills.
+struct Cone {
+    axis: Vec3f,
+    distance: f32,
+    radius: f32,
+    one_minus_cos: f32,
+}
+
+impl Cone {
+    /// `None` from inside or very near, and for ellipsoids.
+    #[inline]
+    fn around(placed: &Placed, radius: f32, p: Vec3f) -> Option<Self> {
+        let m = placed.to_render.matrix3;
+        let scale = m.x_axis.length();
+        let even = |v: f32| (v - scale).abs() <= 1e-5 * scale;
+        let square = |v: f32| v.abs() <= 1e-5 * scale * scale;
+        let round = even(m.y_axis.length())
+            && even(m.z_axis.length())
+            && square(m.x_axis.dot(m.y_axis))
+            && square(m.y_axis.dot(m.z_axis))
+            && square(m.z_axis.dot(m.x_axis));
+        let radius = radius * scale;
+        let center = from_glam(placed.to_render.translation);
+        let (axis, distance) = direction(p, center)?;
+        let sine = radius / distance;
+        if !round || sine > 0.9999 {
+            return None;
+        }
+        let s2 = sine * sine;
+        // 1 - cos without cancellation.
+        let one_minus_cos = s2 / (1.0 + (1.0 - s2).sqrt());
+        Some(Self { axis, distance, radius, one_minus_cos })
+    }
+}

@@ -1,0 +1,250 @@
+//! Light from all around: an equirectangular image, chosen by an alias table over its texels.
+
+use super::{End, LightSample, luminance};
+use crate::PathtraceError;
+use crate::error::invalid;
+use glam::{Mat3A, Quat};
+use photofit_image::Image;
+use photofit_sampling::AliasTable;
+use photofit_scalar::{Vec3f, vec3};
+use std::f32::consts::{PI, TAU};
+
+/// Radiance from all directions, infinitely far away.
+///
+/// Orientation (the same as [`photofit_shading::Environment::from_equirectangular`]): the direction `d` is found at
+/// `u = 1/2 + atan2(d.z, d.x) / 2 pi` from the left and `v = acos(d.y) / pi` from the top. Texels are interpolated
+/// linearly, around the seam too.
+#[derive(Clone, Debug)]
+pub struct EnvironmentMap {
+    /// Linear radiance, three channels, row 0 at +y.
+    pub image: Image,
+    /// Factor of the radiance.
+    pub scale: f32,
+    /// Turns the map: from its own frame to the world.
+    pub rotation: Quat,
+    /// Choose texels by what they have above the mean (Karlík et al. 2019, "MIS Compensation"): BSDF sampling finds
+    /// the rest. Without multiple importance sampling this must be off.
+    pub compensate: bool,
+}
+
+impl EnvironmentMap {
+    /// A map as it is.
+    pub fn new(image: Image) -> Self {
+        Self { image, scale: 1.0, rotation: Quat::IDENTITY, compensate: true }
+    }
+
+    /// The same radiance from everywhere.
+    pub fn constant(radiance: Vec3f) -> Self {
+        Self::new(Image::from_data(1, 1, 3, radiance.to_array().to_vec()))
+    }
+
+    /// Mean radiance over all directions.
+    pub fn mean(&self) -> Vec3f {
+        let mut sum = [0.0_f64; 3];
+        for y in 0..self.image.height {
+            let share = row_share(y, self.image.height) / self.image.width as f64;
+            for x in 0..self.image.width {
+                for (s, v) in sum.iter_mut().zip(self.image.pixel(x, y)) {
+                    *s += share * f64::from(*v);
+                }
+            }
+        }
+        Vec3f::from_array(sum.map(|s| s as f32)) * self.scale
+    }
+}
+
+/// Share of the sphere that a row covers.
+fn row_share(y: usize, height: usize) -> f64 {
+    let cosine = |y: usize| (std::f64::consts::PI * y as f64 / height as f64).cos();
+    0.5 * (cosine(y) - cosine(y + 1))
+}
+
+/// A map ready to be sampled.
+#[derive(Debug)]
+pub(crate) struct EnvironmentLight {
+    width: usize,
+    height: usize,
+    /// Radiance with the scale multiplied in, `height * width`.
+    texels: Vec<Vec3f>,
+    /// World to map.
+    inward: Option<Mat3A>,
+    table: Option<AliasTable>,
+    /// Integral of the luminance over all directions, divided by pi: power per area of the scene's disk.
+    total: f64,
+}
+
+impl EnvironmentLight {
+    pub(super) fn new(map: EnvironmentMap) -> Result<Self, PathtraceError> {
+        let fail = |rule: String| Err(invalid("environment", rule));
+        let (width, height) = (map.image.width, map.image.height);
+        if width == 0 || height == 0 || map.image.channels != 3 {
+            return fail(format!(
+                "is an image of three channels, found {width} x {height} x {}",
+                map.image.channels
+            ));
+        }
+        if !(map.scale >= 0.0 && map.scale.is_finite()) {
+            return fail(format!("its scale is finite and not negative, found {}", map.scale));
+        }
+        if !(map.rotation.is_finite() && (map.rotation.length() - 1.0).abs() < 1e-3) {
+            return fail("its rotation is a unit quaternion".into());
+        }
+        let scale = map.scale;
+        let texels: Vec<Vec3f> =
+            map.image.data.chunks_exact(3).map(|c| vec3(c[0], c[1], c[2]) * scale).collect();
+        if let Some(i) = texels.iter().position(|t| !t.is_finite() || t.to_array().iter().any(|x| *x < 0.0)) {
+            let at = (i % width, i / width);
+            return fail(format!(
+                "radiance is finite and not negative, found {:?} at pixel {at:?}",
+                texels[i]
+            ));
+        }
+        let mut light = Self {
+            width,
+            height,
+            texels,
+            inward: (map.rotation != Quat::IDENTITY).then(|| Mat3A::from_quat(map.rotation.inverse())),
+            table: None,
+            total: 0.0,
+        };
+        let mean = {
+            let mut sum = 0.0;
+            for y in 0..height {
+                let share = row_share(y, height) / width as f64;
+                for x in 0..width {
+                    sum += share * f64::from(light.smoothed(x, y));
+                }
+            }
+            sum
+        };
+        light.total = 4.0 * mean;
+        let threshold = if map.compensate { mean } else { 0.0 };
+        let weights: Vec<f32> = (0..width * height)
+            .map(|i| {
+                let above = f64::from(light.smoothed(i % width, i / width)) - threshold;
+                // What rounding leaves of a constant map is not worth a light.
+                let above = if above > 1e-5 * mean { above } else { 0.0 };
+                (above * row_share(i / width, height)) as f32
+            })
+            .collect();
+        light.table = AliasTable::new(&weights).ok();
+        Ok(light)
+    }
+
+    /// Mean luminance of the interpolated map over a texel.
+    fn smoothed(&self, x: usize, y: usize) -> f32 {
+        let mut sum = 0.0;
+        for (dy, wy) in [(-1_isize, 0.125), (0, 0.75), (1, 0.125)] {
+            let row = y.saturating_add_signed(dy).min(self.height - 1);
+            for (dx, wx) in [(self.width - 1, 0.125), (0, 0.75), (1, 0.125)] {
+                let column = (x + dx) % self.width;
+                sum += wy * wx * luminance(self.texels[row * self.width + column]);
+            }
+        }
+        sum
+    }
+
+    /// Whether next-event estimation can find it.
+    pub(super) fn is_sampled(&self) -> bool {
+        self.table.is_some()
+    }
+
+    pub(super) fn is_black(&self) -> bool {
+        self.total <= 0.0
+    }
+
+    pub(super) fn total(&self) -> f64 {
+        self.total
+    }
+
+    pub(super) fn bytes(&self) -> usize {
+        size_of_val(self.texels.as_slice()) + self.table.as_ref().map_or(0, |t| 12 * t.len())
+    }
+
+    /// Place of a direction in the map, in texels, and the sine of its angle from the pole.
+    #[inline(always)]
+    fn place(&self, wi: Vec3f) -> (f32, f32, f32) {
+        let d = match &self.inward {
+            Some(m) => crate::world::from_glam(*m * crate::world::to_glam(wi)),
+            None => wi,
+        };
+        let sine = (d.x * d.x + d.z * d.z).sqrt();
+        let u = 0.5 + d.z.atan2(d.x) / TAU;
+        // More digits than acos(y) near the poles.
+        let v = sine.atan2(d.y) / PI;
+        (u * self.width as f32, v * self.height as f32, sine)
+    }
+
+    /// Radiance from the unit direction `wi`.
+    #[inline]
+    pub(crate) fn radiance(&self, wi: Vec3f) -> Vec3f {
+        if self.texels.len() == 1 {
+            return self.texels[0];
+        }
+        let (x, y, _) = self.place(wi);
+        self.interpolate(x, y)
+    }
+
+    #[inline(always)]
+    fn interpolate(&self, x: f32, y: f32) -> Vec3f {
+        let (w, h) = (self.width as i32, self.height as i32);
+        let (fx, fy) = (x - 0.5, y - 0.5);
+        let (x0, y0) = (fx.floor(), fy.floor());
+        let (ax, ay) = (fx - x0, fy - y0);
+        let (x0, y0) = (x0 as i32, y0 as i32);
+        let column = |x: i32| {
+            if x < 0 {
+                x + w
+            } else if x >= w {
+                x - w
+            } else {
+                x
+            }
+            .clamp(0, w - 1) as usize
+        };
+        let row = |y: i32| y.clamp(0, h - 1) as usize * self.width;
+        let (c0, c1, r0, r1) = (column(x0), column(x0 + 1), row(y0), row(y0 + 1));
+        let t = &self.texels;
+        (t[r0 + c0] * (1.0 - ax) + t[r0 + c1] * ax) * (1.0 - ay)
+            + (t[r1 + c0] * (1.0 - ax) + t[r1 + c1] * ax) * ay
+    }
+
+    #[inline]
+    pub(super) fn sample(&self, choice: [f32; 2], place: [f32; 2]) -> Option<LightSample> {
+        let table = self.table.as_ref()?;
+        let chosen = table.sample(choice);
+        let (column, row) = (chosen.index % self.width, chosen.index / self.width);
+        let (x, y) = (column as f32 + place[0], row as f32 + place[1]);
+        let (phi, theta) = ((x / self.width as f32 - 0.5) * TAU, y / self.height as f32 * PI);
+        let ((sin_phi, cos_phi), (sine, cosine)) = (phi.sin_cos(), theta.sin_cos());
+        let d = vec3(sine * cos_phi, cosine, sine * sin_phi);
+        let wi = match &self.inward {
+            Some(m) => crate::world::from_glam(m.transpose() * crate::world::to_glam(d)),
+            None => d,
+        };
+        let radiance = self.interpolate(x, y);
+        let pdf = chosen.pmf * self.per_solid_angle(sine);
+        (radiance != Vec3f::zero()).then_some(LightSample {
+            wi,
+            radiance,
+            pdf,
+            delta: false,
+            end: End::Infinite,
+        })
+    }
+
+    /// Texels per solid angle at an angle from the pole: points are uniform in `(u, v)` within a texel.
+    #[inline(always)]
+    fn per_solid_angle(&self, sine: f32) -> f32 {
+        (self.width * self.height) as f32 / (TAU * PI * sine.max(1e-12))
+    }
+
+    /// Density of a direction per solid angle.
+    #[inline]
+    pub(super) fn pdf(&self, wi: Vec3f) -> f32 {
+        let Some(table) = &self.table else { return 0.0 };
+        let (x, y, sine) = self.place(wi);
+        let (column, row) = ((x as usize).min(self.width - 1), (y as usize).min(self.height - 1));
+        table.pmf(row * self.width + column) * self.per_solid_angle(sine)
+    }
+}

@@ -1,0 +1,207 @@
+//! Lights: what they emit, how a point on them is chosen, and with what density.
+//!
+//! One light is chosen per vertex: first a kind (sources without a surface, the environment, emitting surfaces), by
+//! power but none below a floor, then a light of that kind by its alias table. All densities are per solid angle and
+//! include the choice.
+
+mod area;
+mod environment;
+mod source;
+
+pub use environment::EnvironmentMap;
+pub use source::{Falloff, LightSource};
+
+pub(crate) use area::{Emitter, collect};
+
+use crate::PathtraceError;
+use crate::world::{Interaction, World};
+use environment::EnvironmentLight;
+use glam::DVec3;
+use photofit_sampling::AliasTable;
+use photofit_scalar::Vec3f;
+use source::PreparedSource;
+
+/// Smallest probability of a kind of light that is there, before normalisation.
+const KIND_FLOOR: f32 = 0.1;
+
+/// Kinds of light, as indices of [`Lights::kinds`].
+const SOURCES: usize = 0;
+const ENVIRONMENT: usize = 1;
+const AREA: usize = 2;
+
+/// All lights of a world, in the render frame.
+#[derive(Debug, Default)]
+pub(crate) struct Lights {
+    /// Probability of each kind.
+    kinds: [f32; 3],
+    sources: Vec<PreparedSource>,
+    source_table: Option<AliasTable>,
+    pub(crate) environment: Option<EnvironmentLight>,
+    pub(crate) emitters: Vec<Emitter>,
+    emitter_table: Option<AliasTable>,
+}
+
+/// A direction towards a light.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LightSample {
+    /// Unit vector towards the light.
+    pub(crate) wi: Vec3f,
+    /// Radiance that arrives if nothing is in the way; for sources without a surface the irradiance that a surface
+    /// facing them receives.
+    pub(crate) radiance: Vec3f,
+    /// Density per solid angle, the choice of the light included; the probability of the choice alone for sources
+    /// without a surface.
+    pub(crate) pdf: f32,
+    /// No other strategy finds this light.
+    pub(crate) delta: bool,
+    /// Where the light is.
+    pub(crate) end: End,
+}
+
+/// The far end of a shadow ray.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum End {
+    /// Infinitely far away.
+    Infinite,
+    /// A point.
+    Point(Vec3f),
+    /// A point of a surface, already moved off it.
+    Surface(Vec3f),
+}
+
+/// Random numbers of one light sample, each in `[0, 1)`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LightRandom {
+    /// Chooses the light.
+    pub(crate) choice: [f32; 2],
+    /// Chooses the point on it.
+    pub(crate) place: [f32; 2],
+}
+
+impl Lights {
+    /// Prepares the lights of a world whose surfaces are known.
+    pub(crate) fn new(
+        world: &mut World,
+        sources: &[LightSource],
+        environment: Option<EnvironmentMap>,
+    ) -> Result<Self, PathtraceError> {
+        let (origin, radius): (DVec3, f32) = (world.origin, world.radius);
+        let sources: Vec<PreparedSource> = sources
+            .iter()
+            .enumerate()
+            .map(|(i, source)| source.prepare(i, origin))
+            .collect::<Result<_, _>>()?;
+        let powers: Vec<f32> = sources.iter().map(|s| s.power(radius)).collect();
+        let environment = environment.map(EnvironmentLight::new).transpose()?;
+        let (emitters, weights) = collect(world)?;
+        let sum = |w: &[f32]| w.iter().map(|x| f64::from(*x)).sum::<f64>();
+        let lit = environment.as_ref().filter(|e| e.is_sampled());
+        let disk = std::f64::consts::PI * f64::from(radius) * f64::from(radius);
+        let power = [sum(&powers), lit.map_or(0.0, |e| e.total() * disk), sum(&weights)];
+        Ok(Self {
+            kinds: kinds(power),
+            sources,
+            source_table: AliasTable::new(&powers).ok(),
+            environment,
+            emitters,
+            emitter_table: AliasTable::new(&weights).ok(),
+        })
+    }
+
+    /// Whether nothing gives light (surfaces that are shown unlit aside).
+    pub(crate) fn is_dark(&self) -> bool {
+        self.kinds.iter().all(|k| *k == 0.0)
+            && self.environment.as_ref().is_none_or(EnvironmentLight::is_black)
+    }
+
+    pub(crate) fn has_sources(&self) -> bool {
+        !self.sources.is_empty()
+    }
+
+    /// Bytes of the tables.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(self.emitters.as_slice())
+            + self.emitter_table.as_ref().map_or(0, |t| 12 * t.len())
+            + self.environment.as_ref().map_or(0, EnvironmentLight::bytes)
+    }
+
+    /// A direction from `p` towards a light; `None` where the chosen light does not shine there.
+    #[inline(never)]
+    pub(crate) fn sample(&self, world: &World, p: Vec3f, u: LightRandom) -> Option<LightSample> {
+        let (kind, first) = self.kind(u.choice[0]);
+        let choice = [first, u.choice[1]];
+        let of_kind = self.kinds[kind];
+        let mut sample = match kind {
+            SOURCES => {
+                let chosen = self.source_table.as_ref()?.sample(choice);
+                let mut sample = self.sources[chosen.index].sample(p)?;
+                sample.pdf *= chosen.pmf;
+                sample
+            }
+            ENVIRONMENT => self.environment.as_ref()?.sample(choice, u.place)?,
+            _ => {
+                let chosen = self.emitter_table.as_ref()?.sample(choice);
+                let mut sample = self.emitters[chosen.index].sample(world, p, u.place)?;
+                sample.pdf *= chosen.pmf;
+                sample
+            }
+        };
+        sample.pdf *= of_kind;
+        (sample.pdf > 0.0 && sample.pdf.is_finite()).then_some(sample)
+    }
+
+    /// The kind for a random number, and the number stretched to `[0, 1)` again.
+    #[inline(always)]
+    fn kind(&self, u: f32) -> (usize, f32) {
+        const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
+        let mut from = 0.0;
+        let mut last = (AREA, 0.0);
+        for (kind, &p) in self.kinds.iter().enumerate().filter(|(_, p)| **p > 0.0) {
+            last = (kind, ((u - from) / p).clamp(0.0, BELOW_ONE));
+            if u < from + p {
+                return last;
+            }
+            from += p;
+        }
+        last
+    }
+
+    /// Density with which [`Self::sample`] finds the point `at` of a surface from `p`.
+    #[inline(never)]
+    pub(crate) fn surface_pdf(&self, world: &World, p: Vec3f, at: &Interaction) -> f32 {
+        let base = world.placed[at.instance as usize].emitter;
+        let Some(table) = self.emitter_table.as_ref().filter(|_| base != crate::world::Placed::DARK) else {
+            return 0.0;
+        };
+        let index = (base + at.piece) as usize;
+        self.kinds[AREA] * table.pmf(index) * self.emitters[index].pdf(world, p, at)
+    }
+
+    /// Density with which [`Self::sample`] finds a direction of the environment.
+    #[inline(never)]
+    pub(crate) fn environment_pdf(&self, wi: Vec3f) -> f32 {
+        self.environment.as_ref().map_or(0.0, |e| self.kinds[ENVIRONMENT] * e.pdf(wi))
+    }
+
+    /// Radiance of the environment from a direction.
+    #[inline(never)]
+    pub(crate) fn environment_radiance(&self, wi: Vec3f) -> Vec3f {
+        self.environment.as_ref().map_or(Vec3f::zero(), |e| e.radiance(wi))
+    }
+}
+
+/// Probabilities of the kinds from their powers.
+fn kinds(power: [f64; 3]) -> [f32; 3] {
+    let total: f64 = power.iter().sum();
+    if !(total > 0.0 && total.is_finite()) {
+        return [0.0; 3];
+    }
+    let floored = power.map(|p| if p > 0.0 { ((p / total) as f32).max(KIND_FLOOR) } else { 0.0 });
+    let sum: f32 = floored.iter().sum();
+    floored.map(|p| p / sum)
+}
+
+/// Relative luminance of a radiance.
+pub(crate) fn luminance(c: Vec3f) -> f32 {
+    photofit_image::luminance(c.to_array())
+}

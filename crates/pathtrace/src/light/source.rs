@@ -1,0 +1,164 @@
+//! Lights without a surface: points, spots, and directions.
+
+use super::{End, LightSample, luminance};
+use crate::PathtraceError;
+use crate::error::invalid;
+use crate::world::dvec3;
+use glam::DVec3;
+use photofit_scalar::{Vec3f, vec3};
+use std::f32::consts::PI;
+
+/// How a spot fades between its inner and its outer cone.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Falloff {
+    /// The square of a linear ramp in the cosine (`KHR_lights_punctual`).
+    #[default]
+    Smooth,
+    /// A linear ramp in the angle.
+    Linear,
+}
+
+/// A light without a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LightSource {
+    /// A point that radiates equally in all directions.
+    Point {
+        /// Place in the world.
+        position: DVec3,
+        /// Radiant intensity, W/sr per channel.
+        intensity: Vec3f,
+    },
+    /// Light from one direction, infinitely far away.
+    Directional {
+        /// Towards the light, of any length.
+        direction: Vec3f,
+        /// Irradiance on a surface that faces the light.
+        irradiance: Vec3f,
+    },
+    /// A point that radiates into a cone.
+    Spot {
+        /// Place in the world.
+        position: DVec3,
+        /// Axis of the cone, away from the light, of any length.
+        direction: Vec3f,
+        /// Radiant intensity on the axis, W/sr per channel.
+        intensity: Vec3f,
+        /// Half angle of the cone of full intensity, radians.
+        inner: f32,
+        /// Half angle of the cone outside of which there is no light, radians, at most pi / 2.
+        outer: f32,
+        /// What lies between.
+        falloff: Falloff,
+    },
+}
+
+/// A source in the render frame.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum PreparedSource {
+    Point { position: Vec3f, intensity: Vec3f },
+    Directional { direction: Vec3f, irradiance: Vec3f },
+    Spot { position: Vec3f, axis: Vec3f, intensity: Vec3f, inner: f32, outer: f32, falloff: Falloff },
+}
+
+impl LightSource {
+    /// The source seen from the origin of the render frame, checked.
+    pub(super) fn prepare(&self, index: usize, origin: DVec3) -> Result<PreparedSource, PathtraceError> {
+        let fail = |rule: &str| Err(invalid(format!("light {index}"), rule));
+        let color = match *self {
+            Self::Point { intensity, .. } | Self::Spot { intensity, .. } => intensity,
+            Self::Directional { irradiance, .. } => irradiance,
+        };
+        if !(color.is_finite() && color.x >= 0.0 && color.y >= 0.0 && color.z >= 0.0) {
+            return fail("its intensity is finite and not negative");
+        }
+        let place = |p: DVec3| {
+            let q = p - origin;
+            vec3(q.x as f32, q.y as f32, q.z as f32)
+        };
+        if let Self::Point { position, .. } | Self::Spot { position, .. } = *self
+            && !place(position).is_finite()
+        {
+            return fail("its position is finite");
+        }
+        let unit = |d: Vec3f| {
+            let l = dvec3(d).normalize_or_zero();
+            vec3(l.x as f32, l.y as f32, l.z as f32)
+        };
+        if let Self::Directional { direction, .. } | Self::Spot { direction, .. } = *self
+            && (unit(direction) == Vec3f::zero() || !direction.is_finite())
+        {
+            return fail("its direction is a finite vector that is not zero");
+        }
+        Ok(match *self {
+            Self::Point { position, intensity } => {
+                PreparedSource::Point { position: place(position), intensity }
+            }
+            Self::Directional { direction, irradiance } => {
+                PreparedSource::Directional { direction: unit(direction), irradiance }
+            }
+            Self::Spot { position, direction, intensity, inner, outer, falloff } => {
+                // Written so that NaN fails.
+                if !(0.0 <= inner && inner <= outer && outer <= 0.5 * PI + 1e-5 && outer > 0.0) {
+                    return fail("its cones obey 0 <= inner <= outer <= pi / 2, and outer > 0");
+                }
+                let (position, axis) = (place(position), unit(direction));
+                PreparedSource::Spot { position, axis, intensity, inner, outer, falloff }
+            }
+        })
+    }
+}
+
+impl PreparedSource {
+    /// Power, for the choice among lights; `radius` bounds the scene.
+    pub(super) fn power(&self, radius: f32) -> f32 {
+        let power = match *self {
+            Self::Point { intensity, .. } => 4.0 * PI * luminance(intensity),
+            Self::Directional { irradiance, .. } => PI * radius * radius * luminance(irradiance),
+            Self::Spot { intensity, inner, outer, .. } => {
+                let cosine = 0.5 * (inner.cos() + outer.cos());
+                2.0 * PI * (1.0 - cosine).max(1e-6) * luminance(intensity)
+            }
+        };
+        // Pure blue counts too; what overflows counts as much.
+        power.max(f32::MIN_POSITIVE * f32::from(u8::from(power > 0.0))).min(1e30)
+    }
+
+    #[inline]
+    pub(super) fn sample(&self, p: Vec3f) -> Option<LightSample> {
+        let (wi, radiance, end) = match *self {
+            Self::Directional { direction, irradiance } => (direction, irradiance, End::Infinite),
+            Self::Point { position, intensity } => {
+                let (wi, falloff) = towards(position, p)?;
+                (wi, intensity * falloff, End::Point(position))
+            }
+            Self::Spot { position, axis, intensity, inner, outer, falloff } => {
+                let (wi, square) = towards(position, p)?;
+                let cosine = -wi.dot(axis);
+                let share = match falloff {
+                    Falloff::Smooth => {
+                        let ramp = (cosine - outer.cos()) / (inner.cos() - outer.cos()).max(1e-6);
+                        ramp.clamp(0.0, 1.0).powi(2)
+                    }
+                    Falloff::Linear => {
+                        let angle = cosine.clamp(-1.0, 1.0).acos();
+                        ((outer - angle) / (outer - inner).max(1e-6)).clamp(0.0, 1.0)
+                    }
+                };
+                if share <= 0.0 {
+                    return None;
+                }
+                (wi, intensity * (square * share), End::Point(position))
+            }
+        };
+        Some(LightSample { wi, radiance, pdf: 1.0, delta: true, end })
+    }
+}
+
+/// Unit direction and inverse squared distance; `None` on the spot.
+#[inline(always)]
+fn towards(position: Vec3f, p: Vec3f) -> Option<(Vec3f, f32)> {
+    let v = position - p;
+    let square = v.length_squared();
+    let falloff = 1.0 / square;
+    (square > 0.0 && falloff.is_finite()).then(|| (v * falloff.sqrt(), falloff))
+}

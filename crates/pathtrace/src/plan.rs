@@ -1,0 +1,142 @@
+//! What a scene needs of the integrator, and the compiled variant that has just that.
+//!
+//! The integrator is one generic function over a set of [`Features`]; what a set leaves out is not compiled into it. A
+//! few sets are compiled; [`Plan::new`] picks the smallest that covers a world.
+
+use crate::integrator::Kernel;
+use crate::integrator::path::trace_path;
+use crate::world::World;
+use std::fmt;
+
+/// Instances and spheres: a ray walks two levels.
+pub(crate) const TWO_LEVEL: u32 = 1;
+/// Surfaces that let rays pass at random or by a mask, or that are not there.
+pub(crate) const ALPHA: u32 = 1 << 1;
+/// Materials that vary over a surface.
+pub(crate) const TEXTURES: u32 = 1 << 2;
+/// An environment.
+pub(crate) const ENVIRONMENT: u32 = 1 << 3;
+/// Lights without a surface.
+pub(crate) const SOURCES: u32 = 1 << 4;
+/// Emitting surfaces.
+pub(crate) const EMITTERS: u32 = 1 << 5;
+/// Participating media.
+pub(crate) const VOLUMES: u32 = 1 << 6;
+/// Absorption inside of surfaces.
+pub(crate) const ABSORPTION: u32 = 1 << 7;
+/// Everything.
+pub(crate) const ALL: u32 = (1 << 8) - 1;
+
+/// Names and what is left out, in the order of the bits.
+const NAMES: [(&str, &str); 8] = [
+    ("two-level traversal", "one hierarchy holds everything"),
+    ("alpha tests", "every surface is opaque"),
+    ("texture lookup", "no material varies over its surface"),
+    ("environment sampling", "there is no environment"),
+    ("light sources", "there is no point, spot or directional light"),
+    ("emitter sampling", "no surface emits"),
+    ("media", "there are no volumes"),
+    ("absorption", "no surface encloses an absorbing medium"),
+];
+
+/// A set of features.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Features(pub(crate) u32);
+
+impl Features {
+    /// All features.
+    pub const ALL: Self = Self(ALL);
+
+    /// What a world needs.
+    pub fn of(world: &World) -> Self {
+        let placed = |f: &dyn Fn(&crate::world::Placed) -> bool| world.placed.iter().any(f);
+        let material = |p: &crate::world::Placed| &world.materials[p.material as usize];
+        let bits = [
+            (TWO_LEVEL, !world.is_one_level()),
+            (ALPHA, placed(&|p| p.alpha)),
+            (TEXTURES, placed(&|p| p.varies)),
+            (ENVIRONMENT, world.lights.environment.is_some()),
+            (SOURCES, world.lights.has_sources()),
+            (EMITTERS, placed(&|p| material(p).emits || material(p).unlit)),
+            (VOLUMES, !world.media.is_empty()),
+            (ABSORPTION, placed(&|p| material(p).absorbs())),
+        ];
+        Self(bits.iter().filter(|b| b.1).fold(0, |set, b| set | b.0))
+    }
+
+    /// Whether every feature of `other` is in this set.
+    pub fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+}
+
+/// The compiled sets.
+const KERNELS: [(u32, Kernel); 12] = {
+    const STANDARD: u32 = TEXTURES | ENVIRONMENT | SOURCES | EMITTERS;
+    [
+        (EMITTERS, trace_path::<EMITTERS>),
+        (ENVIRONMENT, trace_path::<ENVIRONMENT>),
+        (SOURCES, trace_path::<SOURCES>),
+        (EMITTERS | TWO_LEVEL, trace_path::<{ EMITTERS | TWO_LEVEL }>),
+        (TEXTURES | ENVIRONMENT, trace_path::<{ TEXTURES | ENVIRONMENT }>),
+        (TEXTURES | ENVIRONMENT | ALPHA, trace_path::<{ TEXTURES | ENVIRONMENT | ALPHA }>),
+        (STANDARD, trace_path::<STANDARD>),
+        (STANDARD | ALPHA, trace_path::<{ STANDARD | ALPHA }>),
+        (STANDARD | TWO_LEVEL, trace_path::<{ STANDARD | TWO_LEVEL }>),
+        (STANDARD | ALPHA | TWO_LEVEL, trace_path::<{ STANDARD | ALPHA | TWO_LEVEL }>),
+        (ALL & !VOLUMES, trace_path::<{ ALL & !VOLUMES }>),
+        (ALL, trace_path::<ALL>),
+    ]
+};
+
+/// Which integrator runs for a world, and why.
+#[derive(Clone, Copy)]
+pub struct Plan {
+    /// What the world needs.
+    pub needs: Features,
+    /// What the chosen integrator has.
+    pub has: Features,
+    pub(crate) kernel: Kernel,
+}
+
+impl Plan {
+    /// The smallest compiled integrator that has all that `world` needs.
+    pub fn new(world: &World) -> Self {
+        Self::with_at_least(world, Features::default())
+    }
+
+    /// As [`Self::new`], with further features that nothing needs: to measure what they cost.
+    pub fn with_at_least(world: &World, further: Features) -> Self {
+        let needs = Features::of(world);
+        let wanted = Features(needs.0 | further.0);
+        let (has, kernel) = KERNELS
+            .into_iter()
+            .filter(|(set, _)| Features(*set).contains(wanted))
+            .min_by_key(|(set, _)| set.count_ones())
+            .unwrap_or((ALL, trace_path::<ALL>));
+        Self { needs, has: Features(has), kernel }
+    }
+}
+
+impl fmt::Debug for Plan {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Plan").field("needs", &self.needs).field("has", &self.has).finish_non_exhaustive()
+    }
+}
+
+/// One line per feature: runs, is skipped and why, or is compiled in without being needed.
+impl fmt::Display for Plan {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (bit, (name, absent)) in NAMES.iter().enumerate() {
+            let bit = 1 << bit;
+            let (word, why) = match (self.needs.0 & bit != 0, self.has.0 & bit != 0) {
+                (true, _) => ("runs", ""),
+                (false, true) => ("idle", *absent),
+                (false, false) => ("skipped", *absent),
+            };
+            let why = if why.is_empty() { String::new() } else { format!(": {why}") };
+            writeln!(f, "  {name:<22} {word}{why}")?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,323 @@
+//! The renderer: passes over the tiles of a film until enough samples are taken.
+
+use crate::PathtraceError;
+use crate::camera::{Prepared, View};
+use crate::error::invalid;
+use crate::film::{Aov, Eyes, Film, Filter, Recorder, TILE, Tile};
+use crate::integrator::{Kernel, PathOptions, teaching};
+use crate::plan::{Features, Plan};
+use crate::random::PathRandom;
+use crate::world::World;
+use photofit_image::Image;
+use photofit_scalar::vec2;
+use rayon::prelude::*;
+
+/// Samples before the noise of a tile is believed.
+const SAMPLES_BEFORE_NOISE: u32 = 32;
+/// Largest number of samples that one pass adds.
+const PASS_MAX: u32 = 32;
+/// Share of the mean luminance added to a pixel's when its noise is judged: darkness may be noisier.
+const DARKNESS: f64 = 0.1;
+
+/// Which estimator runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Integrator {
+    /// The path tracer.
+    #[default]
+    Path,
+    /// The minimal path tracer: plain recursion, uniform directions. For tests and comparisons.
+    Teaching,
+}
+
+/// What is rendered.
+#[derive(Clone, Debug)]
+pub struct RenderOptions {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Samples per pixel, at most.
+    pub spp: u32,
+    /// Tiles stop when their noise is below this: root mean square of the standard error relative to the luminance.
+    pub noise: Option<f32>,
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// The pixel filter.
+    pub filter: Filter,
+    /// Auxiliary images to keep.
+    pub aovs: Vec<Aov>,
+    /// The estimator.
+    pub integrator: Integrator,
+    /// Bounds of paths.
+    pub path: PathOptions,
+    /// The previous camera, for [`Aov::Motion`].
+    pub previous: Option<View>,
+    /// Features to compile in beside what the scene needs.
+    pub further: Features,
+}
+
+impl Default for RenderOptions {
+    /// 512 x 512 pixels, 64 samples.
+    fn default() -> Self {
+        Self {
+            width: 512,
+            height: 512,
+            spp: 64,
+            noise: None,
+            seed: 0,
+            filter: Filter::Box,
+            aovs: Vec::new(),
+            integrator: Integrator::Path,
+            path: PathOptions::default(),
+            previous: None,
+            further: Features::default(),
+        }
+    }
+}
+
+/// How far a render is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    /// Samples taken, over all pixels.
+    pub samples: u64,
+    /// Samples that will be taken at most.
+    pub total: u64,
+    /// Noise of the picture so far ([`RenderOptions::noise`] over all pixels); not finite before the second sample.
+    pub noise: f64,
+    /// Nothing is left to do.
+    pub done: bool,
+}
+
+/// A picture on its way.
+///
+/// ```
+/// use photofit_pathtrace::{EnvironmentMap, Parts, Renderer, RenderOptions, View, World};
+/// use photofit_scalar::Vec3;
+/// use photofit_scene::Camera;
+/// let mut parts = Parts::default();
+/// parts.environment = Some(EnvironmentMap::constant(Vec3::splat(0.5)));
+/// let world = World::new(parts)?;
+/// let camera = Camera::look_at(glam::Vec3::Z, glam::Vec3::ZERO, glam::Vec3::Y, 0.8, 1.0, 0.1, 10.0);
+/// let options = RenderOptions { width: 8, height: 8, spp: 4, ..RenderOptions::default() };
+/// let mut renderer = Renderer::new(&world, &View::pinhole(&camera), options)?;
+/// while !renderer.pass(|| false).done {}
+/// assert!((renderer.picture().pixel(3, 3)[0] - 0.5).abs() < 1e-6);
+/// # Ok::<(), photofit_pathtrace::PathtraceError>(())
+/// ```
+#[derive(Debug)]
+pub struct Renderer<'a> {
+    world: &'a World,
+    view: View,
+    options: RenderOptions,
+    plan: Plan,
+    film: Film,
+}
+
+impl<'a> Renderer<'a> {
+    /// A render of `world` that has not begun.
+    ///
+    /// # Errors
+    /// If the camera cannot make rays, the picture has no pixels, a filter has no width, nothing gives light, or movement
+    /// is wanted without a previous camera.
+    pub fn new(world: &'a World, view: &View, options: RenderOptions) -> Result<Self, PathtraceError> {
+        view.check()?;
+        if let Some(previous) = &options.previous {
+            previous.check()?;
+        }
+        if options.width == 0 || options.height == 0 || options.width.max(options.height) > 1 << 16 {
+            let found = format!("{} x {}", options.width, options.height);
+            return Err(invalid("picture", format!("has 1 to 65536 pixels a side, found {found}")));
+        }
+        if !options.filter.is_valid() {
+            return Err(invalid("filter", "its width is positive and at most 100 pixels"));
+        }
+        if options.noise.is_some_and(|e| e.is_nan() || e <= 0.0) {
+            return Err(invalid("noise", "is positive"));
+        }
+        if options.aovs.contains(&Aov::Motion) && options.previous.is_none() {
+            return Err(invalid("motion", "needs a previous camera"));
+        }
+        let plan = Plan::with_at_least(world, options.further);
+        let unlit = plan.needs.contains(Features(crate::plan::EMITTERS));
+        if world.lights.is_dark() && !unlit {
+            return Err(PathtraceError::NoLight);
+        }
+        let film = Film::new(options.width, options.height, &options.aovs);
+        Ok(Self { world, view: *view, options, plan, film })
+    }
+
+    /// The integrator that was chosen.
+    pub fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
+    /// Adds samples to all tiles that want more, on all threads, and says how far the render is.
+    ///
+    /// `stop` is asked before every tile; once it says true the pass ends soon, and the next one goes on where it
+    /// ended. The picture depends on the number of samples alone, not on how passes were cut.
+    pub fn pass(&mut self, stop: impl Fn() -> bool + Sync) -> Progress {
+        let target = self.target();
+        let eyes = self.eyes();
+        let recorder = self.film.recorder(&eyes);
+        let mut tiles = std::mem::take(&mut self.film.tiles);
+        let job =
+            Job { renderer: self, camera: eyes.camera, recorder: &recorder, kernel: self.kernel(), target };
+        tiles.par_iter_mut().filter(|t| t.active && t.count < target).for_each(|tile| {
+            if !stop() {
+                job.tile(tile);
+            }
+        });
+        self.film.tiles = tiles;
+        self.retire();
+        self.progress()
+    }
+
+    /// How far the render is.
+    pub fn progress(&self) -> Progress {
+        let pixels = (self.options.width * self.options.height) as u64;
+        let floor = DARKNESS * self.film.mean_luminance();
+        let (mut sum, mut weight) = (0.0, 0.0);
+        for tile in &self.film.tiles {
+            let n = (tile.width * tile.height) as f64;
+            sum += n * self.film.tile_error(tile, floor).powi(2);
+            weight += n;
+        }
+        Progress {
+            samples: self.film.samples(),
+            total: pixels * u64::from(self.options.spp),
+            noise: (sum / weight).sqrt(),
+            done: self.film.tiles.iter().all(|t| !t.active),
+        }
+    }
+
+    /// The picture so far: linear colour with alpha, premultiplied.
+    pub fn picture(&self) -> Image {
+        self.film.picture()
+    }
+
+    /// Unbiased variance of the single samples of every pixel, three channels.
+    pub fn sample_variance(&self) -> Image {
+        self.film.sample_variance()
+    }
+
+    /// An auxiliary image; `None` if the options do not ask for it.
+    pub fn aov(&self, aov: Aov) -> Option<Image> {
+        self.options.aovs.contains(&aov).then(|| self.film.aov(aov)).flatten()
+    }
+
+    /// Everything that is needed to go on later; `scene` names what is rendered.
+    pub fn save(&self, scene: &str) -> Vec<u8> {
+        self.film.to_bytes(self.key(scene))
+    }
+
+    /// Goes on from what [`Self::save`] returned, to the same bits as a render that was never stopped.
+    ///
+    /// # Errors
+    /// If the bytes are damaged, or belong to another scene, camera, or other options (more samples are allowed).
+    pub fn resume(&mut self, scene: &str, bytes: &[u8]) -> Result<(), PathtraceError> {
+        let key = self.key(scene);
+        self.film.restore(bytes, key)?;
+        for tile in &mut self.film.tiles {
+            // More samples may be wanted than when the state was saved.
+            tile.active |= self.options.noise.is_none();
+        }
+        self.retire();
+        Ok(())
+    }
+
+    /// A number that changes with everything that the pixels depend on, except for the number of samples.
+    fn key(&self, scene: &str) -> u64 {
+        let o = &self.options;
+        let text = format!(
+            "{scene}|{:?}|{:?}|{:?}|{:?}|{:?}|{:?}|{:?}|{:?}",
+            self.view, o.noise, o.seed, o.filter, o.aovs, o.integrator, o.path, o.previous
+        );
+        crate::film::checksum(text.as_bytes())
+    }
+
+    fn kernel(&self) -> Kernel {
+        match self.options.integrator {
+            Integrator::Path => self.plan.kernel,
+            Integrator::Teaching => teaching::trace,
+        }
+    }
+
+    fn eyes(&self) -> Eyes<'a> {
+        Eyes {
+            world: self.world,
+            camera: self.view.prepare(self.world),
+            previous: self.options.previous.map(|p| p.prepare(self.world)),
+            size: [self.options.width as f32, self.options.height as f32],
+        }
+    }
+
+    /// Samples that every active tile has after this pass. Powers of two first, then steps of [`PASS_MAX`].
+    fn target(&self) -> u32 {
+        let done = self.film.tiles.iter().filter(|t| t.active).map(|t| t.count).min().unwrap_or(0);
+        let next = if done == 0 { 1 } else { done.saturating_add(done.min(PASS_MAX)) };
+        next.min(self.options.spp)
+    }
+
+    /// Ends the tiles that have enough samples or little noise. Noise is judged when all active tiles have the same
+    /// number of samples: the decision does not depend on how passes were cut. A tile goes on as long as a neighbour
+    /// does, so that one that missed a bright spot by chance is not left behind.
+    fn retire(&mut self) {
+        let spp = self.options.spp;
+        let mut counts = self.film.tiles.iter().filter(|t| t.active).map(|t| t.count);
+        let first = counts.next().unwrap_or(0);
+        let even = counts.all(|c| c == first);
+        if let Some(noise) = self.options.noise
+            && even
+            && first >= SAMPLES_BEFORE_NOISE
+        {
+            let floor = DARKNESS * self.film.mean_luminance();
+            let film = &self.film;
+            let noisy: Vec<bool> =
+                film.tiles.iter().map(|t| t.active && film.tile_error(t, floor) > f64::from(noise)).collect();
+            let (columns, rows) = (film.columns() as isize, film.height.div_ceil(TILE) as isize);
+            for i in 0..noisy.len() {
+                let (x, y) = (i as isize % columns, i as isize / columns);
+                let near = |d: isize| {
+                    let (nx, ny) = (x + d % 3 - 1, y + d / 3 - 1);
+                    let inside = (0..columns).contains(&nx) && (0..rows).contains(&ny);
+                    inside && noisy[(ny * columns + nx) as usize]
+                };
+                self.film.tiles[i].active &= (0..9).any(near);
+            }
+        }
+        for tile in &mut self.film.tiles {
+            tile.active &= tile.count < spp;
+        }
+    }
+}
+
+/// One pass.
+struct Job<'a> {
+    renderer: &'a Renderer<'a>,
+    camera: Prepared,
+    recorder: &'a Recorder<'a>,
+    kernel: Kernel,
+    target: u32,
+}
+
+impl Job<'_> {
+    fn tile(&self, tile: &mut Tile) {
+        let options = &self.renderer.options;
+        let (w, h) = (options.width as f32, options.height as f32);
+        for i in 0..tile.width * tile.height {
+            let (x, y) = (tile.x + i % tile.width, tile.y + i / tile.width);
+            let pixel = (y * options.width + x) as u64;
+            for index in tile.count..self.target {
+                let random = PathRandom::new(options.seed, pixel, index);
+                let [u, v, a, b] = random.camera();
+                let dx = 0.5 + options.filter.offset(u);
+                let dy = 0.5 + options.filter.offset(v);
+                let at = vec2((x as f32 + dx) / w, (y as f32 + dy) / h);
+                let ray = self.camera.ray(at, [a, b]);
+                let sample = (self.kernel)(self.renderer.world, &ray, &random, &options.path);
+                self.recorder.add(tile, i, index, &sample);
+            }
+        }
+        tile.count = self.target;
+    }
+}

@@ -1,0 +1,191 @@
+//! Media: transmittance, energy, phase functions.
+
+use super::scenes::{diffuse, looking, render, square, with_strategy};
+use super::statistics::{agree, chi_square, mean_of};
+use crate::volume::{phase, sample_phase};
+use crate::{EnvironmentMap, Material, Parts, RenderOptions, Shape, Strategy, View, Volume, World};
+use glam::{DAffine3, DVec3};
+use photofit_sampling::Rng;
+use photofit_scalar::{Vec3f, vec3};
+use photofit_shading::bsdf::{Bsdf, Null};
+
+fn white() -> Option<EnvironmentMap> {
+    Some(EnvironmentMap::constant(Vec3f::splat(1.0)))
+}
+
+fn middle() -> View {
+    looking([0.0, 0.0, 0.0], [0.3, 0.2, -1.0], 1.0)
+}
+
+fn cube(extinction: f32, albedo: f32, g: f32) -> Volume {
+    Volume::homogeneous(DVec3::splat(-1.0), DVec3::ONE, extinction, Vec3f::splat(albedo), g)
+}
+
+#[test]
+fn an_absorbing_sphere_lets_one_over_e_through() {
+    let mut parts = Parts { environment: white(), ..Parts::default() };
+    let mut material = Material::new(Bsdf::Null(Null));
+    material.absorption = vec3(1.0, 0.5, 0.0);
+    parts.add(Shape::Sphere { center: Vec3f::zero(), radius: 1.0 }, material);
+    let world = World::new(parts).unwrap();
+    let (picture, _) = render(&world, &middle(), square(8, 4));
+    for p in picture.data.chunks(4) {
+        for (found, expected) in p.iter().zip([(-1.0_f32).exp(), (-0.5_f32).exp(), 1.0]) {
+            assert!((found - expected).abs() < 1e-5, "{p:?}");
+        }
+    }
+}
+
+#[test]
+fn shadow_rays_see_the_same_absorption() {
+    // A small lamp inside an absorbing ball, and the floor outside; and the reverse.
+    let scene = |strategy| {
+        let mut parts = Parts::default();
+        let floor = super::scenes::quad(vec3(-4.0, -2.0, -4.0), vec3(0.0, 0.0, 8.0), vec3(8.0, 0.0, 0.0));
+        super::scenes::place(&mut parts, floor, Material::new(diffuse(0.7, 0.7, 0.7)));
+        let mut ball = Material::new(Bsdf::Null(Null));
+        ball.absorption = vec3(0.4, 0.8, 1.6);
+        parts.add(Shape::Sphere { center: Vec3f::zero(), radius: 1.0 }, ball);
+        let lamp = Shape::Sphere { center: vec3(0.2, 0.1, 0.0), radius: 0.4 };
+        parts.add(lamp, Material::new(diffuse(0.5, 0.5, 0.5)).emitting(Vec3f::splat(10.0)));
+        let lamp = Shape::Sphere { center: vec3(-2.0, 2.0, 0.0), radius: 0.5 };
+        parts.add(lamp, Material::new(diffuse(0.5, 0.5, 0.5)).emitting(Vec3f::splat(10.0)));
+        let world = World::new(parts).unwrap();
+        let spp = if strategy == Strategy::Bsdf { 2048 } else { 256 };
+        let path = with_strategy(strategy, 2);
+        let view = looking([0.0, 1.0, 5.0], [0.0, -0.5, 0.0], 0.9);
+        let seed = spp.into();
+        (render(&world, &view, RenderOptions { path, seed, ..square(12, spp) }), spp)
+    };
+    let (a, n) = scene(Strategy::Mis);
+    for strategy in [Strategy::Light, Strategy::Bsdf] {
+        let (b, m) = scene(strategy);
+        agree(&format!("{strategy:?}"), (&a.0, &a.1, n), (&b.0, &b.1, m));
+    }
+}
+
+#[test]
+fn homogeneous_media_follow_beer_and_lambert() {
+    let mut volume = cube(0.7, 0.0, 0.0);
+    volume.transform =
+        DAffine3::from_scale(DVec3::splat(2.0)) * DAffine3::from_translation(DVec3::splat(-0.5));
+    let world =
+        World::new(Parts { environment: white(), volumes: vec![volume], ..Parts::default() }).unwrap();
+    let view = looking([0.0, 0.0, 5.0], [0.0, 0.0, 0.0], 0.01);
+    let (picture, variance) = render(&world, &view, square(8, 1024));
+    let (mean, error) = mean_of(&picture, &variance, 1024, 0);
+    let expected = (-1.4_f64).exp();
+    assert!((mean - expected).abs() < 4.0 * error + 1e-4, "{mean} +- {error}, expected {expected}");
+}
+
+#[test]
+fn constant_grids_are_homogeneous() {
+    let grid = |n: usize| Volume {
+        size: [n, n + 1, n + 2],
+        density: vec![1.0; n * (n + 1) * (n + 2)],
+        ..cube(1.5, 0.8, 0.4)
+    };
+    let view = looking([0.5, 0.3, 3.0], [0.0, 0.0, 0.0], 0.9);
+    let shot = |volume: Volume, seed| {
+        let mut parts = Parts { volumes: vec![volume], ..Parts::default() };
+        let mut sky = EnvironmentMap::constant(vec3(0.2, 0.5, 1.0));
+        sky.image = photofit_image::Image::from_fn(8, 4, 3, |x, _, _| if x == 3 { 4.0 } else { 0.2 });
+        parts.environment = Some(sky);
+        let world = World::new(parts).unwrap();
+        render(&world, &view, RenderOptions { seed, ..square(12, 256) })
+    };
+    let (a, b) = (shot(cube(1.5, 0.8, 0.4), 1), shot(grid(9), 2));
+    agree("grid", (&a.0, &a.1, 256), (&b.0, &b.1, 256));
+}
+
+#[test]
+fn transmittance_of_a_ramp_is_that_of_its_integral() {
+    // Density from 0 to 2 along x, linear between the centres of two voxels.
+    let volume = Volume { size: [2, 1, 1], density: vec![0.0, 2.0], ..cube(1.0, 0.0, 0.0) };
+    let world =
+        World::new(Parts { environment: white(), volumes: vec![volume], ..Parts::default() }).unwrap();
+    let medium = &world.media.0[0];
+    let (n, mut sum, mut passed) = (40_000, 0.0, 0);
+    let (from, to) = (vec3(-3.0, 0.1, 0.2), vec3(1.0, 0.0, 0.0));
+    for i in 0..n {
+        let mut rng = Rng::new(5, i);
+        sum += f64::from(medium.transmittance(from, to, 10.0, &mut rng));
+        passed += u64::from(medium.collide(from, to, 10.0, &mut rng).is_none());
+    }
+    // 0 for half a unit, a ramp over one unit, 2 for half a unit.
+    let expected = (-(1.0_f64 + 1.0)).exp();
+    for (name, found) in [("ratio tracking", sum / n as f64), ("delta tracking", passed as f64 / n as f64)] {
+        assert!((found - expected).abs() < 0.008, "{name}: {found}, expected {expected}");
+    }
+}
+
+#[test]
+fn media_that_only_scatter_vanish_in_a_white_environment() {
+    for g in [0.0, 0.7, -0.5] {
+        let density: Vec<f32> = (0..5 * 6 * 7).map(|i| (i * 7919 % 13) as f32 / 4.0).collect();
+        let volume = Volume { size: [5, 6, 7], density, ..cube(1.0, 1.0, g) };
+        let world =
+            World::new(Parts { environment: white(), volumes: vec![volume], ..Parts::default() }).unwrap();
+        let view = looking([0.5, 0.3, 3.0], [0.0, 0.0, 0.0], 0.9);
+        let options = RenderOptions { path: with_strategy(Strategy::Mis, 1000), ..square(12, 64) };
+        let (picture, variance) = render(&world, &view, options);
+        let (mean, error) = mean_of(&picture, &variance, 64, 1);
+        assert!((mean - 1.0).abs() < 4.0 * error + 1e-4, "g = {g}: {mean} +- {error}");
+    }
+}
+
+#[test]
+fn phase_functions_are_sampled_by_their_density() {
+    for g in [0.0, 0.5, -0.8, 0.95] {
+        let d = vec3(0.48, 0.6, 0.64);
+        let (bins, n) = (50, 100_000);
+        let mut counts = vec![0_u64; bins];
+        let mut rng = Rng::new(1, 1);
+        for _ in 0..n {
+            let wi = sample_phase(g, d, [rng.next_f32(), rng.next_f32()]);
+            assert!((wi.length() - 1.0).abs() < 1e-5);
+            let x = f64::from(d.dot(wi)).clamp(-1.0, 1.0);
+            counts[((0.5 + 0.5 * x) * bins as f64).min(bins as f64 - 1.0) as usize] += 1;
+        }
+        let fine = 2000;
+        let probabilities: Vec<f64> = (0..bins)
+            .map(|b| {
+                let cosine =
+                    |k| -1.0 + 2.0 * (b as f64 + (f64::from(k) + 0.5) / f64::from(fine)) / bins as f64;
+                let sum: f64 = (0..fine).map(|k| f64::from(phase(g, cosine(k) as f32))).sum();
+                sum / f64::from(fine) * 2.0 / bins as f64 * std::f64::consts::TAU
+            })
+            .collect();
+        let total: f64 = probabilities.iter().sum();
+        assert!((total - 1.0).abs() < 1e-3, "g = {g}: the density integrates to {total}");
+        chi_square(
+            &format!("g = {g}"),
+            &counts,
+            &probabilities.iter().map(|p| p / total).collect::<Vec<_>>(),
+            4,
+        );
+    }
+}
+
+#[test]
+fn bad_media_are_refused() {
+    let fails = |volume: Volume| {
+        World::new(Parts { volumes: vec![volume], ..Parts::default() }).unwrap_err().to_string()
+    };
+    for (volume, words) in [
+        (
+            Volume { density: vec![-1.0], ..cube(1.0, 0.5, 0.0) },
+            "density is finite and not negative, found -1",
+        ),
+        (Volume { density: vec![f32::NAN], ..cube(1.0, 0.5, 0.0) }, "found NaN at voxel (0, 0, 0)"),
+        (Volume { size: [2, 1, 1], ..cube(1.0, 0.5, 0.0) }, "found 1 densities"),
+        (Volume { size: [usize::MAX, 2, 3], ..cube(1.0, 0.5, 0.0) }, "voxels"),
+        (cube(1.0, 1.5, 0.0), "albedo"),
+        (cube(1.0, 0.5, 1.0), "anisotropy"),
+        (cube(f32::NAN, 0.5, 0.0), "scale"),
+        (Volume { transform: DAffine3::from_scale(DVec3::ZERO), ..cube(1.0, 0.5, 0.0) }, "transform"),
+    ] {
+        let text = fails(volume);
+        assert!(text.contains("volume 0") && text.contains(words), "{text}");
+    }
+}

@@ -1,0 +1,13 @@
+//! Validation: analytic answers and statistical tests of whole renders, before any golden image.
+
+mod agreement;
+mod analytic;
+mod furnace;
+mod geometry;
+mod lights;
+mod media;
+mod plans;
+mod progressive;
+mod scenes;
+mod statistics;
+mod stress;

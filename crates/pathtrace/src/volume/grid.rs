@@ -1,0 +1,215 @@
+//! A medium on a grid, and the coarse grid of upper bounds that its tracking walks.
+
+use crate::PathtraceError;
+use crate::error::invalid;
+use glam::{Affine3A, DAffine3, DVec3};
+use photofit_scalar::{Vec3f, vec3};
+
+/// Voxels per side of a cell of upper bounds.
+const BLOCK: usize = 4;
+/// Largest number of voxels.
+const MAX_VOXELS: usize = 1 << 30;
+
+/// A box of a medium whose density varies.
+///
+/// Density values sit at the centres of voxels, are interpolated linearly and continued to the walls; outside of the box
+/// there is nothing. Extinction is `scale * density` per unit of length in the world, scattering is `albedo` times that.
+#[derive(Clone, Debug)]
+pub struct Volume {
+    /// Voxels along x, y and z.
+    pub size: [usize; 3],
+    /// Density of every voxel, x fastest.
+    pub density: Vec<f32>,
+    /// Extinction of density 1, per unit of length.
+    pub scale: f32,
+    /// Part of the extinction that scatters, in `[0, 1]` per channel.
+    pub albedo: Vec3f,
+    /// Albedo of every voxel, multiplied with [`Self::albedo`]; empty: none.
+    pub albedos: Vec<Vec3f>,
+    /// Mean cosine of scattering, in `(-1, 1)`; positive scatters forward.
+    pub g: f32,
+    /// The unit cube to the world.
+    pub transform: DAffine3,
+}
+
+impl Volume {
+    /// The same density everywhere in a box.
+    pub fn homogeneous(min: DVec3, max: DVec3, extinction: f32, albedo: Vec3f, g: f32) -> Self {
+        Self {
+            size: [1; 3],
+            density: vec![1.0],
+            scale: extinction,
+            albedo,
+            albedos: Vec::new(),
+            g,
+            transform: DAffine3::from_translation(min) * DAffine3::from_scale(max - min),
+        }
+    }
+}
+
+/// A volume ready to be walked.
+#[derive(Debug)]
+pub(crate) struct Medium {
+    size: [usize; 3],
+    /// Extinction per unit of length.
+    extinction: Vec<f32>,
+    albedo: Vec3f,
+    albedos: Vec<Vec3f>,
+    pub(crate) g: f32,
+    /// Render frame to the unit cube.
+    pub(super) inward: Affine3A,
+    /// Cells of upper bounds along each axis.
+    pub(super) cells: [usize; 3],
+    /// Upper bound of the extinction in each cell.
+    pub(super) majorants: Vec<f32>,
+    bounds: [DVec3; 2],
+}
+
+/// All media of a world.
+#[derive(Debug, Default)]
+pub(crate) struct Media(pub(crate) Vec<Medium>);
+
+impl Media {
+    pub(crate) fn new(volumes: Vec<Volume>, origin: DVec3) -> Result<Self, PathtraceError> {
+        let media = volumes.into_iter().enumerate().map(|(i, v)| Medium::new(i, v, origin));
+        media.collect::<Result<_, _>>().map(Self)
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// The box of all media in the render frame.
+    pub(crate) fn bounds(&self) -> Option<[DVec3; 2]> {
+        self.0.iter().map(|m| m.bounds).reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
+    }
+}
+
+impl Medium {
+    fn new(index: usize, volume: Volume, origin: DVec3) -> Result<Self, PathtraceError> {
+        let fail = |rule: String| Err(invalid(format!("volume {index}"), rule));
+        let [nx, ny, nz] = volume.size;
+        let voxels = nx.checked_mul(ny).and_then(|n| n.checked_mul(nz)).filter(|n| *n <= MAX_VOXELS);
+        if voxels.is_none_or(|n| n == 0 || n != volume.density.len()) {
+            let found = volume.density.len();
+            return fail(format!("{nx} x {ny} x {nz} voxels (1 to {MAX_VOXELS}), found {found} densities"));
+        }
+        if !volume.albedos.is_empty() && volume.albedos.len() != volume.density.len() {
+            return fail(format!("none or one albedo per voxel, found {}", volume.albedos.len()));
+        }
+        if let Some(i) = volume.density.iter().position(|d| !(d.is_finite() && *d >= 0.0)) {
+            let (x, y, z) = (i % nx, i / nx % ny, i / nx / ny);
+            let found = volume.density[i];
+            return fail(format!(
+                "density is finite and not negative, found {found} at voxel ({x}, {y}, {z})"
+            ));
+        }
+        if !(volume.scale >= 0.0 && volume.scale.is_finite()) {
+            return fail(format!("its scale is finite and not negative, found {}", volume.scale));
+        }
+        let unit = |a: &Vec3f| a.to_array().iter().all(|x| (0.0..=1.0).contains(x));
+        if !unit(&volume.albedo) || !volume.albedos.iter().all(unit) {
+            return fail("albedo lies in [0, 1]".into());
+        }
+        if volume.g.is_nan() || volume.g.abs() >= 1.0 {
+            return fail(format!("its anisotropy lies in (-1, 1), found {}", volume.g));
+        }
+        let transform = DAffine3::from_translation(-origin) * volume.transform;
+        let inverse = transform.inverse();
+        if !(transform.is_finite() && inverse.is_finite() && transform.matrix3.determinant() != 0.0) {
+            return fail("its transform is finite and keeps three dimensions".into());
+        }
+        let scale = volume.scale;
+        let extinction: Vec<f32> = volume.density.iter().map(|d| d * scale).collect();
+        if extinction.iter().any(|e| !e.is_finite()) {
+            return fail("density times scale is finite".into());
+        }
+        let cells = volume.size.map(|n| n.div_ceil(BLOCK));
+        let majorants = majorants(&extinction, volume.size, cells);
+        Ok(Self {
+            size: volume.size,
+            extinction,
+            albedo: volume.albedo,
+            albedos: volume.albedos,
+            g: volume.g,
+            inward: crate::world::affine(&inverse),
+            cells,
+            majorants,
+            bounds: crate::world::moved_box([DVec3::ZERO, DVec3::ONE], &transform),
+        })
+    }
+
+    /// The eight voxels around a point of the unit cube, and their weights.
+    #[inline(always)]
+    fn taps(&self, q: Vec3f) -> ([usize; 8], [f32; 8]) {
+        let mut at = [[0_usize; 2]; 3];
+        let mut share = [[0.0_f32; 2]; 3];
+        for k in 0..3 {
+            let n = self.size[k];
+            let x = (q[k] * n as f32 - 0.5).clamp(0.0, (n - 1) as f32);
+            let lower = (x as usize).min(n - 1);
+            at[k] = [lower, (lower + 1).min(n - 1)];
+            let f = x - lower as f32;
+            share[k] = [1.0 - f, f];
+        }
+        let index = |i: usize| {
+            let (x, y, z) = (at[0][i & 1], at[1][i >> 1 & 1], at[2][i >> 2]);
+            (z * self.size[1] + y) * self.size[0] + x
+        };
+        let weight = |i: usize| share[0][i & 1] * share[1][i >> 1 & 1] * share[2][i >> 2];
+        (std::array::from_fn(index), std::array::from_fn(weight))
+    }
+
+    /// Extinction at a point of the unit cube.
+    #[inline]
+    pub(crate) fn extinction(&self, q: Vec3f) -> f32 {
+        if let [constant] = self.extinction[..] {
+            return constant;
+        }
+        let (at, weight) = self.taps(q);
+        (0..8).map(|i| self.extinction[at[i]] * weight[i]).sum()
+    }
+
+    /// Albedo at a point of the unit cube.
+    #[inline]
+    pub(crate) fn albedo(&self, q: Vec3f) -> Vec3f {
+        if self.albedos.is_empty() {
+            return self.albedo;
+        }
+        let (at, weight) = self.taps(q);
+        let sum = (0..8).fold(vec3(0.0, 0.0, 0.0), |s, i| s + self.albedos[at[i]] * weight[i]);
+        sum.mul(self.albedo)
+    }
+}
+
+/// The largest extinction that interpolation can give in each cell: its voxels and their neighbours.
+fn majorants(extinction: &[f32], size: [usize; 3], cells: [usize; 3]) -> Vec<f32> {
+    let range = |c: usize, n: usize| (c * BLOCK).saturating_sub(1)..((c + 1) * BLOCK + 1).min(n);
+    let mut out = Vec::with_capacity(cells.iter().product());
+    for cz in 0..cells[2] {
+        for cy in 0..cells[1] {
+            for cx in 0..cells[0] {
+                let mut most = 0.0_f32;
+                for z in range(cz, size[2]) {
+                    for y in range(cy, size[1]) {
+                        let row = (z * size[1] + y) * size[0];
+                        for x in range(cx, size[0]) {
+                            most = most.max(extinction[row + x]);
+                        }
+                    }
+                }
+                // Above the rounding of the weights.
+                out.push(most * (1.0 + 1e-5));
+            }
+        }
+    }
+    out
+}
+
+impl Medium {
+    /// Cells per side of the unit cube along axis `k`.
+    #[inline(always)]
+    pub(super) fn cells_per_unit(&self, k: usize) -> f32 {
+        self.size[k] as f32 / BLOCK as f32
+    }
+}

@@ -1,0 +1,128 @@
+//! Tracking through a medium: collisions by delta tracking, transmittance by ratio tracking, both along the cells of a
+//! grid of upper bounds (Szirmay-Kalos et al. 2011; Novák, Selle and Jarosz 2014).
+
+use super::Medium;
+use crate::world::to_glam;
+use photofit_sampling::Rng;
+use photofit_scalar::{Vec3f, vec3};
+
+/// Transmittance below which it is decided by chance whether a ratio-tracked ray goes on.
+const ROULETTE: f32 = 0.05;
+
+impl Medium {
+    /// Distance of the first real collision within `t_max`, with the place in the unit cube.
+    pub(crate) fn collide(
+        &self,
+        origin: Vec3f,
+        direction: Vec3f,
+        t_max: f32,
+        rng: &mut Rng,
+    ) -> Option<(f32, Vec3f)> {
+        let mut found = None;
+        self.walk(origin, direction, t_max, rng, |t, q, majorant, rng| {
+            let real = rng.next_f32() * majorant < self.extinction(q);
+            if real {
+                found = Some((t, q));
+            }
+            !real
+        });
+        found
+    }
+
+    /// Unbiased estimate of the transmittance along the ray.
+    pub(crate) fn transmittance(&self, origin: Vec3f, direction: Vec3f, t_max: f32, rng: &mut Rng) -> f32 {
+        let mut through = 1.0_f32;
+        self.walk(origin, direction, t_max, rng, |_, q, majorant, rng| {
+            through *= 1.0 - self.extinction(q) / majorant;
+            if through < ROULETTE {
+                through = if rng.next_f32() * ROULETTE < through { ROULETTE } else { 0.0 };
+            }
+            through > 0.0
+        });
+        through.max(0.0)
+    }
+
+    /// Walks the cells along a ray and calls `collision` with distance, place and upper bound at the collisions with a
+    /// medium of the upper bound, until it says false.
+    #[inline]
+    fn walk(
+        &self,
+        origin: Vec3f,
+        direction: Vec3f,
+        t_max: f32,
+        rng: &mut Rng,
+        mut collision: impl FnMut(f32, Vec3f, f32, &mut Rng) -> bool,
+    ) {
+        // In the unit cube; `t` stays in units of the world because the transform is affine.
+        let o = self.inward.transform_point3a(to_glam(origin));
+        let d = self.inward.transform_vector3a(to_glam(direction));
+        let (mut t, mut end) = (0.0_f32, t_max);
+        let mut inverse = [0.0_f32; 3];
+        for k in 0..3 {
+            if d[k] == 0.0 {
+                if !(0.0..=1.0).contains(&o[k]) {
+                    return;
+                }
+                inverse[k] = f32::INFINITY;
+                continue;
+            }
+            inverse[k] = 1.0 / d[k];
+            let (a, b) = (-o[k] * inverse[k], (1.0 - o[k]) * inverse[k]);
+            t = t.max(a.min(b));
+            end = end.min(a.max(b));
+        }
+        // Also where something is not a number.
+        let passes = t < end;
+        if !passes {
+            return;
+        }
+        let at = |t: f32| o + d * t;
+        let start = at(t);
+        let mut cell = [0_usize; 3];
+        let mut next = [f32::INFINITY; 3];
+        let mut step = [0.0_f32; 3];
+        for k in 0..3 {
+            // Cells cover BLOCK voxels each; the last one may stick out of the cube.
+            let per = self.cells_per_unit(k);
+            cell[k] = ((start[k] * per) as usize).min(self.cells[k] - 1);
+            if d[k] != 0.0 {
+                let wall = if d[k] > 0.0 { (cell[k] + 1) as f32 } else { cell[k] as f32 };
+                next[k] = (wall / per - o[k]) * inverse[k];
+                step[k] = (inverse[k] / per).abs();
+            }
+        }
+        loop {
+            let k = if next[0] < next[1] {
+                if next[0] < next[2] { 0 } else { 2 }
+            } else if next[1] < next[2] {
+                1
+            } else {
+                2
+            };
+            let leave = next[k].min(end);
+            let majorant = self.majorants[(cell[2] * self.cells[1] + cell[1]) * self.cells[0] + cell[0]];
+            loop {
+                // An empty cell is left at once: the quotient is infinite, or not a number.
+                t -= (1.0 - rng.next_f32()).ln() / majorant;
+                let inside = t < leave;
+                if !inside {
+                    break;
+                }
+                let q = at(t);
+                if !collision(t, vec3(q.x, q.y, q.z), majorant, rng) {
+                    return;
+                }
+            }
+            if leave >= end {
+                return;
+            }
+            t = leave;
+            let inside = if d[k] > 0.0 { cell[k] + 1 < self.cells[k] } else { cell[k] > 0 };
+            if !inside {
+                return;
+            }
+            cell[k] = if d[k] > 0.0 { cell[k] + 1 } else { cell[k] - 1 };
+            next[k] += step[k];
+        }
+    }
+}

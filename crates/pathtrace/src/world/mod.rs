@@ -1,0 +1,237 @@
+//! What the integrators see: shapes in their places, materials, lights and media, prepared for rays.
+//!
+//! - A shape's hierarchy is built once, however often it is placed; shapes placed once share one hierarchy, so that
+//!   most assets are traversed on one level.
+//! - Light is carried in the *render frame*: the world moved so that its middle is near the origin, in double precision
+//!   and only where the world lies far off. An offset of 1e6 costs no accuracy.
+
+mod instance;
+mod parts;
+mod scene;
+mod shape;
+mod sphere;
+mod surface;
+mod top;
+mod trace;
+
+pub use parts::{Instance, Material, Parts, Scattering, Shape};
+pub use surface::Interaction;
+pub(crate) use surface::SurfaceMaterial;
+pub use trace::{WorldHit, WorldRay};
+
+pub(crate) use instance::{Placed, affine, dvec3, from_glam, to_glam};
+pub(crate) use shape::{Kind, Stored};
+
+use crate::PathtraceError;
+use crate::error::invalid;
+use crate::light::Lights;
+use crate::volume::Media;
+use glam::{DAffine3, DVec3};
+use instance::{SIZE_MAX, SIZE_MIN};
+use photofit_scalar::{Vec3f, vec3};
+use photofit_scene::SurfaceLibrary;
+use photofit_shading::bsdf::Energy;
+use surface::CompiledMaterial;
+use top::Hierarchy;
+pub(crate) use top::moved_box;
+
+/// A scene ready to be rendered.
+#[derive(Debug)]
+pub struct World {
+    /// Origin of the render frame in the world.
+    pub(crate) origin: DVec3,
+    /// Radius of the sphere around everything.
+    pub(crate) radius: f32,
+    pub(crate) shapes: Vec<Stored>,
+    pub(crate) placed: Vec<Placed>,
+    pub(crate) hierarchy: Hierarchy,
+    pub(crate) materials: Vec<CompiledMaterial>,
+    pub(crate) library: Option<SurfaceLibrary>,
+    pub(crate) lights: Lights,
+    pub(crate) media: Media,
+    pub(crate) energy: Energy,
+}
+
+/// How a world is prepared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct WorldOptions {
+    /// Shapes that are placed once share one hierarchy.
+    pub merge: bool,
+    /// Whether rough library materials make up for the energy that single scattering loses.
+    pub energy: Energy,
+}
+
+impl Default for WorldOptions {
+    /// Merged, with energy compensation.
+    fn default() -> Self {
+        Self { merge: true, energy: Energy::Compensated }
+    }
+}
+
+impl World {
+    /// Prepares parts with the default options.
+    ///
+    /// # Errors
+    /// As [`Self::with_options`].
+    pub fn new(parts: Parts) -> Result<Self, PathtraceError> {
+        Self::with_options(parts, WorldOptions::default())
+    }
+
+    /// Prepares parts.
+    ///
+    /// # Errors
+    /// If an index is out of range, a coordinate is not finite or too large, a transform flattens space, a light has
+    /// a negative or non-finite value, or a medium is not valid.
+    pub fn with_options(parts: Parts, options: WorldOptions) -> Result<Self, PathtraceError> {
+        check_indices(&parts)?;
+        let shapes: Vec<Stored> = parts
+            .shapes
+            .into_iter()
+            .enumerate()
+            .map(|(i, shape)| Stored::new(i, shape))
+            .collect::<Result<_, _>>()?;
+        let world = bounds(&shapes, &parts.instances)?;
+        let origin = shape::far_center(world);
+        let mut placed = Vec::with_capacity(parts.instances.len());
+        let mut transforms = Vec::with_capacity(parts.instances.len());
+        for (i, instance) in parts.instances.iter().enumerate() {
+            let shape = &shapes[instance.shape];
+            let key = (instance.shape, instance.material);
+            placed.push(Placed::new(i, key, &instance.transform, shape.center, origin)?);
+            let to_origin = DAffine3::from_translation(-origin);
+            transforms.push(to_origin * instance.transform * DAffine3::from_translation(shape.center));
+        }
+        let materials: Vec<CompiledMaterial> = parts
+            .materials
+            .iter()
+            .enumerate()
+            .map(|(i, m)| CompiledMaterial::new(i, m, parts.library.as_ref(), options.energy))
+            .collect::<Result<_, _>>()?;
+        for p in &mut placed {
+            let material = &materials[p.material as usize];
+            let colored = matches!(&shapes[p.shape as usize].kind, Kind::Mesh(m) if !m.colors.is_empty());
+            p.alpha = material.alpha;
+            p.varies = material.varies || (material.library.is_some() && colored);
+        }
+        let hierarchy = Hierarchy::build(&shapes, &placed, &transforms, options.merge)?;
+        let media = Media::new(parts.volumes, origin)?;
+        let radius = radius(world, &media, origin);
+        let mut out = Self {
+            origin,
+            radius,
+            shapes,
+            placed,
+            hierarchy,
+            materials,
+            library: parts.library,
+            lights: Lights::default(),
+            media,
+            energy: options.energy,
+        };
+        out.lights = Lights::new(&mut out, &parts.lights, parts.environment)?;
+        Ok(out)
+    }
+
+    /// Number of instances.
+    pub fn instances(&self) -> usize {
+        self.placed.len()
+    }
+
+    /// Triangles and spheres that rays can meet, over all instances.
+    pub fn pieces(&self) -> usize {
+        self.placed.iter().map(|p| self.shapes[p.shape as usize].pieces()).sum()
+    }
+
+    /// Number of structures that rays are tested against on the upper level.
+    pub fn entries(&self) -> usize {
+        self.hierarchy.entries.len()
+    }
+
+    /// Whether a ray is traversed on one level.
+    pub(crate) fn is_one_level(&self) -> bool {
+        self.hierarchy.entries.len() <= 1
+    }
+
+    /// Bytes of geometry, instances and hierarchies.
+    pub fn bytes(&self) -> usize {
+        let of_shape = |s: &Stored| match &s.kind {
+            Kind::Sphere { .. } => 0,
+            Kind::Mesh(m) => {
+                size_of_val(m.positions.as_slice())
+                    + size_of_val(m.normals.as_slice())
+                    + size_of_val(m.uvs.as_slice())
+                    + size_of_val(m.uvs1.as_slice())
+                    + size_of_val(m.tangents.as_slice())
+                    + size_of_val(m.colors.as_slice())
+                    + size_of_val(m.triangles.as_slice())
+            }
+        };
+        self.shapes.iter().map(of_shape).sum::<usize>()
+            + size_of_val(self.placed.as_slice())
+            + self.hierarchy.bytes()
+            + self.lights.bytes()
+    }
+
+    /// A point of the world in the render frame.
+    pub fn to_render(&self, p: DVec3) -> Vec3f {
+        let q = p - self.origin;
+        vec3(q.x as f32, q.y as f32, q.z as f32)
+    }
+
+    /// A point of the render frame in the world.
+    pub fn to_world(&self, p: Vec3f) -> DVec3 {
+        dvec3(p) + self.origin
+    }
+}
+
+fn check_indices(parts: &Parts) -> Result<(), PathtraceError> {
+    for (i, instance) in parts.instances.iter().enumerate() {
+        for (name, index, count) in [
+            ("shape", instance.shape, parts.shapes.len()),
+            ("material", instance.material, parts.materials.len()),
+        ] {
+            if index >= count {
+                return Err(invalid(format!("instance {i}"), format!("{name} {index} is one of {count}")));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The box of all instances, each of a size that single precision can carry.
+fn bounds(shapes: &[Stored], instances: &[Instance]) -> Result<[DVec3; 2], PathtraceError> {
+    let mut all = [DVec3::INFINITY, DVec3::NEG_INFINITY];
+    for (i, instance) in instances.iter().enumerate() {
+        let place = || format!("instance {i}");
+        let shape = &shapes[instance.shape];
+        if shape.bounds[0].x > shape.bounds[1].x {
+            continue;
+        }
+        if !instance.transform.is_finite() {
+            return Err(invalid(place(), "its transform is finite"));
+        }
+        let [lo, hi] =
+            moved_box(shape.bounds, &(instance.transform * DAffine3::from_translation(shape.center)));
+        let size = (hi - lo).max_element();
+        if !(size <= SIZE_MAX && lo.abs().max(hi.abs()).max_element() <= SIZE_MAX) {
+            let rule = format!("lies within {SIZE_MAX:.0e} units of the origin, found a box up to {hi}");
+            return Err(invalid(place(), rule));
+        }
+        if size > 0.0 && size < SIZE_MIN {
+            return Err(invalid(place(), format!("is larger than {SIZE_MIN:.0e} units, found {size:e}")));
+        }
+        all = [all[0].min(lo), all[1].max(hi)];
+    }
+    Ok(all)
+}
+
+/// Radius of the sphere around the box of the instances and the media.
+fn radius([mut lo, mut hi]: [DVec3; 2], media: &Media, origin: DVec3) -> f32 {
+    if let Some([a, b]) = media.bounds() {
+        (lo, hi) = (lo.min(a + origin), hi.max(b + origin));
+    }
+    if lo.x > hi.x {
+        return 1.0;
+    }
+    (0.5 * (hi - lo).length() * (1.0 + 1e-6)).max(f64::from(f32::MIN_POSITIVE)) as f32
+}

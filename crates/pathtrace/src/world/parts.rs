@@ -1,0 +1,134 @@
+//! What a world is made of, before anything is prepared.
+
+use crate::light::{EnvironmentMap, LightSource};
+use crate::volume::Volume;
+use glam::DAffine3;
+use photofit_geometry::Mesh;
+use photofit_scalar::Vec3f;
+use photofit_scene::SurfaceLibrary;
+use photofit_shading::bsdf::Bsdf;
+
+/// A shape in its own frame.
+#[derive(Clone, Debug)]
+pub enum Shape {
+    /// Triangles; without normals they are flat.
+    Mesh(Mesh),
+    /// A sphere; the outer side is its front. `u` turns around z, `v` runs from +z to -z.
+    Sphere {
+        /// Centre.
+        center: Vec3f,
+        /// Radius, positive.
+        radius: f32,
+    },
+}
+
+/// A shape in its place.
+#[derive(Clone, Copy, Debug)]
+pub struct Instance {
+    /// Index into [`Parts::shapes`].
+    pub shape: usize,
+    /// Index into [`Parts::materials`].
+    pub material: usize,
+    /// The shape's frame to the world.
+    pub transform: DAffine3,
+}
+
+/// What a surface does with light.
+#[derive(Clone, Debug)]
+pub struct Material {
+    /// How it scatters.
+    pub scattering: Scattering,
+    /// Radiance that it emits, from the front or from both sides; added to that of a library material.
+    pub emission: Vec3f,
+    /// Emission leaves both sides.
+    pub emits_both_sides: bool,
+    /// A one-sided BSDF scatters on both sides alike (library materials always do).
+    pub two_sided: bool,
+    /// Absorption inside the surface, per unit of length (transmitting materials; zero: none).
+    pub absorption: Vec3f,
+}
+
+/// How a surface scatters.
+#[derive(Clone, Debug)]
+pub enum Scattering {
+    /// The same everywhere, with the outer side (that of the counter-clockwise winding) along +z of its frame.
+    Uniform(Bsdf<f32>),
+    /// Material `index` of [`Parts::library`]; both sides are shown, as by the rasterizer.
+    Library {
+        /// Index of the material.
+        index: usize,
+    },
+}
+
+impl Material {
+    /// A surface that scatters in one way everywhere.
+    pub fn new(bsdf: Bsdf<f32>) -> Self {
+        Self {
+            scattering: Scattering::Uniform(bsdf),
+            emission: Vec3f::zero(),
+            emits_both_sides: false,
+            two_sided: false,
+            absorption: Vec3f::zero(),
+        }
+    }
+
+    /// The same surface with emission from its front.
+    #[must_use]
+    pub fn emitting(self, emission: Vec3f) -> Self {
+        Self { emission, ..self }
+    }
+
+    /// Material `index` of the library; emission, which the library knows, leaves both sides.
+    pub fn from_library(index: usize) -> Self {
+        Self {
+            scattering: Scattering::Library { index },
+            emission: Vec3f::zero(),
+            emits_both_sides: true,
+            two_sided: true,
+            absorption: Vec3f::zero(),
+        }
+    }
+}
+
+/// Everything that a [`crate::World`] is made of.
+#[derive(Debug, Default)]
+pub struct Parts {
+    /// Shapes, each once.
+    pub shapes: Vec<Shape>,
+    /// Placements of shapes.
+    pub instances: Vec<Instance>,
+    /// Materials.
+    pub materials: Vec<Material>,
+    /// The textured materials that [`Scattering::Library`] names.
+    pub library: Option<SurfaceLibrary>,
+    /// Lights without a surface.
+    pub lights: Vec<LightSource>,
+    /// Light from all around.
+    pub environment: Option<EnvironmentMap>,
+    /// Participating media.
+    pub volumes: Vec<Volume>,
+}
+
+impl Parts {
+    /// Adds a shape with a material of its own, where it is; returns the index of the instance.
+    ///
+    /// ```
+    /// use photofit_pathtrace::{Material, Parts, Shape, World};
+    /// use photofit_scalar::{Vec3, vec3};
+    /// use photofit_shading::bsdf::{Bsdf, Diffuse};
+    /// let mut parts = Parts::default();
+    /// let white = Bsdf::Diffuse(Diffuse { reflectance: Vec3::splat(0.5) });
+    /// let ball = Shape::Sphere { center: vec3(0.0, 1.0, 0.0), radius: 1.0 };
+    /// parts.add(ball, Material::new(white).emitting(Vec3::splat(0.5)));
+    /// let world = World::new(parts)?;
+    /// assert_eq!(world.instances(), 1);
+    /// # Ok::<(), photofit_pathtrace::PathtraceError>(())
+    /// ```
+    pub fn add(&mut self, shape: Shape, material: Material) -> usize {
+        self.shapes.push(shape);
+        self.materials.push(material);
+        let (shape, material) = (self.shapes.len() - 1, self.materials.len() - 1);
+        self.instances.push(Instance { shape, material, transform: DAffine3::IDENTITY });
+        self.instances.len() - 1
+    }
+}

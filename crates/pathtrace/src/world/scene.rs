@@ -1,0 +1,62 @@
+//! A world from an asset.
+
+use super::{Instance, Material, Parts, Shape};
+use crate::light::{Falloff, LightSource};
+use glam::{Affine3A, DAffine3};
+use photofit_scalar::{Vec3f, vec3};
+use photofit_scene::{LightKind, PunctualLight, Scene, SurfaceLibrary};
+
+impl Parts {
+    /// The surfaces of an asset, as the rasterizer shows them, and its lights; environment and media are left to the
+    /// caller.
+    ///
+    /// Primitives are kept once, however often they are placed.
+    ///
+    /// # Panics
+    /// If the scene is not valid (see [`Scene::validate`]).
+    pub fn from_scene(scene: &Scene) -> Self {
+        let shapes = (0..scene.primitives.len()).map(|i| Shape::Mesh(scene.complete_mesh(i).into_owned()));
+        let instances = scene.instances.iter().map(|i| Instance {
+            shape: i.primitive,
+            material: scene.primitives[i.primitive].material,
+            transform: in_double(&i.transform),
+        });
+        Self {
+            shapes: shapes.collect(),
+            instances: instances.collect(),
+            materials: scene.materials.iter().enumerate().map(|(i, m)| material(i, m)).collect(),
+            lights: scene.lights.iter().map(light).collect(),
+            library: Some(SurfaceLibrary::new(scene)),
+            ..Self::default()
+        }
+    }
+}
+
+fn material(index: usize, m: &photofit_scene::Material) -> Material {
+    let inside = m.extensions.as_deref().and_then(|e| e.volume.as_ref()).filter(|v| v.thickness > 0.0);
+    let absorption = inside.map_or(Vec3f::zero(), |v| Vec3f::from_array(v.absorption()));
+    Material { absorption, ..Material::from_library(index) }
+}
+
+fn light(light: &PunctualLight) -> LightSource {
+    let color = Vec3f::from_array(light.intensity);
+    let (position, d) = (light.position.as_dvec3(), light.direction);
+    match light.kind {
+        LightKind::Point => LightSource::Point { position, intensity: color },
+        LightKind::Directional => {
+            LightSource::Directional { direction: vec3(-d.x, -d.y, -d.z), irradiance: color }
+        }
+        LightKind::Spot { inner, outer } => LightSource::Spot {
+            position,
+            direction: vec3(d.x, d.y, d.z),
+            intensity: color,
+            inner,
+            outer,
+            falloff: Falloff::Smooth,
+        },
+    }
+}
+
+fn in_double(t: &Affine3A) -> DAffine3 {
+    DAffine3::from_cols_array(&t.to_cols_array().map(f64::from))
+}

@@ -1,0 +1,148 @@
+//! Shapes as they are kept: checked, and moved to the middle of their frame where they lie far off.
+
+use super::parts::Shape;
+use crate::PathtraceError;
+use crate::accel::{AccelError, MAX_COORDINATE};
+use crate::error::invalid;
+use glam::DVec3;
+use photofit_geometry::Mesh;
+
+/// A shape ready to be placed.
+#[derive(Clone, Debug)]
+pub(crate) struct Stored {
+    pub(crate) kind: Kind,
+    /// Subtracted from every position.
+    pub(crate) center: DVec3,
+    /// Box of the centred shape; empty (lower above upper) without triangles.
+    pub(crate) bounds: [DVec3; 2],
+}
+
+/// Geometry in the centred frame.
+#[derive(Clone, Debug)]
+pub(crate) enum Kind {
+    Mesh(Mesh),
+    /// A sphere around the origin.
+    Sphere {
+        radius: f32,
+    },
+}
+
+/// Boxes farther off than this many times their size are moved.
+const FAR: f64 = 16.0;
+
+impl Stored {
+    /// Checks a shape and takes it over.
+    pub(crate) fn new(index: usize, shape: Shape) -> Result<Self, PathtraceError> {
+        match shape {
+            Shape::Mesh(mesh) => Self::mesh(index, mesh),
+            Shape::Sphere { center, radius } => {
+                let place = || format!("shape {index}");
+                if !(radius > 0.0 && radius <= MAX_COORDINATE) {
+                    return Err(invalid(
+                        place(),
+                        format!("the radius is positive and finite, found {radius}"),
+                    ));
+                }
+                if !center.is_finite() {
+                    return Err(invalid(place(), "the centre is finite"));
+                }
+                let r = f64::from(radius);
+                let center = DVec3::new(f64::from(center.x), f64::from(center.y), f64::from(center.z));
+                let bounds = [DVec3::splat(-r), DVec3::splat(r)];
+                Ok(Self { kind: Kind::Sphere { radius }, center, bounds })
+            }
+        }
+    }
+
+    fn mesh(shape: usize, mut mesh: Mesh) -> Result<Self, PathtraceError> {
+        let n = mesh.positions.len();
+        for (name, length) in [
+            ("normals", mesh.normals.len()),
+            ("uvs", mesh.uvs.len()),
+            ("uvs1", mesh.uvs1.len()),
+            ("tangents", mesh.tangents.len()),
+            ("colors", mesh.colors.len()),
+        ] {
+            if length != 0 && length != n {
+                let rule = format!("none or one of {name} per vertex, found {length} for {n}");
+                return Err(invalid(format!("shape {shape}"), rule));
+            }
+        }
+        let bounds = bounds(&mesh).map_err(|cause| PathtraceError::Accel { shape, cause })?;
+        let center = far_center(bounds);
+        if center != DVec3::ZERO {
+            for p in &mut mesh.positions {
+                for (x, c) in [(&mut p.x, center.x), (&mut p.y, center.y), (&mut p.z, center.z)] {
+                    *x = (f64::from(*x) - c) as f32;
+                }
+            }
+        }
+        Ok(Self { kind: Kind::Mesh(mesh), center, bounds: bounds.map(|p| p - center) })
+    }
+
+    /// Number of triangles; 1 for a sphere.
+    pub(crate) fn pieces(&self) -> usize {
+        match &self.kind {
+            Kind::Mesh(mesh) => mesh.triangles.len(),
+            Kind::Sphere { .. } => 1,
+        }
+    }
+}
+
+/// The box of the vertices that triangles name; all of them are checked.
+fn bounds(mesh: &Mesh) -> Result<[DVec3; 2], AccelError> {
+    let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for (triangle, corners) in mesh.triangles.iter().enumerate() {
+        for &index in corners {
+            let vertex = index as usize;
+            let Some(&p) = mesh.positions.get(vertex) else {
+                return Err(AccelError::Index { triangle, index, vertices: mesh.positions.len() });
+            };
+            if !p.is_finite() {
+                return Err(AccelError::NonFinite { vertex });
+            }
+            if p.to_array().iter().any(|x| x.abs() > MAX_COORDINATE) {
+                return Err(AccelError::TooFar { vertex });
+            }
+            let p = DVec3::new(f64::from(p.x), f64::from(p.y), f64::from(p.z));
+            (lo, hi) = (lo.min(p), hi.max(p));
+        }
+    }
+    Ok([lo, hi])
+}
+
+/// The middle of a box that lies far off, else the origin.
+///
+/// Far off, all coordinates share their exponent: differences to a middle with as many digits are exact, so that
+/// shapes that touch go on touching. Near the origin nothing would be gained.
+pub(crate) fn far_center([lo, hi]: [DVec3; 2]) -> DVec3 {
+    let size = (hi - lo).max_element();
+    let middle = 0.5 * (lo + hi);
+    let far = lo.abs().max(hi.abs()).max_element();
+    if !(size >= 0.0 && far > FAR * size && far.is_finite()) {
+        return DVec3::ZERO;
+    }
+    // One unit in the last place of the largest coordinate.
+    let unit = (far.log2().floor() - 23.0).exp2();
+    (middle / unit).round() * unit
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use photofit_scalar::vec3;
+
+    #[test]
+    fn far_shapes_are_moved_exactly_and_near_ones_not_at_all() {
+        let near = [DVec3::new(-1.0, 2.0, 0.0), DVec3::new(0.3, 2.5, 1.0)];
+        assert_eq!(far_center(near), DVec3::ZERO);
+        let positions = vec![vec3(1e6, 2.0, -3.0), vec3(1e6 + 0.5, 2.0, -3.0), vec3(1e6, 3.125, -3.0)];
+        let mesh = Mesh { positions: positions.clone(), triangles: vec![[0, 1, 2]], ..Mesh::default() };
+        let stored = Stored::new(0, Shape::Mesh(mesh)).unwrap();
+        let Kind::Mesh(moved) = &stored.kind else { panic!("a mesh") };
+        assert!(moved.positions.iter().all(|p| p.x.abs() < 1.0), "{:?}", moved.positions);
+        for (p, q) in positions.iter().zip(&moved.positions) {
+            assert_eq!(f64::from(q.x) + stored.center.x, f64::from(p.x), "exact");
+        }
+    }
+}

@@ -1,0 +1,436 @@
+//! What a ray finds: the point of a surface, its frame, and its material there.
+
+use super::instance::Placed;
+use super::parts::{Material, Scattering};
+use super::{Kind, World, WorldHit, WorldRay, sphere};
+use crate::PathtraceError;
+use crate::error::invalid;
+use photofit_geometry::Mesh;
+use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3};
+use photofit_scene::{ExtensionSample, SurfaceLibrary, SurfaceSample};
+use photofit_shading::bsdf::{Bsdf, BsdfSample, Diffuse, Energy, MetallicRoughness, Null, TransportMode};
+use photofit_shading::{Surface, face_viewer, perturb};
+
+/// Rounding of an intersection, in units in the last place of the coordinates involved.
+const ROUNDING: f32 = 16.0 * 0.5 * f32::EPSILON;
+
+/// A point of a surface, in the render frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Interaction {
+    /// The point.
+    pub p: Vec3f,
+    /// Unit geometric normal of the front.
+    pub ng: Vec3f,
+    /// Unit interpolated normal, on the side of `ng`.
+    pub ns: Vec3f,
+    /// Both sets of texture coordinates.
+    pub uv: [Vec2f; 2],
+    /// Vertex colour; white where there is none.
+    pub color: Vec4f,
+    /// Interpolated tangent with handedness; zero where there is none.
+    pub tangent: Vec4f,
+    /// Bound on the rounding of `p`: rays that leave start this far off.
+    pub rounding: f32,
+    /// The ray comes from the front.
+    pub front: bool,
+    /// Index of the instance.
+    pub instance: u32,
+    /// Index of the triangle.
+    pub piece: u32,
+}
+
+impl Interaction {
+    /// A ray from here towards the unit vector `direction`, on the side where it goes.
+    #[inline(always)]
+    pub fn leave(&self, direction: Vec3f, t_max: f32) -> WorldRay {
+        WorldRay { origin: self.beside(direction), direction, t_max }
+    }
+
+    /// The point moved off the surface to the side of `direction`.
+    #[inline(always)]
+    pub fn beside(&self, direction: Vec3f) -> Vec3f {
+        let side = if direction.dot(self.ng) < 0.0 { -self.rounding } else { self.rounding };
+        self.p + self.ng * side
+    }
+}
+
+/// A material at a point, for one direction of view.
+#[derive(Debug)]
+pub(crate) struct SurfaceMaterial {
+    /// How it scatters, in the frame `(s, t, n)`.
+    pub(crate) bsdf: Bsdf<f32>,
+    /// First axis of the frame.
+    pub(crate) s: Vec3f,
+    /// Second axis of the frame.
+    pub(crate) t: Vec3f,
+    /// The shading normal.
+    pub(crate) n: Vec3f,
+    /// Radiance emitted towards the viewer.
+    pub(crate) emission: Vec3f,
+}
+
+impl SurfaceMaterial {
+    /// A vector in the frame of the BSDF.
+    #[inline(always)]
+    pub(crate) fn to_local(&self, v: Vec3f) -> Vec3f {
+        vec3(self.s.dot(v), self.t.dot(v), self.n.dot(v))
+    }
+
+    /// `f |cos|` and density, in the frame.
+    #[inline(never)]
+    pub(crate) fn eval_pdf(&self, wo: Vec3f, wi: Vec3f) -> (Vec3f, f32) {
+        self.bsdf.eval_pdf(wo, wi)
+    }
+
+    /// A direction, in the frame.
+    #[inline(never)]
+    pub(crate) fn sample(&self, wo: Vec3f, lobe: f32, u: [f32; 2]) -> Option<BsdfSample<f32>> {
+        self.bsdf.sample(wo, lobe, u)
+    }
+
+    /// A vector of that frame in the render frame.
+    #[inline(always)]
+    pub(crate) fn to_render(&self, v: Vec3f) -> Vec3f {
+        self.s * v.x + self.t * v.y + self.n * v.z
+    }
+}
+
+/// A material with what does not depend on the point worked out.
+#[derive(Clone, Debug)]
+pub(crate) struct CompiledMaterial {
+    /// Index in the library; `None` for uniform materials.
+    pub(crate) library: Option<usize>,
+    /// The BSDF everywhere, where nothing varies.
+    bsdf: Bsdf<f32>,
+    /// Emission that is added to what the library says.
+    added: Vec3f,
+    /// Emission everywhere, where nothing varies.
+    pub(crate) emission: Vec3f,
+    /// Emission (or the whole material) has to be looked up.
+    pub(crate) varies: bool,
+    /// Something may pass.
+    pub(crate) alpha: bool,
+    /// Base colours are shown as they are.
+    pub(crate) unlit: bool,
+    pub(crate) both_sides: bool,
+    /// The frame turns to the viewer.
+    two_sided: bool,
+    /// Some point of it may emit.
+    pub(crate) emits: bool,
+    pub(crate) absorption: Vec3f,
+    pub(crate) transmits: bool,
+    /// The surface is not there.
+    pub(crate) is_null: bool,
+}
+
+impl CompiledMaterial {
+    pub(crate) fn new(
+        index: usize,
+        material: &Material,
+        library: Option<&SurfaceLibrary>,
+        energy: Energy,
+    ) -> Result<Self, PathtraceError> {
+        let place = || format!("material {index}");
+        for (name, v) in [("emission", material.emission), ("absorption", material.absorption)] {
+            if !(v.is_finite() && v.x >= 0.0 && v.y >= 0.0 && v.z >= 0.0) {
+                return Err(invalid(place(), format!("{name} is finite and not negative")));
+            }
+        }
+        let added = material.emission;
+        let emits = added != Vec3f::zero();
+        let common = Self {
+            library: None,
+            bsdf: Bsdf::Null(Null),
+            added,
+            emission: added,
+            varies: false,
+            alpha: false,
+            unlit: false,
+            both_sides: material.emits_both_sides,
+            two_sided: material.two_sided,
+            emits,
+            absorption: material.absorption,
+            transmits: false,
+            is_null: false,
+        };
+        match &material.scattering {
+            Scattering::Uniform(bsdf) => {
+                let is_null = matches!(bsdf, Bsdf::Null(_));
+                Ok(Self { bsdf: *bsdf, transmits: bsdf.transmits(), is_null, ..common })
+            }
+            Scattering::Library { index } => {
+                let library = library.filter(|l| *index < l.materials());
+                let library =
+                    library.ok_or_else(|| invalid(place(), format!("library material {index} exists")))?;
+                let (zero, white) = (vec2(0.0, 0.0), Vec4f::splat(1.0));
+                let sample = library.lookup(*index, zero, zero, white, None);
+                let extensions = library.extensions(*index, zero, zero, None);
+                let bsdf = library_bsdf(&sample, extensions.as_ref(), vec3(0.0, 0.0, 1.0), energy);
+                let anisotropic = extensions.is_some_and(|e| e.anisotropy > 0.0);
+                Ok(Self {
+                    library: Some(*index),
+                    bsdf,
+                    emission: added + glow(&sample),
+                    varies: anisotropic || !library.is_constant(*index),
+                    alpha: !library.is_opaque(*index),
+                    unlit: sample.unlit,
+                    emits: emits || library.may_emit(*index),
+                    transmits: bsdf.transmits() || library.may_transmit(*index),
+                    ..common
+                })
+            }
+        }
+    }
+}
+
+impl CompiledMaterial {
+    /// Whether the path through it has to be followed: it absorbs, or is a boundary alone.
+    pub(crate) fn absorbs(&self) -> bool {
+        self.is_null || self.absorption != Vec3f::zero()
+    }
+}
+
+/// What a library material sends out: its emission, and the base colour of unlit ones.
+fn glow(sample: &SurfaceSample) -> Vec3f {
+    sample.emissive + if sample.unlit { sample.base_color } else { Vec3f::zero() }
+}
+
+/// The BSDF of a library material at a point; `coat` is the normal of the coat in the frame of the shading normal.
+#[inline(never)]
+fn library_bsdf(
+    sample: &SurfaceSample,
+    extensions: Option<&ExtensionSample>,
+    coat: Vec3f,
+    energy: Energy,
+) -> Bsdf<f32> {
+    if sample.unlit {
+        return Bsdf::Diffuse(Diffuse { reflectance: Vec3f::zero() });
+    }
+    if let Some(e) = extensions {
+        return e.parameters(sample, coat, energy, TransportMode::Radiance).bsdf();
+    }
+    let surface = Surface {
+        base_color: sample.base_color,
+        roughness: sample.roughness,
+        metallic: sample.metallic,
+        gamma: 0.0,
+    };
+    Bsdf::MetallicRoughness(MetallicRoughness::new(&surface, energy))
+}
+
+/// Attributes of the three corners, interpolated.
+struct Corners<'a> {
+    mesh: &'a Mesh,
+    ids: [usize; 3],
+    b: [f32; 3],
+}
+
+impl Corners<'_> {
+    #[inline(always)]
+    fn vec3(&self, of: &[Vec3f]) -> Vec3f {
+        let [i, j, k] = self.ids;
+        of[i] * self.b[0] + of[j] * self.b[1] + of[k] * self.b[2]
+    }
+
+    #[inline(always)]
+    fn vec2(&self, of: &[Vec2f]) -> Vec2f {
+        if of.is_empty() {
+            return vec2(0.0, 0.0);
+        }
+        let [i, j, k] = self.ids;
+        of[i] * self.b[0] + of[j] * self.b[1] + of[k] * self.b[2]
+    }
+
+    #[inline(always)]
+    fn color(&self) -> Vec4f {
+        let of = &self.mesh.colors;
+        if of.is_empty() {
+            return Vec4f::splat(1.0);
+        }
+        let [i, j, k] = self.ids;
+        of[i] * self.b[0] + of[j] * self.b[1] + of[k] * self.b[2]
+    }
+}
+
+impl World {
+    /// The point where `ray` meets the world at `hit`. Without `TEXTURES`, texture coordinates, colours and tangents are
+    /// left out.
+    #[inline(never)]
+    pub(crate) fn interaction<const TEXTURES: bool>(&self, ray: &WorldRay, hit: &WorldHit) -> Interaction {
+        let placed = &self.placed[hit.instance as usize];
+        match &self.shapes[placed.shape as usize].kind {
+            Kind::Mesh(mesh) => self.on_mesh::<TEXTURES>(mesh, placed, hit, ray.direction),
+            Kind::Sphere { radius } => self.on_sphere(placed, *radius, ray, hit),
+        }
+    }
+
+    #[inline(always)]
+    fn on_mesh<const TEXTURES: bool>(
+        &self,
+        mesh: &Mesh,
+        placed: &Placed,
+        hit: &WorldHit,
+        direction: Vec3f,
+    ) -> Interaction {
+        let ids = mesh.triangles[hit.piece as usize].map(|i| i as usize);
+        let at = Corners { mesh, ids, b: [1.0 - hit.u - hit.v, hit.u, hit.v] };
+        let [a, b, c] = ids.map(|i| mesh.positions[i]);
+        let p = placed.point(at.vec3(&mesh.positions));
+        let ng = placed.normal(cross_safe(b - a, c - a)).normalize_or_zero();
+        let ng = if ng == Vec3f::zero() { direction * if hit.front { -1.0 } else { 1.0 } } else { ng };
+        let mut ns = ng;
+        if !mesh.normals.is_empty() {
+            let n = placed.normal(at.vec3(&mesh.normals)).normalize_or_zero();
+            if n != Vec3f::zero() {
+                ns = if n.dot(ng) < 0.0 { -n } else { n };
+            }
+        }
+        let mut out = Interaction {
+            p,
+            ng,
+            ns,
+            uv: [vec2(0.0, 0.0); 2],
+            color: Vec4f::splat(1.0),
+            tangent: Vec4f::zero(),
+            rounding: ROUNDING * (largest(a).max(largest(b)).max(largest(c)) * placed.stretch + largest(p)),
+            front: hit.front,
+            instance: hit.instance,
+            piece: hit.piece,
+        };
+        if TEXTURES {
+            out.uv = [at.vec2(&mesh.uvs), at.vec2(&mesh.uvs1)];
+            out.color = at.color();
+            if !mesh.tangents.is_empty() {
+                let [i, j, k] = ids.map(|i| mesh.tangents[i].xyz());
+                let t = placed.vector(i * at.b[0] + j * at.b[1] + k * at.b[2]);
+                let w = mesh.tangents[ids[0]].w;
+                out.tangent = t.extend(if placed.mirrored { -w } else { w });
+            }
+        }
+        out
+    }
+
+    fn on_sphere(&self, placed: &Placed, radius: f32, ray: &WorldRay, hit: &WorldHit) -> Interaction {
+        // From the approximate point to the unit sphere, and from there to a point that lies on the surface.
+        let near = ray.origin + ray.direction * hit.t;
+        let inverse = placed.to_render.inverse();
+        let q = inverse.transform_point3a(super::to_glam(near));
+        let q = vec3(q.x, q.y, q.z).normalize_or_zero();
+        let q = if q == Vec3f::zero() { vec3(0.0, 0.0, 1.0) } else { q };
+        let p = placed.point(q * radius);
+        let n = placed.normal(q).normalize_or_zero();
+        Interaction {
+            p,
+            ng: n,
+            ns: n,
+            uv: [sphere::uv(q); 2],
+            color: Vec4f::splat(1.0),
+            tangent: placed.vector(sphere::tangent(q)).extend(1.0),
+            rounding: ROUNDING * (radius * placed.stretch + largest(p)),
+            front: hit.front,
+            instance: hit.instance,
+            piece: hit.piece,
+        }
+    }
+
+    /// The material at a point seen from `wo`, a unit vector.
+    #[inline(never)]
+    pub(crate) fn material_at<const TEXTURES: bool>(&self, at: &Interaction, wo: Vec3f) -> SurfaceMaterial {
+        let placed = &self.placed[at.instance as usize];
+        let material = &self.materials[placed.material as usize];
+        let shown = at.front || material.both_sides;
+        let emission = if shown { material.emission } else { Vec3f::zero() };
+        let mut out = SurfaceMaterial { bsdf: material.bsdf, s: at.ns, t: at.ns, n: at.ns, emission };
+        let tangent = if TEXTURES { at.tangent.xyz() } else { Vec3f::zero() };
+        let Some(index) = material.library else {
+            if material.two_sided && !material.transmits && !at.front {
+                out.n = -at.ns;
+            }
+            (out.s, out.t) = axes(out.n, tangent);
+            return out;
+        };
+        if !TEXTURES || !placed.varies {
+            let n = face_viewer(at.ns, at.ng, wo);
+            out.n = if material.transmits && !at.front { -n } else { n };
+            (out.s, out.t) = axes(out.n, tangent);
+            return out;
+        }
+        self.look_up(index, at, wo, &mut out);
+        out
+    }
+
+    /// The material of a library where it varies.
+    fn look_up(&self, index: usize, at: &Interaction, wo: Vec3f, out: &mut SurfaceMaterial) {
+        let library = self.library.as_ref().expect("a library material was compiled from the library");
+        let sample = library.lookup(index, at.uv[0], at.uv[1], at.color, None);
+        let extensions = library.extensions(index, at.uv[0], at.uv[1], None);
+        let added = self.materials[self.placed[at.instance as usize].material as usize].added;
+        out.emission = added + glow(&sample);
+        let tangent = at.tangent.xyz().normalize_or_zero();
+        let mapped = |map: Vec3f| {
+            if tangent == Vec3f::zero() { at.ns } else { perturb(at.ns, tangent, at.tangent.w, map) }
+        };
+        let normal = if library.has_normal_map(index) { mapped(sample.normal) } else { at.ns };
+        let n = face_viewer(normal, at.ng, wo);
+        let transmits = extensions.is_some_and(|e| e.transmission > 0.0) && sample.metallic < 1.0;
+        out.n = if transmits && !at.front { -n } else { n };
+        (out.s, out.t) = axes(out.n, tangent);
+        let up = vec3(0.0, 0.0, 1.0);
+        let coat = match extensions {
+            Some(e) if e.clearcoat > 0.0 => {
+                let coat = if e.clearcoat_normal == up { at.ns } else { mapped(e.clearcoat_normal) };
+                let local = out.to_local(if at.front || transmits { coat } else { -coat });
+                if local.z > 0.0 { local } else { up }
+            }
+            _ => up,
+        };
+        out.bsdf = library_bsdf(&sample, extensions.as_ref(), coat, self.energy);
+    }
+
+    /// Coverage of the surface at a hit: 1 for opaque materials.
+    #[inline(never)]
+    pub(crate) fn coverage(&self, hit: &WorldHit) -> f32 {
+        let placed = &self.placed[hit.instance as usize];
+        let material = &self.materials[placed.material as usize];
+        let (Some(index), Kind::Mesh(mesh)) = (material.library, &self.shapes[placed.shape as usize].kind)
+        else {
+            return 1.0;
+        };
+        let ids = mesh.triangles[hit.piece as usize].map(|i| i as usize);
+        let at = Corners { mesh, ids, b: [1.0 - hit.u - hit.v, hit.u, hit.v] };
+        let library = self.library.as_ref().expect("a library material was compiled from the library");
+        library.alpha(index, at.vec2(&mesh.uvs), at.vec2(&mesh.uvs1), at.color().w)
+    }
+}
+
+/// The axes of a frame around `n`, the first along `tangent` where that says something.
+#[inline(always)]
+fn axes(n: Vec3f, tangent: Vec3f) -> (Vec3f, Vec3f) {
+    if tangent != Vec3f::zero() {
+        let s = (tangent - n * n.dot(tangent)).normalize_or_zero();
+        if s != Vec3f::zero() {
+            return (s, n.cross(s));
+        }
+    }
+    n.orthonormal_pair()
+}
+
+/// Largest absolute component.
+#[inline(always)]
+pub(crate) fn largest(v: Vec3f) -> f32 {
+    v.x.abs().max(v.y.abs()).max(v.z.abs())
+}
+
+/// The cross product of edges of any length, up to a positive factor.
+#[inline(always)]
+pub(crate) fn cross_safe(a: Vec3f, b: Vec3f) -> Vec3f {
+    let c = a.cross(b);
+    if c.length_squared() > 1e-30 {
+        return c;
+    }
+    let unit = |v: Vec3f| {
+        let l = largest(v);
+        if l > 0.0 { v * (1.0 / l) } else { v }
+    };
+    unit(a).cross(unit(b))
+}

@@ -1,0 +1,142 @@
+//! The upper level of the hierarchy: which structures a ray passes.
+
+use super::instance::Inward;
+use super::shape::{Kind, Stored};
+use crate::PathtraceError;
+use crate::accel::{Accel, TopTree};
+use crate::world::instance::Placed;
+use glam::{DAffine3, DVec3};
+use photofit_scalar::Vec3f;
+
+/// Shapes placed once, or with no more triangles than this over all placements, are put into one structure.
+const MERGED_TRIANGLES: usize = 4096;
+
+/// Something that rays can meet.
+#[derive(Clone, Debug)]
+pub(crate) struct Entry {
+    pub(crate) inward: Inward,
+    pub(crate) kind: EntryKind,
+}
+
+/// What an entry holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum EntryKind {
+    /// Triangles of many instances in the render frame; [`Hierarchy::merged`] says whose.
+    Merged,
+    /// An instance of a structure.
+    Mesh { accel: u32, instance: u32 },
+    /// An instance of a sphere; the frame of the entry is that of the unit sphere.
+    Sphere { instance: u32 },
+}
+
+/// All that rays can meet.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Hierarchy {
+    pub(crate) accels: Vec<Accel>,
+    pub(crate) entries: Vec<Entry>,
+    /// Tree over the entries.
+    pub(crate) tree: TopTree,
+    /// Instance and triangle of every triangle of the merged structure, which is the first one.
+    pub(crate) merged: Vec<[u32; 2]>,
+}
+
+impl Hierarchy {
+    /// Builds all levels; `merge` puts shapes that are placed once into one structure.
+    pub(crate) fn build(
+        shapes: &[Stored],
+        placed: &[Placed],
+        transforms: &[DAffine3],
+        merge: bool,
+    ) -> Result<Self, PathtraceError> {
+        let mut uses = vec![0_usize; shapes.len()];
+        placed.iter().for_each(|p| uses[p.shape as usize] += 1);
+        let merged = |shape: usize| {
+            let few = uses[shape].saturating_mul(shapes[shape].pieces()) <= MERGED_TRIANGLES;
+            merge && (uses[shape] == 1 || few)
+        };
+        let mut out = Self::default();
+        let mut boxes = Vec::new();
+        out.merge(shapes, placed, &merged, &mut boxes)?;
+        let mut accel_of = vec![u32::MAX; shapes.len()];
+        for (i, (instance, transform)) in placed.iter().zip(transforms).enumerate() {
+            let shape = &shapes[instance.shape as usize];
+            match &shape.kind {
+                Kind::Sphere { radius } => {
+                    let unit = *transform * DAffine3::from_scale(DVec3::splat(f64::from(*radius)));
+                    let kind = EntryKind::Sphere { instance: i as u32 };
+                    out.entries.push(Entry { inward: Inward::new(&unit.inverse()), kind });
+                }
+                Kind::Mesh(mesh) => {
+                    if mesh.triangles.is_empty() || merged(instance.shape as usize) {
+                        continue;
+                    }
+                    let known = &mut accel_of[instance.shape as usize];
+                    if *known == u32::MAX {
+                        *known = out.accels.len() as u32;
+                        let built = Accel::build(&mesh.positions, &mesh.triangles);
+                        let shape = instance.shape as usize;
+                        out.accels.push(built.map_err(|cause| PathtraceError::Accel { shape, cause })?);
+                    }
+                    let frame = out.accels[*known as usize].frame() * transform.inverse();
+                    let kind = EntryKind::Mesh { accel: *known, instance: i as u32 };
+                    out.entries.push(Entry { inward: Inward::new(&frame), kind });
+                }
+            }
+            boxes.push(moved_box(shape.bounds, transform));
+        }
+        out.tree = TopTree::build(&boxes);
+        Ok(out)
+    }
+
+    fn merge(
+        &mut self,
+        shapes: &[Stored],
+        placed: &[Placed],
+        merged: &impl Fn(usize) -> bool,
+        boxes: &mut Vec<[DVec3; 2]>,
+    ) -> Result<(), PathtraceError> {
+        let (mut positions, mut triangles): (Vec<Vec3f>, Vec<[u32; 3]>) = (Vec::new(), Vec::new());
+        for (i, instance) in placed.iter().enumerate() {
+            let Kind::Mesh(mesh) = &shapes[instance.shape as usize].kind else { continue };
+            if !merged(instance.shape as usize) {
+                continue;
+            }
+            let base = positions.len() as u32;
+            positions.extend(mesh.positions.iter().map(|&p| instance.point(p)));
+            for (t, corners) in mesh.triangles.iter().enumerate() {
+                triangles.push(corners.map(|c| c + base));
+                self.merged.push([i as u32, t as u32]);
+            }
+        }
+        if triangles.is_empty() {
+            return Ok(());
+        }
+        let accel = Accel::build(&positions, &triangles)
+            .map_err(|cause| PathtraceError::Accel { shape: 0, cause })?;
+        let inward = Inward::new(&accel.frame());
+        let (lo, hi) = accel.bounds();
+        boxes.push([lo, hi]);
+        self.accels.push(accel);
+        self.entries.push(Entry { inward, kind: EntryKind::Merged });
+        Ok(())
+    }
+
+    /// Bytes of the structures.
+    pub(crate) fn bytes(&self) -> usize {
+        self.accels.iter().map(Accel::bytes).sum::<usize>()
+            + self.entries.len() * size_of::<Entry>()
+            + self.tree.bytes()
+            + size_of_val(self.merged.as_slice())
+    }
+}
+
+/// The box around a box under a transform.
+pub(crate) fn moved_box([lo, hi]: [DVec3; 2], transform: &DAffine3) -> [DVec3; 2] {
+    let mut out = [DVec3::INFINITY, DVec3::NEG_INFINITY];
+    for corner in 0..8 {
+        let pick = |k: usize| if corner >> k & 1 == 0 { lo[k] } else { hi[k] };
+        let p = transform.transform_point3(DVec3::new(pick(0), pick(1), pick(2)));
+        out = [out[0].min(p), out[1].max(p)];
+    }
+    out
+}

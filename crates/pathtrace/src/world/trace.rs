@@ -1,0 +1,166 @@
+//! Rays through the world.
+
+use super::top::{Entry, EntryKind};
+use super::{Interaction, World, sphere};
+use crate::accel::{FrameRay, TopRay};
+use photofit_scalar::Vec3f;
+
+/// A ray in the render frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WorldRay {
+    /// Where it starts.
+    pub origin: Vec3f,
+    /// Where it goes: a unit vector.
+    pub direction: Vec3f,
+    /// Largest distance that counts.
+    pub t_max: f32,
+}
+
+/// Where a ray meets the world.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WorldHit {
+    /// Distance along the ray.
+    pub t: f32,
+    /// Barycentric weight of the second corner; 0 on spheres.
+    pub u: f32,
+    /// Barycentric weight of the third corner; 0 on spheres.
+    pub v: f32,
+    /// Index of the instance.
+    pub instance: u32,
+    /// Index of the triangle in the shape; 0 on spheres.
+    pub piece: u32,
+    /// The ray comes from the front (the outer side).
+    pub front: bool,
+}
+
+impl World {
+    /// The first surface along a ray; everything is opaque to it.
+    pub fn closest(&self, ray: &WorldRay) -> Option<WorldHit> {
+        self.closest_where::<true>(ray, |_| true)
+    }
+
+    /// Whether any surface lies on a ray.
+    pub fn occluded(&self, ray: &WorldRay) -> bool {
+        self.occluded_where::<true>(ray, |_| true)
+    }
+
+    /// The point at which a ray meets a surface.
+    ///
+    /// # Panics
+    /// If the hit is not one of this world.
+    pub fn point(&self, ray: &WorldRay, hit: &WorldHit) -> Interaction {
+        self.interaction::<true>(ray, hit)
+    }
+
+    /// The first hit that `accept` lets pass; `TWO_LEVEL` is false for worlds of one structure.
+    /// Of hits at the same distance that of the lowest instance and piece counts.
+    ///
+    /// `accept` sees candidates in no particular order, and some of them only.
+    #[inline(always)]
+    pub(crate) fn closest_where<const TWO_LEVEL: bool>(
+        &self,
+        ray: &WorldRay,
+        accept: impl Fn(&WorldHit) -> bool,
+    ) -> Option<WorldHit> {
+        let mut best: Option<WorldHit> = None;
+        let mut visit = |entry: &Entry, mut limit: f32| {
+            self.candidates(entry, ray, limit, |hit, limit_now| {
+                let nearer = hit.t < limit_now
+                    || best.is_none_or(|b| (hit.instance, hit.piece) < (b.instance, b.piece) && hit.t <= b.t);
+                if nearer && accept(&hit) {
+                    limit = hit.t;
+                    best = Some(hit);
+                }
+                Some(limit)
+            });
+            Some(limit)
+        };
+        if TWO_LEVEL {
+            let top = TopRay::new(&self.hierarchy.tree, ray.origin, ray.direction);
+            self.hierarchy
+                .tree
+                .walk(&top, ray.t_max, |entry, limit| visit(&self.hierarchy.entries[entry as usize], limit));
+        } else if let Some(entry) = self.hierarchy.entries.first() {
+            visit(entry, ray.t_max);
+        }
+        best
+    }
+
+    /// Whether anything that `accept` lets pass lies on the ray.
+    #[inline(always)]
+    pub(crate) fn occluded_where<const TWO_LEVEL: bool>(
+        &self,
+        ray: &WorldRay,
+        accept: impl Fn(&WorldHit) -> bool,
+    ) -> bool {
+        let mut occluded = false;
+        let mut visit = |entry: &Entry, limit: f32| {
+            self.candidates(entry, ray, limit, |hit, limit| {
+                if accept(&hit) {
+                    occluded = true;
+                    None
+                } else {
+                    Some(limit)
+                }
+            });
+            if occluded { None } else { Some(limit) }
+        };
+        if TWO_LEVEL {
+            let top = TopRay::new(&self.hierarchy.tree, ray.origin, ray.direction);
+            self.hierarchy
+                .tree
+                .walk(&top, ray.t_max, |entry, limit| visit(&self.hierarchy.entries[entry as usize], limit));
+        } else if let Some(entry) = self.hierarchy.entries.first() {
+            visit(entry, ray.t_max);
+        }
+        occluded
+    }
+
+    /// Calls `found` with the hits of an entry nearer than the limit that it returns; `None` ends the walk.
+    #[inline(always)]
+    fn candidates(
+        &self,
+        entry: &Entry,
+        ray: &WorldRay,
+        limit: f32,
+        mut found: impl FnMut(WorldHit, f32) -> Option<f32>,
+    ) {
+        let (accel, owner) = match entry.kind {
+            EntryKind::Merged => (0, None),
+            EntryKind::Mesh { accel, instance } => (accel, Some(instance)),
+            EntryKind::Sphere { instance } => {
+                let (o, d) = entry.inward.ray_f64(ray.origin, ray.direction);
+                let mut limit = limit;
+                for t in sphere::intersect(o, d).into_iter().flatten() {
+                    let front = (o + d * t).dot(d) < 0.0;
+                    let hit = WorldHit { t: t as f32, u: 0.0, v: 0.0, instance, piece: 0, front };
+                    if t >= 0.0 && hit.t <= limit {
+                        match found(hit, limit) {
+                            Some(new) => limit = new,
+                            None => return,
+                        }
+                    }
+                }
+                return;
+            }
+        };
+        let accel = &self.hierarchy.accels[accel as usize];
+        let (o, d) = entry.inward.ray(ray.origin, ray.direction);
+        let Some(local) = FrameRay::new(accel, o, d, limit) else { return };
+        accel.candidates(&local, |hit, limit| {
+            let (instance, piece) = match owner {
+                Some(instance) => (instance, hit.triangle),
+                None => {
+                    let [instance, triangle] = self.hierarchy.merged[hit.triangle as usize];
+                    (instance, triangle)
+                }
+            };
+            // Merged triangles of mirrored instances are wound the other way.
+            let turned = owner.is_none() && self.placed[instance as usize].mirrored;
+            found(
+                WorldHit { t: hit.t, u: hit.u, v: hit.v, instance, piece, front: hit.front != turned },
+                limit,
+            )
+        });
+    }
+}
