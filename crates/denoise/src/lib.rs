@@ -3,6 +3,7 @@
 //! Everything works on plain slices: an image is one plane per channel, rows from the top ([`Shape`]).
 //!
 //! - [`models`] names the convex models, [`admm`] solves them: a [`admm::Problem`] says what, [`admm::Admm`] does it.
+//! - [`primal_dual`] holds Beltrami, TGV2, the accelerated method for ROF, and the certificate of its optimum.
 //! - [`operators`] and [`transform`] hold the finite differences and the fast linear solvers below.
 //!
 //! ```
@@ -20,8 +21,10 @@ mod error;
 mod field;
 pub mod models;
 pub mod operators;
+pub mod primal_dual;
 pub mod surface;
 pub mod transform;
+mod wide;
 
 pub use error::DenoiseError;
 pub use field::{Shape, check_finite, mask_non_finite};

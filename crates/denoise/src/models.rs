@@ -17,13 +17,13 @@ use photofit_scalar::Real;
 use crate::Shape;
 use crate::admm::{DataTerm, Problem, Weight};
 
-/// ROF [@rudin1992]: `lambda/2 (u-u0)^2 + |grad u|`. Keeps the mean; equals scikit-image's `denoise_tv_chambolle` with
+/// ROF (Rudin, Osher and Fatemi 1992): `lambda/2 (u-u0)^2 + |grad u|`. Keeps the mean; equals scikit-image's `denoise_tv_chambolle` with
 /// `weight = 1/lambda`.
 pub fn rof<T: Real>(shape: Shape, target: &[T], lambda: impl Into<Weight<T>>) -> Problem<'_, T> {
     Problem::new(shape, target, DataTerm::L2 { lambda: lambda.into() }).with_gradient(T::one())
 }
 
-/// TV-L1 [@chan2005]: `lambda |u-u0| + |grad u|`. Removes features by size (a disc of radius R goes if
+/// TV-L1 (Chan and Esedoglu 2005): `lambda |u-u0| + |grad u|`. Removes features by size (a disc of radius R goes if
 /// `lambda < 2/R`), keeps the contrast of the others, and ignores outliers.
 pub fn tv_l1<T: Real>(shape: Shape, target: &[T], lambda: impl Into<Weight<T>>) -> Problem<'_, T> {
     Problem::new(shape, target, DataTerm::L1 { lambda: lambda.into() }).with_gradient(T::one())
@@ -68,7 +68,7 @@ pub fn htv_l1_n<'a, T: Real>(
 }
 
 /// Hybrid: `l1 |u-u0| + l2/2 (u-u0)^2 + alpha |grad u|`, with vectorial total variation over the channels
-/// [@bresson2008]. Tends to ROF for `l1 -> 0` and to TV-L1 for `l2 -> 0`.
+/// (Bresson and Chan 2008). Tends to ROF for `l1 -> 0` and to TV-L1 for `l2 -> 0`.
 pub fn hybrid<T: Real>(
     shape: Shape,
     target: &[T],

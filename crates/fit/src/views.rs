@@ -33,6 +33,9 @@ pub enum Lighting {
 
 /// The environment of [`Lighting::Mixed`]: a sky, a ground and three soft lights, scaled so that a white diffuse sphere
 /// averages 0.7.
+///
+/// # Panics
+/// Never: its radiance is finite.
 pub fn studio() -> Arc<Environment> {
     static STUDIO: OnceLock<Arc<Environment>> = OnceLock::new();
     /// Direction, sharpness and radiance of each light.

@@ -14,6 +14,26 @@ pub enum OptimError {
         /// The gradient.
         value: f64,
     },
+    /// A parameter that guides a filter is NaN or infinite.
+    #[error("parameter {index} of group `{group}` is {value}, and cannot guide a filter")]
+    NonFiniteParameter {
+        /// Name of the parameter group.
+        group: String,
+        /// Index of the first such parameter.
+        index: usize,
+        /// The parameter.
+        value: f64,
+    },
+    /// A combination that has no meaning.
+    #[error("{what} of `{group}` cannot be combined with {with}")]
+    Combination {
+        /// Name of the parameter group.
+        group: String,
+        /// What was asked for.
+        what: &'static str,
+        /// What stands against it.
+        with: &'static str,
+    },
     /// A slice has the wrong length.
     #[error("{what} of `{group}` has {found} entries, expected {expected}")]
     Length {

@@ -70,25 +70,3 @@ impl<T: Real> State<T> {
         }
     }
 }
-
-/// An optimizer of one parameter group.
-pub trait Optimizer<T: Real> {
-    /// Name of the parameter group, for messages.
-    fn group(&self) -> &str;
-
-    /// One step: `params` moves against `grads` at learning rate `rate`.
-    ///
-    /// # Errors
-    /// [`OptimError::NonFiniteGradient`], [`OptimError::Length`] or, for a rate that is negative or not finite,
-    /// [`OptimError::Setting`]; parameters and state are then unchanged.
-    fn step(&mut self, params: &mut [T], grads: &[T], rate: T) -> Result<(), OptimError>;
-
-    /// What a checkpoint has to keep.
-    fn state(&self) -> &State<T>;
-
-    /// Continues from a saved state, to the same bits.
-    ///
-    /// # Errors
-    /// [`OptimError::Length`] or [`OptimError::Setting`] when the state is not one of this group.
-    fn restore(&mut self, state: State<T>) -> Result<(), OptimError>;
-}

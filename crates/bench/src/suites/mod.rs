@@ -2,6 +2,7 @@
 
 mod atlas;
 mod decimate;
+mod denoise;
 mod gradients;
 mod metrics;
 mod raster;
@@ -47,6 +48,11 @@ pub(crate) const SUITES: &[Suite] = &[
         name: "decimate",
         about: "decimation to 3%, time and error against triangles",
         run: decimate::run,
+    },
+    Suite {
+        name: "denoise",
+        about: "variational denoising, energy gap against time, time against size",
+        run: denoise::run,
     },
     Suite { name: "atlas", about: "unwrapping, time and stretch against triangles", run: atlas::run },
 ];

@@ -119,7 +119,7 @@ fn inspect_lists_extensions_and_lights() {
     });
     photofit_scene::save_glb(d.join("a.glb"), &scene).unwrap();
     let text = stdout(&succeeds(d, &["inspect", "a.glb", "--json", "i.json"]));
-    for part in ["extensions: ior, clearcoat", "light 0 `lamp`: point, 8 4 2 candela"] {
+    for part in ["extensions: ior, clearcoat", "light 0 \"lamp\": point, 8 4 2 candela"] {
         assert!(text.contains(part), "{part} in {text}");
     }
     let i = json(&d.join("i.json"));

@@ -110,7 +110,7 @@ fn a_killed_fit_resumes_to_the_same_file() {
     let resumed = [&kept[..], &["--resume"]].concat();
     let mut edited = rock(10, true);
     edited.primitives[0].mesh.positions.iter_mut().for_each(|p| p.y *= 1.01);
-    photofit_scene::save_glb(&d.join("edited.glb"), &edited).unwrap();
+    photofit_scene::save_glb(d.join("edited.glb"), &edited).unwrap();
     std::fs::rename(d.join("rock.glb"), d.join("kept.glb")).unwrap();
     std::fs::rename(d.join("edited.glb"), d.join("rock.glb")).unwrap();
     let other = photofit(d, &fit("b/out.glb", &resumed));

@@ -1,7 +1,7 @@
 //! One over-relaxed ADMM for all convex models: total variation, Hessian and guided gradient under quadratic, absolute,
 //! hybrid and one-sided Huber data terms.
 //!
-//! [`Problem`] says what is minimised, [`Admm`] does it step by step [@boyd2011]. With scaled duals `b`, penalties `t`
+//! [`Problem`] says what is minimised, [`Admm`] does it step by step (Boyd et al. 2011). With scaled duals `b`, penalties `t`
 //! and relaxation `a`, a step is
 //!
 //! ```text
@@ -12,22 +12,25 @@
 //!
 //! with the dual of each split increased by what its map took away, and `S(x, s) = x max(|x|-s, 0)/|x|`. Components at
 //! the border pass `S` unchanged: natural boundaries. Each iteration is one pass over the rows for all splits at
-//! once, one banded solve and one inverse transform ([`crate::transform::StripSolver`]).
+//! once, and either one exact solve ([`crate::transform::StripSolver`]) or one sweep in the same pass ([`LinearStep`]).
 
 mod energy;
+mod exact;
 mod penalties;
 mod plan;
 mod problem;
 mod rows;
 mod solver;
+mod split;
 mod stop;
-mod tile;
+mod survey;
+mod sweep;
 
-pub use penalties::{Penalties, contrast};
+pub use penalties::{LinearStep, Penalties, contrast};
 pub use plan::{ChannelPlan, Plan};
 pub use problem::{Coupling, DataTerm, Guide, Problem, Weight};
 pub use solver::Admm;
 pub use stop::{Report, Stop};
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

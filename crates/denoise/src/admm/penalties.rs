@@ -2,8 +2,23 @@
 
 use photofit_scalar::Real;
 
+use super::survey::Survey;
 use super::{DataTerm, Problem};
 use crate::DenoiseError;
+
+/// How the linear step `(t0 + (t1+t3) L + t2 L^2) u = f` is taken. Both lead to the same optimum.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum LinearStep {
+    /// The sweep where it needs about as many iterations as the exact step (no Hessian, no holes, `t1 + t3 <= 4 t0`),
+    /// else the exact step.
+    #[default]
+    Auto,
+    /// Solved by a Fourier transform along the rows and banded Cholesky factors down the columns.
+    Exact,
+    /// One symmetric red-black Gauss-Seidel sweep from the estimate (Bredies and Sun 2015): less than half of the time
+    /// per iteration. Not with the Hessian.
+    Sweep,
+}
 
 /// Penalties `t0..t3` of the splits and the over-relaxation `a`. They change the speed of convergence, not the optimum.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,7 +31,7 @@ pub struct Penalties {
     pub hessian: f64,
     /// `t3`, of the guided gradient.
     pub guide: f64,
-    /// `a` in (0, 2); 1 is none, 1.7 needs 2-3 times fewer iterations [@eckstein1992].
+    /// `a` in (0, 2); 1 is none, 1.7 needs 2-3 times fewer iterations (Eckstein and Bertsekas 1992).
     pub relaxation: f64,
 }
 
@@ -26,7 +41,11 @@ impl Penalties {
     /// `sigma` is [`contrast`] of the target; `t0` is the curvature of the data term, or for an absolute value
     /// twice its weight over `sigma`; the thresholds `alpha/t1`, `beta/t2`, `gamma/t3` are fractions of `sigma`.
     pub fn for_problem<T: Real>(problem: &Problem<'_, T>) -> Self {
-        let sigma = contrast(problem);
+        Self::at_contrast(problem, contrast(problem))
+    }
+
+    /// As [`Self::for_problem`] with a given scale `sigma > 0` of the target.
+    pub fn at_contrast<T: Real>(problem: &Problem<'_, T>, sigma: f64) -> Self {
         let mean = |w: &Option<super::Weight<T>>| w.as_ref().map_or(0.0, super::Weight::mean);
         let guide = problem.guide.as_ref().map_or(0.0, |g| g.weight.mean());
         let (alpha, beta) = (mean(&problem.alpha), mean(&problem.beta));
@@ -79,16 +98,5 @@ const THRESHOLDS: [f64; 3] = [0.33, 0.17, 0.17];
 /// A scale of the target: its standard deviation over the samples that are read, about each channel's mean; 1 for
 /// constant images.
 pub fn contrast<T: Real>(problem: &Problem<'_, T>) -> f64 {
-    let shape = problem.shape;
-    let (mut squares, mut count) = (0.0, 0_usize);
-    for (c, plane) in problem.target.chunks(shape.pixels()).enumerate() {
-        let read = |&(k, _): &(usize, &T)| !problem.data.hole(c * shape.pixels() + k, shape);
-        let values = || plane.iter().enumerate().filter(read).map(|(_, v)| v.f64());
-        let n = values().count();
-        let mean = values().sum::<f64>() / n.max(1) as f64;
-        squares += values().map(|v| (v - mean) * (v - mean)).sum::<f64>();
-        count += n;
-    }
-    let sigma = (squares / count.max(1) as f64).sqrt();
-    if sigma.is_finite() && sigma > 0.0 { sigma } else { 1.0 }
+    Survey::new(problem).contrast
 }

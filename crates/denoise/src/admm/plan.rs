@@ -23,6 +23,7 @@ pub enum ChannelPlan {
 /// | term | its weight is `None` or 0 everywhere | its splits (memory) and its part of the pass over the rows |
 /// | constant channel | uniform, without holes and guide | the channel: its optimum is the target |
 /// | equal channels | all channels of a coupled image, or any of separate ones, share target and weights | all but one |
+/// | transforms | total variation or guide without holes, not too stiff ([`super::LinearStep`]) | the transforms: more than half of the time |
 /// | converged channel | separate channels, tolerance stop | the channel's part of all further iterations |
 ///
 /// Constant tiles are not skipped: the linear step is global, and the pass over the rows has no branches.
@@ -36,6 +37,8 @@ pub struct Plan {
     pub guide: bool,
     /// One entry per channel.
     pub channels: Vec<ChannelPlan>,
+    /// The linear step is a sweep and not exact.
+    pub sweep: bool,
     /// Columns with padding.
     pub padded_cols: usize,
     /// Bytes of the solver's state.
@@ -54,6 +57,7 @@ impl Plan {
             hessian: on(problem.beta.as_ref()),
             guide: on(problem.guide.as_ref().map(|g| &g.weight)),
             channels: channels(problem),
+            sweep: false,
             padded_cols,
             bytes: 0,
         }
@@ -71,8 +75,9 @@ impl fmt::Display for Plan {
         let terms: Vec<&str> = names.iter().filter(|(_, on)| *on).map(|(name, _)| *name).collect();
         write!(
             f,
-            "terms: data {}; channels solved: {} of {}; columns with padding: {}; state: {:.1} MiB",
+            "terms: data {}; linear step: {}; channels solved: {} of {}; columns with padding: {}; state: {:.1} MiB",
             terms.join(" "),
+            if self.sweep { "sweep" } else { "exact" },
             self.solved().len(),
             self.channels.len(),
             self.padded_cols,

@@ -5,6 +5,9 @@ use photofit_scalar::Real;
 use crate::field::not_finite;
 use crate::{DenoiseError, Shape};
 
+/// Samples checked at once.
+const CHUNK: usize = 1 << 12;
+
 /// A weight: the same everywhere or one value per pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Weight<T> {
@@ -244,9 +247,13 @@ impl<'a, T: Real> Problem<'a, T> {
                 weight.check(name, shape)?;
             }
         }
-        let bad = |i: usize| !self.target[i].is_finite() && !self.data.hole(i, shape);
-        if let Some(i) = (0..shape.len()).find(|&i| bad(i)) {
-            return Err(not_finite("target", self.target[i], i, shape));
+        // One chunk after the other, so that a good image costs one fast pass.
+        let suspicious = |v: &&[T]| v.iter().fold(false, |bad, v| bad | !v.is_finite());
+        for (chunk, values) in self.target.chunks(CHUNK).enumerate().filter(|(_, v)| suspicious(v)) {
+            let bad = |&k: &usize| !values[k].is_finite() && !self.data.hole(chunk * CHUNK + k, shape);
+            if let Some(k) = (0..values.len()).find(bad) {
+                return Err(not_finite("target", values[k], chunk * CHUNK + k, shape));
+            }
         }
         let Some(guide) = &self.guide else { return Ok(()) };
         guide.weight.check("gamma", shape)?;

@@ -13,9 +13,9 @@ pub(crate) enum DataRow<'a, T> {
     Huber(&'a [T], &'a [T]),
 }
 
-/// One step of the data split: `q = qh + a u`, `p = prox(q)`, `qh = q - a p`, `f = t0 (2p - q)`.
+/// One step of the data split: `q = qh + gain u`, `p = prox(q)`, `qh = q - a p - carry gain u`, `f = t0 (2p - q)`.
 ///
-/// `qh` holds `b0 + (1 - a) p`. Samples beyond the target have no data: there `p = q`.
+/// `qh` holds `b0 + (1 - a) p`, less what the relaxed estimate carries. Samples beyond the target have no data: there `p = q`.
 #[inline(always)]
 pub(crate) fn data_row<T: Real>(
     data: DataRow<'_, T>,
@@ -24,7 +24,7 @@ pub(crate) fn data_row<T: Real>(
     qh: &mut [T],
     f: &mut [T],
     t0: T,
-    [gain, a]: [T; 2],
+    [gain, a, carry]: [T; 3],
 ) {
     let n = target.len();
     let two = T::of(2.0);
@@ -33,12 +33,13 @@ pub(crate) fn data_row<T: Real>(
             let (l1, l2) = (&l1[..n], &l2[..n]);
             let (u, qh, f) = (&u[..n], &mut qh[..n], &mut f[..n]);
             for j in 0..n {
-                let q = qh[j] + gain * u[j];
+                let own = gain * u[j];
+                let q = qh[j] + own;
                 let s = q - target[j];
                 // sgn(s) max(t0 |s| - l1, 0), without the sign.
                 let clipped = (t0 * s).max(-l1[j]).min(l1[j]);
                 let p = target[j] + (t0 * s - clipped) / (l2[j] + t0);
-                qh[j] = q - a * p;
+                qh[j] = q - a * p - carry * own;
                 f[j] = t0 * (two * p - q);
             }
         }
@@ -46,20 +47,22 @@ pub(crate) fn data_row<T: Real>(
             let (lambda, delta) = (&lambda[..n], &delta[..n]);
             let (u, qh, f) = (&u[..n], &mut qh[..n], &mut f[..n]);
             for j in 0..n {
-                let q = qh[j] + gain * u[j];
+                let own = gain * u[j];
+                let q = qh[j] + own;
                 let s = q - target[j];
                 // The square's step, or the line's where that leaves the square: the line's is then the larger.
                 let square = s * t0 / (lambda[j] + t0);
                 let line = s + lambda[j] * delta[j] / t0;
                 let p = target[j] + if square >= -delta[j] { square } else { line };
-                qh[j] = q - a * p;
+                qh[j] = q - a * p - carry * own;
                 f[j] = t0 * (two * p - q);
             }
         }
     }
     for ((u, qh), f) in u[n..].iter().zip(&mut qh[n..]).zip(&mut f[n..]) {
-        let q = *qh + gain * *u;
-        *qh = q - a * q;
+        let own = gain * *u;
+        let q = *qh + own;
+        *qh = q - a * q - carry * own;
         *f = t0 * q;
     }
 }
@@ -82,32 +85,33 @@ pub(crate) fn shares<T: Real>(squares: &mut [T], weight: &[T], scale: T) {
     }
 }
 
-/// Shrinks one component: `s = z (1 - share)`, leaves `z - a s` in `zh` and the reflection `2 s - z` in `z`.
+/// Shrinks one component: `s = z (1 - share)`, leaves `z - a s - carry (z - zh)` in `zh` and the reflection `2 s - z`
+/// in `z`; `z - zh` is what the operator gave.
 #[inline(always)]
-pub(crate) fn shrink<T: Real>(z: &mut [T], zh: &mut [T], share: &[T], a: T) {
+pub(crate) fn shrink<T: Real>(z: &mut [T], zh: &mut [T], share: &[T], [a, carry]: [T; 2]) {
     for ((z, zh), share) in z.iter_mut().zip(zh).zip(share) {
         let s = *z - *z * *share;
-        *zh = *z - a * s;
+        *zh = *z - a * s - carry * (*z - *zh);
         *z = s + s - *z;
     }
 }
 
 /// Components that count for nothing pass through: `s = z`.
 #[inline(always)]
-pub(crate) fn pass<T: Real>(z: &[T], zh: &mut [T], a: T) {
+pub(crate) fn pass<T: Real>(z: &[T], zh: &mut [T], [a, carry]: [T; 2]) {
     for (z, zh) in z.iter().zip(zh) {
-        *zh = *z - a * *z;
+        *zh = *z - a * *z - carry * (*z - *zh);
     }
 }
 
-/// `z = zh + a Dx+ u`, periodic.
+/// `z = zh + a Dx+ u`; at the end of the row periodic, or 0.
 #[inline(always)]
-pub(crate) fn forward_x<T: Real>(u: &[T], zh: &[T], a: T, z: &mut [T]) {
+pub(crate) fn forward_x<T: Real>(u: &[T], periodic: bool, zh: &[T], a: T, z: &mut [T]) {
     let n = u.len();
     for j in 0..n - 1 {
         z[j] = zh[j] + a * (u[j + 1] - u[j]);
     }
-    z[n - 1] = zh[n - 1] + a * (u[0] - u[n - 1]);
+    z[n - 1] = if periodic { zh[n - 1] + a * (u[0] - u[n - 1]) } else { zh[n - 1] };
 }
 
 /// `z = zh + a (below - u)`; without a row below `z = zh`, which then is 0.
@@ -228,6 +232,56 @@ pub(crate) fn add_hessian_adjoint<T: Real>(
         let (above, below) = (&above.unwrap_or(own)[..n], &below.unwrap_or(own)[..n]);
         for j in 0..n {
             f[j] += t * ((below[j] - own[j]) - (own[j] - above[j]));
+        }
+    }
+}
+
+/// One half of a red-black sweep on a row: where `mask` is 1, `out` becomes the solution of its equation
+/// `(t0 + t n) v = f + t (sum of the n neighbours)`, elsewhere it stays `v`. Without neighbours across the border.
+#[inline(always)]
+pub(crate) fn half_sweep<T: Real>(
+    v: &[T],
+    above: Option<&[T]>,
+    below: Option<&[T]>,
+    f: &[T],
+    mask: &[T],
+    [t0, t]: [T; 2],
+    out: &mut [T],
+) {
+    let n = v.len();
+    let (v, f, mask, out) = (&v[..n], &f[..n], &mask[..n], &mut out[..n]);
+    let vertical = T::of((usize::from(above.is_some()) + usize::from(below.is_some())) as f64);
+    // A missing row counts nothing.
+    let own = |row: Option<&[T]>, j: usize| row.map_or(T::zero(), |row| row[j]);
+    let end = |j: usize, beside: Option<usize>| {
+        let sides = T::of(usize::from(beside.is_some()) as f64);
+        let sum = own(above, j) + own(below, j) + beside.map_or(T::zero(), |k| v[k]);
+        let new = (f[j] + t * sum) / (t0 + t * (vertical + sides));
+        if mask[j] > T::zero() { new } else { v[j] }
+    };
+    (out[0], out[n - 1]) = (end(0, (n > 1).then_some(1)), end(n - 1, n.checked_sub(2)));
+    let inverse = T::one() / (t0 + t * (vertical + T::of(2.0)));
+    let zero = T::zero();
+    match (above, below) {
+        (Some(above), Some(below)) => {
+            let (above, below) = (&above[..n], &below[..n]);
+            for j in 1..n.max(1) - 1 {
+                let new = (f[j] + t * ((v[j - 1] + v[j + 1]) + (above[j] + below[j]))) * inverse;
+                out[j] = if mask[j] > zero { new } else { v[j] };
+            }
+        }
+        (Some(one), None) | (None, Some(one)) => {
+            let one = &one[..n];
+            for j in 1..n.max(1) - 1 {
+                let new = (f[j] + t * ((v[j - 1] + v[j + 1]) + one[j])) * inverse;
+                out[j] = if mask[j] > zero { new } else { v[j] };
+            }
+        }
+        (None, None) => {
+            for j in 1..n.max(1) - 1 {
+                let new = (f[j] + t * (v[j - 1] + v[j + 1])) * inverse;
+                out[j] = if mask[j] > zero { new } else { v[j] };
+            }
         }
     }
 }

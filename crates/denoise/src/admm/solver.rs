@@ -1,21 +1,21 @@
 //! The solver: state, steps, solution.
 
 use std::fmt;
-use std::sync::{Mutex, PoisonError};
 
-use rayon::prelude::{
-    IndexedParallelIterator, IntoParallelRefMutIterator, ParallelIterator, ParallelSliceMut,
-};
+use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSliceMut};
 
+use super::exact::Exact;
 use super::plan::{ChannelPlan, Plan};
+use super::split::{Frame, TermFrame};
 use super::stop::{Report, Stop};
-use super::tile::{Frame, Scratch, TermFrame, Tile};
-use super::{Coupling, DataTerm, Penalties, Problem, Weight};
-use crate::transform::{Block, Sample, StripSolver, Symbol, fast_length};
+use super::survey::{Survey, full};
+use super::sweep::Sweep;
+use super::{Coupling, DataTerm, LinearStep, Penalties, Problem, Weight};
+use crate::transform::{Sample, StripSolver, Symbol, fast_length};
 use crate::{DenoiseError, Shape};
 
-/// Rows of a band.
-const BAND: usize = 16;
+/// Stiffest system `(t1+t3) / t0` that the sweep takes by default.
+const STIFFEST: f64 = 4.0;
 
 /// The over-relaxed splitting of one [`Problem`], see [the module](crate::admm).
 ///
@@ -48,12 +48,17 @@ pub struct Admm<T: Sample> {
     unreadable: Vec<usize>,
     /// `1 / sqrt(k)` where `k` equal coupled channels are solved as one.
     merged: f64,
-    solver: StripSolver<T>,
-    u: Vec<T>,
-    tiles: Vec<Tile<T>>,
-    blocks: Vec<Block<T>>,
-    pool: Mutex<Vec<Scratch<T>>>,
+    /// The estimate before the first step, if it is not the target.
+    start: Option<Vec<T>>,
+    /// `None` if no channel is solved.
+    engine: Option<Engine<T>>,
     steps: usize,
+}
+
+/// The linear step and the splits it is fused with.
+enum Engine<T: Sample> {
+    Exact(Exact<T>),
+    Sweep(Sweep<T>),
 }
 
 impl<T: Sample> fmt::Debug for Admm<T> {
@@ -69,7 +74,9 @@ impl<T: Sample> Admm<T> {
     /// If the problem does not pass [`Problem::check`].
     pub fn new(problem: &Problem<'_, T>) -> Result<Self, DenoiseError> {
         problem.check()?;
-        Self::with_penalties(problem, Penalties::for_problem(problem), None)
+        let survey = Survey::new(problem);
+        let penalties = Penalties::at_contrast(problem, survey.contrast);
+        Self::build(problem, penalties, None, LinearStep::Auto, survey)
     }
 
     /// Starts at `start` (or, without it, as [`Self::new`]) with the given penalties. The first step is the one that
@@ -83,14 +90,36 @@ impl<T: Sample> Admm<T> {
         penalties: Penalties,
         start: Option<&[T]>,
     ) -> Result<Self, DenoiseError> {
+        Self::with_linear_step(problem, penalties, start, LinearStep::Auto)
+    }
+
+    /// As [`Self::with_penalties`], with a choice of the linear step.
+    ///
+    /// # Errors
+    /// As [`Self::with_penalties`], or if the sweep is asked for and the Hessian is on.
+    pub fn with_linear_step(
+        problem: &Problem<'_, T>,
+        penalties: Penalties,
+        start: Option<&[T]>,
+        linear: LinearStep,
+    ) -> Result<Self, DenoiseError> {
         problem.check()?;
+        Self::build(problem, penalties, start, linear, Survey::new(problem))
+    }
+
+    fn build(
+        problem: &Problem<'_, T>,
+        penalties: Penalties,
+        start: Option<&[T]>,
+        linear: LinearStep,
+        survey: Survey,
+    ) -> Result<Self, DenoiseError> {
         penalties.check()?;
         let shape = problem.shape;
         if let Some(start) = start {
             crate::check_finite("start", start, shape)?;
         }
-        let cols = fast_length(shape.cols);
-        let mut plan = Plan::new(problem, cols);
+        let mut plan = Plan::new(problem, shape.cols);
         let on = [plan.gradient, plan.hessian, plan.guide];
         let t = [penalties.gradient, penalties.hessian, penalties.guide];
         for ((on, t), name) in on.into_iter().zip(t).zip(["gradient", "Hessian", "guide"]) {
@@ -109,16 +138,22 @@ impl<T: Sample> Admm<T> {
             Coupling::Vectorial => 1.0 / ((1 + same) as f64).sqrt(),
             Coupling::Separate => 1.0,
         };
-        let (offsets, target) = center(problem, &plan);
-        let rows = if channels.is_empty() { 1 } else { shape.rows };
+        let (offsets, target) = center(problem, &plan, &survey.means);
+        let sweep = match linear {
+            LinearStep::Exact => false,
+            LinearStep::Sweep => true,
+            LinearStep::Auto => !plan.hessian && full(&problem.data) && symbol.c1 <= STIFFEST * symbol.c0,
+        };
+        let hessian = f64::from(u8::from(plan.hessian));
+        DenoiseError::setting("the Hessian", hessian, "off for the sweep", !(sweep && plan.hessian))?;
+        plan.sweep = sweep;
+        plan.padded_cols = if sweep { shape.cols } else { fast_length(shape.cols) };
         let weights = [
             problem.alpha.clone().filter(|_| plan.gradient),
             problem.beta.clone().filter(|_| plan.hessian),
             problem.guide.as_ref().map(|g| g.weight.clone()).filter(|_| plan.guide),
         ];
         let guide = problem.guide.as_ref().filter(|_| plan.guide).map_or(Vec::new(), |g| g.gradient.to_vec());
-        let solver = StripSolver::new(rows, cols, symbol);
-        let blocks = solver.blocks(channels.len());
         let mut admm = Self {
             shape,
             penalties,
@@ -129,28 +164,30 @@ impl<T: Sample> Admm<T> {
             data: problem.data.clone(),
             weights,
             guide,
-            unreadable: (0..shape.len()).filter(|&k| !problem.target[k].is_finite()).collect(),
+            unreadable: survey.unreadable,
             merged,
-            u: vec![T::zero(); shape.rows * channels.len() * cols],
-            tiles: Vec::new(),
-            blocks,
-            pool: Mutex::new(Vec::new()),
+            start: start.map(<[T]>::to_vec),
+            engine: None,
             steps: 0,
             channels,
             plan: plan.clone(),
-            solver,
         };
-        admm.set_start(start);
         if !admm.channels.is_empty() {
-            let bands = (0..shape.rows).step_by(BAND).map(|i| i..(i + BAND).min(shape.rows));
-            admm.tiles = bands.map(|rows| Tile::new(rows, &admm.frame(false))).collect();
+            let engine = if sweep {
+                Engine::Sweep(Sweep::new(&admm.frame(false)))
+            } else {
+                let solver = StripSolver::new(shape.rows, plan.padded_cols, symbol);
+                Engine::Exact(Exact::new(&admm.frame(false), solver))
+            };
+            admm.engine = Some(engine);
         }
-        plan.bytes = size_of_val(admm.u.as_slice())
-            + size_of_val(admm.target.as_slice())
+        plan.bytes = size_of_val(admm.target.as_slice())
             + size_of_val(admm.guide.as_slice())
-            + admm.solver.bytes()
-            + admm.tiles.iter().map(Tile::bytes).sum::<usize>()
-            + admm.blocks.iter().map(Block::bytes).sum::<usize>();
+            + match &admm.engine {
+                Some(Engine::Exact(exact)) => exact.bytes(),
+                Some(Engine::Sweep(sweep)) => sweep.bytes(),
+                None => 0,
+            };
         admm.plan = plan;
         Ok(admm)
     }
@@ -175,35 +212,6 @@ impl<T: Sample> Admm<T> {
         self.shape
     }
 
-    fn set_start(&mut self, start: Option<&[T]>) {
-        let (m, n, cols, channels) =
-            (self.shape.rows, self.shape.cols, self.plan.padded_cols, self.channels.len());
-        for (c, &plane) in self.channels.iter().enumerate() {
-            for i in 0..m {
-                let row = &mut self.u[(i * channels + c) * cols..][..cols];
-                match start {
-                    Some(start) => {
-                        for (v, s) in row.iter_mut().zip(&start[(plane * m + i) * n..][..n]) {
-                            *v = *s - self.offsets[plane];
-                        }
-                    }
-                    None => {
-                        for (j, v) in row[..n].iter_mut().enumerate() {
-                            let hole = self.data.hole((plane * m + i) * n + j, self.shape);
-                            *v = if hole { T::zero() } else { self.target[(c * m + i) * n + j] };
-                        }
-                    }
-                }
-                // The padding continues the row back to its beginning, without a jump.
-                let (first, last) = (row[0], row[n - 1]);
-                let pad = cols - n;
-                for (k, v) in row[n..].iter_mut().enumerate() {
-                    *v = last + (first - last) * T::of((k + 1) as f64 / (pad + 1) as f64);
-                }
-            }
-        }
-    }
-
     fn frame(&self, measure: bool) -> Frame<'_, T> {
         let p = self.penalties;
         let term = |k: usize, penalty: f64| {
@@ -214,20 +222,25 @@ impl<T: Sample> Admm<T> {
                 guide: &self.guide,
             })
         };
-        let gain = if self.steps == 0 { 1.0 } else { p.relaxation };
+        let (a, sweep) = (p.relaxation, self.plan.sweep);
+        // The first step takes the operators once: the splits start at the estimate.
+        let gain = if sweep || self.steps == 0 { 1.0 } else { a };
         Frame {
             shape: self.shape,
             cols: self.plan.padded_cols,
+            periodic: !sweep,
             channels: &self.channels,
             frozen: &self.frozen,
             coupling: self.coupling,
-            u: &self.u,
+            start: self.start.as_deref(),
+            offsets: &self.offsets,
             target: &self.target,
             data: &self.data,
             t0: T::of(p.data),
             terms: [term(0, p.gradient), term(1, p.hessian), term(2, p.guide)],
-            relaxation: [T::of(gain), T::of(p.relaxation)],
-            solver: &self.solver,
+            gain: T::of(gain),
+            relaxation: T::of(a),
+            carry: T::of(if sweep { 1.0 - a } else { 0.0 }),
             measure,
         }
     }
@@ -238,47 +251,15 @@ impl<T: Sample> Admm<T> {
     }
 
     fn advance(&mut self, measure: bool) {
-        if self.channels.is_empty() {
-            self.steps += 1;
-            return;
-        }
-        let mut tiles = std::mem::take(&mut self.tiles);
-        let mut blocks = std::mem::take(&mut self.blocks);
+        let mut engine = self.engine.take();
         let frame = self.frame(measure);
-        let pool = &self.pool;
-        let take = |frame: &Frame<'_, T>| {
-            let kept = pool.lock().unwrap_or_else(PoisonError::into_inner).pop();
-            kept.unwrap_or_else(|| Scratch::new(frame))
-        };
-        let give = |scratch| pool.lock().unwrap_or_else(PoisonError::into_inner).push(scratch);
-        tiles.par_iter_mut().for_each(|tile| {
-            let mut scratch = take(&frame);
-            tile.update(&frame, &mut scratch);
-            give(scratch);
-        });
-        let (channels, n) = (self.channels.len(), self.solver.frequencies());
-        blocks.par_iter_mut().filter(|b| !self.frozen[b.channel]).for_each(|block| {
-            let c = block.channel;
-            self.solver.solve_block(block, |i| {
-                let tile = &tiles[i / BAND];
-                &tile.spectrum[((i - tile.rows.start) * channels + c) * n..][..n]
-            });
-        });
-        let mut u = std::mem::take(&mut self.u);
-        let (cols, per_channel) = (self.plan.padded_cols, self.solver.blocks_per_channel());
-        let frame = self.frame(false);
-        u.par_chunks_mut(BAND * channels * cols).enumerate().for_each(|(band, rows)| {
-            let mut scratch = take(&frame);
-            for (k, row) in rows.chunks_mut(cols).enumerate() {
-                let (i, c) = (band * BAND + k / channels, k % channels);
-                if !self.frozen[c] {
-                    let blocks = &blocks[c * per_channel..(c + 1) * per_channel];
-                    self.solver.inverse_row(blocks, i, row, &mut scratch.transform);
-                }
-            }
-            give(scratch);
-        });
-        (self.tiles, self.blocks, self.u) = (tiles, blocks, u);
+        match &mut engine {
+            Some(Engine::Exact(exact)) => exact.advance(&frame),
+            Some(Engine::Sweep(sweep)) => sweep.advance(&frame),
+            None => {}
+        }
+        self.engine = engine;
+        self.start = None;
         self.steps += 1;
     }
 
@@ -325,12 +306,17 @@ impl<T: Sample> Admm<T> {
     fn residuals(&self) -> Vec<f64> {
         let channels = self.channels.len();
         let mut sums = vec![[0.0; 3]; channels];
-        for tile in &self.tiles {
-            for (total, sum) in sums.iter_mut().zip(&tile.sums) {
+        let mut add = |band: &[[f64; 3]]| {
+            for (total, sum) in sums.iter_mut().zip(band) {
                 for (t, s) in total.iter_mut().zip(sum) {
                     *t += s;
                 }
             }
+        };
+        match &self.engine {
+            Some(Engine::Exact(exact)) => exact.sums().for_each(&mut add),
+            Some(Engine::Sweep(sweep)) => sweep.sums().for_each(&mut add),
+            None => {}
         }
         let ratio = |[r, d, u]: [f64; 3]| {
             let change = r.max(d).sqrt();
@@ -358,24 +344,58 @@ impl<T: Sample> Admm<T> {
     /// If `out` does not have the shape of the problem.
     pub fn write_solution(&self, out: &mut [T]) {
         assert_eq!(out.len(), self.shape.len(), "an image of {}", self.shape);
-        let (m, n, cols, channels) =
-            (self.shape.rows, self.shape.cols, self.plan.padded_cols, self.channels.len());
-        out.par_chunks_mut(n).enumerate().for_each(|(row, out)| {
-            let (plane, i) = (row / m, row % m);
-            let source = match self.plan.channels[plane] {
-                ChannelPlan::SameAs(source) => source,
-                ChannelPlan::Solved | ChannelPlan::Constant => plane,
-            };
-            match self.channels.iter().position(|&c| c == source) {
-                Some(c) => {
-                    let u = &self.u[(i * channels + c) * cols..][..n];
-                    for (o, v) in out.iter_mut().zip(u) {
+        let mut made = Vec::new();
+        let rows: &[T] = match &self.engine {
+            Some(Engine::Exact(exact)) => {
+                made.resize(self.channels.len() * self.shape.pixels(), T::zero());
+                exact.write_rows(&self.frame(false), &mut made);
+                &made
+            }
+            Some(Engine::Sweep(sweep)) => sweep.rows(),
+            None => &made,
+        };
+        let (m, n, lanes) = (self.shape.rows, self.shape.cols, self.channels.len());
+        out.par_chunks_mut(n).enumerate().for_each(|(k, out)| {
+            let (plane, i) = (k / m, k % m);
+            match self.lane_of(plane) {
+                Some((c, source)) => {
+                    for (o, v) in out.iter_mut().zip(&rows[(i * lanes + c) * n..]) {
                         *o = *v + self.offsets[source];
                     }
                 }
                 None => out.fill(self.offsets[plane]),
             }
         });
+    }
+
+    /// The solved channel that a channel of the solution is taken from, and its place in the problem.
+    fn lane_of(&self, plane: usize) -> Option<(usize, usize)> {
+        let source = match self.plan.channels[plane] {
+            ChannelPlan::SameAs(source) => source,
+            ChannelPlan::Solved | ChannelPlan::Constant => plane,
+        };
+        self.channels.iter().position(|&c| c == source).map(|c| (c, source))
+    }
+
+    /// The dual variable of the total variation: for each channel the plane of x, then of y, `|y| <= alpha`; with
+    /// [`crate::primal_dual::rof_gap`] it bounds the distance to the optimum. `None` if the term is off.
+    pub fn gradient_dual(&self) -> Option<Vec<T>> {
+        self.weights[0].as_ref()?;
+        let (m, n) = (self.shape.rows, self.shape.cols);
+        let rows = match &self.engine {
+            Some(Engine::Exact(exact)) => exact.gradient_dual(&self.frame(false)),
+            Some(Engine::Sweep(sweep)) => sweep.gradient_dual(&self.frame(false)),
+            None => Vec::new(),
+        };
+        let mut out = vec![T::zero(); 2 * self.shape.len()];
+        let lanes = 2 * self.channels.len();
+        for (k, row) in out.chunks_exact_mut(n).enumerate() {
+            let (plane, part, i) = (k / (2 * m), k / m % 2, k % m);
+            if let Some((c, _)) = self.lane_of(plane) {
+                row.copy_from_slice(&rows[(i * lanes + 2 * c + part) * n..][..n]);
+            }
+        }
+        Some(out)
     }
 
     /// Replaces the data term's weights (and, if wished, its kind) between steps; the duals stay.
@@ -439,26 +459,15 @@ impl<T: Sample> Admm<T> {
     }
 }
 
-/// The mean of each channel over the samples that are read, and the target of the solved channels less their mean,
-/// 0 where it is not finite. Without the mean single precision keeps its digits.
-fn center<T: Sample>(problem: &Problem<'_, T>, plan: &Plan) -> (Vec<T>, Vec<T>) {
-    let shape = problem.shape;
-    let n = shape.pixels();
-    let offsets: Vec<T> = (0..shape.channels)
-        .map(|c| {
-            if plan.channels[c] == ChannelPlan::Constant {
-                return problem.target[c * n];
-            }
-            let (mut sum, mut count) = (0.0, 0_usize);
-            for k in c * n..(c + 1) * n {
-                if !problem.data.hole(k, shape) {
-                    sum += problem.target[k].f64();
-                    count += 1;
-                }
-            }
-            if count == 0 { T::zero() } else { T::of(sum / count as f64) }
-        })
-        .collect();
+/// What is taken off each channel, and the target of the solved channels less that, 0 where it is not finite. Without
+/// the mean single precision keeps its digits.
+fn center<T: Sample>(problem: &Problem<'_, T>, plan: &Plan, means: &[f64]) -> (Vec<T>, Vec<T>) {
+    let n = problem.shape.pixels();
+    let offset = |c: usize| match plan.channels[c] {
+        ChannelPlan::Constant => problem.target[c * n],
+        ChannelPlan::Solved | ChannelPlan::SameAs(_) => T::of(means[c]),
+    };
+    let offsets: Vec<T> = (0..problem.shape.channels).map(offset).collect();
     let mut target = Vec::with_capacity(plan.solved().len() * n);
     for c in plan.solved() {
         let centred = |v: &T| if v.is_finite() { *v - offsets[c] } else { T::zero() };

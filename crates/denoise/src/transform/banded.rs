@@ -87,6 +87,7 @@ impl<T: Sample> BandedFactors<T> {
         Self { rows, head, frequencies, wide, table }
     }
 
+    #[inline(always)]
     pub(crate) fn wide(&self) -> bool {
         self.wide
     }
@@ -97,7 +98,7 @@ impl<T: Sample> BandedFactors<T> {
     }
 
     /// The factors of row `i` for frequencies `from..to`.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn row(&self, i: usize, from: usize, to: usize) -> FactorRow<'_, T> {
         let stored = self.table.len() / (self.frequencies * if self.wide { 3 } else { 2 }).max(1);
         // The last two rows are the last two stored ones.

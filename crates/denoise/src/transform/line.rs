@@ -12,7 +12,7 @@ use crate::operators::Boundary;
 /// Forward and inverse transform of rows of one length: the real Fourier transform for [`Boundary::Periodic`], the
 /// DCT-II and its inverse for [`Boundary::Neumann`].
 ///
-/// The DCT of N samples is one real FFT of N reordered samples and N multiplications by twiddles [@makhoul1980].
+/// The DCT of N samples is one real FFT of N reordered samples and N multiplications by twiddles (Makhoul 1980).
 #[derive(Clone)]
 pub struct LineTransform<T: Sample> {
     boundary: Boundary,

@@ -3,7 +3,7 @@
 //! | solver | boundary | method | use |
 //! |---|---|---|---|
 //! | [`SpectralSolver`] | periodic or Neumann | real FFT or DCT-II (by one real FFT) in both directions | oracle; problems like Poisson's |
-//! | [`StripSolver`] | periodic along rows, Neumann along columns | real FFT along rows, then for each frequency a banded Cholesky solve down the columns [@hockney1965] | production |
+//! | [`StripSolver`] | periodic along rows, Neumann along columns | real FFT along rows, then for each frequency a banded Cholesky solve down the columns (Hockney 1965) | production |
 //!
 //! All are exact up to rounding, and with natural-boundary masks ([`crate::operators::gradient_mask`]) all lead a
 //! splitting method to the same optimum. The strip solver replaces two column transforms and two transposes by two

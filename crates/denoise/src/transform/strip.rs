@@ -11,17 +11,18 @@ use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 
 use super::banded::BandedFactors;
 use super::{Sample, Symbol, eigenvalue};
+use crate::wide::widest;
 
 /// Frequencies solved by one task.
-const WIDTH: usize = 32;
+const WIDTH: usize = 64;
 /// Rows transformed by one task.
 const ROWS: usize = 16;
 
 /// Solves `(c0 + c1 L + c2 L^2) u = f`, periodic along rows and Neumann along columns.
 ///
 /// After a real FFT of each row the system falls apart into one banded system per frequency, positive definite with
-/// one subdiagonal (two with `c2`), the same for all channels [@hockney1965]. The sweeps down and up run over
-/// [`WIDTH`] frequencies at once and vectorise.
+/// one subdiagonal (two with `c2`), the same for all channels (Hockney 1965). The sweeps down and up run over
+/// 64 frequencies at once and vectorise.
 pub struct StripSolver<T: Sample> {
     cols: usize,
     forward: Arc<dyn RealToComplex<T>>,
@@ -122,6 +123,17 @@ impl<T: Sample> StripSolver<T> {
     where
         T: 'a,
     {
+        widest(
+            #[inline(always)]
+            || self.sweep(block, source),
+        );
+    }
+
+    #[inline(always)]
+    fn sweep<'a>(&self, block: &mut Block<T>, source: impl Fn(usize) -> &'a [Complex<T>])
+    where
+        T: 'a,
+    {
         let (from, to) = (block.from, block.to);
         let width = to - from;
         for i in 0..self.rows {
@@ -158,13 +170,11 @@ impl<T: Sample> StripSolver<T> {
 
     /// Gathers row `i` from the blocks of one channel and transforms it back.
     pub(crate) fn inverse_row(&self, blocks: &[Block<T>], i: usize, out: &mut [T], s: &mut RowScratch<T>) {
-        for block in blocks {
-            let width = block.to - block.from;
-            let (re, im) = block.values[2 * width * i..2 * width * (i + 1)].split_at(width);
-            for ((z, &re), &im) in s.spectrum[block.from..block.to].iter_mut().zip(re).zip(im) {
-                *z = Complex::new(re, im);
-            }
-        }
+        let spectrum = &mut s.spectrum[..];
+        widest(
+            #[inline(always)]
+            || gather(blocks, i, spectrum),
+        );
         s.spectrum[0].im = T::zero();
         if self.cols.is_multiple_of(2) {
             s.spectrum[self.cols / 2].im = T::zero();
@@ -209,5 +219,17 @@ fn add_scaled<T: Sample>(row: &mut [T], factor: &[T], other: &[T]) {
     }
     for ((v, o), f) in im.iter_mut().zip(&other[width..2 * width]).zip(factor) {
         *v += *f * *o;
+    }
+}
+
+/// Row `i` of all blocks.
+#[inline(always)]
+fn gather<T: Sample>(blocks: &[Block<T>], i: usize, spectrum: &mut [Complex<T>]) {
+    for block in blocks {
+        let width = block.to - block.from;
+        let (re, im) = block.values[2 * width * i..2 * width * (i + 1)].split_at(width);
+        for ((z, &re), &im) in spectrum[block.from..block.to].iter_mut().zip(re).zip(im) {
+            *z = Complex::new(re, im);
+        }
     }
 }

@@ -208,9 +208,16 @@ def main():
     )
 
     u, w1, w2 = cp.Variable(M * N), cp.Variable(M * N), cp.Variable(M * N)
-    # Symmetrised derivative by backward differences, the negative adjoints of the forward ones.
-    strain = [-(DX.T @ w1), -(DY.T @ w2), np.sqrt(0.5) * (-(DY.T @ w1) - (DX.T @ w2))]
-    first = cp.sum(norms([DX @ u - w1, DY @ u - w2]))
+    # Symmetrised derivative by backward differences where both neighbours exist and inside the border.
+    j, i = np.arange(M * N) % N, np.arange(M * N) // N
+    in_x, in_y = ((j > 0) & (j < N - 1)).astype(float), ((i > 0) & (i < M - 1)).astype(float)
+    back_x, back_y = -DX.T, -DY.T
+    strain = [
+        cp.multiply(in_x, back_x @ w1),
+        cp.multiply(in_y, back_y @ w2),
+        np.sqrt(0.5) * cp.multiply(in_x * in_y, back_y @ w1 + back_x @ w2),
+    ]
+    first = cp.sum(norms([cp.multiply(MASK_X, DX @ u - w1), cp.multiply(MASK_Y, DY @ u - w2)]))
     tgv = l2(u, gray, 8 * ones) + first + 2 * cp.sum(norms(strain))
     optimum = solve("tgv2", u, tgv)
     u.value, w1.value, w2.value = probe, DX @ probe, DY @ probe

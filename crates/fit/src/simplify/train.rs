@@ -9,7 +9,7 @@ use crate::views::{Set, Setup, Shot, setup};
 use crate::{FitError, Progress};
 use photofit_image::{Image, downsample, psnr_from_mse};
 use photofit_optim::{
-    Adam, AdamConfig, LargeSteps, Optimizer, Rows, Schedule, UniformAdam, clamp_channels, normalize_vectors,
+    LargeSteps, Optimizer, Placement, Rows, Schedule, Temporal, clamp_channels, normalize_vectors,
 };
 use photofit_raster::deferred::Passes;
 use photofit_raster::loss::Loss;
@@ -91,9 +91,8 @@ struct Trainer<'a> {
     plan: &'a Plan,
     candidate: Candidate,
     gradients: ParameterGradients,
-    large_steps: LargeSteps,
-    shape: UniformAdam<f32>,
-    maps: Adam<f32>,
+    shape: Optimizer<f32>,
+    maps: Optimizer<f32>,
     pool: Vec<Option<(Setup, Image)>>,
     held_out: Vec<Shot>,
     best: (f64, Vec<Vec3f>, photofit_raster::Maps),
@@ -122,17 +121,15 @@ pub(super) fn train(
     let large_steps = LargeSteps::new(candidate.positions.len(), &candidate.edges, LAMBDA)
         .map_err(FitError::Preconditioner)?;
     let optim = |source| FitError::Optim { step: 0, source, kept: "nothing was written".into() };
-    let shape = UniformAdam::new(
-        "positions",
-        candidate.positions.len() * 3,
-        AdamConfig { beta1: 0.9, beta2: 0.99, ..AdamConfig::default() },
-    )
-    .map_err(optim)?;
+    let shape =
+        Optimizer::new("positions", candidate.positions.len() * 3, Temporal::uniform_adam().betas(0.9, 0.99))
+            .and_then(|shape| shape.with_filter(Placement::VARIABLE, large_steps))
+            .map_err(optim)?;
     let texels = candidate.maps.levels[0].texels.len();
-    let maps = Adam::new(
+    let maps = Optimizer::new(
         "maps",
         texels * CHANNELS,
-        AdamConfig { beta1: 0.8, beta2: 0.98, relative_epsilon: 0.5, ..AdamConfig::default() },
+        Temporal { beta1: 0.8, beta2: 0.98, relative_epsilon: 0.5, ..Temporal::adam() },
     )
     .map_err(optim)?;
     let best = (f64::NEG_INFINITY, candidate.positions.clone(), candidate.maps.levels[0].clone());
@@ -142,7 +139,6 @@ pub(super) fn train(
         plan,
         gradients: candidate.gradients(),
         candidate,
-        large_steps,
         shape,
         maps,
         pool: (0..POOL).map(|_| None).collect(),
@@ -288,15 +284,9 @@ impl Trainer<'_> {
         let step = self.step;
         let fail = |source| FitError::Optim { step, source, kept: "the last checkpoint is unchanged".into() };
         if phase.position_rate > 0.0 {
-            let x: &[f32] = bytemuck::cast_slice(&self.candidate.positions);
-            let mut u = self.large_steps.to_u(x).map_err(fail)?;
-            let g = self
-                .large_steps
-                .gradient::<f32>(bytemuck::cast_slice(&self.gradients.positions))
-                .map_err(fail)?;
-            self.shape.step(&mut u, &g, (phase.position_rate * factor) as f32).map_err(fail)?;
-            let x = self.large_steps.to_x(&u).map_err(fail)?;
-            self.candidate.positions.copy_from_slice(bytemuck::cast_slice(&x));
+            let x = bytemuck::cast_slice_mut(&mut self.candidate.positions);
+            let g = bytemuck::cast_slice(&self.gradients.positions);
+            self.shape.step(x, g, (phase.position_rate * factor) as f32).map_err(fail)?;
         }
         let rates = channel_rates(self.plan).map(|r| r * (phase.map_rate * factor) as f32);
         let base = &mut self.candidate.maps.levels[0].texels;
@@ -353,13 +343,13 @@ impl Trainer<'_> {
             self.candidate.set_maps(self.best.2.clone());
         }
         let texels = self.candidate.maps.levels[0].texels.len();
-        let config = *self.maps.config();
+        let temporal = *self.maps.temporal();
         let fail = |source| FitError::Optim {
             step: self.step,
             source,
             kept: "the last checkpoint is unchanged".into(),
         };
-        self.maps = Adam::new("maps", texels * CHANNELS, config).map_err(fail)?;
+        self.maps = Optimizer::new("maps", texels * CHANNELS, temporal).map_err(fail)?;
         Ok(())
     }
 

@@ -1,25 +1,24 @@
 //! Adam on sampled gradients.
 
 use super::walk::{Step, Stepper, Walk};
-use crate::adam::{Adam, AdamConfig};
 use crate::sampled::error::SampledError;
 use crate::sampled::estimate::norm;
 use crate::sampled::objective::{GROUP, Objective, positive};
-use crate::{OptimError, Optimizer};
+use crate::{OptimError, Optimizer, Temporal};
 
 /// Fresh samples at each step; the rate follows sigma, so that the steps shrink with what the samples can tell apart.
 #[derive(Debug)]
 pub(crate) struct AdamSteps {
-    adam: Adam<f64>,
+    adam: Optimizer<f64>,
     rate: f64,
     /// Size of the first gradient, which Adam's steps do not depend on: squares of 1e-170 would vanish.
     unit: f64,
 }
 
 impl AdamSteps {
-    pub(crate) fn new(n: usize, rate: f64, config: AdamConfig) -> Result<Self, OptimError> {
+    pub(crate) fn new(n: usize, rate: f64, config: Temporal) -> Result<Self, OptimError> {
         positive("learning rate", rate)?;
-        Ok(Self { adam: Adam::new(GROUP, n, config)?, rate, unit: 0.0 })
+        Ok(Self { adam: Optimizer::new(GROUP, n, config)?, rate, unit: 0.0 })
     }
 }
 

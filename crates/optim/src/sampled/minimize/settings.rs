@@ -6,7 +6,7 @@ use super::newton_cg::ConjugateSteps;
 use super::quasi_newton::{Memory, QuasiNewtonSteps};
 use super::walk::{Step, Stepper};
 use crate::OptimError;
-use crate::adam::AdamConfig;
+use crate::Temporal;
 use crate::sampled::error::SampledError;
 use crate::sampled::estimate::{Kernel, Plan, Tuple};
 use crate::sampled::objective::{GROUP, Objective, positive};
@@ -175,12 +175,12 @@ impl Annealing {
 /// The rule for the step.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Method {
-    /// [`Adam`](crate::Adam) on the gradient, fresh samples at each step, the rate proportional to sigma.
+    /// [Adam](crate::Temporal::adam) on the gradient, fresh samples at each step, the rate proportional to sigma.
     Adam {
         /// Learning rate at the first sigma, in units of the scales.
         rate: f64,
         /// Decay of the moments.
-        config: AdamConfig,
+        config: Temporal,
     },
     /// Nonlinear conjugate gradients with the step from the sampled curvature along the direction, to the trust
     /// region's boundary where that is not positive (Wang et al. 2025). Polak and Ribiere's beta in [0, 1]; the gradients
@@ -207,7 +207,7 @@ impl Method {
     /// [`Method::Adam`] at `rate` with beta2 = 0.99: sigma's annealing is shorter than the customary memory of 1000
     /// steps.
     pub fn adam(rate: f64) -> Self {
-        Self::Adam { rate, config: AdamConfig { beta2: 0.99, ..AdamConfig::default() } }
+        Self::Adam { rate, config: Temporal { beta2: 0.99, ..Temporal::adam() } }
     }
 
     /// [`Method::LBfgs`] with a memory of 8.

@@ -1,14 +1,16 @@
-//! Tests of this operation: known values, gradients, determinism.
+//! Adam without filters: known values, bounds, rows, determinism.
 
-use super::*;
+use crate::{OptimError, Optimizer, Rows, Temporal};
 use photofit_gradcheck::Uniform;
+use rayon::prelude::*;
 
-fn config(beta1: f64) -> AdamConfig {
-    AdamConfig {
+fn config(beta1: f64) -> Temporal {
+    Temporal {
         beta1,
         beta2: 1.0 - (1.0 - beta1) * (1.0 - beta1),
         relative_epsilon: 0.0,
         bias_correction: false,
+        ..Temporal::adam()
     }
 }
 
@@ -16,7 +18,7 @@ fn config(beta1: f64) -> AdamConfig {
 fn agrees_with_the_textbook() {
     let mut rng = Uniform::new(1);
     let n = 37;
-    let mut adam = Adam::new("x", n, AdamConfig { relative_epsilon: 0.0, ..AdamConfig::default() }).unwrap();
+    let mut adam = Optimizer::new("x", n, Temporal { relative_epsilon: 0.0, ..Temporal::adam() }).unwrap();
     let mut x = rng.vec(n, -1.0, 1.0);
     let (mut y, mut m, mut v) = (x.clone(), vec![0.0; n], vec![0.0; n]);
     for t in 1..60 {
@@ -39,7 +41,7 @@ fn finds_the_optimum_of_a_quadratic_at_any_gradient_scale() {
     let mut first: Option<Vec<f32>> = None;
     for scale in [0.0_f32, -66.0, 66.0].map(f32::exp2) {
         let mut x = vec![3.0_f32, -2.0, 5.0];
-        let mut adam = Adam::new("x", 3, AdamConfig::default()).unwrap();
+        let mut adam = Optimizer::new("x", 3, Temporal::adam()).unwrap();
         for t in 0..800 {
             let g: Vec<f32> = x.iter().zip([1.0, 0.01, 5.0]).map(|(x, c)| c * (x - 1.0) * scale).collect();
             adam.step(&mut x, &g, 0.1 * 0.99_f32.powi(t)).unwrap();
@@ -54,7 +56,7 @@ fn finds_the_optimum_of_a_quadratic_at_any_gradient_scale() {
 fn extreme_gradients_move_by_the_rate() {
     for g in [1e-20_f32, 1e20, 1e-38, 3e38, 1e-44] {
         let mut x = [0.0_f32; 2];
-        let mut adam = Adam::new("x", 2, AdamConfig::default()).unwrap();
+        let mut adam = Optimizer::new("x", 2, Temporal::adam()).unwrap();
         for t in 1..=20 {
             adam.step(&mut x, &[g, -g], 0.5).unwrap();
             for (x, sign) in x.iter().zip([-0.5, 0.5]) {
@@ -68,7 +70,7 @@ fn extreme_gradients_move_by_the_rate() {
 fn a_change_of_scale_during_the_run_is_survived() {
     for (before, after) in [(1.0_f32, 1e25), (1e25, 1.0), (0.0, 1e-30), (1e-30, 1e30)] {
         let mut x = [0.0_f32];
-        let mut adam = Adam::new("x", 1, AdamConfig::default()).unwrap();
+        let mut adam = Optimizer::new("x", 1, Temporal::adam()).unwrap();
         for t in 0..40 {
             adam.step(&mut x, &[if t < 20 { before } else { after }], 0.01).unwrap();
             assert!(
@@ -86,7 +88,7 @@ fn a_lone_gradient_moves_by_exactly_the_rate() {
     // Relation 1 - b1 = sqrt(1 - b2).
     for b1 in [0.0, 0.2, 0.5, 0.9] {
         let mut x = [1.0_f64, 1.0];
-        let mut adam = Adam::new("x", 2, config(b1)).unwrap();
+        let mut adam = Optimizer::new("x", 2, config(b1)).unwrap();
         adam.step(&mut x, &[0.0, 0.0], 0.125).unwrap();
         adam.step(&mut x, &[-7.3, 1e-3], 0.125).unwrap();
         assert!((x[0] - 1.125).abs() < 1e-12 && (x[1] - 0.875).abs() < 1e-12, "b1 {b1}: {x:?}");
@@ -100,7 +102,7 @@ fn the_temporal_bound_is_kept_and_nearly_reached() {
         assert!((bound - stated).abs() < 1e-3, "b1 {b1}");
         let b2 = 1.0 - (1.0 - b1) * (1.0 - b1);
         let mut rng = Uniform::new(3);
-        let mut adam = Adam::new("x", 64, config(b1)).unwrap();
+        let mut adam = Optimizer::new("x", 64, config(b1)).unwrap();
         // Parameter 0 gets the gradients that reach the bound, growing like (b2/b1)^-age.
         let growth = if b1 > 0.0 { b2 / b1 } else { 1.0 };
         let (mut x, mut largest) = (vec![0.0_f64; 64], 0.0_f64);
@@ -121,7 +123,7 @@ fn the_temporal_bound_is_kept_and_nearly_reached() {
 #[test]
 fn without_memory_the_step_is_the_sign() {
     let mut x = [0.0_f32; 3];
-    let mut adam = Adam::new("x", 3, AdamConfig { beta1: 0.0, beta2: 0.0, ..AdamConfig::default() }).unwrap();
+    let mut adam = Optimizer::new("x", 3, Temporal { beta1: 0.0, beta2: 0.0, ..Temporal::adam() }).unwrap();
     assert!(adam.state().m.is_empty() && adam.state().v.is_empty());
     adam.step(&mut x, &[2e-12, -3e-9, 0.0], 0.25).unwrap();
     assert!((x[0] + 0.25).abs() < 1e-3 && (x[1] - 0.25).abs() < 1e-5 && x[2] == 0.0, "{x:?}");
@@ -131,7 +133,7 @@ fn without_memory_the_step_is_the_sign() {
 fn non_finite_gradients_change_nothing() {
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         let mut x = vec![0.5_f32; 50_000];
-        let mut adam = Adam::new("base_color", x.len(), AdamConfig::default()).unwrap();
+        let mut adam = Optimizer::new("base_color", x.len(), Temporal::adam()).unwrap();
         let mut g = vec![0.1_f32; x.len()];
         adam.step(&mut x, &g, 0.1).unwrap();
         let (before, state) = (x.clone(), adam.state().clone());
@@ -157,7 +159,7 @@ fn non_finite_gradients_change_nothing() {
 
 #[test]
 fn wrong_shapes_and_settings_are_refused() {
-    let mut adam = Adam::<f32>::new("x", 4, AdamConfig::default()).unwrap();
+    let mut adam = Optimizer::<f32>::new("x", 4, Temporal::adam()).unwrap();
     let mut x = [0.0_f32; 4];
     for (rows, grads) in [
         (Rows { rates: &[0.1, 0.1, 0.1], touched: None }, 4),
@@ -171,16 +173,16 @@ fn wrong_shapes_and_settings_are_refused() {
     }
     assert_eq!((x, adam.state().step), ([0.0; 4], 0));
     for bad in [
-        AdamConfig { beta1: 1.0, ..AdamConfig::default() },
-        AdamConfig { beta2: f64::NAN, ..AdamConfig::default() },
-        AdamConfig { relative_epsilon: -1.0, ..AdamConfig::default() },
+        Temporal { beta1: 1.0, ..Temporal::adam() },
+        Temporal { beta2: f64::NAN, ..Temporal::adam() },
+        Temporal { relative_epsilon: -1.0, ..Temporal::adam() },
     ] {
-        assert!(Adam::<f32>::new("x", 1, bad).is_err(), "{bad:?}");
+        assert!(Optimizer::<f32>::new("x", 1, bad).is_err(), "{bad:?}");
     }
     let mut state = adam.state().clone();
     state.v[1] = f32::NAN;
     assert!(adam.restore(state).is_err());
-    Adam::<f32>::new("empty", 0, AdamConfig::default()).unwrap().step(&mut [], &[], 0.1).unwrap();
+    Optimizer::<f32>::new("empty", 0, Temporal::adam()).unwrap().step(&mut [], &[], 0.1).unwrap();
 }
 
 #[test]
@@ -188,7 +190,7 @@ fn rows_wait_untouched() {
     let (width, rows) = (4, 50);
     let rates = [0.1_f32, 0.0, 0.2, 0.1];
     let mut rng = Uniform::new(4);
-    let mut adam = Adam::new("texels", width * rows, AdamConfig::default()).unwrap();
+    let mut adam = Optimizer::new("texels", width * rows, Temporal::adam()).unwrap();
     let mut x: Vec<f32> = rng.vec(width * rows, 0.0, 1.0).iter().map(|x| *x as f32).collect();
     let start = x.clone();
     let mut seen = vec![0_u32; rows];
@@ -226,8 +228,8 @@ fn rows_wait_untouched() {
 fn rows_all_touched_equal_the_dense_step() {
     let mut rng = Uniform::new(5);
     let n = 16 * 2000;
-    let mut a = (vec![0.0_f32; n], Adam::new("a", n, AdamConfig::default()).unwrap());
-    let mut b = a.clone();
+    let mut a = (vec![0.0_f32; n], Optimizer::new("a", n, Temporal::adam()).unwrap());
+    let mut b = (a.0.clone(), Optimizer::new("a", n, Temporal::adam()).unwrap());
     let rates = [0.01_f32; 16];
     let touched = vec![true; 2000];
     for t in 0..6 {
@@ -246,7 +248,7 @@ fn rows_all_touched_equal_the_dense_step() {
 #[test]
 fn a_restored_state_continues_to_the_same_bits() {
     let mut rng = Uniform::new(8);
-    let mut step = |x: &mut (Vec<f32>, Adam<f32>), y: Option<&mut (Vec<f32>, Adam<f32>)>| {
+    let mut step = |x: &mut (Vec<f32>, Optimizer<f32>), y: Option<&mut (Vec<f32>, Optimizer<f32>)>| {
         let g: Vec<f32> = rng.vec(64, -1e-12, 1e-12).iter().map(|g| *g as f32).collect();
         let touched: Vec<bool> = (0..16).map(|_| rng.range(0.0, 1.0) < 0.5).collect();
         let rows = Rows { rates: &[0.1_f32, 0.0, 0.05, 0.2], touched: Some(&touched) };
@@ -255,9 +257,9 @@ fn a_restored_state_continues_to_the_same_bits() {
             y.1.step_rows(&mut y.0, &g, &rows).unwrap();
         }
     };
-    let mut a = (vec![0.5_f32; 64], Adam::new("a", 64, AdamConfig::default()).unwrap());
+    let mut a = (vec![0.5_f32; 64], Optimizer::new("a", 64, Temporal::adam()).unwrap());
     (0..15).for_each(|_| step(&mut a, None));
-    let mut b = (a.0.clone(), Adam::new("a", 64, AdamConfig::default()).unwrap());
+    let mut b = (a.0.clone(), Optimizer::new("a", 64, Temporal::adam()).unwrap());
     b.1.restore(a.1.state().clone()).unwrap();
     (0..15).for_each(|_| step(&mut a, Some(&mut b)));
     assert_eq!((&a.0, a.1.state()), (&b.0, b.1.state()));
@@ -271,7 +273,7 @@ fn threads_do_not_change_a_bit() {
         pool.install(|| {
             let mut rng = Uniform::new(9);
             let mut x = vec![0.0_f32; n];
-            let mut adam = Adam::new("x", n, AdamConfig::default()).unwrap();
+            let mut adam = Optimizer::new("x", n, Temporal::adam()).unwrap();
             for _ in 0..4 {
                 let g: Vec<f32> = rng.vec(n, -1.0, 1.0).iter().map(|g| *g as f32).collect();
                 adam.step(&mut x, &g, 0.01).unwrap();
@@ -285,7 +287,7 @@ fn threads_do_not_change_a_bit() {
 #[test]
 fn moments_without_gradients_do_not_become_subnormal() {
     let mut x = [0.0_f32; 2];
-    let mut adam = Adam::new("x", 2, AdamConfig { beta2: 0.9, ..AdamConfig::default() }).unwrap();
+    let mut adam = Optimizer::new("x", 2, Temporal { beta2: 0.9, ..Temporal::adam() }).unwrap();
     adam.step(&mut x, &[1.0, 1.0], 0.1).unwrap();
     for _ in 0..2000 {
         adam.step(&mut x, &[1.0, 0.0], 0.1).unwrap();
@@ -300,7 +302,7 @@ fn time_of_sixteen_million_parameters() {
     let n = 1 << 24;
     let mut x = vec![0.5_f32; n];
     let g: Vec<f32> = (0..n).map(|i| (i % 1001) as f32 * 1e-6).collect();
-    let mut adam = Adam::new("x", n, AdamConfig::default()).unwrap();
+    let mut adam = Optimizer::new("x", n, Temporal::adam()).unwrap();
     let mut copy = vec![0.0_f32; n];
     let rates = [0.01_f32; 16];
     let tenth: Vec<bool> = (0..n / 16).map(|r| (r / 64) % 10 == 0).collect();

@@ -1,0 +1,5 @@
+//! Tests of the optimizer, by family.
+
+mod adam;
+mod families;
+mod filters;
