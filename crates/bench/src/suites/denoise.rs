@@ -142,9 +142,8 @@ fn primal_dual(ctx: &mut Context) -> Result<()> {
     }
     let weights = [1.0, 2.0];
     let lambda = Weight::Uniform(8.0);
-    let energy = |u: &[f64], w: &[f64]| {
-        tgv2_energy((shape, &exact, &lambda), weights, Coupling::Separate, u, w)
-    };
+    let energy =
+        |u: &[f64], w: &[f64]| tgv2_energy((shape, &exact, &lambda), weights, Coupling::Separate, u, w);
     let mut long = Tgv2::new(shape, &exact, 8.0, weights, Coupling::Separate)?;
     long.iterate(LONG);
     let optimum = energy(&long.solution(), &long.slope());
@@ -192,7 +191,9 @@ fn sizes(ctx: &mut Context) -> Result<()> {
         let bytes = Admm::new(&problem)?.plan().bytes as f64 / shape.len() as f64;
         let case = format!("{cols} x {rows}");
         let solve = || solved(&problem, 20);
-        ctx.measure("hybrid RGB, 20 iterations", &case, shape.len(), solve, |_| vec![("bytes/sample", bytes)]);
+        ctx.measure("hybrid RGB, 20 iterations", &case, shape.len(), solve, |_| {
+            vec![("bytes/sample", bytes)]
+        });
     }
     Ok(())
 }

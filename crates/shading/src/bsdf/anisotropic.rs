@@ -6,6 +6,7 @@
 use super::energy::schlick_weight;
 use super::ggx::Ggx;
 use super::refraction::{Facets, reflect};
+use super::table::{coordinates, interpolate};
 use photofit_scalar::{Real, Vec3, vec3};
 use std::sync::LazyLock;
 
@@ -32,7 +33,7 @@ static AVERAGES: LazyLock<Vec<[f32; 2]>> = LazyLock::new(|| {
             let mu = ((i % cosines) as f64 + 0.5) / cosines as f64;
             let phi = std::f64::consts::FRAC_PI_2 * ((i / cosines) as f64 + 0.5) / azimuths as f64;
             let at = [mu.sqrt() * (SIZE[0] - 1) as f64, phi.sin().powi(2) * (SIZE[1] - 1) as f64];
-            let e = interpolate(&TABLE, &SIZE, [at[0], at[1], long as f64, ratio as f64]);
+            let e: [f64; 2] = interpolate(&TABLE, &SIZE, [at[0], at[1], long as f64, ratio as f64]);
             (0..2).for_each(|c| sum[c] += 2.0 * mu * e[c] / (cosines * azimuths) as f64);
         }
         sum.map(|s| s as f32)
@@ -41,12 +42,7 @@ static AVERAGES: LazyLock<Vec<[f32; 2]>> = LazyLock::new(|| {
 });
 
 fn entry(k: usize) -> [f32; 2] {
-    let mut rest = k;
-    let at = SIZE.map(|n| {
-        let i = rest % n;
-        rest /= n;
-        i as f64 / (n - 1) as f64
-    });
+    let at = coordinates(&SIZE, k);
     let mu = (at[0] * at[0]).max(COSINE_MIN);
     let sine = (1.0 - mu * mu).sqrt();
     let (s, c) = (at[1].sqrt(), (1.0 - at[1]).sqrt());
@@ -72,7 +68,7 @@ fn entry(k: usize) -> [f32; 2] {
 
 /// Coordinates of both alphas in the table, the longer one first, and whether they are swapped.
 #[inline]
-fn coordinates<T: Real>(ggx: &Ggx<T>) -> ([T; 2], bool) {
+fn alphas<T: Real>(ggx: &Ggx<T>) -> ([T; 2], bool) {
     let swapped = ggx.ay > ggx.ax;
     let (long, short) = if swapped { (ggx.ay, ggx.ax) } else { (ggx.ax, ggx.ay) };
     let ratio = if long > T::zero() { (short / long).sqrt() } else { T::one() };
@@ -82,7 +78,7 @@ fn coordinates<T: Real>(ggx: &Ggx<T>) -> ([T; 2], bool) {
 /// Scale and bias towards a direction above the surface.
 #[inline]
 pub(super) fn directional<T: Real>(ggx: &Ggx<T>, v: Vec3<T>) -> [T; 2] {
-    let ([long, ratio], swapped) = coordinates(ggx);
+    let ([long, ratio], swapped) = alphas(ggx);
     let (x, y) = (v.x * v.x, v.y * v.y);
     let sine = if x + y > T::zero() { (if swapped { x } else { y }) / (x + y) } else { T::of(0.5) };
     let mu = v.z.abs().sqrt() * T::of((SIZE[0] - 1) as f64);
@@ -92,29 +88,5 @@ pub(super) fn directional<T: Real>(ggx: &Ggx<T>, v: Vec3<T>) -> [T; 2] {
 /// Averages of scale and bias over all directions.
 #[inline]
 pub(super) fn average<T: Real>(ggx: &Ggx<T>) -> [T; 2] {
-    interpolate(&AVERAGES, &[SIZE[2], SIZE[3]], coordinates(ggx).0)
-}
-
-/// Multilinear interpolation; coordinates in points of the table, clamped to it.
-#[inline]
-fn interpolate<T: Real, const D: usize>(table: &[[f32; 2]], size: &[usize; D], at: [T; D]) -> [T; 2] {
-    let (mut index, mut fraction, mut stride) = ([0; D], [T::zero(); D], [1; D]);
-    for k in 0..D {
-        let x = at[k].clamp_to(T::zero(), T::of((size[k] - 1) as f64));
-        index[k] = (x.f64() as usize).min(size[k] - 2);
-        fraction[k] = x - T::of(index[k] as f64);
-        stride[k] = if k == 0 { 1 } else { stride[k - 1] * size[k - 1] };
-    }
-    let mut sum = [T::zero(); 2];
-    for corner in 0..1 << D {
-        let (mut weight, mut i) = (T::one(), 0);
-        for k in 0..D {
-            let far = corner >> k & 1;
-            weight *= if far == 1 { fraction[k] } else { T::one() - fraction[k] };
-            i += (index[k] + far) * stride[k];
-        }
-        let value = table[i];
-        (0..2).for_each(|c| sum[c] += weight * T::of(f64::from(value[c])));
-    }
-    sum
+    interpolate(&AVERAGES, &[SIZE[2], SIZE[3]], alphas(ggx).0)
 }

@@ -27,6 +27,7 @@ mod microfacet;
 mod plastic;
 mod refraction;
 mod simple;
+mod table;
 #[cfg(test)]
 mod tests;
 

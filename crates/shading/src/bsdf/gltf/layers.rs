@@ -1,12 +1,12 @@
 //! The layered BSDF of a glTF material with extensions.
 
+use super::glass::Glass;
 use super::{GltfParameters, sheen};
 use crate::bsdf::anisotropic;
 use crate::bsdf::energy::{Energy, SpecularAlbedo, schlick_weight};
 use crate::bsdf::ggx::{Ggx, Reflection};
-use crate::bsdf::refraction::{Facets, REFRACTION_DELTA, reflect, refract, refracted_cosine, refraction};
-use crate::bsdf::{ALPHA_DELTA, BsdfSample, Scatter, TransportMode, mirror_z, reflect_z, weighted};
-use photofit_sampling::{cosine_hemisphere, uniform_hemisphere};
+use crate::bsdf::refraction::{REFRACTION_DELTA, refracted_cosine, refraction};
+use crate::bsdf::{ALPHA_DELTA, TransportMode, mirror_z};
 use photofit_scalar::{Real, Vec3, vec3};
 
 /// A glTF material with layers, transmission or anisotropy; made by [`GltfParameters::bsdf`].
@@ -14,77 +14,85 @@ use photofit_scalar::{Real, Vec3, vec3};
 /// What a material does not use is skipped by a bit of its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GltfBsdf<T = f32> {
-    uses: u8,
-    energy: Energy,
-    mode: TransportMode,
+    pub(super) uses: u8,
+    pub(super) energy: Energy,
+    pub(super) mode: TransportMode,
     /// Albedo of the Lambertian lobe.
-    diffuse: Vec3<T>,
+    pub(super) diffuse: Vec3<T>,
     /// Tint of the transmitted light: zero for opaque materials.
-    transmitted: Vec3<T>,
+    pub(super) transmitted: Vec3<T>,
     /// Schlick's term of the reflection, dielectric and metal together.
-    f0: Vec3<T>,
-    f90: T,
+    pub(super) f0: Vec3<T>,
+    pub(super) f90: T,
     /// Schlick's term of the dielectric alone.
-    dielectric_f0: Vec3<T>,
-    dielectric_f90: T,
-    base: Ggx<T>,
+    pub(super) dielectric_f0: Vec3<T>,
+    pub(super) dielectric_f90: T,
+    pub(super) base: Ggx<T>,
     /// Cosine and sine of the direction of anisotropy.
-    direction: [T; 2],
+    pub(super) direction: [T; 2],
+    /// Part of the surface that refracts.
+    pub(super) glass: T,
     /// Index of refraction of the volume.
-    ior: T,
-    coat: Coat<T>,
-    sheen_color: Vec3<T>,
-    sheen_roughness: T,
+    pub(super) ior: T,
+    pub(super) coat: Coat<T>,
+    pub(super) sheen_color: Vec3<T>,
+    pub(super) sheen_roughness: T,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Coat<T> {
-    weight: T,
-    alpha: T,
-    normal: Vec3<T>,
+pub(super) struct Coat<T> {
+    pub(super) weight: T,
+    pub(super) alpha: T,
+    pub(super) normal: Vec3<T>,
 }
 
 /// Bits of `uses`.
-const TRANSMISSION: u8 = 1;
-const VOLUME: u8 = 2;
-const SHEEN: u8 = 4;
-const COAT: u8 = 8;
+pub(super) const TRANSMISSION: u8 = 1;
+pub(super) const VOLUME: u8 = 2;
+pub(super) const SHEEN: u8 = 4;
+pub(super) const COAT: u8 = 8;
 const ANISOTROPY: u8 = 16;
 /// The microfacets of the base and of the coat are smooth; refraction is a delta lobe.
-const SMOOTH: u8 = 32;
-const SMOOTH_COAT: u8 = 64;
-const SMOOTH_REFRACTION: u8 = 128;
+pub(super) const SMOOTH: u8 = 32;
+pub(super) const SMOOTH_COAT: u8 = 64;
+pub(super) const SMOOTH_REFRACTION: u8 = 128;
 
 /// Reflectance of the coat at normal incidence (index 1.5).
 const COAT_F0: f64 = 0.04;
 
-/// Lobes in the order of their probabilities.
-const BROAD: usize = 0;
-const REFLECTION: usize = 1;
-const TRANSMITTED: usize = 2;
-const BROAD_TRANSMITTED: usize = 3;
-const SHEEN_LOBE: usize = 4;
-const COAT_LOBE: usize = 5;
+/// Lobes in the order of their probabilities: the microfacets of the base, which reflect or transmit; what is sampled by
+/// the cosine on either side; the layers.
+pub(super) const MICROFACETS: usize = 0;
+pub(super) const BROAD: usize = 1;
+pub(super) const BROAD_TRANSMITTED: usize = 2;
+pub(super) const SHEEN_LOBE: usize = 3;
+const COAT_LOBE: usize = 4;
+
+/// Least share of reflection where refraction alone is a delta lobe: microfacets that are seen at grazing angles
+/// reflect more than the plane.
+const REFLECTION_MIN: f64 = 0.05;
 
 /// What depends on `wo` alone.
-struct Prepared<T> {
+pub(super) struct Prepared<T> {
     /// Above the surface, along the axes of the anisotropy.
-    wo: Vec3<T>,
+    pub(super) wo: Vec3<T>,
     /// The frame was mirrored: `wo` came from below.
-    mirrored: bool,
+    pub(super) mirrored: bool,
     /// `wo` lies inside of the volume.
-    inside: bool,
+    pub(super) inside: bool,
     /// Relative index of refraction of the other side; 1 for thin walls.
-    eta: T,
-    compensation: Option<Compensation<T>>,
-    coat_normal: Vec3<T>,
+    pub(super) eta: T,
+    pub(super) compensation: Option<Compensation<T>>,
+    /// Multiple scattering at a boundary that refracts.
+    pub(super) glass: Option<Glass<T>>,
+    pub(super) coat_normal: Vec3<T>,
     /// Albedos of the layers times their weights.
-    sheen: T,
-    coat: T,
-    probability: [T; 6],
+    pub(super) sheen: T,
+    pub(super) coat: T,
+    pub(super) probability: [T; 5],
 }
 
-struct Compensation<T> {
+pub(super) struct Compensation<T> {
     albedo: SpecularAlbedo<T>,
     e_o: Vec3<T>,
     lost_o: T,
@@ -126,6 +134,7 @@ impl<T: Real> GltfBsdf<T> {
             dielectric_f90,
             base: Ggx { ax, ay },
             direction: p.anisotropy_direction,
+            glass: if p.volume { p.transmission * (one - p.metallic) } else { zero },
             ior,
             coat,
             sheen_color: p.sheen_color,
@@ -134,13 +143,13 @@ impl<T: Real> GltfBsdf<T> {
     }
 
     #[inline(always)]
-    fn uses(&self, bits: u8) -> bool {
+    pub(super) fn uses(&self, bits: u8) -> bool {
         self.uses & bits != 0
     }
 
     /// Albedos of the base's reflection for Schlick's `f0` and `f90`.
     #[inline(always)]
-    fn albedos(&self, f0: Vec3<T>, f90: T) -> SpecularAlbedo<T> {
+    pub(super) fn albedos(&self, f0: Vec3<T>, f90: T) -> SpecularAlbedo<T> {
         if self.uses(ANISOTROPY) && !self.uses(SMOOTH) {
             SpecularAlbedo::with_averages(f0, f90, self.base.ax, anisotropic::average(&self.base))
         } else {
@@ -150,7 +159,7 @@ impl<T: Real> GltfBsdf<T> {
 
     /// Albedo towards `v`, and what single scattering loses.
     #[inline(always)]
-    fn albedo_at(&self, albedo: &SpecularAlbedo<T>, v: Vec3<T>) -> (Vec3<T>, T) {
+    pub(super) fn albedo_at(&self, albedo: &SpecularAlbedo<T>, v: Vec3<T>) -> (Vec3<T>, T) {
         if self.uses(ANISOTROPY) && !self.uses(SMOOTH) {
             albedo.of(anisotropic::directional(&self.base, v))
         } else {
@@ -160,13 +169,13 @@ impl<T: Real> GltfBsdf<T> {
 
     /// To the axes of the anisotropy.
     #[inline(always)]
-    fn turn(&self, v: Vec3<T>) -> Vec3<T> {
+    pub(super) fn turn(&self, v: Vec3<T>) -> Vec3<T> {
         let [c, s] = self.direction;
         if self.uses(ANISOTROPY) { vec3(c * v.x + s * v.y, c * v.y - s * v.x, v.z) } else { v }
     }
 
     #[inline(always)]
-    fn turn_back(&self, v: Vec3<T>) -> Vec3<T> {
+    pub(super) fn turn_back(&self, v: Vec3<T>) -> Vec3<T> {
         let [c, s] = self.direction;
         if self.uses(ANISOTROPY) { vec3(c * v.x - s * v.y, c * v.y + s * v.x, v.z) } else { v }
     }
@@ -179,7 +188,7 @@ impl<T: Real> GltfBsdf<T> {
 
     /// Schlick's term of the reflection; total internal reflection is total.
     #[inline(always)]
-    fn fresnel(&self, inside: bool, eta: T, c: T) -> Vec3<T> {
+    pub(super) fn fresnel(&self, inside: bool, eta: T, c: T) -> Vec3<T> {
         let p = schlick_weight(self.schlick_cosine(inside, eta, c));
         let f90 = if inside && p >= T::one() { T::one() } else { self.f90 };
         self.f0 * (T::one() - p) + Vec3::splat(f90 * p)
@@ -187,7 +196,7 @@ impl<T: Real> GltfBsdf<T> {
 
     /// `1 - F` of the dielectric.
     #[inline(always)]
-    fn passed(&self, inside: bool, eta: T, c: T) -> Vec3<T> {
+    pub(super) fn passed(&self, inside: bool, eta: T, c: T) -> Vec3<T> {
         let p = schlick_weight(self.schlick_cosine(inside, eta, c));
         let f90 = if inside && p >= T::one() { T::one() } else { self.dielectric_f90 };
         self.dielectric_f0.map(|f0| (T::one() - f0 * (T::one() - p) - f90 * p).relu())
@@ -195,7 +204,7 @@ impl<T: Real> GltfBsdf<T> {
 
     /// Factor of refraction that carries `mode`.
     #[inline(always)]
-    fn scale(&self, eta: T) -> T {
+    pub(super) fn scale(&self, eta: T) -> T {
         match self.mode {
             TransportMode::Radiance => T::one() / (eta * eta),
             TransportMode::Importance => T::one(),
@@ -204,7 +213,7 @@ impl<T: Real> GltfBsdf<T> {
 
     /// `None` where nothing is scattered towards `wo`.
     #[inline]
-    fn prepare(&self, wo: Vec3<T>) -> Option<Prepared<T>> {
+    pub(super) fn prepare(&self, wo: Vec3<T>) -> Option<Prepared<T>> {
         let (zero, one) = (T::zero(), T::one());
         let mirrored = wo.z < zero;
         let usable = wo.z > zero || mirrored && self.uses(TRANSMISSION);
@@ -222,11 +231,16 @@ impl<T: Real> GltfBsdf<T> {
         let flip = |v: Vec3<T>| if mirrored { mirror_z(v) } else { v };
         let wo = self.turn(flip(wo));
         let coat_normal = self.turn(flip(self.coat.normal));
-        let compensated = self.energy == Energy::Compensated && !self.uses(VOLUME);
-        let compensation = compensated.then(|| {
+        let compensated = self.energy == Energy::Compensated;
+        let compensation = (compensated && !inside).then(|| {
             let albedo = self.albedos(self.f0, self.f90);
             let (e_o, lost_o) = self.albedo_at(&albedo, wo);
             Compensation { albedo, e_o, lost_o }
+        });
+        let glass = (compensated && self.uses(VOLUME) && !self.uses(SMOOTH_REFRACTION)).then(|| {
+            let f0 = self.dielectric_f0.sum() * T::of(1.0 / 3.0);
+            let alpha = (self.base.ax * self.base.ay).sqrt();
+            Glass::new(f0, self.dielectric_f90, alpha, self.ior, inside, wo.z)
         });
         let mut p = Prepared {
             wo,
@@ -234,10 +248,11 @@ impl<T: Real> GltfBsdf<T> {
             inside,
             eta,
             compensation,
+            glass,
             coat_normal,
             sheen: if self.uses(SHEEN) { self.sheen_albedo(wo.z) } else { zero },
             coat: if self.uses(COAT) { self.coat_albedo(coat_normal.dot(wo)) } else { zero },
-            probability: [zero; 6],
+            probability: [zero; 5],
         };
         p.probability = self.probabilities(&p);
         Some(p)
@@ -258,14 +273,14 @@ impl<T: Real> GltfBsdf<T> {
     }
 
     #[inline(always)]
-    fn coat_fresnel(cosine: T) -> T {
+    pub(super) fn coat_fresnel(cosine: T) -> T {
         let f0 = T::of(COAT_F0);
         f0 + (T::one() - f0) * schlick_weight(cosine)
     }
 
-    fn probabilities(&self, p: &Prepared<T>) -> [T; 6] {
+    fn probabilities(&self, p: &Prepared<T>) -> [T; 5] {
         let (zero, one) = (T::zero(), T::one());
-        let mut w = [zero; 6];
+        let mut w = [zero; 5];
         let coat_cosine = p.coat_normal.dot(p.wo);
         let mut rest = one - p.coat;
         if self.uses(COAT) && !p.inside && coat_cosine > zero {
@@ -276,32 +291,54 @@ impl<T: Real> GltfBsdf<T> {
         }
         rest *= one - p.sheen;
         let passed = self.passed(p.inside, p.eta, p.wo.z);
-        w[TRANSMITTED] = rest * self.transmitted.mul(passed).sum();
+        let transmitted = self.transmitted.mul(passed).sum();
         match &p.compensation {
             None => {
-                w[REFLECTION] = rest * self.fresnel(p.inside, p.eta, p.wo.z).sum();
+                w[MICROFACETS] = rest * (self.fresnel(p.inside, p.eta, p.wo.z).sum() + transmitted);
                 w[BROAD] = rest * self.diffuse.sum();
             }
             Some(c) => {
-                let multiple = c.albedo.multiple_albedo(c.lost_o).sum();
+                let multiple = (c.albedo.multiple_albedo(c.lost_o) * (one - self.glass)).sum();
                 let left = c.e_o.map(|e| (one - e).relu());
-                w[REFLECTION] = rest * (c.e_o.sum() - multiple).relu();
+                w[MICROFACETS] = rest * (c.albedo.single((c.e_o, c.lost_o)).sum() + transmitted);
                 w[BROAD] = rest * (multiple + self.diffuse.mul(left).sum());
-                w[BROAD_TRANSMITTED] = rest * self.transmitted.sum() * c.lost_o;
+                if !self.uses(VOLUME) {
+                    w[BROAD_TRANSMITTED] = rest * self.transmitted.sum() * c.lost_o;
+                }
             }
+        }
+        if let Some(glass) = &p.glass {
+            let [reflected, passed] = glass.albedo();
+            w[BROAD] += rest * T::of(3.0) * self.glass * reflected;
+            w[BROAD_TRANSMITTED] += rest * self.transmitted.sum() * passed;
         }
         let sum: T = w.into_iter().sum();
         if sum > zero {
             w.map(|w| w / sum)
         } else {
-            w[REFLECTION] = one;
+            w[MICROFACETS] = one;
             w
         }
     }
 
+    /// Probability that a microfacet seen under a cosine reflects.
+    #[inline(always)]
+    pub(super) fn reflected_share(&self, p: &Prepared<T>, cosine: T) -> T {
+        if !self.uses(TRANSMISSION) {
+            return T::one();
+        }
+        let straight = self.uses(SMOOTH_REFRACTION) && !self.uses(SMOOTH);
+        let cosine = if straight { p.wo.z } else { cosine };
+        let reflected = self.fresnel(p.inside, p.eta, cosine).sum();
+        let passed = self.transmitted.mul(self.passed(p.inside, p.eta, cosine)).sum();
+        let sum = reflected + passed;
+        let share = if sum > T::zero() { reflected / sum } else { T::one() };
+        if straight { share.max(T::of(REFLECTION_MIN)) } else { share }
+    }
+
     /// Part of the base that the layers leave, for `wi` along the axes of the anisotropy.
     #[inline(always)]
-    fn below_layers(&self, p: &Prepared<T>, wi: Vec3<T>) -> T {
+    pub(super) fn below_layers(&self, p: &Prepared<T>, wi: Vec3<T>) -> T {
         let mut rest = T::one();
         if self.uses(SHEEN) {
             rest *= T::one() - p.sheen.max(self.sheen_albedo(wi.z.abs()));
@@ -313,7 +350,7 @@ impl<T: Real> GltfBsdf<T> {
     }
 
     /// Value and density, for `wi` in the frame of `Prepared::wo`.
-    fn evaluate(&self, p: &Prepared<T>, wi: Vec3<T>) -> (Vec3<T>, T) {
+    pub(super) fn evaluate(&self, p: &Prepared<T>, wi: Vec3<T>) -> (Vec3<T>, T) {
         if wi.z > T::zero() {
             self.evaluate_reflection(p, wi)
         } else if wi.z < T::zero() && self.uses(TRANSMISSION) {
@@ -336,14 +373,18 @@ impl<T: Real> GltfBsdf<T> {
             None => self.diffuse * inv_pi,
             Some(c) => {
                 let (e_i, lost_i) = self.albedo_at(&c.albedo, wi);
-                self.diffuse.mul(c.albedo.below(c.e_o, e_i)) * inv_pi + c.albedo.multiple(c.lost_o, lost_i)
+                let multiple = c.albedo.multiple(c.lost_o, lost_i) * (one - self.glass);
+                self.diffuse.mul(c.albedo.below(c.e_o, e_i)) * inv_pi + multiple
             }
         } * wi.z;
+        if let Some(glass) = &p.glass {
+            value += Vec3::splat(self.glass * glass.value(wi.z, false) * wi.z);
+        }
         let mut pdf = p.probability[BROAD] * wi.z * inv_pi;
         if !self.uses(SMOOTH) {
             let r = self.base.reflection(p.wo, wi);
             value += self.fresnel(p.inside, p.eta, r.cosine) * (r.value * wi.z);
-            pdf += p.probability[REFLECTION] * r.pdf;
+            pdf += p.probability[MICROFACETS] * self.reflected_share(p, r.cosine) * r.pdf;
         }
         if !self.uses(SHEEN | COAT) {
             return (value, pdf);
@@ -385,16 +426,20 @@ impl<T: Real> GltfBsdf<T> {
         if thin && !self.uses(SMOOTH) {
             let r = self.base.reflection(p.wo, mirror_z(wi));
             value = self.transmitted.mul(self.passed(false, p.eta, r.cosine)) * (r.value * -wi.z);
-            pdf = p.probability[TRANSMITTED] * r.pdf;
+            pdf = p.probability[MICROFACETS] * (T::one() - self.reflected_share(p, r.cosine)) * r.pdf;
         } else if !thin
             && !self.uses(SMOOTH_REFRACTION)
             && let Some(r) = refraction(&self.base, p.wo, wi, p.eta)
         {
             let passed = self.passed(p.inside, p.eta, r.cosine);
             value = self.transmitted.mul(passed) * (r.value * self.scale(p.eta));
-            pdf = p.probability[TRANSMITTED] * r.pdf;
+            pdf = p.probability[MICROFACETS] * (T::one() - self.reflected_share(p, r.cosine)) * r.pdf;
         }
-        if let Some(c) = &p.compensation {
+        if let Some(glass) = &p.glass {
+            value += self.transmitted * (glass.value(-wi.z, true) * self.scale(p.eta) * -wi.z);
+            pdf += p.probability[BROAD_TRANSMITTED] * -wi.z * inv_pi;
+        }
+        if let Some(c) = p.compensation.as_ref().filter(|_| thin) {
             let (_, lost_i) = self.albedo_at(&c.albedo, wi);
             let value_here = c.albedo.multiple_passed(c.lost_o, lost_i);
             value += self.transmitted.mul(value_here) * -wi.z;
@@ -402,140 +447,4 @@ impl<T: Real> GltfBsdf<T> {
         }
         (value * self.below_layers(p, wi), pdf)
     }
-
-    /// Weight and direction of a delta lobe, in the frame of `Prepared::wo`.
-    fn delta(&self, p: &Prepared<T>, lobe: usize) -> Option<(Vec3<T>, Vec3<T>)> {
-        let mirror = reflect_z(p.wo);
-        match lobe {
-            REFLECTION if self.uses(SMOOTH) => {
-                let value = self.fresnel(p.inside, p.eta, p.wo.z);
-                Some((mirror, value * self.below_layers(p, mirror)))
-            }
-            TRANSMITTED if self.uses(VOLUME) && self.uses(SMOOTH_REFRACTION) => {
-                let up = vec3(T::zero(), T::zero(), T::one());
-                let wi = refract(p.wo, up, p.eta)?;
-                let passed = if self.uses(SMOOTH) {
-                    self.passed(p.inside, p.eta, p.wo.z)
-                } else {
-                    let albedo = self.albedos(self.dielectric_f0, self.dielectric_f90);
-                    albedo.single(self.albedo_at(&albedo, p.wo)).map(|e| (T::one() - e).relu())
-                };
-                let value = self.transmitted.mul(passed) * self.scale(p.eta);
-                Some((wi, value * self.below_layers(p, wi)))
-            }
-            TRANSMITTED if !self.uses(VOLUME) && self.uses(SMOOTH) => {
-                let value = self.transmitted.mul(self.passed(false, p.eta, p.wo.z));
-                Some((-p.wo, value * self.below_layers(p, -p.wo)))
-            }
-            COAT_LOBE if self.uses(SMOOTH_COAT) => {
-                let cosine = p.coat_normal.dot(p.wo);
-                let value = self.coat.weight * Self::coat_fresnel(cosine);
-                Some((reflect(p.wo, p.coat_normal), Vec3::splat(value)))
-            }
-            _ => None,
-        }
-    }
-
-    /// Whether a lobe is a delta lobe.
-    #[inline(always)]
-    fn is_delta_lobe(&self, lobe: usize) -> bool {
-        match lobe {
-            REFLECTION => self.uses(SMOOTH),
-            TRANSMITTED if self.uses(VOLUME) => self.uses(SMOOTH_REFRACTION),
-            TRANSMITTED => self.uses(SMOOTH),
-            COAT_LOBE => self.uses(SMOOTH_COAT),
-            _ => false,
-        }
-    }
-
-    /// A direction of a lobe that is no delta lobe, in the frame of `Prepared::wo`.
-    fn sample_lobe(&self, p: &Prepared<T>, lobe: usize, u: [T; 2]) -> Option<Vec3<T>> {
-        Some(match lobe {
-            BROAD => cosine_hemisphere(u),
-            REFLECTION => reflect(p.wo, self.base.sample(p.wo, u)),
-            TRANSMITTED if self.uses(VOLUME) => refract(p.wo, self.base.sample(p.wo, u), p.eta)?,
-            TRANSMITTED => mirror_z(reflect(p.wo, self.base.sample(p.wo, u))),
-            BROAD_TRANSMITTED => mirror_z(cosine_hemisphere(u)),
-            SHEEN_LOBE => uniform_hemisphere(u),
-            _ => {
-                let n = p.coat_normal;
-                let (s, t) = n.orthonormal_pair();
-                let wo = vec3(s.dot(p.wo), t.dot(p.wo), n.dot(p.wo));
-                let wi = reflect(wo, Ggx::isotropic(self.coat.alpha).sample(wo, u));
-                s * wi.x + t * wi.y + n * wi.z
-            }
-        })
-    }
-}
-
-impl<T: Real> Scatter<T> for GltfBsdf<T> {
-    #[inline]
-    fn eval_pdf(&self, wo: Vec3<T>, wi: Vec3<T>) -> (Vec3<T>, T) {
-        match self.prepare(wo) {
-            None => (Vec3::zero(), T::zero()),
-            Some(p) => self.evaluate(&p, self.turn(if p.mirrored { mirror_z(wi) } else { wi })),
-        }
-    }
-
-    #[inline]
-    fn sample(&self, wo: Vec3<T>, lobe: T, u: [T; 2]) -> Option<BsdfSample<T>> {
-        let p = self.prepare(wo)?;
-        let chosen = choose(&p.probability, lobe);
-        let transmits = chosen == TRANSMITTED || chosen == BROAD_TRANSMITTED;
-        let eta = if transmits { p.eta } else { T::one() };
-        let right_side = |wi: Vec3<T>| if transmits { wi.z < T::zero() } else { wi.z > T::zero() };
-        let out = |wi: Vec3<T>| {
-            let wi = self.turn_back(wi);
-            if p.mirrored { mirror_z(wi) } else { wi }
-        };
-        if self.is_delta_lobe(chosen) {
-            let (wi, value) = self.delta(&p, chosen).filter(|(wi, _)| right_side(*wi))?;
-            let weight = value / p.probability[chosen];
-            return Some(BsdfSample { wi: out(wi), weight, pdf: T::one(), delta: true, eta });
-        }
-        let wi = self.sample_lobe(&p, chosen, u).filter(|wi| right_side(*wi))?;
-        weighted(wi, self.evaluate(&p, wi), eta).map(|s| BsdfSample { wi: out(s.wi), ..s })
-    }
-
-    #[inline]
-    fn is_delta(&self) -> bool {
-        let coat = !self.uses(COAT) || self.uses(SMOOTH_COAT);
-        self.uses(SMOOTH) && self.diffuse == Vec3::zero() && !self.uses(SHEEN) && coat
-    }
-
-    #[inline]
-    fn transmits(&self) -> bool {
-        self.uses(TRANSMISSION)
-    }
-
-    fn albedo(&self, wo: Vec3<T>) -> Vec3<T> {
-        let Some(p) = self.prepare(wo) else { return Vec3::zero() };
-        let albedo = self.albedos(self.f0, self.f90);
-        let e = albedo.single(self.albedo_at(&albedo, p.wo));
-        let below = self.diffuse + self.transmitted;
-        let base = match self.energy {
-            Energy::Single => self.diffuse + e + self.transmitted.mul(e.map(|e| (T::one() - e).relu())),
-            Energy::Compensated => e + below.mul(e.map(|e| (T::one() - e).relu())),
-        };
-        let cover = Vec3::splat(p.coat)
-            + self.sheen_color * (sheen::albedo(p.wo.z, self.sheen_roughness) * (T::one() - p.coat));
-        base * ((T::one() - p.coat) * (T::one() - p.sheen)) + cover
-    }
-}
-
-/// The lobe that a number in `[0, 1)` chooses; one of positive probability.
-#[inline(always)]
-fn choose<T: Real>(probability: &[T; 6], lobe: T) -> usize {
-    let mut rest = lobe;
-    let mut last = REFLECTION;
-    for (i, &p) in probability.iter().enumerate() {
-        if p > T::zero() {
-            last = i;
-            if rest < p {
-                break;
-            }
-            rest -= p;
-        }
-    }
-    last
 }

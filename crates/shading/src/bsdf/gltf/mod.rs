@@ -15,7 +15,9 @@
 //!
 //! All but refraction is reciprocal; single scattering is height-correlated Smith.
 
+mod glass;
 mod layers;
+mod sampling;
 mod sheen;
 
 pub use layers::GltfBsdf;

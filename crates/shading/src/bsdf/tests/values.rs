@@ -184,3 +184,16 @@ fn kinds_are_told() {
         assert_eq!((delta, passed), (case.bsdf.is_delta(), case.bsdf.transmits()), "{}", case.name);
     }
 }
+
+#[test]
+fn what_scatters_is_sampled() {
+    let mut random = Uniform::new(8);
+    let cases = all::<f64>();
+    for i in 0..60_000 {
+        let case = &cases[i % cases.len()];
+        let (wo, wi) = (direction(&mut random), direction(&mut random));
+        let (value, pdf) = case.bsdf.eval_pdf(wo, wi);
+        let weight = value.x.max(value.y).max(value.z) / pdf;
+        assert!(value == Vec3::zero() || pdf > 0.0 && weight < 1e4, "{} {wo:?} {wi:?}: {weight}", case.name);
+    }
+}
