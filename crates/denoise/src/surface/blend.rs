@@ -126,7 +126,7 @@ impl Moments {
     }
 }
 
-/// The guided filter [@he2013]: smooths `values` along the edges of `guide`.
+/// The guided filter (He et al. 2013): smooths `values` along the edges of `guide`.
 ///
 /// # Panics
 /// As [`box_mean`], or if the guide has another size.

@@ -24,7 +24,7 @@ impl Cloud {
     /// one entry per position or none.
     ///
     /// Normals that are unknown are those of the plane through the 12 nearest neighbours (principal components,
-    /// [@hoppe1992]), without a sign. The spacing of a point is `s = d_k sqrt(pi / k)` with `d_k` the distance of
+    /// Hoppe et al. 1992), without a sign. The spacing of a point is `s = d_k sqrt(pi / k)` with `d_k` the distance of
     /// its k-th neighbour: the side of the square that it owns on its surface.
     ///
     /// ```
