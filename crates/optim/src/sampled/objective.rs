@@ -136,7 +136,7 @@ pub(crate) fn rescale(mut estimate: Estimate, factor: impl Fn(usize) -> f64) -> 
 
 /// The loss itself is smoothed: derivatives of `E[f(theta + sigma t)]`.
 ///
-/// For a loss of an image this is `E[L(R)]`; [`SmoothedImage`](super::SmoothedImage) gives `L(E[R])`.
+/// For a loss of an image this is `E[L(R)]`; smoothing the image instead gives `L(E[R])`.
 ///
 /// ```
 /// use photofit_optim::sampled::{Objective, Place, Plan, SmoothedLoss, serial};

@@ -73,7 +73,7 @@ pub enum Source {
     Gradients,
 }
 
-/// Settings of [`GridBilateral`].
+/// Settings of the bilateral filter on a grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bilateral {
     /// Levels `A`, with strides `1, 2, .., 2^(A-1)`. The standard deviation along an axis is
