@@ -33,11 +33,13 @@ pub(crate) struct Context {
     baseline: bool,
     rows: Vec<Row>,
     notes: Vec<String>,
+    /// Further plots: ending of the file's name, and the SVG.
+    plots: Vec<(String, String)>,
 }
 
 impl Context {
     pub(crate) fn new(name: &'static str, about: &'static str, baseline: bool) -> Self {
-        Self { name, about, baseline, rows: Vec::new(), notes: Vec::new() }
+        Self { name, about, baseline, rows: Vec::new(), notes: Vec::new(), plots: Vec::new() }
     }
 
     /// Whether the suite shall time its reference method too.
@@ -56,15 +58,35 @@ impl Context {
     ) -> T {
         let (timing, result) = timing::time(work);
         let figures = measure(&result);
-        println!("{method:24} {case:16} {:10.3} ms", 1e3 * timing.median);
-        self.rows.push(Row {
-            method: method.to_owned(),
-            case: case.to_owned(),
-            size: size as f64,
-            timing,
-            figures,
-        });
+        self.record(method, case, size, timing, figures);
         result
+    }
+
+    /// Records what was timed elsewhere, with its figures (error first).
+    pub(crate) fn record(
+        &mut self,
+        method: &str,
+        case: &str,
+        size: usize,
+        timing: Timing,
+        figures: Vec<(&'static str, f64)>,
+    ) {
+        println!("{method:24} {case:16} {:10.3} ms", 1e3 * timing.median);
+        let (method, case) = (method.to_owned(), case.to_owned());
+        self.rows.push(Row { method, case, size: size as f64, timing, figures });
+    }
+
+    /// A further plot of named curves, written as `NAME-ENDING.svg`.
+    pub(crate) fn plot(
+        &mut self,
+        ending: &str,
+        title: &str,
+        axes: [Axis<'_>; 2],
+        curves: &[(String, Vec<(f64, f64)>)],
+    ) -> Result<()> {
+        let [x, y] = axes;
+        self.plots.push((ending.to_owned(), plot::curves(title, x, y, curves)?));
+        Ok(())
     }
 
     /// A sentence below the table.
@@ -141,6 +163,9 @@ impl Context {
         };
         save(".json", serde_json::to_string_pretty(&self.json())?)?;
         save(".md", format!("# {}\n\n{}", self.name, self.markdown()))?;
+        for (ending, svg) in &self.plots {
+            save(&format!("-{ending}.svg"), svg.clone())?;
+        }
         let time = self.curves(|row| Some((row.size, 1e3 * row.timing.median)));
         save("-time.svg", plot::curves(self.about, Axis("size"), Axis("milliseconds"), &time)?)?;
         let Some(error) = self.columns().first().copied() else { return Ok(()) };

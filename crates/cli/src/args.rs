@@ -1,6 +1,7 @@
 //! The command line.
 
-use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
+use clap::error::ErrorKind;
+use clap::{ArgGroup, Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -10,6 +11,19 @@ use std::time::Duration;
 pub(crate) struct Cli {
     #[command(subcommand)]
     pub(crate) command: Command,
+}
+
+impl Cli {
+    /// The command line of the process; what is wrong with it ends the process with status 2.
+    pub(crate) fn checked() -> Self {
+        let cli = Self::parse();
+        if let Command::Render(render) = &cli.command
+            && let Err(rule) = render.check()
+        {
+            Self::command().error(ErrorKind::ArgumentConflict, rule).exit();
+        }
+        cli
+    }
 }
 
 #[derive(Debug, Subcommand)]
@@ -125,6 +139,8 @@ pub(crate) enum RenderLight {
     Env,
     /// A light at the camera.
     Headlight,
+    /// What the asset itself holds (path only).
+    Asset,
 }
 
 #[derive(Args, Debug)]
@@ -156,9 +172,99 @@ pub(crate) struct Render {
     /// Equirectangular environment (.hdr, .exr, .png, .jpg) of --light env.
     #[arg(long, value_name = "FILE", required_if_eq("light", "env"))]
     pub(crate) env: Option<PathBuf>,
-    /// Samples per pixel: 1, 4, 16 or 64.
-    #[arg(long, value_name = "N", default_value = "16", value_parser = ["1", "4", "16", "64"])]
-    pub(crate) spp: String,
+    /// Samples per pixel: 1, 4, 16 or 64 for raster (16 when not given); at most this many for path (64).
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    pub(crate) spp: Option<u32>,
+    /// How the picture is made.
+    #[arg(long, value_enum, default_value = "raster")]
+    pub(crate) integrator: RenderIntegrator,
+    #[command(flatten, next_help_heading = "Path tracing")]
+    pub(crate) path: PathArgs,
+}
+
+impl Render {
+    /// Whether the options belong to the integrator.
+    fn check(&self) -> Result<(), String> {
+        if self.integrator == RenderIntegrator::Path {
+            return Ok(());
+        }
+        let p = &self.path;
+        let given = [
+            ("--noise", p.noise.is_some()),
+            ("--time-limit", p.time_limit.is_some()),
+            ("--aov", !p.aov.is_empty()),
+            ("--resume", p.resume),
+            ("--exposure", p.exposure != 0.0),
+            ("--tone-map", p.tone_map),
+            ("--background", p.background),
+            ("--camera", p.camera.is_some()),
+            ("--explain", p.explain),
+            ("--light asset", self.light == RenderLight::Asset),
+        ];
+        if let Some((name, _)) = given.into_iter().find(|g| g.1) {
+            return Err(format!("{name} needs --integrator path"));
+        }
+        match self.spp {
+            None | Some(1 | 4 | 16 | 64) => Ok(()),
+            Some(n) => {
+                Err(format!("--spp {n}: raster takes 1, 4, 16 or 64; --integrator path takes any number"))
+            }
+        }
+    }
+}
+
+/// How a picture is made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum RenderIntegrator {
+    /// Rasterized: direct light without shadows, fast.
+    Raster,
+    /// Path traced: all light, with noise that falls with the samples.
+    Path,
+}
+
+/// Options of `render --integrator path`.
+#[derive(Args, Debug, Default)]
+pub(crate) struct PathArgs {
+    /// Stop where the relative noise is below E (0.02 is clean); --spp still bounds the samples (4096 then).
+    #[arg(long, value_name = "E", value_parser = positive)]
+    pub(crate) noise: Option<f32>,
+    /// Stop after this many seconds of rendering.
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub(crate) time_limit: Option<Duration>,
+    /// Auxiliary images, as layers of an .exr: albedo, normal, `geometric_normal`, depth, position, instance, variance,
+    /// direct, indirect, samples; or all.
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    pub(crate) aov: Vec<String>,
+    /// Go on from the state that an interrupted render left beside the output, to the same bits.
+    #[arg(long)]
+    pub(crate) resume: bool,
+    /// Seconds between two saved states.
+    #[arg(long, value_name = "S", value_parser = seconds, default_value = "20")]
+    pub(crate) save_every: Option<Duration>,
+    /// Most scattering events of a path: 0 shows what glows, 1 direct light.
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(0..=1_000_000))]
+    pub(crate) max_depth: u32,
+    /// Brightness in stops: +1 is twice as bright (.png).
+    #[arg(long, value_name = "EV", default_value_t = 0.0, value_parser = finite, allow_negative_numbers = true)]
+    pub(crate) exposure: f32,
+    /// Compress bright colours into the range of a display (.png; Khronos PBR Neutral).
+    #[arg(long)]
+    pub(crate) tone_map: bool,
+    /// Show the environment behind the asset.
+    #[arg(long)]
+    pub(crate) background: bool,
+    /// Use camera N of the asset, from 0.
+    #[arg(long, value_name = "N")]
+    pub(crate) camera: Option<usize>,
+    /// Seed of the random numbers.
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    pub(crate) seed: u64,
+    /// Threads; the picture is the same for any number. All cores when not given.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(crate) threads: Option<u16>,
+    /// Print what the integrator runs and skips, and why.
+    #[arg(long)]
+    pub(crate) explain: bool,
 }
 
 #[derive(Args, Debug)]
@@ -281,6 +387,13 @@ fn seconds(text: &str) -> Result<Duration, String> {
     }
 }
 
+fn positive(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
+        _ => Err("a positive number".into()),
+    }
+}
+
 fn finite(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {
         Ok(x) if x.is_finite() => Ok(x),
@@ -317,7 +430,6 @@ fn strength(text: &str) -> Result<f32, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
     #[test]
     fn the_command_line_is_consistent() {

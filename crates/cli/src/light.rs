@@ -7,7 +7,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// Radiance that a white diffuse sphere shows on average.
-const MEAN: f32 = 0.7;
+pub(crate) const MEAN: f32 = 0.7;
 
 /// Loads an equirectangular environment and scales it to a mean of [`MEAN`].
 ///

@@ -12,6 +12,7 @@ mod inspect;
 mod light;
 mod memory;
 mod output;
+mod path_render;
 mod preflight;
 mod progress;
 mod render;
@@ -20,7 +21,6 @@ mod surface;
 mod surface_camera;
 
 use args::{Cli, Command};
-use clap::Parser;
 use photofit_fit::FitError;
 use std::io::Write;
 use std::process::ExitCode;
@@ -29,7 +29,7 @@ use std::process::ExitCode;
 const INTERRUPTED: u8 = 130;
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = Cli::checked();
     let result = match &cli.command {
         Command::Simplify(a) => simplify::run(a),
         Command::Render(a) => render::run(a),

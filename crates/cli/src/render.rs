@@ -1,7 +1,7 @@
 //! `photofit render`: one picture of an asset.
 
-use crate::args::{Render, RenderLight};
-use crate::{light, preflight};
+use crate::args::{Render, RenderIntegrator, RenderLight};
+use crate::{light, path_render, preflight};
 use anyhow::{Result, anyhow};
 use glam::Vec3;
 use photofit_image::Image;
@@ -21,20 +21,17 @@ const AMBIENT: f32 = 0.22;
 pub(crate) fn run(a: &Render) -> Result<()> {
     preflight::file(&a.output, &["png", "exr"])?;
     preflight::distinct(&a.input, &a.output)?;
+    if a.integrator == RenderIntegrator::Path {
+        return path_render::run(a);
+    }
     let environment = match (a.light, &a.env) {
         (RenderLight::Env, Some(file)) => Some(light::environment(file)?),
         _ => None,
     };
     let scene = photofit_scene::load(&a.input)?;
     scene.validate_for_fit().map_err(|e| anyhow!("{}: {e}", a.input.display()))?;
-    let (center, radius) =
-        scene.bounding_sphere().ok_or_else(|| anyhow!("{}: the asset has no extent", a.input.display()))?;
-    let aspect = a.width as f32 / a.height as f32;
-    let (azimuth, elevation) = (a.azimuth.to_radians(), a.elevation.to_radians());
-    let camera = match a.distance {
-        None => Camera::framing(center, radius, azimuth, elevation, FIELD_OF_VIEW, aspect),
-        Some(d) => Camera::orbit(center, radius, azimuth, elevation, d * radius, FIELD_OF_VIEW, aspect),
-    };
+    let (center, radius) = extent(a, &scene)?;
+    let camera = camera(a, center, radius);
     let lights = match (a.light, &environment) {
         (RenderLight::Env, Some(map)) => {
             vec![Light::Environment { map, rotation: Yaw::new(0.0), scale: 1.0 }]
@@ -42,14 +39,25 @@ pub(crate) fn run(a: &Render) -> Result<()> {
         (RenderLight::Headlight, _) => headlight(&camera, center),
         _ => point_light(&camera, center, radius),
     };
-    let supersample = match a.spp.as_str() {
-        "1" => 1,
-        "4" => 2,
-        "64" => 8,
-        _ => 4,
-    };
+    // The command line admits squares alone.
+    let supersample = a.spp.unwrap_or(16).isqrt() as usize;
     let picture = render(&scene, &camera, &lights, (a.width as usize, a.height as usize), supersample);
     write(&a.output, &picture)
+}
+
+/// Centre and radius of the asset.
+pub(crate) fn extent(a: &Render, scene: &Scene) -> Result<(Vec3, f32)> {
+    scene.bounding_sphere().ok_or_else(|| anyhow!("{}: the asset has no extent", a.input.display()))
+}
+
+/// The camera that azimuth, elevation and distance say.
+pub(crate) fn camera(a: &Render, center: Vec3, radius: f32) -> Camera {
+    let aspect = a.width as f32 / a.height as f32;
+    let (azimuth, elevation) = (a.azimuth.to_radians(), a.elevation.to_radians());
+    match a.distance {
+        None => Camera::framing(center, radius, azimuth, elevation, FIELD_OF_VIEW, aspect),
+        Some(d) => Camera::orbit(center, radius, azimuth, elevation, d * radius, FIELD_OF_VIEW, aspect),
+    }
 }
 
 /// Renders linear, premultiplied RGBA.
@@ -73,7 +81,7 @@ pub(crate) fn portrait(scene: &Scene, side: usize) -> Option<Image> {
 }
 
 /// A point light above the camera's left shoulder and a weak constant environment.
-fn point_light(camera: &Camera, center: Vec3, radius: f32) -> Vec<Light<'static>> {
+pub(crate) fn point_light(camera: &Camera, center: Vec3, radius: f32) -> Vec<Light<'static>> {
     let to_world = camera.view.inverse();
     let direction = to_world.transform_vector3(glam::vec3(-0.5, 0.6, 1.0)).normalize_or_zero();
     let distance = 4.0 * radius;
@@ -88,7 +96,7 @@ fn point_light(camera: &Camera, center: Vec3, radius: f32) -> Vec<Light<'static>
 }
 
 /// A light at the eye that is as bright at the centre as the point light.
-fn headlight(camera: &Camera, center: Vec3) -> Vec<Light<'static>> {
+pub(crate) fn headlight(camera: &Camera, center: Vec3) -> Vec<Light<'static>> {
     let p = camera.eye;
     let squared = p.distance_squared(center);
     vec![Light::Point { position: vec3(p.x, p.y, p.z), intensity: Vec3f::splat(IRRADIANCE * squared) }]
@@ -106,7 +114,7 @@ pub(crate) fn write(path: &Path, picture: &Image) -> Result<()> {
 }
 
 /// Straight alpha from premultiplied.
-fn straight(picture: &Image) -> Image {
+pub(crate) fn straight(picture: &Image) -> Image {
     let mut out = picture.clone();
     for p in out.data.chunks_exact_mut(4) {
         let alpha = p[3];

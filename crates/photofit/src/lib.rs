@@ -11,7 +11,7 @@
 //! | `denoise` | `denoise` | variational denoising, surfaces from points | `image` |
 //! | `scene` | `scene` | cameras, materials; glTF, OBJ and PLY files | `image`, `geometry`, `shading` |
 //! | `raster` | `raster` | the differentiable rasterizer | `scene` |
-//! | `pathtrace` | `pathtrace` | ray casting | `scene` |
+//! | `pathtrace` | `pathtrace` | path tracing, ray casting | `scene` |
 //! | `fit` (default) | `fit` | the tasks: simplify, bake, compare, report | all |
 //!
 //! Features only add. With `default-features = false` and one feature a crate gets that part and what it stands on.

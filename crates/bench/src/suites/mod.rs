@@ -5,8 +5,11 @@ mod decimate;
 mod denoise;
 mod gradients;
 mod metrics;
+mod optim;
+mod pathtrace;
 mod raster;
 mod rays;
+mod surface;
 mod vertex_color;
 
 use anyhow::Result;
@@ -54,5 +57,12 @@ pub(crate) const SUITES: &[Suite] = &[
         about: "variational denoising, energy gap against time, time against size",
         run: denoise::run,
     },
+    Suite {
+        name: "surface",
+        about: "surfaces from points, error against time by method and density",
+        run: surface::run,
+    },
+    Suite { name: "optim", about: "first-order optimizers, error against steps and time", run: optim::run },
+    Suite { name: "pathtrace", about: "path tracing, error against time", run: pathtrace::run },
     Suite { name: "atlas", about: "unwrapping, time and stretch against triangles", run: atlas::run },
 ];

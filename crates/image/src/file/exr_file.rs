@@ -4,12 +4,15 @@ use super::{Format, Limits, atomic, file_bytes};
 use crate::{Image, ImageError};
 use exr::image::{AnyChannel, AnyChannels, Encoding, FlatImage, FlatSamples, Layer};
 use exr::meta::MetaData;
-use exr::meta::attribute::{SampleType, Text};
+use exr::meta::attribute::{LineOrder, SampleType, Text};
 use exr::meta::header::{ImageAttributes, LayerAttributes};
 use exr::prelude::{IntegerBounds, ReadChannels, ReadLayers, WritableImage};
 use std::collections::BTreeSet;
 use std::io::Cursor;
 use std::path::Path;
+
+/// Lossless; rows in order, or the bytes of a file would depend on which thread compresses faster.
+const ENCODING: Encoding = Encoding { line_order: LineOrder::Increasing, ..Encoding::FAST_LOSSLESS };
 
 /// Reads all layers of an OpenEXR file as `(layer name, image, channel names)`, in the order of the file.
 ///
@@ -190,7 +193,7 @@ pub fn write_exr(path: impl AsRef<Path>, layers: &[(&str, &Image, &[&str])]) -> 
 }
 
 /// Writes images of one size as the channels of one part, as renderers do: those of the layer `""` plain, those of
-/// other layers as `layer.channel`; with text attributes as metadata.
+/// other layers as `layer.channel`; with metadata as lines `key: value` of the attribute `comments`.
 ///
 /// [`read_exr_layers`] gives the layers back. Samples are stored as 32-bit floats with lossless compression. The file
 /// appears under its name only when it is complete.
@@ -226,17 +229,15 @@ pub fn write_exr_channels(
             list.push(AnyChannel::new(text, FlatSamples::F32(samples)));
         }
     }
-    let mut attributes = LayerAttributes::default();
-    for (key, value) in metadata {
-        match (text(key), Text::new_or_none(value)) {
-            (Some(key), Some(value)) => {
-                attributes.other.insert(key, exr::meta::attribute::AttributeValue::Text(value));
-            }
-            _ => return bad(format!("metadata {key:?}: keys and values are Latin-1")),
-        }
-    }
+    // One text: custom attributes would be written in the order of a hash map, another one in every run.
+    let comments: String = metadata.iter().map(|(key, value)| format!("{key}: {value}\n")).collect();
+    let Some(comments) = Text::new_or_none(&comments) else {
+        return bad("metadata: keys and values are Latin-1".into());
+    };
+    let comments = (!metadata.is_empty()).then_some(comments);
+    let attributes = LayerAttributes { comments, ..LayerAttributes::default() };
     let size = (first.width, first.height);
-    let layer = Layer::new(size, attributes, Encoding::FAST_LOSSLESS, AnyChannels::sort(list.into()));
+    let layer = Layer::new(size, attributes, ENCODING, AnyChannels::sort(list.into()));
     let file = exr::image::Image::from_layer(layer);
     atomic::write_with(path, |writer| file.write().to_buffered(writer)).map_err(|e| match e {
         exr::error::Error::Io(source) => ImageError::io(path, source),
@@ -262,12 +263,7 @@ fn exr_layer(name: &str, image: &Image, channels: &[&str]) -> Option<Layer<AnyCh
     if !name.is_empty() {
         attributes.layer_name = Some(text(name)?);
     }
-    Some(Layer::new(
-        (image.width, image.height),
-        attributes,
-        Encoding::FAST_LOSSLESS,
-        AnyChannels::sort(list),
-    ))
+    Some(Layer::new((image.width, image.height), attributes, ENCODING, AnyChannels::sort(list)))
 }
 
 #[cfg(test)]

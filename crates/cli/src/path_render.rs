@@ -1,0 +1,271 @@
+//! `photofit render --integrator path`: one picture of an asset with all its light.
+
+use crate::args::{Render, RenderLight};
+use crate::light::MEAN;
+use crate::output::print;
+use crate::progress::{Terminal, handle_interrupts, say};
+use crate::{preflight, render};
+use anyhow::{Context, Result, anyhow, bail};
+use photofit_fit::Progress as _;
+use photofit_image::{Image, luminance, tone_map};
+use photofit_pathtrace::{
+    Aov, EnvironmentMap, LightSource, Parts, PathOptions, Progress, RenderOptions, Renderer, View, World,
+};
+use photofit_scene::{Scene, load_environment};
+use photofit_shading::Light;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// Samples per pixel when nothing else ends the render.
+const SPP: u32 = 64;
+/// Bound on the samples when noise or time ends it.
+const SPP_MAX: u32 = 4096;
+
+pub(crate) fn run(a: &Render) -> Result<()> {
+    let aovs = auxiliary(a)?;
+    let state = state_file(&a.output);
+    preflight::file(&state, &[])?;
+    let scene = photofit_scene::load(&a.input)?;
+    let named = |e: &dyn std::fmt::Display| anyhow!("{}: {e}", a.input.display());
+    scene.validate_for_fit().map_err(|e| named(&e))?;
+    let view = view(a, &scene)?;
+    let mut parts = Parts::from_scene(&scene);
+    add_light(a, &scene, &mut parts)?;
+    let key = fingerprint(a, &parts)?;
+    drop(scene);
+    let world = World::new(parts).map_err(|e| named(&e))?;
+    let mut renderer = Renderer::new(&world, &view, options(a, aovs)).map_err(|e| named(&e))?;
+    if a.path.explain {
+        print(&format!("path tracing\n{}", renderer.plan()))?;
+    }
+    if a.path.resume {
+        resume(&mut renderer, &state, &key)?;
+    }
+    handle_interrupts();
+    let finished = match a.path.threads {
+        None => work(a, &mut renderer, &state, &key)?,
+        Some(n) => {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(n)).build()?;
+            pool.install(|| work(a, &mut renderer, &state, &key))?
+        }
+    };
+    write(a, &renderer)?;
+    if finished && state.exists() {
+        fs::remove_file(&state).with_context(|| format!("{}: cannot be removed", state.display()))?;
+    }
+    Ok(())
+}
+
+/// The auxiliary images that are asked for.
+fn auxiliary(a: &Render) -> Result<Vec<Aov>> {
+    if a.path.aov.is_empty() {
+        return Ok(Vec::new());
+    }
+    if !is_exr(&a.output) {
+        bail!("{}: --aov writes layers, which need an .exr", a.output.display());
+    }
+    let mut out = Vec::new();
+    for name in &a.path.aov {
+        match (name.trim(), Aov::named(name.trim())) {
+            ("all", _) => out.extend(Aov::ALL.into_iter().filter(|a| *a != Aov::Motion)),
+            (_, Some(Aov::Motion)) => bail!("--aov motion: a single picture has no previous camera"),
+            (_, Some(aov)) => out.push(aov),
+            (other, None) => bail!("--aov {other}: one of {}, or all", Aov::ALL.map(Aov::name).join(", ")),
+        }
+    }
+    out.sort_unstable();
+    out.dedup();
+    Ok(out)
+}
+
+fn options(a: &Render, aovs: Vec<Aov>) -> RenderOptions {
+    let open = a.path.noise.is_some() || a.path.time_limit.is_some();
+    RenderOptions {
+        width: a.width as usize,
+        height: a.height as usize,
+        spp: a.spp.unwrap_or(if open { SPP_MAX } else { SPP }),
+        noise: a.path.noise,
+        seed: a.path.seed,
+        aovs,
+        path: PathOptions {
+            max_depth: a.path.max_depth,
+            show_environment: a.path.background,
+            ..PathOptions::default()
+        },
+        ..RenderOptions::default()
+    }
+}
+
+fn view(a: &Render, scene: &Scene) -> Result<View> {
+    let Some(index) = a.path.camera else {
+        let (center, radius) = render::extent(a, scene)?;
+        return Ok(View::pinhole(&render::camera(a, center, radius)));
+    };
+    let camera = scene.cameras.get(index).ok_or_else(|| {
+        anyhow!("{}: --camera {index}: the asset has {} cameras", a.input.display(), scene.cameras.len())
+    })?;
+    let mut view = View::pinhole(camera);
+    view.half[0] = view.half[1] * a.width as f32 / a.height as f32;
+    Ok(view)
+}
+
+/// The lights that the rasterizer would use, beside those of the asset.
+fn add_light(a: &Render, scene: &Scene, parts: &mut Parts) -> Result<()> {
+    let (center, radius) = render::extent(a, scene)?;
+    let camera = render::camera(a, center, radius);
+    let lights = match (a.light, &a.env) {
+        (RenderLight::Asset, _) => Vec::new(),
+        (RenderLight::Env, Some(file)) => {
+            parts.environment = Some(environment(file)?);
+            Vec::new()
+        }
+        (RenderLight::Headlight, _) => render::headlight(&camera, center),
+        _ => render::point_light(&camera, center, radius),
+    };
+    for light in lights {
+        match light {
+            Light::Point { position: p, intensity } => {
+                let position = glam::DVec3::new(p.x.into(), p.y.into(), p.z.into());
+                parts.lights.push(LightSource::Point { position, intensity });
+            }
+            Light::Directional { direction, irradiance } => {
+                parts.lights.push(LightSource::Directional { direction, irradiance });
+            }
+            Light::Ambient { radiance } => parts.environment = Some(EnvironmentMap::constant(radiance)),
+            Light::Environment { .. } => {}
+        }
+    }
+    Ok(())
+}
+
+/// The map, as bright as the rasterizer makes it.
+fn environment(file: &Path) -> Result<EnvironmentMap> {
+    let mut map = EnvironmentMap::new(load_environment(file)?);
+    let mean = luminance(map.mean().to_array());
+    if mean > 0.0 && mean.is_finite() {
+        map.scale = MEAN / mean;
+    }
+    Ok(map)
+}
+
+/// Names everything that the pixels depend on and that the renderer does not know.
+fn fingerprint(a: &Render, parts: &Parts) -> Result<String> {
+    let file = |path: &Path| -> Result<String> {
+        let data = fs::metadata(path).with_context(|| path.display().to_string())?;
+        let time = data.modified().ok().and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok());
+        Ok(format!("{} {} {time:?}", path.display(), data.len()))
+    };
+    let env = a.env.as_deref().map(file).transpose()?;
+    Ok(format!("{}|{env:?}|{:?}|{:?}", file(&a.input)?, a.light, parts.lights))
+}
+
+/// The state beside the output.
+fn state_file(output: &Path) -> PathBuf {
+    let mut name = output.file_name().unwrap_or_default().to_owned();
+    name.push(".state");
+    output.with_file_name(name)
+}
+
+fn resume(renderer: &mut Renderer<'_>, state: &Path, key: &str) -> Result<()> {
+    match fs::read(state) {
+        Ok(bytes) => renderer.resume(key, &bytes).map_err(|e| anyhow!("{}: {e}", state.display())),
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
+            say(&format!("{}: no saved state, the render begins anew", state.display()));
+            Ok(())
+        }
+        Err(e) => Err(anyhow!("{}: {e}", state.display())),
+    }
+}
+
+/// Renders until nothing is left to do, time is over or Ctrl-C; whether all is done.
+fn work(a: &Render, renderer: &mut Renderer<'_>, state: &Path, key: &str) -> Result<bool> {
+    let terminal = Terminal::new();
+    let (began, mut saved) = (Instant::now(), Instant::now());
+    let every = a.path.save_every.unwrap_or(Duration::MAX);
+    let over = || a.path.time_limit.is_some_and(|limit| began.elapsed() >= limit);
+    loop {
+        let due = || saved.elapsed() >= every;
+        let progress = renderer.pass(|| terminal.is_cancelled() || over() || due());
+        report(&terminal, a, &progress, began);
+        let stopped = terminal.is_cancelled() || over();
+        if !progress.done && (due() || stopped) {
+            photofit_image::write_atomically(state, &renderer.save(key))?;
+            saved = Instant::now();
+        }
+        if progress.done || stopped {
+            terminal.finish();
+            if !progress.done {
+                let share = 100.0 * progress.samples as f64 / progress.total as f64;
+                say(&format!("stopped at {share:.1}% of the samples; --resume goes on"));
+            }
+            return Ok(progress.done);
+        }
+    }
+}
+
+/// Progress against samples, or against time where that is what ends the render.
+fn report(terminal: &Terminal, a: &Render, progress: &Progress, began: Instant) {
+    let spp = progress.samples as f64 / (f64::from(a.width) * f64::from(a.height));
+    let note = if progress.noise.is_finite() {
+        format!("{spp:.0} spp, noise {:.3}", progress.noise)
+    } else {
+        format!("{spp:.0} spp")
+    };
+    let (done, total) = match (a.path.time_limit, a.path.noise) {
+        (Some(limit), _) => (began.elapsed().as_millis() as u64, limit.as_millis() as u64),
+        // Noise falls with the square root of the samples.
+        (None, Some(noise)) if progress.noise.is_finite() => {
+            let needed = progress.samples as f64 * (progress.noise / f64::from(noise)).powi(2).max(1.0);
+            (progress.samples, (needed as u64).min(progress.total))
+        }
+        _ => (progress.samples, progress.total),
+    };
+    terminal.report("path tracing", done.min(total), total, &note);
+}
+
+fn is_exr(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"))
+}
+
+fn write(a: &Render, renderer: &Renderer<'_>) -> Result<()> {
+    let picture = renderer.picture();
+    if !is_exr(&a.output) {
+        photofit_image::write_png(&a.output, &display(a, &picture))?;
+        return Ok(());
+    }
+    let images: Vec<(Aov, Image)> =
+        Aov::ALL.into_iter().filter_map(|aov| Some((aov, renderer.aov(aov)?))).collect();
+    let mut layers: Vec<(&str, &Image, &[&str])> = vec![("", &picture, &["R", "G", "B", "A"])];
+    layers.extend(images.iter().map(|(aov, image)| (aov.name(), image, aov.channels())));
+    let progress = renderer.progress();
+    let spp = progress.samples as f64 / (f64::from(a.width) * f64::from(a.height));
+    let (spp, noise) = (format!("{spp:.2}"), format!("{:.6}", progress.noise));
+    let (seed, depth) = (a.path.seed.to_string(), a.path.max_depth.to_string());
+    let metadata = [
+        ("software", concat!("photofit ", env!("CARGO_PKG_VERSION"))),
+        ("photofit/integrator", "path"),
+        ("photofit/spp", spp.as_str()),
+        ("photofit/noise", noise.as_str()),
+        ("photofit/seed", seed.as_str()),
+        ("photofit/max_depth", depth.as_str()),
+    ];
+    photofit_image::write_exr_channels(&a.output, &layers, &metadata)?;
+    Ok(())
+}
+
+/// Straight alpha, exposed and tone mapped for a display.
+fn display(a: &Render, picture: &Image) -> Image {
+    let mut out = picture.clone();
+    let factor = a.path.exposure.exp2();
+    for p in out.data.chunks_exact_mut(4) {
+        // Behind the asset the environment has no alpha, but is shown.
+        if a.path.background {
+            p[3] = 1.0;
+        }
+        let scale = if p[3] > 0.0 { factor / p[3] } else { factor };
+        let color = [p[0] * scale, p[1] * scale, p[2] * scale];
+        p[..3].copy_from_slice(&if a.path.tone_map { tone_map(color) } else { color });
+    }
+    out
+}
