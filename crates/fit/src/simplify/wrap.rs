@@ -30,13 +30,32 @@ pub(super) struct Wrap {
     steps: u64,
     /// Points of the reference that pull, per vertex of the mesh.
     samples_per_vertex: usize,
+    /// Which points of the reference are left out as gone from the mesh; `None`: all pull.
+    gone: Option<Gone>,
+}
+
+/// A decimated mesh has lost whole parts (ropes, rivets): their points must not pull at what is left.
+#[derive(Clone, Copy)]
+struct Gone {
+    /// Least cosine between the normals of the point and of the triangle that is nearest to it.
+    cosine: f32,
+    /// Most distance in sizes of that triangle (square root of twice its area).
+    sizes: f32,
+}
+
+/// A point of the reference that pulls.
+struct Sample {
+    at: Vec3f,
+    /// Unit length, or zero for a triangle without area.
+    normal: Vec3f,
 }
 
 /// From a shape that has nothing to do with the reference.
 pub(super) const FROM_AFAR: Wrap =
-    Wrap { lambda: &[200.0, 60.0, 20.0, 6.0, 2.0, 0.6], steps: 12, samples_per_vertex: 8 };
+    Wrap { lambda: &[200.0, 60.0, 20.0, 6.0, 2.0, 0.6], steps: 12, samples_per_vertex: 8, gone: None };
 /// From a decimated reference: quadrics look at single vertices, this at the whole surface.
-pub(super) const NEARBY: Wrap = Wrap { lambda: &[0.1], steps: 15, samples_per_vertex: 64 };
+pub(super) const NEARBY: Wrap =
+    Wrap { lambda: &[0.1], steps: 15, samples_per_vertex: 64, gone: Some(Gone { cosine: 0.5, sizes: 0.25 }) };
 
 impl Wrap {
     /// Pulls `mesh` onto what can be seen of the reference; vertices at one place move together.
@@ -62,7 +81,7 @@ impl Wrap {
                 if progress.is_cancelled() {
                     return Err(FitError::Interrupted);
                 }
-                let pull = pull(&positions, &triangles, reference, seen, &samples)?;
+                let pull = self.pull(&positions, &triangles, reference, seen, &samples)?;
                 let motion = smooth.to_x(bytemuck::cast_slice(&pull)).map_err(FitError::Preconditioner)?;
                 for (p, m) in positions.iter_mut().zip(bytemuck::cast_slice::<f32, Vec3f>(&motion)) {
                     *p += *m * STEP;
@@ -72,10 +91,60 @@ impl Wrap {
         mesh.positions = weld.expand(&positions);
         Ok(())
     }
+
+    /// Where each vertex wants to go, relative to where it is.
+    fn pull(
+        &self,
+        positions: &[Vec3f],
+        triangles: &[[u32; 3]],
+        reference: &Reference<'_>,
+        seen: &Visibility,
+        samples: &[Sample],
+    ) -> Result<Vec<Vec3f>, FitError> {
+        let own: Vec<Option<Vec3f>> = positions
+            .par_iter()
+            .map(|p| {
+                let visible = |n: &photofit_pathtrace::NearestPoint| seen.is_visible(n.triangle as usize);
+                let n = reference.accel().closest_point_where(*p, f32::INFINITY, visible)?;
+                let [a, b, c] = reference.mesh().corners(n.triangle as usize);
+                Some(a + (b - a) * n.u + (c - a) * n.v - *p)
+            })
+            .collect();
+        let accel = Accel::build(positions, triangles)
+            .map_err(|source| BakeError::Geometry { mesh: "target", source })?;
+        let nearest: Vec<_> = samples.par_iter().map(|s| accel.closest_point(s.at, f32::INFINITY)).collect();
+        // A weighted mean of the pulls at a vertex; the sums run in a fixed order.
+        let mut sum: Vec<(Vec3f, f32)> =
+            own.iter().map(|p| p.map_or((Vec3f::zero(), 0.0), |p| (p, 1.0))).collect();
+        for (s, n) in samples.iter().zip(&nearest) {
+            let Some(n) = n else { continue };
+            let t = triangles[n.triangle as usize].map(|i| i as usize);
+            let corners = t.map(|i| positions[i]);
+            if self.gone.is_some_and(|g| g.holds(s, corners, n.distance)) {
+                continue;
+            }
+            let w = [1.0 - n.u - n.v, n.u, n.v];
+            let at = (0..3).fold(Vec3f::zero(), |at, k| at + corners[k] * w[k]);
+            for k in 0..3 {
+                sum[t[k]].0 += (s.at - at) * w[k];
+                sum[t[k]].1 += w[k] * w[k];
+            }
+        }
+        Ok(sum.into_iter().map(|(p, w)| if w > 0.0 { p * (1.0 / w) } else { Vec3f::zero() }).collect())
+    }
+}
+
+impl Gone {
+    /// Whether the surface at `sample` is gone from the mesh, whose nearest triangle has these `corners`.
+    fn holds(self, sample: &Sample, [a, b, c]: [Vec3f; 3], distance: f32) -> bool {
+        let normal = (b - a).cross(c - a);
+        let size = normal.length();
+        sample.normal.dot(normal) < self.cosine * size || distance > self.sizes * size.sqrt()
+    }
 }
 
 /// Points on the visible triangles, evenly by area.
-fn sample(mesh: &Mesh, seen: &Visibility, count: usize) -> Vec<Vec3f> {
+fn sample(mesh: &Mesh, seen: &Visibility, count: usize) -> Vec<Sample> {
     let mut sum = 0.0;
     let visible: Vec<(usize, f64)> = (0..mesh.triangles.len())
         .filter(|t| seen.is_visible(*t))
@@ -94,45 +163,12 @@ fn sample(mesh: &Mesh, seen: &Visibility, count: usize) -> Vec<Vec3f> {
             let [a, b, c] = mesh.corners(visible[k].0);
             let (u, v) = (rng.next_f32(), rng.next_f32());
             let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
-            Some(a + (b - a) * u + (c - a) * v)
+            Some(Sample {
+                at: a + (b - a) * u + (c - a) * v,
+                normal: (b - a).cross(c - a).normalize_or_zero(),
+            })
         })
         .collect()
-}
-
-/// Where each vertex wants to go, relative to where it is.
-fn pull(
-    positions: &[Vec3f],
-    triangles: &[[u32; 3]],
-    reference: &Reference<'_>,
-    seen: &Visibility,
-    samples: &[Vec3f],
-) -> Result<Vec<Vec3f>, FitError> {
-    let own: Vec<Option<Vec3f>> = positions
-        .par_iter()
-        .map(|p| {
-            let visible = |n: &photofit_pathtrace::NearestPoint| seen.is_visible(n.triangle as usize);
-            let n = reference.accel().closest_point_where(*p, f32::INFINITY, visible)?;
-            let [a, b, c] = reference.mesh().corners(n.triangle as usize);
-            Some(a + (b - a) * n.u + (c - a) * n.v - *p)
-        })
-        .collect();
-    let accel = Accel::build(positions, triangles)
-        .map_err(|source| BakeError::Geometry { mesh: "target", source })?;
-    let nearest: Vec<_> = samples.par_iter().map(|s| accel.closest_point(*s, f32::INFINITY)).collect();
-    // A weighted mean of the pulls at a vertex; the sums run in a fixed order.
-    let mut sum: Vec<(Vec3f, f32)> =
-        own.iter().map(|p| p.map_or((Vec3f::zero(), 0.0), |p| (p, 1.0))).collect();
-    for (s, n) in samples.iter().zip(&nearest) {
-        let Some(n) = n else { continue };
-        let t = triangles[n.triangle as usize].map(|i| i as usize);
-        let w = [1.0 - n.u - n.v, n.u, n.v];
-        let at = (0..3).fold(Vec3f::zero(), |at, k| at + positions[t[k]] * w[k]);
-        for k in 0..3 {
-            sum[t[k]].0 += (*s - at) * w[k];
-            sum[t[k]].1 += w[k] * w[k];
-        }
-    }
-    Ok(sum.into_iter().map(|(p, w)| if w > 0.0 { p * (1.0 / w) } else { Vec3f::zero() }).collect())
 }
 
 #[cfg(test)]
@@ -162,6 +198,24 @@ mod tests {
         let before = distance(&mesh);
         world.with(|r| NEARBY.run(&mut mesh, r, &seen, &Silent).unwrap());
         assert!(distance(&mesh) < 0.99 * before, "rms distance {before} became {}", distance(&mesh));
+    }
+
+    #[test]
+    fn parts_that_are_gone_do_not_pull() {
+        let mut world = World::default();
+        world.add(&shapes::icosphere(16), Material::clay());
+        world.add(&shapes::torus(64, 6, 1.5, 0.01), Material::clay());
+        let seen = world.visibility();
+        let farthest = |wrap: &Wrap| {
+            let mut mesh = shapes::icosphere(4);
+            mesh.normals.clear();
+            world.with(|r| wrap.run(&mut mesh, r, &seen, &Silent).unwrap());
+            mesh.positions.iter().map(|p| p.length()).fold(0.0, f32::max)
+        };
+        let kept = farthest(&NEARBY);
+        assert!(kept < 1.03, "a ring that the mesh does not hold pulls it out to {kept}");
+        let torn = farthest(&Wrap { gone: None, ..NEARBY });
+        assert!(torn > 1.05, "the ring would pull at the mesh: {torn}");
     }
 
     #[test]
