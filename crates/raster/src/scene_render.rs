@@ -3,7 +3,7 @@
 
 use crate::interpolate::{derivatives, interpolate};
 use crate::project::{matrix_rows, project};
-use crate::rasterize::{Bins, Layer, NONE, PixelGrid, TILE, Tile, barycentrics};
+use crate::rasterize::{Bins, Faces, Layer, NONE, PixelGrid, TILE, Tile, barycentrics};
 use photofit_image::Image;
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3};
 use photofit_scene::{Camera, FlatScene, SurfaceLibrary, UvDerivatives};
@@ -56,7 +56,7 @@ impl<'a> SceneRenderer<'a> {
         let mesh = &self.flat.mesh;
         let mut clip = vec![Vec4f::zero(); mesh.positions.len()];
         project(&matrix_rows(&camera.view_projection()), &mesh.positions, &mut clip);
-        let bins = Bins::new(&clip, &mesh.triangles, w, h);
+        let bins = Bins::new(&clip, &mesh.triangles, w, h, Faces::All);
         let eye = vec3(camera.eye.x, camera.eye.y, camera.eye.z);
         let grid = PixelGrid::new(w, h);
         let mut image = Image::new(width, height, 4);

@@ -4,10 +4,9 @@ use crate::context::Context;
 use anyhow::Result;
 use photofit_geometry::{Edges, Mesh, shapes, weld::weld_exact};
 use photofit_raster::antialias::{Pair, Topology, antialias, antialias_vjp, silhouettes};
-use photofit_raster::interpolate::{interpolate, interpolate_vjp};
 use photofit_raster::project::{Matrix4, matrix_rows, project, project_vjp};
 use photofit_raster::rasterize::{
-    NONE, PixelGrid, TILE, Visibility, barycentrics, barycentrics_vjp, rasterize_into,
+    Faces, NONE, PixelGrid, Span, SpanGradient, TILE, Visibility, rasterize_into,
 };
 use photofit_scalar::{Vec3f, Vec4f, vec3};
 use photofit_scene::Camera;
@@ -73,6 +72,7 @@ pub(crate) struct Model {
     triangles: Vec<[u32; 3]>,
     opposite: Vec<[u32; 3]>,
     neighbour: Vec<[u32; 3]>,
+    faces: Faces,
 }
 
 /// One picture and what its adjoint needs; its memory is used again.
@@ -106,12 +106,16 @@ impl Model {
     pub(crate) fn new(mesh: &Mesh, colors: Vec<[f32; 3]>) -> Self {
         let weld = weld_exact(&mesh.positions);
         let edges = Edges::new(&mesh.triangles, &weld);
+        let neighbour = edges.triangle_neighbours();
+        // The cameras here stand outside.
+        let closed = neighbour.as_flattened().iter().all(|t| *t != NONE);
         Self {
             positions: mesh.positions.clone(),
             colors,
             triangles: mesh.triangles.clone(),
             opposite: edges.opposite_vertices(&mesh.triangles, &weld),
-            neighbour: edges.triangle_neighbours(),
+            neighbour,
+            faces: if closed { Faces::Front } else { Faces::All },
         }
     }
 
@@ -124,7 +128,7 @@ impl Model {
         let Picture { color, clip, visibility, flat, pairs } = out;
         clip.resize(self.positions.len(), Vec4f::zero());
         project(camera, &self.positions, clip);
-        rasterize_into(clip, &self.triangles, size, size, None, visibility);
+        rasterize_into(clip, &self.triangles, size, size, self.faces, None, visibility);
         let grid = PixelGrid::new(size, size);
         flat.resize(size * size, [0.0; 3]);
         let rows = size.max(1) * TILE;
@@ -136,9 +140,11 @@ impl Model {
                     let [i, j, k] = self.corners(triangle);
                     let corners = [clip[i], clip[j], clip[k]];
                     let colors = [&self.colors[i], &self.colors[j], &self.colors[k]];
-                    for x in run {
-                        let b = barycentrics(&corners, grid.ndc(x, s * TILE + y), &grid);
-                        flat[x] = interpolate(colors, &b);
+                    let span = Span::new(&corners, run.start, s * TILE + y, &grid);
+                    for (n, flat) in flat[run].iter_mut().enumerate() {
+                        let w = span.weights(n);
+                        *flat = [0, 1, 2]
+                            .map(|c| w[0] * colors[0][c] + w[1] * colors[1][c] + w[2] * colors[2][c]);
                     }
                 });
             }
@@ -198,16 +204,17 @@ impl Model {
                 let [i, j, k] = self.corners(triangle);
                 let corners = [p.clip[i], p.clip[j], p.clip[k]];
                 let colors = [&self.colors[i], &self.colors[j], &self.colors[k]];
-                let mut sum = Run { triangle, clip: [Vec4f::zero(); 3], color: [[0.0; 3]; 3] };
-                for x in run {
-                    let f = grid.ndc(x, first + y);
-                    let b = barycentrics(&corners, f, &grid);
-                    let [g0, g1, g2] = &mut sum.color;
-                    let uv = interpolate_vjp(colors, &b, &g[x], [g0, g1, g2]);
-                    let corner = barycentrics_vjp(&corners, f, uv.x, uv.y);
-                    (0..3).for_each(|k| sum.clip[k] += corner[k]);
+                let span = Span::new(&corners, run.start, first + y, &grid);
+                let (mut weights, mut color) = (SpanGradient::default(), [[0.0; 3]; 3]);
+                for (n, g) in g[run].iter().enumerate() {
+                    let w = span.weights(n);
+                    for k in 0..3 {
+                        (0..3).for_each(|c| color[k][c] += w[k] * g[c]);
+                    }
+                    let dot = |c: &[f32; 3]| c[0] * g[0] + c[1] * g[1] + c[2] * g[2];
+                    span.weights_vjp(n, colors.map(dot), &mut weights);
                 }
-                runs.push(sum);
+                runs.push(Run { triangle, clip: span.corners_vjp(&corners, &weights), color });
             });
         }
     }

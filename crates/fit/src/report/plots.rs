@@ -54,6 +54,8 @@ fn draw(
     let mut chart = ChartBuilder::on(&area)
         .caption(title, ("sans-serif", 16))
         .margin(10)
+        // The last label stands half outside of the axis.
+        .margin_right(24)
         .x_label_area_size(36)
         .y_label_area_size(56)
         .build_cartesian_2d(x_low..x_high, y_low..y_high)?;
@@ -62,6 +64,8 @@ fn draw(
         .x_desc(x)
         .x_labels(8)
         .y_labels(7)
+        .x_label_formatter(&label)
+        .y_label_formatter(&label)
         .light_line_style(WHITE)
         .bold_line_style(RGBColor(0xe6, 0xe6, 0xe2))
         .draw()?;
@@ -70,6 +74,11 @@ fn draw(
     chart.draw_series(points.iter().map(|p| Circle::new(*p, 2, style.filled())))?;
     area.present()?;
     Ok(())
+}
+
+/// A tick without the digits that binary fractions add.
+fn label(tick: &f64) -> String {
+    format!("{}", (tick * 1e6).round() / 1e6)
 }
 
 /// A range around the values, with a share of it as room at both ends.
@@ -92,6 +101,11 @@ mod tests {
         assert_eq!(range([2.0, 4.0].into_iter(), 0.5), (1.0, 5.0));
         let (low, high) = range([3.0].into_iter(), 0.0);
         assert!(low < high);
+    }
+
+    #[test]
+    fn ticks_are_short() {
+        assert_eq!([100.0, 0.1 + 0.2, 24.25].map(|t| label(&t)), ["100", "0.3", "24.25"]);
     }
 
     #[test]

@@ -6,7 +6,7 @@ use super::{Geometry, Passes, View};
 use crate::antialias::{Pair, antialias, antialias_vjp, silhouettes};
 use crate::maps::CHANNELS;
 use crate::project::{project, project_vjp};
-use crate::rasterize::{NONE, TILE, Visibility, rasterize_into};
+use crate::rasterize::{Faces, NONE, TILE, Visibility, rasterize_into};
 use crate::texture::{Pyramid, Scatter};
 use photofit_scalar::{Real, Vec3, Vec4, vec3};
 use photofit_scene::AlphaMode;
@@ -153,7 +153,7 @@ pub fn render_into<T: Real>(
     while layers.len() < passes.max_layers.max(1) {
         let mut layer = spare.pop().unwrap_or_default();
         let (triangles, visibility) = (geometry.topology.triangles, &mut layer.visibility);
-        rasterize_into(clip32, triangles, view.width, view.height, front.as_ref(), visibility);
+        rasterize_into(clip32, triangles, view.width, view.height, Faces::All, front.as_ref(), visibility);
         if !layers.is_empty() && visibility.triangle.iter().all(|t| *t == NONE) {
             spare.push(layer);
             break;

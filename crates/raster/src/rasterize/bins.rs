@@ -4,6 +4,17 @@ use super::tile::{TILE, Tile};
 use photofit_scalar::Vec4f;
 use rayon::prelude::*;
 
+/// Which sides of the triangles are drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Faces {
+    /// Both sides.
+    #[default]
+    All,
+    /// The side from which the corners turn counter-clockwise. Of a closed, consistently turned surface seen from
+    /// outside nothing else is ever in front, so that this only saves time.
+    Front,
+}
+
 /// Triangles handled by one task.
 const CHUNK: usize = 16 * 1024;
 /// Slack of the bounding boxes in pixels: keeps a pixel centre that lies exactly on an edge inside of the box.
@@ -31,12 +42,14 @@ impl Bins {
     ///
     /// # Panics
     /// If an index is out of range.
-    pub fn new(clip: &[Vec4f], triangles: &[[u32; 3]], width: usize, height: usize) -> Self {
+    pub fn new(clip: &[Vec4f], triangles: &[[u32; 3]], width: usize, height: usize, faces: Faces) -> Self {
         let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
         let chunks = triangles
             .par_chunks(CHUNK)
             .enumerate()
-            .map(|(c, tris)| bin_chunk(clip, tris, (c * CHUNK) as u32, width, height, columns, rows))
+            .map(|(c, tris)| {
+                bin_chunk(clip, tris, (c * CHUNK) as u32, [width, height], [columns, rows], faces)
+            })
             .collect();
         Self { width, height, columns, chunks }
     }
@@ -72,16 +85,19 @@ fn bin_chunk(
     clip: &[Vec4f],
     tris: &[[u32; 3]],
     first: u32,
-    width: usize,
-    height: usize,
-    columns: usize,
-    rows: usize,
+    [width, height]: [usize; 2],
+    [columns, rows]: [usize; 2],
+    faces: Faces,
 ) -> Chunk {
     let mut start = vec![0u32; columns * rows + 1];
     let boxes: Vec<Option<[u16; 4]>> = tris
         .iter()
         .map(|t| {
-            let b = tile_box([clip[t[0] as usize], clip[t[1] as usize], clip[t[2] as usize]], width, height)?;
+            let corners = t.map(|i| clip[i as usize]);
+            if faces == Faces::Front && turns_away(&corners) {
+                return None;
+            }
+            let b = tile_box(corners, width, height)?;
             for r in b[1]..=b[3] {
                 for c in b[0]..=b[2] {
                     start[r as usize * columns + c as usize + 1] += 1;
@@ -106,6 +122,13 @@ fn bin_chunk(
         }
     }
     Chunk { start, ids }
+}
+
+/// Whether the viewer sees the corners turn clockwise; the homogeneous determinant decides on both sides of w = 0.
+fn turns_away(p: &[Vec4f; 3]) -> bool {
+    let [a, b, c] = p.map(|v| [f64::from(v.x), f64::from(v.y), f64::from(v.w)]);
+    let minor = |i: usize, j: usize| b[i] * c[j] - b[j] * c[i];
+    a[0] * minor(1, 2) - a[1] * minor(0, 2) + a[2] * minor(0, 1) < 0.0
 }
 
 /// Range of tiles (x0, y0, x1, y1, inclusive) that hold a pixel centre inside the box around a triangle.

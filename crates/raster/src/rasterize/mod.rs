@@ -6,12 +6,14 @@
 
 mod barycentric;
 mod bins;
+mod span;
 mod tile;
 #[cfg(target_arch = "x86_64")]
 mod tile_avx2;
 
 pub use barycentric::{Barycentrics, PixelGrid, barycentrics, barycentrics_vjp};
-pub use bins::Bins;
+pub use bins::{Bins, Faces};
+pub use span::{Span, SpanGradient};
 pub use tile::{Layer, TILE, Tile};
 
 use photofit_scalar::Vec4f;
@@ -35,7 +37,7 @@ pub struct Visibility {
 
 /// Finds the nearest triangle at every pixel centre.
 ///
-/// `clip` `[V]` are clip-space positions with z in [0, w]; faces of both orientations are kept. With `behind` only
+/// `clip` `[V]` are clip-space positions with z in [0, w]; both [`Faces`] are kept. With `behind` only
 /// fragments strictly behind that layer count (depth peeling, Everitt 2001); of coplanar duplicates the lower index
 /// comes first, and none is lost.
 ///
@@ -49,11 +51,11 @@ pub fn rasterize(
     behind: Option<&Visibility>,
 ) -> Visibility {
     let mut out = Visibility::default();
-    rasterize_into(clip, triangles, width, height, behind, &mut out);
+    rasterize_into(clip, triangles, width, height, Faces::All, behind, &mut out);
     out
 }
 
-/// [`rasterize`] into memory that is used again.
+/// [`rasterize`] of all or the front [`Faces`] into memory that is used again.
 ///
 /// # Panics
 /// As [`rasterize`].
@@ -62,10 +64,11 @@ pub fn rasterize_into(
     triangles: &[[u32; 3]],
     width: usize,
     height: usize,
+    faces: Faces,
     behind: Option<&Visibility>,
     out: &mut Visibility,
 ) {
-    let bins = Bins::new(clip, triangles, width, height);
+    let bins = Bins::new(clip, triangles, width, height, faces);
     (out.width, out.height) = (width, height);
     out.triangle.resize(width * height, NONE);
     out.depth.resize(width * height, 1.0);
