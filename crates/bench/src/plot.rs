@@ -13,13 +13,15 @@ use plotters::prelude::{
 pub(crate) struct Axis<'a>(pub(crate) &'a str);
 
 /// Colours that differ in brightness too.
-const COLORS: [RGBColor; 6] = [
+const COLORS: [RGBColor; 8] = [
     RGBColor(0x1b, 0x5f, 0x9e),
     RGBColor(0xd9, 0x6b, 0x0b),
     RGBColor(0x2a, 0x8c, 0x3c),
     RGBColor(0xa0, 0x2b, 0x7a),
     RGBColor(0x55, 0x55, 0x55),
     RGBColor(0xc2, 0xa0, 0x05),
+    RGBColor(0x0f, 0x9d, 0xa8),
+    RGBColor(0xd1, 0x1f, 0x2d),
 ];
 
 /// Draws named curves; points that have no logarithm are moved to a tenth of the smallest value that has one.

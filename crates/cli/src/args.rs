@@ -1,5 +1,6 @@
 //! The command line.
 
+use crate::mitsuba;
 use clap::error::ErrorKind;
 use clap::{ArgGroup, Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
@@ -143,20 +144,20 @@ pub(crate) enum RenderLight {
     Asset,
 }
 
-#[derive(Args, Debug)]
+#[derive(Args, Clone, Debug)]
 pub(crate) struct Render {
-    /// The asset: .glb, .gltf, .obj or .ply.
+    /// The asset: .glb, .gltf, .obj or .ply; or a Mitsuba 3 scene: .xml.
     #[arg(value_name = "IN")]
     pub(crate) input: PathBuf,
     /// The picture: .png (sRGB, straight alpha, transparent background) or .exr (linear, premultiplied RGBA).
     #[arg(short, long, value_name = "OUT.png|.exr")]
     pub(crate) output: PathBuf,
-    /// Width, pixels.
-    #[arg(long, value_name = "PX", default_value_t = 512, value_parser = clap::value_parser!(u32).range(1..=16384))]
-    pub(crate) width: u32,
-    /// Height, pixels.
-    #[arg(long, value_name = "PX", default_value_t = 512, value_parser = clap::value_parser!(u32).range(1..=16384))]
-    pub(crate) height: u32,
+    /// Width, pixels [default: 512, or what the scene says].
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
+    pub(crate) width: Option<u32>,
+    /// Height, pixels [default: 512, or what the scene says].
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
+    pub(crate) height: Option<u32>,
     /// Turn of the camera around +y, from +z towards +x, degrees.
     #[arg(long, value_name = "DEG", default_value_t = 30.0, value_parser = finite, allow_negative_numbers = true)]
     pub(crate) azimuth: f32,
@@ -175,20 +176,51 @@ pub(crate) struct Render {
     /// Samples per pixel: 1, 4, 16 or 64 for raster (16 when not given); at most this many for path (64).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
     pub(crate) spp: Option<u32>,
-    /// How the picture is made.
-    #[arg(long, value_enum, default_value = "raster")]
-    pub(crate) integrator: RenderIntegrator,
+    /// How the picture is made [default: raster; path for .xml].
+    #[arg(long, value_enum)]
+    pub(crate) integrator: Option<RenderIntegrator>,
     #[command(flatten, next_help_heading = "Path tracing")]
     pub(crate) path: PathArgs,
 }
 
 impl Render {
+    /// Columns.
+    pub(crate) fn width(&self) -> u32 {
+        self.width.unwrap_or(512)
+    }
+
+    /// Rows.
+    pub(crate) fn height(&self) -> u32 {
+        self.height.unwrap_or(512)
+    }
+
+    /// Whether the input is a scene of Mitsuba.
+    pub(crate) fn is_mitsuba(&self) -> bool {
+        mitsuba::is_scene(&self.input)
+    }
+
     /// Whether the options belong to the integrator.
     fn check(&self) -> Result<(), String> {
-        if self.integrator == RenderIntegrator::Path {
+        let p = &self.path;
+        if self.is_mitsuba() {
+            let given = [
+                ("--integrator raster", self.integrator == Some(RenderIntegrator::Raster)),
+                ("--camera", p.camera.is_some()),
+                ("--light", self.light != RenderLight::Point),
+                ("--env", self.env.is_some()),
+                ("--distance", self.distance.is_some()),
+            ];
+            return match given.into_iter().find(|g| g.1) {
+                Some((name, _)) => Err(format!("{name} does not go with an .xml, which has its own")),
+                None => Ok(()),
+            };
+        }
+        if !p.define.is_empty() {
+            return Err("--define needs an .xml scene".into());
+        }
+        if self.integrator == Some(RenderIntegrator::Path) {
             return Ok(());
         }
-        let p = &self.path;
         let given = [
             ("--noise", p.noise.is_some()),
             ("--time-limit", p.time_limit.is_some()),
@@ -223,7 +255,7 @@ pub(crate) enum RenderIntegrator {
 }
 
 /// Options of `render --integrator path`.
-#[derive(Args, Debug, Default)]
+#[derive(Args, Clone, Debug, Default)]
 pub(crate) struct PathArgs {
     /// Stop where the relative noise is below E (0.02 is clean); --spp still bounds the samples (4096 then).
     #[arg(long, value_name = "E", value_parser = positive)]
@@ -242,8 +274,9 @@ pub(crate) struct PathArgs {
     #[arg(long, value_name = "S", value_parser = seconds, default_value = "20")]
     pub(crate) save_every: Option<Duration>,
     /// Most scattering events of a path: 0 shows what glows, 1 direct light.
-    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(0..=1_000_000))]
-    pub(crate) max_depth: u32,
+    /// [default: 16, or what the scene says].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=1_000_000))]
+    pub(crate) max_depth: Option<u32>,
     /// Brightness in stops: +1 is twice as bright (.png).
     #[arg(long, value_name = "EV", default_value_t = 0.0, value_parser = finite, allow_negative_numbers = true)]
     pub(crate) exposure: f32,
@@ -253,6 +286,9 @@ pub(crate) struct PathArgs {
     /// Show the environment behind the asset.
     #[arg(long)]
     pub(crate) background: bool,
+    /// Give the parameter NAME (`$NAME`) of an .xml scene a value; may be repeated.
+    #[arg(long, value_name = "NAME=VALUE", value_parser = definition)]
+    pub(crate) define: Vec<(String, String)>,
     /// Use camera N of the asset, from 0.
     #[arg(long, value_name = "N")]
     pub(crate) camera: Option<usize>,
@@ -425,6 +461,14 @@ fn field_of_view(text: &str) -> Result<f32, String> {
 
 fn strength(text: &str) -> Result<f32, String> {
     number_in(text, 0.0..=10.0)
+}
+
+/// A name and a value around the first `=`.
+fn definition(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((name, value)) if !name.is_empty() => Ok((name.to_owned(), value.to_owned())),
+        _ => Err("has the form NAME=VALUE".into()),
+    }
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use crate::args::Inspect;
 use crate::output::{self, bytes, count, print};
-use crate::{forecast, preflight};
+use crate::{forecast, mitsuba, preflight};
 use anyhow::Result;
 use photofit_scene::{AlphaMode, LightKind, Material, PunctualLight, Scene};
 use serde_json::{Value, json};
@@ -11,6 +11,9 @@ use std::path::Path;
 pub(crate) fn run(a: &Inspect) -> Result<()> {
     if let Some(file) = &a.json {
         preflight::file(file, &[])?;
+    }
+    if mitsuba::is_scene(&a.input) {
+        return mitsuba::inspect(a);
     }
     let scene = photofit_scene::load(&a.input)?;
     if let Some(file) = &a.json {

@@ -11,6 +11,7 @@ mod forecast;
 mod inspect;
 mod light;
 mod memory;
+mod mitsuba;
 mod output;
 mod path_render;
 mod preflight;

@@ -19,13 +19,14 @@ use std::time::{Duration, Instant};
 
 /// Samples per pixel when nothing else ends the render.
 const SPP: u32 = 64;
+/// Scattering events of a path.
+const DEPTH: u32 = 16;
 /// Bound on the samples when noise or time ends it.
 const SPP_MAX: u32 = 4096;
 
 pub(crate) fn run(a: &Render) -> Result<()> {
     let aovs = auxiliary(a)?;
-    let state = state_file(&a.output);
-    preflight::file(&state, &[])?;
+    preflight::file(&state_file(&a.output), &[])?;
     let scene = photofit_scene::load(&a.input)?;
     let named = |e: &dyn std::fmt::Display| anyhow!("{}: {e}", a.input.display());
     scene.validate_for_fit().map_err(|e| named(&e))?;
@@ -35,19 +36,25 @@ pub(crate) fn run(a: &Render) -> Result<()> {
     let key = fingerprint(a, &parts)?;
     drop(scene);
     let world = World::new(parts).map_err(|e| named(&e))?;
-    let mut renderer = Renderer::new(&world, &view, options(a, aovs)).map_err(|e| named(&e))?;
+    let renderer = Renderer::new(&world, &view, options(a, aovs)).map_err(|e| named(&e))?;
+    finish(a, renderer, &key)
+}
+
+/// Renders, and writes the picture.
+pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, key: &str) -> Result<()> {
+    let state = state_file(&a.output);
     if a.path.explain {
         print(&format!("path tracing\n{}", renderer.plan()))?;
     }
     if a.path.resume {
-        resume(&mut renderer, &state, &key)?;
+        resume(&mut renderer, &state, key)?;
     }
     handle_interrupts();
     let finished = match a.path.threads {
-        None => work(a, &mut renderer, &state, &key)?,
+        None => work(a, &mut renderer, &state, key)?,
         Some(n) => {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(n)).build()?;
-            pool.install(|| work(a, &mut renderer, &state, &key))?
+            pool.install(|| work(a, &mut renderer, &state, key))?
         }
     };
     write(a, &renderer)?;
@@ -58,7 +65,7 @@ pub(crate) fn run(a: &Render) -> Result<()> {
 }
 
 /// The auxiliary images that are asked for.
-fn auxiliary(a: &Render) -> Result<Vec<Aov>> {
+pub(crate) fn auxiliary(a: &Render) -> Result<Vec<Aov>> {
     if a.path.aov.is_empty() {
         return Ok(Vec::new());
     }
@@ -79,17 +86,17 @@ fn auxiliary(a: &Render) -> Result<Vec<Aov>> {
     Ok(out)
 }
 
-fn options(a: &Render, aovs: Vec<Aov>) -> RenderOptions {
+pub(crate) fn options(a: &Render, aovs: Vec<Aov>) -> RenderOptions {
     let open = a.path.noise.is_some() || a.path.time_limit.is_some();
     RenderOptions {
-        width: a.width as usize,
-        height: a.height as usize,
+        width: a.width() as usize,
+        height: a.height() as usize,
         spp: a.spp.unwrap_or(if open { SPP_MAX } else { SPP }),
         noise: a.path.noise,
         seed: a.path.seed,
         aovs,
         path: PathOptions {
-            max_depth: a.path.max_depth,
+            max_depth: a.path.max_depth.unwrap_or(DEPTH),
             show_environment: a.path.background,
             ..PathOptions::default()
         },
@@ -106,7 +113,7 @@ fn view(a: &Render, scene: &Scene) -> Result<View> {
         anyhow!("{}: --camera {index}: the asset has {} cameras", a.input.display(), scene.cameras.len())
     })?;
     let mut view = View::pinhole(camera);
-    view.half[0] = view.half[1] * a.width as f32 / a.height as f32;
+    view.half[0] = view.half[1] * a.width() as f32 / a.height() as f32;
     Ok(view)
 }
 
@@ -151,17 +158,19 @@ fn environment(file: &Path) -> Result<EnvironmentMap> {
 
 /// Names everything that the pixels depend on and that the renderer does not know.
 fn fingerprint(a: &Render, parts: &Parts) -> Result<String> {
-    let file = |path: &Path| -> Result<String> {
-        let data = fs::metadata(path).with_context(|| path.display().to_string())?;
-        let time = data.modified().ok().and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok());
-        Ok(format!("{} {} {time:?}", path.display(), data.len()))
-    };
-    let env = a.env.as_deref().map(file).transpose()?;
-    Ok(format!("{}|{env:?}|{:?}|{:?}", file(&a.input)?, a.light, parts.lights))
+    let env = a.env.as_deref().map(stamp).transpose()?;
+    Ok(format!("{}|{env:?}|{:?}|{:?}", stamp(&a.input)?, a.light, parts.lights))
+}
+
+/// Name, size and time of a file.
+pub(crate) fn stamp(path: &Path) -> Result<String> {
+    let data = fs::metadata(path).with_context(|| path.display().to_string())?;
+    let time = data.modified().ok().and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok());
+    Ok(format!("{} {} {time:?}", path.display(), data.len()))
 }
 
 /// The state beside the output.
-fn state_file(output: &Path) -> PathBuf {
+pub(crate) fn state_file(output: &Path) -> PathBuf {
     let mut name = output.file_name().unwrap_or_default().to_owned();
     name.push(".state");
     output.with_file_name(name)
@@ -206,7 +215,7 @@ fn work(a: &Render, renderer: &mut Renderer<'_>, state: &Path, key: &str) -> Res
 
 /// Progress against samples, or against time where that is what ends the render.
 fn report(terminal: &Terminal, a: &Render, progress: &Progress, began: Instant) {
-    let spp = progress.samples as f64 / (f64::from(a.width) * f64::from(a.height));
+    let spp = progress.samples as f64 / (f64::from(a.width()) * f64::from(a.height()));
     let note = if progress.noise.is_finite() {
         format!("{spp:.0} spp, noise {:.3}", progress.noise)
     } else {
@@ -239,9 +248,9 @@ fn write(a: &Render, renderer: &Renderer<'_>) -> Result<()> {
     let mut layers: Vec<(&str, &Image, &[&str])> = vec![("", &picture, &["R", "G", "B", "A"])];
     layers.extend(images.iter().map(|(aov, image)| (aov.name(), image, aov.channels())));
     let progress = renderer.progress();
-    let spp = progress.samples as f64 / (f64::from(a.width) * f64::from(a.height));
+    let spp = progress.samples as f64 / (f64::from(a.width()) * f64::from(a.height()));
     let (spp, noise) = (format!("{spp:.2}"), format!("{:.6}", progress.noise));
-    let (seed, depth) = (a.path.seed.to_string(), a.path.max_depth.to_string());
+    let (seed, depth) = (a.path.seed.to_string(), a.path.max_depth.unwrap_or(DEPTH).to_string());
     let metadata = [
         ("software", concat!("photofit ", env!("CARGO_PKG_VERSION"))),
         ("photofit/integrator", "path"),

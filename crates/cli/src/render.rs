@@ -1,7 +1,7 @@
 //! `photofit render`: one picture of an asset.
 
 use crate::args::{Render, RenderIntegrator, RenderLight};
-use crate::{light, path_render, preflight};
+use crate::{light, mitsuba, path_render, preflight};
 use anyhow::{Result, anyhow};
 use glam::Vec3;
 use photofit_image::Image;
@@ -21,7 +21,10 @@ const AMBIENT: f32 = 0.22;
 pub(crate) fn run(a: &Render) -> Result<()> {
     preflight::file(&a.output, &["png", "exr"])?;
     preflight::distinct(&a.input, &a.output)?;
-    if a.integrator == RenderIntegrator::Path {
+    if a.is_mitsuba() {
+        return mitsuba::render(a);
+    }
+    if a.integrator == Some(RenderIntegrator::Path) {
         return path_render::run(a);
     }
     let environment = match (a.light, &a.env) {
@@ -41,7 +44,7 @@ pub(crate) fn run(a: &Render) -> Result<()> {
     };
     // The command line admits squares alone.
     let supersample = a.spp.unwrap_or(16).isqrt() as usize;
-    let picture = render(&scene, &camera, &lights, (a.width as usize, a.height as usize), supersample);
+    let picture = render(&scene, &camera, &lights, (a.width() as usize, a.height() as usize), supersample);
     write(&a.output, &picture)
 }
 
@@ -52,7 +55,7 @@ pub(crate) fn extent(a: &Render, scene: &Scene) -> Result<(Vec3, f32)> {
 
 /// The camera that azimuth, elevation and distance say.
 pub(crate) fn camera(a: &Render, center: Vec3, radius: f32) -> Camera {
-    let aspect = a.width as f32 / a.height as f32;
+    let aspect = a.width() as f32 / a.height() as f32;
     let (azimuth, elevation) = (a.azimuth.to_radians(), a.elevation.to_radians());
     match a.distance {
         None => Camera::framing(center, radius, azimuth, elevation, FIELD_OF_VIEW, aspect),

@@ -2,6 +2,7 @@
 //!
 //! Everything works on plain slices: an image is one plane per channel, rows from the top ([`Shape`]).
 //!
+//! - [`mc`] denoises Monte Carlo renderings with automatic parameters.
 //! - [`models`] names the convex models, [`admm`] solves them: a [`admm::Problem`] says what, [`admm::Admm`] does it.
 //! - [`primal_dual`] holds Beltrami, TGV2, the accelerated method for ROF, and the certificate of its optimum.
 //! - [`operators`] and [`transform`] hold the finite differences and the fast linear solvers below.
@@ -19,6 +20,7 @@
 pub mod admm;
 mod error;
 mod field;
+pub mod mc;
 pub mod models;
 pub mod operators;
 pub mod primal_dual;

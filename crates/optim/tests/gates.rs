@@ -96,6 +96,24 @@ fn ablations_under_noise() {
     }
 }
 
+/// Without noise the prefilter is slowest to get there, and the order of the levels does not matter much.
+#[test]
+#[ignore = "slow: 10 seconds"]
+fn ablations_without_noise() {
+    for seed in 0..5 {
+        let base = Method::bilateral(0.01, 0.5, TUNED);
+        let mut coarse_to_fine = base;
+        if let Filter::Bilateral(config) = &mut coarse_to_fine.filter {
+            config.coarse_to_fine = true;
+        }
+        let run = |method| anisotropic(seed, method, 250)[250];
+        let [post, coarse] = [base, coarse_to_fine].map(run);
+        let [pre, both] = [Placement::PRE, Placement::BOTH].map(|p| run(base.placed(p)));
+        assert!(post <= 0.008 && coarse <= 0.008, "seed {seed}: {post}, coarse to fine {coarse}");
+        assert!(both <= 0.015 && post < pre && pre <= 0.06, "seed {seed}: before {pre}, both {both}");
+    }
+}
+
 /// Negative controls: filtering one moment alone.
 #[test]
 fn one_moment_alone_diverges_or_does_not_help() {

@@ -17,6 +17,16 @@ pub struct Lens {
     pub focus: f32,
 }
 
+/// How the rays of a picture leave the camera.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Projection {
+    /// From the eye.
+    #[default]
+    Perspective,
+    /// In parallel, along the view.
+    Orthographic,
+}
+
 /// A camera that makes rays: [`photofit_scene::Camera`] with an optional lens, in double precision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
@@ -24,8 +34,15 @@ pub struct View {
     pub eye: DVec3,
     /// Unit axes of the camera's frame in the world: right, up, back.
     pub axes: [Vec3; 3],
-    /// Tangents of half the fields of view, horizontal and vertical.
+    /// Tangents of half the fields of view, horizontal and vertical; half the width and height of the picture where
+    /// rays are parallel.
     pub half: [f32; 2],
+    /// How rays leave.
+    pub projection: Projection,
+    /// The part of the view that the picture shows: left, upper, width and height, each as a share of the whole.
+    pub window: [f32; 4],
+    /// Distances along the axis between which surfaces are seen.
+    pub clip: [f32; 2],
     /// The lens; `None`: everything is sharp.
     pub lens: Option<Lens>,
 }
@@ -40,6 +57,9 @@ impl View {
             eye: camera.eye.as_dvec3(),
             axes: [row(0), row(1), row(2)],
             half: [tan * camera.aspect, tan],
+            projection: Projection::Perspective,
+            window: [0.0, 0.0, 1.0, 1.0],
+            clip: [0.0, f32::INFINITY],
             lens: None,
         }
     }
@@ -68,6 +88,13 @@ impl View {
         if !self.half.iter().all(|t| *t > 0.0 && t.is_finite()) {
             return fail("the field of view lies between 0 and 180 degrees");
         }
+        if !self.window.iter().all(|x| x.is_finite()) || self.window[2] <= 0.0 || self.window[3] <= 0.0 {
+            return fail("its window is finite and has an extent");
+        }
+        // Written so that NaN fails.
+        if !(self.clip[0] >= 0.0 && self.clip[0] < self.clip[1]) {
+            return fail("surfaces are seen between two rising distances that are not negative");
+        }
         match self.lens {
             Some(l) if !(l.radius >= 0.0 && l.radius.is_finite() && l.focus > 0.0 && l.focus.is_finite()) => {
                 fail("the lens has a radius that is not negative and a positive distance of focus")
@@ -79,7 +106,20 @@ impl View {
     /// The camera in the render frame of `world`.
     pub(crate) fn prepare(&self, world: &World) -> Prepared {
         let [right, up, back] = self.axes.map(|a| vec3(a.x, a.y, a.z));
-        Prepared { eye: world.to_render(self.eye), right, up, back, half: self.half, lens: self.lens }
+        // The picture's own centre and extent, in the plane at distance 1.
+        let [x, y, w, h] = self.window;
+        let center = [(2.0 * x + w - 1.0) * self.half[0], (1.0 - 2.0 * y - h) * self.half[1]];
+        Prepared {
+            eye: world.to_render(self.eye),
+            right,
+            up,
+            back,
+            half: [w * self.half[0], h * self.half[1]],
+            center,
+            parallel: self.projection == Projection::Orthographic,
+            clip: self.clip,
+            lens: self.lens,
+        }
     }
 }
 
@@ -91,6 +131,9 @@ pub(crate) struct Prepared {
     up: Vec3f,
     back: Vec3f,
     half: [f32; 2],
+    center: [f32; 2],
+    parallel: bool,
+    clip: [f32; 2],
     lens: Option<Lens>,
 }
 
@@ -98,9 +141,14 @@ impl Prepared {
     /// The ray through a point of the picture in `[0, 1]^2`, the origin at the upper left, and of the lens.
     #[inline]
     pub(crate) fn ray(&self, at: Vec2f, lens: [f32; 2]) -> WorldRay {
-        let (x, y) = ((2.0 * at.x - 1.0) * self.half[0], (1.0 - 2.0 * at.y) * self.half[1]);
+        let x = self.center[0] + (2.0 * at.x - 1.0) * self.half[0];
+        let y = self.center[1] + (1.0 - 2.0 * at.y) * self.half[1];
+        if self.parallel {
+            let origin = self.eye + self.right * x + self.up * y;
+            return self.clipped(WorldRay { origin, direction: -self.back, t_max: f32::INFINITY });
+        }
         let through = self.right * x + self.up * y - self.back;
-        match self.lens {
+        let ray = match self.lens {
             None => {
                 WorldRay { origin: self.eye, direction: through.normalize_or_zero(), t_max: f32::INFINITY }
             }
@@ -110,7 +158,20 @@ impl Prepared {
                 let direction = (through * l.focus - offset).normalize_or_zero();
                 WorldRay { origin: self.eye + offset, direction, t_max: f32::INFINITY }
             }
+        };
+        self.clipped(ray)
+    }
+
+    /// The part of a ray between the distances of clipping.
+    #[inline(always)]
+    fn clipped(&self, ray: WorldRay) -> WorldRay {
+        let [near, far] = self.clip;
+        if near == 0.0 && far == f32::INFINITY {
+            return ray;
         }
+        let per = 1.0 / -ray.direction.dot(self.back);
+        let origin = ray.origin + ray.direction * (near * per);
+        WorldRay { origin, direction: ray.direction, t_max: (far - near) * per }
     }
 
     /// Distance along the axis of a point.
@@ -124,8 +185,9 @@ impl Prepared {
         let v = p - self.eye;
         let depth = -v.dot(self.back);
         (depth > 0.0).then(|| {
-            let (x, y) =
-                (v.dot(self.right) / (depth * self.half[0]), v.dot(self.up) / (depth * self.half[1]));
+            let per = if self.parallel { 1.0 } else { 1.0 / depth };
+            let x = (v.dot(self.right) * per - self.center[0]) / self.half[0];
+            let y = (v.dot(self.up) * per - self.center[1]) / self.half[1];
             vec2(0.5 + 0.5 * x, 0.5 - 0.5 * y)
         })
     }

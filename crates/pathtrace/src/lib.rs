@@ -16,6 +16,8 @@ mod error;
 mod film;
 mod integrator;
 mod light;
+#[cfg(feature = "mitsuba")]
+mod mitsuba;
 mod plan;
 mod random;
 mod render;
@@ -26,7 +28,7 @@ mod world;
 mod validation;
 
 pub use accel::{Accel, AccelError, Hit, NearestPoint, Ray};
-pub use camera::{Lens, View};
+pub use camera::{Lens, Projection, View};
 pub use error::PathtraceError;
 pub use film::{Aov, Filter};
 pub use integrator::{PathOptions, Strategy};

@@ -32,6 +32,14 @@ pub enum SceneError {
         /// The rule that is broken.
         rule: String,
     },
+    /// A scene has parts that cannot be rendered.
+    #[error("{}: not supported: {}", path.display(), elements.join("; "))]
+    Unsupported {
+        /// The file.
+        path: PathBuf,
+        /// The place and the name of each.
+        elements: Vec<String>,
+    },
     /// A scene in memory breaks a rule.
     #[error("{place}: {rule}")]
     Scene {

@@ -7,9 +7,12 @@ mod environment;
 mod error;
 mod extensions;
 mod flat;
+pub mod graph;
 mod light;
 mod load;
 mod material;
+#[cfg(feature = "mitsuba")]
+pub mod mitsuba;
 mod model;
 mod save;
 pub mod surface;

@@ -9,8 +9,10 @@ mod optim;
 mod pathtrace;
 mod raster;
 mod rays;
+mod second_order;
 mod surface;
 mod vertex_color;
+mod ztest;
 
 use anyhow::Result;
 
@@ -63,6 +65,17 @@ pub(crate) const SUITES: &[Suite] = &[
         run: surface::run,
     },
     Suite { name: "optim", about: "first-order optimizers, error against steps and time", run: optim::run },
+    Suite {
+        name: "filters",
+        about: "spatial filters of the optimizers, time against size",
+        run: optim::speed::run,
+    },
+    Suite {
+        name: "second-order",
+        about: "black boxes: sampled first and second derivatives, error against evaluations and time",
+        run: second_order::run,
+    },
+    Suite { name: "ztest", about: "agreement of path tracing with published references", run: ztest::run },
     Suite { name: "pathtrace", about: "path tracing, error against time", run: pathtrace::run },
     Suite { name: "atlas", about: "unwrapping, time and stretch against triangles", run: atlas::run },
 ];

@@ -1,17 +1,26 @@
 //! Ray casting: closest hits through the hierarchy against a test of every triangle in double precision.
+//!
+//! With `PHOTOFIT_BENCH_RAYS`, a folder of meshes `M.ply`, rays `rays_M_KIND.bin` (8 little-endian f32 each: origin,
+//! direction, smallest and largest distance) and the hits of another tracer `hits_M_KIND.bin` (f32 distance, i32
+//! triangle, -1 for a miss), the same rays are cast that the other program cast.
 
-use anyhow::Result;
+use anyhow::{Context as _, Result, bail};
 use photofit_geometry::{Mesh, shapes};
 use photofit_pathtrace::{Accel, Ray};
 use photofit_scalar::{Vec3, Vec3f, vec3};
 
 use crate::context::Context;
+use rayon::prelude::*;
+use std::path::Path;
 
 /// Rays per timed pass, and how many of them are compared with the exhaustive test.
 const RAYS: usize = 1 << 16;
 const COMPARED: usize = 256;
 
 pub(crate) fn run(ctx: &mut Context) -> Result<()> {
+    if let Ok(folder) = std::env::var("PHOTOFIT_BENCH_RAYS") {
+        return foreign(ctx, Path::new(&folder));
+    }
     for frequency in [16, 71, 158] {
         let mesh = shapes::displaced_sphere(frequency, 0.2, 4, 1);
         let count = mesh.triangles.len();
@@ -56,6 +65,81 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
     }
     ctx.note("One thread. Chords of the sphere of radius 2; the shape has detail at four scales.");
     Ok(())
+}
+
+/// Rays that another program cast, in its order.
+fn foreign(ctx: &mut Context, folder: &Path) -> Result<()> {
+    let mut meshes: Vec<_> = std::fs::read_dir(folder)?
+        .filter_map(|e| Some(e.ok()?.path()))
+        .filter(|p| p.extension().is_some_and(|e| e == "ply"))
+        .collect();
+    meshes.sort_by_key(|p| std::fs::metadata(p).map_or(0, |m| m.len()));
+    for path in meshes {
+        let name = path.file_stem().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        if !folder.join(format!("rays_{name}_camera.bin")).exists() {
+            continue;
+        }
+        let mesh = photofit_scene::load(&path)?.flatten().mesh;
+        let count = mesh.triangles.len();
+        let accel = ctx.measure(
+            "build, all threads",
+            &format!("{count} triangles"),
+            count,
+            || Accel::build(&mesh.positions, &mesh.triangles),
+            |_| vec![],
+        )?;
+        for kind in ["camera", "bounce", "chord"] {
+            let rays: Vec<Ray> = words(&folder.join(format!("rays_{name}_{kind}.bin")))?
+                .chunks_exact(8)
+                .map(|r| Ray::new(vec3(r[0], r[1], r[2]), vec3(r[3], r[4], r[5])).within(r[6], r[7]))
+                .collect();
+            let hits = words(&folder.join(format!("hits_{name}_{kind}.bin")))?;
+            cast(ctx, &accel, &format!("{count}, {kind}"), &rays, &hits)?;
+        }
+    }
+    ctx.note("Rays and expected hits of another program; Mray/s is the rate of the median.");
+    Ok(())
+}
+
+/// Closest hits and occlusion on one thread and two.
+fn cast(ctx: &mut Context, accel: &Accel, case: &str, rays: &[Ray], hits: &[f32]) -> Result<()> {
+    if hits.len() != 2 * rays.len() {
+        bail!("{case}: {} rays, but {} hits", rays.len(), hits.len() / 2);
+    }
+    const BLOCK: usize = 4096;
+    for threads in [1, 2] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+        let rate = |seconds: f64| rays.len() as f64 / seconds / 1e6;
+        let (timing, found) = pool.install(|| {
+            crate::timing::time(|| {
+                let distance = |r: &Ray| accel.closest_hit(r).map_or(-1.0, |h| h.t);
+                rays.par_chunks(BLOCK).flat_map_iter(|c| c.iter().map(distance)).collect::<Vec<f32>>()
+            })
+        });
+        let same = |(a, b): &(&f32, &[f32])| {
+            (**a < 0.0) == (b[0] < 0.0) && (**a - b[0]).abs() <= 1e-4 * b[0].abs().max(1.0)
+        };
+        let other = found.iter().zip(hits.chunks_exact(2)).filter(|p| !same(p)).count();
+        let figures = vec![("rays with another hit", other as f64), ("Mray/s", rate(timing.median))];
+        ctx.record(&format!("closest, {threads} thread(s)"), case, rays.len(), timing, figures);
+        let (timing, found) = pool.install(|| {
+            crate::timing::time(|| {
+                let count = |c: &[Ray]| c.iter().filter(|r| accel.occluded(r)).count();
+                rays.par_chunks(BLOCK).map(count).sum::<usize>()
+            })
+        });
+        let expected = hits.chunks_exact(2).filter(|h| h[0] >= 0.0).count();
+        let figures =
+            vec![("rays with another hit", found.abs_diff(expected) as f64), ("Mray/s", rate(timing.median))];
+        ctx.record(&format!("occlusion, {threads} thread(s)"), case, rays.len(), timing, figures);
+    }
+    Ok(())
+}
+
+/// Little-endian words of a file.
+fn words(path: &Path) -> Result<Vec<f32>> {
+    let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
+    Ok(bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect())
 }
 
 /// Rays between points of a sphere of radius 2 around the origin, spread evenly by an additive recurrence.

@@ -1,6 +1,6 @@
 //! `M = I + lambda L` on a graph: construction, factorisation and solves.
 
-use super::solve::{Lanes, solve};
+use super::solve::{Lanes, Schedule};
 use crate::error::OptimError;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
@@ -36,6 +36,7 @@ enum Cholesky {
     Factor {
         symbolic: Box<SymbolicCholesky<u32>>,
         values: Vec<f64>,
+        schedule: Schedule,
     },
 }
 
@@ -84,11 +85,16 @@ impl Screened {
         values.try_reserve_exact(symbolic.len_val()).map_err(|e| fail(e.to_string()))?;
         values.resize(symbolic.len_val(), 0.0);
         matrix.factorize(&symbolic, &mut values).map_err(fail)?;
+        let schedule = match symbolic.raw() {
+            SymbolicCholeskyRaw::Supernodal(symbolic) => Schedule::new(symbolic),
+            // `Lower::analyse` refuses a factor of any other kind.
+            SymbolicCholeskyRaw::Simplicial(_) => Schedule::default(),
+        };
         Ok(Self {
             lambda,
             offsets,
             neighbours,
-            cholesky: Cholesky::Factor { symbolic: Box::new(symbolic), values },
+            cholesky: Cholesky::Factor { symbolic: Box::new(symbolic), values, schedule },
         })
     }
 
@@ -106,7 +112,7 @@ impl Screened {
     /// Factorises anew for symmetric edge weights, which must not be negative; the pattern is kept.
     pub(super) fn reweigh(&mut self, weight: impl Fn(usize, usize) -> f64) -> Result<(), OptimError> {
         let vertices = self.vertices();
-        let Cholesky::Factor { symbolic, values } = &mut self.cholesky else { return Ok(()) };
+        let Cholesky::Factor { symbolic, values, .. } = &mut self.cholesky else { return Ok(()) };
         let mut matrix = Lower::default();
         matrix.fill(&self.offsets, &self.neighbours, self.lambda, weight);
         let fail = |reason| OptimError::Factorization { vertices, reason };
@@ -124,10 +130,10 @@ impl Screened {
 
     /// Overwrites right-hand sides, in the factor's order, with the solutions.
     pub(super) fn solve(&self, lanes: &mut [Lanes]) {
-        let Cholesky::Factor { symbolic, values } = &self.cholesky else { return };
+        let Cholesky::Factor { symbolic, values, schedule } = &self.cholesky else { return };
         // `Lower::analyse` refuses a factor of any other kind.
         if let SymbolicCholeskyRaw::Supernodal(symbolic) = symbolic.raw() {
-            solve(symbolic, values, lanes);
+            schedule.solve(symbolic, values, lanes);
         }
     }
 

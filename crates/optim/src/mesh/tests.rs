@@ -307,3 +307,25 @@ fn a_mesh_without_edges_is_left_alone() {
     SpatialFilter::<f64>::prepare(&mut filter, &guided(&[], &x)).unwrap();
     assert!(worst(&filtered(&mut filter, &x), &x) < 1e-12);
 }
+
+#[test]
+fn solves_by_subtrees_are_exact_on_chains_trees_and_separate_parts() {
+    let chain = |n: u32| (1..n).map(|i| [i - 1, i]).collect::<Vec<_>>();
+    let star = |n: u32| (1..n).map(|i| [0, i]).collect::<Vec<_>>();
+    let binary = |n: u32| (1..n).map(|i| [(i - 1) / 2, i]).collect::<Vec<_>>();
+    let (grid_size, grid) = torus(70, 60);
+    let mut parts = grid.clone();
+    parts.extend(chain(900).iter().map(|e| e.map(|v| v + grid_size as u32)));
+    for (name, n, edges) in [
+        ("chain", 1000, chain(1000)),
+        ("star", 500, star(500)),
+        ("tree", 2000, binary(2000)),
+        ("grid", grid_size, grid),
+        ("parts", grid_size + 950, parts),
+    ] {
+        let m = LargeSteps::new(n, &edges, 19.0).unwrap();
+        let x = Uniform::new(2).vec(3 * n, -1.0, 1.0);
+        let off = worst(&m.to_x(&m.to_u(&x).unwrap()).unwrap(), &x);
+        assert!(off < 1e-12, "{name}: {off:e}");
+    }
+}

@@ -214,7 +214,7 @@ impl<const F: u32> Path<'_, F> {
     fn scatter(&mut self, at: &Interaction, material: &SurfaceMaterial) -> Step {
         let wo = -self.ray.direction;
         let local = material.to_local(wo);
-        if !material.bsdf.is_delta() {
+        if !material.is_delta() {
             self.light_at_surface(at, material, wo, local);
         }
         let [u, v, lobe, _] = self.random.scatter(self.depth);
@@ -330,7 +330,7 @@ fn first_hit(at: &Interaction, material: &SurfaceMaterial, wo: Vec3f) -> FirstHi
         p: at.p,
         ng: turned(at.ng),
         ns: shading,
-        albedo: material.bsdf.albedo(material.to_local(wo)),
+        albedo: material.albedo(material.to_local(wo)),
         instance: at.instance,
     }
 }

@@ -27,7 +27,7 @@ fn radiance(world: &World, ray: &WorldRay, random: &PathRandom, max_depth: u32, 
         return material.emission;
     }
     let [u, v, lobe, _] = random.scatter(depth);
-    let (wi, weight) = if material.bsdf.is_delta() {
+    let (wi, weight) = if material.is_delta() {
         match material.sample(material.to_local(wo), lobe, [u, v]) {
             Some(s) => (material.to_render(s.wi).normalize_or_zero(), s.weight),
             None => return material.emission,

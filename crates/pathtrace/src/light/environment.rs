@@ -25,12 +25,14 @@ pub struct EnvironmentMap {
     /// Choose texels by what they have above the mean (Karlík et al. 2019, "MIS Compensation"): BSDF sampling finds
     /// the rest. Without multiple importance sampling this must be off.
     pub compensate: bool,
+    /// The centres of the first and the last row lie at the poles (as in Mitsuba), instead of half a row away.
+    pub rows_to_poles: bool,
 }
 
 impl EnvironmentMap {
     /// A map as it is.
     pub fn new(image: Image) -> Self {
-        Self { image, scale: 1.0, rotation: Quat::IDENTITY, compensate: true }
+        Self { image, scale: 1.0, rotation: Quat::IDENTITY, compensate: true, rows_to_poles: false }
     }
 
     /// The same radiance from everywhere.
@@ -64,6 +66,7 @@ fn row_share(y: usize, height: usize) -> f64 {
 pub(crate) struct EnvironmentLight {
     width: usize,
     height: usize,
+    rows_to_poles: bool,
     /// Radiance with the scale multiplied in, `height * width`.
     texels: Vec<Vec3f>,
     /// World to map.
@@ -102,6 +105,7 @@ impl EnvironmentLight {
         let mut light = Self {
             width,
             height,
+            rows_to_poles: map.rows_to_poles && height > 1,
             texels,
             inward: (map.rotation != Quat::IDENTITY).then(|| Mat3A::from_quat(map.rotation.inverse())),
             table: None,
@@ -134,6 +138,14 @@ impl EnvironmentLight {
     /// Mean luminance of the interpolated map over a texel.
     fn smoothed(&self, x: usize, y: usize) -> f32 {
         let mut sum = 0.0;
+        if self.rows_to_poles {
+            for i in 0..16 {
+                let at = |k: usize| (k as f32 + 0.5) / 4.0;
+                let c = self.interpolate(x as f32 + at(i % 4), y as f32 + at(i / 4));
+                sum += luminance(c) / 16.0;
+            }
+            return sum;
+        }
         for (dy, wy) in [(-1_isize, 0.125), (0, 0.75), (1, 0.125)] {
             let row = y.saturating_add_signed(dy).min(self.height - 1);
             for (dx, wx) in [(self.width - 1, 0.125), (0, 0.75), (1, 0.125)] {
@@ -188,7 +200,8 @@ impl EnvironmentLight {
     #[inline(always)]
     fn interpolate(&self, x: f32, y: f32) -> Vec3f {
         let (w, h) = (self.width as i32, self.height as i32);
-        let (fx, fy) = (x - 0.5, y - 0.5);
+        let fx = x - 0.5;
+        let fy = if self.rows_to_poles { y * ((h - 1) as f32 / h as f32) } else { y - 0.5 };
         let (x0, y0) = (fx.floor(), fy.floor());
         let (ax, ay) = (fx - x0, fy - y0);
         let (x0, y0) = (x0 as i32, y0 as i32);

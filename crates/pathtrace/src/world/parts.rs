@@ -6,7 +6,9 @@ use glam::DAffine3;
 use photofit_geometry::Mesh;
 use photofit_scalar::Vec3f;
 use photofit_scene::SurfaceLibrary;
+use photofit_scene::graph::SurfaceGraph;
 use photofit_shading::bsdf::Bsdf;
+use std::sync::Arc;
 
 /// A shape in its own frame.
 #[derive(Clone, Debug)]
@@ -58,6 +60,9 @@ pub enum Scattering {
         /// Index of the material.
         index: usize,
     },
+    /// A tree of BSDFs and textures; its emission is added to that of the material. One-sided BSDFs are seen from the
+    /// front.
+    Graph(Arc<SurfaceGraph>),
 }
 
 impl Material {
@@ -76,6 +81,17 @@ impl Material {
     #[must_use]
     pub fn emitting(self, emission: Vec3f) -> Self {
         Self { emission, ..self }
+    }
+
+    /// A tree of BSDFs and textures.
+    pub fn from_graph(graph: SurfaceGraph) -> Self {
+        Self {
+            scattering: Scattering::Graph(Arc::new(graph)),
+            emission: Vec3f::zero(),
+            emits_both_sides: false,
+            two_sided: false,
+            absorption: Vec3f::zero(),
+        }
     }
 
     /// Material `index` of the library; emission, which the library knows, leaves both sides.

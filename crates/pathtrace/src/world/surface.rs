@@ -7,9 +7,11 @@ use crate::PathtraceError;
 use crate::error::invalid;
 use photofit_geometry::Mesh;
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3};
+use photofit_scene::graph::{Partials, SurfaceGraph, SurfacePoint};
 use photofit_scene::{ExtensionSample, SurfaceLibrary, SurfaceSample};
 use photofit_shading::bsdf::{Bsdf, BsdfSample, Diffuse, Energy, MetallicRoughness, Null, TransportMode};
 use photofit_shading::{Surface, face_viewer, perturb};
+use std::sync::Arc;
 
 /// Rounding of an intersection, in units in the last place of the coordinates involved.
 const ROUNDING: f32 = 16.0 * 0.5 * f32::EPSILON;
@@ -59,6 +61,8 @@ impl Interaction {
 pub(crate) struct SurfaceMaterial {
     /// How it scatters, in the frame `(s, t, n)`.
     pub(crate) bsdf: Bsdf<f32>,
+    /// A second BSDF and its share.
+    pub(crate) second: Option<(Bsdf<f32>, f32)>,
     /// First axis of the frame.
     pub(crate) s: Vec3f,
     /// Second axis of the frame.
@@ -79,13 +83,61 @@ impl SurfaceMaterial {
     /// `f |cos|` and density, in the frame.
     #[inline(never)]
     pub(crate) fn eval_pdf(&self, wo: Vec3f, wi: Vec3f) -> (Vec3f, f32) {
-        self.bsdf.eval_pdf(wo, wi)
+        let (value, pdf) = self.bsdf.eval_pdf(wo, wi);
+        match &self.second {
+            None => (value, pdf),
+            Some((other, share)) => {
+                let (v, p) = other.eval_pdf(wo, wi);
+                (value * (1.0 - share) + v * *share, pdf * (1.0 - share) + p * share)
+            }
+        }
     }
 
     /// A direction, in the frame.
     #[inline(never)]
     pub(crate) fn sample(&self, wo: Vec3f, lobe: f32, u: [f32; 2]) -> Option<BsdfSample<f32>> {
-        self.bsdf.sample(wo, lobe, u)
+        match &self.second {
+            None => self.bsdf.sample(wo, lobe, u),
+            Some((other, share)) => self.sample_mixture(other, *share, wo, lobe, u),
+        }
+    }
+
+    /// One of two by their shares; weighted by both.
+    #[inline(never)]
+    fn sample_mixture(
+        &self,
+        other: &Bsdf<f32>,
+        share: f32,
+        wo: Vec3f,
+        lobe: f32,
+        u: [f32; 2],
+    ) -> Option<BsdfSample<f32>> {
+        let mut sample = if lobe < share {
+            other.sample(wo, lobe / share, u)
+        } else {
+            self.bsdf.sample(wo, (lobe - share) / (1.0 - share), u)
+        }?;
+        if !sample.delta {
+            let (value, pdf) = self.eval_pdf(wo, sample.wi);
+            let usable = pdf > 0.0 && pdf.is_finite();
+            if !usable {
+                return None;
+            }
+            (sample.weight, sample.pdf) = (value / pdf, pdf);
+        }
+        Some(sample)
+    }
+
+    /// Whether all lobes are delta lobes.
+    #[inline(always)]
+    pub(crate) fn is_delta(&self) -> bool {
+        self.bsdf.is_delta() && self.second.as_ref().is_none_or(|(b, _)| b.is_delta())
+    }
+
+    /// Part of uniform light that is reflected, approximately.
+    pub(crate) fn albedo(&self, wo: Vec3f) -> Vec3f {
+        let first = self.bsdf.albedo(wo);
+        self.second.as_ref().map_or(first, |(b, share)| first * (1.0 - share) + b.albedo(wo) * *share)
     }
 
     /// A vector of that frame in the render frame.
@@ -100,6 +152,8 @@ impl SurfaceMaterial {
 pub(crate) struct CompiledMaterial {
     /// Index in the library; `None` for uniform materials.
     pub(crate) library: Option<usize>,
+    /// A tree that has to be resolved.
+    pub(crate) graph: Option<Arc<SurfaceGraph>>,
     /// The BSDF everywhere, where nothing varies.
     bsdf: Bsdf<f32>,
     /// Emission that is added to what the library says.
@@ -140,6 +194,7 @@ impl CompiledMaterial {
         let emits = added != Vec3f::zero();
         let common = Self {
             library: None,
+            graph: None,
             bsdf: Bsdf::Null(Null),
             added,
             emission: added,
@@ -158,6 +213,7 @@ impl CompiledMaterial {
                 let is_null = matches!(bsdf, Bsdf::Null(_));
                 Ok(Self { bsdf: *bsdf, transmits: bsdf.transmits(), is_null, ..common })
             }
+            Scattering::Graph(graph) => Ok(Self::of_graph(common, graph)),
             Scattering::Library { index } => {
                 let library = library.filter(|l| *index < l.materials());
                 let library =
@@ -184,6 +240,28 @@ impl CompiledMaterial {
 }
 
 impl CompiledMaterial {
+    fn of_graph(common: Self, graph: &Arc<SurfaceGraph>) -> Self {
+        let emission = graph.emission.as_ref();
+        let glow = emission.map_or(Some(Vec3f::zero()), |e| e.constant());
+        let transmits = graph.root.transmits();
+        let emits = common.emits || emission.is_some();
+        match (graph.root.constant(), glow) {
+            (Some((bsdf, two_sided)), Some(glow)) if !graph.root.needs_partials() => {
+                let added = common.added + glow;
+                let is_null = matches!(bsdf, Bsdf::Null(_));
+                Self { bsdf, two_sided, transmits, emits, is_null, added, emission: added, ..common }
+            }
+            _ => Self {
+                graph: Some(graph.clone()),
+                varies: true,
+                alpha: graph.root.opacity().is_some(),
+                transmits,
+                emits,
+                ..common
+            },
+        }
+    }
+
     /// Whether the path through it has to be followed: it absorbs, or is a boundary alone.
     pub(crate) fn absorbs(&self) -> bool {
         self.is_null || self.absorption != Vec3f::zero()
@@ -340,9 +418,14 @@ impl World {
         let material = &self.materials[placed.material as usize];
         let shown = at.front || material.both_sides;
         let emission = if shown { material.emission } else { Vec3f::zero() };
-        let mut out = SurfaceMaterial { bsdf: material.bsdf, s: at.ns, t: at.ns, n: at.ns, emission };
+        let mut out =
+            SurfaceMaterial { bsdf: material.bsdf, second: None, s: at.ns, t: at.ns, n: at.ns, emission };
         let tangent = if TEXTURES { at.tangent.xyz() } else { Vec3f::zero() };
         let Some(index) = material.library else {
+            if TEXTURES && let Some(graph) = &material.graph {
+                self.resolve(graph, at, shown, &mut out);
+                return out;
+            }
             if material.two_sided && !material.transmits && !at.front {
                 out.n = -at.ns;
             }
@@ -387,15 +470,73 @@ impl World {
         out.bsdf = library_bsdf(&sample, extensions.as_ref(), coat, self.energy);
     }
 
+    /// The material of a tree.
+    #[inline(never)]
+    fn resolve(&self, graph: &SurfaceGraph, at: &Interaction, shown: bool, out: &mut SurfaceMaterial) {
+        let point = SurfacePoint { uv: at.uv[0], color: at.color, piece: at.piece };
+        if let Some(emission) = graph.emission.as_ref().filter(|_| shown) {
+            out.emission += emission.color(&point);
+        }
+        let (mut du, mut dv) = (Vec3f::zero(), Vec3f::zero());
+        if graph.root.needs_partials() {
+            (du, dv) = self.partials(at);
+        }
+        (out.s, out.t) = axes(out.n, du);
+        let partials = || Partials { du: out.to_local(du), dv: out.to_local(dv) };
+        let found = graph.resolve(&point, at.front, partials);
+        (out.bsdf, out.second) = (found.bsdf, found.second);
+        let mut n = found.normal.map_or(out.n, |m| out.to_render(m).normalize_or_zero());
+        if found.two_sided && !at.front {
+            // The back is the mirror image of the front.
+            n = n - at.ns * (2.0 * n.dot(at.ns));
+        }
+        if n != out.n && n != Vec3f::zero() {
+            out.n = n;
+            (out.s, out.t) = axes(n, du);
+        }
+    }
+
+    /// Derivatives of the position with respect to the texture coordinates; any across the normal where they say
+    /// nothing.
+    fn partials(&self, at: &Interaction) -> (Vec3f, Vec3f) {
+        let placed = &self.placed[at.instance as usize];
+        let any = || at.ns.orthonormal_pair();
+        let mesh = match &self.shapes[placed.shape as usize].kind {
+            Kind::Mesh(mesh) => mesh,
+            Kind::Sphere { .. } => {
+                let du = at.tangent.xyz() * std::f32::consts::TAU;
+                return (du, at.ng.cross(du) * 0.5);
+            }
+        };
+        if mesh.uvs.is_empty() {
+            return any();
+        }
+        let ids = mesh.triangles[at.piece as usize].map(|i| i as usize);
+        let [a, b, c] = ids.map(|i| mesh.positions[i]);
+        let [s, t, r] = ids.map(|i| mesh.uvs[i]);
+        let (e, f) = (placed.vector(b - a), placed.vector(c - a));
+        let (p, q) = (t - s, r - s);
+        let determinant = p.x * q.y - p.y * q.x;
+        let inverse = 1.0 / determinant;
+        if !inverse.is_finite() || determinant == 0.0 {
+            return any();
+        }
+        ((e * q.y - f * p.y) * inverse, (f * p.x - e * q.x) * inverse)
+    }
+
     /// Coverage of the surface at a hit: 1 for opaque materials.
     #[inline(never)]
     pub(crate) fn coverage(&self, hit: &WorldHit) -> f32 {
         let placed = &self.placed[hit.instance as usize];
         let material = &self.materials[placed.material as usize];
-        let (Some(index), Kind::Mesh(mesh)) = (material.library, &self.shapes[placed.shape as usize].kind)
-        else {
-            return 1.0;
-        };
+        let Kind::Mesh(mesh) = &self.shapes[placed.shape as usize].kind else { return 1.0 };
+        if let Some(opacity) = material.graph.as_ref().and_then(|g| g.root.opacity()) {
+            let ids = mesh.triangles[hit.piece as usize].map(|i| i as usize);
+            let at = Corners { mesh, ids, b: [1.0 - hit.u - hit.v, hit.u, hit.v] };
+            let point = SurfacePoint { uv: at.vec2(&mesh.uvs), color: at.color(), piece: hit.piece };
+            return opacity.value(&point).clamp(0.0, 1.0);
+        }
+        let Some(index) = material.library else { return 1.0 };
         let ids = mesh.triangles[hit.piece as usize].map(|i| i as usize);
         let at = Corners { mesh, ids, b: [1.0 - hit.u - hit.v, hit.u, hit.v] };
         let library = self.library.as_ref().expect("a library material was compiled from the library");

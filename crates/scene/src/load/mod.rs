@@ -1,6 +1,8 @@
 //! Loading asset files: glTF 2.0, Wavefront OBJ and PLY, all treated as untrusted.
 
 mod file;
+#[cfg(feature = "mitsuba")]
+mod geometry;
 mod gltf;
 mod mtl;
 mod normals;
@@ -14,6 +16,10 @@ mod texture;
 
 use crate::error::{Fault, fault};
 use crate::{Primitive, Scene, SceneError};
+#[cfg(feature = "mitsuba")]
+pub(crate) use file::{clip, read as read_file};
+#[cfg(feature = "mitsuba")]
+pub(crate) use geometry::{normals_by_index, obj_geometry, ply_geometry};
 pub use points::{Points, Sensor, load_points, load_points_with};
 use std::path::Path;
 
@@ -186,10 +192,10 @@ impl<'a> Budget<'a> {
     }
 }
 
-/// Appends a primitive placed once without a transform.
 pub(crate) use normals::smooth as smooth_normals;
 pub(crate) use texture::affine_of_transform;
 
+/// Appends a primitive placed once without a transform.
 pub(crate) fn place(scene: &mut Scene, primitive: Primitive) {
     scene
         .instances

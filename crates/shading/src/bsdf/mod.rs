@@ -25,6 +25,7 @@ mod gltf;
 mod metallic_roughness;
 mod microfacet;
 mod plastic;
+mod principled;
 mod refraction;
 mod simple;
 mod table;
@@ -39,6 +40,7 @@ pub use gltf::{GltfBsdf, GltfParameters};
 pub use metallic_roughness::MetallicRoughness;
 pub use microfacet::{Distribution, Masking, Microfacet};
 pub use plastic::{Plastic, RoughPlastic};
+pub use principled::{Principled, PrincipledParameters};
 pub use simple::{Diffuse, Null, TwoSided};
 
 use photofit_scalar::{Real, Vec3, vec3};
@@ -129,6 +131,8 @@ pub enum Bsdf<T = f32> {
     Plastic(Plastic<T>),
     /// Rough plastic.
     RoughPlastic(RoughPlastic<T>),
+    /// The principled model of Burley.
+    Principled(Principled<T>),
 }
 
 macro_rules! each {
@@ -145,6 +149,7 @@ macro_rules! each {
             Bsdf::RoughDielectric($b) => $body,
             Bsdf::Plastic($b) => $body,
             Bsdf::RoughPlastic($b) => $body,
+            Bsdf::Principled($b) => $body,
         }
     };
 }

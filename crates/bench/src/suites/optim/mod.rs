@@ -1,7 +1,6 @@
-//! First-order optimizers: the problems of figures 2 and 3 of the bilateral optimizer's paper, ablations, and the time of
-//! the filters.
+//! First-order optimizers: the problems of figures 2 and 3 of the bilateral optimizer's paper, and ablations.
 
-mod speed;
+pub(crate) mod speed;
 
 use std::time::Instant;
 
@@ -99,8 +98,7 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
          largest of the seeds after 250; `steps` those until the error stays below .03 (none: never). Times are those of \
          whole runs, gradients included."
     ));
-    ablations(ctx)?;
-    speed::run(ctx)
+    ablations(ctx)
 }
 
 /// Error courses of a method over all seeds, and the times of its runs.

@@ -1,5 +1,6 @@
-//! Time of a step's filters, beside Adam without filters and, with `--baseline`, beside a filter in Python and Numba.
+//! Time of a step's filters, beside Adam without filters and, with `--baseline`, beside a filter in Numba and cholespy.
 
+use std::ffi::OsStr;
 use std::path::Path;
 use std::process::Command;
 use std::{env, fs};
@@ -55,7 +56,7 @@ fn parameters(grid: Grid, channels: usize) -> Vec<f32> {
     (0..grid.sites() * channels).map(value).collect()
 }
 
-pub(super) fn run(ctx: &mut Context) -> Result<()> {
+pub(crate) fn run(ctx: &mut Context) -> Result<()> {
     for case in &CASES {
         let n = case.grid.sites() * case.channels;
         let params = parameters(case.grid, case.channels);
@@ -114,18 +115,27 @@ pub(super) fn run(ctx: &mut Context) -> Result<()> {
             |_| vec![],
         );
     }
-    if ctx.baseline() {
-        numba(ctx)?;
+    let python = env::var_os("PHOTOFIT_PYTHON").filter(|_| ctx.baseline());
+    match &python {
+        Some(python) => numba(ctx, python)?,
+        None if ctx.baseline() => {
+            ctx.note("No comparison with peers: `PHOTOFIT_PYTHON` names no Python interpreter.");
+        }
+        None => {}
     }
-    large_steps(ctx)
+    large_steps(ctx, python.as_deref())
 }
 
-/// The same filter in Numba, compared in value and time, if `PHOTOFIT_PYTHON` names a Python that has it.
-fn numba(ctx: &mut Context) -> Result<()> {
-    let Some(python) = env::var_os("PHOTOFIT_PYTHON") else {
-        ctx.note("No comparison with Numba: `PHOTOFIT_PYTHON` names no Python interpreter.");
-        return Ok(());
-    };
+/// The numbers that a peer script prints, line by line.
+fn printed(command: &mut Command) -> Result<Vec<Vec<f64>>> {
+    let run = command.output().context("the peer script")?;
+    ensure!(run.status.success(), "the peer script failed: {}", String::from_utf8_lossy(&run.stderr));
+    let words = String::from_utf8_lossy(&run.stdout);
+    Ok(words.lines().map(|l| l.split_whitespace().filter_map(|w| w.parse().ok()).collect()).collect())
+}
+
+/// The same filter in Numba, compared in value and time.
+fn numba(ctx: &mut Context, python: &OsStr) -> Result<()> {
     let Case { name, grid, channels, levels } = CASES[COMPARED];
     let n = grid.sites() * channels;
     let params = parameters(grid, channels);
@@ -144,13 +154,9 @@ fn numba(ctx: &mut Context) -> Result<()> {
         let bytes: Vec<u8> = out.concat().iter().flat_map(|x| x.to_le_bytes()).collect();
         fs::write(&path, bytes).with_context(|| format!("{}: cannot write", path.display()))?;
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("peers/bilateral_numba.py");
-        let run =
-            Command::new(&python).arg(script).arg(word).arg(&path).output().context("the peer script")?;
-        let words = String::from_utf8_lossy(&run.stdout);
-        ensure!(run.status.success(), "the peer script failed: {}", String::from_utf8_lossy(&run.stderr));
-        let numbers: Vec<f64> = words.split_whitespace().filter_map(|w| w.parse().ok()).collect();
-        ensure!(numbers.len() > 1, "the peer script printed `{words}`");
-        let (difference, seconds) = (numbers[0], numbers[1..].to_vec());
+        let lines = printed(Command::new(python).arg(script).arg(word).arg(&path))?;
+        ensure!(lines.len() == 1 && lines[0].len() > 1, "the peer script printed {lines:?}");
+        let (difference, seconds) = (lines[0][0], lines[0][1..].to_vec());
         let method = if taps == Taps::Three { "Numba, 3 taps" } else { "Numba, B3" };
         ctx.record(method, name, grid.sites(), Timing::of(seconds), vec![("difference", difference)]);
     }
@@ -159,7 +165,8 @@ fn numba(ctx: &mut Context) -> Result<()> {
 }
 
 /// Factorisation and solve of Large Steps on the sphere with 100,000 vertices.
-fn large_steps(ctx: &mut Context) -> Result<()> {
+fn large_steps(ctx: &mut Context, python: Option<&OsStr>) -> Result<()> {
+    const LAMBDA: f64 = 19.0;
     let mesh = shapes::displaced_sphere(100, 0.2, 4, 1);
     let edges = Edges::new(&mesh.triangles, &Weld::identity(mesh.positions.len())).vertices;
     let n = mesh.positions.len();
@@ -167,7 +174,7 @@ fn large_steps(ctx: &mut Context) -> Result<()> {
     let x: Vec<f64> =
         mesh.positions.iter().flat_map(|p| [f64::from(p.x), f64::from(p.y), f64::from(p.z)]).collect();
     let path = ctx
-        .measure("Large Steps, factor", &case, n, || LargeSteps::new(n, &edges, 19.0), |_| vec![])
+        .measure("Large Steps, factor", &case, n, || LargeSteps::new(n, &edges, LAMBDA), |_| vec![])
         .context("the factorisation")?;
     let u = path.to_u(&x)?;
     ctx.measure(
@@ -181,5 +188,27 @@ fn large_steps(ctx: &mut Context) -> Result<()> {
             vec![("error", (off / x.iter().map(|x| x * x).sum::<f64>()).sqrt())]
         },
     )?;
+    let Some(python) = python else { return Ok(()) };
+    let folder = Path::new("out/bench");
+    let save = |name: &str, bytes: Vec<u8>| {
+        let path = folder.join(name);
+        fs::write(&path, bytes).with_context(|| format!("{}: cannot write", path.display()))?;
+        Ok::<_, anyhow::Error>(path)
+    };
+    let pairs = save("optim-edges.u32", edges.iter().flatten().flat_map(|v| v.to_le_bytes()).collect())?;
+    let positions = save("optim-positions.f64", x.iter().flat_map(|x| x.to_le_bytes()).collect())?;
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("peers/large_steps_cholespy.py");
+    let (repetitions, solves) = (5, 25);
+    let mut command = Command::new(python);
+    command.arg(script).arg(pairs).arg(n.to_string()).arg(LAMBDA.to_string()).arg(positions);
+    let lines = printed(command.arg(repetitions.to_string()))?;
+    let good = lines.len() == 2 && lines.iter().all(|l| l.len() == 1 + repetitions + solves);
+    ensure!(good, "the peer script printed {lines:?}");
+    for (scalar, line) in ["f64", "f32"].into_iter().zip(lines) {
+        let (factor, solve) = line[1..].split_at(repetitions);
+        ctx.record(&format!("cholespy {scalar}, factor"), &case, n, Timing::of(factor.to_vec()), vec![]);
+        let error = vec![("error", line[0])];
+        ctx.record(&format!("cholespy {scalar}, solve"), &case, n, Timing::of(solve.to_vec()), error);
+    }
     Ok(())
 }

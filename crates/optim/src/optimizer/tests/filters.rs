@@ -222,3 +222,20 @@ fn combinations_without_meaning_are_refused() {
     let vectors = Optimizer::<f32>::new("theta", N, Temporal::vector_adam(2)).unwrap();
     assert!(vectors.with_filter(Placement::POST, poisson()).is_err());
 }
+
+#[test]
+fn constant_parameters_stay_constant() {
+    for placement in [Placement::PRE, Placement::POST, Placement::BOTH] {
+        let mut optimizer = with_bilateral::<f32>(Temporal::adam().paired(0.5), placement, 1);
+        let mut x = vec![0.25_f32; N];
+        // Without gradients nothing moves; with one for all, all move together, for a width of zero between neighbours.
+        optimizer.step(&mut x, &[0.0; N], 0.1).unwrap();
+        assert_eq!(x, [0.25; N], "{placement:?}");
+        for _ in 0..5 {
+            optimizer.step(&mut x, &[1e-20; N], 0.1).unwrap();
+            let spread = x.iter().fold(0.0_f32, |s, v| s.max((v - x[0]).abs()));
+            assert!(spread < 1e-6 && x[0].is_finite(), "{placement:?}: {spread}");
+        }
+        assert!(x[0] < 0.2, "{placement:?}: {}", x[0]);
+    }
+}

@@ -1,9 +1,13 @@
 //! PLY in its three encodings.
 
+#[cfg(feature = "mitsuba")]
+mod attributes;
 mod body;
 mod cloud;
 mod header;
 
+#[cfg(feature = "mitsuba")]
+pub(crate) use attributes::parse_attributes;
 pub(crate) use cloud::parse_points;
 
 use super::file::Folder;
@@ -23,31 +27,7 @@ use std::collections::HashMap;
 pub(crate) fn parse(bytes: &[u8], folder: &Folder, limits: &Limits) -> Result<Scene, Fault> {
     let header = Header::parse(bytes)?;
     let mut scene = Scene::default();
-    let mut budget = Budget::new(limits);
-    let mut mesh = Mesh::default();
-    let mut wedges: Vec<[Vec2f; 3]> = Vec::new();
-    let mut body = Body::new(bytes, &header);
-    for element in &header.elements {
-        let name = element.name.as_str();
-        body.check_count(element)?;
-        match name {
-            "vertex" if mesh.positions.is_empty() => {
-                budget.vertices(element.count, || "element vertex".into())?;
-                vertices(element, &mut body, &mut mesh)?;
-            }
-            "vertex" => return Err(fault("element vertex", "comes once")),
-            "face" => faces(element, &mut body, &mut mesh, &mut wedges, &mut budget)?,
-            "tristrips" => strips(element, &mut body, &mut mesh, &mut budget)?,
-            _ => {
-                scene.warnings.push(format!("the element `{name}` is ignored"));
-                body.skip(element)?;
-            }
-        }
-    }
-    if !wedges.is_empty() {
-        budget.vertices(wedges.len() as u64 * 3, || "element face texcoord".into())?;
-        mesh = split_wedges(&mesh, &wedges);
-    }
+    let mut mesh = geometry(bytes, &header, limits, &mut scene.warnings)?;
     if mesh.normals.is_empty() {
         mesh.normals = normals::smooth(&mesh.positions, &mesh.triangles);
     } else if mesh.normals.contains(&Vec3f::zero()) {
@@ -77,6 +57,47 @@ pub(crate) fn parse(bytes: &[u8], folder: &Folder, limits: &Limits) -> Result<Sc
     }
     scene.images = textures.decode()?;
     Ok(scene)
+}
+
+/// Vertices and triangles; without normals where the file has none.
+fn geometry(
+    bytes: &[u8],
+    header: &Header,
+    limits: &Limits,
+    warnings: &mut Vec<String>,
+) -> Result<Mesh, Fault> {
+    let mut budget = Budget::new(limits);
+    let mut mesh = Mesh::default();
+    let mut wedges: Vec<[Vec2f; 3]> = Vec::new();
+    let mut body = Body::new(bytes, header);
+    for element in &header.elements {
+        let name = element.name.as_str();
+        body.check_count(element)?;
+        match name {
+            "vertex" if mesh.positions.is_empty() => {
+                budget.vertices(element.count, || "element vertex".into())?;
+                vertices(element, &mut body, &mut mesh)?;
+            }
+            "vertex" => return Err(fault("element vertex", "comes once")),
+            "face" => faces(element, &mut body, &mut mesh, &mut wedges, &mut budget)?,
+            "tristrips" => strips(element, &mut body, &mut mesh, &mut budget)?,
+            _ => {
+                warnings.push(format!("the element `{name}` is ignored"));
+                body.skip(element)?;
+            }
+        }
+    }
+    if !wedges.is_empty() {
+        budget.vertices(wedges.len() as u64 * 3, || "element face texcoord".into())?;
+        mesh = split_wedges(&mesh, &wedges);
+    }
+    Ok(mesh)
+}
+
+/// Vertices and triangles alone; without normals where the file has none.
+#[cfg(feature = "mitsuba")]
+pub(crate) fn parse_geometry(bytes: &[u8], limits: &Limits) -> Result<Mesh, Fault> {
+    geometry(bytes, &Header::parse(bytes)?, limits, &mut Vec::new())
 }
 
 /// Where the numbers of a vertex go.

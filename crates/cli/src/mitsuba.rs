@@ -1,0 +1,120 @@
+//! Scenes of Mitsuba 3 on the command line: `photofit render scene.xml` and `photofit inspect scene.xml`.
+
+use crate::args::{Inspect, Render};
+use crate::output::{self, count, print};
+use crate::{path_render, preflight};
+use anyhow::{Result, anyhow};
+use photofit_pathtrace::{Parts, RenderOptions, Renderer, View, World, WorldOptions};
+use photofit_scene::mitsuba::{MitsubaOptions, MitsubaScene, MitsubaShape, load_mitsuba};
+use photofit_shading::bsdf::Energy;
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// Whether a file is a scene of Mitsuba, by its name.
+pub(crate) fn is_scene(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("xml"))
+}
+
+/// One picture, as the scene says where the command line does not.
+pub(crate) fn render(a: &Render) -> Result<()> {
+    let aovs = path_render::auxiliary(a)?;
+    preflight::file(&path_render::state_file(&a.output), &[])?;
+    let named = |e: &dyn std::fmt::Display| anyhow!("{}: {e}", a.input.display());
+    let options = MitsubaOptions {
+        parameters: a.path.define.clone(),
+        size: [a.width, a.height],
+        ..MitsubaOptions::default()
+    };
+    let scene = load_mitsuba(&a.input, &options)?;
+    let own = RenderOptions::from_mitsuba(&scene);
+    // What is left open follows the scene; the picture shows its environment.
+    let mut resolved = a.clone();
+    (resolved.width, resolved.height) = (Some(own.width as u32), Some(own.height as u32));
+    resolved.path.max_depth = Some(a.path.max_depth.unwrap_or(own.path.max_depth));
+    resolved.path.background = own.path.show_environment;
+    let mut options = path_render::options(&resolved, aovs);
+    (options.filter, options.path.roulette_depth) = (own.filter, own.path.roulette_depth);
+    if a.spp.is_none() && a.path.noise.is_none() && a.path.time_limit.is_none() {
+        options.spp = own.spp;
+    }
+    let view = View::from_mitsuba(&scene.sensor);
+    let stamps: Vec<String> = scene.files.iter().map(|f| path_render::stamp(f)).collect::<Result<_>>()?;
+    let key = format!("{}|{:?}", stamps.join("|"), a.path.define);
+    // The materials of the scene are defined without compensation.
+    let plain = WorldOptions { energy: Energy::Single, ..WorldOptions::default() };
+    let world = World::with_options(Parts::from_mitsuba(scene), plain).map_err(|e| named(&e))?;
+    let renderer = Renderer::new(&world, &view, options).map_err(|e| named(&e))?;
+    path_render::finish(&resolved, renderer, &key)
+}
+
+/// What a scene holds.
+pub(crate) fn inspect(a: &Inspect) -> Result<()> {
+    let scene = load_mitsuba(&a.input, &MitsubaOptions::default())?;
+    if let Some(file) = &a.json {
+        output::write_json(file, &to_json(&a.input, &scene))?;
+    }
+    print(&text(&a.input, &scene))
+}
+
+/// Triangles of the shapes as stored, and over all placements.
+fn triangles(scene: &MitsubaScene) -> (usize, usize) {
+    let of = |shape: &MitsubaShape| match shape {
+        MitsubaShape::Mesh(m) => m.triangles.len(),
+        MitsubaShape::Sphere { .. } => 0,
+    };
+    let stored = scene.shapes.iter().map(of).sum();
+    (stored, scene.instances.iter().map(|i| of(&scene.shapes[i.shape])).sum())
+}
+
+fn text(path: &Path, scene: &MitsubaScene) -> String {
+    let (stored, placed) = triangles(scene);
+    let film = &scene.sensor.film;
+    let emitting = scene.materials.iter().filter(|m| m.emission.is_some()).count();
+    let environment = scene
+        .environment
+        .as_ref()
+        .map_or("none".to_owned(), |e| format!("{} x {}", e.image.width, e.image.height));
+    let mut out = format!("{}\n", path.display());
+    out += &format!(
+        "  {} shapes, {} placed: {} triangles, {} over all placements\n",
+        scene.shapes.len(),
+        scene.instances.len(),
+        count(stored),
+        count(placed)
+    );
+    out += &format!(
+        "  {} materials, {emitting} of them emit; {} media\n",
+        scene.materials.len(),
+        scene.media.len()
+    );
+    out += &format!("  {} lights without a surface; environment: {environment}\n", scene.lights.len());
+    out += &format!(
+        "  picture: {} x {} pixels, {} samples, up to {} scattering events\n",
+        film.crop_size[0], film.crop_size[1], scene.sensor.samples, scene.integrator.max_depth
+    );
+    for file in scene.files.iter().skip(1) {
+        out += &format!("  includes {}\n", file.display());
+    }
+    out
+}
+
+fn to_json(path: &Path, scene: &MitsubaScene) -> Value {
+    let (stored, placed) = triangles(scene);
+    let film = &scene.sensor.film;
+    json!({
+        "file": path.display().to_string(),
+        "format": "mitsuba",
+        "shapes": scene.shapes.len(),
+        "instances": scene.instances.len(),
+        "triangles": stored,
+        "placed_triangles": placed,
+        "materials": scene.materials.len(),
+        "lights": scene.lights.len(),
+        "environment": scene.environment.is_some(),
+        "media": scene.media.len(),
+        "width": film.crop_size[0],
+        "height": film.crop_size[1],
+        "spp": scene.sensor.samples,
+        "max_depth": scene.integrator.max_depth,
+    })
+}

@@ -1,0 +1,195 @@
+//! Temporal accumulation by reprojection [@schied2017].
+//!
+//! Each pixel's surface point is looked up in the previous frame; of the four pixels around it those that show the
+//! same surface are averaged, and the new sample is mixed in with `max(1/count, minimum)`. Sums are linear in the
+//! radiance: logarithms are taken afterwards, for the mean of logarithms is darker than the logarithm of the mean.
+
+use super::camera::Camera;
+use crate::DenoiseError;
+use rayon::prelude::{IndexedParallelIterator, IntoParallelIterator, ParallelIterator};
+
+/// When history is kept.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TemporalSettings {
+    /// Smallest weight of a new frame; 0 averages all frames of a static view.
+    pub minimum: f32,
+    /// Largest distance of the earlier point from the tangent plane, as a share of the depth.
+    pub plane: f32,
+    /// Smallest cosine between the normals.
+    pub normal: f32,
+}
+
+impl Default for TemporalSettings {
+    fn default() -> Self {
+        Self { minimum: 0.05, plane: 0.02, normal: 0.9 }
+    }
+}
+
+/// What is known of a pixel.
+#[derive(Clone, Copy, Debug, Default)]
+struct Pixel {
+    mean: [f32; 3],
+    /// First and second moment of the mean over the channels.
+    moments: [f32; 2],
+    /// Frames, and the sum of their squared weights.
+    count: f32,
+    squares: f32,
+}
+
+/// The running means of a sequence.
+#[derive(Clone, Debug)]
+pub struct Accumulator {
+    rows: usize,
+    cols: usize,
+    settings: TemporalSettings,
+    pixels: Vec<Pixel>,
+    normal: Vec<f32>,
+    position: Vec<f32>,
+    camera: Option<Camera>,
+}
+
+/// One frame for [`Accumulator::add`].
+#[derive(Clone, Copy, Debug)]
+pub struct TemporalFrame<'a> {
+    /// 3 planes, demodulated, linear, finite.
+    pub irradiance: &'a [f32],
+    /// One value per pixel; 0 is a hole.
+    pub weight: &'a [f32],
+    /// 3 planes; 0 where the ray meets nothing.
+    pub normal: &'a [f32],
+    /// 3 planes of world positions.
+    pub position: &'a [f32],
+    /// The projection.
+    pub camera: Camera,
+}
+
+impl Accumulator {
+    /// Without history.
+    pub fn new(rows: usize, cols: usize, settings: TemporalSettings) -> Self {
+        let pixels = vec![Pixel::default(); rows * cols];
+        Self { rows, cols, settings, pixels, normal: Vec::new(), position: Vec::new(), camera: None }
+    }
+
+    /// Adds a frame; returns the number of pixels whose history was dropped (all of the first frame).
+    ///
+    /// # Errors
+    /// If a plane has a wrong length.
+    pub fn add(&mut self, frame: &TemporalFrame<'_>) -> Result<usize, DenoiseError> {
+        let n = self.rows * self.cols;
+        let shape = crate::Shape::new(self.rows, self.cols, 3);
+        for (name, plane, channels) in [
+            ("the irradiance", frame.irradiance, 3),
+            ("the weight", frame.weight, 1),
+            ("the normal", frame.normal, 3),
+            ("the position", frame.position, 3),
+        ] {
+            DenoiseError::length(name, plane.len(), channels * n, shape)?;
+        }
+        let pixels: Vec<Pixel> =
+            (0..n).into_par_iter().with_min_len(1 << 12).map(|i| self.update(frame, i)).collect();
+        self.pixels = pixels;
+        self.normal.clear();
+        self.normal.extend_from_slice(frame.normal);
+        self.position.clear();
+        self.position.extend_from_slice(frame.position);
+        self.camera = Some(frame.camera);
+        Ok(self.pixels.iter().filter(|p| p.count <= 1.0).count())
+    }
+
+    fn update(&self, frame: &TemporalFrame<'_>, i: usize) -> Pixel {
+        let n = self.pixels.len();
+        let old = self.history(frame, i).unwrap_or_default();
+        if frame.weight[i] == 0.0 {
+            return old;
+        }
+        let now: [f32; 3] = std::array::from_fn(|c| frame.irradiance[c * n + i]);
+        let level = (now[0] + now[1] + now[2]) * (1.0 / 3.0);
+        let count = old.count + 1.0;
+        let a = (1.0 / count).max(self.settings.minimum).min(1.0);
+        let mix = |old: f32, new: f32| old + a * (new - old);
+        Pixel {
+            mean: std::array::from_fn(|c| mix(old.mean[c], now[c])),
+            moments: [mix(old.moments[0], level), mix(old.moments[1], level * level)],
+            count,
+            squares: (1.0 - a) * (1.0 - a) * old.squares + a * a,
+        }
+    }
+
+    /// The history of pixel `i` of the new frame.
+    fn history(&self, frame: &TemporalFrame<'_>, i: usize) -> Option<Pixel> {
+        let n = self.pixels.len();
+        let at = |plane: &[f32], i: usize| -> [f32; 3] { std::array::from_fn(|c| plane[c * n + i]) };
+        let dot = |a: [f32; 3], b: [f32; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        let camera = self.camera?;
+        let (p, normal) = (at(frame.position, i), at(frame.normal, i));
+        if dot(normal, normal) < 0.25 {
+            return None;
+        }
+        let [x, y] = camera.project(p)?;
+        let (x, y) = (x - 0.5, y - 0.5);
+        let (rows, cols) = (self.rows as f64, self.cols as f64);
+        if !(x > -1.0 && y > -1.0 && x < cols && y < rows) {
+            return None;
+        }
+        let (x0, y0) = (x.floor(), y.floor());
+        let (fx, fy) = ((x - x0) as f32, (y - y0) as f32);
+        let reach = self.settings.plane * camera.depth(p) as f32;
+        let mut out = Pixel::default();
+        let mut total = 0.0;
+        for (dx, dy, w) in [
+            (0, 0, (1.0 - fx) * (1.0 - fy)),
+            (1, 0, fx * (1.0 - fy)),
+            (0, 1, (1.0 - fx) * fy),
+            (1, 1, fx * fy),
+        ] {
+            let (tx, ty) = (x0 as i64 + dx, y0 as i64 + dy);
+            if tx < 0 || ty < 0 || tx >= self.cols as i64 || ty >= self.rows as i64 {
+                continue;
+            }
+            let k = ty as usize * self.cols + tx as usize;
+            let (q, m, old) = (at(&self.position, k), at(&self.normal, k), &self.pixels[k]);
+            let offset = dot([q[0] - p[0], q[1] - p[1], q[2] - p[2]], normal).abs();
+            if old.count == 0.0 || offset > reach || dot(m, normal) < self.settings.normal {
+                continue;
+            }
+            total += w;
+            (0..3).for_each(|c| out.mean[c] += w * old.mean[c]);
+            (0..2).for_each(|c| out.moments[c] += w * old.moments[c]);
+            out.count += w * old.count;
+            out.squares += w * old.squares;
+        }
+        if total < 0.01 {
+            return None;
+        }
+        let scale = 1.0 / total;
+        out.mean.iter_mut().chain(&mut out.moments).for_each(|v| *v *= scale);
+        out.count *= scale;
+        out.squares *= scale;
+        Some(out)
+    }
+
+    /// The mean, 3 planes.
+    pub fn mean(&self) -> Vec<f32> {
+        (0..3).flat_map(|c| self.pixels.iter().map(move |p| p.mean[c])).collect()
+    }
+
+    /// Frames in the mean of each pixel; 0 at holes.
+    pub fn counts(&self) -> Vec<f32> {
+        self.pixels.iter().map(|p| p.count).collect()
+    }
+
+    /// Effective number of frames of each pixel, `1 / sum w^2`; 0 at holes.
+    pub fn effective(&self) -> Vec<f32> {
+        self.pixels.iter().map(|p| if p.squares > 0.0 { 1.0 / p.squares } else { 0.0 }).collect()
+    }
+
+    /// Variance of the mean over the channels, `(m2 - m1^2) S/(1-S)` with `S` the sum of the squared weights; `None`
+    /// where a single frame was seen.
+    pub fn variance(&self) -> Vec<Option<f32>> {
+        let of = |p: &Pixel| {
+            let spread = (p.moments[1] - p.moments[0] * p.moments[0]).max(0.0);
+            (p.squares > 0.0 && p.squares < 0.999).then(|| spread * p.squares / (1.0 - p.squares))
+        };
+        self.pixels.iter().map(of).collect()
+    }
+}

@@ -1,0 +1,111 @@
+//! A noisy picture with its guides, as planes.
+
+use super::plan::Plan;
+use crate::{DenoiseError, Shape};
+
+/// Noise-free (or nearly so) first-hit features of each pixel. All are optional; what is there is used.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Guides<'a> {
+    /// Diffuse reflectance, 3 planes, linear.
+    pub albedo: Option<&'a [f32]>,
+    /// Unit normals, 3 planes, any frame; 0 where the ray meets nothing.
+    pub normal: Option<&'a [f32]>,
+    /// Distance from the camera, 1 plane; 0 where the ray meets nothing.
+    pub depth: Option<&'a [f32]>,
+    /// World position, 3 planes; 0 where the ray meets nothing.
+    pub position: Option<&'a [f32]>,
+}
+
+/// One noisy picture: linear radiance of `shape.channels == 3` planes, pixels with a NaN or infinity are holes.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'a> {
+    /// Rows, columns and 3 channels.
+    pub shape: Shape,
+    /// Radiance. With [`Self::half`]: of the first half of the samples.
+    pub color: &'a [f32],
+    /// Radiance of the second half of the samples (as many as the first): the noise is then known and the strength
+    /// of a model is chosen by cross-validation.
+    pub half: Option<&'a [f32]>,
+    /// Variance of [`Self::color`] (of the mean, not of a sample), 3 planes.
+    pub variance: Option<&'a [f32]>,
+    /// Features.
+    pub guides: Guides<'a>,
+}
+
+impl<'a> Frame<'a> {
+    /// A picture of `rows x cols` without guides.
+    pub fn new(rows: usize, cols: usize, color: &'a [f32]) -> Self {
+        let shape = Shape::new(rows, cols, 3);
+        Self { shape, color, half: None, variance: None, guides: Guides::default() }
+    }
+
+    /// With features.
+    #[must_use]
+    pub fn with_guides(mut self, guides: Guides<'a>) -> Self {
+        self.guides = guides;
+        self
+    }
+
+    /// Checks the lengths of all planes.
+    ///
+    /// # Errors
+    /// The first plane with a wrong length, or a size without pixels.
+    pub fn check(&self) -> Result<(), DenoiseError> {
+        let shape = self.shape;
+        shape.check()?;
+        DenoiseError::setting("the number of channels", shape.channels as f64, "3", shape.channels == 3)?;
+        DenoiseError::length("the colour", self.color.len(), shape.len(), shape)?;
+        let g = &self.guides;
+        for (name, plane, channels) in [
+            ("the second half", self.half, 3),
+            ("the variance", self.variance, 3),
+            ("the albedo", g.albedo, 3),
+            ("the normal", g.normal, 3),
+            ("the depth", g.depth, 1),
+            ("the position", g.position, 3),
+        ] {
+            if let Some(plane) = plane {
+                DenoiseError::length(name, plane.len(), channels * shape.pixels(), shape)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Own copies of the guides without values that are not finite.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Features {
+    pub(crate) albedo: Option<Vec<f32>>,
+    pub(crate) normal: Option<Vec<f32>>,
+    pub(crate) depth: Option<Vec<f32>>,
+    pub(crate) position: Option<Vec<f32>>,
+}
+
+impl Features {
+    /// Copies what is there and is not constant.
+    pub(crate) fn of(guides: &Guides<'_>, pixels: usize, plan: &mut Plan) -> Self {
+        let mut copy = |name: &'static str, plane: Option<&[f32]>| {
+            let Some(plane) = plane else {
+                plan.skip(name, "not given");
+                return None;
+            };
+            let bad = plane.iter().filter(|v| !v.is_finite()).count();
+            let constant = plane.chunks(pixels).all(|p| p.iter().all(|v| *v == p[0]));
+            if constant {
+                plan.skip(name, "constant");
+                return None;
+            }
+            match bad {
+                0 => plan.run(name, "guide"),
+                _ => plan.run(name, format!("guide; {bad} values that are not finite became 0")),
+            }
+            Some(plane.iter().map(|v| if v.is_finite() { *v } else { 0.0 }).collect::<Vec<f32>>())
+        };
+        Self {
+            albedo: copy("albedo", guides.albedo),
+            normal: copy("normal", guides.normal),
+            depth: copy("depth", guides.depth),
+            position: copy("position", guides.position),
+        }
+    }
+}

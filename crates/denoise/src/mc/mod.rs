@@ -1,0 +1,42 @@
+//! Denoising of Monte Carlo renderings, with automatic parameters: nothing needs tuning.
+//!
+//! ```text
+//! radiance --holes--> / divisor --exposure--> fireflies --(history: reproject, average)--> irradiance
+//!   auto:         regression on normal and position in cells, width by estimated error --> x divisor --> edges
+//!   rof, tvl1, hybrid: log(1+x) --> ADMM with alpha = c sigma W --> exp(x)-1 --> x divisor
+//!   atrous:       five edge-stopping levels --> x divisor
+//! ```
+//!
+//! [`denoise`] takes one [`Frame`], [`Sequence`] several of a static scene. Every stage writes a line into the
+//! [`Plan`] of the result: what ran, what was skipped and why, and the time.
+
+mod accumulate;
+mod antialias;
+mod atrous;
+mod basis;
+mod camera;
+mod coherence;
+mod demodulate;
+mod firefly;
+mod frame;
+mod noise;
+mod pipeline;
+mod plan;
+mod prepare;
+mod regression;
+pub mod synthetic;
+mod variational;
+mod window;
+
+#[cfg(test)]
+mod tests;
+
+pub use accumulate::{Accumulator, TemporalFrame, TemporalSettings};
+pub use camera::Camera;
+pub use coherence::{SHARPNESS, blended_weight, curvature};
+pub use demodulate::{ALBEDO_FLOOR, demodulate, divisor, remodulate};
+pub use frame::{Frame, Guides};
+pub use noise::{log_sigma, mad_sigma};
+pub use pipeline::{Denoised, Model, Sequence, Settings, denoise};
+pub use plan::{Plan, Step};
+pub use variational::{VariationalModel, adaptive_weight, choose_by_halves, solve_variational};

@@ -1,0 +1,368 @@
+//! The stages from a noisy picture to a clean one.
+
+use super::accumulate::{Accumulator, TemporalFrame, TemporalSettings};
+use super::antialias::correct_edges;
+use super::atrous::{atrous, spatial_variance};
+use super::basis::Basis;
+use super::camera::Camera;
+use super::coherence::{SHARPNESS, auxiliary_weight};
+use super::frame::{Features, Frame};
+use super::noise::{log_sigma, mad_sigma};
+use super::prepare::Prepared;
+use super::regression::regress;
+use super::variational::{VariationalModel, adaptive_weight, choose_by_halves, solve_variational};
+use super::window::blur_mean;
+use super::{Plan, remodulate};
+use crate::DenoiseError;
+
+/// What removes the noise.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Model {
+    /// The best quality per second: regression on the features, its widths chosen by estimated error.
+    #[default]
+    Auto,
+    /// A convex model on the logarithm of the irradiance.
+    Variational(VariationalModel),
+    /// Edge-stopping wavelets guided by the variance, the baseline.
+    Atrous,
+}
+
+/// Choices that have good defaults.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// The model.
+    pub model: Model,
+    /// Clamp rare huge samples.
+    pub fireflies: bool,
+    /// Scale the result of a convex model to the local mean of the noisy picture: more light, more residual noise.
+    pub restore_mean: bool,
+    /// `c` of [`adaptive_weight`]; chosen automatically when not given.
+    pub strength: Option<f32>,
+    /// Steps of a convex model.
+    pub iterations: usize,
+    /// When history is kept.
+    pub temporal: TemporalSettings,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            model: Model::Auto,
+            fireflies: true,
+            restore_mean: false,
+            strength: None,
+            iterations: 20,
+            temporal: TemporalSettings::default(),
+        }
+    }
+}
+
+/// A clean picture.
+#[derive(Clone, Debug)]
+pub struct Denoised {
+    /// Radiance, 3 planes, not negative; holes are filled.
+    pub color: Vec<f32>,
+    /// Pixels with NaN or infinity in the input.
+    pub holes: usize,
+    /// Pixels that were clamped.
+    pub fireflies: usize,
+    /// `c` of a convex model.
+    pub strength: Option<f32>,
+    /// What ran, what was skipped, and the times.
+    pub plan: Plan,
+}
+
+/// Denoises one picture.
+///
+/// ```
+/// use photofit_denoise::mc::{Frame, Settings, denoise};
+/// let noisy: Vec<f32> = (0..3 * 32 * 32).map(|i| if i % 7 < 3 { 0.0 } else { 1.0 }).collect();
+/// let clean = denoise(&Frame::new(32, 32, &noisy), &Settings::default())?;
+/// assert!(clean.color.iter().all(|v| (v - 4.0 / 7.0).abs() < 0.25));
+/// # Ok::<(), photofit_denoise::DenoiseError>(())
+/// ```
+///
+/// # Errors
+/// If a plane has a wrong length, or a setting is out of range.
+pub fn denoise(frame: &Frame<'_>, settings: &Settings) -> Result<Denoised, DenoiseError> {
+    let mut plan = Plan::default();
+    let prepared = Prepared::of(frame, settings, None, &mut plan)?;
+    plan.skip("history", "a single frame");
+    filter(prepared, settings, plan)
+}
+
+/// A sequence of frames of a static scene under a moving camera.
+#[derive(Clone, Debug)]
+pub struct Sequence {
+    settings: Settings,
+    accumulator: Option<Accumulator>,
+    last: Option<(Prepared, Plan)>,
+    frames: usize,
+    reset: usize,
+}
+
+impl Sequence {
+    /// Without history.
+    pub fn new(settings: Settings) -> Self {
+        Self { settings, accumulator: None, last: None, frames: 0, reset: 0 }
+    }
+
+    /// Adds a frame. Positions are computed from the depth (distance from the camera) if they are not given.
+    ///
+    /// # Errors
+    /// If a plane has a wrong length, the size changes, or there are neither positions nor depths.
+    pub fn push(&mut self, frame: &Frame<'_>, camera: Camera) -> Result<(), DenoiseError> {
+        let mut plan = Plan::default();
+        let key = self.last.as_ref().map(|(p, _)| p.key);
+        let mut prepared = Prepared::of(frame, &self.settings, key, &mut plan)?;
+        let shape = prepared.shape;
+        if let Some((last, _)) = &self.last
+            && last.shape != shape
+        {
+            return Err(DenoiseError::Length {
+                what: "the colour of a later frame",
+                found: shape.len(),
+                expected: last.shape.len(),
+                shape: last.shape,
+            });
+        }
+        let position = match (&prepared.features.position, &prepared.features.depth) {
+            (Some(p), _) => Some(p.clone()),
+            (None, Some(depth)) => camera.positions(depth, shape.cols),
+            (None, None) => None,
+        };
+        let rule = "positions, or depths and an invertible camera";
+        let Some(position) = position else {
+            return Err(DenoiseError::Setting { setting: "the history", value: 0.0, rule });
+        };
+        let normal = prepared.features.normal.clone().unwrap_or_else(|| facing(&position, shape.cols));
+        let settings = self.settings.temporal;
+        let history =
+            self.accumulator.get_or_insert_with(|| Accumulator::new(shape.rows, shape.cols, settings));
+        let reset = plan.stage("history", || {
+            let reset = history.add(&TemporalFrame {
+                irradiance: &prepared.irradiance,
+                weight: &prepared.weight,
+                normal: &normal,
+                position: &position,
+                camera,
+            });
+            (reset, format!("frame {} of the sequence", self.frames + 1))
+        })?;
+        prepared.halves = None;
+        self.last = Some((prepared, plan));
+        (self.frames, self.reset) = (self.frames + 1, reset);
+        Ok(())
+    }
+
+    /// Frames so far.
+    pub fn frames(&self) -> usize {
+        self.frames
+    }
+
+    /// Denoises the view of the last frame; `None` before the first.
+    ///
+    /// # Errors
+    /// If a setting is out of range.
+    pub fn denoise(&self) -> Option<Result<Denoised, DenoiseError>> {
+        let (last, plan) = self.last.as_ref()?;
+        let history = self.accumulator.as_ref()?;
+        let (mut prepared, mut plan) = (last.clone(), plan.clone());
+        if self.frames > 1 {
+            prepared.irradiance = history.mean();
+            prepared.weight = history.effective();
+            let mean = prepared.weight.iter().sum::<f32>() / prepared.weight.len() as f32;
+            plan.run("mean", format!("{mean:.2} effective samples per pixel, {} pixels new", self.reset));
+            prepared.variance = accumulated_variance(history, prepared.shape.cols);
+        }
+        Some(filter(prepared, &self.settings, plan))
+    }
+}
+
+/// Variance of the accumulated means; single samples take that of their neighbourhood. `None` when no pixel has two.
+fn accumulated_variance(history: &Accumulator, cols: usize) -> Option<Vec<f32>> {
+    let (known, effective) = (history.variance(), history.effective());
+    if known.iter().all(Option::is_none) {
+        return None;
+    }
+    // Per sample, so that pixels with short histories can borrow it.
+    let sample: Vec<f32> = known.iter().zip(&effective).map(|(v, n)| v.unwrap_or(0.0) * n).collect();
+    let weight: Vec<f32> = known.iter().map(|v| if v.is_some() { 1.0 } else { 0.0 }).collect();
+    let blurred = blur_mean(&sample, &weight, cols, 2.0);
+    Some(blurred.iter().zip(&effective).map(|(v, n)| if *n > 0.0 { v / n } else { 0.0 }).collect())
+}
+
+/// Normals from differences of positions, for histories without a normal guide.
+fn facing(position: &[f32], cols: usize) -> Vec<f32> {
+    let n = position.len() / 3;
+    let rows = n / cols;
+    let at = |i: usize| -> [f32; 3] { std::array::from_fn(|c| position[c * n + i]) };
+    let minus = |a: [f32; 3], b: [f32; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+    let mut out = vec![0.0; 3 * n];
+    for i in (0..n).filter(|i| at(*i) != [0.0; 3]) {
+        let (x, y) = (i % cols, i / cols);
+        let (x0, y0) =
+            (if x + 1 < cols { i } else { i - x.min(1) }, if y + 1 < rows { i } else { i - cols * y.min(1) });
+        let (a, b) = (minus(at((x0 + 1).min(n - 1)), at(x0)), minus(at((y0 + cols).min(n - 1)), at(y0)));
+        let m = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+        let length = (m[0] * m[0] + m[1] * m[1] + m[2] * m[2]).sqrt();
+        if length > 0.0 {
+            (0..3).for_each(|c| out[c * n + i] = m[c] / length);
+        }
+    }
+    out
+}
+
+/// Runs the model and returns to radiance.
+fn filter(prepared: Prepared, settings: &Settings, mut plan: Plan) -> Result<Denoised, DenoiseError> {
+    let mut strength = None;
+    let mut estimate = match settings.model {
+        Model::Auto => regression(&prepared, &mut plan),
+        Model::Variational(model) => {
+            let (u, c) = variational(model, &prepared, settings, &mut plan)?;
+            strength = Some(c);
+            u
+        }
+        Model::Atrous => plan.stage("atrous", || {
+            let variance = match &prepared.variance {
+                Some(v) => v.clone(),
+                None => spatial_variance(prepared.shape, &prepared.irradiance, &prepared.weight),
+            };
+            let p = &prepared;
+            (atrous(p.shape, &p.features, &p.irradiance, &variance, &p.weight), "5 levels of 5 x 5 taps")
+        }),
+    };
+    let mut noisy = prepared.irradiance;
+    if let Some(d) = &prepared.divisor {
+        plan.stage("remodulation", || {
+            remodulate(&mut estimate, d);
+            remodulate(&mut noisy, d);
+            ((), "times the same divisor")
+        });
+    }
+    let variance = prepared.variance.map(|mut v| {
+        if let Some(d) = &prepared.divisor {
+            let n = v.len();
+            v.iter_mut()
+                .enumerate()
+                .for_each(|(i, v)| *v *= (d[i].powi(2) + d[n + i].powi(2) + d[2 * n + i].powi(2)) / 3.0);
+        }
+        v
+    });
+    let sampled = [&prepared.features.albedo, &prepared.features.normal];
+    match settings.model {
+        Model::Auto if sampled.iter().any(|f| f.is_some()) => plan.stage("edges", || {
+            let s =
+                correct_edges(prepared.shape, &mut estimate, &noisy, &prepared.weight, variance.as_deref());
+            let list = |v: &[f32]| v.iter().map(|v| format!("{v:.2}")).collect::<Vec<_>>().join(" ");
+            let (blur, own) = (list(&s.blur), list(&s.noisy));
+            ((), format!("{:.1}% of the pixels; blur {blur}, own samples {own} by strength", 100.0 * s.edges))
+        }),
+        Model::Auto => plan.skip("edges", "neither albedo nor normal"),
+        _ => plan.skip("edges", "part of the automatic model"),
+    }
+    let scale = 1.0 / prepared.key;
+    estimate.iter_mut().for_each(|v| *v = (*v * scale).max(0.0));
+    let (holes, fireflies) = (prepared.holes, prepared.fireflies);
+    Ok(Denoised { color: estimate, holes, fireflies, strength, plan })
+}
+
+fn regression(p: &Prepared, plan: &mut Plan) -> Vec<f32> {
+    let basis = plan.stage("regressors", || {
+        let basis = Basis::of(&p.features, p.shape);
+        let names = basis.names.clone();
+        (basis, names)
+    });
+    plan.stage("regression", || {
+        let r = regress(p.shape, &basis, &p.irradiance, &p.weight, p.variance.as_deref());
+        let shares = r.shares.map(|s| format!("{:.0}%", 100.0 * s)).join(" ");
+        let why = format!("widths of 3, 5, 8, 16 pixels in {shares} of {} cells; {} flat", r.cells, r.flat);
+        (r.estimate, why)
+    })
+}
+
+/// A convex model: log domain, coherence, noise, weights, solve.
+fn variational(
+    model: VariationalModel,
+    p: &Prepared,
+    settings: &Settings,
+    plan: &mut Plan,
+) -> Result<(Vec<f32>, f32), DenoiseError> {
+    let logarithm = |u: &[f32]| u.iter().map(|v| v.ln_1p()).collect::<Vec<f32>>();
+    let mask: Vec<f32> = p.weight.iter().map(|w| if *w > 0.0 { 1.0 } else { 0.0 }).collect();
+    let target =
+        plan.stage("logarithm", || (logarithm(&p.irradiance), "log(1 + irradiance), after all sums"));
+    let auxiliary = plan.stage("coherence", || {
+        let features = Features { albedo: p.divisor.clone(), ..p.features.clone() };
+        (auxiliary_weight(&features, p.shape, SHARPNESS), "edges of the guides and of the divisor")
+    });
+    let sigma = plan.stage("deviation", || match &p.variance {
+        Some(v) => (log_sigma(&p.level(), v, &mask, p.shape.cols), "from the known variance"),
+        None => {
+            let planes = target.chunks(p.shape.pixels());
+            let squares = planes.map(|u| mad_sigma(u, p.shape.rows, p.shape.cols)).fold(
+                vec![0.0; p.shape.pixels()],
+                |mut sum, s| {
+                    sum.iter_mut().zip(s).for_each(|(a, s)| *a += s * s * (1.0 / 3.0));
+                    sum
+                },
+            );
+            (squares.iter().map(|s| s.sqrt()).collect(), "median of the finest diagonal wavelets")
+        }
+    });
+    let solve = |c: f32, target: &[f32], sigma: &[f32]| {
+        let alpha = adaptive_weight(c, sigma, &auxiliary);
+        solve_variational(model, p.shape, target, &mask, &alpha, settings.iterations)
+    };
+    let strength = match (settings.strength, &p.halves) {
+        (Some(c), _) => {
+            plan.run("strength", format!("c = {c}, given"));
+            c
+        }
+        (None, Some([a, b])) => plan.stage("strength", || {
+            // A half has twice the variance of the mean.
+            let wide: Vec<f32> = sigma.iter().map(|s| s * std::f32::consts::SQRT_2).collect();
+            let grid = VariationalModel::GRID.map(|f| f * model.strength());
+            let halves = [&logarithm(a)[..], &logarithm(b)[..]];
+            match choose_by_halves(&grid, halves, &mask, |c, t| solve(c, t, &wide)) {
+                Ok((c, _)) => (Ok(c), format!("c = {c}, by cross-validation of the halves")),
+                Err(e) => (Err(e), String::new()),
+            }
+        })?,
+        (None, None) => {
+            let c = model.strength();
+            plan.run("strength", format!("c = {c}, the default for pictures without halves"));
+            c
+        }
+    };
+    DenoiseError::setting(
+        "the strength",
+        f64::from(strength),
+        "finite and not negative",
+        strength >= 0.0 && strength.is_finite(),
+    )?;
+    let solved =
+        plan.stage("solver", || (solve(strength, &target, &sigma), format!("{} steps", settings.iterations)));
+    let mut u: Vec<f32> = solved?.iter().map(|v| v.max(0.0).exp_m1()).collect();
+    match settings.restore_mean {
+        true => plan.stage("mean", || {
+            (restore_mean(&mut u, &p.irradiance, &mask, p.shape.cols), "local means of the noisy picture")
+        }),
+        false => plan.skip("mean", "restoring it is switched off"),
+    }
+    Ok((u, strength))
+}
+
+/// `u G(L)/G(u)` with a Gaussian of sigma 8: total variation of logarithms darkens, for the logarithm is concave.
+fn restore_mean(u: &mut [f32], noisy: &[f32], weight: &[f32], cols: usize) {
+    const SIGMA: f32 = 8.0;
+    let n = weight.len();
+    for (u, l) in u.chunks_mut(n).zip(noisy.chunks(n)) {
+        let (bright, dark) = (blur_mean(l, weight, cols, SIGMA), blur_mean(u, weight, cols, SIGMA));
+        for ((u, b), d) in u.iter_mut().zip(bright).zip(dark) {
+            if d > 1e-6 {
+                *u *= (b / d).clamp(0.5, 2.0);
+            }
+        }
+    }
+}

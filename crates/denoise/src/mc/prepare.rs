@@ -1,0 +1,145 @@
+//! From a rendered picture to what the models filter: holes, irradiance, exposure, fireflies, noise.
+
+use super::firefly::clamp_fireflies;
+use super::frame::{Features, Frame};
+use super::noise::half_variance;
+use super::{Plan, Settings, demodulate, divisor};
+use crate::{DenoiseError, Shape};
+
+/// Mean irradiance that every picture is scaled to: logarithms and thresholds then mean the same for all.
+const EXPOSURE: f32 = 0.35;
+
+/// A picture ready to be filtered.
+#[derive(Clone, Debug)]
+pub(crate) struct Prepared {
+    pub(crate) shape: Shape,
+    pub(crate) features: Features,
+    /// Divisor of each sample, if there is an albedo.
+    pub(crate) divisor: Option<Vec<f32>>,
+    /// Factor from radiance to the units of `irradiance`.
+    pub(crate) key: f32,
+    /// 3 planes; 0 at holes.
+    pub(crate) irradiance: Vec<f32>,
+    /// The two halves, if they are given.
+    pub(crate) halves: Option<[Vec<f32>; 2]>,
+    /// Variance of the irradiance, mean over the channels, if it is known.
+    pub(crate) variance: Option<Vec<f32>>,
+    /// Relative number of samples of each pixel; 0 at holes.
+    pub(crate) weight: Vec<f32>,
+    pub(crate) holes: usize,
+    pub(crate) fireflies: usize,
+}
+
+impl Prepared {
+    /// With `key` of an earlier frame of the same sequence, if there is one.
+    pub(crate) fn of(
+        frame: &Frame<'_>,
+        settings: &Settings,
+        key: Option<f32>,
+        plan: &mut Plan,
+    ) -> Result<Self, DenoiseError> {
+        frame.check()?;
+        let shape = frame.shape;
+        let features = Features::of(&frame.guides, shape.pixels(), plan);
+        let (mut sides, weight, holes) = plan.stage("holes", || {
+            let (sides, weight, holes) = holes(frame);
+            let why = format!("{holes} pixels with NaN or infinity");
+            ((sides, weight, holes), why)
+        });
+        let divisor = features.albedo.as_ref().map(|albedo| {
+            plan.stage("demodulation", || {
+                let d = divisor(albedo);
+                sides.iter_mut().for_each(|side| demodulate(side, &d));
+                (d, "colour / max(albedo, 0.01)")
+            })
+        });
+        let key = plan.stage("exposure", || {
+            let key = key.unwrap_or_else(|| key_of(&sides[0], &weight));
+            for side in &mut sides {
+                side.iter_mut().for_each(|v| *v = (*v * key).max(0.0));
+            }
+            (key, format!("irradiance times {key:.4e}"))
+        });
+        let fireflies = match settings.fireflies {
+            true => plan.stage("fireflies", || {
+                let count = sides.iter_mut().map(|s| clamp_fireflies(s, shape.cols)).sum::<usize>();
+                (count, format!("{count} pixels above 8 times the median of their neighbourhood"))
+            }),
+            false => {
+                plan.skip("fireflies", "switched off");
+                0
+            }
+        };
+        let variance = plan.stage("noise", || match (&sides[..], frame.variance) {
+            ([a, b], _) => (Some(half_variance(a, b)), "from the two halves"),
+            (_, Some(v)) => (Some(scaled(v, divisor.as_deref(), key)), "from the variance layer"),
+            _ => (None, "not known beforehand: estimated from residuals"),
+        });
+        let (irradiance, halves) = match (sides.pop(), sides.pop()) {
+            (Some(b), Some(a)) => {
+                let mean = a.iter().zip(&b).map(|(a, b)| 0.5 * (a + b)).collect();
+                (mean, Some([a, b]))
+            }
+            (last, _) => (last.unwrap_or_default(), None),
+        };
+        Ok(Self { shape, features, divisor, key, irradiance, halves, variance, weight, holes, fireflies })
+    }
+
+    /// Mean over the channels.
+    pub(crate) fn level(&self) -> Vec<f32> {
+        let n = self.shape.pixels();
+        let u = &self.irradiance;
+        (0..n).map(|i| (u[i] + u[n + i] + u[2 * n + i]) * (1.0 / 3.0)).collect()
+    }
+}
+
+/// The one or two halves with zeros at pixels where any of them is not finite.
+fn holes(frame: &Frame<'_>) -> (Vec<Vec<f32>>, Vec<f32>, usize) {
+    let n = frame.shape.pixels();
+    let mut sides: Vec<Vec<f32>> =
+        std::iter::once(frame.color).chain(frame.half).map(<[f32]>::to_vec).collect();
+    // Larger values would overflow when they are squared.
+    let sound = |v: f32| v.abs() < 1e15;
+    let mut weight = vec![1.0; n];
+    let mut count = 0;
+    for i in 0..n {
+        let finite = sides.iter().all(|s| sound(s[i]) && sound(s[n + i]) && sound(s[2 * n + i]));
+        let known = frame.variance.is_none_or(|v| (0..3).all(|c| v[c * n + i].is_finite()));
+        if !(finite && known) {
+            weight[i] = 0.0;
+            count += 1;
+            for s in &mut sides {
+                (0..3).for_each(|c| s[c * n + i] = 0.0);
+            }
+        }
+    }
+    (sides, weight, count)
+}
+
+/// Factor to the common exposure: the mean without the brightest hundredth, from at most 2^16 pixels. 1 for black.
+fn key_of(irradiance: &[f32], weight: &[f32]) -> f32 {
+    let n = weight.len();
+    let step = n.div_ceil(1 << 16).max(1);
+    // A step that shares no factor with usual widths visits all columns.
+    let step = if step > 1 { step | 1 } else { 1 };
+    let mut levels: Vec<f32> = (0..n)
+        .step_by(step)
+        .filter(|i| weight[*i] > 0.0)
+        .map(|i| (irradiance[i] + irradiance[n + i] + irradiance[2 * n + i]) * (1.0 / 3.0))
+        .collect();
+    levels.sort_unstable_by(f32::total_cmp);
+    let kept = levels.len() - levels.len() / 100;
+    let mean = levels[..kept].iter().map(|v| f64::from(*v)).sum::<f64>() / kept.max(1) as f64;
+    let key = (f64::from(EXPOSURE) / mean) as f32;
+    if key.is_finite() && key > 0.0 { key } else { 1.0 }
+}
+
+/// A variance layer in the units of the irradiance, mean over the channels.
+fn scaled(variance: &[f32], divisor: Option<&[f32]>, key: f32) -> Vec<f32> {
+    let n = variance.len() / 3;
+    let of = |i: usize| {
+        let v = if variance[i].is_finite() { variance[i].max(0.0) } else { 0.0 };
+        v * (key / divisor.map_or(1.0, |d| d[i])).powi(2)
+    };
+    (0..n).map(|i| (of(i) + of(n + i) + of(2 * n + i)) * (1.0 / 3.0)).collect()
+}

@@ -1,0 +1,192 @@
+//! Accumulation over time.
+
+use super::*;
+use crate::mc::{Accumulator, Camera, Sequence, TemporalFrame, TemporalSettings};
+use photofit_sampling::Rng;
+
+const FRONT: Camera =
+    Camera { world_to_pixel: [[64.0, 0.0, -32.0, 0.0], [0.0, -64.0, -24.0, 0.0], [0.0, 0.0, -1.0, 0.0]] };
+
+/// A wall at z = -2 seen by [`FRONT`].
+fn wall(rows: usize, cols: usize) -> (Vec<f32>, Vec<f32>) {
+    let n = rows * cols;
+    let position = FRONT.positions(&vec![1.0; n], cols).expect("invertible");
+    let position: Vec<f32> = (0..3 * n).map(|i| position[i] * 2.0 / -position[2 * n + i % n]).collect();
+    let normal = (0..3 * n).map(|i| if i / n == 2 { 1.0 } else { 0.0 }).collect();
+    (position, normal)
+}
+
+#[test]
+fn an_exponential_mean_has_its_known_deviation() {
+    let (rows, cols) = (48, 64);
+    let n = rows * cols;
+    let (position, normal) = wall(rows, cols);
+    let weight = vec![1.0; n];
+    let mut rng = Rng::new(7, 0);
+    for minimum in [0.05_f32, 0.2] {
+        let mut history =
+            Accumulator::new(rows, cols, TemporalSettings { minimum, ..TemporalSettings::default() });
+        for _ in 0..(8.0 / minimum) as usize {
+            let irradiance: Vec<f32> = (0..3 * n).map(|_| 1.0 + 0.3 * rng.normal()).collect();
+            let frame = TemporalFrame {
+                irradiance: &irradiance,
+                weight: &weight,
+                normal: &normal,
+                position: &position,
+                camera: FRONT,
+            };
+            history.add(&frame).expect("sound");
+        }
+        let mean = history.mean();
+        let level = mean.iter().map(|v| f64::from(*v)).sum::<f64>() / mean.len() as f64;
+        let spread = mean.iter().map(|v| (f64::from(*v) - level).powi(2)).sum::<f64>() / mean.len() as f64;
+        let expected = 0.3 * f64::from(minimum / (2.0 - minimum)).sqrt();
+        assert!((spread.sqrt() / expected - 1.0).abs() < 0.03, "{} against {expected}", spread.sqrt());
+        assert!((level - 1.0).abs() < 0.005);
+    }
+}
+
+#[test]
+fn a_plain_mean_and_its_variance_follow_the_number_of_frames() {
+    let (rows, cols) = (64, 96);
+    let n = rows * cols;
+    let (position, normal) = wall(rows, cols);
+    let weight = vec![1.0; n];
+    let mut rng = Rng::new(8, 0);
+    // Deviation grows from left to right.
+    let sigma: Vec<f32> = (0..n).map(|i| 0.1 + 0.5 * (i % cols) as f32 / cols as f32).collect();
+    let frames = 12;
+    let mut history =
+        Accumulator::new(rows, cols, TemporalSettings { minimum: 0.0, ..TemporalSettings::default() });
+    for _ in 0..frames {
+        let gray: Vec<f32> = sigma.iter().map(|s| 1.0 + s * rng.normal()).collect();
+        let irradiance = gray.repeat(3);
+        let frame = TemporalFrame {
+            irradiance: &irradiance,
+            weight: &weight,
+            normal: &normal,
+            position: &position,
+            camera: FRONT,
+        };
+        history.add(&frame).expect("sound");
+    }
+    assert!(history.counts().iter().all(|c| (*c - frames as f32).abs() < 1e-3));
+    assert!(history.effective().iter().all(|c| (*c - frames as f32).abs() < 1e-2));
+    let variance: Vec<f32> = history.variance().into_iter().map(|v| v.expect("several frames")).collect();
+    let map = crate::mc::log_sigma(&vec![1.0; n], &variance, &weight, cols);
+    // Truth: sigma / sqrt(frames) of the mean, over 1 + mean.
+    let truth: Vec<f32> = sigma.iter().map(|s| s / (frames as f32).sqrt() / 2.0).collect();
+    let mut ratio: Vec<f32> = map.iter().zip(&truth).map(|(a, b)| a / b).collect();
+    ratio.sort_unstable_by(f32::total_cmp);
+    assert!((0.8..1.2).contains(&ratio[n / 2]), "median ratio {}", ratio[n / 2]);
+    let correlation = correlation(&map, &truth);
+    assert!(correlation > 0.75, "{correlation}");
+}
+
+fn correlation(a: &[f32], b: &[f32]) -> f64 {
+    let mean = |v: &[f32]| v.iter().map(|v| f64::from(*v)).sum::<f64>() / v.len() as f64;
+    let (ma, mb) = (mean(a), mean(b));
+    let sum = |f: &dyn Fn(f64, f64) -> f64| {
+        a.iter().zip(b).map(|(a, b)| f(f64::from(*a) - ma, f64::from(*b) - mb)).sum::<f64>()
+    };
+    sum(&|a, b| a * b) / (sum(&|a, _| a * a) * sum(&|_, b| b * b)).sqrt()
+}
+
+/// Mean error over the pixels that the sphere uncovers when the camera moves.
+fn ghost(settings: TemporalSettings) -> f64 {
+    let (rows, cols) = (96, 128);
+    let n = rows * cols;
+    // The sphere is bright, the rest dark: a ghost is bright on dark.
+    let views: Vec<SyntheticFrame> =
+        (0..6).map(|k| SyntheticFrame::new(rows, cols, 0.06 * f64::from(k))).collect();
+    let radiance = |f: &SyntheticFrame, i: usize| if f.albedo[i] == 0.8 { 1.0 } else { 0.0 };
+    let mut history = Accumulator::new(rows, cols, settings);
+    for f in &views {
+        let irradiance: Vec<f32> = (0..3 * n).map(|i| radiance(f, i % n)).collect();
+        let frame = TemporalFrame {
+            irradiance: &irradiance,
+            weight: &vec![1.0; n],
+            normal: &f.normal,
+            position: &f.position,
+            camera: f.camera,
+        };
+        history.add(&frame).expect("sound");
+    }
+    let (last, mean) = (&views[5], history.mean());
+    let near: Vec<usize> = (0..n)
+        .filter(|&i| {
+            let was = views[..5].iter().any(|f| radiance(f, i) > 0.5);
+            was && radiance(last, i) < 0.5
+        })
+        .collect();
+    assert!(near.len() > 100, "pixels are uncovered");
+    near.iter().map(|&i| f64::from(mean[i])).sum::<f64>() / near.len() as f64
+}
+
+#[test]
+fn tests_of_plane_and_normal_leave_no_ghosts() {
+    let with = ghost(TemporalSettings::default());
+    let without =
+        ghost(TemporalSettings { plane: f32::INFINITY, normal: -2.0, ..TemporalSettings::default() });
+    assert!(with.abs() <= 0.02, "{with}");
+    assert!(without >= 0.05, "{without}");
+}
+
+#[test]
+fn a_sequence_is_better_than_its_last_frame() {
+    let (rows, cols) = (96, 128);
+    let mut sequence = Sequence::new(Settings::default());
+    assert!(sequence.denoise().is_none());
+    let mut last = None;
+    for k in 0..6 {
+        let f = SyntheticFrame::new(rows, cols, 0.02 * f64::from(k));
+        let noisy = f.noisy(1, 20 + k as u64);
+        // Positions are recovered from depths.
+        let guides = crate::mc::Guides { position: None, ..f.guides() };
+        sequence.push(&Frame::new(rows, cols, &noisy).with_guides(guides), f.camera).expect("sound");
+        last = Some((f, noisy));
+    }
+    let (f, noisy) = last.expect("six frames");
+    let many = sequence.denoise().expect("frames").expect("sound");
+    let one = run(&f, &noisy, true, Model::Auto);
+    let (many_error, one_error) =
+        (display_rmse(&many.color, &f.reference), display_rmse(&one.color, &f.reference));
+    assert!(many_error < 0.9 * one_error, "{many_error} against {one_error}");
+    assert!(many.plan.runs("history") && !one.plan.runs("history"), "{}", many.plan);
+    // Another size, and no way to find positions.
+    let small = SyntheticFrame::new(20, 20, 0.0);
+    let noisy = small.noisy(1, 1);
+    assert!(sequence.push(&Frame::new(20, 20, &noisy).with_guides(small.guides()), small.camera).is_err());
+    let error = Sequence::new(Settings::default()).push(&Frame::new(20, 20, &noisy), small.camera);
+    assert!(error.expect_err("no positions").to_string().contains("positions"));
+}
+
+#[test]
+fn logarithms_of_single_samples_are_too_dark() {
+    // Bernoulli noise of mean 1: the mean of log(1 + x) returns .60 after the exponential, the log of the mean 1.
+    let p = 0.25_f64;
+    let early = (p * (1.0 + 1.0 / p).ln()).exp() - 1.0;
+    assert!(early < 0.6);
+    let (rows, cols) = (48, 64);
+    let n = rows * cols;
+    let (position, normal) = wall(rows, cols);
+    let mut rng = Rng::new(11, 0);
+    let mut history =
+        Accumulator::new(rows, cols, TemporalSettings { minimum: 0.0, ..TemporalSettings::default() });
+    for _ in 0..64 {
+        let gray: Vec<f32> =
+            (0..n).map(|_| if rng.next_f64() < p { (1.0 / p) as f32 } else { 0.0 }).collect();
+        let (irradiance, weight) = (gray.repeat(3), vec![1.0; n]);
+        let frame = TemporalFrame {
+            irradiance: &irradiance,
+            weight: &weight,
+            normal: &normal,
+            position: &position,
+            camera: FRONT,
+        };
+        history.add(&frame).expect("sound");
+    }
+    let late = history.mean().iter().map(|v| f64::from(v.ln_1p())).sum::<f64>() / (3 * n) as f64;
+    let late = late.exp() - 1.0;
+    assert!((late - 1.0).abs() < 0.03, "{late} after accumulation, {early} before");
+}

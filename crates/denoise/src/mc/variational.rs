@@ -1,0 +1,121 @@
+//! The convex models on the logarithm of the irradiance, with weights that follow the noise.
+
+use crate::admm::{Admm, Coupling, DataTerm, Problem, Stop};
+use crate::primal_dual::Tgv2;
+use crate::{DenoiseError, Shape};
+
+/// Primal-dual iterations of TGV2 for one of the other models.
+const TGV_STEPS: usize = 4;
+
+/// The convex models by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum VariationalModel {
+    /// Quadratic data term.
+    Rof,
+    /// Absolute data term: impulses do not count.
+    TvL1,
+    /// Both, `0.1 |r| + 0.5/2 r^2`.
+    Hybrid,
+    /// Second-order total generalised variation, quadratic data term: ramps without staircases, slower.
+    Tgv,
+}
+
+impl VariationalModel {
+    /// The data term at weight `w` per pixel.
+    fn data(self, weight: &[f32]) -> DataTerm<f32> {
+        let times = |k: f32| weight.iter().map(|w| k * w).collect::<Vec<f32>>();
+        match self {
+            Self::Rof | Self::Tgv => DataTerm::L2 { lambda: times(1.0).into() },
+            Self::TvL1 => DataTerm::L1 { lambda: times(1.0).into() },
+            Self::Hybrid => DataTerm::Hybrid { l1: times(0.1).into(), l2: times(0.5).into() },
+        }
+    }
+
+    /// Factors of [`Self::strength`]'s grid, relative to it.
+    pub(crate) const GRID: [f32; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];
+
+    /// The default `c` of `alpha = c sigma max(W_aux, 0.2)`.
+    pub(crate) fn strength(self) -> f32 {
+        match self {
+            Self::Rof | Self::Tgv => 6.0,
+            Self::TvL1 => 32.0,
+            Self::Hybrid => 8.0,
+        }
+    }
+}
+
+/// `alpha(x) = c sigma(x) max(W_aux(x), 0.2)`.
+///
+/// Total variation removes noise of deviation `sigma` at a weight proportional to it, so one `c` serves pictures of
+/// any noise; the floor of the coherence keeps noise on edges from staying.
+///
+/// # Panics
+/// If the lengths differ.
+pub fn adaptive_weight(c: f32, sigma: &[f32], auxiliary: &[f32]) -> Vec<f32> {
+    assert_eq!(sigma.len(), auxiliary.len(), "one value per pixel");
+    sigma.iter().zip(auxiliary).map(|(s, w)| c * s * w.max(0.2)).collect()
+}
+
+/// Minimises the model for 3 planes with vectorial total variation of weight `alpha` (1 plane).
+///
+/// # Errors
+/// If a plane has a wrong length or a value that is not finite.
+pub fn solve_variational(
+    model: VariationalModel,
+    shape: Shape,
+    target: &[f32],
+    weight: &[f32],
+    alpha: &[f32],
+    iterations: usize,
+) -> Result<Vec<f32>, DenoiseError> {
+    if model == VariationalModel::Tgv {
+        return solve_tgv(shape, target, weight, alpha, iterations);
+    }
+    let problem = Problem::new(shape, target, model.data(weight)).with_gradient(alpha.to_vec()).vectorial();
+    let mut admm = Admm::new(&problem)?;
+    admm.solve(Stop::Iterations(iterations));
+    Ok(admm.solution())
+}
+
+/// TGV2 has one weight of its regulariser; the data term is divided by `alpha` instead.
+fn solve_tgv(
+    shape: Shape,
+    target: &[f32],
+    weight: &[f32],
+    alpha: &[f32],
+    iterations: usize,
+) -> Result<Vec<f32>, DenoiseError> {
+    // Where there is no noise the target stays.
+    let lambda: Vec<f32> = weight.iter().zip(alpha).map(|(w, a)| w / a.max(1e-3)).collect();
+    let mut solver = Tgv2::new(shape, target, lambda, [1.0, 2.0], Coupling::Vectorial)?;
+    solver.iterate(TGV_STEPS * iterations);
+    Ok(solver.solution())
+}
+
+/// The entry of `grid` with the least error across two halves `A` and `B` of the samples:
+/// `(|u_c(A) - B|^2 + |u_c(B) - A|^2) / 2` over the pixels with weight. The noise of the halves is independent, so this
+/// is the error against the truth plus a constant, whatever the noise is. Returns the entry and all scores.
+///
+/// # Errors
+/// Those of `solve`.
+///
+/// # Panics
+/// If the grid is empty or the lengths differ.
+pub fn choose_by_halves<E>(
+    grid: &[f32],
+    [a, b]: [&[f32]; 2],
+    weight: &[f32],
+    mut solve: impl FnMut(f32, &[f32]) -> Result<Vec<f32>, E>,
+) -> Result<(f32, Vec<f64>), E> {
+    assert!(!grid.is_empty() && a.len() == b.len(), "a grid, and halves of one size");
+    let distance = |u: &[f32], v: &[f32]| {
+        let pairs = u.iter().zip(v).zip(weight.iter().cycle());
+        pairs.map(|((u, v), w)| f64::from(w * (u - v) * (u - v))).sum::<f64>()
+    };
+    let mut scores = Vec::with_capacity(grid.len());
+    for c in grid {
+        scores.push(0.5 * (distance(&solve(*c, a)?, b) + distance(&solve(*c, b)?, a)));
+    }
+    let best = (0..grid.len()).min_by(|i, j| scores[*i].total_cmp(&scores[*j])).unwrap_or(0);
+    Ok((grid[best], scores))
+}

@@ -1,0 +1,276 @@
+//! `sensor` elements with their film and sampler.
+
+use super::Importer;
+use crate::error::{Fault, fault};
+use crate::load::clip;
+use glam::{DAffine3, DVec3};
+
+/// How a sensor sees.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Projection {
+    /// Through a point, or a thin lens of the given radius that is sharp at a distance along the axis.
+    Perspective {
+        /// Radius of the aperture and distance of focus.
+        lens: Option<[f32; 2]>,
+    },
+    /// Along parallel rays.
+    #[default]
+    Orthographic,
+}
+
+/// The camera.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MitsubaSensor {
+    /// How it sees.
+    pub projection: Projection,
+    /// The eye.
+    pub eye: DVec3,
+    /// Unit axes: to the right of the picture, up, and against the view. At right angles, of either handedness.
+    pub axes: [DVec3; 3],
+    /// Half the width and height of the whole picture: at distance 1 along the axis, or of parallel rays.
+    pub half: [f64; 2],
+    /// Distances along the axis between which surfaces are seen.
+    pub clip: [f64; 2],
+    /// Moves what is seen, in widths and heights of the whole picture.
+    pub shift: [f64; 2],
+    /// The film.
+    pub film: MitsubaFilm,
+    /// Samples per pixel.
+    pub samples: u32,
+}
+
+/// The weight of light around the centre of a pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum MitsubaFilter {
+    /// The area of a pixel.
+    #[default]
+    Box,
+    /// A pyramid of this half width, in pixels.
+    Tent(f32),
+    /// A Gaussian of this standard deviation, in pixels.
+    Gaussian(f32),
+}
+
+/// The picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct MitsubaFilm {
+    /// Columns and rows of the whole picture.
+    pub size: [u32; 2],
+    /// Upper left pixel of the part that is rendered.
+    pub crop_offset: [u32; 2],
+    /// Columns and rows of that part.
+    pub crop_size: [u32; 2],
+    /// The filter.
+    pub filter: MitsubaFilter,
+}
+
+impl Importer {
+    pub(super) fn sensor(&mut self, element: usize) -> Result<MitsubaSensor, Fault> {
+        let kind = self.reader.kind(element).to_owned();
+        let perspective = match kind.as_str() {
+            "perspective" | "thinlens" => true,
+            "orthographic" => false,
+            _ => {
+                let title = self.reader.title(element);
+                self.reader.unsupported(element, title);
+                self.reader.mark_all(element);
+                return Ok(MitsubaSensor::default());
+            }
+        };
+        let mut film = self.film(element)?;
+        for k in 0..2 {
+            if let Some(n) = self.size[k] {
+                film.size[k] = n.max(1);
+            }
+        }
+        if self.size != [None; 2] {
+            (film.crop_offset, film.crop_size) = ([0, 0], film.size);
+        }
+        let samples = self.samples(element)?;
+        let to_world = self.reader.affine(element, "to_world")?;
+        let clip = [
+            self.reader.float(element, "near_clip")?.unwrap_or(1e-2),
+            self.reader.float(element, "far_clip")?.unwrap_or(1e4),
+        ];
+        if !(clip[0] > 0.0 && clip[0] < clip[1]) {
+            return Err(fault(self.reader.place(element), "0 < near_clip < far_clip"));
+        }
+        let aspect = f64::from(film.size[0]) / f64::from(film.size[1]);
+        let mut shift = [0.0; 2];
+        for (s, name) in shift.iter_mut().zip(["principal_point_offset_x", "principal_point_offset_y"]) {
+            *s = self.reader.float(element, name)?.unwrap_or(0.0);
+        }
+        let lens = if kind == "thinlens" { Some(self.lens(element)?) } else { None };
+        let x =
+            if perspective { (0.5 * self.field_of_view(element, aspect)?.to_radians()).tan() } else { 1.0 };
+        self.reader.ignore(
+            element,
+            &["focus_distance", "shutter_open", "shutter_close", "srf", "needs_sample_2", "needs_sample_3"],
+        );
+        if self.reader.property(element, "medium", &["medium"]).is_some()
+            || !self.reader.nested(element, "medium")?.is_empty()
+        {
+            self.reader.unsupported(element, "a sensor inside of a medium");
+        }
+        self.reader.finish(element);
+        let (axes, scale) = self.axes(element, &to_world)?;
+        let projection =
+            if perspective { Projection::Perspective { lens } } else { Projection::Orthographic };
+        if perspective && (scale - DVec3::ONE).abs().max_element() > 1e-4 {
+            return Err(fault(self.reader.place(element), "a perspective sensor is not scaled"));
+        }
+        let half = if perspective { [x, x / aspect] } else { [scale.x, scale.y / aspect] };
+        Ok(MitsubaSensor { projection, eye: to_world.translation, axes, half, clip, shift, film, samples })
+    }
+
+    /// Right, up and back, and the scale along each.
+    fn axes(&self, element: usize, m: &DAffine3) -> Result<([DVec3; 3], DVec3), Fault> {
+        let m = m.matrix3;
+        let scale = DVec3::new(m.x_axis.length(), m.y_axis.length(), m.z_axis.length());
+        // Mitsuba's sensors have x to the left and look along +z.
+        let axes = [-m.x_axis / scale.x, m.y_axis / scale.y, -m.z_axis / scale.z];
+        let skew = axes[0].dot(axes[1]).abs().max(axes[1].dot(axes[2]).abs()).max(axes[2].dot(axes[0]).abs());
+        if scale.min_element() > 0.0 && skew < 1e-4 {
+            return Ok((axes, scale));
+        }
+        Err(fault(self.reader.place(element), "the axes of a sensor are at right angles"))
+    }
+
+    fn lens(&mut self, element: usize) -> Result<[f32; 2], Fault> {
+        let radius = self.reader.float(element, "aperture_radius")?;
+        let focus = self.reader.float(element, "focus_distance")?;
+        match (radius, focus) {
+            (Some(r), Some(f)) if r >= 0.0 && f > 0.0 => Ok([r as f32, f as f32]),
+            _ => {
+                let rule = "a thin lens has aperture_radius and a positive focus_distance";
+                Err(fault(self.reader.place(element), rule))
+            }
+        }
+    }
+
+    /// Horizontal field of view, degrees.
+    fn field_of_view(&mut self, element: usize, aspect: f64) -> Result<f64, Fault> {
+        let place = self.reader.place(element);
+        let length = self.reader.string(element, "focal_length")?;
+        let own = self.reader.float(element, "fov")?;
+        let axis = self.reader.string(element, "fov_axis")?;
+        let (fov, axis) = match (own, length) {
+            (Some(_), Some(_)) => return Err(fault(place, "has either fov or focal_length")),
+            (Some(fov), None) => (fov, axis.unwrap_or_else(|| "x".into())),
+            (None, length) => {
+                let text = length.unwrap_or_else(|| "50mm".into());
+                let number: Option<f64> = text.trim().trim_end_matches("mm").trim().parse().ok();
+                let f = number.filter(|f| *f > 0.0 && f.is_finite()).ok_or_else(|| {
+                    fault(&place, format!("focal_length is a positive length in mm, not `{}`", clip(&text)))
+                })?;
+                // The diagonal of a 35 mm film.
+                let diagonal = (36.0_f64 * 36.0 + 24.0 * 24.0).sqrt();
+                (2.0 * (0.5 * diagonal / f).atan().to_degrees(), "diagonal".into())
+            }
+        };
+        let tangent = (0.5 * fov.to_radians()).tan();
+        let axis = match (axis.to_ascii_lowercase().as_str(), aspect > 1.0) {
+            ("smaller", wide) => if wide { "y" } else { "x" }.to_owned(),
+            ("larger", wide) => if wide { "x" } else { "y" }.to_owned(),
+            (other, _) => other.to_owned(),
+        };
+        let x = match axis.as_str() {
+            "x" => tangent,
+            "y" => tangent * aspect,
+            "diagonal" => tangent / (1.0 + 1.0 / (aspect * aspect)).sqrt(),
+            other => {
+                let rule = format!("fov_axis is x, y, diagonal, smaller or larger, not `{}`", clip(other));
+                return Err(fault(place, rule));
+            }
+        };
+        if fov > 0.0 && fov < 180.0 && x.is_finite() {
+            return Ok(2.0 * x.atan().to_degrees());
+        }
+        Err(fault(place, format!("the field of view lies between 0 and 180 degrees, found {fov}")))
+    }
+
+    fn samples(&mut self, element: usize) -> Result<u32, Fault> {
+        let samplers = self.reader.nested(element, "sampler")?;
+        let Some((_, sampler)) = samplers.first().cloned() else { return Ok(4) };
+        let count = self.reader.integer(sampler, "sample_count")?.unwrap_or(4);
+        u32::try_from(count)
+            .ok()
+            .filter(|n| (1..=1 << 24).contains(n))
+            .ok_or_else(|| fault(self.reader.place(sampler), "sample_count lies between 1 and 2^24"))
+    }
+
+    fn film(&mut self, element: usize) -> Result<MitsubaFilm, Fault> {
+        let films = self.reader.nested(element, "film")?;
+        let Some((_, film)) = films.first().cloned() else {
+            let filter = MitsubaFilter::Gaussian(0.5);
+            return Ok(MitsubaFilm { size: [768, 576], crop_offset: [0, 0], crop_size: [768, 576], filter });
+        };
+        let place = self.reader.place(film);
+        let mut number = |name: &str, default: i64, least: i64| -> Result<u32, Fault> {
+            let n = self.reader.integer(film, name)?.unwrap_or(default);
+            u32::try_from(n)
+                .ok()
+                .filter(|n| (least as u32..=1 << 16).contains(n))
+                .ok_or_else(|| fault(&place, format!("{name} lies between {least} and 65536, found {n}")))
+        };
+        let size = [number("width", 768, 1)?, number("height", 576, 1)?];
+        let crop_offset = [number("crop_offset_x", 0, 0)?, number("crop_offset_y", 0, 0)?];
+        let mut crop_size = [0; 2];
+        for k in 0..2 {
+            let name = ["crop_width", "crop_height"][k];
+            let rest = i64::from(size[k]) - i64::from(crop_offset[k]);
+            crop_size[k] = number(name, rest.max(0), 1)?;
+            if i64::from(crop_size[k]) > rest {
+                return Err(fault(place, "the crop window lies in the picture"));
+            }
+        }
+        let filter = self.filter(film)?;
+        self.reader.ignore(
+            film,
+            &[
+                "file_format",
+                "pixel_format",
+                "component_format",
+                "sample_border",
+                "compensate",
+                "banner",
+                "high_quality_edges",
+                "gamma",
+                "exposure",
+                "bayer",
+            ],
+        );
+        self.reader.finish(film);
+        Ok(MitsubaFilm { size, crop_offset, crop_size, filter })
+    }
+
+    fn filter(&mut self, film: usize) -> Result<MitsubaFilter, Fault> {
+        let filters = self.reader.nested(film, "rfilter")?;
+        let Some((_, filter)) = filters.first().cloned() else { return Ok(MitsubaFilter::Gaussian(0.5)) };
+        let kind = self.reader.kind(filter).to_owned();
+        let out = match kind.as_str() {
+            "box" => {
+                self.reader.ignore(filter, &["radius"]);
+                MitsubaFilter::Box
+            }
+            "tent" => MitsubaFilter::Tent(self.width(filter, "radius", 1.0)?),
+            "gaussian" => MitsubaFilter::Gaussian(self.width(filter, "stddev", 0.5)?),
+            _ => {
+                let title = self.reader.title(filter);
+                self.reader.unsupported(filter, title);
+                self.reader.mark_all(filter);
+                MitsubaFilter::Box
+            }
+        };
+        self.reader.finish(filter);
+        Ok(out)
+    }
+
+    fn width(&mut self, filter: usize, name: &str, default: f64) -> Result<f32, Fault> {
+        let width = self.reader.float(filter, name)?.unwrap_or(default);
+        if width > 0.0 && width <= 25.0 {
+            return Ok(width as f32);
+        }
+        Err(fault(self.reader.place(filter), format!("{name} lies between 0 and 25 pixels")))
+    }
+}

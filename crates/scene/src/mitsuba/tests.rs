@@ -1,0 +1,304 @@
+//! Small scenes written by the tests: what is read, and what is refused.
+
+use super::*;
+use crate::graph::{SurfaceNode, SurfacePoint, Texture};
+use crate::{LightKind, Limits};
+use glam::DVec3;
+use photofit_scalar::{Vec4f, vec2, vec3};
+use photofit_shading::bsdf::Bsdf;
+use std::fs;
+
+const SENSOR: &str = r#"<sensor type="perspective"><float name="fov" value="90"/>
+  <transform name="to_world"><lookat origin="0,0,-5" target="0,0,0" up="0,1,0"/></transform>
+  <sampler type="independent"><integer name="sample_count" value="8"/></sampler>
+  <film type="hdrfilm"><integer name="width" value="40"/><integer name="height" value="20"/>
+  <rfilter type="box"/></film></sensor>"#;
+
+/// Loads a scene of these elements from a folder of its own.
+fn load_text(body: &str) -> Result<MitsubaScene, String> {
+    load_files(&[("scene.xml", &format!("<scene version=\"3.0.0\">{body}</scene>"))], &[])
+}
+
+fn load_files(files: &[(&str, &str)], parameters: &[(&str, &str)]) -> Result<MitsubaScene, String> {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, text) in files {
+        let path = folder.path().join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, text).unwrap();
+    }
+    let parameters = parameters.iter().map(|(n, v)| ((*n).to_owned(), (*v).to_owned())).collect();
+    let options = MitsubaOptions { parameters, ..MitsubaOptions::default() };
+    load_mitsuba(folder.path().join(files[0].0), &options).map_err(|e| e.to_string())
+}
+
+fn scene(body: &str) -> MitsubaScene {
+    load_text(&format!("{SENSOR}{body}")).unwrap()
+}
+
+#[test]
+fn the_sensor_sees_what_mitsuba_sees() {
+    let s = scene("").sensor;
+    assert_eq!(s.eye, DVec3::new(0.0, 0.0, -5.0));
+    // Seen along +z with y up, -x lies to the right.
+    assert!((s.axes[0] - DVec3::NEG_X).length() < 1e-12 && (s.axes[2] - DVec3::NEG_Z).length() < 1e-12);
+    assert!((s.half[0] - 1.0).abs() < 1e-9 && (s.half[1] - 0.5).abs() < 1e-9, "{:?}", s.half);
+    assert_eq!((s.film.size, s.samples, s.film.filter), ([40, 20], 8, MitsubaFilter::Box));
+    let of = |text: &str| {
+        let text = format!("<sensor type='perspective'>{text}</sensor>");
+        load_text(&text).unwrap().sensor
+    };
+    // The defaults: 50 mm, 768 x 576, Gaussian.
+    let s = of("");
+    assert!((2.0 * s.half[0].atan().to_degrees() - 38.1848).abs() < 1e-3, "{:?}", s.half);
+    assert_eq!((s.film.size, s.film.filter), ([768, 576], MitsubaFilter::Gaussian(0.5)));
+    let fov = "<float name='fov' value='60'/>";
+    let tan = 30.0_f64.to_radians().tan();
+    for (axis, wanted) in [
+        ("x", tan),
+        ("y", tan * 4.0 / 3.0),
+        ("smaller", tan * 4.0 / 3.0),
+        ("larger", tan),
+        ("diagonal", tan * 0.8),
+    ] {
+        let s = of(&format!("{fov}<string name='fov_axis' value='{axis}'/>"));
+        assert!((s.half[0] - wanted).abs() < 1e-9, "{axis}: {:?}", s.half);
+    }
+    let s = of("<film type='hdrfilm'><integer name='width' value='100'/><integer name='height' value='50'/>
+        <integer name='crop_offset_x' value='10'/><integer name='crop_width' value='20'/></film>
+        <float name='principal_point_offset_x' value='0.25'/>");
+    assert_eq!((s.film.crop_offset, s.film.crop_size, s.shift), ([10, 0], [20, 50], [0.25, 0.0]));
+    let text =
+        "<sensor type='orthographic'><transform name='to_world'><scale x='2' y='3'/></transform></sensor>";
+    let s = load_text(text).unwrap().sensor;
+    assert_eq!((s.projection, s.half), (Projection::Orthographic, [2.0, 2.25]));
+}
+
+#[test]
+fn transforms_apply_in_order() {
+    let s = scene(
+        "<shape type='rectangle'><transform name='to_world'><scale value='2'/><rotate z='1' angle='90'/>
+         <translate value='1,2,3'/></transform></shape>",
+    );
+    let p = s.instances[0].transform.transform_point3(DVec3::new(1.0, 0.0, 0.0));
+    assert!((p - DVec3::new(1.0, 4.0, 3.0)).length() < 1e-12, "{p}");
+    let s = scene(
+        "<shape type='cube'><transform name='to_world'><matrix value='1 0 0 5 0 2 0 6 0 0 3 7 0 0 0 1'/>
+         </transform></shape>",
+    );
+    let p = s.instances[0].transform.transform_point3(DVec3::ONE);
+    assert_eq!(p, DVec3::new(6.0, 8.0, 10.0));
+}
+
+#[test]
+fn parameters_includes_references_and_groups() {
+    let main = format!(
+        "<scene version='3.0.0'><default name='kind' value='sphere'/><include filename='parts/b.xml'/>{SENSOR}
+         <shape type='shapegroup' id='g'><shape type='$kind'><ref id='m'/></shape><shape type='disk'/></shape>
+         <shape type='instance'><ref id='g'/></shape>
+         <shape type='instance'><ref id='g'/><transform name='to_world'><translate x='1'/></transform></shape>
+         </scene>"
+    );
+    let part = "<scene version='3.0.0'><default name='kind' value='cube'/><bsdf type='diffuse' id='m'>
+        <rgb name='reflectance' value='$grey'/></bsdf><default name='grey' value='0.1'/></scene>";
+    let fails = load_files(&[("s.xml", &main), ("parts/b.xml", part)], &[]).unwrap_err();
+    assert!(fails.contains("b.xml line 2") && fails.contains("grey"), "{fails}");
+    let s = load_files(&[("s.xml", &main), ("parts/b.xml", part)], &[("grey", "0.25")]).unwrap();
+    assert_eq!((s.shapes.len(), s.instances.len()), (2, 4));
+    assert!(matches!(s.shapes[0], MitsubaShape::Sphere { radius: 1.0, .. }));
+    assert_eq!(s.instances[2].transform.translation, DVec3::X);
+    match s.materials[s.instances[0].material].root {
+        SurfaceNode::Constant(Bsdf::Diffuse(d)) => assert_eq!(d.reflectance.x, 0.25),
+        ref other => panic!("{other:?}"),
+    }
+    let text = load_files(&[("s.xml", &main), ("parts/b.xml", part)], &[("grey", "0"), ("gray", "0")]);
+    assert!(text.unwrap_err().contains("gray"));
+}
+
+#[test]
+fn meshes_keep_their_side_and_their_texture_coordinates() {
+    // The winding contradicts the normals: the normals decide.
+    let obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0.25\nvn 0 0 -1\nusemtl nothing\nf 1/1/1 2/1/1 3/1/1\n";
+    let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+        property float u\nproperty float v\nproperty float heat_0\nelement face 1\n\
+        property list uchar int vertex_indices\nproperty float c_0\nproperty float c_1\nproperty float c_2\n\
+        end_header\n0 0 0 0 0.25 7\n1 0 0 0 0.25 8\n0 1 0 0 0.25 9\n3 0 1 2 0.1 0.2 0.3\n";
+    let body = format!(
+        "<scene version='3.0.0'>{SENSOR}<shape type='obj'><string name='filename' value='m/a.obj'/></shape>
+         <shape type='ply'><string name='filename' value='m/a.ply'/><bsdf type='diffuse'>
+           <texture name='reflectance' type='mesh_attribute'><string name='name' value='face_c'/></texture>
+         </bsdf></shape>
+         <shape type='ply'><string name='filename' value='m/a.ply'/><boolean name='flip_normals' value='true'/>
+         <bsdf type='blendbsdf'><bsdf type='diffuse'/><bsdf type='conductor'/>
+           <texture name='weight' type='mesh_attribute'><string name='name' value='vertex_heat'/></texture>
+         </bsdf></shape></scene>"
+    );
+    let s = load_files(&[("s.xml", &body), ("m/a.obj", obj), ("m/a.ply", ply)], &[]).unwrap();
+    let mesh = |i: usize| match &s.shapes[i] {
+        MitsubaShape::Mesh(m) => m,
+        other => panic!("{other:?}"),
+    };
+    assert_eq!((mesh(0).triangles[0], mesh(0).uvs[0]), ([0, 2, 1], vec2(0.0, 0.75)));
+    assert_eq!((mesh(1).uvs[0], mesh(1).normals[0]), (vec2(0.0, 0.25), vec3(0.0, 0.0, 1.0)));
+    assert_eq!(mesh(2).normals[0], vec3(0.0, 0.0, -1.0));
+    let at = SurfacePoint { uv: vec2(0.0, 0.0), color: Vec4f::splat(1.0), piece: 0 };
+    match &s.materials[s.instances[1].material].root {
+        SurfaceNode::Diffuse { reflectance } => assert_eq!(reflectance.color(&at), vec3(0.1, 0.2, 0.3)),
+        other => panic!("{other:?}"),
+    }
+    assert_eq!(mesh(2).colors.iter().map(|c| c.x).collect::<Vec<_>>(), [7.0, 8.0, 9.0]);
+}
+
+#[test]
+fn every_primitive_shows_its_front_outside() {
+    for (kind, area) in [("rectangle", 4.0), ("cube", 24.0), ("disk", PI), ("cylinder", 2.0 * PI)] {
+        let s = scene(&format!("<shape type='{kind}'/>"));
+        let MitsubaShape::Mesh(m) = &s.shapes[0] else { panic!("a mesh") };
+        let mut sum = 0.0_f64;
+        for t in 0..m.triangles.len() {
+            let [a, b, c] = m.corners(t).map(|p| p.cast::<f64>());
+            let n = (b - a).cross(c - a);
+            sum += 0.5 * n.length();
+            for &i in &m.triangles[t] {
+                assert!(n.dot(m.normals[i as usize].cast()) > 0.0, "{kind} {t}");
+            }
+        }
+        assert!((sum - area).abs() < 1e-4 * area, "{kind}: {sum}");
+        assert!(m.uvs.iter().all(|uv| (0.0..=1.0).contains(&uv.x) && (0.0..=1.0).contains(&uv.y)), "{kind}");
+    }
+    let s = scene("<shape type='sphere'><boolean name='flip_normals' value='true'/></shape>");
+    let MitsubaShape::Mesh(m) = &s.shapes[0] else { panic!("a mesh") };
+    assert!(m.positions.iter().zip(&m.normals).all(|(p, n)| p.dot(*n) < 0.0));
+}
+
+use std::f64::consts::PI;
+
+#[test]
+fn emitters_and_bounds() {
+    let s = scene(
+        "<emitter type='point'><point name='position' x='1' y='2' z='3'/><rgb name='intensity' value='4'/></emitter>
+         <emitter type='spot'><float name='cutoff_angle' value='40'/></emitter>
+         <emitter type='directional'><vector name='direction' value='0,0,-2'/></emitter>
+         <emitter type='constant'><rgb name='radiance' value='1,2,3'/></emitter>
+         <shape type='sphere'><emitter type='area'><rgb name='radiance' value='5'/></emitter></shape>
+         <integrator type='moment'><integrator type='path'><integer name='max_depth' value='3'/></integrator>
+         </integrator>",
+    );
+    assert_eq!(s.lights[0].position, glam::vec3(1.0, 2.0, 3.0));
+    assert_eq!(s.lights[0].intensity, [4.0; 3]);
+    let LightKind::Spot { inner, outer } = s.lights[1].kind else { panic!("a spot") };
+    assert!((inner.to_degrees() - 30.0).abs() < 1e-4 && (outer.to_degrees() - 40.0).abs() < 1e-4);
+    assert_eq!(s.lights[2].direction, glam::vec3(0.0, 0.0, -1.0));
+    assert_eq!(s.environment.unwrap().image.data, [1.0, 2.0, 3.0]);
+    let glow = s.materials[s.instances[0].material].emission.as_ref().unwrap();
+    assert!(matches!(glow, Texture::Constant(c) if c.x == 5.0));
+    assert_eq!(s.integrator.max_depth, 2);
+}
+
+#[test]
+fn all_that_is_not_supported_is_listed_with_its_line() {
+    let text = load_text(&format!(
+        "{}\n<shape type='hair'/>\n<bsdf type='diffuse' id='x'><float name='sparkle' value='1'/></bsdf>\n\
+         <shape type='sphere'><ref id='x'/></shape>\n<emitter type='sunsky'/><flower/>",
+        SENSOR.replace('\n', " ")
+    ))
+    .unwrap_err();
+    for part in
+        ["line 2: shape `hair`", "line 3: the property `sparkle`", "line 5: emitter `sunsky`", "<flower>"]
+    {
+        assert!(text.contains(part), "{part} in {text}");
+    }
+}
+
+#[test]
+fn bad_files_are_errors_that_name_the_line() {
+    let deep = "<a>".repeat(100_000);
+    let many = "<include filename='s.xml'/>";
+    let cases: &[(&str, &str)] = &[
+        ("", "sensor"),
+        ("<sensor type='perspective'><float name='fov' value='nan'/></sensor>", "line 1"),
+        ("<sensor type='perspective'><float name='fov' value='180'/></sensor>", "180"),
+        ("<shape type='obj'/>", "filename"),
+        ("<shape type='obj'><string name='filename' value='/etc/passwd'/></shape>", "relative"),
+        ("<shape type='obj'><string name='filename' value='none.obj'/></shape>", "none.obj"),
+        ("<shape type='sphere'><float name='radius' value='-1'/></shape>", "positive"),
+        ("<shape type='sphere'><ref id='nothing'/></shape>", "nothing"),
+        ("<bsdf type='diffuse' id='a'/><bsdf type='diffuse' id='a'/>", "once"),
+        (
+            "<bsdf type='twosided' id='a'><ref id='a'/></bsdf><shape type='cube'><ref id='a'/></shape>",
+            "nested",
+        ),
+        (
+            "<shape type='sphere'><bsdf type='diffuse'><rgb name='reflectance' value='2'/></bsdf></shape>",
+            "[0, 1]",
+        ),
+        (
+            "<shape type='sphere'><bsdf type='diffuse'><rgb name='reflectance' value='1,2'/></bsdf></shape>",
+            "3 numbers",
+        ),
+        ("<shape type='sphere'><transform name='to_world'><matrix value='1 2'/></transform></shape>", "16"),
+        ("<shape type='sphere'><transform name='to_world'><rotate angle='5'/></transform></shape>", "axis"),
+        ("<shape type='instance'><ref id='g'/></shape><shape type='sphere' id='g'/>", "shapegroup"),
+        ("<integrator type='path'><integer name='max_depth' value='1e9'/></integrator>", "whole number"),
+        ("<emitter type='constant'/><emitter type='constant'/>", "one environment"),
+        (many, "at most"),
+        (&deep, "nested"),
+        ("<&>", "XML"),
+    ];
+    for (body, part) in cases {
+        let text =
+            load_files(&[("s.xml", &format!("<scene version='3.0.0'>{body}</scene>"))], &[]).unwrap_err();
+        assert!(text.contains(part) && text.contains("s.xml"), "{part} in {text}");
+    }
+    let bomb = "<!DOCTYPE s [<!ENTITY a 'aaaa'><!ENTITY b '&a;&a;'>]><scene version='3.0.0'>&b;</scene>";
+    assert!(load_files(&[("s.xml", bomb)], &[]).is_err());
+    assert!(load_files(&[("s.xml", "<notes/>")], &[]).unwrap_err().contains("<scene>"));
+}
+
+#[test]
+fn volumes_are_bounded() {
+    let medium = "<shape type='cube'><bsdf type='null'/><medium name='interior' type='heterogeneous'>
+        <volume name='sigma_t' type='gridvolume'><string name='filename' value='v.vol'/></volume></medium></shape>";
+    let main = format!("<scene version='3.0.0'>{SENSOR}{medium}</scene>");
+    let grid = |size: [i32; 3], channels: i32, values: &[f32]| {
+        let mut bytes = b"VOL\x03".to_vec();
+        for n in [1, size[0], size[1], size[2], channels] {
+            bytes.extend(n.to_le_bytes());
+        }
+        bytes.extend([0.0_f32, 0.0, 0.0, 1.0, 1.0, 1.0].iter().flat_map(|x| x.to_le_bytes()));
+        bytes.extend(values.iter().flat_map(|x| x.to_le_bytes()));
+        bytes
+    };
+    let load = |bytes: &[u8]| {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("s.xml"), &main).unwrap();
+        fs::write(folder.path().join("v.vol"), bytes).unwrap();
+        load_mitsuba(folder.path().join("s.xml"), &MitsubaOptions::default()).map_err(|e| e.to_string())
+    };
+    let good = load(&grid([2, 1, 1], 1, &[0.5, 1.5])).unwrap();
+    assert_eq!((good.media[0].extinction.values[1].x, good.instances[0].interior), (1.5, Some(0)));
+    for (bytes, part) in [
+        (b"VOL\x03".to_vec(), "VOL"),
+        (grid([1 << 20, 1 << 20, 1 << 20], 1, &[]), "voxels"),
+        (grid([2, 2, 2], 1, &[0.0]), "bytes"),
+        (grid([-1, 1, 1], 1, &[0.0]), "voxels"),
+        (grid([1, 1, 1], 1, &[f32::NAN]), "finite"),
+        (grid([1, 1, 1], 2, &[0.0, 0.0]), "channels"),
+    ] {
+        let text = load(&bytes).unwrap_err();
+        assert!(text.contains(part) && text.contains("v.vol"), "{part} in {text}");
+    }
+}
+
+#[test]
+fn limits_hold() {
+    let obj: String = (0..100).map(|i| format!("v {i} 0 0\n")).collect::<String>() + "f 1 2 3\n";
+    let body = "<shape type='obj'><string name='filename' value='a.obj'/></shape>";
+    let main = format!("<scene version='3.0.0'>{SENSOR}{body}</scene>");
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("s.xml"), main).unwrap();
+    fs::write(folder.path().join("a.obj"), obj).unwrap();
+    let limits = Limits { vertices: 50, ..Limits::default() };
+    let options = MitsubaOptions { limits, ..MitsubaOptions::default() };
+    let text = load_mitsuba(folder.path().join("s.xml"), &options).unwrap_err().to_string();
+    assert!(text.contains("50 vertices"), "{text}");
+}
