@@ -152,7 +152,7 @@ impl Job<'_> {
             scene,
             title: name(self.input),
             command,
-            bytes_in: std::fs::metadata(self.input).ok().map(|m| m.len()),
+            bytes_in: Some(scene.source_bytes),
             bytes_out: std::fs::metadata(self.output).ok().map(|m| m.len()),
         };
         Ok(Some(write_report(folder, outcome, &info)?))

@@ -55,6 +55,8 @@ pub struct Scene {
     pub cameras: Vec<Camera>,
     /// Lights of the file, in world space.
     pub lights: Vec<PunctualLight>,
+    /// Bytes of the files that it was loaded from: the asset itself, its buffers, textures and materials.
+    pub source_bytes: u64,
     /// What the loader ignored or repaired, one line each.
     pub warnings: Vec<String>,
 }

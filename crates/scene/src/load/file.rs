@@ -6,6 +6,7 @@ use base64::Engine;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Reads a regular file of at most `limit` bytes.
 pub(crate) fn read(path: &Path, limit: u64) -> Result<Vec<u8>, SceneError> {
@@ -26,14 +27,24 @@ fn size_of_regular(path: &Path) -> std::io::Result<u64> {
 
 /// The folder of an asset: the only place that its references may reach.
 #[derive(Debug)]
-pub(crate) struct Folder(PathBuf);
+pub(crate) struct Folder {
+    path: PathBuf,
+    /// Bytes read from it so far.
+    bytes: AtomicU64,
+}
 
 impl Folder {
     pub(crate) fn of(asset: &Path) -> Self {
-        match asset.parent() {
-            Some(p) if !p.as_os_str().is_empty() => Self(p.to_owned()),
-            _ => Self(PathBuf::from(".")),
-        }
+        let path = match asset.parent() {
+            Some(p) if !p.as_os_str().is_empty() => p.to_owned(),
+            _ => PathBuf::from("."),
+        };
+        Self { path, bytes: AtomicU64::new(0) }
+    }
+
+    /// Bytes of the files that were read from it.
+    pub(crate) fn bytes_read(&self) -> u64 {
+        self.bytes.load(Ordering::Relaxed)
     }
 
     /// Contents of a glTF URI: percent-encoded relative path or base64 data.
@@ -49,12 +60,14 @@ impl Folder {
     /// Contents of a file by its path relative to the folder.
     pub(crate) fn read_name(&self, name: &str, limit: u64, place: &str) -> Result<Vec<u8>, Fault> {
         let path = self.resolve(name, place)?;
-        read(&path, limit).map_err(|e| match e {
+        let bytes = read(&path, limit).map_err(|e| match e {
             SceneError::Read { cause, .. } => {
                 fault(place, format!("the file `{}` cannot be read: {cause}", clip(name)))
             }
             other => fault(place, other.to_string()),
-        })
+        })?;
+        self.bytes.fetch_add(bytes.len() as u64, Ordering::Relaxed);
+        Ok(bytes)
     }
 
     fn resolve(&self, name: &str, place: &str) -> Result<PathBuf, Fault> {
@@ -75,11 +88,11 @@ impl Folder {
                 return Err(leaves());
             }
         }
-        let path = self.0.join(&name);
+        let path = self.path.join(&name);
         let missing =
             |e: std::io::Error| fault(place, format!("the file `{}` cannot be read: {e}", clip(&name)));
         let real = path.canonicalize().map_err(missing)?;
-        let folder = self.0.canonicalize().map_err(missing)?;
+        let folder = self.path.canonicalize().map_err(missing)?;
         if real.starts_with(&folder) { Ok(real) } else { Err(leaves()) }
     }
 }

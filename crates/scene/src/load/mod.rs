@@ -85,15 +85,16 @@ pub fn load(path: impl AsRef<Path>) -> Result<Scene, SceneError> {
 pub fn load_with(path: impl AsRef<Path>, limits: &Limits) -> Result<Scene, SceneError> {
     let path = path.as_ref();
     let bytes = file::read(path, limits.file_bytes)?;
-    let mut scene = parse(path, &bytes, limits).map_err(|f| f.in_file(path))?;
+    let folder = file::Folder::of(path);
+    let mut scene = parse(path, &bytes, &folder, limits).map_err(|f| f.in_file(path))?;
+    scene.source_bytes = bytes.len() as u64 + folder.bytes_read();
     scene.name = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
     scene.check().map_err(|f| f.in_file(path))?;
     check_extent(&scene).map_err(|f| f.in_file(path))?;
     Ok(scene)
 }
 
-fn parse(path: &Path, bytes: &[u8], limits: &Limits) -> Result<Scene, Fault> {
-    let folder = file::Folder::of(path);
+fn parse(path: &Path, bytes: &[u8], folder: &file::Folder, limits: &Limits) -> Result<Scene, Fault> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let first = text.iter().copied().find(|b| !b.is_ascii_whitespace());
@@ -101,14 +102,14 @@ fn parse(path: &Path, bytes: &[u8], limits: &Limits) -> Result<Scene, Fault> {
         return Err(fault("byte 0", "the file is empty"));
     }
     if bytes.starts_with(b"glTF") {
-        return gltf::parse_glb(bytes, &folder, limits);
+        return gltf::parse_glb(bytes, folder, limits);
     }
     if text.starts_with(b"ply\n") || text.starts_with(b"ply\r") {
-        return ply::parse(text, &folder, limits);
+        return ply::parse(text, folder, limits);
     }
     match extension.as_str() {
-        "obj" => obj::parse(text, &folder, limits),
-        "gltf" | "glb" | "json" | "" if first == Some(b'{') => gltf::parse_json(text, &folder, limits),
+        "obj" => obj::parse(text, folder, limits),
+        "gltf" | "glb" | "json" | "" if first == Some(b'{') => gltf::parse_json(text, folder, limits),
         "glb" => Err(fault("byte 0", "a .glb file begins with the magic `glTF`")),
         "gltf" => Err(fault("byte 0", "a .gltf file is a JSON object")),
         "ply" => Err(fault("byte 0", "a .ply file begins with the line `ply`")),

@@ -97,8 +97,7 @@ fn rich() -> Scene {
         materials: vec![full, unlit, Material::default()],
         images: vec![image("colour", 100), image("orm", 255), image("unused", 255)],
         cameras: vec![Camera::look_at(Vec3::new(3.0, 2.0, 1.0), Vec3::ZERO, Vec3::Y, 0.8, 1.5, 0.1, 50.0)],
-        lights: Vec::new(),
-        warnings: Vec::new(),
+        ..Scene::default()
     }
 }
 

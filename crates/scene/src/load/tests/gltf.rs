@@ -260,6 +260,7 @@ fn external_and_embedded_files() {
         [("a.gltf", text.as_bytes()), ("data.bin", &b.binary), ("textures/a b.png", &picture)];
     let scene = load_files(&files).unwrap();
     assert_eq!((scene.triangle_count(), scene.images[0].width, scene.name.as_str()), (1, 3, "a"));
+    assert_eq!(scene.source_bytes, files.iter().map(|f| f.1.len() as u64).sum::<u64>());
     let coded = base64::engine::general_purpose::STANDARD.encode(&b.binary);
     b.json["buffers"][0]["uri"] = json!(format!("data:application/octet-stream;base64,{coded}"));
     let coded = base64::engine::general_purpose::STANDARD.encode(&picture);
