@@ -27,7 +27,7 @@ pub(crate) fn run(a: &Demo) -> Result<()> {
         target: Target::Ratio(RATIO),
         resolution: 384,
         steps: 150,
-        time_limit: Some(Duration::from_secs(75)),
+        time_limit: Some(Duration::from_secs(60)),
         texture_size: 1024,
         report_views: 6,
         ..SimplifyOptions::default()

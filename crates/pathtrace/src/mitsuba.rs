@@ -1,6 +1,8 @@
 //! Worlds, cameras and options from scenes of the Mitsuba 3 renderer.
 
+use crate::PathtraceError;
 use crate::camera::{Lens, Projection, View};
+use crate::error::invalid;
 use crate::film::Filter;
 use crate::integrator::PathOptions;
 use crate::light::{EnvironmentMap, Falloff, LightSource};
@@ -16,7 +18,16 @@ use photofit_scene::{LightKind, PunctualLight};
 
 impl Parts {
     /// Everything in a scene that light meets.
-    pub fn from_mitsuba(scene: MitsubaScene) -> Self {
+    ///
+    /// # Errors
+    /// If the scene has participating media, which are rendered in boxes of [`Parts::volumes`] alone.
+    pub fn from_mitsuba(scene: MitsubaScene) -> Result<Self, PathtraceError> {
+        if let Some(i) = scene.instances.iter().position(|i| i.interior.or(i.exterior).is_some()) {
+            return Err(invalid(
+                format!("shape {i}"),
+                "participating media inside of shapes are not supported",
+            ));
+        }
         let shapes = scene.shapes.into_iter().map(|shape| match shape {
             MitsubaShape::Sphere { center, radius } => Shape::Sphere { center, radius },
             MitsubaShape::Mesh(mesh) => Shape::Mesh(mesh),
@@ -26,14 +37,14 @@ impl Parts {
             material: i.material,
             transform: i.transform,
         });
-        Self {
+        Ok(Self {
             shapes: shapes.collect(),
             instances: instances.collect(),
             materials: scene.materials.into_iter().map(Material::from_graph).collect(),
             lights: scene.lights.iter().map(light).collect(),
             environment: scene.environment.map(environment),
             ..Self::default()
-        }
+        })
     }
 }
 

@@ -52,7 +52,7 @@ impl Default for SimplifyOptions {
             init: Init::Decimate,
             resolution: 512,
             batch: 2,
-            steps: 250,
+            steps: 400,
             time_limit: None,
             texture_size: 1024,
             lighting: Lighting::default(),

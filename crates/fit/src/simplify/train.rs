@@ -19,12 +19,8 @@ use photofit_sampling::Rng;
 use photofit_scalar::Vec3f;
 use std::time::Instant;
 
-/// Most reference pictures that the fit draws from.
+/// Reference pictures that the fit draws from.
 const POOL: u64 = 72;
-/// Bytes that they may take; large pictures are fewer, but at least [`LEAST_POOL`].
-const POOL_BYTES: usize = 512 << 20;
-/// Fewest reference pictures.
-const LEAST_POOL: u64 = 16;
 /// Views of the early stop.
 const HELD_OUT: u64 = 5;
 /// Samples per axis of a reference picture.
@@ -145,7 +141,7 @@ pub(super) fn train(
         candidate,
         shape,
         maps,
-        pool: vec![None; pool_size(options.resolution) as usize],
+        pool: (0..POOL).map(|_| None).collect(),
         held_out: Vec::new(),
         best,
         history: Vec::new(),
@@ -190,12 +186,6 @@ pub(super) fn train(
     })
 }
 
-/// Pictures of `resolution` x `resolution` RGBA pixels that the fit keeps.
-fn pool_size(resolution: usize) -> u64 {
-    let picture = resolution.saturating_mul(resolution).saturating_mul(4 * size_of::<f32>()).max(1);
-    ((POOL_BYTES / picture) as u64).clamp(LEAST_POOL, POOL)
-}
-
 /// Coarse to fine: half resolution, then, with maps baked anew on the moved shape, full resolution.
 fn phases(options: &SimplifyOptions, distance: f64, start_psnr: f64) -> Vec<Phase> {
     let n = options.steps;
@@ -212,7 +202,7 @@ fn phases(options: &SimplifyOptions, distance: f64, start_psnr: f64) -> Vec<Phas
 impl Trainer<'_> {
     /// Renders a reference picture.
     fn picture(&self, s: &Setup) -> Image {
-        let r = self.options.resolution;
+        let r = (self.options.resolution / SAMPLES).max(1);
         SceneRenderer::new(&self.n.flat, &self.n.library).render(
             &s.camera,
             &s.lights.lights(),
@@ -232,12 +222,11 @@ impl Trainer<'_> {
         let mut rng = Rng::new(self.options.seed, (7 << 32) + self.step);
         (0..self.options.batch as u64)
             .map(|b| {
-                let pool = self.pool.len() as u64;
                 // The pool is walked through once in order, then at random.
                 let serial = self.step * self.options.batch as u64 + b;
-                let k = if serial < pool { serial } else { u64::from(rng.next_u32()) % pool } as usize;
+                let k = if serial < POOL { serial } else { u64::from(rng.next_u32()) % POOL } as usize;
                 if self.pool[k].is_none() {
-                    let s = setup(Set::Train, k as u64, pool, self.options.seed, &self.options.lighting);
+                    let s = setup(Set::Train, k as u64, POOL, self.options.seed, &self.options.lighting);
                     let picture = self.picture(&s);
                     self.pool[k] = Some((s, picture));
                 }

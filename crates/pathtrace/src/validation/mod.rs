@@ -6,6 +6,8 @@ mod furnace;
 mod geometry;
 mod lights;
 mod media;
+#[cfg(feature = "mitsuba")]
+mod mitsuba;
 mod plans;
 mod progressive;
 mod scenes;

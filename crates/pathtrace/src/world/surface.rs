@@ -63,6 +63,8 @@ pub(crate) struct SurfaceMaterial {
     pub(crate) bsdf: Bsdf<f32>,
     /// A second BSDF and its share.
     pub(crate) second: Option<(Bsdf<f32>, f32)>,
+    /// The normal before a map bent it, in the frame, and the squared roughness of the shadow that the bend casts.
+    pub(crate) bent: Option<(Vec3f, f32)>,
     /// First axis of the frame.
     pub(crate) s: Vec3f,
     /// Second axis of the frame.
@@ -83,21 +85,39 @@ impl SurfaceMaterial {
     /// `f |cos|` and density, in the frame.
     #[inline(never)]
     pub(crate) fn eval_pdf(&self, wo: Vec3f, wi: Vec3f) -> (Vec3f, f32) {
-        let (value, pdf) = self.bsdf.eval_pdf(wo, wi);
-        match &self.second {
-            None => (value, pdf),
-            Some((other, share)) => {
-                let (v, p) = other.eval_pdf(wo, wi);
-                (value * (1.0 - share) + v * *share, pdf * (1.0 - share) + p * share)
-            }
+        let (mut value, mut pdf) = self.bsdf.eval_pdf(wo, wi);
+        if let Some((other, share)) = &self.second {
+            let (v, p) = other.eval_pdf(wo, wi);
+            value = value * (1.0 - share) + v * *share;
+            pdf = pdf * (1.0 - share) + p * share;
         }
+        (value * self.shadow(wi), pdf)
+    }
+
+    /// Light that arrives in spite of the bend of the normal (Estevez, Lecocq and Stein 2019, "A Microfacet-Based
+    /// Shadowing Function to Solve the Bump Terminator Problem"): 1 without one.
+    #[inline(always)]
+    fn shadow(&self, wi: Vec3f) -> f32 {
+        let Some((n, alpha2)) = self.bent else { return 1.0 };
+        let cosine = n.dot(wi);
+        let square = cosine * cosine;
+        if square <= 0.0 {
+            return 0.0;
+        }
+        2.0 / (1.0 + (1.0 + alpha2 * (1.0 - square).max(0.0) / square).sqrt())
     }
 
     /// A direction, in the frame.
     #[inline(never)]
     pub(crate) fn sample(&self, wo: Vec3f, lobe: f32, u: [f32; 2]) -> Option<BsdfSample<f32>> {
         match &self.second {
-            None => self.bsdf.sample(wo, lobe, u),
+            None => {
+                let mut sample = self.bsdf.sample(wo, lobe, u)?;
+                if self.bent.is_some() {
+                    sample.weight *= self.shadow(sample.wi);
+                }
+                Some(sample)
+            }
             Some((other, share)) => self.sample_mixture(other, *share, wo, lobe, u),
         }
     }
@@ -418,12 +438,19 @@ impl World {
         let material = &self.materials[placed.material as usize];
         let shown = at.front || material.both_sides;
         let emission = if shown { material.emission } else { Vec3f::zero() };
-        let mut out =
-            SurfaceMaterial { bsdf: material.bsdf, second: None, s: at.ns, t: at.ns, n: at.ns, emission };
+        let mut out = SurfaceMaterial {
+            bsdf: material.bsdf,
+            second: None,
+            bent: None,
+            s: at.ns,
+            t: at.ns,
+            n: at.ns,
+            emission,
+        };
         let tangent = if TEXTURES { at.tangent.xyz() } else { Vec3f::zero() };
         let Some(index) = material.library else {
             if TEXTURES && let Some(graph) = &material.graph {
-                self.resolve(graph, at, shown, &mut out);
+                self.resolve(graph, at, wo, shown, &mut out);
                 return out;
             }
             if material.two_sided && !material.transmits && !at.front {
@@ -472,7 +499,14 @@ impl World {
 
     /// The material of a tree.
     #[inline(never)]
-    fn resolve(&self, graph: &SurfaceGraph, at: &Interaction, shown: bool, out: &mut SurfaceMaterial) {
+    fn resolve(
+        &self,
+        graph: &SurfaceGraph,
+        at: &Interaction,
+        wo: Vec3f,
+        shown: bool,
+        out: &mut SurfaceMaterial,
+    ) {
         let point = SurfacePoint { uv: at.uv[0], color: at.color, piece: at.piece };
         if let Some(emission) = graph.emission.as_ref().filter(|_| shown) {
             out.emission += emission.color(&point);
@@ -485,14 +519,27 @@ impl World {
         let partials = || Partials { du: out.to_local(du), dv: out.to_local(dv) };
         let found = graph.resolve(&point, at.front, partials);
         (out.bsdf, out.second) = (found.bsdf, found.second);
-        let mut n = found.normal.map_or(out.n, |m| out.to_render(m).normalize_or_zero());
+        let mut n = out.n;
+        if let Some(m) = found.normal {
+            // Seen from behind, the bend is turned to the viewer.
+            let local = out.to_local(wo);
+            let behind = m.dot(local) * local.z < 0.0;
+            let m = if behind { vec3(-m.x, -m.y, m.z) } else { m };
+            n = out.to_render(m).normalize_or_zero();
+        }
         if found.two_sided && !at.front {
             // The back is the mirror image of the front.
             n = n - at.ns * (2.0 * n.dot(at.ns));
         }
         if n != out.n && n != Vec3f::zero() {
+            let up = if found.two_sided && !at.front { -at.ns } else { at.ns };
             out.n = n;
             (out.s, out.t) = axes(n, du);
+            if found.normal.is_some() {
+                let cosine = n.dot(up).abs();
+                let tan2 = (1.0 - cosine * cosine).max(0.0) / (cosine * cosine).max(1e-12);
+                out.bent = Some((out.to_local(up), (0.125 * tan2).clamp(0.0, 1.0)));
+            }
         }
     }
 

@@ -58,6 +58,8 @@ pub(super) struct Document {
     ids: HashMap<String, usize>,
     aliases: HashMap<String, String>,
     parameters: HashMap<String, String>,
+    /// The major version of the format that the scene is written in.
+    pub(super) version: u32,
     files: Vec<PathBuf>,
     folders: Vec<PathBuf>,
     /// Values of parameters that something asked for.
@@ -77,6 +79,7 @@ impl Document {
             ids: HashMap::new(),
             aliases: HashMap::new(),
             parameters: options.parameters.iter().cloned().collect(),
+            version: 3,
             files: Vec::new(),
             folders: vec![folder],
             used: HashSet::new(),
@@ -151,6 +154,10 @@ impl Document {
         let root = xml.root_element();
         let mut job = Reading { document: self, file: index, lines: &lines, depth };
         if root.has_tag_name("scene") {
+            let version = root.attribute("version").and_then(|v| v.split('.').next()?.trim().parse().ok());
+            if let (0, Some(v)) = (index, version) {
+                job.document.version = v;
+            }
             for child in root.children().filter(roxmltree::Node::is_element) {
                 if let Some(i) = job.element(child)? {
                     job.document.top.push(i);

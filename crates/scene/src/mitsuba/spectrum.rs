@@ -85,7 +85,10 @@ impl Reader {
         if !text.contains(':') {
             let value = self.attribute_number(element, "value")?;
             return Ok(match meaning {
-                Meaning::Emission => color(&[(0.0, value), (1e4, value)], meaning),
+                // Before version 3, one number was a grey.
+                Meaning::Emission if self.document.version >= 3 => {
+                    color(&[(0.0, value), (1e4, value)], meaning)
+                }
                 _ => Vec3f::splat(value as f32),
             });
         }

@@ -4,5 +4,6 @@ mod bench;
 mod catalogue;
 mod chi_square;
 mod energy;
+mod principled;
 mod stress;
 mod values;

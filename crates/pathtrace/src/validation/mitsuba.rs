@@ -1,0 +1,188 @@
+//! Scenes read from XML against the same scenes built by hand, and against closed forms.
+
+use super::scenes::{cornell, cornell_view, square};
+use crate::{Parts, RenderOptions, Renderer, View, World, WorldOptions};
+use photofit_image::Image;
+use photofit_scene::mitsuba::{MitsubaOptions, MitsubaScene, load_mitsuba};
+use photofit_shading::bsdf::Energy;
+
+fn load(body: &str) -> MitsubaScene {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.xml");
+    std::fs::write(&path, format!("<scene version='3.0.0'>{body}</scene>")).unwrap();
+    load_mitsuba(path, &MitsubaOptions::default()).unwrap()
+}
+
+fn render(body: &str) -> Image {
+    let scene = load(body);
+    let (view, options) = (View::from_mitsuba(&scene.sensor), RenderOptions::from_mitsuba(&scene));
+    let plain = WorldOptions { energy: Energy::Single, ..WorldOptions::default() };
+    let world = World::with_options(Parts::from_mitsuba(scene).unwrap(), plain).unwrap();
+    let mut renderer = Renderer::new(&world, &view, options).unwrap();
+    while !renderer.pass(|| false).done {}
+    renderer.picture()
+}
+
+fn sensor(more: &str, film: &str, spp: u32) -> String {
+    format!(
+        "<sensor type='perspective'>{more}<sampler type='independent'>
+         <integer name='sample_count' value='{spp}'/></sampler><film type='hdrfilm'>{film}
+         <rfilter type='box'/></film></sensor>"
+    )
+}
+
+const SQUARE: &str = "<integer name='width' value='16'/><integer name='height' value='16'/>";
+
+#[test]
+fn a_sphere_around_the_camera_is_as_bright_as_its_series() {
+    // Emission 0.5 and reflectance 0.5 everywhere: 0.5 (1 + 0.5 + 0.25 + ...), cut after four events.
+    let picture = render(&format!(
+        "{}<integrator type='path'><integer name='max_depth' value='5'/></integrator>
+         <shape type='sphere'><float name='radius' value='10'/><boolean name='flip_normals' value='true'/>
+         <bsdf type='diffuse'><rgb name='reflectance' value='0.5'/></bsdf>
+         <emitter type='area'><rgb name='radiance' value='0.5'/></emitter></shape>",
+        sensor("", SQUARE, 64)
+    ));
+    let mean = picture.data.chunks_exact(4).map(|p| f64::from(p[0])).sum::<f64>() / 256.0;
+    assert!((mean - 0.96875).abs() < 2e-3, "{mean}");
+}
+
+#[test]
+fn a_point_light_over_a_square_obeys_the_inverse_square() {
+    // Straight down from height 2 on a square with reflectance 0.5: radiance 0.5 / pi * I cos / r^2.
+    let picture = render(&format!(
+        "{}<integrator type='direct'/><shape type='rectangle'><transform name='to_world'><scale value='10'/>
+         </transform></shape><emitter type='point'><point name='position' x='0' y='0' z='4'/>
+         <rgb name='intensity' value='8'/></emitter>",
+        sensor(
+            "<float name='fov' value='0.1'/><transform name='to_world'>
+             <lookat origin='0,0,2' target='0,0,0' up='0,1,0'/></transform>",
+            SQUARE,
+            4
+        )
+    ));
+    let expected = 0.5 / std::f32::consts::PI * 8.0 / 16.0;
+    assert!((picture.pixel(8, 8)[1] - expected).abs() < 1e-4, "{:?} {expected}", picture.pixel(8, 8));
+}
+
+#[test]
+fn a_crop_is_a_part_of_the_picture_and_a_parallel_view_keeps_sizes() {
+    let world = "<integrator type='path'><integer name='max_depth' value='1'/></integrator>
+        <shape type='rectangle'><bsdf type='diffuse'/><emitter type='area'><texture name='radiance' type='checkerboard'>
+        <transform name='to_uv'><scale value='3'/></transform></texture></emitter></shape>";
+    let look =
+        "<transform name='to_world'><lookat origin='0.3,0.1,3' target='0,0,0' up='0,1,0'/></transform>";
+    let full = render(&format!("{}{world}", sensor(look, SQUARE, 256)));
+    let film = format!(
+        "{SQUARE}<integer name='crop_offset_x' value='4'/><integer name='crop_offset_y' value='6'/>
+         <integer name='crop_width' value='8'/><integer name='crop_height' value='5'/>"
+    );
+    let part = render(&format!("{}{world}", sensor(look, &film, 256)));
+    assert_eq!((part.width, part.height), (8, 5));
+    for (x, y) in [(0, 0), (7, 0), (3, 4)] {
+        let (a, b) = (part.pixel(x, y)[0], full.pixel(x + 4, y + 6)[0]);
+        assert!((a - b).abs() < 0.02, "{x} {y}: {a} {b}");
+    }
+    // The square fills a parallel view of the same size from any distance, and half of one twice as large.
+    for (scale, share) in [(1.0, 1.0), (2.0, 0.25)] {
+        let text = sensor(
+            &format!(
+                "<transform name='to_world'><scale x='{scale}' y='{scale}'/>
+                 <lookat origin='0,0,7' target='0,0,0' up='0,1,0'/></transform>"
+            ),
+            SQUARE,
+            16,
+        );
+        let seen = render(&format!("{}{world}", text.replace("perspective", "orthographic")));
+        let alpha = seen.data.chunks_exact(4).map(|p| p[3]).sum::<f32>() / 256.0;
+        assert!((alpha - share).abs() < 0.01, "{scale}: {alpha}");
+    }
+}
+
+#[test]
+fn environments_are_turned_as_mitsuba_turns_them() {
+    // The column of u = 1/8 shows the directions between +x and -z.
+    let folder = tempfile::tempdir().unwrap();
+    let image = Image::from_fn(4, 3, 3, |x, _, _| if x == 0 { 1.0 } else { 0.0 });
+    photofit_image::write_exr(folder.path().join("e.exr"), &[("", &image, &["R", "G", "B"])]).unwrap();
+    let at = |toward: &str, mirrored: bool| {
+        let scale = if mirrored { "<scale x='-1' y='1' z='1'/>" } else { "" };
+        let text = format!(
+            "<scene version='3.0.0'>{}<integrator type='path'/><emitter type='envmap'>
+             <string name='filename' value='e.exr'/><transform name='to_world'>{scale}</transform></emitter></scene>",
+            sensor(
+                &format!(
+                    "<float name='fov' value='0.1'/><transform name='to_world'>
+                     <lookat origin='0,0,0' target='{toward}' up='0,1,0'/></transform>"
+                ),
+                SQUARE,
+                1
+            )
+        );
+        let path = folder.path().join("scene.xml");
+        std::fs::write(&path, text).unwrap();
+        let scene = load_mitsuba(&path, &MitsubaOptions::default()).unwrap();
+        let (view, options) = (View::from_mitsuba(&scene.sensor), RenderOptions::from_mitsuba(&scene));
+        let world = World::new(Parts::from_mitsuba(scene).unwrap()).unwrap();
+        let mut renderer = Renderer::new(&world, &view, options).unwrap();
+        while !renderer.pass(|| false).done {}
+        renderer.picture().pixel(8, 8)[0]
+    };
+    for (toward, mirrored, wanted) in
+        [("1,0,-1", false, 1.0), ("1,0,1", false, 0.0), ("-1,0,-1", false, 0.0), ("-1,0,-1", true, 1.0)]
+    {
+        let found = at(toward, mirrored);
+        assert!((found - wanted).abs() < 0.01, "{toward} {mirrored}: {found}");
+    }
+}
+
+/// The box of [`cornell`] in XML.
+fn cornell_xml() -> String {
+    let side = |color: &str, place: &str| {
+        format!(
+            "<shape type='rectangle'><transform name='to_world'><scale value='0.5'/>{place}</transform>
+             <bsdf type='twosided'><bsdf type='diffuse'><rgb name='reflectance' value='{color}'/></bsdf></bsdf></shape>"
+        )
+    };
+    let cube = |size: &str, angle: f32, at: &str| {
+        format!(
+            "<shape type='cube'><transform name='to_world'><scale value='0.5'/><scale value='{size}'/>
+             <rotate y='1' angle='{}'/><translate value='{at}'/></transform>
+             <bsdf type='diffuse'><rgb name='reflectance' value='0.73'/></bsdf></shape>",
+            angle.to_degrees()
+        )
+    };
+    let look = "<float name='fov' value='37.24225668'/><transform name='to_world'>
+        <lookat origin='0,0.5,2.2' target='0,0.5,0' up='0,1,0'/></transform>";
+    sensor(look, SQUARE, 256)
+        + "<integrator type='path'><integer name='max_depth' value='17'/></integrator>"
+        + &side("0.73", "<rotate x='1' angle='-90'/>")
+        + &side("0.73", "<rotate x='1' angle='90'/><translate y='1'/>")
+        + &side("0.73", "<translate y='0.5' z='-0.5'/>")
+        + &side("0.63,0.06,0.05", "<rotate y='1' angle='90'/><translate x='-0.5' y='0.5'/>")
+        + &side("0.14,0.45,0.09", "<rotate y='1' angle='-90'/><translate x='0.5' y='0.5'/>")
+        + "<shape type='rectangle'><transform name='to_world'><scale value='0.15'/><rotate x='1' angle='90'/>
+           <translate y='0.998'/></transform><bsdf type='diffuse'><rgb name='reflectance' value='0'/></bsdf>
+           <emitter type='area'><rgb name='radiance' value='17,12,4'/></emitter></shape>"
+        + &cube("0.3,0.6,0.3", 0.3, "-0.2,0.3,-0.15")
+        + &cube("0.3,0.3,0.3", -0.3, "0.2,0.15,0.15")
+}
+
+#[test]
+fn a_box_reads_as_it_is_built() {
+    let world = World::new(cornell()).unwrap();
+    let (expected, variance) = super::scenes::render(&world, &cornell_view(), square(16, 256));
+    let found = render(&cornell_xml());
+    let (mut sum, mut level, mut noise) = ([0.0; 3], [0.0; 3], [0.0; 3]);
+    for i in 0..256 {
+        for c in 0..3 {
+            sum[c] += f64::from(found.data[4 * i + c] - expected.data[4 * i + c]);
+            level[c] += f64::from(expected.data[4 * i + c]);
+            noise[c] += 2.0 * f64::from(variance.data[3 * i + c]) / 256.0;
+        }
+    }
+    for c in 0..3 {
+        let bound = 4.0 * noise[c].sqrt();
+        assert!(sum[c].abs() < bound.min(0.01 * level[c]), "{c}: {sum:?} {noise:?} {level:?}");
+    }
+}
