@@ -6,6 +6,7 @@
 //!   and only where the world lies far off. An offset of 1e6 costs no accuracy.
 
 mod instance;
+mod material;
 mod parts;
 mod scene;
 mod shape;
@@ -28,10 +29,10 @@ use crate::light::Lights;
 use crate::volume::Media;
 use glam::{DAffine3, DVec3};
 use instance::{SIZE_MAX, SIZE_MIN};
+use material::CompiledMaterial;
 use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::SurfaceLibrary;
 use photofit_shading::bsdf::Energy;
-use surface::CompiledMaterial;
 use top::Hierarchy;
 pub(crate) use top::moved_box;
 

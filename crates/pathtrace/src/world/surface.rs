@@ -1,17 +1,13 @@
 //! What a ray finds: the point of a surface, its frame, and its material there.
 
 use super::instance::Placed;
-use super::parts::{Material, Scattering};
+use super::material::{glow, library_bsdf};
 use super::{Kind, World, WorldHit, WorldRay, sphere};
-use crate::PathtraceError;
-use crate::error::invalid;
 use photofit_geometry::Mesh;
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3};
 use photofit_scene::graph::{Partials, SurfaceGraph, SurfacePoint};
-use photofit_scene::{ExtensionSample, SurfaceLibrary, SurfaceSample};
-use photofit_shading::bsdf::{Bsdf, BsdfSample, Diffuse, Energy, MetallicRoughness, Null, TransportMode};
-use photofit_shading::{Surface, face_viewer, perturb};
-use std::sync::Arc;
+use photofit_shading::bsdf::{Bsdf, BsdfSample};
+use photofit_shading::{face_viewer, perturb};
 
 /// Rounding of an intersection, in units in the last place of the coordinates involved.
 const ROUNDING: f32 = 16.0 * 0.5 * f32::EPSILON;
@@ -165,155 +161,6 @@ impl SurfaceMaterial {
     pub(crate) fn to_render(&self, v: Vec3f) -> Vec3f {
         self.s * v.x + self.t * v.y + self.n * v.z
     }
-}
-
-/// A material with what does not depend on the point worked out.
-#[derive(Clone, Debug)]
-pub(crate) struct CompiledMaterial {
-    /// Index in the library; `None` for uniform materials.
-    pub(crate) library: Option<usize>,
-    /// A tree that has to be resolved.
-    pub(crate) graph: Option<Arc<SurfaceGraph>>,
-    /// The BSDF everywhere, where nothing varies.
-    bsdf: Bsdf<f32>,
-    /// Emission that is added to what the library says.
-    added: Vec3f,
-    /// Emission everywhere, where nothing varies.
-    pub(crate) emission: Vec3f,
-    /// Emission (or the whole material) has to be looked up.
-    pub(crate) varies: bool,
-    /// Something may pass.
-    pub(crate) alpha: bool,
-    /// Base colours are shown as they are.
-    pub(crate) unlit: bool,
-    pub(crate) both_sides: bool,
-    /// The frame turns to the viewer.
-    two_sided: bool,
-    /// Some point of it may emit.
-    pub(crate) emits: bool,
-    pub(crate) absorption: Vec3f,
-    pub(crate) transmits: bool,
-    /// The surface is not there.
-    pub(crate) is_null: bool,
-}
-
-impl CompiledMaterial {
-    pub(crate) fn new(
-        index: usize,
-        material: &Material,
-        library: Option<&SurfaceLibrary>,
-        energy: Energy,
-    ) -> Result<Self, PathtraceError> {
-        let place = || format!("material {index}");
-        for (name, v) in [("emission", material.emission), ("absorption", material.absorption)] {
-            if !(v.is_finite() && v.x >= 0.0 && v.y >= 0.0 && v.z >= 0.0) {
-                return Err(invalid(place(), format!("{name} is finite and not negative")));
-            }
-        }
-        let added = material.emission;
-        let emits = added != Vec3f::zero();
-        let common = Self {
-            library: None,
-            graph: None,
-            bsdf: Bsdf::Null(Null),
-            added,
-            emission: added,
-            varies: false,
-            alpha: false,
-            unlit: false,
-            both_sides: material.emits_both_sides,
-            two_sided: material.two_sided,
-            emits,
-            absorption: material.absorption,
-            transmits: false,
-            is_null: false,
-        };
-        match &material.scattering {
-            Scattering::Uniform(bsdf) => {
-                let is_null = matches!(bsdf, Bsdf::Null(_));
-                Ok(Self { bsdf: *bsdf, transmits: bsdf.transmits(), is_null, ..common })
-            }
-            Scattering::Graph(graph) => Ok(Self::of_graph(common, graph)),
-            Scattering::Library { index } => {
-                let library = library.filter(|l| *index < l.materials());
-                let library =
-                    library.ok_or_else(|| invalid(place(), format!("library material {index} exists")))?;
-                let (zero, white) = (vec2(0.0, 0.0), Vec4f::splat(1.0));
-                let sample = library.lookup(*index, zero, zero, white, None);
-                let extensions = library.extensions(*index, zero, zero, None);
-                let bsdf = library_bsdf(&sample, extensions.as_ref(), vec3(0.0, 0.0, 1.0), energy);
-                let anisotropic = extensions.is_some_and(|e| e.anisotropy > 0.0);
-                Ok(Self {
-                    library: Some(*index),
-                    bsdf,
-                    emission: added + glow(&sample),
-                    varies: anisotropic || !library.is_constant(*index),
-                    alpha: !library.is_opaque(*index),
-                    unlit: sample.unlit,
-                    emits: emits || library.may_emit(*index),
-                    transmits: bsdf.transmits() || library.may_transmit(*index),
-                    ..common
-                })
-            }
-        }
-    }
-}
-
-impl CompiledMaterial {
-    fn of_graph(common: Self, graph: &Arc<SurfaceGraph>) -> Self {
-        let emission = graph.emission.as_ref();
-        let glow = emission.map_or(Some(Vec3f::zero()), |e| e.constant());
-        let transmits = graph.root.transmits();
-        let emits = common.emits || emission.is_some();
-        match (graph.root.constant(), glow) {
-            (Some((bsdf, two_sided)), Some(glow)) if !graph.root.needs_partials() => {
-                let added = common.added + glow;
-                let is_null = matches!(bsdf, Bsdf::Null(_));
-                Self { bsdf, two_sided, transmits, emits, is_null, added, emission: added, ..common }
-            }
-            _ => Self {
-                graph: Some(graph.clone()),
-                varies: true,
-                alpha: graph.root.opacity().is_some(),
-                transmits,
-                emits,
-                ..common
-            },
-        }
-    }
-
-    /// Whether the path through it has to be followed: it absorbs, or is a boundary alone.
-    pub(crate) fn absorbs(&self) -> bool {
-        self.is_null || self.absorption != Vec3f::zero()
-    }
-}
-
-/// What a library material sends out: its emission, and the base colour of unlit ones.
-fn glow(sample: &SurfaceSample) -> Vec3f {
-    sample.emissive + if sample.unlit { sample.base_color } else { Vec3f::zero() }
-}
-
-/// The BSDF of a library material at a point; `coat` is the normal of the coat in the frame of the shading normal.
-#[inline(never)]
-fn library_bsdf(
-    sample: &SurfaceSample,
-    extensions: Option<&ExtensionSample>,
-    coat: Vec3f,
-    energy: Energy,
-) -> Bsdf<f32> {
-    if sample.unlit {
-        return Bsdf::Diffuse(Diffuse { reflectance: Vec3f::zero() });
-    }
-    if let Some(e) = extensions {
-        return e.parameters(sample, coat, energy, TransportMode::Radiance).bsdf();
-    }
-    let surface = Surface {
-        base_color: sample.base_color,
-        roughness: sample.roughness,
-        metallic: sample.metallic,
-        gamma: 0.0,
-    };
-    Bsdf::MetallicRoughness(MetallicRoughness::new(&surface, energy))
 }
 
 /// Attributes of the three corners, interpolated.
