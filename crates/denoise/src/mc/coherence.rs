@@ -4,7 +4,7 @@ use super::frame::Features;
 use crate::Shape;
 use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSliceMut};
 
-/// `s_A` of [`auxiliary_weight`].
+/// `s_A` of the auxiliary weight.
 pub const SHARPNESS: f32 = 10.0;
 
 /// Curvature of a guide of any number of planes, between 0 and 1 per pixel: `C = |H guide|` (Frobenius norm over all

@@ -9,7 +9,7 @@ const DB2: [f32; 4] = [-0.129_409_52, -0.224_143_87, 0.836_516_3, -0.482_962_9];
 /// Half the window of the local median, in coefficients.
 const REACH: usize = 4;
 
-/// Standard deviation of the noise of one plane [@donoho1994]: `median |HH| / 0.6745` of the finest diagonal band of
+/// Standard deviation of the noise of one plane (Donoho and Johnstone 1994): `median |HH| / 0.6745` of the finest diagonal band of
 /// the db2 wavelets over 9 x 9 coefficients (about 16 pixels), interpolated to the pixels.
 ///
 /// For Gaussian noise; the heavy tails of Monte Carlo noise hardly move a median, so it measures their core.
