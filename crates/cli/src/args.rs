@@ -39,6 +39,8 @@ pub(crate) enum Command {
     Inspect(Inspect),
     /// Make depth, normals and colours without holes from a point cloud.
     Surface(Surface),
+    /// Clean a noisy rendering; layers such as albedo and normal beside the colour are found and used.
+    Denoise(Denoise),
     /// Run the main job on a generated asset and write pictures and a report.
     Demo(Demo),
 }
@@ -103,9 +105,14 @@ pub(crate) struct Simplify {
     #[arg(long, value_name = "N")]
     pub(crate) texture_size: Option<usize>,
     /// Light while fitting and judging.
-    #[arg(long, value_enum, default_value = "mixed")]
+    #[arg(
+        long,
+        value_enum,
+        default_value = "mixed",
+        default_value_if("env", clap::builder::ArgPredicate::IsPresent, "env")
+    )]
     pub(crate) light: FitLight,
-    /// Equirectangular environment (.hdr, .exr, .png, .jpg) of --light env.
+    /// Equirectangular environment (.hdr, .exr, .png, .jpg); implies --light env.
     #[arg(long, value_name = "FILE", required_if_eq("light", "env"))]
     pub(crate) env: Option<PathBuf>,
     /// Seed of all random choices.
@@ -168,9 +175,14 @@ pub(crate) struct Render {
     #[arg(long, value_name = "RADII", value_parser = distance)]
     pub(crate) distance: Option<f32>,
     /// The light.
-    #[arg(long, value_enum, default_value = "point")]
+    #[arg(
+        long,
+        value_enum,
+        default_value = "point",
+        default_value_if("env", clap::builder::ArgPredicate::IsPresent, "env")
+    )]
     pub(crate) light: RenderLight,
-    /// Equirectangular environment (.hdr, .exr, .png, .jpg) of --light env.
+    /// Equirectangular environment (.hdr, .exr, .png, .jpg); implies --light env.
     #[arg(long, value_name = "FILE", required_if_eq("light", "env"))]
     pub(crate) env: Option<PathBuf>,
     /// Samples per pixel: 1, 4, 16 or 64 for raster (16 when not given); at most this many for path (64).
@@ -403,6 +415,73 @@ pub(crate) struct Surface {
     #[arg(long)]
     pub(crate) fill: bool,
     /// Write the figures as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) json: Option<PathBuf>,
+}
+
+/// What removes the noise.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum DenoiseModel {
+    /// Regression on the features, its widths chosen by estimated error: best quality per second.
+    Auto,
+    /// Total variation, quadratic data term.
+    Rof,
+    /// Total variation, absolute data term.
+    Tvl1,
+    /// Total variation, both data terms.
+    Hybrid,
+    /// Second-order total generalised variation, slower.
+    Tgv,
+    /// Edge-stopping wavelets (SVGF), for comparison.
+    Atrous,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct Denoise {
+    /// The noisy picture: .exr (with feature layers, if there are any), .hdr, .png or .jpg.
+    #[arg(value_name = "COLOR")]
+    pub(crate) input: PathBuf,
+    /// The picture to write: .exr (linear) or .png (sRGB).
+    #[arg(short, long, value_name = "OUT.exr|.png")]
+    pub(crate) output: PathBuf,
+    /// Diffuse reflectance, linear (.png: sRGB).
+    #[arg(long, value_name = "FILE")]
+    pub(crate) albedo: Option<PathBuf>,
+    /// Normals, in any frame; values in 0..1 are taken as (n+1)/2.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) normal: Option<PathBuf>,
+    /// Distance from the camera, 0 where nothing is hit.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) depth: Option<PathBuf>,
+    /// World positions.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) position: Option<PathBuf>,
+    /// Variance of the colour (of the mean over the samples).
+    #[arg(long, value_name = "FILE")]
+    pub(crate) variance: Option<PathBuf>,
+    /// A second picture with as many samples of its own: the noise is then known.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) half: Option<PathBuf>,
+    /// Cameras of a rendered sequence (JSON): frames before COLOR are reprojected. Their files are named alike but
+    /// for the number.
+    #[arg(long, value_name = "cameras.json")]
+    pub(crate) sequence: Option<PathBuf>,
+    /// The model.
+    #[arg(long, value_enum, default_value = "auto")]
+    pub(crate) model: DenoiseModel,
+    /// Give the result of a total variation model the local mean of the noisy picture.
+    #[arg(long)]
+    pub(crate) restore_mean: bool,
+    /// Do not clamp rare huge samples.
+    #[arg(long)]
+    pub(crate) keep_fireflies: bool,
+    /// A clean picture to compare with: PSNR, SSIM, FLIP, RMSE.
+    #[arg(long, value_name = "REF")]
+    pub(crate) compare: Option<PathBuf>,
+    /// Print what runs and what is skipped, and why.
+    #[arg(long)]
+    pub(crate) explain: bool,
+    /// Write figures, times and the plan as JSON.
     #[arg(long, value_name = "FILE")]
     pub(crate) json: Option<PathBuf>,
 }

@@ -3,10 +3,12 @@
 //! Every command checks its options and where it will write before it starts work. Errors are one line on stderr and
 //! exit status 1; a wrong command line is exit status 2; Ctrl-C before there was anything to keep is 130.
 
+mod aov;
 mod args;
 mod compare;
 mod demo;
 mod demo_asset;
+mod denoise;
 mod forecast;
 mod inspect;
 mod light;
@@ -17,6 +19,7 @@ mod path_render;
 mod preflight;
 mod progress;
 mod render;
+mod sequence;
 mod simplify;
 mod surface;
 mod surface_camera;
@@ -37,6 +40,7 @@ fn main() -> ExitCode {
         Command::Compare(a) => compare::run(a),
         Command::Inspect(a) => inspect::run(a),
         Command::Surface(a) => surface::run(a),
+        Command::Denoise(a) => denoise::run(a),
         Command::Demo(a) => demo::run(a),
     };
     let Err(error) = result else { return ExitCode::SUCCESS };

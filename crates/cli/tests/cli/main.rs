@@ -3,6 +3,7 @@
 
 mod bad_input;
 mod commands;
+mod denoise;
 mod path;
 mod simplify;
 mod support;

@@ -6,7 +6,7 @@ use crate::support::{photofit, stderr, stdout, succeeds};
 fn help_lists_commands_and_options() {
     let dir = tempfile::tempdir().unwrap();
     let help = stdout(&succeeds(dir.path(), &["--help"]));
-    for name in ["simplify", "render", "compare", "inspect", "demo"] {
+    for name in ["simplify", "render", "compare", "inspect", "denoise", "demo"] {
         assert!(help.contains(name), "{name}");
     }
     let help = stdout(&succeeds(dir.path(), &["simplify", "--help"]));

@@ -1,7 +1,8 @@
 //! Temporal accumulation by reprojection [@schied2017].
 //!
 //! Each pixel's surface point is looked up in the previous frame; of the four pixels around it those that show the
-//! same surface are averaged, and the new sample is mixed in with `max(1/count, minimum)`. Sums are linear in the
+//! same surface are averaged, weighted by what they hold, and the new sample of weight `w` is mixed in with
+//! `max(w/(count + w), minimum w)`, where `count` is the sum of the weights so far. Sums are linear in the
 //! radiance: logarithms are taken afterwards, for the mean of logarithms is darker than the logarithm of the mean.
 
 use super::camera::Camera;
@@ -31,7 +32,7 @@ struct Pixel {
     mean: [f32; 3],
     /// First and second moment of the mean over the channels.
     moments: [f32; 2],
-    /// Frames, and the sum of their squared weights.
+    /// Sum of the weights of the frames, and the sum of their squared shares of the mean.
     count: f32,
     squares: f32,
 }
@@ -53,7 +54,7 @@ pub struct Accumulator {
 pub struct TemporalFrame<'a> {
     /// 3 planes, demodulated, linear, finite.
     pub irradiance: &'a [f32],
-    /// One value per pixel; 0 is a hole.
+    /// One value per pixel, at most 1: how far the sample can be trusted; 0 is a hole.
     pub weight: &'a [f32],
     /// 3 planes; 0 where the ray meets nothing.
     pub normal: &'a [f32],
@@ -93,7 +94,7 @@ impl Accumulator {
         self.position.clear();
         self.position.extend_from_slice(frame.position);
         self.camera = Some(frame.camera);
-        Ok(self.pixels.iter().filter(|p| p.count <= 1.0).count())
+        Ok(self.pixels.iter().filter(|p| p.squares >= 1.0 || p.count == 0.0).count())
     }
 
     fn update(&self, frame: &TemporalFrame<'_>, i: usize) -> Pixel {
@@ -104,8 +105,9 @@ impl Accumulator {
         }
         let now: [f32; 3] = std::array::from_fn(|c| frame.irradiance[c * n + i]);
         let level = (now[0] + now[1] + now[2]) * (1.0 / 3.0);
-        let count = old.count + 1.0;
-        let a = (1.0 / count).max(self.settings.minimum).min(1.0);
+        let weight = frame.weight[i];
+        let count = old.count + weight;
+        let a = (weight / count).max(self.settings.minimum * weight).min(1.0);
         let mix = |old: f32, new: f32| old + a * (new - old);
         Pixel {
             mean: std::array::from_fn(|c| mix(old.mean[c], now[c])),
@@ -135,7 +137,7 @@ impl Accumulator {
         let (fx, fy) = ((x - x0) as f32, (y - y0) as f32);
         let reach = self.settings.plane * camera.depth(p) as f32;
         let mut out = Pixel::default();
-        let mut total = 0.0;
+        let (mut total, mut covered) = (0.0, 0.0);
         for (dx, dy, w) in [
             (0, 0, (1.0 - fx) * (1.0 - fy)),
             (1, 0, fx * (1.0 - fy)),
@@ -152,18 +154,20 @@ impl Accumulator {
             if old.count == 0.0 || offset > reach || dot(m, normal) < self.settings.normal {
                 continue;
             }
+            covered += w;
+            out.count += w * old.count;
+            let w = w * old.count;
             total += w;
             (0..3).for_each(|c| out.mean[c] += w * old.mean[c]);
             (0..2).for_each(|c| out.moments[c] += w * old.moments[c]);
-            out.count += w * old.count;
             out.squares += w * old.squares;
         }
-        if total < 0.01 {
+        if covered < 0.01 {
             return None;
         }
         let scale = 1.0 / total;
         out.mean.iter_mut().chain(&mut out.moments).for_each(|v| *v *= scale);
-        out.count *= scale;
+        out.count /= covered;
         out.squares *= scale;
         Some(out)
     }
@@ -173,7 +177,7 @@ impl Accumulator {
         (0..3).flat_map(|c| self.pixels.iter().map(move |p| p.mean[c])).collect()
     }
 
-    /// Frames in the mean of each pixel; 0 at holes.
+    /// Sum of the weights in the mean of each pixel, the number of frames where all are 1; 0 at holes.
     pub fn counts(&self) -> Vec<f32> {
         self.pixels.iter().map(|p| p.count).collect()
     }

@@ -94,6 +94,21 @@ pub(crate) fn correct_edges(
     shares
 }
 
+/// How far the demodulated picture can be trusted at each pixel, between 0 and 1: `weight / (1 + (4 e)^2)` with `e` the
+/// difference of the divisor to its 3 x 3 blur over the smaller of both. Where a feature misses a pixel's texture, the
+/// quotient is off by that much, whatever the number of samples.
+pub(crate) fn trusted(shape: Shape, divisor: &[f32], weight: &[f32]) -> Vec<f32> {
+    let n = shape.pixels();
+    let (r, g, b) = (&divisor[..n], &divisor[n..2 * n], &divisor[2 * n..]);
+    let level: Vec<f32> = r.iter().zip(g).zip(b).map(|((r, g), b)| r + g + b).collect();
+    let change = blurred_difference(shape, &level);
+    let of = |((d, c), w): ((&f32, &f32), &f32)| {
+        let e = 4.0 * c / d.min(d + c);
+        w / (1.0 + e * e)
+    };
+    level.iter().zip(&change).zip(weight).map(of).collect()
+}
+
 /// `blur(u) - u` for the 3 x 3 binomial blur of each plane; borders repeat.
 fn blurred_difference(shape: Shape, color: &[f32]) -> Vec<f32> {
     let (n, cols, rows) = (shape.pixels(), shape.cols, shape.rows);
@@ -152,17 +167,19 @@ impl Picture<'_> {
             if weight == 0.0 {
                 continue;
             }
-            let mut level = 0.0_f32;
+            let (mut level, mut blurred) = (0.0_f32, 0.0_f32);
             let (mut dd, mut dr, mut rr) = (0.0_f32, 0.0_f32, 0.0_f32);
             for c in 0..3 {
                 let (u, d) = (u[c][x], d[c][x]);
                 let r = v[c][x] - u;
                 level += u;
+                blurred += u + d;
                 dd += d * d;
                 dr += d * r;
                 rr += r * r;
             }
-            let w = (level * (1.0 / 3.0) + RELATIVE_FLOOR).powi(-2);
+            // The larger level, or dark pixels of jagged edges would outweigh all others.
+            let w = (level.max(blurred) * (1.0 / 3.0) + RELATIVE_FLOOR).powi(-2);
             // Without a known variance all of the residual counts as noise.
             let noise = noise.map_or(rr, |v| 3.0 * v[x]);
             let [dd, dr, rr, n] = [dd, dr, rr, noise].map(|v| f64::from(v * w));

@@ -46,14 +46,35 @@ impl Basis {
 /// The plane with mean 0 and deviation 1; `None` if it is constant.
 fn standardised(mut plane: Vec<f32>) -> Option<Vec<f32>> {
     let n = plane.len() as f64;
-    let mean = plane.iter().map(|v| f64::from(*v)).sum::<f64>() / n;
-    let square = plane.iter().map(|v| (f64::from(*v) - mean).powi(2)).sum::<f64>() / n;
-    let deviation = square.sqrt();
-    if deviation.is_nan() || deviation <= 1e-7 * mean.abs() || deviation == 0.0 {
+    // Sums of short runs in single precision, with the first value taken off, so that no offset costs digits.
+    let origin = plane.first().copied()?;
+    let sum = |f: &dyn Fn(&[f32]) -> f32| plane.chunks(RUN).map(|run| f64::from(f(run))).sum::<f64>();
+    let shift = (sum(&|run| lanes(run, |v| v - origin)) / n) as f32;
+    let mean = origin + shift;
+    let deviation = (sum(&|run| lanes(run, |v| (v - mean) * (v - mean))) / n).sqrt() as f32;
+    if deviation.is_nan() || deviation <= 1e-6 * mean.abs() || deviation == 0.0 {
         return None;
     }
+    let scale = 1.0 / deviation;
     for v in &mut plane {
-        *v = ((f64::from(*v) - mean) / deviation) as f32;
+        *v = (*v - mean) * scale;
     }
     Some(plane)
+}
+
+/// Values that are summed in single precision.
+const RUN: usize = 512;
+
+/// Sum of `f` in eight lanes.
+#[inline]
+fn lanes(run: &[f32], f: impl Fn(f32) -> f32) -> f32 {
+    let mut sum = [0.0_f32; 8];
+    let chunks = run.chunks_exact(8);
+    let rest = chunks.remainder().iter().map(|v| f(*v)).sum::<f32>();
+    for chunk in chunks {
+        for (s, v) in sum.iter_mut().zip(chunk) {
+            *s += f(*v);
+        }
+    }
+    sum.iter().sum::<f32>() + rest
 }

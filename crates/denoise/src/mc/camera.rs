@@ -34,6 +34,21 @@ impl Camera {
         Some(out)
     }
 
+    /// Distances from the camera from depths along its axis (0 where the ray meets nothing); `None` if the matrix has no
+    /// inverse.
+    pub fn distances(&self, along_axis: &[f32], cols: usize) -> Option<Vec<f32>> {
+        let inverse = invert(self.world_to_pixel.map(|r| [r[0], r[1], r[2]]))?;
+        let [a, b, c] = [self.world_to_pixel[2][0], self.world_to_pixel[2][1], self.world_to_pixel[2][2]];
+        // A ray scaled to 1 in w advances by this much along the axis.
+        let per_axis = (a * a + b * b + c * c).sqrt();
+        let length = |i: usize| {
+            let v = [(i % cols) as f64 + 0.5, (i / cols) as f64 + 0.5, 1.0];
+            let d = inverse.map(|r| r[0] * v[0] + r[1] * v[1] + r[2] * v[2]);
+            (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt() * per_axis
+        };
+        Some(along_axis.iter().enumerate().map(|(i, z)| (f64::from(*z) * length(i)) as f32).collect())
+    }
+
     /// Distance of a point from the plane of the camera's centre, in the units of `w`: the scale of depth tests.
     #[inline]
     pub(crate) fn depth(&self, p: [f32; 3]) -> f64 {
@@ -73,6 +88,12 @@ mod tests {
             assert!((x - expected[0]).abs() < 1e-4 && (y - expected[1]).abs() < 1e-4, "{i}: {x} {y}");
         }
         assert_eq!((p[5], p[17], p[29]), (0.0, 0.0, 0.0));
+        // The same points from their depths along the axis.
+        let along: Vec<f32> = (0..12)
+            .map(|i| if i == 5 { 0.0 } else { camera.depth([p[i], p[12 + i], p[24 + i]]) as f32 })
+            .collect();
+        let distances = camera.distances(&along, 4).expect("an invertible camera");
+        assert!(distances.iter().zip(&depth).all(|(a, b)| (a - b).abs() < 1e-4), "{distances:?} {depth:?}");
         assert_eq!(Camera { world_to_pixel: [[0.0; 4]; 3] }.positions(&depth, 4), None);
     }
 }

@@ -1,25 +1,35 @@
 //! Rare samples of huge value, pulled down to what their neighbourhood makes plausible.
+//!
+//! The neighbourhood is judged by a mean without its own fireflies: the mean of blocks and their neighbours, taken three
+//! times, each time with values cut at four times the mean before. A median would be 0 where most samples are black, as
+//! they are in indirect light, and would darken all that is left.
 
-use super::window::separable_median;
 use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSliceMut};
 
-/// Largest value over the local median.
-const OVER_MEDIAN: f32 = 8.0;
+/// Largest value over the local mean.
+const OVER_MEAN: f32 = 8.0;
+/// Values above this many means do not count in the next mean.
+const CUT: f32 = 4.0;
+/// Means.
+const PASSES: usize = 3;
+/// Pixels of a block's side.
+const BLOCK: usize = 4;
 
-/// Scales pixels whose mean over the channels exceeds `8 median + 0.5`, where the median is that of the 7 x 7
-/// neighbourhood, down to it; the hue stays. Units: exposure. Returns how many were scaled.
-pub(crate) fn clamp_fireflies(irradiance: &mut [f32], cols: usize) -> usize {
+/// Scales pixels whose mean over the channels exceeds `8 mean + 0.5`, with the local mean of the blocks around, down to it;
+/// the hue stays. Units: exposure. `weight` is 0 at holes. Returns how many were scaled.
+pub(crate) fn clamp_fireflies(irradiance: &mut [f32], weight: &[f32], cols: usize) -> usize {
     let n = irradiance.len() / 3;
     let (r, rest) = irradiance.split_at_mut(n);
     let (g, b) = rest.split_at_mut(n);
     let mean: Vec<f32> = r.iter().zip(&*g).zip(&*b).map(|((r, g), b)| (r + g + b) * (1.0 / 3.0)).collect();
-    let median = separable_median(&mean, cols);
+    let local = local_means(&mean, weight, cols);
+    let blocks = cols.div_ceil(BLOCK);
     let mut changed = vec![0_usize; n.div_ceil(cols)];
     let rows = r.par_chunks_mut(cols).zip(g.par_chunks_mut(cols)).zip(b.par_chunks_mut(cols));
     rows.zip(&mut changed).enumerate().with_min_len(16).for_each(|(y, (((r, g), b), changed))| {
-        let row = y * cols..y * cols + r.len();
-        for (x, (mean, median)) in mean[row.clone()].iter().zip(&median[row]).enumerate() {
-            let limit = OVER_MEDIAN * median.max(0.0) + 0.5;
+        let local = &local[y / BLOCK * blocks..];
+        for (x, mean) in mean[y * cols..].iter().take(r.len()).enumerate() {
+            let limit = OVER_MEAN * local[x / BLOCK] + 0.5;
             if *mean > limit {
                 let scale = limit / mean;
                 r[x] *= scale;
@@ -30,4 +40,66 @@ pub(crate) fn clamp_fireflies(irradiance: &mut [f32], cols: usize) -> usize {
         }
     });
     changed.iter().sum()
+}
+
+/// The mean around each block, without the values that stand out.
+fn local_means(mean: &[f32], weight: &[f32], cols: usize) -> Vec<f32> {
+    let rows = mean.len().div_ceil(cols);
+    let (ch, cw) = (rows.div_ceil(BLOCK), cols.div_ceil(BLOCK));
+    let mut local = vec![f32::INFINITY; ch * cw];
+    for _ in 0..PASSES {
+        let mut sums = vec![[0.0_f32; 2]; ch * cw];
+        sums.par_chunks_mut(cw).enumerate().for_each(|(cy, sums)| {
+            let local = &local[cy * cw..][..cw];
+            for y in cy * BLOCK..(cy * BLOCK + BLOCK).min(rows) {
+                let (mean, weight) = (&mean[y * cols..][..cols], &weight[y * cols..][..cols]);
+                let blocks = mean.chunks(BLOCK).zip(weight.chunks(BLOCK)).zip(local).zip(sums.iter_mut());
+                for (((mean, weight), local), sum) in blocks {
+                    for (m, w) in mean.iter().zip(weight) {
+                        let known = if *w > 0.0 { 1.0 } else { 0.0 };
+                        sum[0] += known * m.min(CUT * local);
+                        sum[1] += known;
+                    }
+                }
+            }
+        });
+        let around = |c: usize, n: usize| c.saturating_sub(1)..(c + 2).min(n);
+        local = (0..ch * cw)
+            .map(|k| {
+                let mut total = [0.0_f32; 2];
+                for y in around(k / cw, ch) {
+                    for [sum, count] in &sums[y * cw..][around(k % cw, cw)] {
+                        total[0] += sum;
+                        total[1] += count;
+                    }
+                }
+                if total[1] > 0.0 { total[0] / total[1] } else { 0.0 }
+            })
+            .collect();
+    }
+    local
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn outliers_go_and_sparse_light_stays() {
+        let (rows, cols) = (48, 64);
+        // Six of ten samples are black, the others 1: nothing stands out.
+        let sparse: Vec<f32> = (0..3 * rows * cols)
+            .map(|i| if (i % (rows * cols)) * 7919 % 10 < 6 { 0.0 } else { 1.0 })
+            .collect();
+        let weight = vec![1.0; rows * cols];
+        let mut plane = sparse.clone();
+        assert_eq!(clamp_fireflies(&mut plane, &weight, cols), 0);
+        assert_eq!(plane, sparse);
+        for value in [40.0, 1e4] {
+            let mut plane = sparse.clone();
+            (0..3).for_each(|c| plane[c * rows * cols + 20 * cols + 31] = value);
+            assert_eq!(clamp_fireflies(&mut plane, &weight, cols), 1);
+            assert!((2.0..8.0).contains(&plane[20 * cols + 31]), "{}", plane[20 * cols + 31]);
+        }
+    }
 }

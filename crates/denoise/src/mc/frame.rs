@@ -10,7 +10,7 @@ pub struct Guides<'a> {
     pub albedo: Option<&'a [f32]>,
     /// Unit normals, 3 planes, any frame; 0 where the ray meets nothing.
     pub normal: Option<&'a [f32]>,
-    /// Distance from the camera, 1 plane; 0 where the ray meets nothing.
+    /// Distance from the camera, 1 plane; 0 (or more than 1e9) where the ray meets nothing.
     pub depth: Option<&'a [f32]>,
     /// World position, 3 planes; 0 where the ray meets nothing.
     pub position: Option<&'a [f32]>,
@@ -81,10 +81,13 @@ pub(crate) struct Features {
     pub(crate) position: Option<Vec<f32>>,
 }
 
+/// Depths beyond count as nothing hit: renderers write 1e10 and the like.
+const FARTHEST: f32 = 1e9;
+
 impl Features {
     /// Copies what is there and is not constant.
     pub(crate) fn of(guides: &Guides<'_>, pixels: usize, plan: &mut Plan) -> Self {
-        let mut copy = |name: &'static str, plane: Option<&[f32]>| {
+        let mut copy = |name: &'static str, plane: Option<&[f32]>, most: f32| {
             let Some(plane) = plane else {
                 plan.skip(name, "not given");
                 return None;
@@ -99,13 +102,13 @@ impl Features {
                 0 => plan.run(name, "guide"),
                 _ => plan.run(name, format!("guide; {bad} values that are not finite became 0")),
             }
-            Some(plane.iter().map(|v| if v.is_finite() { *v } else { 0.0 }).collect::<Vec<f32>>())
+            Some(plane.iter().map(|v| if v.abs() <= most { *v } else { 0.0 }).collect::<Vec<f32>>())
         };
         Self {
-            albedo: copy("albedo", guides.albedo),
-            normal: copy("normal", guides.normal),
-            depth: copy("depth", guides.depth),
-            position: copy("position", guides.position),
+            albedo: copy("albedo", guides.albedo, f32::MAX),
+            normal: copy("normal", guides.normal, f32::MAX),
+            depth: copy("depth", guides.depth, FARTHEST),
+            position: copy("position", guides.position, f32::MAX),
         }
     }
 }

@@ -142,7 +142,7 @@ impl Sequence {
         let reset = plan.stage("history", || {
             let reset = history.add(&TemporalFrame {
                 irradiance: &prepared.irradiance,
-                weight: &prepared.weight,
+                weight: &prepared.trust,
                 normal: &normal,
                 position: &position,
                 camera,
@@ -169,8 +169,11 @@ impl Sequence {
         let history = self.accumulator.as_ref()?;
         let (mut prepared, mut plan) = (last.clone(), plan.clone());
         if self.frames > 1 {
-            prepared.irradiance = history.mean();
-            prepared.weight = history.effective();
+            let irradiance = std::mem::replace(&mut prepared.irradiance, history.mean());
+            let weight = std::mem::replace(&mut prepared.weight, history.effective());
+            prepared.last = Some([irradiance, weight]);
+            prepared.trust =
+                prepared.weight.iter().zip(history.counts()).map(|(w, count)| w.min(count)).collect();
             let mean = prepared.weight.iter().sum::<f32>() / prepared.weight.len() as f32;
             plan.run("mean", format!("{mean:.2} effective samples per pixel, {} pixels new", self.reset));
             prepared.variance = accumulated_variance(history, prepared.shape.cols);
@@ -232,7 +235,11 @@ fn filter(prepared: Prepared, settings: &Settings, mut plan: Plan) -> Result<Den
             (atrous(p.shape, &p.features, &p.irradiance, &variance, &p.weight), "5 levels of 5 x 5 taps")
         }),
     };
-    let mut noisy = prepared.irradiance;
+    // Only samples of the pixel itself show how its edge is covered: those of a history were divided by other albedos.
+    let (mut noisy, weight, variance) = match prepared.last {
+        Some([irradiance, weight]) => (irradiance, weight, None),
+        None => (prepared.irradiance, prepared.weight, prepared.variance),
+    };
     if let Some(d) = &prepared.divisor {
         plan.stage("remodulation", || {
             remodulate(&mut estimate, d);
@@ -240,7 +247,7 @@ fn filter(prepared: Prepared, settings: &Settings, mut plan: Plan) -> Result<Den
             ((), "times the same divisor")
         });
     }
-    let variance = prepared.variance.map(|mut v| {
+    let variance = variance.map(|mut v| {
         if let Some(d) = &prepared.divisor {
             let n = v.len();
             v.iter_mut()
@@ -252,8 +259,7 @@ fn filter(prepared: Prepared, settings: &Settings, mut plan: Plan) -> Result<Den
     let sampled = [&prepared.features.albedo, &prepared.features.normal];
     match settings.model {
         Model::Auto if sampled.iter().any(|f| f.is_some()) => plan.stage("edges", || {
-            let s =
-                correct_edges(prepared.shape, &mut estimate, &noisy, &prepared.weight, variance.as_deref());
+            let s = correct_edges(prepared.shape, &mut estimate, &noisy, &weight, variance.as_deref());
             let list = |v: &[f32]| v.iter().map(|v| format!("{v:.2}")).collect::<Vec<_>>().join(" ");
             let (blur, own) = (list(&s.blur), list(&s.noisy));
             ((), format!("{:.1}% of the pixels; blur {blur}, own samples {own} by strength", 100.0 * s.edges))
@@ -274,7 +280,7 @@ fn regression(p: &Prepared, plan: &mut Plan) -> Vec<f32> {
         (basis, names)
     });
     plan.stage("regression", || {
-        let r = regress(p.shape, &basis, &p.irradiance, &p.weight, p.variance.as_deref());
+        let r = regress(p.shape, &basis, &p.irradiance, &p.trust, p.variance.as_deref());
         let shares = r.shares.map(|s| format!("{:.0}%", 100.0 * s)).join(" ");
         let why = format!("widths of 3, 5, 8, 16 pixels in {shares} of {} cells; {} flat", r.cells, r.flat);
         (r.estimate, why)

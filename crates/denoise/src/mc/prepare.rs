@@ -1,10 +1,12 @@
 //! From a rendered picture to what the models filter: holes, irradiance, exposure, fireflies, noise.
 
+use super::antialias::trusted;
 use super::firefly::clamp_fireflies;
 use super::frame::{Features, Frame};
 use super::noise::half_variance;
 use super::{Plan, Settings, demodulate, divisor};
 use crate::{DenoiseError, Shape};
+use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSliceMut};
 
 /// Mean irradiance that every picture is scaled to: logarithms and thresholds then mean the same for all.
 const EXPOSURE: f32 = 0.35;
@@ -20,12 +22,16 @@ pub(crate) struct Prepared {
     pub(crate) key: f32,
     /// 3 planes; 0 at holes.
     pub(crate) irradiance: Vec<f32>,
+    /// Irradiance and weight of the last frame alone, if `irradiance` has a history.
+    pub(crate) last: Option<[Vec<f32>; 2]>,
     /// The two halves, if they are given.
     pub(crate) halves: Option<[Vec<f32>; 2]>,
     /// Variance of the irradiance, mean over the channels, if it is known.
     pub(crate) variance: Option<Vec<f32>>,
     /// Relative number of samples of each pixel; 0 at holes.
     pub(crate) weight: Vec<f32>,
+    /// The weight, less where the divisor may miss what the pixel shows.
+    pub(crate) trust: Vec<f32>,
     pub(crate) holes: usize,
     pub(crate) fireflies: usize,
 }
@@ -62,8 +68,8 @@ impl Prepared {
         });
         let fireflies = match settings.fireflies {
             true => plan.stage("fireflies", || {
-                let count = sides.iter_mut().map(|s| clamp_fireflies(s, shape.cols)).sum::<usize>();
-                (count, format!("{count} pixels above 8 times the median of their neighbourhood"))
+                let count = sides.iter_mut().map(|s| clamp_fireflies(s, &weight, shape.cols)).sum::<usize>();
+                (count, format!("{count} pixels above 8 times the mean of their neighbourhood"))
             }),
             false => {
                 plan.skip("fireflies", "switched off");
@@ -71,8 +77,12 @@ impl Prepared {
             }
         };
         let variance = plan.stage("noise", || match (&sides[..], frame.variance) {
+            ([a, b], _) if a == b => (None, "the halves are equal: estimated from residuals"),
             ([a, b], _) => (Some(half_variance(a, b)), "from the two halves"),
-            (_, Some(v)) => (Some(scaled(v, divisor.as_deref(), key)), "from the variance layer"),
+            (_, Some(v)) if v.iter().any(|v| *v > 0.0) => {
+                (Some(scaled(v, divisor.as_deref(), key)), "from the variance layer")
+            }
+            (_, Some(_)) => (None, "the variance layer is all 0: estimated from residuals"),
             _ => (None, "not known beforehand: estimated from residuals"),
         });
         let (irradiance, halves) = match (sides.pop(), sides.pop()) {
@@ -82,7 +92,21 @@ impl Prepared {
             }
             (last, _) => (last.unwrap_or_default(), None),
         };
-        Ok(Self { shape, features, divisor, key, irradiance, halves, variance, weight, holes, fireflies })
+        let trust = divisor.as_ref().map_or_else(|| weight.clone(), |d| trusted(shape, d, &weight));
+        Ok(Self {
+            trust,
+            last: None,
+            shape,
+            features,
+            divisor,
+            key,
+            irradiance,
+            halves,
+            variance,
+            weight,
+            holes,
+            fireflies,
+        })
     }
 
     /// Mean over the channels.
@@ -100,17 +124,25 @@ fn holes(frame: &Frame<'_>) -> (Vec<Vec<f32>>, Vec<f32>, usize) {
         std::iter::once(frame.color).chain(frame.half).map(<[f32]>::to_vec).collect();
     // Larger values would overflow when they are squared.
     let sound = |v: f32| v.abs() < 1e15;
-    let mut weight = vec![1.0; n];
-    let mut count = 0;
-    for i in 0..n {
-        let finite = sides.iter().all(|s| sound(s[i]) && sound(s[n + i]) && sound(s[2 * n + i]));
-        let known = frame.variance.is_none_or(|v| (0..3).all(|c| v[c * n + i].is_finite()));
-        if !(finite && known) {
-            weight[i] = 0.0;
-            count += 1;
-            for s in &mut sides {
-                (0..3).for_each(|c| s[c * n + i] = 0.0);
+    let known = |i: usize| frame.variance.is_none_or(|v| (0..3).all(|c| v[c * n + i].is_finite()));
+    let mut weight = vec![1.0_f32; n];
+    const RUN: usize = 1 << 14;
+    let count = weight.par_chunks_mut(RUN).enumerate().map(|(k, run)| {
+        let from = k * RUN;
+        for plane in sides.iter().flat_map(|side| side.chunks(n)) {
+            for (w, v) in run.iter_mut().zip(&plane[from..]) {
+                *w = if sound(*v) { *w } else { 0.0 };
             }
+        }
+        if frame.variance.is_some() {
+            run.iter_mut().enumerate().filter(|(i, _)| !known(from + i)).for_each(|(_, w)| *w = 0.0);
+        }
+        run.iter().filter(|w| **w == 0.0).count()
+    });
+    let count = count.sum::<usize>();
+    if count > 0 {
+        for i in (0..n).filter(|i| weight[*i] == 0.0) {
+            sides.iter_mut().for_each(|s| (0..3).for_each(|c| s[c * n + i] = 0.0));
         }
     }
     (sides, weight, count)

@@ -33,6 +33,13 @@ const LEVERAGE: f32 = 1.0;
 /// Added to the estimate in relative errors, in units of exposure.
 pub(crate) const RELATIVE_FLOOR: f32 = 0.05;
 
+/// An estimate stays between half the least and twice the largest mean of the cells around: a linear model that is carried
+/// past its samples turns highlights and contact shadows black.
+const BOUNDS: [f32; 2] = [0.5, 2.0];
+
+/// The width of these means.
+const BOUNDS_WIDTH: usize = 1;
+
 /// What a regression gave.
 #[derive(Clone, Debug)]
 pub(crate) struct Regression {
@@ -50,6 +57,8 @@ pub(crate) struct Regression {
 struct Fit {
     /// `[cell][regressor][channel]`.
     coefficients: Vec<f32>,
+    /// Weighted mean of the window, `[cell][channel]`.
+    levels: Vec<f32>,
     /// Cells whose window holds no sample.
     empty: Vec<bool>,
 }
@@ -103,7 +112,7 @@ pub(crate) fn regress(
         }
         shares[*width] += 1.0 / choice.len() as f32;
     }
-    let estimate = samples.evaluate(&chosen);
+    let estimate = samples.evaluate(&chosen, &samples.bounds(&fits[BOUNDS_WIDTH]));
     Regression { estimate, shares, flat: flat.iter().filter(|f| **f).count(), cells: flat.len() }
 }
 
@@ -203,23 +212,51 @@ impl Samples<'_> {
         let k = self.planes.len() + 1;
         let (m, cw, n) = (moments_of(k), self.cells[1], self.shape.pixels());
         let mut coefficients = vec![0.0; flat.len() * 3 * k];
-        let mut empty = vec![false; flat.len()];
-        let rows = coefficients.par_chunks_mut(cw * 3 * k).zip(empty.par_chunks_mut(cw));
-        rows.enumerate().for_each(|(cy, (out, empty))| {
+        let (mut empty, mut levels) = (vec![false; flat.len()], vec![0.0; 3 * flat.len()]);
+        let rows = coefficients.par_chunks_mut(cw * 3 * k).zip(levels.par_chunks_mut(3 * cw));
+        rows.zip(empty.par_chunks_mut(cw)).enumerate().for_each(|(cy, ((out, levels), empty))| {
             let mut system = [0.0_f64; moments_of(MAX_REGRESSORS + 1)];
-            for (cx, (out, empty)) in out.chunks_mut(3 * k).zip(empty).enumerate() {
+            let cells = out.chunks_mut(3 * k).zip(levels.chunks_mut(3)).zip(empty);
+            for (cx, ((out, level), empty)) in cells.enumerate() {
                 if flat[cy * cw + cx] {
                     let pixel = cy * CELL * self.shape.cols + cx * CELL;
                     (0..3).for_each(|c| out[c] = self.irradiance[c * n + pixel]);
+                    level.copy_from_slice(&out[..3]);
                     continue;
                 }
                 for (i, s) in system[..m].iter_mut().enumerate() {
                     *s = f64::from(moments[(cy * m + i) * cw + cx]);
                 }
                 *empty = !solve_cell(k, &system[..m], out);
+                // The products of the constant with the colours, over that with itself.
+                let count = system[0].max(1e-30);
+                level.iter_mut().zip(&system[k..]).for_each(|(l, s)| *l = (s / count) as f32);
             }
         });
-        Fit { coefficients, empty }
+        Fit { coefficients, levels, empty }
+    }
+
+    /// `[least, most]` per cell and channel from the means of the cells around.
+    fn bounds(&self, fit: &Fit) -> Vec<[[f32; 3]; 2]> {
+        let [ch, cw] = self.cells;
+        let around = |c: usize, n: usize| c.saturating_sub(1)..(c + 2).min(n);
+        let of = |cell: usize| {
+            let mut out = [[f32::INFINITY; 3], [0.0; 3]];
+            for y in around(cell / cw, ch) {
+                for k in around(cell % cw, cw).map(|x| y * cw + x) {
+                    if fit.empty[k] {
+                        return [[0.0; 3], [f32::INFINITY; 3]];
+                    }
+                    for c in 0..3 {
+                        let level = fit.levels[3 * k + c];
+                        out[0][c] = out[0][c].min(BOUNDS[0] * level);
+                        out[1][c] = out[1][c].max(BOUNDS[1] * level);
+                    }
+                }
+            }
+            out
+        };
+        (0..ch * cw).map(of).collect()
     }
 
     /// The width of each cell.
@@ -288,8 +325,8 @@ impl Samples<'_> {
         }
     }
 
-    /// The whole estimate.
-    fn evaluate(&self, coefficients: &[f32]) -> Vec<f32> {
+    /// The whole estimate within `bounds`.
+    fn evaluate(&self, coefficients: &[f32], bounds: &[[[f32; 3]; 2]]) -> Vec<f32> {
         let (cols, n) = (self.shape.cols, self.shape.pixels());
         let mut out = vec![0.0; 3 * n];
         let (r, rest) = out.split_at_mut(n);
@@ -298,9 +335,14 @@ impl Samples<'_> {
         let scratch = || (Vec::new(), vec![0.0; 3 * cols]);
         rows.enumerate().with_min_len(8).for_each_init(scratch, |(line, row), (y, ((r, g), b))| {
             self.evaluate_row(coefficients, y, line, row);
-            r.copy_from_slice(&row[..cols]);
-            g.copy_from_slice(&row[cols..2 * cols]);
-            b.copy_from_slice(&row[2 * cols..]);
+            let bounds = &bounds[y / CELL * self.cells[1]..];
+            for (c, (out, row)) in [r, g, b].into_iter().zip(row.chunks(cols)).enumerate() {
+                for ((out, row), [least, most]) in out.chunks_mut(CELL).zip(row.chunks(CELL)).zip(bounds) {
+                    for (o, v) in out.iter_mut().zip(row) {
+                        *o = v.max(least[c]).min(most[c]);
+                    }
+                }
+            }
         });
         out
     }

@@ -114,6 +114,10 @@ fn halves_and_variance_layers_reach_the_plan() {
     assert!(why(&plain, "strength").contains("default") && plain.strength == Some(8.0));
     assert!(why(&halves, "strength").contains("cross-validation"), "{}", halves.plan);
     assert!(why(&layer, "deviation").contains("known variance"), "{}", layer.plan);
+    // One sample has no variance: renderers then write zeros, which say nothing.
+    let zeros = vec![0.0; n];
+    let none = denoise(&Frame { variance: Some(&zeros), ..frame }, &with(model)).expect("sound");
+    assert!(why(&none, "noise").contains("all 0") && none.color == plain.color, "{}", none.plan);
     for frame in [Frame { half: Some(&b), ..frame }, Frame { variance: Some(&variance), ..frame }] {
         let known = denoise(&frame, &Settings::default()).expect("sound");
         let error = display_rmse(&known.color, &scene.reference);

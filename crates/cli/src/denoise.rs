@@ -1,0 +1,322 @@
+//! `photofit denoise`: a clean picture from a noisy rendering and its feature layers.
+
+use crate::aov::{Kind, Layers};
+use crate::args::{Denoise, DenoiseModel};
+use crate::output::{self, print};
+use crate::preflight;
+use crate::progress::{Terminal, handle_interrupts};
+use crate::sequence;
+use anyhow::{Result, anyhow, bail};
+use photofit_denoise::mc::{Denoised, Frame, Guides, Model, Sequence, Settings, VariationalModel, denoise};
+use photofit_fit::{FitError, Progress};
+use photofit_image::{
+    DEFAULT_PIXELS_PER_DEGREE, Image, flip, psnr_from_mse, rmse, ssim, to_display, write_exr, write_png,
+};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// The files of one frame.
+#[derive(Clone, Debug)]
+pub(crate) struct Files {
+    pub(crate) color: PathBuf,
+    pub(crate) guides: Vec<(Kind, PathBuf)>,
+    pub(crate) half: Option<PathBuf>,
+}
+
+/// The planes of one frame.
+struct Loaded {
+    width: usize,
+    height: usize,
+    color: Vec<f32>,
+    alpha: Option<Vec<f32>>,
+    half: Option<Vec<f32>>,
+    guides: Vec<(Kind, Vec<f32>)>,
+    sources: Vec<(Kind, String)>,
+}
+
+impl Loaded {
+    fn frame(&self) -> Frame<'_> {
+        let get = |kind: Kind| self.guides.iter().find(|(k, _)| *k == kind).map(|(_, v)| v.as_slice());
+        let guides = Guides {
+            albedo: get(Kind::Albedo),
+            normal: get(Kind::Normal),
+            depth: get(Kind::Depth),
+            position: get(Kind::Position),
+        };
+        let mut frame = Frame::new(self.height, self.width, &self.color).with_guides(guides);
+        frame.half = self.half.as_deref();
+        frame.variance = get(Kind::Variance);
+        frame
+    }
+}
+
+pub(crate) fn run(a: &Denoise) -> Result<()> {
+    preflight::file(&a.output, &["exr", "png"])?;
+    if let Some(file) = &a.json {
+        preflight::file(file, &[])?;
+    }
+    let files = Files {
+        color: a.input.clone(),
+        guides: [
+            (Kind::Albedo, &a.albedo),
+            (Kind::Normal, &a.normal),
+            (Kind::Depth, &a.depth),
+            (Kind::Position, &a.position),
+            (Kind::Variance, &a.variance),
+        ]
+        .into_iter()
+        .filter_map(|(kind, path)| Some((kind, path.clone()?)))
+        .collect(),
+        half: a.half.clone(),
+    };
+    let settings = Settings {
+        model: model(a.model),
+        restore_mean: a.restore_mean,
+        fireflies: !a.keep_fireflies,
+        ..Settings::default()
+    };
+    handle_interrupts();
+    let reference =
+        a.compare.as_ref().map(|path| Ok::<_, anyhow::Error>((path, read_rgb(path)?))).transpose()?;
+    // What cannot be compared is said before the work.
+    let check = |loaded: &Loaded| match &reference {
+        Some((path, image)) => same_size(image, &path.display().to_string(), loaded.width, loaded.height),
+        None => Ok(()),
+    };
+    let progress = Terminal::new();
+    let (last, result, seconds) = match &a.sequence {
+        Some(cameras) => over_sequence(&files, cameras, settings, &progress, check)?,
+        None => {
+            let loaded = load(&files)?;
+            check(&loaded)?;
+            progress.report("denoise", 0, 1, "");
+            let began = Instant::now();
+            let result =
+                denoise(&loaded.frame(), &settings).map_err(|e| anyhow!("{}: {e}", a.input.display()))?;
+            (loaded, result, began.elapsed().as_secs_f64())
+        }
+    };
+    progress.finish();
+    let image = interleaved(&result.color, last.width, last.height);
+    let mut text = String::new();
+    if a.explain {
+        text += &result.plan.to_string();
+        last.sources.iter().for_each(|(kind, from)| text += &format!("{kind} from {from}\n"));
+    }
+    let mut value = json_of(a, &last, &result, seconds);
+    if let Some((_, reference)) = &reference {
+        progress.report("compare", 0, 1, "");
+        text += &compare(&mut value, reference, &interleaved(&last.color, last.width, last.height), &image);
+        progress.finish();
+    }
+    if result.holes > 0 {
+        text += &format!("{} pixels with NaN or infinity were filled\n", output::count(result.holes));
+    }
+    write(&a.output, &image, last.alpha.as_deref())?;
+    if let Some(file) = &a.json {
+        output::write_json(file, &value)?;
+    }
+    text += &format!(
+        "wrote {} ({} x {}, {:.3} s without files)\n",
+        a.output.display(),
+        last.width,
+        last.height,
+        seconds
+    );
+    print(&text)
+}
+
+fn model(m: DenoiseModel) -> Model {
+    match m {
+        DenoiseModel::Auto => Model::Auto,
+        DenoiseModel::Rof => Model::Variational(VariationalModel::Rof),
+        DenoiseModel::Tvl1 => Model::Variational(VariationalModel::TvL1),
+        DenoiseModel::Hybrid => Model::Variational(VariationalModel::Hybrid),
+        DenoiseModel::Tgv => Model::Variational(VariationalModel::Tgv),
+        DenoiseModel::Atrous => Model::Atrous,
+    }
+}
+
+/// Denoises the last of the frames that lead to it.
+fn over_sequence(
+    files: &Files,
+    cameras: &Path,
+    settings: Settings,
+    progress: &Terminal,
+    check: impl Fn(&Loaded) -> Result<()>,
+) -> Result<(Loaded, Denoised, f64)> {
+    if files.half.is_some() {
+        bail!("{}: --half and --sequence do not go together", cameras.display());
+    }
+    let frames = sequence::frames(cameras, files)?;
+    let mut history = Sequence::new(settings);
+    let mut last = None;
+    let mut seconds = 0.0;
+    for (k, frame) in frames.iter().enumerate() {
+        let mut loaded = load(&frame.files)?;
+        check(&loaded)?;
+        progress.report("frames", k as u64, frames.len() as u64, "");
+        if progress.is_cancelled() {
+            bail!(FitError::Interrupted);
+        }
+        let width = loaded.width;
+        if let Some((_, depth)) =
+            loaded.guides.iter_mut().find(|(kind, _)| frame.axial && *kind == Kind::Depth)
+        {
+            let rule = "world_to_pixel has no inverse";
+            let near = depth.iter().map(|z| if *z < 1e9 { *z } else { 0.0 }).collect::<Vec<f32>>();
+            *depth = frame
+                .camera
+                .distances(&near, width)
+                .ok_or_else(|| anyhow!("{}: {rule}", cameras.display()))?;
+        }
+        let began = Instant::now();
+        history
+            .push(&loaded.frame(), frame.camera)
+            .map_err(|e| anyhow!("{}: {e}", frame.files.color.display()))?;
+        seconds += began.elapsed().as_secs_f64();
+        last = Some(loaded);
+    }
+    progress.report("denoise", 0, 1, "");
+    let began = Instant::now();
+    let (Some(loaded), Some(result)) = (last, history.denoise()) else {
+        bail!("{}: no frame up to {}", cameras.display(), files.color.display());
+    };
+    let result = result.map_err(|e| anyhow!("{}: {e}", files.color.display()))?;
+    Ok((loaded, result, seconds + began.elapsed().as_secs_f64()))
+}
+
+/// Reads the files of a frame; guides that have no file of their own are looked for beside the colour.
+fn load(files: &Files) -> Result<Loaded> {
+    let layers = Layers::read(&files.color)?;
+    let (name, color) = layers.color()?;
+    let place = |path: &Path, layer: &str| match layer {
+        "" => path.display().to_string(),
+        _ => format!("{}, layer {layer}", path.display()),
+    };
+    let mut loaded = Loaded {
+        width: color.width,
+        height: color.height,
+        color: planes(&color, 3),
+        alpha: (color.channels == 4).then(|| planes(&color.select(&[3]), 1)),
+        half: None,
+        guides: Vec::new(),
+        sources: vec![(Kind::Color, place(&files.color, &name))],
+    };
+    if let Some(path) = &files.half {
+        let (name, half) = Layers::read(path)?.color()?;
+        same_size(&half, &place(path, &name), color.width, color.height)?;
+        loaded.half = Some(planes(&half, 3));
+    }
+    for kind in Kind::GUIDES {
+        let found = match files.guides.iter().find(|(k, _)| *k == kind) {
+            Some((_, path)) => {
+                let (name, image) = Layers::read(path)?.guide(kind)?;
+                Some((place(path, &name), image))
+            }
+            None => layers.find(kind).map(|(name, image)| (place(&files.color, &name), image)),
+        };
+        if let Some((from, image)) = found {
+            same_size(&image, &from, color.width, color.height)?;
+            let channels = image.channels;
+            loaded.guides.push((kind, planes(&image, channels)));
+            loaded.sources.push((kind, from));
+        }
+    }
+    Ok(loaded)
+}
+
+fn same_size(image: &Image, from: &str, width: usize, height: usize) -> Result<()> {
+    if (image.width, image.height) != (width, height) {
+        bail!("{from}: {} x {}, but the colour is {width} x {height}", image.width, image.height);
+    }
+    Ok(())
+}
+
+/// The first channels as planes.
+fn planes(image: &Image, channels: usize) -> Vec<f32> {
+    (0..channels).flat_map(|c| image.data.iter().skip(c).step_by(image.channels).copied()).collect()
+}
+
+fn interleaved(planes: &[f32], width: usize, height: usize) -> Image {
+    let n = width * height;
+    Image::from_data(width, height, 3, (0..3 * n).map(|i| planes[i % 3 * n + i / 3]).collect())
+}
+
+/// Linear RGB of a picture file.
+fn read_rgb(path: &Path) -> Result<Image> {
+    let (_, image) = Layers::read(path)?.color()?;
+    Ok(image.select(&[0, 1, 2]))
+}
+
+/// Writes the picture with its alpha; a PNG is encoded for a display.
+fn write(path: &Path, image: &Image, alpha: Option<&[f32]>) -> Result<()> {
+    let with_alpha = alpha.map(|alpha| {
+        let pixels = image.data.chunks_exact(3).zip(alpha);
+        Image::from_data(
+            image.width,
+            image.height,
+            4,
+            pixels.flat_map(|(p, a)| [p[0], p[1], p[2], *a]).collect(),
+        )
+    });
+    let image = with_alpha.as_ref().unwrap_or(image);
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
+        return Ok(write_png(path, image)?);
+    }
+    Ok(write_exr(path, &[("", image, &["R", "G", "B", "A"][..image.channels])])?)
+}
+
+fn json_of(a: &Denoise, last: &Loaded, result: &Denoised, seconds: f64) -> Value {
+    let steps: Vec<Value> = result
+        .plan
+        .steps
+        .iter()
+        .map(|s| json!({ "name": s.name, "runs": s.runs, "why": s.why, "seconds": s.seconds }))
+        .collect();
+    let sources: serde_json::Map<String, Value> =
+        last.sources.iter().map(|(kind, from)| (kind.to_string(), json!(from))).collect();
+    json!({
+        "input": a.input.display().to_string(),
+        "output": a.output.display().to_string(),
+        "width": last.width,
+        "height": last.height,
+        "model": format!("{:?}", a.model).to_ascii_lowercase(),
+        "seconds": seconds,
+        "holes": result.holes,
+        "fireflies": result.fireflies,
+        "strength": result.strength,
+        "layers": sources,
+        "plan": steps,
+    })
+}
+
+/// Figures of the noisy and the clean picture, as text and into the JSON.
+fn compare(value: &mut Value, reference: &Image, noisy: &Image, clean: &Image) -> String {
+    let shown = to_display(reference);
+    let figures = |image: &Image| {
+        let finite = image.map(|v| if v.is_finite() { v } else { 0.0 });
+        let display = to_display(&finite);
+        let display_rmse = rmse(&shown, &display);
+        let psnr = psnr_from_mse(display_rmse * display_rmse);
+        let flip = flip(&shown, &display, DEFAULT_PIXELS_PER_DEGREE).mean;
+        (psnr, ssim(&shown, &display).mean, flip, display_rmse, rmse(reference, &finite))
+    };
+    let mut text = format!(
+        "{:<10} {:>9} {:>8} {:>8} {:>8} {:>11}\n",
+        "", "PSNR dB", "SSIM", "FLIP", "RMSE", "linear RMSE"
+    );
+    for (name, image) in [("noisy", noisy), ("denoised", clean)] {
+        let (psnr, ssim, flip, rmse, linear) = figures(image);
+        text += &format!("{name:<10} {psnr:>9.2} {ssim:>8.4} {flip:>8.4} {rmse:>8.4} {linear:>11.4}\n");
+        let figures =
+            json!({ "psnr": psnr, "ssim": ssim, "flip": flip, "rmse": rmse, "linear_rmse": linear });
+        if name == "noisy" {
+            value["noisy"] = figures;
+        } else if let (Some(all), Some(own)) = (value.as_object_mut(), figures.as_object()) {
+            all.extend(own.clone());
+        }
+    }
+    text
+}
