@@ -12,9 +12,10 @@ pub(crate) fn run() -> Result<()> {
     run_cargo_with(&["doc", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "-D warnings")])?;
     facade_features()?;
     if is_installed("cargo-deny", &[]) {
-        run_cargo(&["deny", "check"])
+        // Advisories come over the network and change from day to day: `cargo deny check advisories` by hand.
+        run_cargo(&["deny", "check", "bans", "licenses", "sources"])
     } else {
-        println!("SKIPPED: cargo deny check (licences, advisories, bans): cargo-deny is not installed");
+        println!("SKIPPED: cargo deny check (licences, bans, sources): cargo-deny is not installed");
         Ok(())
     }
 }
