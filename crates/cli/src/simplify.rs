@@ -159,8 +159,7 @@ impl Job<'_> {
     }
 
     fn print_summary(&self, o: &Outcome, report: Option<&Path>) -> Result<()> {
-        let mut text =
-            output::quality_table(&[("decimated", &o.decimated), ("baked", &o.baked), ("fitted", &o.fitted)]);
+        let mut text = output::quality_table(&o.stages());
         text += &format!(
             "\n{} -> {} triangles, {} steps, {:.1} s ({:.1} s of it until the file was written)\n",
             output::count(o.triangles_in),
@@ -180,8 +179,13 @@ impl Job<'_> {
         let views: Vec<Value> = o
             .views
             .iter()
-            .map(|v| v.quality.iter().map(|q| output::quality(&q.quality)).collect::<Vec<_>>())
-            .map(|q| json!({ "decimated": q[0], "baked": q[1], "fitted": q[2] }))
+            .map(|v| {
+                Outcome::STAGES
+                    .iter()
+                    .zip(&v.quality)
+                    .map(|(s, q)| ((*s).to_owned(), output::quality(&q.quality)))
+            })
+            .map(|stages| Value::Object(stages.collect()))
             .collect();
         let history: Vec<Value> = o
             .history
@@ -204,6 +208,7 @@ impl Job<'_> {
             "threads": rayon::current_num_threads(),
             "decimated": output::quality(&o.decimated),
             "baked": output::quality(&o.baked),
+            "wrapped": output::quality(&o.wrapped),
             "fitted": output::quality(&o.fitted),
             "views": views,
             "history": history,

@@ -10,6 +10,11 @@ use photofit_pathtrace::Ray;
 use photofit_scalar::Vec3f;
 use photofit_scene::AlphaMode;
 use rayon::prelude::*;
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+/// Triangles between two reports.
+const CHUNK: usize = 64;
 
 /// How many rays [`visibility`] spends, and what occludes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -75,6 +80,17 @@ impl Visibility {
 /// Surfaces that an alpha mask cuts out occlude nothing and are not visible themselves; blended surfaces occlude
 /// nothing. Degenerate triangles are not visible. Deterministic for any number of threads.
 pub fn visibility(reference: &Reference<'_>, settings: &VisibilitySettings) -> Visibility {
+    let go_on = |_| ControlFlow::Continue(());
+    visibility_reporting(reference, settings, &go_on).expect("nothing stopped it")
+}
+
+/// As [`visibility`]; `report` hears the finished share in `[0, 1]` from several threads, in no particular order, and
+/// may end the work: then there is no result.
+pub fn visibility_reporting(
+    reference: &Reference<'_>,
+    settings: &VisibilitySettings,
+    report: &(dyn Fn(f32) -> ControlFlow<()> + Sync),
+) -> Option<Visibility> {
     let n = reference.mesh().triangles.len();
     let areas: Vec<f32> = (0..n as u32).into_par_iter().map(|t| reference.area_normal(t).length()).collect();
     let total: f64 = areas.iter().map(|&a| f64::from(a)).sum();
@@ -83,12 +99,19 @@ pub fn visibility(reference: &Reference<'_>, settings: &VisibilitySettings) -> V
     let least = settings.min_rays.min(settings.rays / all_sides.max(1)).max(1);
     let most = settings.max_rays.max(least);
     let mut out = Visibility { front: vec![0.0; n], back: vec![0.0; n] };
+    let (done, stopped) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let chunks = n.div_ceil(CHUNK).max(1) as f32;
     let pass = |out: &mut Visibility, rays: &(dyn Fn(usize) -> usize + Sync), stop: bool| {
-        let chunk = 64;
-        out.front.par_chunks_mut(chunk).zip(out.back.par_chunks_mut(chunk)).enumerate().for_each(
+        out.front.par_chunks_mut(CHUNK).zip(out.back.par_chunks_mut(CHUNK)).enumerate().for_each(
             |(c, (front, back))| {
+                // The second pass is short where little is hidden.
+                let share = done.fetch_add(1, Ordering::Relaxed) as f32 / chunks;
+                if stopped.load(Ordering::Relaxed) || report(share.min(1.0)).is_break() {
+                    stopped.store(true, Ordering::Relaxed);
+                    return;
+                }
                 for (i, (f, b)) in front.iter_mut().zip(back).enumerate() {
-                    let t = c * chunk + i;
+                    let t = c * CHUNK + i;
                     if areas[t] <= 0.0 || !areas[t].is_finite() || (stop && f.max(*b) > 0.0) {
                         continue;
                     }
@@ -111,7 +134,7 @@ pub fn visibility(reference: &Reference<'_>, settings: &VisibilitySettings) -> V
         let retry = settings.retry_rays.min(settings.rays / (2 * hidden));
         pass(&mut out, &|_| retry, true);
     }
-    out
+    (!stopped.into_inner()).then_some(out)
 }
 
 /// True when the back of a triangle is drawn.
@@ -204,11 +227,14 @@ fn sequence(start: [f64; 4], i: usize) -> [f32; 4] {
 
 #[cfg(test)]
 mod tests {
-    use super::{VisibilitySettings, visibility};
+    use super::{VisibilitySettings, visibility, visibility_reporting};
     use crate::bake::tests::{World, moved, quick, sheet};
     use photofit_geometry::shapes;
     use photofit_scalar::Vec3f;
     use photofit_scene::{AlphaMode, Material};
+    use std::ops::ControlFlow;
+    use std::sync::Mutex;
+    use std::sync::atomic::{AtomicUsize, Ordering};
 
     #[test]
     fn visibility_knows_inside_from_outside() {
@@ -250,6 +276,30 @@ mod tests {
         );
         let all = VisibilitySettings { cull_back_faces: false, ..quick() };
         assert!(room.with(|r| visibility(r, &all)).front[n..].iter().all(|&x| x == 0.0));
+    }
+
+    #[test]
+    fn reports_rise_to_the_end_and_can_stop_the_work() {
+        let mut world = World::default();
+        world.add(&shapes::icosphere(8), Material::clay());
+        let seen = Mutex::new(Vec::new());
+        let all = world.with(|r| {
+            visibility_reporting(r, &quick(), &|share| {
+                seen.lock().unwrap().push(share);
+                ControlFlow::Continue(())
+            })
+        });
+        assert_eq!(all, Some(world.visibility()));
+        let seen = seen.into_inner().unwrap();
+        assert!(seen.len() > 10 && seen.iter().all(|s| (0.0..=1.0).contains(s)) && seen.contains(&0.0));
+        let asked = AtomicUsize::new(0);
+        let stopped = world.with(|r| {
+            visibility_reporting(r, &quick(), &|_| {
+                asked.fetch_add(1, Ordering::Relaxed);
+                ControlFlow::Break(())
+            })
+        });
+        assert!(stopped.is_none() && asked.into_inner() < seen.len());
     }
 
     #[test]

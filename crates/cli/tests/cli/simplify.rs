@@ -39,9 +39,16 @@ fn the_main_job_end_to_end() {
     let more = ["--steps", "8", "--json", "f.json", "--report", "r", "--explain", "--checkpoint", "c"];
     let o = succeeds(d, &fit("out.glb", &more));
     let (text, f) = (stdout(&o), json(&d.join("f.json")));
-    for part in
-        ["decimated", "baked", "fitted", "what ran", "skip transparent layers", "out.glb", "index.html"]
-    {
+    for part in [
+        "decimated",
+        "baked",
+        "wrapped",
+        "fitted",
+        "what ran",
+        "skip transparent layers",
+        "out.glb",
+        "index.html",
+    ] {
         assert!(text.contains(part), "{part} in {text}");
     }
     let light = photofit_scene::load(d.join("out.glb")).unwrap();
@@ -53,7 +60,7 @@ fn the_main_job_end_to_end() {
         assert!(f[key].as_f64().is_some_and(|x| x > 0.0), "{key}: {}", f[key]);
     }
     assert_eq!(f["peak_rss_mb"].is_number(), cfg!(target_os = "linux"));
-    for stage in ["decimated", "baked", "fitted"] {
+    for stage in ["decimated", "baked", "wrapped", "fitted"] {
         let psnr = f[stage]["psnr"].as_f64().unwrap();
         assert!((8.0..=60.0).contains(&psnr), "{stage}: {psnr}");
         assert!(f[stage]["ssim"].is_number() && f[stage]["flip"].is_number());

@@ -97,6 +97,7 @@ fn table(o: &Outcome) -> String {
     let rows: String = [
         ("decimated", "the asset's own textures on fewer triangles", &o.decimated),
         ("baked", "new atlas, maps baked from the asset", &o.baked),
+        ("wrapped", "drawn onto the asset's surface, then baked: where the fit starts", &o.wrapped),
         ("fitted", "the written file, loaded again", &o.fitted),
     ]
     .iter()

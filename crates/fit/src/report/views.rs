@@ -12,7 +12,7 @@ const SIDES: [usize; 4] = [448, 352, 256, 160];
 const MOST_BYTES: usize = 11_000_000;
 /// FLIP that is shown as the brightest colour.
 const HEAT: f32 = 0.5;
-const NAMES: [&str; 3] = ["decimated", "baked", "fitted"];
+const NAMES: [&str; 4] = Outcome::STAGES;
 
 /// The section of all views.
 pub(super) fn section(o: &Outcome) -> Result<String, FitError> {

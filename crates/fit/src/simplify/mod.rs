@@ -1,7 +1,7 @@
 //! Appearance-driven simplification: the main job (Hasselgren et al. 2021).
 //!
-//! load -> normalise -> decimate -> atlas -> bake -> fit by rendering -> bake again on the fitted shape -> fit the
-//! maps -> export -> reload the file and compare it with the reference on views and lights that the fit never saw.
+//! load -> normalise -> decimate -> wrap -> atlas -> bake -> fit by rendering -> bake again on the fitted shape -> fit
+//! the maps -> export -> reload the file and compare it with the reference on views and lights that the fit never saw.
 
 mod checkpoint;
 mod evaluate;
@@ -44,9 +44,10 @@ pub fn simplify(
     options.check(scene.triangle_count())?;
     let normalised = Normalised::new(scene)?;
     let reference = normalised.reference()?;
-    let prepared = prepare::prepare(&normalised, &reference, options, progress)?;
+    let mut prepared = prepare::prepare(&normalised, &reference, options, progress)?;
     let plan = Plan::new(scene, &prepared.candidate, options);
-    let baked = prepared.candidate.clone();
+    let wrapped = prepared.candidate.clone();
+    let plain = prepared.decimated.take();
     let visibility = prepared.visibility.clone();
     let mut trained = train::train(&normalised, &reference, prepared, &plan, options, progress)?;
     // The fit judged itself by its own renderer; the choice is made as a user would see it.
@@ -54,8 +55,8 @@ pub fn simplify(
     if let Ok((maps, _)) = prepare::bake_candidate(&reference, &visibility, &rebaked, &Silent) {
         rebaked.set_maps(maps);
     }
-    let fitted = std::mem::replace(&mut trained.candidate, baked.clone());
-    trained.candidate = evaluate::best_of(&normalised, [fitted, rebaked, baked.clone()], options, progress);
+    let fitted = std::mem::replace(&mut trained.candidate, wrapped.clone());
+    trained.candidate = evaluate::best_of(&normalised, [fitted, rebaked, wrapped.clone()], options, progress);
     let fit_seconds = start.elapsed().as_secs_f64();
 
     let name = output.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
@@ -65,9 +66,19 @@ pub fn simplify(
     let mut only = Options::new(Target::Triangles(triangles_out));
     only.keep_uvs = true;
     let decimated = prepare::decimated_only(&normalised, &only)?;
+    // What there would be without any fit, for the report alone.
+    let baked = match plain {
+        Some(mesh) if options.report_views > 0 => {
+            let class = wrapped.class.clone();
+            prepare::unwrap_and_bake(&normalised, &reference, &visibility, &mesh, class, options, &Silent)?
+                .candidate
+        }
+        _ => wrapped.clone(),
+    };
     let candidates = [
         decimated,
         evaluate::Prepared::of_scene(&to_scene(&baked, &normalised, &name)),
+        evaluate::Prepared::of_scene(&to_scene(&wrapped, &normalised, &name)),
         evaluate::Prepared::of_scene(&fitted),
     ];
     let views = evaluate::evaluate(&normalised, &candidates, options, progress);

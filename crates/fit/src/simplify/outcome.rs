@@ -26,8 +26,10 @@ pub struct Outcome {
     pub stopped: bool,
     /// Mean quality of the decimated asset with its own textures.
     pub decimated: Quality,
-    /// Mean quality of the decimated asset with baked maps.
+    /// Mean quality of the decimated asset with an atlas and maps baked from the reference: nothing is fitted.
     pub baked: Quality,
+    /// Mean quality of the same drawn onto the reference and baked: where the fit by rendering starts.
+    pub wrapped: Quality,
     /// Mean quality of the written file.
     pub fitted: Quality,
     /// Every view of the report.
@@ -43,6 +45,15 @@ pub struct Outcome {
 }
 
 impl Outcome {
+    /// Names of the stages, in the order of [`ReportView::quality`].
+    pub const STAGES: [&str; 4] = ["decimated", "baked", "wrapped", "fitted"];
+
+    /// The stages with their mean quality.
+    pub fn stages(&self) -> [(&'static str, &Quality); 4] {
+        let [a, b, c, d] = Self::STAGES;
+        [(a, &self.decimated), (b, &self.baked), (c, &self.wrapped), (d, &self.fitted)]
+    }
+
     pub(super) fn new(
         scene: &Scene,
         trained: Trained,
@@ -66,7 +77,8 @@ impl Outcome {
             stopped: trained.stopped,
             decimated: mean(0),
             baked: mean(1),
-            fitted: mean(2),
+            wrapped: mean(2),
+            fitted: mean(3),
             views,
             history: trained.history,
             plan,

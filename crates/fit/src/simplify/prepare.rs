@@ -5,10 +5,10 @@ use super::wrap;
 use super::{Init, SimplifyOptions};
 use crate::bake::{self, AlphaClass, BakeSettings, Reference, bake, blank_texel, hard_edges};
 use crate::candidate::Candidate;
-use crate::visibility::{Visibility, VisibilitySettings, visibility};
+use crate::visibility::{Visibility, VisibilitySettings, visibility_reporting};
 use crate::{FitError, Progress};
 use photofit_geometry::atlas::{UnwrapOptions, unwrap};
-use photofit_geometry::decimate::{Decimated, Options, Target, decimate};
+use photofit_geometry::decimate::{DecimateError, Decimated, Options, Target, decimate, decimate_reporting};
 use photofit_geometry::{Edges, Mesh, normals::split_hard_edges, shapes, weld::weld_exact};
 use photofit_raster::{Maps, channel};
 use photofit_scalar::{Vec3f, vec3};
@@ -109,6 +109,8 @@ pub struct Prepared {
     pub distance: f64,
     /// Triangles of the reference that nobody sees.
     pub hidden: usize,
+    /// The mesh as decimation left it; `None` where the start is not a decimated mesh.
+    pub decimated: Option<Mesh>,
 }
 
 /// Decimates, unwraps and bakes.
@@ -119,57 +121,94 @@ pub(super) fn prepare(
     progress: &dyn Progress,
 ) -> Result<Prepared, FitError> {
     let go_on = || if progress.is_cancelled() { Err(FitError::Interrupted) } else { Ok(()) };
-    progress.report("visibility", 0, 1, "");
-    let seen = visibility(reference, &VisibilitySettings::default());
-    go_on()?;
-    progress.report("decimate", 0, 1, "");
-    let (mesh, class) = match options.init {
+    let seen =
+        visibility_reporting(reference, &VisibilitySettings::default(), &heard("visibility", progress))
+            .ok_or(FitError::Interrupted)?;
+    let (mesh, class, decimated) = match options.init {
         Init::Decimate => {
-            let d = decimate_reference(n, &seen, options.target)?;
-            let mut mesh = d.mesh;
+            let d = decimate_reference(n, &seen, options.target, progress)?;
+            let mut mesh = d.mesh.clone();
             wrap::NEARBY.run(&mut mesh, reference, &seen, progress)?;
-            (mesh, d.group)
+            (mesh, d.group, Some(d.mesh))
         }
         Init::Sphere => {
             let (mut mesh, class) = sphere(n, &seen, options.target)?;
             wrap::FROM_AFAR.run(&mut mesh, reference, &seen, progress)?;
-            (mesh, class)
+            (mesh, class, None)
         }
     };
     go_on()?;
+    let Start { candidate, distance, occupancy, charts } =
+        unwrap_and_bake(n, reference, &seen, &mesh, class, options, progress)?;
+    let hidden = seen.hidden();
+    Ok(Prepared { candidate, distance, hidden, visibility: seen, occupancy, charts, decimated })
+}
+
+/// A candidate with an atlas of its own and what was baked into it.
+pub(super) struct Start {
+    pub(super) candidate: Candidate,
+    /// Mean distance to the reference.
+    pub(super) distance: f64,
+    /// Share of the atlas inside charts.
+    occupancy: f32,
+    charts: u32,
+}
+
+/// Gives a mesh an atlas, the reference's hard edges, and maps baked from the reference.
+pub(super) fn unwrap_and_bake(
+    n: &Normalised,
+    reference: &Reference<'_>,
+    seen: &Visibility,
+    mesh: &Mesh,
+    class: Vec<u32>,
+    options: &SimplifyOptions,
+    progress: &dyn Progress,
+) -> Result<Start, FitError> {
     progress.report("atlas", 0, 1, "");
     let settings = UnwrapOptions { size: options.texture_size as u32, ..UnwrapOptions::default() };
     let atlas = unwrap(&mesh.positions, &mesh.triangles, &class, &settings)?;
     let (unwrapped, _) = atlas.build_mesh(&mesh.positions, &mesh.triangles);
-    go_on()?;
+    if progress.is_cancelled() {
+        return Err(FitError::Interrupted);
+    }
     let weld = weld_exact(&unwrapped.positions);
     let edges = Edges::new(&unwrapped.triangles, &weld);
-    let hard = hard_edges(reference, &seen, &unwrapped, &edges);
+    let hard = hard_edges(reference, seen, &unwrapped, &edges);
     let creased = split_hard_edges(&unwrapped.triangles, &weld, &edges, &hard);
     let maps = Maps::filled(options.texture_size, options.texture_size, blank_texel());
     let split = creased.split.apply(&unwrapped);
     let mut candidate = Candidate::new(&split, &creased.smoothing, class, n.class_modes(), maps);
-    let (baked, distance) = bake_candidate(reference, &seen, &candidate, progress)?;
+    let (baked, distance) = bake_candidate(reference, seen, &candidate, progress)?;
     candidate.set_maps(baked);
-    Ok(Prepared {
-        candidate,
-        distance,
-        hidden: seen.hidden(),
-        visibility: seen,
-        occupancy: atlas.occupancy,
-        charts: atlas.charts,
-    })
+    Ok(Start { candidate, distance, occupancy: atlas.occupancy, charts: atlas.charts })
+}
+
+/// A callback that shows the finished share of a stage and passes on the wish to stop.
+fn heard<'a>(stage: &'static str, progress: &'a dyn Progress) -> impl Fn(f32) -> ControlFlow<()> + Sync + 'a {
+    move |share| {
+        progress.report(stage, (share * 1000.0) as u64, 1000, "");
+        if progress.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
 }
 
 /// Decimates the reference with its visible triangles first.
-fn decimate_reference(n: &Normalised, seen: &Visibility, target: Target) -> Result<Decimated, FitError> {
+fn decimate_reference(
+    n: &Normalised,
+    seen: &Visibility,
+    target: Target,
+    progress: &dyn Progress,
+) -> Result<Decimated, FitError> {
     let triangles = n.flat.mesh.triangles.len();
     let importance: Vec<f32> = (0..triangles)
         .map(|t| if seen.is_visible(t) { LEAST_IMPORTANCE + seen.importance(t) } else { 0.0 })
         .collect();
     let mut options = Options::new(target);
     options.double_sided = vec![false, true, true];
-    Ok(decimate(&n.flat.mesh, &n.classes(), &importance, &options)?)
+    let report = heard("decimate", progress);
+    decimate_reporting(&n.flat.mesh, &n.classes(), &importance, &options, &report).map_err(|e| match e {
+        DecimateError::Stopped => FitError::Interrupted,
+        e => e.into(),
+    })
 }
 
 /// The decimated reference with its own textures: one scene with the reference's materials.
@@ -223,16 +262,13 @@ pub(super) fn bake_candidate(
         .iter()
         .map(|c| [AlphaClass::Opaque, AlphaClass::Mask, AlphaClass::Blend][*c as usize])
         .collect();
-    let report = |share: f32| {
-        progress.report("bake", (share * 1000.0) as u64, 1000, "");
-        if progress.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    };
     let (mesh, round) = (candidate.mesh(), candidate.round_normals());
     let target = bake::Target { mesh: &mesh, directions: Some(&round), classes: Some(&classes) };
-    let mut baked = bake(reference, seen, &target, &settings, &report).map_err(|e| match e {
-        bake::BakeError::Stopped => FitError::Interrupted,
-        e => e.into(),
-    })?;
+    let mut baked =
+        bake(reference, seen, &target, &settings, &heard("bake", progress)).map_err(|e| match e {
+            bake::BakeError::Stopped => FitError::Interrupted,
+            e => e.into(),
+        })?;
     baked.fill(None);
     for t in &mut baked.maps.texels {
         t[channel::GAMMA] = 0.0;

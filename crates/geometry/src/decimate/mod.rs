@@ -61,6 +61,10 @@ pub use components::components;
 pub use options::{DecimateError, Decimated, Options, Stats, Target};
 
 use crate::Mesh;
+use std::ops::ControlFlow;
+
+/// Share of the work that the collapses are, about.
+const COLLAPSES: f32 = 0.6;
 
 /// Decimates a mesh to a target.
 ///
@@ -80,6 +84,20 @@ pub fn decimate(
     importance: &[f32],
     options: &Options,
 ) -> Result<Decimated, DecimateError> {
+    decimate_reporting(mesh, group, importance, options, &|_| ControlFlow::Continue(()))
+}
+
+/// As [`decimate`]; `report` hears the finished share in `[0, 1]` and may end the work.
+///
+/// # Errors
+/// As [`decimate`], and [`DecimateError::Stopped`].
+pub fn decimate_reporting(
+    mesh: &Mesh,
+    group: &[u32],
+    importance: &[f32],
+    options: &Options,
+    report: &dyn Fn(f32) -> ControlFlow<()>,
+) -> Result<Decimated, DecimateError> {
     clean::validate(mesh, group, importance, options)?;
     let mut soup = clean::clean(mesh, group, options)?;
     let mut stats = Stats {
@@ -96,9 +114,10 @@ pub fn decimate(
     let (centre, diagonal, source) = (soup.centre, soup.diagonal, soup.source.clone());
     let (mut engine, original) = setup::engine(mesh, soup, group, importance, options);
     stats.components = engine.parts.len();
-    run::run(&mut engine, &goal, &mut stats);
+    run::run(&mut engine, &goal, &mut stats, &|share| report(share * COLLAPSES))?;
     if let Some(original) = original.filter(|_| stats.collapses > 0) {
-        refine::refine(&mut engine, &original, options.refine_rounds);
+        let report = |share: f32| report(COLLAPSES + (1.0 - COLLAPSES) * share);
+        refine::refine(&mut engine, &original, options.refine_rounds, &report)?;
     }
     let (mesh, group, source) = output::output(&engine, mesh, &source, centre, diagonal);
     let relative_error = engine.worst.sqrt();

@@ -149,6 +149,9 @@ pub enum DecimateError {
     /// The budget is zero.
     #[error("a budget of zero triangles")]
     ZeroBudget,
+    /// Stopped by the progress callback.
+    #[error("decimation was stopped")]
+    Stopped,
     /// A number of the options is not finite or out of its range.
     #[error("option {0} is not finite or out of range")]
     Option(&'static str),

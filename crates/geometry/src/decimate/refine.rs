@@ -5,12 +5,14 @@
 //! minimum of the squared distances of its samples along their normals, with the others held (Gauss-Seidel), and so
 //! on in rounds. Hoppe et al., "Mesh optimization", 1993, without the changes of topology.
 
+use super::DecimateError;
 use super::engine::Engine;
 use super::flip::flip;
 use super::quadric::Quadric;
 use super::topology::{NONE, Topology};
 use glam::DVec3;
 use rayon::prelude::*;
+use std::ops::ControlFlow;
 
 /// Share of the squared distance across the normal: holds vertices in place along the surface.
 const TANGENTIAL: f64 = 0.02;
@@ -132,12 +134,17 @@ fn samples(engine: &mut Engine<'_>, original: &Original) -> Vec<Sample> {
     out
 }
 
-/// Refines; the engine has finished its collapses.
-pub(super) fn refine(engine: &mut Engine<'_>, original: &Original, rounds: u32) {
+/// Refines; the engine has finished its collapses. `report` hears the finished share.
+pub(super) fn refine(
+    engine: &mut Engine<'_>,
+    original: &Original,
+    rounds: u32,
+    report: &dyn Fn(f32) -> ControlFlow<()>,
+) -> Result<(), DecimateError> {
     engine.topology.relink();
     let mut samples = samples(engine, original);
     if samples.is_empty() {
-        return;
+        return Ok(());
     }
     let held = held(engine);
     let live: Vec<u32> =
@@ -150,6 +157,9 @@ pub(super) fn refine(engine: &mut Engine<'_>, original: &Original, rounds: u32) 
     vertices.sort_unstable();
     vertices.dedup();
     for round in 0..rounds {
+        if report(round as f32 / rounds as f32).is_break() {
+            return Err(DecimateError::Stopped);
+        }
         let (topology, positions) = (&engine.topology, &engine.positions);
         samples.par_iter_mut().with_min_len(1 << 12).for_each(|s| place(topology, positions, s));
         samples.sort_by_key(|s| slot[s.triangle as usize]);
@@ -173,6 +183,7 @@ pub(super) fn refine(engine: &mut Engine<'_>, original: &Original, rounds: u32) 
             }
         }
     }
+    Ok(())
 }
 
 /// Vertices whose quadric holds something that samples do not see: borders, edges between groups, seams.

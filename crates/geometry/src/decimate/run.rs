@@ -4,10 +4,14 @@ use super::check::Rules;
 use super::engine::{Engine, Place, Priced};
 use super::queue::{Entry, Queue};
 use super::topology::NONE;
-use super::{Options, Stats, Target};
+use super::{DecimateError, Options, Stats, Target};
+use std::ops::ControlFlow;
 
 /// Components with at most this many triangles left may be dropped as a whole.
 const REMOVABLE: usize = 64;
+
+/// Entries looked at between two reports.
+const REPORT_EVERY: u32 = 1 << 14;
 
 /// Set in the flags of an entry whose cost contains the factor on pinching.
 const PINCH: u32 = 4;
@@ -38,8 +42,16 @@ impl Goal {
     }
 }
 
-/// Collapses until the goal is reached.
-pub(super) fn run(engine: &mut Engine<'_>, goal: &Goal, stats: &mut Stats) {
+/// Collapses until the goal is reached; `report` hears the finished share.
+pub(super) fn run(
+    engine: &mut Engine<'_>,
+    goal: &Goal,
+    stats: &mut Stats,
+    report: &dyn Fn(f32) -> ControlFlow<()>,
+) -> Result<(), DecimateError> {
+    let first = engine.topology.live;
+    let all = first.saturating_sub(goal.triangles).max(1) as f32;
+    let report = |live: usize| report((first - live) as f32 / all);
     let o = engine.options;
     let full = Rules {
         min_cosine: o.min_normal_cosine,
@@ -48,7 +60,7 @@ pub(super) fn run(engine: &mut Engine<'_>, goal: &Goal, stats: &mut Stats) {
         keep_border: o.keep_border,
         max_error2: goal.error2,
     };
-    stage(engine, goal, &full, stats);
+    stage(engine, goal, &full, stats, &report)?;
     stats.after_checked = engine.topology.live;
     let relaxed = Rules {
         min_cosine: full.min_cosine.min(-0.2),
@@ -58,28 +70,36 @@ pub(super) fn run(engine: &mut Engine<'_>, goal: &Goal, stats: &mut Stats) {
         max_error2: f64::INFINITY,
     };
     if goal.forced {
-        stage(engine, goal, &relaxed, stats);
+        stage(engine, goal, &relaxed, stats, &report)?;
     }
     stats.after_relaxed = engine.topology.live;
     if goal.forced {
-        stage(engine, goal, &Rules { min_cosine: -2.0, ..relaxed }, stats);
+        stage(engine, goal, &Rules { min_cosine: -2.0, ..relaxed }, stats, &report)?;
         truncate(engine, goal.triangles, stats);
     }
     stats.after_forced = engine.topology.live;
+    Ok(())
 }
 
 /// Runs the heap dry under one set of rules, refilling it while that helps.
-fn stage(engine: &mut Engine<'_>, goal: &Goal, rules: &Rules, stats: &mut Stats) {
+fn stage(
+    engine: &mut Engine<'_>,
+    goal: &Goal,
+    rules: &Rules,
+    stats: &mut Stats,
+    report: &dyn Fn(usize) -> ControlFlow<()>,
+) -> Result<(), DecimateError> {
     while engine.topology.live > goal.triangles {
         let before = engine.topology.live;
         // A refill at every halving brings back candidates that were refused in an older neighbourhood.
         let pause = (before / 2).max(goal.triangles);
         let mut heap = fill(engine, rules);
-        drain(engine, &mut heap, pause, rules, stats);
+        drain(engine, &mut heap, pause, rules, stats, report)?;
         if (before - engine.topology.live) * 200 < before {
             break;
         }
     }
+    Ok(())
 }
 
 /// Prices all edges and all removable components.
@@ -136,9 +156,21 @@ fn removal_cost(engine: &Engine<'_>, c: u32) -> f64 {
     if cost.is_finite() { cost } else { f64::MAX }
 }
 
-fn drain(engine: &mut Engine<'_>, heap: &mut Queue, pause: usize, rules: &Rules, stats: &mut Stats) {
+fn drain(
+    engine: &mut Engine<'_>,
+    heap: &mut Queue,
+    pause: usize,
+    rules: &Rules,
+    stats: &mut Stats,
+    report: &dyn Fn(usize) -> ControlFlow<()>,
+) -> Result<(), DecimateError> {
+    let mut popped = 0_u32;
     while engine.topology.live > pause {
-        let Some((cost, top)) = heap.pop() else { return };
+        if popped.is_multiple_of(REPORT_EVERY) && report(engine.topology.live).is_break() {
+            return Err(DecimateError::Stopped);
+        }
+        popped = popped.wrapping_add(1);
+        let Some((cost, top)) = heap.pop() else { break };
         if top.v == NONE {
             remove(engine, heap, cost, top, rules, stats);
             continue;
@@ -157,6 +189,7 @@ fn drain(engine: &mut Engine<'_>, heap: &mut Queue, pause: usize, rules: &Rules,
             }
         }
     }
+    Ok(())
 }
 
 /// What to do with the cheapest entry.

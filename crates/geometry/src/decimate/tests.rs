@@ -492,3 +492,33 @@ fn bad_input_is_refused() {
     assert_eq!(decimate(&mesh, &[], &weights, &o), Err(DecimateError::Importance(0)));
     assert!(matches!(decimate(&mesh, &[1], &[], &o), Err(DecimateError::Length { name: "group", .. })));
 }
+
+#[test]
+fn reports_rise_and_can_stop_the_work() {
+    use std::cell::{Cell, RefCell};
+    use std::ops::ControlFlow;
+    let mesh = sphere(40);
+    let options = Options::new(Target::Triangles(200));
+    let shares = RefCell::new(Vec::new());
+    let hear = |share: f32| {
+        shares.borrow_mut().push(share);
+        ControlFlow::Continue(())
+    };
+    let whole = decimate_reporting(&mesh, &[], &[], &options, &hear).unwrap();
+    assert_eq!(whole, decimate(&mesh, &[], &[], &options).unwrap());
+    let shares = shares.into_inner();
+    assert!(
+        shares.is_sorted() && shares[0] == 0.0 && (0.9..=1.0).contains(shares.last().unwrap()),
+        "{shares:?}"
+    );
+
+    // Within the collapses, and within the refinement.
+    for after in [1, shares.len() - 2] {
+        let heard = Cell::new(0);
+        let stop = |_| {
+            heard.set(heard.get() + 1);
+            if heard.get() > after { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        assert_eq!(decimate_reporting(&mesh, &[], &[], &options, &stop), Err(DecimateError::Stopped));
+    }
+}
