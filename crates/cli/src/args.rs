@@ -58,6 +58,14 @@ pub(crate) enum FitLight {
 
 /// What a fit starts from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum FitReference {
+    /// Rasterized: direct light without shadows, as the light asset is drawn.
+    Raster,
+    /// Path traced: with shadows and light between surfaces, which go into the maps of the light asset.
+    Path,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Start {
     /// The decimated asset.
     Decimate,
@@ -115,6 +123,9 @@ pub(crate) struct Simplify {
     /// Equirectangular environment (.hdr, .exr, .png, .jpg); implies --light env.
     #[arg(long, value_name = "FILE", required_if_eq("light", "env"))]
     pub(crate) env: Option<PathBuf>,
+    /// How pictures of the asset are made, for the fit and for the report.
+    #[arg(long, value_enum, default_value = "raster")]
+    pub(crate) reference: FitReference,
     /// Seed of all random choices.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub(crate) seed: u64,

@@ -1,13 +1,13 @@
 //! `photofit simplify`: the main job.
 
-use crate::args::{FitLight, Simplify, Start};
+use crate::args::{FitLight, FitReference, Simplify, Start};
 use crate::output::{self, print};
 use crate::progress::{Terminal, handle_interrupts};
 use crate::{forecast, light, memory, preflight};
 use anyhow::{Error, Result, anyhow};
 use photofit_fit::FitError;
 use photofit_fit::report::{ReportInfo, write_report};
-use photofit_fit::simplify::{Init, Outcome, SimplifyOptions, simplify};
+use photofit_fit::simplify::{Init, Outcome, ReferenceRenderer, SimplifyOptions, simplify};
 use photofit_fit::views::Lighting;
 use photofit_geometry::decimate::Target;
 use photofit_scene::{Scene, SceneError};
@@ -75,6 +75,10 @@ fn options(a: &Simplify) -> Result<SimplifyOptions> {
         time_limit: a.time_limit,
         texture_size: a.texture_size.unwrap_or(default.texture_size),
         lighting,
+        reference: match a.reference {
+            FitReference::Raster => ReferenceRenderer::Raster,
+            FitReference::Path => ReferenceRenderer::Path,
+        },
         seed: a.seed,
         checkpoint: a.checkpoint.clone(),
         resume: a.resume,

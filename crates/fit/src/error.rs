@@ -30,6 +30,9 @@ pub enum FitError {
     /// Large Steps could not be set up.
     #[error("preconditioner: {0}")]
     Preconditioner(#[source] photofit_optim::OptimError),
+    /// The reference cannot be path traced.
+    #[error("path tracing: {0}")]
+    PathTrace(#[from] photofit_pathtrace::PathtraceError),
     /// A picture could not be written.
     #[error(transparent)]
     Image(#[from] photofit_image::ImageError),

@@ -70,6 +70,28 @@ fn the_main_job_end_to_end() {
 }
 
 #[test]
+fn a_path_traced_reference_is_fitted_and_does_not_depend_on_threads() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 10, true);
+    let run = |output: &str, reference: &str, threads: &str| {
+        let o = succeeds(
+            d,
+            &fit(output, &["--steps", "4", "--reference", reference, "--threads", threads, "--explain"]),
+        );
+        let file = std::fs::read(d.join(output)).unwrap();
+        std::fs::remove_file(d.join(output)).unwrap();
+        (stdout(&o), file)
+    };
+    let (text, path) = run("out.glb", "path", "1");
+    assert!(text.contains("run  indirect light"), "{text}");
+    assert!(path == run("out.glb", "path", "2").1, "the same for any number of threads");
+    let (text, raster) = run("out.glb", "raster", "2");
+    assert!(text.contains("skip indirect light"), "{text}");
+    assert!(path != raster);
+}
+
+#[test]
 fn threads_do_not_change_the_file() {
     let dir = tempfile::tempdir().unwrap();
     let d = dir.path();

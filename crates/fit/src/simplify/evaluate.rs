@@ -1,9 +1,10 @@
 //! Quality of candidates on views and lights that no fit saw.
 
+use super::painter::Painter;
 use super::{Normalised, SimplifyOptions};
-use crate::Progress;
 use crate::candidate::Candidate;
 use crate::views::{Set, setup};
+use crate::{FitError, Progress};
 use photofit_geometry::Mesh;
 use photofit_image::{Image, dilate, flip, psnr_from_mse, squared_error, ssim, to_display};
 use photofit_raster::scene_render::SceneRenderer;
@@ -120,10 +121,11 @@ fn split_by_material(mesh: &Mesh, material: &[u32], count: usize) -> Vec<photofi
 /// Renders the reference and the candidates and compares them.
 pub(super) fn evaluate(
     n: &Normalised,
+    painter: &Painter<'_>,
     candidates: &[Prepared],
     options: &SimplifyOptions,
     progress: &dyn Progress,
-) -> Vec<ReportView> {
+) -> Result<Vec<ReportView>, FitError> {
     let size = options.resolution;
     let candidates: Vec<InFrame<'_>> = candidates.iter().map(|c| InFrame::new(c, n)).collect();
     (0..options.report_views)
@@ -134,10 +136,10 @@ pub(super) fn evaluate(
             let render = |flat: &FlatScene, library: &SurfaceLibrary| {
                 SceneRenderer::new(flat, library).render(&s.camera, &lights, size, size, SUPERSAMPLE)
             };
-            let reference = render(&n.flat, &n.library);
+            let reference = painter.picture(&s, size)?;
             let quality =
                 candidates.iter().map(|c| compare(&reference, &render(&c.flat, c.library))).collect();
-            ReportView { reference: display(&reference), quality }
+            Ok(ReportView { reference: display(&reference), quality })
         })
         .collect()
 }
@@ -146,10 +148,11 @@ pub(super) fn evaluate(
 /// first wins a tie.
 pub(super) fn best_of(
     n: &Normalised,
+    painter: &Painter<'_>,
     candidates: [Candidate; 3],
     options: &SimplifyOptions,
     progress: &dyn Progress,
-) -> Candidate {
+) -> Result<Candidate, FitError> {
     let size = options.resolution;
     let scenes = candidates.each_ref().map(|c| Prepared::of_scene(&super::to_scene(c, n, "")));
     let scenes = scenes.each_ref().map(|c| InFrame::new(c, n));
@@ -161,7 +164,7 @@ pub(super) fn best_of(
         let render = |flat: &FlatScene, library: &SurfaceLibrary| {
             SceneRenderer::new(flat, library).render(&s.camera, &lights, size, size, SUPERSAMPLE)
         };
-        let reference = render(&n.flat, &n.library);
+        let reference = painter.picture(&s, size)?;
         for (score, c) in score.iter_mut().zip(&scenes) {
             let q = compare(&reference, &render(&c.flat, c.library)).quality;
             *score += q.psnr - 20.0 * q.flip.max(1e-6).log10();
@@ -169,7 +172,7 @@ pub(super) fn best_of(
     }
     let best = (0..3).fold(0, |best, k| if score[k] > score[best] { k } else { best });
     let [a, b, c] = candidates;
-    [a, b, c].into_iter().nth(best).expect("one of three")
+    Ok([a, b, c].into_iter().nth(best).expect("one of three"))
 }
 
 /// A candidate in the normalised frame.

@@ -8,6 +8,7 @@ mod evaluate;
 mod export;
 mod options;
 mod outcome;
+mod painter;
 mod plan;
 mod prepare;
 mod train;
@@ -17,11 +18,13 @@ pub use evaluate::{Quality, ReportView, ViewQuality, compare};
 pub use export::to_scene;
 pub use options::{Init, SimplifyOptions};
 pub use outcome::Outcome;
+pub use painter::ReferenceRenderer;
 pub use plan::Plan;
 pub use prepare::{Normalised, Prepared};
 pub use train::{HistoryPoint, Trained};
 
 use crate::{FitError, Progress, Silent};
+use painter::Painter;
 use photofit_geometry::decimate::{Options, Target};
 use photofit_scene::Scene;
 use std::path::Path;
@@ -44,19 +47,21 @@ pub fn simplify(
     options.check(scene.triangle_count())?;
     let normalised = Normalised::new(scene)?;
     let reference = normalised.reference()?;
+    let painter = Painter::new(&normalised, scene, options)?;
     let mut prepared = prepare::prepare(&normalised, &reference, options, progress)?;
     let plan = Plan::new(scene, &prepared.candidate, options);
     let wrapped = prepared.candidate.clone();
     let plain = prepared.decimated.take();
     let visibility = prepared.visibility.clone();
-    let mut trained = train::train(&normalised, &reference, prepared, &plan, options, progress)?;
+    let mut trained = train::train(&painter, &reference, prepared, &plan, options, progress)?;
     // The fit judged itself by its own renderer; the choice is made as a user would see it.
     let mut rebaked = trained.candidate.clone();
     if let Ok((maps, _)) = prepare::bake_candidate(&reference, &visibility, &rebaked, &Silent) {
         rebaked.set_maps(maps);
     }
     let fitted = std::mem::replace(&mut trained.candidate, wrapped.clone());
-    trained.candidate = evaluate::best_of(&normalised, [fitted, rebaked, wrapped.clone()], options, progress);
+    trained.candidate =
+        evaluate::best_of(&normalised, &painter, [fitted, rebaked, wrapped.clone()], options, progress)?;
     let fit_seconds = start.elapsed().as_secs_f64();
 
     let name = output.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
@@ -81,7 +86,7 @@ pub fn simplify(
         evaluate::Prepared::of_scene(&to_scene(&wrapped, &normalised, &name)),
         evaluate::Prepared::of_scene(&fitted),
     ];
-    let views = evaluate::evaluate(&normalised, &candidates, options, progress);
+    let views = evaluate::evaluate(&normalised, &painter, &candidates, options, progress)?;
     Ok(Outcome::new(
         scene,
         trained,

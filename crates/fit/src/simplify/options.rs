@@ -1,5 +1,6 @@
 //! What the user chooses.
 
+use super::ReferenceRenderer;
 use crate::FitError;
 use crate::views::Lighting;
 use photofit_geometry::decimate::Target;
@@ -35,6 +36,8 @@ pub struct SimplifyOptions {
     pub texture_size: usize,
     /// The light while fitting.
     pub lighting: Lighting,
+    /// How pictures of the reference are made, for the fit and for the report.
+    pub reference: ReferenceRenderer,
     /// Seed of all random choices.
     pub seed: u64,
     /// Folder of the checkpoint.
@@ -56,6 +59,7 @@ impl Default for SimplifyOptions {
             time_limit: None,
             texture_size: 1024,
             lighting: Lighting::default(),
+            reference: ReferenceRenderer::default(),
             seed: 0,
             checkpoint: None,
             resume: false,

@@ -1,7 +1,7 @@
 //! The plan: which passes a fit runs and which gradients flow, derived from the asset ("skip what a scene doesn't
 //! need").
 
-use super::SimplifyOptions;
+use super::{ReferenceRenderer, SimplifyOptions};
 use crate::candidate::Candidate;
 use photofit_raster::deferred::Passes;
 use photofit_raster::{CHANNELS, channel};
@@ -30,6 +30,8 @@ pub struct Plan {
     pub positions: bool,
     /// Whether each sample of a texel is fitted; one that is the same everywhere in the baked maps is not.
     pub fitted: [bool; CHANNELS],
+    /// Pictures of the reference are path traced; the base colour is fitted then even where it is constant.
+    pub path_traced: bool,
     /// Textures of the reference that are read, out of those in the file.
     pub textures: (usize, usize),
 }
@@ -51,7 +53,8 @@ impl Plan {
             hi - lo > CONSTANT
         };
         let mut fitted = [false; CHANNELS];
-        fitted[..3].fill((0..3).any(varies));
+        let path_traced = options.reference == ReferenceRenderer::Path;
+        fitted[..3].fill(path_traced || (0..3).any(varies));
         fitted[channel::ALPHA] = blend;
         fitted[channel::ROUGHNESS] = varies(channel::ROUGHNESS);
         fitted[channel::METALLIC] = metallic && varies(channel::METALLIC);
@@ -77,6 +80,7 @@ impl Plan {
             emissive,
             positions: options.steps > 0,
             fitted,
+            path_traced,
             textures: (read.len(), scene.images.len()),
         }
     }
@@ -121,11 +125,16 @@ impl fmt::Display for Plan {
         line(
             "position gradients",
             self.positions,
-            if self.positions { "while the shape is fitted; the last phase freezes it" } else { "no steps" },
+            if self.positions { "silhouettes and normals move" } else { "no steps" },
         )?;
         line("silhouette search", true, "only where neighbouring pixels show different triangles")?;
         line("volumes", false, "the asset has none")?;
-        line("indirect light", false, "the rasterizer is the reference renderer")?;
+        let indirect = if self.path_traced {
+            "pictures of the reference are path traced"
+        } else {
+            "pictures of the reference are rasterized"
+        };
+        line("indirect light", self.path_traced, indirect)?;
         writeln!(
             f,
             "  {} of {CHANNELS} samples of a texel are fitted; the others are constant or unused",

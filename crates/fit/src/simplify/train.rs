@@ -1,8 +1,9 @@
 //! The fit: steps of gradient descent on positions and maps.
 
 use super::checkpoint::{self, Checkpoint};
+use super::painter::Painter;
 use super::prepare::bake_candidate;
-use super::{Normalised, Plan, Prepared, SimplifyOptions};
+use super::{Plan, Prepared, SimplifyOptions};
 use crate::bake::Reference;
 use crate::candidate::{Candidate, ParameterGradients, average};
 use crate::views::{Set, Setup, Shot, setup};
@@ -13,7 +14,6 @@ use photofit_optim::{
 };
 use photofit_raster::deferred::Passes;
 use photofit_raster::loss::Loss;
-use photofit_raster::scene_render::SceneRenderer;
 use photofit_raster::{CHANNELS, channel};
 use photofit_sampling::Rng;
 use photofit_scalar::Vec3f;
@@ -23,8 +23,6 @@ use std::time::Instant;
 const POOL: u64 = 72;
 /// Views of the early stop.
 const HELD_OUT: u64 = 5;
-/// Samples per axis of a reference picture.
-const SUPERSAMPLE: usize = 4;
 /// Steps between two looks at the held-out views.
 const EVALUATE_EVERY: u64 = 25;
 /// Looks without progress after which a phase ends.
@@ -86,7 +84,7 @@ fn channel_rates(plan: &Plan) -> [f32; CHANNELS] {
 }
 
 struct Trainer<'a> {
-    n: &'a Normalised,
+    painter: &'a Painter<'a>,
     options: &'a SimplifyOptions,
     plan: &'a Plan,
     candidate: Candidate,
@@ -109,7 +107,7 @@ struct Trainer<'a> {
 
 /// Runs the fit.
 pub(super) fn train(
-    n: &Normalised,
+    painter: &Painter<'_>,
     reference: &Reference<'_>,
     prepared: Prepared,
     plan: &Plan,
@@ -134,7 +132,7 @@ pub(super) fn train(
     .map_err(optim)?;
     let best = (f64::NEG_INFINITY, candidate.positions.clone(), candidate.maps.levels[0].clone());
     let mut t = Trainer {
-        n,
+        painter,
         options,
         plan,
         gradients: candidate.gradients(),
@@ -153,7 +151,7 @@ pub(super) fn train(
         loss: Vec::new(),
         fingerprint: String::new(),
     };
-    t.held_out = (0..HELD_OUT).map(|i| t.shot(Set::HeldOut, i)).collect();
+    t.held_out = (0..HELD_OUT).map(|i| t.shot(i)).collect::<Result<_, _>>()?;
     t.fingerprint = checkpoint::fingerprint(options, &t.candidate, &t.held_out[0]);
     let mut stopped = false;
     if let Some(c) = checkpoint::load(options, &t.candidate, &t.fingerprint)? {
@@ -201,24 +199,18 @@ fn phases(options: &SimplifyOptions, distance: f64, start_psnr: f64) -> Vec<Phas
 
 impl Trainer<'_> {
     /// Renders a reference picture.
-    fn picture(&self, s: &Setup) -> Image {
-        let r = (self.options.resolution / SAMPLES).max(1);
-        SceneRenderer::new(&self.n.flat, &self.n.library).render(
-            &s.camera,
-            &s.lights.lights(),
-            r,
-            r,
-            SUPERSAMPLE,
-        )
+    fn picture(&self, s: &Setup) -> Result<Image, FitError> {
+        self.painter.picture(s, (self.options.resolution / SAMPLES).max(1))
     }
 
-    fn shot(&self, set: Set, index: u64) -> Shot {
-        let s = setup(set, index, HELD_OUT, self.options.seed, &self.options.lighting);
-        Shot::new(&s, &self.picture(&s), SAMPLES, self.options.seed ^ 0x5eed, index)
+    /// View `index` of the early stop.
+    fn shot(&self, index: u64) -> Result<Shot, FitError> {
+        let s = setup(Set::HeldOut, index, HELD_OUT, self.options.seed, &self.options.lighting);
+        Ok(Shot::new(&s, &self.picture(&s)?, SAMPLES, self.options.seed ^ 0x5eed, index))
     }
 
     /// The pictures of one step.
-    fn batch(&mut self, phase: &Phase) -> Vec<Shot> {
+    fn batch(&mut self, phase: &Phase) -> Result<Vec<Shot>, FitError> {
         let mut rng = Rng::new(self.options.seed, (7 << 32) + self.step);
         (0..self.options.batch as u64)
             .map(|b| {
@@ -227,12 +219,12 @@ impl Trainer<'_> {
                 let k = if serial < POOL { serial } else { u64::from(rng.next_u32()) % POOL } as usize;
                 if self.pool[k].is_none() {
                     let s = setup(Set::Train, k as u64, POOL, self.options.seed, &self.options.lighting);
-                    let picture = self.picture(&s);
+                    let picture = self.picture(&s)?;
                     self.pool[k] = Some((s, picture));
                 }
                 let (s, picture) = self.pool[k].as_ref().expect("just rendered");
                 let small = (phase.shrink > 1).then(|| downsample(picture, phase.shrink));
-                Shot::new(s, small.as_ref().unwrap_or(picture), SAMPLES, self.options.seed, serial)
+                Ok(Shot::new(s, small.as_ref().unwrap_or(picture), SAMPLES, self.options.seed, serial))
             })
             .collect()
     }
@@ -273,7 +265,7 @@ impl Trainer<'_> {
     }
 
     fn one_step(&mut self, phase: &Phase) -> Result<(), FitError> {
-        let shots = self.batch(phase);
+        let shots = self.batch(phase)?;
         let began = Instant::now();
         let value = self.candidate.step(&shots, Loss::LogSrgbL1, &self.passes, &mut self.gradients);
         self.render_seconds += began.elapsed().as_secs_f64();

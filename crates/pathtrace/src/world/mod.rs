@@ -25,7 +25,7 @@ pub(crate) use shape::{Kind, Stored};
 
 use crate::PathtraceError;
 use crate::error::invalid;
-use crate::light::Lights;
+use crate::light::{EnvironmentMap, LightSource, Lights};
 use crate::volume::Media;
 use glam::{DAffine3, DVec3};
 use instance::{SIZE_MAX, SIZE_MIN};
@@ -131,6 +131,19 @@ impl World {
         };
         out.lights = Lights::new(&mut out, &parts.lights, parts.environment)?;
         Ok(out)
+    }
+
+    /// Replaces the light sources and the environment; emitting surfaces stay.
+    ///
+    /// # Errors
+    /// If a light has a negative or non-finite value; the lights are then as they were.
+    pub fn relight(
+        &mut self,
+        sources: &[LightSource],
+        environment: Option<EnvironmentMap>,
+    ) -> Result<(), PathtraceError> {
+        self.lights = Lights::new(self, sources, environment)?;
+        Ok(())
     }
 
     /// Number of instances.
