@@ -47,6 +47,11 @@ impl Features {
     /// All features.
     pub const ALL: Self = Self(ALL);
 
+    /// Every feature with its name.
+    pub fn each() -> impl Iterator<Item = (&'static str, Self)> {
+        NAMES.iter().enumerate().map(|(bit, (name, _))| (*name, Self(1 << bit)))
+    }
+
     /// What a world needs.
     pub fn of(world: &World) -> Self {
         let placed = |f: &dyn Fn(&crate::world::Placed) -> bool| world.placed.iter().any(f);

@@ -2,7 +2,7 @@
 //! each skip of the plan saves.
 
 use anyhow::Result;
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DQuat, DVec3};
 use photofit_geometry::{Mesh, shapes};
 use photofit_image::Image;
 use photofit_pathtrace::{
@@ -26,9 +26,10 @@ const DEPTH: u32 = 6;
 pub(crate) fn run(ctx: &mut Context) -> Result<()> {
     convergence(ctx)?;
     skips(ctx)?;
+    copies(ctx)?;
     ctx.note(
         "All threads. The error is the RMSE of linear RGB against 16384 samples per pixel; the size is samples per \
-         pixel (of the skips: triangles).",
+         pixel (of the skips: triangles; of the copies: instances).",
     );
     Ok(())
 }
@@ -66,6 +67,47 @@ fn skips(ctx: &mut Context) -> Result<()> {
             let work = || shot(world, Integrator::Path, further, 16, 0).is_ok();
             ctx.measure(&format!("16 spp, {name}"), case, triangles, work, |_| vec![]);
         }
+        let needs = Features::of(&world);
+        for (name, feature) in Features::each().filter(|f| !needs.contains(f.1)) {
+            let work = || shot(&world, Integrator::Path, feature, 16, 0).is_ok();
+            ctx.measure(&format!("16 spp, with {name}"), case, triangles, work, |_| vec![]);
+        }
+    }
+    Ok(())
+}
+
+/// One asset of about 10,000 triangles placed many times: the world is built, then seen.
+fn copies(ctx: &mut Context) -> Result<()> {
+    for count in [1_usize, 100, 3000] {
+        let mut parts =
+            Parts { environment: Some(EnvironmentMap::constant(vec3(1.0, 1.0, 1.0))), ..Parts::default() };
+        parts.shapes.push(Shape::Mesh(shapes::displaced_sphere(22, 0.1, 3, 1)));
+        parts.materials.push(diffuse(0.6, 0.6, 0.6));
+        let side = (count as f64).cbrt().ceil();
+        for i in 0..count {
+            let at = |k: f64| ((i as f64 / k).floor() % side + 0.5) / side - 0.5;
+            let place = DVec3::new(at(1.0), at(side) + 0.5, at(side * side));
+            let transform = DAffine3::from_scale_rotation_translation(
+                DVec3::splat(0.4 / side),
+                DQuat::from_rotation_y(i as f64),
+                place,
+            );
+            parts.instances.push(Instance { shape: 0, material: 0, transform });
+        }
+        let case = format!("{count} instances");
+        let megabytes = |w: &Result<World, _>| w.as_ref().map_or(f64::NAN, |w| w.bytes() as f64 / 1e6);
+        // The copy of the parts is part of the time.
+        let copy = || Parts {
+            shapes: parts.shapes.clone(),
+            instances: parts.instances.clone(),
+            materials: parts.materials.clone(),
+            environment: parts.environment.clone(),
+            ..Parts::default()
+        };
+        let world =
+            ctx.measure("build", &case, count, || World::new(copy()), |w| vec![("MB", megabytes(w))])?;
+        let work = || shot(&world, Integrator::Path, Features::default(), 16, 0).is_ok();
+        ctx.measure("16 spp, copies", &case, count, work, |_| vec![]);
     }
     Ok(())
 }

@@ -97,7 +97,11 @@ fn table(o: &Outcome) -> String {
     let rows: String = [
         ("decimated", "the asset's own textures on fewer triangles", &o.decimated),
         ("baked", "new atlas, maps baked from the asset", &o.baked),
-        ("wrapped", "drawn onto the asset's surface, then baked: where the fit starts", &o.wrapped),
+        (
+            "wrapped",
+            "drawn onto the asset's surface, then baked; the fit starts from the better of the two",
+            &o.wrapped,
+        ),
         ("fitted", "the written file, loaded again", &o.fitted),
     ]
     .iter()

@@ -10,6 +10,7 @@ mod options;
 mod outcome;
 mod painter;
 mod plan;
+mod pool;
 mod prepare;
 mod train;
 mod wrap;
@@ -20,7 +21,7 @@ pub use options::{Init, SimplifyOptions};
 pub use outcome::Outcome;
 pub use painter::ReferenceRenderer;
 pub use plan::Plan;
-pub use prepare::{Normalised, Prepared};
+pub use prepare::Normalised;
 pub use train::{HistoryPoint, Trained};
 
 use crate::{FitError, Progress, Silent};
@@ -42,27 +43,27 @@ pub fn simplify(
     options: &SimplifyOptions,
     progress: &dyn Progress,
 ) -> Result<Outcome, FitError> {
-    let start = Instant::now();
+    let began = Instant::now();
     scene.validate_for_fit()?;
     options.check(scene.triangle_count())?;
     let normalised = Normalised::new(scene)?;
     let reference = normalised.reference()?;
     let painter = Painter::new(&normalised, scene, options)?;
-    let mut prepared = prepare::prepare(&normalised, &reference, options, progress)?;
-    let plan = Plan::new(scene, &prepared.candidate, options);
-    let wrapped = prepared.candidate.clone();
-    let plain = prepared.decimated.take();
-    let visibility = prepared.visibility.clone();
-    let mut trained = train::train(&painter, &reference, prepared, &plan, options, progress)?;
+    let prepare::Prepared { starts, visibility } =
+        prepare::prepare(&normalised, &reference, options, progress)?;
+    let start = starts[train::best_start(&painter, &starts, options)?].clone();
+    let plan = Plan::new(scene, &start.candidate, options);
+    let unfitted = start.candidate.clone();
+    let mut trained = train::train(&painter, &reference, start, &visibility, &plan, options, progress)?;
     // The fit judged itself by its own renderer; the choice is made as a user would see it.
     let mut rebaked = trained.candidate.clone();
     if let Ok((maps, _)) = prepare::bake_candidate(&reference, &visibility, &rebaked, &Silent) {
         rebaked.set_maps(maps);
     }
-    let fitted = std::mem::replace(&mut trained.candidate, wrapped.clone());
+    let fitted = std::mem::replace(&mut trained.candidate, unfitted.clone());
     trained.candidate =
-        evaluate::best_of(&normalised, &painter, [fitted, rebaked, wrapped.clone()], options, progress)?;
-    let fit_seconds = start.elapsed().as_secs_f64();
+        evaluate::best_of(&normalised, &painter, [fitted, rebaked, unfitted], options, progress)?;
+    let fit_seconds = began.elapsed().as_secs_f64();
 
     let name = output.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
     photofit_scene::save_glb(output, &to_scene(&trained.candidate, &normalised, &name))?;
@@ -71,19 +72,11 @@ pub fn simplify(
     let mut only = Options::new(Target::Triangles(triangles_out));
     only.keep_uvs = true;
     let decimated = prepare::decimated_only(&normalised, &only)?;
-    // What there would be without any fit, for the report alone.
-    let baked = match plain {
-        Some(mesh) if options.report_views > 0 => {
-            let class = wrapped.class.clone();
-            prepare::unwrap_and_bake(&normalised, &reference, &visibility, &mesh, class, options, &Silent)?
-                .candidate
-        }
-        _ => wrapped.clone(),
-    };
+    let [wrapped, baked] = [0, starts.len() - 1].map(|k| &starts[k].candidate);
     let candidates = [
         decimated,
-        evaluate::Prepared::of_scene(&to_scene(&baked, &normalised, &name)),
-        evaluate::Prepared::of_scene(&to_scene(&wrapped, &normalised, &name)),
+        evaluate::Prepared::of_scene(&to_scene(baked, &normalised, &name)),
+        evaluate::Prepared::of_scene(&to_scene(wrapped, &normalised, &name)),
         evaluate::Prepared::of_scene(&fitted),
     ];
     let views = evaluate::evaluate(&normalised, &painter, &candidates, options, progress)?;
@@ -93,7 +86,7 @@ pub fn simplify(
         plan,
         views,
         triangles_out,
-        [start.elapsed().as_secs_f64(), fit_seconds],
+        [began.elapsed().as_secs_f64(), fit_seconds],
         options,
     ))
 }

@@ -28,7 +28,7 @@ pub struct Outcome {
     pub decimated: Quality,
     /// Mean quality of the decimated asset with an atlas and maps baked from the reference: nothing is fitted.
     pub baked: Quality,
-    /// Mean quality of the same drawn onto the reference and baked: where the fit by rendering starts.
+    /// Mean quality of the same drawn onto the reference before it was baked. The fit starts from the better of the two.
     pub wrapped: Quality,
     /// Mean quality of the written file.
     pub fitted: Quality,

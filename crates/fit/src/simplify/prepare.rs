@@ -94,23 +94,12 @@ fn bounding_sphere(mesh: &Mesh) -> Option<(Vec3f, f32)> {
     (radius > 0.0 && radius.is_finite()).then_some((center, radius))
 }
 
-/// The start of a fit.
-#[derive(Debug)]
-pub struct Prepared {
-    /// The decimated, unwrapped and baked asset.
-    pub candidate: Candidate,
+/// What a fit can start from.
+pub(super) struct Prepared {
+    /// First the mesh that was drawn onto the reference, then, if it was a decimated one, the same as decimation left it.
+    pub(super) starts: Vec<Start>,
     /// What of the reference can be seen.
-    pub visibility: Visibility,
-    /// Share of the atlas inside charts.
-    pub occupancy: f32,
-    /// Number of charts.
-    pub charts: u32,
-    /// Mean distance between the candidate and the reference, in the normalised frame.
-    pub distance: f64,
-    /// Triangles of the reference that nobody sees.
-    pub hidden: usize,
-    /// The mesh as decimation left it; `None` where the start is not a decimated mesh.
-    pub decimated: Option<Mesh>,
+    pub(super) visibility: Visibility,
 }
 
 /// Decimates, unwraps and bakes.
@@ -138,24 +127,24 @@ pub(super) fn prepare(
         }
     };
     go_on()?;
-    let Start { candidate, distance, occupancy, charts } =
-        unwrap_and_bake(n, reference, &seen, &mesh, class, options, progress)?;
-    let hidden = seen.hidden();
-    Ok(Prepared { candidate, distance, hidden, visibility: seen, occupancy, charts, decimated })
+    let start = |mesh: &Mesh, class| unwrap_and_bake(n, reference, &seen, mesh, class, options, progress);
+    let mut starts = vec![start(&mesh, class.clone())?];
+    if let Some(mesh) = decimated {
+        starts.push(start(&mesh, class)?);
+    }
+    Ok(Prepared { starts, visibility: seen })
 }
 
 /// A candidate with an atlas of its own and what was baked into it.
+#[derive(Clone)]
 pub(super) struct Start {
     pub(super) candidate: Candidate,
-    /// Mean distance to the reference.
+    /// Mean distance to the reference, in the normalised frame.
     pub(super) distance: f64,
-    /// Share of the atlas inside charts.
-    occupancy: f32,
-    charts: u32,
 }
 
 /// Gives a mesh an atlas, the reference's hard edges, and maps baked from the reference.
-pub(super) fn unwrap_and_bake(
+fn unwrap_and_bake(
     n: &Normalised,
     reference: &Reference<'_>,
     seen: &Visibility,
@@ -180,7 +169,7 @@ pub(super) fn unwrap_and_bake(
     let mut candidate = Candidate::new(&split, &creased.smoothing, class, n.class_modes(), maps);
     let (baked, distance) = bake_candidate(reference, seen, &candidate, progress)?;
     candidate.set_maps(baked);
-    Ok(Start { candidate, distance, occupancy: atlas.occupancy, charts: atlas.charts })
+    Ok(Start { candidate, distance })
 }
 
 /// A callback that shows the finished share of a stage and passes on the wish to stop.

@@ -2,25 +2,24 @@
 
 use super::checkpoint::{self, Checkpoint};
 use super::painter::Painter;
-use super::prepare::bake_candidate;
-use super::{Plan, Prepared, SimplifyOptions};
+use super::pool::Pool;
+use super::prepare::{Start, bake_candidate};
+use super::{Plan, SimplifyOptions};
 use crate::bake::Reference;
 use crate::candidate::{Candidate, ParameterGradients, average};
-use crate::views::{Set, Setup, Shot, setup};
+use crate::views::{Set, Shot, setup};
+use crate::visibility::Visibility;
 use crate::{FitError, Progress};
-use photofit_image::{Image, downsample, psnr_from_mse};
+use photofit_image::psnr_from_mse;
 use photofit_optim::{
     LargeSteps, Optimizer, Placement, Rows, Schedule, Temporal, clamp_channels, normalize_vectors,
 };
 use photofit_raster::deferred::Passes;
 use photofit_raster::loss::Loss;
 use photofit_raster::{CHANNELS, channel};
-use photofit_sampling::Rng;
 use photofit_scalar::Vec3f;
 use std::time::Instant;
 
-/// Reference pictures that the fit draws from.
-const POOL: u64 = 72;
 /// Views of the early stop.
 const HELD_OUT: u64 = 5;
 /// Steps between two looks at the held-out views.
@@ -91,7 +90,7 @@ struct Trainer<'a> {
     gradients: ParameterGradients,
     shape: Optimizer<f32>,
     maps: Optimizer<f32>,
-    pool: Vec<Option<(Setup, Image)>>,
+    pool: Pool,
     held_out: Vec<Shot>,
     best: (f64, Vec<Vec3f>, photofit_raster::Maps),
     history: Vec<HistoryPoint>,
@@ -109,13 +108,13 @@ struct Trainer<'a> {
 pub(super) fn train(
     painter: &Painter<'_>,
     reference: &Reference<'_>,
-    prepared: Prepared,
+    start: Start,
+    seen: &Visibility,
     plan: &Plan,
     options: &SimplifyOptions,
     progress: &dyn Progress,
 ) -> Result<Trained, FitError> {
-    let start = Instant::now();
-    let candidate = prepared.candidate;
+    let Start { candidate, distance } = start;
     let large_steps = LargeSteps::new(candidate.positions.len(), &candidate.edges, LAMBDA)
         .map_err(FitError::Preconditioner)?;
     let optim = |source| FitError::Optim { step: 0, source, kept: "nothing was written".into() };
@@ -139,19 +138,18 @@ pub(super) fn train(
         candidate,
         shape,
         maps,
-        pool: (0..POOL).map(|_| None).collect(),
-        held_out: Vec::new(),
+        pool: Pool::default(),
+        held_out: held_out(painter, options)?,
         best,
         history: Vec::new(),
         passes: plan.passes(),
         pixels: 0.0,
         render_seconds: 0.0,
-        start,
+        start: Instant::now(),
         step: 0,
         loss: Vec::new(),
         fingerprint: String::new(),
     };
-    t.held_out = (0..HELD_OUT).map(|i| t.shot(i)).collect::<Result<_, _>>()?;
     t.fingerprint = checkpoint::fingerprint(options, &t.candidate, &t.held_out[0]);
     let mut stopped = false;
     if let Some(c) = checkpoint::load(options, &t.candidate, &t.fingerprint)? {
@@ -160,12 +158,12 @@ pub(super) fn train(
     let first = t.history.first().map(|h| h.held_out_psnr);
     let start_psnr = first.unwrap_or_else(|| t.look(progress));
     progress.report("fit", t.step, options.steps, &format!("{start_psnr:.2} dB"));
-    for (k, phase) in phases(options, prepared.distance, start_psnr).iter().enumerate() {
+    for (k, phase) in phases(options, distance, start_psnr).iter().enumerate() {
         if t.step >= phase.first + phase.steps {
             continue;
         }
         if t.step == phase.first && k > 0 {
-            t.rebake(reference, &prepared.visibility, progress)?;
+            t.rebake(reference, seen, progress)?;
         }
         stopped = t.run(phase, progress)?;
         if stopped {
@@ -197,38 +195,54 @@ fn phases(options: &SimplifyOptions, distance: f64, start_psnr: f64) -> Vec<Phas
     ]
 }
 
+/// Width and height of the pictures, made smaller by `shrink`.
+fn picture_size(options: &SimplifyOptions, shrink: usize) -> usize {
+    (options.resolution / (SAMPLES * shrink)).max(1)
+}
+
+/// The views of the early stop.
+fn held_out(painter: &Painter<'_>, options: &SimplifyOptions) -> Result<Vec<Shot>, FitError> {
+    let shot = |index| {
+        let s = setup(Set::HeldOut, index, HELD_OUT, options.seed, &options.lighting);
+        let picture = painter.picture(&s, picture_size(options, 1))?;
+        Ok(Shot::new(&s, &picture, SAMPLES, options.seed ^ 0x5eed, index))
+    };
+    (0..HELD_OUT).map(shot).collect()
+}
+
+/// The start that looks best in the views of the early stop; the first wins a tie.
+pub(super) fn best_start(
+    painter: &Painter<'_>,
+    starts: &[Start],
+    options: &SimplifyOptions,
+) -> Result<usize, FitError> {
+    if starts.len() < 2 {
+        return Ok(0);
+    }
+    let shots = held_out(painter, options)?;
+    let psnr = starts.iter().map(|s| psnr(&s.candidate, &shots, &Passes::default()));
+    let found: Vec<f64> = psnr.collect();
+    Ok((0..found.len()).fold(0, |best, k| if found[k] > found[best] { k } else { best }))
+}
+
+/// PSNR (sRGB, foreground) of a candidate over shots.
+fn psnr(candidate: &Candidate, shots: &[Shot], passes: &Passes) -> f64 {
+    let vertices = candidate.vertices();
+    let (mut squares, mut count) = (0.0, 0.0);
+    for shot in shots {
+        let frame = candidate.render(&vertices, shot, passes);
+        for (c, r) in average(&frame.color, shot).iter().zip(&shot.reference) {
+            if c[3] > 0.0 || r[3] > 0.0 {
+                let e = |x: f32| photofit_image::srgb_encode(x.clamp(0.0, 1.0));
+                squares += (0..3).map(|k| f64::from(e(c[k]) - e(r[k])).powi(2)).sum::<f64>() / 3.0;
+                count += 1.0;
+            }
+        }
+    }
+    psnr_from_mse(squares / f64::max(count, 1.0))
+}
+
 impl Trainer<'_> {
-    /// Renders a reference picture.
-    fn picture(&self, s: &Setup) -> Result<Image, FitError> {
-        self.painter.picture(s, (self.options.resolution / SAMPLES).max(1))
-    }
-
-    /// View `index` of the early stop.
-    fn shot(&self, index: u64) -> Result<Shot, FitError> {
-        let s = setup(Set::HeldOut, index, HELD_OUT, self.options.seed, &self.options.lighting);
-        Ok(Shot::new(&s, &self.picture(&s)?, SAMPLES, self.options.seed ^ 0x5eed, index))
-    }
-
-    /// The pictures of one step.
-    fn batch(&mut self, phase: &Phase) -> Result<Vec<Shot>, FitError> {
-        let mut rng = Rng::new(self.options.seed, (7 << 32) + self.step);
-        (0..self.options.batch as u64)
-            .map(|b| {
-                // The pool is walked through once in order, then at random.
-                let serial = self.step * self.options.batch as u64 + b;
-                let k = if serial < POOL { serial } else { u64::from(rng.next_u32()) % POOL } as usize;
-                if self.pool[k].is_none() {
-                    let s = setup(Set::Train, k as u64, POOL, self.options.seed, &self.options.lighting);
-                    let picture = self.picture(&s)?;
-                    self.pool[k] = Some((s, picture));
-                }
-                let (s, picture) = self.pool[k].as_ref().expect("just rendered");
-                let small = (phase.shrink > 1).then(|| downsample(picture, phase.shrink));
-                Ok(Shot::new(s, small.as_ref().unwrap_or(picture), SAMPLES, self.options.seed, serial))
-            })
-            .collect()
-    }
-
     /// Runs a phase to its end; true when the user or the time limit stopped it.
     fn run(&mut self, phase: &Phase, progress: &dyn Progress) -> Result<bool, FitError> {
         self.passes = Passes { position_gradients: phase.position_rate > 0.0, ..self.plan.passes() };
@@ -265,7 +279,8 @@ impl Trainer<'_> {
     }
 
     fn one_step(&mut self, phase: &Phase) -> Result<(), FitError> {
-        let shots = self.batch(phase)?;
+        let size = picture_size(self.options, phase.shrink);
+        let shots = self.pool.batch(self.painter, self.options, (phase.first, self.step), size, SAMPLES)?;
         let began = Instant::now();
         let value = self.candidate.step(&shots, Loss::LogSrgbL1, &self.passes, &mut self.gradients);
         self.render_seconds += began.elapsed().as_secs_f64();
@@ -295,20 +310,7 @@ impl Trainer<'_> {
 
     /// PSNR of the held-out views; keeps the best state.
     fn look(&mut self, progress: &dyn Progress) -> f64 {
-        let vertices = self.candidate.vertices();
-        let passes = self.plan.passes();
-        let (mut squares, mut count) = (0.0, 0.0);
-        for shot in &self.held_out {
-            let frame = self.candidate.render(&vertices, shot, &passes);
-            for (c, r) in average(&frame.color, shot).iter().zip(&shot.reference) {
-                if c[3] > 0.0 || r[3] > 0.0 {
-                    let e = |x: f32| photofit_image::srgb_encode(x.clamp(0.0, 1.0));
-                    squares += (0..3).map(|k| f64::from(e(c[k]) - e(r[k])).powi(2)).sum::<f64>() / 3.0;
-                    count += 1.0;
-                }
-            }
-        }
-        let psnr = psnr_from_mse(squares / f64::max(count, 1.0));
+        let psnr = psnr(&self.candidate, &self.held_out, &self.plan.passes());
         let loss = self.loss.iter().sum::<f64>() / self.loss.len().max(1) as f64;
         self.loss.clear();
         let seconds = self.start.elapsed().as_secs_f64();
@@ -324,7 +326,7 @@ impl Trainer<'_> {
     fn rebake(
         &mut self,
         reference: &Reference<'_>,
-        seen: &crate::visibility::Visibility,
+        seen: &Visibility,
         progress: &dyn Progress,
     ) -> Result<(), FitError> {
         self.candidate.positions.clone_from(&self.best.1);

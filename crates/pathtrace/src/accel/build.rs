@@ -1,15 +1,15 @@
-//! Building: checks, own frame, obvhs' binary tree, collapse.
+//! Building: checks, own frame, binary tree, collapse, packets.
 
+use super::binary::{self, Item, Set};
 use super::triangle::Packet;
 use super::{Accel, AccelError, MAX_COORDINATE, wide};
-use glam::Vec3A;
-use obvhs::aabb::Aabb;
-use obvhs::bvh2::leaf_collapser::collapse;
-use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
-use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+use glam::Vec3;
 use photofit_scalar::Vec3f;
+use rayon::prelude::*;
 
 const MAX_TRIANGLES: usize = 1 << 30;
+/// Least number of triangles that a thread takes at once.
+const CHUNK: usize = 1 << 13;
 
 pub(super) fn build(positions: &[Vec3f], triangles: &[[u32; 3]]) -> Result<Accel, AccelError> {
     if triangles.len() > MAX_TRIANGLES {
@@ -25,55 +25,57 @@ pub(super) fn build(positions: &[Vec3f], triangles: &[[u32; 3]]) -> Result<Accel
         packets: Vec::new(),
         center,
         scale,
+        back: (1.0 / scale) as f32,
         extent: 0.0,
         triangles: triangles.len(),
     };
     if triangles.is_empty() {
         return Ok(accel);
     }
-    let local: Vec<Vec3A> = positions.iter().map(|&p| accel.local(p).into()).collect();
+    let local: Vec<Vec3> = positions.par_iter().with_min_len(CHUNK).map(|&p| accel.local(p)).collect();
     let corners = |t: u32| triangles[t as usize].map(|i| local[i as usize]);
-    let boxes: Vec<Aabb> = (0..triangles.len() as u32).map(|t| Aabb::from_points(&corners(t))).collect();
-    accel.extent = boxes.iter().fold(0.0, |e, b| b.min.abs().max(b.max.abs()).max_element().max(e));
-    let indices = (0..triangles.len() as u32).collect();
-    let mut tree = PlocBuilder::with_capacity(boxes.len()).build(
-        PlocSearchDistance::Medium,
-        &boxes,
-        indices,
-        SortPrecision::U64,
-        3,
-    );
-    let mut reinsertion = ReinsertionOptimizer::default();
-    reinsertion.run(&mut tree, 0.05, None);
-    // Four triangles cost one packet test: leaves are filled wherever the boxes allow it.
-    collapse(&mut tree, Packet::SIZE as u32, 3.0);
-    reinsertion.run(&mut tree, 0.1, None);
-    accel.packets.reserve(tree.nodes.len() / 2 + 1);
-    let packets = &mut accel.packets;
-    accel.nodes = wide::collapse(&tree, |triangles| {
-        packets.push(Packet::new(triangles, corners));
-        (packets.len() - 1) as u32
-    });
+    let item = |t: u32| {
+        let [a, b, c] = corners(t);
+        Item::new(a.min(b).min(c).to_array(), a.max(b).max(c).to_array(), t)
+    };
+    let count = triangles.len() as u32;
+    let mut items: Vec<Item> = (0..count).into_par_iter().with_min_len(CHUNK).map(item).collect();
+    let tree = binary::build(&mut items);
+    accel.extent = tree.root.lo.iter().chain(&tree.root.hi).fold(0.0, |e, x| x.abs().max(e));
+    let wide = wide::collapse(&tree);
+    let packet = |set: &Set| {
+        let items = &items[set.first as usize..][..set.count as usize];
+        Packet::new(items.iter().map(Item::number), corners)
+    };
+    accel.packets = wide.leaves.par_iter().with_min_len(CHUNK / 8).map(packet).collect();
+    accel.nodes = wide.nodes;
     Ok(accel)
 }
 
 /// Checks indices and coordinates; the box of the named vertices.
 fn check(positions: &[Vec3f], triangles: &[[u32; 3]]) -> Result<(Vec3f, Vec3f), AccelError> {
-    let mut bounds: Option<(Vec3f, Vec3f)> = None;
-    for (triangle, corners) in triangles.iter().enumerate() {
-        for &index in corners {
+    let faulty = |(triangle, corners): (usize, &[u32; 3])| {
+        corners.iter().find_map(|&index| {
             let vertex = index as usize;
-            let Some(&p) = positions.get(vertex) else {
-                return Err(AccelError::Index { triangle, index, vertices: positions.len() });
-            };
-            if !p.is_finite() {
-                return Err(AccelError::NonFinite { vertex });
+            match positions.get(vertex) {
+                None => Some(AccelError::Index { triangle, index, vertices: positions.len() }),
+                Some(p) if !p.is_finite() => Some(AccelError::NonFinite { vertex }),
+                Some(p) if p.to_array().iter().any(|x| x.abs() > MAX_COORDINATE) => {
+                    Some(AccelError::TooFar { vertex })
+                }
+                Some(_) => None,
             }
-            if p.to_array().iter().any(|x| x.abs() > MAX_COORDINATE) {
-                return Err(AccelError::TooFar { vertex });
-            }
-            bounds = Some(bounds.map_or((p, p), |(lo, hi)| (lo.min(p), hi.max(p))));
-        }
+        })
+    };
+    if let Some(fault) = triangles.par_iter().with_min_len(CHUNK).enumerate().find_map_first(faulty) {
+        return Err(fault);
     }
-    Ok(bounds.unwrap_or_default())
+    let range = |(lo, hi): (Vec3f, Vec3f), corners: &[u32; 3]| {
+        corners.iter().map(|&i| positions[i as usize]).fold((lo, hi), |(lo, hi), p| (lo.min(p), hi.max(p)))
+    };
+    let Some(first) = triangles.first().map(|t| positions[t[0] as usize]) else {
+        return Ok(<(Vec3f, Vec3f)>::default());
+    };
+    let ranges = triangles.par_iter().with_min_len(CHUNK).fold(|| (first, first), range);
+    Ok(ranges.reduce(|| (first, first), |a, b| (a.0.min(b.0), a.1.max(b.1))))
 }

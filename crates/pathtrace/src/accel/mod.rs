@@ -10,13 +10,16 @@
 //!   anything is rounded to single: an offset of 1e6 or a scale of 1e-6 costs no accuracy beyond that of the input.
 //! - Equal distances are resolved to the lower triangle index: the answer does not depend on the shape of the tree.
 
+mod binary;
 mod build;
 mod nearest;
 mod stack;
 mod top;
 mod traverse;
 mod triangle;
+mod walk;
 mod wide;
+mod width;
 
 #[cfg(test)]
 mod tests;
@@ -89,6 +92,8 @@ pub struct Accel {
     center: [f64; 3],
     /// Power of two that brings the geometry to about unit size.
     scale: f64,
+    /// The inverse of `scale`.
+    back: f32,
     /// Largest absolute coordinate after moving and scaling.
     extent: f32,
     triangles: usize,

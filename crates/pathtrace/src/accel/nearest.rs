@@ -1,8 +1,8 @@
 //! The closest point of a mesh.
 
 use super::Accel;
-use super::stack::Stack;
-use super::wide::LEAF;
+use super::stack::{Stack, entry, parts};
+use super::wide::{LEAF, Lanes};
 use glam::{Vec3, Vec4};
 use photofit_scalar::Vec3f;
 
@@ -51,8 +51,11 @@ impl Accel {
         let mut best: Option<(f32, NearestPoint)> = None;
         let lanes = [Vec4::splat(q.x), Vec4::splat(q.y), Vec4::splat(q.z)];
         let mut stack = Stack::new();
-        stack.push((0, 0.0));
-        while let Some((at, lower)) = stack.pop() {
+        stack.set(0, entry(0, 0.0));
+        let mut len = 1;
+        while let Some((top, below)) = stack.pop(len) {
+            len = below;
+            let (at, lower) = parts(top);
             // Rounding of the two ways to compute a distance.
             let reachable = limit * (1.0 + 8.0 * f32::EPSILON);
             if lower > reachable {
@@ -60,30 +63,24 @@ impl Accel {
             }
             if at & LEAF == 0 {
                 let node = &self.nodes[at as usize];
-                let mut square = Vec4::ZERO;
-                for k in 0..3 {
-                    let d = (node.lo[k] - lanes[k]).max(lanes[k] - node.hi[k]).max(Vec4::ZERO);
-                    square += d * d;
+                let mut squares = [Vec4::ZERO; 2];
+                let mut mask = 0;
+                for half in 0..2 {
+                    for k in 0..3 {
+                        let [lo, hi] = node.planes[k].map(|p| p.0[half]);
+                        let d = (lo - lanes[k]).max(lanes[k] - hi).max(Vec4::ZERO);
+                        squares[half] += d * d;
+                    }
+                    mask |= squares[half].cmple(Vec4::splat(reachable)).bitmask() << (4 * half);
                 }
-                let mut mask = square.cmple(Vec4::splat(reachable)).bitmask();
-                let square = square.to_array();
-                // The farthest goes to the bottom.
-                let mut found = [(0_u32, 0.0_f32); 4];
-                let mut count = 0;
+                let squares = Lanes(squares).to_array();
+                let bottom = stack.reserve(len);
+                len = bottom;
                 while mask != 0 {
                     let lane = mask.trailing_zeros() as usize;
                     mask &= mask - 1;
-                    let entry = (node.child[lane], square[lane]);
-                    let mut i = count;
-                    while i > 0 && found[i - 1].1 < entry.1 {
-                        found[i] = found[i - 1];
-                        i -= 1;
-                    }
-                    found[i] = entry;
-                    count += 1;
-                }
-                for &entry in &found[..count] {
-                    stack.push(entry);
+                    stack.insert(bottom, len, entry(node.child[lane], squares[lane]));
+                    len += 1;
                 }
                 continue;
             }

@@ -1,57 +1,124 @@
 //! The stack of a traversal.
 
 /// Nodes still to visit with the distances of their boxes; spills to the heap in very deep trees.
+///
+/// Users keep the number of entries to themselves, in a register.
 pub(super) struct Stack {
-    inline: [(u32, f32); Self::INLINE],
-    len: usize,
-    spilled: Vec<(u32, f32)>,
+    inline: [u64; Self::INLINE],
+    spilled: Vec<u64>,
+}
+
+/// A node and its distance as one number: entries of distances from zero on sort by distance.
+#[inline(always)]
+pub(super) fn entry(node: u32, near: f32) -> u64 {
+    u64::from(near.to_bits()) << 32 | u64::from(node)
+}
+
+/// The inverse of [`entry`].
+#[inline(always)]
+pub(super) fn parts(entry: u64) -> (u32, f32) {
+    (entry as u32, f32::from_bits((entry >> 32) as u32))
 }
 
 impl Stack {
     const INLINE: usize = 64;
+    /// Entries moved at once to the heap or back.
+    const MOVED: usize = Self::INLINE / 2;
+    /// Most entries that [`Self::reserve`] makes room for.
+    const ROOM: usize = 8;
 
     #[inline(always)]
     pub(super) fn new() -> Self {
-        Self { inline: [(0, 0.0); Self::INLINE], len: 0, spilled: Vec::new() }
+        Self { inline: [0; Self::INLINE], spilled: Vec::new() }
     }
 
+    /// Makes room for eight entries above the `len` that are there; returns the new number.
     #[inline(always)]
-    pub(super) fn push(&mut self, entry: (u32, f32)) {
-        if self.len < Self::INLINE {
-            self.inline[self.len] = entry;
-            self.len += 1;
-        } else {
-            self.spilled.push(entry);
-        }
+    pub(super) fn reserve(&mut self, len: usize) -> usize {
+        if len > Self::INLINE - Self::ROOM { self.spill(len) } else { len }
     }
 
+    /// Sets the entry at a place.
     #[inline(always)]
-    pub(super) fn pop(&mut self) -> Option<(u32, f32)> {
-        if self.len == Self::INLINE
-            && let Some(entry) = self.spilled.pop()
-        {
-            return Some(entry);
+    pub(super) fn set(&mut self, at: usize, entry: u64) {
+        self.inline[at % Self::INLINE] = entry;
+    }
+
+    /// The entry at a place.
+    #[inline(always)]
+    pub(super) fn get(&self, at: usize) -> u64 {
+        self.inline[at % Self::INLINE]
+    }
+
+    /// Inserts an entry among those from `bottom` to `top`, which are sorted, the nearest at the top.
+    #[inline(always)]
+    pub(super) fn insert(&mut self, bottom: usize, top: usize, entry: u64) {
+        let mut at = top;
+        while at > bottom && self.get(at - 1) < entry {
+            self.set(at, self.get(at - 1));
+            at -= 1;
         }
-        self.len = self.len.checked_sub(1)?;
-        Some(self.inline[self.len])
+        self.set(at, entry);
+    }
+
+    /// The top entry of `len` and the number of those below.
+    #[inline(always)]
+    pub(super) fn pop(&mut self, mut len: usize) -> Option<(u64, usize)> {
+        if len == 0 {
+            len = self.refill()?;
+        }
+        Some((self.inline[(len - 1) % Self::INLINE], len - 1))
+    }
+
+    /// Moves the bottom entries to the heap.
+    #[cold]
+    #[inline(never)]
+    fn spill(&mut self, len: usize) -> usize {
+        self.spilled.extend_from_slice(&self.inline[..Self::MOVED]);
+        self.inline.copy_within(Self::MOVED..len, 0);
+        len - Self::MOVED
+    }
+
+    /// Takes the latest entries back from the heap.
+    #[inline(always)]
+    fn refill(&mut self) -> Option<usize> {
+        let start = self.spilled.len().checked_sub(Self::MOVED)?;
+        self.inline[..Self::MOVED].copy_from_slice(&self.spilled[start..]);
+        self.spilled.truncate(start);
+        Some(Self::MOVED)
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::Stack;
+    use super::{Stack, entry, parts};
 
     #[test]
     fn deep_stacks_spill_and_come_back_in_order() {
         let mut stack = Stack::new();
+        let mut len = 0;
         for round in 0..3_u32 {
             for i in 0..200 {
-                stack.push((i, (i + round) as f32));
+                len = stack.reserve(len);
+                stack.set(len, entry(i, (i + round) as f32));
+                len += 1;
             }
             for i in (0..200).rev() {
-                assert_eq!(stack.pop(), Some((i, (i + round) as f32)));
+                let (top, below) = stack.pop(len).unwrap();
+                assert_eq!(parts(top), (i, (i + round) as f32));
+                len = below;
             }
-            assert_eq!(stack.pop(), None);
+            assert_eq!(stack.pop(len), None);
         }
+    }
+
+    #[test]
+    fn insertion_sorts() {
+        let mut stack = Stack::new();
+        for (i, near) in [1.0, 2.0, 0.5, 4.0, 3.0].into_iter().enumerate() {
+            stack.insert(i.min(1), i, entry(i as u32, near));
+        }
+        let order: Vec<u32> = (1..6).rev().map(|len| parts(stack.pop(len).unwrap().0).0).collect();
+        assert_eq!(order, [2, 1, 4, 3, 0]);
     }
 }

@@ -1,10 +1,16 @@
 //! A tree over boxes, and rays in the frame of a structure: the parts of a two-level traversal.
 
-use super::traverse::{Local, Slabs, walk};
+use super::binary::{Binary, Set};
+use super::traverse::Local;
+use super::walk::Slabs;
 use super::wide::{self, Node};
+#[cfg(target_arch = "x86_64")]
+use super::width::Avx2;
+use super::width::{Portable, Width};
 use super::{Accel, Hit};
 use glam::{DAffine3, DVec3, Vec3, Vec3A};
 use obvhs::aabb::Aabb;
+use obvhs::bvh2::node::Bvh2Node;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use photofit_scalar::Vec3f;
 
@@ -33,15 +39,42 @@ impl TopTree {
         let indices = (0..boxes.len() as u32).collect();
         let mut builder = PlocBuilder::with_capacity(boxes.len());
         let tree = builder.build(PlocSearchDistance::Medium, &boxes, indices, SortPrecision::U64, 3);
-        Self { nodes: wide::collapse(&tree, |entries| entries[0]), extent }
+        let set = |node: &Bvh2Node| Set {
+            lo: node.aabb().min.to_array(),
+            hi: node.aabb().max.to_array(),
+            first: node.first_index,
+            count: if node.is_leaf() { 1 } else { u32::MAX },
+        };
+        // The children of a node follow one another, at the index that it names.
+        let halves = tree.nodes.windows(2).map(|pair| [set(&pair[0]), set(&pair[1])]).collect();
+        let binary = Binary { root: set(&tree.nodes[0]), halves };
+        let wide = wide::collapse(&binary);
+        let entry = |leaf: usize| tree.primitive_indices[wide.leaves[leaf].first as usize];
+        Self { nodes: wide.nodes.into_iter().map(|node| node.with_leaves(entry)).collect(), extent }
     }
 
     /// Visits the entries whose boxes the ray passes, near ones first; `visit` gets the limit so far and returns the
     /// new one, or ends the walk.
     #[inline(always)]
     pub(crate) fn walk(&self, ray: &TopRay, limit: f32, visit: impl FnMut(u32, f32) -> Option<f32>) {
+        #[cfg(target_arch = "x86_64")]
+        if let Some(width) = Avx2::detect() {
+            return self.walk_with(width, ray, limit, visit);
+        }
+        self.walk_with(Portable, ray, limit, visit);
+    }
+
+    /// [`Self::walk`] with given instructions.
+    #[inline(always)]
+    pub(crate) fn walk_with(
+        &self,
+        width: impl Width,
+        ray: &TopRay,
+        limit: f32,
+        visit: impl FnMut(u32, f32) -> Option<f32>,
+    ) {
         if !self.nodes.is_empty() {
-            walk(&self.nodes, &ray.0, limit.min(f32::MAX), visit);
+            width.walk::<true>(&self.nodes, &ray.0, limit.min(f32::MAX), visit);
         }
     }
 
@@ -58,21 +91,21 @@ impl TopRay {
     /// `direction` is finite and not zero.
     #[inline(always)]
     pub(crate) fn new(tree: &TopTree, origin: Vec3f, direction: Vec3f) -> Self {
-        let (o, d) = (Vec3::from_array(origin.to_array()), Vec3::from_array(direction.to_array()));
+        let (o, d) = (Vec3A::from_array(origin.to_array()), Vec3A::from_array(direction.to_array()));
         let pad = (o.abs().max_element() + tree.extent) * (8.0 * 0.5 * f32::EPSILON);
         Self(Slabs::new(o, d, pad, 0.0))
     }
 }
 
 /// A ray in an [`Accel`]'s own frame.
-pub(crate) struct FrameRay(Local, f32);
+pub(crate) struct FrameRay(Local);
 
 impl FrameRay {
     /// `t` counts lengths of `direction`, from 0 to `t_max`; `None` for directions that hit nothing.
     #[inline(always)]
     pub(crate) fn new(accel: &Accel, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Self> {
         let t_max = t_max.min(f32::MAX);
-        Local::in_frame(accel, origin, direction, 0.0, t_max).map(|local| Self(local, t_max))
+        Local::in_frame(accel, origin.into(), direction.into(), 0.0, t_max).map(Self)
     }
 }
 
@@ -88,8 +121,9 @@ impl Accel {
         let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         if let Some(root) = self.nodes.first() {
             for k in 0..3 {
-                lo[k] = f64::from(root.lo[k].min_element()) / self.scale + self.center[k];
-                hi[k] = f64::from(root.hi[k].max_element()) / self.scale + self.center[k];
+                let [least, largest] = root.range(k).map(f64::from);
+                lo[k] = least / self.scale + self.center[k];
+                hi[k] = largest / self.scale + self.center[k];
             }
         }
         (lo, hi)
@@ -102,9 +136,24 @@ impl Accel {
 
     /// Calls `found` with hits and the limit so far; it returns the new limit, or ends the walk.
     #[inline(always)]
-    pub(crate) fn candidates(&self, ray: &FrameRay, mut found: impl FnMut(Hit, f32) -> Option<f32>) {
-        let mut limit = ray.1;
-        self.traverse(&ray.0, limit, |packet, hits| {
+    pub(crate) fn candidates(&self, ray: &FrameRay, found: impl FnMut(Hit, f32) -> Option<f32>) {
+        #[cfg(target_arch = "x86_64")]
+        if let Some(width) = Avx2::detect() {
+            return self.candidates_with(width, ray, found);
+        }
+        self.candidates_with(Portable, ray, found);
+    }
+
+    /// [`Self::candidates`] with given instructions.
+    #[inline(always)]
+    pub(crate) fn candidates_with(
+        &self,
+        width: impl Width,
+        ray: &FrameRay,
+        mut found: impl FnMut(Hit, f32) -> Option<f32>,
+    ) {
+        let mut limit = ray.0.t_max();
+        self.traverse::<true>(width, &ray.0, |packet, hits| {
             let mut mask = hits.mask;
             while mask != 0 {
                 let hit = hits.lane(packet, mask.trailing_zeros() as usize);

@@ -1,7 +1,7 @@
 //! Packets of four triangles and their watertight intersection.
 
 use super::Hit;
-use glam::{BVec4A, Vec3A, Vec4};
+use glam::{BVec4A, Vec3, Vec4};
 
 /// Up to four triangles side by side; unused lanes are NaN, which no comparison accepts.
 #[derive(Clone, Debug)]
@@ -27,7 +27,7 @@ pub(super) struct Shear {
 impl Shear {
     /// `direction` must be finite and not zero.
     #[inline(always)]
-    pub(super) fn new(origin: glam::Vec3, direction: glam::Vec3) -> Self {
+    pub(super) fn new(origin: Vec3, direction: Vec3) -> Self {
         let a = direction.abs();
         let z = if a.x > a.y && a.x > a.z {
             0
@@ -77,13 +77,11 @@ impl PacketHits {
 }
 
 impl Packet {
-    /// Triangles of a packet.
-    pub(super) const SIZE: usize = 4;
-
-    pub(super) fn new(ids: &[u32], corners: impl Fn(u32) -> [Vec3A; 3]) -> Self {
-        let mut packet = Self { corners: [[Vec4::NAN; 3]; 3], ids: [u32::MAX; 4], count: ids.len() as u32 };
-        for (lane, &id) in ids.iter().enumerate() {
+    pub(super) fn new(ids: impl Iterator<Item = u32>, corners: impl Fn(u32) -> [Vec3; 3]) -> Self {
+        let mut packet = Self { corners: [[Vec4::NAN; 3]; 3], ids: [u32::MAX; 4], count: 0 };
+        for (lane, id) in ids.enumerate() {
             packet.ids[lane] = id;
+            packet.count += 1;
             for (corner, p) in corners(id).into_iter().enumerate() {
                 for axis in 0..3 {
                     packet.corners[corner][axis][lane] = p[axis];
@@ -95,7 +93,7 @@ impl Packet {
 
     /// Corners of the triangle in `lane`.
     #[inline(always)]
-    pub(super) fn triangle(&self, lane: usize) -> [glam::Vec3; 3] {
+    pub(super) fn triangle(&self, lane: usize) -> [Vec3; 3] {
         std::array::from_fn(|c| {
             let [x, y, z] = &self.corners[c];
             glam::vec3(x[lane], y[lane], z[lane])
@@ -118,15 +116,17 @@ impl Packet {
         let mut v = ax * cy - ay * cx;
         let mut w = bx * ay - by * ax;
         let zero = Vec4::ZERO;
-        let on_edge = u.cmpeq(zero) | v.cmpeq(zero) | w.cmpeq(zero);
-        if on_edge.any() {
-            (u, v, w) = in_double([ax, ay, bx, by, cx, cy], on_edge, [u, v, w]);
-        }
-        let inside =
-            (u.cmpge(zero) & v.cmpge(zero) & w.cmpge(zero)) | (u.cmple(zero) & v.cmple(zero) & w.cmple(zero));
         let none = PacketHits { mask: 0, t: [0.0; 4], u: [0.0; 4], v: [0.0; 4], front: 0 };
+        let one_sided = |u: Vec4, v: Vec4, w: Vec4| u.min(v).min(w).cmpge(zero) | u.max(v).max(w).cmple(zero);
+        let mut inside = one_sided(u, v, w);
         if !inside.any() {
             return none;
+        }
+        // Single precision decides the sign of each value that is not zero, hence only these need more.
+        let on_edge = inside & (u.cmpeq(zero) | v.cmpeq(zero) | w.cmpeq(zero));
+        if on_edge.any() {
+            (u, v, w) = in_double([ax, ay, bx, by, cx, cy], on_edge, [u, v, w]);
+            inside = one_sided(u, v, w);
         }
         let det = u + v + w;
         // Quotients, not products with a reciprocal: that of a tiny determinant would overflow.
