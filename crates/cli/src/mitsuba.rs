@@ -42,7 +42,7 @@ pub(crate) fn render(a: &Render) -> Result<()> {
     let key = format!("{}|{:?}", stamps.join("|"), a.path.define);
     // The materials of the scene are defined without compensation.
     let plain = WorldOptions { energy: Energy::Single, ..WorldOptions::default() };
-    let parts = Parts::from_mitsuba(scene).map_err(|e| named(&e))?;
+    let parts = Parts::from_mitsuba(scene);
     let world = World::with_options(parts, plain).map_err(|e| named(&e))?;
     let renderer = Renderer::new(&world, &view, options).map_err(|e| named(&e))?;
     path_render::finish(&resolved, renderer, &key)

@@ -35,7 +35,7 @@ pub use integrator::{PathOptions, Strategy};
 pub use light::{EnvironmentMap, Falloff, LightSource};
 pub use plan::{Features, Plan};
 pub use render::{Integrator, Progress, RenderOptions, Renderer};
-pub use volume::Volume;
+pub use volume::{Boundary, BoundedMedium, Field, Volume};
 pub use world::{
     Instance, Interaction, Material, Parts, Scattering, Shape, World, WorldHit, WorldOptions, WorldRay,
 };

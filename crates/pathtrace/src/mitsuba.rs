@@ -1,33 +1,29 @@
 //! Worlds, cameras and options from scenes of the Mitsuba 3 renderer.
 
-use crate::PathtraceError;
 use crate::camera::{Lens, Projection, View};
-use crate::error::invalid;
 use crate::film::Filter;
 use crate::integrator::PathOptions;
 use crate::light::{EnvironmentMap, Falloff, LightSource};
 use crate::render::RenderOptions;
+use crate::volume::{Boundary, BoundedMedium, Field};
 use crate::world::{Instance, Material, Parts, Shape};
 use glam::{DMat3, DVec3, Quat};
 use photofit_image::Image;
 use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::mitsuba::{
-    MitsubaEnvironment, MitsubaFilter, MitsubaScene, MitsubaSensor, MitsubaShape, Projection as Seen,
+    MitsubaEnvironment, MitsubaFilter, MitsubaMedium, MitsubaScene, MitsubaSensor, MitsubaShape,
+    MitsubaVolume, Projection as Seen,
 };
 use photofit_scene::{LightKind, PunctualLight};
 
 impl Parts {
     /// Everything in a scene that light meets.
-    ///
-    /// # Errors
-    /// If the scene has participating media, which are rendered in boxes of [`Parts::volumes`] alone.
-    pub fn from_mitsuba(scene: MitsubaScene) -> Result<Self, PathtraceError> {
-        if let Some(i) = scene.instances.iter().position(|i| i.interior.or(i.exterior).is_some()) {
-            return Err(invalid(
-                format!("shape {i}"),
-                "participating media inside of shapes are not supported",
-            ));
-        }
+    pub fn from_mitsuba(scene: MitsubaScene) -> Self {
+        let boundaries = scene.instances.iter().enumerate().filter_map(|(instance, i)| {
+            let (interior, exterior) = (i.interior, i.exterior);
+            interior.or(exterior).map(|_| Boundary { instance, interior, exterior })
+        });
+        let boundaries = boundaries.collect();
         let shapes = scene.shapes.into_iter().map(|shape| match shape {
             MitsubaShape::Sphere { center, radius } => Shape::Sphere { center, radius },
             MitsubaShape::Mesh(mesh) => Shape::Mesh(mesh),
@@ -37,15 +33,23 @@ impl Parts {
             material: i.material,
             transform: i.transform,
         });
-        Ok(Self {
+        Self {
             shapes: shapes.collect(),
             instances: instances.collect(),
             materials: scene.materials.into_iter().map(Material::from_graph).collect(),
             lights: scene.lights.iter().map(light).collect(),
             environment: scene.environment.map(environment),
+            media: scene.media.into_iter().map(medium).collect(),
+            boundaries,
+            medium_around_camera: scene.sensor.medium,
             ..Self::default()
-        })
+        }
     }
+}
+
+fn medium(m: MitsubaMedium) -> BoundedMedium {
+    let field = |v: MitsubaVolume| Field { size: v.size, values: v.values, transform: v.to_unit.inverse() };
+    BoundedMedium { extinction: field(m.extinction), scale: m.scale, albedo: field(m.albedo), g: m.g }
 }
 
 fn light(light: &PunctualLight) -> LightSource {

@@ -42,6 +42,15 @@ impl PathRandom {
         self.group(vertex, 1)
     }
 
+    /// For the first flight through a medium behind vertex `vertex`: the colour, the distance. `None` for late vertices.
+    #[inline]
+    pub(crate) fn flight(&self, vertex: u32) -> Option<[f32; 2]> {
+        (vertex < VERTICES).then(|| {
+            let [a, b, ..] = self.sobol.sample_4d(self.sample, 1 + GROUPS * VERTICES + vertex);
+            [a, b]
+        })
+    }
+
     #[inline(always)]
     fn group(&self, vertex: u32, which: u32) -> [f32; 4] {
         if vertex < VERTICES {

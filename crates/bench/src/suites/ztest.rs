@@ -147,7 +147,7 @@ fn test(case: &Case) -> Result<Outcome> {
     options.spp = if case.variance.is_some() { (SAMPLES / pixels) as u32 } else { IGNIS_SPP };
     let spp = options.spp;
     let view = View::from_mitsuba(&scene.sensor);
-    let parts = Parts::from_mitsuba(scene)?;
+    let parts = Parts::from_mitsuba(scene);
     let world =
         World::with_options(parts, WorldOptions { energy: Energy::Single, ..WorldOptions::default() })?;
     let mut renderer = Renderer::new(&world, &view, options)?;

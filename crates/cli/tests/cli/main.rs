@@ -4,6 +4,7 @@
 mod bad_input;
 mod commands;
 mod denoise;
+mod mitsuba;
 mod path;
 mod simplify;
 mod support;

@@ -1,5 +1,6 @@
 //! Estimators of the radiance that arrives along a ray.
 
+mod medium;
 pub(crate) mod path;
 pub(crate) mod teaching;
 mod visibility;

@@ -1,12 +1,12 @@
 //! The path tracer: next-event estimation and BSDF sampling with multiple importance sampling (Veach 1997), Russian
 //! roulette, stochastic opacity, media.
 
+use super::medium::Event;
 use super::visibility::{closest, transmittance};
 use super::{FirstHit, PathOptions, PathSample, Strategy, brightest, exp};
 use crate::light::{LightRandom, LightSample};
 use crate::plan;
 use crate::random::PathRandom;
-use crate::volume::{phase, sample_phase};
 use crate::world::{Interaction, SurfaceMaterial, World, WorldRay};
 use photofit_sampling::power_heuristic;
 use photofit_scalar::Vec3f;
@@ -15,32 +15,38 @@ use photofit_scalar::Vec3f;
 const ROULETTE_MAX: f32 = 0.95;
 /// Boundaries that are not there, passed in a row; a path that meets more is cut.
 const MAX_CROSSINGS: u32 = 1024;
+/// Tells the random number of a pane from that of its coverage.
+const PANE: u64 = 1 << 63;
 
 /// How the last direction was chosen.
 #[derive(Clone, Copy)]
-struct Last {
+pub(super) struct Last {
     /// The vertex it left.
-    p: Vec3f,
+    pub(super) p: Vec3f,
     /// Its density, 1/sr.
-    pdf: f32,
+    pub(super) pdf: f32,
     /// No other strategy finds it: the camera, or a delta lobe.
-    only: bool,
+    pub(super) only: bool,
 }
 
 /// The state of a path between two vertices.
-struct Path<'a, const F: u32> {
-    world: &'a World,
-    random: &'a PathRandom,
-    options: &'a PathOptions,
-    ray: WorldRay,
-    radiance: Vec3f,
-    throughput: Vec3f,
+pub(super) struct Path<'a, const F: u32> {
+    pub(super) world: &'a World,
+    pub(super) random: &'a PathRandom,
+    pub(super) options: &'a PathOptions,
+    pub(super) ray: WorldRay,
+    pub(super) radiance: Vec3f,
+    pub(super) throughput: Vec3f,
     /// Square of the relative indices of refraction crossed: what roulette must not see.
     eta_squared: f32,
-    last: Last,
+    pub(super) last: Last,
     /// Absorption of the surface that the path is in.
-    inside: Vec3f,
-    depth: u32,
+    pub(super) inside: Vec3f,
+    /// The bounded medium that it is in.
+    pub(super) medium: Option<u32>,
+    /// Vertices whose numbers for a flight are used up.
+    pub(super) flown: u32,
+    pub(super) depth: u32,
 }
 
 /// Estimates the radiance along a camera ray; what `F` lacks is not compiled in.
@@ -60,6 +66,8 @@ pub(crate) fn trace_path<const F: u32>(
         eta_squared: 1.0,
         last: Last { p: ray.origin, pdf: 0.0, only: true },
         inside: Vec3f::zero(),
+        medium: if F & plan::VOLUMES != 0 { world.media.around_camera } else { None },
+        flown: 0,
         depth: 0,
     };
     let mut out = PathSample::default();
@@ -106,7 +114,8 @@ pub(crate) fn trace_path<const F: u32>(
         if F & plan::ABSORPTION != 0 {
             path.absorb(&at, hit.t);
         }
-        if path.depth == 0 && crossings == 0 {
+        let first = path.depth == 0 && out.first.instance == u32::MAX;
+        if first && !(F & plan::ABSORPTION != 0 && world.is_invisible(at.instance)) {
             out.alpha = 1.0;
             out.first = first_hit(&at, &material, wo);
         }
@@ -116,13 +125,14 @@ pub(crate) fn trace_path<const F: u32>(
         if path.depth <= 1 {
             out.direct = path.radiance;
         }
-        if path.depth >= options.max_depth || crossings > MAX_CROSSINGS {
+        let crossable = F & plan::ABSORPTION != 0 && path.may_cross(at.instance);
+        if (path.depth >= options.max_depth && !crossable) || crossings > MAX_CROSSINGS {
             break;
         }
-        match path.scatter(&at, &material) {
+        match path.scatter(&at, &material, crossings) {
             Step::Scattered => {
                 path.depth += 1;
-                if !path.roulette() {
+                if (crossable && path.depth > options.max_depth) || !path.roulette() {
                     break;
                 }
             }
@@ -132,13 +142,6 @@ pub(crate) fn trace_path<const F: u32>(
     }
     out.radiance = path.radiance;
     out
-}
-
-/// What happened in a medium.
-enum Event {
-    Passed,
-    Scattered,
-    Ended,
 }
 
 /// What happened at a surface.
@@ -209,21 +212,28 @@ impl<const F: u32> Path<'_, F> {
         survives
     }
 
-    /// Next-event estimation and a new direction at a surface.
+    /// Next-event estimation and a new direction at a surface, after `crossings` that were not there.
     #[inline(always)]
-    fn scatter(&mut self, at: &Interaction, material: &SurfaceMaterial) -> Step {
+    fn scatter(&mut self, at: &Interaction, material: &SurfaceMaterial, crossings: u32) -> Step {
         let wo = -self.ray.direction;
         let local = material.to_local(wo);
         if !material.is_delta() {
             self.light_at_surface(at, material, wo, local);
         }
-        let [u, v, lobe, _] = self.random.scatter(self.depth);
+        let [u, v, mut lobe, _] = self.random.scatter(self.depth);
+        if self.is_pane(at.instance) {
+            // The numbers of this event are still needed behind the pane.
+            lobe = self.random.surface(2 * (self.depth + crossings), PANE | u64::from(at.instance));
+        }
         let Some(sample) = material.sample(local, lobe, [u, v]) else { return Step::Ended };
         let wi = material.to_render(sample.wi).normalize_or_zero();
         let crosses = sample.wi.z * local.z < 0.0;
         // A direction that the shading normal puts on another side than the geometry does leaks light.
         if (wi.dot(at.ng) * wo.dot(at.ng) < 0.0) != crosses || wi == Vec3f::zero() {
             return Step::Ended;
+        }
+        if F & plan::VOLUMES != 0 {
+            self.medium = self.world.media.beside(at.instance, at.front != crosses, self.medium);
         }
         if F & plan::ABSORPTION != 0 && crosses {
             let world = self.world;
@@ -235,6 +245,10 @@ impl<const F: u32> Path<'_, F> {
             }
         }
         self.throughput = self.throughput.mul(sample.weight);
+        if crosses && self.is_pane(at.instance) {
+            self.ray = at.leave(self.ray.direction, f32::INFINITY);
+            return Step::Crossed;
+        }
         self.eta_squared *= sample.eta * sample.eta;
         self.last = Last { p: at.p, pdf: sample.pdf, only: sample.delta };
         self.ray = at.leave(wi, f32::INFINITY);
@@ -243,7 +257,7 @@ impl<const F: u32> Path<'_, F> {
 
     /// A light for this vertex.
     #[inline(always)]
-    fn light_for(&self, p: Vec3f) -> Option<LightSample> {
+    pub(super) fn light_for(&self, p: Vec3f) -> Option<LightSample> {
         if F & (plan::ENVIRONMENT | plan::SOURCES | plan::EMITTERS) == 0 {
             return None;
         }
@@ -255,7 +269,7 @@ impl<const F: u32> Path<'_, F> {
 
     /// Weight of a light sample against scattering of density `pdf`.
     #[inline(always)]
-    fn light_weight(&self, light: &LightSample, pdf: f32) -> f32 {
+    pub(super) fn light_weight(&self, light: &LightSample, pdf: f32) -> f32 {
         if light.delta || self.options.strategy == Strategy::Light {
             1.0
         } else {
@@ -277,49 +291,15 @@ impl<const F: u32> Path<'_, F> {
             return;
         }
         let index = 2 * self.depth + 1;
-        let inside = if light.wi.dot(at.ng) * wo.dot(at.ng) < 0.0 { Vec3f::zero() } else { self.inside };
-        let through = transmittance::<F>(self.world, at.p, Some(at), &light, inside, self.random, index);
+        let crosses = light.wi.dot(at.ng) * wo.dot(at.ng) < 0.0;
+        let inside = if crosses { Vec3f::zero() } else { self.inside };
+        let mut medium = self.medium;
+        if F & plan::VOLUMES != 0 {
+            medium = self.world.media.beside(at.instance, at.front != crosses, medium);
+        }
+        let around = (inside, medium);
+        let through = transmittance::<F>(self.world, at.p, Some(at), &light, around, self.random, index);
         self.radiance += arrives.mul(through);
-    }
-
-    /// The first collision with a medium before the distance `end`.
-    #[inline(never)]
-    fn collide(&mut self, end: f32, crossings: u32) -> Event {
-        let mut rng = self.random.tracking(0x1000 + 2 * (self.depth + crossings));
-        let mut first: Option<(f32, Vec3f, usize)> = None;
-        for (i, medium) in self.world.media.0.iter().enumerate() {
-            let limit = first.map_or(end, |f| f.0);
-            if let Some((t, q)) = medium.collide(self.ray.origin, self.ray.direction, limit, &mut rng) {
-                first = Some((t, q, i));
-            }
-        }
-        let Some((t, q, i)) = first else { return Event::Passed };
-        if self.depth >= self.options.max_depth {
-            return Event::Ended;
-        }
-        let medium = &self.world.media.0[i];
-        self.throughput = self.throughput.mul(medium.albedo(q));
-        if self.throughput == Vec3f::zero() {
-            return Event::Ended;
-        }
-        let (p, d) = (self.ray.origin + self.ray.direction * t, self.ray.direction);
-        if let Some(light) = self.light_for(p) {
-            let pdf = phase(medium.g, d.dot(light.wi));
-            let weight = self.light_weight(&light, pdf) * pdf / light.pdf;
-            let arrives = self.throughput.mul(light.radiance) * weight;
-            if arrives != Vec3f::zero() && arrives.is_finite() {
-                let index = 2 * self.depth + 1;
-                let inside = self.inside;
-                let through = transmittance::<F>(self.world, p, None, &light, inside, self.random, index);
-                self.radiance += arrives.mul(through);
-            }
-        }
-        let [u, v, _, _] = self.random.scatter(self.depth);
-        let wi = sample_phase(medium.g, d, [u, v]);
-        self.last = Last { p, pdf: phase(medium.g, d.dot(wi)), only: false };
-        self.ray = WorldRay { origin: p, direction: wi, t_max: f32::INFINITY };
-        self.depth += 1;
-        Event::Scattered
     }
 }
 

@@ -1,12 +1,13 @@
 //! What a ray passes on its way: cut-outs, blended surfaces, boundaries that are not there, media.
 
 use super::exp;
+use super::medium::through_bounded;
 use crate::light::{End, LightSample};
 use crate::plan;
 use crate::random::PathRandom;
 use crate::world::{Interaction, World, WorldHit, WorldRay};
 use photofit_scalar::Vec3f;
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 
 /// Shortens a shadow ray by more than its rounding, so that it does not meet the light itself.
 const SHORTENED: f32 = 1.0 - 1e-5;
@@ -57,19 +58,28 @@ struct Passage {
     depth: Vec3f,
     /// Absorption of those that were entered and not left.
     open: Vec3f,
+    /// Boundaries of media and panes on the way, in any order.
+    crossed: Vec<WorldHit>,
 }
 
 #[inline(never)]
-fn pass<const TWO_LEVEL: bool, const FILTER: bool>(
+fn pass<const TWO_LEVEL: bool, const FILTER: bool, const MEDIA: bool>(
     world: &World,
     ray: &WorldRay,
     random: &PathRandom,
     index: u32,
 ) -> Passage {
     let (depth, open) = (Cell::new(Vec3f::zero()), Cell::new(Vec3f::zero()));
+    let crossed = RefCell::new(Vec::new());
     let blocked = world.occluded_where::<TWO_LEVEL>(ray, |hit| {
         if FILTER {
             let material = &world.materials[world.placed[hit.instance as usize].material as usize];
+            if MEDIA && world.media.is_bounded() && (material.is_null || material.pane) {
+                crossed.borrow_mut().push(*hit);
+            }
+            if MEDIA && material.pane {
+                return false;
+            }
             if material.is_null {
                 let sign = if hit.front { -1.0 } else { 1.0 };
                 depth.set(depth.get() + material.absorption * (sign * hit.t));
@@ -79,17 +89,18 @@ fn pass<const TWO_LEVEL: bool, const FILTER: bool>(
         }
         stops::<FILTER>(world, hit, random, index)
     });
-    Passage { blocked, depth: depth.get(), open: open.get() }
+    Passage { blocked, depth: depth.get(), open: open.get(), crossed: crossed.into_inner() }
 }
 
-/// Part of the light of a sample that arrives at `from`; `surface` is where the ray starts, if it is on a surface.
+/// Part of the light of a sample that arrives at `from`; `surface` is where the ray starts, if it is on a surface,
+/// `around` the absorption and the medium there.
 #[inline(always)]
 pub(super) fn transmittance<const F: u32>(
     world: &World,
     from: Vec3f,
     surface: Option<&Interaction>,
     light: &LightSample,
-    inside: Vec3f,
+    around: (Vec3f, Option<u32>),
     random: &PathRandom,
     index: u32,
 ) -> Vec3f {
@@ -105,11 +116,13 @@ pub(super) fn transmittance<const F: u32>(
             WorldRay { origin, direction: v * (1.0 / distance), t_max: distance * SHORTENED }
         }
     };
-    let passage = match (F & plan::TWO_LEVEL != 0, F & (plan::ALPHA | plan::ABSORPTION) != 0) {
-        (false, false) => pass::<false, false>(world, &ray, random, index),
-        (false, true) => pass::<false, true>(world, &ray, random, index),
-        (true, false) => pass::<true, false>(world, &ray, random, index),
-        (true, true) => pass::<true, true>(world, &ray, random, index),
+    let filter = F & (plan::ALPHA | plan::ABSORPTION) != 0;
+    let passage = match (F & plan::TWO_LEVEL != 0, filter, F & plan::VOLUMES != 0) {
+        (_, _, true) => pass::<true, true, true>(world, &ray, random, index),
+        (false, false, _) => pass::<false, false, false>(world, &ray, random, index),
+        (false, true, _) => pass::<false, true, false>(world, &ray, random, index),
+        (true, false, _) => pass::<true, false, false>(world, &ray, random, index),
+        (true, true, _) => pass::<true, true, false>(world, &ray, random, index),
     };
     if passage.blocked {
         return Vec3f::zero();
@@ -117,7 +130,7 @@ pub(super) fn transmittance<const F: u32>(
     let mut through = Vec3f::splat(1.0);
     if F & plan::ABSORPTION != 0 {
         // A surface entered and not left encloses the light; where none is met, what encloses the start goes on.
-        let mut total = passage.depth;
+        let (inside, mut total) = (around.0, passage.depth);
         for k in 0..3 {
             if passage.open[k] > 0.0 {
                 total[k] += passage.open[k] * ray.t_max;
@@ -129,11 +142,14 @@ pub(super) fn transmittance<const F: u32>(
     }
     if F & plan::VOLUMES != 0 {
         let mut rng = random.tracking(index);
-        for medium in &world.media.0 {
+        for medium in &world.media.boxes {
             through *= medium.transmittance(ray.origin, ray.direction, ray.t_max, &mut rng);
             if through == Vec3f::zero() {
-                break;
+                return through;
             }
+        }
+        if world.media.is_bounded() {
+            through = through.mul(through_bounded(world, &ray, passage.crossed, around.1, &mut rng));
         }
     }
     through

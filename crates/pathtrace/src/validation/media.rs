@@ -104,7 +104,7 @@ fn transmittance_of_a_ramp_is_that_of_its_integral() {
     let volume = Volume { size: [2, 1, 1], density: vec![0.0, 2.0], ..cube(1.0, 0.0, 0.0) };
     let world =
         World::new(Parts { environment: white(), volumes: vec![volume], ..Parts::default() }).unwrap();
-    let medium = &world.media.0[0];
+    let medium = &world.media.boxes[0];
     let (n, mut sum, mut passed) = (40_000, 0.0, 0);
     let (from, to) = (vec3(-3.0, 0.1, 0.2), vec3(1.0, 0.0, 0.0));
     for i in 0..n {

@@ -17,7 +17,7 @@ fn render(body: &str) -> Image {
     let scene = load(body);
     let (view, options) = (View::from_mitsuba(&scene.sensor), RenderOptions::from_mitsuba(&scene));
     let plain = WorldOptions { energy: Energy::Single, ..WorldOptions::default() };
-    let world = World::with_options(Parts::from_mitsuba(scene).unwrap(), plain).unwrap();
+    let world = World::with_options(Parts::from_mitsuba(scene), plain).unwrap();
     let mut renderer = Renderer::new(&world, &view, options).unwrap();
     while !renderer.pass(|| false).done {}
     renderer.picture()
@@ -123,7 +123,7 @@ fn environments_are_turned_as_mitsuba_turns_them() {
         std::fs::write(&path, text).unwrap();
         let scene = load_mitsuba(&path, &MitsubaOptions::default()).unwrap();
         let (view, options) = (View::from_mitsuba(&scene.sensor), RenderOptions::from_mitsuba(&scene));
-        let world = World::new(Parts::from_mitsuba(scene).unwrap()).unwrap();
+        let world = World::new(Parts::from_mitsuba(scene)).unwrap();
         let mut renderer = Renderer::new(&world, &view, options).unwrap();
         while !renderer.pass(|| false).done {}
         renderer.picture().pixel(8, 8)[0]
@@ -184,5 +184,68 @@ fn a_box_reads_as_it_is_built() {
     for c in 0..3 {
         let bound = 4.0 * noise[c].sqrt();
         assert!(sum[c].abs() < bound.min(0.01 * level[c]), "{c}: {sum:?} {noise:?} {level:?}");
+    }
+}
+
+#[test]
+fn media_fill_what_their_boundaries_enclose() {
+    // A ball of radius 1 that absorbs, seen through its middle from outside, and from its centre.
+    let scene = |at: f32, sensor_medium: &str| {
+        let look = format!(
+            "<float name='fov' value='0.1'/><float name='near_clip' value='1e-6'/><transform name='to_world'>
+             <lookat origin='0,0,{at}' target='0,0,-9' up='0,1,0'/></transform>{sensor_medium}"
+        );
+        format!(
+            "<medium type='homogeneous' id='m'><rgb name='sigma_t' value='1,0.5,0'/><float name='scale' value='2'/>
+             <rgb name='albedo' value='0'/></medium><integrator type='volpath'/>
+             <emitter type='constant'><rgb name='radiance' value='3'/></emitter>{}
+             <shape type='sphere'><bsdf type='null'/><ref name='interior' id='m'/></shape>",
+            sensor(&look, SQUARE, 2)
+        )
+    };
+    for (at, sensor_medium, length) in [(4.0, "", 2.0_f32), (0.0, "<ref name='medium' id='m'/>", 1.0)] {
+        let picture = render(&scene(at, sensor_medium));
+        for (c, sigma) in [2.0, 1.0, 0.0].into_iter().enumerate() {
+            let (found, wanted) = (picture.pixel(7, 7)[c], 3.0 * (-sigma * length).exp());
+            assert!((found - wanted).abs() < 1e-4, "from {at}, channel {c}: {found}, expected {wanted}");
+        }
+    }
+}
+
+#[test]
+fn grids_of_density_lie_where_they_are_put() {
+    // Along x: nothing in the first half of the box [-1, 1]^3, extinction 2 in the other; nothing outside of the box.
+    let folder = tempfile::tempdir().unwrap();
+    let mut bytes = b"VOL\x03".to_vec();
+    for n in [1_i32, 4, 1, 1, 1] {
+        bytes.extend(n.to_le_bytes());
+    }
+    bytes.extend([0.0_f32, 0.0, 0.0, 1.0, 1.0, 1.0].iter().flat_map(|x| x.to_le_bytes()));
+    bytes.extend([0.0_f32, 0.0, 2.0, 2.0].iter().flat_map(|x| x.to_le_bytes()));
+    std::fs::write(folder.path().join("g.vol"), bytes).unwrap();
+    let seen = |x: f32| {
+        let look = format!(
+            "<float name='fov' value='0.01'/><transform name='to_world'>
+             <lookat origin='{x},0,6' target='{x},0,0' up='0,1,0'/></transform>"
+        );
+        let text = format!(
+            "<scene version='3.0.0'>{}<integrator type='volpath'><integer name='max_depth' value='1'/></integrator>
+             <emitter type='constant'/><shape type='sphere'><float name='radius' value='4'/><bsdf type='null'/>
+             <medium name='interior' type='heterogeneous'><volume name='sigma_t' type='gridvolume'>
+             <string name='filename' value='g.vol'/><transform name='to_world'><scale value='2'/>
+             <translate value='-1'/></transform></volume></medium></shape></scene>",
+            sensor(&look, SQUARE, 64)
+        );
+        let path = folder.path().join("scene.xml");
+        std::fs::write(&path, text).unwrap();
+        let scene = load_mitsuba(&path, &MitsubaOptions::default()).unwrap();
+        let (view, options) = (View::from_mitsuba(&scene.sensor), RenderOptions::from_mitsuba(&scene));
+        let world = World::new(Parts::from_mitsuba(scene)).unwrap();
+        let (picture, variance) = super::scenes::render(&world, &view, options);
+        super::statistics::mean_of(&picture, &variance, 64, 0)
+    };
+    for (x, depth) in [(-2.0, 0.0), (-0.8, 0.0), (0.0, 2.0), (0.5, 4.0), (0.9, 4.0), (1.2, 0.0)] {
+        let ((mean, error), wanted) = (seen(x), f64::exp(-depth));
+        assert!((mean - wanted).abs() < 4.0 * error + 1e-3, "{x}: {mean} +- {error}, expected {wanted}");
     }
 }

@@ -2,6 +2,7 @@
 
 mod agreement;
 mod analytic;
+mod bounded;
 mod furnace;
 mod geometry;
 mod lights;

@@ -8,7 +8,7 @@ use photofit_scalar::{Vec3f, vec3};
 /// Voxels per side of a cell of upper bounds.
 const BLOCK: usize = 4;
 /// Largest number of voxels.
-const MAX_VOXELS: usize = 1 << 30;
+pub(super) const MAX_VOXELS: usize = 1 << 30;
 
 /// A box of a medium whose density varies.
 ///
@@ -62,31 +62,11 @@ pub(crate) struct Medium {
     pub(super) cells: [usize; 3],
     /// Upper bound of the extinction in each cell.
     pub(super) majorants: Vec<f32>,
-    bounds: [DVec3; 2],
-}
-
-/// All media of a world.
-#[derive(Debug, Default)]
-pub(crate) struct Media(pub(crate) Vec<Medium>);
-
-impl Media {
-    pub(crate) fn new(volumes: Vec<Volume>, origin: DVec3) -> Result<Self, PathtraceError> {
-        let media = volumes.into_iter().enumerate().map(|(i, v)| Medium::new(i, v, origin));
-        media.collect::<Result<_, _>>().map(Self)
-    }
-
-    pub(crate) fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
-
-    /// The box of all media in the render frame.
-    pub(crate) fn bounds(&self) -> Option<[DVec3; 2]> {
-        self.0.iter().map(|m| m.bounds).reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
-    }
+    pub(super) bounds: [DVec3; 2],
 }
 
 impl Medium {
-    fn new(index: usize, volume: Volume, origin: DVec3) -> Result<Self, PathtraceError> {
+    pub(super) fn new(index: usize, volume: Volume, origin: DVec3) -> Result<Self, PathtraceError> {
         let fail = |rule: String| Err(invalid(format!("volume {index}"), rule));
         let [nx, ny, nz] = volume.size;
         let voxels = nx.checked_mul(ny).and_then(|n| n.checked_mul(nz)).filter(|n| *n <= MAX_VOXELS);
@@ -139,34 +119,13 @@ impl Medium {
         })
     }
 
-    /// The eight voxels around a point of the unit cube, and their weights.
-    #[inline(always)]
-    fn taps(&self, q: Vec3f) -> ([usize; 8], [f32; 8]) {
-        let mut at = [[0_usize; 2]; 3];
-        let mut share = [[0.0_f32; 2]; 3];
-        for k in 0..3 {
-            let n = self.size[k];
-            let x = (q[k] * n as f32 - 0.5).clamp(0.0, (n - 1) as f32);
-            let lower = (x as usize).min(n - 1);
-            at[k] = [lower, (lower + 1).min(n - 1)];
-            let f = x - lower as f32;
-            share[k] = [1.0 - f, f];
-        }
-        let index = |i: usize| {
-            let (x, y, z) = (at[0][i & 1], at[1][i >> 1 & 1], at[2][i >> 2]);
-            (z * self.size[1] + y) * self.size[0] + x
-        };
-        let weight = |i: usize| share[0][i & 1] * share[1][i >> 1 & 1] * share[2][i >> 2];
-        (std::array::from_fn(index), std::array::from_fn(weight))
-    }
-
     /// Extinction at a point of the unit cube.
     #[inline]
     pub(crate) fn extinction(&self, q: Vec3f) -> f32 {
         if let [constant] = self.extinction[..] {
             return constant;
         }
-        let (at, weight) = self.taps(q);
+        let (at, weight) = taps(self.size, q);
         (0..8).map(|i| self.extinction[at[i]] * weight[i]).sum()
     }
 
@@ -176,10 +135,31 @@ impl Medium {
         if self.albedos.is_empty() {
             return self.albedo;
         }
-        let (at, weight) = self.taps(q);
+        let (at, weight) = taps(self.size, q);
         let sum = (0..8).fold(vec3(0.0, 0.0, 0.0), |s, i| s + self.albedos[at[i]] * weight[i]);
         sum.mul(self.albedo)
     }
+}
+
+/// The eight voxels around a point of the unit cube, and their weights.
+#[inline(always)]
+pub(super) fn taps(size: [usize; 3], q: Vec3f) -> ([usize; 8], [f32; 8]) {
+    let mut at = [[0_usize; 2]; 3];
+    let mut share = [[0.0_f32; 2]; 3];
+    for k in 0..3 {
+        let n = size[k];
+        let x = (q[k] * n as f32 - 0.5).clamp(0.0, (n - 1) as f32);
+        let lower = (x as usize).min(n - 1);
+        at[k] = [lower, (lower + 1).min(n - 1)];
+        let f = x - lower as f32;
+        share[k] = [1.0 - f, f];
+    }
+    let index = |i: usize| {
+        let (x, y, z) = (at[0][i & 1], at[1][i >> 1 & 1], at[2][i >> 2]);
+        (z * size[1] + y) * size[0] + x
+    };
+    let weight = |i: usize| share[0][i & 1] * share[1][i >> 1 & 1] * share[2][i >> 2];
+    (std::array::from_fn(index), std::array::from_fn(weight))
 }
 
 /// The largest extinction that interpolation can give in each cell: its voxels and their neighbours.

@@ -1,9 +1,18 @@
-//! Participating media: grids of density with absorption and scattering.
+//! Participating media: grids of density in boxes, and media that surfaces bound.
 
+mod bounded;
+mod field;
 mod grid;
+mod media;
 mod phase;
 mod track;
 
+pub use bounded::BoundedMedium;
+pub use field::Field;
 pub use grid::Volume;
-pub(crate) use grid::{Media, Medium};
+pub use media::Boundary;
+
+pub(crate) use bounded::{Filling, Segment};
+pub(crate) use grid::Medium;
+pub(crate) use media::Media;
 pub(crate) use phase::{phase, sample_phase};

@@ -4,7 +4,7 @@ use super::parts::{Material, Scattering};
 use crate::PathtraceError;
 use crate::error::invalid;
 use photofit_scalar::{Vec3f, Vec4f, vec2, vec3};
-use photofit_scene::graph::SurfaceGraph;
+use photofit_scene::graph::{SurfaceGraph, SurfaceNode};
 use photofit_scene::{ExtensionSample, SurfaceLibrary, SurfaceSample};
 use photofit_shading::Surface;
 use photofit_shading::bsdf::{Bsdf, Diffuse, Energy, MetallicRoughness, Null, TransportMode};
@@ -38,6 +38,8 @@ pub(crate) struct CompiledMaterial {
     pub(crate) transmits: bool,
     /// The surface is not there.
     pub(crate) is_null: bool,
+    /// A thin pane in a world with bounded media: what passes straight through is not scattered.
+    pub(crate) pane: bool,
 }
 
 impl CompiledMaterial {
@@ -70,6 +72,7 @@ impl CompiledMaterial {
             absorption: material.absorption,
             transmits: false,
             is_null: false,
+            pane: false,
         };
         match &material.scattering {
             Scattering::Uniform(bsdf) => {
@@ -123,6 +126,16 @@ impl CompiledMaterial {
                 ..common
             },
         }
+    }
+
+    /// Marks a pane of thin glass as one.
+    pub(crate) fn find_pane(&mut self) {
+        self.pane = match &self.graph {
+            None => self.library.is_none() && matches!(self.bsdf, Bsdf::ThinDielectric(_)),
+            Some(graph) => {
+                matches!(graph.root, SurfaceNode::Dielectric { base: Bsdf::ThinDielectric(_), .. })
+            }
+        };
     }
 
     /// Whether the path through it has to be followed: it absorbs, or is a boundary alone.

@@ -102,7 +102,7 @@ impl World {
             let to_origin = DAffine3::from_translation(-origin);
             transforms.push(to_origin * instance.transform * DAffine3::from_translation(shape.center));
         }
-        let materials: Vec<CompiledMaterial> = parts
+        let mut materials: Vec<CompiledMaterial> = parts
             .materials
             .iter()
             .enumerate()
@@ -114,8 +114,18 @@ impl World {
             p.alpha = material.alpha;
             p.varies = material.varies || (material.library.is_some() && colored);
         }
+        if !parts.media.is_empty() {
+            materials.iter_mut().for_each(CompiledMaterial::find_pane);
+        }
         let hierarchy = Hierarchy::build(&shapes, &placed, &transforms, options.merge)?;
-        let media = Media::new(parts.volumes, origin)?;
+        let holes: Vec<bool> = placed.iter().map(|p| p.alpha).collect();
+        let media = Media::boxes(parts.volumes, origin)?.with_bounded(
+            parts.media,
+            &parts.boundaries,
+            parts.medium_around_camera,
+            &holes,
+            origin,
+        )?;
         let radius = radius(world, &media, origin);
         let mut out = Self {
             origin,

@@ -1,7 +1,7 @@
 //! What a world is made of, before anything is prepared.
 
 use crate::light::{EnvironmentMap, LightSource};
-use crate::volume::Volume;
+use crate::volume::{Boundary, BoundedMedium, Volume};
 use glam::DAffine3;
 use photofit_geometry::Mesh;
 use photofit_scalar::Vec3f;
@@ -121,8 +121,15 @@ pub struct Parts {
     pub lights: Vec<LightSource>,
     /// Light from all around.
     pub environment: Option<EnvironmentMap>,
-    /// Participating media.
+    /// Participating media in boxes of their own.
     pub volumes: Vec<Volume>,
+    /// Participating media that surfaces bound.
+    pub media: Vec<BoundedMedium>,
+    /// The surfaces that bound them, each placed shape at most once (the last one counts); others leave the medium as
+    /// it is.
+    pub boundaries: Vec<Boundary>,
+    /// The medium that cameras are in, an index into [`Self::media`]; `None`: empty space.
+    pub medium_around_camera: Option<usize>,
 }
 
 impl Parts {

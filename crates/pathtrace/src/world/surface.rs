@@ -418,6 +418,26 @@ impl World {
         ((e * q.y - f * p.y) * inverse, (f * p.x - e * q.x) * inverse)
     }
 
+    /// Whether nothing of an instance is seen: it is a boundary alone.
+    #[inline(always)]
+    pub(crate) fn is_invisible(&self, instance: u32) -> bool {
+        let material = &self.materials[self.placed[instance as usize].material as usize];
+        material.is_null && material.absorption == Vec3f::zero()
+    }
+
+    /// Part of light that goes straight through a pane; 1 for other surfaces.
+    pub(crate) fn straight_through(&self, ray: &WorldRay, hit: &WorldHit) -> Vec3f {
+        if !self.materials[self.placed[hit.instance as usize].material as usize].pane {
+            return Vec3f::splat(1.0);
+        }
+        let at = self.interaction::<true>(ray, hit);
+        let material = self.material_at::<true>(&at, -ray.direction);
+        match &material.bsdf {
+            Bsdf::ThinDielectric(glass) => glass.straight(material.n.dot(ray.direction).abs()),
+            _ => Vec3f::zero(),
+        }
+    }
+
     /// Coverage of the surface at a hit: 1 for opaque materials.
     #[inline(never)]
     pub(crate) fn coverage(&self, hit: &WorldHit) -> f32 {

@@ -37,6 +37,8 @@ pub struct MitsubaSensor {
     pub film: MitsubaFilm,
     /// Samples per pixel.
     pub samples: u32,
+    /// Index of the medium that the camera is in, into [`super::MitsubaScene::media`].
+    pub medium: Option<usize>,
 }
 
 /// The weight of light around the centre of a pixel.
@@ -107,11 +109,11 @@ impl Importer {
             element,
             &["focus_distance", "shutter_open", "shutter_close", "srf", "needs_sample_2", "needs_sample_3"],
         );
-        if self.reader.property(element, "medium", &["medium"]).is_some()
-            || !self.reader.nested(element, "medium")?.is_empty()
-        {
-            self.reader.unsupported(element, "a sensor inside of a medium");
-        }
+        let medium = match self.reader.nested(element, "medium")?[..] {
+            [] => None,
+            [(_, medium)] => self.medium(medium)?,
+            _ => return Err(fault(self.reader.place(element), "a sensor is in one medium")),
+        };
         self.reader.finish(element);
         let (axes, scale) = self.axes(element, &to_world)?;
         let projection =
@@ -120,7 +122,8 @@ impl Importer {
             return Err(fault(self.reader.place(element), "a perspective sensor is not scaled"));
         }
         let half = if perspective { [x, x / aspect] } else { [scale.x, scale.y / aspect] };
-        Ok(MitsubaSensor { projection, eye: to_world.translation, axes, half, clip, shift, film, samples })
+        let eye = to_world.translation;
+        Ok(MitsubaSensor { projection, eye, axes, half, clip, shift, film, samples, medium })
     }
 
     /// Right, up and back, and the scale along each.

@@ -290,6 +290,53 @@ fn volumes_are_bounded() {
 }
 
 #[test]
+fn media_and_who_is_in_them() {
+    let sensor = SENSOR.replace("</sensor>", "<ref name='medium' id='fog'/></sensor>");
+    let s = load_text(&format!(
+        "{sensor}<medium type='homogeneous' id='fog'/>
+         <medium type='heterogeneous' id='smoke'><volume name='sigma_t' type='constvolume'>
+         <rgb name='value' value='1,2,3'/></volume><rgb name='albedo' value='0.1,0.2,0.3'/>
+         <float name='scale' value='4'/><phase type='hg'><float name='g' value='-0.4'/></phase></medium>
+         <shape type='sphere'><bsdf type='null'/><ref name='interior' id='smoke'/><ref name='exterior' id='fog'/></shape>
+         <shape type='cube'><ref name='interior' id='smoke'/></shape><shape type='disk'/>"
+    ))
+    .unwrap();
+    // In the order in which shapes and then the sensor name them, each once.
+    assert_eq!(s.media.len(), 2);
+    let (smoke, fog) = (&s.media[0], &s.media[1]);
+    assert_eq!((s.instances[0].interior, s.instances[0].exterior), (Some(0), Some(1)));
+    assert_eq!((s.instances[1].interior, s.instances[1].exterior), (Some(0), None));
+    assert_eq!((s.instances[2].interior, s.instances[2].exterior, s.sensor.medium), (None, None, Some(1)));
+    assert_eq!((smoke.extinction.values[0], smoke.scale, smoke.g), (vec3(1.0, 2.0, 3.0), 4.0, -0.4));
+    assert_eq!(smoke.albedo.values[0], vec3(0.1, 0.2, 0.3));
+    // The defaults of Mitsuba.
+    assert_eq!((fog.extinction.values[0], fog.scale, fog.g), (vec3(1.0, 1.0, 1.0), 1.0, 0.0));
+    assert_eq!(fog.albedo.values[0], vec3(0.75, 0.75, 0.75));
+    let of = |medium: &str| load_text(&format!("{SENSOR}<shape type='cube'>{medium}</shape>")).unwrap_err();
+    for (medium, part) in [
+        ("<medium type='homogeneous'/>", "interior or exterior"),
+        (
+            "<medium name='interior' type='homogeneous'><phase type='hg'><float name='g' value='1'/></phase></medium>",
+            "between -1 and 1",
+        ),
+        (
+            "<medium name='interior' type='homogeneous'><float name='scale' value='-1'/></medium>",
+            "not negative",
+        ),
+        ("<medium name='interior' type='homogeneous'><rgb name='albedo' value='1.5'/></medium>", "[0, 1]"),
+        ("<medium name='interior' type='homogeneous'><rgb name='sigma_t' value='-1'/></medium>", "negative"),
+        ("<medium name='interior' type='homogeneous'><phase type='rayleigh'/></medium>", "phase `rayleigh`"),
+        ("<medium name='interior' type='ocean'/>", "medium `ocean`"),
+    ] {
+        let text = of(medium);
+        assert!(text.contains(part), "{part} in {text}");
+    }
+    let two = "<medium type='homogeneous'/><medium type='homogeneous'/></sensor>";
+    let text = load_text(&SENSOR.replace("</sensor>", two)).unwrap_err();
+    assert!(text.contains("one medium"), "{text}");
+}
+
+#[test]
 fn limits_hold() {
     let obj: String = (0..100).map(|i| format!("v {i} 0 0\n")).collect::<String>() + "f 1 2 3\n";
     let body = "<shape type='obj'><string name='filename' value='a.obj'/></shape>";

@@ -85,6 +85,12 @@ pub struct ThinDielectric<T = f32> {
 }
 
 impl<T: Real> ThinDielectric<T> {
+    /// Part of light at this cosine that goes straight through.
+    #[inline]
+    pub fn straight(&self, cosine: T) -> Vec3<T> {
+        self.transmittance * (T::one() - self.reflected(cosine))
+    }
+
     /// `R + T^2 R + T^2 R^3 + ... = 2 R / (1 + R)`.
     #[inline(always)]
     fn reflected(&self, cosine: T) -> T {
@@ -122,8 +128,7 @@ impl<T: Real> Scatter<T> for ThinDielectric<T> {
 
     #[inline]
     fn albedo(&self, wo: Vec3<T>) -> Vec3<T> {
-        let r = self.reflected(wo.z.abs());
-        self.reflectance * r + self.transmittance * (T::one() - r)
+        self.reflectance * self.reflected(wo.z.abs()) + self.straight(wo.z.abs())
     }
 }
 

@@ -1,0 +1,178 @@
+//! A medium that surfaces bound: free flights and transmittance, in closed form where it is the same everywhere.
+//!
+//! Colours of a homogeneous medium have mean free paths of their own. A flight is drawn for one of them, by the share of
+//! light that it carries, and weighted by the density over all (the balance heuristic; Wilkie et al. 2014).
+
+use super::field::Lookup;
+use super::{Field, Medium, Volume};
+use crate::PathtraceError;
+use crate::error::invalid;
+use glam::DVec3;
+use photofit_sampling::Rng;
+use photofit_scalar::{Vec3f, vec3};
+
+/// A medium that fills what surfaces enclose (see [`crate::Boundary`]).
+#[derive(Clone, Debug)]
+pub struct BoundedMedium {
+    /// Extinction, per unit of length of the world. A grid is grey, and there is nothing outside of its box.
+    pub extinction: Field,
+    /// Factor of the extinction.
+    pub scale: f32,
+    /// Part of the extinction that scatters, in `[0, 1]`; beyond the box of a grid its border goes on.
+    pub albedo: Field,
+    /// Mean cosine of scattering (Henyey and Greenstein), in `(-1, 1)`; positive scatters forward, 0 is isotropic.
+    pub g: f32,
+}
+
+impl BoundedMedium {
+    /// The same everywhere.
+    pub fn homogeneous(extinction: Vec3f, albedo: Vec3f, g: f32) -> Self {
+        Self { extinction: Field::constant(extinction), scale: 1.0, albedo: Field::constant(albedo), g }
+    }
+}
+
+/// Extinction, ready for tracking.
+#[derive(Debug)]
+enum Extinction {
+    Even(Vec3f),
+    Grid(Box<Medium>),
+}
+
+/// A bounded medium, ready for tracking.
+#[derive(Debug)]
+pub(crate) struct Filling {
+    extinction: Extinction,
+    albedo: Lookup,
+    /// It scatters nowhere.
+    absorbs_only: bool,
+    pub(crate) g: f32,
+}
+
+/// The part of a ray in a medium.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Segment {
+    pub(crate) origin: Vec3f,
+    /// Unit vector.
+    pub(crate) direction: Vec3f,
+    pub(crate) length: f32,
+}
+
+/// What became of light that flew through a medium.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Flight {
+    /// Distance of the collision; `None`: it came through.
+    pub(crate) collision: Option<f32>,
+    /// Factor of the throughput.
+    pub(crate) weight: Vec3f,
+}
+
+impl Filling {
+    pub(super) fn new(index: usize, medium: BoundedMedium, origin: DVec3) -> Result<Self, PathtraceError> {
+        let fail = |rule: String| Err(invalid(format!("medium {index}"), rule));
+        let BoundedMedium { extinction, scale, albedo, g } = medium;
+        if g.is_nan() || g.abs() >= 1.0 {
+            return fail(format!("its anisotropy lies in (-1, 1), found {g}"));
+        }
+        if !(scale >= 0.0 && scale.is_finite()) {
+            return fail(format!("its scale is finite and not negative, found {scale}"));
+        }
+        let positive = ("is finite and not negative", |x: f32| (0.0..=f32::MAX).contains(&x));
+        let share = ("lies in [0, 1]", |x: f32| (0.0..=1.0).contains(&x));
+        let fault = extinction.fault("extinction", positive).or_else(|| albedo.fault("albedo", share));
+        if let Some(rule) = fault {
+            return fail(rule);
+        }
+        if extinction.values.iter().any(|e| !(*e * scale).is_finite()) {
+            return fail("extinction times scale is finite".into());
+        }
+        let extinction = match extinction.single() {
+            Some(e) => Extinction::Even(e * scale),
+            None => Extinction::Grid(Box::new(Self::grid(index, extinction, scale, origin)?)),
+        };
+        let absorbs_only = albedo.values.iter().all(|a| *a == Vec3f::zero());
+        Ok(Self { extinction, albedo: Lookup::new(albedo, origin), absorbs_only, g })
+    }
+
+    fn grid(index: usize, field: Field, scale: f32, origin: DVec3) -> Result<Medium, PathtraceError> {
+        if !field.values.iter().all(|v| v.x == v.y && v.y == v.z) {
+            return Err(invalid(format!("medium {index}"), "a grid of extinction is grey"));
+        }
+        let volume = Volume {
+            size: field.size,
+            density: field.values.iter().map(|v| v.x).collect(),
+            scale,
+            albedo: Vec3f::splat(1.0),
+            albedos: Vec::new(),
+            g: 0.0,
+            transform: field.transform,
+        };
+        Medium::new(index, volume, origin)
+    }
+
+    /// Albedo at a point of the render frame.
+    #[inline]
+    pub(crate) fn albedo(&self, p: Vec3f) -> Vec3f {
+        self.albedo.at(p)
+    }
+
+    /// Follows light of a throughput along a segment; it does not collide with what only absorbs. The numbers are for
+    /// closed forms, the generator for grids.
+    pub(crate) fn fly(&self, along: &Segment, throughput: Vec3f, numbers: [f32; 2], rng: &mut Rng) -> Flight {
+        if self.absorbs_only {
+            return Flight { collision: None, weight: self.transmittance(along, rng) };
+        }
+        match &self.extinction {
+            Extinction::Even(sigma) => fly_evenly(*sigma, along.length, throughput, numbers),
+            Extinction::Grid(grid) => {
+                let found = grid.collide(along.origin, along.direction, along.length, rng);
+                Flight { collision: found.map(|f| f.0), weight: Vec3f::splat(1.0) }
+            }
+        }
+    }
+
+    /// Transmittance of a segment, per channel: exact, or an unbiased estimate for grids.
+    pub(crate) fn transmittance(&self, along: &Segment, rng: &mut Rng) -> Vec3f {
+        match &self.extinction {
+            Extinction::Even(sigma) => sigma.map(|s| survival(s, along.length)),
+            Extinction::Grid(grid) => {
+                Vec3f::splat(grid.transmittance(along.origin, along.direction, along.length, rng))
+            }
+        }
+    }
+}
+
+/// `exp(-sigma t)`, 1 without extinction however far.
+#[inline(always)]
+fn survival(sigma: f32, t: f32) -> f32 {
+    if sigma == 0.0 { 1.0 } else { (-sigma * t).exp() }
+}
+
+/// A flight through a homogeneous medium.
+fn fly_evenly(sigma: Vec3f, length: f32, throughput: Vec3f, [choice, u]: [f32; 2]) -> Flight {
+    let total = throughput.x + throughput.y + throughput.z;
+    let share = throughput * (1.0 / total);
+    let drawn = if choice < share.x {
+        sigma.x
+    } else if choice < share.x + share.y {
+        sigma.y
+    } else {
+        sigma.z
+    };
+    let t = -(1.0 - u).ln() / drawn;
+    let collides = t < length;
+    if sigma.x == sigma.y && sigma.y == sigma.z {
+        return Flight { collision: collides.then_some(t), weight: Vec3f::splat(1.0) };
+    }
+    let distance = if collides { t } else { length };
+    let mut value = sigma.map(|s| survival(s, distance));
+    if collides {
+        value = value.mul(sigma);
+    }
+    let weight = value * (1.0 / value.dot(share));
+    if weight.is_finite() {
+        Flight { collision: collides.then_some(t), weight }
+    } else {
+        // Rounding chose a colour that carries nothing.
+        Flight { collision: None, weight: vec3(0.0, 0.0, 0.0) }
+    }
+}

@@ -1,0 +1,81 @@
+//! Colours in space.
+
+use super::grid::{MAX_VOXELS, taps};
+use crate::world::to_glam;
+use glam::{Affine3A, DAffine3, DVec3};
+use photofit_scalar::{Vec3f, vec3};
+
+/// Numbers in space, three channels: the same everywhere, or on a grid over a box.
+///
+/// Values of a grid sit at the centres of voxels and are interpolated linearly.
+#[derive(Clone, Debug)]
+pub struct Field {
+    /// Voxels along x, y and z; 1 x 1 x 1 where nothing varies.
+    pub size: [usize; 3],
+    /// Value of every voxel, x fastest.
+    pub values: Vec<Vec3f>,
+    /// The unit cube, over which the grid lies, to the world.
+    pub transform: DAffine3,
+}
+
+impl Field {
+    /// The same value everywhere.
+    pub fn constant(value: Vec3f) -> Self {
+        Self { size: [1; 3], values: vec![value], transform: DAffine3::IDENTITY }
+    }
+
+    /// The value, where it does not vary.
+    pub(super) fn single(&self) -> Option<Vec3f> {
+        match self.values[..] {
+            [value] => Some(value),
+            _ => None,
+        }
+    }
+
+    /// What is wrong with it, if anything; `rule` holds for every number.
+    pub(super) fn fault(&self, name: &str, rule: (&str, impl Fn(f32) -> bool)) -> Option<String> {
+        let [nx, ny, nz] = self.size;
+        let voxels = nx.checked_mul(ny).and_then(|n| n.checked_mul(nz)).filter(|n| *n <= MAX_VOXELS);
+        let found = self.values.len();
+        if voxels.is_none_or(|n| n == 0 || n != found) {
+            return Some(format!("{nx} x {ny} x {nz} voxels of {name} (1 to {MAX_VOXELS}), found {found}"));
+        }
+        if let Some(i) = self.values.iter().position(|v| !v.to_array().into_iter().all(&rule.1)) {
+            let (at, value) = ((i % nx, i / nx % ny, i / nx / ny), self.values[i].to_array());
+            return Some(format!("{name} {}, found {value:?} at voxel {at:?}", rule.0));
+        }
+        let t = &self.transform;
+        if !(t.is_finite() && t.inverse().is_finite() && t.matrix3.determinant() != 0.0) {
+            return Some(format!("the transform of {name} is finite and keeps three dimensions"));
+        }
+        None
+    }
+}
+
+/// A field ready to be looked up; beyond the box of a grid the value at its border goes on.
+#[derive(Debug)]
+pub(super) struct Lookup {
+    size: [usize; 3],
+    values: Vec<Vec3f>,
+    /// Render frame to the unit cube.
+    inward: Affine3A,
+}
+
+impl Lookup {
+    pub(super) fn new(field: Field, origin: DVec3) -> Self {
+        let transform = DAffine3::from_translation(-origin) * field.transform;
+        let inward = crate::world::affine(&transform.inverse());
+        Self { size: field.size, values: field.values, inward }
+    }
+
+    /// The value at a point of the render frame.
+    #[inline]
+    pub(super) fn at(&self, p: Vec3f) -> Vec3f {
+        if let [constant] = self.values[..] {
+            return constant;
+        }
+        let q = self.inward.transform_point3a(to_glam(p));
+        let (at, weight) = taps(self.size, vec3(q.x, q.y, q.z));
+        (0..8).fold(Vec3f::zero(), |sum, i| sum + self.values[at[i]] * weight[i])
+    }
+}
