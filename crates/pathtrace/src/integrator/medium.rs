@@ -49,7 +49,8 @@ impl<const F: u32> Path<'_, F> {
                 self.radiance += arrives.mul(through);
             }
         }
-        let [u, v, _, _] = self.random.scatter(self.depth);
+        let [u, v, _, survival] = self.random.scatter(self.depth);
+        self.survival = survival;
         let wi = sample_phase(at.g, d, [u, v]);
         self.last = Last { p, pdf: phase(at.g, d.dot(wi)), only: false };
         self.ray = WorldRay { origin: p, direction: wi, t_max: f32::INFINITY };

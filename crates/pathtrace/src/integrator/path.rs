@@ -47,6 +47,8 @@ pub(super) struct Path<'a, const F: u32> {
     /// Vertices whose numbers for a flight are used up.
     pub(super) flown: u32,
     pub(super) depth: u32,
+    /// Decides whether the path goes on after its last vertex, in `[0, 1)`.
+    pub(super) survival: f32,
 }
 
 /// Estimates the radiance along a camera ray; what `F` lacks is not compiled in.
@@ -69,6 +71,7 @@ pub(crate) fn trace_path<const F: u32>(
         medium: if F & plan::VOLUMES != 0 { world.media.around_camera } else { None },
         flown: 0,
         depth: 0,
+        survival: 0.0,
     };
     let mut out = PathSample::default();
     let mut crossings = 0;
@@ -203,9 +206,8 @@ impl<const F: u32> Path<'_, F> {
             return self.throughput != Vec3f::zero();
         }
         let q = (brightest(self.throughput) * self.eta_squared).min(ROULETTE_MAX);
-        let [_, _, _, u] = self.random.scatter(self.depth - 1);
         // NaN ends the path.
-        let survives = u < q;
+        let survives = self.survival < q;
         if survives {
             self.throughput *= 1.0 / q;
         }
@@ -220,7 +222,8 @@ impl<const F: u32> Path<'_, F> {
         if !material.is_delta() {
             self.light_at_surface(at, material, wo, local);
         }
-        let [u, v, mut lobe, _] = self.random.scatter(self.depth);
+        let [u, v, mut lobe, survival] = self.random.scatter(self.depth);
+        self.survival = survival;
         if self.is_pane(at.instance) {
             // The numbers of this event are still needed behind the pane.
             lobe = self.random.surface(2 * (self.depth + crossings), PANE | u64::from(at.instance));

@@ -19,6 +19,31 @@ pub(crate) struct Emitter {
     /// Area in the render frame; that of triangles only.
     area: f32,
     both_sides: bool,
+    /// Where it lies, of triangles that emit evenly.
+    facet: Option<Facet>,
+}
+
+/// A triangle in the render frame.
+#[derive(Clone, Copy, Debug)]
+struct Facet {
+    corner: Vec3f,
+    edges: [Vec3f; 2],
+    /// Unit normal of the front.
+    ng: Vec3f,
+    /// Bound on the rounding of its points.
+    rounding: f32,
+}
+
+impl Facet {
+    fn new(world: &World, instance: u32, piece: u32) -> Option<Self> {
+        let placed = &world.placed[instance as usize];
+        let [a, b, c] = corners(world, placed, piece)?;
+        let varies = world.materials[placed.material as usize].varies;
+        // The points with the largest coordinates are corners.
+        let ends = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]].map(|u| surface_point(world, instance, piece, u));
+        let rounding = ends.iter().map(|e| e.rounding).fold(0.0, f32::max);
+        (!varies).then_some(Self { corner: a, edges: [b - a, c - a], ng: ends[0].ng, rounding })
+    }
 }
 
 /// The emitters of all instances, instance by instance, with their powers; instances learn where theirs begin.
@@ -38,7 +63,8 @@ pub(crate) fn collect(world: &mut World) -> Result<(Vec<Emitter>, Vec<f32>), Pat
         for piece in 0..pieces as u32 {
             let area = area(world, &world.placed[i], piece);
             let power = area * emission(world, i as u32, piece) * if both_sides { 2.0 * PI } else { PI };
-            emitters.push(Emitter { instance: i as u32, piece, area, both_sides });
+            let facet = Facet::new(world, i as u32, piece);
+            emitters.push(Emitter { instance: i as u32, piece, area, both_sides, facet });
             weights.push(if power.is_finite() { power } else { 0.0 });
         }
     }
@@ -104,15 +130,13 @@ impl Emitter {
             return self.sample_sphere(world, radius, p, u);
         }
         let [_, bu, bv] = uniform_triangle(u);
+        if let Some(facet) = &self.facet {
+            return self.sample_facet(facet, world, p, [bu, bv]);
+        }
         let mut hit =
             WorldHit { t: 0.0, u: bu, v: bv, instance: self.instance, piece: self.piece, front: true };
         let ray = WorldRay { origin: p, direction: vec3(0.0, 0.0, -1.0), t_max: 0.0 };
-        let material = &world.materials[placed.material as usize];
-        let mut at = if material.varies {
-            world.interaction::<true>(&ray, &hit)
-        } else {
-            world.interaction::<false>(&ray, &hit)
-        };
+        let mut at = world.interaction::<true>(&ray, &hit);
         let (wi, distance) = direction(p, at.p)?;
         let cosine = -wi.dot(at.ng);
         hit.front = cosine > 0.0;
@@ -122,6 +146,22 @@ impl Emitter {
         }
         let pdf = distance * distance / (cosine.abs() * self.area);
         self.seen(world, &at, wi, pdf)
+    }
+
+    /// As [`Self::sample`] of a triangle that emits evenly.
+    #[inline(always)]
+    fn sample_facet(&self, facet: &Facet, world: &World, p: Vec3f, [u, v]: [f32; 2]) -> Option<LightSample> {
+        let at = facet.corner + facet.edges[0] * u + facet.edges[1] * v;
+        let (wi, distance) = direction(p, at)?;
+        let cosine = -wi.dot(facet.ng);
+        if cosine <= 0.0 && !self.both_sides {
+            return None;
+        }
+        let pdf = distance * distance / (cosine.abs() * self.area);
+        let radiance = world.materials[world.placed[self.instance as usize].material as usize].emission;
+        let shines = pdf > 0.0 && pdf.is_finite() && radiance != Vec3f::zero();
+        let end = End::Surface(at + facet.ng * facet.rounding.copysign(cosine));
+        shines.then_some(LightSample { wi, radiance, pdf, delta: false, end })
     }
 
     #[inline(always)]

@@ -20,6 +20,8 @@ pub(crate) struct Placed {
     pub(crate) to_render: Affine3A,
     /// Takes normals to the render frame, up to a positive factor.
     pub(crate) normals: Mat3A,
+    /// `normals` keeps lengths.
+    pub(crate) rigid: bool,
     /// The transform turns handedness around.
     pub(crate) mirrored: bool,
     /// The shape may let rays pass.
@@ -74,6 +76,7 @@ impl Placed {
             material: material as u32,
             to_render: affine(&to_render),
             normals: Mat3A::from_cols_array(&cofactors.to_cols_array().map(|x| x as f32)),
+            rigid: (unit.transpose() * unit).abs_diff_eq(DMat3::IDENTITY, 1e-7),
             mirrored: volume < 0.0,
             alpha: false,
             varies: false,

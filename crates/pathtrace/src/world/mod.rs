@@ -190,7 +190,8 @@ impl World {
                     + size_of_val(m.triangles.as_slice())
             }
         };
-        self.shapes.iter().map(of_shape).sum::<usize>()
+        let facets = |s: &Stored| size_of_val(s.facets.as_slice());
+        self.shapes.iter().map(|s| of_shape(s) + facets(s)).sum::<usize>()
             + size_of_val(self.placed.as_slice())
             + self.hierarchy.bytes()
             + self.lights.bytes()

@@ -1,11 +1,14 @@
 //! Shapes as they are kept: checked, and moved to the middle of their frame where they lie far off.
 
 use super::parts::Shape;
+use super::surface::largest;
 use crate::PathtraceError;
 use crate::accel::{AccelError, MAX_COORDINATE};
 use crate::error::invalid;
 use glam::DVec3;
 use photofit_geometry::Mesh;
+use photofit_scalar::Vec3f;
+use rayon::prelude::*;
 
 /// A shape ready to be placed.
 #[derive(Clone, Debug)]
@@ -13,6 +16,8 @@ pub(crate) struct Stored {
     pub(crate) kind: Kind,
     /// Subtracted from every position.
     pub(crate) center: DVec3,
+    /// Unit normals of the triangles, zero for those without area.
+    pub(crate) facets: Vec<Vec3f>,
     /// Box of the centred shape; empty (lower above upper) without triangles.
     pub(crate) bounds: [DVec3; 2],
 }
@@ -49,7 +54,7 @@ impl Stored {
                 let r = f64::from(radius);
                 let center = DVec3::new(f64::from(center.x), f64::from(center.y), f64::from(center.z));
                 let bounds = [DVec3::splat(-r), DVec3::splat(r)];
-                Ok(Self { kind: Kind::Sphere { radius }, center, bounds })
+                Ok(Self { kind: Kind::Sphere { radius }, center, facets: Vec::new(), bounds })
             }
         }
     }
@@ -77,7 +82,12 @@ impl Stored {
                 }
             }
         }
-        Ok(Self { kind: Kind::Mesh(mesh), center, bounds: bounds.map(|p| p - center) })
+        let facet = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(|i| mesh.positions[i as usize]);
+            cross_safe(b - a, c - a).normalize_or_zero()
+        };
+        let facets = mesh.triangles.par_iter().map(facet).collect();
+        Ok(Self { kind: Kind::Mesh(mesh), center, facets, bounds: bounds.map(|p| p - center) })
     }
 
     /// Number of triangles; 1 for a sphere.
@@ -87,6 +97,20 @@ impl Stored {
             Kind::Sphere { .. } => 1,
         }
     }
+}
+
+/// The cross product of edges of any length, up to a positive factor.
+#[inline(always)]
+fn cross_safe(a: Vec3f, b: Vec3f) -> Vec3f {
+    let c = a.cross(b);
+    if c.length_squared() > 1e-30 {
+        return c;
+    }
+    let unit = |v: Vec3f| {
+        let l = largest(v);
+        if l > 0.0 { v * (1.0 / l) } else { v }
+    };
+    unit(a).cross(unit(b))
 }
 
 /// The box of the vertices that triangles name; all of them are checked.

@@ -203,8 +203,12 @@ impl World {
     #[inline(never)]
     pub(crate) fn interaction<const TEXTURES: bool>(&self, ray: &WorldRay, hit: &WorldHit) -> Interaction {
         let placed = &self.placed[hit.instance as usize];
-        match &self.shapes[placed.shape as usize].kind {
-            Kind::Mesh(mesh) => self.on_mesh::<TEXTURES>(mesh, placed, hit, ray.direction),
+        let shape = &self.shapes[placed.shape as usize];
+        match &shape.kind {
+            Kind::Mesh(mesh) => {
+                let facet = shape.facets[hit.piece as usize];
+                self.on_mesh::<TEXTURES>((mesh, facet), placed, hit, ray.direction)
+            }
             Kind::Sphere { radius } => self.on_sphere(placed, *radius, ray, hit),
         }
     }
@@ -212,7 +216,7 @@ impl World {
     #[inline(always)]
     fn on_mesh<const TEXTURES: bool>(
         &self,
-        mesh: &Mesh,
+        (mesh, facet): (&Mesh, Vec3f),
         placed: &Placed,
         hit: &WorldHit,
         direction: Vec3f,
@@ -221,7 +225,8 @@ impl World {
         let at = Corners { mesh, ids, b: [1.0 - hit.u - hit.v, hit.u, hit.v] };
         let [a, b, c] = ids.map(|i| mesh.positions[i]);
         let p = placed.point(at.vec3(&mesh.positions));
-        let ng = placed.normal(cross_safe(b - a, c - a)).normalize_or_zero();
+        let ng = placed.normal(facet);
+        let ng = if placed.rigid { ng } else { ng.normalize_or_zero() };
         let ng = if ng == Vec3f::zero() { direction * if hit.front { -1.0 } else { 1.0 } } else { ng };
         let mut ns = ng;
         if !mesh.normals.is_empty() {
@@ -474,18 +479,4 @@ fn axes(n: Vec3f, tangent: Vec3f) -> (Vec3f, Vec3f) {
 #[inline(always)]
 pub(crate) fn largest(v: Vec3f) -> f32 {
     v.x.abs().max(v.y.abs()).max(v.z.abs())
-}
-
-/// The cross product of edges of any length, up to a positive factor.
-#[inline(always)]
-pub(crate) fn cross_safe(a: Vec3f, b: Vec3f) -> Vec3f {
-    let c = a.cross(b);
-    if c.length_squared() > 1e-30 {
-        return c;
-    }
-    let unit = |v: Vec3f| {
-        let l = largest(v);
-        if l > 0.0 { v * (1.0 / l) } else { v }
-    };
-    unit(a).cross(unit(b))
 }
