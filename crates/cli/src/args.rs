@@ -480,9 +480,10 @@ pub(crate) struct Denoise {
     /// The model.
     #[arg(long, value_enum, default_value = "auto")]
     pub(crate) model: DenoiseModel,
-    /// Give the result of a total variation model the local mean of the noisy picture.
+    /// Leave the result of a total variation model as dark as the mean of logarithms is, instead of scaling it to the
+    /// local mean of the noisy picture.
     #[arg(long)]
-    pub(crate) restore_mean: bool,
+    pub(crate) keep_darkening: bool,
     /// Do not clamp rare huge samples.
     #[arg(long)]
     pub(crate) keep_fireflies: bool,

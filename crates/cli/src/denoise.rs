@@ -72,7 +72,7 @@ pub(crate) fn run(a: &Denoise) -> Result<()> {
     };
     let settings = Settings {
         model: model(a.model),
-        restore_mean: a.restore_mean,
+        restore_mean: !a.keep_darkening,
         fireflies: !a.keep_fireflies,
         ..Settings::default()
     };

@@ -18,6 +18,13 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
     primal_dual(ctx)?;
     sizes(ctx)?;
     skips(ctx)?;
+    match std::env::var_os("PHOTOFIT_PYTHON").filter(|_| ctx.baseline()) {
+        Some(python) => super::denoise_peer::run(ctx, &python)?,
+        None if ctx.baseline() => {
+            ctx.note("No comparison with scikit-image: `PHOTOFIT_PYTHON` names no Python interpreter.");
+        }
+        None => {}
+    }
     ctx.note(
         "Gaps are relative energies above the optimum (found by a long run in double precision), on a noisy image of \
          256 x 256; for ROF beside them the certified primal-dual gap. Sizes are samples (pixels times channels). \
@@ -27,7 +34,7 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
 }
 
 /// Discs and stripes on a shaded ground with noise of standard deviation .1; one plane per channel.
-fn picture(rows: usize, cols: usize, channels: usize) -> Vec<f64> {
+pub(super) fn picture(rows: usize, cols: usize, channels: usize) -> Vec<f64> {
     let mut out = Vec::with_capacity(rows * cols * channels);
     for c in 0..channels {
         for i in 0..rows {
@@ -46,7 +53,7 @@ fn picture(rows: usize, cols: usize, channels: usize) -> Vec<f64> {
     out
 }
 
-fn single(values: &[f64]) -> Vec<f32> {
+pub(super) fn single(values: &[f64]) -> Vec<f32> {
     values.iter().map(|v| *v as f32).collect()
 }
 

@@ -3,6 +3,8 @@
 mod atlas;
 mod decimate;
 mod denoise;
+mod denoise_mc;
+mod denoise_peer;
 mod gradients;
 mod metrics;
 mod optim;
@@ -58,6 +60,11 @@ pub(crate) const SUITES: &[Suite] = &[
         name: "denoise",
         about: "variational denoising, energy gap against time, time against size",
         run: denoise::run,
+    },
+    Suite {
+        name: "denoise-mc",
+        about: "Monte Carlo denoising, error by model, what each step brings, error against time",
+        run: denoise_mc::run,
     },
     Suite {
         name: "surface",

@@ -1,7 +1,7 @@
 //! Denoising of Monte Carlo renderings, with automatic parameters: nothing needs tuning.
 //!
 //! ```text
-//! radiance --holes--> / divisor --exposure--> fireflies --(history: reproject, average)--> irradiance
+//! radiance --holes, exact pixels--> / divisor --exposure--> fireflies --(history: reproject, average)--> irradiance
 //!   auto:         regression on normal and position in cells, width by estimated error --> x divisor --> edges
 //!   rof, tvl1, hybrid: log(1+x) --> ADMM with alpha = c sigma W --> exp(x)-1 --> x divisor
 //!   atrous:       five edge-stopping levels --> x divisor
@@ -17,6 +17,7 @@ mod basis;
 mod camera;
 mod coherence;
 mod demodulate;
+mod exact;
 mod firefly;
 mod frame;
 mod noise;

@@ -34,7 +34,8 @@ pub struct Settings {
     pub model: Model,
     /// Clamp rare huge samples.
     pub fireflies: bool,
-    /// Scale the result of a convex model to the local mean of the noisy picture: more light, more residual noise.
+    /// Scale the result of a convex model to the local mean of the noisy picture, for the mean of logarithms is too
+    /// dark: more light, a little more residual noise.
     pub restore_mean: bool,
     /// `c` of [`adaptive_weight`]; chosen automatically when not given.
     pub strength: Option<f32>,
@@ -49,7 +50,7 @@ impl Default for Settings {
         Self {
             model: Model::Auto,
             fireflies: true,
-            restore_mean: false,
+            restore_mean: true,
             strength: None,
             iterations: 20,
             temporal: TemporalSettings::default(),
@@ -269,6 +270,10 @@ fn filter(prepared: Prepared, settings: &Settings, mut plan: Plan) -> Result<Den
     }
     let scale = 1.0 / prepared.key;
     estimate.iter_mut().for_each(|v| *v = (*v * scale).max(0.0));
+    let n = prepared.shape.pixels();
+    for (i, color) in &prepared.exact {
+        (0..3).for_each(|c| estimate[c * n + i] = color[c]);
+    }
     let (holes, fireflies) = (prepared.holes, prepared.fireflies);
     Ok(Denoised { color: estimate, holes, fireflies, strength, plan })
 }

@@ -1,6 +1,7 @@
 //! From a rendered picture to what the models filter: holes, irradiance, exposure, fireflies, noise.
 
 use super::antialias::trusted;
+use super::exact::{ExactPixel, exact_pixels};
 use super::firefly::clamp_fireflies;
 use super::frame::{Features, Frame};
 use super::noise::half_variance;
@@ -32,6 +33,8 @@ pub(crate) struct Prepared {
     pub(crate) weight: Vec<f32>,
     /// The weight, less where the divisor may miss what the pixel shows.
     pub(crate) trust: Vec<f32>,
+    /// Pixels without noise, in radiance; their weight is 0.
+    pub(crate) exact: Vec<ExactPixel>,
     pub(crate) holes: usize,
     pub(crate) fireflies: usize,
 }
@@ -47,11 +50,12 @@ impl Prepared {
         frame.check()?;
         let shape = frame.shape;
         let features = Features::of(&frame.guides, shape.pixels(), plan);
-        let (mut sides, weight, holes) = plan.stage("holes", || {
+        let (mut sides, mut weight, holes) = plan.stage("holes", || {
             let (sides, weight, holes) = holes(frame);
             let why = format!("{holes} pixels with NaN or infinity");
             ((sides, weight, holes), why)
         });
+        let exact = exact(frame, &features, &mut weight, plan);
         let divisor = features.albedo.as_ref().map(|albedo| {
             plan.stage("demodulation", || {
                 let d = divisor(albedo);
@@ -104,6 +108,7 @@ impl Prepared {
             halves,
             variance,
             weight,
+            exact,
             holes,
             fireflies,
         })
@@ -115,6 +120,25 @@ impl Prepared {
         let u = &self.irradiance;
         (0..n).map(|i| (u[i] + u[n + i] + u[2 * n + i]) * (1.0 / 3.0)).collect()
     }
+}
+
+/// Finds the pixels without noise and takes their weight, so that they do not reach their neighbours.
+fn exact(frame: &Frame<'_>, features: &Features, weight: &mut [f32], plan: &mut Plan) -> Vec<ExactPixel> {
+    let known = match (frame.half, frame.variance) {
+        (Some(half), _) => half != frame.color,
+        (None, Some(v)) => v.iter().any(|v| *v > 0.0),
+        (None, None) => false,
+    };
+    if !known {
+        plan.skip("exact", "the noise is not known");
+        return Vec::new();
+    }
+    plan.stage("exact", || {
+        let exact = exact_pixels(frame, features, weight);
+        exact.iter().for_each(|(i, _)| weight[*i] = 0.0);
+        let why = format!("{} pixels without noise stay as they are", exact.len());
+        (exact, why)
+    })
 }
 
 /// The one or two halves with zeros at pixels where any of them is not finite.

@@ -33,12 +33,13 @@ const LEVERAGE: f32 = 1.0;
 /// Added to the estimate in relative errors, in units of exposure.
 pub(crate) const RELATIVE_FLOOR: f32 = 0.05;
 
-/// An estimate stays between half the least and twice the largest mean of the cells around: a linear model that is carried
-/// past its samples turns highlights and contact shadows black.
-const BOUNDS: [f32; 2] = [0.5, 2.0];
+/// An estimate stays between the least mean of the narrowest window in the cells around times this, and the largest one
+/// divided by it: a linear model that is carried past its samples turns highlights and contact shadows black. By the width
+/// that was chosen, for where a narrow one is needed its means resolve the light.
+const BOUNDS: [f32; WIDTHS.len()] = [0.8, 0.7, 0.5, 0.3];
 
-/// The width of these means.
-const BOUNDS_WIDTH: usize = 1;
+/// Stands for no upper bound; differences of it are finite.
+const UNBOUNDED: f32 = 1e30;
 
 /// What a regression gave.
 #[derive(Clone, Debug)]
@@ -70,6 +71,15 @@ struct Samples<'a> {
     irradiance: &'a [f32],
     weight: &'a [f32],
     cells: [usize; 2],
+}
+
+/// Pixels `x0..x1` between the centres of the cells `left` and `right`; `first` is the place of the left centre.
+struct Interval {
+    left: usize,
+    right: usize,
+    x0: usize,
+    x1: usize,
+    first: f32,
 }
 
 /// Number of products that a cell sums: the upper triangle of the regressors' matrix, then right-hand sides.
@@ -112,7 +122,7 @@ pub(crate) fn regress(
         }
         shares[*width] += 1.0 / choice.len() as f32;
     }
-    let estimate = samples.evaluate(&chosen, &samples.bounds(&fits[BOUNDS_WIDTH]));
+    let estimate = samples.evaluate(&chosen, &samples.bounds(&fits, &choice));
     Regression { estimate, shares, flat: flat.iter().filter(|f| **f).count(), cells: flat.len() }
 }
 
@@ -236,27 +246,29 @@ impl Samples<'_> {
         Fit { coefficients, levels, empty }
     }
 
-    /// `[least, most]` per cell and channel from the means of the cells around.
-    fn bounds(&self, fit: &Fit) -> Vec<[[f32; 3]; 2]> {
+    /// Least, then most of each channel, `[cell][6]`, from the means of the cells around and the width of the cell.
+    fn bounds(&self, fits: &[Fit], choice: &[usize]) -> Vec<f32> {
         let [ch, cw] = self.cells;
         let around = |c: usize, n: usize| c.saturating_sub(1)..(c + 2).min(n);
         let of = |cell: usize| {
-            let mut out = [[f32::INFINITY; 3], [0.0; 3]];
+            let lowest = BOUNDS[choice[cell]];
+            let mut out = [UNBOUNDED, UNBOUNDED, UNBOUNDED, 0.0, 0.0, 0.0];
             for y in around(cell / cw, ch) {
                 for k in around(cell % cw, cw).map(|x| y * cw + x) {
-                    if fit.empty[k] {
-                        return [[0.0; 3], [f32::INFINITY; 3]];
-                    }
+                    // Of the narrowest window that holds samples.
+                    let Some(fit) = fits.iter().find(|fit| !fit.empty[k]) else {
+                        return [0.0, 0.0, 0.0, UNBOUNDED, UNBOUNDED, UNBOUNDED];
+                    };
                     for c in 0..3 {
                         let level = fit.levels[3 * k + c];
-                        out[0][c] = out[0][c].min(BOUNDS[0] * level);
-                        out[1][c] = out[1][c].max(BOUNDS[1] * level);
+                        out[c] = out[c].min(lowest * level);
+                        out[3 + c] = out[3 + c].max(level / lowest);
                     }
                 }
             }
             out
         };
-        (0..ch * cw).map(of).collect()
+        (0..ch * cw).flat_map(of).collect()
     }
 
     /// The width of each cell.
@@ -325,8 +337,9 @@ impl Samples<'_> {
         }
     }
 
-    /// The whole estimate within `bounds`.
-    fn evaluate(&self, coefficients: &[f32], bounds: &[[[f32; 3]; 2]]) -> Vec<f32> {
+    /// The whole estimate within `bounds`, which are interpolated as the coefficients are: steps at the cells would be
+    /// seen.
+    fn evaluate(&self, coefficients: &[f32], bounds: &[f32]) -> Vec<f32> {
         let (cols, n) = (self.shape.cols, self.shape.pixels());
         let mut out = vec![0.0; 3 * n];
         let (r, rest) = out.split_at_mut(n);
@@ -335,37 +348,55 @@ impl Samples<'_> {
         let scratch = || (Vec::new(), vec![0.0; 3 * cols]);
         rows.enumerate().with_min_len(8).for_each_init(scratch, |(line, row), (y, ((r, g), b))| {
             self.evaluate_row(coefficients, y, line, row);
-            let bounds = &bounds[y / CELL * self.cells[1]..];
+            self.between(bounds, 6, y, line);
             for (c, (out, row)) in [r, g, b].into_iter().zip(row.chunks(cols)).enumerate() {
-                for ((out, row), [least, most]) in out.chunks_mut(CELL).zip(row.chunks(CELL)).zip(bounds) {
-                    for (o, v) in out.iter_mut().zip(row) {
-                        *o = v.max(least[c]).min(most[c]);
-                    }
-                }
+                self.limit(line, c, row, out);
             }
         });
         out
     }
 
-    /// One row of the estimate, 3 runs of `cols` values; `line` is scratch.
-    fn evaluate_row(&self, coefficients: &[f32], y: usize, line: &mut Vec<f32>, out: &mut [f32]) {
-        let (k, [ch, cw], cols) = (self.planes.len() + 1, self.cells, self.shape.cols);
-        let per_row = cw * 3 * k;
+    /// Values of the cells, `per_cell` each, at the height of row `y`.
+    fn between(&self, values: &[f32], per_cell: usize, y: usize, line: &mut Vec<f32>) {
+        let [ch, cw] = self.cells;
         let at = ((y as f32 + 0.5) / CELL as f32 - 0.5).clamp(0.0, (ch - 1) as f32);
         let (c0, f) = (at as usize, at.fract());
-        let upper = &coefficients[c0 * per_row..][..per_row];
-        let lower = &coefficients[(c0 + 1).min(ch - 1) * per_row..][..per_row];
+        let upper = &values[c0 * cw * per_cell..][..cw * per_cell];
+        let lower = &values[(c0 + 1).min(ch - 1) * cw * per_cell..][..cw * per_cell];
         line.clear();
         line.extend(upper.iter().zip(lower).map(|(a, b)| a + f * (b - a)));
-        // Interval i lies between the centres of cells i - 1 and i.
-        for i in 0..=cw {
-            let (left, right) = (i.saturating_sub(1), i.min(cw - 1));
-            let x0 = (i * CELL).saturating_sub(CELL / 2).min(cols);
-            let x1 = (i * CELL + CELL / 2).min(cols);
-            if x0 == x1 {
-                continue;
+    }
+
+    /// `row` of channel `c` within the bounds of a line of cells.
+    fn limit(&self, line: &[f32], c: usize, row: &[f32], out: &mut [f32]) {
+        for i in 0..=self.cells[1] {
+            let Some(Interval { left, right, x0, x1, first }) = self.interval(i) else { continue };
+            let [least, most] = [c, 3 + c].map(|k| {
+                let a = line[6 * left + k];
+                (a, line[6 * right + k] - a)
+            });
+            for (t, (o, v)) in out[x0..x1].iter_mut().zip(&row[x0..x1]).enumerate() {
+                let f = ((x0 + t) as f32 - first) / CELL as f32;
+                *o = v.max(least.0 + f * least.1).min(most.0 + f * most.1);
             }
-            let first = i as f32 * CELL as f32 - (CELL / 2) as f32 - 0.5;
+        }
+    }
+
+    /// The pixels between the centres of cells `i - 1` and `i`.
+    fn interval(&self, i: usize) -> Option<Interval> {
+        let (cw, cols) = (self.cells[1], self.shape.cols);
+        let x0 = (i * CELL).saturating_sub(CELL / 2).min(cols);
+        let x1 = (i * CELL + CELL / 2).min(cols);
+        let first = i as f32 * CELL as f32 - (CELL / 2) as f32 - 0.5;
+        (x0 < x1).then_some(Interval { left: i.saturating_sub(1), right: i.min(cw - 1), x0, x1, first })
+    }
+
+    /// One row of the estimate, 3 runs of `cols` values; `line` is scratch.
+    fn evaluate_row(&self, coefficients: &[f32], y: usize, line: &mut Vec<f32>, out: &mut [f32]) {
+        let (k, cols) = (self.planes.len() + 1, self.shape.cols);
+        self.between(coefficients, 3 * k, y, line);
+        for i in 0..=self.cells[1] {
+            let Some(Interval { left, right, x0, x1, first }) = self.interval(i) else { continue };
             let mut part = [[0.0_f32; CELL]; 3];
             let mut features = [0.0_f32; CELL];
             let fraction: [f32; CELL] = std::array::from_fn(|t| (x0 as f32 + t as f32 - first) / CELL as f32);

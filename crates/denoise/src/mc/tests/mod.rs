@@ -1,5 +1,6 @@
 //! Tests across stages, on the synthetic scene.
 mod automatic;
+mod exact;
 mod relations;
 mod stress;
 mod temporal;

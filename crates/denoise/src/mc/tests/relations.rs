@@ -64,7 +64,9 @@ fn an_absolute_data_term_is_darker_than_a_quadratic_one() {
     let scene = SyntheticFrame::new(96, 128, 0.0);
     let noisy = scene.noisy(1, 3);
     let mean = |model| {
-        let u = run(&scene, &noisy, true, Model::Variational(model)).color;
+        let frame = Frame::new(96, 128, &noisy).with_guides(scene.guides());
+        let settings = Settings { restore_mean: false, ..with(Model::Variational(model)) };
+        let u = denoise(&frame, &settings).expect("sound").color;
         u.iter().map(|v| f64::from(*v)).sum::<f64>()
     };
     let (l1, l2) = (mean(VariationalModel::TvL1), mean(VariationalModel::Rof));

@@ -1,0 +1,91 @@
+//! Pixels without noise: a shown environment, emitters. They are kept as they are and do not reach their neighbours.
+
+use super::frame::{Features, Frame};
+use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSlice, ParallelSliceMut};
+
+/// Deviation over the level of a pixel below which it has no noise: half precision files round by as much.
+const SILENT: f32 = 1e-3;
+/// The same where the ray meets nothing: what varies there is the texture of the environment.
+const SILENT_MISS: f32 = 0.02;
+/// Pixels on each side of the middle of a window that has to be silent as a whole.
+///
+/// Few samples can be equal by chance, under a light of one colour that half of them see; windows of them hardly are.
+const REACH: usize = 2;
+/// Lone silent pixels count if they are this many times as bright as the mean of all that is lit: small emitters.
+const OUTSTANDING: f32 = 8.0;
+
+/// A pixel and its radiance.
+pub(crate) type ExactPixel = (usize, [f32; 3]);
+
+/// The pixels whose known variance (or halves) is 0. Black ones only where the ray meets nothing: elsewhere all samples
+/// may have missed the light. Pixels of weight 0 are holes.
+pub(crate) fn exact_pixels(frame: &Frame<'_>, features: &Features, weight: &[f32]) -> Vec<ExactPixel> {
+    let (n, cols) = (frame.shape.pixels(), frame.shape.cols);
+    let color = |c: usize, i: usize| match frame.half {
+        Some(half) => 0.5 * (frame.color[c * n + i] + half[c * n + i]),
+        None => frame.color[c * n + i],
+    };
+    let level = |i: usize| (color(0, i) + color(1, i) + color(2, i)) * (1.0 / 3.0);
+    let mut silent = vec![0_u8; n];
+    silent.par_chunks_mut(cols).enumerate().with_min_len(8).for_each(|(y, row)| {
+        for (x, s) in row.iter_mut().enumerate() {
+            let i = y * cols + x;
+            let (level, miss) = (level(i), missed(features, i));
+            let limit = (level * if miss { SILENT_MISS } else { SILENT }).powi(2);
+            let quiet = weight[i] > 0.0 && (0..3).all(|c| variance(frame, c * n + i) <= limit);
+            *s = u8::from(quiet && (miss || level > 0.0));
+        }
+    });
+    if silent.iter().all(|s| *s == 0) {
+        return Vec::new();
+    }
+    let windows = spread(&spread(&silent, cols, u8::min), cols, u8::max);
+    let lit = (0..n).filter(|i| weight[*i] > 0.0).map(level).filter(|v| *v > 0.0);
+    let (sum, count) = lit.fold((0.0_f64, 0_usize), |(s, k), v| (s + f64::from(v), k + 1));
+    let bright = OUTSTANDING * (sum / count.max(1) as f64) as f32;
+    (0..n)
+        .filter(|i| silent[*i] > 0 && (windows[*i] > 0 || missed(features, *i) || level(*i) > bright))
+        .map(|i| (i, [color(0, i).max(0.0), color(1, i).max(0.0), color(2, i).max(0.0)]))
+        .collect()
+}
+
+/// Variance of the mean of a sample.
+fn variance(frame: &Frame<'_>, i: usize) -> f32 {
+    match (frame.half, frame.variance) {
+        (Some(half), _) => 0.25 * (frame.color[i] - half[i]).powi(2),
+        (None, Some(v)) => v[i].abs(),
+        (None, None) => f32::INFINITY,
+    }
+}
+
+/// Whether a guide says that the ray meets nothing.
+fn missed(features: &Features, i: usize) -> bool {
+    let zero = |planes: &Vec<f32>, channels: usize| {
+        let n = planes.len() / channels;
+        (0..channels).all(|c| planes[c * n + i] == 0.0)
+    };
+    match (&features.normal, &features.depth, &features.position) {
+        (Some(normal), ..) => zero(normal, 3),
+        (None, Some(depth), _) => zero(depth, 1),
+        (None, None, position) => position.as_ref().is_some_and(|p| zero(p, 3)),
+    }
+}
+
+/// The least or largest value of the window around each pixel, as far as the window lies inside.
+fn spread(mask: &[u8], cols: usize, pick: fn(u8, u8) -> u8) -> Vec<u8> {
+    let rows = mask.len() / cols;
+    let around = |k: usize, n: usize| k.saturating_sub(REACH)..(k + REACH + 1).min(n);
+    let mut along = vec![0; mask.len()];
+    along.par_chunks_mut(cols).zip(mask.par_chunks(cols)).with_min_len(8).for_each(|(out, row)| {
+        for (x, o) in out.iter_mut().enumerate() {
+            *o = row[around(x, cols)].iter().copied().fold(row[x], pick);
+        }
+    });
+    let mut out = along.clone();
+    out.par_chunks_mut(cols).enumerate().with_min_len(8).for_each(|(y, out)| {
+        for k in around(y, rows) {
+            out.iter_mut().zip(&along[k * cols..]).for_each(|(o, v)| *o = pick(*o, *v));
+        }
+    });
+    out
+}

@@ -1,0 +1,110 @@
+//! What has no noise stays.
+
+use super::*;
+use crate::mc::{Sequence, VariationalModel};
+
+const ROWS: usize = 96;
+const COLS: usize = 128;
+const MODELS: [Model; 6] = [
+    Model::Auto,
+    Model::Variational(VariationalModel::Rof),
+    Model::Variational(VariationalModel::TvL1),
+    Model::Variational(VariationalModel::Hybrid),
+    Model::Variational(VariationalModel::Tgv),
+    Model::Atrous,
+];
+
+/// Whether a pixel shows the striped environment in the corner, the lamp, or the small lamp.
+fn shown(i: usize) -> Option<f32> {
+    let (x, y) = (i % COLS, i / COLS);
+    match (x, y) {
+        (90.., ..40) => Some(0.3 + 0.2 * ((x / 3) % 2) as f32),
+        (40..56, 20..31) => Some(18.0),
+        (20..22, 50..52) => Some(30.0),
+        _ => None,
+    }
+}
+
+/// A scene, its two noisy halves and the variance of their mean, with what is shown put in.
+fn scene() -> (SyntheticFrame, [Vec<f32>; 2], Vec<f32>) {
+    let mut scene = SyntheticFrame::new(ROWS, COLS, 0.0);
+    let (mut a, mut b) = (scene.noisy(4, 1), scene.noisy(4, 2));
+    let n = ROWS * COLS;
+    for i in 0..3 * n {
+        if let Some(value) = shown(i % n) {
+            (a[i], b[i], scene.reference[i]) = (value, value, value);
+            let environment = i % n % COLS >= 90;
+            if environment {
+                (scene.albedo[i], scene.normal[i], scene.position[i]) = (0.0, 0.0, 0.0);
+                scene.depth[i % n] = 0.0;
+            }
+        }
+    }
+    let variance = a.iter().zip(&b).map(|(a, b)| 0.25 * (a - b) * (a - b)).collect();
+    (scene, [a, b], variance)
+}
+
+#[test]
+fn pixels_without_noise_come_out_as_they_went_in() {
+    let (scene, [a, b], variance) = scene();
+    let n = ROWS * COLS;
+    let mean: Vec<f32> = a.iter().zip(&b).map(|(a, b)| 0.5 * (a + b)).collect();
+    let plain = Frame::new(ROWS, COLS, &mean);
+    for guides in [scene.guides(), crate::mc::Guides::default()] {
+        let layer = Frame { variance: Some(&variance), ..plain.with_guides(guides) };
+        let halves = Frame { color: &a, half: Some(&b), ..plain.with_guides(guides) };
+        for (frame, model) in MODELS.iter().flat_map(|m| [(layer, *m), (halves, *m)]) {
+            let d = denoise(&frame, &with(model)).expect("sound");
+            let mut kept = 0;
+            for i in (0..3 * n).filter(|i| shown(i % n).is_some()) {
+                assert_eq!(Some(d.color[i]), shown(i % n), "{model:?}: pixel {}", i % n);
+                kept += 1;
+            }
+            assert_eq!(kept, 3 * (38 * 40 + 16 * 11 + 4));
+            assert!(d.plan.runs("exact") && d.plan.runs("noise"), "{}", d.plan);
+        }
+    }
+    // Without a known noise nothing is claimed.
+    assert!(!denoise(&plain, &Settings::default()).expect("sound").plan.runs("exact"));
+    // The last frame of a sequence tells what is exact.
+    let mut history = Sequence::new(Settings::default());
+    for _ in 0..2 {
+        let frame = Frame { variance: Some(&variance), ..plain.with_guides(scene.guides()) };
+        history.push(&frame, scene.camera).expect("sound");
+    }
+    let d = history.denoise().expect("frames").expect("sound");
+    assert!((0..3 * n).all(|i| shown(i % n).is_none_or(|v| d.color[i] == v)), "{}", d.plan);
+}
+
+#[test]
+fn lamps_do_not_light_the_wall_around_them() {
+    let (scene, [a, b], _) = scene();
+    let frame = Frame { half: Some(&b), ..Frame::new(ROWS, COLS, &a).with_guides(scene.guides()) };
+    let n = ROWS * COLS;
+    for model in [Model::Auto, Model::Variational(VariationalModel::Hybrid)] {
+        let u = denoise(&frame, &with(model)).expect("sound").color;
+        let ring = (0..n).filter(|i| {
+            let (x, y) = (i % COLS, i / COLS);
+            (36..60).contains(&x) && (16..35).contains(&y) && shown(*i).is_none()
+        });
+        let [ours, truth] = ring.fold([0.0_f32; 2], |[s, t], i| [s + u[i], t + scene.reference[i]]);
+        assert!(ours < 1.5 * truth, "{model:?}: {ours} around the lamp, {truth} in truth");
+    }
+}
+
+#[test]
+fn equal_samples_by_chance_and_black_ones_are_noise() {
+    // Half of the samples see a light of one colour: a pixel of two has no variance in half of all cases.
+    let n = ROWS * COLS;
+    let hit = |i: usize, s: u64| {
+        let hash = ((i as u64) << 8 | s).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        if (hash ^ (hash >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 63 == 0 { 1.0 } else { 0.0 }
+    };
+    let side = |s: u64| (0..3 * n).map(|i| hit(i % n, s)).collect::<Vec<f32>>();
+    let (a, b) = (side(0), side(1));
+    let frame = Frame { half: Some(&b), ..Frame::new(ROWS, COLS, &a) };
+    let d = denoise(&frame, &Settings::default()).expect("sound");
+    let why = &d.plan.step("exact").expect("a line").why;
+    assert!(why.starts_with("0 pixels"), "{why}");
+    assert!(d.color.iter().all(|v| (v - 0.5).abs() < 0.2), "the noise is gone");
+}
