@@ -2,7 +2,8 @@
 
 use super::scenes::{cornell, cornell_view, diffuse, render, square};
 use crate::{
-    EnvironmentMap, Features, LightSource, Material, Parts, Plan, RenderOptions, Shape, World, plan,
+    Boundary, BoundedMedium, EnvironmentMap, Features, LightSource, Material, Parts, Plan, RenderOptions,
+    Shape, World, plan,
 };
 use glam::DVec3;
 use photofit_scalar::{Vec3f, vec3};
@@ -41,6 +42,12 @@ fn scenes_run_what_they_need() {
     });
     assert_eq!(both.needs, Features(plan::ENVIRONMENT | plan::SOURCES | plan::TWO_LEVEL));
     assert!(both.has.contains(both.needs) && !both.has.contains(Features(plan::VOLUMES)));
+    let fog = lit(&|p| {
+        p.environment = Some(sky.clone());
+        p.media.push(BoundedMedium::homogeneous(Vec3f::splat(1.0), Vec3f::splat(0.5), 0.0));
+        p.boundaries.push(Boundary { instance: 0, interior: Some(0), exterior: None });
+    });
+    assert_eq!(fog.needs, Features(plan::ENVIRONMENT | plan::VOLUMES));
     let text = both.to_string();
     assert!(text.contains("media") && text.contains("skipped: there are no volumes"), "{text}");
     assert!(text.contains("environment sampling") && text.lines().count() == 8, "{text}");
