@@ -86,7 +86,7 @@ fn foreign(ctx: &mut Context, folder: &Path) -> Result<()> {
             &format!("{count} triangles"),
             count,
             || Accel::build(&mesh.positions, &mesh.triangles),
-            |_| vec![],
+            |built| built.iter().map(|a| ("bytes per triangle", a.bytes() as f64 / count as f64)).collect(),
         )?;
         for kind in ["camera", "bounce", "chord"] {
             let rays: Vec<Ray> = words(&folder.join(format!("rays_{name}_{kind}.bin")))?

@@ -300,10 +300,9 @@ fn divide(items: &mut [Item], extent: &Extent, bins: &mut Bins) -> Option<usize>
     // No branch depends on the items.
     let mut at = 0;
     for i in 0..items.len() {
-        let item = items[i];
-        items[i] = items[at];
-        items[at] = item;
-        at += usize::from(grid.bin(&item)[axis] < plane);
+        let before = grid.bin(&items[i])[axis] < plane;
+        items.swap(i, at);
+        at += usize::from(before);
     }
     Some(at)
 }

@@ -85,7 +85,7 @@ impl Accel {
                 continue;
             }
             let packet = &self.packets[(at & !LEAF) as usize];
-            for lane in 0..packet.count as usize {
+            for lane in 0..packet.count() {
                 let (square, u, v) = on_triangle(q, packet.triangle(lane));
                 let triangle = packet.ids[lane];
                 let nearer =

@@ -1,5 +1,9 @@
 //! Known answers, brute-force oracles, leaks, stress.
 
+mod trees;
+mod watertight;
+mod widths;
+
 use super::{Accel, AccelError, Hit, Ray};
 use photofit_scalar::{Vec3, Vec3f, vec3};
 

@@ -2,7 +2,7 @@
 
 use super::binary::{Binary, Set};
 use super::traverse::Local;
-use super::walk::Slabs;
+use super::walk::{PAD, Slabs};
 use super::wide::{self, Node};
 #[cfg(target_arch = "x86_64")]
 use super::width::Avx2;
@@ -92,7 +92,7 @@ impl TopRay {
     #[inline(always)]
     pub(crate) fn new(tree: &TopTree, origin: Vec3f, direction: Vec3f) -> Self {
         let (o, d) = (Vec3A::from_array(origin.to_array()), Vec3A::from_array(direction.to_array()));
-        let pad = (o.abs().max_element() + tree.extent) * (8.0 * 0.5 * f32::EPSILON);
+        let pad = (o.abs().max_element() + tree.extent) * PAD;
         Self(Slabs::new(o, d, pad, 0.0))
     }
 }
@@ -101,11 +101,11 @@ impl TopRay {
 pub(crate) struct FrameRay(Local);
 
 impl FrameRay {
-    /// `t` counts lengths of `direction`, from 0 to `t_max`; `None` for directions that hit nothing.
+    /// `t` counts lengths of `direction`, from 0 to `t_max`.
     #[inline(always)]
-    pub(crate) fn new(accel: &Accel, origin: Vec3, direction: Vec3, t_max: f32) -> Option<Self> {
+    pub(crate) fn new(accel: &Accel, origin: Vec3, direction: Vec3, t_max: f32) -> Self {
         let t_max = t_max.min(f32::MAX);
-        Local::in_frame(accel, origin.into(), direction.into(), 0.0, t_max).map(Self)
+        Self(Local::in_frame(accel, origin.into(), direction.into(), 0.0, t_max))
     }
 }
 
@@ -129,8 +129,8 @@ impl Accel {
         (lo, hi)
     }
 
-    /// Bytes of nodes and triangles.
-    pub(crate) fn bytes(&self) -> usize {
+    /// Memory of the nodes and the triangles, in bytes.
+    pub fn bytes(&self) -> usize {
         size_of_val(self.nodes.as_slice()) + size_of_val(self.packets.as_slice())
     }
 

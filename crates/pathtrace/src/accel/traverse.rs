@@ -1,7 +1,7 @@
 //! Rays through the tree.
 
 use super::triangle::{Packet, PacketHits, Shear};
-use super::walk::Slabs;
+use super::walk::{PAD, Slabs};
 #[cfg(target_arch = "x86_64")]
 use super::width::Avx2;
 use super::width::{Portable, Width};
@@ -50,11 +50,14 @@ pub(super) struct Local {
     shear: Shear,
     slabs: Slabs,
     t_max: f32,
+    /// False for rays that hit nothing; the rest is meaningless then. (An optional ray would be moved in memory, which
+    /// waits for its parts to be written.)
+    usable: bool,
 }
 
 impl Local {
     #[inline(always)]
-    fn new(accel: &Accel, ray: &Ray) -> Option<Self> {
+    fn new(accel: &Accel, ray: &Ray) -> Self {
         let scale = accel.scale as f32;
         let (t_min, t_max) = (ray.t_min * scale, (ray.t_max * scale).min(f32::MAX));
         let d = Vec3A::from_array(ray.direction.to_array());
@@ -63,16 +66,16 @@ impl Local {
 
     /// From an origin and a direction in the structure's own frame; `t` counts lengths of `d`.
     #[inline(always)]
-    pub(super) fn in_frame(accel: &Accel, o: Vec3A, d: Vec3A, t_min: f32, t_max: f32) -> Option<Self> {
+    pub(super) fn in_frame(accel: &Accel, o: Vec3A, d: Vec3A, t_min: f32, t_max: f32) -> Self {
         let (largest, farthest) = (d.abs().max_element(), o.abs().max_element());
         // Written so that NaN fails.
-        let usable = d.is_finite() && (1e-12..=1e12).contains(&largest) && o.is_finite() && t_min <= t_max;
-        if !usable || accel.nodes.is_empty() {
-            return None;
-        }
-        // The sheared corners and the slab distances are off by at most 6 ulp of the largest coordinate involved.
-        let pad = (farthest + accel.extent) * (8.0 * 0.5 * f32::EPSILON);
-        Some(Self { shear: Shear::new(o.into(), d.into()), slabs: Slabs::new(o, d, pad, t_min), t_max })
+        let usable = d.is_finite()
+            && (1e-12..=1e12).contains(&largest)
+            && o.is_finite()
+            && t_min <= t_max
+            && !accel.nodes.is_empty();
+        let pad = (farthest + accel.extent) * PAD;
+        Self { shear: Shear::new(o.into(), d.into()), slabs: Slabs::new(o, d, pad, t_min), t_max, usable }
     }
 
     /// The largest distance that counts.
@@ -109,7 +112,7 @@ impl Accel {
         ray: &Ray,
         mut accept: impl FnMut(&Hit) -> bool,
     ) -> Option<Hit> {
-        let local = Local::new(self, ray)?;
+        let local = Local::new(self, ray);
         let back = self.back;
         let mut best: Option<Hit> = None;
         let mut limit = local.t_max;
@@ -178,8 +181,8 @@ impl Accel {
 
     /// Calls `visit` with the hits along the ray until it returns false.
     #[inline(always)]
-    fn visit_with(&self, width: impl Width, ray: &Ray, mut visit: impl FnMut(Hit) -> bool) {
-        let Some(local) = Local::new(self, ray) else { return };
+    pub(super) fn visit_with(&self, width: impl Width, ray: &Ray, mut visit: impl FnMut(Hit) -> bool) {
+        let local = Local::new(self, ray);
         let back = self.back;
         self.traverse::<false>(width, &local, |packet, hits| {
             let mut mask = hits.mask;
@@ -202,6 +205,9 @@ impl Accel {
         ray: &Local,
         mut leaf: impl FnMut(&Packet, &PacketHits) -> Option<f32>,
     ) {
+        if !ray.usable {
+            return;
+        }
         width.walk::<ORDERED>(&self.nodes, &ray.slabs, ray.t_max, |index, limit| {
             let packet = &self.packets[index as usize];
             let hits = packet.intersect(&ray.shear, ray.slabs.t_min, limit);

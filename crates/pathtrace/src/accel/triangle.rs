@@ -5,13 +5,12 @@ use glam::{BVec4A, Vec3, Vec4};
 
 /// Up to four triangles side by side; unused lanes are NaN, which no comparison accepts.
 #[derive(Clone, Debug)]
+#[repr(C, align(32))]
 pub(super) struct Packet {
     /// Corner, then axis.
     pub(super) corners: [[Vec4; 3]; 3],
-    /// Triangle indices.
+    /// Triangle indices; [`Self::UNUSED`] in unused lanes, which come last.
     pub(super) ids: [u32; 4],
-    /// Lanes in use.
-    pub(super) count: u32,
 }
 
 /// What the triangle test needs of a ray: the largest axis of the direction becomes z, a shear makes it (0, 0, 1).
@@ -77,11 +76,12 @@ impl PacketHits {
 }
 
 impl Packet {
+    const UNUSED: u32 = u32::MAX;
+
     pub(super) fn new(ids: impl Iterator<Item = u32>, corners: impl Fn(u32) -> [Vec3; 3]) -> Self {
-        let mut packet = Self { corners: [[Vec4::NAN; 3]; 3], ids: [u32::MAX; 4], count: 0 };
+        let mut packet = Self { corners: [[Vec4::NAN; 3]; 3], ids: [Self::UNUSED; 4] };
         for (lane, id) in ids.enumerate() {
             packet.ids[lane] = id;
-            packet.count += 1;
             for (corner, p) in corners(id).into_iter().enumerate() {
                 for axis in 0..3 {
                     packet.corners[corner][axis][lane] = p[axis];
@@ -89,6 +89,12 @@ impl Packet {
             }
         }
         packet
+    }
+
+    /// Lanes in use.
+    #[inline(always)]
+    pub(super) fn count(&self) -> usize {
+        self.ids.iter().filter(|&&id| id != Self::UNUSED).count()
     }
 
     /// Corners of the triangle in `lane`.

@@ -4,6 +4,14 @@ use super::stack::{Stack, entry, parts};
 use super::wide::{LEAF, Node, WIDTH};
 use glam::Vec3A;
 
+/// By how much boxes are widened, of the largest coordinate involved.
+///
+/// In units of rounding (2^-24) of that coordinate: the sheared corners of a triangle are off by at most 7 (1 for the
+/// difference to the origin, 4 for the product with the shear, 2 for the difference of the two), the distances of a
+/// slab by at most 4. The signs of the edge functions are exact, so a ray that hits passes the triangle within 7, and its
+/// box, tested with an error of 4, within 11.
+pub(super) const PAD: f32 = 16.0 * 0.5 * f32::EPSILON;
+
 /// What the box tests need of a ray.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Slabs {

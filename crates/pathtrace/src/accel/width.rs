@@ -39,16 +39,19 @@ impl Width for Portable {
         let splat = |v: [f32; 3]| v.map(Vec4::splat);
         let (near, far, inverse) = (splat(ray.near_origin), splat(ray.far_origin), splat(ray.inverse));
         let test = |node: &Node, limit: f32| {
-            let mut nears = [Vec4::splat(ray.t_min); 2];
+            let mut nears = [Vec4::ZERO; 2];
             let mut mask = 0;
             for half in 0..2 {
-                let mut fars = Vec4::splat(limit);
-                for k in 0..3 {
-                    let side = usize::from(ray.negative[k]);
-                    let (a, b) = (node.planes[k][side].0[half], node.planes[k][1 - side].0[half]);
-                    nears[half] = nears[half].max((a - near[k]) * inverse[k]);
-                    fars = fars.min((b - far[k]) * inverse[k]);
-                }
+                let enter = |k: usize| {
+                    let plane = node.planes[k][usize::from(ray.negative[k])].0[half];
+                    (plane - near[k]) * inverse[k]
+                };
+                let leave = |k: usize| {
+                    let plane = node.planes[k][usize::from(!ray.negative[k])].0[half];
+                    (plane - far[k]) * inverse[k]
+                };
+                nears[half] = Vec4::splat(ray.t_min).max(enter(0)).max(enter(1).max(enter(2)));
+                let fars = Vec4::splat(limit).min(leave(0)).min(leave(1).min(leave(2)));
                 mask |= nears[half].cmple(fars).bitmask() << (4 * half);
             }
             (mask, Lanes(nears).to_array())
@@ -127,13 +130,18 @@ mod avx2 {
         let (near, far, inverse) = (splat(ray.near_origin), splat(ray.far_origin), splat(ray.inverse));
         let t_min = _mm256_set1_ps(ray.t_min);
         let test = |node: &Node, limit: f32| {
-            let (mut nears, mut fars) = (t_min, _mm256_set1_ps(limit));
-            for k in 0..3 {
-                let side = usize::from(ray.negative[k]);
-                let (a, b) = (load(&node.planes[k][side]), load(&node.planes[k][1 - side]));
-                nears = _mm256_max_ps(nears, _mm256_mul_ps(_mm256_sub_ps(a, near[k]), inverse[k]));
-                fars = _mm256_min_ps(fars, _mm256_mul_ps(_mm256_sub_ps(b, far[k]), inverse[k]));
-            }
+            let enter = |k: usize| {
+                let plane = load(&node.planes[k][usize::from(ray.negative[k])]);
+                _mm256_mul_ps(_mm256_sub_ps(plane, near[k]), inverse[k])
+            };
+            let leave = |k: usize| {
+                let plane = load(&node.planes[k][usize::from(!ray.negative[k])]);
+                _mm256_mul_ps(_mm256_sub_ps(plane, far[k]), inverse[k])
+            };
+            let limit = _mm256_set1_ps(limit);
+            // In pairs: a shorter chain than one after the other.
+            let nears = _mm256_max_ps(_mm256_max_ps(t_min, enter(0)), _mm256_max_ps(enter(1), enter(2)));
+            let fars = _mm256_min_ps(_mm256_min_ps(limit, leave(0)), _mm256_min_ps(leave(1), leave(2)));
             let mask = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(nears, fars));
             (mask as u32, store(nears))
         };

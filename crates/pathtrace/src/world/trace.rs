@@ -146,7 +146,7 @@ impl World {
         };
         let accel = &self.hierarchy.accels[accel as usize];
         let (o, d) = entry.inward.ray(ray.origin, ray.direction);
-        let Some(local) = FrameRay::new(accel, o, d, limit) else { return };
+        let local = FrameRay::new(accel, o, d, limit);
         accel.candidates(&local, |hit, limit| {
             let (instance, piece) = match owner {
                 Some(instance) => (instance, hit.triangle),
