@@ -224,7 +224,13 @@ impl World {
         let ids = mesh.triangles[hit.piece as usize].map(|i| i as usize);
         let at = Corners { mesh, ids, b: [1.0 - hit.u - hit.v, hit.u, hit.v] };
         let [a, b, c] = ids.map(|i| mesh.positions[i]);
-        let p = placed.point(at.vec3(&mesh.positions));
+        let local = at.vec3(&mesh.positions);
+        let p = placed.point(local);
+        let rounding = ROUNDING * (largest(a).max(largest(b)).max(largest(c)) * placed.stretch + largest(p));
+        // Away from the edges by as much as the rounding: on the plane of the next face a ray could slip out.
+        let size = largest(b - a).max(largest(c - a)) * placed.stretch;
+        let inward = (rounding / size).min(0.1);
+        let p = p + placed.vector((a + b + c) * (1.0 / 3.0) - local) * inward;
         let ng = placed.normal(facet);
         let ng = if placed.rigid { ng } else { ng.normalize_or_zero() };
         let ng = if ng == Vec3f::zero() { direction * if hit.front { -1.0 } else { 1.0 } } else { ng };
@@ -242,7 +248,7 @@ impl World {
             uv: [vec2(0.0, 0.0); 2],
             color: Vec4f::splat(1.0),
             tangent: Vec4f::zero(),
-            rounding: ROUNDING * (largest(a).max(largest(b)).max(largest(c)) * placed.stretch + largest(p)),
+            rounding,
             front: hit.front,
             instance: hit.instance,
             piece: hit.piece,
