@@ -55,7 +55,7 @@ impl Default for SimplifyOptions {
             init: Init::Decimate,
             resolution: 512,
             batch: 2,
-            steps: 400,
+            steps: 1000,
             time_limit: None,
             texture_size: 1024,
             lighting: Lighting::default(),

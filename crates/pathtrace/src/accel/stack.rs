@@ -21,7 +21,7 @@ pub(super) fn parts(entry: u64) -> (u32, f32) {
 }
 
 impl Stack {
-    const INLINE: usize = 64;
+    const INLINE: usize = 32;
     /// Entries moved at once to the heap or back.
     const MOVED: usize = Self::INLINE / 2;
     /// Most entries that [`Self::reserve`] makes room for.
