@@ -1,6 +1,7 @@
 //! Building: checks, own frame, binary tree, collapse, packets.
 
-use super::binary::{self, Item, Set};
+use super::binary::{self, Item};
+use super::table::Table;
 use super::triangle::Packet;
 use super::{Accel, AccelError, MAX_COORDINATE, wide};
 use glam::Vec3;
@@ -21,8 +22,8 @@ pub(super) fn build(positions: &[Vec3f], triangles: &[[u32; 3]]) -> Result<Accel
     // A power of two changes no mantissa. One point alone has no size.
     let scale = if half > 0.0 { (-half.log2().ceil()).clamp(-100.0, 100.0).exp2() } else { 1.0 };
     let mut accel = Accel {
-        nodes: Vec::new(),
-        packets: Vec::new(),
+        nodes: Table::default(),
+        packets: Table::default(),
         center,
         scale,
         back: (1.0 / scale) as f32,
@@ -43,12 +44,13 @@ pub(super) fn build(positions: &[Vec3f], triangles: &[[u32; 3]]) -> Result<Accel
     let tree = binary::build(&mut items);
     accel.extent = tree.root.lo.iter().chain(&tree.root.hi).fold(0.0, |e, x| x.abs().max(e));
     let wide = wide::collapse(&tree);
-    let packet = |set: &Set| {
+    let packet = |i: usize| {
+        let set = &wide.leaves[i];
         let items = &items[set.first as usize..][..set.count as usize];
         Packet::new(items.iter().map(Item::number), corners)
     };
-    accel.packets = wide.leaves.par_iter().with_min_len(CHUNK / 8).map(packet).collect();
-    accel.nodes = wide.nodes;
+    accel.packets = Table::from_fn(wide.leaves.len(), packet);
+    accel.nodes = Table::from_fn(wide.nodes.len(), |i| wide.nodes[i]);
     Ok(accel)
 }
 

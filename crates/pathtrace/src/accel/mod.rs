@@ -17,6 +17,7 @@ mod binary;
 mod build;
 mod nearest;
 mod stack;
+mod table;
 mod top;
 mod traverse;
 mod triangle;
@@ -88,9 +89,9 @@ pub struct Hit {
 #[derive(Clone, Debug)]
 pub struct Accel {
     /// Nodes of the tree, the root first; empty without triangles.
-    nodes: Vec<wide::Node>,
+    nodes: table::Table<wide::Node>,
     /// The leaves.
-    packets: Vec<triangle::Packet>,
+    packets: table::Table<triangle::Packet>,
     /// Centre of the geometry, subtracted from everything.
     center: [f64; 3],
     /// Power of two that brings the geometry to about unit size.

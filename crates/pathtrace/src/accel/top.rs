@@ -131,7 +131,7 @@ impl Accel {
 
     /// Memory of the nodes and the triangles, in bytes.
     pub fn bytes(&self) -> usize {
-        size_of_val(self.nodes.as_slice()) + size_of_val(self.packets.as_slice())
+        size_of_val(&*self.nodes) + size_of_val(&*self.packets)
     }
 
     /// Calls `found` with hits and the limit so far; it returns the new limit, or ends the walk.

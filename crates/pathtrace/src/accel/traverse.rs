@@ -208,8 +208,9 @@ impl Accel {
         if !ray.usable {
             return;
         }
+        let packets: &[Packet] = &self.packets;
         width.walk::<ORDERED>(&self.nodes, &ray.slabs, ray.t_max, |index, limit| {
-            let packet = &self.packets[index as usize];
+            let packet = &packets[index as usize];
             let hits = packet.intersect(&ray.shear, ray.slabs.t_min, limit);
             if hits.mask == 0 { Some(limit) } else { leaf(packet, &hits) }
         });

@@ -1,10 +1,11 @@
 //! Packets of four triangles and their watertight intersection.
 
 use super::Hit;
+use bytemuck::{Pod, Zeroable};
 use glam::{BVec4A, Vec3, Vec4};
 
 /// Up to four triangles side by side; unused lanes are NaN, which no comparison accepts.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C, align(32))]
 pub(super) struct Packet {
     /// Corner, then axis.

@@ -1,6 +1,7 @@
 //! The eight-wide tree, collapsed from the binary one, and the test of a ray against the boxes of a node.
 
 use super::binary::{Binary, Set};
+use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
 use rayon::prelude::*;
 
@@ -12,7 +13,7 @@ const NONE: u32 = u32::MAX;
 pub(super) const WIDTH: usize = 8;
 
 /// One number for each child.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C, align(32))]
 pub(super) struct Lanes(pub(super) [Vec4; 2]);
 
@@ -25,7 +26,7 @@ impl Lanes {
 }
 
 /// Eight children with their boxes side by side.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Node {
     /// Lower and upper corners, one pair for each axis.

@@ -112,6 +112,6 @@ fn trees_do_not_depend_on_threads() {
         let (x, y): (Vec<u32>, Vec<u32>) = (bits(a), bits(b));
         x == y && a.child == b.child
     };
-    assert!(one.nodes.iter().zip(&three.nodes).all(same), "nodes differ");
-    assert!(one.packets.iter().zip(&three.packets).all(|(a, b)| a.ids == b.ids), "leaves differ");
+    assert!(one.nodes.iter().zip(&*three.nodes).all(same), "nodes differ");
+    assert!(one.packets.iter().zip(&*three.packets).all(|(a, b)| a.ids == b.ids), "leaves differ");
 }

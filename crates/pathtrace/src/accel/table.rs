@@ -1,0 +1,87 @@
+//! Tables that rays read all over: in huge pages where they are large, for else most reads miss the translation buffer.
+//! Closest hits of bounce rays in a million triangles take .6 of the time.
+
+use bytemuck::Pod;
+use rayon::prelude::*;
+use std::marker::PhantomData;
+use std::ops::Deref;
+
+/// Bytes from which on huge pages are asked for: a few of them.
+#[cfg(target_os = "linux")]
+const LARGE: usize = 8 << 20;
+/// Least number of rows that a thread takes at once.
+const CHUNK: usize = 1 << 10;
+
+/// Rows that do not change.
+#[derive(Debug)]
+pub(super) struct Table<T> {
+    memory: Memory<T>,
+}
+
+#[derive(Debug)]
+enum Memory<T> {
+    Heap(Vec<T>),
+    #[cfg(target_os = "linux")]
+    Pages {
+        map: memmap2::MmapMut,
+        rows: PhantomData<T>,
+    },
+}
+
+impl<T: Pod + Send + Sync> Table<T> {
+    /// A table of `count` rows that `row` makes.
+    pub(super) fn from_fn(count: usize, row: impl Fn(usize) -> T + Sync + Send) -> Self {
+        #[cfg(target_os = "linux")]
+        if count * size_of::<T>() >= LARGE
+            && let Ok(mut map) = memmap2::MmapMut::map_anon(count * size_of::<T>())
+        {
+            // Where the system has no huge pages, small ones serve.
+            let _ = map.advise(memmap2::Advice::HugePage);
+            let rows: &mut [T] = bytemuck::cast_slice_mut(&mut map);
+            rows.par_iter_mut().with_min_len(CHUNK).enumerate().for_each(|(i, r)| *r = row(i));
+            return Self { memory: Memory::Pages { map, rows: PhantomData } };
+        }
+        Self { memory: Memory::Heap((0..count).into_par_iter().with_min_len(CHUNK).map(row).collect()) }
+    }
+}
+
+impl<T> Default for Table<T> {
+    fn default() -> Self {
+        Self { memory: Memory::Heap(Vec::new()) }
+    }
+}
+
+impl<T: Pod> Deref for Table<T> {
+    type Target = [T];
+
+    #[inline(always)]
+    fn deref(&self) -> &[T] {
+        match &self.memory {
+            Memory::Heap(rows) => rows,
+            #[cfg(target_os = "linux")]
+            Memory::Pages { map, .. } => bytemuck::cast_slice(map),
+        }
+    }
+}
+
+impl<T: Pod + Send + Sync> Clone for Table<T> {
+    fn clone(&self) -> Self {
+        Self::from_fn(self.len(), |i| self[i])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Table;
+
+    #[test]
+    fn small_and_large_tables_hold_their_rows() {
+        for count in [0_usize, 1, 1000, (16 << 20) / 16 + 3] {
+            let table = Table::from_fn(count, |i| [i as u64, !(i as u64)]);
+            let again = table.clone();
+            drop(table);
+            assert_eq!(again.len(), count);
+            assert!(again.iter().enumerate().all(|(i, r)| *r == [i as u64, !(i as u64)]));
+        }
+    }
+}
