@@ -12,7 +12,7 @@ use std::path::Path;
 use std::time::Duration;
 
 /// Share of the triangles that is kept.
-const RATIO: f64 = 0.02;
+const RATIO: f64 = 0.01;
 /// Width and height of the two pictures.
 const PICTURE: usize = 768;
 
@@ -25,7 +25,7 @@ pub(crate) fn run(a: &Demo) -> Result<()> {
     print(&format!("wrote {}: {} triangles\n", heavy.display(), count(scene.triangle_count())))?;
     let options = SimplifyOptions {
         target: Target::Ratio(RATIO),
-        resolution: 384,
+        resolution: 768,
         steps: 150,
         time_limit: Some(Duration::from_secs(60)),
         texture_size: 1024,

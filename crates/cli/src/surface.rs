@@ -14,6 +14,9 @@ use serde_json::{Value, json};
 use std::path::Path;
 use std::time::Instant;
 
+/// Fewest points that span a surface.
+const LEAST_POINTS: usize = 3;
+
 pub(crate) fn run(a: &Surface) -> Result<()> {
     preflight::folder(&a.output)?;
     if let Some(file) = &a.json {
@@ -31,6 +34,12 @@ pub(crate) fn run(a: &Surface) -> Result<()> {
     let points = load_points(&a.input)?;
     for warning in &points.warnings {
         say(&format!("warning: {}: {warning}", a.input.display()));
+    }
+    if points.positions.len() < LEAST_POINTS {
+        let (file, found) = (a.input.display(), points.positions.len());
+        return Err(anyhow!(
+            "{file}: a surface needs at least {LEAST_POINTS} points with a position, found {found}"
+        ));
     }
     let camera = match given {
         Some(file) => file.camera(points.origin, (a.width, a.height))?,

@@ -71,6 +71,11 @@ pub(crate) const SUITES: &[Suite] = &[
         about: "surfaces from points, error against time by method and density",
         run: surface::run,
     },
+    Suite {
+        name: "surface-steps",
+        about: "surfaces from points, each step beside a prototype in double precision",
+        run: surface::steps::run,
+    },
     Suite { name: "optim", about: "first-order optimizers, error against steps and time", run: optim::run },
     Suite {
         name: "filters",

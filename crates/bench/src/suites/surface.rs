@@ -3,6 +3,9 @@
 //! `PHOTOFIT_BENCH_MESHES` adds mesh files (separated by `:`); `PHOTOFIT_BENCH_PICTURES` is a folder for sheets of
 //! raw, reconstructed and true maps.
 
+mod scene;
+pub(super) mod steps;
+
 use anyhow::{Context as _, Result};
 use glam::{Vec3, vec3};
 use photofit_denoise::surface::{

@@ -83,6 +83,16 @@ fn clouds_and_cameras_that_cannot_be_used() {
     let head = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\n";
     write("empty.pcd", &format!("{head}WIDTH 0\nHEIGHT 1\nDATA ascii\n"));
     write("nan.pcd", &format!("{head}WIDTH 1\nHEIGHT 1\nDATA ascii\nnan nan nan\n"));
+    let ply = |points: &[&str]| {
+        let head = "ply\nformat ascii 1.0\nelement vertex";
+        let fields = "property float x\nproperty float y\nproperty float z\nend_header";
+        format!("{head} {}\n{fields}\n{}\n", points.len(), points.join("\n"))
+    };
+    write("empty.ply", &ply(&[]));
+    write("zero.ply", "");
+    write("one.ply", &ply(&["1 2 3"]));
+    write("nan.ply", &ply(&["nan 1 2", "0 inf 0", "nan nan nan", "0 0 -inf"]));
+    write("few.ply", &ply(&["0 0 0", "nan 1 1", "1 0 0"]));
     write("bad.pcd", "FIELDS x y z\nSIZE four\n");
     write("huge.pcd", &format!("{head}WIDTH 4000000000\nHEIGHT 4000000000\nDATA binary\n"));
     write("away.json", r#"{"eye":[0,0,5],"target":[0,0,9],"width":32,"height":32}"#);
@@ -94,9 +104,14 @@ fn clouds_and_cameras_that_cannot_be_used() {
         ("none.ply", None, &["none.ply", "cannot be read"][..]),
         ("empty.pcd", None, &["empty.pcd", "at least one point"]),
         ("nan.pcd", None, &["nan.pcd", "finite"]),
+        ("empty.ply", None, &["empty.ply", "at least one point"]),
+        ("zero.ply", None, &["zero.ply", "empty"]),
+        ("one.ply", None, &["one.ply", "at least 3 points", "found 1"]),
+        ("nan.ply", None, &["nan.ply", "finite"]),
+        ("few.ply", None, &["few.ply", "at least 3 points", "found 2"]),
         ("bad.pcd", None, &["bad.pcd", "header line 2", "SIZE"]),
         ("huge.pcd", None, &["huge.pcd", "POINTS", "at most"]),
-        ("sphere.ply", Some("away.json"), &["sphere.ply", "none of the 50 points"]),
+        ("sphere.ply", Some("away.json"), &["sphere.ply", "none of the 50 points", "in front of the camera"]),
         ("sphere.ply", Some("list.json"), &["list.json", "object"]),
         ("sphere.ply", Some("half.json"), &["half.json", "`right`"]),
         ("sphere.ply", Some("word.json"), &["word.json", "`eye`", "three numbers"]),

@@ -14,8 +14,8 @@ pub(super) fn normals(
     options: Option<&InterpolateOptions>,
 ) -> Vec<Vec3f> {
     let known: Vec<bool> =
-        valid.iter().zip(&samples.normal).map(|(v, n)| *v && *n != Vec3f::zero()).collect();
-    let values: Vec<[f32; 3]> = samples.normal.iter().map(|n| n.to_array()).collect();
+        valid.par_iter().zip(&samples.normal).map(|(v, n)| *v && *n != Vec3f::zero()).collect();
+    let values: Vec<[f32; 3]> = samples.normal.par_iter().map(|n| n.to_array()).collect();
     from_arrays(&filled(&values, &known, ln_z, samples, options))
 }
 
@@ -34,7 +34,8 @@ pub(super) fn normals_and_colors(
     if colors.is_empty() {
         return (normals(samples, &near, ln_z, Some(options)), None);
     }
-    let known: Vec<bool> = near.iter().zip(&samples.normal).map(|(v, n)| *v && *n != Vec3f::zero()).collect();
+    let known: Vec<bool> =
+        near.par_iter().zip(&samples.normal).map(|(v, n)| *v && *n != Vec3f::zero()).collect();
     let value = |i: usize| {
         let (n, c) = (samples.normal[i], colors.get(samples.index[i] as usize).copied().unwrap_or_default());
         [n.x, n.y, n.z, c.x, c.y, c.z]

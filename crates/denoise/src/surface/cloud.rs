@@ -7,6 +7,9 @@ use rayon::prelude::*;
 
 /// Neighbours that a plane is fitted to, the point itself included.
 const NEIGHBORS: usize = 13;
+/// Largest spacing of a point over the lower quartile of the spacings of its neighbours: a stray point beside a dense
+/// surface stays small instead of hiding the surface behind it.
+const MOST_SPACING: f32 = 2.0;
 /// Queries that one task answers.
 const CHUNK: usize = 2048;
 
@@ -25,7 +28,8 @@ impl Cloud {
     ///
     /// Normals that are unknown are those of the plane through the 12 nearest neighbours (principal components,
     /// Hoppe et al. 1992), without a sign. The spacing of a point is `s = d_k sqrt(pi / k)` with `d_k` the distance of
-    /// its k-th neighbour: the side of the square that it owns on its surface.
+    /// its k-th neighbour: the side of the square that it owns on its surface; at most twice the lower quartile of
+    /// that of its neighbours, which keeps strays small.
     ///
     /// ```
     /// use photofit_denoise::surface::Cloud;
@@ -101,7 +105,7 @@ impl Cloud {
 fn planes(positions: &[Vec3f]) -> (Vec<Vec3f>, Vec<f32>) {
     let tree = KdTree::new(positions);
     // In the order of the tree, so that what a task needs is near in memory.
-    let found: Vec<(Vec3f, f32)> = tree
+    let found: Vec<(Vec3f, f32, [u32; NEIGHBORS])> = tree
         .order()
         .par_chunks(CHUNK)
         .flat_map_iter(|chunk| {
@@ -110,18 +114,30 @@ fn planes(positions: &[Vec3f]) -> (Vec<Vec3f>, Vec<f32>) {
             for &i in chunk {
                 let p = positions[i as usize];
                 tree.nearest(p, &mut nearest);
-                out.push((plane_normal(&tree, p, &nearest), spacing(&nearest)));
+                out.push((plane_normal(&tree, p, &nearest), spacing(&nearest), places(&nearest)));
             }
             out
         })
         .collect();
     let mut normals = vec![Vec3f::zero(); positions.len()];
     let mut spacing = vec![0.0; positions.len()];
-    for (&i, (n, s)) in tree.order().iter().zip(found) {
-        normals[i as usize] = n;
-        spacing[i as usize] = s;
+    for (&i, (n, s, places)) in tree.order().iter().zip(&found) {
+        normals[i as usize] = *n;
+        spacing[i as usize] = s.min(MOST_SPACING * quartile(places.map(|at| found[at as usize].1)));
     }
     (normals, spacing)
+}
+
+/// Places of the neighbours in the order of the tree, the last one repeated where there are fewer.
+fn places(nearest: &Nearest) -> [u32; NEIGHBORS] {
+    let items = nearest.items();
+    std::array::from_fn(|k| items.get(k).or(items.last()).map_or(0, |item| item.1))
+}
+
+/// The lower quartile; duplicates, whose spacing is 0, count last.
+fn quartile(spacing: [f32; NEIGHBORS]) -> f32 {
+    let mut values = spacing.map(|s| if s > 0.0 { s } else { f32::INFINITY });
+    *values.select_nth_unstable_by(NEIGHBORS / 4, f32::total_cmp).1
 }
 
 fn spacing(nearest: &Nearest) -> f32 {
@@ -255,6 +271,18 @@ mod tests {
                 cloud.spacing()[i] / side
             );
         }
+    }
+
+    #[test]
+    fn strays_are_no_larger_than_what_is_around_them() {
+        let mut points: Vec<Vec3f> = (0..900).map(|i| vec3((i % 30) as f32, (i / 30) as f32, 0.0)).collect();
+        points.push(vec3(15.0, 15.0, 6.0));
+        // A pile of duplicates says nothing about its surroundings.
+        points.extend([vec3(5.5, 5.5, 0.0); 20]);
+        let spacing = Cloud::new(points, vec![], vec![]).unwrap().spacing().to_vec();
+        assert!((1.5..2.5).contains(&spacing[900]), "a stray 6 above: {}", spacing[900]);
+        assert!((0.5..1.2).contains(&spacing[5 * 30 + 4]), "beside the pile: {}", spacing[5 * 30 + 4]);
+        assert!(spacing[910] == 0.0, "in the pile");
     }
 
     #[test]

@@ -47,6 +47,7 @@ pub fn interpolate<const C: usize>(
     if n == 0 {
         return (out, filled);
     }
+    let known = Known::new(valid, width);
     let gauss: Vec<f32> = (0..=r).map(|d| (-0.5 * (d as f32 / options.sigma).powi(2)).exp()).collect();
     out.par_chunks_mut(width).zip(filled.par_chunks_mut(width)).enumerate().for_each(|(y, (out, filled))| {
         let rows = y.saturating_sub(r)..(y + r + 1).min(height);
@@ -59,15 +60,15 @@ pub fn interpolate<const C: usize>(
             let (mut sum, mut total) = ([0.0_f32; C], 0.0_f32);
             for v in rows.clone() {
                 let gy = gauss[v.abs_diff(y)];
-                for u in lo..hi {
+                for &u in known.between(v, lo, hi) {
+                    let u = u as usize;
                     let i = v * width + u;
                     let difference = (guide[i] - here).abs();
-                    if !(valid[i] && difference < options.threshold) {
-                        continue;
+                    if difference < options.threshold {
+                        let weight = gy * gauss[u.abs_diff(x)] / (difference + options.epsilon);
+                        total += weight;
+                        sum.iter_mut().zip(&values[i]).for_each(|(s, c)| *s += weight * c);
                     }
-                    let weight = gy * gauss[u.abs_diff(x)] / (difference + options.epsilon);
-                    total += weight;
-                    sum.iter_mut().zip(&values[i]).for_each(|(s, c)| *s += weight * c);
                 }
             }
             if total > 0.0 {
@@ -77,6 +78,37 @@ pub fn interpolate<const C: usize>(
         }
     });
     (out, filled)
+}
+
+/// Columns of the valid pixels, row by row: windows with few of them cost little, however large.
+struct Known {
+    width: usize,
+    columns: Vec<u32>,
+    /// Valid pixels before each pixel, and before the end of the picture.
+    before: Vec<u32>,
+}
+
+impl Known {
+    fn new(valid: &[bool], width: usize) -> Self {
+        let mut known = Self { width, columns: Vec::new(), before: Vec::with_capacity(valid.len() + 1) };
+        for row in valid.chunks(width) {
+            for (x, valid) in row.iter().enumerate() {
+                known.before.push(known.columns.len() as u32);
+                if *valid {
+                    known.columns.push(x as u32);
+                }
+            }
+        }
+        known.before.push(known.columns.len() as u32);
+        known
+    }
+
+    /// Columns in `lo..hi` of row `y`.
+    #[inline]
+    fn between(&self, y: usize, lo: usize, hi: usize) -> &[u32] {
+        let at = y * self.width;
+        &self.columns[self.before[at + lo] as usize..self.before[at + hi] as usize]
+    }
 }
 
 /// Fills what is left by pull-push without a depth test: means over coarser and coarser cells. Without valid pixels
@@ -92,7 +124,7 @@ pub fn fill_channels<const C: usize>(
 ) -> Vec<[f32; C]> {
     assert!(values.len() == width * height && valid.len() == values.len(), "one entry per pixel");
     let base: Vec<([f32; C], f32)> =
-        values.iter().zip(valid).map(|(v, ok)| if *ok { (*v, 1.0) } else { ([0.0; C], 0.0) }).collect();
+        values.par_iter().zip(valid).map(|(v, ok)| if *ok { (*v, 1.0) } else { ([0.0; C], 0.0) }).collect();
     if valid.iter().all(|v| *v) {
         return values.to_vec();
     }
@@ -113,7 +145,7 @@ pub fn fill_channels<const C: usize>(
             }
         });
     }
-    levels.swap_remove(0).2.into_iter().map(|c| c.0).collect()
+    levels.swap_remove(0).2.into_par_iter().map(|c| c.0).collect()
 }
 
 type Cells<const C: usize> = Vec<([f32; C], f32)>;

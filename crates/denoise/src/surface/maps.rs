@@ -3,6 +3,7 @@
 use super::{Cloud, Pinhole, Samples};
 use photofit_image::Image;
 use photofit_scalar::Vec3f;
+use rayon::prelude::*;
 
 /// The maps of one view; pixels without a surface are 0 in all of them.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,18 +25,20 @@ impl Maps {
             normal: Image::new(w, h, 3),
             albedo: (!cloud.colors().is_empty()).then(|| Image::new(w, h, 3)),
         };
-        for i in (0..w * h).filter(|i| samples.is_valid(*i)) {
-            maps.set_normal(i, camera.direction_to_world(samples.normal[i]));
-            if let Some(albedo) = &mut maps.albedo {
-                let c = cloud.colors()[samples.index[i] as usize];
-                albedo.data[3 * i..3 * i + 3].copy_from_slice(&c.to_array());
-            }
+        let rows = |image: &mut Image, value: &(dyn Fn(usize) -> Vec3f + Sync)| {
+            image.data.par_chunks_mut(3 * w).enumerate().for_each(|(y, row)| {
+                for (x, out) in row.chunks_exact_mut(3).enumerate() {
+                    if samples.is_valid(y * w + x) {
+                        out.copy_from_slice(&value(y * w + x).to_array());
+                    }
+                }
+            });
+        };
+        rows(&mut maps.normal, &|i| camera.direction_to_world(samples.normal[i]));
+        if let Some(albedo) = &mut maps.albedo {
+            rows(albedo, &|i| cloud.colors()[samples.index[i] as usize]);
         }
         maps
-    }
-
-    pub(super) fn set_normal(&mut self, i: usize, n: Vec3f) {
-        self.normal.data[3 * i..3 * i + 3].copy_from_slice(&n.to_array());
     }
 
     /// The layers of a multi-layer OpenEXR file, for [`photofit_image::write_exr`].

@@ -10,6 +10,7 @@ mod maps;
 mod neighbors;
 mod normal_target;
 mod options;
+mod orient;
 mod preview;
 mod pull_push;
 mod reconstruct;

@@ -92,7 +92,7 @@ pub fn pull_push(
         let l = levels.len() - 1;
         push(&mut levels[l], &coarse, l, options);
     }
-    levels[0].cells.iter().map(|c| c.u).collect()
+    levels[0].cells.par_iter().map(|c| c.u).collect()
 }
 
 fn pull(fine: &Level, level: usize, options: &PullPushOptions) -> Level {

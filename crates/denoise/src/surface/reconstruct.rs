@@ -2,7 +2,7 @@
 
 use super::{
     Cloud, InterpolateOptions, Maps, Method, Pinhole, PullPushOptions, Samples, SurfaceError, SurfaceOptions,
-    attributes, box_mean, normal_target, prune, pull_push, render_points, solve, splat_depth,
+    attributes, box_mean, normal_target, orient, prune, pull_push, render_points, solve, splat_depth,
 };
 use rayon::prelude::*;
 
@@ -72,6 +72,7 @@ pub fn reconstruct(
     let splats = splat_depth(&samples, camera, options.reach);
     let hidden = prune(&mut samples, &splats, options.tolerance);
     let spacing = samples.spacing_px(camera);
+    orient::orient(&mut samples, camera, spacing);
     let covered = coverage(&samples, &splats, spacing, options.fill);
     tell("fill", 0, 1)?;
     let (start, max_level) = Start::new(&samples, &splats, camera, options, spacing);
@@ -120,7 +121,7 @@ impl Start {
         spacing: f32,
     ) -> (Self, usize) {
         let (w, h) = (camera.width, camera.height);
-        let valid: Vec<bool> = (0..w * h).map(|i| samples.is_valid(i)).collect();
+        let valid: Vec<bool> = (0..w * h).into_par_iter().map(|i| samples.is_valid(i)).collect();
         let ln_z: Vec<f32> = samples.z.par_iter().map(|z| if *z > 0.0 { z.ln() } else { 0.0 }).collect();
         let (gx, gy) = normal_target(&samples.normal, camera);
         let mut pyramid = PullPushOptions::for_spacing(spacing);
@@ -130,8 +131,10 @@ impl Start {
         let mut filled = pull_push(&ln_z, &valid, Some((&gx, &gy)), w, h, &pyramid);
         follow_splats(&mut filled, &valid, splats, pyramid.tolerance);
         // Samples that pull-push replaced are hidden too.
-        let valid: Vec<bool> =
-            (0..w * h).map(|i| valid[i] && (ln_z[i] - filled[i]).abs() <= pyramid.tolerance).collect();
+        let valid: Vec<bool> = (0..w * h)
+            .into_par_iter()
+            .map(|i| valid[i] && (ln_z[i] - filled[i]).abs() <= pyramid.tolerance)
+            .collect();
         // The fast method leaves normals between samples to the pyramid.
         let window = Some(window(spacing)).filter(|_| options.method != Method::Fast);
         let normals = attributes::normals(samples, &valid, &filled, window.as_ref());
@@ -165,10 +168,10 @@ fn follow_splats(filled: &mut [f32], valid: &[bool], splats: &[f32], tolerance: 
 
 /// Windows that hold some samples.
 fn window(spacing: f32) -> InterpolateOptions {
-    let radius = (1.3 * spacing).ceil().clamp(2.0, 10.0);
+    let radius = (1.3 * spacing).ceil().clamp(2.0, 32.0);
     InterpolateOptions {
         window: 2 * radius as usize + 1,
-        sigma: (0.7 * spacing).clamp(0.7, 6.0),
+        sigma: (0.7 * spacing).clamp(0.7, 18.0),
         ..InterpolateOptions::default()
     }
 }
@@ -178,8 +181,8 @@ fn coverage(samples: &Samples, splats: &[f32], spacing: f32, fill: bool) -> Vec<
     if fill {
         return vec![true; splats.len()];
     }
-    let hit: Vec<f32> = splats.iter().map(|z| if z.is_finite() { 1.0 } else { 0.0 }).collect();
+    let hit: Vec<f32> = splats.par_iter().map(|z| if z.is_finite() { 1.0 } else { 0.0 }).collect();
     let window = 2 * (spacing.ceil().clamp(1.0, 32.0) as usize) + 1;
     let share = box_mean(&hit, samples.width, samples.height, window);
-    share.iter().enumerate().map(|(i, share)| *share > 0.5 || samples.is_valid(i)).collect()
+    share.par_iter().enumerate().map(|(i, share)| *share > 0.5 || samples.is_valid(i)).collect()
 }

@@ -8,6 +8,7 @@ use super::{Method, Pinhole, SurfaceError, SurfaceOptions, blend, blend_weight};
 use crate::Shape;
 use crate::admm::{Admm, DataTerm, Penalties, Problem, Weight};
 use photofit_scalar::Vec3f;
+use rayon::prelude::*;
 
 /// Weight of a filled pixel in the first pass of the fast method.
 const FILLED: f32 = 0.05;
@@ -30,7 +31,7 @@ pub(super) fn depth(
     let n = options.iterations;
     let lambda = |at_hole: f32, scale: f32| -> Weight<f32> {
         let value = |v: &bool| if *v { scale } else { at_hole };
-        start.valid.iter().map(value).collect::<Vec<f32>>().into()
+        start.valid.par_iter().map(value).collect::<Vec<f32>>().into()
     };
     let huber = || DataTerm::Huber { lambda: lambda(0.0, 1.0), delta: options.weights.delta.into() };
     let absolute = options.weights.absolute;
@@ -82,7 +83,7 @@ fn run(
     mut after: impl FnMut(&mut Admm<f32>) -> Result<(), SurfaceError>,
 ) -> Result<Vec<f32>, SurfaceError> {
     let w = &options.weights;
-    let gamma: Vec<f32> = start.trust.iter().map(|t| w.gamma * t).collect();
+    let gamma: Vec<f32> = start.trust.par_iter().map(|t| w.gamma * t).collect();
     let mut problem = Problem::new(shape, target, data);
     if w.alpha > 0.0 {
         problem = problem.with_gradient(w.alpha);
