@@ -1,10 +1,10 @@
 //! The acceleration structure: closest hit, occlusion, all hits along a ray, and closest point on a triangle mesh.
 //!
-//! A binary tree, split by the surface area heuristic ([`binary`]), is collapsed to eight children a node with their
-//! boxes side by side ([`wide`]); each leaf is one packet of at most four triangles ([`triangle`]), so that every step of a
-//! traversal ([`walk`]) is a handful of vector instructions. Trees over instances are built by obvhs ([`top`]).
+//! A binary tree, split by the surface area heuristic (`binary`), is collapsed to eight children a node with their
+//! boxes side by side (`wide`); each leaf is one packet of at most four triangles (`triangle`), so that every step of a
+//! traversal (`walk`) is a handful of vector instructions. Trees over instances are built by obvhs (`top`).
 //!
-//! - Where the machine has AVX2, a step takes vectors of eight numbers, elsewhere two of four ([`width`]): the same
+//! - Where the machine has AVX2, a step takes vectors of eight numbers, elsewhere two of four (`width`): the same
 //!   operations, hence the same bits.
 //! - The triangle test is watertight (Woop, Benthin, Wald 2013, "Watertight Ray/Triangle Intersection", JCGT 2(1)):
 //!   a ray that crosses a closed surface at a shared edge or vertex hits at least one of the triangles there. The box
