@@ -52,8 +52,8 @@ fn the_page_is_whole_and_needs_nothing_else() {
     ] {
         assert!(html.contains(part), "{part}");
     }
-    // Per view 4 pictures and 3 heat maps; then 2 wireframes, 3 maps and the layout.
-    assert_eq!(html.matches("src=\"data:image/png;base64,").count(), 2 * 7 + 2 + 4);
+    // Per view 5 pictures and 4 heat maps; then 2 wireframes, 3 maps and the layout.
+    assert_eq!(html.matches("src=\"data:image/png;base64,").count(), 2 * 9 + 2 + 4);
     let outside = html.replace("http://www.w3.org/2000/svg", "");
     for address in ["http:", "https:", "src=\"/", "@import", "url("] {
         assert!(!outside.contains(address), "the page refers to {address}");
