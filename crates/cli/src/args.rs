@@ -56,7 +56,7 @@ pub(crate) enum FitLight {
     Env,
 }
 
-/// What a fit starts from.
+/// How pictures of the asset are made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum FitReference {
     /// Rasterized: direct light without shadows, as the light asset is drawn.
@@ -65,6 +65,7 @@ pub(crate) enum FitReference {
     Path,
 }
 
+/// What a fit starts from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Start {
     /// The decimated asset.

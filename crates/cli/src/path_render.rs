@@ -132,13 +132,7 @@ fn add_light(a: &Render, scene: &Scene, parts: &mut Parts) -> Result<()> {
     };
     for light in lights {
         match light {
-            Light::Point { position: p, intensity } => {
-                let position = glam::DVec3::new(p.x.into(), p.y.into(), p.z.into());
-                parts.lights.push(LightSource::Point { position, intensity });
-            }
-            Light::Directional { direction, irradiance } => {
-                parts.lights.push(LightSource::Directional { direction, irradiance });
-            }
+            Light::Point { .. } | Light::Directional { .. } => parts.lights.extend(LightSource::of(&light)),
             Light::Ambient { radiance } => parts.environment = Some(EnvironmentMap::constant(radiance)),
             Light::Environment { .. } => {}
         }

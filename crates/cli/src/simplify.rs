@@ -196,7 +196,7 @@ impl Job<'_> {
             .iter()
             .map(|h| json!({ "step": h.step, "seconds": h.seconds, "loss": h.loss, "held_out_psnr": h.held_out_psnr }))
             .collect();
-        json!({
+        let mut out = json!({
             "input": self.input.display().to_string(),
             "output": self.output.display().to_string(),
             "report": report.map(|p| p.display().to_string()),
@@ -210,13 +210,13 @@ impl Job<'_> {
             "mpix_per_s": o.mpix_per_s,
             "peak_rss_mb": memory::peak_rss_mb(),
             "threads": rayon::current_num_threads(),
-            "decimated": output::quality(&o.decimated),
-            "baked": output::quality(&o.baked),
-            "wrapped": output::quality(&o.wrapped),
-            "fitted": output::quality(&o.fitted),
             "views": views,
             "history": history,
-        })
+        });
+        for (stage, q) in o.stages() {
+            out[stage] = output::quality(q);
+        }
+        out
     }
 }
 

@@ -126,6 +126,12 @@ impl Pinhole {
         r * v.x + d * v.y + f * v.z
     }
 
+    /// The ray through the centre of pixel `i`, counted row by row, in camera axes; its depth is 1.
+    #[inline]
+    pub fn ray(&self, i: usize) -> Vec3f {
+        vec3(self.ray_x((i % self.width) as f64), self.ray_y((i / self.width) as f64), 1.0)
+    }
+
     /// `X` of a pixel's ray `(X, Y, 1)` at the centre of column `x`.
     #[inline]
     pub(super) fn ray_x(&self, x: f64) -> f32 {

@@ -15,10 +15,9 @@ mod preview;
 mod pull_push;
 mod reconstruct;
 mod render;
-#[cfg(test)]
-mod scenes;
 mod solve;
 mod splat;
+pub mod synthetic;
 #[cfg(test)]
 mod tests;
 

@@ -1,7 +1,7 @@
 //! The sign of normals that are seen edge-on, from the surface around them.
 
 use super::{Pinhole, Samples};
-use photofit_scalar::{Vec3f, vec3};
+use photofit_scalar::Vec3f;
 use rayon::prelude::*;
 
 /// Cosine to the ray below which a normal may face the camera by mistake.
@@ -21,7 +21,7 @@ pub(super) fn orient(samples: &mut Samples, camera: &Pinhole, spacing: f32) {
     let cosine: Vec<f32> = (0..w * h)
         .into_par_iter()
         .map(|i| {
-            let ray = vec3(camera.ray_x((i % w) as f64), camera.ray_y((i / w) as f64), 1.0);
+            let ray = camera.ray(i);
             -samples.normal[i].dot(ray) / ray.length()
         })
         .collect();
@@ -50,25 +50,19 @@ pub(super) fn orient(samples: &mut Samples, camera: &Pinhole, spacing: f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::scenes::{SIDE, camera};
+    use crate::surface::synthetic::{SIDE, camera};
+    use photofit_scalar::vec3;
 
     #[test]
     fn normals_at_an_outline_follow_their_surface() {
         // The upper half of a cylinder around the axis of x, each sample with its true normal but for noise.
         let camera = camera();
         let n = SIDE * SIDE;
-        let mut samples = Samples {
-            width: SIDE,
-            height: SIDE,
-            index: vec![u32::MAX; n],
-            z: vec![0.0; n],
-            normal: vec![Vec3f::zero(); n],
-            spacing: vec![0.0; n],
-            in_view: 0,
-        };
+        let mut samples = Samples::empty(SIDE, SIDE);
         let mut wrong = Vec::new();
         for i in 0..n {
-            let (x, y) = (camera.ray_x((i % SIDE) as f64), camera.ray_y((i / SIDE) as f64));
+            let ray = camera.ray(i);
+            let y = ray.y;
             // |t (y, 1) - (0, 3)| = 0.4
             let root = 9.0 - (y * y + 1.0) * (9.0 - 0.16);
             if root <= 0.0 {
@@ -76,7 +70,7 @@ mod tests {
             }
             let t = (3.0 - root.sqrt()) / (y * y + 1.0);
             let truth = vec3(0.0, t * y, t - 3.0) * (1.0 / 0.4);
-            let facing = truth.dot(vec3(x, y, 1.0)) / vec3(x, y, 1.0).length();
+            let facing = truth.dot(ray) / ray.length();
             samples.index[i] = i as u32;
             samples.z[i] = t;
             samples.normal[i] = truth;

@@ -199,8 +199,8 @@ fn interpolate(coarse: &Level, x: usize, y: usize, tolerance: f32) -> Cell {
 
 #[cfg(test)]
 mod tests {
-    use super::super::scenes::{SIDE, ln_depth, sphere_over_background};
-    use super::super::{normal_target, scenes};
+    use super::super::normal_target;
+    use super::super::synthetic::{SIDE, camera, ln_depth, sphere_over_background};
     use super::*;
 
     fn options(max_level: usize) -> PullPushOptions {
@@ -229,7 +229,7 @@ mod tests {
 
     #[test]
     fn known_pixels_stay_where_nothing_is_hidden() {
-        let camera = scenes::camera();
+        let camera = camera();
         let plane: Vec<f32> = (0..SIDE * SIDE)
             .map(|i| {
                 let (x, y) = (camera.ray_x((i % SIDE) as f64), camera.ray_y((i / SIDE) as f64));

@@ -34,6 +34,20 @@ pub struct Samples {
 }
 
 impl Samples {
+    /// A picture in which no point fell.
+    pub fn empty(width: usize, height: usize) -> Self {
+        let n = width * height;
+        Self {
+            width,
+            height,
+            index: vec![u32::MAX; n],
+            z: vec![0.0; n],
+            normal: vec![Vec3f::zero(); n],
+            spacing: vec![0.0; n],
+            in_view: 0,
+        }
+    }
+
     /// Whether a point fell on the pixel.
     #[inline]
     pub fn is_valid(&self, pixel: usize) -> bool {
@@ -72,17 +86,8 @@ impl Samples {
 ///
 /// Deterministic: of the points of one pixel the nearest wins, of equally near ones the first.
 pub fn render_points(cloud: &Cloud, camera: &Pinhole) -> Samples {
-    let pixels = camera.pixels();
     let (keys, in_view) = nearest_points(cloud, camera);
-    let mut samples = Samples {
-        width: camera.width,
-        height: camera.height,
-        index: vec![u32::MAX; pixels],
-        z: vec![0.0; pixels],
-        normal: vec![Vec3f::zero(); pixels],
-        spacing: vec![0.0; pixels],
-        in_view,
-    };
+    let mut samples = Samples { in_view, ..Samples::empty(camera.width, camera.height) };
     let w = camera.width;
     let rows = samples
         .index

@@ -105,7 +105,7 @@ pub fn prune(samples: &mut Samples, splats: &[f32], tolerance: f32) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use super::super::scenes::sphere_over_background;
+    use super::super::synthetic::sphere_over_background;
     use super::*;
     use photofit_scalar::vec3;
 
@@ -144,7 +144,7 @@ mod tests {
 
     #[test]
     fn nothing_is_lost_on_a_tilted_plane() {
-        let camera = super::super::scenes::camera();
+        let camera = super::super::synthetic::camera();
         let n = vec3(0.8_f32, 0.3, -0.5).normalize_or_zero();
         let count = camera.pixels();
         let z: Vec<f32> = (0..count)
@@ -171,7 +171,7 @@ mod tests {
 
     #[test]
     fn splats_cover_what_they_should() {
-        let camera = super::super::scenes::camera();
+        let camera = super::super::synthetic::camera();
         let count = camera.pixels();
         let at = 60 * camera.width + 64;
         let mut samples = Samples {

@@ -1,7 +1,7 @@
 //! The pipeline on scenes with known depth, its parts against each other, and what must not break it.
 
 use super::reconstruct::Start;
-use super::scenes::{SIDE, Scene, ln_depth, sphere_over_background};
+use super::synthetic::{SIDE, Scene, ln_depth, sphere_over_background};
 use super::{
     Cloud, Method, Pinhole, Samples, SplatRadius, SurfaceError, SurfaceOptions, Weights, normal_target,
     prune, reconstruct, solve, splat_depth,

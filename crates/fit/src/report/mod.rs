@@ -11,7 +11,7 @@ mod views;
 mod wireframe;
 
 use crate::FitError;
-use crate::simplify::{Normalised, Outcome};
+use crate::simplify::{Normalised, Outcome, Quality};
 use page::{bytes, count, escape};
 use photofit_image::write_atomically;
 use photofit_scene::Scene;
@@ -94,24 +94,19 @@ fn change(new: f64, old: f64) -> String {
 }
 
 fn table(o: &Outcome) -> String {
-    let rows: String = [
-        ("decimated", "the asset's own textures on fewer triangles", &o.decimated),
-        ("baked", "new atlas, maps baked from the asset", &o.baked),
-        (
-            "wrapped",
-            "drawn onto the asset's surface, then baked; the fit starts from the better of the two",
-            &o.wrapped,
-        ),
-        ("fitted", "the written file, loaded again", &o.fitted),
-    ]
-    .iter()
-    .map(|(name, what, q)| {
+    const WHAT: [&str; 4] = [
+        "the asset's own textures on fewer triangles",
+        "new atlas, maps baked from the asset",
+        "drawn onto the asset's surface, then baked; the fit starts from the better of the two",
+        "the written file, loaded again",
+    ];
+    let row = |((name, q), what): ((&str, &Quality), &str)| {
         format!(
             "<tr><th>{name}</th><td class=what>{what}</td><td>{:.2}</td><td>{:.4}</td><td>{:.4}</td></tr>\n",
             q.psnr, q.ssim, q.flip
         )
-    })
-    .collect();
+    };
+    let rows: String = o.stages().into_iter().zip(WHAT).map(row).collect();
     format!(
         "<table>\n<tr><th></th><th></th><th>PSNR, dB</th><th>SSIM</th><th>FLIP</th></tr>\n{rows}</table>\n\
          <p class=note>Means over {} views and lights that the fit never saw, over the foreground (the union of both \

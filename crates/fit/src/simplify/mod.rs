@@ -51,18 +51,18 @@ pub fn simplify(
     let painter = Painter::new(&normalised, scene, options)?;
     let prepare::Prepared { starts, visibility } =
         prepare::prepare(&normalised, &reference, options, progress)?;
-    let start = starts[train::best_start(&painter, &starts, options)?].clone();
+    let held_out = train::held_out(&painter, options)?;
+    let start = train::best_start(&starts, &held_out);
     let plan = Plan::new(scene, &start.candidate, options);
-    let unfitted = start.candidate.clone();
-    let mut trained = train::train(&painter, &reference, start, &visibility, &plan, options, progress)?;
+    let mut trained =
+        train::train(&painter, &reference, start.clone(), held_out, &visibility, &plan, options, progress)?;
     // The fit judged itself by its own renderer; the choice is made as a user would see it.
     let mut rebaked = trained.candidate.clone();
     if let Ok((maps, _)) = prepare::bake_candidate(&reference, &visibility, &rebaked, &Silent) {
         rebaked.set_maps(maps);
     }
-    let fitted = std::mem::replace(&mut trained.candidate, unfitted.clone());
-    trained.candidate =
-        evaluate::best_of(&normalised, &painter, [fitted, rebaked, unfitted], options, progress)?;
+    let choice = [trained.candidate, rebaked, start.candidate.clone()];
+    trained.candidate = evaluate::best_of(&normalised, &painter, choice, options, progress)?;
     let fit_seconds = began.elapsed().as_secs_f64();
 
     let name = output.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());

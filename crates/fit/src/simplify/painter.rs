@@ -21,7 +21,7 @@ use std::sync::{Mutex, PoisonError};
 /// Samples per axis of a rasterized pixel.
 const SUPERSAMPLE: usize = 4;
 /// Samples of a path traced pixel.
-pub(super) const SAMPLES: u32 = 64;
+const SAMPLES: u32 = 64;
 /// Rows of the maps that path tracing takes from a prefiltered environment.
 const ROWS: usize = 128;
 
@@ -97,13 +97,7 @@ fn path_lights(lights: &[Light<'_, f32>]) -> (Vec<LightSource>, Option<Environme
     let (mut sources, mut environment) = (Vec::new(), None);
     for light in lights {
         match light {
-            Light::Point { position: p, intensity } => {
-                let position = glam::DVec3::new(p.x.into(), p.y.into(), p.z.into());
-                sources.push(LightSource::Point { position, intensity: *intensity });
-            }
-            Light::Directional { direction, irradiance } => {
-                sources.push(LightSource::Directional { direction: *direction, irradiance: *irradiance });
-            }
+            Light::Point { .. } | Light::Directional { .. } => sources.extend(LightSource::of(light)),
             Light::Ambient { radiance } => environment = Some(EnvironmentMap::constant(*radiance)),
             Light::Environment { map, rotation, scale } => {
                 let x = rotation.apply(vec3(1.0, 0.0, 0.0));

@@ -109,6 +109,7 @@ pub(super) fn train(
     painter: &Painter<'_>,
     reference: &Reference<'_>,
     start: Start,
+    held_out: Vec<Shot>,
     seen: &Visibility,
     plan: &Plan,
     options: &SimplifyOptions,
@@ -139,7 +140,7 @@ pub(super) fn train(
         shape,
         maps,
         pool: Pool::default(),
-        held_out: held_out(painter, options)?,
+        held_out,
         best,
         history: Vec::new(),
         passes: plan.passes(),
@@ -201,7 +202,7 @@ fn picture_size(options: &SimplifyOptions, shrink: usize) -> usize {
 }
 
 /// The views of the early stop.
-fn held_out(painter: &Painter<'_>, options: &SimplifyOptions) -> Result<Vec<Shot>, FitError> {
+pub(super) fn held_out(painter: &Painter<'_>, options: &SimplifyOptions) -> Result<Vec<Shot>, FitError> {
     let shot = |index| {
         let s = setup(Set::HeldOut, index, HELD_OUT, options.seed, &options.lighting);
         let picture = painter.picture(&s, picture_size(options, 1))?;
@@ -211,18 +212,12 @@ fn held_out(painter: &Painter<'_>, options: &SimplifyOptions) -> Result<Vec<Shot
 }
 
 /// The start that looks best in the views of the early stop; the first wins a tie.
-pub(super) fn best_start(
-    painter: &Painter<'_>,
-    starts: &[Start],
-    options: &SimplifyOptions,
-) -> Result<usize, FitError> {
-    if starts.len() < 2 {
-        return Ok(0);
+pub(super) fn best_start<'a>(starts: &'a [Start], held_out: &[Shot]) -> &'a Start {
+    let quality = |s: &Start| psnr(&s.candidate, held_out, &Passes::default());
+    match starts {
+        [first, second] if quality(second) > quality(first) => second,
+        _ => &starts[0],
     }
-    let shots = held_out(painter, options)?;
-    let psnr = starts.iter().map(|s| psnr(&s.candidate, &shots, &Passes::default()));
-    let found: Vec<f64> = psnr.collect();
-    Ok((0..found.len()).fold(0, |best, k| if found[k] > found[best] { k } else { best }))
 }
 
 /// PSNR (sRGB, foreground) of a candidate over shots.

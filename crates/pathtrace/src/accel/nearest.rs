@@ -42,7 +42,7 @@ impl Accel {
         if self.nodes.is_empty() || !q.is_finite() || q.abs().max_element() > 1e18 || max_distance.is_nan() {
             return None;
         }
-        let back = (1.0 / self.scale) as f32;
+        let back = self.back;
         let reach = (max_distance * self.scale as f32).clamp(-1.0, 1e19);
         if reach < 0.0 {
             return None;

@@ -37,12 +37,14 @@ struct Facet {
 impl Facet {
     fn new(world: &World, instance: u32, piece: u32) -> Option<Self> {
         let placed = &world.placed[instance as usize];
+        if world.materials[placed.material as usize].varies {
+            return None;
+        }
         let [a, b, c] = corners(world, placed, piece)?;
-        let varies = world.materials[placed.material as usize].varies;
         // The points with the largest coordinates are corners.
         let ends = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]].map(|u| surface_point(world, instance, piece, u));
         let rounding = ends.iter().map(|e| e.rounding).fold(0.0, f32::max);
-        (!varies).then_some(Self { corner: a, edges: [b - a, c - a], ng: ends[0].ng, rounding })
+        Some(Self { corner: a, edges: [b - a, c - a], ng: ends[0].ng, rounding })
     }
 }
 

@@ -6,6 +6,7 @@ use crate::error::invalid;
 use crate::world::dvec3;
 use glam::DVec3;
 use photofit_scalar::{Vec3f, vec3};
+use photofit_shading::Light;
 use std::f32::consts::PI;
 
 /// How a spot fades between its inner and its outer cone.
@@ -61,6 +62,17 @@ pub(super) enum PreparedSource {
 }
 
 impl LightSource {
+    /// A light of the rasterizer; `None` for those that shine from all around.
+    pub fn of(light: &Light<'_>) -> Option<Self> {
+        match *light {
+            Light::Point { position, intensity } => {
+                Some(Self::Point { position: dvec3(position), intensity })
+            }
+            Light::Directional { direction, irradiance } => Some(Self::Directional { direction, irradiance }),
+            Light::Ambient { .. } | Light::Environment { .. } => None,
+        }
+    }
+
     /// The source seen from the origin of the render frame, checked.
     pub(super) fn prepare(&self, index: usize, origin: DVec3) -> Result<PreparedSource, PathtraceError> {
         let fail = |rule: &str| Err(invalid(format!("light {index}"), rule));

@@ -5,7 +5,7 @@ use photofit_image::{DEFAULT_PIXELS_PER_DEGREE, Image, flip, psnr_from_mse, rmse
 
 /// RMSE, PSNR, SSIM and FLIP of the displayed pictures (sRGB, cut to [0, 1]).
 pub(super) fn score(case: &Case, radiance: &[f32]) -> Vec<(&'static str, f64)> {
-    let [test, truth] = [radiance, &case.reference].map(|planes| to_display(&image(case, planes)));
+    let [test, truth] = displayed(case, radiance);
     let error = rmse(&truth, &test);
     vec![
         ("RMSE", error),
@@ -17,8 +17,13 @@ pub(super) fn score(case: &Case, radiance: &[f32]) -> Vec<(&'static str, f64)> {
 
 /// The displayed RMSE alone.
 pub(super) fn display_rmse(case: &Case, radiance: &[f32]) -> f64 {
-    let [test, truth] = [radiance, &case.reference].map(|planes| to_display(&image(case, planes)));
+    let [test, truth] = displayed(case, radiance);
     rmse(&truth, &test)
+}
+
+/// A picture and its reference.
+fn displayed(case: &Case, radiance: &[f32]) -> [Image; 2] {
+    [radiance, &case.reference].map(|planes| to_display(&image(case, planes)))
 }
 
 fn image(case: &Case, planes: &[f32]) -> Image {

@@ -4,14 +4,15 @@
 use anyhow::Result;
 use photofit_denoise::Shape;
 use photofit_denoise::admm::{Admm, DataTerm, Penalties, Problem};
+use photofit_denoise::surface::synthetic::{SIDE, Scene, ln_depth};
 use photofit_denoise::surface::{
-    BlendOptions, PullPushOptions, Samples, SplatRadius, blend, blend_weight, fill_channels, normal_target,
-    prune, pull_push, splat_depth,
+    BlendOptions, Pinhole, PullPushOptions, Samples, SplatRadius, blend, blend_weight, fill_channels,
+    normal_target, prune, pull_push, splat_depth,
 };
 use photofit_sampling::Rng;
 use photofit_scalar::{Vec3, vec3};
 
-use super::scene::{Part, SIDE, Scene, ln_depth};
+use super::scene::{Outlined, Part};
 use crate::context::Context;
 
 /// Pixels of the scene.
@@ -30,13 +31,13 @@ const THRESHOLD: f32 = 0.02;
 const TOLERANCE: f32 = 0.05;
 
 pub(crate) fn run(ctx: &mut Context) -> Result<()> {
-    let scene = Scene::sphere_before_wall();
-    targets(ctx, &scene);
+    let outlined = Outlined::new();
+    targets(ctx, &outlined.scene);
     plane(ctx)?;
-    hidden(ctx, &scene)?;
-    pruning(ctx, &scene);
-    levels(ctx, &scene);
-    fast(ctx, &scene)?;
+    hidden(ctx, &outlined)?;
+    pruning(ctx, &outlined.scene);
+    levels(ctx, &outlined);
+    fast(ctx, &outlined)?;
     ctx.note(
         "128 x 128 pixels; a sphere that covers 45% of the picture, samples on 12% of its pixels and on 10% of those \
          of the wall, which shows through where the sphere has none. Means over 5 draws of the samples. Front, back, \
@@ -49,7 +50,7 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
 /// The slope that normals ask for, against the true one within each surface.
 fn targets(ctx: &mut Context, scene: &Scene) {
     let truth: Vec<f64> = scene.z.iter().map(|z| f64::from(*z).ln()).collect();
-    let flat = |i: usize| -scene.normal[i].dot(scene.ray(i)) >= FLAT * scene.ray(i).length();
+    let flat = |i: usize| -scene.normal[i].dot(scene.camera.ray(i)) >= FLAT * scene.camera.ray(i).length();
     let inner = |i: usize, step: usize| {
         let inside = if step == 1 { i % SIDE + 1 < SIDE } else { i / SIDE + 1 < SIDE };
         inside && scene.front[i] == scene.front[i + step] && flat(i) && flat(i + step)
@@ -95,7 +96,7 @@ fn targets(ctx: &mut Context, scene: &Scene) {
 /// A plane from 2% of its pixels, 1000 steps in double precision.
 fn plane(ctx: &mut Context) -> Result<()> {
     const SMALL: usize = 32;
-    let camera = super::scene::camera(SMALL, 0.8);
+    let camera = Pinhole::look_at([0.0; 3], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0], 0.8, SMALL, SMALL);
     let n = vec3(0.35_f64, -0.25, -0.9);
     let ray = |i: usize| {
         let (x, y) = ((i % SMALL) as f64 + 0.5, (i / SMALL) as f64 + 0.5);
@@ -132,7 +133,7 @@ fn plane(ctx: &mut Context) -> Result<()> {
 }
 
 /// One-sided Huber data of several delta on all samples, hidden ones too, 100 steps from pull-push.
-fn hidden(ctx: &mut Context, scene: &Scene) -> Result<()> {
+fn hidden(ctx: &mut Context, outlined: &Outlined) -> Result<()> {
     let cases = [
         ("delta infinite", 1e3, [1.69, 0.001]),
         ("delta .02", 0.02, [0.237, 0.004]),
@@ -140,7 +141,7 @@ fn hidden(ctx: &mut Context, scene: &Scene) -> Result<()> {
         ("delta .001", 0.001, [0.017, 0.173]),
     ];
     for (case, delta, prototype) in cases {
-        let draws = samples(scene);
+        let draws = samples(&outlined.scene);
         let work = || -> Result<Vec<Vec<f32>>> {
             draws
                 .iter()
@@ -149,12 +150,12 @@ fn hidden(ctx: &mut Context, scene: &Scene) -> Result<()> {
                     let start = pyramid(&ln_z, &valid);
                     let lambda: Vec<f32> = valid.iter().map(|v| f32::from(u8::from(*v))).collect();
                     let data = DataTerm::Huber { lambda: lambda.into(), delta: delta.into() };
-                    Guided::new(scene, s, &start).solve(&ln_z, data, &start, 100)
+                    Guided::new(&outlined.scene, s, &start).solve(&ln_z, data, &start, 100)
                 })
                 .collect()
         };
         ctx.measure("hidden samples", case, PIXELS, work, |all| {
-            all.as_ref().map_or(vec![], |all| both(scene, all, prototype))
+            all.as_ref().map_or(vec![], |all| both(outlined, all, prototype))
         })?;
     }
     Ok(())
@@ -162,7 +163,7 @@ fn hidden(ctx: &mut Context, scene: &Scene) -> Result<()> {
 
 /// Hidden samples found by discs of 3 pixels.
 fn pruning(ctx: &mut Context, scene: &Scene) {
-    let draws: Vec<_> = SEEDS.map(|seed| scene.sample(SHARES, seed)).collect();
+    let draws: Vec<_> = SEEDS.map(|seed| scene.sample(SHARES.0, SHARES.1, seed)).collect();
     for (case, radius) in
         [("3 pixels", SplatRadius::Pixels(3.0)), ("1.5 spacings", SplatRadius::Spacing(1.5))]
     {
@@ -208,8 +209,8 @@ fn pruning(ctx: &mut Context, scene: &Scene) {
 }
 
 /// Pull-push by its level limit, no sample removed before.
-fn levels(ctx: &mut Context, scene: &Scene) {
-    let draws = samples(scene);
+fn levels(ctx: &mut Context, outlined: &Outlined) {
+    let draws = samples(&outlined.scene);
     let unknown = f64::NAN;
     let cases =
         [(0, [unknown; 2]), (1, [1.51, 0.006]), (2, [0.74, 0.041]), (3, [0.094, 0.18]), (7, [unknown, 0.69])];
@@ -222,17 +223,17 @@ fn levels(ctx: &mut Context, scene: &Scene) {
             };
             draws.iter().map(one).collect()
         };
-        let figures = |all: &Vec<Vec<f32>>| both(scene, all, prototype);
+        let figures = |all: &Vec<Vec<f32>>| both(outlined, all, prototype);
         ctx.measure("pull-push", &format!("level {level}"), PIXELS, work, figures);
     }
 }
 
 /// The fast method, 10 and 10 steps, by what it starts from.
-fn fast(ctx: &mut Context, scene: &Scene) -> Result<()> {
-    let draws: Vec<Samples> = samples(scene)
+fn fast(ctx: &mut Context, outlined: &Outlined) -> Result<()> {
+    let draws: Vec<Samples> = samples(&outlined.scene)
         .into_iter()
         .map(|mut s| {
-            let splats = splat_depth(&s, &scene.camera, SplatRadius::Pixels(3.0));
+            let splats = splat_depth(&s, &outlined.scene.camera, SplatRadius::Pixels(3.0));
             prune(&mut s, &splats, 0.03);
             s
         })
@@ -247,7 +248,7 @@ fn fast(ctx: &mut Context, scene: &Scene) -> Result<()> {
         let one = |s: &Samples| {
             let (ln_z, valid) = ln_depth(s);
             let start = begin(&ln_z, &valid);
-            let guided = Guided::new(scene, s, &start);
+            let guided = Guided::new(&outlined.scene, s, &start);
             let lambda =
                 |hole: f32| -> Vec<f32> { valid.iter().map(|v| if *v { 1.0 } else { hole }).collect() };
             let filled = DataTerm::L2 { lambda: lambda(0.05).into() };
@@ -260,9 +261,9 @@ fn fast(ctx: &mut Context, scene: &Scene) -> Result<()> {
         ctx.measure("fast, 10 + 10 steps", case, PIXELS, work, |all| {
             let Ok(all) = all else { return vec![] };
             vec![
-                ("all", mean(scene, all, |_, _| true)),
-                ("front", mean(scene, all, |p, _| p == Part::Front)),
-                ("front with outline", mean(scene, all, |_, front| front)),
+                ("all", mean(outlined, all, |_, _| true)),
+                ("front", mean(outlined, all, |p, _| p == Part::Front)),
+                ("front with outline", mean(outlined, all, |_, front| front)),
                 ("all prototype", prototype[0]),
                 ("front prototype", prototype[1]),
             ]
@@ -273,7 +274,7 @@ fn fast(ctx: &mut Context, scene: &Scene) -> Result<()> {
 
 /// The scene drawn with every seed.
 fn samples(scene: &Scene) -> Vec<Samples> {
-    SEEDS.map(|seed| scene.sample(SHARES, seed).0).collect()
+    SEEDS.map(|seed| scene.sample(SHARES.0, SHARES.1, seed).0).collect()
 }
 
 /// Pull-push with the level limit of these samples.
@@ -295,18 +296,18 @@ fn nearest(ln_z: &[f32], valid: &[bool]) -> Vec<f32> {
 }
 
 /// Mean relative rms error over the pixels that are `of` it.
-fn mean(scene: &Scene, all: &[Vec<f32>], of: impl Fn(Part, bool) -> bool) -> f64 {
-    all.iter().map(|u| scene.error(u, &of)).sum::<f64>() / all.len() as f64
+fn mean(outlined: &Outlined, all: &[Vec<f32>], of: impl Fn(Part, bool) -> bool) -> f64 {
+    all.iter().map(|u| outlined.error(u, &of)).sum::<f64>() / all.len() as f64
 }
 
 /// Errors beside those of the prototype; what it does not have is left out.
-fn both(scene: &Scene, all: &[Vec<f32>], prototype: [f64; 2]) -> Vec<(&'static str, f64)> {
+fn both(outlined: &Outlined, all: &[Vec<f32>], prototype: [f64; 2]) -> Vec<(&'static str, f64)> {
     let ours = [("front", Part::Front), ("back", Part::Back), ("edge", Part::Edge)];
     let published = [("front prototype", prototype[0]), ("back prototype", prototype[1])];
     let whole = [("front with outline", true), ("back with outline", false)];
-    ours.map(|(name, part)| (name, mean(scene, all, |p, _| p == part)))
+    ours.map(|(name, part)| (name, mean(outlined, all, |p, _| p == part)))
         .into_iter()
-        .chain(whole.map(|(name, side)| (name, mean(scene, all, |_, front| front == side))))
+        .chain(whole.map(|(name, side)| (name, mean(outlined, all, |_, front| front == side))))
         .chain(published.into_iter().filter(|(_, v)| v.is_finite()))
         .collect()
 }

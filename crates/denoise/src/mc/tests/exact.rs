@@ -1,19 +1,10 @@
 //! What has no noise stays.
 
 use super::*;
-use crate::mc::{Sequence, VariationalModel};
+use crate::mc::Sequence;
 
 const ROWS: usize = 96;
 const COLS: usize = 128;
-const MODELS: [Model; 6] = [
-    Model::Auto,
-    Model::Variational(VariationalModel::Rof),
-    Model::Variational(VariationalModel::TvL1),
-    Model::Variational(VariationalModel::Hybrid),
-    Model::Variational(VariationalModel::Tgv),
-    Model::Atrous,
-];
-
 /// Whether a pixel shows the striped environment in the corner, the lamp, or the small lamp.
 fn shown(i: usize) -> Option<f32> {
     let (x, y) = (i % COLS, i / COLS);

@@ -7,7 +7,16 @@ mod temporal;
 mod variational;
 
 use super::synthetic::SyntheticFrame;
-use super::{Denoised, Frame, Model, Settings, denoise};
+use super::{Denoised, Frame, Model, Settings, VariationalModel, denoise};
+
+const MODELS: [Model; 6] = [
+    Model::Auto,
+    Model::Variational(VariationalModel::Rof),
+    Model::Variational(VariationalModel::TvL1),
+    Model::Variational(VariationalModel::Hybrid),
+    Model::Variational(VariationalModel::Tgv),
+    Model::Atrous,
+];
 
 /// Root mean square of the difference after the display curve `min(x,1)^(1/2.2)`.
 fn display_rmse(a: &[f32], b: &[f32]) -> f64 {

@@ -1,16 +1,7 @@
 //! Inputs at the edge of what a renderer can produce.
 
 use super::*;
-use crate::mc::{Guides, VariationalModel};
-
-const MODELS: [Model; 6] = [
-    Model::Auto,
-    Model::Variational(VariationalModel::Rof),
-    Model::Variational(VariationalModel::TvL1),
-    Model::Variational(VariationalModel::Hybrid),
-    Model::Variational(VariationalModel::Tgv),
-    Model::Atrous,
-];
+use crate::mc::Guides;
 
 fn sound(u: &[f32], what: &str) {
     assert!(u.iter().all(|v| v.is_finite() && *v >= 0.0), "{what}: a value that is not finite or negative");

@@ -1,32 +1,35 @@
-//! Procedural scenes with known depth, for the tests of this module.
+//! A small scene with known depth, and samples of it, for tests and benchmarks.
 
 use super::{Pinhole, Samples};
 use photofit_sampling::Rng;
 use photofit_scalar::{Vec3f, vec3};
 
-/// Side of the pictures, pixels.
-pub(super) const SIDE: usize = 128;
+/// Side of the picture, pixels.
+pub const SIDE: usize = 128;
 
-/// A picture with its truth.
-pub(super) struct Scene {
-    pub(super) camera: Pinhole,
-    /// Depth, pixel by pixel.
-    pub(super) z: Vec<f32>,
-    /// Depth of the background behind everything.
-    pub(super) back: Vec<f32>,
+/// A picture with its truth, `SIDE * SIDE` pixels, row by row.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// Looks along the depth.
+    pub camera: Pinhole,
+    /// Depth along the axis of the camera.
+    pub z: Vec<f32>,
     /// Whether the foreground covers the pixel.
-    pub(super) front: Vec<bool>,
-    /// Normals in camera axes.
-    normal: Vec<Vec3f>,
+    pub front: Vec<bool>,
+    /// Unit normals in camera axes.
+    pub normal: Vec<Vec3f>,
+    /// Depth of the background behind everything.
+    back: Vec<f32>,
     back_normal: Vec3f,
 }
 
-pub(super) fn camera() -> Pinhole {
+/// The camera of the scene: from the origin along -z.
+pub fn camera() -> Pinhole {
     Pinhole::look_at([0.0; 3], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0], 0.9, SIDE, SIDE)
 }
 
 /// A sphere that covers 45% of the picture before a tilted plane that is 2.7 times as far.
-pub(super) fn sphere_over_background() -> Scene {
+pub fn sphere_over_background() -> Scene {
     let camera = camera();
     // The silhouette of a sphere of radius r around (0, 0, d) has tan(angle) = r / sqrt(d^2 - r^2).
     let tangent = (0.45 / std::f64::consts::PI).sqrt() * SIDE as f64 / camera.fx;
@@ -44,7 +47,7 @@ pub(super) fn sphere_over_background() -> Scene {
         back_normal,
     };
     for i in 0..n {
-        let ray = vec3(camera.ray_x((i % SIDE) as f64), camera.ray_y((i / SIDE) as f64), 1.0);
+        let ray = scene.camera.ray(i);
         scene.back[i] = plane / back_normal.dot(ray);
         scene.z[i] = scene.back[i];
         // |t ray - (0, 0, d)|^2 = r^2
@@ -63,18 +66,10 @@ pub(super) fn sphere_over_background() -> Scene {
 impl Scene {
     /// Samples a share of the pixels of each surface; where a front sample is missing the background shows through.
     /// Returns the samples and which of them lie behind the front.
-    pub(super) fn sample(&self, front: f32, back: f32, seed: u64) -> (Samples, Vec<bool>) {
+    pub fn sample(&self, front: f32, back: f32, seed: u64) -> (Samples, Vec<bool>) {
         let n = self.z.len();
         let mut rng = Rng::new(seed, 0);
-        let mut samples = Samples {
-            width: SIDE,
-            height: SIDE,
-            index: vec![u32::MAX; n],
-            z: vec![0.0; n],
-            normal: vec![Vec3f::zero(); n],
-            spacing: vec![0.0; n],
-            in_view: 0,
-        };
+        let mut samples = Samples::empty(SIDE, SIDE);
         let mut hidden = vec![false; n];
         for i in 0..n {
             let (seen, behind) = (rng.next_f32() < front, rng.next_f32() < back);
@@ -89,7 +84,7 @@ impl Scene {
             samples.z[i] = z;
             samples.normal[i] = normal;
             // Tilted surfaces have fewer samples for their area.
-            let ray = vec3(self.camera.ray_x((i % SIDE) as f64), self.camera.ray_y((i / SIDE) as f64), 1.0);
+            let ray = self.camera.ray(i);
             let cosine = (-normal.dot(ray) / ray.length()).max(0.05);
             samples.spacing[i] = z / self.camera.fx as f32 / (share * cosine).sqrt();
         }
@@ -97,23 +92,25 @@ impl Scene {
         (samples, hidden)
     }
 
-    /// Relative rms error of ln z where the front covers, and where it does not.
-    pub(super) fn errors(&self, u: &[f32]) -> (f64, f64) {
-        let rms = |front: bool| {
-            let (mut sum, mut count) = (0.0, 0);
-            for i in (0..u.len()).filter(|i| self.front[*i] == front) {
-                let relative = f64::from(u[i]).exp() / f64::from(self.z[i]) - 1.0;
-                sum += relative * relative;
-                count += 1;
-            }
-            (sum / f64::from(count)).sqrt()
-        };
-        (rms(true), rms(false))
+    /// Relative rms error of depth, given as ln z, over the pixels that are `of` it.
+    pub fn error(&self, u: &[f32], of: impl Fn(usize) -> bool) -> f64 {
+        let (mut sum, mut count) = (0.0, 0);
+        for i in (0..u.len()).filter(|i| of(*i)) {
+            let relative = f64::from(u[i]).exp() / f64::from(self.z[i]) - 1.0;
+            sum += relative * relative;
+            count += 1;
+        }
+        (sum / f64::from(count)).sqrt()
+    }
+
+    /// The error where the front covers, and where it does not.
+    pub fn errors(&self, u: &[f32]) -> (f64, f64) {
+        (self.error(u, |i| self.front[i]), self.error(u, |i| !self.front[i]))
     }
 }
 
 /// ln z of samples, and which pixels have one.
-pub(super) fn ln_depth(samples: &Samples) -> (Vec<f32>, Vec<bool>) {
+pub fn ln_depth(samples: &Samples) -> (Vec<f32>, Vec<bool>) {
     let valid: Vec<bool> = (0..samples.z.len()).map(|i| samples.is_valid(i)).collect();
     let u = samples.z.iter().map(|z| if *z > 0.0 { z.ln() } else { 0.0 }).collect();
     (u, valid)
