@@ -113,6 +113,15 @@ pub(crate) struct Simplify {
     /// Width and height of the textures, texels.
     #[arg(long, value_name = "N")]
     pub(crate) texture_size: Option<usize>,
+    /// Store opaque textures as JPEG of quality Q, 90 when not given, instead of exact PNG: a third of the bytes.
+    #[arg(
+        long,
+        value_name = "Q",
+        num_args = 0..=1,
+        default_missing_value = "90",
+        value_parser = clap::value_parser!(u8).range(1..=100)
+    )]
+    pub(crate) jpeg: Option<u8>,
     /// Light while fitting and judging.
     #[arg(
         long,

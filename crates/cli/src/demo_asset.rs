@@ -272,6 +272,7 @@ fn add_material(scene: &mut Scene, name: &str, texel: fn(f32, f32) -> Texel) -> 
             width,
             height,
             texels: texels.iter().map(encode).collect(),
+            ..TextureImage::default()
         });
         Some(TextureSlot {
             image: scene.images.len() - 1,

@@ -30,14 +30,15 @@ pub(crate) fn write_json(path: &Path, value: &Value) -> Result<()> {
 
 /// A quality as JSON.
 pub(crate) fn quality(q: &Quality) -> Value {
-    json!({ "psnr": q.psnr, "ssim": q.ssim, "flip": q.flip })
+    json!({ "psnr": q.psnr, "ssim": q.ssim, "flip": q.flip, "outline_share": q.outline })
 }
 
-/// A table of qualities.
+/// A table of qualities; its last column is the share of the error that lies at the outline.
 pub(crate) fn quality_table(rows: &[(&str, &Quality)]) -> String {
-    let mut text = format!("{:<12} {:>9} {:>8} {:>8}\n", "", "PSNR dB", "SSIM", "FLIP");
+    let mut text = format!("{:<12} {:>9} {:>8} {:>8} {:>11}\n", "", "PSNR dB", "SSIM", "FLIP", "at outline");
     for (name, q) in rows {
-        text += &format!("{name:<12} {:>9.2} {:>8.4} {:>8.4}\n", q.psnr, q.ssim, q.flip);
+        let outline = 100.0 * q.outline;
+        text += &format!("{name:<12} {:>9.2} {:>8.4} {:>8.4} {outline:>9.0} %\n", q.psnr, q.ssim, q.flip);
     }
     text
 }

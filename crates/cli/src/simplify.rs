@@ -10,7 +10,7 @@ use photofit_fit::report::{ReportInfo, write_report};
 use photofit_fit::simplify::{Init, Outcome, ReferenceRenderer, SimplifyOptions, simplify};
 use photofit_fit::views::Lighting;
 use photofit_geometry::decimate::Target;
-use photofit_scene::{Scene, SceneError};
+use photofit_scene::{Scene, SceneError, TextureEncoding};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -74,6 +74,9 @@ fn options(a: &Simplify) -> Result<SimplifyOptions> {
         steps: a.steps.unwrap_or(default.steps),
         time_limit: a.time_limit,
         texture_size: a.texture_size.unwrap_or(default.texture_size),
+        texture_encoding: a
+            .jpeg
+            .map_or(default.texture_encoding, |quality| TextureEncoding::Jpeg { quality }),
         lighting,
         reference: match a.reference {
             FitReference::Raster => ReferenceRenderer::Raster,

@@ -84,5 +84,10 @@ mod tests {
         let (far, rmse) = quality(&sphere(8, 3.0), &sphere(8, 2.4));
         assert!(far.psnr < near.psnr && near.psnr < same.psnr, "{far:?} {near:?}");
         assert!(far.flip > near.flip && far.ssim < near.ssim && rmse > 0.01);
+        // Of a sphere that is too small the outline is wrong; of one of another colour it is not.
+        let mut red = sphere(8, 3.0);
+        red.materials[0].base_color = [0.9, 0.1, 0.1, 1.0];
+        let (red, _) = quality(&sphere(8, 3.0), &red);
+        assert!(same.outline == 0.0 && far.outline > 0.8 && red.outline < 0.01, "{far:?} {red:?}");
     }
 }

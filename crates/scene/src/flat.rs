@@ -276,10 +276,10 @@ mod tests {
             instances: vec![Instance { primitive: 0, transform }],
             materials: vec![Material { normal_texture: Some(slot), ..Material::default() }, Material::clay()],
             images: vec![crate::TextureImage {
-                name: String::new(),
                 width: 1,
                 height: 1,
                 texels: vec![[0; 4]],
+                ..crate::TextureImage::default()
             }],
             ..Scene::default()
         }

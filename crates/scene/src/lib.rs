@@ -25,6 +25,6 @@ pub use flat::FlatScene;
 pub use light::{LightKind, PunctualLight};
 pub use load::{Limits, MAX_COORDINATE, Points, Sensor, load, load_points, load_points_with, load_with};
 pub use material::{AlphaMode, Filter, Material, Sampler, TextureSlot, Wrap};
-pub use model::{Instance, MAX_FLAT, Memory, Primitive, Scene, TextureImage};
+pub use model::{Instance, MAX_FLAT, Memory, Primitive, Scene, TextureEncoding, TextureImage};
 pub use save::{save_glb, to_glb};
 pub use surface::{ExtensionSample, SurfaceLibrary, SurfaceSample, UvDerivatives};

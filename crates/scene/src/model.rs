@@ -16,6 +16,21 @@ pub struct TextureImage {
     pub height: usize,
     /// `height * width` texels.
     pub texels: Vec<[u8; 4]>,
+    /// How it is written; what is loaded says [`TextureEncoding::Png`] whatever it came from.
+    pub encoding: TextureEncoding,
+}
+
+/// How an image is stored in a written file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum TextureEncoding {
+    /// Exact.
+    #[default]
+    Png,
+    /// Lossy, a fraction of the bytes, all channels at full resolution; images with alpha are stored as PNG.
+    Jpeg {
+        /// 1 to 100.
+        quality: u8,
+    },
 }
 
 /// A mesh with one material.

@@ -33,7 +33,7 @@ fn lights() -> [Light<'static>; 2] {
 fn checker() -> TextureImage {
     let bright = |i: usize| (i % 16 / 2 + i / 16 / 2).is_multiple_of(2);
     let texels = (0..256).map(|i| if bright(i) { [250, 220, 60, 255] } else { [40, 60, 200, 255] }).collect();
-    TextureImage { name: "checker".into(), width: 16, height: 16, texels }
+    TextureImage { name: "checker".into(), width: 16, height: 16, texels, ..TextureImage::default() }
 }
 
 /// A textured sphere and a metal torus behind a pane of half-transparent glass.

@@ -92,6 +92,23 @@ fn a_path_traced_reference_is_fitted_and_does_not_depend_on_threads() {
 }
 
 #[test]
+fn jpeg_textures_make_the_file_smaller() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 10, true);
+    let bytes = |output: &str, more: &[&str]| {
+        succeeds(d, &fit(output, &[&["--steps", "2"], more].concat()));
+        let file = std::fs::read(d.join(output)).unwrap();
+        let jpeg = file.windows(10).any(|w| w == b"image/jpeg");
+        (file.len(), jpeg)
+    };
+    let (png, best, small) =
+        (bytes("png.glb", &[]), bytes("best.glb", &["--jpeg", "98"]), bytes("small.glb", &["--jpeg"]));
+    assert!(!png.1 && best.1 && small.1);
+    assert!(small.0 < best.0 && small.0 < png.0, "{png:?} {best:?} {small:?}");
+}
+
+#[test]
 fn threads_do_not_change_the_file() {
     let dir = tempfile::tempdir().unwrap();
     let d = dir.path();

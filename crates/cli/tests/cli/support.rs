@@ -72,6 +72,7 @@ pub(crate) fn rock(frequency: u32, textured: bool) -> Scene {
             width: 16,
             height: 16,
             texels: (0..256).map(texel).collect(),
+            ..TextureImage::default()
         });
         material.base_color = [1.0; 4];
         material.base_color_texture = Some(TextureSlot {

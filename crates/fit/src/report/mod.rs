@@ -102,15 +102,21 @@ fn table(o: &Outcome) -> String {
     ];
     let row = |((name, q), what): ((&str, &Quality), &str)| {
         format!(
-            "<tr><th>{name}</th><td class=what>{what}</td><td>{:.2}</td><td>{:.4}</td><td>{:.4}</td></tr>\n",
-            q.psnr, q.ssim, q.flip
+            "<tr><th>{name}</th><td class=what>{what}</td><td>{:.2}</td><td>{:.4}</td><td>{:.4}</td><td>{:.0} \
+             %</td></tr>\n",
+            q.psnr,
+            q.ssim,
+            q.flip,
+            100.0 * q.outline
         )
     };
     let rows: String = o.stages().into_iter().zip(WHAT).map(row).collect();
     format!(
-        "<table>\n<tr><th></th><th></th><th>PSNR, dB</th><th>SSIM</th><th>FLIP</th></tr>\n{rows}</table>\n\
+        "<table>\n<tr><th></th><th></th><th>PSNR, dB</th><th>SSIM</th><th>FLIP</th><th>at \
+         outline</th></tr>\n{rows}</table>\n\
          <p class=note>Means over {} views and lights that the fit never saw, over the foreground (the union of both \
-         silhouettes and a margin) of {} x {} pixels.</p>\n",
+         silhouettes and a margin) of {} x {} pixels. At outline: the share of the squared error in pixels that one asset \
+         covers and the other does not, which no texture can mend.</p>\n",
         o.views.len(),
         o.resolution,
         o.resolution

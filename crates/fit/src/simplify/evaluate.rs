@@ -14,6 +14,8 @@ use photofit_scene::{FlatScene, Scene, SurfaceLibrary};
 const BACKGROUND: f32 = 0.5;
 /// The foreground is grown by this many pixels.
 const MARGIN: usize = 6;
+/// Coverages of a pixel that differ by more than this are another outline.
+const OUTLINE: f32 = 0.1;
 /// Pixels per degree of the FLIP viewer.
 const PIXELS_PER_DEGREE: f32 = 67.02;
 /// Quality of equal pictures: what 8 bits can tell apart, rounded up.
@@ -32,6 +34,9 @@ pub struct Quality {
     pub ssim: f64,
     /// Mean LDR-FLIP.
     pub flip: f64,
+    /// Share of the squared error, in [0, 1], in pixels that one asset covers and the other does not: what no map can
+    /// mend.
+    pub outline: f64,
 }
 
 impl Quality {
@@ -42,10 +47,11 @@ impl Quality {
             sum.psnr += v.quality.psnr;
             sum.ssim += v.quality.ssim;
             sum.flip += v.quality.flip;
+            sum.outline += v.quality.outline;
             n += 1.0;
         }
         let n = f64::max(n, 1.0);
-        Self { psnr: sum.psnr / n, ssim: sum.ssim / n, flip: sum.flip / n }
+        Self { psnr: sum.psnr / n, ssim: sum.ssim / n, flip: sum.flip / n, outline: sum.outline / n }
     }
 }
 
@@ -207,19 +213,21 @@ fn display(rgba: &Image) -> Image {
 /// If the sizes differ.
 pub fn compare(reference: &Image, candidate: &Image) -> ViewQuality {
     let (r, c) = (display(reference), display(candidate));
-    let covered: Vec<bool> = reference
-        .data
-        .chunks_exact(4)
-        .zip(candidate.data.chunks_exact(4))
-        .map(|(a, b)| a[3] > 0.02 || b[3] > 0.02)
-        .collect();
+    let coverages =
+        || reference.data.chunks_exact(4).zip(candidate.data.chunks_exact(4)).map(|(a, b)| (a[3], b[3]));
+    let covered: Vec<bool> = coverages().map(|(a, b)| a > 0.02 || b > 0.02).collect();
     let mask = dilate(&covered, reference.width, reference.height, MARGIN);
     let over = |m: Option<f64>| m.unwrap_or(0.0);
     let flip_map = flip(&r, &c, PIXELS_PER_DEGREE);
+    let squares = squared_error(&r, &c);
+    let outline = coverages().zip(&squares.map.data).filter(|((a, b), _)| (a - b).abs() > OUTLINE);
+    let at_outline: f64 = outline.map(|(_, e)| f64::from(*e)).sum();
+    let everywhere = squares.mean * squares.map.data.len() as f64;
     let quality = Quality {
-        psnr: psnr_from_mse(over(squared_error(&r, &c).mean_over(&mask))).min(BEST_PSNR),
+        psnr: psnr_from_mse(over(squares.mean_over(&mask))).min(BEST_PSNR),
         ssim: ssim(&r, &c).mean_over(&mask).unwrap_or(1.0),
         flip: over(flip_map.mean_over(&mask)),
+        outline: if everywhere > 0.0 { at_outline / everywhere } else { 0.0 },
     };
     ViewQuality { quality, flip: flip_map.map, picture: c }
 }

@@ -103,6 +103,7 @@ fn material(
             width,
             height,
             texels: texels.iter().map(texel).collect(),
+            ..TextureImage::default()
         });
         let wrap = Wrap::ClampToEdge;
         Some(TextureSlot {

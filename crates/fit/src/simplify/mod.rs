@@ -66,7 +66,11 @@ pub fn simplify(
     let fit_seconds = began.elapsed().as_secs_f64();
 
     let name = output.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
-    photofit_scene::save_glb(output, &to_scene(&trained.candidate, &normalised, &name))?;
+    let mut light = to_scene(&trained.candidate, &normalised, &name);
+    for image in &mut light.images {
+        image.encoding = options.texture_encoding;
+    }
+    photofit_scene::save_glb(output, &light)?;
     let fitted = photofit_scene::load(output)?;
     let triangles_out = fitted.triangle_count();
     let mut only = Options::new(Target::Triangles(triangles_out));

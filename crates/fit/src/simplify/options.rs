@@ -4,6 +4,7 @@ use super::ReferenceRenderer;
 use crate::FitError;
 use crate::views::Lighting;
 use photofit_geometry::decimate::Target;
+use photofit_scene::TextureEncoding;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -34,6 +35,8 @@ pub struct SimplifyOptions {
     pub time_limit: Option<Duration>,
     /// Width and height of the maps.
     pub texture_size: usize,
+    /// How the maps are stored in the written file.
+    pub texture_encoding: TextureEncoding,
     /// The light while fitting.
     pub lighting: Lighting,
     /// How pictures of the reference are made, for the fit and for the report.
@@ -58,6 +61,7 @@ impl Default for SimplifyOptions {
             steps: 1000,
             time_limit: None,
             texture_size: 1024,
+            texture_encoding: TextureEncoding::Png,
             lighting: Lighting::default(),
             reference: ReferenceRenderer::default(),
             seed: 0,

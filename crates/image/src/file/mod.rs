@@ -9,7 +9,9 @@ mod radiance;
 pub use atomic::write_atomically;
 pub use exr_file::{read_exr_layers, write_exr, write_exr_channels};
 pub use limits::Limits;
-pub use png_jpeg::{PngCompression, decode_texture, encode_png, encode_srgb_png, texture_size, write_png};
+pub use png_jpeg::{
+    PngCompression, decode_texture, encode_jpeg, encode_png, encode_srgb_png, texture_size, write_png,
+};
 
 use crate::{Image, ImageError};
 use std::io::Read;

@@ -1,7 +1,8 @@
-//! PNG and JPEG: decoding to linear light or to undecoded texels, and PNG encoding.
+//! PNG and JPEG: decoding to linear light or to undecoded texels, and encoding.
 
 use super::{Format, Limits, write_atomically};
 use crate::{Image, ImageError, color};
+use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageFormat, ImageReader};
 use rayon::prelude::*;
@@ -172,6 +173,38 @@ pub fn encode_png(
     PngEncoder::new_with_quality(&mut out, level, FilterType::Adaptive)
         .write_image(data, w, h, color)
         .map_err(|e| ImageError::invalid("PNG", e.to_string()))?;
+    Ok(out)
+}
+
+/// Encodes 8-bit RGB samples (row-major from the top) as a JPEG of `quality` 1 to 100 (others are clamped), without
+/// subsampling of chroma, so that data other than colour keeps its channels apart.
+///
+/// ```
+/// use photofit_image::{Limits, decode_texture, encode_jpeg};
+/// let jpeg = encode_jpeg(2, 1, &[200, 100, 50, 200, 100, 50], 95)?;
+/// let (width, height, texels) = decode_texture(&jpeg, &Limits::default())?;
+/// assert!((width, height) == (2, 1) && texels[0][0].abs_diff(200) < 4);
+/// # Ok::<(), photofit_image::ImageError>(())
+/// ```
+///
+/// # Errors
+/// If the image has no pixels or a side of more than 65,535.
+///
+/// # Panics
+/// If `data.len() != 3 * width * height`.
+pub fn encode_jpeg(width: usize, height: usize, data: &[u8], quality: u8) -> Result<Vec<u8>, ImageError> {
+    assert_eq!(data.len(), 3 * width * height, "three samples per pixel");
+    let side =
+        |n: usize| {
+            u16::try_from(n).ok().filter(|n| *n > 0).map(u32::from).ok_or_else(|| {
+                ImageError::invalid("JPEG", format!("a side of {n} pixels is not in 1..65535"))
+            })
+        };
+    let (w, h) = (side(width)?, side(height)?);
+    let mut out = Vec::new();
+    JpegEncoder::new_with_quality(&mut out, quality.clamp(1, 100))
+        .write_image(data, w, h, ExtendedColorType::Rgb8)
+        .map_err(|e| ImageError::invalid("JPEG", e.to_string()))?;
     Ok(out)
 }
 

@@ -74,7 +74,7 @@ impl<'a> Textures<'a> {
             .map(|p| {
                 let (width, height, texels) = photofit_image::decode_texture(&p.bytes, &limits)
                     .map_err(|e| fault(&p.place, image_rule(e)))?;
-                Ok(TextureImage { name: p.name, width, height, texels })
+                Ok(TextureImage { name: p.name, width, height, texels, ..TextureImage::default() })
             })
             .collect();
         // The first error in the file's order, whichever thread met one first.

@@ -4,7 +4,8 @@ use super::{Writer, extensions, named};
 use crate::error::{Fault, fault};
 use crate::load::affine_of_transform;
 use crate::model::slots;
-use crate::{AlphaMode, Filter, Material, Sampler, Scene, TextureImage, TextureSlot, Wrap};
+use crate::{AlphaMode, Filter, Material, Sampler, Scene, TextureEncoding, TextureImage, TextureSlot, Wrap};
+use photofit_image::{PngCompression, encode_jpeg, encode_png};
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 use std::collections::HashMap;
@@ -14,15 +15,16 @@ pub(super) fn write(scene: &Scene, writer: &mut Writer) -> Result<(), Fault> {
     let mut used: Vec<usize> = scene.materials.iter().flat_map(slots).map(|s| s.image).collect();
     used.sort_unstable();
     used.dedup();
-    let encoded: Vec<Result<Vec<u8>, Fault>> = used
+    let encoded: Vec<Result<_, Fault>> = used
         .par_iter()
-        .map(|&i| png(&scene.images[i]).map_err(|rule| fault(format!("image {i}"), rule)))
+        .map(|&i| encode(&scene.images[i]).map_err(|rule| fault(format!("image {i}"), rule)))
         .collect();
     let mut images = HashMap::new();
-    for (&i, png) in used.iter().zip(encoded) {
-        let view = writer.view(&png?, None);
+    for (&i, encoded) in used.iter().zip(encoded) {
+        let (bytes, mime) = encoded?;
+        let view = writer.view(&bytes, None);
         images.insert(i, writer.images.len());
-        let image = json!({"bufferView": view, "mimeType": "image/png"});
+        let image = json!({"bufferView": view, "mimeType": mime});
         writer.images.push(named(image, &scene.images[i].name));
     }
     let mut tables = Tables { images, samplers: Vec::new(), textures: Vec::new() };
@@ -196,20 +198,23 @@ pub(super) fn parts(m: &[[f32; 3]; 2]) -> Option<([f32; 2], f32, [f32; 2])> {
     same.then_some((offset, rotation, scale))
 }
 
-fn png(image: &TextureImage) -> Result<Vec<u8>, String> {
+/// The bytes of an image and their type.
+fn encode(image: &TextureImage) -> Result<(Vec<u8>, &'static str), String> {
+    let (width, height) = (image.width, image.height);
     let opaque = image.texels.iter().all(|t| t[3] == 255);
-    let bytes: Vec<u8> = if opaque {
+    let samples: Vec<u8> = if opaque {
         image.texels.iter().flat_map(|t| [t[0], t[1], t[2]]).collect()
     } else {
         image.texels.iter().flatten().copied().collect()
     };
-    let channels = if opaque { 3 } else { 4 };
-    photofit_image::encode_png(
-        image.width,
-        image.height,
-        channels,
-        &bytes,
-        photofit_image::PngCompression::Small,
-    )
-    .map_err(|e| e.to_string())
+    let (bytes, mime) = match image.encoding {
+        TextureEncoding::Jpeg { quality } if opaque => {
+            (encode_jpeg(width, height, &samples, quality), "image/jpeg")
+        }
+        _ => {
+            let channels = if opaque { 3 } else { 4 };
+            (encode_png(width, height, channels, &samples, PngCompression::Small), "image/png")
+        }
+    };
+    Ok((bytes.map_err(|e| e.to_string())?, mime))
 }

@@ -12,7 +12,7 @@ use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 use std::path::Path;
 
-/// Writes a scene as a `.glb` file that holds everything: geometry, materials and textures (as PNG).
+/// Writes a scene as a `.glb` file that holds everything: geometry, materials and textures (see [`crate::TextureEncoding`]).
 ///
 /// Tangents are written exactly where a normal map needs them, and computed when they are missing.
 /// Primitives keep their sharing, instances become nodes (transforms that shear, which glTF nodes cannot, are worked

@@ -3,7 +3,8 @@
 use super::*;
 use crate::{
     AlphaMode, Anisotropy, Clearcoat, Extensions, Filter, Instance, LightKind, Material, Primitive,
-    PunctualLight, Sampler, Sheen, Specular, TextureImage, TextureSlot, Transmission, Volume, Wrap, load,
+    PunctualLight, Sampler, Sheen, Specular, TextureEncoding, TextureImage, TextureSlot, Transmission,
+    Volume, Wrap, load,
 };
 use glam::{Affine3A, Mat3A, Quat, Vec3};
 use photofit_geometry::Mesh;
@@ -50,7 +51,7 @@ fn slot(image: usize, tex_coord: u32) -> TextureSlot {
 
 fn image(name: &str, alpha: u8) -> TextureImage {
     let texels = (0..6).map(|i| [i * 40, 255 - i, 7, if i == 3 { alpha } else { 255 }]).collect();
-    TextureImage { name: name.into(), width: 3, height: 2, texels }
+    TextureImage { name: name.into(), width: 3, height: 2, texels, ..TextureImage::default() }
 }
 
 /// A scene that uses every feature that can be written.
@@ -164,6 +165,25 @@ fn slots_of(m: &Material) -> [Option<TextureSlot>; 5] {
         m.occlusion_texture,
         m.emissive_texture,
     ]
+}
+
+#[test]
+fn textures_are_stored_as_jpeg_where_that_is_asked_for_and_nothing_shines_through() {
+    let mut scene = rich();
+    for i in &mut scene.images {
+        i.encoding = TextureEncoding::Jpeg { quality: 95 };
+    }
+    let bytes = to_glb(&scene).unwrap();
+    let has = |text: &str| bytes.windows(text.len()).any(|w| w == text.as_bytes());
+    assert!(has("image/jpeg") && has("image/png"), "one image of the two has alpha");
+    let after = round_trip(&scene);
+    for (a, b) in after.images.iter().zip(&scene.images) {
+        let opaque = b.texels.iter().all(|t| t[3] == 255);
+        for (x, y) in a.texels.iter().zip(&b.texels) {
+            let near = (0..3).all(|k| x[k].abs_diff(y[k]) <= 24);
+            assert!(if opaque { near && x[3] == 255 } else { x == y }, "{x:?} {y:?}");
+        }
+    }
 }
 
 #[test]

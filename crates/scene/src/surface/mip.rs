@@ -144,7 +144,7 @@ mod tests {
         let (width, height) = (13, 6);
         let texels: Vec<[u8; 4]> =
             (0..width * height).map(|i| [(i * 37 % 256) as u8, 9, 200, (i % 256) as u8]).collect();
-        let image = TextureImage { name: String::new(), width, height, texels };
+        let image = TextureImage { width, height, texels, ..TextureImage::default() };
         let levels = Levels::full(width, height);
         let built = build(&image, &levels, Encoding { srgb: true, weighted: false });
         assert_eq!(levels.0.last().map(|l| (l.width, l.height)), Some((1, 1)));
@@ -167,7 +167,7 @@ mod tests {
     #[test]
     fn hidden_colours_do_not_bleed() {
         let texels = vec![[200, 0, 0, 255], [0, 255, 0, 0], [0, 255, 0, 0], [0, 255, 0, 0]];
-        let image = TextureImage { name: String::new(), width: 2, height: 2, texels };
+        let image = TextureImage { width: 2, height: 2, texels, ..TextureImage::default() };
         let levels = Levels::full(2, 2);
         let seen = build(&image, &levels, Encoding { srgb: true, weighted: true });
         assert_eq!(seen.texels[4], [200, 0, 0, 64]);

@@ -9,7 +9,7 @@ const WHITE: Vec4f = vec4(1.0, 1.0, 1.0, 1.0);
 fn image(width: usize, height: usize, texel: impl Fn(usize, usize) -> [u8; 4]) -> TextureImage {
     let texels =
         (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| texel(x, y)).collect();
-    TextureImage { name: String::new(), width, height, texels }
+    TextureImage { width, height, texels, ..TextureImage::default() }
 }
 
 fn slot(image: usize, filter: Filter) -> TextureSlot {

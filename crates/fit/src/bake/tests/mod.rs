@@ -44,7 +44,13 @@ impl World {
 
     pub(crate) fn image(&mut self, width: usize, texels: Vec<[u8; 4]>) -> Option<TextureSlot> {
         let height = texels.len() / width;
-        self.scene.images.push(TextureImage { name: "image".into(), width, height, texels });
+        self.scene.images.push(TextureImage {
+            name: "image".into(),
+            width,
+            height,
+            texels,
+            ..TextureImage::default()
+        });
         let sampler =
             Sampler { wrap_u: Wrap::ClampToEdge, wrap_v: Wrap::ClampToEdge, filter: Filter::Bilinear };
         let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];

@@ -12,12 +12,29 @@ fn pattern(width: usize, height: usize, channels: usize) -> Vec<u8> {
     (0..width * height * channels).map(|i| ((i * 37) ^ (i / 7)) as u8).collect()
 }
 
-fn jpeg(width: u32, height: u32) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 90)
-        .write_image(&vec![128; (3 * width * height) as usize], width, height, ExtendedColorType::Rgb8)
-        .unwrap();
-    bytes
+fn jpeg(width: usize, height: usize) -> Vec<u8> {
+    encode_jpeg(width, height, &vec![128; 3 * width * height], 90).unwrap()
+}
+
+#[test]
+fn jpeg_keeps_channels_apart_and_gains_with_quality() {
+    let (width, height) = (64, 48);
+    // Smooth in two channels, stripes of one pixel in the third: subsampled chroma would mix them.
+    let data: Vec<u8> = (0..width * height)
+        .flat_map(|i| [(i % width * 3) as u8, (i / width * 4) as u8, if i % 2 == 0 { 96 } else { 160 }])
+        .collect();
+    let error = |quality| {
+        let bytes = encode_jpeg(width, height, &data, quality).unwrap();
+        let (w, h, texels) = decode_texture(&bytes, &limits()).unwrap();
+        assert_eq!((w, h), (width, height));
+        let differences = texels.iter().zip(data.chunks_exact(3));
+        let worst = differences.flat_map(|(t, d)| (0..3).map(|k| t[k].abs_diff(d[k]))).max().unwrap();
+        (worst, bytes.len())
+    };
+    let (low, middle, high) = (error(20), error(90), error(100));
+    assert!(low.0 > middle.0 && middle.0 > high.0 && high.0 <= 4, "{low:?} {middle:?} {high:?}");
+    assert!(low.1 < middle.1 && middle.1 < high.1, "{low:?} {middle:?} {high:?}");
+    assert!(encode_jpeg(0, 4, &[], 90).is_err() && encode_jpeg(65_536, 1, &vec![0; 3 << 16], 90).is_err());
 }
 
 #[test]
