@@ -14,7 +14,7 @@ use crate::tidy::metadata::Workspace;
 
 /// Builds the program and packs it into `out/dist`.
 pub(crate) fn run() -> Result<()> {
-    run_cargo(&["build", "--release", "-p", "photofit-cli"])?;
+    run_cargo(&["build", "--profile", "dist", "-p", "photofit-cli"])?;
     let workspace = Workspace::read()?;
     let name =
         format!("photofit-{}-{}-{}", workspace.version("photofit-cli")?, env::consts::ARCH, env::consts::OS);
@@ -25,7 +25,7 @@ pub(crate) fn run() -> Result<()> {
     }
     fs::create_dir_all(&folder).with_context(|| format!("{}: cannot create", folder.display()))?;
     let program = format!("photofit{}", env::consts::EXE_SUFFIX);
-    copy(&workspace.target_directory.join("release").join(&program), &folder.join(&program))?;
+    copy(&workspace.target_directory.join("dist").join(&program), &folder.join(&program))?;
     for file in ["README.md", "CHANGELOG.md", "LICENSE-MIT", "LICENSE-APACHE"] {
         copy(Path::new(file), &folder.join(file))?;
     }
