@@ -138,9 +138,9 @@ pub(crate) struct Prepared {
 }
 
 impl Prepared {
-    /// The ray through a point of the picture in `[0, 1]^2`, the origin at the upper left, and of the lens.
+    /// The ray through a point of the picture in `[0, 1]^2`, the origin at the upper left, and of the lens if there is one.
     #[inline]
-    pub(crate) fn ray(&self, at: Vec2f, lens: [f32; 2]) -> WorldRay {
+    pub(crate) fn ray(&self, at: Vec2f, lens: impl FnOnce() -> [f32; 2]) -> WorldRay {
         let x = self.center[0] + (2.0 * at.x - 1.0) * self.half[0];
         let y = self.center[1] + (1.0 - 2.0 * at.y) * self.half[1];
         if self.parallel {
@@ -153,7 +153,7 @@ impl Prepared {
                 WorldRay { origin: self.eye, direction: through.normalize_or_zero(), t_max: f32::INFINITY }
             }
             Some(l) => {
-                let d: Vec2f = concentric_disk(lens);
+                let d: Vec2f = concentric_disk(lens());
                 let offset = (self.right * d.x + self.up * d.y) * l.radius;
                 let direction = (through * l.focus - offset).normalize_or_zero();
                 WorldRay { origin: self.eye + offset, direction, t_max: f32::INFINITY }
@@ -206,7 +206,7 @@ mod tests {
         view.check().unwrap();
         let lens = view.with_lens(Lens { radius: 0.2, focus: 4.0 });
         for at in [vec2(0.1, 0.2), vec2(0.5, 0.5), vec2(0.9, 0.8)] {
-            let ray = view.prepare(&world).ray(at, [0.5; 2]);
+            let ray = view.prepare(&world).ray(at, || [0.5; 2]);
             let p = ray.origin + ray.direction * 3.0;
             let clip = camera.view_projection() * glam::vec4(p.x, p.y, p.z, 1.0);
             let found = vec2(0.5 + 0.5 * clip.x / clip.w, 0.5 - 0.5 * clip.y / clip.w);
@@ -216,7 +216,7 @@ mod tests {
             assert!((view.prepare(&world).depth(p) - clip.w).abs() < 1e-4);
             // All rays of a lens meet in the plane of focus.
             let meet = |u: [f32; 2]| {
-                let r = lens.prepare(&world).ray(at, u);
+                let r = lens.prepare(&world).ray(at, || u);
                 let back = lens.prepare(&world).back;
                 r.origin
                     + r.direction

@@ -121,7 +121,7 @@ impl RenderOptions {
     /// Size, samples, filter and bounds of paths as a scene has them.
     pub fn from_mitsuba(scene: &MitsubaScene) -> Self {
         let film = &scene.sensor.film;
-        let i = &scene.integrator;
+        let (i, usual) = (&scene.integrator, PathOptions::default());
         Self {
             width: film.crop_size[0] as usize,
             height: film.crop_size[1] as usize,
@@ -133,9 +133,9 @@ impl RenderOptions {
             },
             path: PathOptions {
                 max_depth: i.max_depth,
-                roulette_depth: i.roulette_depth,
+                roulette_depth: i.roulette_depth.unwrap_or(usual.roulette_depth),
                 show_environment: !i.hide_environment,
-                ..PathOptions::default()
+                ..usual
             },
             ..Self::default()
         }

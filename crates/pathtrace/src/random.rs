@@ -1,13 +1,39 @@
-//! The random numbers of a path: Owen-scrambled Sobol points, four dimensions at a time.
+//! The random numbers of a path: Owen-scrambled Sobol points, four dimensions at a time. Numbers are made when they are
+//! asked for: most scenes need no more than the pairs.
 
-use photofit_sampling::{Rng, Sobol, hash, unit_f32};
+use photofit_sampling::{Rng, Sobol, SobolPoint, hash, unit_f32};
 
 /// Dimensions of the camera: place in the pixel, then place on the lens.
 const CAMERA_GROUP: u32 = 0;
 /// Groups per vertex: one for lights, one for scattering.
 const GROUPS: u32 = 2;
+const LIGHT: u32 = 0;
+const SCATTER: u32 = 1;
 /// Vertices with dimensions of their own; later ones draw independent numbers.
 const VERTICES: u32 = 64;
+/// The first group for flights, one per vertex, and for survival, one per four vertices.
+const FLIGHT_GROUPS: u32 = 1 + GROUPS * VERTICES;
+const SURVIVAL_GROUPS: u32 = FLIGHT_GROUPS + VERTICES;
+
+/// The numbers of all samples of one pixel.
+#[derive(Clone, Debug)]
+pub(crate) struct PixelRandom {
+    sobol: Sobol,
+    keys: Rng,
+}
+
+impl PixelRandom {
+    pub(crate) fn new(seed: u64, pixel: u64) -> Self {
+        Self { sobol: Sobol::new(seed, pixel), keys: Rng::new(seed ^ 0x5eed, pixel) }
+    }
+
+    /// The numbers of a sample.
+    #[inline]
+    pub(crate) fn sample(&mut self, sample: u32) -> PathRandom {
+        self.keys.skip_to(u64::from(sample));
+        PathRandom { sobol: self.sobol, sample, key: self.keys.next_u64() }
+    }
+}
 
 /// The numbers of one sample of one pixel: functions of seed, pixel, sample and vertex alone.
 #[derive(Clone, Copy, Debug)]
@@ -19,47 +45,81 @@ pub(crate) struct PathRandom {
 }
 
 impl PathRandom {
+    /// Place in the pixel, and on the lens.
     #[inline]
-    pub(crate) fn new(seed: u64, pixel: u64, sample: u32) -> Self {
-        Self { sobol: Sobol::new(seed, pixel), sample, key: hash(seed ^ 0x5eed, pixel, u64::from(sample)) }
+    pub(crate) fn camera(&self) -> SobolPoint {
+        self.sobol.point(self.sample, CAMERA_GROUP)
     }
 
-    /// Place in the pixel and on the lens.
-    #[inline]
-    pub(crate) fn camera(&self) -> [f32; 4] {
-        self.sobol.sample_4d(self.sample, CAMERA_GROUP)
+    /// The place on the light that is chosen at vertex `vertex`.
+    #[inline(always)]
+    pub(crate) fn light(&self, vertex: u32) -> [f32; 2] {
+        self.pair(vertex, LIGHT)
     }
 
-    /// For the choice of a light at vertex `vertex`: the place on it, then the choice.
+    /// Chooses the light at vertex `vertex`.
     #[inline]
-    pub(crate) fn light(&self, vertex: u32) -> [f32; 4] {
-        self.group(vertex, 0)
+    pub(crate) fn light_choice(&self, vertex: u32) -> [f32; 2] {
+        [self.single(vertex, LIGHT, 2), self.single(vertex, LIGHT, 3)]
     }
 
-    /// For scattering at vertex `vertex`: the direction, the lobe, roulette.
+    /// The direction of scattering at vertex `vertex`.
+    #[inline(always)]
+    pub(crate) fn scatter(&self, vertex: u32) -> [f32; 2] {
+        self.pair(vertex, SCATTER)
+    }
+
+    /// The direction of scattering at the second vertex, stratified together with that at the first one: instead of
+    /// [`Self::scatter`], by whoever asks for no [`Self::lobe`] at the first one.
+    #[inline(always)]
+    pub(crate) fn second_scatter(&self) -> [f32; 2] {
+        let first = self.sobol.point(self.sample, 1 + SCATTER);
+        [first.get(2), first.get(3)]
+    }
+
+    /// Chooses the lobe at vertex `vertex`.
     #[inline]
-    pub(crate) fn scatter(&self, vertex: u32) -> [f32; 4] {
-        self.group(vertex, 1)
+    pub(crate) fn lobe(&self, vertex: u32) -> f32 {
+        self.single(vertex, SCATTER, 2)
+    }
+
+    /// Decides whether the path goes on after vertex `vertex`.
+    #[inline]
+    pub(crate) fn survival(&self, vertex: u32) -> f32 {
+        if vertex < VERTICES {
+            self.sobol.point(self.sample, SURVIVAL_GROUPS + vertex / 4).get(vertex % 4)
+        } else {
+            self.late(vertex, SCATTER, 3)
+        }
     }
 
     /// For the first flight through a medium behind vertex `vertex`: the colour, the distance. `None` for late vertices.
     #[inline]
     pub(crate) fn flight(&self, vertex: u32) -> Option<[f32; 2]> {
-        (vertex < VERTICES).then(|| {
-            let [a, b, ..] = self.sobol.sample_4d(self.sample, 1 + GROUPS * VERTICES + vertex);
-            [a, b]
-        })
+        (vertex < VERTICES).then(|| self.sobol.point(self.sample, FLIGHT_GROUPS + vertex).pair())
     }
 
     #[inline(always)]
-    fn group(&self, vertex: u32, which: u32) -> [f32; 4] {
+    fn pair(&self, vertex: u32, which: u32) -> [f32; 2] {
         if vertex < VERTICES {
-            self.sobol.sample_4d(self.sample, 1 + GROUPS * vertex + which)
+            self.sobol.point(self.sample, 1 + GROUPS * vertex + which).pair()
         } else {
-            let draw =
-                |i: u64| unit_f32((hash(self.key, u64::from(GROUPS * vertex + which), i) >> 32) as u32);
-            [draw(0), draw(1), draw(2), draw(3)]
+            [self.late(vertex, which, 0), self.late(vertex, which, 1)]
         }
+    }
+
+    #[inline(always)]
+    fn single(&self, vertex: u32, which: u32, inner: u32) -> f32 {
+        if vertex < VERTICES {
+            self.sobol.point(self.sample, 1 + GROUPS * vertex + which).get(inner)
+        } else {
+            self.late(vertex, which, inner)
+        }
+    }
+
+    #[cold]
+    fn late(&self, vertex: u32, which: u32, inner: u32) -> f32 {
+        unit_f32((hash(self.key, u64::from(GROUPS * vertex + which), u64::from(inner)) >> 32) as u32)
     }
 
     /// A number for the surface `what` met by ray `ray` of the path: the same whenever it is asked for.

@@ -6,7 +6,7 @@ use crate::error::invalid;
 use crate::film::{Aov, Eyes, Film, Filter, Recorder, TILE, Tile};
 use crate::integrator::{Kernel, PathOptions, teaching};
 use crate::plan::{Features, Plan};
-use crate::random::PathRandom;
+use crate::random::PixelRandom;
 use crate::world::World;
 use photofit_image::Image;
 use photofit_scalar::vec2;
@@ -304,19 +304,21 @@ impl Job<'_> {
     fn tile(&self, tile: &mut Tile) {
         let options = &self.renderer.options;
         let (w, h) = (options.width as f32, options.height as f32);
+        let first_wanted = self.recorder.wants_first();
         for i in 0..tile.width * tile.height {
             let (x, y) = (tile.x + i % tile.width, tile.y + i / tile.width);
             let pixel = (y * options.width + x) as u64;
-            for index in tile.count..self.target {
-                let random = PathRandom::new(options.seed, pixel, index);
-                let [u, v, a, b] = random.camera();
-                let dx = 0.5 + options.filter.offset(u);
-                let dy = 0.5 + options.filter.offset(v);
+            let mut pixel = PixelRandom::new(options.seed, pixel);
+            let first = tile.count;
+            let samples = (first..self.target).map(|index| {
+                let random = pixel.sample(index);
+                let numbers = random.camera();
+                let [dx, dy] = numbers.pair().map(|u| 0.5 + options.filter.offset(u));
                 let at = vec2((x as f32 + dx) / w, (y as f32 + dy) / h);
-                let ray = self.camera.ray(at, [a, b]);
-                let sample = (self.kernel)(self.renderer.world, &ray, &random, &options.path);
-                self.recorder.add(tile, i, index, &sample);
-            }
+                let ray = self.camera.ray(at, || [numbers.get(2), numbers.get(3)]);
+                (self.kernel)(self.renderer.world, &ray, &random, &options.path, first_wanted)
+            });
+            self.recorder.add(tile, i, first, samples);
         }
         tile.count = self.target;
     }

@@ -12,6 +12,7 @@
 //! ```
 
 mod alias;
+mod bilinear;
 mod mis;
 mod normal;
 mod rng;
@@ -23,11 +24,12 @@ mod warp;
 mod statistics;
 
 pub use alias::{AliasError, AliasSample, AliasTable};
+pub use bilinear::Bilinear;
 pub use mis::{balance_heuristic, power_heuristic};
 pub use normal::inverse_normal_cdf;
 pub use rng::{Rng, hash, unit_f32, unit_f64};
 pub use rotation::random_rotation;
-pub use sobol::{SOBOL_DIMENSIONS, Sobol, nested_uniform_scramble, sobol_u32};
+pub use sobol::{SOBOL_DIMENSIONS, Sobol, SobolPoint, nested_uniform_scramble, sobol_u32};
 pub use warp::{
     concentric_disk, concentric_disk_pdf, cosine_hemisphere, cosine_hemisphere_pdf, fibonacci_sphere,
     uniform_hemisphere, uniform_hemisphere_pdf, uniform_sphere, uniform_sphere_pdf, uniform_triangle,

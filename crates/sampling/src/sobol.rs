@@ -10,7 +10,8 @@ pub const SOBOL_DIMENSIONS: usize = 4;
 const POLYNOMIALS: [(usize, u32, [u32; 3]); SOBOL_DIMENSIONS - 1] =
     [(1, 0, [1, 0, 0]), (2, 1, [1, 3, 0]), (3, 1, [1, 3, 1])];
 
-/// The exclusive or of the direction numbers that each value of each byte of an index selects, dimensions 1 to 3.
+/// The exclusive or of the direction numbers that each value of each byte of an index selects, dimensions 1 to 3; lowest
+/// bit first, as scrambling wants them.
 static TABLES: [[[u32; 256]; 4]; SOBOL_DIMENSIONS - 1] = tables();
 
 const fn tables() -> [[[u32; 256]; 4]; SOBOL_DIMENSIONS - 1] {
@@ -22,7 +23,8 @@ const fn tables() -> [[[u32; 256]; 4]; SOBOL_DIMENSIONS - 1] {
         if value > 0 {
             // The entry without the lowest set bit comes before this one.
             let low = value.trailing_zeros() as usize;
-            out[d][byte][value] = out[d][byte][value & (value - 1)] ^ directions[d + 1][8 * byte + low];
+            let direction = directions[d + 1][8 * byte + low].reverse_bits();
+            out[d][byte][value] = out[d][byte][value & (value - 1)] ^ direction;
         }
         i += 1;
     }
@@ -69,8 +71,14 @@ const fn directions() -> [[u32; 32]; SOBOL_DIMENSIONS] {
 /// If `dimension >= SOBOL_DIMENSIONS`.
 #[inline]
 pub fn sobol_u32(index: u32, dimension: usize) -> u32 {
+    reversed_u32(index, dimension).reverse_bits()
+}
+
+/// [`sobol_u32`] with its bits in reverse.
+#[inline(always)]
+fn reversed_u32(index: u32, dimension: usize) -> u32 {
     if dimension == 0 {
-        return index.reverse_bits();
+        return index;
     }
     let [t0, t1, t2, t3] = &TABLES[dimension - 1];
     let [b0, b1, b2, b3] = index.to_le_bytes();
@@ -81,14 +89,18 @@ pub fn sobol_u32(index: u32, dimension: usize) -> u32 {
 /// bits above it, after Laine and Karras (2011) with the constants of Burley (2020).
 #[inline]
 pub fn nested_uniform_scramble(x: u32, seed: u32) -> u32 {
-    // In reversed order a product with an even number only carries from lower bits to higher ones.
-    let mut x = x.reverse_bits();
+    scramble_reversed(x.reverse_bits(), seed).reverse_bits()
+}
+
+/// [`nested_uniform_scramble`] of numbers whose bits are in reverse: a product with an even number then only carries from
+/// what are upper bits to lower ones.
+#[inline(always)]
+fn scramble_reversed(mut x: u32, seed: u32) -> u32 {
     x = x.wrapping_add(seed);
     x ^= x.wrapping_mul(0x6c50_b47c);
     x ^= x.wrapping_mul(0xb82f_1e52);
     x ^= x.wrapping_mul(0xc7af_e638);
-    x ^= x.wrapping_mul(0x8d22_f6e6);
-    x.reverse_bits()
+    x ^ x.wrapping_mul(0x8d22_f6e6)
 }
 
 /// An Owen-scrambled Sobol sequence of any number of dimensions.
@@ -128,27 +140,60 @@ impl Sobol {
         [self.sample(index, dimension), self.sample(index, dimension + 1)]
     }
 
-    /// The four coordinates of group `group`, dimensions `4 group .. 4 group + 4`, at the price of about two.
-    #[inline]
-    pub fn sample_4d(&self, index: u32, group: u32) -> [f32; 4] {
-        let base = u64::from(group) * 8;
-        let shuffled = nested_uniform_scramble(index, value(self.keys, base) as u32);
-        std::array::from_fn(|inner| {
-            let scramble = value(self.keys, base + 1 + inner as u64) as u32;
-            unit_f32(nested_uniform_scramble(sobol_u32(shuffled, inner), scramble))
-        })
+    /// The point `index` of group `group`, dimensions `4 group .. 4 group + 4`: whoever wants several of its
+    /// coordinates works out the rest once.
+    #[inline(always)]
+    pub fn point(&self, index: u32, group: u32) -> SobolPoint {
+        // Counters of a group: its order and the scrambling of dimension 0, of 1 and 2, of 3.
+        let counter = 4 * u64::from(group);
+        let seeds = value(self.keys, counter);
+        // Nested from the highest bit on, this maps each aligned block of 2^m indices to another such block.
+        let shuffled = nested_uniform_scramble(index, seeds as u32);
+        SobolPoint { keys: self.keys, counter, shuffled, first: (seeds >> 32) as u32 }
     }
 
     /// As [`Self::sample`], as a fraction of 2^32.
     #[inline]
     pub fn sample_u32(&self, index: u32, dimension: u32) -> u32 {
-        let (group, inner) = (u64::from(dimension / 4), (dimension % 4) as usize);
-        // Five counters of eight per group: its order, then the scrambling of each of its dimensions.
-        let order = value(self.keys, group * 8) as u32;
-        let scramble = value(self.keys, group * 8 + 1 + inner as u64) as u32;
-        // Nested from the highest bit on, this maps each aligned block of 2^m indices to another such block.
-        let shuffled = nested_uniform_scramble(index, order);
-        nested_uniform_scramble(sobol_u32(shuffled, inner), scramble)
+        self.point(index, dimension / 4).bits(dimension % 4)
+    }
+}
+
+/// A point of four coordinates ([`Sobol::point`]).
+#[derive(Clone, Copy, Debug)]
+pub struct SobolPoint {
+    keys: [u64; 2],
+    counter: u64,
+    shuffled: u32,
+    /// Scrambles the first coordinate.
+    first: u32,
+}
+
+impl SobolPoint {
+    /// Coordinate `inner` of four, in `[0, 1)`.
+    ///
+    /// # Panics
+    /// If `inner` is not below 4.
+    #[inline(always)]
+    pub fn get(&self, inner: u32) -> f32 {
+        unit_f32(self.bits(inner))
+    }
+
+    /// The first two coordinates: the best stratified pair.
+    #[inline(always)]
+    pub fn pair(&self) -> [f32; 2] {
+        [self.get(0), self.get(1)]
+    }
+
+    #[inline(always)]
+    fn bits(&self, inner: u32) -> u32 {
+        let seed = match inner {
+            0 => self.first,
+            1 => value(self.keys, self.counter + 1) as u32,
+            2 => (value(self.keys, self.counter + 1) >> 32) as u32,
+            _ => value(self.keys, self.counter + 2) as u32,
+        };
+        scramble_reversed(reversed_u32(self.shuffled, inner as usize), seed).reverse_bits()
     }
 }
 
@@ -248,24 +293,29 @@ mod tests {
     }
 
     #[test]
-    fn groups_of_four_are_the_single_dimensions() {
+    fn points_of_groups_are_the_single_dimensions() {
         let sobol = Sobol::new(8, 5);
         for (index, group) in [(0, 0), (17, 3), (u32::MAX, 100)] {
-            let singles = std::array::from_fn(|i| sobol.sample(index, 4 * group + i as u32));
-            assert_eq!(sobol.sample_4d(index, group), singles, "index {index}, group {group}");
+            let singles: [f32; 4] = std::array::from_fn(|i| sobol.sample(index, 4 * group + i as u32));
+            let point = sobol.point(index, group);
+            assert_eq!([0, 1, 2, 3].map(|i| point.get(i)), singles, "index {index}, group {group}");
+            assert_eq!(point.pair(), [singles[0], singles[1]], "index {index}, group {group}");
         }
     }
 
     #[test]
-    fn groups_of_dimensions_are_independent() {
-        // Dimension 0 against dimension 4 of one point, over seeds, fills a grid evenly.
-        let mut counts = vec![0; 256];
-        for seed in 0..100_000 {
-            let sobol = Sobol::new(seed, 1);
-            let (a, b) = (sobol.sample_u32(3, 0) >> 28, sobol.sample_u32(3, 4) >> 28);
-            counts[(a << 4 | b) as usize] += 1;
+    fn dimensions_of_a_point_are_independent() {
+        // One dimension against another of one point, over seeds, fills a grid evenly: also those whose scrambling
+        // comes from one hash.
+        for (x, y) in [(0, 4), (0, 1), (1, 2), (2, 3), (3, 4)] {
+            let mut counts = vec![0; 256];
+            for seed in 0..100_000 {
+                let sobol = Sobol::new(seed, 1);
+                let (a, b) = (sobol.sample_u32(3, x) >> 28, sobol.sample_u32(3, y) >> 28);
+                counts[(a << 4 | b) as usize] += 1;
+            }
+            chi_square_uniform(&format!("dimensions {x} and {y}"), &counts);
         }
-        chi_square_uniform("dimensions 0 and 4", &counts);
         // Without a change of order the two would be the same points: the check notices.
         let mut same = vec![0; 256];
         for i in 0..100_000 {

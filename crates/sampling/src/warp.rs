@@ -52,12 +52,38 @@ pub fn concentric_disk<T: Real>(u: [T; 2]) -> Vec2<T> {
     if a == T::zero() && b == T::zero() {
         return vec2(T::zero(), T::zero());
     }
-    let (radius, phi) = if a.abs() > b.abs() {
-        (a, T::of(PI / 4.0) * (b / a))
+    // The angle to the nearer axis, at most an eighth of a turn.
+    let quarter = T::of(PI / 4.0);
+    if a.abs() > b.abs() {
+        let (sin, cos) = sin_cos_of_eighth(quarter * (b / a));
+        vec2(a * cos, a * sin)
     } else {
-        (b, T::of(PI / 2.0) - T::of(PI / 4.0) * (a / b))
-    };
-    vec2(radius * phi.cos(), radius * phi.sin())
+        let (sin, cos) = sin_cos_of_eighth(quarter * (a / b));
+        vec2(b * sin, b * cos)
+    }
+}
+
+/// Sine and cosine of an angle in `[-pi / 4, pi / 4]`, by as many terms of their series as the type has digits: the same on
+/// every platform.
+#[inline(always)]
+fn sin_cos_of_eighth<T: Real>(x: T) -> (T, T) {
+    /// `(-1)^k / (2 k + 1)!` and `(-1)^k / (2 k)!`.
+    const TERMS: [[f64; 2]; 9] = [
+        [1.0, 1.0],
+        [-1.0 / 6.0, -1.0 / 2.0],
+        [1.0 / 120.0, 1.0 / 24.0],
+        [-1.0 / 5_040.0, -1.0 / 720.0],
+        [1.0 / 362_880.0, 1.0 / 40_320.0],
+        [-1.0 / 39_916_800.0, -1.0 / 3_628_800.0],
+        [1.0 / 6_227_020_800.0, 1.0 / 479_001_600.0],
+        [-1.0 / 1_307_674_368_000.0, -1.0 / 87_178_291_200.0],
+        [1.0 / 355_687_428_096_000.0, 1.0 / 20_922_789_888_000.0],
+    ];
+    let terms = if size_of::<T>() == 4 { &TERMS[..5] } else { &TERMS[..] };
+    let square = x * x;
+    let series =
+        |which: usize| terms.iter().rev().fold(T::zero(), |sum, term| sum * square + T::of(term[which]));
+    (x * series(0), series(1))
 }
 
 /// Density of [`concentric_disk`] per area: `1 / pi`.
@@ -191,6 +217,18 @@ mod tests {
             let d = concentric_disk(u);
             assert!(d.x * d.x + d.y * d.y <= 1.0 + 1e-6, "{u:?}");
             assert!(uniform_triangle(u).iter().all(|b| (0.0..=1.0).contains(b)), "{u:?}");
+        }
+    }
+
+    #[test]
+    fn sines_of_an_eighth_are_those_of_the_platform() {
+        for i in -1000..=1000 {
+            let x = f64::from(i) * (PI / 4.0 / 1000.0);
+            let (sin, cos) = sin_cos_of_eighth(x);
+            assert!((sin - x.sin()).abs() < 2e-16 && (cos - x.cos()).abs() < 3e-16, "{x}");
+            let (sin, cos) = sin_cos_of_eighth(x as f32);
+            let (s, c) = f64::from(x as f32).sin_cos();
+            assert!((f64::from(sin) - s).abs() < 8e-8 && (f64::from(cos) - c).abs() < 1.2e-7, "{x}");
         }
     }
 

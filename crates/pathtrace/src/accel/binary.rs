@@ -5,7 +5,9 @@
 //! triangle as for four, hence sets count in packets. Large sets are split in parallel; every choice depends on the set
 //! alone, hence the tree does not depend on the number of threads.
 
-use glam::Vec4;
+use super::table::Table;
+use bytemuck::{Pod, Zeroable};
+use glam::{Vec3A, Vec4};
 use rayon::prelude::*;
 
 /// Largest set that is not split.
@@ -23,7 +25,8 @@ const COUNTED: usize = 1 << 17;
 const NORMAL: u32 = 1 << 30;
 
 /// A box with a number below 2^30.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
 pub(super) struct Item {
     /// Lower corner; the bits of the last component are the number with [`NORMAL`] set.
     lo: Vec4,
@@ -32,9 +35,8 @@ pub(super) struct Item {
 }
 
 impl Item {
-    pub(super) fn new(lo: [f32; 3], hi: [f32; 3], number: u32) -> Self {
-        let lo = Vec4::new(lo[0], lo[1], lo[2], f32::from_bits(number | NORMAL));
-        Self { lo, hi: Vec4::new(hi[0], hi[1], hi[2], 0.0) }
+    pub(super) fn new(lo: Vec3A, hi: Vec3A, number: u32) -> Self {
+        Self { lo: lo.extend(f32::from_bits(number | NORMAL)), hi: hi.extend(0.0) }
     }
 
     /// Its number.
@@ -51,7 +53,8 @@ impl Item {
 }
 
 /// A set of items that follow one another.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
 pub(super) struct Set {
     /// The box: lower and upper corner.
     pub(super) lo: [f32; 3],
@@ -79,12 +82,12 @@ impl Set {
 pub(super) struct Binary {
     pub(super) root: Set,
     /// The halves of a set, at the index where the second one starts.
-    pub(super) halves: Vec<[Set; 2]>,
+    pub(super) halves: Table<[Set; 2]>,
 }
 
 /// Splits all sets of more than [`LEAF_SIZE`] items.
 pub(super) fn build(items: &mut [Item]) -> Binary {
-    let mut halves = vec![[Set::default(); 2]; items.len()];
+    let mut halves = Table::zeroed(items.len());
     let extent = if items.len() < COUNTED {
         Extent::of(items)
     } else {

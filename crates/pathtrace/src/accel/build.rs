@@ -4,8 +4,8 @@ use super::binary::{self, Item};
 use super::table::Table;
 use super::triangle::Packet;
 use super::{Accel, AccelError, MAX_COORDINATE, wide};
-use glam::Vec3;
-use photofit_scalar::Vec3f;
+use glam::{BVec4A, Vec3A, Vec4};
+use photofit_scalar::{Vec3f, vec3};
 use rayon::prelude::*;
 
 const MAX_TRIANGLES: usize = 1 << 30;
@@ -33,14 +33,14 @@ pub(super) fn build(positions: &[Vec3f], triangles: &[[u32; 3]]) -> Result<Accel
     if triangles.is_empty() {
         return Ok(accel);
     }
-    let local: Vec<Vec3> = positions.par_iter().with_min_len(CHUNK).map(|&p| accel.local(p)).collect();
+    let local: Vec<Vec3A> =
+        positions.par_iter().with_min_len(CHUNK).map(|&p| accel.local(p).into()).collect();
     let corners = |t: u32| triangles[t as usize].map(|i| local[i as usize]);
     let item = |t: u32| {
         let [a, b, c] = corners(t);
-        Item::new(a.min(b).min(c).to_array(), a.max(b).max(c).to_array(), t)
+        Item::new(a.min(b).min(c), a.max(b).max(c), t)
     };
-    let count = triangles.len() as u32;
-    let mut items: Vec<Item> = (0..count).into_par_iter().with_min_len(CHUNK).map(item).collect();
+    let mut items = Table::from_fn(triangles.len(), |t| item(t as u32));
     let tree = binary::build(&mut items);
     accel.extent = tree.root.lo.iter().chain(&tree.root.hi).fold(0.0, |e, x| x.abs().max(e));
     let wide = wide::collapse(&tree);
@@ -56,28 +56,62 @@ pub(super) fn build(positions: &[Vec3f], triangles: &[[u32; 3]]) -> Result<Accel
 
 /// Checks indices and coordinates; the box of the named vertices.
 fn check(positions: &[Vec3f], triangles: &[[u32; 3]]) -> Result<(Vec3f, Vec3f), AccelError> {
-    let faulty = |(triangle, corners): (usize, &[u32; 3])| {
-        corners.iter().find_map(|&index| {
-            let vertex = index as usize;
-            match positions.get(vertex) {
-                None => Some(AccelError::Index { triangle, index, vertices: positions.len() }),
-                Some(p) if !p.is_finite() => Some(AccelError::NonFinite { vertex }),
-                Some(p) if p.to_array().iter().any(|x| x.abs() > MAX_COORDINATE) => {
-                    Some(AccelError::TooFar { vertex })
-                }
-                Some(_) => None,
-            }
-        })
+    if triangles.is_empty() {
+        return Ok(<(Vec3f, Vec3f)>::default());
+    }
+    let named = |triangles: &[[u32; 3]]| {
+        let mut named = Named::NONE;
+        triangles.as_flattened().iter().for_each(|&i| named.add(positions.get(i as usize)));
+        named
     };
-    if let Some(fault) = triangles.par_iter().with_min_len(CHUNK).enumerate().find_map_first(faulty) {
+    let all = triangles.par_chunks(CHUNK).map(named).reduce(|| Named::NONE, Named::union);
+    if all.unsound.any()
+        && let Some(fault) = fault(positions, triangles)
+    {
         return Err(fault);
     }
-    let range = |(lo, hi): (Vec3f, Vec3f), corners: &[u32; 3]| {
-        corners.iter().map(|&i| positions[i as usize]).fold((lo, hi), |(lo, hi), p| (lo.min(p), hi.max(p)))
-    };
-    let Some(first) = triangles.first().map(|t| positions[t[0] as usize]) else {
-        return Ok(<(Vec3f, Vec3f)>::default());
-    };
-    let ranges = triangles.par_iter().with_min_len(CHUNK).fold(|| (first, first), range);
-    Ok(ranges.reduce(|| (first, first), |a, b| (a.0.min(b.0), a.1.max(b.1))))
+    let corner = |p: Vec4| vec3(p.x, p.y, p.z);
+    Ok((corner(all.lo), corner(all.hi)))
+}
+
+/// The vertices that triangles name.
+#[derive(Clone, Copy)]
+struct Named {
+    lo: Vec4,
+    hi: Vec4,
+    /// Set where a coordinate is not finite or too large, or a vertex is not there.
+    unsound: BVec4A,
+}
+
+impl Named {
+    const NONE: Self = Self { lo: Vec4::INFINITY, hi: Vec4::NEG_INFINITY, unsound: BVec4A::splat(false) };
+
+    #[inline(always)]
+    fn add(&mut self, position: Option<&Vec3f>) {
+        let p = position.map_or(Vec4::NAN, |p| Vec4::new(p.x, p.y, p.z, 0.0));
+        self.lo = self.lo.min(p);
+        self.hi = self.hi.max(p);
+        // Written so that NaN counts.
+        self.unsound |= !p.abs().cmple(Vec4::splat(MAX_COORDINATE));
+    }
+
+    fn union(self, other: Self) -> Self {
+        Self { lo: self.lo.min(other.lo), hi: self.hi.max(other.hi), unsound: self.unsound | other.unsound }
+    }
+}
+
+/// The first fault.
+fn fault(positions: &[Vec3f], triangles: &[[u32; 3]]) -> Option<AccelError> {
+    let mut corners = triangles.iter().enumerate().flat_map(|(t, corners)| corners.map(|index| (t, index)));
+    corners.find_map(|(triangle, index)| {
+        let vertex = index as usize;
+        match positions.get(vertex) {
+            None => Some(AccelError::Index { triangle, index, vertices: positions.len() }),
+            Some(p) if !p.is_finite() => Some(AccelError::NonFinite { vertex }),
+            Some(p) if p.to_array().iter().any(|x| x.abs() > MAX_COORDINATE) => {
+                Some(AccelError::TooFar { vertex })
+            }
+            Some(_) => None,
+        }
+    })
 }

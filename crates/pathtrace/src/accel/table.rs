@@ -4,7 +4,7 @@
 use bytemuck::Pod;
 use rayon::prelude::*;
 use std::marker::PhantomData;
-use std::ops::Deref;
+use std::ops::{Deref, DerefMut};
 
 /// Bytes from which on huge pages are asked for: a few of them.
 #[cfg(target_os = "linux")]
@@ -12,7 +12,7 @@ const LARGE: usize = 8 << 20;
 /// Least number of rows that a thread takes at once.
 const CHUNK: usize = 1 << 10;
 
-/// Rows that do not change.
+/// Rows of a number that does not change.
 #[derive(Debug)]
 pub(super) struct Table<T> {
     memory: Memory<T>,
@@ -31,17 +31,31 @@ enum Memory<T> {
 impl<T: Pod + Send + Sync> Table<T> {
     /// A table of `count` rows that `row` makes.
     pub(super) fn from_fn(count: usize, row: impl Fn(usize) -> T + Sync + Send) -> Self {
-        #[cfg(target_os = "linux")]
-        if count * size_of::<T>() >= LARGE
-            && let Ok(mut map) = memmap2::MmapMut::map_anon(count * size_of::<T>())
-        {
-            // Where the system has no huge pages, small ones serve.
-            let _ = map.advise(memmap2::Advice::HugePage);
-            let rows: &mut [T] = bytemuck::cast_slice_mut(&mut map);
-            rows.par_iter_mut().with_min_len(CHUNK).enumerate().for_each(|(i, r)| *r = row(i));
-            return Self { memory: Memory::Pages { map, rows: PhantomData } };
+        if let Some(mut table) = Self::pages(count) {
+            table.par_iter_mut().with_min_len(CHUNK).enumerate().for_each(|(i, r)| *r = row(i));
+            return table;
         }
         Self { memory: Memory::Heap((0..count).into_par_iter().with_min_len(CHUNK).map(row).collect()) }
+    }
+
+    /// A table of `count` rows of zeros.
+    pub(super) fn zeroed(count: usize) -> Self {
+        Self::pages(count).unwrap_or_else(|| Self { memory: Memory::Heap(vec![T::zeroed(); count]) })
+    }
+
+    /// Rows of zeros in huge pages, if the table is large.
+    #[cfg(target_os = "linux")]
+    fn pages(count: usize) -> Option<Self> {
+        let bytes = count * size_of::<T>();
+        let map = if bytes >= LARGE { memmap2::MmapMut::map_anon(bytes).ok()? } else { return None };
+        // Where the system has no huge pages, small ones serve.
+        let _ = map.advise(memmap2::Advice::HugePage);
+        Some(Self { memory: Memory::Pages { map, rows: PhantomData } })
+    }
+
+    #[cfg(not(target_os = "linux"))]
+    fn pages(_: usize) -> Option<Self> {
+        None
     }
 }
 
@@ -64,6 +78,17 @@ impl<T: Pod> Deref for Table<T> {
     }
 }
 
+impl<T: Pod> DerefMut for Table<T> {
+    #[inline(always)]
+    fn deref_mut(&mut self) -> &mut [T] {
+        match &mut self.memory {
+            Memory::Heap(rows) => rows,
+            #[cfg(target_os = "linux")]
+            Memory::Pages { map, .. } => bytemuck::cast_slice_mut(map),
+        }
+    }
+}
+
 impl<T: Pod + Send + Sync> Clone for Table<T> {
     fn clone(&self) -> Self {
         Self::from_fn(self.len(), |i| self[i])
@@ -82,6 +107,9 @@ mod tests {
             drop(table);
             assert_eq!(again.len(), count);
             assert!(again.iter().enumerate().all(|(i, r)| *r == [i as u64, !(i as u64)]));
+            let mut zeros = Table::<[u64; 2]>::zeroed(count);
+            zeros.iter_mut().skip(1).for_each(|r| r[0] = 1);
+            assert_eq!(zeros.iter().map(|r| r[0] + r[1]).sum::<u64>(), count.saturating_sub(1) as u64);
         }
     }
 }

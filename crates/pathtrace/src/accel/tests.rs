@@ -313,7 +313,18 @@ fn bad_input_is_refused_and_degenerate_input_answers() {
         Accel::build(&p, &[[0, 1, 2], [0, 3, 1]]).unwrap_err(),
         AccelError::Index { triangle: 1, index: 3, vertices: 3 }
     );
+    // The first fault counts; vertices that no triangle names do not.
+    let bad = [p[0], p[1], p[2], vec3(f32::NAN, 0.0, 0.0), vec3(0.0, 0.0, -2e18)];
+    for (second, error) in [
+        ([0, 4, 3], AccelError::TooFar { vertex: 4 }),
+        ([3, 4, 9], AccelError::NonFinite { vertex: 3 }),
+        ([0, 9, 3], AccelError::Index { triangle: 1, index: 9, vertices: 5 }),
+    ] {
+        assert_eq!(Accel::build(&bad, &[[0, 1, 2], second]).unwrap_err(), error);
+    }
     let down = Ray::new(vec3(0.2, 0.2, 1.0), vec3(0.0, 0.0, -1.0));
+    let hit = |positions: &[Vec3f]| Accel::build(positions, &t).unwrap().closest_hit(&down).unwrap();
+    assert_eq!(hit(&bad), hit(&p));
     let empty = Accel::build(&with(f32::NAN), &[]).unwrap();
     assert!(empty.closest_hit(&down).is_none() && empty.closest_point(p[0], f32::INFINITY).is_none());
     // Many equal triangles, triangles without area, one point.

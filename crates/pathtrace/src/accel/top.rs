@@ -1,6 +1,7 @@
 //! A tree over boxes, and rays in the frame of a structure: the parts of a two-level traversal.
 
 use super::binary::{Binary, Set};
+use super::table::Table;
 use super::traverse::Local;
 use super::walk::{PAD, Slabs};
 use super::wide::{self, Node};
@@ -46,7 +47,7 @@ impl TopTree {
             count: if node.is_leaf() { 1 } else { u32::MAX },
         };
         // The children of a node follow one another, at the index that it names.
-        let halves = tree.nodes.windows(2).map(|pair| [set(&pair[0]), set(&pair[1])]).collect();
+        let halves = Table::from_fn(tree.nodes.len() - 1, |i| [set(&tree.nodes[i]), set(&tree.nodes[i + 1])]);
         let binary = Binary { root: set(&tree.nodes[0]), halves };
         let wide = wide::collapse(&binary);
         let entry = |leaf: usize| tree.primitive_indices[wide.leaves[leaf].first as usize];
@@ -74,7 +75,7 @@ impl TopTree {
         visit: impl FnMut(u32, f32) -> Option<f32>,
     ) {
         if !self.nodes.is_empty() {
-            width.walk::<true>(&self.nodes, &ray.0, limit.min(f32::MAX), visit);
+            width.walk_near::<()>(&self.nodes, &[], &ray.0, limit.min(f32::MAX), visit);
         }
     }
 
@@ -93,7 +94,7 @@ impl TopRay {
     pub(crate) fn new(tree: &TopTree, origin: Vec3f, direction: Vec3f) -> Self {
         let (o, d) = (Vec3A::from_array(origin.to_array()), Vec3A::from_array(direction.to_array()));
         let pad = (o.abs().max_element() + tree.extent) * PAD;
-        Self(Slabs::new(o, d, pad, 0.0))
+        Self(Slabs::new(o, d, d.abs().max_element(), pad, 0.0))
     }
 }
 
@@ -153,7 +154,7 @@ impl Accel {
         mut found: impl FnMut(Hit, f32) -> Option<f32>,
     ) {
         let mut limit = ray.0.t_max();
-        self.traverse::<true>(width, &ray.0, |packet, hits| {
+        self.traverse(width, &ray.0, |packet, hits| {
             let mut mask = hits.mask;
             while mask != 0 {
                 let hit = hits.lane(packet, mask.trailing_zeros() as usize);

@@ -75,7 +75,8 @@ impl Local {
             && t_min <= t_max
             && !accel.nodes.is_empty();
         let pad = (farthest + accel.extent) * PAD;
-        Self { shear: Shear::new(o.into(), d.into()), slabs: Slabs::new(o, d, pad, t_min), t_max, usable }
+        let slabs = Slabs::new(o, d, largest, pad, t_min);
+        Self { shear: Shear::new(o, d, &slabs), slabs, t_max, usable }
     }
 
     /// The largest distance that counts.
@@ -116,7 +117,7 @@ impl Accel {
         let back = self.back;
         let mut best: Option<Hit> = None;
         let mut limit = local.t_max;
-        self.traverse::<true>(width, &local, |packet, hits| {
+        self.traverse(width, &local, |packet, hits| {
             let mut mask = hits.mask;
             while mask != 0 {
                 let lane = mask.trailing_zeros() as usize;
@@ -183,23 +184,29 @@ impl Accel {
     #[inline(always)]
     pub(super) fn visit_with(&self, width: impl Width, ray: &Ray, mut visit: impl FnMut(Hit) -> bool) {
         let local = Local::new(self, ray);
+        if !local.usable {
+            return;
+        }
         let back = self.back;
-        self.traverse::<false>(width, &local, |packet, hits| {
+        let packets: &[Packet] = &self.packets;
+        width.walk_any(&self.nodes, packets, &local.slabs, local.t_max, |index| {
+            let packet = &packets[index as usize];
+            let hits = packet.intersect(&local.shear, local.slabs.t_min, local.t_max);
             let mut mask = hits.mask;
             while mask != 0 {
                 let hit = hits.lane(packet, mask.trailing_zeros() as usize);
                 mask &= mask - 1;
                 if !visit(Hit { t: hit.t * back, ..hit }) {
-                    return None;
+                    return false;
                 }
             }
-            Some(local.t_max)
+            true
         });
     }
 
-    /// Visits the leaves along the ray that have hits; `leaf` returns the new limit or ends the walk.
+    /// Visits the leaves along the ray that have hits, near ones first; `leaf` returns the new limit or ends the walk.
     #[inline(always)]
-    pub(super) fn traverse<const ORDERED: bool>(
+    pub(super) fn traverse(
         &self,
         width: impl Width,
         ray: &Local,
@@ -209,7 +216,7 @@ impl Accel {
             return;
         }
         let packets: &[Packet] = &self.packets;
-        width.walk::<ORDERED>(&self.nodes, &ray.slabs, ray.t_max, |index, limit| {
+        width.walk_near(&self.nodes, packets, &ray.slabs, ray.t_max, |index, limit| {
             let packet = &packets[index as usize];
             let hits = packet.intersect(&ray.shear, ray.slabs.t_min, limit);
             if hits.mask == 0 { Some(limit) } else { leaf(packet, &hits) }

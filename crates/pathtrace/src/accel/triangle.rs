@@ -1,8 +1,9 @@
 //! Packets of four triangles and their watertight intersection.
 
 use super::Hit;
+use super::walk::Slabs;
 use bytemuck::{Pod, Zeroable};
-use glam::{BVec4A, Vec3, Vec4};
+use glam::{BVec4A, Vec3, Vec3A, Vec4};
 
 /// Up to four triangles side by side; unused lanes are NaN, which no comparison accepts.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -25,34 +26,30 @@ pub(super) struct Shear {
 }
 
 impl Shear {
-    /// `direction` must be finite and not zero.
+    /// `direction` must be finite and not zero; `slabs` are those of the same ray.
     #[inline(always)]
-    pub(super) fn new(origin: Vec3, direction: Vec3) -> Self {
-        let a = direction.abs();
-        let z = if a.x > a.y && a.x > a.z {
-            0
-        } else if a.y > a.z {
-            1
-        } else {
-            2
-        };
-        let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
-        // Keeps the winding, hence the sign of the determinant tells the side.
-        if direction[z] < 0.0 {
-            (x, y) = (y, x);
-        }
-        let inverse = 1.0 / direction[z];
+    pub(super) fn new(origin: Vec3A, direction: Vec3A, slabs: &Slabs) -> Self {
+        // No branch depends on the ray, for it would be guessed wrong: numbers are picked by index.
+        let pick = |v: Vec3A| v.extend(0.0).to_array();
+        let (o, d, inverse) = (pick(origin), pick(direction), pick(slabs.inverse));
+        let a = pick(direction.abs());
+        let first = (a[0] > a[1]) & (a[0] > a[2]);
+        let z = if first { 0 } else { 2 - usize::from(a[1] > a[2]) };
+        let axes = AXES[2 * z + (slabs.negative >> z & 1) as usize];
+        let [x, y, _] = axes;
+        // That of the largest component is not changed for the slabs.
+        let inverse = inverse[z];
         Self {
-            axes: [x, y, z],
-            origin: [x, y, z].map(|k| Vec4::splat(origin[k])),
-            shear: [
-                Vec4::splat(direction[x] * inverse),
-                Vec4::splat(direction[y] * inverse),
-                Vec4::splat(inverse),
-            ],
+            axes,
+            origin: axes.map(|k| Vec4::splat(o[k])),
+            shear: [Vec4::splat(d[x] * inverse), Vec4::splat(d[y] * inverse), Vec4::splat(inverse)],
         }
     }
 }
+
+/// Axes by the largest one and its sign. Two are exchanged where it is negative, which keeps the winding: the sign of the
+/// determinant tells the side.
+const AXES: [[usize; 3]; 6] = [[1, 2, 0], [2, 1, 0], [2, 0, 1], [0, 2, 1], [0, 1, 2], [1, 0, 2]];
 
 /// Answers of one packet test; lanes outside of `mask` are meaningless.
 pub(super) struct PacketHits {
@@ -79,7 +76,7 @@ impl PacketHits {
 impl Packet {
     const UNUSED: u32 = u32::MAX;
 
-    pub(super) fn new(ids: impl Iterator<Item = u32>, corners: impl Fn(u32) -> [Vec3; 3]) -> Self {
+    pub(super) fn new(ids: impl Iterator<Item = u32>, corners: impl Fn(u32) -> [Vec3A; 3]) -> Self {
         let mut packet = Self { corners: [[Vec4::NAN; 3]; 3], ids: [Self::UNUSED; 4] };
         for (lane, id) in ids.enumerate() {
             packet.ids[lane] = id;

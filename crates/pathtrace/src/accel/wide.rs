@@ -86,7 +86,7 @@ pub(super) fn collapse(tree: &Binary) -> Wide {
     }
     // Subtrees of at most this size wait for a thread.
     let alone = tree.root.count / 64;
-    let mut out = Wide { nodes: vec![Node::empty()], leaves: Vec::new() };
+    let mut out = Wide::for_items(0);
     let mut waiting = Vec::new();
     out.fill(tree, 0, &tree.root, &mut |place, set| {
         let waits = set.count > 1024 && set.count <= alone;
@@ -96,7 +96,7 @@ pub(super) fn collapse(tree: &Binary) -> Wide {
         waits
     });
     let subtree = |(_, set): &(_, Set)| {
-        let mut part = Wide { nodes: vec![Node::empty()], leaves: Vec::new() };
+        let mut part = Wide::for_items(set.count);
         part.fill(tree, 0, set, &mut |_, _| false);
         part
     };
@@ -113,6 +113,14 @@ pub(super) fn collapse(tree: &Binary) -> Wide {
 }
 
 impl Wide {
+    /// An empty root, with room for the nodes and leaves of so many items in a usual tree.
+    fn for_items(count: u32) -> Self {
+        let count = count as usize;
+        let mut nodes = Vec::with_capacity(1 + count / 16);
+        nodes.push(Node::empty());
+        Self { nodes, leaves: Vec::with_capacity(count / 3) }
+    }
+
     /// Fills the node `at` and all below it from a set; `waits` takes what is left to others, with its place.
     fn fill(
         &mut self,

@@ -234,29 +234,46 @@ pub(crate) struct Recorder<'a> {
 }
 
 impl Recorder<'_> {
-    /// Adds sample `index` to pixel `i` of a tile.
-    #[inline]
-    pub(crate) fn add(&self, tile: &mut Tile, i: usize, index: u32, sample: &PathSample) {
-        let sums = &mut tile.sums[i * self.stride..(i + 1) * self.stride];
-        // A value that is not finite would make the pixel useless; it counts as black.
-        let radiance = if sample.radiance.is_finite() { sample.radiance } else { Vec3f::zero() };
-        for (c, v) in radiance.to_array().into_iter().enumerate() {
-            let v = f64::from(v);
-            sums[c] += v;
-            sums[SQUARES + c] += v * v;
+    /// Whether the first surfaces of paths are looked at.
+    pub(crate) fn wants_first(&self) -> bool {
+        !self.aovs.is_empty()
+    }
+
+    /// Adds samples to pixel `i` of a tile, from `first` on in the order of their indices.
+    #[inline(always)]
+    pub(crate) fn add(
+        &self,
+        tile: &mut Tile,
+        i: usize,
+        first: u32,
+        samples: impl Iterator<Item = PathSample>,
+    ) {
+        let all = &mut tile.sums[i * self.stride..(i + 1) * self.stride];
+        let (sums, further) = all.split_at_mut(BASE);
+        // In registers meanwhile.
+        let mut totals: [f64; BASE] = std::array::from_fn(|k| sums[k]);
+        for (index, sample) in (first..).zip(samples) {
+            // A value that is not finite would make the pixel useless; it counts as black.
+            let radiance = if sample.radiance.is_finite() { sample.radiance } else { Vec3f::zero() };
+            for (c, v) in radiance.to_array().into_iter().enumerate() {
+                let v = f64::from(v);
+                totals[c] += v;
+                totals[SQUARES + c] += v * v;
+            }
+            totals[ALPHA] += f64::from(sample.alpha);
+            if self.aovs.is_empty() {
+                continue;
+            }
+            let hit = sample.first.instance != u32::MAX;
+            totals[HITS] += f64::from(u8::from(hit));
+            if index == 0
+                && let Some(id) = tile.ids.get_mut(i)
+            {
+                *id = sample.first.instance.wrapping_add(1);
+            }
+            self.auxiliary(further, &sample, hit);
         }
-        sums[ALPHA] += f64::from(sample.alpha);
-        if self.aovs.is_empty() {
-            return;
-        }
-        let hit = sample.first.instance != u32::MAX;
-        sums[HITS] += f64::from(u8::from(hit));
-        if index == 0
-            && let Some(id) = tile.ids.get_mut(i)
-        {
-            *id = sample.first.instance.wrapping_add(1);
-        }
-        self.auxiliary(&mut sums[BASE..], sample, hit);
+        sums.copy_from_slice(&totals);
     }
 
     fn auxiliary(&self, sums: &mut [f64], sample: &PathSample, hit: bool) {

@@ -2,6 +2,7 @@
 
 use super::path::{Last, Path};
 use super::visibility::transmittance;
+use crate::light::Receiver;
 use crate::plan;
 use crate::volume::{Segment, phase, sample_phase};
 use crate::world::{World, WorldHit, WorldRay};
@@ -38,7 +39,8 @@ impl<const F: u32> Path<'_, F> {
             return Event::Ended;
         }
         let (p, d) = (self.ray.origin + self.ray.direction * at.t, self.ray.direction);
-        if let Some(light) = self.light_for(p) {
+        let from = Receiver::point(p);
+        if let Some(light) = self.light_for(&from) {
             let pdf = phase(at.g, d.dot(light.wi));
             let weight = self.light_weight(&light, pdf) * pdf / light.pdf;
             let arrives = self.throughput.mul(light.radiance) * weight;
@@ -49,10 +51,8 @@ impl<const F: u32> Path<'_, F> {
                 self.radiance += arrives.mul(through);
             }
         }
-        let [u, v, _, survival] = self.random.scatter(self.depth);
-        self.survival = survival;
-        let wi = sample_phase(at.g, d, [u, v]);
-        self.last = Last { p, pdf: phase(at.g, d.dot(wi)), only: false };
+        let wi = sample_phase(at.g, d, self.random.scatter(self.depth));
+        self.last = Last { from, pdf: phase(at.g, d.dot(wi)), only: false };
         self.ray = WorldRay { origin: p, direction: wi, t_max: f32::INFINITY };
         self.depth += 1;
         Event::Scattered

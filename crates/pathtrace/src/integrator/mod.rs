@@ -26,7 +26,7 @@ pub enum Strategy {
 pub struct PathOptions {
     /// Most scattering events of a path: 0 shows emission alone, 1 direct light.
     pub max_depth: u32,
-    /// Scattering events after which Russian roulette may end a path.
+    /// Scattering events after which Russian roulette may end a path whose throughput is below a half.
     pub roulette_depth: u32,
     /// Where light is looked for.
     pub strategy: Strategy,
@@ -35,9 +35,9 @@ pub struct PathOptions {
 }
 
 impl Default for PathOptions {
-    /// 16 events, roulette from the fourth on, all strategies, the background shown.
+    /// 16 events, roulette from the first on, all strategies, the background shown.
     fn default() -> Self {
-        Self { max_depth: 16, roulette_depth: 4, strategy: Strategy::Mis, show_environment: true }
+        Self { max_depth: 16, roulette_depth: 1, strategy: Strategy::Mis, show_environment: true }
     }
 }
 
@@ -50,7 +50,7 @@ pub(crate) struct PathSample {
     pub(crate) direct: Vec3f,
     /// 1 where the camera sees something.
     pub(crate) alpha: f32,
-    /// The first surface.
+    /// The first surface, if it was asked for.
     pub(crate) first: FirstHit,
 }
 
@@ -78,8 +78,8 @@ impl Default for FirstHit {
     }
 }
 
-/// One path.
-pub(crate) type Kernel = fn(&World, &WorldRay, &PathRandom, &PathOptions) -> PathSample;
+/// One path; the last argument says whether [`PathSample::first`] is asked for.
+pub(crate) type Kernel = fn(&World, &WorldRay, &PathRandom, &PathOptions, bool) -> PathSample;
 
 /// `exp` per channel.
 #[inline(always)]

@@ -4,14 +4,18 @@
 use super::medium::Event;
 use super::visibility::{closest, transmittance};
 use super::{FirstHit, PathOptions, PathSample, Strategy, brightest, exp};
-use crate::light::{LightRandom, LightSample};
+use crate::light::{Facing, LightRandom, LightSample, Receiver};
 use crate::plan;
 use crate::random::PathRandom;
 use crate::world::{Interaction, SurfaceMaterial, World, WorldRay};
 use photofit_sampling::power_heuristic;
 use photofit_scalar::Vec3f;
 
-/// Largest probability with which roulette lets a path go on.
+/// One over the throughput below which roulette ends paths: error times time is least around it.
+const ROULETTE_SCALE: f32 = 2.0;
+/// Scattering events from which on no path is sure to go on, and the largest probability then: light is not caught in
+/// glass or between mirrors for ever.
+const ROULETTE_DEEP: u32 = 16;
 const ROULETTE_MAX: f32 = 0.95;
 /// Boundaries that are not there, passed in a row; a path that meets more is cut.
 const MAX_CROSSINGS: u32 = 1024;
@@ -22,7 +26,7 @@ const PANE: u64 = 1 << 63;
 #[derive(Clone, Copy)]
 pub(super) struct Last {
     /// The vertex it left.
-    pub(super) p: Vec3f,
+    pub(super) from: Receiver,
     /// Its density, 1/sr.
     pub(super) pdf: f32,
     /// No other strategy finds it: the camera, or a delta lobe.
@@ -47,8 +51,8 @@ pub(super) struct Path<'a, const F: u32> {
     /// Vertices whose numbers for a flight are used up.
     pub(super) flown: u32,
     pub(super) depth: u32,
-    /// Decides whether the path goes on after its last vertex, in `[0, 1)`.
-    pub(super) survival: f32,
+    /// The numbers of the next direction are stratified together with those of the last one.
+    together: bool,
 }
 
 /// Estimates the radiance along a camera ray; what `F` lacks is not compiled in.
@@ -57,6 +61,7 @@ pub(crate) fn trace_path<const F: u32>(
     ray: &WorldRay,
     random: &PathRandom,
     options: &PathOptions,
+    first_wanted: bool,
 ) -> PathSample {
     let mut path = Path::<F> {
         world,
@@ -66,12 +71,12 @@ pub(crate) fn trace_path<const F: u32>(
         radiance: Vec3f::zero(),
         throughput: Vec3f::splat(1.0),
         eta_squared: 1.0,
-        last: Last { p: ray.origin, pdf: 0.0, only: true },
+        last: Last { from: Receiver::point(ray.origin), pdf: 0.0, only: true },
         inside: Vec3f::zero(),
         medium: if F & plan::VOLUMES != 0 { world.media.around_camera } else { None },
         flown: 0,
         depth: 0,
-        survival: 0.0,
+        together: false,
     };
     let mut out = PathSample::default();
     let mut crossings = 0;
@@ -107,20 +112,25 @@ pub(crate) fn trace_path<const F: u32>(
             break;
         };
         let wo = -path.ray.direction;
+        let mut found = None;
         let (at, material) = if F & plan::TEXTURES != 0 {
             let at = world.interaction::<true>(&path.ray, &hit);
-            (at, world.material_at::<true>(&at, wo))
+            (at, world.material_at::<true>(&at, wo, &mut found))
         } else {
             let at = world.interaction::<false>(&path.ray, &hit);
-            (at, world.material_at::<false>(&at, wo))
+            (at, world.material_at::<false>(&at, wo, &mut found))
         };
         if F & plan::ABSORPTION != 0 {
             path.absorb(&at, hit.t);
         }
-        let first = path.depth == 0 && out.first.instance == u32::MAX;
-        if first && !(F & plan::ABSORPTION != 0 && world.is_invisible(at.instance)) {
+        if path.depth == 0
+            && out.alpha == 0.0
+            && !(F & plan::ABSORPTION != 0 && world.is_invisible(at.instance))
+        {
             out.alpha = 1.0;
-            out.first = first_hit(&at, &material, wo);
+            if first_wanted {
+                out.first = first_hit(&at, &material, wo);
+            }
         }
         if F & plan::EMITTERS != 0 && material.emission != Vec3f::zero() {
             path.emission(&at, &material);
@@ -170,9 +180,9 @@ impl<const F: u32> Path<'_, F> {
 
     /// Light that the surface itself emits.
     #[inline(always)]
-    fn emission(&mut self, at: &Interaction, material: &SurfaceMaterial) {
-        let (world, p) = (self.world, self.last.p);
-        let weight = self.weight(|lights| lights.surface_pdf(world, p, at));
+    fn emission(&mut self, at: &Interaction, material: &SurfaceMaterial<'_>) {
+        let (world, from) = (self.world, &self.last.from);
+        let weight = self.weight(|lights| lights.surface_pdf(world, from, at));
         self.radiance += self.throughput.mul(material.emission) * weight;
     }
 
@@ -205,9 +215,12 @@ impl<const F: u32> Path<'_, F> {
         if self.depth < self.options.roulette_depth {
             return self.throughput != Vec3f::zero();
         }
-        let q = (brightest(self.throughput) * self.eta_squared).min(ROULETTE_MAX);
-        // NaN ends the path.
-        let survives = self.survival < q;
+        let sure = if self.depth < ROULETTE_DEEP { 1.0 } else { ROULETTE_MAX };
+        let q = (ROULETTE_SCALE * brightest(self.throughput) * self.eta_squared).min(sure);
+        if q >= 1.0 {
+            return true;
+        }
+        let survives = self.random.survival(self.depth - 1) < q;
         if survives {
             self.throughput *= 1.0 / q;
         }
@@ -216,19 +229,30 @@ impl<const F: u32> Path<'_, F> {
 
     /// Next-event estimation and a new direction at a surface, after `crossings` that were not there.
     #[inline(always)]
-    fn scatter(&mut self, at: &Interaction, material: &SurfaceMaterial, crossings: u32) -> Step {
+    fn scatter(&mut self, at: &Interaction, material: &SurfaceMaterial<'_>, crossings: u32) -> Step {
         let wo = -self.ray.direction;
         let local = material.to_local(wo);
+        let facing = if material.transmits() { Facing::Both(material.n) } else { Facing::Front(material.n) };
+        let from = Receiver { p: at.p, facing };
         if !material.is_delta() {
-            self.light_at_surface(at, material, wo, local);
+            self.light_at_surface(at, material, &from, wo, local);
         }
-        let [u, v, mut lobe, survival] = self.random.scatter(self.depth);
-        self.survival = survival;
-        if self.is_pane(at.instance) {
+        let has_lobes = material.has_lobes();
+        let lobe = if self.is_pane(at.instance) {
             // The numbers of this event are still needed behind the pane.
-            lobe = self.random.surface(2 * (self.depth + crossings), PANE | u64::from(at.instance));
-        }
-        let Some(sample) = material.sample(local, lobe, [u, v]) else { return Step::Ended };
+            self.random.surface(2 * (self.depth + crossings), PANE | u64::from(at.instance))
+        } else if has_lobes {
+            self.random.lobe(self.depth)
+        } else {
+            0.0
+        };
+        let u = if self.depth == 1 && self.together {
+            self.random.second_scatter()
+        } else {
+            self.random.scatter(self.depth)
+        };
+        self.together = self.depth == 0 && !has_lobes;
+        let Some(sample) = material.sample(local, lobe, u) else { return Step::Ended };
         let wi = material.to_render(sample.wi).normalize_or_zero();
         let crosses = sample.wi.z * local.z < 0.0;
         // A direction that the shading normal puts on another side than the geometry does leaks light.
@@ -253,20 +277,21 @@ impl<const F: u32> Path<'_, F> {
             return Step::Crossed;
         }
         self.eta_squared *= sample.eta * sample.eta;
-        self.last = Last { p: at.p, pdf: sample.pdf, only: sample.delta };
+        self.last = Last { from, pdf: sample.pdf, only: sample.delta };
         self.ray = at.leave(wi, f32::INFINITY);
         if self.throughput.is_finite() { Step::Scattered } else { Step::Ended }
     }
 
     /// A light for this vertex.
     #[inline(always)]
-    pub(super) fn light_for(&self, p: Vec3f) -> Option<LightSample> {
+    pub(super) fn light_for(&self, from: &Receiver) -> Option<LightSample> {
         if F & (plan::ENVIRONMENT | plan::SOURCES | plan::EMITTERS) == 0 {
             return None;
         }
-        let [u, v, a, b] = self.random.light(self.depth);
-        let sample =
-            self.world.lights.sample(self.world, p, LightRandom { choice: [a, b], place: [u, v] })?;
+        let lights = &self.world.lights;
+        let choice = if lights.is_single() { [0.0; 2] } else { self.random.light_choice(self.depth) };
+        let place = self.random.light(self.depth);
+        let sample = lights.sample(self.world, from, LightRandom { choice, place })?;
         (sample.delta || self.options.strategy != Strategy::Bsdf).then_some(sample)
     }
 
@@ -281,8 +306,15 @@ impl<const F: u32> Path<'_, F> {
     }
 
     #[inline(always)]
-    fn light_at_surface(&mut self, at: &Interaction, material: &SurfaceMaterial, wo: Vec3f, local: Vec3f) {
-        let Some(light) = self.light_for(at.p) else { return };
+    fn light_at_surface(
+        &mut self,
+        at: &Interaction,
+        material: &SurfaceMaterial<'_>,
+        from: &Receiver,
+        wo: Vec3f,
+        local: Vec3f,
+    ) {
+        let Some(light) = self.light_for(from) else { return };
         let wi = material.to_local(light.wi);
         if (light.wi.dot(at.ng) * wo.dot(at.ng) < 0.0) != (wi.z * local.z < 0.0) {
             return;
@@ -306,7 +338,7 @@ impl<const F: u32> Path<'_, F> {
     }
 }
 
-fn first_hit(at: &Interaction, material: &SurfaceMaterial, wo: Vec3f) -> FirstHit {
+fn first_hit(at: &Interaction, material: &SurfaceMaterial<'_>, wo: Vec3f) -> FirstHit {
     let turned = |n: Vec3f| if at.front { n } else { -n };
     let shading = if material.n.dot(wo) < 0.0 { -material.n } else { material.n };
     FirstHit {

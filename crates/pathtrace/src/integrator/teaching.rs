@@ -11,7 +11,13 @@ use photofit_scalar::Vec3f;
 /// BSDF is a function, and its own choice where it is a delta distribution.
 ///
 /// Lights without a surface, media and absorption are not seen; surfaces are opaque.
-pub(crate) fn trace(world: &World, ray: &WorldRay, random: &PathRandom, options: &PathOptions) -> PathSample {
+pub(crate) fn trace(
+    world: &World,
+    ray: &WorldRay,
+    random: &PathRandom,
+    options: &PathOptions,
+    _: bool,
+) -> PathSample {
     let radiance = radiance(world, ray, random, options.max_depth, 0);
     PathSample { radiance, direct: radiance, alpha: 1.0, ..PathSample::default() }
 }
@@ -22,18 +28,19 @@ fn radiance(world: &World, ray: &WorldRay, random: &PathRandom, max_depth: u32, 
     };
     let at = world.interaction::<true>(ray, &hit);
     let wo = -ray.direction;
-    let material = world.material_at::<true>(&at, wo);
+    let mut found = None;
+    let material = world.material_at::<true>(&at, wo, &mut found);
     if depth == max_depth {
         return material.emission;
     }
-    let [u, v, lobe, _] = random.scatter(depth);
+    let u = random.scatter(depth);
     let (wi, weight) = if material.is_delta() {
-        match material.sample(material.to_local(wo), lobe, [u, v]) {
+        match material.sample(material.to_local(wo), random.lobe(depth), u) {
             Some(s) => (material.to_render(s.wi).normalize_or_zero(), s.weight),
             None => return material.emission,
         }
     } else {
-        let wi: Vec3f = uniform_sphere([u, v]);
+        let wi: Vec3f = uniform_sphere(u);
         let value = material.eval_pdf(material.to_local(wo), material.to_local(wi)).0;
         (wi, value * (1.0 / uniform_sphere_pdf::<f32>()))
     };

@@ -1,5 +1,6 @@
-//! Emitting surfaces: triangles and spheres.
+//! Emitting surfaces: triangles, parallelograms and spheres.
 
+use super::patch::{Patch, Receiver};
 use super::{End, LightSample, luminance};
 use crate::PathtraceError;
 use crate::error::invalid;
@@ -11,7 +12,7 @@ use std::f32::consts::PI;
 /// Points of a triangle at which emission that varies is looked at, to estimate its power.
 const PROBES: u32 = 32;
 
-/// A triangle or sphere that emits; one for every piece of an emitting instance.
+/// A sphere, triangle or parallelogram that emits.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Emitter {
     instance: u32,
@@ -19,58 +20,80 @@ pub(crate) struct Emitter {
     /// Area in the render frame; that of triangles only.
     area: f32,
     both_sides: bool,
-    /// Where it lies, of triangles that emit evenly.
-    facet: Option<Facet>,
+    /// Where it lies, if it is flat and emits evenly.
+    patch: Option<Patch>,
 }
 
-/// A triangle in the render frame.
-#[derive(Clone, Copy, Debug)]
-struct Facet {
-    corner: Vec3f,
-    edges: [Vec3f; 2],
-    /// Unit normal of the front.
-    ng: Vec3f,
-    /// Bound on the rounding of its points.
-    rounding: f32,
+/// The emitters of a world.
+#[derive(Debug, Default)]
+pub(crate) struct Emitters {
+    pub(crate) list: Vec<Emitter>,
+    /// Their powers.
+    pub(crate) weights: Vec<f32>,
+    /// Which of them each piece of each emitting instance belongs to.
+    pub(crate) of_piece: Vec<u32>,
 }
 
-impl Facet {
-    fn new(world: &World, instance: u32, piece: u32) -> Option<Self> {
-        let placed = &world.placed[instance as usize];
-        if world.materials[placed.material as usize].varies {
-            return None;
-        }
-        let [a, b, c] = corners(world, placed, piece)?;
-        // The points with the largest coordinates are corners.
-        let ends = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]].map(|u| surface_point(world, instance, piece, u));
-        let rounding = ends.iter().map(|e| e.rounding).fold(0.0, f32::max);
-        Some(Self { corner: a, edges: [b - a, c - a], ng: ends[0].ng, rounding })
-    }
-}
-
-/// The emitters of all instances, instance by instance, with their powers; instances learn where theirs begin.
-pub(crate) fn collect(world: &mut World) -> Result<(Vec<Emitter>, Vec<f32>), PathtraceError> {
-    let (mut emitters, mut weights) = (Vec::new(), Vec::new());
+/// The emitters of all instances; instances learn where their pieces begin. Two triangles in a row that make up a
+/// parallelogram are one.
+pub(crate) fn collect(world: &mut World) -> Result<Emitters, PathtraceError> {
+    let mut out = Emitters::default();
     for i in 0..world.placed.len() {
         let material = &world.materials[world.placed[i].material as usize];
         if !material.emits {
             continue;
         }
-        let both_sides = material.both_sides;
+        let (both_sides, even) = (material.both_sides, !material.varies);
         let pieces = world.shapes[world.placed[i].shape as usize].pieces();
-        if emitters.len() + pieces > u32::MAX as usize {
+        if out.of_piece.len() + pieces > u32::MAX as usize {
             return Err(invalid(format!("instance {i}"), "at most 2^32 - 1 emitting triangles are placed"));
         }
-        world.placed[i].emitter = emitters.len() as u32;
-        for piece in 0..pieces as u32 {
-            let area = area(world, &world.placed[i], piece);
+        world.placed[i].emitter = out.of_piece.len() as u32;
+        let (mut piece, pieces) = (0, pieces as u32);
+        while piece < pieces {
+            let patch = if even { patch(world, i as u32, piece, pieces) } else { None };
+            let area = patch.map_or_else(|| area(world, &world.placed[i], piece), |p| p.area);
             let power = area * emission(world, i as u32, piece) * if both_sides { 2.0 * PI } else { PI };
-            let facet = Facet::new(world, i as u32, piece);
-            emitters.push(Emitter { instance: i as u32, piece, area, both_sides, facet });
-            weights.push(if power.is_finite() { power } else { 0.0 });
+            let index = out.list.len() as u32;
+            out.list.push(Emitter { instance: i as u32, piece, area, both_sides, patch });
+            out.weights.push(if power.is_finite() { power } else { 0.0 });
+            let covered = if patch.is_some_and(|p| !p.triangle) { 2 } else { 1 };
+            out.of_piece.extend((0..covered).map(|_| index));
+            piece += covered;
         }
     }
-    Ok((emitters, weights))
+    Ok(out)
+}
+
+/// The parallelogram that a triangle makes up with the next one, or else the triangle; `None` for spheres.
+fn patch(world: &World, instance: u32, piece: u32, pieces: u32) -> Option<Patch> {
+    let placed = &world.placed[instance as usize];
+    let own = corners(world, placed, piece)?;
+    // The points with the largest coordinates are corners.
+    let ends = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]].map(|u| surface_point(world, instance, piece, u));
+    let rounding = ends.iter().map(|e| e.rounding).fold(0.0, f32::max);
+    let next = if piece + 1 < pieces { corners(world, placed, piece + 1) } else { None };
+    let whole = next.and_then(|next| parallelogram(own, next, rounding));
+    Some(match whole {
+        Some(whole) => Patch::new(whole, false, ends[0].ng, rounding),
+        None => Patch::new(own, true, ends[0].ng, rounding),
+    })
+}
+
+/// A corner of the parallelogram of two triangles that turn the same way, and its neighbours; `None` where they make up
+/// none to within `rounding`.
+fn parallelogram(own: [Vec3f; 3], next: [Vec3f; 3], rounding: f32) -> Option<[Vec3f; 3]> {
+    for i in 0..3 {
+        // The diagonal is the edge from `b` to `c`.
+        let [a, b, c] = [own[i], own[(i + 1) % 3], own[(i + 2) % 3]];
+        for j in 0..3 {
+            let shared = next[(j + 1) % 3] == c && next[(j + 2) % 3] == b;
+            if shared && (a + next[j] - b - c).length() <= rounding {
+                return Some([a, b, c]);
+            }
+        }
+    }
+    None
 }
 
 /// Corners of a triangle in the render frame.
@@ -110,7 +133,7 @@ fn emission(world: &World, instance: u32, piece: u32) -> f32 {
         let (a, b) = (0.754_877_7 * (i as f32 + 0.5), 0.569_840_3 * (i as f32 + 0.5));
         let at = surface_point(world, instance, piece, [a.fract(), b.fract()]);
         let wo = at.ng;
-        sum += luminance(world.material_at::<true>(&at, wo).emission);
+        sum += luminance(world.material_at::<true>(&at, wo, &mut None).emission);
     }
     sum / PROBES as f32
 }
@@ -124,17 +147,18 @@ fn surface_point(world: &World, instance: u32, piece: u32, u: [f32; 2]) -> Inter
 }
 
 impl Emitter {
-    /// A point of the emitter as seen from `p`.
+    /// A point of the emitter as seen by `from`.
     #[inline]
-    pub(crate) fn sample(&self, world: &World, p: Vec3f, u: [f32; 2]) -> Option<LightSample> {
+    pub(crate) fn sample(&self, world: &World, from: &Receiver, u: [f32; 2]) -> Option<LightSample> {
+        if let Some(patch) = &self.patch {
+            return self.sample_patch(patch, world, from, u);
+        }
         let placed = &world.placed[self.instance as usize];
+        let p = from.p;
         if let Kind::Sphere { radius } = world.shapes[placed.shape as usize].kind {
             return self.sample_sphere(world, radius, p, u);
         }
         let [_, bu, bv] = uniform_triangle(u);
-        if let Some(facet) = &self.facet {
-            return self.sample_facet(facet, world, p, [bu, bv]);
-        }
         let mut hit =
             WorldHit { t: 0.0, u: bu, v: bv, instance: self.instance, piece: self.piece, front: true };
         let ray = WorldRay { origin: p, direction: vec3(0.0, 0.0, -1.0), t_max: 0.0 };
@@ -150,19 +174,28 @@ impl Emitter {
         self.seen(world, &at, wi, pdf)
     }
 
-    /// As [`Self::sample`] of a triangle that emits evenly.
+    /// As [`Self::sample`] of what is flat and emits evenly.
     #[inline(always)]
-    fn sample_facet(&self, facet: &Facet, world: &World, p: Vec3f, [u, v]: [f32; 2]) -> Option<LightSample> {
-        let at = facet.corner + facet.edges[0] * u + facet.edges[1] * v;
-        let (wi, distance) = direction(p, at)?;
-        let cosine = -wi.dot(facet.ng);
+    fn sample_patch(
+        &self,
+        patch: &Patch,
+        world: &World,
+        from: &Receiver,
+        u: [f32; 2],
+    ) -> Option<LightSample> {
+        if !self.both_sides && patch.is_behind(from.p) {
+            return None;
+        }
+        let (at, density) = patch.sample(from, u)?;
+        let (wi, distance) = direction(from.p, at)?;
+        let cosine = -wi.dot(patch.ng);
         if cosine <= 0.0 && !self.both_sides {
             return None;
         }
-        let pdf = distance * distance / (cosine.abs() * self.area);
+        let pdf = distance * distance / cosine.abs() * density;
         let radiance = world.materials[world.placed[self.instance as usize].material as usize].emission;
         let shines = pdf > 0.0 && pdf.is_finite() && radiance != Vec3f::zero();
-        let end = End::Surface(at + facet.ng * facet.rounding.copysign(cosine));
+        let end = End::Surface(at + patch.ng * patch.rounding.copysign(cosine));
         shines.then_some(LightSample { wi, radiance, pdf, delta: false, end })
     }
 
@@ -173,7 +206,7 @@ impl Emitter {
         }
         let material = &world.materials[world.placed[at.instance as usize].material as usize];
         let radiance = if material.varies {
-            world.material_at::<true>(at, -wi).emission
+            world.material_at::<true>(at, -wi, &mut None).emission
         } else if at.front || self.both_sides {
             material.emission
         } else {
@@ -225,22 +258,23 @@ impl Emitter {
         self.seen(world, &at, wi, pdf)
     }
 
-    /// Density per solid angle with which [`Self::sample`] finds `at` from `p`.
+    /// Density per solid angle with which [`Self::sample`] finds `at` for `from`.
     #[inline]
-    pub(crate) fn pdf(&self, world: &World, p: Vec3f, at: &Interaction) -> f32 {
+    pub(crate) fn pdf(&self, world: &World, from: &Receiver, at: &Interaction) -> f32 {
         let placed = &world.placed[self.instance as usize];
         if !at.front && !self.both_sides {
             return 0.0;
         }
-        let Some((wi, distance)) = direction(p, at.p) else { return 0.0 };
+        let Some((wi, distance)) = direction(from.p, at.p) else { return 0.0 };
         let cosine = wi.dot(at.ng).abs();
-        let pdf = match world.shapes[placed.shape as usize].kind {
-            Kind::Mesh(_) => distance * distance / (cosine * self.area),
-            Kind::Sphere { radius } => match Cone::around(placed, radius, p) {
+        let pdf = match (&self.patch, &world.shapes[placed.shape as usize].kind) {
+            (Some(patch), _) => distance * distance / cosine * patch.pdf(from, at.p),
+            (None, Kind::Mesh(_)) => distance * distance / (cosine * self.area),
+            (None, Kind::Sphere { radius }) => match Cone::around(placed, *radius, from.p) {
                 Some(cone) => 1.0 / (2.0 * PI * cone.one_minus_cos),
                 None => {
                     let q = from_glam(placed.to_render.inverse().transform_point3a(to_glam(at.p)));
-                    distance * distance / cosine * ellipsoid_density(placed, radius, q * (1.0 / radius))
+                    distance * distance / cosine * ellipsoid_density(placed, *radius, q * (1.0 / radius))
                 }
             },
         };

@@ -6,12 +6,15 @@
 
 mod area;
 mod environment;
+mod patch;
 mod source;
 
 pub use environment::EnvironmentMap;
 pub use source::{Falloff, LightSource};
 
-pub(crate) use area::{Emitter, collect};
+use area::Emitters;
+pub(crate) use area::collect;
+pub(crate) use patch::{Facing, Receiver};
 
 use crate::PathtraceError;
 use crate::world::{Interaction, World};
@@ -37,8 +40,10 @@ pub(crate) struct Lights {
     sources: Vec<PreparedSource>,
     source_table: Option<AliasTable>,
     pub(crate) environment: Option<EnvironmentLight>,
-    pub(crate) emitters: Vec<Emitter>,
+    emitters: Emitters,
     emitter_table: Option<AliasTable>,
+    /// There is one source or emitter, and nothing else.
+    single: bool,
 }
 
 /// A direction towards a light.
@@ -93,18 +98,25 @@ impl Lights {
             .collect::<Result<_, _>>()?;
         let powers: Vec<f32> = sources.iter().map(|s| s.power(radius)).collect();
         let environment = environment.map(EnvironmentLight::new).transpose()?;
-        let (emitters, weights) = collect(world)?;
+        let emitters = collect(world)?;
         let sum = |w: &[f32]| w.iter().map(|x| f64::from(*x)).sum::<f64>();
         let lit = environment.as_ref().filter(|e| e.is_sampled());
         let disk = std::f64::consts::PI * f64::from(radius) * f64::from(radius);
-        let power = [sum(&powers), lit.map_or(0.0, |e| e.total() * disk), sum(&weights)];
+        let power = [sum(&powers), lit.map_or(0.0, |e| e.total() * disk), sum(&emitters.weights)];
+        let single = lit.is_none()
+            && match (sources.len(), emitters.weights.as_slice()) {
+                (1, []) => true,
+                (0, [weight]) => *weight > 0.0,
+                _ => false,
+            };
         Ok(Self {
+            single,
             kinds: kinds(power),
             sources,
             source_table: AliasTable::new(&powers).ok(),
             environment,
+            emitter_table: AliasTable::new(&emitters.weights).ok(),
             emitters,
-            emitter_table: AliasTable::new(&weights).ok(),
         })
     }
 
@@ -118,30 +130,41 @@ impl Lights {
         !self.sources.is_empty()
     }
 
+    /// Whether there is one light alone, so that none has to be chosen.
+    #[inline(always)]
+    pub(crate) fn is_single(&self) -> bool {
+        self.single
+    }
+
     /// Bytes of the tables.
     pub(crate) fn bytes(&self) -> usize {
-        size_of_val(self.emitters.as_slice())
+        size_of_val(self.emitters.list.as_slice())
+            + size_of_val(self.emitters.weights.as_slice())
+            + size_of_val(self.emitters.of_piece.as_slice())
             + self.emitter_table.as_ref().map_or(0, |t| 12 * t.len())
             + self.environment.as_ref().map_or(0, EnvironmentLight::bytes)
     }
 
-    /// A direction from `p` towards a light; `None` where the chosen light does not shine there.
+    /// A direction from a receiver towards a light; `None` where the chosen light does not shine there.
     #[inline(never)]
-    pub(crate) fn sample(&self, world: &World, p: Vec3f, u: LightRandom) -> Option<LightSample> {
+    pub(crate) fn sample(&self, world: &World, from: &Receiver, u: LightRandom) -> Option<LightSample> {
+        if let (true, [emitter]) = (self.single, self.emitters.list.as_slice()) {
+            return emitter.sample(world, from, u.place);
+        }
         let (kind, first) = self.kind(u.choice[0]);
         let choice = [first, u.choice[1]];
         let of_kind = self.kinds[kind];
         let mut sample = match kind {
             SOURCES => {
                 let chosen = self.source_table.as_ref()?.sample(choice);
-                let mut sample = self.sources[chosen.index].sample(p)?;
+                let mut sample = self.sources[chosen.index].sample(from.p)?;
                 sample.pdf *= chosen.pmf;
                 sample
             }
             ENVIRONMENT => self.environment.as_ref()?.sample(choice, u.place)?,
             _ => {
                 let chosen = self.emitter_table.as_ref()?.sample(choice);
-                let mut sample = self.emitters[chosen.index].sample(world, p, u.place)?;
+                let mut sample = self.emitters.list[chosen.index].sample(world, from, u.place)?;
                 sample.pdf *= chosen.pmf;
                 sample
             }
@@ -166,15 +189,15 @@ impl Lights {
         last
     }
 
-    /// Density with which [`Self::sample`] finds the point `at` of a surface from `p`.
+    /// Density with which [`Self::sample`] finds the point `at` of a surface for a receiver.
     #[inline(never)]
-    pub(crate) fn surface_pdf(&self, world: &World, p: Vec3f, at: &Interaction) -> f32 {
+    pub(crate) fn surface_pdf(&self, world: &World, from: &Receiver, at: &Interaction) -> f32 {
         let base = world.placed[at.instance as usize].emitter;
         let Some(table) = self.emitter_table.as_ref().filter(|_| base != crate::world::Placed::DARK) else {
             return 0.0;
         };
-        let index = (base + at.piece) as usize;
-        self.kinds[AREA] * table.pmf(index) * self.emitters[index].pdf(world, p, at)
+        let index = self.emitters.of_piece[(base + at.piece) as usize] as usize;
+        self.kinds[AREA] * table.pmf(index) * self.emitters.list[index].pdf(world, from, at)
     }
 
     /// Density with which [`Self::sample`] finds a direction of the environment.

@@ -2,7 +2,7 @@
 
 use super::scenes::{cornell, diffuse, place, quad};
 use super::statistics::chi_square;
-use crate::light::{LightRandom, Lights};
+use crate::light::{Facing, LightRandom, Lights, Receiver};
 use crate::{EnvironmentMap, LightSource, Material, Parts, Shape, World, WorldRay};
 use glam::{DAffine3, DQuat, DVec3, Quat};
 use photofit_image::Image;
@@ -52,15 +52,15 @@ fn integrate(density: impl Fn(Vec3f) -> f64) -> Vec<f64> {
     (0..BANDS * SECTORS).map(refined).collect()
 }
 
-/// Samples against density for the lights of a world as seen from `p`; returns the integral of the density.
-fn check(name: &str, world: &World, p: Vec3f, pdf: impl Fn(Vec3f) -> f64, tests: u32) -> f64 {
+/// Samples against density for the lights of a world as seen by `from`; returns the integral of the density.
+fn check(name: &str, world: &World, from: &Receiver, pdf: impl Fn(Vec3f) -> f64, tests: u32) -> f64 {
     let mut rng = Rng::new(9, name.len() as u64);
     let mut counts = vec![0; BANDS * SECTORS];
     let n = 200_000_u64;
     for _ in 0..n {
         let mut draw = || rng.next_f32();
         let u = LightRandom { choice: [draw(), draw()], place: [draw(), draw()] };
-        let Some(sample) = world.lights.sample(world, p, u) else { continue };
+        let Some(sample) = world.lights.sample(world, from, u) else { continue };
         assert!((sample.wi.length() - 1.0).abs() < 1e-4, "{name}: a unit vector");
         let density = pdf(sample.wi);
         let (a, b) = (f64::from(sample.pdf), density);
@@ -97,7 +97,7 @@ fn check_environment(name: &str, world: &World, rotation: Quat, image: &Image) {
     for _ in 0..200_000 {
         let mut draw = || rng.next_f32();
         let u = LightRandom { choice: [draw(), draw()], place: [draw(), draw()] };
-        let Some(sample) = world.lights.sample(world, Vec3f::zero(), u) else { continue };
+        let Some(sample) = world.lights.sample(world, &Receiver::point(Vec3f::zero()), u) else { continue };
         let density = world.lights.environment_pdf(sample.wi);
         differ += u32::from((sample.pdf - density).abs() > 1e-2 * sample.pdf);
         let d = rotation.inverse() * glam::Vec3::from_array(sample.wi.to_array());
@@ -167,8 +167,8 @@ fn interpolation_joins_at_the_seam() {
 }
 
 /// Density of finding an emitting surface in a direction.
-fn surface_density(world: &World, p: Vec3f, d: Vec3f) -> f64 {
-    let ray = WorldRay { origin: p, direction: d, t_max: f32::INFINITY };
+fn surface_density(world: &World, from: &Receiver, d: Vec3f) -> f64 {
+    let ray = WorldRay { origin: from.p, direction: d, t_max: f32::INFINITY };
     // Of all surfaces on the ray, because nothing hides from the sampler.
     let mut sum = 0.0;
     let mut done = std::collections::BTreeSet::new();
@@ -177,7 +177,7 @@ fn surface_density(world: &World, p: Vec3f, d: Vec3f) -> f64 {
         let Some(hit) = hit else { return sum };
         done.insert((hit.instance, hit.piece, hit.front));
         let at = world.interaction::<true>(&ray, &hit);
-        sum += f64::from(world.lights.surface_pdf(world, p, &at));
+        sum += f64::from(world.lights.surface_pdf(world, from, &at));
     }
 }
 
@@ -193,24 +193,83 @@ fn surfaces_are_sampled_by_their_density() {
             DAffine3::from_scale_rotation_translation(scale, turn, DVec3::new(0.0, 1.5, 0.3));
         parts
     };
-    let mut panels = Parts::default();
-    place(&mut panels, quad(vec3(-1.0, 1.5, -1.0), vec3(2.0, 0.0, 0.0), vec3(0.0, 0.3, 2.0)), {
-        let mut m = dark().emitting(Vec3f::splat(2.0));
-        m.emits_both_sides = true;
-        m
-    });
-    place(
-        &mut panels,
-        quad(vec3(2.0, -1.0, -1.0), vec3(0.0, 0.0, 2.0), vec3(0.0, 2.0, 0.0)),
-        dark().emitting(Vec3f::splat(1.0)),
-    );
+    let panels = || {
+        let mut panels = Parts::default();
+        place(&mut panels, quad(vec3(-1.0, 1.5, -1.0), vec3(2.0, 0.0, 0.0), vec3(0.0, 0.3, 2.0)), {
+            let mut m = dark().emitting(Vec3f::splat(2.0));
+            m.emits_both_sides = true;
+            m
+        });
+        place(
+            &mut panels,
+            quad(vec3(2.0, -1.0, -1.0), vec3(0.0, 0.0, 2.0), vec3(0.0, 2.0, 0.0)),
+            dark().emitting(Vec3f::splat(1.0)),
+        );
+        panels
+    };
     let mut inside = ball(DVec3::splat(6.0));
     inside.materials[0].emits_both_sides = true;
-    for (name, parts) in [("sphere", ball(DVec3::ONE)), ("panels", panels), ("inside", inside)] {
+    // Four triangles of which no two make up a parallelogram.
+    let kites = || {
+        let mut kites = Parts::default();
+        for (corner, a, b) in [
+            (vec3(-1.0, 1.0, -1.0), vec3(2.0, 0.2, 0.0), vec3(0.3, 0.0, 1.0)),
+            (vec3(1.5, -1.0, -1.0), vec3(0.0, 0.0, 2.0), vec3(0.3, 1.0, 0.0)),
+        ] {
+            let mut kite = quad(corner, a, b);
+            kite.positions[2] += a * 0.7;
+            place(&mut kites, kite, dark().emitting(Vec3f::splat(1.0)));
+        }
+        kites
+    };
+    let around = Facing::Around;
+    let (low, high) = (vec3(0.95, 0.3, 0.087).normalize_or_zero(), vec3(0.6, 0.8, 0.0));
+    for (name, parts, facing) in [
+        ("sphere", ball(DVec3::ONE), around),
+        ("inside", inside, around),
+        ("panels", panels(), around),
+        ("panels, from a surface", panels(), Facing::Front(high)),
+        ("panels, at the horizon", panels(), Facing::Front(low)),
+        ("panels, from both sides", panels(), Facing::Both(low)),
+        ("triangles, from around", kites(), around),
+        ("triangles, from one side only", kites(), Facing::Front(high)),
+    ] {
         let world = World::new(parts).unwrap();
-        let p = Vec3f::zero();
-        let total = check(name, &world, p, |d| surface_density(&world, p, d), 4);
+        let from = Receiver { p: Vec3f::zero(), facing };
+        let total = check(name, &world, &from, |d| surface_density(&world, &from, d), 8);
         assert!((0.98..1.02).contains(&total), "{name}: the density integrates to {total}");
+    }
+}
+
+#[test]
+fn nothing_is_sampled_behind_a_receiver() {
+    let world = World::new(cornell()).unwrap();
+    let u = LightRandom { choice: [0.3, 0.6], place: [0.2, 0.7] };
+    for (y, lit) in [(1.0, true), (-1.0, false)] {
+        let from = Receiver { p: vec3(0.1, 0.3, 0.0), facing: Facing::Front(vec3(0.0, y, 0.0)) };
+        assert_eq!(world.lights.sample(&world, &from, u).is_some(), lit);
+    }
+    let from = Receiver::point(vec3(0.1, 0.999, 0.0));
+    assert!(world.lights.sample(&world, &from, u).is_none(), "behind the lamp");
+}
+
+#[test]
+fn triangles_that_make_up_a_parallelogram_are_one_light() {
+    let lamp = |order: [[u32; 3]; 2], bend: f32| {
+        let mut mesh = quad(Vec3f::zero(), vec3(1.0, 0.1, 0.0), vec3(0.3, 0.0, 2.0));
+        mesh.triangles = order.to_vec();
+        mesh.positions[2].y += bend;
+        let mut parts = Parts::default();
+        place(&mut parts, mesh, Material::new(diffuse(0.0, 0.0, 0.0)).emitting(Vec3f::splat(1.0)));
+        World::new(parts).unwrap().lights.is_single()
+    };
+    let turned = |t: [u32; 3], k: usize| [t[k], t[(k + 1) % 3], t[(k + 2) % 3]];
+    for k in 0..9 {
+        assert!(lamp([turned([0, 1, 2], k % 3), turned([0, 2, 3], k / 3)], 0.0), "{k}");
+        assert!(lamp([turned([2, 3, 0], k % 3), turned([0, 1, 2], k / 3)], 0.0), "{k}");
+        assert!(!lamp([turned([0, 1, 2], k % 3), turned([0, 2, 3], k / 3)], 1e-3), "{k}");
+        // The second triangle is turned over.
+        assert!(!lamp([turned([0, 1, 2], k % 3), turned([0, 3, 2], k / 3)], 0.0), "{k}");
     }
 }
 
@@ -232,7 +291,7 @@ fn ellipsoids_are_sampled_without_bias() {
     for _ in 0..n {
         let mut draw = || rng.next_f32();
         let u = LightRandom { choice: [draw(), draw()], place: [draw(), draw()] };
-        let Some(sample) = world.lights.sample(&world, p, u) else { continue };
+        let Some(sample) = world.lights.sample(&world, &Receiver::point(p), u) else { continue };
         for (sum, f) in sums.iter_mut().zip(functions) {
             *sum += f(sample.wi) / f64::from(sample.pdf) / f64::from(n);
         }
@@ -267,7 +326,7 @@ fn lights_are_chosen_with_the_probability_that_is_stated() {
     for _ in 0..n {
         let u =
             LightRandom { choice: [rng.next_f32(), rng.next_f32()], place: [rng.next_f32(), rng.next_f32()] };
-        if let Some(s) = world.lights.sample(&world, p, u).filter(|s| s.delta) {
+        if let Some(s) = world.lights.sample(&world, &Receiver::point(p), u).filter(|s| s.delta) {
             sum += 1.0 / f64::from(s.pdf) / 2.0;
         }
     }
@@ -289,7 +348,9 @@ fn sums_of_light_are_those_of_brute_force() {
                 choice: [rng.next_f32(), rng.next_f32()],
                 place: [rng.next_f32(), rng.next_f32()],
             };
-            sum += lights.sample(&world, p, u).map_or(0.0, |s| f64::from(s.radiance.x / s.pdf));
+            sum += lights
+                .sample(&world, &Receiver::point(p), u)
+                .map_or(0.0, |s| f64::from(s.radiance.x / s.pdf));
         }
         sum / f64::from(n)
     };

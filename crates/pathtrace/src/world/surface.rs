@@ -6,7 +6,7 @@ use super::{Kind, World, WorldHit, WorldRay, sphere};
 use photofit_geometry::Mesh;
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3};
 use photofit_scene::graph::{Partials, SurfaceGraph, SurfacePoint};
-use photofit_shading::bsdf::{Bsdf, BsdfSample};
+use photofit_shading::bsdf::{Bsdf, BsdfSample, Diffuse, Scatter};
 use photofit_shading::{face_viewer, perturb};
 
 /// Rounding of an intersection, in units in the last place of the coordinates involved.
@@ -52,13 +52,20 @@ impl Interaction {
     }
 }
 
+/// The scattering at a point of a material that varies.
+#[derive(Debug)]
+pub(crate) struct Resolved {
+    bsdf: Bsdf<f32>,
+    second: Option<(Bsdf<f32>, f32)>,
+}
+
 /// A material at a point, for one direction of view.
 #[derive(Debug)]
-pub(crate) struct SurfaceMaterial {
+pub(crate) struct SurfaceMaterial<'a> {
     /// How it scatters, in the frame `(s, t, n)`.
-    pub(crate) bsdf: Bsdf<f32>,
+    pub(crate) bsdf: &'a Bsdf<f32>,
     /// A second BSDF and its share.
-    pub(crate) second: Option<(Bsdf<f32>, f32)>,
+    pub(crate) second: Option<&'a (Bsdf<f32>, f32)>,
     /// The normal before a map bent it, in the frame, and the squared roughness of the shadow that the bend casts.
     pub(crate) bent: Option<(Vec3f, f32)>,
     /// First axis of the frame.
@@ -71,18 +78,35 @@ pub(crate) struct SurfaceMaterial {
     pub(crate) emission: Vec3f,
 }
 
-impl SurfaceMaterial {
+impl SurfaceMaterial<'_> {
     /// A vector in the frame of the BSDF.
     #[inline(always)]
     pub(crate) fn to_local(&self, v: Vec3f) -> Vec3f {
         vec3(self.s.dot(v), self.t.dot(v), self.n.dot(v))
     }
 
+    /// The BSDF if it is Lambert's and all there is: the case that has to be fast.
+    #[inline(always)]
+    fn diffuse(&self) -> Option<&Diffuse<f32>> {
+        match self.bsdf {
+            Bsdf::Diffuse(diffuse) if self.second.is_none() && self.bent.is_none() => Some(diffuse),
+            _ => None,
+        }
+    }
+
     /// `f |cos|` and density, in the frame.
-    #[inline(never)]
+    #[inline(always)]
     pub(crate) fn eval_pdf(&self, wo: Vec3f, wi: Vec3f) -> (Vec3f, f32) {
+        match self.diffuse() {
+            Some(diffuse) => diffuse.eval_pdf(wo, wi),
+            None => self.eval_pdf_of_all(wo, wi),
+        }
+    }
+
+    #[inline(never)]
+    fn eval_pdf_of_all(&self, wo: Vec3f, wi: Vec3f) -> (Vec3f, f32) {
         let (mut value, mut pdf) = self.bsdf.eval_pdf(wo, wi);
-        if let Some((other, share)) = &self.second {
+        if let Some((other, share)) = self.second {
             let (v, p) = other.eval_pdf(wo, wi);
             value = value * (1.0 - share) + v * *share;
             pdf = pdf * (1.0 - share) + p * share;
@@ -104,9 +128,17 @@ impl SurfaceMaterial {
     }
 
     /// A direction, in the frame.
-    #[inline(never)]
+    #[inline(always)]
     pub(crate) fn sample(&self, wo: Vec3f, lobe: f32, u: [f32; 2]) -> Option<BsdfSample<f32>> {
-        match &self.second {
+        match self.diffuse() {
+            Some(diffuse) => diffuse.sample(wo, lobe, u),
+            None => self.sample_any(wo, lobe, u),
+        }
+    }
+
+    #[inline(never)]
+    fn sample_any(&self, wo: Vec3f, lobe: f32, u: [f32; 2]) -> Option<BsdfSample<f32>> {
+        match self.second {
             None => {
                 let mut sample = self.bsdf.sample(wo, lobe, u)?;
                 if self.bent.is_some() {
@@ -147,13 +179,25 @@ impl SurfaceMaterial {
     /// Whether all lobes are delta lobes.
     #[inline(always)]
     pub(crate) fn is_delta(&self) -> bool {
-        self.bsdf.is_delta() && self.second.as_ref().is_none_or(|(b, _)| b.is_delta())
+        self.bsdf.is_delta() && self.second.is_none_or(|(b, _)| b.is_delta())
+    }
+
+    /// Whether light can pass to the other side.
+    #[inline(always)]
+    pub(crate) fn transmits(&self) -> bool {
+        self.bsdf.transmits() || self.second.is_some_and(|(b, _)| b.transmits())
+    }
+
+    /// Whether a number has to choose among lobes.
+    #[inline(always)]
+    pub(crate) fn has_lobes(&self) -> bool {
+        self.second.is_some() || !matches!(self.bsdf, Bsdf::Diffuse(_))
     }
 
     /// Part of uniform light that is reflected, approximately.
     pub(crate) fn albedo(&self, wo: Vec3f) -> Vec3f {
         let first = self.bsdf.albedo(wo);
-        self.second.as_ref().map_or(first, |(b, share)| first * (1.0 - share) + b.albedo(wo) * *share)
+        self.second.map_or(first, |(b, share)| first * (1.0 - share) + b.albedo(wo) * *share)
     }
 
     /// A vector of that frame in the render frame.
@@ -289,15 +333,20 @@ impl World {
         }
     }
 
-    /// The material at a point seen from `wo`, a unit vector.
-    #[inline(never)]
-    pub(crate) fn material_at<const TEXTURES: bool>(&self, at: &Interaction, wo: Vec3f) -> SurfaceMaterial {
+    /// The material at a point seen from `wo`, a unit vector; `resolved` is a place for what does not hold everywhere.
+    #[inline(always)]
+    pub(crate) fn material_at<'a, const TEXTURES: bool>(
+        &'a self,
+        at: &Interaction,
+        wo: Vec3f,
+        resolved: &'a mut Option<Resolved>,
+    ) -> SurfaceMaterial<'a> {
         let placed = &self.placed[at.instance as usize];
         let material = &self.materials[placed.material as usize];
         let shown = at.front || material.both_sides;
         let emission = if shown { material.emission } else { Vec3f::zero() };
         let mut out = SurfaceMaterial {
-            bsdf: material.bsdf,
+            bsdf: &material.bsdf,
             second: None,
             bent: None,
             s: at.ns,
@@ -308,7 +357,7 @@ impl World {
         let tangent = if TEXTURES { at.tangent.xyz() } else { Vec3f::zero() };
         let Some(index) = material.library else {
             if TEXTURES && let Some(graph) = &material.graph {
-                self.resolve(graph, at, wo, shown, &mut out);
+                self.resolve(graph, at, wo, shown, &mut out, resolved);
                 return out;
             }
             if material.two_sided && !material.transmits && !at.front {
@@ -323,12 +372,20 @@ impl World {
             (out.s, out.t) = axes(out.n, tangent);
             return out;
         }
-        self.look_up(index, at, wo, &mut out);
+        self.look_up(index, at, wo, &mut out, resolved);
         out
     }
 
     /// The material of a library where it varies.
-    fn look_up(&self, index: usize, at: &Interaction, wo: Vec3f, out: &mut SurfaceMaterial) {
+    #[inline(never)]
+    fn look_up<'a>(
+        &'a self,
+        index: usize,
+        at: &Interaction,
+        wo: Vec3f,
+        out: &mut SurfaceMaterial<'a>,
+        resolved: &'a mut Option<Resolved>,
+    ) {
         let library = self.library.as_ref().expect("a library material was compiled from the library");
         let sample = library.lookup(index, at.uv[0], at.uv[1], at.color, None);
         let extensions = library.extensions(index, at.uv[0], at.uv[1], None);
@@ -352,18 +409,20 @@ impl World {
             }
             _ => up,
         };
-        out.bsdf = library_bsdf(&sample, extensions.as_ref(), coat, self.energy);
+        let bsdf = library_bsdf(&sample, extensions.as_ref(), coat, self.energy);
+        out.bsdf = &resolved.insert(Resolved { bsdf, second: None }).bsdf;
     }
 
     /// The material of a tree.
     #[inline(never)]
-    fn resolve(
-        &self,
+    fn resolve<'a>(
+        &'a self,
         graph: &SurfaceGraph,
         at: &Interaction,
         wo: Vec3f,
         shown: bool,
-        out: &mut SurfaceMaterial,
+        out: &mut SurfaceMaterial<'a>,
+        resolved: &'a mut Option<Resolved>,
     ) {
         let point = SurfacePoint { uv: at.uv[0], color: at.color, piece: at.piece };
         if let Some(emission) = graph.emission.as_ref().filter(|_| shown) {
@@ -376,7 +435,8 @@ impl World {
         (out.s, out.t) = axes(out.n, du);
         let partials = || Partials { du: out.to_local(du), dv: out.to_local(dv) };
         let found = graph.resolve(&point, at.front, partials);
-        (out.bsdf, out.second) = (found.bsdf, found.second);
+        let scattering = resolved.insert(Resolved { bsdf: found.bsdf, second: found.second });
+        (out.bsdf, out.second) = (&scattering.bsdf, scattering.second.as_ref());
         let mut n = out.n;
         if let Some(m) = found.normal {
             // Seen from behind, the bend is turned to the viewer.
@@ -442,8 +502,9 @@ impl World {
             return Vec3f::splat(1.0);
         }
         let at = self.interaction::<true>(ray, hit);
-        let material = self.material_at::<true>(&at, -ray.direction);
-        match &material.bsdf {
+        let mut resolved = None;
+        let material = self.material_at::<true>(&at, -ray.direction, &mut resolved);
+        match material.bsdf {
             Bsdf::ThinDielectric(glass) => glass.straight(material.n.dot(ray.direction).abs()),
             _ => Vec3f::zero(),
         }

@@ -8,8 +8,8 @@ use crate::error::{Fault, fault};
 pub struct MitsubaIntegrator {
     /// Most scattering events of a path; 0 shows emission alone.
     pub max_depth: u32,
-    /// Scattering events after which Russian roulette may end a path.
-    pub roulette_depth: u32,
+    /// Scattering events after which Russian roulette may end a path, if the scene says so.
+    pub roulette_depth: Option<u32>,
     /// The camera does not see the environment itself.
     pub hide_environment: bool,
 }
@@ -20,7 +20,7 @@ const UNBOUNDED: u32 = 1 << 20;
 impl Default for MitsubaIntegrator {
     /// Paths without a bound.
     fn default() -> Self {
-        Self { max_depth: UNBOUNDED, roulette_depth: 5, hide_environment: false }
+        Self { max_depth: UNBOUNDED, roulette_depth: None, hide_environment: false }
     }
 }
 
@@ -63,11 +63,11 @@ impl Importer {
                 if depth > 0 {
                     out.max_depth = depth as u32 - 1;
                 }
-                let roulette = self.reader.integer(element, "rr_depth")?.unwrap_or(5);
-                if roulette < 1 {
+                let roulette = self.reader.integer(element, "rr_depth")?;
+                if roulette.is_some_and(|r| r < 1) {
                     return Err(fault(self.reader.place(element), "rr_depth is at least 1"));
                 }
-                out.roulette_depth = u32::try_from(roulette).unwrap_or(u32::MAX);
+                out.roulette_depth = roulette.map(|r| u32::try_from(r).unwrap_or(u32::MAX));
                 self.reader.ignore(element, &["samples_per_pass", "block_size", "timeout"]);
             }
             _ => {
