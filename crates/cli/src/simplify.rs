@@ -124,11 +124,11 @@ impl Job<'_> {
         for warning in &scene.warnings {
             crate::progress::say(&format!("warning: {}: {warning}", self.input.display()));
         }
-        let left_out: BTreeSet<&str> =
-            scene.materials.iter().filter_map(|m| m.extensions.as_ref()).flat_map(|e| e.names()).collect();
-        if !left_out.is_empty() {
-            let names = left_out.into_iter().collect::<Vec<_>>().join(", ");
-            let warning = format!("a fit leaves out these material extensions: {names}");
+        let extensions = scene.materials.iter().filter_map(|m| m.extensions.as_ref());
+        let averaged: BTreeSet<&str> = extensions.flat_map(|e| e.textures()).map(|(name, _)| name).collect();
+        if !averaged.is_empty() {
+            let names = averaged.into_iter().collect::<Vec<_>>().join(", ");
+            let warning = format!("these textures of material extensions become their mean: {names}");
             crate::progress::say(&format!("warning: {}: {warning}", self.input.display()));
         }
         if self.explain {

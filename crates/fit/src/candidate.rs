@@ -29,7 +29,7 @@ pub struct Candidate {
     pub uvs: Vec<Vec2f>,
     /// Vertex indices.
     pub triangles: Vec<[u32; 3]>,
-    /// Index of the alpha class of each triangle (see [`Candidate::classes`]).
+    /// Index of the class of each triangle (see [`Candidate::classes`]).
     pub class: Vec<u32>,
     /// What alpha means in each class.
     pub classes: Vec<AlphaMode>,
@@ -82,7 +82,7 @@ impl Candidate {
         let edges = Edges::new(&mesh.triangles, &weld);
         let unique = Incidence::new(&mesh.triangles, &Weld::identity(mesh.positions.len()));
         let frames = UvFrames::new(&unique, &mesh.uvs);
-        let transparent = classes.iter().any(|c| *c != AlphaMode::Opaque);
+        let transparent = class.iter().any(|c| classes[*c as usize] != AlphaMode::Opaque);
         let alpha = class.iter().filter(|_| transparent).map(|c| classes[*c as usize]).collect();
         Self {
             positions: weld.pick(&mesh.positions),

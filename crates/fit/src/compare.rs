@@ -1,6 +1,6 @@
 //! How much two assets look alike: both rendered from shared views, under shared lights, and compared.
 
-use crate::simplify::{Normalised, ViewQuality, compare};
+use crate::simplify::{Normalised, ViewQuality, compare, drawn};
 use crate::views::{Lighting, Set, setup};
 use crate::{FitError, Progress};
 use photofit_raster::scene_render::SceneRenderer;
@@ -31,7 +31,7 @@ pub fn compare_assets(
     progress: &dyn Progress,
 ) -> Result<Vec<ComparedView>, FitError> {
     let n = Normalised::new(reference)?;
-    let library = SurfaceLibrary::new(candidate);
+    let library = SurfaceLibrary::new(&drawn(candidate));
     let mut flat = candidate.flatten();
     for p in &mut flat.mesh.positions {
         *p = (*p - n.center) / n.radius;

@@ -2,7 +2,7 @@
 //!
 //! Ranges are those of the specifications; the loader refuses other values. Factors multiply their textures.
 
-use crate::TextureSlot;
+use crate::{TextureImage, TextureSlot};
 
 /// The extensions that a material uses; `None` where it does not name them.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,6 +56,49 @@ impl Extensions {
         used.into_iter().filter(|(_, used)| *used).map(|(name, _)| name).collect()
     }
 
+    /// The same without textures: each has become its mean in the factor. Directions of anisotropy and normals of a
+    /// coat have no mean and are dropped.
+    ///
+    /// # Panics
+    /// If a slot names an image that is not in `images`.
+    pub fn averaged(&self, images: &[TextureImage]) -> Self {
+        let mean = |slot: &mut Option<TextureSlot>, channel: usize| {
+            let decode = |t: &[u8; 4]| f64::from(t[channel]) / 255.0;
+            slot.take().map_or(1.0, |s| mean_of(&images[s.image], decode))
+        };
+        let color = |slot: &mut Option<TextureSlot>| {
+            let slot = slot.take();
+            [0, 1, 2].map(|c| {
+                let decode = |t: &[u8; 4]| f64::from(photofit_image::srgb_u8_to_linear(t[c]));
+                slot.as_ref().map_or(1.0, |s| mean_of(&images[s.image], decode))
+            })
+        };
+        let mut out = self.clone();
+        if let Some(s) = &mut out.specular {
+            s.factor *= mean(&mut s.texture, 3);
+            s.color = scaled(s.color, color(&mut s.color_texture));
+        }
+        if let Some(t) = &mut out.transmission {
+            t.factor *= mean(&mut t.texture, 0);
+        }
+        if let Some(v) = &mut out.volume {
+            v.thickness *= mean(&mut v.thickness_texture, 1);
+        }
+        if let Some(c) = &mut out.clearcoat {
+            c.factor *= mean(&mut c.texture, 0);
+            c.roughness *= mean(&mut c.roughness_texture, 1);
+            c.normal_texture = None;
+        }
+        if let Some(s) = &mut out.sheen {
+            s.color = scaled(s.color, color(&mut s.color_texture));
+            s.roughness *= mean(&mut s.roughness_texture, 3);
+        }
+        if let Some(a) = &mut out.anisotropy {
+            a.strength *= mean(&mut a.texture, 2);
+        }
+        out
+    }
+
     /// The texture slots in use, named.
     pub fn textures(&self) -> impl Iterator<Item = (&'static str, &TextureSlot)> {
         let specular = self
@@ -84,6 +127,15 @@ impl Extensions {
             .chain(anisotropy)
             .filter_map(|(name, slot)| slot.as_ref().map(|s| (name, s)))
     }
+}
+
+fn mean_of(image: &TextureImage, decode: impl Fn(&[u8; 4]) -> f64) -> f32 {
+    let sum: f64 = image.texels.iter().map(decode).sum();
+    (sum / image.texels.len().max(1) as f64) as f32
+}
+
+fn scaled(color: [f32; 3], by: [f32; 3]) -> [f32; 3] {
+    [0, 1, 2].map(|c| color[c] * by[c])
 }
 
 /// `KHR_materials_specular`: strength and colour of the dielectric's reflection.
@@ -200,4 +252,42 @@ pub struct Anisotropy {
     /// Linear texture: red and green = direction in the tangent plane (mapped from `[0, 1]` to `[-1, 1]`), blue =
     /// strength.
     pub texture: Option<TextureSlot>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Sampler;
+
+    #[test]
+    fn textures_become_means_in_their_own_encoding() {
+        let texels = vec![[0, 100, 20, 255], [255, 100, 40, 51]];
+        let images = [TextureImage { width: 2, height: 1, texels, ..TextureImage::default() }];
+        let slot = || {
+            let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+            Some(TextureSlot { image: 0, sampler: Sampler::default(), tex_coord: 0, transform })
+        };
+        let textured = Extensions {
+            ior: 1.4,
+            specular: Some(Specular { factor: 0.5, texture: slot(), ..Specular::default() }),
+            transmission: Some(Transmission { factor: 0.8, texture: slot() }),
+            volume: Some(Volume { thickness: 2.0, thickness_texture: slot(), ..Volume::default() }),
+            clearcoat: Some(Clearcoat { factor: 1.0, normal_texture: slot(), ..Clearcoat::default() }),
+            sheen: Some(Sheen { color: [1.0; 3], color_texture: slot(), ..Sheen::default() }),
+            anisotropy: Some(Anisotropy { strength: 1.0, texture: slot(), ..Anisotropy::default() }),
+        };
+        let plain = textured.averaged(&images);
+        assert_eq!(plain.textures().count(), 0);
+        assert_eq!(plain.names(), textured.names());
+        let near = |a: f32, b: f32| assert!((a - b).abs() < 1e-5, "{a} {b}");
+        near(plain.specular.as_ref().unwrap().factor, 0.5 * 0.6);
+        near(plain.transmission.as_ref().unwrap().factor, 0.4);
+        near(plain.volume.as_ref().unwrap().thickness, 2.0 * 100.0 / 255.0);
+        near(plain.clearcoat.as_ref().unwrap().factor, 1.0);
+        near(plain.anisotropy.as_ref().unwrap().strength, 30.0 / 255.0);
+        // Means of light, not of bytes.
+        let sheen = plain.sheen.as_ref().unwrap().color;
+        near(sheen[0], 0.5);
+        near(sheen[1], photofit_image::srgb_u8_to_linear(100));
+    }
 }

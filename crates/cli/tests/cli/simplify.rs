@@ -109,6 +109,41 @@ fn jpeg_textures_make_the_file_smaller() {
 }
 
 #[test]
+fn glass_stays_glass_and_what_it_holds_is_kept() {
+    use photofit_scene::{Extensions, Instance, Material, Transmission, Volume, load, save_glb};
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    // A rock in a larger hull of glass.
+    let mut scene = rock(10, true);
+    let mut hull = rock(6, false).primitives[0].clone();
+    for p in &mut hull.mesh.positions {
+        *p *= 1.5;
+    }
+    let glass = Extensions {
+        transmission: Some(Transmission { factor: 1.0, texture: None }),
+        volume: Some(Volume { thickness: 0.25, ..Volume::default() }),
+        ..Extensions::default()
+    };
+    hull.material = scene.materials.len();
+    scene.materials.push(Material { extensions: Some(Box::new(glass)), ..Material::default() });
+    scene.primitives.push(hull);
+    scene.instances.push(Instance { primitive: 1, transform: glam::Affine3A::IDENTITY });
+    save_glb(d.join("rock.glb"), &scene).unwrap();
+    succeeds(d, &fit("out.glb", &["--steps", "4", "--json", "f.json"]));
+    let light = load(d.join("out.glb")).unwrap();
+    assert_eq!(light.materials.len(), 2);
+    let glass = light.materials[1].extensions.as_ref().expect("extensions");
+    assert_eq!(glass.transmission.as_ref().map(|t| t.factor.to_bits()), Some(1.0_f32.to_bits()));
+    assert!((glass.volume.as_ref().unwrap().thickness - 0.25).abs() < 1e-6);
+    assert_eq!(light.materials[1].alpha_mode, photofit_scene::AlphaMode::Opaque);
+    assert!(light.materials[0].extensions.is_none());
+    let triangles = |k: usize| light.primitives[k].mesh.triangles.len();
+    assert!(triangles(0) > 20 && triangles(1) > 20, "the rock is seen through the glass");
+    let f: Value = serde_json::from_slice(&std::fs::read(d.join("f.json")).unwrap()).unwrap();
+    assert!(f["fitted"]["psnr"].as_f64().unwrap() > 20.0, "{f}");
+}
+
+#[test]
 fn threads_do_not_change_the_file() {
     let dir = tempfile::tempdir().unwrap();
     let d = dir.path();

@@ -23,6 +23,7 @@ use photofit_geometry::{Mesh, atlas};
 use photofit_pathtrace::AccelError;
 use photofit_raster::{CHANNELS, Maps, channel};
 use photofit_scalar::Vec3f;
+use photofit_scene::AlphaMode;
 use rayon::prelude::*;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -42,6 +43,16 @@ pub enum AlphaClass {
     Mask,
     /// Alpha blending.
     Blend,
+}
+
+impl From<AlphaMode> for AlphaClass {
+    fn from(mode: AlphaMode) -> Self {
+        match mode {
+            AlphaMode::Opaque => Self::Opaque,
+            AlphaMode::Mask { .. } => Self::Mask,
+            AlphaMode::Blend => Self::Blend,
+        }
+    }
 }
 
 /// How to bake.

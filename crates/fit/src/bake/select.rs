@@ -5,7 +5,6 @@ use super::reference::{Place, Reference};
 use super::target::Point;
 use crate::visibility::Visibility;
 use photofit_pathtrace::{NearestPoint, Ray};
-use photofit_scene::AlphaMode;
 
 /// Cosine between the normals of target and reference below which the closest point is not taken.
 const LEAST_COSINE: f32 = 0.1;
@@ -130,12 +129,7 @@ impl Selector<'_> {
     }
 
     fn in_class(&self, triangle: u32, class: Option<AlphaClass>) -> bool {
-        let of = match self.reference.material(triangle).alpha_mode {
-            AlphaMode::Opaque => AlphaClass::Opaque,
-            AlphaMode::Mask { .. } => AlphaClass::Mask,
-            AlphaMode::Blend => AlphaClass::Blend,
-        };
-        class.is_none_or(|c| c == of)
+        class.is_none_or(|c| c == self.reference.material(triangle).alpha_mode.into())
     }
 }
 

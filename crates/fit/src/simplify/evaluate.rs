@@ -1,5 +1,6 @@
 //! Quality of candidates on views and lights that no fit saw.
 
+use super::look::drawn;
 use super::painter::Painter;
 use super::{Normalised, SimplifyOptions};
 use crate::candidate::Candidate;
@@ -86,7 +87,7 @@ pub(super) struct Prepared {
 impl Prepared {
     /// A candidate in the asset's frame.
     pub(super) fn of_scene(scene: &Scene) -> Self {
-        Self { flat: scene.flatten(), library: SurfaceLibrary::new(scene), normalised: false }
+        Self { flat: scene.flatten(), library: SurfaceLibrary::new(&drawn(scene)), normalised: false }
     }
 
     /// A candidate in the normalised frame with the reference's materials.

@@ -13,7 +13,7 @@ use photofit_scene::{
 /// Differences below this are one step of 8 bits: a map that varies less becomes a factor.
 const FLAT: f32 = 0.75 / 255.0;
 
-/// Turns a candidate into a scene: one primitive and material per alpha class, all sharing one set of maps. Maps that
+/// Turns a candidate into a scene: one primitive and material per class, all sharing one set of maps. Maps that
 /// are constant become factors, a flat normal map and absent emission are left out.
 pub fn to_scene(candidate: &Candidate, n: &Normalised, name: &str) -> Scene {
     let mut mesh = candidate.mesh();
@@ -24,26 +24,30 @@ pub fn to_scene(candidate: &Candidate, n: &Normalised, name: &str) -> Scene {
     let (width, height) = (base.width, base.height);
     let mut texels = base.texels.clone();
     let owned = mesh_coverage(&mesh.uvs, &mesh.triangles, width, height, true).mask();
+    make_opaque(&mut texels, candidate, n, (width, height));
     dilate(&mut texels, &owned, width, height, None);
 
     let mut scene = Scene { name: name.into(), ..Scene::default() };
-    let transparent = candidate.is_transparent();
+    let written = |class: &u32| n.classes[*class as usize].written;
+    let transparent = candidate.class.iter().any(|c| written(c) != AlphaMode::Opaque);
     let mut template = material(&mut scene, &texels, &owned, (width, height), transparent);
     template.double_sided = n.materials.iter().any(|m| m.double_sided);
-    for (class, mode) in candidate.classes.iter().enumerate() {
+    for (class, look) in n.classes.iter().enumerate() {
         let part = part(&mesh, &candidate.class, class as u32);
         if part.triangles.is_empty() {
             continue;
         }
-        let suffix = match mode {
+        let suffix = match look.written {
             AlphaMode::Opaque => "",
             AlphaMode::Mask { .. } => "-mask",
             AlphaMode::Blend => "-blend",
         };
+        let more = look.extensions.iter().flat_map(|e| e.names()).map(|e| format!("-{e}"));
         scene.materials.push(Material {
-            name: format!("{name}{suffix}"),
-            alpha_mode: *mode,
-            double_sided: template.double_sided || *mode != AlphaMode::Opaque,
+            name: format!("{name}{suffix}{}", more.collect::<String>()),
+            alpha_mode: look.written,
+            double_sided: look.double_sided || (look.drawn == AlphaMode::Opaque && template.double_sided),
+            extensions: look.extensions.clone(),
             ..template.clone()
         });
         let primitive = scene.primitives.len();
@@ -51,6 +55,25 @@ pub fn to_scene(candidate: &Candidate, n: &Normalised, name: &str) -> Scene {
         scene.instances.push(Instance { primitive, transform: glam::Affine3A::IDENTITY });
     }
     scene
+}
+
+/// Removes the alpha with which glass is drawn.
+fn make_opaque(
+    texels: &mut [[f32; CHANNELS]],
+    candidate: &Candidate,
+    n: &Normalised,
+    (width, height): (usize, usize),
+) {
+    let glass = candidate.triangles.iter().zip(&candidate.class);
+    let glass: Vec<[u32; 3]> =
+        glass.filter(|(_, c)| n.classes[**c as usize].is_see_through()).map(|(t, _)| *t).collect();
+    if glass.is_empty() {
+        return;
+    }
+    let drawn = mesh_coverage(&candidate.uvs, &glass, width, height, true).mask();
+    for (texel, _) in texels.iter_mut().zip(drawn).filter(|(_, drawn)| *drawn) {
+        texel[channel::ALPHA] = 1.0;
+    }
 }
 
 /// The triangles of one class with the vertices that they use; tangents are left to the reader, which derives the same

@@ -6,6 +6,7 @@
 mod checkpoint;
 mod evaluate;
 mod export;
+mod look;
 mod options;
 mod outcome;
 mod painter;
@@ -17,6 +18,8 @@ mod wrap;
 
 pub use evaluate::{Quality, ReportView, ViewQuality, compare};
 pub use export::to_scene;
+pub use look::MaterialClass;
+pub(crate) use look::drawn;
 pub use options::{Init, SimplifyOptions};
 pub use outcome::Outcome;
 pub use painter::ReferenceRenderer;

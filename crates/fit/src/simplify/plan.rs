@@ -55,7 +55,8 @@ impl Plan {
         let mut fitted = [false; CHANNELS];
         let path_traced = options.reference == ReferenceRenderer::Path;
         fitted[..3].fill(path_traced || (0..3).any(varies));
-        fitted[channel::ALPHA] = blend;
+        // Alpha of glass is drawn, but not written.
+        fitted[channel::ALPHA] = blend && scene.materials.iter().any(|m| m.alpha_mode == AlphaMode::Blend);
         fitted[channel::ROUGHNESS] = varies(channel::ROUGHNESS);
         fitted[channel::METALLIC] = metallic && varies(channel::METALLIC);
         fitted[channel::NORMAL..channel::NORMAL + 3].fill(true);

@@ -1,6 +1,7 @@
 //! From the reference to the start of the fit: normalise, decimate, unwrap, bake.
 
 use super::evaluate;
+use super::look::{self, MaterialClass};
 use super::wrap;
 use super::{Init, SimplifyOptions};
 use crate::bake::{self, AlphaClass, BakeSettings, Reference, bake, blank_texel, hard_edges};
@@ -29,6 +30,10 @@ pub struct Normalised {
     pub library: SurfaceLibrary,
     /// Its texture images.
     pub images: Vec<photofit_scene::TextureImage>,
+    /// The materials that the light asset will have.
+    pub classes: Vec<MaterialClass>,
+    /// The class of each material.
+    material_class: Vec<u32>,
     /// Centre in the asset's frame.
     pub center: Vec3f,
     /// Radius in the asset's units.
@@ -49,8 +54,11 @@ impl Normalised {
         for p in &mut flat.mesh.positions {
             *p = (*p - center) / radius;
         }
-        let (materials, images) = (scene.materials.clone(), scene.images.clone());
-        Ok(Self { flat, materials, images, library: SurfaceLibrary::new(scene), center, radius })
+        let (classes, material_class) = look::classes(scene);
+        let drawn = look::drawn(scene);
+        let library = SurfaceLibrary::new(&drawn);
+        let (materials, images) = (drawn.materials.clone(), scene.images.clone());
+        Ok(Self { flat, materials, images, classes, material_class, library, center, radius })
     }
 
     /// The reference prepared for rays.
@@ -61,26 +69,14 @@ impl Normalised {
         Ok(Reference::new(&self.flat, &self.materials, &self.library)?)
     }
 
-    /// Alpha class of each triangle of the reference.
-    fn classes(&self) -> Vec<u32> {
-        self.flat.triangle_material.iter().map(|m| class_of(self.materials[*m as usize].alpha_mode)).collect()
+    /// Class of each triangle of the reference.
+    fn triangle_classes(&self) -> Vec<u32> {
+        self.flat.triangle_material.iter().map(|m| self.material_class[*m as usize]).collect()
     }
 
-    /// What alpha means in each class; the cutoff is that of the first masked material.
-    fn class_modes(&self) -> Vec<AlphaMode> {
-        let cutoff = self.materials.iter().find_map(|m| match m.alpha_mode {
-            AlphaMode::Mask { cutoff } => Some(cutoff),
-            _ => None,
-        });
-        vec![AlphaMode::Opaque, AlphaMode::Mask { cutoff: cutoff.unwrap_or(0.5) }, AlphaMode::Blend]
-    }
-}
-
-fn class_of(mode: AlphaMode) -> u32 {
-    match mode {
-        AlphaMode::Opaque => 0,
-        AlphaMode::Mask { .. } => 1,
-        AlphaMode::Blend => 2,
+    /// What alpha means in the pictures of each class.
+    fn drawn_modes(&self) -> Vec<AlphaMode> {
+        self.classes.iter().map(|c| c.drawn).collect()
     }
 }
 
@@ -166,7 +162,7 @@ fn unwrap_and_bake(
     let creased = split_hard_edges(&unwrapped.triangles, &weld, &edges, &hard);
     let maps = Maps::filled(options.texture_size, options.texture_size, blank_texel());
     let split = creased.split.apply(&unwrapped);
-    let mut candidate = Candidate::new(&split, &creased.smoothing, class, n.class_modes(), maps);
+    let mut candidate = Candidate::new(&split, &creased.smoothing, class, n.drawn_modes(), maps);
     let (baked, distance) = bake_candidate(reference, seen, &candidate, progress)?;
     candidate.set_maps(baked);
     Ok(Start { candidate, distance })
@@ -192,11 +188,13 @@ fn decimate_reference(
         .map(|t| if seen.is_visible(t) { LEAST_IMPORTANCE + seen.importance(t) } else { 0.0 })
         .collect();
     let mut options = Options::new(target);
-    options.double_sided = vec![false, true, true];
+    options.double_sided = n.classes.iter().map(|c| c.double_sided).collect();
     let report = heard("decimate", progress);
-    decimate_reporting(&n.flat.mesh, &n.classes(), &importance, &options, &report).map_err(|e| match e {
-        DecimateError::Stopped => FitError::Interrupted,
-        e => e.into(),
+    decimate_reporting(&n.flat.mesh, &n.triangle_classes(), &importance, &options, &report).map_err(|e| {
+        match e {
+            DecimateError::Stopped => FitError::Interrupted,
+            e => e.into(),
+        }
     })
 }
 
@@ -246,11 +244,8 @@ pub(super) fn bake_candidate(
 ) -> Result<(Maps, f64), FitError> {
     let base = &candidate.maps.levels[0];
     let settings = BakeSettings { width: base.width, height: base.height, ..BakeSettings::default() };
-    let classes: Vec<AlphaClass> = candidate
-        .class
-        .iter()
-        .map(|c| [AlphaClass::Opaque, AlphaClass::Mask, AlphaClass::Blend][*c as usize])
-        .collect();
+    let classes: Vec<AlphaClass> =
+        candidate.class.iter().map(|c| candidate.classes[*c as usize].into()).collect();
     let (mesh, round) = (candidate.mesh(), candidate.round_normals());
     let target = bake::Target { mesh: &mesh, directions: Some(&round), classes: Some(&classes) };
     let mut baked =

@@ -1,0 +1,182 @@
+//! What a fit cannot draw and the light asset keeps all the same: material extensions, by classes of materials.
+//!
+//! The rasterizer knows neither coats nor fibres nor glass. Triangles whose materials differ in such things go to
+//! different classes, each of which becomes a material of the written file with the extensions of the asset's. What is
+//! fitted (base colour, roughness, metalness, normals, emission) lies below them on both sides. Surfaces that transmit
+//! light are drawn blended, so that what lies behind them is seen and kept.
+
+use photofit_scene::{AlphaMode, Extensions, Material, Scene, Specular};
+use std::borrow::Cow;
+
+/// Share of a surface's light that is drawn although it transmits all of it: its reflections are there.
+const LEAST_OPACITY: f32 = 0.25;
+
+/// Materials that become one material of the light asset.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MaterialClass {
+    /// What alpha means in the pictures of a fit.
+    pub drawn: AlphaMode,
+    /// What alpha means in the written file.
+    pub written: AlphaMode,
+    /// Seen from both sides: surfaces that are cut out, and blended ones of which the asset says so. Opaque surfaces
+    /// hide their backs.
+    pub double_sided: bool,
+    /// Extensions of the written material; their textures have become mean values.
+    pub extensions: Option<Box<Extensions>>,
+}
+
+impl MaterialClass {
+    /// Core materials without alpha.
+    const PLAIN: Self =
+        Self { drawn: AlphaMode::Opaque, written: AlphaMode::Opaque, double_sided: false, extensions: None };
+
+    /// Whether alpha is drawn that the file must not have.
+    pub fn is_see_through(&self) -> bool {
+        self.drawn == AlphaMode::Blend && self.written != AlphaMode::Blend
+    }
+}
+
+/// The classes of a scene, the plain one first, and the class of each material. All masks get the first one's cutoff.
+pub(super) fn classes(scene: &Scene) -> (Vec<MaterialClass>, Vec<u32>) {
+    let mask = scene.materials.iter().map(|m| m.alpha_mode).find(|m| matches!(m, AlphaMode::Mask { .. }));
+    let mut classes = vec![MaterialClass::PLAIN];
+    let class = |i: usize| {
+        let m = &scene.materials[i];
+        let written = match (m.alpha_mode, mask) {
+            (AlphaMode::Mask { .. }, Some(mask)) => mask,
+            (mode, _) => mode,
+        };
+        let drawn = if transmits(m) { AlphaMode::Blend } else { written };
+        let double_sided = match drawn {
+            AlphaMode::Opaque => false,
+            AlphaMode::Mask { .. } => true,
+            AlphaMode::Blend => m.double_sided,
+        };
+        MaterialClass { drawn, written, double_sided, extensions: kept(scene, i) }
+    };
+    let of = (0..scene.materials.len())
+        .map(|i| {
+            let class = class(i);
+            let at = classes.iter().position(|c| *c == class).unwrap_or_else(|| {
+                classes.push(class);
+                classes.len() - 1
+            });
+            at as u32
+        })
+        .collect();
+    (classes, of)
+}
+
+/// A scene as a fit draws it: surfaces that transmit light are blended.
+pub(crate) fn drawn(scene: &Scene) -> Cow<'_, Scene> {
+    if !scene.materials.iter().any(transmits) {
+        return Cow::Borrowed(scene);
+    }
+    let mut scene = scene.clone();
+    for m in scene.materials.iter_mut().filter(|m| transmits(m)) {
+        let part = m.extensions.as_ref().and_then(|e| e.transmission.as_ref()).map_or(0.0, |t| t.factor);
+        let alpha = if m.alpha_mode == AlphaMode::Opaque { 1.0 } else { m.base_color[3] };
+        m.base_color[3] = alpha * (1.0 - part.clamp(0.0, 1.0) * (1.0 - LEAST_OPACITY));
+        m.alpha_mode = AlphaMode::Blend;
+    }
+    Cow::Owned(scene)
+}
+
+/// Whether light passes through a material, which an alpha mask does not cut out.
+fn transmits(m: &Material) -> bool {
+    let part = m.extensions.as_ref().and_then(|e| e.transmission.as_ref()).map_or(0.0, |t| t.factor);
+    part > 0.0 && !m.unlit && !matches!(m.alpha_mode, AlphaMode::Mask { .. })
+}
+
+/// The extensions that a material's class keeps.
+fn kept(scene: &Scene, material: usize) -> Option<Box<Extensions>> {
+    let m = &scene.materials[material];
+    if m.unlit {
+        // What shines without being lit must not reflect.
+        let specular = Some(Specular { factor: 0.0, ..Specular::default() });
+        return Some(Box::new(Extensions { specular, ..Extensions::default() }));
+    }
+    let mut kept = m.extensions.as_ref()?.averaged(&scene.images);
+    if let Some(volume) = &mut kept.volume {
+        // Thickness is in the units of a mesh; the light asset's mesh is not scaled.
+        let placed = scene.instances.iter().find(|i| scene.primitives[i.primitive].material == material);
+        let scale = placed.map_or(1.0, |i| i.transform.matrix3.determinant().abs().cbrt());
+        volume.thickness *= scale;
+    }
+    (!kept.names().is_empty()).then(|| Box::new(kept))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use photofit_scene::{Clearcoat, Instance, Primitive, TextureImage, Transmission, Volume};
+
+    fn with(extensions: Extensions) -> Material {
+        Material { extensions: Some(Box::new(extensions)), ..Material::default() }
+    }
+
+    fn scene() -> Scene {
+        let glass = Extensions {
+            transmission: Some(Transmission { factor: 1.0, texture: None }),
+            volume: Some(Volume { thickness: 0.5, ..Volume::default() }),
+            ..Extensions::default()
+        };
+        let coat = Extensions {
+            clearcoat: Some(Clearcoat { factor: 0.5, ..Clearcoat::default() }),
+            ..Extensions::default()
+        };
+        let mask = |cutoff| Material { alpha_mode: AlphaMode::Mask { cutoff }, ..Material::default() };
+        let unlit = Material { unlit: true, ..Material::default() };
+        let materials = vec![
+            Material::clay(),
+            with(glass),
+            with(coat.clone()),
+            mask(0.25),
+            mask(0.75),
+            with(coat),
+            unlit,
+            with(Extensions::default()),
+        ];
+        Scene {
+            primitives: (0..materials.len())
+                .map(|material| Primitive { material, ..Primitive::default() })
+                .collect(),
+            instances: (0..materials.len())
+                .map(|primitive| Instance {
+                    primitive,
+                    transform: glam::Affine3A::from_scale(glam::Vec3::splat(2.0)),
+                })
+                .collect(),
+            materials,
+            images: vec![TextureImage::default()],
+            ..Scene::default()
+        }
+    }
+
+    #[test]
+    fn materials_that_differ_in_extensions_or_alpha_are_told_apart() {
+        let (classes, of) = classes(&scene());
+        assert_eq!(of, [0, 1, 2, 3, 3, 2, 4, 0]);
+        assert_eq!(classes.len(), 5);
+        let thickness = classes[1].extensions.as_ref().unwrap().volume.as_ref().unwrap().thickness;
+        assert!((thickness - 1.0).abs() < 1e-6, "scaled as it is placed");
+        assert_eq!(classes[3].written, AlphaMode::Mask { cutoff: 0.25 });
+        let specular = classes[4].extensions.as_ref().unwrap().specular.as_ref().unwrap();
+        assert_eq!(specular.factor.to_bits(), 0);
+        assert!(classes[3].double_sided && !classes[1].double_sided);
+        let see_through: Vec<bool> = classes.iter().map(MaterialClass::is_see_through).collect();
+        assert_eq!(see_through, [false, true, false, false, false]);
+    }
+
+    #[test]
+    fn glass_is_drawn_blended_and_nothing_else_changes() {
+        let before = scene();
+        let after = drawn(&before);
+        assert_eq!(after.materials[1].alpha_mode, AlphaMode::Blend);
+        assert!((after.materials[1].base_color[3] - LEAST_OPACITY).abs() < 1e-6);
+        let others = (0..before.materials.len()).filter(|i| *i != 1);
+        assert!(others.into_iter().all(|i| after.materials[i] == before.materials[i]));
+        let opaque = Scene { materials: vec![Material::clay()], ..Scene::default() };
+        assert!(matches!(drawn(&opaque), Cow::Borrowed(_)));
+    }
+}
