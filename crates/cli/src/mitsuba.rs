@@ -34,6 +34,7 @@ pub(crate) fn render(a: &Render) -> Result<()> {
     resolved.path.background = own.path.show_environment;
     let mut options = path_render::options(&resolved, aovs);
     (options.filter, options.path.roulette_depth) = (own.filter, own.path.roulette_depth);
+    options.path.show_emitters = own.path.show_emitters;
     if a.spp.is_none() && a.path.noise.is_none() && a.path.time_limit.is_none() {
         options.spp = own.spp;
     }

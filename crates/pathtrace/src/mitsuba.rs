@@ -134,7 +134,8 @@ impl RenderOptions {
             path: PathOptions {
                 max_depth: i.max_depth,
                 roulette_depth: i.roulette_depth.unwrap_or(usual.roulette_depth),
-                show_environment: !i.hide_environment,
+                show_environment: !i.hide_emitters,
+                show_emitters: !i.hide_emitters,
                 ..usual
             },
             ..Self::default()

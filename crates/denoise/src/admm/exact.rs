@@ -126,6 +126,11 @@ impl<T: Sample> Exact<T> {
         self.begun = true;
     }
 
+    /// Frees all but the estimate.
+    pub(crate) fn forget_splits(&mut self) {
+        self.bands = Vec::new();
+    }
+
     /// Writes the estimate as rows of all solved channels.
     pub(crate) fn write_rows(&self, frame: &Frame<'_, T>, out: &mut [T]) {
         let (n, channels) = (frame.shape.cols, frame.channels.len());

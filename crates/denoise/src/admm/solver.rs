@@ -73,10 +73,18 @@ impl<T: Sample> Admm<T> {
     /// # Errors
     /// If the problem does not pass [`Problem::check`].
     pub fn new(problem: &Problem<'_, T>) -> Result<Self, DenoiseError> {
+        Self::owning(problem.clone(), LinearStep::Auto)
+    }
+
+    /// As [`Self::new`], without copies of the weights and with a choice of the linear step.
+    ///
+    /// # Errors
+    /// If the problem does not pass [`Problem::check`], or if the sweep is asked for and the Hessian is on.
+    pub fn owning(problem: Problem<'_, T>, linear: LinearStep) -> Result<Self, DenoiseError> {
         problem.check()?;
-        let survey = Survey::new(problem);
-        let penalties = Penalties::at_contrast(problem, survey.contrast);
-        Self::build(problem, penalties, None, LinearStep::Auto, survey)
+        let survey = Survey::new(&problem);
+        let penalties = Penalties::at_contrast(&problem, survey.contrast);
+        Self::build(problem, penalties, None, linear, survey)
     }
 
     /// Starts at `start` (or, without it, as [`Self::new`]) with the given penalties. The first step is the one that
@@ -104,11 +112,11 @@ impl<T: Sample> Admm<T> {
         linear: LinearStep,
     ) -> Result<Self, DenoiseError> {
         problem.check()?;
-        Self::build(problem, penalties, start, linear, Survey::new(problem))
+        Self::build(problem.clone(), penalties, start, linear, Survey::new(problem))
     }
 
     fn build(
-        problem: &Problem<'_, T>,
+        problem: Problem<'_, T>,
         penalties: Penalties,
         start: Option<&[T]>,
         linear: LinearStep,
@@ -119,7 +127,7 @@ impl<T: Sample> Admm<T> {
         if let Some(start) = start {
             crate::check_finite("start", start, shape)?;
         }
-        let mut plan = Plan::new(problem, shape.cols);
+        let mut plan = Plan::new(&problem, shape.cols);
         let on = [plan.gradient, plan.hessian, plan.guide];
         let t = [penalties.gradient, penalties.hessian, penalties.guide];
         for ((on, t), name) in on.into_iter().zip(t).zip(["gradient", "Hessian", "guide"]) {
@@ -138,7 +146,7 @@ impl<T: Sample> Admm<T> {
             Coupling::Vectorial => 1.0 / ((1 + same) as f64).sqrt(),
             Coupling::Separate => 1.0,
         };
-        let (offsets, target) = center(problem, &plan, &survey.means);
+        let (offsets, target) = center(&problem, &plan, &survey.means);
         let sweep = match linear {
             LinearStep::Exact => false,
             LinearStep::Sweep => true,
@@ -148,12 +156,12 @@ impl<T: Sample> Admm<T> {
         DenoiseError::setting("the Hessian", hessian, "off for the sweep", !(sweep && plan.hessian))?;
         plan.sweep = sweep;
         plan.padded_cols = if sweep { shape.cols } else { fast_length(shape.cols) };
-        let weights = [
-            problem.alpha.clone().filter(|_| plan.gradient),
-            problem.beta.clone().filter(|_| plan.hessian),
-            problem.guide.as_ref().map(|g| g.weight.clone()).filter(|_| plan.guide),
-        ];
-        let guide = problem.guide.as_ref().filter(|_| plan.guide).map_or(Vec::new(), |g| g.gradient.to_vec());
+        let (guide, guide_weight) = match problem.guide.filter(|_| plan.guide) {
+            Some(g) => (g.gradient.to_vec(), Some(g.weight)),
+            None => (Vec::new(), None),
+        };
+        let weights =
+            [problem.alpha.filter(|_| plan.gradient), problem.beta.filter(|_| plan.hessian), guide_weight];
         let mut admm = Self {
             shape,
             penalties,
@@ -161,7 +169,7 @@ impl<T: Sample> Admm<T> {
             frozen: vec![false; channels.len()],
             offsets,
             target,
-            data: problem.data.clone(),
+            data: problem.data,
             weights,
             guide,
             unreadable: survey.unreadable,
@@ -336,6 +344,20 @@ impl<T: Sample> Admm<T> {
         let mut out = vec![T::zero(); self.shape.len()];
         self.write_solution(&mut out);
         out
+    }
+
+    /// The estimate; what the solver holds beside it is freed before it is written.
+    pub fn into_solution(mut self) -> Vec<T> {
+        // Before the first step the estimate is made from the target.
+        if self.steps > 0 {
+            match &mut self.engine {
+                Some(Engine::Exact(exact)) => exact.forget_splits(),
+                Some(Engine::Sweep(sweep)) => sweep.forget_splits(),
+                None => {}
+            }
+            (self.target, self.guide) = (Vec::new(), Vec::new());
+        }
+        self.solution()
     }
 
     /// Writes the estimate.

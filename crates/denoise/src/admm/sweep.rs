@@ -89,6 +89,11 @@ impl<T: Sample> Sweep<T> {
         self.bands.iter().map(|band| &band.sums[..])
     }
 
+    /// Frees all but the estimate.
+    pub(crate) fn forget_splits(&mut self) {
+        (self.bands, self.next) = (Vec::new(), Vec::new());
+    }
+
     /// The estimate: rows of all solved channels.
     pub(crate) fn rows(&self) -> &[T] {
         &self.u

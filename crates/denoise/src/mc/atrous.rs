@@ -17,7 +17,7 @@ const SIGMA_LUMINANCE: f32 = 4.0;
 /// no part and are filled where a neighbour does.
 pub(crate) fn atrous(
     shape: Shape,
-    features: &Features,
+    features: &Features<'_>,
     irradiance: &[f32],
     variance: &[f32],
     weight: &[f32],
@@ -45,7 +45,7 @@ struct State {
 }
 
 impl State {
-    fn level(&self, shape: Shape, features: &Features, deviation: &[f32], step: usize) -> Self {
+    fn level(&self, shape: Shape, features: &Features<'_>, deviation: &[f32], step: usize) -> Self {
         let (n, cols) = (shape.pixels(), shape.cols);
         // Colour, variance and weight of a pixel side by side, so that rows can be filled in parallel.
         let mut out = vec![[0.0_f32; 5]; n];
@@ -65,7 +65,7 @@ impl State {
     fn filter(
         &self,
         shape: Shape,
-        features: &Features,
+        features: &Features<'_>,
         deviation: &[f32],
         step: usize,
         y: usize,

@@ -17,7 +17,7 @@ pub(crate) struct Basis {
 impl Basis {
     /// Normal and position where they are given; without a position the pixel coordinates, and the depth if there is
     /// one. Constant regressors are dropped.
-    pub(crate) fn of(features: &Features, shape: Shape) -> Self {
+    pub(crate) fn of(features: &Features<'_>, shape: Shape) -> Self {
         let n = shape.pixels();
         let mut names = Vec::new();
         let mut planes: Vec<Vec<f32>> = Vec::new();

@@ -52,7 +52,7 @@ pub(crate) fn percentile(values: &[f32], q: f64) -> f32 {
 }
 
 /// `W_aux = exp(-s_A max C)` over the guides, one value per pixel; 1 everywhere without guides.
-pub(crate) fn auxiliary_weight(features: &Features, shape: Shape, sharpness: f32) -> Vec<f32> {
+pub(crate) fn auxiliary_weight(features: &Features<'_>, shape: Shape, sharpness: f32) -> Vec<f32> {
     let mut most = vec![0.0_f32; shape.pixels()];
     for guide in
         [&features.normal, &features.albedo, &features.depth, &features.position].into_iter().flatten()

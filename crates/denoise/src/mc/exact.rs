@@ -19,7 +19,7 @@ pub(crate) type ExactPixel = (usize, [f32; 3]);
 
 /// The pixels whose known variance (or halves) is 0. Black ones only where the ray meets nothing: elsewhere all samples
 /// may have missed the light. Pixels of weight 0 are holes.
-pub(crate) fn exact_pixels(frame: &Frame<'_>, features: &Features, weight: &[f32]) -> Vec<ExactPixel> {
+pub(crate) fn exact_pixels(frame: &Frame<'_>, features: &Features<'_>, weight: &[f32]) -> Vec<ExactPixel> {
     let (n, cols) = (frame.shape.pixels(), frame.shape.cols);
     let color = |c: usize, i: usize| match frame.half {
         Some(half) => 0.5 * (frame.color[c * n + i] + half[c * n + i]),
@@ -59,8 +59,8 @@ fn variance(frame: &Frame<'_>, i: usize) -> f32 {
 }
 
 /// Whether a guide says that the ray meets nothing.
-fn missed(features: &Features, i: usize) -> bool {
-    let zero = |planes: &Vec<f32>, channels: usize| {
+fn missed(features: &Features<'_>, i: usize) -> bool {
+    let zero = |planes: &[f32], channels: usize| {
         let n = planes.len() / channels;
         (0..channels).all(|c| planes[c * n + i] == 0.0)
     };

@@ -16,7 +16,8 @@ const PASSES: usize = 3;
 const BLOCK: usize = 4;
 
 /// Scales pixels whose mean over the channels exceeds `8 mean + 0.5`, with the local mean of the blocks around, down to it;
-/// the hue stays. Units: exposure. `weight` is 0 at holes. Returns how many were scaled.
+/// the hue stays. Units: exposure. Pixels of `weight` 0 stay and do not
+/// count. Returns how many were scaled.
 pub(crate) fn clamp_fireflies(irradiance: &mut [f32], weight: &[f32], cols: usize) -> usize {
     let n = irradiance.len() / 3;
     let (r, rest) = irradiance.split_at_mut(n);
@@ -30,7 +31,7 @@ pub(crate) fn clamp_fireflies(irradiance: &mut [f32], weight: &[f32], cols: usiz
         let local = &local[y / BLOCK * blocks..];
         for (x, mean) in mean[y * cols..].iter().take(r.len()).enumerate() {
             let limit = OVER_MEAN * local[x / BLOCK] + 0.5;
-            if *mean > limit {
+            if *mean > limit && weight[y * cols + x] > 0.0 {
                 let scale = limit / mean;
                 r[x] *= scale;
                 g[x] *= scale;

@@ -2,6 +2,7 @@
 
 use super::plan::Plan;
 use crate::{DenoiseError, Shape};
+use std::borrow::Cow;
 
 /// Noise-free (or nearly so) first-hit features of each pixel. All are optional; what is there is used.
 #[derive(Clone, Copy, Debug, Default)]
@@ -72,22 +73,22 @@ impl<'a> Frame<'a> {
     }
 }
 
-/// Own copies of the guides without values that are not finite.
+/// The guides without values that are not finite; copied only where there are such values.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Features {
-    pub(crate) albedo: Option<Vec<f32>>,
-    pub(crate) normal: Option<Vec<f32>>,
-    pub(crate) depth: Option<Vec<f32>>,
-    pub(crate) position: Option<Vec<f32>>,
+pub(crate) struct Features<'a> {
+    pub(crate) albedo: Option<Cow<'a, [f32]>>,
+    pub(crate) normal: Option<Cow<'a, [f32]>>,
+    pub(crate) depth: Option<Cow<'a, [f32]>>,
+    pub(crate) position: Option<Cow<'a, [f32]>>,
 }
 
 /// Depths beyond count as nothing hit: renderers write 1e10 and the like.
 const FARTHEST: f32 = 1e9;
 
-impl Features {
-    /// Copies what is there and is not constant.
-    pub(crate) fn of(guides: &Guides<'_>, pixels: usize, plan: &mut Plan) -> Self {
-        let mut copy = |name: &'static str, plane: Option<&[f32]>, most: f32| {
+impl<'a> Features<'a> {
+    /// Takes what is there and is not constant.
+    pub(crate) fn of(guides: &Guides<'a>, pixels: usize, plan: &mut Plan) -> Self {
+        let mut take = |name: &'static str, plane: Option<&'a [f32]>, most: f32| {
             let Some(plane) = plane else {
                 plan.skip(name, "not given");
                 return None;
@@ -102,13 +103,41 @@ impl Features {
                 0 => plan.run(name, "guide"),
                 _ => plan.run(name, format!("guide; {bad} values that are not finite became 0")),
             }
-            Some(plane.iter().map(|v| if v.abs() <= most { *v } else { 0.0 }).collect::<Vec<f32>>())
+            let good = |v: &f32| v.abs() <= most;
+            if plane.iter().all(good) {
+                return Some(Cow::Borrowed(plane));
+            }
+            Some(plane.iter().map(|v| if good(v) { *v } else { 0.0 }).collect::<Vec<f32>>().into())
         };
         Self {
-            albedo: copy("albedo", guides.albedo, f32::MAX),
-            normal: copy("normal", guides.normal, f32::MAX),
-            depth: copy("depth", guides.depth, FARTHEST),
-            position: copy("position", guides.position, f32::MAX),
+            albedo: take("albedo", guides.albedo, f32::MAX),
+            normal: take("normal", guides.normal, f32::MAX),
+            depth: take("depth", guides.depth, FARTHEST),
+            position: take("position", guides.position, f32::MAX),
+        }
+    }
+
+    /// The same without copies.
+    pub(crate) fn borrowed(&self) -> Features<'_> {
+        fn of<'b>(plane: &'b Option<Cow<'_, [f32]>>) -> Option<Cow<'b, [f32]>> {
+            plane.as_deref().map(Cow::Borrowed)
+        }
+        Features {
+            albedo: of(&self.albedo),
+            normal: of(&self.normal),
+            depth: of(&self.depth),
+            position: of(&self.position),
+        }
+    }
+
+    /// Own copies.
+    pub(crate) fn into_owned(self) -> Features<'static> {
+        let of = |plane: Option<Cow<'a, [f32]>>| plane.map(|p| Cow::Owned(p.into_owned()));
+        Features {
+            albedo: of(self.albedo),
+            normal: of(self.normal),
+            depth: of(self.depth),
+            position: of(self.position),
         }
     }
 }

@@ -4,16 +4,17 @@ use super::accumulate::{Accumulator, TemporalFrame, TemporalSettings};
 use super::antialias::correct_edges;
 use super::atrous::{atrous, spatial_variance};
 use super::basis::Basis;
+use super::black::{classes, regress_black};
 use super::camera::Camera;
-use super::coherence::{SHARPNESS, auxiliary_weight};
-use super::frame::{Features, Frame};
-use super::noise::{log_sigma, mad_sigma};
+use super::frame::Frame;
+use super::log_domain::variational;
 use super::prepare::Prepared;
 use super::regression::regress;
-use super::variational::{VariationalModel, adaptive_weight, choose_by_halves, solve_variational};
+use super::variational::VariationalModel;
 use super::window::blur_mean;
 use super::{Plan, remodulate};
 use crate::DenoiseError;
+use std::borrow::Cow;
 
 /// What removes the noise.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -97,7 +98,7 @@ pub fn denoise(frame: &Frame<'_>, settings: &Settings) -> Result<Denoised, Denoi
 pub struct Sequence {
     settings: Settings,
     accumulator: Option<Accumulator>,
-    last: Option<(Prepared, Plan)>,
+    last: Option<(Prepared<'static>, Plan)>,
     frames: usize,
     reset: usize,
 }
@@ -129,14 +130,15 @@ impl Sequence {
         }
         let position = match (&prepared.features.position, &prepared.features.depth) {
             (Some(p), _) => Some(p.clone()),
-            (None, Some(depth)) => camera.positions(depth, shape.cols),
+            (None, Some(depth)) => camera.positions(depth, shape.cols).map(Cow::Owned),
             (None, None) => None,
         };
         let rule = "positions, or depths and an invertible camera";
         let Some(position) = position else {
             return Err(DenoiseError::Setting { setting: "the history", value: 0.0, rule });
         };
-        let normal = prepared.features.normal.clone().unwrap_or_else(|| facing(&position, shape.cols));
+        let normal = prepared.features.normal.clone();
+        let normal = normal.unwrap_or_else(|| facing(&position, shape.cols).into());
         let settings = self.settings.temporal;
         let history =
             self.accumulator.get_or_insert_with(|| Accumulator::new(shape.rows, shape.cols, settings));
@@ -150,8 +152,9 @@ impl Sequence {
             });
             (reset, format!("frame {} of the sequence", self.frames + 1))
         })?;
+        drop((position, normal));
         prepared.halves = None;
-        self.last = Some((prepared, plan));
+        self.last = Some((prepared.into_owned(), plan));
         (self.frames, self.reset) = (self.frames + 1, reset);
         Ok(())
     }
@@ -168,7 +171,7 @@ impl Sequence {
     pub fn denoise(&self) -> Option<Result<Denoised, DenoiseError>> {
         let (last, plan) = self.last.as_ref()?;
         let history = self.accumulator.as_ref()?;
-        let (mut prepared, mut plan) = (last.clone(), plan.clone());
+        let (mut prepared, mut plan) = (last.copy(), plan.clone());
         if self.frames > 1 {
             let irradiance = std::mem::replace(&mut prepared.irradiance, history.mean());
             let weight = std::mem::replace(&mut prepared.weight, history.effective());
@@ -218,12 +221,12 @@ fn facing(position: &[f32], cols: usize) -> Vec<f32> {
 }
 
 /// Runs the model and returns to radiance.
-fn filter(prepared: Prepared, settings: &Settings, mut plan: Plan) -> Result<Denoised, DenoiseError> {
+fn filter(mut prepared: Prepared<'_>, settings: &Settings, mut plan: Plan) -> Result<Denoised, DenoiseError> {
     let mut strength = None;
     let mut estimate = match settings.model {
         Model::Auto => regression(&prepared, &mut plan),
         Model::Variational(model) => {
-            let (u, c) = variational(model, &prepared, settings, &mut plan)?;
+            let (u, c) = variational(model, &mut prepared, settings, &mut plan)?;
             strength = Some(c);
             u
         }
@@ -278,102 +281,28 @@ fn filter(prepared: Prepared, settings: &Settings, mut plan: Plan) -> Result<Den
     Ok(Denoised { color: estimate, holes, fireflies, strength, plan })
 }
 
-fn regression(p: &Prepared, plan: &mut Plan) -> Vec<f32> {
+fn regression(p: &Prepared<'_>, plan: &mut Plan) -> Vec<f32> {
     let basis = plan.stage("regressors", || {
         let basis = Basis::of(&p.features, p.shape);
         let names = basis.names.clone();
         (basis, names)
     });
-    plan.stage("regression", || {
-        let r = regress(p.shape, &basis, &p.irradiance, &p.trust, p.variance.as_deref());
+    let mut estimate = plan.stage("regression", || {
+        let others = (!p.black.is_empty()).then(|| classes(&p.trust, &p.black));
+        let trust = others.as_ref().map_or(&p.trust, |[others, _]| others);
+        let r = regress(p.shape, &basis, &p.irradiance, trust, p.variance.as_deref());
         let shares = r.shares.map(|s| format!("{:.0}%", 100.0 * s)).join(" ");
         let why = format!("widths of 3, 5, 8, 16 pixels in {shares} of {} cells; {} flat", r.cells, r.flat);
         (r.estimate, why)
-    })
-}
-
-/// A convex model: log domain, coherence, noise, weights, solve.
-fn variational(
-    model: VariationalModel,
-    p: &Prepared,
-    settings: &Settings,
-    plan: &mut Plan,
-) -> Result<(Vec<f32>, f32), DenoiseError> {
-    let logarithm = |u: &[f32]| u.iter().map(|v| v.ln_1p()).collect::<Vec<f32>>();
-    let mask: Vec<f32> = p.weight.iter().map(|w| if *w > 0.0 { 1.0 } else { 0.0 }).collect();
-    let target =
-        plan.stage("logarithm", || (logarithm(&p.irradiance), "log(1 + irradiance), after all sums"));
-    let auxiliary = plan.stage("coherence", || {
-        let features = Features { albedo: p.divisor.clone(), ..p.features.clone() };
-        (auxiliary_weight(&features, p.shape, SHARPNESS), "edges of the guides and of the divisor")
     });
-    let sigma = plan.stage("deviation", || match &p.variance {
-        Some(v) => (log_sigma(&p.level(), v, &mask, p.shape.cols), "from the known variance"),
-        None => {
-            let planes = target.chunks(p.shape.pixels());
-            let squares = planes.map(|u| mad_sigma(u, p.shape.rows, p.shape.cols)).fold(
-                vec![0.0; p.shape.pixels()],
-                |mut sum, s| {
-                    sum.iter_mut().zip(s).for_each(|(a, s)| *a += s * s * (1.0 / 3.0));
-                    sum
-                },
-            );
-            (squares.iter().map(|s| s.sqrt()).collect(), "median of the finest diagonal wavelets")
-        }
-    });
-    let solve = |c: f32, target: &[f32], sigma: &[f32]| {
-        let alpha = adaptive_weight(c, sigma, &auxiliary);
-        solve_variational(model, p.shape, target, &mask, &alpha, settings.iterations)
-    };
-    let strength = match (settings.strength, &p.halves) {
-        (Some(c), _) => {
-            plan.run("strength", format!("c = {c}, given"));
-            c
-        }
-        (None, Some([a, b])) => plan.stage("strength", || {
-            // A half has twice the variance of the mean.
-            let wide: Vec<f32> = sigma.iter().map(|s| s * std::f32::consts::SQRT_2).collect();
-            let grid = VariationalModel::GRID.map(|f| f * model.strength());
-            let halves = [&logarithm(a)[..], &logarithm(b)[..]];
-            match choose_by_halves(&grid, halves, &mask, |c, t| solve(c, t, &wide)) {
-                Ok((c, _)) => (Ok(c), format!("c = {c}, by cross-validation of the halves")),
-                Err(e) => (Err(e), String::new()),
-            }
-        })?,
-        (None, None) => {
-            let c = model.strength();
-            plan.run("strength", format!("c = {c}, the default for pictures without halves"));
-            c
-        }
-    };
-    DenoiseError::setting(
-        "the strength",
-        f64::from(strength),
-        "finite and not negative",
-        strength >= 0.0 && strength.is_finite(),
-    )?;
-    let solved =
-        plan.stage("solver", || (solve(strength, &target, &sigma), format!("{} steps", settings.iterations)));
-    let mut u: Vec<f32> = solved?.iter().map(|v| v.max(0.0).exp_m1()).collect();
-    match settings.restore_mean {
-        true => plan.stage("mean", || {
-            (restore_mean(&mut u, &p.irradiance, &mask, p.shape.cols), "local means of the noisy picture")
-        }),
-        false => plan.skip("mean", "restoring it is switched off"),
+    if p.black.is_empty() {
+        plan.skip("black", "no pixels without diffuse reflectance, or no others");
+    } else {
+        plan.stage("black", || {
+            let [_, own] = classes(&p.trust, &p.black);
+            regress_black(p, &basis, &own, &mut estimate);
+            ((), format!("{} pixels without diffuse reflectance by themselves", p.black.len()))
+        });
     }
-    Ok((u, strength))
-}
-
-/// `u G(L)/G(u)` with a Gaussian of sigma 8: total variation of logarithms darkens, for the logarithm is concave.
-fn restore_mean(u: &mut [f32], noisy: &[f32], weight: &[f32], cols: usize) {
-    const SIGMA: f32 = 8.0;
-    let n = weight.len();
-    for (u, l) in u.chunks_mut(n).zip(noisy.chunks(n)) {
-        let (bright, dark) = (blur_mean(l, weight, cols, SIGMA), blur_mean(u, weight, cols, SIGMA));
-        for ((u, b), d) in u.iter_mut().zip(bright).zip(dark) {
-            if d > 1e-6 {
-                *u *= (b / d).clamp(0.5, 2.0);
-            }
-        }
-    }
+    estimate
 }

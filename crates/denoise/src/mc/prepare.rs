@@ -1,6 +1,7 @@
 //! From a rendered picture to what the models filter: holes, irradiance, exposure, fireflies, noise.
 
 use super::antialias::trusted;
+use super::black::{black_pixels, classes};
 use super::exact::{ExactPixel, exact_pixels};
 use super::firefly::clamp_fireflies;
 use super::frame::{Features, Frame};
@@ -14,9 +15,9 @@ const EXPOSURE: f32 = 0.35;
 
 /// A picture ready to be filtered.
 #[derive(Clone, Debug)]
-pub(crate) struct Prepared {
+pub(crate) struct Prepared<'a> {
     pub(crate) shape: Shape,
-    pub(crate) features: Features,
+    pub(crate) features: Features<'a>,
     /// Divisor of each sample, if there is an albedo.
     pub(crate) divisor: Option<Vec<f32>>,
     /// Factor from radiance to the units of `irradiance`.
@@ -33,16 +34,18 @@ pub(crate) struct Prepared {
     pub(crate) weight: Vec<f32>,
     /// The weight, less where the divisor may miss what the pixel shows.
     pub(crate) trust: Vec<f32>,
+    /// Pixels with weight whose albedo is at the floor, where there are others too.
+    pub(crate) black: Vec<usize>,
     /// Pixels without noise, in radiance; their weight is 0.
     pub(crate) exact: Vec<ExactPixel>,
     pub(crate) holes: usize,
     pub(crate) fireflies: usize,
 }
 
-impl Prepared {
+impl<'a> Prepared<'a> {
     /// With `key` of an earlier frame of the same sequence, if there is one.
     pub(crate) fn of(
-        frame: &Frame<'_>,
+        frame: &Frame<'a>,
         settings: &Settings,
         key: Option<f32>,
         plan: &mut Plan,
@@ -63,8 +66,12 @@ impl Prepared {
                 (d, "colour / max(albedo, 0.01)")
             })
         });
+        let black = features.albedo.as_ref().map_or(Vec::new(), |a| black_pixels(a, &weight));
+        let own_class = if black.is_empty() { Vec::new() } else { classes(&weight, &black).into() };
+        // All pixels where there is only one class.
+        let others = own_class.first().unwrap_or(&weight);
         let key = plan.stage("exposure", || {
-            let key = key.unwrap_or_else(|| key_of(&sides[0], &weight));
+            let key = key.unwrap_or_else(|| key_of(&sides[0], others));
             for side in &mut sides {
                 side.iter_mut().for_each(|v| *v = (*v * key).max(0.0));
             }
@@ -72,7 +79,10 @@ impl Prepared {
         });
         let fireflies = match settings.fireflies {
             true => plan.stage("fireflies", || {
-                let count = sides.iter_mut().map(|s| clamp_fireflies(s, &weight, shape.cols)).sum::<usize>();
+                let classes = std::iter::once(others).chain(own_class.get(1));
+                let count = classes
+                    .map(|w| sides.iter_mut().map(|s| clamp_fireflies(s, w, shape.cols)).sum::<usize>());
+                let count = count.sum::<usize>();
                 (count, format!("{count} pixels above 8 times the mean of their neighbourhood"))
             }),
             false => {
@@ -108,10 +118,22 @@ impl Prepared {
             halves,
             variance,
             weight,
+            black,
             exact,
             holes,
             fireflies,
         })
+    }
+
+    /// With own copies of the features.
+    pub(crate) fn into_owned(self) -> Prepared<'static> {
+        Prepared { features: self.features.into_owned(), ..self }
+    }
+
+    /// A copy of all but the features.
+    pub(crate) fn copy(&self) -> Prepared<'_> {
+        let shell = Self { features: Features::default(), ..self.clone() };
+        Prepared { features: self.features.borrowed(), ..shell }
     }
 
     /// Mean over the channels.
@@ -123,7 +145,7 @@ impl Prepared {
 }
 
 /// Finds the pixels without noise and takes their weight, so that they do not reach their neighbours.
-fn exact(frame: &Frame<'_>, features: &Features, weight: &mut [f32], plan: &mut Plan) -> Vec<ExactPixel> {
+fn exact(frame: &Frame<'_>, features: &Features<'_>, weight: &mut [f32], plan: &mut Plan) -> Vec<ExactPixel> {
     let known = match (frame.half, frame.variance) {
         (Some(half), _) => half != frame.color,
         (None, Some(v)) => v.iter().any(|v| *v > 0.0),

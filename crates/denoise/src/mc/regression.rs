@@ -11,6 +11,7 @@
 //! of a sample and `s^2` the residual of a middle width, or the variance if it is known.
 
 use super::basis::{Basis, MAX_REGRESSORS};
+use super::peaks::replace_peaks;
 use super::window::{blur_columns, blur_rows, gaussian_taps};
 use crate::Shape;
 use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSliceMut};
@@ -65,12 +66,12 @@ struct Fit {
 }
 
 /// The pixels of one picture as the regression sees them.
-struct Samples<'a> {
-    shape: Shape,
+pub(crate) struct Samples<'a> {
+    pub(crate) shape: Shape,
     planes: Vec<&'a [f32]>,
-    irradiance: &'a [f32],
-    weight: &'a [f32],
-    cells: [usize; 2],
+    pub(crate) irradiance: &'a [f32],
+    pub(crate) weight: &'a [f32],
+    pub(crate) cells: [usize; 2],
 }
 
 /// Pixels `x0..x1` between the centres of the cells `left` and `right`; `first` is the place of the left centre.
@@ -122,7 +123,15 @@ pub(crate) fn regress(
         }
         shares[*width] += 1.0 / choice.len() as f32;
     }
-    let estimate = samples.evaluate(&chosen, &samples.bounds(&fits, &choice));
+    let bounds = samples.bounds(&fits, &choice);
+    let mut estimate = samples.evaluate(&chosen, &bounds);
+    // Of the brightest to the darkest mean around each cell.
+    let contrast = |(bounds, width): (&[f32], &usize)| {
+        let sum = |v: &[f32]| v[0] + v[1] + v[2] + 3.0 * RELATIVE_FLOOR;
+        BOUNDS[*width].powi(2) * sum(&bounds[3..]) / sum(bounds)
+    };
+    let contrast: Vec<f32> = bounds.chunks(6).zip(&choice).map(contrast).collect();
+    replace_peaks(&samples, basis, &contrast, &mut estimate);
     Regression { estimate, shares, flat: flat.iter().filter(|f| **f).count(), cells: flat.len() }
 }
 
@@ -357,7 +366,7 @@ impl Samples<'_> {
     }
 
     /// Values of the cells, `per_cell` each, at the height of row `y`.
-    fn between(&self, values: &[f32], per_cell: usize, y: usize, line: &mut Vec<f32>) {
+    pub(crate) fn between(&self, values: &[f32], per_cell: usize, y: usize, line: &mut Vec<f32>) {
         let [ch, cw] = self.cells;
         let at = ((y as f32 + 0.5) / CELL as f32 - 0.5).clamp(0.0, (ch - 1) as f32);
         let (c0, f) = (at as usize, at.fract());

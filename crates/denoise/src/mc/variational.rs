@@ -1,8 +1,9 @@
 //! The convex models on the logarithm of the irradiance, with weights that follow the noise.
 
-use crate::admm::{Admm, Coupling, DataTerm, Problem, Stop};
+use crate::admm::{Admm, Coupling, DataTerm, LinearStep, Problem, Stop, Weight};
 use crate::primal_dual::Tgv2;
 use crate::{DenoiseError, Shape};
+use std::borrow::Cow;
 
 /// Primal-dual iterations of TGV2 for one of the other models.
 const TGV_STEPS: usize = 4;
@@ -23,11 +24,16 @@ pub enum VariationalModel {
 impl VariationalModel {
     /// The data term at weight `w` per pixel.
     fn data(self, weight: &[f32]) -> DataTerm<f32> {
-        let times = |k: f32| weight.iter().map(|w| k * w).collect::<Vec<f32>>();
+        // Without holes the solver needs no map.
+        let uniform = weight.first().copied().filter(|w| *w > 0.0 && weight.iter().all(|v| v == w));
+        let times = |k: f32| match uniform {
+            Some(w) => Weight::Uniform(k * w),
+            None => weight.iter().map(|w| k * w).collect::<Vec<f32>>().into(),
+        };
         match self {
-            Self::Rof | Self::Tgv => DataTerm::L2 { lambda: times(1.0).into() },
-            Self::TvL1 => DataTerm::L1 { lambda: times(1.0).into() },
-            Self::Hybrid => DataTerm::Hybrid { l1: times(0.1).into(), l2: times(0.5).into() },
+            Self::Rof | Self::Tgv => DataTerm::L2 { lambda: times(1.0) },
+            Self::TvL1 => DataTerm::L1 { lambda: times(1.0) },
+            Self::Hybrid => DataTerm::Hybrid { l1: times(0.1), l2: times(0.5) },
         }
     }
 
@@ -68,28 +74,33 @@ pub fn solve_variational(
     alpha: &[f32],
     iterations: usize,
 ) -> Result<Vec<f32>, DenoiseError> {
-    if model == VariationalModel::Tgv {
-        return solve_tgv(shape, target, weight, alpha, iterations);
-    }
-    let problem = Problem::new(shape, target, model.data(weight)).with_gradient(alpha.to_vec()).vectorial();
-    let mut admm = Admm::new(&problem)?;
-    admm.solve(Stop::Iterations(iterations));
-    Ok(admm.solution())
+    minimise(model, shape, Cow::Borrowed(target), weight, alpha.to_vec(), iterations)
 }
 
-/// TGV2 has one weight of its regulariser; the data term is divided by `alpha` instead.
-fn solve_tgv(
+/// As [`solve_variational`]; an owned target is freed as soon as the solver has its own.
+pub(super) fn minimise(
+    model: VariationalModel,
     shape: Shape,
-    target: &[f32],
+    target: Cow<'_, [f32]>,
     weight: &[f32],
-    alpha: &[f32],
+    alpha: Vec<f32>,
     iterations: usize,
 ) -> Result<Vec<f32>, DenoiseError> {
-    // Where there is no noise the target stays.
-    let lambda: Vec<f32> = weight.iter().zip(alpha).map(|(w, a)| w / a.max(1e-3)).collect();
-    let mut solver = Tgv2::new(shape, target, lambda, [1.0, 2.0], Coupling::Vectorial)?;
-    solver.iterate(TGV_STEPS * iterations);
-    Ok(solver.solution())
+    if model == VariationalModel::Tgv {
+        // TGV2 has one weight of its regulariser; the data term is divided by `alpha` instead. Where there is no noise
+        // the target stays.
+        let lambda: Vec<f32> = weight.iter().zip(alpha).map(|(w, a)| w / a.max(1e-3)).collect();
+        let mut solver = Tgv2::new(shape, &target, lambda, [1.0, 2.0], Coupling::Vectorial)?;
+        drop(target);
+        solver.iterate(TGV_STEPS * iterations);
+        return Ok(solver.solution());
+    }
+    let problem = Problem::new(shape, &target, model.data(weight)).with_gradient(alpha).vectorial();
+    // Few steps: the absolute terms are stiff, for which sweeps take more of them.
+    let mut admm = Admm::owning(problem, LinearStep::Exact)?;
+    drop(target);
+    admm.solve(Stop::Iterations(iterations));
+    Ok(admm.into_solution())
 }
 
 /// The entry of `grid` with the least error across two halves `A` and `B` of the samples:

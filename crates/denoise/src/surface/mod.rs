@@ -20,6 +20,7 @@ mod splat;
 pub mod synthetic;
 #[cfg(test)]
 mod tests;
+mod window;
 
 pub use blend::{BlendOptions, blend, blend_weight, box_mean, guided_filter, local_variance};
 pub use camera::Pinhole;

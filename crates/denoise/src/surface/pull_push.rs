@@ -201,6 +201,7 @@ fn interpolate(coarse: &Level, x: usize, y: usize, tolerance: f32) -> Cell {
 mod tests {
     use super::super::normal_target;
     use super::super::synthetic::{SIDE, camera, ln_depth, sphere_over_background};
+    use super::super::tests::uniform;
     use super::*;
 
     fn options(max_level: usize) -> PullPushOptions {
@@ -210,7 +211,7 @@ mod tests {
     #[test]
     fn the_foreground_wins_up_to_the_level_limit() {
         let scene = sphere_over_background();
-        let (samples, _) = scene.sample(0.12, 0.10, 1);
+        let (samples, _) = scene.sample(0.12, 0.10, uniform(1));
         let (u, valid) = ln_depth(&samples);
         let errors: Vec<(f64, f64)> = (0..5)
             .map(|level| scene.errors(&pull_push(&u, &valid, None, SIDE, SIDE, &options(level))))

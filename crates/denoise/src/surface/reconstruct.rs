@@ -1,5 +1,6 @@
 //! The pipeline: points to dense depth, normals and colours.
 
+use super::window::Window;
 use super::{
     Cloud, InterpolateOptions, Maps, Method, Pinhole, PullPushOptions, Samples, SurfaceError, SurfaceOptions,
     attributes, box_mean, normal_target, orient, prune, pull_push, render_points, solve, splat_depth,
@@ -63,6 +64,20 @@ pub fn reconstruct(
         if progress(stage, done, total) { Ok(()) } else { Err(SurfaceError::Interrupted) }
     };
     tell("points", 0, 1)?;
+    let Some(window) = Window::of(cloud, camera, options) else {
+        return in_window(cloud, camera, options, &mut tell);
+    };
+    let part = in_window(cloud, &window.camera(camera), options, &mut tell)?;
+    Ok(Surface { raw: window.place(&part.raw), maps: window.place(&part.maps), ..part })
+}
+
+/// The picture of a camera, all of it.
+pub(super) fn in_window(
+    cloud: &Cloud,
+    camera: &Pinhole,
+    options: &SurfaceOptions,
+    tell: &mut solve::Tell<'_>,
+) -> Result<Surface, SurfaceError> {
     let mut samples = render_points(cloud, camera);
     let count = samples.count();
     if count == 0 {
@@ -76,10 +91,15 @@ pub fn reconstruct(
     let covered = coverage(&samples, &splats, spacing, options.fill);
     tell("fill", 0, 1)?;
     let (start, max_level) = Start::new(&samples, &splats, camera, options, spacing);
-    let ln_z = solve::depth(&start, camera, options, &mut tell)?;
+    let ln_z = solve::depth(&start, camera, options, tell)?;
     tell("attributes", 0, 1)?;
-    let (mut normals, colors) =
-        attributes::normals_and_colors(&samples, cloud.colors(), &ln_z, &window(spacing), options.tolerance);
+    let (mut normals, colors) = attributes::normals_and_colors(
+        &samples,
+        cloud.colors(),
+        &ln_z,
+        &surroundings(spacing),
+        options.tolerance,
+    );
     attributes::unit_facing(&mut normals, camera);
     let colors = colors.map(|c| solve::texture(c, camera, options)).transpose()?;
     let maps = attributes::maps(&ln_z, &normals, colors.as_deref(), &covered, camera);
@@ -136,7 +156,7 @@ impl Start {
             .map(|i| valid[i] && (ln_z[i] - filled[i]).abs() <= pyramid.tolerance)
             .collect();
         // The fast method leaves normals between samples to the pyramid.
-        let window = Some(window(spacing)).filter(|_| options.method != Method::Fast);
+        let window = Some(surroundings(spacing)).filter(|_| options.method != Method::Fast);
         let normals = attributes::normals(samples, &valid, &filled, window.as_ref());
         let (gx, gy) = normal_target(&normals, camera);
         let trust = |i: usize| {
@@ -167,7 +187,7 @@ fn follow_splats(filled: &mut [f32], valid: &[bool], splats: &[f32], tolerance: 
 }
 
 /// Windows that hold some samples.
-fn window(spacing: f32) -> InterpolateOptions {
+fn surroundings(spacing: f32) -> InterpolateOptions {
     let radius = (1.3 * spacing).ceil().clamp(2.0, 32.0);
     InterpolateOptions {
         window: 2 * radius as usize + 1,

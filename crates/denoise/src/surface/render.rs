@@ -146,7 +146,9 @@ fn nearest_points(cloud: &Cloud, camera: &Pinhole) -> (Vec<AtomicU64>, usize) {
                 let pixel = v as usize * camera.width + u as usize;
                 // Positive floats are ordered as their bits.
                 let key = u64::from(depth.to_bits()) << 32 | (chunk * CHUNK + i) as u64;
-                keys[pixel].fetch_min(key, Ordering::Relaxed);
+                if key < keys[pixel].load(Ordering::Relaxed) {
+                    keys[pixel].fetch_min(key, Ordering::Relaxed);
+                }
             }
             count
         })

@@ -1,6 +1,7 @@
 //! Splat depth and the removal of points that lie behind it.
 
 use super::{Pinhole, Samples};
+use crate::wide::widest;
 use photofit_scalar::Vec3f;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -22,6 +23,21 @@ pub enum SplatRadius {
     Spacing(f32),
 }
 
+impl SplatRadius {
+    /// The reach on the screen in pixels, and the squared reach on the surface, of a point at depth `z`.
+    pub(super) fn reach(self, spacing: f32, z: f32, camera: &Pinhole) -> (f32, f32) {
+        let f = (camera.fx.max(camera.fy)) as f32;
+        match self {
+            Self::Pixels(r) => (r.min(MOST_REACH), f32::INFINITY),
+            Self::Spacing(k) => {
+                let r = k * spacing + ROUNDING * z / f;
+                // Perspective and tilt widen the disc by at most the depth range.
+                ((1.4 * r * f / z).min(MOST_REACH), r * r)
+            }
+        }
+    }
+}
+
 /// Depth of the nearest splat at each pixel, infinity where none reaches.
 ///
 /// A splat is a disc on the plane of its point: depth `(n . P) / (n . r)` along the ray `r`, accepted within
@@ -31,15 +47,19 @@ pub fn splat_depth(samples: &Samples, camera: &Pinhole, radius: SplatRadius) -> 
     let mut depth = Vec::with_capacity(samples.z.len());
     depth.resize_with(samples.z.len(), || AtomicU32::new(infinity));
     (0..samples.height).into_par_iter().for_each(|y| {
-        for x in 0..samples.width {
-            if samples.is_valid(y * samples.width + x) {
-                draw(samples, camera, radius, x, y, &depth);
-            }
-        }
+        widest(
+            #[inline(always)]
+            || {
+                for x in (0..samples.width).filter(|x| samples.is_valid(y * samples.width + x)) {
+                    draw(samples, camera, radius, x, y, &depth);
+                }
+            },
+        );
     });
     depth.into_iter().map(|d| f32::from_bits(d.into_inner())).collect()
 }
 
+#[inline(always)]
 fn draw(samples: &Samples, camera: &Pinhole, radius: SplatRadius, x: usize, y: usize, depth: &[AtomicU32]) {
     let (w, h) = (samples.width, samples.height);
     let i = y * w + x;
@@ -50,35 +70,35 @@ fn draw(samples: &Samples, camera: &Pinhole, radius: SplatRadius, x: usize, y: u
         n.z = -1.0;
     }
     let plane = (n.x * px + n.y * py + n.z) * z;
-    // Squared reach on the screen, and on the surface.
-    let f = (camera.fx.max(camera.fy)) as f32;
-    let (reach, disc) = match radius {
-        SplatRadius::Pixels(r) => (r.min(MOST_REACH), f32::INFINITY),
-        SplatRadius::Spacing(k) => {
-            let r = k * samples.spacing[i] + ROUNDING * z / f;
-            // Perspective and tilt widen the disc by at most the depth range.
-            ((1.4 * r * f / z).min(MOST_REACH), r * r)
-        }
-    };
+    let (reach, disc) = radius.reach(samples.spacing[i], z, camera);
     let near = |at: usize, end: usize| {
         let lo = (at as f32 - reach).ceil().max(0.0) as usize;
         (lo, (at as f32 + reach).floor().min((end - 1) as f32) as usize)
     };
     let ((x0, x1), (y0, y1)) = (near(x, w), near(y, h));
     let (step_x, step_y) = camera.ray_steps();
+    let mut line = [0; 2 * MOST_REACH as usize + 2];
     for v in y0..=y1 {
         let dy = v as f32 - y as f32;
         let half = (reach * reach - dy * dy).max(0.0).sqrt();
         let ry = py + dy * step_y;
         let (row, base) = (v * w, n.y * ry + n.z);
         let from = x0.max((x as f32 - half).ceil().max(0.0) as usize);
-        for u in from..=x1.min((x as f32 + half) as usize) {
-            let rx = px + (u as f32 - x as f32) * step_x;
+        let to = (x1 + 1).min((x as f32 + half) as usize + 1);
+        let line = &mut line[..to.saturating_sub(from)];
+        let first = from as f32 - x as f32;
+        for (k, out) in line.iter_mut().enumerate() {
+            let rx = px + (first + k as f32) * step_x;
             let d = plane / (n.x * rx + base);
             let (ex, ey, ez) = (rx * d - px * z, ry * d - py * z, d - z);
             let inside = ex * ex + ey * ey + ez * ez <= disc;
-            if inside && d >= DEPTH_RANGE.0 * z && d <= DEPTH_RANGE.1 * z {
-                depth[row + u].fetch_min(d.to_bits(), Ordering::Relaxed);
+            let accepted = inside & (d >= DEPTH_RANGE.0 * z) & (d <= DEPTH_RANGE.1 * z);
+            *out = if accepted { d.to_bits() } else { u32::MAX };
+        }
+        // Most lose against what is there already, and reading costs less than an exchange.
+        for (there, bits) in depth[row + from..].iter().zip(line.iter()) {
+            if *bits < there.load(Ordering::Relaxed) {
+                there.fetch_min(*bits, Ordering::Relaxed);
             }
         }
     }
@@ -106,13 +126,14 @@ pub fn prune(samples: &mut Samples, splats: &[f32], tolerance: f32) -> usize {
 #[cfg(test)]
 mod tests {
     use super::super::synthetic::sphere_over_background;
+    use super::super::tests::uniform;
     use super::*;
     use photofit_scalar::vec3;
 
     /// Recall, precision and the share of good samples that are lost.
     fn figures(radius: SplatRadius, front: f32, back: f32) -> (f64, f64, f64) {
         let scene = sphere_over_background();
-        let (samples, hidden) = scene.sample(front, back, 1);
+        let (samples, hidden) = scene.sample(front, back, uniform(1));
         let splats = splat_depth(&samples, &scene.camera, radius);
         let mut kept = samples.clone();
         let removed = prune(&mut kept, &splats, 0.03);

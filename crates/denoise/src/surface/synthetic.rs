@@ -1,7 +1,6 @@
 //! A small scene with known depth, and samples of it, for tests and benchmarks.
 
 use super::{Pinhole, Samples};
-use photofit_sampling::Rng;
 use photofit_scalar::{Vec3f, vec3};
 
 /// Side of the picture, pixels.
@@ -64,15 +63,14 @@ pub fn sphere_over_background() -> Scene {
 }
 
 impl Scene {
-    /// Samples a share of the pixels of each surface; where a front sample is missing the background shows through.
+    /// Samples a share of the pixels of each surface by independent numbers in `[0, 1)`; where a front sample is missing the background shows through.
     /// Returns the samples and which of them lie behind the front.
-    pub fn sample(&self, front: f32, back: f32, seed: u64) -> (Samples, Vec<bool>) {
+    pub fn sample(&self, front: f32, back: f32, mut uniform: impl FnMut() -> f32) -> (Samples, Vec<bool>) {
         let n = self.z.len();
-        let mut rng = Rng::new(seed, 0);
         let mut samples = Samples::empty(SIDE, SIDE);
         let mut hidden = vec![false; n];
         for i in 0..n {
-            let (seen, behind) = (rng.next_f32() < front, rng.next_f32() < back);
+            let (seen, behind) = (uniform() < front, uniform() < back);
             let (z, normal, share) = match (self.front[i], seen, behind) {
                 (true, true, _) => (self.z[i], self.normal[i], front),
                 (true, false, true) => (self.back[i], self.back_normal, back),

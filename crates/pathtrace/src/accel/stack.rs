@@ -1,10 +1,10 @@
 //! The stack of a traversal.
 
-/// Nodes still to visit, with the distances of their boxes where the order counts ([`entry`]); spills to the heap in very
-/// deep trees.
+/// Nodes still to visit, with the distances of their boxes where the order counts ([`entry`]); spills to the
+/// heap in very deep trees.
 ///
-/// Aligned to lines of the cache, and with it what a traversal keeps on the stack of the thread: else a quarter of the time
-/// goes to vectors that cross lines, in some processes and not in others.
+/// Aligned to lines of the cache, and with it what a traversal keeps on the stack of the thread: else a
+/// quarter of the time goes to vectors that cross lines, in some processes and not in others.
 ///
 /// Users keep the number of entries to themselves, in a register.
 #[repr(C, align(64))]

@@ -204,7 +204,8 @@ impl Accel {
         });
     }
 
-    /// Visits the leaves along the ray that have hits, near ones first; `leaf` returns the new limit or ends the walk.
+    /// Visits the leaves along the ray that have hits, near ones first; `leaf` returns the new limit or ends
+    /// the walk.
     #[inline(always)]
     pub(super) fn traverse(
         &self,

@@ -47,8 +47,8 @@ impl Shear {
     }
 }
 
-/// Axes by the largest one and its sign. Two are exchanged where it is negative, which keeps the winding: the sign of the
-/// determinant tells the side.
+/// Axes by the largest one and its sign. Two are exchanged where it is negative, which keeps the winding: the
+/// sign of the determinant tells the side.
 const AXES: [[usize; 3]; 6] = [[1, 2, 0], [2, 1, 0], [2, 0, 1], [0, 2, 1], [0, 1, 2], [1, 0, 2]];
 
 /// Answers of one packet test; lanes outside of `mask` are meaningless.

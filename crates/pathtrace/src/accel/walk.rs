@@ -26,8 +26,8 @@ pub(crate) struct Slabs {
 }
 
 impl Slabs {
-    /// `d` is finite and not zero, `largest` its largest absolute component; the slabs are widened by `pad` on both
-    /// sides.
+    /// `d` is finite and not zero, `largest` its largest absolute component; the slabs are widened by `pad`
+    /// on both sides.
     #[inline(always)]
     pub(super) fn new(o: Vec3A, d: Vec3A, largest: f32, pad: f32, t_min: f32) -> Self {
         let floor = Vec3A::splat(largest * 1e-12);
@@ -50,8 +50,9 @@ impl Slabs {
 #[repr(C, align(32))]
 pub(super) struct Distances(pub(super) [f32; WIDTH]);
 
-/// See [`super::width::Width::walk_near`]; `test` returns the children whose boxes the ray passes before the limit, one
-/// bit each, and where it enters them; `fetch` is told which two children wait at the top of the stack.
+/// See [`super::width::Width::walk_near`]; `test` returns the children whose boxes the ray passes before the
+/// limit, one bit each, and where it enters them; `fetch` is told which two children wait at the top of the
+/// stack.
 #[inline(always)]
 pub(super) fn near_first(
     nodes: &[Node],
@@ -101,9 +102,9 @@ pub(super) fn near_first(
     }
 }
 
-/// See [`super::width::Width::walk_any`]; `test` returns the children whose boxes the ray passes, one bit each, `push` adds
-/// some of eight to a stack that has room for them and returns its new length, `fetch` is told which two children wait
-/// at the top of the stack.
+/// See [`super::width::Width::walk_any`]; `test` returns the children whose boxes the ray passes, one bit
+/// each, `push` adds some of eight to a stack that has room for them and returns its new length, `fetch` is
+/// told which two children wait at the top of the stack.
 #[inline(always)]
 pub(super) fn any_order(
     nodes: &[Node],

@@ -18,8 +18,8 @@ use super::wide::Node;
 ///
 /// A walk gets what leaves index, for to fetch it ahead; it may be empty.
 pub(crate) trait Width: Copy {
-    /// Visits the leaves of a tree that the ray's boxes lead to, near ones first, with the limit so far; `leaf` returns
-    /// the new limit or ends the walk.
+    /// Visits the leaves of a tree that the ray's boxes lead to, near ones first, with the limit so far;
+    /// `leaf` returns the new limit or ends the walk.
     fn walk_near<L>(
         self,
         nodes: &[Node],
@@ -29,8 +29,8 @@ pub(crate) trait Width: Copy {
         leaf: impl FnMut(u32, f32) -> Option<f32>,
     );
 
-    /// Visits the leaves of a tree that the ray's boxes up to the limit lead to, in any order, until `leaf` returns
-    /// false.
+    /// Visits the leaves of a tree that the ray's boxes up to the limit lead to, in any order, until `leaf`
+    /// returns false.
     fn walk_any<L>(
         self,
         nodes: &[Node],

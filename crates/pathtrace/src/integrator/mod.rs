@@ -32,12 +32,20 @@ pub struct PathOptions {
     pub strategy: Strategy,
     /// The camera sees the environment; else its background is transparent.
     pub show_environment: bool,
+    /// The camera sees surfaces that emit; else what lies behind them.
+    pub show_emitters: bool,
 }
 
 impl Default for PathOptions {
-    /// 16 events, roulette from the first on, all strategies, the background shown.
+    /// 16 events, roulette from the first on, all strategies, everything shown.
     fn default() -> Self {
-        Self { max_depth: 16, roulette_depth: 1, strategy: Strategy::Mis, show_environment: true }
+        Self {
+            max_depth: 16,
+            roulette_depth: 1,
+            strategy: Strategy::Mis,
+            show_environment: true,
+            show_emitters: true,
+        }
     }
 }
 

@@ -7,7 +7,7 @@ use super::{FirstHit, PathOptions, PathSample, Strategy, brightest, exp};
 use crate::light::{Facing, LightRandom, LightSample, Receiver};
 use crate::plan;
 use crate::random::PathRandom;
-use crate::world::{Interaction, SurfaceMaterial, World, WorldRay};
+use crate::world::{Interaction, SurfaceMaterial, World, WorldHit, WorldRay};
 use photofit_sampling::power_heuristic;
 use photofit_scalar::Vec3f;
 
@@ -111,6 +111,16 @@ pub(crate) fn trace_path<const F: u32>(
             }
             break;
         };
+        if F & plan::EMITTERS != 0
+            && path.depth == 0
+            && !options.show_emitters
+            && world.emits(hit.instance)
+            && crossings <= MAX_CROSSINGS
+        {
+            path.pass_unseen(&hit);
+            crossings += 1;
+            continue;
+        }
         let wo = -path.ray.direction;
         let mut found = None;
         let (at, material) = if F & plan::TEXTURES != 0 {
@@ -197,6 +207,27 @@ impl<const F: u32> Path<'_, F> {
         }
     }
 
+    /// Goes on behind a surface that the camera does not see.
+    #[cold]
+    fn pass_unseen(&mut self, hit: &WorldHit) {
+        let at = self.world.interaction::<false>(&self.ray, hit);
+        if F & plan::ABSORPTION != 0 {
+            self.absorb(&at, hit.t);
+            self.enter(&at);
+        }
+        if F & plan::VOLUMES != 0 {
+            self.medium = self.world.media.beside(at.instance, !at.front, self.medium);
+        }
+        self.ray = at.leave(self.ray.direction, self.ray.t_max - hit.t);
+    }
+
+    /// Takes up what absorbs on the other side of a surface.
+    #[inline(always)]
+    fn enter(&mut self, at: &Interaction) {
+        let compiled = &self.world.materials[self.world.placed[at.instance as usize].material as usize];
+        self.inside = if at.front { compiled.absorption } else { Vec3f::zero() };
+    }
+
     /// Absorption on the way to a surface.
     #[inline(always)]
     fn absorb(&mut self, at: &Interaction, t: f32) {
@@ -264,9 +295,8 @@ impl<const F: u32> Path<'_, F> {
         }
         if F & plan::ABSORPTION != 0 && crosses {
             let world = self.world;
-            let compiled = &world.materials[world.placed[at.instance as usize].material as usize];
-            self.inside = if at.front { compiled.absorption } else { Vec3f::zero() };
-            if compiled.is_null {
+            self.enter(at);
+            if world.materials[world.placed[at.instance as usize].material as usize].is_null {
                 self.ray = at.leave(wi, f32::INFINITY);
                 return Step::Crossed;
             }

@@ -48,6 +48,53 @@ fn a_sphere_around_the_camera_is_as_bright_as_its_series() {
 }
 
 #[test]
+fn hidden_emitters_light_what_the_camera_sees_through_them() {
+    // A lamp between the camera and a floor, its back to the camera.
+    let picture = |hide: bool, z: f64| {
+        render(&format!(
+            "{}<integrator type='path'><integer name='max_depth' value='2'/>
+             <boolean name='hide_emitters' value='{hide}'/></integrator>
+             <shape type='rectangle'><bsdf type='diffuse'><rgb name='reflectance' value='0.5'/></bsdf></shape>
+             <shape type='rectangle'><transform name='to_world'><scale value='0.5'/><rotate x='1' angle='180'/>
+             <translate z='{z}'/></transform><bsdf type='diffuse'><rgb name='reflectance' value='0'/></bsdf>
+             <emitter type='area'><rgb name='radiance' value='3'/></emitter></shape>",
+            sensor(
+                "<float name='fov' value='60'/><transform name='to_world'>
+                 <lookat origin='0,0,3' target='0,0,0' up='0,1,0'/></transform>",
+                SQUARE,
+                64
+            )
+        ))
+    };
+    let (hidden, shown, free) = (picture(true, 2.0), picture(false, 2.0), picture(true, 4.0));
+    let mean = |p: &Image, x: std::ops::Range<usize>| {
+        x.clone().map(|x| f64::from(p.pixel(x, 8)[0])).sum::<f64>() / x.len() as f64
+    };
+    let (seen, blocked) = (mean(&hidden, 6..10), mean(&shown, 6..10));
+    assert!(blocked == 0.0, "the back of the lamp is black: {blocked}");
+    // Irradiance below the middle of a lamp of side 1 at distance 2: its form factor is .0735.
+    assert!((seen - 0.5 * 3.0 * 0.0735).abs() < 0.01, "{seen}");
+    assert!(mean(&free, 6..10) < 0.5 * seen, "farther away it gives less");
+    for p in [&hidden, &free] {
+        assert_eq!((p.pixel(0, 0)[3], p.pixel(8, 8)[3]), (0.0, 1.0), "coverage is that of the floor");
+    }
+    // The lamp itself leaves no trace where nothing lies behind it.
+    let alone = |hide: bool| {
+        render(&format!(
+            "{}<integrator type='path'><boolean name='hide_emitters' value='{hide}'/></integrator>
+             <shape type='sphere'><emitter type='area'><rgb name='radiance' value='3'/></emitter></shape>",
+            sensor(
+                "<transform name='to_world'><lookat origin='0,0,4' target='0,0,0' up='0,1,0'/></transform>",
+                SQUARE,
+                4
+            )
+        ))
+    };
+    assert_eq!(alone(true).pixel(8, 8), [0.0; 4]);
+    assert_eq!(alone(false).pixel(8, 8), [3.0, 3.0, 3.0, 1.0]);
+}
+
+#[test]
 fn a_point_light_over_a_square_obeys_the_inverse_square() {
     // Straight down from height 2 on a square with reflectance 0.5: radiance 0.5 / pi * I cos / r^2.
     let picture = render(&format!(

@@ -8,6 +8,7 @@
 mod instance;
 mod material;
 mod parts;
+mod scatter;
 mod scene;
 mod shape;
 mod sphere;
@@ -16,8 +17,8 @@ mod top;
 mod trace;
 
 pub use parts::{Instance, Material, Parts, Scattering, Shape};
+pub(crate) use scatter::SurfaceMaterial;
 pub use surface::Interaction;
-pub(crate) use surface::SurfaceMaterial;
 pub use trace::{WorldHit, WorldRay};
 
 pub(crate) use instance::{Placed, affine, dvec3, from_glam, to_glam};

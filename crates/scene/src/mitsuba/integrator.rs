@@ -10,8 +10,8 @@ pub struct MitsubaIntegrator {
     pub max_depth: u32,
     /// Scattering events after which Russian roulette may end a path, if the scene says so.
     pub roulette_depth: Option<u32>,
-    /// The camera does not see the environment itself.
-    pub hide_environment: bool,
+    /// The camera sees neither the environment nor surfaces that emit, but what lies behind them.
+    pub hide_emitters: bool,
 }
 
 /// Events that stand for "without bound".
@@ -20,7 +20,7 @@ const UNBOUNDED: u32 = 1 << 20;
 impl Default for MitsubaIntegrator {
     /// Paths without a bound.
     fn default() -> Self {
-        Self { max_depth: UNBOUNDED, roulette_depth: None, hide_environment: false }
+        Self { max_depth: UNBOUNDED, roulette_depth: None, hide_emitters: false }
     }
 }
 
@@ -40,12 +40,8 @@ impl Importer {
             self.reader.finish(element);
             element = inner;
         }
-        let mut out = MitsubaIntegrator::default();
-        let hide = self.reader.boolean(element, "hide_emitters", false)?;
-        if hide && self.scene.materials.iter().any(|m| m.emission.is_some()) {
-            self.reader.unsupported(element, "hide_emitters with emitting surfaces");
-        }
-        out.hide_environment = hide;
+        let hide_emitters = self.reader.boolean(element, "hide_emitters", false)?;
+        let mut out = MitsubaIntegrator { hide_emitters, ..MitsubaIntegrator::default() };
         match self.reader.kind(element) {
             "direct" => {
                 out.max_depth = 1;
@@ -76,7 +72,6 @@ impl Importer {
                 self.reader.mark_all(element);
             }
         }
-        self.reader.ignore(element, &["hide_emitters"]);
         self.reader.finish(element);
         Ok(out)
     }

@@ -200,3 +200,17 @@ fn bands_of_the_sweep_meet() {
         assert!(d < 1e-6, "{rows}x{cols}: {d}");
     }
 }
+
+#[test]
+fn the_last_look_at_the_solution_is_the_same() {
+    let shape = Shape::new(40, 56, 3);
+    let target: Vec<f64> = (0..shape.len()).map(|k| (k % 83) as f64 * 0.01).collect();
+    for linear in [LinearStep::Exact, LinearStep::Sweep] {
+        for steps in [0, 7] {
+            let mut admm = Admm::owning(models::hybrid(shape, &target, 0.1, 0.5, 0.1), linear).expect("good");
+            admm.solve(Stop::Iterations(steps));
+            let seen = admm.solution();
+            assert_eq!(admm.into_solution(), seen, "{linear:?}, {steps} steps");
+        }
+    }
+}

@@ -1,6 +1,7 @@
 //! Tests across stages, on the synthetic scene.
 mod automatic;
 mod exact;
+mod lamps;
 mod relations;
 mod stress;
 mod temporal;

@@ -1,0 +1,142 @@
+//! The stages of a convex model: logarithm, coherence, noise, weights, solver, and the way back.
+//!
+//! What a stage has used up is freed before the next one: the solver holds most of the memory.
+
+use super::black::classes;
+use super::coherence::{SHARPNESS, auxiliary_weight};
+use super::noise::{log_sigma, mad_sigma};
+use super::pipeline::Settings;
+use super::prepare::Prepared;
+use super::variational::{VariationalModel, adaptive_weight, choose_by_halves, minimise};
+use super::window::blur_mean;
+use super::{Plan, divisor};
+use crate::DenoiseError;
+use std::borrow::Cow;
+
+/// Irradiance by a convex model, and its `c`.
+pub(super) fn variational(
+    model: VariationalModel,
+    p: &mut Prepared<'_>,
+    settings: &Settings,
+    plan: &mut Plan,
+) -> Result<(Vec<f32>, f32), DenoiseError> {
+    // Of the regression.
+    p.trust = Vec::new();
+    let sampled = sampled(&p.weight);
+    let mask = sampled.as_deref().unwrap_or(&p.weight);
+    let target =
+        plan.stage("logarithm", || (logarithm(&p.irradiance), "log(1 + irradiance), after all sums"));
+    let auxiliary = plan.stage("coherence", || {
+        let mut features = p.features.borrowed();
+        features.albedo = p.divisor.as_deref().map(Cow::Borrowed);
+        (auxiliary_weight(&features, p.shape, SHARPNESS), "edges of the guides and of the divisor")
+    });
+    let sigma = plan.stage("deviation", || match &p.variance {
+        Some(v) => (log_sigma(&p.level(), v, mask, p.shape.cols), "from the known variance"),
+        None => (deviation(p, &target), "median of the finest diagonal wavelets"),
+    });
+    let iterations = settings.iterations;
+    let strength = strength(model, p, settings, plan, |c, target| {
+        // A half has twice the variance of the mean.
+        let wide: Vec<f32> = sigma.iter().map(|s| s * std::f32::consts::SQRT_2).collect();
+        let alpha = adaptive_weight(c, &wide, &auxiliary);
+        minimise(model, p.shape, Cow::Borrowed(target), mask, alpha, iterations)
+    })?;
+    DenoiseError::setting(
+        "the strength",
+        f64::from(strength),
+        "finite and not negative",
+        strength >= 0.0 && strength.is_finite(),
+    )?;
+    let alpha = adaptive_weight(strength, &sigma, &auxiliary);
+    drop((sigma, auxiliary));
+    // Made again from the albedo afterwards.
+    p.divisor = None;
+    let mut u = plan.stage("solver", || {
+        let u = minimise(model, p.shape, Cow::Owned(target), mask, alpha, iterations);
+        (u, format!("{iterations} steps"))
+    })?;
+    p.divisor = p.features.albedo.as_deref().map(divisor);
+    u.iter_mut().for_each(|v| *v = v.max(0.0).exp_m1());
+    match settings.restore_mean {
+        true => plan.stage("mean", || {
+            // A lamp in the mean of what is around would show as a frame.
+            let [others, own] = classes(mask, &p.black);
+            restore_mean(&mut u, &p.irradiance, &others, p.shape.cols, |i| own[i] == 0.0);
+            if !p.black.is_empty() {
+                restore_mean(&mut u, &p.irradiance, &own, p.shape.cols, |i| own[i] > 0.0);
+            }
+            ((), "local means of the noisy picture")
+        }),
+        false => plan.skip("mean", "restoring it is switched off"),
+    }
+    Ok((u, strength))
+}
+
+/// 1 where there is a sample, 0 at holes; `None` where the weights are that already.
+fn sampled(weight: &[f32]) -> Option<Vec<f32>> {
+    let same = weight.iter().all(|w| *w == 0.0 || *w == 1.0);
+    (!same).then(|| weight.iter().map(|w| if *w > 0.0 { 1.0 } else { 0.0 }).collect())
+}
+
+fn logarithm(u: &[f32]) -> Vec<f32> {
+    u.iter().map(|v| v.ln_1p()).collect()
+}
+
+/// Deviation of the noise from the target itself, root mean square over the channels.
+fn deviation(p: &Prepared<'_>, target: &[f32]) -> Vec<f32> {
+    let n = p.shape.pixels();
+    let mut sum = vec![0.0; n];
+    for plane in target.chunks(n) {
+        let sigma = mad_sigma(plane, p.shape.rows, p.shape.cols);
+        sum.iter_mut().zip(sigma).for_each(|(a, s)| *a += s * s * (1.0 / 3.0));
+    }
+    sum.iter_mut().for_each(|s| *s = s.sqrt());
+    sum
+}
+
+/// `c`: given, by cross-validation of the halves with `solve`, or the default of the model.
+fn strength(
+    model: VariationalModel,
+    p: &Prepared<'_>,
+    settings: &Settings,
+    plan: &mut Plan,
+    solve: impl FnMut(f32, &[f32]) -> Result<Vec<f32>, DenoiseError>,
+) -> Result<f32, DenoiseError> {
+    match (settings.strength, &p.halves) {
+        (Some(c), _) => {
+            plan.run("strength", format!("c = {c}, given"));
+            Ok(c)
+        }
+        (None, Some([a, b])) => plan.stage("strength", || {
+            let sampled = sampled(&p.weight);
+            let mask = sampled.as_deref().unwrap_or(&p.weight);
+            let grid = VariationalModel::GRID.map(|f| f * model.strength());
+            let halves = [&logarithm(a)[..], &logarithm(b)[..]];
+            match choose_by_halves(&grid, halves, mask, solve) {
+                Ok((c, _)) => (Ok(c), format!("c = {c}, by cross-validation of the halves")),
+                Err(e) => (Err(e), String::new()),
+            }
+        }),
+        (None, None) => {
+            let c = model.strength();
+            plan.run("strength", format!("c = {c}, the default for pictures without halves"));
+            Ok(c)
+        }
+    }
+}
+
+/// `u G(L)/G(u)` with a Gaussian of sigma 8: total variation of logarithms darkens, for the logarithm is concave. Only
+/// pixels that are `of` the class with `weight`.
+fn restore_mean(u: &mut [f32], noisy: &[f32], weight: &[f32], cols: usize, of: impl Fn(usize) -> bool) {
+    const SIGMA: f32 = 8.0;
+    let n = weight.len();
+    for (u, l) in u.chunks_mut(n).zip(noisy.chunks(n)) {
+        let (bright, dark) = (blur_mean(l, weight, cols, SIGMA), blur_mean(u, weight, cols, SIGMA));
+        for (i, ((u, b), d)) in u.iter_mut().zip(bright).zip(dark).enumerate() {
+            if d > 1e-6 && of(i) {
+                *u *= (b / d).clamp(0.5, 2.0);
+            }
+        }
+    }
+}
