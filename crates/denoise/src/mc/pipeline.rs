@@ -38,7 +38,7 @@ pub struct Settings {
     /// Scale the result of a convex model to the local mean of the noisy picture, for the mean of logarithms is too
     /// dark: more light, a little more residual noise.
     pub restore_mean: bool,
-    /// `c` of [`adaptive_weight`]; chosen automatically when not given.
+    /// `c` of [`super::adaptive_weight`]; chosen automatically when not given.
     pub strength: Option<f32>,
     /// Steps of a convex model.
     pub iterations: usize,
