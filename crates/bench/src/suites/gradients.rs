@@ -43,7 +43,7 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
                             let g = |i: usize, _| {
                                 weight(w, (i / size / samples) * SIZE + (i % size) / samples, share)
                             };
-                            model.render_vjp(&camera, size, &picture, g, &mut reverse);
+                            model.render_vjp(&camera, size, &mut picture, g, &mut reverse);
                             reverse.positions.clone()
                         })
                         .collect();

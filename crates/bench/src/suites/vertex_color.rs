@@ -4,14 +4,12 @@ use crate::context::Context;
 use anyhow::Result;
 use photofit_geometry::{Edges, Mesh, shapes, weld::weld_exact};
 use photofit_raster::antialias::{Pair, Topology, antialias, antialias_vjp, silhouettes};
+use photofit_raster::interpolate::{Pieces, interpolate_picture, interpolate_picture_vjp};
 use photofit_raster::project::{Matrix4, matrix_rows, project, project_vjp};
-use photofit_raster::rasterize::{
-    Faces, NONE, PixelGrid, Span, SpanGradient, TILE, Visibility, rasterize_into,
-};
+use photofit_raster::rasterize::{Faces, NONE, Visibility, rasterize_into};
 use photofit_scalar::{Vec3f, Vec4f, vec3};
 use photofit_scene::Camera;
 use rayon::prelude::*;
-use std::ops::Range;
 
 /// Meshes for the comparison with other programs, separated by colons (PLY); procedural ones without it.
 const MESHES: &str = "PHOTOFIT_BENCH_MESHES";
@@ -82,6 +80,7 @@ pub(crate) struct Picture {
     clip: Vec<Vec4f>,
     visibility: Visibility,
     flat: Vec<[f32; 3]>,
+    pieces: Pieces<f32, 3>,
     pairs: Vec<Pair<f32>>,
 }
 
@@ -92,14 +91,6 @@ pub(crate) struct Reverse {
     pub(crate) colors: Vec<[f32; 3]>,
     clip: Vec<Vec4f>,
     pixels: Vec<[f32; 3]>,
-    strips: Vec<Vec<Run>>,
-}
-
-/// Gradients of the corners of a triangle from neighbouring pixels.
-struct Run {
-    triangle: u32,
-    clip: [Vec4f; 3],
-    color: [[f32; 3]; 3],
 }
 
 impl Model {
@@ -125,30 +116,12 @@ impl Model {
 
     /// Renders over black.
     pub(crate) fn render(&self, camera: &Matrix4<f32>, size: usize, smooth: bool, out: &mut Picture) {
-        let Picture { color, clip, visibility, flat, pairs } = out;
+        let Picture { color, clip, visibility, flat, pieces, pairs } = out;
         clip.resize(self.positions.len(), Vec4f::zero());
         project(camera, &self.positions, clip);
         rasterize_into(clip, &self.triangles, size, size, self.faces, None, visibility);
-        let grid = PixelGrid::new(size, size);
         flat.resize(size * size, [0.0; 3]);
-        let rows = size.max(1) * TILE;
-        let strips = flat.par_chunks_mut(rows).zip(visibility.triangle.par_chunks(rows));
-        strips.enumerate().for_each(|(s, (flat, ids))| {
-            flat.fill([0.0; 3]);
-            for (y, (flat, ids)) in flat.chunks_mut(size).zip(ids.chunks(size)).enumerate() {
-                for_each_run(ids, |triangle, run| {
-                    let [i, j, k] = self.corners(triangle);
-                    let corners = [clip[i], clip[j], clip[k]];
-                    let colors = [&self.colors[i], &self.colors[j], &self.colors[k]];
-                    let span = Span::new(&corners, run.start, s * TILE + y, &grid);
-                    for (n, flat) in flat[run].iter_mut().enumerate() {
-                        let w = span.weights(n);
-                        *flat = [0, 1, 2]
-                            .map(|c| w[0] * colors[0][c] + w[1] * colors[1][c] + w[2] * colors[2][c]);
-                    }
-                });
-            }
-        });
+        interpolate_picture(visibility, clip, &self.triangles, &self.colors, pieces, flat);
         *pairs = if smooth { silhouettes(visibility, clip, &self.topology()) } else { Vec::new() };
         color.clone_from(flat);
         antialias(pairs, flat, color);
@@ -159,82 +132,22 @@ impl Model {
         &self,
         camera: &Matrix4<f32>,
         size: usize,
-        p: &Picture,
+        p: &mut Picture,
         g: impl Fn(usize, [f32; 3]) -> [f32; 3] + Sync,
         out: &mut Reverse,
     ) {
-        let Reverse { positions, colors, clip, pixels, strips } = out;
+        let Reverse { positions, colors, clip, pixels } = out;
         clip.clear();
         clip.resize(self.positions.len(), Vec4f::zero());
         colors.clear();
         colors.resize(self.colors.len(), [0.0; 3]);
         p.color.par_iter().enumerate().map(|(i, c)| g(i, *c)).collect_into_vec(pixels);
         antialias_vjp(&p.pairs, &p.clip, (size, size), &p.flat, pixels, clip);
-        let rows = size.max(1) * TILE;
-        strips.resize_with((size * size).div_ceil(rows), Vec::new);
-        let parts = pixels.par_chunks(rows).zip(p.visibility.triangle.par_chunks(rows));
-        parts.zip(strips.par_iter_mut()).enumerate().for_each(|(s, ((g, ids), runs))| {
-            self.strip_vjp(p, size, s * TILE, g, ids, runs);
-        });
-        for run in strips.iter().flatten() {
-            for (n, i) in self.corners(run.triangle).into_iter().enumerate() {
-                clip[i] += run.clip[n];
-                (0..3).for_each(|c| colors[i][c] += run.color[n][c]);
-            }
-        }
+        let Picture { visibility, clip: at, pieces, .. } = p;
+        interpolate_picture_vjp(visibility, at, &self.triangles, &self.colors, pieces, pixels, clip, colors);
         positions.clear();
         positions.resize(self.positions.len(), Vec3f::zero());
         project_vjp(camera, clip, positions);
-    }
-
-    /// Gradients of the runs of pixels of one triangle in some rows from `first` on.
-    fn strip_vjp(
-        &self,
-        p: &Picture,
-        size: usize,
-        first: usize,
-        g: &[[f32; 3]],
-        ids: &[u32],
-        runs: &mut Vec<Run>,
-    ) {
-        let grid = PixelGrid::new(size, size);
-        runs.clear();
-        for (y, (g, ids)) in g.chunks(size).zip(ids.chunks(size)).enumerate() {
-            for_each_run(ids, |triangle, run| {
-                let [i, j, k] = self.corners(triangle);
-                let corners = [p.clip[i], p.clip[j], p.clip[k]];
-                let colors = [&self.colors[i], &self.colors[j], &self.colors[k]];
-                let span = Span::new(&corners, run.start, first + y, &grid);
-                let (mut weights, mut color) = (SpanGradient::default(), [[0.0; 3]; 3]);
-                for (n, g) in g[run].iter().enumerate() {
-                    let w = span.weights(n);
-                    for k in 0..3 {
-                        (0..3).for_each(|c| color[k][c] += w[k] * g[c]);
-                    }
-                    let dot = |c: &[f32; 3]| c[0] * g[0] + c[1] * g[1] + c[2] * g[2];
-                    span.weights_vjp(n, colors.map(dot), &mut weights);
-                }
-                runs.push(Run { triangle, clip: span.corners_vjp(&corners, &weights), color });
-            });
-        }
-    }
-
-    fn corners(&self, triangle: u32) -> [usize; 3] {
-        self.triangles[triangle as usize].map(|i| i as usize)
-    }
-}
-
-/// Calls `run` with the triangle and the columns of each run of pixels in a row.
-#[inline(always)]
-fn for_each_run(ids: &[u32], mut run: impl FnMut(u32, Range<usize>)) {
-    let mut start = 0;
-    while start < ids.len() {
-        let id = ids[start];
-        let end = start + ids[start..].iter().take_while(|i| **i == id).count();
-        if id != NONE {
-            run(id, start..end);
-        }
-        start = end;
     }
 }
 

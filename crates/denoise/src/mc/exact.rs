@@ -1,12 +1,17 @@
 //! Pixels without noise: a shown environment, emitters. They are kept as they are and do not reach their neighbours.
 
 use super::frame::{Features, Frame};
+use super::window::{blur_sums, gaussian_taps};
 use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSlice, ParallelSliceMut};
 
 /// Deviation over the level of a pixel below which it has no noise: half precision files round by as much.
 const SILENT: f32 = 1e-3;
-/// The same where the ray meets nothing: what varies there is the texture of the environment.
-const SILENT_MISS: f32 = 0.02;
+/// Where rays meet nothing, the variance of a pixel over the squared difference from its neighbours, below which what
+/// varies is the texture of an environment: of `n` samples in its square 1 / (6 n) for a smooth texture and 1 / (2 n) at
+/// edges; independent noise, of a medium, has 1 / 2.
+const TEXTURE: f32 = 0.3;
+/// Deviation in pixels of the window in which the two are compared.
+const TEXTURE_WINDOW: f32 = 2.5;
 /// Pixels on each side of the middle of a window that has to be silent as a whole.
 ///
 /// Few samples can be equal by chance, under a light of one colour that half of them see; windows of them hardly are.
@@ -26,14 +31,15 @@ pub(crate) fn exact_pixels(frame: &Frame<'_>, features: &Features<'_>, weight: &
         None => frame.color[c * n + i],
     };
     let level = |i: usize| (color(0, i) + color(1, i) + color(2, i)) * (1.0 / 3.0);
+    let texture = textured(frame, features, weight, &color);
     let mut silent = vec![0_u8; n];
     silent.par_chunks_mut(cols).enumerate().with_min_len(8).for_each(|(y, row)| {
         for (x, s) in row.iter_mut().enumerate() {
             let i = y * cols + x;
             let (level, miss) = (level(i), missed(features, i));
-            let limit = (level * if miss { SILENT_MISS } else { SILENT }).powi(2);
-            let quiet = weight[i] > 0.0 && (0..3).all(|c| variance(frame, c * n + i) <= limit);
-            *s = u8::from(quiet && (miss || level > 0.0));
+            let limit = (level * SILENT).powi(2);
+            let quiet = texture[i] || (0..3).all(|c| variance(frame, c * n + i) <= limit);
+            *s = u8::from(weight[i] > 0.0 && quiet && (miss || level > 0.0));
         }
     });
     if silent.iter().all(|s| *s == 0) {
@@ -47,6 +53,40 @@ pub(crate) fn exact_pixels(frame: &Frame<'_>, features: &Features<'_>, weight: &
         .filter(|i| silent[*i] > 0 && (windows[*i] > 0 || missed(features, *i) || level(*i) > bright))
         .map(|i| (i, [color(0, i).max(0.0), color(1, i).max(0.0), color(2, i).max(0.0)]))
         .collect()
+}
+
+/// Pixels that show the texture of an environment: what varies in them varies between them too.
+fn textured(
+    frame: &Frame<'_>,
+    features: &Features<'_>,
+    weight: &[f32],
+    color: &(impl Fn(usize, usize) -> f32 + Sync),
+) -> Vec<bool> {
+    let (n, cols) = (frame.shape.pixels(), frame.shape.cols);
+    let shown: Vec<bool> = (0..n).map(|i| weight[i] > 0.0 && missed(features, i)).collect();
+    if !shown.contains(&true) {
+        return shown;
+    }
+    let (mut own, mut between) = (vec![0.0; n], vec![0.0; n]);
+    own.par_chunks_mut(cols).zip(between.par_chunks_mut(cols)).enumerate().with_min_len(8).for_each(
+        |(y, (own, between))| {
+            for x in (0..cols).filter(|x| shown[y * cols + x]) {
+                let i = y * cols + x;
+                own[x] = (0..3).map(|c| variance(frame, c * n + i)).sum();
+                let (mut sum, mut count) = (0.0, 0.0);
+                for (inside, j) in [(x + 1 < cols, i + 1), (i + cols < n, i + cols)] {
+                    if inside && shown[j] {
+                        sum += (0..3).map(|c| (color(c, i) - color(c, j)).powi(2)).sum::<f32>();
+                        count += 1.0;
+                    }
+                }
+                between[x] = sum / f32::max(count, 1.0);
+            }
+        },
+    );
+    let taps = gaussian_taps(TEXTURE_WINDOW);
+    let (own, between) = (blur_sums(&own, cols, &taps), blur_sums(&between, cols, &taps));
+    (0..n).map(|i| shown[i] && own[i] <= TEXTURE * between[i]).collect()
 }
 
 /// Variance of the mean of a sample.

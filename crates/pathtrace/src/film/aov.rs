@@ -1,4 +1,7 @@
 //! Auxiliary images: what the camera sees first, and parts of the light.
+//!
+//! Where it sees through blended surfaces, albedo is the mean of all by what is seen of them, and *the first surface* is
+//! that of which most is seen (the background counts): nothing of it is left to chance.
 
 use std::fmt;
 

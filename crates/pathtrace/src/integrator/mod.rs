@@ -1,5 +1,6 @@
 //! Estimators of the radiance that arrives along a ray.
 
+mod first;
 mod medium;
 pub(crate) mod path;
 pub(crate) mod teaching;

@@ -1,9 +1,10 @@
 //! The path tracer: next-event estimation and BSDF sampling with multiple importance sampling (Veach 1997), Russian
 //! roulette, stochastic opacity, media.
 
+use super::first::{first_hit, seen_through};
 use super::medium::Event;
 use super::visibility::{closest, transmittance};
-use super::{FirstHit, PathOptions, PathSample, Strategy, brightest, exp};
+use super::{PathOptions, PathSample, Strategy, brightest, exp};
 use crate::light::{Facing, LightRandom, LightSample, Receiver};
 use crate::plan;
 use crate::random::PathRandom;
@@ -162,6 +163,12 @@ pub(crate) fn trace_path<const F: u32>(
             Step::Crossed => crossings += 1,
             Step::Ended => break,
         }
+    }
+    if F & plan::ALPHA != 0
+        && first_wanted
+        && let Some(first) = seen_through::<F>(world, ray, options)
+    {
+        out.first = first;
     }
     out.radiance = path.radiance;
     out
@@ -365,17 +372,5 @@ impl<const F: u32> Path<'_, F> {
         let around = (inside, medium);
         let through = transmittance::<F>(self.world, at.p, Some(at), &light, around, self.random, index);
         self.radiance += arrives.mul(through);
-    }
-}
-
-fn first_hit(at: &Interaction, material: &SurfaceMaterial<'_>, wo: Vec3f) -> FirstHit {
-    let turned = |n: Vec3f| if at.front { n } else { -n };
-    let shading = if material.n.dot(wo) < 0.0 { -material.n } else { material.n };
-    FirstHit {
-        p: at.p,
-        ng: turned(at.ng),
-        ns: shading,
-        albedo: material.albedo(material.to_local(wo)),
-        instance: at.instance,
     }
 }

@@ -12,5 +12,7 @@ mod mitsuba;
 mod plans;
 mod progressive;
 mod scenes;
+#[cfg(feature = "mitsuba")]
+mod seen_through;
 mod statistics;
 mod stress;

@@ -58,9 +58,9 @@ pub fn silhouettes<T: Real>(
     let strips: Vec<Vec<Pair<T>>> = (0..h.div_ceil(TILE))
         .into_par_iter()
         .map(|s| {
-            let mut pairs = Vec::new();
+            let (mut pairs, mut borders) = (Vec::new(), vec![0; 2 * w]);
             for y in s * TILE..((s + 1) * TILE).min(h) {
-                row_pairs(visibility, clip, topology, &folds, y, &mut pairs);
+                row_pairs(visibility, clip, topology, &folds, y, &mut borders, &mut pairs);
             }
             pairs
         })
@@ -75,22 +75,37 @@ fn row_pairs<T: Real>(
     topology: &Topology<'_>,
     folds: &Folds,
     y: usize,
+    borders: &mut [u32],
     pairs: &mut Vec<Pair<T>>,
 ) {
     let w = v.width;
-    let differ = |i: usize, j: usize| {
+    let row = &v.triangle[y * w..][..w];
+    let below = if y + 1 < v.height { &v.triangle[(y + 1) * w..][..w] } else { row };
+    for border in find_borders(row, below, borders) {
+        let (i, vertical) = (y * w + (border / 2) as usize, border % 2 == 1);
+        let j = i + if vertical { w } else { 1 };
         let (a, b) = (v.triangle[i], v.triangle[j]);
-        a != b && (a == NONE || b == NONE || !folds.continuous(topology, a as usize, b))
-    };
-    for x in 0..w {
-        let i = y * w + x;
-        if x + 1 < w && differ(i, i + 1) {
-            pairs.extend(pair(v, clip, topology, folds, i, i + 1, false));
-        }
-        if y + 1 < v.height && differ(i, i + w) {
-            pairs.extend(pair(v, clip, topology, folds, i, i + w, true));
+        if a == NONE || b == NONE || !folds.continuous(topology, a as usize, b) {
+            pairs.extend(pair(v, clip, topology, folds, i, j, vertical));
         }
     }
+}
+
+/// The places where a row of triangle ids changes: twice the column where it does to the right, one more than that where
+/// it does to the row below. Collected without branches, which nothing could predict.
+fn find_borders<'a>(row: &[u32], below: &[u32], out: &'a mut [u32]) -> &'a [u32] {
+    let mut n = 0;
+    for (x, ((id, right), below)) in row.iter().zip(&row[1.min(row.len())..]).zip(below).enumerate() {
+        out[n] = 2 * x as u32;
+        n += usize::from(id != right);
+        out[n] = 2 * x as u32 + 1;
+        n += usize::from(id != below);
+    }
+    if let (Some(x), true) = (row.len().checked_sub(1), row.last() != below.last()) {
+        out[n] = 2 * x as u32 + 1;
+        n += 1;
+    }
+    &out[..n]
 }
 
 fn pair<T: Real>(

@@ -6,14 +6,14 @@
 
 mod barycentric;
 mod bins;
-mod span;
+mod patch;
 mod tile;
 #[cfg(target_arch = "x86_64")]
 mod tile_avx2;
 
 pub use barycentric::{Barycentrics, PixelGrid, barycentrics, barycentrics_vjp};
 pub use bins::{Bins, Faces};
-pub use span::{Span, SpanGradient};
+pub use patch::{Patch, PatchGradient, PatchValues, Span};
 pub use tile::{Layer, TILE, Tile};
 
 use photofit_scalar::Vec4f;

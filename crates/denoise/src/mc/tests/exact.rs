@@ -99,3 +99,45 @@ fn equal_samples_by_chance_and_black_ones_are_noise() {
     assert!(why.starts_with("0 pixels"), "{why}");
     assert!(d.color.iter().all(|v| (v - 0.5).abs() < 0.2), "the noise is gone");
 }
+
+#[test]
+fn a_shown_environment_stays_and_fog_is_noise() {
+    // Four samples a pixel of edges, waves and a slope, at random places of the pixel; or of a medium, anywhere.
+    let n = ROWS * COLS;
+    let mut rng = photofit_gradcheck::Uniform::new(3);
+    let environment = |x: f32, y: f32| {
+        let edges = if (x + 0.4 * y).rem_euclid(37.0) < 9.0 { 1.1 } else { 0.3 };
+        edges + 0.2 * (0.7 * x).sin() * (0.5 * y).cos() + 0.002 * x
+    };
+    let mut samples = |fog: bool| {
+        let (mut color, mut variance) = (vec![0.0; 3 * n], vec![0.0; 3 * n]);
+        for i in 0..n {
+            let values: [f32; 4] = std::array::from_fn(|_| {
+                let at = rng.vec(2, 0.0, 1.0);
+                match fog {
+                    true => (0.3 + 0.004 * (i % COLS) as f32) * (2.0 * at[0]) as f32,
+                    false => environment((i % COLS) as f32 + at[0] as f32, (i / COLS) as f32 + at[1] as f32),
+                }
+            });
+            let mean = values.iter().sum::<f32>() / 4.0;
+            let square = values.iter().map(|v| (v - mean).powi(2)).sum::<f32>() / (3.0 * 4.0);
+            (0..3).for_each(|c| (color[c * n + i], variance[c * n + i]) = (mean, square));
+        }
+        (color, variance)
+    };
+    // A wall in the lowest rows, or there would be nothing that rays miss.
+    let wall = |i: usize| i % n >= (ROWS - 8) * COLS;
+    let normal: Vec<f32> = (0..3 * n).map(|i| if wall(i) { 0.6 } else { 0.0 }).collect();
+    let guides = crate::mc::Guides { normal: Some(&normal), ..Default::default() };
+    for fog in [false, true] {
+        let (color, variance) = samples(fog);
+        let frame = Frame { variance: Some(&variance), ..Frame::new(ROWS, COLS, &color).with_guides(guides) };
+        let d = denoise(&frame, &Settings::default()).expect("sound");
+        let open = (0..3 * n).filter(|i| !wall(*i));
+        let kept = open.filter(|i| d.color[*i] == color[*i]).count() as f64 / (3 * COLS * (ROWS - 8)) as f64;
+        match fog {
+            false => assert!(kept > 0.999, "{kept}"),
+            true => assert!(kept < 0.02, "{kept}"),
+        }
+    }
+}

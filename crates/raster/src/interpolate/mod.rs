@@ -1,5 +1,9 @@
 //! Interpolation of vertex attributes over a triangle, its screen derivatives, and the adjoints.
 
+mod picture;
+
+pub use picture::{Pieces, interpolate_picture, interpolate_picture_vjp};
+
 use crate::rasterize::Barycentrics;
 use photofit_scalar::{Real, Vec2, vec2};
 
