@@ -36,7 +36,7 @@ pub(crate) fn obj_geometry(bytes: &[u8], limits: &Limits) -> Result<Geometry, Fa
             text.extend_from_slice(line);
         }
     }
-    let scene = obj::parse(&text, &Folder::of(Path::new("")), limits)?;
+    let scene = obj::parse(&text, &Folder::of(Path::new("")), limits, obj::Missing::Smooth)?;
     let mesh = scene.primitives.into_iter().next().map(|p| p.mesh).unwrap_or_default();
     if mesh.triangles.is_empty() {
         return Err(fault("the file", "has faces"));

@@ -108,7 +108,7 @@ fn parse(path: &Path, bytes: &[u8], folder: &file::Folder, limits: &Limits) -> R
         return ply::parse(text, folder, limits);
     }
     match extension.as_str() {
-        "obj" => obj::parse(text, folder, limits),
+        "obj" => obj::parse(text, folder, limits, obj::Missing::Creased),
         "gltf" | "glb" | "json" | "" if first == Some(b'{') => gltf::parse_json(text, folder, limits),
         "glb" => Err(fault("byte 0", "a .glb file begins with the magic `glTF`")),
         "gltf" => Err(fault("byte 0", "a .gltf file is a JSON object")),

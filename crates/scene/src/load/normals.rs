@@ -1,8 +1,8 @@
 //! Normals that a file lacks.
 
-use photofit_geometry::normals::{Weighting, vertex_normals};
+use photofit_geometry::normals::{Weighting, split_creases, vertex_normals};
 use photofit_geometry::weld::weld_exact;
-use photofit_geometry::{Incidence, Mesh};
+use photofit_geometry::{Incidence, Mesh, Split};
 use photofit_scalar::{Vec3f, vec3};
 
 /// The mesh with three vertices of its own and the face normal for every triangle.
@@ -34,6 +34,16 @@ pub(crate) fn smooth(positions: &[Vec3f], triangles: &[[u32; 3]]) -> Vec<Vec3f> 
     normals
 }
 
+/// The angle between two faces from which on the edge between them is hard, radians.
+pub(crate) const CREASE: f32 = std::f32::consts::FRAC_PI_4;
+
+/// Unit normals that are smooth but for the edges at which faces meet at more than [`CREASE`], where vertices are split.
+pub(crate) fn creased(positions: &[Vec3f], triangles: &[[u32; 3]]) -> (Split, Vec<Vec3f>) {
+    let (split, mut normals) = split_creases(positions, triangles, &weld_exact(positions), CREASE);
+    normals.iter_mut().for_each(|n| *n = unit_or_up(*n));
+    (split, normals)
+}
+
 /// Computes the normals that are zero; returns how many there were.
 pub(crate) fn repair(mesh: &mut Mesh) -> usize {
     let computed = smooth(&mesh.positions, &mesh.triangles);
@@ -60,6 +70,7 @@ fn unit_or_up(n: Vec3f) -> Vec3f {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use photofit_scalar::vec2;
 
     fn cube_corner() -> Mesh {
         // Three faces of a cube at the origin, the corner vertex doubled.
@@ -83,6 +94,24 @@ mod tests {
         let d = 1.0 / 3.0_f32.sqrt();
         assert!((n[0] - vec3(d, d, d)).length() < 1e-6, "{:?}", n[0]);
         assert_eq!(n[0], n[4], "doubled vertex");
+    }
+
+    #[test]
+    fn creased_normals_join_gentle_edges_alone() {
+        // A strip of three quads, folded by 30 degrees and then by 60.
+        let (mut at, mut angle, mut positions) = (vec2(0.0_f32, 0.0), 0.0_f32, Vec::new());
+        for turn in [30.0_f32, 60.0, 0.0, 0.0] {
+            positions.extend([vec3(at.x, 0.0, at.y), vec3(at.x, 1.0, at.y)]);
+            at += vec2(angle.cos(), angle.sin());
+            angle += turn.to_radians();
+        }
+        let quad = |i: u32| [[2 * i, 2 * i + 2, 2 * i + 1], [2 * i + 1, 2 * i + 2, 2 * i + 3]];
+        let (split, n) = creased(&positions, &[quad(0), quad(1), quad(2)].concat());
+        assert_eq!((split.source.len(), n.len()), (10, 10), "two vertices are split");
+        let corner = |t: usize, k: usize| n[split.triangles[t][k] as usize];
+        assert_eq!(corner(0, 1), corner(2, 0), "30 degrees are smooth");
+        let between = corner(2, 1).dot(corner(4, 0)).acos().to_degrees();
+        assert!((between - 60.0).abs() < 0.1, "{between}");
     }
 
     #[test]

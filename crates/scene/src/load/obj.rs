@@ -33,9 +33,18 @@ struct Statements {
     group_of: HashMap<usize, usize>,
 }
 
+/// What corners without normals get.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Missing {
+    /// Smooth normals but for sharp edges.
+    Creased,
+    /// Smooth normals everywhere.
+    Smooth,
+}
+
 /// Loads an OBJ file: polygons, negative indices, texture coordinates (turned to the upper left origin), normals,
 /// vertex colours (sRGB, as tools write them) and `usemtl`; lines, points, curves and smoothing groups are ignored.
-pub(crate) fn parse(text: &[u8], folder: &Folder, limits: &Limits) -> Result<Scene, Fault> {
+pub(crate) fn parse(text: &[u8], folder: &Folder, limits: &Limits, missing: Missing) -> Result<Scene, Fault> {
     let mut scene = Scene::default();
     let mut textures = Textures::new(limits);
     let mut names: HashMap<String, usize> = HashMap::new();
@@ -95,6 +104,7 @@ pub(crate) fn parse(text: &[u8], folder: &Folder, limits: &Limits) -> Result<Sce
     if statements.groups.is_empty() {
         add_clay(&mut clay, &mut scene);
     }
+    statements.fill_normals(missing);
     statements.build(&mut scene, &mut budget, clay.unwrap_or(0))?;
     scene.images = textures.decode()?;
     Ok(scene)
@@ -231,18 +241,38 @@ impl Statements {
         self.groups[group].1.extend(cut.into_iter().map(|t| t.map(|k| polygon[k])));
     }
 
-    fn build(&self, scene: &mut Scene, budget: &mut Budget<'_>, clay: usize) -> Result<(), Fault> {
-        let corners = || self.groups.iter().flat_map(|g| g.1.iter().flatten());
-        let missing = corners().any(|c| c[2] == NONE || self.normals[c[2] as usize] == Vec3f::zero());
-        let smooth = if missing {
-            let all: Vec<[u32; 3]> =
-                self.groups.iter().flat_map(|g| g.1.iter().map(|t| t.map(|c| c[0]))).collect();
-            normals::smooth(&self.positions, &all)
-        } else {
-            Vec::new()
+    /// Gives normals to the corners that have none.
+    fn fill_normals(&mut self, missing: Missing) {
+        let lacks = |c: &Corner, normals: &[Vec3f]| c[2] == NONE || normals[c[2] as usize] == Vec3f::zero();
+        let triangles = || self.groups.iter().flat_map(|g| &g.1);
+        if !triangles().flatten().any(|c| lacks(c, &self.normals)) {
+            return;
+        }
+        let all: Vec<[u32; 3]> = triangles().map(|t| t.map(|c| c[0])).collect();
+        let (corners, computed) = match missing {
+            Missing::Creased => {
+                let (split, computed) = normals::creased(&self.positions, &all);
+                (split.triangles, computed)
+            }
+            Missing::Smooth => {
+                let computed = normals::smooth(&self.positions, &all);
+                (all, computed)
+            }
         };
+        let first = self.normals.len() as u32;
+        let given = std::mem::take(&mut self.normals);
+        let filled = self.groups.iter_mut().flat_map(|g| g.1.as_flattened_mut());
+        for (corner, place) in filled.zip(corners.as_flattened()) {
+            if lacks(corner, &given) {
+                corner[2] = first + place;
+            }
+        }
+        self.normals = [given, computed].concat();
+    }
+
+    fn build(&self, scene: &mut Scene, budget: &mut Budget<'_>, clay: usize) -> Result<(), Fault> {
         for (material, triangles) in &self.groups {
-            let mesh = self.group_mesh(triangles, &smooth);
+            let mesh = self.group_mesh(triangles);
             budget.vertices(mesh.positions.len() as u64, || "the corners of all faces".into())?;
             place(scene, Primitive { mesh, material: *material });
         }
@@ -260,7 +290,7 @@ impl Statements {
     }
 
     /// A vertex for each distinct corner.
-    fn group_mesh(&self, triangles: &[[Corner; 3]], smooth: &[Vec3f]) -> Mesh {
+    fn group_mesh(&self, triangles: &[[Corner; 3]]) -> Mesh {
         let mut mesh = Mesh::default();
         let mut known: HashMap<Corner, u32> = HashMap::new();
         let textured = triangles.iter().flatten().any(|c| c[1] != NONE);
@@ -272,8 +302,7 @@ impl Statements {
                     if textured {
                         mesh.uvs.push(self.uvs.get(vt).copied().unwrap_or_default());
                     }
-                    let own = self.normals.get(vn).copied().filter(|n| *n != Vec3f::zero());
-                    mesh.normals.push(own.unwrap_or_else(|| smooth[v]));
+                    mesh.normals.push(self.normals[vn]);
                     if let Some(&color) = self.colors.get(v) {
                         mesh.colors.push(color);
                     }

@@ -29,7 +29,9 @@ pub(crate) fn parse(bytes: &[u8], folder: &Folder, limits: &Limits) -> Result<Sc
     let mut scene = Scene::default();
     let mut mesh = geometry(bytes, &header, limits, &mut scene.warnings)?;
     if mesh.normals.is_empty() {
-        mesh.normals = normals::smooth(&mesh.positions, &mesh.triangles);
+        let (split, computed) = normals::creased(&mesh.positions, &mesh.triangles);
+        mesh = split.apply(&mesh);
+        mesh.normals = computed;
     } else if mesh.normals.contains(&Vec3f::zero()) {
         let found = normals::repair(&mut mesh);
         scene.warnings.push(format!("{found} zero normals are computed"));
