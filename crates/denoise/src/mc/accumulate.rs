@@ -6,8 +6,12 @@
 //! radiance: logarithms are taken afterwards, for the mean of logarithms is darker than the logarithm of the mean.
 
 use super::camera::Camera;
+use super::window::{blur_sums, gaussian_taps};
 use crate::DenoiseError;
-use rayon::prelude::{IndexedParallelIterator, IntoParallelIterator, ParallelIterator};
+use rayon::prelude::{
+    IndexedParallelIterator, IntoParallelIterator, IntoParallelRefIterator, IntoParallelRefMutIterator,
+    ParallelIterator,
+};
 
 /// When history is kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,11 +22,14 @@ pub struct TemporalSettings {
     pub plane: f32,
     /// Smallest cosine between the normals.
     pub normal: f32,
+    /// Standard errors by which the light around a pixel may differ from its history before the history counts less:
+    /// reflections and shadows move over their surfaces. Infinity trusts every history.
+    pub change: f32,
 }
 
 impl Default for TemporalSettings {
     fn default() -> Self {
-        Self { minimum: 0.05, plane: 0.02, normal: 0.9 }
+        Self { minimum: 0.05, plane: 0.02, normal: 0.9, change: 3.5 }
     }
 }
 
@@ -86,8 +93,16 @@ impl Accumulator {
         ] {
             DenoiseError::length(name, plane.len(), channels * n, shape)?;
         }
-        let pixels: Vec<Pixel> =
-            (0..n).into_par_iter().with_min_len(1 << 12).map(|i| self.update(frame, i)).collect();
+        let each = || (0..n).into_par_iter().with_min_len(1 << 12);
+        let mut pixels: Vec<Pixel> = each().map(|i| self.history(frame, i).unwrap_or_default()).collect();
+        if self.camera.is_some() && self.settings.change.is_finite() {
+            forget_changes(frame, self.cols, self.settings.change, &mut pixels);
+        }
+        pixels
+            .par_iter_mut()
+            .enumerate()
+            .with_min_len(1 << 12)
+            .for_each(|(i, p)| *p = self.mixed(frame, i, *p));
         self.pixels = pixels;
         self.normal.clear();
         self.normal.extend_from_slice(frame.normal);
@@ -97,14 +112,14 @@ impl Accumulator {
         Ok(self.pixels.iter().filter(|p| p.squares >= 1.0 || p.count == 0.0).count())
     }
 
-    fn update(&self, frame: &TemporalFrame<'_>, i: usize) -> Pixel {
+    /// The history `old` of a pixel with its new sample.
+    fn mixed(&self, frame: &TemporalFrame<'_>, i: usize, old: Pixel) -> Pixel {
         let n = self.pixels.len();
-        let old = self.history(frame, i).unwrap_or_default();
         if frame.weight[i] == 0.0 {
             return old;
         }
         let now: [f32; 3] = std::array::from_fn(|c| frame.irradiance[c * n + i]);
-        let level = (now[0] + now[1] + now[2]) * (1.0 / 3.0);
+        let level = frame.level(i);
         let weight = frame.weight[i];
         let count = old.count + weight;
         let a = (weight / count).max(self.settings.minimum * weight).min(1.0);
@@ -196,4 +211,45 @@ impl Accumulator {
         };
         self.pixels.iter().map(of).collect()
     }
+}
+
+impl TemporalFrame<'_> {
+    /// Mean over the channels.
+    fn level(&self, i: usize) -> f32 {
+        let n = self.weight.len();
+        (self.irradiance[i] + self.irradiance[n + i] + self.irradiance[2 * n + i]) * (1.0 / 3.0)
+    }
+}
+
+/// Deviation in pixels of the window in which the new light is compared with the history.
+const WINDOW: f32 = 4.0;
+/// Pixels that a filter averages at least: a bias, unlike noise, is common to them.
+const POOLED: f32 = 20.0;
+
+/// Lowers the counts of histories that the new frame contradicts.
+///
+/// Around each pixel the mean difference `d` of the new samples from the history has the variance `s^2 / N`, `s^2` that of
+/// the differences and `N = 4 pi sigma^2` the pixels of the window. What `d^2` has beyond `change^2` of it is a bias `b^2`,
+/// and the history counts like samples of the variance `s^2 / count + 20 b^2`.
+fn forget_changes(frame: &TemporalFrame<'_>, cols: usize, change: f32, history: &mut [Pixel]) {
+    let known = |(i, p): (usize, &Pixel)| frame.weight[i] > 0.0 && p.count > 0.0;
+    let of = |f: &(dyn Fn(f32) -> f32 + Sync)| -> Vec<f32> {
+        let difference =
+            |(i, p): (usize, &Pixel)| if known((i, p)) { f(frame.level(i) - p.moments[0]) } else { 0.0 };
+        history.par_iter().enumerate().with_min_len(1 << 12).map(difference).collect()
+    };
+    let taps = gaussian_taps(WINDOW);
+    // Pixels of a window over the sum of its weights.
+    let share = 4.0 * std::f32::consts::PI * (WINDOW / (2.0 * taps.iter().sum::<f32>() - taps[0])).powi(2);
+    let [weight, first, second] =
+        [of(&|_| 1.0), of(&|d| d), of(&|d| d * d)].map(|plane| blur_sums(&plane, cols, &taps));
+    history.par_iter_mut().enumerate().with_min_len(1 << 12).for_each(|(i, p)| {
+        if p.count == 0.0 || weight[i] <= 0.0 {
+            return;
+        }
+        let (mean, square) = (first[i] / weight[i], second[i] / weight[i]);
+        let variance = (square - mean * mean).max(1e-12);
+        let bias = (mean * mean - change * change * variance / (share * weight[i])).max(0.0);
+        p.count = 1.0 / (1.0 / p.count + POOLED * bias / variance);
+    });
 }

@@ -56,8 +56,11 @@ fn a_plain_mean_and_its_variance_follow_the_number_of_frames() {
     // Deviation grows from left to right.
     let sigma: Vec<f32> = (0..n).map(|i| 0.1 + 0.5 * (i % cols) as f32 / cols as f32).collect();
     let frames = 12;
-    let mut history =
-        Accumulator::new(rows, cols, TemporalSettings { minimum: 0.0, ..TemporalSettings::default() });
+    let mut history = Accumulator::new(
+        rows,
+        cols,
+        TemporalSettings { minimum: 0.0, change: f32::INFINITY, ..Default::default() },
+    );
     for _ in 0..frames {
         let gray: Vec<f32> = sigma.iter().map(|s| 1.0 + s * rng.normal()).collect();
         let irradiance = gray.repeat(3);
@@ -127,7 +130,7 @@ fn ghost(settings: TemporalSettings) -> f64 {
 fn tests_of_plane_and_normal_leave_no_ghosts() {
     let with = ghost(TemporalSettings::default());
     let without =
-        ghost(TemporalSettings { plane: f32::INFINITY, normal: -2.0, ..TemporalSettings::default() });
+        ghost(TemporalSettings { plane: f32::INFINITY, normal: -2.0, change: f32::INFINITY, minimum: 0.05 });
     assert!(with.abs() <= 0.02, "{with}");
     assert!(without >= 0.05, "{without}");
 }
@@ -189,4 +192,51 @@ fn logarithms_of_single_samples_are_too_dark() {
     let late = history.mean().iter().map(|v| f64::from(v.ln_1p())).sum::<f64>() / (3 * n) as f64;
     let late = late.exp() - 1.0;
     assert!((late - 1.0).abs() < 0.03, "{late} after accumulation, {early} before");
+}
+
+#[test]
+fn light_that_moves_over_a_surface_leaves_no_ghost() {
+    let (rows, cols) = (48, 64);
+    let n = rows * cols;
+    let (position, normal) = wall(rows, cols);
+    let weight = vec![1.0; n];
+    // A spot of light that jumps to the right before the last frame.
+    let light = |i: usize, x: f32| {
+        let d = ((i % cols) as f32 - x).hypot((i / cols) as f32 - 24.0);
+        if d < 6.0 { 3.0 } else { 1.0 }
+    };
+    let error = |change: f32| {
+        let mut rng = Rng::new(9, 0);
+        let mut history = Accumulator::new(rows, cols, TemporalSettings { change, ..Default::default() });
+        for x in [20.0, 20.0, 20.0, 20.0, 20.0, 40.0] {
+            let gray: Vec<f32> = (0..n).map(|i| light(i, x) * (1.0 + 0.5 * rng.normal())).collect();
+            let irradiance = gray.repeat(3);
+            let frame = TemporalFrame {
+                irradiance: &irradiance,
+                weight: &weight,
+                normal: &normal,
+                position: &position,
+                camera: FRONT,
+            };
+            history.add(&frame).expect("sound");
+        }
+        // Bias of both places, and noise of the rest.
+        let mean = history.mean();
+        let of = |keep: &dyn Fn(f32) -> bool, square: bool| {
+            let inside = |i: &usize| keep(light(*i, 20.0).max(light(*i, 40.0)));
+            let (sum, count) = (0..n).filter(inside).fold((0.0, 0.0), |(s, c), i| {
+                let d = mean[i] - light(i, 40.0);
+                (s + if square { d * d } else { d.abs() }, c + 1.0)
+            });
+            sum / count
+        };
+        (of(&|l| l > 1.0, false), of(&|l| l == 1.0, true).sqrt(), history.effective())
+    };
+    let (kept, before, _) = error(f32::INFINITY);
+    let (found, after, effective) = error(TemporalSettings::default().change);
+    assert!(kept > 1.2, "{kept}");
+    // Half of what the light is off by would be the noise of one frame.
+    assert!(found < 0.8 * kept, "{found} with, {kept} without");
+    assert!(after < 1.15 * before, "{after} {before}: what did not change keeps its history");
+    assert!(effective[24 * cols + 40] < 2.0 && effective[5 * cols + 5] > 5.0);
 }
