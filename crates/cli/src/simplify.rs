@@ -175,6 +175,9 @@ impl Job<'_> {
             o.seconds,
             o.fit_seconds
         );
+        if o.decimated.psnr > o.fitted.psnr && o.decimated.flip < o.fitted.flip {
+            text += "its own textures on fewer triangles look better: a larger --texture-size may help\n";
+        }
         text += &format!("wrote {}\n", self.output.display());
         if let Some(page) = report {
             text += &format!("wrote {}\n", page.display());
