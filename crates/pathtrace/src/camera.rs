@@ -138,7 +138,8 @@ pub(crate) struct Prepared {
 }
 
 impl Prepared {
-    /// The ray through a point of the picture in `[0, 1]^2`, the origin at the upper left, and of the lens if there is one.
+    /// The ray through a point of the picture in `[0, 1]^2`, the origin at the upper left, and of the lens if there is
+    /// one.
     #[inline]
     pub(crate) fn ray(&self, at: Vec2f, lens: impl FnOnce() -> [f32; 2]) -> WorldRay {
         let x = self.center[0] + (2.0 * at.x - 1.0) * self.half[0];

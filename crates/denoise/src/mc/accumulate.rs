@@ -93,8 +93,8 @@ impl Accumulator {
         ] {
             DenoiseError::length(name, plane.len(), channels * n, shape)?;
         }
-        let each = || (0..n).into_par_iter().with_min_len(1 << 12);
-        let mut pixels: Vec<Pixel> = each().map(|i| self.history(frame, i).unwrap_or_default()).collect();
+        let old = |i: usize| self.history(frame, i).unwrap_or_default();
+        let mut pixels: Vec<Pixel> = (0..n).into_par_iter().with_min_len(1 << 12).map(old).collect();
         if self.camera.is_some() && self.settings.change.is_finite() {
             forget_changes(frame, self.cols, self.settings.change, &mut pixels);
         }
@@ -232,17 +232,17 @@ const POOLED: f32 = 20.0;
 /// the differences and `N = 4 pi sigma^2` the pixels of the window. What `d^2` has beyond `change^2` of it is a bias `b^2`,
 /// and the history counts like samples of the variance `s^2 / count + 20 b^2`.
 fn forget_changes(frame: &TemporalFrame<'_>, cols: usize, change: f32, history: &mut [Pixel]) {
-    let known = |(i, p): (usize, &Pixel)| frame.weight[i] > 0.0 && p.count > 0.0;
-    let of = |f: &(dyn Fn(f32) -> f32 + Sync)| -> Vec<f32> {
-        let difference =
-            |(i, p): (usize, &Pixel)| if known((i, p)) { f(frame.level(i) - p.moments[0]) } else { 0.0 };
-        history.par_iter().enumerate().with_min_len(1 << 12).map(difference).collect()
+    let difference = |(i, p): (usize, &Pixel)| match frame.weight[i] > 0.0 && p.count > 0.0 {
+        true => (1.0, frame.level(i) - p.moments[0]),
+        false => (0.0, 0.0),
     };
+    let differences = history.par_iter().enumerate().with_min_len(1 << 12).map(difference);
+    let (known, difference): (Vec<f32>, Vec<f32>) = differences.unzip();
+    let square = difference.iter().map(|d| d * d).collect();
     let taps = gaussian_taps(WINDOW);
     // Pixels of a window over the sum of its weights.
     let share = 4.0 * std::f32::consts::PI * (WINDOW / (2.0 * taps.iter().sum::<f32>() - taps[0])).powi(2);
-    let [weight, first, second] =
-        [of(&|_| 1.0), of(&|d| d), of(&|d| d * d)].map(|plane| blur_sums(&plane, cols, &taps));
+    let [weight, first, second] = [known, difference, square].map(|plane| blur_sums(&plane, cols, &taps));
     history.par_iter_mut().enumerate().with_min_len(1 << 12).for_each(|(i, p)| {
         if p.count == 0.0 || weight[i] <= 0.0 {
             return;

@@ -16,8 +16,7 @@ const PASSES: usize = 3;
 const BLOCK: usize = 4;
 
 /// Scales pixels whose mean over the channels exceeds `8 mean + 0.5`, with the local mean of the blocks around, down to it;
-/// the hue stays. Units: exposure. Pixels of `weight` 0 stay and do not
-/// count. Returns how many were scaled.
+/// the hue stays. Units: exposure. Pixels of `weight` 0 stay and do not count. Returns how many were scaled.
 pub(crate) fn clamp_fireflies(irradiance: &mut [f32], weight: &[f32], cols: usize) -> usize {
     let n = irradiance.len() / 3;
     let (r, rest) = irradiance.split_at_mut(n);

@@ -36,7 +36,7 @@ pub(super) fn variational(
         None => (deviation(p, &target), "median of the finest diagonal wavelets"),
     });
     let iterations = settings.iterations;
-    let strength = strength(model, p, settings, plan, |c, target| {
+    let strength = strength(model, p, mask, settings, plan, |c, target| {
         // A half has twice the variance of the mean.
         let wide: Vec<f32> = sigma.iter().map(|s| s * std::f32::consts::SQRT_2).collect();
         let alpha = adaptive_weight(c, &wide, &auxiliary);
@@ -99,6 +99,7 @@ fn deviation(p: &Prepared<'_>, target: &[f32]) -> Vec<f32> {
 fn strength(
     model: VariationalModel,
     p: &Prepared<'_>,
+    mask: &[f32],
     settings: &Settings,
     plan: &mut Plan,
     solve: impl FnMut(f32, &[f32]) -> Result<Vec<f32>, DenoiseError>,
@@ -109,8 +110,6 @@ fn strength(
             Ok(c)
         }
         (None, Some([a, b])) => plan.stage("strength", || {
-            let sampled = sampled(&p.weight);
-            let mask = sampled.as_deref().unwrap_or(&p.weight);
             let grid = VariationalModel::GRID.map(|f| f * model.strength());
             let halves = [&logarithm(a)[..], &logarithm(b)[..]];
             match choose_by_halves(&grid, halves, mask, solve) {

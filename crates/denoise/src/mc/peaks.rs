@@ -5,7 +5,7 @@
 //! instead, which stops at edges of the features: there is much light and so little relative noise.
 
 use super::basis::Basis;
-use super::regression::{CELL, Samples};
+use super::regression::{Samples, cell_before};
 use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSliceMut};
 
 /// Largest over least mean around a cell at which the blur begins to replace the model, and does so wholly.
@@ -35,9 +35,9 @@ pub(crate) fn replace_peaks(samples: &Samples<'_>, basis: &Basis, contrast: &[f3
             return;
         }
         for x in 0..cols {
-            let at = ((x as f32 + 0.5) / CELL as f32 - 0.5).clamp(0.0, (line.len() - 1) as f32);
-            let (left, right) = (at as usize, (at as usize + 1).min(line.len() - 1));
-            let share = line[left] + at.fract() * (line[right] - line[left]);
+            let (left, f) = cell_before(x, line.len());
+            let right = (left + 1).min(line.len() - 1);
+            let share = line[left] + f * (line[right] - line[left]);
             if share > 0.0
                 && let Some(mean) = blurred(samples, basis, &gauss, x, y)
             {

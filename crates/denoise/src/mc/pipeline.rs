@@ -287,22 +287,20 @@ fn regression(p: &Prepared<'_>, plan: &mut Plan) -> Vec<f32> {
         let names = basis.names.clone();
         (basis, names)
     });
+    let split = (!p.black.is_empty()).then(|| classes(&p.trust, &p.black));
     let mut estimate = plan.stage("regression", || {
-        let others = (!p.black.is_empty()).then(|| classes(&p.trust, &p.black));
-        let trust = others.as_ref().map_or(&p.trust, |[others, _]| others);
+        let trust = split.as_ref().map_or(&p.trust, |[others, _]| others);
         let r = regress(p.shape, &basis, &p.irradiance, trust, p.variance.as_deref());
         let shares = r.shares.map(|s| format!("{:.0}%", 100.0 * s)).join(" ");
         let why = format!("widths of 3, 5, 8, 16 pixels in {shares} of {} cells; {} flat", r.cells, r.flat);
         (r.estimate, why)
     });
-    if p.black.is_empty() {
-        plan.skip("black", "no pixels without diffuse reflectance, or no others");
-    } else {
-        plan.stage("black", || {
-            let [_, own] = classes(&p.trust, &p.black);
-            regress_black(p, &basis, &own, &mut estimate);
+    match &split {
+        None => plan.skip("black", "no pixels without diffuse reflectance, or no others"),
+        Some([_, own]) => plan.stage("black", || {
+            regress_black(p, &basis, own, &mut estimate);
             ((), format!("{} pixels without diffuse reflectance by themselves", p.black.len()))
-        });
+        }),
     }
     estimate
 }

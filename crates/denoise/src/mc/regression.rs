@@ -368,8 +368,7 @@ impl Samples<'_> {
     /// Values of the cells, `per_cell` each, at the height of row `y`.
     pub(crate) fn between(&self, values: &[f32], per_cell: usize, y: usize, line: &mut Vec<f32>) {
         let [ch, cw] = self.cells;
-        let at = ((y as f32 + 0.5) / CELL as f32 - 0.5).clamp(0.0, (ch - 1) as f32);
-        let (c0, f) = (at as usize, at.fract());
+        let (c0, f) = cell_before(y, ch);
         let upper = &values[c0 * cw * per_cell..][..cw * per_cell];
         let lower = &values[(c0 + 1).min(ch - 1) * cw * per_cell..][..cw * per_cell];
         line.clear();
@@ -431,6 +430,13 @@ impl Samples<'_> {
             }
         }
     }
+}
+
+/// The last of `cells` whose centre is not behind a pixel, and how far the pixel lies between it and the next one.
+#[inline(always)]
+pub(crate) fn cell_before(pixel: usize, cells: usize) -> (usize, f32) {
+    let at = ((pixel as f32 + 0.5) / CELL as f32 - 0.5).clamp(0.0, (cells - 1) as f32);
+    (at as usize, at.fract())
 }
 
 /// Dot product in eight lanes.

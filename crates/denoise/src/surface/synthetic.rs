@@ -63,8 +63,8 @@ pub fn sphere_over_background() -> Scene {
 }
 
 impl Scene {
-    /// Samples a share of the pixels of each surface by independent numbers in `[0, 1)`; where a front sample is missing the background shows through.
-    /// Returns the samples and which of them lie behind the front.
+    /// Samples a share of the pixels of each surface by independent numbers in `[0, 1)`; where a front sample is
+    /// missing the background shows through. Returns the samples and which of them lie behind the front.
     pub fn sample(&self, front: f32, back: f32, mut uniform: impl FnMut() -> f32) -> (Samples, Vec<bool>) {
         let n = self.z.len();
         let mut samples = Samples::empty(SIDE, SIDE);

@@ -74,9 +74,8 @@ pub(crate) fn drawn(scene: &Scene) -> Cow<'_, Scene> {
     }
     let mut scene = scene.clone();
     for m in scene.materials.iter_mut().filter(|m| transmits(m)) {
-        let part = m.extensions.as_ref().and_then(|e| e.transmission.as_ref()).map_or(0.0, |t| t.factor);
         let alpha = if m.alpha_mode == AlphaMode::Opaque { 1.0 } else { m.base_color[3] };
-        m.base_color[3] = alpha * (1.0 - part.clamp(0.0, 1.0) * (1.0 - LEAST_OPACITY));
+        m.base_color[3] = alpha * (1.0 - transmission(m).clamp(0.0, 1.0) * (1.0 - LEAST_OPACITY));
         m.alpha_mode = AlphaMode::Blend;
     }
     Cow::Owned(scene)
@@ -84,8 +83,12 @@ pub(crate) fn drawn(scene: &Scene) -> Cow<'_, Scene> {
 
 /// Whether light passes through a material, which an alpha mask does not cut out.
 fn transmits(m: &Material) -> bool {
-    let part = m.extensions.as_ref().and_then(|e| e.transmission.as_ref()).map_or(0.0, |t| t.factor);
-    part > 0.0 && !m.unlit && !matches!(m.alpha_mode, AlphaMode::Mask { .. })
+    transmission(m) > 0.0 && !m.unlit && !matches!(m.alpha_mode, AlphaMode::Mask { .. })
+}
+
+/// Share of the light that passes.
+fn transmission(m: &Material) -> f32 {
+    m.extensions.as_ref().and_then(|e| e.transmission.as_ref()).map_or(0.0, |t| t.factor)
 }
 
 /// The extensions that a material's class keeps.

@@ -14,6 +14,7 @@ use photofit_geometry::{Edges, Mesh, normals::split_hard_edges, shapes, weld::we
 use photofit_raster::{Maps, channel};
 use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::{AlphaMode, FlatScene, Material, Scene, SurfaceLibrary};
+use std::borrow::Cow;
 use std::ops::ControlFlow;
 
 /// Triangles that fewer than this share of the sky sees still count this much in the decimation.
@@ -57,7 +58,10 @@ impl Normalised {
         let (classes, material_class) = look::classes(scene);
         let drawn = look::drawn(scene);
         let library = SurfaceLibrary::new(&drawn);
-        let (materials, images) = (drawn.materials.clone(), scene.images.clone());
+        let (materials, images) = match drawn {
+            Cow::Borrowed(scene) => (scene.materials.clone(), scene.images.clone()),
+            Cow::Owned(scene) => (scene.materials, scene.images),
+        };
         Ok(Self { flat, materials, images, classes, material_class, library, center, radius })
     }
 

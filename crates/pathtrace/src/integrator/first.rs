@@ -46,7 +46,7 @@ pub(super) fn seen_through<const F: u32>(
             }
             break;
         };
-        let coverage = coverage(world, &hit);
+        let coverage = world.coverage(&hit);
         if layer == 0 && coverage >= 1.0 {
             return None;
         }
@@ -78,14 +78,10 @@ fn next_surface<const F: u32>(
         hit.t > beyond
             && !(F & plan::ABSORPTION != 0 && world.is_invisible(hit.instance))
             && (options.show_emitters || !world.emits(hit.instance))
-            && coverage(world, hit) > 0.0
+            && world.coverage(hit) > 0.0
     };
     match F & plan::TWO_LEVEL != 0 {
         true => world.closest_where::<true>(ray, seen),
         false => world.closest_where::<false>(ray, seen),
     }
-}
-
-fn coverage(world: &World, hit: &WorldHit) -> f32 {
-    if world.placed[hit.instance as usize].alpha { world.coverage(hit) } else { 1.0 }
 }

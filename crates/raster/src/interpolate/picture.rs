@@ -18,6 +18,8 @@ struct Strip<T, const C: usize> {
     pieces: Vec<Piece<T, C>>,
     /// For each column, the piece that was last seen in it.
     above: Vec<u32>,
+    /// One per piece.
+    sums: Vec<PatchGradient<T, C>>,
     gradients: Vec<CornerGradients<T, C>>,
 }
 
@@ -53,7 +55,13 @@ impl<T, const C: usize> Default for Pieces<T, C> {
 
 impl<T, const C: usize> Default for Strip<T, C> {
     fn default() -> Self {
-        Self { runs: Vec::new(), pieces: Vec::new(), above: Vec::new(), gradients: Vec::new() }
+        Self {
+            runs: Vec::new(),
+            pieces: Vec::new(),
+            above: Vec::new(),
+            sums: Vec::new(),
+            gradients: Vec::new(),
+        }
     }
 }
 
@@ -152,15 +160,16 @@ pub fn interpolate_picture_vjp<T: Real, const C: usize>(
     assert_eq!(pieces.strips.len(), height.div_ceil(TILE), "the pieces are those of this picture");
     let rows = width.max(1) * TILE;
     g.par_chunks(rows).zip(pieces.strips.par_iter_mut()).for_each(|(g, strip)| {
-        let Strip { runs, pieces, gradients, .. } = strip;
-        let mut sums = vec![PatchGradient::default(); pieces.len()];
+        let Strip { runs, pieces, sums, gradients, .. } = strip;
+        sums.clear();
+        sums.resize(pieces.len(), PatchGradient::default());
         for run in &*runs {
             let piece = &pieces[run.piece as usize];
             let row = (run.row - piece.row) as usize;
             let span = piece.patch.span(&piece.values, row);
             span.vjp(piece.column(run.start), row, &g[run.pixels(width)], &mut sums[run.piece as usize]);
         }
-        let corners = pieces.iter().zip(&sums).map(|(piece, sum)| {
+        let corners = pieces.iter().zip(&*sums).map(|(piece, sum)| {
             let [i, j, k] = triangles[piece.triangle as usize].map(|i| i as usize);
             let values = [&values[i], &values[j], &values[k]];
             piece.patch.corners_vjp(&[clip[i], clip[j], clip[k]], values, sum)

@@ -36,7 +36,7 @@ pub(crate) fn smooth(positions: &[Vec3f], triangles: &[[u32; 3]]) -> Vec<Vec3f> 
 
 /// The angle between two faces beyond which the edge between them is hard, radians: below that of a hexagonal bolt, above
 /// what noise does to most edges of a scan.
-pub(crate) const CREASE: f32 = 55.0 * std::f32::consts::PI / 180.0;
+const CREASE: f32 = 55.0 * std::f32::consts::PI / 180.0;
 
 /// Unit normals that are smooth but for the edges at which faces meet at more than [`CREASE`], where vertices are split.
 pub(crate) fn creased(positions: &[Vec3f], triangles: &[[u32; 3]]) -> (Split, Vec<Vec3f>) {

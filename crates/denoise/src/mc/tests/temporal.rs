@@ -8,34 +8,46 @@ const FRONT: Camera =
     Camera { world_to_pixel: [[64.0, 0.0, -32.0, 0.0], [0.0, -64.0, -24.0, 0.0], [0.0, 0.0, -1.0, 0.0]] };
 
 /// A wall at z = -2 seen by [`FRONT`].
-fn wall(rows: usize, cols: usize) -> (Vec<f32>, Vec<f32>) {
-    let n = rows * cols;
-    let position = FRONT.positions(&vec![1.0; n], cols).expect("invertible");
-    let position: Vec<f32> = (0..3 * n).map(|i| position[i] * 2.0 / -position[2 * n + i % n]).collect();
-    let normal = (0..3 * n).map(|i| if i / n == 2 { 1.0 } else { 0.0 }).collect();
-    (position, normal)
+struct Wall {
+    position: Vec<f32>,
+    normal: Vec<f32>,
+    weight: Vec<f32>,
+}
+
+impl Wall {
+    fn new(rows: usize, cols: usize) -> Self {
+        let n = rows * cols;
+        let position = FRONT.positions(&vec![1.0; n], cols).expect("invertible");
+        let position = (0..3 * n).map(|i| position[i] * 2.0 / -position[2 * n + i % n]).collect();
+        let normal = (0..3 * n).map(|i| if i / n == 2 { 1.0 } else { 0.0 }).collect();
+        Self { position, normal, weight: vec![1.0; n] }
+    }
+
+    /// Adds a frame of it to a history.
+    fn add(&self, history: &mut Accumulator, irradiance: &[f32]) {
+        let frame = TemporalFrame {
+            irradiance,
+            weight: &self.weight,
+            normal: &self.normal,
+            position: &self.position,
+            camera: FRONT,
+        };
+        history.add(&frame).expect("sound");
+    }
 }
 
 #[test]
 fn an_exponential_mean_has_its_known_deviation() {
     let (rows, cols) = (48, 64);
     let n = rows * cols;
-    let (position, normal) = wall(rows, cols);
-    let weight = vec![1.0; n];
+    let wall = Wall::new(rows, cols);
     let mut rng = Rng::new(7, 0);
     for minimum in [0.05_f32, 0.2] {
         let mut history =
             Accumulator::new(rows, cols, TemporalSettings { minimum, ..TemporalSettings::default() });
         for _ in 0..(8.0 / minimum) as usize {
             let irradiance: Vec<f32> = (0..3 * n).map(|_| 1.0 + 0.3 * rng.normal()).collect();
-            let frame = TemporalFrame {
-                irradiance: &irradiance,
-                weight: &weight,
-                normal: &normal,
-                position: &position,
-                camera: FRONT,
-            };
-            history.add(&frame).expect("sound");
+            wall.add(&mut history, &irradiance);
         }
         let mean = history.mean();
         let level = mean.iter().map(|v| f64::from(*v)).sum::<f64>() / mean.len() as f64;
@@ -50,8 +62,7 @@ fn an_exponential_mean_has_its_known_deviation() {
 fn a_plain_mean_and_its_variance_follow_the_number_of_frames() {
     let (rows, cols) = (64, 96);
     let n = rows * cols;
-    let (position, normal) = wall(rows, cols);
-    let weight = vec![1.0; n];
+    let wall = Wall::new(rows, cols);
     let mut rng = Rng::new(8, 0);
     // Deviation grows from left to right.
     let sigma: Vec<f32> = (0..n).map(|i| 0.1 + 0.5 * (i % cols) as f32 / cols as f32).collect();
@@ -64,19 +75,12 @@ fn a_plain_mean_and_its_variance_follow_the_number_of_frames() {
     for _ in 0..frames {
         let gray: Vec<f32> = sigma.iter().map(|s| 1.0 + s * rng.normal()).collect();
         let irradiance = gray.repeat(3);
-        let frame = TemporalFrame {
-            irradiance: &irradiance,
-            weight: &weight,
-            normal: &normal,
-            position: &position,
-            camera: FRONT,
-        };
-        history.add(&frame).expect("sound");
+        wall.add(&mut history, &irradiance);
     }
     assert!(history.counts().iter().all(|c| (*c - frames as f32).abs() < 1e-3));
     assert!(history.effective().iter().all(|c| (*c - frames as f32).abs() < 1e-2));
     let variance: Vec<f32> = history.variance().into_iter().map(|v| v.expect("several frames")).collect();
-    let map = crate::mc::log_sigma(&vec![1.0; n], &variance, &weight, cols);
+    let map = crate::mc::log_sigma(&vec![1.0; n], &variance, &wall.weight, cols);
     // Truth: sigma / sqrt(frames) of the mean, over 1 + mean.
     let truth: Vec<f32> = sigma.iter().map(|s| s / (frames as f32).sqrt() / 2.0).collect();
     let mut ratio: Vec<f32> = map.iter().zip(&truth).map(|(a, b)| a / b).collect();
@@ -172,22 +176,15 @@ fn logarithms_of_single_samples_are_too_dark() {
     assert!(early < 0.6);
     let (rows, cols) = (48, 64);
     let n = rows * cols;
-    let (position, normal) = wall(rows, cols);
+    let wall = Wall::new(rows, cols);
     let mut rng = Rng::new(11, 0);
     let mut history =
         Accumulator::new(rows, cols, TemporalSettings { minimum: 0.0, ..TemporalSettings::default() });
     for _ in 0..64 {
         let gray: Vec<f32> =
             (0..n).map(|_| if rng.next_f64() < p { (1.0 / p) as f32 } else { 0.0 }).collect();
-        let (irradiance, weight) = (gray.repeat(3), vec![1.0; n]);
-        let frame = TemporalFrame {
-            irradiance: &irradiance,
-            weight: &weight,
-            normal: &normal,
-            position: &position,
-            camera: FRONT,
-        };
-        history.add(&frame).expect("sound");
+        let irradiance = gray.repeat(3);
+        wall.add(&mut history, &irradiance);
     }
     let late = history.mean().iter().map(|v| f64::from(v.ln_1p())).sum::<f64>() / (3 * n) as f64;
     let late = late.exp() - 1.0;
@@ -198,8 +195,7 @@ fn logarithms_of_single_samples_are_too_dark() {
 fn light_that_moves_over_a_surface_leaves_no_ghost() {
     let (rows, cols) = (48, 64);
     let n = rows * cols;
-    let (position, normal) = wall(rows, cols);
-    let weight = vec![1.0; n];
+    let wall = Wall::new(rows, cols);
     // A spot of light that jumps to the right before the last frame.
     let light = |i: usize, x: f32| {
         let d = ((i % cols) as f32 - x).hypot((i / cols) as f32 - 24.0);
@@ -211,14 +207,7 @@ fn light_that_moves_over_a_surface_leaves_no_ghost() {
         for x in [20.0, 20.0, 20.0, 20.0, 20.0, 40.0] {
             let gray: Vec<f32> = (0..n).map(|i| light(i, x) * (1.0 + 0.5 * rng.normal())).collect();
             let irradiance = gray.repeat(3);
-            let frame = TemporalFrame {
-                irradiance: &irradiance,
-                weight: &weight,
-                normal: &normal,
-                position: &position,
-                camera: FRONT,
-            };
-            history.add(&frame).expect("sound");
+            wall.add(&mut history, &irradiance);
         }
         // Bias of both places, and noise of the rest.
         let mean = history.mean();
