@@ -5,12 +5,13 @@
 pub mod bake;
 pub mod candidate;
 pub mod compare;
+mod engine;
 mod error;
 mod progress;
 pub mod report;
 pub mod simplify;
-pub mod views;
 pub mod visibility;
 
+pub use engine::views;
 pub use error::FitError;
 pub use progress::{Progress, Silent};

@@ -3,32 +3,27 @@
 //! load -> normalise -> decimate -> wrap -> atlas -> bake -> fit by rendering -> bake again on the fitted shape -> fit
 //! the maps -> export -> reload the file and compare it with the reference on views and lights that the fit never saw.
 
-mod checkpoint;
-mod evaluate;
 mod export;
 mod look;
 mod options;
 mod outcome;
-mod painter;
-mod plan;
-mod pool;
-mod prepare;
-mod train;
+pub(crate) mod prepare;
 mod wrap;
 
-pub use evaluate::{Quality, ReportView, ViewQuality, compare};
+pub use crate::engine::judge::{Quality, ReportView, ViewQuality, compare};
+pub use crate::engine::plan::Plan;
+pub use crate::engine::reference::ReferenceRenderer;
+pub use crate::engine::trainer::{HistoryPoint, Trained};
 pub use export::to_scene;
 pub use look::MaterialClass;
 pub(crate) use look::drawn;
 pub use options::{Init, SimplifyOptions};
 pub use outcome::Outcome;
-pub use painter::ReferenceRenderer;
-pub use plan::Plan;
 pub use prepare::Normalised;
-pub use train::{HistoryPoint, Trained};
 
+use crate::engine::reference::Painter;
+use crate::engine::{judge, trainer};
 use crate::{FitError, Progress, Silent};
-use painter::Painter;
 use photofit_geometry::decimate::{Options, Target};
 use photofit_scene::Scene;
 use std::path::Path;
@@ -54,18 +49,18 @@ pub fn simplify(
     let painter = Painter::new(&normalised, scene, options)?;
     let prepare::Prepared { starts, visibility } =
         prepare::prepare(&normalised, &reference, options, progress)?;
-    let held_out = train::held_out(&painter, options)?;
-    let start = train::best_start(&starts, &held_out);
+    let held_out = trainer::held_out(&painter, options)?;
+    let start = trainer::best_start(&starts, &held_out);
     let plan = Plan::new(scene, &start.candidate, options);
     let mut trained =
-        train::train(&painter, &reference, start.clone(), held_out, &visibility, &plan, options, progress)?;
+        trainer::train(&painter, &reference, start.clone(), held_out, &visibility, &plan, options, progress)?;
     // The fit judged itself by its own renderer; the choice is made as a user would see it.
     let mut rebaked = trained.candidate.clone();
     if let Ok((maps, _)) = prepare::bake_candidate(&reference, &visibility, &rebaked, &Silent) {
         rebaked.set_maps(maps);
     }
     let choice = [trained.candidate, rebaked, start.candidate.clone()];
-    trained.candidate = evaluate::best_of(&normalised, &painter, choice, options, progress)?;
+    trained.candidate = judge::best_of(&normalised, &painter, choice, options, progress)?;
     let fit_seconds = began.elapsed().as_secs_f64();
 
     let name = output.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
@@ -82,11 +77,11 @@ pub fn simplify(
     let [wrapped, baked] = [0, starts.len() - 1].map(|k| &starts[k].candidate);
     let candidates = [
         decimated,
-        evaluate::Prepared::of_scene(&to_scene(baked, &normalised, &name)),
-        evaluate::Prepared::of_scene(&to_scene(wrapped, &normalised, &name)),
-        evaluate::Prepared::of_scene(&fitted),
+        judge::Prepared::of_scene(&to_scene(baked, &normalised, &name)),
+        judge::Prepared::of_scene(&to_scene(wrapped, &normalised, &name)),
+        judge::Prepared::of_scene(&fitted),
     ];
-    let views = evaluate::evaluate(&normalised, &painter, &candidates, options, progress)?;
+    let views = judge::evaluate(&normalised, &painter, &candidates, options, progress)?;
     Ok(Outcome::new(
         scene,
         trained,

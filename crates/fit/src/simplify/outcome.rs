@@ -1,8 +1,8 @@
 //! What a simplification gives back.
 
-use super::evaluate::{Quality, ReportView};
 use super::{HistoryPoint, Plan, SimplifyOptions, Trained};
 use crate::candidate::Candidate;
+use crate::engine::judge::{Quality, ReportView};
 use photofit_scene::Scene;
 
 /// Figures and pictures of a finished simplification.

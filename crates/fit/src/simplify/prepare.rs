@@ -1,11 +1,11 @@
 //! From the reference to the start of the fit: normalise, decimate, unwrap, bake.
 
-use super::evaluate;
 use super::look::{self, MaterialClass};
 use super::wrap;
 use super::{Init, SimplifyOptions};
 use crate::bake::{self, AlphaClass, BakeSettings, Reference, bake, blank_texel, hard_edges};
 use crate::candidate::Candidate;
+use crate::engine::judge as evaluate;
 use crate::visibility::{Visibility, VisibilitySettings, visibility_reporting};
 use crate::{FitError, Progress};
 use photofit_geometry::atlas::{UnwrapOptions, unwrap};
@@ -95,15 +95,15 @@ fn bounding_sphere(mesh: &Mesh) -> Option<(Vec3f, f32)> {
 }
 
 /// What a fit can start from.
-pub(super) struct Prepared {
+pub(crate) struct Prepared {
     /// First the mesh that was drawn onto the reference, then, if it was a decimated one, the same as decimation left it.
-    pub(super) starts: Vec<Start>,
+    pub(crate) starts: Vec<Start>,
     /// What of the reference can be seen.
-    pub(super) visibility: Visibility,
+    pub(crate) visibility: Visibility,
 }
 
 /// Decimates, unwraps and bakes.
-pub(super) fn prepare(
+pub(crate) fn prepare(
     n: &Normalised,
     reference: &Reference<'_>,
     options: &SimplifyOptions,
@@ -137,10 +137,10 @@ pub(super) fn prepare(
 
 /// A candidate with an atlas of its own and what was baked into it.
 #[derive(Clone)]
-pub(super) struct Start {
-    pub(super) candidate: Candidate,
+pub(crate) struct Start {
+    pub(crate) candidate: Candidate,
     /// Mean distance to the reference, in the normalised frame.
-    pub(super) distance: f64,
+    pub(crate) distance: f64,
 }
 
 /// Gives a mesh an atlas, the reference's hard edges, and maps baked from the reference.
@@ -203,7 +203,7 @@ fn decimate_reference(
 }
 
 /// The decimated reference with its own textures: one scene with the reference's materials.
-pub(super) fn decimated_only(n: &Normalised, options: &Options) -> Result<evaluate::Prepared, FitError> {
+pub(crate) fn decimated_only(n: &Normalised, options: &Options) -> Result<evaluate::Prepared, FitError> {
     let d = decimate(&n.flat.mesh, &n.flat.triangle_material, &[], options)?;
     let mut mesh = d.mesh;
     if mesh.normals.is_empty() {
@@ -240,7 +240,7 @@ fn sphere(n: &Normalised, seen: &Visibility, target: Target) -> Result<(Mesh, Ve
 }
 
 /// Bakes the reference onto the candidate's present shape; also returns the mean distance between the two.
-pub(super) fn bake_candidate(
+pub(crate) fn bake_candidate(
     reference: &Reference<'_>,
     seen: &Visibility,
     candidate: &Candidate,

@@ -1,9 +1,8 @@
 //! Quality of candidates on views and lights that no fit saw.
 
-use super::look::drawn;
-use super::painter::Painter;
-use super::{Normalised, SimplifyOptions};
+use super::reference::Painter;
 use crate::candidate::Candidate;
+use crate::simplify::{Normalised, SimplifyOptions, drawn, to_scene};
 use crate::views::{Set, setup};
 use crate::{FitError, Progress};
 use photofit_geometry::Mesh;
@@ -78,7 +77,7 @@ pub struct ReportView {
 
 /// A candidate ready to be rendered.
 #[derive(Debug)]
-pub(super) struct Prepared {
+pub(crate) struct Prepared {
     flat: FlatScene,
     library: SurfaceLibrary,
     normalised: bool,
@@ -86,12 +85,12 @@ pub(super) struct Prepared {
 
 impl Prepared {
     /// A candidate in the asset's frame.
-    pub(super) fn of_scene(scene: &Scene) -> Self {
+    pub(crate) fn of_scene(scene: &Scene) -> Self {
         Self { flat: scene.flatten(), library: SurfaceLibrary::new(&drawn(scene)), normalised: false }
     }
 
     /// A candidate in the normalised frame with the reference's materials.
-    pub(super) fn of_flat(n: &Normalised, mesh: Mesh, triangle_material: Vec<u32>) -> Self {
+    pub(crate) fn of_flat(n: &Normalised, mesh: Mesh, triangle_material: Vec<u32>) -> Self {
         // Through a scene, so that tangents are made where a normal map needs them.
         let scene = Scene {
             primitives: split_by_material(&mesh, &triangle_material, n.materials.len()),
@@ -126,7 +125,7 @@ fn split_by_material(mesh: &Mesh, material: &[u32], count: usize) -> Vec<photofi
 }
 
 /// Renders the reference and the candidates and compares them.
-pub(super) fn evaluate(
+pub(crate) fn evaluate(
     n: &Normalised,
     painter: &Painter<'_>,
     candidates: &[Prepared],
@@ -153,7 +152,7 @@ pub(super) fn evaluate(
 
 /// The candidate with the best pictures in the held-out views: PSNR and FLIP, both in decibels, count the same. The
 /// first wins a tie.
-pub(super) fn best_of(
+pub(crate) fn best_of(
     n: &Normalised,
     painter: &Painter<'_>,
     candidates: [Candidate; 3],
@@ -161,7 +160,7 @@ pub(super) fn best_of(
     progress: &dyn Progress,
 ) -> Result<Candidate, FitError> {
     let size = options.resolution;
-    let scenes = candidates.each_ref().map(|c| Prepared::of_scene(&super::to_scene(c, n, "")));
+    let scenes = candidates.each_ref().map(|c| Prepared::of_scene(&to_scene(c, n, "")));
     let scenes = scenes.each_ref().map(|c| InFrame::new(c, n));
     let mut score = [0.0; 3];
     for i in 0..CHOICE_VIEWS {

@@ -1,12 +1,13 @@
 //! The fit: steps of gradient descent on positions and maps.
 
 use super::checkpoint::{self, Checkpoint};
-use super::painter::Painter;
+use super::plan::Plan;
 use super::pool::Pool;
-use super::prepare::{Start, bake_candidate};
-use super::{Plan, SimplifyOptions};
+use super::reference::Painter;
 use crate::bake::Reference;
 use crate::candidate::{Candidate, ParameterGradients, average};
+use crate::simplify::SimplifyOptions;
+use crate::simplify::prepare::{Start, bake_candidate};
 use crate::views::{Set, Shot, setup};
 use crate::visibility::Visibility;
 use crate::{FitError, Progress};
@@ -105,7 +106,7 @@ struct Trainer<'a> {
 }
 
 /// Runs the fit.
-pub(super) fn train(
+pub(crate) fn train(
     painter: &Painter<'_>,
     reference: &Reference<'_>,
     start: Start,
@@ -202,7 +203,7 @@ fn picture_size(options: &SimplifyOptions, shrink: usize) -> usize {
 }
 
 /// The views of the early stop.
-pub(super) fn held_out(painter: &Painter<'_>, options: &SimplifyOptions) -> Result<Vec<Shot>, FitError> {
+pub(crate) fn held_out(painter: &Painter<'_>, options: &SimplifyOptions) -> Result<Vec<Shot>, FitError> {
     let shot = |index| {
         let s = setup(Set::HeldOut, index, HELD_OUT, options.seed, &options.lighting);
         let picture = painter.picture(&s, picture_size(options, 1))?;
@@ -212,7 +213,7 @@ pub(super) fn held_out(painter: &Painter<'_>, options: &SimplifyOptions) -> Resu
 }
 
 /// The start that looks best in the views of the early stop; the first wins a tie.
-pub(super) fn best_start<'a>(starts: &'a [Start], held_out: &[Shot]) -> &'a Start {
+pub(crate) fn best_start<'a>(starts: &'a [Start], held_out: &[Shot]) -> &'a Start {
     let quality = |s: &Start| psnr(&s.candidate, held_out, &Passes::default());
     match starts {
         [first, second] if quality(second) > quality(first) => second,

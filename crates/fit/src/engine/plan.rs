@@ -1,8 +1,9 @@
 //! The plan: which passes a fit runs and which gradients flow, derived from the asset ("skip what a scene doesn't
 //! need").
 
-use super::{ReferenceRenderer, SimplifyOptions};
+use super::reference::ReferenceRenderer;
 use crate::candidate::Candidate;
+use crate::simplify::SimplifyOptions;
 use photofit_raster::deferred::Passes;
 use photofit_raster::{CHANNELS, channel};
 use photofit_scene::{AlphaMode, Scene};

@@ -4,8 +4,8 @@
 //! what a rasterizer leaves out (shadows, light between surfaces, glass); the candidate takes up in its maps what of it
 //! does not depend on the light.
 
-use super::{Normalised, SimplifyOptions};
 use crate::FitError;
+use crate::simplify::{Normalised, SimplifyOptions};
 use crate::views::Setup;
 use glam::{Affine3A, Quat, Vec3};
 use photofit_image::Image;
@@ -36,7 +36,7 @@ pub enum ReferenceRenderer {
 }
 
 /// Makes pictures of the reference.
-pub(super) struct Painter<'a> {
+pub(crate) struct Painter<'a> {
     n: &'a Normalised,
     /// Behind a lock, since each picture has lights of its own.
     world: Option<Mutex<World>>,
@@ -44,7 +44,7 @@ pub(super) struct Painter<'a> {
 }
 
 impl<'a> Painter<'a> {
-    pub(super) fn new(n: &'a Normalised, scene: &Scene, options: &SimplifyOptions) -> Result<Self, FitError> {
+    pub(crate) fn new(n: &'a Normalised, scene: &Scene, options: &SimplifyOptions) -> Result<Self, FitError> {
         let world = match options.reference {
             ReferenceRenderer::Raster => None,
             ReferenceRenderer::Path => Some(Mutex::new(world(n, scene)?)),
@@ -53,7 +53,7 @@ impl<'a> Painter<'a> {
     }
 
     /// A picture of `size` x `size` pixels, linear and premultiplied.
-    pub(super) fn picture(&self, setup: &Setup, size: usize) -> Result<Image, FitError> {
+    pub(crate) fn picture(&self, setup: &Setup, size: usize) -> Result<Image, FitError> {
         let lights = setup.lights.lights();
         let Some(world) = &self.world else {
             let renderer = SceneRenderer::new(&self.n.flat, &self.n.library);

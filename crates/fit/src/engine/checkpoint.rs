@@ -3,9 +3,10 @@
 //! One file, written under a temporary name and renamed: a magic word, the length of a JSON header, the header (sizes,
 //! counters, a fingerprint of the options and the asset), then the arrays as little-endian numbers.
 
-use super::{HistoryPoint, SimplifyOptions};
+use super::trainer::HistoryPoint;
 use crate::FitError;
 use crate::candidate::Candidate;
+use crate::simplify::SimplifyOptions;
 use crate::views::Shot;
 use photofit_image::write_atomically;
 use photofit_optim::State;
@@ -18,7 +19,7 @@ const MAGIC: &[u8; 8] = b"PHOTOFT1";
 const FILE: &str = "fit.ckpt";
 
 /// What is written.
-pub(super) struct Checkpoint<'a> {
+pub(crate) struct Checkpoint<'a> {
     pub step: u64,
     pub best_psnr: f64,
     pub positions: &'a [Vec3f],
@@ -32,7 +33,7 @@ pub(super) struct Checkpoint<'a> {
 }
 
 /// What is read.
-pub(super) struct Loaded {
+pub(crate) struct Loaded {
     pub step: u64,
     pub best_psnr: f64,
     pub positions: Vec<Vec3f>,
@@ -84,7 +85,7 @@ fn state_header(s: &State<f32>) -> StateHeader {
 /// What must agree between the run that wrote a checkpoint and the one that reads it: the options that steer the fit,
 /// the candidate it starts from (which follows from the asset), and a held-out view (which follows from the asset and
 /// the light).
-pub(super) fn fingerprint(options: &SimplifyOptions, start: &Candidate, view: &Shot) -> String {
+pub(crate) fn fingerprint(options: &SimplifyOptions, start: &Candidate, view: &Shot) -> String {
     let mut digest = Digest(0xcbf2_9ce4_8422_2325);
     digest.add(start.triangles.as_flattened());
     digest.add(&start.positions);
@@ -116,7 +117,7 @@ impl Digest {
 }
 
 /// Writes the checkpoint of a folder, replacing the one before.
-pub(super) fn save(folder: &Path, c: &Checkpoint<'_>, fingerprint: &str) -> Result<(), FitError> {
+pub(crate) fn save(folder: &Path, c: &Checkpoint<'_>, fingerprint: &str) -> Result<(), FitError> {
     std::fs::create_dir_all(folder).map_err(|source| FitError::Io { path: folder.into(), source })?;
     let header = Header {
         fingerprint: fingerprint.to_owned(),
@@ -201,7 +202,7 @@ impl Rest<'_> {
 }
 
 /// Reads the checkpoint if the options ask for it and there is one.
-pub(super) fn load(
+pub(crate) fn load(
     options: &SimplifyOptions,
     candidate: &Candidate,
     fingerprint: &str,

@@ -1,8 +1,8 @@
 //! The pictures that the fit draws from.
 
-use super::SimplifyOptions;
-use super::painter::Painter;
+use super::reference::Painter;
 use crate::FitError;
+use crate::simplify::SimplifyOptions;
 use crate::views::{Set, Setup, Shot, setup};
 use photofit_image::Image;
 use photofit_sampling::Rng;
@@ -17,7 +17,7 @@ const WINDOW: u64 = 64;
 ///
 /// What a step draws depends on the step alone, so that a fit that goes on from a checkpoint sees the same.
 #[derive(Debug, Default)]
-pub(super) struct Pool {
+pub(crate) struct Pool {
     /// With their numbers, in increasing order.
     kept: VecDeque<(u64, Setup, Image)>,
     /// Width and height of the pictures that are kept.
@@ -27,7 +27,7 @@ pub(super) struct Pool {
 impl Pool {
     /// The shots of one step with pictures of `size` x `size` pixels, compared at `samples` per axis; `first` is the
     /// first step with pictures of this size.
-    pub(super) fn batch(
+    pub(crate) fn batch(
         &mut self,
         painter: &Painter<'_>,
         options: &SimplifyOptions,
