@@ -6,7 +6,7 @@
 
 use crate::bake::Reference;
 use crate::bake::reference::Place;
-use photofit_pathtrace::Ray;
+use photofit_rays::Ray;
 use photofit_scalar::Vec3f;
 use photofit_scene::AlphaMode;
 use rayon::prelude::*;

@@ -1,6 +1,6 @@
 //! What can be wrong with a scene that is to be rendered.
 
-use crate::accel::AccelError;
+use photofit_rays::AccelError;
 
 /// An error of this crate; the message names the place and the rule.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

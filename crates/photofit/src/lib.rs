@@ -11,7 +11,8 @@
 //! | `denoise` | `denoise` | variational denoising, surfaces from points | `image` |
 //! | `scene` | `scene` | cameras, materials; glTF, OBJ and PLY files | `image`, `geometry`, `shading` |
 //! | `raster` | `raster` | the differentiable rasterizer | `scene` |
-//! | `pathtrace` | `pathtrace` | path tracing, ray casting | `scene` |
+//! | `rays` | `rays` | ray hierarchies, watertight intersection, closest points | |
+//! | `pathtrace` | `pathtrace` | path tracing | `rays`, `scene` |
 //! | `fit` (default) | `fit` | the tasks: simplify, bake, compare, report | all |
 //!
 //! Features only add. With `default-features = false` and one feature a crate gets that part and what it stands on.
@@ -66,6 +67,8 @@ pub use photofit_optim as optim;
 pub use photofit_pathtrace as pathtrace;
 #[cfg(feature = "raster")]
 pub use photofit_raster as raster;
+#[cfg(feature = "rays")]
+pub use photofit_rays as rays;
 #[cfg(feature = "sampling")]
 pub use photofit_sampling as sampling;
 #[cfg(feature = "scene")]

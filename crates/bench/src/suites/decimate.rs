@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use anyhow::{Result, ensure};
 use photofit_geometry::decimate::{Options, Target, decimate};
 use photofit_geometry::{Mesh, shapes};
-use photofit_pathtrace::Accel;
+use photofit_rays::Accel;
 use photofit_scalar::{Vec3, Vec3f, vec3};
 
 use crate::context::Context;

@@ -6,7 +6,7 @@
 
 use anyhow::{Context as _, Result, bail};
 use photofit_geometry::{Mesh, shapes};
-use photofit_pathtrace::{Accel, Ray};
+use photofit_rays::{Accel, Ray};
 use photofit_scalar::{Vec3, Vec3f, vec3};
 
 use crate::context::Context;

@@ -13,7 +13,7 @@ use photofit_denoise::surface::{
 };
 use photofit_geometry::{Mesh, shapes};
 use photofit_image::{Image, write_png};
-use photofit_pathtrace::{Accel, Ray};
+use photofit_rays::{Accel, Ray};
 use photofit_sampling::Rng;
 use photofit_scalar::Vec3f;
 use std::path::Path;

@@ -20,8 +20,8 @@ pub(crate) mod tests;
 
 use crate::visibility::Visibility;
 use photofit_geometry::{Mesh, atlas};
-use photofit_pathtrace::AccelError;
 use photofit_raster::{CHANNELS, Maps, channel};
+use photofit_rays::AccelError;
 use photofit_scalar::Vec3f;
 use photofit_scene::AlphaMode;
 use rayon::prelude::*;

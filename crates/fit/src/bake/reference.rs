@@ -2,7 +2,7 @@
 
 use super::BakeError;
 use photofit_geometry::Mesh;
-use photofit_pathtrace::{Accel, Hit};
+use photofit_rays::{Accel, Hit};
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec4};
 use photofit_scene::{AlphaMode, FlatScene, Material, SurfaceLibrary, SurfaceSample, UvDerivatives};
 

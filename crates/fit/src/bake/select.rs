@@ -4,7 +4,7 @@ use super::AlphaClass;
 use super::reference::{Place, Reference};
 use super::target::Point;
 use crate::visibility::Visibility;
-use photofit_pathtrace::{NearestPoint, Ray};
+use photofit_rays::{NearestPoint, Ray};
 
 /// Cosine between the normals of target and reference below which the closest point is not taken.
 const LEAST_COSINE: f32 = 0.1;

@@ -3,7 +3,7 @@
 use super::BakeError;
 use super::reference::attribute;
 use photofit_geometry::Mesh;
-use photofit_pathtrace::AccelError;
+use photofit_rays::AccelError;
 use photofit_scalar::{Real, Vec3f, vec3};
 
 /// Least z of a baked normal: beyond it the shading would clamp.

@@ -10,7 +10,7 @@ use crate::visibility::Visibility;
 use crate::{FitError, Progress};
 use photofit_geometry::{Edges, Mesh, weld::weld_exact};
 use photofit_optim::LargeSteps;
-use photofit_pathtrace::Accel;
+use photofit_rays::Accel;
 use photofit_sampling::Rng;
 use photofit_scalar::Vec3f;
 use rayon::prelude::*;
@@ -104,7 +104,7 @@ impl Wrap {
         let own: Vec<Option<Vec3f>> = positions
             .par_iter()
             .map(|p| {
-                let visible = |n: &photofit_pathtrace::NearestPoint| seen.is_visible(n.triangle as usize);
+                let visible = |n: &photofit_rays::NearestPoint| seen.is_visible(n.triangle as usize);
                 let n = reference.accel().closest_point_where(*p, f32::INFINITY, visible)?;
                 let [a, b, c] = reference.mesh().corners(n.triangle as usize);
                 Some(a + (b - a) * n.u + (c - a) * n.v - *p)

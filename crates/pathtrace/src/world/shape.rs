@@ -3,10 +3,10 @@
 use super::parts::Shape;
 use super::surface::largest;
 use crate::PathtraceError;
-use crate::accel::{AccelError, MAX_COORDINATE};
 use crate::error::invalid;
 use glam::DVec3;
 use photofit_geometry::Mesh;
+use photofit_rays::{AccelError, MAX_COORDINATE};
 use photofit_scalar::Vec3f;
 use rayon::prelude::*;
 

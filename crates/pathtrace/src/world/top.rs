@@ -3,9 +3,9 @@
 use super::instance::Inward;
 use super::shape::{Kind, Stored};
 use crate::PathtraceError;
-use crate::accel::{Accel, TopTree};
 use crate::world::instance::Placed;
 use glam::{DAffine3, DVec3};
+use photofit_rays::{Accel, BoxTree};
 use photofit_scalar::Vec3f;
 
 /// Shapes placed once, or with no more triangles than this over all placements, are put into one structure.
@@ -35,7 +35,7 @@ pub(crate) struct Hierarchy {
     pub(crate) accels: Vec<Accel>,
     pub(crate) entries: Vec<Entry>,
     /// Tree over the entries.
-    pub(crate) tree: TopTree,
+    pub(crate) tree: BoxTree,
     /// Instance and triangle of every triangle of the merged structure, which is the first one.
     pub(crate) merged: Vec<[u32; 2]>,
 }
@@ -84,7 +84,7 @@ impl Hierarchy {
             }
             boxes.push(moved_box(shape.bounds, transform));
         }
-        out.tree = TopTree::build(&boxes);
+        out.tree = BoxTree::build(&boxes);
         Ok(out)
     }
 

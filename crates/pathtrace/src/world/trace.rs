@@ -2,7 +2,7 @@
 
 use super::top::{Entry, EntryKind};
 use super::{Interaction, World, sphere};
-use crate::accel::{FrameRay, TopRay};
+use photofit_rays::{BoxRay, FrameRay};
 use photofit_scalar::Vec3f;
 
 /// A ray in the render frame.
@@ -76,7 +76,7 @@ impl World {
             Some(limit)
         };
         if TWO_LEVEL {
-            let top = TopRay::new(&self.hierarchy.tree, ray.origin, ray.direction);
+            let top = BoxRay::new(&self.hierarchy.tree, ray.origin, ray.direction);
             self.hierarchy
                 .tree
                 .walk(&top, ray.t_max, |entry, limit| visit(&self.hierarchy.entries[entry as usize], limit));
@@ -106,7 +106,7 @@ impl World {
             if occluded { None } else { Some(limit) }
         };
         if TWO_LEVEL {
-            let top = TopRay::new(&self.hierarchy.tree, ray.origin, ray.direction);
+            let top = BoxRay::new(&self.hierarchy.tree, ray.origin, ray.direction);
             self.hierarchy
                 .tree
                 .walk(&top, ray.t_max, |entry, limit| visit(&self.hierarchy.entries[entry as usize], limit));

@@ -7,10 +7,10 @@ use std::f32::consts::PI;
 
 use anyhow::{Context as _, Result};
 use photofit_geometry::{Mesh, shapes};
-use photofit_pathtrace::{Accel, Ray};
 use photofit_raster::interpolate::interpolate;
 use photofit_raster::project::{Matrix4, matrix_rows, project};
 use photofit_raster::rasterize::{NONE, PixelGrid, barycentrics, rasterize};
+use photofit_rays::{Accel, Ray};
 use photofit_scalar::{Vec3f, Vec4f, vec3};
 
 use super::tasks::{FOUR, Task, uniform};

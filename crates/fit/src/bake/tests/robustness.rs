@@ -4,7 +4,7 @@ use super::{World, go_on, patches, sheet, size};
 use crate::bake::{BakeError, BakeSettings, Reference, Target, bake};
 use crate::visibility::Visibility;
 use photofit_geometry::{Mesh, shapes};
-use photofit_pathtrace::AccelError;
+use photofit_rays::AccelError;
 use photofit_scalar::{Vec3f, vec2};
 use photofit_scene::{FlatScene, Material, SurfaceLibrary};
 use std::ops::ControlFlow;

@@ -46,6 +46,7 @@ impl Ray {
 }
 
 /// A ray in the frame of the structure.
+#[derive(Debug)]
 pub(super) struct Local {
     shear: Shear,
     slabs: Slabs,

@@ -5,7 +5,7 @@
 //! triangle as for four, hence sets count in packets. Large sets are split in parallel; every choice depends on the set
 //! alone, hence the tree does not depend on the number of threads.
 
-use super::table::Table;
+use super::buffer::Buffer;
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec3A, Vec4};
 use rayon::prelude::*;
@@ -82,12 +82,12 @@ impl Set {
 pub(super) struct Binary {
     pub(super) root: Set,
     /// The halves of a set, at the index where the second one starts.
-    pub(super) halves: Table<[Set; 2]>,
+    pub(super) halves: Buffer<[Set; 2]>,
 }
 
 /// Splits all sets of more than [`LEAF_SIZE`] items.
 pub(super) fn build(items: &mut [Item]) -> Binary {
-    let mut halves = Table::zeroed(items.len());
+    let mut halves = Buffer::zeroed(items.len());
     let extent = if items.len() < COUNTED {
         Extent::of(items)
     } else {

@@ -1,7 +1,7 @@
 //! A tree over boxes, and rays in the frame of a structure: the parts of a two-level traversal.
 
 use super::binary::{Binary, Set};
-use super::table::Table;
+use super::buffer::Buffer;
 use super::traverse::Local;
 use super::walk::{PAD, Slabs};
 use super::wide::{self, Node};
@@ -15,17 +15,17 @@ use obvhs::bvh2::node::Bvh2Node;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use photofit_scalar::Vec3f;
 
-/// A tree over boxes.
+/// A tree over axis-aligned boxes: which of many structures a ray may meet.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct TopTree {
+pub struct BoxTree {
     nodes: Vec<Node>,
     /// Largest absolute coordinate.
     extent: f32,
 }
 
-impl TopTree {
-    /// Builds the tree over boxes of finite corners.
-    pub(crate) fn build(boxes: &[[DVec3; 2]]) -> Self {
+impl BoxTree {
+    /// Builds the tree over boxes, given by their lower and upper corners, which are finite.
+    pub fn build(boxes: &[[DVec3; 2]]) -> Self {
         if boxes.is_empty() {
             return Self::default();
         }
@@ -47,17 +47,18 @@ impl TopTree {
             count: if node.is_leaf() { 1 } else { u32::MAX },
         };
         // The children of a node follow one another, at the index that it names.
-        let halves = Table::from_fn(tree.nodes.len() - 1, |i| [set(&tree.nodes[i]), set(&tree.nodes[i + 1])]);
+        let halves =
+            Buffer::from_fn(tree.nodes.len() - 1, |i| [set(&tree.nodes[i]), set(&tree.nodes[i + 1])]);
         let binary = Binary { root: set(&tree.nodes[0]), halves };
         let wide = wide::collapse(&binary);
         let entry = |leaf: usize| tree.primitive_indices[wide.leaves[leaf].first as usize];
         Self { nodes: wide.nodes.into_iter().map(|node| node.with_leaves(entry)).collect(), extent }
     }
 
-    /// Visits the entries whose boxes the ray passes, near ones first; `visit` gets the limit so far and returns the
-    /// new one, or ends the walk.
+    /// Visits the boxes that the ray passes before `limit`, near ones first; `visit` gets the index of the box and the
+    /// limit so far and returns the new limit, or ends the walk.
     #[inline(always)]
-    pub(crate) fn walk(&self, ray: &TopRay, limit: f32, visit: impl FnMut(u32, f32) -> Option<f32>) {
+    pub fn walk(&self, ray: &BoxRay, limit: f32, visit: impl FnMut(u32, f32) -> Option<f32>) {
         #[cfg(target_arch = "x86_64")]
         if let Some(width) = Avx2::detect() {
             return self.walk_with(width, ray, limit, visit);
@@ -70,7 +71,7 @@ impl TopTree {
     pub(crate) fn walk_with(
         &self,
         width: impl Width,
-        ray: &TopRay,
+        ray: &BoxRay,
         limit: f32,
         visit: impl FnMut(u32, f32) -> Option<f32>,
     ) {
@@ -80,18 +81,19 @@ impl TopTree {
     }
 
     /// Bytes of the nodes.
-    pub(crate) fn bytes(&self) -> usize {
+    pub fn bytes(&self) -> usize {
         size_of_val(self.nodes.as_slice())
     }
 }
 
-/// A ray for a [`TopTree`].
-pub(crate) struct TopRay(Slabs);
+/// A ray for a [`BoxTree`].
+#[derive(Debug)]
+pub struct BoxRay(Slabs);
 
-impl TopRay {
+impl BoxRay {
     /// `direction` is finite and not zero.
     #[inline(always)]
-    pub(crate) fn new(tree: &TopTree, origin: Vec3f, direction: Vec3f) -> Self {
+    pub fn new(tree: &BoxTree, origin: Vec3f, direction: Vec3f) -> Self {
         let (o, d) = (Vec3A::from_array(origin.to_array()), Vec3A::from_array(direction.to_array()));
         let pad = (o.abs().max_element() + tree.extent) * PAD;
         Self(Slabs::new(o, d, d.abs().max_element(), pad, 0.0))
@@ -99,12 +101,13 @@ impl TopRay {
 }
 
 /// A ray in an [`Accel`]'s own frame.
-pub(crate) struct FrameRay(Local);
+#[derive(Debug)]
+pub struct FrameRay(Local);
 
 impl FrameRay {
     /// `t` counts lengths of `direction`, from 0 to `t_max`.
     #[inline(always)]
-    pub(crate) fn new(accel: &Accel, origin: Vec3, direction: Vec3, t_max: f32) -> Self {
+    pub fn new(accel: &Accel, origin: Vec3, direction: Vec3, t_max: f32) -> Self {
         let t_max = t_max.min(f32::MAX);
         Self(Local::in_frame(accel, origin.into(), direction.into(), 0.0, t_max))
     }
@@ -112,13 +115,13 @@ impl FrameRay {
 
 impl Accel {
     /// From the frame of the positions to the frame of [`FrameRay`].
-    pub(crate) fn frame(&self) -> DAffine3 {
+    pub fn frame(&self) -> DAffine3 {
         DAffine3::from_scale(DVec3::splat(self.scale))
             * DAffine3::from_translation(-DVec3::from_array(self.center))
     }
 
     /// The box of the triangles, in the frame of the positions.
-    pub(crate) fn bounds(&self) -> (DVec3, DVec3) {
+    pub fn bounds(&self) -> (DVec3, DVec3) {
         let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         if let Some(root) = self.nodes.first() {
             for k in 0..3 {
@@ -137,7 +140,7 @@ impl Accel {
 
     /// Calls `found` with hits and the limit so far; it returns the new limit, or ends the walk.
     #[inline(always)]
-    pub(crate) fn candidates(&self, ray: &FrameRay, found: impl FnMut(Hit, f32) -> Option<f32>) {
+    pub fn candidates(&self, ray: &FrameRay, found: impl FnMut(Hit, f32) -> Option<f32>) {
         #[cfg(target_arch = "x86_64")]
         if let Some(width) = Avx2::detect() {
             return self.candidates_with(width, ray, found);

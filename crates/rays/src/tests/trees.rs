@@ -2,7 +2,7 @@
 
 use super::super::wide::{LEAF, Node, WIDTH};
 use super::{Random, Soup, bumpy_sphere, soup};
-use crate::accel::{Accel, Ray};
+use crate::{Accel, Ray};
 use photofit_scalar::{Vec3f, vec3};
 
 /// Checks that every triangle is in the tree once and within the boxes above it; depth and packets of the tree.

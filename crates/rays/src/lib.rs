@@ -1,8 +1,18 @@
-//! The acceleration structure: closest hit, occlusion, all hits along a ray, and closest point on a triangle mesh.
+//! Ray hierarchies: closest hit, occlusion, all hits along a ray, and closest point on a triangle mesh.
+//!
+//! ```
+//! use photofit_rays::{Accel, Ray};
+//! use photofit_scalar::vec3;
+//! let positions = [vec3(0.0, 0.0, 0.0), vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0)];
+//! let accel = Accel::build(&positions, &[[0, 1, 2]])?;
+//! let hit = accel.closest_hit(&Ray::new(vec3(0.25, 0.5, 2.0), vec3(0.0, 0.0, -1.0))).expect("aims at the triangle");
+//! assert!((hit.t - 2.0).abs() < 1e-6 && (hit.u - 0.25).abs() < 1e-6 && (hit.v - 0.5).abs() < 1e-6 && hit.front);
+//! # Ok::<(), photofit_rays::AccelError>(())
+//! ```
 //!
 //! A binary tree, split by the surface area heuristic (`binary`), is collapsed to eight children a node with their
 //! boxes side by side (`wide`); each leaf is one packet of at most four triangles (`triangle`), so that every step of a
-//! traversal (`walk`) is a handful of vector instructions. Trees over instances are built by obvhs (`top`).
+//! traversal (`walk`) is a handful of vector instructions. Trees over boxes are built by obvhs (`boxes`).
 //!
 //! - Where the machine has AVX2, a step takes vectors of eight numbers, elsewhere two of four (`width`): the same
 //!   operations, hence the same bits.
@@ -14,11 +24,11 @@
 //! - Equal distances are resolved to the lower triangle index: the answer does not depend on the shape of the tree.
 
 mod binary;
+mod boxes;
+mod buffer;
 mod build;
 mod nearest;
 mod stack;
-mod table;
-mod top;
 mod traverse;
 mod triangle;
 mod walk;
@@ -30,8 +40,8 @@ mod tests;
 
 use photofit_scalar::Vec3f;
 
+pub use boxes::{BoxRay, BoxTree, FrameRay};
 pub use nearest::NearestPoint;
-pub(crate) use top::{FrameRay, TopRay, TopTree};
 pub use traverse::Ray;
 
 /// Largest coordinate that [`Accel::build`] accepts.
@@ -89,9 +99,9 @@ pub struct Hit {
 #[derive(Clone, Debug)]
 pub struct Accel {
     /// Nodes of the tree, the root first; empty without triangles.
-    nodes: table::Table<wide::Node>,
+    nodes: buffer::Buffer<wide::Node>,
     /// The leaves.
-    packets: table::Table<triangle::Packet>,
+    packets: buffer::Buffer<triangle::Packet>,
     /// Centre of the geometry, subtracted from everything.
     center: [f64; 3],
     /// Power of two that brings the geometry to about unit size.

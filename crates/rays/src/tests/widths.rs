@@ -1,8 +1,8 @@
 //! The instructions that the machine has against those that every machine has: the same answers to the last bit.
 
 use super::{Random, Soup, bumpy_sphere, corners, soup};
-use crate::accel::width::Portable;
-use crate::accel::{Accel, Hit, Ray, TopRay, TopTree};
+use crate::width::Portable;
+use crate::{Accel, BoxRay, BoxTree, Hit, Ray};
 use glam::DVec3;
 use photofit_scalar::{Vec3f, vec3};
 
@@ -67,10 +67,10 @@ fn both_ways_visit_the_same_boxes() {
             [p - q.abs(), p + q.abs()]
         })
         .collect();
-    let tree = TopTree::build(&boxes);
+    let tree = BoxTree::build(&boxes);
     let mut visits = 0;
     for _ in 0..2000 {
-        let ray = TopRay::new(&tree, random.point(2.0), random.point(1.0));
+        let ray = BoxRay::new(&tree, random.point(2.0), random.point(1.0));
         let (mut seen, mut portable) = (Vec::new(), Vec::new());
         tree.walk(&ray, 5.0, |entry, limit| {
             seen.push((entry, limit));

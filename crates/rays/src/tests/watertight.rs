@@ -1,7 +1,7 @@
 //! Closed meshes do not let a ray out: many rays.
 
 use super::{Random, Soup};
-use crate::accel::{Accel, Ray};
+use crate::{Accel, Ray};
 use photofit_geometry::{Mesh, shapes};
 use photofit_scalar::{Vec3f, vec3};
 use rayon::prelude::*;

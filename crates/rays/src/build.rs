@@ -1,7 +1,7 @@
 //! Building: checks, own frame, binary tree, collapse, packets.
 
 use super::binary::{self, Item};
-use super::table::Table;
+use super::buffer::Buffer;
 use super::triangle::Packet;
 use super::{Accel, AccelError, MAX_COORDINATE, wide};
 use glam::{BVec4A, Vec3A, Vec4};
@@ -22,8 +22,8 @@ pub(super) fn build(positions: &[Vec3f], triangles: &[[u32; 3]]) -> Result<Accel
     // A power of two changes no mantissa. One point alone has no size.
     let scale = if half > 0.0 { (-half.log2().ceil()).clamp(-100.0, 100.0).exp2() } else { 1.0 };
     let mut accel = Accel {
-        nodes: Table::default(),
-        packets: Table::default(),
+        nodes: Buffer::default(),
+        packets: Buffer::default(),
         center,
         scale,
         back: (1.0 / scale) as f32,
@@ -40,7 +40,7 @@ pub(super) fn build(positions: &[Vec3f], triangles: &[[u32; 3]]) -> Result<Accel
         let [a, b, c] = corners(t);
         Item::new(a.min(b).min(c), a.max(b).max(c), t)
     };
-    let mut items = Table::from_fn(triangles.len(), |t| item(t as u32));
+    let mut items = Buffer::from_fn(triangles.len(), |t| item(t as u32));
     let tree = binary::build(&mut items);
     accel.extent = tree.root.lo.iter().chain(&tree.root.hi).fold(0.0, |e, x| x.abs().max(e));
     let wide = wide::collapse(&tree);
@@ -49,8 +49,8 @@ pub(super) fn build(positions: &[Vec3f], triangles: &[[u32; 3]]) -> Result<Accel
         let items = &items[set.first as usize..][..set.count as usize];
         Packet::new(items.iter().map(Item::number), corners)
     };
-    accel.packets = Table::from_fn(wide.leaves.len(), packet);
-    accel.nodes = Table::from_fn(wide.nodes.len(), |i| wide.nodes[i]);
+    accel.packets = Buffer::from_fn(wide.leaves.len(), packet);
+    accel.nodes = Buffer::from_fn(wide.nodes.len(), |i| wide.nodes[i]);
     Ok(accel)
 }
 

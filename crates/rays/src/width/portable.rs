@@ -1,9 +1,9 @@
 //! What every machine has: vectors of four numbers.
 
 use super::Width;
-use crate::accel::stack::Stack;
-use crate::accel::walk::{Distances, Slabs, any_order, near_first};
-use crate::accel::wide::{Lanes, Node, WIDTH};
+use crate::stack::Stack;
+use crate::walk::{Distances, Slabs, any_order, near_first};
+use crate::wide::{Lanes, Node, WIDTH};
 use glam::{Vec3A, Vec4};
 
 /// What every machine has.

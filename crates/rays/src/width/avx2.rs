@@ -1,8 +1,8 @@
 //! Vectors of eight numbers on x86.
 
 use super::Width;
-use crate::accel::walk::Slabs;
-use crate::accel::wide::Node;
+use crate::walk::Slabs;
+use crate::wide::Node;
 
 /// Vectors of eight numbers on x86.
 #[derive(Clone, Copy, Debug)]
@@ -58,9 +58,9 @@ impl Width for Avx2 {
 
 /// Functions that are compiled for these instructions.
 mod wide {
-    use crate::accel::stack::Stack;
-    use crate::accel::walk::{Slabs, any_order, near_first};
-    use crate::accel::wide::{LEAF, Lanes, Node, WIDTH};
+    use crate::stack::Stack;
+    use crate::walk::{Slabs, any_order, near_first};
+    use crate::wide::{LEAF, Lanes, Node, WIDTH};
     use glam::Vec3A;
     use std::arch::x86_64::{
         __m256, _CMP_LE_OQ, _MM_HINT_T0, _mm_cvtsi64_si128, _mm_prefetch, _mm256_cmp_ps,
