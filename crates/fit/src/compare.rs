@@ -1,9 +1,9 @@
 //! How much two assets look alike: both rendered from shared views, under shared lights, and compared.
 
+use crate::scene_render::SceneRenderer;
 use crate::simplify::{Normalised, ViewQuality, compare, drawn};
 use crate::views::{Lighting, Set, setup};
 use crate::{FitError, Progress};
-use photofit_raster::scene_render::SceneRenderer;
 use photofit_scene::{FlatScene, Scene, SurfaceLibrary};
 
 /// Samples per axis of a pixel.

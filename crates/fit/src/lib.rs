@@ -9,6 +9,7 @@ mod engine;
 mod error;
 mod progress;
 pub mod report;
+pub mod scene_render;
 pub mod simplify;
 pub mod visibility;
 

@@ -4,13 +4,14 @@
 //! |---|---|---|---|
 //! | always | [`scalar`] | the scalar trait and small vectors | |
 //! | `image` | `image` | image buffers, colour, files, pyramids, metrics | |
+//! | `texture` | `texture` | mip pyramids, filters and their adjoints | |
 //! | `sampling` | `sampling` | counter-based random numbers, warps | |
 //! | `geometry` | `geometry` | meshes, normals, tangents, Laplacians, decimation, atlas | |
 //! | `shading` | `shading` | surfaces, lights and their derivatives | |
 //! | `optim` | `optim` | optimizers on plain slices | |
 //! | `denoise` | `denoise` | variational denoising, surfaces from points | `image` |
-//! | `scene` | `scene` | cameras, materials; glTF, OBJ and PLY files | `image`, `geometry`, `shading` |
-//! | `raster` | `raster` | the differentiable rasterizer | `scene` |
+//! | `scene` | `scene` | cameras, materials; glTF, OBJ and PLY files | `image`, `geometry`, `shading`, `texture` |
+//! | `raster` | `raster` | the differentiable rasterizer | `geometry`, `shading`, `texture` |
 //! | `rays` | `rays` | ray hierarchies, watertight intersection, closest points | |
 //! | `pathtrace` | `pathtrace` | path tracing | `rays`, `scene` |
 //! | `fit` (default) | `fit` | the tasks: simplify, bake, compare, report | all |
@@ -75,3 +76,5 @@ pub use photofit_sampling as sampling;
 pub use photofit_scene as scene;
 #[cfg(feature = "shading")]
 pub use photofit_shading as shading;
+#[cfg(feature = "texture")]
+pub use photofit_texture as texture;

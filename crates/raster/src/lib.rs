@@ -2,7 +2,7 @@
 //!
 //! The primitives of Laine et al. (2020) as pairs of a forward function and a vector-Jacobian product (`*_vjp`,
 //! accumulating into gradients): [`project`], [`rasterize`], [`interpolate`], [`texture`], [`antialias`]. The fused
-//! [`deferred`] pass runs the per-pixel ones tile by tile; [`scene_render`] renders whole glTF scenes forward only.
+//! [`deferred`] pass runs the per-pixel ones tile by tile.
 //!
 //! Visibility is found in `f32`; everything differentiable is generic over [`photofit_scalar::Real`]. Gradients are
 //! reduced in a fixed order: the same bits for any number of threads.
@@ -15,7 +15,6 @@ pub mod loss;
 mod maps;
 pub mod project;
 pub mod rasterize;
-pub mod scene_render;
-pub mod texture;
 
 pub use maps::{CHANNELS, Maps, channel};
+pub use photofit_texture as texture;

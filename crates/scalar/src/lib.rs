@@ -12,7 +12,7 @@
 mod real;
 mod vector;
 
-pub use real::Real;
+pub use real::{Real, halved_sum};
 pub use vector::{Vec2, Vec3, Vec4, vec2, vec3, vec4};
 
 /// Single-precision 2-vector.

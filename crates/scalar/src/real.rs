@@ -73,6 +73,20 @@ impl Real for f64 {
     }
 }
 
+/// Sum of the samples, folding the upper half onto the lower until one is left: unlike a running sum it vectorises.
+#[inline(always)]
+pub fn halved_sum<T: Real, const C: usize>(mut x: [T; C]) -> T {
+    let mut n = C;
+    while n > 1 {
+        let half = n / 2;
+        for c in 0..half {
+            x[c] += x[n - half + c];
+        }
+        n -= half;
+    }
+    x.first().copied().unwrap_or_default()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

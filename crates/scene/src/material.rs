@@ -1,41 +1,7 @@
 //! Materials: the metallic-roughness model of glTF 2.0.
 
 use crate::Extensions;
-
-/// How a texture continues outside of 0 to 1.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Wrap {
-    /// Periodic.
-    #[default]
-    Repeat,
-    /// Periodic with every other period mirrored.
-    MirroredRepeat,
-    /// The border texel continues.
-    ClampToEdge,
-}
-
-/// How a texture is filtered.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Filter {
-    /// The nearest texel of the base level.
-    Nearest,
-    /// Bilinear on the base level.
-    Bilinear,
-    /// Bilinear on two levels of the mip chain, linear between them.
-    #[default]
-    Trilinear,
-}
-
-/// How a texture is read.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Sampler {
-    /// Continuation along u.
-    pub wrap_u: Wrap,
-    /// Continuation along v.
-    pub wrap_v: Wrap,
-    /// Filter.
-    pub filter: Filter,
-}
+pub use photofit_texture::{AlphaMode, Filter, Sampler, Wrap};
 
 /// A texture as a material uses it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,21 +14,6 @@ pub struct TextureSlot {
     pub tex_coord: u32,
     /// `KHR_texture_transform` as two rows of an affine map: `u' = m[0] . (u, v, 1)`, `v' = m[1] . (u, v, 1)`.
     pub transform: [[f32; 3]; 2],
-}
-
-/// What alpha means.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum AlphaMode {
-    /// Alpha is ignored.
-    #[default]
-    Opaque,
-    /// Visible where alpha is at least the cutoff.
-    Mask {
-        /// The cutoff.
-        cutoff: f32,
-    },
-    /// Straight alpha blending.
-    Blend,
 }
 
 /// A metallic-roughness material; factors multiply their textures.

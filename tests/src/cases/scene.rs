@@ -1,11 +1,11 @@
 //! Cases of whole scenes: the forward renderer on glTF materials, and deferred shading of one mesh with maps.
 
+use photofit_fit::scene_render::SceneRenderer;
 use photofit_geometry::{Edges, Incidence, Mesh, shapes, tangents, weld};
 use photofit_image::{Image, to_display};
 use photofit_raster::antialias::Topology;
 use photofit_raster::deferred::{Geometry, Passes, View, render};
 use photofit_raster::project::matrix_rows;
-use photofit_raster::scene_render::SceneRenderer;
 use photofit_raster::texture::{Pyramid, Texture};
 use photofit_raster::{CHANNELS, channel};
 use photofit_scalar::{Vec3, Vec3f, vec3};

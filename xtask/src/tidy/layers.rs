@@ -22,11 +22,13 @@ const fn narrow(layer: u32, name: &'static str, only: &'static [&'static str]) -
 
 /// The layers of ARCHITECTURE.md, lowest first.
 ///
-/// Optimizers, denoisers and flows work on plain slices: their lists keep scenes and renderers out.
+/// Optimizers, denoisers and flows work on plain slices: their lists keep scenes and renderers out. The rasterizer
+/// knows meshes, textures and shading, not files.
 const PLACES: &[Place] = &[
     place(0, "scalar"),
     place(0, "gradcheck"),
     place(1, "image"),
+    narrow(1, "texture", &["scalar"]),
     place(1, "sampling"),
     place(1, "geometry"),
     narrow(1, "rays", &["scalar"]),
@@ -36,7 +38,7 @@ const PLACES: &[Place] = &[
     narrow(2, "denoise", &["scalar", "image"]),
     narrow(2, "flow", &["scalar", "sampling"]),
     place(3, "scene"),
-    place(4, "raster"),
+    narrow(4, "raster", &["scalar", "geometry", "texture", "shading", "gpu"]),
     place(4, "pathtrace"),
     place(5, "fit"),
     place(6, "photofit"),
@@ -127,7 +129,8 @@ mod tests {
     fn layers_are_kept() {
         for line in [
             "photofit-geometry: photofit-scalar, glam, dev photofit-sampling, dev photofit-gradcheck",
-            "photofit-raster: photofit-scene, photofit-image, optional photofit-gpu",
+            "photofit-raster: photofit-texture, photofit-shading, optional photofit-gpu",
+            "photofit-texture: photofit-scalar, dev photofit-gradcheck",
             "photofit-optim: photofit-scalar, optional photofit-geometry",
             "photofit-cli: photofit-fit, image",
             "photofit: photofit-fit, optional photofit-gpu",
@@ -143,6 +146,8 @@ mod tests {
             "photofit-image: photofit-geometry",
             "photofit-image: photofit-raster",
             "photofit-raster: photofit-pathtrace",
+            "photofit-raster: photofit-scene",
+            "photofit-texture: photofit-image",
             "photofit-raster: photofit-gpu",
             "photofit-optim: photofit-geometry",
             "photofit-optim: optional photofit-shading",

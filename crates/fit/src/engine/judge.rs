@@ -2,12 +2,12 @@
 
 use super::reference::Painter;
 use crate::candidate::Candidate;
+use crate::scene_render::SceneRenderer;
 use crate::simplify::{Normalised, SimplifyOptions, drawn, to_scene};
 use crate::views::{Set, setup};
 use crate::{FitError, Progress};
 use photofit_geometry::Mesh;
 use photofit_image::{Image, dilate, flip, psnr_from_mse, squared_error, ssim, to_display};
-use photofit_raster::scene_render::SceneRenderer;
 use photofit_scene::{FlatScene, Scene, SurfaceLibrary};
 
 /// Grey behind the asset, sRGB.

@@ -5,6 +5,7 @@
 //! does not depend on the light.
 
 use crate::FitError;
+use crate::scene_render::SceneRenderer;
 use crate::simplify::{Normalised, SimplifyOptions};
 use crate::views::Setup;
 use glam::{Affine3A, Quat, Vec3};
@@ -12,7 +13,6 @@ use photofit_image::Image;
 use photofit_pathtrace::{
     EnvironmentMap, LightSource, Parts, PathOptions, RenderOptions, Renderer, View, World,
 };
-use photofit_raster::scene_render::SceneRenderer;
 use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::Scene;
 use photofit_shading::{Environment, Light};

@@ -9,7 +9,7 @@ use crate::project::{project, project_vjp};
 use crate::rasterize::{Faces, NONE, TILE, Visibility, rasterize_into};
 use crate::texture::{Pyramid, Scatter};
 use photofit_scalar::{Real, Vec3, Vec4, vec3};
-use photofit_scene::AlphaMode;
+use photofit_texture::AlphaMode;
 use rayon::prelude::*;
 
 /// Transparency below which nothing behind a pixel is looked for.

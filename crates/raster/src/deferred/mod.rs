@@ -14,8 +14,8 @@ pub use frame::{Frame, FrameLayer, Gradients, render, render_into, render_vjp};
 use crate::antialias::Topology;
 use crate::project::Matrix4;
 use photofit_scalar::{Vec2, Vec3, Vec4};
-use photofit_scene::AlphaMode;
 use photofit_shading::Light;
+use photofit_texture::AlphaMode;
 
 /// A mesh as the renderer sees it; all arrays have one entry per vertex or per triangle.
 #[derive(Clone, Copy, Debug)]

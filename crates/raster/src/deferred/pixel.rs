@@ -6,11 +6,11 @@ use crate::maps::{CHANNELS, channel};
 use crate::rasterize::{Barycentrics, PixelGrid, barycentrics, barycentrics_vjp};
 use crate::texture::{Lookup, Pyramid, level_of_detail, lookup, sample, sample_vjp};
 use photofit_scalar::{Real, Vec2, Vec3, Vec4, vec2, vec3};
-use photofit_scene::{AlphaMode, Filter, Sampler, Wrap};
 use photofit_shading::{
     Surface, face_viewer, face_viewer_vjp, perturb, perturb_vjp, shade, shade_vjp, view_direction,
     view_direction_vjp,
 };
+use photofit_texture::{AlphaMode, Filter, Sampler, Wrap};
 
 /// How the maps of a fitted mesh are read: its atlas is padded, so the border texel continues.
 pub(super) const SAMPLER: Sampler =

@@ -5,7 +5,7 @@ mod picture;
 pub use picture::{Pieces, interpolate_picture, interpolate_picture_vjp};
 
 use crate::rasterize::Barycentrics;
-use photofit_scalar::{Real, Vec2, vec2};
+use photofit_scalar::{Real, Vec2, halved_sum, vec2};
 
 /// `u a0 + v a1 + (1-u-v) a2` for attributes of `C` samples.
 #[inline(always)]
@@ -37,20 +37,6 @@ pub fn interpolate_vjp<T: Real, const C: usize>(
         v[c] = g[c] * (a[1][c] - a[2][c]);
     }
     vec2(halved_sum(u), halved_sum(v))
-}
-
-/// Sum of the samples, folding the upper half onto the lower until one is left: unlike a running sum it vectorises.
-#[inline(always)]
-pub(crate) fn halved_sum<T: Real, const C: usize>(mut x: [T; C]) -> T {
-    let mut n = C;
-    while n > 1 {
-        let half = n / 2;
-        for c in 0..half {
-            x[c] += x[n - half + c];
-        }
-        n -= half;
-    }
-    x.first().copied().unwrap_or_default()
 }
 
 /// Screen derivatives of an interpolated attribute, per pixel:

@@ -3,7 +3,6 @@
 use super::*;
 use photofit_gradcheck::{Uniform, check};
 use photofit_scalar::vec2;
-use photofit_scene::{Filter, Wrap};
 
 fn sampler(wrap: Wrap, filter: Filter) -> Sampler {
     Sampler { wrap_u: wrap, wrap_v: wrap, filter }

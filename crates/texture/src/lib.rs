@@ -6,16 +6,17 @@
 
 mod level;
 mod pyramid;
+mod sampler;
 mod scatter;
 mod taps;
 
 pub use level::{LevelOfDetail, level_of_detail, level_of_detail_vjp};
 pub use pyramid::{MipAdjoint, Pyramid};
+pub use sampler::{AlphaMode, Filter, Sampler, Wrap};
 pub use scatter::{Scatter, ScatterQueue};
 pub use taps::{Taps, taps, wrap};
 
 use photofit_scalar::{Real, Vec2};
-use photofit_scene::Sampler;
 
 /// A texture of `C` samples a texel, row-major, row 0 at v = 0.
 #[derive(Clone, Debug, Default, PartialEq)]

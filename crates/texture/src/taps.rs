@@ -1,9 +1,7 @@
 //! The four taps of a bilinear lookup on one level.
 
-use super::Texture;
-use crate::interpolate::halved_sum;
-use photofit_scalar::{Real, Vec2, vec2};
-use photofit_scene::{Filter, Sampler, Wrap};
+use super::{Filter, Sampler, Texture, Wrap};
+use photofit_scalar::{Real, Vec2, halved_sum, vec2};
 
 /// Index of texel `i` (any integer) on an axis of `n` texels.
 #[inline(always)]

@@ -1,10 +1,10 @@
 //! Forward rendering of whole scenes with their own materials: supersampled, with depth peeling where something is
 //! transparent. This is the reference renderer of a fit, and `photofit render`.
 
-use crate::interpolate::{derivatives, interpolate};
-use crate::project::{matrix_rows, project};
-use crate::rasterize::{Bins, Faces, Layer, NONE, PixelGrid, TILE, Tile, barycentrics};
 use photofit_image::Image;
+use photofit_raster::interpolate::{derivatives, interpolate};
+use photofit_raster::project::{matrix_rows, project};
+use photofit_raster::rasterize::{Bins, Faces, Layer, NONE, PixelGrid, TILE, Tile, barycentrics};
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3};
 use photofit_scene::{Camera, FlatScene, SurfaceLibrary, UvDerivatives};
 use photofit_shading::{Light, Surface, face_viewer, perturb, shade, view_direction};
