@@ -4,6 +4,7 @@
 //! writes it forward and, reversed line by line, backward.
 
 use crate::views::Shot;
+use photofit_geometry::atlas::mesh_coverage;
 use photofit_geometry::normals::{Weighting, vertex_normals, vertex_normals_vjp};
 use photofit_geometry::tangents::{UvFrames, vertex_tangents, vertex_tangents_vjp};
 use photofit_geometry::weld::weld_exact;
@@ -12,8 +13,8 @@ use photofit_raster::antialias::Topology;
 use photofit_raster::deferred::{self, Frame, Geometry, Gradients, Passes, View};
 use photofit_raster::loss::{self, Loss};
 use photofit_raster::project::matrix_rows;
-use photofit_raster::texture::Pyramid;
-use photofit_raster::{CHANNELS, Maps};
+use photofit_raster::texture::{MipAdjoint, MipRule, Pyramid};
+use photofit_raster::{CHANNELS, Maps, channel};
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec3};
 use photofit_scene::AlphaMode;
 use rayon::prelude::*;
@@ -38,6 +39,8 @@ pub struct Candidate {
     /// Edges between welded vertices, each once.
     pub edges: Vec<[u32; 2]>,
     alpha: Vec<AlphaMode>,
+    /// Texels whose alpha is no parameter; empty = none.
+    solid: Vec<bool>,
     /// Vertices to positions.
     weld: Weld,
     /// Vertices to normals.
@@ -84,9 +87,10 @@ impl Candidate {
         let frames = UvFrames::new(&unique, &mesh.uvs);
         let transparent = class.iter().any(|c| classes[*c as usize] != AlphaMode::Opaque);
         let alpha = class.iter().filter(|_| transparent).map(|c| classes[*c as usize]).collect();
+        let solid = if transparent { solid_texels(mesh, &class, &classes, &maps) } else { Vec::new() };
         Self {
             positions: weld.pick(&mesh.positions),
-            maps: Pyramid::new(maps),
+            maps: Pyramid::with_rule(maps, mip_rule(transparent)),
             uvs: mesh.uvs.clone(),
             triangles: mesh.triangles.clone(),
             class,
@@ -96,6 +100,7 @@ impl Candidate {
             neighbour: edges.triangle_neighbours(),
             edges: edges.vertices,
             alpha,
+            solid,
             smooth: Incidence::new(&mesh.triangles, smoothing),
             weld,
             unique,
@@ -201,7 +206,9 @@ impl Candidate {
             self.vertices_vjp(&vertices, out);
         }
         if passes.map_gradients {
-            out.rendered.maps.collapse_vjp(photofit_raster::texture::MipAdjoint::Smooth);
+            self.maps.collapse_vjp(&mut out.rendered.maps, MipAdjoint::Smooth);
+            let texels = out.rendered.maps.levels[0].texels.iter_mut().zip(&self.solid);
+            texels.filter(|(_, solid)| **solid).for_each(|(g, _)| g[channel::ALPHA] = 0.0);
         }
         total
     }
@@ -226,6 +233,27 @@ impl Candidate {
     /// Uniform differential coordinates of the present shape.
     pub fn differential(&self) -> Vec<Vec3f> {
         laplacian::differential(&self.rings, &self.positions)
+    }
+}
+
+/// The texels of opaque triangles: their alpha stays 1, although it weighs colours in coarse levels that transparent
+/// triangles may share with them.
+fn solid_texels(mesh: &Mesh, class: &[u32], classes: &[AlphaMode], maps: &Maps) -> Vec<bool> {
+    let opaque = mesh.triangles.iter().zip(class).filter(|(_, c)| classes[**c as usize] == AlphaMode::Opaque);
+    let triangles: Vec<[u32; 3]> = opaque.map(|(t, _)| *t).collect();
+    if triangles.is_empty() {
+        return Vec::new();
+    }
+    mesh_coverage(&mesh.uvs, &triangles, maps.width, maps.height, true).mask()
+}
+
+/// How the mip chain of the maps follows from its base: as renderers build that of the written textures, by coverage
+/// where alpha is written.
+fn mip_rule(transparent: bool) -> MipRule {
+    if transparent {
+        MipRule::Coverage { colors: channel::BASE_COLOR + 3, alpha: channel::ALPHA }
+    } else {
+        MipRule::Area
     }
 }
 

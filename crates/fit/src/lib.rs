@@ -11,6 +11,8 @@ mod progress;
 pub mod report;
 pub mod scene_render;
 pub mod simplify;
+#[cfg(test)]
+mod texture_agreement;
 pub mod visibility;
 
 pub use engine::views;

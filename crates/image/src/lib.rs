@@ -1,4 +1,4 @@
-//! Image buffers, colour transfer, files, pyramids and metrics.
+//! Image buffers, colour transfer, files and metrics.
 //!
 //! An [`Image`] holds interleaved `f32` samples in linear light, row 0 at the top. Files are read into linear light
 //! and written back through the sRGB transfer where their format asks for it. Metrics compare display images
@@ -19,7 +19,6 @@ mod error;
 mod file;
 mod heatmap;
 mod metrics;
-mod mip;
 mod resample;
 mod sheet;
 mod tone;
@@ -36,7 +35,6 @@ pub use heatmap::{heatmap, heatmap_color};
 pub use metrics::{
     DEFAULT_PIXELS_PER_DEGREE, ErrorMap, dilate, flip, mse, psnr, psnr_from_mse, rmse, squared_error, ssim,
 };
-pub use mip::{mip_down, mip_down_vjp, mip_levels, mip_size, pyramid};
 pub use resample::{downsample, downsample_vjp, resize_bilinear};
 pub use sheet::contact_sheet;
 pub use tone::tone_map;

@@ -64,7 +64,7 @@ fn block(image: &Image, x: usize, y: usize, factor: usize, mut visit: impl FnMut
 }
 
 /// Bilinear interpolation at the pixel centres of an image of another size; edges are clamped. For reductions beyond
-/// one half reduce first ([`downsample`], [`crate::pyramid`]), since this filter reads 2 x 2 pixels alone.
+/// one half reduce first ([`downsample`]), since this filter reads 2 x 2 pixels alone.
 ///
 /// # Panics
 /// If the image has no pixels while the result has.

@@ -3,7 +3,7 @@
 //! | feature | module | contents | brings |
 //! |---|---|---|---|
 //! | always | [`scalar`] | the scalar trait and small vectors | |
-//! | `image` | `image` | image buffers, colour, files, pyramids, metrics | |
+//! | `image` | `image` | image buffers, colour, files, metrics | |
 //! | `texture` | `texture` | mip pyramids, filters and their adjoints | |
 //! | `sampling` | `sampling` | counter-based random numbers, warps | |
 //! | `geometry` | `geometry` | meshes, normals, tangents, Laplacians, decimation, atlas | |

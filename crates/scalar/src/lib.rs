@@ -1,4 +1,4 @@
-//! Generic scalar and small vectors.
+//! Generic scalar, small vectors and the sRGB transfer.
 //!
 //! Per-element arithmetic of photofit is written once over [`Real`]: `f32` in production, `f64` in gradient checks.
 //! The vectors are plain `repr(C)` structs, so that slices of them can be cast to slices of numbers.
@@ -10,9 +10,11 @@
 //! ```
 
 mod real;
+mod srgb;
 mod vector;
 
 pub use real::{Real, halved_sum};
+pub use srgb::{linear_to_srgb_u8, srgb_decode, srgb_encode, srgb_table, srgb_u8_to_linear};
 pub use vector::{Vec2, Vec3, Vec4, vec2, vec3, vec4};
 
 /// Single-precision 2-vector.

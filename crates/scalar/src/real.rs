@@ -22,6 +22,8 @@ pub trait Real:
     fn of(x: f64) -> Self;
     /// This value in double precision.
     fn f64(self) -> f64;
+    /// This value rounded towards zero; saturates, and is 0 of what is not a number.
+    fn as_i32(self) -> i32;
     /// Base-2 logarithm of a positive normal number to 1e-5, without a library call: in `f64` the exact one.
     fn log2_fast(self) -> Self;
     /// `max(self, 0)` with a zero derivative at zero.
@@ -46,6 +48,10 @@ impl Real for f32 {
         f64::from(self)
     }
     #[inline(always)]
+    fn as_i32(self) -> i32 {
+        self as i32
+    }
+    #[inline(always)]
     fn log2_fast(self) -> Self {
         // x = 2^e m with m in [sqrt(1/2), sqrt(2)); ln m by the odd series of s = (m - 1) / (m + 1).
         let shifted = self.to_bits().wrapping_sub(0x3f35_04f3);
@@ -66,6 +72,10 @@ impl Real for f64 {
     #[inline(always)]
     fn f64(self) -> f64 {
         self
+    }
+    #[inline(always)]
+    fn as_i32(self) -> i32 {
+        self as i32
     }
     #[inline(always)]
     fn log2_fast(self) -> Self {

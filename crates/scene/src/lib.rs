@@ -27,4 +27,4 @@ pub use load::{Limits, MAX_COORDINATE, Points, Sensor, load, load_points, load_p
 pub use material::{AlphaMode, Filter, Material, Sampler, TextureSlot, Wrap};
 pub use model::{Instance, MAX_FLAT, Memory, Primitive, Scene, TextureEncoding, TextureImage};
 pub use save::{save_glb, to_glb};
-pub use surface::{ExtensionSample, SurfaceLibrary, SurfaceSample, UvDerivatives};
+pub use surface::{ExtensionSample, MapKind, SurfaceLibrary, SurfaceSample, UvDerivatives};

@@ -33,7 +33,7 @@ fn ellipse<T: Real>(duv: &[Vec2<T>; 2], width: usize, height: usize) -> Ellipse<
 }
 
 /// Level for the footprint `duv = [d(u)/d(X,Y), d(v)/d(X,Y)]` on a base level of `width` x `height` texels, with the
-/// coarsest level `max`.
+/// coarsest level `max`. A footprint of no extent, or that is not a number, has the base level.
 #[inline(always)]
 pub fn level_of_detail<T: Real>(
     duv: &[Vec2<T>; 2],
@@ -42,7 +42,8 @@ pub fn level_of_detail<T: Real>(
     bias: T,
     max: usize,
 ) -> LevelOfDetail<T> {
-    let level = ellipse(duv, width, height).axis.log2_fast() * T::of(0.5) + bias;
+    let axis = ellipse(duv, width, height).axis;
+    let level = if axis > T::zero() { axis.log2_fast() * T::of(0.5) + bias } else { T::zero() };
     LevelOfDetail { level: level.clamp_to(T::zero(), T::of(max as f64)) }
 }
 

@@ -1,14 +1,32 @@
-//! Mip chains: an automatic box-filtered chain with its adjoints, or independent levels.
+//! Mip pyramids of any number of channels: chains that follow from their base, with the adjoint, or free levels.
 
-use super::Texture;
+use super::filter::{downsample, downsample_vjp};
+use super::{Level, MipSizes, Texture, mip_size};
 use photofit_scalar::Real;
 use rayon::prelude::*;
 
-/// How gradients of coarse levels return to the base of an automatic chain.
+/// How the levels of a pyramid follow from its base.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum MipRule {
+    /// Every channel is averaged by area.
+    #[default]
+    Area,
+    /// Alpha is coverage: colours are averaged by area times alpha, so that what cannot be seen does not bleed in.
+    Coverage {
+        /// The first channels, so many, are straight colour; those after it are averaged by area.
+        colors: usize,
+        /// The channel of alpha, not a colour.
+        alpha: usize,
+    },
+    /// Levels are independent of each other: parameters of their own.
+    Free,
+}
+
+/// How gradients of coarse levels return to the base of a chain.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum MipAdjoint {
-    /// Bilinear upsampling: the same sum as the exact adjoint, without its blocks. A descent direction of the same
-    /// loss seen through a smoothing prior, not the exact gradient.
+    /// Bilinear upsampling: the same sum as the exact adjoint (of even sizes), without its blocks. A descent direction
+    /// of the same loss seen through a smoothing prior, not the exact gradient.
     #[default]
     Smooth,
     /// The exact transpose of the box filter.
@@ -20,50 +38,54 @@ pub enum MipAdjoint {
 pub struct Pyramid<T, const C: usize> {
     /// The levels; never empty.
     pub levels: Vec<Texture<T, C>>,
-}
-
-/// Inputs of output `i` when `n` samples are averaged to `m`: first index and weights (exact areas; at most 4).
-#[inline]
-fn box_weights(i: usize, n: usize, m: usize) -> (usize, [f64; 4], usize) {
-    let (lo, hi) = (i * n, (i + 1) * n);
-    let first = lo / m;
-    let mut w = [0.0; 4];
-    let mut count = 0;
-    for (k, w) in w.iter_mut().enumerate() {
-        let (a, b) = ((first + k) * m, (first + k + 1) * m);
-        let overlap = hi.min(b).saturating_sub(lo.max(a));
-        if overlap == 0 {
-            break;
-        }
-        *w = overlap as f64 / n as f64;
-        count = k + 1;
-    }
-    (first, w, count)
+    /// How they follow from the base.
+    pub rule: MipRule,
 }
 
 impl<T: Real, const C: usize> Pyramid<T, C> {
-    /// The automatic chain of a base level, down to 1 x 1: sizes are halved and rounded down, every texel is the exact
+    /// The chain of a base level by area, down to 1 x 1: sizes are halved and rounded down, every texel is the exact
     /// area average of the level above, odd sizes included.
     ///
+    /// ```
+    /// use photofit_texture::{Pyramid, Texture};
+    /// let base = Texture { width: 5, height: 1, texels: vec![[0.0], [1.0], [2.0], [3.0], [4.0_f32]] };
+    /// let pyramid = Pyramid::new(base);
+    /// assert_eq!(pyramid.levels.iter().map(|l| l.width).collect::<Vec<_>>(), [5, 2, 1]);
+    /// assert!((pyramid.levels[2].texels[0][0] - 2.0).abs() < 1e-6); // the mean
+    /// ```
+    ///
     /// # Panics
-    /// If the texture has no texels.
+    /// If the texture has no texels, or their number is not that of its size.
     pub fn new(base: Texture<T, C>) -> Self {
+        Self::with_rule(base, MipRule::Area)
+    }
+
+    /// As [`Self::new`] by another rule; the coarse levels of [`MipRule::Free`] start as averages by area.
+    ///
+    /// # Panics
+    /// As [`Self::new`]; if the rule names channels that are not there, or an alpha that is a colour.
+    pub fn with_rule(base: Texture<T, C>, rule: MipRule) -> Self {
         assert!(!base.texels.is_empty(), "a texture has at least one texel");
         assert_eq!(base.texels.len(), base.width * base.height, "one texel per row and column");
+        if let MipRule::Coverage { colors, alpha } = rule {
+            assert!(colors <= alpha && alpha < C, "{colors} colours and then alpha, channel {alpha}, of {C}");
+        }
         let mut levels = vec![base];
         while let Some(l) = levels.last().filter(|l| l.width > 1 || l.height > 1) {
-            let next = Texture::filled((l.width / 2).max(1), (l.height / 2).max(1), [T::zero(); C]);
-            levels.push(next);
+            let (w, h) = mip_size(l.width, l.height);
+            levels.push(Texture::filled(w, h, [T::zero(); C]));
         }
-        let mut out = Self { levels };
+        let start = if rule == MipRule::Free { MipRule::Area } else { rule };
+        let mut out = Self { levels, rule: start };
         out.rebuild();
+        out.rule = rule;
         out
     }
 
-    /// A chain of zeros with the sizes of `like` (for gradients).
+    /// A pyramid of zeros with the sizes and the rule of `like` (for gradients).
     pub fn zeros_like(like: &Self) -> Self {
         let levels = like.levels.iter().map(|l| Texture::filled(l.width, l.height, [T::zero(); C])).collect();
-        Self { levels }
+        Self { levels, rule: like.rule }
     }
 
     /// Sets all texels to zero.
@@ -73,103 +95,45 @@ impl<T: Real, const C: usize> Pyramid<T, C> {
         }
     }
 
-    /// Recomputes all levels from the base.
+    /// Recomputes all levels from the base; free levels stay.
     pub fn rebuild(&mut self) {
+        if self.rule == MipRule::Free {
+            return;
+        }
         for k in 1..self.levels.len() {
             let (fine, coarse) = self.levels.split_at_mut(k);
-            downsample(&fine[k - 1], &mut coarse[0]);
+            let fine = &fine[k - 1];
+            downsample(|i| &fine.texels[i], (fine.width, fine.height), self.rule, &mut coarse[0].texels);
         }
     }
 
-    /// For a pyramid of gradients: moves the gradients of the coarse levels into the base level (the adjoint of
-    /// [`Self::rebuild`]); coarse levels keep their partial sums.
-    pub fn collapse_vjp(&mut self, adjoint: MipAdjoint) {
+    /// Adjoint of [`Self::rebuild`] at the values `self`: moves the gradients of the coarse levels into the base level of
+    /// `gradient`, whose coarse levels keep their partial sums. Gradients of free levels stay where they are.
+    ///
+    /// # Panics
+    /// If the sizes differ.
+    pub fn collapse_vjp(&self, gradient: &mut Self, adjoint: MipAdjoint) {
+        let size = |p: &Self| (p.levels[0].width, p.levels[0].height, p.levels.len());
+        assert_eq!(size(self), size(gradient), "gradients have the size of the values");
+        if self.rule == MipRule::Free {
+            return;
+        }
         for k in (1..self.levels.len()).rev() {
-            let (fine, coarse) = self.levels.split_at_mut(k);
-            match adjoint {
-                MipAdjoint::Exact => downsample_vjp(&coarse[0], &mut fine[k - 1]),
-                MipAdjoint::Smooth => upsample_add(&coarse[0], &mut fine[k - 1]),
-            }
+            let (g_fine, g_coarse) = gradient.levels.split_at_mut(k);
+            let (fine, coarse) = (&self.levels[k - 1], &self.levels[k]);
+            downsample_vjp(fine, coarse, &g_coarse[0], &mut g_fine[k - 1], self.rule, adjoint);
         }
     }
 }
 
-fn downsample<T: Real, const C: usize>(fine: &Texture<T, C>, out: &mut Texture<T, C>) {
-    let (fw, fh, w, h) = (fine.width, fine.height, out.width, out.height);
-    out.texels.par_chunks_mut(w).enumerate().for_each(|(y, row)| {
-        let (y0, wy, ny) = box_weights(y, fh, h);
-        for (x, t) in row.iter_mut().enumerate() {
-            let (x0, wx, nx) = box_weights(x, fw, w);
-            let mut s = [T::zero(); C];
-            for j in 0..ny {
-                for i in 0..nx {
-                    let k = T::of(wx[i] * wy[j]);
-                    let q = &fine.texels[(y0 + j) * fw + x0 + i];
-                    for c in 0..C {
-                        s[c] += k * q[c];
-                    }
-                }
-            }
-            *t = s;
-        }
-    });
-}
-
-fn downsample_vjp<T: Real, const C: usize>(g: &Texture<T, C>, g_fine: &mut Texture<T, C>) {
-    let (fw, fh, w, h) = (g_fine.width, g_fine.height, g.width, g.height);
-    // Gather form: each fine texel lies in at most two coarse ones per axis.
-    let share = |i: usize, n: usize, m: usize| {
-        let first = i * m / n;
-        let mut s = [(0, 0.0); 2];
-        for (k, s) in s.iter_mut().enumerate() {
-            let o = first + k;
-            if o < m {
-                let (a, b) = ((i * m).max(o * n), ((i + 1) * m).min((o + 1) * n));
-                *s = (o, b.saturating_sub(a) as f64 / n as f64);
-            }
-        }
-        s
-    };
-    g_fine.texels.par_chunks_mut(fw).enumerate().for_each(|(y, row)| {
-        let sy = share(y, fh, h);
-        for (x, t) in row.iter_mut().enumerate() {
-            let sx = share(x, fw, w);
-            for (j, wy) in sy {
-                for (i, wx) in sx {
-                    add_scaled(t, &g.texels[j * w + i], T::of(wx * wy));
-                }
-            }
-        }
-    });
-}
-
-fn upsample_add<T: Real, const C: usize>(g: &Texture<T, C>, g_fine: &mut Texture<T, C>) {
-    let (fw, fh, w, h) = (g_fine.width, g_fine.height, g.width, g.height);
-    let area = T::of((w * h) as f64 / (fw * fh) as f64);
-    let tap = |i: usize, n: usize, m: usize| {
-        let x = (i as f64 + 0.5) * m as f64 / n as f64 - 0.5;
-        let f = x.floor();
-        let a = (f.max(0.0) as usize).min(m - 1);
-        let b = ((f + 1.0).max(0.0) as usize).min(m - 1);
-        (a, b, T::of(x - f))
-    };
-    g_fine.texels.par_chunks_mut(fw).enumerate().for_each(|(y, row)| {
-        let (j0, j1, fy) = tap(y, fh, h);
-        for (x, t) in row.iter_mut().enumerate() {
-            let (i0, i1, fx) = tap(x, fw, w);
-            let (gx, gy) = (T::one() - fx, T::one() - fy);
-            add_scaled(t, &g.texels[j0 * w + i0], gx * gy * area);
-            add_scaled(t, &g.texels[j0 * w + i1], fx * gy * area);
-            add_scaled(t, &g.texels[j1 * w + i0], gx * fy * area);
-            add_scaled(t, &g.texels[j1 * w + i1], fx * fy * area);
-        }
-    });
-}
-
-/// `t += k q`.
-#[inline(always)]
-pub(super) fn add_scaled<T: Real, const C: usize>(t: &mut [T; C], q: &[T; C], k: T) {
-    for c in 0..C {
-        t[c] += k * q[c];
+impl<T, const C: usize> MipSizes for Pyramid<T, C> {
+    #[inline(always)]
+    fn count(&self) -> usize {
+        self.levels.len()
+    }
+    /// Every level is an array of its own: offsets are 0.
+    #[inline(always)]
+    fn level(&self, k: usize) -> Level {
+        Level { offset: 0, width: self.levels[k].width as u32, height: self.levels[k].height as u32 }
     }
 }

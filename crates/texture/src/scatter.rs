@@ -4,7 +4,7 @@
 //! bits. Instead every task queues its pixels, sorted into bands of v; each band is summed by one thread that walks
 //! the queues in order. The result does not depend on the number of threads.
 
-use super::pyramid::add_scaled;
+use super::filter::add_scaled;
 use super::{Lookup, Pyramid, Taps, Texture};
 use photofit_scalar::Real;
 use rayon::prelude::*;

@@ -15,14 +15,6 @@ fn random(width: usize, height: usize, seed: u64) -> Texture<f64, 2> {
 }
 
 #[test]
-fn wrap_modes() {
-    let all = |m| (-5..8).map(|i| wrap(i, 4, m)).collect::<Vec<_>>();
-    assert_eq!(all(Wrap::Repeat), [3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3]);
-    assert_eq!(all(Wrap::ClampToEdge), [0, 0, 0, 0, 0, 0, 1, 2, 3, 3, 3, 3, 3]);
-    assert_eq!(all(Wrap::MirroredRepeat), [3, 3, 2, 1, 0, 0, 1, 2, 3, 3, 2, 1, 0]);
-}
-
-#[test]
 fn texel_centres_are_exact_and_halfway_is_the_mean() {
     let t = Pyramid::new(random(4, 4, 1));
     let s = sampler(Wrap::Repeat, Filter::Bilinear);
@@ -90,10 +82,10 @@ fn gradients_of_trilinear_lookup() {
     Scatter::accumulate(&queues.each_ref(), &mut g);
     let smooth = {
         let mut s = g.clone();
-        s.collapse_vjp(MipAdjoint::Smooth);
+        t.collapse_vjp(&mut s, MipAdjoint::Smooth);
         s.levels[0].texels.iter().map(|t| t[0]).sum::<f64>()
     };
-    g.collapse_vjp(MipAdjoint::Exact);
+    t.collapse_vjp(&mut g, MipAdjoint::Exact);
     let flat: Vec<f64> = base.texels.concat();
     check("texels", &flat, &g.levels[0].texels.concat(), 1e-4, 1e-7, |f| {
         let texels = f.chunks(2).map(|c| [c[0], c[1]]).collect();
@@ -132,4 +124,140 @@ fn scatter_has_the_same_bits_for_any_thread_count() {
     assert_eq!(a, b);
     let sum: f32 = a.levels.iter().flat_map(|l| &l.texels).map(|t| t[0]).sum();
     assert!((sum - 4400.0).abs() < 1.0, "every lookup's weights sum to one: {sum}");
+}
+
+const COVERAGE: MipRule = MipRule::Coverage { colors: 3, alpha: 3 };
+
+/// A pyramid of three colours, alpha, and a channel that is no colour.
+fn covered(width: usize, height: usize, x: &[f64], rule: MipRule) -> Pyramid<f64, 5> {
+    let texels = x.as_chunks::<5>().0.to_vec();
+    Pyramid::with_rule(Texture { width, height, texels }, rule)
+}
+
+fn random_covered(width: usize, height: usize, seed: u64) -> Vec<f64> {
+    let mut rng = Uniform::new(seed);
+    (0..width * height)
+        .flat_map(|i| {
+            // Every fifth texel cannot be seen.
+            let alpha = if i % 5 == 0 { 0.0 } else { rng.range(0.05, 1.0) };
+            [rng.range(0.0, 2.0), rng.range(0.0, 1.0), rng.range(-1.0, 1.0), alpha, rng.range(-1.0, 1.0)]
+        })
+        .collect()
+}
+
+#[test]
+fn coverage_keeps_the_mean_of_premultiplied_colour() {
+    for (w, h) in [(8, 8), (7, 5), (13, 1), (3, 10)] {
+        let p = covered(w, h, &random_covered(w, h, 5), COVERAGE);
+        let mean = |t: &Texture<f64, 5>, f: &dyn Fn(&[f64; 5]) -> f64| {
+            t.texels.iter().map(f).sum::<f64>() / t.texels.len() as f64
+        };
+        for l in &p.levels {
+            let same = |f: &dyn Fn(&[f64; 5]) -> f64| (mean(l, f) - mean(&p.levels[0], f)).abs() < 1e-12;
+            for c in 0..3 {
+                assert!(
+                    same(&|t| t[c] * t[3]),
+                    "{w}x{h}: colour {c} times alpha at {}x{}",
+                    l.width,
+                    l.height
+                );
+            }
+            assert!(same(&|t| t[3]) && same(&|t| t[4]), "{w}x{h}: channels that are no colour");
+        }
+    }
+}
+
+#[test]
+fn colours_without_any_coverage_are_averaged_by_area() {
+    let texels = vec![[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 1.0, 1.0, 0.0]];
+    let p = Pyramid::with_rule(Texture { width: 2, height: 2, texels }, COVERAGE);
+    assert_eq!(p.levels[1].texels, [[0.5, 0.5, 0.5, 0.0]]);
+}
+
+/// The adjoint of the whole chain of averages by coverage, for gradients on every level.
+#[test]
+fn gradients_of_averages_by_coverage() {
+    for (w, h) in [(8, 8), (13, 6), (5, 9), (1, 7)] {
+        for rule in [COVERAGE, MipRule::Area, MipRule::Coverage { colors: 2, alpha: 4 }] {
+            let mut x = random_covered(w, h, 11);
+            if let MipRule::Coverage { alpha: 4, .. } = rule {
+                x.chunks_mut(5).for_each(|t| t[4] = t[4].abs() + 0.1);
+            }
+            let values = covered(w, h, &x, rule);
+            let mut rng = Uniform::new(6);
+            let mut seeds = Pyramid::zeros_like(&values);
+            for t in seeds.levels.iter_mut().flat_map(|l| &mut l.texels) {
+                t.iter_mut().for_each(|g| *g = rng.range(-1.0, 1.0));
+            }
+            let mut g = seeds.clone();
+            values.collapse_vjp(&mut g, MipAdjoint::Exact);
+            let name = format!("{w}x{h} {rule:?}");
+            check(&name, &x, g.levels[0].texels.as_flattened(), 1e-6, 1e-6, |x| {
+                let p = covered(w, h, x, rule);
+                let pairs =
+                    p.levels.iter().zip(&seeds.levels).flat_map(|(p, s)| p.texels.iter().zip(&s.texels));
+                pairs.map(|(p, s)| p.iter().zip(s).map(|(p, s)| p * s).sum::<f64>()).sum()
+            });
+        }
+    }
+}
+
+/// In terms of premultiplied colour `c a` and alpha the average is linear, with the gradients `g_c / a` and
+/// `g_a - sum c g_c / a`. Both adjoints pass their sums on unchanged (even sizes).
+#[test]
+fn adjoints_of_coverage_keep_the_sums_of_premultiplied_gradients() {
+    let (w, h) = (16, 8);
+    let mut x = random_covered(w, h, 21);
+    x.chunks_mut(5).for_each(|t| t[3] = 0.1 + 0.9 * t[3]);
+    let values = covered(w, h, &x, COVERAGE);
+    let mut rng = Uniform::new(2);
+    let mut seeds = Pyramid::zeros_like(&values);
+    for t in &mut seeds.levels[1].texels {
+        t.iter_mut().for_each(|g| *g = rng.range(-1.0, 1.0));
+    }
+    let sums = |g: &Pyramid<f64, 5>, level: usize| {
+        let mut sums = [0.0; 5];
+        for (g, v) in g.levels[level].texels.iter().zip(&values.levels[level].texels) {
+            let linear = [g[0] / v[3], g[1] / v[3], g[2] / v[3]];
+            let alpha = g[3] - (0..3).map(|c| v[c] * linear[c]).sum::<f64>();
+            for (s, g) in sums.iter_mut().zip([linear[0], linear[1], linear[2], alpha, g[4]]) {
+                *s += g;
+            }
+        }
+        sums
+    };
+    let expected = sums(&seeds, 1);
+    let collapsed = [MipAdjoint::Smooth, MipAdjoint::Exact].map(|adjoint| {
+        let mut g = seeds.clone();
+        values.collapse_vjp(&mut g, adjoint);
+        let got = sums(&g, 0);
+        for c in 0..5 {
+            assert!((got[c] - expected[c]).abs() < 1e-11, "{adjoint:?} {c}: {} {}", got[c], expected[c]);
+        }
+        g
+    });
+    assert!(collapsed[0] != collapsed[1], "the two spread them differently");
+}
+
+#[test]
+fn free_levels_stay_and_keep_their_gradients() {
+    let mut p = covered(8, 8, &random_covered(8, 8, 1), MipRule::Free);
+    p.levels[1].texels[0] = [7.0; 5];
+    let before = p.clone();
+    p.rebuild();
+    assert_eq!(p, before);
+    let mut g = before.clone();
+    p.collapse_vjp(&mut g, MipAdjoint::Exact);
+    assert_eq!(g, before);
+}
+
+#[test]
+fn footprints_that_are_no_numbers_have_the_base_level() {
+    for x in [0.0_f32, f32::NAN, -f32::NAN] {
+        let duv = [vec2(x, x), vec2(x, x)];
+        assert_eq!(level_of_detail(&duv, 64, 64, 0.0, 6).level, 0.0, "{x}");
+    }
+    let far = [vec2(f32::INFINITY, 0.0), vec2(0.0, 0.0)];
+    assert!([0.0, 6.0].contains(&level_of_detail(&far, 64, 64, 0.0, 6).level), "inside of the chain");
+    assert_eq!(level_of_detail(&[vec2(1e9_f32, 0.0), vec2(0.0, 1e9)], 64, 64, 0.0, 6).level, 6.0);
 }

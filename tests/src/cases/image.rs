@@ -1,9 +1,8 @@
 //! Cases of `photofit-image`.
 
-use photofit_image::{
-    DEFAULT_PIXELS_PER_DEGREE, Image, contact_sheet, flip, heatmap, pyramid, resize_bilinear, ssim,
-};
+use photofit_image::{DEFAULT_PIXELS_PER_DEGREE, Image, contact_sheet, flip, heatmap, resize_bilinear, ssim};
 use photofit_image::{srgb_encode, to_display};
+use photofit_texture::{Pyramid, Texture};
 
 /// A checkerboard under colour ramps `[height, width, 3]`, in `[0, 1]`.
 fn checker(width: usize, height: usize) -> Image {
@@ -27,7 +26,11 @@ fn pair() -> (Image, Image) {
 
 /// All levels of an odd-sized pyramid.
 pub(super) fn pyramid_levels() -> Image {
-    let levels = pyramid(checker(61, 37));
+    let base = checker(61, 37);
+    let texels = base.data.as_chunks::<3>().0.to_vec();
+    let pyramid = Pyramid::new(Texture { width: base.width, height: base.height, texels });
+    let image = |l: Texture<f32, 3>| Image::from_data(l.width, l.height, 3, l.texels.into_flattened());
+    let levels: Vec<Image> = pyramid.levels.into_iter().map(image).collect();
     contact_sheet(&levels.iter().collect::<Vec<_>>(), 3, 2)
 }
 

@@ -93,7 +93,7 @@ impl Patch {
             let frame = render(g, &maps, v, background, passes);
             render_vjp(g, &maps, v, passes, &frame, weights, &mut out);
         });
-        out.maps.collapse_vjp(MipAdjoint::Exact);
+        maps.collapse_vjp(&mut out.maps, MipAdjoint::Exact);
         out
     }
 }

@@ -1,20 +1,19 @@
 //! Forward lookup of materials: what a surface is made of at a point.
 
+mod address;
+mod compile;
 mod extensions;
-mod mip;
-mod taps;
 #[cfg(test)]
 mod tests;
 
 pub use extensions::ExtensionSample;
 
-use crate::{AlphaMode, Filter, Material, Scene, TextureSlot};
+use crate::{AlphaMode, Scene};
+use address::Address;
+use compile::{Plan, compile};
 use extensions::CompiledExtensions;
-use mip::{Encoding, Levels, MipTexture};
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec3};
-use rayon::prelude::*;
-use std::collections::HashMap;
-use taps::{Address, Taps};
+use photofit_texture::{Lookup, MipTexture};
 
 /// Derivatives of both sets of texture coordinates with respect to the pixel, `d(uv)/dX` and `d(uv)/dY`, per pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -51,6 +50,19 @@ pub struct SurfaceSample {
     pub unlit: bool,
 }
 
+/// The textures of the metallic-roughness model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MapKind {
+    /// Base colour and alpha.
+    BaseColor,
+    /// Roughness in green, metalness in blue.
+    MetallicRoughness,
+    /// Tangent-space normal, 0 to 1.
+    Normal,
+    /// Emission.
+    Emissive,
+}
+
 /// A texture of a material, and which of the material's addresses it is read at.
 #[derive(Clone, Copy, Debug)]
 struct Slot {
@@ -77,14 +89,13 @@ struct Compiled {
 /// The materials of a scene, ready to be looked up from many threads.
 ///
 /// Textures are kept in 8 bits with their mip chains (box filter, averaged in linear light where the slot is sRGB; by
-/// alpha where the material is not opaque); those without a slot that is read, or whose factor is zero, are left out.
-/// Occlusion is not a property of the surface and is not read.
+/// alpha where the material is not opaque), or in floating point once [`Self::set_texels`] has replaced them; those
+/// without a slot that is read, or whose factor is zero, are left out. Occlusion is not a property of the surface and is
+/// not read.
 #[derive(Debug)]
 pub struct SurfaceLibrary {
     textures: Vec<MipTexture>,
     materials: Vec<Compiled>,
-    /// Bytes to linear light, of sRGB slots.
-    decode: [f32; 256],
 }
 
 impl SurfaceLibrary {
@@ -95,21 +106,40 @@ impl SurfaceLibrary {
     pub fn new(scene: &Scene) -> Self {
         let mut plan = Plan::default();
         let materials = scene.materials.iter().map(|m| compile(scene, m, &mut plan)).collect();
-        let textures = plan
-            .textures
-            .par_iter()
-            .map(|want| {
-                let image = &scene.images[want.image];
-                let levels = if want.mips {
-                    Levels::full(image.width, image.height)
-                } else {
-                    Levels::base(image.width, image.height)
-                };
-                mip::build(image, &levels, want.encoding)
-            })
-            .collect();
-        let decode = std::array::from_fn(|i| photofit_image::srgb_u8_to_linear(i as u8));
-        Self { textures, materials, decode }
+        Self { textures: plan.build(scene), materials }
+    }
+
+    /// Index of a texture of a material, for [`Self::set_texels`]; `None` where the map is not read. Maps that name one
+    /// image in one encoding share a texture.
+    ///
+    /// # Panics
+    /// If there is no such material.
+    pub fn texture_of(&self, material: usize, map: MapKind) -> Option<usize> {
+        let m = &self.materials[material];
+        let slot = match map {
+            MapKind::BaseColor => m.base_color,
+            MapKind::MetallicRoughness => m.metallic_roughness,
+            MapKind::Normal => m.normal,
+            MapKind::Emissive => m.emissive,
+        };
+        slot.map(|s| s.texture)
+    }
+
+    /// A texture by its index.
+    ///
+    /// # Panics
+    /// If there is no such texture.
+    pub fn texture(&self, index: usize) -> &MipTexture {
+        &self.textures[index]
+    }
+
+    /// Replaces all texels of one texture (row 0 at v = 0, linear light, any range, kept in 32-bit floating point) and
+    /// its mip chain; nothing else is built again.
+    ///
+    /// # Panics
+    /// If there is no such texture, or it has another number of texels.
+    pub fn set_texels(&mut self, index: usize, linear: &[[f32; 4]]) {
+        self.textures[index].set_base(linear);
     }
 
     /// The material at texture coordinates `uv0` and `uv1`.
@@ -151,7 +181,7 @@ impl SurfaceLibrary {
                 out.emissive = out.emissive.mul(reader.read(slot).xyz());
             }
         }
-        out.alpha = coverage(m.alpha_mode, alpha);
+        out.alpha = m.alpha_mode.coverage(alpha);
         out
     }
 
@@ -168,13 +198,10 @@ impl SurfaceLibrary {
         }
         let mut alpha = m.base_alpha * vertex_alpha;
         if let Some(slot) = m.base_color {
-            let taps = m.addresses[slot.address].taps([uv0, uv1], None);
-            let texels = &self.textures[slot.texture].texels;
-            let sum: f32 =
-                (0..taps.count).map(|k| taps.weight[k] * f32::from(texels[taps.index[k] as usize][3])).sum();
-            alpha *= sum / 255.0;
+            let at = m.addresses[slot.address].lookup([uv0, uv1], None);
+            alpha *= self.textures[slot.texture].read_alpha(&at);
         }
-        coverage(m.alpha_mode, alpha)
+        m.alpha_mode.coverage(alpha)
     }
 
     /// Whether a material covers everything behind it at every point.
@@ -216,7 +243,7 @@ impl SurfaceLibrary {
 
     /// Bytes of all texels, mip chains included.
     pub fn bytes(&self) -> usize {
-        self.textures.iter().map(|t| size_of_val(t.texels.as_slice())).sum()
+        self.textures.iter().map(|t| t.texels().bytes()).sum()
     }
 }
 
@@ -226,51 +253,20 @@ struct Reader<'a> {
     material: &'a Compiled,
     uv: [Vec2f; 2],
     footprint: Option<&'a UvDerivatives>,
-    last: Option<(usize, Taps)>,
+    last: Option<(usize, Lookup<f32>)>,
 }
 
 impl Reader<'_> {
     #[inline(always)]
     fn read(&mut self, slot: Slot) -> Vec4f {
-        let taps = match &self.last {
-            Some((address, taps)) if *address == slot.address => taps,
+        let at = match &self.last {
+            Some((address, at)) if *address == slot.address => at,
             _ => {
-                let taps = self.material.addresses[slot.address].taps(self.uv, self.footprint);
-                &self.last.insert((slot.address, taps)).1
+                let at = self.material.addresses[slot.address].lookup(self.uv, self.footprint);
+                &self.last.insert((slot.address, at)).1
             }
         };
-        let texture = &self.library.textures[slot.texture];
-        let mut sum = [0.0_f32; 4];
-        let taps = taps.index.iter().zip(&taps.weight).take(taps.count);
-        if texture.srgb {
-            let decode = &self.library.decode;
-            for (&i, &w) in taps {
-                let [r, g, b, a] = texture.texels[i as usize];
-                let color = [decode[r as usize], decode[g as usize], decode[b as usize], f32::from(a)];
-                for c in 0..4 {
-                    sum[c] += w * color[c];
-                }
-            }
-            sum[3] *= 1.0 / 255.0;
-        } else {
-            for (&i, &w) in taps {
-                let texel = texture.texels[i as usize];
-                for c in 0..4 {
-                    sum[c] += w * f32::from(texel[c]);
-                }
-            }
-            sum = sum.map(|s| s * (1.0 / 255.0));
-        }
-        Vec4f::from_array(sum)
-    }
-}
-
-#[inline(always)]
-fn coverage(mode: AlphaMode, alpha: f32) -> f32 {
-    match mode {
-        AlphaMode::Opaque => 1.0,
-        AlphaMode::Mask { cutoff } => f32::from(u8::from(alpha >= cutoff)),
-        AlphaMode::Blend => alpha.clamp(0.0, 1.0),
+        Vec4f::from_array(self.library.textures[slot.texture].read(at))
     }
 }
 
@@ -279,88 +275,4 @@ fn decode_normal(t: Vec4f, scale: f32) -> Vec3f {
     let n = vec3((2.0 * t.x - 1.0) * scale, (2.0 * t.y - 1.0) * scale, 2.0 * t.z - 1.0);
     let unit = n.normalize_or_zero();
     if unit == Vec3f::zero() { vec3(0.0, 0.0, 1.0) } else { unit }
-}
-
-/// A texture to be built.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Want {
-    image: usize,
-    encoding: Encoding,
-    mips: bool,
-}
-
-#[derive(Debug, Default)]
-struct Plan {
-    textures: Vec<Want>,
-    known: HashMap<(usize, Encoding), usize>,
-}
-
-impl Plan {
-    /// Index of the texture; one with more levels serves who needs fewer.
-    fn texture(&mut self, want: Want) -> usize {
-        let i = *self.known.entry((want.image, want.encoding)).or_insert_with(|| {
-            self.textures.push(want);
-            self.textures.len() - 1
-        });
-        self.textures[i].mips |= want.mips;
-        i
-    }
-}
-
-fn compile(scene: &Scene, m: &Material, plan: &mut Plan) -> Compiled {
-    let mut addresses: Vec<Address> = Vec::new();
-    let weighted = m.alpha_mode != AlphaMode::Opaque;
-    let mut slot = |slot: &Option<TextureSlot>, srgb: bool, weighted: bool| {
-        slot.as_ref().map(|s| {
-            let image = &scene.images[s.image];
-            let mips = s.sampler.filter == Filter::Trilinear;
-            let texture = plan.texture(Want { image: s.image, encoding: Encoding { srgb, weighted }, mips });
-            let identity = s.transform == [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-            let levels = if mips { Levels::full } else { Levels::base };
-            let address = Address {
-                set: usize::from(s.tex_coord == 1),
-                transform: (!identity).then_some(s.transform),
-                sampler: s.sampler,
-                levels: levels(image.width, image.height),
-            };
-            let known = addresses.iter().position(|a| *a == address);
-            let address = known.unwrap_or_else(|| {
-                addresses.push(address);
-                addresses.len() - 1
-            });
-            Slot { texture, address }
-        })
-    };
-    // What an unlit or black factor hides is not read.
-    let lit = |s: &Option<TextureSlot>| if m.unlit { None } else { *s };
-    let glows = m.emissive.iter().any(|&e| e > 0.0);
-    let varies = m.roughness > 0.0 || m.metallic > 0.0;
-    let base_color = slot(&m.base_color_texture, true, weighted);
-    let metallic_roughness = slot(&lit(&m.metallic_roughness_texture).filter(|_| varies), false, false);
-    let normal = slot(&lit(&m.normal_texture), false, false);
-    let emissive = slot(&lit(&m.emissive_texture).filter(|_| glows), true, false);
-    let extensions = m.extensions.as_ref().filter(|_| !m.unlit);
-    let extensions =
-        extensions.map(|e| Box::new(extensions::compile(e, |texture, srgb| slot(texture, srgb, false))));
-    let [r, g, b, a] = m.base_color;
-    Compiled {
-        constant: SurfaceSample {
-            base_color: vec3(r, g, b),
-            alpha: 1.0,
-            roughness: m.roughness,
-            metallic: m.metallic,
-            normal: vec3(0.0, 0.0, 1.0),
-            emissive: if m.unlit { Vec3f::zero() } else { Vec3f::from_array(m.emissive) },
-            unlit: m.unlit,
-        },
-        base_alpha: a,
-        alpha_mode: m.alpha_mode,
-        normal_scale: m.normal_scale,
-        addresses,
-        base_color,
-        metallic_roughness,
-        normal,
-        emissive,
-        extensions,
-    }
 }

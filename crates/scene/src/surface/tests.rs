@@ -1,7 +1,7 @@
 //! Known values of the lookup.
 
 use super::*;
-use crate::{Sampler, TextureImage, Wrap};
+use crate::{Filter, Material, Sampler, TextureImage, TextureSlot, Wrap};
 use photofit_scalar::{vec2, vec4};
 
 const WHITE: Vec4f = vec4(1.0, 1.0, 1.0, 1.0);
@@ -144,4 +144,36 @@ fn unlit_reads_the_base_colour_only() {
     let s = at(&library, 0.1, 0.1);
     assert!(s.unlit && s.emissive == Vec3f::zero() && s.normal.z == 1.0 && s.base_color.x == 1.0, "{s:?}");
     assert!(!library.has_normal_map(0));
+}
+
+#[test]
+fn one_texture_is_replaced_alone() {
+    let material = Material {
+        base_color_texture: Some(slot(0, Filter::Trilinear)),
+        emissive: [1.0; 3],
+        emissive_texture: Some(slot(0, Filter::Trilinear)),
+        metallic_roughness_texture: Some(slot(1, Filter::Trilinear)),
+        alpha_mode: AlphaMode::Blend,
+        ..Material::default()
+    };
+    let images = vec![image(4, 4, |_, _| [255, 0, 0, 255]), image(2, 2, |_, _| [0, 255, 255, 255])];
+    let mut library = SurfaceLibrary::new(&scene(material, images));
+    let before = at(&library, 0.4, 0.6);
+    let base = library.texture_of(0, MapKind::BaseColor).unwrap();
+    // One image, but its alpha is coverage in the base colour alone: another texture.
+    assert_ne!(Some(base), library.texture_of(0, MapKind::Emissive));
+    assert_eq!(library.texture_of(0, MapKind::Normal), None);
+    library.set_texels(base, &[[0.1, 7.5, -1.0, 0.25]; 16]);
+    assert_eq!(library.texture(base).linear_base(), [[0.1, 7.5, -1.0, 0.25]; 16]);
+    let far = UvDerivatives::same(vec2(1.0, 0.0), vec2(0.0, 1.0));
+    for footprint in [None, Some(&far)] {
+        let s = library.lookup(0, vec2(0.4, 0.6), vec2(0.0, 0.0), WHITE, footprint);
+        assert!((s.base_color - vec3(0.1, 7.5, -1.0)).length() < 1e-5, "{s:?}");
+        assert!((s.alpha - 0.25).abs() < 1e-6);
+        assert_eq!(
+            (s.emissive, s.roughness, s.metallic),
+            (before.emissive, before.roughness, before.metallic)
+        );
+    }
+    assert!((library.alpha(0, vec2(0.4, 0.6), vec2(0.0, 0.0), 1.0) - 0.25).abs() < 1e-6);
 }
