@@ -1,5 +1,7 @@
 //! Image buffers, colour transfer, files and metrics.
 //!
+//! Without the feature `files` (on by default) the crate reads and writes no files and needs neither `exr` nor `image`.
+//!
 //! An [`Image`] holds interleaved `f32` samples in linear light, row 0 at the top. Files are read into linear light
 //! and written back through the sRGB transfer where their format asks for it. Metrics compare display images
 //! (sRGB-encoded, in `[0, 1]`) and return a map beside the mean.
@@ -15,7 +17,9 @@
 mod buffer;
 mod color;
 mod convolve;
+#[cfg(feature = "files")]
 mod error;
+#[cfg(feature = "files")]
 mod file;
 mod heatmap;
 mod metrics;
@@ -25,7 +29,9 @@ mod tone;
 
 pub use buffer::Image;
 pub use color::{linear_to_srgb_u8, luminance, srgb_decode, srgb_encode, srgb_u8_to_linear, to_display};
+#[cfg(feature = "files")]
 pub use error::ImageError;
+#[cfg(feature = "files")]
 pub use file::{
     Limits, PngCompression, decode, decode_texture, encode_jpeg, encode_png, encode_srgb_png, read,
     read_exr_layers, read_with_limits, texture_size, write_atomically, write_exr, write_exr_channels,

@@ -3,14 +3,16 @@
 //! | feature | module | contents | brings |
 //! |---|---|---|---|
 //! | always | [`scalar`] | the scalar trait and small vectors | |
-//! | `image` | `image` | image buffers, colour, files, metrics | |
+//! | `image` | `image` | image buffers, colour, metrics | |
+//! | `image-files` | `image` | reading and writing PNG, JPEG, Radiance and OpenEXR | `image` |
 //! | `texture` | `texture` | mip pyramids, filters and their adjoints | |
 //! | `sampling` | `sampling` | counter-based random numbers, warps | |
 //! | `geometry` | `geometry` | meshes, normals, tangents, Laplacians, decimation, atlas | |
 //! | `shading` | `shading` | surfaces, lights and their derivatives | |
 //! | `optim` | `optim` | optimizers on plain slices | |
+//! | `optim-mesh`, `optim-fft` | `optim` | diffusion over meshes (brings faer), over grids (brings an FFT) | `optim` |
 //! | `denoise` | `denoise` | variational denoising, surfaces from points | `image` |
-//! | `scene` | `scene` | cameras, materials; glTF, OBJ and PLY files | `image`, `geometry`, `shading`, `texture` |
+//! | `scene` | `scene` | cameras, materials; glTF, OBJ and PLY files | `image-files`, `geometry`, `shading`, `texture` |
 //! | `raster` | `raster` | the differentiable rasterizer | `geometry`, `shading`, `texture` |
 //! | `rays` | `rays` | ray hierarchies, watertight intersection, closest points | |
 //! | `pathtrace` | `pathtrace` | path tracing | `rays`, `scene` |

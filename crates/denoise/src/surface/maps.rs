@@ -41,7 +41,7 @@ impl Maps {
         maps
     }
 
-    /// The layers of a multi-layer OpenEXR file, for [`photofit_image::write_exr`].
+    /// The layers of a multi-layer OpenEXR file, for `photofit_image::write_exr` (its feature `files`).
     pub fn exr_layers(&self) -> Vec<(&'static str, &Image, &'static [&'static str])> {
         let mut layers: Vec<(&'static str, &Image, &'static [&'static str])> =
             vec![("depth", &self.depth, &["Z"]), ("normal", &self.normal, &["X", "Y", "Z"])];

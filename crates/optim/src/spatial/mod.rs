@@ -6,6 +6,7 @@ use std::fmt::Debug;
 
 pub(crate) mod bilateral;
 pub(crate) mod grid;
+#[cfg(feature = "fft")]
 pub(crate) mod screened_poisson;
 
 /// What a filter may look at before a step.
