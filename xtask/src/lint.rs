@@ -1,4 +1,4 @@
-//! Clippy, rustdoc, facade features and licences, all without a warning.
+//! Clippy, rustdoc, features one by one and licences, all without a warning.
 
 use anyhow::Result;
 
@@ -10,7 +10,7 @@ pub(crate) fn run() -> Result<()> {
     run_cargo(&["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"])?;
     // `RUSTDOCFLAGS` leaves the compiled dependencies alone, `RUSTFLAGS` would rebuild them.
     run_cargo_with(&["doc", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "-D warnings")])?;
-    facade_features()?;
+    features_one_by_one()?;
     if is_installed("cargo-deny", &[]) {
         // Advisories come over the network and change from day to day: `cargo deny check advisories` by hand.
         run_cargo(&["deny", "check", "bans", "licenses", "sources"])
@@ -20,17 +20,19 @@ pub(crate) fn run() -> Result<()> {
     }
 }
 
-/// Checks the facade with no feature and with each feature alone.
-fn facade_features() -> Result<()> {
-    let workspace = Workspace::read()?;
-    let features = workspace.features("photofit");
-    if features.is_empty() {
-        println!("the facade has no features to check");
-        return Ok(());
-    }
-    run_cargo(&["check", "-p", "photofit", "--no-default-features"])?;
-    for feature in features.iter().filter(|f| *f != "default") {
-        run_cargo(&["check", "-p", "photofit", "--no-default-features", "--features", feature])?;
+/// Clippy on each library with features (the facade among them): with none, and with each feature alone. What the
+/// workspace joins by the features of all its members hides what is missing or unused in one crate alone.
+fn features_one_by_one() -> Result<()> {
+    for found in Workspace::read()?.crates {
+        if found.features.is_empty() {
+            continue;
+        }
+        let alone = ["clippy", "--quiet", "-p", &found.name, "--no-default-features"];
+        let deny = ["--", "-D", "warnings"];
+        run_cargo(&[&alone[..], &deny].concat())?;
+        for feature in found.features.iter().filter(|f| *f != "default") {
+            run_cargo(&[&alone[..], &["--features", feature], &deny].concat())?;
+        }
     }
     Ok(())
 }

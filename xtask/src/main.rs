@@ -21,7 +21,7 @@ cargo xtask <task>
 
   ci [--no-test]            everything CI runs, in order: tidy, lint, test
   tidy                      formatting, layers, module docs, file length, ARCHITECTURE.md, one glam
-  lint                      clippy and rustdoc without warnings, facade features one by one, cargo-deny
+  lint                      clippy and rustdoc without warnings, the features of each library one by one, cargo-deny
   test [--gpu] [--slow]     cargo test --workspace; --slow adds the ignored suites, --gpu requires an adapter
   golden report             compare all golden images, write target/golden/report.html
   golden accept NAME...     write the golden images named, by the CPU path

@@ -44,7 +44,7 @@ impl Loaded {
             depth: get(Kind::Depth),
             position: get(Kind::Position),
         };
-        let mut frame = Frame::new(self.height, self.width, &self.color).with_guides(guides);
+        let mut frame = Frame::new(self.width, self.height, &self.color).with_guides(guides);
         frame.half = self.half.as_deref();
         frame.variance = get(Kind::Variance);
         frame

@@ -4,32 +4,32 @@ use photofit_scalar::Real;
 
 use crate::DenoiseError;
 
-/// Rows, columns and channels of a planar image: the sample of channel `c` at row `i` and column `j` is number
-/// `(c * rows + i) * cols + j`.
+/// Width, height and channels of a planar image: the sample of channel `c` at row `y` and column `x` is number
+/// `(c * height + y) * width + x`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shape {
-    /// Number of rows (M); row 0 is at the top.
-    pub rows: usize,
-    /// Number of columns (N).
-    pub cols: usize,
+    /// Number of columns (N in the papers).
+    pub width: usize,
+    /// Number of rows (M in the papers); row 0 is at the top.
+    pub height: usize,
     /// Number of channels, one plane each.
     pub channels: usize,
 }
 
 impl Shape {
-    /// A shape.
-    pub const fn new(rows: usize, cols: usize, channels: usize) -> Self {
-        Self { rows, cols, channels }
+    /// A shape; width first, as everywhere.
+    pub const fn new(width: usize, height: usize, channels: usize) -> Self {
+        Self { width, height, channels }
     }
 
     /// Number of pixels of one plane.
     pub const fn pixels(self) -> usize {
-        self.rows * self.cols
+        self.width * self.height
     }
 
     /// Number of samples of all planes.
     pub const fn len(self) -> usize {
-        self.rows * self.cols * self.channels
+        self.width * self.height * self.channels
     }
 
     /// True when there is no sample.
@@ -40,12 +40,12 @@ impl Shape {
     /// Row, column and channel of sample `index`.
     pub const fn position(self, index: usize) -> (usize, usize, usize) {
         let within = index % self.pixels();
-        (within / self.cols, within % self.cols, index / self.pixels())
+        (within / self.width, within % self.width, index / self.pixels())
     }
 
     /// Refuses empty and absurd sizes, without overflow.
     pub(crate) fn check(self) -> Result<(), DenoiseError> {
-        let samples = self.rows.checked_mul(self.cols).and_then(|n| n.checked_mul(self.channels));
+        let samples = self.width.checked_mul(self.height).and_then(|n| n.checked_mul(self.channels));
         match samples {
             Some(1..=0x8000_0000) => Ok(()),
             _ => Err(DenoiseError::Size { shape: self }),
@@ -55,7 +55,7 @@ impl Shape {
 
 impl std::fmt::Display for Shape {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{} rows x {} columns x {} channels", self.rows, self.cols, self.channels)
+        write!(f, "{} x {} pixels x {} channels", self.width, self.height, self.channels)
     }
 }
 
@@ -78,7 +78,7 @@ pub(crate) fn not_finite<T: Real>(what: &'static str, value: T, index: usize, sh
 }
 
 /// Turns pixels with a NaN or infinity in any channel into holes: their samples become 0 and their entry of
-/// `weight` (one per pixel, `rows * cols`) becomes 0. Returns how many pixels were masked.
+/// `weight` (one per pixel, `width * height`) becomes 0. Returns how many pixels were masked.
 ///
 /// ```
 /// use photofit_denoise::{Shape, mask_non_finite};
@@ -113,19 +113,19 @@ mod tests {
 
     #[test]
     fn the_place_of_the_first_nan_is_named() {
-        let shape = Shape::new(3, 4, 2);
+        let shape = Shape::new(4, 3, 2);
         let mut values = vec![0.0_f32; shape.len()];
         assert_eq!(check_finite("target", &values, shape), Ok(()));
         values[12 + 2 * 4 + 3] = f32::INFINITY;
         let error = check_finite("target", &values, shape).expect_err("an infinity");
         assert_eq!(error.to_string(), "target is inf at row 2, column 3, channel 1");
         let error = check_finite("target", &values[1..], shape).expect_err("too short");
-        assert_eq!(error.to_string(), "target has 23 values, expected 24 (3 rows x 4 columns x 2 channels)");
+        assert_eq!(error.to_string(), "target has 23 values, expected 24 (4 x 3 pixels x 2 channels)");
     }
 
     #[test]
     fn a_bad_channel_masks_the_pixel() {
-        let shape = Shape::new(1, 3, 2);
+        let shape = Shape::new(3, 1, 2);
         let mut values = vec![1.0, 2.0, 3.0, 4.0, f64::NAN, 6.0];
         let mut weight = vec![1.0; 3];
         assert_eq!(mask_non_finite(&mut values, &mut weight, shape), 1);
@@ -135,8 +135,8 @@ mod tests {
 
     #[test]
     fn sizes_that_overflow_are_refused() {
-        assert!(Shape::new(usize::MAX, 2, 3).check().is_err());
-        assert!(Shape::new(0, 2, 3).check().is_err());
+        assert!(Shape::new(2, usize::MAX, 3).check().is_err());
+        assert!(Shape::new(2, 0, 3).check().is_err());
         assert!(Shape::new(1, 1, 1).check().is_ok());
     }
 }

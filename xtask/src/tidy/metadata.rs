@@ -22,6 +22,7 @@ pub(crate) struct Crate {
     pub(crate) version: String,
     /// Folder of its manifest.
     pub(crate) folder: PathBuf,
+    /// Sorted.
     pub(crate) features: Vec<String>,
     /// All direct dependencies, those outside the workspace included.
     pub(crate) dependencies: Vec<Dependency>,
@@ -49,11 +50,6 @@ impl Workspace {
             crates: packages.iter().map(Crate::from_json).collect::<Result<_>>()?,
             target_directory: PathBuf::from(text(&json["target_directory"], "target_directory")?),
         })
-    }
-
-    /// Features of a package, sorted; none if it is not there.
-    pub(crate) fn features(&self, package: &str) -> Vec<String> {
-        self.find(package).map(|found| found.features.clone()).unwrap_or_default()
     }
 
     /// Version of a package.

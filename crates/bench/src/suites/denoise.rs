@@ -34,11 +34,11 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
 }
 
 /// Discs and stripes on a shaded ground with noise of standard deviation .1; one plane per channel.
-pub(super) fn picture(rows: usize, cols: usize, channels: usize) -> Vec<f64> {
-    let mut out = Vec::with_capacity(rows * cols * channels);
+pub(super) fn picture(width: usize, height: usize, channels: usize) -> Vec<f64> {
+    let mut out = Vec::with_capacity(height * width * channels);
     for c in 0..channels {
-        for i in 0..rows {
-            for j in 0..cols {
+        for i in 0..height {
+            for j in 0..width {
                 let (x, y) = (j as f64, i as f64);
                 let disc = if (x % 96.0 - 40.0).hypot(y % 80.0 - 36.0) < 24.0 { 0.35 } else { 0.0 };
                 let stripe = if ((x + 2.0 * y) / 70.0) as usize % 3 == c { 0.15 } else { 0.0 };
@@ -46,7 +46,7 @@ pub(super) fn picture(rows: usize, cols: usize, channels: usize) -> Vec<f64> {
                 let hash = (k ^ (k >> 7)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
                 let noise = ((hash ^ (hash >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 40) as f64;
                 let noise = noise / f64::from(1 << 24) - 0.5;
-                out.push(0.2 + disc + stripe + 0.2 * x / cols as f64 + 0.346 * noise);
+                out.push(0.2 + disc + stripe + 0.2 * x / width as f64 + 0.346 * noise);
             }
         }
     }
@@ -191,12 +191,12 @@ fn primal_dual(ctx: &mut Context) -> Result<()> {
 
 /// Twenty iterations of the RGB hybrid.
 fn sizes(ctx: &mut Context) -> Result<()> {
-    for (rows, cols) in [(180, 320), (360, 640), (719, 1283), (720, 1280), (1080, 1920)] {
-        let shape = Shape::new(rows, cols, 3);
-        let target = single(&picture(rows, cols, 3));
+    for (height, width) in [(180, 320), (360, 640), (719, 1283), (720, 1280), (1080, 1920)] {
+        let shape = Shape::new(width, height, 3);
+        let target = single(&picture(width, height, 3));
         let problem = models::hybrid(shape, &target, 0.1, 0.5, 0.08);
         let bytes = Admm::new(&problem)?.plan().bytes as f64 / shape.len() as f64;
-        let case = format!("{cols} x {rows}");
+        let case = format!("{width} x {height}");
         let solve = || solved(&problem, 20);
         ctx.measure("hybrid RGB, 20 iterations", &case, shape.len(), solve, |_| {
             vec![("bytes/sample", bytes)]
@@ -207,16 +207,16 @@ fn sizes(ctx: &mut Context) -> Result<()> {
 
 /// The same with less to do.
 fn skips(ctx: &mut Context) -> Result<()> {
-    let shape = Shape::new(720, 1280, 3);
-    let plane = single(&picture(720, 1280, 1));
+    let shape = Shape::new(1280, 720, 3);
+    let plane = single(&picture(1280, 720, 1));
     let gray = plane.repeat(3);
     let problem = models::hybrid(shape, &gray, 0.1, 0.5, 0.08);
     ctx.measure("equal channels merged", "1280 x 720", shape.len(), || solved(&problem, 20), |_| Vec::new());
-    let mut two = single(&picture(720, 1280, 3));
+    let mut two = single(&picture(1280, 720, 3));
     two[..shape.pixels()].fill(0.5);
     let problem = models::hybrid(shape, &two, 0.1, 0.5, 0.08);
     ctx.measure("one constant channel", "1280 x 720", shape.len(), || solved(&problem, 20), |_| Vec::new());
-    let all = single(&picture(720, 1280, 3));
+    let all = single(&picture(1280, 720, 3));
     let hessian = models::hybrid(shape, &all, 0.1, 0.5, 0.08).with_hessian(0.05);
     ctx.measure("with the Hessian", "1280 x 720", shape.len(), || solved(&hessian, 20), |_| Vec::new());
     // One smooth channel beside two noisy ones: with a tolerance it rests as soon as it has converged.

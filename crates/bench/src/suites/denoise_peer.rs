@@ -15,8 +15,8 @@ use super::denoise::{picture, single};
 use crate::context::Context;
 use crate::timing::{Timing, time};
 
-const ROWS: usize = 720;
-const COLS: usize = 1280;
+const HEIGHT: usize = 720;
+const WIDTH: usize = 1280;
 const LAMBDA: f32 = 8.0;
 /// Relative gaps at which times are compared.
 const GAPS: [f64; 2] = [1e-2, 1e-3];
@@ -27,10 +27,10 @@ type Curve = Vec<(f64, f64)>;
 
 /// Times both and notes the ratios. `python` runs the script of the peer.
 pub(super) fn run(ctx: &mut Context, python: &OsStr) -> Result<()> {
-    let target = single(&picture(ROWS, COLS, 1));
-    let shape = Shape::new(ROWS, COLS, 1);
+    let target = single(&picture(WIDTH, HEIGHT, 1));
+    let shape = Shape::new(WIDTH, HEIGHT, 1);
     let problem = models::rof(shape, &target, LAMBDA);
-    let case = |k: usize| format!("{COLS} x {ROWS}, {k} iterations");
+    let case = |k: usize| format!("{WIDTH} x {HEIGHT}, {k} iterations");
     let [mut admm, mut pock] = [Curve::new(), Curve::new()];
     for iterations in [5, 10, 20, 40, 80, 160] {
         let (timing, solver) = time(|| {
@@ -65,7 +65,7 @@ pub(super) fn run(ctx: &mut Context, python: &OsStr) -> Result<()> {
             None => "not reached".to_owned(),
         };
         ctx.note(format!(
-            "ROF of {COLS} x {ROWS} to a gap of {gap:.0e}: ADMM {}, Chambolle-Pock {}, scikit-image {:.0} ms on one thread.",
+            "ROF of {WIDTH} x {HEIGHT} to a gap of {gap:.0e}: ADMM {}, Chambolle-Pock {}, scikit-image {:.0} ms on one thread.",
             word(a),
             word(b),
             1e3 * theirs
@@ -83,7 +83,7 @@ fn peer(python: &OsStr, target: &[f32]) -> Result<Curve> {
     fs::write(&path, bytes).with_context(|| format!("{}: cannot write", path.display()))?;
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("peers/tv_chambolle.py");
     let mut command = Command::new(python);
-    command.arg(script).arg(&path).args([ROWS, COLS].map(|n| n.to_string()));
+    command.arg(script).arg(&path).args([HEIGHT, WIDTH].map(|n| n.to_string()));
     command.args([LAMBDA.to_string(), "3".to_owned()]).args(PEER_ITERATIONS.map(|n| n.to_string()));
     let run = command.output().context("the peer script")?;
     ensure!(run.status.success(), "the peer script failed: {}", String::from_utf8_lossy(&run.stderr));

@@ -13,7 +13,7 @@ impl<T: Real> Problem<'_, T> {
     /// If `u` does not have the shape of the problem.
     pub fn energy(&self, u: &[T]) -> f64 {
         assert_eq!(u.len(), self.shape.len(), "an image of {}", self.shape);
-        let rows: Vec<f64> = (0..self.shape.rows).into_par_iter().map(|i| self.row_energy(u, i)).collect();
+        let rows: Vec<f64> = (0..self.shape.height).into_par_iter().map(|i| self.row_energy(u, i)).collect();
         rows.iter().sum()
     }
 
@@ -21,15 +21,15 @@ impl<T: Real> Problem<'_, T> {
         let shape = self.shape;
         let mut sum = 0.0;
         for c in 0..shape.channels {
-            for j in 0..shape.cols {
-                let k = (c * shape.rows + i) * shape.cols + j;
+            for j in 0..shape.width {
+                let k = (c * shape.height + i) * shape.width + j;
                 if !self.data.hole(k, shape) {
                     sum += self.data.value(k, u[k] - self.target[k], shape);
                 }
             }
         }
-        for j in 0..shape.cols {
-            let pixel = i * shape.cols + j;
+        for j in 0..shape.width {
+            let pixel = i * shape.width + j;
             let mut group = [0.0; 3];
             let mut close = |squares: &mut [f64; 3], k: usize| {
                 for (weight, square) in
@@ -52,10 +52,10 @@ impl<T: Real> Problem<'_, T> {
                 }
                 if let Some(guide) = &self.guide {
                     let plane = (2 * c) * shape.pixels() + pixel;
-                    if j + 1 < shape.cols {
+                    if j + 1 < shape.width {
                         group[2] += (gx - guide.gradient[plane].f64()).powi(2);
                     }
-                    if i + 1 < shape.rows {
+                    if i + 1 < shape.height {
                         group[2] += (gy - guide.gradient[plane + shape.pixels()].f64()).powi(2);
                     }
                 }
@@ -72,7 +72,7 @@ impl<T: Real> Problem<'_, T> {
 
     /// Masked gradient of sample `k`.
     fn differences(&self, u: &[T], i: usize, j: usize, k: usize) -> [f64; 2] {
-        let (m, n) = (self.shape.rows, self.shape.cols);
+        let (m, n) = (self.shape.height, self.shape.width);
         let own = u[k].f64();
         [
             if j + 1 < n { u[k + 1].f64() - own } else { 0.0 },
@@ -82,7 +82,7 @@ impl<T: Real> Problem<'_, T> {
 
     /// Squared Frobenius norm of the masked Hessian of sample `k`.
     fn hessian_square(&self, u: &[T], i: usize, j: usize, k: usize) -> f64 {
-        let (m, n) = (self.shape.rows, self.shape.cols);
+        let (m, n) = (self.shape.height, self.shape.width);
         let at = |k: usize| u[k].f64();
         let mut square = 0.0;
         if j > 0 && j + 1 < n {

@@ -82,9 +82,9 @@ impl<T: Sample> Source<'_, T> {
 
 impl<T: Sample> Exact<T> {
     pub(crate) fn new(frame: &Frame<'_, T>, solver: StripSolver<T>) -> Self {
-        let starts = (0..frame.shape.rows).step_by(BAND);
+        let starts = (0..frame.shape.height).step_by(BAND);
         let bands = starts
-            .map(|i| Band::new(i..(i + BAND).min(frame.shape.rows), frame, solver.frequencies()))
+            .map(|i| Band::new(i..(i + BAND).min(frame.shape.height), frame, solver.frequencies()))
             .collect();
         let blocks = solver.blocks(frame.channels.len());
         Self { solver, bands, blocks, pool: Mutex::new(Vec::new()), begun: false }
@@ -133,7 +133,7 @@ impl<T: Sample> Exact<T> {
 
     /// Writes the estimate as rows of all solved channels.
     pub(crate) fn write_rows(&self, frame: &Frame<'_, T>, out: &mut [T]) {
-        let (n, channels) = (frame.shape.cols, frame.channels.len());
+        let (n, channels) = (frame.shape.width, frame.channels.len());
         let source = Source { solver: &self.solver, blocks: self.begun.then_some(&self.blocks[..]) };
         out.par_chunks_mut(BAND * channels * n).enumerate().for_each(|(band, rows)| {
             with_scratch(&self.pool, frame, &self.solver, |scratch| {
@@ -174,7 +174,7 @@ fn with_scratch<T: Sample, R>(
 
 impl<T: Sample> Scratch<T> {
     fn new(frame: &Frame<'_, T>, solver: &StripSolver<T>) -> Self {
-        let stride = frame.channels.len() * frame.cols;
+        let stride = frame.channels.len() * frame.width;
         let ring = std::array::from_fn(|k| {
             let used = frame.terms[k].is_some();
             vec![T::zero(); if used { 3 * TERMS[k].components() * stride } else { 0 }]
@@ -182,7 +182,7 @@ impl<T: Sample> Scratch<T> {
         Self {
             u: vec![T::zero(); KEPT * stride],
             ring,
-            line: vec![T::zero(); frame.cols],
+            line: vec![T::zero(); frame.width],
             split: SplitScratch::new(frame),
             transform: solver.scratch(),
         }
@@ -192,7 +192,7 @@ impl<T: Sample> Scratch<T> {
     #[inline(always)]
     fn fetch(&mut self, frame: &Frame<'_, T>, source: &Source<'_, T>, i: usize) {
         for c in (0..frame.channels.len()).filter(|&c| !frame.frozen[c]) {
-            let row = &mut self.u[((i % KEPT) * frame.channels.len() + c) * frame.cols..][..frame.cols];
+            let row = &mut self.u[((i % KEPT) * frame.channels.len() + c) * frame.width..][..frame.width];
             source.row(frame, c, i, row, &mut self.transform);
         }
     }
@@ -200,9 +200,9 @@ impl<T: Sample> Scratch<T> {
 
 impl<T: Sample> Band<T> {
     fn new(rows: Range<usize>, frame: &Frame<'_, T>, frequencies: usize) -> Self {
-        let (n, stride) = (rows.len(), frame.channels.len() * frame.cols);
+        let (n, stride) = (rows.len(), frame.channels.len() * frame.width);
         let terms = std::array::from_fn(|k| {
-            let held = Self::held(&rows, TERMS[k], frame.shape.rows).len();
+            let held = Self::held(&rows, TERMS[k], frame.shape.height).len();
             let used = frame.terms[k].is_some();
             vec![T::zero(); if used { held * TERMS[k].components() * stride } else { 0 }]
         });
@@ -241,7 +241,7 @@ impl<T: Sample> Band<T> {
         // Rows whose differences reach one row below are finished one row later.
         let lag = usize::from(frame.terms[1].is_some());
         let first = self.rows.start.saturating_sub(1);
-        let all = frame.shape.rows;
+        let all = frame.shape.height;
         let mut next = first.saturating_sub(lag);
         for i in first..self.rows.end + lag {
             while next < (i + 2).min(all) {
@@ -251,7 +251,7 @@ impl<T: Sample> Band<T> {
             for (k, term) in TERMS.into_iter().enumerate() {
                 let held = Self::held(&self.rows, term, all);
                 if let (Some(t), true) = (frame.terms[k], held.contains(&i)) {
-                    let block = term.components() * frame.channels.len() * frame.cols;
+                    let block = term.components() * frame.channels.len() * frame.width;
                     let zh = &mut self.terms[k][(i - held.start) * block..][..block];
                     let z = &mut scratch.ring[k][(i % 3) * block..][..block];
                     let u = Rows { values: &scratch.u, kept: KEPT };
@@ -273,7 +273,7 @@ impl<T: Sample> Band<T> {
         scratch: &mut Scratch<T>,
         i: usize,
     ) {
-        let (p, channels, all) = (frame.cols, frame.channels.len(), frame.shape.rows);
+        let (p, channels, all) = (frame.width, frame.channels.len(), frame.shape.height);
         let (own, frequencies) = (i - self.rows.start, solver.frequencies());
         for c in (0..channels).filter(|&c| !frame.frozen[c]) {
             let f = &mut scratch.line[..];
@@ -315,13 +315,13 @@ impl<T: Sample> Band<T> {
         scratch: &mut Scratch<T>,
     ) -> Vec<T> {
         let Some(t) = frame.terms[0] else { return Vec::new() };
-        let (p, n) = (frame.cols, frame.shape.cols);
+        let (p, n) = (frame.width, frame.shape.width);
         let block = 2 * frame.channels.len() * p;
-        let held = Self::held(&self.rows, Term::Gradient, frame.shape.rows);
+        let held = Self::held(&self.rows, Term::Gradient, frame.shape.height);
         let mut out = Vec::with_capacity(self.rows.len() * 2 * frame.channels.len() * n);
         scratch.split.set_uniform(frame);
         for i in self.rows.clone() {
-            for row in i..(i + 2).min(frame.shape.rows) {
+            for row in i..(i + 2).min(frame.shape.height) {
                 scratch.fetch(frame, source, row);
             }
             let mut zh = self.terms[0][(i - held.start) * block..][..block].to_vec();

@@ -40,13 +40,13 @@ pub struct Plan {
     /// The linear step is a sweep and not exact.
     pub sweep: bool,
     /// Columns with padding.
-    pub padded_cols: usize,
+    pub padded_width: usize,
     /// Bytes of the solver's state.
     pub bytes: usize,
 }
 
 impl Plan {
-    pub(crate) fn new<T: Sample>(problem: &Problem<'_, T>, padded_cols: usize) -> Self {
+    pub(crate) fn new<T: Sample>(problem: &Problem<'_, T>, padded_width: usize) -> Self {
         let on = |w: Option<&Weight<T>>| match w {
             None => false,
             Some(Weight::Uniform(v)) => *v > T::zero(),
@@ -58,7 +58,7 @@ impl Plan {
             guide: on(problem.guide.as_ref().map(|g| &g.weight)),
             channels: channels(problem),
             sweep: false,
-            padded_cols,
+            padded_width,
             bytes: 0,
         }
     }
@@ -80,7 +80,7 @@ impl fmt::Display for Plan {
             if self.sweep { "sweep" } else { "exact" },
             self.solved().len(),
             self.channels.len(),
-            self.padded_cols,
+            self.padded_width,
             self.bytes as f64 / (1 << 20) as f64
         )
     }

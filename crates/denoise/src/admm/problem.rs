@@ -13,7 +13,7 @@ const CHUNK: usize = 1 << 12;
 pub enum Weight<T> {
     /// The same at every sample.
     Uniform(T),
-    /// One value per pixel (`rows * cols`, shared by the channels) or per sample (`channels * rows * cols`).
+    /// One value per pixel (`width * height`, shared by the channels) or per sample (`channels * width * height`).
     Map(Vec<T>),
 }
 
@@ -173,7 +173,7 @@ pub enum Coupling {
 pub struct Guide<'a, T> {
     /// Weight `gamma`.
     pub weight: Weight<T>,
-    /// `g`: for each channel the plane of x, then the plane of y (`2 * channels * rows * cols` values); the last
+    /// `g`: for each channel the plane of x, then the plane of y (`2 * channels * width * height` values); the last
     /// column of x and the last row of y are not read.
     pub gradient: &'a [T],
 }
@@ -260,7 +260,7 @@ impl<'a, T: Real> Problem<'a, T> {
         DenoiseError::length("the target gradient", guide.gradient.len(), 2 * shape.len(), shape)?;
         let read = |i: usize| {
             let (row, col, plane) = shape.position(i);
-            if plane % 2 == 0 { col + 1 < shape.cols } else { row + 1 < shape.rows }
+            if plane % 2 == 0 { col + 1 < shape.width } else { row + 1 < shape.height }
         };
         match guide.gradient.iter().enumerate().position(|(i, v)| !v.is_finite() && read(i)) {
             Some(i) => {

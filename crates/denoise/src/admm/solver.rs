@@ -22,7 +22,7 @@ const STIFFEST: f64 = 4.0;
 /// ```
 /// use photofit_denoise::admm::{Admm, DataTerm, Problem, Stop};
 /// use photofit_denoise::Shape;
-/// let shape = Shape::new(8, 64, 1);
+/// let shape = Shape::new(64, 8, 1);
 /// let step: Vec<f64> = (0..512).map(|k| if k % 64 < 32 { 0.0 } else { 1.0 }).collect();
 /// let problem = Problem::new(shape, &step, DataTerm::L2 { lambda: 0.2.into() }).with_gradient(1.0);
 /// let mut admm = Admm::new(&problem)?;
@@ -127,7 +127,7 @@ impl<T: Sample> Admm<T> {
         if let Some(start) = start {
             crate::check_finite("start", start, shape)?;
         }
-        let mut plan = Plan::new(&problem, shape.cols);
+        let mut plan = Plan::new(&problem, shape.width);
         let on = [plan.gradient, plan.hessian, plan.guide];
         let t = [penalties.gradient, penalties.hessian, penalties.guide];
         for ((on, t), name) in on.into_iter().zip(t).zip(["gradient", "Hessian", "guide"]) {
@@ -155,7 +155,7 @@ impl<T: Sample> Admm<T> {
         let hessian = f64::from(u8::from(plan.hessian));
         DenoiseError::setting("the Hessian", hessian, "off for the sweep", !(sweep && plan.hessian))?;
         plan.sweep = sweep;
-        plan.padded_cols = if sweep { shape.cols } else { fast_length(shape.cols) };
+        plan.padded_width = if sweep { shape.width } else { fast_length(shape.width) };
         let (guide, guide_weight) = match problem.guide.filter(|_| plan.guide) {
             Some(g) => (g.gradient.to_vec(), Some(g.weight)),
             None => (Vec::new(), None),
@@ -184,7 +184,7 @@ impl<T: Sample> Admm<T> {
             let engine = if sweep {
                 Engine::Sweep(Sweep::new(&admm.frame(false)))
             } else {
-                let solver = StripSolver::new(shape.rows, plan.padded_cols, symbol);
+                let solver = StripSolver::new(plan.padded_width, shape.height, symbol);
                 Engine::Exact(Exact::new(&admm.frame(false), solver))
             };
             admm.engine = Some(engine);
@@ -235,7 +235,7 @@ impl<T: Sample> Admm<T> {
         let gain = if sweep || self.steps == 0 { 1.0 } else { a };
         Frame {
             shape: self.shape,
-            cols: self.plan.padded_cols,
+            width: self.plan.padded_width,
             periodic: !sweep,
             channels: &self.channels,
             frozen: &self.frozen,
@@ -376,7 +376,7 @@ impl<T: Sample> Admm<T> {
             Some(Engine::Sweep(sweep)) => sweep.rows(),
             None => &made,
         };
-        let (m, n, lanes) = (self.shape.rows, self.shape.cols, self.channels.len());
+        let (m, n, lanes) = (self.shape.height, self.shape.width, self.channels.len());
         out.par_chunks_mut(n).enumerate().for_each(|(k, out)| {
             let (plane, i) = (k / m, k % m);
             match self.lane_of(plane) {
@@ -403,7 +403,7 @@ impl<T: Sample> Admm<T> {
     /// [`crate::primal_dual::rof_gap`] it bounds the distance to the optimum. `None` if the term is off.
     pub fn gradient_dual(&self) -> Option<Vec<T>> {
         self.weights[0].as_ref()?;
-        let (m, n) = (self.shape.rows, self.shape.cols);
+        let (m, n) = (self.shape.height, self.shape.width);
         let rows = match &self.engine {
             Some(Engine::Exact(exact)) => exact.gradient_dual(&self.frame(false)),
             Some(Engine::Sweep(sweep)) => sweep.gradient_dual(&self.frame(false)),

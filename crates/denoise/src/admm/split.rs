@@ -19,7 +19,7 @@ use crate::transform::Sample;
 pub(crate) struct Frame<'a, T: Sample> {
     pub(crate) shape: Shape,
     /// Columns with padding.
-    pub(crate) cols: usize,
+    pub(crate) width: usize,
     /// Rows wrap around; otherwise nothing crosses their ends.
     pub(crate) periodic: bool,
     /// For each solved channel its place in the problem.
@@ -85,32 +85,32 @@ pub(crate) struct Rows<'a, T> {
 impl<'a, T: Sample> Rows<'a, T> {
     #[inline(always)]
     pub(crate) fn row(self, frame: &Frame<'_, T>, c: usize, i: usize) -> &'a [T] {
-        &self.values[((i % self.kept) * frame.channels.len() + c) * frame.cols..][..frame.cols]
+        &self.values[((i % self.kept) * frame.channels.len() + c) * frame.width..][..frame.width]
     }
 }
 
 impl<T: Sample> Frame<'_, T> {
     /// Row `i` of solved channel `c` of the estimate before the first step.
     pub(crate) fn start_row(&self, c: usize, i: usize, row: &mut [T]) {
-        let (shape, n, plane) = (self.shape, self.shape.cols, self.channels[c]);
+        let (shape, n, plane) = (self.shape, self.shape.width, self.channels[c]);
         match self.start {
             Some(start) => {
-                for (v, s) in row.iter_mut().zip(&start[(plane * shape.rows + i) * n..][..n]) {
+                for (v, s) in row.iter_mut().zip(&start[(plane * shape.height + i) * n..][..n]) {
                     *v = *s - self.offsets[plane];
                 }
             }
             None => {
-                row[..n].copy_from_slice(&self.target[(c * shape.rows + i) * n..][..n]);
+                row[..n].copy_from_slice(&self.target[(c * shape.height + i) * n..][..n]);
                 let holes = !super::survey::full(self.data);
                 for (j, v) in row[..n].iter_mut().enumerate().filter(|_| holes) {
-                    if self.data.hole((plane * shape.rows + i) * n + j, shape) {
+                    if self.data.hole((plane * shape.height + i) * n + j, shape) {
                         *v = T::zero();
                     }
                 }
             }
         }
         // The padding continues the row back to its beginning, without a jump.
-        let (first, step) = (row[n - 1], (row[0] - row[n - 1]) / T::of((self.cols - n + 1) as f64));
+        let (first, step) = (row[n - 1], (row[0] - row[n - 1]) / T::of((self.width - n + 1) as f64));
         for (k, v) in row[n..].iter_mut().enumerate() {
             *v = first + step * T::of((k + 1) as f64);
         }
@@ -126,7 +126,7 @@ pub(crate) struct SplitScratch<T> {
 
 impl<T: Sample> SplitScratch<T> {
     pub(crate) fn new(frame: &Frame<'_, T>) -> Self {
-        let row = || vec![T::zero(); frame.cols];
+        let row = || vec![T::zero(); frame.width];
         Self { share: row(), uniform: std::array::from_fn(|_| row()) }
     }
 
@@ -153,10 +153,10 @@ fn weight_row<'a, T: Sample>(
     i: usize,
 ) -> &'a [T] {
     match weight {
-        Weight::Uniform(_) => &uniform[..shape.cols],
+        Weight::Uniform(_) => &uniform[..shape.width],
         Weight::Map(values) => {
             let plane = if values.len() == shape.len() { c * shape.pixels() } else { 0 };
-            &values[plane + i * shape.cols..][..shape.cols]
+            &values[plane + i * shape.width..][..shape.width]
         }
     }
 }
@@ -173,7 +173,7 @@ pub(crate) fn update_term<T: Sample>(
     z: &mut [T],
     scratch: &mut SplitScratch<T>,
 ) {
-    let (p, components) = (frame.cols, term.components());
+    let (p, components) = (frame.width, term.components());
     let (gain, maps) = (frame.gain, [frame.relaxation, frame.carry]);
     let channels = frame.channels.len();
     let (share, uniform) =
@@ -194,7 +194,7 @@ pub(crate) fn update_term<T: Sample>(
     let group = if frame.coupling == Coupling::Vectorial { channels } else { 1 };
     for first in (0..channels).step_by(group).filter(|&c| !frame.frozen[c]) {
         let lanes = first * components * p..(first + group) * components * p;
-        let share = &mut share[..frame.shape.cols];
+        let share = &mut share[..frame.shape.width];
         share.fill(T::zero());
         for (k, z) in z[lanes.clone()].chunks_exact(p).enumerate() {
             let range = active(term, k % components, i, frame.shape);
@@ -237,7 +237,7 @@ pub(crate) fn update_data<T: Sample>(
         let weight = frame.data.weights()[k];
         weight.map_or(&scratch.uniform[k][..], |w| weight_row(w, &scratch.uniform[k], shape, plane, i))
     };
-    let target = &frame.target[(c * shape.rows + i) * shape.cols..][..shape.cols];
+    let target = &frame.target[(c * shape.height + i) * shape.width..][..shape.width];
     let data = match frame.data {
         DataTerm::L2 { .. } => DataRow::Hybrid(row(1), row(0)),
         DataTerm::L1 { .. } | DataTerm::Hybrid { .. } => DataRow::Hybrid(row(0), row(1)),
@@ -245,7 +245,7 @@ pub(crate) fn update_data<T: Sample>(
     };
     data_row(data, target, u, qh, f, frame.t0, [frame.gain, frame.relaxation, frame.carry]);
     if let Some((previous, sums)) = measure {
-        let n = shape.cols;
+        let n = shape.width;
         let scales =
             [T::one() / frame.t0, T::one() / (T::of(2.0) - frame.relaxation), frame.carry * frame.gain];
         let found = measure_row(&u[..n], &qh[..n], &f[..n], &mut previous[..n], scales);
@@ -258,7 +258,7 @@ pub(crate) fn update_data<T: Sample>(
 /// Columns in which a component of row `i` counts.
 #[inline(always)]
 fn active(term: Term, component: usize, i: usize, shape: Shape) -> Range<usize> {
-    let (m, n) = (shape.rows, shape.cols);
+    let (m, n) = (shape.height, shape.width);
     match (term, component) {
         (Term::Hessian, 0) if n > 2 => 1..n - 1,
         (Term::Hessian, 1) if i + 1 < m => 0..n - 1,
@@ -280,7 +280,7 @@ fn guide_row<'a, T: Sample>(
     i: usize,
 ) -> &'a [T] {
     let shape = frame.shape;
-    &t.guide[((2 * frame.channels[c] + k) * shape.rows + i) * shape.cols..][..shape.cols]
+    &t.guide[((2 * frame.channels[c] + k) * shape.height + i) * shape.width..][..shape.width]
 }
 
 /// `z = zh + gain K u` for the components of one channel in row `i`.
@@ -294,9 +294,9 @@ fn differences<T: Sample>(
     zh: &[T],
     z: &mut [T],
 ) {
-    let (p, gain) = (frame.cols, frame.gain);
+    let (p, gain) = (frame.width, frame.gain);
     let row = |i| u.row(frame, c, i);
-    let below = (i + 1 < frame.shape.rows).then(|| row(i + 1));
+    let below = (i + 1 < frame.shape.height).then(|| row(i + 1));
     let above = i.checked_sub(1).map(row);
     let u = row(i);
     if term == Term::Hessian {

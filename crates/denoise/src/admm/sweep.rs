@@ -62,12 +62,12 @@ struct Scratch<T> {
 
 impl<T: Sample> Sweep<T> {
     pub(crate) fn new(frame: &Frame<'_, T>) -> Self {
-        let (rows, stride) = (frame.shape.rows, frame.channels.len() * frame.cols);
+        let (rows, stride) = (frame.shape.height, frame.channels.len() * frame.width);
         let bands: Vec<Band<T>> =
             (0..rows).step_by(BAND).map(|i| Band::new(i..(i + BAND).min(rows), frame)).collect();
         let mut u = vec![T::zero(); rows * stride];
         u.par_chunks_mut(stride).enumerate().for_each(|(i, row)| {
-            for (c, lane) in row.chunks_exact_mut(frame.cols).enumerate() {
+            for (c, lane) in row.chunks_exact_mut(frame.width).enumerate() {
                 frame.start_row(c, i, lane);
             }
         });
@@ -101,9 +101,9 @@ impl<T: Sample> Sweep<T> {
 
     /// One iteration.
     pub(crate) fn advance(&mut self, frame: &Frame<'_, T>) {
-        let width = BAND * frame.channels.len() * frame.cols;
+        let stride = BAND * frame.channels.len() * frame.width;
         let (u, pool) = (&self.u, &self.pool);
-        self.bands.par_iter_mut().zip(self.next.par_chunks_mut(width)).for_each(|(band, out)| {
+        self.bands.par_iter_mut().zip(self.next.par_chunks_mut(stride)).for_each(|(band, out)| {
             let kept = pool.lock().unwrap_or_else(PoisonError::into_inner).pop();
             let mut scratch = kept.unwrap_or_else(|| Scratch::new(frame));
             widest(
@@ -124,10 +124,10 @@ impl<T: Sample> Sweep<T> {
 
 impl<T: Sample> Scratch<T> {
     fn new(frame: &Frame<'_, T>) -> Self {
-        let stride = frame.channels.len() * frame.cols;
+        let stride = frame.channels.len() * frame.width;
         let rows = |count: usize| vec![T::zero(); count * stride];
         let mask = |parity| {
-            (0..frame.cols).map(|j| if j % 2 == parity { T::one() } else { T::zero() }).collect::<Vec<T>>()
+            (0..frame.width).map(|j| if j % 2 == parity { T::one() } else { T::zero() }).collect::<Vec<T>>()
         };
         Self {
             ring: std::array::from_fn(|k| {
@@ -135,7 +135,7 @@ impl<T: Sample> Scratch<T> {
             }),
             f: rows(KEPT),
             v: rows(KEPT),
-            line: vec![T::zero(); frame.cols],
+            line: vec![T::zero(); frame.width],
             split: SplitScratch::new(frame),
             masks: [mask(0), mask(1)],
         }
@@ -144,8 +144,8 @@ impl<T: Sample> Scratch<T> {
 
 impl<T: Sample> Band<T> {
     fn new(rows: Range<usize>, frame: &Frame<'_, T>) -> Self {
-        let stride = frame.channels.len() * frame.cols;
-        let all = frame.shape.rows;
+        let stride = frame.channels.len() * frame.width;
+        let all = frame.shape.height;
         let held = Self::held(&rows, all).len();
         let terms = std::array::from_fn(|k| {
             let used = frame.terms[k].is_some();
@@ -170,7 +170,7 @@ impl<T: Sample> Band<T> {
     fn update(&mut self, frame: &Frame<'_, T>, u: &[T], out: &mut [T], scratch: &mut Scratch<T>) {
         scratch.split.set_uniform(frame);
         self.sums.fill([0.0; 3]);
-        let (channels, p, all) = (frame.channels.len(), frame.cols, frame.shape.rows);
+        let (channels, p, all) = (frame.channels.len(), frame.width, frame.shape.height);
         if frame.measure && self.previous.is_empty() {
             self.previous = vec![T::zero(); self.rows.len() * channels * p];
         }
@@ -211,7 +211,7 @@ impl<T: Sample> Band<T> {
         at: usize,
         complete: bool,
     ) {
-        let (channels, p) = (frame.channels.len(), frame.cols);
+        let (channels, p) = (frame.channels.len(), frame.width);
         for (k, term) in TERMS.into_iter().enumerate() {
             if let Some(t) = frame.terms[k] {
                 let block = term.components() * channels * p;
@@ -249,8 +249,8 @@ impl<T: Sample> Band<T> {
         let Some(t) = frame.terms[0] else { return Vec::new() };
         let mut scratch = Scratch::new(frame);
         scratch.split.set_uniform(frame);
-        let block = 2 * frame.channels.len() * frame.cols;
-        let held = Self::held(&self.rows, frame.shape.rows);
+        let block = 2 * frame.channels.len() * frame.width;
+        let held = Self::held(&self.rows, frame.shape.height);
         // Without relaxation of what is stored the dual is left in it.
         let plain = Frame { relaxation: T::one(), carry: T::zero(), ..*frame };
         let mut out = Vec::with_capacity(self.rows.len() * block);
@@ -274,7 +274,7 @@ fn first_reds<T: Sample>(
     i: usize,
     coefficients: [T; 2],
 ) {
-    let (channels, p, all) = (frame.channels.len(), frame.cols, frame.shape.rows);
+    let (channels, p, all) = (frame.channels.len(), frame.width, frame.shape.height);
     for c in (0..channels).filter(|&c| !frame.frozen[c]) {
         let lane = ((i % KEPT) * channels + c) * p;
         let (above, below) =
@@ -293,7 +293,7 @@ fn half<T: Sample>(
     color: usize,
     coefficients: [T; 2],
 ) {
-    let (channels, p, all) = (frame.channels.len(), frame.cols, frame.shape.rows);
+    let (channels, p, all) = (frame.channels.len(), frame.width, frame.shape.height);
     for c in (0..channels).filter(|&c| !frame.frozen[c]) {
         let lane = |i: usize| ((i % KEPT) * channels + c) * p;
         let row = |i: usize| &scratch.v[lane(i)..][..p];
@@ -307,7 +307,7 @@ fn half<T: Sample>(
 /// `u' + a (v - u')` of row `i`; channels that rest are copied.
 #[inline(always)]
 fn relax<T: Sample>(frame: &Frame<'_, T>, u: Rows<'_, T>, scratch: &Scratch<T>, i: usize, out: &mut [T]) {
-    let (channels, p) = (frame.channels.len(), frame.cols);
+    let (channels, p) = (frame.channels.len(), frame.width);
     for (c, out) in out.chunks_exact_mut(p).enumerate() {
         let u = u.row(frame, c, i);
         if frame.frozen[c] {

@@ -47,8 +47,8 @@ struct Pixel {
 /// The running means of a sequence.
 #[derive(Clone, Debug)]
 pub struct Accumulator {
-    rows: usize,
-    cols: usize,
+    width: usize,
+    height: usize,
     settings: TemporalSettings,
     pixels: Vec<Pixel>,
     normal: Vec<f32>,
@@ -73,9 +73,9 @@ pub struct TemporalFrame<'a> {
 
 impl Accumulator {
     /// Without history.
-    pub fn new(rows: usize, cols: usize, settings: TemporalSettings) -> Self {
-        let pixels = vec![Pixel::default(); rows * cols];
-        Self { rows, cols, settings, pixels, normal: Vec::new(), position: Vec::new(), camera: None }
+    pub fn new(width: usize, height: usize, settings: TemporalSettings) -> Self {
+        let pixels = vec![Pixel::default(); height * width];
+        Self { width, height, settings, pixels, normal: Vec::new(), position: Vec::new(), camera: None }
     }
 
     /// Adds a frame; returns the number of pixels whose history was dropped (all of the first frame).
@@ -83,8 +83,8 @@ impl Accumulator {
     /// # Errors
     /// If a plane has a wrong length.
     pub fn add(&mut self, frame: &TemporalFrame<'_>) -> Result<usize, DenoiseError> {
-        let n = self.rows * self.cols;
-        let shape = crate::Shape::new(self.rows, self.cols, 3);
+        let n = self.height * self.width;
+        let shape = crate::Shape::new(self.width, self.height, 3);
         for (name, plane, channels) in [
             ("the irradiance", frame.irradiance, 3),
             ("the weight", frame.weight, 1),
@@ -96,7 +96,7 @@ impl Accumulator {
         let old = |i: usize| self.history(frame, i).unwrap_or_default();
         let mut pixels: Vec<Pixel> = (0..n).into_par_iter().with_min_len(1 << 12).map(old).collect();
         if self.camera.is_some() && self.settings.change.is_finite() {
-            forget_changes(frame, self.cols, self.settings.change, &mut pixels);
+            forget_changes(frame, self.width, self.settings.change, &mut pixels);
         }
         pixels
             .par_iter_mut()
@@ -144,8 +144,8 @@ impl Accumulator {
         }
         let [x, y] = camera.project(p)?;
         let (x, y) = (x - 0.5, y - 0.5);
-        let (rows, cols) = (self.rows as f64, self.cols as f64);
-        if !(x > -1.0 && y > -1.0 && x < cols && y < rows) {
+        let (width, height) = (self.width as f64, self.height as f64);
+        if !(x > -1.0 && y > -1.0 && x < width && y < height) {
             return None;
         }
         let (x0, y0) = (x.floor(), y.floor());
@@ -160,10 +160,10 @@ impl Accumulator {
             (1, 1, fx * fy),
         ] {
             let (tx, ty) = (x0 as i64 + dx, y0 as i64 + dy);
-            if tx < 0 || ty < 0 || tx >= self.cols as i64 || ty >= self.rows as i64 {
+            if tx < 0 || ty < 0 || tx >= self.width as i64 || ty >= self.height as i64 {
                 continue;
             }
-            let k = ty as usize * self.cols + tx as usize;
+            let k = ty as usize * self.width + tx as usize;
             let (q, m, old) = (at(&self.position, k), at(&self.normal, k), &self.pixels[k]);
             let offset = dot([q[0] - p[0], q[1] - p[1], q[2] - p[2]], normal).abs();
             if old.count == 0.0 || offset > reach || dot(m, normal) < self.settings.normal {
@@ -231,7 +231,7 @@ const POOLED: f32 = 20.0;
 /// Around each pixel the mean difference `d` of the new samples from the history has the variance `s^2 / N`, `s^2` that of
 /// the differences and `N = 4 pi sigma^2` the pixels of the window. What `d^2` has beyond `change^2` of it is a bias `b^2`,
 /// and the history counts like samples of the variance `s^2 / count + 20 b^2`.
-fn forget_changes(frame: &TemporalFrame<'_>, cols: usize, change: f32, history: &mut [Pixel]) {
+fn forget_changes(frame: &TemporalFrame<'_>, width: usize, change: f32, history: &mut [Pixel]) {
     let difference = |(i, p): (usize, &Pixel)| match frame.weight[i] > 0.0 && p.count > 0.0 {
         true => (1.0, frame.level(i) - p.moments[0]),
         false => (0.0, 0.0),
@@ -242,7 +242,7 @@ fn forget_changes(frame: &TemporalFrame<'_>, cols: usize, change: f32, history: 
     let taps = gaussian_taps(WINDOW);
     // Pixels of a window over the sum of its weights.
     let share = 4.0 * std::f32::consts::PI * (WINDOW / (2.0 * taps.iter().sum::<f32>() - taps[0])).powi(2);
-    let [weight, first, second] = [known, difference, square].map(|plane| blur_sums(&plane, cols, &taps));
+    let [weight, first, second] = [known, difference, square].map(|plane| blur_sums(&plane, width, &taps));
     history.par_iter_mut().enumerate().with_min_len(1 << 12).for_each(|(i, p)| {
         if p.count == 0.0 || weight[i] <= 0.0 {
             return;

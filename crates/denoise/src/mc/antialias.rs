@@ -59,13 +59,13 @@ pub(crate) fn correct_edges(
     weight: &[f32],
     variance: Option<&[f32]>,
 ) -> EdgeShares {
-    let (n, cols) = (shape.pixels(), shape.cols);
+    let (n, width) = (shape.pixels(), shape.width);
     let change = blurred_difference(shape, color);
     let picture = Picture { shape, color, noisy, weight, change: &change, variance };
     let mut class = vec![0_u8; n];
-    class.par_chunks_mut(cols).enumerate().for_each(|(y, row)| picture.classify(y, row));
+    class.par_chunks_mut(width).enumerate().for_each(|(y, row)| picture.classify(y, row));
     let rows: Vec<[Sums; CLASSES]> =
-        (0..shape.rows).into_par_iter().map(|y| picture.sums(y, &class)).collect();
+        (0..shape.height).into_par_iter().map(|y| picture.sums(y, &class)).collect();
     let mut total = [Sums::default(); CLASSES];
     for row in &rows {
         total.iter_mut().zip(row).for_each(|(t, s)| t.add(s));
@@ -81,8 +81,8 @@ pub(crate) fn correct_edges(
     }
     for (c, u) in color.chunks_mut(n).enumerate() {
         let (d, y) = (&change[c * n..][..n], &noisy[c * n..][..n]);
-        let chunks = u.par_chunks_mut(cols).zip(d.par_chunks(cols)).zip(y.par_chunks(cols));
-        let masks = class.par_chunks(cols).zip(weight.par_chunks(cols));
+        let chunks = u.par_chunks_mut(width).zip(d.par_chunks(width)).zip(y.par_chunks(width));
+        let masks = class.par_chunks(width).zip(weight.par_chunks(width));
         chunks.zip(masks).with_min_len(16).for_each(|(((u, d), y), (class, weight))| {
             for x in 0..u.len() {
                 let [a, b] = solved[usize::from(class[x])];
@@ -111,18 +111,18 @@ pub(crate) fn trusted(shape: Shape, divisor: &[f32], weight: &[f32]) -> Vec<f32>
 
 /// `blur(u) - u` for the 3 x 3 binomial blur of each plane; borders repeat.
 fn blurred_difference(shape: Shape, color: &[f32]) -> Vec<f32> {
-    let (n, cols, rows) = (shape.pixels(), shape.cols, shape.rows);
+    let (n, width, height) = (shape.pixels(), shape.width, shape.height);
     let mut out = vec![0.0; color.len()];
-    let scratch = || vec![0.0; cols + 2];
-    out.par_chunks_mut(cols).enumerate().with_min_len(8).for_each_init(scratch, |sum, (row, out)| {
-        let (c, y) = (row / rows, row % rows);
+    let scratch = || vec![0.0; width + 2];
+    out.par_chunks_mut(width).enumerate().with_min_len(8).for_each_init(scratch, |sum, (row, out)| {
+        let (c, y) = (row / height, row % height);
         let plane = &color[c * n..][..n];
-        let at = |y: usize| &plane[y * cols..][..cols];
-        let (a, b, d) = (at(y.saturating_sub(1)), at(y), at((y + 1).min(rows - 1)));
-        for (((s, a), b), d) in sum[1..=cols].iter_mut().zip(a).zip(b).zip(d) {
+        let at = |y: usize| &plane[y * width..][..width];
+        let (a, b, d) = (at(y.saturating_sub(1)), at(y), at((y + 1).min(height - 1)));
+        for (((s, a), b), d) in sum[1..=width].iter_mut().zip(a).zip(b).zip(d) {
             *s = a + 2.0 * b + d;
         }
-        (sum[0], sum[cols + 1]) = (sum[1], sum[cols]);
+        (sum[0], sum[width + 1]) = (sum[1], sum[width]);
         for (x, (o, u)) in out.iter_mut().zip(b).enumerate() {
             *o = (sum[x] + 2.0 * sum[x + 1] + sum[x + 2]) * (1.0 / 16.0) - u;
         }
@@ -142,8 +142,8 @@ struct Picture<'a> {
 impl Picture<'_> {
     /// The three planes of row `y`.
     fn row<'b>(&self, planes: &'b [f32], y: usize) -> [&'b [f32]; 3] {
-        let (n, cols) = (self.shape.pixels(), self.shape.cols);
-        std::array::from_fn(|c| &planes[c * n + y * cols..][..cols])
+        let (n, width) = (self.shape.pixels(), self.shape.width);
+        std::array::from_fn(|c| &planes[c * n + y * width..][..width])
     }
 
     /// The class of each pixel, 0 for smooth ones.
@@ -158,12 +158,12 @@ impl Picture<'_> {
 
     /// The sums of row `y` for each class.
     fn sums(&self, y: usize, class: &[u8]) -> [Sums; CLASSES] {
-        let cols = self.shape.cols;
+        let width = self.shape.width;
         let (u, v, d) = (self.row(self.color, y), self.row(self.noisy, y), self.row(self.change, y));
-        let noise = self.variance.map(|v| &v[y * cols..][..cols]);
+        let noise = self.variance.map(|v| &v[y * width..][..width]);
         let mut out = [Sums::default(); CLASSES];
-        for x in 0..cols {
-            let (class, weight) = (class[y * cols + x], self.weight[y * cols + x]);
+        for x in 0..width {
+            let (class, weight) = (class[y * width + x], self.weight[y * width + x]);
             if weight == 0.0 {
                 continue;
             }

@@ -26,7 +26,7 @@ pub(crate) fn atrous(
     let mut state =
         State { color: irradiance.to_vec(), variance: variance.to_vec(), weight: weight.to_vec() };
     for level in 0..LEVELS {
-        let deviation: Vec<f32> = blur_mean(&state.variance, weight, shape.cols, 0.8)
+        let deviation: Vec<f32> = blur_mean(&state.variance, weight, shape.width, 0.8)
             .into_iter()
             .map(|v| v.max(0.0).sqrt())
             .collect();
@@ -46,10 +46,10 @@ struct State {
 
 impl State {
     fn level(&self, shape: Shape, features: &Features<'_>, deviation: &[f32], step: usize) -> Self {
-        let (n, cols) = (shape.pixels(), shape.cols);
+        let (n, width) = (shape.pixels(), shape.width);
         // Colour, variance and weight of a pixel side by side, so that rows can be filled in parallel.
         let mut out = vec![[0.0_f32; 5]; n];
-        out.par_chunks_mut(cols).enumerate().with_min_len(4).for_each(|(y, out)| {
+        out.par_chunks_mut(width).enumerate().with_min_len(4).for_each(|(y, out)| {
             for (x, o) in out.iter_mut().enumerate() {
                 *o = self.filter(shape, features, deviation, step, y, x);
             }
@@ -71,26 +71,26 @@ impl State {
         y: usize,
         x: usize,
     ) -> [f32; 5] {
-        let (n, rows, cols) = (shape.pixels(), shape.rows as isize, shape.cols as isize);
+        let (n, height, width) = (shape.pixels(), shape.height as isize, shape.width as isize);
         let at = |plane: &[f32], i: usize| -> [f32; 3] { [plane[i], plane[n + i], plane[2 * n + i]] };
         let dot = |a: [f32; 3], b: [f32; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
         let level = |i: usize| (self.color[i] + self.color[n + i] + self.color[2 * n + i]) * (1.0 / 3.0);
-        let i = y * shape.cols + x;
+        let i = y * shape.width + x;
         let luminance = 1.0 / (SIGMA_LUMINANCE * deviation[i] + 1e-6);
         let (own, known) = (level(i), self.weight[i] > 0.0);
         let slope = features.depth.as_ref().map(|z| {
             let d = |a: usize, b: usize| z[a] - z[b];
-            let right = if x + 1 < shape.cols {
+            let right = if x + 1 < shape.width {
                 d(i + 1, i)
             } else if x > 0 {
                 d(i, i - 1)
             } else {
                 0.0
             };
-            let below = if y + 1 < shape.rows {
-                d(i + shape.cols, i)
+            let below = if y + 1 < shape.height {
+                d(i + shape.width, i)
             } else if y > 0 {
-                d(i, i - shape.cols)
+                d(i, i - shape.width)
             } else {
                 0.0
             };
@@ -100,10 +100,10 @@ impl State {
         for dy in -2_isize..=2 {
             for dx in -2_isize..=2 {
                 let (qy, qx) = (y as isize + dy * step as isize, x as isize + dx * step as isize);
-                if qy < 0 || qx < 0 || qy >= rows || qx >= cols {
+                if qy < 0 || qx < 0 || qy >= height || qx >= width {
                     continue;
                 }
-                let q = (qy * cols + qx) as usize;
+                let q = (qy * width + qx) as usize;
                 let mut exponent = if known { (level(q) - own).abs() * luminance } else { 0.0 };
                 if let (Some(z), Some(slope)) = (&features.depth, slope) {
                     let expected =
@@ -148,7 +148,7 @@ pub(crate) fn spatial_variance(shape: Shape, irradiance: &[f32], weight: &[f32])
     let level: Vec<f32> =
         (0..n).map(|i| (irradiance[i] + irradiance[n + i] + irradiance[2 * n + i]) * (1.0 / 3.0)).collect();
     let square: Vec<f32> = level.iter().map(|v| v * v).collect();
-    let mean = blur_mean(&level, weight, shape.cols, 2.0);
-    let second = blur_mean(&square, weight, shape.cols, 2.0);
+    let mean = blur_mean(&level, weight, shape.width, 2.0);
+    let second = blur_mean(&square, weight, shape.width, 2.0);
     second.iter().zip(mean).map(|(s, m)| (s - m * m).max(0.0)).collect()
 }

@@ -32,7 +32,7 @@ impl Basis {
             (Some(position), _) => add("position", position),
             (None, depth) => {
                 let axis = |f: &dyn Fn(usize) -> usize| (0..n).map(|i| f(i) as f32).collect::<Vec<_>>();
-                add("pixel", &[axis(&|i| i % shape.cols), axis(&|i| i / shape.cols)].concat());
+                add("pixel", &[axis(&|i| i % shape.width), axis(&|i| i / shape.width)].concat());
                 if let Some(depth) = depth {
                     add("depth", depth);
                 }

@@ -37,7 +37,7 @@ pub(crate) fn regress_black(p: &Prepared<'_>, basis: &Basis, own: &[f32], estima
         regress(part.shape, &basis, &part.cut(&p.irradiance), &part.cut(own), variance.as_deref()).estimate;
     let (n, m) = (p.shape.pixels(), part.shape.pixels());
     for i in &p.black {
-        let k = (i / p.shape.cols - part.y) * part.shape.cols + i % p.shape.cols - part.x;
+        let k = (i / p.shape.width - part.y) * part.shape.width + i % p.shape.width - part.x;
         (0..3).for_each(|c| estimate[c * n + i] = found[c * m + k]);
     }
 }
@@ -54,19 +54,19 @@ impl Part {
     fn around(pixels: &[usize], whole: Shape) -> Self {
         let nothing = [usize::MAX, usize::MAX, 0, 0];
         let [x0, y0, x1, y1] = pixels.iter().fold(nothing, |[x0, y0, x1, y1], i| {
-            let (x, y) = (i % whole.cols, i / whole.cols);
+            let (x, y) = (i % whole.width, i / whole.width);
             [x0.min(x), y0.min(y), x1.max(x), y1.max(y)]
         });
         let (x, y) = (x0 / CELL * CELL, y0 / CELL * CELL);
         let end = |last: usize, size: usize| (last + 1).next_multiple_of(CELL).min(size);
-        let shape = Shape::new(end(y1, whole.rows) - y, end(x1, whole.cols) - x, whole.channels);
+        let shape = Shape::new(end(x1, whole.width) - x, end(y1, whole.height) - y, whole.channels);
         Self { whole, shape, x, y }
     }
 
     /// The rectangle of each plane.
     fn cut(&self, planes: &[f32]) -> Vec<f32> {
-        let rows = |plane: usize| (0..self.shape.rows).map(move |y| plane * self.whole.rows + self.y + y);
+        let rows = |plane: usize| (0..self.shape.height).map(move |y| plane * self.whole.height + self.y + y);
         let all = (0..planes.len() / self.whole.pixels()).flat_map(rows);
-        all.flat_map(|row| &planes[row * self.whole.cols + self.x..][..self.shape.cols]).copied().collect()
+        all.flat_map(|row| &planes[row * self.whole.width + self.x..][..self.shape.width]).copied().collect()
     }
 }

@@ -20,14 +20,14 @@ impl Camera {
 
     /// World positions of pixels whose distance from the camera is known (0 where the ray meets nothing); `None` if
     /// the matrix has no inverse.
-    pub fn positions(&self, depth: &[f32], cols: usize) -> Option<Vec<f32>> {
+    pub fn positions(&self, depth: &[f32], width: usize) -> Option<Vec<f32>> {
         let inverse = invert(self.world_to_pixel.map(|r| [r[0], r[1], r[2]]))?;
         let apply = |v: [f64; 3]| inverse.map(|r| r[0] * v[0] + r[1] * v[1] + r[2] * v[2]);
         let origin = apply(self.world_to_pixel.map(|r| -r[3]));
         let n = depth.len();
         let mut out = vec![0.0; 3 * n];
         for (i, z) in depth.iter().enumerate().filter(|(_, z)| **z > 0.0) {
-            let d = apply([(i % cols) as f64 + 0.5, (i / cols) as f64 + 0.5, 1.0]);
+            let d = apply([(i % width) as f64 + 0.5, (i / width) as f64 + 0.5, 1.0]);
             let t = f64::from(*z) / (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
             (0..3).for_each(|c| out[c * n + i] = (origin[c] + t * d[c]) as f32);
         }
@@ -36,13 +36,13 @@ impl Camera {
 
     /// Distances from the camera from depths along its axis (0 where the ray meets nothing); `None` if the matrix has no
     /// inverse.
-    pub fn distances(&self, along_axis: &[f32], cols: usize) -> Option<Vec<f32>> {
+    pub fn distances(&self, along_axis: &[f32], width: usize) -> Option<Vec<f32>> {
         let inverse = invert(self.world_to_pixel.map(|r| [r[0], r[1], r[2]]))?;
         let [a, b, c] = [self.world_to_pixel[2][0], self.world_to_pixel[2][1], self.world_to_pixel[2][2]];
         // A ray scaled to 1 in w advances by this much along the axis.
         let per_axis = (a * a + b * b + c * c).sqrt();
         let length = |i: usize| {
-            let v = [(i % cols) as f64 + 0.5, (i / cols) as f64 + 0.5, 1.0];
+            let v = [(i % width) as f64 + 0.5, (i / width) as f64 + 0.5, 1.0];
             let d = inverse.map(|r| r[0] * v[0] + r[1] * v[1] + r[2] * v[2]);
             (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt() * per_axis
         };

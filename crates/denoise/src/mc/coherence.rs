@@ -13,25 +13,25 @@ pub const SHARPNESS: f32 = 10.0;
 ///
 /// # Panics
 /// If `guide` is not a whole number of planes.
-pub fn curvature(guide: &[f32], rows: usize, cols: usize) -> Vec<f32> {
-    let n = rows * cols;
-    assert!(n > 0 && guide.len().is_multiple_of(n), "whole planes of {rows} x {cols}");
+pub fn curvature(guide: &[f32], width: usize, height: usize) -> Vec<f32> {
+    let n = height * width;
+    assert!(n > 0 && guide.len().is_multiple_of(n), "whole planes of {width} x {height}");
     let mut out = vec![0.0; n];
-    out.par_chunks_mut(cols).enumerate().with_min_len(8).for_each(|(i, out)| {
+    out.par_chunks_mut(width).enumerate().with_min_len(8).for_each(|(i, out)| {
         for u in guide.chunks(n) {
-            let at = |i: usize| &u[i * cols..][..cols];
+            let at = |i: usize| &u[i * width..][..width];
             let own = at(i);
-            for j in 1..cols.saturating_sub(1) {
+            for j in 1..width.saturating_sub(1) {
                 out[j] += (own[j + 1] - 2.0 * own[j] + own[j - 1]).powi(2);
             }
-            if i + 1 < rows {
+            if i + 1 < height {
                 let below = at(i + 1);
-                for j in 0..cols - 1 {
+                for j in 0..width - 1 {
                     out[j] += 2.0 * (below[j + 1] - below[j] - own[j + 1] + own[j]).powi(2);
                 }
                 if i > 0 {
                     let above = at(i - 1);
-                    for j in 0..cols {
+                    for j in 0..width {
                         out[j] += (below[j] - 2.0 * own[j] + above[j]).powi(2);
                     }
                 }
@@ -57,7 +57,7 @@ pub(crate) fn auxiliary_weight(features: &Features<'_>, shape: Shape, sharpness:
     for guide in
         [&features.normal, &features.albedo, &features.depth, &features.position].into_iter().flatten()
     {
-        for (m, c) in most.iter_mut().zip(curvature(guide, shape.rows, shape.cols)) {
+        for (m, c) in most.iter_mut().zip(curvature(guide, shape.width, shape.height)) {
             *m = m.max(c);
         }
     }
@@ -81,16 +81,16 @@ mod tests {
 
     #[test]
     fn planes_have_no_curvature_and_edges_have_all_of_it() {
-        let (rows, cols) = (24, 31);
-        let ramp: Vec<f32> = (0..rows * cols).map(|i| (i % cols + 2 * (i / cols)) as f32).collect();
-        assert!(curvature(&ramp, rows, cols).iter().all(|c| *c == 0.0), "natural boundaries");
-        let step: Vec<f32> = (0..rows * cols).map(|i| if i % cols < 15 { 0.0 } else { 1.0 }).collect();
-        let c = curvature(&step, rows, cols);
+        let (width, height) = (31, 24);
+        let ramp: Vec<f32> = (0..height * width).map(|i| (i % width + 2 * (i / width)) as f32).collect();
+        assert!(curvature(&ramp, width, height).iter().all(|c| *c == 0.0), "natural boundaries");
+        let step: Vec<f32> = (0..height * width).map(|i| if i % width < 15 { 0.0 } else { 1.0 }).collect();
+        let c = curvature(&step, width, height);
         for (i, c) in c.iter().enumerate() {
-            let near = [14, 15].contains(&(i % cols));
+            let near = [14, 15].contains(&(i % width));
             assert_eq!(*c > 0.5, near, "pixel {i}: {c}");
         }
         assert_eq!(curvature(&[1.0], 1, 1), [0.0]);
-        assert_eq!(curvature(&[1.0, 5.0], 1, 2), [0.0; 2]);
+        assert_eq!(curvature(&[1.0, 5.0], 2, 1), [0.0; 2]);
     }
 }

@@ -25,7 +25,7 @@ pub(crate) type ExactPixel = (usize, [f32; 3]);
 /// The pixels whose known variance (or halves) is 0. Black ones only where the ray meets nothing: elsewhere all samples
 /// may have missed the light. Pixels of weight 0 are holes.
 pub(crate) fn exact_pixels(frame: &Frame<'_>, features: &Features<'_>, weight: &[f32]) -> Vec<ExactPixel> {
-    let (n, cols) = (frame.shape.pixels(), frame.shape.cols);
+    let (n, width) = (frame.shape.pixels(), frame.shape.width);
     let color = |c: usize, i: usize| match frame.half {
         Some(half) => 0.5 * (frame.color[c * n + i] + half[c * n + i]),
         None => frame.color[c * n + i],
@@ -33,9 +33,9 @@ pub(crate) fn exact_pixels(frame: &Frame<'_>, features: &Features<'_>, weight: &
     let level = |i: usize| (color(0, i) + color(1, i) + color(2, i)) * (1.0 / 3.0);
     let texture = textured(frame, features, weight, &color);
     let mut silent = vec![0_u8; n];
-    silent.par_chunks_mut(cols).enumerate().with_min_len(8).for_each(|(y, row)| {
+    silent.par_chunks_mut(width).enumerate().with_min_len(8).for_each(|(y, row)| {
         for (x, s) in row.iter_mut().enumerate() {
-            let i = y * cols + x;
+            let i = y * width + x;
             let (level, miss) = (level(i), missed(features, i));
             let limit = (level * SILENT).powi(2);
             let quiet = texture[i] || (0..3).all(|c| variance(frame, c * n + i) <= limit);
@@ -45,7 +45,7 @@ pub(crate) fn exact_pixels(frame: &Frame<'_>, features: &Features<'_>, weight: &
     if silent.iter().all(|s| *s == 0) {
         return Vec::new();
     }
-    let windows = spread(&spread(&silent, cols, u8::min), cols, u8::max);
+    let windows = spread(&spread(&silent, width, u8::min), width, u8::max);
     let lit = (0..n).filter(|i| weight[*i] > 0.0).map(level).filter(|v| *v > 0.0);
     let (sum, count) = lit.fold((0.0_f64, 0_usize), |(s, k), v| (s + f64::from(v), k + 1));
     let bright = OUTSTANDING * (sum / count.max(1) as f64) as f32;
@@ -62,19 +62,19 @@ fn textured(
     weight: &[f32],
     color: &(impl Fn(usize, usize) -> f32 + Sync),
 ) -> Vec<bool> {
-    let (n, cols) = (frame.shape.pixels(), frame.shape.cols);
+    let (n, width) = (frame.shape.pixels(), frame.shape.width);
     let shown: Vec<bool> = (0..n).map(|i| weight[i] > 0.0 && missed(features, i)).collect();
     if !shown.contains(&true) {
         return shown;
     }
     let (mut own, mut between) = (vec![0.0; n], vec![0.0; n]);
-    own.par_chunks_mut(cols).zip(between.par_chunks_mut(cols)).enumerate().with_min_len(8).for_each(
+    own.par_chunks_mut(width).zip(between.par_chunks_mut(width)).enumerate().with_min_len(8).for_each(
         |(y, (own, between))| {
-            for x in (0..cols).filter(|x| shown[y * cols + x]) {
-                let i = y * cols + x;
+            for x in (0..width).filter(|x| shown[y * width + x]) {
+                let i = y * width + x;
                 own[x] = (0..3).map(|c| variance(frame, c * n + i)).sum();
                 let (mut sum, mut count) = (0.0, 0.0);
-                for (inside, j) in [(x + 1 < cols, i + 1), (i + cols < n, i + cols)] {
+                for (inside, j) in [(x + 1 < width, i + 1), (i + width < n, i + width)] {
                     if inside && shown[j] {
                         sum += (0..3).map(|c| (color(c, i) - color(c, j)).powi(2)).sum::<f32>();
                         count += 1.0;
@@ -85,7 +85,7 @@ fn textured(
         },
     );
     let taps = gaussian_taps(TEXTURE_WINDOW);
-    let (own, between) = (blur_sums(&own, cols, &taps), blur_sums(&between, cols, &taps));
+    let (own, between) = (blur_sums(&own, width, &taps), blur_sums(&between, width, &taps));
     (0..n).map(|i| shown[i] && own[i] <= TEXTURE * between[i]).collect()
 }
 
@@ -112,19 +112,19 @@ fn missed(features: &Features<'_>, i: usize) -> bool {
 }
 
 /// The least or largest value of the window around each pixel, as far as the window lies inside.
-fn spread(mask: &[u8], cols: usize, pick: fn(u8, u8) -> u8) -> Vec<u8> {
-    let rows = mask.len() / cols;
+fn spread(mask: &[u8], width: usize, pick: fn(u8, u8) -> u8) -> Vec<u8> {
+    let height = mask.len() / width;
     let around = |k: usize, n: usize| k.saturating_sub(REACH)..(k + REACH + 1).min(n);
     let mut along = vec![0; mask.len()];
-    along.par_chunks_mut(cols).zip(mask.par_chunks(cols)).with_min_len(8).for_each(|(out, row)| {
+    along.par_chunks_mut(width).zip(mask.par_chunks(width)).with_min_len(8).for_each(|(out, row)| {
         for (x, o) in out.iter_mut().enumerate() {
-            *o = row[around(x, cols)].iter().copied().fold(row[x], pick);
+            *o = row[around(x, width)].iter().copied().fold(row[x], pick);
         }
     });
     let mut out = along.clone();
-    out.par_chunks_mut(cols).enumerate().with_min_len(8).for_each(|(y, out)| {
-        for k in around(y, rows) {
-            out.iter_mut().zip(&along[k * cols..]).for_each(|(o, v)| *o = pick(*o, *v));
+    out.par_chunks_mut(width).enumerate().with_min_len(8).for_each(|(y, out)| {
+        for k in around(y, height) {
+            out.iter_mut().zip(&along[k * width..]).for_each(|(o, v)| *o = pick(*o, *v));
         }
     });
     out

@@ -17,20 +17,20 @@ const BLOCK: usize = 4;
 
 /// Scales pixels whose mean over the channels exceeds `8 mean + 0.5`, with the local mean of the blocks around, down to it;
 /// the hue stays. Units: exposure. Pixels of `weight` 0 stay and do not count. Returns how many were scaled.
-pub(crate) fn clamp_fireflies(irradiance: &mut [f32], weight: &[f32], cols: usize) -> usize {
+pub(crate) fn clamp_fireflies(irradiance: &mut [f32], weight: &[f32], width: usize) -> usize {
     let n = irradiance.len() / 3;
     let (r, rest) = irradiance.split_at_mut(n);
     let (g, b) = rest.split_at_mut(n);
     let mean: Vec<f32> = r.iter().zip(&*g).zip(&*b).map(|((r, g), b)| (r + g + b) * (1.0 / 3.0)).collect();
-    let local = local_means(&mean, weight, cols);
-    let blocks = cols.div_ceil(BLOCK);
-    let mut changed = vec![0_usize; n.div_ceil(cols)];
-    let rows = r.par_chunks_mut(cols).zip(g.par_chunks_mut(cols)).zip(b.par_chunks_mut(cols));
+    let local = local_means(&mean, weight, width);
+    let blocks = width.div_ceil(BLOCK);
+    let mut changed = vec![0_usize; n.div_ceil(width)];
+    let rows = r.par_chunks_mut(width).zip(g.par_chunks_mut(width)).zip(b.par_chunks_mut(width));
     rows.zip(&mut changed).enumerate().with_min_len(16).for_each(|(y, (((r, g), b), changed))| {
         let local = &local[y / BLOCK * blocks..];
-        for (x, mean) in mean[y * cols..].iter().take(r.len()).enumerate() {
+        for (x, mean) in mean[y * width..].iter().take(r.len()).enumerate() {
             let limit = OVER_MEAN * local[x / BLOCK] + 0.5;
-            if *mean > limit && weight[y * cols + x] > 0.0 {
+            if *mean > limit && weight[y * width + x] > 0.0 {
                 let scale = limit / mean;
                 r[x] *= scale;
                 g[x] *= scale;
@@ -43,16 +43,16 @@ pub(crate) fn clamp_fireflies(irradiance: &mut [f32], weight: &[f32], cols: usiz
 }
 
 /// The mean around each block, without the values that stand out.
-fn local_means(mean: &[f32], weight: &[f32], cols: usize) -> Vec<f32> {
-    let rows = mean.len().div_ceil(cols);
-    let (ch, cw) = (rows.div_ceil(BLOCK), cols.div_ceil(BLOCK));
+fn local_means(mean: &[f32], weight: &[f32], width: usize) -> Vec<f32> {
+    let height = mean.len().div_ceil(width);
+    let (ch, cw) = (height.div_ceil(BLOCK), width.div_ceil(BLOCK));
     let mut local = vec![f32::INFINITY; ch * cw];
     for _ in 0..PASSES {
         let mut sums = vec![[0.0_f32; 2]; ch * cw];
         sums.par_chunks_mut(cw).enumerate().for_each(|(cy, sums)| {
             let local = &local[cy * cw..][..cw];
-            for y in cy * BLOCK..(cy * BLOCK + BLOCK).min(rows) {
-                let (mean, weight) = (&mean[y * cols..][..cols], &weight[y * cols..][..cols]);
+            for y in cy * BLOCK..(cy * BLOCK + BLOCK).min(height) {
+                let (mean, weight) = (&mean[y * width..][..width], &weight[y * width..][..width]);
                 let blocks = mean.chunks(BLOCK).zip(weight.chunks(BLOCK)).zip(local).zip(sums.iter_mut());
                 for (((mean, weight), local), sum) in blocks {
                     for (m, w) in mean.iter().zip(weight) {
@@ -86,20 +86,20 @@ mod tests {
 
     #[test]
     fn outliers_go_and_sparse_light_stays() {
-        let (rows, cols) = (48, 64);
+        let (width, height) = (64, 48);
         // Six of ten samples are black, the others 1: nothing stands out.
-        let sparse: Vec<f32> = (0..3 * rows * cols)
-            .map(|i| if (i % (rows * cols)) * 7919 % 10 < 6 { 0.0 } else { 1.0 })
+        let sparse: Vec<f32> = (0..3 * height * width)
+            .map(|i| if (i % (height * width)) * 7919 % 10 < 6 { 0.0 } else { 1.0 })
             .collect();
-        let weight = vec![1.0; rows * cols];
+        let weight = vec![1.0; height * width];
         let mut plane = sparse.clone();
-        assert_eq!(clamp_fireflies(&mut plane, &weight, cols), 0);
+        assert_eq!(clamp_fireflies(&mut plane, &weight, width), 0);
         assert_eq!(plane, sparse);
         for value in [40.0, 1e4] {
             let mut plane = sparse.clone();
-            (0..3).for_each(|c| plane[c * rows * cols + 20 * cols + 31] = value);
-            assert_eq!(clamp_fireflies(&mut plane, &weight, cols), 1);
-            assert!((2.0..8.0).contains(&plane[20 * cols + 31]), "{}", plane[20 * cols + 31]);
+            (0..3).for_each(|c| plane[c * height * width + 20 * width + 31] = value);
+            assert_eq!(clamp_fireflies(&mut plane, &weight, width), 1);
+            assert!((2.0..8.0).contains(&plane[20 * width + 31]), "{}", plane[20 * width + 31]);
         }
     }
 }

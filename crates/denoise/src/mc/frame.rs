@@ -20,7 +20,7 @@ pub struct Guides<'a> {
 /// One noisy picture: linear radiance of `shape.channels == 3` planes, pixels with a NaN or infinity are holes.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame<'a> {
-    /// Rows, columns and 3 channels.
+    /// Width, height and 3 channels.
     pub shape: Shape,
     /// Radiance. With [`Self::half`]: of the first half of the samples.
     pub color: &'a [f32],
@@ -34,9 +34,9 @@ pub struct Frame<'a> {
 }
 
 impl<'a> Frame<'a> {
-    /// A picture of `rows x cols` without guides.
-    pub fn new(rows: usize, cols: usize, color: &'a [f32]) -> Self {
-        let shape = Shape::new(rows, cols, 3);
+    /// A picture of `width x height` without guides.
+    pub fn new(width: usize, height: usize, color: &'a [f32]) -> Self {
+        let shape = Shape::new(width, height, 3);
         Self { shape, color, half: None, variance: None, guides: Guides::default() }
     }
 

@@ -32,7 +32,7 @@ pub(super) fn variational(
         (auxiliary_weight(&features, p.shape, SHARPNESS), "edges of the guides and of the divisor")
     });
     let sigma = plan.stage("deviation", || match &p.variance {
-        Some(v) => (log_sigma(&p.level(), v, mask, p.shape.cols), "from the known variance"),
+        Some(v) => (log_sigma(&p.level(), v, mask, p.shape.width), "from the known variance"),
         None => (deviation(p, &target), "median of the finest diagonal wavelets"),
     });
     let iterations = settings.iterations;
@@ -62,9 +62,9 @@ pub(super) fn variational(
         true => plan.stage("mean", || {
             // A lamp in the mean of what is around would show as a frame.
             let [others, own] = classes(mask, &p.black);
-            restore_mean(&mut u, &p.irradiance, &others, p.shape.cols, |i| own[i] == 0.0);
+            restore_mean(&mut u, &p.irradiance, &others, p.shape.width, |i| own[i] == 0.0);
             if !p.black.is_empty() {
-                restore_mean(&mut u, &p.irradiance, &own, p.shape.cols, |i| own[i] > 0.0);
+                restore_mean(&mut u, &p.irradiance, &own, p.shape.width, |i| own[i] > 0.0);
             }
             ((), "local means of the noisy picture")
         }),
@@ -88,7 +88,7 @@ fn deviation(p: &Prepared<'_>, target: &[f32]) -> Vec<f32> {
     let n = p.shape.pixels();
     let mut sum = vec![0.0; n];
     for plane in target.chunks(n) {
-        let sigma = mad_sigma(plane, p.shape.rows, p.shape.cols);
+        let sigma = mad_sigma(plane, p.shape.width, p.shape.height);
         sum.iter_mut().zip(sigma).for_each(|(a, s)| *a += s * s * (1.0 / 3.0));
     }
     sum.iter_mut().for_each(|s| *s = s.sqrt());
@@ -127,11 +127,11 @@ fn strength(
 
 /// `u G(L)/G(u)` with a Gaussian of sigma 8: total variation of logarithms darkens, for the logarithm is concave. Only
 /// pixels that are `of` the class with `weight`.
-fn restore_mean(u: &mut [f32], noisy: &[f32], weight: &[f32], cols: usize, of: impl Fn(usize) -> bool) {
+fn restore_mean(u: &mut [f32], noisy: &[f32], weight: &[f32], width: usize, of: impl Fn(usize) -> bool) {
     const SIGMA: f32 = 8.0;
     let n = weight.len();
     for (u, l) in u.chunks_mut(n).zip(noisy.chunks(n)) {
-        let (bright, dark) = (blur_mean(l, weight, cols, SIGMA), blur_mean(u, weight, cols, SIGMA));
+        let (bright, dark) = (blur_mean(l, weight, width, SIGMA), blur_mean(u, weight, width, SIGMA));
         for (i, ((u, b), d)) in u.iter_mut().zip(bright).zip(dark).enumerate() {
             if d > 1e-6 && of(i) {
                 *u *= (b / d).clamp(0.5, 2.0);

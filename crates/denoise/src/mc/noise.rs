@@ -15,24 +15,24 @@ const REACH: usize = 4;
 /// For Gaussian noise; the heavy tails of Monte Carlo noise hardly move a median, so it measures their core.
 ///
 /// # Panics
-/// If the length is not `rows * cols`, or there are no pixels.
-pub fn mad_sigma(plane: &[f32], rows: usize, cols: usize) -> Vec<f32> {
-    assert_eq!(plane.len(), rows * cols, "one value per pixel");
+/// If the length is not `width * height`, or there are no pixels.
+pub fn mad_sigma(plane: &[f32], width: usize, height: usize) -> Vec<f32> {
+    assert_eq!(plane.len(), height * width, "one value per pixel");
     assert!(!plane.is_empty(), "pixels");
-    let (hr, hc) = (rows.div_ceil(2), cols.div_ceil(2));
+    let (hr, hc) = (height.div_ceil(2), width.div_ceil(2));
     let mirror = |i: usize, n: usize| {
         let i = i % (2 * n);
         if i < n { i } else { 2 * n - 1 - i }
     };
     let mut band = vec![0.0_f32; hr * hc];
     band.par_chunks_mut(hc).enumerate().with_min_len(8).for_each(|(y, out)| {
-        let mut column = vec![0.0; cols];
+        let mut column = vec![0.0; width];
         for (k, t) in DB2.iter().enumerate() {
-            let row = &plane[mirror(2 * y + k, rows) * cols..][..cols];
+            let row = &plane[mirror(2 * y + k, height) * width..][..width];
             column.iter_mut().zip(row).for_each(|(c, v)| *c += t * v);
         }
         for (x, o) in out.iter_mut().enumerate() {
-            let s: f32 = DB2.iter().enumerate().map(|(k, t)| t * column[mirror(2 * x + k, cols)]).sum();
+            let s: f32 = DB2.iter().enumerate().map(|(k, t)| t * column[mirror(2 * x + k, width)]).sum();
             *o = s.abs();
         }
     });
@@ -51,17 +51,17 @@ pub fn mad_sigma(plane: &[f32], rows: usize, cols: usize) -> Vec<f32> {
             *o = *window.select_nth_unstable_by(middle, f32::total_cmp).1 / 0.6745;
         }
     });
-    enlarge(&medians, mr, mc, rows, cols)
+    enlarge(&medians, [mc, mr], width, height)
 }
 
 /// Bilinear interpolation of values at every fourth pixel.
-fn enlarge(small: &[f32], mr: usize, mc: usize, rows: usize, cols: usize) -> Vec<f32> {
+fn enlarge(small: &[f32], [mc, mr]: [usize; 2], width: usize, height: usize) -> Vec<f32> {
     let place = |i: usize, n: usize| {
         let at = ((i as f32 - 1.5) / 4.0).clamp(0.0, (n - 1) as f32);
         (at as usize, (at as usize + 1).min(n - 1), at.fract())
     };
-    let mut out = vec![0.0; rows * cols];
-    out.par_chunks_mut(cols).enumerate().with_min_len(8).for_each(|(y, out)| {
+    let mut out = vec![0.0; height * width];
+    out.par_chunks_mut(width).enumerate().with_min_len(8).for_each(|(y, out)| {
         let (y0, y1, fy) = place(y, mr);
         for (x, o) in out.iter_mut().enumerate() {
             let (x0, x1, fx) = place(x, mc);
@@ -80,9 +80,9 @@ fn enlarge(small: &[f32], mr: usize, mc: usize, rows: usize, cols: usize) -> Vec
 ///
 /// # Panics
 /// If the lengths differ.
-pub fn log_sigma(mean: &[f32], variance: &[f32], weight: &[f32], cols: usize) -> Vec<f32> {
+pub fn log_sigma(mean: &[f32], variance: &[f32], weight: &[f32], width: usize) -> Vec<f32> {
     assert!(mean.len() == variance.len() && mean.len() == weight.len(), "one value per pixel");
-    let blurred = blur_mean(variance, weight, cols, 2.0);
+    let blurred = blur_mean(variance, weight, width, 2.0);
     blurred.iter().zip(mean).map(|(v, m)| v.max(0.0).sqrt() / (1.0 + m.max(0.0))).collect()
 }
 
@@ -101,24 +101,24 @@ mod tests {
 
     #[test]
     fn mad_measures_gaussian_noise_on_a_picture_with_edges() {
-        let (rows, cols) = (192, 256);
+        let (width, height) = (256, 192);
         let mut rng = Rng::new(5, 0);
         for sigma in [0.01_f32, 0.05, 0.2] {
-            let plane: Vec<f32> = (0..rows * cols)
+            let plane: Vec<f32> = (0..height * width)
                 .map(|i| {
-                    let (x, y) = (i % cols, i / cols);
+                    let (x, y) = (i % width, i / width);
                     let edge = if x > y { 0.4 } else { 0.0 };
                     0.3 + edge + 0.1 * (x as f32 * 0.05).sin() + sigma * rng.normal()
                 })
                 .collect();
-            let map = mad_sigma(&plane, rows, cols);
+            let map = mad_sigma(&plane, width, height);
             let mut sorted = map.clone();
             sorted.sort_unstable_by(f32::total_cmp);
             let median = sorted[sorted.len() / 2];
             assert!((median / sigma - 1.0).abs() < 0.05, "{median} against {sigma}");
         }
-        for (rows, cols) in [(1, 1), (1, 7), (5, 1), (3, 3)] {
-            assert_eq!(mad_sigma(&vec![2.0; rows * cols], rows, cols).len(), rows * cols);
+        for (height, width) in [(1, 1), (1, 7), (5, 1), (3, 3)] {
+            assert_eq!(mad_sigma(&vec![2.0; height * width], width, height).len(), height * width);
         }
     }
 }

@@ -24,17 +24,17 @@ pub(crate) fn replace_peaks(samples: &Samples<'_>, basis: &Basis, contrast: &[f3
     if failed.iter().all(|f| *f == 0.0) {
         return;
     }
-    let (n, cols) = (samples.shape.pixels(), samples.shape.cols);
+    let (n, width) = (samples.shape.pixels(), samples.shape.width);
     let gauss: Vec<f32> = (0..=REACH).map(|d| (-0.5 * (d as f32 / SIGMA).powi(2)).exp()).collect();
     let (r, rest) = estimate.split_at_mut(n);
     let (g, b) = rest.split_at_mut(n);
-    let rows = r.par_chunks_mut(cols).zip(g.par_chunks_mut(cols)).zip(b.par_chunks_mut(cols));
+    let rows = r.par_chunks_mut(width).zip(g.par_chunks_mut(width)).zip(b.par_chunks_mut(width));
     rows.enumerate().with_min_len(4).for_each_init(Vec::new, |line, (y, ((r, g), b))| {
         samples.between(&failed, 1, y, line);
         if line.iter().all(|f| *f == 0.0) {
             return;
         }
-        for x in 0..cols {
+        for x in 0..width {
             let (left, f) = cell_before(x, line.len());
             let right = (left + 1).min(line.len() - 1);
             let share = line[left] + f * (line[right] - line[left]);
@@ -61,12 +61,12 @@ fn largest_around([ch, cw]: [usize; 2], values: &[f32]) -> Vec<f32> {
 
 /// The mean of the samples around a pixel that have its features.
 fn blurred(samples: &Samples<'_>, basis: &Basis, gauss: &[f32], x: usize, y: usize) -> Option<[f32; 3]> {
-    let (n, cols, rows) = (samples.shape.pixels(), samples.shape.cols, samples.shape.rows);
-    let own = y * cols + x;
+    let (n, width, height) = (samples.shape.pixels(), samples.shape.width, samples.shape.height);
+    let own = y * width + x;
     let (mut sum, mut total) = ([0.0_f32; 3], 0.0_f32);
-    for v in y.saturating_sub(REACH)..(y + REACH + 1).min(rows) {
-        for u in x.saturating_sub(REACH)..(x + REACH + 1).min(cols) {
-            let i = v * cols + u;
+    for v in y.saturating_sub(REACH)..(y + REACH + 1).min(height) {
+        for u in x.saturating_sub(REACH)..(x + REACH + 1).min(width) {
+            let i = v * width + u;
             let distance: f32 = basis.planes.iter().map(|p| (p[i] - p[own]).powi(2)).sum();
             let near = 1.0 / (1.0 + (distance / (FEATURE * FEATURE)).powi(2));
             let weight = samples.weight[i] * gauss[v.abs_diff(y)] * gauss[u.abs_diff(x)] * near;

@@ -130,7 +130,7 @@ impl Sequence {
         }
         let position = match (&prepared.features.position, &prepared.features.depth) {
             (Some(p), _) => Some(p.clone()),
-            (None, Some(depth)) => camera.positions(depth, shape.cols).map(Cow::Owned),
+            (None, Some(depth)) => camera.positions(depth, shape.width).map(Cow::Owned),
             (None, None) => None,
         };
         let rule = "positions, or depths and an invertible camera";
@@ -138,10 +138,10 @@ impl Sequence {
             return Err(DenoiseError::Setting { setting: "the history", value: 0.0, rule });
         };
         let normal = prepared.features.normal.clone();
-        let normal = normal.unwrap_or_else(|| facing(&position, shape.cols).into());
+        let normal = normal.unwrap_or_else(|| facing(&position, shape.width).into());
         let settings = self.settings.temporal;
         let history =
-            self.accumulator.get_or_insert_with(|| Accumulator::new(shape.rows, shape.cols, settings));
+            self.accumulator.get_or_insert_with(|| Accumulator::new(shape.width, shape.height, settings));
         let reset = plan.stage("history", || {
             let reset = history.add(&TemporalFrame {
                 irradiance: &prepared.irradiance,
@@ -180,14 +180,14 @@ impl Sequence {
                 prepared.weight.iter().zip(history.counts()).map(|(w, count)| w.min(count)).collect();
             let mean = prepared.weight.iter().sum::<f32>() / prepared.weight.len() as f32;
             plan.run("mean", format!("{mean:.2} effective samples per pixel, {} pixels new", self.reset));
-            prepared.variance = accumulated_variance(history, prepared.shape.cols);
+            prepared.variance = accumulated_variance(history, prepared.shape.width);
         }
         Some(filter(prepared, &self.settings, plan))
     }
 }
 
 /// Variance of the accumulated means; single samples take that of their neighbourhood. `None` when no pixel has two.
-fn accumulated_variance(history: &Accumulator, cols: usize) -> Option<Vec<f32>> {
+fn accumulated_variance(history: &Accumulator, width: usize) -> Option<Vec<f32>> {
     let (known, effective) = (history.variance(), history.effective());
     if known.iter().all(Option::is_none) {
         return None;
@@ -195,22 +195,24 @@ fn accumulated_variance(history: &Accumulator, cols: usize) -> Option<Vec<f32>> 
     // Per sample, so that pixels with short histories can borrow it.
     let sample: Vec<f32> = known.iter().zip(&effective).map(|(v, n)| v.unwrap_or(0.0) * n).collect();
     let weight: Vec<f32> = known.iter().map(|v| if v.is_some() { 1.0 } else { 0.0 }).collect();
-    let blurred = blur_mean(&sample, &weight, cols, 2.0);
+    let blurred = blur_mean(&sample, &weight, width, 2.0);
     Some(blurred.iter().zip(&effective).map(|(v, n)| if *n > 0.0 { v / n } else { 0.0 }).collect())
 }
 
 /// Normals from differences of positions, for histories without a normal guide.
-fn facing(position: &[f32], cols: usize) -> Vec<f32> {
+fn facing(position: &[f32], width: usize) -> Vec<f32> {
     let n = position.len() / 3;
-    let rows = n / cols;
+    let height = n / width;
     let at = |i: usize| -> [f32; 3] { std::array::from_fn(|c| position[c * n + i]) };
     let minus = |a: [f32; 3], b: [f32; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
     let mut out = vec![0.0; 3 * n];
     for i in (0..n).filter(|i| at(*i) != [0.0; 3]) {
-        let (x, y) = (i % cols, i / cols);
-        let (x0, y0) =
-            (if x + 1 < cols { i } else { i - x.min(1) }, if y + 1 < rows { i } else { i - cols * y.min(1) });
-        let (a, b) = (minus(at((x0 + 1).min(n - 1)), at(x0)), minus(at((y0 + cols).min(n - 1)), at(y0)));
+        let (x, y) = (i % width, i / width);
+        let (x0, y0) = (
+            if x + 1 < width { i } else { i - x.min(1) },
+            if y + 1 < height { i } else { i - width * y.min(1) },
+        );
+        let (a, b) = (minus(at((x0 + 1).min(n - 1)), at(x0)), minus(at((y0 + width).min(n - 1)), at(y0)));
         let m = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
         let length = (m[0] * m[0] + m[1] * m[1] + m[2] * m[2]).sqrt();
         if length > 0.0 {

@@ -81,7 +81,7 @@ impl<'a> Prepared<'a> {
             true => plan.stage("fireflies", || {
                 let classes = std::iter::once(others).chain(own_class.get(1));
                 let count = classes
-                    .map(|w| sides.iter_mut().map(|s| clamp_fireflies(s, w, shape.cols)).sum::<usize>());
+                    .map(|w| sides.iter_mut().map(|s| clamp_fireflies(s, w, shape.width)).sum::<usize>());
                 let count = count.sum::<usize>();
                 (count, format!("{count} pixels above 8 times the mean of their neighbourhood"))
             }),

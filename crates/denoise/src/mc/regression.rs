@@ -97,7 +97,7 @@ pub(crate) fn regress(
     weight: &[f32],
     variance: Option<&[f32]>,
 ) -> Regression {
-    let cells = [shape.rows.div_ceil(CELL), shape.cols.div_ceil(CELL)];
+    let cells = [shape.height.div_ceil(CELL), shape.width.div_ceil(CELL)];
     let planes = basis.planes.iter().map(Vec::as_slice).collect();
     let samples = Samples { shape, planes, irradiance, weight, cells };
     let (moments, flat) = samples.moments();
@@ -171,16 +171,16 @@ impl Samples<'_> {
         weighted: &mut [[f32; CELL * CELL]],
         plain: &mut [[f32; CELL * CELL]],
     ) -> Option<[u32; 3]> {
-        let (cols, n) = (self.shape.cols, self.shape.pixels());
-        let (x0, x1) = (cx * CELL, (cx * CELL + CELL).min(cols));
-        let first = cy * CELL * cols + x0;
+        let (width, n) = (self.shape.width, self.shape.pixels());
+        let (x0, x1) = (cx * CELL, (cx * CELL + CELL).min(width));
+        let first = cy * CELL * width + x0;
         let color = |i: usize| [0, 1, 2].map(|c| self.irradiance[c * n + i].to_bits());
         let mut constant = Some(color(first));
-        if (x1 - x0) < CELL || (cy + 1) * CELL > self.shape.rows {
+        if (x1 - x0) < CELL || (cy + 1) * CELL > self.shape.height {
             weighted.iter_mut().chain(plain.iter_mut()).for_each(|p| p.fill(0.0));
         }
-        for (r, y) in (cy * CELL..(cy * CELL + CELL).min(self.shape.rows)).enumerate() {
-            let (from, to) = (y * cols + x0..y * cols + x1, r * CELL..r * CELL + (x1 - x0));
+        for (r, y) in (cy * CELL..(cy * CELL + CELL).min(self.shape.height)).enumerate() {
+            let (from, to) = (y * width + x0..y * width + x1, r * CELL..r * CELL + (x1 - x0));
             let weight = &self.weight[from.clone()];
             weighted[0][to.clone()].copy_from_slice(weight);
             plain[0][to.clone()].fill(1.0);
@@ -238,7 +238,7 @@ impl Samples<'_> {
             let cells = out.chunks_mut(3 * k).zip(levels.chunks_mut(3)).zip(empty);
             for (cx, ((out, level), empty)) in cells.enumerate() {
                 if flat[cy * cw + cx] {
-                    let pixel = cy * CELL * self.shape.cols + cx * CELL;
+                    let pixel = cy * CELL * self.shape.width + cx * CELL;
                     (0..3).for_each(|c| out[c] = self.irradiance[c * n + pixel]);
                     level.copy_from_slice(&out[..3]);
                     continue;
@@ -282,14 +282,14 @@ impl Samples<'_> {
 
     /// The width of each cell.
     fn choose(&self, fits: &[Fit], variance: Option<&[f32]>) -> Vec<usize> {
-        let (k, [ch, cw], cols) = (self.planes.len() + 1, self.cells, self.shape.cols);
+        let (k, [ch, cw], width) = (self.planes.len() + 1, self.cells, self.shape.width);
         // Per cell: the weight, the known noise, the residual of each width.
         const PLANES: usize = 2 + WIDTHS.len();
         let mut sums = vec![0.0; ch * cw * PLANES];
         sums.par_chunks_mut(cw * PLANES).enumerate().for_each(|(cy, sums)| {
-            let mut rows = vec![vec![0.0; 3 * cols]; WIDTHS.len()];
+            let mut rows = vec![vec![0.0; 3 * width]; WIDTHS.len()];
             let mut line = Vec::new();
-            for y in cy * CELL..(cy * CELL + CELL).min(self.shape.rows) {
+            for y in cy * CELL..(cy * CELL + CELL).min(self.shape.height) {
                 for (row, fit) in rows.iter_mut().zip(fits) {
                     self.evaluate_row(&fit.coefficients, y, &mut line, row);
                 }
@@ -324,19 +324,19 @@ impl Samples<'_> {
 
     /// Adds the squared relative residuals of row `y` to the sums of its cells.
     fn add_residuals(&self, y: usize, rows: &[Vec<f32>], variance: Option<&[f32]>, sums: &mut [f32]) {
-        let (cols, n, cw) = (self.shape.cols, self.shape.pixels(), self.cells[1]);
-        let colors: [&[f32]; 3] = std::array::from_fn(|c| &self.irradiance[c * n + y * cols..][..cols]);
-        let weight = &self.weight[y * cols..][..cols];
+        let (width, n, cw) = (self.shape.width, self.shape.pixels(), self.cells[1]);
+        let colors: [&[f32]; 3] = std::array::from_fn(|c| &self.irradiance[c * n + y * width..][..width]);
+        let weight = &self.weight[y * width..][..width];
         for cx in 0..cw {
             let mut acc = [[0.0_f32; CELL]; 2 + WIDTHS.len()];
-            for (t, x) in (cx * CELL..(cx * CELL + CELL).min(cols)).enumerate() {
+            for (t, x) in (cx * CELL..(cx * CELL + CELL).min(width)).enumerate() {
                 let middle = &rows[MIDDLE];
-                let pilot = (middle[x] + middle[cols + x] + middle[2 * cols + x]) * (1.0 / 3.0);
+                let pilot = (middle[x] + middle[width + x] + middle[2 * width + x]) * (1.0 / 3.0);
                 let w = weight[x] / (pilot + RELATIVE_FLOOR).powi(2);
                 acc[0][t] = weight[x];
-                acc[1][t] = variance.map_or(0.0, |v| v[y * cols + x]) * w;
+                acc[1][t] = variance.map_or(0.0, |v| v[y * width + x]) * w;
                 for (a, row) in acc[2..].iter_mut().zip(rows) {
-                    let d = [0, 1, 2].map(|c| colors[c][x] - row[c * cols + x]);
+                    let d = [0, 1, 2].map(|c| colors[c][x] - row[c * width + x]);
                     a[t] = w * (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) * (1.0 / 3.0);
                 }
             }
@@ -349,16 +349,16 @@ impl Samples<'_> {
     /// The whole estimate within `bounds`, which are interpolated as the coefficients are: steps at the cells would be
     /// seen.
     fn evaluate(&self, coefficients: &[f32], bounds: &[f32]) -> Vec<f32> {
-        let (cols, n) = (self.shape.cols, self.shape.pixels());
+        let (width, n) = (self.shape.width, self.shape.pixels());
         let mut out = vec![0.0; 3 * n];
         let (r, rest) = out.split_at_mut(n);
         let (g, b) = rest.split_at_mut(n);
-        let rows = r.par_chunks_mut(cols).zip(g.par_chunks_mut(cols)).zip(b.par_chunks_mut(cols));
-        let scratch = || (Vec::new(), vec![0.0; 3 * cols]);
+        let rows = r.par_chunks_mut(width).zip(g.par_chunks_mut(width)).zip(b.par_chunks_mut(width));
+        let scratch = || (Vec::new(), vec![0.0; 3 * width]);
         rows.enumerate().with_min_len(8).for_each_init(scratch, |(line, row), (y, ((r, g), b))| {
             self.evaluate_row(coefficients, y, line, row);
             self.between(bounds, 6, y, line);
-            for (c, (out, row)) in [r, g, b].into_iter().zip(row.chunks(cols)).enumerate() {
+            for (c, (out, row)) in [r, g, b].into_iter().zip(row.chunks(width)).enumerate() {
                 self.limit(line, c, row, out);
             }
         });
@@ -392,16 +392,16 @@ impl Samples<'_> {
 
     /// The pixels between the centres of cells `i - 1` and `i`.
     fn interval(&self, i: usize) -> Option<Interval> {
-        let (cw, cols) = (self.cells[1], self.shape.cols);
-        let x0 = (i * CELL).saturating_sub(CELL / 2).min(cols);
-        let x1 = (i * CELL + CELL / 2).min(cols);
+        let (cw, width) = (self.cells[1], self.shape.width);
+        let x0 = (i * CELL).saturating_sub(CELL / 2).min(width);
+        let x1 = (i * CELL + CELL / 2).min(width);
         let first = i as f32 * CELL as f32 - (CELL / 2) as f32 - 0.5;
         (x0 < x1).then_some(Interval { left: i.saturating_sub(1), right: i.min(cw - 1), x0, x1, first })
     }
 
-    /// One row of the estimate, 3 runs of `cols` values; `line` is scratch.
+    /// One row of the estimate, 3 runs of `width` values; `line` is scratch.
     fn evaluate_row(&self, coefficients: &[f32], y: usize, line: &mut Vec<f32>, out: &mut [f32]) {
-        let (k, cols) = (self.planes.len() + 1, self.shape.cols);
+        let (k, width) = (self.planes.len() + 1, self.shape.width);
         self.between(coefficients, 3 * k, y, line);
         for i in 0..=self.cells[1] {
             let Some(Interval { left, right, x0, x1, first }) = self.interval(i) else { continue };
@@ -411,9 +411,8 @@ impl Samples<'_> {
             for j in 0..k {
                 match j {
                     0 => features.fill(1.0),
-                    _ => {
-                        features[..x1 - x0].copy_from_slice(&self.planes[j - 1][y * cols + x0..y * cols + x1])
-                    }
+                    _ => features[..x1 - x0]
+                        .copy_from_slice(&self.planes[j - 1][y * width + x0..y * width + x1]),
                 }
                 for (c, part) in part.iter_mut().enumerate() {
                     let a = line[(left * k + j) * 3 + c];
@@ -424,7 +423,7 @@ impl Samples<'_> {
                 }
             }
             for (c, part) in part.iter().enumerate() {
-                for (o, v) in out[c * cols + x0..c * cols + x1].iter_mut().zip(part) {
+                for (o, v) in out[c * width + x0..c * width + x1].iter_mut().zip(part) {
                     *o = v.max(0.0);
                 }
             }

@@ -84,16 +84,16 @@ fn radiance(hit: &Hit) -> V3 {
 }
 
 impl SyntheticFrame {
-    /// The view of `rows x cols` pixels from a camera moved by `shift` to the right.
+    /// The view of `width x height` pixels from a camera moved by `shift` to the right.
     ///
     /// # Panics
     /// If there are no pixels.
-    pub fn new(rows: usize, cols: usize, shift: f64) -> Self {
-        assert!(rows > 0 && cols > 0, "pixels");
-        let n = rows * cols;
-        let focal = 1.1 * cols.max(rows) as f64;
+    pub fn new(width: usize, height: usize, shift: f64) -> Self {
+        assert!(height > 0 && width > 0, "pixels");
+        let n = height * width;
+        let focal = 1.1 * width.max(height) as f64;
         let origin = [shift, 0.1, 0.0];
-        let (cx, cy) = (0.5 * cols as f64, 0.5 * rows as f64);
+        let (cx, cy) = (0.5 * width as f64, 0.5 * height as f64);
         let ray = |x: f64, y: f64| {
             let d = [(x - cx) / focal, (cy - y) / focal, -1.0];
             let k = 1.0 / dot(d, d).sqrt();
@@ -102,7 +102,7 @@ impl SyntheticFrame {
         let pixels: Vec<(Hit, V3)> = (0..n)
             .into_par_iter()
             .map(|i| {
-                let (x, y) = ((i % cols) as f64, (i / cols) as f64);
+                let (x, y) = ((i % width) as f64, (i / width) as f64);
                 let mut sum = [0.0; 3];
                 for s in 0..9 {
                     let (sx, sy) = (f64::from(s % 3), f64::from(s / 3));
@@ -122,7 +122,7 @@ impl SyntheticFrame {
             [0.0, 0.0, -1.0, 0.0],
         ];
         Self {
-            shape: Shape::new(rows, cols, 3),
+            shape: Shape::new(width, height, 3),
             reference: planes(&|p| p.1),
             albedo: planes(&|p| p.0.albedo),
             normal: planes(&|p| p.0.normal),
@@ -189,7 +189,7 @@ mod tests {
 
     #[test]
     fn noise_has_mean_one_and_points_project_to_their_pixels() {
-        let f = SyntheticFrame::new(48, 64, 0.1);
+        let f = SyntheticFrame::new(64, 48, 0.1);
         let (noisy, n) = (f.noisy(64, 3), 48 * 64);
         let sum = |v: &[f32]| v.iter().map(|v| f64::from(*v)).sum::<f64>();
         assert!((sum(&noisy) / sum(&f.reference) - 1.0).abs() < 0.02);

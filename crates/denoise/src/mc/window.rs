@@ -9,18 +9,18 @@ pub(crate) fn gaussian_taps(sigma: f32) -> Vec<f32> {
 }
 
 /// Blurs a plane by taps `[centre, +-1, +-2, ...]`; what lies outside the plane is zero.
-pub(crate) fn blur_sums(plane: &[f32], cols: usize, taps: &[f32]) -> Vec<f32> {
-    blur_columns(&blur_rows(plane, cols, taps), cols, taps)
+pub(crate) fn blur_sums(plane: &[f32], width: usize, taps: &[f32]) -> Vec<f32> {
+    blur_columns(&blur_rows(plane, width, taps), width, taps)
 }
 
-/// Blurs each run of `cols` values by itself.
-pub(crate) fn blur_rows(plane: &[f32], cols: usize, taps: &[f32]) -> Vec<f32> {
+/// Blurs each run of `width` values by itself.
+pub(crate) fn blur_rows(plane: &[f32], width: usize, taps: &[f32]) -> Vec<f32> {
     let mut out = vec![0.0; plane.len()];
-    out.par_chunks_mut(cols).zip(plane.par_chunks(cols)).with_min_len(16).for_each(|(out, row)| {
+    out.par_chunks_mut(width).zip(plane.par_chunks(width)).with_min_len(16).for_each(|(out, row)| {
         for (o, v) in out.iter_mut().zip(row) {
             *o = taps[0] * *v;
         }
-        for (k, t) in taps.iter().enumerate().skip(1).filter(|(k, _)| *k < cols) {
+        for (k, t) in taps.iter().enumerate().skip(1).filter(|(k, _)| *k < width) {
             for (o, v) in out[k..].iter_mut().zip(row) {
                 *o += *t * *v;
             }
@@ -32,22 +32,22 @@ pub(crate) fn blur_rows(plane: &[f32], cols: usize, taps: &[f32]) -> Vec<f32> {
     out
 }
 
-/// Blurs across runs of `cols` values.
-pub(crate) fn blur_columns(plane: &[f32], cols: usize, taps: &[f32]) -> Vec<f32> {
-    let rows = plane.len() / cols.max(1);
+/// Blurs across runs of `width` values.
+pub(crate) fn blur_columns(plane: &[f32], width: usize, taps: &[f32]) -> Vec<f32> {
+    let height = plane.len() / width.max(1);
     let mut out = vec![0.0; plane.len()];
-    out.par_chunks_mut(cols).enumerate().for_each(|(y, out)| {
+    out.par_chunks_mut(width).enumerate().for_each(|(y, out)| {
         for (k, t) in taps.iter().enumerate() {
             let mut add = |row: &[f32]| {
                 for (o, v) in out.iter_mut().zip(row) {
                     *o += *t * *v;
                 }
             };
-            if y + k < rows {
-                add(&plane[(y + k) * cols..][..cols]);
+            if y + k < height {
+                add(&plane[(y + k) * width..][..width]);
             }
             if k > 0 && y >= k {
-                add(&plane[(y - k) * cols..][..cols]);
+                add(&plane[(y - k) * width..][..width]);
             }
         }
     });
@@ -55,10 +55,10 @@ pub(crate) fn blur_columns(plane: &[f32], cols: usize, taps: &[f32]) -> Vec<f32>
 }
 
 /// Gaussian mean of a plane over the pixels with `weight`; 0 where there are none.
-pub(crate) fn blur_mean(plane: &[f32], weight: &[f32], cols: usize, sigma: f32) -> Vec<f32> {
+pub(crate) fn blur_mean(plane: &[f32], weight: &[f32], width: usize, sigma: f32) -> Vec<f32> {
     let taps = gaussian_taps(sigma);
     let weighted: Vec<f32> = plane.iter().zip(weight).map(|(v, w)| v * w).collect();
-    let (mut sum, total) = (blur_sums(&weighted, cols, &taps), blur_sums(weight, cols, &taps));
+    let (mut sum, total) = (blur_sums(&weighted, width, &taps), blur_sums(weight, width, &taps));
     for (s, t) in sum.iter_mut().zip(total) {
         *s = if t > 1e-6 { *s / t } else { 0.0 };
     }
@@ -71,10 +71,10 @@ mod tests {
 
     #[test]
     fn blurred_means_keep_constants_and_ignore_holes() {
-        let (cols, mut plane, mut weight) = (9, vec![3.0; 63], vec![1.0; 63]);
+        let (width, mut plane, mut weight) = (9, vec![3.0; 63], vec![1.0; 63]);
         plane[31] = 1e9;
         weight[31] = 0.0;
-        assert!(blur_mean(&plane, &weight, cols, 2.0).iter().all(|v| (v - 3.0).abs() < 1e-5));
+        assert!(blur_mean(&plane, &weight, width, 2.0).iter().all(|v| (v - 3.0).abs() < 1e-5));
         assert_eq!(blur_mean(&[5.0], &[0.0], 1, 2.0), [0.0]);
     }
 }

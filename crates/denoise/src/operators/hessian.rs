@@ -8,28 +8,28 @@ use super::{Boundary, check_plane, dx_backward, dx_forward, dy_backward, dy_forw
 /// `u[i+1, j+1] - u[i+1, j] - u[i, j+1] + u[i, j]`.
 ///
 /// # Panics
-/// If `u` is not a plane of `rows x cols`.
-pub fn hessian<T: Real>(boundary: Boundary, rows: usize, cols: usize, u: &[T]) -> Vec<T> {
-    check_plane("hessian", u, rows, cols, 1);
-    let (ux, uy) = (dx_forward(boundary, cols, u), dy_forward(boundary, cols, u));
-    let mut out = dx_backward(boundary, cols, &ux);
-    out.extend(dy_forward(boundary, cols, &ux));
-    out.extend(dx_forward(boundary, cols, &uy));
-    out.extend(dy_backward(boundary, cols, &uy));
+/// If `u` is not a plane of `width x height`.
+pub fn hessian<T: Real>(boundary: Boundary, width: usize, height: usize, u: &[T]) -> Vec<T> {
+    check_plane("hessian", u, width, height, 1);
+    let (ux, uy) = (dx_forward(boundary, width, u), dy_forward(boundary, width, u));
+    let mut out = dx_backward(boundary, width, &ux);
+    out.extend(dy_forward(boundary, width, &ux));
+    out.extend(dx_forward(boundary, width, &uy));
+    out.extend(dy_backward(boundary, width, &uy));
     out
 }
 
 /// Adjoint of [`hessian`]: `Dx- Dx+ v1 + Dx- Dy- (v2 + v3) + Dy- Dy+ v4`.
 ///
 /// # Panics
-/// If `v` is not four planes of `rows x cols`.
-pub fn hessian_adjoint<T: Real>(boundary: Boundary, rows: usize, cols: usize, v: &[T]) -> Vec<T> {
-    check_plane("hessian_adjoint", v, rows, cols, 4);
-    let n = rows * cols;
+/// If `v` is not four planes of `width x height`.
+pub fn hessian_adjoint<T: Real>(boundary: Boundary, width: usize, height: usize, v: &[T]) -> Vec<T> {
+    check_plane("hessian_adjoint", v, width, height, 4);
+    let n = height * width;
     let mixed: Vec<T> = v[n..2 * n].iter().zip(&v[2 * n..3 * n]).map(|(a, b)| *a + *b).collect();
-    let mut out = dx_backward(boundary, cols, &dx_forward(boundary, cols, &v[..n]));
-    let mixed = dx_backward(boundary, cols, &dy_backward(boundary, cols, &mixed));
-    let yy = dy_backward(boundary, cols, &dy_forward(boundary, cols, &v[3 * n..]));
+    let mut out = dx_backward(boundary, width, &dx_forward(boundary, width, &v[..n]));
+    let mixed = dx_backward(boundary, width, &dy_backward(boundary, width, &mixed));
+    let yy = dy_backward(boundary, width, &dy_forward(boundary, width, &v[3 * n..]));
     for ((o, a), b) in out.iter_mut().zip(mixed).zip(yy) {
         *o += a + b;
     }

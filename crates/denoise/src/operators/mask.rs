@@ -7,16 +7,16 @@
 use photofit_scalar::Real;
 
 /// Masks of [`super::gradient`], two planes of 0 or 1: x is excluded in the last column, y in the last row.
-pub fn gradient_mask<T: Real>(rows: usize, cols: usize) -> Vec<T> {
-    planes(rows, cols, &[|_, j, _, n| j + 1 < n, |i, _, m, _| i + 1 < m])
+pub fn gradient_mask<T: Real>(width: usize, height: usize) -> Vec<T> {
+    planes(width, height, &[|_, j, _, n| j + 1 < n, |i, _, m, _| i + 1 < m])
 }
 
 /// Masks of [`super::hessian`], four planes of 0 or 1: xx is excluded in the first and last columns, yy in the first
 /// and last rows, the mixed ones in the last row and the last column.
-pub fn hessian_mask<T: Real>(rows: usize, cols: usize) -> Vec<T> {
+pub fn hessian_mask<T: Real>(width: usize, height: usize) -> Vec<T> {
     planes(
-        rows,
-        cols,
+        width,
+        height,
         &[
             |_, j, _, n| j > 0 && j + 1 < n,
             |i, j, m, n| i + 1 < m && j + 1 < n,
@@ -29,11 +29,11 @@ pub fn hessian_mask<T: Real>(rows: usize, cols: usize) -> Vec<T> {
 /// Whether the component at `(i, j)` of `(M, N)` counts.
 type Active = fn(usize, usize, usize, usize) -> bool;
 
-fn planes<T: Real>(rows: usize, cols: usize, active: &[Active]) -> Vec<T> {
-    let mut out = Vec::with_capacity(active.len() * rows * cols);
+fn planes<T: Real>(width: usize, height: usize, active: &[Active]) -> Vec<T> {
+    let mut out = Vec::with_capacity(active.len() * height * width);
     for test in active {
-        for i in 0..rows {
-            out.extend((0..cols).map(|j| if test(i, j, rows, cols) { T::one() } else { T::zero() }));
+        for i in 0..height {
+            out.extend((0..width).map(|j| if test(i, j, height, width) { T::one() } else { T::zero() }));
         }
     }
     out

@@ -55,68 +55,72 @@ fn backward_row<T: Real>(boundary: Boundary, w: &[T], out: &mut [T]) {
     }
 }
 
-/// Forward difference along x of a plane of `cols` columns.
-pub(crate) fn dx_forward<T: Real>(boundary: Boundary, cols: usize, u: &[T]) -> Vec<T> {
+/// Forward difference along x of a plane of `width` columns.
+pub(crate) fn dx_forward<T: Real>(boundary: Boundary, width: usize, u: &[T]) -> Vec<T> {
     let mut out = vec![T::zero(); u.len()];
-    for (o, r) in out.chunks_mut(cols).zip(u.chunks(cols)) {
+    for (o, r) in out.chunks_mut(width).zip(u.chunks(width)) {
         forward_row(boundary, r, o);
     }
     out
 }
 
 /// Backward difference along x.
-pub(crate) fn dx_backward<T: Real>(boundary: Boundary, cols: usize, w: &[T]) -> Vec<T> {
+pub(crate) fn dx_backward<T: Real>(boundary: Boundary, width: usize, w: &[T]) -> Vec<T> {
     let mut out = vec![T::zero(); w.len()];
-    for (o, r) in out.chunks_mut(cols).zip(w.chunks(cols)) {
+    for (o, r) in out.chunks_mut(width).zip(w.chunks(width)) {
         backward_row(boundary, r, o);
     }
     out
 }
 
 /// Forward difference along y.
-pub(crate) fn dy_forward<T: Real>(boundary: Boundary, cols: usize, u: &[T]) -> Vec<T> {
-    let rows = u.len() / cols;
+pub(crate) fn dy_forward<T: Real>(boundary: Boundary, width: usize, u: &[T]) -> Vec<T> {
+    let height = u.len() / width;
     let mut out = vec![T::zero(); u.len()];
-    for i in 0..rows {
-        let next = if i + 1 < rows {
+    for i in 0..height {
+        let next = if i + 1 < height {
             i + 1
         } else if boundary == Boundary::Periodic {
             0
         } else {
             break;
         };
-        for j in 0..cols {
-            out[i * cols + j] = u[next * cols + j] - u[i * cols + j];
+        for j in 0..width {
+            out[i * width + j] = u[next * width + j] - u[i * width + j];
         }
     }
     out
 }
 
 /// Backward difference along y: minus the adjoint of [`dy_forward`].
-pub(crate) fn dy_backward<T: Real>(boundary: Boundary, cols: usize, w: &[T]) -> Vec<T> {
-    let rows = w.len() / cols;
+pub(crate) fn dy_backward<T: Real>(boundary: Boundary, width: usize, w: &[T]) -> Vec<T> {
+    let height = w.len() / width;
     let mut out = vec![T::zero(); w.len()];
-    for i in 0..rows {
-        let own = boundary == Boundary::Periodic || i + 1 < rows;
+    for i in 0..height {
+        let own = boundary == Boundary::Periodic || i + 1 < height;
         let previous = if i > 0 {
             Some(i - 1)
         } else if boundary == Boundary::Periodic {
-            Some(rows - 1)
+            Some(height - 1)
         } else {
             None
         };
-        for j in 0..cols {
-            let a = if own { w[i * cols + j] } else { T::zero() };
-            let b = previous.map_or(T::zero(), |p| w[p * cols + j]);
-            out[i * cols + j] = a - b;
+        for j in 0..width {
+            let a = if own { w[i * width + j] } else { T::zero() };
+            let b = previous.map_or(T::zero(), |p| w[p * width + j]);
+            out[i * width + j] = a - b;
         }
     }
     out
 }
 
-pub(crate) fn check_plane<T>(what: &str, values: &[T], rows: usize, cols: usize, components: usize) {
-    assert!(rows > 0 && cols > 0, "an image of {rows} rows x {cols} columns has no pixels");
-    assert_eq!(values.len(), components * rows * cols, "{what}: {components} planes of {rows} x {cols}");
+pub(crate) fn check_plane<T>(what: &str, values: &[T], width: usize, height: usize, components: usize) {
+    assert!(width > 0 && height > 0, "an image of {width} x {height} has no pixels");
+    assert_eq!(
+        values.len(),
+        components * width * height,
+        "{what}: {components} planes of {width} x {height}"
+    );
 }
 
 #[cfg(test)]

@@ -21,8 +21,8 @@ fn divergence_is_minus_the_adjoint_of_the_gradient() {
     for boundary in BOUNDARIES {
         for (m, n) in SIZES {
             let (u, w) = (random(m * n, 1), random(2 * m * n, 2));
-            let a = dot(&gradient(boundary, m, n, &u), &w);
-            let b = -dot(&u, &divergence(boundary, m, n, &w));
+            let a = dot(&gradient(boundary, n, m, &u), &w);
+            let b = -dot(&u, &divergence(boundary, n, m, &w));
             assert!((a - b).abs() <= 1e-14 * (m * n) as f64, "{boundary:?} {m}x{n}: {a} {b}");
         }
     }
@@ -33,8 +33,8 @@ fn hessian_adjoint_is_the_adjoint_of_the_hessian() {
     for boundary in BOUNDARIES {
         for (m, n) in SIZES {
             let (u, v) = (random(m * n, 3), random(4 * m * n, 4));
-            let a = dot(&hessian(boundary, m, n, &u), &v);
-            let b = dot(&u, &hessian_adjoint(boundary, m, n, &v));
+            let a = dot(&hessian(boundary, n, m, &u), &v);
+            let b = dot(&u, &hessian_adjoint(boundary, n, m, &v));
             assert!((a - b).abs() <= 1e-14 * (m * n) as f64, "{boundary:?} {m}x{n}: {a} {b}");
         }
     }
@@ -64,8 +64,8 @@ fn modes_are_eigenvectors() {
                 .map(|k| (a * ((k % n) as f64 + shift)).cos() * (b * ((k / n) as f64 + shift)).cos())
                 .collect();
             let l = 4.0 - 2.0 * a.cos() - 2.0 * b.cos();
-            let lu = divergence(boundary, m, n, &gradient(boundary, m, n, &u));
-            let hu = hessian_adjoint(boundary, m, n, &hessian(boundary, m, n, &u));
+            let lu = divergence(boundary, n, m, &gradient(boundary, n, m, &u));
+            let hu = hessian_adjoint(boundary, n, m, &hessian(boundary, n, m, &u));
             for k in 0..m * n {
                 assert!((lu[k] + l * u[k]).abs() < 1e-11, "{boundary:?} gradient ({r},{s})");
                 assert!((hu[k] - l * l * u[k]).abs() < 1e-11, "{boundary:?} Hessian ({r},{s})");
@@ -81,7 +81,7 @@ fn mixed_derivatives_of_polynomials() {
         (0..m * n).map(|k| f((k % n) as f64, (k / n) as f64)).collect()
     };
     for (f, expected) in [((|x, y| x * y) as fn(f64, f64) -> f64, 1.0), (|_, y| y * y, 0.0)] {
-        let h = hessian(Boundary::Neumann, m, n, &at(f));
+        let h = hessian(Boundary::Neumann, n, m, &at(f));
         for component in 1..3 {
             for i in 0..m - 1 {
                 for j in 0..n - 1 {
@@ -97,9 +97,9 @@ fn mixed_derivatives_of_polynomials() {
 fn masks_exclude_the_border_only() {
     let (m, n) = (24, 20);
     let ramp: Vec<f64> = (0..m * n).map(|k| 0.5 * (k % n) as f64 - 0.25 * (k / n) as f64).collect();
-    let mask = hessian_mask::<f64>(m, n);
+    let mask = hessian_mask::<f64>(n, m);
     for boundary in BOUNDARIES {
-        let h = hessian(boundary, m, n, &ramp);
+        let h = hessian(boundary, n, m, &ramp);
         assert!(
             h.iter().map(|v| v.abs()).sum::<f64>() > 1.0,
             "{boundary:?}: the raw operator sees the border"
@@ -108,7 +108,7 @@ fn masks_exclude_the_border_only() {
     }
     let inside = mask.iter().sum::<f64>() as usize;
     assert_eq!(inside, m * (n - 2) + 2 * (m - 1) * (n - 1) + (m - 2) * n);
-    assert_eq!(gradient_mask::<f64>(m, n).iter().sum::<f64>() as usize, m * (n - 1) + (m - 1) * n);
+    assert_eq!(gradient_mask::<f64>(n, m).iter().sum::<f64>() as usize, m * (n - 1) + (m - 1) * n);
 }
 
 #[test]
@@ -116,7 +116,7 @@ fn norms_of_the_operators() {
     let (m, n) = (32, 32);
     let checker: Vec<f64> = (0..m * n).map(|k| if (k / n + k % n) % 2 == 0 { 1.0 } else { -1.0 }).collect();
     let e = dot(&checker, &checker);
-    let g = gradient(Boundary::Periodic, m, n, &checker);
-    let h = hessian(Boundary::Periodic, m, n, &checker);
+    let g = gradient(Boundary::Periodic, n, m, &checker);
+    let h = hessian(Boundary::Periodic, n, m, &checker);
     assert!((dot(&g, &g) / e - 8.0).abs() < 1e-12 && (dot(&h, &h) / e - 64.0).abs() < 1e-12);
 }

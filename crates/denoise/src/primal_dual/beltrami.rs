@@ -90,8 +90,8 @@ pub fn beltrami_energy<T: Real>(shape: Shape, u: &[T], target: &[T], lambda: &We
     for k in 0..shape.len() {
         let (i, j, _) = shape.position(k);
         let own = u[k].f64();
-        let x = if j + 1 < shape.cols { u[k + 1].f64() - own } else { 0.0 };
-        let y = if i + 1 < shape.rows { u[k + shape.cols].f64() - own } else { 0.0 };
+        let x = if j + 1 < shape.width { u[k + 1].f64() - own } else { 0.0 };
+        let y = if i + 1 < shape.height { u[k + shape.width].f64() - own } else { 0.0 };
         sum += (1.0 + beta * beta * (x * x + y * y)).sqrt();
         let weight = lambda.at(k, shape).f64();
         if weight > 0.0 {

@@ -36,12 +36,12 @@ pub fn rof_gap<T: Real>(problem: &Problem<'_, T>, u: &[T], y: &[T]) -> Gap {
         panic!("the certificate needs a quadratic data term")
     };
     let alpha = problem.alpha.as_ref().expect("the certificate needs total variation");
-    let (rows, cols, n) = (shape.rows, shape.cols, shape.pixels());
+    let (height, width, n) = (shape.height, shape.width, shape.pixels());
     let mut dual: Vec<f64> = y.iter().map(|v| v.f64()).collect();
     for plane in dual.chunks_exact_mut(2 * n) {
         let (x, y) = plane.split_at_mut(n);
-        x.chunks_exact_mut(cols).for_each(|row| row[cols - 1] = 0.0);
-        y[(rows - 1) * cols..].fill(0.0);
+        x.chunks_exact_mut(width).for_each(|row| row[width - 1] = 0.0);
+        y[(height - 1) * width..].fill(0.0);
     }
     let group = if problem.coupling == Coupling::Vectorial { shape.channels } else { 1 };
     for (g, planes) in dual.chunks_exact_mut(2 * group * n).enumerate() {
@@ -56,7 +56,7 @@ pub fn rof_gap<T: Real>(problem: &Problem<'_, T>, u: &[T], y: &[T]) -> Gap {
     let sums: Vec<f64> = (0..shape.channels)
         .into_par_iter()
         .map(|c| {
-            let div = divergence(Boundary::Neumann, rows, cols, &dual[2 * c * n..2 * (c + 1) * n]);
+            let div = divergence(Boundary::Neumann, width, height, &dual[2 * c * n..2 * (c + 1) * n]);
             let value = |k: usize| {
                 let (weight, d) = (lambda.at(c * n + k, shape).f64(), div[k]);
                 assert!(weight > 0.0, "the certificate needs lambda > 0 everywhere");

@@ -9,32 +9,32 @@ use crate::Shape;
 pub(crate) const BAND: usize = 16;
 
 /// Planes to rows: row by row, of each row the `planes` lanes.
-pub(crate) fn to_rows<T: Real>(planes: &[T], rows: usize, cols: usize) -> Vec<T> {
-    let count = planes.len() / (rows * cols);
+pub(crate) fn to_rows<T: Real>(planes: &[T], width: usize, height: usize) -> Vec<T> {
+    let count = planes.len() / (height * width);
     let mut out = vec![T::zero(); planes.len()];
-    out.par_chunks_mut(count * cols).enumerate().for_each(|(i, row)| {
-        for (lane, out) in row.chunks_exact_mut(cols).enumerate() {
-            out.copy_from_slice(&planes[(lane * rows + i) * cols..][..cols]);
+    out.par_chunks_mut(count * width).enumerate().for_each(|(i, row)| {
+        for (lane, out) in row.chunks_exact_mut(width).enumerate() {
+            out.copy_from_slice(&planes[(lane * height + i) * width..][..width]);
         }
     });
     out
 }
 
 /// Inverse of [`to_rows`].
-pub(crate) fn to_planes<T: Real>(rows_first: &[T], rows: usize, cols: usize) -> Vec<T> {
-    let count = rows_first.len() / (rows * cols);
+pub(crate) fn to_planes<T: Real>(rows_first: &[T], width: usize, height: usize) -> Vec<T> {
+    let count = rows_first.len() / (height * width);
     let mut out = vec![T::zero(); rows_first.len()];
-    out.par_chunks_mut(cols).enumerate().for_each(|(k, out)| {
-        let (lane, i) = (k / rows, k % rows);
-        out.copy_from_slice(&rows_first[(i * count + lane) * cols..][..cols]);
+    out.par_chunks_mut(width).enumerate().for_each(|(k, out)| {
+        let (lane, i) = (k / height, k % height);
+        out.copy_from_slice(&rows_first[(i * count + lane) * width..][..width]);
     });
     out
 }
 
 /// Lane `lane` of row `i` of an array with `lanes` lanes.
 #[inline(always)]
-pub(crate) fn lane<T>(values: &[T], lanes: usize, cols: usize, i: usize, lane: usize) -> &[T] {
-    &values[(i * lanes + lane) * cols..][..cols]
+pub(crate) fn lane<T>(values: &[T], lanes: usize, width: usize, i: usize, lane: usize) -> &[T] {
+    &values[(i * lanes + lane) * width..][..width]
 }
 
 /// `z += s Dx+ u`, Neumann.

@@ -39,7 +39,7 @@ pub(crate) struct Steps {
 impl<T: Real> Saddle<T> {
     /// Starts at the target; what is not finite there (a hole) starts at 0.
     pub(crate) fn new(shape: Shape, coupling: Coupling, target: &[T]) -> Self {
-        let mut target = to_rows(target, shape.rows, shape.cols);
+        let mut target = to_rows(target, shape.width, shape.height);
         for v in target.iter_mut().filter(|v| !v.is_finite()) {
             *v = T::zero();
         }
@@ -48,23 +48,23 @@ impl<T: Real> Saddle<T> {
     }
 
     pub(crate) fn solution(&self) -> Vec<T> {
-        to_planes(&self.u, self.shape.rows, self.shape.cols)
+        to_planes(&self.u, self.shape.width, self.shape.height)
     }
 
     /// The dual variable: for each channel the plane of x, then of y.
     pub(crate) fn dual(&self) -> Vec<T> {
-        to_planes(&self.dual, self.shape.rows, self.shape.cols)
+        to_planes(&self.dual, self.shape.width, self.shape.height)
     }
 
     pub(crate) fn step(&mut self, map: DualMap<'_, T>, lambda: &Weight<T>, steps: Steps) {
-        let Shape { rows, cols, channels } = self.shape;
+        let Shape { width, height, channels } = self.shape;
         let (shape, coupling, extrapolated) = (self.shape, self.coupling, &self.extrapolated);
-        self.dual.par_chunks_mut(BAND * 2 * channels * cols).enumerate().for_each(|(band, y)| {
-            let mut norm = vec![T::zero(); cols];
+        self.dual.par_chunks_mut(BAND * 2 * channels * width).enumerate().for_each(|(band, y)| {
+            let mut norm = vec![T::zero(); width];
             widest(
                 #[inline(always)]
                 || {
-                    for (k, y) in y.chunks_exact_mut(2 * channels * cols).enumerate() {
+                    for (k, y) in y.chunks_exact_mut(2 * channels * width).enumerate() {
                         let i = band * BAND + k;
                         dual_row(shape, coupling, extrapolated, map, T::of(steps.sigma), i, y, &mut norm);
                     }
@@ -72,19 +72,19 @@ impl<T: Real> Saddle<T> {
             );
         });
         let (dual, target) = (&self.dual, &self.target);
-        let bands = self.u.par_chunks_mut(BAND * channels * cols);
-        bands.zip(self.extrapolated.par_chunks_mut(BAND * channels * cols)).enumerate().for_each(
+        let bands = self.u.par_chunks_mut(BAND * channels * width);
+        bands.zip(self.extrapolated.par_chunks_mut(BAND * channels * width)).enumerate().for_each(
             |(band, (u, extrapolated))| {
-                let mut sum = vec![T::zero(); cols];
+                let mut sum = vec![T::zero(); width];
                 widest(
                     #[inline(always)]
                     || {
-                        let lanes = u.chunks_exact_mut(cols).zip(extrapolated.chunks_exact_mut(cols));
+                        let lanes = u.chunks_exact_mut(width).zip(extrapolated.chunks_exact_mut(width));
                         for (k, (u, extrapolated)) in lanes.enumerate() {
                             let (i, c) = (band * BAND + k / channels, k % channels);
                             sum.fill(T::zero());
-                            add_divergence(dual, channels, rows, cols, i, c, &mut sum);
-                            let target = lane(target, channels, cols, i, c);
+                            add_divergence(dual, channels, width, height, i, c, &mut sum);
+                            let target = lane(target, channels, width, i, c);
                             primal_row(shape, lambda, [i, c], target, &sum, steps, u, extrapolated);
                         }
                     },
@@ -99,15 +99,15 @@ impl<T: Real> Saddle<T> {
 fn add_divergence<T: Real>(
     dual: &[T],
     channels: usize,
-    rows: usize,
-    cols: usize,
+    width: usize,
+    height: usize,
     i: usize,
     c: usize,
     sum: &mut [T],
 ) {
-    let row = |i: usize, k: usize| lane(dual, 2 * channels, cols, i, 2 * c + k);
+    let row = |i: usize, k: usize| lane(dual, 2 * channels, width, i, 2 * c + k);
     add_dx_backward(row(i, 0), T::one(), sum);
-    add_dy_backward((i + 1 < rows).then(|| row(i, 1)), i.checked_sub(1).map(|i| row(i, 1)), T::one(), sum);
+    add_dy_backward((i + 1 < height).then(|| row(i, 1)), i.checked_sub(1).map(|i| row(i, 1)), T::one(), sum);
 }
 
 /// `u = (u + tau (div y + lambda u0)) / (1 + tau lambda)` and its extrapolation.
@@ -123,7 +123,7 @@ fn primal_row<T: Real>(
     extrapolated: &mut [T],
 ) {
     let (tau, theta) = (T::of(steps.tau), T::of(steps.theta));
-    let start = (c * shape.rows + i) * shape.cols;
+    let start = (c * shape.height + i) * shape.width;
     for j in 0..u.len() {
         let l = lambda.at(start + j, shape);
         let new = (u[j] + tau * (divergence[j] + l * target[j])) / (T::one() + tau * l);
@@ -144,24 +144,24 @@ fn dual_row<T: Real>(
     y: &mut [T],
     norm: &mut [T],
 ) {
-    let Shape { rows, cols, channels } = shape;
-    for (c, y) in y.chunks_exact_mut(2 * cols).enumerate() {
-        let row = |i: usize| lane(u, channels, cols, i, c);
-        let (x, y) = y.split_at_mut(cols);
+    let Shape { width, height, channels } = shape;
+    for (c, y) in y.chunks_exact_mut(2 * width).enumerate() {
+        let row = |i: usize| lane(u, channels, width, i, c);
+        let (x, y) = y.split_at_mut(width);
         add_dx(row(i), sigma, x);
-        add_dy(row(i), (i + 1 < rows).then(|| row(i + 1)), sigma, y);
+        add_dy(row(i), (i + 1 < height).then(|| row(i + 1)), sigma, y);
     }
     let group = if coupling == Coupling::Vectorial { channels } else { 1 };
-    for (g, y) in y.chunks_exact_mut(2 * group * cols).enumerate() {
+    for (g, y) in y.chunks_exact_mut(2 * group * width).enumerate() {
         norm.fill(T::zero());
-        for lane in y.chunks_exact(cols) {
+        for lane in y.chunks_exact(width) {
             for (n, v) in norm.iter_mut().zip(lane) {
                 *n += *v * *v;
             }
         }
         match map {
             DualMap::Ball(alpha) => {
-                let start = (g * rows + i) * cols;
+                let start = (g * height + i) * width;
                 for (j, n) in norm.iter_mut().enumerate() {
                     let alpha = alpha.at(start + j, shape);
                     *n = alpha / n.sqrt().max(alpha).max(T::min_positive_value());
@@ -173,7 +173,7 @@ fn dual_row<T: Real>(
                 }
             }
         }
-        for lane in y.chunks_exact_mut(cols) {
+        for lane in y.chunks_exact_mut(width) {
             for (v, n) in lane.iter_mut().zip(norm.iter()) {
                 *v *= *n;
             }

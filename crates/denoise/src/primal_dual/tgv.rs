@@ -64,11 +64,12 @@ impl<T: Real> Tgv2<T> {
         // Primal steps in the units of the image over those of the duals.
         let ratio = 0.2 * contrast(&problem) / weights[0];
         let readable: Vec<T> = target.iter().map(|v| if v.is_finite() { *v } else { T::zero() }).collect();
-        let target = to_rows(&readable, shape.rows, shape.cols);
+        let target = to_rows(&readable, shape.width, shape.height);
         let mut primal = vec![T::zero(); PRIMAL * target.len()];
-        for (lanes, row) in primal.chunks_exact_mut(PRIMAL * shape.cols).zip(target.chunks_exact(shape.cols))
+        for (lanes, row) in
+            primal.chunks_exact_mut(PRIMAL * shape.width).zip(target.chunks_exact(shape.width))
         {
-            lanes[..shape.cols].copy_from_slice(row);
+            lanes[..shape.width].copy_from_slice(row);
         }
         Ok(Self {
             shape,
@@ -86,17 +87,17 @@ impl<T: Real> Tgv2<T> {
 
     /// One iteration.
     pub fn step(&mut self) {
-        let Shape { cols, channels, .. } = self.shape;
+        let Shape { width, channels, .. } = self.shape;
         let (shape, target, lambda, tau, dual) =
             (self.shape, &self.target, &self.lambda, self.tau, &self.dual);
-        let width = BAND * PRIMAL * channels * cols;
-        let bands = self.primal.par_chunks_mut(width).zip(self.extrapolated.par_chunks_mut(width));
+        let stride = BAND * PRIMAL * channels * width;
+        let bands = self.primal.par_chunks_mut(stride).zip(self.extrapolated.par_chunks_mut(stride));
         bands.enumerate().for_each(|(band, (x, extrapolated))| {
             widest(
                 #[inline(always)]
                 || {
                     let lanes =
-                        x.chunks_exact_mut(PRIMAL * cols).zip(extrapolated.chunks_exact_mut(PRIMAL * cols));
+                        x.chunks_exact_mut(PRIMAL * width).zip(extrapolated.chunks_exact_mut(PRIMAL * width));
                     for (k, (x, extrapolated)) in lanes.enumerate() {
                         let place = [band * BAND + k / channels, k % channels];
                         primal_rows(shape, place, dual, target, lambda, T::of(tau), x, extrapolated);
@@ -106,12 +107,12 @@ impl<T: Real> Tgv2<T> {
         });
         let (extrapolated, coupling, weights, sigma) =
             (&self.extrapolated, self.coupling, self.weights, self.sigma);
-        self.dual.par_chunks_mut(BAND * DUAL * channels * cols).enumerate().for_each(|(band, y)| {
-            let mut scratch = vec![T::zero(); (DUAL * channels + 1) * cols];
+        self.dual.par_chunks_mut(BAND * DUAL * channels * width).enumerate().for_each(|(band, y)| {
+            let mut scratch = vec![T::zero(); (DUAL * channels + 1) * width];
             widest(
                 #[inline(always)]
                 || {
-                    for (k, y) in y.chunks_exact_mut(DUAL * channels * cols).enumerate() {
+                    for (k, y) in y.chunks_exact_mut(DUAL * channels * width).enumerate() {
                         let i = band * BAND + k;
                         dual_rows(shape, coupling, i, extrapolated, weights, T::of(sigma), y, &mut scratch);
                     }
@@ -139,7 +140,7 @@ impl<T: Real> Tgv2<T> {
 
     fn planes(&self, lanes: &[usize]) -> Vec<T> {
         let n = self.shape.pixels();
-        let planes = to_planes(&self.primal, self.shape.rows, self.shape.cols);
+        let planes = to_planes(&self.primal, self.shape.width, self.shape.height);
         let all = planes.chunks_exact(n).enumerate().filter(|(k, _)| lanes.contains(&(k % PRIMAL)));
         all.flat_map(|(_, plane)| plane.iter().copied()).collect()
     }
@@ -157,12 +158,12 @@ fn primal_rows<T: Real>(
     x: &mut [T],
     extrapolated: &mut [T],
 ) {
-    let Shape { rows, cols, channels } = shape;
-    let row = |i: usize, k: usize| lane(dual, DUAL * channels, cols, i, DUAL * c + k);
-    let (own, above) = (|k| (i + 1 < rows).then(|| row(i, k)), |k| i.checked_sub(1).map(|i| row(i, k)));
-    let below = |k| (i + 1 < rows).then(|| row(i + 1, k));
-    let (du, dw) = extrapolated.split_at_mut(cols);
-    let (dw1, dw2) = dw.split_at_mut(cols);
+    let Shape { width, height, channels } = shape;
+    let row = |i: usize, k: usize| lane(dual, DUAL * channels, width, i, DUAL * c + k);
+    let (own, above) = (|k| (i + 1 < height).then(|| row(i, k)), |k| i.checked_sub(1).map(|i| row(i, k)));
+    let below = |k| (i + 1 < height).then(|| row(i + 1, k));
+    let (du, dw) = extrapolated.split_at_mut(width);
+    let (dw1, dw2) = dw.split_at_mut(width);
     // Directions first: div p, and p + the adjoint of E.
     du.fill(T::zero());
     add_dx_backward(row(i, 0), T::one(), du);
@@ -173,11 +174,11 @@ fn primal_rows<T: Real>(
     dw2.copy_from_slice(row(i, 1));
     add_dy(row(i, 3), below(3), T::one(), dw2);
     add_dx(row(i, 4), T::one(), dw2);
-    let target = lane(target, channels, cols, i, c);
+    let target = lane(target, channels, width, i, c);
     let (rho, two) = (T::of(RELAXATION), T::of(2.0));
-    let (u, w) = x.split_at_mut(cols);
-    let start = (c * rows + i) * cols;
-    for j in 0..cols {
+    let (u, w) = x.split_at_mut(width);
+    let start = (c * height + i) * width;
+    for j in 0..width {
         let l = lambda.at(start + j, shape);
         let new = (u[j] + tau * (du[j] + l * target[j])) / (T::one() + tau * l);
         du[j] = two * new - u[j];
@@ -202,34 +203,34 @@ fn dual_rows<T: Real>(
     y: &mut [T],
     scratch: &mut [T],
 ) {
-    let Shape { rows, cols, channels } = shape;
-    let (new, norm) = scratch.split_at_mut(DUAL * channels * cols);
+    let Shape { width, height, channels } = shape;
+    let (new, norm) = scratch.split_at_mut(DUAL * channels * width);
     new.copy_from_slice(y);
-    for (c, new) in new.chunks_exact_mut(DUAL * cols).enumerate() {
-        let row = |i: usize, k: usize| lane(x, PRIMAL * channels, cols, i, PRIMAL * c + k);
-        let (p, q) = new.split_at_mut(2 * cols);
-        let (p1, p2) = p.split_at_mut(cols);
+    for (c, new) in new.chunks_exact_mut(DUAL * width).enumerate() {
+        let row = |i: usize, k: usize| lane(x, PRIMAL * channels, width, i, PRIMAL * c + k);
+        let (p, q) = new.split_at_mut(2 * width);
+        let (p1, p2) = p.split_at_mut(width);
         add_dx(row(i, 0), sigma, p1);
-        for (p, w) in p1[..cols - 1].iter_mut().zip(row(i, 1)) {
+        for (p, w) in p1[..width - 1].iter_mut().zip(row(i, 1)) {
             *p -= sigma * *w;
         }
-        if i + 1 < rows {
+        if i + 1 < height {
             add_dy(row(i, 0), Some(row(i + 1, 0)), sigma, p2);
             for (p, w) in p2.iter_mut().zip(row(i, 2)) {
                 *p -= sigma * *w;
             }
         }
-        strain(cols, rows, i, row, sigma, q);
+        strain(width, height, i, row, sigma, q);
     }
     let group = if coupling == Coupling::Vectorial { channels } else { 1 };
-    let groups = new.chunks_exact_mut(DUAL * group * cols).zip(y.chunks_exact_mut(DUAL * group * cols));
+    let groups = new.chunks_exact_mut(DUAL * group * width).zip(y.chunks_exact_mut(DUAL * group * width));
     for (new, y) in groups {
         for (part, weight) in [0..2, 2..DUAL].into_iter().zip(weights) {
             let member = |k: &usize| part.contains(&(k % DUAL));
             norm.fill(T::zero());
             for k in (0..DUAL * group).filter(member) {
                 let factor = if k % DUAL == 4 { T::of(2.0) } else { T::one() };
-                for (n, v) in norm.iter_mut().zip(&new[k * cols..]) {
+                for (n, v) in norm.iter_mut().zip(&new[k * width..]) {
                     *n += factor * *v * *v;
                 }
             }
@@ -239,7 +240,7 @@ fn dual_rows<T: Real>(
             }
             let rho = T::of(RELAXATION);
             for k in (0..DUAL * group).filter(member) {
-                let lanes = y[k * cols..(k + 1) * cols].iter_mut().zip(&new[k * cols..]);
+                let lanes = y[k * width..(k + 1) * width].iter_mut().zip(&new[k * width..]);
                 for ((y, v), n) in lanes.zip(norm.iter()) {
                     *y += rho * (*v * *n - *y);
                 }
@@ -251,27 +252,27 @@ fn dual_rows<T: Real>(
 /// `q += s E w` of one row, where `E w` counts: backward differences inside the border.
 #[inline(always)]
 fn strain<'a, T: Real>(
-    cols: usize,
-    rows: usize,
+    width: usize,
+    height: usize,
     i: usize,
     row: impl Fn(usize, usize) -> &'a [T],
     s: T,
     q: &mut [T],
 ) {
-    let inside = i > 0 && i + 1 < rows;
+    let inside = i > 0 && i + 1 < height;
     let half = T::of(0.5) * s;
     let (w1, w2) = (row(i, 1), row(i, 2));
-    let (q11, rest) = q.split_at_mut(cols);
-    let (q22, q12) = rest.split_at_mut(cols);
-    for j in 1..cols.max(2) - 1 {
+    let (q11, rest) = q.split_at_mut(width);
+    let (q22, q12) = rest.split_at_mut(width);
+    for j in 1..width.max(2) - 1 {
         q11[j] += s * (w1[j] - w1[j - 1]);
     }
     if inside {
         let (a1, a2) = (row(i - 1, 1), row(i - 1, 2));
-        for j in 0..cols {
+        for j in 0..width {
             q22[j] += s * (w2[j] - a2[j]);
         }
-        for j in 1..cols.max(2) - 1 {
+        for j in 1..width.max(2) - 1 {
             q12[j] += half * (w1[j] - a1[j] + w2[j] - w2[j - 1]);
         }
     }
@@ -289,32 +290,32 @@ pub fn tgv2_energy<T: Real>(
     slope: &[T],
 ) -> f64 {
     let (shape, target, lambda) = problem;
-    let Shape { rows, cols, channels } = shape;
+    let Shape { width, height, channels } = shape;
     let n = shape.pixels();
     assert!(u.len() == shape.len() && target.len() == shape.len(), "images of {shape}");
     assert_eq!(slope.len(), 2 * shape.len(), "two slopes per sample");
     let mut sum = 0.0;
     for k in 0..n {
-        let (i, j) = (k / cols, k % cols);
+        let (i, j) = (k / width, k % width);
         let (mut first, mut second) = (0.0, 0.0);
         for c in 0..channels {
             let at = |d: usize| u[c * n + d].f64();
             let w = |part: usize, d: usize| slope[(2 * c + part) * n + d].f64();
-            if j + 1 < cols {
+            if j + 1 < width {
                 first += (at(k + 1) - at(k) - w(0, k)).powi(2);
             }
-            if i + 1 < rows {
-                first += (at(k + cols) - at(k) - w(1, k)).powi(2);
+            if i + 1 < height {
+                first += (at(k + width) - at(k) - w(1, k)).powi(2);
             }
-            let (inside_x, inside_y) = (j > 0 && j + 1 < cols, i > 0 && i + 1 < rows);
+            let (inside_x, inside_y) = (j > 0 && j + 1 < width, i > 0 && i + 1 < height);
             if inside_x {
                 second += (w(0, k) - w(0, k - 1)).powi(2);
             }
             if inside_y {
-                second += (w(1, k) - w(1, k - cols)).powi(2);
+                second += (w(1, k) - w(1, k - width)).powi(2);
             }
             if inside_x && inside_y {
-                second += 0.5 * (w(0, k) - w(0, k - cols) + w(1, k) - w(1, k - 1)).powi(2);
+                second += 0.5 * (w(0, k) - w(0, k - width) + w(1, k) - w(1, k - 1)).powi(2);
             }
             let weight = lambda.at(c * n + k, shape).f64();
             if weight > 0.0 {

@@ -27,7 +27,7 @@ pub(super) fn depth(
     options: &SurfaceOptions,
     tell: &mut Tell<'_>,
 ) -> Result<Vec<f32>, SurfaceError> {
-    let shape = Shape::new(camera.height, camera.width, 1);
+    let shape = Shape::new(camera.width, camera.height, 1);
     let n = options.iterations;
     let lambda = |at_hole: f32, scale: f32| -> Weight<f32> {
         let value = |v: &bool| if *v { scale } else { at_hole };
@@ -120,7 +120,7 @@ pub(super) fn texture(
     if options.texture <= 0.0 {
         return Ok(colors);
     }
-    let shape = Shape::new(camera.height, camera.width, 3);
+    let shape = Shape::new(camera.width, camera.height, 3);
     let n = shape.pixels();
     let planes: Vec<f32> = (0..3).flat_map(|c| colors.iter().map(move |v| v.to_array()[c])).collect();
     let problem = Problem::new(shape, &planes, DataTerm::L2 { lambda: 1.0.into() })

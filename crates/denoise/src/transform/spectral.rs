@@ -16,7 +16,7 @@ const ROWS: usize = 16;
 /// use photofit_denoise::operators::Boundary;
 /// use photofit_denoise::transform::{SpectralSolver, Symbol};
 /// let symbol = Symbol { c0: 2.0, c1: 1.0, c2: 0.0 };
-/// let mut solver = SpectralSolver::new(Boundary::Neumann, 3, 5, symbol);
+/// let mut solver = SpectralSolver::new(Boundary::Neumann, 5, 3, symbol);
 /// let mut plane = vec![4.0_f64; 15]; // constants are not smoothed
 /// solver.solve(&mut plane);
 /// assert!(plane.iter().all(|v| (v - 2.0).abs() < 1e-14));
@@ -25,28 +25,28 @@ const ROWS: usize = 16;
 pub struct SpectralSolver<T: Sample> {
     along_rows: LineTransform<T>,
     along_columns: LineTransform<T>,
-    rows: usize,
-    cols: usize,
+    width: usize,
+    height: usize,
     symbol: Symbol,
     spectrum: Vec<T>,
     transposed: Vec<T>,
 }
 
 impl<T: Sample> SpectralSolver<T> {
-    /// Plans for planes of `rows x cols`.
+    /// Plans for planes of `width x height`.
     ///
     /// # Panics
     /// If there are no pixels, or the symbol is not positive definite and finite.
-    pub fn new(boundary: Boundary, rows: usize, cols: usize, symbol: Symbol) -> Self {
+    pub fn new(boundary: Boundary, width: usize, height: usize, symbol: Symbol) -> Self {
         symbol.check();
         let (along_rows, along_columns) =
-            (LineTransform::new(boundary, cols), LineTransform::new(boundary, rows));
-        let coefficients = rows * along_rows.coefficients();
+            (LineTransform::new(boundary, width), LineTransform::new(boundary, height));
+        let coefficients = height * along_rows.coefficients();
         Self {
             along_rows,
             along_columns,
-            rows,
-            cols,
+            height,
+            width,
             symbol,
             spectrum: vec![T::zero(); coefficients],
             transposed: vec![T::zero(); coefficients],
@@ -56,25 +56,25 @@ impl<T: Sample> SpectralSolver<T> {
     /// Replaces the right-hand side `f` by the solution `u`.
     ///
     /// # Panics
-    /// If `plane` does not have `rows * cols` samples.
+    /// If `plane` does not have `width * height` samples.
     pub fn solve(&mut self, plane: &mut [T]) {
-        let (rows, cols, width) = (self.rows, self.cols, self.along_rows.coefficients());
-        assert_eq!(plane.len(), rows * cols, "a plane of {rows} rows x {cols} columns");
+        let (height, width, coefficients) = (self.height, self.width, self.along_rows.coefficients());
+        assert_eq!(plane.len(), width * height, "a plane of {width} x {height}");
         let (along_rows, along_columns, symbol) = (&self.along_rows, &self.along_columns, self.symbol);
-        self.spectrum.par_chunks_mut(ROWS * width).zip(plane.par_chunks(ROWS * cols)).for_each(
+        self.spectrum.par_chunks_mut(ROWS * coefficients).zip(plane.par_chunks(ROWS * width)).for_each(
             |(out, rows)| {
                 let mut scratch = along_rows.scratch();
-                for (out, row) in out.chunks_mut(width).zip(rows.chunks(cols)) {
+                for (out, row) in out.chunks_mut(coefficients).zip(rows.chunks(width)) {
                     along_rows.forward(row, out, &mut scratch);
                 }
             },
         );
-        transpose(&self.spectrum, rows, width, &mut self.transposed);
-        let norm = 1.0 / (rows * cols) as f64;
-        self.transposed.par_chunks_mut(ROWS * rows).enumerate().for_each(|(chunk, columns)| {
+        transpose(&self.spectrum, height, coefficients, &mut self.transposed);
+        let norm = 1.0 / (height * width) as f64;
+        self.transposed.par_chunks_mut(ROWS * height).enumerate().for_each(|(chunk, columns)| {
             let mut scratch = along_columns.scratch();
             let mut line = vec![T::zero(); along_columns.coefficients()];
-            for (k, column) in columns.chunks_mut(rows).enumerate() {
+            for (k, column) in columns.chunks_mut(height).enumerate() {
                 along_columns.forward(column, &mut line, &mut scratch);
                 let lx = along_rows.eigenvalue(chunk * ROWS + k);
                 for (k, v) in line.iter_mut().enumerate() {
@@ -83,11 +83,11 @@ impl<T: Sample> SpectralSolver<T> {
                 along_columns.inverse(&line, column, &mut scratch);
             }
         });
-        transpose(&self.transposed, width, rows, &mut self.spectrum);
-        plane.par_chunks_mut(ROWS * cols).zip(self.spectrum.par_chunks(ROWS * width)).for_each(
+        transpose(&self.transposed, coefficients, height, &mut self.spectrum);
+        plane.par_chunks_mut(ROWS * width).zip(self.spectrum.par_chunks(ROWS * coefficients)).for_each(
             |(out, rows)| {
                 let mut scratch = along_rows.scratch();
-                for (out, row) in out.chunks_mut(cols).zip(rows.chunks(width)) {
+                for (out, row) in out.chunks_mut(width).zip(rows.chunks(coefficients)) {
                     along_rows.inverse(row, out, &mut scratch);
                 }
             },
@@ -95,7 +95,7 @@ impl<T: Sample> SpectralSolver<T> {
     }
 }
 
-/// Transposes `rows x cols` into `cols x rows` in tiles that fit the first cache, in parallel over bands of the output.
+/// Transposes a matrix of `rows x cols` into `cols x rows` in tiles that fit the first cache, in parallel over bands of the output.
 fn transpose<T: Copy + Send + Sync>(source: &[T], rows: usize, cols: usize, target: &mut [T]) {
     const TILE: usize = 16;
     target.par_chunks_mut(TILE * rows).enumerate().for_each(|(band, out)| {

@@ -24,11 +24,11 @@ const ROWS: usize = 16;
 /// one subdiagonal (two with `c2`), the same for all channels (Hockney 1965). The sweeps down and up run over
 /// 64 frequencies at once and vectorise.
 pub struct StripSolver<T: Sample> {
-    cols: usize,
+    width: usize,
     forward: Arc<dyn RealToComplex<T>>,
     inverse: Arc<dyn ComplexToReal<T>>,
     factors: BandedFactors<T>,
-    rows: usize,
+    height: usize,
 }
 
 /// Buffers of one task for the transforms of rows.
@@ -56,33 +56,33 @@ impl<T> Block<T> {
 
 impl<T: Sample> fmt::Debug for StripSolver<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "StripSolver({} rows x {} columns)", self.rows, self.cols)
+        write!(f, "StripSolver({} x {})", self.width, self.height)
     }
 }
 
 impl<T: Sample> StripSolver<T> {
-    /// Plans for planes of `rows x cols`; fastest where `cols` is a [`super::fast_length`].
+    /// Plans for planes of `width x height`; fastest where `width` is a [`super::fast_length`].
     ///
     /// # Panics
     /// If there are no pixels, or the symbol is not positive definite and finite.
-    pub fn new(rows: usize, cols: usize, symbol: Symbol) -> Self {
+    pub fn new(width: usize, height: usize, symbol: Symbol) -> Self {
         symbol.check();
-        assert!(rows > 0 && cols > 0, "an image of {rows} rows x {cols} columns has no pixels");
+        assert!(width > 0 && height > 0, "an image of {width} x {height} has no pixels");
         let mut planner = RealFftPlanner::new();
         let frequencies: Vec<f64> =
-            (0..=cols / 2).map(|k| eigenvalue(std::f64::consts::TAU * k as f64 / cols as f64)).collect();
+            (0..=width / 2).map(|k| eigenvalue(std::f64::consts::TAU * k as f64 / width as f64)).collect();
         Self {
-            cols,
-            forward: planner.plan_fft_forward(cols),
-            inverse: planner.plan_fft_inverse(cols),
-            factors: BandedFactors::new(symbol, rows, &frequencies, 1.0 / cols as f64),
-            rows,
+            width,
+            forward: planner.plan_fft_forward(width),
+            inverse: planner.plan_fft_inverse(width),
+            factors: BandedFactors::new(symbol, height, &frequencies, 1.0 / width as f64),
+            height,
         }
     }
 
     /// Number of frequencies of a row.
     pub(crate) fn frequencies(&self) -> usize {
-        self.cols / 2 + 1
+        self.width / 2 + 1
     }
 
     /// Bytes of the factors.
@@ -103,7 +103,7 @@ impl<T: Sample> StripSolver<T> {
         let n = self.frequencies();
         let make = |channel: usize, from: usize| {
             let to = (from + WIDTH).min(n);
-            Block { channel, from, to, values: vec![T::zero(); 2 * (to - from) * self.rows] }
+            Block { channel, from, to, values: vec![T::zero(); 2 * (to - from) * self.height] }
         };
         (0..channels).flat_map(|c| (0..n).step_by(WIDTH).map(move |f| make(c, f))).collect()
     }
@@ -135,35 +135,35 @@ impl<T: Sample> StripSolver<T> {
         T: 'a,
     {
         let (from, to) = (block.from, block.to);
-        let width = to - from;
-        for i in 0..self.rows {
-            let (before, rest) = block.values.split_at_mut(2 * width * i);
-            let (re, im) = rest[..2 * width].split_at_mut(width);
+        let span = to - from;
+        for i in 0..self.height {
+            let (before, rest) = block.values.split_at_mut(2 * span * i);
+            let (re, im) = rest[..2 * span].split_at_mut(span);
             for ((re, im), z) in re.iter_mut().zip(im).zip(&source(i)[from..to]) {
                 (*re, *im) = (z.re, z.im);
             }
             let l = self.factors.row(i, from, to);
-            let row = &mut rest[..2 * width];
+            let row = &mut rest[..2 * span];
             if i > 0 {
-                add_scaled(row, l.first, &before[2 * width * (i - 1)..]);
+                add_scaled(row, l.first, &before[2 * span * (i - 1)..]);
             }
             if i > 1 && self.factors.wide() {
-                add_scaled(row, l.second, &before[2 * width * (i - 2)..]);
+                add_scaled(row, l.second, &before[2 * span * (i - 2)..]);
             }
         }
-        for i in (0..self.rows).rev() {
-            let (row, after) = block.values[2 * width * i..].split_at_mut(2 * width);
+        for i in (0..self.height).rev() {
+            let (row, after) = block.values[2 * span * i..].split_at_mut(2 * span);
             let pivot = self.factors.row(i, from, to).pivot;
-            for half in row.chunks_exact_mut(width) {
+            for half in row.chunks_exact_mut(span) {
                 for (v, p) in half.iter_mut().zip(pivot) {
                     *v *= *p;
                 }
             }
-            if i + 1 < self.rows {
+            if i + 1 < self.height {
                 add_scaled(row, self.factors.row(i + 1, from, to).first, after);
             }
-            if i + 2 < self.rows && self.factors.wide() {
-                add_scaled(row, self.factors.row(i + 2, from, to).second, &after[2 * width..]);
+            if i + 2 < self.height && self.factors.wide() {
+                add_scaled(row, self.factors.row(i + 2, from, to).second, &after[2 * span..]);
             }
         }
     }
@@ -176,8 +176,8 @@ impl<T: Sample> StripSolver<T> {
             || gather(blocks, i, spectrum),
         );
         s.spectrum[0].im = T::zero();
-        if self.cols.is_multiple_of(2) {
-            s.spectrum[self.cols / 2].im = T::zero();
+        if self.width.is_multiple_of(2) {
+            s.spectrum[self.width / 2].im = T::zero();
         }
         self.inverse
             .process_with_scratch(&mut s.spectrum, out, &mut s.fft)
@@ -187,22 +187,22 @@ impl<T: Sample> StripSolver<T> {
     /// Replaces the right-hand side `f` by the solution `u`.
     ///
     /// # Panics
-    /// If `plane` does not have `rows * cols` samples.
+    /// If `plane` does not have `width * height` samples.
     pub fn solve(&self, plane: &mut [T]) {
-        let (rows, cols, n) = (self.rows, self.cols, self.frequencies());
-        assert_eq!(plane.len(), rows * cols, "a plane of {rows} rows x {cols} columns");
-        let mut spectrum = vec![Complex::new(T::zero(), T::zero()); rows * n];
-        spectrum.par_chunks_mut(ROWS * n).zip(plane.par_chunks_mut(ROWS * cols)).for_each(|(out, rows)| {
+        let (height, width, n) = (self.height, self.width, self.frequencies());
+        assert_eq!(plane.len(), width * height, "a plane of {width} x {height}");
+        let mut spectrum = vec![Complex::new(T::zero(), T::zero()); height * n];
+        spectrum.par_chunks_mut(ROWS * n).zip(plane.par_chunks_mut(ROWS * width)).for_each(|(out, rows)| {
             let mut scratch = self.scratch();
-            for (out, row) in out.chunks_mut(n).zip(rows.chunks_mut(cols)) {
+            for (out, row) in out.chunks_mut(n).zip(rows.chunks_mut(width)) {
                 self.forward_row(row, out, &mut scratch);
             }
         });
         let mut blocks = self.blocks(1);
         blocks.par_iter_mut().for_each(|b| self.solve_block(b, |i| &spectrum[i * n..(i + 1) * n]));
-        plane.par_chunks_mut(ROWS * cols).enumerate().for_each(|(chunk, out)| {
+        plane.par_chunks_mut(ROWS * width).enumerate().for_each(|(chunk, out)| {
             let mut scratch = self.scratch();
-            for (k, row) in out.chunks_mut(cols).enumerate() {
+            for (k, row) in out.chunks_mut(width).enumerate() {
                 self.inverse_row(&blocks, chunk * ROWS + k, row, &mut scratch);
             }
         });
@@ -212,12 +212,12 @@ impl<T: Sample> StripSolver<T> {
 /// Adds `factor * other` to both halves of `row`.
 #[inline(always)]
 fn add_scaled<T: Sample>(row: &mut [T], factor: &[T], other: &[T]) {
-    let width = factor.len();
-    let (re, im) = row.split_at_mut(width);
-    for ((v, o), f) in re.iter_mut().zip(&other[..width]).zip(factor) {
+    let span = factor.len();
+    let (re, im) = row.split_at_mut(span);
+    for ((v, o), f) in re.iter_mut().zip(&other[..span]).zip(factor) {
         *v += *f * *o;
     }
-    for ((v, o), f) in im.iter_mut().zip(&other[width..2 * width]).zip(factor) {
+    for ((v, o), f) in im.iter_mut().zip(&other[span..2 * span]).zip(factor) {
         *v += *f * *o;
     }
 }
@@ -226,8 +226,8 @@ fn add_scaled<T: Sample>(row: &mut [T], factor: &[T], other: &[T]) {
 #[inline(always)]
 fn gather<T: Sample>(blocks: &[Block<T>], i: usize, spectrum: &mut [Complex<T>]) {
     for block in blocks {
-        let width = block.to - block.from;
-        let (re, im) = block.values[2 * width * i..2 * width * (i + 1)].split_at(width);
+        let span = block.to - block.from;
+        let (re, im) = block.values[2 * span * i..2 * span * (i + 1)].split_at(span);
         for ((z, &re), &im) in spectrum[block.from..block.to].iter_mut().zip(re).zip(im) {
             *z = Complex::new(re, im);
         }

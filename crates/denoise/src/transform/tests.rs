@@ -19,8 +19,8 @@ fn random(n: usize) -> Vec<f64> {
 
 /// `(c0 + c1 L + c2 L^2) u` by the plain operators.
 fn apply(boundary: Boundary, symbol: Symbol, m: usize, n: usize, u: &[f64]) -> Vec<f64> {
-    let l = divergence(boundary, m, n, &gradient(boundary, m, n, u));
-    let h = hessian_adjoint(boundary, m, n, &hessian(boundary, m, n, u));
+    let l = divergence(boundary, n, m, &gradient(boundary, n, m, u));
+    let h = hessian_adjoint(boundary, n, m, &hessian(boundary, n, m, u));
     (0..m * n).map(|k| symbol.c0 * u[k] - symbol.c1 * l[k] + symbol.c2 * h[k]).collect()
 }
 
@@ -31,7 +31,7 @@ fn spectral_solutions_satisfy_the_system() {
             for symbol in SYMBOLS {
                 let f = random(m * n);
                 let mut u = f.clone();
-                SpectralSolver::new(boundary, m, n, symbol).solve(&mut u);
+                SpectralSolver::new(boundary, n, m, symbol).solve(&mut u);
                 let residual = apply(boundary, symbol, m, n, &u);
                 let worst = residual.iter().zip(&f).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
                 assert!(worst < 1e-11, "{boundary:?} {m}x{n} {symbol:?}: {worst}");
@@ -47,7 +47,7 @@ fn strip_solutions_satisfy_the_system() {
         for symbol in SYMBOLS {
             let f = random(m * n);
             let mut u = f.clone();
-            StripSolver::new(m, n, symbol).solve(&mut u);
+            StripSolver::new(n, m, symbol).solve(&mut u);
             let l = |u: &[f64]| -> Vec<f64> {
                 let x = crate::operators::dx_backward(
                     Boundary::Periodic,
@@ -77,15 +77,15 @@ fn single_precision_solutions_are_close() {
     for (symbol, tolerance) in SYMBOLS.into_iter().zip([1e-6, 1e-6, 1e-6, 3e-4]) {
         let f = random(m * n);
         let mut exact = f.clone();
-        StripSolver::new(m, n, symbol).solve(&mut exact);
+        StripSolver::new(n, m, symbol).solve(&mut exact);
         let mut strip: Vec<f32> = f.iter().map(|&v| v as f32).collect();
         let mut spectral = strip.clone();
-        StripSolver::new(m, n, symbol).solve(&mut strip);
+        StripSolver::new(n, m, symbol).solve(&mut strip);
         let scale = exact.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
         let worst = |u: &[f32]| {
             u.iter().zip(&exact).map(|(a, b)| (f64::from(*a) - b).abs()).fold(0.0, f64::max) / scale
         };
-        SpectralSolver::new(Boundary::Periodic, m, n, symbol).solve(&mut spectral);
+        SpectralSolver::new(Boundary::Periodic, n, m, symbol).solve(&mut spectral);
         println!("{symbol:?}: strip {:.1e}", worst(&strip));
         assert!(worst(&strip) < tolerance, "{symbol:?}: {}", worst(&strip));
     }

@@ -23,8 +23,8 @@ pub(super) struct Case {
     /// Name and size.
     pub(super) name: String,
     pub(super) spp: u32,
-    pub(super) rows: usize,
-    pub(super) cols: usize,
+    pub(super) width: usize,
+    pub(super) height: usize,
     /// Radiance, 3 planes.
     pub(super) reference: Vec<f32>,
     /// In order of time; the last one is denoised.
@@ -33,7 +33,7 @@ pub(super) struct Case {
 
 impl Case {
     pub(super) fn pixels(&self) -> usize {
-        self.rows * self.cols
+        self.height * self.width
     }
 
     pub(super) fn last(&self) -> &View {
@@ -41,7 +41,7 @@ impl Case {
     }
 
     pub(super) fn frame<'a>(&self, view: &'a View) -> Frame<'a> {
-        Frame::new(self.rows, self.cols, &view.color).with_guides(Guides {
+        Frame::new(self.width, self.height, &view.color).with_guides(Guides {
             albedo: view.albedo.as_deref(),
             normal: view.normal.as_deref(),
             position: view.position.as_deref(),
@@ -84,9 +84,9 @@ pub(super) fn cases() -> Result<Vec<Case>> {
 }
 
 fn synthetic() -> Vec<Case> {
-    let (rows, cols) = (270, 480);
+    let (width, height) = (480, 270);
     let frames: Vec<SyntheticFrame> =
-        (0..6).map(|k| SyntheticFrame::new(rows, cols, 0.01 * f64::from(k))).collect();
+        (0..6).map(|k| SyntheticFrame::new(width, height, 0.01 * f64::from(k))).collect();
     let case = |spp: u32| {
         let view = |(k, f): (usize, &SyntheticFrame)| View {
             color: f.noisy(spp, k as u64),
@@ -97,7 +97,7 @@ fn synthetic() -> Vec<Case> {
         };
         let reference = frames[frames.len() - 1].reference.clone();
         let name = "analytic 480x270".to_owned();
-        Case { name, spp, rows, cols, reference, views: frames.iter().enumerate().map(view).collect() }
+        Case { name, spp, height, width, reference, views: frames.iter().enumerate().map(view).collect() }
     };
     vec![case(1), case(4)]
 }
@@ -136,8 +136,15 @@ fn sequences(folder: &Path) -> Result<Vec<Case>> {
 
 impl Case {
     fn of(scene: &str, spp: u32, reference: &Image, views: Vec<View>) -> Self {
-        let (rows, cols) = (reference.height, reference.width);
-        Self { name: format!("{scene} {cols}x{rows}"), spp, rows, cols, reference: planes(reference), views }
+        let (width, height) = (reference.width, reference.height);
+        Self {
+            name: format!("{scene} {width}x{height}"),
+            spp,
+            height,
+            width,
+            reference: planes(reference),
+            views,
+        }
     }
 }
 

@@ -32,5 +32,5 @@ fn image(case: &Case, planes: &[f32]) -> Image {
         let v = planes[i % 3 * n + i / 3];
         if v.is_finite() { v } else { 0.0 }
     };
-    Image::from_data(case.cols, case.rows, 3, (0..3 * n).map(sample).collect())
+    Image::from_data(case.width, case.height, 3, (0..3 * n).map(sample).collect())
 }

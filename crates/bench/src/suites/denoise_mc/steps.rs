@@ -51,7 +51,7 @@ fn given(guides: &Guides<'_>) -> usize {
 /// The convex model, each row with one step more than the row before.
 pub(super) fn variational(ctx: &mut Context, case: &Case, label: &str) -> Result<()> {
     let view = case.last();
-    let shape = Shape::new(case.rows, case.cols, 3);
+    let shape = Shape::new(case.width, case.height, 3);
     let weight = vec![1.0; shape.pixels()];
     let ladder = Ladder { case, shape, weight };
     let raw = ladder.target(view, false, false);
@@ -116,7 +116,7 @@ impl Ladder<'_> {
         let mut most = vec![0.0_f32; self.shape.pixels()];
         let d = view.albedo.as_deref().map(divisor);
         for guide in [&d, &view.normal, &view.position].into_iter().flatten() {
-            let c = curvature(guide, self.shape.rows, self.shape.cols);
+            let c = curvature(guide, self.shape.width, self.shape.height);
             most.iter_mut().zip(c).for_each(|(m, c)| *m = m.max(c));
         }
         most.iter().map(|c| (-SHARPNESS * c).exp()).collect()
@@ -166,7 +166,7 @@ fn deviation(target: &[f32], shape: Shape) -> Vec<f32> {
     let n = shape.pixels();
     let mut sum = vec![0.0; n];
     for plane in target.chunks(n) {
-        let sigma = mad_sigma(plane, shape.rows, shape.cols);
+        let sigma = mad_sigma(plane, shape.width, shape.height);
         sum.iter_mut().zip(sigma).for_each(|(a, s)| *a += s * s / 3.0);
     }
     sum.iter().map(|s| s.sqrt()).collect()

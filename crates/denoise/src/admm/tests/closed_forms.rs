@@ -8,7 +8,7 @@ use crate::models;
 use crate::primal_dual::rof_gap;
 
 fn step() -> (Shape, Vec<f64>) {
-    (Shape::new(8, 64, 1), (0..512).map(|k| if k % 64 < 32 { 0.0 } else { 1.0 }).collect())
+    (Shape::new(64, 8, 1), (0..512).map(|k| if k % 64 < 32 { 0.0 } else { 1.0 }).collect())
 }
 
 /// A disc of radius `r` about the middle of a square.
@@ -117,7 +117,7 @@ fn tv_l1_keeps_or_removes_by_size() {
 
 #[test]
 fn htv_keeps_ramps() {
-    let shape = Shape::new(24, 20, 1);
+    let shape = Shape::new(20, 24, 1);
     let ramp: Vec<f64> = (0..480).map(|k| 0.5 * (k % 20) as f64 - 0.25 * (k / 20) as f64).collect();
     let lambda = || DataTerm::L2 { lambda: 1.0.into() };
     let problem = Problem::new(shape, &ramp, lambda()).with_hessian(2.0);

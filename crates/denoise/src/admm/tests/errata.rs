@@ -14,7 +14,7 @@ const SHAPE: Shape = Shape::new(SIZE, SIZE, 1);
 fn plain(target: &[f64], alpha: f64, beta: f64) -> Plain<'_> {
     Plain {
         rows: SIZE,
-        cols: SIZE,
+        width: SIZE,
         target,
         l1: vec![0.0; target.len()],
         l2: vec![8.0; target.len()],
@@ -49,15 +49,15 @@ fn both_boundaries_and_both_solvers_have_one_optimum() {
 /// Sizes that need padding, and odd ones: the optimum is that of the plain solver, which has no padding.
 #[test]
 fn padding_changes_no_optimum() {
-    for (rows, cols) in [(17, 31), (31, 17), (23, 7), (5, 67), (1, 37), (37, 1)] {
-        let target: Vec<f64> = noisy(0)[..rows * cols].to_vec();
-        let problem = Problem::new(Shape::new(rows, cols, 1), &target, DataTerm::L2 { lambda: 8.0.into() })
+    for (rows, width) in [(17, 31), (31, 17), (23, 7), (5, 67), (1, 37), (37, 1)] {
+        let target: Vec<f64> = noisy(0)[..rows * width].to_vec();
+        let problem = Problem::new(Shape::new(width, rows, 1), &target, DataTerm::L2 { lambda: 8.0.into() })
             .with_gradient(0.5)
             .with_hessian(0.3);
-        let u = Plain { rows, cols, ..plain(&target, 0.5, 0.3) }.run(3000);
+        let u = Plain { rows, width, ..plain(&target, 0.5, 0.3) }.run(3000);
         let fused = solved(&problem, 2000);
         let gap = problem.energy(&fused) / problem.energy(&u) - 1.0;
-        assert!(gap.abs() < 1e-5 && distance(&u, &fused) < 2e-3, "{rows}x{cols}: {gap}");
+        assert!(gap.abs() < 1e-5 && distance(&u, &fused) < 2e-3, "{rows}x{width}: {gap}");
     }
 }
 
@@ -118,7 +118,7 @@ fn a_minus_in_the_symbol_diverges() {
     let target: Vec<f64> = clean(0)[..16 * SIZE].iter().step_by(2).copied().collect();
     let p = Plain {
         rows: 16,
-        cols: 16,
+        width: 16,
         l1: vec![0.0; 256],
         l2: vec![8.0; 256],
         printed: Printed::MinusHessian,

@@ -13,7 +13,7 @@ fn samples(n: usize, stream: u64, share: f64, weight: f64) -> Weight<f64> {
 
 /// The value of the nearest seen pixel.
 fn nearest(target: &[f64], weight: &Weight<f64>, shape: Shape) -> Vec<f64> {
-    let n = shape.cols;
+    let n = shape.width;
     let seen: Vec<usize> = (0..shape.pixels()).filter(|&k| weight.at(k, shape) > 0.0).collect();
     let square = |a: usize, b: usize| (a / n).abs_diff(b / n).pow(2) + (a % n).abs_diff(b % n).pow(2);
     (0..shape.pixels())
@@ -90,7 +90,7 @@ fn l1_ignores_outliers_where_l2_does_not() {
 /// better, and the wall, whose own samples now pull less, worse.
 #[test]
 fn the_one_sided_huber_term_sees_through_occlusion() {
-    let shape = Shape::new(40, 60, 1);
+    let shape = Shape::new(60, 40, 1);
     let n = shape.pixels();
     let front = |k: usize| (15..45).contains(&(k % 60));
     let truth: Vec<f64> = (0..n).map(|k| if front(k) { 0.0 } else { 0.5 }).collect();

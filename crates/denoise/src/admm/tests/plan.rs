@@ -28,7 +28,7 @@ fn absent_terms_take_no_memory() {
 /// At most 60 bytes per pixel and channel in single precision, with all terms, on a real size.
 #[test]
 fn memory_is_bounded() {
-    let shape = Shape::new(360, 640, 3);
+    let shape = Shape::new(640, 360, 3);
     let target: Vec<f32> = (0..shape.len()).map(|k| (k % 97) as f32).collect();
     let guide = vec![0.0; 2 * target.len()];
     let hybrid = models::hybrid(shape, &target, 0.1, 0.5, 0.1);
@@ -184,10 +184,10 @@ fn the_linear_step_is_chosen() {
 /// Bands of the sweep meet without a seam: heights around the band's, against the exact step.
 #[test]
 fn bands_of_the_sweep_meet() {
-    for (rows, cols) in
+    for (rows, width) in
         [(47, 9), (48, 8), (49, 7), (50, 6), (51, 5), (97, 4), (99, 3), (145, 2), (150, 1), (1, 60), (2, 9)]
     {
-        let shape = Shape::new(rows, cols, 2);
+        let shape = Shape::new(width, rows, 2);
         let target: Vec<f64> = (0..shape.len()).map(|k| ((k * k) % 17) as f64 / 17.0).collect();
         let problem = models::hybrid(shape, &target, 0.2, 4.0, 0.3);
         let penalties = Penalties::for_problem(&problem);
@@ -197,13 +197,13 @@ fn bands_of_the_sweep_meet() {
             admm.solution()
         };
         let d = distance(&run(LinearStep::Exact), &run(LinearStep::Sweep));
-        assert!(d < 1e-6, "{rows}x{cols}: {d}");
+        assert!(d < 1e-6, "{rows}x{width}: {d}");
     }
 }
 
 #[test]
 fn the_last_look_at_the_solution_is_the_same() {
-    let shape = Shape::new(40, 56, 3);
+    let shape = Shape::new(56, 40, 3);
     let target: Vec<f64> = (0..shape.len()).map(|k| (k % 83) as f64 * 0.01).collect();
     for linear in [LinearStep::Exact, LinearStep::Sweep] {
         for steps in [0, 7] {

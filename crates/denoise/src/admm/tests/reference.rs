@@ -9,7 +9,7 @@ use crate::transform::{SpectralSolver, Symbol};
 /// One gray problem: `l1 |r| + l2/2 r^2 + alpha |grad u| + beta |H u|`, weights of the data per pixel.
 pub(crate) struct Plain<'a> {
     pub(crate) rows: usize,
-    pub(crate) cols: usize,
+    pub(crate) width: usize,
     pub(crate) target: &'a [f64],
     pub(crate) l1: Vec<f64>,
     pub(crate) l2: Vec<f64>,
@@ -40,20 +40,20 @@ pub(crate) enum Printed {
 impl Plain<'_> {
     /// The estimate after some iterations.
     pub(crate) fn run(&self, iterations: usize) -> Vec<f64> {
-        let (m, n, size) = (self.rows, self.cols, self.rows * self.cols);
+        let (m, n, size) = (self.rows, self.width, self.rows * self.width);
         let [t0, t1, t2] = self.t;
         let on = |weight: f64, t: f64| if weight > 0.0 { t } else { 0.0 };
         let (t1, t2) = (on(self.alpha, t1), on(self.beta, t2));
         let symbol = Symbol { c0: t0, c1: t1, c2: t2 };
-        let mut solver = SpectralSolver::new(self.boundary, m, n, symbol);
+        let mut solver = SpectralSolver::new(self.boundary, n, m, symbol);
         let (mut p, mut b0) = (self.target.to_vec(), vec![0.0; size]);
-        let (mut w, mut b) = (gradient(self.boundary, m, n, &p), vec![0.0; 2 * size]);
+        let (mut w, mut b) = (gradient(self.boundary, n, m, &p), vec![0.0; 2 * size]);
         let (mut v, mut d) = (self.second(&p), vec![0.0; 4 * size]);
-        let masks = [gradient_mask::<f64>(m, n), hessian_mask::<f64>(m, n)];
+        let masks = [gradient_mask::<f64>(n, m), hessian_mask::<f64>(n, m)];
         let mut u = p.clone();
         for _ in 0..iterations {
             let minus = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<f64>>();
-            let div = divergence(self.boundary, m, n, &minus(&w, &b));
+            let div = divergence(self.boundary, n, m, &minus(&w, &b));
             let second = self.second_adjoint(&minus(&v, &d));
             u = (0..size).map(|k| t0 * (p[k] - b0[k]) - t1 * div[k] + t2 * second[k]).collect();
             if self.printed == Printed::MinusHessian {
@@ -78,7 +78,7 @@ impl Plain<'_> {
                 b0[k] = q - p[k];
             }
             self.shrink(
-                &gradient(self.boundary, m, n, &u),
+                &gradient(self.boundary, n, m, &u),
                 &masks[0],
                 on(self.alpha, self.alpha / t1),
                 &mut w,
@@ -90,9 +90,9 @@ impl Plain<'_> {
     }
 
     fn second(&self, u: &[f64]) -> Vec<f64> {
-        let mut h = hessian(self.boundary, self.rows, self.cols, u);
+        let mut h = hessian(self.boundary, self.width, self.rows, u);
         if self.printed == Printed::MixedIsYy {
-            let n = self.rows * self.cols;
+            let n = self.rows * self.width;
             let yy = h[3 * n..].to_vec();
             h[n..2 * n].copy_from_slice(&yy);
             h[2 * n..3 * n].copy_from_slice(&yy);
@@ -101,11 +101,11 @@ impl Plain<'_> {
     }
 
     fn second_adjoint(&self, v: &[f64]) -> Vec<f64> {
-        hessian_adjoint(self.boundary, self.rows, self.cols, v)
+        hessian_adjoint(self.boundary, self.width, self.rows, v)
     }
 
     fn shrink(&self, x: &[f64], mask: &[f64], tau: f64, w: &mut [f64], b: &mut [f64]) {
-        let size = self.rows * self.cols;
+        let size = self.rows * self.width;
         for k in 0..size {
             let active = |c: &usize| !self.masked || mask[*c] > 0.0;
             let all = || (k..x.len()).step_by(size);

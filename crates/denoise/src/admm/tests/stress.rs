@@ -19,10 +19,10 @@ fn models_of(shape: Shape, target: &[f32]) -> Vec<Problem<'_, f32>> {
 
 #[test]
 fn every_size_is_solved() {
-    for (rows, cols) in
+    for (rows, width) in
         [(1, 1), (1, 2), (2, 1), (1, 17), (17, 1), (2, 2), (3, 3), (13, 127), (101, 11), (33, 65)]
     {
-        let shape = Shape::new(rows, cols, 3);
+        let shape = Shape::new(width, rows, 3);
         let target: Vec<f32> = (0..shape.len()).map(|k| uniform(60, k) as f32).collect();
         for (k, problem) in models_of(shape, &target).into_iter().enumerate() {
             let before = problem.energy(&target);
@@ -40,7 +40,7 @@ fn every_size_is_solved() {
 #[test]
 fn constants_are_fixed() {
     for value in [0.0, 0.3, -5.0, 1e4, 1e6] {
-        let shape = Shape::new(19, 23, 3);
+        let shape = Shape::new(23, 19, 3);
         let target = vec![value; shape.len()];
         for problem in models_of(shape, &target) {
             assert_eq!(solved(&problem, 10), target);
@@ -54,7 +54,7 @@ fn constants_are_fixed() {
 
 #[test]
 fn all_holes_leave_a_constant_or_the_start() {
-    let shape = Shape::new(15, 17, 1);
+    let shape = Shape::new(17, 15, 1);
     let target = vec![f32::NAN; shape.len()];
     let problem = models::rof(shape, &target, 0.0);
     let u = solved(&problem, 50);
@@ -167,7 +167,7 @@ fn the_printed_parameters_stay_finite() {
 
 #[test]
 fn bad_weights_are_refused() {
-    let shape = Shape::new(4, 5, 1);
+    let shape = Shape::new(5, 4, 1);
     let target = [1.0_f64, 2.0, 3.0, 4.0, 5.0].repeat(4);
     let error = |p: &Problem<'_, f64>| Admm::new(p).expect_err("a bad problem").to_string();
     assert_eq!(
@@ -184,7 +184,7 @@ fn bad_weights_are_refused() {
         error(&models::rof(shape, &target, 1.0).with_gradient(map)),
         "alpha is NaN at row 1, column 2, channel 0"
     );
-    assert!(error(&models::rof(Shape::new(0, 5, 1), &[], 1.0)).contains("no pixels"));
+    assert!(error(&models::rof(Shape::new(5, 0, 1), &[], 1.0)).contains("no pixels"));
     let g = vec![0.0; 39];
     assert!(
         error(&models::rof(shape, &target, 1.0).with_guide(1.0, &g))

@@ -14,12 +14,12 @@ struct Case {
 }
 
 fn case(seed: u64, samples: u32) -> Case {
-    let scene = SyntheticFrame::new(96, 128, 0.0);
+    let scene = SyntheticFrame::new(128, 96, 0.0);
     let n = scene.shape.pixels();
     let log = |v: &[f32]| v.iter().map(|v| v.ln_1p()).collect::<Vec<f32>>();
     let halves = [log(&scene.noisy(samples, seed)), log(&scene.noisy(samples, seed + 1000))];
     let sigma: Vec<f32> = {
-        let planes = halves[0].chunks(n).map(|u| crate::mc::mad_sigma(u, 96, 128));
+        let planes = halves[0].chunks(n).map(|u| crate::mc::mad_sigma(u, 128, 96));
         planes.fold(vec![0.0; n], |mut a, s| {
             a.iter_mut().zip(s).for_each(|(a, s)| *a += s / 3.0);
             a
@@ -27,7 +27,7 @@ fn case(seed: u64, samples: u32) -> Case {
     };
     let mut auxiliary = vec![0.0_f32; n];
     for guide in [&scene.normal, &scene.albedo, &scene.depth] {
-        let c = crate::mc::curvature(guide, 96, 128);
+        let c = crate::mc::curvature(guide, 128, 96);
         auxiliary.iter_mut().zip(c).for_each(|(a, c)| *a = a.max(c));
     }
     auxiliary.iter_mut().for_each(|c| *c = (-10.0 * *c).exp());
@@ -53,7 +53,7 @@ fn halves_choose_what_an_oracle_would() {
             choose_by_halves(&grid, [&case.halves[0], &case.halves[1]], &weight, solve).expect("sound");
         // The oracle scores against the expectation of the halves, as far as 512 more samples tell it.
         let expectation: Vec<f32> = {
-            let scene = SyntheticFrame::new(96, 128, 0.0);
+            let scene = SyntheticFrame::new(128, 96, 0.0);
             let mut sum = vec![0.0_f32; case.truth.len()];
             for k in 0..48 {
                 let s = scene.noisy(samples, 5000 + k);
@@ -100,13 +100,13 @@ fn weights_that_follow_the_noise_beat_one_alpha() {
 
 #[test]
 fn halves_and_variance_layers_reach_the_plan() {
-    let scene = SyntheticFrame::new(64, 80, 0.0);
+    let scene = SyntheticFrame::new(80, 64, 0.0);
     let (a, b) = (scene.noisy(2, 1), scene.noisy(2, 2));
     let n = scene.shape.len();
     // A sample has 3.68 times the squared radiance as its variance.
     let variance: Vec<f32> = (0..n).map(|i| 1.84 * scene.reference[i].powi(2)).collect();
     let model = Model::Variational(VariationalModel::Hybrid);
-    let frame = Frame::new(64, 80, &a).with_guides(scene.guides());
+    let frame = Frame::new(80, 64, &a).with_guides(scene.guides());
     let plain = denoise(&frame, &with(model)).expect("sound");
     let halves = denoise(&Frame { half: Some(&b), ..frame }, &with(model)).expect("sound");
     let layer = denoise(&Frame { variance: Some(&variance), ..frame }, &with(model)).expect("sound");

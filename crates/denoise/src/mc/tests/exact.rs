@@ -3,11 +3,11 @@
 use super::*;
 use crate::mc::Sequence;
 
-const ROWS: usize = 96;
-const COLS: usize = 128;
+const HEIGHT: usize = 96;
+const WIDTH: usize = 128;
 /// Whether a pixel shows the striped environment in the corner, the lamp, or the small lamp.
 fn shown(i: usize) -> Option<f32> {
-    let (x, y) = (i % COLS, i / COLS);
+    let (x, y) = (i % WIDTH, i / WIDTH);
     match (x, y) {
         (90.., ..40) => Some(0.3 + 0.2 * ((x / 3) % 2) as f32),
         (40..56, 20..31) => Some(18.0),
@@ -18,13 +18,13 @@ fn shown(i: usize) -> Option<f32> {
 
 /// A scene, its two noisy halves and the variance of their mean, with what is shown put in.
 fn scene() -> (SyntheticFrame, [Vec<f32>; 2], Vec<f32>) {
-    let mut scene = SyntheticFrame::new(ROWS, COLS, 0.0);
+    let mut scene = SyntheticFrame::new(WIDTH, HEIGHT, 0.0);
     let (mut a, mut b) = (scene.noisy(4, 1), scene.noisy(4, 2));
-    let n = ROWS * COLS;
+    let n = HEIGHT * WIDTH;
     for i in 0..3 * n {
         if let Some(value) = shown(i % n) {
             (a[i], b[i], scene.reference[i]) = (value, value, value);
-            let environment = i % n % COLS >= 90;
+            let environment = i % n % WIDTH >= 90;
             if environment {
                 (scene.albedo[i], scene.normal[i], scene.position[i]) = (0.0, 0.0, 0.0);
                 scene.depth[i % n] = 0.0;
@@ -38,9 +38,9 @@ fn scene() -> (SyntheticFrame, [Vec<f32>; 2], Vec<f32>) {
 #[test]
 fn pixels_without_noise_come_out_as_they_went_in() {
     let (scene, [a, b], variance) = scene();
-    let n = ROWS * COLS;
+    let n = HEIGHT * WIDTH;
     let mean: Vec<f32> = a.iter().zip(&b).map(|(a, b)| 0.5 * (a + b)).collect();
-    let plain = Frame::new(ROWS, COLS, &mean);
+    let plain = Frame::new(WIDTH, HEIGHT, &mean);
     for guides in [scene.guides(), crate::mc::Guides::default()] {
         let layer = Frame { variance: Some(&variance), ..plain.with_guides(guides) };
         let halves = Frame { color: &a, half: Some(&b), ..plain.with_guides(guides) };
@@ -70,12 +70,12 @@ fn pixels_without_noise_come_out_as_they_went_in() {
 #[test]
 fn lamps_do_not_light_the_wall_around_them() {
     let (scene, [a, b], _) = scene();
-    let frame = Frame { half: Some(&b), ..Frame::new(ROWS, COLS, &a).with_guides(scene.guides()) };
-    let n = ROWS * COLS;
+    let frame = Frame { half: Some(&b), ..Frame::new(WIDTH, HEIGHT, &a).with_guides(scene.guides()) };
+    let n = HEIGHT * WIDTH;
     for model in [Model::Auto, Model::Variational(VariationalModel::Hybrid)] {
         let u = denoise(&frame, &with(model)).expect("sound").color;
         let ring = (0..n).filter(|i| {
-            let (x, y) = (i % COLS, i / COLS);
+            let (x, y) = (i % WIDTH, i / WIDTH);
             (36..60).contains(&x) && (16..35).contains(&y) && shown(*i).is_none()
         });
         let [ours, truth] = ring.fold([0.0_f32; 2], |[s, t], i| [s + u[i], t + scene.reference[i]]);
@@ -86,14 +86,14 @@ fn lamps_do_not_light_the_wall_around_them() {
 #[test]
 fn equal_samples_by_chance_and_black_ones_are_noise() {
     // Half of the samples see a light of one colour: a pixel of two has no variance in half of all cases.
-    let n = ROWS * COLS;
+    let n = HEIGHT * WIDTH;
     let hit = |i: usize, s: u64| {
         let hash = ((i as u64) << 8 | s).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         if (hash ^ (hash >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 63 == 0 { 1.0 } else { 0.0 }
     };
     let side = |s: u64| (0..3 * n).map(|i| hit(i % n, s)).collect::<Vec<f32>>();
     let (a, b) = (side(0), side(1));
-    let frame = Frame { half: Some(&b), ..Frame::new(ROWS, COLS, &a) };
+    let frame = Frame { half: Some(&b), ..Frame::new(WIDTH, HEIGHT, &a) };
     let d = denoise(&frame, &Settings::default()).expect("sound");
     let why = &d.plan.step("exact").expect("a line").why;
     assert!(why.starts_with("0 pixels"), "{why}");
@@ -103,7 +103,7 @@ fn equal_samples_by_chance_and_black_ones_are_noise() {
 #[test]
 fn a_shown_environment_stays_and_fog_is_noise() {
     // Four samples a pixel of edges, waves and a slope, at random places of the pixel; or of a medium, anywhere.
-    let n = ROWS * COLS;
+    let n = HEIGHT * WIDTH;
     let mut rng = photofit_gradcheck::Uniform::new(3);
     let environment = |x: f32, y: f32| {
         let edges = if (x + 0.4 * y).rem_euclid(37.0) < 9.0 { 1.1 } else { 0.3 };
@@ -115,8 +115,10 @@ fn a_shown_environment_stays_and_fog_is_noise() {
             let values: [f32; 4] = std::array::from_fn(|_| {
                 let at = rng.vec(2, 0.0, 1.0);
                 match fog {
-                    true => (0.3 + 0.004 * (i % COLS) as f32) * (2.0 * at[0]) as f32,
-                    false => environment((i % COLS) as f32 + at[0] as f32, (i / COLS) as f32 + at[1] as f32),
+                    true => (0.3 + 0.004 * (i % WIDTH) as f32) * (2.0 * at[0]) as f32,
+                    false => {
+                        environment((i % WIDTH) as f32 + at[0] as f32, (i / WIDTH) as f32 + at[1] as f32)
+                    }
                 }
             });
             let mean = values.iter().sum::<f32>() / 4.0;
@@ -126,15 +128,17 @@ fn a_shown_environment_stays_and_fog_is_noise() {
         (color, variance)
     };
     // A wall in the lowest rows, or there would be nothing that rays miss.
-    let wall = |i: usize| i % n >= (ROWS - 8) * COLS;
+    let wall = |i: usize| i % n >= (HEIGHT - 8) * WIDTH;
     let normal: Vec<f32> = (0..3 * n).map(|i| if wall(i) { 0.6 } else { 0.0 }).collect();
     let guides = crate::mc::Guides { normal: Some(&normal), ..Default::default() };
     for fog in [false, true] {
         let (color, variance) = samples(fog);
-        let frame = Frame { variance: Some(&variance), ..Frame::new(ROWS, COLS, &color).with_guides(guides) };
+        let frame =
+            Frame { variance: Some(&variance), ..Frame::new(WIDTH, HEIGHT, &color).with_guides(guides) };
         let d = denoise(&frame, &Settings::default()).expect("sound");
         let open = (0..3 * n).filter(|i| !wall(*i));
-        let kept = open.filter(|i| d.color[*i] == color[*i]).count() as f64 / (3 * COLS * (ROWS - 8)) as f64;
+        let kept =
+            open.filter(|i| d.color[*i] == color[*i]).count() as f64 / (3 * WIDTH * (HEIGHT - 8)) as f64;
         match fog {
             false => assert!(kept > 0.999, "{kept}"),
             true => assert!(kept < 0.02, "{kept}"),

@@ -4,9 +4,9 @@ use super::*;
 use crate::mc::Guides;
 use photofit_sampling::Rng;
 
-const ROWS: usize = 96;
-const COLS: usize = 128;
-const PIXELS: usize = ROWS * COLS;
+const HEIGHT: usize = 96;
+const WIDTH: usize = 128;
+const PIXELS: usize = HEIGHT * WIDTH;
 
 /// Exponentially distributed with mean 1: noise with heavy tails.
 fn exponential(rng: &mut Rng) -> f32 {
@@ -15,7 +15,7 @@ fn exponential(rng: &mut Rng) -> f32 {
 
 #[test]
 fn lamps_without_albedo_do_not_shine_onto_what_is_around() {
-    let lamp = |i: usize| (40..90).contains(&(i % COLS)) && (30..50).contains(&(i / COLS));
+    let lamp = |i: usize| (40..90).contains(&(i % WIDTH)) && (30..50).contains(&(i / WIDTH));
     let mut rng = Rng::new(3, 0);
     let (mut truth, mut noisy) = (vec![0.0; 3 * PIXELS], vec![0.0; 3 * PIXELS]);
     let (mut albedo, mut normal) = (vec![0.7; 3 * PIXELS], vec![0.0; 3 * PIXELS]);
@@ -23,7 +23,7 @@ fn lamps_without_albedo_do_not_shine_onto_what_is_around() {
         let noise = exponential(&mut rng);
         normal[2 * PIXELS + i] = -1.0;
         // So that the normal is a guide.
-        normal[i] = if i % COLS < 20 { 0.6 } else { 0.0 };
+        normal[i] = if i % WIDTH < 20 { 0.6 } else { 0.0 };
         for c in 0..3 {
             let k = c * PIXELS + i;
             truth[k] = if lamp(i) { 17.0 } else { 0.3 };
@@ -33,7 +33,7 @@ fn lamps_without_albedo_do_not_shine_onto_what_is_around() {
     }
     let guides = Guides { albedo: Some(&albedo), normal: Some(&normal), ..Guides::default() };
     let d =
-        denoise(&Frame::new(ROWS, COLS, &noisy).with_guides(guides), &Settings::default()).expect("sound");
+        denoise(&Frame::new(WIDTH, HEIGHT, &noisy).with_guides(guides), &Settings::default()).expect("sound");
     assert!(d.plan.runs("black") && !d.plan.runs("exact"), "{}", d.plan);
     let error = |of: &dyn Fn(usize) -> bool| {
         let pixels = (0..3 * PIXELS).filter(|i| of(i % PIXELS));
@@ -46,7 +46,7 @@ fn lamps_without_albedo_do_not_shine_onto_what_is_around() {
     let black = vec![0.0; 3 * PIXELS];
     let guides = Guides { albedo: Some(&black), ..guides };
     let d =
-        denoise(&Frame::new(ROWS, COLS, &noisy).with_guides(guides), &Settings::default()).expect("sound");
+        denoise(&Frame::new(WIDTH, HEIGHT, &noisy).with_guides(guides), &Settings::default()).expect("sound");
     assert!(!d.plan.runs("black"), "{}", d.plan);
 }
 
@@ -54,16 +54,16 @@ fn lamps_without_albedo_do_not_shine_onto_what_is_around() {
 fn highlights_leave_no_dark_blocks_around_them() {
     let mut rng = Rng::new(4, 0);
     let peak = |i: usize| {
-        let (x, y) = ((i % COLS) as f32 - 66.0, (i / COLS) as f32 - 45.0);
+        let (x, y) = ((i % WIDTH) as f32 - 66.0, (i / WIDTH) as f32 - 45.0);
         0.3 + 9.0 * (-(x * x + 1.7 * y * y) / 90.0).exp()
     };
     let noisy: Vec<f32> = (0..PIXELS).map(|i| peak(i) * (0.5 + 0.5 * exponential(&mut rng))).collect();
     let noisy = [&noisy[..], &noisy, &noisy].concat();
-    let d = denoise(&Frame::new(ROWS, COLS, &noisy), &Settings::default()).expect("sound");
+    let d = denoise(&Frame::new(WIDTH, HEIGHT, &noisy), &Settings::default()).expect("sound");
     // Means over squares of 4 x 4 pixels, which noise hardly moves.
     let (mut least, mut squares) = (f32::INFINITY, 0.0_f64);
-    for (y, x) in (0..ROWS / 4).flat_map(|y| (0..COLS / 4).map(move |x| (y, x))) {
-        let pixels = (0..16).map(|k| (4 * y + k / 4) * COLS + 4 * x + k % 4);
+    for (y, x) in (0..HEIGHT / 4).flat_map(|y| (0..WIDTH / 4).map(move |x| (y, x))) {
+        let pixels = (0..16).map(|k| (4 * y + k / 4) * WIDTH + 4 * x + k % 4);
         let (sum, truth) = pixels.fold((0.0, 0.0), |(s, t), i| (s + d.color[i], t + peak(i)));
         least = least.min(sum / truth);
         squares += f64::from(sum / truth - 1.0).powi(2);

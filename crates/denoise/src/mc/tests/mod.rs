@@ -31,7 +31,7 @@ fn with(model: Model) -> Settings {
 }
 
 fn run(scene: &SyntheticFrame, noisy: &[f32], guided: bool, model: Model) -> Denoised {
-    let mut frame = Frame::new(scene.shape.rows, scene.shape.cols, noisy);
+    let mut frame = Frame::new(scene.shape.width, scene.shape.height, noisy);
     if guided {
         frame = frame.with_guides(scene.guides());
     }

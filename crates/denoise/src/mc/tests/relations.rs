@@ -12,7 +12,7 @@ const MODELS: [Model; 4] = [
 
 #[test]
 fn guides_lower_the_error_of_every_model() {
-    let scene = SyntheticFrame::new(120, 160, 0.0);
+    let scene = SyntheticFrame::new(160, 120, 0.0);
     for samples in [1, 4] {
         let noisy = scene.noisy(samples, 1);
         let before = display_rmse(&noisy, &scene.reference);
@@ -35,7 +35,7 @@ fn guides_lower_the_error_of_every_model() {
 
 #[test]
 fn the_automatic_model_is_the_best_and_improves_with_samples() {
-    let scene = SyntheticFrame::new(144, 192, 0.0);
+    let scene = SyntheticFrame::new(192, 144, 0.0);
     let error = |samples, model| {
         display_rmse(&run(&scene, &scene.noisy(samples, 2), true, model).color, &scene.reference)
     };
@@ -49,7 +49,7 @@ fn the_automatic_model_is_the_best_and_improves_with_samples() {
     // With halves the noise is known: the jagged albedo gives way to the samples as they become many.
     let steps = [1, 4, 16, 64].map(|s| {
         let (a, b) = (scene.noisy(s, 2), scene.noisy(s, 3));
-        let frame = Frame { half: Some(&b), ..Frame::new(144, 192, &a).with_guides(scene.guides()) };
+        let frame = Frame { half: Some(&b), ..Frame::new(192, 144, &a).with_guides(scene.guides()) };
         display_rmse(&denoise(&frame, &with(Model::Auto)).expect("sound").color, &scene.reference)
     });
     assert!(steps.windows(2).all(|w| w[1] < w[0]), "{steps:?}");
@@ -61,10 +61,10 @@ fn the_automatic_model_is_the_best_and_improves_with_samples() {
 
 #[test]
 fn an_absolute_data_term_is_darker_than_a_quadratic_one() {
-    let scene = SyntheticFrame::new(96, 128, 0.0);
+    let scene = SyntheticFrame::new(128, 96, 0.0);
     let noisy = scene.noisy(1, 3);
     let mean = |model| {
-        let frame = Frame::new(96, 128, &noisy).with_guides(scene.guides());
+        let frame = Frame::new(128, 96, &noisy).with_guides(scene.guides());
         let settings = Settings { restore_mean: false, ..with(Model::Variational(model)) };
         let u = denoise(&frame, &settings).expect("sound").color;
         u.iter().map(|v| f64::from(*v)).sum::<f64>()
@@ -75,9 +75,9 @@ fn an_absolute_data_term_is_darker_than_a_quadratic_one() {
 
 #[test]
 fn restoring_the_mean_brings_the_light_back() {
-    let scene = SyntheticFrame::new(96, 128, 0.0);
+    let scene = SyntheticFrame::new(128, 96, 0.0);
     let noisy = scene.noisy(4, 4);
-    let frame = Frame::new(96, 128, &noisy).with_guides(scene.guides());
+    let frame = Frame::new(128, 96, &noisy).with_guides(scene.guides());
     let sum = |v: &[f32]| v.iter().map(|v| f64::from(*v)).sum::<f64>();
     let ratio = |restore_mean| {
         let settings = Settings { restore_mean, ..with(Model::Variational(VariationalModel::Hybrid)) };
@@ -89,13 +89,13 @@ fn restoring_the_mean_brings_the_light_back() {
 
 #[test]
 fn fireflies_are_clamped_and_counted() {
-    let scene = SyntheticFrame::new(96, 128, 0.0);
+    let scene = SyntheticFrame::new(128, 96, 0.0);
     let mut noisy = scene.noisy(4, 5);
     for k in 0..12 {
         let i = (8 * k + 3) * 128 + 9 * k + 5;
         (0..3).for_each(|c| noisy[c * 96 * 128 + i] = 500.0);
     }
-    let frame = Frame::new(96, 128, &noisy).with_guides(scene.guides());
+    let frame = Frame::new(128, 96, &noisy).with_guides(scene.guides());
     let run = |fireflies| denoise(&frame, &Settings { fireflies, ..Settings::default() }).expect("sound");
     let (on, off) = (run(true), run(false));
     assert!(on.fireflies >= 12 && off.fireflies == 0 && !off.plan.runs("fireflies"));
@@ -116,14 +116,15 @@ fn demodulation_gives_every_light_back() {
         assert!((u - c).abs() <= 1e-6 * c, "{u} against {c}");
     }
     // Through the whole chain: an emitter on black keeps its light.
-    let (rows, cols) = (64, 64);
-    let lamp = |i: usize| (16..48).contains(&(i % cols)) && (16..48).contains(&(i / cols % rows));
+    let (width, height) = (64, 64);
+    let lamp = |i: usize| (16..48).contains(&(i % width)) && (16..48).contains(&(i / width % height));
     let pick = |on, off| (0..3 * 64 * 64).map(|i| if lamp(i) { on } else { off }).collect::<Vec<f32>>();
     let (color, albedo) = (pick(5.0, 0.2), pick(0.0, 0.5));
     for model in MODELS {
         let guides = crate::mc::Guides { albedo: Some(&albedo), ..Default::default() };
-        let u =
-            denoise(&Frame::new(rows, cols, &color).with_guides(guides), &with(model)).expect("sound").color;
-        assert!((u[32 * cols + 32] - 5.0).abs() < 0.25, "{model:?}: {}", u[32 * cols + 32]);
+        let u = denoise(&Frame::new(width, height, &color).with_guides(guides), &with(model))
+            .expect("sound")
+            .color;
+        assert!((u[32 * width + 32] - 5.0).abs() < 0.25, "{model:?}: {}", u[32 * width + 32]);
     }
 }

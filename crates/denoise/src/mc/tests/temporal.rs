@@ -15,9 +15,9 @@ struct Wall {
 }
 
 impl Wall {
-    fn new(rows: usize, cols: usize) -> Self {
-        let n = rows * cols;
-        let position = FRONT.positions(&vec![1.0; n], cols).expect("invertible");
+    fn new(width: usize, height: usize) -> Self {
+        let n = height * width;
+        let position = FRONT.positions(&vec![1.0; n], width).expect("invertible");
         let position = (0..3 * n).map(|i| position[i] * 2.0 / -position[2 * n + i % n]).collect();
         let normal = (0..3 * n).map(|i| if i / n == 2 { 1.0 } else { 0.0 }).collect();
         Self { position, normal, weight: vec![1.0; n] }
@@ -38,13 +38,13 @@ impl Wall {
 
 #[test]
 fn an_exponential_mean_has_its_known_deviation() {
-    let (rows, cols) = (48, 64);
-    let n = rows * cols;
-    let wall = Wall::new(rows, cols);
+    let (width, height) = (64, 48);
+    let n = height * width;
+    let wall = Wall::new(width, height);
     let mut rng = Rng::new(7, 0);
     for minimum in [0.05_f32, 0.2] {
         let mut history =
-            Accumulator::new(rows, cols, TemporalSettings { minimum, ..TemporalSettings::default() });
+            Accumulator::new(width, height, TemporalSettings { minimum, ..TemporalSettings::default() });
         for _ in 0..(8.0 / minimum) as usize {
             let irradiance: Vec<f32> = (0..3 * n).map(|_| 1.0 + 0.3 * rng.normal()).collect();
             wall.add(&mut history, &irradiance);
@@ -60,16 +60,16 @@ fn an_exponential_mean_has_its_known_deviation() {
 
 #[test]
 fn a_plain_mean_and_its_variance_follow_the_number_of_frames() {
-    let (rows, cols) = (64, 96);
-    let n = rows * cols;
-    let wall = Wall::new(rows, cols);
+    let (width, height) = (96, 64);
+    let n = height * width;
+    let wall = Wall::new(width, height);
     let mut rng = Rng::new(8, 0);
     // Deviation grows from left to right.
-    let sigma: Vec<f32> = (0..n).map(|i| 0.1 + 0.5 * (i % cols) as f32 / cols as f32).collect();
+    let sigma: Vec<f32> = (0..n).map(|i| 0.1 + 0.5 * (i % width) as f32 / width as f32).collect();
     let frames = 12;
     let mut history = Accumulator::new(
-        rows,
-        cols,
+        width,
+        height,
         TemporalSettings { minimum: 0.0, change: f32::INFINITY, ..Default::default() },
     );
     for _ in 0..frames {
@@ -80,7 +80,7 @@ fn a_plain_mean_and_its_variance_follow_the_number_of_frames() {
     assert!(history.counts().iter().all(|c| (*c - frames as f32).abs() < 1e-3));
     assert!(history.effective().iter().all(|c| (*c - frames as f32).abs() < 1e-2));
     let variance: Vec<f32> = history.variance().into_iter().map(|v| v.expect("several frames")).collect();
-    let map = crate::mc::log_sigma(&vec![1.0; n], &variance, &wall.weight, cols);
+    let map = crate::mc::log_sigma(&vec![1.0; n], &variance, &wall.weight, width);
     // Truth: sigma / sqrt(frames) of the mean, over 1 + mean.
     let truth: Vec<f32> = sigma.iter().map(|s| s / (frames as f32).sqrt() / 2.0).collect();
     let mut ratio: Vec<f32> = map.iter().zip(&truth).map(|(a, b)| a / b).collect();
@@ -101,13 +101,13 @@ fn correlation(a: &[f32], b: &[f32]) -> f64 {
 
 /// Mean error over the pixels that the sphere uncovers when the camera moves.
 fn ghost(settings: TemporalSettings) -> f64 {
-    let (rows, cols) = (96, 128);
-    let n = rows * cols;
+    let (width, height) = (128, 96);
+    let n = height * width;
     // The sphere is bright, the rest dark: a ghost is bright on dark.
     let views: Vec<SyntheticFrame> =
-        (0..6).map(|k| SyntheticFrame::new(rows, cols, 0.06 * f64::from(k))).collect();
+        (0..6).map(|k| SyntheticFrame::new(width, height, 0.06 * f64::from(k))).collect();
     let radiance = |f: &SyntheticFrame, i: usize| if f.albedo[i] == 0.8 { 1.0 } else { 0.0 };
-    let mut history = Accumulator::new(rows, cols, settings);
+    let mut history = Accumulator::new(width, height, settings);
     for f in &views {
         let irradiance: Vec<f32> = (0..3 * n).map(|i| radiance(f, i % n)).collect();
         let frame = TemporalFrame {
@@ -141,16 +141,16 @@ fn tests_of_plane_and_normal_leave_no_ghosts() {
 
 #[test]
 fn a_sequence_is_better_than_its_last_frame() {
-    let (rows, cols) = (96, 128);
+    let (width, height) = (128, 96);
     let mut sequence = Sequence::new(Settings::default());
     assert!(sequence.denoise().is_none());
     let mut last = None;
     for k in 0..6 {
-        let f = SyntheticFrame::new(rows, cols, 0.02 * f64::from(k));
+        let f = SyntheticFrame::new(width, height, 0.02 * f64::from(k));
         let noisy = f.noisy(1, 20 + k as u64);
         // Positions are recovered from depths.
         let guides = crate::mc::Guides { position: None, ..f.guides() };
-        sequence.push(&Frame::new(rows, cols, &noisy).with_guides(guides), f.camera).expect("sound");
+        sequence.push(&Frame::new(width, height, &noisy).with_guides(guides), f.camera).expect("sound");
         last = Some((f, noisy));
     }
     let (f, noisy) = last.expect("six frames");
@@ -174,12 +174,12 @@ fn logarithms_of_single_samples_are_too_dark() {
     let p = 0.25_f64;
     let early = (p * (1.0 + 1.0 / p).ln()).exp() - 1.0;
     assert!(early < 0.6);
-    let (rows, cols) = (48, 64);
-    let n = rows * cols;
-    let wall = Wall::new(rows, cols);
+    let (width, height) = (64, 48);
+    let n = height * width;
+    let wall = Wall::new(width, height);
     let mut rng = Rng::new(11, 0);
     let mut history =
-        Accumulator::new(rows, cols, TemporalSettings { minimum: 0.0, ..TemporalSettings::default() });
+        Accumulator::new(width, height, TemporalSettings { minimum: 0.0, ..TemporalSettings::default() });
     for _ in 0..64 {
         let gray: Vec<f32> =
             (0..n).map(|_| if rng.next_f64() < p { (1.0 / p) as f32 } else { 0.0 }).collect();
@@ -193,17 +193,17 @@ fn logarithms_of_single_samples_are_too_dark() {
 
 #[test]
 fn light_that_moves_over_a_surface_leaves_no_ghost() {
-    let (rows, cols) = (48, 64);
-    let n = rows * cols;
-    let wall = Wall::new(rows, cols);
+    let (width, height) = (64, 48);
+    let n = height * width;
+    let wall = Wall::new(width, height);
     // A spot of light that jumps to the right before the last frame.
     let light = |i: usize, x: f32| {
-        let d = ((i % cols) as f32 - x).hypot((i / cols) as f32 - 24.0);
+        let d = ((i % width) as f32 - x).hypot((i / width) as f32 - 24.0);
         if d < 6.0 { 3.0 } else { 1.0 }
     };
     let error = |change: f32| {
         let mut rng = Rng::new(9, 0);
-        let mut history = Accumulator::new(rows, cols, TemporalSettings { change, ..Default::default() });
+        let mut history = Accumulator::new(width, height, TemporalSettings { change, ..Default::default() });
         for x in [20.0, 20.0, 20.0, 20.0, 20.0, 40.0] {
             let gray: Vec<f32> = (0..n).map(|i| light(i, x) * (1.0 + 0.5 * rng.normal())).collect();
             let irradiance = gray.repeat(3);
@@ -227,5 +227,5 @@ fn light_that_moves_over_a_surface_leaves_no_ghost() {
     // Half of what the light is off by would be the noise of one frame.
     assert!(found < 0.8 * kept, "{found} with, {kept} without");
     assert!(after < 1.15 * before, "{after} {before}: what did not change keeps its history");
-    assert!(effective[24 * cols + 40] < 2.0 && effective[5 * cols + 5] > 5.0);
+    assert!(effective[24 * width + 40] < 2.0 && effective[5 * width + 5] > 5.0);
 }

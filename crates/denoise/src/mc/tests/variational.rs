@@ -17,7 +17,7 @@ fn picture(shape: Shape) -> Vec<f32> {
 
 #[test]
 fn the_hybrid_tends_to_its_parts() {
-    let shape = Shape::new(24, 28, 3);
+    let shape = Shape::new(28, 24, 3);
     let target = picture(shape);
     let solve = |problem: &Problem<'_, f32>| {
         let mut admm = Admm::new(problem).expect("sound");
@@ -37,7 +37,7 @@ fn the_hybrid_tends_to_its_parts() {
 #[test]
 fn published_weights_stay_finite_and_lower_the_energy() {
     // l1 = .1, l2 = .5, alpha = .5 or 1, as published: the printed algorithm divides by zero at the mean.
-    let shape = Shape::new(31, 45, 3);
+    let shape = Shape::new(45, 31, 3);
     let target = picture(shape);
     let weight = vec![1.0; shape.pixels()];
     for alpha in [0.5_f32, 1.0] {
