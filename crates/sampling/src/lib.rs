@@ -13,6 +13,7 @@
 
 mod alias;
 mod bilinear;
+pub mod chi_square;
 mod mis;
 mod normal;
 mod rng;

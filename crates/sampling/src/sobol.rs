@@ -200,8 +200,9 @@ impl SobolPoint {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::chi_square::deviation;
     use crate::hash;
-    use crate::statistics::{chi_square_deviation, chi_square_uniform};
+    use crate::statistics::chi_square_uniform;
 
     #[test]
     fn first_points_are_known() {
@@ -322,7 +323,7 @@ mod tests {
             let x = sobol_u32(i, 0) >> 28;
             same[(x << 4 | x) as usize] += 1;
         }
-        assert!(chi_square_deviation(&same, &[1.0 / 256.0; 256]) > 4.5);
+        assert!(deviation(&same, &[1.0 / 256.0; 256]) > 4.5);
     }
 
     #[test]

@@ -1,8 +1,9 @@
 //! Lights, and the radiance that a surface reflects from them.
 
+use crate::energy::Energy;
 use crate::environment::Environment;
-use crate::ggx::{eval_lobes, eval_lobes_vjp};
-use crate::split_sum::split_sum;
+use crate::eval::{Compensation, eval_lobes, eval_lobes_vjp};
+use crate::split_sum::{SplitSum, split_sum};
 use crate::surface::{Lobes, LobesGradient, Surface, SurfaceGradient};
 use photofit_scalar::{Real, Vec3, vec3};
 
@@ -102,50 +103,42 @@ pub fn view_direction_vjp<T: Real>(eye: Vec3<T>, position: Vec3<T>, g: Vec3<T>) 
 /// Radiance reflected towards `wo`, summed over the lights in order.
 ///
 /// `n` (the unit shading normal, on the viewer's side: see [`crate::face_viewer`]) and `wo` are unit vectors. Point
-/// and directional lights use the exact BSDF ([`crate::eval`]); ambient light its exact integral, up to the table of
-/// [`crate::split_sum()`]; environments the split-sum approximation.
+/// and directional lights use the exact BSDF ([`crate::eval()`]); ambient light its exact integral, up to the table of
+/// [`crate::split_sum()`]; environments the split-sum approximation, in which multiple scattering reflects like the
+/// Lambertian lobe.
 ///
 /// ```
 /// use photofit_scalar::{Vec3, vec3};
-/// use photofit_shading::{Light, Surface, shade};
+/// use photofit_shading::{Energy, Light, Surface, shade};
 /// let surface = Surface { base_color: vec3(0.5_f32, 0.5, 0.5), roughness: 0.8, metallic: 0.0, gamma: 0.0 };
 /// let (up, eye) = (vec3(0.0, 1.0, 0.0), vec3(0.0, 0.8, 0.6));
 /// let sun = Light::Directional { direction: up, irradiance: Vec3::splat(3.0) };
 /// let sky = Light::Ambient { radiance: Vec3::splat(0.2) };
-/// let both = shade(&surface, Vec3::zero(), up, eye, &[sun, sky]);
-/// let one = shade(&surface, Vec3::zero(), up, eye, &[sun]);
+/// let both = shade(&surface, Energy::Single, Vec3::zero(), up, eye, &[sun, sky]);
+/// let one = shade(&surface, Energy::Single, Vec3::zero(), up, eye, &[sun]);
 /// assert!(both.x > one.x + 0.1 && one.x > 0.4);
 /// ```
 #[inline(always)]
 pub fn shade<T: Real>(
     surface: &Surface<T>,
+    energy: Energy,
     position: Vec3<T>,
     n: Vec3<T>,
     wo: Vec3<T>,
     lights: &[Light<'_, T>],
 ) -> Vec3<T> {
     let lobes = surface.lobes();
-    let mut sum = Vec3::zero();
-    for light in lights {
-        sum += match *light {
-            Light::Point { position: at, intensity } => {
-                let (wi, falloff, _) = towards(at, position);
-                eval_lobes(&lobes, n, wo, wi).mul(intensity) * falloff
-            }
-            Light::Directional { direction, irradiance } => {
-                eval_lobes(&lobes, n, wo, direction).mul(irradiance)
-            }
-            Light::Ambient { radiance } => ambient(&lobes, n, wo).mul(radiance),
-            Light::Environment { map, rotation, scale } => environment(&lobes, n, wo, map, rotation) * scale,
-        };
+    match energy {
+        Energy::Single => shade_lobes(&lobes, None, position, n, wo, lights),
+        Energy::Compensated => shade_compensated(&lobes, position, n, wo, lights),
     }
-    sum
 }
 
 /// Adjoint of [`shade`] for the gradient `g` of the radiance; the forward pass is recomputed.
 #[inline(always)]
 pub fn shade_vjp<T: Real>(
     surface: &Surface<T>,
+    energy: Energy,
     position: Vec3<T>,
     n: Vec3<T>,
     wo: Vec3<T>,
@@ -153,14 +146,87 @@ pub fn shade_vjp<T: Real>(
     g: Vec3<T>,
 ) -> ShadeGradient<T> {
     let lobes = surface.lobes();
-    let mut sum = Sum { lobes: Lobes::default(), position: Vec3::zero(), n: Vec3::zero(), wo: Vec3::zero() };
+    let sum = match energy {
+        Energy::Single => shade_lobes_vjp(&lobes, None, position, n, wo, lights, g),
+        Energy::Compensated => shade_compensated_vjp(&lobes, position, n, wo, lights, g),
+    };
+    let Sum { diffuse, f0, roughness, position, n, wo } = sum;
+    let lobes = Lobes { diffuse, f0, f90: T::zero(), roughness };
+    ShadeGradient { surface: surface.lobes_vjp(&lobes), position, n, wo }
+}
+
+/// Out of the way of the other policy, whose loops it must not slow down.
+#[inline(never)]
+fn shade_compensated<T: Real>(
+    lobes: &Lobes<T>,
+    position: Vec3<T>,
+    n: Vec3<T>,
+    wo: Vec3<T>,
+    lights: &[Light<'_, T>],
+) -> Vec3<T> {
+    let compensation = Compensation::new(lobes, n.dot(wo));
+    shade_lobes(lobes, Some(&compensation), position, n, wo, lights)
+}
+
+#[inline(never)]
+fn shade_compensated_vjp<T: Real>(
+    lobes: &Lobes<T>,
+    position: Vec3<T>,
+    n: Vec3<T>,
+    wo: Vec3<T>,
+    lights: &[Light<'_, T>],
+    g: Vec3<T>,
+) -> Sum<T> {
+    let compensation = Compensation::new(lobes, n.dot(wo));
+    shade_lobes_vjp(lobes, Some(&compensation), position, n, wo, lights, g)
+}
+
+#[inline(always)]
+fn shade_lobes<T: Real>(
+    lobes: &Lobes<T>,
+    compensation: Option<&Compensation<T>>,
+    position: Vec3<T>,
+    n: Vec3<T>,
+    wo: Vec3<T>,
+    lights: &[Light<'_, T>],
+) -> Vec3<T> {
+    let mut sum = Vec3::zero();
+    for light in lights {
+        sum += match *light {
+            Light::Point { position: at, intensity } => {
+                let (wi, falloff, _) = towards(at, position);
+                eval_lobes(lobes, compensation, n, wo, wi).mul(intensity) * falloff
+            }
+            Light::Directional { direction, irradiance } => {
+                eval_lobes(lobes, compensation, n, wo, direction).mul(irradiance)
+            }
+            Light::Ambient { radiance } => ambient(lobes, compensation, n, wo).mul(radiance),
+            Light::Environment { map, rotation, scale } => {
+                environment(lobes, compensation, n, wo, map, rotation) * scale
+            }
+        };
+    }
+    sum
+}
+
+#[inline(always)]
+fn shade_lobes_vjp<T: Real>(
+    lobes: &Lobes<T>,
+    compensation: Option<&Compensation<T>>,
+    position: Vec3<T>,
+    n: Vec3<T>,
+    wo: Vec3<T>,
+    lights: &[Light<'_, T>],
+    g: Vec3<T>,
+) -> Sum<T> {
+    let mut sum = Sum::default();
     for light in lights {
         match *light {
             Light::Point { position: at, intensity } => {
                 let (wi, falloff, inverse) = towards(at, position);
                 let g = g.mul(intensity);
-                let (f, d) = eval_lobes_vjp(&lobes, n, wo, wi, |_| g * falloff);
-                sum.lobes += d.lobes;
+                let (f, d) = eval_lobes_vjp(lobes, compensation, n, wo, wi, g * falloff);
+                sum.add_lobes(&d.lobes);
                 sum.n += d.n;
                 sum.wo += d.wo;
                 // wi = v / |v| and falloff = 1 / |v|^2 with v = at - position.
@@ -169,26 +235,40 @@ pub fn shade_vjp<T: Real>(
                 sum.position += (wi * (g_falloff + g_falloff) - g_wi) * inverse;
             }
             Light::Directional { direction, irradiance } => {
-                let (_, d) = eval_lobes_vjp(&lobes, n, wo, direction, |_| g.mul(irradiance));
-                sum.lobes += d.lobes;
+                let (_, d) = eval_lobes_vjp(lobes, compensation, n, wo, direction, g.mul(irradiance));
+                sum.add_lobes(&d.lobes);
                 sum.n += d.n;
                 sum.wo += d.wo;
             }
-            Light::Ambient { radiance } => ambient_vjp(&lobes, n, wo, g.mul(radiance), &mut sum),
+            Light::Ambient { radiance } => {
+                ambient_vjp(lobes, compensation, n, wo, g.mul(radiance), &mut sum);
+            }
             Light::Environment { map, rotation, scale } => {
-                environment_vjp(&lobes, n, wo, map, rotation, g * scale, &mut sum);
+                environment_vjp(lobes, compensation, n, wo, map, rotation, g * scale, &mut sum);
             }
         }
     }
-    ShadeGradient { surface: surface.lobes_vjp(&sum.lobes), position: sum.position, n: sum.n, wo: sum.wo }
+    sum
 }
 
-/// Gradients summed over the lights.
+/// Gradients summed over the lights; `f90` is no parameter of a surface.
+#[derive(Default)]
 struct Sum<T> {
-    lobes: LobesGradient<T>,
+    diffuse: Vec3<T>,
+    f0: Vec3<T>,
+    roughness: T,
     position: Vec3<T>,
     n: Vec3<T>,
     wo: Vec3<T>,
+}
+
+impl<T: Real> Sum<T> {
+    #[inline(always)]
+    fn add_lobes(&mut self, d: &LobesGradient<T>) {
+        self.diffuse += d.diffuse;
+        self.f0 += d.f0;
+        self.roughness += d.roughness;
+    }
 }
 
 /// Unit direction to a point light, inverse squared distance and inverse distance.
@@ -202,21 +282,77 @@ fn towards<T: Real>(at: Vec3<T>, position: Vec3<T>) -> (Vec3<T>, T, T) {
     (v * inverse, falloff, inverse)
 }
 
-/// Reflection of unit radiance from everywhere: `diffuse + f0 scale + bias`.
+/// Scale and bias of the specular lobe towards `wo`.
 #[inline(always)]
-fn ambient<T: Real>(lobes: &Lobes<T>, n: Vec3<T>, wo: Vec3<T>) -> Vec3<T> {
-    let s = split_sum(n.dot(wo), lobes.roughness);
-    lobes.diffuse + lobes.f0 * s.scale + Vec3::splat(s.bias)
+fn viewer<T: Real>(
+    lobes: &Lobes<T>,
+    compensation: Option<&Compensation<T>>,
+    n: Vec3<T>,
+    wo: Vec3<T>,
+) -> SplitSum<T> {
+    match compensation {
+        None => split_sum(n.dot(wo), lobes.roughness),
+        Some(c) => c.viewer,
+    }
+}
+
+/// Part of uniform light that the Lambertian lobe and multiple scattering reflect.
+#[inline(always)]
+fn broad_albedo<T: Real>(lobes: &Lobes<T>, compensation: Option<&Compensation<T>>) -> Vec3<T> {
+    match compensation {
+        None => lobes.diffuse,
+        Some(c) => c.albedo.broad_albedo(lobes.diffuse, &c.viewer),
+    }
+}
+
+/// Adjoint of [`broad_albedo`] for its gradient `g`; returns that of the viewer's cosine.
+#[inline(always)]
+fn broad_albedo_vjp<T: Real>(
+    lobes: &Lobes<T>,
+    compensation: Option<&Compensation<T>>,
+    g: Vec3<T>,
+    sum: &mut Sum<T>,
+) -> T {
+    match compensation {
+        None => {
+            sum.diffuse += g;
+            T::zero()
+        }
+        Some(c) => {
+            let d = c.albedo.broad_albedo_vjp(lobes.diffuse, &c.viewer, g);
+            sum.add_lobes(&d.lobes);
+            d.cosines[0]
+        }
+    }
+}
+
+/// Reflection of unit radiance from everywhere: `diffuse + f0 scale + f90 bias`, and multiple scattering.
+#[inline(always)]
+fn ambient<T: Real>(
+    lobes: &Lobes<T>,
+    compensation: Option<&Compensation<T>>,
+    n: Vec3<T>,
+    wo: Vec3<T>,
+) -> Vec3<T> {
+    let s = viewer(lobes, compensation, n, wo);
+    broad_albedo(lobes, compensation) + lobes.f0 * s.scale + Vec3::splat(lobes.f90 * s.bias)
 }
 
 #[inline(always)]
-fn ambient_vjp<T: Real>(lobes: &Lobes<T>, n: Vec3<T>, wo: Vec3<T>, g: Vec3<T>, sum: &mut Sum<T>) {
-    let s = split_sum(n.dot(wo), lobes.roughness);
-    let (g_scale, g_bias) = (g.dot(lobes.f0), g.sum());
+fn ambient_vjp<T: Real>(
+    lobes: &Lobes<T>,
+    compensation: Option<&Compensation<T>>,
+    n: Vec3<T>,
+    wo: Vec3<T>,
+    g: Vec3<T>,
+    sum: &mut Sum<T>,
+) {
+    let s = viewer(lobes, compensation, n, wo);
+    let (g_scale, g_bias) = (g.dot(lobes.f0), g.sum() * lobes.f90);
     let g_cosine = g_scale * s.d_scale[0] + g_bias * s.d_bias[0];
-    sum.lobes.diffuse += g;
-    sum.lobes.f0 += g * s.scale;
-    sum.lobes.roughness += g_scale * s.d_scale[1] + g_bias * s.d_bias[1];
+    let g_cosine = g_cosine + broad_albedo_vjp(lobes, compensation, g, sum);
+    sum.f0 += g * s.scale;
+    sum.roughness += g_scale * s.d_scale[1] + g_bias * s.d_bias[1];
     sum.n += wo * g_cosine;
     sum.wo += n * g_cosine;
 }
@@ -232,21 +368,23 @@ fn lobe_axis<T: Real>(n: Vec3<T>, wo: Vec3<T>, r: T) -> Vec3<T> {
 #[inline(always)]
 fn environment<T: Real>(
     lobes: &Lobes<T>,
+    compensation: Option<&Compensation<T>>,
     n: Vec3<T>,
     wo: Vec3<T>,
     map: &Environment<T>,
     rotation: Yaw<T>,
 ) -> Vec3<T> {
     let r = lobes.roughness;
-    let s = split_sum(n.dot(wo), r);
+    let s = viewer(lobes, compensation, n, wo);
     let specular = map.specular(rotation.invert(lobe_axis(n, wo, r)), r);
-    lobes.diffuse.mul(map.diffuse(rotation.invert(n)))
-        + specular.mul(lobes.f0 * s.scale + Vec3::splat(s.bias))
+    broad_albedo(lobes, compensation).mul(map.diffuse(rotation.invert(n)))
+        + specular.mul(lobes.f0 * s.scale + Vec3::splat(lobes.f90 * s.bias))
 }
 
 #[inline(always)]
 fn environment_vjp<T: Real>(
     lobes: &Lobes<T>,
+    compensation: Option<&Compensation<T>>,
     n: Vec3<T>,
     wo: Vec3<T>,
     map: &Environment<T>,
@@ -255,23 +393,24 @@ fn environment_vjp<T: Real>(
     sum: &mut Sum<T>,
 ) {
     let (one, two, r) = (T::one(), T::of(2.0), lobes.roughness);
-    let s = split_sum(n.dot(wo), r);
-    let (diffuse, g_n) = map.diffuse_vjp(rotation.invert(n), |_| g.mul(lobes.diffuse));
-    let g_specular = g.mul(lobes.f0 * s.scale + Vec3::splat(s.bias));
+    let s = viewer(lobes, compensation, n, wo);
+    let broad = broad_albedo(lobes, compensation);
+    let (diffuse, g_n) = map.diffuse_vjp(rotation.invert(n), |_| g.mul(broad));
+    let g_specular = g.mul(lobes.f0 * s.scale + Vec3::splat(lobes.f90 * s.bias));
     let axis = rotation.invert(lobe_axis(n, wo, r));
     let (specular, g_axis, g_r) = map.specular_vjp(axis, r, g_specular);
     let g_axis = rotation.apply(g_axis);
     let g_albedo = g.mul(specular);
-    let (g_scale, g_bias) = (g_albedo.dot(lobes.f0), g_albedo.sum());
+    let (g_scale, g_bias) = (g_albedo.dot(lobes.f0), g_albedo.sum() * lobes.f90);
 
     // axis = k n - (1 - t) wo, k = 2 (1 - t)(n.wo) + t, t = r^2
     let (t, cosine) = (r * r, n.dot(wo));
     let g_k = g_axis.dot(n);
     let g_cosine = g_scale * s.d_scale[0] + g_bias * s.d_bias[0] + g_k * two * (one - t);
+    let g_cosine = g_cosine + broad_albedo_vjp(lobes, compensation, g.mul(diffuse), sum);
     let g_t = g_k * (one - two * cosine) + g_axis.dot(wo);
-    sum.lobes.diffuse += g.mul(diffuse);
-    sum.lobes.f0 += g_albedo * s.scale;
-    sum.lobes.roughness += g_scale * s.d_scale[1] + g_bias * s.d_bias[1] + g_r + two * r * g_t;
+    sum.f0 += g_albedo * s.scale;
+    sum.roughness += g_scale * s.d_scale[1] + g_bias * s.d_bias[1] + g_r + two * r * g_t;
     sum.n += rotation.apply(g_n) + g_axis * (two * (one - t) * cosine + t) + wo * g_cosine;
     sum.wo += n * g_cosine - g_axis * (one - t);
 }

@@ -2,6 +2,7 @@
 //! sampling with the level chosen from the sample density (Krivanek and Colbert 2008).
 
 use crate::environment::{Environment, EnvironmentError, LEVELS};
+use crate::equirectangular::EquirectangularTaps;
 use crate::octahedral::{Octahedral, direction, texel_direction};
 use photofit_scalar::{Vec3, Vec3f, vec3};
 use rayon::prelude::{IntoParallelIterator, ParallelIterator};
@@ -106,19 +107,10 @@ impl Equirectangular {
         Self { width: w, height: h, pixels }
     }
 
-    /// Bilinear lookup.
     fn lookup(&self, d: Vec3<f64>) -> Vec3f {
-        let u = 0.5 + d.z.atan2(d.x) / TAU;
-        let v = d.y.clamp(-1.0, 1.0).acos() / PI;
-        let x = u * self.width as f64 - 0.5 + self.width as f64;
-        let y = (v * self.height as f64 - 0.5).clamp(0.0, (self.height - 1) as f64);
-        let (i, j) = (x as usize, y as usize);
-        let (fx, fy) = ((x - i as f64) as f32, (y - j as f64) as f32);
-        let row = |j: usize| {
-            let row = &self.pixels[j.min(self.height - 1) * self.width..][..self.width];
-            row[i % self.width] * (1.0 - fx) + row[(i + 1) % self.width] * fx
-        };
-        row(j) * (1.0 - fy) + row(j + 1) * fy
+        let taps = EquirectangularTaps::new(d, self.width, self.height);
+        EquirectangularTaps { texels: taps.texels, weights: taps.weights.map(|w| w as f32) }
+            .radiance(&self.pixels)
     }
 
     /// The octahedral image of the given size, each texel the mean of several lookups.

@@ -9,10 +9,10 @@ use photofit_scalar::Real;
 use std::sync::LazyLock;
 
 /// Cosines and roughnesses in the table.
-const COSINES: usize = 32;
+const COSINES: usize = 48;
 const ROUGHNESSES: usize = 32;
 /// The table is denser near grazing: coordinate `(1 + c) x / (x + c)` of the cosine x.
-const GRAZING: f64 = 0.1;
+const GRAZING: f64 = 0.05;
 /// Quadrature points per entry: polar and azimuthal.
 const POLAR: usize = 64;
 const AZIMUTHAL: usize = 32;
@@ -46,8 +46,8 @@ pub struct SplitSum<T = f32> {
 
 /// Scale and bias for `cosine = n.wo` (floored at [`COSINE_MIN`]) and perceptual roughness in [`ROUGHNESS_MIN`]..1.
 ///
-/// The largest error against numerical integration is 5e-3 (at grazing, smooth surfaces), the rms error below 1e-3. Derivatives are those of the
-/// interpolation; they vanish where the arguments are clamped.
+/// The largest error against numerical integration is 5e-3 (at grazing, smooth surfaces), the rms error below 1e-3.
+/// Derivatives are those of the interpolation; they vanish where the arguments are clamped.
 #[inline(always)]
 pub fn split_sum<T: Real>(cosine: T, roughness: T) -> SplitSum<T> {
     let one = T::one();

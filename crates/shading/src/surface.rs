@@ -28,14 +28,17 @@ pub type SurfaceGradient<T = f32> = Surface<T>;
 
 /// The lobes of a [`Surface`]: what scattering needs, independent of directions.
 ///
-/// `diffuse = kd (1 - m)`, `f0 = (0.04 (1 - m) + m kd) (1 - gamma)`, `roughness = max(r, ROUGHNESS_MIN)`.
+/// Of a [`Surface`]: `diffuse = kd (1 - m)`, `f0 = (0.04 (1 - m) + m kd) (1 - gamma)`, `f90 = 1`,
+/// `roughness = max(r, ROUGHNESS_MIN)`. Other values of `f90` come from `KHR_materials_specular`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Lobes<T = f32> {
     /// Albedo of the Lambertian lobe.
     pub diffuse: Vec3<T>,
     /// Reflectance of the specular lobe at normal incidence.
     pub f0: Vec3<T>,
-    /// Perceptual roughness of the specular lobe, floored.
+    /// Reflectance of the specular lobe at grazing incidence.
+    pub f90: T,
+    /// Perceptual roughness of the specular lobe, at least [`ROUGHNESS_MIN`].
     pub roughness: T,
 }
 
@@ -63,11 +66,14 @@ impl<T: Real> Surface<T> {
         Lobes {
             diffuse: kd * (one - m),
             f0: (dielectric + kd * m) * (one - self.gamma),
+            f90: one,
             roughness: if self.roughness > floor { self.roughness } else { floor },
         }
     }
 
     /// Adjoint of [`Self::lobes`]: the gradient with respect to this surface, from that of its lobes.
+    ///
+    /// The roughness has its one-sided derivative at [`ROUGHNESS_MIN`], so that a value clamped there can leave.
     #[inline(always)]
     pub fn lobes_vjp(&self, g: &LobesGradient<T>) -> Self {
         let (one, floor) = (T::one(), T::of(ROUGHNESS_MIN));
@@ -77,7 +83,7 @@ impl<T: Real> Surface<T> {
         let d_metal = kd - Vec3::splat(T::of(DIELECTRIC_F0));
         Self {
             base_color: g.diffuse * (one - m) + g.f0 * (m * keep),
-            roughness: if self.roughness > floor { g.roughness } else { T::zero() },
+            roughness: if self.roughness >= floor { g.roughness } else { T::zero() },
             metallic: g.f0.dot(d_metal) * keep - g.diffuse.dot(kd),
             gamma: -g.f0.dot(f0),
         }
@@ -99,6 +105,7 @@ impl<T: Real> std::ops::AddAssign for Lobes<T> {
     fn add_assign(&mut self, o: Self) {
         self.diffuse += o.diffuse;
         self.f0 += o.f0;
+        self.f90 += o.f90;
         self.roughness += o.roughness;
     }
 }

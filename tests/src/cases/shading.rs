@@ -2,7 +2,7 @@
 
 use photofit_image::{Image, contact_sheet};
 use photofit_scalar::{Vec3, Vec3f, vec3};
-use photofit_shading::{Environment, Light, Surface, Yaw, shade};
+use photofit_shading::{Energy, Environment, Light, Surface, Yaw, shade};
 
 /// Size of one sphere in pixels.
 const SIZE: usize = 32;
@@ -18,7 +18,7 @@ fn sphere(surface: &Surface, lights: &[Light<'_>]) -> Image {
             // The rim is left out: its normals turn away within one pixel.
             if height > 0.01 {
                 let n: Vec3f = vec3(px, py, height.sqrt());
-                let radiance = shade(surface, n, n, vec3(0.0, 0.0, 1.0), lights);
+                let radiance = shade(surface, Energy::Single, n, n, vec3(0.0, 0.0, 1.0), lights);
                 image.pixel_mut(x, y).copy_from_slice(&radiance.to_array());
             }
         }

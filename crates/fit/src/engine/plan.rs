@@ -96,6 +96,7 @@ impl Plan {
             max_layers: self.layers,
             position_gradients: self.positions,
             map_gradients: true,
+            energy: photofit_shading::Energy::Single,
         }
     }
 }

@@ -53,7 +53,7 @@ fn integrate(density: impl Fn(Vec3f) -> f64) -> Vec<f64> {
 }
 
 /// Samples against density for the lights of a world as seen by `from`; returns the integral of the density.
-fn check(name: &str, world: &World, from: &Receiver, pdf: impl Fn(Vec3f) -> f64, tests: u32) -> f64 {
+fn check(name: &str, world: &World, from: &Receiver, pdf: impl Fn(Vec3f) -> f64, tests: usize) -> f64 {
     let mut rng = Rng::new(9, name.len() as u64);
     let mut counts = vec![0; BANDS * SECTORS];
     let n = 200_000_u64;

@@ -41,34 +41,11 @@ pub(super) fn mean_of(picture: &Image, variance: &Image, spp: u32, c: usize) -> 
     (mean, (v / (n * f64::from(spp))).sqrt())
 }
 
-/// Asserts that counts come from probabilities (both over the same cells): chi-square at a significance of 0.01 over
-/// `tests` tests (Šidák); cells that expect fewer than 5 are pooled; a count where nothing may be fails.
-pub(super) fn chi_square(name: &str, counts: &[u64], probabilities: &[f64], tests: u32) {
-    let total = counts.iter().sum::<u64>() as f64;
-    let (mut statistic, mut cells, mut pooled) = (0.0, 0_u32, (0.0, 0.0));
-    for (&count, &p) in counts.iter().zip(probabilities) {
-        let (count, expected) = (count as f64, p * total);
-        assert!(p > 0.0 || count == 0.0, "{name}: {count} samples where the density is 0");
-        if expected < 5.0 {
-            pooled = (pooled.0 + count, pooled.1 + expected);
-        } else {
-            statistic += (count - expected).powi(2) / expected;
-            cells += 1;
-        }
-    }
-    if pooled.1 >= 5.0 {
-        statistic += (pooled.0 - pooled.1).powi(2) / pooled.1;
-        cells += 1;
-    }
-    if cells < 2 {
-        return;
-    }
-    let k = f64::from(cells - 1);
-    let spread = 2.0 / (9.0 * k);
-    let z = ((statistic / k).cbrt() - (1.0 - spread)) / spread.sqrt();
-    let alpha = 1.0 - (1.0_f64 - 0.01).powf(1.0 / f64::from(tests));
-    let bound = photofit_sampling::inverse_normal_cdf(1.0 - alpha);
-    assert!(z < bound, "{name}: chi-square {statistic:.1} with {k} degrees of freedom, z = {z:.2}");
+/// Asserts that counts come from probabilities (both over the same cells) at a significance of 0.01 over `tests` tests.
+pub(super) fn chi_square(name: &str, counts: &[u64], probabilities: &[f64], tests: usize) {
+    let z = photofit_sampling::chi_square::deviation(counts, probabilities);
+    let bound = photofit_sampling::chi_square::bound(tests);
+    assert!(z < bound, "{name}: chi-square lies {z:.2} standard deviations above its mean");
 }
 
 #[test]

@@ -14,7 +14,7 @@ pub use frame::{Frame, FrameLayer, Gradients, render, render_into, render_vjp};
 use crate::antialias::Topology;
 use crate::project::Matrix4;
 use photofit_scalar::{Vec2, Vec3, Vec4};
-use photofit_shading::Light;
+use photofit_shading::{Energy, Light};
 use photofit_texture::AlphaMode;
 
 /// A mesh as the renderer sees it; all arrays have one entry per vertex or per triangle.
@@ -69,6 +69,8 @@ pub struct Passes {
     pub position_gradients: bool,
     /// Gradients flow to the maps.
     pub map_gradients: bool,
+    /// Single or multiple scattering between microfacets.
+    pub energy: Energy,
 }
 
 impl Default for Passes {
@@ -80,6 +82,7 @@ impl Default for Passes {
             max_layers: 8,
             position_gradients: true,
             map_gradients: true,
+            energy: Energy::Single,
         }
     }
 }

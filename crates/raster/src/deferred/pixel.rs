@@ -143,7 +143,7 @@ impl<T: Real> Pixel<T> {
     #[inline(always)]
     pub(super) fn color(&self, c: &Corners<T>, view: &View<'_, T>, passes: &Passes) -> [T; 4] {
         let s = surface(&self.texel);
-        let mut rgb = shade(&s, self.position, self.shading_normal, self.wo, view.lights);
+        let mut rgb = shade(&s, passes.energy, self.position, self.shading_normal, self.wo, view.lights);
         if passes.emissive {
             rgb += triple(&self.texel, channel::EMISSIVE);
         }
@@ -171,7 +171,8 @@ impl<T: Real> Pixel<T> {
     ) -> (Lookup<T>, [T; CHANNELS]) {
         let s = surface(&self.texel);
         let g_rgb = vec3(g[0], g[1], g[2]);
-        let sg = shade_vjp(&s, self.position, self.shading_normal, self.wo, view.lights, g_rgb);
+        let sg =
+            shade_vjp(&s, passes.energy, self.position, self.shading_normal, self.wo, view.lights, g_rgb);
         let mut g_texel = [T::zero(); CHANNELS];
         g_texel[..3].copy_from_slice(&sg.surface.base_color.to_array());
         g_texel[channel::ROUGHNESS] = sg.surface.roughness;

@@ -3,10 +3,10 @@
 //! As [`crate::split_sum()`], but over cosine, azimuth and both alphas: `scale = int (1 - p) f`, `bias = int p f` with
 //! `p = (1 - wo.h)^5`, by quadrature over the visible normals. Between the points it is linear along each axis.
 
-use super::energy::schlick_weight;
 use super::ggx::Ggx;
 use super::refraction::{Facets, reflect};
 use super::table::{coordinates, interpolate};
+use crate::energy::schlick_weight;
 use photofit_scalar::{Real, Vec3, vec3};
 use std::sync::LazyLock;
 

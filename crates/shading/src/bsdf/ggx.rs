@@ -7,10 +7,8 @@
 //! both, height-correlated, `G / (4 |wo.z wi.z|) = 1 / (2 (|wi.z| s(wo) + |wo.z| s(wi)))`.
 
 use super::refraction::Facets;
+use crate::ggx::HALF_EPSILON;
 use photofit_scalar::{Real, Vec3, vec3};
-
-/// Added to `|h|^2`, so that opposite directions divide by something; the same as in [`crate::eval`].
-const HALF_EPSILON: f64 = 1e-10;
 
 /// The distribution: alpha along x and y.
 #[derive(Clone, Copy, Debug, PartialEq)]

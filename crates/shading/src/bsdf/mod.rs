@@ -12,13 +12,15 @@
 //!   scaled by the square of the relative index of refraction.
 //! - A delta lobe has value and density zero in [`Scatter::eval_pdf`]; [`Scatter::sample`] returns it with
 //!   [`BsdfSample::delta`] set, its weight divided by the probability of choosing it.
-//! - Microfacet lobes with alpha below [`ALPHA_DELTA`] are delta lobes.
+//! - Microfacet lobes with alpha below [`ALPHA_DELTA`] are delta lobes; opaque metallic-roughness surfaces have none
+//!   (see [`crate::ROUGHNESS_MIN`]).
+//! - `eval_vjp` of [`Diffuse`], [`MetallicRoughness`], [`Bsdf`] and [`GltfParameters`] is the adjoint of the value.
 
+mod adjoint;
 mod anisotropic;
 mod beckmann;
 mod conductor;
 mod dielectric;
-mod energy;
 mod fresnel;
 mod ggx;
 mod gltf;
@@ -32,9 +34,10 @@ mod table;
 #[cfg(test)]
 mod tests;
 
+pub use crate::energy::Energy;
+pub use adjoint::{BsdfGradient, DiffuseGradient, GltfGradient};
 pub use conductor::{Conductor, RoughConductor};
 pub use dielectric::{Dielectric, RoughDielectric, ThinDielectric};
-pub use energy::Energy;
 pub use fresnel::{fresnel_average, fresnel_conductor, fresnel_dielectric};
 pub use gltf::{GltfBsdf, GltfParameters};
 pub use metallic_roughness::MetallicRoughness;

@@ -1,7 +1,7 @@
 //! Time per evaluation: `cargo test --release -p photofit-shading -- --ignored --nocapture bench`.
 
 use super::{at_cosine, material, unit, vector};
-use crate::{Environment, Light, Surface, Yaw, eval, eval_vjp, shade, shade_vjp};
+use crate::{Energy, Environment, Light, Surface, Yaw, eval, eval_vjp, shade, shade_vjp};
 use photofit_gradcheck::Uniform;
 use photofit_scalar::{Vec3, Vec3f, vec3};
 use std::hint::black_box;
@@ -52,8 +52,8 @@ fn bench() {
             + d.position
             + vec3(d.surface.roughness, d.surface.metallic, d.surface.gamma)
     };
-    time("eval", &points, |p| eval(&p.0, p.1, p.2, p.3));
-    time("eval_vjp", &points, |p| all(eval_vjp(&p.0, p.1, p.2, p.3, p.4)));
+    time("eval", &points, |p| eval(&p.0, Energy::Single, p.1, p.2, p.3));
+    time("eval_vjp", &points, |p| all(eval_vjp(&p.0, Energy::Single, p.1, p.2, p.3, p.4)));
 
     let (w, h) = (1024, 512);
     let rgb: Vec<f32> = (0..w * h * 3).map(|i| ((i * 7919) % 1000) as f32 * 1e-3).collect();
@@ -69,19 +69,21 @@ fn bench() {
             .collect();
         // Normals towards the light, so that every light is evaluated.
         time(&format!("shade, {count} directional"), &points, |p| {
-            shade(&p.0, p.4, vec3(0.0, 1.0, 0.0), p.3, black_box(&lights))
+            shade(&p.0, Energy::Single, p.4, vec3(0.0, 1.0, 0.0), p.3, black_box(&lights))
         });
         time(&format!("shade_vjp, {count} directional"), &points, |p| {
-            sum(shade_vjp(&p.0, p.4, vec3(0.0, 1.0, 0.0), p.3, black_box(&lights), p.2))
+            sum(shade_vjp(&p.0, Energy::Single, p.4, vec3(0.0, 1.0, 0.0), p.3, black_box(&lights), p.2))
         });
     }
     let point = [Light::Point { position: vec3(0.0, 3.0, 0.0), intensity: vec3(1.0, 2.0, 3.0) }];
     let ambient = [Light::Ambient { radiance: vec3(1.0, 2.0, 3.0) }];
     let environment = [Light::Environment { map: &map, rotation: Yaw::new(0.3), scale: 1.0 }];
     for (name, lights) in [("point", &point), ("ambient", &ambient), ("environment", &environment)] {
-        time(&format!("shade, {name}"), &points, |p| shade(&p.0, p.4, p.1, p.2, black_box(lights)));
+        time(&format!("shade, {name}"), &points, |p| {
+            shade(&p.0, Energy::Single, p.4, p.1, p.2, black_box(lights))
+        });
         time(&format!("shade_vjp, {name}"), &points, |p| {
-            sum(shade_vjp(&p.0, p.4, p.1, p.2, black_box(lights), p.3))
+            sum(shade_vjp(&p.0, Energy::Single, p.4, p.1, p.2, black_box(lights), p.3))
         });
     }
 }

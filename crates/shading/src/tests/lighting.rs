@@ -2,7 +2,7 @@
 
 use super::{at, at_cosine, flatten, join, material, unflatten, unit, vector};
 use crate::{
-    Environment, Light, ROUGHNESS_MIN, Surface, Yaw, eval, shade, shade_vjp, view_direction,
+    Energy, Environment, Light, ROUGHNESS_MIN, Surface, Yaw, eval, shade, shade_vjp, view_direction,
     view_direction_vjp,
 };
 use photofit_gradcheck::{Uniform, check};
@@ -17,19 +17,20 @@ const HEIGHT: usize = 128;
 static SKY: LazyLock<Vec<f32>> = LazyLock::new(|| {
     let mut rgb = Vec::with_capacity(WIDTH * HEIGHT * 3);
     for k in 0..WIDTH * HEIGHT {
-        let d = pixel(k).0;
-        let sky = 0.5 + 0.5 * d.y;
-        let window = (8.0 * (d.dot(vec3(-0.6, 0.48, 0.64)) - 1.0)).exp() * 4.0;
-        let sun = (800.0 * (d.dot(vec3(0.48, 0.64, 0.6)) - 1.0)).exp() * 500.0;
-        rgb.extend(
-            [sky * 0.6 + window + sun, sky * 0.8 + sun * 0.9, sky + 0.5 * window + sun * 0.7]
-                .map(|v| v as f32),
-        );
+        rgb.extend(radiance(pixel(k).0).to_array().map(|v| v as f32));
     }
     rgb
 });
 
-static MAP: LazyLock<Environment> =
+/// The sky's radiance.
+pub(super) fn radiance(d: Vec3<f64>) -> Vec3<f64> {
+    let sky = 0.5 + 0.5 * d.y;
+    let window = (8.0 * (d.dot(vec3(-0.6, 0.48, 0.64)) - 1.0)).exp() * 4.0;
+    let sun = (800.0 * (d.dot(vec3(0.48, 0.64, 0.6)) - 1.0)).exp() * 500.0;
+    vec3(sky * 0.6 + window + sun, sky * 0.8 + sun * 0.9, sky + 0.5 * window + sun * 0.7)
+}
+
+pub(super) static MAP: LazyLock<Environment> =
     LazyLock::new(|| Environment::from_equirectangular(WIDTH, HEIGHT, &SKY).unwrap());
 
 /// Direction and solid angle of a pixel.
@@ -50,7 +51,14 @@ fn integrate(mut f: impl FnMut(Vec3<f64>) -> Vec3<f64>) -> Vec3<f64> {
     sum
 }
 
-fn check_shade(name: &str, lights: &[Light<'_, f64>], random: &mut Uniform, h: f64, tolerance: f64) {
+fn check_shade(
+    name: &str,
+    energy: Energy,
+    lights: &[Light<'_, f64>],
+    random: &mut Uniform,
+    h: f64,
+    tolerance: f64,
+) {
     let roughness = random.range(0.2, 0.95);
     let s = material(random, roughness);
     let n = unit(random);
@@ -58,8 +66,8 @@ fn check_shade(name: &str, lights: &[Light<'_, f64>], random: &mut Uniform, h: f
     let wo = at_cosine(random, n, cosine);
     let x = join(flatten(&s), &[vector(random) * 0.2, n, wo]);
     let seed = vector(random);
-    let f = |x: &[f64]| shade(&unflatten(x), at(x, 6), at(x, 9), at(x, 12), lights).dot(seed);
-    let d = shade_vjp(&s, at(&x, 6), n, wo, lights, seed);
+    let f = |x: &[f64]| shade(&unflatten(x), energy, at(x, 6), at(x, 9), at(x, 12), lights).dot(seed);
+    let d = shade_vjp(&s, energy, at(&x, 6), n, wo, lights, seed);
     let gradient = join(flatten(&d.surface), &[d.position, d.n, d.wo]);
     check(name, &x, &gradient, h, tolerance, f);
 }
@@ -68,16 +76,17 @@ fn check_shade(name: &str, lights: &[Light<'_, f64>], random: &mut Uniform, h: f
 fn gradients_of_every_light() {
     let mut random = Uniform::new(31);
     let map: Environment<f64> = MAP.cast();
-    for k in 0..60 {
+    for (k, energy) in (0..60).flat_map(|k| [(k, Energy::Single), (k, Energy::Compensated)]) {
         let point = Light::Point { position: unit(&mut random) * 2.0, intensity: vector(&mut random) };
         let sun = Light::Directional { direction: unit(&mut random), irradiance: vector(&mut random) };
         let ambient = Light::Ambient { radiance: vector(&mut random) };
         let rotation = Yaw::new(random.range(0.0, TAU));
         let environment = Light::Environment { map: &map, rotation, scale: 0.7 };
-        check_shade(&format!("ambient {k}"), &[ambient], &mut random, 1e-7, 1e-5);
-        check_shade(&format!("environment {k}"), &[environment], &mut random, 1e-7, 1e-5);
+        check_shade(&format!("ambient {k} {energy:?}"), energy, &[ambient], &mut random, 1e-7, 1e-5);
+        check_shade(&format!("environment {k} {energy:?}"), energy, &[environment], &mut random, 1e-7, 1e-5);
         check_shade(
-            &format!("mixed {k}"),
+            &format!("mixed {k} {energy:?}"),
+            energy,
             &[point, sun, ambient, environment, point],
             &mut random,
             1e-7,
@@ -85,7 +94,7 @@ fn gradients_of_every_light() {
         );
         // A light in front of the surface in any case.
         let sure = [Light::Ambient { radiance: vec3(0.1, 0.2, 0.3) }, point, sun];
-        check_shade(&format!("point and sun {k}"), &sure, &mut random, 1e-6, 1e-5);
+        check_shade(&format!("point and sun {k} {energy:?}"), energy, &sure, &mut random, 1e-7, 1e-5);
     }
 }
 
@@ -119,11 +128,14 @@ fn a_point_light_falls_with_the_square_of_the_distance() {
     let d = vec3(0.0, 0.8, 0.6);
     let sun = Light::Directional { direction: d, irradiance: vec3(1.0, 2.0, 3.0) };
     let point = Light::Point { position: d * 3.0, intensity: vec3(9.0, 18.0, 27.0) };
-    let (a, b) = (shade(&s, Vec3::zero(), n, wo, &[sun]), shade(&s, Vec3::zero(), n, wo, &[point]));
+    let (a, b) = (
+        shade(&s, Energy::Single, Vec3::zero(), n, wo, &[sun]),
+        shade(&s, Energy::Single, Vec3::zero(), n, wo, &[point]),
+    );
     assert!((a - b).length() < 1e-12, "{a:?} {b:?}");
-    assert!((a - eval(&s, n, wo, d).mul(vec3(1.0, 2.0, 3.0))).length() < 1e-12);
+    assert!((a - eval(&s, Energy::Single, n, wo, d).mul(vec3(1.0, 2.0, 3.0))).length() < 1e-12);
     let inside = Light::Point { position: Vec3::zero(), intensity: vec3(1.0, 1.0, 1.0) };
-    assert_eq!(shade(&s, Vec3::zero(), n, wo, &[inside]), Vec3::zero());
+    assert_eq!(shade(&s, Energy::Single, Vec3::zero(), n, wo, &[inside]), Vec3::zero());
 }
 
 #[test]
@@ -139,10 +151,10 @@ fn ambient_light_is_the_integral_of_the_bsdf() {
                 let c = ((k / azimuths) as f64 + 0.5) / cosines as f64;
                 let phi = ((k % azimuths) as f64 + 0.5) / azimuths as f64 * PI;
                 let wi = vec3((1.0 - c * c).sqrt() * phi.cos(), c, (1.0 - c * c).sqrt() * phi.sin());
-                sum += eval(&s, n, wo, wi) * (TAU / (cosines * azimuths) as f64);
+                sum += eval(&s, Energy::Single, n, wo, wi) * (TAU / (cosines * azimuths) as f64);
             }
             let radiance = vec3(1.0, 2.0, 0.5);
-            let got = shade(&s, Vec3::zero(), n, wo, &[Light::Ambient { radiance }]);
+            let got = shade(&s, Energy::Single, Vec3::zero(), n, wo, &[Light::Ambient { radiance }]);
             let e = (got - sum.mul(radiance)).length();
             assert!(e < 5e-3, "roughness {roughness} cosine {cosine}: {got:?} {:?}", sum.mul(radiance));
         }
@@ -202,9 +214,10 @@ fn environment_shading_is_near_the_integral_of_the_bsdf() {
             let n = unit(&mut random);
             let cosine = random.range(0.2, 1.0);
             let wo = at_cosine(&mut random, n, cosine);
-            let exact = integrate(|d| eval(&s, n, wo, d));
+            let exact = integrate(|d| eval(&s, Energy::Single, n, wo, d));
             let light = Light::Environment { map: &*MAP, rotation: Yaw::default(), scale: 1.0 };
-            let got = shade(&s.cast(), Vec3::zero(), n.cast(), wo.cast(), &[light]).cast::<f64>();
+            let got =
+                shade(&s.cast(), Energy::Single, Vec3::zero(), n.cast(), wo.cast(), &[light]).cast::<f64>();
             error += (got - exact).length_squared();
             scale += exact.length_squared();
         }
@@ -225,8 +238,8 @@ fn turning_the_environment_turns_the_light() {
         let (n, wo) = (unit(&mut random).cast(), unit(&mut random).cast());
         let still = Light::Environment { map, rotation: Yaw::default(), scale: 1.0 };
         let turned = Light::Environment { map, rotation: yaw, scale: 1.0 };
-        let a = shade(&s, Vec3::zero(), n, wo, &[still]);
-        let b = shade(&s, Vec3::zero(), yaw.apply(n), yaw.apply(wo), &[turned]);
+        let a = shade(&s, Energy::Single, Vec3::zero(), n, wo, &[still]);
+        let b = shade(&s, Energy::Single, Vec3::zero(), yaw.apply(n), yaw.apply(wo), &[turned]);
         assert!((a - b).length() < 1e-3 * a.length() + 1e-4, "{a:?} {b:?}");
     }
     let east = Yaw::new(std::f64::consts::FRAC_PI_2).apply(vec3(0.0, 0.0, -1.0));

@@ -3,6 +3,7 @@
 mod bench;
 mod gradients;
 mod lighting;
+mod renderers;
 mod scattering;
 
 use crate::Surface;

@@ -1,7 +1,7 @@
 //! Known values, energy, reciprocity, and single against double precision.
 
 use super::{at_cosine, material, unit, vector};
-use crate::{COSINE_MIN, ROUGHNESS_MIN, Surface, eval, eval_vjp, face_viewer, perturb};
+use crate::{COSINE_MIN, Energy, ROUGHNESS_MIN, Surface, eval, eval_vjp, face_viewer, perturb};
 use photofit_gradcheck::Uniform;
 use photofit_scalar::{Vec3, vec3};
 use std::f64::consts::{PI, TAU};
@@ -25,7 +25,7 @@ fn albedo(s: &Surface<f64>, cosine: f64, n: usize) -> Vec3<f64> {
             let vh = h.dot(wo);
             if vh > 0.0 {
                 let wi = h * (2.0 * vh) - wo;
-                sum += eval(s, Z, wo, wi) * (4.0 * vh * d_nh);
+                sum += eval(s, Energy::Single, Z, wo, wi) * (4.0 * vh * d_nh);
             }
         }
     }
@@ -78,7 +78,10 @@ fn scattering_is_reciprocal() {
         let n = unit(&mut random);
         let (a, b) = (random.range(COSINE_MIN, 1.0), random.range(COSINE_MIN, 1.0));
         let (wo, wi) = (at_cosine(&mut random, n, a), at_cosine(&mut random, n, b));
-        let (there, back) = (eval(&s, n, wo, wi) * (1.0 / b), eval(&s, n, wi, wo) * (1.0 / a));
+        let (there, back) = (
+            eval(&s, Energy::Single, n, wo, wi) * (1.0 / b),
+            eval(&s, Energy::Single, n, wi, wo) * (1.0 / a),
+        );
         assert!((there - back).length() <= 1e-9 * there.length(), "{there:?} {back:?}");
     }
 }
@@ -104,7 +107,7 @@ fn textbook_terms_give_the_same_value() {
             let f0 = (dielectric + s.metallic * kd) * (1.0 - s.gamma);
             let f = f0 + (1.0 - f0) * p;
             let expected = (kd * (1.0 - s.metallic) / PI + f * d * g / (4.0 * cv * cl)) * cl;
-            let got = eval(&s, n, wo, wi)[k];
+            let got = eval(&s, Energy::Single, n, wo, wi)[k];
             assert!((got - expected).abs() < 1e-8 * expected.max(1.0), "{got} {expected}");
         }
     }
@@ -122,10 +125,10 @@ fn single_precision_error(random: &mut Uniform, roughness: f64, cosine_min: f64)
     let wo_wide = wo.cast::<f64>();
     let wi = (half * (2.0 * half.dot(wo_wide)) - wo_wide).normalize_or_zero().cast::<f32>();
     let seed = vector(random).cast::<f32>();
-    let narrow = eval(&s, n, wo, wi);
-    let exact = eval(&s.cast::<f64>(), n.cast(), wo.cast(), wi.cast());
-    let a = eval_vjp(&s, n, wo, wi, seed);
-    let b = eval_vjp(&s.cast::<f64>(), n.cast(), wo.cast(), wi.cast(), seed.cast());
+    let narrow = eval(&s, Energy::Single, n, wo, wi);
+    let exact = eval(&s.cast::<f64>(), Energy::Single, n.cast(), wo.cast(), wi.cast());
+    let a = eval_vjp(&s, Energy::Single, n, wo, wi, seed);
+    let b = eval_vjp(&s.cast::<f64>(), Energy::Single, n.cast(), wo.cast(), wi.cast(), seed.cast());
     let difference = |x: Vec3<f32>, y: Vec3<f64>| (x.cast::<f64>() - y).length() / y.length().max(1e-3);
     let gradient = [
         difference(a.n, b.n),
@@ -164,12 +167,13 @@ fn extreme_inputs_stay_finite_in_single_precision() {
                 let n = unit(&mut random);
                 let wo = at_cosine(&mut random, n, cv);
                 for wi in [at_cosine(&mut random, n, cl), -wo, wo, n * (2.0 * cv) - wo] {
-                    let d = eval_vjp(&s, n.cast(), wo.cast(), wi.cast(), vec3(1.0, -1.0, 0.5));
+                    let d =
+                        eval_vjp(&s, Energy::Single, n.cast(), wo.cast(), wi.cast(), vec3(1.0, -1.0, 0.5));
                     let finite = d.n.is_finite() && d.wo.is_finite() && d.wi.is_finite();
                     let finite =
                         finite && d.surface.base_color.is_finite() && d.surface.roughness.is_finite();
                     assert!(finite, "roughness {roughness} n.wo {cv} n.wi {cl}: {d:?}");
-                    assert!(eval(&s, n.cast(), wo.cast(), wi.cast()).is_finite());
+                    assert!(eval(&s, Energy::Single, n.cast(), wo.cast(), wi.cast()).is_finite());
                 }
             }
         }

@@ -6,10 +6,10 @@
 //! other side's would exceed 1, and that inside follows by reciprocity. `E` is tabulated at first use over cosine,
 //! roughness, index and side, apart from Schlick's `f0` and `f90`, in which it is linear.
 
-use crate::bsdf::energy::schlick_weight;
 use crate::bsdf::ggx::Ggx;
 use crate::bsdf::refraction::{Facets, reflect, refract, refracted_cosine};
 use crate::bsdf::table::{coordinates, interpolate};
+use crate::energy::schlick_weight;
 use photofit_scalar::{Real, vec3};
 use std::sync::LazyLock;
 

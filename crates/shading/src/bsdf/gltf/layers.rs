@@ -3,10 +3,10 @@
 use super::glass::Glass;
 use super::{GltfParameters, sheen};
 use crate::bsdf::anisotropic;
-use crate::bsdf::energy::{Energy, SpecularAlbedo, schlick_weight};
 use crate::bsdf::ggx::{Ggx, Reflection};
 use crate::bsdf::refraction::{REFRACTION_DELTA, refracted_cosine, refraction};
 use crate::bsdf::{ALPHA_DELTA, TransportMode, mirror_z};
+use crate::energy::{Energy, SpecularAlbedo, schlick_weight};
 use photofit_scalar::{Real, Vec3, vec3};
 
 /// A glTF material with layers, transmission or anisotropy; made by [`GltfParameters::bsdf`].
@@ -103,17 +103,17 @@ impl<T: Real> GltfBsdf<T> {
     #[inline]
     pub fn new(p: &GltfParameters<T>) -> Self {
         let (zero, one, delta) = (T::zero(), T::one(), T::of(ALPHA_DELTA));
-        let base = p.base();
+        let base = p.base().lobes;
         let (dielectric_f0, dielectric_f90) = p.dielectric();
-        let (ax, ay) = p.alphas();
         let transmitted = base.diffuse * p.transmission;
+        let transmits = transmitted != Vec3::zero();
+        let (ax, ay) = p.alphas(transmits);
         let coat_roughness = p.clearcoat_roughness.relu();
         let coat =
             Coat { weight: p.clearcoat, alpha: coat_roughness * coat_roughness, normal: p.clearcoat_normal };
         let ior = if p.ior < one { T::of(1.5) } else { p.ior };
         let mut uses = 0;
         let mut set = |bit: u8, on: bool| uses |= if on { bit } else { 0 };
-        let transmits = transmitted != Vec3::zero();
         set(TRANSMISSION, transmits);
         set(VOLUME, transmits && p.volume);
         set(SHEEN, p.sheen_color != Vec3::zero());
@@ -151,9 +151,9 @@ impl<T: Real> GltfBsdf<T> {
     #[inline(always)]
     pub(super) fn albedos(&self, f0: Vec3<T>, f90: T) -> SpecularAlbedo<T> {
         if self.uses(ANISOTROPY) && !self.uses(SMOOTH) {
-            SpecularAlbedo::with_averages(f0, f90, self.base.ax, anisotropic::average(&self.base))
+            SpecularAlbedo::with_averages(f0, f90, self.base.ax.sqrt(), anisotropic::average(&self.base))
         } else {
-            SpecularAlbedo::new(f0, f90, self.base.ax)
+            SpecularAlbedo::new(f0, f90, self.base.ax.sqrt())
         }
     }
 
@@ -268,7 +268,7 @@ impl<T: Real> GltfBsdf<T> {
     /// Albedo of the coat times its weight.
     #[inline(always)]
     fn coat_albedo(&self, cosine: T) -> T {
-        let coat = SpecularAlbedo::new(Vec3::splat(T::of(COAT_F0)), T::one(), self.coat.alpha);
+        let coat = SpecularAlbedo::new(Vec3::splat(T::of(COAT_F0)), T::one(), self.coat.alpha.sqrt());
         self.coat.weight * coat.single(coat.at(cosine.abs())).x
     }
 
@@ -347,6 +347,14 @@ impl<T: Real> GltfBsdf<T> {
             rest *= T::one() - p.coat.max(self.coat_albedo(p.coat_normal.dot(wi)));
         }
         rest
+    }
+
+    /// [`Self::below_layers`] for directions in the local frame; 0 where nothing is scattered.
+    pub(in crate::bsdf) fn left_by_layers(&self, wo: Vec3<T>, wi: Vec3<T>) -> T {
+        match self.prepare(wo) {
+            Some(p) => self.below_layers(&p, self.turn(if p.mirrored { mirror_z(wi) } else { wi })),
+            None => T::zero(),
+        }
     }
 
     /// Value and density, for `wi` in the frame of `Prepared::wo`.

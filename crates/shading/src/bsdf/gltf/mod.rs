@@ -23,6 +23,8 @@ mod sheen;
 pub use layers::GltfBsdf;
 
 use super::{ALPHA_DELTA, Bsdf, Energy, MetallicRoughness, TransportMode};
+use crate::ggx::ROUGHNESS_MIN;
+use crate::surface::Lobes;
 use photofit_scalar::{Real, Vec3, vec3};
 
 /// The numbers of a glTF material at a point.
@@ -102,17 +104,16 @@ impl<T: Real> GltfParameters<T> {
 
     /// The base without extensions but `ior` and `specular`.
     #[inline]
-    fn base(&self) -> MetallicRoughness<T> {
+    pub(in crate::bsdf) fn base(&self) -> MetallicRoughness<T> {
         let (f0, f90) = self.dielectric();
         let (m, one) = (self.metallic, T::one());
-        let roughness = self.roughness.relu();
-        MetallicRoughness {
+        let lobes = Lobes {
             diffuse: self.base_color * (one - m),
             f0: f0 * (one - m) + self.base_color * m,
             f90: f90 * (one - m) + m,
-            alpha: roughness * roughness,
-            energy: self.energy,
-        }
+            roughness: self.roughness.max(T::of(ROUGHNESS_MIN)),
+        };
+        MetallicRoughness { lobes, energy: self.energy }
     }
 
     /// The scattering function: [`MetallicRoughness`] where no layer, transmission or anisotropy is used.
@@ -127,9 +128,13 @@ impl<T: Real> GltfParameters<T> {
     }
 
     /// Alpha along the direction of anisotropy and across it.
+    ///
+    /// Roughness has the floor of opaque surfaces; where light is transmitted there is none, and clear glass is clear.
     #[inline]
-    fn alphas(&self) -> (T, T) {
-        let a = self.roughness.relu() * self.roughness.relu();
+    fn alphas(&self, transmits: bool) -> (T, T) {
+        let floor = if transmits { T::zero() } else { T::of(ROUGHNESS_MIN) };
+        let roughness = self.roughness.max(floor);
+        let a = roughness * roughness;
         let strength = self.anisotropy * self.anisotropy;
         let along = a + (T::one() - a) * strength;
         // A lobe is a delta lobe along both axes or along none.

@@ -5,10 +5,10 @@ use super::layers::{
     SMOOTH_REFRACTION, TRANSMISSION, VOLUME,
 };
 use super::sheen;
-use crate::bsdf::energy::Energy;
 use crate::bsdf::ggx::Ggx;
 use crate::bsdf::refraction::{Facets, reflect, refract};
 use crate::bsdf::{BsdfSample, Scatter, mirror_z, reflect_z, weighted};
+use crate::energy::Energy;
 use photofit_sampling::{cosine_hemisphere, uniform_hemisphere};
 use photofit_scalar::{Real, Vec3, vec3};
 
@@ -29,7 +29,7 @@ impl<T: Real> GltfBsdf<T> {
             BROAD => Drawn::Direction(cosine_hemisphere(u), false),
             BROAD_TRANSMITTED => Drawn::Direction(mirror_z(cosine_hemisphere(u)), true),
             SHEEN_LOBE => Drawn::Direction(uniform_hemisphere(u), false),
-            _ => self.draw_coat(p, u),
+            _ => self.draw_coat(p, u)?,
         })
     }
 
@@ -66,16 +66,17 @@ impl<T: Real> GltfBsdf<T> {
         Some(Drawn::Delta(wi, true, value, T::one() - share))
     }
 
-    fn draw_coat(&self, p: &Prepared<T>, u: [T; 2]) -> Drawn<T> {
+    /// `None` where a facet of the coat reflects below the coat's own horizon: its masking takes that light.
+    fn draw_coat(&self, p: &Prepared<T>, u: [T; 2]) -> Option<Drawn<T>> {
         let n = p.coat_normal;
         if self.uses(SMOOTH_COAT) {
             let value = self.coat.weight * Self::coat_fresnel(n.dot(p.wo));
-            return Drawn::Delta(reflect(p.wo, n), false, Vec3::splat(value), T::one());
+            return Some(Drawn::Delta(reflect(p.wo, n), false, Vec3::splat(value), T::one()));
         }
         let (s, t) = n.orthonormal_pair();
         let wo = vec3(s.dot(p.wo), t.dot(p.wo), n.dot(p.wo));
         let wi = reflect(wo, Ggx::isotropic(self.coat.alpha).sample(wo, u));
-        Drawn::Direction(s * wi.x + t * wi.y + n * wi.z, false)
+        (wi.z > T::zero()).then(|| Drawn::Direction(s * wi.x + t * wi.y + n * wi.z, false))
     }
 }
 

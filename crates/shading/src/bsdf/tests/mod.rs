@@ -1,5 +1,6 @@
 //! Tests of every BSDF: sampling, energy, reciprocity, known values, robustness.
 
+mod adjoint;
 mod bench;
 mod catalogue;
 mod chi_square;
