@@ -28,7 +28,7 @@ pub fn load_environment(path: impl AsRef<Path>) -> Result<Image, SceneError> {
         }
         if let Some(x) = to.iter().find(|x| !(x.is_finite() && **x >= 0.0)) {
             let (x, y) = (*x, (i % image.width, i / image.width));
-            return Err(fail(format!("radiance is finite and not negative, found {x} at pixel {y:?}")));
+            return Err(fail(format!("radiance is {x} at pixel {y:?}; it must be finite and not negative")));
         }
     }
     Ok(rgb)

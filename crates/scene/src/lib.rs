@@ -2,21 +2,27 @@
 //!
 //! [`load`] reads a glTF, OBJ or PLY asset into a [`Scene`]; [`Scene::flatten`] makes one world-space mesh of it.
 
+mod animation;
 mod camera;
 mod environment;
 mod error;
 mod extensions;
 mod flat;
 pub mod graph;
+mod left_out;
 mod light;
 mod load;
 mod material;
 #[cfg(feature = "mitsuba")]
 pub mod mitsuba;
 mod model;
+mod nodes;
+mod pose;
 mod save;
+mod skin;
 pub mod surface;
 
+pub use animation::{Animation, Channel, Curve, Interpolation, Property};
 pub use camera::Camera;
 pub use environment::load_environment;
 pub use error::SceneError;
@@ -26,5 +32,10 @@ pub use light::{LightKind, PunctualLight};
 pub use load::{Limits, MAX_COORDINATE, Points, Sensor, load, load_points, load_points_with, load_with};
 pub use material::{AlphaMode, Filter, Material, Sampler, TextureSlot, Wrap};
 pub use model::{Instance, MAX_FLAT, Memory, Primitive, Scene, TextureEncoding, TextureImage};
+pub use nodes::{
+    About, Hierarchy, Lens, Node, NodeCamera, NodeLight, NodeMesh, NodePrimitive, NodeTransform, Placement,
+};
+pub use pose::Pose;
 pub use save::{save_glb, to_glb};
+pub use skin::{Bind, Influences, MorphTarget, Skin};
 pub use surface::{ExtensionSample, MapKind, SurfaceLibrary, SurfaceSample, UvDerivatives};

@@ -51,6 +51,8 @@ pub struct Material {
     pub unlit: bool,
     /// What extensions add; `None` for plain materials. The rasterizer and fits leave it out.
     pub extensions: Option<Box<Extensions>>,
+    /// Application data of the file.
+    pub extras: Option<serde_json::Value>,
 }
 
 impl Default for Material {
@@ -72,6 +74,7 @@ impl Default for Material {
             double_sided: false,
             unlit: false,
             extensions: None,
+            extras: None,
         }
     }
 }

@@ -1,9 +1,11 @@
 //! The scene: primitives, their placements, materials and images.
 
 use crate::error::{Fault, fault};
+use crate::nodes::{About, Hierarchy};
 use crate::{Camera, Material, PunctualLight, SceneError, TextureSlot};
 use photofit_geometry::Mesh;
 use photofit_scalar::Vec3f;
+use std::sync::Arc;
 
 /// An 8-bit image of a texture, RGBA, row 0 at the top; its encoding follows from the slot that uses it.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -74,6 +76,13 @@ pub struct Scene {
     pub source_bytes: u64,
     /// What the loader ignored or repaired, one line each.
     pub warnings: Vec<String>,
+    /// The nodes that place all this, with skins, morph targets and animations; `None` for formats without and for scenes
+    /// made by hand.
+    pub hierarchy: Option<Arc<Hierarchy>>,
+    /// What the file says about itself.
+    pub about: About,
+    /// Names of the extensions that the file uses and the loader does not read.
+    pub ignored_extensions: Vec<String>,
 }
 
 /// Bytes that a scene takes; see [`Scene::memory`].
@@ -185,19 +194,27 @@ impl Scene {
         for (p, primitive) in self.primitives.iter().enumerate() {
             check_mesh(&primitive.mesh).map_err(|rule| fault(format!("primitive {p}"), rule))?;
             if primitive.material >= self.materials.len() {
-                let rule = format!("material {} is one of {}", primitive.material, self.materials.len());
+                let rule = format!(
+                    "names material {}; there are {} materials",
+                    primitive.material,
+                    self.materials.len()
+                );
                 return Err(fault(format!("primitive {p}"), rule));
             }
         }
         for (i, instance) in self.instances.iter().enumerate() {
             if instance.primitive >= self.primitives.len() {
-                let rule = format!("primitive {} is one of {}", instance.primitive, self.primitives.len());
+                let rule = format!(
+                    "names primitive {}; there are {} primitives",
+                    instance.primitive,
+                    self.primitives.len()
+                );
                 return Err(fault(format!("instance {i}"), rule));
             }
         }
         for (m, material) in self.materials.iter().enumerate() {
             if let Some(slot) = slots(material).find(|s| s.image >= self.images.len()) {
-                let rule = format!("image {} is one of {}", slot.image, self.images.len());
+                let rule = format!("names image {}; there are {} images", slot.image, self.images.len());
                 return Err(fault(format!("material {m}"), rule));
             }
         }
@@ -206,11 +223,19 @@ impl Scene {
                 || image.height == 0
                 || image.width.checked_mul(image.height) != Some(image.texels.len())
             {
-                let rule = format!("{} x {} texels, found {}", image.width, image.height, image.texels.len());
+                let rule = format!(
+                    "has {} texels; its size {} x {} asks for as many",
+                    image.texels.len(),
+                    image.width,
+                    image.height
+                );
                 return Err(fault(format!("image {i}"), rule));
             }
         }
-        Ok(())
+        match &self.hierarchy {
+            Some(hierarchy) => hierarchy.check(self),
+            None => Ok(()),
+        }
     }
 
     /// Checks that the scene can be the input of a fit: it has triangles, a surface, and a size that can be
@@ -226,17 +251,17 @@ impl Scene {
         if triangles == 0 {
             return fail(match vertices {
                 0 => "has no geometry".into(),
-                n => format!("has triangles, found {n} points only"),
+                n => format!("has {n} points only; it must have triangles"),
             });
         }
         if vertices.max(triangles) > MAX_FLAT {
             return fail(format!(
-                "places at most {MAX_FLAT} vertices and triangles, found {vertices} and {triangles}"
+                "places {vertices} vertices and {triangles} triangles; it may place {MAX_FLAT} of each"
             ));
         }
         let area = self.area();
         if !(area > 0.0 && area.is_finite()) {
-            return fail(format!("has a surface of positive finite area, found {area}"));
+            return fail(format!("has an area of {area}; it must have a surface of positive finite area"));
         }
         Ok(())
     }
@@ -256,10 +281,10 @@ pub(crate) fn slots(m: &Material) -> impl Iterator<Item = &TextureSlot> {
     .chain(m.extensions.iter().flat_map(|e| e.textures().map(|(_, slot)| slot)))
 }
 
-fn check_mesh(mesh: &Mesh) -> Result<(), String> {
+pub(crate) fn check_mesh(mesh: &Mesh) -> Result<(), String> {
     let n = mesh.positions.len();
     if u32::try_from(n).is_err() {
-        return Err(format!("at most {} vertices, found {n}", u32::MAX));
+        return Err(format!("has {n} vertices; it may have at most {}", u32::MAX));
     }
     for (name, length) in [
         ("normals", mesh.normals.len()),
@@ -269,11 +294,13 @@ fn check_mesh(mesh: &Mesh) -> Result<(), String> {
         ("colors", mesh.colors.len()),
     ] {
         if length != 0 && length != n {
-            return Err(format!("none or one of {name} per vertex, found {length} for {n}"));
+            return Err(format!(
+                "has {length} {name} for {n} vertices; it must have none or one of {name} per vertex"
+            ));
         }
     }
     match mesh.triangles.iter().flatten().find(|&&i| i as usize >= n) {
-        Some(i) => Err(format!("index {i} stays below the {n} vertices")),
+        Some(i) => Err(format!("names index {i}; it must be below the {n} vertices")),
         None => Ok(()),
     }
 }

@@ -141,7 +141,8 @@ fn stem(path: &Path) -> Result<String> {
 }
 
 fn test(case: &Case) -> Result<Outcome> {
-    let scene = load_mitsuba(&case.scene, &MitsubaOptions::default())?;
+    let options = MitsubaOptions { allow_parent_paths: true, ..MitsubaOptions::default() };
+    let scene = load_mitsuba(&case.scene, &options)?;
     let mut options = RenderOptions::from_mitsuba(&scene);
     let pixels = options.width * options.height;
     options.spp = if case.variance.is_some() { (SAMPLES / pixels) as u32 } else { IGNIS_SPP };

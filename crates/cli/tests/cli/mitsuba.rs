@@ -50,6 +50,6 @@ fn media_that_cannot_be_are_refused() {
     let d = dir.path();
     std::fs::write(d.join("bad.xml"), SCENE.replace("0.99", "1.01")).unwrap();
     let o = photofit(d, &["render", "bad.xml", "-o", "bad.png"]);
-    assert_one_error(&o, "more light than there was", &["bad.xml", "albedo lies in [0, 1]"]);
+    assert_one_error(&o, "more light than there was", &["bad.xml", "albedo", "must lie in [0, 1]"]);
     assert!(!d.join("bad.png").exists(), "no picture");
 }

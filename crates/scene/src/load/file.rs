@@ -13,7 +13,8 @@ pub(crate) fn read(path: &Path, limit: u64) -> Result<Vec<u8>, SceneError> {
     let cannot = |cause| SceneError::Read { path: path.to_owned(), cause };
     let size = size_of_regular(path).map_err(cannot)?;
     if size > limit {
-        return Err(fault("the file's size", format!("at most {limit} bytes, found {size}")).in_file(path));
+        return Err(fault("the file's size", format!("is {size} bytes; it may be at most {limit} bytes"))
+            .in_file(path));
     }
     let mut bytes = Vec::with_capacity(size as usize);
     File::open(path).and_then(|f| f.take(limit).read_to_end(&mut bytes)).map_err(cannot)?;
@@ -122,9 +123,10 @@ fn percent_decode(uri: &str) -> Option<String> {
 }
 
 fn decode_data(data: &str, place: &str) -> Result<Vec<u8>, Fault> {
-    let (kind, body) = data.split_once(',').ok_or_else(|| fault(place, "a data URI has a comma"))?;
+    let (kind, body) =
+        data.split_once(',').ok_or_else(|| fault(place, "the data URI has no comma; it must have one"))?;
     if !kind.ends_with(";base64") {
-        return Err(fault(place, "a data URI is base64"));
+        return Err(fault(place, "the data URI is not base64; it must be"));
     }
     base64::engine::GeneralPurpose::new(
         &base64::alphabet::STANDARD,

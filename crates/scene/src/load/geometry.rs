@@ -39,7 +39,7 @@ pub(crate) fn obj_geometry(bytes: &[u8], limits: &Limits) -> Result<Geometry, Fa
     let scene = obj::parse(&text, &Folder::of(Path::new("")), limits, obj::Missing::Smooth)?;
     let mesh = scene.primitives.into_iter().next().map(|p| p.mesh).unwrap_or_default();
     if mesh.triangles.is_empty() {
-        return Err(fault("the file", "has faces"));
+        return Err(fault("the file", "has no faces; it must have some"));
     }
     Ok(Geometry { mesh, has_normals, vertices: HashMap::new(), faces: HashMap::new() })
 }
@@ -47,11 +47,11 @@ pub(crate) fn obj_geometry(bytes: &[u8], limits: &Limits) -> Result<Geometry, Fa
 /// Reads a PLY file without its materials.
 pub(crate) fn ply_geometry(bytes: &[u8], limits: &Limits) -> Result<Geometry, Fault> {
     if !bytes.starts_with(b"ply\n") && !bytes.starts_with(b"ply\r") {
-        return Err(fault("byte 0", "a .ply file begins with the line `ply`"));
+        return Err(fault("byte 0", "the file does not begin with the line `ply`; a .ply file must"));
     }
     let mesh = ply::parse_geometry(bytes, limits)?;
     if mesh.triangles.is_empty() {
-        return Err(fault("the file", "has faces"));
+        return Err(fault("the file", "has no faces; it must have some"));
     }
     let attributes = ply::parse_attributes(bytes)?;
     let fits = |v: &Vec<Vec3f>| v.len() == mesh.positions.len();

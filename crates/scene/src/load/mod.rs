@@ -19,7 +19,7 @@ use crate::{Primitive, Scene, SceneError};
 #[cfg(feature = "mitsuba")]
 pub(crate) use file::{clip, read as read_file};
 #[cfg(feature = "mitsuba")]
-pub(crate) use geometry::{normals_by_index, obj_geometry, ply_geometry};
+pub(crate) use geometry::{Geometry, normals_by_index, obj_geometry, ply_geometry};
 pub use points::{Points, Sensor, load_points, load_points_with};
 use std::path::Path;
 
@@ -110,12 +110,12 @@ fn parse(path: &Path, bytes: &[u8], folder: &file::Folder, limits: &Limits) -> R
     match extension.as_str() {
         "obj" => obj::parse(text, folder, limits, obj::Missing::Creased),
         "gltf" | "glb" | "json" | "" if first == Some(b'{') => gltf::parse_json(text, folder, limits),
-        "glb" => Err(fault("byte 0", "a .glb file begins with the magic `glTF`")),
-        "gltf" => Err(fault("byte 0", "a .gltf file is a JSON object")),
-        "ply" => Err(fault("byte 0", "a .ply file begins with the line `ply`")),
+        "glb" => Err(fault("byte 0", "the file does not begin with the magic `glTF`; a .glb file must")),
+        "gltf" => Err(fault("byte 0", "the file is no JSON object; a .gltf file must be one")),
+        "ply" => Err(fault("byte 0", "the file does not begin with the line `ply`; a .ply file must")),
         other => Err(fault(
             "the file's name",
-            format!("assets are .glb, .gltf, .obj or .ply files, not `.{other}`"),
+            format!("the extension is `.{other}`; assets must be .glb, .gltf, .obj or .ply files"),
         )),
     }
 }
@@ -135,7 +135,9 @@ fn check_extent(scene: &Scene) -> Result<(), Fault> {
             if !(p.abs().max_element() <= MAX_COORDINATE && p.is_finite()) {
                 return Err(fault(
                     format!("instance {i} of primitive {}", instance.primitive),
-                    format!("world-space coordinates are finite and at most {MAX_COORDINATE:e}, found {p}"),
+                    format!(
+                        "has a corner at {p} in world space; coordinates must be finite and at most {MAX_COORDINATE:e}"
+                    ),
                 ));
             }
         }
@@ -163,7 +165,10 @@ impl<'a> Budget<'a> {
         if total > self.limits.vertices as u64 {
             return Err(fault(
                 place(),
-                format!("at most {} vertices in all, this makes {total}", self.limits.vertices),
+                format!(
+                    "this makes {total} vertices; there may be at most {} vertices in all",
+                    self.limits.vertices
+                ),
             ));
         }
         self.vertices = total as usize;
@@ -174,7 +179,13 @@ impl<'a> Budget<'a> {
     pub(crate) fn primitive(&mut self, place: &str) -> Result<(), Fault> {
         self.primitives += 1;
         if self.primitives > self.limits.instances {
-            return Err(fault(place, format!("at most {} placed primitives", self.limits.instances)));
+            return Err(fault(
+                place,
+                format!(
+                    "is one primitive more than allowed; there may be at most {} placed primitives",
+                    self.limits.instances
+                ),
+            ));
         }
         Ok(())
     }
@@ -185,7 +196,10 @@ impl<'a> Budget<'a> {
         if total > self.limits.triangles as u64 {
             return Err(fault(
                 place(),
-                format!("at most {} triangles in all, this makes {total}", self.limits.triangles),
+                format!(
+                    "this makes {total} triangles; there may be at most {} triangles in all",
+                    self.limits.triangles
+                ),
             ));
         }
         self.triangles = total as usize;
@@ -193,7 +207,7 @@ impl<'a> Budget<'a> {
     }
 }
 
-pub(crate) use normals::smooth as smooth_normals;
+pub(crate) use normals::{flat as flat_normals, smooth as smooth_normals};
 pub(crate) use texture::affine_of_transform;
 
 /// Appends a primitive placed once without a transform.

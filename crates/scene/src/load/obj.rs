@@ -47,6 +47,7 @@ pub(crate) enum Missing {
 pub(crate) fn parse(text: &[u8], folder: &Folder, limits: &Limits, missing: Missing) -> Result<Scene, Fault> {
     let mut scene = Scene::default();
     let mut textures = Textures::new(limits);
+    let mut library = mtl::Library::default();
     let mut names: HashMap<String, usize> = HashMap::new();
     let mut statements = Statements::default();
     let mut budget = Budget::new(limits);
@@ -88,11 +89,16 @@ pub(crate) fn parse(text: &[u8], folder: &Folder, limits: &Limits, missing: Miss
             }
             "mtllib" if libraries.iter().any(|l| l == rest) => {}
             "mtllib" if libraries.len() >= MOST_LIBRARIES => {
-                return Err(fault(line(), format!("at most {MOST_LIBRARIES} material libraries")));
+                return Err(fault(
+                    line(),
+                    format!(
+                        "is one library more than allowed; there may be at most {MOST_LIBRARIES} material libraries"
+                    ),
+                ));
             }
             "mtllib" => {
                 libraries.push(rest.to_owned());
-                mtl::load(rest, folder, limits, &line(), &mut scene, &mut names, &mut textures)?;
+                library.load(rest, folder, limits, &line(), &mut scene, &mut names, &mut textures)?;
             }
             "" | "#" | "o" | "g" | "s" => {}
             other => ignored.add(other),
@@ -107,6 +113,7 @@ pub(crate) fn parse(text: &[u8], folder: &Folder, limits: &Limits, missing: Miss
     statements.fill_normals(missing);
     statements.build(&mut scene, &mut budget, clay.unwrap_or(0))?;
     scene.images = textures.decode()?;
+    library.finish(&mut scene, limits)?;
     Ok(scene)
 }
 
@@ -174,10 +181,14 @@ pub(super) fn numbers<const N: usize>(
             .parse()
             .ok()
             .filter(|x: &f32| x.is_finite())
-            .ok_or_else(|| format!("`{}` is a finite number", clip(word)))?;
+            .ok_or_else(|| format!("`{}` is no finite number; it must be one", clip(word)))?;
         found += 1;
     }
-    if found < least { Err(format!("at least {least} numbers, found {found}")) } else { Ok(out) }
+    if found < least {
+        Err(format!("has {found} numbers; it must have at least {least} numbers"))
+    } else {
+        Ok(out)
+    }
 }
 
 impl Statements {
@@ -208,19 +219,22 @@ impl Statements {
             let mut corner = [NONE; 3];
             for (k, part) in word.split('/').enumerate() {
                 if k >= 3 {
-                    return Err(format!("`{}` is v, v/vt, v//vn or v/vt/vn", clip(word)));
+                    return Err(format!(
+                        "the corner is `{}`; it must be v, v/vt, v//vn or v/vt/vn",
+                        clip(word)
+                    ));
                 }
                 if !part.is_empty() {
                     corner[k] = index(part, counts[k]).map_err(|rule| format!("`{}`: {rule}", clip(word)))?;
                 }
             }
             if corner[0] == NONE {
-                return Err(format!("`{}` names a vertex", clip(word)));
+                return Err(format!("`{}` names no vertex; it must name one", clip(word)));
             }
             out.push(corner);
         }
         if out.len() < 3 {
-            Err(format!("a face has at least 3 corners, found {}", out.len()))
+            Err(format!("the face has {} corners; it must have at least 3 corners", out.len()))
         } else {
             Ok(())
         }
@@ -320,10 +334,10 @@ impl Statements {
 
 /// A 1-based or negative index as a 0-based one.
 fn index(text: &str, count: usize) -> Result<u32, String> {
-    let i: i64 = text.parse().map_err(|e| format!("indices are integers: {e}"))?;
+    let i: i64 = text.parse().map_err(|e| format!("is no index; indices must be integers: {e}"))?;
     let at = if i < 0 { count as i64 + i } else { i - 1 };
     if at < 0 || at >= count as i64 || at >= i64::from(NONE) {
-        return Err(format!("index {i} refers to one of the {count} lines before this one"));
+        return Err(format!("index {i} does not exist; {count} lines stand before this one"));
     }
     Ok(at as u32)
 }

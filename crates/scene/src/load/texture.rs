@@ -45,17 +45,32 @@ impl<'a> Textures<'a> {
     ) -> Result<usize, Fault> {
         self.encoded = self.encoded.saturating_add(bytes.len() as u64);
         if self.encoded > self.limits.file_bytes {
-            return Err(fault(place, format!("all textures have at most {} bytes", self.limits.file_bytes)));
+            return Err(fault(
+                place,
+                format!(
+                    "all textures have {} bytes up to here; there may be at most {} bytes",
+                    self.encoded, self.limits.file_bytes
+                ),
+            ));
         }
         let (width, height) =
             photofit_image::texture_size(&bytes).map_err(|e| fault(&place, image_rule(e)))?;
         let side = self.limits.texture_side;
         if width > side || height > side {
-            return Err(fault(place, format!("at most {side} x {side} texels, found {width} x {height}")));
+            return Err(fault(
+                place,
+                format!("has {width} x {height} texels; it may have at most {side} x {side} texels"),
+            ));
         }
         self.texels = self.texels.saturating_add(width as u64 * height as u64);
         if self.texels > self.limits.texels {
-            return Err(fault(place, format!("all textures have at most {} texels", self.limits.texels)));
+            return Err(fault(
+                place,
+                format!(
+                    "all textures have {} texels up to here; there may be at most {} texels",
+                    self.texels, self.limits.texels
+                ),
+            ));
         }
         self.known.insert(key, self.pending.len());
         self.pending.push(Pending { place, name, bytes });

@@ -24,7 +24,7 @@ impl Importer {
     /// A BSDF with everything inside it.
     pub(super) fn bsdf(&mut self, element: usize, depth: usize) -> Result<SurfaceNode, Fault> {
         if depth > MAX_GRAPH_DEPTH {
-            let rule = format!("BSDFs are nested at most {MAX_GRAPH_DEPTH} deep");
+            let rule = format!("BSDFs are nested more than {MAX_GRAPH_DEPTH} deep; that many are accepted");
             return Err(fault(self.reader.place(element), rule));
         }
         let kind = self.reader.kind(element).to_owned();
@@ -74,7 +74,7 @@ impl Importer {
     fn inner(&mut self, element: usize, depth: usize, count: usize) -> Result<Vec<SurfaceNode>, Fault> {
         let nested = self.reader.nested(element, "bsdf")?;
         if nested.is_empty() || nested.len() > count {
-            let rule = format!("has 1 to {count} BSDFs inside, found {}", nested.len());
+            let rule = format!("has {} BSDFs inside; it must have 1 to {count}", nested.len());
             return Err(fault(self.reader.place(element), rule));
         }
         nested.into_iter().map(|(_, e)| self.bsdf(e, depth + 1)).collect()
@@ -85,14 +85,19 @@ impl Importer {
         let nested = self.reader.nested(element, "texture")?;
         match nested[..] {
             [(_, e)] => self.texture_of(e, Meaning::Unbounded, 0),
-            _ => Err(fault(self.reader.place(element), "has one texture")),
+            _ => {
+                Err(fault(self.reader.place(element), "has no texture or several; it must have one texture"))
+            }
         }
     }
 
     fn two_sided(&mut self, element: usize, depth: usize) -> Result<SurfaceNode, Fault> {
         let mut inner = self.inner(element, depth, 2)?;
         if inner.iter().any(|n| n.transmits()) {
-            return Err(fault(self.reader.place(element), "only opaque BSDFs are two-sided"));
+            return Err(fault(
+                self.reader.place(element),
+                "a BSDF inside transmits; only opaque BSDFs may be two-sided",
+            ));
         }
         let back = if inner.len() == 2 { inner.pop().map(Box::new) } else { None };
         Ok(SurfaceNode::TwoSided { front: Box::new(inner.swap_remove(0)), back })
@@ -120,7 +125,7 @@ impl Importer {
         }
         match <Box<[SurfaceNode; 2]>>::try_from(inner.into_boxed_slice()) {
             Ok(inner) => Ok(SurfaceNode::Blend { weight, inner }),
-            Err(_) => Err(fault(self.reader.place(element), "a blendbsdf has two BSDFs")),
+            Err(_) => Err(fault(self.reader.place(element), "the blendbsdf has one BSDF; it must have two")),
         }
     }
 
@@ -131,7 +136,10 @@ impl Importer {
         }
         let text = self.reader.string(element, name)?.unwrap_or_else(|| default.to_owned());
         material_data::ior(&text).ok_or_else(|| {
-            fault(self.reader.place(element), format!("the substance `{}` is known", clip(&text)))
+            fault(
+                self.reader.place(element),
+                format!("the substance `{}` is unknown; it must be one of the reference's", clip(&text)),
+            )
         })
     }
 
@@ -142,7 +150,7 @@ impl Importer {
         if inner > 0.0 && outer > 0.0 && (1e-3..=1e3).contains(&ratio) {
             return Ok(ratio as f32);
         }
-        let rule = format!("indices of refraction are positive, found {inner} and {outer}");
+        let rule = format!("indices of refraction are {inner} and {outer}; they must be positive");
         Err(fault(self.reader.place(element), rule))
     }
 
@@ -151,7 +159,7 @@ impl Importer {
             None | Some("beckmann") => Distribution::Beckmann,
             Some("ggx") => Distribution::Ggx,
             Some(other) => {
-                let rule = format!("the distribution is beckmann or ggx, not `{}`", clip(other));
+                let rule = format!("the distribution is `{}`; it must be beckmann or ggx", clip(other));
                 return Err(fault(self.reader.place(element), rule));
             }
         };
@@ -174,7 +182,13 @@ impl Importer {
             Some(name) => {
                 let known = material_data::conductor(name);
                 let (eta, k) = known.ok_or_else(|| {
-                    fault(self.reader.place(element), format!("the conductor `{}` is known", clip(name)))
+                    fault(
+                        self.reader.place(element),
+                        format!(
+                            "the conductor `{}` is unknown; it must be one of the reference's",
+                            clip(name)
+                        ),
+                    )
                 })?;
                 (Texture::Constant(Vec3f::from_array(eta)), Texture::Constant(Vec3f::from_array(k)))
             }
@@ -212,7 +226,10 @@ impl Importer {
     fn plastic(&mut self, element: usize, rough: bool) -> Result<SurfaceNode, Fault> {
         let ior = self.relative_ior(element, "polypropylene")?;
         if ior < 1.0 {
-            return Err(fault(self.reader.place(element), "plastic is denser than what surrounds it"));
+            return Err(fault(
+                self.reader.place(element),
+                "the plastic is thinner than what surrounds it; it must be denser",
+            ));
         }
         let diffuse = self.texture(element, "diffuse_reflectance", Meaning::Reflectance, 0.5)?;
         let specular = self.texture(element, "specular_reflectance", Meaning::Reflectance, 1.0)?;
@@ -239,18 +256,18 @@ impl Importer {
         let place = self.reader.place(element);
         let (own, specular) = (self.reader.float(element, "eta")?, self.reader.float(element, "specular")?);
         let eta = match (own, specular) {
-            (Some(_), Some(_)) => return Err(fault(place, "has either eta or specular")),
+            (Some(_), Some(_)) => return Err(fault(place, "has eta and specular; it must have one of them")),
             (Some(eta), None) => eta,
             (None, s) => {
                 let s = s.unwrap_or(0.5);
                 if !(0.0..=1.0).contains(&s) {
-                    return Err(fault(place, format!("specular lies in [0, 1], found {s}")));
+                    return Err(fault(place, format!("specular is {s}; it must lie in [0, 1]")));
                 }
                 2.0 / (1.0 - (0.08 * s).sqrt()) - 1.0
             }
         };
         if !(1e-3..=1e3).contains(&eta) {
-            return Err(fault(place, format!("eta is positive, found {eta}")));
+            return Err(fault(place, format!("eta is {eta}; it must be positive")));
         }
         let transmission = self.texture(element, "spec_trans", Meaning::Unbounded, 0.0)?;
         if transmission.constant() != Some(Vec3f::zero()) {

@@ -19,6 +19,8 @@ const INCLUDE_DEPTH: usize = 15;
 const FILES: usize = 1024;
 /// Folders named by `path` elements.
 const FOLDERS: usize = 64;
+/// Attributes of one element: the parser compares each with the others.
+const ATTRIBUTES: usize = 64;
 /// Characters of a value after parameters are put in.
 const VALUE: usize = 16 << 20;
 
@@ -62,6 +64,8 @@ pub(super) struct Document {
     pub(super) version: u32,
     files: Vec<PathBuf>,
     folders: Vec<PathBuf>,
+    /// The folder that files must lie in, resolved; `None` where they may lie above it.
+    within: Option<PathBuf>,
     /// Values of parameters that something asked for.
     used: HashSet<String>,
 }
@@ -81,6 +85,7 @@ impl Document {
             parameters: options.parameters.iter().cloned().collect(),
             version: 3,
             files: Vec::new(),
+            within: if options.allow_parent_paths { None } else { folder.canonicalize().ok() },
             folders: vec![folder],
             used: HashSet::new(),
         };
@@ -127,27 +132,52 @@ impl Document {
     pub(super) fn resolve(&self, name: &str, place: &str) -> Result<PathBuf, Fault> {
         let name = relative(name, place)?;
         // Collections keep their scenes in a folder beside those of the meshes: the folder above comes last.
-        let above = self.folders[0].join("..");
-        let mut folders = self.folders.iter().chain(std::iter::once(&above)).map(|f| f.join(&name));
-        folders.find(|p| p.is_file()).ok_or_else(|| {
-            fault(place, format!("the file `{}` does not exist", clip(&name.to_string_lossy())))
-        })
+        let above = self.within.is_none().then(|| self.folders[0].join(".."));
+        let mut folders = self.folders.iter().chain(&above).map(|f| f.join(&name));
+        let found = folders.find(|p| p.is_file()).ok_or_else(|| {
+            let name = clip(&name.to_string_lossy());
+            fault(
+                place,
+                format!("the file `{name}` does not exist; it must lie in the scene's folder or a `path`"),
+            )
+        })?;
+        self.contained(found, place)
+    }
+
+    /// The path, if scenes may read there.
+    fn contained(&self, path: PathBuf, place: &str) -> Result<PathBuf, Fault> {
+        let Some(within) = &self.within else { return Ok(path) };
+        if path.canonicalize().is_ok_and(|real| real.starts_with(within)) {
+            return Ok(path);
+        }
+        let name = clip(&path.to_string_lossy());
+        let rule = format!(
+            "`{name}` lies outside of the scene's folder; allow_parent_paths is false and must be true"
+        );
+        Err(fault(place, rule))
     }
 
     fn file(&mut self, path: &Path, depth: usize) -> Result<(), Stop> {
         if self.files.len() >= FILES {
-            return Err(fault(path.display().to_string(), format!("at most {FILES} files")).into());
+            return Err(fault(
+                path.display().to_string(),
+                format!("is one file more than the {FILES} that may be read"),
+            )
+            .into());
         }
         let index = self.files.len();
         self.files.push(path.to_owned());
         let bytes = read_file(path, XML_BYTES)?;
-        let text = std::str::from_utf8(&bytes)
-            .map_err(|e| fault(format!("byte {}", e.valid_up_to()), "is UTF-8").in_file(path))?;
+        let text = std::str::from_utf8(&bytes).map_err(|e| {
+            let rule = "is not UTF-8; the file must be";
+            fault(format!("byte {}", e.valid_up_to()), rule).in_file(path)
+        })?;
         check_nesting(text).map_err(|f| f.in_file(path))?;
         let options = ParsingOptions { nodes_limit: 4 * ELEMENTS as u32, ..ParsingOptions::default() };
         let xml = roxmltree::Document::parse_with_options(text, options).map_err(|e| {
             let at = e.pos();
-            fault(format!("line {} column {}", at.row, at.col), clip(&format!("is XML: {e}"))).in_file(path)
+            fault(format!("line {} column {}", at.row, at.col), clip(&format!("is not XML: {e}")))
+                .in_file(path)
         })?;
         let lines: Vec<usize> =
             std::iter::once(0).chain(text.match_indices('\n').map(|(i, _)| i + 1)).collect();
@@ -199,7 +229,10 @@ fn relative(name: &str, place: &str) -> Result<PathBuf, Fault> {
         .all(|c| matches!(c, Component::Normal(_) | Component::CurDir | Component::ParentDir));
     let scheme = name.split('/').next().is_some_and(|first| first.contains(':'));
     if name.is_empty() || !plain || scheme || name.contains('\0') {
-        return Err(fault(place, format!("`{}` is a path relative to the scene", clip(&name))));
+        return Err(fault(
+            place,
+            format!("`{}` is not relative; paths must be relative to the scene", clip(&name)),
+        ));
     }
     Ok(path)
 }
@@ -222,14 +255,18 @@ fn check_nesting(text: &str) -> Result<(), Fault> {
             depth = depth.saturating_sub(1);
             i + 2
         } else if rest[0] == b'<' {
-            let end = end_of_tag(bytes, i);
+            let (end, values) = end_of_tag(bytes, i);
+            if values > ATTRIBUTES {
+                let rule = format!("an element has {values} attributes; it may have {ATTRIBUTES}");
+                return Err(fault(format!("line {line}"), rule));
+            }
             if end < 2 || bytes.get(end - 2) != Some(&b'/') {
                 depth += 1;
             }
             if depth > DEPTH {
                 return Err(fault(
                     format!("line {line}"),
-                    format!("elements are nested at most {DEPTH} deep"),
+                    format!("elements are nested {depth} deep; they may be nested {DEPTH} deep"),
                 ));
             }
             end
@@ -242,18 +279,18 @@ fn check_nesting(text: &str) -> Result<(), Fault> {
     Ok(())
 }
 
-/// The byte after the `>` of a tag; quoted text does not end it.
-fn end_of_tag(bytes: &[u8], from: usize) -> usize {
-    let mut quote = None;
+/// The byte after the `>` of a tag, and the number of its quoted texts, which do not end it.
+fn end_of_tag(bytes: &[u8], from: usize) -> (usize, usize) {
+    let (mut quote, mut values) = (None, 0);
     for (k, &b) in bytes.iter().enumerate().skip(from) {
         match (quote, b) {
             (None, b'"' | b'\'') => quote = Some(b),
-            (Some(q), b) if q == b => quote = None,
-            (None, b'>') => return k + 1,
+            (Some(q), b) if q == b => (quote, values) = (None, values + 1),
+            (None, b'>') => return (k + 1, values),
             _ => {}
         }
     }
-    bytes.len()
+    (bytes.len(), values)
 }
 
 /// One file on its way into a document.
@@ -280,7 +317,9 @@ impl Reading<'_> {
         }
         let get = |name: &str| attributes.iter().find(|a| a.0 == name).map(|a| a.1.clone());
         let need = |document: &Document, name: &str| {
-            get(name).ok_or_else(|| fault(document.place(line), format!("<{tag}> has the attribute {name}")))
+            get(name).ok_or_else(|| {
+                fault(document.place(line), format!("<{tag}> has no attribute {name}; it must have one"))
+            })
         };
         match tag.as_str() {
             "default" => {
@@ -305,13 +344,17 @@ impl Reading<'_> {
             _ => {}
         }
         if self.document.elements.len() >= ELEMENTS {
-            return Err(fault(self.document.place(line), format!("at most {ELEMENTS} elements")).into());
+            return Err(fault(
+                self.document.place(line),
+                format!("is one element more than the {ELEMENTS} that may be read"),
+            )
+            .into());
         }
         let index = self.document.elements.len();
         let (kind, name, id) = (get("type"), get("name"), get("id"));
         let id = id.unwrap_or_default();
         if !id.is_empty() && tag != "ref" && self.document.ids.insert(id.clone(), index).is_some() {
-            let rule = format!("the id `{}` is given once", clip(&id));
+            let rule = format!("the id `{}` is given twice; it must be given once", clip(&id));
             return Err(fault(self.document.place(line), rule).into());
         }
         self.document.elements.push(Element {
@@ -337,7 +380,7 @@ impl Reading<'_> {
         let name = relative(value, &place)?;
         let folders = &mut self.document.folders;
         if folders.len() >= FOLDERS {
-            return Err(fault(place, format!("at most {FOLDERS} paths")).into());
+            return Err(fault(place, format!("is one path more than the {FOLDERS} that there may be")).into());
         }
         let base = self.document.files[self.file].parent().unwrap_or(Path::new("")).to_owned();
         let found = folders
@@ -355,7 +398,8 @@ impl Reading<'_> {
     fn include(&mut self, name: &str, line: Line) -> Result<(), Stop> {
         let place = self.document.place(line);
         if self.depth >= INCLUDE_DEPTH {
-            let rule = format!("files include each other at most {INCLUDE_DEPTH} deep");
+            let rule =
+                format!("files include each other more than {INCLUDE_DEPTH} deep; that many are accepted");
             return Err(fault(place, rule).into());
         }
         let beside = self.document.files[self.file].parent().map(|p| p.join(name)).filter(|p| p.is_file());
@@ -363,6 +407,7 @@ impl Reading<'_> {
             (Ok(path), _) | (Err(_), Some(path)) => path,
             (Err(e), None) => return Err(e.into()),
         };
+        let path = self.document.contained(path, &place)?;
         self.document.file(&path, self.depth + 1)
     }
 
@@ -381,12 +426,18 @@ impl Reading<'_> {
             let end = tail.find(|c: char| !(c.is_ascii_alphanumeric() || c == '_')).unwrap_or(tail.len());
             let name = &tail[..end];
             let Some(found) = document.parameters.get(name) else {
-                return Err(fault(place(document), format!("the parameter `${}` has a value", clip(name))));
+                return Err(fault(
+                    place(document),
+                    format!("the parameter `${}` has no value; it must have one", clip(name)),
+                ));
             };
             out.push_str(found);
             document.used.insert(name.to_owned());
             if out.len() > VALUE {
-                return Err(fault(place(document), format!("a value has at most {VALUE} characters")));
+                return Err(fault(
+                    place(document),
+                    format!("a value has more than {VALUE} characters; it may have that many"),
+                ));
             }
             rest = &tail[end..];
         }
@@ -423,5 +474,8 @@ mod tests {
         assert!(relative("../meshes/a.obj", "here").is_ok());
         assert!(check_nesting(&"<a>".repeat(65)).is_err());
         assert!(check_nesting(&"<a b='>'/>".repeat(1000)).is_ok());
+        let attributes = |n: usize| format!("<a {}/>", "b='1' ".repeat(n));
+        assert!(check_nesting(&attributes(64)).is_ok());
+        assert!(check_nesting(&attributes(100_000)).unwrap_err().rule.contains("100000 attributes"));
     }
 }

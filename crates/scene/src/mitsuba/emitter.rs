@@ -55,7 +55,10 @@ impl Importer {
 
     fn environment(&mut self, element: usize, environment: MitsubaEnvironment) -> Result<(), Fault> {
         if self.scene.environment.is_some() {
-            return Err(fault(self.reader.place(element), "a scene has one environment"));
+            return Err(fault(
+                self.reader.place(element),
+                "is a second environment; a scene may have one environment",
+            ));
         }
         self.scene.environment = Some(environment);
         Ok(())
@@ -97,7 +100,8 @@ impl Importer {
     }
 
     fn direction(&self, element: usize, d: DVec3) -> Result<DVec3, Fault> {
-        d.try_normalize().ok_or_else(|| fault(self.reader.place(element), "the direction is not zero"))
+        d.try_normalize()
+            .ok_or_else(|| fault(self.reader.place(element), "the direction is zero; it must not be"))
     }
 
     fn spot(&mut self, element: usize) -> Result<(), Fault> {
@@ -106,7 +110,9 @@ impl Importer {
         let cutoff = self.reader.float(element, "cutoff_angle")?.unwrap_or(20.0);
         let beam = self.reader.float(element, "beam_width")?.unwrap_or(0.75 * cutoff);
         if !(cutoff > 0.0 && cutoff <= 90.0 && (0.0..=cutoff).contains(&beam)) {
-            let rule = "the angles of a spot obey 0 <= beam_width <= cutoff_angle <= 90";
+            let rule = format!(
+                "the spot has beam_width {beam} and cutoff_angle {cutoff}; they must be 0 <= beam_width <= cutoff_angle <= 90"
+            );
             return Err(fault(self.reader.place(element), rule));
         }
         let intensity = self.color(element, "intensity")?;
@@ -118,10 +124,10 @@ impl Importer {
     fn environment_map(&mut self, element: usize) -> Result<MitsubaEnvironment, Fault> {
         let place = self.reader.place(element);
         let name = self.reader.string(element, "filename")?;
-        let name = name.ok_or_else(|| fault(&place, "an envmap has a filename"))?;
+        let name = name.ok_or_else(|| fault(&place, "the envmap has no filename; it must have one"))?;
         let scale = self.reader.float(element, "scale")?.unwrap_or(1.0) as f32;
         if scale < 0.0 {
-            return Err(fault(place, "the scale is not negative"));
+            return Err(fault(place, format!("the scale is {scale}; it must not be negative")));
         }
         // Sampling only.
         self.reader.ignore(element, &["mis_compensation"]);
@@ -130,7 +136,10 @@ impl Importer {
         let path = self.reader.document.resolve(&name, &place)?;
         let found = self.image(&path, false, &place)?;
         if found.width < 2 || found.height < 3 {
-            return Err(fault(place, "an environment map has at least 2 x 3 pixels"));
+            return Err(fault(
+                place,
+                format!("the map has {} x {} pixels; it must have 2 x 3", found.width, found.height),
+            ));
         }
         let mut image = Image::new(found.width, found.height, 3);
         for (to, from) in image.data.chunks_exact_mut(3).zip(found.data.chunks_exact(found.channels)) {
@@ -139,7 +148,7 @@ impl Importer {
                 _ => to.fill(from[0]),
             }
             if to.iter().any(|x| !(x.is_finite() && *x >= 0.0)) {
-                return Err(fault(place, "radiance is finite and not negative"));
+                return Err(fault(place, "a radiance is infinite or negative; it must be neither"));
             }
         }
         Ok(MitsubaEnvironment { image, scale, to_world })
@@ -155,7 +164,7 @@ impl Importer {
         }
         Err(fault(
             self.reader.place(element),
-            "an environment is turned, mirrored and scaled uniformly at most",
+            "the environment is sheared or stretched; it may be turned, mirrored and scaled uniformly",
         ))
     }
 }

@@ -34,7 +34,10 @@ impl Importer {
             }
             let nested = self.reader.nested(element, "integrator")?;
             let [(_, inner)] = nested[..] else {
-                return Err(fault(self.reader.place(element), "has one integrator inside"));
+                return Err(fault(
+                    self.reader.place(element),
+                    "has no integrator inside or several; it must have one",
+                ));
             };
             self.reader.ignore(element, &["aovs"]);
             self.reader.finish(element);
@@ -50,7 +53,10 @@ impl Importer {
             "path" | "volpath" | "volpathmis" | "prb" | "prbvolpath" | "prb_basic" | "ptracer" => {
                 let depth = self.reader.integer(element, "max_depth")?.unwrap_or(-1);
                 if depth < -1 || depth > i64::from(UNBOUNDED) {
-                    return Err(fault(self.reader.place(element), "max_depth is -1 or not negative"));
+                    return Err(fault(
+                        self.reader.place(element),
+                        "max_depth is below -1; it must be -1 or not negative",
+                    ));
                 }
                 // Mitsuba counts segments: 1 shows emission.
                 if depth == 0 {
@@ -61,7 +67,10 @@ impl Importer {
                 }
                 let roulette = self.reader.integer(element, "rr_depth")?;
                 if roulette.is_some_and(|r| r < 1) {
-                    return Err(fault(self.reader.place(element), "rr_depth is at least 1"));
+                    return Err(fault(
+                        self.reader.place(element),
+                        "rr_depth is below 1; it must be at least 1",
+                    ));
                 }
                 out.roulette_depth = roulette.map(|r| u32::try_from(r).unwrap_or(u32::MAX));
                 self.reader.ignore(element, &["samples_per_pass", "block_size", "timeout"]);

@@ -50,10 +50,16 @@ impl Importer {
         let albedo = self.volume(element, "albedo", 0.75)?;
         let scale = self.reader.float(element, "scale")?.unwrap_or(1.0) as f32;
         if scale < 0.0 {
-            return Err(fault(self.reader.place(element), "the scale is not negative"));
+            return Err(fault(
+                self.reader.place(element),
+                format!("the scale is {scale}; it must be not negative"),
+            ));
         }
         if albedo.values.iter().any(|a| a.to_array().iter().any(|x| *x > 1.0)) {
-            return Err(fault(self.reader.place(element), "albedo lies in [0, 1]"));
+            return Err(fault(
+                self.reader.place(element),
+                "an albedo lies outside of [0, 1]; it must lie in [0, 1]",
+            ));
         }
         let grey = |v: &Vec3f| v.x == v.y && v.y == v.z;
         if !extinction.values.iter().all(grey) && extinction.values.len() > 1 {
@@ -84,7 +90,7 @@ impl Importer {
             }
         }
         if g.abs() >= 1.0 {
-            return Err(fault(self.reader.place(element), format!("g lies between -1 and 1, found {g}")));
+            return Err(fault(self.reader.place(element), format!("g is {g}; it must lie between -1 and 1")));
         }
         self.reader.finish(element);
         Ok(g)
@@ -118,7 +124,7 @@ impl Importer {
     fn grid(&mut self, element: usize) -> Result<MitsubaVolume, Fault> {
         let place = self.reader.place(element);
         let name = self.reader.string(element, "filename")?;
-        let name = name.ok_or_else(|| fault(&place, "a gridvolume has a filename"))?;
+        let name = name.ok_or_else(|| fault(&place, "the gridvolume has no filename; it must have one"))?;
         let own_box = self.reader.boolean(element, "use_grid_bbox", false)?;
         let to_world = self.reader.affine(element, "to_world")?;
         for (property, known) in [("filter_type", "trilinear"), ("wrap_mode", "clamp")] {
@@ -139,12 +145,12 @@ impl Importer {
         if own_box {
             let extent = hi - lo;
             if !(extent.min_element() > 0.0 && extent.is_finite()) {
-                return Err(fault(place, "the box of the grid has an extent"));
+                return Err(fault(place, "the box of the grid is flat; it must have an extent"));
             }
             to_unit = DAffine3::from_scale(1.0 / extent) * DAffine3::from_translation(-lo) * to_unit;
         }
         if !to_unit.is_finite() || to_unit.matrix3.determinant() == 0.0 {
-            return Err(fault(place, "the transform keeps three dimensions"));
+            return Err(fault(place, "the transform flattens the grid; it must not"));
         }
         Ok(MitsubaVolume { size, values, to_unit })
     }
@@ -165,18 +171,18 @@ fn parse_grid(bytes: &[u8]) -> Result<Grid, String> {
     };
     let real = |at: usize| f32::from_bits(int(at) as u32);
     if int(4) != 1 {
-        return Err(format!("the values are float32 (encoding 1), found encoding {}", int(4)));
+        return Err(format!("the encoding of the values is {}; it must be 1 (float32)", int(4)));
     }
     let [x, y, z, channels] = [8, 12, 16, 20].map(int).map(|n| u64::try_from(n).unwrap_or(0));
     let voxels = x.checked_mul(y).and_then(|n| n.checked_mul(z)).unwrap_or(u64::MAX);
     if voxels == 0 || voxels > VOXELS || !(channels == 1 || channels == 3) {
         return Err(format!(
-            "has 1 to {VOXELS} voxels of 1 or 3 channels, found {x} x {y} x {z} x {channels}"
+            "has {x} x {y} x {z} voxels of {channels} channels; it must have 1 to {VOXELS} voxels of 1 or 3 channels"
         ));
     }
     let need = HEADER as u64 + 4 * voxels * channels;
     if (bytes.len() as u64) < need {
-        return Err(format!("has {need} bytes, found {}", bytes.len()));
+        return Err(format!("has {} bytes; it must have {need}", bytes.len()));
     }
     let corner = |at: usize| DVec3::new(real(at).into(), real(at + 4).into(), real(at + 8).into());
     let mut values = Vec::with_capacity(voxels as usize);
@@ -184,7 +190,10 @@ fn parse_grid(bytes: &[u8]) -> Result<Grid, String> {
         let value = |c: usize| real(HEADER + 4 * (i * channels as usize + c));
         let v = if channels == 1 { Vec3f::splat(value(0)) } else { vec3(value(0), value(1), value(2)) };
         if !(v.is_finite() && v.x >= 0.0 && v.y >= 0.0 && v.z >= 0.0) {
-            return Err(format!("values are finite and not negative, found {:?} at voxel {i}", v.to_array()));
+            return Err(format!(
+                "the values are {:?} at voxel {i}; they must be finite and not negative",
+                v.to_array()
+            ));
         }
         values.push(v);
     }

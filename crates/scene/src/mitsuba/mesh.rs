@@ -1,6 +1,6 @@
 //! Triangle meshes: from files, and of the simple shapes.
 
-use super::Importer;
+use super::{Importer, serialized};
 use crate::error::{Fault, fault};
 use crate::load;
 use photofit_geometry::Mesh;
@@ -24,26 +24,38 @@ pub(super) struct Attributes {
 }
 
 impl Importer {
-    /// The mesh of an `obj` or `ply` shape with its attributes.
+    /// The mesh of an `obj`, `ply` or `serialized` shape with its attributes.
     pub(super) fn mesh_file(&mut self, element: usize, kind: &str) -> Result<(Mesh, Attributes), Fault> {
         let place = self.reader.place(element);
         let name = self.reader.string(element, "filename")?;
-        let name = name.ok_or_else(|| fault(&place, "the shape has a filename"))?;
+        let name = name.ok_or_else(|| fault(&place, "the shape has no filename; it must have one"))?;
         let path = self.reader.document.resolve(&name, &place)?;
-        let flat = self.reader.boolean(element, "face_normals", false)?;
+        let mut flat = self.reader.boolean(element, "face_normals", false)?;
         let flip_uv = self.reader.boolean(element, "flip_tex_coords", kind == "obj")?;
         let bytes =
             load::read_file(&path, self.limits.file_bytes).map_err(|e| fault(&place, e.to_string()))?;
         let named = |f: Fault| fault(format!("{place}: {}: {}", path.display(), f.place), f.rule);
-        let loaded = if kind == "obj" {
-            load::obj_geometry(&bytes, &self.limits).map_err(named)?
-        } else {
-            load::ply_geometry(&bytes, &self.limits).map_err(named)?
+        let loaded = match kind {
+            "obj" => load::obj_geometry(&bytes, &self.limits).map_err(named)?,
+            "ply" => load::ply_geometry(&bytes, &self.limits).map_err(named)?,
+            _ => {
+                let index = self.reader.integer(element, "shape_index")?.unwrap_or(0);
+                let index = usize::try_from(index).ok().ok_or_else(|| {
+                    fault(&place, format!("shape_index is {index}; it must not be negative"))
+                })?;
+                let (mut mesh, own) = serialized::read(&bytes, index, &self.limits)
+                    .map_err(|rule| fault(format!("{place}: {}", path.display()), rule))?;
+                flat |= own;
+                // As the other loaders leave them.
+                mesh.uvs.iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
+                let has_normals = !mesh.normals.is_empty();
+                load::Geometry { mesh, has_normals, vertices: HashMap::new(), faces: HashMap::new() }
+            }
         };
         let mut mesh = loaded.mesh;
         self.vertices += mesh.positions.len() as u64 + mesh.triangles.len() as u64;
         if self.vertices > (self.limits.vertices + self.limits.triangles) as u64 {
-            return Err(fault(place, "the scene has too many vertices and triangles"));
+            return Err(fault(place, "the scene has more vertices and triangles than its limits allow"));
         }
         // The loaders turn the coordinates to the upper left origin.
         if !flip_uv {

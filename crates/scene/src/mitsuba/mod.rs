@@ -1,6 +1,6 @@
 //! Scenes of the Mitsuba 3 renderer: a subset of its XML format (feature `mitsuba`).
 //!
-//! Read are shapes (`obj`, `ply`, `sphere`, `rectangle`, `disk`, `cube`, `cylinder`, `shapegroup` and `instance`), BSDFs
+//! Read are shapes (`obj`, `ply`, `serialized`, `sphere`, `rectangle`, `disk`, `cube`, `cylinder`, `shapegroup` and `instance`), BSDFs
 //! with textures, emitters, the sensor with its film, the integrator's bounds, media, and the ways in which files name
 //! each other. Everything that cannot be rendered is listed in one error, with lines.
 //!
@@ -14,8 +14,10 @@ mod integrator;
 mod material_data;
 mod medium;
 mod mesh;
+mod picture;
 mod properties;
 mod sensor;
+mod serialized;
 mod shape;
 mod spectrum;
 #[cfg(test)]
@@ -47,6 +49,9 @@ pub struct MitsubaOptions {
     pub parameters: Vec<(String, String)>,
     /// Columns and rows of the picture, in place of those of the film; a crop window is dropped.
     pub size: [Option<u32>; 2],
+    /// Files may lie outside of the scene's folder: in folders above it that the scene names by `..`, and in the folder
+    /// right above it, where collections keep meshes that their scenes share. Only for scenes that are trusted.
+    pub allow_parent_paths: bool,
     /// What is accepted.
     pub limits: Limits,
 }
@@ -117,8 +122,8 @@ pub struct MitsubaScene {
 
 /// Loads a Mitsuba scene.
 ///
-/// Files are found by paths relative to the scene's folder and the folders that its `path` elements name; they may lie
-/// above it, but absolute paths are refused.
+/// Files are found by paths relative to the scene's folder and the folders that its `path` elements name. They must lie in
+/// the scene's folder or below (see [`MitsubaOptions::allow_parent_paths`]); absolute paths are refused.
 ///
 /// # Errors
 /// If a file cannot be read, is not valid, or exceeds a limit; [`SceneError::Unsupported`] lists what the scene has and
@@ -192,7 +197,7 @@ impl Importer {
         if let Some(element) = integrator {
             self.scene.integrator = self.integrator(element)?;
         }
-        let sensor = sensor.ok_or_else(|| fault("the scene", "has a sensor"))?;
+        let sensor = sensor.ok_or_else(|| fault("the scene", "has no sensor; it must have one"))?;
         self.scene.sensor = self.sensor(sensor)?;
         self.scene.files = self.reader.document.files().to_vec();
         Ok(())

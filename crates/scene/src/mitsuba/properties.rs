@@ -13,6 +13,8 @@ pub(super) struct Reader {
     pub(super) document: Document,
     used: HashSet<usize>,
     unsupported: Vec<String>,
+    /// Those listed so far.
+    listed: HashSet<String>,
 }
 
 /// Most entries of the list of what is not supported.
@@ -20,7 +22,7 @@ const LISTED: usize = 64;
 
 impl Reader {
     pub(super) fn new(document: Document) -> Self {
-        Self { document, used: HashSet::new(), unsupported: Vec::new() }
+        Self { document, used: HashSet::new(), unsupported: Vec::new(), listed: HashSet::new() }
     }
 
     /// The place of an element in words.
@@ -31,7 +33,7 @@ impl Reader {
     /// Notes something that cannot be rendered.
     pub(super) fn unsupported(&mut self, element: usize, what: impl Into<String>) {
         let text = format!("{}: {}", self.place(element), what.into());
-        if !self.unsupported.contains(&text) {
+        if self.listed.insert(text.clone()) {
             self.unsupported.push(text);
         }
     }
@@ -77,7 +79,10 @@ impl Reader {
             let found = self.document.find(&e.id).ok_or_else(|| {
                 fault(
                     self.place(child),
-                    format!("the reference `{}` names an element with that id", clip(&e.id)),
+                    format!(
+                        "the reference `{}` names nothing; there must be an element with that id",
+                        clip(&e.id)
+                    ),
                 )
             })?;
             out.push((e.name.clone(), child, found));
@@ -165,7 +170,7 @@ impl Reader {
             Ok(n) => Ok(Some(n)),
             Err(cause) => {
                 let cause: std::num::ParseIntError = cause;
-                Err(fault(self.place(e), format!("`{}` is a whole number: {cause}", clip(text))))
+                Err(fault(self.place(e), format!("`{}` is no whole number: {cause}", clip(text))))
             }
         }
     }
@@ -184,7 +189,9 @@ impl Reader {
         match self.attribute(e, "value")?.trim().to_ascii_lowercase().as_str() {
             "true" => Ok(true),
             "false" => Ok(false),
-            other => Err(fault(self.place(e), format!("`{}` is true or false", clip(other)))),
+            other => {
+                Err(fault(self.place(e), format!("the value is `{}`; it must be true or false", clip(other))))
+            }
         }
     }
 
@@ -198,14 +205,20 @@ impl Reader {
 
     fn attribute(&self, element: usize, name: &str) -> Result<&str, Fault> {
         let e = &self.document.elements[element];
-        e.attribute(name)
-            .ok_or_else(|| fault(self.place(element), format!("<{}> has the attribute {name}", clip(&e.tag))))
+        e.attribute(name).ok_or_else(|| {
+            fault(
+                self.place(element),
+                format!("<{}> has no attribute {name}; it must have one", clip(&e.tag)),
+            )
+        })
     }
 
     /// A number in an attribute.
     pub(super) fn attribute_number(&self, element: usize, name: &str) -> Result<f64, Fault> {
         let text = self.attribute(element, name)?;
-        number(text).ok_or_else(|| fault(self.place(element), format!("`{}` is a finite number", clip(text))))
+        number(text).ok_or_else(|| {
+            fault(self.place(element), format!("`{}` is not a finite number; it must be", clip(text)))
+        })
     }
 
     /// Numbers in an attribute, between commas or spaces.
@@ -214,8 +227,9 @@ impl Reader {
         let words = text.split(|c: char| c == ',' || c.is_whitespace()).filter(|w| !w.is_empty());
         words
             .map(|w| {
-                number(w)
-                    .ok_or_else(|| fault(self.place(element), format!("`{}` is a finite number", clip(w))))
+                number(w).ok_or_else(|| {
+                    fault(self.place(element), format!("`{}` is not a finite number; it must be", clip(w)))
+                })
             })
             .collect()
     }
@@ -224,9 +238,10 @@ impl Reader {
     pub(super) fn attribute_vector(&self, element: usize, name: &str) -> Result<DVec3, Fault> {
         match self.attribute_numbers(element, name)?[..] {
             [x, y, z] => Ok(DVec3::new(x, y, z)),
-            ref other => {
-                Err(fault(self.place(element), format!("{name} has 3 numbers, found {}", other.len())))
-            }
+            ref other => Err(fault(
+                self.place(element),
+                format!("{name} has {} numbers; it must have 3 numbers", other.len()),
+            )),
         }
     }
 
@@ -238,7 +253,7 @@ impl Reader {
                 [x] => Ok(DVec3::splat(x)),
                 [x, y, z] => Ok(DVec3::new(x, y, z)),
                 ref other => {
-                    let rule = format!("has 1 or 3 numbers, found {}", other.len());
+                    let rule = format!("has {} numbers; it must have 1 or 3 numbers", other.len());
                     Err(fault(self.place(element), rule))
                 }
             };
@@ -252,13 +267,21 @@ impl Reader {
         Ok(out)
     }
 
-    /// The value of an `rgb` element.
+    /// The value of an `rgb` element; hexadecimal digits are linear light in bytes, as in versions before 1 of the format.
     pub(super) fn rgb(&self, element: usize) -> Result<Vec3f, Fault> {
+        if let Some(hex) = self.attribute(element, "value")?.trim().strip_prefix('#') {
+            let bytes = u32::from_str_radix(hex, 16).ok().filter(|_| hex.len() == 6);
+            let [_, r, g, b] = bytes.map(u32::to_be_bytes).ok_or_else(|| {
+                let rule = format!("the colour is `#{}`; it must have six hexadecimal digits", clip(hex));
+                fault(self.place(element), rule)
+            })?;
+            return Ok(Vec3f::from_array([r, g, b].map(|x| f32::from(x) / 255.0)));
+        }
         match self.attribute_numbers(element, "value")?[..] {
             [x] => Ok(Vec3f::splat(x as f32)),
             [r, g, b] => Ok(vec3(r as f32, g as f32, b as f32)),
             ref other => {
-                let rule = format!("a colour has 1 or 3 numbers, found {}", other.len());
+                let rule = format!("the colour has {} numbers; it must have 1 or 3 numbers", other.len());
                 Err(fault(self.place(element), rule))
             }
         }

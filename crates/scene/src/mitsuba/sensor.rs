@@ -66,6 +66,9 @@ pub struct MitsubaFilm {
     pub filter: MitsubaFilter,
 }
 
+/// Pixels of the part of a film that is rendered.
+const PIXELS: u64 = 1 << 28;
+
 impl Importer {
     pub(super) fn sensor(&mut self, element: usize) -> Result<MitsubaSensor, Fault> {
         let kind = self.reader.kind(element).to_owned();
@@ -88,6 +91,12 @@ impl Importer {
         if self.size != [None; 2] {
             (film.crop_offset, film.crop_size) = ([0, 0], film.size);
         }
+        let pixels = u64::from(film.crop_size[0]) * u64::from(film.crop_size[1]);
+        if pixels > PIXELS {
+            let [width, height] = film.crop_size;
+            let rule = format!("the film has {width} x {height} pixels, {pixels}; it may have {PIXELS}");
+            return Err(fault(self.reader.place(element), rule));
+        }
         let samples = self.samples(element)?;
         let to_world = self.reader.affine(element, "to_world")?;
         let clip = [
@@ -95,7 +104,11 @@ impl Importer {
             self.reader.float(element, "far_clip")?.unwrap_or(1e4),
         ];
         if !(clip[0] > 0.0 && clip[0] < clip[1]) {
-            return Err(fault(self.reader.place(element), "0 < near_clip < far_clip"));
+            let rule = format!(
+                "near_clip is {} and far_clip {}; they must be 0 < near_clip < far_clip",
+                clip[0], clip[1]
+            );
+            return Err(fault(self.reader.place(element), rule));
         }
         let aspect = f64::from(film.size[0]) / f64::from(film.size[1]);
         let mut shift = [0.0; 2];
@@ -112,14 +125,22 @@ impl Importer {
         let medium = match self.reader.nested(element, "medium")?[..] {
             [] => None,
             [(_, medium)] => self.medium(medium)?,
-            _ => return Err(fault(self.reader.place(element), "a sensor is in one medium")),
+            _ => {
+                return Err(fault(
+                    self.reader.place(element),
+                    "the sensor is in several media; it must be in one",
+                ));
+            }
         };
         self.reader.finish(element);
         let (axes, scale) = self.axes(element, &to_world)?;
         let projection =
             if perspective { Projection::Perspective { lens } } else { Projection::Orthographic };
         if perspective && (scale - DVec3::ONE).abs().max_element() > 1e-4 {
-            return Err(fault(self.reader.place(element), "a perspective sensor is not scaled"));
+            return Err(fault(
+                self.reader.place(element),
+                "the perspective sensor is scaled; it must not be",
+            ));
         }
         let half = if perspective { [x, x / aspect] } else { [scale.x, scale.y / aspect] };
         let eye = to_world.translation;
@@ -136,7 +157,7 @@ impl Importer {
         if scale.min_element() > 0.0 && skew < 1e-4 {
             return Ok((axes, scale));
         }
-        Err(fault(self.reader.place(element), "the axes of a sensor are at right angles"))
+        Err(fault(self.reader.place(element), "the axes of the sensor are not at right angles; they must be"))
     }
 
     fn lens(&mut self, element: usize) -> Result<[f32; 2], Fault> {
@@ -145,7 +166,8 @@ impl Importer {
         match (radius, focus) {
             (Some(r), Some(f)) if r >= 0.0 && f > 0.0 => Ok([r as f32, f as f32]),
             _ => {
-                let rule = "a thin lens has aperture_radius and a positive focus_distance";
+                let rule =
+                    "the thin lens lacks aperture_radius or a positive focus_distance; it must have both";
                 Err(fault(self.reader.place(element), rule))
             }
         }
@@ -158,13 +180,18 @@ impl Importer {
         let own = self.reader.float(element, "fov")?;
         let axis = self.reader.string(element, "fov_axis")?;
         let (fov, axis) = match (own, length) {
-            (Some(_), Some(_)) => return Err(fault(place, "has either fov or focal_length")),
+            (Some(_), Some(_)) => {
+                return Err(fault(place, "has fov and focal_length; it must have one of them"));
+            }
             (Some(fov), None) => (fov, axis.unwrap_or_else(|| "x".into())),
             (None, length) => {
                 let text = length.unwrap_or_else(|| "50mm".into());
                 let number: Option<f64> = text.trim().trim_end_matches("mm").trim().parse().ok();
                 let f = number.filter(|f| *f > 0.0 && f.is_finite()).ok_or_else(|| {
-                    fault(&place, format!("focal_length is a positive length in mm, not `{}`", clip(&text)))
+                    fault(
+                        &place,
+                        format!("focal_length is `{}`; it must be a positive length in mm", clip(&text)),
+                    )
                 })?;
                 // The diagonal of a 35 mm film.
                 let diagonal = (36.0_f64 * 36.0 + 24.0 * 24.0).sqrt();
@@ -182,24 +209,24 @@ impl Importer {
             "y" => tangent * aspect,
             "diagonal" => tangent / (1.0 + 1.0 / (aspect * aspect)).sqrt(),
             other => {
-                let rule = format!("fov_axis is x, y, diagonal, smaller or larger, not `{}`", clip(other));
+                let rule =
+                    format!("fov_axis is `{}`; it must be x, y, diagonal, smaller or larger", clip(other));
                 return Err(fault(place, rule));
             }
         };
         if fov > 0.0 && fov < 180.0 && x.is_finite() {
             return Ok(2.0 * x.atan().to_degrees());
         }
-        Err(fault(place, format!("the field of view lies between 0 and 180 degrees, found {fov}")))
+        Err(fault(place, format!("the field of view is {fov} degrees; it must lie between 0 and 180")))
     }
 
     fn samples(&mut self, element: usize) -> Result<u32, Fault> {
         let samplers = self.reader.nested(element, "sampler")?;
         let Some((_, sampler)) = samplers.first().cloned() else { return Ok(4) };
         let count = self.reader.integer(sampler, "sample_count")?.unwrap_or(4);
-        u32::try_from(count)
-            .ok()
-            .filter(|n| (1..=1 << 24).contains(n))
-            .ok_or_else(|| fault(self.reader.place(sampler), "sample_count lies between 1 and 2^24"))
+        u32::try_from(count).ok().filter(|n| (1..=1 << 24).contains(n)).ok_or_else(|| {
+            fault(self.reader.place(sampler), format!("sample_count is {count}; it must be 1 to 2^24"))
+        })
     }
 
     fn film(&mut self, element: usize) -> Result<MitsubaFilm, Fault> {
@@ -214,7 +241,7 @@ impl Importer {
             u32::try_from(n)
                 .ok()
                 .filter(|n| (least as u32..=1 << 16).contains(n))
-                .ok_or_else(|| fault(&place, format!("{name} lies between {least} and 65536, found {n}")))
+                .ok_or_else(|| fault(&place, format!("{name} is {n}; it must be {least} to 65536")))
         };
         let size = [number("width", 768, 1)?, number("height", 576, 1)?];
         let crop_offset = [number("crop_offset_x", 0, 0)?, number("crop_offset_y", 0, 0)?];
@@ -224,7 +251,7 @@ impl Importer {
             let rest = i64::from(size[k]) - i64::from(crop_offset[k]);
             crop_size[k] = number(name, rest.max(0), 1)?;
             if i64::from(crop_size[k]) > rest {
-                return Err(fault(place, "the crop window lies in the picture"));
+                return Err(fault(place, "the crop window leaves the picture; it must lie inside"));
             }
         }
         let filter = self.filter(film)?;
@@ -274,6 +301,9 @@ impl Importer {
         if width > 0.0 && width <= 25.0 {
             return Ok(width as f32);
         }
-        Err(fault(self.reader.place(filter), format!("{name} lies between 0 and 25 pixels")))
+        Err(fault(
+            self.reader.place(filter),
+            format!("{name} is {width} pixels; it must lie between 0 and 25"),
+        ))
     }
 }

@@ -19,7 +19,10 @@ impl Importer {
 
     fn budget(&self, element: usize, more: usize) -> Result<(), Fault> {
         if self.scene.instances.len() + more > self.limits.instances {
-            let rule = format!("at most {} placed shapes", self.limits.instances);
+            let rule = format!(
+                "is one shape more than allowed; there may be at most {} placed shapes",
+                self.limits.instances
+            );
             return Err(fault(self.reader.place(element), rule));
         }
         Ok(())
@@ -45,7 +48,7 @@ impl Importer {
         let mut members = Vec::new();
         for (_, child) in self.reader.nested(element, "shape")? {
             if self.reader.kind(child) == "shapegroup" {
-                return Err(fault(self.reader.place(child), "groups are not nested"));
+                return Err(fault(self.reader.place(child), "the group stands in a group; it must not"));
             }
             members.extend(self.shape_instances(child, true)?);
             if members.iter().any(|m| self.scene.materials[m.material].emission.is_some()) {
@@ -61,10 +64,16 @@ impl Importer {
         let transform = self.reader.affine(element, "to_world")?;
         let nested = self.reader.nested(element, "shape")?;
         let [(_, group)] = nested[..] else {
-            return Err(fault(self.reader.place(element), "an instance refers to one shapegroup"));
+            return Err(fault(
+                self.reader.place(element),
+                "the instance refers to no shape or to several; it must refer to one shapegroup",
+            ));
         };
         if self.reader.kind(group) != "shapegroup" {
-            return Err(fault(self.reader.place(element), "an instance refers to a shapegroup"));
+            return Err(fault(
+                self.reader.place(element),
+                "the instance refers to another shape; it must refer to a shapegroup",
+            ));
         }
         self.group(group)?;
         self.reader.finish(element);
@@ -79,7 +88,7 @@ impl Importer {
         let flip = self.reader.boolean(element, "flip_normals", false)?;
         let mut attributes = mesh::Attributes::default();
         let mut shape = match kind {
-            "obj" | "ply" => {
+            "obj" | "ply" | "serialized" => {
                 let (mesh, found) = self.mesh_file(element, kind)?;
                 attributes = found;
                 MitsubaShape::Mesh(mesh)
@@ -111,7 +120,7 @@ impl Importer {
         };
         self.reader.ignore(element, &["silhouette_sampling_weight", "initialize_permutation"]);
         if let MitsubaShape::Mesh(m) = &mut shape {
-            if kind == "obj" || kind == "ply" {
+            if matches!(kind, "obj" | "ply" | "serialized") {
                 mesh::align(m);
             }
             if flip {
@@ -143,7 +152,10 @@ impl Importer {
     fn checked(&self, element: usize, transform: DAffine3) -> Result<DAffine3, Fault> {
         let m = transform.matrix3;
         if m.x_axis == DVec3::ZERO || m.y_axis == DVec3::ZERO {
-            return Err(fault(self.reader.place(element), "the shape has an extent"));
+            return Err(fault(
+                self.reader.place(element),
+                "the shape is flattened by its transform; it must have an extent",
+            ));
         }
         Ok(transform)
     }
@@ -153,7 +165,7 @@ impl Importer {
         if radius > 0.0 {
             Ok(radius)
         } else {
-            Err(fault(self.reader.place(element), "the radius is positive"))
+            Err(fault(self.reader.place(element), "the radius is not positive; it must be"))
         }
     }
 
@@ -167,7 +179,7 @@ impl Importer {
         let bsdfs = self.reader.nested(element, "bsdf")?;
         let emitters = self.reader.nested(element, "emitter")?;
         if bsdfs.len() > 1 || emitters.len() > 1 {
-            let rule = "a shape has at most one BSDF and one emitter";
+            let rule = "the shape has several BSDFs or emitters; it may have one of each";
             return Err(fault(self.reader.place(element), rule));
         }
         let (bsdf, emitter) = (bsdfs.first().map(|b| b.1), emitters.first().map(|e| e.1));
@@ -178,7 +190,8 @@ impl Importer {
                 "interior" => interior = index,
                 "exterior" => exterior = index,
                 _ => {
-                    let rule = "the medium of a shape is named interior or exterior";
+                    let rule =
+                        "the medium of the shape has another name; it must be named interior or exterior";
                     return Err(fault(self.reader.place(medium), rule));
                 }
             }

@@ -79,7 +79,9 @@ impl Reader {
             lines.map(|l| l.split_whitespace().collect::<Vec<_>>().join(":")).collect::<Vec<_>>().join(" ")
         } else {
             e.attribute("value")
-                .ok_or_else(|| fault(&place, "a spectrum has a value or a filename"))?
+                .ok_or_else(|| {
+                    fault(&place, "the spectrum has neither value nor filename; it must have one of them")
+                })?
                 .to_owned()
         };
         if !text.contains(':') {
@@ -95,11 +97,12 @@ impl Reader {
         let mut points: Vec<(f64, f64)> = Vec::new();
         for word in text.split([',', ' ', '\t', '\n', '\r']).filter(|w| !w.is_empty()) {
             let parsed = word.split_once(':').and_then(|(x, y)| Some((x.parse().ok()?, y.parse().ok()?)));
-            let (x, y) = parsed
-                .filter(|(x, y): &(f64, f64)| x.is_finite() && y.is_finite())
-                .ok_or_else(|| fault(&place, format!("`{}` is wavelength:value", clip(word))))?;
+            let (x, y) =
+                parsed.filter(|(x, y): &(f64, f64)| x.is_finite() && y.is_finite()).ok_or_else(|| {
+                    fault(&place, format!("the entry is `{}`; it must be wavelength:value", clip(word)))
+                })?;
             if points.last().is_some_and(|p| p.0 >= x) {
-                return Err(fault(place, "wavelengths rise"));
+                return Err(fault(place, "a wavelength is not above the one before; wavelengths must rise"));
             }
             points.push((x, y));
         }

@@ -217,6 +217,19 @@ fn bad_files_are_errors_that_name_the_line() {
         ("", "sensor"),
         ("<sensor type='perspective'><float name='fov' value='nan'/></sensor>", "line 1"),
         ("<sensor type='perspective'><float name='fov' value='180'/></sensor>", "180"),
+        (
+            "<sensor type='perspective'><film type='hdrfilm'><integer name='width' value='65536'/>
+             <integer name='height' value='65536'/></film></sensor>",
+            "65536 x 65536 pixels, 4294967296; it may have 268435456",
+        ),
+        (
+            "<sensor type='perspective'><film type='x'><integer name='width' value='0'/></film></sensor>",
+            "width is 0; it must be 1 to",
+        ),
+        (
+            "<bsdf type='diffuse' id='x'><rgb name='reflectance' value='#ff88'/></bsdf><shape type='cube'><ref id='x'/></shape>",
+            "six hexadecimal",
+        ),
         ("<shape type='obj'/>", "filename"),
         ("<shape type='obj'><string name='filename' value='/etc/passwd'/></shape>", "relative"),
         ("<shape type='obj'><string name='filename' value='none.obj'/></shape>", "none.obj"),
@@ -240,7 +253,7 @@ fn bad_files_are_errors_that_name_the_line() {
         ("<shape type='instance'><ref id='g'/></shape><shape type='sphere' id='g'/>", "shapegroup"),
         ("<integrator type='path'><integer name='max_depth' value='1e9'/></integrator>", "whole number"),
         ("<emitter type='constant'/><emitter type='constant'/>", "one environment"),
-        (many, "at most"),
+        (many, "include each other"),
         (&deep, "nested"),
         ("<&>", "XML"),
     ];
@@ -348,4 +361,90 @@ fn limits_hold() {
     let options = MitsubaOptions { limits, ..MitsubaOptions::default() };
     let text = load_mitsuba(folder.path().join("s.xml"), &options).unwrap_err().to_string();
     assert!(text.contains("50 vertices"), "{text}");
+}
+
+#[test]
+fn files_outside_of_the_folder_take_an_option() {
+    let folder = tempfile::tempdir().unwrap();
+    let obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    fs::create_dir(folder.path().join("in")).unwrap();
+    fs::write(folder.path().join("a.obj"), obj).unwrap();
+    fs::write(folder.path().join("b.xml"), "<scene version='3.0.0'/>").unwrap();
+    let load = |body: &str, allow_parent_paths: bool| {
+        let text = format!("<scene version='3.0.0'>{SENSOR}{body}</scene>");
+        fs::write(folder.path().join("in/s.xml"), text).unwrap();
+        let options = MitsubaOptions { allow_parent_paths, ..MitsubaOptions::default() };
+        load_mitsuba(folder.path().join("in/s.xml"), &options).map_err(|e| e.to_string())
+    };
+    let shape = |name: &str| format!("<shape type='obj'><string name='filename' value='{name}'/></shape>");
+    for body in [
+        shape("../a.obj"),
+        format!("<path value='..'/>{}", shape("a.obj")),
+        "<include filename='../b.xml'/>".to_owned(),
+    ] {
+        let text = load(&body, false).unwrap_err();
+        assert!(
+            text.contains("outside") && text.contains("allow_parent_paths") && text.contains("line"),
+            "{text}"
+        );
+        assert!(load(&body, true).is_ok(), "{body}");
+    }
+    // The folder above is not searched either.
+    assert!(load(&shape("a.obj"), false).unwrap_err().contains("does not exist"));
+    assert_eq!(load(&shape("a.obj"), true).unwrap().shapes.len(), 1);
+    #[cfg(unix)]
+    {
+        std::os::unix::fs::symlink(folder.path().join("a.obj"), folder.path().join("in/link.obj")).unwrap();
+        assert!(load(&shape("link.obj"), false).unwrap_err().contains("outside"));
+    }
+}
+
+#[test]
+fn checkerboards_lie_on_meshes_as_in_mitsuba() {
+    // Values of Mitsuba 3.9.1 for the same quad: reflectances at these places.
+    let obj = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4\n";
+    let places = [(0.1, 0.1), (0.1, 0.4), (0.1, 0.6), (0.1, 0.9), (0.4, 0.3), (0.6, 0.2)];
+    for (transform, wanted) in [
+        ("", [0.2, 0.2, 0.4, 0.4, 0.2, 0.4]),
+        ("<scale x='3' y='3'/>", [0.2, 0.2, 0.4, 0.4, 0.4, 0.2]),
+        ("<scale x='1' y='1.5'/>", [0.4, 0.2, 0.2, 0.4, 0.4, 0.2]),
+        ("<translate x='0.5' y='0.25'/>", [0.2, 0.4, 0.4, 0.2, 0.4, 0.4]),
+        ("<rotate z='1' angle='30'/>", [0.4, 0.4, 0.2, 0.4, 0.4, 0.2]),
+    ] {
+        let body = format!(
+            "<scene version='3.0.0'>{SENSOR}<shape type='obj'><string name='filename' value='q.obj'/>
+             <bsdf type='diffuse'><texture name='reflectance' type='checkerboard'>
+             <transform name='to_uv'>{transform}</transform></texture></bsdf></shape></scene>"
+        );
+        let s = load_files(&[("s.xml", &body), ("q.obj", obj)], &[]).unwrap();
+        let MitsubaShape::Mesh(mesh) = &s.shapes[0] else { panic!("a mesh") };
+        let SurfaceNode::Diffuse { reflectance } = &s.materials[0].root else { panic!("textured") };
+        for ((x, y), wanted) in places.into_iter().zip(wanted) {
+            // The quad's coordinates are linear in its positions.
+            let corner = |px: f32, py: f32| {
+                let v = mesh.positions.iter().position(|p| p.x == px && p.y == py).unwrap();
+                mesh.uvs[v]
+            };
+            let o = corner(0.0, 0.0);
+            let uv = o + (corner(1.0, 0.0) - o) * x + (corner(0.0, 1.0) - o) * y;
+            let at = SurfacePoint { uv, color: Vec4f::splat(1.0), piece: 0 };
+            assert_eq!(reflectance.color(&at).x, wanted, "{transform} at {x} {y}");
+        }
+    }
+}
+
+#[test]
+fn colours_in_hexadecimal_digits_are_linear() {
+    let s = scene("<emitter type='constant'><rgb name='radiance' value='#ff8800'/></emitter>");
+    assert_eq!(s.environment.unwrap().image.data, [1.0, 136.0 / 255.0, 0.0]);
+}
+
+#[test]
+fn many_attributes_and_many_unknown_elements_take_linear_time() {
+    let attributes: String = (0..100_000).map(|i| format!("a{i}='0' ")).collect();
+    let text = load_text(&format!("<shape type='sphere' {attributes}/>")).unwrap_err();
+    assert!(text.contains("line 1") && text.contains("attributes; it may have 64"), "{text}");
+    let flowers: String = (0..100_000).map(|i| format!("<flower id='f{i}'/>\n")).collect();
+    let text = load_text(&format!("{SENSOR}{flowers}")).unwrap_err();
+    assert!(text.contains("and 99936 more"), "{text}");
 }

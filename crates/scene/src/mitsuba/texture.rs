@@ -1,7 +1,7 @@
 //! `texture` elements, and the colours that may stand in their place.
 
 use super::spectrum::Meaning;
-use super::{BitmapKey, Importer};
+use super::{BitmapKey, Importer, picture};
 use crate::error::{Fault, fault};
 use crate::graph::{Bitmap, BitmapFilter, BitmapWrap, IDENTITY_UV, MAX_GRAPH_DEPTH, Texture, UvTransform};
 use crate::load::clip;
@@ -46,7 +46,10 @@ impl Importer {
     ) -> Result<Texture, Fault> {
         let place = self.reader.place(element);
         if depth > MAX_GRAPH_DEPTH {
-            return Err(fault(place, format!("textures are nested at most {MAX_GRAPH_DEPTH} deep")));
+            return Err(fault(
+                place,
+                format!("textures are nested more than {MAX_GRAPH_DEPTH} deep; that many are accepted"),
+            ));
         }
         let color = match self.reader.tag(element) {
             "float" | "integer" => Vec3f::splat(self.reader.attribute_number(element, "value")? as f32),
@@ -55,10 +58,16 @@ impl Importer {
             _ => return self.texture_plugin(element, meaning, depth),
         };
         if color.to_array().iter().any(|x| *x < 0.0) {
-            return Err(fault(place, format!("is not negative, found {:?}", color.to_array())));
+            return Err(fault(
+                place,
+                format!("the colour is {:?}; it must not be negative", color.to_array()),
+            ));
         }
         if meaning == Meaning::Reflectance && color.to_array().iter().any(|x| *x > 1.0) {
-            return Err(fault(place, format!("a reflectance lies in [0, 1], found {:?}", color.to_array())));
+            return Err(fault(
+                place,
+                format!("the reflectance is {:?}; it must lie in [0, 1]", color.to_array()),
+            ));
         }
         Ok(Texture::Constant(color))
     }
@@ -117,7 +126,7 @@ impl Importer {
         let place = self.reader.place(element);
         let to_uv = self.uv_transform(element)?;
         let name = self.reader.string(element, "filename")?;
-        let name = name.ok_or_else(|| fault(&place, "a bitmap has a filename"))?;
+        let name = name.ok_or_else(|| fault(&place, "the bitmap has no filename; it must have one"))?;
         let raw = self.reader.boolean(element, "raw", false)?;
         let wrap = match self.reader.string(element, "wrap_mode")?.as_deref() {
             None | Some("repeat") => BitmapWrap::Repeat,
@@ -126,7 +135,7 @@ impl Importer {
             Some(other) => {
                 return Err(fault(
                     place,
-                    format!("wrap_mode is repeat, mirror or clamp, not `{}`", clip(other)),
+                    format!("wrap_mode is `{}`; it must be repeat, mirror or clamp", clip(other)),
                 ));
             }
         };
@@ -136,7 +145,7 @@ impl Importer {
             Some(other) => {
                 return Err(fault(
                     place,
-                    format!("filter_type is bilinear or nearest, not `{}`", clip(other)),
+                    format!("filter_type is `{}`; it must be bilinear or nearest", clip(other)),
                 ));
             }
         };
@@ -157,14 +166,22 @@ impl Importer {
         let side = u32::try_from(self.limits.texture_side).unwrap_or(u32::MAX);
         let bytes =
             crate::load::read_file(path, self.limits.file_bytes).map_err(|e| fault(place, e.to_string()))?;
-        let limits = photofit_image::Limits { max_side: side, ..photofit_image::Limits::default() };
-        let mut image = photofit_image::decode(&bytes, &path.display().to_string(), &limits)
-            .map_err(|e| fault(place, e.to_string()))?;
+        let mut image = match picture::decode(&bytes, self.limits.texture_side) {
+            Some(image) => image.map_err(|rule| fault(format!("{place}: {}", path.display()), rule))?,
+            None => {
+                let limits = photofit_image::Limits { max_side: side, ..photofit_image::Limits::default() };
+                photofit_image::decode(&bytes, &path.display().to_string(), &limits)
+                    .map_err(|e| fault(place, e.to_string()))?
+            }
+        };
         self.texels += image.width as u64 * image.height as u64;
         if self.texels > self.limits.texels {
-            return Err(fault(place, format!("all images have at most {} texels", self.limits.texels)));
+            return Err(fault(
+                place,
+                format!("images have {} texels up to here; there may be {}", self.texels, self.limits.texels),
+            ));
         }
-        let stored_in_bytes = bytes.starts_with(b"\x89PNG") || bytes.starts_with(&[0xff, 0xd8]);
+        let stored_in_bytes = [&b"\x89PNG"[..], b"\xff\xd8", b"BM"].iter().any(|m| bytes.starts_with(m));
         if raw && stored_in_bytes {
             let channels = image.channels;
             for p in image.data.chunks_exact_mut(channels) {
@@ -183,7 +200,10 @@ impl Importer {
         let scale = self.reader.float(element, "scale")?.unwrap_or(1.0) as f32;
         self.uses_attributes = true;
         let Some(attributes) = &mut self.attributes else {
-            return Err(fault(place, "mesh attributes belong to a mesh"));
+            return Err(fault(
+                place,
+                "a mesh attribute stands on a shape without vertices; it must stand on a mesh",
+            ));
         };
         if let Some(values) = attributes.faces.get(&name) {
             return Ok(Texture::FaceAttribute { values: values.clone(), scale });

@@ -11,7 +11,11 @@ impl Reader {
         for &child in &self.document.elements[element].children {
             all = self.operation(child)? * all;
         }
-        if all.is_finite() { Ok(all) } else { Err(fault(self.place(element), "the transform is finite")) }
+        if all.is_finite() {
+            Ok(all)
+        } else {
+            Err(fault(self.place(element), "the transform is not finite; it must be"))
+        }
     }
 
     /// The property `to_world` (or another) of a plugin as an affine map; the identity without it.
@@ -22,7 +26,10 @@ impl Reader {
         let m = self.matrix(element)?;
         let last = m.row(3);
         if !(last - DVec4::W * last.w).abs_diff_eq(DVec4::ZERO, 1e-9) || last.w == 0.0 {
-            return Err(fault(self.place(element), "the last row of a transform is 0 0 0 1"));
+            return Err(fault(
+                self.place(element),
+                "the last row of the transform is another than 0 0 0 1; it must be that",
+            ));
         }
         Ok(DAffine3::from_mat4(m * (1.0 / last.w)))
     }
@@ -36,21 +43,22 @@ impl Reader {
             "rotate" => {
                 let axis = self.vector(element, DVec3::ZERO)?;
                 let angle = self.attribute_number(element, "angle")?;
-                let unit = axis.try_normalize().ok_or_else(|| fault(place(), "the axis is not zero"))?;
+                let unit =
+                    axis.try_normalize().ok_or_else(|| fault(place(), "the axis is zero; it must not be"))?;
                 DMat4::from_axis_angle(unit, angle.to_radians())
             }
             "lookat" | "lookAt" | "look_at" => {
                 let get = |name: &str| self.attribute_vector(element, name);
                 let (origin, target) = (get("origin")?, get("target")?);
                 let up = if e.attribute("up").is_some() { get("up")? } else { DVec3::ZERO };
-                let forward = (target - origin)
-                    .try_normalize()
-                    .ok_or_else(|| fault(place(), "origin and target are different points"))?;
+                let forward = (target - origin).try_normalize().ok_or_else(|| {
+                    fault(place(), "origin and target are the same point; they must differ")
+                })?;
                 let up = if up == DVec3::ZERO { forward.any_orthonormal_vector() } else { up };
                 let left = up
                     .cross(forward)
                     .try_normalize()
-                    .ok_or_else(|| fault(place(), "up does not point along the view"))?;
+                    .ok_or_else(|| fault(place(), "up points along the view; it must not"))?;
                 let up = forward.cross(left);
                 DMat4::from_cols(left.extend(0.0), up.extend(0.0), forward.extend(0.0), origin.extend(1.0))
             }
@@ -65,12 +73,18 @@ impl Reader {
                         let rows: [f64; 9] = std::array::from_fn(|i| values[i]);
                         DMat4::from_mat3(glam::DMat3::from_cols_array(&rows).transpose())
                     }
-                    n => return Err(fault(place(), format!("a matrix has 16 or 9 numbers, found {n}"))),
+                    n => {
+                        return Err(fault(
+                            place(),
+                            format!("the matrix has {n} numbers; it must have 16 or 9"),
+                        ));
+                    }
                 }
             }
             other => {
-                let rule =
-                    format!("a transform has translate, scale, rotate, lookat and matrix, not <{other}>");
+                let rule = format!(
+                    "the transform has <{other}>; it may have translate, scale, rotate, lookat and matrix"
+                );
                 return Err(fault(place(), rule));
             }
         })

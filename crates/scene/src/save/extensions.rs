@@ -19,7 +19,7 @@ pub(super) fn write(
         for (key, value) in values {
             // JSON has no infinite numbers: they become null, and are left out as defaults.
             if has_null(value) {
-                return Err(format!("{name}: {key} is finite"));
+                return Err(format!("{name}: {key} is not finite; it must be"));
             }
             object.insert((*key).to_owned(), value.clone());
         }
@@ -73,7 +73,7 @@ pub(super) fn write(
     }
     if let Some(c) = e.clearcoat.as_ref().filter(|c| c.normal_texture.is_some()) {
         if !c.normal_scale.is_finite() {
-            return Err("KHR_materials_clearcoat: the normal scale is finite".into());
+            return Err("KHR_materials_clearcoat: the normal scale is not finite; it must be".into());
         }
         out["KHR_materials_clearcoat"]["clearcoatNormalTexture"]["scale"] = json!(c.normal_scale);
     }
@@ -84,41 +84,50 @@ fn has_null(value: &Value) -> bool {
     value.is_null() || value.as_array().is_some_and(|a| a.iter().any(Value::is_null))
 }
 
-/// Adds the lights, each with a node that places it.
+/// Adds lights, each with a node that places it.
 pub(super) fn write_lights(lights: &[PunctualLight], writer: &mut Writer) -> Result<(), Fault> {
     for (i, light) in lights.iter().enumerate() {
-        let strength = light.intensity.iter().fold(0.0_f32, |a, &x| a.max(x));
-        let range = light.range.is_none_or(f32::is_finite);
-        let usable = light.intensity.iter().all(|x| x.is_finite() && *x >= 0.0)
-            && light.position.is_finite()
-            && light.direction.is_normalized();
-        if !usable || !range {
-            let rule = "intensities are finite and not negative, places finite, directions unit vectors";
-            return Err(fault(format!("light {i}"), rule));
-        }
-        // The colour is at most 1, as the specification asks.
-        let color = light.intensity.map(|x| if strength > 0.0 { x / strength } else { 1.0 });
-        let mut value = json!({"color": color, "intensity": strength});
-        value["type"] = json!(match light.kind {
-            LightKind::Directional => "directional",
-            LightKind::Point => "point",
-            LightKind::Spot { .. } => "spot",
-        });
-        if let LightKind::Spot { inner, outer } = light.kind {
-            if !(inner >= 0.0 && inner < outer && outer.is_finite()) {
-                return Err(fault(format!("light {i}"), "0 <= inner < outer"));
-            }
-            value["spot"] = json!({"innerConeAngle": inner, "outerConeAngle": outer});
-        }
-        if let Some(range) = light.range {
-            value["range"] = json!(range);
-        }
-        writer.nodes.push(json!({
+        let value = self::light(light).map_err(|rule| fault(format!("light {i}"), rule))?;
+        let node = json!({
             "translation": light.position.to_array(),
             "rotation": Quat::from_rotation_arc(Vec3::NEG_Z, light.direction).normalize().to_array(),
             "extensions": {"KHR_lights_punctual": {"light": writer.lights.len()}},
-        }));
-        writer.lights.push(named(value, &light.name));
+        });
+        writer.top(node);
+        writer.lights.push(value);
     }
     Ok(())
+}
+
+/// The JSON of a light without its place.
+pub(super) fn light(light: &PunctualLight) -> Result<Value, &'static str> {
+    let strength = light.intensity.iter().fold(0.0_f32, |a, &x| a.max(x));
+    let range = light.range.is_none_or(f32::is_finite);
+    let usable = light.intensity.iter().all(|x| x.is_finite() && *x >= 0.0)
+        && light.position.is_finite()
+        && light.direction.is_normalized();
+    if !usable || !range {
+        return Err(
+            "has a negative or infinite number, or a direction of another length than 1; intensities must be finite \
+             and not negative, places finite, directions unit vectors",
+        );
+    }
+    // The colour is at most 1, as the specification asks.
+    let color = light.intensity.map(|x| if strength > 0.0 { x / strength } else { 1.0 });
+    let mut value = json!({"color": color, "intensity": strength});
+    value["type"] = json!(match light.kind {
+        LightKind::Directional => "directional",
+        LightKind::Point => "point",
+        LightKind::Spot { .. } => "spot",
+    });
+    if let LightKind::Spot { inner, outer } = light.kind {
+        if !(inner >= 0.0 && inner < outer && outer.is_finite()) {
+            return Err("has cone angles out of order; they must be 0 <= inner < outer");
+        }
+        value["spot"] = json!({"innerConeAngle": inner, "outerConeAngle": outer});
+    }
+    if let Some(range) = light.range {
+        value["range"] = json!(range);
+    }
+    Ok(named(value, &light.name))
 }

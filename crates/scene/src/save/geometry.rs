@@ -1,19 +1,20 @@
 //! Primitives, accessors and nodes.
 
 use super::{INDICES, VERTICES, Writer};
-use crate::Scene;
 use crate::error::{Fault, fault};
 use crate::flat::{Normals, for_file};
+use crate::skin::{Bind, unit_tangent};
+use crate::{Instance, Scene};
 use glam::{Affine3A, Quat, Vec3};
 use photofit_geometry::Mesh;
 use photofit_scalar::{Vec3f, Vec4f, vec3};
 use serde_json::{Map, Value, json};
 use std::collections::HashMap;
 
-/// Writes the placed primitives as meshes and their instances as nodes.
-pub(super) fn write(scene: &Scene, writer: &mut Writer) -> Result<(), Fault> {
+/// Writes placed primitives as meshes and these instances of them as nodes.
+pub(super) fn write(scene: &Scene, instances: &[Instance], writer: &mut Writer) -> Result<(), Fault> {
     let mut meshes: HashMap<usize, usize> = HashMap::new();
-    for instance in &scene.instances {
+    for instance in instances {
         let primitive = &scene.primitives[instance.primitive];
         // A mesh without vertices cannot be written, and shows nothing.
         if primitive.mesh.positions.is_empty() {
@@ -27,31 +28,31 @@ pub(super) fn write(scene: &Scene, writer: &mut Writer) -> Result<(), Fault> {
                 let mesh = *meshes
                     .entry(instance.primitive)
                     .or_insert_with(|| write_mesh(&mesh(), primitive.material, writer));
-                writer.nodes.push(trs.node(mesh));
+                writer.top(trs.node(mesh));
             }
             None => {
                 let moved = transformed(&mesh(), &instance.transform);
                 let mesh = write_mesh(&moved, primitive.material, writer);
-                writer.nodes.push(json!({"mesh": mesh}));
+                writer.top(json!({"mesh": mesh}));
             }
         }
     }
     Ok(())
 }
 
-fn check_finite(mesh: &Mesh, transform: &Affine3A) -> Result<(), &'static str> {
+pub(super) fn check_finite(mesh: &Mesh, transform: &Affine3A) -> Result<(), &'static str> {
     if !transform.is_finite() {
-        return Err("transforms are finite");
+        return Err("the transform is not finite; it must be");
     }
     if !mesh.positions.iter().all(|p| p.is_finite()) {
-        return Err("positions are finite");
+        return Err("a position is not finite; all must be");
     }
     let uvs = mesh.uvs.iter().chain(&mesh.uvs1).all(|uv| uv.is_finite());
     let rest = mesh.tangents.iter().chain(&mesh.colors).all(|x| x.is_finite());
     if uvs && rest && mesh.normals.iter().all(|n| n.is_finite()) {
         Ok(())
     } else {
-        Err("attributes are finite")
+        Err("an attribute is not finite; all must be")
     }
 }
 
@@ -118,36 +119,94 @@ fn transformed(mesh: &Mesh, transform: &Affine3A) -> Mesh {
 }
 
 fn write_mesh(mesh: &Mesh, material: usize, writer: &mut Writer) -> usize {
+    let primitive = primitive_value(mesh, material, writer);
+    writer.meshes.push(json!({"primitives": [primitive]}));
+    writer.meshes.len() - 1
+}
+
+/// A primitive with its joints, weights and morph targets.
+pub(super) fn bind_primitive(bind: &Bind, material: usize, writer: &mut Writer) -> Value {
+    let mut primitive = primitive_value(&bind.mesh, material, writer);
+    for (s, set) in bind.influences.iter().enumerate() {
+        let joints = set.joints.as_flattened();
+        let wide = joints.iter().any(|&j| j > 0xff);
+        let (component, bytes): (u32, Vec<u8>) = if wide {
+            (5123, joints.iter().flat_map(|&j| (j as u16).to_le_bytes()).collect())
+        } else {
+            (5121, joints.iter().map(|&j| j as u8).collect())
+        };
+        let accessor = writer.accessor(&bytes, Some(VERTICES), component, set.joints.len(), 4);
+        primitive["attributes"][format!("JOINTS_{s}")] = json!(accessor);
+        let accessor = writer.floats(set.weights.as_flattened(), 4, Some(VERTICES));
+        primitive["attributes"][format!("WEIGHTS_{s}")] = json!(accessor);
+    }
+    let targets: Vec<Value> = bind
+        .targets
+        .iter()
+        .map(|target| {
+            let mut value = Map::new();
+            if !target.positions.is_empty() {
+                value.insert("POSITION".into(), json!(bounded(&target.positions, writer)));
+            }
+            for (name, list) in [("NORMAL", &target.normals), ("TANGENT", &target.tangents)] {
+                if !list.is_empty() {
+                    let accessor = writer.floats(bytemuck::cast_slice(list), 3, Some(VERTICES));
+                    value.insert(name.into(), json!(accessor));
+                }
+            }
+            // A target that moves nothing needs an attribute to be one.
+            if value.is_empty() {
+                let still = vec![Vec3f::zero(); bind.mesh.positions.len()];
+                value.insert("POSITION".into(), json!(bounded(&still, writer)));
+            }
+            Value::Object(value)
+        })
+        .collect();
+    if !targets.is_empty() {
+        primitive["targets"] = Value::Array(targets);
+    }
+    primitive
+}
+
+/// An accessor of points with the bounds that the specification asks for.
+fn bounded(points: &[Vec3f], writer: &mut Writer) -> usize {
+    let accessor = writer.floats(bytemuck::cast_slice(points), 3, Some(VERTICES));
+    let first = points.first().copied().unwrap_or_default();
+    let (lo, hi) = points.iter().fold((first, first), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
+    writer.accessors[accessor]["min"] = json!(lo.to_array());
+    writer.accessors[accessor]["max"] = json!(hi.to_array());
+    accessor
+}
+
+/// The JSON of a primitive whose attributes are written.
+pub(super) fn primitive_value(mesh: &Mesh, material: usize, writer: &mut Writer) -> Value {
     let mut attributes = Map::new();
-    let (lo, hi) = mesh.bounds().unwrap_or_default();
-    let position = floats(bytemuck::cast_slice(&mesh.positions), 3, writer);
-    writer.accessors[position]["min"] = json!(lo.to_array());
-    writer.accessors[position]["max"] = json!(hi.to_array());
+    let position = bounded(&mesh.positions, writer);
     attributes.insert("POSITION".into(), json!(position));
     let mut add = |name: &str, accessor: usize| attributes.insert(name.into(), json!(accessor));
     if !mesh.normals.is_empty() {
         let unit: Vec<Vec3f> = mesh.normals.iter().map(|&n| unit(n)).collect();
-        add("NORMAL", floats(bytemuck::cast_slice(&unit), 3, writer));
+        add("NORMAL", writer.floats(bytemuck::cast_slice(&unit), 3, Some(VERTICES)));
         if !mesh.tangents.is_empty() {
             let unit: Vec<Vec4f> =
                 mesh.tangents.iter().zip(&unit).map(|(&t, &n)| unit_tangent(t, n)).collect();
-            add("TANGENT", floats(bytemuck::cast_slice(&unit), 4, writer));
+            add("TANGENT", writer.floats(bytemuck::cast_slice(&unit), 4, Some(VERTICES)));
         }
     }
     if !mesh.uvs.is_empty() {
-        add("TEXCOORD_0", floats(bytemuck::cast_slice(&mesh.uvs), 2, writer));
+        add("TEXCOORD_0", writer.floats(bytemuck::cast_slice(&mesh.uvs), 2, Some(VERTICES)));
         if !mesh.uvs1.is_empty() {
-            add("TEXCOORD_1", floats(bytemuck::cast_slice(&mesh.uvs1), 2, writer));
+            add("TEXCOORD_1", writer.floats(bytemuck::cast_slice(&mesh.uvs1), 2, Some(VERTICES)));
         }
     } else if !mesh.uvs1.is_empty() {
         // Sets are counted from zero without gaps.
         let none = vec![0.0_f32; 2 * mesh.uvs1.len()];
-        add("TEXCOORD_0", floats(&none, 2, writer));
-        add("TEXCOORD_1", floats(bytemuck::cast_slice(&mesh.uvs1), 2, writer));
+        add("TEXCOORD_0", writer.floats(&none, 2, Some(VERTICES)));
+        add("TEXCOORD_1", writer.floats(bytemuck::cast_slice(&mesh.uvs1), 2, Some(VERTICES)));
     }
     if !mesh.colors.is_empty() {
         let unit: Vec<Vec4f> = mesh.colors.iter().map(|c| c.map(|x| x.clamp(0.0, 1.0))).collect();
-        add("COLOR_0", floats(bytemuck::cast_slice(&unit), 4, writer));
+        add("COLOR_0", writer.floats(bytemuck::cast_slice(&unit), 4, Some(VERTICES)));
     }
     let mut primitive = json!({"attributes": attributes, "material": material});
     if mesh.triangles.is_empty() {
@@ -155,31 +214,12 @@ fn write_mesh(mesh: &Mesh, material: usize, writer: &mut Writer) -> usize {
     } else {
         primitive["indices"] = json!(indices(mesh, writer));
     }
-    writer.meshes.push(json!({"primitives": [primitive]}));
-    writer.meshes.len() - 1
+    primitive
 }
 
 fn unit(n: Vec3f) -> Vec3f {
     let n = n.normalize_or_zero();
     if n == Vec3f::zero() { vec3(0.0, 1.0, 0.0) } else { n }
-}
-
-fn unit_tangent(t: Vec4f, n: Vec3f) -> Vec4f {
-    let direction = t.xyz().normalize_or_zero();
-    let direction = if direction == Vec3f::zero() { n.orthonormal_pair().0 } else { direction };
-    direction.extend(if t.w < 0.0 { -1.0 } else { 1.0 })
-}
-
-fn floats(values: &[f32], components: usize, writer: &mut Writer) -> usize {
-    let bytes: Vec<u8> = values.iter().flat_map(|x| x.to_le_bytes()).collect();
-    let view = writer.view(&bytes, Some(VERTICES));
-    writer.accessors.push(json!({
-        "bufferView": view,
-        "componentType": 5126,
-        "count": values.len() / components,
-        "type": format!("VEC{components}"),
-    }));
-    writer.accessors.len() - 1
 }
 
 fn indices(mesh: &Mesh, writer: &mut Writer) -> usize {
@@ -190,12 +230,5 @@ fn indices(mesh: &Mesh, writer: &mut Writer) -> usize {
     } else {
         (5125, flat.flat_map(|i| i.to_le_bytes()).collect())
     };
-    let view = writer.view(&bytes, Some(INDICES));
-    writer.accessors.push(json!({
-        "bufferView": view,
-        "componentType": kind,
-        "count": mesh.triangles.len() * 3,
-        "type": "SCALAR",
-    }));
-    writer.accessors.len() - 1
+    writer.accessor(&bytes, Some(INDICES), kind, mesh.triangles.len() * 3, 1)
 }

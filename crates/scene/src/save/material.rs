@@ -1,6 +1,6 @@
 //! Materials, textures, samplers and images.
 
-use super::{Writer, extensions, named};
+use super::{Writer, extensions, named, with_extras};
 use crate::error::{Fault, fault};
 use crate::load::affine_of_transform;
 use crate::model::slots;
@@ -31,7 +31,7 @@ pub(super) fn write(scene: &Scene, writer: &mut Writer) -> Result<(), Fault> {
     for (m, material) in scene.materials.iter().enumerate() {
         let value = write_material(material, &mut tables, writer)
             .map_err(|rule| fault(format!("material {m}"), rule))?;
-        writer.materials.push(named(value, &material.name));
+        writer.materials.push(with_extras(named(value, &material.name), &material.extras));
     }
     Ok(())
 }
@@ -79,7 +79,7 @@ fn write_material(m: &Material, tables: &mut Tables, writer: &mut Writer) -> Res
     let cutoff = if let AlphaMode::Mask { cutoff } = m.alpha_mode { cutoff } else { 0.0 };
     let factors = [m.metallic, m.roughness, m.normal_scale, m.occlusion_strength, cutoff];
     if !factors.iter().chain(&m.base_color).chain(&m.emissive).all(|x| x.is_finite()) {
-        return Err("factors are finite".into());
+        return Err("a factor is not finite; factors must be".into());
     }
     let mut pbr = Map::new();
     let mut out = Map::new();
@@ -158,8 +158,8 @@ pub(super) fn info(slot: &TextureSlot, tables: &mut Tables, writer: &mut Writer)
     if slot.tex_coord != 0 {
         info["texCoord"] = json!(slot.tex_coord);
     }
-    let (offset, rotation, scale) =
-        parts(&slot.transform).ok_or("a texture transform is offset, rotation and scale")?;
+    let (offset, rotation, scale) = parts(&slot.transform)
+        .ok_or("the texture transform shears; it must be offset, rotation and scale")?;
     let mut transform = Map::new();
     if offset != [0.0; 2] {
         transform.insert("offset".into(), json!(offset));

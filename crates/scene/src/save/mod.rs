@@ -1,21 +1,24 @@
 //! Saving assets as glTF 2.0 binary files.
 
+mod animation;
 mod extensions;
 mod geometry;
 mod material;
+mod nodes;
 #[cfg(test)]
 mod tests;
 
 use crate::error::{Fault, fault};
 use crate::{Camera, Scene, SceneError};
 use serde_json::{Map, Value, json};
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
 
 /// Writes a scene as a `.glb` file that holds everything: geometry, materials and textures (see [`crate::TextureEncoding`]).
 ///
 /// Tangents are written exactly where a normal map needs them, and computed when they are missing.
-/// Primitives keep their sharing, instances become nodes (transforms that shear, which glTF nodes cannot, are worked
+/// A scene with a [`Scene::hierarchy`] is written with its nodes, skins, morph targets and animations; what the scene holds
+/// beyond that follows as further nodes. Without one, primitives keep their sharing, instances become nodes (transforms that shear, which glTF nodes cannot, are worked
 /// into the vertices), factors above one of the emission become `KHR_materials_emissive_strength`. Images that no
 /// material uses are left out. The file appears under its name only when it is complete.
 ///
@@ -60,13 +63,19 @@ pub fn to_glb(scene: &Scene) -> Result<Vec<u8>, SceneError> {
 
 fn encode(scene: &Scene) -> Result<Vec<u8>, Fault> {
     let mut writer = Writer::default();
-    geometry::write(scene, &mut writer)?;
-    for camera in &scene.cameras {
+    let (mut instances, mut cameras, mut lights) = (0, 0, 0);
+    if let Some(hierarchy) = scene.hierarchy.as_deref() {
+        nodes::write(scene, hierarchy, &mut writer)?;
+        let (c, l) = hierarchy.cameras_and_lights(&hierarchy.locals());
+        (instances, cameras, lights) = (hierarchy.placements.len(), c.len(), l.len());
+    }
+    geometry::write(scene, &scene.instances[instances..], &mut writer)?;
+    for camera in scene.cameras.iter().skip(cameras) {
         write_camera(camera, &mut writer);
     }
-    extensions::write_lights(&scene.lights, &mut writer)?;
+    extensions::write_lights(scene.lights.get(lights..).unwrap_or_default(), &mut writer)?;
     material::write(scene, &mut writer)?;
-    writer.finish()
+    writer.finish(scene)
 }
 
 /// The document and its binary chunk as they grow.
@@ -77,6 +86,12 @@ struct Writer {
     accessors: Vec<Value>,
     meshes: Vec<Value>,
     nodes: Vec<Value>,
+    /// The nodes that the scene lists.
+    roots: Vec<usize>,
+    skins: Vec<Value>,
+    animations: Vec<Value>,
+    /// Accessors of key times by their bits.
+    times: HashMap<Vec<u32>, usize>,
     cameras: Vec<Value>,
     materials: Vec<Value>,
     textures: Vec<Value>,
@@ -103,19 +118,61 @@ impl Writer {
         self.views.len() - 1
     }
 
-    fn finish(mut self) -> Result<Vec<u8>, Fault> {
+    /// Appends a node at the top.
+    fn top(&mut self, node: Value) {
+        self.roots.push(self.nodes.len());
+        self.nodes.push(node);
+    }
+
+    /// Appends floats as elements of 1, 2, 3, 4 or 16 components; the index of their accessor.
+    fn floats(&mut self, values: &[f32], components: usize, target: Option<u32>) -> usize {
+        let bytes: Vec<u8> = values.iter().flat_map(|x| x.to_le_bytes()).collect();
+        self.accessor(&bytes, target, 5126, values.len() / components, components)
+    }
+
+    fn accessor(
+        &mut self,
+        bytes: &[u8],
+        target: Option<u32>,
+        component: u32,
+        count: usize,
+        components: usize,
+    ) -> usize {
+        let view = self.view(bytes, target);
+        let kind = match components {
+            1 => "SCALAR",
+            2 => "VEC2",
+            3 => "VEC3",
+            4 => "VEC4",
+            _ => "MAT4",
+        };
+        self.accessors.push(json!({
+            "bufferView": view,
+            "componentType": component,
+            "count": count,
+            "type": kind,
+        }));
+        self.accessors.len() - 1
+    }
+
+    fn finish(mut self, written: &Scene) -> Result<Vec<u8>, Fault> {
         self.binary.resize(self.binary.len().next_multiple_of(4), 0);
         let mut root = Map::new();
-        root.insert("asset".into(), json!({"version": "2.0", "generator": "photofit"}));
-        let mut scene = Map::new();
-        if !self.nodes.is_empty() {
-            scene.insert("nodes".into(), json!((0..self.nodes.len()).collect::<Vec<_>>()));
+        let about = &written.about;
+        let mut asset = json!({"version": "2.0", "generator": "photofit"});
+        if !about.copyright.is_empty() {
+            asset["copyright"] = json!(about.copyright);
         }
+        root.insert("asset".into(), with_extras(asset, &about.asset_extras));
         root.insert("scene".into(), json!(0));
         // Readers differ in whether an empty scene may lack its list of nodes; an empty node serves all.
-        if self.nodes.is_empty() {
-            self.nodes.push(json!({"name": "empty"}));
-            scene.insert("nodes".into(), json!([0]));
+        if self.roots.is_empty() {
+            self.top(json!({"name": "empty"}));
+        }
+        let scene = named(json!({"nodes": self.roots}), &about.scene);
+        let scene = with_extras(scene, &about.scene_extras);
+        if let Some(extras) = &about.root_extras {
+            root.insert("extras".into(), extras.clone());
         }
         root.insert("scenes".into(), json!([scene]));
         if !self.binary.is_empty() {
@@ -129,6 +186,8 @@ impl Writer {
         for (key, values) in [
             ("nodes", self.nodes),
             ("meshes", self.meshes),
+            ("skins", self.skins),
+            ("animations", self.animations),
             ("cameras", self.cameras),
             ("materials", self.materials),
             ("textures", self.textures),
@@ -152,7 +211,7 @@ fn container(json: &[u8], binary: &[u8]) -> Result<Vec<u8>, Fault> {
     let binary_chunk = if binary.is_empty() { 0 } else { 8 + binary.len() };
     let total = 12 + 8 + json.len() + binary_chunk;
     let Ok(total) = u32::try_from(total) else {
-        return Err(fault("the .glb", format!("is smaller than 4 GiB, found {total} bytes")));
+        return Err(fault("the .glb", format!("has {total} bytes; it must be smaller than 4 GiB")));
     };
     let mut out = Vec::with_capacity(total as usize);
     out.extend_from_slice(b"glTF");
@@ -182,11 +241,20 @@ fn write_camera(camera: &Camera, writer: &mut Writer) {
         },
     }));
     let (_, rotation, _) = camera.view.inverse().to_scale_rotation_translation();
-    writer.nodes.push(json!({
+    let node = json!({
         "camera": writer.cameras.len() - 1,
         "translation": camera.eye.to_array(),
         "rotation": rotation.normalize().to_array(),
-    }));
+    });
+    writer.top(node);
+}
+
+/// Adds application data where there are some.
+fn with_extras(mut value: Value, extras: &Option<Value>) -> Value {
+    if let Some(extras) = extras {
+        value["extras"] = extras.clone();
+    }
+    value
 }
 
 /// Adds the name when there is one.

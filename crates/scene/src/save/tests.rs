@@ -79,6 +79,7 @@ fn rich() -> Scene {
         double_sided: true,
         unlit: false,
         extensions: None,
+        extras: Some(serde_json::json!({"shop": 7})),
     };
     let unlit =
         Material { name: "unlit".into(), unlit: true, alpha_mode: AlphaMode::Blend, ..Material::clay() };
@@ -345,5 +346,5 @@ fn extensions_and_lights_come_back() {
     before.lights.clear();
     before.materials[0].extensions.as_mut().unwrap().ior = f32::INFINITY;
     let text = to_glb(&before).unwrap_err().to_string();
-    assert!(text.contains("material 0") && text.contains("KHR_materials_ior: ior is finite"), "{text}");
+    assert!(text.contains("material 0") && text.contains("KHR_materials_ior: ior is not finite"), "{text}");
 }

@@ -34,11 +34,12 @@ pub(super) enum Need {
 impl Need {
     fn check(self, layout: &mut Layout, place: &dyn Fn() -> String) -> Result<(), Fault> {
         match self {
-            Self::Exactly(n) if n != layout.count => {
-                Err(fault(place(), format!("count {n} as the positions, found {}", layout.count)))
-            }
+            Self::Exactly(n) if n != layout.count => Err(fault(
+                place(),
+                format!("has count {}; it must have count {n} as the positions", layout.count),
+            )),
             Self::First(n) if n > layout.count => {
-                Err(fault(place(), format!("count is at least {n}, found {}", layout.count)))
+                Err(fault(place(), format!("has count {}; count must be at least {n}", layout.count)))
             }
             Self::First(n) => {
                 layout.count = n;
@@ -56,16 +57,25 @@ impl Document<'_> {
             .root
             .accessors
             .get(i)
-            .ok_or_else(|| fault(user, format!("accessor {i} is one of {count}")))?;
+            .ok_or_else(|| fault(user, format!("names accessor {i}; there are {count} accessors")))?;
         let place = || format!("accessor {i} ({user})");
         let Checked::Valid(component) = accessor.component_type else {
-            return Err(fault(place(), "componentType is 5120, 5121, 5122, 5123, 5125 or 5126"));
+            return Err(fault(
+                place(),
+                "has an unknown componentType; it must be 5120, 5121, 5122, 5123, 5125 or 5126",
+            ));
         };
         let Checked::Valid(kind) = accessor.type_ else {
-            return Err(fault(place(), "type is SCALAR, VEC2, VEC3, VEC4 or MAT4"));
+            return Err(fault(
+                place(),
+                "has another type than it may; type must be SCALAR, VEC2, VEC3, VEC4 or MAT4",
+            ));
         };
         if matches!(kind, Type::Mat2 | Type::Mat3) {
-            return Err(fault(place(), "type is SCALAR, VEC2, VEC3, VEC4 or MAT4"));
+            return Err(fault(
+                place(),
+                "has another type than it may; type must be SCALAR, VEC2, VEC3, VEC4 or MAT4",
+            ));
         }
         let layout = Layout {
             component: component.0,
@@ -96,7 +106,10 @@ impl Document<'_> {
         let (accessor, mut layout) = self.accessor(i, user)?;
         let place = || format!("accessor {i} ({user})");
         if layout.components != N {
-            return Err(fault(place(), format!("{N} components per element, found {}", layout.components)));
+            return Err(fault(
+                place(),
+                format!("has {} components per element; it must have {N} components", layout.components),
+            ));
         }
         need.check(&mut layout, &place)?;
         self.check_count(accessor, &layout, &place)?;
@@ -123,10 +136,16 @@ impl Document<'_> {
         let (accessor, mut layout) = self.accessor(i, user)?;
         let place = || format!("accessor {i} ({user})");
         if layout.components != N {
-            return Err(fault(place(), format!("{N} components per element, found {}", layout.components)));
+            return Err(fault(
+                place(),
+                format!("has {} components per element; it must have {N} components", layout.components),
+            ));
         }
         if !matches!(layout.component, ComponentType::U8 | ComponentType::U16 | ComponentType::U32) {
-            return Err(fault(place(), "unsigned integer components"));
+            return Err(fault(
+                place(),
+                "has signed or floating components; it must have unsigned integer components",
+            ));
         }
         need.check(&mut layout, &place)?;
         self.check_count(accessor, &layout, &place)?;
@@ -152,7 +171,7 @@ impl Document<'_> {
     ) -> Result<(), Fault> {
         let most = self.limits.vertices.max(self.limits.triangles.saturating_mul(3));
         if accessor.buffer_view.is_none() && layout.count > most {
-            return Err(fault(place(), format!("count is at most {most}, found {}", layout.count)));
+            return Err(fault(place(), format!("has count {}; count must be at most {most}", layout.count)));
         }
         Ok(())
     }
@@ -169,7 +188,10 @@ impl Document<'_> {
         let stride = self.root.buffer_views[view].byte_stride.map_or(0, |s| s.0);
         let stride = if stride == 0 { layout.element() } else { stride };
         if stride < layout.element() {
-            let rule = format!("byteStride {stride} of bufferView {view} is at least {}", layout.element());
+            let rule = format!(
+                "byteStride {stride} of bufferView {view} is too small; it must be at least {}",
+                layout.element()
+            );
             return Err(fault(place(), rule));
         }
         let offset = accessor.byte_offset.map_or(0, |o| o.0);
@@ -184,7 +206,7 @@ impl Document<'_> {
             _ => Err(fault(
                 place(),
                 format!(
-                    "{} elements at byteOffset {offset} fit into the {} bytes of bufferView {view}",
+                    "{} elements at byteOffset {offset} do not fit into the {} bytes of bufferView {view}; they must",
                     layout.count,
                     bytes.len()
                 ),
@@ -201,12 +223,16 @@ impl Document<'_> {
         let Some(sparse) = &accessor.sparse else { return Ok(None) };
         let elements = accessor.count.0;
         if sparse.count.0 > elements {
-            let rule = format!("sparse.count {} is at most count {elements}", sparse.count.0);
+            let rule =
+                format!("sparse.count {} is too large; it must be at most count {elements}", sparse.count.0);
             return Err(fault(place(), rule));
         }
         let count = sparse.count.0 as usize;
         let Checked::Valid(component) = sparse.indices.component_type else {
-            return Err(fault(place(), "sparse.indices.componentType is 5121, 5123 or 5125"));
+            return Err(fault(
+                place(),
+                "sparse.indices.componentType is unknown; it must be 5121, 5123 or 5125",
+            ));
         };
         let part = |view: usize, offset: u64, size: usize, what: &str| {
             let bytes = self.view(view, &place())?;
@@ -216,7 +242,10 @@ impl Document<'_> {
                 Some(end) if end <= bytes.len() as u64 => Ok(&bytes[offset as usize..end as usize]),
                 _ => Err(fault(
                     place(),
-                    format!("{count} sparse {what} fit into the {} bytes of bufferView {view}", bytes.len()),
+                    format!(
+                        "{count} sparse {what} do not fit into the {} bytes of bufferView {view}; they must",
+                        bytes.len()
+                    ),
                 )),
             }
         };
@@ -229,7 +258,9 @@ impl Document<'_> {
         let indices: Vec<usize> = indices.into_iter().map(|[i]| i as usize).collect();
         let rising = indices.windows(2).all(|w| w[0] < w[1]);
         if !rising || indices.last().is_some_and(|&i| i as u64 >= elements) {
-            let rule = format!("sparse indices rise strictly and stay below count {elements}");
+            let rule = format!(
+                "sparse indices do not rise; they must rise strictly and stay below count {elements}"
+            );
             return Err(fault(place(), rule));
         }
         Ok(Some(Sparse { indices, values }))

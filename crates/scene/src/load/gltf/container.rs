@@ -7,12 +7,12 @@ pub(super) fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Fault> {
     let version = word(bytes, 4).ok_or_else(|| truncated(bytes, 12))?;
     let length = word(bytes, 8).ok_or_else(|| truncated(bytes, 12))? as usize;
     if version != 2 {
-        return Err(fault("byte 4 of the .glb header", format!("the version is 2, found {version}")));
+        return Err(fault("byte 4 of the .glb header", format!("the version is {version}; it must be 2")));
     }
     if length > bytes.len() {
         return Err(fault(
             "byte 8 of the .glb header",
-            format!("the length of {length} bytes is at most the file's {}", bytes.len()),
+            format!("the length is {length} bytes; it must be at most the file's {}", bytes.len()),
         ));
     }
     let bytes = &bytes[..length];
@@ -24,7 +24,10 @@ pub(super) fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Fault> {
         let data = bytes.get(at + 8..).and_then(|b| b.get(..size)).ok_or_else(|| {
             fault(
                 format!("byte {at} of the .glb"),
-                format!("a chunk of {size} bytes fits into the {} that follow", bytes.len() - at - 8),
+                format!(
+                    "a chunk of {size} bytes does not fit into the {} that follow; it must",
+                    bytes.len() - at - 8
+                ),
             )
         })?;
         match kind {
@@ -34,14 +37,16 @@ pub(super) fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Fault> {
         }
         at += 8 + size;
     }
-    let json = json.ok_or_else(|| fault("byte 12 of the .glb", "the first chunk is JSON"))?;
+    let json = json.ok_or_else(|| {
+        fault("byte 12 of the .glb", "there is no JSON chunk; the first chunk must be JSON")
+    })?;
     Ok((json, binary))
 }
 
 fn truncated(bytes: &[u8], needed: usize) -> Fault {
     fault(
         format!("byte {} of the .glb", bytes.len()),
-        format!("the file is truncated: at least {needed} bytes"),
+        format!("the file is truncated: it must have at least {needed} bytes"),
     )
 }
 

@@ -1,12 +1,14 @@
 //! The JSON document and its buffers.
 
+use crate::Scene;
 use crate::error::{Fault, fault};
 use crate::load::Limits;
 use crate::load::file::{Folder, clip};
+use crate::nodes::About;
 use gltf::json;
 use serde_json::Value;
 use std::borrow::Cow;
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap, HashSet};
 
 /// Extensions whose meaning is read here.
 const SUPPORTED: &[&str] = &[
@@ -58,6 +60,8 @@ struct RawNode {
 struct NodeExtensions {
     #[serde(rename = "KHR_lights_punctual")]
     light: Option<LightIndex>,
+    #[serde(flatten)]
+    others: HashMap<String, serde::de::IgnoredAny>,
 }
 
 #[derive(serde::Deserialize)]
@@ -82,7 +86,7 @@ impl<'a> Document<'a> {
         binary: Option<&'a [u8]>,
         folder: &'a Folder,
         limits: &'a Limits,
-        warnings: &mut Vec<String>,
+        scene: &mut Scene,
     ) -> Result<Self, Fault> {
         check_size(text, limits)?;
         let syntax = |e: serde_json::Error| fault("the JSON", e.to_string());
@@ -91,10 +95,10 @@ impl<'a> Document<'a> {
         if !root.asset.version.starts_with("2.") {
             return Err(fault(
                 "asset.version",
-                format!("the version is 2.x, found `{}`", clip(&root.asset.version)),
+                format!("the version is `{}`; it must be 2.x", clip(&root.asset.version)),
             ));
         }
-        check_extensions(&root, warnings)?;
+        check_extensions(&root, &nodes, &materials, scene)?;
         let lights = extensions.and_then(|e| e.lights).map_or_else(Vec::new, |l| l.lights);
         let node_lights = nodes.iter().enumerate();
         let node_lights =
@@ -106,7 +110,10 @@ impl<'a> Document<'a> {
             let bytes = document.buffer(i, binary)?;
             total = total.saturating_add(bytes.len() as u64);
             if total > limits.file_bytes {
-                let rule = format!("all buffers have at most {} bytes", limits.file_bytes);
+                let rule = format!(
+                    "buffers have {total} bytes up to here; there may be at most {} bytes",
+                    limits.file_bytes
+                );
                 return Err(fault(format!("buffer {i}"), rule));
             }
             document.buffers.push(bytes);
@@ -119,25 +126,65 @@ impl<'a> Document<'a> {
         self.node_lights.get(&node).copied()
     }
 
+    /// Application data of an object.
+    pub(super) fn extras(
+        &self,
+        raw: &json::Extras,
+        place: impl FnOnce() -> String,
+    ) -> Result<Option<Value>, Fault> {
+        let Some(raw) = raw else { return Ok(None) };
+        let value = serde_json::from_str(raw.get());
+        value.map(Some).map_err(|e| fault(place(), format!("extras cannot be read: {e}")))
+    }
+
+    /// The scene that is shown; `None` where the file has none.
+    pub(super) fn default_scene(&self) -> Result<Option<&json::Scene>, Fault> {
+        let scenes = &self.root.scenes;
+        let Some(s) = self.root.scene.map(|s| s.value()).or((!scenes.is_empty()).then_some(0)) else {
+            return Ok(None);
+        };
+        let found = scenes.get(s);
+        found.map(Some).ok_or_else(|| fault("scene", format!("is {s}; there are {} scenes", scenes.len())))
+    }
+
+    /// What the file says about itself.
+    pub(super) fn about(&self) -> Result<About, Fault> {
+        let asset = &self.root.asset;
+        let scene = self.default_scene()?;
+        Ok(About {
+            copyright: asset.copyright.clone().unwrap_or_default(),
+            scene: scene.and_then(|s| s.name.clone()).unwrap_or_default(),
+            asset_extras: self.extras(&asset.extras, || "asset".into())?,
+            root_extras: self.extras(&self.root.extras, || "the file".into())?,
+            scene_extras: match scene {
+                Some(s) => self.extras(&s.extras, || "scene".into())?,
+                None => None,
+            },
+        })
+    }
+
     fn buffer(&self, i: usize, binary: Option<&'a [u8]>) -> Result<Cow<'a, [u8]>, Fault> {
         let buffer = &self.root.buffers[i];
         let place = format!("buffer {i}");
         let bytes: Cow<'a, [u8]> = match (&buffer.uri, binary) {
             (Some(uri), _) => {
                 if buffer.byte_length.0 > self.limits.file_bytes {
-                    let rule = format!("at most {} bytes", self.limits.file_bytes);
+                    let rule = format!(
+                        "has {} bytes; it may have at most {} bytes",
+                        buffer.byte_length.0, self.limits.file_bytes
+                    );
                     return Err(fault(place, rule));
                 }
                 self.folder.read_uri(uri, self.limits.file_bytes, &place)?.into()
             }
             (None, Some(binary)) if i == 0 => binary.into(),
-            _ => return Err(fault(place, "a buffer without a URI is the binary chunk of a .glb")),
+            _ => return Err(fault(place, "has no URI; only the binary chunk of a .glb may have none")),
         };
         if (bytes.len() as u64) < buffer.byte_length.0 {
             return Err(fault(
                 place,
                 format!(
-                    "byteLength {} is at most the {} bytes that exist",
+                    "byteLength {} is too large; it must be at most the {} bytes that exist",
                     buffer.byte_length.0,
                     bytes.len()
                 ),
@@ -149,14 +196,16 @@ impl<'a> Document<'a> {
     /// The bytes of a buffer view.
     pub(super) fn view(&self, i: usize, user: &str) -> Result<&[u8], Fault> {
         let view = self.root.buffer_views.get(i).ok_or_else(|| {
-            fault(user, format!("bufferView {i} is one of {}", self.root.buffer_views.len()))
+            fault(
+                user,
+                format!("names bufferView {i}; there are {} bufferViews", self.root.buffer_views.len()),
+            )
         })?;
         let place = || format!("bufferView {i}");
         let b = view.buffer.value();
-        let buffer = self
-            .buffers
-            .get(b)
-            .ok_or_else(|| fault(place(), format!("buffer {b} is one of {}", self.buffers.len())))?;
+        let buffer = self.buffers.get(b).ok_or_else(|| {
+            fault(place(), format!("names buffer {b}; there are {} buffers", self.buffers.len()))
+        })?;
         let (offset, length) = (view.byte_offset.map_or(0, |o| o.0), view.byte_length.0);
         let available = (buffer.len() as u64).min(self.root.buffers[b].byte_length.0);
         match offset.checked_add(length) {
@@ -164,7 +213,7 @@ impl<'a> Document<'a> {
             _ => Err(fault(
                 place(),
                 format!(
-                    "byteOffset {offset} + byteLength {length} fits into the {available} bytes of buffer {b}"
+                    "byteOffset {offset} + byteLength {length} does not fit into the {available} bytes of buffer {b}; it must"
                 ),
             )),
         }
@@ -174,23 +223,36 @@ impl<'a> Document<'a> {
 /// Bounds the memory that parsing takes: the parsed form is larger than its text.
 fn check_size(text: &[u8], limits: &Limits) -> Result<(), Fault> {
     if text.len() > limits.json_bytes {
-        let rule = format!("at most {} bytes, found {}", limits.json_bytes, text.len());
+        let rule = format!("has {} bytes; it may have at most {} bytes", text.len(), limits.json_bytes);
         return Err(fault("the JSON", rule));
     }
     let values = text.iter().filter(|&&b| b == b',').count();
     if values > limits.json_items.saturating_mul(16) {
-        let rule = format!("at most {} values, found {values}", limits.json_items.saturating_mul(16));
+        let rule = format!(
+            "has {values} values; it may have at most {} values",
+            limits.json_items.saturating_mul(16)
+        );
         return Err(fault("the JSON", rule));
     }
     let items = text.iter().filter(|&&b| b == b'{' || b == b'[').count();
     if items > limits.json_items {
-        let rule = format!("at most {} objects and arrays, found {items}", limits.json_items);
+        let rule = format!(
+            "has {items} objects and arrays; it may have at most {} objects and arrays",
+            limits.json_items
+        );
         return Err(fault("the JSON", rule));
     }
     Ok(())
 }
 
-fn check_extensions(root: &json::Root, warnings: &mut Vec<String>) -> Result<(), Fault> {
+/// Refuses required extensions that are not read, and lists the others: those that the file declares and those that its
+/// nodes and materials have undeclared.
+fn check_extensions(
+    root: &json::Root,
+    nodes: &[RawNode],
+    materials: &[Value],
+    scene: &mut Scene,
+) -> Result<(), Fault> {
     for name in &root.extensions_required {
         if !SUPPORTED.contains(&name.as_str()) {
             return Err(fault(
@@ -199,14 +261,16 @@ fn check_extensions(root: &json::Root, warnings: &mut Vec<String>) -> Result<(),
             ));
         }
     }
-    for name in &root.extensions_used {
-        if !SUPPORTED.contains(&name.as_str()) {
-            warnings.push(format!("the extension {} is ignored", clip(name)));
+    let of_nodes = nodes.iter().filter_map(|n| n.extensions.as_ref()).flat_map(|e| e.others.keys());
+    let of_materials =
+        materials.iter().filter_map(|m| m.get("extensions")?.as_object()).flat_map(|e| e.keys());
+    let undeclared: BTreeSet<&String> = of_nodes.chain(of_materials).collect();
+    let mut known: HashSet<&str> = SUPPORTED.iter().copied().collect();
+    for name in root.extensions_used.iter().chain(undeclared) {
+        if known.insert(name) {
+            scene.warnings.push(format!("the extension {} is ignored", clip(name)));
+            scene.ignored_extensions.push(clip(name));
         }
-    }
-    if !root.animations.is_empty() {
-        warnings
-            .push(format!("{} animations are ignored: the default pose is loaded", root.animations.len()));
     }
     Ok(())
 }

@@ -3,6 +3,7 @@
 use super::document::Document;
 use super::material::read_slot;
 use crate::error::{Fault, fault};
+use crate::load::file::clip;
 use crate::load::texture::Textures;
 use crate::{Anisotropy, Clearcoat, Extensions, Sheen, Specular, TextureSlot, Transmission, Volume};
 use serde_json::Value;
@@ -19,7 +20,7 @@ pub(super) fn read<'a>(
     let mut out = Extensions::default();
     if of.object("ior")?.is_some() {
         out.ior =
-            of.number("ior", "ior", Extensions::IOR, "is at least 1, or 0", |x| x >= 1.0 || x == 0.0)?;
+            of.number("ior", "ior", Extensions::IOR, "be at least 1, or 0", |x| x >= 1.0 || x == 0.0)?;
     }
     if of.object("specular")?.is_some() {
         out.specular = Some(Specular {
@@ -37,13 +38,13 @@ pub(super) fn read<'a>(
     }
     if of.object("volume")?.is_some() {
         out.volume = Some(Volume {
-            thickness: of.number("volume", "thicknessFactor", 0.0, "is not negative", |x| x >= 0.0)?,
+            thickness: of.number("volume", "thicknessFactor", 0.0, "be not negative", |x| x >= 0.0)?,
             thickness_texture: of.slot("volume", "thicknessTexture")?,
             attenuation_distance: of.number(
                 "volume",
                 "attenuationDistance",
                 f32::INFINITY,
-                "is positive",
+                "be positive",
                 |x| x > 0.0,
             )?,
             attenuation_color: of.color("volume", "attenuationColor", [1.0; 3], 1.0)?,
@@ -57,7 +58,7 @@ pub(super) fn read<'a>(
             roughness_texture: of.slot("clearcoat", "clearcoatRoughnessTexture")?,
             normal_texture: of.slot("clearcoat", "clearcoatNormalTexture")?,
             normal_scale: of
-                .number("clearcoat", "clearcoatNormalTexture/scale", 1.0, "is finite", |_| true)?,
+                .number("clearcoat", "clearcoatNormalTexture/scale", 1.0, "be finite", |_| true)?,
         });
     }
     if of.object("sheen")?.is_some() {
@@ -71,7 +72,7 @@ pub(super) fn read<'a>(
     if of.object("anisotropy")?.is_some() {
         out.anisotropy = Some(Anisotropy {
             strength: of.unit("anisotropy", "anisotropyStrength", 0.0)?,
-            rotation: of.number("anisotropy", "anisotropyRotation", 0.0, "is finite", |_| true)?,
+            rotation: of.number("anisotropy", "anisotropyRotation", 0.0, "be finite", |_| true)?,
             texture: of.slot("anisotropy", "anisotropyTexture")?,
         });
     }
@@ -99,7 +100,7 @@ impl<'a> Reader<'_, 'a, '_> {
     /// The extension, which is an object where it is there.
     fn object(&self, extension: &str) -> Result<Option<&'a Value>, Fault> {
         match self.raw().pointer(&format!("/extensions/KHR_materials_{extension}")) {
-            Some(v) if !v.is_object() => Err(self.fault(extension, "is an object")),
+            Some(v) if !v.is_object() => Err(self.fault(extension, "is no object; it must be one")),
             found => Ok(found),
         }
     }
@@ -119,14 +120,15 @@ impl<'a> Reader<'_, 'a, '_> {
     ) -> Result<f32, Fault> {
         match self.value(extension, key) {
             None => Ok(default),
-            Some(v) => finite(v)
-                .filter(|x| holds(*x))
-                .ok_or_else(|| self.fault(extension, &format!("{} {rule}", key.replace('/', ".")))),
+            Some(v) => finite(v).filter(|x| holds(*x)).ok_or_else(|| {
+                let key = key.replace('/', ".");
+                self.fault(extension, &format!("{key} is {}; it must {rule}", clip(&v.to_string())))
+            }),
         }
     }
 
     fn unit(&self, extension: &str, key: &str, default: f32) -> Result<f32, Fault> {
-        self.number(extension, key, default, "lies in [0, 1]", |x| (0.0..=1.0).contains(&x))
+        self.number(extension, key, default, "lie in [0, 1]", |x| (0.0..=1.0).contains(&x))
     }
 
     /// Three finite numbers from 0 to `most`.
@@ -137,9 +139,13 @@ impl<'a> Reader<'_, 'a, '_> {
             Some([r, g, b]) => channel(r).zip(channel(g)).zip(channel(b)),
             _ => None,
         };
-        let rule = if most > 1.0 { "is not negative and finite" } else { "lies in [0, 1]" };
-        let ((r, g), b) = numbers
-            .ok_or_else(|| self.fault(extension, &format!("{key} has three channels, each {rule}")))?;
+        let rule = if most > 1.0 { "be not negative and finite" } else { "lie in [0, 1]" };
+        let ((r, g), b) = numbers.ok_or_else(|| {
+            self.fault(
+                extension,
+                &format!("{key} is {}; it must have three channels, each must {rule}", clip(&v.to_string())),
+            )
+        })?;
         Ok([r, g, b])
     }
 
@@ -147,7 +153,9 @@ impl<'a> Reader<'_, 'a, '_> {
         let Some(v) = self.value(extension, key) else { return Ok(None) };
         let whole = |key: &str| v.get(key).and_then(Value::as_u64);
         let Some(texture) = whole("index").and_then(|i| usize::try_from(i).ok()) else {
-            return Err(self.fault(extension, &format!("{key}.index is a texture")));
+            return Err(
+                self.fault(extension, &format!("{key}.index is missing or no index; it must be a texture"))
+            );
         };
         let set = whole("texCoord").map_or(0, |s| s.min(99) as u32);
         let path = format!("/extensions/KHR_materials_{extension}/{key}");

@@ -1,39 +1,23 @@
-//! Mesh primitives: attributes, morph targets, topology modes.
+//! Mesh primitives: attributes, morph targets, joints, topology modes.
 
 use super::accessor::Need;
 use super::document::Document;
-use super::skin::{Influences, Skin};
 use crate::error::{Fault, fault};
 use crate::load::{Budget, normals};
+use crate::skin::{Bind, Influences, MorphTarget, unit_tangent};
 use gltf::json::mesh::{Mode, Primitive, Semantic};
 use gltf::json::validation::Checked;
 use photofit_geometry::Mesh;
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec3, vec4};
 
-/// What a node adds to its mesh.
-#[derive(Debug)]
-pub(super) struct Context<'a> {
-    pub(super) document: &'a Document<'a>,
-    /// Morph weights of the node, which replace those of the mesh.
-    pub(super) weights: Option<&'a [f32]>,
-    pub(super) skin: Option<&'a Skin>,
-}
-
-/// The triangle primitives of mesh `m`, each with its material.
+/// The triangle primitives of mesh `m` as the file has them, each with its material.
 pub(super) fn mesh(
-    context: &Context<'_>,
+    document: &Document<'_>,
     m: usize,
-    node: usize,
     budget: &mut Budget<'_>,
     warnings: &mut Vec<String>,
-) -> Result<Vec<(Mesh, Option<usize>)>, Fault> {
-    let root = &context.document.root;
-    let count = root.meshes.len();
-    let json = root
-        .meshes
-        .get(m)
-        .ok_or_else(|| fault(format!("node {node}"), format!("mesh {m} is one of {count}")))?;
-    let weights = context.weights.or(json.weights.as_deref()).unwrap_or(&[]);
+) -> Result<Vec<(Bind, Option<usize>)>, Fault> {
+    let json = &document.root.meshes[m];
     let mut out = Vec::with_capacity(json.primitives.len());
     for (p, primitive) in json.primitives.iter().enumerate() {
         let place = format!("mesh {m} primitive {p}");
@@ -44,10 +28,10 @@ pub(super) fn mesh(
                 warnings.push(format!("{place}: points and lines are ignored"));
                 continue;
             }
-            Checked::Invalid => return Err(fault(place, "mode is one of 0 to 6")),
+            Checked::Invalid => return Err(fault(place, "has an unknown mode; it must be one of 0 to 6")),
         };
-        let mesh = read(context, primitive, mode, weights, &place, budget, warnings)?;
-        out.push((mesh, primitive.material.map(|m| m.value())));
+        let bind = read(document, primitive, mode, &place, budget, warnings)?;
+        out.push((bind, primitive.material.map(|m| m.value())));
     }
     Ok(out)
 }
@@ -57,17 +41,15 @@ fn attribute(primitive: &Primitive, semantic: Semantic) -> Option<usize> {
 }
 
 fn read(
-    context: &Context<'_>,
+    document: &Document<'_>,
     primitive: &Primitive,
     mode: Mode,
-    weights: &[f32],
     place: &str,
     budget: &mut Budget<'_>,
     warnings: &mut Vec<String>,
-) -> Result<Mesh, Fault> {
-    let document = context.document;
+) -> Result<Bind, Fault> {
     let Some(positions) = attribute(primitive, Semantic::Positions) else {
-        return Err(fault(place, "has the attribute POSITION"));
+        return Err(fault(place, "has no attribute POSITION; it must have one"));
     };
     let what = |name: &str| format!("{place} {name}");
     budget.vertices(document.count(positions, place)?, || place.into())?;
@@ -96,18 +78,11 @@ fn read(
     if let Some(a) = attribute(primitive, Semantic::Colors(0)) {
         mesh.colors = colors(document, a, &what("COLOR_0"), n)?;
     }
-    morph(document, primitive, weights, &mut mesh, place, budget)?;
-    if let Some(skin) = context.skin {
-        let influences = influences(document, primitive, n, place)?;
-        skin.apply(&mut mesh, &influences, place)?;
-    }
+    let targets = targets(document, primitive, mesh.positions.len(), place, budget)?;
+    let influences = influences(document, primitive, n, place)?;
     mesh.triangles = triangles(document, primitive, mode, mesh.positions.len(), place, budget)?;
     clean(&mut mesh, place, warnings)?;
-    if mesh.normals.is_empty() {
-        budget.vertices(mesh.triangles.len() as u64 * 3, || place.into())?;
-        mesh = normals::flat(&mesh);
-    }
-    Ok(mesh)
+    Ok(Bind { mesh, influences, targets })
 }
 
 fn colors(document: &Document<'_>, a: usize, place: &str, n: Need) -> Result<Vec<Vec4f>, Fault> {
@@ -119,64 +94,62 @@ fn colors(document: &Document<'_>, a: usize, place: &str, n: Need) -> Result<Vec
     }
 }
 
-/// Adds the morph targets with a weight other than zero.
-fn morph(
+/// The morph targets; what they say about attributes that the primitive lacks is left out.
+fn targets(
     document: &Document<'_>,
     primitive: &Primitive,
-    weights: &[f32],
-    mesh: &mut Mesh,
+    vertices: usize,
     place: &str,
     budget: &mut Budget<'_>,
-) -> Result<(), Fault> {
-    let n = Need::Exactly(mesh.positions.len());
-    let targets = primitive.targets.as_deref().unwrap_or(&[]);
-    for (t, (target, &w)) in targets.iter().zip(weights).enumerate() {
-        if w == 0.0 {
-            continue;
-        }
+) -> Result<Vec<MorphTarget>, Fault> {
+    let n = Need::Exactly(vertices);
+    let json = primitive.targets.as_deref().unwrap_or(&[]);
+    let mut out = Vec::with_capacity(json.len());
+    for (t, target) in json.iter().enumerate() {
         let what = |name: &str| format!("{place} target {t} {name}");
-        budget.vertices(mesh.positions.len() as u64, || what("attributes"))?;
-        if let Some(a) = target.positions {
-            let d = document.floats::<3>(a.value(), &what("POSITION"), n)?;
-            mesh.positions.iter_mut().zip(d).for_each(|(p, d)| *p += Vec3f::from_array(d) * w);
-        }
-        if let (Some(a), false) = (target.normals, mesh.normals.is_empty()) {
-            let d = document.floats::<3>(a.value(), &what("NORMAL"), n)?;
-            mesh.normals.iter_mut().zip(d).for_each(|(p, d)| *p += Vec3f::from_array(d) * w);
-        }
-        if let (Some(a), false) = (target.tangents, mesh.tangents.is_empty()) {
-            let d = document.floats::<3>(a.value(), &what("TANGENT"), n)?;
-            for (p, d) in mesh.tangents.iter_mut().zip(d) {
-                *p += Vec3f::from_array(d).extend(0.0) * w;
-            }
-        }
+        budget.vertices(vertices as u64, || what("attributes"))?;
+        let read = |a: Option<usize>, name: &str| -> Result<Vec<Vec3f>, Fault> {
+            let Some(a) = a else { return Ok(Vec::new()) };
+            Ok(bytemuck::cast_vec(document.floats::<3>(a, &what(name), n)?))
+        };
+        let has = |semantic| attribute(primitive, semantic).is_some();
+        let normals = has(Semantic::Normals);
+        let tangents = normals && has(Semantic::Tangents);
+        out.push(MorphTarget {
+            positions: read(target.positions.map(|a| a.value()), "POSITION")?,
+            normals: read(target.normals.filter(|_| normals).map(|a| a.value()), "NORMAL")?,
+            tangents: read(target.tangents.filter(|_| tangents).map(|a| a.value()), "TANGENT")?,
+        });
     }
-    Ok(())
+    Ok(out)
 }
 
+/// Joints and weights; joints of zero weight become 0.
 fn influences(
     document: &Document<'_>,
     primitive: &Primitive,
     n: Need,
     place: &str,
-) -> Result<Influences, Fault> {
+) -> Result<Vec<Influences>, Fault> {
     let mut sets = Vec::new();
     for s in 0..4 {
         let joints = attribute(primitive, Semantic::Joints(s));
         let weights = attribute(primitive, Semantic::Weights(s));
-        match (joints, weights) {
-            (Some(j), Some(w)) => sets.push((
-                document.integers::<4>(j, &format!("{place} JOINTS_{s}"), n)?,
-                document.floats::<4>(w, &format!("{place} WEIGHTS_{s}"), n)?,
-            )),
+        let (j, w) = match (joints, weights) {
+            (Some(j), Some(w)) => (j, w),
             (None, None) => break,
-            _ => return Err(fault(place, format!("JOINTS_{s} and WEIGHTS_{s} come together"))),
-        }
+            _ => {
+                let rule = format!("has one of JOINTS_{s} and WEIGHTS_{s}; it must have both or neither");
+                return Err(fault(place, rule));
+            }
+        };
+        let mut joints = document.integers::<4>(j, &format!("{place} JOINTS_{s}"), n)?;
+        let weights = document.floats::<4>(w, &format!("{place} WEIGHTS_{s}"), n)?;
+        let unused = joints.as_flattened_mut().iter_mut().zip(weights.as_flattened());
+        unused.filter(|(_, w)| **w == 0.0).for_each(|(j, _)| *j = 0);
+        sets.push(Influences { joints, weights });
     }
-    if sets.is_empty() {
-        return Err(fault(place, "a mesh with a skin has JOINTS_0 and WEIGHTS_0"));
-    }
-    Ok(Influences { sets })
+    Ok(sets)
 }
 
 fn triangles(
@@ -199,7 +172,8 @@ fn triangles(
             let indices = document.integers::<1>(a.value(), &place, Need::All)?;
             let bad = indices.iter().position(|[i]| *i as usize >= vertices);
             if let Some(k) = bad {
-                let rule = format!("index {k} is {} and stays below the {vertices} vertices", indices[k][0]);
+                let rule =
+                    format!("index {k} is {}; it must be below the {vertices} vertices", indices[k][0]);
                 return Err(fault(place, rule));
             }
             bytemuck::cast_vec(indices)
@@ -226,10 +200,10 @@ pub(crate) fn strip(indices: &[u32]) -> Vec<[u32; 3]> {
 /// numbers.
 fn clean(mesh: &mut Mesh, place: &str, warnings: &mut Vec<String>) -> Result<(), Fault> {
     if let Some(v) = mesh.positions.iter().position(|p| !p.is_finite()) {
-        return Err(fault(format!("{place} POSITION"), format!("element {v} is finite")));
+        return Err(fault(format!("{place} POSITION"), not_finite(v)));
     }
     if let Some(v) = mesh.normals.iter().position(|p| !p.is_finite()) {
-        return Err(fault(format!("{place} NORMAL"), format!("element {v} is finite")));
+        return Err(fault(format!("{place} NORMAL"), not_finite(v)));
     }
     mesh.normals.iter_mut().for_each(|n| *n = n.normalize_or_zero());
     if mesh.normals.iter().any(|n| *n == Vec3f::zero()) {
@@ -238,14 +212,8 @@ fn clean(mesh: &mut Mesh, place: &str, warnings: &mut Vec<String>) -> Result<(),
     }
     let mut tangents = 0;
     for (t, n) in mesh.tangents.iter_mut().zip(&mesh.normals) {
-        let direction = t.xyz().normalize_or_zero();
-        let direction = if direction == Vec3f::zero() {
-            tangents += 1;
-            n.orthonormal_pair().0
-        } else {
-            direction
-        };
-        *t = direction.extend(if t.w < 0.0 { -1.0 } else { 1.0 });
+        tangents += usize::from(t.xyz().normalize_or_zero() == Vec3f::zero());
+        *t = unit_tangent(*t, *n);
     }
     if tangents > 0 {
         warnings.push(format!("{place} TANGENT: {tangents} tangents without a direction are replaced"));
@@ -265,4 +233,8 @@ fn clean(mesh: &mut Mesh, place: &str, warnings: &mut Vec<String>) -> Result<(),
         ));
     }
     Ok(())
+}
+
+fn not_finite(element: usize) -> String {
+    format!("element {element} is not finite; it must be")
 }

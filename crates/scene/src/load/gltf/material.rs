@@ -25,7 +25,7 @@ pub(super) fn read<'a>(
         .root
         .materials
         .get(m)
-        .ok_or_else(|| fault(&place, format!("is one of {count} materials")))?;
+        .ok_or_else(|| fault(&place, format!("does not exist; there are {count} materials")))?;
     let raw = &document.materials[m];
     let pbr = &json.pbr_metallic_roughness;
     let mut slot = |texture: Option<usize>, set: u32, path: &str| {
@@ -57,7 +57,9 @@ pub(super) fn read<'a>(
             AlphaMode::Mask { cutoff: json.alpha_cutoff.map_or(0.5, |c| c.0) }
         }
         Checked::Valid(json::material::AlphaMode::Blend) => AlphaMode::Blend,
-        Checked::Invalid => return Err(fault(place, "alphaMode is OPAQUE, MASK or BLEND")),
+        Checked::Invalid => {
+            return Err(fault(place, "alphaMode is unknown; it must be OPAQUE, MASK or BLEND"));
+        }
     };
     let material = Material {
         name,
@@ -76,29 +78,37 @@ pub(super) fn read<'a>(
         double_sided: json.double_sided,
         unlit: typed.is_some_and(|e| e.unlit.is_some()),
         extensions: added,
+        extras: document.extras(&json.extras, || place.clone())?,
     };
     check_factors(&material).map_err(|rule| fault(described, rule))?;
     Ok(material)
 }
 
-fn check_factors(m: &Material) -> Result<(), &'static str> {
+fn check_factors(m: &Material) -> Result<(), String> {
     let unit = |x: f32| (0.0..=1.0).contains(&x);
     if !m.base_color.iter().all(|&x| unit(x)) {
-        return Err("baseColorFactor lies in [0, 1]");
+        return Err(format!("baseColorFactor is {:?}; it must lie in [0, 1]", m.base_color));
     }
     if !unit(m.metallic) || !unit(m.roughness) {
-        return Err("metallicFactor and roughnessFactor lie in [0, 1]");
+        let found = format!("metallicFactor is {} and roughnessFactor {}", m.metallic, m.roughness);
+        return Err(format!("{found}; they must lie in [0, 1]"));
     }
     if !m.emissive.iter().all(|x| x.is_finite() && *x >= 0.0) {
-        return Err("emissiveFactor and emissiveStrength are finite and not negative");
+        let found = format!("emissiveFactor times emissiveStrength is {:?}", m.emissive);
+        return Err(format!("{found}; it must be finite and not negative"));
     }
-    if !m.normal_scale.is_finite() || !unit(m.occlusion_strength) {
-        return Err("normalTexture.scale is finite and occlusionTexture.strength lies in [0, 1]");
+    if !m.normal_scale.is_finite() {
+        return Err(format!("normalTexture.scale is {}; it must be finite", m.normal_scale));
     }
-    if matches!(m.alpha_mode, AlphaMode::Mask { cutoff } if !(cutoff.is_finite() && cutoff >= 0.0)) {
-        return Err("alphaCutoff is finite and not negative");
+    if !unit(m.occlusion_strength) {
+        return Err(format!("occlusionTexture.strength is {}; it must lie in [0, 1]", m.occlusion_strength));
     }
-    Ok(())
+    match m.alpha_mode {
+        AlphaMode::Mask { cutoff } if !(cutoff.is_finite() && cutoff >= 0.0) => {
+            Err(format!("alphaCutoff is {cutoff}; it must be finite and not negative"))
+        }
+        _ => Ok(()),
+    }
 }
 
 pub(super) fn read_slot<'a>(
@@ -113,23 +123,31 @@ pub(super) fn read_slot<'a>(
 ) -> Result<TextureSlot, Fault> {
     let place = format!("material {m}{}", path.replace('/', "."));
     let root = &document.root;
-    let json = root
-        .textures
-        .get(texture)
-        .ok_or_else(|| fault(&place, format!("texture {texture} is one of {}", root.textures.len())))?;
+    let json = root.textures.get(texture).ok_or_else(|| {
+        fault(&place, format!("names texture {texture}; there are {} textures", root.textures.len()))
+    })?;
     let source = json.source.value();
     if source == u32::MAX as usize {
-        return Err(fault(format!("texture {texture}"), "has a `source` image (PNG or JPEG)"));
+        return Err(fault(
+            format!("texture {texture}"),
+            "has no `source`; it must have a `source` image (PNG or JPEG)",
+        ));
     }
     let image = image(document, source, texture, textures)?;
     let sampler = match json.sampler.map(|s| s.value()) {
         None => Sampler::default(),
         Some(s) => {
             let json = root.samplers.get(s).ok_or_else(|| {
-                fault(format!("texture {texture}"), format!("sampler {s} is one of {}", root.samplers.len()))
+                fault(
+                    format!("texture {texture}"),
+                    format!("names sampler {s}; there are {} samplers", root.samplers.len()),
+                )
             })?;
             sampler(json).ok_or_else(|| {
-                fault(format!("sampler {s}"), "wrap and filter are constants of the specification")
+                fault(
+                    format!("sampler {s}"),
+                    "wrap or filter is unknown; both must be constants of the specification",
+                )
             })?
         }
     };
@@ -138,7 +156,12 @@ pub(super) fn read_slot<'a>(
         None => (IDENTITY, set),
         Some(t) => {
             let own = t.get("texCoord").and_then(Value::as_u64).map_or(set, |s| s.min(99) as u32);
-            (read_transform(t).ok_or_else(|| fault(&place, "KHR_texture_transform has finite numbers"))?, own)
+            (
+                read_transform(t).ok_or_else(|| {
+                    fault(&place, "KHR_texture_transform is not made of finite numbers; it must be")
+                })?,
+                own,
+            )
         }
     };
     if set > 1 {
@@ -197,7 +220,10 @@ fn image<'a>(
 ) -> Result<usize, Fault> {
     let root = &document.root;
     let json = root.images.get(i).ok_or_else(|| {
-        fault(format!("texture {texture}"), format!("image {i} is one of {}", root.images.len()))
+        fault(
+            format!("texture {texture}"),
+            format!("names image {i}; there are {} images", root.images.len()),
+        )
     })?;
     let place = format!("image {i}");
     // By source, so that images that share one are decoded once.
@@ -213,7 +239,7 @@ fn image<'a>(
     let bytes = match (&json.buffer_view, &json.uri) {
         (Some(view), _) => Cow::Borrowed(document.view(view.value(), &place)?),
         (None, Some(uri)) => document.folder.read_uri(uri, document.limits.file_bytes, &place)?.into(),
-        (None, None) => return Err(fault(place, "has a bufferView or a URI")),
+        (None, None) => return Err(fault(place, "has neither bufferView nor URI; it must have one of them")),
     };
     textures.request(key, place, name.unwrap_or_default(), bytes)
 }

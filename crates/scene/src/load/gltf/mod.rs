@@ -1,6 +1,7 @@
 //! glTF 2.0: `.glb` containers and `.gltf` with external or embedded buffers.
 
 mod accessor;
+mod animation;
 mod container;
 mod document;
 mod extensions;
@@ -12,14 +13,20 @@ mod skin;
 
 pub(crate) use geometry::strip;
 
-use super::file::Folder;
+use super::file::{Folder, clip};
 use super::texture::Textures;
-use super::{Budget, Limits};
-use crate::error::Fault;
-use crate::{Instance, Material, Primitive, Scene};
+use super::{Budget, Limits, normals};
+use crate::error::{Fault, fault};
+use crate::nodes::{Hierarchy, Lens, NodeMesh, NodePrimitive, Placement};
+use crate::skin::{Bind, Skin};
+use crate::{Instance, MAX_COORDINATE, Material, Primitive, Scene};
 use document::Document;
-use std::collections::HashMap;
+use glam::Affine3A;
+use gltf::json::animation::Property;
+use gltf::json::validation::Checked;
 use std::collections::hash_map::Entry;
+use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
 
 /// Loads a binary container.
 pub(crate) fn parse_glb(bytes: &[u8], folder: &Folder, limits: &Limits) -> Result<Scene, Fault> {
@@ -39,67 +46,176 @@ fn parse_document(
     limits: &Limits,
 ) -> Result<Scene, Fault> {
     let mut scene = Scene::default();
-    let document = Document::new(json, binary, folder, limits, &mut scene.warnings)?;
-    let nodes = nodes::Nodes::new(&document.root)?;
+    let document = Document::new(json, binary, folder, limits, &mut scene)?;
+    scene.about = document.about()?;
+    let mut hierarchy = nodes::read(&document, &mut scene.warnings)?;
+    hierarchy.skins = (0..document.root.skins.len())
+        .map(|s| skin::read(&document, s).and_then(|skin| check_skin(skin, s, hierarchy.nodes.len())))
+        .collect::<Result<_, Fault>>()?;
     let mut textures = Textures::new(limits);
-    let mut materials = Materials::default();
-    let mut budget = Budget::new(limits);
-    // Primitives of a mesh that need neither skin nor own weights are shared by all nodes.
-    let mut shared: HashMap<usize, Vec<usize>> = HashMap::new();
-    let mut skins: HashMap<usize, skin::Skin> = HashMap::new();
-    for node in nodes.of_scene(&document.root, &mut scene.warnings)? {
-        if scene.instances.len() > limits.instances {
-            return Err(crate::error::fault(
-                format!("node {node}"),
-                format!("at most {} placed primitives", limits.instances),
-            ));
+    place_meshes(&document, &mut hierarchy, &mut scene, &mut textures)?;
+    hierarchy.animations = animation::read(&document, &hierarchy, &mut scene.warnings)?;
+    let world = hierarchy.worlds(&hierarchy.locals());
+    (scene.cameras, scene.lights) = hierarchy.cameras_and_lights(&world);
+    for (c, camera) in hierarchy.cameras.iter().enumerate() {
+        if matches!(camera.lens, Lens::Orthographic { .. }) {
+            scene.warnings.push(format!("camera {c} is not a perspective one and is left out"));
         }
-        let json = &document.root.nodes[node];
-        if let Some(camera) = json.camera {
-            match nodes::camera(&document.root, camera.value(), nodes.world(node), node)? {
-                Some(camera) => scene.cameras.push(camera),
-                None => {
-                    let warning =
-                        format!("camera {} is not a perspective one and is left out", camera.value());
-                    scene.warnings.push(warning);
-                }
-            }
-        }
-        if let Some(light) = document.light(node) {
-            scene.lights.push(lights::read(&document.lights, light, nodes.world(node), node)?);
-        }
-        let Some(mesh) = json.mesh.map(|m| m.value()) else { continue };
-        let skin = match json.skin.map(|s| s.value()) {
-            None => None,
-            Some(s) => {
-                if let Entry::Vacant(e) = skins.entry(s) {
-                    e.insert(skin::Skin::new(&document, &nodes, s, node)?);
-                }
-                skins.get(&s)
-            }
-        };
-        let own = skin.is_some() || json.weights.is_some();
-        if let Some(primitives) = shared.get(&mesh).filter(|_| !own) {
-            let transform = nodes.world(node);
-            scene.instances.extend(primitives.iter().map(|&primitive| Instance { primitive, transform }));
-            continue;
-        }
-        let context = geometry::Context { document: &document, weights: json.weights.as_deref(), skin };
-        let loaded = geometry::mesh(&context, mesh, node, &mut budget, &mut scene.warnings)?;
-        // A skin places the vertices in the world itself; the node's own transform is ignored by the specification.
-        let transform = if skin.is_some() { glam::Affine3A::IDENTITY } else { nodes.world(node) };
-        let first = scene.primitives.len();
-        for (mesh, material) in loaded {
-            let material = materials.index(&document, material, &mut scene, &mut textures)?;
-            scene.instances.push(Instance { primitive: scene.primitives.len(), transform });
-            scene.primitives.push(Primitive { mesh, material });
-        }
-        if !own {
-            shared.insert(mesh, (first..scene.primitives.len()).collect());
+    }
+    for light in &scene.lights {
+        if !(light.position.is_finite() && light.position.abs().max_element() <= MAX_COORDINATE) {
+            let rule =
+                format!("stands at {}; coordinates must be at most {MAX_COORDINATE:e}", light.position);
+            return Err(fault(format!("light `{}`", clip(&light.name)), rule));
         }
     }
     scene.images = textures.decode()?;
+    scene.hierarchy = Some(Arc::new(hierarchy));
     Ok(scene)
+}
+
+fn check_skin(skin: Skin, s: usize, nodes: usize) -> Result<Skin, Fault> {
+    skin.check(nodes).map_err(|rule| fault(format!("skin {s}"), rule))?;
+    Ok(skin)
+}
+
+/// Reads the meshes of the nodes that are shown and places them in their default pose; the nodes then name them by their
+/// places in the hierarchy.
+fn place_meshes<'a>(
+    document: &'a Document<'_>,
+    hierarchy: &mut Hierarchy,
+    scene: &mut Scene,
+    textures: &mut Textures<'a>,
+) -> Result<(), Fault> {
+    let world = hierarchy.worlds(&hierarchy.locals());
+    let joints: Vec<_> = hierarchy.skins.iter().map(|s| s.matrices(&world)).collect();
+    let moving = moving_weights(document);
+    let mut materials = Materials::default();
+    let mut budget = Budget::new(document.limits);
+    let wanted: Vec<Option<usize>> = hierarchy.nodes.iter_mut().map(|n| n.mesh.take()).collect();
+    let mut known: HashMap<usize, Known> = HashMap::new();
+    for node in hierarchy.shown() {
+        let Some(m) = wanted[node] else { continue };
+        let there = document.root.meshes.len();
+        let Some(json) = document.root.meshes.get(m) else {
+            return Err(fault(format!("node {node}"), format!("names mesh {m}; there are {there} meshes")));
+        };
+        if let Some(s) = hierarchy.nodes[node].skin.filter(|&s| s >= joints.len()) {
+            let rule = format!("names skin {s}; there are {} skins", joints.len());
+            return Err(fault(format!("node {node}"), rule));
+        }
+        let known = match known.entry(m) {
+            Entry::Occupied(e) => e.into_mut(),
+            Entry::Vacant(e) => {
+                let parts = geometry::mesh(document, m, &mut budget, &mut scene.warnings)?;
+                let (mesh, known) =
+                    read_mesh(document, m, json, parts, &mut materials, &mut budget, scene, textures)?;
+                hierarchy.meshes.push(mesh);
+                e.insert(Known { mesh: hierarchy.meshes.len() - 1, ..known })
+            }
+        };
+        let (mesh, json) = (&mut hierarchy.meshes[known.mesh], &mut hierarchy.nodes[node]);
+        json.mesh = Some(known.mesh);
+        let own_pose = json.skin.is_some() || !json.weights.is_empty() || moving.contains(&node);
+        let weights = if json.weights.is_empty() { &mesh.weights } else { &json.weights };
+        let matrices = json.skin.map(|s| joints[s].as_slice());
+        for (part, of_mesh) in mesh.primitives.iter_mut().enumerate() {
+            let place = || format!("node {node} primitive {part}");
+            if let Some(matrices) = matrices {
+                let bind = of_mesh.bind.as_ref().filter(|b| !b.influences.is_empty());
+                let bind = bind.ok_or_else(|| fault(place(), UNBOUND))?;
+                bind.check_joints(matrices.len()).map_err(|rule| fault(place(), rule))?;
+            }
+            let primitive = match (known.shared[part], &of_mesh.bind) {
+                (Some(shared), bind) if bind.is_none() || !own_pose => shared,
+                (_, bind) => {
+                    let bind = bind.as_ref().ok_or_else(|| fault(place(), UNBOUND))?;
+                    budget.vertices(bind.posed_vertices() as u64, place)?;
+                    let mesh = bind.posed(weights, matrices);
+                    scene.primitives.push(Primitive { mesh, material: known.materials[part] });
+                    scene.primitives.len() - 1
+                }
+            };
+            if known.shared[part].is_none() && !own_pose {
+                known.shared[part] = Some(primitive);
+            }
+            if !std::mem::replace(&mut known.placed[part], true) {
+                of_mesh.primitive = primitive;
+            }
+            // A skin places the vertices in the world itself; the specification ignores the node's own transform.
+            let transform = if json.skin.is_some() { Affine3A::IDENTITY } else { world[node] };
+            scene.instances.push(Instance { primitive, transform });
+            hierarchy.placements.push(Placement { node, part });
+        }
+        if scene.instances.len() > document.limits.instances {
+            let rule =
+                format!("places more than {} primitives; that many are accepted", document.limits.instances);
+            return Err(fault(format!("node {node}"), rule));
+        }
+    }
+    Ok(())
+}
+
+const UNBOUND: &str = "has a skin without JOINTS_0 and WEIGHTS_0; it must have both";
+
+/// Nodes whose morph weights are animated.
+fn moving_weights(document: &Document<'_>) -> HashSet<usize> {
+    let channels = document.root.animations.iter().flat_map(|a| &a.channels);
+    let weights = Checked::Valid(Property::MorphTargetWeights);
+    channels.filter(|c| c.target.path == weights).map(|c| c.target.node.value()).collect()
+}
+
+/// A mesh of the file that has been read; one entry for each of its parts.
+#[derive(Debug, Default)]
+struct Known {
+    /// Its place in the hierarchy.
+    mesh: usize,
+    materials: Vec<usize>,
+    /// The primitive of nodes without a pose of their own, once there is one.
+    shared: Vec<Option<usize>>,
+    /// The part has been placed.
+    placed: Vec<bool>,
+}
+
+/// A mesh of the file; its rigid parts become primitives.
+fn read_mesh<'a>(
+    document: &'a Document<'_>,
+    m: usize,
+    json: &gltf::json::Mesh,
+    parts: Vec<(Bind, Option<usize>)>,
+    materials: &mut Materials,
+    budget: &mut Budget<'_>,
+    scene: &mut Scene,
+    textures: &mut Textures<'a>,
+) -> Result<(NodeMesh, Known), Fault> {
+    let weights = json.weights.clone().unwrap_or_default();
+    if let Some(w) = weights.iter().find(|w| !w.is_finite()) {
+        return Err(fault(format!("mesh {m}"), format!("has the weight {w}; weights must be finite")));
+    }
+    let mut primitives = Vec::with_capacity(parts.len());
+    let mut known = Known { placed: vec![false; parts.len()], ..Known::default() };
+    for (p, (bind, material)) in parts.into_iter().enumerate() {
+        let place = || format!("mesh {m} primitive {p}");
+        let material = materials.index(document, material, scene, textures)?;
+        bind.check().map_err(|rule| fault(place(), rule))?;
+        let deforms = !(bind.influences.is_empty() && bind.targets.is_empty());
+        known.materials.push(material);
+        known.shared.push((!deforms).then_some(scene.primitives.len()));
+        if deforms {
+            primitives.push(NodePrimitive { primitive: 0, bind: Some(bind) });
+            continue;
+        }
+        let mesh = if bind.mesh.normals.is_empty() {
+            budget.vertices(bind.posed_vertices() as u64, place)?;
+            normals::flat(&bind.mesh)
+        } else {
+            bind.mesh
+        };
+        primitives.push(NodePrimitive { primitive: scene.primitives.len(), bind: None });
+        scene.primitives.push(Primitive { mesh, material });
+    }
+    let extras = document.extras(&json.extras, || format!("mesh {m}"))?;
+    Ok((NodeMesh { name: json.name.clone().unwrap_or_default(), extras, weights, primitives }, known))
 }
 
 /// Materials in the order of their first use.

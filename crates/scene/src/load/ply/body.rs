@@ -81,7 +81,7 @@ impl<'a> Body<'a> {
         std::str::from_utf8(word).ok().and_then(|w| w.parse().ok()).ok_or_else(|| {
             fault(
                 format!("element {} {record}, byte {}", element.name, self.at - length),
-                format!("`{}` is a number", clip(&String::from_utf8_lossy(word))),
+                format!("`{}` is no number; it must be one", clip(&String::from_utf8_lossy(word))),
             )
         })
     }
@@ -103,7 +103,7 @@ impl<'a> Body<'a> {
         }
         Err(fault(
             format!("element {} {record}, property {}", element.name, clip(&property.name)),
-            format!("a list of {n} items fits into the {} bytes that follow", left - 1),
+            format!("a list of {n} items does not fit into the {} bytes that follow; it must", left - 1),
         ))
     }
 

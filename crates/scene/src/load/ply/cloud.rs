@@ -30,7 +30,7 @@ pub(crate) fn parse_points(bytes: &[u8], limits: &Limits) -> Result<RawPoints, F
         vertices(element, &mut body, &mut cloud)?;
     }
     if !found {
-        return Err(fault("header", "has an element `vertex`"));
+        return Err(fault("header", "has no element `vertex`; it must have one"));
     }
     Ok(cloud)
 }
@@ -42,7 +42,10 @@ fn vertices(element: &Element, body: &mut Body<'_>, cloud: &mut RawPoints) -> Re
     }
     let has = |t: fn(usize) -> Target| (0..3).all(|k| targets.contains(&t(k)));
     if !has(Target::Position) {
-        return Err(fault("element vertex", "has the properties x, y and z"));
+        return Err(fault(
+            "element vertex",
+            "lacks one of x, y and z; it must have the properties x, y and z",
+        ));
     }
     let (normals, colors) = (has(Target::Normal), has(Target::Color));
     for v in 0..element.count as usize {

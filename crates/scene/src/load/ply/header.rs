@@ -88,10 +88,13 @@ impl Header {
             let place = || format!("header line {number}");
             let rest = &bytes[header.end..bytes.len().min(MOST_BYTES)];
             let length = rest.iter().position(|&b| b == b'\n' || b == b'\r').ok_or_else(|| {
-                fault(place(), format!("the header ends with `end_header` within {MOST_BYTES} bytes"))
+                fault(
+                    place(),
+                    format!("the header has no end; it must end with `end_header` within {MOST_BYTES} bytes"),
+                )
             })?;
             let line = std::str::from_utf8(&rest[..length])
-                .map_err(|e| fault(place(), format!("is text: {e}")))?
+                .map_err(|e| fault(place(), format!("is no text: {e}")))?
                 .trim();
             header.end += length + 1;
             // A line may end with carriage return and line feed.
@@ -108,7 +111,13 @@ impl Header {
                         "binary_little_endian" => Encoding::Little,
                         "binary_big_endian" => Encoding::Big,
                         other => {
-                            return Err(fault(place(), format!("`{}` is a PLY format", clip(other))));
+                            return Err(fault(
+                                place(),
+                                format!(
+                                    "`{}` is no PLY format; it must be ascii, binary_little_endian or binary_big_endian",
+                                    clip(other)
+                                ),
+                            ));
                         }
                     });
                 }
@@ -119,18 +128,19 @@ impl Header {
                 words => header.declare(words).map_err(|rule| fault(place(), rule))?,
             }
         }
-        header.encoding = encoding.ok_or_else(|| fault("header", "has a `format` line"))?;
+        header.encoding =
+            encoding.ok_or_else(|| fault("header", "has no `format` line; it must have one"))?;
         if let Some(e) = header.elements.iter().find(|e| e.properties.is_empty() && e.count > 0) {
-            return Err(fault(format!("element {}", e.name), "has properties"));
+            return Err(fault(format!("element {}", e.name), "has no properties; it must have some"));
         }
         Ok(header)
     }
 
     fn declare(&mut self, words: &[&str]) -> Result<(), String> {
-        let kind = |name: &str| Kind::parse(name).ok_or_else(|| format!("`{}` is a PLY type", clip(name)));
+        let kind = |name: &str| Kind::parse(name).ok_or_else(|| format!("`{}` is no PLY type", clip(name)));
         match *words {
             ["element", name, count] => {
-                let count = count.parse().map_err(|e| format!("`{}` is a count: {e}", clip(count)))?;
+                let count = count.parse().map_err(|e| format!("`{}` is no count: {e}", clip(count)))?;
                 self.elements.push(Element { name: clip(name), count, properties: Vec::new() });
                 return Ok(());
             }

@@ -80,7 +80,7 @@ fn geometry(
                 budget.vertices(element.count, || "element vertex".into())?;
                 vertices(element, &mut body, &mut mesh)?;
             }
-            "vertex" => return Err(fault("element vertex", "comes once")),
+            "vertex" => return Err(fault("element vertex", "comes twice; it must come once")),
             "face" => faces(element, &mut body, &mut mesh, &mut wedges, &mut budget)?,
             "tristrips" => strips(element, &mut body, &mut mesh, &mut budget)?,
             _ => {
@@ -137,7 +137,10 @@ fn vertices(element: &Element, body: &mut Body<'_>, mesh: &mut Mesh) -> Result<(
     }
     let has = |t: Target| targets.contains(&t);
     if !(0..3).all(|k| has(Target::Position(k))) {
-        return Err(fault("element vertex", "has the properties x, y and z"));
+        return Err(fault(
+            "element vertex",
+            "lacks one of x, y and z; it must have the properties x, y and z",
+        ));
     }
     let normals = (0..3).all(|k| has(Target::Normal(k)));
     let colors = (0..3).all(|k| has(Target::Color(k)));
@@ -162,7 +165,7 @@ fn vertices(element: &Element, body: &mut Body<'_>, mesh: &mut Mesh) -> Result<(
         }
         let p = Vec3f::from_array(p);
         if !p.is_finite() {
-            return Err(fault(format!("element vertex {v}"), "x, y and z are finite"));
+            return Err(fault(format!("element vertex {v}"), "x, y and z are not finite; they must be"));
         }
         mesh.positions.push(p);
         if normals {
@@ -202,7 +205,7 @@ fn faces(
     let is_indices =
         |p: &Property| p.list.is_some() && matches!(p.name.as_str(), "vertex_indices" | "vertex_index");
     if !element.properties.iter().any(is_indices) {
-        return Err(fault("element face", "has a list property vertex_indices"));
+        return Err(fault("element face", "has no list property vertex_indices; it must have one"));
     }
     let textured = element.properties.iter().any(|p| p.list.is_some() && p.name == "texcoord");
     let (mut list, mut corners, mut uvs, mut cut) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
@@ -248,7 +251,7 @@ fn vertex_index(x: f64, count: usize, place: impl FnOnce() -> String) -> Result<
     if x >= 0.0 && x < count as f64 && x.fract() == 0.0 {
         Ok(x as u32)
     } else {
-        Err(fault(place(), format!("index {x} stays below the {count} vertices before it")))
+        Err(fault(place(), format!("names index {x}; it must be below the {count} vertices before it")))
     }
 }
 

@@ -91,7 +91,7 @@ impl RawPoints {
             let rule = match self.skipped {
                 0 => "the cloud has at least one point".into(),
                 n => format!(
-                    "at least one point has finite coordinates of at most {MAX_POINT:e}, {n} points have not"
+                    "{n} points have infinite coordinates or some beyond {MAX_POINT:e}; at least one point must have finite coordinates up to that"
                 ),
             };
             return Err(fault("points", rule));
@@ -167,10 +167,11 @@ fn parse(path: &Path, bytes: &[u8], limits: &Limits) -> Result<RawPoints, Fault>
         return pcd::parse(text, limits);
     }
     match extension.as_str() {
-        "ply" => Err(fault("byte 0", "a .ply file begins with the line `ply`")),
-        other => {
-            Err(fault("the file's name", format!("point clouds are .ply or .pcd files, not `.{other}`")))
-        }
+        "ply" => Err(fault("byte 0", "the file does not begin with the line `ply`; a .ply file must")),
+        other => Err(fault(
+            "the file's name",
+            format!("the extension is `.{other}`; point clouds must be .ply or .pcd files"),
+        )),
     }
 }
 

@@ -53,9 +53,12 @@ struct Header {
 /// Reads the words of a header line, one per field.
 fn words<T: std::str::FromStr>(line: &[&str], what: &str, fields: usize) -> Result<Vec<T>, String> {
     if line.len() != fields {
-        return Err(format!("{what} has one entry for each of the {fields} fields, found {}", line.len()));
+        return Err(format!(
+            "{what} has {} entries; it must have one entry for each of the {fields} fields",
+            line.len()
+        ));
     }
-    let entry = |w: &&str| w.parse().ok().ok_or_else(|| format!("`{}` is an entry of {what}", clip(w)));
+    let entry = |w: &&str| w.parse().ok().ok_or_else(|| format!("`{}` is no entry of {what}", clip(w)));
     line.iter().map(entry).collect()
 }
 
@@ -73,8 +76,8 @@ impl Header {
                     [n] => n
                         .parse()
                         .map(Some)
-                        .map_err(|e| fault(place.clone(), format!("`{}` is a count: {e}", clip(n)))),
-                    _ => Err(fault(place.clone(), "has one count")),
+                        .map_err(|e| fault(place.clone(), format!("`{}` is no count: {e}", clip(n)))),
+                    _ => Err(fault(place.clone(), "has no count or several; it must have one count")),
                 }
             };
             match line.as_slice() {
@@ -99,7 +102,7 @@ impl Header {
                 [other, ..] => return Err(at(format!("`{}` is no PCD header line", clip(other)))),
             }
         };
-        let missing = |what: &str| fault("header", format!("has a {what} line"));
+        let missing = |what: &str| fault("header", format!("has no {what} line; it must have one"));
         if names.is_empty() {
             return Err(missing("FIELDS"));
         }
@@ -114,7 +117,9 @@ impl Header {
         if width.saturating_mul(height) != points {
             return Err(fault(
                 "header",
-                format!("POINTS is WIDTH times HEIGHT, found {points} and {width} x {height}"),
+                format!(
+                    "POINTS is {points} and the size {width} x {height}; POINTS must be WIDTH times HEIGHT"
+                ),
             ));
         }
         Ok(Self { fields, width, height, points, viewpoint, data, stride, end: lines.end })
@@ -147,7 +152,7 @@ fn layout(
             return Err(fault(
                 format!("field {name}"),
                 format!(
-                    "is I or U of 1, 2, 4 or 8 bytes or F of 4 or 8, at most 65536 times; found {kind}{size} x {count}"
+                    "is {kind}{size} x {count}; it must be I or U of 1, 2, 4 or 8 bytes or F of 4 or 8, at most 65536 times"
                 ),
             ));
         }
@@ -155,7 +160,7 @@ fn layout(
         stride += size * count;
     }
     if stride == 0 {
-        return Err(fault("header", "a point has at least one number"));
+        return Err(fault("header", "a point has no number; it must have at least one number"));
     }
     Ok((fields, stride))
 }
@@ -173,11 +178,14 @@ impl<'a> HeaderLines<'a> {
         let place = format!("header line {}", self.number);
         let rest = &self.bytes[self.end.min(self.bytes.len())..self.bytes.len().min(MOST_BYTES)];
         let Some(length) = rest.iter().position(|&b| b == b'\n') else {
-            return Err(fault(place, format!("the header ends with a DATA line within {MOST_BYTES} bytes")));
+            return Err(fault(
+                place,
+                format!("the header has no end; it must end with a DATA line within {MOST_BYTES} bytes"),
+            ));
         };
         self.end += length + 1;
         let line = std::str::from_utf8(&rest[..length])
-            .map_err(|e| fault(place.clone(), format!("is text: {e}")))?;
+            .map_err(|e| fault(place.clone(), format!("is no text: {e}")))?;
         let line = line.split('#').next().unwrap_or_default();
         Ok((place, line.split_ascii_whitespace().collect()))
     }
@@ -188,10 +196,13 @@ pub(super) fn parse(bytes: &[u8], limits: &Limits) -> Result<RawPoints, Fault> {
     let header = Header::parse(bytes)?;
     let body = &bytes[header.end..];
     if header.points > limits.vertices as u64 {
-        return Err(fault("POINTS", format!("at most {} points, found {}", limits.vertices, header.points)));
+        return Err(fault(
+            "POINTS",
+            format!("the cloud has {} points; it may have at most {} points", header.points, limits.vertices),
+        ));
     }
     let Some(xyz) = header.triple(["x", "y", "z"]) else {
-        return Err(fault("FIELDS", "has the fields x, y and z"));
+        return Err(fault("FIELDS", "lacks one of x, y and z; it must have the fields x, y and z"));
     };
     let mut cloud = RawPoints { sensor: sensor(&header), ..RawPoints::default() };
     let sink = Sink {
@@ -233,19 +244,22 @@ pub(super) fn parse(bytes: &[u8], limits: &Limits) -> Result<RawPoints, Fault> {
 fn too_short(header: &Header, found: usize) -> Fault {
     fault(
         format!("byte {}", header.end),
-        format!("{} points of {} bytes follow the header, found {found} bytes", header.points, header.stride),
+        format!("{found} bytes follow the header; {} points of {} bytes must", header.points, header.stride),
     )
 }
 
 fn decompress(header: &Header, body: &[u8]) -> Result<Vec<u8>, Fault> {
     let place = || format!("byte {}", header.end);
     let Some((sizes, rest)) = body.split_at_checked(8) else {
-        return Err(fault(place(), "the sizes of the compressed data follow the header"));
+        return Err(fault(
+            place(),
+            "the header has nothing after it; the sizes of the compressed data must follow",
+        ));
     };
     let size = |k: usize| u64::from(u32::from_le_bytes([sizes[k], sizes[k + 1], sizes[k + 2], sizes[k + 3]]));
     let (packed, plain) = (size(0), size(4));
     if packed > rest.len() as u64 {
-        return Err(fault(place(), format!("{packed} compressed bytes follow, found {}", rest.len())));
+        return Err(fault(place(), format!("{} bytes follow; {packed} compressed bytes must", rest.len())));
     }
     if plain != header.points * header.stride as u64 || plain > lzf::most(packed) {
         return Err(fault(
@@ -257,7 +271,7 @@ fn decompress(header: &Header, body: &[u8]) -> Result<Vec<u8>, Fault> {
         ));
     }
     lzf::expand(&rest[..packed as usize], plain as usize)
-        .ok_or_else(|| fault(place(), "the compressed data is valid LZF"))
+        .ok_or_else(|| fault(place(), "the compressed data is no valid LZF"))
 }
 
 /// Where the numbers of a point go: indices of fields.
@@ -344,14 +358,17 @@ fn ascii(header: &Header, body: &[u8], sink: &Sink, cloud: &mut RawPoints) -> Re
         let line = lines.next().ok_or_else(|| {
             fault(place(), format!("the file is truncated: {} points are announced", header.points))
         })?;
-        let text = std::str::from_utf8(line).map_err(|e| fault(place(), format!("is text: {e}")))?;
+        let text = std::str::from_utf8(line).map_err(|e| fault(place(), format!("is no text: {e}")))?;
         values.clear();
         values.extend(text.split_ascii_whitespace());
         if values.len() != numbers {
-            return Err(fault(place(), format!("has {numbers} numbers, found {}", values.len())));
+            return Err(fault(
+                place(),
+                format!("has {} numbers; it must have {numbers} numbers", values.len()),
+            ));
         }
         if let Some(bad) = values.iter().find(|w| w.parse::<f64>().is_err()) {
-            return Err(fault(place(), format!("`{}` is a number", clip(bad))));
+            return Err(fault(place(), format!("`{}` is no number; it must be one", clip(bad))));
         }
         let value = |f: usize| values[first[f]].parse().unwrap_or(f64::NAN);
         let bits = |f: usize| {

@@ -19,7 +19,7 @@ fn containers() {
     }
     let mut version = good.clone();
     version[4] = 1;
-    refused(&[("bad.glb", &version)], &["version", "found 1"]);
+    refused(&[("bad.glb", &version)], &["version", "version is 1"]);
     let mut chunk = good.clone();
     chunk[12..16].copy_from_slice(&0x7fff_ffff_u32.to_le_bytes());
     refused(&[("bad.glb", &chunk)], &["chunk", "2147483647"]);
@@ -153,7 +153,7 @@ fn nodes() {
     );
     let mut b = triangle();
     b.json["scenes"] = json!([{"nodes": [0, 0]}]);
-    b.refused(&["scene", "listed once"]);
+    b.refused(&["scene", "node 0 twice", "list each node once"]);
     b.json["scenes"] = json!([{"nodes": [8]}]);
     b.refused(&["scene", "node 8"]);
     b.json["scene"] = json!(4);
@@ -318,7 +318,7 @@ fn shared_bytes_are_counted_each_time() {
     b.json["buffers"] = json!([buffer, buffer, buffer]);
     let files: [(&str, &[u8]); 2] =
         [("bad.gltf", &b.json.to_string().into_bytes()), ("data.bin", &[0; 1500])];
-    refused_with(&files, &small, &["buffer 2", "all buffers", "4000"]);
+    refused_with(&files, &small, &["buffer 2", "buffers have 4500", "4000"]);
     let mut b = triangle();
     let bytes = png(64, 64, [1, 2, 3, 4]);
     let images: Vec<_> = (0..200)
@@ -364,19 +364,27 @@ fn skins() {
     b.json["skins"] = json!([{"joints": [7]}]);
     b.refused(&["skin 0", "joint 7"]);
     b.json["skins"] = json!([{"joints": []}]);
-    b.refused(&["mesh 0 primitive 0", "joint 0 of vertex 0"]);
+    b.refused(&["node 0 primitive 0", "joint 0 of vertex 0", "0 joints"]);
     // Many inverse bind matrices that nobody needs are not read.
     let zeros = json!({"componentType": 5126, "count": 4_000_000_000_u64, "type": "MAT4", "sparse": {
         "count": 0, "indices": {"bufferView": 0, "componentType": 5121}, "values": {"bufferView": 0},
     }});
     let bind = push(&mut b.json["accessors"], zeros);
     b.json["skins"] = json!([{"joints": [1], "inverseBindMatrices": bind}]);
-    assert_eq!(b.load().triangle_count(), 1);
+    b.refused(&["skin 0", "inverse bind matrix 0 is singular"]);
+    let mut b = skinned();
     b.json["skins"] = json!([{"joints": [1, 1], "inverseBindMatrices": 0}]);
     b.refused(&["accessor 0", "16 components"]);
     let mut b = skinned();
     b.json["meshes"][0]["primitives"][0]["attributes"]["WEIGHTS_0"] = json!(1);
     b.refused(&["WEIGHTS_0", "4 components"]);
     b.json["meshes"][0]["primitives"][0]["attributes"] = json!({"POSITION": 0});
-    b.refused(&["mesh 0 primitive 0", "JOINTS_0"]);
+    b.refused(&["node 0 primitive 0", "JOINTS_0"]);
+    let mut b = skinned();
+    let weights = b.floats(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0], "VEC4", 3);
+    b.json["meshes"][0]["primitives"][0]["attributes"]["WEIGHTS_0"] = json!(weights);
+    b.refused(&["mesh 0 primitive 0", "weights of vertex 2", "not negative"]);
+    let mut b = skinned();
+    b.json["skins"] = json!([{"joints": [1], "skeleton": 9}]);
+    b.refused(&["skin 0", "joint 9", "2 nodes"]);
 }

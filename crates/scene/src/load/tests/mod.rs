@@ -5,6 +5,7 @@ mod extensions;
 mod gltf;
 mod obj;
 mod ply;
+mod posed;
 
 use crate::{Limits, Scene, SceneError, load, load_with};
 use std::path::Path;

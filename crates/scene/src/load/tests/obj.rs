@@ -64,7 +64,7 @@ fn materials_and_maps() {
     let wood = &scene.materials[scene.primitives[0].material];
     assert_eq!(
         (wood.base_color, wood.roughness, wood.metallic),
-        ([1.0, 1.0, 1.0, 1.0], 0.5, 0.0),
+        ([1.0, 1.0, 1.0, 1.0], 1.0, 0.0),
         "a map replaces Kd"
     );
     assert_eq!(wood.emissive, [3.0, 0.0, 0.0]);
@@ -78,7 +78,101 @@ fn materials_and_maps() {
     let red = &scene.materials[scene.primitives[1].material];
     assert_eq!((red.base_color, red.alpha_mode), ([1.0, 0.0, 0.0, 0.5], AlphaMode::Blend));
     assert_eq!(scene.triangle_count(), 3);
-    assert!(scene.warnings.iter().any(|w| w.contains("bump")), "{:?}", scene.warnings);
+    assert!(red.normal_texture.is_none());
+    assert!(
+        scene.warnings.iter().any(|w| w.contains("a.mtl line 5") && w.contains("x.png")),
+        "{:?}",
+        scene.warnings
+    );
+}
+
+/// The material of these statements, with maps of 2 x 2 texels by name.
+fn material(mtl: &str) -> (Material, crate::Scene) {
+    let mtl = format!("newmtl m\n{mtl}");
+    let text = format!("mtllib a.mtl\n{QUAD}vt 0 0\nusemtl m\nf 1/1 2/1 3/1\n");
+    let (color, grey) = (png(2, 2, [10, 200, 30, 255]), png(1, 2, [51, 51, 51, 255]));
+    let (holes, bright) = (png(2, 2, [0, 0, 0, 77]), png(2, 1, [255, 255, 255, 255]));
+    let files: [(&str, &[u8]); 6] = [
+        ("a.obj", text.as_bytes()),
+        ("a.mtl", mtl.as_bytes()),
+        ("color.png", &color),
+        ("grey.png", &grey),
+        ("holes.png", &holes),
+        ("bright.png", &bright),
+    ];
+    let scene = load_files(&files).unwrap();
+    (scene.materials[scene.primitives[0].material].clone(), scene)
+}
+
+#[test]
+fn numbers_are_read_as_blender_reads_them() {
+    let of = |mtl: &str| material(mtl).0;
+    let near = |a: f32, b: f32| assert!((a - b).abs() < 1e-6, "{a} {b}");
+    // A scan with Ns 0 is as dull as elsewhere, with and without a highlight asked for.
+    assert_eq!(of("Ns 0\nillum 2\n").roughness, 1.0);
+    assert_eq!(of("Kd 1 1 1\n").roughness, 1.0);
+    assert_eq!(of("illum 2\n").roughness, 0.0);
+    near(of("Ns 250\n").roughness, 0.5);
+    assert_eq!((of("Ns 9000\n").roughness, of("Ns -3\n").roughness), (0.0, 1.0));
+    assert_eq!(of("Ns 250\nPr 0.25\n").roughness, 0.25);
+    assert_eq!((of("Pm 0.75\n").metallic, of("Ka 1 1 1\n").metallic), (0.75, 0.0));
+    assert_eq!(of("illum 3\n").metallic, 1.0);
+    near(of("illum 5\nKa 0.1 0.2 0.3\n").metallic, 0.2);
+    assert_eq!(of("illum 3\nPm 0\n").metallic, 0.0);
+    let specular = |mtl: &str| of(mtl).extensions.and_then(|e| e.specular).map(|s| (s.factor, s.color[0]));
+    assert_eq!(specular("Ks 0.5 0.5 0.5\n"), None, "the reflection of the index of refraction");
+    assert_eq!(specular("Ks 0 0 0\n"), Some((0.0, 1.0)));
+    assert_eq!(specular("Ks 0.25 0.25 0.25\n"), Some((0.5, 1.0)));
+    assert_eq!((specular("Ks 1 1 1\n"), specular("illum 2\n")), (Some((1.0, 2.0)), Some((1.0, 2.0))));
+    assert_eq!(specular("Kd 1 1 1\n"), Some((0.0, 1.0)));
+    let more = *of("Ni 1.25\nPs 0.5\nPc 1\nPcr 0.5\naniso 0.5\nanisor 0.25\n").extensions.unwrap();
+    assert_eq!((more.ior, more.sheen.unwrap().color), (1.25, [0.5; 3]));
+    let coat = more.clearcoat.unwrap();
+    assert_eq!((coat.factor, coat.roughness), (0.25, 0.5));
+    near(more.anisotropy.unwrap().rotation, std::f32::consts::FRAC_PI_2);
+    let glass = *of("illum 4\nTf 1 1 1\n").extensions.unwrap();
+    assert_eq!((glass.ior, glass.transmission.unwrap().factor), (1.5, 1.0));
+    assert!(of("illum 2\nTf 1 1 1\n").extensions.unwrap().transmission.is_none(), "opaque files say so too");
+    assert_eq!(of("Tr 0.25\n").base_color[3], 0.75);
+    let thin = of("d -halo 0.5\n");
+    assert_eq!((thin.base_color[3], thin.alpha_mode), (0.5, AlphaMode::Blend));
+    assert_eq!(of("Ke 2 3 4\n").emissive, [2.0, 3.0, 4.0]);
+}
+
+#[test]
+fn maps_are_joined_as_gltf_keeps_them() {
+    let texel = |scene: &crate::Scene, slot: Option<crate::TextureSlot>| {
+        let image = &scene.images[slot.unwrap().image];
+        (image.width, image.height, image.texels[0])
+    };
+    let (m, scene) = material("Pr 0.5\nmap_Pr grey.png\nmap_Pm bright.png\n");
+    assert_eq!((m.roughness, m.metallic), (1.0, 1.0), "maps stand in place of numbers");
+    assert_eq!(texel(&scene, m.metallic_roughness_texture), (2, 2, [255, 51, 255, 255]));
+    let (m, scene) = material("Pm 0.25\nmap_Ns grey.png\n");
+    assert_eq!((m.roughness, m.metallic), (1.0, 0.25));
+    assert_eq!(texel(&scene, m.metallic_roughness_texture), (1, 2, [255, 51, 255, 255]));
+    let (m, scene) = material("map_Kd color.png\nmap_d grey.png\n");
+    assert_eq!(m.alpha_mode, AlphaMode::Blend);
+    assert_eq!(texel(&scene, m.base_color_texture), (2, 2, [10, 200, 30, 51]), "opacity as grey");
+    let (m, scene) = material("Kd 1 0 0\nmap_d holes.png\n");
+    assert_eq!(m.base_color, [1.0, 0.0, 0.0, 1.0]);
+    assert_eq!(texel(&scene, m.base_color_texture), (2, 2, [255, 255, 255, 77]), "opacity as alpha");
+    let (m, scene) = material("Ks 0 0 0\nmap_Ks grey.png\n");
+    let specular = m.extensions.unwrap().specular.unwrap();
+    assert_eq!((specular.factor, specular.color), (1.0, [2.0; 3]));
+    assert_eq!(texel(&scene, specular.texture), (1, 2, [255, 255, 255, 51]));
+    assert_eq!(material("map_Ke color.png\n").0.emissive, [1.0; 3]);
+    let (m, scene) = material("norm -bm 0.5 color.png\nbump grey.png\n");
+    assert_eq!((m.normal_scale, m.normal_texture.is_some()), (0.5, true));
+    assert!(
+        scene.warnings.iter().any(|w| w.contains("`m`") && w.contains("heights")),
+        "{:?}",
+        scene.warnings
+    );
+    assert!(material("bump color.png\n").0.normal_texture.is_some(), "a bump map with colours holds normals");
+    let (m, scene) = material("map_Kd color.png\nmap_d -s 2 2 grey.png\n");
+    assert_eq!(m.alpha_mode, AlphaMode::Opaque);
+    assert!(scene.warnings.iter().any(|w| w.contains("map_d")), "{:?}", scene.warnings);
 }
 
 #[test]

@@ -114,7 +114,7 @@ fn broken_files() {
     bad(&swap("4 0 1 2 3", "4 0 1 2 -1"), &["element face 0", "index -1"]);
     bad(&swap("4 0 1 2 3", "400000000 0 1 2 3"), &["element face 0", "list of 400000000"]);
     bad(&swap("0 0 0 255", "0 nan 0 255"), &["element vertex 0", "finite"]);
-    bad(&swap("0 0 0 255", "0 x 0 255"), &["element vertex 0", "`x` is a number"]);
+    bad(&swap("0 0 0 255", "0 x 0 255"), &["element vertex 0", "`x` is no number"]);
     bad(&swap("float x", "quad x"), &["header line", "PLY type"]);
     bad(&swap("float x", "float w"), &["element vertex", "x, y and z"]);
     bad(&swap("list uchar int", "list float int"), &["header line", "integer"]);

@@ -1,0 +1,106 @@
+//! What an asset holds besides surfaces, and what of it a simplified asset keeps.
+
+use crate::Scene;
+
+impl Scene {
+    /// Takes over what an asset made from another keeps of it: cameras and lights in world space, and what the file says
+    /// about itself.
+    pub fn inherit(&mut self, asset: &Self) {
+        self.cameras.clone_from(&asset.cameras);
+        self.lights.clone_from(&asset.lights);
+        self.about = asset.about.clone();
+    }
+
+    /// What the scene holds and an asset that was simplified from it (one mesh for each class of materials, with what
+    /// [`Self::inherit`] takes over) does not: one line each, none for a plain scene.
+    pub fn left_out(&self) -> Vec<String> {
+        let mut out = Vec::new();
+        if let Some(h) = self.hierarchy.as_deref() {
+            let joints: usize = h.skins.iter().map(|s| s.joints.len()).sum();
+            if !h.skins.is_empty() {
+                out.push(format!(
+                    "{} with {}: the default pose stays",
+                    count(h.skins.len(), "skin"),
+                    count(joints, "joint")
+                ));
+            }
+            let targets: usize = h.meshes.iter().map(|m| m.targets()).sum();
+            if targets > 0 {
+                out.push(format!("{}: the default weights stay", count(targets, "morph target")));
+            }
+            if !h.animations.is_empty() {
+                let names = names(h.animations.iter().map(|a| a.name.as_str()));
+                out.push(format!("{}{names}", count(h.animations.len(), "animation")));
+            }
+            let parents = h.nodes.iter().filter(|n| !n.children.is_empty()).count();
+            if parents > 0 {
+                let nodes = count(h.nodes.len(), "node");
+                out.push(format!("the hierarchy of {nodes}: their transforms are worked into the vertices"));
+            }
+            let named = h.nodes.iter().map(|n| &n.name).chain(h.meshes.iter().map(|m| &m.name));
+            let named = named.filter(|n| !n.is_empty()).count();
+            if named > 0 {
+                out.push(format!("{} of nodes and meshes", count(named, "name")));
+            }
+            let parallel = h.nodes.iter().filter_map(|n| n.camera).count() - h.cameras_shown();
+            if parallel > 0 {
+                out.push(format!("{} that are orthographic or not shown", count(parallel, "camera")));
+            }
+        }
+        let occluded = self.materials.iter().filter(|m| m.occlusion_texture.is_some()).count();
+        if occluded > 0 {
+            out.push(format!("occlusion maps of {}", count(occluded, "material")));
+        }
+        let extras = self.extras();
+        if extras > 0 {
+            out.push(format!("application data (extras) of {}", count(extras, "object")));
+        }
+        if !self.ignored_extensions.is_empty() {
+            let names = names(self.ignored_extensions.iter().map(String::as_str));
+            out.push(format!(
+                "{} that are not read{names}",
+                count(self.ignored_extensions.len(), "extension")
+            ));
+        }
+        out
+    }
+
+    /// Objects with application data besides the file, its asset and its scene.
+    fn extras(&self) -> usize {
+        let of_materials = self.materials.iter().filter(|m| m.extras.is_some()).count();
+        let Some(h) = self.hierarchy.as_deref() else { return of_materials };
+        let lists = [
+            h.nodes.iter().filter(|n| n.extras.is_some()).count(),
+            h.meshes.iter().filter(|m| m.extras.is_some()).count(),
+            h.skins.iter().filter(|s| s.extras.is_some()).count(),
+            h.animations.iter().filter(|a| a.extras.is_some()).count(),
+            h.cameras.iter().filter(|c| c.extras.is_some()).count(),
+            h.lights.iter().filter(|l| l.extras.is_some()).count(),
+        ];
+        of_materials + lists.iter().sum::<usize>()
+    }
+}
+
+impl crate::Hierarchy {
+    /// Pinhole cameras that are shown.
+    fn cameras_shown(&self) -> usize {
+        self.cameras_and_lights(&self.locals()).0.len()
+    }
+}
+
+fn count(n: usize, what: &str) -> String {
+    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
+}
+
+/// The first names in brackets.
+fn names<'a>(all: impl Iterator<Item = &'a str>) -> String {
+    let clip = |n: &str| n.chars().filter(|c| !c.is_control()).take(40).collect::<String>();
+    let mut names: Vec<String> = all.filter(|n| !n.is_empty()).map(clip).collect();
+    let more = names.len() > 8;
+    names.truncate(8);
+    match (names.is_empty(), more) {
+        (true, _) => String::new(),
+        (_, true) => format!(" ({}, ...)", names.join(", ")),
+        (_, false) => format!(" ({})", names.join(", ")),
+    }
+}

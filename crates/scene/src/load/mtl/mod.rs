@@ -1,0 +1,166 @@
+//! Material libraries of OBJ files: statements become metallic-roughness materials as Blender's importer reads them.
+
+mod look;
+mod maps;
+
+use super::Limits;
+use super::file::{Folder, clip};
+use super::obj::{lines, split_keyword};
+use super::texture::Textures;
+use crate::error::{Fault, fault};
+use crate::{Material, Sampler, Scene, TextureSlot, Wrap};
+use look::Look;
+use std::collections::HashMap;
+
+/// Materials of libraries, complete once their textures are decoded.
+#[derive(Debug, Default)]
+pub(super) struct Library {
+    /// Index into the scene's materials, and what the file says about it.
+    looks: Vec<(usize, Look)>,
+}
+
+impl Library {
+    /// Appends the materials of the library named on an `mtllib` line.
+    ///
+    /// A library that does not exist is a warning, a texture of the base colour or of the emission that cannot be read an
+    /// error, another map that cannot be read a warning.
+    pub(super) fn load(
+        &mut self,
+        file: &str,
+        folder: &Folder,
+        limits: &Limits,
+        place: &str,
+        scene: &mut Scene,
+        names: &mut HashMap<String, usize>,
+        textures: &mut Textures<'_>,
+    ) -> Result<(), Fault> {
+        let text = match folder.read_name(file, limits.file_bytes, place) {
+            Ok(text) => text,
+            Err(f) if f.rule.contains("cannot be read") => {
+                scene.warnings.push(format!("{place}: {}", f.rule));
+                return Ok(());
+            }
+            Err(f) => return Err(f),
+        };
+        let mut ignored: Vec<String> = Vec::new();
+        let mut begun = false;
+        for (line, text) in lines(&text) {
+            let place = format!("{} line {line}", clip(file));
+            let (keyword, rest) = split_keyword(&text);
+            if keyword == "newmtl" {
+                names.insert(rest.to_owned(), scene.materials.len());
+                self.looks.push((scene.materials.len(), Look::default()));
+                scene.materials.push(Material { name: rest.to_owned(), ..Material::clay() });
+                begun = true;
+                continue;
+            }
+            let Some((_, look)) = self.looks.last_mut().filter(|_| begun) else { continue };
+            let mut warning = None;
+            let mut map = |rest: &str, needed: bool| match map(rest, folder, limits, &place, textures) {
+                Ok(map) => Ok(Some(map)),
+                Err(f) if needed => Err(f),
+                Err(f) => {
+                    warning = Some(format!("{}: {}: the map is left out", f.place, f.rule));
+                    Ok(None)
+                }
+            };
+            let known = look.statement(keyword, rest, &place, &mut map)?;
+            scene.warnings.extend(warning);
+            if !known && !ignored.iter().any(|k| k == keyword) && ignored.len() < 16 {
+                ignored.push(clip(keyword));
+            }
+        }
+        if !ignored.is_empty() {
+            scene.warnings.push(format!("{}: ignored statements: {}", clip(file), ignored.join(", ")));
+        }
+        Ok(())
+    }
+
+    /// Completes the materials; the scene has its images. Maps that glTF keeps in one image are joined, at most
+    /// `limits.texels` texels in all.
+    pub(super) fn finish(self, scene: &mut Scene, limits: &Limits) -> Result<(), Fault> {
+        let mut joined = maps::Joined::new(limits);
+        for (m, look) in self.looks {
+            let mut material = look.material();
+            material.name.clone_from(&scene.materials[m].name);
+            let place = format!("material `{}`", clip(&material.name));
+            let warnings =
+                joined.apply(&look, &mut material, &mut scene.images).map_err(|r| fault(&place, r))?;
+            scene.warnings.extend(warnings.iter().map(|w| format!("{place}: {w}")));
+            scene.materials[m] = material;
+        }
+        Ok(())
+    }
+}
+
+/// A texture of a statement.
+#[derive(Clone, Copy, Debug)]
+struct Map {
+    slot: TextureSlot,
+    /// `-bm`: strength of a bump map.
+    strength: f32,
+}
+
+/// A texture statement: options, then the file's name to the end of the line.
+fn map(
+    rest: &str,
+    folder: &Folder,
+    limits: &Limits,
+    place: &str,
+    textures: &mut Textures<'_>,
+) -> Result<Map, Fault> {
+    let mut rest = rest;
+    let (mut scale, mut offset, mut wrap) = ([1.0_f32; 2], [0.0_f32; 2], Wrap::Repeat);
+    let mut strength = 1.0;
+    while rest.starts_with('-') {
+        let (option, after) = split_keyword(rest);
+        let (most, numeric) = match option {
+            "-o" | "-s" | "-t" => (3, true),
+            "-mm" => (2, true),
+            "-bm" | "-boost" | "-texres" => (1, true),
+            "-blendu" | "-blendv" | "-cc" | "-clamp" | "-imfchan" | "-type" => (1, false),
+            // A file may begin with a dash.
+            _ => break,
+        };
+        let mut values = [f32::NAN; 3];
+        let mut after = after;
+        for k in 0..most {
+            let (word, next) = split_keyword(after);
+            if numeric {
+                match word.parse::<f32>().ok().filter(|x| x.is_finite()) {
+                    Some(x) => values[k] = x,
+                    None => break,
+                }
+            } else if option == "-clamp" && word == "on" {
+                wrap = Wrap::ClampToEdge;
+            }
+            after = next;
+        }
+        let pick = |out: &mut [f32; 2]| {
+            for k in 0..2 {
+                if values[k].is_finite() {
+                    out[k] = values[k];
+                }
+            }
+        };
+        match option {
+            "-s" => pick(&mut scale),
+            "-o" => pick(&mut offset),
+            "-bm" if values[0].is_finite() => strength = values[0].max(0.0),
+            _ => {}
+        }
+        rest = after;
+    }
+    let key = format!("texture {rest}");
+    let image = match textures.known(&key) {
+        Some(image) => image,
+        None => {
+            let bytes = folder.read_name(rest, limits.file_bytes, place)?;
+            textures.request(key, place.to_owned(), rest.to_owned(), bytes.into())?
+        }
+    };
+    // The file's v points up: v' = 1 - (scale (1 - v) + offset).
+    let transform = [[scale[0], 0.0, offset[0]], [0.0, scale[1], 1.0 - scale[1] - offset[1]]];
+    let sampler = Sampler { wrap_u: wrap, wrap_v: wrap, ..Sampler::default() };
+    Ok(Map { slot: TextureSlot { image, sampler, tex_coord: 0, transform }, strength })
+}
