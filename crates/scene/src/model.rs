@@ -2,6 +2,7 @@
 
 use crate::error::{Fault, fault};
 use crate::nodes::{About, Hierarchy};
+use crate::skin::Bind;
 use crate::{Camera, Material, PunctualLight, SceneError, TextureSlot};
 use photofit_geometry::Mesh;
 use photofit_scalar::Vec3f;
@@ -88,7 +89,7 @@ pub struct Scene {
 /// Bytes that a scene takes; see [`Scene::memory`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Memory {
-    /// Vertices and triangles as stored, bytes.
+    /// Vertices and triangles as stored, with bind poses, joints and morph targets, bytes.
     pub geometry: usize,
     /// Texels as stored, bytes.
     pub images: usize,
@@ -173,8 +174,17 @@ impl Scene {
                 + bytes(&m.triangles)
         };
         let images: usize = self.images.iter().map(|i| bytes(&i.texels)).sum();
+        let of_bind = |b: &Bind| {
+            let sets = b.influences.iter().map(|s| bytes(&s.joints) + bytes(&s.weights));
+            let targets = b.targets.iter();
+            let targets = targets.map(|t| bytes(&t.positions) + bytes(&t.normals) + bytes(&t.tangents));
+            of_mesh(&b.mesh) + sets.sum::<usize>() + targets.sum::<usize>()
+        };
+        let parts = self.hierarchy.iter().flat_map(|h| &h.meshes).flat_map(|m| &m.primitives);
+        let binds: usize = parts.filter_map(|p| p.bind.as_ref()).map(of_bind).sum();
+        let meshes: usize = self.primitives.iter().map(|p| of_mesh(&p.mesh)).sum();
         Memory {
-            geometry: self.primitives.iter().map(|p| of_mesh(&p.mesh)).sum(),
+            geometry: meshes + binds,
             images,
             flattened: self.vertex_count() * 72 + self.triangle_count() * 16,
             surfaces: images / 3 * 4,
