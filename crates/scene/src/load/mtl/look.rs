@@ -5,6 +5,9 @@ use crate::error::{Fault, fault};
 use crate::load::obj::numbers;
 use crate::{AlphaMode, Anisotropy, Clearcoat, Extensions, Material, Sheen, Specular, Transmission};
 
+/// Reads the texture of a statement, which may be needed.
+pub(super) type ReadMap<'a> = dyn FnMut(&str, bool) -> Result<Option<Map>, Fault> + 'a;
+
 /// The statements of a material; `None` where there is none.
 #[derive(Debug, Default)]
 pub(super) struct Look {
@@ -52,7 +55,7 @@ impl Look {
         keyword: &str,
         rest: &str,
         place: &str,
-        map: &mut dyn FnMut(&str, bool) -> Result<Option<Map>, Fault>,
+        map: &mut ReadMap<'_>,
     ) -> Result<bool, Fault> {
         let rule = |rule: String| fault(place, rule);
         let number = |rest: &str| -> Result<Option<f32>, Fault> {
