@@ -28,6 +28,7 @@ cargo xtask <task>
   golden prune              delete golden files that no case names
   bench [SUITE...] [--baseline]
                             error-against-time suites into out/bench; --baseline times the reference too
+  bench peers [NAME...]     tables against other programs into out/bench/peers
   demo [ARGS...]            cargo run --release -p photofit-cli -- demo
   dist                      release program, readme and licences as an archive in out/dist
 ";

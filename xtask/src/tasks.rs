@@ -1,6 +1,6 @@
 //! The tasks that hand over to one cargo command.
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 
 use crate::shell::{run_cargo, run_cargo_with};
 
@@ -27,9 +27,30 @@ pub(crate) fn golden(args: &[String]) -> Result<()> {
     pass_on(&["run", "--quiet", "-p", "photofit-tests", "--bin", "golden", "--"], args)
 }
 
-/// Error-against-time suites.
+/// Error-against-time suites; `peers [NAME...]` are the tables against other programs.
 pub(crate) fn bench(args: &[String]) -> Result<()> {
+    if let Some((first, names)) = args.split_first()
+        && first == "peers"
+    {
+        return peers(names);
+    }
     pass_on(&["run", "--release", "-p", "photofit-bench", "--"], args)
+}
+
+/// The drivers in crates/bench/peers, by the interpreter that `PHOTOFIT_PYTHON` names, or `python3`.
+fn peers(names: &[String]) -> Result<()> {
+    let python = std::env::var_os("PHOTOFIT_PYTHON").unwrap_or_else(|| "python3".into());
+    let status = std::process::Command::new(&python).arg("crates/bench/peers/run.py").args(names).status();
+    let status = status.with_context(|| {
+        format!(
+            "{}: cannot start; `apt-get install python3`, or name one by PHOTOFIT_PYTHON",
+            python.display()
+        )
+    })?;
+    if !status.success() {
+        bail!("bench peers: {status}");
+    }
+    Ok(())
 }
 
 /// The main job on a generated asset.

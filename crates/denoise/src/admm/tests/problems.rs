@@ -1,4 +1,4 @@
-//! The small problems of `tests/optima/derive.py`, by the same formulas.
+//! The small problems of `assets/optima.py`, by the same formulas.
 
 use photofit_sampling::hash;
 
@@ -154,7 +154,7 @@ pub(crate) fn cases() -> Vec<Case> {
 
 /// Optimum and probe energy from the stored results.
 pub(crate) fn stored(name: &str) -> [f64; 2] {
-    let text = include_str!("../../../tests/optima/optima.json");
+    let text = include_str!("../../../../../assets/optima.json");
     let json: serde_json::Value = serde_json::from_str(text).expect("stored optima");
     ["optimum", "probe"].map(|key| json[name][key].as_f64().expect(name))
 }

@@ -172,7 +172,7 @@ fn bad_weights_are_refused() {
     let error = |p: &Problem<'_, f64>| Admm::new(p).expect_err("a bad problem").to_string();
     assert_eq!(
         error(&models::rof(shape, &target[1..], 1.0)),
-        "target has 19 values, expected 20 (4 rows x 5 columns x 1 channels)"
+        "target has 19 values, expected 20 (5 x 4 pixels x 1 channels)"
     );
     assert_eq!(
         error(&models::rof(shape, &target, -1.0)),

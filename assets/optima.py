@@ -1,7 +1,7 @@
 """Optimal energies of small problems by an independent interior-point solver.
 
-Needs cvxpy and Clarabel: `pip install cvxpy clarabel`, then `python derive.py` rewrites optima.json beside this file.
-The problems are made from formulas that `src/admm/tests/problems.rs` repeats; beside each optimum stands the energy of
+Needs cvxpy and Clarabel: `pip install cvxpy clarabel`, then `python optima.py` rewrites optima.json beside this file.
+The problems are made from formulas that `crates/denoise/src/admm/tests/problems.rs` repeats; beside each optimum stands the energy of
 a probe image, by which the tests check that both sides mean the same problem.
 """
 

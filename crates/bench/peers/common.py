@@ -1,0 +1,112 @@
+"""What several drivers share: our programs, meshes, medians, tables."""
+
+import json
+import os
+import pathlib
+import resource
+import statistics
+import subprocess
+import sys
+import time
+
+import numpy as np
+
+ROOT = pathlib.Path(__file__).resolve().parents[3]
+WORK = ROOT / "out" / "bench" / "peers" / "work"
+WORK.mkdir(parents=True, exist_ok=True)
+
+
+def program(*arguments, **environment):
+    """Runs `photofit ARGUMENTS`; returns the CPU seconds of the process, start and end included."""
+    subprocess.run(["cargo", "build", "--release", "--quiet", "-p", "photofit-cli"], cwd=ROOT, check=True)
+    folder = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    command = [folder / "release" / "photofit", *map(str, arguments)]
+    subprocess.run(command, cwd=ROOT, check=True, env={**os.environ, **environment}, stdout=subprocess.DEVNULL)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def suite(name, baseline=False, **environment):
+    """Runs a suite of photofit-bench; returns its rows from out/bench/NAME.json."""
+    command = ["cargo", "run", "--release", "--quiet", "-p", "photofit-bench", "--", name]
+    command += ["--baseline"] if baseline else []
+    environment = {k: str(v) for k, v in environment.items()}
+    subprocess.run(command, cwd=ROOT, check=True, env={**os.environ, **environment}, stdout=subprocess.DEVNULL)
+    return json.loads((ROOT / "out" / "bench" / f"{name}.json").read_text())
+
+
+def suite_with_python(name):
+    """A suite whose baseline is a Python script of this folder, run by this interpreter; its Markdown without the title."""
+    suite(name, baseline=True, PHOTOFIT_PYTHON=sys.executable)
+    lines = (ROOT / "out" / "bench" / f"{name}.md").read_text().splitlines()
+    return "\n".join(line for line in lines if not line.startswith("# ")).strip()
+
+
+def median_seconds(work, repetitions=5):
+    """Median wall seconds of `work()` after one run that is not counted."""
+    work()
+    times = []
+    for _ in range(repetitions):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return statistics.median(times)
+
+
+def sphere(frequency, amplitude=0.12, seed=7):
+    """An icosahedron divided into 20 f^2 triangles, on a sphere with bumps; float32 (n, 3) and int32 (m, 3), outward."""
+    golden = (1 + 5**0.5) / 2
+    corners = np.array([[0, s, t * golden] for s in (-1, 1) for t in (-1, 1)], float)
+    corners = np.concatenate([corners, corners[:, [2, 0, 1]], corners[:, [1, 2, 0]]])
+    near = lambda a, b: np.isclose(((corners[a] - corners[b]) ** 2).sum(), 4)
+    faces = [
+        (a, b, c)
+        for a in range(12) for b in range(a + 1, 12) for c in range(b + 1, 12)
+        if near(a, b) and near(b, c) and near(a, c)
+    ]
+    points, triangles, known = [], [], {}
+    for a, b, c in faces:
+        if np.dot(corners[a], np.cross(corners[b], corners[c])) < 0:
+            b, c = c, b
+        index = {}
+        for i in range(frequency + 1):
+            for j in range(frequency + 1 - i):
+                p = corners[a] * (frequency - i - j) + corners[b] * i + corners[c] * j
+                p = p / np.linalg.norm(p)
+                key = tuple(np.round(p * 1e6).astype(int))
+                index[i, j] = known.setdefault(key, len(points))
+                if index[i, j] == len(points):
+                    points.append(p)
+        for i in range(frequency):
+            for j in range(frequency - i):
+                triangles.append((index[i, j], index[i + 1, j], index[i, j + 1]))
+                if i + j + 2 <= frequency:
+                    triangles.append((index[i + 1, j], index[i + 1, j + 1], index[i, j + 1]))
+    points, random = np.array(points), np.random.default_rng(seed)
+    radius = np.ones(len(points))
+    for octave in range(4):
+        for _ in range(3):
+            wave = random.normal(size=3)
+            wave *= 3 * 2**octave / np.linalg.norm(wave)
+            radius += amplitude / 2**octave / 3 * np.cos(points @ wave + random.uniform(0, 2 * np.pi))
+    return (points * radius[:, None]).astype(np.float32), np.array(triangles, np.int32)
+
+
+def write_ply(path, vertices, triangles):
+    """A binary PLY file of positions and triangles."""
+    head = (
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n"
+        "property float x\nproperty float y\nproperty float z\n"
+        f"element face {len(triangles)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    rows = np.empty(len(triangles), [("count", "u1"), ("index", "<i4", 3)])
+    rows["count"], rows["index"] = 3, triangles
+    pathlib.Path(path).write_bytes(head.encode() + vertices.astype("<f4").tobytes() + rows.tobytes())
+
+
+def markdown(head, rows):
+    """A table; numbers with three digits."""
+    cell = lambda v: f"{v:.3g}" if isinstance(v, float) else str(v)
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(map(cell, line)) + " |" for line in lines)
