@@ -19,7 +19,10 @@ mod validation;
 pub use camera::{Lens, Projection, View};
 pub use error::PathtraceError;
 pub use film::{Aov, Filter};
-pub use integrator::{PathOptions, Strategy};
+pub use integrator::{
+    AovSink, Contribution, FirstHit, Found, PathOptions, PathVertex, PictureSink, Sink, Strategy,
+    TrainingSink, TrainingVertex,
+};
 pub use light::{EnvironmentMap, Falloff, LightSource};
 pub use plan::{Features, Plan};
 pub use render::{Integrator, Progress, RenderOptions, Renderer};

@@ -4,7 +4,7 @@
 //! few sets are compiled; [`Plan::new`] picks the smallest that covers a world.
 
 use crate::integrator::Kernel;
-use crate::integrator::path::trace_path;
+use crate::integrator::path::{trace_aovs, trace_picture};
 use crate::world::World;
 use std::fmt;
 
@@ -75,24 +75,40 @@ impl Features {
     }
 }
 
-/// The compiled sets.
-const KERNELS: [(u32, Kernel); 12] = {
+/// The sets that are compiled.
+const SETS: [u32; 12] = {
     const STANDARD: u32 = TEXTURES | ENVIRONMENT | SOURCES | EMITTERS;
     [
-        (EMITTERS, trace_path::<EMITTERS>),
-        (ENVIRONMENT, trace_path::<ENVIRONMENT>),
-        (SOURCES, trace_path::<SOURCES>),
-        (EMITTERS | TWO_LEVEL, trace_path::<{ EMITTERS | TWO_LEVEL }>),
-        (TEXTURES | ENVIRONMENT, trace_path::<{ TEXTURES | ENVIRONMENT }>),
-        (TEXTURES | ENVIRONMENT | ALPHA, trace_path::<{ TEXTURES | ENVIRONMENT | ALPHA }>),
-        (STANDARD, trace_path::<STANDARD>),
-        (STANDARD | ALPHA, trace_path::<{ STANDARD | ALPHA }>),
-        (STANDARD | TWO_LEVEL, trace_path::<{ STANDARD | TWO_LEVEL }>),
-        (STANDARD | ALPHA | TWO_LEVEL, trace_path::<{ STANDARD | ALPHA | TWO_LEVEL }>),
-        (ALL & !VOLUMES, trace_path::<{ ALL & !VOLUMES }>),
-        (ALL, trace_path::<ALL>),
+        EMITTERS,
+        ENVIRONMENT,
+        SOURCES,
+        EMITTERS | TWO_LEVEL,
+        TEXTURES | ENVIRONMENT,
+        TEXTURES | ENVIRONMENT | ALPHA,
+        STANDARD,
+        STANDARD | ALPHA,
+        STANDARD | TWO_LEVEL,
+        STANDARD | ALPHA | TWO_LEVEL,
+        ALL & !VOLUMES,
+        ALL,
     ]
 };
+
+/// Each set with its integrators: of the picture alone, and with what auxiliary images need.
+const KERNELS: [(u32, [Kernel; 2]); 12] = [
+    (SETS[0], [trace_picture::<{ SETS[0] }>, trace_aovs::<{ SETS[0] }>]),
+    (SETS[1], [trace_picture::<{ SETS[1] }>, trace_aovs::<{ SETS[1] }>]),
+    (SETS[2], [trace_picture::<{ SETS[2] }>, trace_aovs::<{ SETS[2] }>]),
+    (SETS[3], [trace_picture::<{ SETS[3] }>, trace_aovs::<{ SETS[3] }>]),
+    (SETS[4], [trace_picture::<{ SETS[4] }>, trace_aovs::<{ SETS[4] }>]),
+    (SETS[5], [trace_picture::<{ SETS[5] }>, trace_aovs::<{ SETS[5] }>]),
+    (SETS[6], [trace_picture::<{ SETS[6] }>, trace_aovs::<{ SETS[6] }>]),
+    (SETS[7], [trace_picture::<{ SETS[7] }>, trace_aovs::<{ SETS[7] }>]),
+    (SETS[8], [trace_picture::<{ SETS[8] }>, trace_aovs::<{ SETS[8] }>]),
+    (SETS[9], [trace_picture::<{ SETS[9] }>, trace_aovs::<{ SETS[9] }>]),
+    (SETS[10], [trace_picture::<{ SETS[10] }>, trace_aovs::<{ SETS[10] }>]),
+    (SETS[11], [trace_picture::<{ SETS[11] }>, trace_aovs::<{ SETS[11] }>]),
+];
 
 /// Which integrator runs for a world, and why.
 #[derive(Clone, Copy)]
@@ -101,7 +117,8 @@ pub struct Plan {
     pub needs: Features,
     /// What the chosen integrator has.
     pub has: Features,
-    pub(crate) kernel: Kernel,
+    /// For the picture alone, and with what auxiliary images need.
+    pub(crate) kernels: [Kernel; 2],
 }
 
 impl Plan {
@@ -114,12 +131,12 @@ impl Plan {
     pub fn with_at_least(world: &World, further: Features) -> Self {
         let needs = Features::of(world);
         let wanted = Features(needs.0 | further.0);
-        let (has, kernel) = KERNELS
+        let (has, kernels) = KERNELS
             .into_iter()
             .filter(|(set, _)| Features(*set).contains(wanted))
             .min_by_key(|(set, _)| set.count_ones())
-            .unwrap_or((ALL, trace_path::<ALL>));
-        Self { needs, has: Features(has), kernel }
+            .unwrap_or((ALL, [trace_picture::<ALL>, trace_aovs::<ALL>]));
+        Self { needs, has: Features(has), kernels }
     }
 }
 

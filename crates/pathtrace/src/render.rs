@@ -3,12 +3,14 @@
 use crate::PathtraceError;
 use crate::camera::{Prepared, View};
 use crate::error::invalid;
-use crate::film::{Aov, Eyes, Film, Filter, Recorder, TILE, Tile};
-use crate::integrator::{Kernel, PathOptions, teaching};
-use crate::plan::{Features, Plan};
-use crate::random::PixelRandom;
-use crate::world::World;
+use crate::film::{Aov, Film, Filter, Observer, Recorder, TILE, Tile};
+use crate::integrator::path::walk;
+use crate::integrator::{Kernel, PathOptions, Sink, Strategy, teaching};
+use crate::plan::{self, Features, Plan};
+use crate::random::{PathRandom, PixelRandom};
+use crate::world::{World, WorldRay};
 use photofit_image::Image;
+use photofit_sampling::DirectionSampler;
 use photofit_scalar::vec2;
 use rayon::prelude::*;
 
@@ -84,6 +86,8 @@ pub struct Progress {
     pub total: u64,
     /// Noise of the picture so far ([`RenderOptions::noise`] over all pixels); not finite before the second sample.
     pub noise: f64,
+    /// Contributions that were left out so far because they were not finite: a sign of a faulty scene.
+    pub not_finite: u64,
     /// Nothing is left to do.
     pub done: bool,
 }
@@ -117,8 +121,8 @@ impl<'a> Renderer<'a> {
     /// A render of `world` that has not begun.
     ///
     /// # Errors
-    /// If the camera cannot make rays, the picture has no pixels, a filter has no width, nothing gives light, or movement
-    /// is wanted without a previous camera.
+    /// If the camera cannot make rays, the picture has no pixels, a filter has no width, nothing gives light, movement is
+    /// wanted without a previous camera, or light sampling alone would miss light of a compensated environment.
     pub fn new(world: &'a World, view: &View, options: RenderOptions) -> Result<Self, PathtraceError> {
         view.check()?;
         if let Some(previous) = &options.previous {
@@ -138,9 +142,14 @@ impl<'a> Renderer<'a> {
             return Err(invalid("motion", "needs a previous camera"));
         }
         let plan = Plan::with_at_least(world, options.further);
-        let unlit = plan.needs.contains(Features(crate::plan::EMITTERS));
+        let unlit = plan.needs.contains(Features(plan::EMITTERS));
         if world.lights.is_dark() && !unlit {
             return Err(PathtraceError::NoLight);
+        }
+        if options.path.strategy == Strategy::Light && world.lights.misses_environment() {
+            let rule = "light sampling alone misses what lies below the mean of a compensated environment: \
+                        EnvironmentMap::compensate must be false";
+            return Err(invalid("strategy", rule));
         }
         let film = Film::new(options.width, options.height, &options.aovs);
         Ok(Self { world, view: *view, options, plan, film })
@@ -157,11 +166,16 @@ impl<'a> Renderer<'a> {
     /// ended. The picture depends on the number of samples alone, not on how passes were cut.
     pub fn pass(&mut self, stop: impl Fn() -> bool + Sync) -> Progress {
         let target = self.target();
-        let eyes = self.eyes();
-        let recorder = self.film.recorder(&eyes);
+        let observer = self.observer();
+        let recorder = self.film.recorder(&observer);
         let mut tiles = std::mem::take(&mut self.film.tiles);
-        let job =
-            Job { renderer: self, camera: eyes.camera, recorder: &recorder, kernel: self.kernel(), target };
+        let job = Job {
+            renderer: self,
+            camera: observer.camera,
+            recorder: &recorder,
+            kernel: self.kernel(),
+            target,
+        };
         tiles.par_iter_mut().filter(|t| t.active && t.count < target).for_each(|tile| {
             if !stop() {
                 job.tile(tile);
@@ -170,6 +184,42 @@ impl<'a> Renderer<'a> {
         self.film.tiles = tiles;
         self.retire();
         self.progress()
+    }
+
+    /// Walks the path of one sample of a pixel with directions of `sampler` and reports it to `sink`: the random numbers
+    /// are those of the picture, and with [`photofit_sampling::ScatteringSampler`] the path is too. The film stays as it is.
+    ///
+    /// # Panics
+    /// If the pixel lies outside of the picture.
+    pub fn walk<S: Sink, D: DirectionSampler>(
+        &self,
+        [x, y]: [usize; 2],
+        sample: u32,
+        sampler: &D,
+        sink: &mut S,
+    ) {
+        let options = &self.options;
+        assert!(
+            x < options.width && y < options.height,
+            "pixel ({x}, {y}) of {} x {}",
+            options.width,
+            options.height
+        );
+        let mut pixel = PixelRandom::new(options.seed, (y * options.width + x) as u64);
+        let random = pixel.sample(sample);
+        let ray = primary_ray(options, &self.view.prepare(self.world), [x, y], &random);
+        if self.plan.needs.contains(Features(plan::VOLUMES)) {
+            walk::<{ plan::ALL }, _, _>(self.world, &ray, &random, &options.path, sampler, sink);
+        } else {
+            walk::<{ plan::ALL & !plan::VOLUMES }, _, _>(
+                self.world,
+                &ray,
+                &random,
+                &options.path,
+                sampler,
+                sink,
+            );
+        }
     }
 
     /// How far the render is.
@@ -186,6 +236,7 @@ impl<'a> Renderer<'a> {
             samples: self.film.samples(),
             total: pixels * u64::from(self.options.spp),
             noise: (sum / weight).sqrt(),
+            not_finite: self.film.not_finite(),
             done: self.film.tiles.iter().all(|t| !t.active),
         }
     }
@@ -237,13 +288,13 @@ impl<'a> Renderer<'a> {
 
     fn kernel(&self) -> Kernel {
         match self.options.integrator {
-            Integrator::Path => self.plan.kernel,
+            Integrator::Path => self.plan.kernels[usize::from(!self.options.aovs.is_empty())],
             Integrator::Teaching => teaching::trace,
         }
     }
 
-    fn eyes(&self) -> Eyes<'a> {
-        Eyes {
+    fn observer(&self) -> Observer<'a> {
+        Observer {
             world: self.world,
             camera: self.view.prepare(self.world),
             previous: self.options.previous.map(|p| p.prepare(self.world)),
@@ -303,8 +354,6 @@ struct Job<'a> {
 impl Job<'_> {
     fn tile(&self, tile: &mut Tile) {
         let options = &self.renderer.options;
-        let (w, h) = (options.width as f32, options.height as f32);
-        let first_wanted = self.recorder.wants_first();
         for i in 0..tile.width * tile.height {
             let (x, y) = (tile.x + i % tile.width, tile.y + i / tile.width);
             let pixel = (y * options.width + x) as u64;
@@ -312,14 +361,26 @@ impl Job<'_> {
             let first = tile.count;
             let samples = (first..self.target).map(|index| {
                 let random = pixel.sample(index);
-                let numbers = random.camera();
-                let [dx, dy] = numbers.pair().map(|u| 0.5 + options.filter.offset(u));
-                let at = vec2((x as f32 + dx) / w, (y as f32 + dy) / h);
-                let ray = self.camera.ray(at, || [numbers.get(2), numbers.get(3)]);
-                (self.kernel)(self.renderer.world, &ray, &random, &options.path, first_wanted)
+                let ray = primary_ray(options, &self.camera, [x, y], &random);
+                (self.kernel)(self.renderer.world, &ray, &random, &options.path)
             });
             self.recorder.add(tile, i, first, samples);
         }
         tile.count = self.target;
     }
+}
+
+/// The camera ray of a sample.
+#[inline(always)]
+fn primary_ray(
+    options: &RenderOptions,
+    camera: &Prepared,
+    [x, y]: [usize; 2],
+    random: &PathRandom,
+) -> WorldRay {
+    let (w, h) = (options.width as f32, options.height as f32);
+    let numbers = random.camera();
+    let [dx, dy] = numbers.pair().map(|u| 0.5 + options.filter.offset(u));
+    let at = vec2((x as f32 + dx) / w, (y as f32 + dy) / h);
+    camera.ray(at, || [numbers.get(2), numbers.get(3)])
 }

@@ -45,6 +45,12 @@ impl Item {
         self.lo.w.to_bits() & !NORMAL
     }
 
+    /// Lower and upper corner.
+    #[inline(always)]
+    pub(super) fn bounds(&self) -> [Vec3A; 2] {
+        [Vec3A::from_vec4(self.lo), Vec3A::from_vec4(self.hi)]
+    }
+
     /// Twice the centre.
     #[inline(always)]
     fn center(&self) -> Vec4 {

@@ -3,7 +3,7 @@
 use super::binary::{self, Item};
 use super::buffer::Buffer;
 use super::triangle::Packet;
-use super::{Accel, AccelError, MAX_COORDINATE, wide};
+use super::{Accel, AccelError, Builder, MAX_COORDINATE, ploc, wide};
 use glam::{BVec4A, Vec3A, Vec4};
 use photofit_scalar::{Vec3f, vec3};
 use rayon::prelude::*;
@@ -12,7 +12,11 @@ const MAX_TRIANGLES: usize = 1 << 30;
 /// Least number of triangles that a thread takes at once.
 const CHUNK: usize = 1 << 13;
 
-pub(super) fn build(positions: &[Vec3f], triangles: &[[u32; 3]]) -> Result<Accel, AccelError> {
+pub(super) fn build(
+    positions: &[Vec3f],
+    triangles: &[[u32; 3]],
+    builder: Builder,
+) -> Result<Accel, AccelError> {
     if triangles.len() > MAX_TRIANGLES {
         return Err(AccelError::TooMany { triangles: triangles.len() });
     }
@@ -41,7 +45,12 @@ pub(super) fn build(positions: &[Vec3f], triangles: &[[u32; 3]]) -> Result<Accel
         Item::new(a.min(b).min(c), a.max(b).max(c), t)
     };
     let mut items = Buffer::from_fn(triangles.len(), |t| item(t as u32));
-    let tree = binary::build(&mut items);
+    let clustered = match builder {
+        Builder::Binned => None,
+        Builder::Clustered => ploc::build(&mut items, false),
+        Builder::Reinserted => ploc::build(&mut items, true),
+    };
+    let tree = clustered.unwrap_or_else(|| binary::build(&mut items));
     accel.extent = tree.root.lo.iter().chain(&tree.root.hi).fold(0.0, |e, x| x.abs().max(e));
     let wide = wide::collapse(&tree);
     let packet = |i: usize| {

@@ -10,7 +10,7 @@
 //! # Ok::<(), photofit_rays::AccelError>(())
 //! ```
 //!
-//! A binary tree, split by the surface area heuristic (`binary`), is collapsed to eight children a node with their
+//! A binary tree, split by the surface area heuristic (`binary`) or clustered by obvhs (`ploc`), is collapsed to eight children a node with their
 //! boxes side by side (`wide`); each leaf is one packet of at most four triangles (`triangle`), so that every step of a
 //! traversal (`walk`) is a handful of vector instructions. Trees over boxes are built by obvhs (`boxes`).
 //!
@@ -28,6 +28,7 @@ mod boxes;
 mod buffer;
 mod build;
 mod nearest;
+mod ploc;
 mod stack;
 mod traverse;
 mod triangle;
@@ -80,6 +81,18 @@ pub enum AccelError {
     },
 }
 
+/// How the binary tree under the eight-wide one is built; answers are the same with each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Builder {
+    /// From the top, by the surface area heuristic over bins.
+    #[default]
+    Binned,
+    /// By obvhs: parallel locally-ordered clustering. Trees that become too deep are built as [`Self::Binned`].
+    Clustered,
+    /// As [`Self::Clustered`], improved by reinsertion.
+    Reinserted,
+}
+
 /// Where a ray meets a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
@@ -123,7 +136,19 @@ impl Accel {
     /// A named vertex that is not finite or has a coordinate above [`MAX_COORDINATE`], a triangle with an index out of
     /// range, or more than 2^30 triangles.
     pub fn build(positions: &[Vec3f], triangles: &[[u32; 3]]) -> Result<Self, AccelError> {
-        build::build(positions, triangles)
+        Self::build_with(positions, triangles, Builder::default())
+    }
+
+    /// As [`Self::build`], with a given builder.
+    ///
+    /// # Errors
+    /// As [`Self::build`].
+    pub fn build_with(
+        positions: &[Vec3f],
+        triangles: &[[u32; 3]],
+        builder: Builder,
+    ) -> Result<Self, AccelError> {
+        build::build(positions, triangles, builder)
     }
 
     /// Number of triangles.

@@ -14,6 +14,7 @@
 mod alias;
 mod bilinear;
 pub mod chi_square;
+mod direction;
 mod mis;
 mod normal;
 mod rng;
@@ -26,6 +27,9 @@ mod statistics;
 
 pub use alias::{AliasError, AliasSample, AliasTable};
 pub use bilinear::Bilinear;
+pub use direction::{
+    DirectionSample, DirectionSampler, Mixture, Scattering, ScatteringSampler, UniformSphere, Vertex,
+};
 pub use mis::{balance_heuristic, power_heuristic};
 pub use normal::inverse_normal_cdf;
 pub use rng::{Rng, hash, unit_f32, unit_f64};

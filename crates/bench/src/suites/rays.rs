@@ -6,7 +6,7 @@
 
 use anyhow::{Context as _, Result, bail};
 use photofit_geometry::{Mesh, shapes};
-use photofit_rays::{Accel, Ray};
+use photofit_rays::{Accel, Builder, Ray};
 use photofit_scalar::{Vec3, Vec3f, vec3};
 
 use crate::context::Context;
@@ -21,6 +21,7 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
     if let Ok(folder) = std::env::var("PHOTOFIT_BENCH_RAYS") {
         return foreign(ctx, Path::new(&folder));
     }
+    builders(ctx)?;
     for frequency in [16, 71, 158] {
         let mesh = shapes::displaced_sphere(frequency, 0.2, 4, 1);
         let count = mesh.triangles.len();
@@ -64,6 +65,39 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
         }
     }
     ctx.note("One thread. Chords of the sphere of radius 2; the shape has detail at four scales.");
+    Ok(())
+}
+
+/// Build time and trace rates of each builder, on one thread.
+fn builders(ctx: &mut Context) -> Result<()> {
+    let rays = chords();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    for frequency in [71, 158] {
+        let mesh = shapes::displaced_sphere(frequency, 0.2, 4, 1);
+        let count = mesh.triangles.len();
+        for (name, builder) in [
+            ("binned", Builder::Binned),
+            ("obvhs clustered", Builder::Clustered),
+            ("obvhs reinserted", Builder::Reinserted),
+        ] {
+            let case = format!("{count} triangles, {name}");
+            let build = || Accel::build_with(&mesh.positions, &mesh.triangles, builder);
+            let (timing, accel) = pool.install(|| crate::timing::time(build));
+            let accel = accel?;
+            let bytes = accel.bytes() as f64 / count as f64;
+            ctx.record(
+                "builder: build, one thread",
+                &case,
+                count,
+                timing,
+                vec![("bytes per triangle", bytes)],
+            );
+            let closest = || rays.iter().filter(|ray| accel.closest_hit(ray).is_some()).count();
+            ctx.measure("builder: closest hit, 65536 rays", &case, count, closest, |_| vec![]);
+            let occluded = || rays.iter().filter(|ray| accel.occluded(ray)).count();
+            ctx.measure("builder: occlusion, 65536 rays", &case, count, occluded, |_| vec![]);
+        }
+    }
     Ok(())
 }
 

@@ -39,6 +39,8 @@ pub(crate) struct Tile {
     pub(crate) count: u32,
     /// Samples are still wanted.
     pub(crate) active: bool,
+    /// Contributions that were left out because they were not finite.
+    pub(crate) not_finite: u64,
     /// `height * width` times the sums of a pixel.
     sums: Vec<f64>,
     /// Instance of the first sample, counted from 1.
@@ -55,8 +57,8 @@ pub(crate) struct Film {
     pub(crate) tiles: Vec<Tile>,
 }
 
-/// What auxiliary sums are made of beside the sample.
-pub(crate) struct Eyes<'a> {
+/// What auxiliary sums are made of beside the sample: the world and its cameras.
+pub(crate) struct Observer<'a> {
     pub(crate) world: &'a World,
     pub(crate) camera: Prepared,
     pub(crate) previous: Option<Prepared>,
@@ -85,6 +87,7 @@ impl Film {
                     height: h,
                     count: 0,
                     active: true,
+                    not_finite: 0,
                     sums: vec![0.0; w * h * stride],
                     ids: if ids { vec![0; w * h] } else { Vec::new() },
                 });
@@ -99,13 +102,18 @@ impl Film {
     }
 
     /// How samples are added to a tile of this film.
-    pub(crate) fn recorder<'a>(&self, eyes: &'a Eyes<'a>) -> Recorder<'a> {
-        Recorder { eyes, aovs: self.aovs.clone(), stride: self.stride }
+    pub(crate) fn recorder<'a>(&self, observer: &'a Observer<'a>) -> Recorder<'a> {
+        Recorder { observer, aovs: self.aovs.clone(), stride: self.stride }
     }
 
     /// Samples taken so far, over all pixels.
     pub(crate) fn samples(&self) -> u64 {
         self.tiles.iter().map(|t| u64::from(t.count) * (t.width * t.height) as u64).sum()
+    }
+
+    /// Contributions left out so far because they were not finite.
+    pub(crate) fn not_finite(&self) -> u64 {
+        self.tiles.iter().map(|t| t.not_finite).sum()
     }
 
     /// Linear colour and alpha, premultiplied.
@@ -228,17 +236,12 @@ fn variance(sum: f64, squares: f64, count: f64) -> f64 {
 
 /// Adds samples to pixels.
 pub(crate) struct Recorder<'a> {
-    eyes: &'a Eyes<'a>,
+    observer: &'a Observer<'a>,
     aovs: Vec<Aov>,
     stride: usize,
 }
 
 impl Recorder<'_> {
-    /// Whether the first surfaces of paths are looked at.
-    pub(crate) fn wants_first(&self) -> bool {
-        !self.aovs.is_empty()
-    }
-
     /// Adds samples to pixel `i` of a tile, from `first` on in the order of their indices.
     #[inline(always)]
     pub(crate) fn add(
@@ -252,9 +255,12 @@ impl Recorder<'_> {
         let (sums, further) = all.split_at_mut(BASE);
         // In registers meanwhile.
         let mut totals: [f64; BASE] = std::array::from_fn(|k| sums[k]);
+        let mut not_finite = 0;
         for (index, sample) in (first..).zip(samples) {
             // A value that is not finite would make the pixel useless; it counts as black.
-            let radiance = if sample.radiance.is_finite() { sample.radiance } else { Vec3f::zero() };
+            let finite = sample.radiance.is_finite();
+            let radiance = if finite { sample.radiance } else { Vec3f::zero() };
+            not_finite += u64::from(sample.not_finite) + u64::from(!finite);
             for (c, v) in radiance.to_array().into_iter().enumerate() {
                 let v = f64::from(v);
                 totals[c] += v;
@@ -274,10 +280,11 @@ impl Recorder<'_> {
             self.auxiliary(further, &sample, hit);
         }
         sums.copy_from_slice(&totals);
+        tile.not_finite += not_finite;
     }
 
     fn auxiliary(&self, sums: &mut [f64], sample: &PathSample, hit: bool) {
-        let (first, eyes) = (&sample.first, self.eyes);
+        let (first, observer) = (&sample.first, self.observer);
         let mut at = 0;
         let mut put = |values: &[f64]| {
             for v in values {
@@ -292,16 +299,18 @@ impl Recorder<'_> {
                 Aov::Normal => put(&three(first.ns)),
                 Aov::GeometricNormal => put(&three(first.ng)),
                 Aov::Direct => put(&three(sample.direct)),
-                Aov::Depth => put(&[if hit { f64::from(eyes.camera.depth(first.p)) } else { 0.0 }]),
-                Aov::Position => put(&if hit { eyes.world.to_world(first.p).to_array() } else { [0.0; 3] }),
-                Aov::Motion => put(&eyes.motion(first.p)),
+                Aov::Depth => put(&[if hit { f64::from(observer.camera.depth(first.p)) } else { 0.0 }]),
+                Aov::Position => {
+                    put(&if hit { observer.world.to_world(first.p).to_array() } else { [0.0; 3] })
+                }
+                Aov::Motion => put(&observer.motion(first.p)),
                 Aov::Instance | Aov::Variance | Aov::Indirect | Aov::Samples => {}
             }
         }
     }
 }
 
-impl Eyes<'_> {
+impl Observer<'_> {
     /// Movement of a point in the picture since the previous camera, pixels.
     fn motion(&self, p: Vec3f) -> [f64; 2] {
         let place = |c: &Prepared| c.project(p);

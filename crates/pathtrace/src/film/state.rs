@@ -3,7 +3,7 @@
 use super::{Film, Tile};
 use crate::PathtraceError;
 
-const MAGIC: &[u8; 8] = b"PFPATH01";
+const MAGIC: &[u8; 8] = b"PFPATH02";
 
 impl Film {
     /// All sums and counts; `key` names what is rendered.
@@ -17,6 +17,7 @@ impl Film {
         for tile in &self.tiles {
             out.extend_from_slice(&tile.count.to_le_bytes());
             out.extend_from_slice(&u32::from(tile.active).to_le_bytes());
+            out.extend_from_slice(&tile.not_finite.to_le_bytes());
             tile.sums.iter().for_each(|s| out.extend_from_slice(&s.to_le_bytes()));
             tile.ids.iter().for_each(|i| out.extend_from_slice(&i.to_le_bytes()));
         }
@@ -68,6 +69,7 @@ impl Reader<'_> {
     fn tile(&mut self, tile: &mut Tile) -> Option<()> {
         tile.count = u32::from_le_bytes(self.take()?);
         tile.active = u32::from_le_bytes(self.take()?) != 0;
+        tile.not_finite = u64::from_le_bytes(self.take()?);
         for s in &mut tile.sums {
             *s = f64::from_le_bytes(self.take()?);
         }

@@ -76,6 +76,7 @@ fn next_surface<const F: u32>(
 ) -> Option<WorldHit> {
     let seen = |hit: &WorldHit| {
         hit.t > beyond
+            && !world.culls(hit)
             && !(F & plan::ABSORPTION != 0 && world.is_invisible(hit.instance))
             && (options.show_emitters || !world.emits(hit.instance))
             && world.coverage(hit) > 0.0

@@ -1,12 +1,14 @@
 //! What happens to a path, and to a shadow ray, in media.
 
-use super::path::{Last, Path};
-use super::visibility::transmittance;
+use super::exp;
+use super::path::{Departure, Path};
+use super::sink::{PathVertex, Sink};
+use super::visibility::Around;
 use crate::light::Receiver;
 use crate::plan;
 use crate::volume::{Segment, phase, sample_phase};
 use crate::world::{World, WorldHit, WorldRay};
-use photofit_sampling::Rng;
+use photofit_sampling::{DirectionSampler, Rng};
 use photofit_scalar::Vec3f;
 
 /// What happened in a medium.
@@ -23,7 +25,7 @@ struct Collision {
     g: f32,
 }
 
-impl<const F: u32> Path<'_, F> {
+impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
     /// The first collision with a medium before the distance `end`.
     #[inline(never)]
     pub(super) fn collide(&mut self, end: f32, crossings: u32) -> Event {
@@ -34,7 +36,7 @@ impl<const F: u32> Path<'_, F> {
         if self.depth >= self.options.max_depth {
             return Event::Ended;
         }
-        self.throughput = self.throughput.mul(at.albedo);
+        self.attenuate(at.albedo);
         if self.throughput == Vec3f::zero() {
             return Event::Ended;
         }
@@ -42,17 +44,28 @@ impl<const F: u32> Path<'_, F> {
         let from = Receiver::point(p);
         if let Some(light) = self.light_for(&from) {
             let pdf = phase(at.g, d.dot(light.wi));
-            let weight = self.light_weight(&light, pdf) * pdf / light.pdf;
-            let arrives = self.throughput.mul(light.radiance) * weight;
-            if arrives != Vec3f::zero() && arrives.is_finite() {
-                let index = 2 * self.depth + 1;
-                let around = (self.inside, self.medium);
-                let through = transmittance::<F>(self.world, p, None, &light, around, self.random, index);
-                self.radiance += arrives.mul(through);
+            let weight = self.light_weight(&light, pdf);
+            let arrives = self.throughput.mul(light.radiance) * (weight * pdf / light.pdf);
+            if arrives != Vec3f::zero() {
+                let around = Around { absorbers: self.inside, medium: self.medium };
+                self.connect(&light, (p, None), around, (Vec3f::splat(pdf), weight, arrives));
             }
         }
         let wi = sample_phase(at.g, d, self.random.scatter(self.depth));
-        self.last = Last { from, pdf: phase(at.g, d.dot(wi)), only: false };
+        let pdf = phase(at.g, d.dot(wi));
+        self.sink.vertex(&PathVertex {
+            position: p,
+            normal: Vec3f::zero(),
+            wo: -d,
+            wi,
+            pdf,
+            delta: false,
+            weight: Vec3f::splat(1.0),
+            throughput: self.throughput,
+            depth: self.depth,
+            instance: u32::MAX,
+        });
+        self.last = Departure { from, pdf, only: false };
         self.ray = WorldRay { origin: p, direction: wi, t_max: f32::INFINITY };
         self.depth += 1;
         Event::Scattered
@@ -71,11 +84,11 @@ impl<const F: u32> Path<'_, F> {
             }
         }
         let length = first.map_or(end, |f| f.0);
-        if let Some(filling) = media.filling(self.medium) {
+        if let Some(medium) = media.bounded(self.medium) {
             let along = Segment { origin: self.ray.origin, direction: self.ray.direction, length };
             if self.depth >= self.options.max_depth {
                 // What collides here scatters no more.
-                self.throughput = self.throughput.mul(filling.transmittance(&along, &mut rng));
+                self.attenuate(medium.transmittance(&along, &mut rng));
             } else {
                 let mut numbers = None;
                 if self.flown <= self.depth {
@@ -83,11 +96,11 @@ impl<const F: u32> Path<'_, F> {
                     numbers = self.random.flight(self.depth);
                 }
                 let numbers = numbers.unwrap_or_else(|| [rng.next_f32(), rng.next_f32()]);
-                let flight = filling.fly(&along, self.throughput, numbers, &mut rng);
-                self.throughput = self.throughput.mul(flight.weight);
+                let flight = medium.fly(&along, self.throughput, numbers, &mut rng);
+                self.attenuate(flight.weight);
                 if let Some(t) = flight.collision {
-                    let albedo = filling.albedo(along.origin + along.direction * t);
-                    return Some(Collision { t, albedo, g: filling.g });
+                    let albedo = medium.albedo(along.origin + along.direction * t);
+                    return Some(Collision { t, albedo, g: medium.g });
                 }
             }
         }
@@ -110,36 +123,59 @@ impl<const F: u32> Path<'_, F> {
     }
 }
 
-/// Transmittance of the media and panes along a shadow ray that starts in `medium` and crosses `surfaces` (in any order).
-pub(super) fn through_bounded(
+/// Transmittance of bounded media, absorbing solids and panes along a shadow ray that starts in `around` and crosses
+/// `surfaces` (in any order).
+pub(super) fn through_boundaries(
     world: &World,
     ray: &WorldRay,
     mut surfaces: Vec<WorldHit>,
-    mut medium: Option<u32>,
+    mut around: Around,
     rng: &mut Rng,
 ) -> Vec3f {
     surfaces
         .sort_unstable_by(|a, b| a.t.total_cmp(&b.t).then((a.instance, a.piece).cmp(&(b.instance, b.piece))));
     surfaces.dedup();
+    let media = &world.media;
     let mut through = Vec3f::splat(1.0);
     let mut from = 0.0;
-    let media = &world.media;
-    let mut pass = |medium: Option<u32>, from: f32, to: f32, through: Vec3f| match media.filling(medium) {
-        Some(filling) if to > from => {
-            let origin = ray.origin + ray.direction * from;
-            let along = Segment { origin, direction: ray.direction, length: to - from };
-            through.mul(filling.transmittance(&along, rng))
-        }
-        _ => through,
-    };
     for hit in &surfaces {
-        through = pass(medium, from, hit.t, through);
+        let sigma = around.absorbers.on_the_way_to(world, hit.instance, hit.front);
+        through = through.mul(absorbed(sigma, hit.t - from));
+        through = through.mul(scattered(world, ray, around.medium, [from, hit.t], rng));
         if through == Vec3f::zero() {
             return through;
         }
         from = hit.t;
         through = through.mul(world.straight_through(ray, hit));
-        medium = media.beside(hit.instance, !hit.front, medium);
+        around.absorbers.cross(world, hit.instance, hit.front);
+        around.medium = media.beside(hit.instance, !hit.front, around.medium);
     }
-    pass(medium, from, ray.t_max, through)
+    through = through.mul(absorbed(around.absorbers.absorption(world), ray.t_max - from));
+    through.mul(scattered(world, ray, around.medium, [from, ray.t_max], rng))
+}
+
+/// What of light passes a length of an absorber; all of it without absorption, however far.
+#[inline(always)]
+pub(super) fn absorbed(sigma: Vec3f, length: f32) -> Vec3f {
+    if sigma == Vec3f::zero() || length <= 0.0 {
+        return Vec3f::splat(1.0);
+    }
+    exp(sigma.map(|s| if s > 0.0 { -s * length } else { 0.0 }))
+}
+
+/// What of light passes a bounded medium between two distances.
+fn scattered(
+    world: &World,
+    ray: &WorldRay,
+    medium: Option<u32>,
+    [from, to]: [f32; 2],
+    rng: &mut Rng,
+) -> Vec3f {
+    match world.media.bounded(medium) {
+        Some(medium) if to > from => {
+            let origin = ray.origin + ray.direction * from;
+            medium.transmittance(&Segment { origin, direction: ray.direction, length: to - from }, rng)
+        }
+        _ => Vec3f::splat(1.0),
+    }
 }

@@ -1,10 +1,14 @@
 //! Estimators of the radiance that arrives along a ray.
 
+mod absorbers;
 mod first;
 mod medium;
 pub(crate) mod path;
+mod sink;
 pub(crate) mod teaching;
 mod visibility;
+
+pub use sink::{AovSink, Contribution, Found, PathVertex, PictureSink, Sink, TrainingSink, TrainingVertex};
 
 use crate::random::PathRandom;
 use crate::world::{World, WorldRay};
@@ -61,18 +65,23 @@ pub(crate) struct PathSample {
     pub(crate) alpha: f32,
     /// The first surface, if it was asked for.
     pub(crate) first: FirstHit,
+    /// Contributions that were left out because they were not finite.
+    pub(crate) not_finite: u32,
 }
 
 /// The first surface that a camera ray meets.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct FirstHit {
-    /// Its point; not finite where there is none.
-    pub(crate) p: Vec3f,
-    pub(crate) ng: Vec3f,
-    pub(crate) ns: Vec3f,
-    pub(crate) albedo: Vec3f,
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FirstHit {
+    /// Its point, in the render frame; not finite where there is none.
+    pub p: Vec3f,
+    /// Unit geometric normal on the viewer's side.
+    pub ng: Vec3f,
+    /// Unit shading normal on the viewer's side.
+    pub ns: Vec3f,
+    /// Part of uniform light that it reflects.
+    pub albedo: Vec3f,
     /// Index of the instance, or `u32::MAX`.
-    pub(crate) instance: u32,
+    pub instance: u32,
 }
 
 impl Default for FirstHit {
@@ -87,8 +96,8 @@ impl Default for FirstHit {
     }
 }
 
-/// One path; the last argument says whether [`PathSample::first`] is asked for.
-pub(crate) type Kernel = fn(&World, &WorldRay, &PathRandom, &PathOptions, bool) -> PathSample;
+/// One path.
+pub(crate) type Kernel = fn(&World, &WorldRay, &PathRandom, &PathOptions) -> PathSample;
 
 /// `exp` per channel.
 #[inline(always)]

@@ -1,15 +1,17 @@
 //! The path tracer: next-event estimation and BSDF sampling with multiple importance sampling (Veach 1997), Russian
 //! roulette, stochastic opacity, media.
 
+use super::absorbers::Absorbers;
 use super::first::{first_hit, seen_through};
 use super::medium::Event;
-use super::visibility::{closest, transmittance};
+use super::sink::{AovSink, Contribution, Found, PathVertex, PictureSink, Sink};
+use super::visibility::{Around, closest, transmittance};
 use super::{PathOptions, PathSample, Strategy, brightest, exp};
 use crate::light::{Facing, LightRandom, LightSample, Receiver};
 use crate::plan;
 use crate::random::PathRandom;
-use crate::world::{Interaction, SurfaceMaterial, World, WorldHit, WorldRay};
-use photofit_sampling::power_heuristic;
+use crate::world::{Interaction, SurfaceMaterial, SurfaceScattering, World, WorldHit, WorldRay};
+use photofit_sampling::{DirectionSampler, ScatteringSampler, Vertex, power_heuristic};
 use photofit_scalar::Vec3f;
 
 /// One over the throughput below which roulette ends paths: error times time is least around it.
@@ -18,14 +20,17 @@ const ROULETTE_SCALE: f32 = 2.0;
 /// glass or between mirrors for ever.
 const ROULETTE_DEEP: u32 = 16;
 const ROULETTE_MAX: f32 = 0.95;
+/// In worlds with media, where light takes more events to get anywhere: the first event after which roulette may end a
+/// path, with the throughput itself as the probability to go on.
+const ROULETTE_DEPTH_IN_MEDIA: u32 = 4;
 /// Boundaries that are not there, passed in a row; a path that meets more is cut.
 const MAX_CROSSINGS: u32 = 1024;
 /// Tells the random number of a pane from that of its coverage.
 const PANE: u64 = 1 << 63;
 
-/// How the last direction was chosen.
+/// How the direction of the present ray was chosen.
 #[derive(Clone, Copy)]
-pub(super) struct Last {
+pub(super) struct Departure {
     /// The vertex it left.
     pub(super) from: Receiver,
     /// Its density, 1/sr.
@@ -35,18 +40,21 @@ pub(super) struct Last {
 }
 
 /// The state of a path between two vertices.
-pub(super) struct Path<'a, const F: u32> {
+pub(super) struct Path<'a, const F: u32, S, D> {
     pub(super) world: &'a World,
     pub(super) random: &'a PathRandom,
     pub(super) options: &'a PathOptions,
+    /// Chooses the directions at surfaces.
+    pub(super) sampler: &'a D,
+    /// Receives what the path finds.
+    pub(super) sink: S,
     pub(super) ray: WorldRay,
-    pub(super) radiance: Vec3f,
     pub(super) throughput: Vec3f,
     /// Square of the relative indices of refraction crossed: what roulette must not see.
     eta_squared: f32,
-    pub(super) last: Last,
-    /// Absorption of the surface that the path is in.
-    pub(super) inside: Vec3f,
+    pub(super) last: Departure,
+    /// The absorbing solids that it is in.
+    pub(super) inside: Absorbers,
     /// The bounded medium that it is in.
     pub(super) medium: Option<u32>,
     /// Vertices whose numbers for a flight are used up.
@@ -56,31 +64,58 @@ pub(super) struct Path<'a, const F: u32> {
     together: bool,
 }
 
-/// Estimates the radiance along a camera ray; what `F` lacks is not compiled in.
-pub(crate) fn trace_path<const F: u32>(
+/// The picture's part of a path; what `F` lacks is not compiled in.
+pub(crate) fn trace_picture<const F: u32>(
     world: &World,
     ray: &WorldRay,
     random: &PathRandom,
     options: &PathOptions,
-    first_wanted: bool,
 ) -> PathSample {
-    let mut path = Path::<F> {
+    let (alpha, sink) =
+        walk::<F, _, _>(world, ray, random, options, &ScatteringSampler, PictureSink::default());
+    PathSample { radiance: sink.radiance, alpha, not_finite: sink.not_finite, ..PathSample::default() }
+}
+
+/// As [`trace_picture`], with what auxiliary images need.
+pub(crate) fn trace_aovs<const F: u32>(
+    world: &World,
+    ray: &WorldRay,
+    random: &PathRandom,
+    options: &PathOptions,
+) -> PathSample {
+    let (alpha, sink) = walk::<F, _, _>(world, ray, random, options, &ScatteringSampler, AovSink::default());
+    let (picture, direct, first) = (sink.picture, sink.direct, sink.first);
+    PathSample { radiance: picture.radiance, direct, alpha, first, not_finite: picture.not_finite }
+}
+
+/// Walks a path from a camera ray and reports to the sink; what `F` lacks is not compiled in. Returns 1 if the camera sees
+/// something, else 0, and the sink.
+#[inline(always)]
+pub(crate) fn walk<const F: u32, S: Sink, D: DirectionSampler>(
+    world: &World,
+    ray: &WorldRay,
+    random: &PathRandom,
+    options: &PathOptions,
+    sampler: &D,
+    sink: S,
+) -> (f32, S) {
+    let mut path = Path::<F, S, D> {
         world,
         random,
         options,
+        sampler,
+        sink,
         ray: *ray,
-        radiance: Vec3f::zero(),
         throughput: Vec3f::splat(1.0),
         eta_squared: 1.0,
-        last: Last { from: Receiver::point(ray.origin), pdf: 0.0, only: true },
-        inside: Vec3f::zero(),
+        last: Departure { from: Receiver::point(ray.origin), pdf: 0.0, only: true },
+        inside: Absorbers::NONE,
         medium: if F & plan::VOLUMES != 0 { world.media.around_camera } else { None },
         flown: 0,
         depth: 0,
         together: false,
     };
-    let mut out = PathSample::default();
-    let mut crossings = 0;
+    let (mut alpha, mut crossings) = (0.0, 0);
     loop {
         let hit = closest::<F>(world, &path.ray, random, 2 * (path.depth + crossings));
         if F & plan::VOLUMES != 0 {
@@ -88,8 +123,7 @@ pub(crate) fn trace_path<const F: u32>(
             match path.collide(end, crossings) {
                 Event::Scattered => {
                     if path.depth == 1 {
-                        out.alpha = 1.0;
-                        out.direct = path.radiance;
+                        alpha = 1.0;
                     }
                     if path.roulette() {
                         continue;
@@ -97,7 +131,7 @@ pub(crate) fn trace_path<const F: u32>(
                     break;
                 }
                 Event::Ended => {
-                    out.alpha = 1.0;
+                    alpha = 1.0;
                     break;
                 }
                 Event::Passed => {}
@@ -107,17 +141,10 @@ pub(crate) fn trace_path<const F: u32>(
             if F & plan::ENVIRONMENT != 0 {
                 path.escape();
             }
-            if path.depth <= 1 {
-                out.direct = path.radiance;
-            }
             break;
         };
-        if F & plan::EMITTERS != 0
-            && path.depth == 0
-            && !options.show_emitters
-            && world.emits(hit.instance)
-            && crossings <= MAX_CROSSINGS
-        {
+        let hidden = F & plan::EMITTERS != 0 && !options.show_emitters && world.emits(hit.instance);
+        if path.depth == 0 && (hidden || world.culls(&hit)) && crossings <= MAX_CROSSINGS {
             path.pass_unseen(&hit);
             crossings += 1;
             continue;
@@ -134,20 +161,15 @@ pub(crate) fn trace_path<const F: u32>(
         if F & plan::ABSORPTION != 0 {
             path.absorb(&at, hit.t);
         }
-        if path.depth == 0
-            && out.alpha == 0.0
-            && !(F & plan::ABSORPTION != 0 && world.is_invisible(at.instance))
+        if path.depth == 0 && alpha == 0.0 && !(F & plan::ABSORPTION != 0 && world.is_invisible(at.instance))
         {
-            out.alpha = 1.0;
-            if first_wanted {
-                out.first = first_hit(&at, &material, wo);
+            alpha = 1.0;
+            if S::FIRST {
+                path.sink.first(&first_hit(&at, &material, wo));
             }
         }
         if F & plan::EMITTERS != 0 && material.emission != Vec3f::zero() {
             path.emission(&at, &material);
-        }
-        if path.depth <= 1 {
-            out.direct = path.radiance;
         }
         let crossable = F & plan::ABSORPTION != 0 && path.may_cross(at.instance);
         if (path.depth >= options.max_depth && !crossable) || crossings > MAX_CROSSINGS {
@@ -165,13 +187,12 @@ pub(crate) fn trace_path<const F: u32>(
         }
     }
     if F & plan::ALPHA != 0
-        && first_wanted
+        && S::FIRST
         && let Some(first) = seen_through::<F>(world, ray, options)
     {
-        out.first = first;
+        path.sink.first(&first);
     }
-    out.radiance = path.radiance;
-    out
+    (alpha, path.sink)
 }
 
 /// What happened at a surface.
@@ -182,7 +203,7 @@ enum Step {
     Ended,
 }
 
-impl<const F: u32> Path<'_, F> {
+impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
     /// Light of the environment along a ray that meets nothing.
     #[inline(always)]
     fn escape(&mut self) {
@@ -192,7 +213,7 @@ impl<const F: u32> Path<'_, F> {
         let d = self.ray.direction;
         let radiance = self.world.lights.environment_radiance(d);
         let weight = self.weight(|lights| lights.environment_pdf(d));
-        self.radiance += self.throughput.mul(radiance) * weight;
+        self.found(Found::Environment, radiance, weight);
     }
 
     /// Light that the surface itself emits.
@@ -200,7 +221,32 @@ impl<const F: u32> Path<'_, F> {
     fn emission(&mut self, at: &Interaction, material: &SurfaceMaterial<'_>) {
         let (world, from) = (self.world, &self.last.from);
         let weight = self.weight(|lights| lights.surface_pdf(world, from, at));
-        self.radiance += self.throughput.mul(material.emission) * weight;
+        self.found(Found::Emission, material.emission, weight);
+    }
+
+    /// Reports light that the path met.
+    #[inline(always)]
+    fn found(&mut self, found: Found, radiance: Vec3f, weight: f32) {
+        let one = Vec3f::splat(1.0);
+        self.sink.contribution(&Contribution {
+            found,
+            depth: self.depth,
+            throughput: self.throughput,
+            scattering: one,
+            radiance,
+            transmittance: one,
+            weight,
+            pdf: self.last.pdf,
+            wi: self.ray.direction,
+            value: self.throughput.mul(radiance) * weight,
+        });
+    }
+
+    /// Multiplies the throughput with what belongs to no vertex.
+    #[inline(always)]
+    pub(super) fn attenuate(&mut self, factor: Vec3f) {
+        self.throughput = self.throughput.mul(factor);
+        self.sink.attenuate(factor);
     }
 
     /// Weight of light found by scattering, against next-event estimation of density `pdf`.
@@ -231,36 +277,35 @@ impl<const F: u32> Path<'_, F> {
     /// Takes up what absorbs on the other side of a surface.
     #[inline(always)]
     fn enter(&mut self, at: &Interaction) {
-        let compiled = &self.world.materials[self.world.placed[at.instance as usize].material as usize];
-        self.inside = if at.front { compiled.absorption } else { Vec3f::zero() };
+        self.inside.cross(self.world, at.instance, at.front);
     }
 
     /// Absorption on the way to a surface.
     #[inline(always)]
     fn absorb(&mut self, at: &Interaction, t: f32) {
-        let material = &self.world.materials[self.world.placed[at.instance as usize].material as usize];
-        // A path that begins inside learns of it at the way out.
-        let unknown = !at.front && self.inside == Vec3f::zero();
-        let sigma = if unknown { material.absorption } else { self.inside };
+        let sigma = self.inside.on_the_way_to(self.world, at.instance, at.front);
         if sigma != Vec3f::zero() {
-            self.throughput = self.throughput.mul(exp(sigma * -t));
+            self.attenuate(exp(sigma * -t));
         }
     }
 
     /// Whether the path goes on; its weight makes up for those that do not.
     #[inline(always)]
     fn roulette(&mut self) -> bool {
-        if self.depth < self.options.roulette_depth {
+        let media = F & plan::VOLUMES != 0 && !self.world.media.is_empty();
+        let (least, scale) = if media { (ROULETTE_DEPTH_IN_MEDIA, 1.0) } else { (0, ROULETTE_SCALE) };
+        if self.depth < self.options.roulette_depth.max(least) {
             return self.throughput != Vec3f::zero();
         }
-        let sure = if self.depth < ROULETTE_DEEP { 1.0 } else { ROULETTE_MAX };
-        let q = (ROULETTE_SCALE * brightest(self.throughput) * self.eta_squared).min(sure);
+        let sure = if media || self.depth >= ROULETTE_DEEP { ROULETTE_MAX } else { 1.0 };
+        let q = (scale * brightest(self.throughput) * self.eta_squared).min(sure);
         if q >= 1.0 {
             return true;
         }
         let survives = self.random.survival(self.depth - 1) < q;
         if survives {
             self.throughput *= 1.0 / q;
+            self.sink.attenuate(Vec3f::splat(1.0 / q));
         }
         survives
     }
@@ -269,13 +314,14 @@ impl<const F: u32> Path<'_, F> {
     #[inline(always)]
     fn scatter(&mut self, at: &Interaction, material: &SurfaceMaterial<'_>, crossings: u32) -> Step {
         let wo = -self.ray.direction;
-        let local = material.to_local(wo);
         let facing = if material.transmits() { Facing::Both(material.n) } else { Facing::Front(material.n) };
         let from = Receiver { p: at.p, facing };
+        let scattering = SurfaceScattering::new(material, wo);
+        let vertex = Vertex { position: at.p, normal: material.n, wo, scattering: &scattering };
         if !material.is_delta() {
-            self.light_at_surface(at, material, &from, wo, local);
+            self.light_at_surface(at, &vertex, &from);
         }
-        let has_lobes = material.has_lobes();
+        let has_lobes = self.sampler.has_lobes(&vertex);
         let lobe = if self.is_pane(at.instance) {
             // The numbers of this event are still needed behind the pane.
             self.random.surface(2 * (self.depth + crossings), PANE | u64::from(at.instance))
@@ -290,9 +336,11 @@ impl<const F: u32> Path<'_, F> {
             self.random.scatter(self.depth)
         };
         self.together = self.depth == 0 && !has_lobes;
-        let Some(sample) = material.sample(local, lobe, u) else { return Step::Ended };
-        let wi = material.to_render(sample.wi).normalize_or_zero();
-        let crosses = sample.wi.z * local.z < 0.0;
+        let Some(sample) = self.sampler.sample(&vertex, lobe, u) else { return Step::Ended };
+        let (wi, crosses) = (sample.wi, sample.transmitted);
+        if sample.weight == Vec3f::zero() {
+            return Step::Ended;
+        }
         // A direction that the shading normal puts on another side than the geometry does leaks light.
         if (wi.dot(at.ng) * wo.dot(at.ng) < 0.0) != crosses || wi == Vec3f::zero() {
             return Step::Ended;
@@ -308,15 +356,33 @@ impl<const F: u32> Path<'_, F> {
                 return Step::Crossed;
             }
         }
-        self.throughput = self.throughput.mul(sample.weight);
         if crosses && self.is_pane(at.instance) {
+            self.attenuate(sample.weight);
             self.ray = at.leave(self.ray.direction, f32::INFINITY);
             return Step::Crossed;
         }
+        self.sink.vertex(&PathVertex {
+            position: at.p,
+            normal: material.n,
+            wo,
+            wi,
+            pdf: sample.pdf,
+            delta: sample.delta,
+            weight: sample.weight,
+            throughput: self.throughput,
+            depth: self.depth,
+            instance: at.instance,
+        });
+        self.throughput = self.throughput.mul(sample.weight);
         self.eta_squared *= sample.eta * sample.eta;
-        self.last = Last { from, pdf: sample.pdf, only: sample.delta };
+        self.last = Departure { from, pdf: sample.pdf, only: sample.delta };
         self.ray = at.leave(wi, f32::INFINITY);
-        if self.throughput.is_finite() { Step::Scattered } else { Step::Ended }
+        if self.throughput.is_finite() {
+            Step::Scattered
+        } else {
+            self.sink.not_finite();
+            Step::Ended
+        }
     }
 
     /// A light for this vertex.
@@ -346,31 +412,56 @@ impl<const F: u32> Path<'_, F> {
     fn light_at_surface(
         &mut self,
         at: &Interaction,
-        material: &SurfaceMaterial<'_>,
+        vertex: &Vertex<'_, SurfaceScattering<'_>>,
         from: &Receiver,
-        wo: Vec3f,
-        local: Vec3f,
     ) {
         let Some(light) = self.light_for(from) else { return };
-        let wi = material.to_local(light.wi);
-        if (light.wi.dot(at.ng) * wo.dot(at.ng) < 0.0) != (wi.z * local.z < 0.0) {
+        let crosses = light.wi.dot(at.ng) * vertex.wo.dot(at.ng) < 0.0;
+        if crosses != vertex.scattering.crosses(light.wi) {
             return;
         }
-        let (value, pdf) = material.eval_pdf(local, wi);
-        let weight = self.light_weight(&light, pdf) / light.pdf;
-        let arrives = self.throughput.mul(value).mul(light.radiance) * weight;
-        if arrives == Vec3f::zero() || !arrives.is_finite() {
+        let (value, pdf) = self.sampler.eval_pdf(vertex, light.wi);
+        let weight = self.light_weight(&light, pdf);
+        let arrives = self.throughput.mul(value).mul(light.radiance) * (weight / light.pdf);
+        if arrives == Vec3f::zero() {
+            return;
+        }
+        let mut around = Around { absorbers: self.inside, medium: self.medium };
+        if F & plan::ABSORPTION != 0 && crosses {
+            around.absorbers.cross(self.world, at.instance, at.front);
+        }
+        if F & plan::VOLUMES != 0 {
+            around.medium = self.world.media.beside(at.instance, at.front != crosses, self.medium);
+        }
+        self.connect(&light, (at.p, Some(at)), around, (value, weight, arrives));
+    }
+
+    /// Reports light of a sample, as far as it arrives at a vertex; `arrives` is what does where nothing is in the way.
+    #[inline(always)]
+    pub(super) fn connect(
+        &mut self,
+        light: &LightSample,
+        (p, surface): (Vec3f, Option<&Interaction>),
+        around: Around,
+        (scattering, weight, arrives): (Vec3f, f32, Vec3f),
+    ) {
+        if !arrives.is_finite() {
+            self.sink.not_finite();
             return;
         }
         let index = 2 * self.depth + 1;
-        let crosses = light.wi.dot(at.ng) * wo.dot(at.ng) < 0.0;
-        let inside = if crosses { Vec3f::zero() } else { self.inside };
-        let mut medium = self.medium;
-        if F & plan::VOLUMES != 0 {
-            medium = self.world.media.beside(at.instance, at.front != crosses, medium);
-        }
-        let around = (inside, medium);
-        let through = transmittance::<F>(self.world, at.p, Some(at), &light, around, self.random, index);
-        self.radiance += arrives.mul(through);
+        let through = transmittance::<F>(self.world, p, surface, light, around, self.random, index);
+        self.sink.contribution(&Contribution {
+            found: Found::NextEvent,
+            depth: self.depth + 1,
+            throughput: self.throughput,
+            scattering,
+            radiance: light.radiance,
+            transmittance: through,
+            weight,
+            pdf: light.pdf,
+            wi: light.wi,
+            value: arrives.mul(through),
+        });
     }
 }

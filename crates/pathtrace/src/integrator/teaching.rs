@@ -11,13 +11,7 @@ use photofit_scalar::Vec3f;
 /// BSDF is a function, and its own choice where it is a delta distribution.
 ///
 /// Lights without a surface, media and absorption are not seen; surfaces are opaque.
-pub(crate) fn trace(
-    world: &World,
-    ray: &WorldRay,
-    random: &PathRandom,
-    options: &PathOptions,
-    _: bool,
-) -> PathSample {
+pub(crate) fn trace(world: &World, ray: &WorldRay, random: &PathRandom, options: &PathOptions) -> PathSample {
     let radiance = radiance(world, ray, random, options.max_depth, 0);
     PathSample { radiance, direct: radiance, alpha: 1.0, ..PathSample::default() }
 }

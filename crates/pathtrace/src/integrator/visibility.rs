@@ -1,13 +1,13 @@
 //! What a ray passes on its way: cut-outs, blended surfaces, boundaries that are not there, media.
 
-use super::exp;
-use super::medium::through_bounded;
+use super::absorbers::Absorbers;
+use super::medium::{absorbed, through_boundaries};
 use crate::light::{End, LightSample};
 use crate::plan;
 use crate::random::PathRandom;
 use crate::world::{Interaction, World, WorldHit, WorldRay};
 use photofit_scalar::Vec3f;
-use std::cell::{Cell, RefCell};
+use std::cell::RefCell;
 
 /// Shortens a shadow ray by more than its rounding, so that it does not meet the light itself.
 const SHORTENED: f32 = 1.0 - 1e-5;
@@ -50,15 +50,19 @@ fn closest_with<const TWO_LEVEL: bool, const ALPHA: bool>(
     world.closest_where::<TWO_LEVEL>(ray, |hit| stops::<ALPHA>(world, hit, random, index))
 }
 
+/// What surrounds the start of a shadow ray.
+#[derive(Clone, Copy)]
+pub(super) struct Around {
+    /// The absorbing solids.
+    pub(super) absorbers: Absorbers,
+    /// The bounded medium.
+    pub(super) medium: Option<u32>,
+}
+
 /// What a shadow ray meets.
 struct Passage {
     blocked: bool,
-    /// Depth of closed surfaces that are not there but absorb: what lies before a back side counts, what lies before a
-    /// front side does not.
-    depth: Vec3f,
-    /// Absorption of those that were entered and not left.
-    open: Vec3f,
-    /// Boundaries of media and panes on the way, in any order.
+    /// Boundaries of media, of absorbers that are not there otherwise, and panes on the way, in any order.
     crossed: Vec<WorldHit>,
 }
 
@@ -69,38 +73,32 @@ fn pass<const TWO_LEVEL: bool, const FILTER: bool, const MEDIA: bool>(
     random: &PathRandom,
     index: u32,
 ) -> Passage {
-    let (depth, open) = (Cell::new(Vec3f::zero()), Cell::new(Vec3f::zero()));
     let crossed = RefCell::new(Vec::new());
     let blocked = world.occluded_where::<TWO_LEVEL>(ray, |hit| {
         if FILTER {
             let material = &world.materials[world.placed[hit.instance as usize].material as usize];
-            if MEDIA && world.media.is_bounded() && (material.is_null || material.pane) {
+            let bounds = MEDIA && world.media.is_bounded() && (material.is_null || material.pane);
+            if bounds || (material.is_null && material.solid) {
                 crossed.borrow_mut().push(*hit);
             }
-            if MEDIA && material.pane {
-                return false;
-            }
-            if material.is_null {
-                let sign = if hit.front { -1.0 } else { 1.0 };
-                depth.set(depth.get() + material.absorption * (sign * hit.t));
-                open.set(open.get() - material.absorption * sign);
+            if material.is_null || (MEDIA && material.pane) {
                 return false;
             }
         }
         stops::<FILTER>(world, hit, random, index)
     });
-    Passage { blocked, depth: depth.get(), open: open.get(), crossed: crossed.into_inner() }
+    Passage { blocked, crossed: crossed.into_inner() }
 }
 
 /// Part of the light of a sample that arrives at `from`; `surface` is where the ray starts, if it is on a surface,
-/// `around` the absorption and the medium there.
+/// `around` is what surrounds the start.
 #[inline(always)]
 pub(super) fn transmittance<const F: u32>(
     world: &World,
     from: Vec3f,
     surface: Option<&Interaction>,
     light: &LightSample,
-    around: (Vec3f, Option<u32>),
+    around: Around,
     random: &PathRandom,
     index: u32,
 ) -> Vec3f {
@@ -128,18 +126,6 @@ pub(super) fn transmittance<const F: u32>(
         return Vec3f::zero();
     }
     let mut through = Vec3f::splat(1.0);
-    if F & plan::ABSORPTION != 0 {
-        // A surface entered and not left encloses the light; where none is met, what encloses the start goes on.
-        let (inside, mut total) = (around.0, passage.depth);
-        for k in 0..3 {
-            if passage.open[k] > 0.0 {
-                total[k] += passage.open[k] * ray.t_max;
-            } else if passage.open[k] == 0.0 && passage.depth[k] == 0.0 && inside[k] > 0.0 {
-                total[k] = inside[k] * ray.t_max;
-            }
-        }
-        through = exp(total.map(|x| -x.max(0.0)));
-    }
     if F & plan::VOLUMES != 0 {
         let mut rng = random.tracking(index);
         for medium in &world.media.boxes {
@@ -148,9 +134,13 @@ pub(super) fn transmittance<const F: u32>(
                 return through;
             }
         }
-        if world.media.is_bounded() {
-            through = through.mul(through_bounded(world, &ray, passage.crossed, around.1, &mut rng));
+        return through.mul(through_boundaries(world, &ray, passage.crossed, around, &mut rng));
+    }
+    if F & plan::ABSORPTION != 0 {
+        if passage.crossed.is_empty() {
+            return absorbed(around.absorbers.absorption(world), ray.t_max);
         }
+        return through_boundaries(world, &ray, passage.crossed, around, &mut random.tracking(index));
     }
     through
 }

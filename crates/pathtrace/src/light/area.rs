@@ -41,6 +41,7 @@ pub(crate) fn collect(world: &mut World) -> Result<Emitters, PathtraceError> {
     for i in 0..world.placed.len() {
         let material = &world.materials[world.placed[i].material as usize];
         if !material.emits {
+            world.placed[i].emitter = Placed::DARK;
             continue;
         }
         let (both_sides, even) = (material.both_sides, !material.varies);

@@ -72,6 +72,8 @@ pub(crate) struct EnvironmentLight {
     /// World to map.
     inward: Option<Mat3A>,
     table: Option<AliasTable>,
+    /// The table leaves out what is below the mean.
+    compensated: bool,
     /// Integral of the luminance over all directions, divided by pi: power per area of the scene's disk.
     total: f64,
 }
@@ -109,6 +111,7 @@ impl EnvironmentLight {
             texels,
             inward: (map.rotation != Quat::IDENTITY).then(|| Mat3A::from_quat(map.rotation.inverse())),
             table: None,
+            compensated: map.compensate,
             total: 0.0,
         };
         let mean = {
@@ -159,6 +162,10 @@ impl EnvironmentLight {
     /// Whether next-event estimation can find it.
     pub(super) fn is_sampled(&self) -> bool {
         self.table.is_some()
+    }
+
+    pub(super) fn is_compensated(&self) -> bool {
+        self.compensated
     }
 
     pub(super) fn is_black(&self) -> bool {

@@ -19,7 +19,6 @@ pub(crate) use patch::{Facing, Receiver};
 use crate::PathtraceError;
 use crate::world::{Interaction, World};
 use environment::EnvironmentLight;
-use glam::DVec3;
 use photofit_sampling::AliasTable;
 use photofit_scalar::Vec3f;
 use source::PreparedSource;
@@ -37,6 +36,8 @@ const AREA: usize = 2;
 pub(crate) struct Lights {
     /// Probability of each kind.
     kinds: [f32; 3],
+    /// The sources as they were given.
+    given: Vec<LightSource>,
     sources: Vec<PreparedSource>,
     source_table: Option<AliasTable>,
     pub(crate) environment: Option<EnvironmentLight>,
@@ -90,40 +91,78 @@ impl Lights {
         sources: &[LightSource],
         environment: Option<EnvironmentMap>,
     ) -> Result<Self, PathtraceError> {
-        let (origin, radius): (DVec3, f32) = (world.origin, world.radius);
-        let sources: Vec<PreparedSource> = sources
-            .iter()
-            .enumerate()
-            .map(|(i, source)| source.prepare(i, origin))
-            .collect::<Result<_, _>>()?;
-        let powers: Vec<f32> = sources.iter().map(|s| s.power(radius)).collect();
+        let mut out = Self { emitters: collect(world)?, ..Self::default() };
+        out.set_sources(world, sources)?;
+        out.environment = environment.map(EnvironmentLight::new).transpose()?;
+        out.weigh(world.radius);
+        Ok(out)
+    }
+
+    /// The same lights with other sources.
+    fn set_sources(&mut self, world: &World, sources: &[LightSource]) -> Result<(), PathtraceError> {
+        let prepared = sources.iter().enumerate().map(|(i, source)| source.prepare(i, world.origin));
+        self.sources = prepared.collect::<Result<_, _>>()?;
+        self.given = sources.to_vec();
+        Ok(())
+    }
+
+    /// Replaces sources and environment; on an error everything is as it was.
+    pub(crate) fn relight(
+        &mut self,
+        world: &World,
+        sources: &[LightSource],
+        environment: Option<EnvironmentMap>,
+    ) -> Result<(), PathtraceError> {
         let environment = environment.map(EnvironmentLight::new).transpose()?;
-        let emitters = collect(world)?;
+        self.set_sources(world, sources)?;
+        self.environment = environment;
+        self.weigh(world.radius);
+        Ok(())
+    }
+
+    /// Takes up emitting surfaces that have changed.
+    pub(crate) fn collect_again(&mut self, world: &mut World) -> Result<(), PathtraceError> {
+        self.emitters = collect(world)?;
+        self.weigh(world.radius);
+        Ok(())
+    }
+
+    /// Takes up that the world has another size, or another origin.
+    pub(crate) fn see_from(&mut self, world: &World) -> Result<(), PathtraceError> {
+        let given = std::mem::take(&mut self.given);
+        self.set_sources(world, &given)?;
+        self.weigh(world.radius);
+        Ok(())
+    }
+
+    /// Works out how probable each light is.
+    fn weigh(&mut self, radius: f32) {
+        let powers: Vec<f32> = self.sources.iter().map(|s| s.power(radius)).collect();
+        let weights = &self.emitters.weights;
         let sum = |w: &[f32]| w.iter().map(|x| f64::from(*x)).sum::<f64>();
-        let lit = environment.as_ref().filter(|e| e.is_sampled());
+        let lit = self.environment.as_ref().filter(|e| e.is_sampled());
         let disk = std::f64::consts::PI * f64::from(radius) * f64::from(radius);
-        let power = [sum(&powers), lit.map_or(0.0, |e| e.total() * disk), sum(&emitters.weights)];
-        let single = lit.is_none()
-            && match (sources.len(), emitters.weights.as_slice()) {
+        let power = [sum(&powers), lit.map_or(0.0, |e| e.total() * disk), sum(weights)];
+        self.single = lit.is_none()
+            && match (self.sources.len(), weights.as_slice()) {
                 (1, []) => true,
                 (0, [weight]) => *weight > 0.0,
                 _ => false,
             };
-        Ok(Self {
-            single,
-            kinds: kinds(power),
-            sources,
-            source_table: AliasTable::new(&powers).ok(),
-            environment,
-            emitter_table: AliasTable::new(&emitters.weights).ok(),
-            emitters,
-        })
+        self.kinds = kinds(power);
+        self.source_table = AliasTable::new(&powers).ok();
+        self.emitter_table = AliasTable::new(weights).ok();
     }
 
     /// Whether nothing gives light (surfaces that are shown unlit aside).
     pub(crate) fn is_dark(&self) -> bool {
         self.kinds.iter().all(|k| *k == 0.0)
             && self.environment.as_ref().is_none_or(EnvironmentLight::is_black)
+    }
+
+    /// Whether light sampling alone misses light of the environment.
+    pub(crate) fn misses_environment(&self) -> bool {
+        self.environment.as_ref().is_some_and(EnvironmentLight::is_compensated)
     }
 
     pub(crate) fn has_sources(&self) -> bool {

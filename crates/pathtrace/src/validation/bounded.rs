@@ -2,7 +2,7 @@
 
 use super::scenes::{diffuse, looking, place, quad, render, square, with_strategy};
 use super::statistics::{agree, mean_of};
-use crate::volume::{Filling, Media, Segment};
+use crate::volume::{InteriorMedium, Media, Segment};
 use crate::{
     Boundary, BoundedMedium, EnvironmentMap, Field, LightSource, Material, Parts, RenderOptions, Shape,
     Strategy, View, Volume, World,
@@ -64,21 +64,22 @@ fn narrow(z: f32) -> View {
 
 #[test]
 fn flights_have_the_density_of_collisions() {
-    let fillings = |medium| Media::default().with_bounded(vec![medium], &[], None, &[], DVec3::ZERO).unwrap();
+    let prepared =
+        |medium| Media::default().with_bounded(vec![medium], &[], None, &[], (DVec3::ZERO, 1.0)).unwrap();
     let (n, length) = (60_000_u64, 1.3_f32);
     let along = Segment { origin: vec3(-0.6, 0.1, 0.2), direction: vec3(1.0, 0.0, 0.0), length };
     let media = [even([0.2, 1.0, 3.0], 0.5, 0.0), even([0.0, 0.7, 0.7], 0.5, 0.0), gridded(1.1, 0.5, 0.0)];
     for (which, medium) in media.into_iter().enumerate() {
         let sigma = medium.extinction.values[0];
-        let all = fillings(medium);
-        let filling: &Filling = &all.bounded[0];
+        let all = prepared(medium);
+        let medium: &InteriorMedium = &all.bounded[0];
         for throughput in [vec3(1.0, 1.0, 1.0), vec3(0.9, 0.1, 0.3)] {
             // Passed, and collided in the first half, per channel: sum and sum of squares.
             let mut sums = [[[0.0_f64; 2]; 3]; 2];
             for i in 0..n {
                 let mut rng = Rng::new(7, i);
                 let numbers = [rng.next_f32(), rng.next_f32()];
-                let flight = filling.fly(&along, throughput, numbers, &mut rng);
+                let flight = medium.fly(&along, throughput, numbers, &mut rng);
                 let bin = match flight.collision {
                     None => 0,
                     Some(t) if t < 0.5 * length => 1,

@@ -1,10 +1,13 @@
 //! Validation: analytic answers and statistical tests of whole renders, before any golden image.
 
+mod absorption;
 mod agreement;
 mod analytic;
 mod bounded;
+mod edits;
 mod furnace;
 mod geometry;
+mod library;
 mod lights;
 mod media;
 #[cfg(feature = "mitsuba")]
@@ -14,5 +17,6 @@ mod progressive;
 mod scenes;
 #[cfg(feature = "mitsuba")]
 mod seen_through;
+mod sinks;
 mod statistics;
 mod stress;

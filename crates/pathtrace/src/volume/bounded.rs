@@ -40,7 +40,7 @@ enum Extinction {
 
 /// A bounded medium, ready for tracking.
 #[derive(Debug)]
-pub(crate) struct Filling {
+pub(crate) struct InteriorMedium {
     extinction: Extinction,
     albedo: Lookup,
     /// It scatters nowhere.
@@ -66,8 +66,13 @@ pub(crate) struct Flight {
     pub(crate) weight: Vec3f,
 }
 
-impl Filling {
-    pub(super) fn new(index: usize, medium: BoundedMedium, origin: DVec3) -> Result<Self, PathtraceError> {
+impl InteriorMedium {
+    pub(crate) fn new(
+        index: usize,
+        medium: BoundedMedium,
+        origin: DVec3,
+        factor: f32,
+    ) -> Result<Self, PathtraceError> {
         let fail = |rule: String| Err(invalid(format!("medium {index}"), rule));
         let BoundedMedium { extinction, scale, albedo, g } = medium;
         if g.is_nan() || g.abs() >= 1.0 {
@@ -87,13 +92,18 @@ impl Filling {
         }
         let extinction = match extinction.single() {
             Some(e) => Extinction::Even(e * scale),
-            None => Extinction::Grid(Box::new(Self::grid(index, extinction, scale, origin)?)),
+            None => Extinction::Grid(Box::new(Self::grid(index, extinction, scale, (origin, factor))?)),
         };
         let absorbs_only = albedo.values.iter().all(|a| *a == Vec3f::zero());
         Ok(Self { extinction, albedo: Lookup::new(albedo, origin), absorbs_only, g })
     }
 
-    fn grid(index: usize, field: Field, scale: f32, origin: DVec3) -> Result<Medium, PathtraceError> {
+    fn grid(
+        index: usize,
+        field: Field,
+        scale: f32,
+        (origin, factor): (DVec3, f32),
+    ) -> Result<Medium, PathtraceError> {
         if !field.values.iter().all(|v| v.x == v.y && v.y == v.z) {
             return Err(invalid(format!("medium {index}"), "a grid of extinction is grey"));
         }
@@ -106,7 +116,15 @@ impl Filling {
             g: 0.0,
             transform: field.transform,
         };
-        Medium::new(index, volume, origin)
+        Medium::new(index, volume, origin, factor)
+    }
+
+    /// Takes the render frame at an origin.
+    pub(crate) fn see_from(&mut self, origin: DVec3) {
+        self.albedo.see_from(origin);
+        if let Extinction::Grid(grid) = &mut self.extinction {
+            grid.see_from(origin);
+        }
     }
 
     /// Albedo at a point of the render frame.

@@ -57,15 +57,24 @@ impl Field {
 pub(super) struct Lookup {
     size: [usize; 3],
     values: Vec<Vec3f>,
+    /// The unit cube to the world.
+    transform: DAffine3,
     /// Render frame to the unit cube.
     inward: Affine3A,
 }
 
 impl Lookup {
     pub(super) fn new(field: Field, origin: DVec3) -> Self {
-        let transform = DAffine3::from_translation(-origin) * field.transform;
-        let inward = crate::world::affine(&transform.inverse());
-        Self { size: field.size, values: field.values, inward }
+        let Field { size, values, transform } = field;
+        let mut out = Self { size, values, transform, inward: Affine3A::IDENTITY };
+        out.see_from(origin);
+        out
+    }
+
+    /// Takes the render frame at an origin.
+    pub(super) fn see_from(&mut self, origin: DVec3) {
+        let transform = DAffine3::from_translation(-origin) * self.transform;
+        self.inward = crate::world::affine(&transform.inverse());
     }
 
     /// The value at a point of the render frame.

@@ -51,6 +51,10 @@ impl Volume {
 #[derive(Debug)]
 pub(crate) struct Medium {
     size: [usize; 3],
+    /// Extinction of density 1.
+    scale: f32,
+    /// The unit cube to the world.
+    transform: DAffine3,
     /// Extinction per unit of length.
     extinction: Vec<f32>,
     albedo: Vec3f,
@@ -66,7 +70,12 @@ pub(crate) struct Medium {
 }
 
 impl Medium {
-    pub(super) fn new(index: usize, volume: Volume, origin: DVec3) -> Result<Self, PathtraceError> {
+    pub(crate) fn new(
+        index: usize,
+        volume: Volume,
+        origin: DVec3,
+        factor: f32,
+    ) -> Result<Self, PathtraceError> {
         let fail = |rule: String| Err(invalid(format!("volume {index}"), rule));
         let [nx, ny, nz] = volume.size;
         let voxels = nx.checked_mul(ny).and_then(|n| n.checked_mul(nz)).filter(|n| *n <= MAX_VOXELS);
@@ -76,13 +85,6 @@ impl Medium {
         }
         if !volume.albedos.is_empty() && volume.albedos.len() != volume.density.len() {
             return fail(format!("none or one albedo per voxel, found {}", volume.albedos.len()));
-        }
-        if let Some(i) = volume.density.iter().position(|d| !(d.is_finite() && *d >= 0.0)) {
-            let (x, y, z) = (i % nx, i / nx % ny, i / nx / ny);
-            let found = volume.density[i];
-            return fail(format!(
-                "density is finite and not negative, found {found} at voxel ({x}, {y}, {z})"
-            ));
         }
         if !(volume.scale >= 0.0 && volume.scale.is_finite()) {
             return fail(format!("its scale is finite and not negative, found {}", volume.scale));
@@ -99,24 +101,58 @@ impl Medium {
         if !(transform.is_finite() && inverse.is_finite() && transform.matrix3.determinant() != 0.0) {
             return fail("its transform is finite and keeps three dimensions".into());
         }
-        let scale = volume.scale;
-        let extinction: Vec<f32> = volume.density.iter().map(|d| d * scale).collect();
-        if extinction.iter().any(|e| !e.is_finite()) {
-            return fail("density times scale is finite".into());
-        }
-        let cells = volume.size.map(|n| n.div_ceil(BLOCK));
-        let majorants = majorants(&extinction, volume.size, cells);
-        Ok(Self {
+        let mut out = Self {
             size: volume.size,
-            extinction,
+            scale: volume.scale,
+            transform: volume.transform,
+            extinction: Vec::new(),
             albedo: volume.albedo,
             albedos: volume.albedos,
             g: volume.g,
-            inward: crate::world::affine(&inverse),
-            cells,
-            majorants,
-            bounds: crate::world::moved_box([DVec3::ZERO, DVec3::ONE], &transform),
-        })
+            inward: Affine3A::IDENTITY,
+            cells: volume.size.map(|n| n.div_ceil(BLOCK)),
+            majorants: Vec::new(),
+            bounds: [DVec3::ZERO; 2],
+        };
+        out.set_density(index, &volume.density, factor)?;
+        out.see_from(origin);
+        Ok(out)
+    }
+
+    /// Replaces the density of every voxel; on an error everything is as it was.
+    pub(crate) fn set_density(
+        &mut self,
+        index: usize,
+        density: &[f32],
+        factor: f32,
+    ) -> Result<(), PathtraceError> {
+        let fail = |rule: String| Err(invalid(format!("volume {index}"), rule));
+        let [nx, ny, nz] = self.size;
+        if density.len() != nx * ny * nz {
+            return fail(format!("{nx} x {ny} x {nz} voxels, found {} densities", density.len()));
+        }
+        if let Some(i) = density.iter().position(|d| !(d.is_finite() && *d >= 0.0)) {
+            let (x, y, z) = (i % nx, i / nx % ny, i / nx / ny);
+            let found = density[i];
+            return fail(format!(
+                "density is finite and not negative, found {found} at voxel ({x}, {y}, {z})"
+            ));
+        }
+        let extinction: Vec<f32> = density.iter().map(|d| d * self.scale).collect();
+        if extinction.iter().any(|e| !(e * factor).is_finite()) {
+            return fail("density times scale (and the majorant factor) is finite".into());
+        }
+        self.majorants = majorants(&extinction, self.size, self.cells);
+        self.majorants.iter_mut().for_each(|m| *m *= factor);
+        self.extinction = extinction;
+        Ok(())
+    }
+
+    /// Takes the render frame at an origin.
+    pub(crate) fn see_from(&mut self, origin: DVec3) {
+        let transform = DAffine3::from_translation(-origin) * self.transform;
+        self.inward = crate::world::affine(&transform.inverse());
+        self.bounds = crate::world::moved_box([DVec3::ZERO, DVec3::ONE], &transform);
     }
 
     /// Extinction at a point of the unit cube.

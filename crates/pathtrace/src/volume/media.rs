@@ -1,6 +1,6 @@
 //! All media of a world, and the surfaces between them.
 
-use super::{BoundedMedium, Filling, Medium, Volume};
+use super::{BoundedMedium, InteriorMedium, Medium, Volume};
 use crate::PathtraceError;
 use crate::error::invalid;
 use glam::DVec3;
@@ -25,7 +25,7 @@ pub(crate) struct Media {
     /// Media in boxes of their own.
     pub(crate) boxes: Vec<Medium>,
     /// Media that surfaces bound.
-    pub(crate) bounded: Vec<Filling>,
+    pub(crate) bounded: Vec<InteriorMedium>,
     /// By instance; empty without bounded media.
     sides: Vec<Option<Sides>>,
     /// The medium that cameras are in.
@@ -33,8 +33,8 @@ pub(crate) struct Media {
 }
 
 impl Media {
-    pub(crate) fn boxes(volumes: Vec<Volume>, origin: DVec3) -> Result<Self, PathtraceError> {
-        let boxes = volumes.into_iter().enumerate().map(|(i, v)| Medium::new(i, v, origin));
+    pub(crate) fn boxes(volumes: Vec<Volume>, origin: DVec3, factor: f32) -> Result<Self, PathtraceError> {
+        let boxes = volumes.into_iter().enumerate().map(|(i, v)| Medium::new(i, v, origin, factor));
         Ok(Self { boxes: boxes.collect::<Result<_, _>>()?, ..Self::default() })
     }
 
@@ -45,9 +45,9 @@ impl Media {
         boundaries: &[Boundary],
         camera: Option<usize>,
         has_holes: &[bool],
-        origin: DVec3,
+        (origin, factor): (DVec3, f32),
     ) -> Result<Self, PathtraceError> {
-        let bounded = media.into_iter().enumerate().map(|(i, m)| Filling::new(i, m, origin));
+        let bounded = media.into_iter().enumerate().map(|(i, m)| InteriorMedium::new(i, m, origin, factor));
         self.bounded = bounded.collect::<Result<_, _>>()?;
         let count = self.bounded.len();
         let known = |place: &dyn Fn() -> String, medium: Option<usize>| match medium {
@@ -72,6 +72,17 @@ impl Media {
             *side = Some([known(&place, b.interior)?, known(&place, b.exterior)?]);
         }
         Ok(self)
+    }
+
+    /// Takes the render frame at an origin.
+    pub(crate) fn see_from(&mut self, origin: DVec3) {
+        self.boxes.iter_mut().for_each(|m| m.see_from(origin));
+        self.bounded.iter_mut().for_each(|m| m.see_from(origin));
+    }
+
+    /// Whether an instance bounds a medium.
+    pub(crate) fn bounds_medium(&self, instance: usize) -> bool {
+        self.sides.get(instance).is_some_and(Option::is_some)
     }
 
     pub(crate) fn is_empty(&self) -> bool {
@@ -100,7 +111,7 @@ impl Media {
 
     /// A medium by its index.
     #[inline(always)]
-    pub(crate) fn filling(&self, index: Option<u32>) -> Option<&Filling> {
+    pub(crate) fn bounded(&self, index: Option<u32>) -> Option<&InteriorMedium> {
         index.map(|i| &self.bounded[i as usize])
     }
 }

@@ -12,7 +12,7 @@ pub use field::Field;
 pub use grid::Volume;
 pub use media::Boundary;
 
-pub(crate) use bounded::{Filling, Segment};
+pub(crate) use bounded::{InteriorMedium, Segment};
 pub(crate) use grid::Medium;
 pub(crate) use media::Media;
 pub(crate) use phase::{phase, sample_phase};

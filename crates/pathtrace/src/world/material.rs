@@ -35,6 +35,10 @@ pub(crate) struct CompiledMaterial {
     /// Some point of it may emit.
     pub(crate) emits: bool,
     pub(crate) absorption: Vec3f,
+    /// The surface bounds a solid: inside, its absorption replaces that of the solids around.
+    pub(crate) solid: bool,
+    /// Camera rays pass through its back.
+    pub(crate) culled: bool,
     pub(crate) transmits: bool,
     /// The surface is not there.
     pub(crate) is_null: bool,
@@ -70,6 +74,8 @@ impl CompiledMaterial {
             two_sided: material.two_sided,
             emits,
             absorption: material.absorption,
+            solid: material.solid || material.absorption != Vec3f::zero(),
+            culled: false,
             transmits: false,
             is_null: false,
             pane: false,
@@ -77,7 +83,8 @@ impl CompiledMaterial {
         match &material.scattering {
             Scattering::Uniform(bsdf) => {
                 let is_null = matches!(bsdf, Bsdf::Null(_));
-                Ok(Self { bsdf: *bsdf, transmits: bsdf.transmits(), is_null, ..common })
+                let solid = common.solid || refracts(bsdf);
+                Ok(Self { bsdf: *bsdf, transmits: bsdf.transmits(), is_null, solid, ..common })
             }
             Scattering::Graph(graph) => Ok(Self::of_graph(common, graph)),
             Scattering::Library { index } => {
@@ -89,6 +96,7 @@ impl CompiledMaterial {
                 let extensions = library.extensions(*index, zero, zero, None);
                 let bsdf = library_bsdf(&sample, extensions.as_ref(), vec3(0.0, 0.0, 1.0), energy);
                 let anisotropic = extensions.is_some_and(|e| e.anisotropy > 0.0);
+                let transmits = bsdf.transmits() || library.may_transmit(*index);
                 Ok(Self {
                     library: Some(*index),
                     bsdf,
@@ -97,7 +105,8 @@ impl CompiledMaterial {
                     alpha: !library.is_opaque(*index),
                     unlit: sample.unlit,
                     emits: emits || library.may_emit(*index),
-                    transmits: bsdf.transmits() || library.may_transmit(*index),
+                    culled: material.single_sided && !transmits,
+                    transmits,
                     ..common
                 })
             }
@@ -115,7 +124,8 @@ impl CompiledMaterial {
             (Some((bsdf, two_sided)), Some(glow)) if !graph.root.needs_partials() => {
                 let added = common.added + glow;
                 let is_null = matches!(bsdf, Bsdf::Null(_));
-                Self { bsdf, two_sided, transmits, emits, is_null, added, emission: added, ..common }
+                let solid = common.solid || refracts(&bsdf);
+                Self { bsdf, two_sided, transmits, emits, is_null, solid, added, emission: added, ..common }
             }
             _ => Self {
                 graph: Some(graph.clone()),
@@ -123,6 +133,8 @@ impl CompiledMaterial {
                 alpha: graph.root.opacity().is_some(),
                 transmits,
                 emits,
+                solid: common.solid
+                    || matches!(&graph.root, SurfaceNode::Dielectric { base, .. } if refracts(base)),
                 ..common
             },
         }
@@ -142,6 +154,11 @@ impl CompiledMaterial {
     pub(crate) fn absorbs(&self) -> bool {
         self.is_null || self.absorption != Vec3f::zero()
     }
+}
+
+/// Whether a surface bounds a refracting solid.
+fn refracts(bsdf: &Bsdf<f32>) -> bool {
+    matches!(bsdf, Bsdf::Dielectric(_) | Bsdf::RoughDielectric(_))
 }
 
 /// What a library material sends out: its emission, and the base colour of unlit ones.

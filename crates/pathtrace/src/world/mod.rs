@@ -5,6 +5,7 @@
 //! - Light is carried in the *render frame*: the world moved so that its middle is near the origin, in double precision
 //!   and only where the world lies far off. An offset of 1e6 costs no accuracy.
 
+mod edit;
 mod instance;
 mod material;
 mod parts;
@@ -17,7 +18,7 @@ mod top;
 mod trace;
 
 pub use parts::{Instance, Material, Parts, Scattering, Shape};
-pub(crate) use scatter::SurfaceMaterial;
+pub(crate) use scatter::{SurfaceMaterial, SurfaceScattering};
 pub use surface::Interaction;
 pub use trace::{WorldHit, WorldRay};
 
@@ -42,31 +43,40 @@ pub(crate) use top::moved_box;
 pub struct World {
     /// Origin of the render frame in the world.
     pub(crate) origin: DVec3,
+    /// The box of the instances in the world.
+    bounds: [DVec3; 2],
     /// Radius of the sphere around everything.
     pub(crate) radius: f32,
     pub(crate) shapes: Vec<Stored>,
     pub(crate) placed: Vec<Placed>,
     pub(crate) hierarchy: Hierarchy,
+    /// The materials as they were given.
+    given: Vec<Material>,
     pub(crate) materials: Vec<CompiledMaterial>,
     pub(crate) library: Option<SurfaceLibrary>,
     pub(crate) lights: Lights,
     pub(crate) media: Media,
     pub(crate) energy: Energy,
+    pub(crate) majorant_factor: f32,
+    merge: bool,
 }
 
 /// How a world is prepared.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WorldOptions {
     /// Shapes that are placed once share one hierarchy.
     pub merge: bool,
     /// Whether rough library materials make up for the energy that single scattering loses.
     pub energy: Energy,
+    /// Factor of the upper bounds of extinction that grids are tracked with, in `[1, 1000]`: more null collisions, which
+    /// make estimates of transmittance less noisy (and densities may be made larger by as much without new bounds).
+    pub majorant_factor: f32,
 }
 
 impl Default for WorldOptions {
-    /// Merged, with energy compensation.
+    /// Merged, with energy compensation and tight bounds of extinction.
     fn default() -> Self {
-        Self { merge: true, energy: Energy::Compensated }
+        Self { merge: true, energy: Energy::Compensated, majorant_factor: 1.0 }
     }
 }
 
@@ -85,60 +95,47 @@ impl World {
     /// If an index is out of range, a coordinate is not finite or too large, a transform flattens space, a light has
     /// a negative or non-finite value, or a medium is not valid.
     pub fn with_options(parts: Parts, options: WorldOptions) -> Result<Self, PathtraceError> {
-        check_indices(&parts)?;
-        let shapes: Vec<Stored> = parts
-            .shapes
-            .into_iter()
-            .enumerate()
-            .map(|(i, shape)| Stored::new(i, shape))
-            .collect::<Result<_, _>>()?;
-        let world = bounds(&shapes, &parts.instances)?;
-        let origin = shape::far_center(world);
-        let mut placed = Vec::with_capacity(parts.instances.len());
-        let mut transforms = Vec::with_capacity(parts.instances.len());
-        for (i, instance) in parts.instances.iter().enumerate() {
-            let shape = &shapes[instance.shape];
-            let key = (instance.shape, instance.material);
-            placed.push(Placed::new(i, key, &instance.transform, shape.center, origin)?);
-            let to_origin = DAffine3::from_translation(-origin);
-            transforms.push(to_origin * instance.transform * DAffine3::from_translation(shape.center));
+        check_indices(&parts.instances, parts.shapes.len(), parts.materials.len())?;
+        let factor = options.majorant_factor;
+        if !(1.0..=1000.0).contains(&factor) {
+            return Err(invalid("majorant factor", format!("lies in [1, 1000], found {factor}")));
         }
+        let mut geometry = Geometry::new(parts.shapes, &parts.instances, options.merge)?;
         let mut materials: Vec<CompiledMaterial> = parts
             .materials
             .iter()
             .enumerate()
             .map(|(i, m)| CompiledMaterial::new(i, m, parts.library.as_ref(), options.energy))
             .collect::<Result<_, _>>()?;
-        for p in &mut placed {
-            let material = &materials[p.material as usize];
-            let colored = matches!(&shapes[p.shape as usize].kind, Kind::Mesh(m) if !m.colors.is_empty());
-            p.alpha = material.alpha;
-            p.varies = material.varies || (material.library.is_some() && colored);
-        }
         if !parts.media.is_empty() {
             materials.iter_mut().for_each(CompiledMaterial::find_pane);
         }
-        let hierarchy = Hierarchy::build(&shapes, &placed, &transforms, options.merge)?;
+        geometry.take_materials(&materials);
+        let Geometry { origin, bounds, shapes, placed, hierarchy } = geometry;
         let holes: Vec<bool> = placed.iter().map(|p| p.alpha).collect();
-        let media = Media::boxes(parts.volumes, origin)?.with_bounded(
+        let media = Media::boxes(parts.volumes, origin, factor)?.with_bounded(
             parts.media,
             &parts.boundaries,
             parts.medium_around_camera,
             &holes,
-            origin,
+            (origin, factor),
         )?;
-        let radius = radius(world, &media, origin);
+        let radius = radius(bounds, &media, origin);
         let mut out = Self {
             origin,
+            bounds,
             radius,
             shapes,
             placed,
             hierarchy,
+            given: parts.materials,
             materials,
             library: parts.library,
             lights: Lights::default(),
             media,
             energy: options.energy,
+            majorant_factor: options.majorant_factor,
+            merge: options.merge,
         };
         out.lights = Lights::new(&mut out, &parts.lights, parts.environment)?;
         Ok(out)
@@ -153,8 +150,10 @@ impl World {
         sources: &[LightSource],
         environment: Option<EnvironmentMap>,
     ) -> Result<(), PathtraceError> {
-        self.lights = Lights::new(self, sources, environment)?;
-        Ok(())
+        let mut lights = std::mem::take(&mut self.lights);
+        let result = lights.relight(self, sources, environment);
+        self.lights = lights;
+        result
     }
 
     /// Number of instances.
@@ -210,12 +209,52 @@ impl World {
     }
 }
 
-fn check_indices(parts: &Parts) -> Result<(), PathtraceError> {
-    for (i, instance) in parts.instances.iter().enumerate() {
-        for (name, index, count) in [
-            ("shape", instance.shape, parts.shapes.len()),
-            ("material", instance.material, parts.materials.len()),
-        ] {
+/// Shapes in their places, with their hierarchies.
+pub(super) struct Geometry {
+    origin: DVec3,
+    /// The box of the instances in the world.
+    bounds: [DVec3; 2],
+    shapes: Vec<Stored>,
+    placed: Vec<Placed>,
+    hierarchy: Hierarchy,
+}
+
+impl Geometry {
+    fn new(shapes: Vec<Shape>, instances: &[Instance], merge: bool) -> Result<Self, PathtraceError> {
+        let shapes: Vec<Stored> =
+            shapes.into_iter().enumerate().map(|(i, s)| Stored::new(i, s)).collect::<Result<_, _>>()?;
+        let bounds = bounds(&shapes, instances)?;
+        let origin = shape::far_center(bounds);
+        let mut placed = Vec::with_capacity(instances.len());
+        let mut transforms = Vec::with_capacity(instances.len());
+        for (i, instance) in instances.iter().enumerate() {
+            let shape = &shapes[instance.shape];
+            let key = (instance.shape, instance.material);
+            placed.push(Placed::new(i, key, &instance.transform, shape.center, origin)?);
+            let to_origin = DAffine3::from_translation(-origin);
+            transforms.push(to_origin * instance.transform * DAffine3::from_translation(shape.center));
+        }
+        let hierarchy = Hierarchy::build(&shapes, &placed, &transforms, merge)?;
+        Ok(Self { origin, bounds, shapes, placed, hierarchy })
+    }
+
+    /// What instances know of their materials.
+    fn take_materials(&mut self, materials: &[CompiledMaterial]) {
+        for p in &mut self.placed {
+            let material = &materials[p.material as usize];
+            let colored =
+                matches!(&self.shapes[p.shape as usize].kind, Kind::Mesh(m) if !m.colors.is_empty());
+            p.alpha = material.alpha;
+            p.varies = material.varies || (material.library.is_some() && colored);
+        }
+    }
+}
+
+fn check_indices(instances: &[Instance], shapes: usize, materials: usize) -> Result<(), PathtraceError> {
+    for (i, instance) in instances.iter().enumerate() {
+        for (name, index, count) in
+            [("shape", instance.shape, shapes), ("material", instance.material, materials)]
+        {
             if index >= count {
                 return Err(invalid(format!("instance {i}"), format!("{name} {index} is one of {count}")));
             }

@@ -2,7 +2,7 @@
 
 use crate::light::{EnvironmentMap, LightSource};
 use crate::volume::{Boundary, BoundedMedium, Volume};
-use glam::DAffine3;
+use glam::{DAffine3, DVec3};
 use photofit_geometry::Mesh;
 use photofit_scalar::Vec3f;
 use photofit_scene::SurfaceLibrary;
@@ -46,8 +46,14 @@ pub struct Material {
     pub emits_both_sides: bool,
     /// A one-sided BSDF scatters on both sides alike (library materials always do).
     pub two_sided: bool,
-    /// Absorption inside the surface, per unit of length (transmitting materials; zero: none).
+    /// Absorption inside the surface, per unit of length of the world (transmitting materials; zero: none).
     pub absorption: Vec3f,
+    /// The surface bounds a solid though nothing is absorbed in it: inside, the absorption of solids around does not
+    /// count. Absorbing and refracting surfaces do so in any case.
+    pub solid: bool,
+    /// Camera rays pass through the back, as single-sided materials of glTF are drawn; light and shadows still meet it.
+    /// Of library materials that let no light through.
+    pub single_sided: bool,
 }
 
 /// How a surface scatters.
@@ -74,6 +80,8 @@ impl Material {
             emits_both_sides: false,
             two_sided: false,
             absorption: Vec3f::zero(),
+            solid: false,
+            single_sided: false,
         }
     }
 
@@ -91,6 +99,8 @@ impl Material {
             emits_both_sides: false,
             two_sided: false,
             absorption: Vec3f::zero(),
+            solid: false,
+            single_sided: false,
         }
     }
 
@@ -102,6 +112,8 @@ impl Material {
             emits_both_sides: true,
             two_sided: true,
             absorption: Vec3f::zero(),
+            solid: false,
+            single_sided: false,
         }
     }
 }
@@ -153,5 +165,37 @@ impl Parts {
         let (shape, material) = (self.shapes.len() - 1, self.materials.len() - 1);
         self.instances.push(Instance { shape, material, transform: DAffine3::IDENTITY });
         self.instances.len() - 1
+    }
+
+    /// Moves and scales everything: a point `p` of the world goes to `factor * p + translation`.
+    ///
+    /// Pictures stay what they are for cameras that move along: what is measured per length (extinction, absorption)
+    /// is divided by the factor, intensities of points and spots grow with its square.
+    ///
+    /// # Panics
+    /// If the factor is not positive and finite.
+    pub fn scale(&mut self, factor: f64, translation: DVec3) {
+        assert!(factor > 0.0 && factor.is_finite(), "the factor is {factor}; it must be positive and finite");
+        let moved = DAffine3::from_translation(translation) * DAffine3::from_scale(DVec3::splat(factor));
+        let (per_length, square) = ((1.0 / factor) as f32, (factor * factor) as f32);
+        self.instances.iter_mut().for_each(|i| i.transform = moved * i.transform);
+        self.materials.iter_mut().for_each(|m| m.absorption *= per_length);
+        for light in &mut self.lights {
+            if let LightSource::Point { position, intensity }
+            | LightSource::Spot { position, intensity, .. } = light
+            {
+                *position = moved.transform_point3(*position);
+                *intensity *= square;
+            }
+        }
+        for volume in &mut self.volumes {
+            volume.transform = moved * volume.transform;
+            volume.scale *= per_length;
+        }
+        for medium in &mut self.media {
+            medium.scale *= per_length;
+            medium.extinction.transform = moved * medium.extinction.transform;
+            medium.albedo.transform = moved * medium.albedo.transform;
+        }
     }
 }

@@ -1,5 +1,6 @@
 //! How a surface scatters at a point, for one direction of view.
 
+use photofit_sampling::{DirectionSample, Scattering};
 use photofit_scalar::{Vec3f, vec3};
 use photofit_shading::bsdf::{Bsdf, BsdfSample, Diffuse, Scatter};
 
@@ -155,5 +156,52 @@ impl SurfaceMaterial<'_> {
     #[inline(always)]
     pub(crate) fn to_render(&self, v: Vec3f) -> Vec3f {
         self.s * v.x + self.t * v.y + self.n * v.z
+    }
+}
+
+/// A material at a point for one direction of view, with directions in the render frame.
+#[derive(Debug)]
+pub(crate) struct SurfaceScattering<'a> {
+    material: &'a SurfaceMaterial<'a>,
+    /// Towards the viewer, in the frame of the material.
+    wo: Vec3f,
+}
+
+impl<'a> SurfaceScattering<'a> {
+    /// `wo` is a unit vector of the render frame.
+    #[inline(always)]
+    pub(crate) fn new(material: &'a SurfaceMaterial<'a>, wo: Vec3f) -> Self {
+        Self { material, wo: material.to_local(wo) }
+    }
+
+    /// Whether a direction lies on the other side of the shading plane than the viewer.
+    #[inline(always)]
+    pub(crate) fn crosses(&self, wi: Vec3f) -> bool {
+        self.material.n.dot(wi) * self.wo.z < 0.0
+    }
+}
+
+impl Scattering for SurfaceScattering<'_> {
+    #[inline(always)]
+    fn sample(&self, lobe: f32, u: [f32; 2]) -> Option<DirectionSample> {
+        let BsdfSample { wi, weight, pdf, delta, eta } = self.material.sample(self.wo, lobe, u)?;
+        let transmitted = wi.z * self.wo.z < 0.0;
+        let wi = self.material.to_render(wi).normalize_or_zero();
+        Some(DirectionSample { wi, weight, pdf, delta, transmitted, eta })
+    }
+
+    #[inline(always)]
+    fn eval_pdf(&self, wi: Vec3f) -> (Vec3f, f32) {
+        self.material.eval_pdf(self.wo, self.material.to_local(wi))
+    }
+
+    #[inline(always)]
+    fn is_delta(&self) -> bool {
+        self.material.is_delta()
+    }
+
+    #[inline(always)]
+    fn has_lobes(&self) -> bool {
+        self.material.has_lobes()
     }
 }

@@ -241,9 +241,13 @@ impl World {
         let mapped = |map: Vec3f| {
             if tangent == Vec3f::zero() { at.ns } else { perturb(at.ns, tangent, at.tangent.w, map) }
         };
-        let normal = if library.has_normal_map(index) { mapped(sample.normal) } else { at.ns };
-        let n = face_viewer(normal, at.ng, wo);
+        let has_map = library.has_normal_map(index);
+        let normal = if has_map { mapped(sample.normal) } else { at.ns };
+        let mut n = face_viewer(normal, at.ng, wo);
         let transmits = extensions.is_some_and(|e| e.transmission > 0.0) && sample.metallic < 1.0;
+        if has_map && !transmits {
+            n = reflecting_upwards(n, if at.ng.dot(wo) < 0.0 { -at.ng } else { at.ng }, wo);
+        }
         out.n = if transmits && !at.front { -n } else { n };
         (out.s, out.t) = axes(out.n, tangent);
         let up = vec3(0.0, 0.0, 1.0);
@@ -341,6 +345,12 @@ impl World {
         self.materials[self.placed[instance as usize].material as usize].emits
     }
 
+    /// Whether a camera ray passes a hit: the back of a single-sided surface.
+    #[inline(always)]
+    pub(crate) fn culls(&self, hit: &WorldHit) -> bool {
+        !hit.front && self.materials[self.placed[hit.instance as usize].material as usize].culled
+    }
+
     /// Whether nothing of an instance is seen: it is a boundary alone.
     #[inline(always)]
     pub(crate) fn is_invisible(&self, instance: u32) -> bool {
@@ -380,6 +390,29 @@ impl World {
         let library = self.library.as_ref().expect("a library material was compiled from the library");
         library.alpha(index, at.vec2(&mesh.uvs), at.vec2(&mesh.uvs1), at.color().w)
     }
+}
+
+/// Least cosine between a mirrored direction and the geometric normal, where the viewer stands higher.
+const REFLECTED_COSINE: f32 = 0.01;
+
+/// The shading normal `n`, bent as little as it takes for the mirror direction of `wo` to stay above the surface with the
+/// geometric normal `ng`; all are unit vectors with `wo` above both.
+///
+/// A mapped normal may send the mirror direction below the surface, where nothing arrives: mirrors would be black there.
+/// The mirror direction is lifted, within the plane of it and `ng`, to a small cosine, and the normal becomes the half
+/// vector. Reference renderers bend normals to the same effect.
+#[inline]
+fn reflecting_upwards(n: Vec3f, ng: Vec3f, wo: Vec3f) -> Vec3f {
+    let least = REFLECTED_COSINE.min(0.9 * ng.dot(wo));
+    let mirrored = n * (2.0 * n.dot(wo)) - wo;
+    let cosine = mirrored.dot(ng);
+    if cosine >= least {
+        return n;
+    }
+    let along = (mirrored - ng * cosine).normalize_or_zero();
+    let lifted = ng * least + along * (1.0 - least * least).max(0.0).sqrt();
+    let half = (wo + lifted).normalize_or_zero();
+    if along == Vec3f::zero() || half == Vec3f::zero() { ng } else { half }
 }
 
 /// The axes of a frame around `n`, the first along `tangent` where that says something.

@@ -2,12 +2,16 @@
 
 use super::super::wide::{LEAF, Node, WIDTH};
 use super::{Random, Soup, bumpy_sphere, soup};
-use crate::{Accel, Ray};
+use crate::{Accel, Builder, Ray};
 use photofit_scalar::{Vec3f, vec3};
 
 /// Checks that every triangle is in the tree once and within the boxes above it; depth and packets of the tree.
-fn check((positions, triangles): &Soup) -> (usize, usize) {
-    let accel = Accel::build(positions, triangles).unwrap();
+fn check(mesh: &Soup) -> (usize, usize) {
+    check_with(mesh, Builder::Binned)
+}
+
+fn check_with((positions, triangles): &Soup, builder: Builder) -> (usize, usize) {
+    let accel = Accel::build_with(positions, triangles, builder).unwrap();
     let mut seen = vec![0; triangles.len()];
     let mut deepest = 0;
     let mut work = vec![(0, 1, [f32::NEG_INFINITY; 3], [f32::INFINITY; 3])];
@@ -83,6 +87,33 @@ fn no_input_makes_a_deep_tree() {
 }
 
 #[test]
+fn clustered_trees_are_complete_and_answer_the_same() {
+    let mut random = Random(23);
+    let mut meshes: Vec<Soup> =
+        [1, 2, 3, 4, 5, 9, 33, 1000].map(|count| soup(count, 0.05, &mut random)).into();
+    meshes.push(bumpy_sphere(40));
+    // Degenerate: all in one place, and ever smaller around a point.
+    meshes.push((bumpy_sphere(4).0, vec![[0, 1, 2]; 3000]));
+    meshes.push(around((0..5000).map(|i| (Vec3f::zero(), 0.99_f32.powi(i % 2000)))));
+    for mesh in &meshes {
+        let binned = Accel::build(&mesh.0, &mesh.1).unwrap();
+        for builder in [Builder::Clustered, Builder::Reinserted] {
+            let (depth, packets) = check_with(mesh, builder);
+            assert!(depth <= 120 && packets <= mesh.1.len(), "{builder:?}: depth {depth}, {packets} packets");
+            let other = Accel::build_with(&mesh.0, &mesh.1, builder).unwrap();
+            for _ in 0..500 {
+                let origin = random.point(2.0);
+                let ray = Ray::new(origin, random.point(0.7) - origin);
+                assert_eq!(other.closest_hit(&ray), binned.closest_hit(&ray), "{builder:?}");
+                assert_eq!(other.occluded(&ray), binned.occluded(&ray), "{builder:?}");
+                let p = random.point(1.5);
+                assert_eq!(other.closest_point(p, 1e9), binned.closest_point(p, 1e9), "{builder:?}");
+            }
+        }
+    }
+}
+
+#[test]
 fn a_deep_tree_is_walked() {
     // Rays along the axis of nested shells pass all boxes.
     let n = 3000;
@@ -100,9 +131,15 @@ fn a_deep_tree_is_walked() {
 fn trees_do_not_depend_on_threads() {
     // Large enough for sets that are counted in parallel.
     let mesh = soup(140_000, 0.02, &mut Random(22));
+    for builder in [Builder::Binned, Builder::Clustered, Builder::Reinserted] {
+        do_not_depend_on_threads(&mesh, builder);
+    }
+}
+
+fn do_not_depend_on_threads(mesh: &Soup, builder: Builder) {
     let build = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| Accel::build(&mesh.0, &mesh.1).unwrap())
+        pool.install(|| Accel::build_with(&mesh.0, &mesh.1, builder).unwrap())
     };
     let (one, three) = (build(1), build(3));
     assert!(one.nodes.len() == three.nodes.len() && one.packets.len() == three.packets.len());
@@ -112,6 +149,9 @@ fn trees_do_not_depend_on_threads() {
         let (x, y): (Vec<u32>, Vec<u32>) = (bits(a), bits(b));
         x == y && a.child == b.child
     };
-    assert!(one.nodes.iter().zip(&*three.nodes).all(same), "nodes differ");
-    assert!(one.packets.iter().zip(&*three.packets).all(|(a, b)| a.ids == b.ids), "leaves differ");
+    assert!(one.nodes.iter().zip(&*three.nodes).all(same), "{builder:?}: nodes differ");
+    assert!(
+        one.packets.iter().zip(&*three.packets).all(|(a, b)| a.ids == b.ids),
+        "{builder:?}: leaves differ"
+    );
 }

@@ -1,0 +1,148 @@
+//! Worlds whose parts are replaced render the same bits as worlds that are built with these parts.
+
+use super::scenes::{cornell, cornell_view, diffuse, glossy, quad, render, square};
+use crate::{
+    Boundary, BoundedMedium, EnvironmentMap, LightSource, Material, Parts, PathtraceError, Shape, Volume,
+    World, WorldOptions,
+};
+use glam::{DAffine3, DVec3};
+use photofit_scalar::{Vec3f, vec3};
+use photofit_shading::bsdf::{Bsdf, Energy, Null};
+
+/// Parts of every kind.
+fn parts() -> Parts {
+    let mut parts = cornell();
+    parts.volumes.push(cloud(1.0));
+    let ball = Shape::Sphere { center: vec3(0.2, 0.6, 0.1), radius: 0.15 };
+    let fog = parts.add(ball, Material::new(Bsdf::Null(Null)));
+    parts.media.push(fogs(2.0));
+    parts.boundaries.push(Boundary { instance: fog, interior: Some(0), exterior: None });
+    let position = DVec3::new(0.1, 0.8, 0.3);
+    parts.lights.push(LightSource::Point { position, intensity: Vec3f::splat(0.3) });
+    parts.environment = Some(EnvironmentMap::constant(Vec3f::splat(0.2)));
+    parts
+}
+
+fn cloud(density: f32) -> Volume {
+    let (lo, hi) = (DVec3::new(-0.4, 0.1, -0.3), DVec3::new(0.1, 0.5, 0.3));
+    let mut volume = Volume::homogeneous(lo, hi, 3.0, Vec3f::splat(0.9), 0.2);
+    volume.size = [5, 6, 7];
+    volume.density = (0..210).map(|i| density * (i % 11) as f32 / 10.0).collect();
+    volume
+}
+
+fn fogs(extinction: f32) -> BoundedMedium {
+    BoundedMedium::homogeneous(vec3(extinction, 1.0, 0.5), Vec3f::splat(0.8), 0.0)
+}
+
+/// Asserts that an edited world renders as one of the edited parts, and not as it did.
+fn check(
+    name: &str,
+    from: &dyn Fn() -> Parts,
+    edit: &dyn Fn(&mut World) -> Result<(), PathtraceError>,
+    change: &dyn Fn(&mut Parts),
+) {
+    let picture = |world: &World| render(world, &cornell_view(), square(12, 4)).0.data;
+    let mut edited = World::new(from()).unwrap();
+    let before = picture(&edited);
+    edit(&mut edited).unwrap();
+    let mut parts = from();
+    change(&mut parts);
+    let after = picture(&edited);
+    assert!(after == picture(&World::new(parts).unwrap()), "{name}: other bits than a new world");
+    assert!(after != before, "{name}: nothing changed");
+}
+
+#[test]
+fn edited_worlds_render_as_new_ones() {
+    let metal = || Material::new(glossy(0.9, 0.3, 1.0, Energy::Compensated));
+    check("material", &parts, &|w| w.set_material(3, &metal()), &|p| p.materials[3] = metal());
+    // A wall becomes a light; the lamp ceases to be one.
+    let glowing = || Material::new(diffuse(0.2, 0.2, 0.2)).emitting(vec3(0.3, 0.5, 1.0));
+    check("a new light", &parts, &|w| w.set_material(1, &glowing()), &|p| p.materials[1] = glowing());
+    let dark = || Material::new(diffuse(0.1, 0.1, 0.1));
+    check("a light less", &parts, &|w| w.set_material(5, &dark()), &|p| p.materials[5] = dark());
+    check("volume", &parts, &|w| w.set_volume(0, cloud(2.0)), &|p| p.volumes[0] = cloud(2.0));
+    let density = cloud(0.3).density;
+    check("voxels", &parts, &|w| w.set_density(0, &density), &|p| p.volumes[0].density.clone_from(&density));
+    check("medium", &parts, &|w| w.set_medium(0, fogs(7.0)), &|p| p.media[0] = fogs(7.0));
+    let lamp = LightSource::Directional { direction: vec3(0.1, 0.2, 1.0), irradiance: Vec3f::splat(2.0) };
+    let sky = || Some(EnvironmentMap::constant(vec3(0.1, 0.5, 0.2)));
+    check("lights", &parts, &|w| w.relight(&[lamp], sky()), &|p| {
+        p.lights = vec![lamp];
+        p.environment = sky();
+    });
+}
+
+#[test]
+fn new_geometry_renders_as_in_a_new_world() {
+    // Farther off and larger: another render frame, too.
+    let away = DAffine3::from_translation(DVec3::new(0.01, -0.02, 0.03)) * DAffine3::from_rotation_y(0.1);
+    let moved = |p: &mut Parts| {
+        p.instances.iter_mut().for_each(|i| i.transform = away * i.transform);
+        let wall = quad(vec3(-0.2, 0.1, 0.3), vec3(0.1, 0.0, 0.0), vec3(0.0, 0.3, 0.0));
+        p.shapes[3] = Shape::Mesh(wall);
+    };
+    let mut new = parts();
+    moved(&mut new);
+    check("geometry", &parts, &|w| w.set_geometry(new.shapes.clone(), &new.instances), &moved);
+    let far =
+        |p: &mut Parts| p.instances.iter_mut().for_each(|i| i.transform.translation += DVec3::splat(100.0));
+    let back = || {
+        let mut parts = parts();
+        far(&mut parts);
+        parts
+    };
+    let near = parts();
+    check("from far off", &back, &|w| w.set_geometry(near.shapes.clone(), &near.instances), &|p| {
+        p.instances = near.instances.clone();
+    });
+}
+
+#[test]
+fn bad_edits_change_nothing() {
+    let mut world = World::new(parts()).unwrap();
+    let picture = |world: &World| render(world, &cornell_view(), square(8, 2)).0.data;
+    let before = picture(&world);
+    let negative = Material::new(diffuse(0.1, 0.1, 0.1)).emitting(vec3(-1.0, 0.0, 0.0));
+    let flat = |p: &Parts| {
+        let mut instances = p.instances.clone();
+        instances[0].transform = DAffine3::from_scale(DVec3::new(1.0, 0.0, 1.0));
+        instances
+    };
+    let p = parts();
+    let faults = [
+        (world.set_material(99, &Material::new(diffuse(0.5, 0.5, 0.5))), "99 is one of"),
+        (world.set_material(0, &negative), "emission"),
+        (world.set_material(0, &Material::from_library(0)), "library material 0"),
+        (world.set_volume(3, cloud(1.0)), "3 is one of 1"),
+        (world.set_density(0, &[1.0]), "found 1 densities"),
+        (world.set_density(0, &[f32::NAN; 210]), "finite"),
+        (world.set_medium(1, fogs(1.0)), "1 is one of 1"),
+        (world.set_geometry(p.shapes.clone(), &p.instances[1..]), "instances"),
+        (world.set_geometry(p.shapes.clone(), &flat(&p)), "three dimensions"),
+        (world.relight(&[], Some(EnvironmentMap::constant(vec3(-1.0, 0.0, 0.0)))), "environment"),
+    ];
+    for (result, words) in faults {
+        let text = result.expect_err(words).to_string();
+        assert!(text.contains(words), "{words} in {text}");
+    }
+    assert!(picture(&world) == before, "an edit that fails changes nothing");
+}
+
+#[test]
+fn loose_majorants_change_noise_alone() {
+    let picture = |majorant_factor: f32, spp: u32| {
+        let options = WorldOptions { majorant_factor, ..WorldOptions::default() };
+        let world = World::with_options(parts(), options).unwrap();
+        render(&world, &cornell_view(), square(16, spp))
+    };
+    let (tight, loose) = (picture(1.0, 256), picture(4.0, 256));
+    assert!(tight.0.data != loose.0.data, "other collisions");
+    super::statistics::agree("majorants", (&tight.0, &tight.1, 256), (&loose.0, &loose.1, 256));
+    for factor in [0.5, f32::NAN, 1e6] {
+        let options = WorldOptions { majorant_factor: factor, ..WorldOptions::default() };
+        let text = World::with_options(parts(), options).unwrap_err().to_string();
+        assert!(text.contains("majorant factor"), "{text}");
+    }
+}

@@ -1,0 +1,218 @@
+//! Materials of assets: normal maps, single-sided surfaces, light sampling that would miss light, faulty light.
+
+use super::scenes::{looking, render, square, with_strategy};
+use crate::{
+    Aov, EnvironmentMap, LightSource, Parts, PathtraceError, RenderOptions, Renderer, Strategy, View, World,
+};
+use glam::DVec3;
+use photofit_geometry::{Mesh, shapes};
+use photofit_image::Image;
+use photofit_scalar::{Vec3f, vec3};
+use photofit_scene::{
+    Instance, MapKind, Material, Primitive, Sampler, Scene, SurfaceLibrary, TextureImage, TextureSlot,
+};
+
+/// A scene of one mesh.
+fn scene(mesh: Mesh, material: Material) -> Scene {
+    Scene {
+        primitives: vec![Primitive { mesh, material: 0 }],
+        instances: vec![Instance { primitive: 0, transform: Default::default() }],
+        materials: vec![material],
+        ..Scene::default()
+    }
+}
+
+fn lit(scene: &Scene, radiance: f32) -> World {
+    let environment = Some(EnvironmentMap::constant(Vec3f::splat(radiance)));
+    World::new(Parts { environment, ..Parts::from_scene(scene) }).unwrap()
+}
+
+/// Bumps that lean by up to 60 degrees.
+fn bumps() -> TextureImage {
+    let texel = |i: usize| {
+        let (x, y) = ((i % 64) as f32 / 64.0, (i / 64) as f32 / 64.0);
+        let lean = |t: f32| 0.61 * (t * 8.0 * std::f32::consts::TAU).sin();
+        let (nx, ny) = (lean(x), lean(y));
+        let nz = (1.0 - nx * nx - ny * ny).sqrt();
+        let byte = |v: f32| ((0.5 * v + 0.5) * 255.0).round() as u8;
+        [byte(nx), byte(ny), byte(nz), 255]
+    };
+    TextureImage { width: 64, height: 64, texels: (0..64 * 64).map(texel).collect(), ..Default::default() }
+}
+
+/// The first image, as it is.
+fn slot() -> TextureSlot {
+    let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    TextureSlot { image: 0, sampler: Sampler::default(), tex_coord: 0, transform }
+}
+
+#[test]
+fn mirrors_with_normal_maps_are_nowhere_black() {
+    let material = Material { roughness: 0.0, normal_texture: Some(slot()), ..Material::default() };
+    let mut scene = scene(shapes::uv_sphere(96, 48), material);
+    scene.images.push(bumps());
+    let view = looking([0.0, 0.0, 3.0], [0.0; 3], 0.75);
+    // A white mirror in a white furnace: every ray ends in the light, after one reflection or more.
+    let world = lit(&scene, 1.0);
+    let options = RenderOptions { path: with_strategy(Strategy::Mis, 8), ..square(48, 16) };
+    let (picture, _) = render(&world, &view, options);
+    let values: Vec<f32> = (0..picture.pixels()).map(|i| picture.data[4 * i]).collect();
+    let least = values.iter().fold(f32::INFINITY, |a, b| a.min(*b));
+    let mean = values.iter().sum::<f32>() / values.len() as f32;
+    assert!(least > 0.99, "darkest pixel {least}, mean {mean}");
+    assert!(values.iter().all(|v| *v < 1.001), "a mirror makes no light");
+    // Rough ones lose what they scatter below the surface, and no more.
+    scene.materials[0].roughness = 0.4;
+    let options = RenderOptions { path: with_strategy(Strategy::Mis, 8), ..square(48, 64) };
+    let (picture, _) = render(&lit(&scene, 1.0), &view, options);
+    let least = picture.data.iter().step_by(4).fold(f32::INFINITY, |a, b| a.min(*b));
+    assert!(least > 0.5, "darkest rough pixel {least}");
+}
+
+#[test]
+fn cameras_see_through_the_backs_of_single_sided_surfaces() {
+    // A square of side 2 around the origin with +z in front.
+    let square_mesh = || Mesh {
+        positions: vec![
+            vec3(-1.0, -1.0, 0.0),
+            vec3(1.0, -1.0, 0.0),
+            vec3(1.0, 1.0, 0.0),
+            vec3(-1.0, 1.0, 0.0),
+        ],
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        ..Mesh::default()
+    };
+    let alpha = |double_sided: bool, mirrored: bool, z: f32| {
+        let mut scene = scene(square_mesh(), Material { double_sided, ..Material::clay() });
+        if mirrored {
+            scene.instances[0].transform = glam::Affine3A::from_scale(glam::vec3(-1.0, 1.0, 1.0));
+        }
+        let view = looking([0.0, 0.0, z], [0.0; 3], 0.2);
+        let mut options = RenderOptions { aovs: vec![Aov::Instance], ..square(4, 4) };
+        options.path.show_environment = false;
+        let world = lit(&scene, 1.0);
+        let mut renderer = Renderer::new(&world, &view, options).unwrap();
+        while !renderer.pass(|| false).done {}
+        let (alpha, id) =
+            (renderer.picture().pixel(2, 2)[3], renderer.aov(Aov::Instance).unwrap().pixel(2, 2)[0]);
+        assert!((alpha > 0.5) == (id > 0.5), "the auxiliary images agree");
+        alpha
+    };
+    for (double_sided, mirrored, z, expected) in [
+        (false, false, 3.0, 1.0),
+        (false, false, -3.0, 0.0),
+        (true, false, -3.0, 1.0),
+        // Transforms that mirror turn the winding, not the side that is shown.
+        (false, true, 3.0, 1.0),
+        (false, true, -3.0, 0.0),
+    ] {
+        let found = alpha(double_sided, mirrored, z);
+        assert!((found - expected).abs() < 1e-6, "{double_sided} {mirrored} {z}: {found}");
+    }
+    // A floor behind it lies in its shadow all the same, whichever side the light meets.
+    for turn in [1.0_f32, -1.0] {
+        let mut scene = scene(square_mesh(), Material::clay());
+        let floor = Mesh {
+            positions: square_mesh().positions.iter().map(|p| vec3(p.x, p.y, -1.0)).collect(),
+            ..square_mesh()
+        };
+        scene.primitives.push(Primitive { mesh: floor, material: 0 });
+        scene.instances.push(Instance { primitive: 1, transform: Default::default() });
+        scene.instances[0].transform = glam::Affine3A::from_scale(glam::vec3(1.0, turn, turn));
+        let mut parts = Parts::from_scene(&scene);
+        parts
+            .lights
+            .push(LightSource::Directional { direction: vec3(0.0, 0.0, 1.0), irradiance: Vec3f::splat(1.0) });
+        let world = World::new(parts).unwrap();
+        let view: View = looking([3.0, 0.0, -0.5], [0.0, 0.0, -1.0], 0.05);
+        let picture = render(&world, &view, square(4, 4)).0;
+        assert!(picture.pixel(2, 2)[0] < 1e-6 && picture.pixel(2, 2)[3] > 0.5, "in shadow");
+    }
+}
+
+#[test]
+fn light_sampling_alone_asks_for_the_plain_density() {
+    let image = Image::from_fn(8, 4, 3, |x, _, _| if x == 2 { 30.0 } else { 0.5 });
+    let scene = scene(shapes::icosphere(2), Material::clay());
+    let world = |compensate| {
+        let environment = Some(EnvironmentMap { compensate, ..EnvironmentMap::new(image.clone()) });
+        World::new(Parts { environment, ..Parts::from_scene(&scene) }).unwrap()
+    };
+    let view = looking([0.0, 0.0, 3.0], [0.0; 3], 0.7);
+    let options = RenderOptions { path: with_strategy(Strategy::Light, 2), ..square(4, 1) };
+    let compensated = world(true);
+    let error = Renderer::new(&compensated, &view, options.clone()).unwrap_err();
+    assert!(
+        matches!(error, PathtraceError::Invalid { .. }) && error.to_string().contains("compensate"),
+        "{error}"
+    );
+    assert!(Renderer::new(&world(false), &view, options).is_ok());
+    assert!(Renderer::new(&compensated, &view, square(4, 1)).is_ok(), "with BSDF sampling nothing is missed");
+}
+
+#[test]
+fn light_that_is_not_finite_is_left_out_and_counted() {
+    let mut parts = Parts::from_scene(&scene(shapes::icosphere(4), Material::clay()));
+    let view = looking([0.0, 0.0, 3.0], [0.0; 3], 0.7);
+    let run = |parts: Parts| {
+        let world = World::new(parts).unwrap();
+        let mut renderer = Renderer::new(&world, &view, square(8, 4)).unwrap();
+        let mut progress = renderer.progress();
+        while !progress.done {
+            progress = renderer.pass(|| false);
+        }
+        let saved = renderer.save("scene");
+        let mut again = Renderer::new(&world, &view, square(8, 4)).unwrap();
+        again.resume("scene", &saved).unwrap();
+        assert_eq!(again.progress().not_finite, progress.not_finite, "counts survive");
+        (renderer.picture(), progress.not_finite)
+    };
+    parts.environment = Some(EnvironmentMap::constant(Vec3f::splat(1.0)));
+    let copy = || Parts {
+        environment: parts.environment.clone(),
+        ..Parts::from_scene(&scene(shapes::icosphere(4), Material::clay()))
+    };
+    let (picture, count) = run(copy());
+    assert!(count == 0 && picture.data.iter().all(|v| v.is_finite()));
+    let mut glaring = copy();
+    let intensity = Vec3f::splat(3e38);
+    glaring.lights.push(LightSource::Point { position: DVec3::new(0.0, 0.0, 1.05), intensity });
+    let (picture, count) = run(glaring);
+    assert!(count > 10, "{count}");
+    assert!(picture.data.iter().all(|v| v.is_finite()), "the picture stays finite");
+}
+
+#[test]
+fn an_edited_library_renders_as_a_new_one() {
+    let ball = |base_color: [f32; 4], emissive: [f32; 3]| {
+        scene(shapes::icosphere(4), Material { base_color, emissive, ..Material::clay() })
+    };
+    let from = ball([0.5, 0.5, 0.5, 1.0], [0.0; 3]);
+    let to = ball([0.9, 0.2, 0.1, 1.0], [0.3, 0.1, 0.0]);
+    let view = looking([0.0, 0.0, 3.0], [0.0; 3], 0.7);
+    let picture = |world: &World| render(world, &view, square(8, 4)).0.data;
+    let mut world = lit(&from, 1.0);
+    let before = picture(&world);
+    world.edit_library(|library| *library = SurfaceLibrary::new(&to)).unwrap();
+    let after = picture(&world);
+    assert!(after == picture(&lit(&to, 1.0)), "other bits than a new world");
+    assert!(after != before, "nothing changed");
+    // Texels, in floating point.
+    let mut bumpy = ball([1.0; 4], [0.0; 3]);
+    bumpy.primitives[0].mesh = shapes::uv_sphere(24, 12);
+    bumpy.materials[0].base_color_texture = Some(slot());
+    bumpy.images.push(bumps());
+    let texels: Vec<[f32; 4]> = (0..64 * 64).map(|i| [(i % 64) as f32 / 63.0, 0.3, 0.7, 1.0]).collect();
+    let mut world = lit(&bumpy, 1.0);
+    let before = picture(&world);
+    let texture = world.library().and_then(|l| l.texture_of(0, MapKind::BaseColor)).unwrap();
+    world.set_texels(texture, &texels).unwrap();
+    let after = picture(&world);
+    let mut parts = Parts::from_scene(&bumpy);
+    parts.library.as_mut().unwrap().set_texels(texture, &texels);
+    parts.environment = Some(EnvironmentMap::constant(Vec3f::splat(1.0)));
+    assert!(after == picture(&World::new(parts).unwrap()), "other bits than a new world");
+    assert!(after != before, "nothing changed");
+    let mut plain = World::new(super::scenes::cornell()).unwrap();
+    assert!(plain.edit_library(|_| ()).is_err(), "there is no library");
+}

@@ -1,0 +1,223 @@
+//! What a path reports: contributions that sum up to the picture, radiance to train with, other direction samplers.
+
+use super::scenes::{cornell, cornell_view, diffuse, glossy, looking, place, quad, square};
+use super::statistics::agree;
+use crate::{
+    Boundary, BoundedMedium, Contribution, EnvironmentMap, Found, Material, Parts, PathVertex, RenderOptions,
+    Renderer, Shape, Sink, TrainingSink, View, World,
+};
+use photofit_image::Image;
+use photofit_sampling::{DirectionSampler, Mixture, ScatteringSampler, UniformSphere};
+use photofit_scalar::{Vec3f, vec3};
+use photofit_shading::bsdf::{Bsdf, Dielectric, Energy, Null, TransportMode};
+
+/// Keeps everything.
+#[derive(Default)]
+struct Record {
+    lights: Vec<Contribution>,
+    vertices: Vec<PathVertex>,
+    /// Product of the weights of vertices and of the factors between them.
+    throughput: Option<Vec3f>,
+}
+
+impl Sink for Record {
+    fn vertex(&mut self, vertex: &PathVertex) {
+        let before = self.throughput.unwrap_or(Vec3f::splat(1.0));
+        near("a vertex tells the throughput", vertex.throughput, before);
+        self.throughput = Some(before.mul(vertex.weight));
+        self.vertices.push(*vertex);
+    }
+
+    fn attenuate(&mut self, factor: Vec3f) {
+        self.throughput = Some(self.throughput.unwrap_or(Vec3f::splat(1.0)).mul(factor));
+    }
+
+    fn contribution(&mut self, light: &Contribution) {
+        near("light tells the throughput", light.throughput, self.throughput.unwrap_or(Vec3f::splat(1.0)));
+        self.lights.push(*light);
+    }
+}
+
+fn near(what: &str, a: Vec3f, b: Vec3f) {
+    for c in 0..3 {
+        assert!((a[c] - b[c]).abs() <= 1e-4 * b[c].abs() + 1e-7, "{what}: {a:?}, {b:?}");
+    }
+}
+
+/// Balls of glass, metal and plaster on a floor, with a lamp, under a sky.
+fn mixed() -> World {
+    let mut parts = Parts::default();
+    let ground = quad(vec3(-3.0, 0.0, -3.0), vec3(0.0, 0.0, 6.0), vec3(6.0, 0.0, 0.0));
+    place(&mut parts, ground, Material::new(diffuse(0.5, 0.6, 0.4)));
+    let one = Vec3f::splat(1.0);
+    let glass = Dielectric { ior: 1.5, reflectance: one, transmittance: one, mode: TransportMode::Radiance };
+    let mut tinted = Material::new(Bsdf::Dielectric(glass));
+    tinted.absorption = vec3(0.2, 1.0, 2.0);
+    let kinds = [
+        tinted,
+        Material::new(glossy(0.8, 0.25, 1.0, Energy::Compensated)),
+        Material::new(diffuse(0.8, 0.3, 0.2)),
+    ];
+    for (i, material) in kinds.into_iter().enumerate() {
+        let center = vec3(i as f32 * 0.7 - 0.7, 0.3, 0.0);
+        parts.add(Shape::Sphere { center, radius: 0.3 }, material);
+    }
+    let lamp = Shape::Sphere { center: vec3(0.5, 1.0, 0.4), radius: 0.15 };
+    parts.add(lamp, Material::new(diffuse(0.0, 0.0, 0.0)).emitting(vec3(8.0, 4.0, 2.0)));
+    let sky = Image::from_fn(24, 12, 3, |x, y, c| {
+        (if y < 6 { 0.4 + 0.1 * c as f32 } else { 0.05 }) + if (x, y) == (5, 3) { 60.0 } else { 0.0 }
+    });
+    parts.environment = Some(EnvironmentMap::new(sky));
+    World::new(parts).unwrap()
+}
+
+/// A box with a lamp, full of fog.
+fn foggy() -> World {
+    let mut parts = cornell();
+    let medium = BoundedMedium::homogeneous(vec3(1.5, 1.0, 0.5), vec3(0.9, 0.8, 0.7), 0.3);
+    parts.media.push(medium);
+    let fog = parts
+        .add(Shape::Sphere { center: vec3(0.0, 0.5, 0.0), radius: 0.3 }, Material::new(Bsdf::Null(Null)));
+    parts.boundaries.push(Boundary { instance: fog, interior: Some(0), exterior: None });
+    World::new(parts).unwrap()
+}
+
+fn from_above() -> View {
+    looking([0.0, 1.2, 2.2], [0.0, 0.2, 0.0], 0.8)
+}
+
+#[test]
+fn contributions_sum_up_to_the_picture() {
+    let cases = [
+        ("box", World::new(cornell()).unwrap(), cornell_view()),
+        ("mixed", mixed(), from_above()),
+        ("fog", foggy(), cornell_view()),
+    ];
+    const SPP: u32 = 8;
+    for (name, world, view) in cases {
+        let mut renderer = Renderer::new(&world, &view, square(12, SPP)).unwrap();
+        while !renderer.pass(|| false).done {}
+        let picture = renderer.picture();
+        let mut found = [0_usize; 3];
+        for y in 0..12 {
+            for x in 0..12 {
+                let mut sum = [0.0_f64; 3];
+                for sample in 0..SPP {
+                    let mut record = Record::default();
+                    renderer.walk([x, y], sample, &ScatteringSampler, &mut record);
+                    for light in &record.lights {
+                        let density = if light.found == Found::NextEvent { light.pdf } else { 1.0 };
+                        let local = light.scattering.mul(light.radiance).mul(light.transmittance);
+                        near(name, light.value, light.throughput.mul(local) * (light.weight / density));
+                        found[light.found as usize] += usize::from(light.value != Vec3f::zero());
+                        (0..3).for_each(|c| sum[c] += f64::from(light.value[c]));
+                    }
+                    assert!(record.vertices.windows(2).all(|v| v[1].depth == v[0].depth + 1), "{name}");
+                }
+                for c in 0..3 {
+                    let (mean, expected) = (sum[c] / f64::from(SPP), f64::from(picture.pixel(x, y)[c]));
+                    assert!((mean - expected).abs() <= 1e-5 * expected, "{name}: {mean} {expected}");
+                }
+            }
+        }
+        assert!(found[0] > 500 && found[1] > 10, "{name}: {found:?}");
+        assert!((found[2] > 0) == world.lights.environment.is_some(), "{name}: {found:?}");
+    }
+}
+
+#[test]
+fn recorded_radiance_is_what_arrives() {
+    // Inside of a glowing sphere with Le = Kd = 1/2 radiance is 1 everywhere and from everywhere.
+    let mut parts = Parts::default();
+    let mut material = Material::new(diffuse(0.5, 0.5, 0.5)).emitting(Vec3f::splat(0.5));
+    (material.emits_both_sides, material.two_sided) = (true, true);
+    parts.add(Shape::Sphere { center: Vec3f::zero(), radius: 1.0 }, material);
+    let world = World::new(parts).unwrap();
+    let view = looking([0.3, 0.1, 0.2], [0.0, 0.4, -1.0], 1.2);
+    let mut options = square(16, 64);
+    options.path.max_depth = 100;
+    let renderer = Renderer::new(&world, &view, options).unwrap();
+    let guided = Mixture { first: ScatteringSampler, second: UniformSphere, share: 0.4 };
+    for (name, mean) in [
+        ("scattering", mean_of_vertices(&renderer, &ScatteringSampler)),
+        ("mixture", mean_of_vertices(&renderer, &guided)),
+    ] {
+        for (depth, (mean, error)) in mean.into_iter().enumerate() {
+            assert!((mean - 1.0).abs() < 4.0 * error + 1e-4, "{name}, vertex {depth}: {mean} +- {error}");
+            assert!(error < 0.05, "{name}: {error}");
+        }
+    }
+}
+
+/// Mean of the recorded radiance at the first two vertices of paths, with its standard error.
+fn mean_of_vertices(renderer: &Renderer<'_>, sampler: &impl DirectionSampler) -> [(f64, f64); 2] {
+    let mut sums = [[0.0_f64; 3]; 2];
+    let mut sink = TrainingSink::default();
+    for pixel in 0..16 * 16 {
+        for sample in 0..16 {
+            sink.vertices.clear();
+            sink.begin();
+            renderer.walk([pixel % 16, pixel / 16], sample, sampler, &mut sink);
+            for v in sink.vertices.iter().filter(|v| v.event.depth < 2) {
+                let above = v.event.wi.dot(v.event.normal) * v.event.wo.dot(v.event.normal) > 0.0;
+                assert!(above && v.event.pdf > 0.0, "{v:?}");
+                let value = f64::from(v.radiance.x);
+                let sum = &mut sums[v.event.depth as usize];
+                *sum = [sum[0] + 1.0, sum[1] + value, sum[2] + value * value];
+            }
+        }
+    }
+    sums.map(|[n, sum, squares]| {
+        let mean = sum / n;
+        (mean, ((squares / n - mean * mean) / n).sqrt())
+    })
+}
+
+/// Mean and variance of the samples of a picture whose paths take directions of a sampler.
+fn rendered_with(
+    renderer: &Renderer<'_>,
+    side: usize,
+    spp: u32,
+    sampler: &impl DirectionSampler,
+) -> [Image; 2] {
+    let mut out = [Image::new(side, side, 4), Image::new(side, side, 3)];
+    for y in 0..side {
+        for x in 0..side {
+            let mut sums = [[0.0_f64; 2]; 3];
+            for sample in 0..spp {
+                let mut sink = crate::PictureSink::default();
+                renderer.walk([x, y], sample, sampler, &mut sink);
+                for (sum, v) in sums.iter_mut().zip(sink.radiance.to_array().map(f64::from)) {
+                    *sum = [sum[0] + v, sum[1] + v * v];
+                }
+            }
+            let n = f64::from(spp);
+            for (c, [sum, squares]) in sums.into_iter().enumerate() {
+                out[0].pixel_mut(x, y)[c] = (sum / n) as f32;
+                out[1].pixel_mut(x, y)[c] = ((squares - sum * sum / n).max(0.0) / (n - 1.0)) as f32;
+            }
+        }
+    }
+    out
+}
+
+#[test]
+fn other_direction_samplers_give_the_same_picture() {
+    const SPP: u32 = 256;
+    let sampler = Mixture { first: ScatteringSampler, second: UniformSphere, share: 0.35 };
+    for (name, world, view) in
+        [("box", World::new(cornell()).unwrap(), cornell_view()), ("mixed", mixed(), from_above())]
+    {
+        let options = |seed| {
+            let mut options = RenderOptions { seed, ..square(16, SPP) };
+            options.path.max_depth = 4;
+            options
+        };
+        let (first, second) = (options(1), options(2));
+        let [a, va] =
+            rendered_with(&Renderer::new(&world, &view, first).unwrap(), 16, SPP, &ScatteringSampler);
+        let [b, vb] = rendered_with(&Renderer::new(&world, &view, second).unwrap(), 16, SPP, &sampler);
+        agree(name, (&a, &va, SPP), (&b, &vb, SPP));
+        assert!(a.data != b.data, "{name}: the mixture takes other directions");
+    }
+}

@@ -1,0 +1,169 @@
+//! Parts of a world that are replaced alone: geometry, materials, media (lights: [`World::relight`]). Only new geometry
+//! builds hierarchies.
+//!
+//! An edited world renders the same bits as one that is built with the new parts.
+
+use super::material::CompiledMaterial;
+use super::{Geometry, Instance, Kind, Material, Scattering, Shape, World, check_indices, radius};
+use crate::PathtraceError;
+use crate::error::invalid;
+use crate::volume::{BoundedMedium, InteriorMedium, Medium, Volume};
+use photofit_scene::SurfaceLibrary;
+
+impl World {
+    /// Replaces all shapes and where they stand; materials, lights and media stay.
+    ///
+    /// # Errors
+    /// As [`World::new`] for shapes and instances, or if instances come or go in a world with bounded media, whose
+    /// boundaries name them, or a surface that bounds a medium gets cut-outs. The world is then as it was.
+    pub fn set_geometry(&mut self, shapes: Vec<Shape>, instances: &[Instance]) -> Result<(), PathtraceError> {
+        check_indices(instances, shapes.len(), self.materials.len())?;
+        if self.media.is_bounded() && instances.len() != self.placed.len() {
+            let (count, found) = (self.placed.len(), instances.len());
+            let rule = format!("{found}; boundaries of media name instances, so there must be {count}");
+            return Err(invalid("instances", rule));
+        }
+        let mut new = Geometry::new(shapes, instances, self.merge)?;
+        new.take_materials(&self.materials);
+        if let Some(i) = (0..new.placed.len()).find(|i| new.placed[*i].alpha && self.media.bounds_medium(*i))
+        {
+            let rule = "a surface with cut-outs bounds no medium";
+            return Err(invalid(format!("instance {i}"), rule));
+        }
+        (self.origin, self.bounds) = (new.origin, new.bounds);
+        (self.shapes, self.placed, self.hierarchy) = (new.shapes, new.placed, new.hierarchy);
+        self.media.see_from(self.origin);
+        self.measure()?;
+        self.collect_emitters()
+    }
+
+    /// Replaces a material on all instances that have it; what it emits becomes or ceases to be a light.
+    ///
+    /// # Errors
+    /// If there is no such material, a value of the new one is not valid, it names a library material that is not
+    /// there, or it lets rays pass parts of a surface that bounds a medium; the world is then as it was.
+    pub fn set_material(&mut self, index: usize, material: &Material) -> Result<(), PathtraceError> {
+        let count = self.materials.len();
+        if index >= count {
+            return Err(invalid("material", format!("{index} is one of {count}")));
+        }
+        if self.replace(index, material)? { self.collect_emitters() } else { Ok(()) }
+    }
+
+    /// As [`Self::set_material`]; whether lights have to be collected anew.
+    fn replace(&mut self, index: usize, material: &Material) -> Result<bool, PathtraceError> {
+        let mut new = CompiledMaterial::new(index, material, self.library.as_ref(), self.energy)?;
+        if self.media.is_bounded() {
+            new.find_pane();
+        }
+        let mut users = (0..self.placed.len()).filter(|i| self.placed[*i].material as usize == index);
+        if let Some(i) = users.find(|i| new.alpha && self.media.bounds_medium(*i)) {
+            let rule = "a surface with cut-outs bounds no medium";
+            return Err(invalid(format!("instance {i}"), rule));
+        }
+        let gives_light = |m: &CompiledMaterial| m.emits || m.unlit;
+        let lights_change = gives_light(&self.materials[index]) || gives_light(&new);
+        self.materials[index] = new;
+        self.given[index] = material.clone();
+        self.place_material(index);
+        Ok(lights_change)
+    }
+
+    /// Changes the library of textured materials in place (texels, factors), and takes up what changed.
+    ///
+    /// # Errors
+    /// If there is no library, or a library material became invalid: masked though it bounds a medium. The library keeps
+    /// its changes.
+    pub fn edit_library(&mut self, edit: impl FnOnce(&mut SurfaceLibrary)) -> Result<(), PathtraceError> {
+        let library = self.library.as_mut().ok_or_else(|| invalid("library", "the world has none"))?;
+        edit(library);
+        let mut lights_change = false;
+        for index in 0..self.given.len() {
+            if matches!(self.given[index].scattering, Scattering::Library { .. }) {
+                let material = self.given[index].clone();
+                lights_change |= self.replace(index, &material)?;
+            }
+        }
+        if lights_change { self.collect_emitters() } else { Ok(()) }
+    }
+
+    /// The library of textured materials: it knows which texture a map is ([`SurfaceLibrary::texture_of`]).
+    pub fn library(&self) -> Option<&SurfaceLibrary> {
+        self.library.as_ref()
+    }
+
+    /// Replaces all texels of a texture of the library: row 0 at v = 0, linear light, 32-bit floating point.
+    ///
+    /// # Errors
+    /// As [`Self::edit_library`].
+    ///
+    /// # Panics
+    /// If there is no such texture or it has another number of texels.
+    pub fn set_texels(&mut self, texture: usize, linear: &[[f32; 4]]) -> Result<(), PathtraceError> {
+        self.edit_library(|library| library.set_texels(texture, linear))
+    }
+
+    /// Replaces a volume in a box.
+    ///
+    /// # Errors
+    /// If there is no such volume or the new one is not valid; the world is then as it was.
+    pub fn set_volume(&mut self, index: usize, volume: Volume) -> Result<(), PathtraceError> {
+        let count = self.media.boxes.len();
+        let new = Medium::new(index, volume, self.origin, self.majorant_factor)?;
+        let place = self.media.boxes.get_mut(index);
+        *place.ok_or_else(|| invalid("volume", format!("{index} is one of {count}")))? = new;
+        self.measure()
+    }
+
+    /// Replaces a medium that surfaces bound.
+    ///
+    /// # Errors
+    /// If there is no such medium or the new one is not valid; the world is then as it was.
+    pub fn set_medium(&mut self, index: usize, medium: BoundedMedium) -> Result<(), PathtraceError> {
+        let count = self.media.bounded.len();
+        let new = InteriorMedium::new(index, medium, self.origin, self.majorant_factor)?;
+        let place = self.media.bounded.get_mut(index);
+        *place.ok_or_else(|| invalid("medium", format!("{index} is one of {count}")))? = new;
+        Ok(())
+    }
+
+    /// Replaces the density of every voxel of a volume, x fastest.
+    ///
+    /// # Errors
+    /// If there is no such volume, the number of voxels is another, or a density is negative or not finite; the world is
+    /// then as it was.
+    pub fn set_density(&mut self, volume: usize, density: &[f32]) -> Result<(), PathtraceError> {
+        let count = self.media.boxes.len();
+        let place = self.media.boxes.get_mut(volume);
+        let medium = place.ok_or_else(|| invalid("volume", format!("{volume} is one of {count}")))?;
+        medium.set_density(volume, density, self.majorant_factor)
+    }
+
+    /// What instances know of their material.
+    pub(super) fn place_material(&mut self, index: usize) {
+        let material = &self.materials[index];
+        for p in self.placed.iter_mut().filter(|p| p.material as usize == index) {
+            let colored =
+                matches!(&self.shapes[p.shape as usize].kind, Kind::Mesh(m) if !m.colors.is_empty());
+            p.alpha = material.alpha;
+            p.varies = material.varies || (material.library.is_some() && colored);
+        }
+    }
+
+    /// Takes up a new origin and size of the world.
+    fn measure(&mut self) -> Result<(), PathtraceError> {
+        self.radius = radius(self.bounds, &self.media, self.origin);
+        let mut lights = std::mem::take(&mut self.lights);
+        let result = lights.see_from(self);
+        self.lights = lights;
+        result
+    }
+
+    /// Takes up emitting surfaces whose materials have changed.
+    fn collect_emitters(&mut self) -> Result<(), PathtraceError> {
+        let mut lights = std::mem::take(&mut self.lights);
+        let result = lights.collect_again(self);
+        self.lights = lights;
+        result
+    }
+}
