@@ -17,4 +17,6 @@ pub mod project;
 pub mod rasterize;
 
 pub use maps::{CHANNELS, Maps, channel};
+pub use photofit_scalar::{Real, Vec2, Vec3, Vec4, vec2, vec3, vec4};
+pub use photofit_shading::Light;
 pub use photofit_texture as texture;

@@ -12,6 +12,9 @@
 
 mod edge;
 mod fold;
+mod topology;
+
+pub use topology::MeshTopology;
 
 use crate::rasterize::{NONE, TILE, Visibility};
 use edge::{Crossing, find_crossing};
@@ -19,7 +22,7 @@ use fold::Folds;
 use photofit_scalar::{Real, Vec4, vec4};
 use rayon::prelude::*;
 
-/// Triangles with the opposite vertices of their neighbours.
+/// Triangles with the opposite vertices of their neighbours; [`MeshTopology`] makes it of a mesh.
 #[derive(Clone, Copy, Debug)]
 pub struct Topology<'a> {
     /// Vertex indices.
