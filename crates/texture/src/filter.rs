@@ -71,30 +71,31 @@ pub(crate) fn downsample<T: Real, const C: usize, R: Borrow<[T; C]>>(
     out: &mut [[T; C]],
 ) {
     let (w, _) = mip_size(width, height);
+    let columns: Vec<_> = (0..w).map(|x| children(x, width)).collect();
     out.par_chunks_mut(w).enumerate().for_each(|(y, row)| {
         let (y0, ny, wy) = children(y, height);
-        for (x, t) in row.iter_mut().enumerate() {
-            let (x0, nx, wx) = children(x, width);
+        for (t, (x0, nx, wx)) in row.iter_mut().zip(&columns) {
             let mut sum = [T::zero(); C];
-            let mut seen = [T::zero(); C];
             for j in 0..ny {
-                for i in 0..nx {
-                    let k = T::of(wx[i] * wy[j]);
+                for i in 0..*nx {
                     let texel = fetch((y0 + j) * width + x0 + i);
-                    add_scaled(&mut sum, texel.borrow(), k);
-                    if let MipRule::Coverage { alpha, .. } = rule {
-                        add_scaled(&mut seen, texel.borrow(), k * texel.borrow()[alpha]);
-                    }
-                }
-            }
-            if let MipRule::Coverage { colors, alpha } = rule
-                && sum[alpha] > T::of(LEAST_COVERAGE)
-            {
-                for c in 0..colors {
-                    sum[c] = seen[c] / sum[alpha];
+                    add_scaled(&mut sum, texel.borrow(), T::of(wx[i] * wy[j]));
                 }
             }
             *t = sum;
+        }
+        let MipRule::Coverage { colors, alpha } = rule else { return };
+        for (t, (x0, nx, wx)) in row.iter_mut().zip(&columns) {
+            if t[alpha] <= T::of(LEAST_COVERAGE) {
+                continue;
+            }
+            t[..colors].fill(T::zero());
+            let share = T::one() / t[alpha];
+            for (j, i) in (0..ny).flat_map(|j| (0..*nx).map(move |i| (j, i))) {
+                let texel = fetch((y0 + j) * width + x0 + i);
+                let k = T::of(wx[i] * wy[j]) * texel.borrow()[alpha] * share;
+                (0..colors).for_each(|c| t[c] += k * texel.borrow()[c]);
+            }
         }
     });
 }
@@ -112,22 +113,26 @@ pub(crate) fn downsample_vjp<T: Real, const C: usize>(
     adjoint: MipAdjoint,
 ) {
     let (fw, fh, w, h) = (g_fine.width, g_fine.height, g_coarse.width, g_coarse.height);
+    let share = |(i, weight): (usize, f64)| (i, T::of(weight));
+    let columns: Vec<_> = (0..fw).map(|x| parents(x, fw, w, adjoint).map(share)).collect();
     g_fine.texels.par_chunks_mut(fw).enumerate().for_each(|(y, row)| {
-        let from_y = parents(y, fh, h, adjoint);
-        for (x, g) in row.iter_mut().enumerate() {
-            let from_x = parents(x, fw, w, adjoint);
-            for (j, wy) in from_y {
-                for (i, wx) in from_x {
-                    let (p, k) = (j * w + i, T::of(wx * wy));
-                    match rule {
-                        MipRule::Coverage { colors, alpha }
-                            if coarse.texels[p][alpha] > T::of(LEAST_COVERAGE) =>
-                        {
-                            let (from, to) = (&fine.texels[y * fw + x], &coarse.texels[p]);
-                            coverage_vjp((from, to), &g_coarse.texels[p], k, (colors, alpha), g);
-                        }
-                        _ => add_scaled(g, &g_coarse.texels[p], k),
-                    }
+        let rows = parents(y, fh, h, adjoint).map(share);
+        let MipRule::Coverage { colors, alpha } = rule else {
+            for (g, columns) in row.iter_mut().zip(&columns) {
+                for (j, wy) in rows {
+                    columns.iter().for_each(|(i, wx)| add_scaled(g, &g_coarse.texels[j * w + i], *wx * wy));
+                }
+            }
+            return;
+        };
+        let values = &fine.texels[y * fw..];
+        for ((g, columns), value) in row.iter_mut().zip(&columns).zip(values) {
+            for (p, k) in rows.iter().flat_map(|(j, wy)| columns.map(|(i, wx)| (j * w + i, wx * *wy))) {
+                let (mean, g_mean) = (&coarse.texels[p], &g_coarse.texels[p]);
+                if mean[alpha] > T::of(LEAST_COVERAGE) {
+                    coverage_vjp((value, mean), g_mean, k, (colors, alpha), g);
+                } else {
+                    add_scaled(g, g_mean, k);
                 }
             }
         }
@@ -145,15 +150,13 @@ fn coverage_vjp<T: Real, const C: usize>(
 ) {
     let share = T::one() / coarse[alpha];
     let mut moved = T::zero();
-    for c in 0..C {
-        if c < colors {
-            out[c] += k * fine[alpha] * share * g[c];
-            moved += g[c] * (fine[c] - coarse[c]);
-        } else {
-            out[c] += k * g[c];
-        }
+    let mut scaled = *g;
+    for c in 0..colors {
+        scaled[c] *= fine[alpha] * share;
+        moved += g[c] * (fine[c] - coarse[c]);
     }
-    out[alpha] += k * share * moved;
+    scaled[alpha] += share * moved;
+    add_scaled(out, &scaled, k);
 }
 
 #[cfg(test)]

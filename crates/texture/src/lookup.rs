@@ -39,12 +39,15 @@ pub fn lookup<T: Real>(
 }
 
 impl<T: Real> Lookup<T> {
-    /// Value of the texels that `fetch` gives by level and index.
+    /// Value of the texels that `level` gives: for a level, what fetches its texels by their index.
     #[inline(always)]
-    pub fn blend<const C: usize, R: Borrow<[T; C]>>(&self, fetch: impl Fn(usize, usize) -> R) -> [T; C] {
-        let mut out: [T; C] = self.fine.blend(|i| fetch(self.level, i));
+    pub fn blend<const C: usize, R: Borrow<[T; C]>, F: Fn(usize) -> R>(
+        &self,
+        level: impl Fn(usize) -> F,
+    ) -> [T; C] {
+        let mut out: [T; C] = self.fine.blend(level(self.level));
         if let Some((taps, share)) = &self.coarse {
-            let far: [T; C] = taps.blend(|i| fetch(self.level + 1, i));
+            let far: [T; C] = taps.blend(level(self.level + 1));
             for c in 0..C {
                 out[c] += *share * (far[c] - out[c]);
             }
@@ -56,7 +59,10 @@ impl<T: Real> Lookup<T> {
 /// Reads the texture.
 #[inline(always)]
 pub fn sample<T: Real, const C: usize>(texture: &Pyramid<T, C>, at: &Lookup<T>) -> [T; C] {
-    at.blend(|level, i| &texture.levels[level].texels[i])
+    at.blend(|level| {
+        let texels = &texture.levels[level].texels;
+        move |i| &texels[i]
+    })
 }
 
 /// Adjoint of [`sample`] with respect to uv and the level: returns `(dL/duv, dL/dlevel)`.

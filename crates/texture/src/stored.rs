@@ -144,15 +144,17 @@ impl MipTexture {
         match &self.texels {
             Texels::Srgb8(t) => {
                 let decode = self.decode;
-                let [r, g, b, a] = at.blend(|_, i| {
-                    let [r, g, b, a] = t[i];
-                    [decode[r as usize], decode[g as usize], decode[b as usize], f32::from(a)]
+                let [r, g, b, a] = at.blend(|_| {
+                    |i: usize| {
+                        let [r, g, b, a] = t[i];
+                        [decode[r as usize], decode[g as usize], decode[b as usize], f32::from(a)]
+                    }
                 });
                 [r, g, b, a * UNIT]
             }
-            Texels::Unorm8(t) => at.blend(|_, i| t[i].map(f32::from)).map(|x| x * UNIT),
-            Texels::Unorm16(t) => at.blend(|_, i| t[i].map(f32::from)).map(|x| x * (1.0 / 65535.0)),
-            Texels::F32(t) => at.blend(|_, i| &t[i]),
+            Texels::Unorm8(t) => at.blend(|_| |i: usize| t[i].map(f32::from)).map(|x| x * UNIT),
+            Texels::Unorm16(t) => at.blend(|_| |i: usize| t[i].map(f32::from)).map(|x| x * (1.0 / 65535.0)),
+            Texels::F32(t) => at.blend(|_| |i: usize| &t[i]),
         }
     }
 
@@ -160,9 +162,11 @@ impl MipTexture {
     #[inline(always)]
     pub fn read_alpha(&self, at: &Lookup<f32>) -> f32 {
         let [alpha] = match &self.texels {
-            Texels::Srgb8(t) | Texels::Unorm8(t) => at.blend(|_, i| [f32::from(t[i][3]) * (1.0 / 255.0)]),
-            Texels::Unorm16(t) => at.blend(|_, i| [f32::from(t[i][3]) * (1.0 / 65535.0)]),
-            Texels::F32(t) => at.blend(|_, i| [t[i][3]]),
+            Texels::Srgb8(t) | Texels::Unorm8(t) => {
+                at.blend(|_| |i: usize| [f32::from(t[i][3]) * (1.0 / 255.0)])
+            }
+            Texels::Unorm16(t) => at.blend(|_| |i: usize| [f32::from(t[i][3]) * (1.0 / 65535.0)]),
+            Texels::F32(t) => at.blend(|_| |i: usize| [t[i][3]]),
         };
         alpha
     }
