@@ -1,6 +1,7 @@
 //! What an asset holds besides surfaces, and what of it a simplified asset keeps.
 
-use crate::Scene;
+use crate::{About, Scene};
+use std::collections::BTreeSet;
 
 impl Scene {
     /// Takes over what an asset made from another keeps of it: cameras and lights in world space, and what the file says
@@ -11,10 +12,22 @@ impl Scene {
         self.about = asset.about.clone();
     }
 
-    /// What the scene holds and an asset that was simplified from it (one mesh for each class of materials, with what
-    /// [`Self::inherit`] takes over) does not: one line each, none for a plain scene.
-    pub fn left_out(&self) -> Vec<String> {
+    /// What the scene holds and an asset that was simplified from it (one mesh for each class of materials) does not: one
+    /// line each, none for a plain scene. Cameras, lights and what the file says about itself are listed where `light`,
+    /// the simplified asset, has not got them; an empty scene stands for one that takes nothing over.
+    pub fn left_out(&self, light: &Self) -> Vec<String> {
         let mut out = Vec::new();
+        for (have, kept, what) in [
+            (self.cameras.len(), light.cameras.len(), "camera"),
+            (self.lights.len(), light.lights.len(), "light"),
+        ] {
+            if kept < have {
+                out.push(count(have - kept, what));
+            }
+        }
+        if self.about != light.about && self.about != About::default() {
+            out.push("what the file says about itself (copyright, name of the scene, extras)".into());
+        }
         if let Some(h) = self.hierarchy.as_deref() {
             let joints: usize = h.skins.iter().map(|s| s.joints.len()).sum();
             if !h.skins.is_empty() {
@@ -46,6 +59,12 @@ impl Scene {
             if parallel > 0 {
                 out.push(format!("{} that are orthographic or not shown", count(parallel, "camera")));
             }
+        }
+        let extensions = self.materials.iter().filter_map(|m| m.extensions.as_ref());
+        let averaged: BTreeSet<&str> = extensions.flat_map(|e| e.textures()).map(|(name, _)| name).collect();
+        if !averaged.is_empty() {
+            let list = averaged.into_iter().collect::<Vec<_>>().join(", ");
+            out.push(format!("textures of material extensions, which become their means: {list}"));
         }
         let occluded = self.materials.iter().filter(|m| m.occlusion_texture.is_some()).count();
         if occluded > 0 {

@@ -201,7 +201,7 @@ fn what_a_simplified_asset_does_not_keep_is_told() {
     b.json["nodes"][4]["extensions"] = json!({"MY_tag": {}});
     let scene = b.load();
     assert_eq!(scene.ignored_extensions, ["EXT_mesh_gpu_instancing", "MY_tag"]);
-    let lines = scene.left_out();
+    let lines = scene.left_out(&Scene::default());
     for part in [
         "1 skin with 2 joints",
         "2 morph targets",
@@ -209,14 +209,19 @@ fn what_a_simplified_asset_does_not_keep_is_told() {
         "7 nodes",
         "7 names",
         "extras",
+        "1 camera",
+        "1 light",
+        "copyright",
         "MY_tag",
     ] {
         assert!(lines.iter().any(|l| l.contains(part)), "{part} in {lines:?}");
     }
-    assert_eq!(triangle().load().left_out(), Vec::<String>::new());
+    assert_eq!(triangle().load().left_out(&Scene::default()), Vec::<String>::new());
     let mut light = Scene::default();
     light.inherit(&scene);
     assert_eq!((light.cameras.len(), light.lights.len(), &light.about), (1, 1, &scene.about));
+    let fewer = scene.left_out(&light);
+    assert_eq!(fewer.len() + 3, lines.len(), "cameras, lights and the file's words are kept: {fewer:?}");
 }
 
 #[test]
