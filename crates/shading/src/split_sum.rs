@@ -10,7 +10,7 @@ use std::sync::LazyLock;
 
 /// Cosines and roughnesses in the table.
 const COSINES: usize = 48;
-const ROUGHNESSES: usize = 32;
+const ROUGHNESSES: usize = 48;
 /// The table is denser near grazing: coordinate `(1 + c) x / (x + c)` of the cosine x.
 const GRAZING: f64 = 0.05;
 /// Quadrature points per entry: polar and azimuthal.
