@@ -41,6 +41,9 @@ pub(crate) enum Command {
     Surface(Surface),
     /// Clean a noisy rendering; layers such as albedo and normal beside the colour are found and used.
     Denoise(Denoise),
+    /// Recover parameters of an asset from pictures of it.
+    #[command(subcommand)]
+    Recover(Recover),
     /// Run the main job on a generated asset and write pictures and a report.
     Demo(Demo),
 }
@@ -504,6 +507,52 @@ pub(crate) struct Denoise {
     #[arg(long)]
     pub(crate) explain: bool,
     /// Write figures, times and the plan as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) json: Option<PathBuf>,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Recover {
+    /// Paint an asset's shape so that it looks like pictures with known cameras.
+    Texture(RecoverTexture),
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct RecoverTexture {
+    /// The pictures: a folder with transforms.json, or such a file.
+    #[arg(value_name = "PICTURES")]
+    pub(crate) pictures: PathBuf,
+    /// The asset whose shape is painted: .glb, .gltf, .obj or .ply, in the world of the cameras.
+    #[arg(long, value_name = "ASSET")]
+    pub(crate) mesh: PathBuf,
+    /// The file to write.
+    #[arg(short, long, value_name = "OUT.glb")]
+    pub(crate) output: PathBuf,
+    /// Width and height of the textures, texels.
+    #[arg(long, value_name = "N", default_value_t = 1024)]
+    pub(crate) texture_size: usize,
+    /// Steps of the fit; fewer are made when held-out pictures stop improving.
+    #[arg(long, value_name = "N", default_value_t = 400)]
+    pub(crate) steps: u64,
+    /// Pictures per step.
+    #[arg(long, value_name = "B", default_value_t = 2)]
+    pub(crate) batch: usize,
+    /// End the fit after this many seconds and keep what was reached.
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub(crate) time_limit: Option<Duration>,
+    /// Seed of all random choices.
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    pub(crate) seed: u64,
+    /// Threads; the result is the same for any number. All cores when not given.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(crate) threads: Option<u16>,
+    /// Folder in which the state of the fit is kept, for --resume.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) checkpoint: Option<PathBuf>,
+    /// Go on from the checkpoint, if there is one, to the same result as an uninterrupted run.
+    #[arg(long, requires = "checkpoint")]
+    pub(crate) resume: bool,
+    /// Write the figures as JSON.
     #[arg(long, value_name = "FILE")]
     pub(crate) json: Option<PathBuf>,
 }

@@ -2,8 +2,9 @@
 
 use crate::args::Inspect;
 use crate::output::{self, bytes, count, print};
-use crate::{forecast, mitsuba, preflight};
+use crate::{mitsuba, preflight};
 use anyhow::Result;
+use photofit_fit::simplify::{Plan, Runs};
 use photofit_scene::{AlphaMode, LightKind, Material, PunctualLight, Scene};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -134,10 +135,24 @@ fn text(path: &Path, scene: &Scene) -> String {
     }
     out += "a fit\n";
     match scene.validate_for_fit() {
-        Ok(()) => out += &forecast::text(&forecast::forecast(scene)),
+        Ok(()) => out += &format!("{}\n", Plan::new(scene)),
         Err(e) => out += &format!("  is not possible: {e}\n"),
     }
     out
+}
+
+/// What a fit would run; `runs` is null where options or baked maps decide.
+fn plan(scene: &Scene) -> Value {
+    let runs = |r| match r {
+        Runs::Yes => json!(true),
+        Runs::No => json!(false),
+        Runs::Open => Value::Null,
+    };
+    Plan::new(scene)
+        .items()
+        .into_iter()
+        .map(|i| json!({ "what": i.what, "runs": runs(i.runs), "why": i.why }))
+        .collect()
 }
 
 fn to_json(path: &Path, scene: &Scene) -> Value {
@@ -177,7 +192,7 @@ fn to_json(path: &Path, scene: &Scene) -> Value {
         .map(|i| json!({ "name": i.name, "width": i.width, "height": i.height }))
         .collect();
     let problem = scene.validate_for_fit().err().map(|e| e.to_string());
-    let plan = if problem.is_none() { forecast::to_json(&forecast::forecast(scene)) } else { Value::Null };
+    let plan = if problem.is_none() { plan(scene) } else { Value::Null };
     json!({
         "input": path.display().to_string(),
         "meshes": scene.primitives.len(),

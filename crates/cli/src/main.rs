@@ -9,7 +9,6 @@ mod compare;
 mod demo;
 mod demo_asset;
 mod denoise;
-mod forecast;
 mod inspect;
 mod light;
 mod memory;
@@ -18,6 +17,7 @@ mod output;
 mod path_render;
 mod preflight;
 mod progress;
+mod recover;
 mod render;
 mod sequence;
 mod simplify;
@@ -41,6 +41,7 @@ fn main() -> ExitCode {
         Command::Inspect(a) => inspect::run(a),
         Command::Surface(a) => surface::run(a),
         Command::Denoise(a) => denoise::run(a),
+        Command::Recover(a) => recover::run(a),
         Command::Demo(a) => demo::run(a),
     };
     let Err(error) = result else { return ExitCode::SUCCESS };

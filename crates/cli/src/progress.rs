@@ -130,6 +130,15 @@ impl Progress for Terminal {
         }
     }
 
+    fn warn(&self, text: &str) {
+        let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let line = format!("warning: {text}");
+        match &state.bar {
+            Some(bar) => bar.suspend(|| say(&line)),
+            None => say(&line),
+        }
+    }
+
     fn is_cancelled(&self) -> bool {
         CANCELLED.load(Ordering::SeqCst)
     }

@@ -3,16 +3,17 @@
 use crate::args::{FitLight, FitReference, Simplify, Start};
 use crate::output::{self, print};
 use crate::progress::{Terminal, handle_interrupts};
-use crate::{forecast, light, memory, preflight};
+use crate::{light, memory, preflight};
 use anyhow::{Error, Result, anyhow};
 use photofit_fit::FitError;
 use photofit_fit::report::{ReportInfo, write_report};
-use photofit_fit::simplify::{Init, Outcome, ReferenceRenderer, SimplifyOptions, simplify};
+use photofit_fit::simplify::{
+    Init, Judged, Outcome, Plan, Quality, ReferenceRenderer, SimplifyOptions, simplify,
+};
 use photofit_fit::views::Lighting;
 use photofit_geometry::decimate::Target;
 use photofit_scene::{Scene, SceneError, TextureEncoding};
 use serde_json::{Value, json};
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Share of the triangles that is kept when no budget is given.
@@ -41,7 +42,7 @@ pub(crate) fn run(a: &Simplify) -> Result<()> {
 }
 
 /// Sizes the pool that all crates share.
-fn set_threads(threads: Option<u16>) -> Result<()> {
+pub(crate) fn set_threads(threads: Option<u16>) -> Result<()> {
     let Some(n) = threads else { return Ok(()) };
     rayon::ThreadPoolBuilder::new()
         .num_threads(usize::from(n))
@@ -89,8 +90,19 @@ fn options(a: &Simplify) -> Result<SimplifyOptions> {
     })
 }
 
-/// Adds the name of the asset to errors that do not name a file.
+/// The option of a field of [`SimplifyOptions`].
+fn option(field: &str) -> String {
+    match field {
+        "asset" => field.to_owned(),
+        field => format!("--{}", field.replace('_', "-")),
+    }
+}
+
+/// Adds the name of the asset to errors that do not name a file, and turns fields into options.
 fn explain_error(input: &Path, error: FitError) -> Error {
+    if let FitError::Setting { field, rule } = &error {
+        return anyhow!("{}: {} {rule}", input.display(), option(field));
+    }
     let named = matches!(
         &error,
         FitError::Io { .. }
@@ -124,15 +136,10 @@ impl Job<'_> {
         for warning in &scene.warnings {
             crate::progress::say(&format!("warning: {}: {warning}", self.input.display()));
         }
-        let extensions = scene.materials.iter().filter_map(|m| m.extensions.as_ref());
-        let averaged: BTreeSet<&str> = extensions.flat_map(|e| e.textures()).map(|(name, _)| name).collect();
-        if !averaged.is_empty() {
-            let names = averaged.into_iter().collect::<Vec<_>>().join(", ");
-            let warning = format!("these textures of material extensions become their mean: {names}");
-            crate::progress::say(&format!("warning: {}: {warning}", self.input.display()));
-        }
         if self.explain {
-            print(&format!("what the asset asks for:\n{}\n", forecast::text(&forecast::forecast(scene))))?;
+            let path_traced = options.reference == ReferenceRenderer::Path;
+            let plan = Plan::new(scene).with_options(options.steps, path_traced, &options.lighting);
+            print(&format!("what the asset asks for:\n{plan}\n\n"))?;
         }
         handle_interrupts();
         let progress = Terminal::new();
@@ -144,6 +151,9 @@ impl Job<'_> {
         }
         if self.explain {
             print(&format!("what ran:\n{}\n\n", outcome.plan))?;
+        }
+        for line in &outcome.left_out {
+            crate::progress::say(&format!("warning: {}: left out: {line}", self.input.display()));
         }
         let report = self.write_report(scene, &outcome)?;
         self.print_summary(&outcome, report.as_deref())?;
@@ -166,7 +176,8 @@ impl Job<'_> {
     }
 
     fn print_summary(&self, o: &Outcome, report: Option<&Path>) -> Result<()> {
-        let mut text = output::quality_table(&o.stages());
+        let rows: Vec<(&str, &Quality)> = o.stages.iter().map(|(name, q)| (*name, q)).collect();
+        let mut text = output::quality_table(&rows);
         text += &format!(
             "\n{} -> {} triangles, {} steps, {:.1} s ({:.1} s of it until the file was written)\n",
             output::count(o.triangles_in),
@@ -175,7 +186,10 @@ impl Job<'_> {
             o.seconds,
             o.fit_seconds
         );
-        if o.decimated.psnr > o.fitted.psnr && o.decimated.flip < o.fitted.flip {
+        if let (Some(decimated), Some(fitted)) = (o.stage("decimated"), o.stage("fitted"))
+            && decimated.psnr > fitted.psnr
+            && decimated.flip < fitted.flip
+        {
             text += "its own textures on fewer triangles look better: a larger --texture-size may help\n";
         }
         text += &format!("wrote {}\n", self.output.display());
@@ -190,10 +204,7 @@ impl Job<'_> {
             .views
             .iter()
             .map(|v| {
-                Outcome::STAGES
-                    .iter()
-                    .zip(&v.quality)
-                    .map(|(s, q)| ((*s).to_owned(), output::quality(&q.quality)))
+                o.stages.iter().zip(&v.quality).map(|(s, q)| (s.0.to_owned(), output::quality(&q.quality)))
             })
             .map(|stages| Value::Object(stages.collect()))
             .collect();
@@ -218,9 +229,15 @@ impl Job<'_> {
             "threads": rayon::current_num_threads(),
             "views": views,
             "history": history,
+            "left_out": o.left_out,
+            "judged": match o.judged {
+                Judged::Rasterized => "rasterized",
+                Judged::ReferenceTraced => "reference path traced",
+                Judged::PathTraced => "path traced",
+            },
         });
-        for (stage, q) in o.stages() {
-            out[stage] = output::quality(q);
+        for (stage, q) in &o.stages {
+            out[*stage] = output::quality(q);
         }
         out
     }

@@ -29,9 +29,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let outcome = simplify(&rock, &out, &options, &Silent)?;
     println!("{} triangles instead of {}: {}", outcome.triangles_out, outcome.triangles_in, out.display());
-    for (stage, quality) in
-        [("decimated", outcome.decimated), ("baked", outcome.baked), ("fitted", outcome.fitted)]
-    {
+    for (stage, quality) in &outcome.stages {
         println!("{stage:>10}: PSNR {:.2} dB, FLIP {:.3}", quality.psnr, quality.flip);
     }
     println!("{:.1} s", outcome.seconds);

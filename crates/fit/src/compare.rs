@@ -1,8 +1,10 @@
 //! How much two assets look alike: both rendered from shared views, under shared lights, and compared.
 
+use crate::engine::Normalised;
+use crate::engine::judge::{ViewQuality, compare};
 use crate::scene_render::SceneRenderer;
-use crate::simplify::{Normalised, ViewQuality, compare, drawn};
-use crate::views::{Lighting, Set, setup};
+use crate::simplify::drawn;
+use crate::views::{Lighting, Orbit, Set, Views};
 use crate::{FitError, Progress};
 use photofit_scene::{FlatScene, Scene, SurfaceLibrary};
 
@@ -38,7 +40,7 @@ pub fn compare_assets(
     }
     let view = |i| {
         progress.report("compare", i, views, "");
-        let s = setup(Set::Report, i, views, 0, &Lighting::Point);
+        let s = Orbit::new(0, &Lighting::Point, resolution).setup(Set::Report, i, views);
         let lights = s.lights.lights();
         let render = |flat: &FlatScene, library: &SurfaceLibrary| {
             SceneRenderer::new(flat, library).render(&s.camera, &lights, resolution, resolution, SUPERSAMPLE)

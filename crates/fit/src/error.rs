@@ -27,7 +27,17 @@ pub enum FitError {
         /// What remains.
         kept: String,
     },
-    /// Large Steps could not be set up.
+    /// The loss is not finite.
+    #[error("step {step}: the loss is {value}; {kept}")]
+    Loss {
+        /// Step of the fit.
+        step: u64,
+        /// The loss.
+        value: f64,
+        /// What remains.
+        kept: String,
+    },
+    /// An optimizer or its preconditioner could not be set up.
     #[error("preconditioner: {0}")]
     Preconditioner(#[source] photofit_optim::OptimError),
     /// The reference cannot be path traced.
@@ -52,12 +62,20 @@ pub enum FitError {
         /// The rule that it breaks.
         rule: String,
     },
-    /// An option out of range.
-    #[error("{option}: {rule}")]
+    /// A setting out of range.
+    #[error("{field} {rule}")]
     Setting {
-        /// Name of the option.
-        option: &'static str,
-        /// The rule that it breaks.
+        /// Name of the field.
+        field: &'static str,
+        /// What it is and what it must be.
+        rule: String,
+    },
+    /// A folder of pictures that cannot be used.
+    #[error("{path}: {rule}")]
+    Pictures {
+        /// The file.
+        path: PathBuf,
+        /// The place in it and the rule that is broken.
         rule: String,
     },
     /// Stopped by the user before there was anything to keep.

@@ -1,13 +1,16 @@
 //! Fitting 3D assets to images: the tasks that join the other crates.
 //!
-//! [`simplify`] takes a heavy asset and gives back a light one that looks the same.
+//! [`simplify`] takes a heavy asset and gives back a light one that looks the same; [`recover`] fits the textures of an
+//! asset to pictures of it. Both are assembled from the parts in [`engine`].
 
 pub mod bake;
 pub mod candidate;
 pub mod compare;
-mod engine;
+pub mod engine;
 mod error;
+pub mod pictures;
 mod progress;
+pub mod recover;
 pub mod report;
 pub mod scene_render;
 pub mod simplify;

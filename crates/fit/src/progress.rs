@@ -4,6 +4,10 @@
 pub trait Progress: Sync {
     /// `done` of `total` units of a stage are finished.
     fn report(&self, stage: &'static str, done: u64, total: u64, note: &str);
+    /// Something that the user should know and that ends nothing.
+    fn warn(&self, text: &str) {
+        let _ = text;
+    }
     /// True once the user asked to stop.
     fn is_cancelled(&self) -> bool;
 }

@@ -1,13 +1,14 @@
 //! Forward rendering of whole scenes with their own materials: supersampled, with depth peeling where something is
 //! transparent. This is the reference renderer of a fit, and `photofit render`.
 
+use crate::engine::reference::ENERGY;
 use photofit_image::Image;
 use photofit_raster::interpolate::{derivatives, interpolate};
 use photofit_raster::project::{matrix_rows, project};
 use photofit_raster::rasterize::{Bins, Faces, Layer, NONE, PixelGrid, TILE, Tile, barycentrics};
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3};
 use photofit_scene::{Camera, FlatScene, SurfaceLibrary, UvDerivatives};
-use photofit_shading::{Energy, Light, Surface, face_viewer, perturb, shade, view_direction};
+use photofit_shading::{Light, Surface, face_viewer, perturb, shade, view_direction};
 use rayon::prelude::*;
 
 /// Most transparent layers that are looked for.
@@ -203,6 +204,6 @@ impl Shading<'_> {
         let n = face_viewer(normal, (p1 - p0).cross(p2 - p0), wo);
         let surface =
             Surface { base_color: s.base_color, roughness: s.roughness, metallic: s.metallic, gamma: 0.0 };
-        (shade(&surface, Energy::Single, position, n, wo, self.lights) + s.emissive, s.alpha)
+        (shade(&surface, ENERGY, position, n, wo, self.lights) + s.emissive, s.alpha)
     }
 }

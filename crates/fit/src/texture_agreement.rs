@@ -48,7 +48,7 @@ fn fitted(mode: AlphaMode) -> (Candidate, Scene) {
     let drawn = n.classes.iter().map(|c| c.drawn).collect();
     let classes = vec![class as u32; mesh.triangles.len()];
     let candidate = Candidate::new(&mesh, &weld_exact(&mesh.positions), classes, drawn, maps());
-    let scene = to_scene(&candidate, &n, "square");
+    let scene = to_scene(&candidate, &n);
     (candidate, scene)
 }
 

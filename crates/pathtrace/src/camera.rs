@@ -58,7 +58,7 @@ impl View {
             axes: [row(0), row(1), row(2)],
             half: [tan * camera.aspect, tan],
             projection: Projection::Perspective,
-            window: [0.0, 0.0, 1.0, 1.0],
+            window: [-0.5 * camera.principal[0], 0.5 * camera.principal[1], 1.0, 1.0],
             clip: [0.0, f32::INFINITY],
             lens: None,
         }

@@ -11,8 +11,11 @@ pub struct Camera {
     pub view: Mat4,
     /// Vertical field of view, radians.
     pub fov_y: f32,
-    /// Width over height.
+    /// Width over height of a pixel grid with square pixels; else of the fields of view.
     pub aspect: f32,
+    /// Where the optical axis meets the picture, off its centre: to the right in halves of its width, upwards in halves
+    /// of its height.
+    pub principal: [f32; 2],
     /// Distance of the near plane.
     pub near: f32,
     /// Distance of the far plane.
@@ -34,7 +37,7 @@ impl Camera {
             glam::vec4(right.z, true_up.z, back.z, 0.0),
             glam::vec4(-right.dot(eye), -true_up.dot(eye), -back.dot(eye), 1.0),
         );
-        Self { eye, view, fov_y, aspect, near, far }
+        Self { eye, view, fov_y, aspect, principal: [0.0; 2], near, far }
     }
 
     /// A camera on a sphere of `distance` around `center`, which it looks at.
@@ -88,7 +91,7 @@ impl Camera {
         Mat4::from_cols(
             glam::vec4(f / self.aspect, 0.0, 0.0, 0.0),
             glam::vec4(0.0, f, 0.0, 0.0),
-            glam::vec4(0.0, 0.0, r, -1.0),
+            glam::vec4(-self.principal[0], -self.principal[1], r, -1.0),
             glam::vec4(0.0, 0.0, r * self.near, 0.0),
         )
     }
@@ -103,6 +106,16 @@ impl Camera {
 mod tests {
     use super::*;
     use std::f32::consts::FRAC_PI_2;
+
+    #[test]
+    fn the_optical_axis_meets_the_picture_at_the_principal_point() {
+        let mut c = Camera::look_at(Vec3::Z * 3.0, Vec3::ZERO, Vec3::Y, 0.8, 1.5, 0.1, 10.0);
+        c.principal = [0.25, -0.5];
+        for depth in [0.0, 1.5] {
+            let p = c.view_projection().project_point3(Vec3::Z * depth);
+            assert!((p.x - 0.25).abs() < 1e-6 && (p.y + 0.5).abs() < 1e-6, "{p}");
+        }
+    }
 
     #[test]
     fn orbits_turn_the_stated_way() {

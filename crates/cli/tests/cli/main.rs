@@ -6,6 +6,7 @@ mod commands;
 mod denoise;
 mod mitsuba;
 mod path;
+mod recover;
 mod simplify;
 mod support;
 mod surface;

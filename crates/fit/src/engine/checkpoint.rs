@@ -1,258 +1,362 @@
 //! Checkpoints: everything that a fit needs to go on to the same bits.
 //!
-//! One file, written under a temporary name and renamed: a magic word, the length of a JSON header, the header (sizes,
-//! counters, a fingerprint of the options and the asset), then the arrays as little-endian numbers.
+//! One file, written under a temporary name and renamed: a magic word, a checksum of all that follows, the length of a
+//! JSON header, the header (counters, a fingerprint of the fit, names and sizes of the groups), then per group its
+//! values, its best values and the state of its optimizer as little-endian numbers.
 
+use super::model::Group;
 use super::trainer::HistoryPoint;
 use crate::FitError;
-use crate::candidate::Candidate;
-use crate::simplify::SimplifyOptions;
-use crate::views::Shot;
 use photofit_image::write_atomically;
 use photofit_optim::State;
-use photofit_raster::{CHANNELS, Maps};
-use photofit_scalar::Vec3f;
 use serde::{Deserialize, Serialize};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-const MAGIC: &[u8; 8] = b"PHOTOFT1";
-const FILE: &str = "fit.ckpt";
+const MAGIC: &[u8; 8] = b"PHOTOFT2";
+/// Name of the file in its folder.
+pub(crate) const FILE: &str = "fit.ckpt";
 
-/// What is written.
-pub(crate) struct Checkpoint<'a> {
+/// Counters and curves of a fit.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Course {
+    /// Steps made.
     pub step: u64,
+    /// Phases begun: what happens once at the beginning of a phase has happened for these.
+    pub begun: usize,
+    /// Quality of the best values.
     pub best_psnr: f64,
-    pub positions: &'a [Vec3f],
-    pub maps: &'a Maps,
-    pub best_positions: &'a [Vec3f],
-    pub best_maps: &'a Maps,
-    pub shape: &'a State<f32>,
-    pub adam: &'a State<f32>,
-    pub history: &'a [HistoryPoint],
-    pub loss: &'a [f64],
-}
-
-/// What is read.
-pub(crate) struct Loaded {
-    pub step: u64,
-    pub best_psnr: f64,
-    pub positions: Vec<Vec3f>,
-    pub maps: Maps,
-    pub best_positions: Vec<Vec3f>,
-    pub best_maps: Maps,
-    pub shape: State<f32>,
-    pub adam: State<f32>,
+    /// Looks at the held-out views.
     pub history: Vec<HistoryPoint>,
+    /// Losses since the last look.
     pub loss: Vec<f64>,
 }
 
+/// One group, as it is written.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Saved<'a> {
+    pub group: &'a Group,
+    pub values: &'a [f32],
+    pub best: &'a [f32],
+    pub optimizer: &'a State<f32>,
+}
+
+/// One group, as it is read.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Loaded {
+    pub values: Vec<f32>,
+    pub best: Vec<f32>,
+    pub optimizer: State<f32>,
+}
+
 #[derive(Debug, Serialize, Deserialize)]
-struct StateHeader {
+struct GroupHeader {
+    name: String,
+    rows: usize,
+    columns: usize,
     m: usize,
     v: usize,
-    step: u64,
+    row_steps: usize,
+    optimizer_step: u64,
     scale_exponent: i32,
     mean_square_bits: u64,
-    rows: usize,
+}
+
+impl GroupHeader {
+    fn new(s: &Saved<'_>) -> Self {
+        Self {
+            name: s.group.name.to_owned(),
+            rows: s.group.rows,
+            columns: s.group.columns,
+            m: s.optimizer.m.len(),
+            v: s.optimizer.v.len(),
+            row_steps: s.optimizer.row_steps.len(),
+            optimizer_step: s.optimizer.step,
+            scale_exponent: s.optimizer.scale_exponent,
+            mean_square_bits: s.optimizer.mean_square.to_bits(),
+        }
+    }
 }
 
 #[derive(Debug, Serialize, Deserialize)]
 struct Header {
     fingerprint: String,
     step: u64,
+    begun: usize,
     best_psnr_bits: u64,
-    vertices: usize,
-    width: usize,
-    height: usize,
-    shape: StateHeader,
-    adam: StateHeader,
-    /// step, then seconds, loss and quality as bits.
+    groups: Vec<GroupHeader>,
+    /// Step, then seconds, loss and quality as bits.
     history: Vec<[u64; 4]>,
     loss: Vec<u64>,
 }
 
-fn state_header(s: &State<f32>) -> StateHeader {
-    StateHeader {
-        m: s.m.len(),
-        v: s.v.len(),
-        step: s.step,
-        scale_exponent: s.scale_exponent,
-        mean_square_bits: s.mean_square.to_bits(),
-        rows: s.row_steps.len(),
-    }
-}
-
-/// What must agree between the run that wrote a checkpoint and the one that reads it: the options that steer the fit,
-/// the candidate it starts from (which follows from the asset), and a held-out view (which follows from the asset and
-/// the light).
-pub(crate) fn fingerprint(options: &SimplifyOptions, start: &Candidate, view: &Shot) -> String {
-    let mut digest = Digest(0xcbf2_9ce4_8422_2325);
-    digest.add(start.triangles.as_flattened());
-    digest.add(&start.positions);
-    digest.add(&start.uvs);
-    digest.add(start.maps.levels[0].texels.as_flattened());
-    digest.add(view.reference.as_flattened());
-    format!(
-        "{:?} {:?} {} {} {} {} {} {:016x}",
-        options.target,
-        options.init,
-        options.resolution,
-        options.batch,
-        options.steps,
-        options.texture_size,
-        options.seed,
-        digest.0
-    )
-}
-
-/// FNV-1a (Fowler, Noll, Vo), word by word.
-struct Digest(u64);
+/// FNV-1a (Fowler, Noll, Vo) over words: a change of any single word changes it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Digest(u64);
 
 impl Digest {
-    fn add<A: bytemuck::NoUninit>(&mut self, values: &[A]) {
-        for word in bytemuck::cast_slice::<A, u32>(values) {
-            self.0 = (self.0 ^ u64::from(*word)).wrapping_mul(0x0100_0000_01b3);
-        }
+    pub(crate) fn new() -> Self {
+        Self(0xcbf2_9ce4_8422_2325)
+    }
+
+    fn word(&mut self, word: u64) {
+        self.0 = (self.0 ^ word).wrapping_mul(0x0100_0000_01b3);
+    }
+
+    /// Adds numbers, one 32-bit word after the other.
+    pub(crate) fn add<A: bytemuck::NoUninit>(&mut self, values: &[A]) {
+        bytemuck::cast_slice::<A, u32>(values).iter().for_each(|w| self.word(u64::from(*w)));
+    }
+
+    /// Adds bytes and their number.
+    pub(crate) fn add_bytes(&mut self, bytes: &[u8]) {
+        let (words, rest) = bytes.as_chunks::<8>();
+        words.iter().for_each(|w| self.word(u64::from_le_bytes(*w)));
+        rest.iter().for_each(|b| self.word(u64::from(*b)));
+        self.word(bytes.len() as u64);
+    }
+
+    pub(crate) fn value(self) -> u64 {
+        self.0
     }
 }
 
 /// Writes the checkpoint of a folder, replacing the one before.
-pub(crate) fn save(folder: &Path, c: &Checkpoint<'_>, fingerprint: &str) -> Result<(), FitError> {
+///
+/// # Errors
+/// If the file system refuses; the one before is then unchanged.
+pub(crate) fn save(
+    folder: &Path,
+    course: &Course,
+    groups: &[Saved<'_>],
+    fingerprint: &str,
+) -> Result<(), FitError> {
     std::fs::create_dir_all(folder).map_err(|source| FitError::Io { path: folder.into(), source })?;
+    let path = folder.join(FILE);
+    let bytes = encode(course, groups, fingerprint)
+        .map_err(|e| FitError::Checkpoint { path: path.clone(), rule: e.to_string() })?;
+    Ok(write_atomically(path, &bytes)?)
+}
+
+fn encode(course: &Course, groups: &[Saved<'_>], fingerprint: &str) -> Result<Vec<u8>, serde_json::Error> {
     let header = Header {
         fingerprint: fingerprint.to_owned(),
-        step: c.step,
-        best_psnr_bits: c.best_psnr.to_bits(),
-        vertices: c.positions.len(),
-        width: c.maps.width,
-        height: c.maps.height,
-        shape: state_header(c.shape),
-        adam: state_header(c.adam),
-        history: c
+        step: course.step,
+        begun: course.begun,
+        best_psnr_bits: course.best_psnr.to_bits(),
+        groups: groups.iter().map(GroupHeader::new).collect(),
+        history: course
             .history
             .iter()
             .map(|h| [h.step, h.seconds.to_bits(), h.loss.to_bits(), h.held_out_psnr.to_bits()])
             .collect(),
-        loss: c.loss.iter().map(|l| l.to_bits()).collect(),
+        loss: course.loss.iter().map(|l| l.to_bits()).collect(),
     };
-    let json = serde_json::to_vec(&header)
-        .map_err(|e| FitError::Checkpoint { path: folder.join(FILE), rule: e.to_string() })?;
-    let mut out = Vec::new();
-    out.extend_from_slice(MAGIC);
+    let json = serde_json::to_vec(&header)?;
+    let mut out = MAGIC.to_vec();
+    out.extend_from_slice(&[0; 8]);
     out.extend_from_slice(&(json.len() as u64).to_le_bytes());
     out.extend_from_slice(&json);
-    for part in [c.positions, c.best_positions] {
-        push(&mut out, bytemuck::cast_slice(part));
+    for g in groups {
+        for part in [g.values, g.best, &g.optimizer.m, &g.optimizer.v] {
+            out.reserve(part.len() * 4);
+            part.iter().for_each(|x| out.extend_from_slice(&x.to_le_bytes()));
+        }
+        g.optimizer.row_steps.iter().for_each(|r| out.extend_from_slice(&r.to_le_bytes()));
     }
-    for maps in [c.maps, c.best_maps] {
-        push(&mut out, maps.texels.as_flattened());
-    }
-    for s in [c.shape, c.adam] {
-        push(&mut out, &s.m);
-        push(&mut out, &s.v);
-        s.row_steps.iter().for_each(|r| out.extend_from_slice(&r.to_le_bytes()));
-    }
-    Ok(write_atomically(folder.join(FILE), &out)?)
+    let mut digest = Digest::new();
+    digest.add_bytes(&out[16..]);
+    out[8..16].copy_from_slice(&digest.value().to_le_bytes());
+    Ok(out)
 }
 
-fn push(out: &mut Vec<u8>, values: &[f32]) {
-    out.reserve(values.len() * 4);
-    values.iter().for_each(|v| out.extend_from_slice(&v.to_le_bytes()));
-}
-
-/// Reads numbers from the rest of a file.
-struct Rest<'a> {
-    bytes: &'a [u8],
-    path: &'a Path,
-}
-
-impl Rest<'_> {
-    fn words(&mut self, n: usize) -> Result<Vec<[u8; 4]>, FitError> {
-        let broken =
-            || FitError::Checkpoint { path: self.path.into(), rule: "the file ends too early".into() };
-        let size = n.checked_mul(4).filter(|s| *s <= self.bytes.len()).ok_or_else(broken)?;
-        let (head, tail) = self.bytes.split_at(size);
-        self.bytes = tail;
-        Ok(head.chunks_exact(4).map(|b| [b[0], b[1], b[2], b[3]]).collect())
-    }
-
-    fn floats(&mut self, n: usize) -> Result<Vec<f32>, FitError> {
-        Ok(self.words(n)?.into_iter().map(f32::from_le_bytes).collect())
-    }
-
-    fn vectors(&mut self, n: usize) -> Result<Vec<Vec3f>, FitError> {
-        Ok(bytemuck::cast_slice(&self.floats(n * 3)?).to_vec())
-    }
-
-    fn maps(&mut self, width: usize, height: usize) -> Result<Maps, FitError> {
-        let flat = self.floats(width * height * CHANNELS)?;
-        Ok(Maps { width, height, texels: bytemuck::cast_slice(&flat).to_vec() })
-    }
-
-    fn state(&mut self, h: &StateHeader) -> Result<State<f32>, FitError> {
-        Ok(State {
-            m: self.floats(h.m)?,
-            v: self.floats(h.v)?,
-            step: h.step,
-            scale_exponent: h.scale_exponent,
-            mean_square: f64::from_bits(h.mean_square_bits),
-            row_steps: self.words(h.rows)?.into_iter().map(u32::from_le_bytes).collect(),
-        })
-    }
-}
-
-/// Reads the checkpoint if the options ask for it and there is one.
+/// Reads the checkpoint of a folder, if there is one.
+///
+/// # Errors
+/// If it cannot be read, is damaged, or belongs to another fit.
 pub(crate) fn load(
-    options: &SimplifyOptions,
-    candidate: &Candidate,
+    folder: &Path,
+    groups: &[Group],
     fingerprint: &str,
-) -> Result<Option<Loaded>, FitError> {
-    let Some(path) = options.checkpoint.as_ref().filter(|_| options.resume).map(|f| f.join(FILE)) else {
-        return Ok(None);
-    };
+) -> Result<Option<(Course, Vec<Loaded>)>, FitError> {
+    let path = folder.join(FILE);
     if !path.exists() {
         return Ok(None);
     }
     let bytes = std::fs::read(&path).map_err(|source| FitError::Io { path: path.clone(), source })?;
-    parse(&path, &bytes, candidate, fingerprint).map(Some)
+    decode(&bytes, groups, fingerprint).map(Some).map_err(|rule| FitError::Checkpoint { path, rule })
 }
 
-fn parse(path: &PathBuf, bytes: &[u8], candidate: &Candidate, fingerprint: &str) -> Result<Loaded, FitError> {
-    let broken = |rule: &str| FitError::Checkpoint { path: path.clone(), rule: rule.into() };
-    let length = bytes.get(8..16).and_then(|b| b.try_into().ok()).map(u64::from_le_bytes);
-    let (Some(length), true) = (length, bytes.starts_with(MAGIC)) else {
-        return Err(broken("it is not a checkpoint of photofit"));
-    };
-    let json = usize::try_from(length).ok().and_then(|l| bytes.get(16..l.checked_add(16)?));
-    let json = json.ok_or_else(|| broken("the file ends too early"))?;
-    let h: Header =
-        serde_json::from_slice(json).map_err(|e| broken(&format!("the header is broken: {e}")))?;
-    let base = &candidate.maps.levels[0];
-    let same_sizes =
-        h.vertices == candidate.positions.len() && (h.width, h.height) == (base.width, base.height);
-    if h.fingerprint != fingerprint || !same_sizes {
-        return Err(broken("it belongs to a fit with other options or another asset or light"));
+/// Numbers from the rest of a file.
+struct Rest<'a>(&'a [u8]);
+
+impl Rest<'_> {
+    fn words(&mut self, n: usize) -> Result<Vec<[u8; 4]>, String> {
+        let size = n.checked_mul(4).filter(|s| *s <= self.0.len()).ok_or("the file ends too early")?;
+        let (head, tail) = self.0.split_at(size);
+        self.0 = tail;
+        Ok(head.as_chunks::<4>().0.to_vec())
     }
-    let mut rest = Rest { bytes: &bytes[16 + json.len()..], path };
-    let (positions, best_positions) = (rest.vectors(h.vertices)?, rest.vectors(h.vertices)?);
-    let (maps, best_maps) = (rest.maps(h.width, h.height)?, rest.maps(h.width, h.height)?);
-    let (shape, adam) = (rest.state(&h.shape)?, rest.state(&h.adam)?);
+
+    fn floats(&mut self, n: usize) -> Result<Vec<f32>, String> {
+        Ok(self.words(n)?.into_iter().map(f32::from_le_bytes).collect())
+    }
+
+    fn group(&mut self, h: &GroupHeader, g: &Group) -> Result<Loaded, String> {
+        let length = g.rows * g.columns;
+        Ok(Loaded {
+            values: self.floats(length)?,
+            best: self.floats(length)?,
+            optimizer: State {
+                m: self.floats(h.m)?,
+                v: self.floats(h.v)?,
+                step: h.optimizer_step,
+                scale_exponent: h.scale_exponent,
+                mean_square: f64::from_bits(h.mean_square_bits),
+                row_steps: self.words(h.row_steps)?.into_iter().map(u32::from_le_bytes).collect(),
+            },
+        })
+    }
+}
+
+fn decode(bytes: &[u8], groups: &[Group], fingerprint: &str) -> Result<(Course, Vec<Loaded>), String> {
+    if !bytes.starts_with(MAGIC) {
+        return Err("it is no checkpoint of this version of photofit".into());
+    }
+    let word = |at: usize| bytes.get(at..at + 8).and_then(|b| b.try_into().ok()).map(u64::from_le_bytes);
+    let (Some(checksum), Some(length)) = (word(8), word(16)) else {
+        return Err("the file ends too early".into());
+    };
+    let mut digest = Digest::new();
+    digest.add_bytes(&bytes[16..]);
+    if digest.value() != checksum {
+        return Err("it is damaged: its checksum does not match; remove it to begin anew".into());
+    }
+    let json = usize::try_from(length).ok().and_then(|l| bytes.get(24..l.checked_add(24)?));
+    let json = json.ok_or("the file ends too early")?;
+    let h: Header = serde_json::from_slice(json).map_err(|e| format!("its header is broken: {e}"))?;
+    let same =
+        |(h, g): (&GroupHeader, &Group)| h.name == g.name && (h.rows, h.columns) == (g.rows, g.columns);
+    if h.fingerprint != fingerprint
+        || h.groups.len() != groups.len()
+        || !h.groups.iter().zip(groups).all(same)
+    {
+        return Err("it belongs to a fit with other options or another asset or light".into());
+    }
+    let mut rest = Rest(&bytes[24 + json.len()..]);
+    let loaded = h.groups.iter().zip(groups).map(|(h, g)| rest.group(h, g)).collect::<Result<_, _>>()?;
+    if !rest.0.is_empty() {
+        return Err(format!("{} bytes follow its end", rest.0.len()));
+    }
     let history = h.history.iter().map(|[step, seconds, loss, psnr]| HistoryPoint {
         step: *step,
         seconds: f64::from_bits(*seconds),
         loss: f64::from_bits(*loss),
         held_out_psnr: f64::from_bits(*psnr),
     });
-    Ok(Loaded {
+    let course = Course {
         step: h.step,
+        begun: h.begun,
         best_psnr: f64::from_bits(h.best_psnr_bits),
-        positions,
-        maps,
-        best_positions,
-        best_maps,
-        shape,
-        adam,
         history: history.collect(),
         loss: h.loss.iter().map(|l| f64::from_bits(*l)).collect(),
-    })
+    };
+    Ok((course, loaded))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn group(name: &'static str, rows: usize, columns: usize) -> Group {
+        Group { name, rows, columns, ranges: Vec::new(), unit: None, rates: Vec::new() }
+    }
+
+    fn sample() -> (Course, Vec<Group>, Vec<Loaded>) {
+        let course = Course {
+            step: 31,
+            begun: 2,
+            best_psnr: 23.5,
+            history: vec![HistoryPoint { step: 25, seconds: 1.5, loss: 0.25, held_out_psnr: 23.5 }],
+            loss: vec![0.5, 0.25],
+        };
+        let groups = vec![group("positions", 5, 3), group("maps", 4, 2)];
+        let loaded = groups
+            .iter()
+            .map(|g| {
+                let n = g.rows * g.columns;
+                let numbers = |a: f32| (0..n).map(|i| a + i as f32).collect::<Vec<f32>>();
+                let optimizer = State {
+                    m: numbers(0.1),
+                    v: numbers(0.2),
+                    step: 31,
+                    scale_exponent: -7,
+                    mean_square: 0.125,
+                    row_steps: vec![3; g.rows],
+                };
+                Loaded { values: numbers(1.0), best: numbers(2.0), optimizer }
+            })
+            .collect();
+        (course, groups, loaded)
+    }
+
+    fn bytes() -> Vec<u8> {
+        let (course, groups, loaded) = sample();
+        let saved: Vec<Saved<'_>> = groups
+            .iter()
+            .zip(&loaded)
+            .map(|(group, l)| Saved { group, values: &l.values, best: &l.best, optimizer: &l.optimizer })
+            .collect();
+        encode(&course, &saved, "print").unwrap()
+    }
+
+    #[test]
+    fn what_is_written_is_read() {
+        let (course, groups, loaded) = sample();
+        assert_eq!(decode(&bytes(), &groups, "print").unwrap(), (course, loaded));
+    }
+
+    #[test]
+    fn damage_is_always_noticed() {
+        let (_, groups, _) = sample();
+        let good = bytes();
+        for at in 0..good.len() {
+            for bit in [0x01, 0x80] {
+                let mut bad = good.clone();
+                bad[at] ^= bit;
+                assert!(decode(&bad, &groups, "print").is_err(), "byte {at} of {}", good.len());
+            }
+        }
+        for length in 0..good.len() {
+            assert!(decode(&good[..length], &groups, "print").is_err(), "cut to {length} bytes");
+        }
+        let longer = [&good[..], &[0; 4]].concat();
+        let rule = decode(&longer, &groups, "print").unwrap_err();
+        assert!(rule.contains("damaged"), "{rule}");
+    }
+
+    #[test]
+    fn another_fit_is_told_apart() {
+        let (_, groups, _) = sample();
+        let foreign = [
+            (vec![group("positions", 5, 3), group("texels", 4, 2)], "print"),
+            (vec![group("positions", 5, 3), group("maps", 5, 2)], "print"),
+            (vec![group("positions", 5, 3)], "print"),
+            (groups, "other print"),
+        ];
+        for (groups, print) in foreign {
+            let rule = decode(&bytes(), &groups, print).unwrap_err();
+            assert!(rule.contains("other options"), "{rule}");
+        }
+    }
+
+    #[test]
+    fn a_huge_header_length_takes_no_memory() {
+        let (_, groups, _) = sample();
+        let mut bad = bytes();
+        bad[16..24].copy_from_slice(&u64::MAX.to_le_bytes());
+        let mut digest = Digest::new();
+        digest.add_bytes(&bad[16..]);
+        bad[8..16].copy_from_slice(&digest.value().to_le_bytes());
+        assert!(decode(&bad, &groups, "print").unwrap_err().contains("too early"));
+    }
 }

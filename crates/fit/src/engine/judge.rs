@@ -1,14 +1,17 @@
-//! Quality of candidates on views and lights that no fit saw.
+//! The judge: quality of written assets on views and lights that no fit saw, drawn as other programs draw them.
+//!
+//! Where materials need what the rasterizer lacks (coats, sheen, glass and so on) reference and candidates are path
+//! traced, extensions included.
 
-use super::reference::Painter;
-use crate::candidate::Candidate;
-use crate::scene_render::SceneRenderer;
-use crate::simplify::{Normalised, SimplifyOptions, drawn, to_scene};
-use crate::views::{Set, setup};
+use super::asset::Normalised;
+use super::reference::{Features, PathTraced, Picture, Rasterized, Reference};
+use super::views::{Lighting, Orbit, Set, Views};
+use crate::simplify::drawn;
 use crate::{FitError, Progress};
 use photofit_geometry::Mesh;
 use photofit_image::{Image, dilate, flip, psnr_from_mse, squared_error, ssim, to_display};
-use photofit_scene::{FlatScene, Scene, SurfaceLibrary};
+use photofit_scene::{FlatScene, Instance, Primitive, Scene, SurfaceLibrary};
+use std::collections::BTreeSet;
 
 /// Grey behind the asset, sRGB.
 const BACKGROUND: f32 = 0.5;
@@ -20,10 +23,8 @@ const OUTLINE: f32 = 0.1;
 const PIXELS_PER_DEGREE: f32 = 67.02;
 /// Quality of equal pictures: what 8 bits can tell apart, rounded up.
 const BEST_PSNR: f64 = 60.0;
-/// Views by which the result is chosen.
-const CHOICE_VIEWS: u64 = 4;
-/// Samples per axis of a pixel.
-const SUPERSAMPLE: usize = 4;
+/// Widest path traced picture of the judge.
+const WIDEST_TRACED: usize = 256;
 
 /// Mean quality over the foreground: the union of both silhouettes, dilated.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -66,47 +67,84 @@ pub struct ViewQuality {
     pub picture: Image,
 }
 
-/// One view of the report.
+/// One view of the judgement.
 #[derive(Clone, Debug)]
 pub struct ReportView {
     /// Display picture (sRGB) of the reference.
     pub reference: Image,
-    /// Each candidate against it.
+    /// Each stage against it, in their order.
     pub quality: Vec<ViewQuality>,
 }
 
-/// A candidate ready to be rendered.
+/// How the pictures of a judgement were made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Judged {
+    /// All by the rasterizer.
+    Rasterized,
+    /// The reference by the path tracer, which the fit asked for; the stages by the rasterizer.
+    ReferenceTraced,
+    /// All by the path tracer, extensions of materials included.
+    PathTraced,
+}
+
+/// A named asset on its way to the written file.
 #[derive(Debug)]
-pub(crate) struct Prepared {
+pub struct Stage {
+    /// Its name in tables.
+    pub name: &'static str,
+    /// The asset.
+    pub scene: Scene,
+    /// Whether it lies in the normalised frame; else in that of the reference.
+    pub normalised: bool,
+}
+
+/// A stage that the rasterizer can draw.
+struct Drawn {
     flat: FlatScene,
     library: SurfaceLibrary,
-    normalised: bool,
 }
 
-impl Prepared {
-    /// A candidate in the asset's frame.
-    pub(crate) fn of_scene(scene: &Scene) -> Self {
-        Self { flat: scene.flatten(), library: SurfaceLibrary::new(&drawn(scene)), normalised: false }
+impl Stage {
+    /// A stage in the frame of the reference.
+    pub fn new(name: &'static str, scene: Scene) -> Self {
+        Self { name, scene, normalised: false }
     }
 
-    /// A candidate in the normalised frame with the reference's materials.
-    pub(crate) fn of_flat(n: &Normalised, mesh: Mesh, triangle_material: Vec<u32>) -> Self {
+    /// A mesh in the normalised frame with the reference's materials `scene.materials`.
+    pub fn of_mesh(name: &'static str, scene: &Scene, mesh: &Mesh, triangle_material: &[u32]) -> Self {
         // Through a scene, so that tangents are made where a normal map needs them.
+        let primitives = split_by_material(mesh, triangle_material, scene.materials.len());
+        let place = |primitive| Instance { primitive, transform: glam::Affine3A::IDENTITY };
         let scene = Scene {
-            primitives: split_by_material(&mesh, &triangle_material, n.materials.len()),
-            materials: n.materials.clone(),
-            images: n.images.clone(),
+            instances: (0..primitives.len()).map(place).collect(),
+            primitives,
+            materials: scene.materials.clone(),
+            images: scene.images.clone(),
             ..Scene::default()
         };
-        let instances = (0..scene.primitives.len())
-            .map(|primitive| photofit_scene::Instance { primitive, transform: glam::Affine3A::IDENTITY })
-            .collect();
-        let scene = Scene { instances, ..scene };
-        Self { flat: scene.flatten(), library: SurfaceLibrary::new(&scene), normalised: true }
+        Self { name, scene, normalised: true }
+    }
+
+    fn drawn(&self, n: &Normalised) -> Drawn {
+        let mut flat = self.scene.flatten();
+        if !self.normalised {
+            for p in &mut flat.mesh.positions {
+                *p = (*p - n.center) / n.radius;
+            }
+        }
+        Drawn { flat, library: SurfaceLibrary::new(&drawn(&self.scene)) }
+    }
+
+    fn traced(&self, n: &Normalised, seed: u64) -> Result<PathTraced<'static>, FitError> {
+        if self.normalised {
+            PathTraced::in_frame(&self.scene, n.radius, Features::All, seed)
+        } else {
+            PathTraced::new(&self.scene, n, Features::All, seed)
+        }
     }
 }
 
-fn split_by_material(mesh: &Mesh, material: &[u32], count: usize) -> Vec<photofit_scene::Primitive> {
+fn split_by_material(mesh: &Mesh, material: &[u32], count: usize) -> Vec<Primitive> {
     (0..count)
         .filter_map(|m| {
             let triangles: Vec<[u32; 3]> = mesh
@@ -116,7 +154,7 @@ fn split_by_material(mesh: &Mesh, material: &[u32], count: usize) -> Vec<photofi
                 .filter(|(_, k)| **k as usize == m)
                 .map(|(t, _)| *t)
                 .collect();
-            (!triangles.is_empty()).then(|| photofit_scene::Primitive {
+            (!triangles.is_empty()).then(|| Primitive {
                 mesh: Mesh { triangles, tangents: Vec::new(), ..mesh.clone() },
                 material: m,
             })
@@ -124,79 +162,147 @@ fn split_by_material(mesh: &Mesh, material: &[u32], count: usize) -> Vec<photofi
         .collect()
 }
 
-/// Renders the reference and the candidates and compares them.
-pub(crate) fn evaluate(
+/// What of a scene's visible materials the rasterizer does not draw, by name of the extension.
+pub fn beyond_rasterizer(scene: &Scene) -> BTreeSet<&'static str> {
+    scene
+        .instances
+        .iter()
+        .map(|i| &scene.materials[scene.primitives[i.primitive].material])
+        .filter(|m| !m.unlit)
+        .filter_map(|m| m.extensions.as_ref())
+        .flat_map(|e| e.names())
+        .collect()
+}
+
+/// How to judge.
+#[derive(Clone, Debug)]
+pub struct Judge<'a> {
+    /// The asset as it was read, with all that its file means.
+    pub scene: &'a Scene,
+    /// The same in the normalised frame.
+    pub n: &'a Normalised,
+    /// Pictures of the reference as the fit had them, for stages that the rasterizer can draw.
+    pub path_traced_reference: bool,
+    /// Light of the views.
+    pub lighting: &'a Lighting,
+    /// Width and height of the pictures.
+    pub size: usize,
+    /// Seed of the views.
+    pub seed: u64,
+}
+
+impl Judge<'_> {
+    /// How pictures are made.
+    pub fn method(&self) -> Judged {
+        if !beyond_rasterizer(self.scene).is_empty() {
+            Judged::PathTraced
+        } else if self.path_traced_reference {
+            Judged::ReferenceTraced
+        } else {
+            Judged::Rasterized
+        }
+    }
+
+    /// Compares stages with the reference in the `views` views of a report.
+    ///
+    /// # Errors
+    /// If a picture cannot be made.
+    pub fn views(
+        &self,
+        stages: &[Stage],
+        views: u64,
+        progress: &dyn Progress,
+    ) -> Result<Vec<ReportView>, FitError> {
+        let method = self.method();
+        let size = if method == Judged::PathTraced { self.size.min(WIDEST_TRACED) } else { self.size };
+        let orbit = Orbit::new(self.seed, self.lighting, size);
+        let look = |reference: &dyn Reference, stages: &[&dyn Reference]| {
+            compared(reference, stages, &orbit, Set::Report, views, progress)
+        };
+        let n = self.n;
+        if method == Judged::PathTraced {
+            let reference = PathTraced::new(self.scene, n, Features::All, self.seed)?;
+            let traced: Vec<_> =
+                stages.iter().map(|s| s.traced(n, self.seed)).collect::<Result<_, FitError>>()?;
+            return look(&reference, &traced.iter().map(|t| t as &dyn Reference).collect::<Vec<_>>());
+        }
+        let traced;
+        let rasterized = Rasterized::new(&n.flat, &n.library);
+        let reference: &dyn Reference = if method == Judged::ReferenceTraced {
+            traced = PathTraced::new(self.scene, n, Features::Core, self.seed)?;
+            &traced
+        } else {
+            &rasterized
+        };
+        rasterized_views(n, reference, stages, &orbit, Set::Report, views, progress)
+    }
+}
+
+/// Compares stages, drawn by the rasterizer, with a reference in `count` views of a set.
+///
+/// # Errors
+/// If a picture of the reference cannot be made.
+pub fn rasterized_views(
     n: &Normalised,
-    painter: &Painter<'_>,
-    candidates: &[Prepared],
-    options: &SimplifyOptions,
+    reference: &dyn Reference,
+    stages: &[Stage],
+    views: &dyn Views,
+    set: Set,
+    count: u64,
     progress: &dyn Progress,
 ) -> Result<Vec<ReportView>, FitError> {
-    let size = options.resolution;
-    let candidates: Vec<InFrame<'_>> = candidates.iter().map(|c| InFrame::new(c, n)).collect();
-    (0..options.report_views)
+    let drawn: Vec<Drawn> = stages.iter().map(|s| s.drawn(n)).collect();
+    let drawn: Vec<Rasterized<'_>> = drawn.iter().map(|d| Rasterized::new(&d.flat, &d.library)).collect();
+    let drawn: Vec<&dyn Reference> = drawn.iter().map(|d| d as &dyn Reference).collect();
+    compared(reference, &drawn, views, set, count, progress)
+}
+
+/// Compares pictures of several with those of a reference in `count` views of a set.
+fn compared(
+    reference: &dyn Reference,
+    stages: &[&dyn Reference],
+    views: &dyn Views,
+    set: Set,
+    count: u64,
+    progress: &dyn Progress,
+) -> Result<Vec<ReportView>, FitError> {
+    (0..count)
         .map(|i| {
-            progress.report("report", i, options.report_views, "");
-            let s = setup(Set::Report, i, options.report_views, options.seed, &options.lighting);
-            let lights = s.lights.lights();
-            let render = |flat: &FlatScene, library: &SurfaceLibrary| {
-                SceneRenderer::new(flat, library).render(&s.camera, &lights, size, size, SUPERSAMPLE)
-            };
-            let reference = painter.picture(&s, size)?;
-            let quality =
-                candidates.iter().map(|c| compare(&reference, &render(&c.flat, c.library))).collect();
-            Ok(ReportView { reference: display(&reference), quality })
+            progress.report("report", i, count, "");
+            let s = views.setup(set, i, count);
+            let Picture { image, .. } = reference.picture(&s)?;
+            let quality = stages.iter().map(|c| Ok(compare(&image, &c.picture(&s)?.image)));
+            let quality = quality.collect::<Result<_, FitError>>()?;
+            Ok(ReportView { reference: display(&image), quality })
         })
         .collect()
 }
 
-/// The candidate with the best pictures in the held-out views: PSNR and FLIP, both in decibels, count the same. The
-/// first wins a tie.
-pub(crate) fn best_of(
+/// Number of the scene with the best pictures in `views` held-out views, drawn by the rasterizer: PSNR and FLIP, both in
+/// decibels, count the same. The first wins a tie.
+///
+/// # Errors
+/// If a picture of the reference cannot be made.
+pub fn best_of(
     n: &Normalised,
-    painter: &Painter<'_>,
-    candidates: [Candidate; 3],
-    options: &SimplifyOptions,
+    reference: &dyn Reference,
+    scenes: &[Scene],
+    views: &dyn Views,
+    count: u64,
     progress: &dyn Progress,
-) -> Result<Candidate, FitError> {
-    let size = options.resolution;
-    let scenes = candidates.each_ref().map(|c| Prepared::of_scene(&to_scene(c, n, "")));
-    let scenes = scenes.each_ref().map(|c| InFrame::new(c, n));
-    let mut score = [0.0; 3];
-    for i in 0..CHOICE_VIEWS {
-        progress.report("choose", i, CHOICE_VIEWS, "");
-        let s = setup(Set::HeldOut, i, CHOICE_VIEWS, options.seed, &options.lighting);
-        let lights = s.lights.lights();
-        let render = |flat: &FlatScene, library: &SurfaceLibrary| {
-            SceneRenderer::new(flat, library).render(&s.camera, &lights, size, size, SUPERSAMPLE)
-        };
-        let reference = painter.picture(&s, size)?;
-        for (score, c) in score.iter_mut().zip(&scenes) {
-            let q = compare(&reference, &render(&c.flat, c.library)).quality;
+) -> Result<usize, FitError> {
+    let stages: Vec<Drawn> = scenes.iter().map(|s| Stage::new("", s.clone()).drawn(n)).collect();
+    let mut score = vec![0.0; scenes.len()];
+    for i in 0..count {
+        progress.report("choose", i, count, "");
+        let s = views.setup(Set::HeldOut, i, count);
+        let picture = reference.picture(&s)?.image;
+        for (score, c) in score.iter_mut().zip(&stages) {
+            let q = compare(&picture, &Rasterized::new(&c.flat, &c.library).picture(&s)?.image).quality;
             *score += q.psnr - 20.0 * q.flip.max(1e-6).log10();
         }
     }
-    let best = (0..3).fold(0, |best, k| if score[k] > score[best] { k } else { best });
-    let [a, b, c] = candidates;
-    Ok([a, b, c].into_iter().nth(best).expect("one of three"))
-}
-
-/// A candidate in the normalised frame.
-struct InFrame<'a> {
-    flat: FlatScene,
-    library: &'a SurfaceLibrary,
-}
-
-impl<'a> InFrame<'a> {
-    fn new(c: &'a Prepared, n: &Normalised) -> Self {
-        let mut flat = c.flat.clone();
-        if !c.normalised {
-            for p in &mut flat.mesh.positions {
-                *p = (*p - n.center) / n.radius;
-            }
-        }
-        Self { flat, library: &c.library }
-    }
+    Ok((0..score.len()).fold(0, |best, k| if score[k] > score[best] { k } else { best }))
 }
 
 /// Linear premultiplied RGBA as a display picture over grey.
@@ -230,4 +336,63 @@ pub fn compare(reference: &Image, candidate: &Image) -> ViewQuality {
         outline: if everywhere > 0.0 { at_outline / everywhere } else { 0.0 },
     };
     ViewQuality { quality, flip: flip_map.map, picture: c }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Silent;
+    use photofit_geometry::shapes::icosphere;
+    use photofit_scene::{Clearcoat, Extensions, Material, Sheen};
+
+    /// A black sphere with what `extensions` say.
+    fn sphere(extensions: Option<Extensions>) -> Scene {
+        let material = Material {
+            base_color: [0.02, 0.02, 0.02, 1.0],
+            roughness: 0.9,
+            extensions: extensions.map(Box::new),
+            ..Material::clay()
+        };
+        Scene {
+            primitives: vec![Primitive { mesh: icosphere(12), material: 0 }],
+            instances: vec![Instance { primitive: 0, transform: glam::Affine3A::IDENTITY }],
+            materials: vec![material],
+            ..Scene::default()
+        }
+    }
+
+    fn psnr(reference: &Scene, stages: Vec<Scene>) -> (Judged, Vec<f64>) {
+        let n = Normalised::new(reference).unwrap();
+        let judge = Judge {
+            scene: reference,
+            n: &n,
+            path_traced_reference: false,
+            lighting: &Lighting::Mixed,
+            size: 48,
+            seed: 0,
+        };
+        let stages: Vec<Stage> = stages.into_iter().map(|s| Stage::new("stage", s)).collect();
+        let views = judge.views(&stages, 2, &Silent).unwrap();
+        let mean = |k: usize| views.iter().map(|v| v.quality[k].quality.psnr).sum::<f64>() / 2.0;
+        (judge.method(), (0..stages.len()).map(mean).collect())
+    }
+
+    #[test]
+    fn a_lost_sheen_or_coat_is_seen() {
+        let velvet = Extensions {
+            sheen: Some(Sheen { color: [0.2, 0.3, 1.0], roughness: 0.4, ..Sheen::default() }),
+            ..Extensions::default()
+        };
+        let coated = Extensions {
+            clearcoat: Some(Clearcoat { factor: 1.0, ..Clearcoat::default() }),
+            ..Extensions::default()
+        };
+        for extensions in [velvet, coated] {
+            let kept = sphere(Some(extensions));
+            let (method, psnr) = psnr(&kept, vec![kept.clone(), sphere(None)]);
+            assert_eq!(method, Judged::PathTraced);
+            assert!(psnr[0] > psnr[1] + 10.0 && psnr[1] < 35.0, "kept {}, lost {}", psnr[0], psnr[1]);
+        }
+        assert_eq!(psnr(&sphere(None), vec![sphere(None)]), (Judged::Rasterized, vec![BEST_PSNR]));
+    }
 }

@@ -1,9 +1,22 @@
-//! The parts that a fit is assembled from: reference, views, model, loss, trainer, judge.
+//! The parts that a fit is assembled from. Each exists once; a task is a file that puts them together.
+//!
+//! - [`reference`]: what answers (camera, lights, pose, size) with a picture.
+//! - [`views`]: from where, under which light, at which size: pure functions of (set, index).
+//! - [`model`]: named groups of parameters, the stages from them to pictures, and the same reversed.
+//! - [`loss`]: chosen by the noise of the reference's pictures.
+//! - [`trainer`]: one loop: phases, looks at held-out views, best state, patience, checkpoints, cancellation.
+//! - [`judge`]: quality of what was written, drawn as other programs draw it.
+//! - [`plan`]: what of all this runs for an asset, and why.
 
+mod asset;
 pub(crate) mod checkpoint;
-pub(crate) mod judge;
-pub(crate) mod plan;
-pub(crate) mod pool;
-pub(crate) mod reference;
-pub(crate) mod trainer;
+pub mod judge;
+pub mod loss;
+pub mod model;
+pub mod plan;
+mod pool;
+pub mod reference;
+pub mod trainer;
 pub mod views;
+
+pub use asset::Normalised;

@@ -1,49 +1,127 @@
-//! The plan: which passes a fit runs and which gradients flow, derived from the asset ("skip what a scene doesn't
-//! need").
+//! The plan: which passes a fit runs, which gradients flow, and why ("skip what a scene doesn't need").
+//!
+//! One value, filled in as facts become known: the asset, then the options, then the baked maps, then the phases. What
+//! is printed says only what these facts say.
 
-use super::reference::ReferenceRenderer;
+use super::model::{MAPS, POSITIONS};
+use super::reference::ENERGY;
+use super::trainer::Phase;
+use super::views::Lighting;
 use crate::candidate::Candidate;
-use crate::simplify::SimplifyOptions;
 use photofit_raster::deferred::Passes;
+use photofit_raster::loss::Loss;
 use photofit_raster::{CHANNELS, channel};
-use photofit_scene::{AlphaMode, Scene};
+use photofit_scene::{AlphaMode, Material, Scene, TextureSlot};
+use std::collections::BTreeSet;
 use std::fmt;
 
 /// A sample that varies less than this over the baked maps is constant: one step of 8 bits.
 const CONSTANT: f32 = 1.0 / 255.0;
 
+/// Whether a pass runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Runs {
+    /// It runs.
+    Yes,
+    /// It is skipped.
+    No,
+    /// What decides is not known yet.
+    Open,
+}
+
+impl From<bool> for Runs {
+    fn from(runs: bool) -> Self {
+        if runs { Self::Yes } else { Self::No }
+    }
+}
+
+/// One pass or piece of data.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Item {
+    /// What it is.
+    pub what: &'static str,
+    /// Whether it runs.
+    pub runs: Runs,
+    /// Why.
+    pub why: String,
+}
+
+/// What the asset says.
+#[derive(Clone, Debug, PartialEq)]
+struct Asset {
+    /// Materials of something visible.
+    materials: usize,
+    masked: usize,
+    blended: usize,
+    transmitting: usize,
+    normal_mapped: usize,
+    metallic: usize,
+    emitting: usize,
+    unlit: usize,
+    occluded: usize,
+    volumes: usize,
+    vertex_colors: bool,
+    /// Per set of texture coordinates: there is one, a texture reads it.
+    uvs: [(bool, bool); 2],
+    /// Images that are read, out of those in the file.
+    textures: (usize, usize),
+    /// Material extensions that are not fitted.
+    extensions: Vec<&'static str>,
+}
+
+/// What the options say.
+#[derive(Clone, Debug, PartialEq)]
+struct Choices {
+    positions: bool,
+    path_traced: bool,
+    /// Views under an environment map: none, every other, all.
+    environment: &'static str,
+}
+
+/// What the baked maps say.
+#[derive(Clone, Debug, PartialEq)]
+struct Maps {
+    layers: usize,
+    mask: bool,
+    blend: bool,
+    metallic: bool,
+    fitted: [bool; CHANNELS],
+}
+
 /// What runs; printable and comparable.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
-    /// Depth layers that are looked for.
-    pub layers: usize,
-    /// Alpha of blended surfaces is fitted.
-    pub blend: bool,
-    /// Some surfaces are cut out by an alpha mask.
-    pub mask: bool,
-    /// Normal maps are read, perturbed and fitted.
-    pub normal_map: bool,
-    /// Metalness is fitted.
-    pub metallic: bool,
-    /// Emission is read and fitted.
-    pub emissive: bool,
-    /// Positions are fitted: silhouettes, normals and tangents have gradients.
-    pub positions: bool,
-    /// Whether each sample of a texel is fitted; one that is the same everywhere in the baked maps is not.
-    pub fitted: [bool; CHANNELS],
-    /// Pictures of the reference are path traced; the base colour is fitted then even where it is constant.
-    pub path_traced: bool,
-    /// Textures of the reference that are read, out of those in the file.
-    pub textures: (usize, usize),
+    asset: Asset,
+    choices: Option<Choices>,
+    maps: Option<Maps>,
+    /// The loss with the noise of the pictures that it was chosen by.
+    loss: Option<(Loss, f64)>,
+    phases: Vec<String>,
 }
 
 impl Plan {
-    /// Derives the plan of a fit.
-    pub fn new(scene: &Scene, candidate: &Candidate, options: &SimplifyOptions) -> Self {
+    /// What the asset alone says.
+    pub fn new(scene: &Scene) -> Self {
+        Self { asset: Asset::new(scene), choices: None, maps: None, loss: None, phases: Vec::new() }
+    }
+
+    /// Adds the options: steps of the fit, whether pictures of the reference are path traced, and the light.
+    #[must_use]
+    pub fn with_options(self, steps: u64, path_traced: bool, lighting: &Lighting) -> Self {
+        let environment = match lighting {
+            Lighting::Mixed => "every other view",
+            Lighting::Point => "",
+            Lighting::Environment(_) => "every view",
+        };
+        Self { choices: Some(Choices { positions: steps > 0, path_traced, environment }), ..self }
+    }
+
+    /// Adds what the baked maps of the start say.
+    #[must_use]
+    pub fn with_maps(self, candidate: &Candidate) -> Self {
+        let path_traced = self.choices.as_ref().is_some_and(|c| c.path_traced);
         let base = &candidate.maps.levels[0].texels;
         let any = |c: usize, f: &dyn Fn(f32) -> bool| base.iter().any(|t| f(t[c]));
-        let emissive = (0..3).any(|k| any(channel::EMISSIVE + k, &|x| x > 1e-4));
-        let metallic = any(channel::METALLIC, &|x| x > 0.02);
         let used = |mode: fn(&AlphaMode) -> bool| {
             candidate.class.iter().any(|c| mode(&candidate.classes[*c as usize]))
         };
@@ -53,96 +131,292 @@ impl Plan {
             let (lo, hi) = base.iter().fold((f32::MAX, f32::MIN), |(lo, hi), t| (lo.min(t[c]), hi.max(t[c])));
             hi - lo > CONSTANT
         };
+        let metallic = any(channel::METALLIC, &|x| x > 0.02);
         let mut fitted = [false; CHANNELS];
-        let path_traced = options.reference == ReferenceRenderer::Path;
         fitted[..3].fill(path_traced || (0..3).any(varies));
         // Alpha of glass is drawn, but not written.
-        fitted[channel::ALPHA] = blend && scene.materials.iter().any(|m| m.alpha_mode == AlphaMode::Blend);
+        fitted[channel::ALPHA] = blend && self.asset.blended > 0;
         fitted[channel::ROUGHNESS] = varies(channel::ROUGHNESS);
         fitted[channel::METALLIC] = metallic && varies(channel::METALLIC);
-        fitted[channel::NORMAL..channel::NORMAL + 3].fill(true);
+        let bent = (0..2).any(|k| any(channel::NORMAL + k, &|x| x.abs() > CONSTANT));
+        fitted[channel::NORMAL..channel::NORMAL + 3].fill(bent);
+        let emissive = (0..3).any(|k| any(channel::EMISSIVE + k, &|x| x > 1e-4));
         fitted[channel::EMISSIVE..channel::EMISSIVE + 3].fill(emissive);
-        let mut read: Vec<usize> = scene
-            .materials
-            .iter()
-            .flat_map(|m| {
-                [m.base_color_texture, m.metallic_roughness_texture, m.normal_texture, m.emissive_texture]
-            })
-            .flatten()
-            .map(|t| t.image)
+        let layers = if blend || mask { Passes::default().max_layers } else { 1 };
+        Self { maps: Some(Maps { layers, mask, blend, metallic, fitted }), ..self }
+    }
+
+    /// Adds the loss and the noise that it was chosen by.
+    #[must_use]
+    pub fn with_loss(self, loss: Loss, noise: f64) -> Self {
+        Self { loss: Some((loss, noise)), ..self }
+    }
+
+    /// Adds the phases of a fit of positions and maps.
+    #[must_use]
+    pub fn with_phases<M>(self, phases: &[Phase<'_, M>]) -> Self {
+        let groups = [POSITIONS, MAPS];
+        let peak: Vec<f64> = (0..groups.len())
+            .map(|k| phases.iter().filter_map(|p| p.rates.get(k)).fold(0.0, |a: f64, b| a.max(*b)))
             .collect();
-        read.sort_unstable();
-        read.dedup();
-        Self {
-            layers: if blend || mask { Passes::default().max_layers } else { 1 },
-            blend,
-            mask,
-            normal_map: true,
-            metallic,
-            emissive,
-            positions: options.steps > 0,
-            fitted,
-            path_traced,
-            textures: (read.len(), scene.images.len()),
+        let line = |p: &Phase<'_, M>| {
+            let moves: Vec<String> = groups
+                .iter()
+                .zip(&p.rates)
+                .zip(&peak)
+                .map(|((name, rate), peak)| match rate / peak {
+                    share if share.is_nan() || share <= 0.0 => format!("{name} frozen"),
+                    share if share < 0.999 => format!("{name} at {share:.1} of their rate"),
+                    _ => format!("{name} at their full rate"),
+                })
+                .collect();
+            let size = match p.shrink {
+                1 => String::new(),
+                n => format!(", pictures 1/{n} as wide"),
+            };
+            format!("{}: {} steps at most, {}{size}", p.name, p.steps, moves.join(", "))
+        };
+        Self { phases: phases.iter().filter(|p| p.steps > 0).map(line).collect(), ..self }
+    }
+
+    /// Whether each sample of a texel is fitted; one that is the same everywhere in the baked maps is not. None is
+    /// before these are known.
+    pub fn fitted(&self) -> [bool; CHANNELS] {
+        self.maps.as_ref().map_or([false; CHANNELS], |m| m.fitted)
+    }
+
+    /// The passes of the renderer; everything that may run, before the maps are known.
+    pub fn passes(&self) -> Passes {
+        let positions = self.choices.as_ref().is_none_or(|c| c.positions);
+        let Some(m) = &self.maps else { return Passes::default() };
+        Passes {
+            normal_map: m.fitted[channel::NORMAL],
+            emissive: m.fitted[channel::EMISSIVE],
+            // Blended silhouettes are there for the gradients of positions.
+            antialias: positions,
+            max_layers: m.layers,
+            position_gradients: positions,
+            map_gradients: m.fitted.contains(&true),
+            energy: ENERGY,
         }
     }
 
-    /// The passes of the renderer.
-    pub fn passes(&self) -> Passes {
-        Passes {
-            normal_map: self.normal_map,
-            emissive: self.emissive,
-            antialias: true,
-            max_layers: self.layers,
-            position_gradients: self.positions,
-            map_gradients: true,
-            energy: photofit_shading::Energy::Single,
+    /// Everything that runs, is skipped, or is not decided yet.
+    pub fn items(&self) -> Vec<Item> {
+        let mut items = Vec::new();
+        self.alpha_items(&mut items);
+        self.material_items(&mut items);
+        self.asset.data_items(&mut items);
+        self.option_items(&mut items);
+        items
+    }
+
+    fn alpha_items(&self, items: &mut Vec<Item>) {
+        let a = &self.asset;
+        let through = a.masked + a.blended + a.transmitting;
+        let (layers, why) = match &self.maps {
+            _ if through == 0 => (Runs::No, "every surface is opaque: one layer, no blending".to_owned()),
+            None => (Runs::Yes, a.of(through, "are cut out, blended or let light pass")),
+            Some(Maps { mask: false, blend: false, .. }) => {
+                (Runs::No, "nothing transparent is left on the light asset: one layer, no blending".into())
+            }
+            Some(Maps { mask, blend, .. }) => {
+                let what = match (mask, blend) {
+                    (true, true) => "masks and blended surfaces",
+                    (true, false) => "alpha masks",
+                    _ => "blended surfaces",
+                };
+                (Runs::Yes, format!("{what}: layers until nothing shows through"))
+            }
+        };
+        items.push(Item { what: "transparent layers", runs: layers, why });
+        let runs = match &self.maps {
+            Some(m) => m.fitted[channel::ALPHA].into(),
+            None => Runs::from(a.blended > 0),
+        };
+        let why = if a.blended > 0 { a.of(a.blended, "are blended") } else { "nothing is blended".into() };
+        items.push(Item { what: "alpha gradients", runs, why });
+    }
+
+    fn material_items(&self, items: &mut Vec<Item>) {
+        let a = &self.asset;
+        let fitted = |c: usize| self.maps.as_ref().map(|m| m.fitted[c]);
+        let mut item = |what, runs, why: String| items.push(Item { what, runs, why });
+        match fitted(channel::NORMAL) {
+            None => {
+                item("normal map", Runs::Open, "decided on the baked maps: flat ones are left out".into())
+            }
+            Some(true) => item("normal map", Runs::Yes, "detail of the reference goes into normals".into()),
+            Some(false) => item("normal map", Runs::No, "the baked normals are flat".into()),
+        }
+        let (runs, why) = match (&self.maps, a.metallic) {
+            (_, 0) => (Runs::No, "no material is metallic".into()),
+            (None, n) => (Runs::Open, a.of(n, "may be metallic: decided on the baked maps")),
+            (Some(m), _) if !m.metallic => (Runs::No, "no metal in the baked maps".into()),
+            (Some(m), _) if !m.fitted[channel::METALLIC] => {
+                (Runs::No, "metalness is the same everywhere in the baked maps".into())
+            }
+            _ => (Runs::Yes, "metals".into()),
+        };
+        item("metalness gradients", runs, why);
+        let emission = a.emitting + a.unlit;
+        let (runs, why) = match fitted(channel::EMISSIVE) {
+            _ if emission == 0 => (Runs::No, "nothing emits".into()),
+            Some(false) => (Runs::No, "no texel of the baked maps emits".into()),
+            _ => (Runs::Yes, a.of(emission, "emit or are unlit")),
+        };
+        item("emission", runs, why);
+        if let Some(m) = &self.maps {
+            let n = m.fitted.iter().filter(|f| **f).count();
+            let why = format!("{n} of {CHANNELS} samples of a texel; the others are constant or unused");
+            item("map gradients", (n > 0).into(), why);
         }
     }
+
+    fn option_items(&self, items: &mut Vec<Item>) {
+        let mut item = |what, runs, why: String| items.push(Item { what, runs, why });
+        match &self.choices {
+            None => {
+                item("position gradients", Runs::Open, "where the fit makes steps".into());
+                item("environment light", Runs::Open, "as the options say".into());
+                item("indirect light", Runs::Open, "where pictures of the reference are path traced".into());
+            }
+            Some(c) => {
+                let (positions, silhouettes) = if c.positions {
+                    ("the shape is fitted", "where neighbouring samples show different triangles")
+                } else {
+                    ("no steps are made", "positions are frozen")
+                };
+                item("position gradients", c.positions.into(), positions.into());
+                item("silhouette gradients", c.positions.into(), silhouettes.into());
+                let (runs, why) = match c.environment {
+                    "" => (Runs::No, "point lights and a constant surrounding"),
+                    views => (Runs::Yes, views),
+                };
+                item("environment light", runs, why.into());
+                let why = if c.path_traced {
+                    "pictures of the reference are path traced"
+                } else {
+                    "pictures of the reference are rasterized"
+                };
+                item("indirect light", c.path_traced.into(), why.into());
+            }
+        }
+        if let Some((loss, noise)) = self.loss {
+            let why = match loss {
+                Loss::Mse => format!("the pictures have relative noise {noise:.3}: unbiased squares"),
+                _ if noise > 0.0 => format!("relative noise {noise:.3} is low enough for logarithms"),
+                _ => "the pictures have no noise".into(),
+            };
+            item("logarithmic loss", (loss != Loss::Mse).into(), why);
+        }
+    }
+}
+
+impl Asset {
+    fn new(scene: &Scene) -> Self {
+        let used: BTreeSet<usize> =
+            scene.instances.iter().map(|i| scene.primitives[i.primitive].material).collect();
+        let materials: Vec<&Material> = used.iter().map(|m| &scene.materials[*m]).collect();
+        let count = |f: &dyn Fn(&Material) -> bool| materials.iter().filter(|m| f(m)).count();
+        let with = |m: &Material, name: &str| !m.unlit && names(m).contains(&name);
+        let read: BTreeSet<usize> = materials.iter().flat_map(|m| slots(m)).map(|s| s.image).collect();
+        let sets: BTreeSet<u32> = materials.iter().flat_map(|m| slots(m)).map(|s| s.tex_coord).collect();
+        let meshes = || scene.instances.iter().map(|i| &scene.primitives[i.primitive].mesh);
+        let extensions: BTreeSet<&str> =
+            materials.iter().filter(|m| !m.unlit).flat_map(|m| names(m)).collect();
+        Self {
+            materials: materials.len(),
+            masked: count(&|m| matches!(m.alpha_mode, AlphaMode::Mask { .. })),
+            blended: count(&|m| m.alpha_mode == AlphaMode::Blend),
+            transmitting: count(&|m| with(m, "transmission") && m.alpha_mode == AlphaMode::Opaque),
+            normal_mapped: count(&|m| m.normal_texture.is_some() && !m.unlit),
+            metallic: count(&|m| m.metallic > 0.0 && !m.unlit),
+            emitting: count(&|m| !m.unlit && m.emissive.iter().any(|e| *e > 0.0)),
+            unlit: count(&|m| m.unlit),
+            occluded: count(&|m| m.occlusion_texture.is_some()),
+            volumes: count(&|m| with(m, "volume")),
+            vertex_colors: meshes().any(|m| !m.colors.is_empty()),
+            uvs: [
+                (meshes().any(|m| !m.uvs.is_empty()), sets.contains(&0)),
+                (meshes().any(|m| !m.uvs1.is_empty()), sets.contains(&1)),
+            ],
+            textures: (read.len(), scene.images.len()),
+            extensions: extensions.into_iter().collect(),
+        }
+    }
+
+    fn of(&self, n: usize, what: &str) -> String {
+        format!("{n} of {} materials {what}", self.materials)
+    }
+
+    fn data_items(&self, items: &mut Vec<Item>) {
+        let mut item = |what, runs: bool, why: String| items.push(Item { what, runs: runs.into(), why });
+        let some = |n: usize, what: &str, none: &str| if n > 0 { self.of(n, what) } else { none.to_owned() };
+        item("unlit surfaces", self.unlit > 0, self.of(self.unlit, "show their base colour as it is"));
+        let why = some(self.normal_mapped, "have a normal map", "no material has a normal map");
+        item("reference tangents", self.normal_mapped > 0, why);
+        let why = if self.vertex_colors { "read, and baked into the base colour" } else { "none" };
+        item("vertex colours", self.vertex_colors, why.into());
+        for (what, (there, read)) in
+            ["texture coordinates 0", "texture coordinates 1"].into_iter().zip(self.uvs)
+        {
+            let why = match (there, read) {
+                (true, true) => "read by textures; the light asset gets new ones",
+                (true, false) => "no texture reads them",
+                (false, true) => "missing though a texture reads them: the texel at (0, 0) is shown",
+                (false, false) => "none",
+            };
+            item(what, there && read, why.into());
+        }
+        let why = match self.textures {
+            (0, 0) => "none".into(),
+            (0, n) => format!("none of {n} images is read"),
+            (r, n) => format!("{r} of {n} images are read"),
+        };
+        item("textures", self.textures.0 > 0, why);
+        let why = some(self.occluded, "have one: not drawn, since they darken indirect light alone", "none");
+        item("occlusion textures", false, why);
+        let none = "no material encloses one";
+        item(
+            "volumes",
+            false,
+            some(self.volumes, "enclose one: kept as it is, not drawn while fitting", none),
+        );
+        let why = match &self.extensions[..] {
+            [] => "none".into(),
+            names => format!("{}: kept as they are, not drawn while fitting", names.join(", ")),
+        };
+        item("material extensions", false, why);
+    }
+}
+
+/// Extensions of a material, without their prefix.
+fn names(m: &Material) -> Vec<&'static str> {
+    m.extensions.as_ref().map_or_else(Vec::new, |e| e.names())
+}
+
+/// The texture slots that a fit reads.
+fn slots(m: &Material) -> Vec<&TextureSlot> {
+    let lit = [&m.metallic_roughness_texture, &m.normal_texture, &m.emissive_texture];
+    let lit = lit.into_iter().filter(|_| !m.unlit);
+    [&m.base_color_texture].into_iter().chain(lit).flatten().collect()
 }
 
 impl fmt::Display for Plan {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut line = |what: &str, runs: bool, why: &str| {
-            writeln!(f, "  {} {what:<22} {why}", if runs { "run " } else { "skip" })
-        };
-        let alpha = match (self.mask, self.blend) {
-            (false, false) => "every surface is opaque: one layer, no blending",
-            (true, false) => "alpha masks: layers until nothing shows through",
-            (false, true) => "blended surfaces: layers until nothing shows through",
-            (true, true) => "masks and blended surfaces: layers until nothing shows through",
-        };
-        line("transparent layers", self.layers > 1, alpha)?;
-        line(
-            "alpha gradients",
-            self.blend,
-            if self.blend { "blended surfaces" } else { "nothing is blended" },
-        )?;
-        line("normal map", self.normal_map, "detail of the reference goes into normals")?;
-        line(
-            "metalness gradients",
-            self.metallic,
-            if self.metallic { "metals" } else { "no metal in the baked maps" },
-        )?;
-        line("emission", self.emissive, if self.emissive { "emitting texels" } else { "nothing emits" })?;
-        line(
-            "position gradients",
-            self.positions,
-            if self.positions { "silhouettes and normals move" } else { "no steps" },
-        )?;
-        line("silhouette search", true, "only where neighbouring pixels show different triangles")?;
-        line("volumes", false, "the asset has none")?;
-        let indirect = if self.path_traced {
-            "pictures of the reference are path traced"
-        } else {
-            "pictures of the reference are rasterized"
-        };
-        line("indirect light", self.path_traced, indirect)?;
-        writeln!(
-            f,
-            "  {} of {CHANNELS} samples of a texel are fitted; the others are constant or unused",
-            self.fitted.iter().filter(|f| **f).count()
-        )?;
-        write!(f, "  {} of {} textures of the reference are read", self.textures.0, self.textures.1)
+        let lines = self.items().into_iter().map(|Item { what, runs, why }| {
+            let runs = match runs {
+                Runs::Yes => "run ",
+                Runs::No => "skip",
+                Runs::Open => "open",
+            };
+            format!("  {runs} {what:<22} {why}")
+        });
+        let phases = self.phases.iter().map(|p| format!("  {p}"));
+        f.write_str(&lines.chain(phases).collect::<Vec<_>>().join("\n"))
     }
 }
+
+#[cfg(test)]
+mod tests;

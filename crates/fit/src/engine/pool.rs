@@ -1,15 +1,25 @@
 //! The pictures that the fit draws from.
 
-use super::reference::Painter;
+use super::reference::{Picture, Reference};
+use super::views::{Set, Setup, Shot, Views};
 use crate::FitError;
-use crate::simplify::SimplifyOptions;
-use crate::views::{Set, Setup, Shot, setup};
-use photofit_image::Image;
 use photofit_sampling::Rng;
 use std::collections::VecDeque;
 
 /// Pictures that are kept: the fit sees the latest ones again, at random.
 const WINDOW: u64 = 64;
+
+/// How a fit draws its batches.
+#[derive(Clone, Copy)]
+pub(super) struct Batches<'a> {
+    pub(super) reference: &'a dyn Reference,
+    pub(super) views: &'a dyn Views,
+    pub(super) seed: u64,
+    /// Pictures of a batch.
+    pub(super) size: u64,
+    /// Samples per axis that the candidate takes of a pixel.
+    pub(super) samples: usize,
+}
 
 /// Pictures of the reference from views that never end: half of every batch is new, the other half is drawn from the
 /// latest. A fixed set of views is learned by heart: texels come to fit what happens to be seen of them (72 views:
@@ -17,50 +27,47 @@ const WINDOW: u64 = 64;
 ///
 /// What a step draws depends on the step alone, so that a fit that goes on from a checkpoint sees the same.
 #[derive(Debug, Default)]
-pub(crate) struct Pool {
+pub(super) struct Pool {
     /// With their numbers, in increasing order.
-    kept: VecDeque<(u64, Setup, Image)>,
-    /// Width and height of the pictures that are kept.
-    size: usize,
+    kept: VecDeque<(u64, Setup, Picture)>,
+    /// By how much the pictures that are kept are smaller.
+    shrink: usize,
 }
 
 impl Pool {
-    /// The shots of one step with pictures of `size` x `size` pixels, compared at `samples` per axis; `first` is the
-    /// first step with pictures of this size.
-    pub(crate) fn batch(
+    /// The shots of one step with pictures that are smaller by `shrink`; `first` is the first step with pictures of
+    /// this size.
+    pub(super) fn batch(
         &mut self,
-        painter: &Painter<'_>,
-        options: &SimplifyOptions,
+        from: &Batches<'_>,
         (first, step): (u64, u64),
-        size: usize,
-        samples: usize,
+        shrink: usize,
     ) -> Result<Vec<Shot>, FitError> {
-        if size != self.size {
-            (self.kept, self.size) = (VecDeque::new(), size);
+        if shrink != self.shrink {
+            (self.kept, self.shrink) = (VecDeque::new(), shrink);
         }
-        let mut rng = Rng::new(options.seed, (7 << 32) + step);
-        let batch = options.batch as u64;
-        let fresh = batch.div_ceil(2);
+        let mut rng = Rng::new(from.seed, (7 << 32) + step);
+        let fresh = from.size.div_ceil(2);
         let (next, end) = (step * fresh, (step + 1) * fresh);
         let oldest = end.saturating_sub(WINDOW).max(first * fresh);
         while self.kept.front().is_some_and(|k| k.0 < oldest) {
             self.kept.pop_front();
         }
-        (0..batch)
+        (0..from.size)
             .map(|b| {
                 let index =
                     if b < fresh { next + b } else { oldest + u64::from(rng.next_u32()) % (end - oldest) };
                 let at = match self.kept.binary_search_by_key(&index, |k| k.0) {
                     Ok(at) => at,
                     Err(at) => {
-                        let s = setup(Set::Train, index, 0, options.seed, &options.lighting);
-                        let picture = painter.picture(&s, size)?;
+                        let s = from.views.setup(Set::Train, index, 0).shrunk(shrink);
+                        let picture = from.reference.picture(&s)?;
                         self.kept.insert(at, (index, s, picture));
                         at
                     }
                 };
                 let (_, s, picture) = &self.kept[at];
-                Ok(Shot::new(s, picture, samples, options.seed, step * batch + b))
+                Ok(Shot::new(s, &picture.image, from.samples, from.seed, step * from.size + b))
             })
             .collect()
     }

@@ -1,27 +1,33 @@
-//! Pictures of the reference: by the rasterizer that also draws the candidate, or by the path tracer.
+//! References: what answers (camera, lights, pose, size) with a picture.
 //!
 //! To the fit the renderer of the reference is a black box: it gives pictures, no gradients. Path traced pictures hold
-//! what a rasterizer leaves out (shadows, light between surfaces, glass); the candidate takes up in its maps what of it
-//! does not depend on the light.
+//! what a rasterizer leaves out (shadows, light between surfaces); the candidate takes up in its maps what of it does not
+//! depend on the light. What the candidate cannot express at all (coats, sheen, glass) is left out of the pictures that
+//! it is compared with, and comes back with the export.
 
-use crate::FitError;
+use super::asset::Normalised;
+use super::views::{Pose, Setup, Sphere};
 use crate::scene_render::SceneRenderer;
-use crate::simplify::{Normalised, SimplifyOptions};
-use crate::views::Setup;
-use glam::{Affine3A, Quat, Vec3};
+use crate::simplify::drawn;
+use crate::{FitError, bake};
+use glam::{DAffine3, Quat};
 use photofit_image::Image;
 use photofit_pathtrace::{
-    EnvironmentMap, LightSource, Parts, PathOptions, RenderOptions, Renderer, View, World,
+    EnvironmentMap, LightSource, Parts, PathOptions, RenderOptions, Renderer, View, World, WorldOptions,
 };
 use photofit_scalar::{Vec3f, vec3};
-use photofit_scene::Scene;
-use photofit_shading::{Environment, Light};
+use photofit_scene::{FlatScene, Scene, SurfaceLibrary};
+use photofit_shading::{Energy, Environment, Light};
+use std::borrow::Cow;
 use std::sync::{Mutex, PoisonError};
 
+/// What rough surfaces do with the light that single scattering loses, on all sides of a fit: reference, candidate and
+/// judge. glTF's own reference loses it.
+pub const ENERGY: Energy = Energy::Single;
 /// Samples per axis of a rasterized pixel.
 const SUPERSAMPLE: usize = 4;
 /// Samples of a path traced pixel.
-const SAMPLES: u32 = 64;
+pub(crate) const SAMPLES: u32 = 64;
 /// Rows of the maps that path tracing takes from a prefiltered environment.
 const ROWS: usize = 128;
 
@@ -35,61 +41,180 @@ pub enum ReferenceRenderer {
     Path,
 }
 
-/// Makes pictures of the reference.
-pub(crate) struct Painter<'a> {
-    n: &'a Normalised,
+/// A picture of a reference.
+#[derive(Clone, Debug)]
+pub struct Picture {
+    /// Linear RGBA, premultiplied.
+    pub image: Image,
+    /// Noise: standard deviation of a pixel relative to its value, root mean square over the picture; 0 for clean ones.
+    pub noise: f64,
+}
+
+impl Picture {
+    /// A picture without noise.
+    pub fn clean(image: Image) -> Self {
+        Self { image, noise: 0.0 }
+    }
+}
+
+/// What a fit is compared with, in the normalised frame.
+pub trait Reference: Sync {
+    /// The picture of a view.
+    ///
+    /// # Errors
+    /// If it cannot be made.
+    fn picture(&self, setup: &Setup) -> Result<Picture, FitError>;
+
+    /// A sphere around what the pictures show in a pose.
+    fn bounds(&self, pose: Pose) -> Sphere;
+
+    /// The surface in a pose, for baking, visibility and shrink-wrapping; `None` where there are only pictures.
+    fn surface(&self, pose: Pose) -> Option<&bake::Reference<'_>>;
+}
+
+/// An asset drawn by the rasterizer: direct light without shadows. It is shown as it stands, in any pose.
+#[derive(Clone, Copy, Debug)]
+pub struct Rasterized<'a> {
+    flat: &'a FlatScene,
+    library: &'a SurfaceLibrary,
+    surface: Option<&'a bake::Reference<'a>>,
+}
+
+impl<'a> Rasterized<'a> {
+    /// Pictures of a flattened scene in the normalised frame.
+    pub fn new(flat: &'a FlatScene, library: &'a SurfaceLibrary) -> Self {
+        Self { flat, library, surface: None }
+    }
+
+    /// Pictures of a normalised asset, and its surface.
+    pub fn of(n: &'a Normalised, surface: &'a bake::Reference<'a>) -> Self {
+        Self { surface: Some(surface), ..Self::new(&n.flat, &n.library) }
+    }
+}
+
+impl Reference for Rasterized<'_> {
+    fn picture(&self, setup: &Setup) -> Result<Picture, FitError> {
+        let renderer = SceneRenderer::new(self.flat, self.library);
+        let lights = setup.lights.lights();
+        Ok(Picture::clean(renderer.render(&setup.camera, &lights, setup.width, setup.height, SUPERSAMPLE)))
+    }
+
+    fn bounds(&self, _: Pose) -> Sphere {
+        Sphere::UNIT
+    }
+
+    fn surface(&self, _: Pose) -> Option<&bake::Reference<'_>> {
+        self.surface
+    }
+}
+
+/// What of an asset's materials path traced pictures hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Features {
+    /// What a candidate can express: the core of glTF; surfaces that transmit light are blended.
+    Core,
+    /// Everything that the file means.
+    All,
+}
+
+/// An asset drawn by the path tracer, with all light. It is shown as it stands, in any pose.
+#[derive(Debug)]
+pub struct PathTraced<'a> {
     /// Behind a lock, since each picture has lights of its own.
-    world: Option<Mutex<World>>,
+    world: Mutex<World>,
+    surface: Option<&'a bake::Reference<'a>>,
     seed: u64,
 }
 
-impl<'a> Painter<'a> {
-    pub(crate) fn new(n: &'a Normalised, scene: &Scene, options: &SimplifyOptions) -> Result<Self, FitError> {
-        let world = match options.reference {
-            ReferenceRenderer::Raster => None,
-            ReferenceRenderer::Path => Some(Mutex::new(world(n, scene)?)),
-        };
-        Ok(Self { n, world, seed: options.seed })
+impl<'a> PathTraced<'a> {
+    /// Pictures of a scene given in the frame of the asset `n`; lights of its own are left out.
+    ///
+    /// # Errors
+    /// If the path tracer refuses the scene.
+    pub fn new(scene: &Scene, n: &Normalised, features: Features, seed: u64) -> Result<Self, FitError> {
+        let shown = features.of(scene);
+        Ok(Self { world: Mutex::new(world(&shown, n.to_frame(), n.radius)?), surface: None, seed })
     }
 
-    /// A picture of `size` x `size` pixels, linear and premultiplied.
-    pub(crate) fn picture(&self, setup: &Setup, size: usize) -> Result<Image, FitError> {
+    /// Pictures of a scene whose geometry lies in the normalised frame already; its materials are those of an asset of
+    /// the given radius.
+    ///
+    /// # Errors
+    /// If the path tracer refuses the scene.
+    pub fn in_frame(scene: &Scene, radius: f32, features: Features, seed: u64) -> Result<Self, FitError> {
+        let shown = features.of(scene);
+        Ok(Self { world: Mutex::new(world(&shown, DAffine3::IDENTITY, radius)?), surface: None, seed })
+    }
+
+    /// The same with the surface of the asset.
+    #[must_use]
+    pub fn with_surface(self, surface: &'a bake::Reference<'a>) -> Self {
+        Self { surface: Some(surface), ..self }
+    }
+}
+
+impl Reference for PathTraced<'_> {
+    fn picture(&self, setup: &Setup) -> Result<Picture, FitError> {
         let lights = setup.lights.lights();
-        let Some(world) = &self.world else {
-            let renderer = SceneRenderer::new(&self.n.flat, &self.n.library);
-            return Ok(renderer.render(&setup.camera, &lights, size, size, SUPERSAMPLE));
-        };
-        let mut world = world.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut world = self.world.lock().unwrap_or_else(PoisonError::into_inner);
         let (sources, environment) = path_lights(&lights);
         world.relight(&sources, environment)?;
         let options = RenderOptions {
-            width: size,
-            height: size,
+            width: setup.width,
+            height: setup.height,
             spp: SAMPLES,
             seed: self.seed,
             path: PathOptions { show_environment: false, ..PathOptions::default() },
             ..RenderOptions::default()
         };
         let mut renderer = Renderer::new(&world, &View::pinhole(&setup.camera), options)?;
-        while !renderer.pass(|| false).done {}
-        Ok(renderer.picture())
+        let noise = loop {
+            let progress = renderer.pass(|| false);
+            if progress.done {
+                break progress.noise;
+            }
+        };
+        Ok(Picture { image: renderer.picture(), noise })
+    }
+
+    fn bounds(&self, _: Pose) -> Sphere {
+        Sphere::UNIT
+    }
+
+    fn surface(&self, _: Pose) -> Option<&bake::Reference<'_>> {
+        self.surface
+    }
+}
+
+impl Features {
+    /// A scene with these features of its materials.
+    fn of(self, scene: &Scene) -> Cow<'_, Scene> {
+        match self {
+            Self::All => Cow::Borrowed(scene),
+            Self::Core => {
+                let mut scene = drawn(scene).into_owned();
+                scene.materials.iter_mut().for_each(|m| m.extensions = None);
+                Cow::Owned(scene)
+            }
+        }
     }
 }
 
 /// The scene in the normalised frame; its own lights are left out, as by the rasterizer.
-fn world(n: &Normalised, scene: &Scene) -> Result<World, FitError> {
-    let to_frame = Affine3A::from_scale(Vec3::splat(1.0 / n.radius))
-        * Affine3A::from_translation(-Vec3::from_array(n.center.to_array()));
-    let to_frame =
-        glam::DAffine3 { matrix3: to_frame.matrix3.as_dmat3(), translation: to_frame.translation.as_dvec3() };
+fn world(scene: &Scene, to_frame: DAffine3, radius: f32) -> Result<World, FitError> {
     let mut parts = Parts::from_scene(scene);
     parts.lights.clear();
     for instance in &mut parts.instances {
         instance.transform = to_frame * instance.transform;
     }
+    for material in &mut parts.materials {
+        // Per length of the frame, which is `radius` of the asset's units.
+        material.absorption *= radius;
+    }
     // A world is never without light; every picture brings its own.
     parts.environment = Some(EnvironmentMap::constant(Vec3f::splat(1.0)));
-    Ok(World::new(parts)?)
+    let options = WorldOptions { energy: ENERGY, ..WorldOptions::default() };
+    Ok(World::with_options(parts, options)?)
 }
 
 /// The lights of a picture as the path tracer takes them.
@@ -127,9 +252,10 @@ fn equirectangular(map: &Environment<f32>) -> Image {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::views::{Lighting, Set, setup};
+    use crate::engine::views::{Lighting, Orbit, Set, Views};
+    use glam::{Affine3A, Vec3};
     use photofit_geometry::{Mesh, shapes};
-    use photofit_scene::{Instance, Material, Primitive};
+    use photofit_scene::{Clearcoat, Extensions, Instance, Material, Primitive, Sheen, Transmission, Volume};
 
     /// Spheres of clay at the given places, with radius 1.
     fn spheres(places: &[f32]) -> Scene {
@@ -156,11 +282,11 @@ mod tests {
 
     fn pictures(scene: &Scene, lighting: &Lighting, index: u64) -> [Image; 2] {
         let n = Normalised::new(scene).unwrap();
-        let s = setup(Set::Report, index, 4, 0, lighting);
-        [ReferenceRenderer::Raster, ReferenceRenderer::Path].map(|reference| {
-            let options = SimplifyOptions { reference, ..SimplifyOptions::default() };
-            Painter::new(&n, scene, &options).unwrap().picture(&s, 64).unwrap()
-        })
+        let s = Orbit::new(0, lighting, 64).setup(Set::Report, index, 4);
+        let raster = Rasterized::new(&n.flat, &n.library).picture(&s).unwrap();
+        let path = PathTraced::new(scene, &n, Features::Core, 0).unwrap().picture(&s).unwrap();
+        assert!(raster.noise.to_bits() == 0 && path.noise > 0.0 && path.noise < 0.2, "{}", path.noise);
+        [raster.image, path.image]
     }
 
     fn mean(image: &Image, k: usize) -> f64 {
@@ -190,5 +316,54 @@ mod tests {
         let darker = |(r, p): (&[f32], &[f32])| r[3] == 1.0 && p[1] < 0.8 * r[1];
         let dark = raster.data.chunks_exact(4).zip(path.data.chunks_exact(4)).filter(|x| darker(*x)).count();
         assert!(dark > 10, "{dark} pixels are darker");
+    }
+
+    #[test]
+    fn what_a_candidate_cannot_express_is_left_out_of_core_pictures() {
+        let plain = spheres(&[0.0]);
+        let mut velvet = plain.clone();
+        velvet.materials[0].extensions = Some(Box::new(Extensions {
+            sheen: Some(Sheen { color: [0.2, 0.4, 1.0], roughness: 0.3, ..Sheen::default() }),
+            clearcoat: Some(Clearcoat { factor: 1.0, ..Clearcoat::default() }),
+            ..Extensions::default()
+        }));
+        let n = Normalised::new(&plain).unwrap();
+        let s = Orbit::new(0, &Lighting::Mixed, 32).setup(Set::Report, 0, 4);
+        let picture =
+            |scene, features| PathTraced::new(scene, &n, features, 0).unwrap().picture(&s).unwrap().image;
+        assert_eq!(picture(&velvet, Features::Core), picture(&plain, Features::Core));
+        let (all, core) = (picture(&velvet, Features::All), picture(&velvet, Features::Core));
+        assert!(mean(&all, 2) > 1.1 * mean(&core, 2), "sheen is blue: {} {}", mean(&all, 2), mean(&core, 2));
+    }
+
+    #[test]
+    fn absorption_is_scaled_with_the_asset() {
+        // The same vase in units and in hundredths of units.
+        let glass = |scale: f32| {
+            let mut scene = spheres(&[0.0]);
+            let volume = Volume {
+                thickness: scale,
+                attenuation_distance: scale,
+                attenuation_color: [0.9, 0.5, 0.1],
+                ..Volume::default()
+            };
+            let transmission = Some(Transmission { factor: 1.0, texture: None });
+            let extensions = Extensions { transmission, volume: Some(volume), ..Extensions::default() };
+            scene.materials[0] = Material {
+                metallic: 0.0,
+                roughness: 0.0,
+                extensions: Some(Box::new(extensions)),
+                ..Material::default()
+            };
+            scene.instances[0].transform = Affine3A::from_scale(Vec3::splat(scale));
+            let n = Normalised::new(&scene).unwrap();
+            let s = Orbit::new(0, &Lighting::Mixed, 32).setup(Set::Report, 0, 4);
+            PathTraced::new(&scene, &n, Features::All, 0).unwrap().picture(&s).unwrap().image
+        };
+        let (large, small) = (glass(1.0), glass(0.01));
+        for k in 0..3 {
+            let (a, b) = (mean(&large, k), mean(&small, k));
+            assert!(a > 0.0 && (a / b - 1.0).abs() < 0.01, "channel {k}: {a} against {b}");
+        }
     }
 }

@@ -1,41 +1,30 @@
-//! The fit: steps of gradient descent on positions and maps.
+//! The trainer: one loop for all models. Phases, schedule, looks at held-out views, best state, patience, checkpoints,
+//! progress and cancellation.
+//!
+//! What is saved when a fit is stopped is what an undisturbed one has at that step: looks happen at fixed steps only, and
+//! the last look of a stopped fit goes into its result, not into its checkpoint.
 
-use super::checkpoint::{self, Checkpoint};
-use super::plan::Plan;
-use super::pool::Pool;
-use super::reference::Painter;
-use crate::bake::Reference;
-use crate::candidate::{Candidate, ParameterGradients, average};
-use crate::simplify::SimplifyOptions;
-use crate::simplify::prepare::{Start, bake_candidate};
-use crate::views::{Set, Shot, setup};
-use crate::visibility::Visibility;
+use super::checkpoint::{self, Course, Digest, Saved};
+use super::model::{Group, Model};
+use super::pool::{Batches, Pool};
+use super::reference::Reference;
+use super::views::{Set, Shot, Views};
 use crate::{FitError, Progress};
 use photofit_image::psnr_from_mse;
-use photofit_optim::{
-    LargeSteps, Optimizer, Placement, Rows, Schedule, Temporal, clamp_channels, normalize_vectors,
-};
-use photofit_raster::deferred::Passes;
+use photofit_optim::{Optimizer, Rows, Schedule, clamp_channels, normalize_vectors};
 use photofit_raster::loss::Loss;
-use photofit_raster::{CHANNELS, channel};
-use photofit_scalar::Vec3f;
-use std::time::Instant;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
 
 /// Views of the early stop.
 const HELD_OUT: u64 = 5;
 /// Steps between two looks at the held-out views.
-const EVALUATE_EVERY: u64 = 25;
+const LOOK_EVERY: u64 = 25;
 /// Looks without progress after which a phase ends.
 const PATIENCE: usize = 6;
 /// Samples per axis that the candidate takes of a pixel: with one, its texture filter would be fitted to that of the
 /// reference, and the result be too sharp in any renderer that takes more.
-const SAMPLES: usize = 2;
-/// Step of the maps, relative to the error of the start.
-const MAP_RATE: f64 = 0.04;
-/// Step of the positions, relative to the distance between the start and the reference.
-const POSITION_RATE: f64 = 1.0;
-/// Smoothness of the preconditioner.
-const LAMBDA: f64 = 0.3;
+pub(crate) const SAMPLES: usize = 2;
 
 /// One look at the held-out views.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,344 +39,440 @@ pub struct HistoryPoint {
     pub held_out_psnr: f64,
 }
 
+/// Where and how a fit keeps its state.
+#[derive(Clone, Debug, Default)]
+pub struct Keeping {
+    /// Folder of the checkpoint.
+    pub checkpoint: Option<PathBuf>,
+    /// Goes on from the checkpoint, if there is one.
+    pub resume: bool,
+    /// Ends the fit early; what is reached counts.
+    pub time_limit: Option<Duration>,
+}
+
+/// What a fit is made of beside its model and phases.
+pub struct Job<'a> {
+    /// What the model is compared with.
+    pub reference: &'a dyn Reference,
+    /// From where.
+    pub views: &'a dyn Views,
+    /// Views that the fit is judged by and never moved by.
+    pub held_out: &'a HeldOut,
+    /// How pictures are compared.
+    pub loss: Loss,
+    /// Seed of the draws.
+    pub seed: u64,
+    /// Pictures of a step.
+    pub batch: usize,
+    /// Steps of all phases.
+    pub steps: u64,
+    /// Checkpoints and limits.
+    pub keeping: &'a Keeping,
+    /// The options that steer the fit, as text: a checkpoint of other ones is refused.
+    pub options: String,
+}
+
+impl std::fmt::Debug for Job<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Job").field("options", &self.options).finish_non_exhaustive()
+    }
+}
+
+/// Makes new values for a group out of the best state so far.
+pub type Remake<'a, M> = &'a dyn Fn(&M) -> Result<Vec<f32>, FitError>;
+
+/// A stretch of the fit with rates of its own.
+pub struct Phase<'a, M> {
+    /// What it does, for people.
+    pub name: &'static str,
+    /// Its first step.
+    pub first: u64,
+    /// Its number of steps.
+    pub steps: u64,
+    /// Pictures are smaller by this factor.
+    pub shrink: usize,
+    /// Peak rate of each group, in the order of the model's; 0 freezes it.
+    pub rates: Vec<f64>,
+    /// At its beginning the fit goes back to the best state, and this group gets values made anew out of it, unless they
+    /// look worse.
+    pub renewal: Option<(usize, Remake<'a, M>)>,
+}
+
+impl<M> std::fmt::Debug for Phase<'_, M> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Phase")
+            .field("name", &self.name)
+            .field("first", &self.first)
+            .field("steps", &self.steps)
+            .field("shrink", &self.shrink)
+            .field("rates", &self.rates)
+            .field("renews", &self.renewal.as_ref().map(|r| r.0))
+            .finish()
+    }
+}
+
+impl<M> Phase<'_, M> {
+    fn end(&self) -> u64 {
+        self.first + self.steps
+    }
+}
+
 /// The end of a fit.
 #[derive(Debug)]
-pub struct Trained {
+pub struct Trained<M> {
     /// The best state seen on the held-out views.
-    pub candidate: Candidate,
+    pub model: M,
     /// The course of the fit.
     pub history: Vec<HistoryPoint>,
     /// Steps made.
     pub steps: u64,
-    /// Million pixels per second, forward and backward.
+    /// Million samples per second, forward and backward.
     pub mpix_per_s: f64,
     /// Ended by the user or the time limit.
     pub stopped: bool,
 }
 
-/// Which parameters a phase of the fit moves, and how fast.
-#[derive(Clone, Copy, Debug)]
-struct Phase {
-    first: u64,
-    steps: u64,
-    /// Pictures are smaller by this factor.
-    shrink: usize,
-    position_rate: f64,
-    map_rate: f64,
+/// The views of the early stop.
+#[derive(Clone, Debug)]
+pub struct HeldOut {
+    /// With their reference pictures.
+    pub shots: Vec<Shot>,
+    /// Mean relative noise of these pictures.
+    pub noise: f64,
 }
 
-/// Learning rates of a texel's samples, relative to the phase's.
-fn channel_rates(plan: &Plan) -> [f32; CHANNELS] {
-    let mut r = plan.fitted.map(|f| if f { 1.0 } else { 0.0 });
-    r[channel::METALLIC] *= 0.5;
-    r
+impl HeldOut {
+    /// Pictures of the reference from held-out views.
+    ///
+    /// # Errors
+    /// If a picture cannot be made.
+    pub fn new(reference: &dyn Reference, views: &dyn Views, seed: u64) -> Result<Self, FitError> {
+        let mut out = Self { shots: Vec::new(), noise: 0.0 };
+        for index in 0..HELD_OUT {
+            let s = views.setup(Set::HeldOut, index, HELD_OUT);
+            let picture = reference.picture(&s)?;
+            out.noise += picture.noise / HELD_OUT as f64;
+            out.shots.push(Shot::new(&s, &picture.image, SAMPLES, seed ^ 0x5eed, index));
+        }
+        Ok(out)
+    }
+
+    /// PSNR (sRGB, foreground) of pictures of these views.
+    pub fn psnr(&self, pictures: &[Vec<[f32; 4]>]) -> f64 {
+        let (mut squares, mut count) = (0.0, 0.0);
+        for (shot, picture) in self.shots.iter().zip(pictures) {
+            for (c, r) in picture.iter().zip(&shot.reference) {
+                if c[3] > 0.0 || r[3] > 0.0 {
+                    let e = |x: f32| photofit_image::srgb_encode(x.clamp(0.0, 1.0));
+                    squares += (0..3).map(|k| f64::from(e(c[k]) - e(r[k])).powi(2)).sum::<f64>() / 3.0;
+                    count += 1.0;
+                }
+            }
+        }
+        psnr_from_mse(squares / f64::max(count, 1.0))
+    }
 }
 
-struct Trainer<'a> {
-    painter: &'a Painter<'a>,
-    options: &'a SimplifyOptions,
-    plan: &'a Plan,
-    candidate: Candidate,
-    gradients: ParameterGradients,
-    shape: Optimizer<f32>,
-    maps: Optimizer<f32>,
+struct Trainer<'a, M: Model> {
+    job: &'a Job<'a>,
+    model: M,
+    groups: Vec<Group>,
+    gradients: M::Gradients,
+    optimizers: Vec<Optimizer<f32>>,
+    /// Best values of each group.
+    best: Vec<Vec<f32>>,
+    course: Course,
     pool: Pool,
-    held_out: Vec<Shot>,
-    best: (f64, Vec<Vec3f>, photofit_raster::Maps),
-    history: Vec<HistoryPoint>,
-    passes: Passes,
-    pixels: f64,
+    fingerprint: String,
+    /// Step of the checkpoint that stands in the folder.
+    saved: Option<u64>,
+    /// The last refusal to save that the user was told of.
+    refusal: String,
+    samples: f64,
     render_seconds: f64,
     start: Instant,
-    step: u64,
-    loss: Vec<f64>,
-    /// Of the fit, for its checkpoints.
-    fingerprint: String,
+    /// Seconds of the runs before this one.
+    earlier: f64,
 }
 
-/// Runs the fit.
-pub(crate) fn train(
-    painter: &Painter<'_>,
-    reference: &Reference<'_>,
-    start: Start,
-    held_out: Vec<Shot>,
-    seen: &Visibility,
-    plan: &Plan,
-    options: &SimplifyOptions,
+/// Runs a fit of `model`; `phases` lays out its phases, given the PSNR of the held-out views at the start.
+///
+/// # Errors
+/// If a picture cannot be made, a checkpoint belongs to another fit, or a value is not finite; what was saved stays.
+pub fn train<'p, M: Model + 'p>(
+    model: M,
+    job: &Job<'_>,
+    phases: impl FnOnce(f64) -> Vec<Phase<'p, M>>,
     progress: &dyn Progress,
-) -> Result<Trained, FitError> {
-    let Start { candidate, distance } = start;
-    let large_steps = LargeSteps::new(candidate.positions.len(), &candidate.edges, LAMBDA)
-        .map_err(FitError::Preconditioner)?;
-    let optim = |source| FitError::Optim { step: 0, source, kept: "nothing was written".into() };
-    let shape =
-        Optimizer::new("positions", candidate.positions.len() * 3, Temporal::uniform_adam().betas(0.9, 0.99))
-            .and_then(|shape| shape.with_filter(Placement::VARIABLE, large_steps))
-            .map_err(optim)?;
-    let texels = candidate.maps.levels[0].texels.len();
-    let maps = Optimizer::new(
-        "maps",
-        texels * CHANNELS,
-        Temporal { beta1: 0.8, beta2: 0.98, relative_epsilon: 0.5, ..Temporal::adam() },
-    )
-    .map_err(optim)?;
-    let best = (f64::NEG_INFINITY, candidate.positions.clone(), candidate.maps.levels[0].clone());
+) -> Result<Trained<M>, FitError> {
+    let groups = model.groups();
+    let optimizers = groups.iter().map(|g| model.optimizer(g)).collect::<Result<_, _>>()?;
+    let best = (0..groups.len()).map(|g| model.values(g).to_vec()).collect();
+    let fingerprint = fingerprint(job, &model, groups.len());
     let mut t = Trainer {
-        painter,
-        options,
-        plan,
-        gradients: candidate.gradients(),
-        candidate,
-        shape,
-        maps,
-        pool: Pool::default(),
-        held_out,
+        job,
+        gradients: model.gradients(),
+        model,
+        groups,
+        optimizers,
         best,
-        history: Vec::new(),
-        passes: plan.passes(),
-        pixels: 0.0,
+        course: Course { best_psnr: f64::NEG_INFINITY, ..Course::default() },
+        pool: Pool::default(),
+        fingerprint,
+        saved: None,
+        refusal: String::new(),
+        samples: 0.0,
         render_seconds: 0.0,
         start: Instant::now(),
-        step: 0,
-        loss: Vec::new(),
-        fingerprint: String::new(),
+        earlier: 0.0,
     };
-    t.fingerprint = checkpoint::fingerprint(options, &t.candidate, &t.held_out[0]);
+    t.restore()?;
+    let start = match t.course.history.first() {
+        Some(first) => first.held_out_psnr,
+        None => t.look(progress),
+    };
+    progress.report("fit", t.course.step, job.steps, &format!("{start:.2} dB"));
     let mut stopped = false;
-    if let Some(c) = checkpoint::load(options, &t.candidate, &t.fingerprint)? {
-        t.restore(c)?;
-    }
-    let first = t.history.first().map(|h| h.held_out_psnr);
-    let start_psnr = first.unwrap_or_else(|| t.look(progress));
-    progress.report("fit", t.step, options.steps, &format!("{start_psnr:.2} dB"));
-    for (k, phase) in phases(options, distance, start_psnr).iter().enumerate() {
-        if t.step >= phase.first + phase.steps {
+    for (k, phase) in phases(start).iter().enumerate() {
+        if t.course.step >= phase.end() {
             continue;
         }
-        if t.step == phase.first && k > 0 {
-            t.rebake(reference, seen, progress)?;
-        }
-        stopped = t.run(phase, progress)?;
+        stopped = (t.course.begun <= k && t.begin(k, phase, progress)?) || t.run(phase, progress)?;
         if stopped {
             break;
         }
     }
-    let (_, positions, maps) = t.best;
-    t.candidate.positions = positions;
-    t.candidate.set_maps(maps);
+    if stopped {
+        t.save(progress);
+        if t.course.history.last().is_none_or(|h| h.step != t.course.step) {
+            t.look(progress);
+        }
+    }
+    t.go_to_best();
     Ok(Trained {
-        candidate: t.candidate,
-        history: t.history,
-        steps: t.step,
-        mpix_per_s: t.pixels / 1e6 / t.render_seconds.max(1e-9),
+        model: t.model,
+        history: t.course.history,
+        steps: t.course.step,
+        mpix_per_s: t.samples / 1e6 / t.render_seconds.max(1e-9),
         stopped,
     })
 }
 
-/// Coarse to fine: half resolution, then, with maps baked anew on the moved shape, full resolution.
-fn phases(options: &SimplifyOptions, distance: f64, start_psnr: f64) -> Vec<Phase> {
-    let n = options.steps;
-    let a = n * 4 / 10;
-    let rate = (POSITION_RATE * distance).clamp(1e-4, 1.5e-2);
-    let map_rate = (MAP_RATE * 10f64.powf(-start_psnr / 20.0)).clamp(2e-4, 5e-3);
-    let shrink = if options.resolution.is_multiple_of(2) && options.resolution >= 256 { 2 } else { 1 };
-    vec![
-        Phase { first: 0, steps: a, shrink, position_rate: rate, map_rate },
-        Phase { first: a, steps: n - a, shrink: 1, position_rate: 0.4 * rate, map_rate },
-    ]
+/// What must agree between the run that wrote a checkpoint and the one that reads it: the options that steer the fit,
+/// the values it starts from (which follow from the asset), and a held-out view (which follows from the asset and the
+/// light).
+fn fingerprint<M: Model>(job: &Job<'_>, model: &M, groups: usize) -> String {
+    let mut digest = Digest::new();
+    (0..groups).for_each(|g| digest.add(model.values(g)));
+    digest.add(job.held_out.shots[0].reference.as_flattened());
+    format!("{} {} {} {:?} {:016x}", job.options, job.batch, job.steps, job.loss, digest.value())
 }
 
-/// Width and height of the pictures, made smaller by `shrink`.
-fn picture_size(options: &SimplifyOptions, shrink: usize) -> usize {
-    (options.resolution / (SAMPLES * shrink)).max(1)
-}
-
-/// The views of the early stop.
-pub(crate) fn held_out(painter: &Painter<'_>, options: &SimplifyOptions) -> Result<Vec<Shot>, FitError> {
-    let shot = |index| {
-        let s = setup(Set::HeldOut, index, HELD_OUT, options.seed, &options.lighting);
-        let picture = painter.picture(&s, picture_size(options, 1))?;
-        Ok(Shot::new(&s, &picture, SAMPLES, options.seed ^ 0x5eed, index))
-    };
-    (0..HELD_OUT).map(shot).collect()
-}
-
-/// The start that looks best in the views of the early stop; the first wins a tie.
-pub(crate) fn best_start<'a>(starts: &'a [Start], held_out: &[Shot]) -> &'a Start {
-    let quality = |s: &Start| psnr(&s.candidate, held_out, &Passes::default());
-    match starts {
-        [first, second] if quality(second) > quality(first) => second,
-        _ => &starts[0],
-    }
-}
-
-/// PSNR (sRGB, foreground) of a candidate over shots.
-fn psnr(candidate: &Candidate, shots: &[Shot], passes: &Passes) -> f64 {
-    let vertices = candidate.vertices();
-    let (mut squares, mut count) = (0.0, 0.0);
-    for shot in shots {
-        let frame = candidate.render(&vertices, shot, passes);
-        for (c, r) in average(&frame.color, shot).iter().zip(&shot.reference) {
-            if c[3] > 0.0 || r[3] > 0.0 {
-                let e = |x: f32| photofit_image::srgb_encode(x.clamp(0.0, 1.0));
-                squares += (0..3).map(|k| f64::from(e(c[k]) - e(r[k])).powi(2)).sum::<f64>() / 3.0;
-                count += 1.0;
+impl<M: Model> Trainer<'_, M> {
+    /// What happens once at the beginning of a phase; true when the user stopped it, which leaves the state before it.
+    fn begin(
+        &mut self,
+        number: usize,
+        phase: &Phase<'_, M>,
+        progress: &dyn Progress,
+    ) -> Result<bool, FitError> {
+        match &phase.renewal {
+            None => {
+                if self.course.history.last().is_none_or(|h| h.step != self.course.step) {
+                    self.look(progress);
+                }
+            }
+            Some((group, make)) => {
+                let before: Vec<Vec<f32>> =
+                    (0..self.groups.len()).map(|g| self.model.values(g).to_vec()).collect();
+                self.go_to_best();
+                let made = match make(&self.model) {
+                    Err(FitError::Interrupted) => {
+                        self.set(&before);
+                        return Ok(true);
+                    }
+                    made => made?,
+                };
+                self.model.values_mut(*group).copy_from_slice(&made);
+                self.model.changed(*group);
+                let best = self.course.best_psnr;
+                if self.look(progress) < best {
+                    self.model.values_mut(*group).copy_from_slice(&self.best[*group]);
+                    self.model.changed(*group);
+                }
+                self.optimizers[*group] = self.model.optimizer(&self.groups[*group])?;
             }
         }
+        self.course.begun = number + 1;
+        Ok(false)
     }
-    psnr_from_mse(squares / f64::max(count, 1.0))
-}
 
-impl Trainer<'_> {
     /// Runs a phase to its end; true when the user or the time limit stopped it.
-    fn run(&mut self, phase: &Phase, progress: &dyn Progress) -> Result<bool, FitError> {
-        self.passes = Passes { position_gradients: phase.position_rate > 0.0, ..self.plan.passes() };
-        if self.history.last().is_none_or(|h| h.step != self.step) {
-            self.look(progress);
-        }
-        let end = phase.first + phase.steps;
-        while self.step < end {
-            let over = self.options.time_limit.is_some_and(|l| self.start.elapsed() >= l);
+    fn run(&mut self, phase: &Phase<'_, M>, progress: &dyn Progress) -> Result<bool, FitError> {
+        while self.course.step < phase.end() {
+            let over = self.job.keeping.time_limit.is_some_and(|l| self.start.elapsed() >= l);
             if over || progress.is_cancelled() {
-                self.look(progress);
-                self.save(progress)?;
                 return Ok(true);
             }
             if self.is_stale(phase) {
-                self.step = end;
+                self.course.step = phase.end();
                 break;
             }
             self.one_step(phase)?;
-            if self.step.is_multiple_of(EVALUATE_EVERY) || self.step == end {
+            if self.course.step.is_multiple_of(LOOK_EVERY) || self.course.step == phase.end() {
                 self.look(progress);
-                self.save(progress)?;
+                self.save(progress);
             }
         }
         Ok(false)
     }
 
     /// Whether the last looks of a phase brought nothing.
-    fn is_stale(&self, phase: &Phase) -> bool {
+    fn is_stale(&self, phase: &Phase<'_, M>) -> bool {
+        let history = &self.course.history;
         let looks: Vec<f64> =
-            self.history.iter().filter(|h| h.step >= phase.first).map(|h| h.held_out_psnr).collect();
+            history.iter().filter(|h| h.step >= phase.first).map(|h| h.held_out_psnr).collect();
         let best = looks.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         looks.iter().rev().take_while(|l| **l < best).count() >= PATIENCE
     }
 
-    fn one_step(&mut self, phase: &Phase) -> Result<(), FitError> {
-        let size = picture_size(self.options, phase.shrink);
-        let shots = self.pool.batch(self.painter, self.options, (phase.first, self.step), size, SAMPLES)?;
+    fn one_step(&mut self, phase: &Phase<'_, M>) -> Result<(), FitError> {
+        let job = self.job;
+        let step = self.course.step;
+        let from = Batches {
+            reference: job.reference,
+            views: job.views,
+            seed: job.seed,
+            size: job.batch as u64,
+            samples: SAMPLES,
+        };
+        let shots = self.pool.batch(&from, (phase.first, step), phase.shrink)?;
+        let moving: Vec<bool> = phase.rates.iter().map(|r| *r > 0.0).collect();
         let began = Instant::now();
-        let value = self.candidate.step(&shots, Loss::LogSrgbL1, &self.passes, &mut self.gradients);
+        let value = self.model.step(&shots, job.loss, &moving, &mut self.gradients);
         self.render_seconds += began.elapsed().as_secs_f64();
-        self.pixels += shots.iter().map(|s| (s.width * s.height * SAMPLES * SAMPLES) as f64).sum::<f64>();
-        self.loss.push(value);
-        let schedule = Schedule::WarmupCosine { warmup: 10, total: phase.steps, floor: 0.05 };
-        let factor = schedule.factor(self.step - phase.first);
-        let step = self.step;
-        let fail = |source| FitError::Optim { step, source, kept: "the last checkpoint is unchanged".into() };
-        if phase.position_rate > 0.0 {
-            let x = bytemuck::cast_slice_mut(&mut self.candidate.positions);
-            let g = bytemuck::cast_slice(&self.gradients.positions);
-            self.shape.step(x, g, (phase.position_rate * factor) as f32).map_err(fail)?;
+        self.samples += shots.iter().map(|s| (s.width * s.height * SAMPLES * SAMPLES) as f64).sum::<f64>();
+        if !value.is_finite() {
+            return Err(FitError::Loss { step, value, kept: self.kept() });
         }
-        let rates = channel_rates(self.plan).map(|r| r * (phase.map_rate * factor) as f32);
-        let base = &mut self.candidate.maps.levels[0].texels;
-        let g = &self.gradients.rendered.maps.levels[0].texels;
-        self.maps
-            .step_rows(base.as_flattened_mut(), g.as_flattened(), &Rows { rates: &rates, touched: None })
-            .map_err(fail)?;
-        clamp_channels(base.as_flattened_mut(), &RANGES);
-        normalize_vectors(base.as_flattened_mut(), CHANNELS, channel::NORMAL);
-        self.candidate.maps.rebuild();
-        self.step += 1;
+        self.course.loss.push(value);
+        let schedule = Schedule::WarmupCosine { warmup: 10, total: phase.steps, floor: 0.05 };
+        let factor = schedule.factor(step - phase.first);
+        for (k, group) in self.groups.iter().enumerate().filter(|(k, _)| moving[*k]) {
+            let (x, g) = self.model.moved(&self.gradients, k);
+            let rate = phase.rates[k] * factor;
+            let moved = if group.rates.is_empty() {
+                self.optimizers[k].step(x, g, rate as f32)
+            } else {
+                let rates: Vec<f32> = group.rates.iter().map(|r| r * rate as f32).collect();
+                self.optimizers[k].step_rows(x, g, &Rows { rates: &rates, touched: None })
+            };
+            if let Err(source) = moved {
+                return Err(FitError::Optim { step, source, kept: self.kept() });
+            }
+            if !group.ranges.is_empty() {
+                clamp_channels(x, &group.ranges);
+            }
+            if let Some(at) = group.unit {
+                normalize_vectors(x, group.columns, at);
+            }
+            self.model.changed(k);
+        }
+        self.course.step += 1;
         Ok(())
     }
 
     /// PSNR of the held-out views; keeps the best state.
     fn look(&mut self, progress: &dyn Progress) -> f64 {
-        let psnr = psnr(&self.candidate, &self.held_out, &self.plan.passes());
-        let loss = self.loss.iter().sum::<f64>() / self.loss.len().max(1) as f64;
-        self.loss.clear();
-        let seconds = self.start.elapsed().as_secs_f64();
-        self.history.push(HistoryPoint { step: self.step, seconds, loss, held_out_psnr: psnr });
-        progress.report("fit", self.step, self.options.steps, &format!("{psnr:.2} dB"));
-        if psnr > self.best.0 {
-            self.best = (psnr, self.candidate.positions.clone(), self.candidate.maps.levels[0].clone());
+        let psnr = self.job.held_out.psnr(&self.model.pictures(&self.job.held_out.shots));
+        let course = &mut self.course;
+        let loss = course.loss.iter().sum::<f64>() / course.loss.len().max(1) as f64;
+        course.loss.clear();
+        let seconds = self.earlier + self.start.elapsed().as_secs_f64();
+        course.history.push(HistoryPoint { step: course.step, seconds, loss, held_out_psnr: psnr });
+        progress.report("fit", course.step, self.job.steps, &format!("{psnr:.2} dB"));
+        if psnr > course.best_psnr {
+            course.best_psnr = psnr;
+            for (k, best) in self.best.iter_mut().enumerate() {
+                best.copy_from_slice(self.model.values(k));
+            }
         }
         psnr
     }
 
-    /// Puts the reference's surface on the fitted shape, whose texels have moved; keeps it if it is better.
-    fn rebake(
-        &mut self,
-        reference: &Reference<'_>,
-        seen: &Visibility,
-        progress: &dyn Progress,
-    ) -> Result<(), FitError> {
-        self.candidate.positions.clone_from(&self.best.1);
-        let (baked, _) = bake_candidate(reference, seen, &self.candidate, progress)?;
-        self.candidate.set_maps(baked);
-        let before = self.best.0;
-        if self.look(progress) < before {
-            self.candidate.set_maps(self.best.2.clone());
+    fn set(&mut self, values: &[Vec<f32>]) {
+        for (k, values) in values.iter().enumerate() {
+            self.model.values_mut(k).copy_from_slice(values);
+            self.model.changed(k);
         }
-        let texels = self.candidate.maps.levels[0].texels.len();
-        let temporal = *self.maps.temporal();
-        let fail = |source| FitError::Optim {
-            step: self.step,
-            source,
-            kept: "the last checkpoint is unchanged".into(),
+    }
+
+    fn go_to_best(&mut self) {
+        let best = std::mem::take(&mut self.best);
+        self.set(&best);
+        self.best = best;
+    }
+
+    /// Writes a checkpoint if one is wanted. A disk that refuses it does not end the fit: the user is told, and the next
+    /// one is tried.
+    fn save(&mut self, progress: &dyn Progress) {
+        let Some(folder) = &self.job.keeping.checkpoint else { return };
+        progress.report("checkpoint", self.course.step, self.job.steps, "");
+        let saved: Vec<Saved<'_>> = self
+            .groups
+            .iter()
+            .enumerate()
+            .map(|(k, group)| Saved {
+                group,
+                values: self.model.values(k),
+                best: &self.best[k],
+                optimizer: self.optimizers[k].state(),
+            })
+            .collect();
+        match checkpoint::save(folder, &self.course, &saved, &self.fingerprint) {
+            Ok(()) => self.saved = Some(self.course.step),
+            Err(e) => {
+                let refusal = e.to_string();
+                if refusal != self.refusal {
+                    progress.warn(&format!("the checkpoint could not be saved, the fit goes on: {refusal}"));
+                    self.refusal = refusal;
+                }
+            }
+        }
+    }
+
+    /// What remains when the fit breaks.
+    fn kept(&self) -> String {
+        match (self.saved, &self.job.keeping.checkpoint) {
+            (Some(step), Some(folder)) => {
+                format!("the checkpoint of step {step} in {} is unchanged", folder.display())
+            }
+            _ => "no checkpoint was kept".into(),
+        }
+    }
+
+    /// Goes on from the checkpoint, if the job asks for it and there is one.
+    fn restore(&mut self) -> Result<(), FitError> {
+        let keeping = self.job.keeping;
+        let Some(folder) = keeping.checkpoint.as_ref().filter(|_| keeping.resume) else { return Ok(()) };
+        let Some((course, groups)) = checkpoint::load(folder, &self.groups, &self.fingerprint)? else {
+            return Ok(());
         };
-        self.maps = Optimizer::new("maps", texels * CHANNELS, temporal).map_err(fail)?;
-        Ok(())
-    }
-
-    fn save(&self, progress: &dyn Progress) -> Result<(), FitError> {
-        let Some(folder) = &self.options.checkpoint else { return Ok(()) };
-        progress.report("checkpoint", self.step, self.options.steps, "");
-        checkpoint::save(
-            folder,
-            &Checkpoint {
-                step: self.step,
-                best_psnr: self.best.0,
-                positions: &self.candidate.positions,
-                maps: &self.candidate.maps.levels[0],
-                best_positions: &self.best.1,
-                best_maps: &self.best.2,
-                shape: self.shape.state(),
-                adam: self.maps.state(),
-                history: &self.history,
-                loss: &self.loss,
-            },
-            &self.fingerprint,
-        )
-    }
-
-    fn restore(&mut self, c: checkpoint::Loaded) -> Result<(), FitError> {
-        let step = c.step;
-        let fail = |source| FitError::Optim { step, source, kept: "the checkpoint is unchanged".into() };
-        self.shape.restore(c.shape).map_err(fail)?;
-        self.maps.restore(c.adam).map_err(fail)?;
-        self.step = c.step;
-        self.candidate.positions = c.positions;
-        self.candidate.set_maps(c.maps);
-        self.best = (c.best_psnr, c.best_positions, c.best_maps);
-        self.history = c.history;
-        self.loss = c.loss;
+        for (k, loaded) in groups.into_iter().enumerate() {
+            self.optimizers[k].restore(loaded.optimizer).map_err(|e| FitError::Checkpoint {
+                path: folder.join(checkpoint::FILE),
+                rule: e.to_string(),
+            })?;
+            self.model.values_mut(k).copy_from_slice(&loaded.values);
+            self.model.changed(k);
+            self.best[k] = loaded.best;
+        }
+        self.earlier = course.history.last().map_or(0.0, |h| h.seconds);
+        self.saved = Some(course.step);
+        self.course = course;
         Ok(())
     }
 }
 
-/// Range of each sample of a texel.
-const RANGES: [[f32; 2]; CHANNELS] = {
-    let mut r = [[0.0, 1.0]; CHANNELS];
-    r[channel::ROUGHNESS] = [0.03, 1.0];
-    r[channel::NORMAL] = [-1.0, 1.0];
-    r[channel::NORMAL + 1] = [-1.0, 1.0];
-    r[channel::NORMAL + 2] = [0.02, 1.0];
-    r[channel::EMISSIVE] = [0.0, 1e4];
-    r[channel::EMISSIVE + 1] = [0.0, 1e4];
-    r[channel::EMISSIVE + 2] = [0.0, 1e4];
-    r
-};
+#[cfg(test)]
+mod tests;

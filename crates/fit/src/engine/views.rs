@@ -1,6 +1,7 @@
-//! Cameras and lights of a fit: where the reference and the candidate are looked at from.
+//! Views: where the reference and the candidate are looked at from, under which light, in which pose, at which size.
 //!
-//! Everything is in the normalised frame: the reference's bounding sphere is centred at the origin with radius 1.
+//! A set of views is a pure function of (set, index). Everything is in the normalised frame: the reference's bounding
+//! sphere is centred at the origin with radius 1.
 
 use glam::Vec3;
 use photofit_image::Image;
@@ -66,38 +67,103 @@ pub fn studio() -> Arc<Environment> {
     STUDIO.get_or_init(make).clone()
 }
 
-/// The lights of one shot.
+/// A light of one view, in the normalised frame.
 #[derive(Clone, Debug)]
-pub struct ShotLights {
-    point: Option<(Vec3f, Vec3f)>,
-    ambient: Vec3f,
-    environment: Option<(Arc<Environment>, f32)>,
+pub enum ViewLight {
+    /// Equal in all directions.
+    Point {
+        /// Where it is.
+        position: Vec3f,
+        /// Radiant intensity, W/sr per channel in the frame's units.
+        intensity: Vec3f,
+    },
+    /// From afar.
+    Directional {
+        /// Unit vector towards the light.
+        direction: Vec3f,
+        /// Irradiance on a surface that faces it.
+        irradiance: Vec3f,
+    },
+    /// The same radiance from everywhere.
+    Ambient {
+        /// The radiance.
+        radiance: Vec3f,
+    },
+    /// An environment map.
+    Environment {
+        /// The map.
+        map: Arc<Environment>,
+        /// Turn about +y, radians.
+        yaw: f32,
+    },
 }
 
-impl ShotLights {
+/// The lights of one view.
+#[derive(Clone, Debug, Default)]
+pub struct ViewLights(pub Vec<ViewLight>);
+
+impl ViewLights {
     /// As the shading crate takes them.
     pub fn lights(&self) -> Vec<Light<'_, f32>> {
-        let mut out = Vec::with_capacity(2);
-        if let Some((position, intensity)) = self.point {
-            out.push(Light::Point { position, intensity });
-        }
-        if self.ambient != Vec3f::zero() {
-            out.push(Light::Ambient { radiance: self.ambient });
-        }
-        if let Some((map, yaw)) = &self.environment {
-            out.push(Light::Environment { map, rotation: Yaw::new(*yaw), scale: 1.0 });
-        }
-        out
+        let light = |l| match l {
+            &ViewLight::Point { position, intensity } => Light::Point { position, intensity },
+            &ViewLight::Directional { direction, irradiance } => Light::Directional { direction, irradiance },
+            &ViewLight::Ambient { radiance } => Light::Ambient { radiance },
+            ViewLight::Environment { map, yaw } => {
+                Light::Environment { map, rotation: Yaw::new(*yaw), scale: 1.0 }
+            }
+        };
+        self.0.iter().map(light).collect()
     }
 }
 
-/// A camera with its lights.
+/// The pose of an asset: a time of one of its animations.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Pose {
+    /// Index of the animation; `None`: as the asset stands.
+    pub animation: Option<usize>,
+    /// Time in the animation, seconds.
+    pub time: f32,
+}
+
+/// A sphere.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sphere {
+    /// Centre.
+    pub center: Vec3f,
+    /// Radius.
+    pub radius: f32,
+}
+
+impl Sphere {
+    /// The bounds of everything in the normalised frame.
+    pub const UNIT: Self = Self { center: Vec3f { x: 0.0, y: 0.0, z: 0.0 }, radius: 1.0 };
+}
+
+/// What is asked of a reference: camera, lights, pose, and size of the picture.
 #[derive(Clone, Debug)]
 pub struct Setup {
     /// The camera.
     pub camera: Camera,
     /// The lights.
-    pub lights: ShotLights,
+    pub lights: ViewLights,
+    /// The pose of the asset.
+    pub pose: Pose,
+    /// Columns of the picture.
+    pub width: usize,
+    /// Rows of the picture.
+    pub height: usize,
+    /// The finished picture that shows this view, where views come with pictures.
+    pub picture: Option<usize>,
+}
+
+impl Setup {
+    /// The same view in a picture that is smaller by `factor` along both axes, at least one pixel.
+    #[must_use]
+    pub fn shrunk(&self, factor: usize) -> Self {
+        let size = |n: usize| (n / factor).max(1);
+        Self { width: size(self.width), height: size(self.height), ..self.clone() }
+    }
 }
 
 /// Which set of views.
@@ -111,43 +177,96 @@ pub enum Set {
     Report,
 }
 
-/// View number `index` of a set; a pure function of its arguments.
-pub fn setup(set: Set, index: u64, count: u64, seed: u64, lighting: &Lighting) -> Setup {
-    let stream = match set {
-        Set::Train => STREAM_TRAIN,
-        Set::HeldOut => STREAM_HELD_OUT,
-        Set::Report => STREAM_REPORT,
-    };
-    let mut rng = Rng::new(seed, stream + index);
-    let framing = 1.0 / HALF_TANGENT.atan().sin();
-    let (direction, distance) = match set {
-        Set::Train => (sphere(&mut rng), framing * rng.uniform(0.72, 1.1)),
-        Set::HeldOut | Set::Report => {
-            (fibonacci(index, count, if set == Set::Report { 0.7 } else { 2.1 }), framing * 1.01)
-        }
-    };
-    let eye = direction * distance;
-    let mut camera = Camera::look_at(
-        eye,
-        Vec3::ZERO,
-        if set == Set::Train { sphere(&mut rng) } else { Vec3::Y },
-        2.0 * HALF_TANGENT.atan(),
-        1.0,
-        0.01 * distance,
-        distance + 1.5,
-    );
-    if set == Set::Train {
-        let shift = glam::vec3(rng.uniform(-0.12, 0.12), rng.uniform(-0.12, 0.12), 0.0);
-        camera.view = glam::Mat4::from_translation(shift) * camera.view;
-        camera.eye = camera.view.inverse().transform_point3(Vec3::ZERO);
-    }
-    Setup { camera, lights: lights(&mut rng, direction, lighting, index) }
+/// Views of a fit: pure functions of their arguments.
+pub trait Views: Sync {
+    /// View number `index` of a set of which `count` views are wanted, spread over all there are. Numbers of
+    /// [`Set::Train`] have no end.
+    fn setup(&self, set: Set, index: u64, count: u64) -> Setup;
 }
 
-fn lights(rng: &mut Rng, towards_camera: Vec3, lighting: &Lighting, index: u64) -> ShotLights {
+/// Views all around a sphere, drawn by a seed.
+#[derive(Clone, Debug)]
+pub struct Orbit {
+    /// Seed of all draws.
+    pub seed: u64,
+    /// Where the light comes from.
+    pub lighting: Lighting,
+    /// Width and height of the pictures, pixels.
+    pub size: usize,
+    /// What is looked at.
+    pub bounds: Sphere,
+    /// Nearest and farthest camera of [`Set::Train`], in distances at which the sphere just fills the picture.
+    pub distance: [f32; 2],
+    /// Distance of the other cameras, likewise.
+    pub judged_distance: f32,
+    /// The pose of the asset.
+    pub pose: Pose,
+}
+
+impl Orbit {
+    /// Views in which the unit sphere fills a picture of `size` x `size` pixels, give or take a third.
+    pub fn new(seed: u64, lighting: &Lighting, size: usize) -> Self {
+        Self {
+            seed,
+            lighting: lighting.clone(),
+            size,
+            bounds: Sphere::UNIT,
+            distance: [0.72, 1.1],
+            judged_distance: 1.01,
+            pose: Pose::default(),
+        }
+    }
+}
+
+impl Views for Orbit {
+    fn setup(&self, set: Set, index: u64, count: u64) -> Setup {
+        let stream = match set {
+            Set::Train => STREAM_TRAIN,
+            Set::HeldOut => STREAM_HELD_OUT,
+            Set::Report => STREAM_REPORT,
+        };
+        let mut rng = Rng::new(self.seed, stream + index);
+        let Sphere { center, radius } = self.bounds;
+        let target = Vec3::from_array(center.to_array());
+        let framing = radius / HALF_TANGENT.atan().sin();
+        let [nearest, farthest] = self.distance;
+        let (direction, distance) = match set {
+            Set::Train => (sphere(&mut rng), framing * rng.uniform(nearest, farthest)),
+            Set::HeldOut | Set::Report => (
+                fibonacci(index, count, if set == Set::Report { 0.7 } else { 2.1 }),
+                framing * self.judged_distance,
+            ),
+        };
+        let eye = target + direction * distance;
+        let mut camera = Camera::look_at(
+            eye,
+            target,
+            if set == Set::Train { sphere(&mut rng) } else { Vec3::Y },
+            2.0 * HALF_TANGENT.atan(),
+            1.0,
+            0.01 * distance,
+            distance + 1.5 * radius,
+        );
+        if set == Set::Train {
+            let shift = radius * glam::vec3(rng.uniform(-0.12, 0.12), rng.uniform(-0.12, 0.12), 0.0);
+            camera.view = glam::Mat4::from_translation(shift) * camera.view;
+            camera.eye = camera.view.inverse().transform_point3(Vec3::ZERO);
+        }
+        let lights = lights(&mut rng, &self.bounds, direction, &self.lighting, index);
+        Setup { camera, lights, pose: self.pose, width: self.size, height: self.size, picture: None }
+    }
+}
+
+fn lights(
+    rng: &mut Rng,
+    around: &Sphere,
+    towards_camera: Vec3,
+    lighting: &Lighting,
+    index: u64,
+) -> ViewLights {
     match lighting {
         Lighting::Mixed if index.is_multiple_of(2) => {
-            lights(rng, towards_camera, &Lighting::Environment(studio()), index)
+            lights(rng, around, towards_camera, &Lighting::Environment(studio()), index)
         }
         Lighting::Mixed | Lighting::Point => {
             // Cosine-weighted about the camera's direction.
@@ -155,20 +274,19 @@ fn lights(rng: &mut Rng, towards_camera: Vec3, lighting: &Lighting, index: u64) 
             let (u, a) = (rng.uniform(0.0, 1.0), rng.uniform(0.0, std::f32::consts::TAU));
             let r = u.sqrt();
             let d = s * (r * a.cos()) + t * (r * a.sin()) + towards_camera * (1.0 - u).max(0.0).sqrt();
-            let distance = 3.0;
+            let distance = 3.0 * around.radius;
             let irradiance = rng.uniform(2.0, 3.2);
             let p = d * distance;
-            ShotLights {
-                point: Some((vec3(p.x, p.y, p.z), Vec3f::splat(irradiance * distance * distance))),
-                ambient: Vec3f::splat(rng.uniform(0.1, 0.35)),
-                environment: None,
-            }
+            let intensity = Vec3f::splat(irradiance * distance * distance);
+            ViewLights(vec![
+                ViewLight::Point { position: around.center + vec3(p.x, p.y, p.z), intensity },
+                ViewLight::Ambient { radiance: Vec3f::splat(rng.uniform(0.1, 0.35)) },
+            ])
         }
-        Lighting::Environment(map) => ShotLights {
-            point: None,
-            ambient: Vec3f::zero(),
-            environment: Some((map.clone(), rng.uniform(0.0, std::f32::consts::TAU))),
-        },
+        Lighting::Environment(map) => {
+            let yaw = rng.uniform(0.0, std::f32::consts::TAU);
+            ViewLights(vec![ViewLight::Environment { map: map.clone(), yaw }])
+        }
     }
 }
 
@@ -190,7 +308,7 @@ pub struct Shot {
     /// The camera.
     pub camera: Camera,
     /// The lights.
-    pub lights: ShotLights,
+    pub lights: ViewLights,
     /// Columns of the picture.
     pub width: usize,
     /// Rows of the picture.
@@ -241,7 +359,7 @@ mod tests {
 
     #[test]
     fn views_are_a_function_of_seed_and_index() {
-        let at = |set, i, seed| setup(set, i, 8, seed, &Lighting::Point).camera;
+        let at = |set, i, seed| Orbit::new(seed, &Lighting::Point, 8).setup(set, i, 8).camera;
         assert_eq!(at(Set::Train, 3, 1), at(Set::Train, 3, 1));
         assert_ne!(at(Set::Train, 3, 1), at(Set::Train, 4, 1));
         assert_ne!(at(Set::Train, 3, 1), at(Set::Train, 3, 2));
@@ -251,9 +369,43 @@ mod tests {
     #[test]
     fn the_unit_sphere_fits_report_views() {
         for i in 0..8 {
-            let c = setup(Set::Report, i, 8, 0, &Lighting::Point).camera;
+            let c = Orbit::new(0, &Lighting::Point, 8).setup(Set::Report, i, 8).camera;
             let d = c.eye.length();
             assert!((1.0 / d).asin() <= HALF_TANGENT.atan(), "view {i}");
+        }
+    }
+
+    #[test]
+    fn distance_and_size_are_values_of_the_views() {
+        let far = Orbit { distance: [3.0, 3.0], judged_distance: 4.0, ..Orbit::new(1, &Lighting::Point, 64) };
+        let framing = 1.0 / HALF_TANGENT.atan().sin();
+        let s = far.setup(Set::HeldOut, 2, 5);
+        assert!((s.camera.eye.length() / framing - 4.0).abs() < 1e-4);
+        assert_eq!((s.width, s.height), (64, 64));
+        // Training cameras are shifted across the view by at most .12 on each axis.
+        let d = far.setup(Set::Train, 2, 0).camera.eye.length() / framing;
+        assert!((d - 3.0).abs() < 0.02, "{d}");
+        assert_eq!((s.shrunk(4).width, s.shrunk(100).height), (16, 1));
+    }
+
+    #[test]
+    fn views_frame_what_is_looked_at() {
+        let unit = Orbit::new(3, &Lighting::Point, 8);
+        let moved = Orbit { bounds: Sphere { center: vec3(5.0, -2.0, 1.0), radius: 3.0 }, ..unit.clone() };
+        for (set, index) in [(Set::Train, 0), (Set::Train, 7), (Set::HeldOut, 2), (Set::Report, 1)] {
+            let (a, b) = (unit.setup(set, index, 5), moved.setup(set, index, 5));
+            for p in [Vec3::ZERO, Vec3::new(0.3, -0.5, 0.2)] {
+                let in_a = a.camera.view_projection().project_point3(p);
+                let q = p * 3.0 + Vec3::new(5.0, -2.0, 1.0);
+                let in_b = b.camera.view_projection().project_point3(q);
+                assert!(in_a.truncate().abs_diff_eq(in_b.truncate(), 1e-4), "{set:?} {index}: {in_a} {in_b}");
+            }
+            let irradiance = |s: &Setup, at: Vec3f| match s.lights.0[0] {
+                ViewLight::Point { position, intensity } => intensity.x / (position - at).length_squared(),
+                _ => panic!("a point light"),
+            };
+            let (x, y) = (irradiance(&a, Vec3f::zero()), irradiance(&b, vec3(5.0, -2.0, 1.0)));
+            assert!((x / y - 1.0).abs() < 1e-4, "{x} {y}");
         }
     }
 }

@@ -69,12 +69,13 @@ fn header(o: &Outcome, info: &ReportInfo<'_>) -> String {
     if let (Some(a), Some(b)) = (info.bytes_in, info.bytes_out) {
         tiles.push(("file size", format!("{} <span>of {}</span>", bytes(b), bytes(a))));
     }
+    let [fitted, baked] = ["fitted", "baked"].map(|name| o.stage(name).copied().unwrap_or_default());
     tiles.extend([
         (
             "fitted PSNR",
-            format!("{:.2} dB <span>{:+.2} over baked</span>", o.fitted.psnr, o.fitted.psnr - o.baked.psnr),
+            format!("{:.2} dB <span>{:+.2} over baked</span>", fitted.psnr, fitted.psnr - baked.psnr),
         ),
-        ("fitted FLIP", format!("{:.4} <span>{}</span>", o.fitted.flip, change(o.fitted.flip, o.baked.flip))),
+        ("fitted FLIP", format!("{:.4} <span>{}</span>", fitted.flip, change(fitted.flip, baked.flip))),
         ("time", format!("{:.0} s <span>{:.0} s to the file</span>", o.seconds, o.fit_seconds)),
         ("steps", format!("{} <span>{:.1} Mpixel/s</span>", o.steps, o.mpix_per_s)),
         ("within 0.5 dB of the end", format!("{:.0} s", o.seconds_to_half_db)),
@@ -94,13 +95,15 @@ fn change(new: f64, old: f64) -> String {
 }
 
 fn table(o: &Outcome) -> String {
-    const WHAT: [&str; 4] = [
-        "the asset's own textures on fewer triangles",
-        "new atlas, maps baked from the asset",
-        "drawn onto the asset's surface, then baked; the fit starts from the better of the two",
-        "the written file, loaded again",
-    ];
-    let row = |((name, q), what): ((&str, &Quality), &str)| {
+    let what = |name: &str| match name {
+        "decimated" => "the asset's own textures on fewer triangles",
+        "baked" => "new atlas, maps baked from the asset",
+        "wrapped" => "drawn onto the asset's surface, then baked; the fit starts from the better of the two",
+        "fitted" => "the written file, loaded again",
+        _ => "",
+    };
+    let row = |(name, q): &(&str, Quality)| {
+        let what = what(name);
         format!(
             "<tr><th>{name}</th><td class=what>{what}</td><td>{:.2}</td><td>{:.4}</td><td>{:.4}</td><td>{:.0} \
              %</td></tr>\n",
@@ -110,7 +113,7 @@ fn table(o: &Outcome) -> String {
             100.0 * q.outline
         )
     };
-    let rows: String = o.stages().into_iter().zip(WHAT).map(row).collect();
+    let rows: String = o.stages.iter().map(row).collect();
     format!(
         "<table>\n<tr><th></th><th></th><th>PSNR, dB</th><th>SSIM</th><th>FLIP</th><th>at \
          outline</th></tr>\n{rows}</table>\n\

@@ -12,21 +12,26 @@ const SIDES: [usize; 4] = [448, 352, 256, 160];
 const MOST_BYTES: usize = 11_000_000;
 /// FLIP that is shown as the brightest colour.
 const HEAT: f32 = 0.5;
-const NAMES: [&str; 4] = Outcome::STAGES;
 
 /// The section of all views.
 pub(super) fn section(o: &Outcome) -> Result<String, FitError> {
     if o.views.is_empty() {
         return Ok(String::new());
     }
+    let names: Vec<&str> = o.stages.iter().map(|s| s.0).collect();
     let mut cards = Vec::new();
     for side in SIDES {
         // One view of many tells whether a size will do.
-        let first = card(0, &o.views[0], side)?;
+        let first = card(0, &o.views[0], &names, side)?;
         if first.len() * o.views.len() > MOST_BYTES && side != SIDES[SIDES.len() - 1] {
             continue;
         }
-        cards = o.views.par_iter().enumerate().map(|(i, v)| card(i, v, side)).collect::<Result<_, _>>()?;
+        cards = o
+            .views
+            .par_iter()
+            .enumerate()
+            .map(|(i, v)| card(i, v, &names, side))
+            .collect::<Result<_, _>>()?;
         if cards.iter().map(String::len).sum::<usize>() <= MOST_BYTES {
             break;
         }
@@ -34,21 +39,21 @@ pub(super) fn section(o: &Outcome) -> Result<String, FitError> {
     Ok(format!("<h2>Views</h2>\n{}", cards.concat()))
 }
 
-fn card(index: usize, view: &ReportView, side: usize) -> Result<String, FitError> {
+fn card(index: usize, view: &ReportView, names: &[&str], side: usize) -> Result<String, FitError> {
     let mut strip = page::figure(&pictures::display(&view.reference, side)?, "reference", "reference");
-    for (name, v) in NAMES.iter().zip(&view.quality) {
+    for (name, v) in names.iter().zip(&view.quality) {
         let q = &v.quality;
         let caption = format!("{name}<br>{:.2} dB, SSIM {:.3}", q.psnr, q.ssim);
         strip += &page::figure(&pictures::display(&v.picture, side)?, name, &caption);
     }
     strip += &format!("<div class=legend><i></i>FLIP, from 0 to {HEAT} and more</div>\n");
-    for (name, v) in NAMES.iter().zip(&view.quality) {
+    for (name, v) in names.iter().zip(&view.quality) {
         strip += &heat(name, v, side)?;
     }
     let choose = |chosen: &str| {
         let options: String = ["reference"]
             .iter()
-            .chain(&NAMES)
+            .chain(names)
             .map(|n| format!("<option{}>{n}</option>", if *n == chosen { " selected" } else { "" }))
             .collect();
         format!("<select aria-label=\"picture\">{options}</select>")

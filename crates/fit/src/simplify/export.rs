@@ -14,8 +14,9 @@ use photofit_scene::{
 const FLAT: f32 = 0.75 / 255.0;
 
 /// Turns a candidate into a scene: one primitive and material per class, all sharing one set of maps. Maps that
-/// are constant become factors, a flat normal map and absent emission are left out.
-pub fn to_scene(candidate: &Candidate, n: &Normalised, name: &str) -> Scene {
+/// are constant become factors, a flat normal map and absent emission are left out. Materials are named after those that
+/// they stand for.
+pub fn to_scene(candidate: &Candidate, n: &Normalised) -> Scene {
     let mut mesh = candidate.mesh();
     for p in &mut mesh.positions {
         *p = *p * n.radius + n.center;
@@ -25,9 +26,10 @@ pub fn to_scene(candidate: &Candidate, n: &Normalised, name: &str) -> Scene {
     let mut texels = base.texels.clone();
     let owned = mesh_coverage(&mesh.uvs, &mesh.triangles, width, height, true).mask();
     make_opaque(&mut texels, candidate, n, (width, height));
+    show_unlit(&mut texels, candidate, n, (width, height));
     dilate(&mut texels, &owned, width, height, None);
 
-    let mut scene = Scene { name: name.into(), ..Scene::default() };
+    let mut scene = Scene { name: n.name.clone(), ..Scene::default() };
     let written = |class: &u32| n.classes[*class as usize].written;
     let transparent = candidate.class.iter().any(|c| written(c) != AlphaMode::Opaque);
     let mut template = material(&mut scene, &texels, &owned, (width, height), transparent);
@@ -37,16 +39,11 @@ pub fn to_scene(candidate: &Candidate, n: &Normalised, name: &str) -> Scene {
         if part.triangles.is_empty() {
             continue;
         }
-        let suffix = match look.written {
-            AlphaMode::Opaque => "",
-            AlphaMode::Mask { .. } => "-mask",
-            AlphaMode::Blend => "-blend",
-        };
-        let more = look.extensions.iter().flat_map(|e| e.names()).map(|e| format!("-{e}"));
         scene.materials.push(Material {
-            name: format!("{name}{suffix}{}", more.collect::<String>()),
+            name: n.class_name(class),
             alpha_mode: look.written,
             double_sided: look.double_sided || (look.drawn == AlphaMode::Opaque && template.double_sided),
+            unlit: look.unlit,
             extensions: look.extensions.clone(),
             ..template.clone()
         });
@@ -57,23 +54,43 @@ pub fn to_scene(candidate: &Candidate, n: &Normalised, name: &str) -> Scene {
     scene
 }
 
-/// Removes the alpha with which glass is drawn.
-fn make_opaque(
+/// Changes the texels of the triangles of some classes.
+fn change(
     texels: &mut [[f32; CHANNELS]],
     candidate: &Candidate,
-    n: &Normalised,
     (width, height): (usize, usize),
+    wanted: impl Fn(usize) -> bool,
+    change: impl Fn(&mut [f32; CHANNELS]),
 ) {
-    let glass = candidate.triangles.iter().zip(&candidate.class);
-    let glass: Vec<[u32; 3]> =
-        glass.filter(|(_, c)| n.classes[**c as usize].is_see_through()).map(|(t, _)| *t).collect();
-    if glass.is_empty() {
+    let triangles = candidate.triangles.iter().zip(&candidate.class);
+    let triangles: Vec<[u32; 3]> = triangles.filter(|(_, c)| wanted(**c as usize)).map(|(t, _)| *t).collect();
+    if triangles.is_empty() {
         return;
     }
-    let drawn = mesh_coverage(&candidate.uvs, &glass, width, height, true).mask();
-    for (texel, _) in texels.iter_mut().zip(drawn).filter(|(_, drawn)| *drawn) {
-        texel[channel::ALPHA] = 1.0;
-    }
+    let drawn = mesh_coverage(&candidate.uvs, &triangles, width, height, true).mask();
+    texels.iter_mut().zip(drawn).filter(|(_, drawn)| *drawn).for_each(|(texel, _)| change(texel));
+}
+
+/// Removes the alpha with which glass is drawn.
+fn make_opaque(texels: &mut [[f32; CHANNELS]], candidate: &Candidate, n: &Normalised, size: (usize, usize)) {
+    let glass = |c: usize| n.classes[c].is_see_through();
+    change(texels, candidate, size, glass, |texel| texel[channel::ALPHA] = 1.0);
+}
+
+/// Turns the emission with which unlit surfaces are drawn into the base colour that their material shows.
+fn show_unlit(texels: &mut [[f32; CHANNELS]], candidate: &Candidate, n: &Normalised, size: (usize, usize)) {
+    change(
+        texels,
+        candidate,
+        size,
+        |c| n.classes[c].unlit,
+        |texel| {
+            for k in 0..3 {
+                texel[channel::BASE_COLOR + k] = texel[channel::EMISSIVE + k];
+                texel[channel::EMISSIVE + k] = 0.0;
+            }
+        },
+    );
 }
 
 /// The triangles of one class with the vertices that they use; tangents are left to the reader, which derives the same

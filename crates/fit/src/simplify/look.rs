@@ -5,7 +5,7 @@
 //! fitted (base colour, roughness, metalness, normals, emission) lies below them on both sides. Surfaces that transmit
 //! light are drawn blended, so that what lies behind them is seen and kept.
 
-use photofit_scene::{AlphaMode, Extensions, Material, Scene, Specular};
+use photofit_scene::{AlphaMode, Extensions, Material, Scene};
 use std::borrow::Cow;
 
 /// Share of a surface's light that is drawn although it transmits all of it: its reflections are there.
@@ -21,14 +21,22 @@ pub struct MaterialClass {
     /// Seen from both sides: surfaces that are cut out, and blended ones of which the asset says so. Opaque surfaces
     /// hide their backs.
     pub double_sided: bool,
+    /// Shows its base colour as it is (`KHR_materials_unlit`). While fitting that colour is emission without any
+    /// reflection.
+    pub unlit: bool,
     /// Extensions of the written material; their textures have become mean values.
     pub extensions: Option<Box<Extensions>>,
 }
 
 impl MaterialClass {
     /// Core materials without alpha.
-    const PLAIN: Self =
-        Self { drawn: AlphaMode::Opaque, written: AlphaMode::Opaque, double_sided: false, extensions: None };
+    const PLAIN: Self = Self {
+        drawn: AlphaMode::Opaque,
+        written: AlphaMode::Opaque,
+        double_sided: false,
+        unlit: false,
+        extensions: None,
+    };
 
     /// Whether alpha is drawn that the file must not have.
     pub fn is_see_through(&self) -> bool {
@@ -37,7 +45,7 @@ impl MaterialClass {
 }
 
 /// The classes of a scene, the plain one first, and the class of each material. All masks get the first one's cutoff.
-pub(super) fn classes(scene: &Scene) -> (Vec<MaterialClass>, Vec<u32>) {
+pub(crate) fn classes(scene: &Scene) -> (Vec<MaterialClass>, Vec<u32>) {
     let mask = scene.materials.iter().map(|m| m.alpha_mode).find(|m| matches!(m, AlphaMode::Mask { .. }));
     let mut classes = vec![MaterialClass::PLAIN];
     let class = |i: usize| {
@@ -52,7 +60,7 @@ pub(super) fn classes(scene: &Scene) -> (Vec<MaterialClass>, Vec<u32>) {
             AlphaMode::Mask { .. } => true,
             AlphaMode::Blend => m.double_sided,
         };
-        MaterialClass { drawn, written, double_sided, extensions: kept(scene, i) }
+        MaterialClass { drawn, written, double_sided, unlit: m.unlit, extensions: kept(scene, i) }
     };
     let of = (0..scene.materials.len())
         .map(|i| {
@@ -95,9 +103,7 @@ fn transmission(m: &Material) -> f32 {
 fn kept(scene: &Scene, material: usize) -> Option<Box<Extensions>> {
     let m = &scene.materials[material];
     if m.unlit {
-        // What shines without being lit must not reflect.
-        let specular = Some(Specular { factor: 0.0, ..Specular::default() });
-        return Some(Box::new(Extensions { specular, ..Extensions::default() }));
+        return None;
     }
     let mut kept = m.extensions.as_ref()?.averaged(&scene.images);
     if let Some(volume) = &mut kept.volume {
@@ -164,8 +170,7 @@ mod tests {
         let thickness = classes[1].extensions.as_ref().unwrap().volume.as_ref().unwrap().thickness;
         assert!((thickness - 1.0).abs() < 1e-6, "scaled as it is placed");
         assert_eq!(classes[3].written, AlphaMode::Mask { cutoff: 0.25 });
-        let specular = classes[4].extensions.as_ref().unwrap().specular.as_ref().unwrap();
-        assert_eq!(specular.factor.to_bits(), 0);
+        assert!(classes[4].unlit && classes[4].extensions.is_none() && !classes[3].unlit);
         assert!(classes[3].double_sided && !classes[1].double_sided);
         let see_through: Vec<bool> = classes.iter().map(MaterialClass::is_see_through).collect();
         assert_eq!(see_through, [false, true, false, false, false]);

@@ -1,8 +1,9 @@
-//! Appearance-driven simplification: the main job (Hasselgren et al. 2021).
+//! Appearance-driven simplification: the main job (Hasselgren et al. 2021), assembled from the parts of the engine.
 //!
 //! load -> normalise -> decimate -> wrap -> atlas -> bake -> fit by rendering -> bake again on the fitted shape -> fit
 //! the maps -> export -> reload the file and compare it with the reference on views and lights that the fit never saw.
 
+mod choice;
 mod export;
 mod look;
 mod options;
@@ -10,24 +11,41 @@ mod outcome;
 pub(crate) mod prepare;
 mod wrap;
 
-pub use crate::engine::judge::{Quality, ReportView, ViewQuality, compare};
-pub use crate::engine::plan::Plan;
+#[cfg(test)]
+mod tests;
+
+pub use crate::engine::Normalised;
+pub use crate::engine::judge::{Judged, Quality, ReportView, ViewQuality};
+pub use crate::engine::plan::{Plan, Runs};
 pub use crate::engine::reference::ReferenceRenderer;
-pub use crate::engine::trainer::{HistoryPoint, Trained};
+pub use crate::engine::trainer::HistoryPoint;
 pub use export::to_scene;
 pub use look::MaterialClass;
-pub(crate) use look::drawn;
-pub use options::{Init, SimplifyOptions};
+pub(crate) use look::{classes, drawn};
+pub use options::{FEWEST, Init, SimplifyOptions};
 pub use outcome::Outcome;
-pub use prepare::Normalised;
 
-use crate::engine::reference::Painter;
-use crate::engine::{judge, trainer};
-use crate::{FitError, Progress, Silent};
+use crate::bake;
+use crate::candidate::Candidate;
+use crate::engine::judge::{Judge, Stage};
+use crate::engine::loss;
+use crate::engine::model::Surface;
+use crate::engine::reference::{Features, PathTraced, Rasterized, Reference};
+use crate::engine::trainer::{self, HeldOut, Job, Keeping, Phase, train};
+use crate::engine::views::{Orbit, Pose};
+use crate::{FitError, Progress};
+use outcome::Times;
 use photofit_geometry::decimate::{Options, Target};
 use photofit_scene::Scene;
 use std::path::Path;
 use std::time::Instant;
+
+/// Step of the maps, relative to the error of the start.
+const MAP_RATE: f64 = 0.04;
+/// Step of the positions, relative to the distance between the start and the reference.
+const POSITION_RATE: f64 = 1.0;
+/// Rate of the positions in the last phase, relative to the first.
+const LAST_POSITION_RATE: f64 = 0.4;
 
 /// Simplifies `scene` and writes the result to `output` (.glb).
 ///
@@ -44,51 +62,157 @@ pub fn simplify(
     let began = Instant::now();
     scene.validate_for_fit()?;
     options.check(scene.triangle_count())?;
-    let normalised = Normalised::new(scene)?;
-    let reference = normalised.reference()?;
-    let painter = Painter::new(&normalised, scene, options)?;
-    let prepare::Prepared { starts, visibility } =
-        prepare::prepare(&normalised, &reference, options, progress)?;
-    let held_out = trainer::held_out(&painter, options)?;
-    let start = trainer::best_start(&starts, &held_out);
-    let plan = Plan::new(scene, &start.candidate, options);
-    let mut trained =
-        trainer::train(&painter, &reference, start.clone(), held_out, &visibility, &plan, options, progress)?;
-    // The fit judged itself by its own renderer; the choice is made as a user would see it.
-    let mut rebaked = trained.candidate.clone();
-    if let Ok((maps, _)) = prepare::bake_candidate(&reference, &visibility, &rebaked, &Silent) {
-        rebaked.set_maps(maps);
-    }
-    let choice = [trained.candidate, rebaked, start.candidate.clone()];
-    trained.candidate = judge::best_of(&normalised, &painter, choice, options, progress)?;
-    let fit_seconds = began.elapsed().as_secs_f64();
+    let (target, told) = options.sane_target(scene.triangle_count());
+    told.iter().for_each(|t| progress.warn(t));
+    let options = &SimplifyOptions { target, ..options.clone() };
+    let n = Normalised::new(scene)?;
+    let rays = n.surface()?;
+    let reference = reference(scene, &n, &rays, options)?;
+    let reference = &*reference;
+    let pose = Pose::default();
+    let Some(surface) = reference.surface(pose) else {
+        return Err(FitError::Setting { field: "reference", rule: "has no surface to start from".into() });
+    };
+    let prepare::Prepared { starts, visibility } = prepare::prepare(&n, surface, options, progress)?;
 
-    let name = output.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
-    let mut light = to_scene(&trained.candidate, &normalised, &name);
-    for image in &mut light.images {
-        image.encoding = options.texture_encoding;
-    }
-    photofit_scene::save_glb(output, &light)?;
+    let views = Orbit {
+        bounds: reference.bounds(pose),
+        pose,
+        ..Orbit::new(options.seed, &options.lighting, options.resolution / trainer::SAMPLES)
+    };
+    let held_out = HeldOut::new(reference, &views, options.seed)?;
+    let start = choice::best_start(&starts, &held_out);
+    let path_traced = options.reference == ReferenceRenderer::Path;
+    let loss = loss::choose(held_out.noise);
+    let plan = Plan::new(scene)
+        .with_options(options.steps, path_traced, &options.lighting)
+        .with_loss(loss, held_out.noise)
+        .with_maps(&start.candidate);
+    let keeping = Keeping {
+        checkpoint: options.checkpoint.clone(),
+        resume: options.resume,
+        time_limit: options.time_limit,
+    };
+    let job = Job {
+        reference,
+        views: &views,
+        held_out: &held_out,
+        loss,
+        seed: options.seed,
+        batch: options.batch,
+        steps: options.steps,
+        keeping: &keeping,
+        options: steering(options, &start.candidate),
+    };
+    let rebake = |s: &Surface| choice::rebaked(surface, &visibility, &s.candidate, progress);
+    let mut plan_with_phases = None;
+    let trained = train(
+        Surface::new(start.candidate.clone(), &plan),
+        &job,
+        |psnr| {
+            let phases = phases(options, start.distance, psnr, &rebake);
+            plan_with_phases = Some(plan.clone().with_phases(&phases));
+            phases
+        },
+        progress,
+    )?;
+    let plan = plan_with_phases.unwrap_or(plan);
+    let trained = choice::best(trained, surface, &visibility, start, &n, reference, options, progress)?;
+
+    let encoded = |candidate: &Candidate| {
+        let mut light = to_scene(candidate, &n);
+        light.inherit(scene);
+        light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
+        light
+    };
+    photofit_scene::save_glb(output, &encoded(&trained.model.candidate))?;
+    let to_file = began.elapsed().as_secs_f64();
     let fitted = photofit_scene::load(output)?;
-    let triangles_out = fitted.triangle_count();
-    let mut only = Options::new(Target::Triangles(triangles_out));
-    only.keep_uvs = true;
-    let decimated = prepare::decimated_only(&normalised, &only)?;
-    let [wrapped, baked] = [0, starts.len() - 1].map(|k| &starts[k].candidate);
-    let candidates = [
-        decimated,
-        judge::Prepared::of_scene(&to_scene(baked, &normalised, &name)),
-        judge::Prepared::of_scene(&to_scene(wrapped, &normalised, &name)),
-        judge::Prepared::of_scene(&fitted),
-    ];
-    let views = judge::evaluate(&normalised, &painter, &candidates, options, progress)?;
-    Ok(Outcome::new(
+    let triangles = [scene.triangle_count(), fitted.triangle_count()];
+    let mut stages = vec![plain(scene, &n, triangles[1])?];
+    if let [wrapped, baked] = &starts[..] {
+        stages.push(Stage::new("baked", to_scene(&baked.candidate, &n)));
+        stages.push(Stage::new("wrapped", to_scene(&wrapped.candidate, &n)));
+    } else {
+        stages.push(Stage::new("baked", to_scene(&starts[0].candidate, &n)));
+    }
+    stages.push(Stage::new("fitted", fitted));
+    let judge = Judge {
         scene,
-        trained,
-        plan,
-        views,
-        triangles_out,
-        [began.elapsed().as_secs_f64(), fit_seconds],
-        options,
-    ))
+        n: &n,
+        path_traced_reference: path_traced,
+        lighting: &options.lighting,
+        size: options.resolution,
+        seed: options.seed,
+    };
+    let pictures = judge.views(&stages, options.report_views, progress)?;
+    let names: Vec<&'static str> = stages.iter().map(|s| s.name).collect();
+    let times = Times { all: began.elapsed().as_secs_f64(), to_file };
+    let judged = judge.method();
+    let mut outcome = Outcome::new(triangles, trained, plan, &names, pictures, judged, times, options);
+    outcome.left_out = outcome::left_out(scene, &stages[stages.len() - 1].scene, judged);
+    Ok(outcome)
+}
+
+/// Pictures of the asset as the options ask for them.
+fn reference<'a>(
+    scene: &Scene,
+    n: &'a Normalised,
+    surface: &'a bake::Reference<'a>,
+    options: &SimplifyOptions,
+) -> Result<Box<dyn Reference + 'a>, FitError> {
+    Ok(match options.reference {
+        ReferenceRenderer::Raster => Box::new(Rasterized::of(n, surface)),
+        ReferenceRenderer::Path => {
+            Box::new(PathTraced::new(scene, n, Features::Core, options.seed)?.with_surface(surface))
+        }
+    })
+}
+
+/// The options and the topology that steer a fit, as text.
+fn steering(o: &SimplifyOptions, start: &Candidate) -> String {
+    let mut digest = crate::engine::checkpoint::Digest::new();
+    digest.add(start.triangles.as_flattened());
+    digest.add(&start.uvs);
+    format!(
+        "{:?} {:?} {} {} {} {:016x}",
+        o.target,
+        o.init,
+        o.resolution,
+        o.texture_size,
+        o.seed,
+        digest.value()
+    )
+}
+
+/// Coarse to fine: half resolution, then, with maps baked anew on the moved shape, full resolution.
+fn phases<'a>(
+    options: &SimplifyOptions,
+    distance: f64,
+    start_psnr: f64,
+    rebake: trainer::Remake<'a, Surface>,
+) -> Vec<Phase<'a, Surface>> {
+    let n = options.steps;
+    let a = n * 4 / 10;
+    let rate = (POSITION_RATE * distance).clamp(1e-4, 1.5e-2);
+    let map_rate = (MAP_RATE * 10f64.powf(-start_psnr / 20.0)).clamp(2e-4, 5e-3);
+    let shrink = if options.resolution.is_multiple_of(2) && options.resolution >= 256 { 2 } else { 1 };
+    let coarse =
+        Phase { name: "coarse", first: 0, steps: a, shrink, rates: vec![rate, map_rate], renewal: None };
+    let fine = Phase {
+        name: "fine",
+        first: a,
+        steps: n - a,
+        shrink: 1,
+        rates: vec![LAST_POSITION_RATE * rate, map_rate],
+        renewal: Some((1, rebake)),
+    };
+    vec![coarse, fine]
+}
+
+/// The asset's own textures on as few triangles as the written file has.
+fn plain(scene: &Scene, n: &Normalised, triangles: usize) -> Result<Stage, FitError> {
+    let mut only = Options::new(Target::Triangles(triangles));
+    only.keep_uvs = true;
+    prepare::decimated_only("decimated", scene, n, &only)
 }

@@ -25,13 +25,14 @@ pub struct SimplifyOptions {
     pub target: Target,
     /// What the fit starts from.
     pub init: Init,
-    /// Width and height of the training pictures.
+    /// Width and height of the pictures that quality is reported by; the fit compares pictures half as wide, in which
+    /// each pixel is the mean of two by two samples.
     pub resolution: usize,
     /// Pictures per step.
     pub batch: usize,
     /// Steps of the fit.
     pub steps: u64,
-    /// Ends the fit early; what is reached counts.
+    /// Ends the fit early; what is reached counts. It bounds the fit alone: preparation, export and the report come on top.
     pub time_limit: Option<Duration>,
     /// Width and height of the maps.
     pub texture_size: usize,
@@ -73,43 +74,113 @@ impl Default for SimplifyOptions {
 }
 
 impl SimplifyOptions {
-    /// Checks the ranges against an asset of `triangles` triangles.
+    /// Checks the ranges against an asset of `triangles` triangles; `usize::MAX` where there is none yet.
     ///
     /// # Errors
-    /// [`FitError::Setting`] names the option and the rule.
+    /// [`FitError::Setting`] names the field, what it is and what it must be.
     pub fn check(&self, triangles: usize) -> Result<(), FitError> {
-        let fail = |option, rule: String| Err(FitError::Setting { option, rule });
+        let resolution = self.resolution;
+        let texture_size = self.texture_size;
+        let rules = [
+            target_rule(self.target, triangles),
+            rule("resolution", resolution, (16..=4096).contains(&resolution), "must be 16 to 4096"),
+            rule("texture_size", texture_size, (16..=8192).contains(&texture_size), "must be 16 to 8192"),
+            rule("batch", self.batch, (1..=64).contains(&self.batch), "must be 1 to 64"),
+            rule("report_views", self.report_views, self.report_views <= 256, "must be at most 256"),
+            rule(
+                "resume",
+                self.resume,
+                !self.resume || self.checkpoint.is_some(),
+                "needs a checkpoint, the folder to go on from",
+            ),
+        ];
+        rules.into_iter().collect()
+    }
+
+    /// The budget that is meant: a share of the triangles of an asset never leaves fewer than [`FEWEST`] of them, or all
+    /// that there are. Also says what a user should know about it.
+    pub fn sane_target(&self, triangles: usize) -> (Target, Option<String>) {
+        let floor = FEWEST.min(triangles);
         match self.target {
-            Target::Triangles(0) => return fail("--triangles", "the budget is at least 1 triangle".into()),
-            Target::Triangles(n) if n > triangles => {
-                return fail(
-                    "--triangles",
-                    format!("the budget of {n} is above the {triangles} triangles of the asset"),
+            Target::Ratio(r) if ((triangles as f64 * r) as usize) < floor => {
+                let meant = (triangles as f64 * r) as usize;
+                let text = format!(
+                    "{r} of {triangles} triangles are {meant}, too few for a shape: the budget is {floor} triangles"
                 );
+                (Target::Triangles(floor), Some(text))
             }
-            Target::Ratio(r) if !(r > 0.0 && r <= 1.0) => {
-                return fail("--ratio", format!("{r} is not in (0, 1]"));
+            Target::Triangles(n) if n < floor => {
+                let text = format!("a budget of {n} triangles is hardly a shape; {floor} are a sane floor");
+                (self.target, Some(text))
             }
-            Target::Error(e) if !(e > 0.0 && e < 1.0) => {
-                return fail("--error", format!("{e} is not in (0, 1), a share of the bounding diagonal"));
-            }
-            Target::ScreenSize(p) if !(1.0..=65536.0).contains(&p) => {
-                return fail("--screen-size", format!("{p} is not in 1..65536 pixels"));
-            }
-            _ => {}
+            target => (target, None),
         }
-        if !(16..=4096).contains(&self.resolution) {
-            return fail("--resolution", format!("{} is not in 16..4096", self.resolution));
+    }
+}
+
+/// Fewest triangles that a share of an asset leaves.
+pub const FEWEST: usize = 64;
+
+fn rule(field: &'static str, is: impl std::fmt::Display, holds: bool, must: &str) -> Result<(), FitError> {
+    if holds { Ok(()) } else { Err(FitError::Setting { field, rule: format!("is {is}; it {must}") }) }
+}
+
+fn target_rule(target: Target, triangles: usize) -> Result<(), FitError> {
+    match target {
+        Target::Triangles(n) => {
+            let must = match triangles {
+                usize::MAX => "must be at least 1".to_owned(),
+                most => format!("must be 1 to {most}, the triangles of the asset"),
+            };
+            rule("triangles", n, (1..=triangles).contains(&n), &must)
         }
-        if !(16..=8192).contains(&self.texture_size) {
-            return fail("--texture-size", format!("{} is not in 16..8192", self.texture_size));
+        Target::Ratio(r) => rule("ratio", r, r > 0.0 && r <= 1.0, "must be above 0 and at most 1"),
+        Target::Error(e) => {
+            rule("error", e, e > 0.0 && e < 1.0, "must lie between 0 and 1, a share of the bounding diagonal")
         }
-        if !(1..=64).contains(&self.batch) {
-            return fail("--batch", format!("{} is not in 1..64", self.batch));
+        Target::ScreenSize(p) => {
+            rule("screen_size", p, (1.0..=65536.0).contains(&p), "must be 1 to 65536 pixels")
         }
-        if self.resume && self.checkpoint.is_none() {
-            return fail("--resume", "needs --checkpoint DIR, the folder to go on from".into());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn with(target: Target) -> SimplifyOptions {
+        SimplifyOptions { target, ..SimplifyOptions::default() }
+    }
+
+    #[test]
+    fn errors_name_the_field_what_it_is_and_what_it_must_be() {
+        let cases = [
+            (with(Target::Triangles(0)), "triangles is 0; it must be 1 to 500, the triangles of the asset"),
+            (
+                with(Target::Triangles(501)),
+                "triangles is 501; it must be 1 to 500, the triangles of the asset",
+            ),
+            (with(Target::Ratio(2.0)), "ratio is 2; it must be above 0 and at most 1"),
+            (
+                SimplifyOptions { resolution: 8, ..SimplifyOptions::default() },
+                "resolution is 8; it must be 16 to 4096",
+            ),
+            (SimplifyOptions { batch: 0, ..SimplifyOptions::default() }, "batch is 0; it must be 1 to 64"),
+        ];
+        for (options, message) in cases {
+            assert_eq!(options.check(500).unwrap_err().to_string(), message);
         }
-        Ok(())
+        assert!(SimplifyOptions::default().check(1).is_ok());
+    }
+
+    #[test]
+    fn a_share_of_a_small_asset_leaves_a_shape() {
+        let (target, told) = SimplifyOptions::default().sane_target(12);
+        assert_eq!(target, Target::Triangles(12));
+        assert!(told.is_some_and(|t| t.contains("12 triangles")), "all of a cube stays");
+        assert_eq!(SimplifyOptions::default().sane_target(1000).0, Target::Triangles(FEWEST));
+        assert_eq!(SimplifyOptions::default().sane_target(100_000), (Target::Ratio(0.03), None));
+        let (target, told) = with(Target::Triangles(5)).sane_target(1000);
+        assert!(target == Target::Triangles(5) && told.is_some(), "an explicit budget holds, with a warning");
     }
 }

@@ -1,8 +1,11 @@
 //! What a simplification gives back.
 
-use super::{HistoryPoint, Plan, SimplifyOptions, Trained};
+use super::SimplifyOptions;
 use crate::candidate::Candidate;
-use crate::engine::judge::{Quality, ReportView};
+use crate::engine::judge::{Judged, Quality, ReportView, beyond_rasterizer};
+use crate::engine::model::Surface;
+use crate::engine::plan::Plan;
+use crate::engine::trainer::{HistoryPoint, Trained};
 use photofit_scene::Scene;
 
 /// Figures and pictures of a finished simplification.
@@ -18,72 +21,87 @@ pub struct Outcome {
     pub fit_seconds: f64,
     /// Steps made.
     pub steps: u64,
-    /// Million pixels per second of the fit, forward and backward.
+    /// Million samples per second of the fit, forward and backward.
     pub mpix_per_s: f64,
     /// Seconds after which the held-out quality stayed within half a decibel of its end.
     pub seconds_to_half_db: f64,
     /// True when the user or the time limit ended the fit.
     pub stopped: bool,
-    /// Mean quality of the decimated asset with its own textures.
-    pub decimated: Quality,
-    /// Mean quality of the decimated asset with an atlas and maps baked from the reference: nothing is fitted.
-    pub baked: Quality,
-    /// Mean quality of the same drawn onto the reference before it was baked. The fit starts from the better of the two.
-    pub wrapped: Quality,
-    /// Mean quality of the written file.
-    pub fitted: Quality,
+    /// Names of the stages with their mean quality, in the order of [`ReportView::quality`]: `decimated` (fewer
+    /// triangles, the asset's own textures), `baked` (a new atlas and maps from the asset: nothing is fitted), `wrapped`
+    /// (the same, first drawn onto the asset's surface; absent where there is but one start) and `fitted` (the written
+    /// file).
+    pub stages: Vec<(&'static str, Quality)>,
     /// Every view of the report.
     pub views: Vec<ReportView>,
+    /// How the pictures of the report were made.
+    pub judged: Judged,
     /// The course of the fit.
     pub history: Vec<HistoryPoint>,
     /// What ran and what was skipped.
     pub plan: Plan,
+    /// What of the asset was not fitted or is not in the written file, one line each.
+    pub left_out: Vec<String>,
     /// The fitted asset in the normalised frame.
     pub candidate: Candidate,
-    /// Width and height of the training pictures.
+    /// Width and height of the pictures that quality is reported by.
     pub resolution: usize,
 }
 
-impl Outcome {
-    /// Names of the stages, in the order of [`ReportView::quality`].
-    pub const STAGES: [&str; 4] = ["decimated", "baked", "wrapped", "fitted"];
+/// Where the work of a simplification ended, seconds after its beginning.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Times {
+    pub(super) all: f64,
+    pub(super) to_file: f64,
+}
 
-    /// The stages with their mean quality.
-    pub fn stages(&self) -> [(&'static str, &Quality); 4] {
-        let [a, b, c, d] = Self::STAGES;
-        [(a, &self.decimated), (b, &self.baked), (c, &self.wrapped), (d, &self.fitted)]
+impl Outcome {
+    /// Mean quality of a stage.
+    pub fn stage(&self, name: &str) -> Option<&Quality> {
+        self.stages.iter().find(|(n, _)| *n == name).map(|(_, q)| q)
     }
 
     pub(super) fn new(
-        scene: &Scene,
-        trained: Trained,
+        [triangles_in, triangles_out]: [usize; 2],
+        trained: Trained<Surface>,
         plan: Plan,
+        names: &[&'static str],
         views: Vec<ReportView>,
-        triangles_out: usize,
-        [seconds, fit_seconds]: [f64; 2],
+        judged: Judged,
+        times: Times,
         options: &SimplifyOptions,
     ) -> Self {
         let mean = |k: usize| Quality::mean(views.iter().map(|v| &v.quality[k]));
         let last = trained.history.last().map_or(0.0, |h| h.held_out_psnr);
         let settled = trained.history.iter().rev().take_while(|h| h.held_out_psnr > last - 0.5).last();
         Self {
-            triangles_in: scene.triangle_count(),
+            triangles_in,
             triangles_out,
-            seconds,
-            fit_seconds,
+            seconds: times.all,
+            fit_seconds: times.to_file,
             steps: trained.steps,
             mpix_per_s: trained.mpix_per_s,
             seconds_to_half_db: settled.map_or(0.0, |h| h.seconds),
             stopped: trained.stopped,
-            decimated: mean(0),
-            baked: mean(1),
-            wrapped: mean(2),
-            fitted: mean(3),
+            stages: names.iter().enumerate().map(|(k, name)| (*name, mean(k))).collect(),
             views,
+            judged,
             history: trained.history,
             plan,
-            candidate: trained.candidate,
+            left_out: Vec::new(),
+            candidate: trained.model.candidate,
             resolution: options.resolution,
         }
     }
+}
+
+/// What of an asset is not fitted or not kept, one line each.
+pub(super) fn left_out(scene: &Scene, light: &Scene, judged: Judged) -> Vec<String> {
+    let mut out = Vec::new();
+    if judged == Judged::PathTraced {
+        let names = beyond_rasterizer(scene).into_iter().collect::<Vec<_>>().join(", ");
+        out.push(format!("not drawn while fitting, kept in the file, and judged by path tracing: {names}"));
+    }
+    out.extend(scene.left_out(light));
+    out
 }

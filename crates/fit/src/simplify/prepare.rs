@@ -1,109 +1,34 @@
 //! From the reference to the start of the fit: normalise, decimate, unwrap, bake.
 
-use super::look::{self, MaterialClass};
 use super::wrap;
 use super::{Init, SimplifyOptions};
 use crate::bake::{self, AlphaClass, BakeSettings, Reference, bake, blank_texel, hard_edges};
 use crate::candidate::Candidate;
-use crate::engine::judge as evaluate;
+use crate::engine::Normalised;
+use crate::engine::judge::Stage;
 use crate::visibility::{Visibility, VisibilitySettings, visibility_reporting};
 use crate::{FitError, Progress};
 use photofit_geometry::atlas::{UnwrapOptions, unwrap};
 use photofit_geometry::decimate::{DecimateError, Decimated, Options, Target, decimate, decimate_reporting};
 use photofit_geometry::{Edges, Mesh, normals::split_hard_edges, shapes, weld::weld_exact};
-use photofit_raster::{Maps, channel};
-use photofit_scalar::{Vec3f, vec3};
-use photofit_scene::{AlphaMode, FlatScene, Material, Scene, SurfaceLibrary};
-use std::borrow::Cow;
+use photofit_raster::Maps;
+use photofit_scalar::vec3;
+use photofit_scene::Scene;
 use std::ops::ControlFlow;
 
 /// Triangles that fewer than this share of the sky sees still count this much in the decimation.
 const LEAST_IMPORTANCE: f32 = 0.05;
 
-/// The reference in the frame of the fit: its bounding sphere has radius 1 about the origin.
-#[derive(Debug)]
-pub struct Normalised {
-    /// World-space geometry in the normalised frame.
-    pub flat: FlatScene,
-    /// Its materials.
-    pub materials: Vec<Material>,
-    /// Its materials, ready to be looked up.
-    pub library: SurfaceLibrary,
-    /// Its texture images.
-    pub images: Vec<photofit_scene::TextureImage>,
-    /// The materials that the light asset will have.
-    pub classes: Vec<MaterialClass>,
-    /// The class of each material.
-    material_class: Vec<u32>,
-    /// Centre in the asset's frame.
-    pub center: Vec3f,
-    /// Radius in the asset's units.
-    pub radius: f32,
-}
-
-impl Normalised {
-    /// Flattens and normalises a scene.
-    ///
-    /// # Errors
-    /// A scene without a visible extent.
-    pub fn new(scene: &Scene) -> Result<Self, FitError> {
-        let mut flat = scene.flatten();
-        let (center, radius) = bounding_sphere(&flat.mesh).ok_or_else(|| FitError::Setting {
-            option: "asset",
-            rule: "it has no triangles with an extent".into(),
-        })?;
-        for p in &mut flat.mesh.positions {
-            *p = (*p - center) / radius;
-        }
-        let (classes, material_class) = look::classes(scene);
-        let drawn = look::drawn(scene);
-        let library = SurfaceLibrary::new(&drawn);
-        let (materials, images) = match drawn {
-            Cow::Borrowed(scene) => (scene.materials.clone(), scene.images.clone()),
-            Cow::Owned(scene) => (scene.materials, scene.images),
-        };
-        Ok(Self { flat, materials, images, classes, material_class, library, center, radius })
-    }
-
-    /// The reference prepared for rays.
-    ///
-    /// # Errors
-    /// Geometry that cannot be ray cast.
-    pub fn reference(&self) -> Result<Reference<'_>, FitError> {
-        Ok(Reference::new(&self.flat, &self.materials, &self.library)?)
-    }
-
-    /// Class of each triangle of the reference.
-    fn triangle_classes(&self) -> Vec<u32> {
-        self.flat.triangle_material.iter().map(|m| self.material_class[*m as usize]).collect()
-    }
-
-    /// What alpha means in the pictures of each class.
-    fn drawn_modes(&self) -> Vec<AlphaMode> {
-        self.classes.iter().map(|c| c.drawn).collect()
-    }
-}
-
-/// Centre of the box around the used vertices and the largest distance from it.
-fn bounding_sphere(mesh: &Mesh) -> Option<(Vec3f, f32)> {
-    let used = || mesh.triangles.iter().flatten().map(|i| mesh.positions[*i as usize]);
-    let first = used().next()?;
-    let (lo, hi) = used().fold((first, first), |(lo, hi), p| (lo.min(p), hi.max(p)));
-    let center = (lo + hi) * 0.5;
-    let radius = used().map(|p| (p - center).length()).fold(0.0, f32::max);
-    (radius > 0.0 && radius.is_finite()).then_some((center, radius))
-}
-
 /// What a fit can start from.
-pub(crate) struct Prepared {
+pub(super) struct Prepared {
     /// First the mesh that was drawn onto the reference, then, if it was a decimated one, the same as decimation left it.
-    pub(crate) starts: Vec<Start>,
+    pub(super) starts: Vec<Start>,
     /// What of the reference can be seen.
-    pub(crate) visibility: Visibility,
+    pub(super) visibility: Visibility,
 }
 
 /// Decimates, unwraps and bakes.
-pub(crate) fn prepare(
+pub(super) fn prepare(
     n: &Normalised,
     reference: &Reference<'_>,
     options: &SimplifyOptions,
@@ -137,10 +62,10 @@ pub(crate) fn prepare(
 
 /// A candidate with an atlas of its own and what was baked into it.
 #[derive(Clone)]
-pub(crate) struct Start {
-    pub(crate) candidate: Candidate,
+pub(super) struct Start {
+    pub(super) candidate: Candidate,
     /// Mean distance to the reference, in the normalised frame.
-    pub(crate) distance: f64,
+    pub(super) distance: f64,
 }
 
 /// Gives a mesh an atlas, the reference's hard edges, and maps baked from the reference.
@@ -153,8 +78,24 @@ fn unwrap_and_bake(
     options: &SimplifyOptions,
     progress: &dyn Progress,
 ) -> Result<Start, FitError> {
+    let mut candidate = unwrapped(n, reference, seen, mesh, class, options.texture_size, progress)?;
+    let (baked, distance) = bake_candidate(reference, seen, &candidate, progress)?;
+    candidate.set_maps(baked);
+    Ok(Start { candidate, distance })
+}
+
+/// Gives a mesh an atlas and the reference's hard edges; its maps of `size` x `size` texels are blank.
+pub(crate) fn unwrapped(
+    n: &Normalised,
+    reference: &Reference<'_>,
+    seen: &Visibility,
+    mesh: &Mesh,
+    class: Vec<u32>,
+    size: usize,
+    progress: &dyn Progress,
+) -> Result<Candidate, FitError> {
     progress.report("atlas", 0, 1, "");
-    let settings = UnwrapOptions { size: options.texture_size as u32, ..UnwrapOptions::default() };
+    let settings = UnwrapOptions { size: size as u32, ..UnwrapOptions::default() };
     let atlas = unwrap(&mesh.positions, &mesh.triangles, &class, &settings)?;
     let (unwrapped, _) = atlas.build_mesh(&mesh.positions, &mesh.triangles);
     if progress.is_cancelled() {
@@ -164,12 +105,9 @@ fn unwrap_and_bake(
     let edges = Edges::new(&unwrapped.triangles, &weld);
     let hard = hard_edges(reference, seen, &unwrapped, &edges);
     let creased = split_hard_edges(&unwrapped.triangles, &weld, &edges, &hard);
-    let maps = Maps::filled(options.texture_size, options.texture_size, blank_texel());
+    let maps = Maps::filled(size, size, blank_texel());
     let split = creased.split.apply(&unwrapped);
-    let mut candidate = Candidate::new(&split, &creased.smoothing, class, n.drawn_modes(), maps);
-    let (baked, distance) = bake_candidate(reference, seen, &candidate, progress)?;
-    candidate.set_maps(baked);
-    Ok(Start { candidate, distance })
+    Ok(Candidate::new(&split, &creased.smoothing, class, n.drawn_modes(), maps))
 }
 
 /// A callback that shows the finished share of a stage and passes on the wish to stop.
@@ -202,14 +140,19 @@ fn decimate_reference(
     })
 }
 
-/// The decimated reference with its own textures: one scene with the reference's materials.
-pub(crate) fn decimated_only(n: &Normalised, options: &Options) -> Result<evaluate::Prepared, FitError> {
+/// The stage `name`: the decimated reference with its own textures and materials.
+pub(super) fn decimated_only(
+    name: &'static str,
+    scene: &Scene,
+    n: &Normalised,
+    options: &Options,
+) -> Result<Stage, FitError> {
     let d = decimate(&n.flat.mesh, &n.flat.triangle_material, &[], options)?;
     let mut mesh = d.mesh;
     if mesh.normals.is_empty() {
         mesh.normals = photofit_geometry::normals::mesh_normals(&mesh);
     }
-    Ok(evaluate::Prepared::of_flat(n, mesh, d.group))
+    Ok(Stage::of_mesh(name, scene, &mesh, &d.group))
 }
 
 /// A sphere around the visible reference, as many triangles as the budget allows.
@@ -219,8 +162,9 @@ fn sphere(n: &Normalised, seen: &Visibility, target: Target) -> Result<(Mesh, Ve
         Target::Ratio(r) => (n.flat.mesh.triangles.len() as f64 * r) as usize,
         Target::Error(_) | Target::ScreenSize(_) => {
             return Err(FitError::Setting {
-                option: "--init sphere",
-                rule: "needs a budget given by --triangles or --ratio".into(),
+                field: "init",
+                rule: "is a sphere; it must be the decimated asset for a target by error or screen size"
+                    .into(),
             });
         }
     };
@@ -240,7 +184,7 @@ fn sphere(n: &Normalised, seen: &Visibility, target: Target) -> Result<(Mesh, Ve
 }
 
 /// Bakes the reference onto the candidate's present shape; also returns the mean distance between the two.
-pub(crate) fn bake_candidate(
+pub(super) fn bake_candidate(
     reference: &Reference<'_>,
     seen: &Visibility,
     candidate: &Candidate,
@@ -258,8 +202,5 @@ pub(crate) fn bake_candidate(
             e => e.into(),
         })?;
     baked.fill(None);
-    for t in &mut baked.maps.texels {
-        t[channel::GAMMA] = 0.0;
-    }
     Ok((baked.maps, baked.statistics.mean_distance))
 }

@@ -1,0 +1,73 @@
+//! `photofit recover`: parameters of an asset from pictures of it.
+
+use crate::args::{Recover, RecoverTexture};
+use crate::output::{self, print};
+use crate::preflight;
+use crate::progress::{Terminal, handle_interrupts, say};
+use anyhow::Result;
+use photofit_fit::engine::trainer::Keeping;
+use photofit_fit::recover::{RecoverOptions, Recovered, recover_texture};
+use serde_json::{Value, json};
+
+pub(crate) fn run(a: &Recover) -> Result<()> {
+    match a {
+        Recover::Texture(a) => texture(a),
+    }
+}
+
+fn texture(a: &RecoverTexture) -> Result<()> {
+    preflight::file(&a.output, &["glb"])?;
+    preflight::distinct(&a.mesh, &a.output)?;
+    if let Some(json) = &a.json {
+        preflight::file(json, &[])?;
+    }
+    if let Some(folder) = &a.checkpoint {
+        preflight::folder(folder)?;
+    }
+    crate::simplify::set_threads(a.threads)?;
+    let options = RecoverOptions {
+        texture_size: a.texture_size,
+        steps: a.steps,
+        batch: a.batch,
+        seed: a.seed,
+        keeping: Keeping { checkpoint: a.checkpoint.clone(), resume: a.resume, time_limit: a.time_limit },
+    };
+    let mesh = photofit_scene::load(&a.mesh)?;
+    handle_interrupts();
+    let progress = Terminal::new();
+    let r = recover_texture(&a.pictures, &mesh, &a.output, &options, &progress)?;
+    progress.finish();
+    if r.stopped {
+        say("the fit was ended early; what was reached is written");
+    }
+    let [all, held_out] = r.pictures;
+    let light = if r.lit { "known lights" } else { "no lights given: the colour is unlit" };
+    let mut text = output::quality_table(&[("start", &r.start), ("recovered", &r.quality)]);
+    text += &format!(
+        "\n{all} pictures, {held_out} of them held out and judged by; {light}; {} steps\nwrote {}\n",
+        r.steps,
+        a.output.display()
+    );
+    if let Some(path) = &a.json {
+        output::write_json(path, &to_json(a, &r))?;
+    }
+    print(&text)
+}
+
+fn to_json(a: &RecoverTexture, r: &Recovered) -> Value {
+    json!({
+        "pictures": a.pictures.display().to_string(),
+        "mesh": a.mesh.display().to_string(),
+        "output": a.output.display().to_string(),
+        "start": output::quality(&r.start),
+        "recovered": output::quality(&r.quality),
+        "views": r.views.iter().map(|v| output::quality(&v.quality[1].quality)).collect::<Vec<_>>(),
+        "pictures_read": r.pictures[0],
+        "pictures_held_out": r.pictures[1],
+        "pictures_without_alpha": r.without_alpha,
+        "lit": r.lit,
+        "triangles": r.triangles,
+        "steps": r.steps,
+        "stopped": r.stopped,
+    })
+}

@@ -1,0 +1,157 @@
+//! What plans say, against assets and options that make each line true or false.
+
+use super::*;
+use photofit_geometry::{Weld, shapes};
+use photofit_raster::Maps as Texels;
+use photofit_scene::{Extensions, Instance, Primitive, Sheen, Transmission, Volume};
+
+fn scene(material: Material) -> Scene {
+    Scene {
+        primitives: vec![Primitive { mesh: shapes::cube(), material: 0 }],
+        instances: vec![Instance { primitive: 0, transform: glam::Affine3A::IDENTITY }],
+        materials: vec![material],
+        ..Scene::default()
+    }
+}
+
+/// A sheet with texels that `paint` changes, from the number of the texel.
+fn candidate(mode: AlphaMode, paint: impl Fn(usize, &mut [f32; CHANNELS])) -> Candidate {
+    let mesh = shapes::quad_grid(2, 2);
+    let mut maps = Texels::filled(4, 4, crate::bake::blank_texel());
+    maps.texels.iter_mut().enumerate().for_each(|(i, t)| paint(i, t));
+    let n = mesh.positions.len();
+    let class = vec![0; mesh.triangles.len()];
+    Candidate::new(&mesh, &Weld::identity(n), class, vec![mode], maps)
+}
+
+fn runs(plan: &Plan, what: &str) -> Runs {
+    plan.items().into_iter().find(|i| i.what == what).unwrap_or_else(|| panic!("no item {what}")).runs
+}
+
+fn fit(scene: &Scene, candidate: &Candidate) -> Plan {
+    Plan::new(scene).with_options(100, false, &Lighting::Mixed).with_maps(candidate)
+}
+
+#[test]
+fn passes_follow_from_the_materials() {
+    let glow = Material { emissive: [1.0, 0.0, 0.0], ..Material::clay() };
+    let cases: [(&str, Material, AlphaMode, fn(usize, &mut [f32; CHANNELS])); 4] = [
+        (
+            "transparent layers",
+            Material { alpha_mode: AlphaMode::Blend, ..Material::clay() },
+            AlphaMode::Blend,
+            |_, _| {},
+        ),
+        (
+            "alpha gradients",
+            Material { alpha_mode: AlphaMode::Blend, ..Material::clay() },
+            AlphaMode::Blend,
+            |_, _| {},
+        ),
+        ("emission", glow, AlphaMode::Opaque, |_, t| t[channel::EMISSIVE] = 1.0),
+        ("metalness gradients", Material { metallic: 1.0, ..Material::clay() }, AlphaMode::Opaque, |i, t| {
+            t[channel::METALLIC] = (i % 2) as f32;
+        }),
+    ];
+    let clay = scene(Material::clay());
+    let plain = fit(&clay, &candidate(AlphaMode::Opaque, |_, _| {}));
+    for (what, material, mode, paint) in cases {
+        assert_eq!(runs(&Plan::new(&clay), what), Runs::No, "clay skips {what}");
+        assert_eq!(runs(&plain, what), Runs::No, "clay skips {what}");
+        let with = scene(material);
+        assert_ne!(runs(&Plan::new(&with), what), Runs::No, "{what} may run");
+        assert_eq!(runs(&fit(&with, &candidate(mode, paint)), what), Runs::Yes, "{what} runs");
+    }
+}
+
+#[test]
+fn an_opaque_scene_runs_one_layer_and_no_blending() {
+    let plan = fit(&scene(Material::clay()), &candidate(AlphaMode::Opaque, |_, _| {}));
+    assert_eq!(plan.passes().max_layers, 1);
+    assert!(!plan.fitted()[channel::ALPHA]);
+    let glass = Material { alpha_mode: AlphaMode::Blend, ..Material::clay() };
+    let plan = fit(&scene(glass), &candidate(AlphaMode::Blend, |_, _| {}));
+    assert!(plan.passes().max_layers > 1 && plan.fitted()[channel::ALPHA]);
+}
+
+#[test]
+fn frozen_positions_run_no_silhouettes() {
+    let (clay, sheet) = (scene(Material::clay()), candidate(AlphaMode::Opaque, |_, _| {}));
+    let frozen = Plan::new(&clay).with_options(0, false, &Lighting::Point).with_maps(&sheet);
+    let passes = frozen.passes();
+    assert!(!passes.position_gradients && !passes.antialias);
+    assert_eq!(runs(&frozen, "silhouette gradients"), Runs::No);
+    let passes = fit(&clay, &sheet).passes();
+    assert!(passes.position_gradients && passes.antialias);
+}
+
+#[test]
+fn flat_normals_and_constant_maps_are_skipped() {
+    let clay = scene(Material::clay());
+    let flat = fit(&clay, &candidate(AlphaMode::Opaque, |_, _| {}));
+    assert!(!flat.passes().normal_map && !flat.passes().map_gradients);
+    assert_eq!((runs(&flat, "normal map"), runs(&flat, "map gradients")), (Runs::No, Runs::No));
+    let bent = fit(&clay, &candidate(AlphaMode::Opaque, |i, t| t[channel::NORMAL] = 0.1 * (i % 2) as f32));
+    assert!(bent.passes().normal_map && bent.passes().map_gradients);
+    assert_eq!(runs(&bent, "normal map"), Runs::Yes);
+    assert!(bent.fitted()[channel::NORMAL + 2] && !bent.fitted()[0]);
+    assert_eq!(runs(&Plan::new(&clay), "normal map"), Runs::Open);
+}
+
+#[test]
+fn light_and_reference_are_told_as_they_are() {
+    let clay = scene(Material::clay());
+    let with = |path, lighting: &Lighting| Plan::new(&clay).with_options(10, path, lighting);
+    assert_eq!(runs(&with(false, &Lighting::Mixed), "environment light"), Runs::Yes, "the default uses one");
+    assert_eq!(runs(&with(false, &Lighting::Point), "environment light"), Runs::No);
+    let studio = Lighting::Environment(crate::views::studio());
+    assert_eq!(runs(&with(false, &studio), "environment light"), Runs::Yes);
+    assert_eq!(runs(&with(true, &studio), "indirect light"), Runs::Yes);
+    assert_eq!(runs(&with(false, &studio), "indirect light"), Runs::No);
+    let noisy = with(true, &studio).with_loss(Loss::Mse, 0.4);
+    assert!(noisy.to_string().contains("0.400"), "{noisy}");
+}
+
+#[test]
+fn what_is_in_the_file_is_not_denied() {
+    let extensions = Extensions {
+        transmission: Some(Transmission { factor: 1.0, texture: None }),
+        volume: Some(Volume { thickness: 1.0, ..Volume::default() }),
+        sheen: Some(Sheen { color: [1.0; 3], ..Sheen::default() }),
+        ..Extensions::default()
+    };
+    let glass = scene(Material { extensions: Some(Box::new(extensions)), ..Material::default() });
+    let text = Plan::new(&glass).to_string();
+    for part in [
+        "volumes                1 of 1 materials enclose one",
+        "sheen, transmission, volume",
+        "let light pass",
+    ] {
+        assert!(text.contains(part), "{part:?} in\n{text}");
+    }
+    let text = Plan::new(&scene(Material::clay())).to_string();
+    assert!(text.contains("no material encloses one"), "{text}");
+}
+
+#[test]
+fn unplaced_materials_do_not_count() {
+    let mut s = scene(Material::clay());
+    s.materials.push(Material { alpha_mode: AlphaMode::Blend, ..Material::clay() });
+    assert_eq!(runs(&Plan::new(&s), "transparent layers"), Runs::No);
+    assert_eq!(runs(&Plan::new(&s), "texture coordinates 0"), Runs::No, "no texture reads them");
+}
+
+#[test]
+fn phases_say_what_moves_at_which_rate() {
+    let phase = |name, shrink, rates| Phase::<()> { name, first: 0, steps: 40, shrink, rates, renewal: None };
+    let phases = [phase("coarse", 2, vec![0.01, 0.002]), phase("fine", 1, vec![0.004, 0.002])];
+    let text = Plan::new(&scene(Material::clay())).with_phases(&phases).to_string();
+    for part in
+        ["coarse: 40 steps", "pictures 1/2 as wide", "fine: 40 steps", "positions at 0.4 of their rate"]
+    {
+        assert!(text.contains(part), "{part:?} in\n{text}");
+    }
+    let frozen = [phase("maps", 1, vec![0.0, 0.002])];
+    let text = Plan::new(&scene(Material::clay())).with_phases(&frozen).to_string();
+    assert!(text.contains("positions frozen"), "{text}");
+}

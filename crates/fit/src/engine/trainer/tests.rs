@@ -1,0 +1,265 @@
+//! The loop, run on a model of one picture whose pixels are the parameters.
+
+use super::*;
+use crate::engine::reference::Picture;
+use crate::engine::views::{Lighting, Orbit, Pose, Setup, Sphere};
+use crate::{Silent, bake};
+use photofit_image::Image;
+use photofit_optim::Temporal;
+use std::path::Path;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Width and height of the pictures.
+const SIDE: usize = 3;
+const STEPS: u64 = 90;
+
+/// Grey pictures, each a little brighter or darker.
+struct Greys;
+
+impl Reference for Greys {
+    fn picture(&self, s: &Setup) -> Result<Picture, FitError> {
+        let grey = |x: usize, y: usize| 0.3 + 0.05 * (x + y) as f32 + 0.02 * s.camera.eye.x.sin();
+        Ok(Picture::clean(Image::from_fn(
+            s.width,
+            s.height,
+            4,
+            |x, y, k| if k < 3 { grey(x, y) } else { 1.0 },
+        )))
+    }
+
+    fn bounds(&self, _: Pose) -> Sphere {
+        Sphere::UNIT
+    }
+
+    fn surface(&self, _: Pose) -> Option<&bake::Reference<'_>> {
+        None
+    }
+}
+
+/// One picture; red and green in one group, blue in the other.
+#[derive(Clone, Debug)]
+struct Pixels {
+    groups: [Vec<f32>; 2],
+    /// Gradients turn into NaN at this step of the optimizer.
+    breaks_at: Option<usize>,
+    steps: std::sync::Arc<AtomicUsize>,
+}
+
+impl Pixels {
+    fn new() -> Self {
+        let n = SIDE * SIDE;
+        Self { groups: [vec![0.8; 2 * n], vec![0.1; n]], breaks_at: None, steps: std::sync::Arc::default() }
+    }
+
+    fn pixel(&self, i: usize) -> [f32; 4] {
+        [self.groups[0][2 * i], self.groups[0][2 * i + 1], self.groups[1][i], 1.0]
+    }
+}
+
+impl Model for Pixels {
+    type Gradients = [Vec<f32>; 2];
+
+    fn groups(&self) -> Vec<Group> {
+        let rows = SIDE * SIDE;
+        let group = |name, columns: usize, rates| Group {
+            name,
+            rows,
+            columns,
+            ranges: vec![[0.0, 1.0]; columns],
+            unit: None,
+            rates,
+        };
+        vec![group("red green", 2, vec![1.0, 0.5]), group("blue", 1, Vec::new())]
+    }
+
+    fn optimizer(&self, group: &Group) -> Result<Optimizer<f32>, FitError> {
+        Optimizer::new(group.name, group.rows * group.columns, Temporal::adam())
+            .map_err(FitError::Preconditioner)
+    }
+
+    fn values(&self, group: usize) -> &[f32] {
+        &self.groups[group]
+    }
+
+    fn values_mut(&mut self, group: usize) -> &mut [f32] {
+        &mut self.groups[group]
+    }
+
+    fn changed(&mut self, _: usize) {}
+
+    fn gradients(&self) -> Self::Gradients {
+        self.groups.clone()
+    }
+
+    fn moved<'a>(&'a mut self, gradients: &'a Self::Gradients, group: usize) -> (&'a mut [f32], &'a [f32]) {
+        (&mut self.groups[group], &gradients[group])
+    }
+
+    fn step(&self, shots: &[Shot], _: Loss, _: &[bool], g: &mut Self::Gradients) -> f64 {
+        g.iter_mut().for_each(|g| g.fill(0.0));
+        let mut loss = 0.0;
+        for shot in shots {
+            for (i, r) in shot.reference.iter().enumerate() {
+                let x = self.pixel(i);
+                let e = [0, 1, 2].map(|k| x[k] - r[k]);
+                loss += e.iter().map(|e| f64::from(e * e)).sum::<f64>();
+                g[0][2 * i] += e[0];
+                g[0][2 * i + 1] += e[1];
+                g[1][i] += e[2];
+            }
+        }
+        if self.breaks_at == Some(self.steps.fetch_add(1, Ordering::Relaxed)) {
+            g[1][4] = f32::NAN;
+        }
+        loss
+    }
+
+    fn pictures(&self, shots: &[Shot]) -> Vec<Vec<[f32; 4]>> {
+        shots.iter().map(|s| (0..s.reference.len()).map(|i| self.pixel(i)).collect()).collect()
+    }
+}
+
+/// Says stop at the n-th question, and keeps the warnings.
+#[derive(Default)]
+struct Counting {
+    asked: AtomicUsize,
+    stop_at: Option<usize>,
+    warnings: Mutex<Vec<String>>,
+}
+
+impl Progress for Counting {
+    fn report(&self, _: &'static str, _: u64, _: u64, _: &str) {}
+
+    fn is_cancelled(&self) -> bool {
+        Some(self.asked.fetch_add(1, Ordering::Relaxed)) >= self.stop_at && self.stop_at.is_some()
+    }
+
+    fn warn(&self, text: &str) {
+        self.warnings.lock().unwrap().push(text.into());
+    }
+}
+
+fn fit(model: Pixels, keeping: &Keeping, progress: &dyn Progress) -> Result<Trained<Pixels>, FitError> {
+    let views = Orbit::new(0, &Lighting::Point, SIDE);
+    let held_out = HeldOut::new(&Greys, &views, 0).unwrap();
+    let job = Job {
+        reference: &Greys,
+        views: &views,
+        held_out: &held_out,
+        loss: Loss::Mse,
+        seed: 0,
+        batch: 2,
+        steps: STEPS,
+        keeping,
+        options: "greys".into(),
+    };
+    // The second phase begins with blue made anew, and asks as long work does whether to stop.
+    let renew = |m: &Pixels| {
+        if progress.is_cancelled() {
+            return Err(FitError::Interrupted);
+        }
+        Ok(m.groups[1].iter().map(|b| 0.5 * b + 0.2).collect())
+    };
+    let phases = |_| {
+        let phase = |name, first, steps, renewal| Phase {
+            name,
+            first,
+            steps,
+            shrink: 1,
+            rates: vec![0.02, 0.03],
+            renewal,
+        };
+        vec![
+            phase("first", 0, 37, None),
+            phase("second", 37, 30, Some((1, &renew as Remake<'_, Pixels>))),
+            phase("third", 67, STEPS - 67, None),
+        ]
+    };
+    train(model, &job, phases, progress)
+}
+
+/// What a fit gives, without times.
+fn result(t: &Trained<Pixels>) -> (Vec<u32>, Vec<(u64, u64, u64)>, u64) {
+    let bits = t.model.groups.iter().flatten().map(|x| x.to_bits()).collect();
+    let looks = t.history.iter().map(|h| (h.step, h.loss.to_bits(), h.held_out_psnr.to_bits())).collect();
+    (bits, looks, t.steps)
+}
+
+fn keeping(folder: &Path, resume: bool) -> Keeping {
+    Keeping { checkpoint: Some(folder.into()), resume, time_limit: None }
+}
+
+#[test]
+fn a_fit_stopped_anywhere_resumes_to_the_same_bits() {
+    let whole = result(&fit(Pixels::new(), &Keeping::default(), &Silent).unwrap());
+    for stop_at in 0..STEPS as usize + 3 {
+        let dir = tempfile::tempdir().unwrap();
+        let progress = Counting { stop_at: Some(stop_at), ..Counting::default() };
+        let stopped = fit(Pixels::new(), &keeping(dir.path(), false), &progress).unwrap();
+        assert_eq!(stopped.stopped, stop_at <= STEPS as usize, "{stop_at}");
+        let resumed = fit(Pixels::new(), &keeping(dir.path(), true), &Silent).unwrap();
+        assert!(result(&resumed) == whole, "stopped at question {stop_at}");
+        assert!(!resumed.stopped);
+    }
+}
+
+#[test]
+fn a_fit_may_be_stopped_many_times() {
+    let whole = result(&fit(Pixels::new(), &Keeping::default(), &Silent).unwrap());
+    let dir = tempfile::tempdir().unwrap();
+    for _ in 0..200 {
+        let progress = Counting { stop_at: Some(3), ..Counting::default() };
+        let t = fit(Pixels::new(), &keeping(dir.path(), true), &progress).unwrap();
+        if !t.stopped {
+            assert!(result(&t) == whole);
+            return;
+        }
+    }
+    panic!("it never came to its end");
+}
+
+#[test]
+fn a_stopped_fit_gives_its_latest_state_where_that_is_best() {
+    let progress = Counting { stop_at: Some(30), ..Counting::default() };
+    let t = fit(Pixels::new(), &Keeping::default(), &progress).unwrap();
+    assert!(t.stopped && t.steps == 30);
+    let last = t.history.last().unwrap();
+    assert_eq!(last.step, 30, "it was looked at where it stopped");
+    assert!(last.held_out_psnr > t.history[t.history.len() - 2].held_out_psnr);
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_ends_no_fit() {
+    let dir = tempfile::tempdir().unwrap();
+    // A file stands where the folder would be made.
+    let blocked = dir.path().join("state");
+    std::fs::write(&blocked, b"x").unwrap();
+    let progress = Counting::default();
+    let whole = result(&fit(Pixels::new(), &Keeping::default(), &Silent).unwrap());
+    let t = fit(Pixels::new(), &keeping(&blocked, false), &progress).unwrap();
+    assert!(result(&t) == whole);
+    let warnings = progress.warnings.into_inner().unwrap();
+    assert_eq!(warnings.len(), 1, "told once: {warnings:?}");
+    assert!(warnings[0].contains("goes on") && warnings[0].contains("state"), "{}", warnings[0]);
+}
+
+#[test]
+fn a_value_that_is_not_finite_names_step_group_and_what_is_kept() {
+    let dir = tempfile::tempdir().unwrap();
+    let broken = Pixels { breaks_at: Some(60), ..Pixels::new() };
+    let error = fit(broken, &keeping(dir.path(), false), &Silent).unwrap_err().to_string();
+    for part in ["step 60", "blue", "NaN", "checkpoint of step 50"] {
+        assert!(error.contains(part), "{part:?} in {error}");
+    }
+    // What was kept is good.
+    let resumed = fit(Pixels::new(), &keeping(dir.path(), true), &Silent).unwrap();
+    assert!(result(&resumed) == result(&fit(Pixels::new(), &Keeping::default(), &Silent).unwrap()));
+}
+
+#[test]
+fn a_fit_beats_its_start() {
+    let t = fit(Pixels::new(), &Keeping::default(), &Silent).unwrap();
+    let best = t.history.iter().map(|h| h.held_out_psnr).fold(f64::NEG_INFINITY, f64::max);
+    assert!(best > t.history[0].held_out_psnr + 10.0, "{:?}", t.history);
+}

@@ -1,0 +1,275 @@
+//! A folder of pictures with cameras as a reference: `transforms.json` and the pictures that it names.
+//!
+//! The conventions of `transforms.json`: `transform_matrix` maps the camera's frame (y up, looking down -z) to the
+//! world; focal lengths `fl_x`, `fl_y` and principal point `cx`, `cy` in pixels, or `camera_angle_x` in radians;
+//! `applied_transform` is undone. PNG and JPEG are sRGB with straight alpha, OpenEXR is linear and premultiplied. The
+//! list `lights` is our own (see the guide). Every 8th picture is held out.
+
+mod record;
+
+use crate::FitError;
+use crate::bake;
+use crate::engine::Normalised;
+use crate::engine::reference::{Picture, Reference};
+use crate::engine::views::{Pose, Set, Setup, Sphere, ViewLights, Views};
+use glam::{Mat4, Vec3};
+use photofit_image::{Image, downsample};
+use photofit_sampling::Rng;
+use photofit_scene::Camera;
+use record::{Intrinsics, Rigid, Transforms};
+use std::path::{Component, Path, PathBuf};
+
+/// Name of the file that lists the pictures.
+pub const FILE: &str = "transforms.json";
+/// Fewest pictures.
+pub const FEWEST: usize = 8;
+/// Every picture of this number is held out.
+pub const HELD_OUT_EVERY: usize = 8;
+/// Most pixels of all pictures together, which are kept in memory: 16 bytes each.
+const MOST_PIXELS: usize = 1 << 28;
+/// Largest list of pictures, bytes.
+const MOST_BYTES: u64 = 64 << 20;
+/// Random stream of the order of the pictures.
+const STREAM_ORDER: u64 = 8 << 32;
+
+/// One picture with its camera and lights, in the normalised frame.
+#[derive(Clone, Debug)]
+pub struct Photo {
+    /// Its file.
+    pub path: PathBuf,
+    /// Where it was taken from.
+    pub camera: Camera,
+    /// The light; empty where it is not known.
+    pub lights: ViewLights,
+    /// Linear RGBA, premultiplied.
+    pub image: Image,
+}
+
+/// The pictures of a folder: a reference and its views.
+#[derive(Clone, Debug)]
+pub struct PictureFolder {
+    photos: Vec<Photo>,
+    train: Vec<usize>,
+    held_out: Vec<usize>,
+    seed: u64,
+    /// Whether the light of the pictures is known.
+    pub lit: bool,
+    /// Pictures without alpha: the outline of the mesh stands in for it.
+    pub without_alpha: usize,
+}
+
+impl PictureFolder {
+    /// Reads the pictures of a folder, or of a `transforms.json`, around an asset. Pictures without alpha get the
+    /// coverage that `outline` draws of the asset for their camera: one sample per pixel.
+    ///
+    /// # Errors
+    /// [`FitError::Pictures`] names file, frame and rule: fewer than [`FEWEST`] pictures, a missing or broken picture, a
+    /// matrix that is not rigid, a lens with distortion, a path that leaves the folder, too many pixels.
+    pub fn load(
+        path: &Path,
+        n: &Normalised,
+        seed: u64,
+        outline: &dyn Fn(&Setup) -> Result<Image, FitError>,
+    ) -> Result<Self, FitError> {
+        let file = if path.is_dir() { path.join(FILE) } else { path.to_owned() };
+        let fail = |rule: String| FitError::Pictures { path: file.clone(), rule };
+        let transforms = read(&file)?;
+        if transforms.frames.len() < FEWEST {
+            let found = transforms.frames.len();
+            return Err(fail(format!("holds {found} frames; it must be at least {FEWEST}")));
+        }
+        let folder = file.parent().unwrap_or(Path::new("."));
+        let undo = transforms.undo().map_err(&fail)?;
+        let mut out = Self {
+            photos: Vec::new(),
+            train: Vec::new(),
+            held_out: Vec::new(),
+            seed,
+            lit: transforms.is_lit(),
+            without_alpha: 0,
+        };
+        let mut pixels = 0;
+        for (i, frame) in transforms.frames.iter().enumerate() {
+            let fail = |rule: String| fail(format!("frame {i} ({}): {rule}", frame.file_path));
+            let picture = inside(folder, &frame.file_path).map_err(&fail)?;
+            let image = photofit_image::read(&picture)?;
+            pixels += image.pixels();
+            if pixels > MOST_PIXELS {
+                return Err(fail(format!(
+                    "all pictures up to it have more than {MOST_PIXELS} pixels together"
+                )));
+            }
+            if !image.is_finite() {
+                return Err(fail("the picture holds values that are not finite".into()));
+            }
+            let lens = frame.lens.or(&transforms.lens);
+            let pose =
+                Rigid::new(&frame.transform_matrix).map_err(|r| fail(format!("transform_matrix {r}")))?;
+            let camera = camera(&lens, &undo.after(&pose), n, &image).map_err(&fail)?;
+            let lights = frame.lights.as_ref().or(transforms.lights.as_ref());
+            let lights =
+                lights.map_or(Ok(ViewLights::default()), |l| record::lights(l, &undo, n)).map_err(&fail)?;
+            let mut photo = Photo { path: picture, camera, lights, image };
+            if photo.image.channels < 4 {
+                out.without_alpha += 1;
+                let setup = setup(&photo, i);
+                photo.image = with_alpha(&photo.image, &outline(&setup)?);
+            } else {
+                photo.image = premultiplied(&photo);
+            }
+            out.photos.push(photo);
+            let set = if (i + 1).is_multiple_of(HELD_OUT_EVERY) { &mut out.held_out } else { &mut out.train };
+            set.push(i);
+        }
+        Ok(out)
+    }
+
+    /// The pictures.
+    pub fn photos(&self) -> &[Photo] {
+        &self.photos
+    }
+
+    /// Number of pictures that are held out.
+    pub fn held_out(&self) -> usize {
+        self.held_out.len()
+    }
+}
+
+impl Views for PictureFolder {
+    fn setup(&self, set: Set, index: u64, count: u64) -> Setup {
+        let at = match set {
+            Set::Train => {
+                // All pictures once in an order of their own, then again in another.
+                let n = self.train.len() as u64;
+                let mut order = self.train.clone();
+                let mut rng = Rng::new(self.seed, STREAM_ORDER + index / n);
+                for k in (1..order.len()).rev() {
+                    order.swap(k, rng.next_u32() as usize % (k + 1));
+                }
+                order[(index % n) as usize]
+            }
+            Set::HeldOut | Set::Report => {
+                let n = self.held_out.len() as u64;
+                self.held_out[(index * n / count.max(1)).min(n - 1) as usize]
+            }
+        };
+        setup(&self.photos[at], at)
+    }
+}
+
+impl Reference for PictureFolder {
+    /// The picture that the view belongs to; how noisy it is is not known and counts as 1.
+    fn picture(&self, setup: &Setup) -> Result<Picture, FitError> {
+        let image = &self.photos[setup.picture.unwrap_or_default()].image;
+        let factor = (image.width / setup.width.max(1)).max(1);
+        let image = if factor > 1 {
+            downsample(image, factor).crop(0, 0, setup.width, setup.height)
+        } else {
+            image.clone()
+        };
+        Ok(Picture { image, noise: 1.0 })
+    }
+
+    fn bounds(&self, _: Pose) -> Sphere {
+        Sphere::UNIT
+    }
+
+    fn surface(&self, _: Pose) -> Option<&bake::Reference<'_>> {
+        None
+    }
+}
+
+fn setup(photo: &Photo, at: usize) -> Setup {
+    Setup {
+        camera: photo.camera,
+        lights: photo.lights.clone(),
+        pose: Pose::default(),
+        width: photo.image.width,
+        height: photo.image.height,
+        picture: Some(at),
+    }
+}
+
+fn read(file: &Path) -> Result<Transforms, FitError> {
+    let io = |source| FitError::Io { path: file.into(), source };
+    let size = std::fs::metadata(file).map_err(io)?.len();
+    let fail = |rule| Err(FitError::Pictures { path: file.into(), rule });
+    if size > MOST_BYTES {
+        return fail(format!("has {size} bytes; it must be at most {MOST_BYTES}"));
+    }
+    let bytes = std::fs::read(file).map_err(io)?;
+    serde_json::from_slice(&bytes).or_else(|e| fail(e.to_string()))
+}
+
+/// The file of a picture, whose ending `.png` may be missing.
+fn inside(folder: &Path, name: &str) -> Result<PathBuf, String> {
+    let relative = Path::new(name);
+    if name.is_empty()
+        || !relative.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir))
+    {
+        return Err("file_path must be relative and stay inside of the folder".into());
+    }
+    let path = folder.join(relative);
+    if path.is_file() {
+        return Ok(path);
+    }
+    let png = folder.join(format!("{name}.png"));
+    if png.is_file() { Ok(png) } else { Err(format!("the picture {} does not exist", path.display())) }
+}
+
+/// The camera of a picture in the normalised frame.
+fn camera(lens: &Intrinsics, pose: &Rigid, n: &Normalised, image: &Image) -> Result<Camera, String> {
+    let (width, height) = (image.width as f64, image.height as f64);
+    let lens = lens.in_pixels(width, height)?;
+    let center = n.center.to_array().map(f64::from);
+    let eye = [0, 1, 2].map(|k| ((pose.translation[k] - center[k]) / f64::from(n.radius)) as f32);
+    let eye = Vec3::from_array(eye);
+    if !eye.is_finite() {
+        return Err("the camera is too far away".into());
+    }
+    let axis = |k: usize| Vec3::from_array([0, 1, 2].map(|row| pose.rotation[row][k] as f32));
+    let [x, y, z] = [0, 1, 2].map(axis);
+    let view = Mat4::from_cols(
+        glam::vec4(x.x, y.x, z.x, 0.0),
+        glam::vec4(x.y, y.y, z.y, 0.0),
+        glam::vec4(x.z, y.z, z.z, 0.0),
+        glam::vec4(-x.dot(eye), -y.dot(eye), -z.dot(eye), 1.0),
+    );
+    let distance = eye.length();
+    let near = (distance - 1.05).max(1e-3 * distance.max(1.0));
+    Ok(Camera {
+        eye,
+        view,
+        fov_y: (2.0 * (0.5 * height / lens.focal[1]).atan()) as f32,
+        aspect: (lens.focal[1] / height * width / lens.focal[0]) as f32,
+        principal: [
+            (2.0 * lens.center[0] / width - 1.0) as f32,
+            (1.0 - 2.0 * lens.center[1] / height) as f32,
+        ],
+        near,
+        far: distance + 1.05,
+    })
+}
+
+/// Linear premultiplied RGBA of a picture with alpha: straight in PNG, premultiplied in `OpenEXR`.
+fn premultiplied(photo: &Photo) -> Image {
+    let image = photo.image.select(&[0, 1, 2, 3]);
+    if photo.path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr")) {
+        return image;
+    }
+    let data =
+        image.data.chunks_exact(4).flat_map(|p| [p[0] * p[3], p[1] * p[3], p[2] * p[3], p[3]]).collect();
+    Image::from_data(image.width, image.height, 4, data)
+}
+
+/// A picture without alpha, cut out by a coverage (the fourth channel of `outline`).
+fn with_alpha(image: &Image, outline: &Image) -> Image {
+    let channels: &[usize] = if image.channels < 3 { &[0, 0, 0] } else { &[0, 1, 2] };
+    let rgb = image.select(channels);
+    let pixels = rgb.data.chunks_exact(3).zip(outline.data.chunks_exact(4));
+    let data = pixels.flat_map(|(p, o)| [p[0] * o[3], p[1] * o[3], p[2] * o[3], o[3]]).collect();
+    Image::from_data(image.width, image.height, 4, data)
+}
+
+#[cfg(test)]
+mod tests;

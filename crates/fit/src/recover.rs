@@ -1,0 +1,219 @@
+//! Recovering textures from pictures: an asset's shape, pictures of it with cameras, and maps that look like them.
+//! Assembled from the parts of the engine; the second task beside [`crate::simplify`].
+//!
+//! load the pictures -> normalise -> atlas -> grey maps -> fit them by rendering -> export -> reload the file and compare
+//! it with the pictures that were held out. Where the light of the pictures is known, base colour and roughness are
+//! fitted; else what the pictures show on average becomes an unlit colour.
+
+use crate::engine::Normalised;
+use crate::engine::checkpoint::Digest;
+use crate::engine::judge::{Quality, ReportView, Stage, rasterized_views};
+use crate::engine::loss;
+use crate::engine::model::Surface;
+use crate::engine::reference::{ENERGY, Rasterized, Reference};
+use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Phase, train};
+use crate::engine::views::Set;
+use crate::pictures::PictureFolder;
+use crate::simplify::{prepare, to_scene};
+use crate::visibility::Visibility;
+use crate::{FitError, Progress};
+use photofit_geometry::Mesh;
+use photofit_raster::deferred::Passes;
+use photofit_raster::{CHANNELS, channel};
+use photofit_scene::{Material, Scene};
+use std::path::Path;
+
+/// Peak rate of the maps.
+const MAP_RATE: f64 = 0.02;
+/// Base colour, or unlit colour, that the fit starts from.
+const GREY: f32 = 0.5;
+/// Roughness that the fit starts from.
+const ROUGHNESS: f32 = 0.7;
+
+/// Options of [`recover_texture`].
+#[derive(Clone, Debug)]
+pub struct RecoverOptions {
+    /// Width and height of the maps, 16 to 8192.
+    pub texture_size: usize,
+    /// Steps of the fit.
+    pub steps: u64,
+    /// Pictures per step, 1 to 64.
+    pub batch: usize,
+    /// Seed of all random choices.
+    pub seed: u64,
+    /// Checkpoints and limits.
+    pub keeping: Keeping,
+}
+
+impl Default for RecoverOptions {
+    fn default() -> Self {
+        Self { texture_size: 1024, steps: 400, batch: 2, seed: 0, keeping: Keeping::default() }
+    }
+}
+
+/// What was recovered.
+#[derive(Debug)]
+pub struct Recovered {
+    /// Mean quality of the written file in the pictures that were held out.
+    pub quality: Quality,
+    /// The same of the grey start.
+    pub start: Quality,
+    /// Each held-out picture, with the start and the written file against it.
+    pub views: Vec<ReportView>,
+    /// The course of the fit.
+    pub history: Vec<HistoryPoint>,
+    /// Steps made.
+    pub steps: u64,
+    /// Ended by the user or the time limit.
+    pub stopped: bool,
+    /// Triangles of the written file.
+    pub triangles: usize,
+    /// Pictures, and how many of them were held out.
+    pub pictures: [usize; 2],
+    /// Whether the light of the pictures was known.
+    pub lit: bool,
+    /// Pictures without alpha, whose outline is that of the mesh.
+    pub without_alpha: usize,
+}
+
+/// Fits the maps of `mesh` to the pictures of a folder (or of a `transforms.json`) and writes the result to `output`
+/// (.glb). The shape stays; materials and textures of `mesh` are not read.
+///
+/// # Errors
+/// See [`FitError`] and [`PictureFolder::load`]; nothing is written then.
+pub fn recover_texture(
+    pictures: &Path,
+    mesh: &Scene,
+    output: &Path,
+    options: &RecoverOptions,
+    progress: &dyn Progress,
+) -> Result<Recovered, FitError> {
+    options.check()?;
+    mesh.validate_for_fit()?;
+    let outline = Normalised::new(&bare(mesh, false))?;
+    let photos = PictureFolder::load(pictures, &outline, options.seed, &|s| {
+        Ok(Rasterized::new(&outline.flat, &outline.library).picture(s)?.image)
+    })?;
+    if photos.without_alpha > 0 {
+        progress.warn(&format!(
+            "{} of {} pictures have no alpha: the outline of the mesh is taken for theirs",
+            photos.without_alpha,
+            photos.photos().len()
+        ));
+    }
+    let n = Normalised::new(&bare(mesh, !photos.lit))?;
+    let model = grey(&n, photos.lit, options.texture_size, progress)?;
+    let start = to_scene(&model.candidate, &n);
+    let held_out = HeldOut::new(&photos, &photos, options.seed)?;
+    let mut topology = Digest::new();
+    topology.add(&model.candidate.uvs);
+    let job = Job {
+        reference: &photos,
+        views: &photos,
+        held_out: &held_out,
+        loss: loss::choose(held_out.noise),
+        seed: options.seed,
+        batch: options.batch,
+        steps: options.steps,
+        keeping: &options.keeping,
+        options: format!("pictures {} {} {:016x}", options.texture_size, options.seed, topology.value()),
+    };
+    let phase = Phase {
+        name: "maps",
+        first: 0,
+        steps: options.steps,
+        shrink: 1,
+        rates: vec![MAP_RATE],
+        renewal: None,
+    };
+    let trained = train(model, &job, |_| vec![phase], progress)?;
+
+    photofit_scene::save_glb(output, &to_scene(&trained.model.candidate, &n))?;
+    let fitted = photofit_scene::load(output)?;
+    let triangles = fitted.triangle_count();
+    let stages = [Stage::new("start", start), Stage::new("recovered", fitted)];
+    let count = photos.held_out() as u64;
+    let views = rasterized_views(&n, &photos, &stages, &photos, Set::HeldOut, count, progress)?;
+    let [start, quality] = [0, 1].map(|k| Quality::mean(views.iter().map(|v| &v.quality[k])));
+    Ok(Recovered {
+        quality,
+        start,
+        views,
+        history: trained.history,
+        steps: trained.steps,
+        stopped: trained.stopped,
+        triangles,
+        pictures: [photos.photos().len(), photos.held_out()],
+        lit: photos.lit,
+        without_alpha: photos.without_alpha,
+    })
+}
+
+impl RecoverOptions {
+    fn check(&self) -> Result<(), FitError> {
+        let rules = [("texture_size", self.texture_size, 16..=8192), ("batch", self.batch, 1..=64)];
+        for (field, is, range) in rules {
+            if !range.contains(&is) {
+                let rule = format!("is {is}; it must be {} to {}", range.start(), range.end());
+                return Err(FitError::Setting { field, rule });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The shape of a scene with one opaque material.
+fn bare(mesh: &Scene, unlit: bool) -> Scene {
+    let mut scene = mesh.clone();
+    scene.materials = vec![Material { name: "recovered".into(), unlit, ..Material::clay() }];
+    scene.images.clear();
+    scene.hierarchy = None;
+    for p in &mut scene.primitives {
+        p.material = 0;
+        p.mesh.colors.clear();
+    }
+    scene
+}
+
+/// The start: the shape with an atlas and grey maps, of which colour and, where there is light, roughness are fitted.
+fn grey(n: &Normalised, lit: bool, size: usize, progress: &dyn Progress) -> Result<Surface, FitError> {
+    let surface = n.surface()?;
+    let seen = Visibility::everything(n.flat.mesh.triangles.len());
+    let source = &n.flat.mesh;
+    let has_area = |t: &usize| {
+        let [a, b, c] = source.corners(*t);
+        a != b && b != c && c != a
+    };
+    let kept: Vec<usize> = (0..source.triangles.len()).filter(has_area).collect();
+    let triangles = kept.iter().map(|t| source.triangles[*t]).collect();
+    let mesh = Mesh { positions: source.positions.clone(), triangles, ..Mesh::default() };
+    let class = n.triangle_classes();
+    let class = kept.iter().map(|t| class[*t]).collect();
+    let mut candidate = prepare::unwrapped(n, &surface, &seen, &mesh, class, size, progress)?;
+    let fitted = if lit { channel::BASE_COLOR } else { channel::EMISSIVE };
+    let mut maps = candidate.maps.levels[0].clone();
+    for texel in &mut maps.texels {
+        texel[channel::BASE_COLOR..channel::BASE_COLOR + 3].fill(0.0);
+        texel[fitted..fitted + 3].fill(GREY);
+        texel[channel::ROUGHNESS] = ROUGHNESS;
+        // An unlit surface does not reflect.
+        texel[channel::GAMMA] = f32::from(u8::from(!lit));
+    }
+    candidate.set_maps(maps);
+    let mut rates = [0.0; CHANNELS];
+    rates[fitted..fitted + 3].fill(1.0);
+    rates[channel::ROUGHNESS] = if lit { 0.5 } else { 0.0 };
+    let passes = Passes {
+        normal_map: false,
+        emissive: !lit,
+        antialias: false,
+        max_layers: 1,
+        position_gradients: false,
+        map_gradients: true,
+        energy: ENERGY,
+    };
+    Ok(Surface { candidate, passes, rates, moves: false })
+}
+
+#[cfg(test)]
+mod tests;

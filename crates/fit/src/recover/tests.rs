@@ -1,0 +1,145 @@
+//! A painted sphere, photographed by our own renderer, is painted again from its pictures.
+
+use super::*;
+use crate::Silent;
+use crate::scene_render::SceneRenderer;
+use glam::{Affine3A, Vec3};
+use photofit_geometry::shapes;
+use photofit_scalar::{Vec3f, vec2, vec3};
+use photofit_scene::{Camera, Instance, Primitive, Sampler, SurfaceLibrary, TextureImage, TextureSlot};
+use photofit_shading::Light;
+use serde_json::{Value, json};
+
+/// Cameras around the sphere.
+const CAMERAS: usize = 24;
+const SIDE: usize = 64;
+const FOV: f32 = 0.7;
+const CENTER: Vec3 = Vec3::new(3.0, -1.0, 2.0);
+const RADIUS: f32 = 2.0;
+
+fn sphere(unlit: bool) -> Scene {
+    let mut mesh = shapes::icosphere(10);
+    mesh.uvs = mesh.positions.iter().map(|p| vec2(0.5 + 0.45 * p.x, 0.5 + 0.45 * p.y)).collect();
+    let texel = |i: usize| {
+        let (x, y) = ((i % 64) as f32 / 64.0, (i / 64) as f32 / 64.0);
+        let wave = |f: f32| (128.0 + 90.0 * (f * 6.0).sin()) as u8;
+        [wave(x + 0.3 * y), wave(y), wave(x - y), 255]
+    };
+    let image = TextureImage {
+        name: "waves".into(),
+        width: 64,
+        height: 64,
+        texels: (0..64 * 64).map(texel).collect(),
+        ..TextureImage::default()
+    };
+    let slot = TextureSlot {
+        image: 0,
+        sampler: Sampler::default(),
+        tex_coord: 0,
+        transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+    };
+    let material = Material {
+        base_color: [1.0; 4],
+        base_color_texture: Some(slot),
+        unlit,
+        roughness: 0.6,
+        ..Material::clay()
+    };
+    Scene {
+        name: "ball".into(),
+        primitives: vec![Primitive { mesh, material: 0 }],
+        instances: vec![Instance {
+            primitive: 0,
+            transform: Affine3A::from_scale_rotation_translation(
+                Vec3::splat(RADIUS),
+                glam::Quat::IDENTITY,
+                CENTER,
+            ),
+        }],
+        materials: vec![material],
+        images: vec![image],
+        ..Scene::default()
+    }
+}
+
+/// Writes pictures of a scene and their `transforms.json`; with a point light and a constant surrounding unless unlit.
+fn photograph(scene: &Scene, folder: &Path, lit: bool) {
+    let (flat, library) = (scene.flatten(), SurfaceLibrary::new(scene));
+    let renderer = SceneRenderer::new(&flat, &library);
+    let position = vec3(CENTER.x + 6.0, CENTER.y + 8.0, CENTER.z + 5.0);
+    let intensity = Vec3f::splat(250.0);
+    let radiance = Vec3f::splat(0.5);
+    let lights = [Light::Point { position, intensity }, Light::Ambient { radiance }];
+    let frame = |k: usize| {
+        let y = 1.0 - 2.0 * (k as f32 + 0.5) / CAMERAS as f32;
+        let a = k as f32 * 2.4;
+        let direction = Vec3::new((1.0 - y * y).sqrt() * a.cos(), y, (1.0 - y * y).sqrt() * a.sin());
+        let eye = CENTER + direction * (1.1 * RADIUS / (0.5 * FOV).sin());
+        let camera = Camera::look_at(eye, CENTER, Vec3::Y, FOV, 1.0, 0.1, 50.0);
+        let image = renderer.render(&camera, if lit { &lights[..] } else { &[] }, SIDE, SIDE, 4);
+        let name = if lit { format!("{k}.exr") } else { format!("{k}.png") };
+        if lit {
+            photofit_image::write_exr(folder.join(&name), &[("", &image, &["R", "G", "B", "A"])]).unwrap();
+        } else {
+            let mut straight = image.clone();
+            for p in straight.data.chunks_exact_mut(4).filter(|p| p[3] > 0.0) {
+                (0..3).for_each(|k| p[k] /= p[3]);
+            }
+            photofit_image::write_png(folder.join(&name), &straight).unwrap();
+        }
+        let m = camera.view.inverse().transpose().to_cols_array_2d();
+        json!({ "file_path": name, "transform_matrix": m })
+    };
+    let frames: Vec<Value> = (0..CAMERAS).map(frame).collect();
+    let mut file = json!({ "camera_angle_x": FOV, "frames": frames });
+    if lit {
+        file["lights"] = json!([
+            { "type": "point", "position": position.to_array(), "intensity": intensity.to_array() },
+            { "type": "ambient", "radiance": radiance.to_array() },
+        ]);
+    }
+    std::fs::write(folder.join(crate::pictures::FILE), file.to_string()).unwrap();
+}
+
+fn options() -> RecoverOptions {
+    RecoverOptions { texture_size: 64, steps: 120, ..RecoverOptions::default() }
+}
+
+#[test]
+fn a_painted_sphere_is_recovered_from_its_pictures() {
+    // Least PSNR of the held-out pictures, decibels, and least gain over the grey start.
+    for (lit, floor, gain) in [(true, 30.0, 8.0), (false, 30.0, 8.0)] {
+        let dir = tempfile::tempdir().unwrap();
+        let scene = sphere(!lit);
+        photograph(&scene, dir.path(), lit);
+        let output = dir.path().join("out.glb");
+        let r = recover_texture(dir.path(), &scene, &output, &options(), &Silent).unwrap();
+        assert_eq!((r.pictures, r.lit, r.without_alpha, r.steps), ([CAMERAS, 3], lit, 0, 120));
+        assert!(r.quality.psnr > floor, "lit {lit}: {:?} from {:?}", r.quality, r.start);
+        assert!(r.quality.psnr > r.start.psnr + gain, "lit {lit}: {:?} from {:?}", r.quality, r.start);
+        let written = photofit_scene::load(&output).unwrap();
+        let m = &written.materials[0];
+        assert_eq!((m.unlit, m.name.as_str(), written.triangle_count()), (!lit, "recovered", 2000));
+        assert!(m.base_color_texture.is_some() && m.normal_texture.is_none() && m.emissive_texture.is_none());
+    }
+}
+
+#[test]
+fn recovery_resumes_and_checks_its_options() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = sphere(true);
+    photograph(&scene, dir.path(), false);
+    let file = |options: &RecoverOptions| {
+        let path = dir.path().join("out.glb");
+        recover_texture(dir.path(), &scene, &path, options, &Silent).map(|_| std::fs::read(path).unwrap())
+    };
+    let short = RecoverOptions { steps: 30, ..options() };
+    let whole = file(&short).unwrap();
+    let checkpoint = Some(dir.path().join("state"));
+    let kept = Keeping { checkpoint, resume: true, time_limit: Some(std::time::Duration::from_nanos(1)) };
+    file(&RecoverOptions { keeping: kept.clone(), ..short.clone() }).unwrap();
+    let kept = Keeping { time_limit: None, ..kept };
+    assert!(file(&RecoverOptions { keeping: kept, ..short }).unwrap() == whole);
+    let error = file(&RecoverOptions { batch: 0, ..options() }).unwrap_err().to_string();
+    assert_eq!(error, "batch is 0; it must be 1 to 64");
+}

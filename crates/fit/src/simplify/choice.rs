@@ -1,0 +1,64 @@
+//! Which candidate goes on: the start of the fit, and what is written.
+
+use super::prepare::{Start, bake_candidate};
+use super::{SimplifyOptions, to_scene};
+use crate::bake;
+use crate::candidate::Candidate;
+use crate::engine::Normalised;
+use crate::engine::judge;
+use crate::engine::model::{self, Model, Surface};
+use crate::engine::reference::Reference;
+use crate::engine::trainer::{HeldOut, Trained};
+use crate::engine::views::Orbit;
+use crate::visibility::Visibility;
+use crate::{FitError, Progress, Silent};
+use photofit_raster::deferred::Passes;
+use photofit_scene::Scene;
+
+/// Views by which the result is chosen.
+const CHOICE_VIEWS: u64 = 4;
+
+/// Texels of the reference's surface on the present shape of a candidate.
+pub(super) fn rebaked(
+    surface: &bake::Reference<'_>,
+    seen: &Visibility,
+    candidate: &Candidate,
+    progress: &dyn Progress,
+) -> Result<Vec<f32>, FitError> {
+    let (maps, _) = bake_candidate(surface, seen, candidate, progress)?;
+    Ok(maps.texels.into_flattened())
+}
+
+/// The start that looks best in the views of the early stop; the first wins a tie.
+pub(super) fn best_start<'a>(starts: &'a [Start], held_out: &HeldOut) -> &'a Start {
+    let quality =
+        |s: &Start| held_out.psnr(&model::pictures(&s.candidate, &held_out.shots, &Passes::default()));
+    match starts {
+        [first, second] if quality(second) > quality(first) => second,
+        _ => &starts[0],
+    }
+}
+
+/// The fit judged itself by its own renderer; the choice among the fitted asset, the same with maps baked anew, and the
+/// start is made as a user would see them.
+pub(super) fn best(
+    trained: Trained<Surface>,
+    surface: &bake::Reference<'_>,
+    seen: &Visibility,
+    start: &Start,
+    n: &Normalised,
+    reference: &dyn Reference,
+    options: &SimplifyOptions,
+    progress: &dyn Progress,
+) -> Result<Trained<Surface>, FitError> {
+    let mut models = vec![trained.model.clone(), trained.model];
+    if let Ok(texels) = rebaked(surface, seen, &models[1].candidate, &Silent) {
+        models[1].values_mut(1).copy_from_slice(&texels);
+        models[1].changed(1);
+    }
+    models.push(Surface { candidate: start.candidate.clone(), ..models[0].clone() });
+    let scenes: Vec<Scene> = models.iter().map(|m| to_scene(&m.candidate, n)).collect();
+    let views = Orbit::new(options.seed, &options.lighting, options.resolution);
+    let best = judge::best_of(n, reference, &scenes, &views, CHOICE_VIEWS, progress)?;
+    Ok(Trained { model: models.swap_remove(best), ..trained })
+}

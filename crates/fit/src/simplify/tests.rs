@@ -1,0 +1,133 @@
+//! The main job on assets of a few hundred triangles.
+
+use super::*;
+use photofit_geometry::shapes::{cube, displaced_sphere};
+use photofit_scene::{AlphaMode, Instance, Material, Primitive};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+fn of(mesh: photofit_geometry::Mesh, material: Material) -> Scene {
+    Scene {
+        name: "rock".into(),
+        primitives: vec![Primitive { mesh, material: 0 }],
+        instances: vec![Instance { primitive: 0, transform: glam::Affine3A::IDENTITY }],
+        materials: vec![material],
+        ..Scene::default()
+    }
+}
+
+fn rock() -> Scene {
+    of(displaced_sphere(8, 0.25, 4, 3), Material { name: "stone".into(), ..Material::clay() })
+}
+
+fn options() -> SimplifyOptions {
+    SimplifyOptions {
+        target: Target::Triangles(150),
+        resolution: 32,
+        steps: 40,
+        batch: 1,
+        texture_size: 32,
+        report_views: 1,
+        ..SimplifyOptions::default()
+    }
+}
+
+/// Says stop at the n-th question within the fit, and keeps the warnings.
+#[derive(Default)]
+struct Watching {
+    fitting: AtomicUsize,
+    stop_at: Option<usize>,
+    warnings: Mutex<Vec<String>>,
+}
+
+impl Progress for Watching {
+    fn report(&self, stage: &'static str, _: u64, _: u64, _: &str) {
+        if stage == "fit" {
+            self.fitting.fetch_max(1, Ordering::Relaxed);
+        }
+    }
+
+    fn warn(&self, text: &str) {
+        self.warnings.lock().unwrap().push(text.into());
+    }
+
+    fn is_cancelled(&self) -> bool {
+        let asked = self.fitting.load(Ordering::Relaxed);
+        if asked == 0 {
+            return false;
+        }
+        self.fitting.fetch_add(1, Ordering::Relaxed);
+        self.stop_at.is_some_and(|n| asked > n)
+    }
+}
+
+#[test]
+fn a_fit_stopped_at_any_step_resumes_to_the_same_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = rock();
+    let file = |name: &str, options: &SimplifyOptions, progress: &dyn Progress| {
+        let path = dir.path().join(name);
+        let outcome = simplify(&scene, &path, options, progress).unwrap();
+        (outcome.stopped, std::fs::read(path).unwrap())
+    };
+    let (_, whole) = file("whole.glb", &options(), &Silent);
+    // In the first phase, at its end (step 16), while maps are baked anew, in the second phase.
+    for stop_at in [0, 3, 16, 17, 30, 70] {
+        let checkpoint = Some(dir.path().join(format!("state{stop_at}")));
+        let kept = SimplifyOptions { checkpoint, ..options() };
+        let progress = Watching { stop_at: Some(stop_at), ..Watching::default() };
+        let (stopped, _) = file("stopped.glb", &kept, &progress);
+        assert!(stopped, "question {stop_at}");
+        let (stopped, resumed) = file("resumed.glb", &SimplifyOptions { resume: true, ..kept }, &Silent);
+        assert!(!stopped && resumed == whole, "stopped at question {stop_at}");
+    }
+}
+
+#[test]
+fn the_file_does_not_depend_on_its_name_and_keeps_the_names_of_materials() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = |name: &str| {
+        let path = dir.path().join(name);
+        simplify(&rock(), &path, &SimplifyOptions { steps: 0, ..options() }, &Silent).unwrap();
+        (photofit_scene::load(&path).unwrap().materials[0].name.clone(), std::fs::read(path).unwrap())
+    };
+    let (a, b) = (file("a.glb"), file("b.glb"));
+    assert_eq!(a.0, "stone");
+    assert!(a.1 == b.1);
+}
+
+#[test]
+fn a_cube_stays_a_cube() {
+    let dir = tempfile::tempdir().unwrap();
+    let progress = Watching::default();
+    let by_default = SimplifyOptions { target: SimplifyOptions::default().target, steps: 0, ..options() };
+    let outcome =
+        simplify(&of(cube(), Material::clay()), &dir.path().join("a.glb"), &by_default, &progress).unwrap();
+    assert_eq!(outcome.triangles_out, 12);
+    assert!(outcome.stage("fitted").unwrap().psnr > 30.0, "{:?}", outcome.stages);
+    let warnings = progress.warnings.into_inner().unwrap();
+    assert!(warnings.iter().any(|w| w.contains("12 triangles")), "{warnings:?}");
+}
+
+#[test]
+fn unlit_surfaces_are_fitted_judged_and_written_as_such() {
+    let dir = tempfile::tempdir().unwrap();
+    let sign =
+        Material { name: "sign".into(), base_color: [0.8, 0.3, 0.1, 1.0], unlit: true, ..Material::clay() };
+    let scene = of(displaced_sphere(8, 0.25, 4, 3), sign);
+    let path = dir.path().join("a.glb");
+    let outcome = simplify(&scene, &path, &SimplifyOptions { steps: 10, ..options() }, &Silent).unwrap();
+    let light = photofit_scene::load(&path).unwrap();
+    let m = &light.materials[0];
+    assert!(m.unlit && m.extensions.is_none() && m.alpha_mode == AlphaMode::Opaque, "{m:?}");
+    assert!(m.emissive_texture.is_none() && m.emissive.iter().all(|e| *e < 1e-3), "{m:?}");
+    let texels = m.base_color_texture.map_or(vec![[255; 4]], |t| light.images[t.image].texels.clone());
+    for (k, wanted) in [0.8, 0.3, 0.1].into_iter().enumerate() {
+        let sum: f32 = texels.iter().map(|t| photofit_image::srgb_u8_to_linear(t[k])).sum();
+        let mean = m.base_color[k] * sum / texels.len() as f32;
+        assert!((mean - wanted).abs() < 0.05, "channel {k}: {mean}");
+    }
+    // No highlight lies on the fitted pictures: what is seen inside of the outline is one colour.
+    assert!(outcome.stage("fitted").unwrap().outline > 0.9, "{:?}", outcome.stages);
+    assert_eq!(outcome.judged, Judged::Rasterized);
+}
