@@ -1,4 +1,4 @@
-"""Differentiable rasterization of vertex-coloured meshes: DEODR, and our suite `vertex-color` on the same meshes."""
+"""Differentiable rasterization of vertex-coloured meshes: DEODR, and our suite `colors` (a map of colours, through the pass of the fit) on the same meshes."""
 
 import numpy as np
 
@@ -49,7 +49,7 @@ def table():
             dr.renderSceneB(flat, scene.sigma, image.copy(), depth, seed.copy())
 
         rows.append([len(triangles), 1e3 * whole, 1e3 * median_seconds(compiled)])
-    suite("vertex-color", PHOTOFIT_BENCH_MESHES=":".join(map(str, paths)))
-    ours = (WORK.parents[1] / "vertex-color.md").read_text().split("\n", 1)[1].strip()
+    suite("colors", PHOTOFIT_BENCH_MESHES=":".join(map(str, paths)))
+    ours = (WORK.parents[1] / "colors.md").read_text().split("\n", 1)[1].strip()
     head = ["triangles", "DEODR, ms", "its compiled parts, ms"]
     return f"{markdown(head, rows)}\n\nOurs, the same meshes, pictures of {SIZE} x {SIZE}:\n\n{ours}"

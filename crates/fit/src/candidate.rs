@@ -1,7 +1,8 @@
 //! The asset being fitted: welded vertex positions and material maps, and the chain from them to a loss.
 //!
-//! The data of a fit goes one way: positions -> normals -> tangents -> rasterize -> shade -> loss; [`Candidate::step`]
-//! writes it forward and, reversed line by line, backward.
+//! The data of a fit goes one way: positions -> normals -> tangents -> rasterize -> shade -> mean of each pixel's samples
+//! -> loss; [`Candidate::pull_back`] writes it forward and, reversed line by line, backward. The whole chain is generic
+//! over the scalar: `f32` in production, `f64` in its gradient check.
 
 use crate::views::Shot;
 use photofit_geometry::atlas::mesh_coverage;
@@ -11,29 +12,40 @@ use photofit_geometry::weld::weld_exact;
 use photofit_geometry::{Csr, Edges, Incidence, Mesh, Weld, laplacian};
 use photofit_raster::antialias::Topology;
 use photofit_raster::deferred::{self, Frame, Geometry, Gradients, Passes, View};
-use photofit_raster::loss::{self, Loss};
+use photofit_raster::loss::{self, Loss, LossScalar};
 use photofit_raster::project::matrix_rows;
 use photofit_raster::texture::{MipAdjoint, MipRule, Pyramid};
 use photofit_raster::{CHANNELS, Maps, channel};
-use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec3};
+use photofit_scalar::{Real, Vec2, Vec3, Vec4, vec3};
 use photofit_scene::AlphaMode;
-use rayon::prelude::*;
+use photofit_shading::Sides;
+
+/// How a class of triangles is drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SurfaceClass {
+    /// What alpha means.
+    pub alpha: AlphaMode,
+    /// The sides that are seen.
+    pub sides: Sides,
+}
 
 /// Topology and parameters of a fitted mesh.
 #[derive(Clone, Debug)]
-pub struct Candidate {
+pub struct Candidate<T = f32> {
     /// Positions by welded id: the shape's parameters.
-    pub positions: Vec<Vec3f>,
+    pub positions: Vec<Vec3<T>>,
     /// The maps with their mip chain: level 0 holds the parameters.
-    pub maps: Pyramid<f32, CHANNELS>,
+    pub maps: Pyramid<T, CHANNELS>,
+    /// How gradients of the chain's coarse levels return to level 0.
+    pub mip_adjoint: MipAdjoint,
     /// Texture coordinates, one per vertex.
-    pub uvs: Vec<Vec2f>,
+    pub uvs: Vec<Vec2<T>>,
     /// Vertex indices.
     pub triangles: Vec<[u32; 3]>,
     /// Index of the class of each triangle (see [`Candidate::classes`]).
     pub class: Vec<u32>,
-    /// What alpha means in each class.
-    pub classes: Vec<AlphaMode>,
+    /// How the triangles of each class are drawn.
+    pub classes: Vec<SurfaceClass>,
     /// Neighbours of each welded vertex.
     pub rings: Csr,
     /// Edges between welded vertices, each once.
@@ -41,6 +53,7 @@ pub struct Candidate {
     alpha: Vec<AlphaMode>,
     /// Texels whose alpha is no parameter; empty = none.
     solid: Vec<bool>,
+    sides: Vec<Sides>,
     /// Vertices to positions.
     weld: Weld,
     /// Vertices to normals.
@@ -53,45 +66,67 @@ pub struct Candidate {
 
 /// Vertex arrays that follow from the positions.
 #[derive(Clone, Debug)]
-pub struct Vertices {
+pub struct Vertices<T = f32> {
     /// One per vertex.
-    pub positions: Vec<Vec3f>,
+    pub positions: Vec<Vec3<T>>,
     /// Smooth unit normals.
-    pub normals: Vec<Vec3f>,
+    pub normals: Vec<Vec3<T>>,
     /// Tangents with handedness.
-    pub tangents: Vec<Vec4f>,
+    pub tangents: Vec<Vec4<T>>,
+}
+
+/// A picture that a candidate draws: camera, lights and what stands behind the asset.
+#[derive(Clone, Copy, Debug)]
+pub struct Picture<'a, T = f32> {
+    /// Camera, lights and samples.
+    pub view: View<'a, T>,
+    /// Radiance behind the asset, one per pixel.
+    pub background: &'a [[T; 3]],
 }
 
 /// Gradients of the parameters, and scratch of the chain.
 #[derive(Debug)]
-pub struct ParameterGradients {
+pub struct ParameterGradients<T = f32> {
     /// Of the welded positions.
-    pub positions: Vec<Vec3f>,
+    pub positions: Vec<Vec3<T>>,
     /// Of everything the renderer reads; its map gradients, once collapsed, are those of level 0.
-    pub rendered: Gradients<f32>,
+    pub rendered: Gradients<T>,
     /// The picture at work.
-    frame: Frame<f32>,
+    frame: Frame<T>,
+    /// The gradient of its pixels.
+    pixels: Vec<[T; 4]>,
 }
 
-impl Candidate {
+impl<T: LossScalar> Candidate<T> {
     /// Prepares the topology of an atlas mesh (`positions`, `uvs`, `triangles`; vertices split only where uvs differ
     /// and at creases). Vertices of one id in `smoothing` share their normal.
     ///
     /// # Panics
     /// If an index is out of range or the arrays disagree in length.
-    pub fn new(mesh: &Mesh, smoothing: &Weld, class: Vec<u32>, classes: Vec<AlphaMode>, maps: Maps) -> Self {
+    pub fn new(
+        mesh: &Mesh,
+        smoothing: &Weld,
+        class: Vec<u32>,
+        classes: Vec<SurfaceClass>,
+        maps: Maps<T>,
+    ) -> Self {
         assert_eq!(class.len(), mesh.triangles.len(), "one class per triangle");
         let weld = weld_exact(&mesh.positions);
         let edges = Edges::new(&mesh.triangles, &weld);
         let unique = Incidence::new(&mesh.triangles, &Weld::identity(mesh.positions.len()));
         let frames = UvFrames::new(&unique, &mesh.uvs);
-        let transparent = class.iter().any(|c| classes[*c as usize] != AlphaMode::Opaque);
-        let alpha = class.iter().filter(|_| transparent).map(|c| classes[*c as usize]).collect();
-        let solid = if transparent { solid_texels(mesh, &class, &classes, &maps) } else { Vec::new() };
+        let of = |c: &u32| classes[*c as usize];
+        let transparent = class.iter().any(|c| of(c).alpha != AlphaMode::Opaque);
+        let alpha = class.iter().filter(|_| transparent).map(|c| of(c).alpha).collect();
+        let culls = class.iter().any(|c| of(c).sides == Sides::Front);
+        let sides = class.iter().filter(|_| culls).map(|c| of(c).sides).collect();
+        let size = (maps.width, maps.height);
+        let solid = if transparent { solid_texels(mesh, &class, &classes, size) } else { Vec::new() };
         Self {
-            positions: weld.pick(&mesh.positions),
+            positions: weld.pick(&mesh.positions).iter().map(|p| p.cast()).collect(),
             maps: Pyramid::with_rule(maps, mip_rule(transparent)),
-            uvs: mesh.uvs.clone(),
+            mip_adjoint: MipAdjoint::default(),
+            uvs: mesh.uvs.iter().map(|uv| uv.cast()).collect(),
             triangles: mesh.triangles.clone(),
             class,
             classes,
@@ -101,6 +136,7 @@ impl Candidate {
             edges: edges.vertices,
             alpha,
             solid,
+            sides,
             smooth: Incidence::new(&mesh.triangles, smoothing),
             weld,
             unique,
@@ -117,7 +153,7 @@ impl Candidate {
     ///
     /// # Panics
     /// If the size differs.
-    pub fn set_maps(&mut self, maps: Maps) {
+    pub fn set_maps(&mut self, maps: Maps<T>) {
         let base = &mut self.maps.levels[0];
         assert_eq!((base.width, base.height), (maps.width, maps.height), "maps of the same size");
         *base = maps;
@@ -125,7 +161,7 @@ impl Candidate {
     }
 
     /// The vertex arrays for the present positions.
-    pub fn vertices(&self) -> Vertices {
+    pub fn vertices(&self) -> Vertices<T> {
         let positions = self.weld.expand(&self.positions);
         let normals = vertex_normals(&self.smooth, &positions, Weighting::Angle);
         let tangents = vertex_tangents(&self.unique, &self.frames, &positions, &normals);
@@ -136,22 +172,22 @@ impl Candidate {
     pub fn mesh(&self) -> Mesh {
         let v = self.vertices();
         Mesh {
-            positions: v.positions,
-            normals: v.normals,
-            uvs: self.uvs.clone(),
-            tangents: v.tangents,
+            positions: single(&v.positions),
+            normals: single(&v.normals),
+            uvs: self.uvs.iter().map(|uv| uv.cast()).collect(),
+            tangents: v.tangents.iter().map(|t| t.cast()).collect(),
             triangles: self.triangles.clone(),
             ..Mesh::default()
         }
     }
 
     /// Normals that know no creases, one per vertex: along them a bake leaves no gaps.
-    pub fn round_normals(&self) -> Vec<Vec3f> {
+    pub fn round_normals(&self) -> Vec<Vec3<f32>> {
         let round = Incidence::new(&self.triangles, &self.weld);
-        vertex_normals(&round, &self.weld.expand(&self.positions), Weighting::Angle)
+        vertex_normals(&round, &self.weld.expand(&single(&self.positions)), Weighting::Angle)
     }
 
-    fn geometry<'a>(&'a self, v: &'a Vertices) -> Geometry<'a, f32> {
+    fn geometry<'a>(&'a self, v: &'a Vertices<T>) -> Geometry<'a, T> {
         Geometry {
             positions: &v.positions,
             normals: &v.normals,
@@ -163,60 +199,65 @@ impl Candidate {
                 neighbour: &self.neighbour,
             },
             alpha: &self.alpha,
+            sides: &self.sides,
         }
     }
 
     /// Zero gradients of the right size.
-    pub fn gradients(&self) -> ParameterGradients {
+    pub fn gradients(&self) -> ParameterGradients<T> {
         ParameterGradients {
-            positions: vec![Vec3f::zero(); self.positions.len()],
+            positions: vec![Vec3::zero(); self.positions.len()],
             rendered: Gradients::new(self.uvs.len(), &self.maps),
             frame: Frame::default(),
+            pixels: Vec::new(),
         }
     }
 
-    /// Renders one shot over its background, `samples` times finer per axis than its picture.
-    pub fn render(&self, vertices: &Vertices, shot: &Shot, passes: &Passes) -> Frame<f32> {
-        let lights = shot.lights.lights();
-        let geometry = self.geometry(vertices);
-        deferred::render(&geometry, &self.maps, &view(shot, &lights), &shot.background, passes)
+    /// Draws one picture.
+    pub fn draw(&self, vertices: &Vertices<T>, picture: &Picture<'_, T>, passes: &Passes) -> Frame<T> {
+        deferred::render(&self.geometry(vertices), &self.maps, &picture.view, picture.background, passes)
     }
 
-    /// Loss of a batch of shots against their references, and its gradients (overwritten). Returns the loss, the mean
-    /// over the shots.
-    pub fn step(&self, shots: &[Shot], loss: Loss, passes: &Passes, out: &mut ParameterGradients) -> f64 {
-        out.positions.fill(Vec3f::zero());
+    /// Draws all pictures, asks `value` for each, and pulls its gradients back to the parameters (overwriting `out`).
+    /// Returns the sum of the values.
+    ///
+    /// `value(i, pixels, g)` gets the pixels `[H*W]` of picture `i` and adds the gradient of its value to `g` `[H*W]`,
+    /// which is zero.
+    pub fn pull_back<'a>(
+        &self,
+        pictures: impl IntoIterator<Item = Picture<'a, T>>,
+        mut value: impl FnMut(usize, &[[T; 4]], &mut [[T; 4]]) -> f64,
+        passes: &Passes,
+        out: &mut ParameterGradients<T>,
+    ) -> f64 {
+        out.positions.fill(Vec3::zero());
         out.rendered.clear();
         let vertices = self.vertices();
+        let geometry = self.geometry(&vertices);
         let mut total = 0.0;
-        let weight = 1.0 / shots.len().max(1) as f64;
-        for shot in shots {
-            let lights = shot.lights.lights();
-            let (view, geometry) = (view(shot, &lights), self.geometry(&vertices));
-            let frame = &mut out.frame;
-            deferred::render_into(&geometry, &self.maps, &view, &shot.background, passes, frame);
-            let picture = average(&frame.color, shot);
-            let mut g = vec![[0.0; 4]; picture.len()];
-            let shape = loss::Frame::new(shot.width, shot.height, 4).only(0..3);
-            let (x, y) = (picture.as_flattened(), shot.reference.as_flattened());
-            total += loss.value_and_gradient(x, y, &shape, weight, g.as_flattened_mut());
-            deferred::render_vjp(&geometry, &self.maps, &view, passes, frame, &g, &mut out.rendered);
+        for (i, Picture { view, background }) in pictures.into_iter().enumerate() {
+            let ParameterGradients { frame, pixels, rendered, .. } = out;
+            deferred::render_into(&geometry, &self.maps, &view, background, passes, frame);
+            pixels.clear();
+            pixels.resize(frame.color.len(), [T::zero(); 4]);
+            total += value(i, &frame.color, pixels);
+            deferred::render_vjp(&geometry, &self.maps, &view, passes, frame, pixels, rendered);
         }
         if passes.position_gradients {
             self.vertices_vjp(&vertices, out);
         }
         if passes.map_gradients {
-            self.maps.collapse_vjp(&mut out.rendered.maps, MipAdjoint::Smooth);
+            self.maps.collapse_vjp(&mut out.rendered.maps, self.mip_adjoint);
             let texels = out.rendered.maps.levels[0].texels.iter_mut().zip(&self.solid);
-            texels.filter(|(_, solid)| **solid).for_each(|(g, _)| g[channel::ALPHA] = 0.0);
+            texels.filter(|(_, solid)| **solid).for_each(|(g, _)| g[channel::ALPHA] = T::zero());
         }
         total
     }
 
     /// Adjoint of [`Self::vertices`].
-    fn vertices_vjp(&self, v: &Vertices, out: &mut ParameterGradients) {
+    fn vertices_vjp(&self, v: &Vertices<T>, out: &mut ParameterGradients<T>) {
         let g = &mut out.rendered;
-        let tangents: Vec<Vec4f> = g.tangents.iter().map(|t| t.extend(0.0)).collect();
+        let tangents: Vec<Vec4<T>> = g.tangents.iter().map(|t| t.extend(T::zero())).collect();
         vertex_tangents_vjp(
             &self.unique,
             &self.frames,
@@ -231,20 +272,26 @@ impl Candidate {
     }
 
     /// Uniform differential coordinates of the present shape.
-    pub fn differential(&self) -> Vec<Vec3f> {
+    pub fn differential(&self) -> Vec<Vec3<T>> {
         laplacian::differential(&self.rings, &self.positions)
     }
 }
 
 /// The texels of opaque triangles: their alpha stays 1, although it weighs colours in coarse levels that transparent
 /// triangles may share with them.
-fn solid_texels(mesh: &Mesh, class: &[u32], classes: &[AlphaMode], maps: &Maps) -> Vec<bool> {
-    let opaque = mesh.triangles.iter().zip(class).filter(|(_, c)| classes[**c as usize] == AlphaMode::Opaque);
+fn solid_texels(
+    mesh: &Mesh,
+    class: &[u32],
+    classes: &[SurfaceClass],
+    (width, height): (usize, usize),
+) -> Vec<bool> {
+    let is_opaque = |c: &u32| classes[*c as usize].alpha == AlphaMode::Opaque;
+    let opaque = mesh.triangles.iter().zip(class).filter(|(_, c)| is_opaque(c));
     let triangles: Vec<[u32; 3]> = opaque.map(|(t, _)| *t).collect();
     if triangles.is_empty() {
         return Vec::new();
     }
-    mesh_coverage(&mesh.uvs, &triangles, maps.width, maps.height, true).mask()
+    mesh_coverage(&mesh.uvs, &triangles, width, height, true).mask()
 }
 
 /// How the mip chain of the maps follows from its base: as renderers build that of the written textures, by coverage
@@ -257,18 +304,48 @@ fn mip_rule(transparent: bool) -> MipRule {
     }
 }
 
-/// Averages the samples of each pixel of a shot.
-pub fn average(color: &[[f32; 4]], shot: &Shot) -> Vec<[f32; 4]> {
-    let (n, share) = (shot.samples, 1.0 / (shot.samples * shot.samples) as f32);
-    let mut out = vec![[0.0; 4]; shot.width * shot.height];
-    out.par_chunks_mut(shot.width).enumerate().for_each(|(y, row)| {
-        for line in color[y * n * shot.width * n..].chunks(shot.width * n).take(n) {
-            for (o, samples) in row.iter_mut().zip(line.chunks(n)) {
-                samples.iter().for_each(|s| (0..4).for_each(|k| o[k] += s[k] * share));
-            }
-        }
-    });
-    out
+/// Vectors in single precision.
+fn single<T: Real>(v: &[Vec3<T>]) -> Vec<Vec3<f32>> {
+    v.iter().map(|v| v.cast()).collect()
+}
+
+impl Candidate {
+    /// Draws one shot over its background.
+    pub fn render(&self, vertices: &Vertices, shot: &Shot, passes: &Passes) -> Frame<f32> {
+        let lights = shot.lights.lights();
+        let picture = Picture { view: view(shot, &lights), background: &shot.background };
+        self.draw(vertices, &picture, passes)
+    }
+
+    /// Loss of a batch of shots against their references, and its gradients (overwritten). Returns the loss, the mean
+    /// over the shots.
+    pub fn step(&self, shots: &[Shot], loss: Loss, passes: &Passes, out: &mut ParameterGradients) -> f64 {
+        let lights: Vec<_> = shots.iter().map(|s| s.lights.lights()).collect();
+        let pictures = shots
+            .iter()
+            .zip(&lights)
+            .map(|(shot, lights)| Picture { view: view(shot, lights), background: &shot.background });
+        let weight = 1.0 / shots.len().max(1) as f64;
+        let value = |i: usize, pixels: &[[f32; 4]], g: &mut [[f32; 4]]| {
+            let Shot { width, height, reference, .. } = &shots[i];
+            compare(loss, (*width, *height), pixels, reference, weight, g)
+        };
+        self.pull_back(pictures, value, passes, out)
+    }
+}
+
+/// `weight` times the loss of the colours of `pixels` `[H*W]` against `reference` `[H*W]`; adds its gradient to `g`.
+pub fn compare<T: LossScalar>(
+    loss: Loss,
+    (width, height): (usize, usize),
+    pixels: &[[T; 4]],
+    reference: &[[T; 4]],
+    weight: f64,
+    g: &mut [[T; 4]],
+) -> f64 {
+    let frame = loss::Frame::new(width, height, 4).only(0..3);
+    let (x, y) = (pixels.as_flattened(), reference.as_flattened());
+    loss.value_and_gradient(x, y, &frame, weight, g.as_flattened_mut())
 }
 
 /// The renderer's view of a shot.
@@ -284,3 +361,6 @@ fn view<'a>(shot: &Shot, lights: &'a [photofit_shading::Light<'a, f32>]) -> View
         lod_bias: 0.0,
     }
 }
+
+#[cfg(test)]
+mod tests;

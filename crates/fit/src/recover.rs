@@ -18,7 +18,7 @@ use crate::simplify::{prepare, to_scene};
 use crate::visibility::Visibility;
 use crate::{FitError, Progress};
 use photofit_geometry::Mesh;
-use photofit_raster::deferred::Passes;
+use photofit_raster::deferred::{Masks, Passes};
 use photofit_raster::{CHANNELS, channel};
 use photofit_scene::{Material, Scene};
 use std::path::Path;
@@ -204,6 +204,8 @@ fn grey(n: &Normalised, lit: bool, size: usize, progress: &dyn Progress) -> Resu
     rates[fitted..fitted + 3].fill(1.0);
     rates[channel::ROUGHNESS] = if lit { 0.5 } else { 0.0 };
     let passes = Passes {
+        masks: Masks::Cut,
+        alpha_gradients: false,
         normal_map: false,
         emissive: !lit,
         antialias: false,

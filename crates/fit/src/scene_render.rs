@@ -5,10 +5,10 @@ use crate::engine::reference::ENERGY;
 use photofit_image::Image;
 use photofit_raster::interpolate::{derivatives, interpolate};
 use photofit_raster::project::{matrix_rows, project};
-use photofit_raster::rasterize::{Bins, Faces, Layer, NONE, PixelGrid, TILE, Tile, barycentrics};
+use photofit_raster::rasterize::{Bins, Layer, NONE, PixelGrid, TILE, Tile, barycentrics};
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3};
 use photofit_scene::{Camera, FlatScene, SurfaceLibrary, UvDerivatives};
-use photofit_shading::{Light, Surface, face_viewer, perturb, shade, view_direction};
+use photofit_shading::{Light, Sides, Surface, face_viewer, perturb, shade, view_direction};
 use rayon::prelude::*;
 
 /// Most transparent layers that are looked for.
@@ -18,10 +18,12 @@ const NEGLIGIBLE: f32 = 1.0 / 512.0;
 const AREA: usize = TILE * TILE;
 
 /// A scene ready to be rendered.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct SceneRenderer<'a> {
     flat: &'a FlatScene,
     library: &'a SurfaceLibrary,
+    /// What is drawn of each triangle.
+    sides: Vec<Sides>,
     opaque: bool,
 }
 
@@ -36,11 +38,12 @@ impl<'a> SceneRenderer<'a> {
         let mut seen: Vec<u32> = flat.triangle_material.clone();
         seen.sort_unstable();
         seen.dedup();
-        Self { flat, library, opaque: seen.iter().all(|m| library.is_opaque(*m as usize)) }
+        let sides = flat.triangle_material.iter().map(|m| library.sides(*m as usize)).collect();
+        Self { flat, library, sides, opaque: seen.iter().all(|m| library.is_opaque(*m as usize)) }
     }
 
     /// Renders linear, premultiplied RGBA of `width` x `height` pixels, each the average of `supersample`^2 samples
-    /// (1, 2, 4 or 8 per axis) that are shaded one by one. Both sides of every triangle are shown.
+    /// (1, 2, 4 or 8 per axis) that are shaded one by one. The backs of single-sided materials are not drawn ([`Sides`]).
     ///
     /// # Panics
     /// If `supersample` is none of 1, 2, 4, 8, or the scene has an index out of range.
@@ -57,7 +60,7 @@ impl<'a> SceneRenderer<'a> {
         let mesh = &self.flat.mesh;
         let mut clip = vec![Vec4f::zero(); mesh.positions.len()];
         project(&matrix_rows(&camera.view_projection()), &mesh.positions, &mut clip);
-        let bins = Bins::new(&clip, &mesh.triangles, w, h, Faces::All);
+        let bins = Bins::new(&clip, &mesh.triangles, &self.sides, w, h);
         let eye = vec3(camera.eye.x, camera.eye.y, camera.eye.z);
         let grid = PixelGrid::new(w, h);
         let mut image = Image::new(width, height, 4);

@@ -45,7 +45,7 @@ fn fitted(mode: AlphaMode) -> (Candidate, Scene) {
     };
     let n = Normalised::new(&reference).unwrap();
     let class = n.classes.iter().position(|c| c.written == mode).unwrap();
-    let drawn = n.classes.iter().map(|c| c.drawn).collect();
+    let drawn = n.drawn_classes();
     let classes = vec![class as u32; mesh.triangles.len()];
     let candidate = Candidate::new(&mesh, &weld_exact(&mesh.positions), classes, drawn, maps());
     let scene = to_scene(&candidate, &n);

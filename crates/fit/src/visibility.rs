@@ -9,6 +9,7 @@ use crate::bake::reference::Place;
 use photofit_rays::Ray;
 use photofit_scalar::Vec3f;
 use photofit_scene::AlphaMode;
+use photofit_shading::Sides;
 use rayon::prelude::*;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -28,7 +29,7 @@ pub struct VisibilitySettings {
     pub max_rays: usize,
     /// Rays of the second pass for each hidden side; it ends at the first ray that gets out.
     pub retry_rays: usize,
-    /// Single-sided triangles are not drawn from behind (glTF) and occlude nothing there.
+    /// Single-sided triangles are not drawn from behind ([`Sides`]) and occlude nothing there.
     pub cull_back_faces: bool,
 }
 
@@ -138,7 +139,7 @@ pub fn visibility_reporting(
 
 /// True when the back of a triangle is drawn.
 fn two_sided(reference: &Reference<'_>, triangle: u32, settings: &VisibilitySettings) -> bool {
-    !settings.cull_back_faces || reference.material(triangle).double_sided
+    !settings.cull_back_faces || Sides::of(reference.material(triangle).double_sided).shows(false)
 }
 
 /// The rays of one triangle.
@@ -187,8 +188,9 @@ impl Probe<'_> {
         let reference = self.reference;
         reference.accel().occluded_where(&Ray::new(origin, direction), |hit| {
             let material = reference.material(hit.triangle);
-            // Whoever looks from the sky sees the other side of what the ray meets.
-            let drawn = !hit.front || material.double_sided || !self.settings.cull_back_faces;
+            // A view from outside sees the other side of what the ray meets.
+            let seen = Sides::of(material.double_sided).shows(!hit.front);
+            let drawn = seen || !self.settings.cull_back_faces;
             drawn
                 && hit.triangle != self.triangle
                 && match material.alpha_mode {

@@ -38,6 +38,7 @@ mod light;
 mod normal_map;
 mod octahedral;
 mod prefilter;
+mod sides;
 mod split_sum;
 mod surface;
 
@@ -50,6 +51,7 @@ pub use light::{Light, ShadeGradient, Yaw, shade, shade_vjp, view_direction, vie
 pub use normal_map::{
     BEND_START, FaceViewerGradient, PerturbGradient, face_viewer, face_viewer_vjp, perturb, perturb_vjp,
 };
+pub use sides::Sides;
 pub use split_sum::{SplitSum, split_sum};
 pub use surface::{DIELECTRIC_F0, Lobes, LobesGradient, Surface, SurfaceGradient};
 

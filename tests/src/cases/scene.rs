@@ -103,6 +103,7 @@ pub(super) fn deferred() -> Image {
             uvs: &mesh.uvs,
             topology: Topology { triangles: &mesh.triangles, opposite: &opposite, neighbour: &neighbour },
             alpha: &[],
+            sides: &[],
         },
         &Pyramid::new(maps(64)),
         &View {

@@ -1,10 +1,11 @@
 //! Position gradients at silhouettes against central differences of a picture of 4096 samples a pixel, with random
 //! weights: error against time for each number of samples.
 
-use super::vertex_color::{Model, Picture, Reverse, average, color_at};
+use super::colors::{Model, PASSES};
 use crate::context::Context;
 use anyhow::Result;
 use photofit_geometry::{Mesh, shapes};
+use photofit_raster::deferred::{Frame, Passes};
 use photofit_raster::project::{Matrix4, matrix_rows};
 use photofit_scalar::{Vec3f, vec3};
 
@@ -25,25 +26,23 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
     );
     let camera = matrix_rows(&eye.view_projection());
     for (name, mesh) in cases() {
-        let colors = mesh.positions.iter().map(|p| color_at(*p)).collect();
-        let mut model = Model::new(&mesh, colors);
+        let mut model = Model::new(&mesh);
         let truth = truth(&mut model, &camera);
-        let (mut picture, mut reverse) = (Picture::default(), Reverse::default());
+        let (mut frame, mut reverse) = (Frame::default(), model.gradients());
+        let seeds: Vec<Vec<[f32; 4]>> =
+            (0..WEIGHTS).map(|w| (0..SIZE * SIZE).map(|i| weight(w, i)).collect()).collect();
         for samples in [1_usize, 2, 4, 8] {
-            let size = SIZE * samples;
             ctx.measure(
                 name,
                 &format!("{samples} x {samples} samples"),
                 samples * samples,
                 || {
-                    model.render(&camera, size, true, &mut picture);
-                    let gradients: Vec<Vec<Vec3f>> = (0..WEIGHTS)
-                        .map(|w| {
-                            let share = 1.0 / (samples * samples) as f32;
-                            let g = |i: usize, _| {
-                                weight(w, (i / size / samples) * SIZE + (i % size) / samples, share)
-                            };
-                            model.render_vjp(&camera, size, &mut picture, g, &mut reverse);
+                    model.render(&camera, SIZE, samples, &PASSES, &mut frame);
+                    let gradients: Vec<Vec<Vec3f>> = seeds
+                        .iter()
+                        .map(|g| {
+                            reverse.clear();
+                            model.render_vjp(&camera, SIZE, samples, &frame, g, &mut reverse);
                             reverse.positions.clone()
                         })
                         .collect();
@@ -86,8 +85,10 @@ fn hash(mut x: u64) -> f32 {
     ((x ^ (x >> 31)) >> 40) as f32 / (1u64 << 23) as f32 - 1.0
 }
 
-fn weight(w: usize, pixel: usize, share: f32) -> [f32; 3] {
-    [0, 1, 2].map(|c| share * hash(((w * 4096 + pixel) * 3 + c) as u64 * 0x9e37_79b9_7f4a_7c15 + 1))
+/// Weights of a pixel's colour; its coverage has none.
+fn weight(w: usize, pixel: usize) -> [f32; 4] {
+    let at = |c: usize| hash(((w * 4096 + pixel) * 3 + c) as u64 * 0x9e37_79b9_7f4a_7c15 + 1);
+    [at(0), at(1), at(2), 0.0]
 }
 
 /// Smooth random motions: a translation and a linear map each.
@@ -104,18 +105,19 @@ fn motion(d: usize, p: Vec3f) -> Vec3f {
 fn truth(model: &mut Model, camera: &Matrix4<f32>) -> Vec<f64> {
     let start = model.positions.clone();
     let step = 0.01;
+    let passes = Passes { antialias: false, position_gradients: false, map_gradients: false, ..PASSES };
     let mut out = Vec::new();
     for d in 0..DIRECTIONS {
         let [plus, minus] = [step, -step].map(|s| {
             model.positions = start.iter().map(|p| *p + motion(d, *p) * s).collect();
-            let mut picture = Picture::default();
-            model.render(camera, SIZE * TRUTH, false, &mut picture);
-            average(&picture.color, SIZE * TRUTH, TRUTH)
+            let mut frame = Frame::default();
+            model.render(camera, SIZE, TRUTH, &passes, &mut frame);
+            frame.color
         });
         for w in 0..WEIGHTS {
-            let dot = |(i, (a, b)): (usize, (&[f64; 3], &[f64; 3]))| {
-                let k = weight(w, i, 1.0);
-                (0..3).map(|c| f64::from(k[c]) * (a[c] - b[c])).sum::<f64>()
+            let dot = |(i, (a, b)): (usize, (&[f32; 4], &[f32; 4]))| {
+                let k = weight(w, i);
+                (0..3).map(|c| f64::from(k[c]) * (f64::from(a[c]) - f64::from(b[c]))).sum::<f64>()
             };
             out.push(plus.iter().zip(&minus).enumerate().map(dot).sum::<f64>() / (2.0 * f64::from(step)));
         }

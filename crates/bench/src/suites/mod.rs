@@ -1,6 +1,7 @@
 //! The registry of suites.
 
 mod atlas;
+mod colors;
 mod decimate;
 mod denoise;
 mod denoise_mc;
@@ -13,7 +14,6 @@ mod raster;
 mod rays;
 mod second_order;
 mod surface;
-mod vertex_color;
 mod ztest;
 
 use anyhow::Result;
@@ -37,9 +37,9 @@ pub(crate) const SUITES: &[Suite] = &[
         run: raster::run,
     },
     Suite {
-        name: "vertex-color",
-        about: "vertex-coloured meshes, the case that other differentiable rasterizers offer too",
-        run: vertex_color::run,
+        name: "colors",
+        about: "coloured meshes without lights, the case that other differentiable rasterizers offer too",
+        run: colors::run,
     },
     Suite {
         name: "gradients",

@@ -5,6 +5,7 @@ use super::reference::{Place, Reference};
 use super::target::Point;
 use crate::visibility::Visibility;
 use photofit_rays::{NearestPoint, Ray};
+use photofit_shading::Sides;
 
 /// Cosine between the normals of target and reference below which the closest point is not taken.
 const LEAST_COSINE: f32 = 0.1;
@@ -125,7 +126,7 @@ impl Selector<'_> {
 
     /// True when the given side of a triangle is drawn.
     fn drawn(&self, triangle: u32, front: bool) -> bool {
-        front || self.reference.material(triangle).double_sided
+        Sides::of(self.reference.material(triangle).double_sided).shows(front)
     }
 
     fn in_class(&self, triangle: u32, class: Option<AlphaClass>) -> bool {

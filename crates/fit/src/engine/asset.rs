@@ -2,6 +2,7 @@
 
 use crate::FitError;
 use crate::bake;
+use crate::candidate::SurfaceClass;
 use crate::simplify::{MaterialClass, classes, drawn};
 use glam::{Affine3A, DAffine3, Vec3};
 use photofit_geometry::Mesh;
@@ -103,9 +104,9 @@ impl Normalised {
         self.flat.triangle_material.iter().map(|m| self.material_class[*m as usize]).collect()
     }
 
-    /// What alpha means in the pictures of each class.
-    pub(crate) fn drawn_modes(&self) -> Vec<AlphaMode> {
-        self.classes.iter().map(|c| c.drawn).collect()
+    /// How each class is drawn in the pictures of a fit.
+    pub(crate) fn drawn_classes(&self) -> Vec<SurfaceClass> {
+        self.classes.iter().map(|c| SurfaceClass { alpha: c.drawn, sides: c.sides }).collect()
     }
 }
 

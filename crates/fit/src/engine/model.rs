@@ -3,7 +3,7 @@
 use super::plan::Plan;
 use super::views::Shot;
 use crate::FitError;
-use crate::candidate::{Candidate, ParameterGradients, average};
+use crate::candidate::{Candidate, ParameterGradients};
 use photofit_optim::{LargeSteps, Optimizer, Placement, Temporal};
 use photofit_raster::deferred::Passes;
 use photofit_raster::loss::Loss;
@@ -189,7 +189,7 @@ impl Model for Surface {
 /// The pictures of a candidate.
 pub(crate) fn pictures(candidate: &Candidate, shots: &[Shot], passes: &Passes) -> Vec<Vec<[f32; 4]>> {
     let vertices = candidate.vertices();
-    let picture = |shot: &Shot| average(&candidate.render(&vertices, shot, passes).color, shot);
+    let picture = |shot: &Shot| candidate.render(&vertices, shot, passes).color;
     shots.iter().map(picture).collect()
 }
 

@@ -8,7 +8,7 @@ use super::reference::ENERGY;
 use super::trainer::Phase;
 use super::views::Lighting;
 use crate::candidate::Candidate;
-use photofit_raster::deferred::Passes;
+use photofit_raster::deferred::{Masks, Passes};
 use photofit_raster::loss::Loss;
 use photofit_raster::{CHANNELS, channel};
 use photofit_scene::{AlphaMode, Material, Scene, TextureSlot};
@@ -123,7 +123,7 @@ impl Plan {
         let base = &candidate.maps.levels[0].texels;
         let any = |c: usize, f: &dyn Fn(f32) -> bool| base.iter().any(|t| f(t[c]));
         let used = |mode: fn(&AlphaMode) -> bool| {
-            candidate.class.iter().any(|c| mode(&candidate.classes[*c as usize]))
+            candidate.class.iter().any(|c| mode(&candidate.classes[*c as usize].alpha))
         };
         let blend = used(|m| *m == AlphaMode::Blend);
         let mask = used(|m| matches!(m, AlphaMode::Mask { .. }));
@@ -190,6 +190,8 @@ impl Plan {
         let positions = self.choices.as_ref().is_none_or(|c| c.positions);
         let Some(m) = &self.maps else { return Passes::default() };
         Passes {
+            masks: Masks::Cut,
+            alpha_gradients: m.fitted[channel::ALPHA],
             normal_map: m.fitted[channel::NORMAL],
             emissive: m.fitted[channel::EMISSIVE],
             // Blended silhouettes are there for the gradients of positions.

@@ -9,6 +9,7 @@ use photofit_raster::{CHANNELS, channel};
 use photofit_scene::{
     AlphaMode, Filter, Instance, Material, Primitive, Sampler, Scene, TextureImage, TextureSlot, Wrap,
 };
+use photofit_shading::Sides;
 
 /// Differences below this are one step of 8 bits: a map that varies less becomes a factor.
 const FLAT: f32 = 0.75 / 255.0;
@@ -32,8 +33,7 @@ pub fn to_scene(candidate: &Candidate, n: &Normalised) -> Scene {
     let mut scene = Scene { name: n.name.clone(), ..Scene::default() };
     let written = |class: &u32| n.classes[*class as usize].written;
     let transparent = candidate.class.iter().any(|c| written(c) != AlphaMode::Opaque);
-    let mut template = material(&mut scene, &texels, &owned, (width, height), transparent);
-    template.double_sided = n.materials.iter().any(|m| m.double_sided);
+    let template = material(&mut scene, &texels, &owned, (width, height), transparent);
     for (class, look) in n.classes.iter().enumerate() {
         let part = part(&mesh, &candidate.class, class as u32);
         if part.triangles.is_empty() {
@@ -42,7 +42,7 @@ pub fn to_scene(candidate: &Candidate, n: &Normalised) -> Scene {
         scene.materials.push(Material {
             name: n.class_name(class),
             alpha_mode: look.written,
-            double_sided: look.double_sided || (look.drawn == AlphaMode::Opaque && template.double_sided),
+            double_sided: look.sides == Sides::Both,
             unlit: look.unlit,
             extensions: look.extensions.clone(),
             ..template.clone()

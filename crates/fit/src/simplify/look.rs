@@ -6,6 +6,7 @@
 //! light are drawn blended, so that what lies behind them is seen and kept.
 
 use photofit_scene::{AlphaMode, Extensions, Material, Scene};
+use photofit_shading::Sides;
 use std::borrow::Cow;
 
 /// Share of a surface's light that is drawn although it transmits all of it: its reflections are there.
@@ -18,9 +19,8 @@ pub struct MaterialClass {
     pub drawn: AlphaMode,
     /// What alpha means in the written file.
     pub written: AlphaMode,
-    /// Seen from both sides: surfaces that are cut out, and blended ones of which the asset says so. Opaque surfaces
-    /// hide their backs.
-    pub double_sided: bool,
+    /// The sides that are seen, in the pictures and in the written file.
+    pub sides: Sides,
     /// Shows its base colour as it is (`KHR_materials_unlit`). While fitting that colour is emission without any
     /// reflection.
     pub unlit: bool,
@@ -33,7 +33,7 @@ impl MaterialClass {
     const PLAIN: Self = Self {
         drawn: AlphaMode::Opaque,
         written: AlphaMode::Opaque,
-        double_sided: false,
+        sides: Sides::Front,
         unlit: false,
         extensions: None,
     };
@@ -44,23 +44,21 @@ impl MaterialClass {
     }
 }
 
-/// The classes of a scene, the plain one first, and the class of each material. All masks get the first one's cutoff.
+/// The cutoff of every mask of a light asset: baked alpha is the share of a texel that the asset's mask leaves, so that
+/// its outline lies at one half, whatever cutoff the asset's own alpha had.
+const MASK: AlphaMode = AlphaMode::Mask { cutoff: 0.5 };
+
+/// The classes of a scene, the plain one first, and the class of each material.
 pub(crate) fn classes(scene: &Scene) -> (Vec<MaterialClass>, Vec<u32>) {
-    let mask = scene.materials.iter().map(|m| m.alpha_mode).find(|m| matches!(m, AlphaMode::Mask { .. }));
     let mut classes = vec![MaterialClass::PLAIN];
     let class = |i: usize| {
         let m = &scene.materials[i];
-        let written = match (m.alpha_mode, mask) {
-            (AlphaMode::Mask { .. }, Some(mask)) => mask,
-            (mode, _) => mode,
+        let written = match m.alpha_mode {
+            AlphaMode::Mask { .. } => MASK,
+            mode => mode,
         };
         let drawn = if transmits(m) { AlphaMode::Blend } else { written };
-        let double_sided = match drawn {
-            AlphaMode::Opaque => false,
-            AlphaMode::Mask { .. } => true,
-            AlphaMode::Blend => m.double_sided,
-        };
-        MaterialClass { drawn, written, double_sided, unlit: m.unlit, extensions: kept(scene, i) }
+        MaterialClass { drawn, written, sides: Sides::of(m.double_sided), unlit: m.unlit, extensions: kept(scene, i) }
     };
     let of = (0..scene.materials.len())
         .map(|i| {
@@ -169,11 +167,23 @@ mod tests {
         assert_eq!(classes.len(), 5);
         let thickness = classes[1].extensions.as_ref().unwrap().volume.as_ref().unwrap().thickness;
         assert!((thickness - 1.0).abs() < 1e-6, "scaled as it is placed");
-        assert_eq!(classes[3].written, AlphaMode::Mask { cutoff: 0.25 });
+        assert_eq!(
+            classes[3].written,
+            AlphaMode::Mask { cutoff: 0.5 },
+            "where baked coverage has its outline"
+        );
         assert!(classes[4].unlit && classes[4].extensions.is_none() && !classes[3].unlit);
-        assert!(classes[3].double_sided && !classes[1].double_sided);
         let see_through: Vec<bool> = classes.iter().map(MaterialClass::is_see_through).collect();
         assert_eq!(see_through, [false, true, false, false, false]);
+    }
+
+    #[test]
+    fn materials_that_differ_in_their_sides_are_told_apart() {
+        let of = |double_sided| Material { double_sided, ..Material::clay() };
+        let scene = Scene { materials: vec![of(true), of(false), of(true)], ..Scene::default() };
+        let (classes, of) = classes(&scene);
+        assert_eq!(of, [1, 0, 1]);
+        assert_eq!(classes.iter().map(|c| c.sides).collect::<Vec<_>>(), [Sides::Front, Sides::Both]);
     }
 
     #[test]

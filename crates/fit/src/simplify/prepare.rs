@@ -12,8 +12,10 @@ use photofit_geometry::atlas::{UnwrapOptions, unwrap};
 use photofit_geometry::decimate::{DecimateError, Decimated, Options, Target, decimate, decimate_reporting};
 use photofit_geometry::{Edges, Mesh, normals::split_hard_edges, shapes, weld::weld_exact};
 use photofit_raster::Maps;
-use photofit_scalar::vec3;
+use photofit_rays::NearestPoint;
+use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::Scene;
+use rayon::prelude::*;
 use std::ops::ControlFlow;
 
 /// Triangles that fewer than this share of the sky sees still count this much in the decimation.
@@ -46,8 +48,9 @@ pub(super) fn prepare(
             (mesh, d.group, Some(d.mesh))
         }
         Init::Sphere => {
-            let (mut mesh, class) = sphere(n, &seen, options.target)?;
+            let mut mesh = sphere(n, &seen, options.target)?;
             wrap::FROM_AFAR.run(&mut mesh, reference, &seen, progress)?;
+            let class = closest_classes(n, reference, &seen, &mesh);
             (mesh, class, None)
         }
     };
@@ -107,7 +110,7 @@ pub(crate) fn unwrapped(
     let creased = split_hard_edges(&unwrapped.triangles, &weld, &edges, &hard);
     let maps = Maps::filled(size, size, blank_texel());
     let split = creased.split.apply(&unwrapped);
-    Ok(Candidate::new(&split, &creased.smoothing, class, n.drawn_modes(), maps))
+    Ok(Candidate::new(&split, &creased.smoothing, class, n.drawn_classes(), maps))
 }
 
 /// A callback that shows the finished share of a stage and passes on the wish to stop.
@@ -130,7 +133,7 @@ fn decimate_reference(
         .map(|t| if seen.is_visible(t) { LEAST_IMPORTANCE + seen.importance(t) } else { 0.0 })
         .collect();
     let mut options = Options::new(target);
-    options.double_sided = n.classes.iter().map(|c| c.double_sided).collect();
+    options.double_sided = n.classes.iter().map(|c| c.sides == Sides::Both).collect();
     let report = heard("decimate", progress);
     decimate_reporting(&n.flat.mesh, &n.triangle_classes(), &importance, &options, &report).map_err(|e| {
         match e {
@@ -156,7 +159,7 @@ pub(super) fn decimated_only(
 }
 
 /// A sphere around the visible reference, as many triangles as the budget allows.
-fn sphere(n: &Normalised, seen: &Visibility, target: Target) -> Result<(Mesh, Vec<u32>), FitError> {
+fn sphere(n: &Normalised, seen: &Visibility, target: Target) -> Result<Mesh, FitError> {
     let budget = match target {
         Target::Triangles(t) => t,
         Target::Ratio(r) => (n.flat.mesh.triangles.len() as f64 * r) as usize,
@@ -179,8 +182,22 @@ fn sphere(n: &Normalised, seen: &Visibility, target: Target) -> Result<(Mesh, Ve
         *p = center + vec3(p.x * half.x, p.y * half.y, p.z * half.z) * 0.9;
     }
     mesh.normals.clear();
-    let class = vec![0; mesh.triangles.len()];
-    Ok((mesh, class))
+    Ok(mesh)
+}
+
+/// The class of each triangle of `mesh`: that of the visible triangle of the reference closest to its centre.
+fn closest_classes(n: &Normalised, reference: &Reference<'_>, seen: &Visibility, mesh: &Mesh) -> Vec<u32> {
+    let classes = n.triangle_classes();
+    (0..mesh.triangles.len())
+        .into_par_iter()
+        .map(|t| {
+            let [a, b, c] = mesh.corners(t);
+            let centre = (a + b + c) * (1.0 / 3.0);
+            let visible = |p: &NearestPoint| seen.is_visible(p.triangle as usize);
+            let closest = reference.accel().closest_point_where(centre, f32::INFINITY, visible);
+            closest.map_or(0, |p| classes[p.triangle as usize])
+        })
+        .collect()
 }
 
 /// Bakes the reference onto the candidate's present shape; also returns the mean distance between the two.
@@ -193,7 +210,7 @@ pub(super) fn bake_candidate(
     let base = &candidate.maps.levels[0];
     let settings = BakeSettings { width: base.width, height: base.height, ..BakeSettings::default() };
     let classes: Vec<AlphaClass> =
-        candidate.class.iter().map(|c| candidate.classes[*c as usize].into()).collect();
+        candidate.class.iter().map(|c| candidate.classes[*c as usize].alpha.into()).collect();
     let (mesh, round) = (candidate.mesh(), candidate.round_normals());
     let target = bake::Target { mesh: &mesh, directions: Some(&round), classes: Some(&classes) };
     let mut baked =

@@ -2,11 +2,11 @@
 
 use super::pixel::attribute;
 use super::tile::{Strip, StripGradients, StripPixels};
-use super::{Geometry, Passes, View};
+use super::{Geometry, Masks, Passes, View};
 use crate::antialias::{Pair, antialias, antialias_vjp, silhouettes};
 use crate::maps::CHANNELS;
 use crate::project::{project, project_vjp};
-use crate::rasterize::{Faces, NONE, TILE, Visibility, rasterize_into};
+use crate::rasterize::{NONE, TILE, Visibility, rasterize_into};
 use crate::texture::{Pyramid, Scatter};
 use photofit_scalar::{Real, Vec3, Vec4, vec3};
 use photofit_texture::AlphaMode;
@@ -27,6 +27,8 @@ pub struct FrameLayer<T> {
     shaded: Vec<[T; 4]>,
     /// This layer over those behind it, before antialiasing.
     blended: Vec<[T; 4]>,
+    /// What lies behind the layer, where alpha has gradients; else empty.
+    behind: Vec<[T; 4]>,
     strips: Vec<StripPixels<T>>,
 }
 
@@ -37,6 +39,7 @@ impl<T> Default for FrameLayer<T> {
             pairs: Vec::new(),
             shaded: Vec::new(),
             blended: Vec::new(),
+            behind: Vec::new(),
             strips: Vec::new(),
         }
     }
@@ -45,12 +48,14 @@ impl<T> Default for FrameLayer<T> {
 /// A rendered image and what its reverse pass needs. [`render_into`] uses its memory again.
 #[derive(Clone, Debug)]
 pub struct Frame<T> {
-    /// Radiance over the background and coverage, one per sample, row 0 at the top.
+    /// Radiance over the background and coverage, one per pixel (the mean of its samples), row 0 at the top.
     pub color: Vec<[T; 4]>,
     /// Layers, front first.
     pub layers: Vec<FrameLayer<T>>,
     clip: Vec<Vec4<T>>,
     clip32: Vec<Vec4<f32>>,
+    /// Samples of the pixels, where these have several.
+    samples: Vec<[T; 4]>,
     /// Layers of earlier images, for their memory.
     spare: Vec<FrameLayer<T>>,
 }
@@ -62,6 +67,7 @@ impl<T> Default for Frame<T> {
             layers: Vec::new(),
             clip: Vec::new(),
             clip32: Vec::new(),
+            samples: Vec::new(),
             spare: Vec::new(),
         }
     }
@@ -144,7 +150,8 @@ pub fn render_into<T: Real>(
     frame: &mut Frame<T>,
 ) {
     let n = view.width * view.height;
-    let Frame { color, layers, clip, clip32, spare } = frame;
+    let Frame { color, layers, clip, clip32, samples, spare } = frame;
+    let fits_alpha = passes.fits_alpha() && geometry.alpha.iter().any(|a| passes.masks.fades(*a));
     spare.append(layers);
     clip.resize(geometry.positions.len(), Vec4::zero());
     project(&view.view_projection, geometry.positions, clip);
@@ -153,7 +160,8 @@ pub fn render_into<T: Real>(
     while layers.len() < passes.max_layers.max(1) {
         let mut layer = spare.pop().unwrap_or_default();
         let (triangles, visibility) = (geometry.topology.triangles, &mut layer.visibility);
-        rasterize_into(clip32, triangles, view.width, view.height, Faces::All, front.as_ref(), visibility);
+        let (w, h) = (view.width, view.height);
+        rasterize_into(clip32, triangles, geometry.sides, w, h, front.as_ref(), visibility);
         if !layers.is_empty() && visibility.triangle.iter().all(|t| *t == NONE) {
             spare.push(layer);
             break;
@@ -171,18 +179,45 @@ pub fn render_into<T: Real>(
         if passes.antialias {
             layer.pairs.append(&mut silhouettes(visibility, clip, &geometry.topology));
         }
-        front = transparent_part(geometry, visibility, &layer.shaded);
+        let hides = |alpha: AlphaMode, drawn: T| match (alpha, passes.masks) {
+            (AlphaMode::Blend, _) if fits_alpha => false,
+            (AlphaMode::Mask { .. }, Masks::Faded { slope }) if fits_alpha => {
+                slope > 1.0 && drawn >= T::one()
+            }
+            _ => drawn > T::of(OPAQUE_ENOUGH),
+        };
+        front = transparent_part(geometry, visibility, &layer.shaded, hides);
         layers.push(layer);
         if front.is_none() {
             break;
         }
     }
-    color.resize(n, [T::zero(); 4]);
-    magnify(background, view, color, |b| [b[0], b[1], b[2], T::zero()]);
+    let several = view.samples > 1;
+    let out = if several { &mut *samples } else { &mut *color };
+    out.resize(n, [T::zero(); 4]);
+    magnify(background, view, out, |b| [b[0], b[1], b[2], T::zero()]);
     for layer in layers.iter_mut().rev() {
-        blend(layer, color);
-        antialias(&layer.pairs, &layer.blended, color);
+        blend(layer, fits_alpha, out);
+        antialias(&layer.pairs, &layer.blended, out);
     }
+    if several {
+        average(samples, view, color);
+    }
+}
+
+/// Writes the mean of each pixel's samples; its adjoint is [`magnify`], divided by their number.
+fn average<T: Real>(samples: &[[T; 4]], view: &View<'_, T>, out: &mut Vec<[T; 4]>) {
+    let (s, share) = (view.samples, T::one() / T::of((view.samples * view.samples) as f64));
+    let width = view.width / s;
+    out.clear();
+    out.resize(width * (view.height / s), [T::zero(); 4]);
+    out.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
+        for line in samples[y * s * view.width..].chunks(view.width).take(s) {
+            for (o, samples) in row.iter_mut().zip(line.chunks(s)) {
+                samples.iter().for_each(|c| (0..4).for_each(|k| o[k] += c[k] * share));
+            }
+        }
+    });
 }
 
 /// Writes one value per pixel to all samples of the pixel.
@@ -202,15 +237,21 @@ fn magnify<P: Sync, T: Real>(
     });
 }
 
-/// The layer restricted to pixels that let something through; `None` if there is none.
-fn transparent_part<T: Real>(g: &Geometry<'_, T>, v: &Visibility, shaded: &[[T; 4]]) -> Option<Visibility> {
+/// The layer restricted to pixels that do not hide what lies behind; `None` if there is none. `hides(class, alpha)` is
+/// false also where alpha is 1 and has a gradient.
+fn transparent_part<T: Real>(
+    g: &Geometry<'_, T>,
+    v: &Visibility,
+    shaded: &[[T; 4]],
+    hides: impl Fn(AlphaMode, T) -> bool,
+) -> Option<Visibility> {
     if g.alpha.iter().all(|a| *a == AlphaMode::Opaque) {
         return None;
     }
     let mut front = v.clone();
     let mut any = false;
     for (t, s) in front.triangle.iter_mut().zip(shaded) {
-        if *t != NONE && s[3] > T::of(OPAQUE_ENOUGH) {
+        if *t != NONE && hides(g.alpha[*t as usize], s[3]) {
             *t = NONE;
         }
         any |= *t != NONE;
@@ -218,11 +259,18 @@ fn transparent_part<T: Real>(g: &Geometry<'_, T>, v: &Visibility, shaded: &[[T; 
     any.then_some(front)
 }
 
-/// `color = alpha (rgb, 1) + (1 - alpha) color` where the layer has a fragment; kept as the layer's blended colour.
-fn blend<T: Real>(layer: &mut FrameLayer<T>, color: &mut [[T; 4]]) {
-    layer.blended.resize(color.len(), [T::zero(); 4]);
-    let fragments = layer.shaded.par_chunks(CHUNK).zip(layer.visibility.triangle.par_chunks(CHUNK));
-    let colors = color.par_chunks_mut(CHUNK).zip(layer.blended.par_chunks_mut(CHUNK));
+/// `color = alpha (rgb, 1) + (1 - alpha) color` where the layer has a fragment; kept as the layer's blended colour, and
+/// what it was before too if alpha has gradients.
+fn blend<T: Real>(layer: &mut FrameLayer<T>, keep_behind: bool, color: &mut [[T; 4]]) {
+    let FrameLayer { visibility, shaded, blended, behind, .. } = layer;
+    blended.resize(color.len(), [T::zero(); 4]);
+    if keep_behind {
+        color.par_iter().copied().collect_into_vec(behind);
+    } else {
+        behind.clear();
+    }
+    let fragments = shaded.par_chunks(CHUNK).zip(visibility.triangle.par_chunks(CHUNK));
+    let colors = color.par_chunks_mut(CHUNK).zip(blended.par_chunks_mut(CHUNK));
     colors.zip(fragments).for_each(|((color, blended), (shaded, triangle))| {
         for ((c, s), t) in color.iter_mut().zip(shaded).zip(triangle) {
             if *t != NONE {
@@ -237,8 +285,8 @@ fn blend<T: Real>(layer: &mut FrameLayer<T>, color: &mut [[T; 4]]) {
     });
 }
 
-/// Adjoint of [`render`] with the same arguments (`passes` asking for no more gradients): accumulates into `out` the gradients for `g` `[H/s*W/s]`, the gradient of the pixels, which
-/// are the means of their `s*s` samples in `frame.color`.
+/// Adjoint of [`render`] with the same arguments (`passes` asking for no more gradients): accumulates into `out` the
+/// gradients for `g` `[H/s*W/s]`, the gradient of `frame.color`.
 ///
 /// # Panics
 /// If array lengths disagree.
@@ -251,7 +299,7 @@ pub fn render_vjp<T: Real>(
     g: &[[T; 4]],
     out: &mut Gradients<T>,
 ) {
-    let n = frame.color.len();
+    let n = view.width * view.height;
     let Scratch { g: g_color, shaded: g_shaded, clip: g_clip, .. } = &mut out.scratch;
     g_clip.clear();
     g_clip.resize(geometry.positions.len(), Vec4::zero());
@@ -271,36 +319,33 @@ pub fn render_vjp<T: Real>(
     }
 }
 
-/// Adjoint of [`blend`]: writes the gradient of the layer's fragments and turns `g` into that of what lies behind.
-///
-/// What lies behind is recovered from the blended colour; where alpha leaves nothing of it, alpha gets no gradient.
+/// Adjoint of [`blend`]: writes the gradient of the layer's fragments and turns `g` into that of what lies behind. Alpha
+/// has a gradient where `blend` kept what lies behind.
 fn blend_vjp<T: Real>(layer: &FrameLayer<T>, g: &mut [[T; 4]], out: &mut [[T; 4]]) {
     let fragments = layer.shaded.par_chunks(CHUNK).zip(layer.visibility.triangle.par_chunks(CHUNK));
     let gradients = g.par_chunks_mut(CHUNK).zip(out.par_chunks_mut(CHUNK));
-    gradients.zip(fragments.zip(layer.blended.par_chunks(CHUNK))).for_each(
-        |((g, out), ((shaded, triangle), blended))| {
-            let fragments = shaded.iter().zip(triangle).zip(blended);
-            for (((s, t), c), (g, o)) in fragments.zip(g.iter_mut().zip(out)) {
-                *o = [T::zero(); 4];
-                if *t != NONE {
-                    fragment_vjp(s, c, g, o);
-                }
+    gradients.zip(fragments).enumerate().for_each(|(chunk, ((g, out), (shaded, triangle)))| {
+        let behind = layer.behind.get(chunk * CHUNK..).unwrap_or_default();
+        let fragments = shaded.iter().zip(triangle).zip(g.iter_mut().zip(out)).enumerate();
+        for (i, ((s, t), (g, o))) in fragments {
+            *o = [T::zero(); 4];
+            if *t != NONE {
+                fragment_vjp(s, behind.get(i), g, o);
             }
-        },
-    );
+        }
+    });
 }
 
 #[inline(always)]
-fn fragment_vjp<T: Real>(s: &[T; 4], c: &[T; 4], g: &mut [T; 4], o: &mut [T; 4]) {
+fn fragment_vjp<T: Real>(s: &[T; 4], behind: Option<&[T; 4]>, g: &mut [T; 4], o: &mut [T; 4]) {
     let (a, rest) = (s[3], T::one() - s[3]);
-    let over = [s[0], s[1], s[2], T::one()];
+    if let Some(behind) = behind {
+        let over = [s[0], s[1], s[2], T::one()];
+        o[3] = (0..4).fold(T::zero(), |sum, k| sum + g[k] * (over[k] - behind[k]));
+    }
     for k in 0..4 {
         if k < 3 {
             o[k] = a * g[k];
-        }
-        if rest > T::zero() {
-            // d/da = over - back, with back = (c - a over) / (1 - a), so over - back = (over - c) / (1 - a).
-            o[3] += g[k] * (over[k] - c[k]) / rest;
         }
         g[k] *= rest;
     }

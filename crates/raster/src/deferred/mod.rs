@@ -14,7 +14,7 @@ pub use frame::{Frame, FrameLayer, Gradients, render, render_into, render_vjp};
 use crate::antialias::Topology;
 use crate::project::Matrix4;
 use photofit_scalar::{Vec2, Vec3, Vec4};
-use photofit_shading::{Energy, Light};
+use photofit_shading::{Energy, Light, Sides};
 use photofit_texture::AlphaMode;
 
 /// A mesh as the renderer sees it; all arrays have one entry per vertex or per triangle.
@@ -32,6 +32,8 @@ pub struct Geometry<'a, T> {
     pub topology: Topology<'a>,
     /// What alpha means for each triangle; empty = all opaque.
     pub alpha: &'a [AlphaMode],
+    /// What is drawn of each triangle; empty = both sides.
+    pub sides: &'a [Sides],
 }
 
 /// Camera and lights of one image.
@@ -54,8 +56,33 @@ pub struct View<'a, T> {
     pub lod_bias: T,
 }
 
+/// How surfaces with an alpha mask are drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Masks {
+    /// As glTF says: whole where alpha reaches the cutoff, else not at all. Alpha has no gradient.
+    #[default]
+    Cut,
+    /// Blended with `clamp(1/2 + slope (alpha - cutoff), 0, 1)`, so that alpha has a gradient within `1 / (2 slope)` of
+    /// the cutoff. Tends to [`Masks::Cut`] as the slope grows.
+    Faded {
+        /// Change of the drawn alpha with that of the map, above 0.
+        slope: f32,
+    },
+}
+
+impl Masks {
+    /// Whether the drawn alpha follows that of the map.
+    pub(crate) fn fades(self, alpha: AlphaMode) -> bool {
+        match alpha {
+            AlphaMode::Opaque => false,
+            AlphaMode::Mask { .. } => self != Self::Cut,
+            AlphaMode::Blend => true,
+        }
+    }
+}
+
 /// Which parts run; the rest is skipped.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Passes {
     /// Perturb normals by the map (else interpolated normals are used).
     pub normal_map: bool,
@@ -65,12 +92,23 @@ pub struct Passes {
     pub antialias: bool,
     /// Most transparent layers that are looked for.
     pub max_layers: usize,
+    /// How alpha masks are drawn.
+    pub masks: Masks,
     /// Gradients flow to positions, normals and tangents.
     pub position_gradients: bool,
     /// Gradients flow to the maps.
     pub map_gradients: bool,
     /// Single or multiple scattering between microfacets.
     pub energy: Energy,
+    /// Gradients flow to alpha: what lies behind blended surfaces is drawn also where their alpha is 1, and kept.
+    pub alpha_gradients: bool,
+}
+
+impl Passes {
+    /// Whether some gradient of alpha is asked for.
+    pub(crate) fn fits_alpha(&self) -> bool {
+        self.alpha_gradients && (self.position_gradients || self.map_gradients)
+    }
 }
 
 impl Default for Passes {
@@ -80,9 +118,11 @@ impl Default for Passes {
             emissive: true,
             antialias: true,
             max_layers: 8,
+            masks: Masks::Cut,
             position_gradients: true,
             map_gradients: true,
             energy: Energy::Single,
+            alpha_gradients: true,
         }
     }
 }

@@ -1,6 +1,6 @@
 //! One pixel: interpolate, texture, normal map, shade; forward and adjoint.
 
-use super::{Geometry, Passes, View};
+use super::{Geometry, Masks, Passes, View};
 use crate::interpolate::{derivatives, interpolate, interpolate_vjp};
 use crate::maps::{CHANNELS, channel};
 use crate::rasterize::{Barycentrics, PixelGrid, barycentrics, barycentrics_vjp};
@@ -107,6 +107,40 @@ fn surface<T: Real>(t: &[T; CHANNELS]) -> Surface<T> {
     }
 }
 
+/// The alpha that is blended with, for that of the map.
+#[inline(always)]
+fn drawn_alpha<T: Real>(alpha: T, mode: AlphaMode, masks: Masks) -> T {
+    match (mode, masks) {
+        (AlphaMode::Opaque, _) => T::one(),
+        (AlphaMode::Blend, _) => alpha,
+        (AlphaMode::Mask { cutoff }, Masks::Cut) if alpha >= T::of(f64::from(cutoff)) => T::one(),
+        (AlphaMode::Mask { .. }, Masks::Cut) => T::zero(),
+        (AlphaMode::Mask { cutoff }, Masks::Faded { slope }) => {
+            faded(alpha, cutoff, slope).clamp_to(T::zero(), T::one())
+        }
+    }
+}
+
+/// Adjoint of [`drawn_alpha`] with respect to the map's alpha.
+#[inline(always)]
+fn drawn_alpha_vjp<T: Real>(alpha: T, mode: AlphaMode, masks: Masks, g: T) -> T {
+    match (mode, masks) {
+        (AlphaMode::Blend, _) => g,
+        (AlphaMode::Mask { cutoff }, Masks::Faded { slope }) => {
+            // The ends belong to the range that moves: with a slope of 1 no alpha in [0, 1] is stuck.
+            let f = faded(alpha, cutoff, slope);
+            if f >= T::zero() && f <= T::one() { g * T::of(f64::from(slope)) } else { T::zero() }
+        }
+        (AlphaMode::Opaque | AlphaMode::Mask { .. }, _) => T::zero(),
+    }
+}
+
+/// [`Masks::Faded`] before it is clamped.
+#[inline(always)]
+fn faded<T: Real>(alpha: T, cutoff: f32, slope: f32) -> T {
+    T::of(0.5) + T::of(f64::from(slope)) * (alpha - T::of(f64::from(cutoff)))
+}
+
 impl<T: Real> Pixel<T> {
     /// Runs the stages up to the shading normal.
     #[inline(always)]
@@ -147,13 +181,7 @@ impl<T: Real> Pixel<T> {
         if passes.emissive {
             rgb += triple(&self.texel, channel::EMISSIVE);
         }
-        let alpha = match c.alpha {
-            AlphaMode::Opaque => T::one(),
-            AlphaMode::Mask { cutoff } if self.texel[channel::ALPHA] >= T::of(f64::from(cutoff)) => T::one(),
-            AlphaMode::Mask { .. } => T::zero(),
-            AlphaMode::Blend => self.texel[channel::ALPHA],
-        };
-        [rgb.x, rgb.y, rgb.z, alpha]
+        [rgb.x, rgb.y, rgb.z, drawn_alpha(self.texel[channel::ALPHA], c.alpha, passes.masks)]
     }
 
     /// Adjoint of the whole pixel for the gradient `g` of radiance and alpha. Returns the lookup and the gradient of
@@ -181,8 +209,9 @@ impl<T: Real> Pixel<T> {
         if passes.emissive {
             g_texel[channel::EMISSIVE..channel::EMISSIVE + 3].copy_from_slice(&g_rgb.to_array());
         }
-        if c.alpha == AlphaMode::Blend {
-            g_texel[channel::ALPHA] = g[3];
+        if passes.alpha_gradients {
+            let alpha = self.texel[channel::ALPHA];
+            g_texel[channel::ALPHA] = drawn_alpha_vjp(alpha, c.alpha, passes.masks, g[3]);
         }
         let fv = face_viewer_vjp(self.perturbed, c.geometric_normal, self.wo, sg.n);
         let (g_normal, g_tangent) = if passes.normal_map {

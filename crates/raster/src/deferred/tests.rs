@@ -59,6 +59,7 @@ impl Patch {
             uvs: &self.uvs,
             topology: Topology { triangles: &TRIANGLES, opposite: &OPPOSITE, neighbour: &NEIGHBOUR },
             alpha: &self.alpha,
+            sides: &[],
         };
         let lights = [
             Light::Point { position: vec3(1.0, 1.5, 3.0), intensity: vec3(20.0, 18.0, 15.0) },
@@ -197,6 +198,7 @@ fn production_precision_agrees_with_double() {
         uvs: &uvs,
         topology: Topology { triangles: &TRIANGLES, opposite: &OPPOSITE, neighbour: &NEIGHBOUR },
         alpha: &[],
+        sides: &[],
     };
     let lights = [
         Light::Point { position: vec3(1.0, 1.5, 3.0_f32), intensity: vec3(20.0, 18.0, 15.0) },

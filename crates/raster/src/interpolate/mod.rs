@@ -1,9 +1,5 @@
 //! Interpolation of vertex attributes over a triangle, its screen derivatives, and the adjoints.
 
-mod picture;
-
-pub use picture::{Pieces, interpolate_picture, interpolate_picture_vjp};
-
 use crate::rasterize::Barycentrics;
 use photofit_scalar::{Real, Vec2, halved_sum, vec2};
 

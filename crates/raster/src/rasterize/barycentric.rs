@@ -40,7 +40,7 @@ pub struct Barycentrics<T> {
 
 /// Twice the signed area of (a, b) as vectors.
 #[inline(always)]
-pub(super) fn area<T: Real>(a: Vec2<T>, b: Vec2<T>) -> T {
+fn area<T: Real>(a: Vec2<T>, b: Vec2<T>) -> T {
     a.x * b.y - b.x * a.y
 }
 
@@ -70,7 +70,7 @@ pub fn barycentrics<T: Real>(p: &[Vec4<T>; 3], f: Vec2<T>, grid: &PixelGrid<T>) 
 
 /// Keeps a divisor away from zero.
 #[inline(always)]
-pub(super) fn guarded<T: Real>(a: T) -> T {
+fn guarded<T: Real>(a: T) -> T {
     let tiny = T::of(1e-30);
     if a.abs() > tiny { a } else { tiny.copysign(a) }
 }

@@ -2,18 +2,8 @@
 
 use super::tile::{TILE, Tile};
 use photofit_scalar::Vec4f;
+use photofit_shading::Sides;
 use rayon::prelude::*;
-
-/// Which sides of the triangles are drawn.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Faces {
-    /// Both sides.
-    #[default]
-    All,
-    /// The side from which the corners turn counter-clockwise. Of a closed, consistently turned surface seen from
-    /// outside nothing else is ever in front, so that this only saves time.
-    Front,
-}
 
 /// Triangles handled by one task.
 const CHUNK: usize = 16 * 1024;
@@ -38,17 +28,20 @@ pub struct Bins {
 }
 
 impl Bins {
-    /// Sorts the triangles of a view into tiles; those that cover no pixel centre's surroundings are dropped.
+    /// Sorts the triangles of a view into tiles; those that cover no pixel centre's surroundings and those that turn a
+    /// side to the viewer that is not drawn are dropped. `sides` `[T]` says what is drawn; empty: both sides of all.
     ///
     /// # Panics
-    /// If an index is out of range.
-    pub fn new(clip: &[Vec4f], triangles: &[[u32; 3]], width: usize, height: usize, faces: Faces) -> Self {
+    /// If an index is out of range, or `sides` is neither empty nor of one entry per triangle.
+    pub fn new(clip: &[Vec4f], triangles: &[[u32; 3]], sides: &[Sides], width: usize, height: usize) -> Self {
+        assert!(sides.is_empty() || sides.len() == triangles.len(), "one entry of sides per triangle");
         let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
         let chunks = triangles
             .par_chunks(CHUNK)
             .enumerate()
             .map(|(c, tris)| {
-                bin_chunk(clip, tris, (c * CHUNK) as u32, [width, height], [columns, rows], faces)
+                let sides = sides.get(c * CHUNK..).unwrap_or_default();
+                bin_chunk(clip, tris, sides, (c * CHUNK) as u32, [width, height], [columns, rows])
             })
             .collect();
         Self { width, height, columns, chunks }
@@ -84,17 +77,18 @@ impl Bins {
 fn bin_chunk(
     clip: &[Vec4f],
     tris: &[[u32; 3]],
+    sides: &[Sides],
     first: u32,
     [width, height]: [usize; 2],
     [columns, rows]: [usize; 2],
-    faces: Faces,
 ) -> Chunk {
     let mut start = vec![0u32; columns * rows + 1];
     let boxes: Vec<Option<[u16; 4]>> = tris
         .iter()
-        .map(|t| {
+        .enumerate()
+        .map(|(i, t)| {
             let corners = t.map(|i| clip[i as usize]);
-            if faces == Faces::Front && turns_away(&corners) {
+            if sides.get(i).is_some_and(|s| *s == Sides::Front) && turns_away(&corners) {
                 return None;
             }
             let b = tile_box(corners, width, height)?;

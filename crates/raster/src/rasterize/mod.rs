@@ -6,17 +6,16 @@
 
 mod barycentric;
 mod bins;
-mod patch;
 mod tile;
 #[cfg(target_arch = "x86_64")]
 mod tile_avx2;
 
 pub use barycentric::{Barycentrics, PixelGrid, barycentrics, barycentrics_vjp};
-pub use bins::{Bins, Faces};
-pub use patch::{Patch, PatchGradient, PatchValues, Span};
+pub use bins::Bins;
 pub use tile::{Layer, TILE, Tile};
 
 use photofit_scalar::Vec4f;
+use photofit_shading::Sides;
 use rayon::prelude::*;
 
 /// The id of a pixel that shows no triangle.
@@ -37,7 +36,7 @@ pub struct Visibility {
 
 /// Finds the nearest triangle at every pixel centre.
 ///
-/// `clip` `[V]` are clip-space positions with z in [0, w]; both [`Faces`] are kept. With `behind` only
+/// `clip` `[V]` are clip-space positions with z in [0, w]; both sides are drawn. With `behind` only
 /// fragments strictly behind that layer count (depth peeling, Everitt 2001); of coplanar duplicates the lower index
 /// comes first, and none is lost.
 ///
@@ -51,24 +50,24 @@ pub fn rasterize(
     behind: Option<&Visibility>,
 ) -> Visibility {
     let mut out = Visibility::default();
-    rasterize_into(clip, triangles, width, height, Faces::All, behind, &mut out);
+    rasterize_into(clip, triangles, &[], width, height, behind, &mut out);
     out
 }
 
-/// [`rasterize`] of all or the front [`Faces`] into memory that is used again.
+/// [`rasterize`] into memory that is used again. `sides` `[T]` says what is drawn of each triangle; empty: both sides.
 ///
 /// # Panics
-/// As [`rasterize`].
+/// As [`rasterize`], and if `sides` has another length.
 pub fn rasterize_into(
     clip: &[Vec4f],
     triangles: &[[u32; 3]],
+    sides: &[Sides],
     width: usize,
     height: usize,
-    faces: Faces,
     behind: Option<&Visibility>,
     out: &mut Visibility,
 ) {
-    let bins = Bins::new(clip, triangles, width, height, faces);
+    let bins = Bins::new(clip, triangles, sides, width, height);
     (out.width, out.height) = (width, height);
     out.triangle.resize(width * height, NONE);
     out.depth.resize(width * height, 1.0);

@@ -143,7 +143,7 @@ fn eight_pixels_at_a_time_give_the_bits_of_one_at_a_time() {
         })
         .collect();
     let triangles: Vec<[u32; 3]> = (0..200).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
-    let bins = Bins::new(&clip, &triangles, 77, 70, Faces::All);
+    let bins = Bins::new(&clip, &triangles, &[], 77, 70);
     let mut covered = 0;
     for (column, row) in [(0, 0), (1, 1), (2, 2)] {
         let tile = bins.tile(column, row);
@@ -177,12 +177,13 @@ fn front_faces_are_all_that_a_closed_surface_shows() {
         .iter()
         .map(|p| vec4(row(camera[0], *p), row(camera[1], *p), row(camera[2], *p), row(camera[3], *p)))
         .collect();
+    let sides = vec![Sides::Front; mesh.triangles.len()];
     let all = rasterize(&clip, &mesh.triangles, 90, 70, None);
     let mut front = Visibility::default();
-    rasterize_into(&clip, &mesh.triangles, 90, 70, Faces::Front, None, &mut front);
+    rasterize_into(&clip, &mesh.triangles, &sides, 90, 70, None, &mut front);
     assert!(all.triangle.iter().filter(|t| **t != NONE).count() > 1000);
     assert_eq!(all, front);
     let turned: Vec<[u32; 3]> = mesh.triangles.iter().map(|t| [t[0], t[2], t[1]]).collect();
-    rasterize_into(&clip, &turned, 90, 70, Faces::Front, None, &mut front);
+    rasterize_into(&clip, &turned, &sides, 90, 70, None, &mut front);
     assert_ne!(all.triangle, front.triangle, "turned inside out, the far side shows");
 }

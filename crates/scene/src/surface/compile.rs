@@ -105,6 +105,7 @@ pub(super) fn compile(scene: &Scene, m: &Material, plan: &mut Plan) -> Compiled 
         },
         base_alpha: a,
         alpha_mode: m.alpha_mode,
+        sides: photofit_shading::Sides::of(m.double_sided),
         normal_scale: m.normal_scale,
         addresses,
         base_color,

@@ -13,6 +13,7 @@ use address::Address;
 use compile::{Plan, compile};
 use extensions::CompiledExtensions;
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec3};
+use photofit_shading::Sides;
 use photofit_texture::{Lookup, MipTexture};
 
 /// Derivatives of both sets of texture coordinates with respect to the pixel, `d(uv)/dX` and `d(uv)/dY`, per pixel.
@@ -76,6 +77,7 @@ struct Compiled {
     constant: SurfaceSample,
     base_alpha: f32,
     alpha_mode: AlphaMode,
+    sides: Sides,
     normal_scale: f32,
     /// Distinct ways to address the textures: mostly one.
     addresses: Vec<Address>,
@@ -210,6 +212,14 @@ impl SurfaceLibrary {
     /// If there is no such material.
     pub fn is_opaque(&self, material: usize) -> bool {
         self.materials[material].alpha_mode == AlphaMode::Opaque
+    }
+
+    /// The sides of a material that are seen.
+    ///
+    /// # Panics
+    /// If there is no such material.
+    pub fn sides(&self, material: usize) -> Sides {
+        self.materials[material].sides
     }
 
     /// Whether no property of a material depends on texture coordinates.

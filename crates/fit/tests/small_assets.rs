@@ -1,0 +1,194 @@
+//! The main job, whole, on assets that take seconds.
+
+use glam::{Affine3A, Vec3};
+use photofit_fit::Silent;
+use photofit_fit::scene_render::SceneRenderer;
+use photofit_fit::simplify::{Init, Outcome, SimplifyOptions, simplify};
+use photofit_fit::views::Lighting;
+use photofit_geometry::decimate::Target;
+use photofit_geometry::{Mesh, shapes};
+use photofit_image::Image;
+use photofit_scalar::{Vec3f, vec3, vec4};
+use photofit_scene::{
+    AlphaMode, Camera, Filter, Instance, Material, Primitive, Sampler, Scene, SurfaceLibrary, TextureImage,
+    TextureSlot, Wrap,
+};
+use photofit_shading::Light;
+
+fn quick(target: Target, steps: u64) -> SimplifyOptions {
+    SimplifyOptions {
+        target,
+        steps,
+        resolution: 128,
+        texture_size: 128,
+        report_views: 4,
+        lighting: Lighting::Point,
+        ..SimplifyOptions::default()
+    }
+}
+
+/// Simplifies and loads what was written.
+fn run(scene: &Scene, options: &SimplifyOptions) -> (Outcome, Scene) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("light.glb");
+    let outcome = simplify(scene, &path, options, &Silent).unwrap();
+    let written = photofit_scene::load(&path).unwrap();
+    (outcome, written)
+}
+
+fn paint(rgb: [f32; 3], double_sided: bool) -> Material {
+    Material { base_color: [rgb[0], rgb[1], rgb[2], 1.0], double_sided, ..Material::clay() }
+}
+
+/// A scene of meshes, each with its material, at the given places.
+fn scene(parts: Vec<(Mesh, Material, Vec<Affine3A>)>) -> Scene {
+    let mut out = Scene::default();
+    for (k, (mut mesh, material, places)) in parts.into_iter().enumerate() {
+        mesh.normals = photofit_geometry::normals::mesh_normals(&mesh);
+        out.primitives.push(Primitive { mesh, material: k });
+        out.materials.push(material);
+        out.instances.extend(places.into_iter().map(|transform| Instance { primitive: k, transform }));
+    }
+    out
+}
+
+/// The scene seen from `eye`, under the same light everywhere.
+fn picture(scene: &Scene, eye: Vec3) -> Image {
+    let camera = Camera::look_at(eye, Vec3::ZERO, Vec3::Y, 0.9, 1.0, 0.1, 20.0);
+    let (flat, library) = (scene.flatten(), SurfaceLibrary::new(scene));
+    let lights = [Light::Ambient { radiance: Vec3f::splat(1.0) }];
+    SceneRenderer::new(&flat, &library).render(&camera, &lights, 64, 64, 2)
+}
+
+/// Share of the pixels whose colour is mostly the given channel.
+fn share(image: &Image, channel: usize) -> f64 {
+    let mostly = |p: &&[f32]| (0..3).all(|k| k == channel || p[channel] > 3.0 * p[k]) && p[3] > 0.5;
+    image.data.chunks_exact(4).filter(mostly).count() as f64 / image.pixels() as f64
+}
+
+#[test]
+fn a_fit_beats_its_own_start() {
+    let mut mesh = shapes::displaced_sphere(24, 0.35, 4, 3);
+    let colour = |p: &Vec3f| {
+        let wave = |x: f32| 0.5 + 0.4 * (5.0 * x).sin();
+        vec4(wave(p.x), wave(p.y + 0.3), wave(p.z - 0.7), 1.0)
+    };
+    mesh.colors = mesh.positions.iter().map(colour).collect();
+    let asset = scene(vec![(mesh, paint([1.0; 3], false), vec![Affine3A::IDENTITY])]);
+    let (outcome, _) = run(&asset, &quick(Target::Triangles(150), 80));
+    let start = outcome.baked.psnr.max(outcome.wrapped.psnr);
+    assert!(outcome.triangles_out <= 150);
+    assert!(outcome.fitted.psnr > start + MARGIN, "{:.2} dB became {:.2}", start, outcome.fitted.psnr);
+    assert!(outcome.fitted.flip < outcome.baked.flip.min(outcome.wrapped.flip), "FLIP falls too");
+}
+
+/// Decibels that the fit must gain.
+const MARGIN: f64 = 0.5;
+
+#[test]
+fn single_sided_parts_keep_their_sides() {
+    // As test assets tell mirrored from plain nodes: a green card, and close before it a red one that turns its back to
+    // the viewer. Who draws backs sees red.
+    let card = |z: f32, turned: bool| {
+        let mut mesh = shapes::quad_grid(3, 3);
+        mesh.positions.iter_mut().for_each(|p| *p = vec3(0.4 * p.x, 0.4 * p.y, z));
+        if turned {
+            mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        }
+        mesh.normals.clear();
+        mesh
+    };
+    let at = |x: f32| Affine3A::from_translation(Vec3::new(x, 0.0, 0.0));
+    let mirrored = at(0.5) * Affine3A::from_scale(Vec3::new(-1.0, 1.0, 1.0));
+    let places = vec![at(-0.5), mirrored];
+    let ball = shapes::icosphere(3);
+    let below =
+        Affine3A::from_translation(Vec3::new(0.0, -0.75, 0.0)) * Affine3A::from_scale(Vec3::splat(0.25));
+    let asset = scene(vec![
+        (card(0.0, false), paint([0.0, 0.8, 0.0], false), places.clone()),
+        (card(0.06, true), paint([0.8, 0.0, 0.0], false), places),
+        (ball, paint([0.0, 0.0, 0.8], true), vec![below]),
+    ]);
+    let (front, back) = (Vec3::new(0.0, 0.0, 3.0), Vec3::new(0.0, 0.0, -3.0));
+    let check = |scene: &Scene, what: &str| {
+        let [green, red] = [front, back].map(|eye| [1, 0].map(|c| share(&picture(scene, eye), c)));
+        assert!(green[0] > 0.12 && green[1] < 0.005, "{what}, front: green {}, red {}", green[0], green[1]);
+        assert!(red[1] > 0.12 && red[0] < 0.005, "{what}, back: green {}, red {}", red[0], red[1]);
+    };
+    check(&asset, "the asset");
+    let (_, light) = run(&asset, &quick(Target::Ratio(1.0), 20));
+    check(&light, "the light asset");
+    let sides: Vec<bool> = light.materials.iter().map(|m| m.double_sided).collect();
+    assert!(sides.contains(&true) && sides.contains(&false), "classes by sides: {sides:?}");
+}
+
+/// A card with a disc of radius .7, cut out where alpha, which falls from the middle, is below `cutoff`.
+fn disc(cutoff: f32) -> Scene {
+    let n = 64;
+    let texel = |i: usize| {
+        let [x, y] = [i % n, i / n].map(|k| (k as f32 + 0.5) / n as f32 * 2.0 - 1.0);
+        // `cutoff` at radius .7.
+        let alpha = (cutoff + 0.6 * (0.7 - x.hypot(y))).clamp(0.0, 1.0);
+        [230, 60, 60, (alpha * 255.0).round() as u8]
+    };
+    let mut card = shapes::quad_grid(4, 4);
+    card.uvs =
+        card.positions.iter().map(|p| photofit_scalar::vec2(0.5 + 0.5 * p.x, 0.5 - 0.5 * p.y)).collect();
+    let slot = TextureSlot {
+        image: 0,
+        sampler: Sampler { wrap_u: Wrap::ClampToEdge, wrap_v: Wrap::ClampToEdge, filter: Filter::Trilinear },
+        tex_coord: 0,
+        transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+    };
+    let material = Material {
+        alpha_mode: AlphaMode::Mask { cutoff },
+        base_color_texture: Some(slot),
+        ..paint([1.0; 3], true)
+    };
+    let mut out = scene(vec![(card, material, vec![Affine3A::IDENTITY])]);
+    out.images = vec![TextureImage {
+        name: "disc".into(),
+        width: n,
+        height: n,
+        texels: (0..n * n).map(texel).collect(),
+        ..TextureImage::default()
+    }];
+    out
+}
+
+#[test]
+fn masks_keep_their_outline_at_any_cutoff() {
+    let covered = |scene: &Scene| {
+        let image = picture(scene, Vec3::new(0.0, 0.0, 3.0));
+        image.data.chunks_exact(4).map(|p| f64::from(p[3])).sum::<f64>()
+    };
+    for cutoff in [0.15, 0.5, 0.85] {
+        let asset = disc(cutoff);
+        let (_, light) = run(&asset, &quick(Target::Ratio(1.0), 0));
+        let (a, b) = (covered(&asset), covered(&light));
+        assert!((a / b - 1.0).abs() < 0.01, "cutoff {cutoff}: {a:.1} pixels covered became {b:.1}");
+    }
+}
+
+#[test]
+fn a_sphere_takes_the_classes_of_what_it_is_drawn_onto() {
+    let half = |sign: f32| {
+        let mut mesh = shapes::icosphere(12);
+        mesh.positions.iter_mut().for_each(|p| p.x += sign * 1.05);
+        mesh
+    };
+    let glass = Material { alpha_mode: AlphaMode::Blend, ..paint([0.9, 0.2, 0.2], false) };
+    let glass = Material { base_color: [0.9, 0.2, 0.2, 0.5], ..glass };
+    let asset = scene(vec![
+        (half(-1.0), paint([0.2, 0.9, 0.2], false), vec![Affine3A::IDENTITY]),
+        (half(1.0), glass, vec![Affine3A::IDENTITY]),
+    ]);
+    let options = SimplifyOptions { init: Init::Sphere, ..quick(Target::Triangles(500), 0) };
+    let (_, light) = run(&asset, &options);
+    let triangles = |mode: AlphaMode| {
+        let of = |p: &&Primitive| light.materials[p.material].alpha_mode == mode;
+        light.primitives.iter().filter(of).map(|p| p.mesh.triangles.len()).sum::<usize>()
+    };
+    let (opaque, blended) = (triangles(AlphaMode::Opaque), triangles(AlphaMode::Blend));
+    assert!(opaque > 150 && blended > 150, "{opaque} opaque and {blended} blended triangles");
+}
