@@ -1,14 +1,34 @@
 //! The command line.
 
+mod denoise;
+mod recover;
+mod surface;
+mod values;
+
+pub(crate) use denoise::{Denoise, DenoiseModel};
+pub(crate) use recover::{Recover, RecoverTexture};
+pub(crate) use surface::{Surface, SurfaceMethod, UpAxis};
+
 use crate::mitsuba;
 use clap::error::ErrorKind;
 use clap::{ArgGroup, Args, CommandFactory, Parser, Subcommand, ValueEnum};
+use photofit_fit::simplify::SimplifyOptions;
 use std::path::PathBuf;
 use std::time::Duration;
+use values::{above, above_to, between, definition, degrees, ending, number, seconds, single, whole};
+
+/// What the help says about the end of the program.
+const STATUSES: &str = "\
+Exit status:
+    0  done; also when --time-limit ended it
+    1  an input cannot be used, or the work failed
+    2  the command line is wrong
+    3  Ctrl-C or SIGTERM ended it early; what was reached is written
+  130  Ctrl-C or SIGTERM ended it before there was anything to write, or a second one ended it at once";
 
 /// Fits 3D assets to images: a heavy asset in, a light one that looks the same out.
 #[derive(Debug, Parser)]
-#[command(name = "photofit", version, arg_required_else_help = true)]
+#[command(name = "photofit", version, arg_required_else_help = true, after_help = STATUSES)]
 pub(crate) struct Cli {
     #[command(subcommand)]
     pub(crate) command: Command,
@@ -78,52 +98,52 @@ pub(crate) enum Start {
 }
 
 #[derive(Args, Debug)]
-#[command(group = ArgGroup::new("budget").args(["triangles", "ratio", "error", "screen_size"]))]
+#[command(group = ArgGroup::new("budget").args(["triangles", "ratio", "error", "screen_size"]), after_help = STATUSES)]
 pub(crate) struct Simplify {
     /// The asset: .glb, .gltf, .obj or .ply.
     #[arg(value_name = "IN")]
     pub(crate) input: PathBuf,
     /// The file to write.
-    #[arg(short, long, value_name = "OUT.glb")]
+    #[arg(short, long, value_name = "OUT.glb", value_parser = ending(&["glb"]))]
     pub(crate) output: PathBuf,
-    /// Budget: at most N triangles.
-    #[arg(long, value_name = "N")]
+    /// Budget: at most N triangles, no more than the asset has [range: at least 1] [default: --ratio].
+    #[arg(long, value_name = "N", value_parser = whole::<usize>(1..))]
     pub(crate) triangles: Option<usize>,
-    /// Budget: at most this share of the asset's triangles; 0.03 when no budget is given.
-    #[arg(long, value_name = "R")]
+    /// Budget: at most this share of the asset's triangles [range: more than 0, at most 1] [default: 0.03 when no budget
+    /// is given].
+    #[arg(long, value_name = "R", value_parser = number(above_to(0.0, 1.0)))]
     pub(crate) ratio: Option<f64>,
-    /// Budget: as few triangles as keep the geometric error below this share of the bounding diagonal.
-    #[arg(long, value_name = "E")]
+    /// Budget: as few triangles as keep the geometric error below this share of the bounding diagonal [range: more than
+    /// 0, less than 1] [default: --ratio].
+    #[arg(long, value_name = "E", value_parser = number(between(0.0, 1.0)))]
     pub(crate) error: Option<f64>,
-    /// Budget: as few triangles as look right on a screen where the asset is this large.
-    #[arg(long, value_name = "PX")]
+    /// Budget: as few triangles as look right on a screen where the asset is this large, pixels [range: 1 to 65536]
+    /// [default: --ratio].
+    #[arg(long, value_name = "PX", value_parser = number(1.0..=65536.0))]
     pub(crate) screen_size: Option<f64>,
     /// What the fit starts from.
     #[arg(long, value_enum, default_value = "decimate")]
     pub(crate) init: Start,
-    /// Width and height of the training pictures, pixels.
-    #[arg(long, value_name = "PX", default_value_t = 512)]
+    /// Width and height of the report's pictures, pixels. The fit compares pictures of half that size with four samples
+    /// per pixel, and of a quarter at first [range: 16 to 4096].
+    #[arg(long, value_name = "PX", default_value_t = SimplifyOptions::default().resolution, value_parser = whole::<usize>(16..=4096))]
     pub(crate) resolution: usize,
-    /// Pictures per step.
-    #[arg(long, value_name = "B")]
-    pub(crate) batch: Option<usize>,
-    /// Steps of the fit; fewer are made when held-out views stop improving.
-    #[arg(long, value_name = "N")]
-    pub(crate) steps: Option<u64>,
-    /// End the fit after this many seconds and keep what was reached.
+    /// Pictures per step [range: 1 to 64].
+    #[arg(long, value_name = "B", default_value_t = SimplifyOptions::default().batch, value_parser = whole::<usize>(1..=64))]
+    pub(crate) batch: usize,
+    /// Steps of the fit; fewer are made when held-out views stop improving [range: at least 0].
+    #[arg(long, value_name = "N", default_value_t = SimplifyOptions::default().steps, value_parser = whole::<u64>(0..))]
+    pub(crate) steps: u64,
+    /// End the fit after this many seconds and keep what was reached. Preparation before the fit, and judging and writing
+    /// after it, take their time on top [range: more than 0, at most 1000000000] [default: no limit].
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub(crate) time_limit: Option<Duration>,
-    /// Width and height of the textures, texels.
-    #[arg(long, value_name = "N")]
-    pub(crate) texture_size: Option<usize>,
-    /// Store opaque textures as JPEG of quality Q, 90 when not given, instead of exact PNG: a third of the bytes.
-    #[arg(
-        long,
-        value_name = "Q",
-        num_args = 0..=1,
-        default_missing_value = "90",
-        value_parser = clap::value_parser!(u8).range(1..=100)
-    )]
+    /// Width and height of the textures, texels [range: 16 to 8192].
+    #[arg(long, value_name = "N", default_value_t = SimplifyOptions::default().texture_size, value_parser = whole::<usize>(16..=8192))]
+    pub(crate) texture_size: usize,
+    /// Store opaque textures as JPEG of quality Q, 90 without a number: a third of the bytes [range: 1 to 100] [default:
+    /// exact PNG].
+    #[arg(long, value_name = "Q", num_args = 0..=1, default_missing_value = "90", value_parser = whole::<u8>(1..=100))]
     pub(crate) jpeg: Option<u8>,
     /// Light while fitting and judging.
     #[arg(
@@ -139,11 +159,11 @@ pub(crate) struct Simplify {
     /// How pictures of the asset are made, for the fit and for the report.
     #[arg(long, value_enum, default_value = "raster")]
     pub(crate) reference: FitReference,
-    /// Seed of all random choices.
-    #[arg(long, value_name = "S", default_value_t = 0)]
+    /// Seed of all random choices [range: at least 0].
+    #[arg(long, value_name = "S", default_value_t = 0, value_parser = whole::<u64>(0..))]
     pub(crate) seed: u64,
-    /// Threads; the result is the same for any number. All cores when not given.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    /// Threads; the result is the same for any number [range: 1 to 1024] [default: all cores].
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
     pub(crate) threads: Option<u16>,
     /// Folder in which the state of the fit is kept, for --resume.
     #[arg(long, value_name = "DIR")]
@@ -176,27 +196,29 @@ pub(crate) enum RenderLight {
 }
 
 #[derive(Args, Clone, Debug)]
+#[command(after_help = STATUSES)]
 pub(crate) struct Render {
     /// The asset: .glb, .gltf, .obj or .ply; or a Mitsuba 3 scene: .xml.
     #[arg(value_name = "IN")]
     pub(crate) input: PathBuf,
     /// The picture: .png (sRGB, straight alpha, transparent background) or .exr (linear, premultiplied RGBA).
-    #[arg(short, long, value_name = "OUT.png|.exr")]
+    #[arg(short, long, value_name = "OUT.png|.exr", value_parser = ending(&["png", "exr"]))]
     pub(crate) output: PathBuf,
-    /// Width, pixels [default: 512, or what the scene says].
-    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
+    /// Width, pixels [range: 1 to 16384] [default: 512, or what the scene says].
+    #[arg(long, value_name = "PX", value_parser = whole::<u32>(1..=16384))]
     pub(crate) width: Option<u32>,
-    /// Height, pixels [default: 512, or what the scene says].
-    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
+    /// Height, pixels [range: 1 to 16384] [default: 512, or what the scene says].
+    #[arg(long, value_name = "PX", value_parser = whole::<u32>(1..=16384))]
     pub(crate) height: Option<u32>,
-    /// Turn of the camera around +y, from +z towards +x, degrees.
-    #[arg(long, value_name = "DEG", default_value_t = 30.0, value_parser = finite, allow_negative_numbers = true)]
+    /// Turn of the camera around +y, from +z towards +x, degrees [range: -36000 to 36000].
+    #[arg(long, value_name = "DEG", default_value_t = 30.0, value_parser = degrees, allow_negative_numbers = true)]
     pub(crate) azimuth: f32,
-    /// Lift of the camera towards +y, degrees.
-    #[arg(long, value_name = "DEG", default_value_t = 20.0, value_parser = finite, allow_negative_numbers = true)]
+    /// Lift of the camera towards +y, degrees [range: -36000 to 36000].
+    #[arg(long, value_name = "DEG", default_value_t = 20.0, value_parser = degrees, allow_negative_numbers = true)]
     pub(crate) elevation: f32,
-    /// Distance of the camera from the centre, in radii of the bounding sphere; fills the picture when not given.
-    #[arg(long, value_name = "RADII", value_parser = distance)]
+    /// Distance of the camera from the centre, in radii of the bounding sphere [range: 1 to 1000] [default: the asset fills
+    /// the picture].
+    #[arg(long, value_name = "RADII", value_parser = single(1.0..=1000.0))]
     pub(crate) distance: Option<f32>,
     /// The light.
     #[arg(
@@ -209,12 +231,16 @@ pub(crate) struct Render {
     /// Equirectangular environment (.hdr, .exr, .png, .jpg); implies --light env.
     #[arg(long, value_name = "FILE", required_if_eq("light", "env"))]
     pub(crate) env: Option<PathBuf>,
-    /// Samples per pixel: 1, 4, 16 or 64 for raster (16 when not given); at most this many for path (64).
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    /// Samples per pixel: 1, 4, 16 or 64 for raster, at most this many for path [range: 1 to 16777216] [default: 16 for
+    /// raster, 64 for path, or what the scene says].
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(1..=1 << 24))]
     pub(crate) spp: Option<u32>,
-    /// How the picture is made [default: raster; path for .xml].
+    /// How the picture is made [default: raster, path for .xml].
     #[arg(long, value_enum)]
     pub(crate) integrator: Option<RenderIntegrator>,
+    /// Write size, samples, times and, path traced, noise as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) json: Option<PathBuf>,
     #[command(flatten, next_help_heading = "Path tracing")]
     pub(crate) path: PathArgs,
 }
@@ -267,6 +293,10 @@ impl Render {
             ("--background", p.background),
             ("--camera", p.camera.is_some()),
             ("--explain", p.explain),
+            ("--threads", p.threads.is_some()),
+            ("--seed", p.seed.is_some()),
+            ("--max-depth", p.max_depth.is_some()),
+            ("--save-every", p.save_every.is_some()),
             ("--light asset", self.light == RenderLight::Asset),
         ];
         if let Some((name, _)) = given.into_iter().find(|g| g.1) {
@@ -274,9 +304,9 @@ impl Render {
         }
         match self.spp {
             None | Some(1 | 4 | 16 | 64) => Ok(()),
-            Some(n) => {
-                Err(format!("--spp {n}: raster takes 1, 4, 16 or 64; --integrator path takes any number"))
-            }
+            Some(n) => Err(format!(
+                "--spp is {n}; for raster it must be 1, 4, 16 or 64; --integrator path takes any number"
+            )),
         }
     }
 }
@@ -293,28 +323,30 @@ pub(crate) enum RenderIntegrator {
 /// Options of `render --integrator path`.
 #[derive(Args, Clone, Debug, Default)]
 pub(crate) struct PathArgs {
-    /// Stop where the relative noise is below E (0.02 is clean); --spp still bounds the samples (4096 then).
-    #[arg(long, value_name = "E", value_parser = positive)]
+    /// Stop where the relative noise is below E, 0.02 is clean; --spp still bounds the samples, 4096 without it [range:
+    /// more than 0] [default: --spp alone ends the render].
+    #[arg(long, value_name = "E", value_parser = single(above(0.0)))]
     pub(crate) noise: Option<f32>,
-    /// Stop after this many seconds of rendering.
+    /// Stop after this many seconds of rendering; loading and writing take their time on top [range: more than 0, at most
+    /// 1000000000] [default: no limit].
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub(crate) time_limit: Option<Duration>,
     /// Auxiliary images, as layers of an .exr: albedo, normal, `geometric_normal`, depth, position, instance, variance,
-    /// direct, indirect, samples; or all.
+    /// direct, indirect, samples; or all [default: none].
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub(crate) aov: Vec<String>,
     /// Go on from the state that an interrupted render left beside the output, to the same bits.
     #[arg(long)]
     pub(crate) resume: bool,
-    /// Seconds between two saved states.
-    #[arg(long, value_name = "S", value_parser = seconds, default_value = "20")]
+    /// Seconds between two saved states [range: more than 0, at most 1000000000] [default: 20].
+    #[arg(long, value_name = "S", value_parser = seconds)]
     pub(crate) save_every: Option<Duration>,
-    /// Most scattering events of a path: 0 shows what glows, 1 direct light.
-    /// [default: 16, or what the scene says].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=1_000_000))]
+    /// Most scattering events of a path: 0 shows what glows, 1 direct light [range: 0 to 1000000] [default: 16, or what
+    /// the scene says].
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(0..=1_000_000))]
     pub(crate) max_depth: Option<u32>,
-    /// Brightness in stops: +1 is twice as bright (.png).
-    #[arg(long, value_name = "EV", default_value_t = 0.0, value_parser = finite, allow_negative_numbers = true)]
+    /// Brightness in stops: +1 is twice as bright (.png) [range: -100 to 100].
+    #[arg(long, value_name = "EV", default_value_t = 0.0, value_parser = single(-100.0..=100.0), allow_negative_numbers = true)]
     pub(crate) exposure: f32,
     /// Compress bright colours into the range of a display (.png; Khronos PBR Neutral).
     #[arg(long)]
@@ -322,17 +354,17 @@ pub(crate) struct PathArgs {
     /// Show the environment behind the asset.
     #[arg(long)]
     pub(crate) background: bool,
-    /// Give the parameter NAME (`$NAME`) of an .xml scene a value; may be repeated.
+    /// Give the parameter NAME (`$NAME`) of an .xml scene a value; may be repeated [default: what the scene says].
     #[arg(long, value_name = "NAME=VALUE", value_parser = definition)]
     pub(crate) define: Vec<(String, String)>,
-    /// Use camera N of the asset, from 0.
-    #[arg(long, value_name = "N")]
+    /// Use camera N of the asset, the first is 0 [range: at least 0] [default: --azimuth, --elevation and --distance].
+    #[arg(long, value_name = "N", value_parser = whole::<usize>(0..))]
     pub(crate) camera: Option<usize>,
-    /// Seed of the random numbers.
-    #[arg(long, value_name = "S", default_value_t = 0)]
-    pub(crate) seed: u64,
-    /// Threads; the picture is the same for any number. All cores when not given.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    /// Seed of the random numbers [range: at least 0] [default: 0].
+    #[arg(long, value_name = "S", value_parser = whole::<u64>(0..))]
+    pub(crate) seed: Option<u64>,
+    /// Threads; the picture is the same for any number [range: 1 to 1024] [default: all cores].
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
     pub(crate) threads: Option<u16>,
     /// Print what the integrator runs and skips, and why.
     #[arg(long)]
@@ -351,208 +383,25 @@ pub(crate) struct Compare {
     #[arg(long, value_name = "FILE")]
     pub(crate) json: Option<PathBuf>,
     /// Write the FLIP error as a picture (.png): black is no error, pale yellow is 1.
-    #[arg(long, value_name = "FILE.png")]
+    #[arg(long, value_name = "FILE.png", value_parser = ending(&["png"]))]
     pub(crate) heatmap: Option<PathBuf>,
-    /// Views of two assets.
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u64).range(1..=256))]
+    /// Views of two assets [range: 1 to 256].
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = whole::<u64>(1..=256))]
     pub(crate) views: u64,
-    /// Width and height of the views of two assets, pixels.
-    #[arg(long, value_name = "PX", default_value_t = 512, value_parser = clap::value_parser!(u32).range(16..=4096))]
+    /// Width and height of the views of two assets, pixels [range: 16 to 4096].
+    #[arg(long, value_name = "PX", default_value_t = 512, value_parser = whole::<u32>(16..=4096))]
     pub(crate) resolution: u32,
+    /// Threads; the figures are the same for any number [range: 1 to 1024] [default: all cores].
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
+    pub(crate) threads: Option<u16>,
 }
 
 #[derive(Args, Debug)]
 pub(crate) struct Inspect {
-    /// The asset: .glb, .gltf, .obj or .ply.
+    /// The asset: .glb, .gltf, .obj or .ply; or a Mitsuba 3 scene: .xml.
     #[arg(value_name = "IN")]
     pub(crate) input: PathBuf,
     /// Write what is shown as JSON.
-    #[arg(long, value_name = "FILE")]
-    pub(crate) json: Option<PathBuf>,
-}
-
-/// How holes between points are filled.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum SurfaceMethod {
-    /// Pull-push and 20 steps.
-    Fast,
-    /// Two full solutions, blended.
-    Blend,
-    /// One full solution with both data terms.
-    Hybrid,
-}
-
-/// The axis of a cloud that points up.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum UpAxis {
-    /// As in glTF.
-    Y,
-    /// As in surveys.
-    Z,
-    /// As in the frames of cameras.
-    #[value(name = "-y")]
-    NegativeY,
-}
-
-#[derive(Args, Debug)]
-pub(crate) struct Surface {
-    /// The cloud: .ply or .pcd, with or without normals and colours.
-    #[arg(value_name = "POINTS")]
-    pub(crate) input: PathBuf,
-    /// The folder to write: surface.exr (depth, normal, albedo), previews, a sheet of before and after, camera.json.
-    #[arg(short, long, value_name = "DIR")]
-    pub(crate) output: PathBuf,
-    /// The camera as JSON, see the guide.
-    #[arg(long, value_name = "FILE.json", conflicts_with_all = ["azimuth", "elevation", "distance", "fov", "up"])]
-    pub(crate) camera: Option<PathBuf>,
-    /// Width, pixels; 960 when not given.
-    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
-    pub(crate) width: Option<u32>,
-    /// Height, pixels; 720 when not given.
-    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
-    pub(crate) height: Option<u32>,
-    /// Turn of the camera around the up axis, degrees; 30 when not given.
-    #[arg(long, value_name = "DEG", value_parser = finite, allow_negative_numbers = true)]
-    pub(crate) azimuth: Option<f32>,
-    /// Lift of the camera, degrees; 20 when not given.
-    #[arg(long, value_name = "DEG", value_parser = finite, allow_negative_numbers = true)]
-    pub(crate) elevation: Option<f32>,
-    /// Distance of the camera from the centre, in radii of the cloud; such that it fills the picture when not given.
-    #[arg(long, value_name = "RADII", value_parser = point_distance)]
-    pub(crate) distance: Option<f32>,
-    /// Vertical field of view, degrees; 40 when not given.
-    #[arg(long, value_name = "DEG", value_parser = field_of_view)]
-    pub(crate) fov: Option<f32>,
-    /// The axis that points up; y when not given.
-    #[arg(long, value_enum, allow_hyphen_values = true)]
-    pub(crate) up: Option<UpAxis>,
-    /// How holes are filled.
-    #[arg(long, value_enum, default_value = "fast")]
-    pub(crate) method: SurfaceMethod,
-    /// Steps of the solver; 10 for each pass of the fast method, else 100.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=10000))]
-    pub(crate) iterations: Option<u16>,
-    /// Strength of the smoothing of colours; 0 is none.
-    #[arg(long, value_name = "S", value_parser = strength)]
-    pub(crate) texture: Option<f32>,
-    /// Fill the whole picture, also where no point is near.
-    #[arg(long)]
-    pub(crate) fill: bool,
-    /// Write the figures as JSON.
-    #[arg(long, value_name = "FILE")]
-    pub(crate) json: Option<PathBuf>,
-}
-
-/// What removes the noise.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum DenoiseModel {
-    /// Regression on the features, its widths chosen by estimated error: best quality per second.
-    Auto,
-    /// Total variation, quadratic data term.
-    Rof,
-    /// Total variation, absolute data term.
-    Tvl1,
-    /// Total variation, both data terms.
-    Hybrid,
-    /// Second-order total generalised variation, slower.
-    Tgv,
-    /// Edge-stopping wavelets (SVGF), for comparison.
-    Atrous,
-}
-
-#[derive(Args, Debug)]
-pub(crate) struct Denoise {
-    /// The noisy picture: .exr (with feature layers, if there are any), .hdr, .png or .jpg.
-    #[arg(value_name = "COLOR")]
-    pub(crate) input: PathBuf,
-    /// The picture to write: .exr (linear) or .png (sRGB).
-    #[arg(short, long, value_name = "OUT.exr|.png")]
-    pub(crate) output: PathBuf,
-    /// Diffuse reflectance, linear (.png: sRGB).
-    #[arg(long, value_name = "FILE")]
-    pub(crate) albedo: Option<PathBuf>,
-    /// Normals, in any frame; values in 0..1 are taken as (n+1)/2.
-    #[arg(long, value_name = "FILE")]
-    pub(crate) normal: Option<PathBuf>,
-    /// Distance from the camera, 0 where nothing is hit.
-    #[arg(long, value_name = "FILE")]
-    pub(crate) depth: Option<PathBuf>,
-    /// World positions.
-    #[arg(long, value_name = "FILE")]
-    pub(crate) position: Option<PathBuf>,
-    /// Variance of the colour (of the mean over the samples).
-    #[arg(long, value_name = "FILE")]
-    pub(crate) variance: Option<PathBuf>,
-    /// A second picture with as many samples of its own: the noise is then known.
-    #[arg(long, value_name = "FILE")]
-    pub(crate) half: Option<PathBuf>,
-    /// Cameras of a rendered sequence (JSON): frames before COLOR are reprojected. Their files are named alike but
-    /// for the number.
-    #[arg(long, value_name = "cameras.json")]
-    pub(crate) sequence: Option<PathBuf>,
-    /// The model.
-    #[arg(long, value_enum, default_value = "auto")]
-    pub(crate) model: DenoiseModel,
-    /// Leave the result of a total variation model as dark as the mean of logarithms is, instead of scaling it to the
-    /// local mean of the noisy picture.
-    #[arg(long)]
-    pub(crate) keep_darkening: bool,
-    /// Do not clamp rare huge samples.
-    #[arg(long)]
-    pub(crate) keep_fireflies: bool,
-    /// A clean picture to compare with: PSNR, SSIM, FLIP, RMSE.
-    #[arg(long, value_name = "REF")]
-    pub(crate) compare: Option<PathBuf>,
-    /// Print what runs and what is skipped, and why.
-    #[arg(long)]
-    pub(crate) explain: bool,
-    /// Write figures, times and the plan as JSON.
-    #[arg(long, value_name = "FILE")]
-    pub(crate) json: Option<PathBuf>,
-}
-
-#[derive(Debug, Subcommand)]
-pub(crate) enum Recover {
-    /// Paint an asset's shape so that it looks like pictures with known cameras.
-    Texture(RecoverTexture),
-}
-
-#[derive(Args, Debug)]
-pub(crate) struct RecoverTexture {
-    /// The pictures: a folder with transforms.json, or such a file.
-    #[arg(value_name = "PICTURES")]
-    pub(crate) pictures: PathBuf,
-    /// The asset whose shape is painted: .glb, .gltf, .obj or .ply, in the world of the cameras.
-    #[arg(long, value_name = "ASSET")]
-    pub(crate) mesh: PathBuf,
-    /// The file to write.
-    #[arg(short, long, value_name = "OUT.glb")]
-    pub(crate) output: PathBuf,
-    /// Width and height of the textures, texels.
-    #[arg(long, value_name = "N", default_value_t = 1024)]
-    pub(crate) texture_size: usize,
-    /// Steps of the fit; fewer are made when held-out pictures stop improving.
-    #[arg(long, value_name = "N", default_value_t = 400)]
-    pub(crate) steps: u64,
-    /// Pictures per step.
-    #[arg(long, value_name = "B", default_value_t = 2)]
-    pub(crate) batch: usize,
-    /// End the fit after this many seconds and keep what was reached.
-    #[arg(long, value_name = "S", value_parser = seconds)]
-    pub(crate) time_limit: Option<Duration>,
-    /// Seed of all random choices.
-    #[arg(long, value_name = "S", default_value_t = 0)]
-    pub(crate) seed: u64,
-    /// Threads; the result is the same for any number. All cores when not given.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub(crate) threads: Option<u16>,
-    /// Folder in which the state of the fit is kept, for --resume.
-    #[arg(long, value_name = "DIR")]
-    pub(crate) checkpoint: Option<PathBuf>,
-    /// Go on from the checkpoint, if there is one, to the same result as an uninterrupted run.
-    #[arg(long, requires = "checkpoint")]
-    pub(crate) resume: bool,
-    /// Write the figures as JSON.
     #[arg(long, value_name = "FILE")]
     pub(crate) json: Option<PathBuf>,
 }
@@ -564,69 +413,72 @@ pub(crate) struct Demo {
     pub(crate) out: PathBuf,
 }
 
-fn seconds(text: &str) -> Result<Duration, String> {
-    let s: f64 = text.parse().map_err(|e| format!("a number of seconds: {e}"))?;
-    if s > 0.0 {
-        Duration::try_from_secs_f64(s).map_err(|e| e.to_string())
-    } else {
-        Err("more than 0 seconds".into())
-    }
-}
-
-fn positive(text: &str) -> Result<f32, String> {
-    match text.parse::<f32>() {
-        Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
-        _ => Err("a positive number".into()),
-    }
-}
-
-fn finite(text: &str) -> Result<f32, String> {
-    match text.parse::<f32>() {
-        Ok(x) if x.is_finite() => Ok(x),
-        _ => Err("a finite number".into()),
-    }
-}
-
-fn distance(text: &str) -> Result<f32, String> {
-    match text.parse::<f32>() {
-        Ok(x) if (1.0..=1000.0).contains(&x) => Ok(x),
-        _ => Err("a number in 1..1000".into()),
-    }
-}
-
-fn number_in(text: &str, range: std::ops::RangeInclusive<f32>) -> Result<f32, String> {
-    match text.parse::<f32>() {
-        Ok(x) if range.contains(&x) => Ok(x),
-        _ => Err(format!("a number in {}..{}", range.start(), range.end())),
-    }
-}
-
-fn point_distance(text: &str) -> Result<f32, String> {
-    number_in(text, 0.01..=1000.0)
-}
-
-fn field_of_view(text: &str) -> Result<f32, String> {
-    number_in(text, 0.1..=170.0)
-}
-
-fn strength(text: &str) -> Result<f32, String> {
-    number_in(text, 0.0..=10.0)
-}
-
-/// A name and a value around the first `=`.
-fn definition(text: &str) -> Result<(String, String), String> {
-    match text.split_once('=') {
-        Some((name, value)) if !name.is_empty() => Ok((name.to_owned(), value.to_owned())),
-        _ => Err("has the form NAME=VALUE".into()),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use clap::Arg;
+    use std::any::TypeId;
 
     #[test]
     fn the_command_line_is_consistent() {
         Cli::command().debug_assert();
+    }
+
+    /// The options of all commands that take a value which is no path, with what the command needs to be parsed.
+    fn valued() -> Vec<(Vec<&'static str>, Arg)> {
+        let needed: [&[&str]; 8] = [
+            &["simplify", "a.glb", "-o", "b.glb"],
+            &["render", "a.glb", "-o", "b.png"],
+            &["compare", "a.png", "b.png"],
+            &["inspect", "a.glb"],
+            &["surface", "a.ply", "-o", "b"],
+            &["denoise", "a.exr", "-o", "b.exr"],
+            &["recover", "texture", "pictures", "--mesh", "a.glb", "-o", "b.glb"],
+            &["demo"],
+        ];
+        let is_path = |a: &Arg| a.get_value_parser().type_id() == TypeId::of::<PathBuf>();
+        let mut out = Vec::new();
+        for needed in needed {
+            let mut cli = Cli::command();
+            cli.build();
+            let mut command = cli.find_subcommand(needed[0]).expect("a command");
+            if let Some(inner) = needed.get(1).and_then(|name| command.find_subcommand(name)) {
+                command = inner;
+            }
+            let options = command.get_opts().filter(|a| !is_path(a)).cloned();
+            out.extend(options.map(|a| (needed.to_vec(), a)));
+        }
+        assert!(out.len() > 40, "{} options", out.len());
+        out
+    }
+
+    fn help(arg: &Arg) -> String {
+        arg.get_help().map(ToString::to_string).unwrap_or_default()
+    }
+
+    #[test]
+    fn help_shows_every_default() {
+        for (needed, arg) in valued() {
+            let shown = !arg.get_default_values().is_empty() || help(&arg).contains("[default: ");
+            assert!(shown, "{} --{}", needed[0], arg.get_id());
+        }
+    }
+
+    #[test]
+    fn help_shows_the_ranges_that_are_kept() {
+        let mut ranges = 0;
+        for (mut line, arg) in valued() {
+            let option = format!("--{}=!", arg.get_long().expect("a long name"));
+            line.insert(0, "photofit");
+            line.push(&option);
+            let Err(error) = Cli::try_parse_from(&line) else { continue };
+            let text = error.to_string();
+            let rule = text.lines().find_map(|l| l.split_once("number, "));
+            let range =
+                help(&arg).split_once("[range: ").and_then(|(_, r)| Some(r.split_once(']')?.0.to_owned()));
+            assert_eq!(range.as_deref(), rule.map(|r| r.1), "{line:?}: {text}");
+            ranges += usize::from(range.is_some());
+        }
+        assert!(ranges > 30, "{ranges} ranges");
     }
 }

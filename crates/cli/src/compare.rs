@@ -2,8 +2,9 @@
 
 use crate::args::Compare;
 use crate::output::{self, print};
-use crate::preflight;
+use crate::preflight::Places;
 use crate::progress::Terminal;
+use crate::threads;
 use anyhow::{Result, anyhow, bail};
 use photofit_fit::compare::{ComparedView, compare_assets};
 use photofit_image::{
@@ -42,19 +43,20 @@ impl Figures {
 }
 
 pub(crate) fn run(a: &Compare) -> Result<()> {
-    if let Some(file) = &a.json {
-        preflight::file(file, &[])?;
-    }
-    if let Some(file) = &a.heatmap {
-        preflight::file(file, &["png"])?;
-    }
+    let places = Places::default()
+        .reads("A", Some(&a.reference))
+        .reads("B", Some(&a.candidate))
+        .writes("--json", a.json.as_deref())
+        .writes("--heatmap", a.heatmap.as_deref());
+    places.check()?;
+    threads::set(a.threads)?;
     let (kinds, heat, views) = match (is_asset(&a.reference), is_asset(&a.candidate)) {
-        (true, true) => assets(a)?,
+        (true, true) => assets(a, &places)?,
         (false, false) => images(a)?,
         (asset, _) => {
             let kind = if asset { "asset" } else { "image" };
             bail!(
-                "{}: both files are of one kind, {} is an {kind}",
+                "{}: is no {kind} as {} is; both must be images or both assets",
                 a.candidate.display(),
                 a.reference.display()
             )
@@ -96,9 +98,10 @@ fn mean(views: &[Figures]) -> Figures {
 
 type Compared = (&'static str, Image, Vec<Figures>);
 
-fn assets(a: &Compare) -> Result<Compared> {
+fn assets(a: &Compare, places: &Places) -> Result<Compared> {
     let load = |path: &Path| -> Result<Scene> {
         let scene = photofit_scene::load(path)?;
+        places.check_against("an asset", &scene.files)?;
         scene.validate_for_fit().map_err(|e| anyhow!("{}: {e}", path.display()))?;
         Ok(scene)
     };
@@ -117,11 +120,11 @@ fn images(a: &Compare) -> Result<Compared> {
     let size = |i: &Image| format!("{} x {}", i.width, i.height);
     if (reference.width, reference.height) != (candidate.width, candidate.height) {
         bail!(
-            "{}: the images have one size, found {} against {} of {}",
+            "{}: is {}, but {} is {}; both must have one size",
             a.candidate.display(),
             size(&candidate),
-            size(&reference),
-            a.reference.display()
+            a.reference.display(),
+            size(&reference)
         );
     }
     let (r, c) = (shown(&reference, &a.reference)?, shown(&candidate, &a.candidate)?);
@@ -140,7 +143,7 @@ fn shown(image: &Image, path: &Path) -> Result<Image> {
         1 => image.select(&[0, 0, 0]),
         4 if !premultiplied => image.over([0.0; 3]),
         3.. => image.select(&[0, 1, 2]),
-        n => bail!("{}: an image of 1, 3 or 4 channels, found {n}", path.display()),
+        n => bail!("{}: has {n} channels; it must have 1, 3 or 4", path.display()),
     };
     Ok(to_display(&rgb))
 }

@@ -3,21 +3,29 @@
 use crate::args::Demo;
 use crate::demo_asset::demo_asset;
 use crate::output::{self, bytes, count, print};
+use crate::preflight::Places;
+use crate::render;
 use crate::simplify::Job;
-use crate::{preflight, render};
+use crate::status::Ending;
 use anyhow::{Context, Result};
+use photofit_fit::report::PAGE;
 use photofit_fit::simplify::SimplifyOptions;
 use photofit_geometry::decimate::Target;
 use std::path::Path;
 use std::time::Duration;
 
+/// What is written beside the report.
+const FILES: [&str; 5] = ["heavy.glb", "light.glb", "figures.json", "heavy.png", "light.png"];
 /// Share of the triangles that is kept.
 const RATIO: f64 = 0.01;
 /// Width and height of the two pictures.
 const PICTURE: usize = 768;
 
-pub(crate) fn run(a: &Demo) -> Result<()> {
-    preflight::folder(&a.out)?;
+pub(crate) fn run(a: &Demo) -> Result<Ending> {
+    Places::default()
+        .fills("--out", Some(&a.out), &FILES)
+        .fills("--out", Some(&a.out.join("report")), &[PAGE])
+        .check()?;
     std::fs::create_dir_all(&a.out).with_context(|| format!("{}: cannot be made", a.out.display()))?;
     let (heavy, light) = (a.out.join("heavy.glb"), a.out.join("light.glb"));
     let scene = demo_asset();
@@ -49,7 +57,8 @@ pub(crate) fn run(a: &Demo) -> Result<()> {
         count(done.outcome.triangles_out),
         size(&light),
         a.out.display()
-    ))
+    ))?;
+    Ok(done.ending)
 }
 
 fn picture(asset: &Path, file: &Path) -> Result<()> {

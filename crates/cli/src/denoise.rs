@@ -3,9 +3,10 @@
 use crate::aov::{Kind, Layers};
 use crate::args::{Denoise, DenoiseModel};
 use crate::output::{self, print};
-use crate::preflight;
-use crate::progress::{Terminal, handle_interrupts};
-use crate::sequence;
+use crate::preflight::Places;
+use crate::progress::Terminal;
+use crate::status::Misuse;
+use crate::{interrupt, sequence, threads};
 use anyhow::{Result, anyhow, bail};
 use photofit_denoise::mc::{Denoised, Frame, Guides, Model, Sequence, Settings, VariationalModel, denoise};
 use photofit_fit::{FitError, Progress};
@@ -52,10 +53,20 @@ impl Loaded {
 }
 
 pub(crate) fn run(a: &Denoise) -> Result<()> {
-    preflight::file(&a.output, &["exr", "png"])?;
-    if let Some(file) = &a.json {
-        preflight::file(file, &[])?;
-    }
+    let places = Places::default()
+        .reads("COLOR", Some(&a.input))
+        .reads("--albedo", a.albedo.as_deref())
+        .reads("--normal", a.normal.as_deref())
+        .reads("--depth", a.depth.as_deref())
+        .reads("--position", a.position.as_deref())
+        .reads("--variance", a.variance.as_deref())
+        .reads("--half", a.half.as_deref())
+        .reads("--sequence", a.sequence.as_deref())
+        .reads("--compare", a.compare.as_deref())
+        .writes("--output", Some(&a.output))
+        .writes("--json", a.json.as_deref());
+    places.check()?;
+    threads::set(a.threads)?;
     let files = Files {
         color: a.input.clone(),
         guides: [
@@ -76,7 +87,7 @@ pub(crate) fn run(a: &Denoise) -> Result<()> {
         fireflies: !a.keep_fireflies,
         ..Settings::default()
     };
-    handle_interrupts();
+    interrupt::handle();
     let reference =
         a.compare.as_ref().map(|path| Ok::<_, anyhow::Error>((path, read_rgb(path)?))).transpose()?;
     // What cannot be compared is said before the work.
@@ -86,7 +97,7 @@ pub(crate) fn run(a: &Denoise) -> Result<()> {
     };
     let progress = Terminal::new();
     let (last, result, seconds) = match &a.sequence {
-        Some(cameras) => over_sequence(&files, cameras, settings, &progress, check)?,
+        Some(cameras) => over_sequence(&files, cameras, settings, &places, &progress, check)?,
         None => {
             let loaded = load(&files)?;
             check(&loaded)?;
@@ -143,13 +154,20 @@ fn over_sequence(
     files: &Files,
     cameras: &Path,
     settings: Settings,
+    places: &Places,
     progress: &Terminal,
     check: impl Fn(&Loaded) -> Result<()>,
 ) -> Result<(Loaded, Denoised, f64)> {
     if files.half.is_some() {
-        bail!("{}: --half and --sequence do not go together", cameras.display());
+        let cameras = cameras.display();
+        bail!(Misuse(format!("{cameras}: --half and --sequence do not go together; give one of them")));
     }
     let frames = sequence::frames(cameras, files)?;
+    let guides = |f: &Files| f.guides.iter().map(|g| g.1.clone()).collect::<Vec<_>>();
+    for frame in &frames {
+        let guides = guides(&frame.files);
+        places.check_against("--sequence", guides.iter().chain([&frame.files.color]))?;
+    }
     let mut history = Sequence::new(settings);
     let mut last = None;
     let mut seconds = 0.0;

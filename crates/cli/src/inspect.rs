@@ -1,8 +1,9 @@
 //! `photofit inspect`: what an asset holds, and what a fit of it would run.
 
 use crate::args::Inspect;
+use crate::mitsuba;
 use crate::output::{self, bytes, count, print};
-use crate::{mitsuba, preflight};
+use crate::preflight::Places;
 use anyhow::Result;
 use photofit_fit::simplify::{Plan, Runs};
 use photofit_scene::{AlphaMode, LightKind, Material, PunctualLight, Scene};
@@ -10,13 +11,13 @@ use serde_json::{Value, json};
 use std::path::Path;
 
 pub(crate) fn run(a: &Inspect) -> Result<()> {
-    if let Some(file) = &a.json {
-        preflight::file(file, &[])?;
-    }
+    let places = Places::default().reads("IN", Some(&a.input)).writes("--json", a.json.as_deref());
+    places.check()?;
     if mitsuba::is_scene(&a.input) {
-        return mitsuba::inspect(a);
+        return mitsuba::inspect(a, &places);
     }
     let scene = photofit_scene::load(&a.input)?;
+    places.check_against("IN", &scene.files)?;
     if let Some(file) = &a.json {
         output::write_json(file, &to_json(&a.input, &scene))?;
     }

@@ -2,7 +2,9 @@
 
 use crate::args::{Inspect, Render};
 use crate::output::{self, count, print};
-use crate::{path_render, preflight};
+use crate::path_render;
+use crate::preflight::Places;
+use crate::status::Ending;
 use anyhow::{Result, anyhow};
 use photofit_pathtrace::{Parts, RenderOptions, Renderer, View, World, WorldOptions};
 use photofit_scene::mitsuba::{MitsubaOptions, MitsubaScene, MitsubaShape, load_mitsuba};
@@ -16,9 +18,8 @@ pub(crate) fn is_scene(path: &Path) -> bool {
 }
 
 /// One picture, as the scene says where the command line does not.
-pub(crate) fn render(a: &Render) -> Result<()> {
+pub(crate) fn render(a: &Render, places: &Places) -> Result<Ending> {
     let aovs = path_render::auxiliary(a)?;
-    preflight::file(&path_render::state_file(&a.output), &[])?;
     let named = |e: &dyn std::fmt::Display| anyhow!("{}: {e}", a.input.display());
     let options = MitsubaOptions {
         parameters: a.path.define.clone(),
@@ -26,6 +27,7 @@ pub(crate) fn render(a: &Render) -> Result<()> {
         ..MitsubaOptions::default()
     };
     let scene = load_mitsuba(&a.input, &options)?;
+    places.check_against("IN", &scene.files)?;
     let own = RenderOptions::from_mitsuba(&scene);
     // What is left open follows the scene; the picture shows its environment.
     let mut resolved = a.clone();
@@ -50,8 +52,9 @@ pub(crate) fn render(a: &Render) -> Result<()> {
 }
 
 /// What a scene holds.
-pub(crate) fn inspect(a: &Inspect) -> Result<()> {
+pub(crate) fn inspect(a: &Inspect, places: &Places) -> Result<()> {
     let scene = load_mitsuba(&a.input, &MitsubaOptions::default())?;
+    places.check_against("IN", &scene.files)?;
     if let Some(file) = &a.json {
         output::write_json(file, &to_json(&a.input, &scene))?;
     }

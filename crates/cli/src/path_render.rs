@@ -2,9 +2,11 @@
 
 use crate::args::{Render, RenderLight};
 use crate::light::MEAN;
-use crate::output::print;
-use crate::progress::{Terminal, handle_interrupts, say};
-use crate::{preflight, render};
+use crate::output::{self, print};
+use crate::preflight::Places;
+use crate::progress::{Terminal, say};
+use crate::status::{Ending, Misuse};
+use crate::{interrupt, render};
 use anyhow::{Context, Result, anyhow, bail};
 use photofit_fit::Progress as _;
 use photofit_image::{Image, luminance, tone_map};
@@ -13,6 +15,7 @@ use photofit_pathtrace::{
 };
 use photofit_scene::{Scene, load_environment};
 use photofit_shading::Light;
+use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -21,13 +24,15 @@ use std::time::{Duration, Instant};
 const SPP: u32 = 64;
 /// Scattering events of a path.
 const DEPTH: u32 = 16;
+/// Time between two saved states.
+const SAVE_EVERY: Duration = Duration::from_secs(20);
 /// Bound on the samples when noise or time ends it.
 const SPP_MAX: u32 = 4096;
 
-pub(crate) fn run(a: &Render) -> Result<()> {
+pub(crate) fn run(a: &Render, places: &Places) -> Result<Ending> {
     let aovs = auxiliary(a)?;
-    preflight::file(&state_file(&a.output), &[])?;
     let scene = photofit_scene::load(&a.input)?;
+    places.check_against("IN", &scene.files)?;
     let named = |e: &dyn std::fmt::Display| anyhow!("{}: {e}", a.input.display());
     scene.validate_for_fit().map_err(|e| named(&e))?;
     let view = view(a, &scene)?;
@@ -41,7 +46,8 @@ pub(crate) fn run(a: &Render) -> Result<()> {
 }
 
 /// Renders, and writes the picture.
-pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, key: &str) -> Result<()> {
+pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, key: &str) -> Result<Ending> {
+    let began = Instant::now();
     let state = state_file(&a.output);
     if a.path.explain {
         print(&format!("path tracing\n{}", renderer.plan()))?;
@@ -49,7 +55,7 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, key: &str) -> Resul
     if a.path.resume {
         resume(&mut renderer, &state, key)?;
     }
-    handle_interrupts();
+    interrupt::handle();
     let finished = match a.path.threads {
         None => work(a, &mut renderer, &state, key)?,
         Some(n) => {
@@ -61,7 +67,30 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, key: &str) -> Resul
     if finished && state.exists() {
         fs::remove_file(&state).with_context(|| format!("{}: cannot be removed", state.display()))?;
     }
-    Ok(())
+    if let Some(file) = &a.json {
+        output::write_json(file, &figures(a, &renderer, finished, began))?;
+    }
+    let stopped = !finished && interrupt::is_stopping();
+    Ok(if stopped { Ending::Stopped } else { Ending::Done })
+}
+
+/// The figures of a render as JSON; `spp` is the mean over the pixels.
+fn figures(a: &Render, renderer: &Renderer<'_>, finished: bool, began: Instant) -> Value {
+    let progress = renderer.progress();
+    json!({
+        "input": a.input.display().to_string(),
+        "output": a.output.display().to_string(),
+        "integrator": "path",
+        "width": a.width(),
+        "height": a.height(),
+        "spp": progress.samples as f64 / (f64::from(a.width()) * f64::from(a.height())),
+        "noise": progress.noise.is_finite().then_some(progress.noise),
+        "max_depth": a.path.max_depth.unwrap_or(DEPTH),
+        "seed": a.path.seed.unwrap_or(0),
+        "finished": finished,
+        "seconds": began.elapsed().as_secs_f64(),
+        "threads": a.path.threads.map_or_else(rayon::current_num_threads, usize::from),
+    })
 }
 
 /// The auxiliary images that are asked for.
@@ -70,15 +99,22 @@ pub(crate) fn auxiliary(a: &Render) -> Result<Vec<Aov>> {
         return Ok(Vec::new());
     }
     if !is_exr(&a.output) {
-        bail!("{}: --aov writes layers, which need an .exr", a.output.display());
+        let file = a.output.display();
+        bail!(Misuse(format!("{file}: --aov writes layers; the output must end in .exr")));
     }
     let mut out = Vec::new();
     for name in &a.path.aov {
         match (name.trim(), Aov::named(name.trim())) {
             ("all", _) => out.extend(Aov::ALL.into_iter().filter(|a| *a != Aov::Motion)),
-            (_, Some(Aov::Motion)) => bail!("--aov motion: a single picture has no previous camera"),
+            (_, Some(Aov::Motion)) => {
+                bail!(Misuse("--aov motion: a single picture has no previous camera".into()))
+            }
             (_, Some(aov)) => out.push(aov),
-            (other, None) => bail!("--aov {other}: one of {}, or all", Aov::ALL.map(Aov::name).join(", ")),
+            (other, None) => {
+                let known: Vec<&str> =
+                    Aov::ALL.into_iter().filter(|a| *a != Aov::Motion).map(Aov::name).collect();
+                bail!(Misuse(format!("--aov {other}: must be of {}, or all", known.join(", "))))
+            }
         }
     }
     out.sort_unstable();
@@ -93,7 +129,7 @@ pub(crate) fn options(a: &Render, aovs: Vec<Aov>) -> RenderOptions {
         height: a.height() as usize,
         spp: a.spp.unwrap_or(if open { SPP_MAX } else { SPP }),
         noise: a.path.noise,
-        seed: a.path.seed,
+        seed: a.path.seed.unwrap_or(0),
         aovs,
         path: PathOptions {
             max_depth: a.path.max_depth.unwrap_or(DEPTH),
@@ -110,7 +146,8 @@ fn view(a: &Render, scene: &Scene) -> Result<View> {
         return Ok(View::pinhole(&render::camera(a, center, radius)));
     };
     let camera = scene.cameras.get(index).ok_or_else(|| {
-        anyhow!("{}: --camera {index}: the asset has {} cameras", a.input.display(), scene.cameras.len())
+        let (file, n) = (a.input.display(), scene.cameras.len());
+        anyhow!("{file}: has {n} cameras; --camera is {index}, it must be below that number")
     })?;
     let mut view = View::pinhole(camera);
     view.half[0] = view.half[1] * a.width() as f32 / a.height() as f32;
@@ -185,7 +222,7 @@ fn resume(renderer: &mut Renderer<'_>, state: &Path, key: &str) -> Result<()> {
 fn work(a: &Render, renderer: &mut Renderer<'_>, state: &Path, key: &str) -> Result<bool> {
     let terminal = Terminal::new();
     let (began, mut saved) = (Instant::now(), Instant::now());
-    let every = a.path.save_every.unwrap_or(Duration::MAX);
+    let every = a.path.save_every.unwrap_or(SAVE_EVERY);
     let over = || a.path.time_limit.is_some_and(|limit| began.elapsed() >= limit);
     loop {
         let due = || saved.elapsed() >= every;
@@ -244,7 +281,7 @@ fn write(a: &Render, renderer: &Renderer<'_>) -> Result<()> {
     let progress = renderer.progress();
     let spp = progress.samples as f64 / (f64::from(a.width()) * f64::from(a.height()));
     let (spp, noise) = (format!("{spp:.2}"), format!("{:.6}", progress.noise));
-    let (seed, depth) = (a.path.seed.to_string(), a.path.max_depth.unwrap_or(DEPTH).to_string());
+    let (seed, depth) = (a.path.seed.unwrap_or(0).to_string(), a.path.max_depth.unwrap_or(DEPTH).to_string());
     let metadata = [
         ("software", concat!("photofit ", env!("CARGO_PKG_VERSION"))),
         ("photofit/integrator", "path"),

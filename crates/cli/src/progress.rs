@@ -1,28 +1,14 @@
-//! Progress on the terminal, and Ctrl-C.
+//! Progress on the terminal.
 
+use crate::interrupt;
 use indicatif::{ProgressBar, ProgressStyle};
 use photofit_fit::Progress;
 use std::io::{IsTerminal, Write};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Time between two lines when stderr is no terminal.
 const PLAIN_INTERVAL: Duration = Duration::from_secs(10);
-
-static CANCELLED: AtomicBool = AtomicBool::new(false);
-
-/// Installs the handler of Ctrl-C: the first asks the work to stop and keep what it has, the second quits.
-pub(crate) fn handle_interrupts() {
-    let handler = || {
-        if CANCELLED.swap(true, Ordering::SeqCst) {
-            std::process::exit(130);
-        }
-        say("stopping; what was reached is kept. Press Ctrl-C again to quit at once.");
-    };
-    // Without a handler Ctrl-C ends the program as usual.
-    let _ = ctrlc::set_handler(handler);
-}
 
 /// A line on stderr.
 pub(crate) fn say(text: &str) {
@@ -32,12 +18,15 @@ pub(crate) fn say(text: &str) {
 
 /// Shows progress: a bar on a terminal, else a line at each stage and every ten seconds.
 pub(crate) struct Terminal {
+    steps: &'static [&'static [&'static str]],
     state: Mutex<State>,
 }
 
 struct State {
     bar: Option<ProgressBar>,
     stage: &'static str,
+    /// The number of the step that the stage belongs to; 0 where steps are not counted.
+    step: usize,
     began: Instant,
     spoke: Instant,
     /// Units that were done when the stage began: a resumed fit does not begin at 0.
@@ -45,24 +34,30 @@ struct State {
 }
 
 impl Terminal {
+    /// Progress of work whose stages are not known beforehand.
     pub(crate) fn new() -> Self {
+        Self::with_steps(&[])
+    }
+
+    /// Progress of work that goes through steps in order; each step lists the names of its stages.
+    pub(crate) fn with_steps(steps: &'static [&'static [&'static str]]) -> Self {
         let now = Instant::now();
         let bar = std::io::stderr().is_terminal().then(|| {
             let bar = ProgressBar::new(1);
-            let template = "{msg:<12} {wide_bar} {pos}/{len} {prefix} {elapsed} eta {eta}";
+            let template = "{msg:<19} {wide_bar} {pos}/{len} {prefix} {elapsed} eta {eta}";
             if let Ok(style) = ProgressStyle::with_template(template) {
                 bar.set_style(style.progress_chars("=> "));
             }
             bar.enable_steady_tick(Duration::from_millis(500));
             bar
         });
-        Self { state: Mutex::new(State { bar, stage: "", began: now, spoke: now, first: 0 }) }
+        Self { steps, state: Mutex::new(State { bar, stage: "", step: 0, began: now, spoke: now, first: 0 }) }
     }
 
     /// Ends the last stage.
     pub(crate) fn finish(&self) {
         let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        state.end_stage();
+        state.end_stage(self.steps.len());
         if let Some(bar) = &state.bar {
             bar.finish_and_clear();
         }
@@ -78,18 +73,26 @@ impl Drop for Terminal {
 }
 
 impl State {
-    fn end_stage(&self) {
+    /// The number of the step, where steps are counted, and the stage.
+    fn name(&self, steps: usize) -> String {
+        match self.step {
+            0 => format!("{:<12}", self.stage),
+            step => format!("{step} of {steps} {:<12}", self.stage),
+        }
+    }
+
+    fn end_stage(&self, steps: usize) {
         if self.stage.is_empty() {
             return;
         }
-        let line = format!("{:<12} {:.1} s", self.stage, self.began.elapsed().as_secs_f64());
+        let line = format!("{} {:.1} s", self.name(steps), self.began.elapsed().as_secs_f64());
         match &self.bar {
             Some(bar) => bar.suspend(|| say(&line)),
             None => say(&line),
         }
     }
 
-    fn plain_line(&mut self, done: u64, total: u64, note: &str) {
+    fn plain_line(&mut self, steps: usize, done: u64, total: u64, note: &str) {
         if self.spoke.elapsed() < PLAIN_INTERVAL {
             return;
         }
@@ -101,7 +104,7 @@ impl State {
             n => format!(", {:.0} s left at most", elapsed / n as f64 * total.saturating_sub(done) as f64),
         };
         let note = if note.is_empty() { String::new() } else { format!(", {note}") };
-        say(&format!("{:<12} {done}/{total}{note}, {elapsed:.0} s{left}", self.stage));
+        say(&format!("{} {done}/{total}{note}, {elapsed:.0} s{left}", self.name(steps)));
     }
 }
 
@@ -113,11 +116,14 @@ impl Progress for Terminal {
         }
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         if stage != state.stage {
-            state.end_stage();
+            state.end_stage(self.steps.len());
             (state.stage, state.began, state.first) = (stage, Instant::now(), done);
+            // A later step may repeat a stage of an earlier one.
+            let step = self.steps.iter().position(|s| s.contains(&stage)).map_or(0, |k| k + 1);
+            state.step = state.step.max(step);
             if let Some(bar) = &state.bar {
                 bar.reset();
-                bar.set_message(stage);
+                bar.set_message(state.name(self.steps.len()));
             }
         }
         match &state.bar {
@@ -126,7 +132,7 @@ impl Progress for Terminal {
                 bar.set_position(done);
                 bar.set_prefix(note.to_owned());
             }
-            None => state.plain_line(done, total, note),
+            None => state.plain_line(self.steps.len(), done, total, note),
         }
     }
 
@@ -140,6 +146,6 @@ impl Progress for Terminal {
     }
 
     fn is_cancelled(&self) -> bool {
-        CANCELLED.load(Ordering::SeqCst)
+        interrupt::is_stopping()
     }
 }

@@ -2,29 +2,32 @@
 
 use crate::args::{Recover, RecoverTexture};
 use crate::output::{self, print};
-use crate::preflight;
-use crate::progress::{Terminal, handle_interrupts, say};
+use crate::preflight::Places;
+use crate::progress::{Terminal, say};
+use crate::simplify::CHECKPOINT_FILE;
+use crate::status::Ending;
+use crate::{interrupt, threads};
 use anyhow::Result;
 use photofit_fit::engine::trainer::Keeping;
 use photofit_fit::recover::{RecoverOptions, Recovered, recover_texture};
 use serde_json::{Value, json};
 
-pub(crate) fn run(a: &Recover) -> Result<()> {
+pub(crate) fn run(a: &Recover) -> Result<Ending> {
     match a {
         Recover::Texture(a) => texture(a),
     }
 }
 
-fn texture(a: &RecoverTexture) -> Result<()> {
-    preflight::file(&a.output, &["glb"])?;
-    preflight::distinct(&a.mesh, &a.output)?;
-    if let Some(json) = &a.json {
-        preflight::file(json, &[])?;
-    }
-    if let Some(folder) = &a.checkpoint {
-        preflight::folder(folder)?;
-    }
-    crate::simplify::set_threads(a.threads)?;
+fn texture(a: &RecoverTexture) -> Result<Ending> {
+    let places = Places::default()
+        .reads("PICTURES", Some(&a.pictures))
+        .reads("PICTURES", Some(&a.pictures.join("transforms.json")))
+        .reads("--mesh", Some(&a.mesh))
+        .writes("--output", Some(&a.output))
+        .writes("--json", a.json.as_deref())
+        .fills("--checkpoint", a.checkpoint.as_deref(), &[CHECKPOINT_FILE]);
+    places.check()?;
+    threads::set(a.threads)?;
     let options = RecoverOptions {
         texture_size: a.texture_size,
         steps: a.steps,
@@ -33,7 +36,8 @@ fn texture(a: &RecoverTexture) -> Result<()> {
         keeping: Keeping { checkpoint: a.checkpoint.clone(), resume: a.resume, time_limit: a.time_limit },
     };
     let mesh = photofit_scene::load(&a.mesh)?;
-    handle_interrupts();
+    places.check_against("--mesh", &mesh.files)?;
+    interrupt::handle();
     let progress = Terminal::new();
     let r = recover_texture(&a.pictures, &mesh, &a.output, &options, &progress)?;
     progress.finish();
@@ -51,7 +55,9 @@ fn texture(a: &RecoverTexture) -> Result<()> {
     if let Some(path) = &a.json {
         output::write_json(path, &to_json(a, &r))?;
     }
-    print(&text)
+    print(&text)?;
+    let stopped = r.stopped && interrupt::is_stopping();
+    Ok(if stopped { Ending::Stopped } else { Ending::Done })
 }
 
 fn to_json(a: &RecoverTexture, r: &Recovered) -> Value {

@@ -1,7 +1,10 @@
 //! `photofit render`: one picture of an asset.
 
 use crate::args::{Render, RenderIntegrator, RenderLight};
-use crate::{light, mitsuba, path_render, preflight};
+use crate::output;
+use crate::preflight::Places;
+use crate::status::Ending;
+use crate::{light, mitsuba, path_render};
 use anyhow::{Result, anyhow};
 use glam::Vec3;
 use photofit_fit::scene_render::SceneRenderer;
@@ -9,7 +12,9 @@ use photofit_image::Image;
 use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::{Camera, Scene, SurfaceLibrary};
 use photofit_shading::{Light, Yaw};
+use serde_json::json;
 use std::path::Path;
+use std::time::Instant;
 
 /// Vertical field of view, radians.
 const FIELD_OF_VIEW: f32 = 0.7;
@@ -18,20 +23,29 @@ const IRRADIANCE: f32 = 2.6;
 /// Radiance of the weak constant environment beside a point light.
 const AMBIENT: f32 = 0.22;
 
-pub(crate) fn run(a: &Render) -> Result<()> {
-    preflight::file(&a.output, &["png", "exr"])?;
-    preflight::distinct(&a.input, &a.output)?;
+pub(crate) fn run(a: &Render) -> Result<Ending> {
+    let traced = a.is_mitsuba() || a.integrator == Some(RenderIntegrator::Path);
+    let state = traced.then(|| path_render::state_file(&a.output));
+    let places = Places::default()
+        .reads("IN", Some(&a.input))
+        .reads("--env", a.env.as_deref())
+        .writes("--output", Some(&a.output))
+        .writes("the state beside --output", state.as_deref())
+        .writes("--json", a.json.as_deref());
+    places.check()?;
     if a.is_mitsuba() {
-        return mitsuba::render(a);
+        return mitsuba::render(a, &places);
     }
-    if a.integrator == Some(RenderIntegrator::Path) {
-        return path_render::run(a);
+    if traced {
+        return path_render::run(a, &places);
     }
+    let began = Instant::now();
     let environment = match (a.light, &a.env) {
         (RenderLight::Env, Some(file)) => Some(light::environment(file)?),
         _ => None,
     };
     let scene = photofit_scene::load(&a.input)?;
+    places.check_against("IN", &scene.files)?;
     scene.validate_for_fit().map_err(|e| anyhow!("{}: {e}", a.input.display()))?;
     let (center, radius) = extent(a, &scene)?;
     let camera = camera(a, center, radius);
@@ -45,7 +59,23 @@ pub(crate) fn run(a: &Render) -> Result<()> {
     // The command line admits squares alone.
     let supersample = a.spp.unwrap_or(16).isqrt() as usize;
     let picture = render(&scene, &camera, &lights, (a.width() as usize, a.height() as usize), supersample);
-    write(&a.output, &picture)
+    write(&a.output, &picture)?;
+    if let Some(file) = &a.json {
+        let spp = supersample * supersample;
+        let value = json!({
+            "input": a.input.display().to_string(),
+            "output": a.output.display().to_string(),
+            "integrator": "raster",
+            "width": a.width(),
+            "height": a.height(),
+            "spp": spp,
+            "triangles": scene.triangle_count(),
+            "seconds": began.elapsed().as_secs_f64(),
+            "threads": rayon::current_num_threads(),
+        });
+        output::write_json(file, &value)?;
+    }
+    Ok(Ending::Done)
 }
 
 /// Centre and radius of the asset.

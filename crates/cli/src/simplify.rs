@@ -2,11 +2,13 @@
 
 use crate::args::{FitLight, FitReference, Simplify, Start};
 use crate::output::{self, print};
-use crate::progress::{Terminal, handle_interrupts};
-use crate::{light, memory, preflight};
+use crate::preflight::Places;
+use crate::progress::Terminal;
+use crate::status::Ending;
+use crate::{interrupt, light, memory, threads};
 use anyhow::{Error, Result, anyhow};
 use photofit_fit::FitError;
-use photofit_fit::report::{ReportInfo, write_report};
+use photofit_fit::report::{PAGE as REPORT_PAGE, ReportInfo, Verdict, write_report};
 use photofit_fit::simplify::{
     Init, Judged, Outcome, Plan, Quality, ReferenceRenderer, SimplifyOptions, simplify,
 };
@@ -18,36 +20,33 @@ use std::path::{Path, PathBuf};
 
 /// Share of the triangles that is kept when no budget is given.
 const DEFAULT_RATIO: f64 = 0.03;
+/// Name of the state in the folder of --checkpoint.
+pub(crate) const CHECKPOINT_FILE: &str = "fit.ckpt";
+/// The steps of the job, each with the stages that it reports.
+const STEPS: &[&[&str]] =
+    &[&["visibility"], &["decimate"], &["wrap"], &["atlas", "bake"], &["fit"], &["choose", "report"]];
 
-pub(crate) fn run(a: &Simplify) -> Result<()> {
-    preflight::file(&a.output, &["glb"])?;
-    preflight::distinct(&a.input, &a.output)?;
-    if let Some(json) = &a.json {
-        preflight::file(json, &[])?;
-    }
-    for folder in [&a.report, &a.checkpoint].into_iter().flatten() {
-        preflight::folder(folder)?;
-    }
-    set_threads(a.threads)?;
+pub(crate) fn run(a: &Simplify) -> Result<Ending> {
+    let places = Places::default()
+        .reads("IN", Some(&a.input))
+        .reads("--env", a.env.as_deref())
+        .writes("--output", Some(&a.output))
+        .writes("--json", a.json.as_deref())
+        .fills("--report", a.report.as_deref(), &[REPORT_PAGE])
+        .fills("--checkpoint", a.checkpoint.as_deref(), &[CHECKPOINT_FILE]);
+    places.check()?;
+    threads::set(a.threads)?;
     let options = options(a)?;
     // What no asset could satisfy is told before one is read.
     options.check(usize::MAX).map_err(|e| explain_error(&a.input, e))?;
     let scene = photofit_scene::load(&a.input)?;
+    places.check_against("IN", &scene.files)?;
     let job = Job { input: &a.input, output: &a.output, report: a.report.as_deref(), explain: a.explain };
     let done = job.run(&scene, &options)?;
     if let Some(path) = &a.json {
         output::write_json(path, &done.json)?;
     }
-    Ok(())
-}
-
-/// Sizes the pool that all crates share.
-pub(crate) fn set_threads(threads: Option<u16>) -> Result<()> {
-    let Some(n) = threads else { return Ok(()) };
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(usize::from(n))
-        .build_global()
-        .map_err(|e| anyhow!("--threads {n}: {e}"))
+    Ok(done.ending)
 }
 
 fn options(a: &Simplify) -> Result<SimplifyOptions> {
@@ -71,10 +70,10 @@ fn options(a: &Simplify) -> Result<SimplifyOptions> {
             Start::Sphere => Init::Sphere,
         },
         resolution: a.resolution,
-        batch: a.batch.unwrap_or(default.batch),
-        steps: a.steps.unwrap_or(default.steps),
+        batch: a.batch,
+        steps: a.steps,
         time_limit: a.time_limit,
-        texture_size: a.texture_size.unwrap_or(default.texture_size),
+        texture_size: a.texture_size,
         texture_encoding: a
             .jpeg
             .map_or(default.texture_encoding, |quality| TextureEncoding::Jpeg { quality }),
@@ -128,6 +127,7 @@ pub(crate) struct Job<'a> {
 pub(crate) struct Done {
     pub(crate) outcome: Outcome,
     pub(crate) json: Value,
+    pub(crate) ending: Ending,
 }
 
 impl Job<'_> {
@@ -141,11 +141,15 @@ impl Job<'_> {
             let plan = Plan::new(scene).with_options(options.steps, path_traced, &options.lighting);
             print(&format!("what the asset asks for:\n{plan}\n\n"))?;
         }
-        handle_interrupts();
-        let progress = Terminal::new();
+        interrupt::handle();
+        let progress = Terminal::with_steps(STEPS);
         let outcome =
             simplify(scene, self.output, options, &progress).map_err(|e| explain_error(self.input, e))?;
         progress.finish();
+        let ending = match outcome.stopped && interrupt::is_stopping() {
+            true => Ending::Stopped,
+            false => Ending::Done,
+        };
         if outcome.stopped {
             crate::progress::say("the fit was ended early; what was reached is written");
         }
@@ -155,33 +159,50 @@ impl Job<'_> {
         for line in &outcome.left_out {
             crate::progress::say(&format!("warning: {}: left out: {line}", self.input.display()));
         }
-        let report = self.write_report(scene, &outcome)?;
-        self.print_summary(&outcome, report.as_deref())?;
-        let json = self.json(&outcome, report.as_deref());
-        Ok(Done { outcome, json })
+        let report = self.write_report(scene, options, &outcome)?;
+        self.print_summary(scene, &outcome, report.as_deref())?;
+        let mut json = self.json(scene, &outcome, report.as_deref());
+        json["stopped_by"] = match (outcome.stopped, ending) {
+            (false, _) => Value::Null,
+            (true, Ending::Stopped) => json!("signal"),
+            (true, Ending::Done) => json!("time limit"),
+        };
+        Ok(Done { outcome, json, ending })
     }
 
-    fn write_report(&self, scene: &Scene, outcome: &Outcome) -> Result<Option<PathBuf>> {
+    fn write_report(
+        &self,
+        scene: &Scene,
+        options: &SimplifyOptions,
+        outcome: &Outcome,
+    ) -> Result<Option<PathBuf>> {
         let Some(folder) = self.report else { return Ok(None) };
         let arguments = std::env::args().skip(1).map(|a| quoted(&a));
         let command = ["photofit".to_owned()].into_iter().chain(arguments).collect::<Vec<_>>().join(" ");
         let info = ReportInfo {
             scene,
+            light: self.output,
             title: name(self.input),
             command,
             bytes_in: Some(scene.source_bytes),
-            bytes_out: std::fs::metadata(self.output).ok().map(|m| m.len()),
+            screen_size: match options.target {
+                Target::ScreenSize(pixels) => Some(pixels),
+                _ => None,
+            },
         };
         Ok(Some(write_report(folder, outcome, &info)?))
     }
 
-    fn print_summary(&self, o: &Outcome, report: Option<&Path>) -> Result<()> {
+    fn print_summary(&self, scene: &Scene, o: &Outcome, report: Option<&Path>) -> Result<()> {
         let rows: Vec<(&str, &Quality)> = o.stages.iter().map(|(name, q)| (*name, q)).collect();
         let mut text = output::quality_table(&rows);
         text += &format!(
-            "\n{} -> {} triangles, {} steps, {:.1} s ({:.1} s of it until the file was written)\n",
+            "\n{}\n{} -> {} triangles, {} -> {}, {} steps, {:.1} s ({:.1} s of it until the file was written)\n",
+            Verdict::of(o),
             output::count(o.triangles_in),
             output::count(o.triangles_out),
+            output::bytes(scene.source_bytes),
+            self.bytes_out().map_or_else(|| "?".into(), output::bytes),
             o.steps,
             o.seconds,
             o.fit_seconds
@@ -199,7 +220,12 @@ impl Job<'_> {
         print(&text)
     }
 
-    fn json(&self, o: &Outcome, report: Option<&Path>) -> Value {
+    /// Bytes of the written file.
+    fn bytes_out(&self) -> Option<u64> {
+        std::fs::metadata(self.output).ok().map(|m| m.len())
+    }
+
+    fn json(&self, scene: &Scene, o: &Outcome, report: Option<&Path>) -> Value {
         let views: Vec<Value> = o
             .views
             .iter()
@@ -219,6 +245,9 @@ impl Job<'_> {
             "report": report.map(|p| p.display().to_string()),
             "triangles_in": o.triangles_in,
             "triangles_out": o.triangles_out,
+            "bytes_in": scene.source_bytes,
+            "bytes_out": self.bytes_out(),
+            "verdict": Verdict::of(o).likeness.to_string(),
             "seconds": o.seconds,
             "fit_seconds": o.fit_seconds,
             "seconds_to_half_db": o.seconds_to_half_db,
@@ -230,6 +259,7 @@ impl Job<'_> {
             "views": views,
             "history": history,
             "left_out": o.left_out,
+            "warnings": scene.warnings,
             "judged": match o.judged {
                 Judged::Rasterized => "rasterized",
                 Judged::ReferenceTraced => "reference path traced",

@@ -2,8 +2,9 @@
 
 use crate::args::{Surface, SurfaceMethod};
 use crate::output::{self, count, print};
-use crate::progress::{Terminal, handle_interrupts, say};
-use crate::{preflight, surface_camera};
+use crate::preflight::Places;
+use crate::progress::{Terminal, say};
+use crate::{interrupt, surface_camera, threads};
 use anyhow::{Result, anyhow};
 use photofit_denoise::surface::{
     self as recon, Cloud, Method, Pinhole, SurfaceError, SurfaceOptions, reconstruct,
@@ -14,16 +15,22 @@ use serde_json::{Value, json};
 use std::path::Path;
 use std::time::Instant;
 
+/// What is written.
+const FILES: [&str; 7] =
+    ["surface.exr", "depth.png", "normal.png", "shaded.png", "albedo.png", "sheet.png", "camera.json"];
 /// Fewest points that span a surface.
 const LEAST_POINTS: usize = 3;
 
 pub(crate) fn run(a: &Surface) -> Result<()> {
-    preflight::folder(&a.output)?;
-    if let Some(file) = &a.json {
-        preflight::file(file, &[])?;
-    }
+    Places::default()
+        .reads("POINTS", Some(&a.input))
+        .reads("--camera", a.camera.as_deref())
+        .fills("--output", Some(&a.output), &FILES)
+        .writes("--json", a.json.as_deref())
+        .check()?;
+    threads::set(a.threads)?;
     let given = a.camera.as_deref().map(surface_camera::read).transpose()?;
-    handle_interrupts();
+    interrupt::handle();
     let terminal = Terminal::new();
     let began = Instant::now();
     let told = |stage| {
@@ -38,7 +45,7 @@ pub(crate) fn run(a: &Surface) -> Result<()> {
     if points.positions.len() < LEAST_POINTS {
         let (file, found) = (a.input.display(), points.positions.len());
         return Err(anyhow!(
-            "{file}: a surface needs at least {LEAST_POINTS} points with a position, found {found}"
+            "{file}: the number of points with a position is {found}; it must be at least {LEAST_POINTS}"
         ));
     }
     let camera = match given {

@@ -6,6 +6,7 @@ use crate::skin::Bind;
 use crate::{Camera, Material, PunctualLight, SceneError, TextureSlot};
 use photofit_geometry::Mesh;
 use photofit_scalar::Vec3f;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// An 8-bit image of a texture, RGBA, row 0 at the top; its encoding follows from the slot that uses it.
@@ -75,6 +76,8 @@ pub struct Scene {
     pub lights: Vec<PunctualLight>,
     /// Bytes of the files that it was loaded from: the asset itself, its buffers, textures and materials.
     pub source_bytes: u64,
+    /// The files beside the asset's own that were read: buffers, textures, material libraries; links followed.
+    pub files: Vec<PathBuf>,
     /// What the loader ignored or repaired, one line each.
     pub warnings: Vec<String>,
     /// The nodes that place all this, with skins, morph targets and animations; `None` for formats without and for scenes

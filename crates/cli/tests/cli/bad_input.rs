@@ -159,7 +159,7 @@ fn broken_pictures() {
     let o = photofit(d, &["compare", "whole.png", "other.png", "--heatmap", "heat.png"]);
     assert_one_error(&o, "sizes", &["other.png", "8 x 4", "8 x 8"]);
     let o = photofit(d, &["compare", "whole.png", "missing.glb"]);
-    assert_one_error(&o, "kinds", &["missing.glb", "one kind"]);
+    assert_one_error(&o, "kinds", &["missing.glb", "both must be images"]);
     assert!(!d.join("c.json").exists() && !d.join("heat.png").exists());
 }
 
@@ -174,19 +174,17 @@ fn impossible_outputs() {
         (vec!["simplify", "rock.glb", "-o", "no/out.glb"], "does not exist"),
         (vec!["simplify", "rock.glb", "-o", "plain/out.glb"], "not a folder"),
         (vec!["simplify", "rock.glb", "-o", "folder.glb"], "not a folder"),
-        (vec!["simplify", "rock.glb", "-o", "out.gltf"], ".glb"),
-        (vec!["simplify", "rock.glb", "-o", "out"], ".glb"),
-        (vec!["simplify", "rock.glb", "-o", "rock.glb"], "another file"),
         (vec!["simplify", "rock.glb", "-o", "out.glb", "--json", "no/f.json"], "f.json"),
         (vec!["simplify", "rock.glb", "-o", "out.glb", "--report", "plain"], "not a folder"),
         (vec!["simplify", "rock.glb", "-o", "out.glb", "--checkpoint", "plain/c"], "not a folder"),
-        (vec!["render", "rock.glb", "-o", "out.jpg"], ".png or .exr"),
-        (vec!["compare", "rock.glb", "rock.glb", "--heatmap", "h.exr"], ".png"),
+        (vec!["simplify", "rock.glb", "-o", "r/out.glb", "--report", "r"], "does not exist"),
+        (vec!["render", "rock.glb", "-o", "no/out.png"], "does not exist"),
         (vec!["demo", "--out", "plain/demo"], "not a folder"),
     ];
     if cfg!(target_os = "linux") {
         // Nobody, root included, can make files there.
         cases.push((vec!["simplify", "rock.glb", "-o", "/proc/out.glb"], "cannot be written"));
+        cases.push((vec!["inspect", "rock.glb", "--json", "/dev/null"], "must be a regular file"));
     }
     let before = names(d);
     for (arguments, rule) in &cases {
@@ -196,26 +194,13 @@ fn impossible_outputs() {
 }
 
 #[test]
-fn impossible_budgets() {
+fn budgets_beyond_the_asset() {
     let dir = tempfile::tempdir().unwrap();
     let d = dir.path();
     write_rock(d, 2, false);
-    for (option, value, rule) in [
-        ("--triangles", "0", "at least 1"),
-        ("--triangles", "81", "above the 80 triangles"),
-        ("--ratio", "0", "(0, 1]"),
-        ("--ratio", "1.5", "(0, 1]"),
-        ("--ratio", "nan", "(0, 1]"),
-        ("--error", "0", "(0, 1)"),
-        ("--screen-size", "0", "1..65536"),
-        ("--resolution", "100000", "16..4096"),
-        ("--batch", "0", "1..64"),
-        ("--texture-size", "1000000", "16..8192"),
-    ] {
-        let o = photofit(d, &["simplify", "rock.glb", "-o", "out.glb", option, value]);
-        assert_one_error(&o, &format!("{option} {value}"), &["rock.glb", option, rule]);
-        assert_eq!(names(d), ["rock.glb"]);
-    }
+    let o = photofit(d, &["simplify", "rock.glb", "-o", "out.glb", "--triangles", "81"]);
+    assert_one_error(&o, "81 of 80", &["rock.glb", "triangles", "81", "80"]);
+    assert_eq!(names(d), ["rock.glb"]);
 }
 
 /// Files that claim gigabytes are refused before memory is taken.

@@ -1,6 +1,6 @@
 //! `denoise`: layers, sequences, figures, refusals.
 
-use crate::support::{assert_one_error, names, photofit, stdout, succeeds, write_rock};
+use crate::support::{assert_misuse, assert_one_error, names, photofit, stdout, succeeds, write_rock};
 use photofit_denoise::mc::synthetic::SyntheticFrame;
 use photofit_image::{Image, read, rmse, srgb_decode, write_exr, write_png};
 use serde_json::{Value, json};
@@ -214,7 +214,13 @@ fn sequences_and_halves_lower_the_error() {
     }
     let o = photofit(d, &["denoise", "bare_3.exr", "-o", "p.exr", "--sequence", "cameras.json"]);
     assert_one_error(&o, "no positions", &["bare_0.exr", "positions"]);
-    refused(&["--sequence", "cameras.json", "--half", "b.exr"], &["--half"]);
+    let both = ["denoise", "room_003.exr", "-o", "p.exr", "--sequence", "cameras.json", "--half", "b.exr"];
+    assert_misuse(&photofit(d, &both), "both", &["--half", "one of them"]);
+    // An earlier frame of the sequence is an input too.
+    let over = ["denoise", "room_003.exr", "-o", "room_001.exr", "--sequence", "cameras.json"];
+    let before = std::fs::read(d.join("room_001.exr")).unwrap();
+    assert_misuse(&photofit(d, &over), "over a frame", &["room_001.exr", "--output", "--sequence"]);
+    assert!(std::fs::read(d.join("room_001.exr")).unwrap() == before);
     std::fs::remove_file(d.join("room_001.exr")).unwrap();
     refused(&["--sequence", "cameras.json"], &["room_001.exr", "missing", "frame 1"]);
     assert!(!names(d).contains(&"p.exr".to_owned()));
@@ -310,7 +316,6 @@ fn bad_input_is_named() {
     refused(&["c.exr", "-o", "o.exr", "--half", "small.exr"], &["small.exr", "5 x 4"]);
     refused(&["c.exr", "-o", "o.exr", "--compare", "small.exr"], &["small.exr", "5 x 4"]);
     refused(&["c.exr", "-o", "o.exr", "--normal", "depth.exr"], &["depth.exr", "normal", "depth: Z"]);
-    refused(&["c.exr", "-o", "o.jpg"], &["o.jpg", ".exr or .png"]);
     refused(&["c.exr", "-o", "no/o.exr"], &["does not exist"]);
     refused(&["c.exr", "-o", "o.exr", "--sequence", "c.exr"], &["c.exr", "not valid JSON"]);
     assert!(!names(d).iter().any(|n| n.starts_with("o.")), "nothing was written");

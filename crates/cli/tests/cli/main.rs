@@ -5,6 +5,7 @@ mod bad_input;
 mod commands;
 mod denoise;
 mod mitsuba;
+mod overwrite;
 mod path;
 mod recover;
 mod simplify;

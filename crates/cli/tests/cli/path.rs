@@ -1,6 +1,8 @@
 //! `render --integrator path`.
 
-use crate::support::{assert_one_error, command, names, photofit, rock, stdout, succeeds, write_rock};
+use crate::support::{
+    assert_misuse, assert_one_error, command, names, photofit, rock, stdout, succeeds, write_rock,
+};
 use photofit_image::Image;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -48,9 +50,9 @@ fn layers_and_the_plan_are_written() {
     let bytes = std::fs::read(d.join("a.exr")).unwrap();
     assert!(bytes.windows(12).any(|w| w == b"photofit/spp"), "metadata");
     let o = photofit(d, &[&SMALL[..], &["-o", "a.png", "--aov", "depth"]].concat());
-    assert_one_error(&o, "layers need an .exr", &["a.png", "--aov"]);
+    assert_misuse(&o, "layers need an .exr", &["a.png", "--aov"]);
     let o = photofit(d, &[&SMALL[..], &["-o", "b.exr", "--aov", "depht"]].concat());
-    assert_one_error(&o, "a misspelt layer", &["depht", "depth"]);
+    assert_misuse(&o, "a misspelt layer", &["depht", "depth"]);
     let o = photofit(d, &[&SMALL[..], &["-o", "b.exr", "--camera", "2"]].concat());
     assert_one_error(&o, "a camera that is not there", &["rock.glb", "0 cameras"]);
     let o = photofit(d, &[&SMALL[..], &["-o", "b.exr", "--light", "asset"]].concat());
@@ -66,7 +68,11 @@ fn noise_and_time_end_a_render() {
         let layers = photofit_image::read_exr_layers(d.join(name)).unwrap();
         layers.into_iter().find(|l| l.0 == "samples").unwrap().1.data
     };
-    render(d, "noise.exr", &["--noise", "0.1", "--aov", "samples"]);
+    render(d, "noise.exr", &["--noise", "0.1", "--aov", "samples", "--json", "noise.json"]);
+    let figures: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(d.join("noise.json")).unwrap()).unwrap();
+    assert!(figures["noise"].as_f64().is_some_and(|n| n <= 0.1), "{figures}");
+    assert_eq!((&figures["finished"], &figures["width"]), (&true.into(), &48.into()));
     let n = samples("noise.exr");
     assert!(n.iter().all(|n| (32.0..4096.0).contains(n)), "{n:?}");
     let began = Instant::now();

@@ -67,6 +67,18 @@ fn the_main_job_end_to_end() {
     }
     assert!(std::fs::read_to_string(d.join("r/index.html")).unwrap().contains("rock.glb"));
     assert_eq!(names(d), ["c", "f.json", "out.glb", "r", "rock.glb"]);
+    assert_eq!(names(&d.join("c")), ["fit.ckpt"], "the only file that is checked against the inputs");
+    // Every stage belongs to a step, and the steps go up.
+    let steps: Vec<usize> =
+        stderr(&o).lines().filter_map(|l| l.split_once(" of 6 ")?.0.parse().ok()).collect();
+    assert!(steps.is_sorted() && (1..=6).all(|k| steps.contains(&k)), "{}", stderr(&o));
+    assert_eq!(steps.len(), stderr(&o).lines().count(), "{}", stderr(&o));
+    let size = |name: &str| std::fs::metadata(d.join(name)).unwrap().len();
+    assert_eq!(
+        (f["bytes_in"].as_u64(), f["bytes_out"].as_u64()),
+        (Some(size("rock.glb")), Some(size("out.glb")))
+    );
+    assert!(text.contains("KiB"), "{text}");
 }
 
 #[test]
@@ -205,7 +217,14 @@ fn a_killed_fit_resumes_to_the_same_file() {
 
 #[cfg(unix)]
 #[test]
-fn an_interrupt_keeps_what_was_reached() {
+fn ctrl_c_and_termination_keep_what_was_reached() {
+    for signal in ["-INT", "-TERM"] {
+        stopped_by(signal);
+    }
+}
+
+#[cfg(unix)]
+fn stopped_by(signal: &str) {
     let dir = tempfile::tempdir().unwrap();
     let d = dir.path();
     write_rock(d, 10, true);
@@ -217,13 +236,50 @@ fn an_interrupt_keeps_what_was_reached() {
         assert!(start.elapsed() < Duration::from_secs(60), "no checkpoint");
         std::thread::sleep(Duration::from_millis(5));
     }
-    let sent = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    let sent = std::process::Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap();
     assert!(sent.success());
     let o = child.wait_with_output().unwrap();
-    assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
+    assert_eq!(o.status.code(), Some(3), "{signal}: {}", stderr(&o));
     assert!(stderr(&o).contains("stopping"), "{}", stderr(&o));
     let f = json(&d.join("f.json"));
-    assert_eq!(f["stopped"], true);
+    assert_eq!((&f["stopped"], &f["stopped_by"]), (&true.into(), &"signal".into()));
     assert!(f["steps"].as_u64().unwrap() < 100_000);
     assert!(photofit_scene::load(d.join("out.glb")).unwrap().triangle_count() <= 300);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_second_signal_ends_the_program_at_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 10, true);
+    let more = ["--steps", "100000", "--checkpoint", "state"];
+    let mut child =
+        command(d, &fit("out.glb", &more)).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let start = Instant::now();
+    while !d.join("state/fit.ckpt").exists() {
+        assert!(start.elapsed() < Duration::from_secs(60), "no checkpoint");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    // The first may end the fit before the next arrives: then what was reached is written.
+    let id = child.id().to_string();
+    while child.try_wait().unwrap().is_none() {
+        assert!(start.elapsed() < Duration::from_secs(120), "still runs");
+        std::process::Command::new("kill").args(["-TERM", &id]).stderr(Stdio::null()).status().unwrap();
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let status = child.wait().unwrap().code();
+    assert_eq!(status, Some(130));
+    assert!(!d.join("out.glb").exists(), "nothing is written after a second signal");
+}
+
+#[test]
+fn a_time_limit_is_a_wish_and_no_failure() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 10, true);
+    let more = ["--steps", "100000", "--time-limit", "0.5", "--json", "f.json"];
+    succeeds(d, &fit("out.glb", &more));
+    let f = json(&d.join("f.json"));
+    assert_eq!((&f["stopped"], &f["stopped_by"]), (&true.into(), &"time limit".into()));
 }

@@ -36,8 +36,17 @@ pub(crate) fn succeeds(folder: &Path, arguments: &[&str]) -> Output {
 
 /// Expects exit status 1 and one line on stderr that begins with `error:` and holds all of `parts`.
 pub(crate) fn assert_one_error(o: &Output, what: &str, parts: &[&str]) {
+    assert_one_line(o, 1, what, parts);
+}
+
+/// Expects exit status 2 and one line on stderr that begins with `error:` and holds all of `parts`.
+pub(crate) fn assert_misuse(o: &Output, what: &str, parts: &[&str]) {
+    assert_one_line(o, 2, what, parts);
+}
+
+fn assert_one_line(o: &Output, status: i32, what: &str, parts: &[&str]) {
     let text = stderr(o);
-    assert_eq!(o.status.code(), Some(1), "{what}: {text}");
+    assert_eq!(o.status.code(), Some(status), "{what}: {text}");
     let errors: Vec<&str> = text.lines().filter(|l| !l.starts_with("warning:")).collect();
     assert_eq!(errors.len(), 1, "{what}: one line, found {text}");
     assert!(errors[0].starts_with("error: "), "{what}: {text}");

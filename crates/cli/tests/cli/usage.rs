@@ -35,6 +35,35 @@ fn help_lists_commands_and_options() {
         assert!(help.contains(option), "{option}");
     }
     assert!(stdout(&succeeds(dir.path(), &["--version"])).starts_with("photofit "));
+    for command in [&["--help"][..], &["simplify", "--help"], &["render", "--help"]] {
+        let help = stdout(&succeeds(dir.path(), command));
+        assert!(help.contains("Exit status:") && help.contains("130"), "{command:?}");
+    }
+}
+
+#[test]
+fn values_out_of_range_are_told_with_the_range() {
+    let dir = tempfile::tempdir().unwrap();
+    for (option, value, rule) in [
+        ("--triangles", "0", "at least 1"),
+        ("--ratio", "0", "more than 0, at most 1"),
+        ("--ratio", "2", "more than 0, at most 1"),
+        ("--ratio", "nan", "more than 0, at most 1"),
+        ("--error", "0", "more than 0, less than 1"),
+        ("--screen-size", "0", "1 to 65536"),
+        ("--resolution", "100000", "16 to 4096"),
+        ("--batch", "0", "1 to 64"),
+        ("--texture-size", "1000000", "16 to 8192"),
+        ("--jpeg", "101", "1 to 100"),
+        ("--threads", "0", "1 to 1024"),
+        ("--time-limit", "0", "more than 0"),
+    ] {
+        let o = photofit(dir.path(), &["simplify", "rock.glb", "-o", "out.glb", option, value]);
+        let text = stderr(&o);
+        assert_eq!(o.status.code(), Some(2), "{option} {value}: {text}");
+        assert!(text.contains(&format!("invalid value '{value}' for '{option}")), "what it is: {text}");
+        assert!(text.contains("it must be") && text.contains(rule), "what it must be: {text}");
+    }
 }
 
 #[test]
@@ -57,6 +86,15 @@ fn wrong_command_lines_have_status_2() {
         &["simplify", "a.glb", "-o", "b.glb", "--faster"],
         &["render", "a.glb", "-o", "b.png", "--spp", "5"],
         &["render", "a.glb", "-o", "b.png", "--width", "0"],
+        &["render", "a.glb", "-o", "b.jpg"],
+        &["render", "a.glb", "-o", "b.png", "--seed", "1"],
+        &["render", "a.glb", "-o", "b.png", "--integrator", "raster", "--threads", "2"],
+        &["render", "a.glb", "-o", "b.png", "--max-depth", "2"],
+        &["render", "a.glb", "-o", "b.png", "--save-every", "2"],
+        &["simplify", "a.glb", "-o", "b.gltf"],
+        &["simplify", "a.glb", "-o", "b"],
+        &["compare", "a.glb", "b.glb", "--heatmap", "h.exr"],
+        &["denoise", "a.exr", "-o", "b.jpg"],
         &["render", "a.glb", "-o", "b.png", "--light", "env"],
         &["compare", "a.png"],
         &["inspect"],

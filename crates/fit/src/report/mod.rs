@@ -1,14 +1,19 @@
 //! The report of a simplification: one HTML page that needs nothing else.
 //!
-//! It holds the figures, every view of the judgement with a before-after slider and FLIP heat maps, the course of the
-//! fit, the maps, the texture layout, wireframes, the plan and the command line.
+//! First a verdict, then the light asset at the size that it is for, what the file holds and what was left out, every
+//! view of the judgement with a before-after slider and FLIP, the maps, the texture layout and wireframes. Figures of
+//! the fit (stages, curves, times, plan, command line) are folded at the end.
 
 mod atlas;
+mod contents;
 mod page;
 mod pictures;
 mod plots;
+mod verdict;
 mod views;
 mod wireframe;
+
+pub use verdict::{Likeness, Verdict};
 
 use crate::FitError;
 use crate::simplify::{Normalised, Outcome, Quality};
@@ -17,69 +22,89 @@ use photofit_image::write_atomically;
 use photofit_scene::Scene;
 use std::path::{Path, PathBuf};
 
+/// Name of the page in a report's folder.
+pub const PAGE: &str = "index.html";
+/// The stage that is the written file.
+const SHIPPED: &str = "fitted";
+
 /// What a report says beside the outcome.
 #[derive(Clone, Debug)]
 pub struct ReportInfo<'a> {
-    /// The reference, for its wireframe.
+    /// The reference.
     pub scene: &'a Scene,
+    /// The written file.
+    pub light: &'a Path,
     /// Name of the asset.
     pub title: String,
     /// The command line.
     pub command: String,
     /// Bytes of the reference's file.
     pub bytes_in: Option<u64>,
-    /// Bytes of the written file.
-    pub bytes_out: Option<u64>,
+    /// Pixels that the asset covers on the screen that it is for; `None` where the budget does not say.
+    pub screen_size: Option<f64>,
 }
 
-/// Writes `index.html` to `folder`, which is made when it does not exist, and returns its path. The page has all of its
+/// Writes [`PAGE`] to `folder`, which is made when it does not exist, and returns its path. The page has all of its
 /// pictures inside and stays below about 15 MB.
 ///
 /// # Errors
-/// If the folder or the page cannot be written, or the reference has no extent.
+/// If the folder or the page cannot be written, the written file cannot be read, or the reference has no extent.
 pub fn write_report(folder: &Path, outcome: &Outcome, info: &ReportInfo<'_>) -> Result<PathBuf, FitError> {
     std::fs::create_dir_all(folder).map_err(|source| FitError::Io { path: folder.into(), source })?;
-    let path = folder.join("index.html");
+    let path = folder.join(PAGE);
     write_atomically(&path, html(outcome, info)?.as_bytes())?;
     Ok(path)
 }
 
 /// The page.
 fn html(o: &Outcome, info: &ReportInfo<'_>) -> Result<String, FitError> {
+    let light = photofit_scene::load(info.light)?;
+    let file =
+        std::fs::read(info.light).map_err(|source| FitError::Io { path: info.light.to_owned(), source })?;
     let body = [
-        header(o, info),
-        table(o),
+        header(o, info, &light, file.len() as u64),
+        views::at_size(o, info.screen_size)?,
+        contents::section(contents::parts(&file).as_ref(), info.scene, &light, &o.left_out),
         views::section(o)?,
-        plots::section(o)?,
-        wireframes(o, info)?,
         atlas::section(&o.candidate)?,
-        format!("<h2>Plan</h2>\n<pre>{}</pre>\n", escape(&o.plan.to_string())),
-        format!("<h2>Command</h2>\n<pre>{}</pre>\n", escape(&info.command)),
+        wireframes(o, info)?,
+        format!(
+            "<details>\n<summary>How the fit went</summary>\n{}{}{}<h3>Plan</h3>\n<pre>{}</pre>\n<h3>Command</h3>\n\
+             <pre>{}</pre>\n</details>\n",
+            table(o),
+            times(o),
+            plots::section(o)?,
+            escape(&o.plan.to_string()),
+            escape(&info.command)
+        ),
     ];
     Ok(page::page(&format!("photofit: {}", info.title), &body.concat()))
 }
 
-/// Headline figures.
-fn header(o: &Outcome, info: &ReportInfo<'_>) -> String {
+/// The verdict and the figures of the file.
+fn header(o: &Outcome, info: &ReportInfo<'_>, light: &Scene, bytes_out: u64) -> String {
+    let verdict = Verdict::of(o);
+    let class = match verdict.likeness {
+        Likeness::Same => "same",
+        Likeness::Close => "close",
+        Likeness::Different | Likeness::Unknown => "different",
+    };
+    let text = verdict.to_string();
+    let (first, rest) = text.split_once(": ").unwrap_or((&text, ""));
     let share = 100.0 * o.triangles_out as f64 / o.triangles_in.max(1) as f64;
+    let of = |n: Option<u64>| n.map_or_else(String::new, |n| format!(" <span>of {}</span>", bytes(n)));
     let mut tiles = vec![
-        ("triangles", format!("{} <span>of {}</span>", count(o.triangles_out), count(o.triangles_in))),
-        ("kept", format!("{share:.2} %")),
-    ];
-    if let (Some(a), Some(b)) = (info.bytes_in, info.bytes_out) {
-        tiles.push(("file size", format!("{} <span>of {}</span>", bytes(b), bytes(a))));
-    }
-    let [fitted, baked] = ["fitted", "baked"].map(|name| o.stage(name).copied().unwrap_or_default());
-    tiles.extend([
         (
-            "fitted PSNR",
-            format!("{:.2} dB <span>{:+.2} over baked</span>", fitted.psnr, fitted.psnr - baked.psnr),
+            "triangles",
+            format!("{} <span>of {}, {share:.2} %</span>", count(o.triangles_out), count(o.triangles_in)),
         ),
-        ("fitted FLIP", format!("{:.4} <span>{}</span>", fitted.flip, change(fitted.flip, baked.flip))),
-        ("time", format!("{:.0} s <span>{:.0} s to the file</span>", o.seconds, o.fit_seconds)),
-        ("steps", format!("{} <span>{:.1} Mpixel/s</span>", o.steps, o.mpix_per_s)),
-        ("within 0.5 dB of the end", format!("{:.0} s", o.seconds_to_half_db)),
-    ]);
+        ("bytes", format!("{}{}", bytes(bytes_out), of(info.bytes_in))),
+    ];
+    if let Some(density) = contents::texel_density(light) {
+        let asset = contents::texel_density(info.scene)
+            .map_or_else(String::new, |d| format!(" <span>the asset has {}</span>", significant(d)));
+        tiles.push(("texels per unit of length", format!("{}{asset}", significant(density))));
+    }
     let tiles: String =
         tiles.iter().map(|(name, value)| format!("<div><b>{value}</b>{name}</div>\n")).collect();
     let stopped = if o.stopped {
@@ -87,11 +112,20 @@ fn header(o: &Outcome, info: &ReportInfo<'_>) -> String {
     } else {
         ""
     };
-    format!("<h1>{}</h1>\n{stopped}<div class=tiles>\n{tiles}</div>\n", escape(&info.title))
+    format!(
+        "<p class=\"verdict {class}\"><b>{}</b> {}</p>\n<h1>{}</h1>\n{stopped}<div class=tiles>\n{tiles}</div>\n\
+         <p class=note>The same: FLIP at most 0.03 in the mean and 0.05 in the worst view, hard to tell side by side. \
+         Close: at most 0.08 and 0.12.</p>\n",
+        escape(first),
+        escape(rest),
+        escape(&info.title)
+    )
 }
 
-fn change(new: f64, old: f64) -> String {
-    if old > 0.0 { format!("{:+.0} % against baked", 100.0 * (new / old - 1.0)) } else { String::new() }
+/// A number with three significant digits.
+fn significant(x: f64) -> String {
+    let digits = (2.0 - x.abs().max(1e-12).log10().floor()).clamp(0.0, 9.0) as usize;
+    format!("{x:.digits$}")
 }
 
 fn table(o: &Outcome) -> String {
@@ -103,10 +137,10 @@ fn table(o: &Outcome) -> String {
         _ => "",
     };
     let row = |(name, q): &(&str, Quality)| {
-        let what = what(name);
         format!(
-            "<tr><th>{name}</th><td class=what>{what}</td><td>{:.2}</td><td>{:.4}</td><td>{:.4}</td><td>{:.0} \
+            "<tr><th>{name}</th><td class=what>{}</td><td>{:.2}</td><td>{:.4}</td><td>{:.4}</td><td>{:.0} \
              %</td></tr>\n",
+            what(name),
             q.psnr,
             q.ssim,
             q.flip,
@@ -115,8 +149,8 @@ fn table(o: &Outcome) -> String {
     };
     let rows: String = o.stages.iter().map(row).collect();
     format!(
-        "<table>\n<tr><th></th><th></th><th>PSNR, dB</th><th>SSIM</th><th>FLIP</th><th>at \
-         outline</th></tr>\n{rows}</table>\n\
+        "<div class=wide><table class=stages>\n<tr><th></th><th></th><th>PSNR, dB</th><th>SSIM</th><th>FLIP</th><th>at \
+         outline</th></tr>\n{rows}</table></div>\n\
          <p class=note>Means over {} views and lights that the fit never saw, over the foreground (the union of both \
          silhouettes and a margin) of {} x {} pixels. At outline: the share of the squared error in pixels that one asset \
          covers and the other does not, which no texture can mend.</p>\n",
@@ -126,11 +160,24 @@ fn table(o: &Outcome) -> String {
     )
 }
 
+/// Where the time went, in one line.
+fn times(o: &Outcome) -> String {
+    format!(
+        "<p class=note>{} steps, {:.1} million pixels per second; {:.0} s until the file was written, {:.0} s with this \
+         report; within 0.5 dB of the end after {:.0} s.</p>\n",
+        count(o.steps as usize),
+        o.mpix_per_s,
+        o.fit_seconds,
+        o.seconds,
+        o.seconds_to_half_db
+    )
+}
+
 fn wireframes(o: &Outcome, info: &ReportInfo<'_>) -> Result<String, FitError> {
     let reference = Normalised::new(info.scene)?.flat.mesh;
     let light = o.candidate.mesh();
     let mut figures = String::new();
-    for (name, mesh) in [("reference", &reference), ("fitted", &light)] {
+    for (name, mesh) in [("reference", &reference), (SHIPPED, &light)] {
         let picture = wireframe::shaded(&mesh.positions, &mesh.triangles);
         let caption = format!("{name}: {} triangles", count(mesh.triangles.len()));
         figures += &page::figure(&pictures::display(&picture, usize::MAX)?, name, &caption);

@@ -1,4 +1,4 @@
-//! The course of a fit: loss and held-out quality against steps and seconds, as SVG.
+//! The course of a fit: loss and held-out quality against steps, as SVG.
 
 use crate::FitError;
 use crate::simplify::{HistoryPoint, Outcome};
@@ -6,30 +6,29 @@ use plotters::prelude::{
     ChartBuilder, Circle, IntoDrawingArea, LineSeries, RGBColor, SVGBackend, ShapeStyle, WHITE,
 };
 
-type Axis = (&'static str, fn(&HistoryPoint) -> f64);
+/// A title, and the value of a point of the history.
+type Axis = (&'static str, fn(&HistoryPoint) -> Option<f64>);
 
 const LOSS: RGBColor = RGBColor(0xc0, 0x5a, 0x10);
 const QUALITY: RGBColor = RGBColor(0x1b, 0x5f, 0x9e);
 
-/// The section of the four curves; empty when the fit made no step.
+/// The section of the two curves; empty when the fit made no step.
 pub(super) fn section(o: &Outcome) -> Result<String, FitError> {
     if o.history.len() < 2 {
         return Ok(String::new());
     }
-    let x: [Axis; 2] = [("steps", |h| h.step as f64), ("seconds", |h| h.seconds)];
-    let mut plots = String::new();
-    for (title, color, y) in [
-        ("held-out PSNR, dB", QUALITY, (|h| Some(h.held_out_psnr)) as fn(&HistoryPoint) -> Option<f64>),
+    let value: [Axis; 2] = [
+        ("held-out PSNR, dB", |h| Some(h.held_out_psnr)),
         // A look before the first step has no loss.
-        ("training loss", LOSS, |h| (h.loss > 0.0).then_some(h.loss)),
-    ] {
-        for (name, x) in x {
-            let points: Vec<(f64, f64)> =
-                o.history.iter().filter_map(|h| Some((x(h), y(h)?))).filter(|p| p.1.is_finite()).collect();
-            plots += &format!("<div>{}</div>\n", curve(title, name, color, &points)?);
-        }
+        ("training loss", |h| (h.loss > 0.0).then_some(h.loss)),
+    ];
+    let mut plots = String::new();
+    for ((title, y), color) in value.into_iter().zip([QUALITY, LOSS]) {
+        let points = o.history.iter().filter_map(|h| Some((h.step as f64, y(h)?)));
+        let points: Vec<(f64, f64)> = points.filter(|p| p.1.is_finite()).collect();
+        plots += &format!("<div>{}</div>\n", curve(title, "steps", color, &points)?);
     }
-    Ok(format!("<h2>Course of the fit</h2>\n<div class=plots>\n{plots}</div>\n"))
+    Ok(format!("<h3>Course of the fit</h3>\n<div class=plots>\n{plots}</div>\n"))
 }
 
 fn curve(title: &str, x: &str, color: RGBColor, points: &[(f64, f64)]) -> Result<String, FitError> {

@@ -30,13 +30,16 @@ fn the_page_is_whole_and_needs_nothing_else() {
         report_views: 2,
         ..SimplifyOptions::default()
     };
-    let outcome = simplify(&scene, &dir.path().join("rock.glb"), &options, &Silent).unwrap();
+    let mut outcome = simplify(&scene, &dir.path().join("rock.glb"), &options, &Silent).unwrap();
+    let light = dir.path().join("rock.glb");
+    outcome.left_out = vec!["2 animations".into()];
     let info = ReportInfo {
         scene: &scene,
+        light: &light,
         title: "rock <&>".into(),
         command: "photofit simplify \"a b\"".into(),
         bytes_in: Some(5_000_000),
-        bytes_out: Some(40_000),
+        screen_size: Some(20.0),
     };
     let page = write_report(&dir.path().join("new/report"), &outcome, &info).unwrap();
     let html = std::fs::read_to_string(&page).unwrap();
@@ -49,15 +52,30 @@ fn the_page_is_whole_and_needs_nothing_else() {
         "Wireframes",
         "texture layout",
         "Plan",
+        "20 pixels, the screen size that the budget is for",
+        "<li>2 animations</li>",
+        "texels per unit of length",
+        "<th>geometry</th>",
     ] {
         assert!(html.contains(part), "{part}");
     }
-    // Per view 5 pictures and 4 heat maps; then 2 wireframes, 3 maps and the layout.
-    assert_eq!(html.matches("src=\"data:image/png;base64,").count(), 2 * 9 + 2 + 4);
+    // What a reader asks first comes first; what a developer asks is folded at the end.
+    let at = |part: &str| html.find(part).unwrap_or_else(|| panic!("{part}"));
+    let order =
+        ["<main>\n<p class=\"verdict", "<h1>", "At its size", "What the file holds", "Left out", "View 1"];
+    assert!(order.windows(2).all(|w| at(w[0]) < at(w[1])), "{:?}", order.map(at));
+    let folded = at("How the fit went");
+    for part in ["Course of the fit", "million pixels per second", "<h3>Plan</h3>", "photofit simplify"] {
+        assert!(at(part) > folded, "{part} is folded");
+    }
+    assert!(html.contains(&Verdict::of(&outcome).likeness.to_string()));
+    // Two views, asset and light asset, at their size; per view 5 pictures and 4 heat maps; 2 wireframes, 3 maps and
+    // the layout.
+    assert_eq!(html.matches("src=\"data:image/png;base64,").count(), 4 + 2 * 9 + 2 + 4);
     let outside = html.replace("http://www.w3.org/2000/svg", "");
     for address in ["http:", "https:", "src=\"/", "@import", "url("] {
         assert!(!outside.contains(address), "the page refers to {address}");
     }
-    assert_eq!(html.matches("<svg ").count(), 4, "four curves");
+    assert_eq!(html.matches("<svg ").count(), 2, "two curves");
     assert_eq!(html.matches("<figure>").count(), html.matches("</figure>").count());
 }

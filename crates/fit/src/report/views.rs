@@ -1,6 +1,6 @@
-//! The views of the judgement: pictures, sliders and heat maps.
+//! The views of the judgement: pictures at the size that the asset is for, sliders and heat maps.
 
-use super::{page, pictures};
+use super::{SHIPPED, Verdict, page, pictures};
 use crate::FitError;
 use crate::simplify::{Outcome, ReportView, ViewQuality};
 use photofit_image::heatmap;
@@ -9,9 +9,36 @@ use rayon::prelude::*;
 /// Sides of the pictures that are tried in turn until the page stays below [`MOST_BYTES`].
 const SIDES: [usize; 4] = [448, 352, 256, 160];
 /// Bytes of all view pictures as text.
-const MOST_BYTES: usize = 11_000_000;
+const MOST_BYTES: usize = 10_000_000;
 /// FLIP that is shown as the brightest colour.
 const HEAT: f32 = 0.5;
+/// Smallest side of a picture at the size that the asset is for.
+const LEAST_SIDE: usize = 16;
+
+/// The worst view and the first other one, one pixel of the picture to one of the screen.
+pub(super) fn at_size(o: &Outcome, screen_size: Option<f64>) -> Result<String, FitError> {
+    let Some((worst, _)) = Verdict::of(o).worst else { return Ok(String::new()) };
+    let Some(shipped) = o.stages.iter().position(|s| s.0 == SHIPPED) else { return Ok(String::new()) };
+    let side = screen_size.map_or(o.resolution, |s| s.ceil() as usize).max(LEAST_SIDE).min(o.resolution);
+    let other = (0..o.views.len()).find(|k| *k != worst);
+    let mut figures = String::new();
+    for k in [Some(worst), other].into_iter().flatten() {
+        let view = &o.views[k];
+        let kind = if k == worst { " (worst)" } else { "" };
+        for (name, picture) in [("asset", &view.reference), ("light asset", &view.quality[shipped].picture)] {
+            let uri = pictures::display(picture, side)?;
+            figures += &page::figure(&uri, name, &format!("{name}, view {}{kind}", k + 1));
+        }
+    }
+    let why = match screen_size {
+        Some(s) if s > o.resolution as f64 => {
+            format!("{side} pixels, the size of the report's pictures; the budget is for {s:.0} pixels")
+        }
+        Some(_) => format!("{side} pixels, the screen size that the budget is for"),
+        None => format!("{side} pixels, the size that the fit was made at"),
+    };
+    Ok(format!("<h2>At its size</h2>\n<p class=note>{why}.</p>\n<div class=size>\n{figures}</div>\n"))
+}
 
 /// The section of all views.
 pub(super) fn section(o: &Outcome) -> Result<String, FitError> {
@@ -26,12 +53,8 @@ pub(super) fn section(o: &Outcome) -> Result<String, FitError> {
         if first.len() * o.views.len() > MOST_BYTES && side != SIDES[SIDES.len() - 1] {
             continue;
         }
-        cards = o
-            .views
-            .par_iter()
-            .enumerate()
-            .map(|(i, v)| card(i, v, &names, side))
-            .collect::<Result<_, _>>()?;
+        let all = o.views.par_iter().enumerate();
+        cards = all.map(|(i, v)| card(i, v, &names, side)).collect::<Result<_, _>>()?;
         if cards.iter().map(String::len).sum::<usize>() <= MOST_BYTES {
             break;
         }
@@ -39,16 +62,26 @@ pub(super) fn section(o: &Outcome) -> Result<String, FitError> {
     Ok(format!("<h2>Views</h2>\n{}", cards.concat()))
 }
 
+/// One view: a slider between two pictures, FLIP of the written file, and the stages before it folded.
 fn card(index: usize, view: &ReportView, names: &[&str], side: usize) -> Result<String, FitError> {
-    let mut strip = page::figure(&pictures::display(&view.reference, side)?, "reference", "reference");
+    let mut shown = String::new();
+    let mut earlier = page::figure(&pictures::display(&view.reference, side)?, "reference", "reference");
     for (name, v) in names.iter().zip(&view.quality) {
         let q = &v.quality;
         let caption = format!("{name}<br>{:.2} dB, SSIM {:.3}", q.psnr, q.ssim);
-        strip += &page::figure(&pictures::display(&v.picture, side)?, name, &caption);
-    }
-    strip += &format!("<div class=legend><i></i>FLIP, from 0 to {HEAT} and more</div>\n");
-    for (name, v) in names.iter().zip(&view.quality) {
-        strip += &heat(name, v, side)?;
+        earlier += &page::figure(&pictures::display(&v.picture, side)?, name, &caption);
+        if *name == SHIPPED {
+            shown = format!(
+                "<div class=heat>{}<div class=legend><i></i>FLIP, from 0 to {HEAT} and more</div>\n\
+                 <p>PSNR {:.2} dB<br>SSIM {:.3}<br>FLIP {:.4}</p></div>\n",
+                heat(name, v, side)?,
+                q.psnr,
+                q.ssim,
+                q.flip
+            );
+        } else {
+            earlier += &heat(name, v, side)?;
+        }
     }
     let choose = |chosen: &str| {
         let options: String = ["reference"]
@@ -60,15 +93,15 @@ fn card(index: usize, view: &ReportView, names: &[&str], side: usize) -> Result<
     };
     Ok(format!(
         "<section class=view>\n<h3>View {}</h3>\n<div>\n<div class=slider><img alt=\"\"><img class=after alt=\"\">\
-         <div class=bar></div></div>\n<div class=choose>{}{}</div>\n</div>\n<div class=strip>\n{strip}</div>\n\
-         </section>\n",
+         <div class=bar></div></div>\n<div class=choose>{}{}</div>\n</div>\n{shown}<details>\n<summary>Every stage</summary>\n\
+         <div class=strip>\n{earlier}</div>\n</details>\n</section>\n",
         index + 1,
         choose("reference"),
-        choose("fitted"),
+        choose(SHIPPED),
     ))
 }
 
 fn heat(name: &str, v: &ViewQuality, side: usize) -> Result<String, FitError> {
     let picture = pictures::linear(&heatmap(&v.flip, HEAT), side / 2)?;
-    Ok(page::figure(&picture, &format!("FLIP of {name}"), &format!("FLIP {:.4}", v.quality.flip)))
+    Ok(page::figure(&picture, &format!("FLIP of {name}"), &format!("FLIP of {name}: {:.4}", v.quality.flip)))
 }

@@ -7,6 +7,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 /// Reads a regular file of at most `limit` bytes.
 pub(crate) fn read(path: &Path, limit: u64) -> Result<Vec<u8>, SceneError> {
@@ -32,6 +33,8 @@ pub(crate) struct Folder {
     path: PathBuf,
     /// Bytes read from it so far.
     bytes: AtomicU64,
+    /// The files that were read from it.
+    files: Mutex<Vec<PathBuf>>,
 }
 
 impl Folder {
@@ -40,12 +43,20 @@ impl Folder {
             Some(p) if !p.as_os_str().is_empty() => p.to_owned(),
             _ => PathBuf::from("."),
         };
-        Self { path, bytes: AtomicU64::new(0) }
+        Self { path, bytes: AtomicU64::new(0), files: Mutex::default() }
     }
 
     /// Bytes of the files that were read from it.
     pub(crate) fn bytes_read(&self) -> u64 {
         self.bytes.load(Ordering::Relaxed)
+    }
+
+    /// The files that were read from it, each once, in the order of their names.
+    pub(crate) fn into_files(self) -> Vec<PathBuf> {
+        let mut files = self.files.into_inner().unwrap_or_else(PoisonError::into_inner);
+        files.sort();
+        files.dedup();
+        files
     }
 
     /// Contents of a glTF URI: percent-encoded relative path or base64 data.
@@ -68,6 +79,7 @@ impl Folder {
             other => fault(place, other.to_string()),
         })?;
         self.bytes.fetch_add(bytes.len() as u64, Ordering::Relaxed);
+        self.files.lock().unwrap_or_else(PoisonError::into_inner).push(path);
         Ok(bytes)
     }
 

@@ -88,6 +88,7 @@ pub fn load_with(path: impl AsRef<Path>, limits: &Limits) -> Result<Scene, Scene
     let folder = file::Folder::of(path);
     let mut scene = parse(path, &bytes, &folder, limits).map_err(|f| f.in_file(path))?;
     scene.source_bytes = bytes.len() as u64 + folder.bytes_read();
+    scene.files = folder.into_files();
     scene.name = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
     scene.check().map_err(|f| f.in_file(path))?;
     check_extent(&scene).map_err(|f| f.in_file(path))?;

@@ -1,0 +1,76 @@
+//! The options of `photofit denoise`.
+
+use super::values::{ending, whole};
+use clap::{Args, ValueEnum};
+use std::path::PathBuf;
+
+/// What removes the noise.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum DenoiseModel {
+    /// Regression on the features, its widths chosen by estimated error: best quality per second.
+    Auto,
+    /// Total variation, quadratic data term.
+    Rof,
+    /// Total variation, absolute data term.
+    Tvl1,
+    /// Total variation, both data terms.
+    Hybrid,
+    /// Second-order total generalised variation, slower.
+    Tgv,
+    /// Edge-stopping wavelets (SVGF), for comparison.
+    Atrous,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct Denoise {
+    /// The noisy picture: .exr (with feature layers, if there are any), .hdr, .png or .jpg.
+    #[arg(value_name = "COLOR")]
+    pub(crate) input: PathBuf,
+    /// The picture to write: .exr (linear) or .png (sRGB).
+    #[arg(short, long, value_name = "OUT.exr|.png", value_parser = ending(&["exr", "png"]))]
+    pub(crate) output: PathBuf,
+    /// Diffuse reflectance, linear (.png: sRGB).
+    #[arg(long, value_name = "FILE")]
+    pub(crate) albedo: Option<PathBuf>,
+    /// Normals, in any frame; values in 0..1 are taken as (n+1)/2.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) normal: Option<PathBuf>,
+    /// Distance from the camera, 0 where nothing is hit.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) depth: Option<PathBuf>,
+    /// World positions.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) position: Option<PathBuf>,
+    /// Variance of the colour (of the mean over the samples).
+    #[arg(long, value_name = "FILE")]
+    pub(crate) variance: Option<PathBuf>,
+    /// A second picture with as many samples of its own: the noise is then known.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) half: Option<PathBuf>,
+    /// Cameras of a rendered sequence (JSON): frames before COLOR are reprojected. Their files are named alike but
+    /// for the number.
+    #[arg(long, value_name = "cameras.json")]
+    pub(crate) sequence: Option<PathBuf>,
+    /// The model.
+    #[arg(long, value_enum, default_value = "auto")]
+    pub(crate) model: DenoiseModel,
+    /// Leave the result of a total variation model as dark as the mean of logarithms is, instead of scaling it to the
+    /// local mean of the noisy picture.
+    #[arg(long)]
+    pub(crate) keep_darkening: bool,
+    /// Do not clamp rare huge samples.
+    #[arg(long)]
+    pub(crate) keep_fireflies: bool,
+    /// A clean picture to compare with: PSNR, SSIM, FLIP, RMSE.
+    #[arg(long, value_name = "REF")]
+    pub(crate) compare: Option<PathBuf>,
+    /// Threads; the picture is the same for any number [range: 1 to 1024] [default: all cores].
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
+    pub(crate) threads: Option<u16>,
+    /// Print what runs and what is skipped, and why.
+    #[arg(long)]
+    pub(crate) explain: bool,
+    /// Write figures, times and the plan as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) json: Option<PathBuf>,
+}
