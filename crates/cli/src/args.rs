@@ -277,8 +277,9 @@ impl Render {
                 None => Ok(()),
             };
         }
-        if !p.define.is_empty() {
-            return Err("--define needs an .xml scene".into());
+        let given = [("--define", !p.define.is_empty()), ("--allow-parent-paths", p.allow_parent_paths)];
+        if let Some((name, _)) = given.into_iter().find(|g| g.1) {
+            return Err(format!("{name} needs an .xml scene"));
         }
         if self.integrator == Some(RenderIntegrator::Path) {
             return Ok(());
@@ -357,6 +358,10 @@ pub(crate) struct PathArgs {
     /// Give the parameter NAME (`$NAME`) of an .xml scene a value; may be repeated [default: what the scene says].
     #[arg(long, value_name = "NAME=VALUE", value_parser = definition)]
     pub(crate) define: Vec<(String, String)>,
+    /// Let an .xml scene name files above its folder, by `..` or in the folder right above it: only for scenes that you
+    /// trust.
+    #[arg(long)]
+    pub(crate) allow_parent_paths: bool,
     /// Use camera N of the asset, the first is 0 [range: at least 0] [default: --azimuth, --elevation and --distance].
     #[arg(long, value_name = "N", value_parser = whole::<usize>(0..))]
     pub(crate) camera: Option<usize>,
@@ -401,6 +406,10 @@ pub(crate) struct Inspect {
     /// The asset: .glb, .gltf, .obj or .ply; or a Mitsuba 3 scene: .xml.
     #[arg(value_name = "IN")]
     pub(crate) input: PathBuf,
+    /// Let an .xml scene name files above its folder, by `..` or in the folder right above it: only for scenes that you
+    /// trust.
+    #[arg(long)]
+    pub(crate) allow_parent_paths: bool,
     /// Write what is shown as JSON.
     #[arg(long, value_name = "FILE")]
     pub(crate) json: Option<PathBuf>,

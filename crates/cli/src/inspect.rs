@@ -4,6 +4,7 @@ use crate::args::Inspect;
 use crate::mitsuba;
 use crate::output::{self, bytes, count, print};
 use crate::preflight::Places;
+use crate::status::Misuse;
 use anyhow::Result;
 use photofit_fit::simplify::{Plan, Runs};
 use photofit_scene::{AlphaMode, LightKind, Material, PunctualLight, Scene};
@@ -15,6 +16,9 @@ pub(crate) fn run(a: &Inspect) -> Result<()> {
     places.check()?;
     if mitsuba::is_scene(&a.input) {
         return mitsuba::inspect(a, &places);
+    }
+    if a.allow_parent_paths {
+        return Err(Misuse("--allow-parent-paths needs an .xml scene".into()).into());
     }
     let scene = photofit_scene::load(&a.input)?;
     places.check_against("IN", &scene.files)?;

@@ -24,6 +24,7 @@ pub(crate) fn render(a: &Render, places: &Places) -> Result<Ending> {
     let options = MitsubaOptions {
         parameters: a.path.define.clone(),
         size: [a.width, a.height],
+        allow_parent_paths: a.path.allow_parent_paths,
         ..MitsubaOptions::default()
     };
     let scene = load_mitsuba(&a.input, &options)?;
@@ -53,7 +54,8 @@ pub(crate) fn render(a: &Render, places: &Places) -> Result<Ending> {
 
 /// What a scene holds.
 pub(crate) fn inspect(a: &Inspect, places: &Places) -> Result<()> {
-    let scene = load_mitsuba(&a.input, &MitsubaOptions::default())?;
+    let options = MitsubaOptions { allow_parent_paths: a.allow_parent_paths, ..MitsubaOptions::default() };
+    let scene = load_mitsuba(&a.input, &options)?;
     places.check_against("IN", &scene.files)?;
     if let Some(file) = &a.json {
         output::write_json(file, &to_json(&a.input, &scene))?;

@@ -53,3 +53,20 @@ fn media_that_cannot_be_are_refused() {
     assert_one_error(&o, "more light than there was", &["bad.xml", "albedo", "must lie in [0, 1]"]);
     assert!(!d.join("bad.png").exists(), "no picture");
 }
+
+#[test]
+fn files_above_the_scene_need_an_option() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    std::fs::create_dir(d.join("scene")).unwrap();
+    std::fs::write(d.join("tri.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let shape = "<shape type='obj'><string name='filename' value='../tri.obj'/></shape>";
+    std::fs::write(d.join("scene/s.xml"), format!("<scene version='3.0.0'>{shape}</scene>")).unwrap();
+    let o = photofit(d, &["inspect", "scene/s.xml"]);
+    assert_one_error(&o, "above the scene's folder", &["s.xml", "../tri.obj"]);
+    assert!(stdout(&succeeds(d, &["inspect", "scene/s.xml", "--allow-parent-paths"])).contains("1 shapes"));
+    for command in [&["inspect", "tri.obj"][..], &["render", "tri.obj", "-o", "a.png"]] {
+        let o = photofit(d, &[command, &["--allow-parent-paths"]].concat());
+        assert_eq!(o.status.code(), Some(2), "{command:?}: only for scenes");
+    }
+}

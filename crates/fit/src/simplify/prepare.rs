@@ -13,8 +13,9 @@ use photofit_geometry::decimate::{DecimateError, Decimated, Options, Target, dec
 use photofit_geometry::{Edges, Mesh, normals::split_hard_edges, shapes, weld::weld_exact};
 use photofit_raster::Maps;
 use photofit_rays::NearestPoint;
-use photofit_scalar::{Vec3f, vec3};
+use photofit_scalar::vec3;
 use photofit_scene::Scene;
+use photofit_shading::Sides;
 use rayon::prelude::*;
 use std::ops::ControlFlow;
 
