@@ -1,6 +1,7 @@
 //! The main job on assets of a few hundred triangles.
 
 use super::*;
+use crate::Silent;
 use photofit_geometry::shapes::{cube, displaced_sphere};
 use photofit_scene::{AlphaMode, Instance, Material, Primitive};
 use std::sync::Mutex;

@@ -1,6 +1,8 @@
 //! What plans say, against assets and options that make each line true or false.
 
 use super::*;
+use crate::candidate::SurfaceClass;
+use photofit_shading::Sides;
 use photofit_geometry::{Weld, shapes};
 use photofit_raster::Maps as Texels;
 use photofit_scene::{Extensions, Instance, Primitive, Sheen, Transmission, Volume};
@@ -21,7 +23,7 @@ fn candidate(mode: AlphaMode, paint: impl Fn(usize, &mut [f32; CHANNELS])) -> Ca
     maps.texels.iter_mut().enumerate().for_each(|(i, t)| paint(i, t));
     let n = mesh.positions.len();
     let class = vec![0; mesh.triangles.len()];
-    Candidate::new(&mesh, &Weld::identity(n), class, vec![mode], maps)
+    Candidate::new(&mesh, &Weld::identity(n), class, vec![SurfaceClass { alpha: mode, sides: Sides::Both }], maps)
 }
 
 fn runs(plan: &Plan, what: &str) -> Runs {
