@@ -29,10 +29,10 @@ fn quick(target: Target, steps: u64) -> SimplifyOptions {
 
 /// Simplifies and loads what was written.
 fn run(scene: &Scene, options: &SimplifyOptions) -> (Outcome, Scene) {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("light.glb");
-    let outcome = simplify(scene, &path, options, &Silent).unwrap();
-    let written = photofit_scene::load(&path).unwrap();
+    let outcome = simplify(scene, &path, options, &Silent).expect("the asset can be simplified");
+    let written = photofit_scene::load(&path).expect("what was written can be read");
     (outcome, written)
 }
 
