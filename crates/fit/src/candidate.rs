@@ -11,7 +11,7 @@ use photofit_geometry::tangents::{UvFrames, vertex_tangents, vertex_tangents_vjp
 use photofit_geometry::weld::weld_exact;
 use photofit_geometry::{Csr, Edges, Incidence, Mesh, Weld, laplacian};
 use photofit_raster::antialias::Topology;
-use photofit_raster::deferred::{self, Frame, Geometry, Gradients, Passes, View};
+use photofit_raster::deferred::{self, Frame, Geometry, Gradients, Masks, Passes, View};
 use photofit_raster::loss::{self, Loss, LossScalar};
 use photofit_raster::project::matrix_rows;
 use photofit_raster::texture::{MipAdjoint, MipRule, Pyramid};
@@ -53,6 +53,8 @@ pub struct Candidate<T = f32> {
     alpha: Vec<AlphaMode>,
     /// Texels whose alpha is no parameter; empty = none.
     solid: Vec<bool>,
+    /// Texels of masked triangles, where there are transparent ones.
+    masked: Vec<bool>,
     sides: Vec<Sides>,
     /// Vertices to positions.
     weld: Weld,
@@ -121,11 +123,17 @@ impl<T: LossScalar> Candidate<T> {
         let culls = class.iter().any(|c| of(c).sides == Sides::Front);
         let sides = class.iter().filter(|_| culls).map(|c| of(c).sides).collect();
         let size = (maps.width, maps.height);
-        let solid = if transparent { solid_texels(mesh, &class, &classes, size) } else { Vec::new() };
+        let texels_of = |which: fn(AlphaMode) -> bool| {
+            if transparent { texels_of(mesh, &class, &classes, size, which) } else { Vec::new() }
+        };
+        let solid = texels_of(|alpha| alpha == AlphaMode::Opaque);
+        let masked = texels_of(|alpha| matches!(alpha, AlphaMode::Mask { .. }));
+        // Upsampling a gradient by coverage to texels that their parent does not hold has no bound.
+        let mip_adjoint = if transparent { MipAdjoint::Exact } else { MipAdjoint::Smooth };
         Self {
             positions: weld.pick(&mesh.positions).iter().map(|p| p.cast()).collect(),
             maps: Pyramid::with_rule(maps, mip_rule(transparent)),
-            mip_adjoint: MipAdjoint::default(),
+            mip_adjoint,
             uvs: mesh.uvs.iter().map(|uv| uv.cast()).collect(),
             triangles: mesh.triangles.clone(),
             class,
@@ -136,6 +144,7 @@ impl<T: LossScalar> Candidate<T> {
             edges: edges.vertices,
             alpha,
             solid,
+            masked,
             sides,
             smooth: Incidence::new(&mesh.triangles, smoothing),
             weld,
@@ -248,8 +257,12 @@ impl<T: LossScalar> Candidate<T> {
         }
         if passes.map_gradients {
             self.maps.collapse_vjp(&mut out.rendered.maps, self.mip_adjoint);
-            let texels = out.rendered.maps.levels[0].texels.iter_mut().zip(&self.solid);
-            texels.filter(|(_, solid)| **solid).for_each(|(g, _)| g[channel::ALPHA] = T::zero());
+            let texels = &mut out.rendered.maps.levels[0].texels;
+            hold_alpha(texels, &self.solid);
+            // The outline of a mask that is cut has no gradient; what weighs colours must not move it.
+            if passes.masks == Masks::Cut {
+                hold_alpha(texels, &self.masked);
+            }
         }
         total
     }
@@ -277,17 +290,22 @@ impl<T: LossScalar> Candidate<T> {
     }
 }
 
-/// The texels of opaque triangles: their alpha stays 1, although it weighs colours in coarse levels that transparent
-/// triangles may share with them.
-fn solid_texels(
+/// Takes the gradient of alpha from the texels that are marked.
+fn hold_alpha<T: Real>(texels: &mut [[T; CHANNELS]], held: &[bool]) {
+    texels.iter_mut().zip(held).filter(|(_, held)| **held).for_each(|(g, _)| g[channel::ALPHA] = T::zero());
+}
+
+/// The texels of the triangles whose alpha means `which`. Alpha of opaque ones stays 1, although it weighs colours in
+/// coarse levels that transparent triangles may share with them.
+fn texels_of(
     mesh: &Mesh,
     class: &[u32],
     classes: &[SurfaceClass],
     (width, height): (usize, usize),
+    which: fn(AlphaMode) -> bool,
 ) -> Vec<bool> {
-    let is_opaque = |c: &u32| classes[*c as usize].alpha == AlphaMode::Opaque;
-    let opaque = mesh.triangles.iter().zip(class).filter(|(_, c)| is_opaque(c));
-    let triangles: Vec<[u32; 3]> = opaque.map(|(t, _)| *t).collect();
+    let wanted = mesh.triangles.iter().zip(class).filter(|(_, c)| which(classes[**c as usize].alpha));
+    let triangles: Vec<[u32; 3]> = wanted.map(|(t, _)| *t).collect();
     if triangles.is_empty() {
         return Vec::new();
     }

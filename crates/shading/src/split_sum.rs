@@ -9,7 +9,7 @@ use photofit_scalar::Real;
 use std::sync::LazyLock;
 
 /// Cosines and roughnesses in the table.
-const COSINES: usize = 48;
+const COSINES: usize = 64;
 const ROUGHNESSES: usize = 48;
 /// The table is denser near grazing: coordinate `(1 + c) x / (x + c)` of the cosine x.
 const GRAZING: f64 = 0.05;

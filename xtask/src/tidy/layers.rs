@@ -152,7 +152,7 @@ mod tests {
             "photofit-optim: photofit-geometry",
             "photofit-optim: optional photofit-shading",
             "photofit-denoise: photofit-sampling",
-            "photofit-rays: photofit-gpu",
+            "photofit-rays: photofit-sampling",
             "photofit-scene: photofit-gradcheck",
             "photofit-scene: dev photofit-raster",
             "photofit-cli: photofit",

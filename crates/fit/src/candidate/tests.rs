@@ -1,5 +1,5 @@
-//! The whole step as it ships, in f64, against central differences: several samples per pixel, live mip chains, peeled
-//! blended layers, a mask, silhouettes, every sample of a texel, random seed gradients and the loss of the product.
+//! The whole step in f64 against central differences: several samples per pixel, live mip chains with their exact
+//! adjoint (which ships where something is transparent), peeled blended layers, a faded mask (the fit cuts masks), silhouettes, every sample of a texel, random seed gradients and the loss of the product.
 
 use super::*;
 use photofit_geometry::atlas::{UnwrapOptions, unwrap};
@@ -20,6 +20,8 @@ const SAMPLES: usize = 2;
 const TEXELS: usize = 64;
 /// Step of the differences.
 const STEP: f64 = 1e-6;
+/// Step of the differences of positions: small against the distances between samples and edges.
+const POSITION_STEP: f64 = 1e-8;
 /// Random directions in which a group of parameters is moved.
 const DIRECTIONS: usize = 12;
 
@@ -203,7 +205,7 @@ impl Setting {
     fn error(
         &mut self,
         value: Value,
-        count: usize,
+        (count, step): (usize, f64),
         place: impl Fn(&mut Candidate<f64>, &[f64], f64),
         along: impl Fn(&ParameterGradients<f64>, &[f64]) -> f64,
     ) -> f64 {
@@ -213,13 +215,13 @@ impl Setting {
         let (mut wrong, mut truth) = (0.0, 0.0);
         for _ in 0..DIRECTIONS {
             let direction = rng.vec(count, -1.0, 1.0);
-            let [plus, minus] = [STEP, -STEP].map(|step| {
+            let [plus, minus] = [step, -step].map(|step| {
                 self.candidate.clone_from(&start);
                 place(&mut self.candidate, &direction, step);
                 self.look(value)
             });
-            assert_eq!(plus.1, minus.1, "the scene is tuned away from ties: nothing appears within the step");
-            let difference = (plus.0 - minus.0) / (2.0 * STEP);
+            assert!(plus.1 == minus.1, "the scene is tuned away from ties: nothing appears within the step");
+            let difference = (plus.0 - minus.0) / (2.0 * step);
             wrong += (difference - along(&g, &direction)).powi(2);
             truth += difference * difference;
         }
@@ -238,7 +240,7 @@ impl Setting {
             }
             candidate.maps.rebuild();
         };
-        self.error(value, TEXELS * TEXELS, place, |g, d| {
+        self.error(value, (TEXELS * TEXELS, STEP), place, |g, d| {
             g.rendered.maps.levels[0].texels.iter().zip(d).map(|(g, d)| g[c] * d).sum()
         })
     }
@@ -250,7 +252,7 @@ impl Setting {
             moved.for_each(|(p, d)| *p += vec3(d[0], d[1], d[2]) * step);
         };
         let count = 3 * self.candidate.positions.len();
-        self.error(value, count, place, |g, d| {
+        self.error(value, (count, POSITION_STEP), place, |g, d| {
             g.positions.iter().zip(d.as_chunks::<3>().0).map(|(g, d)| g.dot(vec3(d[0], d[1], d[2]))).sum()
         })
     }
@@ -328,6 +330,7 @@ fn alpha_of_one_and_zero_has_a_gradient() {
         c.classes.iter_mut().for_each(|class| class.alpha = mode);
         c.alpha.fill(mode);
         c.solid.clear();
+        c.masked.clear();
         setting.passes.masks = masks;
         let g = setting.gradients(Value::Weighted);
         let (value, _) = setting.look(Value::Weighted);
@@ -397,7 +400,7 @@ fn the_outline_of_a_mask_is_found() {
         fit.pull_back([picture], value, &passes, &mut g);
         for (t, g) in fit.maps.levels[0].texels.iter_mut().zip(&g.rendered.maps.levels[0].texels) {
             let g = g[channel::ALPHA];
-            let step = if g == 0.0 { 0.0 } else { 0.04 * g.signum() };
+            let step = if g == 0.0 { 0.0 } else { 0.06 * (1.0 - f64::from(k) / 60.0) * g.signum() };
             t[channel::ALPHA] = (t[channel::ALPHA] - step).clamp(0.0, 1.0);
         }
         fit.maps.rebuild();

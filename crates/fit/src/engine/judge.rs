@@ -170,7 +170,7 @@ pub fn beyond_rasterizer(scene: &Scene) -> BTreeSet<&'static str> {
         .map(|i| &scene.materials[scene.primitives[i.primitive].material])
         .filter(|m| !m.unlit)
         .filter_map(|m| m.extensions.as_ref())
-        .flat_map(|e| e.names())
+        .flat_map(|e| e.acting())
         .collect()
 }
 

@@ -15,6 +15,8 @@ use photofit_scene::{AlphaMode, Material, Scene, TextureSlot};
 use std::collections::BTreeSet;
 use std::fmt;
 
+/// Why gradients do not flow where the options ask for none.
+const NO_STEPS: &str = "no steps are made";
 /// A sample that varies less than this over the baked maps is constant: one step of 8 bits.
 const CONSTANT: f32 = 1.0 / 255.0;
 
@@ -139,7 +141,9 @@ impl Plan {
         fitted[channel::ROUGHNESS] = varies(channel::ROUGHNESS);
         fitted[channel::METALLIC] = metallic && varies(channel::METALLIC);
         let bent = (0..2).any(|k| any(channel::NORMAL + k, &|x| x.abs() > CONSTANT));
-        fitted[channel::NORMAL..channel::NORMAL + 3].fill(bent);
+        // On a shape that moves, flat maps do not stay flat.
+        let moves = self.choices.as_ref().is_none_or(|c| c.positions);
+        fitted[channel::NORMAL..channel::NORMAL + 3].fill(bent || moves);
         let emissive = (0..3).any(|k| any(channel::EMISSIVE + k, &|x| x > 1e-4));
         fitted[channel::EMISSIVE..channel::EMISSIVE + 3].fill(emissive);
         let layers = if blend || mask { Passes::default().max_layers } else { 1 };
@@ -198,7 +202,7 @@ impl Plan {
             antialias: positions,
             max_layers: m.layers,
             position_gradients: positions,
-            map_gradients: m.fitted.contains(&true),
+            map_gradients: positions && m.fitted.contains(&true),
             energy: ENERGY,
         }
     }
@@ -211,6 +215,11 @@ impl Plan {
         self.asset.data_items(&mut items);
         self.option_items(&mut items);
         items
+    }
+
+    /// Whether the options ask for no steps.
+    fn is_still(&self) -> bool {
+        self.choices.as_ref().is_some_and(|c| !c.positions)
     }
 
     fn alpha_items(&self, items: &mut Vec<Item>) {
@@ -232,11 +241,16 @@ impl Plan {
             }
         };
         items.push(Item { what: "transparent layers", runs: layers, why });
-        let runs = match &self.maps {
-            Some(m) => m.fitted[channel::ALPHA].into(),
-            None => Runs::from(a.blended > 0),
+        let (runs, why) = match &self.maps {
+            _ if a.blended == 0 => {
+                (Runs::No, "nothing is blended (masks are cut, their outline is baked)".into())
+            }
+            _ if self.is_still() => (Runs::No, NO_STEPS.into()),
+            Some(m) if !m.fitted[channel::ALPHA] => {
+                (Runs::No, "nothing blended is left on the light asset".into())
+            }
+            _ => (Runs::Yes, a.of(a.blended, "are blended")),
         };
-        let why = if a.blended > 0 { a.of(a.blended, "are blended") } else { "nothing is blended".into() };
         items.push(Item { what: "alpha gradients", runs, why });
     }
 
@@ -249,10 +263,13 @@ impl Plan {
                 item("normal map", Runs::Open, "decided on the baked maps: flat ones are left out".into())
             }
             Some(true) => item("normal map", Runs::Yes, "detail of the reference goes into normals".into()),
-            Some(false) => item("normal map", Runs::No, "the baked normals are flat".into()),
+            Some(false) => {
+                item("normal map", Runs::No, "the baked normals are flat, and the shape is not fitted".into())
+            }
         }
         let (runs, why) = match (&self.maps, a.metallic) {
             (_, 0) => (Runs::No, "no material is metallic".into()),
+            _ if self.is_still() => (Runs::No, NO_STEPS.into()),
             (None, n) => (Runs::Open, a.of(n, "may be metallic: decided on the baked maps")),
             (Some(m), _) if !m.metallic => (Runs::No, "no metal in the baked maps".into()),
             (Some(m), _) if !m.fitted[channel::METALLIC] => {
@@ -270,8 +287,13 @@ impl Plan {
         item("emission", runs, why);
         if let Some(m) = &self.maps {
             let n = m.fitted.iter().filter(|f| **f).count();
-            let why = format!("{n} of {CHANNELS} samples of a texel; the others are constant or unused");
-            item("map gradients", (n > 0).into(), why);
+            let (runs, why) = if self.is_still() {
+                (Runs::No, NO_STEPS.into())
+            } else {
+                let why = format!("{n} of {CHANNELS} samples of a texel; the others are constant or unused");
+                ((n > 0).into(), why)
+            };
+            item("map gradients", runs, why);
         }
     }
 
@@ -287,7 +309,7 @@ impl Plan {
                 let (positions, silhouettes) = if c.positions {
                     ("the shape is fitted", "where neighbouring samples show different triangles")
                 } else {
-                    ("no steps are made", "positions are frozen")
+                    (NO_STEPS, "positions are frozen")
                 };
                 item("position gradients", c.positions.into(), positions.into());
                 item("silhouette gradients", c.positions.into(), silhouettes.into());
@@ -395,7 +417,7 @@ impl Asset {
 
 /// Extensions of a material, without their prefix.
 fn names(m: &Material) -> Vec<&'static str> {
-    m.extensions.as_ref().map_or_else(Vec::new, |e| e.names())
+    m.extensions.as_ref().map_or_else(Vec::new, |e| e.acting())
 }
 
 /// The texture slots that a fit reads.

@@ -102,7 +102,7 @@ fn photograph(scene: &Scene, folder: &Path, lit: bool) {
 }
 
 fn options() -> RecoverOptions {
-    RecoverOptions { texture_size: 64, steps: 120, ..RecoverOptions::default() }
+    RecoverOptions { texture_size: 64, steps: 400, ..RecoverOptions::default() }
 }
 
 #[test]
@@ -114,7 +114,7 @@ fn a_painted_sphere_is_recovered_from_its_pictures() {
         photograph(&scene, dir.path(), lit);
         let output = dir.path().join("out.glb");
         let r = recover_texture(dir.path(), &scene, &output, &options(), &Silent).unwrap();
-        assert_eq!((r.pictures, r.lit, r.without_alpha, r.steps), ([CAMERAS, 3], lit, 0, 120));
+        assert_eq!((r.pictures, r.lit, r.without_alpha, r.steps), ([CAMERAS, 3], lit, 0, 400));
         assert!(r.quality.psnr > floor, "lit {lit}: {:?} from {:?}", r.quality, r.start);
         assert!(r.quality.psnr > r.start.psnr + gain, "lit {lit}: {:?} from {:?}", r.quality, r.start);
         let written = photofit_scene::load(&output).unwrap();

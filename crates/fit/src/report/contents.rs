@@ -221,7 +221,9 @@ mod tests {
         ] {
             assert!(html.contains(part), "{part} in {html}");
         }
-        assert!(section(None, &scene, &scene, &[]).contains("Nothing that was read of the asset was left out"));
+        assert!(
+            section(None, &scene, &scene, &[]).contains("Nothing that was read of the asset was left out")
+        );
         scene.warnings = vec!["normals of <2> faces were made".into()];
         assert!(section(None, &scene, &scene, &[]).contains("<li>normals of &lt;2&gt; faces were made</li>"));
     }

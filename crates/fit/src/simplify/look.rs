@@ -58,7 +58,13 @@ pub(crate) fn classes(scene: &Scene) -> (Vec<MaterialClass>, Vec<u32>) {
             mode => mode,
         };
         let drawn = if transmits(m) { AlphaMode::Blend } else { written };
-        MaterialClass { drawn, written, sides: Sides::of(m.double_sided), unlit: m.unlit, extensions: kept(scene, i) }
+        MaterialClass {
+            drawn,
+            written,
+            sides: Sides::of(m.double_sided),
+            unlit: m.unlit,
+            extensions: kept(scene, i),
+        }
     };
     let of = (0..scene.materials.len())
         .map(|i| {

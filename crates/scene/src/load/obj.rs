@@ -38,7 +38,8 @@ struct Statements {
 pub(crate) enum Missing {
     /// Smooth normals but for sharp edges.
     Creased,
-    /// Smooth normals everywhere.
+    /// Smooth normals everywhere, as Mitsuba gives them.
+    #[cfg(feature = "mitsuba")]
     Smooth,
 }
 
@@ -268,6 +269,7 @@ impl Statements {
                 let (split, computed) = normals::creased(&self.positions, &all);
                 (split.triangles, computed)
             }
+            #[cfg(feature = "mitsuba")]
             Missing::Smooth => {
                 let computed = normals::smooth(&self.positions, &all);
                 (all, computed)

@@ -137,8 +137,9 @@ fn compare(energy: Energy) {
                 ambient.iter().all(|e| *e < 6e-3),
                 "{name}: ambient light differs by {ambient:?}\n{table}"
             );
-            // At grazing angles the lobe of the prefiltered map has another shape.
-            let right = sky[0] < 0.3 && sky[1] < 0.3 && sky[2] < 0.4;
+            // At grazing angles the lobe of the prefiltered map, which is isotropic, has another shape: a sun of 500 times
+            // the sky's radiance shows it.
+            let right = sky[0] < 0.15 && sky[1] < 0.3 && sky[2] < 0.7;
             assert!(right, "{name}: an environment differs by {sky:?}\n{table}");
         }
     }

@@ -2,10 +2,10 @@
 
 use super::*;
 use crate::candidate::SurfaceClass;
-use photofit_shading::Sides;
 use photofit_geometry::{Weld, shapes};
 use photofit_raster::Maps as Texels;
 use photofit_scene::{Extensions, Instance, Primitive, Sheen, Transmission, Volume};
+use photofit_shading::Sides;
 
 fn scene(material: Material) -> Scene {
     Scene {
@@ -23,7 +23,13 @@ fn candidate(mode: AlphaMode, paint: impl Fn(usize, &mut [f32; CHANNELS])) -> Ca
     maps.texels.iter_mut().enumerate().for_each(|(i, t)| paint(i, t));
     let n = mesh.positions.len();
     let class = vec![0; mesh.triangles.len()];
-    Candidate::new(&mesh, &Weld::identity(n), class, vec![SurfaceClass { alpha: mode, sides: Sides::Both }], maps)
+    Candidate::new(
+        &mesh,
+        &Weld::identity(n),
+        class,
+        vec![SurfaceClass { alpha: mode, sides: Sides::Both }],
+        maps,
+    )
 }
 
 fn runs(plan: &Plan, what: &str) -> Runs {
@@ -90,9 +96,11 @@ fn frozen_positions_run_no_silhouettes() {
 #[test]
 fn flat_normals_and_constant_maps_are_skipped() {
     let clay = scene(Material::clay());
-    let flat = fit(&clay, &candidate(AlphaMode::Opaque, |_, _| {}));
+    let sheet = candidate(AlphaMode::Opaque, |_, _| {});
+    let flat = Plan::new(&clay).with_options(0, false, &Lighting::Mixed).with_maps(&sheet);
     assert!(!flat.passes().normal_map && !flat.passes().map_gradients);
     assert_eq!((runs(&flat, "normal map"), runs(&flat, "map gradients")), (Runs::No, Runs::No));
+    assert!(fit(&clay, &sheet).passes().normal_map, "a shape that moves does not keep its normals flat");
     let bent = fit(&clay, &candidate(AlphaMode::Opaque, |i, t| t[channel::NORMAL] = 0.1 * (i % 2) as f32));
     assert!(bent.passes().normal_map && bent.passes().map_gradients);
     assert_eq!(runs(&bent, "normal map"), Runs::Yes);
