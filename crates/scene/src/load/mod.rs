@@ -211,6 +211,11 @@ impl<'a> Budget<'a> {
 pub(crate) use normals::{flat as flat_normals, smooth as smooth_normals};
 pub(crate) use texture::affine_of_transform;
 
+/// The material of formats that have no flag of sides: as in other programs, both are seen.
+pub(crate) fn clay() -> crate::Material {
+    crate::Material { double_sided: true, ..crate::Material::clay() }
+}
+
 /// Appends a primitive placed once without a transform.
 pub(crate) fn place(scene: &mut Scene, primitive: Primitive) {
     scene

@@ -4,7 +4,7 @@ use super::file::{Folder, clip};
 use super::texture::Textures;
 use super::{Budget, Limits, mtl, normals, place, polygon};
 use crate::error::{Fault, fault};
-use crate::{Material, Primitive, Scene};
+use crate::{Primitive, Scene};
 use photofit_geometry::Mesh;
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3};
 use std::borrow::Cow;
@@ -121,7 +121,7 @@ pub(crate) fn parse(text: &[u8], folder: &Folder, limits: &Limits, missing: Miss
 /// Index of the grey material, appended at its first use.
 fn add_clay(clay: &mut Option<usize>, scene: &mut Scene) -> usize {
     *clay.get_or_insert_with(|| {
-        scene.materials.push(Material::clay());
+        scene.materials.push(super::clay());
         scene.materials.len() - 1
     })
 }

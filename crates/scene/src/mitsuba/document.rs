@@ -77,6 +77,13 @@ impl Document {
             Some(p) if !p.as_os_str().is_empty() => p.to_owned(),
             _ => PathBuf::from("."),
         };
+        let within = match options.allow_parent_paths {
+            true => None,
+            false => {
+                let resolved = folder.canonicalize();
+                Some(resolved.map_err(|cause| SceneError::Read { path: path.to_owned(), cause })?)
+            }
+        };
         let mut out = Self {
             elements: Vec::new(),
             top: Vec::new(),
@@ -85,7 +92,7 @@ impl Document {
             parameters: options.parameters.iter().cloned().collect(),
             version: 3,
             files: Vec::new(),
-            within: if options.allow_parent_paths { None } else { folder.canonicalize().ok() },
+            within,
             folders: vec![folder],
             used: HashSet::new(),
         };

@@ -346,7 +346,7 @@ fn media_and_who_is_in_them() {
     }
     let two = "<medium type='homogeneous'/><medium type='homogeneous'/></sensor>";
     let text = load_text(&SENSOR.replace("</sensor>", two)).unwrap_err();
-    assert!(text.contains("one medium"), "{text}");
+    assert!(text.contains("several media"), "{text}");
 }
 
 #[test]

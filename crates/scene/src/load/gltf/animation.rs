@@ -9,7 +9,7 @@ use gltf::json::animation as json;
 use gltf::json::validation::Checked;
 
 /// All animations, whose nodes and meshes are those of `hierarchy`. At most `limits.vertices` keys and as many output
-/// numbers are read.
+/// numbers are read. Broken ones are left out with a warning.
 pub(super) fn read(
     document: &Document<'_>,
     hierarchy: &Hierarchy,
@@ -53,16 +53,26 @@ pub(super) fn read(
             warnings.push(format!("{place} moves nothing and is ignored"));
             continue;
         }
-        let mut curves = Vec::with_capacity(animation.samplers.len());
-        for (s, sampler) in animation.samplers.iter().enumerate() {
-            curves.push(curve(document, sampler, &format!("{place} sampler {s}"), &mut total)?);
-        }
-        out.push(Animation {
+        let samplers = animation.samplers.iter().enumerate();
+        let curves: Result<Vec<_>, Fault> = samplers
+            .map(|(s, sampler)| curve(document, sampler, &format!("{place} sampler {s}"), &mut total))
+            .collect();
+        let animation = Animation {
             name: animation.name.clone().unwrap_or_default(),
-            extras: document.extras(&animation.extras, || place)?,
+            extras: document.extras(&animation.extras, || place.clone())?,
             channels,
-            curves,
+            curves: Vec::new(),
+        };
+        let whole = curves.map(|curves| Animation { curves, ..animation }).and_then(|whole| {
+            let checked = whole.check(hierarchy);
+            checked.map_err(|f| fault(format!("{place} {}", f.place), f.rule)).map(|()| whole)
         });
+        match whole {
+            Ok(whole) => out.push(whole),
+            // Limits hold for the file as a whole.
+            Err(f) if total > document.limits.vertices as u64 => return Err(f),
+            Err(f) => warnings.push(format!("{}: {}: the animation is left out", f.place, f.rule)),
+        }
     }
     Ok(out)
 }

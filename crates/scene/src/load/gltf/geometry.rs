@@ -147,6 +147,10 @@ fn influences(
         let weights = document.floats::<4>(w, &format!("{place} WEIGHTS_{s}"), n)?;
         let unused = joints.as_flattened_mut().iter_mut().zip(weights.as_flattened());
         unused.filter(|(_, w)| **w == 0.0).for_each(|(j, _)| *j = 0);
+        // Saving has 16 bits for a joint, as the specification.
+        if let Some(j) = joints.as_flattened().iter().find(|j| **j > 0xffff) {
+            return Err(fault(place, format!("JOINTS_{s} names joint {j}; joints go up to 65535")));
+        }
         sets.push(Influences { joints, weights });
     }
     Ok(sets)

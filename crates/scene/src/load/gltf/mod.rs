@@ -94,7 +94,14 @@ fn place_meshes<'a>(
     let mut budget = Budget::new(document.limits);
     let wanted: Vec<Option<usize>> = hierarchy.nodes.iter_mut().map(|n| n.mesh.take()).collect();
     let mut known: HashMap<usize, Known> = HashMap::new();
-    for node in hierarchy.shown() {
+    let shown = hierarchy.shown();
+    let meshes = wanted.iter().flatten().count();
+    let hidden = meshes - shown.iter().filter(|&&n| wanted[n].is_some()).count();
+    if hidden > 0 {
+        let rule = "of nodes outside of the default scene are left out";
+        scene.warnings.push(format!("{hidden} of {meshes} meshes {rule}"));
+    }
+    for node in shown {
         let Some(m) = wanted[node] else { continue };
         let there = document.root.meshes.len();
         let Some(json) = document.root.meshes.get(m) else {

@@ -47,6 +47,15 @@ struct Illumination {
     glass: bool,
 }
 
+/// Whether a statement with bad values only costs what it says: not so for those without which colours or holes would be
+/// wrong.
+pub(super) fn may_be_left_out(keyword: &str) -> bool {
+    matches!(
+        keyword,
+        "Ka" | "Ks" | "Ns" | "Ni" | "illum" | "Tf" | "Pr" | "Pm" | "Ps" | "Pc" | "Pcr" | "aniso" | "anisor"
+    )
+}
+
 impl Look {
     /// Takes a statement; whether it has a meaning here (or none that is worth a warning). `map` reads a texture, which
     /// may be needed.
@@ -133,7 +142,7 @@ impl Look {
             emissive: self.emission.unwrap_or_default(),
             alpha_mode: if alpha < 1.0 { AlphaMode::Blend } else { AlphaMode::Opaque },
             extensions: self.extensions(illumination),
-            ..Material::clay()
+            ..crate::load::clay()
         }
     }
 

@@ -50,7 +50,7 @@ impl Library {
             if keyword == "newmtl" {
                 names.insert(rest.to_owned(), scene.materials.len());
                 self.looks.push((scene.materials.len(), Look::default()));
-                scene.materials.push(Material { name: rest.to_owned(), ..Material::clay() });
+                scene.materials.push(Material { name: rest.to_owned(), ..super::clay() });
                 begun = true;
                 continue;
             }
@@ -64,7 +64,13 @@ impl Library {
                     Ok(None)
                 }
             };
-            let known = look.statement(keyword, rest, &place, &mut map)?;
+            let known = match look.statement(keyword, rest, &place, &mut map) {
+                Err(f) if look::may_be_left_out(keyword) => {
+                    warning = Some(format!("{}: {}: `{keyword}` is left out", f.place, f.rule));
+                    true
+                }
+                other => other?,
+            };
             scene.warnings.extend(warning);
             if !known && !ignored.iter().any(|k| k == keyword) && ignored.len() < 16 {
                 ignored.push(clip(keyword));

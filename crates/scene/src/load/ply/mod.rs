@@ -14,7 +14,7 @@ use super::file::Folder;
 use super::texture::Textures;
 use super::{Budget, Limits, normals, place, polygon};
 use crate::error::{Fault, fault};
-use crate::{Material, Primitive, Sampler, Scene, TextureSlot};
+use crate::{Primitive, Sampler, Scene, TextureSlot};
 use body::Body;
 use header::{Element, Header, Kind, Property};
 use photofit_geometry::Mesh;
@@ -36,7 +36,7 @@ pub(crate) fn parse(bytes: &[u8], folder: &Folder, limits: &Limits) -> Result<Sc
         let found = normals::repair(&mut mesh);
         scene.warnings.push(format!("{found} zero normals are computed"));
     }
-    let mut material = Material::clay();
+    let mut material = super::clay();
     if !mesh.colors.is_empty() {
         material.base_color = [1.0; 4];
     }

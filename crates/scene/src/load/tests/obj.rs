@@ -17,7 +17,7 @@ fn polygons_indices_and_attributes() {
     assert_eq!((mesh.positions.len(), mesh.triangles.len()), (4, 2));
     assert_eq!(mesh.uvs[..2], [vec2(0.0, 1.0), vec2(1.0, 0.75)], "v is turned");
     assert_eq!(mesh.normals[0], vec3(0.0, 0.0, 1.0));
-    assert_eq!(scene.materials[0], Material::clay());
+    assert_eq!(scene.materials[0], Material { double_sided: true, ..Material::clay() });
     let negative = obj(&format!("{QUAD}f -4 -3 -2 -1 # all\n"));
     assert_eq!(negative.triangle_count(), 2);
     assert_eq!(negative.primitives[0].mesh.normals[3], vec3(0.0, 0.0, 1.0), "computed");
@@ -47,6 +47,35 @@ fn computed_normals_cross_materials_and_seams_but_not_sharp_edges() {
     assert!((n - vec3(half.sin(), 0.0, half.cos())).length() < 1e-5, "{n:?}");
     let (vertices, n) = normal_at_the_fold(56.0);
     assert_eq!((vertices, n), (8, vec3(0.0, 0.0, 1.0)));
+}
+
+#[test]
+fn turned_triangles_keep_both_sides() {
+    let mtl = "newmtl red\nKd 1 0 0\nnewmtl glass\nd 0.5\n";
+    let text = format!("mtllib a.mtl\n{QUAD}f 1 2 3\nf 1 4 3\nusemtl red\nf 1 2 3\nusemtl glass\nf 3 2 1\n");
+    let scene = load_files(&[("a.obj", text.as_bytes()), ("a.mtl", mtl.as_bytes())]).unwrap();
+    assert_eq!(scene.triangle_count(), 4);
+    assert!(scene.primitives.iter().all(|p| scene.materials[p.material].double_sided));
+}
+
+#[test]
+fn broken_statements_that_little_depends_on_are_left_out() {
+    let keys = ["Ka spectral a.rfl", "Ks xyz 1 1 1", "Ns many", "Ni ?", "illum glossy", "Tf spectral a.rfl"];
+    let more = ["Pr x", "Pm x", "Ps x", "Pc x", "Pcr x", "aniso x", "anisor x"];
+    let load = |mtl: &str| {
+        let text = format!("mtllib a.mtl\n{QUAD}usemtl m\nf 1 2 3\n");
+        load_files(&[("a.obj", text.as_bytes()), ("a.mtl", mtl.as_bytes())])
+    };
+    let plain = load("newmtl m\nKd 1 0 0\nKs 0.5 0.5 0.5\n").unwrap();
+    for key in keys.iter().chain(&more) {
+        let scene = load(&format!("newmtl m\nKd 1 0 0\nKs 0.5 0.5 0.5\n{key}\n")).unwrap();
+        assert_eq!(scene.materials, plain.materials, "{key}");
+        assert_eq!(scene.warnings.len(), 1, "{key}: {:?}", scene.warnings);
+        assert!(scene.warnings[0].contains("line 4"), "{key}: {:?}", scene.warnings);
+    }
+    for key in ["Kd x", "Ke x", "d x", "Tr x"] {
+        assert!(load(&format!("newmtl m\n{key}\n")).is_err(), "{key}");
+    }
 }
 
 #[test]
