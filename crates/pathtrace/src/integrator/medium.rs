@@ -26,15 +26,23 @@ struct Collision {
 }
 
 impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
-    /// The first collision with a medium before the distance `end`.
+    /// The first collision with a medium before the surface `hit`.
     #[inline(never)]
-    pub(super) fn collide(&mut self, end: f32, crossings: u32) -> Event {
+    pub(super) fn collide(&mut self, hit: Option<&WorldHit>, crossings: u32) -> Event {
+        let end = hit.map_or(self.ray.t_max, |h| h.t);
         let Some(at) = self.collision(end, crossings) else {
             // Light that does not come through the medium is not followed.
             return if self.throughput == Vec3f::zero() { Event::Ended } else { Event::Passed };
         };
         if self.depth >= self.options.max_depth {
             return Event::Ended;
+        }
+        if F & plan::ABSORPTION != 0 {
+            let sigma = match hit {
+                Some(h) => self.inside.on_the_way_to(self.world, h.instance, h.front),
+                None => self.inside.absorption(self.world),
+            };
+            self.attenuate(absorbed(sigma, at.t));
         }
         self.attenuate(at.albedo);
         if self.throughput == Vec3f::zero() {

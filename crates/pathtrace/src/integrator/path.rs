@@ -119,8 +119,7 @@ pub(crate) fn walk<const F: u32, S: Sink, D: DirectionSampler>(
     loop {
         let hit = closest::<F>(world, &path.ray, random, 2 * (path.depth + crossings));
         if F & plan::VOLUMES != 0 {
-            let end = hit.map_or(path.ray.t_max, |h| h.t);
-            match path.collide(end, crossings) {
+            match path.collide(hit.as_ref(), crossings) {
                 Event::Scattered => {
                     if path.depth == 1 {
                         alpha = 1.0;

@@ -95,6 +95,25 @@ fn all_estimators_absorb_behind_the_surface_that_a_shadow_ray_leaves() {
 }
 
 #[test]
+fn absorption_counts_on_the_way_to_a_collision() {
+    // A dense box in an absorbing ball, lit from where it is seen: half a unit of absorber there and back.
+    let mut parts = Parts::default();
+    parts.add(ball(1.0), absorber(vec3(1.0, 0.5, 0.0)));
+    let (low, high) = (DVec3::splat(-0.5), DVec3::splat(0.5));
+    parts.volumes.push(crate::Volume::homogeneous(low, high, 1000.0, Vec3f::splat(1.0), 0.0));
+    let (direction, irradiance) = (vec3(0.0, 0.0, 1.0), Vec3f::splat(1.0));
+    parts.lights.push(LightSource::Directional { direction, irradiance });
+    let path = with_strategy(Strategy::Mis, 1);
+    let view = looking([0.0, 0.0, 3.0], [0.0, 0.0, 0.0], 1e-3);
+    let picture = render(&World::new(parts).unwrap(), &view, RenderOptions { path, ..square(2, 256) }).0;
+    let [r, g, b] = [0, 1, 2].map(|c| picture.pixel(0, 0)[c]);
+    assert!(b > 0.0, "light is scattered");
+    for (found, expected) in [(r / b, (-1.0_f32).exp()), (g / b, (-0.5_f32).exp())] {
+        assert!((found - expected).abs() < 3e-3 * expected, "{found}, expected {expected}");
+    }
+}
+
+#[test]
 fn scaled_parts_look_the_same() {
     let glow = EnvironmentMap::constant(Vec3f::splat(0.5));
     let whole = || {
