@@ -254,7 +254,11 @@ impl World {
         let coat = match extensions {
             Some(e) if e.clearcoat > 0.0 => {
                 let coat = if e.clearcoat_normal == up { at.ns } else { mapped(e.clearcoat_normal) };
-                let local = out.to_local(if at.front || transmits { coat } else { -coat });
+                let mut coat = if at.front || transmits { coat } else { -coat };
+                if e.clearcoat_normal != up && !transmits {
+                    coat = reflecting_upwards(coat, if at.ng.dot(wo) < 0.0 { -at.ng } else { at.ng }, wo);
+                }
+                let local = out.to_local(coat);
                 if local.z > 0.0 { local } else { up }
             }
             _ => up,
