@@ -9,6 +9,8 @@
 /// The policy, the same for the rasterizers, the path tracer, visibility, baking, judging and export:
 /// - What a camera sees, it sees of [`Sides::Front`] surfaces from the front alone; from behind it looks through them.
 /// - Shadow rays and bounced rays are stopped by both sides: a wall casts its shadow whichever way it faces.
+/// - Surfaces of solids that let light through (transmission with a volume of some thickness) are seen by the path tracer
+///   from within as well: light refracts there. Transmission without a volume exempts nothing.
 /// - Where a side is seen from behind, its shading normal is turned to the viewer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Sides {

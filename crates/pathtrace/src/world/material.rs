@@ -105,7 +105,7 @@ impl CompiledMaterial {
                     alpha: !library.is_opaque(*index),
                     unlit: sample.unlit,
                     emits: emits || library.may_emit(*index),
-                    culled: material.single_sided && !transmits,
+                    culled: material.single_sided && !(transmits && common.solid),
                     transmits,
                     ..common
                 })

@@ -52,7 +52,7 @@ pub struct Material {
     /// count. Absorbing and refracting surfaces do so in any case.
     pub solid: bool,
     /// Camera rays pass through the back, as single-sided materials of glTF are drawn; light and shadows still meet it.
-    /// Of library materials that let no light through.
+    /// Of library materials; solids that let light through are seen from within as well.
     pub single_sided: bool,
 }
 
@@ -61,7 +61,8 @@ pub struct Material {
 pub enum Scattering {
     /// The same everywhere, with the outer side (that of the counter-clockwise winding) along +z of its frame.
     Uniform(Bsdf<f32>),
-    /// Material `index` of [`Parts::library`]; both sides are shown, as by the rasterizer.
+    /// Material `index` of [`Parts::library`]; both sides scatter alike, and [`Material::single_sided`] says whether
+    /// camera rays see the back.
     Library {
         /// Index of the material.
         index: usize,
