@@ -11,11 +11,22 @@ use anyhow::Result;
 use photofit_fit::engine::trainer::Keeping;
 use photofit_fit::recover::{RecoverOptions, Recovered, recover_texture};
 use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
 
 pub(crate) fn run(a: &Recover) -> Result<Ending> {
     match a {
         Recover::Texture(a) => texture(a),
     }
+}
+
+/// The files that the frames of a folder's `transforms.json` name, as far as it can be read; what is wrong with it is told
+/// when the pictures are loaded.
+fn named_pictures(folder: &Path) -> Vec<PathBuf> {
+    let text = std::fs::read(folder.join("transforms.json")).unwrap_or_default();
+    let file: Value = serde_json::from_slice(&text).unwrap_or_default();
+    let frames = file["frames"].as_array().into_iter().flatten();
+    let names = frames.filter_map(|f| f["file_path"].as_str());
+    names.flat_map(|name| [folder.join(name), folder.join(format!("{name}.png"))]).collect()
 }
 
 fn texture(a: &RecoverTexture) -> Result<Ending> {
@@ -37,6 +48,7 @@ fn texture(a: &RecoverTexture) -> Result<Ending> {
     };
     let mesh = photofit_scene::load(&a.mesh)?;
     places.check_against("--mesh", &mesh.files)?;
+    places.check_against("PICTURES", &named_pictures(&a.pictures))?;
     interrupt::handle();
     let progress = Terminal::new();
     let r = recover_texture(&a.pictures, &mesh, &a.output, &options, &progress)?;

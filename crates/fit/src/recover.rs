@@ -107,6 +107,10 @@ pub fn recover_texture(
     let held_out = HeldOut::new(&photos, &photos, options.seed)?;
     let mut topology = Digest::new();
     topology.add(&model.candidate.uvs);
+    for photo in photos.photos() {
+        topology.add_bytes(format!("{:?} {:?}", photo.camera, photo.lights).as_bytes());
+        topology.add(&photo.image.data);
+    }
     let job = Job {
         reference: &photos,
         views: &photos,
@@ -162,10 +166,12 @@ impl RecoverOptions {
     }
 }
 
-/// The shape of a scene with one opaque material.
+/// The shape of a scene with one opaque material, double-sided where any material of the shape is.
 fn bare(mesh: &Scene, unlit: bool) -> Scene {
     let mut scene = mesh.clone();
-    scene.materials = vec![Material { name: "recovered".into(), unlit, ..Material::clay() }];
+    let double_sided =
+        mesh.primitives.iter().any(|p| mesh.materials.get(p.material).is_some_and(|m| m.double_sided));
+    scene.materials = vec![Material { name: "recovered".into(), unlit, double_sided, ..Material::clay() }];
     scene.images.clear();
     scene.hierarchy = None;
     for p in &mut scene.primitives {

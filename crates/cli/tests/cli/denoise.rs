@@ -38,7 +38,7 @@ fn json_file(path: &Path) -> Value {
 fn layers_of_one_file_are_found_and_figures_written() {
     let dir = tempfile::tempdir().unwrap();
     let d = dir.path();
-    let f = SyntheticFrame::new(ROWS, COLS, 0.0);
+    let f = SyntheticFrame::new(COLS, ROWS, 0.0);
     let noisy = f.noisy(1, 1);
     write(&d.join("ref.exr"), &[("", &f.reference, RGB)]);
     write(
@@ -104,7 +104,7 @@ fn layers_of_one_file_are_found_and_figures_written() {
 fn pngs_are_decoded_and_alpha_is_kept() {
     let dir = tempfile::tempdir().unwrap();
     let d = dir.path();
-    let f = SyntheticFrame::new(ROWS, COLS, 0.0);
+    let f = SyntheticFrame::new(COLS, ROWS, 0.0);
     write_png(d.join("color.png"), &image(&f.noisy(4, 1))).unwrap();
     write_png(d.join("albedo.png"), &image(&f.albedo)).unwrap();
     // The bytes hold (n + 1) / 2 as it is.
@@ -142,7 +142,7 @@ fn sequences_and_halves_lower_the_error() {
     let mut frames = Vec::new();
     let mut last = None;
     for k in 0..4 {
-        let f = SyntheticFrame::new(ROWS, COLS, 0.02 * f64::from(k));
+        let f = SyntheticFrame::new(COLS, ROWS, 0.02 * f64::from(k));
         let noisy = f.noisy(1, 10 + k as u64);
         write(
             &d.join(format!("room_{k:03}.exr")),
@@ -172,7 +172,7 @@ fn sequences_and_halves_lower_the_error() {
     assert!(halves > one + 0.2, "{halves} dB of two halves, {one} of one");
     // The same depths measured along the axis give the same picture.
     for k in 0..4 {
-        let f = SyntheticFrame::new(ROWS, COLS, 0.02 * f64::from(k));
+        let f = SyntheticFrame::new(COLS, ROWS, 0.02 * f64::from(k));
         let n = ROWS * COLS;
         // The camera looks down -z from z = 0.
         let axial: Vec<f32> = (0..n).map(|i| -f.position[2 * n + i]).collect();
@@ -281,7 +281,7 @@ fn own_renders_are_denoised_from_one_file() {
 fn bad_input_is_named() {
     let dir = tempfile::tempdir().unwrap();
     let d = dir.path();
-    let f = SyntheticFrame::new(ROWS, COLS, 0.0);
+    let f = SyntheticFrame::new(COLS, ROWS, 0.0);
     let mut noisy = f.noisy(1, 1);
     noisy[5] = f32::NAN;
     noisy[ROWS * COLS + 77] = f32::INFINITY;

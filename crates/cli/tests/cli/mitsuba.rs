@@ -61,7 +61,11 @@ fn files_above_the_scene_need_an_option() {
     std::fs::create_dir(d.join("scene")).unwrap();
     std::fs::write(d.join("tri.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     let shape = "<shape type='obj'><string name='filename' value='../tri.obj'/></shape>";
-    std::fs::write(d.join("scene/s.xml"), format!("<scene version='3.0.0'>{shape}</scene>")).unwrap();
+    std::fs::write(
+        d.join("scene/s.xml"),
+        format!("<scene version='3.0.0'><sensor type='perspective'/>{shape}</scene>"),
+    )
+    .unwrap();
     let o = photofit(d, &["inspect", "scene/s.xml"]);
     assert_one_error(&o, "above the scene's folder", &["s.xml", "../tri.obj"]);
     assert!(stdout(&succeeds(d, &["inspect", "scene/s.xml", "--allow-parent-paths"])).contains("1 shapes"));

@@ -33,7 +33,8 @@ fn outputs_that_name_an_input_are_refused_by_every_command() {
     write_rock(d, 2, false);
     std::fs::create_dir_all(d.join("sub")).unwrap();
     std::fs::create_dir_all(d.join("pics")).unwrap();
-    std::fs::write(d.join("pics/transforms.json"), "{}").unwrap();
+    std::fs::write(d.join("pics/transforms.json"), r#"{ "frames": [{ "file_path": "0" }] }"#).unwrap();
+    std::fs::write(d.join("pics/0.png"), "a picture").unwrap();
     std::fs::hard_link(d.join("rock.glb"), d.join("hard.glb")).unwrap();
     // Refused before anything is read: what they hold does not matter.
     for name in [
@@ -87,6 +88,7 @@ fn outputs_that_name_an_input_are_refused_by_every_command() {
                 "--json",
                 "PICTURES",
             ),
+            ("recover texture pics --mesh rock.glb -o o.glb --json pics/0.png", "--json", "PICTURES"),
             ("recover texture pics --mesh rock.glb -o o.glb --json o.glb", "--json", "--output"),
             ("surface p.ply -o out --json p.ply", "--json", "POINTS"),
             ("surface p.ply -o . --camera camera.json", "--output", "--camera"),
@@ -111,8 +113,7 @@ fn outputs_that_name_a_file_of_the_asset_are_refused() {
     std::fs::write(d.join("tri.bin"), triangle_bin(TRIANGLE, [0, 1, 2])).unwrap();
     std::fs::write(d.join("tri.obj"), "mtllib tri.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     std::fs::write(d.join("tri.mtl"), "newmtl a\n").unwrap();
-    let scene =
-        "<scene version='3.0.0'><shape type='obj'><string name='filename' value='tri.obj'/></shape></scene>";
+    let scene = "<scene version='3.0.0'><sensor type='perspective'/><shape type='obj'><string name='filename' value='tri.obj'/></shape></scene>";
     std::fs::write(d.join("tri.xml"), scene).unwrap();
     refused(
         d,

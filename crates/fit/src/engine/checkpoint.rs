@@ -179,10 +179,11 @@ pub(crate) fn load(
     fingerprint: &str,
 ) -> Result<Option<(Course, Vec<Loaded>)>, FitError> {
     let path = folder.join(FILE);
-    if !path.exists() {
+    let io = |source| FitError::Io { path: path.clone(), source };
+    if !path.try_exists().map_err(io)? {
         return Ok(None);
     }
-    let bytes = std::fs::read(&path).map_err(|source| FitError::Io { path: path.clone(), source })?;
+    let bytes = std::fs::read(&path).map_err(io)?;
     decode(&bytes, groups, fingerprint).map(Some).map_err(|rule| FitError::Checkpoint { path, rule })
 }
 

@@ -226,7 +226,7 @@ pub fn train<'p, M: Model + 'p>(
         start: Instant::now(),
         earlier: 0.0,
     };
-    t.restore()?;
+    t.restore(progress)?;
     let start = match t.course.history.first() {
         Some(first) => first.held_out_psnr,
         None => t.look(progress),
@@ -452,10 +452,11 @@ impl<M: Model> Trainer<'_, M> {
     }
 
     /// Goes on from the checkpoint, if the job asks for it and there is one.
-    fn restore(&mut self) -> Result<(), FitError> {
+    fn restore(&mut self, progress: &dyn Progress) -> Result<(), FitError> {
         let keeping = self.job.keeping;
         let Some(folder) = keeping.checkpoint.as_ref().filter(|_| keeping.resume) else { return Ok(()) };
         let Some((course, groups)) = checkpoint::load(folder, &self.groups, &self.fingerprint)? else {
+            progress.warn(&format!("{}: no checkpoint is there; the fit begins anew", folder.display()));
             return Ok(());
         };
         for (k, loaded) in groups.into_iter().enumerate() {

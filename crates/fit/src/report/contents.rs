@@ -50,7 +50,8 @@ pub(super) fn texel_density(scene: &Scene) -> Option<f64> {
         if uvs.is_empty() {
             continue;
         }
-        let size = image.width as f64 * image.height as f64;
+        let [[a, b, _], [c, d, _]] = slot.transform.map(|row| row.map(f64::from));
+        let size = image.width as f64 * image.height as f64 * (a * d - b * c).abs();
         let world = |i: u32| {
             let p = mesh.positions[i as usize];
             instance.transform.transform_point3(glam::vec3(p.x, p.y, p.z))
@@ -204,6 +205,10 @@ mod tests {
         assert!((density(&scene) - 128_f64.sqrt()).abs() < 1e-4, "{}", density(&scene));
         scene.instances[0].transform = Affine3A::from_scale(Vec3::splat(2.0));
         assert!((density(&scene) - 32_f64.sqrt()).abs() < 1e-4, "twice as large: half of it");
+        if let Some(slot) = &mut scene.materials[0].base_color_texture {
+            slot.transform = [[0.0, -2.0, 0.5], [2.0, 0.0, 0.0]];
+        }
+        assert!((density(&scene) - 128_f64.sqrt()).abs() < 1e-4, "coordinates twice as far apart");
         scene.materials[0].base_color_texture = None;
         assert!(texel_density(&scene).is_none());
     }

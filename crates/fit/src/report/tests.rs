@@ -5,12 +5,16 @@ use crate::Silent;
 use crate::simplify::{SimplifyOptions, simplify};
 use photofit_geometry::decimate::Target;
 use photofit_geometry::shapes::displaced_sphere;
+use photofit_scalar::vec4;
 use photofit_scene::{Instance, Material, Primitive};
 
 fn asset() -> Scene {
+    // Colours that vary, so that there is a texture.
+    let mut mesh = displaced_sphere(8, 0.2, 3, 1);
+    mesh.colors = mesh.positions.iter().map(|p| vec4(0.5 + 0.4 * p.x, 0.5, 0.5 - 0.4 * p.y, 1.0)).collect();
     Scene {
         name: "rock".into(),
-        primitives: vec![Primitive { mesh: displaced_sphere(8, 0.2, 3, 1), material: 0 }],
+        primitives: vec![Primitive { mesh, material: 0 }],
         instances: vec![Instance { primitive: 0, transform: glam::Affine3A::IDENTITY }],
         materials: vec![Material::clay()],
         ..Scene::default()

