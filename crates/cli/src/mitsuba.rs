@@ -28,7 +28,7 @@ pub(crate) fn render(a: &Render, places: &Places) -> Result<Ending> {
         ..MitsubaOptions::default()
     };
     let scene = load_mitsuba(&a.input, &options)?;
-    places.check_against("IN", &scene.files)?;
+    places.check_against("IN", scene.files.iter().chain(&scene.resources))?;
     let own = RenderOptions::from_mitsuba(&scene);
     // What is left open follows the scene; the picture shows its environment.
     let mut resolved = a.clone();
@@ -56,7 +56,7 @@ pub(crate) fn render(a: &Render, places: &Places) -> Result<Ending> {
 pub(crate) fn inspect(a: &Inspect, places: &Places) -> Result<()> {
     let options = MitsubaOptions { allow_parent_paths: a.allow_parent_paths, ..MitsubaOptions::default() };
     let scene = load_mitsuba(&a.input, &options)?;
-    places.check_against("IN", &scene.files)?;
+    places.check_against("IN", scene.files.iter().chain(&scene.resources))?;
     if let Some(file) = &a.json {
         output::write_json(file, &to_json(&a.input, &scene))?;
     }

@@ -5,6 +5,7 @@ use crate::SceneError;
 use crate::error::{Fault, fault};
 use crate::load::{clip, read_file};
 use roxmltree::ParsingOptions;
+use std::cell::RefCell;
 use std::collections::{HashMap, HashSet};
 use std::path::{Component, Path, PathBuf};
 
@@ -63,6 +64,8 @@ pub(super) struct Document {
     /// The major version of the format that the scene is written in.
     pub(super) version: u32,
     files: Vec<PathBuf>,
+    /// Meshes, pictures and grids that were asked for.
+    resources: RefCell<Vec<PathBuf>>,
     folders: Vec<PathBuf>,
     /// The folder that files must lie in, resolved; `None` where they may lie above it.
     within: Option<PathBuf>,
@@ -92,6 +95,7 @@ impl Document {
             parameters: options.parameters.iter().cloned().collect(),
             version: 3,
             files: Vec::new(),
+            resources: RefCell::default(),
             within,
             folders: vec![folder],
             used: HashSet::new(),
@@ -148,7 +152,14 @@ impl Document {
                 format!("the file `{name}` does not exist; it must lie in the scene's folder or a `path`"),
             )
         })?;
-        self.contained(found, place)
+        let found = self.contained(found, place)?;
+        self.resources.borrow_mut().push(found.clone());
+        Ok(found)
+    }
+
+    /// The files that [`Self::resolve`] found.
+    pub(super) fn resources(&self) -> Vec<PathBuf> {
+        self.resources.borrow().clone()
     }
 
     /// The path, if scenes may read there.

@@ -118,6 +118,8 @@ pub struct MitsubaScene {
     pub integrator: MitsubaIntegrator,
     /// The XML files that were read, the scene itself first.
     pub files: Vec<PathBuf>,
+    /// The meshes, pictures and grids that these name.
+    pub resources: Vec<PathBuf>,
 }
 
 /// Loads a Mitsuba scene.
@@ -200,6 +202,7 @@ impl Importer {
         let sensor = sensor.ok_or_else(|| fault("the scene", "has no sensor; it must have one"))?;
         self.scene.sensor = self.sensor(sensor)?;
         self.scene.files = self.reader.document.files().to_vec();
+        self.scene.resources = self.reader.document.resources();
         Ok(())
     }
 }
