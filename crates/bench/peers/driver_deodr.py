@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from common import WORK, markdown, median_seconds, sphere, suite, write_ply
+from harness import WORK, markdown, median_seconds, sphere, suite, write_ply
 
 ABOUT = "Vertex colours, forward and reverse, against DEODR on one thread"
 NEEDS = ["numpy", "typing_extensions", "deodr"]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from common import WORK, markdown, median_seconds, sphere, suite, write_ply
+from harness import WORK, markdown, median_seconds, sphere, suite, write_ply
 
 ABOUT = "Ray casting against Embree 4.4, million rays a second on one thread"
 NEEDS = ["numpy", "embreex"]

@@ -5,7 +5,7 @@ import os
 
 import numpy as np
 
-from common import WORK, markdown, program
+from harness import WORK, markdown, program
 
 ABOUT = "Light assets in Blender Cycles: ours, and decimation alone"
 NEEDS = ["numpy", "bpy", "flip-evaluator", "fast-simplification"]

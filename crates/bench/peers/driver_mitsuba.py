@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 
-from common import ROOT, WORK, markdown, program
+from harness import ROOT, WORK, markdown, program
 
 ABOUT = "Error of a path traced picture against Mitsuba"
 NEEDS = ["numpy", "mitsuba"]

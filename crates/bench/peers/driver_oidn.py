@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from common import ROOT, WORK, markdown, median_seconds, program
+from harness import ROOT, WORK, markdown, median_seconds, program
 
 ABOUT = "Denoising against Open Image Denoise"
 NEEDS = ["numpy", "mitsuba", "mitsuba-oidn", "flip-evaluator"]

@@ -1,6 +1,6 @@
 """Total variation: scikit-image's Chambolle beside ours, in the suite `denoise` (tv_chambolle.py)."""
 
-from common import suite_with_python
+from harness import suite_with_python
 
 ABOUT = "Total variation against scikit-image"
 NEEDS = ["numpy", "scikit-image"]

@@ -117,9 +117,12 @@ fn lights_are_read_into_the_frame() {
     assert!((direction.z - 1.0).abs() < 1e-6);
 }
 
+/// What is wrong, how a sound file is made so, and words of the error.
+type Case<'a> = (&'a str, fn(&mut Value), &'a [&'a str]);
+
 #[test]
 fn what_cannot_be_used_is_refused_by_file_frame_and_rule() {
-    let cases: [(&str, fn(&mut Value), &[&str]); 14] = [
+    let cases: [Case<'_>; 14] = [
         ("few", |f| f["frames"].as_array_mut().unwrap().truncate(7), &["7 frames", "at least 8"]),
         (
             "missing",

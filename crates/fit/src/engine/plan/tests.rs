@@ -40,10 +40,13 @@ fn fit(scene: &Scene, candidate: &Candidate) -> Plan {
     Plan::new(scene).with_options(100, false, &Lighting::Mixed).with_maps(candidate)
 }
 
+/// One line of a plan and what makes it so.
+type Case<'a> = (&'a str, Material, AlphaMode, fn(usize, &mut [f32; CHANNELS]));
+
 #[test]
 fn passes_follow_from_the_materials() {
     let glow = Material { emissive: [1.0, 0.0, 0.0], ..Material::clay() };
-    let cases: [(&str, Material, AlphaMode, fn(usize, &mut [f32; CHANNELS])); 4] = [
+    let cases: [Case<'_>; 4] = [
         (
             "transparent layers",
             Material { alpha_mode: AlphaMode::Blend, ..Material::clay() },
