@@ -1,6 +1,6 @@
 //! The parts that a fit is assembled from. Each exists once; a task is a file that puts them together.
 //!
-//! - [`reference`]: what answers (camera, lights, pose, size) with a picture.
+//! - [`mod@reference`]: what answers (camera, lights, pose, size) with a picture.
 //! - [`views`]: from where, under which light, at which size: pure functions of (set, index).
 //! - [`model`]: named groups of parameters, the stages from them to pictures, and the same reversed.
 //! - [`loss`]: chosen by the noise of the reference's pictures.
