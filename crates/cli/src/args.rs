@@ -97,6 +97,23 @@ pub(crate) enum Start {
     Sphere,
 }
 
+// How a fit runs and goes on; a doc comment would become that of the command.
+#[derive(Args, Debug)]
+pub(crate) struct Running {
+    /// Seed of all random choices [range: at least 0].
+    #[arg(long, value_name = "S", default_value_t = 0, value_parser = whole::<u64>(0..))]
+    pub(crate) seed: u64,
+    /// Threads; the result is the same for any number [range: 1 to 1024] [default: all cores].
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
+    pub(crate) threads: Option<u16>,
+    /// Folder in which the state of the fit is kept, for --resume.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) checkpoint: Option<PathBuf>,
+    /// Go on from the checkpoint, if there is one, to the same result as an uninterrupted run.
+    #[arg(long, requires = "checkpoint")]
+    pub(crate) resume: bool,
+}
+
 #[derive(Args, Debug)]
 #[command(group = ArgGroup::new("budget").args(["triangles", "ratio", "error", "screen_size"]), after_help = STATUSES)]
 pub(crate) struct Simplify {
@@ -159,18 +176,8 @@ pub(crate) struct Simplify {
     /// How pictures of the asset are made, for the fit and for the report.
     #[arg(long, value_enum, default_value = "raster")]
     pub(crate) reference: FitReference,
-    /// Seed of all random choices [range: at least 0].
-    #[arg(long, value_name = "S", default_value_t = 0, value_parser = whole::<u64>(0..))]
-    pub(crate) seed: u64,
-    /// Threads; the result is the same for any number [range: 1 to 1024] [default: all cores].
-    #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
-    pub(crate) threads: Option<u16>,
-    /// Folder in which the state of the fit is kept, for --resume.
-    #[arg(long, value_name = "DIR")]
-    pub(crate) checkpoint: Option<PathBuf>,
-    /// Go on from the checkpoint, if there is one, to the same result as an uninterrupted run.
-    #[arg(long, requires = "checkpoint")]
-    pub(crate) resume: bool,
+    #[command(flatten)]
+    pub(crate) running: Running,
     /// Folder for a report with pictures: index.html.
     #[arg(long, value_name = "DIR")]
     pub(crate) report: Option<PathBuf>,

@@ -9,9 +9,9 @@ use crate::status::Ending;
 use crate::{interrupt, threads};
 use anyhow::Result;
 use photofit_fit::engine::trainer::Keeping;
+use photofit_fit::pictures::named_files;
 use photofit_fit::recover::{RecoverOptions, Recovered, recover_texture};
 use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
 
 pub(crate) fn run(a: &Recover) -> Result<Ending> {
     match a {
@@ -19,36 +19,29 @@ pub(crate) fn run(a: &Recover) -> Result<Ending> {
     }
 }
 
-/// The files that the frames of a folder's `transforms.json` name, as far as it can be read; what is wrong with it is told
-/// when the pictures are loaded.
-fn named_pictures(folder: &Path) -> Vec<PathBuf> {
-    let text = std::fs::read(folder.join("transforms.json")).unwrap_or_default();
-    let file: Value = serde_json::from_slice(&text).unwrap_or_default();
-    let frames = file["frames"].as_array().into_iter().flatten();
-    let names = frames.filter_map(|f| f["file_path"].as_str());
-    names.flat_map(|name| [folder.join(name), folder.join(format!("{name}.png"))]).collect()
-}
-
 fn texture(a: &RecoverTexture) -> Result<Ending> {
     let places = Places::default()
         .reads("PICTURES", Some(&a.pictures))
-        .reads("PICTURES", Some(&a.pictures.join("transforms.json")))
         .reads("--mesh", Some(&a.mesh))
         .writes("--output", Some(&a.output))
         .writes("--json", a.json.as_deref())
-        .fills("--checkpoint", a.checkpoint.as_deref(), &[CHECKPOINT_FILE]);
+        .fills("--checkpoint", a.running.checkpoint.as_deref(), &[CHECKPOINT_FILE]);
     places.check()?;
-    threads::set(a.threads)?;
+    places.check_against("PICTURES", &named_files(&a.pictures))?;
+    threads::set(a.running.threads)?;
     let options = RecoverOptions {
         texture_size: a.texture_size,
         steps: a.steps,
         batch: a.batch,
-        seed: a.seed,
-        keeping: Keeping { checkpoint: a.checkpoint.clone(), resume: a.resume, time_limit: a.time_limit },
+        seed: a.running.seed,
+        keeping: Keeping {
+            checkpoint: a.running.checkpoint.clone(),
+            resume: a.running.resume,
+            time_limit: a.time_limit,
+        },
     };
     let mesh = photofit_scene::load(&a.mesh)?;
     places.check_against("--mesh", &mesh.files)?;
-    places.check_against("PICTURES", &named_pictures(&a.pictures))?;
     interrupt::handle();
     let progress = Terminal::new();
     let r = recover_texture(&a.pictures, &mesh, &a.output, &options, &progress)?;

@@ -33,9 +33,9 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
         .writes("--output", Some(&a.output))
         .writes("--json", a.json.as_deref())
         .fills("--report", a.report.as_deref(), &[REPORT_PAGE])
-        .fills("--checkpoint", a.checkpoint.as_deref(), &[CHECKPOINT_FILE]);
+        .fills("--checkpoint", a.running.checkpoint.as_deref(), &[CHECKPOINT_FILE]);
     places.check()?;
-    threads::set(a.threads)?;
+    threads::set(a.running.threads)?;
     let options = options(a)?;
     // What no asset could satisfy is told before one is read.
     options.check(usize::MAX).map_err(|e| explain_error(&a.input, e))?;
@@ -82,9 +82,9 @@ fn options(a: &Simplify) -> Result<SimplifyOptions> {
             FitReference::Raster => ReferenceRenderer::Raster,
             FitReference::Path => ReferenceRenderer::Path,
         },
-        seed: a.seed,
-        checkpoint: a.checkpoint.clone(),
-        resume: a.resume,
+        seed: a.running.seed,
+        checkpoint: a.running.checkpoint.clone(),
+        resume: a.running.resume,
         ..default
     })
 }

@@ -71,14 +71,14 @@ impl PictureFolder {
         seed: u64,
         outline: &dyn Fn(&Setup) -> Result<Image, FitError>,
     ) -> Result<Self, FitError> {
-        let file = if path.is_dir() { path.join(FILE) } else { path.to_owned() };
+        let file = transforms_file(path);
         let fail = |rule: String| FitError::Pictures { path: file.clone(), rule };
         let transforms = read(&file)?;
         if transforms.frames.len() < FEWEST {
             let found = transforms.frames.len();
             return Err(fail(format!("holds {found} frames; it must be at least {FEWEST}")));
         }
-        let folder = file.parent().unwrap_or(Path::new("."));
+        let folder = folder_of(&file);
         let undo = transforms.undo().map_err(&fail)?;
         let mut out = Self {
             photos: Vec::new(),
@@ -188,6 +188,25 @@ fn setup(photo: &Photo, at: usize) -> Setup {
         height: photo.image.height,
         picture: Some(at),
     }
+}
+
+fn transforms_file(path: &Path) -> PathBuf {
+    if path.is_dir() { path.join(FILE) } else { path.to_owned() }
+}
+
+fn folder_of(file: &Path) -> &Path {
+    file.parent().unwrap_or(Path::new("."))
+}
+
+/// The file of a folder of pictures and the pictures that it names, as [`PictureFolder::load`] reads them. What cannot be
+/// read is left out: loading tells it.
+pub fn named_files(path: &Path) -> Vec<PathBuf> {
+    let file = transforms_file(path);
+    let frames = read(&file).map_or_else(|_| Vec::new(), |t| t.frames);
+    let folder = folder_of(&file);
+    let mut files: Vec<PathBuf> = frames.iter().filter_map(|f| inside(folder, &f.file_path).ok()).collect();
+    files.push(file);
+    files
 }
 
 fn read(file: &Path) -> Result<Transforms, FitError> {

@@ -1,8 +1,8 @@
 //! Cases of `photofit-raster`: single operations on procedural meshes.
 
-use photofit_geometry::{Edges, Mesh, shapes, weld};
+use photofit_geometry::{Mesh, shapes};
 use photofit_image::{Image, contact_sheet};
-use photofit_raster::antialias::{Topology, antialias, silhouettes as find_silhouettes};
+use photofit_raster::antialias::{MeshTopology, antialias, silhouettes as find_silhouettes};
 use photofit_raster::interpolate::{derivatives, interpolate};
 use photofit_raster::project::{matrix_rows, project};
 use photofit_raster::rasterize::{Barycentrics, NONE, PixelGrid, Visibility, barycentrics, rasterize};
@@ -84,12 +84,8 @@ pub(super) fn textured_floor() -> Image {
 /// White on black, silhouettes blended by the crossing of their edges.
 pub(super) fn silhouettes() -> Image {
     let view = view(shapes::icosphere(2), [0.7, 0.4, 2.9]);
-    let weld = weld::weld_exact(&view.mesh.positions);
-    let edges = Edges::new(&view.mesh.triangles, &weld);
-    let opposite = edges.opposite_vertices(&view.mesh.triangles, &weld);
-    let neighbour = edges.triangle_neighbours();
-    let topology = Topology { triangles: &view.mesh.triangles, opposite: &opposite, neighbour: &neighbour };
-    let pairs = find_silhouettes(&view.visible, &view.clip, &topology);
+    let topology = MeshTopology::new(&view.mesh.triangles, &view.mesh.positions);
+    let pairs = find_silhouettes(&view.visible, &view.clip, &topology.topology());
     let color: Vec<[f32; 1]> =
         view.visible.triangle.iter().map(|t| [if *t == NONE { 0.0 } else { 1.0 }]).collect();
     let mut out = color.clone();

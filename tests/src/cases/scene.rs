@@ -1,9 +1,9 @@
 //! Cases of whole scenes: the forward renderer on glTF materials, and deferred shading of one mesh with maps.
 
 use photofit_fit::scene_render::SceneRenderer;
-use photofit_geometry::{Edges, Incidence, Mesh, shapes, tangents, weld};
+use photofit_geometry::{Incidence, Mesh, shapes, tangents};
 use photofit_image::{Image, to_display};
-use photofit_raster::antialias::Topology;
+use photofit_raster::antialias::MeshTopology;
 use photofit_raster::deferred::{Geometry, Passes, View, render};
 use photofit_raster::project::matrix_rows;
 use photofit_raster::texture::{Pyramid, Texture};
@@ -87,10 +87,7 @@ pub(super) fn materials() -> Image {
 /// A torus with maps of its own: dents by a normal map, roughness and metalness in stripes.
 pub(super) fn deferred() -> Image {
     let mesh: Mesh = shapes::torus(32, 16, 1.0, 0.45);
-    let weld = weld::weld_exact(&mesh.positions);
-    let edges = Edges::new(&mesh.triangles, &weld);
-    let (opposite, neighbour) =
-        (edges.opposite_vertices(&mesh.triangles, &weld), edges.triangle_neighbours());
+    let topology = MeshTopology::new(&mesh.triangles, &mesh.positions);
     let incidence = Incidence::new(&mesh.triangles, &photofit_geometry::Weld::identity(mesh.positions.len()));
     let frames = tangents::UvFrames::new(&incidence, &mesh.uvs);
     let tangents = tangents::vertex_tangents(&incidence, &frames, &mesh.positions, &mesh.normals);
@@ -101,7 +98,7 @@ pub(super) fn deferred() -> Image {
             normals: &mesh.normals,
             tangents: &tangents,
             uvs: &mesh.uvs,
-            topology: Topology { triangles: &mesh.triangles, opposite: &opposite, neighbour: &neighbour },
+            topology: topology.topology(),
             alpha: &[],
             sides: &[],
         },

@@ -3,8 +3,8 @@
 
 use crate::context::Context;
 use anyhow::Result;
-use photofit_geometry::{Edges, Mesh, shapes, weld::weld_exact};
-use photofit_raster::antialias::Topology;
+use photofit_geometry::{Mesh, shapes};
+use photofit_raster::antialias::MeshTopology;
 use photofit_raster::deferred::{Frame, Geometry, Gradients, Passes, View, render_into, render_vjp};
 use photofit_raster::project::{Matrix4, matrix_rows};
 use photofit_raster::rasterize::NONE;
@@ -93,29 +93,23 @@ pub(crate) struct Model {
     normals: Vec<Vec3f>,
     tangents: Vec<Vec4f>,
     uvs: Vec<Vec2f>,
-    triangles: Vec<[u32; 3]>,
-    opposite: Vec<[u32; 3]>,
-    neighbour: Vec<[u32; 3]>,
+    topology: MeshTopology,
     sides: Vec<Sides>,
     maps: Pyramid<f32, CHANNELS>,
 }
 
 impl Model {
     pub(crate) fn new(mesh: &Mesh) -> Self {
-        let weld = weld_exact(&mesh.positions);
-        let edges = Edges::new(&mesh.triangles, &weld);
-        let neighbour = edges.triangle_neighbours();
+        let topology = MeshTopology::new(&mesh.triangles, &mesh.positions);
         // The cameras here stand outside.
-        let closed = neighbour.as_flattened().iter().all(|t| *t != NONE);
+        let closed = topology.topology().neighbour.as_flattened().iter().all(|t| *t != NONE);
         let n = mesh.positions.len();
         Self {
             positions: mesh.positions.clone(),
             normals: vec![vec3(0.0, 0.0, 1.0); n],
             tangents: vec![vec4(1.0, 0.0, 0.0, 1.0); n],
             uvs: mesh.positions.iter().map(|p| uv_at(*p)).collect(),
-            triangles: mesh.triangles.clone(),
-            opposite: edges.opposite_vertices(&mesh.triangles, &weld),
-            neighbour,
+            topology,
             sides: vec![Sides::of(!closed); mesh.triangles.len()],
             maps: colors(),
         }
@@ -157,11 +151,7 @@ impl Model {
             normals: &self.normals,
             tangents: &self.tangents,
             uvs: &self.uvs,
-            topology: Topology {
-                triangles: &self.triangles,
-                opposite: &self.opposite,
-                neighbour: &self.neighbour,
-            },
+            topology: self.topology.topology(),
             alpha: &[],
             sides: &self.sides,
         }

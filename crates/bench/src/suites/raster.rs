@@ -2,8 +2,8 @@
 
 use crate::context::Context;
 use anyhow::Result;
-use photofit_geometry::{Edges, Mesh, normals::mesh_normals, shapes, weld::weld_exact};
-use photofit_raster::antialias::Topology;
+use photofit_geometry::{Mesh, normals::mesh_normals, shapes};
+use photofit_raster::antialias::MeshTopology;
 use photofit_raster::deferred::{Frame, Geometry, Gradients, Passes, View, render_into, render_vjp};
 use photofit_raster::project::matrix_rows;
 use photofit_raster::texture::Pyramid;
@@ -53,24 +53,20 @@ struct Item {
     normals: Vec<Vec3f>,
     tangents: Vec<Vec4f>,
     uvs: Vec<Vec2f>,
-    opposite: Vec<[u32; 3]>,
-    neighbour: Vec<[u32; 3]>,
+    topology: MeshTopology,
     maps: Pyramid<f32, CHANNELS>,
 }
 
 impl Item {
     fn new(frequency: u32, texture: usize) -> Self {
         let mesh = shapes::displaced_sphere(frequency, 0.1, 4, 7);
-        let weld = weld_exact(&mesh.positions);
-        let edges = Edges::new(&mesh.triangles, &weld);
         let normals = mesh_normals(&mesh);
         let mut texel = [0.0f32; CHANNELS];
         texel[..10].copy_from_slice(&[0.5, 0.4, 0.3, 0.7, 0.0, 0.5, 0.2, 0.05, 0.02, 0.99]);
         Self {
             tangents: normals.iter().map(|n| n.orthonormal_pair().0.extend(1.0)).collect(),
             uvs: mesh.positions.iter().map(|p| vec2(p.x * 0.4 + 0.5, 0.5 - p.y * 0.4)).collect(),
-            opposite: edges.opposite_vertices(&mesh.triangles, &weld),
-            neighbour: edges.triangle_neighbours(),
+            topology: MeshTopology::new(&mesh.triangles, &mesh.positions),
             maps: Pyramid::new(Maps::filled(texture, texture, texel)),
             normals,
             mesh,
@@ -97,11 +93,7 @@ impl Item {
             normals: &self.normals,
             tangents: &self.tangents,
             uvs: &self.uvs,
-            topology: Topology {
-                triangles: &self.mesh.triangles,
-                opposite: &self.opposite,
-                neighbour: &self.neighbour,
-            },
+            topology: self.topology.topology(),
             alpha,
             sides: &[],
         };

@@ -1,5 +1,6 @@
 //! The options of `photofit recover`.
 
+use super::Running;
 use super::values::{ending, seconds, whole};
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
@@ -35,18 +36,8 @@ pub(crate) struct RecoverTexture {
     /// more than 0, at most 1000000000] [default: no limit].
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub(crate) time_limit: Option<Duration>,
-    /// Seed of all random choices [range: at least 0].
-    #[arg(long, value_name = "S", default_value_t = 0, value_parser = whole::<u64>(0..))]
-    pub(crate) seed: u64,
-    /// Threads; the result is the same for any number [range: 1 to 1024] [default: all cores].
-    #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
-    pub(crate) threads: Option<u16>,
-    /// Folder in which the state of the fit is kept, for --resume.
-    #[arg(long, value_name = "DIR")]
-    pub(crate) checkpoint: Option<PathBuf>,
-    /// Go on from the checkpoint, if there is one, to the same result as an uninterrupted run.
-    #[arg(long, requires = "checkpoint")]
-    pub(crate) resume: bool,
+    #[command(flatten)]
+    pub(crate) running: Running,
     /// Write the figures as JSON.
     #[arg(long, value_name = "FILE")]
     pub(crate) json: Option<PathBuf>,

@@ -33,7 +33,11 @@ fn outputs_that_name_an_input_are_refused_by_every_command() {
     write_rock(d, 2, false);
     std::fs::create_dir_all(d.join("sub")).unwrap();
     std::fs::create_dir_all(d.join("pics")).unwrap();
-    std::fs::write(d.join("pics/transforms.json"), r#"{ "frames": [{ "file_path": "0" }] }"#).unwrap();
+    std::fs::write(
+        d.join("pics/transforms.json"),
+        r#"{ "frames": [{ "file_path": "0", "transform_matrix": [] }] }"#,
+    )
+    .unwrap();
     std::fs::write(d.join("pics/0.png"), "a picture").unwrap();
     std::fs::hard_link(d.join("rock.glb"), d.join("hard.glb")).unwrap();
     // Refused before anything is read: what they hold does not matter.
