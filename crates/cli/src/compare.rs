@@ -7,6 +7,7 @@ use crate::progress::Terminal;
 use crate::threads;
 use anyhow::{Result, anyhow, bail};
 use photofit_fit::compare::{ComparedView, compare_assets};
+use photofit_fit::engine::judge::Judged;
 use photofit_image::{
     DEFAULT_PIXELS_PER_DEGREE, Image, contact_sheet, flip, heatmap, psnr_from_mse, rmse, ssim, to_display,
     write_png,
@@ -17,6 +18,9 @@ use std::path::Path;
 
 /// FLIP of the brightest colour of a heat map.
 const HEAT: f32 = 1.0;
+
+/// How assets were drawn whose materials need more than the rasterizer.
+const PATH_TRACED: &str = "path traced";
 
 /// The four figures.
 #[derive(Clone, Copy, Debug, Default)]
@@ -50,7 +54,7 @@ pub(crate) fn run(a: &Compare) -> Result<()> {
         .writes("--heatmap", a.heatmap.as_deref());
     places.check()?;
     threads::set(a.threads)?;
-    let (kinds, heat, views) = match (is_asset(&a.reference), is_asset(&a.candidate)) {
+    let Compared { kind, drawn, heat, views } = match (is_asset(&a.reference), is_asset(&a.candidate)) {
         (true, true) => assets(a, &places)?,
         (false, false) => images(a)?,
         (asset, _) => {
@@ -68,6 +72,9 @@ pub(crate) fn run(a: &Compare) -> Result<()> {
         views.iter().enumerate().for_each(|(i, v)| text += &v.row(&format!("view {}", i + 1)));
     }
     text += &mean.row(if views.len() > 1 { "mean" } else { "" });
+    if drawn == Some(PATH_TRACED) {
+        text += "path traced, at most 256 pixels wide: the rasterizer does not draw all of these materials\n";
+    }
     if let Some(file) = &a.heatmap {
         write_png(file, &heat)?;
         text += &format!("wrote {}\n", file.display());
@@ -76,7 +83,8 @@ pub(crate) fn run(a: &Compare) -> Result<()> {
         let mut value = mean.json();
         value["reference"] = json!(a.reference.display().to_string());
         value["candidate"] = json!(a.candidate.display().to_string());
-        value["kind"] = json!(kinds);
+        value["kind"] = json!(kind);
+        value["drawn"] = json!(drawn);
         if views.len() > 1 {
             value["views"] = views.iter().map(Figures::json).collect();
         }
@@ -96,7 +104,13 @@ fn mean(views: &[Figures]) -> Figures {
     Figures { psnr: of(|v| v.psnr), ssim: of(|v| v.ssim), flip: of(|v| v.flip), rmse: of(|v| v.rmse) }
 }
 
-type Compared = (&'static str, Image, Vec<Figures>);
+/// The kind of what was compared and how it was drawn, the heat map, and the figures of each view.
+struct Compared {
+    kind: &'static str,
+    drawn: Option<&'static str>,
+    heat: Image,
+    views: Vec<Figures>,
+}
 
 fn assets(a: &Compare, places: &Places) -> Result<Compared> {
     let load = |path: &Path| -> Result<Scene> {
@@ -107,12 +121,18 @@ fn assets(a: &Compare, places: &Places) -> Result<Compared> {
     };
     let (reference, candidate) = (load(&a.reference)?, load(&a.candidate)?);
     let progress = Terminal::new();
-    let views = compare_assets(&reference, &candidate, a.views, a.resolution as usize, &progress)?;
+    let compared = compare_assets(&reference, &candidate, a.views, a.resolution as usize, &progress)?;
     progress.finish();
+    let views = &compared.views;
     let maps: Vec<Image> = views.iter().map(|v| heatmap(&v.view.flip, HEAT)).collect();
     let columns = (maps.len() as f64).sqrt().ceil() as usize;
     let sheet = contact_sheet(&maps.iter().collect::<Vec<_>>(), columns, 4);
-    Ok(("assets", sheet, views.iter().map(Figures::of).collect()))
+    let drawn = match compared.method {
+        Judged::PathTraced => PATH_TRACED,
+        Judged::Rasterized | Judged::ReferenceTraced => "rasterized",
+    };
+    let views = views.iter().map(Figures::of).collect();
+    Ok(Compared { kind: "assets", drawn: Some(drawn), heat: sheet, views })
 }
 
 fn images(a: &Compare) -> Result<Compared> {
@@ -132,7 +152,7 @@ fn images(a: &Compare) -> Result<Compared> {
     let rmse = rmse(&r, &c);
     let figures =
         Figures { psnr: psnr_from_mse(rmse * rmse), ssim: ssim(&r, &c).mean, flip: error.mean, rmse };
-    Ok(("images", heatmap(&error.map, HEAT), vec![figures]))
+    Ok(Compared { kind: "images", drawn: None, heat: heatmap(&error.map, HEAT), views: vec![figures] })
 }
 
 /// The display picture of an image: RGB over black for straight alpha (PNG) and premultiplied alpha (`OpenEXR`), grey

@@ -87,7 +87,10 @@ pub(crate) fn run(a: &Denoise) -> Result<()> {
         fireflies: !a.keep_fireflies,
         ..Settings::default()
     };
-    interrupt::handle();
+    if a.sequence.is_some() {
+        // Frames that are done are kept; a single picture has nothing to keep, and a signal ends it.
+        interrupt::handle();
+    }
     let reference =
         a.compare.as_ref().map(|path| Ok::<_, anyhow::Error>((path, read_rgb(path)?))).transpose()?;
     // What cannot be compared is said before the work.

@@ -70,6 +70,10 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, key: &str) -> Resul
     if let Some(file) = &a.json {
         output::write_json(file, &figures(a, &renderer, finished, began))?;
     }
+    let left_out = renderer.progress().not_finite;
+    if left_out > 0 {
+        say(&format!("{left_out} contributions were not finite and are left out: the scene is faulty"));
+    }
     let stopped = !finished && interrupt::is_stopping();
     Ok(if stopped { Ending::Stopped } else { Ending::Done })
 }
@@ -87,6 +91,7 @@ fn figures(a: &Render, renderer: &Renderer<'_>, finished: bool, began: Instant) 
         "noise": progress.noise.is_finite().then_some(progress.noise),
         "max_depth": a.path.max_depth.unwrap_or(DEPTH),
         "seed": a.path.seed.unwrap_or(0),
+        "not_finite": progress.not_finite,
         "finished": finished,
         "seconds": began.elapsed().as_secs_f64(),
         "threads": a.path.threads.map_or_else(rayon::current_num_threads, usize::from),

@@ -1,15 +1,10 @@
 //! How much two assets look alike: both rendered from shared views, under shared lights, and compared.
 
 use crate::engine::Normalised;
-use crate::engine::judge::{ViewQuality, compare};
-use crate::scene_render::SceneRenderer;
-use crate::simplify::drawn;
-use crate::views::{Lighting, Orbit, Set, Views};
+use crate::engine::judge::{Judge, Judged, Stage, ViewQuality};
+use crate::views::Lighting;
 use crate::{FitError, Progress};
-use photofit_scene::{FlatScene, Scene, SurfaceLibrary};
-
-/// Samples per axis of a pixel.
-const SUPERSAMPLE: usize = 4;
+use photofit_scene::Scene;
 
 /// One view of both assets.
 #[derive(Clone, Debug)]
@@ -20,38 +15,50 @@ pub struct ComparedView {
     pub rmse: f64,
 }
 
+/// Two assets compared.
+#[derive(Clone, Debug)]
+pub struct Compared {
+    /// The views, in their order.
+    pub views: Vec<ComparedView>,
+    /// How their pictures were made.
+    pub method: Judged,
+}
+
 /// Renders `reference` and `candidate` from the `views` cameras and lights of a report (seed 0, a point light), framed
-/// on the reference, as pictures of `resolution` pixels a side, and compares them.
+/// on the reference, as pictures of `resolution` pixels a side, and compares them. Where a material of either needs
+/// what the rasterizer lacks, both are path traced, at most 256 pixels wide.
 ///
 /// # Errors
-/// A reference without an extent.
+/// A reference without an extent, or what the path tracer refuses.
 pub fn compare_assets(
     reference: &Scene,
     candidate: &Scene,
     views: u64,
     resolution: usize,
     progress: &dyn Progress,
-) -> Result<Vec<ComparedView>, FitError> {
+) -> Result<Compared, FitError> {
     let n = Normalised::new(reference)?;
-    let library = SurfaceLibrary::new(&drawn(candidate));
-    let mut flat = candidate.flatten();
-    for p in &mut flat.mesh.positions {
-        *p = (*p - n.center) / n.radius;
-    }
-    let view = |i| {
-        progress.report("compare", i, views, "");
-        let s = Orbit::new(0, &Lighting::Point, resolution).setup(Set::Report, i, views);
-        let lights = s.lights.lights();
-        let render = |flat: &FlatScene, library: &SurfaceLibrary| {
-            SceneRenderer::new(flat, library).render(&s.camera, &lights, resolution, resolution, SUPERSAMPLE)
-        };
-        let (a, b) = (render(&n.flat, &n.library), render(&flat, &library));
-        let view = compare(&a, &b);
-        // The PSNR of equal pictures is capped.
-        let rmse = if a == b { 0.0 } else { 10_f64.powf(-view.quality.psnr / 20.0) };
-        ComparedView { view, rmse }
+    let judge = Judge {
+        scene: reference,
+        n: &n,
+        path_traced_reference: false,
+        lighting: &Lighting::Point,
+        size: resolution,
+        seed: 0,
     };
-    Ok((0..views).map(view).collect())
+    let stages = [Stage::new("candidate", candidate.clone())];
+    let method = judge.method(&stages);
+    let judged = judge.views(&stages, views, progress)?;
+    let views = judged.into_iter().flat_map(|v| {
+        let reference = v.reference;
+        v.quality.into_iter().map(move |view| {
+            // The PSNR of equal pictures is capped.
+            let equal = view.picture == reference;
+            let rmse = if equal { 0.0 } else { 10_f64.powf(-view.quality.psnr / 20.0) };
+            ComparedView { view, rmse }
+        })
+    });
+    Ok(Compared { views: views.collect(), method })
 }
 
 #[cfg(test)]
@@ -59,7 +66,7 @@ mod tests {
     use super::*;
     use crate::Silent;
     use photofit_geometry::shapes::icosphere;
-    use photofit_scene::{Instance, Material, Primitive};
+    use photofit_scene::{Clearcoat, Extensions, Instance, Material, Primitive};
 
     fn sphere(frequency: u32, scale: f32) -> Scene {
         Scene {
@@ -76,9 +83,9 @@ mod tests {
     #[test]
     fn an_asset_equals_itself_and_differs_from_a_smaller_one() {
         let quality = |a: &Scene, b: &Scene| {
-            let views = compare_assets(a, b, 2, 48, &Silent).unwrap();
-            assert_eq!(views.len(), 2);
-            (views[0].view.quality, views[0].rmse)
+            let compared = compare_assets(a, b, 2, 48, &Silent).unwrap();
+            assert_eq!((compared.views.len(), compared.method), (2, Judged::Rasterized));
+            (compared.views[0].view.quality, compared.views[0].rmse)
         };
         let (same, zero) = quality(&sphere(8, 3.0), &sphere(8, 3.0));
         assert_eq!((same.flip, zero), (0.0, 0.0));
@@ -91,5 +98,22 @@ mod tests {
         red.materials[0].base_color = [0.9, 0.1, 0.1, 1.0];
         let (red, _) = quality(&sphere(8, 3.0), &red);
         assert!(same.outline == 0.0 && far.outline > 0.8 && red.outline < 0.01, "{far:?} {red:?}");
+    }
+
+    #[test]
+    fn a_coat_of_the_candidate_alone_is_seen() {
+        let plain = sphere(8, 3.0);
+        let mut coated = plain.clone();
+        let coat = Clearcoat { factor: 1.0, ..Clearcoat::default() };
+        coated.materials[0].extensions =
+            Some(Box::new(Extensions { clearcoat: Some(coat), ..Extensions::default() }));
+        for (a, b) in [(&plain, &coated), (&coated, &plain)] {
+            let compared = compare_assets(a, b, 2, 48, &Silent).unwrap();
+            assert_eq!(compared.method, Judged::PathTraced);
+            let psnr = compared.views[0].view.quality.psnr;
+            assert!(psnr < 40.0 && compared.views[0].rmse > 0.01, "{psnr}");
+        }
+        let same = compare_assets(&coated, &coated, 1, 48, &Silent).unwrap();
+        assert_eq!(same.views[0].rmse.to_bits(), 0);
     }
 }

@@ -192,9 +192,10 @@ pub struct Judge<'a> {
 }
 
 impl Judge<'_> {
-    /// How pictures are made.
-    pub fn method(&self) -> Judged {
-        if !beyond_rasterizer(self.scene).is_empty() {
+    /// How pictures of the reference and of `stages` are made.
+    pub fn method(&self, stages: &[Stage]) -> Judged {
+        let mut scenes = stages.iter().map(|s| &s.scene).chain([self.scene]);
+        if scenes.any(|s| !beyond_rasterizer(s).is_empty()) {
             Judged::PathTraced
         } else if self.path_traced_reference {
             Judged::ReferenceTraced
@@ -213,7 +214,7 @@ impl Judge<'_> {
         views: u64,
         progress: &dyn Progress,
     ) -> Result<Vec<ReportView>, FitError> {
-        let method = self.method();
+        let method = self.method(stages);
         let size = if method == Judged::PathTraced { self.size.min(WIDEST_TRACED) } else { self.size };
         let orbit = Orbit::new(self.seed, self.lighting, size);
         let look = |reference: &dyn Reference, stages: &[&dyn Reference]| {
@@ -374,7 +375,7 @@ mod tests {
         let stages: Vec<Stage> = stages.into_iter().map(|s| Stage::new("stage", s)).collect();
         let views = judge.views(&stages, 2, &Silent).unwrap();
         let mean = |k: usize| views.iter().map(|v| v.quality[k].quality.psnr).sum::<f64>() / 2.0;
-        (judge.method(), (0..stages.len()).map(mean).collect())
+        (judge.method(&stages), (0..stages.len()).map(mean).collect())
     }
 
     #[test]

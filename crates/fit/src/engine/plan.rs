@@ -409,7 +409,9 @@ impl Asset {
         );
         let why = match &self.extensions[..] {
             [] => "none".into(),
-            names => format!("{}: kept as they are, not drawn while fitting", names.join(", ")),
+            names => {
+                format!("{}: kept, their textures as mean values; not drawn while fitting", names.join(", "))
+            }
         };
         item("material extensions", false, why);
     }

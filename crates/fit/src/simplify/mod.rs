@@ -148,7 +148,7 @@ pub fn simplify(
     let pictures = judge.views(&stages, options.report_views, progress)?;
     let names: Vec<&'static str> = stages.iter().map(|s| s.name).collect();
     let times = Times { all: began.elapsed().as_secs_f64(), to_file };
-    let judged = judge.method();
+    let judged = judge.method(&stages);
     let mut outcome = Outcome::new(triangles, trained, plan, &names, pictures, judged, times, options);
     outcome.left_out = outcome::left_out(scene, &stages[stages.len() - 1].scene, judged);
     Ok(outcome)
