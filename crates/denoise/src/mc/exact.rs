@@ -1,4 +1,5 @@
-//! Pixels without noise: a shown environment, emitters. They are kept as they are and do not reach their neighbours.
+//! Pixels without noise: a shown environment, emitters. They are kept as they are and do not reach their neighbours; nor
+//! do the pixels around an emitter that show a part of it.
 
 use super::frame::{Features, Frame};
 use super::window::{blur_sums, gaussian_taps};
@@ -18,6 +19,10 @@ const TEXTURE_WINDOW: f32 = 2.5;
 const REACH: usize = 2;
 /// Lone silent pixels count if they are this many times as bright as the mean of all that is lit: small emitters.
 const OUTSTANDING: f32 = 8.0;
+/// A pixel near an emitter shows a part of it if this share of the emitter's radiance is in it, above what is beside.
+const RIM: f32 = 0.1;
+/// Pixels on each side of the window whose median is what lies beside an emitter.
+const BESIDE: usize = 4;
 
 /// A pixel and its radiance.
 pub(crate) type ExactPixel = (usize, [f32; 3]);
@@ -49,10 +54,50 @@ pub(crate) fn exact_pixels(frame: &Frame<'_>, features: &Features<'_>, weight: &
     let lit = (0..n).filter(|i| weight[*i] > 0.0).map(level).filter(|v| *v > 0.0);
     let (sum, count) = lit.fold((0.0_f64, 0_usize), |(s, k), v| (s + f64::from(v), k + 1));
     let bright = OUTSTANDING * (sum / count.max(1) as f64) as f32;
+    let is_exact = |i: usize| silent[i] > 0 && (windows[i] > 0 || missed(features, i) || level(i) > bright);
+    let exact: Vec<bool> = (0..n).map(is_exact).collect();
+    let emitted = |i: usize| if exact[i] && !missed(features, i) { level(i) } else { 0.0 };
+    let rims = rims(&exact, weight, width, &emitted, &level);
     (0..n)
-        .filter(|i| silent[*i] > 0 && (windows[*i] > 0 || missed(features, *i) || level(*i) > bright))
+        .filter(|i| exact[*i] || rims[*i])
         .map(|i| (i, [color(0, i).max(0.0), color(1, i).max(0.0), color(2, i).max(0.0)]))
         .collect()
+}
+
+/// Pixels that show a part of an emitter: their light is that of the emitter, so that it must not reach what is beside,
+/// and their noise is that of the pixel filter alone.
+fn rims(
+    exact: &[bool],
+    weight: &[f32],
+    width: usize,
+    emitted: &dyn Fn(usize) -> f32,
+    level: &dyn Fn(usize) -> f32,
+) -> Vec<bool> {
+    let height = exact.len() / width;
+    let around = |i: usize, reach: usize| {
+        let (x, y) = (i % width, i / width);
+        let rows = y.saturating_sub(reach)..(y + reach + 1).min(height);
+        let columns = x.saturating_sub(reach)..(x + reach + 1).min(width);
+        rows.flat_map(move |y| columns.clone().map(move |x| y * width + x))
+    };
+    let mut rims = vec![false; exact.len()];
+    let mut seen = vec![false; exact.len()];
+    let mut beside = Vec::new();
+    for emitter in (0..exact.len()).filter(|i| emitted(*i) > 0.0) {
+        for i in around(emitter, REACH) {
+            if exact[i] || seen[i] || weight[i] <= 0.0 {
+                continue;
+            }
+            seen[i] = true;
+            beside.clear();
+            beside.extend(around(i, BESIDE).filter(|j| !exact[*j] && weight[*j] > 0.0).map(level));
+            let middle = beside.len() / 2;
+            let (_, median, _) = beside.select_nth_unstable_by(middle, f32::total_cmp);
+            let full = around(i, REACH).map(emitted).fold(0.0, f32::max);
+            rims[i] = level(i) - *median > RIM * (full - *median) && full > *median;
+        }
+    }
+    rims
 }
 
 /// Pixels that show the texture of an environment: what varies in them varies between them too.

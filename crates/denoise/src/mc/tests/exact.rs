@@ -145,3 +145,41 @@ fn a_shown_environment_stays_and_fog_is_noise() {
         }
     }
 }
+
+#[test]
+fn pixels_that_show_a_part_of_a_lamp_do_not_reach_the_wall() {
+    // A lamp that covers a quarter to three quarters of the pixels around it, by the chance of four samples.
+    let (mut scene, [mut a, mut b], _) = scene();
+    let n = HEIGHT * WIDTH;
+    let mut rng = photofit_gradcheck::Uniform::new(5);
+    let rim = |i: usize| {
+        let (x, y) = (i % WIDTH, i / WIDTH);
+        (39..57).contains(&x) && (19..32).contains(&y) && shown(i).is_none()
+    };
+    for i in (0..n).filter(|i| rim(*i)) {
+        let share = |r: f64| 0.25 + 0.25 * (r * 2.999).floor() as f32;
+        let covered = [share(rng.range(0.0, 1.0)), share(rng.range(0.0, 1.0))];
+        for k in [i, n + i, 2 * n + i] {
+            for (side, c) in [&mut a, &mut b].into_iter().zip(covered) {
+                side[k] = c * 18.0 + (1.0 - c) * side[k];
+            }
+            scene.reference[k] = 9.0 + 0.5 * scene.reference[k];
+        }
+    }
+    let variance: Vec<f32> = a.iter().zip(&b).map(|(a, b)| 0.25 * (a - b) * (a - b)).collect();
+    let mean: Vec<f32> = a.iter().zip(&b).map(|(a, b)| 0.5 * (a + b)).collect();
+    let frame = Frame::new(WIDTH, HEIGHT, &mean).with_guides(scene.guides());
+    let layer = Frame { variance: Some(&variance), ..frame };
+    let halves = Frame { color: &a, half: Some(&b), ..frame };
+    for frame in [layer, halves] {
+        let u = denoise(&frame, &Settings::default()).expect("sound").color;
+        let beside = (0..n).filter(|i| {
+            let (x, y) = (i % WIDTH, i / WIDTH);
+            (35..61).contains(&x) && (15..36).contains(&y) && shown(*i).is_none() && !rim(*i)
+        });
+        let [ours, truth] = beside.fold([0.0_f32; 2], |[s, t], i| [s + u[i], t + scene.reference[i]]);
+        assert!(ours < 1.25 * truth, "{ours} beside the lamp, {truth} in truth");
+        let kept = (0..n).filter(|i| rim(*i)).all(|i| (u[i] - mean[i]).abs() <= 1e-5 * mean[i]);
+        assert!(kept, "what shows the lamp keeps its light");
+    }
+}
