@@ -62,18 +62,21 @@ fn options(a: &Simplify) -> Result<SimplifyOptions> {
         (FitLight::Point, _) => Lighting::Point,
         _ => Lighting::Mixed,
     };
-    let default = SimplifyOptions::default();
+    let mut default = SimplifyOptions::default();
+    if let Target::ScreenSize(pixels) = target {
+        default = default.for_screen_size(pixels);
+    }
     Ok(SimplifyOptions {
         target,
         init: match a.init {
             Start::Decimate => Init::Decimate,
             Start::Sphere => Init::Sphere,
         },
-        resolution: a.resolution,
+        resolution: a.resolution.unwrap_or(default.resolution),
         batch: a.batch,
         steps: a.steps,
         time_limit: a.time_limit,
-        texture_size: a.texture_size,
+        texture_size: a.texture_size.unwrap_or(default.texture_size),
         texture_encoding: a
             .jpeg
             .map_or(default.texture_encoding, |quality| TextureEncoding::Jpeg { quality }),

@@ -15,9 +15,6 @@ use crate::{FitError, Progress, Silent};
 use photofit_raster::deferred::Passes;
 use photofit_scene::Scene;
 
-/// Views by which the result is chosen.
-const CHOICE_VIEWS: u64 = 4;
-
 /// Texels of the reference's surface on the present shape of a candidate.
 pub(super) fn rebaked(
     surface: &bake::Reference<'_>,
@@ -59,6 +56,7 @@ pub(super) fn best(
     models.push(Surface { candidate: start.candidate.clone(), ..models[0].clone() });
     let scenes: Vec<Scene> = models.iter().map(|m| to_scene(&m.candidate, n)).collect();
     let views = Orbit::new(options.seed, &options.lighting, options.resolution);
-    let best = judge::best_of(n, reference, &scenes, &views, CHOICE_VIEWS, progress)?;
+    let (count, [_, samples]) = (options.choice_views(), options.judge_samples());
+    let best = judge::best_of(n, reference, &scenes, &views, count, samples, progress)?;
     Ok(Trained { model: models.swap_remove(best), ..trained })
 }
