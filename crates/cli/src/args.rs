@@ -115,7 +115,7 @@ pub(crate) struct Running {
 }
 
 #[derive(Args, Debug)]
-#[command(group = ArgGroup::new("budget").args(["triangles", "ratio", "error", "screen_size"]), after_help = STATUSES)]
+#[command(group = ArgGroup::new("budget").args(["triangles", "ratio", "error", "screen_size", "lod"]), after_help = STATUSES)]
 pub(crate) struct Simplify {
     /// The asset: .glb, .gltf, .obj or .ply.
     #[arg(value_name = "IN")]
@@ -139,6 +139,19 @@ pub(crate) struct Simplify {
     /// it there, with one sample a pixel and mipmaps [range: 1 to 65536] [default: --ratio].
     #[arg(long, value_name = "PX", value_parser = number(1.0..=65536.0))]
     pub(crate) screen_size: Option<f64>,
+    /// Write a chain of levels of detail for these sizes on screen, falling, each as --screen-size says: OUT.glb,
+    /// OUT.lod1.glb, OUT.lod2.glb and so on, and OUT.lods.json with their figures. Each starts from the one before; --steps
+    /// are those of the first, the others make half as many; --time-limit is for all fits together [range: 16 to 1024]
+    /// [default: one asset].
+    #[arg(long, value_name = "PX,PX", value_delimiter = ',', conflicts_with = "resolution", value_parser = number(16.0..=1024.0))]
+    pub(crate) lod: Vec<f64>,
+    /// Budgets of the levels of --lod, falling, one for each [range: at least 1] [default: as few as look right at the
+    /// sizes].
+    #[arg(long, value_name = "N,N", value_delimiter = ',', requires = "lod", value_parser = whole::<usize>(1..))]
+    pub(crate) lod_triangles: Vec<usize>,
+    /// Also write all levels of --lod as one file with MSFT_lod and MSFT_screencoverage: OUT.lods.glb.
+    #[arg(long, requires = "lod")]
+    pub(crate) msft_lod: bool,
     /// What the fit starts from.
     #[arg(long, value_enum, default_value = "decimate")]
     pub(crate) init: Start,

@@ -23,6 +23,8 @@ const OUTLINE: f32 = 0.1;
 const PIXELS_PER_DEGREE: f32 = 67.02;
 /// Quality of equal pictures: what 8 bits can tell apart, rounded up.
 const BEST_PSNR: f64 = 60.0;
+/// Views in which neighbouring levels of detail are compared.
+const POPPING_VIEWS: u64 = 16;
 /// Widest path traced picture of the judge.
 const WIDEST_TRACED: usize = 256;
 
@@ -265,7 +267,8 @@ pub fn rasterized_views(
     progress: &dyn Progress,
 ) -> Result<Vec<ReportView>, FitError> {
     let drawn: Vec<Drawn> = stages.iter().map(|s| s.drawn(n)).collect();
-    let drawn: Vec<Rasterized<'_>> = drawn.iter().map(|d| Rasterized::new(&d.flat, &d.library).sampled(samples)).collect();
+    let drawn: Vec<Rasterized<'_>> =
+        drawn.iter().map(|d| Rasterized::new(&d.flat, &d.library).sampled(samples)).collect();
     let drawn: Vec<&dyn Reference> = drawn.iter().map(|d| d as &dyn Reference).collect();
     compared(reference, &drawn, views, set, count, progress)
 }
@@ -289,6 +292,28 @@ fn compared(
             Ok(ReportView { reference: display(&image), quality })
         })
         .collect()
+}
+
+/// Mean FLIP between two stages as an engine shows them, with one sample a pixel, in pictures of `size` pixels a side.
+///
+/// # Errors
+/// If a picture cannot be made.
+pub fn popping(
+    n: &Normalised,
+    stages: [&Stage; 2],
+    lighting: &Lighting,
+    size: usize,
+    seed: u64,
+) -> Result<f64, FitError> {
+    let [a, b] = stages.map(|s| s.drawn(n));
+    let [a, b] = [&a, &b].map(|d| Rasterized::new(&d.flat, &d.library).sampled(1));
+    let orbit = Orbit::new(seed, lighting, size);
+    let flip = |i| {
+        let s = orbit.setup(Set::Report, i, POPPING_VIEWS);
+        Ok(compare(&a.picture(&s)?.image, &b.picture(&s)?.image).quality.flip)
+    };
+    let sum = (0..POPPING_VIEWS).map(flip).sum::<Result<f64, FitError>>()?;
+    Ok(sum / POPPING_VIEWS as f64)
 }
 
 /// Number of the scene with the best pictures in `views` held-out views, drawn by the rasterizer with `samples` samples

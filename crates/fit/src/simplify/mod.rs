@@ -203,9 +203,7 @@ fn reference<'a>(
     options: &SimplifyOptions,
 ) -> Result<Box<dyn Reference + 'a>, FitError> {
     Ok(match options.reference {
-        ReferenceRenderer::Raster => {
-            Box::new(Rasterized::of(n, surface).sampled(options.judge_samples()[0]))
-        }
+        ReferenceRenderer::Raster => Box::new(Rasterized::of(n, surface).sampled(options.judge_samples()[0])),
         ReferenceRenderer::Path => {
             Box::new(PathTraced::new(scene, n, Features::Core, options.seed)?.with_surface(surface))
         }

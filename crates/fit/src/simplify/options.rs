@@ -249,7 +249,11 @@ mod tests {
             (9000.0, 1024, 2048, 512, [4, 1]),
         ] {
             let o = of(px);
-            assert_eq!((o.resolution, o.texture_size, o.picture_size()), (resolution, texture, picture), "{px}");
+            assert_eq!(
+                (o.resolution, o.texture_size, o.picture_size()),
+                (resolution, texture, picture),
+                "{px}"
+            );
             assert_eq!(o.judge_samples(), judged, "{px}");
             assert_eq!(o.sampling().shade_per_pixel, px <= 256.0, "{px}");
             assert!(o.check(usize::MAX).is_ok() && o.target == SimplifyOptions::default().target);
