@@ -21,7 +21,7 @@ fn options() -> ChainOptions {
         sizes: vec![48.0, 24.0, 16.0],
         triangles: vec![400, 150, 60],
         combined: true,
-        fit: SimplifyOptions { steps: 30, batch: 1, report_views: 2, ..SimplifyOptions::default() },
+        fit: SimplifyOptions { steps: 12, batch: 1, report_views: 2, ..SimplifyOptions::default() },
         texture_size: None,
     }
 }
@@ -122,4 +122,59 @@ fn names_of_files() {
     assert_eq!(level_path(output, 2), Path::new("a/b.c.lod2.glb"));
     assert_eq!(summary_path(output), Path::new("a/b.c.lods.json"));
     assert_eq!(combined_path(output), Path::new("a/b.c.lods.glb"));
+}
+
+/// Whether a column of [`fence`] belongs to a bar.
+fn bar(x: usize) -> bool {
+    x.is_multiple_of(2) && (x * x / 64) % 8 < 2 + x / 128
+}
+
+/// A fence of bars that are all thinner than a texel of the level, closer to each other from left to right.
+fn fence() -> Scene {
+    use photofit_scene::{AlphaMode, Filter, Sampler, TextureImage, TextureSlot, Wrap};
+    let mut mesh = photofit_geometry::shapes::quad_grid(8, 8);
+    mesh.tangents.clear();
+    let wrap = Wrap::ClampToEdge;
+    let slot = TextureSlot {
+        image: 0,
+        sampler: Sampler { wrap_u: wrap, wrap_v: wrap, filter: Filter::Bilinear },
+        tex_coord: 0,
+        transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+    };
+    let texel = |i: usize| if bar(i % 512) { [230, 230, 230, 255] } else { [230, 230, 230, 0] };
+    Scene {
+        name: "fence".into(),
+        primitives: vec![Primitive { mesh, material: 0 }],
+        instances: vec![Instance { primitive: 0, transform: glam::Affine3A::IDENTITY }],
+        materials: vec![Material {
+            base_color_texture: Some(slot),
+            base_color: [1.0; 4],
+            alpha_mode: AlphaMode::Mask { cutoff: 0.5 },
+            double_sided: true,
+            ..Material::clay()
+        }],
+        images: vec![TextureImage {
+            width: 512,
+            height: 4,
+            texels: (0..512 * 4).map(texel).collect(),
+            ..TextureImage::default()
+        }],
+        ..Scene::default()
+    }
+}
+
+#[test]
+fn thin_bars_do_not_vanish_in_the_distance() {
+    let dir = tempfile::tempdir().unwrap();
+    let options = ChainOptions { sizes: vec![32.0], triangles: vec![32], combined: false, ..options() };
+    let chain = simplify_chain(&fence(), &dir.path().join("out.glb"), &options, &Silent).unwrap();
+    let q = chain.levels[0].quality();
+    let scene = photofit_scene::load(&chain.levels[0].path).unwrap();
+    let alpha: Vec<u8> = scene.images[0].texels.iter().map(|t| t[3]).collect();
+    let share = alpha.iter().filter(|a| **a >= 128).count() as f64 / alpha.len() as f64;
+    let covered = (0..512).filter(|x| bar(*x)).count() as f64 / 512.0;
+    assert!(
+        (share / covered - 1.0).abs() < 0.3,
+        "{share} of the texels are drawn, {covered} is covered: {q:?}"
+    );
 }

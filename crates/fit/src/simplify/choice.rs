@@ -20,9 +20,10 @@ pub(super) fn rebaked(
     surface: &bake::Reference<'_>,
     seen: &Visibility,
     candidate: &Candidate,
+    options: &SimplifyOptions,
     progress: &dyn Progress,
 ) -> Result<Vec<f32>, FitError> {
-    let (maps, _) = bake_candidate(surface, seen, candidate, progress)?;
+    let (maps, _) = bake_candidate(surface, seen, candidate, options, progress)?;
     Ok(maps.texels.into_flattened())
 }
 
@@ -49,7 +50,7 @@ pub(super) fn best(
     progress: &dyn Progress,
 ) -> Result<Trained<Surface>, FitError> {
     let mut models = vec![trained.model.clone(), trained.model];
-    if let Ok(texels) = rebaked(surface, seen, &models[1].candidate, &Silent) {
+    if let Ok(texels) = rebaked(surface, seen, &models[1].candidate, options, &Silent) {
         models[1].values_mut(1).copy_from_slice(&texels);
         models[1].changed(1);
     }

@@ -4,6 +4,7 @@
 //! the maps -> export -> reload the file and compare it with the reference on views and lights that the fit never saw.
 
 mod choice;
+mod coverage;
 mod export;
 mod look;
 mod options;
@@ -140,7 +141,7 @@ pub(crate) fn simplify_asset(
         keeping: &keeping,
         options: steering(options, &start.candidate),
     };
-    let rebake = |s: &Surface| choice::rebaked(surface, visibility, &s.candidate, progress);
+    let rebake = |s: &Surface| choice::rebaked(surface, visibility, &s.candidate, options, progress);
     let mut plan_with_phases = None;
     let trained = train(
         Surface::new(start.candidate.clone(), &plan),

@@ -2,6 +2,7 @@
 
 use super::ReferenceRenderer;
 use crate::FitError;
+use crate::bake::BakeSettings;
 use crate::engine::reference::{SUPERSAMPLE, samples_for};
 use crate::engine::trainer::HELD_OUT;
 use crate::views::{Lighting, Sampling};
@@ -102,10 +103,25 @@ impl SimplifyOptions {
         Self { resolution: shown.ceil() as usize, texture_size, as_engine: true, ..self }
     }
 
+    /// Whether one texel stands for much of the asset's surface: what it loses goes into its roughness, and masks keep
+    /// their coverage.
+    pub(super) fn is_prefiltered(&self) -> bool {
+        self.as_engine && self.resolution <= LARGEST_ENGINE_PICTURE
+    }
+
+    /// How maps are baked, but for their size.
+    pub(super) fn bake_settings(&self) -> BakeSettings {
+        let plain = BakeSettings::default();
+        if self.is_prefiltered() {
+            BakeSettings { samples_per_side: 8, filter_width: 1.0, widen_roughness: true, ..plain }
+        } else {
+            plain
+        }
+    }
+
     /// How the fit samples its candidate.
     pub(super) fn sampling(&self) -> Sampling {
-        let small = self.resolution <= LARGEST_ENGINE_PICTURE;
-        if self.as_engine && small { Sampling::ENGINE } else { Sampling::SUPERSAMPLED }
+        if self.is_prefiltered() { Sampling::ENGINE } else { Sampling::SUPERSAMPLED }
     }
 
     /// Width and height of the pictures that the fit compares: their samples that are shaded one by one are as many as

@@ -1,7 +1,7 @@
 //! From the reference to the start of the fit: normalise, decimate, unwrap, bake.
 
-use super::wrap;
 use super::{Init, SimplifyOptions};
+use super::{coverage, wrap};
 use crate::bake::{self, AlphaClass, BakeSettings, Reference, bake, blank_texel, hard_edges};
 use crate::candidate::Candidate;
 use crate::engine::Normalised;
@@ -86,7 +86,7 @@ fn unwrap_and_bake(
     progress: &dyn Progress,
 ) -> Result<Start, FitError> {
     let mut candidate = unwrapped(n, reference, seen, mesh, class, options.texture_size, progress)?;
-    let (baked, distance) = bake_candidate(reference, seen, &candidate, progress)?;
+    let (baked, distance) = bake_candidate(reference, seen, &candidate, options, progress)?;
     candidate.set_maps(baked);
     Ok(Start { candidate, distance })
 }
@@ -229,10 +229,11 @@ pub(super) fn bake_candidate(
     reference: &Reference<'_>,
     seen: &Visibility,
     candidate: &Candidate,
+    options: &SimplifyOptions,
     progress: &dyn Progress,
 ) -> Result<(Maps, f64), FitError> {
     let base = &candidate.maps.levels[0];
-    let settings = BakeSettings { width: base.width, height: base.height, ..BakeSettings::default() };
+    let settings = BakeSettings { width: base.width, height: base.height, ..options.bake_settings() };
     let classes: Vec<AlphaClass> =
         candidate.class.iter().map(|c| candidate.classes[*c as usize].alpha.into()).collect();
     let (mesh, round) = (candidate.mesh(), candidate.round_normals());
@@ -243,5 +244,8 @@ pub(super) fn bake_candidate(
             e => e.into(),
         })?;
     baked.fill(None);
+    if options.is_prefiltered() {
+        coverage::keep(candidate, &baked.valid, &baked.cut, &mut baked.maps);
+    }
     Ok((baked.maps, baked.statistics.mean_distance))
 }
