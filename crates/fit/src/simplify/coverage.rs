@@ -1,5 +1,5 @@
 //! Masks that keep their coverage: alpha is scaled so that as large a share of the texels passes the cutoff as the asset
-//! covers (Castaño 2010, "Computing alpha mipmaps"). Without it, parts that are thinner than a texel vanish.
+//! covers (Castaño 2010). Without it, parts that are thinner than a texel vanish.
 
 use crate::candidate::Candidate;
 use photofit_geometry::atlas::mesh_coverage;
