@@ -115,7 +115,7 @@ pub(crate) struct Running {
 }
 
 #[derive(Args, Debug)]
-#[command(group = ArgGroup::new("budget").args(["triangles", "ratio", "error", "screen_size"]), after_help = STATUSES)]
+#[command(group = ArgGroup::new("budget").args(["triangles", "ratio", "error", "screen_size", "lod"]), after_help = STATUSES)]
 pub(crate) struct Simplify {
     /// The asset: .glb, .gltf, .obj or .ply.
     #[arg(value_name = "IN")]
@@ -134,17 +134,31 @@ pub(crate) struct Simplify {
     /// 0, less than 1] [default: --ratio].
     #[arg(long, value_name = "E", value_parser = number(between(0.0, 1.0)))]
     pub(crate) error: Option<f64>,
-    /// Budget: as few triangles as look right on a screen where the asset is this large, pixels [range: 1 to 65536]
-    /// [default: --ratio].
+    /// Budget: as few triangles as look right on a screen where the asset is this large, pixels. Cameras, pictures, textures
+    /// and the judgement follow that size, from 16 to 1024 pixels: the light asset is fitted and judged as an engine shows
+    /// it there, with one sample a pixel and mipmaps [range: 1 to 65536] [default: --ratio].
     #[arg(long, value_name = "PX", value_parser = number(1.0..=65536.0))]
     pub(crate) screen_size: Option<f64>,
+    /// Write a chain of levels of detail for these sizes on screen, falling, each as --screen-size says: OUT.glb,
+    /// OUT.lod1.glb, OUT.lod2.glb and so on, and OUT.lods.json with their figures. Each starts from the one before; --steps
+    /// are those of the first, the others make half as many; --time-limit is for all fits together [range: 16 to 1024]
+    /// [default: one asset].
+    #[arg(long, value_name = "PX,PX", value_delimiter = ',', conflicts_with = "resolution", value_parser = number(16.0..=1024.0))]
+    pub(crate) lod: Vec<f64>,
+    /// Budgets of the levels of --lod, falling, one for each [range: at least 1] [default: as few as look right at the
+    /// sizes].
+    #[arg(long, value_name = "N,N", value_delimiter = ',', requires = "lod", value_parser = whole::<usize>(1..))]
+    pub(crate) lod_triangles: Vec<usize>,
+    /// Also write all levels of --lod as one file with MSFT_lod and MSFT_screencoverage: OUT.lods.glb.
+    #[arg(long, requires = "lod")]
+    pub(crate) msft_lod: bool,
     /// What the fit starts from.
     #[arg(long, value_enum, default_value = "decimate")]
     pub(crate) init: Start,
     /// Width and height of the report's pictures, pixels. The fit compares pictures of half that size with four samples
-    /// per pixel, and of a quarter at first [range: 16 to 4096].
-    #[arg(long, value_name = "PX", default_value_t = SimplifyOptions::default().resolution, value_parser = whole::<usize>(16..=4096))]
-    pub(crate) resolution: usize,
+    /// per pixel, and of a quarter at first [range: 16 to 4096] [default: 512, or the size on screen].
+    #[arg(long, value_name = "PX", value_parser = whole::<usize>(16..=4096))]
+    pub(crate) resolution: Option<usize>,
     /// Pictures per step [range: 1 to 64].
     #[arg(long, value_name = "B", default_value_t = SimplifyOptions::default().batch, value_parser = whole::<usize>(1..=64))]
     pub(crate) batch: usize,
@@ -155,9 +169,9 @@ pub(crate) struct Simplify {
     /// after it, take their time on top [range: more than 0, at most 1000000000] [default: no limit].
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub(crate) time_limit: Option<Duration>,
-    /// Width and height of the textures, texels [range: 16 to 8192].
-    #[arg(long, value_name = "N", default_value_t = SimplifyOptions::default().texture_size, value_parser = whole::<usize>(16..=8192))]
-    pub(crate) texture_size: usize,
+    /// Width and height of the textures, texels [range: 16 to 8192] [default: 1024, or what the size on screen needs].
+    #[arg(long, value_name = "N", value_parser = whole::<usize>(16..=8192))]
+    pub(crate) texture_size: Option<usize>,
     /// Store opaque textures as JPEG of quality Q, 90 without a number: a third of the bytes [range: 1 to 100] [default:
     /// exact PNG].
     #[arg(long, value_name = "Q", num_args = 0..=1, default_missing_value = "90", value_parser = whole::<u8>(1..=100))]

@@ -12,6 +12,7 @@ mod denoise;
 mod inspect;
 mod interrupt;
 mod light;
+mod lod;
 mod memory;
 mod mitsuba;
 mod output;

@@ -30,7 +30,13 @@ pub(crate) fn write_json(path: &Path, value: &Value) -> Result<()> {
 
 /// A quality as JSON.
 pub(crate) fn quality(q: &Quality) -> Value {
-    json!({ "psnr": q.psnr, "ssim": q.ssim, "flip": q.flip, "outline_share": q.outline })
+    json!({
+        "psnr": q.psnr,
+        "ssim": q.ssim,
+        "flip": q.flip,
+        "outline_share": q.outline,
+        "luminance_ratio": q.luminance,
+    })
 }
 
 /// A table of qualities; its last column is the share of the error that lies at the outline.

@@ -5,7 +5,7 @@ use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::Terminal;
 use crate::status::Ending;
-use crate::{interrupt, light, memory, threads};
+use crate::{interrupt, light, lod, memory, threads};
 use anyhow::{Error, Result, anyhow};
 use photofit_fit::FitError;
 use photofit_fit::report::{PAGE as REPORT_PAGE, ReportInfo, Verdict, write_report};
@@ -27,6 +27,9 @@ const STEPS: &[&[&str]] =
     &[&["visibility"], &["decimate"], &["wrap"], &["atlas", "bake"], &["fit"], &["choose", "report"]];
 
 pub(crate) fn run(a: &Simplify) -> Result<Ending> {
+    if !a.lod.is_empty() {
+        return lod::run(a);
+    }
     let places = Places::default()
         .reads("IN", Some(&a.input))
         .reads("--env", a.env.as_deref())
@@ -49,7 +52,7 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
     Ok(done.ending)
 }
 
-fn options(a: &Simplify) -> Result<SimplifyOptions> {
+pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
     let target = match (a.triangles, a.ratio, a.error, a.screen_size) {
         (Some(n), ..) => Target::Triangles(n),
         (_, Some(r), ..) => Target::Ratio(r),
@@ -62,18 +65,21 @@ fn options(a: &Simplify) -> Result<SimplifyOptions> {
         (FitLight::Point, _) => Lighting::Point,
         _ => Lighting::Mixed,
     };
-    let default = SimplifyOptions::default();
+    let mut default = SimplifyOptions::default();
+    if let Target::ScreenSize(pixels) = target {
+        default = default.for_screen_size(pixels);
+    }
     Ok(SimplifyOptions {
         target,
         init: match a.init {
             Start::Decimate => Init::Decimate,
             Start::Sphere => Init::Sphere,
         },
-        resolution: a.resolution,
+        resolution: a.resolution.unwrap_or(default.resolution),
         batch: a.batch,
         steps: a.steps,
         time_limit: a.time_limit,
-        texture_size: a.texture_size,
+        texture_size: a.texture_size.unwrap_or(default.texture_size),
         texture_encoding: a
             .jpeg
             .map_or(default.texture_encoding, |quality| TextureEncoding::Jpeg { quality }),
@@ -98,7 +104,7 @@ fn option(field: &str) -> String {
 }
 
 /// Adds the name of the asset to errors that do not name a file, and turns fields into options.
-fn explain_error(input: &Path, error: FitError) -> Error {
+pub(crate) fn explain_error(input: &Path, error: FitError) -> Error {
     if let FitError::Setting { field, rule } = &error {
         return anyhow!("{}: {} {rule}", input.display(), option(field));
     }
@@ -132,6 +138,21 @@ pub(crate) struct Done {
 
 impl Job<'_> {
     pub(crate) fn run(&self, scene: &Scene, options: &SimplifyOptions) -> Result<Done> {
+        self.begin(scene, options)?;
+        let progress = Terminal::with_steps(STEPS);
+        let outcome =
+            simplify(scene, self.output, options, &progress).map_err(|e| explain_error(self.input, e))?;
+        progress.finish();
+        let screen_size = match options.target {
+            Target::ScreenSize(pixels) => Some(pixels),
+            _ => None,
+        };
+        let json = self.tell(scene, screen_size, &outcome)?;
+        Ok(Done { ending: ending(outcome.stopped), outcome, json })
+    }
+
+    /// What comes before the work: what is wrong with the asset, and what it asks for.
+    pub(crate) fn begin(&self, scene: &Scene, options: &SimplifyOptions) -> Result<()> {
         scene.validate_for_fit().map_err(|e| explain_error(self.input, e.into()))?;
         for warning in &scene.warnings {
             crate::progress::say(&format!("warning: {}: {warning}", self.input.display()));
@@ -142,14 +163,11 @@ impl Job<'_> {
             print(&format!("what the asset asks for:\n{plan}\n\n"))?;
         }
         interrupt::handle();
-        let progress = Terminal::with_steps(STEPS);
-        let outcome =
-            simplify(scene, self.output, options, &progress).map_err(|e| explain_error(self.input, e))?;
-        progress.finish();
-        let ending = match outcome.stopped && interrupt::is_stopping() {
-            true => Ending::Stopped,
-            false => Ending::Done,
-        };
+        Ok(())
+    }
+
+    /// What comes after it: the plan, the report, the summary; and the figures as JSON.
+    pub(crate) fn tell(&self, scene: &Scene, screen_size: Option<f64>, outcome: &Outcome) -> Result<Value> {
         if outcome.stopped {
             crate::progress::say("the fit was ended early; what was reached is written");
         }
@@ -159,21 +177,21 @@ impl Job<'_> {
         for line in &outcome.left_out {
             crate::progress::say(&format!("warning: {}: left out: {line}", self.input.display()));
         }
-        let report = self.write_report(scene, options, &outcome)?;
-        self.print_summary(scene, &outcome, report.as_deref())?;
-        let mut json = self.json(scene, &outcome, report.as_deref());
-        json["stopped_by"] = match (outcome.stopped, ending) {
+        let report = self.write_report(scene, screen_size, outcome)?;
+        self.print_summary(scene, outcome, report.as_deref())?;
+        let mut json = self.json(scene, outcome, report.as_deref());
+        json["stopped_by"] = match (outcome.stopped, ending(outcome.stopped)) {
             (false, _) => Value::Null,
             (true, Ending::Stopped) => json!("signal"),
             (true, Ending::Done) => json!("time limit"),
         };
-        Ok(Done { outcome, json, ending })
+        Ok(json)
     }
 
     fn write_report(
         &self,
         scene: &Scene,
-        options: &SimplifyOptions,
+        screen_size: Option<f64>,
         outcome: &Outcome,
     ) -> Result<Option<PathBuf>> {
         let Some(folder) = self.report else { return Ok(None) };
@@ -185,10 +203,7 @@ impl Job<'_> {
             title: name(self.input),
             command,
             bytes_in: Some(scene.source_bytes),
-            screen_size: match options.target {
-                Target::ScreenSize(pixels) => Some(pixels),
-                _ => None,
-            },
+            screen_size,
         };
         Ok(Some(write_report(folder, outcome, &info)?))
     }
@@ -273,7 +288,12 @@ impl Job<'_> {
     }
 }
 
-fn name(path: &Path) -> String {
+/// How the program ends after work that was stopped early, or not.
+pub(crate) fn ending(stopped: bool) -> Ending {
+    if stopped && interrupt::is_stopping() { Ending::Stopped } else { Ending::Done }
+}
+
+pub(crate) fn name(path: &Path) -> String {
     path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned())
 }
 

@@ -4,7 +4,7 @@
 //! -> loss; [`Candidate::pull_back`] writes it forward and, reversed line by line, backward. The whole chain is generic
 //! over the scalar: `f32` in production, `f64` in its gradient check.
 
-use crate::views::Shot;
+use crate::views::{Sampling, Shot};
 use photofit_geometry::atlas::mesh_coverage;
 use photofit_geometry::normals::{Weighting, vertex_normals, vertex_normals_vjp};
 use photofit_geometry::tangents::{UvFrames, vertex_tangents, vertex_tangents_vjp};
@@ -369,13 +369,15 @@ pub fn compare<T: LossScalar>(
 /// The renderer's view of a shot.
 fn view<'a>(shot: &Shot, lights: &'a [photofit_shading::Light<'a, f32>]) -> View<'a, f32> {
     let eye = shot.camera.eye;
+    let Sampling { per_axis, shade_per_pixel } = shot.sampling;
     View {
         view_projection: matrix_rows(&shot.camera.view_projection()),
         eye: vec3(eye.x, eye.y, eye.z),
         lights,
-        width: shot.width * shot.samples,
-        height: shot.height * shot.samples,
-        samples: shot.samples,
+        width: shot.width * per_axis,
+        height: shot.height * per_axis,
+        samples: per_axis,
+        shade_per_pixel,
         lod_bias: 0.0,
     }
 }

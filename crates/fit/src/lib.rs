@@ -1,6 +1,7 @@
 //! Fitting 3D assets to images: the tasks that join the other crates.
 //!
-//! [`simplify`] takes a heavy asset and gives back a light one that looks the same; [`recover`] fits the textures of an
+//! [`simplify`] takes a heavy asset and gives back a light one that looks the same; [`lod`] a chain of such levels of
+//! detail; [`recover`] fits the textures of an
 //! asset to pictures of it. Both are assembled from the parts in [`engine`].
 
 pub mod bake;
@@ -8,6 +9,7 @@ pub mod candidate;
 pub mod compare;
 pub mod engine;
 mod error;
+pub mod lod;
 pub mod pictures;
 mod progress;
 pub mod recover;

@@ -10,9 +10,9 @@ use crate::engine::checkpoint::Digest;
 use crate::engine::judge::{Quality, ReportView, Stage, rasterized_views};
 use crate::engine::loss;
 use crate::engine::model::Surface;
-use crate::engine::reference::{ENERGY, Rasterized, Reference};
-use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Phase, train};
-use crate::engine::views::Set;
+use crate::engine::reference::{ENERGY, Rasterized, Reference, SUPERSAMPLE};
+use crate::engine::trainer::{self, HeldOut, HistoryPoint, Job, Keeping, Phase, train};
+use crate::engine::views::{Sampling, Set};
 use crate::pictures::PictureFolder;
 use crate::simplify::{prepare, to_scene};
 use crate::visibility::Visibility;
@@ -104,7 +104,7 @@ pub fn recover_texture(
     let n = Normalised::new(&bare(mesh, !photos.lit))?;
     let model = grey(&n, photos.lit, options.texture_size, progress)?;
     let start = to_scene(&model.candidate, &n);
-    let held_out = HeldOut::new(&photos, &photos, options.seed)?;
+    let held_out = HeldOut::new(&photos, &photos, Sampling::SUPERSAMPLED, trainer::HELD_OUT, options.seed)?;
     let mut topology = Digest::new();
     topology.add(&model.candidate.uvs);
     for photo in photos.photos() {
@@ -115,6 +115,7 @@ pub fn recover_texture(
         reference: &photos,
         views: &photos,
         held_out: &held_out,
+        sampling: Sampling::SUPERSAMPLED,
         loss: loss::choose(held_out.noise),
         seed: options.seed,
         batch: options.batch,
@@ -137,7 +138,7 @@ pub fn recover_texture(
     let triangles = fitted.triangle_count();
     let stages = [Stage::new("start", start), Stage::new("recovered", fitted)];
     let count = photos.held_out() as u64;
-    let views = rasterized_views(&n, &photos, &stages, &photos, Set::HeldOut, count, progress)?;
+    let views = rasterized_views(&n, &photos, &stages, &photos, Set::HeldOut, count, SUPERSAMPLE, progress)?;
     let [start, quality] = [0, 1].map(|k| Quality::mean(views.iter().map(|v| &v.quality[k])));
     Ok(Recovered {
         quality,

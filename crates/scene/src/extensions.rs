@@ -143,6 +143,23 @@ impl Extensions {
     }
 }
 
+impl Extensions {
+    /// The texture slots in use, to be changed.
+    pub(crate) fn slots_mut(&mut self) -> impl Iterator<Item = &mut TextureSlot> {
+        let specular = self.specular.iter_mut().flat_map(|s| [&mut s.texture, &mut s.color_texture]);
+        let transmission = self.transmission.iter_mut().map(|t| &mut t.texture);
+        let volume = self.volume.iter_mut().map(|v| &mut v.thickness_texture);
+        let clearcoat = self
+            .clearcoat
+            .iter_mut()
+            .flat_map(|c| [&mut c.texture, &mut c.roughness_texture, &mut c.normal_texture]);
+        let sheen = self.sheen.iter_mut().flat_map(|s| [&mut s.color_texture, &mut s.roughness_texture]);
+        let anisotropy = self.anisotropy.iter_mut().map(|a| &mut a.texture);
+        let all = specular.chain(transmission).chain(volume).chain(clearcoat).chain(sheen).chain(anisotropy);
+        all.filter_map(Option::as_mut)
+    }
+}
+
 fn mean_of(image: &TextureImage, decode: impl Fn(&[u8; 4]) -> f64) -> f32 {
     let sum: f64 = image.texels.iter().map(decode).sum();
     (sum / image.texels.len().max(1) as f64) as f32

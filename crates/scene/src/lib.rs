@@ -36,6 +36,6 @@ pub use nodes::{
     About, Hierarchy, Lens, Node, NodeCamera, NodeLight, NodeMesh, NodePrimitive, NodeTransform, Placement,
 };
 pub use pose::Pose;
-pub use save::{save_glb, to_glb};
+pub use save::{save_glb, save_glb_lods, to_glb};
 pub use skin::{Bind, Influences, MorphTarget, Skin};
 pub use surface::{ExtensionSample, MapKind, SurfaceLibrary, SurfaceSample, UvDerivatives};

@@ -280,6 +280,18 @@ impl Scene {
     }
 }
 
+/// The texture slots that a material uses, to be changed.
+pub(crate) fn slots_mut(m: &mut Material) -> impl Iterator<Item = &mut TextureSlot> {
+    let core = [
+        &mut m.base_color_texture,
+        &mut m.metallic_roughness_texture,
+        &mut m.normal_texture,
+        &mut m.occlusion_texture,
+        &mut m.emissive_texture,
+    ];
+    core.into_iter().flatten().chain(m.extensions.iter_mut().flat_map(|e| e.slots_mut()))
+}
+
 /// The texture slots that a material uses.
 pub(crate) fn slots(m: &Material) -> impl Iterator<Item = &TextureSlot> {
     [

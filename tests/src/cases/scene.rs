@@ -110,6 +110,7 @@ pub(super) fn deferred() -> Image {
             width: SIZE,
             height: SIZE,
             samples: 1,
+            shade_per_pixel: false,
             lod_bias: 0.0,
         },
         &vec![[0.02, 0.02, 0.03]; SIZE * SIZE],

@@ -166,6 +166,7 @@ fn view(camera: &Matrix4<f32>, size: usize, samples: usize) -> View<'static, f32
         width: size * samples,
         height: size * samples,
         samples,
+        shade_per_pixel: false,
         lod_bias: 0.0,
     }
 }

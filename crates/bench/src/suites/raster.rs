@@ -104,6 +104,7 @@ impl Item {
             width: size,
             height: size,
             samples: SAMPLES,
+            shade_per_pixel: false,
             lod_bias: 0.0,
         };
         let background = vec![[0.2; 3]; (size / SAMPLES).pow(2)];

@@ -161,6 +161,7 @@ impl Setting {
                 width: SIZE * SAMPLES,
                 height: SIZE * SAMPLES,
                 samples: SAMPLES,
+                shade_per_pixel: false,
                 lod_bias: 0.0,
             };
             Picture { view, background: &self.backgrounds[i] }
@@ -381,6 +382,7 @@ fn the_outline_of_a_mask_is_found() {
         width: SIZE * SAMPLES,
         height: SIZE * SAMPLES,
         samples: SAMPLES,
+        shade_per_pixel: false,
         lod_bias: 0.0,
     };
     let picture = Picture { view, background: &background };

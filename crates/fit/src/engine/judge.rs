@@ -15,7 +15,7 @@ use std::collections::BTreeSet;
 
 /// Grey behind the asset, sRGB.
 const BACKGROUND: f32 = 0.5;
-/// The foreground is grown by this many pixels.
+/// The foreground is grown by this many pixels of a picture of 512 or more, in proportion in smaller ones.
 const MARGIN: usize = 6;
 /// Coverages of a pixel that differ by more than this are another outline.
 const OUTLINE: f32 = 0.1;
@@ -23,6 +23,8 @@ const OUTLINE: f32 = 0.1;
 const PIXELS_PER_DEGREE: f32 = 67.02;
 /// Quality of equal pictures: what 8 bits can tell apart, rounded up.
 const BEST_PSNR: f64 = 60.0;
+/// Views in which neighbouring levels of detail are compared.
+const POPPING_VIEWS: u64 = 16;
 /// Widest path traced picture of the judge.
 const WIDEST_TRACED: usize = 256;
 
@@ -38,6 +40,8 @@ pub struct Quality {
     /// Share of the squared error, in [0, 1], in pixels that one asset covers and the other does not: what no map can
     /// mend.
     pub outline: f64,
+    /// Mean luminance over the foreground relative to that of the reference, of linear colours clamped at 1.
+    pub luminance: f64,
 }
 
 impl Quality {
@@ -49,10 +53,17 @@ impl Quality {
             sum.ssim += v.quality.ssim;
             sum.flip += v.quality.flip;
             sum.outline += v.quality.outline;
+            sum.luminance += v.quality.luminance;
             n += 1.0;
         }
         let n = f64::max(n, 1.0);
-        Self { psnr: sum.psnr / n, ssim: sum.ssim / n, flip: sum.flip / n, outline: sum.outline / n }
+        Self {
+            psnr: sum.psnr / n,
+            ssim: sum.ssim / n,
+            flip: sum.flip / n,
+            outline: sum.outline / n,
+            luminance: sum.luminance / n,
+        }
     }
 }
 
@@ -187,6 +198,8 @@ pub struct Judge<'a> {
     pub lighting: &'a Lighting,
     /// Width and height of the pictures.
     pub size: usize,
+    /// Samples per axis that the rasterizer takes of a pixel of the reference and of the stages.
+    pub samples: [usize; 2],
     /// Seed of the views.
     pub seed: u64,
 }
@@ -228,18 +241,19 @@ impl Judge<'_> {
             return look(&reference, &traced.iter().map(|t| t as &dyn Reference).collect::<Vec<_>>());
         }
         let traced;
-        let rasterized = Rasterized::new(&n.flat, &n.library);
+        let rasterized = Rasterized::new(&n.flat, &n.library).sampled(self.samples[0]);
         let reference: &dyn Reference = if method == Judged::ReferenceTraced {
             traced = PathTraced::new(self.scene, n, Features::Core, self.seed)?;
             &traced
         } else {
             &rasterized
         };
-        rasterized_views(n, reference, stages, &orbit, Set::Report, views, progress)
+        rasterized_views(n, reference, stages, &orbit, Set::Report, views, self.samples[1], progress)
     }
 }
 
-/// Compares stages, drawn by the rasterizer, with a reference in `count` views of a set.
+/// Compares stages, drawn by the rasterizer with `samples` samples per axis of a pixel, with a reference in `count` views
+/// of a set.
 ///
 /// # Errors
 /// If a picture of the reference cannot be made.
@@ -250,10 +264,12 @@ pub fn rasterized_views(
     views: &dyn Views,
     set: Set,
     count: u64,
+    samples: usize,
     progress: &dyn Progress,
 ) -> Result<Vec<ReportView>, FitError> {
     let drawn: Vec<Drawn> = stages.iter().map(|s| s.drawn(n)).collect();
-    let drawn: Vec<Rasterized<'_>> = drawn.iter().map(|d| Rasterized::new(&d.flat, &d.library)).collect();
+    let drawn: Vec<Rasterized<'_>> =
+        drawn.iter().map(|d| Rasterized::new(&d.flat, &d.library).sampled(samples)).collect();
     let drawn: Vec<&dyn Reference> = drawn.iter().map(|d| d as &dyn Reference).collect();
     compared(reference, &drawn, views, set, count, progress)
 }
@@ -279,7 +295,30 @@ fn compared(
         .collect()
 }
 
-/// Number of the scene with the best pictures in `views` held-out views, drawn by the rasterizer: PSNR and FLIP, both in
+/// Mean FLIP between two stages as an engine shows them, with one sample a pixel, in pictures of `size` pixels a side.
+///
+/// # Errors
+/// If a picture cannot be made.
+pub fn popping(
+    n: &Normalised,
+    stages: [&Stage; 2],
+    lighting: &Lighting,
+    size: usize,
+    seed: u64,
+) -> Result<f64, FitError> {
+    let [a, b] = stages.map(|s| s.drawn(n));
+    let [a, b] = [&a, &b].map(|d| Rasterized::new(&d.flat, &d.library).sampled(1));
+    let orbit = Orbit::new(seed, lighting, size);
+    let flip = |i| {
+        let s = orbit.setup(Set::Report, i, POPPING_VIEWS);
+        Ok(compare(&a.picture(&s)?.image, &b.picture(&s)?.image).quality.flip)
+    };
+    let sum = (0..POPPING_VIEWS).map(flip).sum::<Result<f64, FitError>>()?;
+    Ok(sum / POPPING_VIEWS as f64)
+}
+
+/// Number of the scene with the best pictures in `views` held-out views, drawn by the rasterizer with `samples` samples
+/// per axis of a pixel: PSNR and FLIP, both in
 /// decibels, count the same. The first wins a tie.
 ///
 /// # Errors
@@ -290,6 +329,7 @@ pub fn best_of(
     scenes: &[Scene],
     views: &dyn Views,
     count: u64,
+    samples: usize,
     progress: &dyn Progress,
 ) -> Result<usize, FitError> {
     let stages: Vec<Drawn> = scenes.iter().map(|s| Stage::new("", s.clone()).drawn(n)).collect();
@@ -299,7 +339,8 @@ pub fn best_of(
         let s = views.setup(Set::HeldOut, i, count);
         let picture = reference.picture(&s)?.image;
         for (score, c) in score.iter_mut().zip(&stages) {
-            let q = compare(&picture, &Rasterized::new(&c.flat, &c.library).picture(&s)?.image).quality;
+            let drawn = Rasterized::new(&c.flat, &c.library).sampled(samples).picture(&s)?;
+            let q = compare(&picture, &drawn.image).quality;
             *score += q.psnr - 20.0 * q.flip.max(1e-6).log10();
         }
     }
@@ -314,6 +355,17 @@ fn display(rgba: &Image) -> Image {
     to_display(&Image::from_data(rgba.width, rgba.height, 3, rgb.into_flattened()))
 }
 
+/// Mean luminance of a display picture over a mask relative to that of the reference; 1 for two black ones.
+fn luminance_ratio(reference: &Image, candidate: &Image, mask: &[bool]) -> f64 {
+    let sum = |i: &Image| {
+        let pixels = i.data.chunks_exact(3).zip(mask).filter(|(_, m)| **m);
+        let linear = pixels.map(|(p, _)| [0, 1, 2].map(|k| f64::from(photofit_image::srgb_decode(p[k]))));
+        linear.map(|[r, g, b]| 0.2126 * r + 0.7152 * g + 0.0722 * b).sum::<f64>()
+    };
+    let (r, c) = (sum(reference), sum(candidate));
+    if r > 0.0 || c > 0.0 { c / r.max(1e-12) } else { 1.0 }
+}
+
 /// Compares two renderings (linear premultiplied RGBA).
 ///
 /// # Panics
@@ -323,7 +375,8 @@ pub fn compare(reference: &Image, candidate: &Image) -> ViewQuality {
     let coverages =
         || reference.data.chunks_exact(4).zip(candidate.data.chunks_exact(4)).map(|(a, b)| (a[3], b[3]));
     let covered: Vec<bool> = coverages().map(|(a, b)| a > 0.02 || b > 0.02).collect();
-    let mask = dilate(&covered, reference.width, reference.height, MARGIN);
+    let margin = (reference.width * MARGIN).div_ceil(512).clamp(1, MARGIN);
+    let mask = dilate(&covered, reference.width, reference.height, margin);
     let over = |m: Option<f64>| m.unwrap_or(0.0);
     let flip_map = flip(&r, &c, PIXELS_PER_DEGREE);
     let squares = squared_error(&r, &c);
@@ -335,6 +388,7 @@ pub fn compare(reference: &Image, candidate: &Image) -> ViewQuality {
         ssim: ssim(&r, &c).mean_over(&mask).unwrap_or(1.0),
         flip: over(flip_map.mean_over(&mask)),
         outline: if everywhere > 0.0 { at_outline / everywhere } else { 0.0 },
+        luminance: luminance_ratio(&r, &c, &mask),
     };
     ViewQuality { quality, flip: flip_map.map, picture: c }
 }
@@ -343,6 +397,7 @@ pub fn compare(reference: &Image, candidate: &Image) -> ViewQuality {
 mod tests {
     use super::*;
     use crate::Silent;
+    use crate::engine::reference::SUPERSAMPLE;
     use photofit_geometry::shapes::icosphere;
     use photofit_scene::{Clearcoat, Extensions, Material, Sheen};
 
@@ -370,12 +425,21 @@ mod tests {
             path_traced_reference: false,
             lighting: &Lighting::Mixed,
             size: 48,
+            samples: [SUPERSAMPLE; 2],
             seed: 0,
         };
         let stages: Vec<Stage> = stages.into_iter().map(|s| Stage::new("stage", s)).collect();
         let views = judge.views(&stages, 2, &Silent).unwrap();
         let mean = |k: usize| views.iter().map(|v| v.quality[k].quality.psnr).sum::<f64>() / 2.0;
         (judge.method(&stages), (0..stages.len()).map(mean).collect())
+    }
+
+    #[test]
+    fn a_brighter_asset_has_the_luminance_ratio_of_its_light() {
+        let grey = |x: f32| Image::from_data(2, 2, 4, [x, x, x, 1.0].repeat(4));
+        let ratio = |a: f32, b: f32| compare(&grey(a), &grey(b)).quality.luminance;
+        assert!((ratio(0.2, 0.3) - 1.5).abs() < 1e-4 && (ratio(0.4, 0.1) - 0.25).abs() < 1e-4);
+        assert!((ratio(0.5, 3.0) - 2.0).abs() < 1e-4, "clamped at 1");
     }
 
     #[test]

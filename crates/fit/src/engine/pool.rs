@@ -1,7 +1,7 @@
 //! The pictures that the fit draws from.
 
 use super::reference::{Picture, Reference};
-use super::views::{Set, Setup, Shot, Views};
+use super::views::{Sampling, Set, Setup, Shot, Views};
 use crate::FitError;
 use photofit_sampling::Rng;
 use std::collections::VecDeque;
@@ -17,8 +17,7 @@ pub(super) struct Batches<'a> {
     pub(super) seed: u64,
     /// Pictures of a batch.
     pub(super) size: u64,
-    /// Samples per axis that the candidate takes of a pixel.
-    pub(super) samples: usize,
+    pub(super) sampling: Sampling,
 }
 
 /// Pictures of the reference from views that never end: half of every batch is new, the other half is drawn from the
@@ -67,7 +66,7 @@ impl Pool {
                     }
                 };
                 let (_, s, picture) = &self.kept[at];
-                Ok(Shot::new(s, &picture.image, from.samples, from.seed, step * from.size + b))
+                Ok(Shot::new(s, &picture.image, from.sampling, from.seed, step * from.size + b))
             })
             .collect()
     }

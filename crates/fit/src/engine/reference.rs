@@ -11,7 +11,7 @@ use crate::scene_render::SceneRenderer;
 use crate::simplify::drawn;
 use crate::{FitError, bake};
 use glam::{DAffine3, Quat};
-use photofit_image::Image;
+use photofit_image::{Image, downsample};
 use photofit_pathtrace::{
     EnvironmentMap, LightSource, Parts, PathOptions, RenderOptions, Renderer, View, World, WorldOptions,
 };
@@ -24,8 +24,10 @@ use std::sync::{Mutex, PoisonError};
 /// What rough surfaces do with the light that single scattering loses, on all sides of a fit: reference, candidate and
 /// judge. glTF's own reference loses it.
 pub const ENERGY: Energy = Energy::Single;
-/// Samples per axis of a rasterized pixel.
-const SUPERSAMPLE: usize = 4;
+/// Samples per axis of a rasterized pixel, where nothing else is asked for.
+pub(crate) const SUPERSAMPLE: usize = 4;
+/// Most samples per axis that the rasterizer takes at once.
+const MOST_AT_ONCE: usize = 8;
 /// Samples of a path traced pixel.
 pub(crate) const SAMPLES: u32 = 64;
 /// Rows of the maps that path tracing takes from a prefiltered environment.
@@ -39,6 +41,16 @@ pub enum ReferenceRenderer {
     Raster,
     /// With all light.
     Path,
+}
+
+/// Samples per axis that pictures of `size` pixels a side need of a reference: the smaller they are, the more of its
+/// detail falls into one pixel.
+pub fn samples_for(size: usize) -> usize {
+    match size {
+        0..=64 => 16,
+        65..=160 => 8,
+        _ => SUPERSAMPLE,
+    }
 }
 
 /// A picture of a reference.
@@ -78,17 +90,24 @@ pub struct Rasterized<'a> {
     flat: &'a FlatScene,
     library: &'a SurfaceLibrary,
     surface: Option<&'a bake::Reference<'a>>,
+    samples: usize,
 }
 
 impl<'a> Rasterized<'a> {
     /// Pictures of a flattened scene in the normalised frame.
     pub fn new(flat: &'a FlatScene, library: &'a SurfaceLibrary) -> Self {
-        Self { flat, library, surface: None }
+        Self { flat, library, surface: None, samples: SUPERSAMPLE }
     }
 
     /// Pictures of a normalised asset, and its surface.
     pub fn of(n: &'a Normalised, surface: &'a bake::Reference<'a>) -> Self {
         Self { surface: Some(surface), ..Self::new(&n.flat, &n.library) }
+    }
+
+    /// The same with `samples` samples per axis of a pixel: 1, 2, 4, 8 or 16. With one it is what an engine shows.
+    #[must_use]
+    pub fn sampled(self, samples: usize) -> Self {
+        Self { samples, ..self }
     }
 }
 
@@ -96,7 +115,11 @@ impl Reference for Rasterized<'_> {
     fn picture(&self, setup: &Setup) -> Result<Picture, FitError> {
         let renderer = SceneRenderer::new(self.flat, self.library);
         let lights = setup.lights.lights();
-        Ok(Picture::clean(renderer.render(&setup.camera, &lights, setup.width, setup.height, SUPERSAMPLE)))
+        // Many samples are those of several smaller pixels.
+        let parts = (self.samples / MOST_AT_ONCE).max(1);
+        let (w, h) = (setup.width * parts, setup.height * parts);
+        let image = renderer.render(&setup.camera, &lights, w, h, self.samples / parts);
+        Ok(Picture::clean(if parts > 1 { downsample(&image, parts) } else { image }))
     }
 
     fn bounds(&self, _: Pose) -> Sphere {

@@ -8,7 +8,7 @@ use super::checkpoint::{self, Course, Digest, Saved};
 use super::model::{Group, Model};
 use super::pool::{Batches, Pool};
 use super::reference::Reference;
-use super::views::{Set, Shot, Views};
+use super::views::{Sampling, Set, Shot, Views};
 use crate::{FitError, Progress};
 use photofit_image::psnr_from_mse;
 use photofit_optim::{Optimizer, Rows, Schedule, clamp_channels, normalize_vectors};
@@ -16,15 +16,12 @@ use photofit_raster::loss::Loss;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// Views of the early stop.
-const HELD_OUT: u64 = 5;
+/// Views of the early stop, where pictures are not small.
+pub(crate) const HELD_OUT: u64 = 5;
 /// Steps between two looks at the held-out views.
 const LOOK_EVERY: u64 = 25;
 /// Looks without progress after which a phase ends.
 const PATIENCE: usize = 6;
-/// Samples per axis that the candidate takes of a pixel: with one, its texture filter would be fitted to that of the
-/// reference, and the result be too sharp in any renderer that takes more.
-pub(crate) const SAMPLES: usize = 2;
 
 /// One look at the held-out views.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,6 +55,8 @@ pub struct Job<'a> {
     pub views: &'a dyn Views,
     /// Views that the fit is judged by and never moved by.
     pub held_out: &'a HeldOut,
+    /// How the candidate is sampled.
+    pub sampling: Sampling,
     /// How pictures are compared.
     pub loss: Loss,
     /// Seed of the draws.
@@ -142,17 +141,23 @@ pub struct HeldOut {
 }
 
 impl HeldOut {
-    /// Pictures of the reference from held-out views.
+    /// Pictures of the reference from `count` held-out views.
     ///
     /// # Errors
     /// If a picture cannot be made.
-    pub fn new(reference: &dyn Reference, views: &dyn Views, seed: u64) -> Result<Self, FitError> {
+    pub fn new(
+        reference: &dyn Reference,
+        views: &dyn Views,
+        sampling: Sampling,
+        count: u64,
+        seed: u64,
+    ) -> Result<Self, FitError> {
         let mut out = Self { shots: Vec::new(), noise: 0.0 };
-        for index in 0..HELD_OUT {
-            let s = views.setup(Set::HeldOut, index, HELD_OUT);
+        for index in 0..count {
+            let s = views.setup(Set::HeldOut, index, count);
             let picture = reference.picture(&s)?;
-            out.noise += picture.noise / HELD_OUT as f64;
-            out.shots.push(Shot::new(&s, &picture.image, SAMPLES, seed ^ 0x5eed, index));
+            out.noise += picture.noise / count as f64;
+            out.shots.push(Shot::new(&s, &picture.image, sampling, seed ^ 0x5eed, index));
         }
         Ok(out)
     }
@@ -265,7 +270,8 @@ fn fingerprint<M: Model>(job: &Job<'_>, model: &M, groups: usize) -> String {
     let mut digest = Digest::new();
     (0..groups).for_each(|g| digest.add(model.values(g)));
     digest.add(job.held_out.shots[0].reference.as_flattened());
-    format!("{} {} {} {:?} {:016x}", job.options, job.batch, job.steps, job.loss, digest.value())
+    let Job { options, batch, steps, loss, sampling, .. } = job;
+    format!("{options} {batch} {steps} {loss:?} {sampling:?} {:016x}", digest.value())
 }
 
 impl<M: Model> Trainer<'_, M> {
@@ -344,14 +350,15 @@ impl<M: Model> Trainer<'_, M> {
             views: job.views,
             seed: job.seed,
             size: job.batch as u64,
-            samples: SAMPLES,
+            sampling: job.sampling,
         };
         let shots = self.pool.batch(&from, (phase.first, step), phase.shrink)?;
         let moving: Vec<bool> = phase.rates.iter().map(|r| *r > 0.0).collect();
         let began = Instant::now();
         let value = self.model.step(&shots, job.loss, &moving, &mut self.gradients);
         self.render_seconds += began.elapsed().as_secs_f64();
-        self.samples += shots.iter().map(|s| (s.width * s.height * SAMPLES * SAMPLES) as f64).sum::<f64>();
+        let per_pixel = job.sampling.per_axis.pow(2);
+        self.samples += shots.iter().map(|s| (s.width * s.height * per_pixel) as f64).sum::<f64>();
         if !value.is_finite() {
             return Err(FitError::Loss { step, value, kept: self.kept() });
         }

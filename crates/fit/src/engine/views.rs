@@ -302,6 +302,23 @@ fn fibonacci(index: u64, count: u64, turn: f32) -> Vec3 {
     Vec3::new(r * a.cos(), y, r * a.sin())
 }
 
+/// How a candidate is sampled in the pictures of a fit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sampling {
+    /// Samples per axis of a pixel.
+    pub per_axis: usize,
+    /// Each triangle is shaded once in a pixel, with the texture footprint of the pixel; else each sample is.
+    pub shade_per_pixel: bool,
+}
+
+impl Sampling {
+    /// Every sample is shaded. With one sample the candidate's texture filter would be fitted to that of the reference,
+    /// and the result be too sharp in any renderer that takes more.
+    pub const SUPERSAMPLED: Self = Self { per_axis: 2, shade_per_pixel: false };
+    /// As graphics hardware draws: visibility by several samples, shading once per pixel and triangle.
+    pub const ENGINE: Self = Self { per_axis: 4, shade_per_pixel: true };
+}
+
 /// A view with its reference picture.
 #[derive(Clone, Debug)]
 pub struct Shot {
@@ -313,8 +330,8 @@ pub struct Shot {
     pub width: usize,
     /// Rows of the picture.
     pub height: usize,
-    /// Samples per axis that the candidate takes of a pixel.
-    pub samples: usize,
+    /// How the candidate is sampled.
+    pub sampling: Sampling,
     /// Radiance behind the asset, the same for both images, one per pixel.
     pub background: Vec<[f32; 3]>,
     /// The reference over the background; the fourth sample is its coverage.
@@ -326,7 +343,7 @@ impl Shot {
     ///
     /// # Panics
     /// If the picture does not have four channels.
-    pub fn new(setup: &Setup, picture: &Image, samples: usize, seed: u64, index: u64) -> Self {
+    pub fn new(setup: &Setup, picture: &Image, sampling: Sampling, seed: u64, index: u64) -> Self {
         assert_eq!(picture.channels, 4, "a premultiplied RGBA picture");
         let mut rng = Rng::new(seed, STREAM_BACKGROUND + index);
         let background: Vec<[f32; 3]> = (0..picture.pixels())
@@ -346,7 +363,7 @@ impl Shot {
             lights: setup.lights.clone(),
             width: picture.width,
             height: picture.height,
-            samples,
+            sampling,
             background,
             reference,
         }

@@ -75,6 +75,7 @@ impl Verdict {
             ssim: mean(|q| q.ssim),
             flip: mean(|q| q.flip),
             outline: mean(|q| q.outline),
+            luminance: mean(|q| q.luminance),
         };
         let worst = views.iter().copied().enumerate().max_by(|a, b| a.1.flip.total_cmp(&b.1.flip));
         let likeness = worst.map_or(Likeness::Unknown, |(_, q)| Likeness::of(mean.flip, q.flip));
@@ -105,7 +106,7 @@ mod tests {
 
     #[test]
     fn the_worst_view_counts() {
-        let view = |flip: f64| Quality { psnr: 40.0 - 100.0 * flip, ssim: 0.9, flip, outline: 0.0 };
+        let view = |flip: f64| Quality { psnr: 40.0 - 100.0 * flip, ssim: 0.9, flip, ..Quality::default() };
         let of = |flips: &[f64]| Verdict::new(&flips.iter().map(|f| view(*f)).collect::<Vec<_>>());
         assert_eq!(of(&[0.02, 0.03, 0.04]).likeness, Likeness::Same);
         assert_eq!(of(&[0.02, 0.02, 0.06]).likeness, Likeness::Close, "one view differs");

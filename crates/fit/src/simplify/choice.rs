@@ -15,17 +15,15 @@ use crate::{FitError, Progress, Silent};
 use photofit_raster::deferred::Passes;
 use photofit_scene::Scene;
 
-/// Views by which the result is chosen.
-const CHOICE_VIEWS: u64 = 4;
-
 /// Texels of the reference's surface on the present shape of a candidate.
 pub(super) fn rebaked(
     surface: &bake::Reference<'_>,
     seen: &Visibility,
     candidate: &Candidate,
+    options: &SimplifyOptions,
     progress: &dyn Progress,
 ) -> Result<Vec<f32>, FitError> {
-    let (maps, _) = bake_candidate(surface, seen, candidate, progress)?;
+    let (maps, _) = bake_candidate(surface, seen, candidate, options, progress)?;
     Ok(maps.texels.into_flattened())
 }
 
@@ -52,13 +50,14 @@ pub(super) fn best(
     progress: &dyn Progress,
 ) -> Result<Trained<Surface>, FitError> {
     let mut models = vec![trained.model.clone(), trained.model];
-    if let Ok(texels) = rebaked(surface, seen, &models[1].candidate, &Silent) {
+    if let Ok(texels) = rebaked(surface, seen, &models[1].candidate, options, &Silent) {
         models[1].values_mut(1).copy_from_slice(&texels);
         models[1].changed(1);
     }
     models.push(Surface { candidate: start.candidate.clone(), ..models[0].clone() });
     let scenes: Vec<Scene> = models.iter().map(|m| to_scene(&m.candidate, n)).collect();
     let views = Orbit::new(options.seed, &options.lighting, options.resolution);
-    let best = judge::best_of(n, reference, &scenes, &views, CHOICE_VIEWS, progress)?;
+    let (count, [_, samples]) = (options.choice_views(), options.judge_samples());
+    let best = judge::best_of(n, reference, &scenes, &views, count, samples, progress)?;
     Ok(Trained { model: models.swap_remove(best), ..trained })
 }

@@ -4,6 +4,7 @@
 //! the maps -> export -> reload the file and compare it with the reference on views and lights that the fit never saw.
 
 mod choice;
+mod coverage;
 mod export;
 mod look;
 mod options;
@@ -22,7 +23,7 @@ pub use crate::engine::trainer::HistoryPoint;
 pub use export::to_scene;
 pub use look::MaterialClass;
 pub(crate) use look::{classes, drawn};
-pub use options::{FEWEST, Init, SimplifyOptions};
+pub use options::{FEWEST, Init, LARGEST_ENGINE_PICTURE, SimplifyOptions};
 pub use outcome::Outcome;
 
 use crate::bake;
@@ -33,6 +34,7 @@ use crate::engine::model::Surface;
 use crate::engine::reference::{Features, PathTraced, Rasterized, Reference};
 use crate::engine::trainer::{self, HeldOut, Job, Keeping, Phase, train};
 use crate::engine::views::{Orbit, Pose};
+use crate::visibility::Visibility;
 use crate::{FitError, Progress};
 use outcome::Times;
 use photofit_geometry::decimate::{Options, Target};
@@ -60,27 +62,61 @@ pub fn simplify(
     progress: &dyn Progress,
 ) -> Result<Outcome, FitError> {
     let began = Instant::now();
-    scene.validate_for_fit()?;
     options.check(scene.triangle_count())?;
     let (target, told) = options.sane_target(scene.triangle_count());
     told.iter().for_each(|t| progress.warn(t));
     let options = &SimplifyOptions { target, ..options.clone() };
+    with_asset(scene, progress, |asset| simplify_asset(asset, None, output, options, began, progress))
+}
+
+/// An asset with what every fit of it needs.
+#[derive(Clone, Copy)]
+pub(crate) struct Asset<'a> {
+    pub(crate) scene: &'a Scene,
+    pub(crate) n: &'a Normalised,
+    rays: &'a bake::Reference<'a>,
+    visibility: &'a Visibility,
+}
+
+/// Runs `work` with an asset prepared for fits.
+pub(crate) fn with_asset<R>(
+    scene: &Scene,
+    progress: &dyn Progress,
+    work: impl FnOnce(Asset<'_>) -> Result<R, FitError>,
+) -> Result<R, FitError> {
+    scene.validate_for_fit()?;
     let n = Normalised::new(scene)?;
     let rays = n.surface()?;
-    let reference = reference(scene, &n, &rays, options)?;
+    let visibility = prepare::visibility(&rays, progress)?;
+    work(Asset { scene, n: &n, rays: &rays, visibility: &visibility })
+}
+
+/// One fit of an asset. Its shape starts from the asset, or from a candidate that was fitted to it before. `began` is when
+/// the work began.
+pub(crate) fn simplify_asset(
+    asset: Asset<'_>,
+    from: Option<&Candidate>,
+    output: &Path,
+    options: &SimplifyOptions,
+    began: Instant,
+    progress: &dyn Progress,
+) -> Result<Outcome, FitError> {
+    let Asset { scene, n, rays, visibility } = asset;
+    let reference = reference(scene, n, rays, options)?;
     let reference = &*reference;
     let pose = Pose::default();
     let Some(surface) = reference.surface(pose) else {
         return Err(FitError::Setting { field: "reference", rule: "has no surface to start from".into() });
     };
-    let prepare::Prepared { starts, visibility } = prepare::prepare(&n, surface, options, progress)?;
+    let starts = prepare::prepare(n, surface, visibility, from, options, progress)?;
 
     let views = Orbit {
         bounds: reference.bounds(pose),
         pose,
-        ..Orbit::new(options.seed, &options.lighting, options.resolution / trainer::SAMPLES)
+        ..Orbit::new(options.seed, &options.lighting, options.picture_size())
     };
-    let held_out = HeldOut::new(reference, &views, options.seed)?;
+    let sampling = options.sampling();
+    let held_out = HeldOut::new(reference, &views, sampling, options.held_out_views(), options.seed)?;
     let start = choice::best_start(&starts, &held_out);
     let path_traced = options.reference == ReferenceRenderer::Path;
     let loss = loss::choose(held_out.noise);
@@ -97,6 +133,7 @@ pub fn simplify(
         reference,
         views: &views,
         held_out: &held_out,
+        sampling,
         loss,
         seed: options.seed,
         batch: options.batch,
@@ -104,7 +141,7 @@ pub fn simplify(
         keeping: &keeping,
         options: steering(options, &start.candidate),
     };
-    let rebake = |s: &Surface| choice::rebaked(surface, &visibility, &s.candidate, progress);
+    let rebake = |s: &Surface| choice::rebaked(surface, visibility, &s.candidate, options, progress);
     let mut plan_with_phases = None;
     let trained = train(
         Surface::new(start.candidate.clone(), &plan),
@@ -117,10 +154,10 @@ pub fn simplify(
         progress,
     )?;
     let plan = plan_with_phases.unwrap_or(plan);
-    let trained = choice::best(trained, surface, &visibility, start, &n, reference, options, progress)?;
+    let trained = choice::best(trained, surface, visibility, start, n, reference, options, progress)?;
 
     let encoded = |candidate: &Candidate| {
-        let mut light = to_scene(candidate, &n);
+        let mut light = to_scene(candidate, n);
         light.inherit(scene);
         light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
         light
@@ -129,20 +166,25 @@ pub fn simplify(
     let to_file = began.elapsed().as_secs_f64();
     let fitted = photofit_scene::load(output)?;
     let triangles = [scene.triangle_count(), fitted.triangle_count()];
-    let mut stages = vec![plain(scene, &n, triangles[1])?];
+    let mut stages = Vec::new();
+    if options.as_engine {
+        stages.push(Stage::new("original", scene.clone()));
+    }
+    stages.push(plain(scene, n, triangles[1])?);
     if let [wrapped, baked] = &starts[..] {
-        stages.push(Stage::new("baked", to_scene(&baked.candidate, &n)));
-        stages.push(Stage::new("wrapped", to_scene(&wrapped.candidate, &n)));
+        stages.push(Stage::new("baked", to_scene(&baked.candidate, n)));
+        stages.push(Stage::new("wrapped", to_scene(&wrapped.candidate, n)));
     } else {
-        stages.push(Stage::new("baked", to_scene(&starts[0].candidate, &n)));
+        stages.push(Stage::new("baked", to_scene(&starts[0].candidate, n)));
     }
     stages.push(Stage::new("fitted", fitted));
     let judge = Judge {
         scene,
-        n: &n,
+        n,
         path_traced_reference: path_traced,
         lighting: &options.lighting,
         size: options.resolution,
+        samples: options.judge_samples(),
         seed: options.seed,
     };
     let pictures = judge.views(&stages, options.report_views, progress)?;
@@ -162,7 +204,7 @@ fn reference<'a>(
     options: &SimplifyOptions,
 ) -> Result<Box<dyn Reference + 'a>, FitError> {
     Ok(match options.reference {
-        ReferenceRenderer::Raster => Box::new(Rasterized::of(n, surface)),
+        ReferenceRenderer::Raster => Box::new(Rasterized::of(n, surface).sampled(options.judge_samples()[0])),
         ReferenceRenderer::Path => {
             Box::new(PathTraced::new(scene, n, Features::Core, options.seed)?.with_surface(surface))
         }
@@ -175,10 +217,11 @@ fn steering(o: &SimplifyOptions, start: &Candidate) -> String {
     digest.add(start.triangles.as_flattened());
     digest.add(&start.uvs);
     format!(
-        "{:?} {:?} {} {} {} {:016x}",
+        "{:?} {:?} {} {} {} {} {:016x}",
         o.target,
         o.init,
         o.resolution,
+        o.as_engine,
         o.texture_size,
         o.seed,
         digest.value()

@@ -2,7 +2,10 @@
 
 use super::ReferenceRenderer;
 use crate::FitError;
-use crate::views::Lighting;
+use crate::bake::BakeSettings;
+use crate::engine::reference::{SUPERSAMPLE, samples_for};
+use crate::engine::trainer::HELD_OUT;
+use crate::views::{Lighting, Sampling};
 use photofit_geometry::decimate::Target;
 use photofit_scene::TextureEncoding;
 use std::path::PathBuf;
@@ -28,6 +31,10 @@ pub struct SimplifyOptions {
     /// Width and height of the pictures that quality is reported by; the fit compares pictures half as wide, in which
     /// each pixel is the mean of two by two samples.
     pub resolution: usize,
+    /// Pictures as an engine shows the asset at `resolution` pixels: the fit samples its candidate as graphics hardware
+    /// does ([`Sampling::ENGINE`], up to [`LARGEST_ENGINE_PICTURE`] pixels), and quality is judged by one sample a pixel
+    /// with mipmaps, against a supersampled reference.
+    pub as_engine: bool,
     /// Pictures per step.
     pub batch: usize,
     /// Steps of the fit.
@@ -58,6 +65,7 @@ impl Default for SimplifyOptions {
             target: Target::Ratio(0.03),
             init: Init::Decimate,
             resolution: 512,
+            as_engine: false,
             batch: 2,
             steps: 1000,
             time_limit: None,
@@ -73,7 +81,76 @@ impl Default for SimplifyOptions {
     }
 }
 
+/// Largest picture, pixels a side, in which a fit samples its candidate as an engine does; beyond, the aliasing of one
+/// sample a pixel is small, and supersampled pictures of half the size show as much.
+pub const LARGEST_ENGINE_PICTURE: usize = 256;
+/// Largest size on screen, pixels, that pictures and textures follow.
+const LARGEST_SCREEN: f64 = 1024.0;
+/// Texels of a texture's side for a pixel on screen: with an atlas that is two thirds full, a convex body then has about
+/// one texel for a pixel that faces the viewer.
+const TEXELS_PER_PIXEL: f64 = 2.0;
+/// Smallest texture that a size on screen asks for.
+const LEAST_TEXTURE: usize = 64;
+
 impl SimplifyOptions {
+    /// The same for an asset that is `pixels` pixels large on screen: pictures of that size, drawn as an engine does, and
+    /// textures with as many texels as are seen then, a power of two. The budget stays as it is. Both follow the size from
+    /// 16 up to 1024 pixels.
+    #[must_use]
+    pub fn for_screen_size(self, pixels: f64) -> Self {
+        let shown = pixels.clamp(16.0, LARGEST_SCREEN);
+        let texture_size = ((shown * TEXELS_PER_PIXEL) as usize).next_power_of_two().max(LEAST_TEXTURE);
+        Self { resolution: shown.ceil() as usize, texture_size, as_engine: true, ..self }
+    }
+
+    /// Whether one texel stands for much of the asset's surface: what it loses goes into its roughness, and masks keep
+    /// their coverage.
+    pub(super) fn is_prefiltered(&self) -> bool {
+        self.as_engine && self.resolution <= LARGEST_ENGINE_PICTURE
+    }
+
+    /// How maps are baked, but for their size.
+    pub(super) fn bake_settings(&self) -> BakeSettings {
+        let plain = BakeSettings::default();
+        if self.is_prefiltered() {
+            BakeSettings { samples_per_side: 8, filter_width: 1.0, widen_roughness: true, ..plain }
+        } else {
+            plain
+        }
+    }
+
+    /// How the fit samples its candidate.
+    pub(super) fn sampling(&self) -> Sampling {
+        if self.is_prefiltered() { Sampling::ENGINE } else { Sampling::SUPERSAMPLED }
+    }
+
+    /// Width and height of the pictures that the fit compares: their samples that are shaded one by one are as many as
+    /// the pixels of `resolution`.
+    pub(super) fn picture_size(&self) -> usize {
+        let sampling = self.sampling();
+        if sampling.shade_per_pixel { self.resolution } else { self.resolution / sampling.per_axis }
+    }
+
+    /// Samples per axis of a pixel in pictures of the reference and of what is judged.
+    pub(super) fn judge_samples(&self) -> [usize; 2] {
+        if self.as_engine { [samples_for(self.resolution), 1] } else { [SUPERSAMPLE; 2] }
+    }
+
+    /// How many times as many views as usual pictures of this size need, so that they show as many pixels.
+    fn more_views(&self) -> u64 {
+        if self.as_engine { (512 / self.resolution.max(1) as u64).clamp(1, 4) } else { 1 }
+    }
+
+    /// Views of the early stop.
+    pub(super) fn held_out_views(&self) -> u64 {
+        HELD_OUT * self.more_views()
+    }
+
+    /// Views by which the written asset is chosen.
+    pub(super) fn choice_views(&self) -> u64 {
+        CHOICE_VIEWS * self.more_views()
+    }
+
     /// Checks the ranges against an asset of `triangles` triangles; `usize::MAX` where there is none yet.
     ///
     /// # Errors
@@ -117,6 +194,9 @@ impl SimplifyOptions {
         }
     }
 }
+
+/// Views by which the written asset is chosen, where pictures are not small.
+const CHOICE_VIEWS: u64 = 4;
 
 /// Fewest triangles that a share of an asset leaves.
 pub const FEWEST: usize = 64;
@@ -171,6 +251,31 @@ mod tests {
             assert_eq!(options.check(500).unwrap_err().to_string(), message);
         }
         assert!(SimplifyOptions::default().check(1).is_ok());
+    }
+
+    #[test]
+    fn pictures_and_textures_follow_the_size_on_screen() {
+        let of = |px: f64| SimplifyOptions::default().for_screen_size(px);
+        for (px, resolution, texture, picture, judged) in [
+            (16.0, 16, 64, 16, [16, 1]),
+            (32.0, 32, 64, 32, [16, 1]),
+            (100.5, 101, 256, 101, [8, 1]),
+            (128.0, 128, 256, 128, [8, 1]),
+            (512.0, 512, 1024, 256, [4, 1]),
+            (9000.0, 1024, 2048, 512, [4, 1]),
+        ] {
+            let o = of(px);
+            assert_eq!(
+                (o.resolution, o.texture_size, o.picture_size()),
+                (resolution, texture, picture),
+                "{px}"
+            );
+            assert_eq!(o.judge_samples(), judged, "{px}");
+            assert_eq!(o.sampling().shade_per_pixel, px <= 256.0, "{px}");
+            assert!(o.check(usize::MAX).is_ok() && o.target == SimplifyOptions::default().target);
+        }
+        assert!(of(32.0).held_out_views() > of(512.0).held_out_views());
+        assert_eq!(SimplifyOptions::default().sampling(), Sampling::SUPERSAMPLED);
     }
 
     #[test]

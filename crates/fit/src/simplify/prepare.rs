@@ -1,7 +1,7 @@
 //! From the reference to the start of the fit: normalise, decimate, unwrap, bake.
 
-use super::wrap;
 use super::{Init, SimplifyOptions};
+use super::{coverage, wrap};
 use crate::bake::{self, AlphaClass, BakeSettings, Reference, bake, blank_texel, hard_edges};
 use crate::candidate::Candidate;
 use crate::engine::Normalised;
@@ -22,46 +22,49 @@ use std::ops::ControlFlow;
 /// Triangles that fewer than this share of the sky sees still count this much in the decimation.
 const LEAST_IMPORTANCE: f32 = 0.05;
 
-/// What a fit can start from.
-pub(super) struct Prepared {
-    /// First the mesh that was drawn onto the reference, then, if it was a decimated one, the same as decimation left it.
-    pub(super) starts: Vec<Start>,
-    /// What of the reference can be seen.
-    pub(super) visibility: Visibility,
+/// What of the reference can be seen.
+pub(super) fn visibility(reference: &Reference<'_>, progress: &dyn Progress) -> Result<Visibility, FitError> {
+    visibility_reporting(reference, &VisibilitySettings::default(), &heard("visibility", progress))
+        .ok_or(FitError::Interrupted)
 }
 
-/// Decimates, unwraps and bakes.
+/// What a fit can start from, decimated, unwrapped and baked: first the mesh that was drawn onto the reference, then, if it
+/// was a decimated one, the same as decimation left it. What is decimated is the reference, or, where there is one, the
+/// candidate `from` of an earlier fit.
 pub(super) fn prepare(
     n: &Normalised,
     reference: &Reference<'_>,
+    seen: &Visibility,
+    from: Option<&Candidate>,
     options: &SimplifyOptions,
     progress: &dyn Progress,
-) -> Result<Prepared, FitError> {
+) -> Result<Vec<Start>, FitError> {
     let go_on = || if progress.is_cancelled() { Err(FitError::Interrupted) } else { Ok(()) };
-    let seen =
-        visibility_reporting(reference, &VisibilitySettings::default(), &heard("visibility", progress))
-            .ok_or(FitError::Interrupted)?;
-    let (mesh, class, decimated) = match options.init {
-        Init::Decimate => {
-            let d = decimate_reference(n, &seen, options.target, progress)?;
-            let mut mesh = d.mesh.clone();
-            wrap::NEARBY.run(&mut mesh, reference, &seen, progress)?;
-            (mesh, d.group, Some(d.mesh))
-        }
-        Init::Sphere => {
-            let mut mesh = sphere(n, &seen, options.target)?;
-            wrap::FROM_AFAR.run(&mut mesh, reference, &seen, progress)?;
-            let class = closest_classes(n, reference, &seen, &mesh);
+    go_on()?;
+    let (mesh, class, decimated) = match (options.init, from) {
+        (Init::Sphere, None) => {
+            let mut mesh = sphere(n, seen, options.target)?;
+            wrap::FROM_AFAR.run(&mut mesh, reference, seen, progress)?;
+            let class = closest_classes(n, reference, seen, &mesh);
             (mesh, class, None)
+        }
+        (_, from) => {
+            let d = match from {
+                Some(candidate) => decimate_candidate(n, candidate, options.target, progress)?,
+                None => decimate_reference(n, seen, options.target, progress)?,
+            };
+            let mut mesh = d.mesh.clone();
+            wrap::NEARBY.run(&mut mesh, reference, seen, progress)?;
+            (mesh, d.group, Some(d.mesh))
         }
     };
     go_on()?;
-    let start = |mesh: &Mesh, class| unwrap_and_bake(n, reference, &seen, mesh, class, options, progress);
+    let start = |mesh: &Mesh, class| unwrap_and_bake(n, reference, seen, mesh, class, options, progress);
     let mut starts = vec![start(&mesh, class.clone())?];
     if let Some(mesh) = decimated {
         starts.push(start(&mesh, class)?);
     }
-    Ok(Prepared { starts, visibility: seen })
+    Ok(starts)
 }
 
 /// A candidate with an atlas of its own and what was baked into it.
@@ -83,7 +86,7 @@ fn unwrap_and_bake(
     progress: &dyn Progress,
 ) -> Result<Start, FitError> {
     let mut candidate = unwrapped(n, reference, seen, mesh, class, options.texture_size, progress)?;
-    let (baked, distance) = bake_candidate(reference, seen, &candidate, progress)?;
+    let (baked, distance) = bake_candidate(reference, seen, &candidate, options, progress)?;
     candidate.set_maps(baked);
     Ok(Start { candidate, distance })
 }
@@ -133,14 +136,34 @@ fn decimate_reference(
     let importance: Vec<f32> = (0..triangles)
         .map(|t| if seen.is_visible(t) { LEAST_IMPORTANCE + seen.importance(t) } else { 0.0 })
         .collect();
+    decimated(n, &n.flat.mesh, &n.triangle_classes(), &importance, target, progress)
+}
+
+/// Decimates the shape of a candidate.
+fn decimate_candidate(
+    n: &Normalised,
+    candidate: &Candidate,
+    target: Target,
+    progress: &dyn Progress,
+) -> Result<Decimated, FitError> {
+    decimated(n, &candidate.mesh(), &candidate.class, &[], target, progress)
+}
+
+/// Decimates a mesh whose triangles have the given classes.
+fn decimated(
+    n: &Normalised,
+    mesh: &Mesh,
+    class: &[u32],
+    importance: &[f32],
+    target: Target,
+    progress: &dyn Progress,
+) -> Result<Decimated, FitError> {
     let mut options = Options::new(target);
     options.double_sided = n.classes.iter().map(|c| c.sides == Sides::Both).collect();
     let report = heard("decimate", progress);
-    decimate_reporting(&n.flat.mesh, &n.triangle_classes(), &importance, &options, &report).map_err(|e| {
-        match e {
-            DecimateError::Stopped => FitError::Interrupted,
-            e => e.into(),
-        }
+    decimate_reporting(mesh, class, importance, &options, &report).map_err(|e| match e {
+        DecimateError::Stopped => FitError::Interrupted,
+        e => e.into(),
     })
 }
 
@@ -206,10 +229,11 @@ pub(super) fn bake_candidate(
     reference: &Reference<'_>,
     seen: &Visibility,
     candidate: &Candidate,
+    options: &SimplifyOptions,
     progress: &dyn Progress,
 ) -> Result<(Maps, f64), FitError> {
     let base = &candidate.maps.levels[0];
-    let settings = BakeSettings { width: base.width, height: base.height, ..BakeSettings::default() };
+    let settings = BakeSettings { width: base.width, height: base.height, ..options.bake_settings() };
     let classes: Vec<AlphaClass> =
         candidate.class.iter().map(|c| candidate.classes[*c as usize].alpha.into()).collect();
     let (mesh, round) = (candidate.mesh(), candidate.round_normals());
@@ -220,5 +244,8 @@ pub(super) fn bake_candidate(
             e => e.into(),
         })?;
     baked.fill(None);
+    if options.is_prefiltered() {
+        coverage::keep(candidate, &baked.valid, &baked.cut, &mut baked.maps);
+    }
     Ok((baked.maps, baked.statistics.mean_distance))
 }

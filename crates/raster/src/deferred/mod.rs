@@ -52,6 +52,10 @@ pub struct View<'a, T> {
     /// Samples per axis of one pixel (supersampling; both sizes are multiples of it): backgrounds and gradients
     /// come per pixel.
     pub samples: usize,
+    /// Shades once per pixel and triangle, at the centroid of the samples that the triangle covers in the pixel, with
+    /// the texture footprint of the pixel, as graphics hardware does; else every sample by itself. `samples` must then
+    /// divide [`crate::rasterize::TILE`]. The centroid passes no gradient to positions.
+    pub shade_per_pixel: bool,
     /// Added to the mip level; negative is sharper.
     pub lod_bias: T,
 }

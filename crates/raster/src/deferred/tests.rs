@@ -21,6 +21,10 @@ struct Patch {
     texels: Vec<f64>,
     alpha: Vec<AlphaMode>,
     size: usize,
+    /// Samples per axis of a pixel.
+    samples: usize,
+    shade_per_pixel: bool,
+    lod_bias: f64,
 }
 
 impl Patch {
@@ -41,7 +45,18 @@ impl Patch {
             t[channel::NORMAL + 1] = rng.range(-0.3, 0.3);
             t[channel::NORMAL + 2] = 0.9;
         }
-        Self { positions, normals, tangents, uvs, texels, alpha: vec![], size }
+        Self {
+            positions,
+            normals,
+            tangents,
+            uvs,
+            texels,
+            alpha: vec![],
+            size,
+            samples: 1,
+            shade_per_pixel: false,
+            lod_bias: -8.0,
+        }
     }
 
     fn maps(&self) -> Pyramid<f64, CHANNELS> {
@@ -74,10 +89,11 @@ impl Patch {
             ],
             eye: vec3(0.0, 0.0, 2.5),
             lights: &lights,
-            width: SIZE,
-            height: SIZE,
-            samples: 1,
-            lod_bias: -8.0,
+            width: SIZE * self.samples,
+            height: SIZE * self.samples,
+            samples: self.samples,
+            shade_per_pixel: self.shade_per_pixel,
+            lod_bias: self.lod_bias,
         };
         f(&geometry, &view)
     }
@@ -211,6 +227,7 @@ fn production_precision_agrees_with_double() {
         width: SIZE,
         height: SIZE,
         samples: 1,
+        shade_per_pixel: false,
         lod_bias: -8.0,
     });
     let b32: Vec<[f32; 3]> = b.iter().map(|b| b.map(|x| x as f32)).collect();
@@ -221,5 +238,63 @@ fn production_precision_agrees_with_double() {
     let scale = g.positions.iter().fold(0.0, |m: f64, p| m.max(p.length()));
     for (a, e) in g32.positions.iter().zip(&g.positions) {
         assert!((a.cast::<f64>() - *e).length() < 2e-4 * scale, "{a:?} against {e:?}");
+    }
+}
+
+/// The patch with 4 x 4 samples of visibility per pixel, shaded once per pixel and triangle.
+fn shaded_per_pixel(seed: u64) -> Patch {
+    Patch { samples: 4, shade_per_pixel: true, ..Patch::new(16, seed) }
+}
+
+#[test]
+fn gradients_where_a_pixel_is_shaded_once() {
+    let patch = shaded_per_pixel(16);
+    let (w, b) = weights(8);
+    let passes = Passes::default();
+    let g = patch.gradients(&w, &b, &passes);
+    let with = |set: &dyn Fn(&mut Patch)| {
+        let mut p = shaded_per_pixel(16);
+        set(&mut p);
+        p.loss(&w, &b, &passes)
+    };
+    let texels = g.maps.levels[0].texels.concat();
+    check("texels", &patch.texels, &texels, 1e-6, 1e-6, |x| with(&|p| p.texels = x.to_vec()));
+    let normals: &[f64] = bytemuck::cast_slice(&g.normals);
+    check("normals", &patch.normals, normals, 1e-6, 1e-6, |x| with(&|p| p.normals = x.to_vec()));
+    let positions: &[f64] = bytemuck::cast_slice(&g.positions);
+    check("positions", &patch.positions, positions, 1e-8, 1e-5, |x| with(&|p| p.positions = x.to_vec()));
+}
+
+#[test]
+fn a_pixel_inside_of_a_triangle_is_shaded_as_with_one_sample() {
+    // With the mip level that belongs to the footprint of a pixel.
+    let one = Patch { lod_bias: 0.0, ..Patch::new(128, 17) };
+    let many = Patch { samples: 4, shade_per_pixel: true, lod_bias: 0.0, ..Patch::new(128, 17) };
+    let each = Patch { samples: 4, lod_bias: 0.0, ..Patch::new(128, 17) };
+    let (_, b) = weights(9);
+    let passes = Passes { antialias: false, ..Passes::default() };
+    let frame = |p: &Patch| p.with(|g, v| render(g, &p.maps(), v, &b, &passes));
+    let [one, many, each] = [&one, &many, &each].map(frame);
+    let triangles = &many.layers[0].visibility.triangle;
+    let inside = |i: usize| {
+        let (x, y) = (i % SIZE, i / SIZE);
+        let of = |k: usize| triangles[(4 * y + k / 4) * SIZE * 4 + 4 * x + k % 4];
+        of(0) != NONE && (1..16).all(|k| of(k) == of(0))
+    };
+    let (mut checked, mut differs) = (0, 0);
+    for i in (0..SIZE * SIZE).filter(|i| inside(*i)) {
+        for k in 0..4 {
+            assert!((one.color[i][k] - many.color[i][k]).abs() < 1e-12, "pixel {i}");
+            differs += usize::from((one.color[i][k] - each.color[i][k]).abs() > 1e-3);
+        }
+        checked += 1;
+    }
+    assert!(checked > 20, "{checked} pixels lie inside");
+    assert!(differs > 50, "samples that are shaded one by one give another colour: {differs}");
+    // Coverage is the share of the samples.
+    for (i, c) in many.color.iter().enumerate() {
+        let (x, y) = (i % SIZE, i / SIZE);
+        let covered = |k: &usize| triangles[(4 * y + k / 4) * SIZE * 4 + 4 * x + k % 4] != NONE;
+        assert!((c[3] - (0..16).filter(covered).count() as f64 / 16.0).abs() < 1e-12, "pixel {i}");
     }
 }

@@ -3,10 +3,13 @@
 mod animation;
 mod extensions;
 mod geometry;
+mod lods;
 mod material;
 mod nodes;
 #[cfg(test)]
 mod tests;
+
+pub use lods::save_glb_lods;
 
 use crate::error::{Fault, fault};
 use crate::{Camera, Scene, SceneError};
@@ -41,9 +44,12 @@ use std::path::Path;
 /// # Ok::<(), photofit_scene::SceneError>(())
 /// ```
 pub fn save_glb(path: impl AsRef<Path>, scene: &Scene) -> Result<(), SceneError> {
-    let path = path.as_ref();
-    let bytes = to_glb(scene)?;
-    photofit_image::write_atomically(path, &bytes).map_err(|e| {
+    write(path.as_ref(), &to_glb(scene)?)
+}
+
+/// Writes a file under its name when it is complete.
+fn write(path: &Path, bytes: &[u8]) -> Result<(), SceneError> {
+    photofit_image::write_atomically(path, bytes).map_err(|e| {
         let cause = match e {
             photofit_image::ImageError::Io { source, .. } => source,
             other => std::io::Error::other(other.to_string()),

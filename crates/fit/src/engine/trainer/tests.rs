@@ -142,11 +142,12 @@ impl Progress for Counting {
 
 fn fit(model: Pixels, keeping: &Keeping, progress: &dyn Progress) -> Result<Trained<Pixels>, FitError> {
     let views = Orbit::new(0, &Lighting::Point, SIDE);
-    let held_out = HeldOut::new(&Greys, &views, 0).unwrap();
+    let held_out = HeldOut::new(&Greys, &views, Sampling::SUPERSAMPLED, HELD_OUT, 0).unwrap();
     let job = Job {
         reference: &Greys,
         views: &views,
         held_out: &held_out,
+        sampling: Sampling::SUPERSAMPLED,
         loss: Loss::Mse,
         seed: 0,
         batch: 2,

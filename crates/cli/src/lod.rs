@@ -1,0 +1,124 @@
+//! `photofit simplify --lod`: a chain of levels of detail.
+
+use crate::args::Simplify;
+use crate::output::{self, print};
+use crate::preflight::Places;
+use crate::progress::Terminal;
+use crate::simplify::{CHECKPOINT_FILE, Job, ending, explain_error, name, options};
+use crate::status::Ending;
+use crate::threads;
+use anyhow::Result;
+use photofit_fit::lod::{
+    Chain, ChainOptions, Level, combined_path, level_folder, level_path, simplify_chain, summary_path,
+};
+use photofit_fit::report::PAGE;
+use photofit_scene::Scene;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+
+/// What a chain of `levels` levels reads and writes.
+fn places(a: &Simplify, levels: usize) -> Places {
+    let mut places = Places::default()
+        .reads("IN", Some(&a.input))
+        .reads("--env", a.env.as_deref())
+        .writes("--lod", Some(&summary_path(&a.output)))
+        .writes("--json", a.json.as_deref());
+    if a.msft_lod {
+        places = places.writes("--msft-lod", Some(&combined_path(&a.output)));
+    }
+    for k in 0..levels {
+        let folder = |of: &Option<PathBuf>| of.as_ref().map(|f| level_folder(f, k));
+        places = places
+            .writes(if k == 0 { "--output" } else { "--lod" }, Some(&level_path(&a.output, k)))
+            .fills("--report", folder(&a.report).as_deref(), &[PAGE])
+            .fills("--checkpoint", folder(&a.running.checkpoint).as_deref(), &[CHECKPOINT_FILE]);
+    }
+    places
+}
+
+pub(crate) fn run(a: &Simplify) -> Result<Ending> {
+    // As many as the range of levels allows, so that a list that is too long is told as such.
+    let places = places(a, a.lod.len().min(photofit_fit::lod::MOST_LEVELS));
+    places.check()?;
+    threads::set(a.running.threads)?;
+    let options = ChainOptions {
+        sizes: a.lod.clone(),
+        triangles: a.lod_triangles.clone(),
+        combined: a.msft_lod,
+        fit: options(a)?,
+        texture_size: a.texture_size,
+    };
+    options.check(usize::MAX).map_err(|e| explain_error(&a.input, e))?;
+    let scene = photofit_scene::load(&a.input)?;
+    places.check_against("IN", &scene.files)?;
+    let whole = Job { input: &a.input, output: &a.output, report: None, explain: a.explain };
+    whole.begin(&scene, &options.fit)?;
+    let progress = Terminal::new();
+    let chain =
+        simplify_chain(&scene, &a.output, &options, &progress).map_err(|e| explain_error(&a.input, e))?;
+    progress.finish();
+    let figures = tell(a, &scene, &chain)?;
+    let summary = summary_path(&a.output);
+    output::write_json(&summary, &summarised(&chain))?;
+    print(&format!("wrote {}\n", summary.display()))?;
+    if let Some(path) = &a.json {
+        output::write_json(path, &figures)?;
+    }
+    Ok(ending(chain.stopped))
+}
+
+/// Reports every level; all figures as JSON.
+fn tell(a: &Simplify, scene: &Scene, chain: &Chain) -> Result<Value> {
+    let mut levels = Vec::new();
+    for (k, level) in chain.levels.iter().enumerate() {
+        print(&format!("level {} of {}, for {} pixels\n", k + 1, a.lod.len(), level.size))?;
+        let report = a.report.as_ref().map(|folder| level_folder(folder, k));
+        let job = Job { input: &a.input, output: &level.path, report: report.as_deref(), explain: a.explain };
+        let mut figures = job.tell(scene, Some(level.size), &level.outcome)?;
+        figures["size"] = json!(level.size);
+        figures["switch_size"] = json!(level.switch_size);
+        figures["popping_flip"] = json!(level.popping);
+        levels.push(figures);
+        print("\n")?;
+    }
+    if let Some(path) = &chain.combined {
+        print(&format!("wrote {}\n", path.display()))?;
+    }
+    if chain.levels.len() < a.lod.len() {
+        let made = chain.levels.len();
+        crate::progress::say(&format!("{made} of {} levels are written: the chain was stopped", a.lod.len()));
+    }
+    Ok(
+        json!({ "levels": levels, "stopped": chain.stopped, "combined": chain.combined.as_deref().map(shown) }),
+    )
+}
+
+fn shown(path: &Path) -> String {
+    path.display().to_string()
+}
+
+/// What a program that shows the levels needs to know, and how good they are.
+fn summarised(chain: &Chain) -> Value {
+    let level = |l: &Level| {
+        let (q, original) = (l.quality(), l.outcome.stage("original"));
+        json!({
+            "file": name(&l.path),
+            "triangles": l.outcome.triangles_out,
+            "bytes": l.bytes,
+            "size": l.size,
+            "switch_size": l.switch_size,
+            "psnr": q.psnr,
+            "flip": q.flip,
+            "luminance_ratio": q.luminance,
+            "original_psnr": original.map(|q| q.psnr),
+            "original_flip": original.map(|q| q.flip),
+            "popping_flip": l.popping,
+            "seconds": l.outcome.seconds,
+        })
+    };
+    json!({
+        "levels": chain.levels.iter().map(level).collect::<Vec<_>>(),
+        "combined": chain.combined.as_deref().map(name),
+        "stopped": chain.stopped,
+    })
+}

@@ -1,0 +1,109 @@
+//! Chains of levels of detail.
+
+use crate::support::{assert_misuse, command, names, photofit, stderr, stdout, succeeds, write_rock};
+use serde_json::Value;
+use std::path::Path;
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
+fn chain<'a>(output: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+    let mut all = vec!["simplify", "rock.glb", "-o", output, "--lod", "48,24,16", "--batch", "1"];
+    all.extend(["--lod-triangles", "300,100,40"]);
+    all.extend(more);
+    all
+}
+
+fn json(path: &Path) -> Value {
+    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+}
+
+#[test]
+fn a_chain_in_one_command() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 10, true);
+    let more = ["--steps", "8", "--msft-lod", "--json", "f.json", "--report", "r", "--checkpoint", "c"];
+    let o = succeeds(d, &chain("out.glb", &more));
+    let files =
+        ["c", "f.json", "out.glb", "out.lod1.glb", "out.lod2.glb", "out.lods.glb", "out.lods.json", "r"];
+    assert_eq!(names(d), [&files[..], &["rock.glb"]].concat());
+    assert_eq!(names(&d.join("c")), ["fit.ckpt", "lod1", "lod2"]);
+    assert!(d.join("r/index.html").exists() && d.join("r/lod2/index.html").exists());
+    let (summary, all) = (json(&d.join("out.lods.json")), json(&d.join("f.json")));
+    let levels = summary["levels"].as_array().unwrap();
+    assert_eq!((levels.len(), all["levels"].as_array().unwrap().len()), (3, 3));
+    for (k, level) in levels.iter().enumerate() {
+        let file = d.join(level["file"].as_str().unwrap());
+        assert_eq!(level["bytes"].as_u64(), Some(std::fs::metadata(&file).unwrap().len()));
+        assert_eq!(level["triangles"], photofit_scene::load(&file).unwrap().triangle_count());
+        assert_eq!(level["size"], [48.0, 24.0, 16.0][k]);
+        assert_eq!(level["switch_size"].is_number(), k < 2);
+        assert_eq!(level["popping_flip"].is_number(), k < 2);
+        for key in ["psnr", "flip", "original_psnr", "original_flip", "luminance_ratio"] {
+            assert!(level[key].as_f64().is_some_and(|x| x > 0.0), "{key}: {level}");
+        }
+    }
+    assert!(stdout(&o).contains("level 3 of 3, for 16 pixels"), "{}", stdout(&o));
+    assert!(stderr(&o).lines().all(|l| !l.starts_with("warning")), "{}", stderr(&o));
+}
+
+#[test]
+fn no_level_replaces_an_input_or_another_output() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    let rock = write_rock(d, 4, false);
+    for (input, output, more) in [
+        ("out.lod1.glb", "out.glb", vec![]),
+        ("out.lods.glb", "out.glb", vec!["--msft-lod"]),
+        ("rock.glb", "out.glb", vec!["--json", "out.lods.json"]),
+        ("rock.glb", "out.glb", vec!["--json", "out.lod2.glb"]),
+    ] {
+        std::fs::copy(&rock, d.join(input)).ok();
+        let line = [&["simplify", input, "-o", output, "--lod", "64,32,16"], &more[..]].concat();
+        assert_misuse(&photofit(d, &line), &format!("{line:?}"), &["must be another file"]);
+    }
+    assert!(!d.join("out.glb").exists());
+}
+
+#[test]
+fn sizes_and_budgets_are_checked() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 4, false);
+    for (more, status, part) in [
+        (&["--lod", "32,64"][..], 1, "sizes must fall"),
+        (&["--lod", "64,32", "--lod-triangles", "10"], 1, "one for each of 2 levels"),
+        (&["--lod", "64,32", "--lod-triangles", "10,20"], 1, "budgets must fall"),
+        (&["--lod", "64,8"], 2, "16 to 1024"),
+        (&["--lod", "64", "--ratio", "0.1"], 2, "cannot be used with"),
+        (&["--msft-lod"], 2, "--lod"),
+    ] {
+        let o = photofit(d, &[&["simplify", "rock.glb", "-o", "out.glb"], more].concat());
+        assert_eq!(o.status.code(), Some(status), "{more:?}: {}", stderr(&o));
+        assert!(stderr(&o).contains(part), "{more:?}: {}", stderr(&o));
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_keeps_the_levels_that_were_reached() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 10, true);
+    let more = ["--steps", "100000", "--checkpoint", "c"];
+    let child =
+        command(d, &chain("out.glb", &more)).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let start = Instant::now();
+    while !d.join("c/fit.ckpt").exists() {
+        assert!(start.elapsed() < Duration::from_secs(60), "no checkpoint");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let sent = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(sent.success());
+    let o = child.wait_with_output().unwrap();
+    assert_eq!(o.status.code(), Some(3), "{}", stderr(&o));
+    let summary = json(&d.join("out.lods.json"));
+    assert_eq!(summary["stopped"], true);
+    assert_eq!(summary["levels"].as_array().unwrap().len(), 1, "{summary}");
+    assert!(!d.join("out.lod1.glb").exists());
+}

@@ -1,0 +1,267 @@
+//! A chain of levels of detail, each fitted for its size on screen.
+//!
+//! The asset is prepared once. The shape of each level starts from the fitted one before it, its maps are baked from the
+//! asset, and it is fitted and judged as an engine shows it at its size. What a viewer notices when one level replaces the
+//! next is measured where it happens: FLIP between the two at the size of the switch.
+
+use crate::engine::judge::{Quality, Stage, popping};
+use crate::simplify::{Asset, Outcome, SimplifyOptions, simplify_asset, with_asset};
+use crate::{FitError, Progress};
+use photofit_geometry::decimate::Target;
+use photofit_scene::Scene;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// Smallest size on screen of a level, pixels.
+pub const SMALLEST: f64 = 16.0;
+/// Largest size on screen of a level, pixels.
+pub const LARGEST: f64 = 1024.0;
+/// Most levels of a chain.
+pub const MOST_LEVELS: usize = 8;
+/// Pixels of the screen that the coverages of `MSFT_screencoverage` are shares of.
+const SCREEN: f64 = 1920.0 * 1080.0;
+
+/// Options of [`simplify_chain`].
+#[derive(Clone, Debug, Default)]
+pub struct ChainOptions {
+    /// Size on screen of each level, pixels of its bounding sphere's diameter, falling, 16 to 1024.
+    pub sizes: Vec<f64>,
+    /// Budget of each level, falling; empty: as few triangles as look right at the sizes.
+    pub triangles: Vec<usize>,
+    /// Also writes one file with all levels ([`combined_path`]).
+    pub combined: bool,
+    /// Options of every level. Its budget, size and, where [`Self::texture_size`] gives none, textures are those of the
+    /// level; steps are those of the first level, the others, whose shape is fitted already, make half as many; the time
+    /// limit is for all fits together: each may take an equal share of what is left.
+    pub fit: SimplifyOptions,
+    /// Width and height of the textures of all levels; else they follow from the sizes.
+    pub texture_size: Option<usize>,
+}
+
+/// A finished level.
+#[derive(Debug)]
+pub struct Level {
+    /// The file.
+    pub path: PathBuf,
+    /// Its bytes.
+    pub bytes: u64,
+    /// Size on screen that it is for, pixels.
+    pub size: f64,
+    /// Size below which the next level replaces it; `None` for the last that was asked for.
+    pub switch_size: Option<f64>,
+    /// Mean FLIP between it and the next level at the size of the switch; `None` where there is no next level.
+    pub popping: Option<f64>,
+    /// Figures and pictures.
+    pub outcome: Outcome,
+}
+
+impl Level {
+    /// Quality of the written file at its size.
+    pub fn quality(&self) -> Quality {
+        self.outcome.stage("fitted").copied().unwrap_or_default()
+    }
+}
+
+/// A finished chain.
+#[derive(Debug)]
+pub struct Chain {
+    /// The levels that were written, finest first.
+    pub levels: Vec<Level>,
+    /// Fewer levels than were asked for: the user stopped the chain.
+    pub stopped: bool,
+    /// The file with all levels, where one was asked for.
+    pub combined: Option<PathBuf>,
+}
+
+impl ChainOptions {
+    /// Checks the sizes and budgets against an asset of `triangles` triangles; `usize::MAX` where there is none yet.
+    ///
+    /// # Errors
+    /// [`FitError::Setting`] names the field, what it is and what it must be.
+    pub fn check(&self, triangles: usize) -> Result<(), FitError> {
+        let sizes = &self.sizes;
+        let fail = |field, rule| Err(FitError::Setting { field, rule });
+        if !(1..=MOST_LEVELS).contains(&sizes.len()) {
+            return fail("lod", format!("has {} levels; it must have 1 to {MOST_LEVELS}", sizes.len()));
+        }
+        if let Some(size) = sizes.iter().find(|s| !(SMALLEST..=LARGEST).contains(*s)) {
+            return fail("lod", format!("has a size of {size}; it must be {SMALLEST} to {LARGEST} pixels"));
+        }
+        if let Some(w) = sizes.windows(2).find(|w| w[0] <= w[1]) {
+            return fail("lod", format!("has {} after {}; sizes must fall", w[1], w[0]));
+        }
+        let budgets = &self.triangles;
+        if !budgets.is_empty() && budgets.len() != sizes.len() {
+            let rule =
+                format!("has {} budgets; it must have one for each of {} levels", budgets.len(), sizes.len());
+            return fail("lod_triangles", rule);
+        }
+        if let Some(w) = budgets.windows(2).find(|w| w[0] <= w[1]) {
+            return fail("lod_triangles", format!("has {} after {}; budgets must fall", w[1], w[0]));
+        }
+        (0..sizes.len()).try_for_each(|k| self.level(k).check(triangles))
+    }
+
+    /// The options of a level.
+    fn level(&self, k: usize) -> SimplifyOptions {
+        let target = match self.triangles.get(k) {
+            Some(n) => Target::Triangles(*n),
+            None => Target::ScreenSize(self.sizes[k]),
+        };
+        let steps = if k == 0 { self.fit.steps } else { self.fit.steps.div_ceil(2) };
+        let fit = SimplifyOptions { target, steps, ..self.fit.clone() };
+        let fit = SimplifyOptions { checkpoint: self.checkpoint(k), ..fit.for_screen_size(self.sizes[k]) };
+        SimplifyOptions { texture_size: self.texture_size.unwrap_or(fit.texture_size), ..fit }
+    }
+
+    /// Folder of the checkpoint of a level.
+    fn checkpoint(&self, k: usize) -> Option<PathBuf> {
+        self.fit.checkpoint.as_ref().map(|folder| level_folder(folder, k))
+    }
+
+    /// Size below which the level after `k` replaces it: the geometric mean of both.
+    fn switch_size(&self, k: usize) -> Option<f64> {
+        self.sizes.get(k + 1).map(|next| (self.sizes[k] * next).sqrt())
+    }
+}
+
+/// The file of a level: `out.glb`, `out.lod1.glb`, `out.lod2.glb`.
+pub fn level_path(output: &Path, level: usize) -> PathBuf {
+    if level == 0 { output.to_owned() } else { beside(output, &format!("lod{level}.glb")) }
+}
+
+/// The file of the figures: `out.lods.json`.
+pub fn summary_path(output: &Path) -> PathBuf {
+    beside(output, "lods.json")
+}
+
+/// The file with all levels: `out.lods.glb`.
+pub fn combined_path(output: &Path) -> PathBuf {
+    beside(output, "lods.glb")
+}
+
+/// The folder of a level within one of the chain: the folder itself for the first, then `lod1`, `lod2`.
+pub fn level_folder(folder: &Path, level: usize) -> PathBuf {
+    if level == 0 { folder.to_owned() } else { folder.join(format!("lod{level}")) }
+}
+
+/// `output` with another ending.
+fn beside(output: &Path, ending: &str) -> PathBuf {
+    let mut name = output.file_stem().unwrap_or_default().to_owned();
+    name.push(".");
+    name.push(ending);
+    output.with_file_name(name)
+}
+
+/// Progress of one level of a chain.
+struct OfLevel<'a> {
+    progress: &'a dyn Progress,
+    name: String,
+}
+
+impl Progress for OfLevel<'_> {
+    fn report(&self, stage: &'static str, done: u64, total: u64, note: &str) {
+        let comma = if note.is_empty() { "" } else { ", " };
+        self.progress.report(stage, done, total, &format!("{}{comma}{note}", self.name));
+    }
+    fn warn(&self, text: &str) {
+        self.progress.warn(&format!("{}: {text}", self.name));
+    }
+    fn is_cancelled(&self) -> bool {
+        self.progress.is_cancelled()
+    }
+}
+
+/// Simplifies `scene` to a chain of levels; the first is written to `output` (.glb), the others beside it
+/// ([`level_path`]).
+///
+/// When the user stops the work, the fit at work is exported and reported like a finished one, and later levels are not
+/// begun. A chain that goes on from its checkpoints makes the levels before again, without the steps that they hold.
+///
+/// # Errors
+/// See [`FitError`]; levels that were written before stay.
+pub fn simplify_chain(
+    scene: &Scene,
+    output: &Path,
+    options: &ChainOptions,
+    progress: &dyn Progress,
+) -> Result<Chain, FitError> {
+    options.check(scene.triangle_count())?;
+    let began = Instant::now();
+    with_asset(scene, progress, |asset| {
+        let (mut levels, mut left) = (Vec::<Level>::new(), options.fit.time_limit);
+        for k in 0..options.sizes.len() {
+            if k > 0 && progress.is_cancelled() {
+                break;
+            }
+            let began = if k == 0 { began } else { Instant::now() };
+            let level = match level(asset, output, options, &levels, left, began, progress) {
+                Err(FitError::Interrupted) if k > 0 => break,
+                level => level?,
+            };
+            let fitted = level.outcome.history.last().map_or(0.0, |h| h.seconds);
+            left = left.map(|l| l.saturating_sub(Duration::from_secs_f64(fitted)));
+            levels.push(level);
+        }
+        finish(asset, output, options, levels)
+    })
+}
+
+/// Fits the level after those that are finished.
+fn level(
+    asset: Asset<'_>,
+    output: &Path,
+    options: &ChainOptions,
+    before: &[Level],
+    left: Option<Duration>,
+    began: Instant,
+    progress: &dyn Progress,
+) -> Result<Level, FitError> {
+    let (k, count) = (before.len(), options.sizes.len());
+    let progress = &OfLevel { progress, name: format!("level {} of {count}", k + 1) };
+    let mut fit = options.level(k);
+    fit.time_limit = left.map(|l| l / (count - k) as u32);
+    // A level that was not reached has no checkpoint yet.
+    fit.resume &= k == 0 || fit.checkpoint.as_ref().is_some_and(|folder| folder.exists());
+    let from = before.last().map(|l| &l.outcome.candidate);
+    if let (Target::Triangles(n), Some(from)) = (&mut fit.target, from) {
+        *n = (*n).min(from.triangles.len());
+    }
+    let path = level_path(output, k);
+    let outcome = simplify_asset(asset, from, &path, &fit, began, progress)?;
+    let bytes = std::fs::metadata(&path).map_err(|source| FitError::Io { path: path.clone(), source })?.len();
+    let (size, switch_size) = (options.sizes[k], options.switch_size(k));
+    Ok(Level { path, bytes, size, switch_size, popping: None, outcome })
+}
+
+/// Compares neighbouring levels, and writes the file with all of them.
+fn finish(
+    asset: Asset<'_>,
+    output: &Path,
+    options: &ChainOptions,
+    mut levels: Vec<Level>,
+) -> Result<Chain, FitError> {
+    let scenes: Vec<Scene> =
+        levels.iter().map(|l| photofit_scene::load(&l.path)).collect::<Result<_, _>>()?;
+    for k in 1..levels.len() {
+        let size = levels[k - 1].switch_size.unwrap_or(SMALLEST).round() as usize;
+        let [fine, coarse] = [k - 1, k].map(|i| Stage::new("level", scenes[i].clone()));
+        let flip = popping(asset.n, [&fine, &coarse], &options.fit.lighting, size, options.fit.seed)?;
+        levels[k - 1].popping = Some(flip);
+    }
+    let combined = options.combined.then(|| combined_path(output));
+    if let Some(path) = &combined {
+        let last = levels.len() - 1;
+        let coverage = |k: usize| match levels[k].switch_size {
+            Some(s) if k < last => (std::f64::consts::FRAC_PI_4 * s * s / SCREEN).min(1.0),
+            _ => 0.0,
+        };
+        let coverage: Vec<f64> = (0..levels.len()).map(coverage).collect();
+        photofit_scene::save_glb_lods(path, &scenes, &coverage)?;
+    }
+    let stopped = levels.len() < options.sizes.len() || levels.iter().any(|l| l.outcome.stopped);
+    Ok(Chain { levels, stopped, combined })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,180 @@
+//! Chains of assets of a few hundred triangles.
+
+use super::*;
+use crate::Silent;
+use photofit_geometry::shapes::displaced_sphere;
+use photofit_scene::{Instance, Material, Primitive};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+fn rock() -> Scene {
+    Scene {
+        name: "rock".into(),
+        primitives: vec![Primitive { mesh: displaced_sphere(10, 0.25, 4, 3), material: 0 }],
+        instances: vec![Instance { primitive: 0, transform: glam::Affine3A::IDENTITY }],
+        materials: vec![Material::clay()],
+        ..Scene::default()
+    }
+}
+
+fn options() -> ChainOptions {
+    ChainOptions {
+        sizes: vec![48.0, 24.0, 16.0],
+        triangles: vec![400, 150, 60],
+        combined: true,
+        fit: SimplifyOptions { steps: 12, batch: 1, report_views: 2, ..SimplifyOptions::default() },
+        texture_size: None,
+    }
+}
+
+/// Stops at the first question after `levels` levels began their fit.
+struct StopAfter {
+    levels: usize,
+    begun: AtomicUsize,
+}
+
+impl Progress for StopAfter {
+    fn report(&self, stage: &'static str, done: u64, _: u64, note: &str) {
+        let level = note.strip_prefix("level ").and_then(|n| n.split(' ').next()?.parse().ok());
+        if let (true, Some(level)) = (stage == "fit" && done > 0, level) {
+            self.begun.fetch_max(level, Ordering::Relaxed);
+        }
+    }
+    fn is_cancelled(&self) -> bool {
+        self.begun.load(Ordering::Relaxed) > self.levels
+    }
+}
+
+#[test]
+fn levels_fall_in_triangles_and_bytes_and_are_judged_at_their_size() {
+    let dir = tempfile::tempdir().unwrap();
+    let output = dir.path().join("out.glb");
+    let chain = simplify_chain(&rock(), &output, &options(), &Silent).unwrap();
+    assert!(!chain.stopped && chain.levels.len() == 3);
+    for (k, level) in chain.levels.iter().enumerate() {
+        let o = options();
+        assert_eq!(level.path, level_path(&output, k));
+        let scene = photofit_scene::load(&level.path).unwrap();
+        assert_eq!(scene.triangle_count(), level.outcome.triangles_out);
+        assert!((1..=o.triangles[k]).contains(&level.outcome.triangles_out));
+        assert_eq!(level.outcome.resolution, o.sizes[k] as usize);
+        assert_eq!(level.bytes, std::fs::metadata(&level.path).unwrap().len());
+        assert_eq!(level.outcome.stages[0].0, "original");
+        let q = level.quality();
+        assert!(q.psnr > 18.0 && (q.luminance - 1.0).abs() < 0.1, "level {k}: {q:?}");
+        let seen = level.popping.is_some_and(|flip| flip > 0.0 && flip < 0.5);
+        assert_eq!(seen, k < 2, "level {k}: {:?}", level.popping);
+    }
+    assert!(chain.levels.windows(2).all(|w| w[1].bytes < w[0].bytes));
+    assert!((chain.levels[0].switch_size.unwrap() - (48.0_f64 * 24.0).sqrt()).abs() < 1e-9);
+    assert_eq!(chain.levels[2].switch_size, None);
+    let combined = photofit_scene::load(chain.combined.unwrap()).unwrap();
+    assert_eq!(combined.triangle_count(), chain.levels[0].outcome.triangles_out, "the finest level is shown");
+}
+
+#[test]
+fn a_stopped_chain_keeps_its_levels_and_resumes_to_the_same_files() {
+    let dir = tempfile::tempdir().unwrap();
+    let bytes = |name: &str, k: usize| std::fs::read(level_path(&dir.path().join(name), k)).unwrap();
+    let run = |name: &str, options: &ChainOptions, progress: &dyn Progress| {
+        simplify_chain(&rock(), &dir.path().join(name), options, progress).unwrap()
+    };
+    run("whole.glb", &options(), &Silent);
+    let mut kept = options();
+    kept.fit.checkpoint = Some(dir.path().join("state"));
+    let progress = StopAfter { levels: 1, begun: AtomicUsize::new(0) };
+    let chain = run("a.glb", &kept, &progress);
+    assert!(chain.stopped);
+    assert_eq!(chain.levels.len(), 2, "the level at work is finished, the next is not begun");
+    assert!(!level_path(&dir.path().join("a.glb"), 2).exists());
+    assert!(bytes("a.glb", 0) == bytes("whole.glb", 0));
+    kept.fit.resume = true;
+    assert!(!run("a.glb", &kept, &Silent).stopped);
+    for k in 0..3 {
+        assert!(bytes("a.glb", k) == bytes("whole.glb", k), "level {k}");
+    }
+}
+
+#[test]
+fn errors_name_the_field_what_it_is_and_what_it_must_be() {
+    let with = |sizes: &[f64], triangles: &[usize]| ChainOptions {
+        sizes: sizes.to_vec(),
+        triangles: triangles.to_vec(),
+        ..ChainOptions::default()
+    };
+    for (sizes, triangles, message) in [
+        (&[][..], &[][..], "lod has 0 levels; it must have 1 to 8"),
+        (&[128.0, 128.0], &[], "lod has 128 after 128; sizes must fall"),
+        (&[128.0, 8.0], &[], "lod has a size of 8; it must be 16 to 1024 pixels"),
+        (&[f64::NAN], &[], "lod has a size of NaN; it must be 16 to 1024 pixels"),
+        (&[64.0, 32.0], &[10], "lod_triangles has 1 budgets; it must have one for each of 2 levels"),
+        (&[64.0, 32.0], &[10, 20], "lod_triangles has 20 after 10; budgets must fall"),
+        (&[64.0], &[600], "triangles is 600; it must be 1 to 500, the triangles of the asset"),
+    ] {
+        assert_eq!(with(sizes, triangles).check(500).unwrap_err().to_string(), message);
+    }
+    assert!(with(&[512.0, 128.0, 32.0], &[400, 100, 50]).check(500).is_ok());
+}
+
+#[test]
+fn names_of_files() {
+    let output = Path::new("a/b.c.glb");
+    assert_eq!(level_path(output, 0), output);
+    assert_eq!(level_path(output, 2), Path::new("a/b.c.lod2.glb"));
+    assert_eq!(summary_path(output), Path::new("a/b.c.lods.json"));
+    assert_eq!(combined_path(output), Path::new("a/b.c.lods.glb"));
+}
+
+/// Whether a column of [`fence`] belongs to a bar.
+fn bar(x: usize) -> bool {
+    x.is_multiple_of(2) && (x * x / 64) % 8 < 2 + x / 128
+}
+
+/// A fence of bars that are all thinner than a texel of the level, closer to each other from left to right.
+fn fence() -> Scene {
+    use photofit_scene::{AlphaMode, Filter, Sampler, TextureImage, TextureSlot, Wrap};
+    let mut mesh = photofit_geometry::shapes::quad_grid(8, 8);
+    mesh.tangents.clear();
+    let wrap = Wrap::ClampToEdge;
+    let slot = TextureSlot {
+        image: 0,
+        sampler: Sampler { wrap_u: wrap, wrap_v: wrap, filter: Filter::Bilinear },
+        tex_coord: 0,
+        transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+    };
+    let texel = |i: usize| if bar(i % 512) { [230, 230, 230, 255] } else { [230, 230, 230, 0] };
+    Scene {
+        name: "fence".into(),
+        primitives: vec![Primitive { mesh, material: 0 }],
+        instances: vec![Instance { primitive: 0, transform: glam::Affine3A::IDENTITY }],
+        materials: vec![Material {
+            base_color_texture: Some(slot),
+            base_color: [1.0; 4],
+            alpha_mode: AlphaMode::Mask { cutoff: 0.5 },
+            double_sided: true,
+            ..Material::clay()
+        }],
+        images: vec![TextureImage {
+            width: 512,
+            height: 4,
+            texels: (0..512 * 4).map(texel).collect(),
+            ..TextureImage::default()
+        }],
+        ..Scene::default()
+    }
+}
+
+#[test]
+fn thin_bars_do_not_vanish_in_the_distance() {
+    let dir = tempfile::tempdir().unwrap();
+    let options = ChainOptions { sizes: vec![32.0], triangles: vec![32], combined: false, ..options() };
+    let chain = simplify_chain(&fence(), &dir.path().join("out.glb"), &options, &Silent).unwrap();
+    let q = chain.levels[0].quality();
+    let scene = photofit_scene::load(&chain.levels[0].path).unwrap();
+    let alpha: Vec<u8> = scene.images[0].texels.iter().map(|t| t[3]).collect();
+    let share = alpha.iter().filter(|a| **a >= 128).count() as f64 / alpha.len() as f64;
+    let covered = (0..512).filter(|x| bar(*x)).count() as f64 / 512.0;
+    assert!(
+        (share / covered - 1.0).abs() < 0.3,
+        "{share} of the texels are drawn, {covered} is covered: {q:?}"
+    );
+}
