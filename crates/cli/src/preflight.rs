@@ -74,6 +74,12 @@ impl Places {
             }
         }
         for folder in &self.folders {
+            if let Some(input) =
+                self.inputs.iter().find(|i| i.identity.is(&folder.identity) && i.path.is_file())
+            {
+                let (option, path) = (input.option, input.path.display());
+                return Err(clash(folder, &format!("{option}, {path}, which is read")));
+            }
             if let Some(file) =
                 self.outputs.iter().find(|o| folder.identity.path.starts_with(&o.identity.path))
             {

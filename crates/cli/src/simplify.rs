@@ -226,7 +226,18 @@ impl Job<'_> {
             && decimated.psnr > fitted.psnr
             && decimated.flip < fitted.flip
         {
-            text += "its own textures on fewer triangles look better: a larger --texture-size may help\n";
+            text += &format!(
+                "the asset's own textures on as many triangles score better, {:.1} dB against {:.1} dB: a larger \
+                 --texture-size may help\n",
+                decimated.psnr, fitted.psnr
+            );
+        }
+        if let Some(bytes) = self.bytes_out().filter(|b| *b > scene.source_bytes && scene.source_bytes > 0) {
+            let (written, read) = (output::bytes(bytes), output::bytes(scene.source_bytes));
+            text += &format!(
+                "the written file is larger than the asset, {written} against {read}: a smaller --texture-size or \
+                 --jpeg makes it lighter\n"
+            );
         }
         text += &format!("wrote {}\n", self.output.display());
         if let Some(page) = report {

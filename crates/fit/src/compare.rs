@@ -2,6 +2,7 @@
 
 use crate::engine::Normalised;
 use crate::engine::judge::{Judge, Judged, Stage, ViewQuality};
+use crate::engine::reference::SUPERSAMPLE;
 use crate::views::Lighting;
 use crate::{FitError, Progress};
 use photofit_scene::Scene;
@@ -44,6 +45,7 @@ pub fn compare_assets(
         path_traced_reference: false,
         lighting: &Lighting::Point,
         size: resolution,
+        samples: [SUPERSAMPLE; 2],
         seed: 0,
     };
     let stages = [Stage::new("candidate", candidate.clone())];

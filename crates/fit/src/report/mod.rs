@@ -130,7 +130,7 @@ fn significant(x: f64) -> String {
 
 fn table(o: &Outcome) -> String {
     let what = |name: &str| match name {
-        "decimated" => "the asset's own textures on fewer triangles",
+        "decimated" => "the asset's own textures on as many triangles",
         "baked" => "new atlas, maps baked from the asset",
         "wrapped" => "drawn onto the asset's surface, then baked; the fit starts from the better of the two",
         "fitted" => "the written file, loaded again",
