@@ -149,7 +149,7 @@ pub(crate) struct Simplify {
     /// sizes].
     #[arg(long, value_name = "N,N", value_delimiter = ',', requires = "lod", value_parser = whole::<usize>(1..))]
     pub(crate) lod_triangles: Vec<usize>,
-    /// Also write all levels of --lod as one file with MSFT_lod and MSFT_screencoverage: OUT.lods.glb.
+    /// Also write all levels of --lod as one file with `MSFT_lod` and `MSFT_screencoverage`: OUT.lods.glb.
     #[arg(long, requires = "lod")]
     pub(crate) msft_lod: bool,
     /// What the fit starts from.

@@ -103,8 +103,7 @@ impl SimplifyOptions {
         Self { resolution: shown.ceil() as usize, texture_size, as_engine: true, ..self }
     }
 
-    /// Whether one texel stands for much of the asset's surface: what it loses goes into its roughness, and masks keep
-    /// their coverage.
+    /// Whether one texel stands for much of the asset's surface: it gathers more of it, and masks keep their coverage.
     pub(super) fn is_prefiltered(&self) -> bool {
         self.as_engine && self.resolution <= LARGEST_ENGINE_PICTURE
     }
@@ -113,7 +112,8 @@ impl SimplifyOptions {
     pub(super) fn bake_settings(&self) -> BakeSettings {
         let plain = BakeSettings::default();
         if self.is_prefiltered() {
-            BakeSettings { samples_per_side: 8, filter_width: 1.0, widen_roughness: true, ..plain }
+            // Widened roughness lost: DamagedHelmet at 64 pixels FLIP .162 against .151, luminance +3.1% against +.4%.
+            BakeSettings { samples_per_side: 8, ..plain }
         } else {
             plain
         }
