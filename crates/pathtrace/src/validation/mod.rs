@@ -7,6 +7,7 @@ mod bounded;
 mod edits;
 mod furnace;
 mod geometry;
+mod gradients;
 mod library;
 mod lights;
 mod media;
