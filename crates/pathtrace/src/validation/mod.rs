@@ -15,6 +15,8 @@ mod media;
 mod mitsuba;
 mod plans;
 mod progressive;
+#[cfg(feature = "mitsuba")]
+mod reference_gradients;
 mod scenes;
 #[cfg(feature = "mitsuba")]
 mod seen_through;
