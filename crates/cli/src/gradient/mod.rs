@@ -11,8 +11,8 @@ use anyhow::{Result, anyhow, bail};
 use keys::Key;
 use photofit_image::Image;
 use photofit_pathtrace::{
-    Adjoint, EnvironmentMap, GradientSamples, ParameterGradient, Parts, PathOptions, RenderOptions, View, World,
-    WorldOptions,
+    Adjoint, EnvironmentMap, GradientSamples, ParameterGradient, Parts, PathOptions, RenderOptions, View,
+    World, WorldOptions,
 };
 use photofit_scene::mitsuba::{MitsubaOptions, load_mitsuba};
 use photofit_shading::bsdf::Energy;
@@ -20,7 +20,8 @@ use serde_json::{Value, json};
 use std::time::Instant;
 
 /// Words in the names of parameters that move edges.
-const GEOMETRY: [&str; 6] = ["vertex_positions", "vertex_normals", "faces", "to_world", "positions", "opacity"];
+const GEOMETRY: [&str; 6] =
+    ["vertex_positions", "vertex_normals", "faces", "to_world", "positions", "opacity"];
 /// Most keys that an error lists.
 const LISTED: usize = 12;
 

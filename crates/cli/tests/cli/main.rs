@@ -4,6 +4,7 @@
 mod bad_input;
 mod commands;
 mod denoise;
+mod gradient;
 mod mitsuba;
 mod overwrite;
 mod path;

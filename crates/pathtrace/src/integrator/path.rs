@@ -288,7 +288,9 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
     #[inline(always)]
     fn absorb(&mut self, at: &Interaction, t: f32) {
         let sigma = self.inside.on_the_way_to(self.world, at.instance, at.front);
-        if S::SURFACES && let Some(material) = self.inside.solid_before(self.world, at.instance, at.front) {
+        if S::SURFACES
+            && let Some(material) = self.inside.solid_before(self.world, at.instance, at.front)
+        {
             self.sink.absorbed(material, t);
         }
         if sigma != Vec3f::zero() {

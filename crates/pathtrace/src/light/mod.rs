@@ -18,9 +18,9 @@ pub(crate) use patch::{Facing, Receiver};
 
 use crate::PathtraceError;
 use crate::world::{Interaction, World};
-use photofit_scalar::Vec2f;
 use environment::EnvironmentLight;
 use photofit_sampling::AliasTable;
+use photofit_scalar::Vec2f;
 use photofit_scalar::Vec3f;
 use source::PreparedSource;
 

@@ -2,8 +2,8 @@
 
 use super::scenes::{cornell, cornell_view, diffuse, looking, place, quad, square};
 use crate::{
-    Adjoint, EnvironmentMap, Falloff, GradientSamples, LightSource, Material, MaterialValue, Parameter, Parts,
-    PathtraceError, RenderOptions, Renderer, Scattering, Shape, View, World,
+    Adjoint, EnvironmentMap, Falloff, GradientSamples, LightSource, Material, MaterialValue, Parameter,
+    Parts, PathtraceError, RenderOptions, Renderer, Scattering, Shape, View, World,
 };
 use glam::DVec3;
 use photofit_geometry::shapes;
@@ -248,11 +248,8 @@ fn absorption() {
     // A clear body around a ball: camera rays and shadow rays pass its boundary.
     let world = || {
         let mut parts = Parts::default();
-        let clear = Material {
-            absorption: vec3(0.3, 0.6, 0.9),
-            solid: true,
-            ..Material::new(Bsdf::Null(Null))
-        };
+        let clear =
+            Material { absorption: vec3(0.3, 0.6, 0.9), solid: true, ..Material::new(Bsdf::Null(Null)) };
         parts.add(Shape::Sphere { center: Vec3f::zero(), radius: 1.0 }, clear);
         let ball = Shape::Sphere { center: Vec3f::zero(), radius: 0.5 };
         parts.add(ball, Material::new(diffuse(0.8, 0.7, 0.6)));
@@ -388,8 +385,7 @@ fn standard_errors_are_the_spread_of_estimates() {
     for p in 0..2 {
         for c in 0..3 {
             let means: Vec<f64> = runs.iter().map(|r| r.0.parameters[p].values[c]).collect();
-            let told =
-                (runs.iter().map(|r| r.1.parameters[p].values[c].powi(2)).sum::<f64>() / 24.0).sqrt();
+            let told = (runs.iter().map(|r| r.1.parameters[p].values[c].powi(2)).sum::<f64>() / 24.0).sqrt();
             let spread = statistics(&means).1 * 24.0_f64.sqrt();
             let ratio = told / spread;
             assert!((0.6..1.7).contains(&ratio), "{p} {c}: told {told}, found {spread}");

@@ -12,7 +12,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 const MATRIX: &str = "<matrix value='-1 0 0 0  0 1 0 0  0 0 -1 4  0 0 0 1'/>";
-const TURNED: &str = "<transform name='to_world'><matrix value='0 0 -1 1.25  0 1 0 0  1 0 0 1  0 0 0 1'/></transform>";
+const TURNED: &str =
+    "<transform name='to_world'><matrix value='0 0 -1 1.25  0 1 0 0  1 0 0 1  0 0 0 1'/></transform>";
 
 fn load(side: usize, max_depth: u32, body: &str) -> (World, View, RenderOptions) {
     let folder = tempfile::tempdir().unwrap();
@@ -31,7 +32,8 @@ fn load(side: usize, max_depth: u32, body: &str) -> (World, View, RenderOptions)
     (World::with_options(Parts::from_mitsuba(scene), plain).unwrap(), view, options)
 }
 
-const BALL: &str = "<shape type='sphere'><transform name='to_world'><scale value='0.25'/></transform></shape>";
+const BALL: &str =
+    "<shape type='sphere'><transform name='to_world'><scale value='0.25'/></transform></shape>";
 
 /// The scene, Mitsuba's `max_depth`, and the material and value of a published case.
 fn case(name: &str) -> (String, u32, usize, MaterialValue) {
@@ -70,8 +72,12 @@ fn case(name: &str) -> (String, u32, usize, MaterialValue) {
 fn derivative_images_of_mitsuba() {
     const BLOCK: usize = 8;
     let folder = std::env::var("PHOTOFIT_GRADIENTS").expect("PHOTOFIT_GRADIENTS names the folder");
-    for name in ["diffuse_albedo", "diffuse_albedo_g_i", "area_light_radiance", "directly_visible_area_light_radiance"]
-    {
+    for name in [
+        "diffuse_albedo",
+        "diffuse_albedo_g_i",
+        "area_light_radiance",
+        "directly_visible_area_light_radiance",
+    ] {
         let file = format!("test_{name}_image_fwd_ref.exr");
         let reference = photofit_image::read(Path::new(&folder).join(file)).unwrap();
         let (body, depth, material, value) = case(name);
@@ -100,8 +106,7 @@ fn derivative_images_of_mitsuba() {
                         .map(|i| f64::from(reference.pixel(bx + i % BLOCK, by + i / BLOCK)[c]))
                         .sum::<f64>()
                         / (BLOCK * BLOCK) as f64;
-                    let (found, sigma) =
-                        (gradient.parameters[0].values[c], error.parameters[0].values[c]);
+                    let (found, sigma) = (gradient.parameters[0].values[c], error.parameters[0].values[c]);
                     let bound = (0.02 * expected.abs()).max(4.0 * sigma) + 2e-3;
                     let off = (found - expected).abs();
                     assert!(off <= bound, "{name} ({bx}, {by}) {c}: {found} +- {sigma} of {expected}");
@@ -179,9 +184,7 @@ fn textures_of_trees() {
             while !renderer.pass(|| false).done {}
             let p = renderer.picture();
             (0..256)
-                .map(|i| {
-                    (0..3).map(|c| f64::from(p.data[4 * i + c] * weights.data[3 * i + c])).sum::<f64>()
-                })
+                .map(|i| (0..3).map(|c| f64::from(p.data[4 * i + c] * weights.data[3 * i + c])).sum::<f64>())
                 .sum::<f64>()
         };
         let differences: Vec<f64> =
