@@ -1,11 +1,13 @@
 //! The command line.
 
 mod denoise;
+mod gradient;
 mod recover;
 mod surface;
 mod values;
 
 pub(crate) use denoise::{Denoise, DenoiseModel};
+pub(crate) use gradient::Gradient;
 pub(crate) use recover::{Recover, RecoverTexture};
 pub(crate) use surface::{Surface, SurfaceMethod, UpAxis};
 
@@ -64,6 +66,8 @@ pub(crate) enum Command {
     /// Recover parameters of an asset from pictures of it.
     #[command(subcommand)]
     Recover(Recover),
+    /// Differentiate a path-traced picture with respect to a parameter of its scene.
+    Gradient(Gradient),
     /// Run the main job on a generated asset and write pictures and a report.
     Demo(Demo),
 }

@@ -9,6 +9,7 @@ mod compare;
 mod demo;
 mod demo_asset;
 mod denoise;
+mod gradient;
 mod inspect;
 mod interrupt;
 mod light;
@@ -44,6 +45,7 @@ fn main() -> ExitCode {
         Command::Surface(a) => surface::run(a).map(|()| Ending::Done),
         Command::Denoise(a) => denoise::run(a).map(|()| Ending::Done),
         Command::Recover(a) => recover::run(a),
+        Command::Gradient(a) => gradient::run(a),
         Command::Demo(a) => demo::run(a),
     };
     let error = match result {

@@ -1,5 +1,6 @@
 //! Monte Carlo light transport: the world that integrators see, integrators, lights, media and the film.
 
+mod adjoint;
 mod camera;
 mod error;
 mod film;
@@ -16,14 +17,15 @@ mod world;
 #[cfg(test)]
 mod validation;
 
+pub use adjoint::{Adjoint, Gradient, GradientSamples, MaterialValue, Parameter, ParameterGradient};
 pub use camera::{Lens, Projection, View};
 pub use error::PathtraceError;
 pub use film::{Aov, Filter};
 pub use integrator::{
     AovSink, Contribution, FirstHit, Found, PathOptions, PathVertex, PictureSink, Sink, Strategy,
-    TrainingSink, TrainingVertex,
+    SurfaceVisit, TrainingSink, TrainingVertex,
 };
-pub use light::{EnvironmentMap, Falloff, LightSource};
+pub use light::{EnvironmentMap, Falloff, LightOrigin, LightSource};
 pub use plan::{Features, Plan};
 pub use render::{Integrator, Progress, RenderOptions, Renderer};
 pub use volume::{Boundary, BoundedMedium, Field, Volume};

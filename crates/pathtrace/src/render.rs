@@ -372,7 +372,7 @@ impl Job<'_> {
 
 /// The camera ray of a sample.
 #[inline(always)]
-fn primary_ray(
+pub(crate) fn primary_ray(
     options: &RenderOptions,
     camera: &Prepared,
     [x, y]: [usize; 2],

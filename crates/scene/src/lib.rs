@@ -38,4 +38,6 @@ pub use nodes::{
 pub use pose::Pose;
 pub use save::{save_glb, save_glb_lods, to_glb};
 pub use skin::{Bind, Influences, MorphTarget, Skin};
-pub use surface::{ExtensionSample, MapKind, SurfaceLibrary, SurfaceSample, UvDerivatives};
+pub use surface::{
+    ExtensionSample, MapKind, SampleGradient, SampleSink, SurfaceLibrary, SurfaceSample, UvDerivatives,
+};

@@ -5,6 +5,7 @@ mod bad_input;
 mod commands;
 mod denoise;
 mod lod;
+mod gradient;
 mod mitsuba;
 mod overwrite;
 mod path;

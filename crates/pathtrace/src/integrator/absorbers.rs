@@ -41,6 +41,21 @@ impl Absorbers {
         }
     }
 
+    /// The material whose absorption [`Self::on_the_way_to`] tells.
+    pub(super) fn solid_before(&self, world: &World, instance: u32, front: bool) -> Option<u32> {
+        if !front && self.is_empty() {
+            let material = world.placed[instance as usize].material;
+            return world.materials[material as usize].solid.then_some(material);
+        }
+        self.innermost()
+    }
+
+    /// The material of the innermost solid.
+    pub(super) fn innermost(&self) -> Option<u32> {
+        let top = self.len.checked_sub(1)?;
+        Some(self.materials[top as usize % CAPACITY])
+    }
+
     /// Absorption per unit of length of the innermost solid.
     #[inline(always)]
     pub(super) fn absorption(&self, world: &World) -> Vec3f {

@@ -42,6 +42,15 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
                 Some(h) => self.inside.on_the_way_to(self.world, h.instance, h.front),
                 None => self.inside.absorption(self.world),
             };
+            if S::SURFACES {
+                let solid = match hit {
+                    Some(h) => self.inside.solid_before(self.world, h.instance, h.front),
+                    None => self.inside.innermost(),
+                };
+                if let Some(solid) = solid {
+                    self.sink.absorbed(solid, at.t);
+                }
+            }
             self.attenuate(absorbed(sigma, at.t));
         }
         self.attenuate(at.albedo);
@@ -132,13 +141,14 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
 }
 
 /// Transmittance of bounded media, absorbing solids and panes along a shadow ray that starts in `around` and crosses
-/// `surfaces` (in any order).
+/// `surfaces` (in any order); `solids` is told the lengths in absorbing solids by their materials.
 pub(super) fn through_boundaries(
     world: &World,
     ray: &WorldRay,
     mut surfaces: Vec<WorldHit>,
     mut around: Around,
     rng: &mut Rng,
+    mut solids: impl FnMut(u32, f32),
 ) -> Vec3f {
     surfaces
         .sort_unstable_by(|a, b| a.t.total_cmp(&b.t).then((a.instance, a.piece).cmp(&(b.instance, b.piece))));
@@ -148,6 +158,9 @@ pub(super) fn through_boundaries(
     let mut from = 0.0;
     for hit in &surfaces {
         let sigma = around.absorbers.on_the_way_to(world, hit.instance, hit.front);
+        if let Some(solid) = around.absorbers.solid_before(world, hit.instance, hit.front) {
+            solids(solid, hit.t - from);
+        }
         through = through.mul(absorbed(sigma, hit.t - from));
         through = through.mul(scattered(world, ray, around.medium, [from, hit.t], rng));
         if through == Vec3f::zero() {
@@ -157,6 +170,9 @@ pub(super) fn through_boundaries(
         through = through.mul(world.straight_through(ray, hit));
         around.absorbers.cross(world, hit.instance, hit.front);
         around.medium = media.beside(hit.instance, !hit.front, around.medium);
+    }
+    if let Some(solid) = around.absorbers.innermost() {
+        solids(solid, ray.t_max - from);
     }
     through = through.mul(absorbed(around.absorbers.absorption(world), ray.t_max - from));
     through.mul(scattered(world, ray, around.medium, [from, ray.t_max], rng))

@@ -8,7 +8,9 @@ mod sink;
 pub(crate) mod teaching;
 mod visibility;
 
-pub use sink::{AovSink, Contribution, Found, PathVertex, PictureSink, Sink, TrainingSink, TrainingVertex};
+pub use sink::{
+    AovSink, Contribution, Found, PathVertex, PictureSink, Sink, SurfaceVisit, TrainingSink, TrainingVertex,
+};
 
 use crate::random::PathRandom;
 use crate::world::{World, WorldRay};

@@ -4,10 +4,10 @@
 use super::absorbers::Absorbers;
 use super::first::{first_hit, seen_through};
 use super::medium::Event;
-use super::sink::{AovSink, Contribution, Found, PathVertex, PictureSink, Sink};
+use super::sink::{AovSink, Contribution, Found, PathVertex, PictureSink, Sink, SurfaceVisit};
 use super::visibility::{Around, closest, transmittance};
 use super::{PathOptions, PathSample, Strategy, brightest, exp};
-use crate::light::{Facing, LightRandom, LightSample, Receiver};
+use crate::light::{Facing, LightOrigin, LightRandom, LightSample, Receiver};
 use crate::plan;
 use crate::random::PathRandom;
 use crate::world::{Interaction, SurfaceMaterial, SurfaceScattering, World, WorldHit, WorldRay};
@@ -167,6 +167,9 @@ pub(crate) fn walk<const F: u32, S: Sink, D: DirectionSampler>(
                 path.sink.first(&first_hit(&at, &material, wo));
             }
         }
+        if S::SURFACES {
+            path.sink.surface(&SurfaceVisit { interaction: &at, wo, material: &material });
+        }
         if F & plan::EMITTERS != 0 && material.emission != Vec3f::zero() {
             path.emission(&at, &material);
         }
@@ -212,7 +215,7 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
         let d = self.ray.direction;
         let radiance = self.world.lights.environment_radiance(d);
         let weight = self.weight(|lights| lights.environment_pdf(d));
-        self.found(Found::Environment, radiance, weight);
+        self.found(Found::Environment, LightOrigin::Environment, radiance, weight);
     }
 
     /// Light that the surface itself emits.
@@ -220,12 +223,12 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
     fn emission(&mut self, at: &Interaction, material: &SurfaceMaterial<'_>) {
         let (world, from) = (self.world, &self.last.from);
         let weight = self.weight(|lights| lights.surface_pdf(world, from, at));
-        self.found(Found::Emission, material.emission, weight);
+        self.found(Found::Emission, LightOrigin::surface(at), material.emission, weight);
     }
 
     /// Reports light that the path met.
     #[inline(always)]
-    fn found(&mut self, found: Found, radiance: Vec3f, weight: f32) {
+    fn found(&mut self, found: Found, light: LightOrigin, radiance: Vec3f, weight: f32) {
         let one = Vec3f::splat(1.0);
         self.sink.contribution(&Contribution {
             found,
@@ -237,6 +240,8 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
             weight,
             pdf: self.last.pdf,
             wi: self.ray.direction,
+            light,
+            instance: u32::MAX,
             value: self.throughput.mul(radiance) * weight,
         });
     }
@@ -283,6 +288,11 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
     #[inline(always)]
     fn absorb(&mut self, at: &Interaction, t: f32) {
         let sigma = self.inside.on_the_way_to(self.world, at.instance, at.front);
+        if S::SURFACES
+            && let Some(material) = self.inside.solid_before(self.world, at.instance, at.front)
+        {
+            self.sink.absorbed(material, t);
+        }
         if sigma != Vec3f::zero() {
             self.attenuate(exp(sigma * -t));
         }
@@ -422,7 +432,7 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
         let (value, pdf) = self.sampler.eval_pdf(vertex, light.wi);
         let weight = self.light_weight(&light, pdf);
         let arrives = self.throughput.mul(value).mul(light.radiance) * (weight / light.pdf);
-        if arrives == Vec3f::zero() {
+        if arrives == Vec3f::zero() && !(S::SURFACES && pdf > 0.0) {
             return;
         }
         let mut around = Around { absorbers: self.inside, medium: self.medium };
@@ -449,7 +459,14 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
             return;
         }
         let index = 2 * self.depth + 1;
-        let through = transmittance::<F>(self.world, p, surface, light, around, self.random, index);
+        let sink = &mut self.sink;
+        let solids = |material, length| {
+            if S::SURFACES {
+                sink.shadow_absorbed(material, length);
+            }
+        };
+        let random = (self.random, index);
+        let through = transmittance::<F>(self.world, p, surface, light, around, random, solids);
         self.sink.contribution(&Contribution {
             found: Found::NextEvent,
             depth: self.depth + 1,
@@ -460,6 +477,8 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
             weight,
             pdf: light.pdf,
             wi: light.wi,
+            light: light.origin,
+            instance: surface.map_or(u32::MAX, |s| s.instance),
             value: arrives.mul(through),
         });
     }

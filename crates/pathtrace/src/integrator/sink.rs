@@ -4,6 +4,8 @@
 //! the first surface, and vertices with estimates of the radiance that arrives there, to train direction samplers with.
 
 use super::FirstHit;
+use crate::light::LightOrigin;
+use crate::world::{Interaction, SurfaceMaterial};
 use photofit_scalar::Vec3f;
 
 /// How the light of a contribution was found.
@@ -43,6 +45,10 @@ pub struct Contribution {
     pub pdf: f32,
     /// Unit vector from the last vertex towards the light.
     pub wi: Vec3f,
+    /// Which light it is.
+    pub light: LightOrigin,
+    /// Index of the instance that scatters the light of [`Found::NextEvent`]; `u32::MAX` in media, and else.
+    pub instance: u32,
     /// What is added to the radiance of the camera ray.
     pub value: Vec3f,
 }
@@ -72,6 +78,17 @@ pub struct PathVertex {
     pub instance: u32,
 }
 
+/// A surface that a path has reached, before it finds or scatters light there.
+#[derive(Clone, Copy, Debug)]
+pub struct SurfaceVisit<'a> {
+    /// The point.
+    pub interaction: &'a Interaction,
+    /// Unit vector towards the viewer.
+    pub wo: Vec3f,
+    /// What the surface does there.
+    pub(crate) material: &'a SurfaceMaterial<'a>,
+}
+
 /// Receives what a path finds. All calls are resolved at compile time: what a sink leaves empty costs nothing.
 pub trait Sink {
     /// Whether [`Self::first`] is called.
@@ -81,6 +98,25 @@ pub trait Sink {
     /// call at the end of the path replaces the first: with the surface of which most is seen.
     #[inline(always)]
     fn first(&mut self, _surface: &FirstHit) {}
+
+    /// Whether [`Self::surface`], [`Self::absorbed`] and [`Self::shadow_absorbed`] are called, and light of a chosen
+    /// direction is reported though none of it is scattered.
+    const SURFACES: bool = false;
+
+    /// The path has reached a surface: the emission, the light chosen at it and the scattering that are reported next,
+    /// up to the next call, belong to it (those in media aside).
+    #[inline(always)]
+    fn surface(&mut self, _visit: &SurfaceVisit<'_>) {}
+
+    /// A length of the way, in the render frame, lay in the absorbing solid of a material; [`Self::attenuate`] with its
+    /// factor follows.
+    #[inline(always)]
+    fn absorbed(&mut self, _material: u32, _length: f32) {}
+
+    /// A length of the shadow ray of the next [`Found::NextEvent`], in the render frame, lies in the absorbing solid of
+    /// a material.
+    #[inline(always)]
+    fn shadow_absorbed(&mut self, _material: u32, _length: f32) {}
 
     /// A scattering event.
     #[inline(always)]
@@ -217,6 +253,22 @@ impl Sink for TrainingSink {
 
 impl<S: Sink> Sink for &mut S {
     const FIRST: bool = S::FIRST;
+    const SURFACES: bool = S::SURFACES;
+
+    #[inline(always)]
+    fn surface(&mut self, visit: &SurfaceVisit<'_>) {
+        (**self).surface(visit);
+    }
+
+    #[inline(always)]
+    fn absorbed(&mut self, material: u32, length: f32) {
+        (**self).absorbed(material, length);
+    }
+
+    #[inline(always)]
+    fn shadow_absorbed(&mut self, material: u32, length: f32) {
+        (**self).shadow_absorbed(material, length);
+    }
 
     #[inline(always)]
     fn first(&mut self, surface: &FirstHit) {

@@ -91,7 +91,7 @@ fn pass<const TWO_LEVEL: bool, const FILTER: bool, const MEDIA: bool>(
 }
 
 /// Part of the light of a sample that arrives at `from`; `surface` is where the ray starts, if it is on a surface,
-/// `around` is what surrounds the start.
+/// `around` is what surrounds the start; `solids` is told the lengths in absorbing solids by their materials.
 #[inline(always)]
 pub(super) fn transmittance<const F: u32>(
     world: &World,
@@ -99,8 +99,8 @@ pub(super) fn transmittance<const F: u32>(
     surface: Option<&Interaction>,
     light: &LightSample,
     around: Around,
-    random: &PathRandom,
-    index: u32,
+    (random, index): (&PathRandom, u32),
+    mut solids: impl FnMut(u32, f32),
 ) -> Vec3f {
     let origin = surface.map_or(from, |s| s.beside(light.wi));
     let ray = match light.end {
@@ -134,13 +134,17 @@ pub(super) fn transmittance<const F: u32>(
                 return through;
             }
         }
-        return through.mul(through_boundaries(world, &ray, passage.crossed, around, &mut rng));
+        return through.mul(through_boundaries(world, &ray, passage.crossed, around, &mut rng, solids));
     }
     if F & plan::ABSORPTION != 0 {
         if passage.crossed.is_empty() {
+            if let Some(solid) = around.absorbers.innermost() {
+                solids(solid, ray.t_max);
+            }
             return absorbed(around.absorbers.absorption(world), ray.t_max);
         }
-        return through_boundaries(world, &ray, passage.crossed, around, &mut random.tracking(index));
+        let mut rng = random.tracking(index);
+        return through_boundaries(world, &ray, passage.crossed, around, &mut rng, solids);
     }
     through
 }

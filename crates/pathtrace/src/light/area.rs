@@ -1,12 +1,12 @@
 //! Emitting surfaces: triangles, parallelograms and spheres.
 
 use super::patch::{Patch, Receiver};
-use super::{End, LightSample, luminance};
+use super::{End, LightOrigin, LightSample, luminance};
 use crate::PathtraceError;
 use crate::error::invalid;
 use crate::world::{Interaction, Kind, Placed, World, WorldHit, WorldRay, from_glam, to_glam};
 use photofit_sampling::{uniform_sphere, uniform_triangle};
-use photofit_scalar::{Vec3f, vec3};
+use photofit_scalar::{Vec3f, vec2, vec3};
 use std::f32::consts::PI;
 
 /// Points of a triangle at which emission that varies is looked at, to estimate its power.
@@ -197,7 +197,9 @@ impl Emitter {
         let radiance = world.materials[world.placed[self.instance as usize].material as usize].emission;
         let shines = pdf > 0.0 && pdf.is_finite() && radiance != Vec3f::zero();
         let end = End::Surface(at + patch.ng * patch.rounding.copysign(cosine));
-        shines.then_some(LightSample { wi, radiance, pdf, delta: false, end })
+        let uv = [vec2(0.0, 0.0); 2];
+        let origin = LightOrigin::Surface { instance: self.instance, piece: self.piece, uv };
+        shines.then_some(LightSample { wi, radiance, pdf, delta: false, end, origin })
     }
 
     #[inline(always)]
@@ -219,6 +221,7 @@ impl Emitter {
             pdf,
             delta: false,
             end: End::Surface(at.beside(-wi)),
+            origin: LightOrigin::surface(at),
         })
     }
 

@@ -1,6 +1,6 @@
 //! Light from all around: an equirectangular image, chosen by an alias table over its texels.
 
-use super::{End, LightSample, luminance};
+use super::{End, LightOrigin, LightSample, luminance};
 use crate::PathtraceError;
 use crate::error::invalid;
 use glam::{Mat3A, Quat};
@@ -74,6 +74,8 @@ pub(crate) struct EnvironmentLight {
     table: Option<AliasTable>,
     /// The table leaves out what is below the mean.
     compensated: bool,
+    /// Factor of the radiance, in the texels already.
+    scale: f32,
     /// Integral of the luminance over all directions, divided by pi: power per area of the scene's disk.
     total: f64,
 }
@@ -112,6 +114,7 @@ impl EnvironmentLight {
             inward: (map.rotation != Quat::IDENTITY).then(|| Mat3A::from_quat(map.rotation.inverse())),
             table: None,
             compensated: map.compensate,
+            scale,
             total: 0.0,
         };
         let mean = {
@@ -204,8 +207,37 @@ impl EnvironmentLight {
         self.interpolate(x, y)
     }
 
+    /// Factor of the radiance.
+    pub(crate) fn scale(&self) -> f32 {
+        self.scale
+    }
+
+    /// Columns and rows.
+    pub(crate) fn size(&self) -> [usize; 2] {
+        [self.width, self.height]
+    }
+
+    /// The texels that [`Self::radiance`] reads, with their weights: its adjoint.
+    pub(crate) fn taps(&self, wi: Vec3f) -> [(usize, f32); 4] {
+        if self.texels.len() == 1 {
+            return [(0, 1.0), (0, 0.0), (0, 0.0), (0, 0.0)];
+        }
+        let (x, y, _) = self.place(wi);
+        let ([a, b, c, d], [ax, ay]) = self.corners(x, y);
+        let (bx, by) = (1.0 - ax, 1.0 - ay);
+        [(a, bx * by), (b, ax * by), (c, bx * ay), (d, ax * ay)]
+    }
+
     #[inline(always)]
     fn interpolate(&self, x: f32, y: f32) -> Vec3f {
+        let ([a, b, c, d], [ax, ay]) = self.corners(x, y);
+        let t = &self.texels;
+        (t[a] * (1.0 - ax) + t[b] * ax) * (1.0 - ay) + (t[c] * (1.0 - ax) + t[d] * ax) * ay
+    }
+
+    /// The four texels around a place, row by row, and the shares of the second column and the second row.
+    #[inline(always)]
+    fn corners(&self, x: f32, y: f32) -> ([usize; 4], [f32; 2]) {
         let (w, h) = (self.width as i32, self.height as i32);
         let fx = x - 0.5;
         let fy = if self.rows_to_poles { y * ((h - 1) as f32 / h as f32) } else { y - 0.5 };
@@ -224,9 +256,7 @@ impl EnvironmentLight {
         };
         let row = |y: i32| y.clamp(0, h - 1) as usize * self.width;
         let (c0, c1, r0, r1) = (column(x0), column(x0 + 1), row(y0), row(y0 + 1));
-        let t = &self.texels;
-        (t[r0 + c0] * (1.0 - ax) + t[r0 + c1] * ax) * (1.0 - ay)
-            + (t[r1 + c0] * (1.0 - ax) + t[r1 + c1] * ax) * ay
+        ([r0 + c0, r0 + c1, r1 + c0, r1 + c1], [ax, ay])
     }
 
     #[inline]
@@ -250,6 +280,7 @@ impl EnvironmentLight {
             pdf,
             delta: false,
             end: End::Infinite,
+            origin: LightOrigin::Environment,
         })
     }
 

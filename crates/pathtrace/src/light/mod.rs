@@ -20,6 +20,7 @@ use crate::PathtraceError;
 use crate::world::{Interaction, World};
 use environment::EnvironmentLight;
 use photofit_sampling::AliasTable;
+use photofit_scalar::Vec2f;
 use photofit_scalar::Vec3f;
 use source::PreparedSource;
 
@@ -62,6 +63,33 @@ pub(crate) struct LightSample {
     pub(crate) delta: bool,
     /// Where the light is.
     pub(crate) end: End,
+    /// Which light it is.
+    pub(crate) origin: LightOrigin,
+}
+
+/// Which light something comes from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LightOrigin {
+    /// A light without a surface, by its index.
+    Source(u32),
+    /// The environment.
+    Environment,
+    /// A surface that emits.
+    Surface {
+        /// Index of the instance.
+        instance: u32,
+        /// Index of the triangle.
+        piece: u32,
+        /// Both sets of texture coordinates, where the emission varies; else they are not told.
+        uv: [Vec2f; 2],
+    },
+}
+
+impl LightOrigin {
+    #[inline(always)]
+    pub(crate) fn surface(at: &Interaction) -> Self {
+        Self::Surface { instance: at.instance, piece: at.piece, uv: at.uv }
+    }
 }
 
 /// The far end of a shadow ray.
@@ -165,6 +193,22 @@ impl Lights {
         self.environment.as_ref().is_some_and(EnvironmentLight::is_compensated)
     }
 
+    /// Number of lights without a surface.
+    pub(crate) fn sources(&self) -> usize {
+        self.sources.len()
+    }
+
+    /// Intensity of a light without a surface, or its irradiance.
+    pub(crate) fn source_color(&self, index: usize) -> Vec3f {
+        self.sources[index].color()
+    }
+
+    /// The lights without a surface, as they were given.
+    #[cfg(test)]
+    pub(crate) fn given(&self) -> &[LightSource] {
+        &self.given
+    }
+
     pub(crate) fn has_sources(&self) -> bool {
         !self.sources.is_empty()
     }
@@ -198,6 +242,7 @@ impl Lights {
                 let chosen = self.source_table.as_ref()?.sample(choice);
                 let mut sample = self.sources[chosen.index].sample(from.p)?;
                 sample.pdf *= chosen.pmf;
+                sample.origin = LightOrigin::Source(chosen.index as u32);
                 sample
             }
             ENVIRONMENT => self.environment.as_ref()?.sample(choice, u.place)?,

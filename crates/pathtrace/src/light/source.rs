@@ -1,6 +1,6 @@
 //! Lights without a surface: points, spots, and directions.
 
-use super::{End, LightSample, luminance};
+use super::{End, LightOrigin, LightSample, luminance};
 use crate::PathtraceError;
 use crate::error::invalid;
 use crate::world::dvec3;
@@ -135,6 +135,14 @@ impl PreparedSource {
         power.max(f32::MIN_POSITIVE * f32::from(u8::from(power > 0.0))).min(1e30)
     }
 
+    /// Intensity, or irradiance of a directional light.
+    pub(super) fn color(&self) -> Vec3f {
+        match *self {
+            Self::Directional { irradiance, .. } => irradiance,
+            Self::Point { intensity, .. } | Self::Spot { intensity, .. } => intensity,
+        }
+    }
+
     #[inline]
     pub(super) fn sample(&self, p: Vec3f) -> Option<LightSample> {
         let (wi, radiance, end) = match *self {
@@ -162,7 +170,8 @@ impl PreparedSource {
                 (wi, intensity * (square * share), End::Point(position))
             }
         };
-        Some(LightSample { wi, radiance, pdf: 1.0, delta: true, end })
+        let origin = LightOrigin::Source(0);
+        Some(LightSample { wi, radiance, pdf: 1.0, delta: true, end, origin })
     }
 }
 

@@ -7,6 +7,7 @@ mod bounded;
 mod edits;
 mod furnace;
 mod geometry;
+mod gradients;
 mod library;
 mod lights;
 mod media;
@@ -14,6 +15,8 @@ mod media;
 mod mitsuba;
 mod plans;
 mod progressive;
+#[cfg(feature = "mitsuba")]
+mod reference_gradients;
 mod scenes;
 #[cfg(feature = "mitsuba")]
 mod seen_through;

@@ -150,6 +150,11 @@ impl CompiledMaterial {
         };
     }
 
+    /// The BSDF everywhere, where nothing varies.
+    pub(crate) fn uniform(&self) -> &Bsdf<f32> {
+        &self.bsdf
+    }
+
     /// Whether the path through it has to be followed: it absorbs, or is a boundary alone.
     pub(crate) fn absorbs(&self) -> bool {
         self.is_null || self.absorption != Vec3f::zero()

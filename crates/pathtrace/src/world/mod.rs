@@ -5,6 +5,7 @@
 //! - Light is carried in the *render frame*: the world moved so that its middle is near the origin, in double precision
 //!   and only where the world lies far off. An offset of 1e6 costs no accuracy.
 
+mod adjoint;
 mod edit;
 mod instance;
 mod material;
@@ -51,7 +52,7 @@ pub struct World {
     pub(crate) placed: Vec<Placed>,
     pub(crate) hierarchy: Hierarchy,
     /// The materials as they were given.
-    given: Vec<Material>,
+    pub(crate) given: Vec<Material>,
     pub(crate) materials: Vec<CompiledMaterial>,
     pub(crate) library: Option<SurfaceLibrary>,
     pub(crate) lights: Lights,

@@ -69,7 +69,7 @@ impl SurfaceMaterial<'_> {
     /// Light that arrives in spite of the bend of the normal (Estevez, Lecocq and Stein 2019, "A Microfacet-Based
     /// Shadowing Function to Solve the Bump Terminator Problem"): 1 without one.
     #[inline(always)]
-    fn shadow(&self, wi: Vec3f) -> f32 {
+    pub(crate) fn shadow(&self, wi: Vec3f) -> f32 {
         let Some((n, alpha2)) = self.bent else { return 1.0 };
         let cosine = n.dot(wi);
         let square = cosine * cosine;

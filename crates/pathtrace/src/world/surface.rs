@@ -6,6 +6,7 @@ use super::scatter::{Resolved, SurfaceMaterial};
 use super::{Kind, World, WorldHit, WorldRay, sphere};
 use photofit_geometry::Mesh;
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3};
+use photofit_scene::ExtensionSample;
 use photofit_scene::graph::{Partials, SurfaceGraph, SurfacePoint};
 use photofit_shading::bsdf::Bsdf;
 use photofit_shading::{face_viewer, perturb};
@@ -238,11 +239,8 @@ impl World {
         let added = self.materials[self.placed[at.instance as usize].material as usize].added;
         out.emission = added + glow(&sample);
         let tangent = at.tangent.xyz().normalize_or_zero();
-        let mapped = |map: Vec3f| {
-            if tangent == Vec3f::zero() { at.ns } else { perturb(at.ns, tangent, at.tangent.w, map) }
-        };
         let has_map = library.has_normal_map(index);
-        let normal = if has_map { mapped(sample.normal) } else { at.ns };
+        let normal = if has_map { mapped(at, sample.normal) } else { at.ns };
         let mut n = face_viewer(normal, at.ng, wo);
         let transmits = extensions.is_some_and(|e| e.transmission > 0.0) && sample.metallic < 1.0;
         if has_map && !transmits {
@@ -252,16 +250,8 @@ impl World {
         (out.s, out.t) = axes(out.n, tangent);
         let up = vec3(0.0, 0.0, 1.0);
         let coat = match extensions {
-            Some(e) if e.clearcoat > 0.0 => {
-                let coat = if e.clearcoat_normal == up { at.ns } else { mapped(e.clearcoat_normal) };
-                let mut coat = if at.front || transmits { coat } else { -coat };
-                if e.clearcoat_normal != up && !transmits {
-                    coat = reflecting_upwards(coat, if at.ng.dot(wo) < 0.0 { -at.ng } else { at.ng }, wo);
-                }
-                let local = out.to_local(coat);
-                if local.z > 0.0 { local } else { up }
-            }
-            _ => up,
+            Some(e) => coat_normal(&e, at, wo, transmits, out),
+            None => up,
         };
         let bsdf = library_bsdf(&sample, extensions.as_ref(), coat, self.energy);
         out.bsdf = &resolved.insert(Resolved { bsdf, second: None }).bsdf;
@@ -396,6 +386,33 @@ impl World {
     }
 }
 
+/// The normal of a tangent-space map at a point.
+pub(super) fn mapped(at: &Interaction, map: Vec3f) -> Vec3f {
+    let tangent = at.tangent.xyz().normalize_or_zero();
+    if tangent == Vec3f::zero() { at.ns } else { perturb(at.ns, tangent, at.tangent.w, map) }
+}
+
+/// The normal of a coat in the frame of the surface below it.
+pub(super) fn coat_normal(
+    e: &ExtensionSample,
+    at: &Interaction,
+    wo: Vec3f,
+    transmits: bool,
+    below: &SurfaceMaterial<'_>,
+) -> Vec3f {
+    let up = vec3(0.0, 0.0, 1.0);
+    if e.clearcoat <= 0.0 {
+        return up;
+    }
+    let coat = if e.clearcoat_normal == up { at.ns } else { mapped(at, e.clearcoat_normal) };
+    let mut coat = if at.front || transmits { coat } else { -coat };
+    if e.clearcoat_normal != up && !transmits {
+        coat = reflecting_upwards(coat, if at.ng.dot(wo) < 0.0 { -at.ng } else { at.ng }, wo);
+    }
+    let local = below.to_local(coat);
+    if local.z > 0.0 { local } else { up }
+}
+
 /// Least cosine between a mirrored direction and the geometric normal, where the viewer stands higher.
 const REFLECTED_COSINE: f32 = 0.01;
 
@@ -417,6 +434,22 @@ fn reflecting_upwards(n: Vec3f, ng: Vec3f, wo: Vec3f) -> Vec3f {
     let lifted = ng * least + along * (1.0 - least * least).max(0.0).sqrt();
     let half = (wo + lifted).normalize_or_zero();
     if along == Vec3f::zero() || half == Vec3f::zero() { ng } else { half }
+}
+
+/// Adjoint of [`reflecting_upwards`] for the gradient `g` of its result, with respect to `n`.
+pub(crate) fn reflecting_upwards_vjp(n: Vec3f, ng: Vec3f, wo: Vec3f, g: Vec3f) -> Vec3f {
+    let least = REFLECTED_COSINE.min(0.9 * ng.dot(wo));
+    let mirrored = n * (2.0 * n.dot(wo)) - wo;
+    let cosine = mirrored.dot(ng);
+    if cosine >= least {
+        return g;
+    }
+    let across = mirrored - ng * cosine;
+    let along = across.normalize_or_zero();
+    let reach = (1.0 - least * least).max(0.0).sqrt();
+    let g = across.normalize_vjp((wo + ng * least + along * reach).normalize_vjp(g) * reach);
+    let g = g - ng * ng.dot(g);
+    (g * n.dot(wo) + wo * n.dot(g)) * 2.0
 }
 
 /// The axes of a frame around `n`, the first along `tangent` where that says something.

@@ -91,6 +91,13 @@ impl Bitmap {
     /// The four texels around a point and the fractions towards the right and lower ones.
     #[inline]
     fn corners(&self, uv: Vec2f) -> ([Vec3f; 4], [f32; 2]) {
+        let (places, fractions) = self.places(uv);
+        (places.map(|i| self.texel(i)), fractions)
+    }
+
+    /// Indices of these texels, and the fractions.
+    #[inline]
+    fn places(&self, uv: Vec2f) -> ([usize; 4], [f32; 2]) {
         let axis = |u: f32, n: usize| {
             let x = u * n as f32 - 0.5;
             let floor = x.floor();
@@ -103,18 +110,38 @@ impl Bitmap {
         };
         let (x0, x1, fx) = axis(uv.x, self.width);
         let (y0, y1, fy) = axis(uv.y, self.height);
-        let at = |x: usize, y: usize| self.texel(y * self.width + x);
+        let at = |x: usize, y: usize| y * self.width + x;
         ([at(x0, y0), at(x1, y0), at(x0, y1), at(x1, y1)], [fx, fy])
+    }
+
+    /// Adjoint of [`Self::color`] for the gradient `g`: calls `add` with texels and their shares of it.
+    pub fn color_vjp(&self, uv: Vec2f, g: Vec3f, mut add: impl FnMut(usize, Vec3f)) {
+        if self.filter == BitmapFilter::Nearest {
+            return add(self.nearest(uv), g);
+        }
+        let (corners, [fx, fy]) = self.places(uv);
+        let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
+        for (texel, weight) in corners.into_iter().zip(weights) {
+            if weight != 0.0 {
+                add(texel, g * weight);
+            }
+        }
+    }
+
+    /// The texel that a point lies in.
+    #[inline]
+    fn nearest(&self, uv: Vec2f) -> usize {
+        let index = |u: f32, n: usize| {
+            let i = ((u * n as f32).floor() as i64).clamp(-(1 << 40), 1 << 40);
+            self.wrapped(i, n)
+        };
+        index(uv.y, self.height) * self.width + index(uv.x, self.width)
     }
 
     /// Colour at texture coordinates.
     pub fn color(&self, uv: Vec2f) -> Vec3f {
         if self.filter == BitmapFilter::Nearest {
-            let index = |u: f32, n: usize| {
-                let i = ((u * n as f32).floor() as i64).clamp(-(1 << 40), 1 << 40);
-                self.wrapped(i, n)
-            };
-            return self.texel(index(uv.y, self.height) * self.width + index(uv.x, self.width));
+            return self.texel(self.nearest(uv));
         }
         let ([a, b, c, d], [fx, fy]) = self.corners(uv);
         (a * (1.0 - fx) + b * fx) * (1.0 - fy) + (c * (1.0 - fx) + d * fx) * fy

@@ -3,6 +3,7 @@
 //! A [`SurfaceGraph`] says what a surface does at each of its points; [`SurfaceGraph::resolve`] works a point out into
 //! BSDFs that a path tracer can use.
 
+mod adjoint;
 mod bitmap;
 mod resolve;
 #[cfg(test)]

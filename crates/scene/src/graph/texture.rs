@@ -81,6 +81,33 @@ impl Texture {
         }
     }
 
+    /// Adjoint of [`Self::color`] for the gradient `g`: calls `add` with texels of an image, or with 0 for a constant.
+    /// Other textures have none.
+    pub fn color_vjp(&self, at: &SurfacePoint, g: Vec3f, mut add: impl FnMut(usize, Vec3f)) {
+        match self {
+            Self::Constant(_) => add(0, g),
+            Self::Bitmap { image, to_uv, scale } => {
+                image.color_vjp(transform(to_uv, at.uv), g * *scale, add);
+            }
+            _ => {}
+        }
+    }
+
+    /// Adjoint of [`Self::value`] of a texture with one channel or grey texels, as [`Self::color_vjp`]: the gradient is
+    /// in the first component.
+    pub fn value_vjp(&self, at: &SurfacePoint, g: f32, add: impl FnMut(usize, Vec3f)) {
+        self.color_vjp(at, Vec3f { x: g, y: 0.0, z: 0.0 }, add);
+    }
+
+    /// Texels of an image, 1 for a constant; `None` where [`Self::color_vjp`] tells nothing.
+    pub fn texels(&self) -> Option<usize> {
+        match self {
+            Self::Constant(_) => Some(1),
+            Self::Bitmap { image, .. } => Some(image.size()[0] * image.size()[1]),
+            _ => None,
+        }
+    }
+
     /// Number at a point: the luminance of colours.
     pub fn value(&self, at: &SurfacePoint) -> f32 {
         match self {

@@ -20,9 +20,10 @@ impl Importer {
             "constant" => {
                 let radiance = self.color(element, "radiance")?;
                 let image = Image::from_data(1, 1, 3, radiance.to_vec());
+                let name = self.name(element, || "environment".into());
                 self.environment(
                     element,
-                    MitsubaEnvironment { image, scale: 1.0, to_world: DMat3::IDENTITY },
+                    MitsubaEnvironment { name, image, scale: 1.0, to_world: DMat3::IDENTITY },
                 )?;
             }
             "envmap" => {
@@ -71,13 +72,20 @@ impl Importer {
             None => self.reader.affine(element, "to_world")?.translation,
         };
         let intensity = self.color(element, "intensity")?;
-        self.light(LightKind::Point, position, DVec3::Z, intensity);
+        self.light(element, LightKind::Point, position, DVec3::Z, intensity);
         Ok(())
     }
 
-    fn light(&mut self, kind: LightKind, position: DVec3, direction: DVec3, intensity: [f32; 3]) {
+    fn light(
+        &mut self,
+        element: usize,
+        kind: LightKind,
+        position: DVec3,
+        direction: DVec3,
+        intensity: [f32; 3],
+    ) {
         let light = PunctualLight {
-            name: String::new(),
+            name: self.name(element, || format!("emitter_{}", self.scene.lights.len())),
             range: None,
             kind,
             position: position.as_vec3(),
@@ -95,7 +103,7 @@ impl Importer {
         };
         let direction = self.direction(element, direction)?;
         let irradiance = self.color(element, "irradiance")?;
-        self.light(LightKind::Directional, DVec3::ZERO, direction, irradiance);
+        self.light(element, LightKind::Directional, DVec3::ZERO, direction, irradiance);
         Ok(())
     }
 
@@ -117,7 +125,7 @@ impl Importer {
         }
         let intensity = self.color(element, "intensity")?;
         let kind = LightKind::Spot { inner: beam.to_radians() as f32, outer: cutoff.to_radians() as f32 };
-        self.light(kind, to_world.translation, direction, intensity);
+        self.light(element, kind, to_world.translation, direction, intensity);
         Ok(())
     }
 
@@ -151,7 +159,8 @@ impl Importer {
                 return Err(fault(place, "a radiance is infinite or negative; it must be neither"));
             }
         }
-        Ok(MitsubaEnvironment { image, scale, to_world })
+        let name = self.name(element, || "environment".into());
+        Ok(MitsubaEnvironment { name, image, scale, to_world })
     }
 
     /// The transform of an environment, without its scale, which does not matter where it is uniform.

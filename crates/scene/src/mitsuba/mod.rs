@@ -85,9 +85,20 @@ pub struct MitsubaInstance {
     pub exterior: Option<usize>,
 }
 
+/// How the parts of a material are called, as Mitsuba names parameters.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct MitsubaNames {
+    /// The BSDF: its id, or that of the shape with `.bsdf`.
+    pub bsdf: String,
+    /// The emitter: its id, or that of the shape with `.emitter`; empty without one.
+    pub emitter: String,
+}
+
 /// Light from all around.
 #[derive(Clone, Debug)]
 pub struct MitsubaEnvironment {
+    /// Its id, or `environment`.
+    pub name: String,
     /// Linear radiance, three channels. The direction `d` of the map's frame is found at
     /// `u = atan2(d.x, -d.z) / 2 pi`; `v = acos(d.y) / pi` runs from the middle of the first row to that of the last.
     pub image: Image,
@@ -106,6 +117,8 @@ pub struct MitsubaScene {
     pub instances: Vec<MitsubaInstance>,
     /// Materials.
     pub materials: Vec<SurfaceGraph>,
+    /// What the materials are called.
+    pub names: Vec<MitsubaNames>,
     /// Point, directional and spot lights; the intensity of a spot falls linearly with the angle between its cones.
     pub lights: Vec<PunctualLight>,
     /// Light from all around.

@@ -1,6 +1,6 @@
 //! `shape` elements.
 
-use super::{Importer, MitsubaInstance, MitsubaShape, mesh};
+use super::{Importer, MitsubaInstance, MitsubaNames, MitsubaShape, mesh};
 use crate::error::{Fault, fault};
 use crate::graph::{SurfaceGraph, SurfaceNode};
 use crate::mitsuba::spectrum::Meaning;
@@ -215,6 +215,14 @@ impl Importer {
             }
         };
         let material = self.scene.materials.len();
+        let shape_name = self.name(element, || format!("shape_{material}"));
+        let of = |part: Option<usize>, kind: &str| match part {
+            Some(e) => self.name(e, || format!("{shape_name}.{kind}")),
+            None => String::new(),
+        };
+        let bsdf = if bsdf.is_some() { of(bsdf, "bsdf") } else { format!("{shape_name}.bsdf") };
+        let names = MitsubaNames { bsdf, emitter: of(emitter, "emitter") };
+        self.scene.names.push(names);
         self.scene.materials.push(SurfaceGraph { root, emission });
         let attributes = self.attributes.take();
         if !self.uses_attributes {
@@ -223,6 +231,12 @@ impl Importer {
             m.colors = mesh::colors(&a);
         }
         Ok((material, interior, exterior))
+    }
+
+    /// The id of an element, or what it is called without one.
+    pub(super) fn name(&self, element: usize, otherwise: impl FnOnce() -> String) -> String {
+        let id = &self.reader.document.elements[element].id;
+        if id.is_empty() { otherwise() } else { id.clone() }
     }
 
     /// Radiance of an `area` emitter.

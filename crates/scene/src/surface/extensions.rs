@@ -232,6 +232,15 @@ impl SurfaceLibrary {
         m.extensions.as_deref().is_some_and(|e| e.constant.transmission > 0.0)
     }
 
+    /// Whether some point of a material may have an anisotropic lobe.
+    ///
+    /// # Panics
+    /// If there is no such material.
+    pub fn may_be_anisotropic(&self, material: usize) -> bool {
+        let m = &self.materials[material];
+        m.extensions.as_deref().is_some_and(|e| e.constant.anisotropy > 0.0)
+    }
+
     /// What the extensions of a material are at texture coordinates; `None` at once for plain materials. Arguments are
     /// those of [`Self::lookup`].
     ///

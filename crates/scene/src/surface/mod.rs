@@ -1,11 +1,13 @@
 //! Forward lookup of materials: what a surface is made of at a point.
 
 mod address;
+mod adjoint;
 mod compile;
 mod extensions;
 #[cfg(test)]
 mod tests;
 
+pub use adjoint::{SampleGradient, SampleSink};
 pub use extensions::ExtensionSample;
 
 use crate::{AlphaMode, Scene};
@@ -125,6 +127,11 @@ impl SurfaceLibrary {
             MapKind::Emissive => m.emissive,
         };
         slot.map(|s| s.texture)
+    }
+
+    /// Number of textures.
+    pub fn textures(&self) -> usize {
+        self.textures.len()
     }
 
     /// A texture by its index.

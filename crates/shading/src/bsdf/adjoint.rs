@@ -2,7 +2,7 @@
 //!
 //! Directions, densities and the choice of lobes are held; the normal is that of the local frame, +z.
 
-use super::{Bsdf, Diffuse, GltfBsdf, GltfParameters};
+use super::{Bsdf, Diffuse, GltfBsdf, GltfParameters, RoughConductorGradient};
 use crate::eval::LobesEvalGradient;
 use crate::ggx::ROUGHNESS_MIN;
 use photofit_scalar::{Real, Vec3};
@@ -24,6 +24,8 @@ pub enum BsdfGradient<T = f32> {
     Diffuse(DiffuseGradient<T>),
     /// Of the metallic-roughness model; [`crate::Surface::lobes_vjp`] leads on to base colour, roughness and metalness.
     MetallicRoughness(LobesEvalGradient<T>),
+    /// Of a rough metal.
+    RoughConductor(RoughConductorGradient<T>),
 }
 
 /// Gradient with respect to the base of [`GltfParameters`].
@@ -58,6 +60,7 @@ impl<T: Real> Bsdf<T> {
         match self {
             Self::Diffuse(b) => Some(BsdfGradient::Diffuse(b.eval_vjp(wo, wi, g))),
             Self::MetallicRoughness(b) => Some(BsdfGradient::MetallicRoughness(b.eval_vjp(wo, wi, g))),
+            Self::RoughConductor(b) => Some(BsdfGradient::RoughConductor(b.eval_vjp(wo, wi, g))),
             _ => None,
         }
     }

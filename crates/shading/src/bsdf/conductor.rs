@@ -18,7 +18,7 @@ pub struct Conductor<T = f32> {
 
 impl<T: Real> Conductor<T> {
     #[inline(always)]
-    fn fresnel(&self, cosine: T) -> Vec3<T> {
+    pub(super) fn fresnel(&self, cosine: T) -> Vec3<T> {
         fresnel_conductor(cosine, self.eta, self.k).mul(self.reflectance)
     }
 }

@@ -54,7 +54,7 @@ impl<T: Real> Microfacet<T> {
 
     /// Alphas with the floor that keeps one axis of a rough surface from being a delta.
     #[inline(always)]
-    fn alphas(&self) -> (T, T) {
+    pub(super) fn alphas(&self) -> (T, T) {
         let floor = T::of(ALPHA_DELTA);
         (self.alpha_x.max(floor), self.alpha_y.max(floor))
     }

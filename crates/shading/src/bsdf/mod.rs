@@ -14,7 +14,7 @@
 //!   [`BsdfSample::delta`] set, its weight divided by the probability of choosing it.
 //! - Microfacet lobes with alpha below [`ALPHA_DELTA`] are delta lobes; opaque metallic-roughness surfaces have none
 //!   (see [`crate::ROUGHNESS_MIN`]).
-//! - `eval_vjp` of [`Diffuse`], [`MetallicRoughness`], [`Bsdf`] and [`GltfParameters`] is the adjoint of the value.
+//! - `eval_vjp` of [`Diffuse`], [`RoughConductor`], [`MetallicRoughness`], [`Bsdf`] and [`GltfParameters`] is the adjoint of the value.
 
 mod adjoint;
 mod anisotropic;
@@ -26,6 +26,7 @@ mod ggx;
 mod gltf;
 mod metallic_roughness;
 mod microfacet;
+mod microfacet_adjoint;
 mod plastic;
 mod principled;
 mod refraction;
@@ -42,6 +43,7 @@ pub use fresnel::{fresnel_average, fresnel_conductor, fresnel_dielectric};
 pub use gltf::{GltfBsdf, GltfParameters};
 pub use metallic_roughness::MetallicRoughness;
 pub use microfacet::{Distribution, Masking, Microfacet};
+pub use microfacet_adjoint::RoughConductorGradient;
 pub use plastic::{Plastic, RoughPlastic};
 pub use principled::{Principled, PrincipledParameters};
 pub use simple::{Diffuse, Null, TwoSided};

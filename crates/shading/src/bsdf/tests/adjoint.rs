@@ -2,7 +2,8 @@
 
 use super::catalogue::{EXTENDED, extended};
 use crate::bsdf::{
-    Bsdf, BsdfGradient, Diffuse, Energy, GltfGradient, GltfParameters, MetallicRoughness, Scatter,
+    Bsdf, BsdfGradient, Conductor, Diffuse, Distribution, Energy, GltfGradient, GltfParameters, Masking,
+    MetallicRoughness, Microfacet, RoughConductor, Scatter,
 };
 use crate::tests::{at, at_cosine, join, material, unflatten, vector};
 use crate::{ROUGHNESS_MIN, Surface};
@@ -50,6 +51,37 @@ fn lambertian_reflection() {
         check(&format!("diffuse {k}"), &x, &gradient, 1e-7, 1e-6, |x| {
             tilted(wo, wi, x, |wo, wi| Diffuse { reflectance: at(x, 2) }.eval(wo, wi).dot(seed))
         });
+    }
+}
+
+#[test]
+fn rough_metal_by_alpha_and_reflectance() {
+    let mut random = Uniform::new(64);
+    for k in 0..240 {
+        let (distribution, masking) = (
+            [Distribution::Ggx, Distribution::Beckmann][k % 2],
+            [Masking::Correlated, Masking::Separable][k / 2 % 2],
+        );
+        let (x, y) = (random.range(0.1, 0.8), random.range(0.1, 0.8));
+        let (wo, wi) = pair(&mut random, if k % 3 == 0 { 2 } else { 0 }, 0.5);
+        if wi.z < 0.05 || wo.z < 0.05 {
+            continue;
+        }
+        let [eta, extinction, reflectance] = [0, 1, 2].map(|_| vector(&mut random).map(|v| 0.2 + v.abs()));
+        let seed = vector(&mut random);
+        let bsdf = |x: &[f64]| {
+            let metal = Conductor { eta, k: extinction, reflectance: at(x, 2) };
+            let surface = Microfacet { distribution, masking, alpha_x: x[0], alpha_y: x[1] };
+            Bsdf::RoughConductor(RoughConductor { metal, surface })
+        };
+        let x = join(vec![x, y], &[reflectance]);
+        let Some(BsdfGradient::RoughConductor(d)) = bsdf(&x).eval_vjp(wo, wi, seed) else {
+            panic!("a rough metal has a gradient");
+        };
+        let gradient = join(d.alpha.to_vec(), &[d.reflectance]);
+        // The masking of Beckmann's distribution is approximated to 2e-7.
+        let tolerance = if distribution == Distribution::Ggx { 1e-6 } else { 1e-4 };
+        check(&format!("metal {k}"), &x, &gradient, 1e-6, tolerance, |x| bsdf(x).eval(wo, wi).dot(seed));
     }
 }
 

@@ -1,0 +1,225 @@
+//! `photofit gradient`: derivatives of a path-traced picture with respect to one parameter of its scene.
+
+mod keys;
+
+use crate::args::Gradient;
+use crate::output::{self, print};
+use crate::preflight::Places;
+use crate::status::{Ending, Misuse};
+use crate::{mitsuba, threads};
+use anyhow::{Result, anyhow, bail};
+use keys::Key;
+use photofit_image::Image;
+use photofit_pathtrace::{
+    Adjoint, EnvironmentMap, GradientSamples, ParameterGradient, Parts, PathOptions, RenderOptions, View,
+    World, WorldOptions,
+};
+use photofit_scene::mitsuba::{MitsubaOptions, load_mitsuba};
+use photofit_shading::bsdf::Energy;
+use serde_json::{Value, json};
+use std::time::Instant;
+
+/// Words in the names of parameters that move edges.
+const GEOMETRY: [&str; 6] =
+    ["vertex_positions", "vertex_normals", "faces", "to_world", "positions", "opacity"];
+/// Most keys that an error lists.
+const LISTED: usize = 12;
+
+/// A scene with what its picture is like.
+struct Subject {
+    keys: Vec<Key>,
+    parts: Parts,
+    view: View,
+    options: RenderOptions,
+    world: WorldOptions,
+}
+
+pub(crate) fn run(a: &Gradient) -> Result<Ending> {
+    let places = Places::default()
+        .reads("SCENE", Some(&a.input))
+        .reads("--weights", a.weights.as_deref())
+        .reads("--env", a.env.as_deref())
+        .writes("--json", a.json.as_deref())
+        .writes("--image", a.image.as_deref());
+    places.check()?;
+    threads::set(a.threads)?;
+    let subject = if mitsuba::is_scene(&a.input) { of_mitsuba(a, &places)? } else { of_asset(a, &places)? };
+    let Some(name) = &a.parameter else {
+        return list(&subject.keys).map(|()| Ending::Done);
+    };
+    let key = find(a, &subject.keys, name)?.clone();
+    if a.image.is_some() && key.shape[0] * key.shape[1] == 1 {
+        bail!(Misuse(format!("--image: {name} is a single value; it must be a texture")));
+    }
+    let loss = weights(a, &subject.options)?;
+    let named = |e: &dyn std::fmt::Display| anyhow!("{}: {e}", a.input.display());
+    let world = World::with_options(subject.parts, subject.world).map_err(|e| named(&e))?;
+    let parameters = std::slice::from_ref(&key.parameter);
+    let adjoint =
+        Adjoint::new(&world, &subject.view, subject.options.clone(), parameters).map_err(|e| named(&e))?;
+    let began = Instant::now();
+    let samples = GradientSamples { spp: a.spp, seed: Some(a.seed) };
+    let (gradient, error) = adjoint.render_vjp_with_error(&loss, samples).map_err(|e| named(&e))?;
+    let seconds = began.elapsed().as_secs_f64();
+    let values = [&gradient.parameters[0], &error.parameters[0]].map(|g| trimmed(g, key.shape[2]));
+    if let Some(file) = &a.image {
+        let [value, error] = [&values[0], &values[1]].map(|v| picture(&key, v));
+        let channels: &[&str] = &["R", "G", "B"];
+        let layers = [("", &value, channels), ("standard_error", &error, channels)];
+        photofit_image::write_exr_channels(file, &layers, &[("photofit/parameter", name.as_str())])?;
+    }
+    if let Some(file) = &a.json {
+        output::write_json(file, &to_json(a, &subject.options, &key, &values, seconds))?;
+    }
+    print(&text(&key, &values))?;
+    if gradient.not_finite > 0 {
+        crate::progress::say(&format!(
+            "{} contributions were not finite and are left out",
+            gradient.not_finite
+        ));
+    }
+    Ok(Ending::Done)
+}
+
+fn of_mitsuba(a: &Gradient, places: &Places) -> Result<Subject> {
+    if let Some(option) = [("--env", a.env.is_some()), ("--camera", a.camera > 0)].into_iter().find(|o| o.1) {
+        bail!(Misuse(format!("{}: belongs to an asset; an .xml scene has its own", option.0)));
+    }
+    let options = MitsubaOptions {
+        parameters: a.define.clone(),
+        size: [a.width, a.height],
+        allow_parent_paths: a.allow_parent_paths,
+        ..MitsubaOptions::default()
+    };
+    let scene = load_mitsuba(&a.input, &options)?;
+    places.check_against("SCENE", scene.files.iter().chain(&scene.resources))?;
+    let mut options = RenderOptions::from_mitsuba(&scene);
+    options.path.max_depth = a.max_depth.unwrap_or(options.path.max_depth);
+    options.seed = a.seed;
+    let view = View::from_mitsuba(&scene.sensor);
+    // The materials of the scene are defined without compensation.
+    let world = WorldOptions { energy: Energy::Single, ..WorldOptions::default() };
+    Ok(Subject { keys: keys::of_mitsuba(&scene), parts: Parts::from_mitsuba(scene), view, options, world })
+}
+
+fn of_asset(a: &Gradient, places: &Places) -> Result<Subject> {
+    if !a.define.is_empty() || a.allow_parent_paths {
+        let rule = "--define and --allow-parent-paths belong to .xml scenes; the input must be one";
+        bail!(Misuse(rule.into()));
+    }
+    let file = a.input.display();
+    let scene = photofit_scene::load(&a.input)?;
+    places.check_against("SCENE", &scene.files)?;
+    scene.validate_for_fit().map_err(|e| anyhow!("{file}: {e}"))?;
+    let camera = scene.cameras.get(a.camera).ok_or_else(|| {
+        let n = scene.cameras.len();
+        anyhow!("{file}: has {n} cameras; --camera is {}, it must be below that number", a.camera)
+    })?;
+    let (width, height) = (a.width.unwrap_or(512) as usize, a.height.unwrap_or(512) as usize);
+    let mut view = View::pinhole(camera);
+    view.half[0] = view.half[1] * width as f32 / height as f32;
+    let mut parts = Parts::from_scene(&scene);
+    if let Some(file) = &a.env {
+        parts.environment = Some(EnvironmentMap::new(photofit_scene::load_environment(file)?));
+    }
+    let path = PathOptions::default();
+    let path = PathOptions { max_depth: a.max_depth.unwrap_or(path.max_depth), ..path };
+    let options = RenderOptions { width, height, seed: a.seed, path, ..RenderOptions::default() };
+    let keys = keys::of_asset(&scene, &parts);
+    Ok(Subject { keys, parts, view, options, world: WorldOptions::default() })
+}
+
+fn list(keys: &[Key]) -> Result<()> {
+    let width = keys.iter().map(|k| k.name.len()).max().unwrap_or(0);
+    let line = |k: &Key| {
+        let [h, w, c] = k.shape;
+        if h * w == 1 {
+            format!("{:<width$}  {c}\n", k.name)
+        } else {
+            format!("{:<width$}  {h} x {w} x {c}\n", k.name)
+        }
+    };
+    print(&keys.iter().map(line).collect::<String>())
+}
+
+fn find<'a>(a: &Gradient, keys: &'a [Key], name: &str) -> Result<&'a Key> {
+    if let Some(key) = keys.iter().find(|k| k.name == name) {
+        return Ok(key);
+    }
+    let file = a.input.display();
+    if let Some(word) = GEOMETRY.iter().find(|w| name.rsplit('.').any(|part| part == **w)) {
+        bail!(
+            "{file}: {name}: {word} moves edges, whose derivatives the path tracer does not see; \
+             it must be a parameter of --list (shapes are fitted through the rasterizer)"
+        );
+    }
+    let mut known: Vec<&str> = keys.iter().take(LISTED).map(|k| k.name.as_str()).collect();
+    if keys.len() > LISTED {
+        known.push("...");
+    }
+    bail!("{file}: has no parameter {name} with derivatives; it must be of {}", known.join(", "))
+}
+
+/// The weights of the pixels.
+fn weights(a: &Gradient, options: &RenderOptions) -> Result<Image> {
+    let (w, h) = (options.width, options.height);
+    let Some(file) = &a.weights else { return Ok(Image::from_fn(w, h, 3, |_, _, _| 1.0)) };
+    let image = photofit_image::read(file)?;
+    let name = file.display();
+    if (image.width, image.height) != (w, h) {
+        bail!("{name}: is {} x {} pixels; it must be {w} x {h}, as the picture", image.width, image.height);
+    }
+    if let Some(i) = image.data.iter().position(|v| !v.is_finite()) {
+        let pixel = i / image.channels;
+        bail!("{name}: pixel ({}, {}) is {}; it must be finite", pixel % w, pixel / w, image.data[i]);
+    }
+    // One channel weighs all three alike.
+    let channel = |c: usize| if image.channels >= 3 { c } else { 0 };
+    Ok(Image::from_fn(w, h, 3, |x, y, c| image.pixel(x, y)[channel(c)]))
+}
+
+/// The first channels of every value.
+fn trimmed(g: &ParameterGradient, channels: usize) -> Vec<f64> {
+    g.values.chunks_exact(g.channels).flat_map(|v| v[..channels].iter().copied()).collect()
+}
+
+/// Values as an image of three channels, as numbers of single precision.
+fn picture(key: &Key, values: &[f64]) -> Image {
+    let [h, w, channels] = key.shape;
+    Image::from_fn(w, h, 3, |x, y, c| values[(y * w + x) * channels + c.min(channels - 1)] as f32)
+}
+
+fn text(key: &Key, [values, errors]: &[Vec<f64>; 2]) -> String {
+    let [h, w, channels] = key.shape;
+    if h * w == 1 {
+        let each = values.iter().zip(errors).map(|(v, e)| format!("{v:.6e} +- {e:.1e}"));
+        return format!("{}  {}\n", key.name, each.collect::<Vec<_>>().join("  "));
+    }
+    let sum = |c: usize| values.iter().skip(c).step_by(channels).sum::<f64>();
+    let sums: Vec<String> = (0..channels).map(|c| format!("{:.6e}", sum(c))).collect();
+    format!("{}  {h} x {w} x {channels}, sum over all texels {}\n", key.name, sums.join("  "))
+}
+
+fn to_json(
+    a: &Gradient,
+    options: &RenderOptions,
+    key: &Key,
+    [values, errors]: &[Vec<f64>; 2],
+    seconds: f64,
+) -> Value {
+    let count = a.spp.min(16);
+    json!({
+        "input": a.input.display().to_string(),
+        "parameter": key.name,
+        "weights": a.weights.as_ref().map(|w| w.display().to_string()),
+        "shape": key.shape,
+        "gradient": values,
+        "standard_error": errors,
+        "width": options.width,
+        "height": options.height,
+        "spp": a.spp.div_ceil(count) * count,
+        "max_depth": options.path.max_depth,
+        "seed": a.seed,
+        "seconds": seconds,
+    })
+}

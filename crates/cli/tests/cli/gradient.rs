@@ -1,0 +1,106 @@
+//! `photofit gradient`: keys, values against differences of pictures, what is refused.
+
+use crate::support::{assert_one_error, photofit, stdout, succeeds, write_rock};
+use photofit_image::Image;
+use std::path::Path;
+
+/// A floor and a plate of metal under a lamp.
+fn scene(reflectance: f64) -> String {
+    format!(
+        "<scene version='3.0.0'><integrator type='path'><integer name='max_depth' value='3'/></integrator>
+  <sensor type='perspective'><float name='fov' value='45'/>
+    <transform name='to_world'><lookat origin='0,1,4' target='0,0,0' up='0,1,0'/></transform>
+    <film type='hdrfilm'><integer name='width' value='16'/><integer name='height' value='12'/>
+    <rfilter type='box'/></film></sensor>
+  <bsdf type='diffuse' id='white'><rgb name='reflectance' value='{reflectance}'/></bsdf>
+  <bsdf type='roughconductor' id='metal'><float name='alpha' value='0.3'/></bsdf>
+  <shape type='rectangle' id='floor'><ref id='white'/><transform name='to_world'><scale value='4'/>
+    <rotate x='1' angle='-90'/><translate y='-1'/></transform></shape>
+  <shape type='sphere'><ref id='metal'/><float name='radius' value='0.6'/></shape>
+  <shape type='rectangle' id='lamp'><transform name='to_world'><rotate x='1' angle='90'/>
+    <translate y='3'/></transform><emitter type='area'><rgb name='radiance' value='4,5,6'/></emitter></shape>
+  <emitter type='constant' id='sky'><rgb name='radiance' value='0.5'/></emitter></scene>"
+    )
+}
+
+fn figures(d: &Path, file: &str) -> (Vec<f64>, Vec<f64>) {
+    let text = std::fs::read_to_string(d.join(file)).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let array = |name: &str| json[name].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+    (array("gradient"), array("standard_error"))
+}
+
+#[test]
+fn keys_are_those_of_mitsuba_and_gradients_those_of_pictures() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    std::fs::write(d.join("s.xml"), scene(0.5)).unwrap();
+    let list = stdout(&succeeds(d, &["gradient", "s.xml", "--list"]));
+    for key in [
+        "white.reflectance.value",
+        "metal.alpha.value",
+        "metal.specular_reflectance.value",
+        "lamp.emitter.radiance.value",
+        "sky.radiance.value",
+    ] {
+        assert!(list.lines().any(|l| l.split_whitespace().next() == Some(key)), "{key} in {list}");
+    }
+    photofit_image::write_exr(
+        d.join("w.exr"),
+        &[("", &Image::from_fn(16, 12, 3, |x, _, c| if x < 8 { 1.0 } else { c as f32 }), &["R", "G", "B"])],
+    )
+    .unwrap();
+    let run = |threads: &str, file: &str| {
+        let parameter = ["--parameter", "white.reflectance.value", "--weights", "w.exr", "--spp", "512"];
+        let common = ["gradient", "s.xml", "--json", file, "--threads", threads];
+        succeeds(d, &[&common[..], &parameter].concat());
+        figures(d, file)
+    };
+    let (gradient, error) = run("1", "a.json");
+    assert!((gradient.clone(), error.clone()) == run("2", "b.json"), "one thread and two");
+    // Weighted sums of pictures of two reflectances: sum(W I) with the same seed.
+    let sum = |reflectance: f64, c: usize| {
+        std::fs::write(d.join("m.xml"), scene(reflectance)).unwrap();
+        succeeds(d, &["render", "m.xml", "-o", "m.exr", "--spp", "1024", "--background"]);
+        let picture = photofit_image::read(d.join("m.exr")).unwrap();
+        let weight = |x: usize| if x < 8 { 1.0 } else { c as f64 };
+        (0..192).map(|i| weight(i % 16) * f64::from(picture.pixel(i % 16, i / 16)[c])).sum::<f64>()
+    };
+    for c in 0..3 {
+        let difference = (sum(0.55, c) - sum(0.45, c)) / 0.1;
+        let off = (gradient[c] - difference).abs();
+        let bound = (0.02 * difference).max(5.0 * error[c]);
+        assert!(off < bound && error[c] < 0.05 * difference, "{c}: {gradient:?} {error:?} {difference}");
+    }
+}
+
+#[test]
+fn what_cannot_be_differentiated_is_refused_in_one_line() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    std::fs::write(d.join("s.xml"), scene(0.5)).unwrap();
+    let run = |more: &[&str]| photofit(d, &[&["gradient", "s.xml"][..], more].concat());
+    let moved = run(&["--parameter", "floor.vertex_positions"]);
+    assert_one_error(&moved, "positions", &["s.xml", "vertex_positions", "rasterizer", "--list"]);
+    let unknown = run(&["--parameter", "black.reflectance.value"]);
+    assert_one_error(&unknown, "no such key", &["black.reflectance.value", "white.reflectance.value"]);
+    let small = Image::new(3, 2, 3);
+    photofit_image::write_exr(d.join("w.exr"), &[("", &small, &["R", "G", "B"])]).unwrap();
+    let white = ["--parameter", "white.reflectance.value"];
+    let o = run(&[&white[..], &["--weights", "w.exr"]].concat());
+    assert_one_error(&o, "weights of another size", &["w.exr", "3 x 2", "16 x 12"]);
+    let nan = Image::from_fn(16, 12, 3, |x, y, _| if (x, y) == (4, 7) { f32::NAN } else { 1.0 });
+    photofit_image::write_exr(d.join("nan.exr"), &[("", &nan, &["R", "G", "B"])]).unwrap();
+    let o = run(&[&white[..], &["--weights", "nan.exr"]].concat());
+    assert_one_error(&o, "weights that are no numbers", &["nan.exr", "(4, 7)", "finite"]);
+    assert_eq!(run(&[]).status.code(), Some(2), "a parameter or --list");
+    assert_eq!(run(&[&white[..], &["--spp", "1"]].concat()).status.code(), Some(2), "an error needs two");
+    let o = run(&[&white[..], &["--image", "g.exr"]].concat());
+    assert_eq!(o.status.code(), Some(2), "a value is no picture");
+    let o = run(&[&white[..], &["--json", "s.xml"]].concat());
+    assert_eq!(o.status.code(), Some(2), "the scene is not written over");
+    // Assets need a camera of their own.
+    write_rock(d, 4, false);
+    let o = photofit(d, &["gradient", "rock.glb", "--parameter", "rock.base_color"]);
+    assert_one_error(&o, "no camera", &["rock.glb", "0 cameras", "--camera"]);
+}

@@ -1,0 +1,209 @@
+//! Where the gradient of each parameter is accumulated.
+//!
+//! A cell holds up to three channels. Parameters of few cells come first: they are summed densely by every task; the
+//! cells of large images are queued sparsely.
+
+use super::parameter::{MaterialValue, Parameter, VALUES, library_material, maps_of, not_differentiable};
+use crate::PathtraceError;
+use crate::error::invalid;
+use crate::world::World;
+
+/// Most cells of a parameter that is summed densely.
+const DENSE: usize = 64;
+/// No cell.
+pub(super) const NONE: u32 = u32::MAX;
+
+/// Where parameters of a material begin.
+#[derive(Clone, Debug)]
+pub(super) struct MaterialCells {
+    values: [u32; VALUES],
+    /// By texture of the tree.
+    pub(super) graph: Vec<u32>,
+    /// Some parameter changes how it scatters.
+    pub(super) scatters: bool,
+}
+
+impl MaterialCells {
+    #[inline(always)]
+    pub(super) fn of(&self, value: MaterialValue) -> u32 {
+        self.values[value as usize]
+    }
+}
+
+/// A parameter's cells.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Range {
+    pub(super) start: usize,
+    pub(super) cells: usize,
+    pub(super) channels: usize,
+}
+
+/// Where everything is.
+#[derive(Clone, Debug)]
+pub(super) struct Layout {
+    pub(super) ranges: Vec<Range>,
+    pub(super) materials: Vec<MaterialCells>,
+    /// By texture of the library.
+    pub(super) textures: Vec<u32>,
+    /// By light.
+    pub(super) lights: Vec<u32>,
+    pub(super) environment: u32,
+    /// Cells that are summed densely.
+    pub(super) dense: usize,
+    pub(super) total: usize,
+    /// Absorption is asked for.
+    pub(super) absorption: bool,
+}
+
+impl Layout {
+    pub(super) fn new(world: &World, parameters: &[Parameter]) -> Result<Self, PathtraceError> {
+        let mut sizes = Vec::with_capacity(parameters.len());
+        for (i, p) in parameters.iter().enumerate() {
+            sizes.push(size(world, p).map_err(|rule| invalid(format!("parameter {i}"), rule))?);
+        }
+        let (mut ranges, mut start) = (vec![Range { start: 0, cells: 0, channels: 3 }; sizes.len()], 0);
+        let mut dense = 0;
+        for small in [true, false] {
+            for (range, &(cells, channels)) in ranges.iter_mut().zip(&sizes) {
+                if (cells <= DENSE) == small {
+                    *range = Range { start, cells, channels };
+                    start += cells;
+                }
+            }
+            if small {
+                dense = start;
+            }
+        }
+        if start >= NONE as usize {
+            return Err(invalid("parameters", format!("have {start} texels; there may be at most 2^32 - 2")));
+        }
+        let material = |i: usize| {
+            let graph = world.materials[i].graph.as_ref().map_or(0, |g| g.textures().len());
+            MaterialCells { values: [NONE; VALUES], graph: vec![NONE; graph], scatters: false }
+        };
+        let mut out = Self {
+            ranges,
+            materials: (0..world.materials.len()).map(material).collect(),
+            textures: vec![NONE; world.library.as_ref().map_or(0, |l| l.textures())],
+            lights: vec![NONE; world.lights.sources()],
+            environment: NONE,
+            dense,
+            total: start,
+            absorption: false,
+        };
+        for (i, p) in parameters.iter().enumerate() {
+            if !out.place(world, p, out.ranges[i].start as u32) {
+                return Err(invalid(format!("parameter {i}"), "is given twice; each may be given once"));
+            }
+        }
+        Ok(out)
+    }
+
+    /// Writes down where a parameter is; whether it was free.
+    fn place(&mut self, world: &World, parameter: &Parameter, start: u32) -> bool {
+        let mut free = true;
+        let mut put = |cell: &mut u32| {
+            free &= *cell == NONE;
+            *cell = start;
+        };
+        match parameter {
+            Parameter::Material { materials, value } => {
+                for &m in materials {
+                    let cells = &mut self.materials[m];
+                    put(&mut cells.values[*value as usize]);
+                    cells.scatters |= !matches!(
+                        value,
+                        MaterialValue::Emission | MaterialValue::Absorption | MaterialValue::Emissive
+                    );
+                    self.absorption |= *value == MaterialValue::Absorption;
+                }
+            }
+            Parameter::Texels { texture } => {
+                put(&mut self.textures[*texture]);
+                for (cells, given) in self.materials.iter_mut().zip(&world.given) {
+                    if let Some(m) = library_material(given) {
+                        cells.scatters |= maps_of(world, m, *texture).1;
+                    }
+                }
+            }
+            Parameter::Graph { places } => {
+                for &[m, t] in places {
+                    put(&mut self.materials[m].graph[t]);
+                    let last = self.materials[m].graph.len() - 1;
+                    let graph = world.materials[m].graph.as_ref();
+                    let emission = t == last && graph.is_some_and(|g| g.emission.is_some());
+                    self.materials[m].scatters |= !emission;
+                }
+            }
+            Parameter::Light { light } => put(&mut self.lights[*light]),
+            Parameter::Environment => put(&mut self.environment),
+            Parameter::Positions { .. } => {}
+        }
+        free
+    }
+}
+
+/// Cells and channels of a parameter, or the rule that it breaks.
+fn size(world: &World, parameter: &Parameter) -> Result<(usize, usize), String> {
+    match parameter {
+        Parameter::Material { materials, value } => {
+            if materials.is_empty() {
+                return Err("names no material; it must name one".into());
+            }
+            for &m in materials {
+                if m >= world.materials.len() {
+                    return Err(format!("material {m} is one of {}", world.materials.len()));
+                }
+                if let Some(rule) = value.missing(world, m) {
+                    return Err(format!("material {m} has no {value:?} with a derivative: {rule}"));
+                }
+            }
+            Ok((1, value.channels()))
+        }
+        Parameter::Texels { texture } => {
+            let count = world.library.as_ref().map_or(0, |l| l.textures());
+            let Some(library) = world.library.as_ref().filter(|_| *texture < count) else {
+                return Err(format!("texture {texture} is one of {count}"));
+            };
+            for m in world.given.iter().filter_map(library_material) {
+                if maps_of(world, m, *texture).1
+                    && let Some(rule) = not_differentiable(world, m)
+                {
+                    return Err(format!("texture {texture} is read by library material {m}: {rule}"));
+                }
+            }
+            let base = library.texture(*texture).layout().levels()[0];
+            Ok(((base.width * base.height) as usize, 3))
+        }
+        Parameter::Graph { places } => {
+            let mut found = None;
+            for &[m, t] in places {
+                let graph = world.materials.get(m).and_then(|c| c.graph.as_ref());
+                let textures = graph.map_or_else(Vec::new, |g| g.textures());
+                let texture = textures.get(t).ok_or_else(|| {
+                    format!("texture {t} of material {m} is one of {} of its tree", textures.len())
+                })?;
+                let cells = texture
+                    .texels()
+                    .ok_or("is a texture without derivatives; it must be a constant or an image")?;
+                if found.is_some_and(|f| f != cells) {
+                    return Err("names textures of several sizes; they must be the same".into());
+                }
+                found = Some(cells);
+            }
+            found.map(|cells| (cells, 3)).ok_or_else(|| "names no texture; it must name one".into())
+        }
+        Parameter::Light { light } => {
+            let count = world.lights.sources();
+            if *light < count { Ok((1, 3)) } else { Err(format!("light {light} is one of {count}")) }
+        }
+        Parameter::Environment => match &world.lights.environment {
+            Some(e) => Ok((e.size()[0] * e.size()[1], 3)),
+            None => Err("there is no environment; there must be one".into()),
+        },
+        Parameter::Positions { shape } => Err(format!(
+            "shape {shape}: positions have no derivatives in the path tracer, which does not see how edges move; \
+             they must be fitted through the rasterizer"
+        )),
+    }
+}

@@ -1,0 +1,314 @@
+//! Derivatives of pictures by path replay: gradients of a loss with respect to materials, textures and lights.
+//!
+//! [`Adjoint::render`] makes a picture; [`Adjoint::render_vjp`] takes the gradient of a loss with respect to its pixels
+//! and gives the gradient with respect to the parameters. Memory does not grow with the length of paths: a path is
+//! walked twice with the same random numbers (Vicini, Speierer and Jakob 2021, "Path Replay Backpropagation"). The walk is
+//! that of the renderer; only its sinks differ.
+//!
+//! - Picture and gradient take different random numbers. With the same ones, the gradient of a loss that is not linear in
+//!   the picture would be biased by the covariance of the two.
+//! - Derivatives are those of the radiance that surfaces send out: what moves edges (positions, coverage) has none.
+//! - A colour channel that is exactly 0 hides light found by scattering from its own derivative: use a small number.
+
+mod accumulate;
+mod layout;
+mod parameter;
+mod replay;
+
+pub use parameter::{MaterialValue, Parameter};
+
+use crate::PathtraceError;
+use crate::camera::View;
+use crate::error::invalid;
+use crate::film::TILE;
+use crate::integrator::PathOptions;
+use crate::integrator::path::walk;
+use crate::plan::{self, Features};
+use crate::random::{PathRandom, PixelRandom};
+use crate::render::{RenderOptions, Renderer, primary_ray};
+use crate::world::{World, WorldRay};
+use accumulate::Accumulator;
+use layout::Layout;
+use photofit_image::Image;
+use photofit_sampling::{ScatteringSampler, hash};
+use photofit_scalar::Vec3f;
+use rayon::prelude::*;
+use replay::{Replay, Total};
+
+/// Samples of a pixel in one task, and tasks between two reductions: bounds on what waits to be summed.
+const SAMPLES: u32 = 8;
+const TASKS: usize = 32;
+/// Independent estimates behind a standard error.
+const REPLICATES: u32 = 16;
+/// Tells the random numbers of gradients from those of pictures.
+const GRADIENT_KEY: u64 = 0x6772_6164;
+
+/// How many samples a gradient takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GradientSamples {
+    /// Samples per pixel, at least 1.
+    pub spp: u32,
+    /// Their seed; `None`: one that follows from the picture's, and differs from it.
+    pub seed: Option<u64>,
+}
+
+/// Gradients of a loss.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Gradient {
+    /// One per parameter, in the order of [`Adjoint::new`].
+    pub parameters: Vec<ParameterGradient>,
+    /// Largest part of a path's light that was left over at its end: rounding, else a fault of the replay.
+    pub residual: f64,
+    /// Contributions that were left out because they were not finite.
+    pub not_finite: u64,
+}
+
+/// Gradient with respect to one parameter.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ParameterGradient {
+    /// Channels of every value: 1 or 3.
+    pub channels: usize,
+    /// The channels of all values, value by value.
+    pub values: Vec<f64>,
+}
+
+/// A picture of a world as a function of parameters, with its derivatives.
+///
+/// ```
+/// use photofit_image::Image;
+/// use photofit_pathtrace::{Adjoint, EnvironmentMap, GradientSamples, Parameter, Parts, RenderOptions, View, World};
+/// use photofit_scalar::Vec3;
+/// use photofit_scene::Camera;
+/// let mut parts = Parts::default();
+/// parts.environment = Some(EnvironmentMap::constant(Vec3::splat(0.5)));
+/// let world = World::new(parts)?;
+/// let camera = Camera::look_at(glam::Vec3::Z, glam::Vec3::ZERO, glam::Vec3::Y, 0.8, 1.0, 0.1, 10.0);
+/// let options = RenderOptions { width: 8, height: 8, spp: 4, ..RenderOptions::default() };
+/// let adjoint = Adjoint::new(&world, &View::pinhole(&camera), options, &[Parameter::Environment])?;
+/// // The loss is the sum of the red of all pixels.
+/// let loss = Image::from_fn(8, 8, 3, |_, _, c| if c == 0 { 1.0 } else { 0.0 });
+/// let gradient = adjoint.render_vjp(&loss, GradientSamples { spp: 1, seed: None })?;
+/// assert!((gradient.parameters[0].values[0] - 64.0).abs() < 1e-9);
+/// # Ok::<(), photofit_pathtrace::PathtraceError>(())
+/// ```
+#[derive(Debug)]
+pub struct Adjoint<'a> {
+    world: &'a World,
+    view: View,
+    options: RenderOptions,
+    layout: Layout,
+    kernel: ReplayKernel,
+}
+
+/// The replay of one path.
+type ReplayKernel = fn(&World, &WorldRay, &PathRandom, &PathOptions, &mut Replay<'_>);
+
+impl<'a> Adjoint<'a> {
+    /// A differentiable picture of `world`.
+    ///
+    /// # Errors
+    /// As [`Renderer::new`]; if a parameter is not there, is given twice, or has no derivatives (positions, transmitting
+    /// and anisotropic library materials).
+    pub fn new(
+        world: &'a World,
+        view: &View,
+        options: RenderOptions,
+        parameters: &[Parameter],
+    ) -> Result<Self, PathtraceError> {
+        let layout = Layout::new(world, parameters)?;
+        let plan = *Renderer::new(world, view, options.clone())?.plan();
+        let absorption = if layout.absorption { plan::ABSORPTION } else { 0 };
+        let needs = Features(plan.needs.0 | absorption | options.further.0);
+        let set = REPLAYS.iter().find(|(set, _)| Features(*set).contains(needs));
+        let kernel = set.map_or(replay::<{ plan::ALL }> as ReplayKernel, |s| s.1);
+        Ok(Self { world, view: *view, options, layout, kernel })
+    }
+
+    /// The picture: linear colour with alpha, premultiplied.
+    ///
+    /// # Errors
+    /// As [`Renderer::new`].
+    pub fn render(&self) -> Result<Image, PathtraceError> {
+        let mut renderer = Renderer::new(self.world, &self.view, self.options.clone())?;
+        while !renderer.pass(|| false).done {}
+        Ok(renderer.picture())
+    }
+
+    /// Adjoint of [`Self::render`]: the gradient of a loss with respect to the parameters, from that with respect to the
+    /// colour of the pixels (`loss`, three channels; of more the first three count).
+    ///
+    /// # Errors
+    /// If the image has another size than the picture, fewer channels, or values that are not finite, or no sample is
+    /// wanted.
+    pub fn render_vjp(&self, loss: &Image, samples: GradientSamples) -> Result<Gradient, PathtraceError> {
+        self.check(loss, samples, 1)?;
+        let seed = self.seed(samples);
+        Ok(self.estimate(loss, samples.spp, seed))
+    }
+
+    /// As [`Self::render_vjp`], with the standard error of every value from independent estimates of equal size; `spp`
+    /// is at least 2 and rounded up to a multiple of their number, at most 16.
+    ///
+    /// # Errors
+    /// As [`Self::render_vjp`].
+    pub fn render_vjp_with_error(
+        &self,
+        loss: &Image,
+        samples: GradientSamples,
+    ) -> Result<(Gradient, Gradient), PathtraceError> {
+        self.check(loss, samples, 2)?;
+        let seed = self.seed(samples);
+        let count = samples.spp.min(REPLICATES);
+        let each = samples.spp.div_ceil(count);
+        let mut sums: Option<(Gradient, Gradient)> = None;
+        for k in 0..count {
+            let one = self.estimate(loss, each, hash(seed, GRADIENT_KEY, u64::from(k)));
+            let (mean, squares) = sums.get_or_insert_with(|| {
+                let zero = |p: &ParameterGradient| ParameterGradient {
+                    channels: p.channels,
+                    values: vec![0.0; p.values.len()],
+                };
+                let parameters: Vec<_> = one.parameters.iter().map(zero).collect();
+                let zero = Gradient { parameters, residual: 0.0, not_finite: 0 };
+                (zero.clone(), zero)
+            });
+            mean.residual = mean.residual.max(one.residual);
+            mean.not_finite += one.not_finite;
+            // Welford's recurrence.
+            let n = f64::from(k + 1);
+            for ((m, s), p) in mean.parameters.iter_mut().zip(&mut squares.parameters).zip(&one.parameters) {
+                for ((m, s), v) in m.values.iter_mut().zip(&mut s.values).zip(&p.values) {
+                    let d = v - *m;
+                    *m += d / n;
+                    *s += d * (v - *m);
+                }
+            }
+        }
+        let (mean, mut error) = sums.expect("at least two estimates were made");
+        let n = f64::from(count);
+        for p in &mut error.parameters {
+            p.values.iter_mut().for_each(|s| *s = (*s / (n * (n - 1.0))).sqrt());
+        }
+        Ok((mean, error))
+    }
+
+    fn seed(&self, samples: GradientSamples) -> u64 {
+        samples.seed.unwrap_or_else(|| hash(self.options.seed, GRADIENT_KEY, 0))
+    }
+
+    fn check(&self, loss: &Image, samples: GradientSamples, least: u32) -> Result<(), PathtraceError> {
+        let (w, h) = (self.options.width, self.options.height);
+        if (loss.width, loss.height) != (w, h) || loss.channels < 3 {
+            let found = format!("{} x {} x {}", loss.width, loss.height, loss.channels);
+            return Err(invalid(
+                "weights",
+                format!("are {found}; they must be {w} x {h} with three channels"),
+            ));
+        }
+        if let Some(i) = loss.data.iter().position(|v| !v.is_finite()) {
+            let pixel = i / loss.channels;
+            let place = format!("weights, pixel ({}, {})", pixel % w, pixel / w);
+            return Err(invalid(place, format!("is {}; it must be finite", loss.data[i])));
+        }
+        if samples.spp < least {
+            let rule = format!("are {} per pixel; they must be at least {least}", samples.spp);
+            return Err(invalid("samples", rule));
+        }
+        Ok(())
+    }
+
+    /// The gradient with the samples of one seed.
+    fn estimate(&self, loss: &Image, spp: u32, seed: u64) -> Gradient {
+        let (w, h) = (self.options.width, self.options.height);
+        let mut tasks = Vec::new();
+        for first in (0..spp).step_by(SAMPLES as usize) {
+            for y in (0..h).step_by(TILE) {
+                tasks.extend((0..w).step_by(TILE).map(|x| Task { x, y, first }));
+            }
+        }
+        let camera = self.view.prepare(self.world);
+        let mut total = vec![[0.0; 3]; self.layout.total];
+        let (mut residual, mut not_finite) = (0.0_f64, 0);
+        for batch in tasks.chunks(TASKS) {
+            let run = |task: &Task| {
+                let mut out = Accumulator::new(self.layout.dense);
+                let last = (task.first + SAMPLES).min(spp);
+                let mut replay = Replay {
+                    world: self.world,
+                    layout: &self.layout,
+                    out: &mut out,
+                    loss: Vec3f::zero(),
+                    rest: [0.0; 3],
+                    here: None,
+                    shadow: Vec::new(),
+                };
+                for y in task.y..(task.y + TILE).min(h) {
+                    for x in task.x..(task.x + TILE).min(w) {
+                        let g = loss.pixel(x, y);
+                        replay.loss = Vec3f { x: g[0], y: g[1], z: g[2] } * (1.0 / spp as f32);
+                        if replay.loss == Vec3f::zero() {
+                            continue;
+                        }
+                        let mut pixel = PixelRandom::new(seed, (y * w + x) as u64);
+                        for sample in task.first..last {
+                            let random = pixel.sample(sample);
+                            let ray = primary_ray(&self.options, &camera, [x, y], &random);
+                            (self.kernel)(self.world, &ray, &random, &self.options.path, &mut replay);
+                        }
+                    }
+                }
+                out.merge();
+                out
+            };
+            let done: Vec<Accumulator> = batch.par_iter().map(run).collect();
+            Accumulator::reduce(&done, &mut total);
+            for task in &done {
+                residual = residual.max(task.residual);
+                not_finite += task.not_finite;
+            }
+        }
+        let parameter = |r: &layout::Range| {
+            let cells = &total[r.start..r.start + r.cells];
+            let values = cells.iter().flat_map(|c| c[..r.channels].iter().copied()).collect();
+            ParameterGradient { channels: r.channels, values }
+        };
+        Gradient { parameters: self.layout.ranges.iter().map(parameter).collect(), residual, not_finite }
+    }
+}
+
+/// Some samples of a tile.
+struct Task {
+    x: usize,
+    y: usize,
+    first: u32,
+}
+
+/// The compiled replays, the smallest first.
+const REPLAYS: [(u32, ReplayKernel); 3] = {
+    const STANDARD: u32 = plan::TEXTURES | plan::ENVIRONMENT | plan::SOURCES | plan::EMITTERS;
+    [
+        (STANDARD, replay::<STANDARD>),
+        (plan::ALL & !plan::VOLUMES, replay::<{ plan::ALL & !plan::VOLUMES }>),
+        (plan::ALL, replay::<{ plan::ALL }>),
+    ]
+};
+
+/// Walks a path for its light, and again for the gradients.
+fn replay<const F: u32>(
+    world: &World,
+    ray: &WorldRay,
+    random: &PathRandom,
+    options: &PathOptions,
+    replay: &mut Replay<'_>,
+) {
+    let sampler = &ScatteringSampler;
+    let total = walk::<F, _, _>(world, ray, random, options, sampler, Total::default()).1;
+    (replay.rest, replay.here) = (total.radiance, None);
+    replay.shadow.clear();
+    walk::<F, _, _>(world, ray, random, options, sampler, &mut *replay);
+    for (rest, whole) in replay.rest.iter().zip(total.radiance) {
+        let left = rest.abs() / whole.abs().max(f64::from(f32::MIN_POSITIVE));
+        debug_assert!(left < 1e-6, "{rest} of {whole} is left at the end of a path");
+        replay.out.residual = replay.out.residual.max(left);
+    }
+}

@@ -1,0 +1,132 @@
+//! What derivatives are taken with respect to.
+
+use crate::world::{Material, Scattering, World};
+use photofit_scene::MapKind;
+use photofit_shading::bsdf::Bsdf;
+
+/// A value, or all texels of an image, that pictures depend on.
+///
+/// Colours have three channels, numbers one. Positions, cameras, coverage, indices of refraction and media have no
+/// derivatives here.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Parameter {
+    /// A value that materials share.
+    Material {
+        /// Indices of the materials.
+        materials: Vec<usize>,
+        /// Which value.
+        value: MaterialValue,
+    },
+    /// All texels of a texture of the library, in linear light, row 0 at v = 0, as [`World::set_texels`] takes them: red,
+    /// green and blue of colours, roughness (green) and metalness (blue), normals (0 to 1).
+    Texels {
+        /// Index of the texture ([`photofit_scene::SurfaceLibrary::texture_of`]).
+        texture: usize,
+    },
+    /// A texture of trees of BSDFs ([`Scattering::Graph`]): the value of a constant, or all texels of an image, row by
+    /// row as stored. In places that want a number the gradient is in the first channel.
+    Graph {
+        /// Materials and indices of the texture ([`photofit_scene::graph::SurfaceGraph::textures`]) that share it.
+        places: Vec<[usize; 2]>,
+    },
+    /// Intensity of a point or spot light, irradiance of a directional one.
+    Light {
+        /// Index of the light.
+        light: usize,
+    },
+    /// All texels of the environment's image, before its scale; row 0 at +y.
+    Environment,
+    /// Positions of the vertices of a shape: refused, see [`crate::Adjoint::new`].
+    Positions {
+        /// Index of the shape.
+        shape: usize,
+    },
+}
+
+/// A value of a material.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum MaterialValue {
+    /// Reflectance of a uniform [`Bsdf::Diffuse`].
+    Reflectance,
+    /// Factor of the reflectance of a uniform [`Bsdf::RoughConductor`].
+    SpecularReflectance,
+    /// Alpha of a uniform [`Bsdf::RoughConductor`], along both axes.
+    Alpha,
+    /// Factor of the base colour of a library material.
+    BaseColor,
+    /// Factor of its perceptual roughness.
+    Roughness,
+    /// Factor of its metalness.
+    Metallic,
+    /// Factor of its emission.
+    Emissive,
+    /// [`Material::emission`], or the constant emission of a uniform surface.
+    Emission,
+    /// [`Material::absorption`].
+    Absorption,
+}
+
+/// Number of [`MaterialValue`]s.
+pub(super) const VALUES: usize = 9;
+
+impl MaterialValue {
+    /// Number of channels.
+    pub fn channels(self) -> usize {
+        match self {
+            Self::Alpha | Self::Roughness | Self::Metallic => 1,
+            _ => 3,
+        }
+    }
+
+    /// Why a material has no such value with a derivative; `None` where it has.
+    pub(super) fn missing(self, world: &World, index: usize) -> Option<&'static str> {
+        let material = &world.materials[index];
+        let uniform = material.library.is_none() && material.graph.is_none();
+        let has = match self {
+            Self::Reflectance => uniform && matches!(material.uniform(), Bsdf::Diffuse(_)),
+            Self::SpecularReflectance | Self::Alpha => {
+                uniform && matches!(material.uniform(), Bsdf::RoughConductor(c) if !c.surface.is_smooth())
+            }
+            Self::BaseColor | Self::Roughness | Self::Metallic | Self::Emissive => material.library.is_some(),
+            Self::Emission | Self::Absorption => true,
+        };
+        if !has {
+            return Some(match self {
+                Self::Reflectance => "it must be a diffuse surface that is the same everywhere",
+                Self::SpecularReflectance | Self::Alpha => {
+                    "it must be a rough conductor that is the same everywhere"
+                }
+                _ => "it must be a material of the library",
+            });
+        }
+        let scatters = matches!(self, Self::BaseColor | Self::Roughness | Self::Metallic);
+        match material.library {
+            Some(of_library) if scatters => not_differentiable(world, of_library),
+            _ => None,
+        }
+    }
+}
+
+/// Why scattering of a library material has no derivatives.
+pub(super) fn not_differentiable(world: &World, material: usize) -> Option<&'static str> {
+    let library = world.library.as_ref()?;
+    (library.may_transmit(material) || library.may_be_anisotropic(material))
+        .then_some("transmitting and anisotropic materials have no derivatives; it must be neither")
+}
+
+/// The maps of a library material that read a texture, and whether scattering depends on it.
+pub(super) fn maps_of(world: &World, material: usize, texture: usize) -> (bool, bool) {
+    let Some(library) = &world.library else { return (false, false) };
+    let reads = |map| library.texture_of(material, map) == Some(texture);
+    let scatters = [MapKind::BaseColor, MapKind::MetallicRoughness, MapKind::Normal].into_iter().any(reads);
+    (scatters || reads(MapKind::Emissive), scatters)
+}
+
+/// Whether a material as it was given scatters by a library material.
+pub(super) fn library_material(material: &Material) -> Option<usize> {
+    match material.scattering {
+        Scattering::Library { index } => Some(index),
+        _ => None,
+    }
+}

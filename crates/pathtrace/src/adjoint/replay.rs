@@ -1,0 +1,281 @@
+//! The sinks of path replay (Vicini, Speierer and Jakob 2021): a first walk finds the light of the path, a second walk
+//! of the same path knows at each vertex how much of it is still to come.
+//!
+//! Densities, weights of multiple importance sampling and roulette are held: derivatives of the estimator's values alone.
+
+use super::accumulate::Accumulator;
+use super::layout::{Layout, NONE};
+use super::parameter::MaterialValue;
+use crate::integrator::{Contribution, Found, PathVertex, Sink, SurfaceVisit};
+use crate::light::LightOrigin;
+use crate::world::{Interaction, SurfaceMaterial, World};
+use photofit_scalar::{Vec3f, Vec4f};
+use photofit_scene::graph::SurfacePoint;
+use photofit_scene::{SampleGradient, SampleSink};
+use photofit_shading::bsdf::{Bsdf, BsdfGradient};
+
+/// The light of a path.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Total {
+    pub(super) radiance: [f64; 3],
+}
+
+impl Sink for Total {
+    // The replay asks for it, and both walks are one.
+    const SURFACES: bool = true;
+
+    #[inline(always)]
+    fn contribution(&mut self, light: &Contribution) {
+        add(&mut self.radiance, light.value, 1.0);
+    }
+}
+
+#[inline(always)]
+fn add(sum: &mut [f64; 3], value: Vec3f, sign: f64) {
+    for (s, v) in sum.iter_mut().zip(value.to_array()) {
+        *s += sign * f64::from(v);
+    }
+}
+
+/// A surface of the path.
+pub(super) struct Here {
+    pub(super) at: Interaction,
+    pub(super) wo: Vec3f,
+    pub(super) material: u32,
+    bsdf: Bsdf<f32>,
+    second: Option<(Bsdf<f32>, f32)>,
+    bent: Option<(Vec3f, f32)>,
+    frame: [Vec3f; 3],
+}
+
+impl Here {
+    /// The material there.
+    pub(super) fn surface(&self) -> SurfaceMaterial<'_> {
+        let [s, t, n] = self.frame;
+        let (bsdf, second, bent) = (&self.bsdf, self.second.as_ref(), self.bent);
+        SurfaceMaterial { bsdf, second, bent, s, t, n, emission: Vec3f::zero() }
+    }
+}
+
+/// Accumulates gradients along one path.
+pub(super) struct Replay<'a> {
+    pub(super) world: &'a World,
+    pub(super) layout: &'a Layout,
+    pub(super) out: &'a mut Accumulator,
+    /// Derivative of the loss with respect to the radiance of the path.
+    pub(super) loss: Vec3f,
+    /// Light that the path has still to find.
+    pub(super) rest: [f64; 3],
+    pub(super) here: Option<Here>,
+    /// Lengths of the present shadow ray in absorbing solids.
+    pub(super) shadow: Vec<(u32, f32)>,
+}
+
+impl Sink for Replay<'_> {
+    const SURFACES: bool = true;
+
+    fn surface(&mut self, visit: &SurfaceVisit<'_>) {
+        let material = self.world.placed[visit.interaction.instance as usize].material;
+        if !self.layout.materials[material as usize].scatters {
+            self.here = None;
+            return;
+        }
+        let m = visit.material;
+        self.here = Some(Here {
+            at: *visit.interaction,
+            wo: visit.wo,
+            material,
+            bsdf: *m.bsdf,
+            second: m.second.copied(),
+            bent: m.bent,
+            frame: [m.s, m.t, m.n],
+        });
+    }
+
+    fn absorbed(&mut self, material: u32, length: f32) {
+        let cell = self.layout.materials[material as usize].of(MaterialValue::Absorption);
+        if cell != NONE {
+            let rest = Vec3f::from_array(self.rest.map(|r| r as f32));
+            self.out.add(cell, self.loss.mul(rest) * -length);
+        }
+    }
+
+    fn shadow_absorbed(&mut self, material: u32, length: f32) {
+        if self.layout.absorption {
+            self.shadow.push((material, length));
+        }
+    }
+
+    fn contribution(&mut self, light: &Contribution) {
+        add(&mut self.rest, light.value, -1.0);
+        let before = self.loss.mul(light.throughput) * light.weight;
+        let Found::NextEvent = light.found else {
+            return self.emitted(light, before);
+        };
+        for (material, length) in self.shadow.drain(..) {
+            let cell = self.layout.materials[material as usize].of(MaterialValue::Absorption);
+            self.out.add(cell, self.loss.mul(light.value) * -length);
+        }
+        let through = before.mul(light.transmittance) * (1.0 / light.pdf);
+        if through == Vec3f::zero() {
+            return;
+        }
+        if light.instance != u32::MAX {
+            self.scattered(light.wi, through.mul(light.radiance));
+        }
+        self.emitted(light, through.mul(light.scattering));
+    }
+
+    fn vertex(&mut self, v: &PathVertex) {
+        // Delta lobes have no parameters here, media none at all.
+        if v.instance == u32::MAX || v.delta || self.here.is_none() {
+            return;
+        }
+        let mut g = Vec3f::zero();
+        for c in 0..3 {
+            let f = f64::from(v.weight[c]) * f64::from(v.pdf);
+            if f > f64::from(f32::MIN_POSITIVE) {
+                g[c] = (f64::from(self.loss[c]) * self.rest[c] / f) as f32;
+            }
+        }
+        self.scattered(v.wi, g);
+    }
+
+    fn not_finite(&mut self) {
+        self.out.not_finite += 1;
+    }
+}
+
+impl Replay<'_> {
+    /// Adjoint of the value of the present surface towards `wi`, cosine included, for its gradient `g`.
+    fn scattered(&mut self, wi: Vec3f, g: Vec3f) {
+        if let Some(here) = self.here.take() {
+            if g != Vec3f::zero() {
+                self.scattered_at(&here, wi, g);
+            }
+            self.here = Some(here);
+        }
+    }
+
+    fn scattered_at(&mut self, here: &Here, wi: Vec3f, g: Vec3f) {
+        let surface = here.surface();
+        let (wo, wi) = (surface.to_local(here.wo), surface.to_local(wi));
+        let compiled = &self.world.materials[here.material as usize];
+        let cells = &self.layout.materials[here.material as usize];
+        if let Some(index) = compiled.library {
+            let Some(d) = self.world.library_vjp(index, &here.at, (&surface, here.wo), [wo, wi], g) else {
+                return;
+            };
+            let library = self.world.library.as_ref().expect("a library material comes from a library");
+            let mut sink = Texels { out: self.out, layout: self.layout, material: here.material };
+            return library.lookup_vjp(index, here.at.uv, here.at.color, &d, &mut sink);
+        }
+        let g = g * surface.shadow(wi);
+        let share = surface.second.map_or(0.0, |s| s.1);
+        let first = surface.bsdf.eval_vjp(wo, wi, g * (1.0 - share));
+        if let Some(graph) = &compiled.graph {
+            let second = surface.second.and_then(|(b, share)| b.eval_vjp(wo, wi, g * *share));
+            let point = SurfacePoint { uv: here.at.uv[0], color: here.at.color, piece: here.at.piece };
+            let out = &mut *self.out;
+            graph.resolve_vjp(&point, here.at.front, [first.as_ref(), second.as_ref()], |t, texel, g| {
+                out.add(offset(cells.graph[t], texel), g);
+            });
+            return;
+        }
+        match first {
+            Some(BsdfGradient::Diffuse(d)) => {
+                self.out.add(cells.of(MaterialValue::Reflectance), d.reflectance);
+            }
+            Some(BsdfGradient::RoughConductor(d)) => {
+                self.out.add(cells.of(MaterialValue::SpecularReflectance), d.reflectance);
+                self.out.add(cells.of(MaterialValue::Alpha), number(d.alpha[0] + d.alpha[1]));
+            }
+            _ => {}
+        }
+    }
+
+    /// Adjoint of the radiance of a light for its gradient `g`.
+    fn emitted(&mut self, light: &Contribution, g: Vec3f) {
+        if g == Vec3f::zero() {
+            return;
+        }
+        match light.light {
+            LightOrigin::Source(index) => {
+                let cell = self.layout.lights[index as usize];
+                if cell != NONE {
+                    // Radiance is the intensity times what distance and cone leave of it.
+                    let intensity = self.world.lights.source_color(index as usize);
+                    let left = |c: usize| {
+                        if intensity[c] > 0.0 { light.radiance[c] / intensity[c] } else { 0.0 }
+                    };
+                    let left = left(0).max(left(1)).max(left(2));
+                    self.out.add(cell, g * left);
+                }
+            }
+            LightOrigin::Environment => {
+                let (cell, environment) = (self.layout.environment, &self.world.lights.environment);
+                if let Some(e) = environment.as_ref().filter(|_| cell != NONE) {
+                    for (texel, weight) in e.taps(light.wi) {
+                        if weight != 0.0 {
+                            self.out.add(offset(cell, texel), g * (weight * e.scale()));
+                        }
+                    }
+                }
+            }
+            LightOrigin::Surface { instance, piece, uv } => {
+                let material = self.world.placed[instance as usize].material;
+                let cells = &self.layout.materials[material as usize];
+                self.out.add(cells.of(MaterialValue::Emission), g);
+                let compiled = &self.world.materials[material as usize];
+                if let Some(graph) = &compiled.graph {
+                    let point = SurfacePoint { uv: uv[0], color: Vec4f::splat(1.0), piece };
+                    let out = &mut *self.out;
+                    graph.emission_vjp(&point, g, |t, texel, g| out.add(offset(cells.graph[t], texel), g));
+                } else if let (Some(index), Some(library)) = (compiled.library, &self.world.library) {
+                    let mut d = SampleGradient { emissive: g, ..SampleGradient::default() };
+                    if compiled.unlit {
+                        d = SampleGradient { base_color: g, ..SampleGradient::default() };
+                    }
+                    let white = Vec4f::splat(1.0);
+                    let color = self.here.as_ref().filter(|h| h.at.instance == instance);
+                    let color = color.map_or(white, |h| h.at.color);
+                    let mut sink = Texels { out: self.out, layout: self.layout, material };
+                    library.lookup_vjp(index, uv, color, &d, &mut sink);
+                }
+            }
+        }
+    }
+}
+
+/// A texel of a parameter that begins at a cell, if it is one.
+#[inline(always)]
+fn offset(start: u32, texel: usize) -> u32 {
+    if start == NONE { NONE } else { start + texel as u32 }
+}
+
+/// A gradient of one channel.
+#[inline(always)]
+fn number(g: f32) -> Vec3f {
+    Vec3f { x: g, y: 0.0, z: 0.0 }
+}
+
+/// Takes up gradients of a library material.
+struct Texels<'a> {
+    out: &'a mut Accumulator,
+    layout: &'a Layout,
+    material: u32,
+}
+
+impl SampleSink for Texels<'_> {
+    fn factors(&mut self, base_color: Vec3f, roughness: f32, metallic: f32, emissive: Vec3f) {
+        let cells = &self.layout.materials[self.material as usize];
+        self.out.add(cells.of(MaterialValue::BaseColor), base_color);
+        self.out.add(cells.of(MaterialValue::Roughness), number(roughness));
+        self.out.add(cells.of(MaterialValue::Metallic), number(metallic));
+        self.out.add(cells.of(MaterialValue::Emissive), emissive);
+    }
+
+    fn texel(&mut self, texture: usize, texel: usize, gradient: Vec3f) {
+        self.out.add(offset(self.layout.textures[texture], texel), gradient);
+    }
+}

@@ -1,0 +1,105 @@
+//! Adjoint of [`SurfaceGraph::resolve`]: what gradients of the BSDFs say about textures.
+//!
+//! Textures are told apart by their place in the order of [`SurfaceNode::textures`]; that of the emission comes last.
+//! Coverage, weights of mixtures, heights and normal maps have no gradient.
+
+use super::{SurfaceGraph, SurfaceNode, SurfacePoint, Texture};
+use photofit_scalar::Vec3f;
+use photofit_shading::bsdf::BsdfGradient;
+
+impl SurfaceGraph {
+    /// All textures in order, the emission's last.
+    pub fn textures(&self) -> Vec<&Texture> {
+        let mut out = Vec::new();
+        self.root.textures(&mut |t| out.push(t));
+        out.extend(&self.emission);
+        out
+    }
+
+    /// Adjoint of [`Self::resolve`] for gradients of the two BSDFs: calls `add` with the index of a texture, a texel (0
+    /// of constants) and its gradient.
+    pub fn resolve_vjp(
+        &self,
+        at: &SurfacePoint,
+        front: bool,
+        gradients: [Option<&BsdfGradient>; 2],
+        mut add: impl FnMut(usize, usize, Vec3f),
+    ) {
+        let (mut node, mut index) = (&self.root, 0);
+        loop {
+            match node {
+                SurfaceNode::TwoSided { front: f, back } => match back {
+                    Some(b) if !front => {
+                        index += f.texture_count();
+                        node = b;
+                    }
+                    _ => node = f,
+                },
+                SurfaceNode::Mask { inner, .. }
+                | SurfaceNode::Bump { inner, .. }
+                | SurfaceNode::NormalMap { inner, .. } => {
+                    index += 1;
+                    node = inner;
+                }
+                SurfaceNode::Blend { inner, .. } => {
+                    index += 1;
+                    leaf_vjp(&inner[0], at, index, gradients[0], &mut add);
+                    index += inner[0].texture_count();
+                    return leaf_vjp(&inner[1], at, index, gradients[1], &mut add);
+                }
+                other => return leaf_vjp(other, at, index, gradients[0], &mut add),
+            }
+        }
+    }
+
+    /// Adjoint of the emission at a point for the gradient `g`, as [`Self::resolve_vjp`].
+    pub fn emission_vjp(&self, at: &SurfacePoint, g: Vec3f, mut add: impl FnMut(usize, usize, Vec3f)) {
+        if let Some(emission) = &self.emission {
+            let index = self.root.texture_count();
+            emission.color_vjp(at, g, |texel, g| add(index, texel, g));
+        }
+    }
+}
+
+impl SurfaceNode {
+    fn texture_count(&self) -> usize {
+        let mut count = 0;
+        self.textures(&mut |_| count += 1);
+        count
+    }
+}
+
+/// Adjoint of a BSDF without sides, masks and mixtures, whose first texture has the index `first`.
+fn leaf_vjp(
+    node: &SurfaceNode,
+    at: &SurfacePoint,
+    first: usize,
+    gradient: Option<&BsdfGradient>,
+    add: &mut impl FnMut(usize, usize, Vec3f),
+) {
+    match (node, gradient) {
+        (SurfaceNode::Diffuse { reflectance }, Some(BsdfGradient::Diffuse(d))) => {
+            // Held where it is clamped.
+            let value = reflectance.color(at);
+            let g = Vec3f {
+                x: inside(value.x, d.reflectance.x),
+                y: inside(value.y, d.reflectance.y),
+                z: inside(value.z, d.reflectance.z),
+            };
+            reflectance.color_vjp(at, g, |texel, g| add(first, texel, g));
+        }
+        (SurfaceNode::Conductor { reflectance, rough, .. }, Some(BsdfGradient::RoughConductor(d))) => {
+            reflectance.color_vjp(at, d.reflectance, |texel, g| add(first + 2, texel, g));
+            if let Some(r) = rough {
+                r.alpha_u.value_vjp(at, d.alpha[0], |texel, g| add(first + 3, texel, g));
+                r.alpha_v.value_vjp(at, d.alpha[1], |texel, g| add(first + 4, texel, g));
+            }
+        }
+        _ => {}
+    }
+}
+
+/// The gradient of a value in `[0, 1]`, else 0.
+fn inside(value: f32, g: f32) -> f32 {
+    if (0.0..=1.0).contains(&value) { g } else { 0.0 }
+}
