@@ -40,9 +40,12 @@ impl Cli {
     /// The command line of the process; what is wrong with it ends the process with status 2.
     pub(crate) fn checked() -> Self {
         let cli = Self::parse();
-        if let Command::Render(render) = &cli.command
-            && let Err(rule) = render.check()
-        {
+        let checked = match &cli.command {
+            Command::Render(render) => render.check(),
+            Command::Simplify(simplify) => simplify.check(),
+            _ => Ok(()),
+        };
+        if let Err(rule) = checked {
             Self::command().error(ErrorKind::ArgumentConflict, rule).exit();
         }
         cli
@@ -90,6 +93,26 @@ pub(crate) enum FitReference {
     Raster,
     /// Path traced: with shadows and light between surfaces, which go into the maps of the light asset.
     Path,
+}
+
+/// How textures are stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum TextureFormat {
+    /// Exact, for every reader.
+    Png,
+    /// Lossy; textures with alpha stay PNG.
+    Jpeg,
+    /// Exact.
+    Webp,
+}
+
+/// How geometry is stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum GeometryFormat {
+    /// As it is, for every reader.
+    None,
+    /// Compressed, positions rounded to 2^-15 of the size.
+    Meshopt,
 }
 
 /// What a fit starts from.
@@ -176,8 +199,15 @@ pub(crate) struct Simplify {
     /// Width and height of the textures, texels [range: 16 to 8192] [default: 1024, or what the size on screen needs].
     #[arg(long, value_name = "N", value_parser = whole::<usize>(16..=8192))]
     pub(crate) texture_size: Option<usize>,
+    /// How textures are stored; webp is exact and smaller than png, for readers that know `EXT_texture_webp` [default: png,
+    /// jpeg with --jpeg].
+    #[arg(long, value_enum)]
+    pub(crate) textures: Option<TextureFormat>,
+    /// Compress geometry: meshopt is `EXT_meshopt_compression`, which three.js, Babylon.js, Godot and others read.
+    #[arg(long, value_enum, default_value = "none")]
+    pub(crate) compress: GeometryFormat,
     /// Store opaque textures as JPEG of quality Q, 90 without a number: a third of the bytes [range: 1 to 100] [default:
-    /// exact PNG].
+    /// exact PNG, 90 with --textures jpeg].
     #[arg(long, value_name = "Q", num_args = 0..=1, default_missing_value = "90", value_parser = whole::<u8>(1..=100))]
     pub(crate) jpeg: Option<u8>,
     /// Light while fitting and judging.
@@ -268,6 +298,18 @@ pub(crate) struct Render {
     pub(crate) json: Option<PathBuf>,
     #[command(flatten, next_help_heading = "Path tracing")]
     pub(crate) path: PathArgs,
+}
+
+impl Simplify {
+    /// Whether the options go together.
+    fn check(&self) -> Result<(), String> {
+        match (self.textures, self.jpeg) {
+            (Some(TextureFormat::Png | TextureFormat::Webp), Some(_)) => {
+                Err("--jpeg is the quality of --textures jpeg; leave one of them out".into())
+            }
+            _ => Ok(()),
+        }
+    }
 }
 
 impl Render {

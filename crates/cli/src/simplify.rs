@@ -1,6 +1,6 @@
 //! `photofit simplify`: the main job.
 
-use crate::args::{FitLight, FitReference, Simplify, Start};
+use crate::args::{FitLight, FitReference, GeometryFormat, Simplify, Start, TextureFormat};
 use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::Terminal;
@@ -14,12 +14,14 @@ use photofit_fit::simplify::{
 };
 use photofit_fit::views::Lighting;
 use photofit_geometry::decimate::Target;
-use photofit_scene::{Scene, SceneError, TextureEncoding};
+use photofit_scene::{Compression, Scene, SceneError, TextureEncoding};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
 /// Share of the triangles that is kept when no budget is given.
 const DEFAULT_RATIO: f64 = 0.03;
+/// Quality of JPEG textures when none is given.
+const JPEG_QUALITY: u8 = 90;
 /// Name of the state in the folder of --checkpoint.
 pub(crate) const CHECKPOINT_FILE: &str = "fit.ckpt";
 /// The steps of the job, each with the stages that it reports.
@@ -80,9 +82,16 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
         steps: a.steps,
         time_limit: a.time_limit,
         texture_size: a.texture_size.unwrap_or(default.texture_size),
-        texture_encoding: a
-            .jpeg
-            .map_or(default.texture_encoding, |quality| TextureEncoding::Jpeg { quality }),
+        texture_encoding: match (a.textures, a.jpeg) {
+            (Some(TextureFormat::Webp), _) => TextureEncoding::WebP,
+            (Some(TextureFormat::Jpeg), None) => TextureEncoding::Jpeg { quality: JPEG_QUALITY },
+            (_, Some(quality)) => TextureEncoding::Jpeg { quality },
+            (_, None) => TextureEncoding::Png,
+        },
+        compression: match a.compress {
+            GeometryFormat::None => Compression::None,
+            GeometryFormat::Meshopt => Compression::Meshopt,
+        },
         lighting,
         reference: match a.reference {
             FitReference::Raster => ReferenceRenderer::Raster,

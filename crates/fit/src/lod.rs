@@ -241,8 +241,10 @@ fn finish(
     options: &ChainOptions,
     mut levels: Vec<Level>,
 ) -> Result<Chain, FitError> {
-    let scenes: Vec<Scene> =
+    let mut scenes: Vec<Scene> =
         levels.iter().map(|l| photofit_scene::load(&l.path)).collect::<Result<_, _>>()?;
+    let images = scenes.iter_mut().flat_map(|s| &mut s.images);
+    images.for_each(|i| i.encoding = options.fit.texture_encoding);
     for k in 1..levels.len() {
         let size = levels[k - 1].switch_size.unwrap_or(SMALLEST).round() as usize;
         let [fine, coarse] = [k - 1, k].map(|i| Stage::new("level", scenes[i].clone()));
@@ -257,7 +259,7 @@ fn finish(
             _ => 0.0,
         };
         let coverage: Vec<f64> = (0..levels.len()).map(coverage).collect();
-        photofit_scene::save_glb_lods(path, &scenes, &coverage)?;
+        photofit_scene::save_glb_lods(path, &scenes, &coverage, options.fit.compression)?;
     }
     let stopped = levels.len() < options.sizes.len() || levels.iter().any(|l| l.outcome.stopped);
     Ok(Chain { levels, stopped, combined })

@@ -4,7 +4,7 @@
 //! |---|---|---|---|
 //! | always | [`scalar`] | the scalar trait and small vectors | |
 //! | `image` | `image` | image buffers, colour, metrics | |
-//! | `image-files` | `image` | reading and writing PNG, JPEG, Radiance and OpenEXR | `image` |
+//! | `image-files` | `image` | reading and writing PNG, JPEG, WebP, Radiance and OpenEXR | `image` |
 //! | `texture` | `texture` | mip pyramids, filters and their adjoints | |
 //! | `sampling` | `sampling` | counter-based random numbers, warps | |
 //! | `geometry` | `geometry` | meshes, normals, tangents, Laplacians, decimation, atlas | |

@@ -13,6 +13,7 @@ mod left_out;
 mod light;
 mod load;
 mod material;
+mod meshopt;
 #[cfg(feature = "mitsuba")]
 pub mod mitsuba;
 mod model;
@@ -36,7 +37,7 @@ pub use nodes::{
     About, Hierarchy, Lens, Node, NodeCamera, NodeLight, NodeMesh, NodePrimitive, NodeTransform, Placement,
 };
 pub use pose::Pose;
-pub use save::{save_glb, save_glb_lods, to_glb};
+pub use save::{Compression, save_glb, save_glb_lods, save_glb_with, to_glb, to_glb_with};
 pub use skin::{Bind, Influences, MorphTarget, Skin};
 pub use surface::{
     ExtensionSample, MapKind, SampleGradient, SampleSink, SurfaceLibrary, SurfaceSample, UvDerivatives,

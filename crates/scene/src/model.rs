@@ -35,6 +35,8 @@ pub enum TextureEncoding {
         /// 1 to 100.
         quality: u8,
     },
+    /// Exact and smaller than PNG, for readers that know `EXT_texture_webp`.
+    WebP,
 }
 
 /// A mesh with one material.

@@ -4,8 +4,8 @@
 mod bad_input;
 mod commands;
 mod denoise;
-mod lod;
 mod gradient;
+mod lod;
 mod mitsuba;
 mod overwrite;
 mod path;

@@ -162,7 +162,7 @@ pub(crate) fn simplify_asset(
         light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
         light
     };
-    photofit_scene::save_glb(output, &encoded(&trained.model.candidate))?;
+    photofit_scene::save_glb_with(output, &encoded(&trained.model.candidate), options.compression)?;
     let to_file = began.elapsed().as_secs_f64();
     let fitted = photofit_scene::load(output)?;
     let triangles = [scene.triangle_count(), fitted.triangle_count()];

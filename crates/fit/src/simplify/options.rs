@@ -7,7 +7,7 @@ use crate::engine::reference::{SUPERSAMPLE, samples_for};
 use crate::engine::trainer::HELD_OUT;
 use crate::views::{Lighting, Sampling};
 use photofit_geometry::decimate::Target;
-use photofit_scene::TextureEncoding;
+use photofit_scene::{Compression, TextureEncoding};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -45,6 +45,8 @@ pub struct SimplifyOptions {
     pub texture_size: usize,
     /// How the maps are stored in the written file.
     pub texture_encoding: TextureEncoding,
+    /// How the geometry is stored in the written file.
+    pub compression: Compression,
     /// The light while fitting.
     pub lighting: Lighting,
     /// How pictures of the reference are made, for the fit and for the report.
@@ -71,6 +73,7 @@ impl Default for SimplifyOptions {
             time_limit: None,
             texture_size: 1024,
             texture_encoding: TextureEncoding::Png,
+            compression: Compression::None,
             lighting: Lighting::default(),
             reference: ReferenceRenderer::default(),
             seed: 0,

@@ -10,16 +10,17 @@ pub use atomic::write_atomically;
 pub use exr_file::{read_exr_layers, write_exr, write_exr_channels};
 pub use limits::Limits;
 pub use png_jpeg::{
-    PngCompression, decode_texture, encode_jpeg, encode_png, encode_srgb_png, texture_size, write_png,
+    PngCompression, decode_texture, encode_jpeg, encode_png, encode_srgb_png, encode_webp, texture_size,
+    write_png,
 };
 
 use crate::{Image, ImageError};
 use std::io::Read;
 use std::path::Path;
 
-/// Reads a PNG, JPEG, Radiance or OpenEXR file into linear light with the default [`Limits`].
+/// Reads a PNG, JPEG, WebP, Radiance or OpenEXR file into linear light with the default [`Limits`].
 ///
-/// The format is recognised by its content. PNG and JPEG are decoded through sRGB (alpha is linear) to 3 channels, or
+/// The format is recognised by its content. PNG, JPEG and WebP are decoded through sRGB (alpha is linear) to 3 channels, or
 /// 4 where the file has alpha; Radiance to 3 channels. Of an OpenEXR file the first layer is returned, channels R, G,
 /// B, A first and others after them as stored.
 ///
@@ -40,17 +41,17 @@ pub fn read_with_limits(path: impl AsRef<Path>, limits: &Limits) -> Result<Image
     decode(&bytes, &place, limits)
 }
 
-/// Decodes the bytes of a PNG, JPEG, Radiance or OpenEXR file as [`read`] does; `place` names them in errors.
+/// Decodes the bytes of a PNG, JPEG, WebP, Radiance or OpenEXR file as [`read`] does; `place` names them in errors.
 ///
 /// # Errors
 /// If the bytes are no valid image of these formats, or the image is larger than the limits.
 pub fn decode(bytes: &[u8], place: &str, limits: &Limits) -> Result<Image, ImageError> {
     match Format::of(bytes) {
-        Some(Format::Png | Format::Jpeg) => png_jpeg::decode_linear(bytes, place, limits),
+        Some(Format::Png | Format::Jpeg | Format::WebP) => png_jpeg::decode_linear(bytes, place, limits),
         Some(Format::Radiance) => radiance::decode(bytes, place, limits),
         Some(Format::Exr) => exr_file::decode_first(bytes, place, limits),
         None if bytes.is_empty() => Err(ImageError::invalid(place, "the file is empty")),
-        None => Err(ImageError::invalid(place, "not a PNG, JPEG, Radiance or OpenEXR file")),
+        None => Err(ImageError::invalid(place, "not a PNG, JPEG, WebP, Radiance or OpenEXR file")),
     }
 }
 
@@ -58,6 +59,7 @@ pub fn decode(bytes: &[u8], place: &str, limits: &Limits) -> Result<Image, Image
 enum Format {
     Png,
     Jpeg,
+    WebP,
     Radiance,
     Exr,
 }
@@ -71,6 +73,10 @@ impl Format {
             (b"#?RGBE", Self::Radiance),
             (b"\x76\x2f\x31\x01", Self::Exr),
         ];
+        // The size of the file stands between the two words.
+        if bytes.starts_with(b"RIFF") && bytes.get(8..12) == Some(b"WEBP") {
+            return Some(Self::WebP);
+        }
         magic.iter().find(|(m, _)| bytes.starts_with(m)).map(|(_, f)| *f)
     }
 }

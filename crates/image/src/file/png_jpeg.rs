@@ -1,9 +1,10 @@
-//! PNG and JPEG: decoding to linear light or to undecoded texels, and encoding.
+//! PNG, JPEG and WebP: decoding to linear light or to undecoded texels, and encoding.
 
 use super::{Format, Limits, write_atomically};
 use crate::{Image, ImageError, color};
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::codecs::webp::WebPEncoder;
 use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageFormat, ImageReader};
 use rayon::prelude::*;
 use std::io::Cursor;
@@ -19,23 +20,23 @@ pub enum PngCompression {
     Small,
 }
 
-/// Decodes a PNG or JPEG texture of an asset in memory to `(width, height, texels)`: RGBA, 8 bits, row-major from the
+/// Decodes a PNG, JPEG or WebP texture of an asset in memory to `(width, height, texels)`: RGBA, 8 bits, row-major from the
 /// top, transfer not decoded; alpha is 255 where the file has none, grey is replicated, 16 bits are rounded to 8.
 ///
 /// Errors speak of "texture"; see [`ImageError::at`].
 ///
 /// # Errors
-/// If the bytes are no complete PNG or JPEG, or the image is larger than the limits.
+/// If the bytes are no complete PNG, JPEG or WebP, or the image is larger than the limits.
 pub fn decode_texture(bytes: &[u8], limits: &Limits) -> Result<(usize, usize, Vec<[u8; 4]>), ImageError> {
     let image = decode_dynamic(bytes, "texture", limits)?.into_rgba8();
     let (width, height) = (image.width() as usize, image.height() as usize);
     Ok((width, height, image.into_raw().as_chunks::<4>().0.to_vec()))
 }
 
-/// Width and height of a PNG or JPEG texture from its header, without decoding it.
+/// Width and height of a PNG, JPEG or WebP texture from its header, without decoding it.
 ///
 /// # Errors
-/// If the header is no valid PNG or JPEG header.
+/// If the header is no valid PNG, JPEG or WebP header.
 pub fn texture_size(bytes: &[u8]) -> Result<(usize, usize), ImageError> {
     let place = "texture";
     let (width, height) = reader(bytes, place)?.into_dimensions().map_err(|e| invalid(place, e))?;
@@ -80,15 +81,16 @@ fn linear_u16(samples: &[u16], channels: usize) -> Vec<f32> {
 }
 
 fn invalid(place: &str, e: image::ImageError) -> ImageError {
-    ImageError::invalid(place, format!("not a valid PNG or JPEG: {e}"))
+    ImageError::invalid(place, format!("not a valid PNG, JPEG or WebP: {e}"))
 }
 
 fn reader<'a>(bytes: &'a [u8], place: &str) -> Result<ImageReader<Cursor<&'a [u8]>>, ImageError> {
     let format = match Format::of(bytes) {
         Some(Format::Png) => ImageFormat::Png,
         Some(Format::Jpeg) => ImageFormat::Jpeg,
+        Some(Format::WebP) => ImageFormat::WebP,
         _ if bytes.is_empty() => return Err(ImageError::invalid(place, "no bytes")),
-        _ => return Err(ImageError::invalid(place, "neither PNG nor JPEG")),
+        _ => return Err(ImageError::invalid(place, "neither PNG nor JPEG nor WebP")),
     };
     Ok(ImageReader::with_format(Cursor::new(bytes), format))
 }
@@ -173,6 +175,36 @@ pub fn encode_png(
     PngEncoder::new_with_quality(&mut out, level, FilterType::Adaptive)
         .write_image(data, w, h, color)
         .map_err(|e| ImageError::invalid("PNG", e.to_string()))?;
+    Ok(out)
+}
+
+/// Encodes 8-bit RGB or RGBA samples (row-major from the top) as a WebP without loss.
+///
+/// ```
+/// use photofit_image::{Limits, decode_texture, encode_webp};
+/// let webp = encode_webp(2, 1, 4, &[1, 2, 3, 0, 5, 6, 7, 8])?;
+/// assert_eq!(decode_texture(&webp, &Limits::default())?, (2, 1, vec![[1, 2, 3, 0], [5, 6, 7, 8]]));
+/// # Ok::<(), photofit_image::ImageError>(())
+/// ```
+///
+/// # Errors
+/// If a side is not in 1..16384.
+///
+/// # Panics
+/// If `data.len() != width * height * channels`, or `channels` is not 3 or 4.
+pub fn encode_webp(width: usize, height: usize, channels: usize, data: &[u8]) -> Result<Vec<u8>, ImageError> {
+    assert_eq!(data.len(), width * height * channels, "one sample per pixel and channel");
+    assert!(channels == 3 || channels == 4, "3 or 4 channels");
+    let most = 1 << 14;
+    if !(1..=most).contains(&width) || !(1..=most).contains(&height) {
+        let rule = format!("{width} x {height} pixels; sides must be in 1..{most}");
+        return Err(ImageError::invalid("WebP", rule));
+    }
+    let color = if channels == 4 { ExtendedColorType::Rgba8 } else { ExtendedColorType::Rgb8 };
+    let mut out = Vec::new();
+    WebPEncoder::new_lossless(&mut out)
+        .write_image(data, width as u32, height as u32, color)
+        .map_err(|e| ImageError::invalid("WebP", e.to_string()))?;
     Ok(out)
 }
 

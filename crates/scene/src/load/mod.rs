@@ -108,6 +108,9 @@ fn parse(path: &Path, bytes: &[u8], folder: &file::Folder, limits: &Limits) -> R
     if text.starts_with(b"ply\n") || text.starts_with(b"ply\r") {
         return ply::parse(text, folder, limits);
     }
+    if let Some(rule) = convertible(bytes, &extension) {
+        return Err(fault("the file's format", rule));
+    }
     match extension.as_str() {
         "obj" => obj::parse(text, folder, limits, obj::Missing::Creased),
         "gltf" | "glb" | "json" | "" if first == Some(b'{') => gltf::parse_json(text, folder, limits),
@@ -119,6 +122,22 @@ fn parse(path: &Path, bytes: &[u8], folder: &file::Folder, limits: &Limits) -> R
             format!("the extension is `.{other}`; assets must be .glb, .gltf, .obj or .ply files"),
         )),
     }
+}
+
+/// What to do about formats that are not read, told by content or extension.
+fn convertible(bytes: &[u8], extension: &str) -> Option<&'static str> {
+    let starts = |magic: &[&[u8]]| magic.iter().any(|m| bytes.starts_with(m));
+    if starts(&[b"Kaydara FBX", b"; FBX"]) || extension == "fbx" {
+        return Some(
+            "is FBX, which is not read; it must be .glb, .gltf, .obj or .ply: `FBX2glTF IN.fbx` or Blender (File, Import, \
+             then File, Export, glTF 2.0) writes a .glb",
+        );
+    }
+    let usd = ["usd", "usda", "usdc", "usdz"].contains(&extension);
+    (usd || starts(&[b"PXR-USDC", b"#usda"])).then_some(
+        "is USD, which is not read; it must be .glb, .gltf, .obj or .ply: `usd2gltf -i IN.usd -o OUT.glb` or Blender \
+         (File, Import, then File, Export, glTF 2.0) writes a .glb",
+    )
 }
 
 /// World-space coordinates are finite and at most [`MAX_COORDINATE`].

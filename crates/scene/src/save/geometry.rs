@@ -1,5 +1,7 @@
 //! Primitives, accessors and nodes.
 
+use super::compress::{Compression, Rounding};
+use super::order::ordered;
 use super::{INDICES, VERTICES, Writer};
 use crate::error::{Fault, fault};
 use crate::flat::{Normals, for_file};
@@ -126,7 +128,22 @@ fn write_mesh(mesh: &Mesh, material: usize, writer: &mut Writer) -> usize {
 
 /// A primitive with its joints, weights and morph targets.
 pub(super) fn bind_primitive(bind: &Bind, material: usize, writer: &mut Writer) -> Value {
-    let mut primitive = primitive_value(&bind.mesh, material, writer);
+    if writer.compression == Compression::None {
+        return value(bind, material, writer);
+    }
+    value(&ordered(bind), material, writer)
+}
+
+/// The JSON of a primitive without joints and morph targets.
+pub(super) fn primitive_value(mesh: &Mesh, material: usize, writer: &mut Writer) -> Value {
+    if writer.compression == Compression::None {
+        return attributes_value(mesh, material, writer);
+    }
+    bind_primitive(&Bind { mesh: mesh.clone(), ..Bind::default() }, material, writer)
+}
+
+fn value(bind: &Bind, material: usize, writer: &mut Writer) -> Value {
+    let mut primitive = attributes_value(&bind.mesh, material, writer);
     for (s, set) in bind.influences.iter().enumerate() {
         let joints = set.joints.as_flattened();
         let wide = joints.iter().any(|&j| j > 0xff);
@@ -150,7 +167,7 @@ pub(super) fn bind_primitive(bind: &Bind, material: usize, writer: &mut Writer) 
             }
             for (name, list) in [("NORMAL", &target.normals), ("TANGENT", &target.tangents)] {
                 if !list.is_empty() {
-                    let accessor = writer.floats(bytemuck::cast_slice(list), 3, Some(VERTICES));
+                    let (accessor, _) = writer.rounded(bytemuck::cast_slice(list), 3, Rounding::Unit);
                     value.insert(name.into(), json!(accessor));
                 }
             }
@@ -170,7 +187,8 @@ pub(super) fn bind_primitive(bind: &Bind, material: usize, writer: &mut Writer) 
 
 /// An accessor of points with the bounds that the specification asks for.
 fn bounded(points: &[Vec3f], writer: &mut Writer) -> usize {
-    let accessor = writer.floats(bytemuck::cast_slice(points), 3, Some(VERTICES));
+    let (accessor, seen) = writer.rounded(bytemuck::cast_slice(points), 3, Rounding::Extent);
+    let points: &[Vec3f] = bytemuck::cast_slice(&seen);
     let first = points.first().copied().unwrap_or_default();
     let (lo, hi) = points.iter().fold((first, first), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
     writer.accessors[accessor]["min"] = json!(lo.to_array());
@@ -178,35 +196,37 @@ fn bounded(points: &[Vec3f], writer: &mut Writer) -> usize {
     accessor
 }
 
-/// The JSON of a primitive whose attributes are written.
-pub(super) fn primitive_value(mesh: &Mesh, material: usize, writer: &mut Writer) -> Value {
+/// The JSON of a primitive whose attributes and indices are written.
+fn attributes_value(mesh: &Mesh, material: usize, writer: &mut Writer) -> Value {
     let mut attributes = Map::new();
     let position = bounded(&mesh.positions, writer);
     attributes.insert("POSITION".into(), json!(position));
     let mut add = |name: &str, accessor: usize| attributes.insert(name.into(), json!(accessor));
     if !mesh.normals.is_empty() {
         let unit: Vec<Vec3f> = mesh.normals.iter().map(|&n| unit(n)).collect();
-        add("NORMAL", writer.floats(bytemuck::cast_slice(&unit), 3, Some(VERTICES)));
+        let normals: Vec<[f32; 4]> = unit.iter().map(|n| n.extend(0.0).to_array()).collect();
+        add("NORMAL", writer.directions(&normals, 3));
         if !mesh.tangents.is_empty() {
-            let unit: Vec<Vec4f> =
-                mesh.tangents.iter().zip(&unit).map(|(&t, &n)| unit_tangent(t, n)).collect();
-            add("TANGENT", writer.floats(bytemuck::cast_slice(&unit), 4, Some(VERTICES)));
+            let tangents: Vec<[f32; 4]> =
+                mesh.tangents.iter().zip(&unit).map(|(&t, &n)| unit_tangent(t, n).to_array()).collect();
+            add("TANGENT", writer.directions(&tangents, 4));
         }
     }
+    let mut uvs = |values: &[f32]| writer.rounded(values, 2, Rounding::Extent).0;
     if !mesh.uvs.is_empty() {
-        add("TEXCOORD_0", writer.floats(bytemuck::cast_slice(&mesh.uvs), 2, Some(VERTICES)));
+        add("TEXCOORD_0", uvs(bytemuck::cast_slice(&mesh.uvs)));
         if !mesh.uvs1.is_empty() {
-            add("TEXCOORD_1", writer.floats(bytemuck::cast_slice(&mesh.uvs1), 2, Some(VERTICES)));
+            add("TEXCOORD_1", uvs(bytemuck::cast_slice(&mesh.uvs1)));
         }
     } else if !mesh.uvs1.is_empty() {
         // Sets are counted from zero without gaps.
         let none = vec![0.0_f32; 2 * mesh.uvs1.len()];
-        add("TEXCOORD_0", writer.floats(&none, 2, Some(VERTICES)));
-        add("TEXCOORD_1", writer.floats(bytemuck::cast_slice(&mesh.uvs1), 2, Some(VERTICES)));
+        add("TEXCOORD_0", uvs(&none));
+        add("TEXCOORD_1", uvs(bytemuck::cast_slice(&mesh.uvs1)));
     }
     if !mesh.colors.is_empty() {
         let unit: Vec<Vec4f> = mesh.colors.iter().map(|c| c.map(|x| x.clamp(0.0, 1.0))).collect();
-        add("COLOR_0", writer.floats(bytemuck::cast_slice(&unit), 4, Some(VERTICES)));
+        add("COLOR_0", writer.rounded(bytemuck::cast_slice(&unit), 4, Rounding::Unit).0);
     }
     let mut primitive = json!({"attributes": attributes, "material": material});
     if mesh.triangles.is_empty() {
@@ -223,6 +243,10 @@ fn unit(n: Vec3f) -> Vec3f {
 }
 
 fn indices(mesh: &Mesh, writer: &mut Writer) -> usize {
+    if writer.compression == Compression::Meshopt {
+        let (component, size) = if mesh.positions.len() <= 0xffff { (5123, 2) } else { (5125, 4) };
+        return writer.compressed_indices(&mesh.triangles, component, size);
+    }
     let flat = mesh.triangles.iter().flatten();
     // The largest index of a type is reserved.
     let (kind, bytes): (u32, Vec<u8>) = if mesh.positions.len() <= 0xffff {

@@ -1,6 +1,6 @@
 //! Levels of detail in one file: `MSFT_lod`.
 
-use super::{Writer, extensions, geometry, material, write, write_camera};
+use super::{Compression, Writer, extensions, geometry, material, write, write_camera};
 use crate::error::{Fault, fault};
 use crate::model::slots_mut;
 use crate::{Scene, SceneError};
@@ -17,13 +17,18 @@ use std::path::Path;
 /// # Errors
 /// If a scene is not valid (see [`Scene::validate`]), there is not one coverage in `[0, 1]` for each level, falling, the
 /// file would be larger than 4 GiB, or it cannot be written.
-pub fn save_glb_lods(path: impl AsRef<Path>, levels: &[Scene], coverage: &[f64]) -> Result<(), SceneError> {
+pub fn save_glb_lods(
+    path: impl AsRef<Path>,
+    levels: &[Scene],
+    coverage: &[f64],
+    compression: Compression,
+) -> Result<(), SceneError> {
     levels.iter().try_for_each(Scene::validate)?;
-    let bytes = encode(levels, coverage).map_err(Fault::in_scene)?;
+    let bytes = encode(levels, coverage, compression).map_err(Fault::in_scene)?;
     write(path.as_ref(), &bytes)
 }
 
-fn encode(levels: &[Scene], coverage: &[f64]) -> Result<Vec<u8>, Fault> {
+fn encode(levels: &[Scene], coverage: &[f64], compression: Compression) -> Result<Vec<u8>, Fault> {
     let Some(finest) = levels.first() else {
         return Err(fault("the levels of detail", "are none; there must be at least one"));
     };
@@ -37,7 +42,7 @@ fn encode(levels: &[Scene], coverage: &[f64]) -> Result<Vec<u8>, Fault> {
         return Err(fault("the screen coverages", rule));
     }
     let (merged, ends) = merged(levels);
-    let mut writer = Writer::default();
+    let mut writer = Writer { compression, ..Writer::default() };
     let (mut nodes, mut first) = (Vec::with_capacity(levels.len()), 0);
     for (k, end) in ends.into_iter().enumerate() {
         geometry::write(&merged, &merged.instances[first..end], &mut writer)?;
@@ -121,7 +126,7 @@ mod tests {
     #[test]
     fn every_level_has_its_own_mesh_and_texture() {
         let levels = [level(4, 10, 1), level(2, 20, 2), level(1, 30, 1)];
-        let json = document(&encode(&levels, &[0.25, 0.01, 0.0]).unwrap());
+        let json = document(&encode(&levels, &[0.25, 0.01, 0.0], Compression::None).unwrap());
         let nodes = json["nodes"].as_array().unwrap();
         let root = json["scenes"][0]["nodes"].as_array().unwrap();
         assert_eq!(root.len(), 1, "other levels are no part of the scene");
@@ -152,7 +157,7 @@ mod tests {
     fn other_readers_show_the_finest_level() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("lods.glb");
-        save_glb_lods(&path, &[level(3, 1, 2), level(1, 2, 1)], &[0.1, 0.0]).unwrap();
+        save_glb_lods(&path, &[level(3, 1, 2), level(1, 2, 1)], &[0.1, 0.0], Compression::None).unwrap();
         assert_eq!(load(&path).unwrap().triangle_count(), 2 * 20 * 9);
     }
 
@@ -165,9 +170,12 @@ mod tests {
             (&[2.0, 0.0], "within 0 and 1"),
             (&[f64::NAN, 0.0], "must fall"),
         ] {
-            let text = encode(&levels, coverage).map_err(Fault::in_scene).unwrap_err().to_string();
+            let text = encode(&levels, coverage, Compression::None)
+                .map_err(Fault::in_scene)
+                .unwrap_err()
+                .to_string();
             assert!(text.contains(part), "{coverage:?}: {text}");
         }
-        assert!(encode(&[], &[]).is_err());
+        assert!(encode(&[], &[], Compression::None).is_err());
     }
 }

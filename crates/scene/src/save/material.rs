@@ -5,7 +5,7 @@ use crate::error::{Fault, fault};
 use crate::load::affine_of_transform;
 use crate::model::slots;
 use crate::{AlphaMode, Filter, Material, Sampler, Scene, TextureEncoding, TextureImage, TextureSlot, Wrap};
-use photofit_image::{PngCompression, encode_jpeg, encode_png};
+use photofit_image::{PngCompression, encode_jpeg, encode_png, encode_webp};
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 use std::collections::HashMap;
@@ -36,6 +36,8 @@ pub(super) fn write(scene: &Scene, writer: &mut Writer) -> Result<(), Fault> {
     Ok(())
 }
 
+const WEBP: &str = "image/webp";
+
 /// Samplers and textures written so far; the order is that of first use.
 pub(super) struct Tables {
     images: HashMap<usize, usize>,
@@ -55,7 +57,14 @@ impl Tables {
             self.samplers.len() - 1
         });
         self.textures.push(key);
-        writer.textures.push(json!({"source": self.images[&slot.image], "sampler": sampler}));
+        let source = self.images[&slot.image];
+        writer.textures.push(if writer.images[source]["mimeType"] == WEBP {
+            writer.extensions.insert("EXT_texture_webp");
+            writer.required.insert("EXT_texture_webp");
+            json!({"extensions": {"EXT_texture_webp": {"source": source}}, "sampler": sampler})
+        } else {
+            json!({"source": source, "sampler": sampler})
+        });
         self.textures.len() - 1
     }
 }
@@ -207,14 +216,13 @@ fn encode(image: &TextureImage) -> Result<(Vec<u8>, &'static str), String> {
     } else {
         image.texels.iter().flatten().copied().collect()
     };
+    let channels = if opaque { 3 } else { 4 };
     let (bytes, mime) = match image.encoding {
+        TextureEncoding::WebP => (encode_webp(width, height, channels, &samples), WEBP),
         TextureEncoding::Jpeg { quality } if opaque => {
             (encode_jpeg(width, height, &samples, quality), "image/jpeg")
         }
-        _ => {
-            let channels = if opaque { 3 } else { 4 };
-            (encode_png(width, height, channels, &samples, PngCompression::Small), "image/png")
-        }
+        _ => (encode_png(width, height, channels, &samples, PngCompression::Small), "image/png"),
     };
     Ok((bytes.map_err(|e| e.to_string())?, mime))
 }

@@ -1,14 +1,17 @@
 //! Saving assets as glTF 2.0 binary files.
 
 mod animation;
+mod compress;
 mod extensions;
 mod geometry;
 mod lods;
 mod material;
 mod nodes;
+mod order;
 #[cfg(test)]
 mod tests;
 
+pub use compress::Compression;
 pub use lods::save_glb_lods;
 
 use crate::error::{Fault, fault};
@@ -44,7 +47,19 @@ use std::path::Path;
 /// # Ok::<(), photofit_scene::SceneError>(())
 /// ```
 pub fn save_glb(path: impl AsRef<Path>, scene: &Scene) -> Result<(), SceneError> {
-    write(path.as_ref(), &to_glb(scene)?)
+    save_glb_with(path, scene, Compression::None)
+}
+
+/// As [`save_glb`], with compressed geometry: triangles and vertices may come in another order.
+///
+/// # Errors
+/// As [`save_glb`].
+pub fn save_glb_with(
+    path: impl AsRef<Path>,
+    scene: &Scene,
+    compression: Compression,
+) -> Result<(), SceneError> {
+    write(path.as_ref(), &to_glb_with(scene, compression)?)
 }
 
 /// Writes a file under its name when it is complete.
@@ -63,12 +78,20 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), SceneError> {
 /// # Errors
 /// If the scene is not valid (see [`Scene::validate`]) or is larger than 4 GiB.
 pub fn to_glb(scene: &Scene) -> Result<Vec<u8>, SceneError> {
-    scene.validate()?;
-    encode(scene).map_err(Fault::in_scene)
+    to_glb_with(scene, Compression::None)
 }
 
-fn encode(scene: &Scene) -> Result<Vec<u8>, Fault> {
-    let mut writer = Writer::default();
+/// The bytes that [`save_glb_with`] writes.
+///
+/// # Errors
+/// As [`to_glb`].
+pub fn to_glb_with(scene: &Scene, compression: Compression) -> Result<Vec<u8>, SceneError> {
+    scene.validate()?;
+    encode(scene, compression).map_err(Fault::in_scene)
+}
+
+fn encode(scene: &Scene, compression: Compression) -> Result<Vec<u8>, Fault> {
+    let mut writer = Writer { compression, ..Writer::default() };
     let (mut instances, mut cameras, mut lights) = (0, 0, 0);
     if let Some(hierarchy) = scene.hierarchy.as_deref() {
         nodes::write(scene, hierarchy, &mut writer)?;
@@ -87,7 +110,10 @@ fn encode(scene: &Scene) -> Result<Vec<u8>, Fault> {
 /// The document and its binary chunk as they grow.
 #[derive(Debug, Default)]
 struct Writer {
+    compression: Compression,
     binary: Vec<u8>,
+    /// Bytes that readers decode from compressed views.
+    decoded: usize,
     views: Vec<Value>,
     accessors: Vec<Value>,
     meshes: Vec<Value>,
@@ -105,6 +131,8 @@ struct Writer {
     images: Vec<Value>,
     lights: Vec<Value>,
     extensions: BTreeSet<&'static str>,
+    /// Those of them that a reader must know.
+    required: BTreeSet<&'static str>,
 }
 
 /// `bufferView.target` of vertices and of indices.
@@ -144,7 +172,12 @@ impl Writer {
         count: usize,
         components: usize,
     ) -> usize {
-        let view = self.view(bytes, target);
+        let view = self.lossless(bytes, bytes.len() / count.max(1), target);
+        self.accessor_of(view, component, count, components)
+    }
+
+    /// The accessor of a whole view.
+    fn accessor_of(&mut self, view: usize, component: u32, count: usize, components: usize) -> usize {
         let kind = match components {
             1 => "SCALAR",
             2 => "VEC2",
@@ -182,13 +215,19 @@ impl Writer {
         }
         root.insert("scenes".into(), json!([scene]));
         if !self.binary.is_empty() {
-            root.insert("buffers".into(), json!([{"byteLength": self.binary.len()}]));
+            let mut buffers = vec![json!({"byteLength": self.binary.len()})];
+            if self.decoded > 0 {
+                let fallback = json!({"EXT_meshopt_compression": {"fallback": true}});
+                buffers.push(json!({"byteLength": self.decoded, "extensions": fallback}));
+            }
+            root.insert("buffers".into(), Value::Array(buffers));
         }
         if !self.lights.is_empty() {
             root.insert("extensions".into(), json!({"KHR_lights_punctual": {"lights": self.lights}}));
             self.extensions.insert("KHR_lights_punctual");
         }
         let extensions: Vec<Value> = self.extensions.iter().map(|&e| json!(e)).collect();
+        let required: Vec<Value> = self.required.iter().map(|&e| json!(e)).collect();
         for (key, values) in [
             ("nodes", self.nodes),
             ("meshes", self.meshes),
@@ -202,6 +241,7 @@ impl Writer {
             ("accessors", self.accessors),
             ("bufferViews", self.views),
             ("extensionsUsed", extensions),
+            ("extensionsRequired", required),
         ] {
             if !values.is_empty() {
                 root.insert(key.into(), Value::Array(values));

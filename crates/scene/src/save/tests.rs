@@ -348,3 +348,85 @@ fn extensions_and_lights_come_back() {
     let text = to_glb(&before).unwrap_err().to_string();
     assert!(text.contains("material 0") && text.contains("KHR_materials_ior: ior is not finite"), "{text}");
 }
+
+#[test]
+fn compressed_geometry_comes_back_on_its_grid() {
+    let mut mesh = patch();
+    mesh.positions.iter_mut().for_each(|p| *p = *p * 3.0 + vec3(100.0, -7.0, 0.0));
+    let mut scene = Scene { materials: vec![Material::clay()], ..Scene::default() };
+    scene.primitives.push(Primitive { mesh: mesh.clone(), material: 0 });
+    scene.instances.push(Instance { primitive: 0, transform: Affine3A::IDENTITY });
+    let bytes = to_glb_with(&scene, Compression::Meshopt).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.glb");
+    std::fs::write(&path, &bytes).unwrap();
+    let again = load(&path).unwrap();
+    assert!(again.warnings.is_empty() && again.ignored_extensions.is_empty(), "{:?}", again.warnings);
+    let found = &again.primitives[0].mesh;
+    assert_eq!(found.triangles.len(), mesh.triangles.len());
+    // Vertices may be in another order.
+    for (v, p) in found.positions.iter().enumerate() {
+        let near = |i: &usize| (mesh.positions[*i] - *p).length() < 1.5 / 32768.0 * 3.0;
+        let i = (0..mesh.positions.len()).find(near).unwrap_or_else(|| panic!("{p:?} is no given position"));
+        assert!((mesh.normals[i] - found.normals[v]).length() < 1e-3, "normal {:?}", found.normals[v]);
+        assert!(
+            (mesh.uvs[i] - found.uvs[v]).length() < 1e-4 && (mesh.uvs1[i] - found.uvs1[v]).length() < 1e-4
+        );
+        assert!((mesh.colors[i] - found.colors[v]).length() < 5e-4, "colour {:?}", found.colors[v]);
+    }
+    let text = String::from_utf8_lossy(&bytes);
+    let required = r#""extensionsRequired":["EXT_meshopt_compression","KHR_mesh_quantization"]"#;
+    assert!(text.contains(required));
+}
+
+#[test]
+fn compressed_files_are_smaller_and_save_the_same_twice() {
+    let n = 60;
+    let at = |i: usize| (i % n) as f32 / (n - 1) as f32;
+    let positions: Vec<Vec3f> = (0..n * n)
+        .map(|i| vec3(at(i), at(i / n), 0.2 * (9.0 * at(i)).sin() * (7.0 * at(i / n)).cos()))
+        .collect();
+    let mut triangles = Vec::new();
+    for i in (0..n * (n - 1)).filter(|i| i % n + 1 < n) {
+        let a = i as u32;
+        let b = a + n as u32;
+        triangles.extend([[a, a + 1, b], [a + 1, b + 1, b]]);
+    }
+    let normals = positions.iter().map(|p| vec3(p.x - 0.5, p.y - 0.5, 1.0).normalize_or_zero()).collect();
+    let uvs = positions.iter().map(|p| vec2(p.x, p.y)).collect();
+    let mut scene = Scene { materials: vec![Material::clay()], ..Scene::default() };
+    let mesh = Mesh { positions, normals, uvs, triangles, ..Mesh::default() };
+    scene.primitives.push(Primitive { mesh, material: 0 });
+    scene.instances.push(Instance { primitive: 0, transform: Affine3A::IDENTITY });
+    let plain = to_glb(&scene).unwrap();
+    let small = to_glb_with(&scene, Compression::Meshopt).unwrap();
+    assert!(3 * small.len() < plain.len(), "{} bytes of {}", small.len(), plain.len());
+    assert_eq!(small, to_glb_with(&scene, Compression::Meshopt).unwrap());
+}
+
+#[test]
+fn webp_textures_come_back_exactly() {
+    let texels: Vec<[u8; 4]> =
+        (0..48_u8).map(|i| [i, 255 - i, i.wrapping_mul(37), 255 - 5 * (i % 2)]).collect();
+    let image = TextureImage {
+        name: "w".into(),
+        width: 8,
+        height: 6,
+        texels: texels.clone(),
+        encoding: TextureEncoding::WebP,
+    };
+    let material = Material { base_color_texture: Some(slot(0, 0)), ..Material::clay() };
+    let mut scene = Scene { materials: vec![material], images: vec![image], ..Scene::default() };
+    scene.primitives.push(Primitive { mesh: patch(), material: 0 });
+    scene.instances.push(Instance { primitive: 0, transform: Affine3A::IDENTITY });
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.glb");
+    save_glb(&path, &scene).unwrap();
+    let again = load(&path).unwrap();
+    assert_eq!(again.images[0].texels, texels);
+    assert!(again.ignored_extensions.is_empty(), "{:?}", again.ignored_extensions);
+    let text = std::fs::read(&path).unwrap();
+    let text = String::from_utf8_lossy(&text);
+    assert!(text.contains(r#""extensionsRequired":["EXT_texture_webp"]"#));
+    assert!(text.contains("image/webp"));
+}

@@ -1,5 +1,6 @@
 //! The JSON document and its buffers.
 
+use super::compressed::{self, RawBuffer, RawView};
 use crate::Scene;
 use crate::error::{Fault, fault};
 use crate::load::Limits;
@@ -12,6 +13,8 @@ use std::collections::{BTreeSet, HashMap, HashSet};
 
 /// Extensions whose meaning is read here.
 const SUPPORTED: &[&str] = &[
+    "EXT_meshopt_compression",
+    "EXT_texture_webp",
     "KHR_lights_punctual",
     "KHR_materials_anisotropy",
     "KHR_materials_clearcoat",
@@ -23,6 +26,7 @@ const SUPPORTED: &[&str] = &[
     "KHR_materials_unlit",
     "KHR_materials_volume",
     "KHR_mesh_quantization",
+    "KHR_meshopt_compression",
     "KHR_texture_transform",
 ];
 
@@ -37,6 +41,10 @@ pub(super) struct Document<'a> {
     /// Index of the light of each node that has one.
     node_lights: HashMap<usize, usize>,
     pub(super) buffers: Vec<Cow<'a, [u8]>>,
+    /// Bytes of buffer views that are compressed.
+    decoded: HashMap<usize, Vec<u8>>,
+    /// The `textures` array as it stands.
+    pub(super) textures: Vec<Value>,
     pub(super) folder: &'a Folder,
     pub(super) limits: &'a Limits,
 }
@@ -48,6 +56,12 @@ struct Raw {
     materials: Vec<Value>,
     #[serde(default)]
     nodes: Vec<RawNode>,
+    #[serde(default)]
+    textures: Vec<Value>,
+    #[serde(default)]
+    buffers: Vec<RawBuffer>,
+    #[serde(default, rename = "bufferViews")]
+    views: Vec<RawView>,
     extensions: Option<RootExtensions>,
 }
 
@@ -91,7 +105,8 @@ impl<'a> Document<'a> {
         check_size(text, limits)?;
         let syntax = |e: serde_json::Error| fault("the JSON", e.to_string());
         let root: json::Root = serde_json::from_slice(text).map_err(syntax)?;
-        let Raw { materials, nodes, extensions } = serde_json::from_slice(text).map_err(syntax)?;
+        let raw: Raw = serde_json::from_slice(text).map_err(syntax)?;
+        let Raw { materials, nodes, textures, buffers, views, extensions } = raw;
         if !root.asset.version.starts_with("2.") {
             return Err(fault(
                 "asset.version",
@@ -104,10 +119,21 @@ impl<'a> Document<'a> {
         let node_lights =
             node_lights.filter_map(|(i, n)| Some((i, n.extensions.as_ref()?.light.as_ref()?.light)));
         let node_lights = node_lights.collect();
-        let mut document = Self { root, materials, lights, node_lights, buffers: Vec::new(), folder, limits };
+        let mut document = Self {
+            root,
+            materials,
+            lights,
+            node_lights,
+            buffers: Vec::new(),
+            decoded: HashMap::new(),
+            textures,
+            folder,
+            limits,
+        };
         let mut total = 0_u64;
-        for i in 0..document.root.buffers.len() {
-            let bytes = document.buffer(i, binary)?;
+        for (i, raw) in buffers.iter().enumerate() {
+            // What only stands for decoded bytes is not read.
+            let bytes = if raw.is_fallback() { Cow::default() } else { document.buffer(i, binary)? };
             total = total.saturating_add(bytes.len() as u64);
             if total > limits.file_bytes {
                 let rule = format!(
@@ -118,6 +144,7 @@ impl<'a> Document<'a> {
             }
             document.buffers.push(bytes);
         }
+        document.decoded = compressed::decode(&document, &views, total)?;
         Ok(document)
     }
 
@@ -201,12 +228,24 @@ impl<'a> Document<'a> {
                 format!("names bufferView {i}; there are {} bufferViews", self.root.buffer_views.len()),
             )
         })?;
-        let place = || format!("bufferView {i}");
-        let b = view.buffer.value();
+        if let Some(decoded) = self.decoded.get(&i) {
+            return Ok(decoded);
+        }
+        let (offset, length) = (view.byte_offset.map_or(0, |o| o.0), view.byte_length.0);
+        self.part(view.buffer.value(), offset, length, || format!("bufferView {i}"))
+    }
+
+    /// Bytes of a buffer.
+    pub(super) fn part(
+        &self,
+        b: usize,
+        offset: u64,
+        length: u64,
+        place: impl Fn() -> String,
+    ) -> Result<&[u8], Fault> {
         let buffer = self.buffers.get(b).ok_or_else(|| {
             fault(place(), format!("names buffer {b}; there are {} buffers", self.buffers.len()))
         })?;
-        let (offset, length) = (view.byte_offset.map_or(0, |o| o.0), view.byte_length.0);
         let available = (buffer.len() as u64).min(self.root.buffers[b].byte_length.0);
         match offset.checked_add(length) {
             Some(end) if end <= available => Ok(&buffer[offset as usize..end as usize]),
@@ -245,6 +284,22 @@ fn check_size(text: &[u8], limits: &Limits) -> Result<(), Fault> {
     Ok(())
 }
 
+/// What to do about a required extension that is not read.
+fn instead(name: &str) -> &'static str {
+    match name {
+        "KHR_draco_mesh_compression" => {
+            "; the command `gltf-transform copy IN.glb OUT.glb` writes the asset without it"
+        }
+        "KHR_texture_basisu" => {
+            "; textures must be PNG, JPEG or WebP: `gltf-transform ktxdecompress IN.glb OUT.glb` writes them so"
+        }
+        "EXT_texture_avif" => {
+            "; textures must be PNG, JPEG or WebP: `gltf-transform png IN.glb OUT.glb` writes them so"
+        }
+        _ => "",
+    }
+}
+
 /// Refuses required extensions that are not read, and lists the others: those that the file declares and those that its
 /// nodes and materials have undeclared.
 fn check_extensions(
@@ -257,7 +312,7 @@ fn check_extensions(
         if !SUPPORTED.contains(&name.as_str()) {
             return Err(fault(
                 "extensionsRequired",
-                format!("the extension `{}` is required and not supported", clip(name)),
+                format!("the extension `{}` is required and not supported{}", clip(name), instead(name)),
             ));
         }
     }

@@ -126,13 +126,8 @@ pub(super) fn read_slot<'a>(
     let json = root.textures.get(texture).ok_or_else(|| {
         fault(&place, format!("names texture {texture}; there are {} textures", root.textures.len()))
     })?;
-    let source = json.source.value();
-    if source == u32::MAX as usize {
-        return Err(fault(
-            format!("texture {texture}"),
-            "has no `source`; it must have a `source` image (PNG or JPEG)",
-        ));
-    }
+    let source = source(&document.textures[texture], json)
+        .map_err(|rule| fault(format!("texture {texture}"), rule))?;
     let image = image(document, source, texture, textures)?;
     let sampler = match json.sampler.map(|s| s.value()) {
         None => Sampler::default(),
@@ -168,6 +163,23 @@ pub(super) fn read_slot<'a>(
         warnings.push(format!("{place}: texture coordinate set {set} is not read, set 0 is used"));
     }
     Ok(TextureSlot { image, sampler, tex_coord: if set == 1 { 1 } else { 0 }, transform })
+}
+
+/// The image of a texture: that of the extension whose format is read here, before the one for all readers.
+fn source(raw: &Value, json: &json::Texture) -> Result<usize, String> {
+    for extension in ["EXT_texture_webp"] {
+        let Some(object) = raw.pointer(&format!("/extensions/{extension}")) else { continue };
+        let index = object.get("source").and_then(Value::as_u64).and_then(|i| usize::try_from(i).ok());
+        return index
+            .ok_or_else(|| format!("{extension}.source is missing or no index; it must be an image"));
+    }
+    let source = json.source.value();
+    if source == u32::MAX as usize {
+        let rule = "has no `source` that is read here; it must have a `source` image (PNG, JPEG, or WebP with \
+                    EXT_texture_webp); of Basis textures `gltf-transform ktxdecompress IN.glb OUT.glb` writes one";
+        return Err(rule.into());
+    }
+    Ok(source)
 }
 
 const IDENTITY: [[f32; 3]; 2] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];

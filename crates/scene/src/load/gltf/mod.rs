@@ -2,6 +2,7 @@
 
 mod accessor;
 mod animation;
+mod compressed;
 mod container;
 mod document;
 mod extensions;

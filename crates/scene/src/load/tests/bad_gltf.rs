@@ -164,7 +164,9 @@ fn nodes() {
 fn extensions() {
     let mut b = triangle();
     b.json["extensionsRequired"] = json!(["KHR_draco_mesh_compression"]);
-    b.refused(&["extensionsRequired", "KHR_draco_mesh_compression"]);
+    b.refused(&["extensionsRequired", "KHR_draco_mesh_compression", "gltf-transform copy"]);
+    b.json["extensionsRequired"] = json!(["KHR_texture_basisu"]);
+    b.refused(&["extensionsRequired", "KHR_texture_basisu", "gltf-transform ktxdecompress"]);
 }
 
 #[test]
@@ -179,7 +181,7 @@ fn textures() {
     };
     textured(json!({"uri": "none.png"})).refused(&["image 0", "none.png"]);
     textured(json!({})).refused(&["image 0", "URI"]);
-    textured(json!({"bufferView": 0})).refused(&["image 0", "neither PNG nor JPEG"]);
+    textured(json!({"bufferView": 0})).refused(&["image 0", "neither PNG nor JPEG nor WebP"]);
     let mut b = textured(json!({"uri": "a.png"}));
     b.json["textures"] = json!([{"source": 6}]);
     b.refused(&["texture 0", "image 6"]);

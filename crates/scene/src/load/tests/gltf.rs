@@ -41,8 +41,14 @@ impl Builder {
     }
 
     pub(super) fn glb(&self) -> Vec<u8> {
+        self.glb_with(&[])
+    }
+
+    /// The file with further buffers.
+    pub(super) fn glb_with(&self, buffers: &[Value]) -> Vec<u8> {
         let mut json = self.json.clone();
         json["buffers"] = json!([{"byteLength": self.binary.len()}]);
+        buffers.iter().for_each(|b| _ = push(&mut json["buffers"], b.clone()));
         let mut text = json.to_string().into_bytes();
         text.resize(text.len().next_multiple_of(4), b' ');
         let mut binary = self.binary.clone();

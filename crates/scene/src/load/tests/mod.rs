@@ -1,6 +1,7 @@
 //! Files made on the spot: good ones with known contents, and bad ones with known messages.
 
 mod bad_gltf;
+mod compressed;
 mod extensions;
 mod gltf;
 mod obj;
@@ -58,7 +59,11 @@ fn formats_are_told_by_content_and_name() {
     refused(&[("a.glb", b"hello")], &["glTF"]);
     refused(&[("a.gltf", b"hello")], &["JSON"]);
     refused(&[("a.ply", b"hello")], &["ply"]);
-    refused(&[("a.fbx", b"Kaydara")], &[".glb", "fbx"]);
+    refused(&[("a.fbx", b"Kaydara")], &["FBX", "Blender", ".glb"]);
+    refused(&[("a", b"Kaydara FBX Binary  \0")], &["FBX", "Blender"]);
+    refused(&[("a.usdz", b"PK\x03\x04")], &["USD", "usd2gltf"]);
+    refused(&[("a.glb", b"#usda 1.0\n")], &["USD", "usd2gltf"]);
+    refused(&[("a.stl", b"solid")], &[".glb", "stl"]);
     let folder = tempfile::tempdir().unwrap();
     let text = load(folder.path()).unwrap_err().to_string();
     assert!(text.contains("regular file"), "{text}");

@@ -1,0 +1,172 @@
+//! Compressed geometry: `EXT_meshopt_compression` with `KHR_mesh_quantization`.
+//!
+//! Positions, texture coordinates, colours and morph targets stay floats, on a grid of a power of two: nodes, skins and
+//! animations mean the same as without compression. Normals and tangents become 16-bit vectors of 12 significant bits.
+//! Everything else is kept bit by bit.
+
+use super::{VERTICES, Writer};
+use crate::meshopt::{Filter, encode_triangles, encode_vertices, exponential, octahedral};
+use serde_json::json;
+
+/// How geometry is written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Compression {
+    /// As it is, for every reader.
+    #[default]
+    None,
+    /// `EXT_meshopt_compression`, which a reader must know (three.js, Babylon.js, Godot and others do): a fraction of the
+    /// bytes; positions are rounded to 2^-15 of the mesh's size, directions to about .03 degrees.
+    Meshopt,
+}
+
+const EXTENSION: &str = "EXT_meshopt_compression";
+/// Steps of a position or texture coordinate over the extent of its mesh: at least two to this power.
+const STEPS: i32 = 15;
+/// Steps of a colour, or of a morph target's normal, per unit: two to this power.
+const UNIT_STEPS: i32 = 12;
+/// Significant bits of a component of a projected direction.
+const DIRECTION_BITS: u32 = 12;
+
+/// How floats are rounded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Rounding {
+    /// Relative to the extent of the values.
+    Extent,
+    /// Relative to one.
+    Unit,
+}
+
+impl Writer {
+    /// Appends a stream; the index of the view of its `count` elements of `stride` bytes.
+    fn stream(
+        &mut self,
+        stream: &[u8],
+        mode: &str,
+        filter: Filter,
+        (count, stride): (usize, usize),
+        target: Option<u32>,
+    ) -> usize {
+        self.binary.resize(self.binary.len().next_multiple_of(4), 0);
+        let bytes = count * stride;
+        let mut meshopt = json!({
+            "buffer": 0,
+            "byteOffset": self.binary.len(),
+            "byteLength": stream.len(),
+            "byteStride": stride,
+            "count": count,
+            "mode": mode,
+        });
+        if filter != Filter::None {
+            meshopt["filter"] = json!(filter.name());
+        }
+        let mut view = json!({
+            "buffer": 1,
+            "byteOffset": self.decoded,
+            "byteLength": bytes,
+            "extensions": {EXTENSION: meshopt},
+        });
+        if let Some(target) = target {
+            view["target"] = json!(target);
+        }
+        // Only vertex attributes may have a stride.
+        if target == Some(VERTICES) {
+            view["byteStride"] = json!(stride);
+        }
+        self.decoded += bytes.next_multiple_of(4);
+        self.binary.extend_from_slice(stream);
+        self.extensions.insert(EXTENSION);
+        self.required.insert(EXTENSION);
+        self.views.push(view);
+        self.views.len() - 1
+    }
+
+    /// The view of elements of `stride` bytes, compressed without loss where that takes fewer bytes.
+    pub(super) fn lossless(&mut self, bytes: &[u8], stride: usize, target: Option<u32>) -> usize {
+        if self.compression == Compression::Meshopt && stride.is_multiple_of(4) && !bytes.is_empty() {
+            let stream = encode_vertices(bytes, stride);
+            if stream.len() < bytes.len() {
+                let shape = (bytes.len() / stride, stride);
+                return self.stream(&stream, "ATTRIBUTES", Filter::None, shape, target);
+            }
+        }
+        self.view(bytes, target)
+    }
+
+    /// The accessor of vertices with `components` floats, and the floats that a reader will see.
+    pub(super) fn rounded(
+        &mut self,
+        values: &[f32],
+        components: usize,
+        rounding: Rounding,
+    ) -> (usize, Vec<f32>) {
+        let exponent = match rounding {
+            _ if self.compression == Compression::None => None,
+            Rounding::Extent => Some(extent_exponent(values, components)),
+            Rounding::Unit => Some(unit_exponent(values)),
+        };
+        let Some(exponent) = exponent else {
+            return (self.floats(values, components, Some(VERTICES)), values.to_vec());
+        };
+        let (stored, meant) = exponential(values, exponent);
+        let (count, stride) = (values.len() / components, 4 * components);
+        let stream = encode_vertices(&stored, stride);
+        let view = self.stream(&stream, "ATTRIBUTES", Filter::Exponential, (count, stride), Some(VERTICES));
+        (self.accessor_of(view, 5126, count, components), meant)
+    }
+
+    /// The accessor of unit vectors of three components, or of four, the last of which is 1 or -1.
+    pub(super) fn directions(&mut self, vectors: &[[f32; 4]], components: usize) -> usize {
+        if self.compression == Compression::None {
+            let values: Vec<f32> = vectors.iter().flat_map(|v| v[..components].to_vec()).collect();
+            return self.floats(&values, components, Some(VERTICES));
+        }
+        let stream = encode_vertices(&octahedral(vectors, DIRECTION_BITS), 8);
+        let shape = (vectors.len(), 8);
+        let view = self.stream(&stream, "ATTRIBUTES", Filter::Octahedral, shape, Some(VERTICES));
+        let accessor = self.accessor_of(view, 5122, vectors.len(), components);
+        self.accessors[accessor]["normalized"] = json!(true);
+        self.extensions.insert("KHR_mesh_quantization");
+        self.required.insert("KHR_mesh_quantization");
+        accessor
+    }
+
+    /// The accessor of the indices of triangles, which have `size` bytes each.
+    pub(super) fn compressed_indices(
+        &mut self,
+        triangles: &[[u32; 3]],
+        component: u32,
+        size: usize,
+    ) -> usize {
+        let shape = (3 * triangles.len(), size);
+        let stream = encode_triangles(triangles);
+        let view = self.stream(&stream, "TRIANGLES", Filter::None, shape, Some(super::INDICES));
+        self.accessor_of(view, component, shape.0, 1)
+    }
+}
+
+/// The power of two that is at least |x|, as an exponent; a small one for zero.
+fn above(x: f32) -> i32 {
+    if x == 0.0 { -90 } else { (x.abs().to_bits() >> 23) as i32 - 126 }
+}
+
+/// A grid that the mantissas of 24 bits reach.
+fn reachable(exponent: i32, values: &[f32]) -> i32 {
+    let largest = values.iter().fold(0.0_f32, |a, x| a.max(x.abs()));
+    exponent.max(above(largest) - 22).clamp(-112, 106)
+}
+
+/// The grid of [`Rounding::Extent`], the same for all components.
+fn extent_exponent(values: &[f32], components: usize) -> i32 {
+    let mut extent = 0.0_f32;
+    for k in 0..components {
+        let column = values.iter().skip(k).step_by(components);
+        let (lo, hi) = column.fold((f32::MAX, f32::MIN), |(lo, hi), x| (lo.min(*x), hi.max(*x)));
+        extent = extent.max((hi / 2.0 - lo / 2.0).abs());
+    }
+    // Half the extent is at least 2^(above - 1).
+    reachable(above(extent) - STEPS, values)
+}
+
+fn unit_exponent(values: &[f32]) -> i32 {
+    reachable(-UNIT_STEPS, values)
+}
