@@ -8,6 +8,7 @@ pub mod candidate;
 pub mod compare;
 pub mod engine;
 mod error;
+pub mod guiding;
 pub mod pictures;
 mod progress;
 pub mod recover;

@@ -166,12 +166,15 @@ pub struct TrainingVertex {
 
 /// Keeps the vertices of paths, each with an estimate of the radiance that arrives from the direction taken.
 ///
-/// Light that the path meets right after a vertex counts in full there, whatever its weight in the picture: the vertex
-/// sees it by this direction alone. Call [`Self::begin`] before each path.
+/// Light that the path meets right after a vertex counts in full there, whatever its weight in the picture (the vertex
+/// sees it by this direction alone), unless [`Self::weighted`]. Call [`Self::begin`] before each path.
 #[derive(Clone, Debug, Default)]
 pub struct TrainingSink {
     /// The vertices of all paths, in order.
     pub vertices: Vec<TrainingVertex>,
+    /// Light met right after a vertex counts with its weight in the picture instead: what next-event estimation leaves to
+    /// directions. [`TrainingVertex::radiance`] is then an estimate of that part.
+    pub weighted: bool,
     /// Where those of the present path begin.
     start: usize,
 }
@@ -210,7 +213,8 @@ impl Sink for TrainingSink {
         for v in before {
             v.radiance += v.since.mul(arrives) * light.weight;
         }
-        let weight = if light.found == Found::NextEvent { light.weight } else { 1.0 };
+        let full = light.found != Found::NextEvent && !self.weighted;
+        let weight = if full { 1.0 } else { light.weight };
         last.radiance += last.since.mul(arrives) * weight;
     }
 }
