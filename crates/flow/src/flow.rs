@@ -58,7 +58,7 @@ impl Default for FlowOptions {
             spatial: true,
             directional: true,
             rates: [5e-3, 2e-2],
-            batch: 1024,
+            batch: 256,
             refresh: 1000,
             passes: 1,
             seed: 0,

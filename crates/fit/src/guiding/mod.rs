@@ -34,12 +34,13 @@ pub enum Guiding {
 }
 
 impl Guiding {
-    /// Cost of a path vertex with the guide over that of one without: measured by `cargo xtask bench flow`.
+    /// Cost of a path vertex with the guide over that of one without: rounded from
+    /// times a sample in scenes with short paths (`cargo xtask bench flow` measures them).
     pub fn cost(self) -> f64 {
         match self {
             Self::Off => 1.0,
             Self::Flow => 5.0,
-            Self::Lobes => 1.6,
+            Self::Lobes => 2.4,
         }
     }
 

@@ -35,9 +35,9 @@ pub struct LobeOptions {
 }
 
 impl Default for LobeOptions {
-    /// Leaves of up to 4,000 records, 24 levels.
+    /// Leaves of up to 300 records, 24 levels.
     fn default() -> Self {
-        Self { leaf_records: 4000, depth: 24, least_records: 64 }
+        Self { leaf_records: 300, depth: 24, least_records: 32 }
     }
 }
 

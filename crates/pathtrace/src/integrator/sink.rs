@@ -167,19 +167,24 @@ pub struct TrainingVertex {
 /// Keeps the vertices of paths, each with an estimate of the radiance that arrives from the direction taken.
 ///
 /// Light that the path meets right after a vertex counts in full there, whatever its weight in the picture (the vertex
-/// sees it by this direction alone), unless [`Self::weighted`]. Call [`Self::begin`] before each path.
+/// sees it by this direction alone), unless the sink is [`Self::weighted`]. Call [`Self::begin`] before each path.
 #[derive(Clone, Debug, Default)]
 pub struct TrainingSink {
     /// The vertices of all paths, in order.
     pub vertices: Vec<TrainingVertex>,
-    /// Light met right after a vertex counts with its weight in the picture instead: what next-event estimation leaves to
-    /// directions. [`TrainingVertex::radiance`] is then an estimate of that part.
-    pub weighted: bool,
+    /// See [`Self::weighted`].
+    weighted: bool,
     /// Where those of the present path begin.
     start: usize,
 }
 
 impl TrainingSink {
+    /// A sink in which light met right after a vertex counts with its weight in the picture: the part that next-event
+    /// estimation leaves to directions. [`TrainingVertex::radiance`] is then an estimate of that part.
+    pub fn weighted() -> Self {
+        Self { weighted: true, ..Self::default() }
+    }
+
     /// Begins a new path: the vertices so far are complete.
     pub fn begin(&mut self) {
         self.start = self.vertices.len();
