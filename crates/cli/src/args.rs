@@ -354,6 +354,7 @@ impl Render {
         let given = [
             ("--noise", p.noise.is_some()),
             ("--time-limit", p.time_limit.is_some()),
+            ("--guiding", p.guiding.is_some()),
             ("--aov", !p.aov.is_empty()),
             ("--resume", p.resume),
             ("--exposure", p.exposure != 0.0),
@@ -388,6 +389,18 @@ pub(crate) enum RenderIntegrator {
     Path,
 }
 
+/// What learns where light comes from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub(crate) enum RenderGuiding {
+    /// Nothing.
+    #[default]
+    Off,
+    /// A normalizing flow.
+    Flow,
+    /// Lobes in a spatial tree.
+    Lobes,
+}
+
 /// Options of `render --integrator path`.
 #[derive(Args, Clone, Debug, Default)]
 pub(crate) struct PathArgs {
@@ -399,6 +412,10 @@ pub(crate) struct PathArgs {
     /// 1000000000] [default: no limit].
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub(crate) time_limit: Option<Duration>,
+    /// Learn where light comes from before rendering, and choose directions by it where that pays
+    /// (experimental). The guide switches itself off where it does not pay, and says so [default: off].
+    #[arg(long, value_enum)]
+    pub(crate) guiding: Option<RenderGuiding>,
     /// Auxiliary images, as layers of an .exr: albedo, normal, `geometric_normal`, depth, position, instance, variance,
     /// direct, indirect, samples; or all [default: none].
     #[arg(long, value_name = "LIST", value_delimiter = ',')]

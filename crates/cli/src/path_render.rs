@@ -1,6 +1,6 @@
 //! `photofit render --integrator path`: one picture of an asset with all its light.
 
-use crate::args::{Render, RenderLight};
+use crate::args::{Render, RenderGuiding, RenderLight};
 use crate::light::MEAN;
 use crate::output::{self, print};
 use crate::preflight::Places;
@@ -9,6 +9,7 @@ use crate::status::{Ending, Misuse};
 use crate::{interrupt, render};
 use anyhow::{Context, Result, anyhow, bail};
 use photofit_fit::Progress as _;
+use photofit_fit::guiding::{Guidance, Guiding, GuidingOptions};
 use photofit_image::{Image, luminance, tone_map};
 use photofit_pathtrace::{
     Aov, EnvironmentMap, LightSource, Parts, PathOptions, Progress, RenderOptions, Renderer, View, World,
@@ -26,6 +27,8 @@ const SPP: u32 = 64;
 const DEPTH: u32 = 16;
 /// Time between two saved states.
 const SAVE_EVERY: Duration = Duration::from_secs(20);
+/// Share of the time limit that a guide may train.
+const TRAINING_SHARE: f64 = 0.3;
 /// Bound on the samples when noise or time ends it.
 const SPP_MAX: u32 = 4096;
 
@@ -49,6 +52,11 @@ pub(crate) fn run(a: &Render, places: &Places) -> Result<Ending> {
 pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, key: &str) -> Result<Ending> {
     let began = Instant::now();
     let state = state_file(&a.output);
+    // A guide changes the paths: a state belongs to renders with the same one.
+    let key = &match guiding(a) {
+        Guiding::Off => key.to_owned(),
+        guide => format!("{key}|guiding {}", guide.name()),
+    };
     if a.path.explain {
         print(&format!("path tracing\n{}", renderer.plan()))?;
     }
@@ -56,7 +64,7 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, key: &str) -> Resul
         resume(&mut renderer, &state, key)?;
     }
     interrupt::handle();
-    let finished = match a.path.threads {
+    let (finished, guidance) = match a.path.threads {
         None => work(a, &mut renderer, &state, key)?,
         Some(n) => {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(n)).build()?;
@@ -68,7 +76,7 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, key: &str) -> Resul
         fs::remove_file(&state).with_context(|| format!("{}: cannot be removed", state.display()))?;
     }
     if let Some(file) = &a.json {
-        output::write_json(file, &figures(a, &renderer, finished, began))?;
+        output::write_json(file, &figures(a, &renderer, &guidance, finished, began))?;
     }
     let left_out = renderer.progress().not_finite;
     if left_out > 0 {
@@ -78,10 +86,44 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, key: &str) -> Resul
     Ok(if stopped { Ending::Stopped } else { Ending::Done })
 }
 
-/// The figures of a render as JSON; `spp` is the mean over the pixels.
-fn figures(a: &Render, renderer: &Renderer<'_>, finished: bool, began: Instant) -> Value {
+/// What learns where light comes from.
+fn guiding(a: &Render) -> Guiding {
+    match a.path.guiding.unwrap_or_default() {
+        RenderGuiding::Off => Guiding::Off,
+        RenderGuiding::Flow => Guiding::Flow,
+        RenderGuiding::Lobes => Guiding::Lobes,
+    }
+}
+
+/// The figures of a render as JSON; `spp` is the mean over the pixels, `variance` that of single samples over pixels and
+/// channels.
+fn figures(
+    a: &Render,
+    renderer: &Renderer<'_>,
+    guidance: &Guidance,
+    finished: bool,
+    began: Instant,
+) -> Value {
     let progress = renderer.progress();
+    let variance = renderer.sample_variance();
+    let variance = variance.data.iter().map(|v| f64::from(*v)).sum::<f64>() / variance.data.len() as f64;
+    let guide = guidance.report().map(|r| {
+        let finite = |v: f64| v.is_finite().then_some(v);
+        json!({
+            "used": r.used,
+            "gain": finite(r.gain),
+            "variance_ratio": finite(r.variance_ratio),
+            "work_ratio": finite(r.work_ratio),
+            "paths": r.paths,
+            "records": r.records,
+        })
+    });
     json!({
+        "guiding": guiding(a).name(),
+        "guide": guide,
+        "training_seconds": guidance.report().map_or(0.0, |r| r.seconds),
+        "samples": progress.samples,
+        "variance": variance.is_finite().then_some(variance),
         "input": a.input.display().to_string(),
         "output": a.output.display().to_string(),
         "integrator": "path",
@@ -223,15 +265,24 @@ fn resume(renderer: &mut Renderer<'_>, state: &Path, key: &str) -> Result<()> {
     }
 }
 
-/// Renders until nothing is left to do, time is over or Ctrl-C; whether all is done.
-fn work(a: &Render, renderer: &mut Renderer<'_>, state: &Path, key: &str) -> Result<bool> {
+/// Trains a guide if one is wanted, and renders until nothing is left to do, time is over or Ctrl-C; whether all is done.
+fn work(a: &Render, renderer: &mut Renderer<'_>, state: &Path, key: &str) -> Result<(bool, Guidance)> {
     let terminal = Terminal::new();
-    let (began, mut saved) = (Instant::now(), Instant::now());
+    let began = Instant::now();
+    let patience = a.path.time_limit.map(|limit| limit.mul_f64(TRAINING_SHARE));
+    let tired = || terminal.is_cancelled() || patience.is_some_and(|p| began.elapsed() >= p);
+    let guidance = Guidance::train(renderer, &GuidingOptions::new(guiding(a)), tired)?;
+    match guidance.report() {
+        Some(report) => say(&report.sentence()),
+        None if guiding(a) != Guiding::Off => say("guiding is off: the time limit leaves none for training"),
+        None => {}
+    }
+    let mut saved = Instant::now();
     let every = a.path.save_every.unwrap_or(SAVE_EVERY);
     let over = || a.path.time_limit.is_some_and(|limit| began.elapsed() >= limit);
     loop {
         let due = || saved.elapsed() >= every;
-        let progress = renderer.pass(|| terminal.is_cancelled() || over() || due());
+        let progress = guidance.pass(renderer, || terminal.is_cancelled() || over() || due());
         report(&terminal, a, &progress, began);
         let stopped = terminal.is_cancelled() || over();
         if !progress.done && (due() || stopped) {
@@ -244,7 +295,7 @@ fn work(a: &Render, renderer: &mut Renderer<'_>, state: &Path, key: &str) -> Res
                 let share = 100.0 * progress.samples as f64 / progress.total as f64;
                 say(&format!("stopped at {share:.1}% of the samples; --resume goes on"));
             }
-            return Ok(progress.done);
+            return Ok((progress.done, guidance));
         }
     }
 }

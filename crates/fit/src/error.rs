@@ -43,6 +43,9 @@ pub enum FitError {
     /// The reference cannot be path traced.
     #[error("path tracing: {0}")]
     PathTrace(#[from] photofit_pathtrace::PathtraceError),
+    /// A guide of path tracing could not be made or trained.
+    #[error("guiding: {0}")]
+    Guide(#[from] photofit_flow::FlowError),
     /// A picture could not be written.
     #[error(transparent)]
     Image(#[from] photofit_image::ImageError),

@@ -9,6 +9,7 @@ pub mod candidate;
 pub mod compare;
 pub mod engine;
 mod error;
+pub mod guiding;
 pub mod lod;
 pub mod pictures;
 mod progress;

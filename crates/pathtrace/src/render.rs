@@ -4,8 +4,8 @@ use crate::PathtraceError;
 use crate::camera::{Prepared, View};
 use crate::error::invalid;
 use crate::film::{Aov, Film, Filter, Observer, Recorder, TILE, Tile};
-use crate::integrator::path::walk;
-use crate::integrator::{Kernel, PathOptions, Sink, Strategy, teaching};
+use crate::integrator::path::{trace_with, walk};
+use crate::integrator::{Kernel, PathOptions, PathSample, Sink, Strategy, teaching};
 use crate::plan::{self, Features, Plan};
 use crate::random::{PathRandom, PixelRandom};
 use crate::world::{World, WorldRay};
@@ -155,6 +155,19 @@ impl<'a> Renderer<'a> {
         Ok(Self { world, view: *view, options, plan, film })
     }
 
+    /// What is rendered.
+    pub fn options(&self) -> &RenderOptions {
+        &self.options
+    }
+
+    /// A render of the same world by the same camera with other options, that has not begun.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn again(&self, options: RenderOptions) -> Result<Self, PathtraceError> {
+        Self::new(self.world, &self.view, options)
+    }
+
     /// The integrator that was chosen.
     pub fn plan(&self) -> &Plan {
         &self.plan
@@ -165,17 +178,45 @@ impl<'a> Renderer<'a> {
     /// `stop` is asked before every tile; once it says true the pass ends soon, and the next one goes on where it
     /// ended. The picture depends on the number of samples alone, not on how passes were cut.
     pub fn pass(&mut self, stop: impl Fn() -> bool + Sync) -> Progress {
+        let kernel = self.kernel();
+        self.pass_by(kernel, stop)
+    }
+
+    /// As [`Self::pass`], with directions of `sampler` at surfaces, whatever integrator the options name. Passes of any
+    /// samplers may follow each other: the estimate stays unbiased as long as a sampler knows nothing of the samples of
+    /// this film that are still to come.
+    pub fn pass_with<D: DirectionSampler + Sync>(
+        &mut self,
+        sampler: &D,
+        stop: impl Fn() -> bool + Sync,
+    ) -> Progress {
+        let aovs = !self.options.aovs.is_empty();
+        if self.plan.needs.contains(Features(plan::VOLUMES)) {
+            return self.pass_by(
+                |world: &World, ray: &WorldRay, random: &PathRandom, options: &PathOptions| {
+                    trace_with::<{ plan::ALL }, D>(world, ray, random, options, sampler, aovs)
+                },
+                stop,
+            );
+        }
+        self.pass_by(
+            |world: &World, ray: &WorldRay, random: &PathRandom, options: &PathOptions| {
+                trace_with::<{ plan::ALL & !plan::VOLUMES }, D>(world, ray, random, options, sampler, aovs)
+            },
+            stop,
+        )
+    }
+
+    fn pass_by(
+        &mut self,
+        kernel: impl Fn(&World, &WorldRay, &PathRandom, &PathOptions) -> PathSample + Sync,
+        stop: impl Fn() -> bool + Sync,
+    ) -> Progress {
         let target = self.target();
         let observer = self.observer();
         let recorder = self.film.recorder(&observer);
         let mut tiles = std::mem::take(&mut self.film.tiles);
-        let job = Job {
-            renderer: self,
-            camera: observer.camera,
-            recorder: &recorder,
-            kernel: self.kernel(),
-            target,
-        };
+        let job = Job { renderer: self, camera: observer.camera, recorder: &recorder, kernel, target };
         tiles.par_iter_mut().filter(|t| t.active && t.count < target).for_each(|tile| {
             if !stop() {
                 job.tile(tile);
@@ -343,15 +384,15 @@ impl<'a> Renderer<'a> {
 }
 
 /// One pass.
-struct Job<'a> {
+struct Job<'a, K> {
     renderer: &'a Renderer<'a>,
     camera: Prepared,
     recorder: &'a Recorder<'a>,
-    kernel: Kernel,
+    kernel: K,
     target: u32,
 }
 
-impl Job<'_> {
+impl<K: Fn(&World, &WorldRay, &PathRandom, &PathOptions) -> PathSample> Job<'_, K> {
     fn tile(&self, tile: &mut Tile) {
         let options = &self.renderer.options;
         for i in 0..tile.width * tile.height {

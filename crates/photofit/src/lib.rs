@@ -11,6 +11,7 @@
 //! | `shading` | `shading` | surfaces, lights and their derivatives | |
 //! | `optim` | `optim` | optimizers on plain slices | |
 //! | `optim-mesh`, `optim-fft` | `optim` | diffusion over meshes (brings faer), over grids (brings an FFT) | `optim` |
+//! | `flow` | `flow` | learned importance sampling: normalizing flows, lobe mixtures | `optim`, `sampling` |
 //! | `denoise` | `denoise` | variational denoising, surfaces from points | `image` |
 //! | `scene` | `scene` | cameras, materials; glTF, OBJ and PLY files | `image-files`, `geometry`, `shading`, `texture` |
 //! | `raster` | `raster` | the differentiable rasterizer | `geometry`, `shading`, `texture` |
@@ -60,6 +61,8 @@ pub use photofit_scalar as scalar;
 pub use photofit_denoise as denoise;
 #[cfg(feature = "fit")]
 pub use photofit_fit as fit;
+#[cfg(feature = "flow")]
+pub use photofit_flow as flow;
 #[cfg(feature = "geometry")]
 pub use photofit_geometry as geometry;
 #[cfg(feature = "image")]

@@ -53,6 +53,7 @@ fn view() -> View<'static, f32> {
         width: SIZE * SAMPLES,
         height: SIZE * SAMPLES,
         samples: SAMPLES,
+        shade_per_pixel: false,
         lod_bias: 0.0,
     }
 }

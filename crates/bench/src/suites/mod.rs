@@ -6,6 +6,7 @@ mod decimate;
 mod denoise;
 mod denoise_mc;
 mod denoise_peer;
+mod flow;
 mod gradients;
 mod metrics;
 mod optim;
@@ -88,6 +89,11 @@ pub(crate) const SUITES: &[Suite] = &[
         run: second_order::run,
     },
     Suite { name: "ztest", about: "agreement of path tracing with published references", run: ztest::run },
+    Suite {
+        name: "flow",
+        about: "learned importance sampling, cost per sample and variance times time",
+        run: flow::run,
+    },
     Suite { name: "pathtrace", about: "path tracing, error against time", run: pathtrace::run },
     Suite { name: "atlas", about: "unwrapping, time and stretch against triangles", run: atlas::run },
 ];

@@ -71,9 +71,7 @@ pub(crate) fn trace_picture<const F: u32>(
     random: &PathRandom,
     options: &PathOptions,
 ) -> PathSample {
-    let (alpha, sink) =
-        walk::<F, _, _>(world, ray, random, options, &ScatteringSampler, PictureSink::default());
-    PathSample { radiance: sink.radiance, alpha, not_finite: sink.not_finite, ..PathSample::default() }
+    trace_with::<F, _>(world, ray, random, options, &ScatteringSampler, false)
 }
 
 /// As [`trace_picture`], with what auxiliary images need.
@@ -83,9 +81,32 @@ pub(crate) fn trace_aovs<const F: u32>(
     random: &PathRandom,
     options: &PathOptions,
 ) -> PathSample {
-    let (alpha, sink) = walk::<F, _, _>(world, ray, random, options, &ScatteringSampler, AovSink::default());
-    let (picture, direct, first) = (sink.picture, sink.direct, sink.first);
-    PathSample { radiance: picture.radiance, direct, alpha, first, not_finite: picture.not_finite }
+    trace_with::<F, _>(world, ray, random, options, &ScatteringSampler, true)
+}
+
+/// A path with directions of `sampler`; with what auxiliary images need if `aovs`.
+#[inline(always)]
+pub(crate) fn trace_with<const F: u32, D: DirectionSampler>(
+    world: &World,
+    ray: &WorldRay,
+    random: &PathRandom,
+    options: &PathOptions,
+    sampler: &D,
+    aovs: bool,
+) -> PathSample {
+    if aovs {
+        let (alpha, sink) = walk::<F, _, _>(world, ray, random, options, sampler, AovSink::default());
+        let (picture, direct, first) = (sink.picture, sink.direct, sink.first);
+        return PathSample {
+            radiance: picture.radiance,
+            direct,
+            alpha,
+            first,
+            not_finite: picture.not_finite,
+        };
+    }
+    let (alpha, sink) = walk::<F, _, _>(world, ray, random, options, sampler, PictureSink::default());
+    PathSample { radiance: sink.radiance, alpha, not_finite: sink.not_finite, ..PathSample::default() }
 }
 
 /// Walks a path from a camera ray and reports to the sink; what `F` lacks is not compiled in. Returns 1 if the camera sees

@@ -202,17 +202,25 @@ pub struct TrainingVertex {
 
 /// Keeps the vertices of paths, each with an estimate of the radiance that arrives from the direction taken.
 ///
-/// Light that the path meets right after a vertex counts in full there, whatever its weight in the picture: the vertex
-/// sees it by this direction alone. Call [`Self::begin`] before each path.
+/// Light that the path meets right after a vertex counts in full there, whatever its weight in the picture (the vertex
+/// sees it by this direction alone), unless the sink is [`Self::weighted`]. Call [`Self::begin`] before each path.
 #[derive(Clone, Debug, Default)]
 pub struct TrainingSink {
     /// The vertices of all paths, in order.
     pub vertices: Vec<TrainingVertex>,
+    /// See [`Self::weighted`].
+    weighted: bool,
     /// Where those of the present path begin.
     start: usize,
 }
 
 impl TrainingSink {
+    /// A sink in which light met right after a vertex counts with its weight in the picture: the part that next-event
+    /// estimation leaves to directions. [`TrainingVertex::radiance`] is then an estimate of that part.
+    pub fn weighted() -> Self {
+        Self { weighted: true, ..Self::default() }
+    }
+
     /// Begins a new path: the vertices so far are complete.
     pub fn begin(&mut self) {
         self.start = self.vertices.len();
@@ -246,7 +254,8 @@ impl Sink for TrainingSink {
         for v in before {
             v.radiance += v.since.mul(arrives) * light.weight;
         }
-        let weight = if light.found == Found::NextEvent { light.weight } else { 1.0 };
+        let full = light.found != Found::NextEvent && !self.weighted;
+        let weight = if full { 1.0 } else { light.weight };
         last.radiance += last.since.mul(arrives) * weight;
     }
 }

@@ -1,0 +1,273 @@
+//! Guided path tracing: a guide of `photofit-flow` learns from paths of the scene, a rehearsal judges whether it pays, and
+//! the picture is rendered with it or without.
+//!
+//! Training is a function of the scene, the options and the seed: it has a fixed number of paths, none of which is in the
+//! picture, and reads no clock. A render that goes on later trains again, to the same bits.
+//!
+//! Rounds of training double in length; each walks paths with what the rounds before it learned. Whether the guide pays is
+//! judged by variance times work on paths of their own, where work is counted in path vertices, weighted by the costs of
+//! [`Guiding::cost`], so that the decision does not depend on the machine.
+
+mod rehearsal;
+
+use crate::FitError;
+use photofit_flow::{FlowGuide, FlowOptions, Guide, Guided, LobeGuide, LobeOptions};
+use photofit_pathtrace::{Integrator, Progress, RenderOptions, Renderer, Strategy};
+use photofit_sampling::ScatteringSampler;
+use photofit_scalar::Vec3f;
+use rehearsal::{Rehearsal, Trial};
+use std::time::Instant;
+
+/// Tells the seeds of training and rehearsal from that of the picture.
+const SEED: u64 = 0x6_u64.rotate_left(56) ^ 0x9a1d;
+
+/// Which guide.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Guiding {
+    /// None.
+    #[default]
+    Off,
+    /// A normalizing flow.
+    Flow,
+    /// Lobes in a spatial tree.
+    Lobes,
+}
+
+impl Guiding {
+    /// Cost of a path vertex with the guide over that of one without: rounded from
+    /// times a sample in scenes with short paths (`cargo xtask bench flow` measures them).
+    pub fn cost(self) -> f64 {
+        match self {
+            Self::Off => 1.0,
+            Self::Flow => 5.0,
+            Self::Lobes => 2.4,
+        }
+    }
+
+    /// The name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Off => "off",
+            Self::Flow => "flow",
+            Self::Lobes => "lobes",
+        }
+    }
+}
+
+/// How a guide is trained and judged.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GuidingOptions {
+    /// Which guide.
+    pub guiding: Guiding,
+    /// Largest side of the pictures that are trained on, pixels.
+    pub side: usize,
+    /// Rounds of training; round `r` walks `2^r` paths a pixel.
+    pub rounds: u32,
+    /// Paths a pixel of the rehearsal, with the guide and without.
+    pub rehearsal: u32,
+    /// Least gain (variance times work without the guide over that with it) for which the guide is used; 0 uses it always.
+    pub least_gain: f64,
+    /// Most records that a round learns from.
+    pub records: usize,
+    /// The flow.
+    pub flow: FlowOptions,
+    /// The lobes.
+    pub lobes: LobeOptions,
+}
+
+impl GuidingOptions {
+    /// 5 rounds and a rehearsal of 16 paths at 96 pixels a side; a gain of 1.15 is asked for.
+    pub fn new(guiding: Guiding) -> Self {
+        Self {
+            guiding,
+            side: 96,
+            rounds: 5,
+            rehearsal: 16,
+            least_gain: 1.15,
+            records: 1 << 18,
+            flow: FlowOptions::default(),
+            lobes: LobeOptions::default(),
+        }
+    }
+}
+
+/// A guide that has learned.
+#[derive(Debug)]
+enum Trained {
+    Flow(Box<FlowGuide>),
+    Lobes(LobeGuide),
+}
+
+/// What training came to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GuidingReport {
+    /// Which guide was trained.
+    pub guiding: Guiding,
+    /// Whether it is used.
+    pub used: bool,
+    /// Variance times work without the guide over that with it; not finite where nothing could be measured.
+    pub gain: f64,
+    /// Variance without the guide over that with it.
+    pub variance_ratio: f64,
+    /// Work of a path with the guide over that of one without.
+    pub work_ratio: f64,
+    /// Paths of training and rehearsal.
+    pub paths: u64,
+    /// Records learned from.
+    pub records: u64,
+    /// Seconds of training and rehearsal (by the clock: for reports alone).
+    pub seconds: f64,
+}
+
+impl GuidingReport {
+    /// One sentence for people.
+    pub fn sentence(&self) -> String {
+        let Self { variance_ratio, work_ratio, gain, .. } = self;
+        let name = self.guiding.name();
+        if !gain.is_finite() {
+            return format!("guiding ({name}) is off: the rehearsal found nothing to measure");
+        }
+        let figures = format!("variance / {variance_ratio:.2}, work x {work_ratio:.2}: gain {gain:.2}");
+        if self.used {
+            format!("guiding ({name}) is on: {figures}")
+        } else {
+            format!("guiding ({name}) switched itself off, it does not pay here: {figures}")
+        }
+    }
+}
+
+/// What directions of paths are chosen by.
+#[derive(Debug, Default)]
+pub struct Guidance {
+    trained: Option<Trained>,
+    report: Option<GuidingReport>,
+}
+
+impl Guidance {
+    /// No guide.
+    pub fn off() -> Self {
+        Self::default()
+    }
+
+    /// Trains and judges a guide for the render that `renderer` begins; its film stays as it is.
+    ///
+    /// `stop` is asked between rounds of training; once it says true, there is no guide.
+    ///
+    /// # Errors
+    /// [`FitError::PathTrace`] and [`FitError::Guide`] for options that do not work.
+    pub fn train(
+        renderer: &Renderer<'_>,
+        options: &GuidingOptions,
+        stop: impl Fn() -> bool,
+    ) -> Result<Self, FitError> {
+        if options.guiding == Guiding::Off {
+            return Ok(Self::off());
+        }
+        let began = Instant::now();
+        let mut paths = 0;
+        let first = Rehearsal::new(&rehearsing(renderer, options, 0)?, 0, 1).run(&ScatteringSampler);
+        paths += first.paths;
+        let (lo, hi) = first.bounds();
+        let mut state = match options.guiding {
+            Guiding::Lobes => Trained::Lobes(LobeGuide::new(options.lobes)),
+            _ => {
+                let seed = options.flow.seed ^ renderer.options().seed;
+                let flow = FlowOptions { seed, ..options.flow };
+                Trained::Flow(Box::new(FlowGuide::new(lo, hi, flow)?))
+            }
+        };
+        let mut records = state.learn(first, options.records)?;
+        for round in 1..options.rounds {
+            if stop() {
+                return Ok(Self::off());
+            }
+            let stage = rehearsing(renderer, options, u64::from(round))?;
+            let trial = state.run(&Rehearsal::new(&stage, 0, 1 << round));
+            paths += trial.paths;
+            records += state.learn(trial, options.records)?;
+        }
+        // Both trials take the same numbers where their paths agree, and none of training.
+        let stage = rehearsing(renderer, options, u64::from(options.rounds))?;
+        let judged = Rehearsal::new(&stage, 0, options.rehearsal.max(2)).without_records();
+        let (plain, guided) = (judged.run(&ScatteringSampler), state.run(&judged));
+        paths += plain.paths + guided.paths;
+        let variance_ratio = plain.variance(&guided) / guided.variance(&plain);
+        let work_ratio = options.guiding.cost() * guided.work as f64 / plain.work as f64;
+        let gain = variance_ratio / work_ratio;
+        let used = options.least_gain <= 0.0 || gain >= options.least_gain;
+        let seconds = began.elapsed().as_secs_f64();
+        let guiding = options.guiding;
+        let report =
+            GuidingReport { guiding, used, gain, variance_ratio, work_ratio, paths, records, seconds };
+        Ok(Self { trained: used.then_some(state), report: Some(report) })
+    }
+
+    /// What training came to; `None` without a guide.
+    pub fn report(&self) -> Option<&GuidingReport> {
+        self.report.as_ref()
+    }
+
+    /// Adds samples to the picture as [`Renderer::pass`].
+    pub fn pass(&self, renderer: &mut Renderer<'_>, stop: impl Fn() -> bool + Sync) -> Progress {
+        match &self.trained {
+            None => renderer.pass(stop),
+            Some(Trained::Flow(guide)) => renderer.pass_with(&Guided(&**guide), stop),
+            Some(Trained::Lobes(guide)) => renderer.pass_with(&Guided(guide), stop),
+        }
+    }
+}
+
+impl Trained {
+    fn run(&self, rehearsal: &Rehearsal<'_>) -> Trial {
+        match self {
+            Self::Flow(guide) => rehearsal.run(&Guided(&**guide)),
+            Self::Lobes(guide) => rehearsal.run(&Guided(guide)),
+        }
+    }
+
+    /// Learns from at most `most` records of the trial, evenly taken; gives their number.
+    fn learn(&mut self, trial: Trial, most: usize) -> Result<u64, FitError> {
+        let mut records = trial.records;
+        let every = records.len().div_ceil(most.max(1)).max(1);
+        if every > 1 {
+            records = records.into_iter().step_by(every).collect();
+        }
+        match self {
+            Self::Flow(guide) => guide.learn(&records)?,
+            Self::Lobes(guide) => guide.learn(&records)?,
+        }
+        Ok(records.len() as u64)
+    }
+}
+
+/// A small render of the same view with numbers of its own.
+fn rehearsing<'a>(
+    renderer: &Renderer<'a>,
+    options: &GuidingOptions,
+    round: u64,
+) -> Result<Renderer<'a>, FitError> {
+    let own = renderer.options();
+    let scale = (options.side.max(1) as f64 / own.width.max(own.height) as f64).min(1.0);
+    let size = |n: usize| ((n as f64 * scale).round() as usize).max(1);
+    Ok(renderer.again(RenderOptions {
+        width: size(own.width),
+        height: size(own.height),
+        seed: photofit_sampling::hash(own.seed, SEED, round),
+        aovs: Vec::new(),
+        noise: None,
+        previous: None,
+        integrator: Integrator::Path,
+        path: photofit_pathtrace::PathOptions { strategy: Strategy::Mis, ..own.path },
+        ..own.clone()
+    })?)
+}
+
+/// The box around points; a unit cube without any.
+fn box_of(points: impl Iterator<Item = Vec3f>) -> (Vec3f, Vec3f) {
+    let start = (Vec3f::splat(f32::INFINITY), Vec3f::splat(f32::NEG_INFINITY));
+    let (lo, hi) = points.fold(start, |(lo, hi), p| (lo.min(p), hi.max(p)));
+    if lo.is_finite() && hi.is_finite() { (lo, hi) } else { (Vec3f::zero(), Vec3f::splat(1.0)) }
+}
+
+#[cfg(test)]
+mod tests;

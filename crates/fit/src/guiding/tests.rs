@@ -1,0 +1,143 @@
+//! Guided renders: unbiased at every stage, reproducible, off where it is no use.
+
+use super::*;
+use glam::Vec3;
+use photofit_geometry::Mesh;
+use photofit_pathtrace::{EnvironmentMap, Material, Parts, Shape, View, World};
+use photofit_scalar::vec3;
+use photofit_scene::Camera;
+use photofit_shading::bsdf::{Bsdf, Diffuse};
+
+fn quad(corner: Vec3f, a: Vec3f, b: Vec3f) -> Mesh {
+    Mesh {
+        positions: vec![corner, corner + a, corner + a + b, corner + b],
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        ..Mesh::default()
+    }
+}
+
+fn grey(v: f32) -> Material {
+    Material::new(Bsdf::Diffuse(Diffuse { reflectance: Vec3f::splat(v) }))
+}
+
+/// A closed room under an even sky that is seen through one gap in its far wall.
+fn rooms() -> World {
+    let sky = Some(EnvironmentMap::constant(Vec3f::splat(10.0)));
+    let mut parts = Parts { environment: sky, ..Parts::default() };
+    let (x, y, z) = (vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0), vec3(0.0, 0.0, 1.0));
+    let o = vec3(-1.0, 0.0, -0.5);
+    for (corner, a, b) in [
+        (o, z, x * 2.0),
+        (o + y, x * 2.0, z),
+        (o, x * 2.0, y),
+        (o + z, y, x * 2.0),
+        (o + x * 2.0, z, y),
+        // The far wall around the gap.
+        (o, y * 0.3, z),
+        (o + y * 0.7, y * 0.3, z),
+        (o + y * 0.3, y * 0.4, z * 0.3),
+        (o + y * 0.3 + z * 0.7, y * 0.4, z * 0.3),
+    ] {
+        parts.add(Shape::Mesh(quad(corner, a, b)), grey(0.5));
+    }
+    World::new(parts).unwrap()
+}
+
+/// A camera in the room.
+fn inside() -> View {
+    let eye = Vec3::new(0.15, 0.5, 0.4);
+    View::pinhole(&Camera::look_at(eye, Vec3::new(0.9, 0.4, -0.3), Vec3::Y, 1.2, 1.0, 0.01, 10.0))
+}
+
+/// A floor under an even sky: nothing to learn.
+fn open() -> World {
+    let mut parts = Parts::default();
+    parts.add(Shape::Mesh(quad(vec3(-1.0, 0.0, -1.0), vec3(0.0, 0.0, 2.0), vec3(2.0, 0.0, 0.0))), grey(0.5));
+    parts.environment = Some(EnvironmentMap::constant(Vec3f::splat(1.0)));
+    World::new(parts).unwrap()
+}
+
+fn options(side: usize, spp: u32, seed: u64) -> RenderOptions {
+    let mut options = RenderOptions { width: side, height: side, spp, seed, ..RenderOptions::default() };
+    options.path.max_depth = 8;
+    options
+}
+
+fn small(guiding: Guiding) -> GuidingOptions {
+    GuidingOptions { side: 32, least_gain: 0.0, ..GuidingOptions::new(guiding) }
+}
+
+/// Mean luminance of a picture and its standard error by the variance of samples.
+fn mean(renderer: &Renderer<'_>, spp: u32) -> (f64, f64) {
+    let (picture, variance) = (renderer.picture(), renderer.sample_variance());
+    let n = picture.pixels() as f64;
+    let sum = picture.data.chunks_exact(4).map(|p| f64::from(p[1])).sum::<f64>();
+    let spread = variance.data.chunks_exact(3).map(|p| f64::from(p[1])).sum::<f64>();
+    (sum / n, (spread / f64::from(spp)).sqrt() / n)
+}
+
+fn rendered<'a>(world: &'a World, guidance: &Guidance, seed: u64, spp: u32) -> Renderer<'a> {
+    let mut renderer = Renderer::new(world, &inside(), options(24, spp, seed)).unwrap();
+    while !guidance.pass(&mut renderer, || false).done {}
+    renderer
+}
+
+#[test]
+fn guided_pictures_are_unbiased_at_every_stage() {
+    let world = rooms();
+    let spp = 512;
+    let plain = rendered(&world, &Guidance::off(), 1, spp);
+    let (expected, error) = mean(&plain, spp);
+    for guiding in [Guiding::Flow, Guiding::Lobes] {
+        for rounds in [1, 2, 5] {
+            let stage = GuidingOptions { rounds, ..small(guiding) };
+            let renderer = Renderer::new(&world, &inside(), options(24, spp, 2)).unwrap();
+            let guidance = Guidance::train(&renderer, &stage, || false).unwrap();
+            let guided = rendered(&world, &guidance, 2, spp);
+            let (found, own) = mean(&guided, spp);
+            let z = (found - expected) / (error * error + own * own).sqrt();
+            assert!(z.abs() < 4.0, "{guiding:?}, {rounds} rounds: {found} +- {own}, {expected} +- {error}");
+            let report = guidance.report().unwrap();
+            assert!(report.used && report.records > 0 && report.gain.is_finite(), "{}", report.sentence());
+            assert!(guided.picture().data != plain.picture().data, "{guiding:?}: other directions");
+        }
+    }
+}
+
+#[test]
+fn training_and_pictures_have_the_same_bits_for_any_number_of_threads() {
+    let world = rooms();
+    for guiding in [Guiding::Flow, Guiding::Lobes] {
+        let bits = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let renderer = Renderer::new(&world, &inside(), options(24, 4, 2)).unwrap();
+                let stage = GuidingOptions { rounds: 3, ..small(guiding) };
+                let guidance = Guidance::train(&renderer, &stage, || false).unwrap();
+                rendered(&world, &guidance, 2, 4).picture().data
+            })
+        };
+        assert!(bits(1) == bits(3), "{guiding:?}: other bits with other threads");
+    }
+}
+
+#[test]
+fn a_guide_that_does_not_pay_switches_itself_off() {
+    let world = open();
+    let view = {
+        let eye = Vec3::new(0.0, 1.0, 2.0);
+        View::pinhole(&Camera::look_at(eye, Vec3::ZERO, Vec3::Y, 0.8, 1.0, 0.01, 10.0))
+    };
+    for guiding in [Guiding::Flow, Guiding::Lobes] {
+        let renderer = Renderer::new(&world, &view, options(16, 4, 1)).unwrap();
+        let stage = GuidingOptions { side: 16, rounds: 3, ..GuidingOptions::new(guiding) };
+        let guidance = Guidance::train(&renderer, &stage, || false).unwrap();
+        let report = guidance.report().unwrap();
+        assert!(!report.used && guidance.trained.is_none(), "{}", report.sentence());
+        let mut again = Renderer::new(&world, &view, options(16, 4, 1)).unwrap();
+        let mut plain = Renderer::new(&world, &view, options(16, 4, 1)).unwrap();
+        while !guidance.pass(&mut again, || false).done {}
+        while !plain.pass(|| false).done {}
+        assert!(again.picture().data == plain.picture().data, "the picture is that of no guide");
+    }
+}

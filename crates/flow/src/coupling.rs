@@ -1,0 +1,259 @@
+//! A stack of coupling layers on the unit square, conditioned on features: each layer keeps one coordinate and warps the
+//! other with a spline whose logits a network makes from the features and the kept coordinate.
+
+use crate::network::{Hidden, LANES, Network};
+use crate::spline::{BINS_MAX, Family, Spline};
+use photofit_scalar::Real;
+
+/// Numbers that encode the kept coordinate: itself, sines and cosines of three octaves.
+const KEPT: usize = 7;
+/// Most features of a condition.
+pub const CONDITION_MAX: usize = 32;
+/// Most inputs and outputs of a layer's network.
+const INPUTS_MAX: usize = CONDITION_MAX + KEPT;
+const OUTPUTS_MAX: usize = (3 * BINS_MAX + 1).next_multiple_of(LANES);
+/// Most layers.
+const LAYERS_MAX: usize = 4;
+
+/// The shape of a flow: data `x` to latent `z`, both in the unit square, `q(x) = |dz/dx|` for uniform `z`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Couplings {
+    /// Layers, at most 4; even ones keep the first coordinate.
+    pub layers: usize,
+    /// Bins of a spline, at most [`BINS_MAX`].
+    pub bins: usize,
+    /// The splines.
+    pub family: Family,
+    /// Features that condition all layers, at most [`CONDITION_MAX`].
+    pub condition: usize,
+}
+
+/// What the vector-Jacobian product needs of a layer.
+#[derive(Clone, Debug)]
+struct Saved<T> {
+    kept: T,
+    warped: T,
+    input: [T; INPUTS_MAX],
+    hidden: Hidden<T>,
+    spline: Spline<T>,
+}
+
+impl Couplings {
+    fn network(&self) -> Network {
+        Network {
+            inputs: self.condition + KEPT,
+            outputs: self.family.logits(self.bins).next_multiple_of(LANES),
+        }
+    }
+
+    /// Number of weights of all layers.
+    pub fn len(&self) -> usize {
+        self.layers * self.network().len()
+    }
+
+    /// Whether there are no weights.
+    pub fn is_empty(&self) -> bool {
+        self.layers == 0
+    }
+
+    /// Whether the limits are kept.
+    pub fn is_valid(&self) -> bool {
+        (1..=LAYERS_MAX).contains(&self.layers)
+            && (1..=BINS_MAX).contains(&self.bins)
+            && self.condition <= CONDITION_MAX
+    }
+
+    /// Weights of an identity: see [`Network::init`].
+    pub fn init<T: Real>(&self, weights: &mut [T], mut random: impl FnMut() -> T) {
+        let network = self.network();
+        for layer in weights.chunks_exact_mut(network.len()) {
+            network.init(layer, &mut random);
+        }
+    }
+
+    #[inline]
+    fn layer<T: Real>(&self, weights: &[T], layer: usize, condition: &[T], kept: T) -> Saved<T> {
+        let network = self.network();
+        let mut input = [T::zero(); INPUTS_MAX];
+        input[..self.condition].copy_from_slice(&condition[..self.condition]);
+        encode(kept, &mut input[self.condition..]);
+        let mut hidden = Hidden::default();
+        let mut logits = [T::zero(); OUTPUTS_MAX];
+        let weights = &weights[layer * network.len()..][..network.len()];
+        network.forward(weights, &input[..network.inputs], &mut hidden, &mut logits);
+        let spline = Spline::new(self.family, self.bins, &logits);
+        Saved { kept, warped: T::zero(), input, hidden, spline }
+    }
+
+    /// `(z, q(x))`.
+    #[inline]
+    pub fn forward<T: Real>(&self, weights: &[T], condition: &[T], x: [T; 2]) -> ([T; 2], T) {
+        let (mut at, mut density) = (x, T::one());
+        for layer in 0..self.layers {
+            let (kept, warped) = (layer % 2, 1 - layer % 2);
+            let (u, slope) = self.layer(weights, layer, condition, at[kept]).spline.forward(at[warped]);
+            at[warped] = u;
+            density *= slope;
+        }
+        (at, density)
+    }
+
+    /// `(x, q(x))` for `z`: a sample where `z` is uniform.
+    #[inline]
+    pub fn inverse<T: Real>(&self, weights: &[T], condition: &[T], z: [T; 2]) -> ([T; 2], T) {
+        let (mut at, mut density) = (z, T::one());
+        for layer in (0..self.layers).rev() {
+            let (kept, warped) = (layer % 2, 1 - layer % 2);
+            let (x, slope) = self.layer(weights, layer, condition, at[kept]).spline.inverse(at[warped]);
+            at[warped] = x;
+            density *= slope;
+        }
+        (at, density)
+    }
+
+    /// `ln q(x)`, and its vector-Jacobian product for the gradient that `g` gives to it: adds to the gradients of weights
+    /// and condition.
+    ///
+    /// # Panics
+    /// If the shape is not valid or a slice is too short.
+    pub fn log_density_vjp<T: Real>(
+        &self,
+        weights: &[T],
+        condition: &[T],
+        x: [T; 2],
+        g: impl FnOnce(T) -> T,
+        g_weights: &mut [T],
+        g_condition: &mut [T],
+    ) -> T {
+        let network = self.network();
+        let (mut at, mut log) = (x, T::zero());
+        let mut saved: [Option<Saved<T>>; LAYERS_MAX] = std::array::from_fn(|_| None);
+        for (layer, slot) in saved.iter_mut().enumerate().take(self.layers) {
+            let (kept, warped) = (layer % 2, 1 - layer % 2);
+            let mut state = self.layer(weights, layer, condition, at[kept]);
+            state.warped = at[warped];
+            let (u, slope) = state.spline.forward(at[warped]);
+            at[warped] = u;
+            log += slope.ln();
+            *slot = Some(state);
+        }
+        let g_log = g(log);
+        let mut g_at = [T::zero(); 2];
+        for (layer, state) in saved.iter().enumerate().take(self.layers).rev() {
+            let Some(state) = state else { continue };
+            let (kept, warped) = (layer % 2, 1 - layer % 2);
+            let mut g_logits = [T::zero(); OUTPUTS_MAX];
+            g_at[warped] = state.spline.forward_vjp(state.warped, [g_at[warped], g_log], &mut g_logits);
+            let mut g_input = [T::zero(); INPUTS_MAX];
+            let range = layer * network.len()..(layer + 1) * network.len();
+            let input = &state.input[..network.inputs];
+            let (w, g_w) = (&weights[range.clone()], &mut g_weights[range]);
+            network.forward_vjp(w, input, &state.hidden, &g_logits, g_w, &mut g_input[..network.inputs]);
+            for (to, from) in g_condition.iter_mut().zip(&g_input[..self.condition]) {
+                *to += *from;
+            }
+            g_at[kept] += encode_vjp(state.kept, &g_input[self.condition..]);
+        }
+        log
+    }
+}
+
+/// The kept coordinate, sines and cosines of `pi`, `2 pi` and `4 pi` times it.
+#[inline(always)]
+fn encode<T: Real>(x: T, out: &mut [T]) {
+    out[0] = x * T::of(2.0) - T::one();
+    let (mut s, mut c) = (x * T::of(std::f64::consts::PI)).sin_cos();
+    for octave in 0..3 {
+        (out[1 + 2 * octave], out[2 + 2 * octave]) = (s, c);
+        (s, c) = (T::of(2.0) * s * c, c * c - s * s);
+    }
+}
+
+/// Gradient of the coordinate for those of its encoding.
+fn encode_vjp<T: Real>(x: T, g: &[T]) -> T {
+    let mut out = [T::zero(); KEPT];
+    encode(x, &mut out);
+    (0..3).fold(T::of(2.0) * g[0], |sum, octave| {
+        let rate = T::of(std::f64::consts::PI * f64::from(1 << octave));
+        let (s, c) = (out[1 + 2 * octave], out[2 + 2 * octave]);
+        sum + rate * (g[1 + 2 * octave] * c - g[2 + 2 * octave] * s)
+    })
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use photofit_gradcheck::{Uniform, check};
+
+    pub(crate) fn shapes() -> [Couplings; 3] {
+        let quadratic = Couplings { layers: 2, bins: 15, family: Family::Quadratic, condition: 6 };
+        [
+            quadratic,
+            Couplings { layers: 3, bins: 6, ..quadratic },
+            Couplings { family: Family::Rational, bins: 10, ..quadratic },
+        ]
+    }
+
+    pub(crate) fn weights(shape: &Couplings, random: &mut Uniform) -> Vec<f64> {
+        random.vec(shape.len(), -0.35, 0.35)
+    }
+
+    #[test]
+    fn flows_and_their_inverses_are_round_trips() {
+        let mut random = Uniform::new(1);
+        for shape in shapes() {
+            for _ in 0..10 {
+                let wide = weights(&shape, &mut random);
+                let narrow: Vec<f32> = wide.iter().map(|w| *w as f32).collect();
+                let condition = random.vec(6, -1.0, 1.0);
+                let single: Vec<f32> = condition.iter().map(|w| *w as f32).collect();
+                for _ in 0..100 {
+                    let z = [random.range(0.0, 1.0), random.range(0.0, 1.0)];
+                    let (x, density) = shape.inverse(&wide, &condition, z);
+                    let (back, forward) = shape.forward(&wide, &condition, x);
+                    assert!((back[0] - z[0]).abs().max((back[1] - z[1]).abs()) < 1e-9, "{z:?} {back:?}");
+                    assert!((density / forward - 1.0).abs() < 1e-6);
+                    let z = z.map(|z| z as f32);
+                    let (x, density) = shape.inverse(&narrow, &single, z);
+                    let (back, forward) = shape.forward(&narrow, &single, x);
+                    assert!((back[0] - z[0]).abs().max((back[1] - z[1]).abs()) < 1e-5, "{z:?} {back:?}");
+                    assert!((density / forward - 1.0).abs() < 1e-3);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn densities_are_determinants() {
+        let mut random = Uniform::new(2);
+        for shape in shapes() {
+            let (w, c) = (weights(&shape, &mut random), random.vec(6, -1.0, 1.0));
+            for _ in 0..100 {
+                let x = [random.range(0.01, 0.99), random.range(0.01, 0.99)];
+                let h = 1e-7;
+                let at = |dx: f64, dy: f64| shape.forward(&w, &c, [x[0] + dx, x[1] + dy]).0;
+                let column =
+                    |a: [f64; 2], b: [f64; 2]| [(a[0] - b[0]) / (2.0 * h), (a[1] - b[1]) / (2.0 * h)];
+                let (p, q) = (column(at(h, 0.0), at(-h, 0.0)), column(at(0.0, h), at(0.0, -h)));
+                let determinant = (p[0] * q[1] - p[1] * q[0]).abs();
+                let density = shape.forward(&w, &c, x).1;
+                assert!((determinant / density - 1.0).abs() < 1e-4, "{determinant} {density}");
+            }
+        }
+    }
+
+    #[test]
+    fn gradients_agree_with_differences() {
+        let mut random = Uniform::new(3);
+        for shape in shapes() {
+            let x = [random.range(0.0, 1.0), random.range(0.0, 1.0)];
+            let (w, c) = (weights(&shape, &mut random), random.vec(6, -1.0, 1.0));
+            let (mut g_w, mut g_c) = (vec![0.0; shape.len()], vec![0.0; 6]);
+            let log = shape.log_density_vjp(&w, &c, x, |_| 0.7, &mut g_w, &mut g_c);
+            assert!((log.exp() / shape.forward(&w, &c, x).1 - 1.0).abs() < 1e-12);
+            let value = |w: &[f64], c: &[f64]| 0.7 * shape.forward(w, c, x).1.ln();
+            check("weights", &w, &g_w, 1e-6, 1e-5, |w| value(w, &c));
+            check("condition", &c, &g_c, 1e-6, 1e-5, |c| value(&w, c));
+        }
+    }
+}

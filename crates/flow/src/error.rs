@@ -1,0 +1,22 @@
+//! The error type of the crate.
+
+use photofit_optim::OptimError;
+
+/// Why a guide was refused.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum FlowError {
+    /// A setting lies outside its range.
+    #[error("{setting} is {value}, but must be {rule}")]
+    Setting {
+        /// The setting.
+        setting: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it must be.
+        rule: &'static str,
+    },
+    /// A step of training failed; parameters are unchanged.
+    #[error(transparent)]
+    Step(#[from] OptimError),
+}

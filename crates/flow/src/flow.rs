@@ -1,0 +1,259 @@
+//! The flow as a guide: features of a vertex, coupling layers on a chart of its directions, and online training.
+
+mod batch;
+
+use crate::FlowError;
+use crate::coupling::{CONDITION_MAX, Couplings};
+use crate::domain::{Chart, Domain};
+use crate::grid::Grid;
+use crate::guide::{Guide, Query, Record, SHARE};
+use crate::spline::Family;
+use photofit_optim::{Optimizer, Temporal};
+use photofit_sampling::Rng;
+use photofit_scalar::Vec3f;
+
+/// Features of the directions: the viewer in the frame, the normal, the roughness.
+const DIRECTIONS: usize = 7;
+/// Logit of the share that an untrained guide has, one half.
+const SHARE_LOGIT: f32 = 0.18;
+
+/// How a flow is made and trained.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FlowOptions {
+    /// What the unit square stands for.
+    pub domain: Domain,
+    /// The splines.
+    pub family: Family,
+    /// Bins of a spline, at most 31; 15 and 31 (quadratic), 5 and 10 (rational) fill the network's outputs best.
+    pub bins: usize,
+    /// Coupling layers, 1 to 4.
+    pub layers: usize,
+    /// The hash grid of positions.
+    pub grid: Grid,
+    /// Whether the density depends on the position, and whether on directions and roughness.
+    pub spatial: bool,
+    /// See [`Self::spatial`].
+    pub directional: bool,
+    /// Learning rates of the networks and of the grid.
+    pub rates: [f32; 2],
+    /// Records of a step.
+    pub batch: usize,
+    /// Steps after which the copy that answers is replaced.
+    pub refresh: u32,
+    /// Times that [`Guide::learn`] goes through its records.
+    pub passes: u32,
+    /// Seed of the weights and of the order of records.
+    pub seed: u64,
+}
+
+impl Default for FlowOptions {
+    /// Two layers of 15 bins on the hemisphere.
+    fn default() -> Self {
+        Self {
+            domain: Domain::Hemisphere,
+            family: Family::Quadratic,
+            bins: 15,
+            layers: 2,
+            grid: Grid::default(),
+            spatial: true,
+            directional: true,
+            rates: [5e-3, 2e-2],
+            batch: 256,
+            refresh: 1000,
+            passes: 1,
+            seed: 0,
+        }
+    }
+}
+
+/// A normalizing flow over directions, conditioned on position, normal, viewer and roughness.
+///
+/// Two copies of the parameters: training moves one, answers come from the other, which is replaced every
+/// [`FlowOptions::refresh`] steps and at the end of [`Guide::learn`].
+#[derive(Debug)]
+pub struct FlowGuide {
+    options: FlowOptions,
+    couplings: Couplings,
+    /// Lower corner of the scene's box and one over its edges.
+    corner: Vec3f,
+    scale: Vec3f,
+    /// Parameters in training and those that answer.
+    live: Parameters,
+    frozen: Parameters,
+    optimizers: [Optimizer<f32>; 2],
+    steps: u64,
+}
+
+/// Weights of the couplings followed by those of the share's affine map; the grid's table.
+#[derive(Clone, Debug)]
+struct Parameters {
+    network: Vec<f32>,
+    table: Vec<f32>,
+}
+
+/// The features of a vertex and the chart of its directions.
+#[derive(Clone, Copy, Debug)]
+pub struct FlowLocal {
+    chart: Chart,
+    condition: [f32; CONDITION_MAX],
+    share: f32,
+}
+
+impl FlowGuide {
+    /// An untrained guide for positions in the box from `lo` to `hi` (clamped to it): uniform points on its domain.
+    ///
+    /// # Errors
+    /// [`FlowError::Setting`] for options outside their ranges.
+    pub fn new(lo: Vec3f, hi: Vec3f, options: FlowOptions) -> Result<Self, FlowError> {
+        let condition = options.grid.features() + DIRECTIONS;
+        let couplings =
+            Couplings { layers: options.layers, bins: options.bins, family: options.family, condition };
+        let grid = &options.grid;
+        let rules = [
+            ("number of bins", options.bins as f64, "1 to 31", (1..=31).contains(&options.bins)),
+            ("number of layers", options.layers as f64, "1 to 4", couplings.is_valid() || condition > 32),
+            ("features of the grid", grid.features() as f64, "at most 25", condition <= CONDITION_MAX),
+            (
+                "entries of a grid level",
+                grid.entries as f64,
+                "a power of two up to 2^22",
+                grid.entries.is_power_of_two() && grid.entries <= 1 << 22,
+            ),
+            (
+                "cells of the finest grid",
+                grid.coarsest as f64 * grid.growth.powi(grid.levels as i32),
+                "1 to 2^20 at every level",
+                grid.coarsest >= 1
+                    && grid.growth >= 1.0
+                    && grid.coarsest as f64 * grid.growth.powi(grid.levels as i32) <= f64::from(1 << 20),
+            ),
+            ("records of a step", options.batch as f64, "at least 1", options.batch >= 1),
+            ("steps of a refresh", f64::from(options.refresh), "at least 1", options.refresh >= 1),
+        ];
+        if let Some((setting, value, rule, _)) = rules.into_iter().find(|r| !r.3) {
+            return Err(FlowError::Setting { setting, value, rule });
+        }
+        let mut random = Rng::new(options.seed, 0xf10);
+        let mut network = vec![0.0; couplings.len() + 1 + grid.features()];
+        couplings.init(&mut network[..couplings.len()], || random.uniform(-1.0, 1.0));
+        network[couplings.len()] = SHARE_LOGIT;
+        let table: Vec<f32> = (0..grid.len()).map(|_| random.uniform(-0.05, 0.05)).collect();
+        let optimizers = [
+            Optimizer::new("network", network.len(), Temporal::adam())?,
+            Optimizer::new("grid", table.len(), Temporal::adam())?,
+        ];
+        let live = Parameters { network, table };
+        let size = hi - lo;
+        let scale = size.map(|v| if v > 0.0 && v.is_finite() { 1.0 / v } else { 0.0 });
+        let frozen = live.clone();
+        Ok(Self { options, couplings, corner: lo, scale, live, frozen, optimizers, steps: 0 })
+    }
+
+    /// The options.
+    pub fn options(&self) -> &FlowOptions {
+        &self.options
+    }
+
+    /// Steps of training so far.
+    pub fn steps(&self) -> u64 {
+        self.steps
+    }
+
+    /// Number of parameters.
+    pub fn parameters(&self) -> usize {
+        self.live.network.len() + self.live.table.len()
+    }
+
+    /// Gives the weights of the network random values of this spread: a flow far from an identity, for tests and
+    /// measurements without training.
+    pub fn randomize(&mut self, spread: f32, seed: u64) {
+        let mut random = Rng::new(seed, 0xf11);
+        for w in &mut self.live.network {
+            *w = random.uniform(-spread, spread);
+        }
+        self.frozen = self.live.clone();
+    }
+
+    /// Mean of `-ln q` over records with the weights `value / pdf`, for the density that answers; records that it cannot
+    /// represent are left out. Not a number where no record counts.
+    pub fn cross_entropy(&self, records: &[Record]) -> f64 {
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for r in records.iter().filter(|r| r.is_useful()) {
+            let q = f64::from(self.pdf(&self.local(&r.query), r.wi));
+            if q > 0.0 {
+                let w = f64::from(r.value / r.pdf);
+                (sum, weights) = (sum - w * q.ln(), weights + w);
+            }
+        }
+        sum / weights
+    }
+
+    #[inline]
+    fn place(&self, p: Vec3f) -> [f32; 3] {
+        (p - self.corner).mul(self.scale).to_array()
+    }
+
+    /// Features and chart of a vertex by the given parameters.
+    #[inline]
+    fn look(&self, parameters: &Parameters, at: &Query) -> FlowLocal {
+        let roughness = at.roughness.clamp(0.0, 1.0);
+        let chart = Chart::new(self.options.domain, at.normal, at.wo, roughness * roughness);
+        let mut condition = [0.0; CONDITION_MAX];
+        let features = self.options.grid.features();
+        if self.options.spatial {
+            self.options.grid.forward(&parameters.table, self.place(at.position), &mut condition[..features]);
+        }
+        let head = &parameters.network[self.couplings.len()..];
+        let logit = head[0] + head[1..].iter().zip(&condition).map(|(w, f)| w * f).sum::<f32>();
+        if self.options.directional {
+            let (wo, n) = (chart.wo(), at.normal);
+            condition[features..features + DIRECTIONS]
+                .copy_from_slice(&[wo.x, wo.y, wo.z, n.x, n.y, n.z, roughness]);
+            for v in &mut condition[features..] {
+                // Degenerate directions must not poison the network.
+                *v = if v.is_finite() { v.clamp(-1.0, 1.0) } else { 0.0 };
+            }
+        }
+        FlowLocal { chart, condition, share: share(logit) }
+    }
+}
+
+/// The share of a logit: [`SHARE`] apart.
+#[inline]
+fn share(logit: f32) -> f32 {
+    SHARE[0] + (SHARE[1] - SHARE[0]) / (1.0 + (-logit).exp())
+}
+
+impl Guide for FlowGuide {
+    type Local = FlowLocal;
+
+    #[inline]
+    fn local(&self, at: &Query) -> FlowLocal {
+        self.look(&self.frozen, at)
+    }
+
+    #[inline]
+    fn share(&self, local: &FlowLocal) -> f32 {
+        local.share
+    }
+
+    #[inline]
+    fn sample(&self, local: &FlowLocal, u: [f32; 2]) -> Option<(Vec3f, f32)> {
+        let (x, q) = self.couplings.inverse(&self.frozen.network, &local.condition, u);
+        let (wi, density) = local.chart.direction(x)?;
+        Some((wi, q * density))
+    }
+
+    #[inline]
+    fn pdf(&self, local: &FlowLocal, wi: Vec3f) -> f32 {
+        let Some((x, density)) = local.chart.point(wi) else { return 0.0 };
+        self.couplings.forward(&self.frozen.network, &local.condition, x).1 * density
+    }
+
+    fn learn(&mut self, records: &[Record]) -> Result<(), FlowError> {
+        self.train(records)
+    }
+}
+
+#[cfg(test)]
+mod tests;

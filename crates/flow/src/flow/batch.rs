@@ -1,0 +1,130 @@
+//! Training: one step on a batch of records.
+
+use super::{FlowGuide, Parameters, SHARE};
+use crate::FlowError;
+use crate::coupling::CONDITION_MAX;
+use crate::guide::{Guide, Record};
+use photofit_sampling::Rng;
+use rayon::prelude::*;
+
+/// Records of a chunk: gradients are summed within chunks, then over chunks in order, whatever the number of threads.
+const CHUNK: usize = 64;
+/// Largest weight of a record in units of the batch's mean: one bright sample does not move the flow alone.
+const WEIGHT_MAX: f32 = 20.0;
+/// Share of the loss that looks at the flow alone; the rest looks at the mixture that is sampled. (With the mixture alone
+/// a share that once is small keeps the flow from learning; Müller et al. 2019.)
+const ALONE: f32 = 0.5;
+
+/// A record as a step needs it.
+#[derive(Clone, Copy)]
+struct Example {
+    record: Record,
+    /// The density of the scattering function, and of the integrand over what was sampled.
+    other: f32,
+    weight: f32,
+}
+
+/// Gradients of a chunk.
+struct Gradient {
+    network: Vec<f32>,
+    /// Of the grid's features, record by record.
+    features: Vec<[f32; CONDITION_MAX]>,
+}
+
+impl FlowGuide {
+    /// Goes through the useful records in random order.
+    pub(super) fn train(&mut self, records: &[Record]) -> Result<(), FlowError> {
+        let mut examples: Vec<Example> =
+            records.par_iter().filter(|r| r.is_useful()).map(|r| self.example(r)).collect();
+        for pass in 0..self.options.passes {
+            Rng::new(self.options.seed ^ self.steps, 0x0b47 + u64::from(pass)).shuffle(&mut examples);
+            for batch in examples.chunks(self.options.batch) {
+                self.step(batch)?;
+                if self.steps.is_multiple_of(u64::from(self.options.refresh)) {
+                    self.frozen.clone_from(&self.live);
+                }
+            }
+        }
+        self.frozen.clone_from(&self.live);
+        Ok(())
+    }
+
+    /// What the scattering function alone would have done: the guide's part is taken out of the density of the mixture.
+    fn example(&self, r: &Record) -> Example {
+        let local = self.local(&r.query);
+        let (share, guide) = (self.share(&local), self.pdf(&local, r.wi));
+        // A record of another sampler (no guide in its density) may leave less than nothing.
+        let other = if self.steps == 0 { r.pdf } else { (r.pdf - share * guide).max(0.0) / (1.0 - share) };
+        Example { record: *r, other, weight: r.value / r.pdf }
+    }
+
+    fn step(&mut self, batch: &[Example]) -> Result<(), FlowError> {
+        let mean = batch.iter().map(|e| f64::from(e.weight)).sum::<f64>() / batch.len() as f64;
+        let scale = (1.0 / mean) as f32;
+        if !(scale.is_finite() && scale > 0.0) {
+            return Ok(());
+        }
+        let chunks: Vec<Gradient> =
+            batch.par_chunks(CHUNK).map(|chunk| self.gradient(chunk, scale, batch.len())).collect();
+        let mut network = vec![0.0; self.live.network.len()];
+        let mut table = vec![0.0; self.live.table.len()];
+        let count = self.options.grid.features();
+        for (gradient, examples) in chunks.iter().zip(batch.chunks(CHUNK)) {
+            for (sum, g) in network.iter_mut().zip(&gradient.network) {
+                *sum += *g;
+            }
+            if self.options.spatial {
+                for (g, e) in gradient.features.iter().zip(examples) {
+                    let place = self.place(e.record.query.position);
+                    self.options.grid.forward_vjp(place, &g[..count], &mut table);
+                }
+            }
+        }
+        let Parameters { network: weights, table: entries } = &mut self.live;
+        self.optimizers[0].step(weights, &network, self.options.rates[0])?;
+        if self.options.spatial {
+            self.optimizers[1].step(entries, &table, self.options.rates[1])?;
+        }
+        self.steps += 1;
+        Ok(())
+    }
+
+    /// Gradient of `-w ln q / n` with `w` detached: half of it for the flow, half for its mixture.
+    fn gradient(&self, chunk: &[Example], scale: f32, n: usize) -> Gradient {
+        let couplings = &self.couplings;
+        let mut out = Gradient {
+            network: vec![0.0; self.live.network.len()],
+            features: vec![[0.0; CONDITION_MAX]; chunk.len()],
+        };
+        let (g_network, g_head) = out.network.split_at_mut(couplings.len());
+        let (network, head) = self.live.network.split_at(couplings.len());
+        for (e, g_features) in chunk.iter().zip(&mut out.features) {
+            let weight = (e.weight * scale).min(WEIGHT_MAX) / n as f32;
+            let local = self.look(&self.live, &e.record.query);
+            let share = local.share;
+            let flow = local.chart.point(e.record.wi).map_or(0.0, |(x, density)| {
+                let towards = |log: f32| {
+                    let part = share * log.exp() * density;
+                    let mixture = part + (1.0 - share) * e.other;
+                    let responsible = if mixture > 0.0 { part / mixture } else { 0.0 };
+                    -weight * (ALONE + (1.0 - ALONE) * responsible)
+                };
+                let log =
+                    couplings.log_density_vjp(network, &local.condition, x, towards, g_network, g_features);
+                log.exp() * density
+            });
+            let mixture = share * flow + (1.0 - share) * e.other;
+            if mixture > 0.0 && mixture.is_finite() {
+                let part = (share - SHARE[0]) / (SHARE[1] - SHARE[0]);
+                let slope = (SHARE[1] - SHARE[0]) * part * (1.0 - part);
+                let g_logit = -weight * (flow - e.other) / mixture * slope;
+                g_head[0] += g_logit;
+                for (k, g) in g_head[1..].iter_mut().enumerate() {
+                    *g += g_logit * local.condition[k];
+                    g_features[k] += g_logit * head[1 + k];
+                }
+            }
+        }
+        out
+    }
+}

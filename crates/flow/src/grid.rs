@@ -1,0 +1,148 @@
+//! Features of a position: a multiresolution hash grid (Müller et al. 2022, "Instant Neural Graphics Primitives").
+
+use photofit_scalar::Real;
+
+/// Features of a level.
+const WIDTH: usize = 2;
+
+/// A stack of grids over the unit cube, each with two features at its corners, interpolated trilinearly. Grids with
+/// more corners than a table has entries share entries by a hash.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Grid {
+    /// Levels.
+    pub levels: usize,
+    /// Cells along an edge of the first level.
+    pub coarsest: usize,
+    /// Growth of that number from level to level.
+    pub growth: f64,
+    /// Entries of the table of a level, a power of two.
+    pub entries: usize,
+}
+
+impl Default for Grid {
+    /// 8 levels of 4 to 68 cells, 4,096 entries each.
+    fn default() -> Self {
+        Self { levels: 8, coarsest: 4, growth: 1.5, entries: 1 << 12 }
+    }
+}
+
+/// A corner of a cell: its entry and its weight.
+type Corner<T> = (usize, T);
+
+impl Grid {
+    /// Number of parameters.
+    pub fn len(&self) -> usize {
+        self.levels * self.entries * WIDTH
+    }
+
+    /// Whether there are no parameters.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Number of features.
+    pub fn features(&self) -> usize {
+        self.levels * WIDTH
+    }
+
+    fn cells(&self, level: usize) -> usize {
+        (self.coarsest as f64 * self.growth.powi(level as i32)) as usize
+    }
+
+    /// The corners around `p` at a level.
+    #[inline(always)]
+    fn corners<T: Real>(&self, level: usize, cells: usize, p: [T; 3]) -> [Corner<T>; 8] {
+        let mut cell = [0_usize; 3];
+        let mut part = [T::zero(); 3];
+        for k in 0..3 {
+            // Not a number becomes zero: every position has features.
+            let scaled = p[k].clamp_to(T::zero(), T::one()) * T::of(cells as f64);
+            cell[k] = (scaled.as_i32() as usize).min(cells - 1);
+            part[k] = scaled - T::of(cell[k] as f64);
+        }
+        let (side, first) = (cells + 1, level * self.entries);
+        let dense = side * side * side <= self.entries;
+        std::array::from_fn(|i| {
+            let at = [cell[0] + (i & 1), cell[1] + (i >> 1 & 1), cell[2] + (i >> 2)];
+            let entry = if dense {
+                (at[2] * side + at[1]) * side + at[0]
+            } else {
+                let hash = (at[0] as u32)
+                    ^ (at[1] as u32).wrapping_mul(2_654_435_761)
+                    ^ (at[2] as u32).wrapping_mul(805_459_861);
+                hash as usize & (self.entries - 1)
+            };
+            let weight =
+                (0..3).fold(T::one(), |w, k| w * if i >> k & 1 == 1 { part[k] } else { T::one() - part[k] });
+            (first + entry, weight)
+        })
+    }
+
+    /// Features at `p` in the unit cube (clamped to it) into `out`.
+    #[inline]
+    pub fn forward<T: Real>(&self, table: &[T], p: [T; 3], out: &mut [T]) {
+        let mut cells = self.coarsest as f64;
+        for (level, out) in out.as_chunks_mut::<WIDTH>().0.iter_mut().enumerate().take(self.levels) {
+            *out = [T::zero(); WIDTH];
+            for (entry, weight) in self.corners(level, cells as usize, p) {
+                out[0] += table[WIDTH * entry] * weight;
+                out[1] += table[WIDTH * entry + 1] * weight;
+            }
+            cells *= self.growth;
+        }
+    }
+
+    /// Adds to the gradients of the table for those of the features. (Positions get none: they are not learned.)
+    pub fn forward_vjp<T: Real>(&self, p: [T; 3], g: &[T], g_table: &mut [T]) {
+        for (level, g) in g.as_chunks::<WIDTH>().0.iter().enumerate().take(self.levels) {
+            for (entry, weight) in self.corners(level, self.cells(level), p) {
+                g_table[WIDTH * entry] += g[0] * weight;
+                g_table[WIDTH * entry + 1] += g[1] * weight;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use photofit_gradcheck::{Uniform, check};
+
+    #[test]
+    fn gradients_agree_with_differences() {
+        let grid = Grid { levels: 3, coarsest: 2, growth: 2.0, entries: 32 };
+        let mut random = Uniform::new(1);
+        let table = random.vec(grid.len(), -1.0, 1.0);
+        let g = random.vec(grid.features(), -1.0, 1.0);
+        for _ in 0..10 {
+            let p: [f64; 3] = std::array::from_fn(|_| random.range(0.0, 1.0));
+            let mut gradient = vec![0.0; grid.len()];
+            grid.forward_vjp(p, &g, &mut gradient);
+            check("grid", &table, &gradient, 1e-4, 1e-8, |t| {
+                let mut out = vec![0.0; grid.features()];
+                grid.forward(t, p, &mut out);
+                out.iter().zip(&g).map(|(a, b)| a * b).sum()
+            });
+        }
+    }
+
+    #[test]
+    fn features_are_continuous_and_bounded() {
+        let grid = Grid::default();
+        let mut random = Uniform::new(2);
+        let table: Vec<f32> = random.vec(grid.len(), -1.0, 1.0).iter().map(|v| *v as f32).collect();
+        let at = |p: [f32; 3]| {
+            let mut out = vec![0.0; grid.features()];
+            grid.forward(&table, p, &mut out);
+            out
+        };
+        for _ in 0..100 {
+            let p: [f32; 3] = std::array::from_fn(|_| random.range(0.0, 0.999) as f32);
+            let (a, b) = (at(p), at(p.map(|v| v + 1e-6)));
+            assert!(a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 2e-3 && a.abs() <= 1.0));
+        }
+        for p in [[f32::NAN; 3], [f32::INFINITY; 3], [-1e30; 3], [1.0; 3]] {
+            assert!(at(p).iter().all(|v| v.abs() <= 1.0), "{p:?}");
+        }
+    }
+}

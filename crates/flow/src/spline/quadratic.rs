@@ -1,0 +1,116 @@
+//! The piecewise linear density with its piecewise quadratic distribution.
+
+use super::{BINS_MAX, bin, shares, shares_vjp};
+use photofit_scalar::Real;
+
+/// Least width of a bin, as a share of a uniform one.
+const WIDTH_MIN: f64 = 1e-3;
+
+/// A density on `[0, 1]` that is linear in each of `K` bins (Müller et al. 2019, "Neural Importance Sampling").
+///
+/// Logits: `K` of the widths `w`, then `K + 1` of the density at the knots, `v_i = e^(v^_i) / Z` where `Z` makes the
+/// integral 1. In bin `b`, with `a = (x - X_b) / w_b`: `u = C_b + w_b (v_b a + (v_(b+1) - v_b) a^2 / 2)`.
+#[derive(Clone, Debug)]
+pub struct Quadratic<T> {
+    bins: usize,
+    /// Widths.
+    w: [T; BINS_MAX],
+    /// Density at the knots.
+    v: [T; BINS_MAX + 1],
+    /// Knots, and the distribution at them.
+    x: [T; BINS_MAX + 1],
+    c: [T; BINS_MAX + 1],
+}
+
+impl<T: Real> Quadratic<T> {
+    /// The density of `2 bins + 1` logits.
+    ///
+    /// # Panics
+    /// As [`super::Spline::new`].
+    #[inline]
+    pub fn new(bins: usize, logits: &[T]) -> Self {
+        let zero = T::zero();
+        let (mut w, mut v) = ([zero; BINS_MAX], [zero; BINS_MAX + 1]);
+        let (mut x, mut c) = ([zero; BINS_MAX + 1], [zero; BINS_MAX + 1]);
+        shares(&logits[..bins], floor(bins), &mut w);
+        let heights = &logits[bins..=2 * bins];
+        let largest = heights.iter().fold(T::neg_infinity(), |a, b| a.max(*b));
+        for (v, l) in v.iter_mut().zip(heights) {
+            // The floor keeps densities far from zero, where logarithms and roots lose their digits.
+            *v = (*l - largest).max(T::of(-20.0)).exp();
+        }
+        let half = T::of(0.5);
+        for b in 0..bins {
+            x[b + 1] = x[b] + w[b];
+            c[b + 1] = c[b] + half * (v[b] + v[b + 1]) * w[b];
+        }
+        let scale = T::one() / c[bins];
+        for b in 0..=bins {
+            v[b] *= scale;
+            c[b] *= scale;
+        }
+        (x[bins], c[bins]) = (T::one(), T::one());
+        Self { bins, w, v, x, c }
+    }
+
+    /// `(u, du/dx)`.
+    #[inline]
+    pub fn forward(&self, x: T) -> (T, T) {
+        let b = bin(&self.x, self.bins, x);
+        let a = ((x - self.x[b]) / self.w[b]).clamp_to(T::zero(), T::one());
+        let rise = self.v[b + 1] - self.v[b];
+        let u = self.c[b] + self.w[b] * a * (self.v[b] + T::of(0.5) * rise * a);
+        (u.clamp_to(T::zero(), T::one()), self.v[b] + rise * a)
+    }
+
+    /// `(x, du/dx)` at `u`, by the root of the quadratic that does not cancel.
+    #[inline]
+    pub fn inverse(&self, u: T) -> (T, T) {
+        let b = bin(&self.c, self.bins, u);
+        let y = (u - self.c[b]).max(T::zero());
+        let linear = self.v[b] * self.w[b];
+        let square = (self.v[b + 1] - self.v[b]) * self.w[b];
+        let root = (linear * linear + T::of(2.0) * square * y).max(T::zero()).sqrt();
+        let a = (T::of(2.0) * y / (linear + root)).clamp_to(T::zero(), T::one());
+        let density = self.v[b] + (self.v[b + 1] - self.v[b]) * a;
+        ((self.x[b] + a * self.w[b]).clamp_to(T::zero(), T::one()), density)
+    }
+
+    /// See [`super::Spline::forward_vjp`].
+    pub fn forward_vjp(&self, x: T, [g_u, g_ln]: [T; 2], logits: &mut [T]) -> T {
+        let (k, half) = (self.bins, T::of(0.5));
+        let b = bin(&self.x, k, x);
+        let (w, v0, v1) = (self.w[b], self.v[b], self.v[b + 1]);
+        let a = ((x - self.x[b]) / w).clamp_to(T::zero(), T::one());
+        let rise = v1 - v0;
+        let p = v0 + rise * a;
+        let t = a * (v0 + half * rise * a);
+        let (mut g_w, mut g_v) = ([T::zero(); BINS_MAX], [T::zero(); BINS_MAX + 1]);
+        let slope = g_ln * rise / (p * w);
+        let g_x = g_u * p + slope;
+        g_w[b] += g_u * (t - a * p) - slope * a;
+        g_v[b] += g_u * w * (a - half * a * a) + g_ln * (T::one() - a) / p;
+        g_v[b + 1] += g_u * w * half * a * a + g_ln * a / p;
+        for j in 0..b {
+            g_w[j] += g_u * half * (self.v[j] + self.v[j + 1]) - g_x;
+            g_v[j] += g_u * half * self.w[j];
+            g_v[j + 1] += g_u * half * self.w[j];
+        }
+        // The integral is 1 whatever the widths and heights.
+        let total = g_v.iter().zip(&self.v).take(k + 1).map(|(g, v)| *g * *v).sum::<T>();
+        for j in 0..k {
+            g_w[j] -= total * half * (self.v[j] + self.v[j + 1]);
+        }
+        for i in 0..=k {
+            let left = if i > 0 { self.w[i - 1] } else { T::zero() };
+            let right = if i < k { self.w[i] } else { T::zero() };
+            logits[k + i] += self.v[i] * (g_v[i] - total * half * (left + right));
+        }
+        shares_vjp(&self.w[..k], floor(k), &g_w, &mut logits[..k]);
+        g_x
+    }
+}
+
+fn floor<T: Real>(bins: usize) -> T {
+    T::of(WIDTH_MIN / bins as f64)
+}
