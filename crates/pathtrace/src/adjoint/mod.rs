@@ -160,23 +160,17 @@ impl<'a> Adjoint<'a> {
         let seed = self.seed(samples);
         let count = samples.spp.min(REPLICATES);
         let each = samples.spp.div_ceil(count);
-        let mut sums: Option<(Gradient, Gradient)> = None;
-        for k in 0..count {
-            let one = self.estimate(loss, each, hash(seed, GRADIENT_KEY, u64::from(k)));
-            let (mean, squares) = sums.get_or_insert_with(|| {
-                let zero = |p: &ParameterGradient| ParameterGradient {
-                    channels: p.channels,
-                    values: vec![0.0; p.values.len()],
-                };
-                let parameters: Vec<_> = one.parameters.iter().map(zero).collect();
-                let zero = Gradient { parameters, residual: 0.0, not_finite: 0 };
-                (zero.clone(), zero)
-            });
+        let estimate = |k: u32| self.estimate(loss, each, hash(seed, GRADIENT_KEY, u64::from(k)));
+        let mut mean = estimate(0);
+        let mut error = mean.clone();
+        error.parameters.iter_mut().for_each(|p| p.values.fill(0.0));
+        for k in 1..count {
+            let one = estimate(k);
             mean.residual = mean.residual.max(one.residual);
             mean.not_finite += one.not_finite;
             // Welford's recurrence.
             let n = f64::from(k + 1);
-            for ((m, s), p) in mean.parameters.iter_mut().zip(&mut squares.parameters).zip(&one.parameters) {
+            for ((m, s), p) in mean.parameters.iter_mut().zip(&mut error.parameters).zip(&one.parameters) {
                 for ((m, s), v) in m.values.iter_mut().zip(&mut s.values).zip(&p.values) {
                     let d = v - *m;
                     *m += d / n;
@@ -184,7 +178,6 @@ impl<'a> Adjoint<'a> {
                 }
             }
         }
-        let (mean, mut error) = sums.expect("at least two estimates were made");
         let n = f64::from(count);
         for p in &mut error.parameters {
             p.values.iter_mut().for_each(|s| *s = (*s / (n * (n - 1.0))).sqrt());
