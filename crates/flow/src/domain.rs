@@ -69,7 +69,7 @@ impl Chart {
 
     /// A direction of the frame in that of the world.
     #[inline]
-    fn to_world(&self, v: Vec3f) -> Vec3f {
+    fn to_world(self, v: Vec3f) -> Vec3f {
         (self.axes[0] * v.x + self.axes[1] * v.y + self.axes[2] * v.z).normalize_or_zero()
     }
 

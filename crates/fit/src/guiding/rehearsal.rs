@@ -98,7 +98,7 @@ impl<'a> Rehearsal<'a> {
 
     fn row<D: DirectionSampler>(&self, y: usize, columns: usize, sampler: &D) -> Trial {
         let mut out = Trial::default();
-        let training = self.records.then(|| TrainingSink::weighted());
+        let training = self.records.then(TrainingSink::weighted);
         let mut sink = Observer { training, ..Observer::default() };
         for x in 0..columns {
             let (mut sum, mut squares) = (0.0, 0.0);
