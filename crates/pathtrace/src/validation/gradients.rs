@@ -71,7 +71,8 @@ impl Case<'_> {
             options
         };
         let world = (self.world)();
-        let adjoint = Adjoint::new(&world, &self.view, options(0), &[self.parameter.clone()]).unwrap();
+        let adjoint =
+            Adjoint::new(&world, &self.view, options(0), std::slice::from_ref(&self.parameter)).unwrap();
         let mut direction = Vec::new();
         let replayed = |seed: u64| {
             let samples = GradientSamples { spp: SPP, seed: Some(1000 + seed) };

@@ -168,7 +168,7 @@ fn textures_of_trees() {
         let adjoint = Adjoint::new(&world, &view, options, &[Parameter::Graph { places }]).unwrap();
         let direction: Vec<f64> = (0..48).map(|i| 0.5 + 0.5 * f64::from(i * 5 % 8) / 8.0).collect();
         // Grey texels have their gradient in the first channel, and their offset there.
-        let used = |i: usize| which == 0 || i % 3 == 0;
+        let used = |i: usize| which == 0 || i.is_multiple_of(3);
         let direction: Vec<f64> =
             direction.iter().enumerate().map(|(i, d)| if used(i) { *d } else { 0.0 }).collect();
         let samples = |seed| GradientSamples { spp: 64, seed: Some(seed) };
