@@ -101,7 +101,16 @@ impl<G: Guide> DirectionSampler for Guided<'_, G> {
             let (wi, guide) = self.0.sample(&local, u)?;
             let transmitted = wi.dot(at.normal) * at.wo.dot(at.normal) < 0.0;
             let weight = Vec3f::zero();
-            (DirectionSample { wi, weight, pdf: 0.0, delta: false, transmitted, eta: 1.0 }, guide)
+            let sample = DirectionSample {
+                wi,
+                weight,
+                pdf: 0.0,
+                delta: false,
+                transmitted,
+                eta: 1.0,
+                preference: 1.0,
+            };
+            (sample, guide)
         } else {
             let mut sample = at.scattering.sample(((lobe - share) / (1.0 - share)).min(BELOW_ONE), u)?;
             if sample.delta {
@@ -110,13 +119,14 @@ impl<G: Guide> DirectionSampler for Guided<'_, G> {
             }
             (sample, self.0.pdf(&local, sample.wi))
         };
-        let (value, pdf) = at.scattering.eval_pdf(sample.wi);
-        let pdf = pdf * (1.0 - share) + guide * share;
+        let (value, own) = at.scattering.eval_pdf(sample.wi);
+        let pdf = own * (1.0 - share) + guide * share;
         let usable = pdf > 0.0 && pdf.is_finite();
         if !usable {
             return None;
         }
         (sample.weight, sample.pdf) = (value * (1.0 / pdf), pdf);
+        sample.preference = DirectionSample::preferred(pdf, own);
         Some(sample)
     }
 

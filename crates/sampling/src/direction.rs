@@ -30,7 +30,21 @@ pub struct DirectionSample {
     pub transmitted: bool,
     /// Index of refraction on the side of `wi` over that on the side of the viewer; 1 for reflection and thin surfaces.
     pub eta: f32,
+    /// [`Self::pdf`] over the density of the scattering function alone: 1 for its own samples and for delta lobes. Roulette
+    /// must not see it: a direction that a guide prefers has a small weight because much light is expected from it.
+    pub preference: f32,
 }
+
+impl DirectionSample {
+    /// [`Self::preference`] of a sample of density `pdf` where the scattering function has `own`.
+    #[inline]
+    pub fn preferred(pdf: f32, own: f32) -> f32 {
+        if own > 0.0 { (pdf / own).min(PREFERENCE_MAX) } else { 1.0 }
+    }
+}
+
+/// Largest [`DirectionSample::preference`]; more makes no difference to roulette and could overflow along a path.
+const PREFERENCE_MAX: f32 = 1e4;
 
 /// How a surface scatters at a point towards one viewer, with directions in the frame of the [`Vertex`].
 pub trait Scattering {
@@ -102,9 +116,12 @@ impl DirectionSampler for UniformSphere {
     #[inline]
     fn sample<S: Scattering>(&self, at: &Vertex<'_, S>, _: f32, u: [f32; 2]) -> Option<DirectionSample> {
         let wi: Vec3f = uniform_sphere(u);
-        let (value, pdf) = self.eval_pdf(at, wi);
+        let (value, own) = at.scattering.eval_pdf(wi);
+        let pdf = uniform_sphere_pdf();
         let transmitted = wi.dot(at.normal) * at.wo.dot(at.normal) < 0.0;
-        Some(DirectionSample { wi, weight: value * (1.0 / pdf), pdf, delta: false, transmitted, eta: 1.0 })
+        let preference = DirectionSample::preferred(pdf, own);
+        let weight = value * (1.0 / pdf);
+        Some(DirectionSample { wi, weight, pdf, delta: false, transmitted, eta: 1.0, preference })
     }
 
     #[inline]
@@ -152,6 +169,7 @@ impl<A: DirectionSampler, B: DirectionSampler> DirectionSampler for Mixture<A, B
             return None;
         }
         (sample.weight, sample.pdf) = (value * (1.0 / pdf), pdf);
+        sample.preference = DirectionSample::preferred(pdf, at.scattering.eval_pdf(sample.wi).1);
         Some(sample)
     }
 
@@ -192,7 +210,7 @@ mod tests {
             let wi = if delta { vec3(-WO.x, -WO.y, WO.z) } else { cosine_hemisphere(u) };
             let weight = Vec3f::splat(if delta { 1.0 } else { self.albedo });
             let pdf = if delta { 1.0 } else { (1.0 - self.mirror) * cosine_hemisphere_pdf(wi.z) };
-            Some(DirectionSample { wi, weight, pdf, delta, transmitted: false, eta: 1.0 })
+            Some(DirectionSample { wi, weight, pdf, delta, transmitted: false, eta: 1.0, preference: 1.0 })
         }
 
         fn eval_pdf(&self, wi: Vec3f) -> (Vec3f, f32) {

@@ -18,7 +18,7 @@ impl Scattering for Plastic {
         let wi = if delta { vec3(-WO.x, -WO.y, WO.z) } else { cosine_hemisphere(u) };
         let weight = Vec3f::splat(if delta { 1.0 } else { 0.5 });
         let pdf = if delta { 1.0 } else { (1.0 - self.mirror) * cosine_hemisphere_pdf(wi.z) };
-        Some(DirectionSample { wi, weight, pdf, delta, transmitted: false, eta: 1.0 })
+        Some(DirectionSample { wi, weight, pdf, delta, transmitted: false, eta: 1.0, preference: 1.0 })
     }
 
     fn eval_pdf(&self, wi: Vec3f) -> (Vec3f, f32) {

@@ -50,8 +50,9 @@ pub(super) struct Path<'a, const F: u32, S, D> {
     pub(super) sink: S,
     pub(super) ray: WorldRay,
     pub(super) throughput: Vec3f,
-    /// Square of the relative indices of refraction crossed: what roulette must not see.
-    eta_squared: f32,
+    /// Square of the relative indices of refraction crossed, and densities of directions over those of scattering alone:
+    /// what roulette must not see.
+    unseen: f32,
     pub(super) last: Departure,
     /// The absorbing solids that it is in.
     pub(super) inside: Absorbers,
@@ -128,7 +129,7 @@ pub(crate) fn walk<const F: u32, S: Sink, D: DirectionSampler>(
         sink,
         ray: *ray,
         throughput: Vec3f::splat(1.0),
-        eta_squared: 1.0,
+        unseen: 1.0,
         last: Departure { from: Receiver::point(ray.origin), pdf: 0.0, only: true },
         inside: Absorbers::NONE,
         medium: if F & plan::VOLUMES != 0 { world.media.around_camera } else { None },
@@ -328,7 +329,7 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
             return self.throughput != Vec3f::zero();
         }
         let sure = if media || self.depth >= ROULETTE_DEEP { ROULETTE_MAX } else { 1.0 };
-        let q = (scale * brightest(self.throughput) * self.eta_squared).min(sure);
+        let q = (scale * brightest(self.throughput) * self.unseen).min(sure);
         if q >= 1.0 {
             return true;
         }
@@ -404,7 +405,7 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
             instance: at.instance,
         });
         self.throughput = self.throughput.mul(sample.weight);
-        self.eta_squared *= sample.eta * sample.eta;
+        self.unseen *= sample.eta * sample.eta * sample.preference;
         self.last = Departure { from, pdf: sample.pdf, only: sample.delta };
         self.ray = at.leave(wi, f32::INFINITY);
         if self.throughput.is_finite() {

@@ -187,7 +187,7 @@ impl Scattering for SurfaceScattering<'_> {
         let BsdfSample { wi, weight, pdf, delta, eta } = self.material.sample(self.wo, lobe, u)?;
         let transmitted = wi.z * self.wo.z < 0.0;
         let wi = self.material.to_render(wi).normalize_or_zero();
-        Some(DirectionSample { wi, weight, pdf, delta, transmitted, eta })
+        Some(DirectionSample { wi, weight, pdf, delta, transmitted, eta, preference: 1.0 })
     }
 
     #[inline(always)]
