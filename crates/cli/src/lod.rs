@@ -7,7 +7,8 @@ use crate::progress::Terminal;
 use crate::simplify::{CHECKPOINT_FILE, Job, ending, explain_error, name, options};
 use crate::status::Ending;
 use crate::threads;
-use anyhow::Result;
+use anyhow::{Context as _, Result};
+use photofit_fit::engine::judge::Judged;
 use photofit_fit::lod::{
     Chain, ChainOptions, Level, combined_path, level_folder, level_path, simplify_chain, summary_path,
 };
@@ -53,12 +54,17 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
     places.check_against("IN", &scene.files)?;
     let whole = Job { input: &a.input, output: &a.output, report: None, explain: a.explain };
     whole.begin(&scene, &options.fit)?;
+    // What an older chain left must not describe the files of this one.
+    let summary = summary_path(&a.output);
+    if summary.exists() {
+        std::fs::remove_file(&summary)
+            .with_context(|| format!("{}: cannot be removed", summary.display()))?;
+    }
     let progress = Terminal::new();
     let chain =
         simplify_chain(&scene, &a.output, &options, &progress).map_err(|e| explain_error(&a.input, e))?;
     progress.finish();
     let figures = tell(a, &scene, &chain)?;
-    let summary = summary_path(&a.output);
     output::write_json(&summary, &summarised(&chain))?;
     print(&format!("wrote {}\n", summary.display()))?;
     if let Some(path) = &a.json {
@@ -107,6 +113,11 @@ fn summarised(chain: &Chain) -> Value {
             "bytes": l.bytes,
             "size": l.size,
             "switch_size": l.switch_size,
+            "judged": match l.outcome.judged {
+                Judged::Rasterized => "rasterized, one sample a pixel",
+                Judged::ReferenceTraced => "rasterized against a path traced original",
+                Judged::PathTraced => "path traced, at most 256 pixels wide",
+            },
             "psnr": q.psnr,
             "flip": q.flip,
             "luminance_ratio": q.luminance,

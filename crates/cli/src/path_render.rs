@@ -271,7 +271,12 @@ fn work(a: &Render, renderer: &mut Renderer<'_>, state: &Path, key: &str) -> Res
     let began = Instant::now();
     let patience = a.path.time_limit.map(|limit| limit.mul_f64(TRAINING_SHARE));
     let tired = || terminal.is_cancelled() || patience.is_some_and(|p| began.elapsed() >= p);
-    let guidance = Guidance::train(renderer, &GuidingOptions::new(guiding(a)), tired)?;
+    let open = a.path.noise.is_some() || a.path.time_limit.is_some();
+    let options = match open {
+        true => GuidingOptions::new(guiding(a)),
+        false => GuidingOptions::for_picture(guiding(a), renderer.options()),
+    };
+    let guidance = Guidance::train(renderer, &options, tired)?;
     match guidance.report() {
         Some(report) => say(&report.sentence()),
         None if guiding(a) != Guiding::Off => say("guiding is off: the time limit leaves none for training"),

@@ -199,8 +199,10 @@ pub fn simplify_chain(
                 Err(FitError::Interrupted) if k > 0 => break,
                 level => level?,
             };
+            // What earlier runs took is in the history too; this run cannot have taken longer than it lasts.
             let fitted = level.outcome.history.last().map_or(0.0, |h| h.seconds);
-            left = left.map(|l| l.saturating_sub(Duration::from_secs_f64(fitted)));
+            let fitted = Duration::from_secs_f64(fitted).min(began.elapsed());
+            left = left.map(|l| l.saturating_sub(fitted));
             levels.push(level);
         }
         finish(asset, output, options, levels)
@@ -228,7 +230,15 @@ fn level(
         *n = (*n).min(from.triangles.len());
     }
     let path = level_path(output, k);
-    let outcome = simplify_asset(asset, from, &path, &fit, began, progress)?;
+    let outcome = match simplify_asset(asset, from, &path, &fit, began, progress) {
+        // The level before went on, so that this one starts from another shape than its checkpoint did.
+        Err(e @ FitError::Checkpoint { .. }) if k > 0 && fit.resume => {
+            progress.warn(&format!("{e}; the level begins anew"));
+            fit.resume = false;
+            simplify_asset(asset, from, &path, &fit, began, progress)?
+        }
+        outcome => outcome?,
+    };
     let bytes = std::fs::metadata(&path).map_err(|source| FitError::Io { path: path.clone(), source })?.len();
     let (size, switch_size) = (options.sizes[k], options.switch_size(k));
     Ok(Level { path, bytes, size, switch_size, popping: None, outcome })

@@ -82,7 +82,7 @@ fn renders(ctx: &mut Context, case: &str, world: &World, view: &View) -> Result<
         let mut options = RenderOptions { width: SIDE, height: SIDE, spp: SPP, ..RenderOptions::default() };
         options.path.max_depth = 8;
         let renderer = Renderer::new(world, view, options.clone())?;
-        let mut guided = GuidingOptions::new(guiding);
+        let mut guided = GuidingOptions::for_picture(guiding, &options);
         if !least_gain.is_nan() {
             guided.least_gain = least_gain;
         }

@@ -9,14 +9,15 @@ use super::views::{Lighting, Orbit, Set, Views};
 use crate::simplify::drawn;
 use crate::{FitError, Progress};
 use photofit_geometry::Mesh;
-use photofit_image::{Image, dilate, flip, psnr_from_mse, squared_error, ssim, to_display};
+use photofit_image::{Image, dilate, flip, luminance, psnr_from_mse, squared_error, ssim, to_display};
 use photofit_scene::{FlatScene, Instance, Primitive, Scene, SurfaceLibrary};
 use std::collections::BTreeSet;
 
 /// Grey behind the asset, sRGB.
 const BACKGROUND: f32 = 0.5;
-/// The foreground is grown by this many pixels of a picture of 512 or more, in proportion in smaller ones.
+/// The foreground is grown by this many pixels, in proportion by fewer in pictures of less than [`SMALL`] pixels.
 const MARGIN: usize = 6;
+const SMALL: usize = 256;
 /// Coverages of a pixel that differ by more than this are another outline.
 const OUTLINE: f32 = 0.1;
 /// Pixels per degree of the FLIP viewer.
@@ -40,7 +41,7 @@ pub struct Quality {
     /// Share of the squared error, in [0, 1], in pixels that one asset covers and the other does not: what no map can
     /// mend.
     pub outline: f64,
-    /// Mean luminance over the foreground relative to that of the reference, of linear colours clamped at 1.
+    /// Luminance of the picture relative to that of the reference: linear, premultiplied, not clamped.
     pub luminance: f64,
 }
 
@@ -355,13 +356,10 @@ fn display(rgba: &Image) -> Image {
     to_display(&Image::from_data(rgba.width, rgba.height, 3, rgb.into_flattened()))
 }
 
-/// Mean luminance of a display picture over a mask relative to that of the reference; 1 for two black ones.
-fn luminance_ratio(reference: &Image, candidate: &Image, mask: &[bool]) -> f64 {
-    let sum = |i: &Image| {
-        let pixels = i.data.chunks_exact(3).zip(mask).filter(|(_, m)| **m);
-        let linear = pixels.map(|(p, _)| [0, 1, 2].map(|k| f64::from(photofit_image::srgb_decode(p[k]))));
-        linear.map(|[r, g, b]| 0.2126 * r + 0.7152 * g + 0.0722 * b).sum::<f64>()
-    };
+/// Sum of the luminance of a rendering relative to that of the reference; 1 for two black ones.
+fn luminance_ratio(reference: &Image, candidate: &Image) -> f64 {
+    let sum =
+        |i: &Image| i.data.chunks_exact(4).map(|p| f64::from(luminance([p[0], p[1], p[2]]))).sum::<f64>();
     let (r, c) = (sum(reference), sum(candidate));
     if r > 0.0 || c > 0.0 { c / r.max(1e-12) } else { 1.0 }
 }
@@ -375,7 +373,7 @@ pub fn compare(reference: &Image, candidate: &Image) -> ViewQuality {
     let coverages =
         || reference.data.chunks_exact(4).zip(candidate.data.chunks_exact(4)).map(|(a, b)| (a[3], b[3]));
     let covered: Vec<bool> = coverages().map(|(a, b)| a > 0.02 || b > 0.02).collect();
-    let margin = (reference.width * MARGIN).div_ceil(512).clamp(1, MARGIN);
+    let margin = (reference.width * MARGIN).div_ceil(SMALL).clamp(1, MARGIN);
     let mask = dilate(&covered, reference.width, reference.height, margin);
     let over = |m: Option<f64>| m.unwrap_or(0.0);
     let flip_map = flip(&r, &c, PIXELS_PER_DEGREE);
@@ -388,7 +386,7 @@ pub fn compare(reference: &Image, candidate: &Image) -> ViewQuality {
         ssim: ssim(&r, &c).mean_over(&mask).unwrap_or(1.0),
         flip: over(flip_map.mean_over(&mask)),
         outline: if everywhere > 0.0 { at_outline / everywhere } else { 0.0 },
-        luminance: luminance_ratio(&r, &c, &mask),
+        luminance: luminance_ratio(reference, candidate),
     };
     ViewQuality { quality, flip: flip_map.map, picture: c }
 }
@@ -436,10 +434,11 @@ mod tests {
 
     #[test]
     fn a_brighter_asset_has_the_luminance_ratio_of_its_light() {
-        let grey = |x: f32| Image::from_data(2, 2, 4, [x, x, x, 1.0].repeat(4));
+        // Half of the picture is empty.
+        let grey = |x: f32| Image::from_data(2, 2, 4, [x, x, x, 1.0, 0.0, 0.0, 0.0, 0.0].repeat(2));
         let ratio = |a: f32, b: f32| compare(&grey(a), &grey(b)).quality.luminance;
         assert!((ratio(0.2, 0.3) - 1.5).abs() < 1e-4 && (ratio(0.4, 0.1) - 0.25).abs() < 1e-4);
-        assert!((ratio(0.5, 3.0) - 2.0).abs() < 1e-4, "clamped at 1");
+        assert!((ratio(0.5, 3.0) - 6.0).abs() < 1e-4, "highlights count");
     }
 
     #[test]

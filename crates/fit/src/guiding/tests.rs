@@ -141,3 +141,13 @@ fn a_guide_that_does_not_pay_switches_itself_off() {
         assert!(again.picture().data == plain.picture().data, "the picture is that of no guide");
     }
 }
+
+#[test]
+fn training_is_a_part_of_the_picture() {
+    for (side, spp, rounds) in
+        [(96, 16, 3), (96, 64, 3), (96, 256, 5), (96, 4096, 7), (960, 16, 7), (32, 256, 5)]
+    {
+        let found = GuidingOptions::for_picture(Guiding::Lobes, &options(side, spp, 0)).rounds;
+        assert_eq!(found, rounds, "{side} pixels, {spp} samples");
+    }
+}

@@ -95,6 +95,22 @@ fn a_stopped_chain_keeps_its_levels_and_resumes_to_the_same_files() {
 }
 
 #[test]
+fn a_chain_that_a_time_limit_ended_goes_on() {
+    let dir = tempfile::tempdir().unwrap();
+    let output = dir.path().join("a.glb");
+    let mut kept = options();
+    kept.fit.checkpoint = Some(dir.path().join("state"));
+    kept.fit.time_limit = Some(Duration::from_millis(1));
+    let short = simplify_chain(&rock(), &output, &kept, &Silent).unwrap();
+    assert_eq!(short.levels.len(), 3, "a time limit shortens fits, not the chain");
+    let steps = |chain: &Chain| chain.levels.iter().map(|l| l.outcome.steps).sum::<u64>();
+    // The shapes that later levels start from are others now.
+    (kept.fit.time_limit, kept.fit.resume) = (None, true);
+    let whole = simplify_chain(&rock(), &output, &kept, &Silent).unwrap();
+    assert!(!whole.stopped && steps(&whole) > steps(&short), "{} {}", steps(&whole), steps(&short));
+}
+
+#[test]
 fn errors_name_the_field_what_it_is_and_what_it_must_be() {
     let with = |sizes: &[f64], triangles: &[usize]| ChainOptions {
         sizes: sizes.to_vec(),

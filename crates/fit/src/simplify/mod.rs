@@ -28,7 +28,7 @@ pub use outcome::Outcome;
 
 use crate::bake;
 use crate::candidate::Candidate;
-use crate::engine::judge::{Judge, Stage};
+use crate::engine::judge::{Judge, Stage, beyond_rasterizer};
 use crate::engine::loss;
 use crate::engine::model::Surface;
 use crate::engine::reference::{Features, PathTraced, Rasterized, Reference};
@@ -167,7 +167,8 @@ pub(crate) fn simplify_asset(
     let fitted = photofit_scene::load(output)?;
     let triangles = [scene.triangle_count(), fitted.triangle_count()];
     let mut stages = Vec::new();
-    if options.as_engine {
+    // Path traced, the original would be the reference itself.
+    if options.as_engine && beyond_rasterizer(scene).is_empty() {
         stages.push(Stage::new("original", scene.clone()));
     }
     stages.push(plain(scene, n, triangles[1])?);

@@ -115,8 +115,8 @@ impl SimplifyOptions {
     pub(super) fn bake_settings(&self) -> BakeSettings {
         let plain = BakeSettings::default();
         if self.is_prefiltered() {
-            // Widened roughness lost: DamagedHelmet at 64 pixels FLIP .162 against .151, luminance +3.1% against +.4%.
-            BakeSettings { samples_per_side: 8, ..plain }
+            // Roughness is not widened: with it and a wider bake together small levels lost FLIP (docs/crates/fit.md).
+            BakeSettings { samples_per_side: 8, filter_width: 1.0, ..plain }
         } else {
             plain
         }

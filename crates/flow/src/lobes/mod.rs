@@ -73,11 +73,8 @@ pub struct LobeLocal {
 impl LobeGuide {
     /// An untrained guide: one leaf, all directions nearly alike, which is asked rarely.
     pub fn new(options: LobeOptions) -> Self {
-        let lobes = std::array::from_fn(|k| Lobe {
-            weight: 1.0 / LOBES as f32,
-            mean: fibonacci_sphere(k, LOBES),
-            kappa: KAPPA_FIRST,
-        });
+        let lobe = |k| Lobe::new(1.0 / LOBES as f32, fibonacci_sphere(k, LOBES), KAPPA_FIRST);
+        let lobes = std::array::from_fn(lobe);
         Self { options, nodes: vec![Node::Leaf(0)], leaves: vec![Leaf { lobes, share: SHARE[0], depth: 0 }] }
     }
 

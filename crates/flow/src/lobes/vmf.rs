@@ -7,6 +7,8 @@ use std::f32::consts::TAU;
 pub(super) const KAPPA: [f32; 2] = [0.01, 2e4];
 /// Concentration of the lobe that stands for the cosine: both have the same mean cosine, 2/3.
 const KAPPA_COSINE: f32 = 2.98;
+/// `N(k)` of it.
+const NORM_COSINE: f32 = 0.475_508_5;
 
 /// A lobe `w N(k) e^(k (m . d - 1))`, `N(k) = k / (2 pi (1 - e^(-2k)))`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,18 +19,27 @@ pub(super) struct Lobe {
     pub(super) mean: Vec3f,
     /// Concentration, within [`KAPPA`].
     pub(super) kappa: f32,
+    /// `N(k)`: kept, since it costs as much as a density.
+    norm: f32,
 }
 
+/// `N(k)`; where `k` is large the other pole of the sphere has no part in it.
 #[inline(always)]
 fn norm(kappa: f32) -> f32 {
-    kappa / (TAU * -(-2.0 * kappa).exp_m1())
+    if kappa > 9.0 { kappa / TAU } else { kappa / (TAU * -(-2.0 * kappa).exp_m1()) }
 }
 
 impl Lobe {
+    /// A lobe around the unit vector `mean`.
+    #[inline(always)]
+    pub(super) fn new(weight: f32, mean: Vec3f, kappa: f32) -> Self {
+        Self { weight, mean, kappa, norm: norm(kappa) }
+    }
+
     /// Density of a direction, without the weight.
     #[inline(always)]
     pub(super) fn pdf(&self, wi: Vec3f) -> f32 {
-        norm(self.kappa) * (self.kappa * (self.mean.dot(wi) - 1.0)).exp()
+        self.norm * (self.kappa * (self.mean.dot(wi) - 1.0)).exp()
     }
 
     /// A direction for `u` in `[0, 1)`.
@@ -49,9 +60,9 @@ impl Lobe {
         let length = sum.length();
         let kappa = length.clamp(KAPPA[0], KAPPA[1] + KAPPA_COSINE);
         let mean = if length > 1e-6 { sum * (1.0 / length) } else { n };
-        let overlap =
-            norm(self.kappa) * norm(KAPPA_COSINE) / norm(kappa) * (kappa - self.kappa - KAPPA_COSINE).exp();
-        Self { weight: self.weight * overlap, mean, kappa }
+        let mut product = Self::new(self.weight, mean, kappa);
+        product.weight *= self.norm * NORM_COSINE / product.norm * (kappa - self.kappa - KAPPA_COSINE).exp();
+        product
     }
 
     /// The lobe whose samples have this mean vector (Banerjee et al. 2005).
@@ -59,7 +70,7 @@ impl Lobe {
         let r = mean.length().min(0.999_99);
         let kappa = (r * (3.0 - r * r) / (1.0 - r * r)).clamp(KAPPA[0], KAPPA[1]);
         let mean = if r > 1e-6 { mean.normalize_or_zero() } else { vec3(0.0, 0.0, 1.0) };
-        Self { weight, mean, kappa }
+        Self::new(weight, mean, kappa)
     }
 }
 
@@ -72,7 +83,7 @@ mod tests {
     fn samples_follow_the_density() {
         let mean = vec3(0.6, 0.0, 0.8);
         for kappa in [0.01, 1.0, 20.0, 500.0] {
-            let lobe = Lobe { weight: 1.0, mean, kappa };
+            let lobe = Lobe::new(1.0, mean, kappa);
             let (n, bins) = (100_000, 20);
             let mut rng = Rng::new(3, kappa.to_bits().into());
             // Bins of equal probability in the cosine, by the closed distribution.
@@ -97,11 +108,20 @@ mod tests {
     }
 
     #[test]
+    fn norms_are_those_of_the_formula() {
+        for k in [0.01_f64, 1.0, 2.98, 8.9, 9.1, 300.0] {
+            let exact = k / (std::f64::consts::TAU * -(-2.0 * k).exp_m1());
+            assert!((f64::from(norm(k as f32)) / exact - 1.0).abs() < 1e-6, "{k}");
+        }
+        assert!((norm(KAPPA_COSINE) / NORM_COSINE - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
     fn products_with_the_cosine_are_lobes() {
         let n = vec3(0.0, 0.0, 1.0);
-        let cosine = Lobe { weight: 1.0, mean: n, kappa: KAPPA_COSINE };
+        let cosine = Lobe::new(1.0, n, KAPPA_COSINE);
         for (mean, kappa) in [(vec3(0.6, 0.0, 0.8), 5.0), (vec3(0.8, 0.0, -0.6), 50.0)] {
-            let lobe = Lobe { weight: 0.3, mean, kappa };
+            let lobe = Lobe::new(0.3, mean, kappa);
             let product = lobe.with_cosine(n);
             for wi in [vec3(0.0, 0.6, 0.8), vec3(1.0, 0.0, 0.0), mean] {
                 let expected = lobe.weight * lobe.pdf(wi) * cosine.pdf(wi);

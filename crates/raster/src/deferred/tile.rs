@@ -169,7 +169,7 @@ impl<T: Real> Strip<'_, T> {
         let footprint = self.footprint(groups);
         let keep = self.passes.position_gradients || self.passes.map_gradients;
         let StripPixels { keys, pixels } = kept;
-        if keep {
+        if keep && !self.view.shade_per_pixel {
             pixels.reserve(keys.len());
         }
         out.fill([T::zero(); 4]);
