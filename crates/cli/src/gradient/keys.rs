@@ -5,6 +5,7 @@
 //! `.absorption` and their maps.
 
 use photofit_pathtrace::{MaterialValue, Parameter, Parts};
+use photofit_scalar::Vec3f;
 use photofit_scene::graph::{SurfaceGraph, SurfaceNode, Texture};
 use photofit_scene::mitsuba::MitsubaScene;
 use photofit_scene::{LightKind, MapKind, PunctualLight, Scene, SurfaceLibrary};
@@ -45,7 +46,7 @@ impl Keys {
             Texture::Constant(_) => (format!("{name}.value"), [1, 1, channels]),
             Texture::Bitmap { image, .. } => {
                 let [width, height] = image.size();
-                (format!("{name}.data"), [height, width, channels.min(image.channels())])
+                (format!("{name}.data"), [height, width, if image.channels() == 1 { 1 } else { 3 }])
             }
             _ => return,
         };
@@ -95,6 +96,8 @@ pub(crate) fn of_mitsuba(scene: &MitsubaScene) -> Vec<Key> {
 /// The values of a BSDF that is the same everywhere.
 fn constants(keys: &mut Keys, name: &str, material: usize, bsdf: &Bsdf<f32>) {
     match bsdf {
+        // Lamps without a surface of their own are black; what is black hides the light that it would scatter.
+        Bsdf::Diffuse(d) if d.reflectance == Vec3f::zero() => {}
         Bsdf::Diffuse(_) => {
             keys.value(format!("{name}.reflectance.value"), material, MaterialValue::Reflectance);
         }
@@ -145,9 +148,9 @@ fn of_node(keys: &mut Keys, material: usize, node: &SurfaceNode, name: &str, ind
                     keys.texture(&format!("{name}.reflectance"), [material, first], reflectance, 3);
                 }
                 SurfaceNode::Conductor { reflectance, rough, .. } => {
-                    let specular = format!("{name}.specular_reflectance");
-                    keys.texture(&specular, [material, first + 2], reflectance, 3);
                     if let Some(r) = rough {
+                        let specular = format!("{name}.specular_reflectance");
+                        keys.texture(&specular, [material, first + 2], reflectance, 3);
                         keys.texture(&format!("{name}.alpha"), [material, first + 3], &r.alpha_u, 1);
                         keys.texture(&format!("{name}.alpha"), [material, first + 4], &r.alpha_v, 1);
                     }
@@ -179,7 +182,11 @@ pub(crate) fn of_asset(scene: &Scene, parts: &Parts) -> Vec<Key> {
             n => n.to_owned(),
         };
         let held = library.may_transmit(i) || library.may_be_anisotropic(i);
-        let mut values = vec![("emissive", MaterialValue::Emissive)];
+        let mut values = Vec::new();
+        // Light that is not there is not traced, so that its derivative is not seen.
+        if m.emissive != [0.0; 3] {
+            values.push(("emissive", MaterialValue::Emissive));
+        }
         if !held {
             values.push(("base_color", MaterialValue::BaseColor));
             if !m.unlit {
@@ -199,7 +206,12 @@ pub(crate) fn of_asset(scene: &Scene, parts: &Parts) -> Vec<Key> {
             ("normal_texture", MapKind::Normal),
             ("emissive_texture", MapKind::Emissive),
         ];
-        for (map, kind) in maps.into_iter().filter(|m| !held || m.1 == MapKind::Emissive) {
+        let known = |kind| match kind {
+            MapKind::Emissive => true,
+            MapKind::Normal => !held && !library.may_have_sheen(i),
+            _ => !held,
+        };
+        for (map, kind) in maps.into_iter().filter(|m| known(m.1)) {
             if let Some(texture) = library.texture_of(i, kind) {
                 let shape = size_of_texture(library, texture);
                 keys.push(format!("{name}.{map}"), Parameter::Texels { texture }, shape);

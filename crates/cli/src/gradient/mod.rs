@@ -34,6 +34,9 @@ struct Subject {
     world: WorldOptions,
 }
 
+/// Share of a path's light that may be left over when it was replayed.
+const RESIDUAL: f64 = 1e-6;
+
 pub(crate) fn run(a: &Gradient) -> Result<Ending> {
     let places = Places::default()
         .reads("SCENE", Some(&a.input))
@@ -61,6 +64,15 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
     let samples = GradientSamples { spp: a.spp, seed: Some(a.seed) };
     let (gradient, error) = adjoint.render_vjp_with_error(&loss, samples).map_err(|e| named(&e))?;
     let seconds = began.elapsed().as_secs_f64();
+    let exact = gradient.residual < RESIDUAL;
+    if !exact {
+        bail!(
+            "{}: the replay left {:e} of the light of a path; it must be below {RESIDUAL:e}: radiances of the scene may be \
+             too large for single precision",
+            a.input.display(),
+            gradient.residual
+        );
+    }
     let values = [&gradient.parameters[0], &error.parameters[0]].map(|g| trimmed(g, key.shape[2]));
     if let Some(file) = &a.image {
         let [value, error] = [&values[0], &values[1]].map(|v| picture(&key, v));
@@ -69,7 +81,10 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
         photofit_image::write_exr_channels(file, &layers, &[("photofit/parameter", name.as_str())])?;
     }
     if let Some(file) = &a.json {
-        output::write_json(file, &to_json(a, &subject.options, &key, &values, seconds))?;
+        let mut figures = to_json(a, &subject.options, &key, &values, seconds);
+        figures["residual"] = json!(gradient.residual);
+        figures["not_finite"] = json!(gradient.not_finite);
+        output::write_json(file, &figures)?;
     }
     print(&text(&key, &values))?;
     if gradient.not_finite > 0 {

@@ -7,6 +7,7 @@ use super::parameter::{MaterialValue, Parameter, VALUES, library_material, maps_
 use crate::PathtraceError;
 use crate::error::invalid;
 use crate::world::World;
+use photofit_scene::MapKind;
 
 /// Most cells of a parameter that is summed densely.
 const DENSE: usize = 64;
@@ -171,6 +172,11 @@ fn size(world: &World, parameter: &Parameter) -> Result<(usize, usize), String> 
                 {
                     return Err(format!("texture {texture} is read by library material {m}: {rule}"));
                 }
+                if library.may_have_sheen(m) && library.texture_of(m, MapKind::Normal) == Some(*texture) {
+                    return Err(format!(
+                        "texture {texture} is the normal map of library material {m}: below sheen it has no derivatives"
+                    ));
+                }
             }
             let base = library.texture(*texture).layout().levels()[0];
             Ok(((base.width * base.height) as usize, 3))
@@ -183,9 +189,11 @@ fn size(world: &World, parameter: &Parameter) -> Result<(usize, usize), String> 
                 let texture = textures.get(t).ok_or_else(|| {
                     format!("texture {t} of material {m} is one of {} of its tree", textures.len())
                 })?;
-                let cells = texture
-                    .texels()
-                    .ok_or("is a texture without derivatives; it must be a constant or an image")?;
+                let has = graph.is_some_and(|g| g.differentiable()[t]);
+                let cells = texture.texels().filter(|_| has).ok_or(
+                    "is a texture without derivatives; it must be a constant or an image that a diffuse surface or a \
+                     rough metal reads, or that is emitted",
+                )?;
                 if found.is_some_and(|f| f != cells) {
                     return Err("names textures of several sizes; they must be the same".into());
                 }

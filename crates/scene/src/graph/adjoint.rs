@@ -16,6 +16,14 @@ impl SurfaceGraph {
         out
     }
 
+    /// Whether each of [`Self::textures`] has a gradient by [`Self::resolve_vjp`] or [`Self::emission_vjp`].
+    pub fn differentiable(&self) -> Vec<bool> {
+        let mut out = Vec::new();
+        self.root.differentiable(&mut out);
+        out.extend(self.emission.iter().map(|e| e.texels().is_some()));
+        out
+    }
+
     /// Adjoint of [`Self::resolve`] for gradients of the two BSDFs: calls `add` with the index of a texture, a texel (0
     /// of constants) and its gradient.
     pub fn resolve_vjp(
@@ -62,6 +70,35 @@ impl SurfaceGraph {
 }
 
 impl SurfaceNode {
+    /// In the order of [`Self::textures`]; as [`SurfaceGraph::resolve_vjp`] walks.
+    fn differentiable(&self, out: &mut Vec<bool>) {
+        match self {
+            Self::TwoSided { front, back } => {
+                front.differentiable(out);
+                back.iter().for_each(|b| b.differentiable(out));
+            }
+            Self::Mask { inner, .. } | Self::Bump { inner, .. } | Self::NormalMap { inner, .. } => {
+                out.push(false);
+                inner.differentiable(out);
+            }
+            Self::Blend { inner, .. } => {
+                out.push(false);
+                inner.iter().for_each(|i| i.differentiable(out));
+            }
+            leaf => {
+                let first = out.len();
+                leaf.textures(&mut |t| out.push(t.texels().is_some()));
+                let has = |k: usize| match leaf {
+                    Self::Diffuse { .. } => true,
+                    // Index of refraction and absorption come first; smooth metals are delta lobes.
+                    Self::Conductor { rough, .. } => rough.is_some() && k >= 2,
+                    _ => false,
+                };
+                out[first..].iter_mut().enumerate().for_each(|(k, own)| *own &= has(k));
+            }
+        }
+    }
+
     fn texture_count(&self) -> usize {
         let mut count = 0;
         self.textures(&mut |_| count += 1);

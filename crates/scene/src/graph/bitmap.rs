@@ -114,8 +114,10 @@ impl Bitmap {
         ([at(x0, y0), at(x1, y0), at(x0, y1), at(x1, y1)], [fx, fy])
     }
 
-    /// Adjoint of [`Self::color`] for the gradient `g`: calls `add` with texels and their shares of it.
+    /// Adjoint of [`Self::color`] for the gradient `g`: calls `add` with texels and their shares of it. That of a texel of
+    /// one channel, which all three colours show, is in the first component.
     pub fn color_vjp(&self, uv: Vec2f, g: Vec3f, mut add: impl FnMut(usize, Vec3f)) {
+        let g = if self.channels() == 1 { Vec3f { x: g.x + g.y + g.z, y: 0.0, z: 0.0 } } else { g };
         if self.filter == BitmapFilter::Nearest {
             return add(self.nearest(uv), g);
         }

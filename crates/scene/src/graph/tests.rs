@@ -99,3 +99,53 @@ fn sides_mixtures_and_constants() {
         assert_eq!((reflectance(&second), w), (0.4, share));
     }
 }
+
+#[test]
+fn gradients_of_bitmaps_fall_on_the_texels_that_are_read() {
+    use BitmapFilter::{Bilinear, Nearest};
+    use BitmapWrap::{Clamp, Mirror, Repeat};
+    // A colour is linear in its texels: <g, color(texels)> = <color_vjp(g), texels>, for texels of both signs.
+    let g = vec3(0.7, -1.3, 0.4);
+    for (channels, wrap, filter) in [1, 3].into_iter().flat_map(|c| {
+        [Repeat, Mirror, Clamp].into_iter().flat_map(move |w| [Bilinear, Nearest].map(|f| (c, w, f)))
+    }) {
+        let texel = |x: usize, y: usize, c: usize| ((7 * x + 13 * y + 5 * c) % 11) as f32 - 4.0;
+        let image = Image::from_fn(4, 3, channels, texel);
+        let map = Arc::new(Bitmap::new(&image, wrap, filter));
+        let texture = Texture::Bitmap { image: map, to_uv: IDENTITY, scale: 1.5 };
+        for (u, v) in [(0.1, 0.2), (0.6, 0.9), (-0.3, 1.7), (2.2, -0.6)] {
+            let place = at(u, v);
+            let dot = |found: &mut f32, t: usize, share: Vec3f| {
+                let share = share.to_array();
+                (0..channels).for_each(|c| *found += share[c] * image.data[t * channels + c]);
+            };
+            let mut found = 0.0;
+            texture.color_vjp(&place, g, |t, share| dot(&mut found, t, share));
+            let expected = g.dot(texture.color(&place));
+            assert!((found - expected).abs() < 1e-4, "{channels} {wrap:?} {filter:?}: {found} {expected}");
+            let mut found = 0.0;
+            texture.value_vjp(&place, 0.6, |t, share| dot(&mut found, t, share));
+            let expected = 0.6 * texture.value(&place);
+            assert!((found - expected).abs() < 1e-4, "{channels} {wrap:?} {filter:?}: {found} {expected}");
+        }
+    }
+}
+
+#[test]
+fn textures_without_an_adjoint_are_told() {
+    let grey = Texture::number(0.5);
+    let metal = |rough| SurfaceNode::Conductor {
+        eta: grey.clone(),
+        k: grey.clone(),
+        reflectance: grey.clone(),
+        rough,
+    };
+    let checks = Texture::Checkerboard { colors: Arc::new([grey.clone(), grey.clone()]), to_uv: IDENTITY };
+    let of = |root| SurfaceGraph { root, emission: None }.differentiable();
+    assert_eq!(of(SurfaceNode::Diffuse { reflectance: grey.clone() }), [true]);
+    assert_eq!(of(SurfaceNode::Diffuse { reflectance: checks }), [false]);
+    assert_eq!(of(metal(None)), [false; 3], "a mirror's lobe has no density");
+    let graph =
+        SurfaceGraph { root: SurfaceNode::Diffuse { reflectance: grey.clone() }, emission: Some(grey) };
+    assert_eq!(graph.differentiable().len(), graph.textures().len());
+}

@@ -93,10 +93,19 @@ impl Texture {
         }
     }
 
-    /// Adjoint of [`Self::value`] of a texture with one channel or grey texels, as [`Self::color_vjp`]: the gradient is
-    /// in the first component.
+    /// Adjoint of [`Self::value`], as [`Self::color_vjp`]: of constants and of texels of one channel the gradient is in the
+    /// first component, of coloured texels it is shared as their luminance is.
     pub fn value_vjp(&self, at: &SurfacePoint, g: f32, add: impl FnMut(usize, Vec3f)) {
-        self.color_vjp(at, Vec3f { x: g, y: 0.0, z: 0.0 }, add);
+        let share = match self {
+            Self::Bitmap { image, .. } if image.channels() > 1 => {
+                let unit = |k: usize| {
+                    photofit_image::luminance(std::array::from_fn(|c| f32::from(u8::from(c == k))))
+                };
+                Vec3f { x: unit(0), y: unit(1), z: unit(2) }
+            }
+            _ => Vec3f { x: 1.0, y: 0.0, z: 0.0 },
+        };
+        self.color_vjp(at, share * g, add);
     }
 
     /// Texels of an image, 1 for a constant; `None` where [`Self::color_vjp`] tells nothing.

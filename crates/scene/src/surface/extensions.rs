@@ -241,6 +241,15 @@ impl SurfaceLibrary {
         m.extensions.as_deref().is_some_and(|e| e.constant.anisotropy > 0.0)
     }
 
+    /// Whether some point of a material may have sheen.
+    ///
+    /// # Panics
+    /// If there is no such material.
+    pub fn may_have_sheen(&self, material: usize) -> bool {
+        let m = &self.materials[material];
+        m.extensions.as_deref().is_some_and(|e| e.constant.sheen_color != Vec3f::zero())
+    }
+
     /// What the extensions of a material are at texture coordinates; `None` at once for plain materials. Arguments are
     /// those of [`Self::lookup`].
     ///
