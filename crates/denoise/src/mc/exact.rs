@@ -21,6 +21,8 @@ const REACH: usize = 2;
 const OUTSTANDING: f32 = 8.0;
 /// A pixel near an emitter shows a part of it if this share of the emitter's radiance is in it, above what is beside.
 const RIM: f32 = 0.1;
+/// And it lies above what is beside by this many deviations of the noise there.
+const NOISES: f32 = 4.0;
 /// Pixels on each side of the window whose median is what lies beside an emitter.
 const BESIDE: usize = 4;
 
@@ -57,7 +59,8 @@ pub(crate) fn exact_pixels(frame: &Frame<'_>, features: &Features<'_>, weight: &
     let is_exact = |i: usize| silent[i] > 0 && (windows[i] > 0 || missed(features, i) || level(i) > bright);
     let exact: Vec<bool> = (0..n).map(is_exact).collect();
     let emitted = |i: usize| if exact[i] && !missed(features, i) { level(i) } else { 0.0 };
-    let rims = rims(&exact, weight, width, &emitted, &level);
+    let noise = |i: usize| ((0..3).map(|c| variance(frame, c * n + i)).sum::<f32>() / 3.0).sqrt();
+    let rims = rims(&exact, weight, width, &emitted, &level, &noise);
     (0..n)
         .filter(|i| exact[*i] || rims[*i])
         .map(|i| (i, [color(0, i).max(0.0), color(1, i).max(0.0), color(2, i).max(0.0)]))
@@ -65,13 +68,15 @@ pub(crate) fn exact_pixels(frame: &Frame<'_>, features: &Features<'_>, weight: &
 }
 
 /// Pixels that show a part of an emitter: their light is that of the emitter, so that it must not reach what is beside,
-/// and their noise is that of the pixel filter alone.
+/// and their noise is that of the pixel filter alone. They lie between the emitter and what is beside, further from it than
+/// noise gets.
 fn rims(
     exact: &[bool],
     weight: &[f32],
     width: usize,
-    emitted: &dyn Fn(usize) -> f32,
-    level: &dyn Fn(usize) -> f32,
+    emitted: &(impl Fn(usize) -> f32 + Sync),
+    level: &(impl Fn(usize) -> f32 + Sync),
+    noise: &(impl Fn(usize) -> f32 + Sync),
 ) -> Vec<bool> {
     let height = exact.len() / width;
     let around = |i: usize, reach: usize| {
@@ -80,23 +85,27 @@ fn rims(
         let columns = x.saturating_sub(reach)..(x + reach + 1).min(width);
         rows.flat_map(move |y| columns.clone().map(move |x| y * width + x))
     };
+    let median = |values: &mut [f32]| {
+        let middle = values.len() / 2;
+        *values.select_nth_unstable_by(middle, f32::total_cmp).1
+    };
+    let emitters: Vec<u8> = (0..exact.len()).map(|i| u8::from(emitted(i) > 0.0)).collect();
+    let near = spread(&emitters, width, u8::max);
     let mut rims = vec![false; exact.len()];
-    let mut seen = vec![false; exact.len()];
-    let mut beside = Vec::new();
-    for emitter in (0..exact.len()).filter(|i| emitted(*i) > 0.0) {
-        for i in around(emitter, REACH) {
-            if exact[i] || seen[i] || weight[i] <= 0.0 {
+    rims.par_chunks_mut(width).enumerate().with_min_len(8).for_each(|(y, row)| {
+        for (x, rim) in row.iter_mut().enumerate() {
+            let i = y * width + x;
+            if near[i] == 0 || exact[i] || weight[i] <= 0.0 {
                 continue;
             }
-            seen[i] = true;
-            beside.clear();
-            beside.extend(around(i, BESIDE).filter(|j| !exact[*j] && weight[*j] > 0.0).map(level));
-            let middle = beside.len() / 2;
-            let (_, median, _) = beside.select_nth_unstable_by(middle, f32::total_cmp);
+            let beside = || around(i, BESIDE).filter(|j| !exact[*j] && weight[*j] > 0.0);
+            let usual = median(&mut beside().map(level).collect::<Vec<_>>());
             let full = around(i, REACH).map(emitted).fold(0.0, f32::max);
-            rims[i] = level(i) - *median > RIM * (full - *median) && full > *median;
+            let own = level(i);
+            let further = || NOISES * median(&mut beside().map(noise).collect::<Vec<_>>());
+            *rim = own <= full && own - usual > RIM * (full - usual) && own - usual > further();
         }
-    }
+    });
     rims
 }
 

@@ -1,5 +1,6 @@
 //! OpenEXR: named layers of named channels.
 
+use super::limits::MAX_RATIO;
 use super::{Format, Limits, atomic, file_bytes};
 use crate::{Image, ImageError};
 use exr::image::{AnyChannel, AnyChannels, Encoding, FlatImage, FlatSamples, Layer};
@@ -83,7 +84,7 @@ fn check_header(bytes: &[u8], place: &str, limits: &Limits) -> Result<(), ImageE
             SampleType::F16 => 2,
             SampleType::F32 | SampleType::U32 => 4,
         });
-        left.check(place, (width, height), channels, sizes.sum(), file_left)?;
+        left.check(place, (width, height), channels, sizes.sum(), file_left, MAX_RATIO)?;
         left.max_samples -= width * height * channels;
         // Every block has an entry in the offset table and a head of its own.
         let blocks = header.chunk_count as u64;

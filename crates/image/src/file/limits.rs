@@ -2,14 +2,16 @@
 
 use crate::ImageError;
 
-/// The best ratio any supported codec reaches is about 1032 (deflate) to 1400 (subsampled flat JPEG).
-const MAX_RATIO: u64 = 2048;
+/// The best ratio most codecs reach is about 1032 (deflate) to 1400 (subsampled flat JPEG).
+pub(crate) const MAX_RATIO: u64 = 2048;
+/// WebP stores 4096 equal pixels in two bytes.
+pub(crate) const MAX_RATIO_WEBP: u64 = 1 << 14;
 /// Small files may claim this many bytes regardless of their size.
 const FLOOR: u64 = 1 << 20;
 
 /// What an untrusted image file may claim; checked against its header before memory is taken.
 ///
-/// Besides these limits, no file may claim more than 2048 times its own size (and 1 MiB): no supported codec
+/// Besides these limits, no file may claim more than 2048 times its own size (16384 times for WebP; and 1 MiB): no codec
 /// compresses better, so that such a claim is never honest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
@@ -38,6 +40,7 @@ impl Limits {
         channels: u64,
         bytes_per_pixel: u64,
         file_len: usize,
+        max_ratio: u64,
     ) -> Result<(), ImageError> {
         let too_large = |rule: String| {
             Err(ImageError::TooLarge { place: place.to_owned(), width, height, channels, rule })
@@ -53,7 +56,7 @@ impl Limits {
         if pixels.checked_mul(channels).is_none_or(|n| n > self.max_samples) {
             return too_large(format!("at most {} samples", self.max_samples));
         }
-        let allowed = (file_len as u64).saturating_mul(MAX_RATIO).max(FLOOR);
+        let allowed = (file_len as u64).saturating_mul(max_ratio).max(FLOOR);
         if pixels.checked_mul(bytes_per_pixel).is_none_or(|n| n > allowed) {
             return too_large(format!("no codec packs that into the {file_len} bytes of the file"));
         }

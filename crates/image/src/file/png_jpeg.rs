@@ -1,5 +1,6 @@
 //! PNG, JPEG and WebP: decoding to linear light or to undecoded texels, and encoding.
 
+use super::limits::{MAX_RATIO, MAX_RATIO_WEBP};
 use super::{Format, Limits, write_atomically};
 use crate::{Image, ImageError, color};
 use image::codecs::jpeg::JpegEncoder;
@@ -104,6 +105,7 @@ fn decode_dynamic(bytes: &[u8], place: &str, limits: &Limits) -> Result<DynamicI
     inner.max_alloc = Some(limits.max_samples.saturating_mul(4).saturating_add(1 << 24));
     reader.limits(inner);
     let jpeg = reader.format() == Some(ImageFormat::Jpeg);
+    let max_ratio = if reader.format() == Some(ImageFormat::WebP) { MAX_RATIO_WEBP } else { MAX_RATIO };
     let decoder = reader.into_decoder().map_err(|e| invalid(place, e))?;
     let (width, height) = decoder.dimensions();
     let color = decoder.color_type();
@@ -114,6 +116,7 @@ fn decode_dynamic(bytes: &[u8], place: &str, limits: &Limits) -> Result<DynamicI
         color.channel_count().into(),
         bytes_per_pixel,
         bytes.len(),
+        max_ratio,
     )?;
     if jpeg && !jpeg_is_complete(bytes) {
         return Err(ImageError::invalid(place, "the JPEG ends before its end-of-image marker"));
@@ -188,7 +191,7 @@ pub fn encode_png(
 /// ```
 ///
 /// # Errors
-/// If a side is not in 1..16384.
+/// If a side is not 1 to 16384 pixels.
 ///
 /// # Panics
 /// If `data.len() != width * height * channels`, or `channels` is not 3 or 4.

@@ -6,6 +6,7 @@
 
 use super::{VERTICES, Writer};
 use crate::meshopt::{Filter, encode_triangles, encode_vertices, exponential, octahedral};
+use photofit_geometry::Mesh;
 use serde_json::json;
 
 /// How geometry is written.
@@ -15,12 +16,14 @@ pub enum Compression {
     #[default]
     None,
     /// `EXT_meshopt_compression`, which a reader must know (three.js, Babylon.js, Godot and others do): a fraction of the
-    /// bytes; positions are rounded to 2^-15 of the mesh's size, directions to about .03 degrees.
+    /// bytes; positions are rounded to 2^-15 of the size of the smallest
+    /// part (2^-22 of the largest coordinate at least), texture coordinates to 2^-15, colours and directions of morph targets to
+    /// 2^-12, directions to about .03 degrees.
     Meshopt,
 }
 
 const EXTENSION: &str = "EXT_meshopt_compression";
-/// Steps of a position or texture coordinate over the extent of its mesh: at least two to this power.
+/// Steps of a position over the extent of the smallest mesh, or of a texture coordinate: at least two to this power.
 const STEPS: i32 = 15;
 /// Steps of a colour, or of a morph target's normal, per unit: two to this power.
 const UNIT_STEPS: i32 = 12;
@@ -30,13 +33,21 @@ const DIRECTION_BITS: u32 = 12;
 /// How floats are rounded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Rounding {
-    /// Relative to the extent of the values.
-    Extent,
+    /// Positions: on the grid of the whole asset, so that borders that parts share stay shared.
+    Position,
+    /// Texture coordinates: at least 2^-15, finer where their extent is small.
+    Coordinate,
     /// Relative to one.
     Unit,
 }
 
 impl Writer {
+    /// An empty file for `meshes`.
+    pub(super) fn new<'a>(compression: Compression, meshes: impl Iterator<Item = &'a Mesh> + Clone) -> Self {
+        let grid = if compression == Compression::None { 0 } else { position_grid(meshes) };
+        Self { compression, grid, ..Self::default() }
+    }
+
     /// Appends a stream; the index of the view of its `count` elements of `stride` bytes.
     fn stream(
         &mut self,
@@ -101,7 +112,8 @@ impl Writer {
     ) -> (usize, Vec<f32>) {
         let exponent = match rounding {
             _ if self.compression == Compression::None => None,
-            Rounding::Extent => Some(extent_exponent(values, components)),
+            Rounding::Position => Some(reachable(self.grid, values)),
+            Rounding::Coordinate => Some(reachable(extent_exponent(values, components).min(-STEPS), values)),
             Rounding::Unit => Some(unit_exponent(values)),
         };
         let Some(exponent) = exponent else {
@@ -155,7 +167,14 @@ fn reachable(exponent: i32, values: &[f32]) -> i32 {
     exponent.max(above(largest) - 22).clamp(-112, 106)
 }
 
-/// The grid of [`Rounding::Extent`], the same for all components.
+/// The grid of the positions of all `meshes`: that of the smallest one, as far as the largest coordinate reaches it.
+pub(super) fn position_grid<'a>(meshes: impl Iterator<Item = &'a Mesh> + Clone) -> i32 {
+    let positions = meshes.filter(|m| !m.positions.is_empty()).map(|m| bytemuck::cast_slice(&m.positions));
+    let finest = positions.clone().map(|p| extent_exponent(p, 3)).min().unwrap_or(-STEPS);
+    positions.fold(finest, reachable)
+}
+
+/// The grid of values by their extent, the same for all components; not finer than they reach.
 fn extent_exponent(values: &[f32], components: usize) -> i32 {
     let mut extent = 0.0_f32;
     for k in 0..components {

@@ -187,7 +187,7 @@ fn value(bind: &Bind, material: usize, writer: &mut Writer) -> Value {
 
 /// An accessor of points with the bounds that the specification asks for.
 fn bounded(points: &[Vec3f], writer: &mut Writer) -> usize {
-    let (accessor, seen) = writer.rounded(bytemuck::cast_slice(points), 3, Rounding::Extent);
+    let (accessor, seen) = writer.rounded(bytemuck::cast_slice(points), 3, Rounding::Position);
     let points: &[Vec3f] = bytemuck::cast_slice(&seen);
     let first = points.first().copied().unwrap_or_default();
     let (lo, hi) = points.iter().fold((first, first), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
@@ -212,7 +212,7 @@ fn attributes_value(mesh: &Mesh, material: usize, writer: &mut Writer) -> Value 
             add("TANGENT", writer.directions(&tangents, 4));
         }
     }
-    let mut uvs = |values: &[f32]| writer.rounded(values, 2, Rounding::Extent).0;
+    let mut uvs = |values: &[f32]| writer.rounded(values, 2, Rounding::Coordinate).0;
     if !mesh.uvs.is_empty() {
         add("TEXCOORD_0", uvs(bytemuck::cast_slice(&mesh.uvs)));
         if !mesh.uvs1.is_empty() {

@@ -42,7 +42,7 @@ fn encode(levels: &[Scene], coverage: &[f64], compression: Compression) -> Resul
         return Err(fault("the screen coverages", rule));
     }
     let (merged, ends) = merged(levels);
-    let mut writer = Writer { compression, ..Writer::default() };
+    let mut writer = Writer::new(compression, merged.primitives.iter().map(|p| &p.mesh));
     let (mut nodes, mut first) = (Vec::with_capacity(levels.len()), 0);
     for (k, end) in ends.into_iter().enumerate() {
         geometry::write(&merged, &merged.instances[first..end], &mut writer)?;

@@ -91,7 +91,7 @@ pub fn to_glb_with(scene: &Scene, compression: Compression) -> Result<Vec<u8>, S
 }
 
 fn encode(scene: &Scene, compression: Compression) -> Result<Vec<u8>, Fault> {
-    let mut writer = Writer { compression, ..Writer::default() };
+    let mut writer = Writer::new(compression, scene.primitives.iter().map(|p| &p.mesh));
     let (mut instances, mut cameras, mut lights) = (0, 0, 0);
     if let Some(hierarchy) = scene.hierarchy.as_deref() {
         nodes::write(scene, hierarchy, &mut writer)?;
@@ -111,6 +111,8 @@ fn encode(scene: &Scene, compression: Compression) -> Result<Vec<u8>, Fault> {
 #[derive(Debug, Default)]
 struct Writer {
     compression: Compression,
+    /// Exponent of the grid of compressed positions.
+    grid: i32,
     binary: Vec<u8>,
     /// Bytes that readers decode from compressed views.
     decoded: usize,

@@ -430,3 +430,32 @@ fn webp_textures_come_back_exactly() {
     assert!(text.contains(r#""extensionsRequired":["EXT_texture_webp"]"#));
     assert!(text.contains("image/webp"));
 }
+
+#[test]
+fn compressed_parts_keep_the_border_that_they_share() {
+    let part = |far: [f32; 3]| Mesh {
+        positions: vec![vec3(0.1234567, 0.7, -0.3), vec3(0.9876543, 0.2, 0.4), Vec3f::from_array(far)],
+        triangles: vec![[0, 1, 2]],
+        ..Mesh::default()
+    };
+    let scene = Scene {
+        primitives: [[40.0, 3.0, 1.0], [0.5, 0.6, 0.1]]
+            .map(|far| Primitive { mesh: part(far), material: 0 })
+            .to_vec(),
+        instances: [0, 1].map(|primitive| Instance { primitive, transform: Affine3A::IDENTITY }).to_vec(),
+        materials: vec![Material::clay()],
+        ..Scene::default()
+    };
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("parts.glb");
+    save_glb_with(&path, &scene, Compression::Meshopt).unwrap();
+    let flat = load(&path).unwrap().flatten().mesh;
+    let near = |p: Vec3f| {
+        let close = flat.positions.iter().filter(move |q| (**q - p).length() < 1e-3);
+        close.map(|q| q.to_array().map(f32::to_bits)).collect::<Vec<_>>()
+    };
+    for p in &part([0.0; 3]).positions[..2] {
+        let found = near(*p);
+        assert!(found.len() == 2 && found[0] == found[1], "{p:?} has become {found:?}");
+    }
+}

@@ -183,3 +183,21 @@ fn pixels_that_show_a_part_of_a_lamp_do_not_reach_the_wall() {
         assert!(kept, "what shows the lamp keeps its light");
     }
 }
+
+#[test]
+fn noise_around_a_dim_lamp_is_no_part_of_it() {
+    // A lamp barely brighter than the noisy wall around it.
+    let (_, [mut a, mut b], _) = scene();
+    let n = HEIGHT * WIDTH;
+    let lamp = |i: usize| (40..56).contains(&(i % WIDTH)) && (20..31).contains(&(i / WIDTH));
+    let ring = |i: usize| (38..58).contains(&(i % WIDTH)) && (18..33).contains(&(i / WIDTH)) && !lamp(i);
+    let count = (0..n).filter(|i| ring(*i)).count();
+    let wall = (0..3 * n).filter(|i| ring(i % n)).map(|i| a[i] + b[i]).sum::<f32>() / (6 * count) as f32;
+    for i in (0..3 * n).filter(|i| lamp(i % n)) {
+        (a[i], b[i]) = (1.1 * wall, 1.1 * wall);
+    }
+    let frame = Frame { half: Some(&b), ..Frame::new(WIDTH, HEIGHT, &a) };
+    let u = denoise(&frame, &Settings::default()).expect("sound").color;
+    let kept = (0..n).filter(|i| ring(*i) && (u[*i] - 0.5 * (a[*i] + b[*i])).abs() <= 1e-6 * u[*i]).count();
+    assert!(kept * 20 < count, "{kept} of {count} pixels beside the lamp keep their noise");
+}

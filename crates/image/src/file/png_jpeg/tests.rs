@@ -155,3 +155,13 @@ fn bombs_are_refused_before_memory_is_taken() {
     let narrow = Limits { max_side: 6, ..limits() };
     assert!(decode_texture(&png, &narrow).is_err());
 }
+
+#[test]
+fn a_flat_webp_is_small_and_read_again() {
+    let side = 2048;
+    let webp = encode_webp(side, side, 3, &vec![127; side * side * 3]).unwrap();
+    assert!(webp.len() < 4096, "{} bytes", webp.len());
+    let (width, height, texels) = decode_texture(&webp, &Limits::default()).unwrap();
+    assert_eq!((width, height), (side, side));
+    assert!(texels.iter().all(|t| *t == [127, 127, 127, 255]));
+}

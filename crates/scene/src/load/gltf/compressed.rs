@@ -16,8 +16,10 @@ pub(super) struct RawBuffer {
 
 #[derive(Deserialize)]
 struct BufferExtensions {
-    #[serde(rename = "EXT_meshopt_compression", alias = "KHR_meshopt_compression")]
-    meshopt: Option<Fallback>,
+    #[serde(rename = "EXT_meshopt_compression")]
+    ext: Option<Fallback>,
+    #[serde(rename = "KHR_meshopt_compression")]
+    khr: Option<Fallback>,
 }
 
 #[derive(Deserialize)]
@@ -29,7 +31,7 @@ struct Fallback {
 impl RawBuffer {
     /// Whether the buffer only stands for bytes that are decoded from others.
     pub(super) fn is_fallback(&self) -> bool {
-        self.extensions.as_ref().and_then(|e| e.meshopt.as_ref()).is_some_and(|m| m.fallback)
+        self.extensions.as_ref().is_some_and(|e| e.ext.iter().chain(&e.khr).any(|m| m.fallback))
     }
 }
 
@@ -38,13 +40,17 @@ impl RawBuffer {
 pub(super) struct RawView {
     #[serde(default, rename = "byteLength")]
     byte_length: u64,
+    #[serde(rename = "byteStride")]
+    byte_stride: Option<u64>,
     extensions: Option<ViewExtensions>,
 }
 
 #[derive(Deserialize)]
 struct ViewExtensions {
-    #[serde(rename = "EXT_meshopt_compression", alias = "KHR_meshopt_compression")]
-    meshopt: Option<Meshopt>,
+    #[serde(rename = "EXT_meshopt_compression")]
+    ext: Option<Meshopt>,
+    #[serde(rename = "KHR_meshopt_compression")]
+    khr: Option<Meshopt>,
 }
 
 #[derive(Deserialize)]
@@ -70,7 +76,18 @@ pub(super) fn decode(
     let mut total = stored;
     let mut compressed = Vec::new();
     for (i, view) in views.iter().enumerate() {
-        let Some(meshopt) = view.extensions.as_ref().and_then(|e| e.meshopt.as_ref()) else { continue };
+        let Some(meshopt) = view.extensions.as_ref().and_then(|e| e.khr.as_ref().or(e.ext.as_ref())) else {
+            continue;
+        };
+        if let Some(stride) =
+            view.byte_stride.filter(|s| meshopt.mode == "ATTRIBUTES" && *s != meshopt.byte_stride)
+        {
+            let rule = format!(
+                "byteStride is {stride}; it must be {}, that of what is compressed",
+                meshopt.byte_stride
+            );
+            return Err(fault(format!("bufferView {i}"), rule));
+        }
         let bytes = meshopt.count.checked_mul(meshopt.byte_stride);
         if bytes != Some(view.byte_length) {
             let rule = format!(
