@@ -147,13 +147,11 @@ fn of_node(keys: &mut Keys, material: usize, node: &SurfaceNode, name: &str, ind
                 SurfaceNode::Diffuse { reflectance } => {
                     keys.texture(&format!("{name}.reflectance"), [material, first], reflectance, 3);
                 }
-                SurfaceNode::Conductor { reflectance, rough, .. } => {
-                    if let Some(r) = rough {
-                        let specular = format!("{name}.specular_reflectance");
-                        keys.texture(&specular, [material, first + 2], reflectance, 3);
-                        keys.texture(&format!("{name}.alpha"), [material, first + 3], &r.alpha_u, 1);
-                        keys.texture(&format!("{name}.alpha"), [material, first + 4], &r.alpha_v, 1);
-                    }
+                SurfaceNode::Conductor { reflectance, rough: Some(r), .. } => {
+                    let specular = format!("{name}.specular_reflectance");
+                    keys.texture(&specular, [material, first + 2], reflectance, 3);
+                    keys.texture(&format!("{name}.alpha"), [material, first + 3], &r.alpha_u, 1);
+                    keys.texture(&format!("{name}.alpha"), [material, first + 4], &r.alpha_v, 1);
                 }
                 _ => {}
             }
