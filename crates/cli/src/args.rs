@@ -199,7 +199,7 @@ pub(crate) struct Simplify {
     /// Width and height of the textures, texels [range: 16 to 8192] [default: 1024, or what the size on screen needs].
     #[arg(long, value_name = "N", value_parser = whole::<usize>(16..=8192))]
     pub(crate) texture_size: Option<usize>,
-    /// How textures are stored; webp is exact and smaller than png, for readers that know `EXT_texture_webp` [default: png,
+    /// How textures are stored; webp is exact, for readers that know `EXT_texture_webp` [default: png,
     /// jpeg with --jpeg].
     #[arg(long, value_enum)]
     pub(crate) textures: Option<TextureFormat>,

@@ -35,7 +35,7 @@ pub enum TextureEncoding {
         /// 1 to 100.
         quality: u8,
     },
-    /// Exact and smaller than PNG, for readers that know `EXT_texture_webp`.
+    /// Exact, for readers that know `EXT_texture_webp`.
     WebP,
 }
 
