@@ -151,3 +151,16 @@ fn training_is_a_part_of_the_picture() {
         assert_eq!(found, rounds, "{side} pixels, {spp} samples");
     }
 }
+
+#[test]
+fn light_through_a_gap_is_found_with_less_variance() {
+    let world = rooms();
+    for guiding in [Guiding::Flow, Guiding::Lobes] {
+        let renderer = Renderer::new(&world, &inside(), options(48, 16, 2)).unwrap();
+        let stage = GuidingOptions { side: 48, ..small(guiding) };
+        let guidance = Guidance::train(&renderer, &stage, || false).unwrap();
+        let report = guidance.report().unwrap();
+        // Roulette that saw the small weights of guided directions would undo the guide.
+        assert!(report.variance_ratio > 1.5, "{}", report.sentence());
+    }
+}
