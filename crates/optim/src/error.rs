@@ -34,6 +34,10 @@ pub enum OptimError {
         /// What stands against it.
         with: &'static str,
     },
+    /// The device failed or refused a buffer or a kernel.
+    #[cfg(feature = "gpu")]
+    #[error(transparent)]
+    Device(#[from] photofit_gpu::GpuError),
     /// A slice has the wrong length.
     #[error("{what} of `{group}` has {found} entries, expected {expected}")]
     Length {

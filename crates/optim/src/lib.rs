@@ -8,12 +8,15 @@
 //! | feature | adds | needs |
 //! |---|---|---|
 //! | `mesh` | diffusion over meshes: `LargeSteps`, `EdgeAware`, `SampledNormals` | `faer` (sparse Cholesky) |
+//! | `gpu` | twins of a fit's optimizers on a device: [`gpu`](crate::gpu) | `wgpu` |
 //! | `fft` | diffusion over grids: `ScreenedPoisson` | `realfft` |
 //!
 //! None is on by default: optimizers, bilateral filters and [`sampled`] derivatives need neither.
 
 mod constrain;
 mod error;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 #[cfg(feature = "mesh")]
 mod mesh;
 mod optimizer;
