@@ -300,6 +300,13 @@ pub(crate) struct Render {
     pub(crate) path: PathArgs,
 }
 
+impl PathArgs {
+    /// Whether noise or time, not a number of samples, ends the render.
+    pub(crate) fn is_open(&self) -> bool {
+        self.noise.is_some() || self.time_limit.is_some()
+    }
+}
+
 impl Simplify {
     /// Whether the options go together.
     fn check(&self) -> Result<(), String> {

@@ -38,18 +38,21 @@ pub(crate) fn render(a: &Render, places: &Places) -> Result<Ending> {
     let mut options = path_render::options(&resolved, aovs);
     (options.filter, options.path.roulette_depth) = (own.filter, own.path.roulette_depth);
     options.path.show_emitters = own.path.show_emitters;
-    if a.spp.is_none() && a.path.noise.is_none() && a.path.time_limit.is_none() {
+    if a.spp.is_none() && !a.path.is_open() {
         options.spp = own.spp;
     }
     let view = View::from_mitsuba(&scene.sensor);
     let stamps: Vec<String> = scene.files.iter().map(|f| path_render::stamp(f)).collect::<Result<_>>()?;
     let key = format!("{}|{:?}", stamps.join("|"), a.path.define);
-    // The materials of the scene are defined without compensation.
-    let plain = WorldOptions { energy: Energy::Single, ..WorldOptions::default() };
     let parts = Parts::from_mitsuba(scene);
-    let world = World::with_options(parts, plain).map_err(|e| named(&e))?;
+    let world = World::with_options(parts, world_options()).map_err(|e| named(&e))?;
     let renderer = Renderer::new(&world, &view, options).map_err(|e| named(&e))?;
     path_render::finish(&resolved, renderer, &key)
+}
+
+/// The materials of a scene are defined without compensation.
+pub(crate) fn world_options() -> WorldOptions {
+    WorldOptions { energy: Energy::Single, ..WorldOptions::default() }
 }
 
 /// What a scene holds.

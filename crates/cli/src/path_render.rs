@@ -170,11 +170,10 @@ pub(crate) fn auxiliary(a: &Render) -> Result<Vec<Aov>> {
 }
 
 pub(crate) fn options(a: &Render, aovs: Vec<Aov>) -> RenderOptions {
-    let open = a.path.noise.is_some() || a.path.time_limit.is_some();
     RenderOptions {
         width: a.width() as usize,
         height: a.height() as usize,
-        spp: a.spp.unwrap_or(if open { SPP_MAX } else { SPP }),
+        spp: a.spp.unwrap_or(if a.path.is_open() { SPP_MAX } else { SPP }),
         noise: a.path.noise,
         seed: a.path.seed.unwrap_or(0),
         aovs,
@@ -192,12 +191,22 @@ fn view(a: &Render, scene: &Scene) -> Result<View> {
         let (center, radius) = render::extent(a, scene)?;
         return Ok(View::pinhole(&render::camera(a, center, radius)));
     };
+    camera_view(&a.input, scene, index, [a.width() as usize, a.height() as usize])
+}
+
+/// What a camera of an asset sees in a picture of `width` x `height` pixels.
+pub(crate) fn camera_view(
+    input: &Path,
+    scene: &Scene,
+    index: usize,
+    [width, height]: [usize; 2],
+) -> Result<View> {
     let camera = scene.cameras.get(index).ok_or_else(|| {
-        let (file, n) = (a.input.display(), scene.cameras.len());
+        let (file, n) = (input.display(), scene.cameras.len());
         anyhow!("{file}: has {n} cameras; --camera is {index}, it must be below that number")
     })?;
     let mut view = View::pinhole(camera);
-    view.half[0] = view.half[1] * a.width() as f32 / a.height() as f32;
+    view.half[0] = view.half[1] * width as f32 / height as f32;
     Ok(view)
 }
 
@@ -271,8 +280,7 @@ fn work(a: &Render, renderer: &mut Renderer<'_>, state: &Path, key: &str) -> Res
     let began = Instant::now();
     let patience = a.path.time_limit.map(|limit| limit.mul_f64(TRAINING_SHARE));
     let tired = || terminal.is_cancelled() || patience.is_some_and(|p| began.elapsed() >= p);
-    let open = a.path.noise.is_some() || a.path.time_limit.is_some();
-    let options = match open {
+    let options = match a.path.is_open() {
         true => GuidingOptions::new(guiding(a)),
         false => GuidingOptions::for_picture(guiding(a), renderer.options()),
     };

@@ -139,7 +139,7 @@ pub fn recover_texture(
     let stages = [Stage::new("start", start), Stage::new("recovered", fitted)];
     let count = photos.held_out() as u64;
     let views = rasterized_views(&n, &photos, &stages, &photos, Set::HeldOut, count, SUPERSAMPLE, progress)?;
-    let [start, quality] = [0, 1].map(|k| Quality::mean(views.iter().map(|v| &v.quality[k])));
+    let [start, quality] = [0, 1].map(|k| Quality::mean(views.iter().map(|v| &v.quality[k].quality)));
     Ok(Recovered {
         quality,
         start,

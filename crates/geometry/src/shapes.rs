@@ -97,6 +97,15 @@ fn sheet(columns: u32, rows: u32, at: impl Fn(f64, f64) -> (Vec3<f64>, Vec3<f64>
     mesh
 }
 
+/// Two triangles over the parallelogram of a corner and two edges; the front is on the side of `a x b`.
+pub fn parallelogram(corner: Vec3f, a: Vec3f, b: Vec3f) -> Mesh {
+    Mesh {
+        positions: vec![corner, corner + a, corner + a + b, corner + b],
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        ..Mesh::default()
+    }
+}
+
 /// Square grid in the xy plane over `[-1, 1]^2`, facing +z, upright uvs; `2 columns rows` triangles.
 ///
 /// # Panics

@@ -5,7 +5,7 @@ use anyhow::Result;
 use glam::Vec3;
 use photofit_fit::guiding::{Guidance, Guiding, GuidingOptions};
 use photofit_flow::{FlowGuide, FlowOptions, Guide, LobeGuide, LobeOptions, Query};
-use photofit_geometry::Mesh;
+use photofit_geometry::shapes;
 use photofit_image::Image;
 use photofit_pathtrace::{EnvironmentMap, Material, Parts, RenderOptions, Renderer, Shape, View, World};
 use photofit_sampling::Rng;
@@ -121,11 +121,7 @@ fn relative(picture: &Image, variance: &Image) -> f64 {
 }
 
 fn quad(corner: Vec3f, a: Vec3f, b: Vec3f) -> Shape {
-    Shape::Mesh(Mesh {
-        positions: vec![corner, corner + a, corner + a + b, corner + b],
-        triangles: vec![[0, 1, 2], [0, 2, 3]],
-        ..Mesh::default()
-    })
+    Shape::Mesh(shapes::parallelogram(corner, a, b))
 }
 
 fn grey(v: f32) -> Material {

@@ -3,7 +3,7 @@
 
 use anyhow::Result;
 use glam::{DAffine3, DQuat, DVec3};
-use photofit_geometry::{Mesh, shapes};
+use photofit_geometry::shapes;
 use photofit_image::Image;
 use photofit_pathtrace::{
     EnvironmentMap, Features, Instance, Integrator, LightSource, Material, Parts, PathOptions, RenderOptions,
@@ -147,13 +147,8 @@ fn diffuse(r: f32, g: f32, b: f32) -> Material {
     Material::new(Bsdf::Diffuse(Diffuse { reflectance: vec3(r, g, b) }))
 }
 
-/// A parallelogram whose front is on the side of `a x b`.
 fn quad(corner: Vec3f, a: Vec3f, b: Vec3f) -> Shape {
-    Shape::Mesh(Mesh {
-        positions: vec![corner, corner + a, corner + a + b, corner + b],
-        triangles: vec![[0, 1, 2], [0, 2, 3]],
-        ..Mesh::default()
-    })
+    Shape::Mesh(shapes::parallelogram(corner, a, b))
 }
 
 /// A unit box without ceiling and front.

@@ -6,7 +6,7 @@ use crate::args::Gradient;
 use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::status::{Ending, Misuse};
-use crate::{mitsuba, threads};
+use crate::{mitsuba, path_render, threads};
 use anyhow::{Result, anyhow, bail};
 use keys::Key;
 use photofit_image::Image;
@@ -15,7 +15,6 @@ use photofit_pathtrace::{
     World, WorldOptions,
 };
 use photofit_scene::mitsuba::{MitsubaOptions, load_mitsuba};
-use photofit_shading::bsdf::Energy;
 use serde_json::{Value, json};
 use std::time::Instant;
 
@@ -81,9 +80,11 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
         photofit_image::write_exr_channels(file, &layers, &[("photofit/parameter", name.as_str())])?;
     }
     if let Some(file) = &a.json {
-        let mut figures = to_json(a, &subject.options, &key, &values, seconds);
+        let mut figures = to_json(a, &subject.options, &key, &values);
+        figures["spp"] = json!(samples.estimates().into_iter().product::<u32>());
         figures["residual"] = json!(gradient.residual);
         figures["not_finite"] = json!(gradient.not_finite);
+        figures["seconds"] = json!(seconds);
         output::write_json(file, &figures)?;
     }
     print(&text(&key, &values))?;
@@ -112,8 +113,7 @@ fn of_mitsuba(a: &Gradient, places: &Places) -> Result<Subject> {
     options.path.max_depth = a.max_depth.unwrap_or(options.path.max_depth);
     options.seed = a.seed;
     let view = View::from_mitsuba(&scene.sensor);
-    // The materials of the scene are defined without compensation.
-    let world = WorldOptions { energy: Energy::Single, ..WorldOptions::default() };
+    let world = mitsuba::world_options();
     Ok(Subject { keys: keys::of_mitsuba(&scene), parts: Parts::from_mitsuba(scene), view, options, world })
 }
 
@@ -126,13 +126,8 @@ fn of_asset(a: &Gradient, places: &Places) -> Result<Subject> {
     let scene = photofit_scene::load(&a.input)?;
     places.check_against("SCENE", &scene.files)?;
     scene.validate_for_fit().map_err(|e| anyhow!("{file}: {e}"))?;
-    let camera = scene.cameras.get(a.camera).ok_or_else(|| {
-        let n = scene.cameras.len();
-        anyhow!("{file}: has {n} cameras; --camera is {}, it must be below that number", a.camera)
-    })?;
     let (width, height) = (a.width.unwrap_or(512) as usize, a.height.unwrap_or(512) as usize);
-    let mut view = View::pinhole(camera);
-    view.half[0] = view.half[1] * width as f32 / height as f32;
+    let view = path_render::camera_view(&a.input, &scene, a.camera, [width, height])?;
     let mut parts = Parts::from_scene(&scene);
     if let Some(file) = &a.env {
         parts.environment = Some(EnvironmentMap::new(photofit_scene::load_environment(file)?));
@@ -215,14 +210,7 @@ fn text(key: &Key, [values, errors]: &[Vec<f64>; 2]) -> String {
     format!("{}  {h} x {w} x {channels}, sum over all texels {}\n", key.name, sums.join("  "))
 }
 
-fn to_json(
-    a: &Gradient,
-    options: &RenderOptions,
-    key: &Key,
-    [values, errors]: &[Vec<f64>; 2],
-    seconds: f64,
-) -> Value {
-    let count = a.spp.min(16);
+fn to_json(a: &Gradient, options: &RenderOptions, key: &Key, [values, errors]: &[Vec<f64>; 2]) -> Value {
     json!({
         "input": a.input.display().to_string(),
         "parameter": key.name,
@@ -232,9 +220,7 @@ fn to_json(
         "standard_error": errors,
         "width": options.width,
         "height": options.height,
-        "spp": a.spp.div_ceil(count) * count,
         "max_depth": options.path.max_depth,
         "seed": a.seed,
-        "seconds": seconds,
     })
 }

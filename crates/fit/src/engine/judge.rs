@@ -46,15 +46,15 @@ pub struct Quality {
 }
 
 impl Quality {
-    /// Mean over views.
-    pub fn mean<'a>(views: impl Iterator<Item = &'a ViewQuality>) -> Self {
+    /// Mean over views; zero without any.
+    pub fn mean<'a>(views: impl Iterator<Item = &'a Self>) -> Self {
         let (mut sum, mut n) = (Self::default(), 0.0);
-        for v in views {
-            sum.psnr += v.quality.psnr;
-            sum.ssim += v.quality.ssim;
-            sum.flip += v.quality.flip;
-            sum.outline += v.quality.outline;
-            sum.luminance += v.quality.luminance;
+        for q in views {
+            sum.psnr += q.psnr;
+            sum.ssim += q.ssim;
+            sum.flip += q.flip;
+            sum.outline += q.outline;
+            sum.luminance += q.luminance;
             n += 1.0;
         }
         let n = f64::max(n, 1.0);

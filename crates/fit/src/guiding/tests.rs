@@ -2,19 +2,11 @@
 
 use super::*;
 use glam::Vec3;
-use photofit_geometry::Mesh;
+use photofit_geometry::shapes::parallelogram;
 use photofit_pathtrace::{EnvironmentMap, Material, Parts, Shape, View, World};
 use photofit_scalar::vec3;
 use photofit_scene::Camera;
 use photofit_shading::bsdf::{Bsdf, Diffuse};
-
-fn quad(corner: Vec3f, a: Vec3f, b: Vec3f) -> Mesh {
-    Mesh {
-        positions: vec![corner, corner + a, corner + a + b, corner + b],
-        triangles: vec![[0, 1, 2], [0, 2, 3]],
-        ..Mesh::default()
-    }
-}
 
 fn grey(v: f32) -> Material {
     Material::new(Bsdf::Diffuse(Diffuse { reflectance: Vec3f::splat(v) }))
@@ -38,7 +30,7 @@ fn rooms() -> World {
         (o + y * 0.3, y * 0.4, z * 0.3),
         (o + y * 0.3 + z * 0.7, y * 0.4, z * 0.3),
     ] {
-        parts.add(Shape::Mesh(quad(corner, a, b)), grey(0.5));
+        parts.add(Shape::Mesh(parallelogram(corner, a, b)), grey(0.5));
     }
     World::new(parts).unwrap()
 }
@@ -52,7 +44,10 @@ fn inside() -> View {
 /// A floor under an even sky: nothing to learn.
 fn open() -> World {
     let mut parts = Parts::default();
-    parts.add(Shape::Mesh(quad(vec3(-1.0, 0.0, -1.0), vec3(0.0, 0.0, 2.0), vec3(2.0, 0.0, 0.0))), grey(0.5));
+    parts.add(
+        Shape::Mesh(parallelogram(vec3(-1.0, 0.0, -1.0), vec3(0.0, 0.0, 2.0), vec3(2.0, 0.0, 0.0))),
+        grey(0.5),
+    );
     parts.environment = Some(EnvironmentMap::constant(Vec3f::splat(1.0)));
     World::new(parts).unwrap()
 }

@@ -68,15 +68,7 @@ impl Verdict {
     }
 
     fn new(views: &[Quality]) -> Self {
-        let n = views.len().max(1) as f64;
-        let mean = |f: fn(&Quality) -> f64| views.iter().map(f).sum::<f64>() / n;
-        let mean = Quality {
-            psnr: mean(|q| q.psnr),
-            ssim: mean(|q| q.ssim),
-            flip: mean(|q| q.flip),
-            outline: mean(|q| q.outline),
-            luminance: mean(|q| q.luminance),
-        };
+        let mean = Quality::mean(views.iter());
         let worst = views.iter().copied().enumerate().max_by(|a, b| a.1.flip.total_cmp(&b.1.flip));
         let likeness = worst.map_or(Likeness::Unknown, |(_, q)| Likeness::of(mean.flip, q.flip));
         Self { likeness, mean, worst, views: views.len() }

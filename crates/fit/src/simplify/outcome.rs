@@ -71,7 +71,7 @@ impl Outcome {
         times: Times,
         options: &SimplifyOptions,
     ) -> Self {
-        let mean = |k: usize| Quality::mean(views.iter().map(|v| &v.quality[k]));
+        let mean = |k: usize| Quality::mean(views.iter().map(|v| &v.quality[k].quality));
         let last = trained.history.last().map_or(0.0, |h| h.held_out_psnr);
         let settled = trained.history.iter().rev().take_while(|h| h.held_out_psnr > last - 0.5).last();
         Self {

@@ -52,6 +52,15 @@ pub struct GradientSamples {
     pub seed: Option<u64>,
 }
 
+impl GradientSamples {
+    /// Independent estimates behind a standard error, at most 16, and samples per pixel of each: together at least
+    /// [`Self::spp`].
+    pub fn estimates(self) -> [u32; 2] {
+        let count = self.spp.clamp(1, REPLICATES);
+        [count, self.spp.div_ceil(count)]
+    }
+}
+
 /// Gradients of a loss.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gradient {
@@ -158,8 +167,7 @@ impl<'a> Adjoint<'a> {
     ) -> Result<(Gradient, Gradient), PathtraceError> {
         self.check(loss, samples, 2)?;
         let seed = self.seed(samples);
-        let count = samples.spp.min(REPLICATES);
-        let each = samples.spp.div_ceil(count);
+        let [count, each] = samples.estimates();
         let estimate = |k: u32| self.estimate(loss, each, hash(seed, GRADIENT_KEY, u64::from(k)));
         let mut mean = estimate(0);
         let mut error = mean.clone();

@@ -3,6 +3,7 @@
 use crate::{Instance, Material, Parts, PathOptions, RenderOptions, Renderer, Shape, Strategy, View, World};
 use glam::{DAffine3, Vec3};
 use photofit_geometry::Mesh;
+pub(super) use photofit_geometry::shapes::parallelogram as quad;
 use photofit_image::Image;
 use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::Camera;
@@ -16,15 +17,6 @@ pub(super) fn diffuse(r: f32, g: f32, b: f32) -> Bsdf<f32> {
 pub(super) fn glossy(color: f32, roughness: f32, metallic: f32, energy: Energy) -> Bsdf<f32> {
     let surface = Surface { base_color: Vec3f::splat(color), roughness, metallic, gamma: 0.0 };
     Bsdf::MetallicRoughness(MetallicRoughness::new(&surface, energy))
-}
-
-/// A parallelogram from a corner and two edges; the front is on the side of `a x b`.
-pub(super) fn quad(corner: Vec3f, a: Vec3f, b: Vec3f) -> Mesh {
-    Mesh {
-        positions: vec![corner, corner + a, corner + a + b, corner + b],
-        triangles: vec![[0, 1, 2], [0, 2, 3]],
-        ..Mesh::default()
-    }
 }
 
 pub(super) fn place(parts: &mut Parts, mesh: Mesh, material: Material) -> usize {

@@ -1,0 +1,159 @@
+//! The adapters of a machine, and the choice among them.
+
+use crate::GpuError;
+
+/// Which adapter a device is made from.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Choice {
+    /// The first hardware adapter, discrete before integrated; never a software one.
+    #[default]
+    Hardware,
+    /// Hardware if there is any, else a software one.
+    Any,
+    /// The first adapter whose name or driver holds this text, in any case.
+    Named(String),
+}
+
+impl Choice {
+    fn phrase(&self) -> String {
+        match self {
+            Self::Hardware => "in hardware".into(),
+            Self::Any => "of any kind".into(),
+            Self::Named(name) => format!("whose name holds \"{name}\""),
+        }
+    }
+}
+
+/// What kind of device an adapter is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AdapterKind {
+    /// A card with memory of its own.
+    Discrete,
+    /// Part of the processor.
+    Integrated,
+    /// Hardware behind a virtual machine.
+    Virtual,
+    /// The processor, through a software driver.
+    Software,
+    /// The driver does not say.
+    Other,
+}
+
+impl AdapterKind {
+    fn of(kind: wgpu::DeviceType) -> Self {
+        match kind {
+            wgpu::DeviceType::DiscreteGpu => Self::Discrete,
+            wgpu::DeviceType::IntegratedGpu => Self::Integrated,
+            wgpu::DeviceType::VirtualGpu => Self::Virtual,
+            wgpu::DeviceType::Cpu => Self::Software,
+            wgpu::DeviceType::Other => Self::Other,
+        }
+    }
+
+    /// Lower is preferred.
+    fn rank(self) -> u32 {
+        match self {
+            Self::Discrete => 0,
+            Self::Integrated => 1,
+            Self::Virtual => 2,
+            Self::Other => 3,
+            Self::Software => 4,
+        }
+    }
+}
+
+/// What is known of an adapter.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AdapterReport {
+    /// Name by the driver.
+    pub name: String,
+    /// Kind of device.
+    pub kind: AdapterKind,
+    /// Vulkan, Metal or DirectX 12.
+    pub backend: String,
+    /// Driver and its version.
+    pub driver: String,
+    /// Largest buffer that a kernel can bind, in bytes.
+    pub largest_binding: u64,
+    /// Storage buffers that a kernel can bind.
+    pub storage_buffers: u32,
+    /// Shared memory of a workgroup, in bytes.
+    pub workgroup_memory: u32,
+    /// Smallest and largest size of a subgroup.
+    pub subgroups: [u32; 2],
+    /// What the adapter lacks of what kernels or profiles use.
+    pub lacks: Vec<String>,
+}
+
+/// Storage buffers that kernels may bind: fewer than WebGPU's least would be too few for a whole pixel.
+pub(crate) const STORAGE_BUFFERS: u32 = 12;
+const WORKGROUP_MEMORY: u32 = 16 << 10;
+
+impl AdapterReport {
+    fn new(adapter: &wgpu::Adapter) -> Self {
+        let (info, limits) = (adapter.get_info(), adapter.limits());
+        let mut lacks = Vec::new();
+        if limits.max_storage_buffers_per_shader_stage < STORAGE_BUFFERS {
+            lacks.push(format!("{STORAGE_BUFFERS} storage buffers a kernel"));
+        }
+        if limits.max_compute_workgroup_storage_size < WORKGROUP_MEMORY {
+            lacks.push(format!("{WORKGROUP_MEMORY} bytes of workgroup memory"));
+        }
+        if limits.max_compute_invocations_per_workgroup < 256 {
+            lacks.push("256 lanes a workgroup".into());
+        }
+        if !adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY) {
+            lacks.push("timestamps (profiles only)".into());
+        }
+        Self {
+            kind: AdapterKind::of(info.device_type),
+            backend: info.backend.to_string(),
+            driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
+            name: info.name,
+            largest_binding: limits.max_storage_buffer_binding_size,
+            storage_buffers: limits.max_storage_buffers_per_shader_stage,
+            workgroup_memory: limits.max_compute_workgroup_storage_size,
+            subgroups: [info.subgroup_min_size, info.subgroup_max_size],
+            lacks,
+        }
+    }
+}
+
+/// Drivers that are asked for adapters. OpenGL is left out: it lacks what kernels need.
+fn instance() -> wgpu::Instance {
+    let backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
+    wgpu::Instance::new(wgpu::InstanceDescriptor {
+        backends,
+        ..wgpu::InstanceDescriptor::new_without_display_handle()
+    })
+}
+
+fn enumerate() -> Vec<(AdapterReport, wgpu::Adapter)> {
+    let adapters = pollster::block_on(instance().enumerate_adapters(wgpu::Backends::all()));
+    let mut found: Vec<_> = adapters.into_iter().map(|a| (AdapterReport::new(&a), a)).collect();
+    found.sort_by_key(|(report, _)| report.kind.rank());
+    found
+}
+
+/// All adapters, the preferred kinds first.
+pub fn adapters() -> Vec<AdapterReport> {
+    enumerate().into_iter().map(|(report, _)| report).collect()
+}
+
+/// The adapter of a choice.
+pub(crate) fn choose(choice: &Choice) -> Result<(AdapterReport, wgpu::Adapter), GpuError> {
+    let all = enumerate();
+    let names: Vec<_> = all.iter().map(|(r, _)| format!("{} ({:?})", r.name, r.kind)).collect();
+    let fits = |r: &AdapterReport| match choice {
+        Choice::Hardware => r.kind != AdapterKind::Software,
+        Choice::Any => true,
+        Choice::Named(text) => {
+            let text = text.to_lowercase();
+            r.name.to_lowercase().contains(&text) || r.driver.to_lowercase().contains(&text)
+        }
+    };
+    all.into_iter().find(|(r, _)| fits(r)).ok_or_else(|| GpuError::NoAdapter {
+        wanted: choice.phrase(),
+        found: if names.is_empty() { "none".into() } else { names.join(", ") },
+    })
+}

@@ -1,0 +1,170 @@
+//! Buffers of one element type.
+
+use crate::{Gpu, GpuError};
+use std::marker::PhantomData;
+use std::ops::Range;
+
+/// Bytes of a buffer without elements: as many as the largest element type of a kernel's array.
+const EMPTY: u64 = 16;
+
+/// A storage buffer of `T` on a device.
+#[derive(Clone, Debug)]
+pub struct Buffer<T> {
+    pub(crate) raw: wgpu::Buffer,
+    name: String,
+    len: usize,
+    element: PhantomData<T>,
+}
+
+/// A buffer, or part of it, as a kernel sees it.
+#[derive(Clone, Debug)]
+pub struct Bind {
+    pub(crate) raw: wgpu::Buffer,
+    pub(crate) offset: u64,
+    pub(crate) bytes: u64,
+}
+
+impl<T: bytemuck::Pod> Buffer<T> {
+    /// Elements.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Label in messages.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Bytes of the elements.
+    pub fn bytes(&self) -> u64 {
+        (self.len * size_of::<T>()) as u64
+    }
+
+    /// The whole buffer, for a dispatch.
+    pub fn bind(&self) -> Bind {
+        Bind { raw: self.raw.clone(), offset: 0, bytes: self.raw.size() }
+    }
+
+    /// Part of the buffer, for a dispatch: it must start at a multiple of 256 bytes.
+    ///
+    /// # Errors
+    /// If the range lies outside of the buffer, is empty, or starts elsewhere.
+    pub fn bind_range(&self, range: Range<usize>) -> Result<Bind, GpuError> {
+        let (offset, bytes) = ((range.start * size_of::<T>()) as u64, (range.len() * size_of::<T>()) as u64);
+        if range.end > self.len || range.is_empty() || !offset.is_multiple_of(256) {
+            return Err(self.error(format!(
+                "{range:?} of {} cannot be bound; a range is inside, not empty, and starts at a multiple of 256 bytes",
+                self.len
+            )));
+        }
+        Ok(Bind { raw: self.raw.clone(), offset, bytes })
+    }
+
+    pub(crate) fn error(&self, rule: String) -> GpuError {
+        GpuError::Buffer { name: self.name.clone(), rule }
+    }
+}
+
+impl Gpu {
+    /// A buffer with the elements of a slice.
+    ///
+    /// # Errors
+    /// If the device cannot hold or bind it.
+    pub fn upload<T: bytemuck::Pod>(&self, name: &str, data: &[T]) -> Result<Buffer<T>, GpuError> {
+        let buffer = self.zeros(name, data.len())?;
+        self.write(&buffer, data)?;
+        Ok(buffer)
+    }
+
+    /// A buffer of zeros. Without elements it still takes a few bytes, so that it can be bound.
+    ///
+    /// # Errors
+    /// As [`Self::upload`].
+    pub fn zeros<T: bytemuck::Pod>(&self, name: &str, len: usize) -> Result<Buffer<T>, GpuError> {
+        let bytes = (len as u64).saturating_mul(size_of::<T>() as u64);
+        let limits = self.device().limits();
+        let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+        if bytes > limit {
+            let device = self.report().name.clone();
+            return Err(GpuError::TooLarge { name: name.into(), bytes, limit, device });
+        }
+        let scope = self.device().push_error_scope(wgpu::ErrorFilter::OutOfMemory);
+        let raw = self.device().create_buffer(&wgpu::BufferDescriptor {
+            label: Some(name),
+            size: if bytes == 0 { EMPTY } else { bytes.next_multiple_of(4) },
+            usage: wgpu::BufferUsages::STORAGE
+                | wgpu::BufferUsages::COPY_SRC
+                | wgpu::BufferUsages::COPY_DST
+                | wgpu::BufferUsages::INDIRECT,
+            mapped_at_creation: false,
+        });
+        if pollster::block_on(scope.pop()).is_some() {
+            return Err(GpuError::OutOfMemory { name: name.into(), bytes });
+        }
+        Ok(Buffer { raw, name: name.into(), len, element: PhantomData })
+    }
+
+    /// Overwrites the beginning of a buffer; what was submitted before still sees the old elements.
+    ///
+    /// # Errors
+    /// If there are more elements than the buffer holds, or they do not fill whole words.
+    pub fn write<T: bytemuck::Pod>(&self, buffer: &Buffer<T>, data: &[T]) -> Result<(), GpuError> {
+        let bytes: &[u8] = bytemuck::cast_slice(data);
+        if data.len() > buffer.len {
+            return Err(buffer.error(format!("{} elements are written into {}", data.len(), buffer.len)));
+        }
+        if !bytes.len().is_multiple_of(4) {
+            return Err(buffer.error("elements fill words of 4 bytes".into()));
+        }
+        if !bytes.is_empty() {
+            self.queue().write_buffer(&buffer.raw, 0, bytes);
+        }
+        self.check()
+    }
+
+    /// Waits for what was submitted and copies the elements back.
+    ///
+    /// # Errors
+    /// If a submitted command was refused or the device is lost.
+    pub fn read<T: bytemuck::Pod>(&self, buffer: &Buffer<T>) -> Result<Vec<T>, GpuError> {
+        let bytes = buffer.bytes();
+        if bytes == 0 {
+            return Ok(Vec::new());
+        }
+        let padded = bytes.next_multiple_of(4);
+        let staging = self.device().create_buffer(&wgpu::BufferDescriptor {
+            label: Some("readback"),
+            size: padded,
+            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        });
+        let mut encoder = self.device().create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        encoder.copy_buffer_to_buffer(&buffer.raw, 0, &staging, 0, padded);
+        self.queue().submit([encoder.finish()]);
+        let mut out = vec![T::zeroed(); buffer.len];
+        self.map(&staging, |data| {
+            bytemuck::cast_slice_mut::<T, u8>(&mut out).copy_from_slice(&data[..bytes as usize]);
+        })?;
+        Ok(out)
+    }
+
+    /// Waits for the device and hands over the bytes of a staging buffer.
+    pub(crate) fn map(&self, staging: &wgpu::Buffer, take: impl FnOnce(&[u8])) -> Result<(), GpuError> {
+        let (sender, receiver) = std::sync::mpsc::channel();
+        staging.slice(..).map_async(wgpu::MapMode::Read, move |result| {
+            // The receiver lives until the answer is there.
+            drop(sender.send(result));
+        });
+        self.wait()?;
+        let mapped = receiver.recv().map_err(|e| GpuError::Device(e.to_string()))?;
+        mapped.map_err(|e| GpuError::Device(e.to_string()))?;
+        let view = staging.slice(..).get_mapped_range().map_err(|e| GpuError::Device(e.to_string()))?;
+        take(&view);
+        Ok(())
+    }
+}

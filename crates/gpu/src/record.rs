@@ -1,0 +1,373 @@
+//! Lists of commands that are recorded once and run many times.
+
+use crate::kernel::Kernel;
+use crate::{Bind, Buffer, Gpu, GpuError};
+
+/// Offsets of parameters are multiples of this.
+const ALIGNMENT: usize = 256;
+/// Workgroups in one dimension of a dispatch.
+const GROUPS: u32 = 65_535;
+
+/// The parameters of a dispatch, to be changed by [`Recording::set`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Slot {
+    offset: usize,
+    bytes: usize,
+}
+
+#[derive(Debug)]
+enum Groups {
+    Counted([u32; 2]),
+    /// Read from a buffer at an offset in bytes.
+    Indirect(wgpu::Buffer, u64),
+}
+
+#[derive(Debug)]
+enum Command {
+    Dispatch {
+        name: &'static str,
+        pipeline: wgpu::ComputePipeline,
+        layout: wgpu::BindGroupLayout,
+        buffers: Vec<(u32, Bind)>,
+        params: Option<Slot>,
+        /// Made when the recording is finished.
+        group: Option<wgpu::BindGroup>,
+        groups: Groups,
+    },
+    Clear(wgpu::Buffer),
+    Copy {
+        from: wgpu::Buffer,
+        to: wgpu::Buffer,
+        bytes: u64,
+    },
+}
+
+/// Collects commands.
+#[derive(Debug)]
+pub struct Recorder {
+    gpu: Gpu,
+    name: String,
+    commands: Vec<Command>,
+    params: Vec<u8>,
+}
+
+impl Gpu {
+    /// Begins a list of commands.
+    pub fn record(&self, name: &str) -> Recorder {
+        Recorder { gpu: self.clone(), name: name.into(), commands: Vec::new(), params: Vec::new() }
+    }
+}
+
+impl Recorder {
+    /// Adds a kernel with at least `threads` invocations. `buffers` are those of the storage bindings that the entry
+    /// point uses, in ascending order. Commands see what earlier ones wrote.
+    ///
+    /// # Errors
+    /// If the kernel does not compile, or parameters or buffers do not fit it.
+    pub fn dispatch<P: bytemuck::Pod>(
+        &mut self,
+        kernel: &Kernel,
+        params: &P,
+        buffers: &[Bind],
+        threads: usize,
+    ) -> Result<Slot, GpuError> {
+        let lanes = self.gpu.compiled(kernel)?.reflection.lanes as usize;
+        let groups = u32::try_from(threads.div_ceil(lanes)).ok().filter(|g| g.div_ceil(GROUPS) <= GROUPS);
+        let groups = groups.ok_or_else(|| GpuError::Dispatch {
+            kernel: kernel.name.into(),
+            rule: format!("{threads} invocations are more than a dispatch takes"),
+        })?;
+        let rows = groups.div_ceil(GROUPS).max(1);
+        // Rows of one length waste less than a row of groups.
+        self.push(kernel, params, buffers, Groups::Counted([groups.div_ceil(rows), rows]))
+    }
+
+    /// [`Self::dispatch`] with the numbers of workgroups (x, y, z) in a buffer, from element `at` on.
+    ///
+    /// # Errors
+    /// As [`Self::dispatch`], and if three words do not lie at that place.
+    pub fn dispatch_indirect<P: bytemuck::Pod>(
+        &mut self,
+        kernel: &Kernel,
+        params: &P,
+        buffers: &[Bind],
+        groups: &Buffer<u32>,
+        at: usize,
+    ) -> Result<Slot, GpuError> {
+        if at + 3 > groups.len() {
+            return Err(groups.error(format!("has no three words at {at}")));
+        }
+        self.push(kernel, params, buffers, Groups::Indirect(groups.raw.clone(), 4 * at as u64))
+    }
+
+    fn push<P: bytemuck::Pod>(
+        &mut self,
+        kernel: &Kernel,
+        params: &P,
+        buffers: &[Bind],
+        groups: Groups,
+    ) -> Result<Slot, GpuError> {
+        let compiled = self.gpu.compiled(kernel)?;
+        let refuse = |rule: String| GpuError::Dispatch { kernel: kernel.name.into(), rule };
+        let (wanted, bytes) = (compiled.reflection.params as usize, bytemuck::bytes_of(params));
+        if wanted > 0 && wanted != bytes.len() {
+            return Err(refuse(format!("parameters take {wanted} bytes, not {}", bytes.len())));
+        }
+        let storage = &compiled.reflection.storage;
+        if storage.len() != buffers.len() {
+            let numbers: Vec<_> = storage.iter().map(|s| s.0).collect();
+            return Err(refuse(format!(
+                "uses the storage bindings {numbers:?}; {} are given",
+                buffers.len()
+            )));
+        }
+        let slot = Slot { offset: self.params.len(), bytes: bytes.len() };
+        if wanted > 0 {
+            self.params.extend_from_slice(bytes);
+            self.params.resize(self.params.len().next_multiple_of(ALIGNMENT), 0);
+        }
+        self.commands.push(Command::Dispatch {
+            name: kernel.name,
+            pipeline: compiled.pipeline,
+            layout: compiled.layout,
+            buffers: storage.iter().map(|s| s.0).zip(buffers.iter().cloned()).collect(),
+            params: (wanted > 0).then_some(slot),
+            group: None,
+            groups,
+        });
+        Ok(slot)
+    }
+
+    /// Sets a buffer to zero.
+    pub fn clear<T: bytemuck::Pod>(&mut self, buffer: &Buffer<T>) {
+        self.commands.push(Command::Clear(buffer.raw.clone()));
+    }
+
+    /// Copies a buffer to the beginning of another.
+    ///
+    /// # Errors
+    /// If the other one is shorter, both are one, or the elements do not fill words of 4 bytes.
+    pub fn copy<T: bytemuck::Pod>(&mut self, from: &Buffer<T>, to: &Buffer<T>) -> Result<(), GpuError> {
+        let bytes = from.bytes();
+        if to.len() < from.len() || from.raw == to.raw || !bytes.is_multiple_of(4) {
+            return Err(to.error(format!(
+                "{} of {} elements cannot be copied to it",
+                from.name(),
+                from.len()
+            )));
+        }
+        if bytes > 0 {
+            self.commands.push(Command::Copy { from: from.raw.clone(), to: to.raw.clone(), bytes });
+        }
+        Ok(())
+    }
+
+    /// Ends the list.
+    ///
+    /// # Errors
+    /// If the device refuses a binding.
+    pub fn finish(self) -> Result<Recording, GpuError> {
+        let Self { gpu, name, mut commands, params } = self;
+        let device = gpu.device();
+        let uniforms = device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(&name),
+            size: params.len().max(ALIGNMENT) as u64,
+            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        for command in &mut commands {
+            let Command::Dispatch { name, layout, buffers, params, group, .. } = command else { continue };
+            let of = |buffer, offset, bytes| {
+                wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+                    buffer,
+                    offset,
+                    size: std::num::NonZero::new(bytes),
+                })
+            };
+            let uniform = params.map(|slot| wgpu::BindGroupEntry {
+                binding: 0,
+                resource: of(&uniforms, 0, slot.bytes as u64),
+            });
+            let storage = buffers.iter().map(|(binding, b)| wgpu::BindGroupEntry {
+                binding: *binding,
+                resource: of(&b.raw, b.offset, b.bytes),
+            });
+            let entries: Vec<_> = uniform.into_iter().chain(storage).collect();
+            let scope = device.push_error_scope(wgpu::ErrorFilter::Validation);
+            *group = Some(device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some(*name),
+                layout: &*layout,
+                entries: &entries,
+            }));
+            if let Some(e) = pollster::block_on(scope.pop()) {
+                return Err(GpuError::Dispatch { kernel: (*name).into(), rule: e.to_string() });
+            }
+        }
+        Ok(Recording { gpu, name, commands, params, uniforms, changed: true })
+    }
+}
+
+/// A finished list of commands.
+#[derive(Debug)]
+pub struct Recording {
+    gpu: Gpu,
+    name: String,
+    commands: Vec<Command>,
+    params: Vec<u8>,
+    uniforms: wgpu::Buffer,
+    changed: bool,
+}
+
+impl Recording {
+    /// Changes the parameters of a dispatch for the next runs.
+    ///
+    /// # Panics
+    /// If their size is another one, or the slot belongs to another recording.
+    pub fn set<P: bytemuck::Pod>(&mut self, slot: Slot, params: &P) {
+        let bytes = bytemuck::bytes_of(params);
+        assert_eq!(bytes.len(), slot.bytes, "parameters of the same size");
+        self.params[slot.offset..slot.offset + slot.bytes].copy_from_slice(bytes);
+        self.changed = true;
+    }
+
+    /// Submits the list, without waiting for it.
+    ///
+    /// # Errors
+    /// If the device refuses it or is lost.
+    pub fn run(&mut self) -> Result<(), GpuError> {
+        self.upload();
+        let mut encoder = self.encoder();
+        let mut commands = self.commands.iter().peekable();
+        while let Some(command) = commands.peek() {
+            if !matches!(command, Command::Dispatch { .. }) {
+                copy(command, &mut encoder);
+                commands.next();
+                continue;
+            }
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+            while let Some(dispatch) = commands.next_if(|c| matches!(c, Command::Dispatch { .. })) {
+                encode(dispatch, &mut pass);
+            }
+        }
+        self.gpu.queue().submit([encoder.finish()]);
+        self.gpu.check()
+    }
+
+    /// Runs the list with a timestamp around each dispatch: kernels and milliseconds, in order. Empty where the device
+    /// has no timestamps.
+    ///
+    /// # Errors
+    /// As [`Self::run`].
+    pub fn profile(&mut self) -> Result<Vec<(&'static str, f64)>, GpuError> {
+        if !self.gpu.has_timestamps() {
+            self.run()?;
+            return Ok(Vec::new());
+        }
+        self.upload();
+        let names: Vec<&'static str> = self
+            .commands
+            .iter()
+            .filter_map(|c| if let Command::Dispatch { name, .. } = c { Some(*name) } else { None })
+            .collect();
+        let mut out = Vec::with_capacity(names.len());
+        // A query set holds at most 4096 timestamps: long lists are split.
+        let mut commands = self.commands.iter().peekable();
+        while commands.peek().is_some() {
+            let queries = self.gpu.device().create_query_set(&wgpu::QuerySetDescriptor {
+                label: Some(&self.name),
+                ty: wgpu::QueryType::Timestamp,
+                count: wgpu::QUERY_SET_MAX_QUERIES,
+            });
+            let mut encoder = self.encoder();
+            let mut count = 0;
+            while count < wgpu::QUERY_SET_MAX_QUERIES {
+                let Some(command) = commands.next() else { break };
+                if !matches!(command, Command::Dispatch { .. }) {
+                    copy(command, &mut encoder);
+                    continue;
+                }
+                let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                    label: None,
+                    timestamp_writes: Some(wgpu::ComputePassTimestampWrites {
+                        query_set: &queries,
+                        beginning_of_pass_write_index: Some(count),
+                        end_of_pass_write_index: Some(count + 1),
+                    }),
+                });
+                encode(command, &mut pass);
+                count += 2;
+            }
+            let times = self.resolve(encoder, &queries, count)?;
+            out.extend(
+                times.into_iter().zip(&names[out.len()..]).map(|(ms, name)| (*name, ms)).collect::<Vec<_>>(),
+            );
+        }
+        Ok(out)
+    }
+
+    /// Milliseconds between pairs of timestamps.
+    fn resolve(
+        &self,
+        mut encoder: wgpu::CommandEncoder,
+        queries: &wgpu::QuerySet,
+        count: u32,
+    ) -> Result<Vec<f64>, GpuError> {
+        let size = u64::from(count.max(1)) * 8;
+        let buffer = |label, usage| {
+            self.gpu.device().create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                size,
+                usage,
+                mapped_at_creation: false,
+            })
+        };
+        let usage = wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC;
+        let resolved = buffer("timestamps", usage);
+        let staging =
+            buffer("timestamps read back", wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ);
+        if count > 0 {
+            encoder.resolve_query_set(queries, 0..count, &resolved, 0);
+            encoder.copy_buffer_to_buffer(&resolved, 0, &staging, 0, size);
+        }
+        self.gpu.queue().submit([encoder.finish()]);
+        let ns = f64::from(self.gpu.queue().get_timestamp_period());
+        let mut out = Vec::new();
+        self.gpu.map(&staging, |bytes| {
+            let ticks: &[u64] = bytemuck::cast_slice(bytes);
+            let pairs = ticks.chunks_exact(2).take(count as usize / 2);
+            out.extend(pairs.map(|t| t[1].saturating_sub(t[0]) as f64 * ns * 1e-6));
+        })?;
+        Ok(out)
+    }
+
+    fn upload(&mut self) {
+        if std::mem::take(&mut self.changed) && !self.params.is_empty() {
+            self.gpu.queue().write_buffer(&self.uniforms, 0, &self.params);
+        }
+    }
+
+    fn encoder(&self) -> wgpu::CommandEncoder {
+        let descriptor = wgpu::CommandEncoderDescriptor { label: Some(&self.name) };
+        self.gpu.device().create_command_encoder(&descriptor)
+    }
+}
+
+fn copy(command: &Command, encoder: &mut wgpu::CommandEncoder) {
+    match command {
+        Command::Clear(buffer) => encoder.clear_buffer(buffer, 0, None),
+        Command::Copy { from, to, bytes } => encoder.copy_buffer_to_buffer(from, 0, to, 0, *bytes),
+        Command::Dispatch { .. } => {}
+    }
+}
+
+fn encode(command: &Command, pass: &mut wgpu::ComputePass<'_>) {
+    let Command::Dispatch { pipeline, params, group, groups, .. } = command else { return };
+    let offset = params.map(|p| p.offset as u32);
+    pass.set_pipeline(pipeline);
+    pass.set_bind_group(0, group.as_ref(), offset.as_slice());
+    match groups {
+        Groups::Counted([0, _]) => {}
+        Groups::Counted([x, y]) => pass.dispatch_workgroups(*x, *y, 1),
+        Groups::Indirect(buffer, offset) => pass.dispatch_workgroups_indirect(buffer, *offset),
+    }
+}

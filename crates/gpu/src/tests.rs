@@ -1,0 +1,211 @@
+use super::*;
+
+/// The device, or the end of the test where there is none.
+macro_rules! device {
+    () => {
+        match test_device() {
+            Some(gpu) => gpu,
+            None => return,
+        }
+    };
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+struct Params {
+    count: u32,
+    sums: u32,
+    scale: f32,
+    pad: u32,
+}
+
+const HEAD: &str = "
+struct Params { count: u32, sums: u32, scale: f32, pad: u32 }
+@group(0) @binding(0) var<uniform> params: Params;
+@group(0) @binding(1) var<storage, read> terms: array<f32>;
+";
+
+const ADD: Kernel = Kernel {
+    name: "add",
+    source: &[
+        INDEX,
+        FIXED,
+        HEAD,
+        "@group(0) @binding(2) var<storage, read_write> sums: array<atomic<u32>>;
+         @compute @workgroup_size(64)
+         fn run(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>,
+                @builtin(local_invocation_index) lane: u32) {
+             let i = index(group, groups, lane, 64u);
+             if i < params.count { add_fixed(i % params.sums, terms[i], params.scale); }
+         }",
+    ],
+    entry: "run",
+};
+
+const READ: Kernel = Kernel {
+    name: "read",
+    source: &[
+        INDEX,
+        FIXED_READ,
+        HEAD,
+        "@group(0) @binding(2) var<storage, read> words: array<u32>;
+         @group(0) @binding(3) var<storage, read_write> out: array<f32>;
+         @compute @workgroup_size(64)
+         fn run(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>,
+                @builtin(local_invocation_index) lane: u32) {
+             let i = index(group, groups, lane, 64u);
+             if i < params.sums { out[i] = read_fixed(words[2u * i], words[2u * i + 1u], params.scale); }
+         }",
+    ],
+    entry: "run",
+};
+
+/// Sums by the device: values and whether a term was refused.
+fn sum(gpu: &Gpu, terms: &[f32], sums: usize, scale: f32) -> (Vec<f32>, bool) {
+    let params = Params { count: terms.len() as u32, sums: sums as u32, scale, pad: 0 };
+    let terms = gpu.upload("terms", terms).expect("uploaded");
+    let words = gpu.zeros::<u32>("words", fixed_words(sums)).expect("made");
+    let out = gpu.zeros::<f32>("out", sums).expect("made");
+    let mut r = gpu.record("sum");
+    r.dispatch(&ADD, &params, &[terms.bind(), words.bind()], terms.len()).expect("fits");
+    r.dispatch(&READ, &params, &[words.bind(), out.bind()], sums).expect("fits");
+    r.finish().expect("recorded").run().expect("runs");
+    let status = *gpu.read(&words).expect("read").last().expect("has a status");
+    (gpu.read(&out).expect("read"), status != 0)
+}
+
+#[test]
+fn fixed_sums_are_exact_in_any_order() {
+    let gpu = device!();
+    let mut state = 7_u64;
+    let mut random = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as f32 / (1 << 24) as f32
+    };
+    // Signs and sizes mixed, from 1e-9 to 1e3.
+    let terms: Vec<f32> =
+        (0..100_000).map(|_| (random() - 0.5) * 10_f32.powi((random() * 12.0) as i32 - 9)).collect();
+    let (sums, scale) = (37, (1_u64 << 40) as f32);
+    let (found, refused) = sum(gpu, &terms, sums, scale);
+    assert!(!refused);
+    for (k, found) in found.iter().enumerate() {
+        let of = terms.iter().skip(k).step_by(sums);
+        let expected: f64 =
+            of.map(|x| (f64::from(*x) * f64::from(scale)).round()).sum::<f64>() / f64::from(scale);
+        assert!((f64::from(*found) - expected).abs() <= expected.abs() * 2e-7, "{k}: {found} {expected}");
+    }
+    let mut turned = Vec::new();
+    // Terms of a sum in another order.
+    for row in terms.chunks(sums).rev().filter(|r| r.len() == sums) {
+        turned.extend_from_slice(row);
+    }
+    let whole: Vec<f32> = terms.chunks(sums).filter(|r| r.len() == sums).flatten().copied().collect();
+    assert_eq!(sum(gpu, &turned, sums, scale).0, sum(gpu, &whole, sums, scale).0);
+    // The comparison is one that can fail.
+    turned[5] += 1e-3;
+    assert_ne!(sum(gpu, &turned, sums, scale).0, sum(gpu, &whole, sums, scale).0);
+}
+
+#[test]
+fn fixed_sums_keep_their_extremes() {
+    let gpu = device!();
+    let scale = (1_u64 << 40) as f32;
+    for x in [
+        0.0,
+        1.0,
+        -1.0,
+        1e-12,
+        -1e-12,
+        16383.0,
+        -16383.0,
+        0.999_999_94,
+        4_294_967_295.0 / scale,
+        -4_294_967_296.0 / scale,
+    ] {
+        let (found, refused) = sum(gpu, &[x], 1, scale);
+        let expected = ((f64::from(x) * f64::from(scale)).round() / f64::from(scale)) as f32;
+        assert!(!refused && found[0] == expected, "{x}: {} {expected}", found[0]);
+        assert_eq!(sum(gpu, &[x, -x], 1, scale).0, [0.0], "{x}");
+    }
+    for x in [16384.0, -1e30, f32::INFINITY, f32::NAN] {
+        assert!(sum(gpu, &[1.0, x], 1, scale).1, "{x} is refused");
+    }
+}
+
+#[test]
+fn many_groups_and_none() {
+    let gpu = device!();
+    // More than 65,535 groups of 64.
+    let n = 65_535 * 64 + 1000;
+    let (found, refused) = sum(gpu, &vec![1.0; n], 3, 1.0);
+    assert!(!refused);
+    assert_eq!(found.iter().sum::<f32>(), n as f32);
+    let empty = gpu.zeros::<f32>("empty", 0).expect("made");
+    assert!(empty.is_empty() && gpu.read(&empty).expect("read").is_empty());
+}
+
+#[test]
+fn what_does_not_fit_is_told() {
+    let gpu = device!();
+    let limit = gpu.report().largest_binding as usize;
+    let error = gpu.zeros::<u32>("huge", limit / 4 + 1).expect_err("too large");
+    assert!(matches!(&error, GpuError::TooLarge { name, .. } if name == "huge"), "{error}");
+    let x = gpu.upload("x", &[1.0_f32; 4]).expect("uploaded");
+    assert!(matches!(gpu.write(&x, &[0.0; 5]), Err(GpuError::Buffer { .. })));
+    assert!(matches!(x.bind_range(1..3), Err(GpuError::Buffer { .. })));
+    let mut r = gpu.record("wrong");
+    assert!(matches!(r.copy(&x, &x), Err(GpuError::Buffer { .. })));
+    let params = Params { count: 4, sums: 1, scale: 1.0, pad: 0 };
+    assert!(matches!(r.dispatch(&ADD, &params, &[x.bind()], 4), Err(GpuError::Dispatch { .. })));
+    assert!(matches!(
+        r.dispatch(&ADD, &[0_u32; 3], &[x.bind(), x.bind()], 4),
+        Err(GpuError::Dispatch { .. })
+    ));
+    let words = gpu.zeros::<u32>("words", 2).expect("made");
+    assert!(matches!(
+        r.dispatch_indirect(&ADD, &params, &[x.bind(), words.bind()], &words, 0),
+        Err(GpuError::Buffer { .. })
+    ));
+    let broken = Kernel { name: "broken", source: &["fn f() { let x: u32 = 1.0; }"], entry: "f" };
+    let error = r.dispatch(&broken, &params, &[], 1).expect_err("does not compile");
+    assert!(matches!(&error, GpuError::Kernel { kernel, .. } if kernel == "broken"), "{error}");
+    assert_eq!(
+        validate(&Kernel { entry: "none", ..ADD }).err(),
+        Some(GpuError::Kernel { kernel: "add".into(), reason: "has no entry point none".into() })
+    );
+}
+
+#[test]
+fn recordings_run_again_with_other_parameters_and_are_profiled() {
+    let gpu = device!();
+    let terms = gpu.upload("terms", &[1.0_f32; 6]).expect("uploaded");
+    let words = gpu.zeros::<u32>("words", fixed_words(1)).expect("made");
+    let out = gpu.zeros::<f32>("out", 1).expect("made");
+    let groups = gpu.upload("groups", &[7_u32, 1, 1, 1]).expect("uploaded");
+    let mut params = Params { count: 6, sums: 1, scale: 1.0, pad: 0 };
+    let mut r = gpu.record("twice");
+    r.clear(&words);
+    let slot = r.dispatch_indirect(&ADD, &params, &[terms.bind(), words.bind()], &groups, 1).expect("fits");
+    r.dispatch(&READ, &params, &[words.bind(), out.bind()], 1).expect("fits");
+    let mut recording = r.finish().expect("recorded");
+    recording.run().expect("runs");
+    assert_eq!(gpu.read(&out).expect("read"), [6.0]);
+    params.count = 4;
+    recording.set(slot, &params);
+    recording.run().expect("runs");
+    assert_eq!(gpu.read(&out).expect("read"), [4.0]);
+    let profile = recording.profile().expect("runs");
+    assert_eq!(gpu.read(&out).expect("read"), [4.0]);
+    assert!(profile.is_empty() || profile.iter().map(|p| p.0).eq(["add", "read"]), "{profile:?}");
+}
+
+#[test]
+fn adapters_are_chosen_by_name() {
+    let Some(gpu) = test_device() else { return };
+    let name = gpu.report().name.clone();
+    assert!(adapters().iter().any(|a| a.name == name));
+    let part: String = name.to_uppercase().chars().take(5).collect();
+    assert_eq!(Gpu::new(&Choice::Named(part)).expect("opens").report().name, name);
+    let error = Gpu::new(&Choice::Named("no such card".into())).expect_err("is not there");
+    assert!(error.to_string().contains("no such card") && error.to_string().contains(&name), "{error}");
+}
