@@ -56,10 +56,10 @@ fn reverse(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) gro
         if word != NONE {
             let other = i + select(1u, params.width, vertical);
             let c = crossing(word, i, vertical);
-            let from = written(c.alpha, i, other);
-            sum -= c.alpha * from;
+            let source = written(c.alpha, i, other);
+            sum -= c.alpha * source;
             if params.mode != 0u && c.alpha != 0.0 && abs(c.alpha) < 0.5 {
-                add_crossing(c, -dot(from, color[other] - color[i]), vertical);
+                add_crossing(c, -dot(source, color[other] - color[i]), vertical);
             }
         }
     }

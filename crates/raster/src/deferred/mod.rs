@@ -5,6 +5,8 @@
 //! computed is kept for the reverse pass (about 220 bytes each): reading it back costs less than computing it again. The
 //! mip level passes no gradient to positions.
 
+#[cfg(feature = "gpu")]
+pub mod composite;
 mod frame;
 mod pixel;
 mod tile;

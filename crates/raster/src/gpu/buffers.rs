@@ -4,7 +4,9 @@
 //! capacities: a picture of at most that many samples, whose size follows from the parameters of its kernels.
 
 use crate::antialias::Topology;
+use crate::deferred::Passes;
 use crate::rasterize::NONE;
+use crate::rasterize::gpu::BinBuffers;
 use photofit_gpu::{Buffer, Gpu, GpuError, fixed_words};
 use photofit_shading::Sides;
 use photofit_texture::AlphaMode;
@@ -25,13 +27,22 @@ impl TriangleSurface {
 
     /// The surface of a triangle.
     pub fn new(alpha: AlphaMode, sides: Sides) -> Self {
-        let (mode, cutoff) = match alpha {
-            AlphaMode::Opaque => (0, 0.0),
-            AlphaMode::Mask { cutoff } => (1, cutoff),
-            AlphaMode::Blend => (2, 0.0),
-        };
-        Self { flags: mode | if sides == Sides::Both { Self::BOTH_SIDES } else { 0 }, cutoff }
+        let cutoff = if let AlphaMode::Mask { cutoff } = alpha { cutoff } else { 0.0 };
+        Self { flags: mode(alpha) | if sides == Sides::Both { Self::BOTH_SIDES } else { 0 }, cutoff }
     }
+}
+
+fn mode(alpha: AlphaMode) -> u32 {
+    match alpha {
+        AlphaMode::Opaque => 0,
+        AlphaMode::Mask { .. } => 1,
+        AlphaMode::Blend => 2,
+    }
+}
+
+/// Some alpha of a mode.
+fn of_mode(alpha: &[AlphaMode], wanted: u32) -> Option<AlphaMode> {
+    alpha.iter().copied().find(|a| mode(*a) == wanted)
 }
 
 /// A mesh: what [`crate::deferred::Geometry`] is on the CPU.
@@ -53,6 +64,8 @@ pub struct MeshBuffers {
     pub neighbour: Buffer<[u32; 3]>,
     /// How each triangle is drawn `[T]`.
     pub surfaces: Buffer<TriangleSurface>,
+    /// What alpha means for some triangle.
+    modes: Vec<AlphaMode>,
 }
 
 impl MeshBuffers {
@@ -72,8 +85,12 @@ impl MeshBuffers {
         sides: &[Sides],
     ) -> Result<Self, GpuError> {
         let (vertices, triangles) = (uvs.len(), topology.triangles.len());
-        let below = |rows: &[[u32; 3]], n: usize| rows.iter().flatten().all(|i| *i == NONE || (*i as usize) < n);
-        assert!(topology.triangles.iter().flatten().all(|i| (*i as usize) < vertices), "corners are vertices");
+        let below =
+            |rows: &[[u32; 3]], n: usize| rows.iter().flatten().all(|i| *i == NONE || (*i as usize) < n);
+        assert!(
+            topology.triangles.iter().flatten().all(|i| (*i as usize) < vertices),
+            "corners are vertices"
+        );
         assert!(below(topology.opposite, vertices), "opposite corners are vertices");
         assert!(below(topology.neighbour, triangles), "neighbours are triangles");
         for n in [topology.opposite.len(), topology.neighbour.len()] {
@@ -95,7 +112,18 @@ impl MeshBuffers {
             opposite: gpu.upload("opposite", topology.opposite)?,
             neighbour: gpu.upload("neighbour", topology.neighbour)?,
             surfaces: gpu.upload("surfaces", &surfaces)?,
+            modes: [2, 1].into_iter().filter_map(|mode| of_mode(alpha, mode)).collect(),
         })
+    }
+
+    /// Most layers that a picture has: one of an opaque mesh.
+    pub fn layers(&self, passes: &Passes) -> usize {
+        if self.modes.is_empty() { 1 } else { passes.max_layers.max(1) }
+    }
+
+    /// Whether some alpha has a gradient.
+    pub fn fits_alpha(&self, passes: &Passes) -> bool {
+        passes.fits_alpha() && self.modes.iter().any(|a| passes.masks.fades(*a))
     }
 
     /// Vertices.
@@ -147,6 +175,8 @@ impl LayerBuffers {
 pub struct PictureBuffers {
     /// Clip-space positions `[V]`.
     pub clip: Buffer<[f32; 4]>,
+    /// Where triangles may be seen.
+    pub bins: BinBuffers,
     /// For each triangle a bit for each of its edges that is a silhouette `[T]`.
     pub folds: Buffer<u32>,
     /// Layers, front first.
@@ -180,6 +210,7 @@ impl PictureBuffers {
         let layer = |l| LayerBuffers::new(gpu, samples, antialias, l + 1 < layers);
         Ok(Self {
             clip: gpu.zeros("clip", mesh.vertices())?,
+            bins: BinBuffers::new(gpu, mesh.triangles(), samples, layers)?,
             folds: gpu.zeros("folds", if antialias { mesh.triangles() } else { 0 })?,
             layers: (0..layers).map(layer).collect::<Result<_, _>>()?,
             background: gpu.zeros("background", pixels)?,
@@ -217,6 +248,8 @@ pub struct GradientBuffers {
     pub shaded: Buffer<[f32; 4]>,
     /// Fixed-point sums of one picture ([`photofit_gpu::FIXED`]), [`VERTEX_SUMS`] per vertex (see [`vertex_sum`]).
     pub sums: Buffer<u32>,
+    /// One word: not zero once a term of some picture was not finite or too large for its sum.
+    pub status: Buffer<u32>,
     /// Of the world positions, without their influence on normals and tangents; accumulated over pictures `[V]`.
     pub positions: Buffer<[f32; 3]>,
     /// Of the vertex normals; accumulated `[V]`.
@@ -237,6 +270,7 @@ impl GradientBuffers {
             samples: [gpu.zeros("gradient of samples", samples)?, gpu.zeros("gradient of samples", samples)?],
             shaded: gpu.zeros("gradient of shaded", samples)?,
             sums: gpu.zeros("sums of vertices", fixed_words(VERTEX_SUMS * vertices))?,
+            status: gpu.zeros("status of sums", 1)?,
             positions: gpu.zeros("gradient of positions", vertices)?,
             normals: gpu.zeros("gradient of normals", vertices)?,
             tangents: gpu.zeros("gradient of tangents", vertices)?,
