@@ -71,7 +71,7 @@ fn on_device(gpu: &Gpu, s: &Scene, passes: &Passes, g: &[[f32; 4]]) -> Layer {
         let fitted = std::array::from_fn(|c| c < crate::maps::channel::USED);
         let maps = MipBuffers::new(gpu, &s.maps, fitted, SUM_SCALE).expect("fits");
         let tables = ShadingTables::new(gpu, &[&s.environment]).expect("fits");
-        let mut shading = MapShading::new(gpu, maps, tables, mesh.triangles()).expect("fits");
+        let mut shading = MapShading::new(gpu, maps, tables, mesh.triangles(), passes).expect("fits");
         let params = shading.params(view, passes, SUM_SCALE, |_| 0);
 
         // Recorded with the parameters of no picture, run with those of this one.
@@ -164,7 +164,7 @@ fn check(gpu: &Gpu, what: &str, s: &Scene, passes: &Passes) {
 
 #[test]
 fn kernels_are_valid() {
-    for kernel in [LOAD_CORNERS, SHADE, SHADE_VJP] {
+    for kernel in [LOAD_CORNERS, SHADE, SHADE_VJP, SHADE_VJP_POSITIONS, SHADE_VJP_MAPS] {
         validate(&kernel).expect("valid");
     }
 }
