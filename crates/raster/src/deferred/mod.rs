@@ -8,6 +8,8 @@
 #[cfg(feature = "gpu")]
 pub mod composite;
 mod frame;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 mod pixel;
 mod tile;
 
