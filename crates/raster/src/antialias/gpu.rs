@@ -100,3 +100,6 @@ pub fn antialias_vjp(
     let work = picture.bins.samples(layer, s.samples());
     s.dispatch(&REVERSE, layer, u32::from(positions), &buffers, work)
 }
+
+#[cfg(test)]
+mod tests;

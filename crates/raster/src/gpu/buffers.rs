@@ -210,7 +210,7 @@ impl PictureBuffers {
         let layer = |l| LayerBuffers::new(gpu, samples, antialias, l + 1 < layers);
         Ok(Self {
             clip: gpu.zeros("clip", mesh.vertices())?,
-            bins: BinBuffers::new(gpu, mesh.triangles(), samples, layers)?,
+            bins: BinBuffers::new(gpu, mesh.triangles(), layers)?,
             folds: gpu.zeros("folds", if antialias { mesh.triangles() } else { 0 })?,
             layers: (0..layers).map(layer).collect::<Result<_, _>>()?,
             background: gpu.zeros("background", pixels)?,
@@ -248,7 +248,7 @@ pub struct GradientBuffers {
     pub shaded: Buffer<[f32; 4]>,
     /// Fixed-point sums of one picture ([`photofit_gpu::FIXED`]), [`VERTEX_SUMS`] per vertex (see [`vertex_sum`]).
     pub sums: Buffer<u32>,
-    /// One word: not zero once a term of some picture was not finite or too large for its sum.
+    /// One word: not zero once a term or a sum of some picture was not finite or out of range.
     pub status: Buffer<u32>,
     /// Of the world positions, without their influence on normals and tangents; accumulated over pictures `[V]`.
     pub positions: Buffer<[f32; 3]>,

@@ -9,8 +9,6 @@ struct Frame {
     layer: u32,
     vertices: u32,
     triangles: u32,
-    // Pairs of a triangle and a tile that the queue of large triangles holds.
-    capacity: u32,
     // What a kernel with several uses is used for.
     mode: u32,
     // Units of fixed-point sums in one, a power of two.
@@ -19,7 +17,8 @@ struct Frame {
     slope: f32,
     // 1 where alpha has a gradient.
     fits_alpha: u32,
-    pad: u32,
+    pad0: u32,
+    pad1: u32,
 }
 
 @group(0) @binding(0) var<uniform> params: Frame;

@@ -33,6 +33,7 @@ pub const KERNELS: &[Kernel] = &[
     rasterize::gpu::EMPTY,
     rasterize::gpu::COUNT,
     rasterize::gpu::SMALL,
+    rasterize::gpu::MEDIUM,
     rasterize::gpu::LARGE,
     antialias::gpu::FOLD,
     antialias::gpu::SILHOUETTES,
@@ -48,4 +49,6 @@ pub const KERNELS: &[Kernel] = &[
 ];
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
+#[cfg(test)]
+pub(crate) mod tolerances;

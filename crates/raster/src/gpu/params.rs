@@ -21,8 +21,6 @@ pub struct FrameParams {
     pub vertices: u32,
     /// Triangles of the mesh.
     pub triangles: u32,
-    /// Pairs of a triangle and a tile that the queue of large triangles holds.
-    pub capacity: u32,
     /// What a kernel with several uses is used for.
     pub mode: u32,
     /// Units of fixed-point sums in one: a power of two.
@@ -32,7 +30,7 @@ pub struct FrameParams {
     /// 1 where alpha has a gradient.
     pub fits_alpha: u32,
     /// Fills whole vectors.
-    pub pad: u32,
+    pub pad: [u32; 2],
 }
 
 /// What changes from picture to picture.
@@ -67,12 +65,11 @@ impl FrameParams {
             layer: 0,
             vertices: vertices as u32,
             triangles: triangles as u32,
-            capacity: 0,
             mode: 0,
             scale: shot.scale,
             slope: if let Masks::Faded { slope } = passes.masks { slope } else { 0.0 },
             fits_alpha: u32::from(fits_alpha),
-            pad: 0,
+            pad: [0; 2],
         }
     }
 }

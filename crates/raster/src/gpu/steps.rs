@@ -10,7 +10,6 @@ struct Step {
     slot: Slot,
     layer: u32,
     mode: u32,
-    capacity: u32,
 }
 
 /// The kernels of a picture in a recording.
@@ -22,8 +21,7 @@ impl Slots {
     /// recorded.
     pub fn set(&self, recording: &mut Recording, params: &FrameParams) {
         for s in &self.0 {
-            recording
-                .set(s.slot, &FrameParams { layer: s.layer, mode: s.mode, capacity: s.capacity, ..*params });
+            recording.set(s.slot, &FrameParams { layer: s.layer, mode: s.mode, ..*params });
         }
     }
 }
@@ -48,11 +46,6 @@ impl<'a> Steps<'a> {
         &self.params
     }
 
-    /// Sets how many pairs the queue of large triangles holds.
-    pub(crate) fn set_capacity(&mut self, capacity: usize) {
-        self.params.capacity = u32::try_from(capacity).unwrap_or(u32::MAX);
-    }
-
     /// Samples of the largest picture.
     pub fn samples(&self) -> usize {
         self.params.width as usize * self.params.height as usize
@@ -74,7 +67,7 @@ impl<'a> Steps<'a> {
     ) -> Result<(), GpuError> {
         let params = FrameParams { layer: layer as u32, mode, ..self.params };
         let slot = work.dispatch(self.recorder, kernel, &params, buffers)?;
-        self.slots.0.push(Step { slot, layer: params.layer, mode, capacity: params.capacity });
+        self.slots.0.push(Step { slot, layer: params.layer, mode });
         Ok(())
     }
 

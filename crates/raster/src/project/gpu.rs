@@ -28,3 +28,6 @@ pub fn gather(s: &mut Steps<'_>, mesh: &MeshBuffers, g: &GradientBuffers) -> Res
     let buffers = [g.sums.bind(), g.positions.bind(), g.normals.bind(), g.tangents.bind(), g.status.bind()];
     s.dispatch(&GATHER, 0, 0, &buffers, Work::Threads(mesh.vertices()))
 }
+
+#[cfg(test)]
+mod tests;

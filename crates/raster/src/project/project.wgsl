@@ -29,7 +29,7 @@ fn project_vjp(g: vec4<f32>) -> vec3<f32> {
 @group(0) @binding(2) var<storage, read_write> g_positions: array<f32>;
 @group(0) @binding(3) var<storage, read_write> g_normals: array<f32>;
 @group(0) @binding(4) var<storage, read_write> g_tangents: array<f32>;
-// Not zero once a term of some picture was not finite or too large.
+// What the sums of all pictures told of terms and sums out of range.
 @group(0) @binding(5) var<storage, read_write> status: array<u32>;
 
 fn sum(v: u32, c: u32) -> f32 {
@@ -46,8 +46,8 @@ fn gather(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) grou
     if v >= params.vertices {
         return;
     }
-    if v == 0u && sums[26u * params.vertices] != 0u {
-        status[0] = 1u;
+    if v == 0u {
+        status[0] |= sums[26u * params.vertices];
     }
     let g_clip = vec4<f32>(sum(v, 0u), sum(v, 1u), sum(v, 2u), sum(v, 3u));
     let g_position = project_vjp(g_clip);

@@ -1,17 +1,13 @@
-// Which samples a triangle may cover. Small triangles keep their box; large ones are queued tile by tile; those that do
-// not fit into the queue keep their box too, however large.
+// Which samples a triangle may cover. Triangles of more than a few are listed by their size.
 @group(0) @binding(1) var<storage, read> clip: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> triangles: array<u32>;
 @group(0) @binding(3) var<storage, read> surfaces: array<vec2<u32>>;
 // First and last column and row, 16 bits each; empty where the first is behind the last.
 @group(0) @binding(4) var<storage, read_write> boxes: array<vec2<u32>>;
-// Number of pairs that were asked for, and the pairs: triangle, tile.
-@group(0) @binding(5) var<storage, read_write> queue: array<atomic<u32>>;
+// Numbers of medium and of large triangles; from word 2 on the medium ones; behind room for all, the large ones.
+@group(0) @binding(5) var<storage, read_write> lists: array<atomic<u32>>;
 
 const EMPTY: vec2<u32> = vec2<u32>(1u, 1u);
-const TILE: u32 = 16u;
-// Samples that one invocation draws alone.
-const SMALL: u32 = 64u;
 // Pixels by which a box is widened, and share of the picture: more than rounding moves a corner.
 const SLACK: f32 = 0.02;
 const SLACK_SHARE: f32 = 1e-6;
@@ -36,6 +32,50 @@ fn turns_away(t: Triangle, n: vec2<f32>) -> bool {
     return dot(e, w) < -1e-4 * dot(abs(e), w);
 }
 
+// Box around the corners in pixels: left, top, right, bottom. Where some are behind the eye (`ahead` is false), around
+// what lies beyond the near plane; boundless where that reaches the plane of the eye.
+fn extent(c: array<vec4<f32>, 3>, ahead: bool) -> vec4<f32> {
+    let size = vec2<f32>(f32(params.width), f32(params.height));
+    var low = vec2<f32>(3e38);
+    var high = vec2<f32>(-3e38);
+    var corners = c;
+    let largest = max(max(magnitude(c[0]), magnitude(c[1])), magnitude(c[2]));
+    for (var k = 0u; k < 3u; k++) {
+        let a = corners[k];
+        let b = corners[(k + 1u) % 3u];
+        // The corner, then where its edge meets the near plane.
+        for (var m = 0u; m < 2u; m++) {
+            var p = a;
+            var slack = vec2<f32>(0.0);
+            if !ahead {
+                if m == 0u && a.z < 0.0 {
+                    continue;
+                }
+                if m == 1u {
+                    if (a.z < 0.0) == (b.z < 0.0) {
+                        continue;
+                    }
+                    p = mix(a, b, a.z / (a.z - b.z));
+                }
+                if !(p.w > 1e-5 * largest) {
+                    return vec4<f32>(vec2<f32>(-1.0), size + 1.0);
+                }
+                slack = 1.0 + size * (4e-6 * largest / p.w);
+            } else if m == 1u {
+                continue;
+            }
+            let q = (vec2<f32>(p.x, -p.y) / p.w * 0.5 + 0.5) * size;
+            low = min(low, q - slack);
+            high = max(high, q + slack);
+        }
+    }
+    return vec4<f32>(low, high);
+}
+
+fn magnitude(v: vec4<f32>) -> f32 {
+    return max(max(abs(v.x), abs(v.y)), max(abs(v.z), abs(v.w)));
+}
+
 fn box_of(t: u32) -> vec4<i32> {
     let none = vec4<i32>(0, 0, -1, -1);
     let c0 = clip[triangles[3u * t]];
@@ -49,52 +89,17 @@ fn box_of(t: u32) -> vec4<i32> {
     if all(w <= vec3<f32>(0.0)) || all(z < vec3<f32>(0.0)) || all(z > w) {
         return none;
     }
-    // A triangle that crosses w = 0 has no bounded box; its edge functions decide.
-    if !all(w > vec3<f32>(0.0)) {
-        return vec4<i32>(0, 0, i32(params.width) - 1, i32(params.height) - 1);
-    }
-    let x = (vec3<f32>(c0.x, c1.x, c2.x) / w * 0.5 + 0.5) * f32(params.width);
-    let y = (0.5 - vec3<f32>(c0.y, c1.y, c2.y) / w * 0.5) * f32(params.height);
-    let columns = span(min(x.x, min(x.y, x.z)), max(x.x, max(x.y, x.z)), params.width);
-    let rows = span(min(y.x, min(y.y, y.z)), max(y.x, max(y.y, y.z)), params.height);
+    let seen = extent(array<vec4<f32>, 3>(c0, c1, c2), all(w > vec3<f32>(0.0)));
+    let columns = span(seen.x, seen.z, params.width);
+    let rows = span(seen.y, seen.w, params.height);
     if columns.x > columns.y || rows.x > rows.y {
         return none;
     }
-    let front_only = (surfaces[t].x & 4u) == 0u;
+    let front_only = (surfaces[t].x & 4u) == 0u && all(w > vec3<f32>(0.0));
     if front_only && turns_away(load_triangle(t), centre(u32(columns.x), u32(rows.x))) {
         return none;
     }
     return vec4<i32>(columns.x, rows.x, columns.y, rows.y);
-}
-
-fn packed(b: vec4<u32>) -> vec2<u32> {
-    return vec2<u32>(b.x | (b.z << 16u), b.y | (b.w << 16u));
-}
-
-// Queues the tiles of a box; false where they do not fit.
-fn enqueue(t: u32, b: vec4<u32>) -> bool {
-    let first = b.xy / TILE;
-    let last = b.zw / TILE;
-    let columns = (params.width + TILE - 1u) / TILE;
-    let n = (last.x - first.x + 1u) * (last.y - first.y + 1u);
-    let start = atomicAdd(&queue[0], n);
-    let fits = start < params.capacity && n <= params.capacity - start;
-    if !fits {
-        // What is left of the queue holds no pairs.
-        for (var at = start; at < params.capacity; at++) {
-            atomicStore(&queue[1u + 2u * at], NONE);
-        }
-        return false;
-    }
-    var at = start;
-    for (var row = first.y; row <= last.y; row++) {
-        for (var column = first.x; column <= last.x; column++) {
-            atomicStore(&queue[1u + 2u * at], t);
-            atomicStore(&queue[2u + 2u * at], row * columns + column);
-            at++;
-        }
-    }
-    return true;
 }
 
 // One invocation per triangle.
@@ -111,9 +116,11 @@ fn bin(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups:
         return;
     }
     let u = vec4<u32>(b);
-    let small = (u.z - u.x + 1u) * (u.w - u.y + 1u) <= SMALL;
     boxes[t] = packed(u);
-    if !small && enqueue(t, u) {
-        boxes[t] = EMPTY;
+    let kind = class_of(u);
+    if kind == SMALL {
+        return;
     }
+    let at = atomicAdd(&lists[kind - MEDIUM], 1u);
+    atomicStore(&lists[2u + (kind - MEDIUM) * params.triangles + at], t);
 }

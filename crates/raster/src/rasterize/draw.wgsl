@@ -4,15 +4,14 @@
 @group(0) @binding(2) var<storage, read> triangles: array<u32>;
 @group(0) @binding(3) var<storage, read> surfaces: array<vec2<u32>>;
 @group(0) @binding(4) var<storage, read> boxes: array<vec2<u32>>;
-@group(0) @binding(4) var<storage, read> queue: array<u32>;
 @group(0) @binding(5) var<storage, read_write> depth: array<atomic<u32>>;
 @group(0) @binding(6) var<storage, read_write> triangle: array<atomic<u32>>;
 // The layer in front, where it lets see what lies behind.
 @group(0) @binding(7) var<storage, read> front: array<u32>;
 @group(0) @binding(8) var<storage, read> front_depth: array<f32>;
+@group(0) @binding(9) var<storage, read> lists: array<u32>;
 
 const DEPTHS: u32 = 0u;
-const TILE: u32 = 16u;
 
 fn is_behind(i: u32, id: u32, z: f32) -> bool {
     if params.layer == 0u {
@@ -38,7 +37,7 @@ fn draw_sample(t: Triangle, id: u32, x: u32, y: u32, front_only: bool) {
     }
 }
 
-// One invocation per triangle that kept its box.
+// One invocation per triangle: draws the small ones.
 @compute @workgroup_size(64)
 fn small(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>,
          @builtin(local_invocation_index) lane: u32) {
@@ -46,15 +45,14 @@ fn small(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) group
     if id >= params.triangles {
         return;
     }
-    let first = boxes[id] & vec2<u32>(0xffffu);
-    let last = boxes[id] >> vec2<u32>(16u);
-    if last.x < first.x {
+    let b = unpacked(boxes[id]);
+    if b.z < b.x || class_of(b) != SMALL {
         return;
     }
     let t = load_triangle(id);
     let front_only = (surfaces[id].x & 4u) == 0u;
-    for (var y = first.y; y <= last.y; y++) {
-        for (var x = first.x; x <= last.x; x++) {
+    for (var y = b.y; y <= b.w; y++) {
+        for (var x = b.x; x <= b.z; x++) {
             draw_sample(t, id, x, y, front_only);
         }
     }
@@ -90,32 +88,45 @@ fn misses(t: Triangle, corner: vec2<u32>, front_only: bool) -> bool {
     return (above && below) || (front_only && below);
 }
 
-// One workgroup per pair in the queue: each invocation draws four samples of a tile.
+// Draws every `step`-th tile of a triangle from `first` on: an invocation draws four samples of each.
+fn draw_tiles(id: u32, first: u32, step: u32, lane: u32) {
+    let b = unpacked(boxes[id]);
+    let tiles = tiles_of(b);
+    let t = load_triangle(id);
+    let front_only = (surfaces[id].x & 4u) == 0u;
+    for (var tile = first; tile < tiles.x * tiles.y; tile += step) {
+        let corner = (b.xy / TILE + vec2<u32>(tile % tiles.x, tile / tiles.x)) * TILE;
+        if misses(t, corner, front_only) {
+            continue;
+        }
+        for (var k = 0u; k < 4u; k++) {
+            let at = lane + 64u * k;
+            let x = corner.x + at % TILE;
+            let y = corner.y + at / TILE;
+            if x < params.width && y < params.height {
+                draw_sample(t, id, x, y, front_only);
+            }
+        }
+    }
+}
+
+// One workgroup per medium triangle.
+@compute @workgroup_size(64)
+fn medium(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>,
+          @builtin(local_invocation_index) lane: u32) {
+    let at = group.y * groups.x + group.x;
+    if at < lists[0] {
+        draw_tiles(lists[2u + at], 0u, 1u, lane);
+    }
+}
+
+// Some workgroups per large triangle.
 @compute @workgroup_size(64)
 fn large(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>,
          @builtin(local_invocation_index) lane: u32) {
-    let pair = group.y * groups.x + group.x;
-    if pair >= min(queue[0], params.capacity) {
-        return;
-    }
-    let id = queue[1u + 2u * pair];
-    if id == NONE {
-        return;
-    }
-    let tile = queue[2u + 2u * pair];
-    let columns = (params.width + TILE - 1u) / TILE;
-    let corner = vec2<u32>(tile % columns, tile / columns) * TILE;
-    let t = load_triangle(id);
-    let front_only = (surfaces[id].x & 4u) == 0u;
-    if misses(t, corner, front_only) {
-        return;
-    }
-    for (var k = 0u; k < 4u; k++) {
-        let at = lane + 64u * k;
-        let x = corner.x + at % TILE;
-        let y = corner.y + at / TILE;
-        if x < params.width && y < params.height {
-            draw_sample(t, id, x, y, front_only);
-        }
+    let slice = group.y * groups.x + group.x;
+    let at = slice / SLICES;
+    if at < lists[1] {
+        draw_tiles(lists[2u + params.triangles + at], slice % SLICES, SLICES, lane);
     }
 }

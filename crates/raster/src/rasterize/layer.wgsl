@@ -13,7 +13,7 @@ fn empty(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) group
     }
 }
 
-@group(0) @binding(1) var<storage, read> queue: array<u32>;
+@group(0) @binding(1) var<storage, read> lists: array<u32>;
 @group(0) @binding(2) var<storage, read> live: array<u32>;
 @group(0) @binding(3) var<storage, read_write> work: array<u32>;
 
@@ -25,13 +25,14 @@ fn write_groups(at: u32, n: u32) {
     work[at + 2u] = 1u;
 }
 
-// A single invocation: the workgroups of a layer's kernels over samples, over triangles and over the queue of large
+// A single invocation: the workgroups of a layer's kernels over samples, over triangles, over medium and over large
 // triangles; none where nothing lets see the layer.
 @compute @workgroup_size(1)
 fn count_groups() {
     let seen = params.layer == 0u || live[params.layer] != 0u;
-    let at = 9u * params.layer;
+    let at = 12u * params.layer;
     write_groups(at, select(0u, (sample_count() + 63u) / 64u, seen));
     write_groups(at + 3u, select(0u, (params.triangles + 63u) / 64u, seen));
-    write_groups(at + 6u, select(0u, min(queue[0], params.capacity), seen));
+    write_groups(at + 6u, select(0u, lists[0], seen));
+    write_groups(at + 9u, select(0u, lists[1] * SLICES, seen));
 }
