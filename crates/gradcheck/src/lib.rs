@@ -48,6 +48,25 @@ pub fn check(name: &str, x: &[f64], gradient: &[f64], h: f64, tolerance: f64, f:
     assert!(error <= tolerance, "{name}: relative gradient error {error:.3e} above {tolerance:.1e}");
 }
 
+/// Largest difference of two implementations of one operation, each relative to the expected number or to the root mean
+/// square of all of them, whichever is larger: rounding of numbers that nearly cancel does not count as an error of their
+/// own size. Infinite if a number is not finite on one side alone or the lengths differ.
+pub fn worst_difference(found: &[f32], expected: &[f32]) -> f64 {
+    if found.len() != expected.len() {
+        return f64::INFINITY;
+    }
+    let wide = |x: &f32| f64::from(*x);
+    let finite: Vec<f64> = expected.iter().filter(|x| x.is_finite()).map(wide).collect();
+    let square = finite.iter().map(|x| x * x).sum::<f64>() / finite.len().max(1) as f64;
+    let floor = square.sqrt().max(1e-30);
+    let pairs = found.iter().zip(expected);
+    pairs.fold(0.0, |worst: f64, (a, b)| {
+        let equal = a.to_bits() == b.to_bits() || (a.is_nan() && b.is_nan());
+        let error = if equal { 0.0 } else { (wide(a) - wide(b)).abs() / wide(b).abs().max(floor) };
+        if error.is_finite() { worst.max(error) } else { f64::INFINITY }
+    })
+}
+
 /// A small deterministic generator for test inputs (`SplitMix64`), uniform in `[lo, hi)`.
 #[derive(Clone, Debug)]
 pub struct Uniform {
@@ -87,6 +106,15 @@ mod tests {
         assert!(max_relative_error(&x, &[x[1], x[0]], 1e-5, f) < 1e-9);
         assert!(max_relative_error(&x, &[x[1] * 1.01, x[0]], 1e-5, f) > 1e-3);
         assert!(max_relative_error(&x, &[f64::NAN, x[0]], 1e-5, f).is_infinite());
+    }
+
+    #[test]
+    fn differences_are_relative_to_the_larger_numbers() {
+        assert_eq!(worst_difference(&[1.0, f32::NAN], &[1.0, f32::NAN]), 0.0);
+        assert!((worst_difference(&[8.08, 0.0], &[8.0, 0.0]) - 0.01).abs() < 1e-6);
+        assert!((worst_difference(&[8.0, 0.08], &[8.0, 0.0]) - 0.08 / 32_f64.sqrt()).abs() < 1e-6);
+        assert!(worst_difference(&[1.0], &[f32::NAN]).is_infinite());
+        assert!(worst_difference(&[1.0], &[]).is_infinite());
     }
 
     #[test]

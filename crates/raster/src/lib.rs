@@ -10,6 +10,8 @@
 pub mod antialias;
 mod cpu;
 pub mod deferred;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 pub mod interpolate;
 pub mod loss;
 mod maps;

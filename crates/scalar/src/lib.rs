@@ -17,6 +17,9 @@ pub use real::{Real, halved_sum};
 pub use srgb::{linear_to_srgb_u8, srgb_decode, srgb_encode, srgb_table, srgb_u8_to_linear};
 pub use vector::{Vec2, Vec3, Vec4, vec2, vec3, vec4};
 
+/// The guarded operations of this crate in WGSL, for kernels: `relu`, `clamp_to`, `normalize_or_zero` and its adjoint.
+pub const WGSL: &str = include_str!("vector.wgsl");
+
 /// Single-precision 2-vector.
 pub type Vec2f = Vec2<f32>;
 /// Single-precision 3-vector.

@@ -48,6 +48,12 @@ static AVERAGES: LazyLock<Vec<[f32; 2]>> = LazyLock::new(|| {
     (0..ROUGHNESSES).map(average).collect()
 });
 
+/// The table of averages.
+#[cfg(feature = "gpu")]
+pub(crate) fn averages_table() -> &'static [[f32; 2]] {
+    &AVERAGES
+}
+
 /// Averages of scale and bias for a perceptual roughness, and their derivatives.
 #[inline]
 fn averages<T: Real>(roughness: T) -> [[T; 2]; 2] {

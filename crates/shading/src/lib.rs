@@ -34,6 +34,8 @@ mod environment;
 mod equirectangular;
 mod eval;
 mod ggx;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 mod light;
 mod normal_map;
 mod octahedral;

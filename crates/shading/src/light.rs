@@ -51,6 +51,11 @@ pub struct Yaw<T = f32> {
 }
 
 impl<T: Real> Yaw<T> {
+    /// Cosine and sine of the angle.
+    pub fn cosine_sine(self) -> [T; 2] {
+        [self.cosine, self.sine]
+    }
+
     /// A turn by `angle` radians.
     pub fn new(angle: T) -> Self {
         Self { cosine: angle.cos(), sine: angle.sin() }

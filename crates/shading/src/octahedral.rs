@@ -79,6 +79,12 @@ impl<T: Real> Octahedral<T> {
         self.size
     }
 
+    /// All texels with their border, `(size + 2)^2`; the fourth number is padding.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn padded(&self) -> &[[T; 4]] {
+        &self.texels
+    }
+
     /// The texel of column `i`, row `j`.
     pub(crate) fn texel(&self, i: usize, j: usize) -> Vec3<T> {
         let t = &self.texels[(j + 1) * (self.size + 2) + i + 1];

@@ -31,6 +31,12 @@ static TABLE: LazyLock<Vec<[f32; 2]>> = LazyLock::new(|| {
     table
 });
 
+/// The table, row by row of a roughness, and its columns.
+#[cfg(feature = "gpu")]
+pub(crate) fn table() -> (&'static [[f32; 2]], usize) {
+    (&TABLE, COSINES)
+}
+
 /// Scale and bias with their derivatives.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SplitSum<T = f32> {

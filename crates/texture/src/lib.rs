@@ -11,6 +11,8 @@
 //! Levels are exact area averages ([`MipRule`]): by area, or with colours weighted by alpha where alpha is coverage.
 
 mod filter;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 mod layout;
 mod level;
 mod lookup;

@@ -1,7 +1,8 @@
 // Sums whose result does not depend on the order of their terms: 64-bit fixed point in two words, low first, with a carry
 // from one to the other. The kernel declares
 //     var<storage, read_write> sums: array<atomic<u32>>;
-// with two words a sum and one status word at the end, which is not zero once a term was not finite or too large.
+// with two words a sum and one status word at the end, which is not zero once a term was not finite or too
+// large (bit 0), or a sum left its range (bit 1).
 
 // Terms reach 2^54 units: 512 of the largest fit into a sum.
 const FIXED_LIMIT: f32 = 18014398509481984.0;
@@ -36,6 +37,11 @@ fn add_fixed(at: u32, x: f32, scale: f32) {
     let before = atomicAdd(&sums[2u * at], words.x);
     let high = words.y + select(0u, 1u, before > 0xffffffffu - words.x);
     if high != 0u {
-        atomicAdd(&sums[2u * at + 1u], high);
+        let old = atomicAdd(&sums[2u * at + 1u], high);
+        let after = old + high;
+        // Terms of one sign whose sum has the other.
+        if ((old ^ after) & (high ^ after)) >= 0x80000000u {
+            atomicOr(&sums[arrayLength(&sums) - 1u], 2u);
+        }
     }
 }

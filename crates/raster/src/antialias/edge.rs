@@ -26,7 +26,7 @@ pub(super) struct Crossing<T> {
     /// Distance from the closer pixel's centre towards the other, clamped to [0, 1].
     pub t: T,
     /// The edge's vertices.
-    vertices: [u32; 2],
+    pub vertices: [u32; 2],
     /// Their positions along and across the pair, in pixels from the closer pixel's centre.
     a: Vec2<T>,
     b: Vec2<T>,

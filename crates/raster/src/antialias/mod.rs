@@ -12,6 +12,8 @@
 
 mod edge;
 mod fold;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 mod topology;
 
 pub use topology::MeshTopology;

@@ -5,7 +5,11 @@
 //! computed is kept for the reverse pass (about 220 bytes each): reading it back costs less than computing it again. The
 //! mip level passes no gradient to positions.
 
+#[cfg(feature = "gpu")]
+pub mod composite;
 mod frame;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 mod pixel;
 mod tile;
 

@@ -13,6 +13,8 @@
 //! logarithmic losses, 0.4 ms for the rational ones and 33 ms for SSIM.
 
 mod curve;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 mod pointwise;
 mod ssim;
 #[cfg(test)]

@@ -6,6 +6,8 @@
 
 mod barycentric;
 mod bins;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 mod tile;
 #[cfg(target_arch = "x86_64")]
 mod tile_avx2;

@@ -1,5 +1,8 @@
 //! Model-view-projection of vertex positions to clip space, and its adjoint.
 
+#[cfg(feature = "gpu")]
+pub mod gpu;
+
 use glam::Mat4;
 use photofit_scalar::{Real, Vec3, Vec4, vec3, vec4};
 use rayon::prelude::*;

@@ -1,0 +1,224 @@
+//! Shading on a device against the CPU: a layer alone.
+
+mod scene;
+
+use super::*;
+use crate::deferred::{Gradients, render, render_vjp};
+use crate::gpu::{VERTEX_SUMS, vertex_sum};
+use crate::project::project_vjp;
+use crate::rasterize::NONE;
+use photofit_gpu::{test_device, validate};
+use photofit_gradcheck::{Uniform, worst_difference};
+use photofit_scalar::{Vec3f, Vec4f, vec3, vec4};
+use photofit_texture::gpu::SUM_SCALE;
+use scene::Scene;
+
+/// Worst difference of radiance, of the whole layer.
+const RADIANCE: f64 = 1e-4;
+/// Worst difference of a gradient, against the root mean square of its kind.
+const GRADIENT: f64 = 1e-3;
+
+/// The device, or the end of the test where there is none.
+macro_rules! device {
+    () => {
+        match test_device() {
+            Some(gpu) => gpu,
+            None => return,
+        }
+    };
+}
+
+/// What a layer gives: pixels, and the gradients of positions, normals, tangents and texels.
+struct Layer {
+    color: Vec<[f32; 4]>,
+    gradients: [Vec<f32>; 4],
+}
+
+fn on_cpu(s: &Scene, passes: &Passes, g: &[[f32; 4]]) -> Layer {
+    s.with(|geometry, view| {
+        let frame = render(geometry, &s.maps, view, &s.background, passes);
+        let mut out = Gradients::new(s.positions.len(), &s.maps);
+        render_vjp(geometry, &s.maps, view, passes, &frame, g, &mut out);
+        let flat = |v: &[Vec3f]| v.iter().flat_map(|v| v.to_array()).collect();
+        let texels = out.maps.levels.iter().flat_map(|l| l.texels.concat()).collect();
+        Layer {
+            color: frame.color,
+            gradients: [flat(&out.positions), flat(&out.normals), flat(&out.tangents), texels],
+        }
+    })
+}
+
+/// The same from the CPU's visibility, with what surrounds shading done here.
+fn on_device(gpu: &Gpu, s: &Scene, passes: &Passes, g: &[[f32; 4]]) -> Layer {
+    s.with(|geometry, view| {
+        let frame = render(geometry, &s.maps, view, &s.background, passes);
+        let triangle = &frame.layers[0].visibility.triangle;
+        let n = triangle.len();
+        let uvs: Vec<_> = s.uvs.iter().map(|uv| [uv.x, uv.y]).collect();
+        let mesh =
+            MeshBuffers::new(gpu, &uvs, &geometry.topology, geometry.alpha, geometry.sides).expect("fits");
+        gpu.write(&mesh.positions, bytemuck::cast_slice(&s.positions)).expect("written");
+        gpu.write(&mesh.normals, bytemuck::cast_slice(&s.normals)).expect("written");
+        gpu.write(&mesh.tangents, bytemuck::cast_slice(&s.tangents)).expect("written");
+        let pixels = n / (view.samples * view.samples);
+        let picture = PictureBuffers::new(gpu, &mesh, n, pixels, 1, false).expect("fits");
+        let mut clip = vec![Vec4f::zero(); s.positions.len()];
+        crate::project::project(&view.view_projection, &s.positions, &mut clip);
+        gpu.write(&picture.clip, bytemuck::cast_slice(&clip)).expect("written");
+        let layer = &picture.layers[0];
+        gpu.write(&layer.triangle, triangle).expect("written");
+        let gradients = GradientBuffers::new(gpu, &mesh, n, pixels).expect("fits");
+        let fitted = std::array::from_fn(|c| c < crate::maps::channel::USED);
+        let maps = MipBuffers::new(gpu, &s.maps, fitted, SUM_SCALE).expect("fits");
+        let tables = ShadingTables::new(gpu, &[&s.environment]).expect("fits");
+        let mut shading = MapShading::new(gpu, maps, tables, mesh.triangles(), passes).expect("fits");
+        let params = shading.params(view, passes, SUM_SCALE, |_| 0);
+
+        // Recorded with the parameters of no picture, run with those of this one.
+        let mut r = gpu.record("forward");
+        shading.record(&mut r, &mesh, &picture, layer, Work::Threads(n)).expect("recorded");
+        let mut forward = r.finish().expect("finished");
+        shading.take_slots().set(&mut forward, &params);
+        forward.run().expect("runs");
+        let shaded = gpu.read(&layer.shaded).expect("read");
+
+        // Blending over the background, the mean of the samples, and their adjoints.
+        let (side, columns) = (view.samples, view.width / view.samples);
+        let share = 1.0 / (side * side) as f32;
+        let pixel = |i: usize| (i / view.width / side) * columns + i % view.width / side;
+        let mut color = vec![[0.0; 4]; pixels];
+        let mut g_shaded = vec![[0.0; 4]; n];
+        let fits_alpha = passes.fits_alpha() && geometry.alpha.iter().any(|a| passes.masks.fades(*a));
+        for i in 0..n {
+            let b = s.background[pixel(i)];
+            let behind = [b[0], b[1], b[2], 0.0];
+            let (drawn, g) = (if triangle[i] == NONE { [0.0; 4] } else { shaded[i] }, g[pixel(i)]);
+            let over = [drawn[0], drawn[1], drawn[2], 1.0];
+            for k in 0..4 {
+                color[pixel(i)][k] += share * (behind[k] + drawn[3] * (over[k] - behind[k]));
+                if triangle[i] != NONE && fits_alpha {
+                    g_shaded[i][3] += share * g[k] * (over[k] - behind[k]);
+                }
+            }
+            (0..3).for_each(|k| g_shaded[i][k] = share * g[k] * drawn[3]);
+        }
+        gpu.write(&gradients.shaded, &g_shaded).expect("written");
+
+        shading.set(&params);
+        let mut r = gpu.record("reverse");
+        shading.record_vjp(&mut r, &mesh, &picture, layer, &gradients, Work::Threads(n)).expect("recorded");
+        shading.maps.record_collect(&mut r).expect("recorded");
+        r.finish().expect("finished").run().expect("runs");
+        assert_eq!(gpu.read(&shading.maps.status).expect("read"), [0]);
+        let words = gpu.read(&gradients.sums).expect("read");
+        assert_eq!(words.last(), Some(&0), "status");
+        let sum = |v: usize, c: usize| {
+            let at = 2 * (VERTEX_SUMS * v + c);
+            let units = (i64::from(words[at + 1] as i32) << 32) + i64::from(words[at]);
+            (units as f64 / f64::from(SUM_SCALE)) as f32
+        };
+        let vertices = s.positions.len();
+        let vectors = |c: usize| -> Vec<Vec3f> {
+            (0..vertices).map(|v| vec3(sum(v, c), sum(v, c + 1), sum(v, c + 2))).collect()
+        };
+        let mut positions = vectors(vertex_sum::POSITION);
+        let g_clip: Vec<_> =
+            (0..vertices).map(|v| vec4(sum(v, 0), sum(v, 1), sum(v, 2), sum(v, 3))).collect();
+        project_vjp(&view.view_projection, &g_clip, &mut positions);
+        let flat = |v: &[Vec3f]| v.iter().flat_map(|v| v.to_array()).collect();
+        let texels = gpu.read(&shading.maps.gradient).expect("read").concat();
+        let gradients = [
+            flat(&positions),
+            flat(&vectors(vertex_sum::NORMAL)),
+            flat(&vectors(vertex_sum::TANGENT)),
+            texels,
+        ];
+        Layer { color, gradients }
+    })
+}
+
+const NAMES: [&str; 4] = ["positions", "normals", "tangents", "texels"];
+
+fn weights(pixels: usize, seed: u64) -> Vec<[f32; 4]> {
+    let mut rng = Uniform::new(seed);
+    (0..pixels).map(|_| std::array::from_fn(|_| rng.range(-1.0, 1.0) as f32)).collect()
+}
+
+/// Without what a layer alone does not know.
+fn passes() -> Passes {
+    Passes { antialias: false, max_layers: 1, ..Passes::default() }
+}
+
+fn check(gpu: &Gpu, what: &str, s: &Scene, passes: &Passes) {
+    let g = weights(s.background.len(), 3);
+    let (found, expected) = (on_device(gpu, s, passes, &g), on_cpu(s, passes, &g));
+    let covered = expected.color.iter().filter(|c| c[3] > 0.0).count();
+    assert!(covered > expected.color.len() / 5, "{what}: {covered} pixels are covered");
+    let error = worst_difference(found.color.as_flattened(), expected.color.as_flattened());
+    assert!(error <= RADIANCE, "{what}: radiance differs by {error:.2e}");
+    for (k, (found, expected)) in found.gradients.iter().zip(&expected.gradients).enumerate() {
+        let error = worst_difference(found, expected);
+        assert!(error <= GRADIENT, "{what}, {}: differs by {error:.2e}", NAMES[k]);
+    }
+}
+
+#[test]
+fn kernels_are_valid() {
+    for kernel in [LOAD_CORNERS, SHADE, SHADE_VJP, SHADE_VJP_POSITIONS, SHADE_VJP_MAPS] {
+        validate(&kernel).expect("valid");
+    }
+}
+
+#[test]
+fn every_sample_agrees() {
+    let gpu = device!();
+    check(gpu, "one sample", &Scene::new(1, 1), &passes());
+    check(gpu, "four by four samples", &Scene::new(2, 4), &passes());
+}
+
+#[test]
+fn pixels_shaded_once_agree() {
+    let gpu = device!();
+    let s = Scene::new(3, 4).shaded_per_pixel();
+    check(gpu, "once a pixel", &s, &passes());
+}
+
+#[test]
+fn parts_that_are_left_out_agree() {
+    let gpu = device!();
+    let s = Scene::new(4, 1);
+    let all = passes();
+    check(gpu, "no normal map", &s, &Passes { normal_map: false, ..all });
+    check(gpu, "no emission", &s, &Passes { emissive: false, ..all });
+    check(gpu, "compensated", &s, &Passes { energy: Energy::Compensated, ..all });
+    check(gpu, "no positions", &s, &Passes { position_gradients: false, ..all });
+    check(gpu, "no maps", &s, &Passes { map_gradients: false, ..all });
+    check(gpu, "blended", &s.with_alpha(scene::BLEND), &all);
+    check(gpu, "no alpha", &s.with_alpha(scene::BLEND), &Passes { alpha_gradients: false, ..all });
+    check(gpu, "cut", &s.with_alpha(scene::MASK), &all);
+    let faded = Passes { masks: Masks::Faded { slope: 2.5 }, ..all };
+    check(gpu, "faded", &s.with_alpha(scene::MASK), &faded);
+}
+
+#[test]
+fn gradients_have_the_same_bits_in_every_run() {
+    let gpu = device!();
+    let s = Scene::new(5, 1);
+    let g = weights(s.background.len(), 4);
+    let (a, b) = (on_device(gpu, &s, &passes(), &g), on_device(gpu, &s, &passes(), &g));
+    assert!(a.gradients.iter().all(|g| g.iter().any(|g| *g != 0.0)));
+    assert_eq!(a.gradients, b.gradients);
+}
+
+#[test]
+fn a_perturbed_side_is_found() {
+    let gpu = device!();
+    let s = Scene::new(6, 1);
+    let g = weights(s.background.len(), 5);
+    let expected = on_cpu(&s, &passes(), &g);
+    let mut other = s;
+    other.normals[40].x += 0.01;
+    let found = on_device(gpu, &other, &passes(), &g);
+    assert!(worst_difference(found.color.as_flattened(), expected.color.as_flattened()) > RADIANCE);
+    assert!(worst_difference(&found.gradients[0], &expected.gradients[0]) > GRADIENT);
+}

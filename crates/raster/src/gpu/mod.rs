@@ -1,0 +1,54 @@
+//! Pictures that stay on a device: the twins of [`crate::deferred`].
+//!
+//! A picture is recorded once, for the largest size that it will have, and run again and again with other parameters:
+//! [`render`] and [`render_vjp`] put the kernels of all operations into a recording, in the order of the CPU's; what gives
+//! fragments their colours is a [`Shading`].
+
+mod buffers;
+mod frame;
+mod params;
+mod shading;
+mod steps;
+
+pub use crate::rasterize::gpu::BinBuffers;
+pub use buffers::{
+    GradientBuffers, LayerBuffers, MeshBuffers, PictureBuffers, TriangleSurface, VERTEX_SUMS, vertex_sum,
+};
+pub use frame::{render, render_vjp};
+pub use params::{FrameParams, Shot};
+pub use shading::{Shading, Work};
+pub use steps::{Slots, Steps};
+
+use crate::{antialias, deferred::composite, loss, project, rasterize};
+use photofit_gpu::Kernel;
+
+/// Parameters of all kernels of a picture, and the numbers of its samples.
+pub(crate) const FRAME: &str = include_str!("frame.wgsl");
+
+/// The kernels of this crate.
+pub const KERNELS: &[Kernel] = &[
+    project::gpu::PROJECT,
+    project::gpu::GATHER,
+    rasterize::gpu::BIN,
+    rasterize::gpu::EMPTY,
+    rasterize::gpu::COUNT,
+    rasterize::gpu::SMALL,
+    rasterize::gpu::MEDIUM,
+    rasterize::gpu::LARGE,
+    antialias::gpu::FOLD,
+    antialias::gpu::SILHOUETTES,
+    antialias::gpu::BLEND,
+    antialias::gpu::REVERSE,
+    composite::BLEND,
+    composite::BLEND_VJP,
+    composite::TRANSPARENT_PART,
+    composite::AVERAGE,
+    composite::MAGNIFY,
+    loss::gpu::TERMS,
+    loss::gpu::FINISH,
+];
+
+#[cfg(test)]
+pub(crate) mod tests;
+#[cfg(test)]
+pub(crate) mod tolerances;

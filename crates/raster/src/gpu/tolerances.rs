@@ -1,0 +1,29 @@
+//! How far twins may be from their operations on the CPU, each with its reason.
+
+/// Half of the distance between neighbouring numbers at one: what an operation in single precision loses.
+pub(crate) const ROUNDING: f64 = 1.0 / (1 << 24) as f64;
+/// What moves an edge on the CPU, in samples: its coefficients are rounded about the corner of a tile of 32 samples.
+pub(crate) const TILE_ROUNDING: f64 = 100.0 * ROUNDING;
+/// Distance from an edge within which a centre may belong to either side, and error of a depth, in multiples of the bound
+/// for one rounding of each operand.
+pub(crate) const EDGE: f64 = 2.0;
+pub(crate) const DEPTH: f64 = 1.0;
+/// Share of samples that may show another triangle because of a centre on an edge or of equal depths, and a number that small pictures may have.
+pub(crate) const OTHER_TRIANGLES: f64 = 1e-5;
+pub(crate) const FEW: usize = 4;
+/// Clip-space positions, relative to the sum of magnitudes: a device may fuse products and sums.
+pub(crate) const CLIP: f32 = 4e-7;
+/// Share of silhouettes that only one side finds: edges almost along the line between two centres, vertices on it, and
+/// folds of triangles seen edge-on are decided by rounding.
+pub(crate) const OTHER_SILHOUETTES: f64 = 2e-3;
+/// Colours after antialiasing, relative to the largest: blend factors are differences of places of up to 2^12 samples.
+pub(crate) const ANTIALIASED: f32 = 1e-4;
+/// Gradients of clip-space positions and colours by antialiasing, relative to the largest: as colours, and the derivative
+/// divides by the edge's extent.
+pub(crate) const ANTIALIASED_VJP: f32 = 3e-4;
+/// Layers over one another: a few roundings.
+pub(crate) const COMPOSITE: f32 = 1e-6;
+/// Losses, relative: sums of 2^20 terms in single precision, by a tree.
+pub(crate) const LOSS: f64 = 4e-6;
+/// Gradients of losses, relative to the largest: the tone curve's series on both sides.
+pub(crate) const LOSS_GRADIENT: f32 = 4e-6;
