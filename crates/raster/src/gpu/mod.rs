@@ -19,7 +19,7 @@ pub use params::{FrameParams, Shot};
 pub use shading::{Shading, Work};
 pub use steps::{Slots, Steps};
 
-use crate::{antialias, deferred::composite, loss, project, rasterize};
+use crate::{antialias, deferred, deferred::composite, loss, project, rasterize};
 use photofit_gpu::Kernel;
 
 /// Parameters of all kernels of a picture, and the numbers of its samples.
@@ -46,6 +46,9 @@ pub const KERNELS: &[Kernel] = &[
     composite::MAGNIFY,
     loss::gpu::TERMS,
     loss::gpu::FINISH,
+    deferred::gpu::LOAD_CORNERS,
+    deferred::gpu::SHADE,
+    deferred::gpu::SHADE_VJP,
 ];
 
 #[cfg(test)]

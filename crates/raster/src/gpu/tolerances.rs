@@ -21,8 +21,12 @@ pub(crate) const ANTIALIASED: f32 = 1e-4;
 /// Gradients of clip-space positions and colours by antialiasing, relative to the largest: as colours, and the derivative
 /// divides by the edge's extent.
 pub(crate) const ANTIALIASED_VJP: f32 = 3e-4;
-/// Layers over one another: a few roundings.
-pub(crate) const COMPOSITE: f32 = 1e-6;
+/// Radiance of a pixel, relative to one or to itself: shading, the mean of samples, layers over one another.
+pub(crate) const PICTURE: f32 = 1e-4;
+/// Share of pixels that may differ by more: those of a few samples that show another triangle or silhouette.
+pub(crate) const PICTURE_PIXELS: f64 = 2e-3;
+/// Gradients of whole pictures, relative in norm.
+pub(crate) const GRADIENT: f64 = 1e-3;
 /// Losses, relative: sums of 2^20 terms in single precision, by a tree.
 pub(crate) const LOSS: f64 = 4e-6;
 /// Gradients of losses, relative to the largest: the tone curve's series on both sides.
