@@ -17,7 +17,8 @@ use clap::{ArgGroup, Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use photofit_fit::simplify::SimplifyOptions;
 use std::path::PathBuf;
 use std::time::Duration;
-use values::{above, above_to, between, definition, degrees, ending, number, seconds, single, whole};
+pub(crate) use values::Device;
+use values::{above, above_to, between, definition, degrees, device, ending, number, seconds, single, whole};
 
 /// What the help says about the end of the program.
 const STATUSES: &str = "\
@@ -196,6 +197,10 @@ pub(crate) struct Simplify {
     /// after it, take their time on top [range: more than 0, at most 1000000000] [default: no limit].
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub(crate) time_limit: Option<Duration>,
+    /// Where the fit runs: cpu, gpu (hardware), gpu:NAME (the first adapter whose name or driver holds NAME, also one in
+    /// software), or auto: a GPU in hardware if there is one, else the CPU.
+    #[arg(long, value_name = "DEVICE", default_value = "auto", value_parser = device)]
+    pub(crate) device: Device,
     /// Width and height of the textures, texels [range: 16 to 8192] [default: 1024, or what the size on screen needs].
     #[arg(long, value_name = "N", value_parser = whole::<usize>(16..=8192))]
     pub(crate) texture_size: Option<usize>,
@@ -495,8 +500,11 @@ pub(crate) struct Compare {
 #[derive(Args, Debug)]
 pub(crate) struct Inspect {
     /// The asset: .glb, .gltf, .obj or .ply; or a Mitsuba 3 scene: .xml.
-    #[arg(value_name = "IN")]
-    pub(crate) input: PathBuf,
+    #[arg(value_name = "IN", required_unless_present = "devices")]
+    pub(crate) input: Option<PathBuf>,
+    /// List the GPU adapters of this machine instead: what they are, and what they lack.
+    #[arg(long, conflicts_with_all = ["input", "allow_parent_paths"])]
+    pub(crate) devices: bool,
     /// Let an .xml scene name files above its folder, by `..` or in the folder right above it: only for scenes that you
     /// trust.
     #[arg(long)]
@@ -511,6 +519,10 @@ pub(crate) struct Demo {
     /// Folder for the assets, the pictures and the report.
     #[arg(long, value_name = "DIR", default_value = "photofit-demo")]
     pub(crate) out: PathBuf,
+    /// Where the fit runs: cpu, gpu (hardware), gpu:NAME (the first adapter whose name or driver holds NAME, also one in
+    /// software), or auto: a GPU in hardware if there is one, else the CPU.
+    #[arg(long, value_name = "DEVICE", default_value = "auto", value_parser = device)]
+    pub(crate) device: Device,
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use crate::args::Demo;
 use crate::demo_asset::demo_asset;
+use crate::device;
 use crate::output::{self, bytes, count, print};
 use crate::preflight::Places;
 use crate::render;
@@ -38,6 +39,7 @@ pub(crate) fn run(a: &Demo) -> Result<Ending> {
         time_limit: Some(Duration::from_secs(60)),
         texture_size: 1024,
         report_views: 6,
+        device: device::choose(&a.device)?,
         ..SimplifyOptions::default()
     };
     let report = a.out.join("report");

@@ -1,10 +1,10 @@
 //! `photofit inspect`: what an asset holds, and what a fit of it would run.
 
 use crate::args::Inspect;
-use crate::mitsuba;
 use crate::output::{self, bytes, count, print};
 use crate::preflight::Places;
 use crate::status::Misuse;
+use crate::{device, mitsuba};
 use anyhow::Result;
 use photofit_fit::simplify::{Plan, Runs};
 use photofit_scene::{AlphaMode, LightKind, Material, PunctualLight, Scene};
@@ -12,20 +12,21 @@ use serde_json::{Value, json};
 use std::path::Path;
 
 pub(crate) fn run(a: &Inspect) -> Result<()> {
-    let places = Places::default().reads("IN", Some(&a.input)).writes("--json", a.json.as_deref());
+    let places = Places::default().reads("IN", a.input.as_deref()).writes("--json", a.json.as_deref());
     places.check()?;
-    if mitsuba::is_scene(&a.input) {
-        return mitsuba::inspect(a, &places);
+    let Some(input) = &a.input else { return device::list(a.json.as_deref()) };
+    if mitsuba::is_scene(input) {
+        return mitsuba::inspect(a, input, &places);
     }
     if a.allow_parent_paths {
         return Err(Misuse("--allow-parent-paths needs an .xml scene".into()).into());
     }
-    let scene = photofit_scene::load(&a.input)?;
+    let scene = photofit_scene::load(input)?;
     places.check_against("IN", &scene.files)?;
     if let Some(file) = &a.json {
-        output::write_json(file, &to_json(&a.input, &scene))?;
+        output::write_json(file, &to_json(input, &scene))?;
     }
-    print(&text(&a.input, &scene))
+    print(&text(input, &scene))
 }
 
 fn alpha(m: &Material) -> String {

@@ -9,6 +9,7 @@ mod compare;
 mod demo;
 mod demo_asset;
 mod denoise;
+mod device;
 mod gradient;
 mod inspect;
 mod interrupt;

@@ -56,14 +56,14 @@ pub(crate) fn world_options() -> WorldOptions {
 }
 
 /// What a scene holds.
-pub(crate) fn inspect(a: &Inspect, places: &Places) -> Result<()> {
+pub(crate) fn inspect(a: &Inspect, input: &Path, places: &Places) -> Result<()> {
     let options = MitsubaOptions { allow_parent_paths: a.allow_parent_paths, ..MitsubaOptions::default() };
-    let scene = load_mitsuba(&a.input, &options)?;
+    let scene = load_mitsuba(input, &options)?;
     places.check_against("IN", scene.files.iter().chain(&scene.resources))?;
     if let Some(file) = &a.json {
-        output::write_json(file, &to_json(&a.input, &scene))?;
+        output::write_json(file, &to_json(input, &scene))?;
     }
-    print(&text(&a.input, &scene))
+    print(&text(input, &scene))
 }
 
 /// Triangles of the shapes as stored, and over all placements.

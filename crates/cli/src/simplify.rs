@@ -5,7 +5,7 @@ use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::Terminal;
 use crate::status::Ending;
-use crate::{interrupt, light, lod, memory, threads};
+use crate::{device, interrupt, light, lod, memory, threads};
 use anyhow::{Error, Result, anyhow};
 use photofit_fit::FitError;
 use photofit_fit::report::{PAGE as REPORT_PAGE, ReportInfo, Verdict, write_report};
@@ -100,6 +100,7 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
         seed: a.running.seed,
         checkpoint: a.running.checkpoint.clone(),
         resume: a.running.resume,
+        device: device::choose(&a.device)?,
         ..default
     })
 }
@@ -290,6 +291,7 @@ impl Job<'_> {
             "stopped": o.stopped,
             "mpix_per_s": o.mpix_per_s,
             "peak_rss_mb": memory::peak_rss_mb(),
+            "device": o.device,
             "threads": rayon::current_num_threads(),
             "views": views,
             "history": history,

@@ -50,20 +50,20 @@ pub struct Candidate<T = f32> {
     pub rings: Csr,
     /// Edges between welded vertices, each once.
     pub edges: Vec<[u32; 2]>,
-    alpha: Vec<AlphaMode>,
+    pub(crate) alpha: Vec<AlphaMode>,
     /// Texels whose alpha is no parameter; empty = none.
-    solid: Vec<bool>,
+    pub(crate) solid: Vec<bool>,
     /// Texels of masked triangles, where there are transparent ones.
-    masked: Vec<bool>,
-    sides: Vec<Sides>,
+    pub(crate) masked: Vec<bool>,
+    pub(crate) sides: Vec<Sides>,
     /// Vertices to positions.
-    weld: Weld,
+    pub(crate) weld: Weld,
     /// Vertices to normals.
-    smooth: Incidence,
-    unique: Incidence,
-    frames: UvFrames,
-    opposite: Vec<[u32; 3]>,
-    neighbour: Vec<[u32; 3]>,
+    pub(crate) smooth: Incidence,
+    pub(crate) unique: Incidence,
+    pub(crate) frames: UvFrames,
+    pub(crate) opposite: Vec<[u32; 3]>,
+    pub(crate) neighbour: Vec<[u32; 3]>,
 }
 
 /// Vertex arrays that follow from the positions.
@@ -367,7 +367,7 @@ pub fn compare<T: LossScalar>(
 }
 
 /// The renderer's view of a shot.
-fn view<'a>(shot: &Shot, lights: &'a [photofit_shading::Light<'a, f32>]) -> View<'a, f32> {
+pub(crate) fn view<'a>(shot: &Shot, lights: &'a [photofit_shading::Light<'a, f32>]) -> View<'a, f32> {
     let eye = shot.camera.eye;
     let Sampling { per_axis, shade_per_pixel } = shot.sampling;
     View {

@@ -47,6 +47,15 @@ pub enum FitError {
         /// What remains.
         kept: String,
     },
+    /// A device cannot hold the fit.
+    #[cfg(feature = "gpu")]
+    #[error("the fit does not fit on {device}: {source}")]
+    NoRoom {
+        /// The device.
+        device: String,
+        /// What it says.
+        source: photofit_optim::OptimError,
+    },
     /// An optimizer or its preconditioner could not be set up.
     #[error("preconditioner: {0}")]
     Preconditioner(#[source] photofit_optim::OptimError),

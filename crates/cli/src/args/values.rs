@@ -64,6 +64,30 @@ pub(crate) fn seconds(text: &str) -> Result<Duration, String> {
     number(above_to(0.0, MOST_SECONDS))(text).map(Duration::from_secs_f64)
 }
 
+/// Where a fit runs.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Device {
+    /// A GPU in hardware, else the CPU.
+    Auto,
+    /// The CPU.
+    Cpu,
+    /// A GPU in hardware.
+    Gpu,
+    /// The first adapter whose name or driver holds this.
+    Named(String),
+}
+
+/// A [`Device`].
+pub(crate) fn device(text: &str) -> Result<Device, String> {
+    match (text, text.split_once(':')) {
+        ("auto", _) => Ok(Device::Auto),
+        ("cpu", _) => Ok(Device::Cpu),
+        ("gpu", _) => Ok(Device::Gpu),
+        (_, Some(("gpu", name))) if !name.trim().is_empty() => Ok(Device::Named(name.trim().into())),
+        _ => Err("it must be auto, cpu, gpu or gpu:NAME".into()),
+    }
+}
+
 /// A name and a value around the first `=`.
 pub(crate) fn definition(text: &str) -> Result<(String, String), String> {
     match text.split_once('=') {
@@ -120,6 +144,17 @@ mod tests {
         assert_eq!(seconds("0.5"), Ok(Duration::from_millis(500)));
         assert!(seconds("1e300").is_err(), "no overflow");
         assert!(degrees("-30").is_ok() && degrees("1e9").is_err());
+    }
+
+    #[test]
+    fn devices_are_named() {
+        assert_eq!(device("auto"), Ok(Device::Auto));
+        assert_eq!(device("cpu"), Ok(Device::Cpu));
+        assert_eq!(device("gpu"), Ok(Device::Gpu));
+        assert_eq!(device("gpu:llvm pipe:1"), Ok(Device::Named("llvm pipe:1".into())));
+        for wrong in ["", "GPU", "gpu:", "gpu: ", "cpu:x", "cuda"] {
+            assert_eq!(device(wrong), Err("it must be auto, cpu, gpu or gpu:NAME".into()), "{wrong}");
+        }
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! - [`mod@reference`]: what answers (camera, lights, pose, size) with a picture.
 //! - [`views`]: from where, under which light, at which size: pure functions of (set, index).
 //! - [`model`]: named groups of parameters with their optimizers, wherever they live; [`cpu`]: those in main memory.
+//! - `gpu`: a surface whose fit stays on a device; [`device`]: where a fit runs.
 //! - [`surface`]: positions and maps of a mesh, the stages from them to pictures, and the same reversed.
 //! - [`loss`]: chosen by the noise of the reference's pictures.
 //! - [`trainer`]: one loop: phases, looks at held-out views, best state, patience, checkpoints, cancellation.
@@ -12,6 +13,9 @@
 mod asset;
 pub(crate) mod checkpoint;
 pub mod cpu;
+pub mod device;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 pub mod judge;
 pub mod loss;
 pub mod model;

@@ -99,12 +99,21 @@ pub struct Plan {
     /// The loss with the noise of the pictures that it was chosen by.
     loss: Option<(Loss, f64)>,
     phases: Vec<String>,
+    /// Where the fit runs, and why there.
+    device: Option<String>,
 }
 
 impl Plan {
     /// What the asset alone says.
     pub fn new(scene: &Scene) -> Self {
-        Self { asset: Asset::new(scene), choices: None, maps: None, loss: None, phases: Vec::new() }
+        Self {
+            asset: Asset::new(scene),
+            choices: None,
+            maps: None,
+            loss: None,
+            phases: Vec::new(),
+            device: None,
+        }
     }
 
     /// Adds the options: steps of the fit, whether pictures of the reference are path traced, and the light.
@@ -154,6 +163,12 @@ impl Plan {
     #[must_use]
     pub fn with_loss(self, loss: Loss, noise: f64) -> Self {
         Self { loss: Some((loss, noise)), ..self }
+    }
+
+    /// Adds where the fit runs and why; nothing is told without it.
+    #[must_use]
+    pub fn with_device(self, device: Option<String>) -> Self {
+        Self { device, ..self }
     }
 
     /// Adds the phases of a fit of positions and maps.
@@ -214,6 +229,9 @@ impl Plan {
         self.material_items(&mut items);
         self.asset.data_items(&mut items);
         self.option_items(&mut items);
+        if let Some(why) = &self.device {
+            items.push(Item { what: "device", runs: Runs::Yes, why: why.clone() });
+        }
         items
     }
 

@@ -17,7 +17,7 @@ pub const POSITIONS: &str = "positions";
 pub const MAPS: &str = "maps";
 
 /// Smoothness of the preconditioner of positions.
-const LAMBDA: f64 = 0.3;
+pub(super) const LAMBDA: f64 = 0.3;
 
 /// A mesh with material maps: welded positions and one texel group of [`CHANNELS`] samples.
 #[derive(Clone, Debug)]
@@ -32,6 +32,15 @@ pub struct Surface {
     pub moves: bool,
 }
 
+/// The temporal filter of a group's optimizer.
+pub(super) fn temporal(group: &str) -> Temporal {
+    if group == POSITIONS {
+        Temporal::uniform_adam().betas(0.9, 0.99)
+    } else {
+        Temporal { beta1: 0.8, beta2: 0.98, relative_epsilon: 0.5, ..Temporal::adam() }
+    }
+}
+
 impl Surface {
     /// A candidate that is fitted as a plan says.
     pub fn new(candidate: Candidate, plan: &Plan) -> Self {
@@ -40,7 +49,16 @@ impl Surface {
         Self { candidate, passes: plan.passes(), rates, moves: true }
     }
 
-    fn is_positions(&self, group: usize) -> bool {
+    /// The passes of a step that moves these groups.
+    pub(super) fn moving_passes(&self, moving: &[bool]) -> Passes {
+        Passes {
+            position_gradients: self.moves && moving[0],
+            map_gradients: self.passes.map_gradients && moving[moving.len() - 1],
+            ..self.passes
+        }
+    }
+
+    pub(super) fn is_positions(&self, group: usize) -> bool {
         self.moves && group == 0
     }
 }
@@ -73,12 +91,11 @@ impl Chain for Surface {
         if group.name == POSITIONS {
             let large_steps = LargeSteps::new(self.candidate.positions.len(), &self.candidate.edges, LAMBDA)
                 .map_err(FitError::Preconditioner)?;
-            return Optimizer::new(POSITIONS, length, Temporal::uniform_adam().betas(0.9, 0.99))
+            return Optimizer::new(POSITIONS, length, temporal(POSITIONS))
                 .and_then(|o| o.with_filter(Placement::VARIABLE, large_steps))
                 .map_err(FitError::Preconditioner);
         }
-        let temporal = Temporal { beta1: 0.8, beta2: 0.98, relative_epsilon: 0.5, ..Temporal::adam() };
-        Optimizer::new(MAPS, length, temporal).map_err(FitError::Preconditioner)
+        Optimizer::new(MAPS, length, temporal(MAPS)).map_err(FitError::Preconditioner)
     }
 
     fn values(&self, group: usize) -> &[f32] {
@@ -121,12 +138,7 @@ impl Chain for Surface {
     }
 
     fn step(&self, shots: &[Shot], loss: Loss, moving: &[bool], gradients: &mut ParameterGradients) -> f64 {
-        let passes = Passes {
-            position_gradients: self.moves && moving[0],
-            map_gradients: self.passes.map_gradients && moving[moving.len() - 1],
-            ..self.passes
-        };
-        self.candidate.step(shots, loss, &passes, gradients)
+        self.candidate.step(shots, loss, &self.moving_passes(moving), gradients)
     }
 
     fn pictures(&self, shots: &[Shot]) -> Vec<Vec<[f32; 4]>> {

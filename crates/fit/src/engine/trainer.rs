@@ -388,7 +388,8 @@ impl<M: Model> Trainer<'_, M> {
         let began = Instant::now();
         let losses = self.model.losses();
         self.step_seconds += began.elapsed().as_secs_f64();
-        let losses = self.hear(losses)?;
+        let latest = self.course.step.saturating_sub(1);
+        let losses = losses.map_err(|b| broken(b, latest, self.kept()))?;
         let first = self.course.step - losses.len() as u64;
         if let Some((i, value)) = losses.iter().enumerate().find(|(_, l)| !l.is_finite()) {
             return Err(FitError::Loss { step: first + i as u64, value: *value, kept: self.kept() });

@@ -16,6 +16,7 @@ mod wrap;
 mod tests;
 
 pub use crate::engine::Normalised;
+pub use crate::engine::device::Device;
 pub use crate::engine::judge::{Judged, Quality, ReportView, ViewQuality};
 pub use crate::engine::plan::{Plan, Runs};
 pub use crate::engine::reference::ReferenceRenderer;
@@ -28,12 +29,12 @@ pub use outcome::Outcome;
 
 use crate::bake;
 use crate::candidate::Candidate;
-use crate::engine::cpu::Cpu;
+use crate::engine::device::train_on;
 use crate::engine::judge::{Judge, Stage, beyond_rasterizer};
 use crate::engine::loss;
 use crate::engine::reference::{Features, PathTraced, Rasterized, Reference};
 use crate::engine::surface::Surface;
-use crate::engine::trainer::{self, HeldOut, Job, Keeping, Phase, train};
+use crate::engine::trainer::{self, HeldOut, Job, Keeping, Phase};
 use crate::engine::views::{Orbit, Pose};
 use crate::visibility::Visibility;
 use crate::{FitError, Progress};
@@ -144,8 +145,9 @@ pub(crate) fn simplify_asset(
     };
     let rebake = |s: &Surface| choice::rebaked(surface, visibility, &s.candidate, options, progress);
     let mut plan_with_phases = None;
-    let trained = train(
-        Cpu::new(Surface::new(start.candidate.clone(), &plan))?,
+    let (trained, device) = train_on(
+        &options.device,
+        Surface::new(start.candidate.clone(), &plan),
         &job,
         |psnr| {
             let phases = phases(options, start.distance, psnr, &rebake);
@@ -154,7 +156,7 @@ pub(crate) fn simplify_asset(
         },
         progress,
     )?;
-    let plan = plan_with_phases.unwrap_or(plan);
+    let plan = plan_with_phases.unwrap_or(plan).with_device(device.told());
     let trained = choice::best(trained, surface, visibility, start, n, reference, options, progress)?;
 
     let encoded = |candidate: &Candidate| {
@@ -194,6 +196,7 @@ pub(crate) fn simplify_asset(
     let times = Times { all: began.elapsed().as_secs_f64(), to_file };
     let judged = judge.method(&stages);
     let mut outcome = Outcome::new(triangles, trained, plan, &names, pictures, judged, times, options);
+    outcome.device = device.name();
     outcome.left_out = outcome::left_out(scene, &stages[stages.len() - 1].scene, judged);
     Ok(outcome)
 }

@@ -3,6 +3,7 @@
 use super::ReferenceRenderer;
 use crate::FitError;
 use crate::bake::BakeSettings;
+use crate::engine::device::Device;
 use crate::engine::reference::{SUPERSAMPLE, samples_for};
 use crate::engine::trainer::HELD_OUT;
 use crate::views::{Lighting, Sampling};
@@ -59,6 +60,8 @@ pub struct SimplifyOptions {
     pub resume: bool,
     /// Views of the report.
     pub report_views: u64,
+    /// Where the fit runs.
+    pub device: Device,
 }
 
 impl Default for SimplifyOptions {
@@ -80,6 +83,7 @@ impl Default for SimplifyOptions {
             checkpoint: None,
             resume: false,
             report_views: 8,
+            device: Device::default(),
         }
     }
 }

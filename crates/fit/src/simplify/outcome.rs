@@ -21,7 +21,7 @@ pub struct Outcome {
     pub fit_seconds: f64,
     /// Steps made.
     pub steps: u64,
-    /// Million samples per second of the fit, forward and backward.
+    /// Million samples per second of the steps of the fit.
     pub mpix_per_s: f64,
     /// Seconds after which the held-out quality stayed within half a decibel of its end.
     pub seconds_to_half_db: f64,
@@ -46,6 +46,8 @@ pub struct Outcome {
     pub candidate: Candidate,
     /// Width and height of the pictures that quality is reported by.
     pub resolution: usize,
+    /// Where the fit ran.
+    pub device: String,
 }
 
 /// Where the work of a simplification ended, seconds after its beginning.
@@ -91,6 +93,7 @@ impl Outcome {
             left_out: Vec::new(),
             candidate: trained.model.candidate,
             resolution: options.resolution,
+            device: options.device.name(),
         }
     }
 }

@@ -132,3 +132,34 @@ fn unlit_surfaces_are_fitted_judged_and_written_as_such() {
     assert!(outcome.stage("fitted").unwrap().outline > 0.9, "{:?}", outcome.stages);
     assert_eq!(outcome.judged, Judged::Rasterized);
 }
+
+#[cfg(feature = "gpu")]
+#[test]
+fn a_fit_on_a_device_ends_like_one_on_the_cpu_and_resumes_to_the_same_file() {
+    let Some(gpu) = photofit_gpu::test_device() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let scene = rock();
+    let on_device = SimplifyOptions { device: Device::gpu(gpu.clone(), true, "asked for"), ..options() };
+    let fit = |name: &str, options: &SimplifyOptions, progress: &dyn Progress| {
+        let path = dir.path().join(name);
+        let outcome = simplify(&scene, &path, options, progress).unwrap();
+        (outcome, std::fs::read(path).unwrap())
+    };
+    let (cpu, _) = fit("cpu.glb", &options(), &Silent);
+    let (device, whole) = fit("device.glb", &on_device, &Silent);
+    assert_eq!(cpu.device, "CPU");
+    assert!(device.device.contains(&gpu.report().name), "{}", device.device);
+    assert!(device.plan.to_string().contains("asked for"), "{}", device.plan);
+    let psnr = |o: &Outcome| o.stage("fitted").unwrap().psnr;
+    println!("CPU {:.3} dB, device {:.3} dB", psnr(&cpu), psnr(&device));
+    assert!((psnr(&cpu) - psnr(&device)).abs() < 0.1, "{} and {} dB", psnr(&cpu), psnr(&device));
+    assert!(device.history.last().unwrap().held_out_psnr > device.history[0].held_out_psnr);
+    for stop_at in [3, 17, 30] {
+        let checkpoint = Some(dir.path().join(format!("state{stop_at}")));
+        let kept = SimplifyOptions { checkpoint, ..on_device.clone() };
+        let progress = Watching { stop_at: Some(stop_at), ..Watching::default() };
+        assert!(fit("stopped.glb", &kept, &progress).0.stopped, "question {stop_at}");
+        let (resumed, bytes) = fit("resumed.glb", &SimplifyOptions { resume: true, ..kept }, &Silent);
+        assert!(!resumed.stopped && bytes == whole, "stopped at question {stop_at}");
+    }
+}

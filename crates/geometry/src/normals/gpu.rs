@@ -33,8 +33,8 @@ impl VertexNormals {
     pub fn forward(
         &self,
         r: &mut Recorder,
-        positions: &Buffer<f32>,
-        normals: &Buffer<f32>,
+        positions: &Buffer<[f32; 3]>,
+        normals: &Buffer<[f32; 3]>,
     ) -> Result<(), GpuError> {
         let buffers = [self.lists.bind(), positions.bind(), normals.bind()];
         r.dispatch(&FORWARD, &self.lists.params, &buffers, self.lists.vertices())?;
@@ -48,9 +48,9 @@ impl VertexNormals {
     pub fn vjp(
         &self,
         r: &mut Recorder,
-        positions: &Buffer<f32>,
-        d_normals: &Buffer<f32>,
-        d_positions: &Buffer<f32>,
+        positions: &Buffer<[f32; 3]>,
+        d_normals: &Buffer<[f32; 3]>,
+        d_positions: &Buffer<[f32; 3]>,
     ) -> Result<(), GpuError> {
         let Self { lists, d_sums } = self;
         let buffers = [lists.bind(), positions.bind(), d_normals.bind(), d_sums.bind()];

@@ -45,8 +45,8 @@ impl VertexTangents {
     pub fn forward(
         &self,
         r: &mut Recorder,
-        positions: &Buffer<f32>,
-        normals: &Buffer<f32>,
+        positions: &Buffer<[f32; 3]>,
+        normals: &Buffer<[f32; 3]>,
         tangents: &Buffer<[f32; 4]>,
     ) -> Result<(), GpuError> {
         let Self { lists, frames, .. } = self;
@@ -63,11 +63,11 @@ impl VertexTangents {
     pub fn vjp(
         &self,
         r: &mut Recorder,
-        positions: &Buffer<f32>,
-        normals: &Buffer<f32>,
-        d_tangents: &Buffer<f32>,
-        d_positions: &Buffer<f32>,
-        d_normals: &Buffer<f32>,
+        positions: &Buffer<[f32; 3]>,
+        normals: &Buffer<[f32; 3]>,
+        d_tangents: &Buffer<[f32; 3]>,
+        d_positions: &Buffer<[f32; 3]>,
+        d_normals: &Buffer<[f32; 3]>,
     ) -> Result<(), GpuError> {
         let Self { lists, frames, d_sums } = self;
         let [topology, positions, normals, frames, d_sums] =

@@ -14,8 +14,8 @@ pub(crate) const EXPAND_VJP: Kernel = Kernel { name: "weld.expand_vjp", source: 
 pub fn expand(
     r: &mut Recorder,
     lists: &Lists,
-    welded: &Buffer<f32>,
-    vertices: &Buffer<f32>,
+    welded: &Buffer<[f32; 3]>,
+    vertices: &Buffer<[f32; 3]>,
 ) -> Result<(), GpuError> {
     r.dispatch(&EXPAND, &lists.params, &[lists.bind(), welded.bind(), vertices.bind()], lists.vertices())?;
     Ok(())
@@ -28,8 +28,8 @@ pub fn expand(
 pub fn expand_vjp(
     r: &mut Recorder,
     lists: &Lists,
-    d_vertices: &Buffer<f32>,
-    d_welded: &Buffer<f32>,
+    d_vertices: &Buffer<[f32; 3]>,
+    d_welded: &Buffer<[f32; 3]>,
 ) -> Result<(), GpuError> {
     let buffers = [lists.bind(), d_vertices.bind(), d_welded.bind()];
     r.dispatch(&EXPAND_VJP, &lists.params, &buffers, lists.welds())?;

@@ -19,26 +19,26 @@ struct Params {
     highest: Columns,
 }
 
-/// Clamps each column of rows of `width` samples to its range (none when `ranges` is empty), then makes the vector of three
+/// Clamps each column of the first rows of `width` samples to its range (none when `ranges` is empty), then makes the vector of three
 /// from column `unit` on a unit vector.
 ///
 /// # Errors
 /// If the device refuses the kernel.
 ///
 /// # Panics
-/// When rows are not whole or have more than 16 samples, `ranges` is not of their length, or the vector does not lie
+/// When rows are missing or have more than 16 samples, `ranges` is not of their length, or the vector does not lie
 /// inside a row.
-pub fn constrain(
+pub fn constrain<P: bytemuck::Pod>(
     r: &mut Recorder,
-    params: &Buffer<f32>,
-    width: usize,
+    params: &Buffer<P>,
+    (rows, width): (usize, usize),
     ranges: &[[f32; 2]],
     unit: Option<usize>,
 ) -> Result<(), GpuError> {
-    assert!((1..=COLUMNS).contains(&width) && params.len().is_multiple_of(width), "whole rows of at most 16");
+    assert!((1..=COLUMNS).contains(&width), "rows of at most 16 samples");
+    assert!((rows * width * size_of::<f32>()) as u64 <= params.bytes(), "all rows are there");
     assert!(ranges.is_empty() || ranges.len() == width, "one range per column");
     assert!(unit.is_none_or(|at| at.saturating_add(3) <= width), "the vector lies inside a row");
-    let rows = params.len() / width;
     let mut p = Params {
         rows: rows as u32,
         width: width as u32,

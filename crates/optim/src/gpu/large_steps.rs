@@ -1,7 +1,7 @@
 //! The filter `M^-1`, `M = I + lambda L`, of Large Steps on a device.
 
 use crate::OptimError;
-use photofit_gpu::{Buffer, Gpu, GpuError, INDEX, Kernel, Recorder};
+use photofit_gpu::{Bind, Buffer, Gpu, GpuError, INDEX, Kernel, Recorder};
 
 pub(super) const ITERATE: Kernel = Kernel {
     name: "large_steps",
@@ -93,7 +93,7 @@ impl LargeStepsSolver {
     ///
     /// # Errors
     /// If the device refuses the kernel.
-    pub fn solve(&self, r: &mut Recorder, b: &Buffer<f32>, x: &Buffer<f32>) -> Result<(), GpuError> {
+    pub fn solve(&self, r: &mut Recorder, b: &Bind, x: &Buffer<f32>) -> Result<(), GpuError> {
         r.clear(x);
         let mut omega = 1.0;
         for k in 0..self.iterations {
@@ -109,7 +109,7 @@ impl LargeStepsSolver {
                 lambda: self.lambda as f32,
                 omega: omega as f32,
             };
-            let buffers = [self.rings.bind(), b.bind(), present.bind(), next.bind()];
+            let buffers = [self.rings.bind(), b.clone(), present.bind(), next.bind()];
             r.dispatch(&ITERATE, &params, &buffers, self.vertices)?;
         }
         Ok(())

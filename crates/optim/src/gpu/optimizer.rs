@@ -147,19 +147,21 @@ impl DeviceOptimizer {
         })
     }
 
-    /// Adds one step to a recording: `params` moves against `gradients`. [`Self::prepare`] says by what rates.
+    /// Adds one step to a recording: the beginning of `params` moves against that of `gradients`, samples in `f32` one after
+    /// the other. [`Self::prepare`] says by what rates.
     ///
     /// # Errors
     /// [`OptimError::Length`] and [`OptimError::Device`].
-    pub fn record(
+    pub fn record<P: bytemuck::Pod, G: bytemuck::Pod>(
         &self,
         r: &mut Recorder,
-        params: &Buffer<f32>,
-        gradients: &Buffer<f32>,
+        params: &Buffer<P>,
+        gradients: &Buffer<G>,
     ) -> Result<Recorded, OptimError> {
         let len = self.m.len();
-        OptimError::length(&self.group, "parameters", params.len(), len)?;
-        OptimError::length(&self.group, "gradients", gradients.len(), len)?;
+        let samples = |bytes: u64| len.min(bytes as usize / size_of::<f32>());
+        OptimError::length(&self.group, "parameters", samples(params.bytes()), len)?;
+        OptimError::length(&self.group, "gradients", samples(gradients.bytes()), len)?;
         let [filtered, moved] = &self.filtered;
         let (scan, moving) = (self.scan_params(&[]), self.move_params(&[]));
         let (partials, state) = (self.partials.bind(), self.state.bind());
@@ -169,14 +171,14 @@ impl DeviceOptimizer {
         out.scan.push(r.dispatch(&CHUNK, &scan, &[unfiltered.clone(), partials.clone()], chunks)?);
         let gradients = match &self.solver {
             Some(solver) => {
-                solver.solve(r, gradients, filtered)?;
+                solver.solve(r, &unfiltered, filtered)?;
                 out.scan.push(r.dispatch(&CHUNK, &scan, &[filtered.bind(), partials.clone()], chunks)?);
-                filtered
+                filtered.bind()
             }
-            None => gradients,
+            None => unfiltered.clone(),
         };
         out.scan.push(r.dispatch(&OBSERVE, &scan, &[unfiltered, partials, state.clone()], 1)?);
-        let (m, v, g) = (self.m.bind(), self.v.bind(), gradients.bind());
+        let (m, v, g) = (self.m.bind(), self.v.bind(), gradients);
         if self.temporal.second == SecondMoment::PerEntry {
             out.moves.push(r.dispatch(&DENSE, &moving, &[state, params.bind(), g, m, v], len)?);
             return Ok(out);
@@ -187,7 +189,7 @@ impl DeviceOptimizer {
         out.moves.push(r.dispatch(&FACTOR, &moving, &[state.clone(), maxima], 1)?);
         let direction = match &self.solver {
             Some(solver) => {
-                solver.solve(r, &self.m, moved)?;
+                solver.solve(r, &self.m.bind(), moved)?;
                 moved
             }
             None => &self.m,

@@ -85,15 +85,16 @@ fn cpu_and_gpu(gpu: &Gpu, mesh: &Mesh, smooth: &Weld, unique: &Weld) -> Result<T
     let (after_tangents, mut both) = (dp.clone(), dp);
     vertex_normals_vjp(&smooth, p, Weighting::Angle, &dn, &mut both);
     // The device; the adjoint of normals starts from the CPU's values, so that errors do not add up.
+    let up = |name: &str, x: &[Vec3f]| gpu.upload::<[f32; 3]>(name, bytemuck::cast_slice(x));
     let flat = |x: &[Vec3f]| bytemuck::cast_slice::<Vec3f, f32>(x).to_vec();
     let (smooth, unique) = (Lists::new(gpu, &smooth)?, Lists::new(gpu, &unique)?);
     let (of_normals, of_tangents) =
         (VertexNormals::new(gpu, &smooth)?, VertexTangents::new(gpu, &unique, &frames)?);
-    let positions = gpu.upload("positions", &flat(p))?;
-    let (n_out, t_out) = (gpu.zeros::<f32>("normals", 3 * n)?, gpu.zeros::<[f32; 4]>("tangents", n)?);
-    let (n_in, t_in) = (gpu.upload("normals", &flat(&normals))?, gpu.upload("d tangents", &d_tangents)?);
-    let (dp_t, dn_t) = (gpu.upload("d positions", &start)?, gpu.upload("d normals", &d_normals)?);
-    let (dn_n, dp_n) = (gpu.upload("d normals", &flat(&dn))?, gpu.upload("dp", &flat(&after_tangents))?);
+    let positions = up("positions", p)?;
+    let (n_out, t_out) = (gpu.zeros::<[f32; 3]>("normals", n)?, gpu.zeros::<[f32; 4]>("tangents", n)?);
+    let (n_in, t_in) = (up("normals", &normals)?, up("d tangents", &rows(&d_tangents))?);
+    let (dp_t, dn_t) = (up("d positions", &rows(&start))?, up("d normals", &rows(&d_normals))?);
+    let (dn_n, dp_n) = (up("d normals", &dn)?, up("d positions", &after_tangents)?);
     let mut r = gpu.record("twins");
     of_normals.forward(&mut r, &positions, &n_out)?;
     of_tangents.forward(&mut r, &positions, &n_in, &t_out)?;
@@ -101,11 +102,11 @@ fn cpu_and_gpu(gpu: &Gpu, mesh: &Mesh, smooth: &Weld, unique: &Weld) -> Result<T
     of_normals.vjp(&mut r, &positions, &dn_n, &dp_n)?;
     r.finish()?.run()?;
     Ok(vec![
-        ("normals", flat(&normals), gpu.read(&n_out)?),
+        ("normals", flat(&normals), gpu.read(&n_out)?.into_flattened()),
         ("tangents", bytemuck::cast_slice(&tangents).to_vec(), gpu.read(&t_out)?.into_flattened()),
-        ("positions by tangents", flat(&after_tangents), gpu.read(&dp_t)?),
-        ("normals by tangents", flat(&dn), gpu.read(&dn_t)?),
-        ("positions by normals", flat(&both), gpu.read(&dp_n)?),
+        ("positions by tangents", flat(&after_tangents), gpu.read(&dp_t)?.into_flattened()),
+        ("normals by tangents", flat(&dn), gpu.read(&dn_t)?.into_flattened()),
+        ("positions by normals", flat(&both), gpu.read(&dp_n)?.into_flattened()),
     ])
 }
 
@@ -189,13 +190,14 @@ fn welding_agrees_and_runs_repeat_to_the_bit() {
     weld.expand_vjp(bytemuck::cast_slice(&g), &mut sums);
     let of_cpu: Vec<f32> = bytemuck::cast_vec(weld.expand(bytemuck::cast_slice::<f32, [f32; 3]>(&welded)));
     let run = || {
-        let (w, v) = (gpu.upload("welded", &welded)?, gpu.zeros::<f32>("vertices", g.len())?);
-        let (d, dw) = (gpu.upload("gradients", &g)?, gpu.upload("sums", &welded)?);
+        let rows = |x: &[f32]| bytemuck::cast_slice::<f32, [f32; 3]>(x).to_vec();
+        let (w, v) = (gpu.upload("welded", &rows(&welded))?, gpu.zeros("vertices", g.len() / 3)?);
+        let (d, dw) = (gpu.upload("gradients", &rows(&g))?, gpu.upload("sums", &rows(&welded))?);
         let mut r = gpu.record("weld");
         expand(&mut r, &lists, &w, &v)?;
         expand_vjp(&mut r, &lists, &d, &dw)?;
         r.finish()?.run()?;
-        Ok::<_, GpuError>((gpu.read(&v)?, gpu.read(&dw)?))
+        Ok::<_, GpuError>((gpu.read(&v)?.into_flattened(), gpu.read(&dw)?.into_flattened()))
     };
     let (expanded, summed) = run().unwrap();
     assert!(error(&of_cpu, &expanded, 3) <= EXACT);

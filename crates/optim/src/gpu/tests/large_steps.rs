@@ -47,7 +47,7 @@ fn solves_agree_with_the_factor() {
         let expected = direct.to_x(&b).unwrap();
         let (right, x) = (gpu.upload("b", &b).unwrap(), gpu.upload("x", &b).unwrap());
         let mut r = gpu.record("solve");
-        solver.solve(&mut r, &right, &x).unwrap();
+        solver.solve(&mut r, &right.bind(), &x).unwrap();
         let mut recording = r.finish().unwrap();
         recording.run().unwrap();
         let ours = gpu.read(&x).unwrap();
@@ -57,13 +57,13 @@ fn solves_agree_with_the_factor() {
             solver.condition(),
             solver.iterations()
         );
-        // Rounding grows with the condition number's root.
-        let bound = SOLVE * solver.condition().sqrt().max(1.0);
+        // Rounding grows with the condition number.
+        let bound = SOLVE * (1.0 + solver.condition().sqrt() / 50.0);
         assert!(worst <= bound, "{lambda}: {worst:e}");
         recording.run().unwrap();
         assert!(gpu.read(&x).unwrap() == ours, "the same bits again");
         if lambda > 0.0 {
-            let other = LargeSteps::new(vertices, &edges, 1.01 * lambda).unwrap().to_x(&b).unwrap();
+            let other = LargeSteps::new(vertices, &edges, 2.0 * lambda).unwrap().to_x(&b).unwrap();
             assert!(distance(&other, &ours) / largest(&expected) > bound, "another weight is noticed");
         }
     }

@@ -42,7 +42,7 @@ fn constraints_agree() {
     let ranges = [[0.0, 1.0], [-0.5, 0.25], wide, wide, wide, [0.03, 1.0], [-1.0, 1e4]];
     let buffer = gpu.upload("x", &x).unwrap();
     let mut r = gpu.record("constrain");
-    constrain(&mut r, &buffer, width, &ranges, Some(2)).unwrap();
+    constrain(&mut r, &buffer, (rows, width), &ranges, Some(2)).unwrap();
     r.finish().unwrap().run().unwrap();
     clamp_channels(&mut x, &ranges);
     normalize_vectors(&mut x, width, 2);

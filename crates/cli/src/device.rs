@@ -1,0 +1,121 @@
+//! `--device` and `inspect --devices`: where a fit runs, and what there is to choose from.
+
+use crate::args::Device as Choice;
+#[cfg(feature = "gpu")]
+use crate::output::bytes;
+use crate::output::{self, print};
+use crate::status::Misuse;
+use anyhow::Result;
+use photofit_fit::simplify::Device;
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// The device of a choice. One that was asked for and cannot be had is a wrong command line.
+#[cfg(feature = "gpu")]
+pub(crate) fn choose(choice: &Choice) -> Result<Device> {
+    use photofit_gpu::{Choice as Adapter, Gpu};
+    let required = |option: &str, adapter: Adapter| {
+        let gpu = Gpu::new(&adapter).map_err(|e| Misuse(format!("--device {option}: {e}")))?;
+        Ok(Device::gpu(gpu, true, "as --device says"))
+    };
+    match choice {
+        Choice::Cpu => Ok(Device::cpu("as --device says")),
+        Choice::Gpu => required("gpu", Adapter::Hardware),
+        Choice::Named(name) => required(&format!("gpu:{name}"), Adapter::Named(name.clone())),
+        Choice::Auto if !may_have_hardware() => Ok(Device::cpu("this machine has no GPU")),
+        Choice::Auto => Ok(match Gpu::new(&Adapter::Hardware) {
+            Ok(gpu) => Device::gpu(gpu, false, "the first GPU in hardware"),
+            Err(e) => Device::cpu(&e.to_string()),
+        }),
+    }
+}
+
+/// The device of a choice, of a program that knows the CPU alone.
+#[cfg(not(feature = "gpu"))]
+pub(crate) fn choose(choice: &Choice) -> Result<Device> {
+    match choice {
+        Choice::Auto => Ok(Device::cpu("this program was built without GPUs")),
+        Choice::Cpu => Ok(Device::cpu("as --device says")),
+        Choice::Gpu => Err(Misuse("--device gpu: this program was built without GPUs".into()).into()),
+        Choice::Named(name) => {
+            Err(Misuse(format!("--device gpu:{name}: this program was built without GPUs")).into())
+        }
+    }
+}
+
+/// Whether it is worth to ask drivers for hardware: they are slow to load, and some write to stderr where there is none.
+#[cfg(feature = "gpu")]
+fn may_have_hardware() -> bool {
+    if !cfg!(target_os = "linux") {
+        return true;
+    }
+    let renders = |e: std::io::Result<std::fs::DirEntry>| {
+        e.is_ok_and(|e| e.file_name().to_string_lossy().starts_with("renderD"))
+    };
+    let nodes = ["/dev/nvidia0", "/dev/nvidiactl", "/dev/dxg", "/dev/kgsl-3d0", "/dev/mali0"];
+    std::fs::read_dir("/dev/dri").is_ok_and(|mut d| d.any(renders))
+        || nodes.iter().any(|n| Path::new(n).exists())
+}
+
+/// Lists the adapters.
+#[cfg(feature = "gpu")]
+pub(crate) fn list(file: Option<&Path>) -> Result<()> {
+    use photofit_gpu::{AdapterKind, AdapterReport, adapters};
+    let kind = |r: &AdapterReport| match r.kind {
+        AdapterKind::Discrete => "discrete",
+        AdapterKind::Integrated => "integrated",
+        AdapterKind::Virtual => "virtual",
+        AdapterKind::Software => "software",
+        AdapterKind::Other => "of a kind that the driver does not tell",
+    };
+    let all = adapters();
+    if let Some(file) = file {
+        let one = |r: &AdapterReport| {
+            json!({
+                "name": r.name,
+                "kind": kind(r),
+                "backend": r.backend,
+                "driver": r.driver,
+                "largest_binding": r.largest_binding,
+                "storage_buffers": r.storage_buffers,
+                "workgroup_memory": r.workgroup_memory,
+                "subgroups": r.subgroups,
+                "lacks": r.lacks,
+            })
+        };
+        write(file, all.iter().map(one).collect())?;
+    }
+    let mut text = String::new();
+    for r in &all {
+        let lacks = if r.lacks.is_empty() { "nothing".to_owned() } else { r.lacks.join(", ") };
+        let [least, most] = r.subgroups;
+        text += &format!(
+            "{}\n  kind      {}\n  backend   {}\n  driver    {}\n  limits    {} a buffer, {} buffers a kernel, {} of \
+             workgroup memory, subgroups of {least} to {most}\n  lacks     {lacks}\n",
+            r.name,
+            kind(r),
+            r.backend,
+            r.driver,
+            bytes(r.largest_binding),
+            r.storage_buffers,
+            bytes(u64::from(r.workgroup_memory)),
+        );
+    }
+    if all.is_empty() {
+        text += "no GPU adapter: there is no driver of Vulkan, Metal or DirectX 12; fits run on the CPU\n";
+    }
+    print(&text)
+}
+
+/// Says that there are none.
+#[cfg(not(feature = "gpu"))]
+pub(crate) fn list(file: Option<&Path>) -> Result<()> {
+    if let Some(file) = file {
+        write(file, Vec::new())?;
+    }
+    print("this program was built without GPUs; fits run on the CPU\n")
+}
+
+fn write(file: &Path, devices: Vec<Value>) -> Result<()> {
+    output::write_json(file, &json!({ "devices": devices }))
+}

@@ -1,0 +1,85 @@
+//! Where a fit runs.
+
+use super::cpu::Cpu;
+#[cfg(feature = "gpu")]
+use super::gpu::GpuSurface;
+use super::surface::Surface;
+use super::trainer::{Job, Phase, Trained, train};
+use crate::{FitError, Progress};
+#[cfg(feature = "gpu")]
+use photofit_gpu::Gpu;
+
+/// Where a fit runs, and why there.
+#[derive(Clone, Debug)]
+pub struct Device {
+    kind: Kind,
+    why: String,
+}
+
+#[derive(Clone, Debug)]
+enum Kind {
+    Cpu,
+    #[cfg(feature = "gpu")]
+    Gpu {
+        gpu: Gpu,
+        /// Whether nothing else will do.
+        required: bool,
+    },
+}
+
+impl Default for Device {
+    fn default() -> Self {
+        Self::cpu("")
+    }
+}
+
+impl Device {
+    /// The CPU. `why` is told by the plan; empty: nothing is told.
+    pub fn cpu(why: &str) -> Self {
+        Self { kind: Kind::Cpu, why: why.into() }
+    }
+
+    /// A device; unless it is `required`, a fit that does not fit on it runs on the CPU, and says so.
+    #[cfg(feature = "gpu")]
+    pub fn gpu(gpu: Gpu, required: bool, why: &str) -> Self {
+        Self { kind: Kind::Gpu { gpu, required }, why: why.into() }
+    }
+
+    /// What it is, for people.
+    pub fn name(&self) -> String {
+        match &self.kind {
+            Kind::Cpu => "CPU".into(),
+            #[cfg(feature = "gpu")]
+            Kind::Gpu { gpu, .. } => format!("{}, {}", gpu.report().name, gpu.report().backend),
+        }
+    }
+
+    /// Name and reason, as the plan tells them; none where there is nothing to tell.
+    pub(crate) fn told(&self) -> Option<String> {
+        (!self.why.is_empty()).then(|| format!("{}: {}", self.name(), self.why))
+    }
+}
+
+/// Runs a fit of a surface there; see [`train`]. Also tells the device that it ran on.
+pub(crate) fn train_on<'p>(
+    device: &Device,
+    surface: Surface,
+    job: &Job<'_>,
+    phases: impl FnOnce(f64) -> Vec<Phase<'p, Surface>>,
+    progress: &dyn Progress,
+) -> Result<(Trained<Surface>, Device), FitError> {
+    #[cfg(feature = "gpu")]
+    if let Kind::Gpu { gpu, required } = &device.kind {
+        match GpuSurface::new(gpu, surface.clone(), &job.held_out.shots) {
+            Ok(model) => return Ok((train(model, job, phases, progress)?, device.clone())),
+            Err(source) if *required => return Err(FitError::NoRoom { device: device.name(), source }),
+            Err(e) => {
+                let why = format!("it does not fit on {}: {e}", device.name());
+                progress.warn(&format!("the fit runs on the CPU: {why}"));
+                let trained = train(Cpu::new(surface)?, job, phases, progress)?;
+                return Ok((trained, Device::cpu(&why)));
+            }
+        }
+    }
+    Ok((train(Cpu::new(surface)?, job, phases, progress)?, device.clone()))
+}

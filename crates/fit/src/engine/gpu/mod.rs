@@ -1,0 +1,299 @@
+//! A surface that is fitted on a device: pictures, gradients and moves stay there, one submission a step; losses, values
+//! and states are read when the trainer looks.
+//!
+//! It does what [`Surface`] does in main memory, operation by operation. Gradients are sums that do not depend on the order
+//! of their terms: the same fit gives the same bits on the same device. Pictures of the reference come from the CPU.
+
+mod recorded;
+mod resident;
+mod stage;
+
+use super::cpu::Chain;
+use super::model::{Broken, Group, Model, Snapshot};
+use super::surface::{LAMBDA, POSITIONS, Surface, temporal};
+use super::views::Shot;
+use crate::FitError;
+use photofit_gpu::{Buffer, Gpu, GpuError, Kernel, Recording};
+use photofit_optim::OptimError;
+use photofit_optim::gpu::{DeviceOptimizer, LargeStepsSolver};
+use photofit_raster::CHANNELS;
+use photofit_raster::loss::Loss;
+use recorded::{COURSE, Look, Step};
+use resident::Resident;
+use stage::{Room, Skies, Stage};
+use std::borrow::Cow;
+
+/// The kernels of this crate.
+pub const KERNELS: &[Kernel] = &[resident::HOLD, resident::ADD_LOSSES];
+
+/// A [`Surface`] on a device.
+#[derive(Debug)]
+pub struct GpuSurface {
+    gpu: Gpu,
+    surface: Surface,
+    groups: Vec<Group>,
+    on: Resident,
+    optimizers: Vec<DeviceOptimizer>,
+    skies: Skies,
+    stage: Option<Stage>,
+    step: Option<Step>,
+    look: Option<Look>,
+    /// Builds the mip chain of the maps.
+    rebuild: Recording,
+    keep: Recording,
+    /// Loss of each step since they were read.
+    course: Buffer<f32>,
+    pending: usize,
+    losses: Vec<f64>,
+}
+
+impl From<GpuError> for Broken {
+    fn from(e: GpuError) -> Self {
+        Self::Device(Box::new(e))
+    }
+}
+
+/// What an optimizer says of the present step, or its device.
+fn broken(e: OptimError) -> Broken {
+    match e {
+        OptimError::Device(e) => e.into(),
+        source => Broken::Optim { ago: 0, source },
+    }
+}
+
+impl GpuSurface {
+    /// Uploads a surface, and makes room for pictures such as `shots`.
+    ///
+    /// # Errors
+    /// If the device cannot hold it.
+    pub fn new(gpu: &Gpu, surface: Surface, shots: &[Shot]) -> Result<Self, OptimError> {
+        let groups = Chain::groups(&surface);
+        let fitted = surface.rates.map(|r| r > 0.0);
+        let on = Resident::new(gpu, &surface.candidate, fitted)?;
+        let optimizer = |group: &Group| {
+            let rings = &surface.candidate.rings;
+            let diffuses = group.name == POSITIONS;
+            let solver = || LargeStepsSolver::new(gpu, &rings.offsets, &rings.items, LAMBDA);
+            let solver = diffuses.then(solver).transpose()?;
+            DeviceOptimizer::new(gpu, group.name, (group.rows, group.columns), temporal(group.name), solver)
+        };
+        let optimizers = groups.iter().map(optimizer).collect::<Result<_, _>>()?;
+        let mut r = gpu.record("rebuild");
+        on.maps.record_rebuild(&mut r)?;
+        let rebuild = r.finish()?;
+        let mut r = gpu.record("keep");
+        r.copy(&on.welded, &on.best.0)?;
+        r.copy(&on.maps.texels, &on.best.1)?;
+        let mut keep = r.finish()?;
+        keep.run()?;
+        let mut model = Self {
+            skies: Skies::new(gpu)?,
+            course: gpu.zeros("losses of steps", COURSE)?,
+            gpu: gpu.clone(),
+            surface,
+            groups,
+            on,
+            optimizers,
+            stage: None,
+            step: None,
+            look: None,
+            rebuild,
+            keep,
+            pending: 0,
+            losses: Vec::new(),
+        };
+        model.prepare(shots)?;
+        Ok(model)
+    }
+
+    /// Makes room for shots and their environments. What was recorded for less is dropped.
+    fn prepare(&mut self, shots: &[Shot]) -> Result<(), GpuError> {
+        let room = Room::of(shots);
+        let before = self.stage.as_ref().map(|s| s.room).unwrap_or_default();
+        if self.stage.is_none() || before.and(room) != before || self.pictures() < shots.len() {
+            (self.stage, self.step, self.look) = (None, None, None);
+            let pictures = shots.len().max(self.pictures());
+            let room = before.and(room);
+            self.stage = Some(Stage::new(&self.gpu, &self.on, room, &self.surface.passes, pictures)?);
+        }
+        if self.skies.add(&self.gpu, shots)? {
+            (self.step, self.look) = (None, None);
+        }
+        Ok(())
+    }
+
+    /// Pictures whose losses have room.
+    fn pictures(&self) -> usize {
+        self.stage.as_ref().map_or(0, |s| s.loss.values.len())
+    }
+
+    /// Takes the losses of the steps since they were read from the device.
+    fn read_course(&mut self) -> Result<(), GpuError> {
+        if self.pending > 0 {
+            let course = self.gpu.read(&self.course)?;
+            self.losses.extend(course[..self.pending].iter().map(|l| f64::from(*l)));
+            self.pending = 0;
+        }
+        Ok(())
+    }
+
+    fn read_group(&self, group: usize, best: bool) -> Result<Vec<f32>, GpuError> {
+        let on = &self.on;
+        if self.surface.is_positions(group) {
+            let positions = if best { &on.best.0 } else { &on.welded };
+            return Ok(self.gpu.read(positions)?.into_flattened());
+        }
+        let mut texels = self.gpu.read(if best { &on.best.1 } else { &on.maps.texels })?.into_flattened();
+        texels.truncate(on.texels * CHANNELS);
+        Ok(texels)
+    }
+
+    fn write_group(&mut self, group: usize, values: &[f32]) -> Result<(), GpuError> {
+        if self.surface.is_positions(group) {
+            return self.gpu.write(&self.on.welded, bytemuck::cast_slice(values));
+        }
+        self.gpu.write(&self.on.maps.texels, bytemuck::cast_slice(values))?;
+        self.rebuild.run()
+    }
+
+    /// Brings the surface in main memory up to date.
+    fn download(&mut self) -> Result<(), GpuError> {
+        for group in 0..self.groups.len() {
+            let values = self.read_group(group, false)?;
+            self.surface.values_mut(group).copy_from_slice(&values);
+            self.surface.changed(group);
+        }
+        Ok(())
+    }
+}
+
+impl Model for GpuSurface {
+    type Asset = Surface;
+
+    fn groups(&self) -> &[Group] {
+        &self.groups
+    }
+
+    fn step(&mut self, shots: &[Shot], loss: Loss, rates: &[f64]) -> Result<(), Broken> {
+        self.prepare(shots)?;
+        let Some(stage) = &self.stage else { return Ok(()) };
+        let (room, moving) = (Room::of(shots), rates.iter().map(|r| *r > 0.0).collect::<Vec<_>>());
+        let rates: Vec<Vec<f32>> = self.groups.iter().zip(rates).map(|(g, r)| g.rates_at(*r)).collect();
+        if !self.step.as_ref().is_some_and(|s| s.serves(room, shots.len(), &moving)) {
+            let passes = self.surface.moving_passes(&moving);
+            let step = Step::new(
+                &self.gpu,
+                &self.on,
+                (stage, &self.skies, &self.course),
+                (room, shots.len(), loss),
+                (&self.groups, &self.optimizers),
+                (&moving, &passes),
+            );
+            self.step = Some(step.map_err(broken)?);
+        }
+        if self.pending == COURSE {
+            self.read_course()?;
+        }
+        if let Some(step) = &mut self.step {
+            let (on, optimizers) = ((&self.on, &self.skies), (&mut self.optimizers[..], &rates[..]));
+            step.run(&self.gpu, on, (shots, loss), optimizers, self.pending).map_err(broken)?;
+            self.pending += 1;
+        }
+        Ok(())
+    }
+
+    fn losses(&mut self) -> Result<Vec<f64>, Broken> {
+        self.read_course()?;
+        let losses = std::mem::take(&mut self.losses);
+        if losses.is_empty() || losses.iter().any(|l| !l.is_finite()) {
+            return Ok(losses);
+        }
+        for optimizer in &self.optimizers {
+            if let Some((ago, source)) = optimizer.check().map_err(broken)? {
+                return Err(Broken::Optim { ago, source });
+            }
+        }
+        let sums = self.stage.as_ref().map(|s| ("positions", &s.gradients.status));
+        for (what, status) in sums.into_iter().chain([("maps", &self.on.maps.status)]) {
+            if self.gpu.read(status)?.first().is_some_and(|s| *s != 0) {
+                let rule = "is not finite or outside of the range of the device's sums; --device cpu has no such range";
+                return Err(Broken::Device(format!("a gradient of the {what} {rule}").into()));
+            }
+        }
+        Ok(losses)
+    }
+
+    fn pictures(&mut self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, Broken> {
+        self.prepare(shots)?;
+        let Some(stage) = &self.stage else { return Ok(Vec::new()) };
+        let room = Room::of(shots);
+        if !self.look.as_ref().is_some_and(|l| l.serves(room)) {
+            let passes = &self.surface.passes;
+            self.look = Some(Look::new(&self.gpu, &self.on, (stage, &self.skies), room, passes)?);
+        }
+        let Some(look) = &mut self.look else { return Ok(Vec::new()) };
+        let with = (&self.on, stage, &self.skies);
+        Ok(shots.iter().map(|s| look.run(&self.gpu, with, s)).collect::<Result<_, _>>()?)
+    }
+
+    fn values(&self, group: usize) -> Result<Cow<'_, [f32]>, Broken> {
+        Ok(self.read_group(group, false)?.into())
+    }
+
+    fn set(&mut self, group: usize, values: &[f32]) -> Result<(), Broken> {
+        Ok(self.write_group(group, values)?)
+    }
+
+    fn keep_best(&mut self) -> Result<(), Broken> {
+        Ok(self.keep.run()?)
+    }
+
+    fn go_to_best(&mut self, group: usize) -> Result<(), Broken> {
+        let mut r = self.gpu.record("go to best");
+        if self.surface.is_positions(group) {
+            r.copy(&self.on.best.0, &self.on.welded)?;
+        } else {
+            r.copy(&self.on.best.1, &self.on.maps.texels)?;
+        }
+        Ok(r.finish()?.run()?)
+    }
+
+    fn reset_optimizer(&mut self, group: usize) -> Result<(), FitError> {
+        self.optimizers[group].reset().map_err(FitError::Preconditioner)
+    }
+
+    fn snapshot(&self, group: usize) -> Result<Snapshot<'_>, Broken> {
+        Ok(Snapshot {
+            values: self.values(group)?,
+            best: self.read_group(group, true)?.into(),
+            optimizer: Cow::Owned(self.optimizers[group].state().map_err(broken)?),
+        })
+    }
+
+    fn restore(&mut self, group: usize, saved: Snapshot<'_>) -> Result<(), Broken> {
+        self.optimizers[group].restore(&saved.optimizer).map_err(broken)?;
+        // The best maps are kept with their levels: by way of the present ones.
+        self.write_group(group, &saved.best)?;
+        let mut r = self.gpu.record("keep a group");
+        if self.surface.is_positions(group) {
+            r.copy(&self.on.welded, &self.on.best.0)?;
+        } else {
+            r.copy(&self.on.maps.texels, &self.on.best.1)?;
+        }
+        r.finish()?.run()?;
+        Ok(self.write_group(group, &saved.values)?)
+    }
+
+    fn asset(&mut self) -> Result<&Surface, Broken> {
+        self.download()?;
+        Ok(&self.surface)
+    }
+
+    fn into_asset(mut self) -> Result<Surface, Broken> {
+        self.download()?;
+        Ok(self.surface)
+    }
+}
+
+#[cfg(test)]
+mod tests;

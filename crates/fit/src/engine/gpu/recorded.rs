@@ -1,0 +1,190 @@
+//! The two lists of commands of a fit: a whole step, and a picture.
+
+use super::resident::{ADD_LOSSES, Resident};
+use super::stage::{Drawn, Room, Skies, Stage, aim, largest, padded};
+use crate::engine::model::Group;
+use crate::engine::surface::POSITIONS;
+use crate::engine::views::Shot;
+use photofit_gpu::{Buffer, Gpu, GpuError, Recording, Slot};
+use photofit_optim::OptimError;
+use photofit_optim::gpu::{DeviceOptimizer, Recorded, constrain};
+use photofit_raster::deferred::Passes;
+use photofit_raster::deferred::gpu::MapShading;
+use photofit_raster::gpu::{PictureBuffers, render, render_vjp};
+use photofit_raster::loss::Loss;
+use photofit_raster::loss::gpu::{LossBuffers, RecordedLoss, Term, value_and_gradient};
+
+/// Losses that are kept on the device until they are read.
+pub(super) const COURSE: usize = 1024;
+
+/// One picture of a step.
+#[derive(Debug)]
+struct Place {
+    drawn: Drawn,
+    loss: RecordedLoss,
+    background: Buffer<[f32; 4]>,
+    reference: Buffer<[f32; 4]>,
+}
+
+/// A step: all pictures of a batch, forward and in reverse, and the moves.
+#[derive(Debug)]
+pub(super) struct Step {
+    recording: Recording,
+    /// What it was recorded for.
+    pub(super) room: Room,
+    pub(super) moving: Vec<bool>,
+    passes: Passes,
+    shading: MapShading,
+    places: Vec<Place>,
+    optimizers: Vec<Option<Recorded>>,
+    losses: Slot,
+}
+
+/// How a batch is compared: its mean loss over the colours.
+fn term(loss: Loss, pictures: usize) -> Term {
+    Term { loss, read: 0..3, factor: 1.0 / pictures.max(1) as f64, accumulates: false }
+}
+
+impl Step {
+    /// Records a step for batches of so many pictures.
+    pub(super) fn new(
+        gpu: &Gpu,
+        on: &Resident,
+        (stage, skies, course): (&Stage, &Skies, &Buffer<f32>),
+        (room, pictures, loss): (Room, usize, Loss),
+        (groups, optimizers): (&[Group], &[DeviceOptimizer]),
+        (moving, passes): (&[bool], &Passes),
+    ) -> Result<Self, OptimError> {
+        let mut r = gpu.record("step");
+        let g = &stage.gradients;
+        let triangles = on.mesh.triangles();
+        let mut shading = MapShading::new(gpu, on.maps.clone(), skies.tables.clone(), triangles, passes)?;
+        let params = largest(on, room, passes);
+        on.record_clear(&mut r, g);
+        on.record_vertices(&mut r)?;
+        let mut places = Vec::new();
+        for place in 0..pictures {
+            let background = gpu.zeros("background", room.pixel_count())?;
+            let reference = gpu.zeros("reference", room.pixel_count())?;
+            let picture = PictureBuffers { background: background.clone(), ..stage.picture.clone() };
+            let compared = LossBuffers { reference: reference.clone(), ..stage.loss.clone() };
+            let forward = render(&mut r, &on.mesh, &picture, passes, &params, &mut shading)?;
+            let (term, pixels) = (term(loss, pictures), room.pixel_count());
+            let loss = value_and_gradient(&mut r, &term, pixels, &picture.color, &compared, &g.color, place)?;
+            let reverse = render_vjp(&mut r, &on.mesh, &picture, passes, &params, &mut shading, g)?;
+            let drawn = Drawn { slots: vec![forward, reverse], shading: shading.take_slots() };
+            places.push(Place { drawn, loss, background, reference });
+        }
+        let buffers = [stage.loss.values.bind(), course.bind()];
+        let losses = r.dispatch(&ADD_LOSSES, &[pictures as u32, 0, 0, 0], &buffers, 1)?;
+        on.record_vjp(&mut r, g, passes)?;
+        let mut recorded = Vec::new();
+        for ((group, optimizer), moves) in groups.iter().zip(optimizers).zip(moving) {
+            if !*moves {
+                recorded.push(None);
+                continue;
+            }
+            let (shape, ranges, unit) = ((group.rows, group.columns), &group.ranges, group.unit);
+            if group.name == POSITIONS {
+                recorded.push(Some(optimizer.record(&mut r, &on.welded, &on.d_welded)?));
+                constrain(&mut r, &on.welded, shape, ranges, unit)?;
+            } else {
+                recorded.push(Some(optimizer.record(&mut r, &on.maps.texels, &on.maps.gradient)?));
+                constrain(&mut r, &on.maps.texels, shape, ranges, unit)?;
+                on.maps.record_rebuild(&mut r)?;
+            }
+        }
+        let (moving, passes) = (moving.to_vec(), *passes);
+        let recording = r.finish()?;
+        Ok(Self { recording, room, moving, passes, shading, places, optimizers: recorded, losses })
+    }
+
+    /// Whether it serves a batch: the same number of pictures that move the same groups, at most as large and not much
+    /// smaller.
+    pub(super) fn serves(&self, room: Room, pictures: usize, moving: &[bool]) -> bool {
+        self.room.and(room) == self.room
+            && 2 * room.pixel_count() > self.room.pixel_count()
+            && self.places.len() == pictures
+            && self.moving == moving
+    }
+
+    /// Submits a step; its loss goes to place `at` of the course.
+    pub(super) fn run(
+        &mut self,
+        gpu: &Gpu,
+        (on, skies): (&Resident, &Skies),
+        (shots, loss): (&[Shot], Loss),
+        (optimizers, rates): (&mut [DeviceOptimizer], &[Vec<f32>]),
+        at: usize,
+    ) -> Result<(), OptimError> {
+        let term = term(loss, shots.len());
+        for (place, shot) in self.places.iter().zip(shots) {
+            gpu.write(&place.background, &padded(&shot.background))?;
+            gpu.write(&place.reference, &shot.reference)?;
+            place.loss.set(&mut self.recording, &term, shot.width * shot.height);
+            aim(&mut self.recording, &place.drawn, &self.shading, (on, skies), shot, &self.passes);
+        }
+        for ((optimizer, rates), recorded) in optimizers.iter_mut().zip(rates).zip(&self.optimizers) {
+            if let Some(recorded) = recorded {
+                optimizer.prepare(&mut self.recording, recorded, rates)?;
+            }
+        }
+        self.recording.set(self.losses, &[shots.len() as u32, at as u32, 0, 0]);
+        Ok(self.recording.run()?)
+    }
+
+    /// Kernels and milliseconds of one more run, whose parameters stay as they are: it moves like a step.
+    #[cfg(test)]
+    pub(super) fn profile(&mut self) -> Result<Vec<(&'static str, f64)>, GpuError> {
+        self.recording.profile()
+    }
+}
+
+/// A picture without gradients.
+#[derive(Debug)]
+pub(super) struct Look {
+    recording: Recording,
+    room: Room,
+    passes: Passes,
+    shading: MapShading,
+    drawn: Drawn,
+}
+
+impl Look {
+    pub(super) fn new(
+        gpu: &Gpu,
+        on: &Resident,
+        (stage, skies): (&Stage, &Skies),
+        room: Room,
+        passes: &Passes,
+    ) -> Result<Self, GpuError> {
+        let mut r = gpu.record("look");
+        let triangles = on.mesh.triangles();
+        let mut shading = MapShading::new(gpu, on.maps.clone(), skies.tables.clone(), triangles, passes)?;
+        on.record_vertices(&mut r)?;
+        let params = largest(on, room, passes);
+        let forward = render(&mut r, &on.mesh, &stage.picture, passes, &params, &mut shading)?;
+        let drawn = Drawn { slots: vec![forward], shading: shading.take_slots() };
+        Ok(Self { recording: r.finish()?, room, passes: *passes, shading, drawn })
+    }
+
+    /// Whether pictures of some size can be drawn.
+    pub(super) fn serves(&self, room: Room) -> bool {
+        self.room.and(room) == self.room
+    }
+
+    /// Draws a picture.
+    pub(super) fn run(
+        &mut self,
+        gpu: &Gpu,
+        (on, stage, skies): (&Resident, &Stage, &Skies),
+        shot: &Shot,
+    ) -> Result<Vec<[f32; 4]>, GpuError> {
+        gpu.write(&stage.picture.background, &padded(&shot.background))?;
+        aim(&mut self.recording, &self.drawn, &self.shading, (on, skies), shot, &self.passes);
+        self.recording.run()?;
+        let mut color = gpu.read(&stage.picture.color)?;
+        color.truncate(shot.width * shot.height);
+        Ok(color)
+    }
+}

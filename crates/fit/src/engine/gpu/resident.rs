@@ -1,0 +1,120 @@
+//! What of a surface stays on a device from step to step: parameters, what follows from them, and their gradients.
+
+use crate::candidate::Candidate;
+use photofit_geometry::Incidence;
+use photofit_geometry::gpu::{Lists, VertexNormals, VertexTangents, expand, expand_vjp};
+use photofit_gpu::{Buffer, Gpu, GpuError, INDEX, Kernel, Recorder};
+use photofit_raster::antialias::Topology;
+use photofit_raster::deferred::{Masks, Passes};
+use photofit_raster::gpu::{GradientBuffers, MeshBuffers};
+use photofit_raster::texture::MipAdjoint;
+use photofit_raster::texture::gpu::{MipBuffers, SUM_SCALE};
+use photofit_raster::{CHANNELS, channel};
+
+const SOURCE: &[&str] = &[INDEX, include_str!("fit.wgsl")];
+/// Holds a column of the gradient of some texels at zero.
+pub(super) const HOLD: Kernel = Kernel { name: "fit.hold", source: SOURCE, entry: "hold" };
+/// The loss of a batch.
+pub(super) const ADD_LOSSES: Kernel = Kernel { name: "fit.add_losses", source: SOURCE, entry: "add_losses" };
+
+/// Class of texels of opaque triangles, and that of masked ones.
+const SOLID: u32 = 1;
+const MASKED: u32 = 2;
+
+/// Parameters and topology of a surface on a device.
+#[derive(Debug)]
+pub(super) struct Resident {
+    pub(super) mesh: MeshBuffers,
+    /// Welded positions, and their gradient.
+    pub(super) welded: Buffer<[f32; 3]>,
+    pub(super) d_welded: Buffer<[f32; 3]>,
+    pub(super) maps: MipBuffers,
+    /// Texels of the base of the maps.
+    pub(super) texels: usize,
+    /// The best positions and maps.
+    pub(super) best: (Buffer<[f32; 3]>, Buffer<[f32; 4]>),
+    weld: Lists,
+    normals: VertexNormals,
+    tangents: VertexTangents,
+    mip_adjoint: MipAdjoint,
+    /// Classes of the texels whose alpha is no parameter, where there are any.
+    held: Option<Buffer<u32>>,
+}
+
+impl Resident {
+    /// Uploads a candidate; `fitted` says which samples of a texel have gradients.
+    pub(super) fn new(gpu: &Gpu, c: &Candidate, fitted: [bool; CHANNELS]) -> Result<Self, GpuError> {
+        let uvs: Vec<[f32; 2]> = c.uvs.iter().map(|uv| uv.to_array()).collect();
+        let topology = Topology { triangles: &c.triangles, opposite: &c.opposite, neighbour: &c.neighbour };
+        let mesh = MeshBuffers::new(gpu, &uvs, &topology, &c.alpha, &c.sides)?;
+        let [weld, smooth, unique] = [&Incidence::new(&c.triangles, &c.weld), &c.smooth, &c.unique]
+            .map(|incidence| Lists::new(gpu, incidence));
+        let (weld, smooth, unique) = (weld?, smooth?, unique?);
+        let positions: &[[f32; 3]] = bytemuck::cast_slice(&c.positions);
+        let maps = MipBuffers::new(gpu, &c.maps, fitted, SUM_SCALE)?;
+        let best_maps = gpu.zeros("best maps", maps.texels.len())?;
+        let texels = c.maps.levels[0].texels.len();
+        let class = |i: usize| {
+            let of = |held: &[bool], class: u32| if held.get(i) == Some(&true) { class } else { 0 };
+            of(&c.solid, SOLID) | of(&c.masked, MASKED)
+        };
+        let held: Vec<u32> = (0..texels).map(class).collect();
+        let some = held.iter().any(|h| *h != 0);
+        Ok(Self {
+            welded: gpu.upload("welded positions", positions)?,
+            d_welded: gpu.zeros("gradient of welded positions", positions.len())?,
+            best: (gpu.upload("best positions", positions)?, best_maps),
+            normals: VertexNormals::new(gpu, &smooth)?,
+            tangents: VertexTangents::new(gpu, &unique, &c.frames)?,
+            held: some.then(|| gpu.upload("held texels", &held)).transpose()?,
+            mip_adjoint: c.mip_adjoint,
+            texels,
+            weld,
+            maps,
+            mesh,
+        })
+    }
+
+    /// Records the vertex arrays for the present positions: twin of [`Candidate::vertices`].
+    pub(super) fn record_vertices(&self, r: &mut Recorder) -> Result<(), GpuError> {
+        let MeshBuffers { positions, normals, tangents, .. } = &self.mesh;
+        expand(r, &self.weld, &self.welded, positions)?;
+        self.normals.forward(r, positions, normals)?;
+        self.tangents.forward(r, positions, normals, tangents)
+    }
+
+    /// Records that all gradients are zero.
+    pub(super) fn record_clear(&self, r: &mut Recorder, g: &GradientBuffers) {
+        r.clear(&self.d_welded);
+        r.clear(&self.maps.gradient);
+        r.clear(&g.positions);
+        r.clear(&g.normals);
+        r.clear(&g.tangents);
+    }
+
+    /// Records how the gradients of pictures return to the parameters: twin of the end of [`Candidate::pull_back`].
+    pub(super) fn record_vjp(
+        &self,
+        r: &mut Recorder,
+        g: &GradientBuffers,
+        passes: &Passes,
+    ) -> Result<(), GpuError> {
+        if passes.position_gradients {
+            let MeshBuffers { positions, normals, .. } = &self.mesh;
+            self.tangents.vjp(r, positions, normals, &g.tangents, &g.positions, &g.normals)?;
+            self.normals.vjp(r, positions, &g.normals, &g.positions)?;
+            expand_vjp(r, &self.weld, &g.positions, &self.d_welded)?;
+        }
+        if passes.map_gradients {
+            self.maps.record_collect(r)?;
+            self.maps.record_collapse_vjp(r, self.mip_adjoint)?;
+            if let Some(held) = &self.held {
+                // The outline of a mask that is cut has no gradient; what weighs colours must not move it.
+                let which = if passes.masks == Masks::Cut { SOLID | MASKED } else { SOLID };
+                let params = [self.texels as u32, which, CHANNELS as u32, channel::ALPHA as u32];
+                r.dispatch(&HOLD, &params, &[self.maps.gradient.bind(), held.bind()], self.texels)?;
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,204 @@
+//! A step on a device against the same step on the CPU.
+
+use super::*;
+use crate::candidate::{Candidate, SurfaceClass};
+use crate::engine::cpu::Cpu;
+use crate::engine::views::{Lighting, Orbit, Sampling, Set, Views};
+use photofit_geometry::atlas::{UnwrapOptions, unwrap};
+use photofit_geometry::weld::weld_exact;
+use photofit_geometry::{Mesh, shapes};
+use photofit_gpu::{test_device, validate};
+use photofit_gradcheck::Uniform;
+use photofit_image::Image;
+use photofit_raster::deferred::Passes;
+use photofit_raster::{Maps, channel};
+use photofit_scene::AlphaMode;
+use photofit_shading::Sides;
+
+/// Difference of gradients of a whole step, root mean square over root mean square: samples on edges that `f32` and `f64`
+/// give to different triangles, and kinks of the loss.
+const GRADIENT: f64 = 1e-3;
+/// Relative difference of the loss.
+const LOSS: f64 = 1e-4;
+/// Largest difference of pixels but for a few on edges.
+const PIXELS: f32 = 1e-3;
+
+/// A body, and in front of it blended and masked sheets if wanted.
+fn candidate(sheets: bool) -> Candidate {
+    let (mut mesh, mut class) = (Mesh::default(), Vec::new());
+    let mut add = |part: Mesh, of: u32, size: f32, z: f32| {
+        let first = mesh.positions.len() as u32;
+        let place =
+            |p: &photofit_scalar::Vec3f| photofit_scalar::vec3(p.x * size, p.y * size, p.z * size + z);
+        mesh.positions.extend(part.positions.iter().map(place));
+        mesh.triangles.extend(part.triangles.iter().map(|t| t.map(|i| i + first)));
+        class.extend(part.triangles.iter().map(|_| of));
+    };
+    add(shapes::displaced_sphere(5, 0.2, 3, 5), 0, 0.8, 0.0);
+    if sheets {
+        add(shapes::quad_grid(4, 4), 1, 0.5, 0.85);
+        add(shapes::quad_grid(4, 4), 2, 0.4, -0.9);
+    }
+    let options = UnwrapOptions { size: 128, ..UnwrapOptions::default() };
+    let atlas = unwrap(&mesh.positions, &mesh.triangles, &class, &options).unwrap();
+    let (mesh, _) = atlas.build_mesh(&mesh.positions, &mesh.triangles);
+    let alpha = [AlphaMode::Opaque, AlphaMode::Blend, AlphaMode::Mask { cutoff: 0.5 }];
+    let classes = alpha.map(|alpha| SurfaceClass { alpha, sides: Sides::Both }).to_vec();
+    let mut rng = Uniform::new(3);
+    let texel = |_| {
+        let mut t = [0.0; CHANNELS].map(|_: f32| rng.range(0.2, 0.8) as f32);
+        t[channel::NORMAL] -= 0.5;
+        t[channel::NORMAL + 1] -= 0.5;
+        t[channel::NORMAL + 2] = 0.9;
+        t
+    };
+    let maps = Maps { width: 128, height: 128, texels: (0..128 * 128).map(texel).collect() };
+    Candidate::new(&mesh, &weld_exact(&mesh.positions), class, classes, maps)
+}
+
+fn surface(sheets: bool) -> Surface {
+    let mut rates = [0.0; CHANNELS];
+    rates[..channel::USED].fill(1.0);
+    rates[channel::METALLIC] = 0.5;
+    Surface { candidate: candidate(sheets), passes: Passes::default(), rates, moves: true }
+}
+
+fn shots(sampling: Sampling, size: usize) -> Vec<Shot> {
+    let views = Orbit::new(4, &Lighting::Mixed, size);
+    let mut rng = Uniform::new(8);
+    (0..2)
+        .map(|i| {
+            let setup = views.setup(Set::Train, i, 0);
+            let picture = Image::from_fn(setup.width, setup.height, 4, |_, _, _| rng.range(0.0, 1.0) as f32);
+            Shot::new(&setup, &picture, sampling, 1, i)
+        })
+        .collect()
+}
+
+/// Root mean square of the difference over that of the first.
+fn difference(a: &[f32], b: &[f32]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    let square = |x: f32| f64::from(x) * f64::from(x);
+    let sum = a.iter().zip(b).map(|(a, b)| square(a - b)).sum::<f64>();
+    (sum / a.iter().map(|a| square(*a)).sum::<f64>().max(1e-300)).sqrt()
+}
+
+/// Loss and gradients of positions and maps, without the samples that are not fitted.
+type Gradients = (f64, Vec<f32>, Vec<f32>);
+
+fn on_cpu(s: &Surface, shots: &[Shot]) -> Gradients {
+    let mut g = s.candidate.gradients();
+    let loss = s.candidate.step(shots, Loss::LogSrgbL1, &s.passes, &mut g);
+    let mut texels = g.rendered.maps.levels[0].texels.clone();
+    for t in &mut texels {
+        t.iter_mut().zip(s.rates).filter(|(_, r)| *r == 0.0).for_each(|(t, _)| *t = 0.0);
+    }
+    (loss, bytemuck::cast_slice(&g.positions).to_vec(), texels.into_flattened())
+}
+
+fn on_device(gpu: &Gpu, s: &Surface, shots: &[Shot]) -> Gradients {
+    let mut model = GpuSurface::new(gpu, s.clone(), shots).unwrap();
+    model.step(shots, Loss::LogSrgbL1, &[1e-12, 1e-12]).unwrap();
+    let loss = model.losses().unwrap()[0];
+    let mut texels = gpu.read(&model.on.maps.gradient).unwrap().into_flattened();
+    texels.truncate(model.on.texels * CHANNELS);
+    (loss, gpu.read(&model.on.d_welded).unwrap().into_flattened(), texels)
+}
+
+fn check(sheets: bool, sampling: Sampling, size: usize) {
+    let Some(gpu) = test_device() else { return };
+    let (s, shots) = (surface(sheets), shots(sampling, size));
+    let (a, b) = (on_cpu(&s, &shots), on_device(gpu, &s, &shots));
+    let [loss, positions, maps] = [(a.0 / b.0 - 1.0).abs(), difference(&a.1, &b.1), difference(&a.2, &b.2)];
+    println!("sheets {sheets}, {sampling:?}: loss {loss:.1e}, positions {positions:.1e}, maps {maps:.1e}");
+    assert!(loss < LOSS, "{loss:e}");
+    assert!(positions < GRADIENT, "{positions:e}");
+    assert!(maps < GRADIENT, "{maps:e}");
+    assert!(on_device(gpu, &s, &shots) == b, "the same bits again");
+    let mut bent = s.clone();
+    bent.candidate.positions[3].x += 1e-2;
+    assert!(difference(&on_cpu(&bent, &shots).1, &b.1) > GRADIENT, "a moved vertex is noticed");
+}
+
+#[test]
+fn gradients_of_a_step_agree() {
+    check(false, Sampling::SUPERSAMPLED, 48);
+}
+
+#[test]
+fn gradients_of_transparent_layers_agree() {
+    check(true, Sampling::SUPERSAMPLED, 48);
+}
+
+#[test]
+fn gradients_of_pixels_shaded_once_agree() {
+    check(false, Sampling::ENGINE, 32);
+}
+
+#[test]
+fn steps_and_pictures_agree_and_values_are_kept() {
+    let Some(gpu) = test_device() else { return };
+    let (s, shots) = (surface(false), shots(Sampling::SUPERSAMPLED, 40));
+    let mut cpu = Cpu::new(s.clone()).unwrap();
+    let mut device = GpuSurface::new(gpu, s, &shots).unwrap();
+    let start: Vec<Vec<f32>> = (0..2).map(|g| cpu.values(g).unwrap().into_owned()).collect();
+    for g in 0..2 {
+        assert!(device.values(g).unwrap()[..] == start[g]);
+    }
+    for step in 0..6 {
+        let rates = [if step == 3 { 0.0 } else { 0.002 }, 0.01];
+        cpu.step(&shots, Loss::LogSrgbL1, &rates).unwrap();
+        device.step(&shots, Loss::LogSrgbL1, &rates).unwrap();
+    }
+    let (a, b) = (cpu.losses().unwrap(), device.losses().unwrap());
+    assert_eq!(a.len(), b.len());
+    assert!(a.iter().zip(&b).all(|(a, b)| (a / b - 1.0).abs() < 1e-3), "{a:?} {b:?}");
+    assert!(device.losses().unwrap().is_empty());
+    for g in 0..2 {
+        let (x, y) = (cpu.values(g).unwrap(), device.values(g).unwrap());
+        let [moved, apart] = [difference(&start[g], &x), difference(&x, &y)];
+        println!("group {g}: moved {moved:.1e}, apart {apart:.1e}");
+        assert!(apart < 0.02 * moved, "group {g}: {apart:e} of {moved:e}");
+    }
+    let (x, y) = (cpu.pictures(&shots).unwrap(), device.pictures(&shots).unwrap());
+    let off = |(a, b): &(&[f32; 4], &[f32; 4])| (0..4).any(|k| (a[k] - b[k]).abs() > 10.0 * PIXELS);
+    let count = x.iter().flatten().zip(y.iter().flatten()).filter(off).count();
+    assert!(count * 200 < 2 * 40 * 40, "{count} pixels differ");
+    // Best and present values, by way of the device and of a snapshot.
+    let present = device.values(1).unwrap().into_owned();
+    assert!(device.snapshot(1).unwrap().best[..] == start[1]);
+    device.keep_best().unwrap();
+    device.set(1, &start[1]).unwrap();
+    assert!(device.values(1).unwrap()[..] == start[1]);
+    device.go_to_best(1).unwrap();
+    assert!(device.values(1).unwrap()[..] == present);
+    let saved = device.snapshot(0).unwrap();
+    let saved = Snapshot {
+        values: saved.values.into_owned().into(),
+        best: start[0].clone().into(),
+        optimizer: Cow::Owned(saved.optimizer.into_owned()),
+    };
+    let (values, steps) = (saved.values.clone().into_owned(), saved.optimizer.step);
+    assert_eq!(steps, 5, "the step without a rate did not count");
+    device.restore(0, saved).unwrap();
+    let again = device.snapshot(0).unwrap();
+    assert!(again.values[..] == values && again.best[..] == start[0] && again.optimizer.step == 5);
+    assert!(bytemuck::cast_slice::<_, f32>(&device.into_asset().unwrap().candidate.positions) == values);
+}
+
+#[test]
+fn losses_that_are_not_finite_are_told() {
+    let Some(gpu) = test_device() else { return };
+    let (s, mut shots) = (surface(false), shots(Sampling::SUPERSAMPLED, 16));
+    let mut device = GpuSurface::new(gpu, s, &shots).unwrap();
+    device.step(&shots, Loss::Mse, &[0.001, 0.01]).unwrap();
+    shots[1].reference[7][1] = f32::NAN;
+    device.step(&shots, Loss::Mse, &[0.001, 0.01]).unwrap();
+    let losses = device.losses().unwrap();
+    assert!(losses[0].is_finite() && losses[1].is_nan(), "{losses:?}");
+}
+
+#[test]
+fn kernels_are_valid() {
+    KERNELS.iter().for_each(|k| validate(k).unwrap());
+}
