@@ -19,7 +19,8 @@ pub use params::{FrameParams, Shot};
 pub use shading::{Shading, Work};
 pub use steps::{Slots, Steps};
 
-use crate::{antialias, deferred::composite, loss, project, rasterize};
+use crate::deferred::{composite, gpu as shade};
+use crate::{antialias, loss, project, rasterize};
 use photofit_gpu::Kernel;
 
 /// Parameters of all kernels of a picture, and the numbers of its samples.
@@ -39,6 +40,11 @@ pub const KERNELS: &[Kernel] = &[
     antialias::gpu::SILHOUETTES,
     antialias::gpu::BLEND,
     antialias::gpu::REVERSE,
+    shade::LOAD_CORNERS,
+    shade::SHADE,
+    shade::SHADE_VJP,
+    shade::SHADE_VJP_POSITIONS,
+    shade::SHADE_VJP_MAPS,
     composite::BLEND,
     composite::BLEND_VJP,
     composite::TRANSPARENT_PART,

@@ -27,3 +27,15 @@ pub(crate) const COMPOSITE: f32 = 1e-6;
 pub(crate) const LOSS: f64 = 4e-6;
 /// Gradients of losses, relative to the largest: the tone curve's series on both sides.
 pub(crate) const LOSS_GRADIENT: f32 = 4e-6;
+/// Pixels of a shaded layer (`photofit_gradcheck::worst_difference`): interpolation, lookups and lights, a few hundred
+/// operations; the share of a mip level is known to some 1e-6.
+pub(crate) const SHADED: f64 = 5e-5;
+/// Gradients of a shaded layer, as above: terms of both signs are summed in `f32` on the CPU, per texel up to hundreds.
+pub(crate) const SHADED_VJP: f64 = 1e-3;
+/// Share of the pixels of a picture whose colour may differ by more than [`PICTURE`]: a sample on an edge shows another
+/// triangle.
+pub(crate) const OTHER_PIXELS: f64 = 2e-3;
+/// Colours of a picture.
+pub(crate) const PICTURE: f32 = 2e-4;
+/// Gradients of a picture, the norm of the difference relative to that of the gradient: what a fit tolerates.
+pub(crate) const PICTURE_VJP: f64 = 1e-3;

@@ -1,32 +1,20 @@
 //! Shading on a device against the CPU: a layer alone.
 
+mod picture;
 mod scene;
 
 use super::*;
 use crate::deferred::{Gradients, render, render_vjp};
+use crate::gpu::tests::device;
+use crate::gpu::tolerances::{SHADED, SHADED_VJP};
 use crate::gpu::{VERTEX_SUMS, vertex_sum};
 use crate::project::project_vjp;
 use crate::rasterize::NONE;
-use photofit_gpu::{test_device, validate};
+use photofit_gpu::test_device;
 use photofit_gradcheck::{Uniform, worst_difference};
 use photofit_scalar::{Vec3f, Vec4f, vec3, vec4};
 use photofit_texture::gpu::SUM_SCALE;
 use scene::Scene;
-
-/// Worst difference of radiance, of the whole layer.
-const RADIANCE: f64 = 1e-4;
-/// Worst difference of a gradient, against the root mean square of its kind.
-const GRADIENT: f64 = 1e-3;
-
-/// The device, or the end of the test where there is none.
-macro_rules! device {
-    () => {
-        match test_device() {
-            Some(gpu) => gpu,
-            None => return,
-        }
-    };
-}
 
 /// What a layer gives: pixels, and the gradients of positions, normals, tangents and texels.
 struct Layer {
@@ -155,17 +143,10 @@ fn check(gpu: &Gpu, what: &str, s: &Scene, passes: &Passes) {
     let covered = expected.color.iter().filter(|c| c[3] > 0.0).count();
     assert!(covered > expected.color.len() / 5, "{what}: {covered} pixels are covered");
     let error = worst_difference(found.color.as_flattened(), expected.color.as_flattened());
-    assert!(error <= RADIANCE, "{what}: radiance differs by {error:.2e}");
+    assert!(error <= SHADED, "{what}: radiance differs by {error:.2e}");
     for (k, (found, expected)) in found.gradients.iter().zip(&expected.gradients).enumerate() {
         let error = worst_difference(found, expected);
-        assert!(error <= GRADIENT, "{what}, {}: differs by {error:.2e}", NAMES[k]);
-    }
-}
-
-#[test]
-fn kernels_are_valid() {
-    for kernel in [LOAD_CORNERS, SHADE, SHADE_VJP, SHADE_VJP_POSITIONS, SHADE_VJP_MAPS] {
-        validate(&kernel).expect("valid");
+        assert!(error <= SHADED_VJP, "{what}, {}: differs by {error:.2e}", NAMES[k]);
     }
 }
 
@@ -219,6 +200,6 @@ fn a_perturbed_side_is_found() {
     let mut other = s;
     other.normals[40].x += 0.01;
     let found = on_device(gpu, &other, &passes(), &g);
-    assert!(worst_difference(found.color.as_flattened(), expected.color.as_flattened()) > RADIANCE);
-    assert!(worst_difference(&found.gradients[0], &expected.gradients[0]) > GRADIENT);
+    assert!(worst_difference(found.color.as_flattened(), expected.color.as_flattened()) > SHADED);
+    assert!(worst_difference(&found.gradients[0], &expected.gradients[0]) > SHADED_VJP);
 }
