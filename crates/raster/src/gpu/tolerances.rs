@@ -32,6 +32,9 @@ pub(crate) const LOSS_GRADIENT: f32 = 4e-6;
 pub(crate) const SHADED: f64 = 5e-5;
 /// Gradients of a shaded layer, as above: terms of both signs are summed in `f32` on the CPU, per texel up to hundreds.
 pub(crate) const SHADED_VJP: f64 = 1e-3;
+/// Both, of meshes with corners behind the eye and surfaces as smooth as can be: lobes narrower than what the rounding of
+/// normals turns them by.
+pub(crate) const SHADED_BROKEN: f64 = 2e-2;
 /// Share of the pixels of a picture whose colour may differ by more than [`PICTURE`]: a sample on an edge shows another
 /// triangle.
 pub(crate) const OTHER_PIXELS: f64 = 2e-3;

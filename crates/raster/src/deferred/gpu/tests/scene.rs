@@ -104,7 +104,7 @@ impl Scene {
 
     /// The scene with every third triangle of another class.
     pub(super) fn with_alpha(&self, alpha: AlphaMode) -> Self {
-        let of = |t: usize| if t % 3 == 0 { AlphaMode::Opaque } else { alpha };
+        let of = |t: usize| if t.is_multiple_of(3) { AlphaMode::Opaque } else { alpha };
         Self { alpha: (0..self.triangles.len()).map(of).collect(), ..self.clone() }
     }
 
