@@ -19,8 +19,7 @@ pub use params::{FrameParams, Shot};
 pub use shading::{Shading, Work};
 pub use steps::{Slots, Steps};
 
-use crate::deferred::{composite, gpu as shade};
-use crate::{antialias, loss, project, rasterize};
+use crate::{antialias, deferred, deferred::composite, loss, project, rasterize};
 use photofit_gpu::Kernel;
 
 /// Parameters of all kernels of a picture, and the numbers of its samples.
@@ -40,11 +39,11 @@ pub const KERNELS: &[Kernel] = &[
     antialias::gpu::SILHOUETTES,
     antialias::gpu::BLEND,
     antialias::gpu::REVERSE,
-    shade::LOAD_CORNERS,
-    shade::SHADE,
-    shade::SHADE_VJP,
-    shade::SHADE_VJP_POSITIONS,
-    shade::SHADE_VJP_MAPS,
+    deferred::gpu::LOAD_CORNERS,
+    deferred::gpu::SHADE,
+    deferred::gpu::SHADE_VJP,
+    deferred::gpu::SHADE_VJP_POSITIONS,
+    deferred::gpu::SHADE_VJP_MAPS,
     composite::BLEND,
     composite::BLEND_VJP,
     composite::TRANSPARENT_PART,

@@ -21,8 +21,12 @@ pub(crate) const ANTIALIASED: f32 = 1e-4;
 /// Gradients of clip-space positions and colours by antialiasing, relative to the largest: as colours, and the derivative
 /// divides by the edge's extent.
 pub(crate) const ANTIALIASED_VJP: f32 = 3e-4;
-/// Layers over one another: a few roundings.
-pub(crate) const COMPOSITE: f32 = 1e-6;
+/// Radiance of a pixel, relative to one or to itself: shading, the mean of samples, layers over one another.
+pub(crate) const PICTURE: f32 = 1e-4;
+/// Share of pixels that may differ by more: those of a few samples that show another triangle or silhouette.
+pub(crate) const PICTURE_PIXELS: f64 = 2e-3;
+/// Gradients of whole pictures, relative in norm.
+pub(crate) const GRADIENT: f64 = 1e-3;
 /// Losses, relative: sums of 2^20 terms in single precision, by a tree.
 pub(crate) const LOSS: f64 = 4e-6;
 /// Gradients of losses, relative to the largest: the tone curve's series on both sides.
@@ -35,10 +39,3 @@ pub(crate) const SHADED_VJP: f64 = 1e-3;
 /// Both, of meshes with corners behind the eye and surfaces as smooth as can be: lobes narrower than what the rounding of
 /// normals turns them by.
 pub(crate) const SHADED_BROKEN: f64 = 2e-2;
-/// Share of the pixels of a picture whose colour may differ by more than [`PICTURE`]: a sample on an edge shows another
-/// triangle.
-pub(crate) const OTHER_PIXELS: f64 = 2e-3;
-/// Colours of a picture.
-pub(crate) const PICTURE: f32 = 2e-4;
-/// Gradients of a picture, the norm of the difference relative to that of the gradient: what a fit tolerates.
-pub(crate) const PICTURE_VJP: f64 = 1e-3;

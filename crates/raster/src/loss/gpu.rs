@@ -143,3 +143,6 @@ pub fn value_and_gradient(
     let sum = r.dispatch(&FINISH, &params, &[partial.bind(), values.bind()], LANES)?;
     Ok(RecordedLoss { slots: [terms, sum], weighted, place })
 }
+
+#[cfg(test)]
+mod tests;

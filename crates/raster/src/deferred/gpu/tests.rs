@@ -1,6 +1,5 @@
 //! Shading on a device against the CPU: a layer alone.
 
-mod picture;
 mod scene;
 
 use super::*;

@@ -1,5 +1,7 @@
 //! Each kernel against its operation on the CPU.
 
+mod picture;
+
 use super::{FrameParams, KERNELS, MeshBuffers, PictureBuffers, Shot};
 use crate::antialias::Topology;
 use crate::deferred::Passes;

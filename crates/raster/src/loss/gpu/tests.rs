@@ -1,0 +1,135 @@
+//! Losses on a device against the CPU's.
+
+use super::*;
+use crate::gpu::tests::device;
+use crate::gpu::tolerances::{LOSS, LOSS_GRADIENT};
+use crate::loss::Frame;
+use photofit_gradcheck::Uniform;
+
+const POINTWISE: [Loss; 6] =
+    [Loss::LogSrgbL1, Loss::LogSrgbL2, Loss::Mse, Loss::Smape, Loss::RelativeL2, Loss::Coverage];
+
+type Image = Vec<[f32; 4]>;
+
+/// Radiance over several orders of magnitude, some of it negative, infinite or equal to the other's.
+fn images(n: usize, seed: u64) -> (Image, Image) {
+    let mut rng = Uniform::new(seed);
+    let mut sample = |y: f32| {
+        let kind = rng.range(0.0, 1.0);
+        let x = (10f64.powf(rng.range(-6.0, 4.0)) * if kind < 0.1 { -1.0 } else { 1.0 }) as f32;
+        match kind {
+            k if k > 0.999 => f32::INFINITY,
+            k if k > 0.95 => y,
+            _ => x,
+        }
+    };
+    let y: Image = (0..n).map(|_| std::array::from_fn(|_| sample(0.0))).collect();
+    let x = y.iter().map(|y| y.map(&mut sample)).collect();
+    (x, y)
+}
+
+struct Setup<'a> {
+    term: Term,
+    weights: &'a [f32],
+    before: &'a Image,
+}
+
+/// Value and gradient by the device; the recording is for twice as many pixels.
+fn on_device(gpu: &Gpu, (x, y): (&Image, &Image), setup: &Setup<'_>) -> (f32, Image) {
+    let n = x.len();
+    let room = 2 * n;
+    let buffers = LossBuffers::new(gpu, room, !setup.weights.is_empty(), 3).expect("made");
+    let (candidate, gradient) =
+        (gpu.zeros("candidate", room).expect("made"), gpu.zeros("gradient", room).expect("made"));
+    gpu.write(&candidate, x).expect("written");
+    gpu.write(&buffers.reference, y).expect("written");
+    gpu.write(&buffers.weights, setup.weights).expect("written");
+    gpu.write(&gradient, setup.before).expect("written");
+    gpu.write(&buffers.values, &[5.0, 0.25, 5.0]).expect("written");
+    let mut r = gpu.record("loss");
+    let recorded =
+        value_and_gradient(&mut r, &setup.term, room, &candidate, &buffers, &gradient, 1).expect("recorded");
+    let mut recording = r.finish().expect("recorded");
+    recorded.set(&mut recording, &setup.term, n);
+    recording.run().expect("runs");
+    let values = gpu.read(&buffers.values).expect("read");
+    assert_eq!([values[0], values[2]], [5.0; 2], "other places are not touched");
+    let mut g = gpu.read(&gradient).expect("read");
+    assert!(g[n..].iter().flatten().all(|g| *g == 0.0), "nor other pixels");
+    g.truncate(n);
+    (values[1], g)
+}
+
+#[test]
+fn values_and_gradients_are_those_of_the_cpu() {
+    let gpu = device!();
+    let mut worst = [0.0_f64; 2];
+    for (n, read) in [(1, 0..1), (7 * 9, 0..3), (256, 1..4), (150_001, 0..3), (1000, 3..4)] {
+        let (x, y) = images(n, n as u64);
+        let mut rng = Uniform::new(3);
+        let weights: Vec<f32> =
+            (0..n).map(|i| if i % 5 == 1 { 0.0 } else { rng.range(0.1, 2.0) as f32 }).collect();
+        let before: Image = (0..n).map(|_| std::array::from_fn(|_| rng.range(-1.0, 1.0) as f32)).collect();
+        for loss in POINTWISE {
+            for (weights, accumulates) in [(&[][..], false), (&weights[..], true)] {
+                let setup = Setup {
+                    term: Term { loss, read: read.clone(), factor: 0.7 * n as f64, accumulates },
+                    weights,
+                    before: &before,
+                };
+                let (value, g) = on_device(gpu, (&x, &y), &setup);
+                let frame = Frame::new(n, 1, 4).only(read.clone());
+                let frame = if weights.is_empty() { frame } else { frame.weighted(weights) };
+                let mut expected = if accumulates { before.clone() } else { vec![[0.0; 4]; n] };
+                let own = loss.value_and_gradient(
+                    x.as_flattened(),
+                    y.as_flattened(),
+                    &frame,
+                    setup.term.factor,
+                    expected.as_flattened_mut(),
+                );
+                let size = own + if accumulates { 0.25 } else { 0.0 };
+                let error = (f64::from(value) - size).abs() / size.abs().max(1e-12);
+                // Relative to the largest gradient that the loss has at these samples, channel by channel.
+                let largest = expected.as_flattened().iter().fold(1e-12_f32, |m, g| m.max(g.abs()));
+                let off = g.as_flattened().iter().zip(expected.as_flattened());
+                let off = off.fold(0.0_f32, |m, (a, b)| {
+                    m.max((a - b).abs() / largest.min(b.abs().max(1e-3 * largest)))
+                });
+                worst = [worst[0].max(error), worst[1].max(f64::from(off))];
+                assert!(error < LOSS, "{loss:?} of {n}: {value} {size}, {error:.1e}");
+                assert!(off < LOSS_GRADIENT, "{loss:?} of {n}: gradients differ by {off:.1e}");
+            }
+        }
+    }
+    println!("losses differ by at most {:.1e}, gradients by {:.1e}", worst[0], worst[1]);
+}
+
+#[test]
+fn runs_agree_and_changes_are_noticed() {
+    let gpu = device!();
+    let (mut x, y) = images(40_000, 8);
+    let before = vec![[0.0; 4]; x.len()];
+    for loss in POINTWISE {
+        let setup = Setup {
+            term: Term { loss, read: 0..4, factor: 1.0, accumulates: false },
+            weights: &[],
+            before: &before,
+        };
+        let first = on_device(gpu, (&x, &y), &setup);
+        assert!(on_device(gpu, (&x, &y), &setup) == first, "{loss:?}: the same bits");
+        x[777] = [0.5, 0.1, 0.7, 2.0];
+        let other = on_device(gpu, (&x, &y), &setup);
+        assert!(other.0 != first.0 && other.1 != first.1, "{loss:?}");
+        // Not a number is not hidden.
+        x[777][3] = f32::NAN;
+        assert!(on_device(gpu, (&x, &y), &setup).0.is_nan(), "{loss:?} hides NaN");
+        x[777] = [0.2; 4];
+    }
+    let mut r = gpu.record("ssim");
+    let b = gpu.zeros("picture", 1).expect("made");
+    let buffers = LossBuffers::new(gpu, 1, false, 1).expect("made");
+    let term = Term { loss: Loss::Ssim, read: 0..3, factor: 1.0, accumulates: false };
+    let error = value_and_gradient(&mut r, &term, 1, &b, &buffers, &b, 0).expect_err("has no twin");
+    assert!(error.to_string().contains("CPU only"), "{error}");
+}
