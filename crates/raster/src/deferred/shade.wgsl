@@ -163,19 +163,15 @@ fn shade_layer(
 // `add_fixed` for the sums of vertices.
 fn add_vertex(at: u32, x: f32) {
     let status = arrayLength(&vertex_sums) - 1u;
-    if !(abs(x) * params.scale < FIXED_LIMIT) {
+    if !fixed_fits(x, params.scale) {
         atomicOr(&vertex_sums[status], 1u);
         return;
     }
     let words = fixed_words(x, params.scale);
     let before = atomicAdd(&vertex_sums[2u * at], words.x);
     let high = words.y + select(0u, 1u, before > 0xffffffffu - words.x);
-    if high != 0u {
-        let old = atomicAdd(&vertex_sums[2u * at + 1u], high);
-        let after = old + high;
-        if ((old ^ after) & (high ^ after)) >= 0x80000000u {
-            atomicOr(&vertex_sums[status], 2u);
-        }
+    if high != 0u && fixed_overflows(atomicAdd(&vertex_sums[2u * at + 1u], high), high) {
+        atomicOr(&vertex_sums[status], 2u);
     }
 }
 
