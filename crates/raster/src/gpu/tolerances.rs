@@ -29,5 +29,5 @@ pub(crate) const PICTURE_PIXELS: f64 = 2e-3;
 pub(crate) const GRADIENT: f64 = 1e-3;
 /// Losses, relative: sums of 2^20 terms in single precision, by a tree.
 pub(crate) const LOSS: f64 = 4e-6;
-/// Gradients of losses, relative to the largest: the tone curve's series on both sides.
-pub(crate) const LOSS_GRADIENT: f32 = 4e-6;
+/// Gradients of losses, relative to themselves or a thousandth of the largest: differences of values of the tone curve.
+pub(crate) const LOSS_GRADIENT: f32 = 1e-5;
