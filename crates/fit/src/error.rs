@@ -37,6 +37,16 @@ pub enum FitError {
         /// What remains.
         kept: String,
     },
+    /// The device that the fit ran on failed.
+    #[error("step {step}: {source}; {kept}")]
+    Device {
+        /// Step of the fit.
+        step: u64,
+        /// What the device says.
+        source: Box<dyn std::error::Error + Send + Sync>,
+        /// What remains.
+        kept: String,
+    },
     /// An optimizer or its preconditioner could not be set up.
     #[error("preconditioner: {0}")]
     Preconditioner(#[source] photofit_optim::OptimError),

@@ -7,10 +7,11 @@
 
 use crate::engine::Normalised;
 use crate::engine::checkpoint::Digest;
+use crate::engine::cpu::Cpu;
 use crate::engine::judge::{Quality, ReportView, Stage, rasterized_views};
 use crate::engine::loss;
-use crate::engine::model::Surface;
 use crate::engine::reference::{ENERGY, Rasterized, Reference, SUPERSAMPLE};
+use crate::engine::surface::Surface;
 use crate::engine::trainer::{self, HeldOut, HistoryPoint, Job, Keeping, Phase, train};
 use crate::engine::views::{Sampling, Set};
 use crate::pictures::PictureFolder;
@@ -131,7 +132,7 @@ pub fn recover_texture(
         rates: vec![MAP_RATE],
         renewal: None,
     };
-    let trained = train(model, &job, |_| vec![phase], progress)?;
+    let trained = train(Cpu::new(model)?, &job, |_| vec![phase], progress)?;
 
     photofit_scene::save_glb(output, &to_scene(&trained.model.candidate, &n))?;
     let fitted = photofit_scene::load(output)?;

@@ -2,6 +2,10 @@
 
 use photofit_scalar::{Real, Vec3};
 
+/// The same functions in WGSL.
+#[cfg(feature = "gpu")]
+pub(crate) const ANGLE: &str = include_str!("angle.wgsl");
+
 /// Largest absolute component; zero for the zero vector, infinite or NaN components give infinity.
 #[inline(always)]
 pub(crate) fn reach<T: Real>(v: Vec3<T>) -> T {

@@ -3,7 +3,7 @@
 //! Meshes are indexed triangles ([`Mesh`]). Topology is taken on welded positions ([`weld`]), so that uv seams and hard
 //! edges do not open the surface; [`adjacency`] finds edges, neighbours and one-rings; [`Incidence`] holds the gather
 //! lists on which [`normals`] and [`tangents`] (forward and vector-Jacobian product) run deterministically for any
-//! number of threads.
+//! number of threads. With the feature `gpu` these have twins on a device.
 
 mod angle;
 mod error;
@@ -15,6 +15,8 @@ pub mod adjacency;
 pub mod atlas;
 pub mod csr;
 pub mod decimate;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 pub mod laplacian;
 pub mod normals;
 pub mod shapes;

@@ -22,11 +22,11 @@ fn eval_lobes(l: Lobes, c: Compensation, n: vec3<f32>, wo: vec3<f32>, wi: vec3<f
     if !(nl > 0.0) {
         return vec3<f32>(0.0);
     }
-    let t = terms(l.roughness, n, wo, nl, half_vector(n, wo, wi));
+    var wide = l.diffuse * FRAC_1_PI;
     if c.on {
-        return broad(c.albedo, l.diffuse, c.viewer, split_sum(nl, l.roughness)) * nl + specular(t, l);
+        wide = broad(c.albedo, l.diffuse, c.viewer, split_sum(nl, l.roughness));
     }
-    return l.diffuse * (nl * FRAC_1_PI) + specular(t, l);
+    return wide * nl + specular(terms(l.roughness, n, wo, nl, half_vector(n, wo, wi)), l);
 }
 
 struct EvalValueGradient {
@@ -48,23 +48,27 @@ fn eval_lobes_vjp(
     if !(nl > 0.0) {
         return out;
     }
+    // Value and gradients of the Lambertian lobe, or of that and multiple scattering.
+    var wide = l.diffuse * FRAC_1_PI;
+    var g_nl = dot(g, wide);
+    var g_cosine = 0.0;
+    var more = Lobes(g * (nl * FRAC_1_PI), vec3<f32>(0.0), 0.0);
+    if c.on {
+        let light = split_sum(nl, l.roughness);
+        wide = broad(c.albedo, l.diffuse, c.viewer, light);
+        let b = broad_vjp(c.albedo, l.diffuse, c.viewer, light, g * nl);
+        g_nl = dot(g, wide) + b.cosines.y;
+        g_cosine = b.cosines.x;
+        more = b.lobes;
+    }
     let half = half_vector(n, wo, wi);
     let t = terms(l.roughness, n, wo, nl, half);
-    if !c.on {
-        out.value = l.diffuse * (nl * FRAC_1_PI) + specular(t, l);
-        out.d = specular_vjp(t, l, n, wo, wi, half, g, dot(g, l.diffuse) * FRAC_1_PI);
-        out.d.lobes.diffuse = g * (nl * FRAC_1_PI);
-        return out;
-    }
-    let light = split_sum(nl, l.roughness);
-    let wide = broad(c.albedo, l.diffuse, c.viewer, light);
     out.value = wide * nl + specular(t, l);
-    let b = broad_vjp(c.albedo, l.diffuse, c.viewer, light, g * nl);
-    out.d = specular_vjp(t, l, n, wo, wi, half, g, dot(g, wide) + b.cosines.y);
-    out.d.lobes.diffuse += b.lobes.diffuse;
-    out.d.lobes.f0 += b.lobes.f0;
-    out.d.lobes.roughness += b.lobes.roughness;
-    out.d.n += wo * b.cosines.x;
-    out.d.wo += n * b.cosines.x;
+    out.d = specular_vjp(t, l, n, wo, wi, half, g, g_nl);
+    out.d.lobes.diffuse += more.diffuse;
+    out.d.lobes.f0 += more.f0;
+    out.d.lobes.roughness += more.roughness;
+    out.d.n += wo * g_cosine;
+    out.d.wo += n * g_cosine;
     return out;
 }

@@ -79,22 +79,23 @@ fn lobe_axis(n: vec3<f32>, wo: vec3<f32>, r: f32) -> vec3<f32> {
     return n * ((1.0 - t) * (cosine + cosine) + t) - wo * (1.0 - t);
 }
 
+// Functions that are long are called in one place each, here and in the adjoint: compilers put them in line.
 fn shade_light(k: Light, l: Lobes, c: Compensation, position: vec3<f32>, n: vec3<f32>, wo: vec3<f32>) -> vec3<f32> {
-    if k.kind == LIGHT_POINT {
-        let to = towards(k.a.xyz, position);
+    if k.kind <= LIGHT_DIRECTIONAL {
+        var to = Towards(k.a.xyz, 1.0, 0.0);
+        if k.kind == LIGHT_POINT {
+            to = towards(k.a.xyz, position);
+        }
         return eval_lobes(l, c, n, wo, to.wi) * k.b.xyz * to.falloff;
-    }
-    if k.kind == LIGHT_DIRECTIONAL {
-        return eval_lobes(l, c, n, wo, k.a.xyz) * k.b.xyz;
     }
     let s = viewer_split_sum(l, c, n, wo).value;
     let albedo = l.f0 * s.x + vec3<f32>(s.y);
-    let broad = broad_part(l, c);
+    let wide = broad_part(l, c);
     if k.kind == LIGHT_AMBIENT {
-        return (broad + albedo) * k.b.xyz;
+        return (wide + albedo) * k.b.xyz;
     }
     let reflected = environment_specular(k.map, yaw_invert(k.a, lobe_axis(n, wo, l.roughness)), l.roughness);
-    return (broad * environment_diffuse(k.map, yaw_invert(k.a, n)) + reflected * albedo) * k.a.z;
+    return (wide * environment_diffuse(k.map, yaw_invert(k.a, n)) + reflected * albedo) * k.a.z;
 }
 
 // Radiance reflected towards `wo`, summed over the lights in order.
@@ -129,42 +130,46 @@ fn broad_part_vjp(l: Lobes, c: Compensation, g: vec3<f32>, sum: ptr<function, Li
     return d.cosines.x;
 }
 
-fn add_eval(d: LobesEvalGradient, sum: ptr<function, LightSum>) {
-    (*sum).lobes.diffuse += d.lobes.diffuse;
-    (*sum).lobes.f0 += d.lobes.f0;
-    (*sum).lobes.roughness += d.lobes.roughness;
-    (*sum).n += d.n;
-    (*sum).wo += d.wo;
-}
-
-fn environment_vjp(
+// Light from all around: ambient, or an environment.
+fn surrounding_vjp(
     k: Light,
     l: Lobes,
     c: Compensation,
     n: vec3<f32>,
     wo: vec3<f32>,
-    g: vec3<f32>,
+    g_radiance: vec3<f32>,
     sum: ptr<function, LightSum>,
 ) {
-    let r = l.roughness;
     let s = viewer_split_sum(l, c, n, wo);
-    let albedo = l.f0 * s.value.x + vec3<f32>(s.value.y);
-    let diffuse = environment_diffuse_vjp(k.map, yaw_invert(k.a, n), g * broad_part(l, c));
-    let reflected = environment_specular_vjp(k.map, yaw_invert(k.a, lobe_axis(n, wo, r)), r, g * albedo);
-    let g_axis = yaw_apply(k.a, reflected.direction);
-    let g_albedo = g * reflected.value;
+    // Gradients of the specular albedo, of the part that other lobes reflect, and of the cosine of the viewer.
+    var g_albedo = g_radiance * k.b.xyz;
+    var g_wide = g_albedo;
+    var g_cosine = 0.0;
+    if k.kind == LIGHT_ENVIRONMENT {
+        let r = l.roughness;
+        let g = g_radiance * k.a.z;
+        let albedo = l.f0 * s.value.x + vec3<f32>(s.value.y);
+        let diffuse = environment_diffuse_vjp(k.map, yaw_invert(k.a, n), g * broad_part(l, c));
+        let reflected = environment_specular_vjp(k.map, yaw_invert(k.a, lobe_axis(n, wo, r)), r, g * albedo);
+        g_albedo = g * reflected.value;
+        g_wide = g * diffuse.value;
+        // axis = k n - (1 - t) wo, k = 2 (1 - t)(n.wo) + t, t = r^2
+        let g_axis = yaw_apply(k.a, reflected.direction);
+        let t = r * r;
+        let cosine = dot(n, wo);
+        let g_k = dot(g_axis, n);
+        g_cosine = g_k * 2.0 * (1.0 - t);
+        let g_t = g_k * (1.0 - 2.0 * cosine) + dot(g_axis, wo);
+        (*sum).lobes.roughness += reflected.roughness + 2.0 * r * g_t;
+        (*sum).n += yaw_apply(k.a, diffuse.direction) + g_axis * (2.0 * (1.0 - t) * cosine + t);
+        (*sum).wo -= g_axis * (1.0 - t);
+    }
     let g_split = vec2<f32>(dot(g_albedo, l.f0), sum3(g_albedo));
-    // axis = k n - (1 - t) wo, k = 2 (1 - t)(n.wo) + t, t = r^2
-    let t = r * r;
-    let cosine = dot(n, wo);
-    let g_k = dot(g_axis, n);
-    var g_cosine = dot(g_split, s.d_cosine) + g_k * 2.0 * (1.0 - t);
-    g_cosine += broad_part_vjp(l, c, g * diffuse.value, sum);
-    let g_t = g_k * (1.0 - 2.0 * cosine) + dot(g_axis, wo);
+    g_cosine += dot(g_split, s.d_cosine) + broad_part_vjp(l, c, g_wide, sum);
     (*sum).lobes.f0 += g_albedo * s.value.x;
-    (*sum).lobes.roughness += dot(g_split, s.d_roughness) + reflected.roughness + 2.0 * r * g_t;
-    (*sum).n += yaw_apply(k.a, diffuse.direction) + g_axis * (2.0 * (1.0 - t) * cosine + t) + wo * g_cosine;
-    (*sum).wo += n * g_cosine - g_axis * (1.0 - t);
+    (*sum).lobes.roughness += dot(g_split, s.d_roughness);
+    (*sum).n += wo * g_cosine;
+    (*sum).wo += n * g_cosine;
 }
 
 fn shade_light_vjp(
@@ -177,28 +182,26 @@ fn shade_light_vjp(
     g: vec3<f32>,
     sum: ptr<function, LightSum>,
 ) {
+    if k.kind > LIGHT_DIRECTIONAL {
+        surrounding_vjp(k, l, c, n, wo, g, sum);
+        return;
+    }
+    var to = Towards(k.a.xyz, 1.0, 0.0);
     if k.kind == LIGHT_POINT {
-        let to = towards(k.a.xyz, position);
-        let g_f = g * k.b.xyz;
-        let e = eval_lobes_vjp(l, c, n, wo, to.wi, g_f * to.falloff);
-        add_eval(e.d, sum);
+        to = towards(k.a.xyz, position);
+    }
+    let g_f = g * k.b.xyz;
+    let e = eval_lobes_vjp(l, c, n, wo, to.wi, g_f * to.falloff);
+    (*sum).lobes.diffuse += e.d.lobes.diffuse;
+    (*sum).lobes.f0 += e.d.lobes.f0;
+    (*sum).lobes.roughness += e.d.lobes.roughness;
+    (*sum).n += e.d.n;
+    (*sum).wo += e.d.wo;
+    if k.kind == LIGHT_POINT {
         // wi = v / |v| and falloff = 1 / |v|^2 with v = at - position.
         let g_wi = e.d.wi - to.wi * dot(to.wi, e.d.wi);
         let g_falloff = dot(g_f, e.value) * to.falloff;
         (*sum).position += (to.wi * (g_falloff + g_falloff) - g_wi) * to.inverse;
-    } else if k.kind == LIGHT_DIRECTIONAL {
-        add_eval(eval_lobes_vjp(l, c, n, wo, k.a.xyz, g * k.b.xyz).d, sum);
-    } else if k.kind == LIGHT_AMBIENT {
-        let g_a = g * k.b.xyz;
-        let s = viewer_split_sum(l, c, n, wo);
-        let g_split = vec2<f32>(dot(g_a, l.f0), sum3(g_a));
-        let g_cosine = dot(g_split, s.d_cosine) + broad_part_vjp(l, c, g_a, sum);
-        (*sum).lobes.f0 += g_a * s.value.x;
-        (*sum).lobes.roughness += dot(g_split, s.d_roughness);
-        (*sum).n += wo * g_cosine;
-        (*sum).wo += n * g_cosine;
-    } else {
-        environment_vjp(k, l, c, n, wo, g * k.a.z, sum);
     }
 }
 

@@ -5,7 +5,7 @@
 //! the kernels of a renderer. Texel gradients are fixed-point sums, the same for any order of their terms, until
 //! [`MipBuffers::record_collect`] adds them to the gradients.
 
-use crate::{MipAdjoint, MipLayout, MipRule, MipSizes, Pyramid, mip_levels};
+use crate::{Level, MipAdjoint, MipLayout, MipRule, MipSizes, Pyramid, Texture, mip_levels};
 use photofit_gpu::{Buffer, FIXED_READ, Gpu, GpuError, INDEX, Kernel, Recorder, fixed_words};
 
 /// Channels of a texel.
@@ -148,6 +148,20 @@ impl MipBuffers {
         gpu.write(&self.texels, bytemuck::cast_slice(&flat))
     }
 
+    /// Waits for the device and copies all levels back.
+    ///
+    /// # Errors
+    /// If the device is lost.
+    pub fn read(&self, gpu: &Gpu) -> Result<Pyramid<f32, CHANNELS>, GpuError> {
+        let flat = gpu.read(&self.texels)?;
+        let texels: &[[f32; CHANNELS]] = bytemuck::cast_slice(&flat);
+        let level = |l: &Level| {
+            let (width, height) = (l.width as usize, l.height as usize);
+            Texture { width, height, texels: texels[l.offset as usize..][..width * height].to_vec() }
+        };
+        Ok(Pyramid { levels: self.layout.levels().iter().map(level).collect(), rule: self.rule })
+    }
+
     /// Places and sizes of the levels.
     pub fn layout(&self) -> &MipLayout {
         &self.layout
@@ -205,7 +219,7 @@ impl MipBuffers {
         Ok(())
     }
 
-    /// Records that the sums are added to the gradient and emptied. What did not fit is told by [`Self::status`].
+    /// Records that the sums are added to the gradient (which the caller empties before) and emptied. What did not fit is told by [`Self::status`].
     ///
     /// # Errors
     /// If the kernel does not fit the device.

@@ -8,44 +8,27 @@ fn is_zero(x: f32) -> bool {
     return (bitcast<u32>(x) << 1u) == 0u;
 }
 
-fn add_channels(first: u32, sums: vec4<u32>, g: vec4<f32>) {
-    if sums.x != NO_SUM && !is_zero(g.x) {
-        add_fixed(first + sums.x, g.x, params.maps.scale);
-    }
-    if sums.y != NO_SUM && !is_zero(g.y) {
-        add_fixed(first + sums.y, g.y, params.maps.scale);
-    }
-    if sums.z != NO_SUM && !is_zero(g.z) {
-        add_fixed(first + sums.z, g.z, params.maps.scale);
-    }
-    if sums.w != NO_SUM && !is_zero(g.w) {
-        add_fixed(first + sums.w, g.w, params.maps.scale);
-    }
-}
-
-fn scatter_tap(i: u32, weight: f32, g: Texel) {
-    if weight == 0.0 {
-        return;
-    }
-    let first = i * params.maps.channels;
-    add_channels(first, params.maps.slots[0], g[0] * weight);
-    add_channels(first, params.maps.slots[1], g[1] * weight);
-    add_channels(first, params.maps.slots[2], g[2] * weight);
-    add_channels(first, params.maps.slots[3], g[3] * weight);
-}
-
-fn scatter_taps(t: Taps, share: f32, g: Texel) {
-    let w = tap_weights(t) * share;
-    scatter_tap(t.index.x, w.x, g);
-    scatter_tap(t.index.y, w.y, g);
-    scatter_tap(t.index.z, w.z, g);
-    scatter_tap(t.index.w, w.w, g);
-}
-
-// Adds the adjoint of one lookup.
+// Adds the adjoint of one lookup: its taps one after the other, so that the code of a sum stands here once.
 fn scatter(at: Lookup, g: Texel) {
-    scatter_taps(at.fine, 1.0 - at.share, g);
-    if at.share > 0.0 {
-        scatter_taps(at.coarse, at.share, g);
+    var columns = g;
+    let near = tap_weights(at.fine) * (1.0 - at.share);
+    let far = tap_weights(at.coarse) * at.share;
+    let taps = select(4u, 8u, at.share > 0.0);
+    for (var k = 0u; k < taps; k++) {
+        let coarse = k >= 4u;
+        let weight = select(near[k & 3u], far[k & 3u], coarse);
+        if weight == 0.0 {
+            continue;
+        }
+        let first = select(at.fine.index[k & 3u], at.coarse.index[k & 3u], coarse) * params.maps.channels;
+        for (var q = 0u; q < 4u; q++) {
+            let slots = params.maps.slots[q];
+            let column = columns[q] * weight;
+            for (var c = 0u; c < 4u; c++) {
+                if slots[c] != NO_SUM && !is_zero(column[c]) {
+                    add_fixed(first + slots[c], column[c], params.maps.scale);
+                }
+            }
+        }
     }
 }

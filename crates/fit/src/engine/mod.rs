@@ -2,7 +2,8 @@
 //!
 //! - [`mod@reference`]: what answers (camera, lights, pose, size) with a picture.
 //! - [`views`]: from where, under which light, at which size: pure functions of (set, index).
-//! - [`model`]: named groups of parameters, the stages from them to pictures, and the same reversed.
+//! - [`model`]: named groups of parameters with their optimizers, wherever they live; [`cpu`]: those in main memory.
+//! - [`surface`]: positions and maps of a mesh, the stages from them to pictures, and the same reversed.
 //! - [`loss`]: chosen by the noise of the reference's pictures.
 //! - [`trainer`]: one loop: phases, looks at held-out views, best state, patience, checkpoints, cancellation.
 //! - [`judge`]: quality of what was written, drawn as other programs draw it.
@@ -10,12 +11,14 @@
 
 mod asset;
 pub(crate) mod checkpoint;
+pub mod cpu;
 pub mod judge;
 pub mod loss;
 pub mod model;
 pub mod plan;
 mod pool;
 pub mod reference;
+pub mod surface;
 pub mod trainer;
 pub mod views;
 

@@ -1,13 +1,11 @@
-//! Models: named groups of parameters, the stages from them to pictures, and the same stages reversed.
+//! Models: what a fit moves. A model owns its parameters, their best state so far and their optimizers, wherever these
+//! live; the trainer says when to step, to look and to go back, and reads numbers only when it looks.
 
-use super::plan::Plan;
 use super::views::Shot;
 use crate::FitError;
-use crate::candidate::{Candidate, ParameterGradients};
-use photofit_optim::{LargeSteps, Optimizer, Placement, Temporal};
-use photofit_raster::deferred::Passes;
+use photofit_optim::{OptimError, State};
 use photofit_raster::loss::Loss;
-use photofit_raster::{CHANNELS, channel};
+use std::borrow::Cow;
 
 /// A named group of parameters: `rows` x `columns` samples, row by row.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,182 +24,129 @@ pub struct Group {
     pub rates: Vec<f32>,
 }
 
-/// Parameters with a way to pictures and back.
-pub trait Model {
-    /// Gradients of all groups, with room for the work.
-    type Gradients;
+impl Group {
+    /// Samples of the group.
+    pub fn len(&self) -> usize {
+        self.rows * self.columns
+    }
+
+    /// Whether it has no samples.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Rates of the columns when that of the phase is `rate`; one entry where the group has one rate.
+    pub fn rates_at(&self, rate: f64) -> Vec<f32> {
+        let rate = rate as f32;
+        if self.rates.is_empty() { vec![rate] } else { self.rates.iter().map(|r| r * rate).collect() }
+    }
+}
+
+/// Why a model cannot go on.
+#[derive(Debug)]
+pub enum Broken {
+    /// The loss of the step that was asked for is not finite.
+    Loss(f64),
+    /// An optimizer refused its input.
+    Optim {
+        /// Which of the steps asked for, counted back from the latest: 0 is that one.
+        ago: u64,
+        /// What the optimizer says.
+        source: OptimError,
+    },
+    /// The device that the model lives on failed.
+    Device(Box<dyn std::error::Error + Send + Sync>),
+}
+
+/// A group as checkpoints keep it.
+#[derive(Debug)]
+pub struct Snapshot<'a> {
+    /// Present values.
+    pub values: Cow<'a, [f32]>,
+    /// The best values so far.
+    pub best: Cow<'a, [f32]>,
+    /// State of the optimizer.
+    pub optimizer: Cow<'a, State<f32>>,
+}
+
+/// Groups of parameters with a way to pictures and back, that move by gradients.
+pub trait Model: Sized {
+    /// What the parameters belong to, in main memory: what a task starts from and gets back.
+    type Asset;
 
     /// The groups, always in one order.
-    fn groups(&self) -> Vec<Group>;
+    fn groups(&self) -> &[Group];
 
-    /// A fresh optimizer for a group, its filters included.
+    /// Takes the loss of a batch against its references (mean over the shots) and moves every group against its gradient
+    /// by this rate (0: not at all). Values stay in their ranges.
     ///
     /// # Errors
-    /// If a filter cannot be set up.
-    fn optimizer(&self, group: &Group) -> Result<Optimizer<f32>, FitError>;
+    /// [`Broken`]; a model on a device may tell it at a later call.
+    fn step(&mut self, shots: &[Shot], loss: Loss, rates: &[f64]) -> Result<(), Broken>;
 
-    /// The samples of group number `group`.
-    fn values(&self, group: usize) -> &[f32];
-
-    /// The same, to be changed; [`Self::changed`] follows.
-    fn values_mut(&mut self, group: usize) -> &mut [f32];
-
-    /// Brings up to date what follows from the samples of a group (mip levels).
-    fn changed(&mut self, group: usize);
-
-    /// Zero gradients.
-    fn gradients(&self) -> Self::Gradients;
-
-    /// The samples of group number `group`, to be changed, and their gradients.
-    fn moved<'a>(&'a mut self, gradients: &'a Self::Gradients, group: usize) -> (&'a mut [f32], &'a [f32]);
-
-    /// Loss of a batch against its references (mean over the shots) and its gradients, which are overwritten. `moving`
-    /// says which groups need theirs.
-    fn step(&self, shots: &[Shot], loss: Loss, moving: &[bool], gradients: &mut Self::Gradients) -> f64;
+    /// The losses of the steps since the last call, oldest first.
+    ///
+    /// # Errors
+    /// [`Broken`], of one of these steps.
+    fn losses(&mut self) -> Result<Vec<f64>, Broken>;
 
     /// The pictures of shots: linear RGBA over their backgrounds, the mean over the samples of each pixel.
-    fn pictures(&self, shots: &[Shot]) -> Vec<Vec<[f32; 4]>>;
+    ///
+    /// # Errors
+    /// [`Broken::Device`].
+    fn pictures(&mut self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, Broken>;
+
+    /// The samples of group number `group`.
+    ///
+    /// # Errors
+    /// [`Broken::Device`].
+    fn values(&self, group: usize) -> Result<Cow<'_, [f32]>, Broken>;
+
+    /// Replaces the samples of a group; its optimizer stays as it is.
+    ///
+    /// # Errors
+    /// [`Broken::Device`].
+    fn set(&mut self, group: usize, values: &[f32]) -> Result<(), Broken>;
+
+    /// Makes the present values of all groups the best ones; at first the best are those of the start.
+    ///
+    /// # Errors
+    /// [`Broken::Device`].
+    fn keep_best(&mut self) -> Result<(), Broken>;
+
+    /// Goes back to the best values of a group; its optimizer stays as it is.
+    ///
+    /// # Errors
+    /// [`Broken::Device`].
+    fn go_to_best(&mut self, group: usize) -> Result<(), Broken>;
+
+    /// Starts the optimizer of a group anew.
+    ///
+    /// # Errors
+    /// If it cannot be set up.
+    fn reset_optimizer(&mut self, group: usize) -> Result<(), FitError>;
+
+    /// A group as checkpoints keep it.
+    ///
+    /// # Errors
+    /// [`Broken::Device`].
+    fn snapshot(&self, group: usize) -> Result<Snapshot<'_>, Broken>;
+
+    /// Goes on from a snapshot of a group.
+    ///
+    /// # Errors
+    /// [`Broken::Optim`] when the state is not one of this group.
+    fn restore(&mut self, group: usize, saved: Snapshot<'_>) -> Result<(), Broken>;
+
+    /// The asset with the present values.
+    ///
+    /// # Errors
+    /// [`Broken::Device`].
+    fn asset(&mut self) -> Result<&Self::Asset, Broken>;
+
+    /// The asset with the present values, for good.
+    ///
+    /// # Errors
+    /// [`Broken::Device`].
+    fn into_asset(self) -> Result<Self::Asset, Broken>;
 }
-
-/// Groups of a [`Surface`].
-pub const POSITIONS: &str = "positions";
-/// See [`POSITIONS`].
-pub const MAPS: &str = "maps";
-
-/// Smoothness of the preconditioner of positions.
-const LAMBDA: f64 = 0.3;
-
-/// A mesh with material maps: welded positions and one texel group of [`CHANNELS`] samples.
-#[derive(Clone, Debug)]
-pub struct Surface {
-    /// The parameters and the chain.
-    pub candidate: Candidate,
-    /// Which parts of the chain run.
-    pub passes: Passes,
-    /// Which samples of a texel are fitted, as relative rates.
-    pub rates: [f32; CHANNELS],
-    /// Whether the positions are a group; else the shape is fixed and the maps are the only group.
-    pub moves: bool,
-}
-
-impl Surface {
-    /// A candidate that is fitted as a plan says.
-    pub fn new(candidate: Candidate, plan: &Plan) -> Self {
-        let mut rates = plan.fitted().map(|f| if f { 1.0 } else { 0.0 });
-        rates[channel::METALLIC] *= 0.5;
-        Self { candidate, passes: plan.passes(), rates, moves: true }
-    }
-
-    fn is_positions(&self, group: usize) -> bool {
-        self.moves && group == 0
-    }
-}
-
-impl Model for Surface {
-    type Gradients = ParameterGradients;
-
-    fn groups(&self) -> Vec<Group> {
-        let positions = Group {
-            name: POSITIONS,
-            rows: self.candidate.positions.len(),
-            columns: 3,
-            ranges: Vec::new(),
-            unit: None,
-            rates: Vec::new(),
-        };
-        let maps = Group {
-            name: MAPS,
-            rows: self.candidate.maps.levels[0].texels.len(),
-            columns: CHANNELS,
-            ranges: RANGES.to_vec(),
-            unit: Some(channel::NORMAL),
-            rates: self.rates.to_vec(),
-        };
-        if self.moves { vec![positions, maps] } else { vec![maps] }
-    }
-
-    fn optimizer(&self, group: &Group) -> Result<Optimizer<f32>, FitError> {
-        let length = group.rows * group.columns;
-        if group.name == POSITIONS {
-            let large_steps = LargeSteps::new(self.candidate.positions.len(), &self.candidate.edges, LAMBDA)
-                .map_err(FitError::Preconditioner)?;
-            return Optimizer::new(POSITIONS, length, Temporal::uniform_adam().betas(0.9, 0.99))
-                .and_then(|o| o.with_filter(Placement::VARIABLE, large_steps))
-                .map_err(FitError::Preconditioner);
-        }
-        let temporal = Temporal { beta1: 0.8, beta2: 0.98, relative_epsilon: 0.5, ..Temporal::adam() };
-        Optimizer::new(MAPS, length, temporal).map_err(FitError::Preconditioner)
-    }
-
-    fn values(&self, group: usize) -> &[f32] {
-        if self.is_positions(group) {
-            bytemuck::cast_slice(&self.candidate.positions)
-        } else {
-            self.candidate.maps.levels[0].texels.as_flattened()
-        }
-    }
-
-    fn values_mut(&mut self, group: usize) -> &mut [f32] {
-        if self.is_positions(group) {
-            bytemuck::cast_slice_mut(&mut self.candidate.positions)
-        } else {
-            self.candidate.maps.levels[0].texels.as_flattened_mut()
-        }
-    }
-
-    fn changed(&mut self, group: usize) {
-        if !self.is_positions(group) {
-            self.candidate.maps.rebuild();
-        }
-    }
-
-    fn gradients(&self) -> ParameterGradients {
-        self.candidate.gradients()
-    }
-
-    fn moved<'a>(
-        &'a mut self,
-        gradients: &'a ParameterGradients,
-        group: usize,
-    ) -> (&'a mut [f32], &'a [f32]) {
-        let g = if self.is_positions(group) {
-            bytemuck::cast_slice(&gradients.positions)
-        } else {
-            gradients.rendered.maps.levels[0].texels.as_flattened()
-        };
-        (self.values_mut(group), g)
-    }
-
-    fn step(&self, shots: &[Shot], loss: Loss, moving: &[bool], gradients: &mut ParameterGradients) -> f64 {
-        let passes = Passes {
-            position_gradients: self.moves && moving[0],
-            map_gradients: self.passes.map_gradients && moving[moving.len() - 1],
-            ..self.passes
-        };
-        self.candidate.step(shots, loss, &passes, gradients)
-    }
-
-    fn pictures(&self, shots: &[Shot]) -> Vec<Vec<[f32; 4]>> {
-        pictures(&self.candidate, shots, &self.passes)
-    }
-}
-
-/// The pictures of a candidate.
-pub(crate) fn pictures(candidate: &Candidate, shots: &[Shot], passes: &Passes) -> Vec<Vec<[f32; 4]>> {
-    let vertices = candidate.vertices();
-    let picture = |shot: &Shot| candidate.render(&vertices, shot, passes).color;
-    shots.iter().map(picture).collect()
-}
-
-/// Range of each sample of a texel.
-const RANGES: [[f32; 2]; CHANNELS] = {
-    let mut r = [[0.0, 1.0]; CHANNELS];
-    r[channel::ROUGHNESS] = [0.03, 1.0];
-    r[channel::NORMAL] = [-1.0, 1.0];
-    r[channel::NORMAL + 1] = [-1.0, 1.0];
-    r[channel::NORMAL + 2] = [0.02, 1.0];
-    r[channel::EMISSIVE] = [0.0, 1e4];
-    r[channel::EMISSIVE + 1] = [0.0, 1e4];
-    r[channel::EMISSIVE + 2] = [0.0, 1e4];
-    r
-};

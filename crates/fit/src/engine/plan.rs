@@ -3,8 +3,8 @@
 //! One value, filled in as facts become known: the asset, then the options, then the baked maps, then the phases. What
 //! is printed says only what these facts say.
 
-use super::model::{MAPS, POSITIONS};
 use super::reference::ENERGY;
+use super::surface::{MAPS, POSITIONS};
 use super::trainer::Phase;
 use super::views::Lighting;
 use crate::candidate::Candidate;

@@ -5,14 +5,15 @@
 //! the last look of a stopped fit goes into its result, not into its checkpoint.
 
 use super::checkpoint::{self, Course, Digest, Saved};
-use super::model::{Group, Model};
+use super::model::{Broken, Group, Model, Snapshot};
 use super::pool::{Batches, Pool};
 use super::reference::Reference;
 use super::views::{Sampling, Set, Shot, Views};
 use crate::{FitError, Progress};
 use photofit_image::psnr_from_mse;
-use photofit_optim::{Optimizer, Rows, Schedule, clamp_channels, normalize_vectors};
+use photofit_optim::Schedule;
 use photofit_raster::loss::Loss;
+use std::borrow::Cow;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -78,10 +79,10 @@ impl std::fmt::Debug for Job<'_> {
 }
 
 /// Makes new values for a group out of the best state so far.
-pub type Remake<'a, M> = &'a dyn Fn(&M) -> Result<Vec<f32>, FitError>;
+pub type Remake<'a, A> = &'a dyn Fn(&A) -> Result<Vec<f32>, FitError>;
 
-/// A stretch of the fit with rates of its own.
-pub struct Phase<'a, M> {
+/// A stretch of the fit of an asset with rates of its own.
+pub struct Phase<'a, A> {
     /// What it does, for people.
     pub name: &'static str,
     /// Its first step.
@@ -94,10 +95,10 @@ pub struct Phase<'a, M> {
     pub rates: Vec<f64>,
     /// At its beginning the fit goes back to the best state, and this group gets values made anew out of it, unless they
     /// look worse.
-    pub renewal: Option<(usize, Remake<'a, M>)>,
+    pub renewal: Option<(usize, Remake<'a, A>)>,
 }
 
-impl<M> std::fmt::Debug for Phase<'_, M> {
+impl<A> std::fmt::Debug for Phase<'_, A> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Phase")
             .field("name", &self.name)
@@ -110,7 +111,7 @@ impl<M> std::fmt::Debug for Phase<'_, M> {
     }
 }
 
-impl<M> Phase<'_, M> {
+impl<A> Phase<'_, A> {
     fn end(&self) -> u64 {
         self.first + self.steps
     }
@@ -118,14 +119,14 @@ impl<M> Phase<'_, M> {
 
 /// The end of a fit.
 #[derive(Debug)]
-pub struct Trained<M> {
+pub struct Trained<A> {
     /// The best state seen on the held-out views.
-    pub model: M,
+    pub model: A,
     /// The course of the fit.
     pub history: Vec<HistoryPoint>,
     /// Steps made.
     pub steps: u64,
-    /// Million samples per second, forward and backward.
+    /// Million samples per second of the steps.
     pub mpix_per_s: f64,
     /// Ended by the user or the time limit.
     pub stopped: bool,
@@ -182,10 +183,6 @@ struct Trainer<'a, M: Model> {
     job: &'a Job<'a>,
     model: M,
     groups: Vec<Group>,
-    gradients: M::Gradients,
-    optimizers: Vec<Optimizer<f32>>,
-    /// Best values of each group.
-    best: Vec<Vec<f32>>,
     course: Course,
     pool: Pool,
     fingerprint: String,
@@ -194,7 +191,7 @@ struct Trainer<'a, M: Model> {
     /// The last refusal to save that the user was told of.
     refusal: String,
     samples: f64,
-    render_seconds: f64,
+    step_seconds: f64,
     start: Instant,
     /// Seconds of the runs before this one.
     earlier: f64,
@@ -204,37 +201,35 @@ struct Trainer<'a, M: Model> {
 ///
 /// # Errors
 /// If a picture cannot be made, a checkpoint belongs to another fit, or a value is not finite; what was saved stays.
-pub fn train<'p, M: Model + 'p>(
+pub fn train<'p, M: Model>(
     model: M,
     job: &Job<'_>,
-    phases: impl FnOnce(f64) -> Vec<Phase<'p, M>>,
+    phases: impl FnOnce(f64) -> Vec<Phase<'p, M::Asset>>,
     progress: &dyn Progress,
-) -> Result<Trained<M>, FitError> {
-    let groups = model.groups();
-    let optimizers = groups.iter().map(|g| model.optimizer(g)).collect::<Result<_, _>>()?;
-    let best = (0..groups.len()).map(|g| model.values(g).to_vec()).collect();
-    let fingerprint = fingerprint(job, &model, groups.len());
+) -> Result<Trained<M::Asset>, FitError>
+where
+    M::Asset: 'p,
+{
+    let groups = model.groups().to_vec();
+    let fingerprint = fingerprint(job, &model, groups.len()).map_err(|b| broken(b, 0, String::new()))?;
     let mut t = Trainer {
         job,
-        gradients: model.gradients(),
         model,
         groups,
-        optimizers,
-        best,
         course: Course { best_psnr: f64::NEG_INFINITY, ..Course::default() },
         pool: Pool::default(),
         fingerprint,
         saved: None,
         refusal: String::new(),
         samples: 0.0,
-        render_seconds: 0.0,
+        step_seconds: 0.0,
         start: Instant::now(),
         earlier: 0.0,
     };
     t.restore(progress)?;
     let start = match t.course.history.first() {
         Some(first) => first.held_out_psnr,
-        None => t.look(progress),
+        None => t.look(progress)?,
     };
     progress.report("fit", t.course.step, job.steps, &format!("{start:.2} dB"));
     let mut stopped = false;
@@ -248,17 +243,18 @@ pub fn train<'p, M: Model + 'p>(
         }
     }
     if stopped {
-        t.save(progress);
+        t.save(progress)?;
         if t.course.history.last().is_none_or(|h| h.step != t.course.step) {
-            t.look(progress);
+            t.look(progress)?;
         }
     }
-    t.go_to_best();
+    t.go_to_best()?;
+    let kept = t.kept();
     Ok(Trained {
-        model: t.model,
+        model: t.model.into_asset().map_err(|b| broken(b, t.course.step, kept))?,
         history: t.course.history,
         steps: t.course.step,
-        mpix_per_s: t.samples / 1e6 / t.render_seconds.max(1e-9),
+        mpix_per_s: t.samples / 1e6 / t.step_seconds.max(1e-9),
         stopped,
     })
 }
@@ -266,12 +262,23 @@ pub fn train<'p, M: Model + 'p>(
 /// What must agree between the run that wrote a checkpoint and the one that reads it: the options that steer the fit,
 /// the values it starts from (which follow from the asset), and a held-out view (which follows from the asset and the
 /// light).
-fn fingerprint<M: Model>(job: &Job<'_>, model: &M, groups: usize) -> String {
+fn fingerprint<M: Model>(job: &Job<'_>, model: &M, groups: usize) -> Result<String, Broken> {
     let mut digest = Digest::new();
-    (0..groups).for_each(|g| digest.add(model.values(g)));
+    for g in 0..groups {
+        digest.add(&model.values(g)?);
+    }
     digest.add(job.held_out.shots[0].reference.as_flattened());
     let Job { options, batch, steps, loss, sampling, .. } = job;
-    format!("{options} {batch} {steps} {loss:?} {sampling:?} {:016x}", digest.value())
+    Ok(format!("{options} {batch} {steps} {loss:?} {sampling:?} {:016x}", digest.value()))
+}
+
+/// What broke at a step, with what remains.
+fn broken(broken: Broken, step: u64, kept: String) -> FitError {
+    match broken {
+        Broken::Loss(value) => FitError::Loss { step, value, kept },
+        Broken::Optim { ago, source } => FitError::Optim { step: step.saturating_sub(ago), source, kept },
+        Broken::Device(source) => FitError::Device { step, source, kept },
+    }
 }
 
 impl<M: Model> Trainer<'_, M> {
@@ -279,34 +286,39 @@ impl<M: Model> Trainer<'_, M> {
     fn begin(
         &mut self,
         number: usize,
-        phase: &Phase<'_, M>,
+        phase: &Phase<'_, M::Asset>,
         progress: &dyn Progress,
     ) -> Result<bool, FitError> {
         match &phase.renewal {
             None => {
                 if self.course.history.last().is_none_or(|h| h.step != self.course.step) {
-                    self.look(progress);
+                    self.look(progress)?;
                 }
             }
             Some((group, make)) => {
-                let before: Vec<Vec<f32>> =
-                    (0..self.groups.len()).map(|g| self.model.values(g).to_vec()).collect();
-                self.go_to_best();
-                let made = match make(&self.model) {
+                let copy = |g| self.model.values(g).map(Cow::into_owned);
+                let before: Result<Vec<Vec<f32>>, Broken> = (0..self.groups.len()).map(copy).collect();
+                let before = self.hear(before)?;
+                self.go_to_best()?;
+                let asset = self.model.asset().map(make);
+                let made = match self.hear(asset)? {
                     Err(FitError::Interrupted) => {
-                        self.set(&before);
+                        for (g, values) in before.iter().enumerate() {
+                            let set = self.model.set(g, values);
+                            self.hear(set)?;
+                        }
                         return Ok(true);
                     }
                     made => made?,
                 };
-                self.model.values_mut(*group).copy_from_slice(&made);
-                self.model.changed(*group);
+                let set = self.model.set(*group, &made);
+                self.hear(set)?;
                 let best = self.course.best_psnr;
-                if self.look(progress) < best {
-                    self.model.values_mut(*group).copy_from_slice(&self.best[*group]);
-                    self.model.changed(*group);
+                if self.look(progress)? < best {
+                    let back = self.model.go_to_best(*group);
+                    self.hear(back)?;
                 }
-                self.optimizers[*group] = self.model.optimizer(&self.groups[*group])?;
+                self.model.reset_optimizer(*group)?;
             }
         }
         self.course.begun = number + 1;
@@ -314,7 +326,7 @@ impl<M: Model> Trainer<'_, M> {
     }
 
     /// Runs a phase to its end; true when the user or the time limit stopped it.
-    fn run(&mut self, phase: &Phase<'_, M>, progress: &dyn Progress) -> Result<bool, FitError> {
+    fn run(&mut self, phase: &Phase<'_, M::Asset>, progress: &dyn Progress) -> Result<bool, FitError> {
         while self.course.step < phase.end() {
             let over = self.job.keeping.time_limit.is_some_and(|l| self.start.elapsed() >= l);
             if over || progress.is_cancelled() {
@@ -326,15 +338,15 @@ impl<M: Model> Trainer<'_, M> {
             }
             self.one_step(phase)?;
             if self.course.step.is_multiple_of(LOOK_EVERY) || self.course.step == phase.end() {
-                self.look(progress);
-                self.save(progress);
+                self.look(progress)?;
+                self.save(progress)?;
             }
         }
         Ok(false)
     }
 
     /// Whether the last looks of a phase brought nothing.
-    fn is_stale(&self, phase: &Phase<'_, M>) -> bool {
+    fn is_stale(&self, phase: &Phase<'_, M::Asset>) -> bool {
         let history = &self.course.history;
         let looks: Vec<f64> =
             history.iter().filter(|h| h.step >= phase.first).map(|h| h.held_out_psnr).collect();
@@ -342,7 +354,7 @@ impl<M: Model> Trainer<'_, M> {
         looks.iter().rev().take_while(|l| **l < best).count() >= PATIENCE
     }
 
-    fn one_step(&mut self, phase: &Phase<'_, M>) -> Result<(), FitError> {
+    fn one_step(&mut self, phase: &Phase<'_, M::Asset>) -> Result<(), FitError> {
         let job = self.job;
         let step = self.course.step;
         let from = Batches {
@@ -353,45 +365,43 @@ impl<M: Model> Trainer<'_, M> {
             sampling: job.sampling,
         };
         let shots = self.pool.batch(&from, (phase.first, step), phase.shrink)?;
-        let moving: Vec<bool> = phase.rates.iter().map(|r| *r > 0.0).collect();
-        let began = Instant::now();
-        let value = self.model.step(&shots, job.loss, &moving, &mut self.gradients);
-        self.render_seconds += began.elapsed().as_secs_f64();
-        let per_pixel = job.sampling.per_axis.pow(2);
-        self.samples += shots.iter().map(|s| (s.width * s.height * per_pixel) as f64).sum::<f64>();
-        if !value.is_finite() {
-            return Err(FitError::Loss { step, value, kept: self.kept() });
-        }
-        self.course.loss.push(value);
         let schedule = Schedule::WarmupCosine { warmup: 10, total: phase.steps, floor: 0.05 };
         let factor = schedule.factor(step - phase.first);
-        for (k, group) in self.groups.iter().enumerate().filter(|(k, _)| moving[*k]) {
-            let (x, g) = self.model.moved(&self.gradients, k);
-            let rate = phase.rates[k] * factor;
-            let moved = if group.rates.is_empty() {
-                self.optimizers[k].step(x, g, rate as f32)
-            } else {
-                let rates: Vec<f32> = group.rates.iter().map(|r| r * rate as f32).collect();
-                self.optimizers[k].step_rows(x, g, &Rows { rates: &rates, touched: None })
-            };
-            if let Err(source) = moved {
-                return Err(FitError::Optim { step, source, kept: self.kept() });
-            }
-            if !group.ranges.is_empty() {
-                clamp_channels(x, &group.ranges);
-            }
-            if let Some(at) = group.unit {
-                normalize_vectors(x, group.columns, at);
-            }
-            self.model.changed(k);
-        }
+        let rates: Vec<f64> = phase.rates.iter().map(|r| r * factor).collect();
+        let began = Instant::now();
+        let made = self.model.step(&shots, job.loss, &rates);
+        self.hear(made)?;
+        self.step_seconds += began.elapsed().as_secs_f64();
+        let per_pixel = job.sampling.per_axis.pow(2);
+        self.samples += shots.iter().map(|s| (s.width * s.height * per_pixel) as f64).sum::<f64>();
         self.course.step += 1;
         Ok(())
     }
 
+    /// Turns what broke the model into an error of the fit.
+    fn hear<A>(&self, result: Result<A, Broken>) -> Result<A, FitError> {
+        result.map_err(|b| broken(b, self.course.step, self.kept()))
+    }
+
+    /// Takes the losses that the model has not told yet.
+    fn hear_losses(&mut self) -> Result<(), FitError> {
+        let began = Instant::now();
+        let losses = self.model.losses();
+        self.step_seconds += began.elapsed().as_secs_f64();
+        let losses = self.hear(losses)?;
+        let first = self.course.step - losses.len() as u64;
+        if let Some((i, value)) = losses.iter().enumerate().find(|(_, l)| !l.is_finite()) {
+            return Err(FitError::Loss { step: first + i as u64, value: *value, kept: self.kept() });
+        }
+        self.course.loss.extend(losses);
+        Ok(())
+    }
+
     /// PSNR of the held-out views; keeps the best state.
-    fn look(&mut self, progress: &dyn Progress) -> f64 {
-        let psnr = self.job.held_out.psnr(&self.model.pictures(&self.job.held_out.shots));
+    fn look(&mut self, progress: &dyn Progress) -> Result<f64, FitError> {
+        self.hear_losses()?;
+        let pictures = self.model.pictures(&self.job.held_out.shots);
+        let psnr = self.job.held_out.psnr(&self.hear(pictures)?);
         let course = &mut self.course;
         let loss = course.loss.iter().sum::<f64>() / course.loss.len().max(1) as f64;
         course.loss.clear();
@@ -400,52 +410,46 @@ impl<M: Model> Trainer<'_, M> {
         progress.report("fit", course.step, self.job.steps, &format!("{psnr:.2} dB"));
         if psnr > course.best_psnr {
             course.best_psnr = psnr;
-            for (k, best) in self.best.iter_mut().enumerate() {
-                best.copy_from_slice(self.model.values(k));
-            }
+            let kept = self.model.keep_best();
+            self.hear(kept)?;
         }
-        psnr
+        Ok(psnr)
     }
 
-    fn set(&mut self, values: &[Vec<f32>]) {
-        for (k, values) in values.iter().enumerate() {
-            self.model.values_mut(k).copy_from_slice(values);
-            self.model.changed(k);
+    fn go_to_best(&mut self) -> Result<(), FitError> {
+        for g in 0..self.groups.len() {
+            let gone = self.model.go_to_best(g);
+            self.hear(gone)?;
         }
-    }
-
-    fn go_to_best(&mut self) {
-        let best = std::mem::take(&mut self.best);
-        self.set(&best);
-        self.best = best;
+        Ok(())
     }
 
     /// Writes a checkpoint if one is wanted. A disk that refuses it does not end the fit: the user is told, and the next
     /// one is tried.
-    fn save(&mut self, progress: &dyn Progress) {
-        let Some(folder) = &self.job.keeping.checkpoint else { return };
+    fn save(&mut self, progress: &dyn Progress) -> Result<(), FitError> {
+        let Some(folder) = &self.job.keeping.checkpoint else { return Ok(()) };
+        self.hear_losses()?;
         progress.report("checkpoint", self.course.step, self.job.steps, "");
+        let snapshots = (0..self.groups.len()).map(|g| self.model.snapshot(g)).collect::<Result<Vec<_>, _>>();
+        let snapshots = self.hear(snapshots)?;
         let saved: Vec<Saved<'_>> = self
             .groups
             .iter()
-            .enumerate()
-            .map(|(k, group)| Saved {
-                group,
-                values: self.model.values(k),
-                best: &self.best[k],
-                optimizer: self.optimizers[k].state(),
-            })
+            .zip(&snapshots)
+            .map(|(group, s)| Saved { group, values: &s.values, best: &s.best, optimizer: &s.optimizer })
             .collect();
-        match checkpoint::save(folder, &self.course, &saved, &self.fingerprint) {
-            Ok(()) => self.saved = Some(self.course.step),
-            Err(e) => {
-                let refusal = e.to_string();
-                if refusal != self.refusal {
-                    progress.warn(&format!("the checkpoint could not be saved, the fit goes on: {refusal}"));
-                    self.refusal = refusal;
-                }
+        let refusal = match checkpoint::save(folder, &self.course, &saved, &self.fingerprint) {
+            Ok(()) => {
+                self.saved = Some(self.course.step);
+                return Ok(());
             }
+            Err(e) => e.to_string(),
+        };
+        if refusal != self.refusal {
+            progress.warn(&format!("the checkpoint could not be saved, the fit goes on: {refusal}"));
+            self.refusal = refusal;
         }
+        Ok(())
     }
 
     /// What remains when the fit breaks.
@@ -467,13 +471,15 @@ impl<M: Model> Trainer<'_, M> {
             return Ok(());
         };
         for (k, loaded) in groups.into_iter().enumerate() {
-            self.optimizers[k].restore(loaded.optimizer).map_err(|e| FitError::Checkpoint {
-                path: folder.join(checkpoint::FILE),
-                rule: e.to_string(),
-            })?;
-            self.model.values_mut(k).copy_from_slice(&loaded.values);
-            self.model.changed(k);
-            self.best[k] = loaded.best;
+            let (values, best) = (loaded.values.into(), loaded.best.into());
+            let saved = Snapshot { values, best, optimizer: Cow::Owned(loaded.optimizer) };
+            match self.model.restore(k, saved) {
+                Err(Broken::Optim { source, .. }) => {
+                    let (path, rule) = (folder.join(checkpoint::FILE), source.to_string());
+                    return Err(FitError::Checkpoint { path, rule });
+                }
+                restored => self.hear(restored)?,
+            }
         }
         self.earlier = course.history.last().map_or(0.0, |h| h.seconds);
         self.saved = Some(course.step);

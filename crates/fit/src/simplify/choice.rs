@@ -5,9 +5,10 @@ use super::{SimplifyOptions, to_scene};
 use crate::bake;
 use crate::candidate::Candidate;
 use crate::engine::Normalised;
+use crate::engine::cpu::Chain;
 use crate::engine::judge;
-use crate::engine::model::{self, Model, Surface};
 use crate::engine::reference::Reference;
+use crate::engine::surface::{self, Surface};
 use crate::engine::trainer::{HeldOut, Trained};
 use crate::engine::views::Orbit;
 use crate::visibility::Visibility;
@@ -30,7 +31,7 @@ pub(super) fn rebaked(
 /// The start that looks best in the views of the early stop; the first wins a tie.
 pub(super) fn best_start<'a>(starts: &'a [Start], held_out: &HeldOut) -> &'a Start {
     let quality =
-        |s: &Start| held_out.psnr(&model::pictures(&s.candidate, &held_out.shots, &Passes::default()));
+        |s: &Start| held_out.psnr(&surface::pictures(&s.candidate, &held_out.shots, &Passes::default()));
     match starts {
         [first, second] if quality(second) > quality(first) => second,
         _ => &starts[0],

@@ -28,10 +28,11 @@ pub use outcome::Outcome;
 
 use crate::bake;
 use crate::candidate::Candidate;
+use crate::engine::cpu::Cpu;
 use crate::engine::judge::{Judge, Stage, beyond_rasterizer};
 use crate::engine::loss;
-use crate::engine::model::Surface;
 use crate::engine::reference::{Features, PathTraced, Rasterized, Reference};
+use crate::engine::surface::Surface;
 use crate::engine::trainer::{self, HeldOut, Job, Keeping, Phase, train};
 use crate::engine::views::{Orbit, Pose};
 use crate::visibility::Visibility;
@@ -144,7 +145,7 @@ pub(crate) fn simplify_asset(
     let rebake = |s: &Surface| choice::rebaked(surface, visibility, &s.candidate, options, progress);
     let mut plan_with_phases = None;
     let trained = train(
-        Surface::new(start.candidate.clone(), &plan),
+        Cpu::new(Surface::new(start.candidate.clone(), &plan))?,
         &job,
         |psnr| {
             let phases = phases(options, start.distance, psnr, &rebake);

@@ -3,8 +3,8 @@
 use super::SimplifyOptions;
 use crate::candidate::Candidate;
 use crate::engine::judge::{Judged, Quality, ReportView, beyond_rasterizer};
-use crate::engine::model::Surface;
 use crate::engine::plan::Plan;
+use crate::engine::surface::Surface;
 use crate::engine::trainer::{HistoryPoint, Trained};
 use photofit_scene::Scene;
 

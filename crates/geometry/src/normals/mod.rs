@@ -6,6 +6,8 @@
 //! nothing; a vertex without contributions gets the zero vector and passes no gradient.
 
 mod crease;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 
 pub use crease::{Creased, split_creases, split_hard_edges};
 

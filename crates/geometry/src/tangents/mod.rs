@@ -13,6 +13,8 @@
 //! an arbitrary unit vector perpendicular to its normal and passes no gradient. Uvs are constants; the handedness has
 //! no gradient.
 
+#[cfg(feature = "gpu")]
+pub mod gpu;
 mod split;
 
 pub use split::{mirrored_vertices, split_mirrored};

@@ -26,22 +26,27 @@ fn fixed_words(x: f32, scale: f32) -> vec2<u32> {
     return words;
 }
 
+// Whether a term fits. Decided by the bits for what is not finite: devices may compare as if all numbers were.
+fn fixed_fits(x: f32, scale: f32) -> bool {
+    return (bitcast<u32>(x) & 0x7fffffffu) < 0x7f800000u && abs(x) * scale < FIXED_LIMIT;
+}
+
+// Whether a sum left its range: the high words before and of a term have one sign, and their sum the other.
+fn fixed_overflows(before: u32, term: u32) -> bool {
+    let after = before + term;
+    return ((before ^ after) & (term ^ after)) >= 0x80000000u;
+}
+
 // Adds `x` to sum number `at`.
 fn add_fixed(at: u32, x: f32, scale: f32) {
-    // Also false for what is not a number.
-    if !(abs(x) * scale < FIXED_LIMIT) {
+    if !fixed_fits(x, scale) {
         atomicOr(&sums[arrayLength(&sums) - 1u], 1u);
         return;
     }
     let words = fixed_words(x, scale);
     let before = atomicAdd(&sums[2u * at], words.x);
     let high = words.y + select(0u, 1u, before > 0xffffffffu - words.x);
-    if high != 0u {
-        let old = atomicAdd(&sums[2u * at + 1u], high);
-        let after = old + high;
-        // Terms of one sign whose sum has the other.
-        if ((old ^ after) & (high ^ after)) >= 0x80000000u {
-            atomicOr(&sums[arrayLength(&sums) - 1u], 2u);
-        }
+    if high != 0u && fixed_overflows(atomicAdd(&sums[2u * at + 1u], high), high) {
+        atomicOr(&sums[arrayLength(&sums) - 1u], 2u);
     }
 }

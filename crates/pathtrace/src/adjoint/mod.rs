@@ -14,6 +14,7 @@ mod accumulate;
 mod layout;
 mod parameter;
 mod replay;
+mod values;
 
 pub use parameter::{MaterialValue, Parameter};
 

@@ -81,6 +81,19 @@ pub(crate) struct EnvironmentLight {
 }
 
 impl EnvironmentLight {
+    /// The map that this is made of.
+    pub(crate) fn map(&self) -> EnvironmentMap {
+        let share = if self.scale > 0.0 { 1.0 / self.scale } else { 0.0 };
+        let data = self.texels.iter().flat_map(|t| (*t * share).to_array()).collect();
+        EnvironmentMap {
+            image: Image::from_data(self.width, self.height, 3, data),
+            scale: self.scale,
+            rotation: self.inward.map_or(Quat::IDENTITY, |m| Quat::from_mat3a(&m.transpose())),
+            compensate: self.compensated,
+            rows_to_poles: self.rows_to_poles,
+        }
+    }
+
     pub(super) fn new(map: EnvironmentMap) -> Result<Self, PathtraceError> {
         let fail = |rule: String| Err(invalid("environment", rule));
         let (width, height) = (map.image.width, map.image.height);

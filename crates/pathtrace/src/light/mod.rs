@@ -204,7 +204,6 @@ impl Lights {
     }
 
     /// The lights without a surface, as they were given.
-    #[cfg(test)]
     pub(crate) fn given(&self) -> &[LightSource] {
         &self.given
     }

@@ -490,3 +490,41 @@ fn surfaces_in_fog_have_gradients() {
     let (parameter, view) = (of(9, MaterialValue::Reflectance), cornell_view());
     Case { name: "reflectance in fog", world: &world, view, parameter, step: 0.05, edit: &edit }.check();
 }
+
+#[test]
+fn parameters_are_read_and_replaced() {
+    for (world, parameters) in [
+        (
+            room(),
+            vec![
+                of(FLOOR, MaterialValue::Reflectance),
+                of(LAMP, MaterialValue::Emission),
+                Parameter::Light { light: 1 },
+                Parameter::Environment,
+            ],
+        ),
+        (mapped(false), vec![of(0, MaterialValue::BaseColor), Parameter::Texels { texture: 1 }]),
+        (metals(Distribution::Ggx), vec![of(BALL, MaterialValue::Alpha)]),
+    ] {
+        let mut world = world;
+        let render = |w: &World| loss(w, &cornell_view(), square(SIDE, 4));
+        let before = render(&world);
+        for p in &parameters {
+            let values = world.parameter(p).unwrap();
+            let adjoint =
+                Adjoint::new(&world, &cornell_view(), square(SIDE, 1), std::slice::from_ref(p)).unwrap();
+            let gradient = adjoint.render_vjp(&weights(), GradientSamples { spp: 1, seed: None }).unwrap();
+            assert_eq!(values.len(), gradient.parameters[0].values.len(), "{p:?}");
+            let half: Vec<f32> = values.iter().map(|v| 0.5 * v).collect();
+            world.set_parameter(p, &half).unwrap();
+            let read = world.parameter(p).unwrap();
+            assert!(read.iter().zip(&half).all(|(a, b)| (a - b).abs() <= 2e-7 * b.abs()), "{p:?}");
+            assert_ne!(render(&world), before, "{p:?} changes the picture");
+            world.set_parameter(p, &values).unwrap();
+            assert!((render(&world) - before).abs() <= 1e-4 * before.abs(), "{p:?}");
+            assert!(world.set_parameter(p, &values[1..]).unwrap_err().to_string().contains("values"));
+            let nan = vec![f32::NAN; values.len()];
+            assert!(world.set_parameter(p, &nan).unwrap_err().to_string().contains("finite"));
+        }
+    }
+}

@@ -20,7 +20,7 @@ pub(crate) struct CompiledMaterial {
     /// The BSDF everywhere, where nothing varies.
     pub(super) bsdf: Bsdf<f32>,
     /// Emission that is added to what the library says.
-    pub(super) added: Vec3f,
+    pub(crate) added: Vec3f,
     /// Emission everywhere, where nothing varies.
     pub(crate) emission: Vec3f,
     /// Emission (or the whole material) has to be looked up.
@@ -31,7 +31,7 @@ pub(crate) struct CompiledMaterial {
     pub(crate) unlit: bool,
     pub(crate) both_sides: bool,
     /// The frame turns to the viewer.
-    pub(super) two_sided: bool,
+    pub(crate) two_sided: bool,
     /// Some point of it may emit.
     pub(crate) emits: bool,
     pub(crate) absorption: Vec3f,

@@ -15,22 +15,49 @@ use photofit_texture::gpu::{LOOKUP, MipBuffers, MipTable, SCATTER};
 /// Vectors of a triangle in the buffer that pixels read.
 const CORNERS: usize = 13;
 
-const SOURCE: &[&str] = &[
-    INDEX,
-    photofit_scalar::WGSL,
-    FIXED,
-    LOOKUP,
-    SCATTER,
-    photofit_shading::gpu::WGSL,
-    include_str!("../rasterize/barycentric.wgsl"),
-    include_str!("pixel.wgsl"),
-    include_str!("shade.wgsl"),
-];
+/// The source with what gets gradients as a part of its own.
+macro_rules! source {
+    ($gradients:literal) => {
+        &[
+            INDEX,
+            photofit_scalar::WGSL,
+            FIXED,
+            LOOKUP,
+            SCATTER,
+            photofit_shading::gpu::WGSL,
+            include_str!("../rasterize/barycentric.wgsl"),
+            $gradients,
+            include_str!("pixel.wgsl"),
+            include_str!("shade.wgsl"),
+        ]
+    };
+}
+
 pub(crate) const LOAD_CORNERS: Kernel =
     Kernel { name: "load_corners", source: &[INDEX, include_str!("corners.wgsl")], entry: "load_corners" };
-pub(crate) const SHADE: Kernel = Kernel { name: "shade_layer", source: SOURCE, entry: "shade_layer" };
-pub(crate) const SHADE_VJP: Kernel =
-    Kernel { name: "shade_layer_vjp", source: SOURCE, entry: "shade_layer_vjp" };
+pub(crate) const SHADE: Kernel = Kernel {
+    name: "shade_layer",
+    source: source!("const POSITION_GRADIENTS: bool = false; const MAP_GRADIENTS: bool = false;"),
+    entry: "shade_layer",
+};
+/// The adjoint for gradients of positions and maps.
+pub(crate) const SHADE_VJP: Kernel = Kernel {
+    name: "shade_layer_vjp",
+    source: source!("const POSITION_GRADIENTS: bool = true; const MAP_GRADIENTS: bool = true;"),
+    entry: "shade_layer_vjp",
+};
+/// The adjoint for gradients of positions alone.
+pub(crate) const SHADE_VJP_POSITIONS: Kernel = Kernel {
+    name: "shade_layer_vjp of positions",
+    source: source!("const POSITION_GRADIENTS: bool = true; const MAP_GRADIENTS: bool = false;"),
+    entry: "shade_layer_vjp",
+};
+/// The adjoint for gradients of maps alone.
+pub(crate) const SHADE_VJP_MAPS: Kernel = Kernel {
+    name: "shade_layer_vjp of maps",
+    source: source!("const POSITION_GRADIENTS: bool = false; const MAP_GRADIENTS: bool = true;"),
+    entry: "shade_layer_vjp",
+};
 
 /// Parameters of the shading of a picture.
 #[repr(C)]
@@ -59,6 +86,8 @@ pub struct MapShading {
     /// Tables and environments.
     pub tables: ShadingTables,
     corners: Buffer<[u32; 4]>,
+    /// The adjoint; none where nothing gets gradients.
+    adjoint: Option<&'static Kernel>,
     params: ShadeParams,
     slots: ShadeSlots,
 }
@@ -76,7 +105,7 @@ impl ShadeSlots {
 }
 
 impl MapShading {
-    /// For meshes of at most `triangles` triangles.
+    /// For meshes of at most `triangles` triangles, with the gradients that `passes` ask for.
     ///
     /// # Errors
     /// If the device cannot hold what is kept of each.
@@ -85,10 +114,17 @@ impl MapShading {
         maps: MipBuffers,
         tables: ShadingTables,
         triangles: usize,
+        passes: &Passes,
     ) -> Result<Self, GpuError> {
         let corners = gpu.zeros("corners", CORNERS * triangles)?;
         let params = bytemuck::Zeroable::zeroed();
-        Ok(Self { maps, tables, corners, params, slots: ShadeSlots::default() })
+        let adjoint = match (passes.position_gradients, passes.map_gradients) {
+            (true, true) => Some(&SHADE_VJP),
+            (true, false) => Some(&SHADE_VJP_POSITIONS),
+            (false, true) => Some(&SHADE_VJP_MAPS),
+            (false, false) => None,
+        };
+        Ok(Self { maps, tables, corners, adjoint, params, slots: ShadeSlots::default() })
     }
 
     /// The parameters of a picture. `scale` is that of the sums of vertices, `number` tells which of the uploaded
@@ -114,8 +150,6 @@ impl MapShading {
             passes.normal_map,
             passes.emissive,
             passes.energy == Energy::Compensated,
-            passes.position_gradients,
-            passes.map_gradients,
             passes.alpha_gradients,
             faded,
         ];
@@ -193,11 +227,12 @@ impl Shading for MapShading {
         g: &GradientBuffers,
         work: Work<'_>,
     ) -> Result<(), GpuError> {
+        let Some(adjoint) = self.adjoint else { return Ok(()) };
         self.load(r, mesh, picture)?;
         let [triangle, corners, texels, tables] = self.shared(layer);
         let gradients = [g.shaded.bind(), self.maps.sums.bind(), g.sums.bind()];
         let buffers = [&[triangle, corners, texels, tables], &gradients[..]].concat();
-        self.slots.0.push(work.dispatch(r, &SHADE_VJP, &self.params, &buffers)?);
+        self.slots.0.push(work.dispatch(r, adjoint, &self.params, &buffers)?);
         Ok(())
     }
 }

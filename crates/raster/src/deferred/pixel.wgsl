@@ -1,13 +1,14 @@
 // One pixel: interpolate, texture, normal map, shade; forward and adjoint: twin of `pixel.rs`. The kernel declares
 //     var<storage, read> corners: array<vec4<u32>>;
+// and says what gets gradients:
+//     const POSITION_GRADIENTS: bool
+//     const MAP_GRADIENTS: bool
 
 const NORMAL_MAP: u32 = 1u;
 const EMISSIVE: u32 = 2u;
 const COMPENSATED: u32 = 4u;
-const POSITION_GRADIENTS: u32 = 8u;
-const MAP_GRADIENTS: u32 = 16u;
-const ALPHA_GRADIENTS: u32 = 32u;
-const FADED_MASKS: u32 = 64u;
+const ALPHA_GRADIENTS: u32 = 8u;
+const FADED_MASKS: u32 = 16u;
 
 const ALPHA_OPAQUE: u32 = 0u;
 const ALPHA_MASK: u32 = 1u;
@@ -191,7 +192,7 @@ fn pixel_vjp(p: Pixel, c: Corners, f: vec2<f32>, g: vec4<f32>) -> PixelGradient 
         vec4<f32>(g_map.yz, g_emissive.xy),
         vec4<f32>(g_emissive.z, 0.0, 0.0, 0.0),
     );
-    if runs(POSITION_GRADIENTS) {
+    if POSITION_GRADIENTS {
         out.position = s.position + view_direction_vjp(params.eye, p.position, s.wo + facing.wo);
         let g_uv = sample_vjp(p.at, out.texel).xy;
         let g_weights = weight_vjp(c.position, out.position)

@@ -78,18 +78,27 @@ fn samples_of_block() -> u32 {
     return params.side * params.side;
 }
 
+// Whether an earlier sample of the block shows the triangle of sample j. Most often that is the one beside it or above it.
+fn repeats(block: vec2<u32>, j: u32, t: u32) -> bool {
+    if j % params.side > 0u && triangle[place_of(block, j - 1u)] == t {
+        return true;
+    }
+    if j >= params.side && triangle[place_of(block, j - params.side)] == t {
+        return true;
+    }
+    for (var k = 0u; k < j; k++) {
+        if triangle[place_of(block, k)] == t {
+            return true;
+        }
+    }
+    return false;
+}
+
 // The first sample from `start` on whose triangle no earlier one of the block shows; the number of samples without any.
 fn leader(block: vec2<u32>, start: u32) -> u32 {
     for (var j = start; j < samples_of_block(); j++) {
         let t = triangle[place_of(block, j)];
-        if t == NONE {
-            continue;
-        }
-        var k = 0u;
-        while k < j && triangle[place_of(block, k)] != t {
-            k++;
-        }
-        if k == j {
+        if t != NONE && !repeats(block, j, t) {
             return j;
         }
     }
@@ -154,19 +163,15 @@ fn shade_layer(
 // `add_fixed` for the sums of vertices.
 fn add_vertex(at: u32, x: f32) {
     let status = arrayLength(&vertex_sums) - 1u;
-    if !(abs(x) * params.scale < FIXED_LIMIT) {
+    if !fixed_fits(x, params.scale) {
         atomicOr(&vertex_sums[status], 1u);
         return;
     }
     let words = fixed_words(x, params.scale);
     let before = atomicAdd(&vertex_sums[2u * at], words.x);
     let high = words.y + select(0u, 1u, before > 0xffffffffu - words.x);
-    if high != 0u {
-        let old = atomicAdd(&vertex_sums[2u * at + 1u], high);
-        let after = old + high;
-        if ((old ^ after) & (high ^ after)) >= 0x80000000u {
-            atomicOr(&vertex_sums[status], 2u);
-        }
+    if high != 0u && fixed_overflows(atomicAdd(&vertex_sums[2u * at + 1u], high), high) {
+        atomicOr(&vertex_sums[status], 2u);
     }
 }
 
@@ -225,10 +230,10 @@ fn reverse_group(lane: u32, block: vec2<u32>, first: u32) -> u32 {
     let f = centroid(block, first, t);
     let p = pixel(c, f);
     let d = pixel_vjp(p, c, f, g);
-    if runs(MAP_GRADIENTS) {
+    if MAP_GRADIENTS {
         scatter(p.at, d.texel);
     }
-    if runs(POSITION_GRADIENTS) {
+    if POSITION_GRADIENTS {
         store_terms(lane, p, d);
     }
     return t;
@@ -244,13 +249,20 @@ fn shade_layer_vjp(
         let block = block_of(tile, lane);
         var end = 0u;
         var next = 0u;
-        var groups_of_lane = 0u;
         if inside(block) {
             end = samples_of_block();
             next = leader(block, 0u);
-            for (var j = next; j < end; j = leader(block, j + 1u)) {
-                groups_of_lane++;
+        }
+        if !POSITION_GRADIENTS {
+            while next < end {
+                reverse_group(lane, block, next);
+                next = leader(block, next + 1u);
             }
+            continue;
+        }
+        var groups_of_lane = 0u;
+        for (var j = next; j < end; j = leader(block, j + 1u)) {
+            groups_of_lane++;
         }
         if lane == 0u {
             atomicStore(&most, 0u);
@@ -261,6 +273,7 @@ fn shade_layer_vjp(
         if lane == 0u {
             rounds = atomicLoad(&most);
         }
+        // In every round each lane has one more of its groups, as long as some lane has.
         let count = workgroupUniformLoad(&rounds);
         for (var round = 0u; round < count; round++) {
             var owner = NONE;
@@ -268,14 +281,12 @@ fn shade_layer_vjp(
                 owner = reverse_group(lane, block, next);
                 next = leader(block, next + 1u);
             }
-            if runs(POSITION_GRADIENTS) {
-                owners[lane] = owner;
-                workgroupBarrier();
-                if lane < TERMS {
-                    add_terms(lane);
-                }
-                workgroupBarrier();
+            owners[lane] = owner;
+            workgroupBarrier();
+            if lane < TERMS {
+                add_terms(lane);
             }
+            workgroupBarrier();
         }
     }
 }

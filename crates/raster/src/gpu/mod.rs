@@ -39,6 +39,11 @@ pub const KERNELS: &[Kernel] = &[
     antialias::gpu::SILHOUETTES,
     antialias::gpu::BLEND,
     antialias::gpu::REVERSE,
+    deferred::gpu::LOAD_CORNERS,
+    deferred::gpu::SHADE,
+    deferred::gpu::SHADE_VJP,
+    deferred::gpu::SHADE_VJP_POSITIONS,
+    deferred::gpu::SHADE_VJP_MAPS,
     composite::BLEND,
     composite::BLEND_VJP,
     composite::TRANSPARENT_PART,
@@ -46,9 +51,6 @@ pub const KERNELS: &[Kernel] = &[
     composite::MAGNIFY,
     loss::gpu::TERMS,
     loss::gpu::FINISH,
-    deferred::gpu::LOAD_CORNERS,
-    deferred::gpu::SHADE,
-    deferred::gpu::SHADE_VJP,
 ];
 
 #[cfg(test)]

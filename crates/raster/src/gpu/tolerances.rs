@@ -29,5 +29,13 @@ pub(crate) const PICTURE_PIXELS: f64 = 2e-3;
 pub(crate) const GRADIENT: f64 = 1e-3;
 /// Losses, relative: sums of 2^20 terms in single precision, by a tree.
 pub(crate) const LOSS: f64 = 4e-6;
-/// Gradients of losses, relative to themselves or a thousandth of the largest: differences of values of the tone curve.
+/// Gradients of losses, relative to themselves or a share of the largest: differences of numbers of like size.
 pub(crate) const LOSS_GRADIENT: f32 = 1e-5;
+/// Pixels of a shaded layer (`photofit_gradcheck::worst_difference`): interpolation, lookups and lights, a few hundred
+/// operations; the share of a mip level is known to some 1e-6.
+pub(crate) const SHADED: f64 = 5e-5;
+/// Gradients of a shaded layer, as above: terms of both signs are summed in `f32` on the CPU, per texel up to hundreds.
+pub(crate) const SHADED_VJP: f64 = 1e-3;
+/// Both, of meshes with corners behind the eye and surfaces as smooth as can be: lobes narrower than what the rounding of
+/// normals turns them by.
+pub(crate) const SHADED_BROKEN: f64 = 2e-2;

@@ -16,6 +16,21 @@ impl SurfaceGraph {
         out
     }
 
+    /// Changes texture number `index` of [`Self::textures`].
+    pub fn edit_texture(&mut self, index: usize, edit: impl FnOnce(&mut Texture)) {
+        let (mut edit, mut at) = (Some(edit), 0);
+        let mut visit = |t: &mut Texture| {
+            if at == index
+                && let Some(edit) = edit.take()
+            {
+                edit(t);
+            }
+            at += 1;
+        };
+        self.root.textures_mut(&mut visit);
+        self.emission.iter_mut().for_each(visit);
+    }
+
     /// Whether each of [`Self::textures`] has a gradient by [`Self::resolve_vjp`] or [`Self::emission_vjp`].
     pub fn differentiable(&self) -> Vec<bool> {
         let mut out = Vec::new();

@@ -59,6 +59,22 @@ impl Bitmap {
         [self.width, self.height]
     }
 
+    /// All texels, row by row, three channels each; single channels are repeated.
+    pub fn texels(&self) -> Vec<f32> {
+        (0..self.width * self.height).flat_map(|i| self.texel(i).to_array()).collect()
+    }
+
+    /// Replaces all texels by three channels each, of which single channels take the first.
+    ///
+    /// # Panics
+    /// If there are not three values for every texel.
+    pub fn set_texels(&mut self, values: &[f32]) {
+        assert_eq!(values.len(), 3 * self.width * self.height, "three values a texel");
+        for (t, v) in self.texels.chunks_exact_mut(self.channels).zip(values.chunks_exact(3)) {
+            t.copy_from_slice(&v[..t.len()]);
+        }
+    }
+
     /// Largest value per channel.
     pub(super) fn largest(&self) -> Vec3f {
         (0..self.width * self.height).fold(Vec3f::zero(), |m, i| m.max(self.texel(i)))

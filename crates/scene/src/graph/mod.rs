@@ -222,6 +222,67 @@ impl SurfaceNode {
         }
     }
 
+    /// The textures in the same order, to be changed.
+    pub(super) fn textures_mut(&mut self, visit: &mut dyn FnMut(&mut Texture)) {
+        let of_rough = |r: &mut Option<Roughness>, visit: &mut dyn FnMut(&mut Texture)| {
+            if let Some(r) = r {
+                visit(&mut r.alpha_u);
+                visit(&mut r.alpha_v);
+            }
+        };
+        match self {
+            Self::Constant(_) => {}
+            Self::Diffuse { reflectance } => visit(reflectance),
+            Self::Conductor { eta, k, reflectance, rough } => {
+                [eta, k, reflectance].into_iter().for_each(&mut *visit);
+                of_rough(rough, visit);
+            }
+            Self::Dielectric { reflectance, transmittance, rough, .. } => {
+                [reflectance, transmittance].into_iter().for_each(&mut *visit);
+                of_rough(rough, visit);
+            }
+            Self::Plastic { diffuse, specular, .. } | Self::RoughPlastic { diffuse, specular, .. } => {
+                [diffuse, specular].into_iter().for_each(visit);
+            }
+            Self::Principled(p) => [
+                &mut p.base_color,
+                &mut p.roughness,
+                &mut p.anisotropic,
+                &mut p.metallic,
+                &mut p.spec_tint,
+                &mut p.sheen,
+                &mut p.sheen_tint,
+                &mut p.flatness,
+                &mut p.clearcoat,
+                &mut p.clearcoat_gloss,
+            ]
+            .into_iter()
+            .for_each(visit),
+            Self::TwoSided { front, back } => {
+                front.textures_mut(visit);
+                if let Some(back) = back {
+                    back.textures_mut(visit);
+                }
+            }
+            Self::Mask { opacity, inner } => {
+                visit(opacity);
+                inner.textures_mut(visit);
+            }
+            Self::Blend { weight, inner } => {
+                visit(weight);
+                inner.iter_mut().for_each(|n| n.textures_mut(visit));
+            }
+            Self::Bump { height, inner, .. } => {
+                visit(height);
+                inner.textures_mut(visit);
+            }
+            Self::NormalMap { map, inner } => {
+                visit(map);
+                inner.textures_mut(visit);
+            }
+        }
+    }
+
     /// The same surface; one whose textures are all constant becomes a [`SurfaceNode::Constant`].
     #[must_use]
     pub fn simplified(self) -> Self {

@@ -151,6 +151,24 @@ impl SurfaceLibrary {
         self.textures[index].set_base(linear);
     }
 
+    /// The factors of a material, which its textures multiply: base colour, roughness, metalness, emission.
+    ///
+    /// # Panics
+    /// If there is no such material.
+    pub fn factors(&self, material: usize) -> SurfaceSample {
+        self.materials[material].constant
+    }
+
+    /// Replaces base colour, roughness, metalness and emission of [`Self::factors`]; the rest stays.
+    ///
+    /// # Panics
+    /// If there is no such material.
+    pub fn set_factors(&mut self, material: usize, factors: &SurfaceSample) {
+        let constant = &mut self.materials[material].constant;
+        let SurfaceSample { base_color, roughness, metallic, emissive, .. } = *factors;
+        *constant = SurfaceSample { base_color, roughness, metallic, emissive, ..*constant };
+    }
+
     /// The material at texture coordinates `uv0` and `uv1`.
     ///
     /// `vertex_color` is linear and multiplies the base colour and alpha (white where a mesh has none). Without a

@@ -1,11 +1,12 @@
 //! The loop, run on a model of one picture whose pixels are the parameters.
 
 use super::*;
+use crate::engine::cpu::{Chain, Cpu};
 use crate::engine::reference::Picture;
 use crate::engine::views::{Lighting, Orbit, Pose, Setup, Sphere};
 use crate::{Silent, bake};
 use photofit_image::Image;
-use photofit_optim::Temporal;
+use photofit_optim::{Optimizer, Temporal};
 use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -57,7 +58,7 @@ impl Pixels {
     }
 }
 
-impl Model for Pixels {
+impl Chain for Pixels {
     type Gradients = [Vec<f32>; 2];
 
     fn groups(&self) -> Vec<Group> {
@@ -177,7 +178,7 @@ fn fit(model: Pixels, keeping: &Keeping, progress: &dyn Progress) -> Result<Trai
             phase("third", 67, STEPS - 67, None),
         ]
     };
-    train(model, &job, phases, progress)
+    train(Cpu::new(model)?, &job, phases, progress)
 }
 
 /// What a fit gives, without times.

@@ -4,34 +4,23 @@ mod scene;
 
 use super::*;
 use crate::deferred::{Gradients, render, render_vjp};
+use crate::gpu::tests::device;
+use crate::gpu::tolerances::{SHADED, SHADED_BROKEN, SHADED_VJP};
 use crate::gpu::{VERTEX_SUMS, vertex_sum};
+use crate::maps::channel;
 use crate::project::project_vjp;
 use crate::rasterize::NONE;
-use photofit_gpu::{test_device, validate};
 use photofit_gradcheck::{Uniform, worst_difference};
 use photofit_scalar::{Vec3f, Vec4f, vec3, vec4};
 use photofit_texture::gpu::SUM_SCALE;
 use scene::Scene;
 
-/// Worst difference of radiance, of the whole layer.
-const RADIANCE: f64 = 1e-4;
-/// Worst difference of a gradient, against the root mean square of its kind.
-const GRADIENT: f64 = 1e-3;
-
-/// The device, or the end of the test where there is none.
-macro_rules! device {
-    () => {
-        match test_device() {
-            Some(gpu) => gpu,
-            None => return,
-        }
-    };
-}
-
 /// What a layer gives: pixels, and the gradients of positions, normals, tangents and texels.
 struct Layer {
     color: Vec<[f32; 4]>,
     gradients: [Vec<f32>; 4],
+    /// Of the sums of vertices and of texels.
+    status: [u32; 2],
 }
 
 fn on_cpu(s: &Scene, passes: &Passes, g: &[[f32; 4]]) -> Layer {
@@ -44,6 +33,7 @@ fn on_cpu(s: &Scene, passes: &Passes, g: &[[f32; 4]]) -> Layer {
         Layer {
             color: frame.color,
             gradients: [flat(&out.positions), flat(&out.normals), flat(&out.tangents), texels],
+            status: [0; 2],
         }
     })
 }
@@ -68,10 +58,10 @@ fn on_device(gpu: &Gpu, s: &Scene, passes: &Passes, g: &[[f32; 4]]) -> Layer {
         let layer = &picture.layers[0];
         gpu.write(&layer.triangle, triangle).expect("written");
         let gradients = GradientBuffers::new(gpu, &mesh, n, pixels).expect("fits");
-        let fitted = std::array::from_fn(|c| c < crate::maps::channel::USED);
+        let fitted = std::array::from_fn(|c| c < channel::USED);
         let maps = MipBuffers::new(gpu, &s.maps, fitted, SUM_SCALE).expect("fits");
         let tables = ShadingTables::new(gpu, &[&s.environment]).expect("fits");
-        let mut shading = MapShading::new(gpu, maps, tables, mesh.triangles()).expect("fits");
+        let mut shading = MapShading::new(gpu, maps, tables, mesh.triangles(), passes).expect("fits");
         let params = shading.params(view, passes, SUM_SCALE, |_| 0);
 
         // Recorded with the parameters of no picture, run with those of this one.
@@ -109,9 +99,8 @@ fn on_device(gpu: &Gpu, s: &Scene, passes: &Passes, g: &[[f32; 4]]) -> Layer {
         shading.record_vjp(&mut r, &mesh, &picture, layer, &gradients, Work::Threads(n)).expect("recorded");
         shading.maps.record_collect(&mut r).expect("recorded");
         r.finish().expect("finished").run().expect("runs");
-        assert_eq!(gpu.read(&shading.maps.status).expect("read"), [0]);
         let words = gpu.read(&gradients.sums).expect("read");
-        assert_eq!(words.last(), Some(&0), "status");
+        let status = [*words.last().expect("a status"), gpu.read(&shading.maps.status).expect("read")[0]];
         let sum = |v: usize, c: usize| {
             let at = 2 * (VERTEX_SUMS * v + c);
             let units = (i64::from(words[at + 1] as i32) << 32) + i64::from(words[at]);
@@ -133,7 +122,7 @@ fn on_device(gpu: &Gpu, s: &Scene, passes: &Passes, g: &[[f32; 4]]) -> Layer {
             flat(&vectors(vertex_sum::TANGENT)),
             texels,
         ];
-        Layer { color, gradients }
+        Layer { color, gradients, status }
     })
 }
 
@@ -150,22 +139,21 @@ fn passes() -> Passes {
 }
 
 fn check(gpu: &Gpu, what: &str, s: &Scene, passes: &Passes) {
-    let g = weights(s.background.len(), 3);
+    check_scaled(gpu, what, s, passes, 1.0);
+}
+
+/// [`check`] with gradients of another size.
+fn check_scaled(gpu: &Gpu, what: &str, s: &Scene, passes: &Passes, size: f32) {
+    let g: Vec<_> = weights(s.background.len(), 3).iter().map(|g| g.map(|g| g * size)).collect();
     let (found, expected) = (on_device(gpu, s, passes, &g), on_cpu(s, passes, &g));
+    assert_eq!(found.status, [0; 2], "{what}: status");
     let covered = expected.color.iter().filter(|c| c[3] > 0.0).count();
     assert!(covered > expected.color.len() / 5, "{what}: {covered} pixels are covered");
     let error = worst_difference(found.color.as_flattened(), expected.color.as_flattened());
-    assert!(error <= RADIANCE, "{what}: radiance differs by {error:.2e}");
+    assert!(error <= SHADED, "{what}: radiance differs by {error:.2e}");
     for (k, (found, expected)) in found.gradients.iter().zip(&expected.gradients).enumerate() {
         let error = worst_difference(found, expected);
-        assert!(error <= GRADIENT, "{what}, {}: differs by {error:.2e}", NAMES[k]);
-    }
-}
-
-#[test]
-fn kernels_are_valid() {
-    for kernel in [LOAD_CORNERS, SHADE, SHADE_VJP] {
-        validate(&kernel).expect("valid");
+        assert!(error <= SHADED_VJP, "{what}, {}: differs by {error:.2e}", NAMES[k]);
     }
 }
 
@@ -201,6 +189,53 @@ fn parts_that_are_left_out_agree() {
 }
 
 #[test]
+fn small_and_large_gradients_agree() {
+    let gpu = device!();
+    let s = Scene::new(7, 1);
+    // Of loss functions that are means over many pixels, and of sums.
+    for size in [1e-7, 1e-4, 100.0] {
+        check_scaled(gpu, &format!("gradients of {size}"), &s, &passes(), size);
+    }
+    for bad in [1e9, f32::NAN] {
+        let mut g = weights(s.background.len(), 3);
+        g.iter_mut().for_each(|g| *g = [bad; 4]);
+        let found = on_device(gpu, &s, &passes(), &g);
+        assert!(found.status.iter().all(|s| *s != 0), "{bad} is told: {:?}", found.status);
+    }
+}
+
+#[test]
+fn broken_meshes_agree() {
+    let gpu = device!();
+    let mut s = Scene::new(8, 1);
+    for (i, k) in (0..s.positions.len()).step_by(7).zip(0..) {
+        match k % 6 {
+            // Behind the eye, on another vertex, without a direction, without a place in the maps.
+            0 => s.positions[i].z = 2.7,
+            1 => s.positions[i] = s.positions[i + 1],
+            2 => s.normals[i] = Vec3f::zero(),
+            3 => s.tangents[i] = Vec4f::zero(),
+            4 => s.uvs[i].x = f32::NAN,
+            _ => s.normals[i] = -s.normals[i],
+        }
+    }
+    for t in s.maps.levels[0].texels.iter_mut().step_by(5) {
+        t[channel::ROUGHNESS] = 0.0;
+        t[channel::NORMAL..channel::NORMAL + 3].fill(0.0);
+    }
+    s.maps.rebuild();
+    let passes = Passes { position_gradients: false, ..passes() };
+    let g = weights(s.background.len(), 3);
+    let (found, expected) = (on_device(gpu, &s, &passes, &g), on_cpu(&s, &passes, &g));
+    assert!(expected.color.as_flattened().iter().all(|c| c.is_finite()), "the CPU's picture is finite");
+    assert!(found.color.as_flattened().iter().all(|c| c.is_finite()), "and the device's");
+    let error = worst_difference(found.color.as_flattened(), expected.color.as_flattened());
+    assert!(error <= SHADED_BROKEN, "radiance differs by {error:.2e}");
+    let error = worst_difference(&found.gradients[3], &expected.gradients[3]);
+    assert!(error <= SHADED_BROKEN, "texels differ by {error:.2e}");
+}
+
+#[test]
 fn gradients_have_the_same_bits_in_every_run() {
     let gpu = device!();
     let s = Scene::new(5, 1);
@@ -219,6 +254,6 @@ fn a_perturbed_side_is_found() {
     let mut other = s;
     other.normals[40].x += 0.01;
     let found = on_device(gpu, &other, &passes(), &g);
-    assert!(worst_difference(found.color.as_flattened(), expected.color.as_flattened()) > RADIANCE);
-    assert!(worst_difference(&found.gradients[0], &expected.gradients[0]) > GRADIENT);
+    assert!(worst_difference(found.color.as_flattened(), expected.color.as_flattened()) > SHADED);
+    assert!(worst_difference(&found.gradients[0], &expected.gradients[0]) > SHADED_VJP);
 }

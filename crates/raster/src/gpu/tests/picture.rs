@@ -184,7 +184,7 @@ impl<'a> Device<'a> {
         let fitted = std::array::from_fn(|k| k < channel::USED);
         let maps = MipBuffers::new(gpu, &s.maps, fitted, SCALE).expect("uploaded");
         let tables = ShadingTables::new(gpu, &[&s.environment]).expect("uploaded");
-        let mut shading = MapShading::new(gpu, maps, tables, mesh.triangles()).expect("made");
+        let mut shading = MapShading::new(gpu, maps, tables, mesh.triangles(), passes).expect("made");
         let params = s.with(c, |view| frame_params(&mesh, view, passes));
         let mut r = gpu.record("picture");
         let forward = render(&mut r, &mesh, &picture, passes, &params, &mut shading).expect("recorded");

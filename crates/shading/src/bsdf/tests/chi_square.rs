@@ -2,8 +2,8 @@
 
 use super::catalogue::{Case, all, gold};
 use crate::bsdf::{Bsdf, BsdfSample, Distribution, Microfacet, RoughConductor, Scatter};
-use photofit_sampling::{Rng, inverse_normal_cdf};
-use photofit_scalar::{Vec3, vec3};
+use photofit_sampling::{Rng, chi_square};
+use photofit_scalar::{Real, Vec3, vec3};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
@@ -13,8 +13,6 @@ const CELLS: usize = RINGS * SECTORS;
 /// Halvings of a cell by the quadrature: at most, and at least.
 const DEPTH: u32 = 6;
 const FORCED: u32 = 1;
-/// Significance of a whole test.
-const SIGNIFICANCE: f64 = 0.01;
 
 /// Polar coordinates around a direction whose rings grow geometrically, `u = 1 - cos = scale (exp(rho) - 1)`, for the
 /// directions on one side of the surface.
@@ -28,11 +26,11 @@ struct Chart {
 }
 
 impl Chart {
-    /// Centred at the densest of the pilot samples on a side, finer than the lobe there.
-    fn new(side: f64, pilots: &[(Vec3<f64>, f64)]) -> Option<Self> {
+    /// Centred at the densest of the pilot samples on a side, finer than the lobe there, but not than `finest`.
+    fn new(side: f64, pilots: &[(Vec3<f64>, f64)], finest: f64) -> Option<Self> {
         let here = pilots.iter().filter(|p| p.0.z * side > 0.0);
         let &(pole, pdf) = here.max_by(|a, b| a.1.total_cmp(&b.1))?;
-        let scale = (0.1 / (2.0 * PI * pdf)).clamp(1e-16, 0.5);
+        let scale = (0.1 / (2.0 * PI * pdf)).clamp(finest, 0.5);
         let (s, t) = pole.orthonormal_pair();
         Some(Self { side, pole, s, t, scale, rho_max: (2.0 / scale).ln_1p() })
     }
@@ -132,38 +130,12 @@ impl Chart {
     }
 }
 
-/// Standard deviations between the statistic and its mean (Wilson and Hilferty's cube root); cells that expect fewer
-/// than 5 are pooled.
-fn deviation(counts: &[f64], expected: &[f64]) -> f64 {
-    let (mut statistic, mut cells, mut rest) = (0.0, 0.0, (0.0, 0.0));
-    for (&count, &expected) in counts.iter().zip(expected) {
-        if expected < 5.0 {
-            rest = (rest.0 + count, rest.1 + expected);
-        } else {
-            statistic += (count - expected).powi(2) / expected;
-            cells += 1.0;
-        }
-    }
-    if rest.1 >= 5.0 {
-        statistic += (rest.0 - rest.1).powi(2) / rest.1;
-        cells += 1.0;
-    } else if rest.0 > 25.0 {
-        return f64::INFINITY;
-    }
-    if cells < 2.0 {
-        return 0.0;
-    }
-    let k = cells - 1.0;
-    let spread = 2.0 / (9.0 * k);
-    ((statistic / k).cbrt() - (1.0 - spread)) / spread.sqrt()
-}
-
 /// The grids of both sides of the surface.
 struct Grid(Vec<Chart>);
 
 impl Grid {
-    fn new(pilots: &[(Vec3<f64>, f64)]) -> Self {
-        Self([1.0, -1.0].into_iter().filter_map(|side| Chart::new(side, pilots)).collect())
+    fn new(pilots: &[(Vec3<f64>, f64)], finest: f64) -> Self {
+        Self([1.0, -1.0].into_iter().filter_map(|side| Chart::new(side, pilots, finest)).collect())
     }
 
     fn cells(&self) -> usize {
@@ -182,52 +154,90 @@ impl Grid {
     }
 }
 
-/// Compares `n` samples with the density; the message says what is wrong.
-fn compare(bsdf: &Bsdf<f64>, wo: Vec3<f64>, n: usize, limit: f64) -> Result<(), String> {
+/// A scalar that BSDFs are sampled in.
+trait Tested: Real {
+    /// Smallest `1 - cos` that the grid resolves: rings of some thousand directions that the scalar can tell apart.
+    const FINEST: f64;
+    /// Relative error of value and density of a sample against those of its direction; `None` where directions are too
+    /// coarse to say.
+    const ROUNDING: Option<f64>;
+}
+
+impl Tested for f64 {
+    const FINEST: f64 = 1e-16;
+    const ROUNDING: Option<f64> = Some(1e-6);
+}
+
+impl Tested for f32 {
+    const FINEST: f64 = 1e-8;
+    const ROUNDING: Option<f64> = None;
+}
+
+/// Compares `n` samples with the density of the same BSDF in f64; the message says what is wrong.
+fn compare<T: Tested>(
+    sampled: &Bsdf<T>,
+    exact: &Bsdf<f64>,
+    wo: Vec3<f64>,
+    n: usize,
+    limit: f64,
+) -> Result<(), String> {
     let mut rng = Rng::new(31, 0);
-    let mut draw = || bsdf.sample(wo, rng.next_f64(), [rng.next_f64(), rng.next_f64()]);
+    let wo_t: Vec3<T> = wo.cast();
+    let mut draw = || {
+        let u = [rng.next_f64(), rng.next_f64(), rng.next_f64()].map(T::of);
+        sampled.sample(wo_t, u[0], [u[1], u[2]])
+    };
     let first: Vec<_> = (0..2000).filter_map(|_| draw()).collect();
-    let pilots: Vec<_> = first.iter().filter(|s| !s.delta).map(|s| (s.wi, s.pdf)).collect();
+    let pilots: Vec<(Vec3<f64>, f64)> =
+        first.iter().filter(|s| !s.delta).map(|s| (s.wi.cast(), s.pdf.f64())).collect();
     if pilots.is_empty() {
         return if first.len() > 1980 { Ok(()) } else { Err("hardly any sample".into()) };
     }
-    let grid = Grid::new(&pilots);
-    let mut counts = vec![0.0; grid.cells()];
-    let mut others = 0.0;
+    let grid = Grid::new(&pilots, T::FINEST);
+    let mut counts = vec![0; grid.cells()];
+    let mut others = 0_u64;
     for _ in 0..n {
         let Some(s) = draw().filter(|s| !s.delta) else {
-            others += 1.0;
+            others += 1;
             continue;
         };
-        let (value, pdf) = bsdf.eval_pdf(wo, s.wi);
-        let near = |a: f64, b: f64| (a - b).abs() <= 1e-6 * b.abs().max(1e-12);
-        if pdf <= 0.0
-            || !near(s.pdf, pdf)
-            || (s.weight * pdf - value).length() > 1e-6 * value.length().max(1e-12)
-        {
-            return Err(format!("{s:?} has density {pdf} and value {value:?}"));
+        if let Some(bound) = T::ROUNDING {
+            let (value, pdf) = sampled.eval_pdf(wo_t, s.wi);
+            let (bound, tiny) = (T::of(bound), T::of(1e-12));
+            if pdf <= T::zero()
+                || (s.pdf - pdf).abs() > bound * pdf.abs().max(tiny)
+                || (s.weight * pdf - value).length() > bound * value.length().max(tiny)
+            {
+                return Err(format!("{s:?} has density {pdf:?} and value {value:?}"));
+            }
+        } else if !(s.pdf > T::zero() && s.pdf.is_finite()) || !s.weight.is_finite() {
+            return Err(format!("{s:?} is not finite"));
         }
-        match grid.cell(s.wi) {
-            Some(i) => counts[i] += 1.0,
-            None => others += 1.0,
+        match grid.cell(s.wi.cast()) {
+            Some(i) => counts[i] += 1,
+            None => others += 1,
         }
     }
-    let mut expected = grid.probabilities(&|d| bsdf.pdf(wo, d));
+    let mut expected = grid.probabilities(&|d| exact.pdf(wo, d));
     let total: f64 = expected.iter().sum();
-    let share = others / n as f64;
+    let share = others as f64 / n as f64;
     let noise = 4.0 * (share * (1.0 - share) / n as f64).sqrt();
     if (total + share - 1.0).abs() > 1e-3 + noise {
         return Err(format!("the density integrates to {total}, and {share} of the samples have none"));
     }
-    expected.iter_mut().for_each(|e| *e *= n as f64);
-    // Slivers of cells at the horizon may slip through the quadrature.
-    if let Some(i) = (0..counts.len()).find(|&i| counts[i] > 10.0 && expected[i] < 1e-9) {
-        return Err(format!("{} samples in cell {i}, where the density is {}", counts[i], expected[i]));
+    for (i, (count, expected)) in counts.iter().zip(&mut expected).enumerate() {
+        if *expected <= 1e-9 / n as f64 {
+            if *count > 10 {
+                return Err(format!("{count} samples in cell {i}, where the density is {expected}"));
+            }
+            // Slivers of cells at the horizon may slip through the quadrature.
+            *expected = 1e-12;
+        }
     }
     // Samples without density are one more cell.
     counts.push(others);
-    expected.push((1.0 - total).max(0.0) * n as f64);
-    let z = deviation(&counts, &expected);
+    expected.push((1.0 - total).max(1e-12));
+    let z = chi_square::deviation(&counts, &expected);
     if z > limit { Err(format!("chi-square lies {z:.1} deviations above its mean")) } else { Ok(()) }
 }
 
@@ -252,15 +262,17 @@ fn viewers(case: &Case<f64>) -> Vec<Vec3<f64>> {
     out
 }
 
-fn run(cases: &[Case<f64>], n: usize) {
-    let tests: Vec<_> = cases.iter().flat_map(|c| viewers(c).into_iter().map(move |wo| (c, wo))).collect();
-    let each = 1.0 - (1.0 - SIGNIFICANCE).powf(1.0 / tests.len() as f64);
-    let limit = inverse_normal_cdf(1.0 - each);
+/// Tests the chosen cases as sampled in `T`.
+fn run<T: Tested>(chosen: impl Fn(usize) -> bool, n: usize) {
+    let cases: Vec<_> = all::<T>().into_iter().zip(all::<f64>()).filter(|(_, c)| is_resolved(c)).collect();
+    let cases = cases.iter().enumerate().filter(|(i, _)| chosen(*i)).map(|(_, c)| c);
+    let tests: Vec<_> = cases.flat_map(|c| viewers(&c.1).into_iter().map(move |wo| (c, wo))).collect();
+    let limit = chi_square::bound(tests.len());
     let mut failures: Vec<String> = tests
         .par_iter()
-        .filter_map(|(c, wo)| {
-            let message = compare(&c.bsdf, *wo, n, limit).err()?;
-            Some(format!("{} from z {:.2}: {message}", c.name, wo.z))
+        .filter_map(|((sampled, exact), wo)| {
+            let message = compare(&sampled.bsdf, &exact.bsdf, *wo, n, limit).err()?;
+            Some(format!("{} from z {:.2}: {message}", exact.name, wo.z))
         })
         .collect();
     let count = failures.len();
@@ -271,15 +283,24 @@ fn run(cases: &[Case<f64>], n: usize) {
 #[test]
 fn samples_follow_their_density() {
     // Every fifteenth, so that each kind of material meets several parameters.
-    let cases: Vec<_> = all().into_iter().filter(is_resolved).skip(3).step_by(15).collect();
-    run(&cases, 100_000);
+    run::<f64>(|i| i % 15 == 3, 100_000);
+}
+
+#[test]
+fn samples_in_single_precision_follow_their_density() {
+    run::<f32>(|i| i % 15 == 7, 100_000);
 }
 
 #[test]
 #[ignore = "slow: a million samples of every BSDF"]
 fn samples_follow_their_density_everywhere() {
-    let cases: Vec<_> = all().into_iter().filter(is_resolved).collect();
-    run(&cases, 1_000_000);
+    run::<f64>(|_| true, 1_000_000);
+}
+
+#[test]
+#[ignore = "slow: a million samples of every BSDF"]
+fn samples_in_single_precision_follow_their_density_everywhere() {
+    run::<f32>(|_| true, 1_000_000);
 }
 
 #[test]
@@ -296,12 +317,15 @@ fn a_wrong_density_is_noticed() {
         .filter_map(|_| right.sample(wo, rng.next_f64(), [rng.next_f64(), rng.next_f64()]))
         .collect();
     let pilots: Vec<_> = samples.iter().take(2000).map(|s| (s.wi, s.pdf)).collect();
-    let grid = Grid::new(&pilots);
-    let mut counts = vec![0.0; grid.cells()];
-    samples.iter().for_each(|s| counts[grid.cell(s.wi).unwrap()] += 1.0);
+    let grid = Grid::new(&pilots, f64::FINEST);
+    let mut counts = vec![0; grid.cells()];
+    samples.iter().for_each(|s| counts[grid.cell(s.wi).unwrap()] += 1);
     let against = |b: &RoughConductor<f64>| {
-        let expected: Vec<f64> = grid.probabilities(&|d| b.pdf(wo, d)).iter().map(|p| p * 30_000.0).collect();
-        deviation(&counts, &expected)
+        let expected = grid.probabilities(&|d| b.pdf(wo, d));
+        // Of the samples that did not fall below the surface.
+        let total: f64 = expected.iter().sum();
+        let expected: Vec<f64> = expected.iter().map(|p| (p / total).max(1e-12)).collect();
+        chi_square::deviation(&counts, &expected)
     };
     assert!(against(&right) < 4.0 && against(&wrong) > 5.0, "{} {}", against(&right), against(&wrong));
 }

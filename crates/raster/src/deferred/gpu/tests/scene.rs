@@ -3,7 +3,7 @@
 use crate::antialias::Topology;
 use crate::deferred::{Geometry, View};
 use crate::maps::{CHANNELS, Maps, channel};
-use crate::rasterize::NONE;
+use photofit_geometry::{Edges, Weld};
 use photofit_gradcheck::Uniform;
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3, vec4};
 use photofit_shading::{Environment, Light, Yaw};
@@ -27,7 +27,8 @@ pub(super) struct Scene {
     pub(super) background: Vec<[f32; 3]>,
     shade_per_pixel: bool,
     triangles: Vec<[u32; 3]>,
-    none: Vec<[u32; 3]>,
+    opposite: Vec<[u32; 3]>,
+    neighbour: Vec<[u32; 3]>,
     alpha: Vec<AlphaMode>,
     samples: usize,
 }
@@ -41,26 +42,33 @@ impl Scene {
         let mut rng = Uniform::new(seed);
         let mut next = |lo: f64, hi: f64| rng.range(lo, hi) as f32;
         let (mut positions, mut normals, mut tangents, mut uvs) = (vec![], vec![], vec![], vec![]);
-        for j in 0..ROWS {
-            for i in 0..COLUMNS {
-                let (u, v) = (i as f32 / (COLUMNS - 1) as f32, j as f32 / (ROWS - 1) as f32);
-                let (x, y) = (2.0 * u - 1.0 + next(-0.04, 0.04), 1.0 - 2.0 * v + next(-0.04, 0.04));
-                positions.push(vec3(1.1 * x, 0.8 * y, next(-0.1, 0.1)));
-                normals.push(vec3(next(-0.4, 0.4), next(-0.4, 0.4), 1.0));
-                let w = if (i + j) % 2 == 0 { 1.0 } else { -1.0 };
-                tangents.push(vec4(1.0, next(-0.3, 0.3), next(-0.3, 0.3), w));
-                // Past the border of the maps too.
-                uvs.push(vec2(1.1 * u - 0.05 + next(-0.01, 0.01), 1.1 * v - 0.05 + next(-0.01, 0.01)));
-            }
-        }
         let mut triangles = vec![];
-        for j in 0..ROWS - 1 {
-            for i in 0..COLUMNS - 1 {
-                let a = j * COLUMNS + i;
-                triangles.push([a, a + COLUMNS, a + 1]);
-                triangles.push([a + 1, a + COLUMNS, a + COLUMNS + 1]);
+        // A sheet, and a smaller one before it, tilted.
+        for (size, depth, tilt) in [(1.0, 0.0, 0.0), (0.55, 0.5, 0.5)] {
+            let first = positions.len() as u32;
+            for j in 0..ROWS {
+                for i in 0..COLUMNS {
+                    let (u, v) = (i as f32 / (COLUMNS - 1) as f32, j as f32 / (ROWS - 1) as f32);
+                    let (x, y) = (2.0 * u - 1.0 + next(-0.04, 0.04), 1.0 - 2.0 * v + next(-0.04, 0.04));
+                    let z = depth + tilt * x + size * next(-0.1, 0.1);
+                    positions.push(vec3(1.1 * size * (x + tilt * y), 0.8 * size * (y - tilt * x), z));
+                    normals.push(vec3(next(-0.4, 0.4), next(-0.4, 0.4), 1.0));
+                    let w = if (i + j) % 2 == 0 { 1.0 } else { -1.0 };
+                    tangents.push(vec4(1.0, next(-0.3, 0.3), next(-0.3, 0.3), w));
+                    // Past the border of the maps too.
+                    uvs.push(vec2(1.1 * u - 0.05 + next(-0.01, 0.01), 1.1 * v - 0.05 + next(-0.01, 0.01)));
+                }
+            }
+            for j in 0..ROWS - 1 {
+                for i in 0..COLUMNS - 1 {
+                    let a = first + j * COLUMNS + i;
+                    triangles.push([a, a + COLUMNS, a + 1]);
+                    triangles.push([a + 1, a + COLUMNS, a + COLUMNS + 1]);
+                }
             }
         }
+        let weld = Weld::identity(positions.len());
+        let edges = Edges::new(&triangles, &weld);
         let (width, height) = (97, 64);
         let mut texels = vec![[0.0; CHANNELS]; width * height];
         for t in &mut texels {
@@ -82,7 +90,8 @@ impl Scene {
             environment: Environment::from_equirectangular(16, 8, &rgb).expect("an image"),
             background,
             shade_per_pixel: false,
-            none: vec![[NONE; 3]; triangles.len()],
+            opposite: edges.opposite_vertices(&triangles, &weld),
+            neighbour: edges.triangle_neighbours(),
             triangles,
             alpha: vec![],
             samples,
@@ -95,7 +104,7 @@ impl Scene {
 
     /// The scene with every third triangle of another class.
     pub(super) fn with_alpha(&self, alpha: AlphaMode) -> Self {
-        let of = |t: usize| if t % 3 == 0 { AlphaMode::Opaque } else { alpha };
+        let of = |t: usize| if t.is_multiple_of(3) { AlphaMode::Opaque } else { alpha };
         Self { alpha: (0..self.triangles.len()).map(of).collect(), ..self.clone() }
     }
 
@@ -106,7 +115,11 @@ impl Scene {
             normals: &self.normals,
             tangents: &self.tangents,
             uvs: &self.uvs,
-            topology: Topology { triangles: &self.triangles, opposite: &self.none, neighbour: &self.none },
+            topology: Topology {
+                triangles: &self.triangles,
+                opposite: &self.opposite,
+                neighbour: &self.neighbour,
+            },
             alpha: &self.alpha,
             sides: &[],
         };

@@ -1,5 +1,8 @@
 //! Which triangle corners meet at which vertex: the gather lists behind normals and tangents.
 
+#[cfg(feature = "gpu")]
+pub(crate) mod gpu;
+
 use crate::csr::Csr;
 use crate::weld::Weld;
 
@@ -52,6 +55,12 @@ impl Incidence {
     #[inline(always)]
     pub fn corners_of_weld(&self, w: usize) -> &[u32] {
         if self.weld.is_identity() { self.corners_of_vertex.row(w) } else { self.corners_of_weld.row(w) }
+    }
+
+    /// Vertices of each welded id, ascending.
+    #[cfg(feature = "gpu")]
+    fn members(&self) -> Csr {
+        if self.weld.is_identity() { self.weld.members() } else { self.members.clone() }
     }
 
     /// Sum over the vertices of welded id `w` of `value(vertex)`, in ascending order.

@@ -3,6 +3,9 @@
 //! Files split vertices along uv seams and hard edges. Topology (adjacency, smooth normals, Laplacians) is taken on
 //! welded positions, so that such a split does not open the surface.
 
+#[cfg(feature = "gpu")]
+pub mod gpu;
+
 use crate::csr::Csr;
 use photofit_scalar::{Real, Vec3, Vec3f};
 use rayon::prelude::*;

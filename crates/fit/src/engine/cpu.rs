@@ -1,0 +1,168 @@
+//! Models in main memory: any chain of stages from parameters to a loss and back, moved by the optimizers of `optim`.
+
+use super::model::{Broken, Group, Model, Snapshot};
+use super::views::Shot;
+use crate::FitError;
+use photofit_optim::{Optimizer, Rows, clamp_channels, normalize_vectors};
+use photofit_raster::loss::Loss;
+use std::borrow::Cow;
+
+/// Parameters in main memory with a way to pictures and back.
+pub trait Chain {
+    /// Gradients of all groups, with room for the work.
+    type Gradients;
+
+    /// The groups, always in one order.
+    fn groups(&self) -> Vec<Group>;
+
+    /// A fresh optimizer for a group, its filters included.
+    ///
+    /// # Errors
+    /// If a filter cannot be set up.
+    fn optimizer(&self, group: &Group) -> Result<Optimizer<f32>, FitError>;
+
+    /// The samples of group number `group`.
+    fn values(&self, group: usize) -> &[f32];
+
+    /// The same, to be changed; [`Self::changed`] follows.
+    fn values_mut(&mut self, group: usize) -> &mut [f32];
+
+    /// Brings up to date what follows from the samples of a group (mip levels).
+    fn changed(&mut self, group: usize);
+
+    /// Zero gradients.
+    fn gradients(&self) -> Self::Gradients;
+
+    /// The samples of group number `group`, to be changed, and their gradients.
+    fn moved<'a>(&'a mut self, gradients: &'a Self::Gradients, group: usize) -> (&'a mut [f32], &'a [f32]);
+
+    /// Loss of a batch against its references (mean over the shots) and its gradients, which are overwritten. `moving`
+    /// says which groups need theirs.
+    fn step(&self, shots: &[Shot], loss: Loss, moving: &[bool], gradients: &mut Self::Gradients) -> f64;
+
+    /// The pictures of shots: linear RGBA over their backgrounds, the mean over the samples of each pixel.
+    fn pictures(&self, shots: &[Shot]) -> Vec<Vec<[f32; 4]>>;
+}
+
+/// A chain with its gradients, optimizers and best values.
+#[derive(Debug)]
+pub struct Cpu<C: Chain> {
+    chain: C,
+    groups: Vec<Group>,
+    gradients: C::Gradients,
+    optimizers: Vec<Optimizer<f32>>,
+    best: Vec<Vec<f32>>,
+    losses: Vec<f64>,
+}
+
+impl<C: Chain> Cpu<C> {
+    /// A chain at its start.
+    ///
+    /// # Errors
+    /// If an optimizer cannot be set up.
+    pub fn new(chain: C) -> Result<Self, FitError> {
+        let groups = chain.groups();
+        Ok(Self {
+            gradients: chain.gradients(),
+            optimizers: groups.iter().map(|g| chain.optimizer(g)).collect::<Result<_, _>>()?,
+            best: (0..groups.len()).map(|g| chain.values(g).to_vec()).collect(),
+            losses: Vec::new(),
+            groups,
+            chain,
+        })
+    }
+}
+
+impl<C: Chain> Model for Cpu<C> {
+    type Asset = C;
+
+    fn groups(&self) -> &[Group] {
+        &self.groups
+    }
+
+    fn step(&mut self, shots: &[Shot], loss: Loss, rates: &[f64]) -> Result<(), Broken> {
+        let moving: Vec<bool> = rates.iter().map(|r| *r > 0.0).collect();
+        let value = self.chain.step(shots, loss, &moving, &mut self.gradients);
+        if !value.is_finite() {
+            return Err(Broken::Loss(value));
+        }
+        self.losses.push(value);
+        for (k, group) in self.groups.iter().enumerate().filter(|(k, _)| moving[*k]) {
+            let (x, g) = self.chain.moved(&self.gradients, k);
+            let rates = group.rates_at(rates[k]);
+            let moved = match rates[..] {
+                [rate] if group.rates.is_empty() => self.optimizers[k].step(x, g, rate),
+                _ => self.optimizers[k].step_rows(x, g, &Rows { rates: &rates, touched: None }),
+            };
+            moved.map_err(|source| Broken::Optim { ago: 0, source })?;
+            if !group.ranges.is_empty() {
+                clamp_channels(x, &group.ranges);
+            }
+            if let Some(at) = group.unit {
+                normalize_vectors(x, group.columns, at);
+            }
+            self.chain.changed(k);
+        }
+        Ok(())
+    }
+
+    fn losses(&mut self) -> Result<Vec<f64>, Broken> {
+        Ok(std::mem::take(&mut self.losses))
+    }
+
+    fn pictures(&mut self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, Broken> {
+        Ok(self.chain.pictures(shots))
+    }
+
+    fn values(&self, group: usize) -> Result<Cow<'_, [f32]>, Broken> {
+        Ok(self.chain.values(group).into())
+    }
+
+    fn set(&mut self, group: usize, values: &[f32]) -> Result<(), Broken> {
+        self.chain.values_mut(group).copy_from_slice(values);
+        self.chain.changed(group);
+        Ok(())
+    }
+
+    fn keep_best(&mut self) -> Result<(), Broken> {
+        for (k, best) in self.best.iter_mut().enumerate() {
+            best.copy_from_slice(self.chain.values(k));
+        }
+        Ok(())
+    }
+
+    fn go_to_best(&mut self, group: usize) -> Result<(), Broken> {
+        self.chain.values_mut(group).copy_from_slice(&self.best[group]);
+        self.chain.changed(group);
+        Ok(())
+    }
+
+    fn reset_optimizer(&mut self, group: usize) -> Result<(), FitError> {
+        self.optimizers[group] = self.chain.optimizer(&self.groups[group])?;
+        Ok(())
+    }
+
+    fn snapshot(&self, group: usize) -> Result<Snapshot<'_>, Broken> {
+        Ok(Snapshot {
+            values: self.chain.values(group).into(),
+            best: self.best[group][..].into(),
+            optimizer: Cow::Borrowed(self.optimizers[group].state()),
+        })
+    }
+
+    fn restore(&mut self, group: usize, saved: Snapshot<'_>) -> Result<(), Broken> {
+        let restored = self.optimizers[group].restore(saved.optimizer.into_owned());
+        restored.map_err(|source| Broken::Optim { ago: 0, source })?;
+        self.set(group, &saved.values)?;
+        self.best[group] = saved.best.into_owned();
+        Ok(())
+    }
+
+    fn asset(&mut self) -> Result<&C, Broken> {
+        Ok(&self.chain)
+    }
+
+    fn into_asset(self) -> Result<C, Broken> {
+        Ok(self.chain)
+    }
+}

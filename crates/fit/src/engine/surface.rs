@@ -1,0 +1,155 @@
+//! A mesh with material maps: its groups of parameters, the stages from them to pictures, and the same stages reversed.
+
+use super::cpu::Chain;
+use super::model::Group;
+use super::plan::Plan;
+use super::views::Shot;
+use crate::FitError;
+use crate::candidate::{Candidate, ParameterGradients};
+use photofit_optim::{LargeSteps, Optimizer, Placement, Temporal};
+use photofit_raster::deferred::Passes;
+use photofit_raster::loss::Loss;
+use photofit_raster::{CHANNELS, channel};
+
+/// Groups of a [`Surface`].
+pub const POSITIONS: &str = "positions";
+/// See [`POSITIONS`].
+pub const MAPS: &str = "maps";
+
+/// Smoothness of the preconditioner of positions.
+const LAMBDA: f64 = 0.3;
+
+/// A mesh with material maps: welded positions and one texel group of [`CHANNELS`] samples.
+#[derive(Clone, Debug)]
+pub struct Surface {
+    /// The parameters and the chain.
+    pub candidate: Candidate,
+    /// Which parts of the chain run.
+    pub passes: Passes,
+    /// Which samples of a texel are fitted, as relative rates.
+    pub rates: [f32; CHANNELS],
+    /// Whether the positions are a group; else the shape is fixed and the maps are the only group.
+    pub moves: bool,
+}
+
+impl Surface {
+    /// A candidate that is fitted as a plan says.
+    pub fn new(candidate: Candidate, plan: &Plan) -> Self {
+        let mut rates = plan.fitted().map(|f| if f { 1.0 } else { 0.0 });
+        rates[channel::METALLIC] *= 0.5;
+        Self { candidate, passes: plan.passes(), rates, moves: true }
+    }
+
+    fn is_positions(&self, group: usize) -> bool {
+        self.moves && group == 0
+    }
+}
+
+impl Chain for Surface {
+    type Gradients = ParameterGradients;
+
+    fn groups(&self) -> Vec<Group> {
+        let positions = Group {
+            name: POSITIONS,
+            rows: self.candidate.positions.len(),
+            columns: 3,
+            ranges: Vec::new(),
+            unit: None,
+            rates: Vec::new(),
+        };
+        let maps = Group {
+            name: MAPS,
+            rows: self.candidate.maps.levels[0].texels.len(),
+            columns: CHANNELS,
+            ranges: RANGES.to_vec(),
+            unit: Some(channel::NORMAL),
+            rates: self.rates.to_vec(),
+        };
+        if self.moves { vec![positions, maps] } else { vec![maps] }
+    }
+
+    fn optimizer(&self, group: &Group) -> Result<Optimizer<f32>, FitError> {
+        let length = group.rows * group.columns;
+        if group.name == POSITIONS {
+            let large_steps = LargeSteps::new(self.candidate.positions.len(), &self.candidate.edges, LAMBDA)
+                .map_err(FitError::Preconditioner)?;
+            return Optimizer::new(POSITIONS, length, Temporal::uniform_adam().betas(0.9, 0.99))
+                .and_then(|o| o.with_filter(Placement::VARIABLE, large_steps))
+                .map_err(FitError::Preconditioner);
+        }
+        let temporal = Temporal { beta1: 0.8, beta2: 0.98, relative_epsilon: 0.5, ..Temporal::adam() };
+        Optimizer::new(MAPS, length, temporal).map_err(FitError::Preconditioner)
+    }
+
+    fn values(&self, group: usize) -> &[f32] {
+        if self.is_positions(group) {
+            bytemuck::cast_slice(&self.candidate.positions)
+        } else {
+            self.candidate.maps.levels[0].texels.as_flattened()
+        }
+    }
+
+    fn values_mut(&mut self, group: usize) -> &mut [f32] {
+        if self.is_positions(group) {
+            bytemuck::cast_slice_mut(&mut self.candidate.positions)
+        } else {
+            self.candidate.maps.levels[0].texels.as_flattened_mut()
+        }
+    }
+
+    fn changed(&mut self, group: usize) {
+        if !self.is_positions(group) {
+            self.candidate.maps.rebuild();
+        }
+    }
+
+    fn gradients(&self) -> ParameterGradients {
+        self.candidate.gradients()
+    }
+
+    fn moved<'a>(
+        &'a mut self,
+        gradients: &'a ParameterGradients,
+        group: usize,
+    ) -> (&'a mut [f32], &'a [f32]) {
+        let g = if self.is_positions(group) {
+            bytemuck::cast_slice(&gradients.positions)
+        } else {
+            gradients.rendered.maps.levels[0].texels.as_flattened()
+        };
+        (self.values_mut(group), g)
+    }
+
+    fn step(&self, shots: &[Shot], loss: Loss, moving: &[bool], gradients: &mut ParameterGradients) -> f64 {
+        let passes = Passes {
+            position_gradients: self.moves && moving[0],
+            map_gradients: self.passes.map_gradients && moving[moving.len() - 1],
+            ..self.passes
+        };
+        self.candidate.step(shots, loss, &passes, gradients)
+    }
+
+    fn pictures(&self, shots: &[Shot]) -> Vec<Vec<[f32; 4]>> {
+        pictures(&self.candidate, shots, &self.passes)
+    }
+}
+
+/// The pictures of a candidate.
+pub(crate) fn pictures(candidate: &Candidate, shots: &[Shot], passes: &Passes) -> Vec<Vec<[f32; 4]>> {
+    let vertices = candidate.vertices();
+    let picture = |shot: &Shot| candidate.render(&vertices, shot, passes).color;
+    shots.iter().map(picture).collect()
+}
+
+/// Range of each sample of a texel.
+const RANGES: [[f32; 2]; CHANNELS] = {
+    let mut r = [[0.0, 1.0]; CHANNELS];
+    r[channel::ROUGHNESS] = [0.03, 1.0];
+    r[channel::NORMAL] = [-1.0, 1.0];
+    r[channel::NORMAL + 1] = [-1.0, 1.0];
+    r[channel::NORMAL + 2] = [0.02, 1.0];
+    r[channel::EMISSIVE] = [0.0, 1e4];
+    r[channel::EMISSIVE + 1] = [0.0, 1e4];
+    r[channel::EMISSIVE + 2] = [0.0, 1e4];
+    r
+};

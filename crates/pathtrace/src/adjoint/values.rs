@@ -1,0 +1,201 @@
+//! The values of parameters: read, and replaced in place. What a gradient is taken with respect to is what is read here,
+//! in the same order.
+
+use super::layout::Layout;
+use super::parameter::{MaterialValue, Parameter, library_material};
+use crate::PathtraceError;
+use crate::error::invalid;
+use crate::light::LightSource;
+use crate::world::{Material, Scattering, World};
+use photofit_scalar::{Vec3f, vec3};
+use photofit_scene::graph::{SurfaceGraph, Texture};
+use photofit_shading::bsdf::Bsdf;
+use std::sync::Arc;
+
+impl World {
+    /// The values of a parameter, as [`crate::ParameterGradient`] counts them: channels of one value after the other.
+    /// Textures of trees that hold numbers repeat them in all three channels.
+    ///
+    /// # Errors
+    /// As [`crate::Adjoint::new`].
+    pub fn parameter(&self, parameter: &Parameter) -> Result<Vec<f32>, PathtraceError> {
+        Layout::new(self, std::slice::from_ref(parameter))?;
+        Ok(match parameter {
+            Parameter::Material { materials, value } => self.material_value(materials[0], *value),
+            Parameter::Texels { texture } => {
+                let base = self.library.iter().flat_map(|l| l.texture(*texture).linear_base());
+                base.flat_map(|t| [t[0], t[1], t[2]]).collect()
+            }
+            Parameter::Graph { places } => {
+                let [m, t] = places[0];
+                let textures = self.materials[m].graph.as_ref().map_or_else(Vec::new, |g| g.textures());
+                texels(textures[t])
+            }
+            Parameter::Light { light } => flux(&self.lights.given()[*light]).to_array().to_vec(),
+            Parameter::Environment => {
+                let map = self.lights.environment.as_ref().map(|e| e.map());
+                map.map(|m| m.image.data).unwrap_or_default()
+            }
+            Parameter::Positions { .. } => Vec::new(),
+        })
+    }
+
+    /// Replaces the values of a parameter, which are read by [`Self::parameter`]; nothing else is built again.
+    ///
+    /// # Errors
+    /// As [`crate::Adjoint::new`], if their number is another one, or a value is not valid where it stands (negative
+    /// radiance, not finite).
+    pub fn set_parameter(&mut self, parameter: &Parameter, values: &[f32]) -> Result<(), PathtraceError> {
+        let layout = Layout::new(self, std::slice::from_ref(parameter))?;
+        let range = layout.ranges[0];
+        let (wanted, found) = (range.cells * range.channels, values.len());
+        if found != wanted {
+            return Err(invalid("values", format!("are {found}; they must be {wanted}")));
+        }
+        if let Some(i) = values.iter().position(|v| !v.is_finite()) {
+            return Err(invalid(format!("value {i}"), format!("is {}; it must be finite", values[i])));
+        }
+        match parameter {
+            Parameter::Material { materials, value } => {
+                materials.iter().try_for_each(|m| self.set_material_value(*m, *value, values))
+            }
+            Parameter::Texels { texture } => {
+                let old = self.library.as_ref().map(|l| l.texture(*texture).linear_base());
+                let mut texels = old.unwrap_or_default();
+                for (t, v) in texels.iter_mut().zip(values.chunks_exact(3)) {
+                    t[..3].copy_from_slice(v);
+                }
+                self.set_texels(*texture, &texels)
+            }
+            Parameter::Graph { places } => places.iter().try_for_each(|p| self.set_graph(*p, values)),
+            Parameter::Light { light } => {
+                let mut sources = self.lights.given().to_vec();
+                match &mut sources[*light] {
+                    LightSource::Point { intensity: i, .. }
+                    | LightSource::Spot { intensity: i, .. }
+                    | LightSource::Directional { irradiance: i, .. } => *i = triple(values),
+                }
+                let map = self.lights.environment.as_ref().map(|e| e.map());
+                self.relight(&sources, map)
+            }
+            Parameter::Environment => {
+                let sources = self.lights.given().to_vec();
+                let map = self.lights.environment.as_ref().map(|e| {
+                    let mut map = e.map();
+                    map.image.data.copy_from_slice(values);
+                    map
+                });
+                self.relight(&sources, map)
+            }
+            Parameter::Positions { .. } => Ok(()),
+        }
+    }
+
+    fn material_value(&self, index: usize, value: MaterialValue) -> Vec<f32> {
+        let compiled = &self.materials[index];
+        let factors =
+            library_material(&self.given[index]).and_then(|m| self.library.as_ref().map(|l| l.factors(m)));
+        let color = match (value, compiled.uniform()) {
+            (MaterialValue::Reflectance, Bsdf::Diffuse(d)) => d.reflectance,
+            (MaterialValue::SpecularReflectance, Bsdf::RoughConductor(c)) => c.metal.reflectance,
+            (MaterialValue::Alpha, Bsdf::RoughConductor(c)) => return vec![c.surface.alpha_x],
+            (MaterialValue::Emission, _) => compiled.added,
+            (MaterialValue::Absorption, _) => compiled.absorption,
+            _ => match (value, factors) {
+                (MaterialValue::BaseColor, Some(f)) => f.base_color,
+                (MaterialValue::Emissive, Some(f)) => f.emissive,
+                (MaterialValue::Roughness, Some(f)) => return vec![f.roughness],
+                (MaterialValue::Metallic, Some(f)) => return vec![f.metallic],
+                _ => Vec3f::zero(),
+            },
+        };
+        color.to_array().to_vec()
+    }
+
+    fn set_material_value(
+        &mut self,
+        index: usize,
+        value: MaterialValue,
+        values: &[f32],
+    ) -> Result<(), PathtraceError> {
+        if let Some(m) = library_material(&self.given[index])
+            && !matches!(value, MaterialValue::Emission | MaterialValue::Absorption)
+        {
+            return self.edit_library(|library| {
+                let mut f = library.factors(m);
+                match value {
+                    MaterialValue::BaseColor => f.base_color = triple(values),
+                    MaterialValue::Emissive => f.emissive = triple(values),
+                    MaterialValue::Roughness => f.roughness = values[0],
+                    _ => f.metallic = values[0],
+                }
+                library.set_factors(m, &f);
+            });
+        }
+        let mut material = self.uniform_material(index);
+        match (value, &mut material.scattering) {
+            (MaterialValue::Reflectance, Scattering::Uniform(Bsdf::Diffuse(d))) => {
+                d.reflectance = triple(values);
+            }
+            (MaterialValue::SpecularReflectance, Scattering::Uniform(Bsdf::RoughConductor(c))) => {
+                c.metal.reflectance = triple(values);
+            }
+            (MaterialValue::Alpha, Scattering::Uniform(Bsdf::RoughConductor(c))) => {
+                (c.surface.alpha_x, c.surface.alpha_y) = (values[0], values[0]);
+            }
+            (MaterialValue::Emission, _) => material.emission = triple(values),
+            (MaterialValue::Absorption, _) => material.absorption = triple(values),
+            _ => {}
+        }
+        self.set_material(index, &material)
+    }
+
+    /// A material as it was given; a tree that is the same everywhere becomes its BSDF.
+    fn uniform_material(&self, index: usize) -> Material {
+        let (given, compiled) = (&self.given[index], &self.materials[index]);
+        match given.scattering {
+            Scattering::Graph(_) if compiled.graph.is_none() => Material {
+                scattering: Scattering::Uniform(*compiled.uniform()),
+                two_sided: compiled.two_sided,
+                emission: compiled.added,
+                ..given.clone()
+            },
+            _ => given.clone(),
+        }
+    }
+
+    fn set_graph(&mut self, [m, t]: [usize; 2], values: &[f32]) -> Result<(), PathtraceError> {
+        let mut material = self.given[m].clone();
+        if let Scattering::Graph(graph) = &mut material.scattering {
+            let mut tree = SurfaceGraph::clone(graph);
+            tree.edit_texture(t, |texture| match texture {
+                Texture::Constant(c) => *c = triple(values),
+                Texture::Bitmap { image, .. } => Arc::make_mut(image).set_texels(values),
+                _ => {}
+            });
+            *graph = Arc::new(tree);
+        }
+        self.set_material(m, &material)
+    }
+}
+
+fn triple(values: &[f32]) -> Vec3f {
+    vec3(values[0], values[1], values[2])
+}
+
+fn flux(source: &LightSource) -> Vec3f {
+    match source {
+        LightSource::Point { intensity: i, .. }
+        | LightSource::Spot { intensity: i, .. }
+        | LightSource::Directional { irradiance: i, .. } => *i,
+    }
+}
+
+/// Values of a constant or of an image.
+fn texels(texture: &Texture) -> Vec<f32> {
+    match texture {
+        Texture::Constant(c) => c.to_array().to_vec(),
+        Texture::Bitmap { image, .. } => image.texels(),
+        _ => Vec::new(),
+    }
+}

@@ -1,0 +1,209 @@
+//! Valid files: every part that the readers know, small.
+
+use crate::mutate::glb as container;
+use photofit_image::{Image, encode_png};
+use serde_json::{Value, json};
+
+pub(crate) const MTL: &str =
+    "newmtl a\nKd .5 .4 .3\nKs .1 .1 .1\nNs 30\nPr .4\nPm .1\nd .9\nnewmtl b\nKe 1 1 1\nillum 2\n";
+
+/// Binary data and the views into it.
+#[derive(Default)]
+struct Binary {
+    bytes: Vec<u8>,
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+}
+
+impl Binary {
+    fn view(&mut self, data: &[u8]) -> usize {
+        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
+        self.views.push(json!({"buffer": 0, "byteOffset": self.bytes.len(), "byteLength": data.len()}));
+        self.bytes.extend(data);
+        self.views.len() - 1
+    }
+
+    fn floats(&mut self, data: &[f32], kind: &str, width: usize) -> usize {
+        let bytes: Vec<u8> = data.iter().flat_map(|x| x.to_le_bytes()).collect();
+        let view = self.view(&bytes);
+        let of = |f: fn(f32, f32) -> f32, start: f32| -> Vec<f32> {
+            (0..width).map(|k| data.iter().skip(k).step_by(width).fold(start, |a, b| f(a, *b))).collect()
+        };
+        self.accessors.push(json!({
+            "bufferView": view, "componentType": 5126, "count": data.len() / width, "type": kind,
+            "min": of(f32::min, f32::MAX), "max": of(f32::max, f32::MIN)
+        }));
+        self.accessors.len() - 1
+    }
+
+    fn words(&mut self, data: &[u16], kind: &str, width: usize) -> usize {
+        let bytes: Vec<u8> = data.iter().flat_map(|x| x.to_le_bytes()).collect();
+        let view = self.view(&bytes);
+        self.accessors.push(
+            json!({"bufferView": view, "componentType": 5123, "count": data.len() / width, "type": kind}),
+        );
+        self.accessors.len() - 1
+    }
+}
+
+/// A textured and skinned square with a morph target, an animation, a light, a camera and extensions.
+fn document() -> (Value, Vec<u8>) {
+    let mut b = Binary::default();
+    let position = b.floats(&[0., 0., 0., 1., 0., 0., 1., 1., 0., 0., 1., 0.], "VEC3", 3);
+    let normal = b.floats(&[0., 0., 1.].repeat(4), "VEC3", 3);
+    let uv = b.floats(&[0., 0., 1., 0., 1., 1., 0., 1.], "VEC2", 2);
+    let weights = b.floats(&[1., 0., 0., 0.].repeat(4), "VEC4", 4);
+    let joints = b.words(&[0, 1, 0, 0].repeat(4), "VEC4", 4);
+    let indices = b.words(&[0, 1, 2, 0, 2, 3], "SCALAR", 1);
+    let moved = b.floats(&[0., 0., 0.2].repeat(4), "VEC3", 3);
+    let identity = [1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.];
+    let bind = b.floats(&identity.repeat(2), "MAT4", 16);
+    let times = b.floats(&[0., 1.], "SCALAR", 1);
+    let turns = b.floats(&[0., 0., 0., 1., 0., 0.7, 0., 0.7], "VEC4", 4);
+    let (at, values) = (b.view(&[1, 0, 2, 0]), b.view(&[0; 24]));
+    b.accessors.push(json!({"componentType": 5126, "count": 4, "type": "VEC3", "sparse": {"count": 2,
+        "indices": {"bufferView": at, "componentType": 5123}, "values": {"bufferView": values}}}));
+    let sparse = b.accessors.len() - 1;
+    let png = encode_png(2, 2, 4, &[200; 16], photofit_image::PngCompression::default()).expect("encoded");
+    let image = b.view(&png);
+    let document = json!({
+        "asset": {"version": "2.0"},
+        "extensionsUsed": ["KHR_lights_punctual", "KHR_materials_clearcoat", "KHR_materials_transmission",
+            "KHR_materials_volume", "KHR_texture_transform", "KHR_materials_emissive_strength"],
+        "extensions": {"KHR_lights_punctual": {"lights": [{"type": "spot", "intensity": 3, "spot": {"innerConeAngle": 0.1}}]}},
+        "scene": 0, "scenes": [{"nodes": [0, 3, 4]}],
+        "nodes": [
+            {"mesh": 0, "skin": 0, "name": "square", "extras": {"a": 1}},
+            {"children": [2], "rotation": [0, 0, 0, 1]},
+            {"translation": [0, 0.1, 0]},
+            {"children": [1], "matrix": identity, "extensions": {"KHR_lights_punctual": {"light": 0}}},
+            {"camera": 0, "scale": [1, 2, 1]}
+        ],
+        "cameras": [{"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1}}],
+        "skins": [{"joints": [1, 2], "inverseBindMatrices": bind}],
+        "animations": [{"channels": [{"sampler": 0, "target": {"node": 1, "path": "rotation"}}],
+            "samplers": [{"input": times, "output": turns}]}],
+        "meshes": [{"weights": [0.5], "primitives": [{
+            "attributes": {"POSITION": position, "NORMAL": normal, "TEXCOORD_0": uv, "JOINTS_0": joints, "WEIGHTS_0": weights},
+            "indices": indices, "material": 0, "mode": 4, "targets": [{"POSITION": moved}, {"POSITION": sparse}]}]}],
+        "materials": [{"alphaMode": "MASK", "alphaCutoff": 0.4, "doubleSided": true, "emissiveFactor": [0.1, 0, 0],
+            "pbrMetallicRoughness": {"baseColorTexture": {"index": 0,
+                "extensions": {"KHR_texture_transform": {"offset": [0.1, 0], "scale": [2, 2]}}}, "roughnessFactor": 0.4},
+            "normalTexture": {"index": 0, "scale": 0.5}, "occlusionTexture": {"index": 0, "strength": 0.5},
+            "extensions": {"KHR_materials_clearcoat": {"clearcoatFactor": 0.5},
+                "KHR_materials_transmission": {"transmissionFactor": 0.5},
+                "KHR_materials_volume": {"attenuationDistance": 2, "attenuationColor": [0.5, 0.6, 0.7]},
+                "KHR_materials_emissive_strength": {"emissiveStrength": 2}}}],
+        "textures": [{"source": 0, "sampler": 0}],
+        "samplers": [{"magFilter": 9729, "minFilter": 9987, "wrapS": 33071}],
+        "images": [{"bufferView": image, "mimeType": "image/png"}],
+        "bufferViews": b.views, "accessors": b.accessors, "buffers": [{"byteLength": b.bytes.len()}]
+    });
+    (document, b.bytes)
+}
+
+pub(crate) fn gltf() -> Vec<Vec<u8>> {
+    let (mut document, binary) = document();
+    document["buffers"][0]["uri"] =
+        format!("data:application/octet-stream;base64,{}", base64(&binary)).into();
+    vec![serde_json::to_vec(&document).expect("JSON is written")]
+}
+
+pub(crate) fn glb() -> Vec<Vec<u8>> {
+    let (document, binary) = document();
+    vec![container(&serde_json::to_vec(&document).expect("JSON is written"), &binary)]
+}
+
+fn base64(bytes: &[u8]) -> String {
+    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut out = String::new();
+    for group in bytes.chunks(3) {
+        let n = (0..3).fold(0, |n, k| n << 8 | u32::from(group.get(k).copied().unwrap_or(0)));
+        for k in 0..4 {
+            let digit = DIGITS[(n >> (18 - 6 * k) & 63) as usize] as char;
+            out.push(if k <= group.len() { digit } else { '=' });
+        }
+    }
+    out
+}
+
+pub(crate) fn obj() -> Vec<Vec<u8>> {
+    let square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0 1 .5 .5 .5\nvt 0 0\nvt 1 0\nvt 1 1\nvn 0 0 1\n";
+    let faces = "o part\ng one two\ns 1\nusemtl a\nf 1/1/1 2/2/1 3/3/1\nusemtl b\nf 1/1 3/3 4/1\nf -4 -3 -2 -1\nf 1//1 2//1 3//1\n";
+    let concave = "v 0 0 0\nv 2 0 0\nv 2 2 0\nv 1 .5 0\nv 0 2 0\nf 1 2 3 4 5\n";
+    vec![format!("mtllib m.mtl\n{square}{faces}").into_bytes(), concave.into()]
+}
+
+pub(crate) fn ply_text() -> Vec<Vec<u8>> {
+    let head = "ply\nformat ascii 1.0\ncomment made here\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+        property float nx\nproperty float ny\nproperty float nz\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n\
+        element face 2\nproperty list uchar int vertex_indices\nend_header\n";
+    let body = "0 0 0 0 0 1 10 20 30\n1 0 0 0 0 1 10 20 30\n1 1 0 0 0 1 10 20 30\n0 1 0 0 0 1 10 20 30\n3 0 1 2\n3 0 2 3\n";
+    vec![format!("{head}{body}").into_bytes()]
+}
+
+pub(crate) fn ply_binary() -> Vec<Vec<u8>> {
+    let mut out = Vec::new();
+    for (format, big) in [("binary_little_endian", false), ("binary_big_endian", true)] {
+        let mut file = format!(
+            "ply\nformat {format} 1.0\nelement vertex 3\nproperty double x\nproperty float y\nproperty short z\n\
+             element face 1\nproperty list uint ushort vertex_indices\nend_header\n"
+        )
+        .into_bytes();
+        let mut put = |little: &[u8]| {
+            let mut word = little.to_vec();
+            if big {
+                word.reverse();
+            }
+            file.extend(word);
+        };
+        for (x, y, z) in [(0.0_f64, 0.0_f32, 0_i16), (1.0, 0.0, 2), (0.5, 1.0, -1)] {
+            put(&x.to_le_bytes());
+            put(&y.to_le_bytes());
+            put(&z.to_le_bytes());
+        }
+        put(&3_u32.to_le_bytes());
+        (0..3_u16).for_each(|i| put(&i.to_le_bytes()));
+        out.push(file);
+    }
+    out
+}
+
+pub(crate) fn radiance() -> Vec<Vec<u8>> {
+    let mut flat = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n".to_vec();
+    flat.extend([100, 120, 140, 129].repeat(8));
+    // Runs: a row of eight texels, one channel after the other.
+    let mut runs = b"#?RADIANCE\nEXPOSURE=2\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 8\n".to_vec();
+    runs.extend([2, 2, 0, 8]);
+    for value in [90, 80, 70, 130] {
+        runs.extend([128 + 5, value, 3, value, value, value]);
+    }
+    vec![flat, runs]
+}
+
+pub(crate) fn exr() -> Vec<Vec<u8>> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("seed.exr");
+    let image = Image::from_fn(6, 3, 3, |x, y, c| (x + y + c) as f32);
+    photofit_image::write_exr(&path, &[("", &image, &["R", "G", "B"])]).expect("written");
+    vec![std::fs::read(path).expect("read")]
+}
+
+#[cfg(feature = "mitsuba")]
+pub(crate) fn mitsuba() -> Vec<Vec<u8>> {
+    let more = r##"<scene version="3.0.0">
+<default name="spp" value="4"/>
+<integrator type="volpath"><integer name="max_depth" value="5"/></integrator>
+<sensor type="perspective"><float name="fov" value="40"/><film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="8"/></film>
+<sampler type="independent"><integer name="sample_count" value="$spp"/></sampler></sensor>
+<texture type="checkerboard" id="t"><rgb name="color0" value="#ff8800"/><transform name="to_uv"><scale x="2" y="3"/></transform></texture>
+<bsdf type="twosided" id="m"><bsdf type="principled"><ref name="base_color" id="t"/><float name="roughness" value="0.3"/></bsdf></bsdf>
+<shape type="cube"><ref id="m"/><medium name="interior" type="homogeneous"><float name="albedo" value="0.5"/><rgb name="sigma_t" value="1 2 3"/></medium></shape>
+<shape type="shapegroup" id="g"><shape type="disk"/><shape type="cylinder"/></shape>
+<shape type="instance"><ref id="g"/><transform name="to_world"><rotate y="1" angle="30"/></transform></shape>
+<emitter type="constant"><rgb name="radiance" value="1"/></emitter>
+<emitter type="spot"><spectrum name="intensity" value="400:1, 500:2"/></emitter>
+</scene>
+"##;
+    vec![include_bytes!("../../../../assets/box.xml").to_vec(), more.into()]
+}
