@@ -110,9 +110,9 @@ impl GpuSurface {
     fn prepare(&mut self, shots: &[Shot]) -> Result<(), GpuError> {
         let room = Room::of(shots);
         let before = self.stage.as_ref().map(|s| s.room).unwrap_or_default();
-        if self.stage.is_none() || before.and(room) != before || self.pictures() < shots.len() {
+        if self.stage.is_none() || before.and(room) != before || self.places() < shots.len() {
             (self.stage, self.step, self.look) = (None, None, None);
-            let pictures = shots.len().max(self.pictures());
+            let pictures = shots.len().max(self.places());
             let room = before.and(room);
             self.stage = Some(Stage::new(&self.gpu, &self.on, room, &self.surface.passes, pictures)?);
         }
@@ -123,7 +123,7 @@ impl GpuSurface {
     }
 
     /// Pictures whose losses have room.
-    fn pictures(&self) -> usize {
+    fn places(&self) -> usize {
         self.stage.as_ref().map_or(0, |s| s.loss.values.len())
     }
 

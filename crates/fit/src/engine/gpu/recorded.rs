@@ -12,7 +12,7 @@ use photofit_raster::deferred::Passes;
 use photofit_raster::deferred::gpu::MapShading;
 use photofit_raster::gpu::{PictureBuffers, render, render_vjp};
 use photofit_raster::loss::Loss;
-use photofit_raster::loss::gpu::{LossBuffers, RecordedLoss, Term, value_and_gradient};
+use photofit_raster::loss::gpu::{RecordedLoss, Term, value_and_gradient};
 
 /// Losses that are kept on the device until they are read.
 pub(super) const COURSE: usize = 1024;
@@ -67,7 +67,8 @@ impl Step {
             let background = gpu.zeros("background", room.pixel_count())?;
             let reference = gpu.zeros("reference", room.pixel_count())?;
             let picture = PictureBuffers { background: background.clone(), ..stage.picture.clone() };
-            let compared = LossBuffers { reference: reference.clone(), ..stage.loss.clone() };
+            let mut compared = stage.loss.clone();
+            compared.reference = reference.clone();
             let forward = render(&mut r, &on.mesh, &picture, passes, &params, &mut shading)?;
             let (term, pixels) = (term(loss, pictures), room.pixel_count());
             let loss = value_and_gradient(&mut r, &term, pixels, &picture.color, &compared, &g.color, place)?;
@@ -131,12 +132,6 @@ impl Step {
         }
         self.recording.set(self.losses, &[shots.len() as u32, at as u32, 0, 0]);
         Ok(self.recording.run()?)
-    }
-
-    /// Kernels and milliseconds of one more run, whose parameters stay as they are: it moves like a step.
-    #[cfg(test)]
-    pub(super) fn profile(&mut self) -> Result<Vec<(&'static str, f64)>, GpuError> {
-        self.recording.profile()
     }
 }
 
