@@ -2,11 +2,12 @@
 
 use anyhow::Result;
 
-use crate::{lint, tasks, tidy};
+use crate::{lint, shaders, tasks, tidy};
 
-/// Tidy, lint, then the test command of the README unless `no_test`.
+/// Tidy, lint, shaders, then the test command of the README unless `no_test`.
 pub(crate) fn run(no_test: bool) -> Result<()> {
     tidy::run()?;
     lint::run()?;
+    shaders::run()?;
     if no_test { Ok(()) } else { tasks::test(false, false) }
 }

@@ -8,6 +8,7 @@
 mod ci;
 mod dist;
 mod lint;
+mod shaders;
 mod shell;
 mod tasks;
 mod tidy;
@@ -19,9 +20,10 @@ use anyhow::{Result, bail};
 const USAGE: &str = "\
 cargo xtask <task>
 
-  ci [--no-test]            everything CI runs, in order: tidy, lint, test
+  ci [--no-test]            everything CI runs, in order: tidy, lint, shaders, test
   tidy                      formatting, layers, module docs, file length, ARCHITECTURE.md, one glam
   lint                      clippy and rustdoc without warnings, the features of each library one by one, cargo-deny
+  shaders                   the kernels of all crates, parsed and validated without a device
   test [--gpu] [--slow]     cargo test --workspace; --slow adds the ignored suites, --gpu requires an adapter
   golden report             compare all golden images, write target/golden/report.html
   golden accept NAME...     write the golden images named, by the CPU path
@@ -54,6 +56,7 @@ fn run(args: &[String]) -> Result<()> {
         "ci" => ci::run(flag(rest, &["--no-test"])?.contains(&"--no-test")),
         "tidy" => no_args(rest).and_then(|()| tidy::run()),
         "lint" => no_args(rest).and_then(|()| lint::run()),
+        "shaders" => no_args(rest).and_then(|()| shaders::run()),
         "test" => {
             let flags = flag(rest, &["--gpu", "--slow"])?;
             tasks::test(flags.contains(&"--gpu"), flags.contains(&"--slow"))

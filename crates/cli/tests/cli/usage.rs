@@ -1,6 +1,6 @@
 //! Help and wrong command lines.
 
-use crate::support::{photofit, stderr, stdout, succeeds};
+use crate::support::{photofit, stderr, stdout, succeeds, write_rock};
 
 #[test]
 fn help_lists_commands_and_options() {
@@ -21,6 +21,7 @@ fn help_lists_commands_and_options() {
         "--steps",
         "--time-limit",
         "--texture-size",
+        "--device",
         "--light",
         "--env",
         "--seed",
@@ -107,4 +108,50 @@ fn wrong_command_lines_have_status_2() {
         assert!(!stderr(&o).is_empty(), "{case:?} explains itself");
     }
     assert!(crate::support::names(dir.path()).is_empty());
+}
+
+#[test]
+fn devices_that_are_not_there_are_wrong_command_lines() {
+    let dir = tempfile::tempdir().unwrap();
+    write_rock(dir.path(), 4, false);
+    for device in ["cuda", "gpu:", "GPU"] {
+        let o = photofit(dir.path(), &["simplify", "rock.glb", "-o", "a.glb", "--device", device]);
+        assert_eq!(o.status.code(), Some(2), "{device}");
+        assert!(stderr(&o).contains("auto, cpu, gpu or gpu:NAME"), "{}", stderr(&o));
+    }
+    let o = photofit(dir.path(), &["simplify", "rock.glb", "-o", "a.glb", "--device", "gpu:no such GPU"]);
+    assert_eq!(o.status.code(), Some(2));
+    for part in ["--device gpu:no such GPU", "no GPU adapter", "found: "] {
+        assert!(stderr(&o).contains(part), "{part:?} in {}", stderr(&o));
+    }
+    assert!(!dir.path().join("a.glb").exists());
+}
+
+#[test]
+fn devices_are_listed_and_an_asset_is_still_needed_otherwise() {
+    let dir = tempfile::tempdir().unwrap();
+    let listed = stdout(&succeeds(dir.path(), &["inspect", "--devices", "--json", "d.json"]));
+    let json: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(dir.path().join("d.json")).unwrap()).unwrap();
+    let devices = json["devices"].as_array().unwrap();
+    for d in devices {
+        assert!(listed.contains(d["name"].as_str().unwrap()) && listed.contains("lacks"), "{listed}");
+    }
+    assert!(!devices.is_empty() || listed.contains("no GPU adapter"), "{listed}");
+    for wrong in [&["inspect"][..], &["inspect", "rock.glb", "--devices"]] {
+        assert_eq!(photofit(dir.path(), wrong).status.code(), Some(2), "{wrong:?}");
+    }
+}
+
+#[test]
+fn the_plan_tells_where_a_fit_ran() {
+    let dir = tempfile::tempdir().unwrap();
+    write_rock(dir.path(), 4, false);
+    let line = "simplify rock.glb -o a.glb --ratio 0.5 --steps 1 --resolution 16 --texture-size 16 --explain";
+    let line: Vec<&str> = line.split(' ').chain(["--device", "cpu", "--json", "a.json"]).collect();
+    let text = stdout(&succeeds(dir.path(), &line));
+    assert!(text.contains("CPU: as --device says"), "{text}");
+    let json: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(dir.path().join("a.json")).unwrap()).unwrap();
+    assert_eq!(json["device"], "CPU");
 }
