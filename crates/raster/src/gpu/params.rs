@@ -49,6 +49,16 @@ pub struct Shot {
 }
 
 impl FrameParams {
+    /// Samples of the picture.
+    pub fn samples(&self) -> usize {
+        self.width as usize * self.height as usize
+    }
+
+    /// Pixels of the picture.
+    pub fn pixels(&self) -> usize {
+        (self.width / self.side) as usize * (self.height / self.side) as usize
+    }
+
     /// Parameters of a shot of a mesh, of the first layer; `fits_alpha` says whether some alpha has a gradient.
     ///
     /// # Panics

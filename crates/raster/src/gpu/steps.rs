@@ -13,14 +13,28 @@ struct Step {
 }
 
 /// The kernels of a picture in a recording.
-#[derive(Clone, Debug, Default)]
-pub struct Slots(Vec<Step>);
+#[derive(Clone, Debug)]
+pub struct Slots {
+    steps: Vec<Step>,
+    largest: FrameParams,
+}
 
 impl Slots {
-    /// Sets the parameters of all kernels for the next run. The size of the picture must not exceed the one that was
-    /// recorded.
+    /// Sets the parameters of all kernels for the next run.
+    ///
+    /// # Panics
+    /// If the picture has more samples or pixels than the one that was recorded, or several samples per pixel where that
+    /// one has not.
     pub fn set(&self, recording: &mut Recording, params: &FrameParams) {
-        for s in &self.0 {
+        let (now, most) = (params, &self.largest);
+        assert!(now.samples() <= most.samples() && now.pixels() <= most.pixels(), "room for the picture");
+        assert!(now.side == 1 || most.side > 1, "recorded with several samples per pixel");
+        assert_eq!(
+            [now.vertices, now.triangles],
+            [most.vertices, most.triangles],
+            "the mesh that was recorded"
+        );
+        for s in &self.steps {
             recording.set(s.slot, &FrameParams { layer: s.layer, mode: s.mode, ..*params });
         }
     }
@@ -32,13 +46,13 @@ pub struct Steps<'a> {
     /// The recording.
     pub recorder: &'a mut Recorder,
     params: FrameParams,
-    slots: Slots,
+    steps: Vec<Step>,
 }
 
 impl<'a> Steps<'a> {
     /// Begins with the parameters of the largest picture.
     pub fn new(recorder: &'a mut Recorder, params: &FrameParams) -> Self {
-        Self { recorder, params: *params, slots: Slots::default() }
+        Self { recorder, params: *params, steps: Vec::new() }
     }
 
     /// The parameters.
@@ -48,12 +62,12 @@ impl<'a> Steps<'a> {
 
     /// Samples of the largest picture.
     pub fn samples(&self) -> usize {
-        self.params.width as usize * self.params.height as usize
+        self.params.samples()
     }
 
     /// Pixels of the largest picture.
     pub fn pixels(&self) -> usize {
-        self.samples() / (self.params.side * self.params.side) as usize
+        self.params.pixels()
     }
 
     /// Adds a kernel of a layer.
@@ -67,12 +81,12 @@ impl<'a> Steps<'a> {
     ) -> Result<(), GpuError> {
         let params = FrameParams { layer: layer as u32, mode, ..self.params };
         let slot = work.dispatch(self.recorder, kernel, &params, buffers)?;
-        self.slots.0.push(Step { slot, layer: params.layer, mode });
+        self.steps.push(Step { slot, layer: params.layer, mode });
         Ok(())
     }
 
     /// The kernels that were added.
     pub fn finish(self) -> Slots {
-        self.slots
+        Slots { steps: self.steps, largest: self.params }
     }
 }

@@ -29,8 +29,8 @@ pub(crate) const PICTURE_PIXELS: f64 = 2e-3;
 pub(crate) const GRADIENT: f64 = 1e-3;
 /// Losses, relative: sums of 2^20 terms in single precision, by a tree.
 pub(crate) const LOSS: f64 = 4e-6;
-/// Gradients of losses, relative to the largest: the tone curve's series on both sides.
-pub(crate) const LOSS_GRADIENT: f32 = 4e-6;
+/// Gradients of losses, relative to themselves or a share of the largest: differences of numbers of like size.
+pub(crate) const LOSS_GRADIENT: f32 = 1e-5;
 /// Pixels of a shaded layer (`photofit_gradcheck::worst_difference`): interpolation, lookups and lights, a few hundred
 /// operations; the share of a mip level is known to some 1e-6.
 pub(crate) const SHADED: f64 = 5e-5;

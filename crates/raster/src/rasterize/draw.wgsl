@@ -58,6 +58,24 @@ fn small(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) group
     }
 }
 
+// One workgroup per medium triangle: its invocations take the samples of the box in turns.
+@compute @workgroup_size(64)
+fn medium(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>,
+          @builtin(local_invocation_index) lane: u32) {
+    let at = group.y * groups.x + group.x;
+    if at >= lists[0] {
+        return;
+    }
+    let id = lists[2u + at];
+    let b = unpacked(boxes[id]);
+    let size = b.zw - b.xy + 1u;
+    let t = load_triangle(id);
+    let front_only = (surfaces[id].x & 4u) == 0u;
+    for (var k = lane; k < size.x * size.y; k += 64u) {
+        draw_sample(t, id, b.x + k % size.x, b.y + k / size.x, front_only);
+    }
+}
+
 // Whether a tile lies certainly on the outer side of an edge.
 fn misses(t: Triangle, corner: vec2<u32>, front_only: bool) -> bool {
     let w = vec3<f32>(t.p[0].z, t.p[1].z, t.p[2].z);
@@ -88,45 +106,32 @@ fn misses(t: Triangle, corner: vec2<u32>, front_only: bool) -> bool {
     return (above && below) || (front_only && below);
 }
 
-// Draws every `step`-th tile of a triangle from `first` on: an invocation draws four samples of each.
-fn draw_tiles(id: u32, first: u32, step: u32, lane: u32) {
-    let b = unpacked(boxes[id]);
-    let tiles = tiles_of(b);
-    let t = load_triangle(id);
-    let front_only = (surfaces[id].x & 4u) == 0u;
-    for (var tile = first; tile < tiles.x * tiles.y; tile += step) {
-        let corner = (b.xy / TILE + vec2<u32>(tile % tiles.x, tile / tiles.x)) * TILE;
-        if misses(t, corner, front_only) {
-            continue;
-        }
-        for (var k = 0u; k < 4u; k++) {
-            let at = lane + 64u * k;
-            let x = corner.x + at % TILE;
-            let y = corner.y + at / TILE;
-            if x < params.width && y < params.height {
-                draw_sample(t, id, x, y, front_only);
-            }
-        }
-    }
-}
-
-// One workgroup per medium triangle.
-@compute @workgroup_size(64)
-fn medium(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>,
-          @builtin(local_invocation_index) lane: u32) {
-    let at = group.y * groups.x + group.x;
-    if at < lists[0] {
-        draw_tiles(lists[2u + at], 0u, 1u, lane);
-    }
-}
-
-// Some workgroups per large triangle.
+// Some workgroups per large triangle: each takes every `SLICES`-th tile, an invocation four samples of it.
 @compute @workgroup_size(64)
 fn large(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>,
          @builtin(local_invocation_index) lane: u32) {
     let slice = group.y * groups.x + group.x;
     let at = slice / SLICES;
-    if at < lists[1] {
-        draw_tiles(lists[2u + params.triangles + at], slice % SLICES, SLICES, lane);
+    if at >= lists[1] {
+        return;
+    }
+    let id = lists[2u + params.triangles + at];
+    let b = unpacked(boxes[id]);
+    let tiles = b.zw / TILE - b.xy / TILE + 1u;
+    let t = load_triangle(id);
+    let front_only = (surfaces[id].x & 4u) == 0u;
+    for (var tile = slice % SLICES; tile < tiles.x * tiles.y; tile += SLICES) {
+        let corner = (b.xy / TILE + vec2<u32>(tile % tiles.x, tile / tiles.x)) * TILE;
+        if misses(t, corner, front_only) {
+            continue;
+        }
+        for (var k = 0u; k < 4u; k++) {
+            let sample = lane + 64u * k;
+            let x = corner.x + sample % TILE;
+            let y = corner.y + sample / TILE;
+            if x < params.width && y < params.height {
+                draw_sample(t, id, x, y, front_only);
+            }
+        }
     }
 }

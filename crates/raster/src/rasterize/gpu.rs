@@ -1,6 +1,6 @@
 //! Rasterization on a device.
 //!
-//! Small triangles are drawn by one invocation each, larger ones tile by tile by one or more workgroups; the nearest depth and the
+//! Small triangles are drawn by one invocation each, larger ones by one workgroup or, tile by tile, by several; the nearest depth and the
 //! lowest triangle with it are minima, so that no order matters. Edge functions are evaluated about every pixel centre in
 //! `f32`: triangles agree with those of the CPU except where a centre lies on an edge, or two depths are equal, within
 //! rounding. Shared edges are watertight, whichever way their triangles are drawn.

@@ -333,3 +333,48 @@ fn a_perturbed_picture_is_noticed() {
     let (off, gradients) = differences(&found, &expected);
     assert!(off > PICTURE_PIXELS && gradients.iter().all(|g| *g > GRADIENT), "{off} {gradients:?}");
 }
+
+#[test]
+#[ignore = "measures time: cargo test -p photofit-raster --features gpu --lib picture -- --ignored --nocapture"]
+fn bench() {
+    let gpu = device!();
+    println!("{} with {}", gpu.report().name, gpu.report().driver);
+    let least = |run: &mut dyn FnMut()| {
+        let times = (0..5).map(|_| {
+            let start = std::time::Instant::now();
+            run();
+            start.elapsed().as_secs_f64() * 1e3
+        });
+        times.fold(f64::INFINITY, f64::min)
+    };
+    for size in [256, 1024] {
+        // About 10,000 triangles.
+        let scene = Scene::new(22, &[], &[]);
+        let camera = Camera { width: size, height: size, ..CAMERA };
+        let mut device = Device::new(gpu, &scene, &camera, &Passes::default());
+        device.take(&scene, &camera);
+        let on_device = least(&mut || {
+            device.recording.run().expect("runs");
+            gpu.wait().expect("runs");
+        });
+        let background = scene.background(&camera);
+        let (g, passes) = (weights(&camera), Passes::default());
+        let mut frame = deferred::Frame::default();
+        let mut out = Gradients::new(scene.uvs.len(), &scene.maps);
+        let on_cpu = scene.with(&camera, |view| {
+            least(&mut || {
+                deferred::render_into(&scene.geometry(), &scene.maps, view, &background, &passes, &mut frame);
+                deferred::render_vjp(&scene.geometry(), &scene.maps, view, &passes, &frame, &g, &mut out);
+            })
+        });
+        println!("{size} x {size}: {on_device:.2} ms forward and reverse, CPU {on_cpu:.2} ms");
+        let mut kernels: Vec<(&str, f64)> = Vec::new();
+        for (name, ms) in device.recording.profile().expect("runs") {
+            match kernels.iter_mut().find(|k| k.0 == name) {
+                Some(k) => k.1 += ms,
+                None => kernels.push((name, ms)),
+            }
+        }
+        kernels.iter().for_each(|(name, ms)| println!("    {name}: {ms:.3} ms"));
+    }
+}
