@@ -1,3 +1,5 @@
+//! Buffers, kernels, recordings and order-independent sums on a device.
+
 use super::*;
 
 /// The device, or the end of the test where there is none.
