@@ -7,8 +7,8 @@ mod surface;
 mod values;
 
 pub(crate) use denoise::{Denoise, DenoiseModel};
-pub(crate) use gradient::Gradient;
-pub(crate) use recover::{Recover, RecoverTexture};
+pub(crate) use gradient::{Gradient, ParameterScene};
+pub(crate) use recover::{Recover, RecoverScene, RecoverTexture, TextureSmoothing};
 pub(crate) use surface::{Surface, SurfaceMethod, UpAxis};
 
 use crate::mitsuba;

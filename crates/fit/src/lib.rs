@@ -2,7 +2,7 @@
 //!
 //! [`simplify`] takes a heavy asset and gives back a light one that looks the same; [`lod`] a chain of such levels of
 //! detail; [`recover`] fits the textures of an
-//! asset to pictures of it. Both are assembled from the parts in [`engine`].
+//! asset to pictures of it, [`recover_scene`] materials and lights of a scene through the path tracer. Both are assembled from the parts in [`engine`].
 
 pub mod bake;
 pub mod candidate;
@@ -14,6 +14,7 @@ pub mod lod;
 pub mod pictures;
 mod progress;
 pub mod recover;
+pub mod recover_scene;
 pub mod report;
 pub mod scene_render;
 pub mod simplify;

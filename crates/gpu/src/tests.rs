@@ -1,3 +1,5 @@
+//! Buffers, kernels, recordings and order-independent sums on a device.
+
 use super::*;
 
 /// The device, or the end of the test where there is none.
@@ -110,6 +112,8 @@ fn fixed_sums_are_exact_in_any_order() {
 fn fixed_sums_keep_their_extremes() {
     let gpu = device!();
     let scale = (1_u64 << 40) as f32;
+    // What fills the lower word.
+    let word = (1_u64 << 32) as f32;
     for x in [
         0.0,
         1.0,
@@ -119,8 +123,9 @@ fn fixed_sums_keep_their_extremes() {
         16383.0,
         -16383.0,
         0.999_999_94,
-        4_294_967_295.0 / scale,
-        -4_294_967_296.0 / scale,
+        word.next_down() / scale,
+        word / scale,
+        -word / scale,
     ] {
         let (found, refused) = sum(gpu, &[x], 1, scale);
         let expected = ((f64::from(x) * f64::from(scale)).round() / f64::from(scale)) as f32;

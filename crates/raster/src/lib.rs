@@ -6,6 +6,8 @@
 //!
 //! Visibility is found in `f32`; everything differentiable is generic over [`photofit_scalar::Real`]. Gradients are
 //! reduced in a fixed order: the same bits for any number of threads.
+//!
+//! Behind the feature `gpu` every operation has a twin on a device, and the module `gpu` records whole pictures of them.
 
 pub mod antialias;
 mod cpu;

@@ -8,6 +8,7 @@ use crate::energy::averages_table;
 use crate::split_sum::table;
 use crate::{Environment, Light};
 use photofit_gpu::{Buffer, Gpu, GpuError};
+use photofit_scalar::Vec3;
 
 /// The functions. Needs [`photofit_scalar::WGSL`] before it, a member `lights: Lights` in the kernel's parameters, and
 /// `var<storage, read> shading_tables: array<vec4<f32>>` ([`ShadingTables`]).
@@ -22,7 +23,7 @@ pub const WGSL: &str = concat!(
     include_str!("light.wgsl"),
 );
 
-/// Lights that a kernel's parameters have room for.
+/// Lights that a kernel's parameters have room for, besides ambient ones.
 pub const LIGHTS_MAX: usize = 16;
 /// Numbers up to this are exact in the tables' `f32`.
 const ENTRIES_MAX: usize = 1 << 24;
@@ -42,9 +43,13 @@ struct Source {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct Lights {
+    /// Point and directional lights, then environments.
     sources: [Source; LIGHTS_MAX],
+    /// Radiance of all ambient lights.
+    ambient: [f32; 4],
+    punctual: u32,
     count: u32,
-    pad: [u32; 3],
+    pad: [u32; 2],
 }
 
 /// The tables of reflectance and the environments of a device, in one buffer.
@@ -93,27 +98,40 @@ impl ShadingTables {
     /// The parameters of lights. `number` tells which of the uploaded environments a map is.
     ///
     /// # Panics
-    /// If there are more than [`LIGHTS_MAX`], or a number is out of range.
+    /// If there are more than [`LIGHTS_MAX`] besides ambient ones, or a number is out of range.
     pub fn lights(&self, lights: &[Light<'_>], number: impl Fn(&Environment<f32>) -> usize) -> Lights {
-        assert!(lights.len() <= LIGHTS_MAX, "{} lights are more than {LIGHTS_MAX}", lights.len());
-        let mut out = Lights { count: lights.len() as u32, ..Lights::default() };
-        for (source, light) in out.sources.iter_mut().zip(lights) {
-            let of = |v: photofit_scalar::Vec3<f32>| [v.x, v.y, v.z, 0.0];
-            *source = match *light {
+        let of = |v: Vec3<f32>| [v.x, v.y, v.z, 0.0];
+        let (mut punctual, mut environments, mut ambient) = (Vec::new(), Vec::new(), Vec3::zero());
+        for light in lights {
+            match *light {
                 Light::Point { position, intensity } => {
-                    Source { kind: 0, a: of(position), b: of(intensity), ..Source::default() }
+                    punctual.push(Source { kind: 0, a: of(position), b: of(intensity), ..Source::default() });
                 }
                 Light::Directional { direction, irradiance } => {
-                    Source { kind: 1, a: of(direction), b: of(irradiance), ..Source::default() }
+                    punctual.push(Source {
+                        kind: 1,
+                        a: of(direction),
+                        b: of(irradiance),
+                        ..Source::default()
+                    });
                 }
-                Light::Ambient { radiance } => Source { kind: 2, b: of(radiance), ..Source::default() },
+                Light::Ambient { radiance } => ambient += radiance,
                 Light::Environment { map, rotation, scale } => {
                     let [cosine, sine] = rotation.cosine_sine();
-                    let first = self.environments[number(map)];
-                    Source { kind: 3, map: first, a: [cosine, sine, scale, 0.0], ..Source::default() }
+                    let map = self.environments[number(map)];
+                    environments.push(Source { map, a: [cosine, sine, scale, 0.0], ..Source::default() });
                 }
-            };
+            }
         }
+        let count = punctual.len() + environments.len();
+        assert!(count <= LIGHTS_MAX, "{count} lights that are not ambient are more than {LIGHTS_MAX}");
+        let mut out = Lights {
+            ambient: of(ambient),
+            punctual: punctual.len() as u32,
+            count: count as u32,
+            ..Lights::default()
+        };
+        out.sources.iter_mut().zip(punctual.into_iter().chain(environments)).for_each(|(o, s)| *o = s);
         out
     }
 }

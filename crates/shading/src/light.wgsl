@@ -2,28 +2,29 @@
 // `lights: Lights`.
 
 const LIGHT_POINT: u32 = 0u;
-const LIGHT_DIRECTIONAL: u32 = 1u;
-const LIGHT_AMBIENT: u32 = 2u;
-const LIGHT_ENVIRONMENT: u32 = 3u;
 const DISTANCE_SQUARED_MIN: f32 = 1e-8;
 
 struct Light {
+    // A point light has 0.
     kind: u32,
     // First entry of an environment in `shading_tables`.
     map: u32,
     pad: vec2<u32>,
     // Position, direction, or cosine, sine and scale of an environment.
     a: vec4<f32>,
-    // Intensity, irradiance or radiance.
+    // Intensity or irradiance.
     b: vec4<f32>,
 }
 
 struct Lights {
+    // Point and directional lights, then environments.
     sources: array<Light, 16>,
+    // Radiance of all ambient lights.
+    ambient: vec4<f32>,
+    punctual: u32,
     count: u32,
     pad_a: u32,
     pad_b: u32,
-    pad_c: u32,
 }
 
 fn view_direction(eye: vec3<f32>, position: vec3<f32>) -> vec3<f32> {
@@ -65,6 +66,7 @@ fn viewer_split_sum(l: Lobes, c: Compensation, n: vec3<f32>, wo: vec3<f32>) -> S
     return split_sum(dot(n, wo), l.roughness);
 }
 
+// Part of uniform light that the Lambertian lobe and multiple scattering reflect.
 fn broad_part(l: Lobes, c: Compensation) -> vec3<f32> {
     if c.on {
         return broad_albedo(c.albedo, l.diffuse, c.viewer);
@@ -79,34 +81,35 @@ fn lobe_axis(n: vec3<f32>, wo: vec3<f32>, r: f32) -> vec3<f32> {
     return n * ((1.0 - t) * (cosine + cosine) + t) - wo * (1.0 - t);
 }
 
-// Functions that are long are called in one place each, here and in the adjoint: compilers put them in line.
-fn shade_light(k: Light, l: Lobes, c: Compensation, position: vec3<f32>, n: vec3<f32>, wo: vec3<f32>) -> vec3<f32> {
-    if k.kind <= LIGHT_DIRECTIONAL {
-        var to = Towards(k.a.xyz, 1.0, 0.0);
-        if k.kind == LIGHT_POINT {
-            to = towards(k.a.xyz, position);
-        }
-        return eval_lobes(l, c, n, wo, to.wi) * k.b.xyz * to.falloff;
+// Direction, falloff and inverse distance of a point light or a directional one.
+fn incident(k: Light, position: vec3<f32>) -> Towards {
+    if k.kind == LIGHT_POINT {
+        return towards(k.a.xyz, position);
     }
-    let s = viewer_split_sum(l, c, n, wo).value;
-    let albedo = l.f0 * s.x + vec3<f32>(s.y);
-    let wide = broad_part(l, c);
-    if k.kind == LIGHT_AMBIENT {
-        return (wide + albedo) * k.b.xyz;
-    }
-    let reflected = environment_specular(k.map, yaw_invert(k.a, lobe_axis(n, wo, l.roughness)), l.roughness);
-    return (wide * environment_diffuse(k.map, yaw_invert(k.a, n)) + reflected * albedo) * k.a.z;
+    return Towards(k.a.xyz, 1.0, 0.0);
 }
 
-// Radiance reflected towards `wo`, summed over the lights in order.
+// Radiance reflected towards `wo`. Lights from all around share the albedos: what arrives for each lobe is summed first.
+// Long functions are called in one place, here and in the adjoint: compilers put them in line.
 fn shade(s: Surface, compensated: bool, position: vec3<f32>, n: vec3<f32>, wo: vec3<f32>) -> vec3<f32> {
     let l = lobes(s);
     let c = compensation(compensated, l, dot(n, wo));
     var sum = vec3<f32>(0.0);
-    for (var k = 0u; k < params.lights.count; k++) {
-        sum += shade_light(params.lights.sources[k], l, c, position, n, wo);
+    for (var i = 0u; i < params.lights.punctual; i++) {
+        let k = params.lights.sources[i];
+        let to = incident(k, position);
+        sum += eval_lobes(l, c, n, wo, to.wi) * k.b.xyz * to.falloff;
     }
-    return sum;
+    var diffuse = params.lights.ambient.xyz;
+    var specular = diffuse;
+    for (var i = params.lights.punctual; i < params.lights.count; i++) {
+        let k = params.lights.sources[i];
+        let axis = yaw_invert(k.a, lobe_axis(n, wo, l.roughness));
+        diffuse += environment_diffuse(k.map, yaw_invert(k.a, n)) * k.a.z;
+        specular += environment_specular(k.map, axis, l.roughness) * k.a.z;
+    }
+    let split = viewer_split_sum(l, c, n, wo).value;
+    return sum + broad_part(l, c) * diffuse + (l.f0 * split.x + vec3<f32>(split.y)) * specular;
 }
 
 // Gradients summed over the lights.
@@ -130,49 +133,7 @@ fn broad_part_vjp(l: Lobes, c: Compensation, g: vec3<f32>, sum: ptr<function, Li
     return d.cosines.x;
 }
 
-// Light from all around: ambient, or an environment.
-fn surrounding_vjp(
-    k: Light,
-    l: Lobes,
-    c: Compensation,
-    n: vec3<f32>,
-    wo: vec3<f32>,
-    g_radiance: vec3<f32>,
-    sum: ptr<function, LightSum>,
-) {
-    let s = viewer_split_sum(l, c, n, wo);
-    // Gradients of the specular albedo, of the part that other lobes reflect, and of the cosine of the viewer.
-    var g_albedo = g_radiance * k.b.xyz;
-    var g_wide = g_albedo;
-    var g_cosine = 0.0;
-    if k.kind == LIGHT_ENVIRONMENT {
-        let r = l.roughness;
-        let g = g_radiance * k.a.z;
-        let albedo = l.f0 * s.value.x + vec3<f32>(s.value.y);
-        let diffuse = environment_diffuse_vjp(k.map, yaw_invert(k.a, n), g * broad_part(l, c));
-        let reflected = environment_specular_vjp(k.map, yaw_invert(k.a, lobe_axis(n, wo, r)), r, g * albedo);
-        g_albedo = g * reflected.value;
-        g_wide = g * diffuse.value;
-        // axis = k n - (1 - t) wo, k = 2 (1 - t)(n.wo) + t, t = r^2
-        let g_axis = yaw_apply(k.a, reflected.direction);
-        let t = r * r;
-        let cosine = dot(n, wo);
-        let g_k = dot(g_axis, n);
-        g_cosine = g_k * 2.0 * (1.0 - t);
-        let g_t = g_k * (1.0 - 2.0 * cosine) + dot(g_axis, wo);
-        (*sum).lobes.roughness += reflected.roughness + 2.0 * r * g_t;
-        (*sum).n += yaw_apply(k.a, diffuse.direction) + g_axis * (2.0 * (1.0 - t) * cosine + t);
-        (*sum).wo -= g_axis * (1.0 - t);
-    }
-    let g_split = vec2<f32>(dot(g_albedo, l.f0), sum3(g_albedo));
-    g_cosine += dot(g_split, s.d_cosine) + broad_part_vjp(l, c, g_wide, sum);
-    (*sum).lobes.f0 += g_albedo * s.value.x;
-    (*sum).lobes.roughness += dot(g_split, s.d_roughness);
-    (*sum).n += wo * g_cosine;
-    (*sum).wo += n * g_cosine;
-}
-
-fn shade_light_vjp(
+fn punctual_vjp(
     k: Light,
     l: Lobes,
     c: Compensation,
@@ -182,14 +143,7 @@ fn shade_light_vjp(
     g: vec3<f32>,
     sum: ptr<function, LightSum>,
 ) {
-    if k.kind > LIGHT_DIRECTIONAL {
-        surrounding_vjp(k, l, c, n, wo, g, sum);
-        return;
-    }
-    var to = Towards(k.a.xyz, 1.0, 0.0);
-    if k.kind == LIGHT_POINT {
-        to = towards(k.a.xyz, position);
-    }
+    let to = incident(k, position);
     let g_f = g * k.b.xyz;
     let e = eval_lobes_vjp(l, c, n, wo, to.wi, g_f * to.falloff);
     (*sum).lobes.diffuse += e.d.lobes.diffuse;
@@ -197,12 +151,52 @@ fn shade_light_vjp(
     (*sum).lobes.roughness += e.d.lobes.roughness;
     (*sum).n += e.d.n;
     (*sum).wo += e.d.wo;
-    if k.kind == LIGHT_POINT {
-        // wi = v / |v| and falloff = 1 / |v|^2 with v = at - position.
-        let g_wi = e.d.wi - to.wi * dot(to.wi, e.d.wi);
-        let g_falloff = dot(g_f, e.value) * to.falloff;
-        (*sum).position += (to.wi * (g_falloff + g_falloff) - g_wi) * to.inverse;
+    // wi = v / |v| and falloff = 1 / |v|^2 with v = at - position; the inverse distance of a directional light is 0.
+    let g_wi = e.d.wi - to.wi * dot(to.wi, e.d.wi);
+    let g_falloff = dot(g_f, e.value) * to.falloff;
+    (*sum).position += (to.wi * (g_falloff + g_falloff) - g_wi) * to.inverse;
+}
+
+// Adjoint of the light from all around for the gradient `g` of the radiance.
+fn surroundings_vjp(
+    l: Lobes,
+    c: Compensation,
+    n: vec3<f32>,
+    wo: vec3<f32>,
+    g: vec3<f32>,
+    sum: ptr<function, LightSum>,
+) {
+    let r = l.roughness;
+    let t = r * r;
+    let cosine = dot(n, wo);
+    let split = viewer_split_sum(l, c, n, wo);
+    let g_diffuse = g * broad_part(l, c);
+    let g_specular = g * (l.f0 * split.value.x + vec3<f32>(split.value.y));
+    var diffuse = params.lights.ambient.xyz;
+    var specular = diffuse;
+    // Gradient of the lobe's axis.
+    var g_axis = vec3<f32>(0.0);
+    for (var i = params.lights.punctual; i < params.lights.count; i++) {
+        let k = params.lights.sources[i];
+        let d = environment_diffuse_vjp(k.map, yaw_invert(k.a, n), g_diffuse * k.a.z);
+        let s = environment_specular_vjp(k.map, yaw_invert(k.a, lobe_axis(n, wo, r)), r, g_specular * k.a.z);
+        diffuse += d.value * k.a.z;
+        specular += s.value * k.a.z;
+        g_axis += yaw_apply(k.a, s.direction);
+        (*sum).n += yaw_apply(k.a, d.direction);
+        (*sum).lobes.roughness += s.roughness;
     }
+    let g_albedo = g * specular;
+    let g_split = vec2<f32>(dot(g_albedo, l.f0), sum3(g_albedo));
+    // axis = k n - (1 - t) wo, k = 2 (1 - t)(n.wo) + t, t = r^2
+    let g_k = dot(g_axis, n);
+    let g_t = g_k * (1.0 - 2.0 * cosine) + dot(g_axis, wo);
+    var g_cosine = dot(g_split, split.d_cosine) + g_k * 2.0 * (1.0 - t);
+    g_cosine += broad_part_vjp(l, c, g * diffuse, sum);
+    (*sum).lobes.f0 += g_albedo * split.value.x;
+    (*sum).lobes.roughness += dot(g_split, split.d_roughness) + 2.0 * r * g_t;
+    (*sum).n += g_axis * (2.0 * (1.0 - t) * cosine + t) + wo * g_cosine;
+    (*sum).wo += n * g_cosine - g_axis * (1.0 - t);
 }
 
 struct ShadeGradient {
@@ -224,8 +218,9 @@ fn shade_vjp(
     let l = lobes(s);
     let c = compensation(compensated, l, dot(n, wo));
     var sum: LightSum;
-    for (var k = 0u; k < params.lights.count; k++) {
-        shade_light_vjp(params.lights.sources[k], l, c, position, n, wo, g, &sum);
+    for (var i = 0u; i < params.lights.punctual; i++) {
+        punctual_vjp(params.lights.sources[i], l, c, position, n, wo, g, &sum);
     }
+    surroundings_vjp(l, c, n, wo, g, &sum);
     return ShadeGradient(lobes_vjp(s, sum.lobes), sum.position, sum.n, sum.wo);
 }

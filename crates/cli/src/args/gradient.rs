@@ -7,9 +7,8 @@ use std::path::PathBuf;
 /// The gradient is that of `sum(W I)`: the pixels of the path-traced picture I, weighted by W.
 #[derive(Args, Debug)]
 pub(crate) struct Gradient {
-    /// The scene: a Mitsuba 3 scene (.xml), or an asset with a camera (.glb, .gltf).
-    #[arg(value_name = "SCENE")]
-    pub(crate) input: PathBuf,
+    #[command(flatten)]
+    pub(crate) scene: ParameterScene,
     /// The parameter: a key of --list.
     #[arg(long, value_name = "KEY", required_unless_present = "list")]
     pub(crate) parameter: Option<String>,
@@ -22,6 +21,23 @@ pub(crate) struct Gradient {
     /// Samples per pixel, in up to 16 independent estimates that give the standard error [range: 2 to 16777216].
     #[arg(long, value_name = "N", default_value_t = 64, value_parser = whole::<u32>(2..=1 << 24))]
     pub(crate) spp: u32,
+    /// Threads; the gradient is the same for any number [range: 1 to 1024] [default: all cores].
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
+    pub(crate) threads: Option<u16>,
+    /// Write the gradient and its standard error as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) json: Option<PathBuf>,
+    /// Write the gradient of a texture as a picture: R, G, B, and the layer `standard_error`.
+    #[arg(long, value_name = "FILE.exr", value_parser = ending(&["exr"]))]
+    pub(crate) image: Option<PathBuf>,
+}
+
+/// A scene whose path-traced picture has parameters.
+#[derive(Args, Debug)]
+pub(crate) struct ParameterScene {
+    /// The scene: a Mitsuba 3 scene (.xml), or an asset with a camera (.glb, .gltf).
+    #[arg(value_name = "SCENE")]
+    pub(crate) input: PathBuf,
     /// Most scattering events of a path: 1 is direct light [range: 0 to 1000000] [default: 16, or what the scene says].
     #[arg(long, value_name = "D", value_parser = whole::<u32>(0..=1_000_000))]
     pub(crate) max_depth: Option<u32>,
@@ -47,13 +63,4 @@ pub(crate) struct Gradient {
     /// trust.
     #[arg(long)]
     pub(crate) allow_parent_paths: bool,
-    /// Threads; the gradient is the same for any number [range: 1 to 1024] [default: all cores].
-    #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
-    pub(crate) threads: Option<u16>,
-    /// Write the gradient and its standard error as JSON.
-    #[arg(long, value_name = "FILE")]
-    pub(crate) json: Option<PathBuf>,
-    /// Write the gradient of a texture as a picture: R, G, B, and the layer `standard_error`.
-    #[arg(long, value_name = "FILE.exr", value_parser = ending(&["exr"]))]
-    pub(crate) image: Option<PathBuf>,
 }

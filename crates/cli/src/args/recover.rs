@@ -1,8 +1,8 @@
 //! The options of `photofit recover`.
 
-use super::Running;
-use super::values::{ending, seconds, whole};
-use clap::{Args, Subcommand};
+use super::values::{above_to, ending, number, seconds, whole};
+use super::{ParameterScene, Running};
+use clap::{Args, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -10,6 +10,8 @@ use std::time::Duration;
 pub(crate) enum Recover {
     /// Paint an asset's shape so that it looks like pictures with known cameras.
     Texture(RecoverTexture),
+    /// Find materials, textures and lights of a scene again from a path-traced picture of it.
+    Scene(RecoverScene),
 }
 
 #[derive(Args, Debug)]
@@ -41,4 +43,67 @@ pub(crate) struct RecoverTexture {
     /// Write the figures as JSON.
     #[arg(long, value_name = "FILE")]
     pub(crate) json: Option<PathBuf>,
+}
+
+/// What steps of textures are smoothed by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum TextureSmoothing {
+    /// Nothing: Adam alone.
+    Adam,
+    /// A low-pass filter of gradients.
+    Laplacian,
+    /// A filter of gradients and moments that keeps the edges of the texture as it is so far.
+    Bilateral,
+}
+
+/// Parameters are named as by `photofit gradient SCENE --list`. Shapes and cameras stay as they are.
+#[derive(Args, Debug)]
+pub(crate) struct RecoverScene {
+    #[command(flatten)]
+    pub(crate) scene: ParameterScene,
+    /// The picture that the scene is to look like: linear .exr of the picture's size.
+    #[arg(long, value_name = "REF.exr", value_parser = ending(&["exr"]), required_unless_present = "self_test")]
+    pub(crate) picture: Option<PathBuf>,
+    /// Try it on the scene itself: its own picture is the target, and the parameters start from flat values; the errors of
+    /// the parameters are told.
+    #[arg(long, conflicts_with = "picture")]
+    pub(crate) self_test: bool,
+    /// A parameter to fit; may be repeated.
+    #[arg(long, value_name = "KEY", required = true)]
+    pub(crate) parameter: Vec<String>,
+    /// Value that all parameters start from [range: 0 to 1000000] [default: what the scene says; with --self-test the middle of
+    /// what has bounds, twice the mean of other values].
+    #[arg(long, value_name = "X", value_parser = number(0.0..=1e6))]
+    pub(crate) start: Option<f64>,
+    /// How steps of textures are smoothed.
+    #[arg(long, value_name = "HOW", value_enum, default_value = "bilateral")]
+    pub(crate) smoothing: TextureSmoothing,
+    /// Steps of the fit; fewer are made when the picture stops improving [range: at least 0].
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = whole::<u64>(0..))]
+    pub(crate) steps: u64,
+    /// Largest change of a value in a step, relative to its start where it is a radiance [range: more than 0, at most 1].
+    #[arg(long, value_name = "RATE", default_value_t = 0.05, value_parser = number(above_to(0.0, 1.0)))]
+    pub(crate) rate: f64,
+    /// Samples per pixel of the picture of a step [range: 1 to 65536].
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = whole::<u32>(1..=65536))]
+    pub(crate) spp: u32,
+    /// Samples per pixel of its gradient [range: 1 to 65536].
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = whole::<u32>(1..=65536))]
+    pub(crate) gradient_spp: u32,
+    /// The folder to write: pictures before and after, textures, values.json.
+    #[arg(short, long, value_name = "DIR")]
+    pub(crate) output: PathBuf,
+    /// End the fit after this many seconds and keep what was reached [range: more than 0, at most 1000000000] [default: no
+    /// limit].
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub(crate) time_limit: Option<Duration>,
+    /// Threads; the result is the same for any number [range: 1 to 1024] [default: all cores].
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
+    pub(crate) threads: Option<u16>,
+    /// Folder in which the state of the fit is kept, for --resume.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) checkpoint: Option<PathBuf>,
+    /// Go on from the checkpoint, if there is one, to the same result as an uninterrupted run.
+    #[arg(long, requires = "checkpoint")]
+    pub(crate) resume: bool,
 }

@@ -64,7 +64,7 @@ struct GroupHeader {
 impl GroupHeader {
     fn new(s: &Saved<'_>) -> Self {
         Self {
-            name: s.group.name.to_owned(),
+            name: s.group.name.to_string(),
             rows: s.group.rows,
             columns: s.group.columns,
             m: s.optimizer.m.len(),
@@ -269,7 +269,7 @@ mod tests {
     use super::*;
 
     fn group(name: &'static str, rows: usize, columns: usize) -> Group {
-        Group { name, rows, columns, ranges: Vec::new(), unit: None, rates: Vec::new() }
+        Group { name: name.into(), rows, columns, ranges: Vec::new(), unit: None, rates: Vec::new() }
     }
 
     fn sample() -> (Course, Vec<Group>, Vec<Loaded>) {

@@ -5,6 +5,7 @@
 //! - [`model`]: named groups of parameters with their optimizers, wherever they live; [`cpu`]: those in main memory.
 //! - `gpu`: a surface whose fit stays on a device; [`device`]: where a fit runs.
 //! - [`surface`]: positions and maps of a mesh, the stages from them to pictures, and the same reversed.
+//! - [`traced`]: parameters of a path-traced world, by path replay.
 //! - [`loss`]: chosen by the noise of the reference's pictures.
 //! - [`trainer`]: one loop: phases, looks at held-out views, best state, patience, checkpoints, cancellation.
 //! - [`judge`]: quality of what was written, drawn as other programs draw it.
@@ -23,6 +24,7 @@ pub mod plan;
 mod pool;
 pub mod reference;
 pub mod surface;
+pub mod traced;
 pub mod trainer;
 pub mod views;
 

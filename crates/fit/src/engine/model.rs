@@ -11,7 +11,7 @@ use std::borrow::Cow;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Group {
     /// Name, which checkpoints and phases use.
-    pub name: &'static str,
+    pub name: Cow<'static, str>,
     /// Rows: vertices, texels.
     pub rows: usize,
     /// Samples of a row.

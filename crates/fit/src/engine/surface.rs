@@ -68,7 +68,7 @@ impl Chain for Surface {
 
     fn groups(&self) -> Vec<Group> {
         let positions = Group {
-            name: POSITIONS,
+            name: POSITIONS.into(),
             rows: self.candidate.positions.len(),
             columns: 3,
             ranges: Vec::new(),
@@ -76,7 +76,7 @@ impl Chain for Surface {
             rates: Vec::new(),
         };
         let maps = Group {
-            name: MAPS,
+            name: MAPS.into(),
             rows: self.candidate.maps.levels[0].texels.len(),
             columns: CHANNELS,
             ranges: RANGES.to_vec(),

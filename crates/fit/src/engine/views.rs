@@ -324,6 +324,10 @@ impl Sampling {
 pub struct Shot {
     /// The camera.
     pub camera: Camera,
+    /// The finished picture that the view belongs to, where views come with pictures.
+    pub picture: Option<usize>,
+    /// Number of the draw: what is random about the picture follows from it.
+    pub number: u64,
     /// The lights.
     pub lights: ViewLights,
     /// Columns of the picture.
@@ -360,6 +364,8 @@ impl Shot {
             .collect();
         Self {
             camera: setup.camera,
+            picture: setup.picture,
+            number: index,
             lights: setup.lights.clone(),
             width: picture.width,
             height: picture.height,

@@ -24,7 +24,7 @@ pub struct FrameLayer<T> {
     pub visibility: Visibility,
     pairs: Vec<Pair<T>>,
     /// Radiance and alpha of the layer's fragments.
-    shaded: Vec<[T; 4]>,
+    pub(super) shaded: Vec<[T; 4]>,
     /// This layer over those behind it, before antialiasing.
     blended: Vec<[T; 4]>,
     /// What lies behind the layer, where alpha has gradients; else empty.
@@ -179,14 +179,7 @@ pub fn render_into<T: Real>(
         if passes.antialias {
             layer.pairs.append(&mut silhouettes(visibility, clip, &geometry.topology));
         }
-        let hides = |alpha: AlphaMode, drawn: T| match (alpha, passes.masks) {
-            (AlphaMode::Blend, _) if fits_alpha => false,
-            (AlphaMode::Mask { .. }, Masks::Faded { slope }) if fits_alpha => {
-                slope > 1.0 && drawn >= T::one()
-            }
-            _ => drawn > T::of(OPAQUE_ENOUGH),
-        };
-        front = transparent_part(geometry, visibility, &layer.shaded, hides);
+        front = transparent_part(geometry, visibility, &layer.shaded, hides(passes, fits_alpha));
         layers.push(layer);
         if front.is_none() {
             break;
@@ -206,7 +199,7 @@ pub fn render_into<T: Real>(
 }
 
 /// Writes the mean of each pixel's samples; its adjoint is [`magnify`], divided by their number.
-fn average<T: Real>(samples: &[[T; 4]], view: &View<'_, T>, out: &mut Vec<[T; 4]>) {
+pub(super) fn average<T: Real>(samples: &[[T; 4]], view: &View<'_, T>, out: &mut Vec<[T; 4]>) {
     let (s, share) = (view.samples, T::one() / T::of((view.samples * view.samples) as f64));
     let width = view.width / s;
     out.clear();
@@ -221,7 +214,7 @@ fn average<T: Real>(samples: &[[T; 4]], view: &View<'_, T>, out: &mut Vec<[T; 4]
 }
 
 /// Writes one value per pixel to all samples of the pixel.
-fn magnify<P: Sync, T: Real>(
+pub(super) fn magnify<P: Sync, T: Real>(
     pixels: &[P],
     view: &View<'_, T>,
     out: &mut [[T; 4]],
@@ -237,9 +230,19 @@ fn magnify<P: Sync, T: Real>(
     });
 }
 
+/// Whether a fragment of a class with some drawn alpha hides what lies behind, where alpha has a gradient or not.
+pub(super) fn hides<T: Real>(passes: &Passes, fits_alpha: bool) -> impl Fn(AlphaMode, T) -> bool {
+    let masks = passes.masks;
+    move |alpha, drawn| match (alpha, masks) {
+        (AlphaMode::Blend, _) if fits_alpha => false,
+        (AlphaMode::Mask { .. }, Masks::Faded { slope }) if fits_alpha => slope > 1.0 && drawn >= T::one(),
+        _ => drawn > T::of(OPAQUE_ENOUGH),
+    }
+}
+
 /// The layer restricted to pixels that do not hide what lies behind; `None` if there is none. `hides(class, alpha)` is
 /// false also where alpha is 1 and has a gradient.
-fn transparent_part<T: Real>(
+pub(super) fn transparent_part<T: Real>(
     g: &Geometry<'_, T>,
     v: &Visibility,
     shaded: &[[T; 4]],
@@ -261,7 +264,7 @@ fn transparent_part<T: Real>(
 
 /// `color = alpha (rgb, 1) + (1 - alpha) color` where the layer has a fragment; kept as the layer's blended colour, and
 /// what it was before too if alpha has gradients.
-fn blend<T: Real>(layer: &mut FrameLayer<T>, keep_behind: bool, color: &mut [[T; 4]]) {
+pub(super) fn blend<T: Real>(layer: &mut FrameLayer<T>, keep_behind: bool, color: &mut [[T; 4]]) {
     let FrameLayer { visibility, shaded, blended, behind, .. } = layer;
     blended.resize(color.len(), [T::zero(); 4]);
     if keep_behind {
@@ -321,7 +324,7 @@ pub fn render_vjp<T: Real>(
 
 /// Adjoint of [`blend`]: writes the gradient of the layer's fragments and turns `g` into that of what lies behind. Alpha
 /// has a gradient where `blend` kept what lies behind.
-fn blend_vjp<T: Real>(layer: &FrameLayer<T>, g: &mut [[T; 4]], out: &mut [[T; 4]]) {
+pub(super) fn blend_vjp<T: Real>(layer: &FrameLayer<T>, g: &mut [[T; 4]], out: &mut [[T; 4]]) {
     let fragments = layer.shaded.par_chunks(CHUNK).zip(layer.visibility.triangle.par_chunks(CHUNK));
     let gradients = g.par_chunks_mut(CHUNK).zip(out.par_chunks_mut(CHUNK));
     gradients.zip(fragments).enumerate().for_each(|(chunk, ((g, out), (shaded, triangle)))| {

@@ -15,49 +15,72 @@ use photofit_texture::gpu::{LOOKUP, MipBuffers, MipTable, SCATTER};
 /// Vectors of a triangle in the buffer that pixels read.
 const CORNERS: usize = 13;
 
-/// The source with what gets gradients as a part of its own.
-macro_rules! source {
-    ($gradients:literal) => {
-        &[
-            INDEX,
-            photofit_scalar::WGSL,
-            FIXED,
-            LOOKUP,
-            SCATTER,
-            photofit_shading::gpu::WGSL,
-            include_str!("../rasterize/barycentric.wgsl"),
-            $gradients,
-            include_str!("pixel.wgsl"),
-            include_str!("shade.wgsl"),
-        ]
+/// A kernel over the pixels of a layer. What it computes of energy and gradients is constant in its source: code that is not
+/// needed takes no registers.
+macro_rules! layer_kernel {
+    ($name:literal, $entry:literal, $compensated:literal, $positions:literal, $maps:literal) => {
+        Kernel {
+            name: $name,
+            source: &[
+                INDEX,
+                photofit_scalar::WGSL,
+                FIXED,
+                LOOKUP,
+                SCATTER,
+                photofit_shading::gpu::WGSL,
+                include_str!("../rasterize/barycentric.wgsl"),
+                concat!(
+                    "const COMPENSATED: bool = ",
+                    $compensated,
+                    "; const POSITION_GRADIENTS: bool = ",
+                    $positions,
+                    "; const MAP_GRADIENTS: bool = ",
+                    $maps,
+                    ";"
+                ),
+                include_str!("pixel.wgsl"),
+                include_str!("shade.wgsl"),
+            ],
+            entry: $entry,
+        }
     };
 }
 
-pub(crate) const LOAD_CORNERS: Kernel =
+const LOAD_CORNERS: Kernel =
     Kernel { name: "load_corners", source: &[INDEX, include_str!("corners.wgsl")], entry: "load_corners" };
-pub(crate) const SHADE: Kernel = Kernel {
-    name: "shade_layer",
-    source: source!("const POSITION_GRADIENTS: bool = false; const MAP_GRADIENTS: bool = false;"),
-    entry: "shade_layer",
-};
+/// Forward, under single scattering and compensated.
+const SHADE: [Kernel; 2] = [
+    layer_kernel!("shade_layer", "shade_layer", false, false, false),
+    layer_kernel!("shade_layer, compensated", "shade_layer", true, false, false),
+];
 /// The adjoint for gradients of positions and maps.
-pub(crate) const SHADE_VJP: Kernel = Kernel {
-    name: "shade_layer_vjp",
-    source: source!("const POSITION_GRADIENTS: bool = true; const MAP_GRADIENTS: bool = true;"),
-    entry: "shade_layer_vjp",
-};
+const SHADE_VJP: [Kernel; 2] = [
+    layer_kernel!("shade_layer_vjp", "shade_layer_vjp", false, true, true),
+    layer_kernel!("shade_layer_vjp, compensated", "shade_layer_vjp", true, true, true),
+];
 /// The adjoint for gradients of positions alone.
-pub(crate) const SHADE_VJP_POSITIONS: Kernel = Kernel {
-    name: "shade_layer_vjp of positions",
-    source: source!("const POSITION_GRADIENTS: bool = true; const MAP_GRADIENTS: bool = false;"),
-    entry: "shade_layer_vjp",
-};
+const SHADE_VJP_POSITIONS: [Kernel; 2] = [
+    layer_kernel!("shade_layer_vjp of positions", "shade_layer_vjp", false, true, false),
+    layer_kernel!("shade_layer_vjp of positions, compensated", "shade_layer_vjp", true, true, false),
+];
 /// The adjoint for gradients of maps alone.
-pub(crate) const SHADE_VJP_MAPS: Kernel = Kernel {
-    name: "shade_layer_vjp of maps",
-    source: source!("const POSITION_GRADIENTS: bool = false; const MAP_GRADIENTS: bool = true;"),
-    entry: "shade_layer_vjp",
-};
+const SHADE_VJP_MAPS: [Kernel; 2] = [
+    layer_kernel!("shade_layer_vjp of maps", "shade_layer_vjp", false, false, true),
+    layer_kernel!("shade_layer_vjp of maps, compensated", "shade_layer_vjp", true, false, true),
+];
+
+/// The kernels of this module.
+pub(crate) const KERNELS: [Kernel; 9] = [
+    LOAD_CORNERS,
+    SHADE[0],
+    SHADE[1],
+    SHADE_VJP[0],
+    SHADE_VJP[1],
+    SHADE_VJP_POSITIONS[0],
+    SHADE_VJP_POSITIONS[1],
+    SHADE_VJP_MAPS[0],
+    SHADE_VJP_MAPS[1],
+];
 
 /// Parameters of the shading of a picture.
 #[repr(C)]
@@ -86,8 +109,9 @@ pub struct MapShading {
     /// Tables and environments.
     pub tables: ShadingTables,
     corners: Buffer<[u32; 4]>,
-    /// The adjoint; none where nothing gets gradients.
-    adjoint: Option<&'static Kernel>,
+    forward: Kernel,
+    /// None where nothing gets gradients.
+    adjoint: Option<Kernel>,
     params: ShadeParams,
     slots: ShadeSlots,
 }
@@ -105,7 +129,7 @@ impl ShadeSlots {
 }
 
 impl MapShading {
-    /// For meshes of at most `triangles` triangles, with the gradients that `passes` ask for.
+    /// For meshes of at most `triangles` triangles, with the gradients and the energy that `passes` ask for.
     ///
     /// # Errors
     /// If the device cannot hold what is kept of each.
@@ -117,17 +141,27 @@ impl MapShading {
         passes: &Passes,
     ) -> Result<Self, GpuError> {
         let corners = gpu.zeros("corners", CORNERS * triangles)?;
-        let params = bytemuck::Zeroable::zeroed();
+        // Of an empty picture.
+        let params = ShadeParams { side: 1, ..bytemuck::Zeroable::zeroed() };
+        let energy = usize::from(passes.energy == Energy::Compensated);
         let adjoint = match (passes.position_gradients, passes.map_gradients) {
-            (true, true) => Some(&SHADE_VJP),
-            (true, false) => Some(&SHADE_VJP_POSITIONS),
-            (false, true) => Some(&SHADE_VJP_MAPS),
+            (true, true) => Some(SHADE_VJP[energy]),
+            (true, false) => Some(SHADE_VJP_POSITIONS[energy]),
+            (false, true) => Some(SHADE_VJP_MAPS[energy]),
             (false, false) => None,
         };
-        Ok(Self { maps, tables, corners, adjoint, params, slots: ShadeSlots::default() })
+        Ok(Self {
+            maps,
+            tables,
+            corners,
+            forward: SHADE[energy],
+            adjoint,
+            params,
+            slots: ShadeSlots::default(),
+        })
     }
 
-    /// The parameters of a picture. `scale` is that of the sums of vertices, `number` tells which of the uploaded
+    /// The parameters of a picture; `passes` as in [`Self::new`], but for masks, alpha, emission and the normal map. `scale` is that of the sums of vertices, `number` tells which of the uploaded
     /// environments a map is.
     ///
     /// # Panics
@@ -146,13 +180,7 @@ impl MapShading {
             Masks::Cut => (false, 0.0),
             Masks::Faded { slope } => (true, slope),
         };
-        let flags = [
-            passes.normal_map,
-            passes.emissive,
-            passes.energy == Energy::Compensated,
-            passes.alpha_gradients,
-            faded,
-        ];
+        let flags = [passes.normal_map, passes.emissive, passes.alpha_gradients, faded];
         ShadeParams {
             maps: *self.maps.table(),
             lights: self.tables.lights(view.lights, number),
@@ -214,7 +242,7 @@ impl Shading for MapShading {
         self.load(r, mesh, picture)?;
         let [triangle, corners, texels, tables] = self.shared(layer);
         let buffers = [triangle, corners, texels, tables, layer.shaded.bind()];
-        self.slots.0.push(work.dispatch(r, &SHADE, &self.params, &buffers)?);
+        self.slots.0.push(work.dispatch(r, &self.forward, &self.params, &buffers)?);
         Ok(())
     }
 
@@ -227,7 +255,7 @@ impl Shading for MapShading {
         g: &GradientBuffers,
         work: Work<'_>,
     ) -> Result<(), GpuError> {
-        let Some(adjoint) = self.adjoint else { return Ok(()) };
+        let Some(adjoint) = &self.adjoint else { return Ok(()) };
         self.load(r, mesh, picture)?;
         let [triangle, corners, texels, tables] = self.shared(layer);
         let gradients = [g.shaded.bind(), self.maps.sums.bind(), g.sums.bind()];

@@ -1,14 +1,14 @@
 // One pixel: interpolate, texture, normal map, shade; forward and adjoint: twin of `pixel.rs`. The kernel declares
 //     var<storage, read> corners: array<vec4<u32>>;
-// and says what gets gradients:
+// and says whether scattering is compensated and what gets gradients:
+//     const COMPENSATED: bool
 //     const POSITION_GRADIENTS: bool
 //     const MAP_GRADIENTS: bool
 
 const NORMAL_MAP: u32 = 1u;
 const EMISSIVE: u32 = 2u;
-const COMPENSATED: u32 = 4u;
-const ALPHA_GRADIENTS: u32 = 8u;
-const FADED_MASKS: u32 = 16u;
+const ALPHA_GRADIENTS: u32 = 4u;
+const FADED_MASKS: u32 = 8u;
 
 const ALPHA_OPAQUE: u32 = 0u;
 const ALPHA_MASK: u32 = 1u;
@@ -144,7 +144,7 @@ fn drawn_alpha_vjp(alpha: f32, c: Corners, g: f32) -> f32 {
 
 // Radiance and alpha.
 fn pixel_color(p: Pixel, c: Corners) -> vec4<f32> {
-    var rgb = shade(surface_of(p.texel), runs(COMPENSATED), p.position, p.shading_normal, p.wo);
+    var rgb = shade(surface_of(p.texel), COMPENSATED, p.position, p.shading_normal, p.wo);
     if runs(EMISSIVE) {
         rgb += vec3<f32>(p.texel[2].zw, p.texel[3].x);
     }
@@ -167,7 +167,7 @@ fn weight_vjp(a: mat3x3<f32>, g: vec3<f32>) -> vec2<f32> {
 
 fn pixel_vjp(p: Pixel, c: Corners, f: vec2<f32>, g: vec4<f32>) -> PixelGradient {
     var out: PixelGradient;
-    let s = shade_vjp(surface_of(p.texel), runs(COMPENSATED), p.position, p.shading_normal, p.wo, g.xyz);
+    let s = shade_vjp(surface_of(p.texel), COMPENSATED, p.position, p.shading_normal, p.wo, g.xyz);
     var g_emissive = vec3<f32>(0.0);
     if runs(EMISSIVE) {
         g_emissive = g.xyz;

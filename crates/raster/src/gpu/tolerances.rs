@@ -21,6 +21,8 @@ pub(crate) const ANTIALIASED: f32 = 1e-4;
 /// Gradients of clip-space positions and colours by antialiasing, relative to the largest: as colours, and the derivative
 /// divides by the edge's extent.
 pub(crate) const ANTIALIASED_VJP: f32 = 3e-4;
+/// Layers over one another and means of samples: a few roundings (`photofit_gradcheck::worst_difference`).
+pub(crate) const COMPOSITE: f64 = 1e-6;
 /// Radiance of a pixel, relative to one or to itself: shading, the mean of samples, layers over one another.
 pub(crate) const PICTURE: f32 = 1e-4;
 /// Share of pixels that may differ by more: those of a few samples that show another triangle or silhouette.

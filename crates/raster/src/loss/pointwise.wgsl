@@ -2,7 +2,7 @@
 struct Loss {
     // Pixels of the pictures.
     pixels: u32,
-    // 0 to 4: as `KINDS` in the dispatch.
+    // LOG_L1 to SMAPE below, or one more for relative squares.
     kind: u32,
     // Channels that are read.
     first: u32,

@@ -42,8 +42,7 @@ fn before(a: vec3<f32>, b: vec3<f32>) -> bool {
     return a.z < b.z;
 }
 
-// Twice the signed area of the corner and two others as seen from `n`, and whether `n` on the edge would belong to the
-// side on which the value is positive.
+// Twice the signed area between a pixel centre and an edge, in homogeneous units: the weight of the corner opposite to it.
 fn edge(s: vec3<f32>, t: vec3<f32>, n: vec2<f32>) -> f32 {
     let swapped = before(t, s);
     let a = select(s, t, swapped);

@@ -75,7 +75,7 @@ impl GpuSurface {
             let diffuses = group.name == POSITIONS;
             let solver = || LargeStepsSolver::new(gpu, &rings.offsets, &rings.items, LAMBDA);
             let solver = diffuses.then(solver).transpose()?;
-            DeviceOptimizer::new(gpu, group.name, (group.rows, group.columns), temporal(group.name), solver)
+            DeviceOptimizer::new(gpu, &group.name, (group.rows, group.columns), temporal(&group.name), solver)
         };
         let optimizers = groups.iter().map(optimizer).collect::<Result<_, _>>()?;
         let mut r = gpu.record("rebuild");

@@ -63,8 +63,8 @@ impl Chain for Pixels {
 
     fn groups(&self) -> Vec<Group> {
         let rows = SIDE * SIDE;
-        let group = |name, columns: usize, rates| Group {
-            name,
+        let group = |name: &'static str, columns: usize, rates| Group {
+            name: name.into(),
             rows,
             columns,
             ranges: vec![[0.0, 1.0]; columns],
@@ -75,7 +75,7 @@ impl Chain for Pixels {
     }
 
     fn optimizer(&self, group: &Group) -> Result<Optimizer<f32>, FitError> {
-        Optimizer::new(group.name, group.rows * group.columns, Temporal::adam())
+        Optimizer::new(&group.name, group.rows * group.columns, Temporal::adam())
             .map_err(FitError::Preconditioner)
     }
 

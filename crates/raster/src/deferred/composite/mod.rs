@@ -100,3 +100,6 @@ pub fn average(s: &mut Steps<'_>, picture: &PictureBuffers) -> Result<(), GpuErr
 pub fn magnify(s: &mut Steps<'_>, g: &GradientBuffers, out: &Buffer<[f32; 4]>) -> Result<(), GpuError> {
     s.dispatch(&MAGNIFY, 0, 0, &[g.color.bind(), out.bind()], Work::Threads(s.samples()))
 }
+
+#[cfg(test)]
+mod tests;

@@ -252,9 +252,8 @@ fn relative(found: &[f32], expected: &[f32]) -> f64 {
 
 /// Share of pixels that differ, and relative differences of the gradients.
 fn differences(found: &Result, expected: &Result) -> (f64, [f64; 4]) {
-    let off = |(f, e): (&[f32; 4], &[f32; 4])| {
-        (0..4).any(|k| !((f[k] - e[k]).abs() <= PICTURE * e[k].abs().max(1.0)))
-    };
+    let close = |(f, e): (&f32, &f32)| (f - e).abs() <= PICTURE * e.abs().max(1.0);
+    let off = |(f, e): (&[f32; 4], &[f32; 4])| !f.iter().zip(e).all(close);
     let off = found.color.iter().zip(&expected.color).filter(|p| off(*p)).count();
     let gradients = std::array::from_fn(|k| relative(&found.gradients[k], &expected.gradients[k]));
     (off as f64 / expected.color.len() as f64, gradients)
@@ -270,6 +269,9 @@ fn agree(what: &str, found: &Result, expected: &Result) {
     }
 }
 
+/// Classes of alpha and sides in turns.
+type Case<'a> = (&'a str, &'a [AlphaMode], &'a [Sides], Camera, Passes);
+
 #[test]
 fn pictures_and_gradients_are_those_of_the_cpu() {
     let gpu = device!();
@@ -279,7 +281,7 @@ fn pictures_and_gradients_are_those_of_the_cpu() {
     let four = Camera { width: 31, height: 23, samples: 4, ..CAMERA };
     let both = [Sides::Both];
     let some = [Sides::Both, Sides::Front];
-    let cases: [(&str, &[AlphaMode], &[Sides], Camera, Passes); 11] = [
+    let cases: [Case<'_>; 11] = [
         ("opaque", &[], &[], CAMERA, all),
         ("fronts of some", &[], &some, CAMERA, all),
         ("samples", &[], &[], four, all),

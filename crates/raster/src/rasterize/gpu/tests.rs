@@ -306,6 +306,21 @@ fn duplicates_come_in_the_order_of_their_numbers() {
 }
 
 #[test]
+fn pictures_of_many_workgroups() {
+    let gpu = device!();
+    // More than 65,535 workgroups of samples; the second layer's are counted on the device.
+    let (clip, triangles) = random_soup(60, 6.0, 8);
+    let size = (2100, 2050);
+    let input = (&clip[..], &triangles[..], &[][..]);
+    for (c, g) in peel_cpu(input, size, 2).iter().zip(peel(gpu, input, size, 2)) {
+        let differ = c.triangle.iter().zip(&g.triangle).filter(|(c, g)| c != g).count();
+        let last = &c.triangle[size.0 * (size.1 - 100)..];
+        assert!(last.iter().any(|t| *t != NONE), "the end of the picture shows something");
+        assert!(differ <= FEW + (OTHER_TRIANGLES * (size.0 * size.1) as f64) as usize, "{differ} differ");
+    }
+}
+
+#[test]
 fn runs_give_the_same_bits() {
     let gpu = device!();
     let (clip, triangles) = random_soup(2000, 1.0, 6);

@@ -1,66 +1,45 @@
 //! `photofit gradient`: derivatives of a path-traced picture with respect to one parameter of its scene.
 
-mod keys;
-
 use crate::args::Gradient;
 use crate::output::{self, print};
+use crate::parameter_scene::{Key, Subject};
 use crate::preflight::Places;
 use crate::status::{Ending, Misuse};
-use crate::{mitsuba, path_render, threads};
+use crate::threads;
 use anyhow::{Result, anyhow, bail};
-use keys::Key;
 use photofit_image::Image;
-use photofit_pathtrace::{
-    Adjoint, EnvironmentMap, GradientSamples, ParameterGradient, Parts, PathOptions, RenderOptions, View,
-    World, WorldOptions,
-};
-use photofit_scene::mitsuba::{MitsubaOptions, load_mitsuba};
+use photofit_pathtrace::{Adjoint, GradientSamples, ParameterGradient, RenderOptions, World};
 use serde_json::{Value, json};
 use std::time::Instant;
-
-/// Words in the names of parameters that move edges.
-const GEOMETRY: [&str; 6] =
-    ["vertex_positions", "vertex_normals", "faces", "to_world", "positions", "opacity"];
-/// Most keys that an error lists.
-const LISTED: usize = 12;
-
-/// A scene with what its picture is like.
-struct Subject {
-    keys: Vec<Key>,
-    parts: Parts,
-    view: View,
-    options: RenderOptions,
-    world: WorldOptions,
-}
 
 /// Share of a path's light that may be left over when it was replayed.
 const RESIDUAL: f64 = 1e-6;
 
 pub(crate) fn run(a: &Gradient) -> Result<Ending> {
     let places = Places::default()
-        .reads("SCENE", Some(&a.input))
+        .reads("SCENE", Some(&a.scene.input))
         .reads("--weights", a.weights.as_deref())
-        .reads("--env", a.env.as_deref())
+        .reads("--env", a.scene.env.as_deref())
         .writes("--json", a.json.as_deref())
         .writes("--image", a.image.as_deref());
     places.check()?;
     threads::set(a.threads)?;
-    let subject = if mitsuba::is_scene(&a.input) { of_mitsuba(a, &places)? } else { of_asset(a, &places)? };
+    let subject = Subject::load(&a.scene, &places)?;
     let Some(name) = &a.parameter else {
         return list(&subject.keys).map(|()| Ending::Done);
     };
-    let key = find(a, &subject.keys, name)?.clone();
+    let key = subject.find(&a.scene, name)?.clone();
     if a.image.is_some() && key.shape[0] * key.shape[1] == 1 {
         bail!(Misuse(format!("--image: {name} is a single value; it must be a texture")));
     }
     let loss = weights(a, &subject.options)?;
-    let named = |e: &dyn std::fmt::Display| anyhow!("{}: {e}", a.input.display());
+    let named = |e: &dyn std::fmt::Display| anyhow!("{}: {e}", a.scene.input.display());
     let world = World::with_options(subject.parts, subject.world).map_err(|e| named(&e))?;
     let parameters = std::slice::from_ref(&key.parameter);
     let adjoint =
         Adjoint::new(&world, &subject.view, subject.options.clone(), parameters).map_err(|e| named(&e))?;
     let began = Instant::now();
-    let samples = GradientSamples { spp: a.spp, seed: Some(a.seed) };
+    let samples = GradientSamples { spp: a.spp, seed: Some(a.scene.seed) };
     let (gradient, error) = adjoint.render_vjp_with_error(&loss, samples).map_err(|e| named(&e))?;
     let seconds = began.elapsed().as_secs_f64();
     let exact = gradient.residual < RESIDUAL;
@@ -68,7 +47,7 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
         bail!(
             "{}: the replay left {:e} of the light of a path; it must be below {RESIDUAL:e}: radiances of the scene may be \
              too large for single precision",
-            a.input.display(),
+            a.scene.input.display(),
             gradient.residual
         );
     }
@@ -97,48 +76,6 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
     Ok(Ending::Done)
 }
 
-fn of_mitsuba(a: &Gradient, places: &Places) -> Result<Subject> {
-    if let Some(option) = [("--env", a.env.is_some()), ("--camera", a.camera > 0)].into_iter().find(|o| o.1) {
-        bail!(Misuse(format!("{}: belongs to an asset; an .xml scene has its own", option.0)));
-    }
-    let options = MitsubaOptions {
-        parameters: a.define.clone(),
-        size: [a.width, a.height],
-        allow_parent_paths: a.allow_parent_paths,
-        ..MitsubaOptions::default()
-    };
-    let scene = load_mitsuba(&a.input, &options)?;
-    places.check_against("SCENE", scene.files.iter().chain(&scene.resources))?;
-    let mut options = RenderOptions::from_mitsuba(&scene);
-    options.path.max_depth = a.max_depth.unwrap_or(options.path.max_depth);
-    options.seed = a.seed;
-    let view = View::from_mitsuba(&scene.sensor);
-    let world = mitsuba::world_options();
-    Ok(Subject { keys: keys::of_mitsuba(&scene), parts: Parts::from_mitsuba(scene), view, options, world })
-}
-
-fn of_asset(a: &Gradient, places: &Places) -> Result<Subject> {
-    if !a.define.is_empty() || a.allow_parent_paths {
-        let rule = "--define and --allow-parent-paths belong to .xml scenes; the input must be one";
-        bail!(Misuse(rule.into()));
-    }
-    let file = a.input.display();
-    let scene = photofit_scene::load(&a.input)?;
-    places.check_against("SCENE", &scene.files)?;
-    scene.validate_for_fit().map_err(|e| anyhow!("{file}: {e}"))?;
-    let (width, height) = (a.width.unwrap_or(512) as usize, a.height.unwrap_or(512) as usize);
-    let view = path_render::camera_view(&a.input, &scene, a.camera, [width, height])?;
-    let mut parts = Parts::from_scene(&scene);
-    if let Some(file) = &a.env {
-        parts.environment = Some(EnvironmentMap::new(photofit_scene::load_environment(file)?));
-    }
-    let path = PathOptions::default();
-    let path = PathOptions { max_depth: a.max_depth.unwrap_or(path.max_depth), ..path };
-    let options = RenderOptions { width, height, seed: a.seed, path, ..RenderOptions::default() };
-    let keys = keys::of_asset(&scene, &parts);
-    Ok(Subject { keys, parts, view, options, world: WorldOptions::default() })
-}
-
 fn list(keys: &[Key]) -> Result<()> {
     let width = keys.iter().map(|k| k.name.len()).max().unwrap_or(0);
     let line = |k: &Key| {
@@ -150,24 +87,6 @@ fn list(keys: &[Key]) -> Result<()> {
         }
     };
     print(&keys.iter().map(line).collect::<String>())
-}
-
-fn find<'a>(a: &Gradient, keys: &'a [Key], name: &str) -> Result<&'a Key> {
-    if let Some(key) = keys.iter().find(|k| k.name == name) {
-        return Ok(key);
-    }
-    let file = a.input.display();
-    if let Some(word) = GEOMETRY.iter().find(|w| name.rsplit('.').any(|part| part == **w)) {
-        bail!(
-            "{file}: {name}: {word} moves edges, whose derivatives the path tracer does not see; \
-             it must be a parameter of --list (shapes are fitted through the rasterizer)"
-        );
-    }
-    let mut known: Vec<&str> = keys.iter().take(LISTED).map(|k| k.name.as_str()).collect();
-    if keys.len() > LISTED {
-        known.push("...");
-    }
-    bail!("{file}: has no parameter {name} with derivatives; it must be of {}", known.join(", "))
 }
 
 /// The weights of the pixels.
@@ -212,7 +131,7 @@ fn text(key: &Key, [values, errors]: &[Vec<f64>; 2]) -> String {
 
 fn to_json(a: &Gradient, options: &RenderOptions, key: &Key, [values, errors]: &[Vec<f64>; 2]) -> Value {
     json!({
-        "input": a.input.display().to_string(),
+        "input": a.scene.input.display().to_string(),
         "parameter": key.name,
         "weights": a.weights.as_ref().map(|w| w.display().to_string()),
         "shape": key.shape,
@@ -221,6 +140,6 @@ fn to_json(a: &Gradient, options: &RenderOptions, key: &Key, [values, errors]: &
         "width": options.width,
         "height": options.height,
         "max_depth": options.path.max_depth,
-        "seed": a.seed,
+        "seed": a.scene.seed,
     })
 }

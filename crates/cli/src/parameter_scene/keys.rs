@@ -65,7 +65,7 @@ impl Keys {
 }
 
 /// The keys of a Mitsuba scene.
-pub(crate) fn of_mitsuba(scene: &MitsubaScene) -> Vec<Key> {
+pub(super) fn of_mitsuba(scene: &MitsubaScene) -> Vec<Key> {
     let mut keys = Keys::default();
     for (i, (graph, names)) in scene.materials.iter().zip(&scene.names).enumerate() {
         let uniform = graph.root.constant().filter(|_| !graph.root.needs_partials());
@@ -169,7 +169,7 @@ fn lights(keys: &mut Keys, lights: &[PunctualLight], [intensity, irradiance]: [&
 }
 
 /// The keys of an asset; `parts` is made of it.
-pub(crate) fn of_asset(scene: &Scene, parts: &Parts) -> Vec<Key> {
+pub(super) fn of_asset(scene: &Scene, parts: &Parts) -> Vec<Key> {
     let mut keys = Keys::default();
     let Some(library) = &parts.library else { return keys.list };
     for (i, m) in scene.materials.iter().enumerate() {

@@ -1,0 +1,97 @@
+//! Scenes whose path-traced picture has parameters that are known by name.
+
+mod keys;
+
+pub(crate) use keys::Key;
+
+use crate::args::ParameterScene;
+use crate::preflight::Places;
+use crate::status::Misuse;
+use crate::{mitsuba, path_render};
+use anyhow::{Result, anyhow, bail};
+use photofit_pathtrace::{EnvironmentMap, Parts, PathOptions, RenderOptions, View, WorldOptions};
+use photofit_scene::mitsuba::{MitsubaOptions, load_mitsuba};
+
+/// Words in the names of parameters that move edges.
+const GEOMETRY: [&str; 6] =
+    ["vertex_positions", "vertex_normals", "faces", "to_world", "positions", "opacity"];
+/// Most keys that an error lists.
+const LISTED: usize = 12;
+
+/// A scene with what its picture is like.
+pub(crate) struct Subject {
+    pub(crate) keys: Vec<Key>,
+    pub(crate) parts: Parts,
+    pub(crate) view: View,
+    pub(crate) options: RenderOptions,
+    pub(crate) world: WorldOptions,
+}
+
+impl Subject {
+    /// Loads a scene; its files join the inputs that no output may replace.
+    pub(crate) fn load(a: &ParameterScene, places: &Places) -> Result<Self> {
+        if mitsuba::is_scene(&a.input) { of_mitsuba(a, places) } else { of_asset(a, places) }
+    }
+
+    /// The parameter of a name.
+    pub(crate) fn find(&self, a: &ParameterScene, name: &str) -> Result<&Key> {
+        let keys = &self.keys;
+        if let Some(key) = keys.iter().find(|k| k.name == name) {
+            return Ok(key);
+        }
+        let file = a.input.display();
+        if let Some(word) = GEOMETRY.iter().find(|w| name.rsplit('.').any(|part| part == **w)) {
+            bail!(
+                "{file}: {name}: {word} moves edges, whose derivatives the path tracer does not see; \
+             it must be a parameter of --list (shapes are fitted through the rasterizer)"
+            );
+        }
+        let mut known: Vec<&str> = keys.iter().take(LISTED).map(|k| k.name.as_str()).collect();
+        if keys.len() > LISTED {
+            known.push("...");
+        }
+        bail!("{file}: has no parameter {name} with derivatives; it must be of {}", known.join(", "))
+    }
+}
+
+fn of_mitsuba(a: &ParameterScene, places: &Places) -> Result<Subject> {
+    if let Some(option) = [("--env", a.env.is_some()), ("--camera", a.camera > 0)].into_iter().find(|o| o.1) {
+        bail!(Misuse(format!("{}: belongs to an asset; an .xml scene has its own", option.0)));
+    }
+    let options = MitsubaOptions {
+        parameters: a.define.clone(),
+        size: [a.width, a.height],
+        allow_parent_paths: a.allow_parent_paths,
+        ..MitsubaOptions::default()
+    };
+    let scene = load_mitsuba(&a.input, &options)?;
+    places.check_against("SCENE", scene.files.iter().chain(&scene.resources))?;
+    let mut options = RenderOptions::from_mitsuba(&scene);
+    options.path.max_depth = a.max_depth.unwrap_or(options.path.max_depth);
+    options.seed = a.seed;
+    let view = View::from_mitsuba(&scene.sensor);
+    let world = mitsuba::world_options();
+    Ok(Subject { keys: keys::of_mitsuba(&scene), parts: Parts::from_mitsuba(scene), view, options, world })
+}
+
+fn of_asset(a: &ParameterScene, places: &Places) -> Result<Subject> {
+    if !a.define.is_empty() || a.allow_parent_paths {
+        let rule = "--define and --allow-parent-paths belong to .xml scenes; the input must be one";
+        bail!(Misuse(rule.into()));
+    }
+    let file = a.input.display();
+    let scene = photofit_scene::load(&a.input)?;
+    places.check_against("SCENE", &scene.files)?;
+    scene.validate_for_fit().map_err(|e| anyhow!("{file}: {e}"))?;
+    let (width, height) = (a.width.unwrap_or(512) as usize, a.height.unwrap_or(512) as usize);
+    let view = path_render::camera_view(&a.input, &scene, a.camera, [width, height])?;
+    let mut parts = Parts::from_scene(&scene);
+    if let Some(file) = &a.env {
+        parts.environment = Some(EnvironmentMap::new(photofit_scene::load_environment(file)?));
+    }
+    let path = PathOptions::default();
+    let path = PathOptions { max_depth: a.max_depth.unwrap_or(path.max_depth), ..path };
+    let options = RenderOptions { width, height, seed: a.seed, path, ..RenderOptions::default() };
+    let keys = keys::of_asset(&scene, &parts);
+    Ok(Subject { keys, parts, view, options, world: WorldOptions::default() })
+}

@@ -1,0 +1,269 @@
+//! Parameters of a path-traced world: materials, textures, lights, with derivatives by path replay. The shape stays.
+//!
+//! Picture and gradient of a step take separate random numbers, so that the gradient of the squared error has no bias
+//! from their covariance; both follow from the number of the shot.
+
+use super::cpu::Chain;
+use super::model::Group;
+use super::views::Shot;
+use crate::FitError;
+use photofit_image::Image;
+use photofit_optim::{
+    Bilateral, Grid, GridBilateral, GuideMap, Optimizer, Placement, ScreenedPoisson, Sigma, Temporal,
+};
+use photofit_pathtrace::{Adjoint, GradientSamples, Parameter, RenderOptions, Renderer, View, World};
+use photofit_raster::loss::{self, Loss};
+use photofit_sampling::hash;
+use std::borrow::Cow;
+
+/// Tell the random numbers of pictures and gradients from one another.
+const PICTURE: u64 = 0x7069_6374;
+const GRADIENT: u64 = 0x6772_6164;
+/// Smoothness of the Laplacian filter: as wide as three levels of the bilateral one.
+const LAPLACIAN: f64 = 10.5;
+
+/// A parameter that is fitted.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TracedParameter {
+    /// Its name, for messages and checkpoints.
+    pub name: String,
+    /// Where it is in the world.
+    pub parameter: Parameter,
+    /// Rows, columns and channels; one row and one column for values.
+    pub shape: [usize; 3],
+    /// Lowest and highest value.
+    pub range: [f32; 2],
+}
+
+/// What steps of textures are smoothed by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Smoothing {
+    /// Nothing: Adam.
+    None,
+    /// Gradients by a low-pass filter.
+    Laplacian,
+    /// Gradients and moments by a filter that keeps the edges of the texture as it is so far.
+    #[default]
+    Bilateral,
+}
+
+/// A world as a function of parameters.
+#[derive(Debug)]
+pub struct Traced {
+    /// The world with the present values.
+    pub world: World,
+    /// The cameras, by the number of their picture.
+    pub views: Vec<View>,
+    /// Samples and depth of the pictures of a step.
+    pub options: RenderOptions,
+    /// Samples per pixel of its gradients.
+    pub gradient_spp: u32,
+    /// Samples per pixel of looks.
+    pub look_spp: u32,
+    /// What is fitted.
+    pub parameters: Vec<TracedParameter>,
+    /// How steps of textures are smoothed.
+    pub smoothing: Smoothing,
+    values: Vec<Vec<f32>>,
+}
+
+impl Traced {
+    /// Starts from the values that the world has.
+    ///
+    /// # Errors
+    /// If the world has no such parameter with derivatives.
+    pub fn new(
+        world: World,
+        views: Vec<View>,
+        options: RenderOptions,
+        parameters: Vec<TracedParameter>,
+    ) -> Result<Self, FitError> {
+        for view in &views {
+            let places: Vec<Parameter> = parameters.iter().map(|p| p.parameter.clone()).collect();
+            Adjoint::new(&world, view, options.clone(), &places)?;
+        }
+        let read = |p: &TracedParameter| Ok(taken(&world.parameter(&p.parameter)?, p.shape[2]));
+        let values = parameters.iter().map(read).collect::<Result<_, FitError>>()?;
+        let smoothing = Smoothing::default();
+        Ok(Self { world, views, options, gradient_spp: 1, look_spp: 64, parameters, smoothing, values })
+    }
+
+    /// The values of a parameter, channel by channel.
+    pub fn of(&self, parameter: usize) -> &[f32] {
+        &self.values[parameter]
+    }
+
+    /// Replaces the values of a parameter.
+    ///
+    /// # Errors
+    /// If the world refuses them.
+    ///
+    /// # Panics
+    /// If their number is another one.
+    pub fn replace(&mut self, parameter: usize, values: &[f32]) -> Result<(), FitError> {
+        self.values[parameter].copy_from_slice(values);
+        Ok(self.update(parameter)?)
+    }
+
+    fn update(&mut self, parameter: usize) -> Result<(), photofit_pathtrace::PathtraceError> {
+        let p = &self.parameters[parameter];
+        let read = self.world.parameter(&p.parameter)?;
+        let channels = read.len() / (p.shape[0] * p.shape[1]);
+        let values = &self.values[parameter];
+        // Numbers that are kept as colours are the same in all channels.
+        let spread = values.chunks_exact(p.shape[2]);
+        let spread: Vec<f32> = spread.flat_map(|v| (0..channels).map(|c| v[c.min(v.len() - 1)])).collect();
+        self.world.set_parameter(&p.parameter, &spread)
+    }
+
+    /// The picture of a view: linear, premultiplied RGBA.
+    ///
+    /// # Errors
+    /// If it cannot be rendered.
+    pub fn picture(&self, view: usize, spp: u32, seed: u64) -> Result<Image, FitError> {
+        let options = RenderOptions { spp, seed, ..self.options.clone() };
+        let mut renderer = Renderer::new(&self.world, &self.views[view], options)?;
+        while !renderer.pass(|| false).done {}
+        Ok(renderer.picture())
+    }
+
+    /// Loss of one shot, and the gradients of the moving parameters, which are added.
+    fn one(
+        &self,
+        shot: &Shot,
+        loss: Loss,
+        weight: f64,
+        moving: &[bool],
+        out: &mut [Vec<f32>],
+    ) -> Result<f64, FitError> {
+        let view = shot.picture.unwrap_or(0);
+        let seed = |key| hash(self.options.seed, key, shot.number);
+        let pixels = over(&self.picture(view, self.options.spp, seed(PICTURE))?, &shot.background);
+        let (width, height) = (shot.width, shot.height);
+        let mut g = vec![[0.0; 4]; pixels.len()];
+        // Relative to what the picture should be: bright parts do not drown the others, and, unlike a logarithm, such
+        // weights leave noise without bias.
+        let weights: Vec<f32> = shot.reference.iter().map(|r| relative(r)).collect();
+        let frame = loss::Frame::new(width, height, 4).only(0..3).weighted(&weights);
+        let (x, y) = (pixels.as_flattened(), shot.reference.as_flattened());
+        let value = loss.value_and_gradient(x, y, &frame, weight, g.as_flattened_mut());
+        let chosen = |k: &usize| moving[*k];
+        let which: Vec<usize> = (0..self.parameters.len()).filter(chosen).collect();
+        if which.is_empty() || !value.is_finite() {
+            return Ok(value);
+        }
+        let g = Image::from_fn(width, height, 3, |x, y, c| g[y * width + x][c]);
+        let places: Vec<Parameter> = which.iter().map(|k| self.parameters[*k].parameter.clone()).collect();
+        let adjoint = Adjoint::new(&self.world, &self.views[view], self.options.clone(), &places)?;
+        let samples = GradientSamples { spp: self.gradient_spp, seed: Some(seed(GRADIENT)) };
+        let gradient = adjoint.render_vjp(&g, samples)?;
+        for (k, found) in which.into_iter().zip(&gradient.parameters) {
+            let channels = self.parameters[k].shape[2];
+            let cells = found.values.chunks_exact(found.channels);
+            let cells = cells.flat_map(|v| v[..channels].iter());
+            out[k].iter_mut().zip(cells).for_each(|(o, v)| *o += *v as f32);
+        }
+        Ok(value)
+    }
+}
+
+/// Weight of the squared error of a pixel that should have this colour.
+fn relative(reference: &[f32; 4]) -> f32 {
+    let mean = (reference[0] + reference[1] + reference[2]) / 3.0;
+    1.0 / (mean * mean + 0.01)
+}
+
+/// The first channels of values that have one or three.
+fn taken(values: &[f32], channels: usize) -> Vec<f32> {
+    // Single values have one channel already.
+    if channels == 3 || values.len() == 1 {
+        return values.to_vec();
+    }
+    values.chunks_exact(3).map(|v| v[0]).collect()
+}
+
+/// A premultiplied picture over a background.
+fn over(picture: &Image, background: &[[f32; 3]]) -> Vec<[f32; 4]> {
+    let pixel = |(p, b): (&[f32], &[f32; 3])| {
+        let t = 1.0 - p[3];
+        [p[0] + t * b[0], p[1] + t * b[1], p[2] + t * b[2], p[3]]
+    };
+    picture.data.chunks_exact(4).zip(background).map(pixel).collect()
+}
+
+impl Chain for Traced {
+    type Gradients = Vec<Vec<f32>>;
+
+    fn groups(&self) -> Vec<Group> {
+        let group = |p: &TracedParameter| Group {
+            name: Cow::Owned(p.name.clone()),
+            rows: p.shape[0] * p.shape[1],
+            columns: p.shape[2],
+            ranges: vec![p.range; p.shape[2]],
+            unit: None,
+            rates: Vec::new(),
+        };
+        self.parameters.iter().map(group).collect()
+    }
+
+    fn optimizer(&self, group: &Group) -> Result<Optimizer<f32>, FitError> {
+        let known = self.parameters.iter().find(|p| p.name == group.name);
+        let [height, width, _] = known.map_or([1, 1, 1], |p| p.shape);
+        // A short memory of the first moment: rates stay large while gradients of few samples are averaged over space.
+        let temporal = Temporal::adam().betas(0.2, 0.999);
+        let new = || Optimizer::new(&group.name, group.len(), temporal);
+        let grid = Grid::plane(width, height);
+        let made = if grid.sites() == 1 {
+            new()
+        } else {
+            match self.smoothing {
+                Smoothing::None => new(),
+                Smoothing::Laplacian => ScreenedPoisson::new(&group.name, grid, LAPLACIAN)
+                    .and_then(|f| new()?.with_filter(Placement::PRE, f)),
+                Smoothing::Bilateral => {
+                    let settings =
+                        Bilateral { map: GuideMap::Log, sigma: Sigma::Auto(2.0), ..Bilateral::default() };
+                    GridBilateral::new(&group.name, grid, group.columns, settings)
+                        .and_then(|f| new()?.with_filter(Placement::BOTH, f))
+                }
+            }
+        };
+        made.map_err(FitError::Preconditioner)
+    }
+
+    fn values(&self, group: usize) -> &[f32] {
+        &self.values[group]
+    }
+
+    fn values_mut(&mut self, group: usize) -> &mut [f32] {
+        &mut self.values[group]
+    }
+
+    fn changed(&mut self, group: usize) {
+        self.update(group).expect("values in their ranges are valid");
+    }
+
+    fn gradients(&self) -> Self::Gradients {
+        self.values.iter().map(|v| vec![0.0; v.len()]).collect()
+    }
+
+    fn moved<'a>(&'a mut self, gradients: &'a Self::Gradients, group: usize) -> (&'a mut [f32], &'a [f32]) {
+        (&mut self.values[group], &gradients[group])
+    }
+
+    fn step(&self, shots: &[Shot], loss: Loss, moving: &[bool], gradients: &mut Self::Gradients) -> f64 {
+        gradients.iter_mut().for_each(|g| g.fill(0.0));
+        let weight = 1.0 / shots.len().max(1) as f64;
+        let one = |shot| self.one(shot, loss, weight, moving, gradients).expect("checked at the start");
+        shots.iter().map(one).sum()
+    }
+
+    fn pictures(&self, shots: &[Shot]) -> Vec<Vec<[f32; 4]>> {
+        let one = |shot: &Shot| {
+            let seed = hash(self.options.seed, PICTURE, u64::MAX);
+            let picture = self.picture(shot.picture.unwrap_or(0), self.look_spp, seed);
+            over(&picture.expect("checked at the start"), &shot.background)
+        };
+        shots.iter().map(one).collect()
+    }
+}

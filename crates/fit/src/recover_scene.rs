@@ -1,0 +1,146 @@
+//! Recovering materials, textures and lights of a scene from a picture of it, through the path tracer. Assembled from the
+//! parts of the engine; the third task beside [`crate::simplify`] and [`crate::recover`].
+
+use crate::engine::cpu::Cpu;
+use crate::engine::reference::{Picture, Reference};
+use crate::engine::traced::Traced;
+use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Phase, train};
+use crate::engine::views::{Pose, Sampling, Set, Setup, Sphere, ViewLights, Views};
+use crate::{FitError, Progress, bake};
+use glam::Vec3;
+use photofit_image::Image;
+use photofit_raster::loss::Loss;
+use photofit_scene::Camera;
+
+/// Options of [`recover_scene`].
+#[derive(Clone, Debug)]
+pub struct RecoverSceneOptions {
+    /// Steps of the fit.
+    pub steps: u64,
+    /// Peak rate: the largest change of a value in a step, relative to the mean of the start where values have no upper
+    /// bound of 1.
+    pub rate: f64,
+    /// Seed of all random choices.
+    pub seed: u64,
+    /// Checkpoints and limits.
+    pub keeping: Keeping,
+}
+
+impl Default for RecoverSceneOptions {
+    fn default() -> Self {
+        Self { steps: 200, rate: 0.05, seed: 0, keeping: Keeping::default() }
+    }
+}
+
+/// What was recovered.
+#[derive(Debug)]
+pub struct RecoveredScene {
+    /// The world with the values of the best look.
+    pub model: Traced,
+    /// The course of the fit.
+    pub history: Vec<HistoryPoint>,
+    /// Steps made.
+    pub steps: u64,
+    /// Ended by the user or the time limit.
+    pub stopped: bool,
+}
+
+/// Pictures of a scene, one per view of the model.
+struct Pictures<'a>(&'a [Image]);
+
+impl Reference for Pictures<'_> {
+    fn picture(&self, setup: &Setup) -> Result<Picture, FitError> {
+        // The model's pictures are noisy: the loss must be one that noise does not bias.
+        Ok(Picture { image: self.0[setup.picture.unwrap_or(0)].clone(), noise: 1.0 })
+    }
+
+    fn bounds(&self, _: Pose) -> Sphere {
+        Sphere::UNIT
+    }
+
+    fn surface(&self, _: Pose) -> Option<&bake::Reference<'_>> {
+        None
+    }
+}
+
+impl Views for Pictures<'_> {
+    fn setup(&self, _: Set, index: u64, _: u64) -> Setup {
+        let at = (index % self.0.len() as u64) as usize;
+        Setup {
+            // The model knows its cameras by the number of the picture.
+            camera: Camera::look_at(Vec3::Z, Vec3::ZERO, Vec3::Y, 1.0, 1.0, 0.1, 10.0),
+            lights: ViewLights::default(),
+            pose: Pose::default(),
+            width: self.0[at].width,
+            height: self.0[at].height,
+            picture: Some(at),
+        }
+    }
+}
+
+/// Fits the parameters of `model` to `pictures` (linear, premultiplied RGBA), one for each of its views.
+///
+/// # Errors
+/// See [`FitError`]: pictures of another size or number than the model's, values that are not finite.
+pub fn recover_scene(
+    model: Traced,
+    pictures: &[Image],
+    options: &RecoverSceneOptions,
+    progress: &dyn Progress,
+) -> Result<RecoveredScene, FitError> {
+    let (w, h) = (model.options.width, model.options.height);
+    let wrong = |rule: String| Err(FitError::Setting { field: "pictures", rule });
+    if pictures.len() != model.views.len() || pictures.is_empty() {
+        return wrong(format!("are {}; they must be {}, one per view", pictures.len(), model.views.len()));
+    }
+    for p in pictures {
+        if (p.width, p.height, p.channels) != (w, h, 4) {
+            let found = format!("{} x {} with {} channels", p.width, p.height, p.channels);
+            return wrong(format!("are {found}; they must be {w} x {h} with 4"));
+        }
+        if let Some(i) = p.data.iter().position(|v| !v.is_finite()) {
+            let at = (i / 4 % w, i / 4 / w);
+            return wrong(format!("have the value {} at pixel {at:?}; it must be finite", p.data[i]));
+        }
+    }
+    let source = Pictures(pictures);
+    let count = pictures.len() as u64;
+    let held_out = HeldOut::new(&source, &source, Sampling::SUPERSAMPLED, count, options.seed)?;
+    let (spp, gradient_spp) = (model.options.spp, model.gradient_spp);
+    let names: Vec<&str> = model.parameters.iter().map(|p| p.name.as_str()).collect();
+    let steered = format!("scene {} {spp} {gradient_spp} {:?} {names:?}", options.rate, model.smoothing);
+    let job = Job {
+        reference: &source,
+        views: &source,
+        held_out: &held_out,
+        sampling: Sampling::SUPERSAMPLED,
+        loss: Loss::Mse,
+        seed: options.seed,
+        batch: pictures.len(),
+        steps: options.steps,
+        keeping: &options.keeping,
+        options: steered,
+    };
+    let rates = (0..model.parameters.len()).map(|k| options.rate * scale(&model, k)).collect();
+    let phase = Phase { name: "parameters", first: 0, steps: options.steps, shrink: 1, rates, renewal: None };
+    let trained = train(Cpu::new(model)?, &job, |_| vec![phase], progress)?;
+    Ok(RecoveredScene {
+        model: trained.model,
+        history: trained.history,
+        steps: trained.steps,
+        stopped: trained.stopped,
+    })
+}
+
+/// What the rate of a parameter is relative to.
+fn scale(model: &Traced, parameter: usize) -> f64 {
+    if model.parameters[parameter].range[1] <= 1.0 {
+        return 1.0;
+    }
+    let values = model.of(parameter);
+    let mean = values.iter().map(|v| f64::from(v.abs())).sum::<f64>() / values.len().max(1) as f64;
+    if mean > 0.0 { mean } else { 1.0 }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,123 @@
+//! A box whose walls, lamp and picture on the wall are found again from a picture of it.
+
+use super::*;
+use crate::Silent;
+use crate::engine::traced::{Smoothing, TracedParameter};
+use photofit_geometry::shapes;
+use photofit_pathtrace::{
+    EnvironmentMap, Material, MaterialValue, Parameter, Parts, RenderOptions, Shape, View, World,
+};
+use photofit_scalar::{Vec3f, vec2, vec3};
+use photofit_scene::graph::{Bitmap, BitmapFilter, BitmapWrap, SurfaceGraph, SurfaceNode, Texture};
+use photofit_shading::bsdf::{Bsdf, Diffuse};
+use std::sync::Arc;
+
+const SIDE: usize = 24;
+const TEXELS: usize = 16;
+
+/// A floor, a wall with a picture, a lamp, under a weak sky.
+fn room() -> World {
+    let mut parts = Parts::default();
+    let gray = |r, g, b| Bsdf::Diffuse(Diffuse { reflectance: vec3(r, g, b) });
+    let mut add = |corner, u, v, material| {
+        let mut mesh = shapes::parallelogram(corner, u, v);
+        mesh.uvs = vec![vec2(0.0, 0.0), vec2(1.0, 0.0), vec2(1.0, 1.0), vec2(0.0, 1.0)];
+        parts.add(Shape::Mesh(mesh), material);
+    };
+    add(vec3(-1.0, 0.0, -1.0), vec3(0.0, 0.0, 2.0), vec3(2.0, 0.0, 0.0), Material::new(gray(0.7, 0.3, 0.2)));
+    let picture = Image::from_fn(TEXELS, TEXELS, 3, |x, y, c| {
+        if (x / 4 + y / 4) % 2 == 0 { [0.8, 0.2, 0.1][c] } else { [0.15, 0.3, 0.7][c] }
+    });
+    let image = Arc::new(Bitmap::new(&picture, BitmapWrap::Clamp, BitmapFilter::Bilinear));
+    let to_uv = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    let reflectance = Texture::Bitmap { image, to_uv, scale: 1.0 };
+    let wall = SurfaceGraph { root: SurfaceNode::Diffuse { reflectance }, emission: None };
+    add(vec3(-1.0, 0.0, -1.0), vec3(2.0, 0.0, 0.0), vec3(0.0, 2.0, 0.0), Material::from_graph(wall));
+    let lamp = Material { emission: Vec3f::splat(6.0), ..Material::new(gray(0.0, 0.0, 0.0)) };
+    add(vec3(-0.5, 1.9, -0.5), vec3(1.0, 0.0, 0.0), vec3(0.0, 0.0, 1.0), lamp);
+    parts.environment = Some(EnvironmentMap::constant(Vec3f::splat(0.3)));
+    World::new(parts).expect("valid")
+}
+
+fn view() -> View {
+    View::pinhole(&Camera::look_at(
+        glam::vec3(0.0, 1.1, 3.2),
+        glam::vec3(0.0, 0.9, 0.0),
+        Vec3::Y,
+        0.75,
+        1.0,
+        0.1,
+        10.0,
+    ))
+}
+
+fn model(smoothing: Smoothing) -> Traced {
+    let value = |material, value| Parameter::Material { materials: vec![material], value };
+    let of =
+        |name: &str, parameter, shape, range| TracedParameter { name: name.into(), parameter, shape, range };
+    let parameters = vec![
+        of("floor", value(0, MaterialValue::Reflectance), [1, 1, 3], [0.0, 1.0]),
+        of("wall", Parameter::Graph { places: vec![[1, 0]] }, [TEXELS, TEXELS, 3], [0.0, 1.0]),
+        of("lamp", value(2, MaterialValue::Emission), [1, 1, 3], [0.0, 1e6]),
+    ];
+    let mut options = RenderOptions { width: SIDE, height: SIDE, spp: 8, ..RenderOptions::default() };
+    options.path.max_depth = 3;
+    let mut model = Traced::new(room(), vec![view()], options, parameters).expect("valid");
+    model.smoothing = smoothing;
+    model
+}
+
+fn rmse(a: &[f32], b: &[f32]) -> f64 {
+    (a.iter().zip(b).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>() / a.len() as f64).sqrt()
+}
+
+/// The target, and the errors of the parameters before and after a fit from grey.
+fn run(smoothing: Smoothing, threads: usize) -> (RecoveredScene, Vec<[f64; 2]>) {
+    let mut model = model(smoothing);
+    let target = model.picture(0, 512, 99).expect("rendered");
+    let truth: Vec<Vec<f32>> = (0..3).map(|k| model.of(k).to_vec()).collect();
+    for (k, start) in [0.5, 0.5, 3.0].into_iter().enumerate() {
+        model.replace(k, &vec![start; truth[k].len()]).expect("valid");
+    }
+    let start: Vec<f64> = (0..3).map(|k| rmse(model.of(k), &truth[k])).collect();
+    let options = RecoverSceneOptions { steps: 120, ..RecoverSceneOptions::default() };
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+    let r = pool.install(|| recover_scene(model, &[target], &options, &Silent)).expect("fits");
+    let errors = (0..3).map(|k| [start[k], rmse(r.model.of(k), &truth[k])]).collect();
+    (r, errors)
+}
+
+#[test]
+fn colours_light_and_texture_are_found_again() {
+    let (r, errors) = run(Smoothing::Bilateral, 2);
+    println!("{errors:?}, {:?}", r.history.iter().map(|h| h.held_out_psnr).collect::<Vec<_>>());
+    // Colour and light of the room, and the picture on the wall as far as 24 pixels show 16 texels.
+    assert!(errors[0][1] < 0.3 * errors[0][0], "floor {errors:?}");
+    assert!(errors[1][1] < 0.65 * errors[1][0], "wall {errors:?}");
+    assert!(errors[2][1] < 0.35 * errors[2][0], "lamp {errors:?}");
+    let first = r.history.first().expect("a look").held_out_psnr;
+    let best = r.history.iter().map(|h| h.held_out_psnr).fold(first, f64::max);
+    assert!(best > first + 6.0, "{first} {best}");
+}
+
+#[test]
+fn the_same_bits_on_one_thread_and_two() {
+    let values = |threads| {
+        let (r, _) = run(Smoothing::None, threads);
+        (0..3).flat_map(|k| r.model.of(k).to_vec()).map(f32::to_bits).collect::<Vec<_>>()
+    };
+    assert_eq!(values(1), values(2));
+}
+
+#[test]
+fn pictures_that_do_not_fit_are_refused() {
+    let m = || model(Smoothing::None);
+    let fails = |pictures: &[Image]| {
+        recover_scene(m(), pictures, &RecoverSceneOptions::default(), &Silent).unwrap_err().to_string()
+    };
+    assert!(fails(&[]).contains("one per view"));
+    assert!(fails(&[Image::new(8, 8, 4)]).contains("8 x 8"));
+    let mut nan = Image::new(SIDE, SIDE, 4);
+    nan.data[4 * 30 + 1] = f32::NAN;
+    assert!(fails(&[nan]).contains("(6, 1)"));
+}
