@@ -143,7 +143,7 @@ impl Traced {
         let mut g = vec![[0.0; 4]; pixels.len()];
         // Relative to what the picture should be: bright parts do not drown the others, and, unlike a logarithm, such
         // weights leave noise without bias.
-        let weights: Vec<f32> = shot.reference.iter().map(|r| relative(r)).collect();
+        let weights: Vec<f32> = shot.reference.iter().map(relative).collect();
         let frame = loss::Frame::new(width, height, 4).only(0..3).weighted(&weights);
         let (x, y) = (pixels.as_flattened(), shot.reference.as_flattened());
         let value = loss.value_and_gradient(x, y, &frame, weight, g.as_flattened_mut());

@@ -118,7 +118,7 @@ fn a_broken_gradient_is_named_before_it_is_spread() {
     let mut device = DeviceOptimizer::new(gpu, "positions", (n, 3), temporal, Some(solver)).unwrap();
     let mut gradient = random(1, 3 * n, 1.0);
     gradient[1500] = f32::NAN;
-    let (x, g) = (gpu.zeros("x", 3 * n).unwrap(), gpu.upload("g", &gradient).unwrap());
+    let (x, g) = (gpu.zeros::<f32>("x", 3 * n).unwrap(), gpu.upload("g", &gradient).unwrap());
     let mut r = gpu.record("broken");
     let recorded = device.record(&mut r, &x, &g).unwrap();
     let mut recording = r.finish().unwrap();
