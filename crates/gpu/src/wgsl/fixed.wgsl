@@ -7,11 +7,12 @@
 // Terms reach 2^54 units: 512 of the largest fit into a sum.
 const FIXED_LIMIT: f32 = 18014398509481984.0;
 const TWO_32: f32 = 4294967296.0;
+const TWO_MINUS_32: f32 = 2.3283064365386963e-10;
 
 // `x` in units of `1 / scale` (a power of two), rounded, as the two words of a signed number.
 fn fixed_words(x: f32, scale: f32) -> vec2<u32> {
     let y = abs(x) * scale;
-    let high = floor(y / TWO_32);
+    let high = floor(y * TWO_MINUS_32);
     // Exact: a number of 24 bits minus its upper part.
     let low = round(y - high * TWO_32);
     // Rounding up may fill the word.

@@ -164,8 +164,8 @@ trait Tested: Real {
 }
 
 impl Tested for f64 {
-    const FINEST: f64 = 1e-16;
-    const ROUNDING: Option<f64> = Some(1e-6);
+    const FINEST: Self = 1e-16;
+    const ROUNDING: Option<Self> = Some(1e-6);
 }
 
 impl Tested for f32 {
@@ -210,7 +210,7 @@ fn compare<T: Tested>(
             {
                 return Err(format!("{s:?} has density {pdf:?} and value {value:?}"));
             }
-        } else if !(s.pdf > T::zero() && s.pdf.is_finite()) || !s.weight.is_finite() {
+        } else if !(s.pdf > T::zero() && s.pdf.is_finite() && s.weight.is_finite()) {
             return Err(format!("{s:?} is not finite"));
         }
         match grid.cell(s.wi.cast()) {
