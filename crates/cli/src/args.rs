@@ -199,7 +199,7 @@ pub(crate) struct Simplify {
     pub(crate) time_limit: Option<Duration>,
     /// Where the fit runs: cpu, gpu (hardware), gpu:NAME (the first adapter whose name or driver holds NAME, also one in
     /// software), or auto: a GPU in hardware if there is one, else the CPU.
-    #[arg(long, value_name = "DEVICE", default_value = "auto", value_parser = device)]
+    #[arg(long, value_name = "DEVICE", default_value = "cpu", value_parser = device)]
     pub(crate) device: Device,
     /// Width and height of the textures, texels [range: 16 to 8192] [default: 1024, or what the size on screen needs].
     #[arg(long, value_name = "N", value_parser = whole::<usize>(16..=8192))]
@@ -521,7 +521,7 @@ pub(crate) struct Demo {
     pub(crate) out: PathBuf,
     /// Where the fit runs: cpu, gpu (hardware), gpu:NAME (the first adapter whose name or driver holds NAME, also one in
     /// software), or auto: a GPU in hardware if there is one, else the CPU.
-    #[arg(long, value_name = "DEVICE", default_value = "auto", value_parser = device)]
+    #[arg(long, value_name = "DEVICE", default_value = "cpu", value_parser = device)]
     pub(crate) device: Device,
 }
 
