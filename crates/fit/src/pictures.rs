@@ -56,6 +56,8 @@ pub struct PictureFolder {
     pub lit: bool,
     /// Pictures without alpha: the outline of the mesh stands in for it.
     pub without_alpha: usize,
+    /// Frames whose camera does not see the asset.
+    pub unseen: Vec<usize>,
 }
 
 impl PictureFolder {
@@ -64,7 +66,8 @@ impl PictureFolder {
     ///
     /// # Errors
     /// [`FitError::Pictures`] names file, frame and rule: fewer than [`FEWEST`] pictures, a missing or broken picture, a
-    /// matrix that is not rigid, a lens with distortion, a path that leaves the folder, too many pixels.
+    /// matrix that is not rigid, a lens with distortion, a path that leaves the folder, too many pixels, cameras of which
+    /// none sees the asset.
     pub fn load(
         path: &Path,
         n: &Normalised,
@@ -87,6 +90,7 @@ impl PictureFolder {
             seed,
             lit: transforms.is_lit(),
             without_alpha: 0,
+            unseen: Vec::new(),
         };
         let mut pixels = 0;
         for (i, frame) in transforms.frames.iter().enumerate() {
@@ -110,16 +114,26 @@ impl PictureFolder {
             let lights =
                 lights.map_or(Ok(ViewLights::default()), |l| record::lights(l, &undo, n)).map_err(&fail)?;
             let mut photo = Photo { path: picture, camera, lights, image };
+            let drawn = outline(&setup(&photo, i))?;
+            if drawn.data.chunks_exact(4).all(|p| p[3] <= 0.0) {
+                out.unseen.push(i);
+            }
             if photo.image.channels < 4 {
                 out.without_alpha += 1;
-                let setup = setup(&photo, i);
-                photo.image = with_alpha(&photo.image, &outline(&setup)?);
+                photo.image = with_alpha(&photo.image, &drawn);
             } else {
                 photo.image = premultiplied(&photo);
             }
             out.photos.push(photo);
             let set = if (i + 1).is_multiple_of(HELD_OUT_EVERY) { &mut out.held_out } else { &mut out.train };
             set.push(i);
+        }
+        if out.unseen.len() == out.photos.len() {
+            return Err(fail(
+                "no camera sees the asset; transform_matrix must map the camera's frame (y up, looking down -z) to the \
+                 world of the asset, in its units"
+                    .into(),
+            ));
         }
         Ok(out)
     }

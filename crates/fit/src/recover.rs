@@ -102,6 +102,14 @@ pub fn recover_texture(
             photos.photos().len()
         ));
     }
+    if !photos.unseen.is_empty() {
+        progress.warn(&format!(
+            "the cameras of {} of {} frames do not see the asset: {:?}",
+            photos.unseen.len(),
+            photos.photos().len(),
+            photos.unseen
+        ));
+    }
     let n = Normalised::new(&bare(mesh, !photos.lit))?;
     let model = grey(&n, photos.lit, options.texture_size, progress)?;
     let start = to_scene(&model.candidate, &n);

@@ -8,7 +8,7 @@
 //! | feature | adds | needs |
 //! |---|---|---|
 //! | `mesh` | diffusion over meshes: `LargeSteps`, `EdgeAware`, `SampledNormals` | `faer` (sparse Cholesky) |
-//! | `gpu` | twins of a fit's optimizers on a device: [`gpu`](crate::gpu) | `wgpu` |
+//! | `gpu` | twins of a fit's optimizers on a device: module `gpu` | `wgpu` |
 //! | `fft` | diffusion over grids: `ScreenedPoisson` | `realfft` |
 //!
 //! None is on by default: optimizers, bilateral filters and [`sampled`] derivatives need neither.

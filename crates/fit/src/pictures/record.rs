@@ -114,6 +114,12 @@ impl Intrinsics {
                 return Err(format!("{key} is {said}, but the picture has {is} pixels"));
             }
         }
+        for (key, angle) in [("camera_angle_x", self.camera_angle_x), ("camera_angle_y", self.camera_angle_y)]
+        {
+            if let Some(a) = angle.filter(|a| !(*a > 0.0 && *a < std::f64::consts::PI)) {
+                return Err(format!("{key} is {a}; it must be more than 0 and less than pi radians"));
+            }
+        }
         let by_angle = |angle: Option<f64>, size: f64| angle.map(|a| 0.5 * size / (0.5 * a).tan());
         let x = self.fl_x.or(by_angle(self.camera_angle_x, width));
         let y = self.fl_y.or(by_angle(self.camera_angle_y, height));

@@ -122,7 +122,7 @@ type Case<'a> = (&'a str, fn(&mut Value), &'a [&'a str]);
 
 #[test]
 fn what_cannot_be_used_is_refused_by_file_frame_and_rule() {
-    let cases: [Case<'_>; 14] = [
+    let cases: [Case<'_>; 15] = [
         ("few", |f| f["frames"].as_array_mut().unwrap().truncate(7), &["7 frames", "at least 8"]),
         (
             "missing",
@@ -154,6 +154,11 @@ fn what_cannot_be_used_is_refused_by_file_frame_and_rule() {
         ("bent", |f| f["k1"] = json!(0.1), &["frame 0", "k1 is 0.1", "must be 0"]),
         ("fisheye", |f| f["camera_model"] = json!("OPENCV_FISHEYE"), &["OPENCV_FISHEYE", "pinhole"]),
         ("size", |f| f["w"] = json!(8), &["w is 8", "6 pixels"]),
+        (
+            "degrees",
+            |f| (f["fl_x"], f["camera_angle_x"]) = (Value::Null, json!(40.0)),
+            &["camera_angle_x is 40", "radians"],
+        ),
         ("no lens", |f| f["fl_x"] = Value::Null, &["fl_x", "camera_angle_x"]),
         ("negative lens", |f| f["fl_x"] = json!(-3), &["focal length is -3"]),
         ("light", |f| f["lights"] = json!([{ "type": "spot" }]), &["spot"]),
@@ -191,4 +196,16 @@ fn pictures_without_alpha_take_the_outline() {
     assert_eq!(photos.without_alpha, 9);
     let image = &photos.photos()[0].image;
     assert!((image.pixel(0, 0)[0] - 0.5).abs() < 0.01 && image.pixel(5, 0).iter().all(|x| *x < 1e-6));
+}
+
+#[test]
+fn cameras_that_look_away_are_told() {
+    let (dir, file) = folder();
+    std::fs::write(dir.path().join(FILE), file.to_string()).unwrap();
+    let seen = |s: &Setup| s.picture != Some(3);
+    let outline = |s: &Setup| Ok(Image::new(s.width, s.height, 4).map(|_| f32::from(u8::from(seen(s)))));
+    assert_eq!(PictureFolder::load(dir.path(), &asset(), 0, &outline).unwrap().unseen, [3]);
+    let none = |s: &Setup| Ok(Image::new(s.width, s.height, 4));
+    let error = PictureFolder::load(dir.path(), &asset(), 0, &none).unwrap_err().to_string();
+    assert!(error.contains("no camera sees the asset") && error.contains("-z"), "{error}");
 }
