@@ -6,7 +6,7 @@ use crate::parameter_scene::{Key, Subject};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say};
 use crate::simplify::CHECKPOINT_FILE;
-use crate::status::Ending;
+use crate::status::{Ending, Misuse};
 use crate::{interrupt, threads};
 use anyhow::{Context, Result, anyhow, bail};
 use photofit_fit::engine::traced::{Smoothing, Traced, TracedParameter};
@@ -28,13 +28,27 @@ const TARGET_SEED: u64 = 0x7461_7267;
 const SHOWN_SEED: u64 = 0x7368_6f77;
 /// Values without an upper bound of their own.
 const MOST: f32 = 1e6;
+/// Least radiance: what gives no light at all is not found by paths, and would stay dark.
+const FAINT: f32 = 1e-4;
 
 pub(crate) fn run(a: &RecoverScene) -> Result<Ending> {
+    let textures: Vec<String> =
+        a.parameter.iter().flat_map(|k| ["exr", "png"].map(|e| format!("{}.{e}", file_name(k)))).collect();
+    for (i, name) in textures.iter().enumerate() {
+        if let Some(j) = textures[..i].iter().position(|t| t == name) {
+            bail!(Misuse(format!(
+                "--parameter: {} and {} would be written to one file, {name}; each must have its own",
+                a.parameter[j / 2],
+                a.parameter[i / 2]
+            )));
+        }
+    }
+    let files: Vec<&str> = FILES.into_iter().chain(textures.iter().map(String::as_str)).collect();
     let places = Places::default()
         .reads("SCENE", Some(&a.scene.input))
         .reads("--env", a.scene.env.as_deref())
         .reads("--picture", a.picture.as_deref())
-        .fills("--output", Some(&a.output), &FILES)
+        .fills("--output", Some(&a.output), &files)
         .fills("--checkpoint", a.checkpoint.as_deref(), &[CHECKPOINT_FILE]);
     places.check()?;
     threads::set(a.threads)?;
@@ -103,11 +117,12 @@ fn range(parameter: &Parameter, name: &str) -> [f32; 2] {
         Parameter::Material { value, .. } => match value {
             MaterialValue::Alpha => [1e-3, 1.0],
             MaterialValue::Roughness => [0.03, 1.0],
-            MaterialValue::Emission | MaterialValue::Emissive | MaterialValue::Absorption => [0.0, MOST],
+            MaterialValue::Emission | MaterialValue::Emissive => [FAINT, MOST],
+            MaterialValue::Absorption => [0.0, MOST],
             _ => [0.0, 1.0],
         },
-        Parameter::Light { .. } | Parameter::Environment => [0.0, MOST],
-        _ if name.ends_with("emissive_texture") || name.contains(".radiance") => [0.0, MOST],
+        Parameter::Light { .. } | Parameter::Environment => [FAINT, MOST],
+        _ if name.ends_with("emissive_texture") || name.contains(".radiance") => [FAINT, MOST],
         _ if name.contains(".alpha") => [1e-3, 1.0],
         _ => [0.0, 1.0],
     }

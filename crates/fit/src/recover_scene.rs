@@ -1,6 +1,7 @@
 //! Recovering materials, textures and lights of a scene from a picture of it, through the path tracer. Assembled from the
 //! parts of the engine; the third task beside [`crate::simplify`] and [`crate::recover`].
 
+use crate::engine::checkpoint::Digest;
 use crate::engine::cpu::Cpu;
 use crate::engine::reference::{Picture, Reference};
 use crate::engine::traced::Traced;
@@ -17,10 +18,9 @@ use photofit_scene::Camera;
 pub struct RecoverSceneOptions {
     /// Steps of the fit.
     pub steps: u64,
-    /// Peak rate: the largest change of a value in a step, relative to the mean of the start where values have no upper
-    /// bound of 1.
+    /// Peak rate of the optimizer, relative to the mean of the start where values have no upper bound of 1.
     pub rate: f64,
-    /// Seed of all random choices.
+    /// Seed of the order of views; that of pictures and gradients is [`Traced::options`]'.
     pub seed: u64,
     /// Checkpoints and limits.
     pub keeping: Keeping,
@@ -78,7 +78,8 @@ impl Views for Pictures<'_> {
     }
 }
 
-/// Fits the parameters of `model` to `pictures` (linear, premultiplied RGBA), one for each of its views.
+/// Fits the parameters of `model` to the light of `pictures` (linear; their alpha is not looked at), one for each of its
+/// views.
 ///
 /// # Errors
 /// See [`FitError`]: pictures of another size or number than the model's, values that are not finite.
@@ -103,12 +104,24 @@ pub fn recover_scene(
             return wrong(format!("have the value {} at pixel {at:?}; it must be finite", p.data[i]));
         }
     }
-    let source = Pictures(pictures);
+    // Alpha counts for nothing: a sky that is seen is light like any other, and nothing is put behind it.
+    let opaque = |p: &Image| Image::from_fn(w, h, 4, |x, y, c| if c < 3 { p.pixel(x, y)[c] } else { 1.0 });
+    let pictures: Vec<Image> = pictures.iter().map(opaque).collect();
+    let source = Pictures(&pictures);
     let count = pictures.len() as u64;
     let held_out = HeldOut::new(&source, &source, Sampling::SUPERSAMPLED, count, options.seed)?;
     let (spp, gradient_spp) = (model.options.spp, model.gradient_spp);
     let names: Vec<&str> = model.parameters.iter().map(|p| p.name.as_str()).collect();
-    let steered = format!("scene {} {spp} {gradient_spp} {:?} {names:?}", options.rate, model.smoothing);
+    let mut seen = Digest::new();
+    pictures.iter().for_each(|p| seen.add(&p.data));
+    let (seed, depth) = (model.options.seed, model.options.path.max_depth);
+    let steered = format!(
+        "scene {} {spp} {gradient_spp} {:?} {names:?} {seed} {depth} {} {:016x}",
+        options.rate,
+        model.smoothing,
+        model.look_spp,
+        seen.value()
+    );
     let job = Job {
         reference: &source,
         views: &source,

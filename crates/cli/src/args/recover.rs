@@ -81,7 +81,7 @@ pub(crate) struct RecoverScene {
     /// Steps of the fit; fewer are made when the picture stops improving [range: at least 0].
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = whole::<u64>(0..))]
     pub(crate) steps: u64,
-    /// Largest change of a value in a step, relative to its start where it is a radiance [range: more than 0, at most 1].
+    /// Peak rate of the optimizer, relative to the mean of the start of radiances [range: more than 0, at most 1].
     #[arg(long, value_name = "RATE", default_value_t = 0.05, value_parser = number(above_to(0.0, 1.0)))]
     pub(crate) rate: f64,
     /// Samples per pixel of the picture of a step [range: 1 to 65536].

@@ -138,7 +138,7 @@ impl Traced {
     ) -> Result<f64, FitError> {
         let view = shot.picture.unwrap_or(0);
         let seed = |key| hash(self.options.seed, key, shot.number);
-        let pixels = over(&self.picture(view, self.options.spp, seed(PICTURE))?, &shot.background);
+        let pixels = light(&self.picture(view, self.options.spp, seed(PICTURE))?);
         let (width, height) = (shot.width, shot.height);
         let mut g = vec![[0.0; 4]; pixels.len()];
         // Relative to what the picture should be: bright parts do not drown the others, and, unlike a logarithm, such
@@ -182,13 +182,9 @@ fn taken(values: &[f32], channels: usize) -> Vec<f32> {
     values.chunks_exact(3).map(|v| v[0]).collect()
 }
 
-/// A premultiplied picture over a background.
-fn over(picture: &Image, background: &[[f32; 3]]) -> Vec<[f32; 4]> {
-    let pixel = |(p, b): (&[f32], &[f32; 3])| {
-        let t = 1.0 - p[3];
-        [p[0] + t * b[0], p[1] + t * b[1], p[2] + t * b[2], p[3]]
-    };
-    picture.data.chunks_exact(4).zip(background).map(pixel).collect()
+/// The light of a picture without its coverage, which has no derivative here: what the pictures of the task hold too.
+fn light(picture: &Image) -> Vec<[f32; 4]> {
+    picture.data.chunks_exact(4).map(|p| [p[0], p[1], p[2], 1.0]).collect()
 }
 
 impl Chain for Traced {
@@ -262,7 +258,7 @@ impl Chain for Traced {
         let one = |shot: &Shot| {
             let seed = hash(self.options.seed, PICTURE, u64::MAX);
             let picture = self.picture(shot.picture.unwrap_or(0), self.look_spp, seed);
-            over(&picture.expect("checked at the start"), &shot.background)
+            light(&picture.expect("checked at the start"))
         };
         shots.iter().map(one).collect()
     }
