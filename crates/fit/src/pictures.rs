@@ -25,6 +25,9 @@ pub const FILE: &str = "transforms.json";
 pub const FEWEST: usize = 8;
 /// Every picture of this number is held out.
 pub const HELD_OUT_EVERY: usize = 8;
+/// Most pixels along a side of a picture that is fitted: what a step holds grows with the picture. Larger ones are reduced
+/// by a whole factor.
+const MOST_SIDE: usize = 2048;
 /// Most pixels of all pictures together, which are kept in memory: 16 bytes each.
 const MOST_PIXELS: usize = 1 << 28;
 /// Largest list of pictures, bytes.
@@ -58,6 +61,8 @@ pub struct PictureFolder {
     pub without_alpha: usize,
     /// Frames whose camera does not see the asset.
     pub unseen: Vec<usize>,
+    /// Frames whose pictures are reduced to at most 2048 pixels a side.
+    pub reduced: Vec<usize>,
 }
 
 impl PictureFolder {
@@ -91,13 +96,18 @@ impl PictureFolder {
             lit: transforms.is_lit(),
             without_alpha: 0,
             unseen: Vec::new(),
+            reduced: Vec::new(),
         };
         let mut pixels = 0;
         for (i, frame) in transforms.frames.iter().enumerate() {
             let fail = |rule: String| fail(format!("frame {i} ({}): {rule}", frame.file_path));
             let picture = inside(folder, &frame.file_path).map_err(&fail)?;
             let image = photofit_image::read(&picture)?;
-            pixels += image.pixels();
+            let (factor, [width, height]) = reduction(&image);
+            if factor > 1 {
+                out.reduced.push(i);
+            }
+            pixels += width * height / (factor * factor);
             if pixels > MOST_PIXELS {
                 return Err(fail(format!(
                     "all pictures up to it have more than {MOST_PIXELS} pixels together"
@@ -109,20 +119,21 @@ impl PictureFolder {
             let lens = frame.lens.or(&transforms.lens);
             let pose =
                 Rigid::new(&frame.transform_matrix).map_err(|r| fail(format!("transform_matrix {r}")))?;
-            let camera = camera(&lens, &undo.after(&pose), n, &image).map_err(&fail)?;
+            let camera = camera(&lens, &undo.after(&pose), n, &image, [width, height]).map_err(&fail)?;
             let lights = frame.lights.as_ref().or(transforms.lights.as_ref());
             let lights =
                 lights.map_or(Ok(ViewLights::default()), |l| record::lights(l, &undo, n)).map_err(&fail)?;
+            let opaque = image.channels < 4;
+            let image = if opaque { image } else { premultiplied(&picture, &image) };
+            let image = if factor > 1 { downsample(&image.crop(0, 0, width, height), factor) } else { image };
             let mut photo = Photo { path: picture, camera, lights, image };
             let drawn = outline(&setup(&photo, i))?;
             if drawn.data.chunks_exact(4).all(|p| p[3] <= 0.0) {
                 out.unseen.push(i);
             }
-            if photo.image.channels < 4 {
+            if opaque {
                 out.without_alpha += 1;
                 photo.image = with_alpha(&photo.image, &drawn);
-            } else {
-                photo.image = premultiplied(&photo);
             }
             out.photos.push(photo);
             let set = if (i + 1).is_multiple_of(HELD_OUT_EVERY) { &mut out.held_out } else { &mut out.train };
@@ -250,10 +261,23 @@ fn inside(folder: &Path, name: &str) -> Result<PathBuf, String> {
     if png.is_file() { Ok(png) } else { Err(format!("the picture {} does not exist", path.display())) }
 }
 
-/// The camera of a picture in the normalised frame.
-fn camera(lens: &Intrinsics, pose: &Rigid, n: &Normalised, image: &Image) -> Result<Camera, String> {
-    let (width, height) = (image.width as f64, image.height as f64);
-    let lens = lens.in_pixels(width, height)?;
+/// By how much a picture is reduced, and the part of it, from its upper left corner, that has whole blocks.
+fn reduction(image: &Image) -> (usize, [usize; 2]) {
+    let factor = image.width.max(image.height).div_ceil(MOST_SIDE).max(1);
+    let whole = |n: usize| if n < factor { n } else { n - n % factor };
+    (factor, [whole(image.width), whole(image.height)])
+}
+
+/// The camera of a picture in the normalised frame; it shows the first `width` x `height` pixels of it.
+fn camera(
+    lens: &Intrinsics,
+    pose: &Rigid,
+    n: &Normalised,
+    image: &Image,
+    [width, height]: [usize; 2],
+) -> Result<Camera, String> {
+    let lens = lens.in_pixels(image.width as f64, image.height as f64)?;
+    let (width, height) = (width as f64, height as f64);
     let center = n.center.to_array().map(f64::from);
     let eye = [0, 1, 2].map(|k| ((pose.translation[k] - center[k]) / f64::from(n.radius)) as f32);
     let eye = Vec3::from_array(eye);
@@ -285,9 +309,9 @@ fn camera(lens: &Intrinsics, pose: &Rigid, n: &Normalised, image: &Image) -> Res
 }
 
 /// Linear premultiplied RGBA of a picture with alpha: straight in PNG, premultiplied in `OpenEXR`.
-fn premultiplied(photo: &Photo) -> Image {
-    let image = photo.image.select(&[0, 1, 2, 3]);
-    if photo.path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr")) {
+fn premultiplied(path: &Path, image: &Image) -> Image {
+    let image = image.select(&[0, 1, 2, 3]);
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr")) {
         return image;
     }
     let data =

@@ -8,14 +8,15 @@
 use crate::engine::Normalised;
 use crate::engine::checkpoint::Digest;
 use crate::engine::cpu::Cpu;
+use crate::engine::export::to_scene;
 use crate::engine::judge::{Quality, ReportView, Stage, rasterized_views};
 use crate::engine::loss;
 use crate::engine::reference::{ENERGY, Rasterized, Reference, SUPERSAMPLE};
-use crate::engine::surface::Surface;
+use crate::engine::surface::{MAPS, Surface};
 use crate::engine::trainer::{self, HeldOut, HistoryPoint, Job, Keeping, Phase, train};
+use crate::engine::unwrap::unwrapped;
 use crate::engine::views::{Sampling, Set};
 use crate::pictures::PictureFolder;
-use crate::simplify::{prepare, to_scene};
 use crate::visibility::Visibility;
 use crate::{FitError, Progress};
 use photofit_geometry::Mesh;
@@ -110,6 +111,14 @@ pub fn recover_texture(
             photos.unseen
         ));
     }
+    if !photos.reduced.is_empty() {
+        progress.warn(&format!(
+            "{} of {} pictures have more than 2048 pixels a side and are reduced: {:?}",
+            photos.reduced.len(),
+            photos.photos().len(),
+            photos.reduced
+        ));
+    }
     let n = Normalised::new(&bare(mesh, !photos.lit))?;
     let model = grey(&n, photos.lit, options.texture_size, progress)?;
     let start = to_scene(&model.candidate, &n);
@@ -128,6 +137,7 @@ pub fn recover_texture(
         loss: loss::choose(held_out.noise),
         seed: options.seed,
         batch: options.batch,
+        fresh: options.batch.div_ceil(2),
         steps: options.steps,
         keeping: &options.keeping,
         options: format!("pictures {} {} {:016x}", options.texture_size, options.seed, topology.value()),
@@ -137,7 +147,7 @@ pub fn recover_texture(
         first: 0,
         steps: options.steps,
         shrink: 1,
-        rates: vec![MAP_RATE],
+        rates: vec![(MAPS.into(), MAP_RATE)],
         renewal: None,
     };
     let trained = train(Cpu::new(model)?, &job, |_| vec![phase], progress)?;
@@ -205,7 +215,7 @@ fn grey(n: &Normalised, lit: bool, size: usize, progress: &dyn Progress) -> Resu
     let mesh = Mesh { positions: source.positions.clone(), triangles, ..Mesh::default() };
     let class = n.triangle_classes();
     let class = kept.iter().map(|t| class[*t]).collect();
-    let mut candidate = prepare::unwrapped(n, &surface, &seen, &mesh, class, size, progress)?;
+    let mut candidate = unwrapped(n, &surface, &seen, &mesh, class, size, progress)?;
     let fitted = if lit { channel::BASE_COLOR } else { channel::EMISSIVE };
     let mut maps = candidate.maps.levels[0].clone();
     for texel in &mut maps.texels {

@@ -130,11 +130,13 @@ pub fn recover_scene(
         loss: Loss::Mse,
         seed: options.seed,
         batch: pictures.len(),
+        fresh: pictures.len().div_ceil(2),
         steps: options.steps,
         keeping: &options.keeping,
         options: steered,
     };
-    let rates = (0..model.parameters.len()).map(|k| options.rate * scale(&model, k)).collect();
+    let rate = |k: usize| (model.parameters[k].name.clone().into(), options.rate * scale(&model, k));
+    let rates = (0..model.parameters.len()).map(rate).collect();
     let phase = Phase { name: "parameters", first: 0, steps: options.steps, shrink: 1, rates, renewal: None };
     let trained = train(Cpu::new(model)?, &job, |_| vec![phase], progress)?;
     Ok(RecoveredScene {

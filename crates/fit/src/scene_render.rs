@@ -3,6 +3,7 @@
 
 use crate::engine::reference::ENERGY;
 use photofit_image::Image;
+use photofit_raster::deferred::MOST_LAYERS;
 use photofit_raster::interpolate::{derivatives, interpolate};
 use photofit_raster::project::{matrix_rows, project};
 use photofit_raster::rasterize::{Bins, Layer, NONE, PixelGrid, TILE, Tile, barycentrics};
@@ -11,8 +12,6 @@ use photofit_scene::{Camera, FlatScene, SurfaceLibrary, UvDerivatives};
 use photofit_shading::{Light, Sides, Surface, face_viewer, perturb, shade, view_direction};
 use rayon::prelude::*;
 
-/// Most transparent layers that are looked for.
-const MAX_LAYERS: usize = 16;
 /// Transmittance below which nothing behind a pixel is looked for.
 const NEGLIGIBLE: f32 = 1.0 / 512.0;
 const AREA: usize = TILE * TILE;
@@ -129,7 +128,7 @@ impl Shading<'_> {
         let triangles = &self.renderer.flat.mesh.triangles;
         work.rgb.fill(Vec3f::default());
         work.transmittance.fill(1.0);
-        for layer in 0..MAX_LAYERS {
+        for layer in 0..MOST_LAYERS {
             let front = (layer > 0).then_some(&work.front);
             tile.rasterize(self.clip, triangles, front, &mut work.layer);
             let mut more = false;

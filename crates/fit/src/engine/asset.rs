@@ -1,9 +1,9 @@
 //! The asset in the frame of a fit.
 
+use super::classes::{MaterialClass, classes, drawn};
 use crate::FitError;
 use crate::bake;
 use crate::candidate::SurfaceClass;
-use crate::simplify::{MaterialClass, classes, drawn};
 use glam::{Affine3A, DAffine3, Vec3};
 use photofit_geometry::Mesh;
 use photofit_scalar::Vec3f;

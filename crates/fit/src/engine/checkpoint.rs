@@ -19,8 +19,10 @@ pub(crate) const FILE: &str = "fit.ckpt";
 /// Counters and curves of a fit.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Course {
-    /// Steps made.
+    /// Step of the schedule.
     pub step: u64,
+    /// Steps of the schedule that were left out, since phases ended early.
+    pub skipped: u64,
     /// Phases begun: what happens once at the beginning of a phase has happened for these.
     pub begun: usize,
     /// Quality of the best values.
@@ -81,6 +83,7 @@ impl GroupHeader {
 struct Header {
     fingerprint: String,
     step: u64,
+    skipped: u64,
     begun: usize,
     best_psnr_bits: u64,
     groups: Vec<GroupHeader>,
@@ -141,6 +144,7 @@ fn encode(course: &Course, groups: &[Saved<'_>], fingerprint: &str) -> Result<Ve
     let header = Header {
         fingerprint: fingerprint.to_owned(),
         step: course.step,
+        skipped: course.skipped,
         begun: course.begun,
         best_psnr_bits: course.best_psnr.to_bits(),
         groups: groups.iter().map(GroupHeader::new).collect(),
@@ -256,6 +260,7 @@ fn decode(bytes: &[u8], groups: &[Group], fingerprint: &str) -> Result<(Course, 
     });
     let course = Course {
         step: h.step,
+        skipped: h.skipped,
         begun: h.begun,
         best_psnr: f64::from_bits(h.best_psnr_bits),
         history: history.collect(),
@@ -275,6 +280,7 @@ mod tests {
     fn sample() -> (Course, Vec<Group>, Vec<Loaded>) {
         let course = Course {
             step: 31,
+            skipped: 3,
             begun: 2,
             best_psnr: 23.5,
             history: vec![HistoryPoint { step: 25, seconds: 1.5, loss: 0.25, held_out_psnr: 23.5 }],

@@ -4,9 +4,9 @@
 //! traced, extensions included.
 
 use super::asset::Normalised;
+use super::classes::drawn;
 use super::reference::{Features, PathTraced, Picture, Rasterized, Reference};
 use super::views::{Lighting, Orbit, Set, Views};
-use crate::simplify::drawn;
 use crate::{FitError, Progress};
 use photofit_geometry::Mesh;
 use photofit_image::{Image, dilate, flip, luminance, psnr_from_mse, squared_error, ssim, to_display};

@@ -8,13 +8,17 @@
 //! - [`traced`]: parameters of a path-traced world, by path replay.
 //! - [`loss`]: chosen by the noise of the reference's pictures.
 //! - [`trainer`]: one loop: phases, looks at held-out views, best state, patience, checkpoints, cancellation.
+//! - [`classes`]: materials that become one material of the light asset, and how a fit draws them; [`export`]: a fitted
+//!   surface as a scene; [`mod@unwrap`]: a mesh as a surface with an atlas.
 //! - [`judge`]: quality of what was written, drawn as other programs draw it.
 //! - [`plan`]: what of all this runs for an asset, and why.
 
 mod asset;
 pub(crate) mod checkpoint;
+pub mod classes;
 pub mod cpu;
 pub mod device;
+pub mod export;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 pub mod judge;
@@ -26,6 +30,7 @@ pub mod reference;
 pub mod surface;
 pub mod traced;
 pub mod trainer;
+pub(crate) mod unwrap;
 pub mod views;
 
 pub use asset::Normalised;

@@ -7,11 +7,14 @@ use photofit_optim::{OptimError, State};
 use photofit_raster::loss::Loss;
 use std::borrow::Cow;
 
+/// Name of a group.
+pub type GroupName = Cow<'static, str>;
+
 /// A named group of parameters: `rows` x `columns` samples, row by row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Group {
     /// Name, which checkpoints and phases use.
-    pub name: Cow<'static, str>,
+    pub name: GroupName,
     /// Rows: vertices, texels.
     pub rows: usize,
     /// Samples of a row.

@@ -4,11 +4,10 @@
 //! is printed says only what these facts say.
 
 use super::reference::ENERGY;
-use super::surface::{MAPS, POSITIONS};
 use super::trainer::Phase;
 use super::views::Lighting;
 use crate::candidate::Candidate;
-use photofit_raster::deferred::{Masks, Passes};
+use photofit_raster::deferred::{MOST_LAYERS, Masks, Passes};
 use photofit_raster::loss::Loss;
 use photofit_raster::{CHANNELS, channel};
 use photofit_scene::{AlphaMode, Material, Scene, TextureSlot};
@@ -171,19 +170,20 @@ impl Plan {
         Self { device, ..self }
     }
 
-    /// Adds the phases of a fit of positions and maps.
+    /// Adds the phases of the fit.
     #[must_use]
     pub fn with_phases<M>(self, phases: &[Phase<'_, M>]) -> Self {
-        let groups = [POSITIONS, MAPS];
-        let peak: Vec<f64> = (0..groups.len())
-            .map(|k| phases.iter().filter_map(|p| p.rates.get(k)).fold(0.0, |a: f64, b| a.max(*b)))
-            .collect();
+        let mut groups: Vec<&str> = Vec::new();
+        for (name, _) in phases.iter().flat_map(|p| &p.rates) {
+            if !groups.contains(&&**name) {
+                groups.push(name);
+            }
+        }
+        let peak = |name: &str| phases.iter().map(|p| p.rate(name)).fold(0.0, f64::max);
         let line = |p: &Phase<'_, M>| {
             let moves: Vec<String> = groups
                 .iter()
-                .zip(&p.rates)
-                .zip(&peak)
-                .map(|((name, rate), peak)| match rate / peak {
+                .map(|name| match p.rate(name) / peak(name) {
                     share if share.is_nan() || share <= 0.0 => format!("{name} frozen"),
                     share if share < 0.999 => format!("{name} at {share:.1} of their rate"),
                     _ => format!("{name} at their full rate"),
@@ -255,7 +255,7 @@ impl Plan {
                     (true, false) => "alpha masks",
                     _ => "blended surfaces",
                 };
-                (Runs::Yes, format!("{what}: layers until nothing shows through"))
+                (Runs::Yes, format!("{what}: until nothing shows through, at most {MOST_LAYERS} layers"))
             }
         };
         items.push(Item { what: "transparent layers", runs: layers, why });

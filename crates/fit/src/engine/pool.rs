@@ -6,8 +6,11 @@ use crate::FitError;
 use photofit_sampling::Rng;
 use std::collections::VecDeque;
 
-/// Pictures that are kept: the fit sees the latest ones again, at random.
+/// Pictures that are kept at least: the fit sees the latest ones again, at random.
 const WINDOW: u64 = 64;
+/// Pictures that are kept for each one that a step sees again, and for each new one: where a step sees many again, they
+/// are not the same few.
+const WINDOW_PER_REPLAY: u64 = 64;
 
 /// How a fit draws its batches.
 #[derive(Clone, Copy)]
@@ -17,10 +20,12 @@ pub(super) struct Batches<'a> {
     pub(super) seed: u64,
     /// Pictures of a batch.
     pub(super) size: u64,
+    /// How many of them are new.
+    pub(super) fresh: u64,
     pub(super) sampling: Sampling,
 }
 
-/// Pictures of the reference from views that never end: half of every batch is new, the other half is drawn from the
+/// Pictures of the reference from views that never end: some of every batch are new, the others are drawn from the
 /// latest. A fixed set of views is learned by heart: texels come to fit what happens to be seen of them (72 views:
 /// DamagedHelmet at 500 triangles is .9 dB worse in other views).
 ///
@@ -46,9 +51,10 @@ impl Pool {
             (self.kept, self.shrink) = (VecDeque::new(), shrink);
         }
         let mut rng = Rng::new(from.seed, (7 << 32) + step);
-        let fresh = from.size.div_ceil(2);
+        let fresh = from.fresh;
+        let window = WINDOW.max(WINDOW_PER_REPLAY * (from.size - fresh) / fresh);
         let (next, end) = (step * fresh, (step + 1) * fresh);
-        let oldest = end.saturating_sub(WINDOW).max(first * fresh);
+        let oldest = end.saturating_sub(window).max(first * fresh);
         while self.kept.front().is_some_and(|k| k.0 < oldest) {
             self.kept.pop_front();
         }
@@ -61,6 +67,16 @@ impl Pool {
                     Err(at) => {
                         let s = from.views.setup(Set::Train, index, 0).shrunk(shrink);
                         let picture = from.reference.picture(&s)?;
+                        if s.picture.is_some() {
+                            // The reference holds it already.
+                            return Ok(Shot::new(
+                                &s,
+                                &picture.image,
+                                from.sampling,
+                                from.seed,
+                                step * from.size + b,
+                            ));
+                        }
                         self.kept.insert(at, (index, s, picture));
                         at
                     }

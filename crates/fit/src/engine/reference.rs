@@ -6,9 +6,9 @@
 //! it is compared with, and comes back with the export.
 
 use super::asset::Normalised;
+use super::classes::drawn;
 use super::views::{Pose, Setup, Sphere};
 use crate::scene_render::SceneRenderer;
-use crate::simplify::drawn;
 use crate::{FitError, bake};
 use glam::{DAffine3, Quat};
 use photofit_image::{Image, downsample};

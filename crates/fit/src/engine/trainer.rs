@@ -5,7 +5,7 @@
 //! the last look of a stopped fit goes into its result, not into its checkpoint.
 
 use super::checkpoint::{self, Course, Digest, Saved};
-use super::model::{Broken, Group, Model, Snapshot};
+use super::model::{Broken, Group, GroupName, Model, Snapshot};
 use super::pool::{Batches, Pool};
 use super::reference::Reference;
 use super::views::{Sampling, Set, Shot, Views};
@@ -64,6 +64,8 @@ pub struct Job<'a> {
     pub seed: u64,
     /// Pictures of a step.
     pub batch: usize,
+    /// How many of them are new, 1 to `batch`; the others are drawn from the latest.
+    pub fresh: usize,
     /// Steps of all phases.
     pub steps: u64,
     /// Checkpoints and limits.
@@ -91,11 +93,11 @@ pub struct Phase<'a, A> {
     pub steps: u64,
     /// Pictures are smaller by this factor.
     pub shrink: usize,
-    /// Peak rate of each group, in the order of the model's; 0 freezes it.
-    pub rates: Vec<f64>,
+    /// Groups that move, by their names, with their peak rates; the others are frozen.
+    pub rates: Vec<(GroupName, f64)>,
     /// At its beginning the fit goes back to the best state, and this group gets values made anew out of it, unless they
     /// look worse.
-    pub renewal: Option<(usize, Remake<'a, A>)>,
+    pub renewal: Option<(GroupName, Remake<'a, A>)>,
 }
 
 impl<A> std::fmt::Debug for Phase<'_, A> {
@@ -106,7 +108,7 @@ impl<A> std::fmt::Debug for Phase<'_, A> {
             .field("steps", &self.steps)
             .field("shrink", &self.shrink)
             .field("rates", &self.rates)
-            .field("renews", &self.renewal.as_ref().map(|r| r.0))
+            .field("renews", &self.renewal.as_ref().map(|r| &r.0))
             .finish()
     }
 }
@@ -115,6 +117,30 @@ impl<A> Phase<'_, A> {
     fn end(&self) -> u64 {
         self.first + self.steps
     }
+
+    /// Peak rate of a group.
+    pub fn rate(&self, group: &str) -> f64 {
+        self.rates.iter().find(|(name, _)| name == group).map_or(0.0, |(_, rate)| *rate)
+    }
+
+    /// Whether all groups that it names are there.
+    fn check(&self, groups: &[Group]) -> Result<(), FitError> {
+        let mut named =
+            self.rates.iter().map(|(name, _)| name).chain(self.renewal.iter().map(|(name, _)| name));
+        match named.find(|name| position(groups, name).is_none()) {
+            None => Ok(()),
+            Some(name) => {
+                let rule =
+                    format!("{:?} names the group {name:?}; the model has none of this name", self.name);
+                Err(FitError::Setting { field: "phases", rule })
+            }
+        }
+    }
+}
+
+/// Number of the group of a name.
+fn position(groups: &[Group], name: &str) -> Option<usize> {
+    groups.iter().position(|g| g.name == name)
 }
 
 /// The end of a fit.
@@ -210,8 +236,9 @@ pub fn train<'p, M: Model>(
 where
     M::Asset: 'p,
 {
+    let mut model = model;
     let groups = model.groups().to_vec();
-    let fingerprint = fingerprint(job, &model, groups.len()).map_err(|b| broken(b, 0, String::new()))?;
+    let fingerprint = fingerprint(job, &mut model, groups.len()).map_err(|b| broken(b, 0, String::new()))?;
     let mut t = Trainer {
         job,
         model,
@@ -233,7 +260,9 @@ where
     };
     progress.report("fit", t.course.step, job.steps, &format!("{start:.2} dB"));
     let mut stopped = false;
-    for (k, phase) in phases(start).iter().enumerate() {
+    let phases = phases(start);
+    phases.iter().try_for_each(|p| p.check(&t.groups))?;
+    for (k, phase) in phases.iter().enumerate() {
         if t.course.step >= phase.end() {
             continue;
         }
@@ -253,23 +282,24 @@ where
     Ok(Trained {
         model: t.model.into_asset().map_err(|b| broken(b, t.course.step, kept))?,
         history: t.course.history,
-        steps: t.course.step,
+        steps: t.course.step - t.course.skipped,
         mpix_per_s: t.samples / 1e6 / t.step_seconds.max(1e-9),
         stopped,
     })
 }
 
 /// What must agree between the run that wrote a checkpoint and the one that reads it: the options that steer the fit,
-/// the values it starts from (which follow from the asset), and a held-out view (which follows from the asset and the
-/// light).
-fn fingerprint<M: Model>(job: &Job<'_>, model: &M, groups: usize) -> Result<String, Broken> {
+/// the values it starts from, the pictures of the held-out views, and what the start looks like in them, which follows
+/// from all that the model holds beside its values: cameras, light, what is not fitted.
+fn fingerprint<M: Model>(job: &Job<'_>, model: &mut M, groups: usize) -> Result<String, Broken> {
     let mut digest = Digest::new();
     for g in 0..groups {
         digest.add(&model.values(g)?);
     }
-    digest.add(job.held_out.shots[0].reference.as_flattened());
-    let Job { options, batch, steps, loss, sampling, .. } = job;
-    Ok(format!("{options} {batch} {steps} {loss:?} {sampling:?} {:016x}", digest.value()))
+    job.held_out.shots.iter().for_each(|s| digest.add(s.reference.as_flattened()));
+    model.pictures(&job.held_out.shots)?.iter().for_each(|p| digest.add(p.as_flattened()));
+    let Job { options, batch, fresh, steps, loss, sampling, .. } = job;
+    Ok(format!("{options} {batch} {fresh} {steps} {loss:?} {sampling:?} {:016x}", digest.value()))
 }
 
 /// What broke at a step, with what remains.
@@ -295,7 +325,8 @@ impl<M: Model> Trainer<'_, M> {
                     self.look(progress)?;
                 }
             }
-            Some((group, make)) => {
+            Some((name, make)) => {
+                let group = position(&self.groups, name).expect("checked");
                 let copy = |g| self.model.values(g).map(Cow::into_owned);
                 let before: Result<Vec<Vec<f32>>, Broken> = (0..self.groups.len()).map(copy).collect();
                 let before = self.hear(before)?;
@@ -311,14 +342,14 @@ impl<M: Model> Trainer<'_, M> {
                     }
                     made => made?,
                 };
-                let set = self.model.set(*group, &made);
+                let set = self.model.set(group, &made);
                 self.hear(set)?;
                 let best = self.course.best_psnr;
                 if self.look(progress)? < best {
-                    let back = self.model.go_to_best(*group);
+                    let back = self.model.go_to_best(group);
                     self.hear(back)?;
                 }
-                self.model.reset_optimizer(*group)?;
+                self.model.reset_optimizer(group)?;
             }
         }
         self.course.begun = number + 1;
@@ -333,6 +364,7 @@ impl<M: Model> Trainer<'_, M> {
                 return Ok(true);
             }
             if self.is_stale(phase) {
+                self.course.skipped += phase.end() - self.course.step;
                 self.course.step = phase.end();
                 break;
             }
@@ -362,12 +394,13 @@ impl<M: Model> Trainer<'_, M> {
             views: job.views,
             seed: job.seed,
             size: job.batch as u64,
+            fresh: job.fresh as u64,
             sampling: job.sampling,
         };
         let shots = self.pool.batch(&from, (phase.first, step), phase.shrink)?;
         let schedule = Schedule::WarmupCosine { warmup: 10, total: phase.steps, floor: 0.05 };
         let factor = schedule.factor(step - phase.first);
-        let rates: Vec<f64> = phase.rates.iter().map(|r| r * factor).collect();
+        let rates: Vec<f64> = self.groups.iter().map(|g| phase.rate(&g.name) * factor).collect();
         let began = Instant::now();
         let made = self.model.step(&shots, job.loss, &rates);
         self.hear(made)?;

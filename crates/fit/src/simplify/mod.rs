@@ -5,8 +5,6 @@
 
 mod choice;
 mod coverage;
-mod export;
-mod look;
 mod options;
 mod outcome;
 pub(crate) mod prepare;
@@ -16,15 +14,14 @@ mod wrap;
 mod tests;
 
 pub use crate::engine::Normalised;
+pub use crate::engine::classes::MaterialClass;
 pub use crate::engine::device::Device;
+pub use crate::engine::export::to_scene;
 pub use crate::engine::judge::{Judged, Quality, ReportView, ViewQuality};
 pub use crate::engine::plan::{Plan, Runs};
 pub use crate::engine::reference::ReferenceRenderer;
 pub use crate::engine::trainer::HistoryPoint;
-pub use export::to_scene;
-pub use look::MaterialClass;
-pub(crate) use look::{classes, drawn};
-pub use options::{FEWEST, Init, LARGEST_ENGINE_PICTURE, SimplifyOptions};
+pub use options::{FEWEST, Init, LARGEST_ENGINE_PICTURE, MOST_REPLAYS, SimplifyOptions};
 pub use outcome::Outcome;
 
 use crate::bake;
@@ -33,7 +30,7 @@ use crate::engine::device::train_on;
 use crate::engine::judge::{Judge, Stage, beyond_rasterizer};
 use crate::engine::loss;
 use crate::engine::reference::{Features, PathTraced, Rasterized, Reference};
-use crate::engine::surface::Surface;
+use crate::engine::surface::{MAPS, POSITIONS, Surface};
 use crate::engine::trainer::{self, HeldOut, Job, Keeping, Phase};
 use crate::engine::views::{Orbit, Pose};
 use crate::visibility::Visibility;
@@ -138,7 +135,8 @@ pub(crate) fn simplify_asset(
         sampling,
         loss,
         seed: options.seed,
-        batch: options.batch,
+        batch: options.pictures_per_step(),
+        fresh: options.batch.div_ceil(2),
         steps: options.steps,
         keeping: &keeping,
         options: steering(options, &start.candidate),
@@ -244,16 +242,16 @@ fn phases<'a>(
     let a = n * 4 / 10;
     let rate = (POSITION_RATE * distance).clamp(1e-4, 1.5e-2);
     let map_rate = (MAP_RATE * 10f64.powf(-start_psnr / 20.0)).clamp(2e-4, 5e-3);
+    let rates = |positions: f64| vec![(POSITIONS.into(), positions), (MAPS.into(), map_rate)];
     let shrink = if options.resolution.is_multiple_of(2) && options.resolution >= 256 { 2 } else { 1 };
-    let coarse =
-        Phase { name: "coarse", first: 0, steps: a, shrink, rates: vec![rate, map_rate], renewal: None };
+    let coarse = Phase { name: "coarse", first: 0, steps: a, shrink, rates: rates(rate), renewal: None };
     let fine = Phase {
         name: "fine",
         first: a,
         steps: n - a,
         shrink: 1,
-        rates: vec![LAST_POSITION_RATE * rate, map_rate],
-        renewal: Some((1, rebake)),
+        rates: rates(LAST_POSITION_RATE * rate),
+        renewal: Some((MAPS.into(), rebake)),
     };
     vec![coarse, fine]
 }

@@ -36,7 +36,8 @@ pub struct SimplifyOptions {
     /// does ([`Sampling::ENGINE`], up to [`LARGEST_ENGINE_PICTURE`] pixels), and quality is judged by one sample a pixel
     /// with mipmaps, against a supersampled reference.
     pub as_engine: bool,
-    /// Pictures per step.
+    /// Pictures per step; with `as_engine`, of pictures below 512 pixels so many times more as a side is shorter, up to
+    /// [`MOST_REPLAYS`]: half of `batch` are new, all others are seen again.
     pub batch: usize,
     /// Steps of the fit.
     pub steps: u64,
@@ -91,6 +92,8 @@ impl Default for SimplifyOptions {
 /// Largest picture, pixels a side, in which a fit samples its candidate as an engine does; beyond, the aliasing of one
 /// sample a pixel is small, and supersampled pictures of half the size show as much.
 pub const LARGEST_ENGINE_PICTURE: usize = 256;
+/// How many times more pictures a step sees where they are small.
+pub const MOST_REPLAYS: usize = 16;
 /// Largest size on screen, pixels, that pictures and textures follow.
 const LARGEST_SCREEN: f64 = 1024.0;
 /// Texels of a texture's side for a pixel on screen: with an atlas that is two thirds full, a convex body then has about
@@ -141,6 +144,12 @@ impl SimplifyOptions {
     /// Samples per axis of a pixel in pictures of the reference and of what is judged.
     pub(super) fn judge_samples(&self) -> [usize; 2] {
         if self.as_engine { [samples_for(self.resolution), 1] } else { [SUPERSAMPLE; 2] }
+    }
+
+    /// Pictures of a step.
+    pub(super) fn pictures_per_step(&self) -> usize {
+        let more = if self.as_engine { (512 / self.resolution.max(1)).clamp(1, MOST_REPLAYS) } else { 1 };
+        self.batch * more
     }
 
     /// How many times as many views as usual pictures of this size need, so that they show as many pixels.

@@ -2,15 +2,15 @@
 
 use super::{Init, SimplifyOptions};
 use super::{coverage, wrap};
-use crate::bake::{self, AlphaClass, BakeSettings, Reference, bake, blank_texel, hard_edges};
+use crate::bake::{self, AlphaClass, BakeSettings, Reference, bake};
 use crate::candidate::Candidate;
 use crate::engine::Normalised;
 use crate::engine::judge::Stage;
+use crate::engine::unwrap::unwrapped;
 use crate::visibility::{Visibility, VisibilitySettings, visibility_reporting};
 use crate::{FitError, Progress};
-use photofit_geometry::atlas::{UnwrapOptions, unwrap};
 use photofit_geometry::decimate::{DecimateError, Decimated, Options, Target, decimate, decimate_reporting};
-use photofit_geometry::{Edges, Mesh, normals::split_hard_edges, shapes, weld::weld_exact};
+use photofit_geometry::{Mesh, shapes};
 use photofit_raster::Maps;
 use photofit_rays::NearestPoint;
 use photofit_scalar::vec3;
@@ -89,32 +89,6 @@ fn unwrap_and_bake(
     let (baked, distance) = bake_candidate(reference, seen, &candidate, options, progress)?;
     candidate.set_maps(baked);
     Ok(Start { candidate, distance })
-}
-
-/// Gives a mesh an atlas and the reference's hard edges; its maps of `size` x `size` texels are blank.
-pub(crate) fn unwrapped(
-    n: &Normalised,
-    reference: &Reference<'_>,
-    seen: &Visibility,
-    mesh: &Mesh,
-    class: Vec<u32>,
-    size: usize,
-    progress: &dyn Progress,
-) -> Result<Candidate, FitError> {
-    progress.report("atlas", 0, 1, "");
-    let settings = UnwrapOptions { size: size as u32, ..UnwrapOptions::default() };
-    let atlas = unwrap(&mesh.positions, &mesh.triangles, &class, &settings)?;
-    let (unwrapped, _) = atlas.build_mesh(&mesh.positions, &mesh.triangles);
-    if progress.is_cancelled() {
-        return Err(FitError::Interrupted);
-    }
-    let weld = weld_exact(&unwrapped.positions);
-    let edges = Edges::new(&unwrapped.triangles, &weld);
-    let hard = hard_edges(reference, seen, &unwrapped, &edges);
-    let creased = split_hard_edges(&unwrapped.triangles, &weld, &edges, &hard);
-    let maps = Maps::filled(size, size, blank_texel());
-    let split = creased.split.apply(&unwrapped);
-    Ok(Candidate::new(&split, &creased.smoothing, class, n.drawn_classes(), maps))
 }
 
 /// A callback that shows the finished share of a stage and passes on the wish to stop.

@@ -21,6 +21,9 @@ use photofit_scalar::{Vec2, Vec3, Vec4};
 use photofit_shading::{Energy, Light, Sides};
 use photofit_texture::AlphaMode;
 
+/// Most transparent layers that are drawn of a pixel.
+pub const MOST_LAYERS: usize = 16;
+
 /// A mesh as the renderer sees it; all arrays have one entry per vertex or per triangle.
 #[derive(Clone, Copy, Debug)]
 pub struct Geometry<'a, T> {
@@ -125,7 +128,7 @@ impl Default for Passes {
             normal_map: true,
             emissive: true,
             antialias: true,
-            max_layers: 8,
+            max_layers: MOST_LAYERS,
             masks: Masks::Cut,
             position_gradients: true,
             map_gradients: true,

@@ -216,7 +216,7 @@ impl Model for GpuSurface {
         let sums = self.stage.as_ref().map(|s| ("positions", &s.gradients.status));
         for (what, status) in sums.into_iter().chain([("maps", &self.on.maps.status)]) {
             if self.gpu.read(status)?.first().is_some_and(|s| *s != 0) {
-                let rule = "is not finite or outside of the range of the device's sums; --device cpu has no such range";
+                let rule = "is not finite or outside of the range of the device's sums; a fit on the CPU has no such range";
                 return Err(Broken::Device(format!("a gradient of the {what} {rule}").into()));
             }
         }

@@ -156,15 +156,18 @@ fn unplaced_materials_do_not_count() {
 
 #[test]
 fn phases_say_what_moves_at_which_rate() {
-    let phase = |name, shrink, rates| Phase::<()> { name, first: 0, steps: 40, shrink, rates, renewal: None };
-    let phases = [phase("coarse", 2, vec![0.01, 0.002]), phase("fine", 1, vec![0.004, 0.002])];
+    let phase = |name, shrink, positions: f64| {
+        let rates = vec![("positions".into(), positions), ("maps".into(), 0.002)];
+        Phase::<()> { name, first: 0, steps: 40, shrink, rates, renewal: None }
+    };
+    let phases = [phase("coarse", 2, 0.01), phase("fine", 1, 0.004)];
     let text = Plan::new(&scene(Material::clay())).with_phases(&phases).to_string();
     for part in
         ["coarse: 40 steps", "pictures 1/2 as wide", "fine: 40 steps", "positions at 0.4 of their rate"]
     {
         assert!(text.contains(part), "{part:?} in\n{text}");
     }
-    let frozen = [phase("maps", 1, vec![0.0, 0.002])];
+    let frozen = [phase("maps", 1, 0.0)];
     let text = Plan::new(&scene(Material::clay())).with_phases(&frozen).to_string();
     assert!(text.contains("positions frozen"), "{text}");
 }

@@ -152,6 +152,7 @@ fn fit(model: Pixels, keeping: &Keeping, progress: &dyn Progress) -> Result<Trai
         loss: Loss::Mse,
         seed: 0,
         batch: 2,
+        fresh: 1,
         steps: STEPS,
         keeping,
         options: "greys".into(),
@@ -169,12 +170,12 @@ fn fit(model: Pixels, keeping: &Keeping, progress: &dyn Progress) -> Result<Trai
             first,
             steps,
             shrink: 1,
-            rates: vec![0.02, 0.03],
+            rates: vec![("red green".into(), 0.02), ("blue".into(), 0.03)],
             renewal,
         };
         vec![
             phase("first", 0, 37, None),
-            phase("second", 37, 30, Some((1, &renew as Remake<'_, Pixels>))),
+            phase("second", 37, 30, Some(("blue".into(), &renew as Remake<'_, Pixels>))),
             phase("third", 67, STEPS - 67, None),
         ]
     };

@@ -1,0 +1,36 @@
+//! A mesh as a surface that can be fitted: an atlas, creases, and blank maps.
+
+use super::Normalised;
+use crate::bake::{Reference, blank_texel, hard_edges};
+use crate::candidate::Candidate;
+use crate::visibility::Visibility;
+use crate::{FitError, Progress};
+use photofit_geometry::atlas::{UnwrapOptions, unwrap};
+use photofit_geometry::{Edges, Mesh, normals::split_hard_edges, weld::weld_exact};
+use photofit_raster::Maps;
+
+/// Gives a mesh an atlas and the reference's hard edges; its maps of `size` x `size` texels are blank.
+pub(crate) fn unwrapped(
+    n: &Normalised,
+    reference: &Reference<'_>,
+    seen: &Visibility,
+    mesh: &Mesh,
+    class: Vec<u32>,
+    size: usize,
+    progress: &dyn Progress,
+) -> Result<Candidate, FitError> {
+    progress.report("atlas", 0, 1, "");
+    let settings = UnwrapOptions { size: size as u32, ..UnwrapOptions::default() };
+    let atlas = unwrap(&mesh.positions, &mesh.triangles, &class, &settings)?;
+    let (unwrapped, _) = atlas.build_mesh(&mesh.positions, &mesh.triangles);
+    if progress.is_cancelled() {
+        return Err(FitError::Interrupted);
+    }
+    let weld = weld_exact(&unwrapped.positions);
+    let edges = Edges::new(&unwrapped.triangles, &weld);
+    let hard = hard_edges(reference, seen, &unwrapped, &edges);
+    let creased = split_hard_edges(&unwrapped.triangles, &weld, &edges, &hard);
+    let maps = Maps::filled(size, size, blank_texel());
+    let split = creased.split.apply(&unwrapped);
+    Ok(Candidate::new(&split, &creased.smoothing, class, n.drawn_classes(), maps))
+}
