@@ -6,9 +6,8 @@ use crate::path_render;
 use crate::preflight::Places;
 use crate::status::Ending;
 use anyhow::{Result, anyhow};
-use photofit_pathtrace::{Parts, RenderOptions, Renderer, View, World, WorldOptions};
+use photofit_pathtrace::{Parts, RenderOptions, Renderer, View, World};
 use photofit_scene::mitsuba::{MitsubaOptions, MitsubaScene, MitsubaShape, load_mitsuba};
-use photofit_shading::bsdf::Energy;
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -45,14 +44,9 @@ pub(crate) fn render(a: &Render, places: &Places) -> Result<Ending> {
     let stamps: Vec<String> = scene.files.iter().map(|f| path_render::stamp(f)).collect::<Result<_>>()?;
     let key = format!("{}|{:?}", stamps.join("|"), a.path.define);
     let parts = Parts::from_mitsuba(scene);
-    let world = World::with_options(parts, world_options()).map_err(|e| named(&e))?;
+    let world = World::new(parts).map_err(|e| named(&e))?;
     let renderer = Renderer::new(&world, &view, options).map_err(|e| named(&e))?;
     path_render::finish(&resolved, renderer, &key)
-}
-
-/// The materials of a scene are defined without compensation.
-pub(crate) fn world_options() -> WorldOptions {
-    WorldOptions { energy: Energy::Single, ..WorldOptions::default() }
 }
 
 /// What a scene holds.

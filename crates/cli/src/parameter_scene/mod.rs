@@ -70,7 +70,7 @@ fn of_mitsuba(a: &ParameterScene, places: &Places) -> Result<Subject> {
     options.path.max_depth = a.max_depth.unwrap_or(options.path.max_depth);
     options.seed = a.seed;
     let view = View::from_mitsuba(&scene.sensor);
-    let world = mitsuba::world_options();
+    let world = WorldOptions::default();
     Ok(Subject { keys: keys::of_mitsuba(&scene), parts: Parts::from_mitsuba(scene), view, options, world })
 }
 

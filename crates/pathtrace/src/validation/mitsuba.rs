@@ -4,7 +4,6 @@ use super::scenes::{cornell, cornell_view, square};
 use crate::{Parts, RenderOptions, Renderer, View, World, WorldOptions};
 use photofit_image::Image;
 use photofit_scene::mitsuba::{MitsubaOptions, MitsubaScene, load_mitsuba};
-use photofit_shading::bsdf::Energy;
 
 fn load(body: &str) -> MitsubaScene {
     let folder = tempfile::tempdir().unwrap();
@@ -16,7 +15,7 @@ fn load(body: &str) -> MitsubaScene {
 fn render(body: &str) -> Image {
     let scene = load(body);
     let (view, options) = (View::from_mitsuba(&scene.sensor), RenderOptions::from_mitsuba(&scene));
-    let plain = WorldOptions { energy: Energy::Single, ..WorldOptions::default() };
+    let plain = WorldOptions::default();
     let world = World::with_options(Parts::from_mitsuba(scene), plain).unwrap();
     let mut renderer = Renderer::new(&world, &view, options).unwrap();
     while !renderer.pass(|| false).done {}

@@ -7,7 +7,6 @@ use photofit_image::Image;
 use photofit_scalar::Vec3f;
 use photofit_scene::graph::{Bitmap, BitmapFilter, BitmapWrap, SurfaceGraph, SurfaceNode, Texture};
 use photofit_scene::mitsuba::{MitsubaOptions, load_mitsuba};
-use photofit_shading::bsdf::Energy;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -28,7 +27,7 @@ fn load(side: usize, max_depth: u32, body: &str) -> (World, View, RenderOptions)
     std::fs::write(&path, text).unwrap();
     let scene = load_mitsuba(path, &MitsubaOptions::default()).unwrap();
     let (view, options) = (View::from_mitsuba(&scene.sensor), RenderOptions::from_mitsuba(&scene));
-    let plain = WorldOptions { energy: Energy::Single, ..WorldOptions::default() };
+    let plain = WorldOptions::default();
     (World::with_options(Parts::from_mitsuba(scene), plain).unwrap(), view, options)
 }
 

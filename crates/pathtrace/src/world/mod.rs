@@ -75,9 +75,9 @@ pub struct WorldOptions {
 }
 
 impl Default for WorldOptions {
-    /// Merged, with energy compensation and tight bounds of extinction.
+    /// Merged, with the reference model of glTF, as the rasterizer draws it, and tight bounds of extinction.
     fn default() -> Self {
-        Self { merge: true, energy: Energy::Compensated, majorant_factor: 1.0 }
+        Self { merge: true, energy: Energy::default(), majorant_factor: 1.0 }
     }
 }
 
