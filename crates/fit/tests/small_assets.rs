@@ -8,7 +8,7 @@ use photofit_fit::views::Lighting;
 use photofit_geometry::decimate::Target;
 use photofit_geometry::{Mesh, shapes};
 use photofit_image::Image;
-use photofit_scalar::{Vec3f, vec3, vec4};
+use photofit_scalar::{Vec3f, vec2, vec3, vec4};
 use photofit_scene::{
     AlphaMode, Camera, Filter, Instance, Material, Primitive, Sampler, Scene, SurfaceLibrary, TextureImage,
     TextureSlot, Wrap,
@@ -193,4 +193,52 @@ fn a_sphere_takes_the_classes_of_what_it_is_drawn_onto() {
     };
     let (opaque, blended) = (triangles(AlphaMode::Opaque), triangles(AlphaMode::Blend));
     assert!(opaque > 150 && blended > 150, "{opaque} opaque and {blended} blended triangles");
+}
+
+#[test]
+fn occlusion_maps_are_carried_over() {
+    // Half of the indirect light reaches the left half of a bowl, at half strength.
+    let mut mesh = shapes::quad_grid(12, 12);
+    mesh.positions.iter_mut().for_each(|p| p.z = 0.2 * (p.x * p.x + p.y * p.y));
+    let (lo, hi) = (0.25, 0.75);
+    mesh.uvs = mesh.positions.iter().map(|p| vec2(lo + (hi - lo) * 0.5 * (p.x + 1.0), 0.5)).collect();
+    let image = TextureImage {
+        width: 64,
+        height: 2,
+        texels: (0..128).map(|i| [if i % 64 < 32 { 127 } else { 255 }, 0, 255, 255]).collect(),
+        ..TextureImage::default()
+    };
+    let clamp = Wrap::ClampToEdge;
+    let occlusion_texture = Some(TextureSlot {
+        image: 0,
+        sampler: Sampler { wrap_u: clamp, wrap_v: clamp, filter: Filter::Bilinear },
+        tex_coord: 0,
+        transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+    });
+    let material = Material { occlusion_texture, occlusion_strength: 0.5, ..paint([0.8; 3], true) };
+    let mut asset = scene(vec![(mesh, material, vec![Affine3A::IDENTITY])]);
+    asset.images.push(image);
+    let (outcome, written) = run(&asset, &quick(Target::Triangles(80), 5));
+    assert!(outcome.left_out.iter().all(|l| !l.contains("occlusion")), "{:?}", outcome.left_out);
+    let library = SurfaceLibrary::with_occlusion(&written);
+    let plain = written.materials[0].metallic_roughness_texture.map(|t| t.image);
+    assert_eq!(plain, written.materials[0].occlusion_texture.map(|t| t.image), "one texture for both");
+    assert!(
+        (library.lookup(0, vec2(0.5, 0.5), vec2(0.5, 0.5), vec4(1.0, 1.0, 1.0, 1.0), None).metallic).abs()
+            < 0.01
+    );
+    let mesh = &written.primitives[0].mesh;
+    let mut seen = [0, 0];
+    for t in &mesh.triangles {
+        let mean = |v: [f32; 3]| v.iter().sum::<f32>() / 3.0;
+        let x = mean(t.map(|i| mesh.positions[i as usize].x));
+        let uv = vec2(mean(t.map(|i| mesh.uvs[i as usize].x)), mean(t.map(|i| mesh.uvs[i as usize].y)));
+        let right = usize::from(x > 0.0);
+        if x.abs() > 0.1 {
+            let found = library.occlusion(0, [uv; 2], None);
+            assert!((found - [0.75, 1.0][right]).abs() < 0.02, "x = {x}: {found}");
+            seen[right] += 1;
+        }
+    }
+    assert!(seen[0] > 10 && seen[1] > 10, "{seen:?}");
 }

@@ -21,8 +21,11 @@ pub mod channel {
     pub const NORMAL: usize = 7;
     /// Linear emitted radiance, three samples.
     pub const EMISSIVE: usize = 10;
-    /// Samples in use; the rest is padding.
+    /// Samples that are drawn and fitted.
     pub const USED: usize = 13;
+    /// Share of indirect light that reaches the surface (ambient occlusion), in [0, 1]: carried along, not drawn. The
+    /// samples behind it are padding.
+    pub const OCCLUSION: usize = 13;
 }
 
 /// Material maps: a texture of [`CHANNELS`] samples a texel, row 0 at the top (v = 0).

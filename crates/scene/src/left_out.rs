@@ -67,7 +67,7 @@ impl Scene {
             out.push(format!("textures of material extensions, which become their means: {list}"));
         }
         let occluded = self.materials.iter().filter(|m| m.occlusion_texture.is_some()).count();
-        if occluded > 0 {
+        if occluded > 0 && light.materials.iter().all(|m| m.occlusion_texture.is_none()) {
             out.push(format!("occlusion maps of {}", count(occluded, "material")));
         }
         let extras = self.extras();

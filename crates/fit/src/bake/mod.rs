@@ -255,6 +255,7 @@ pub fn blank_texel() -> [f32; CHANNELS] {
     texel[channel::ALPHA] = 1.0;
     texel[channel::ROUGHNESS] = 1.0;
     texel[channel::NORMAL + 2] = 1.0;
+    texel[channel::OCCLUSION] = 1.0;
     texel
 }
 

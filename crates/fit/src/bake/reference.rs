@@ -22,6 +22,8 @@ pub(crate) struct Shaded {
     pub(crate) surface: SurfaceSample,
     /// Unit shading normal in world space, on the counter-clockwise side of the triangle.
     pub(crate) normal: Vec3f,
+    /// Share of indirect light that reaches it.
+    pub(crate) occlusion: f32,
 }
 
 /// A place on a triangle.
@@ -175,6 +177,7 @@ impl<'a> Reference<'a> {
             UvDerivatives { dx: [vec2(d0, 0.0), vec2(d1, 0.0)], dy: [vec2(0.0, d0), vec2(0.0, d1)] }
         });
         let surface = self.surfaces.lookup(at.material, at.uv[0], at.uv[1], at.color, footprint.as_ref());
+        let occlusion = self.surfaces.occlusion(at.material, at.uv, footprint.as_ref());
         let n = mesh.normals[t[0]] * w[0] + mesh.normals[t[1]] * w[1] + mesh.normals[t[2]] * w[2];
         let normal = if mesh.tangents.is_empty() {
             self.smooth_normal(place)
@@ -189,7 +192,7 @@ impl<'a> Reference<'a> {
         } else {
             normal
         };
-        Shaded { surface, normal }
+        Shaded { surface, normal, occlusion }
     }
 
     /// Change of both sets of texture coordinates per length on a triangle (square roots of the ratios of areas).

@@ -39,6 +39,7 @@ struct Sum {
     roughness: f32,
     metallic: f32,
     gamma: f32,
+    occlusion: f32,
 }
 
 impl Job<'_> {
@@ -203,6 +204,7 @@ impl Sum {
         }
         self.roughness += s.roughness * weight;
         self.metallic += s.metallic * weight;
+        self.occlusion += shaded.occlusion * weight;
         self.normal += (if pick.front { shaded.normal } else { -shaded.normal }) * weight;
     }
 
@@ -220,6 +222,7 @@ impl Sum {
         texel[channel::ALPHA] = if mean_alpha > 1.5e-6 { mean_alpha.min(1.0) } else { 0.0 };
         texel[channel::GAMMA] = self.gamma * r;
         texel[channel::METALLIC] = self.metallic * r;
+        texel[channel::OCCLUSION] = self.occlusion * r;
         let roughness = self.roughness * r;
         texel[channel::ROUGHNESS] =
             if settings.widen_roughness { widened(roughness, (self.normal * r).length()) } else { roughness };

@@ -49,7 +49,7 @@ impl Normalised {
         }
         let (classes, material_class) = classes(scene);
         let drawn = drawn(scene);
-        let library = SurfaceLibrary::new(&drawn);
+        let library = SurfaceLibrary::with_occlusion(&drawn);
         let (materials, images) = match drawn {
             Cow::Borrowed(scene) => (scene.materials.clone(), scene.images.clone()),
             Cow::Owned(scene) => (scene.materials, scene.images),

@@ -164,12 +164,17 @@ fn material(
             });
         }
     }
+    // One texture for both, as glTF allows it.
+    let occluded = range(texels, owned, channel::OCCLUSION).0 < 1.0 - FLAT;
     match [channel::ROUGHNESS, channel::METALLIC].map(constant) {
-        [Some(r), Some(m)] => (out.roughness, out.metallic) = (r, m),
+        [Some(r), Some(m)] if !occluded => (out.roughness, out.metallic) = (r, m),
         _ => {
-            out.metallic_roughness_texture = add("roughness-metallic", &|t| {
-                [255, unorm(t[channel::ROUGHNESS]), unorm(t[channel::METALLIC]), 255]
+            let name = if occluded { "occlusion-roughness-metallic" } else { "roughness-metallic" };
+            out.metallic_roughness_texture = add(name, &|t| {
+                let occlusion = if occluded { unorm(t[channel::OCCLUSION]) } else { 255 };
+                [occlusion, unorm(t[channel::ROUGHNESS]), unorm(t[channel::METALLIC]), 255]
             });
+            out.occlusion_texture = out.metallic_roughness_texture.filter(|_| occluded);
         }
     }
     let flat = [channel::NORMAL, channel::NORMAL + 1].map(|c| range(texels, owned, c));

@@ -417,8 +417,9 @@ impl Asset {
             (r, n) => format!("{r} of {n} images are read"),
         };
         item("textures", self.textures.0 > 0, why);
-        let why = some(self.occluded, "have one: not drawn, since they darken indirect light alone", "none");
-        item("occlusion textures", false, why);
+        let why = "have one: carried over, not drawn here, since they darken indirect light alone";
+        let why = some(self.occluded, why, "none");
+        item("occlusion textures", self.occluded > 0, why);
         let none = "no material encloses one";
         item(
             "volumes",

@@ -57,7 +57,7 @@ impl Plan {
     }
 }
 
-pub(super) fn compile(scene: &Scene, m: &Material, plan: &mut Plan) -> Compiled {
+pub(super) fn compile(scene: &Scene, m: &Material, occlusion: bool, plan: &mut Plan) -> Compiled {
     let mut addresses: Vec<Address> = Vec::new();
     let weighted = m.alpha_mode != AlphaMode::Opaque;
     let mut slot = |slot: &Option<TextureSlot>, srgb: bool, weighted: bool| {
@@ -89,6 +89,7 @@ pub(super) fn compile(scene: &Scene, m: &Material, plan: &mut Plan) -> Compiled 
     let metallic_roughness = slot(&lit(&m.metallic_roughness_texture).filter(|_| varies), false, false);
     let normal = slot(&lit(&m.normal_texture), false, false);
     let emissive = slot(&lit(&m.emissive_texture).filter(|_| glows), true, false);
+    let occlusion = slot(&lit(&m.occlusion_texture).filter(|_| occlusion), false, false);
     let extensions = m.extensions.as_ref().filter(|_| !m.unlit);
     let extensions =
         extensions.map(|e| Box::new(extensions::compile(e, |texture, srgb| slot(texture, srgb, false))));
@@ -112,6 +113,7 @@ pub(super) fn compile(scene: &Scene, m: &Material, plan: &mut Plan) -> Compiled 
         metallic_roughness,
         normal,
         emissive,
+        occlusion: occlusion.map(|slot| (slot, m.occlusion_strength)),
         extensions,
     }
 }

@@ -87,6 +87,8 @@ struct Compiled {
     metallic_roughness: Option<Slot>,
     normal: Option<Slot>,
     emissive: Option<Slot>,
+    /// With its strength.
+    occlusion: Option<(Slot, f32)>,
     extensions: Option<Box<CompiledExtensions>>,
 }
 
@@ -95,7 +97,7 @@ struct Compiled {
 /// Textures are kept in 8 bits with their mip chains (box filter, averaged in linear light where the slot is sRGB; by
 /// alpha where the material is not opaque), or in floating point once [`Self::set_texels`] has replaced them; those
 /// without a slot that is read, or whose factor is zero, are left out. Occlusion is not a property of the surface and is
-/// not read.
+/// read by [`Self::with_occlusion`] alone.
 #[derive(Debug)]
 pub struct SurfaceLibrary {
     textures: Vec<MipTexture>,
@@ -108,8 +110,20 @@ impl SurfaceLibrary {
     /// # Panics
     /// If the scene is not valid (see [`Scene::validate`]).
     pub fn new(scene: &Scene) -> Self {
+        Self::compiled(scene, false)
+    }
+
+    /// The same with occlusion maps, for [`Self::occlusion`].
+    ///
+    /// # Panics
+    /// As [`Self::new`].
+    pub fn with_occlusion(scene: &Scene) -> Self {
+        Self::compiled(scene, true)
+    }
+
+    fn compiled(scene: &Scene, occlusion: bool) -> Self {
         let mut plan = Plan::default();
-        let materials = scene.materials.iter().map(|m| compile(scene, m, &mut plan)).collect();
+        let materials = scene.materials.iter().map(|m| compile(scene, m, occlusion, &mut plan)).collect();
         Self { textures: plan.build(scene), materials }
     }
 
@@ -210,6 +224,18 @@ impl SurfaceLibrary {
         }
         out.alpha = m.alpha_mode.coverage(alpha);
         out
+    }
+
+    /// The share of indirect light that reaches the surface, in `[0, 1]`: 1 where a material has no occlusion map or the
+    /// library was built without them. Takes what [`Self::lookup`] takes.
+    ///
+    /// # Panics
+    /// If there is no such material.
+    pub fn occlusion(&self, material: usize, uv: [Vec2f; 2], footprint: Option<&UvDerivatives>) -> f32 {
+        let m = &self.materials[material];
+        let Some((slot, strength)) = m.occlusion else { return 1.0 };
+        let red = Reader { library: self, material: m, uv, footprint, last: None }.read(slot).x;
+        1.0 + strength * (red - 1.0)
     }
 
     /// The coverage alone, on the base level: 1 at once for opaque materials. For rays that ask whether something is
