@@ -11,6 +11,7 @@ use crate::engine::cpu::Cpu;
 use crate::engine::judge::{Quality, ReportView, Stage, rasterized_views};
 use crate::engine::loss;
 use crate::engine::reference::{ENERGY, Rasterized, Reference, SUPERSAMPLE};
+use crate::engine::steering::Steering;
 use crate::engine::surface::Surface;
 use crate::engine::trainer::{self, HeldOut, HistoryPoint, Job, Keeping, Phase, train};
 use crate::engine::views::{Sampling, Set};
@@ -130,7 +131,10 @@ pub fn recover_texture(
         batch: options.batch,
         steps: options.steps,
         keeping: &options.keeping,
-        options: format!("pictures {} {} {:016x}", options.texture_size, options.seed, topology.value()),
+        options: Steering::default()
+            .option("texture_size", options.texture_size)
+            .option("seed", options.seed)
+            .digest("pictures, cameras, lights or shape", format!("{:016x}", topology.value())),
     };
     let phase = Phase {
         name: "maps",
@@ -155,7 +159,7 @@ pub fn recover_texture(
         views,
         history: trained.history,
         steps: trained.steps,
-        stopped: trained.stopped,
+        stopped: trained.stopped || progress.is_cancelled(),
         triangles,
         pictures: [photos.photos().len(), photos.held_out()],
         lit: photos.lit,

@@ -8,6 +8,7 @@ use super::checkpoint::{self, Course, Digest, Saved};
 use super::model::{Broken, Group, Model, Snapshot};
 use super::pool::{Batches, Pool};
 use super::reference::Reference;
+use super::steering::Steering;
 use super::views::{Sampling, Set, Shot, Views};
 use crate::{FitError, Progress};
 use photofit_image::psnr_from_mse;
@@ -68,8 +69,8 @@ pub struct Job<'a> {
     pub steps: u64,
     /// Checkpoints and limits.
     pub keeping: &'a Keeping,
-    /// The options that steer the fit, as text: a checkpoint of other ones is refused.
-    pub options: String,
+    /// The options that steer the fit: a checkpoint of other ones is refused.
+    pub options: Steering,
 }
 
 impl std::fmt::Debug for Job<'_> {
@@ -185,7 +186,7 @@ struct Trainer<'a, M: Model> {
     groups: Vec<Group>,
     course: Course,
     pool: Pool,
-    fingerprint: String,
+    steering: Steering,
     /// Step of the checkpoint that stands in the folder.
     saved: Option<u64>,
     /// The last refusal to save that the user was told of.
@@ -211,14 +212,14 @@ where
     M::Asset: 'p,
 {
     let groups = model.groups().to_vec();
-    let fingerprint = fingerprint(job, &model, groups.len()).map_err(|b| broken(b, 0, String::new()))?;
+    let steering = steering(job, &model, groups.len()).map_err(|b| broken(b, 0, String::new()))?;
     let mut t = Trainer {
         job,
         model,
         groups,
         course: Course { best_psnr: f64::NEG_INFINITY, ..Course::default() },
         pool: Pool::default(),
-        fingerprint,
+        steering,
         saved: None,
         refusal: String::new(),
         samples: 0.0,
@@ -262,14 +263,18 @@ where
 /// What must agree between the run that wrote a checkpoint and the one that reads it: the options that steer the fit,
 /// the values it starts from (which follow from the asset), and a held-out view (which follows from the asset and the
 /// light).
-fn fingerprint<M: Model>(job: &Job<'_>, model: &M, groups: usize) -> Result<String, Broken> {
+fn steering<M: Model>(job: &Job<'_>, model: &M, groups: usize) -> Result<Steering, Broken> {
     let mut digest = Digest::new();
     for g in 0..groups {
         digest.add(&model.values(g)?);
     }
-    digest.add(job.held_out.shots[0].reference.as_flattened());
+    let mut picture = Digest::new();
+    picture.add(job.held_out.shots[0].reference.as_flattened());
     let Job { options, batch, steps, loss, sampling, .. } = job;
-    Ok(format!("{options} {batch} {steps} {loss:?} {sampling:?} {:016x}", digest.value()))
+    let options = options.clone().option("batch", batch).option("steps", steps);
+    let options = options.option("loss", format!("{loss:?}")).option("sampling", format!("{sampling:?}"));
+    let options = options.digest("what the fit starts from", format!("{:016x}", digest.value()));
+    Ok(options.digest("what its pictures show", format!("{:016x}", picture.value())))
 }
 
 /// What broke at a step, with what remains.
@@ -439,7 +444,7 @@ impl<M: Model> Trainer<'_, M> {
             .zip(&snapshots)
             .map(|(group, s)| Saved { group, values: &s.values, best: &s.best, optimizer: &s.optimizer })
             .collect();
-        let refusal = match checkpoint::save(folder, &self.course, &saved, &self.fingerprint) {
+        let refusal = match checkpoint::save(folder, &self.course, &saved, &self.steering) {
             Ok(()) => {
                 self.saved = Some(self.course.step);
                 return Ok(());
@@ -467,7 +472,7 @@ impl<M: Model> Trainer<'_, M> {
     fn restore(&mut self, progress: &dyn Progress) -> Result<(), FitError> {
         let keeping = self.job.keeping;
         let Some(folder) = keeping.checkpoint.as_ref().filter(|_| keeping.resume) else { return Ok(()) };
-        let Some((course, groups)) = checkpoint::load(folder, &self.groups, &self.fingerprint)? else {
+        let Some((course, groups)) = checkpoint::load(folder, &self.groups, &self.steering)? else {
             progress.warn(&format!("{}: no checkpoint is there; the fit begins anew", folder.display()));
             return Ok(());
         };
@@ -484,6 +489,7 @@ impl<M: Model> Trainer<'_, M> {
         }
         self.earlier = course.history.last().map_or(0.0, |h| h.seconds);
         self.saved = Some(course.step);
+        progress.note(&format!("resuming at step {} of {}", course.step, self.job.steps));
         self.course = course;
         Ok(())
     }
