@@ -102,8 +102,11 @@ impl ChainOptions {
         (0..sizes.len()).try_for_each(|k| self.level(k).check(triangles).map_err(of_chain))
     }
 
-    /// The options of a level.
-    fn level(&self, k: usize) -> SimplifyOptions {
+    /// The options of a level, of which the first is 0.
+    ///
+    /// # Panics
+    /// If there is no such level.
+    pub fn level(&self, k: usize) -> SimplifyOptions {
         let target = match self.triangles.get(k) {
             Some(n) => Target::Triangles(*n),
             None => Target::ScreenSize(self.sizes[k]),
@@ -275,10 +278,8 @@ fn finish(
 ) -> Result<Chain, FitError> {
     // The file with all levels holds their textures as they are: a second lossy encoding would change them.
     let limits = Limits { keep_encoded: true, ..Limits::default() };
-    let scenes: Vec<Scene> = levels
-        .iter()
-        .map(|l| photofit_scene::load_with(&l.path, &limits))
-        .collect::<Result<_, _>>()?;
+    let scenes: Vec<Scene> =
+        levels.iter().map(|l| photofit_scene::load_with(&l.path, &limits)).collect::<Result<_, _>>()?;
     for k in 1..levels.len() {
         let size = levels[k - 1].switch_size.unwrap_or(SMALLEST).round() as usize;
         let [fine, coarse] = [k - 1, k].map(|i| Stage::new("level", scenes[i].clone()));

@@ -111,6 +111,7 @@ pub fn recover_texture(
             photos.unseen
         ));
     }
+    photos.doubts().iter().for_each(|d| progress.warn(d));
     let n = Normalised::new(&bare(mesh, !photos.lit))?;
     let model = grey(&n, photos.lit, options.texture_size, progress)?;
     let start = to_scene(&model.candidate, &n);

@@ -48,7 +48,11 @@ pub struct Quality {
 impl Quality {
     /// The PSNR for people: with `digits` decimals, or `60 or more` where it is as large as is told apart.
     pub fn decibels(&self, digits: usize) -> String {
-        if self.psnr >= BEST_PSNR { format!("{BEST_PSNR} or more") } else { format!("{:.digits$}", self.psnr) }
+        if self.psnr >= BEST_PSNR {
+            format!("{BEST_PSNR} or more")
+        } else {
+            format!("{:.digits$}", self.psnr)
+        }
     }
 
     /// Mean over views; zero without any.
@@ -451,7 +455,12 @@ mod tests {
         judged(reference, stages, JudgeRenderer::Auto, 64)
     }
 
-    fn judged(reference: &Scene, stages: Vec<Scene>, renderer: JudgeRenderer, spp: u32) -> (Judged, Vec<f64>) {
+    fn judged(
+        reference: &Scene,
+        stages: Vec<Scene>,
+        renderer: JudgeRenderer,
+        spp: u32,
+    ) -> (Judged, Vec<f64>) {
         let n = Normalised::new(reference).unwrap();
         let judge = Judge {
             scene: reference,

@@ -112,7 +112,7 @@ pub struct Judgement {
 
 impl Judgement {
     /// Whether the path tracer draws, and why, with the samples that it takes at most.
-    fn item(&self) -> Item {
+    pub fn item(&self) -> Item {
         let Self { pictures, side, spp, .. } = self;
         let names = self.beyond.join(", ");
         let million = (pictures * (side * side) as u64 * u64::from(*spp)) as f64 / 1e6;

@@ -157,7 +157,12 @@ impl<'a> PathTraced<'a> {
     /// If the path tracer refuses the scene.
     pub fn new(scene: &Scene, n: &Normalised, features: Features, seed: u64) -> Result<Self, FitError> {
         let shown = features.of(scene);
-        Ok(Self { world: Mutex::new(world(&shown, n.to_frame(), n.radius)?), surface: None, seed, spp: SAMPLES })
+        Ok(Self {
+            world: Mutex::new(world(&shown, n.to_frame(), n.radius)?),
+            surface: None,
+            seed,
+            spp: SAMPLES,
+        })
     }
 
     /// Pictures of a scene whose geometry lies in the normalised frame already; its materials are those of an asset of

@@ -34,11 +34,17 @@ impl Steering {
 }
 
 fn differing(was: &[(String, String)], is: &[(String, String)], digest: bool) -> Vec<Difference> {
-    let value = |list: &[(String, String)], name: &str| list.iter().find(|o| o.0 == name).map(|o| o.1.clone());
+    let value =
+        |list: &[(String, String)], name: &str| list.iter().find(|o| o.0 == name).map(|o| o.1.clone());
     let added = is.iter().filter(|o| value(was, &o.0).is_none());
     was.iter()
         .chain(added)
-        .map(|(name, _)| Difference { field: name.clone(), was: value(was, name), is: value(is, name), digest })
+        .map(|(name, _)| Difference {
+            field: name.clone(),
+            was: value(was, name),
+            is: value(is, name),
+            digest,
+        })
         .filter(|d| d.was != d.is)
         .collect()
 }
@@ -55,11 +61,8 @@ mod tests {
         let base = Steering::default().option("ratio", 0.1).option("batch", 2).digest("asset", "a");
         assert!(told(&base, &base.clone()).is_empty());
         let other = Steering::default().option("triangles", 50).option("batch", 3).digest("asset", "b");
-        let expected = [
-            "ratio was 0.1 and is not given",
-            "batch was 2 and is 3",
-            "triangles was not given and is 50",
-        ];
+        let expected =
+            ["ratio was 0.1 and is not given", "batch was 2 and is 3", "triangles was not given and is 50"];
         assert_eq!(told(&base, &other), expected);
         let moved = Steering::default().option("ratio", 0.1).option("batch", 2).digest("asset", "b");
         assert_eq!(told(&base, &moved), ["asset is not the same"]);

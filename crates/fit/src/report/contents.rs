@@ -226,12 +226,7 @@ mod tests {
         let mut scene = square();
         scene.materials[0].name = "<gold>".into();
         scene.materials[0].alpha_mode = AlphaMode::Mask { cutoff: 0.5 };
-        let html = section(
-            None,
-            &scene,
-            &scene,
-            [&["2 animations (run & jump)".into()], &["sheen".into()]],
-        );
+        let html = section(None, &scene, &scene, [&["2 animations (run & jump)".into()], &["sheen".into()]]);
         for part in [
             "&lt;gold&gt;",
             "cut out at alpha 0.5; maps: base colour",
@@ -241,9 +236,12 @@ mod tests {
             assert!(html.contains(part), "{part} in {html}");
         }
         assert!(
-            section(None, &scene, &scene, [&[]; 2]).contains("Nothing that was read of the asset was left out")
+            section(None, &scene, &scene, [&[]; 2])
+                .contains("Nothing that was read of the asset was left out")
         );
         scene.warnings = vec!["normals of <2> faces were made".into()];
-        assert!(section(None, &scene, &scene, [&[]; 2]).contains("<li>normals of &lt;2&gt; faces were made</li>"));
+        assert!(
+            section(None, &scene, &scene, [&[]; 2]).contains("<li>normals of &lt;2&gt; faces were made</li>")
+        );
     }
 }

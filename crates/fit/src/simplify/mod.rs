@@ -202,7 +202,8 @@ pub(crate) fn simplify_asset(
     let mut outcome = Outcome::new(triangles, trained, plan, &names, pictures, judged, times, options);
     outcome.device = device.name();
     let light = &stages[stages.len() - 1].scene;
-    (outcome.left_out, outcome.not_fitted) = (outcome::left_out(scene, light), outcome::not_fitted(scene, light));
+    (outcome.left_out, outcome.not_fitted) =
+        (outcome::left_out(scene, light), outcome::not_fitted(scene, light));
     outcome.stopped |= progress.is_cancelled();
     Ok(outcome)
 }

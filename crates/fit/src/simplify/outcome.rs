@@ -73,7 +73,9 @@ impl Outcome {
         match self.judged {
             Judged::Rasterized => "judged by rasterized pictures".into(),
             Judged::ReferenceTraced => {
-                format!("judged by rasterized pictures against path traced ones of the asset, {spp} samples per pixel")
+                format!(
+                    "judged by rasterized pictures against path traced ones of the asset, {spp} samples per pixel"
+                )
             }
             Judged::PathTraced => {
                 let side = self.resolution.min(WIDEST_TRACED);

@@ -91,14 +91,7 @@ impl<'a> Textures<'a> {
                 let (width, height, texels) = photofit_image::decode_texture(&p.bytes, &limits)
                     .map_err(|e| fault(&p.place, image_rule(e)))?;
                 let encoded = keep.then(|| p.bytes.as_ref().into());
-                Ok(TextureImage {
-                    name: p.name,
-                    width,
-                    height,
-                    texels,
-                    encoded,
-                    ..TextureImage::default()
-                })
+                Ok(TextureImage { name: p.name, width, height, texels, encoded, ..TextureImage::default() })
             })
             .collect();
         // The first error in the file's order, whichever thread met one first.
