@@ -3,22 +3,23 @@
 mod denoise;
 mod gradient;
 mod recover;
+mod render;
 mod surface;
 mod values;
 
 pub(crate) use denoise::{Denoise, DenoiseModel};
 pub(crate) use gradient::{Gradient, ParameterScene};
 pub(crate) use recover::{Recover, RecoverScene, RecoverTexture, TextureSmoothing};
+pub(crate) use render::{Render, RenderGuiding, RenderIntegrator, RenderLight};
 pub(crate) use surface::{Surface, SurfaceMethod, UpAxis};
 
-use crate::mitsuba;
 use clap::error::ErrorKind;
 use clap::{ArgGroup, Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use photofit_fit::simplify::SimplifyOptions;
 use std::path::PathBuf;
 use std::time::Duration;
 pub(crate) use values::Device;
-use values::{above, above_to, between, definition, degrees, device, ending, number, seconds, single, whole};
+use values::{above_to, between, device, ending, number, seconds, whole};
 
 /// What the help says about the end of the program.
 const STATUSES: &str = "\
@@ -41,38 +42,59 @@ impl Cli {
     /// The command line of the process; what is wrong with it ends the process with status 2.
     pub(crate) fn checked() -> Self {
         let cli = Self::parse();
-        let checked = match &cli.command {
-            Command::Render(render) => render.check(),
-            Command::Simplify(simplify) => simplify.check(),
-            _ => Ok(()),
+        let (name, checked) = match &cli.command {
+            Command::Render(render) => ("render", render.check()),
+            Command::Simplify(simplify) => ("simplify", simplify.check()),
+            _ => return cli,
         };
         if let Err(rule) = checked {
-            Self::command().error(ErrorKind::ArgumentConflict, rule).exit();
+            let mut all = Self::command();
+            // Names the program in the usage of its commands.
+            all.build();
+            let command = all.find_subcommand_mut(name).expect("a command of the program");
+            command.error(ErrorKind::ArgumentConflict, rule).exit();
         }
         cli
     }
 }
 
+/// Whether any command has an option of this long name.
+pub(crate) fn has_option(name: &str) -> bool {
+    fn within(command: &clap::Command, name: &str) -> bool {
+        command.get_opts().any(|o| o.get_long() == Some(name))
+            || command.get_subcommands().any(|c| within(c, name))
+    }
+    within(&Cli::command(), name)
+}
+
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     /// Make a light asset that looks like a heavy one.
+    #[command(after_help = STATUSES)]
     Simplify(Simplify),
     /// Render a picture of an asset.
+    #[command(after_help = STATUSES)]
     Render(Render),
     /// Compare two images, or two assets from shared views: PSNR, SSIM, FLIP, RMSE.
+    #[command(after_help = STATUSES)]
     Compare(Compare),
     /// Show what an asset holds, what memory it takes, and what a fit of it would run and skip.
+    #[command(after_help = STATUSES)]
     Inspect(Inspect),
     /// Make depth, normals and colours without holes from a point cloud.
+    #[command(after_help = STATUSES)]
     Surface(Surface),
     /// Clean a noisy rendering; layers such as albedo and normal beside the colour are found and used.
+    #[command(after_help = STATUSES)]
     Denoise(Denoise),
     /// Recover parameters of an asset from pictures of it.
-    #[command(subcommand)]
+    #[command(subcommand, after_help = STATUSES)]
     Recover(Recover),
     /// Differentiate a path-traced picture with respect to a parameter of its scene.
+    #[command(after_help = STATUSES)]
     Gradient(Gradient),
     /// Run the main job on a generated asset and write pictures and a report.
+    #[command(after_help = STATUSES)]
     Demo(Demo),
 }
 
@@ -93,6 +115,17 @@ pub(crate) enum FitReference {
     /// Rasterized: direct light without shadows, as the light asset is drawn.
     Raster,
     /// Path traced: with shadows and light between surfaces, which go into the maps of the light asset.
+    Path,
+}
+
+/// Who draws the pictures of the judgement.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum FitJudge {
+    /// The path tracer where materials need it (coats, sheen, glass and so on), else the rasterizer.
+    Auto,
+    /// The rasterizer, in no time; what it does not draw is not judged.
+    Raster,
+    /// The path tracer.
     Path,
 }
 
@@ -143,7 +176,7 @@ pub(crate) struct Running {
 }
 
 #[derive(Args, Debug)]
-#[command(group = ArgGroup::new("budget").args(["triangles", "ratio", "error", "screen_size", "lod"]), after_help = STATUSES)]
+#[command(group = ArgGroup::new("budget").args(["triangles", "ratio", "error", "screen_size", "lod"]))]
 pub(crate) struct Simplify {
     /// The asset: .glb, .gltf, .obj or .ply.
     #[arg(value_name = "IN")]
@@ -184,8 +217,9 @@ pub(crate) struct Simplify {
     #[arg(long, value_enum, default_value = "decimate")]
     pub(crate) init: Start,
     /// Width and height of the report's pictures, pixels. The fit compares pictures of half that size with four samples
-    /// per pixel, and of a quarter at first [range: 16 to 4096] [default: 512, or the size on screen].
-    #[arg(long, value_name = "PX", value_parser = whole::<usize>(16..=4096))]
+    /// per pixel, and of a quarter at first. With --screen-size and --lod that size says it [range: 16 to 4096] [default:
+    /// 512, or the size on screen].
+    #[arg(long, value_name = "PX", conflicts_with = "screen_size", value_parser = whole::<usize>(16..=4096))]
     pub(crate) resolution: Option<usize>,
     /// Pictures per step [range: 1 to 64].
     #[arg(long, value_name = "B", default_value_t = SimplifyOptions::default().batch, value_parser = whole::<usize>(1..=64))]
@@ -229,6 +263,14 @@ pub(crate) struct Simplify {
     /// How pictures of the asset are made, for the fit and for the report.
     #[arg(long, value_enum, default_value = "raster")]
     pub(crate) reference: FitReference,
+    /// Who draws the pictures by which the result is judged. They are no part of the fit; the plan of --explain says what
+    /// they cost.
+    #[arg(long, value_enum, default_value = "auto")]
+    pub(crate) judge: FitJudge,
+    /// Samples per pixel where the result is judged by path tracing, in pictures of at most 256 x 256 pixels; fewer take less
+    /// time, and their noise counts as error [range: 1 to 65536].
+    #[arg(long, value_name = "N", default_value_t = SimplifyOptions::default().judge_spp, value_parser = whole::<u32>(1..=65536))]
+    pub(crate) judge_spp: u32,
     #[command(flatten)]
     pub(crate) running: Running,
     /// Folder for a report with pictures: index.html.
@@ -242,76 +284,6 @@ pub(crate) struct Simplify {
     pub(crate) json: Option<PathBuf>,
 }
 
-/// The light of a picture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum RenderLight {
-    /// A point light above the camera's left shoulder and a weak constant environment.
-    Point,
-    /// The environment map of --env.
-    Env,
-    /// A light at the camera.
-    Headlight,
-    /// What the asset itself holds (path only).
-    Asset,
-}
-
-#[derive(Args, Clone, Debug)]
-#[command(after_help = STATUSES)]
-pub(crate) struct Render {
-    /// The asset: .glb, .gltf, .obj or .ply; or a Mitsuba 3 scene: .xml.
-    #[arg(value_name = "IN")]
-    pub(crate) input: PathBuf,
-    /// The picture: .png (sRGB, straight alpha, transparent background) or .exr (linear, premultiplied RGBA).
-    #[arg(short, long, value_name = "OUT.png|.exr", value_parser = ending(&["png", "exr"]))]
-    pub(crate) output: PathBuf,
-    /// Width, pixels [range: 1 to 16384] [default: 512, or what the scene says].
-    #[arg(long, value_name = "PX", value_parser = whole::<u32>(1..=16384))]
-    pub(crate) width: Option<u32>,
-    /// Height, pixels [range: 1 to 16384] [default: 512, or what the scene says].
-    #[arg(long, value_name = "PX", value_parser = whole::<u32>(1..=16384))]
-    pub(crate) height: Option<u32>,
-    /// Turn of the camera around +y, from +z towards +x, degrees [range: -36000 to 36000].
-    #[arg(long, value_name = "DEG", default_value_t = 30.0, value_parser = degrees, allow_negative_numbers = true)]
-    pub(crate) azimuth: f32,
-    /// Lift of the camera towards +y, degrees [range: -36000 to 36000].
-    #[arg(long, value_name = "DEG", default_value_t = 20.0, value_parser = degrees, allow_negative_numbers = true)]
-    pub(crate) elevation: f32,
-    /// Distance of the camera from the centre, in radii of the bounding sphere [range: 1 to 1000] [default: the asset fills
-    /// the picture].
-    #[arg(long, value_name = "RADII", value_parser = single(1.0..=1000.0))]
-    pub(crate) distance: Option<f32>,
-    /// The light.
-    #[arg(
-        long,
-        value_enum,
-        default_value = "point",
-        default_value_if("env", clap::builder::ArgPredicate::IsPresent, "env")
-    )]
-    pub(crate) light: RenderLight,
-    /// Equirectangular environment (.hdr, .exr, .png, .jpg); implies --light env.
-    #[arg(long, value_name = "FILE", required_if_eq("light", "env"))]
-    pub(crate) env: Option<PathBuf>,
-    /// Samples per pixel: 1, 4, 16 or 64 for raster, at most this many for path [range: 1 to 16777216] [default: 16 for
-    /// raster, 64 for path, or what the scene says].
-    #[arg(long, value_name = "N", value_parser = whole::<u32>(1..=1 << 24))]
-    pub(crate) spp: Option<u32>,
-    /// How the picture is made [default: raster, path for .xml].
-    #[arg(long, value_enum)]
-    pub(crate) integrator: Option<RenderIntegrator>,
-    /// Write size, samples, times and, path traced, noise as JSON.
-    #[arg(long, value_name = "FILE")]
-    pub(crate) json: Option<PathBuf>,
-    #[command(flatten, next_help_heading = "Path tracing")]
-    pub(crate) path: PathArgs,
-}
-
-impl PathArgs {
-    /// Whether noise or time, not a number of samples, ends the render.
-    pub(crate) fn is_open(&self) -> bool {
-        self.noise.is_some() || self.time_limit.is_some()
-    }
-}
-
 impl Simplify {
     /// Whether the options go together.
     fn check(&self) -> Result<(), String> {
@@ -322,154 +294,6 @@ impl Simplify {
             _ => Ok(()),
         }
     }
-}
-
-impl Render {
-    /// Columns.
-    pub(crate) fn width(&self) -> u32 {
-        self.width.unwrap_or(512)
-    }
-
-    /// Rows.
-    pub(crate) fn height(&self) -> u32 {
-        self.height.unwrap_or(512)
-    }
-
-    /// Whether the input is a scene of Mitsuba.
-    pub(crate) fn is_mitsuba(&self) -> bool {
-        mitsuba::is_scene(&self.input)
-    }
-
-    /// Whether the options belong to the integrator.
-    fn check(&self) -> Result<(), String> {
-        let p = &self.path;
-        if self.is_mitsuba() {
-            let given = [
-                ("--integrator raster", self.integrator == Some(RenderIntegrator::Raster)),
-                ("--camera", p.camera.is_some()),
-                ("--light", self.light != RenderLight::Point),
-                ("--env", self.env.is_some()),
-                ("--distance", self.distance.is_some()),
-            ];
-            return match given.into_iter().find(|g| g.1) {
-                Some((name, _)) => Err(format!("{name} does not go with an .xml, which has its own")),
-                None => Ok(()),
-            };
-        }
-        let given = [("--define", !p.define.is_empty()), ("--allow-parent-paths", p.allow_parent_paths)];
-        if let Some((name, _)) = given.into_iter().find(|g| g.1) {
-            return Err(format!("{name} needs an .xml scene"));
-        }
-        if self.integrator == Some(RenderIntegrator::Path) {
-            return Ok(());
-        }
-        let given = [
-            ("--noise", p.noise.is_some()),
-            ("--time-limit", p.time_limit.is_some()),
-            ("--guiding", p.guiding.is_some()),
-            ("--aov", !p.aov.is_empty()),
-            ("--resume", p.resume),
-            ("--exposure", p.exposure != 0.0),
-            ("--tone-map", p.tone_map),
-            ("--background", p.background),
-            ("--camera", p.camera.is_some()),
-            ("--explain", p.explain),
-            ("--threads", p.threads.is_some()),
-            ("--seed", p.seed.is_some()),
-            ("--max-depth", p.max_depth.is_some()),
-            ("--save-every", p.save_every.is_some()),
-            ("--light asset", self.light == RenderLight::Asset),
-        ];
-        if let Some((name, _)) = given.into_iter().find(|g| g.1) {
-            return Err(format!("{name} needs --integrator path"));
-        }
-        match self.spp {
-            None | Some(1 | 4 | 16 | 64) => Ok(()),
-            Some(n) => Err(format!(
-                "--spp is {n}; for raster it must be 1, 4, 16 or 64; --integrator path takes any number"
-            )),
-        }
-    }
-}
-
-/// How a picture is made.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum RenderIntegrator {
-    /// Rasterized: direct light without shadows, fast.
-    Raster,
-    /// Path traced: all light, with noise that falls with the samples.
-    Path,
-}
-
-/// What learns where light comes from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
-pub(crate) enum RenderGuiding {
-    /// Nothing.
-    #[default]
-    Off,
-    /// A normalizing flow.
-    Flow,
-    /// Lobes in a spatial tree.
-    Lobes,
-}
-
-/// Options of `render --integrator path`.
-#[derive(Args, Clone, Debug, Default)]
-pub(crate) struct PathArgs {
-    /// Stop where the relative noise is below E, 0.02 is clean; --spp still bounds the samples, 4096 without it [range:
-    /// more than 0] [default: --spp alone ends the render].
-    #[arg(long, value_name = "E", value_parser = single(above(0.0)))]
-    pub(crate) noise: Option<f32>,
-    /// Stop after this many seconds of rendering; loading and writing take their time on top [range: more than 0, at most
-    /// 1000000000] [default: no limit].
-    #[arg(long, value_name = "S", value_parser = seconds)]
-    pub(crate) time_limit: Option<Duration>,
-    /// Learn where light comes from before rendering, and choose directions by it where that pays
-    /// (experimental). The guide switches itself off where it does not pay, and says so [default: off].
-    #[arg(long, value_enum)]
-    pub(crate) guiding: Option<RenderGuiding>,
-    /// Auxiliary images, as layers of an .exr: albedo, normal, `geometric_normal`, depth, position, instance, variance,
-    /// direct, indirect, samples; or all [default: none].
-    #[arg(long, value_name = "LIST", value_delimiter = ',')]
-    pub(crate) aov: Vec<String>,
-    /// Go on from the state that an interrupted render left beside the output, to the same bits.
-    #[arg(long)]
-    pub(crate) resume: bool,
-    /// Seconds between two saved states [range: more than 0, at most 1000000000] [default: 20].
-    #[arg(long, value_name = "S", value_parser = seconds)]
-    pub(crate) save_every: Option<Duration>,
-    /// Most scattering events of a path: 0 shows what glows, 1 direct light [range: 0 to 1000000] [default: 16, or what
-    /// the scene says].
-    #[arg(long, value_name = "N", value_parser = whole::<u32>(0..=1_000_000))]
-    pub(crate) max_depth: Option<u32>,
-    /// Brightness in stops: +1 is twice as bright (.png) [range: -100 to 100].
-    #[arg(long, value_name = "EV", default_value_t = 0.0, value_parser = single(-100.0..=100.0), allow_negative_numbers = true)]
-    pub(crate) exposure: f32,
-    /// Compress bright colours into the range of a display (.png; Khronos PBR Neutral).
-    #[arg(long)]
-    pub(crate) tone_map: bool,
-    /// Show the environment behind the asset.
-    #[arg(long)]
-    pub(crate) background: bool,
-    /// Give the parameter NAME (`$NAME`) of an .xml scene a value; may be repeated [default: what the scene says].
-    #[arg(long, value_name = "NAME=VALUE", value_parser = definition)]
-    pub(crate) define: Vec<(String, String)>,
-    /// Let an .xml scene name files above its folder, by `..` or in the folder right above it: only for scenes that you
-    /// trust.
-    #[arg(long)]
-    pub(crate) allow_parent_paths: bool,
-    /// Use camera N of the asset, the first is 0 [range: at least 0] [default: --azimuth, --elevation and --distance].
-    #[arg(long, value_name = "N", value_parser = whole::<usize>(0..))]
-    pub(crate) camera: Option<usize>,
-    /// Seed of the random numbers [range: at least 0] [default: 0].
-    #[arg(long, value_name = "S", value_parser = whole::<u64>(0..))]
-    pub(crate) seed: Option<u64>,
-    /// Threads; the picture is the same for any number [range: 1 to 1024] [default: all cores].
-    #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
-    pub(crate) threads: Option<u16>,
-    /// Print what the integrator runs and skips, and why.
-    #[arg(long)]
-    pub(crate) explain: bool,
 }
 
 #[derive(Args, Debug)]

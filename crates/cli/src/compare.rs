@@ -3,11 +3,11 @@
 use crate::args::Compare;
 use crate::output::{self, print};
 use crate::preflight::Places;
-use crate::progress::Terminal;
+use crate::progress::{Terminal, say};
 use crate::threads;
 use anyhow::{Result, anyhow, bail};
-use photofit_fit::compare::{ComparedView, compare_assets};
-use photofit_fit::engine::judge::Judged;
+use photofit_fit::compare::compare_assets;
+use photofit_fit::engine::judge::{Judged, Quality, ViewQuality};
 use photofit_image::{
     DEFAULT_PIXELS_PER_DEGREE, Image, contact_sheet, flip, heatmap, psnr_from_mse, rmse, ssim, to_display,
     write_png,
@@ -32,8 +32,8 @@ struct Figures {
 }
 
 impl Figures {
-    fn of(v: &ComparedView) -> Self {
-        let q = &v.view.quality;
+    fn of(v: &ViewQuality) -> Self {
+        let q = &v.quality;
         Self { psnr: q.psnr, ssim: q.ssim, flip: q.flip, rmse: v.rmse }
     }
 
@@ -41,8 +41,13 @@ impl Figures {
         json!({ "psnr": self.psnr, "ssim": self.ssim, "flip": self.flip, "rmse": self.rmse })
     }
 
-    fn row(&self, name: &str) -> String {
-        format!("{name:<10} {:>9.2} {:>8.4} {:>8.4} {:>8.4}\n", self.psnr, self.ssim, self.flip, self.rmse)
+    /// A line of the table; the PSNR of assets is told up to a bound, that of images is not.
+    fn row(&self, name: &str, of_assets: bool) -> String {
+        let psnr = match of_assets {
+            true => Quality { psnr: self.psnr, ..Quality::default() }.decibels(2),
+            false => format!("{:.2}", self.psnr),
+        };
+        format!("{name:<10} {psnr:>10} {:>8.4} {:>8.4} {:>8.6}\n", self.ssim, self.flip, self.rmse)
     }
 }
 
@@ -67,11 +72,14 @@ pub(crate) fn run(a: &Compare) -> Result<()> {
         }
     };
     let mean = mean(&views);
-    let mut text = format!("{:<10} {:>9} {:>8} {:>8} {:>8}\n", "", "PSNR dB", "SSIM", "FLIP", "RMSE");
+    let mut text = format!("{:<10} {:>10} {:>8} {:>8} {:>8}\n", "", "PSNR dB", "SSIM", "FLIP", "RMSE");
     if views.len() > 1 {
-        views.iter().enumerate().for_each(|(i, v)| text += &v.row(&format!("view {}", i + 1)));
+        views
+            .iter()
+            .enumerate()
+            .for_each(|(i, v)| text += &v.row(&format!("view {}", i + 1), drawn.is_some()));
     }
-    text += &mean.row(if views.len() > 1 { "mean" } else { "" });
+    text += &mean.row(if views.len() > 1 { "mean" } else { "" }, drawn.is_some());
     if drawn == Some(PATH_TRACED) {
         text += "path traced, at most 256 pixels wide: the rasterizer does not draw all of these materials\n";
     }
@@ -116,6 +124,9 @@ fn assets(a: &Compare, places: &Places) -> Result<Compared> {
     let load = |path: &Path| -> Result<Scene> {
         let scene = photofit_scene::load(path)?;
         places.check_against("an asset", &scene.files)?;
+        for warning in &scene.warnings {
+            say(&format!("warning: {}: {warning}", path.display()));
+        }
         scene.validate_for_fit().map_err(|e| anyhow!("{}: {e}", path.display()))?;
         Ok(scene)
     };
@@ -124,7 +135,7 @@ fn assets(a: &Compare, places: &Places) -> Result<Compared> {
     let compared = compare_assets(&reference, &candidate, a.views, a.resolution as usize, &progress)?;
     progress.finish();
     let views = &compared.views;
-    let maps: Vec<Image> = views.iter().map(|v| heatmap(&v.view.flip, HEAT)).collect();
+    let maps: Vec<Image> = views.iter().map(|v| heatmap(&v.flip, HEAT)).collect();
     let columns = (maps.len() as f64).sqrt().ceil() as usize;
     let sheet = contact_sheet(&maps.iter().collect::<Vec<_>>(), columns, 4);
     let drawn = match compared.method {

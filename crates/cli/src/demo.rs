@@ -60,6 +60,7 @@ pub(crate) fn run(a: &Demo) -> Result<Ending> {
         size(&light),
         a.out.display()
     ))?;
+    done.unwritten.map_or(Ok(()), Err)?;
     Ok(done.ending)
 }
 

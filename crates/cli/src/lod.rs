@@ -7,7 +7,7 @@ use crate::progress::Terminal;
 use crate::simplify::{CHECKPOINT_FILE, Job, ending, explain_error, name, options};
 use crate::status::Ending;
 use crate::threads;
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Error, Result};
 use photofit_fit::engine::judge::Judged;
 use photofit_fit::lod::{
     Chain, ChainOptions, Level, combined_path, level_folder, level_path, simplify_chain, summary_path,
@@ -53,7 +53,7 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
     let scene = photofit_scene::load(&a.input)?;
     places.check_against("IN", &scene.files)?;
     let whole = Job { input: &a.input, output: &a.output, report: None, explain: a.explain };
-    whole.begin(&scene, &options.fit)?;
+    whole.begin(&scene, &options.level(0))?;
     // What an older chain left must not describe the files of this one.
     let summary = summary_path(&a.output);
     if summary.exists() {
@@ -64,23 +64,28 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
     let chain =
         simplify_chain(&scene, &a.output, &options, &progress).map_err(|e| explain_error(&a.input, e))?;
     progress.finish();
-    let figures = tell(a, &scene, &chain)?;
-    output::write_json(&summary, &summarised(&chain))?;
-    print(&format!("wrote {}\n", summary.display()))?;
-    if let Some(path) = &a.json {
-        output::write_json(path, &figures)?;
+    let (figures, unwritten) = tell(a, &scene, &chain)?;
+    // What cannot be written keeps nothing else from being written.
+    let summarised = output::write_json(&summary, &summarised(&chain));
+    if summarised.is_ok() {
+        print(&format!("wrote {}\n", summary.display()))?;
     }
+    let written = a.json.as_ref().map_or(Ok(()), |path| output::write_json(path, &figures));
+    unwritten.map_or(Ok(()), Err)?;
+    summarised?;
+    written?;
     Ok(ending(chain.stopped))
 }
 
-/// Reports every level; all figures as JSON.
-fn tell(a: &Simplify, scene: &Scene, chain: &Chain) -> Result<Value> {
-    let mut levels = Vec::new();
+/// Reports every level; all figures as JSON, and why a report is not written.
+fn tell(a: &Simplify, scene: &Scene, chain: &Chain) -> Result<(Value, Option<Error>)> {
+    let (mut levels, mut unwritten) = (Vec::new(), None);
     for (k, level) in chain.levels.iter().enumerate() {
         print(&format!("level {} of {}, for {} pixels\n", k + 1, a.lod.len(), level.size))?;
         let report = a.report.as_ref().map(|folder| level_folder(folder, k));
         let job = Job { input: &a.input, output: &level.path, report: report.as_deref(), explain: a.explain };
-        let mut figures = job.tell(scene, Some(level.size), &level.outcome)?;
+        let (mut figures, failed) = job.tell(scene, Some(level.size), &level.outcome)?;
+        unwritten = unwritten.or(failed);
         figures["size"] = json!(level.size);
         figures["switch_size"] = json!(level.switch_size);
         figures["popping_flip"] = json!(level.popping);
@@ -94,9 +99,8 @@ fn tell(a: &Simplify, scene: &Scene, chain: &Chain) -> Result<Value> {
         let made = chain.levels.len();
         crate::progress::say(&format!("{made} of {} levels are written: the chain was stopped", a.lod.len()));
     }
-    Ok(
-        json!({ "levels": levels, "stopped": chain.stopped, "combined": chain.combined.as_deref().map(shown) }),
-    )
+    let combined = chain.combined.as_deref().map(shown);
+    Ok((json!({ "levels": levels, "stopped": chain.stopped, "combined": combined }), unwritten))
 }
 
 fn shown(path: &Path) -> String {

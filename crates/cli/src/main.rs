@@ -5,6 +5,7 @@
 
 mod aov;
 mod args;
+mod camera;
 mod compare;
 mod demo;
 mod demo_asset;

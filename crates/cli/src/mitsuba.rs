@@ -46,7 +46,7 @@ pub(crate) fn render(a: &Render, places: &Places) -> Result<Ending> {
     let parts = Parts::from_mitsuba(scene);
     let world = World::new(parts).map_err(|e| named(&e))?;
     let renderer = Renderer::new(&world, &view, options).map_err(|e| named(&e))?;
-    path_render::finish(&resolved, renderer, &key)
+    path_render::finish(&resolved, renderer, &view, &key)
 }
 
 /// What a scene holds.

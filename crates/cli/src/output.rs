@@ -41,10 +41,11 @@ pub(crate) fn quality(q: &Quality) -> Value {
 
 /// A table of qualities; its last column is the share of the error that lies at the outline.
 pub(crate) fn quality_table(rows: &[(&str, &Quality)]) -> String {
-    let mut text = format!("{:<12} {:>9} {:>8} {:>8} {:>11}\n", "", "PSNR dB", "SSIM", "FLIP", "at outline");
+    let mut text = format!("{:<12} {:>10} {:>8} {:>8} {:>11}\n", "", "PSNR dB", "SSIM", "FLIP", "at outline");
     for (name, q) in rows {
         let outline = 100.0 * q.outline;
-        text += &format!("{name:<12} {:>9.2} {:>8.4} {:>8.4} {outline:>9.0} %\n", q.psnr, q.ssim, q.flip);
+        text +=
+            &format!("{name:<12} {:>10} {:>8.4} {:>8.4} {outline:>9.0} %\n", q.decibels(2), q.ssim, q.flip);
     }
     text
 }

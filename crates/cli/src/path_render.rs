@@ -6,7 +6,7 @@ use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say};
 use crate::status::{Ending, Misuse};
-use crate::{interrupt, render};
+use crate::{camera, interrupt, render};
 use anyhow::{Context, Result, anyhow, bail};
 use photofit_fit::Progress as _;
 use photofit_fit::guiding::{Guidance, Guiding, GuidingOptions};
@@ -45,11 +45,11 @@ pub(crate) fn run(a: &Render, places: &Places) -> Result<Ending> {
     drop(scene);
     let world = World::new(parts).map_err(|e| named(&e))?;
     let renderer = Renderer::new(&world, &view, options(a, aovs)).map_err(|e| named(&e))?;
-    finish(a, renderer, &key)
+    finish(a, renderer, &view, &key)
 }
 
 /// Renders, and writes the picture.
-pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, key: &str) -> Result<Ending> {
+pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, view: &View, key: &str) -> Result<Ending> {
     let began = Instant::now();
     let state = state_file(&a.output);
     // A guide changes the paths: a state belongs to renders with the same one.
@@ -64,7 +64,7 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, key: &str) -> Resul
         resume(&mut renderer, &state, key)?;
     }
     interrupt::handle();
-    let (finished, guidance) = match a.path.threads {
+    let (finished, guidance) = match a.threads {
         None => work(a, &mut renderer, &state, key)?,
         Some(n) => {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(n)).build()?;
@@ -76,8 +76,12 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, key: &str) -> Resul
         fs::remove_file(&state).with_context(|| format!("{}: cannot be removed", state.display()))?;
     }
     if let Some(file) = &a.json {
-        output::write_json(file, &figures(a, &renderer, &guidance, finished, began))?;
+        let mut value = figures(a, &renderer, &guidance, finished, began);
+        value["camera"] = camera::to_json(view, a.width(), a.height());
+        output::write_json(file, &value)?;
     }
+    let spp = renderer.progress().samples as f64 / (f64::from(a.width()) * f64::from(a.height()));
+    print(&render::summary(a, &format!("{spp:.0} samples each"), began))?;
     let left_out = renderer.progress().not_finite;
     if left_out > 0 {
         say(&format!("{left_out} contributions were not finite and are left out: the scene is faulty"));
@@ -136,7 +140,7 @@ fn figures(
         "not_finite": progress.not_finite,
         "finished": finished,
         "seconds": began.elapsed().as_secs_f64(),
-        "threads": a.path.threads.map_or_else(rayon::current_num_threads, usize::from),
+        "threads": a.threads.map_or_else(rayon::current_num_threads, usize::from),
     })
 }
 
@@ -187,7 +191,7 @@ pub(crate) fn options(a: &Render, aovs: Vec<Aov>) -> RenderOptions {
 }
 
 fn view(a: &Render, scene: &Scene) -> Result<View> {
-    let Some(index) = a.path.camera else {
+    let Some(index) = a.camera else {
         let (center, radius) = render::extent(a, scene)?;
         return Ok(View::pinhole(&render::camera(a, center, radius)));
     };
@@ -201,10 +205,7 @@ pub(crate) fn camera_view(
     index: usize,
     [width, height]: [usize; 2],
 ) -> Result<View> {
-    let camera = scene.cameras.get(index).ok_or_else(|| {
-        let (file, n) = (input.display(), scene.cameras.len());
-        anyhow!("{file}: has {n} cameras; --camera is {index}, it must be below that number")
-    })?;
+    let camera = scene.cameras.get(index).ok_or_else(|| render::no_camera(input, scene, index))?;
     let mut view = View::pinhole(camera);
     view.half[0] = view.half[1] * width as f32 / height as f32;
     Ok(view)
@@ -265,7 +266,13 @@ pub(crate) fn state_file(output: &Path) -> PathBuf {
 
 fn resume(renderer: &mut Renderer<'_>, state: &Path, key: &str) -> Result<()> {
     match fs::read(state) {
-        Ok(bytes) => renderer.resume(key, &bytes).map_err(|e| anyhow!("{}: {e}", state.display())),
+        Ok(bytes) => {
+            renderer.resume(key, &bytes).map_err(|e| anyhow!("{}: {e}", state.display()))?;
+            let progress = renderer.progress();
+            let share = 100.0 * progress.samples as f64 / progress.total.max(1) as f64;
+            say(&format!("resuming at {share:.1}% of {} samples", progress.total));
+            Ok(())
+        }
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
             say(&format!("{}: no saved state, the render begins anew", state.display()));
             Ok(())

@@ -137,11 +137,14 @@ impl Progress for Terminal {
     }
 
     fn warn(&self, text: &str) {
+        self.note(&format!("warning: {text}"));
+    }
+
+    fn note(&self, text: &str) {
         let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        let line = format!("warning: {text}");
         match &state.bar {
-            Some(bar) => bar.suspend(|| say(&line)),
-            None => say(&line),
+            Some(bar) => bar.suspend(|| say(text)),
+            None => say(text),
         }
     }
 

@@ -4,7 +4,7 @@ use crate::args::{Recover, RecoverTexture};
 use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say};
-use crate::simplify::CHECKPOINT_FILE;
+use crate::simplify::{CHECKPOINT_FILE, name_options};
 use crate::status::Ending;
 use crate::{interrupt, threads};
 use anyhow::Result;
@@ -45,7 +45,7 @@ fn texture(a: &RecoverTexture) -> Result<Ending> {
     places.check_against("--mesh", &mesh.files)?;
     interrupt::handle();
     let progress = Terminal::new();
-    let r = recover_texture(&a.pictures, &mesh, &a.output, &options, &progress)?;
+    let r = recover_texture(&a.pictures, &mesh, &a.output, &options, &progress).map_err(name_options)?;
     progress.finish();
     if r.stopped {
         say("the fit was ended early; what was reached is written");

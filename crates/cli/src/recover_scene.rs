@@ -5,7 +5,7 @@ use crate::output::{self, print};
 use crate::parameter_scene::{Key, Subject};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say};
-use crate::simplify::CHECKPOINT_FILE;
+use crate::simplify::{CHECKPOINT_FILE, name_options};
 use crate::status::{Ending, Misuse};
 use crate::{interrupt, threads};
 use anyhow::{Context, Result, anyhow, bail};
@@ -77,7 +77,7 @@ pub(crate) fn run(a: &RecoverScene) -> Result<Ending> {
     interrupt::handle();
     let progress = Terminal::new();
     let began = Instant::now();
-    let r = recover_scene(model, &[target], &options, &progress)?;
+    let r = recover_scene(model, &[target], &options, &progress).map_err(name_options)?;
     let seconds = began.elapsed().as_secs_f64();
     progress.finish();
     if r.stopped {

@@ -4,11 +4,12 @@ use crate::args::{Render, RenderIntegrator, RenderLight};
 use crate::output;
 use crate::preflight::Places;
 use crate::status::Ending;
-use crate::{light, mitsuba, path_render};
+use crate::{camera, light, mitsuba, path_render, threads};
 use anyhow::{Result, anyhow};
 use glam::Vec3;
 use photofit_fit::scene_render::SceneRenderer;
 use photofit_image::Image;
+use photofit_pathtrace::View;
 use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::{Camera, Scene, SurfaceLibrary};
 use photofit_shading::{Light, Yaw};
@@ -47,8 +48,12 @@ pub(crate) fn run(a: &Render) -> Result<Ending> {
     let scene = photofit_scene::load(&a.input)?;
     places.check_against("IN", &scene.files)?;
     scene.validate_for_fit().map_err(|e| anyhow!("{}: {e}", a.input.display()))?;
+    threads::set(a.threads)?;
     let (center, radius) = extent(a, &scene)?;
-    let camera = camera(a, center, radius);
+    let camera = match a.camera {
+        Some(index) => own_camera(a, &scene, index, center, radius)?,
+        None => camera(a, center, radius),
+    };
     let lights = match (a.light, &environment) {
         (RenderLight::Env, Some(map)) => {
             vec![Light::Environment { map, rotation: Yaw::new(0.0), scale: 1.0 }]
@@ -60,8 +65,8 @@ pub(crate) fn run(a: &Render) -> Result<Ending> {
     let supersample = a.spp.unwrap_or(16).isqrt() as usize;
     let picture = render(&scene, &camera, &lights, (a.width() as usize, a.height() as usize), supersample);
     write(&a.output, &picture)?;
+    let spp = supersample * supersample;
     if let Some(file) = &a.json {
-        let spp = supersample * supersample;
         let value = json!({
             "input": a.input.display().to_string(),
             "output": a.output.display().to_string(),
@@ -69,13 +74,37 @@ pub(crate) fn run(a: &Render) -> Result<Ending> {
             "width": a.width(),
             "height": a.height(),
             "spp": spp,
+            "camera": camera::to_json(&View::pinhole(&camera), a.width(), a.height()),
+            "lights": camera::lights(&lights),
             "triangles": scene.triangle_count(),
             "seconds": began.elapsed().as_secs_f64(),
             "threads": rayon::current_num_threads(),
         });
         output::write_json(file, &value)?;
     }
+    output::print(&summary(a, &format!("{spp} samples each"), began))?;
     Ok(Ending::Done)
+}
+
+/// What was written, in one line.
+pub(crate) fn summary(a: &Render, samples: &str, began: Instant) -> String {
+    let (file, w, h) = (a.output.display(), a.width(), a.height());
+    format!("wrote {file}: {w} x {h} pixels, {samples}, {:.1} s\n", began.elapsed().as_secs_f64())
+}
+
+/// A camera of the asset, with the vertical field of view that it has there; everything of the asset in front of it is seen.
+fn own_camera(a: &Render, scene: &Scene, index: usize, center: Vec3, radius: f32) -> Result<Camera> {
+    let camera = scene.cameras.get(index).ok_or_else(|| no_camera(&a.input, scene, index))?;
+    let (distance, space) = (camera.eye.distance(center), 1.05 * radius);
+    let near = (distance - space).max(1e-3 * distance.max(space));
+    let far = (distance + space).max(near * 1.001);
+    Ok(Camera { aspect: a.width() as f32 / a.height() as f32, near, far, ..*camera })
+}
+
+/// What is said about a camera that an asset does not have.
+pub(crate) fn no_camera(input: &Path, scene: &Scene, index: usize) -> anyhow::Error {
+    let (file, n) = (input.display(), scene.cameras.len());
+    anyhow!("{file}: has {n} cameras; --camera is {index}, it must be below that number")
 }
 
 /// Centre and radius of the asset.

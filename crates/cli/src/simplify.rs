@@ -1,6 +1,8 @@
 //! `photofit simplify`: the main job.
 
-use crate::args::{FitLight, FitReference, GeometryFormat, Simplify, Start, TextureFormat};
+use crate::args::{
+    FitJudge, FitLight, FitReference, GeometryFormat, Simplify, Start, TextureFormat, has_option,
+};
 use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::Terminal;
@@ -10,7 +12,7 @@ use anyhow::{Error, Result, anyhow};
 use photofit_fit::FitError;
 use photofit_fit::report::{PAGE as REPORT_PAGE, ReportInfo, Verdict, write_report};
 use photofit_fit::simplify::{
-    Init, Judged, Outcome, Plan, Quality, ReferenceRenderer, SimplifyOptions, simplify,
+    Init, JudgeRenderer, Judged, Outcome, Plan, Quality, ReferenceRenderer, SimplifyOptions, simplify,
 };
 use photofit_fit::views::Lighting;
 use photofit_geometry::decimate::Target;
@@ -48,9 +50,10 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
     places.check_against("IN", &scene.files)?;
     let job = Job { input: &a.input, output: &a.output, report: a.report.as_deref(), explain: a.explain };
     let done = job.run(&scene, &options)?;
-    if let Some(path) = &a.json {
-        output::write_json(path, &done.json)?;
-    }
+    // What cannot be written keeps nothing else from being written.
+    let written = a.json.as_ref().map_or(Ok(()), |path| output::write_json(path, &done.json));
+    done.unwritten.map_or(Ok(()), Err)?;
+    written?;
     Ok(done.ending)
 }
 
@@ -97,6 +100,12 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
             FitReference::Raster => ReferenceRenderer::Raster,
             FitReference::Path => ReferenceRenderer::Path,
         },
+        judge: match a.judge {
+            FitJudge::Auto => JudgeRenderer::Auto,
+            FitJudge::Raster => JudgeRenderer::Raster,
+            FitJudge::Path => JudgeRenderer::Path,
+        },
+        judge_spp: a.judge_spp,
         seed: a.running.seed,
         checkpoint: a.running.checkpoint.clone(),
         resume: a.running.resume,
@@ -107,14 +116,22 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
 
 /// The option of a field of [`SimplifyOptions`].
 fn option(field: &str) -> String {
-    match field {
-        "asset" => field.to_owned(),
-        field => format!("--{}", field.replace('_', "-")),
+    let name = field.replace('_', "-");
+    if has_option(&name) { format!("--{name}") } else { field.replace('_', " ") }
+}
+
+/// Turns the fields that a refused checkpoint differs in into options.
+pub(crate) fn name_options(error: FitError) -> FitError {
+    let FitError::OtherFit { path, mut differences } = error else { return error };
+    for d in &mut differences {
+        d.field = option(&d.field);
     }
+    FitError::OtherFit { path, differences }
 }
 
 /// Adds the name of the asset to errors that do not name a file, and turns fields into options.
 pub(crate) fn explain_error(input: &Path, error: FitError) -> Error {
+    let error = name_options(error);
     if let FitError::Setting { field, rule } = &error {
         return anyhow!("{}: {} {rule}", input.display(), option(field));
     }
@@ -123,6 +140,7 @@ pub(crate) fn explain_error(input: &Path, error: FitError) -> Error {
         FitError::Io { .. }
             | FitError::Image(_)
             | FitError::Checkpoint { .. }
+            | FitError::OtherFit { .. }
             | FitError::Interrupted
             | FitError::Scene(
                 SceneError::Read { .. } | SceneError::Write { .. } | SceneError::Invalid { .. }
@@ -144,6 +162,8 @@ pub(crate) struct Done {
     pub(crate) outcome: Outcome,
     pub(crate) json: Value,
     pub(crate) ending: Ending,
+    /// Why the report is not written.
+    pub(crate) unwritten: Option<Error>,
 }
 
 impl Job<'_> {
@@ -157,8 +177,8 @@ impl Job<'_> {
             Target::ScreenSize(pixels) => Some(pixels),
             _ => None,
         };
-        let json = self.tell(scene, screen_size, &outcome)?;
-        Ok(Done { ending: ending(outcome.stopped), outcome, json })
+        let (json, unwritten) = self.tell(scene, screen_size, &outcome)?;
+        Ok(Done { ending: ending(outcome.stopped), outcome, json, unwritten })
     }
 
     /// What comes before the work: what is wrong with the asset, and what it asks for.
@@ -169,15 +189,31 @@ impl Job<'_> {
         }
         if self.explain {
             let path_traced = options.reference == ReferenceRenderer::Path;
-            let plan = Plan::new(scene).with_options(options.steps, path_traced, &options.lighting);
+            let plan = Plan::new(scene)
+                .with_options(options.steps, path_traced, &options.lighting)
+                .with_judgement(options.judgement(scene));
             print(&format!("what the asset asks for:\n{plan}\n\n"))?;
+        }
+        let judgement = options.judgement(scene);
+        if judgement.traced && options.judge == JudgeRenderer::Auto {
+            crate::progress::say(&format!(
+                "the result will be judged by path tracing: {}; --judge raster takes no time, a smaller --judge-spp less",
+                judgement.item().why
+            ));
         }
         interrupt::handle();
         Ok(())
     }
 
     /// What comes after it: the plan, the report, the summary; and the figures as JSON.
-    pub(crate) fn tell(&self, scene: &Scene, screen_size: Option<f64>, outcome: &Outcome) -> Result<Value> {
+    ///
+    /// A report that cannot be written is given back as an error beside the figures, after all else was told.
+    pub(crate) fn tell(
+        &self,
+        scene: &Scene,
+        screen_size: Option<f64>,
+        outcome: &Outcome,
+    ) -> Result<(Value, Option<Error>)> {
         if outcome.stopped {
             crate::progress::say("the fit was ended early; what was reached is written");
         }
@@ -187,15 +223,27 @@ impl Job<'_> {
         for line in &outcome.left_out {
             crate::progress::say(&format!("warning: {}: left out: {line}", self.input.display()));
         }
-        let report = self.write_report(scene, screen_size, outcome)?;
-        self.print_summary(scene, outcome, report.as_deref())?;
+        for line in &outcome.not_fitted {
+            crate::progress::say(&format!(
+                "{}: kept, but not drawn while fitting: {line}",
+                self.input.display()
+            ));
+        }
+        self.print_summary(scene, outcome)?;
+        let (report, unwritten) = match self.write_report(scene, screen_size, outcome) {
+            Ok(report) => (report, None),
+            Err(e) => (None, Some(anyhow!("{e}: the report is not written; {} is", self.output.display()))),
+        };
+        if let Some(page) = &report {
+            print(&format!("wrote {}\n", page.display()))?;
+        }
         let mut json = self.json(scene, outcome, report.as_deref());
         json["stopped_by"] = match (outcome.stopped, ending(outcome.stopped)) {
             (false, _) => Value::Null,
             (true, Ending::Stopped) => json!("signal"),
             (true, Ending::Done) => json!("time limit"),
         };
-        Ok(json)
+        Ok((json, unwritten))
     }
 
     fn write_report(
@@ -218,12 +266,13 @@ impl Job<'_> {
         Ok(Some(write_report(folder, outcome, &info)?))
     }
 
-    fn print_summary(&self, scene: &Scene, o: &Outcome, report: Option<&Path>) -> Result<()> {
+    fn print_summary(&self, scene: &Scene, o: &Outcome) -> Result<()> {
         let rows: Vec<(&str, &Quality)> = o.stages.iter().map(|(name, q)| (*name, q)).collect();
         let mut text = output::quality_table(&rows);
         text += &format!(
-            "\n{}\n{} -> {} triangles, {} -> {}, {} steps, {:.1} s ({:.1} s of it until the file was written)\n",
+            "\n{}\n{}\n{} -> {} triangles, {} -> {}, {} steps, {:.1} s ({:.1} s of it until the file was written)\n",
             Verdict::of(o),
+            o.judged_by(),
             output::count(o.triangles_in),
             output::count(o.triangles_out),
             output::bytes(scene.source_bytes),
@@ -250,9 +299,6 @@ impl Job<'_> {
             );
         }
         text += &format!("wrote {}\n", self.output.display());
-        if let Some(page) = report {
-            text += &format!("wrote {}\n", page.display());
-        }
         print(&text)
     }
 
@@ -296,12 +342,14 @@ impl Job<'_> {
             "views": views,
             "history": history,
             "left_out": o.left_out,
+            "not_fitted": o.not_fitted,
             "warnings": scene.warnings,
             "judged": match o.judged {
                 Judged::Rasterized => "rasterized",
                 Judged::ReferenceTraced => "reference path traced",
                 Judged::PathTraced => "path traced",
             },
+            "judge_spp": (o.judged != Judged::Rasterized).then_some(o.judge_spp),
         });
         for (stage, q) in &o.stages {
             out[*stage] = output::quality(q);

@@ -1,26 +1,17 @@
 //! How much two assets look alike: both rendered from shared views, under shared lights, and compared.
 
 use crate::engine::Normalised;
-use crate::engine::judge::{Judge, Judged, Stage, ViewQuality};
-use crate::engine::reference::SUPERSAMPLE;
+use crate::engine::judge::{Judge, JudgeRenderer, Judged, Stage, ViewQuality};
+use crate::engine::reference::{SAMPLES, SUPERSAMPLE};
 use crate::views::Lighting;
 use crate::{FitError, Progress};
 use photofit_scene::Scene;
 
-/// One view of both assets.
-#[derive(Clone, Debug)]
-pub struct ComparedView {
-    /// PSNR, SSIM and FLIP over the foreground, the FLIP map, and the candidate's picture.
-    pub view: ViewQuality,
-    /// Root of the mean squared error over the foreground, of sRGB values in [0, 1].
-    pub rmse: f64,
-}
-
 /// Two assets compared.
 #[derive(Clone, Debug)]
 pub struct Compared {
-    /// The views, in their order.
-    pub views: Vec<ComparedView>,
+    /// PSNR, SSIM, FLIP and RMSE over the foreground of each view, the FLIP map, and the candidate's picture.
+    pub views: Vec<ViewQuality>,
     /// How their pictures were made.
     pub method: Judged,
 }
@@ -43,6 +34,8 @@ pub fn compare_assets(
         scene: reference,
         n: &n,
         path_traced_reference: false,
+        renderer: JudgeRenderer::Auto,
+        spp: SAMPLES,
         lighting: &Lighting::Point,
         size: resolution,
         samples: [SUPERSAMPLE; 2],
@@ -51,15 +44,7 @@ pub fn compare_assets(
     let stages = [Stage::new("candidate", candidate.clone())];
     let method = judge.method(&stages);
     let judged = judge.views(&stages, views, progress)?;
-    let views = judged.into_iter().flat_map(|v| {
-        let reference = v.reference;
-        v.quality.into_iter().map(move |view| {
-            // The PSNR of equal pictures is capped.
-            let equal = view.picture == reference;
-            let rmse = if equal { 0.0 } else { 10_f64.powf(-view.quality.psnr / 20.0) };
-            ComparedView { view, rmse }
-        })
-    });
+    let views = judged.into_iter().flat_map(|v| v.quality);
     Ok(Compared { views: views.collect(), method })
 }
 
@@ -87,7 +72,7 @@ mod tests {
         let quality = |a: &Scene, b: &Scene| {
             let compared = compare_assets(a, b, 2, 48, &Silent).unwrap();
             assert_eq!((compared.views.len(), compared.method), (2, Judged::Rasterized));
-            (compared.views[0].view.quality, compared.views[0].rmse)
+            (compared.views[0].quality, compared.views[0].rmse)
         };
         let (same, zero) = quality(&sphere(8, 3.0), &sphere(8, 3.0));
         assert_eq!((same.flip, zero), (0.0, 0.0));
@@ -112,7 +97,7 @@ mod tests {
         for (a, b) in [(&plain, &coated), (&coated, &plain)] {
             let compared = compare_assets(a, b, 2, 48, &Silent).unwrap();
             assert_eq!(compared.method, Judged::PathTraced);
-            let psnr = compared.views[0].view.quality.psnr;
+            let psnr = compared.views[0].quality.psnr;
             assert!(psnr < 40.0 && compared.views[0].rmse > 0.01, "{psnr}");
         }
         let same = compare_assets(&coated, &coated, 1, 48, &Silent).unwrap();

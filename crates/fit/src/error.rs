@@ -1,5 +1,6 @@
 //! Why a fit cannot be done.
 
+use std::fmt;
 use std::path::PathBuf;
 
 /// Errors of the fitting tasks.
@@ -84,6 +85,14 @@ pub enum FitError {
         /// The rule that it breaks.
         rule: String,
     },
+    /// A checkpoint of a fit with other options, or of another asset, light or picture.
+    #[error("{path}: is the checkpoint of another fit: {}", told(differences))]
+    OtherFit {
+        /// The file.
+        path: PathBuf,
+        /// What differs; at least one.
+        differences: Vec<Difference>,
+    },
     /// A setting out of range.
     #[error("{field} {rule}")]
     Setting {
@@ -103,4 +112,32 @@ pub enum FitError {
     /// Stopped by the user before there was anything to keep.
     #[error("stopped before the fit began; nothing was written")]
     Interrupted,
+}
+
+/// What differs between the fit that wrote a checkpoint and the one that reads it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Difference {
+    /// Name of the option, or of what is fitted or looked at.
+    pub field: String,
+    /// Its value in the checkpoint; `None` where it had none.
+    pub was: Option<String>,
+    /// Its value now.
+    pub is: Option<String>,
+    /// Whether the values are digests, which say nothing to people.
+    pub digest: bool,
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.digest {
+            return write!(f, "{} is not the same", self.field);
+        }
+        let value = |v: &Option<String>| v.clone().unwrap_or_else(|| "not given".into());
+        write!(f, "{} was {} and is {}", self.field, value(&self.was), value(&self.is))
+    }
+}
+
+/// Differences in one line.
+fn told(differences: &[Difference]) -> String {
+    differences.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
 }

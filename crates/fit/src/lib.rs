@@ -23,5 +23,5 @@ mod texture_agreement;
 pub mod visibility;
 
 pub use engine::views;
-pub use error::FitError;
+pub use error::{Difference, FitError};
 pub use progress::{Progress, Silent};

@@ -8,7 +8,7 @@ use crate::engine::judge::{Quality, Stage, popping};
 use crate::simplify::{Asset, Outcome, SimplifyOptions, simplify_asset, with_asset};
 use crate::{FitError, Progress};
 use photofit_geometry::decimate::Target;
-use photofit_scene::Scene;
+use photofit_scene::{Limits, Scene};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -99,11 +99,14 @@ impl ChainOptions {
         if let Some(w) = budgets.windows(2).find(|w| w[0] <= w[1]) {
             return fail("lod_triangles", format!("has {} after {}; budgets must fall", w[1], w[0]));
         }
-        (0..sizes.len()).try_for_each(|k| self.level(k).check(triangles))
+        (0..sizes.len()).try_for_each(|k| self.level(k).check(triangles).map_err(of_chain))
     }
 
-    /// The options of a level.
-    fn level(&self, k: usize) -> SimplifyOptions {
+    /// The options of a level, of which the first is 0.
+    ///
+    /// # Panics
+    /// If there is no such level.
+    pub fn level(&self, k: usize) -> SimplifyOptions {
         let target = match self.triangles.get(k) {
             Some(n) => Target::Triangles(*n),
             None => Target::ScreenSize(self.sizes[k]),
@@ -122,6 +125,25 @@ impl ChainOptions {
     /// Size below which the level after `k` replaces it: the geometric mean of both.
     fn switch_size(&self, k: usize) -> Option<f64> {
         self.sizes.get(k + 1).map(|next| (self.sizes[k] * next).sqrt())
+    }
+}
+
+/// An error of one level with the names of fields that a chain has.
+fn of_chain(error: FitError) -> FitError {
+    let named = |field: &str| match field {
+        "triangles" => Some("lod_triangles"),
+        "screen_size" | "resolution" => Some("lod"),
+        _ => None,
+    };
+    match error {
+        FitError::Setting { field, rule } => FitError::Setting { field: named(field).unwrap_or(field), rule },
+        FitError::OtherFit { path, mut differences } => {
+            for d in &mut differences {
+                d.field = named(&d.field).map_or_else(|| d.field.clone(), str::to_owned);
+            }
+            FitError::OtherFit { path, differences }
+        }
+        error => error,
     }
 }
 
@@ -166,6 +188,9 @@ impl Progress for OfLevel<'_> {
     }
     fn warn(&self, text: &str) {
         self.progress.warn(&format!("{}: {text}", self.name));
+    }
+    fn note(&self, text: &str) {
+        self.progress.note(&format!("{}: {text}", self.name));
     }
     fn is_cancelled(&self) -> bool {
         self.progress.is_cancelled()
@@ -232,12 +257,12 @@ fn level(
     let path = level_path(output, k);
     let outcome = match simplify_asset(asset, from, &path, &fit, began, progress) {
         // The level before went on, so that this one starts from another shape than its checkpoint did.
-        Err(e @ FitError::Checkpoint { .. }) if k > 0 && fit.resume => {
-            progress.warn(&format!("{e}; the level begins anew"));
+        Err(e @ (FitError::Checkpoint { .. } | FitError::OtherFit { .. })) if k > 0 && fit.resume => {
+            progress.warn(&format!("{}; the level begins anew", of_chain(e)));
             fit.resume = false;
             simplify_asset(asset, from, &path, &fit, began, progress)?
         }
-        outcome => outcome?,
+        outcome => outcome.map_err(of_chain)?,
     };
     let bytes = std::fs::metadata(&path).map_err(|source| FitError::Io { path: path.clone(), source })?.len();
     let (size, switch_size) = (options.sizes[k], options.switch_size(k));
@@ -251,10 +276,10 @@ fn finish(
     options: &ChainOptions,
     mut levels: Vec<Level>,
 ) -> Result<Chain, FitError> {
-    let mut scenes: Vec<Scene> =
-        levels.iter().map(|l| photofit_scene::load(&l.path)).collect::<Result<_, _>>()?;
-    let images = scenes.iter_mut().flat_map(|s| &mut s.images);
-    images.for_each(|i| i.encoding = options.fit.texture_encoding);
+    // The file with all levels holds their textures as they are: a second lossy encoding would change them.
+    let limits = Limits { keep_encoded: true, ..Limits::default() };
+    let scenes: Vec<Scene> =
+        levels.iter().map(|l| photofit_scene::load_with(&l.path, &limits)).collect::<Result<_, _>>()?;
     for k in 1..levels.len() {
         let size = levels[k - 1].switch_size.unwrap_or(SMALLEST).round() as usize;
         let [fine, coarse] = [k - 1, k].map(|i| Stage::new("level", scenes[i].clone()));

@@ -5,6 +5,8 @@
 //! `applied_transform` is undone. PNG and JPEG are sRGB with straight alpha, OpenEXR is linear and premultiplied. The
 //! list `lights` is our own (see the guide). Every 8th picture is held out.
 
+mod doubts;
+mod not_finite;
 mod record;
 
 use crate::FitError;
@@ -154,6 +156,11 @@ impl PictureFolder {
         &self.photos
     }
 
+    /// What makes the pictures useless for a fit, one line each; none for sound ones.
+    pub fn doubts(&self) -> Vec<String> {
+        doubts::of(&self.photos)
+    }
+
     /// Number of pictures that are held out.
     pub fn held_out(&self) -> usize {
         self.held_out.len()
@@ -242,7 +249,8 @@ fn read(file: &Path) -> Result<Transforms, FitError> {
         return fail(format!("has {size} bytes; it must be at most {MOST_BYTES}"));
     }
     let bytes = std::fs::read(file).map_err(io)?;
-    serde_json::from_slice(&bytes).or_else(|e| fail(e.to_string()))
+    serde_json::from_slice(&bytes)
+        .or_else(|e| fail(not_finite::place(&bytes).unwrap_or_else(|| e.to_string())))
 }
 
 /// The file of a picture, whose ending `.png` may be missing.

@@ -8,6 +8,10 @@ pub trait Progress: Sync {
     fn warn(&self, text: &str) {
         let _ = text;
     }
+    /// Something that the user should know and that is as it should be.
+    fn note(&self, text: &str) {
+        let _ = text;
+    }
     /// True once the user asked to stop.
     fn is_cancelled(&self) -> bool;
 }

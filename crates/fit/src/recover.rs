@@ -12,6 +12,7 @@ use crate::engine::export::to_scene;
 use crate::engine::judge::{Quality, ReportView, Stage, rasterized_views};
 use crate::engine::loss;
 use crate::engine::reference::{ENERGY, Rasterized, Reference, SUPERSAMPLE};
+use crate::engine::steering::Steering;
 use crate::engine::surface::{MAPS, Surface};
 use crate::engine::trainer::{self, HeldOut, HistoryPoint, Job, Keeping, Phase, train};
 use crate::engine::unwrap::unwrapped;
@@ -119,6 +120,7 @@ pub fn recover_texture(
             photos.reduced
         ));
     }
+    photos.doubts().iter().for_each(|d| progress.warn(d));
     let n = Normalised::new(&bare(mesh, !photos.lit))?;
     let model = grey(&n, photos.lit, options.texture_size, progress)?;
     let start = to_scene(&model.candidate, &n);
@@ -140,7 +142,10 @@ pub fn recover_texture(
         fresh: options.batch.div_ceil(2),
         steps: options.steps,
         keeping: &options.keeping,
-        options: format!("pictures {} {} {:016x}", options.texture_size, options.seed, topology.value()),
+        options: Steering::default()
+            .option("texture_size", options.texture_size)
+            .option("seed", options.seed)
+            .digest("pictures, cameras, lights or shape", format!("{:016x}", topology.value())),
     };
     let phase = Phase {
         name: "maps",
@@ -165,7 +170,7 @@ pub fn recover_texture(
         views,
         history: trained.history,
         steps: trained.steps,
-        stopped: trained.stopped,
+        stopped: trained.stopped || progress.is_cancelled(),
         triangles,
         pictures: [photos.photos().len(), photos.held_out()],
         lit: photos.lit,

@@ -4,6 +4,7 @@
 use crate::engine::checkpoint::Digest;
 use crate::engine::cpu::Cpu;
 use crate::engine::reference::{Picture, Reference};
+use crate::engine::steering::Steering;
 use crate::engine::traced::Traced;
 use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Phase, train};
 use crate::engine::views::{Pose, Sampling, Set, Setup, Sphere, ViewLights, Views};
@@ -115,13 +116,16 @@ pub fn recover_scene(
     let mut seen = Digest::new();
     pictures.iter().for_each(|p| seen.add(&p.data));
     let (seed, depth) = (model.options.seed, model.options.path.max_depth);
-    let steered = format!(
-        "scene {} {spp} {gradient_spp} {:?} {names:?} {seed} {depth} {} {:016x}",
-        options.rate,
-        model.smoothing,
-        model.look_spp,
-        seen.value()
-    );
+    let steered = Steering::default()
+        .option("rate", options.rate)
+        .option("spp", spp)
+        .option("gradient_spp", gradient_spp)
+        .option("smoothing", format!("{:?}", model.smoothing).to_lowercase())
+        .option("parameter", names.join(", "))
+        .option("seed", seed)
+        .option("max_depth", depth)
+        .option("look_spp", model.look_spp)
+        .digest("picture", format!("{:016x}", seen.value()));
     let job = Job {
         reference: &source,
         views: &source,
@@ -143,7 +147,7 @@ pub fn recover_scene(
         model: trained.model,
         history: trained.history,
         steps: trained.steps,
-        stopped: trained.stopped,
+        stopped: trained.stopped || progress.is_cancelled(),
     })
 }
 

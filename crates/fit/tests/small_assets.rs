@@ -135,7 +135,7 @@ fn disc(cutoff: f32) -> Scene {
     };
     let mut card = shapes::quad_grid(4, 4);
     card.uvs =
-        card.positions.iter().map(|p| photofit_scalar::vec2(0.5 + 0.5 * p.x, 0.5 - 0.5 * p.y)).collect();
+        card.positions.iter().map(|p| vec2(0.5 + 0.5 * p.x, 0.5 - 0.5 * p.y)).collect();
     let slot = TextureSlot {
         image: 0,
         sampler: Sampler { wrap_u: Wrap::ClampToEdge, wrap_v: Wrap::ClampToEdge, filter: Filter::Trilinear },

@@ -22,6 +22,9 @@ pub struct TextureImage {
     pub texels: Vec<[u8; 4]>,
     /// How it is written; what is loaded says [`TextureEncoding::Png`] whatever it came from.
     pub encoding: TextureEncoding,
+    /// The PNG, JPEG or WebP that it was read from, where [`crate::Limits::keep_encoded`] asked for it: it is written in place
+    /// of `texels`, which must be what it decodes to.
+    pub encoded: Option<Arc<[u8]>>,
 }
 
 /// How an image is stored in a written file.

@@ -1,7 +1,7 @@
 //! The options of `photofit recover`.
 
 use super::values::{above_to, ending, number, seconds, whole};
-use super::{ParameterScene, Running};
+use super::{ParameterScene, Running, STATUSES};
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -9,8 +9,10 @@ use std::time::Duration;
 #[derive(Debug, Subcommand)]
 pub(crate) enum Recover {
     /// Paint an asset's shape so that it looks like pictures with known cameras.
+    #[command(after_help = STATUSES)]
     Texture(RecoverTexture),
     /// Find materials, textures and lights of a scene again from a path-traced picture of it.
+    #[command(after_help = STATUSES)]
     Scene(RecoverScene),
 }
 

@@ -1,6 +1,6 @@
 //! `render`, `compare` and `inspect`.
 
-use crate::support::{names, rock, stdout, succeeds, write_rock};
+use crate::support::{assert_one_error, names, photofit, rock, stderr, stdout, succeeds, write_rock};
 use photofit_scene::{Clearcoat, Extensions, LightKind, PunctualLight};
 use serde_json::Value;
 use std::path::Path;
@@ -125,4 +125,70 @@ fn inspect_lists_extensions_and_lights() {
     let i = json(&d.join("i.json"));
     assert_eq!(i["materials"][0]["extensions"], serde_json::json!(["ior", "clearcoat"]));
     assert_eq!(i["lights"][0]["kind"], "point");
+}
+
+#[test]
+fn the_rasterizer_takes_cameras_and_threads_and_tells_its_camera() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    let mut scene = rock(8, true);
+    let eye = glam::vec3(0.5, 0.25, 4.0);
+    scene.cameras.push(photofit_scene::Camera::look_at(
+        eye,
+        glam::Vec3::ZERO,
+        glam::Vec3::Y,
+        0.6,
+        1.0,
+        0.1,
+        9.0,
+    ));
+    photofit_scene::save_glb(d.join("rock.glb"), &scene).unwrap();
+    let line = ["render", "rock.glb", "--width", "48", "--height", "32", "--camera", "0"];
+    let render = |more: &[&str]| succeeds(d, &[&line[..], more].concat());
+    let o = render(&["-o", "a.exr", "--json", "a.json", "--threads", "1"]);
+    assert!(stdout(&o).starts_with("wrote a.exr: 48 x 32 pixels, 16 samples each, "), "{}", stdout(&o));
+    render(&["-o", "b.exr", "--threads", "2"]);
+    let bytes = |name: &str| std::fs::read(d.join(name)).unwrap();
+    assert!(bytes("a.exr") == bytes("b.exr"), "the same for any number of threads");
+    let o = render(&["-o", "c.exr", "--json", "c.json", "--integrator", "path", "--spp", "16"]);
+    assert!(stdout(&o).contains("wrote c.exr: 48 x 32 pixels, 16 samples each"), "{}", stdout(&o));
+    let (raster, path) = (json(&d.join("a.json")), json(&d.join("c.json")));
+    assert_eq!((&raster["camera"], raster["threads"].as_u64()), (&path["camera"], Some(1)));
+    for (k, x) in [0.5, 0.25, 4.0].into_iter().enumerate() {
+        let told = raster["camera"]["transform_matrix"][k][3].as_f64().unwrap();
+        assert!((told - x).abs() < 1e-5, "{raster}");
+    }
+    let focal = 16.0 / 0.3_f64.tan();
+    assert!((raster["camera"]["fl_x"].as_f64().unwrap() / focal - 1.0).abs() < 1e-4, "{raster}");
+    // Both look through the same camera.
+    let alpha = |name: &str| photofit_image::read(d.join(name)).unwrap().select(&[3]);
+    let rmse = photofit_image::rmse(&alpha("a.exr"), &alpha("c.exr"));
+    assert!(rmse < 0.05, "{rmse}");
+    let o = photofit(d, &["render", "rock.glb", "-o", "d.png", "--camera", "1"]);
+    assert_one_error(&o, "a camera that is not there", &["rock.glb", "1 cameras", "--camera is 1"]);
+}
+
+#[test]
+fn comparing_assets_tells_small_errors_caps_and_warnings() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    let scene = rock(8, false);
+    photofit_scene::save_glb(d.join("a.glb"), &scene).unwrap();
+    let mut near = scene.clone();
+    near.materials[0].base_color[0] += 2e-4;
+    photofit_scene::save_glb(d.join("b.glb"), &near).unwrap();
+    let line = ["compare", "a.glb", "b.glb", "--views", "2", "--resolution", "64", "--json", "f.json"];
+    let o = succeeds(d, &line);
+    assert!(stdout(&o).contains("60 or more"), "{}", stdout(&o));
+    let f = json(&d.join("f.json"));
+    let rmse = f["rmse"].as_f64().unwrap();
+    assert!(rmse > 1e-6 && rmse < 9e-4, "less than 60 dB can say: {f}");
+    let broken = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 9\n";
+    std::fs::write(d.join("c.obj"), broken).unwrap();
+    let inspected = photofit(d, &["inspect", "c.obj", "--json", "c.json"]);
+    let warned =
+        inspected.status.success() && !json(&d.join("c.json"))["warnings"].as_array().unwrap().is_empty();
+    let o = photofit(d, &["compare", "c.obj", "c.obj", "--views", "1", "--resolution", "16"]);
+    assert_eq!(stderr(&o).contains("warning: c.obj: "), warned, "{}", stderr(&o));
+    assert!(warned, "the file has something to warn of: {}", stdout(&inspected));
 }

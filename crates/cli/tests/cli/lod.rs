@@ -74,6 +74,7 @@ fn sizes_and_budgets_are_checked() {
         (&["--lod", "32,64"][..], 1, "sizes must fall"),
         (&["--lod", "64,32", "--lod-triangles", "10"], 1, "one for each of 2 levels"),
         (&["--lod", "64,32", "--lod-triangles", "10,20"], 1, "budgets must fall"),
+        (&["--lod", "64", "--lod-triangles", "100000"], 1, "--lod-triangles is 100000; it must be 1 to 320"),
         (&["--lod", "64,8"], 2, "16 to 1024"),
         (&["--lod", "64", "--ratio", "0.1"], 2, "cannot be used with"),
         (&["--msft-lod"], 2, "--lod"),
@@ -106,4 +107,35 @@ fn ctrl_c_keeps_the_levels_that_were_reached() {
     assert_eq!(summary["stopped"], true);
     assert_eq!(summary["levels"].as_array().unwrap().len(), 1, "{summary}");
     assert!(!d.join("out.lod1.glb").exists());
+}
+
+/// The files of the textures in a `.glb`.
+fn textures(file: &Path) -> Vec<Vec<u8>> {
+    let bytes = std::fs::read(file).unwrap();
+    let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    let json: Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
+    let binary = &bytes[20 + length + 8..];
+    let view = |image: &Value| {
+        let view = &json["bufferViews"][image["bufferView"].as_u64().unwrap() as usize];
+        let at = view["byteOffset"].as_u64().unwrap_or(0) as usize;
+        binary[at..at + view["byteLength"].as_u64().unwrap() as usize].to_vec()
+    };
+    json["images"].as_array().unwrap().iter().map(view).collect()
+}
+
+#[test]
+fn the_combined_file_holds_the_textures_of_the_levels_byte_for_byte() {
+    for format in ["jpeg", "webp", "png"] {
+        let dir = tempfile::tempdir().unwrap();
+        let d = dir.path();
+        write_rock(d, 8, true);
+        let line = ["simplify", "rock.glb", "-o", "out.glb", "--lod", "32,16", "--lod-triangles", "200,60"];
+        let more = ["--steps", "1", "--batch", "1", "--msft-lod", "--textures", format];
+        succeeds(d, &[&line[..], &more].concat());
+        let levels: Vec<Vec<u8>> =
+            ["out.glb", "out.lod1.glb"].iter().flat_map(|f| textures(&d.join(f))).collect();
+        assert!(levels.len() >= 2);
+        assert!(textures(&d.join("out.lods.glb")) == levels, "{format}");
+        photofit_scene::load(d.join("out.lods.glb")).unwrap();
+    }
 }

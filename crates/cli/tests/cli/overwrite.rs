@@ -135,3 +135,56 @@ fn outputs_that_name_a_file_of_the_asset_are_refused() {
     let o = photofit(d, &["inspect", "tri.gltf", "--json", "f.json"]);
     assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
 }
+
+#[test]
+fn textures_of_recovered_scenes_replace_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    std::fs::create_dir(d.join("found")).unwrap();
+    for name in ["s.xml", "found/wood.data.exr", "found/sky.exr", "found/s.xml", "found/recovered.exr"] {
+        std::fs::write(d.join(name), name).unwrap();
+    }
+    refused(
+        d,
+        &[
+            (
+                "recover scene s.xml --picture found/wood.data.exr --parameter wood.data -o found",
+                "--output",
+                "--picture",
+            ),
+            (
+                "recover scene s.xml --picture found/recovered.exr --parameter a -o found",
+                "--output",
+                "--picture",
+            ),
+            (
+                "recover scene s.xml --self-test --env found/sky.exr --parameter sky -o found",
+                "--output",
+                "--env",
+            ),
+            ("recover scene s.xml --self-test --parameter a -o s.xml", "--output", "SCENE"),
+            (
+                "recover scene s.xml --self-test --parameter a -o k --checkpoint k/recovered.png",
+                "--checkpoint",
+                "--output",
+            ),
+        ],
+    );
+    let before = files(&d.join("found"));
+    // Characters that file names do not have are written alike.
+    let two = [
+        "recover",
+        "scene",
+        "s.xml",
+        "--self-test",
+        "--parameter",
+        "a b",
+        "--parameter",
+        "a_b",
+        "-o",
+        "found",
+    ];
+    let o = photofit(d, &two);
+    assert_misuse(&o, "two keys of one file", &["a b and a_b", "a_b.exr", "each must have its own"]);
+    assert!(files(&d.join("found")) == before);
+}

@@ -1,6 +1,8 @@
 //! Textures from pictures: what is refused, with which words. The job itself is tested in `photofit-fit`.
 
-use crate::support::{assert_one_error, photofit, stdout, succeeds, write_rock};
+use crate::support::{assert_one_error, photofit, stderr, stdout, succeeds, write_rock};
+use serde_json::{Value, json};
+use std::path::Path;
 
 #[test]
 fn pictures_that_cannot_be_used_are_refused_in_one_line() {
@@ -21,4 +23,46 @@ fn pictures_that_cannot_be_used_are_refused_in_one_line() {
     assert!(!d.join("out.glb").exists());
     let help = stdout(&succeeds(d, &["recover", "texture", "--help"]));
     assert!(help.contains("--mesh") && help.contains("transforms.json"), "{help}");
+}
+
+/// Renders a folder of `pictures` of `rock.glb` as the guide does, and lists them in `transforms.json`.
+fn photograph(d: &Path) -> Value {
+    std::fs::create_dir(d.join("pictures")).unwrap();
+    let frame = |k: usize| {
+        let (picture, figures) = (format!("pictures/{k}.exr"), format!("pictures/{k}.json"));
+        let (azimuth, elevation) = ((30 * k).to_string(), if k.is_multiple_of(2) { "20" } else { "-20" });
+        let line = ["render", "rock.glb", "-o", &picture, "--json", &figures, "--azimuth", &azimuth];
+        succeeds(d, &[&line[..], &["--elevation", elevation, "--width", "48", "--height", "48"]].concat());
+        let figures: Value = serde_json::from_slice(&std::fs::read(d.join(&figures)).unwrap()).unwrap();
+        let mut frame = figures["camera"].clone();
+        frame["file_path"] = json!(format!("{k}.exr"));
+        frame["lights"] = figures["lights"].clone();
+        frame
+    };
+    let file = json!({ "frames": (0..12).map(frame).collect::<Vec<Value>>() });
+    std::fs::write(d.join("pictures/transforms.json"), file.to_string()).unwrap();
+    file
+}
+
+#[test]
+fn rendered_pictures_are_recovered_and_useless_ones_are_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 6, true);
+    let mut file = photograph(d);
+    let line =
+        ["recover", "texture", "pictures", "--mesh", "rock.glb", "-o", "out.glb", "--texture-size", "64"];
+    let run = |more: &[&str]| succeeds(d, &[&line[..], more].concat());
+    let o = run(&["--steps", "100", "--json", "f.json"]);
+    assert!(!stderr(&o).contains("warning"), "{}", stderr(&o));
+    let f: Value = serde_json::from_slice(&std::fs::read(d.join("f.json")).unwrap()).unwrap();
+    let psnr = |stage: &str| f[stage]["psnr"].as_f64().unwrap();
+    assert_eq!(f["lit"], true);
+    assert!(psnr("recovered") > psnr("start") + 5.0, "{f}");
+    for frame in file["frames"].as_array_mut().unwrap() {
+        frame["file_path"] = json!("0.exr");
+    }
+    std::fs::write(d.join("pictures/transforms.json"), file.to_string()).unwrap();
+    let o = run(&["--steps", "1"]);
+    assert!(stderr(&o).contains("warning: the pictures of 12 frames are only 1 different"), "{}", stderr(&o));
 }

@@ -198,7 +198,8 @@ fn a_killed_fit_resumes_to_the_same_file() {
 
     let other = photofit(d, &fit("b/out.glb", &["--steps", "61", "--checkpoint", "state", "--resume"]));
     assert_eq!(other.status.code(), Some(1), "a checkpoint of another fit is refused");
-    assert!(stderr(&other).contains("other options"), "{}", stderr(&other));
+    assert!(stderr(&other).contains("--steps was 60 and is 61"), "{}", stderr(&other));
+    assert!(!stderr(&other).contains("--batch"), "what agrees is not named: {}", stderr(&other));
 
     let resumed = [&kept[..], &["--resume"]].concat();
     let mut edited = rock(10, true);
@@ -208,9 +209,13 @@ fn a_killed_fit_resumes_to_the_same_file() {
     std::fs::rename(d.join("edited.glb"), d.join("rock.glb")).unwrap();
     let other = photofit(d, &fit("b/out.glb", &resumed));
     assert_eq!(other.status.code(), Some(1), "an edited asset of the same counts is refused");
-    assert!(stderr(&other).contains("another asset"), "{}", stderr(&other));
+    assert!(stderr(&other).contains("is not the same"), "{}", stderr(&other));
     std::fs::rename(d.join("kept.glb"), d.join("rock.glb")).unwrap();
-    succeeds(d, &fit("b/out.glb", &resumed));
+    let o = succeeds(d, &fit("b/out.glb", &resumed));
+    let told = stderr(&o)
+        .lines()
+        .find_map(|l| l.strip_prefix("resuming at step ")?.strip_suffix(" of 60")?.parse().ok());
+    assert!(told.is_some_and(|step: u64| step > 0 && step % 25 == 0 || step == 60), "{}", stderr(&o));
     let (a, b) = (std::fs::read(d.join("a/out.glb")).unwrap(), std::fs::read(d.join("b/out.glb")).unwrap());
     assert!(a == b, "the same bytes");
 }
@@ -282,4 +287,91 @@ fn a_time_limit_is_a_wish_and_no_failure() {
     succeeds(d, &fit("out.glb", &more));
     let f = json(&d.join("f.json"));
     assert_eq!((&f["stopped"], &f["stopped_by"]), (&true.into(), &"time limit".into()));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_signal_after_the_fit_has_the_status_of_a_stopped_job() {
+    use std::io::{BufRead as _, BufReader};
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 10, true);
+    let mut line = fit("out.glb", &["--steps", "2", "--json", "f.json"]);
+    let resolution = line.iter().position(|a| *a == "48").unwrap();
+    line[resolution] = "768";
+    let mut child = command(d, &line).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut told = String::new();
+    for line in BufReader::new(child.stderr.take().unwrap()).lines() {
+        let line = line.unwrap();
+        // The line of a stage comes at its end: what is written is chosen now.
+        if line.starts_with("5 of 6 fit") {
+            let id = child.id().to_string();
+            assert!(std::process::Command::new("kill").args(["-TERM", &id]).status().unwrap().success());
+        }
+        told += &(line + "\n");
+    }
+    assert_eq!(child.wait().unwrap().code(), Some(3), "{told}");
+    let f = json(&d.join("f.json"));
+    assert_eq!((&f["stopped"], &f["stopped_by"]), (&true.into(), &"signal".into()));
+    assert!(d.join("out.glb").exists());
+}
+
+#[test]
+fn a_report_that_cannot_be_written_hides_nothing_else() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 10, true);
+    let more = ["--steps", "60", "--checkpoint", "state", "--report", "r", "--json", "f.json"];
+    let child =
+        command(d, &fit("out.glb", &more)).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let start = Instant::now();
+    while !d.join("state/fit.ckpt").exists() {
+        assert!(start.elapsed() < Duration::from_secs(60), "no checkpoint");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    // A page cannot replace a folder of its name.
+    std::fs::create_dir_all(d.join("r/index.html/in the way")).unwrap();
+    let o = child.wait_with_output().unwrap();
+    assert_eq!(o.status.code(), Some(1), "{}", stderr(&o));
+    for part in ["decimated", "fitted", "looks", "wrote out.glb"] {
+        assert!(stdout(&o).contains(part), "{part:?} in {}", stdout(&o));
+    }
+    let error = stderr(&o).lines().find(|l| l.starts_with("error: ")).unwrap_or_default().to_owned();
+    assert!(error.contains("index.html") && error.contains("the report is not written"), "{error}");
+    assert!(d.join("out.glb").exists());
+    assert!(json(&d.join("f.json"))["report"].is_null());
+}
+
+#[test]
+fn a_path_traced_judgement_is_announced_and_can_be_bounded() {
+    use photofit_scene::{Clearcoat, Extensions};
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    let mut scene = rock(8, true);
+    let coat = Clearcoat { factor: 1.0, ..Clearcoat::default() };
+    scene.materials[0].extensions =
+        Some(Box::new(Extensions { clearcoat: Some(coat), ..Extensions::default() }));
+    photofit_scene::save_glb(d.join("rock.glb"), &scene).unwrap();
+    let run = |more: &[&str]| {
+        let all = [&["--steps", "1", "--explain", "--json", "f.json", "--report", "r"][..], more].concat();
+        let o = succeeds(d, &fit("out.glb", &all));
+        let page = std::fs::read_to_string(d.join("r/index.html")).unwrap();
+        (stdout(&o), stderr(&o), json(&d.join("f.json")), page)
+    };
+    let (out, err, f, page) = run(&["--judge-spp", "2"]);
+    // 8 views of the asset and of 4 stages, 48 pixels a side.
+    let cost = "at most 40 pictures of 48 x 48 pixels, 2 samples each";
+    assert!(out.contains("run  path traced judgement") && out.matches(cost).count() == 2, "{out}");
+    assert!(err.contains(cost) && err.contains("--judge raster"), "{err}");
+    assert_eq!((&f["judged"], &f["judge_spp"]), (&"path traced".into(), &2.into()));
+    let judged = "judged by path traced pictures of 48 x 48 pixels, 2 samples each";
+    assert!(out.contains(judged) && page.contains(judged), "{out}");
+    // It is in the file: not left out.
+    assert!(err.contains("kept, but not drawn while fitting") && !err.contains("left out"), "{err}");
+    assert!(f["left_out"].as_array().unwrap().is_empty() && f["not_fitted"][0].is_string(), "{f}");
+    assert!(page.contains("Kept, but not drawn while fitting") && !page.contains("<h3>Left out"));
+    let (out, err, f, page) = run(&["--judge", "raster"]);
+    assert!(out.contains("skip path traced judgement") && !err.contains("path tracing"), "{out} {err}");
+    assert_eq!((&f["judged"], &f["judge_spp"]), (&"rasterized".into(), &Value::Null));
+    assert!(page.contains("judged by rasterized pictures."));
 }

@@ -36,8 +36,21 @@ fn help_lists_commands_and_options() {
         assert!(help.contains(option), "{option}");
     }
     assert!(stdout(&succeeds(dir.path(), &["--version"])).starts_with("photofit "));
-    for command in [&["--help"][..], &["simplify", "--help"], &["render", "--help"]] {
-        let help = stdout(&succeeds(dir.path(), command));
+    for command in [
+        &[][..],
+        &["simplify"],
+        &["render"],
+        &["compare"],
+        &["inspect"],
+        &["surface"],
+        &["denoise"],
+        &["recover"],
+        &["recover", "texture"],
+        &["recover", "scene"],
+        &["gradient"],
+        &["demo"],
+    ] {
+        let help = stdout(&succeeds(dir.path(), &[command, &["--help"]].concat()));
         assert!(help.contains("Exit status:") && help.contains("130"), "{command:?}");
     }
 }
@@ -89,7 +102,8 @@ fn wrong_command_lines_have_status_2() {
         &["render", "a.glb", "-o", "b.png", "--width", "0"],
         &["render", "a.glb", "-o", "b.jpg"],
         &["render", "a.glb", "-o", "b.png", "--seed", "1"],
-        &["render", "a.glb", "-o", "b.png", "--integrator", "raster", "--threads", "2"],
+        &["render", "a.glb", "-o", "b.png", "--camera", "0", "--distance", "3"],
+        &["simplify", "a.glb", "-o", "b.glb", "--screen-size", "64", "--resolution", "64"],
         &["render", "a.glb", "-o", "b.png", "--max-depth", "2"],
         &["render", "a.glb", "-o", "b.png", "--save-every", "2"],
         &["simplify", "a.glb", "-o", "b.gltf"],
@@ -154,4 +168,25 @@ fn the_plan_tells_where_a_fit_ran() {
     let json: serde_json::Value =
         serde_json::from_slice(&std::fs::read(dir.path().join("a.json")).unwrap()).unwrap();
     assert_eq!(json["device"], "CPU");
+}
+
+#[test]
+fn options_that_do_not_go_together_show_the_usage_of_their_command() {
+    let dir = tempfile::tempdir().unwrap();
+    for (line, rule, usage) in [
+        (
+            &["render", "a.glb", "-o", "b.png", "--seed", "1"][..],
+            "--seed needs --integrator path",
+            "photofit render ",
+        ),
+        (
+            &["simplify", "a.glb", "-o", "b.glb", "--textures", "png", "--jpeg", "90"],
+            "--jpeg is the quality of --textures jpeg",
+            "photofit simplify ",
+        ),
+    ] {
+        let o = photofit(dir.path(), line);
+        assert_eq!(o.status.code(), Some(2));
+        assert!(stderr(&o).contains(rule) && stderr(&o).contains(usage), "{}", stderr(&o));
+    }
 }

@@ -1,18 +1,19 @@
 //! Checkpoints: everything that a fit needs to go on to the same bits.
 //!
 //! One file, written under a temporary name and renamed: a magic word, a checksum of all that follows, the length of a
-//! JSON header, the header (counters, a fingerprint of the fit, names and sizes of the groups), then per group its
+//! JSON header, the header (counters, what steers the fit, names and sizes of the groups), then per group its
 //! values, its best values and the state of its optimizer as little-endian numbers.
 
 use super::model::Group;
+use super::steering::Steering;
 use super::trainer::HistoryPoint;
-use crate::FitError;
+use crate::{Difference, FitError};
 use photofit_image::write_atomically;
 use photofit_optim::State;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-const MAGIC: &[u8; 8] = b"PHOTOFT2";
+const MAGIC: &[u8; 8] = b"PHOTOFT3";
 /// Name of the file in its folder.
 pub(crate) const FILE: &str = "fit.ckpt";
 
@@ -81,7 +82,7 @@ impl GroupHeader {
 
 #[derive(Debug, Serialize, Deserialize)]
 struct Header {
-    fingerprint: String,
+    steering: Steering,
     step: u64,
     skipped: u64,
     begun: usize,
@@ -131,18 +132,18 @@ pub(crate) fn save(
     folder: &Path,
     course: &Course,
     groups: &[Saved<'_>],
-    fingerprint: &str,
+    steering: &Steering,
 ) -> Result<(), FitError> {
     std::fs::create_dir_all(folder).map_err(|source| FitError::Io { path: folder.into(), source })?;
     let path = folder.join(FILE);
-    let bytes = encode(course, groups, fingerprint)
+    let bytes = encode(course, groups, steering)
         .map_err(|e| FitError::Checkpoint { path: path.clone(), rule: e.to_string() })?;
     Ok(write_atomically(path, &bytes)?)
 }
 
-fn encode(course: &Course, groups: &[Saved<'_>], fingerprint: &str) -> Result<Vec<u8>, serde_json::Error> {
+fn encode(course: &Course, groups: &[Saved<'_>], steering: &Steering) -> Result<Vec<u8>, serde_json::Error> {
     let header = Header {
-        fingerprint: fingerprint.to_owned(),
+        steering: steering.clone(),
         step: course.step,
         skipped: course.skipped,
         begun: course.begun,
@@ -180,7 +181,7 @@ fn encode(course: &Course, groups: &[Saved<'_>], fingerprint: &str) -> Result<Ve
 pub(crate) fn load(
     folder: &Path,
     groups: &[Group],
-    fingerprint: &str,
+    steering: &Steering,
 ) -> Result<Option<(Course, Vec<Loaded>)>, FitError> {
     let path = folder.join(FILE);
     let io = |source| FitError::Io { path: path.clone(), source };
@@ -188,7 +189,25 @@ pub(crate) fn load(
         return Ok(None);
     }
     let bytes = std::fs::read(&path).map_err(io)?;
-    decode(&bytes, groups, fingerprint).map(Some).map_err(|rule| FitError::Checkpoint { path, rule })
+    decode(&bytes, groups, steering).map(Some).map_err(|refusal| match refusal {
+        Refusal::Broken(rule) => FitError::Checkpoint { path, rule },
+        Refusal::Other(differences) => FitError::OtherFit { path, differences },
+    })
+}
+
+/// Why a checkpoint is not taken.
+#[derive(Debug)]
+enum Refusal {
+    /// It is no whole checkpoint.
+    Broken(String),
+    /// It belongs to another fit.
+    Other(Vec<Difference>),
+}
+
+impl<S: Into<String>> From<S> for Refusal {
+    fn from(rule: S) -> Self {
+        Self::Broken(rule.into())
+    }
 }
 
 /// Numbers from the rest of a file.
@@ -223,7 +242,7 @@ impl Rest<'_> {
     }
 }
 
-fn decode(bytes: &[u8], groups: &[Group], fingerprint: &str) -> Result<(Course, Vec<Loaded>), String> {
+fn decode(bytes: &[u8], groups: &[Group], steering: &Steering) -> Result<(Course, Vec<Loaded>), Refusal> {
     if !bytes.starts_with(MAGIC) {
         return Err("it is no checkpoint of this version of photofit".into());
     }
@@ -241,16 +260,17 @@ fn decode(bytes: &[u8], groups: &[Group], fingerprint: &str) -> Result<(Course, 
     let h: Header = serde_json::from_slice(json).map_err(|e| format!("its header is broken: {e}"))?;
     let same =
         |(h, g): (&GroupHeader, &Group)| h.name == g.name && (h.rows, h.columns) == (g.rows, g.columns);
-    if h.fingerprint != fingerprint
-        || h.groups.len() != groups.len()
-        || !h.groups.iter().zip(groups).all(same)
-    {
-        return Err("it belongs to a fit with other options or another asset or light".into());
+    let differences = steering.differences(&h.steering);
+    if !differences.is_empty() {
+        return Err(Refusal::Other(differences));
+    }
+    if h.groups.len() != groups.len() || !h.groups.iter().zip(groups).all(same) {
+        return Err("its groups of parameters are those of another fit".into());
     }
     let mut rest = Rest(&bytes[24 + json.len()..]);
     let loaded = h.groups.iter().zip(groups).map(|(h, g)| rest.group(h, g)).collect::<Result<_, _>>()?;
     if !rest.0.is_empty() {
-        return Err(format!("{} bytes follow its end", rest.0.len()));
+        return Err(format!("{} bytes follow its end", rest.0.len()).into());
     }
     let history = h.history.iter().map(|[step, seconds, loss, psnr]| HistoryPoint {
         step: *step,
@@ -275,6 +295,17 @@ mod tests {
 
     fn group(name: &'static str, rows: usize, columns: usize) -> Group {
         Group { name: name.into(), rows, columns, ranges: Vec::new(), unit: None, rates: Vec::new() }
+    }
+
+    fn steering(asset: &str) -> Steering {
+        Steering::default().option("batch", 2).digest("asset", asset)
+    }
+
+    fn rule(refusal: Refusal) -> String {
+        match refusal {
+            Refusal::Broken(rule) => rule,
+            Refusal::Other(differences) => panic!("{differences:?}"),
+        }
     }
 
     fn sample() -> (Course, Vec<Group>, Vec<Loaded>) {
@@ -313,13 +344,13 @@ mod tests {
             .zip(&loaded)
             .map(|(group, l)| Saved { group, values: &l.values, best: &l.best, optimizer: &l.optimizer })
             .collect();
-        encode(&course, &saved, "print").unwrap()
+        encode(&course, &saved, &steering("a")).unwrap()
     }
 
     #[test]
     fn what_is_written_is_read() {
         let (course, groups, loaded) = sample();
-        assert_eq!(decode(&bytes(), &groups, "print").unwrap(), (course, loaded));
+        assert_eq!(decode(&bytes(), &groups, &steering("a")).unwrap(), (course, loaded));
     }
 
     #[test]
@@ -330,14 +361,14 @@ mod tests {
             for bit in [0x01, 0x80] {
                 let mut bad = good.clone();
                 bad[at] ^= bit;
-                assert!(decode(&bad, &groups, "print").is_err(), "byte {at} of {}", good.len());
+                assert!(decode(&bad, &groups, &steering("a")).is_err(), "byte {at} of {}", good.len());
             }
         }
         for length in 0..good.len() {
-            assert!(decode(&good[..length], &groups, "print").is_err(), "cut to {length} bytes");
+            assert!(decode(&good[..length], &groups, &steering("a")).is_err(), "cut to {length} bytes");
         }
         let longer = [&good[..], &[0; 4]].concat();
-        let rule = decode(&longer, &groups, "print").unwrap_err();
+        let rule = rule(decode(&longer, &groups, &steering("a")).unwrap_err());
         assert!(rule.contains("damaged"), "{rule}");
     }
 
@@ -345,15 +376,16 @@ mod tests {
     fn another_fit_is_told_apart() {
         let (_, groups, _) = sample();
         let foreign = [
-            (vec![group("positions", 5, 3), group("texels", 4, 2)], "print"),
-            (vec![group("positions", 5, 3), group("maps", 5, 2)], "print"),
-            (vec![group("positions", 5, 3)], "print"),
-            (groups, "other print"),
+            vec![group("positions", 5, 3), group("texels", 4, 2)],
+            vec![group("positions", 5, 3), group("maps", 5, 2)],
+            vec![group("positions", 5, 3)],
         ];
-        for (groups, print) in foreign {
-            let rule = decode(&bytes(), &groups, print).unwrap_err();
-            assert!(rule.contains("other options"), "{rule}");
+        for groups in foreign {
+            let rule = rule(decode(&bytes(), &groups, &steering("a")).unwrap_err());
+            assert!(rule.contains("another fit"), "{rule}");
         }
+        let Err(Refusal::Other(d)) = decode(&bytes(), &groups, &steering("b")) else { panic!("taken") };
+        assert_eq!((d.len(), d[0].to_string().as_str()), (1, "asset is not the same"));
     }
 
     #[test]
@@ -364,6 +396,6 @@ mod tests {
         let mut digest = Digest::new();
         digest.add_bytes(&bad[16..]);
         bad[8..16].copy_from_slice(&digest.value().to_le_bytes());
-        assert!(decode(&bad, &groups, "print").unwrap_err().contains("too early"));
+        assert!(rule(decode(&bad, &groups, &steering("a")).unwrap_err()).contains("too early"));
     }
 }

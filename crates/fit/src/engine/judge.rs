@@ -22,17 +22,17 @@ const SMALL: usize = 256;
 const OUTLINE: f32 = 0.1;
 /// Pixels per degree of the FLIP viewer.
 const PIXELS_PER_DEGREE: f32 = 67.02;
-/// Quality of equal pictures: what 8 bits can tell apart, rounded up.
-const BEST_PSNR: f64 = 60.0;
+/// Largest PSNR of a [`Quality`], and that of equal pictures: what 8 bits can tell apart, rounded up.
+pub const BEST_PSNR: f64 = 60.0;
 /// Views in which neighbouring levels of detail are compared.
 const POPPING_VIEWS: u64 = 16;
 /// Widest path traced picture of the judge.
-const WIDEST_TRACED: usize = 256;
+pub const WIDEST_TRACED: usize = 256;
 
 /// Mean quality over the foreground: the union of both silhouettes, dilated.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Quality {
-    /// Peak signal to noise of sRGB images, decibels.
+    /// Peak signal to noise of sRGB images, decibels, at most [`BEST_PSNR`].
     pub psnr: f64,
     /// Structural similarity.
     pub ssim: f64,
@@ -46,6 +46,15 @@ pub struct Quality {
 }
 
 impl Quality {
+    /// The PSNR for people: with `digits` decimals, or `60 or more` where it is as large as is told apart.
+    pub fn decibels(&self, digits: usize) -> String {
+        if self.psnr >= BEST_PSNR {
+            format!("{BEST_PSNR} or more")
+        } else {
+            format!("{:.digits$}", self.psnr)
+        }
+    }
+
     /// Mean over views; zero without any.
     pub fn mean<'a>(views: impl Iterator<Item = &'a Self>) -> Self {
         let (mut sum, mut n) = (Self::default(), 0.0);
@@ -73,6 +82,8 @@ impl Quality {
 pub struct ViewQuality {
     /// Figures over the foreground.
     pub quality: Quality,
+    /// Root of the mean squared error over the foreground, of sRGB values in [0, 1].
+    pub rmse: f64,
     /// FLIP per pixel.
     pub flip: Image,
     /// Display picture (sRGB) of the candidate over grey.
@@ -97,6 +108,18 @@ pub enum Judged {
     ReferenceTraced,
     /// All by the path tracer, extensions of materials included.
     PathTraced,
+}
+
+/// Who draws the pictures of a judgement.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum JudgeRenderer {
+    /// The path tracer where materials need what the rasterizer lacks, else the rasterizer.
+    #[default]
+    Auto,
+    /// The rasterizer, whatever the materials hold.
+    Raster,
+    /// The path tracer, whatever they hold.
+    Path,
 }
 
 /// A named asset on its way to the written file.
@@ -195,6 +218,10 @@ pub struct Judge<'a> {
     pub n: &'a Normalised,
     /// Pictures of the reference as the fit had them, for stages that the rasterizer can draw.
     pub path_traced_reference: bool,
+    /// Who draws.
+    pub renderer: JudgeRenderer,
+    /// Samples of a path traced pixel.
+    pub spp: u32,
     /// Light of the views.
     pub lighting: &'a Lighting,
     /// Width and height of the pictures.
@@ -209,16 +236,17 @@ impl Judge<'_> {
     /// How pictures of the reference and of `stages` are made.
     pub fn method(&self, stages: &[Stage]) -> Judged {
         let mut scenes = stages.iter().map(|s| &s.scene).chain([self.scene]);
-        if scenes.any(|s| !beyond_rasterizer(s).is_empty()) {
-            Judged::PathTraced
-        } else if self.path_traced_reference {
-            Judged::ReferenceTraced
-        } else {
-            Judged::Rasterized
+        match self.renderer {
+            JudgeRenderer::Path => Judged::PathTraced,
+            JudgeRenderer::Raster => Judged::Rasterized,
+            JudgeRenderer::Auto if scenes.any(|s| !beyond_rasterizer(s).is_empty()) => Judged::PathTraced,
+            JudgeRenderer::Auto if self.path_traced_reference => Judged::ReferenceTraced,
+            JudgeRenderer::Auto => Judged::Rasterized,
         }
     }
 
-    /// Compares stages with the reference in the `views` views of a report.
+    /// Compares stages with the reference in the `views` views of a report; in fewer, but one at least, when the user stops
+    /// it meanwhile.
     ///
     /// # Errors
     /// If a picture cannot be made.
@@ -236,15 +264,17 @@ impl Judge<'_> {
         };
         let n = self.n;
         if method == Judged::PathTraced {
-            let reference = PathTraced::new(self.scene, n, Features::All, self.seed)?;
-            let traced: Vec<_> =
-                stages.iter().map(|s| s.traced(n, self.seed)).collect::<Result<_, FitError>>()?;
+            let reference = PathTraced::new(self.scene, n, Features::All, self.seed)?.sampled(self.spp);
+            let traced: Vec<_> = stages
+                .iter()
+                .map(|s| Ok(s.traced(n, self.seed)?.sampled(self.spp)))
+                .collect::<Result<_, FitError>>()?;
             return look(&reference, &traced.iter().map(|t| t as &dyn Reference).collect::<Vec<_>>());
         }
         let traced;
         let rasterized = Rasterized::new(&n.flat, &n.library).sampled(self.samples[0]);
         let reference: &dyn Reference = if method == Judged::ReferenceTraced {
-            traced = PathTraced::new(self.scene, n, Features::Core, self.seed)?;
+            traced = PathTraced::new(self.scene, n, Features::Core, self.seed)?.sampled(self.spp);
             &traced
         } else {
             &rasterized
@@ -284,16 +314,21 @@ fn compared(
     count: u64,
     progress: &dyn Progress,
 ) -> Result<Vec<ReportView>, FitError> {
-    (0..count)
-        .map(|i| {
-            progress.report("report", i, count, "");
-            let s = views.setup(set, i, count);
-            let Picture { image, .. } = reference.picture(&s)?;
-            let quality = stages.iter().map(|c| Ok(compare(&image, &c.picture(&s)?.image)));
-            let quality = quality.collect::<Result<_, FitError>>()?;
-            Ok(ReportView { reference: display(&image), quality })
-        })
-        .collect()
+    // A fit that was stopped is judged in full; who stops the judgement itself does not wait for its end.
+    let stopped = progress.is_cancelled();
+    let mut out = Vec::new();
+    for i in 0..count {
+        progress.report("report", i, count, "");
+        if i > 0 && !stopped && progress.is_cancelled() {
+            break;
+        }
+        let s = views.setup(set, i, count);
+        let Picture { image, .. } = reference.picture(&s)?;
+        let quality = stages.iter().map(|c| Ok(compare(&image, &c.picture(&s)?.image)));
+        let quality = quality.collect::<Result<_, FitError>>()?;
+        out.push(ReportView { reference: display(&image), quality });
+    }
+    Ok(out)
 }
 
 /// Mean FLIP between two stages as an engine shows them, with one sample a pixel, in pictures of `size` pixels a side.
@@ -381,14 +416,15 @@ pub fn compare(reference: &Image, candidate: &Image) -> ViewQuality {
     let outline = coverages().zip(&squares.map.data).filter(|((a, b), _)| (a - b).abs() > OUTLINE);
     let at_outline: f64 = outline.map(|(_, e)| f64::from(*e)).sum();
     let everywhere = squares.mean * squares.map.data.len() as f64;
+    let mse = over(squares.mean_over(&mask));
     let quality = Quality {
-        psnr: psnr_from_mse(over(squares.mean_over(&mask))).min(BEST_PSNR),
+        psnr: psnr_from_mse(mse).min(BEST_PSNR),
         ssim: ssim(&r, &c).mean_over(&mask).unwrap_or(1.0),
         flip: over(flip_map.mean_over(&mask)),
         outline: if everywhere > 0.0 { at_outline / everywhere } else { 0.0 },
         luminance: luminance_ratio(reference, candidate),
     };
-    ViewQuality { quality, flip: flip_map.map, picture: c }
+    ViewQuality { quality, rmse: mse.sqrt(), flip: flip_map.map, picture: c }
 }
 
 #[cfg(test)]
@@ -416,11 +452,22 @@ mod tests {
     }
 
     fn psnr(reference: &Scene, stages: Vec<Scene>) -> (Judged, Vec<f64>) {
+        judged(reference, stages, JudgeRenderer::Auto, 64)
+    }
+
+    fn judged(
+        reference: &Scene,
+        stages: Vec<Scene>,
+        renderer: JudgeRenderer,
+        spp: u32,
+    ) -> (Judged, Vec<f64>) {
         let n = Normalised::new(reference).unwrap();
         let judge = Judge {
             scene: reference,
             n: &n,
             path_traced_reference: false,
+            renderer,
+            spp,
             lighting: &Lighting::Mixed,
             size: 48,
             samples: [SUPERSAMPLE; 2],
@@ -458,5 +505,36 @@ mod tests {
             assert!(psnr[0] > psnr[1] + 10.0 && psnr[1] < 35.0, "kept {}, lost {}", psnr[0], psnr[1]);
         }
         assert_eq!(psnr(&sphere(None), vec![sphere(None)]), (Judged::Rasterized, vec![BEST_PSNR]));
+    }
+
+    #[test]
+    fn the_renderer_of_the_judge_can_be_chosen() {
+        let coat = Clearcoat { factor: 1.0, ..Clearcoat::default() };
+        let coated = sphere(Some(Extensions { clearcoat: Some(coat), ..Extensions::default() }));
+        // The rasterizer draws no coats, and so sees no difference.
+        let raster = judged(&coated, vec![sphere(None)], JudgeRenderer::Raster, 8);
+        assert_eq!(raster, (Judged::Rasterized, vec![BEST_PSNR]));
+        let (method, few) = judged(&coated, vec![sphere(None)], JudgeRenderer::Auto, 8);
+        assert!(method == Judged::PathTraced && few[0] < 35.0, "{few:?}");
+        let (_, many) = judged(&coated, vec![sphere(None)], JudgeRenderer::Auto, 64);
+        // Noise of few samples counts as error.
+        assert!((0.1..3.0).contains(&(many[0] - few[0])), "{few:?} {many:?}");
+        let path = judged(&sphere(None), vec![sphere(None)], JudgeRenderer::Path, 8);
+        assert_eq!(path.0, Judged::PathTraced);
+    }
+
+    #[test]
+    fn a_capped_psnr_is_told_as_such() {
+        let told = |psnr: f64| Quality { psnr, ..Quality::default() }.decibels(2);
+        assert_eq!((told(60.0).as_str(), told(59.994).as_str()), ("60 or more", "59.99"));
+    }
+
+    #[test]
+    fn rmse_goes_below_what_the_psnr_tells_apart() {
+        let grey = |x: f32| Image::from_data(2, 2, 4, [x, x, x, 1.0].repeat(4));
+        let compared = compare(&grey(0.5), &grey(0.5001));
+        assert_eq!(compared.quality.psnr.to_bits(), BEST_PSNR.to_bits());
+        let e = |x: f32| f64::from(photofit_image::srgb_encode(x));
+        assert!((compared.rmse / (e(0.5001) - e(0.5)) - 1.0).abs() < 1e-2, "{}", compared.rmse);
     }
 }

@@ -27,6 +27,7 @@ pub mod model;
 pub mod plan;
 mod pool;
 pub mod reference;
+pub mod steering;
 pub mod surface;
 pub mod traced;
 pub mod trainer;

@@ -3,6 +3,7 @@
 //! One value, filled in as facts become known: the asset, then the options, then the baked maps, then the phases. What
 //! is printed says only what these facts say.
 
+use super::judge::JudgeRenderer;
 use super::reference::ENERGY;
 use super::trainer::Phase;
 use super::views::Lighting;
@@ -89,6 +90,51 @@ struct Maps {
     fitted: [bool; CHANNELS],
 }
 
+/// Who draws the pictures of a judgement, why, and how many there are.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Judgement {
+    /// All pictures are path traced.
+    pub traced: bool,
+    /// What the options ask for.
+    pub renderer: JudgeRenderer,
+    /// Pictures of the asset are path traced for the fit.
+    pub reference_traced: bool,
+    /// What of the asset's materials the rasterizer lacks.
+    pub beyond: Vec<&'static str>,
+    /// Pictures of all views, of the asset and of what is compared with it, at most.
+    pub pictures: u64,
+    /// Width and height of each, pixels.
+    pub side: usize,
+    /// Samples of a path traced pixel.
+    pub spp: u32,
+}
+
+impl Judgement {
+    /// Whether the path tracer draws, and why, with the samples that it takes at most.
+    pub fn item(&self) -> Item {
+        let Self { pictures, side, spp, .. } = self;
+        let names = self.beyond.join(", ");
+        let million = (pictures * (side * side) as u64 * u64::from(*spp)) as f64 / 1e6;
+        let why = match (self.traced, self.renderer) {
+            (true, JudgeRenderer::Path) => "as asked".to_owned(),
+            (true, _) => format!("the rasterizer does not draw {names}"),
+            (false, JudgeRenderer::Raster) if !self.beyond.is_empty() => {
+                format!("as asked; {names} are not drawn")
+            }
+            (false, JudgeRenderer::Raster) => "as asked".to_owned(),
+            (false, _) if self.reference_traced => "but for pictures of the asset, as in the fit".to_owned(),
+            (false, _) => "the rasterizer draws all materials".to_owned(),
+        };
+        let cost = match self.traced {
+            true => format!(
+                ": at most {pictures} pictures of {side} x {side} pixels, {spp} samples each, {million:.0} million samples"
+            ),
+            false => String::new(),
+        };
+        Item { what: "path traced judgement", runs: self.traced.into(), why: why + &cost }
+    }
+}
+
 /// What runs; printable and comparable.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
@@ -98,6 +144,7 @@ pub struct Plan {
     /// The loss with the noise of the pictures that it was chosen by.
     loss: Option<(Loss, f64)>,
     phases: Vec<String>,
+    judgement: Option<Judgement>,
     /// Where the fit runs, and why there.
     device: Option<String>,
 }
@@ -111,6 +158,7 @@ impl Plan {
             maps: None,
             loss: None,
             phases: Vec::new(),
+            judgement: None,
             device: None,
         }
     }
@@ -156,6 +204,12 @@ impl Plan {
         fitted[channel::EMISSIVE..channel::EMISSIVE + 3].fill(emissive);
         let layers = if blend || mask { Passes::default().max_layers } else { 1 };
         Self { maps: Some(Maps { layers, mask, blend, metallic, fitted }), ..self }
+    }
+
+    /// Adds how the result is judged.
+    #[must_use]
+    pub fn with_judgement(self, judgement: Judgement) -> Self {
+        Self { judgement: Some(judgement), ..self }
     }
 
     /// Adds the loss and the noise that it was chosen by.
@@ -229,6 +283,7 @@ impl Plan {
         self.material_items(&mut items);
         self.asset.data_items(&mut items);
         self.option_items(&mut items);
+        items.extend(self.judgement.as_ref().map(Judgement::item));
         if let Some(why) = &self.device {
             items.push(Item { what: "device", runs: Runs::Yes, why: why.clone() });
         }

@@ -28,8 +28,8 @@ pub const ENERGY: Energy = Energy::Single;
 pub(crate) const SUPERSAMPLE: usize = 4;
 /// Most samples per axis that the rasterizer takes at once.
 const MOST_AT_ONCE: usize = 8;
-/// Samples of a path traced pixel.
-pub(crate) const SAMPLES: u32 = 64;
+/// Samples of a path traced pixel, where nothing else is asked for.
+pub const SAMPLES: u32 = 64;
 /// Rows of the maps that path tracing takes from a prefiltered environment.
 const ROWS: usize = 128;
 
@@ -147,6 +147,7 @@ pub struct PathTraced<'a> {
     world: Mutex<World>,
     surface: Option<&'a bake::Reference<'a>>,
     seed: u64,
+    spp: u32,
 }
 
 impl<'a> PathTraced<'a> {
@@ -156,7 +157,12 @@ impl<'a> PathTraced<'a> {
     /// If the path tracer refuses the scene.
     pub fn new(scene: &Scene, n: &Normalised, features: Features, seed: u64) -> Result<Self, FitError> {
         let shown = features.of(scene);
-        Ok(Self { world: Mutex::new(world(&shown, n.to_frame(), n.radius)?), surface: None, seed })
+        Ok(Self {
+            world: Mutex::new(world(&shown, n.to_frame(), n.radius)?),
+            surface: None,
+            seed,
+            spp: SAMPLES,
+        })
     }
 
     /// Pictures of a scene whose geometry lies in the normalised frame already; its materials are those of an asset of
@@ -166,7 +172,14 @@ impl<'a> PathTraced<'a> {
     /// If the path tracer refuses the scene.
     pub fn in_frame(scene: &Scene, radius: f32, features: Features, seed: u64) -> Result<Self, FitError> {
         let shown = features.of(scene);
-        Ok(Self { world: Mutex::new(world(&shown, DAffine3::IDENTITY, radius)?), surface: None, seed })
+        let world = Mutex::new(world(&shown, DAffine3::IDENTITY, radius)?);
+        Ok(Self { world, surface: None, seed, spp: SAMPLES })
+    }
+
+    /// The same with `spp` samples of a pixel.
+    #[must_use]
+    pub fn sampled(self, spp: u32) -> Self {
+        Self { spp, ..self }
     }
 
     /// The same with the surface of the asset.
@@ -185,7 +198,7 @@ impl Reference for PathTraced<'_> {
         let options = RenderOptions {
             width: setup.width,
             height: setup.height,
-            spp: SAMPLES,
+            spp: self.spp,
             seed: self.seed,
             path: PathOptions { show_environment: false, ..PathOptions::default() },
             ..RenderOptions::default()

@@ -8,6 +8,7 @@ use super::checkpoint::{self, Course, Digest, Saved};
 use super::model::{Broken, Group, GroupName, Model, Snapshot};
 use super::pool::{Batches, Pool};
 use super::reference::Reference;
+use super::steering::Steering;
 use super::views::{Sampling, Set, Shot, Views};
 use crate::{FitError, Progress};
 use photofit_image::psnr_from_mse;
@@ -70,8 +71,8 @@ pub struct Job<'a> {
     pub steps: u64,
     /// Checkpoints and limits.
     pub keeping: &'a Keeping,
-    /// The options that steer the fit, as text: a checkpoint of other ones is refused.
-    pub options: String,
+    /// The options that steer the fit: a checkpoint of other ones is refused.
+    pub options: Steering,
 }
 
 impl std::fmt::Debug for Job<'_> {
@@ -211,7 +212,7 @@ struct Trainer<'a, M: Model> {
     groups: Vec<Group>,
     course: Course,
     pool: Pool,
-    fingerprint: String,
+    steering: Steering,
     /// Step of the checkpoint that stands in the folder.
     saved: Option<u64>,
     /// The last refusal to save that the user was told of.
@@ -238,14 +239,14 @@ where
 {
     let mut model = model;
     let groups = model.groups().to_vec();
-    let fingerprint = fingerprint(job, &mut model, groups.len()).map_err(|b| broken(b, 0, String::new()))?;
+    let steering = steering(job, &mut model, groups.len()).map_err(|b| broken(b, 0, String::new()))?;
     let mut t = Trainer {
         job,
         model,
         groups,
         course: Course { best_psnr: f64::NEG_INFINITY, ..Course::default() },
         pool: Pool::default(),
-        fingerprint,
+        steering,
         saved: None,
         refusal: String::new(),
         samples: 0.0,
@@ -291,15 +292,19 @@ where
 /// What must agree between the run that wrote a checkpoint and the one that reads it: the options that steer the fit,
 /// the values it starts from, the pictures of the held-out views, and what the start looks like in them, which follows
 /// from all that the model holds beside its values: cameras, light, what is not fitted.
-fn fingerprint<M: Model>(job: &Job<'_>, model: &mut M, groups: usize) -> Result<String, Broken> {
+fn steering<M: Model>(job: &Job<'_>, model: &mut M, groups: usize) -> Result<Steering, Broken> {
     let mut digest = Digest::new();
     for g in 0..groups {
         digest.add(&model.values(g)?);
     }
-    job.held_out.shots.iter().for_each(|s| digest.add(s.reference.as_flattened()));
     model.pictures(&job.held_out.shots)?.iter().for_each(|p| digest.add(p.as_flattened()));
+    let mut picture = Digest::new();
+    job.held_out.shots.iter().for_each(|s| picture.add(s.reference.as_flattened()));
     let Job { options, batch, fresh, steps, loss, sampling, .. } = job;
-    Ok(format!("{options} {batch} {fresh} {steps} {loss:?} {sampling:?} {:016x}", digest.value()))
+    let options = options.clone().option("batch", batch).option("new pictures", fresh).option("steps", steps);
+    let options = options.option("loss", format!("{loss:?}")).option("sampling", format!("{sampling:?}"));
+    let options = options.digest("what the fit starts from", format!("{:016x}", digest.value()));
+    Ok(options.digest("what its pictures show", format!("{:016x}", picture.value())))
 }
 
 /// What broke at a step, with what remains.
@@ -472,7 +477,7 @@ impl<M: Model> Trainer<'_, M> {
             .zip(&snapshots)
             .map(|(group, s)| Saved { group, values: &s.values, best: &s.best, optimizer: &s.optimizer })
             .collect();
-        let refusal = match checkpoint::save(folder, &self.course, &saved, &self.fingerprint) {
+        let refusal = match checkpoint::save(folder, &self.course, &saved, &self.steering) {
             Ok(()) => {
                 self.saved = Some(self.course.step);
                 return Ok(());
@@ -500,7 +505,7 @@ impl<M: Model> Trainer<'_, M> {
     fn restore(&mut self, progress: &dyn Progress) -> Result<(), FitError> {
         let keeping = self.job.keeping;
         let Some(folder) = keeping.checkpoint.as_ref().filter(|_| keeping.resume) else { return Ok(()) };
-        let Some((course, groups)) = checkpoint::load(folder, &self.groups, &self.fingerprint)? else {
+        let Some((course, groups)) = checkpoint::load(folder, &self.groups, &self.steering)? else {
             progress.warn(&format!("{}: no checkpoint is there; the fit begins anew", folder.display()));
             return Ok(());
         };
@@ -517,6 +522,7 @@ impl<M: Model> Trainer<'_, M> {
         }
         self.earlier = course.history.last().map_or(0.0, |h| h.seconds);
         self.saved = Some(course.step);
+        progress.note(&format!("resuming at step {} of {}", course.step, self.job.steps));
         self.course = course;
         Ok(())
     }

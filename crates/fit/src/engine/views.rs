@@ -32,6 +32,17 @@ pub enum Lighting {
     Environment(Arc<Environment>),
 }
 
+impl Lighting {
+    /// Its name.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Mixed => "mixed",
+            Self::Point => "point",
+            Self::Environment(_) => "env",
+        }
+    }
+}
+
 /// The environment of [`Lighting::Mixed`]: a sky, a ground and three soft lights, scaled so that a white diffuse sphere
 /// averages 0.7.
 ///

@@ -124,7 +124,7 @@ fn errors_name_the_field_what_it_is_and_what_it_must_be() {
         (&[f64::NAN], &[], "lod has a size of NaN; it must be 16 to 1024 pixels"),
         (&[64.0, 32.0], &[10], "lod_triangles has 1 budgets; it must have one for each of 2 levels"),
         (&[64.0, 32.0], &[10, 20], "lod_triangles has 20 after 10; budgets must fall"),
-        (&[64.0], &[600], "triangles is 600; it must be 1 to 500, the triangles of the asset"),
+        (&[64.0], &[600], "lod_triangles is 600; it must be 1 to 500, the triangles of the asset"),
     ] {
         assert_eq!(with(sizes, triangles).check(500).unwrap_err().to_string(), message);
     }

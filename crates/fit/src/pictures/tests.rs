@@ -209,3 +209,38 @@ fn cameras_that_look_away_are_told() {
     let error = PictureFolder::load(dir.path(), &asset(), 0, &none).unwrap_err().to_string();
     assert!(error.contains("no camera sees the asset") && error.contains("-z"), "{error}");
 }
+
+#[test]
+fn pictures_that_tell_nothing_are_doubted() {
+    let (dir, mut file) = folder();
+    let sound = load(&dir, &file).unwrap();
+    // The grey of the first is 0.
+    assert_eq!(sound.doubts(), ["1 of 9 pictures are black, or empty: frames [0]"]);
+    for k in 0..9 {
+        file["frames"][k]["file_path"] = json!("images/5");
+    }
+    assert_eq!(load(&dir, &file).unwrap().doubts(), ["the pictures of 9 frames are only 1 different ones"]);
+    let (dir, mut file) = folder();
+    for k in 1..9 {
+        file["frames"][k]["transform_matrix"] = file["frames"][0]["transform_matrix"].clone();
+    }
+    let doubts = load(&dir, &file).unwrap().doubts();
+    assert!(doubts[1].starts_with("the cameras of 9 frames are only 1 different ones"), "{doubts:?}");
+    for k in 0..9 {
+        file["frames"][k]["file_path"] = json!("images/0");
+    }
+    let doubts = load(&dir, &file).unwrap().doubts();
+    assert!(doubts[0].starts_with("all 9 pictures are black"), "{doubts:?}");
+}
+
+#[test]
+fn numbers_that_are_not_finite_are_named_with_their_frame() {
+    let (dir, file) = folder();
+    let text = file.to_string().replacen("17.0", "NaN", 1);
+    std::fs::write(dir.path().join(FILE), text).unwrap();
+    let rule = PictureFolder::load(dir.path(), &asset(), 0, &|_| panic!("nothing is drawn")).unwrap_err();
+    let rule = rule.to_string();
+    for part in [FILE, "frame 4 (images/4)", "transform_matrix[2][3] is NaN; it must be finite"] {
+        assert!(rule.contains(part), "{part:?} in {rule}");
+    }
+}

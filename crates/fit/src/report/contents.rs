@@ -66,8 +66,13 @@ pub(super) fn texel_density(scene: &Scene) -> Option<f64> {
     (area > 0.0 && texels > 0.0).then(|| (texels / area).sqrt())
 }
 
-/// The section: bytes of the parts, materials, what is left out.
-pub(super) fn section(parts: Option<&Parts>, asset: &Scene, light: &Scene, left_out: &[String]) -> String {
+/// The section: bytes of the parts, materials, what is left out and what was not fitted.
+pub(super) fn section(
+    parts: Option<&Parts>,
+    asset: &Scene,
+    light: &Scene,
+    [left_out, not_fitted]: [&[String]; 2],
+) -> String {
     let mut out = "<h2>What the file holds</h2>\n<div class=pair>\n".to_owned();
     if let Some(parts) = parts {
         let total = parts.iter().map(|p| p.1).sum::<u64>();
@@ -102,6 +107,9 @@ pub(super) fn section(parts: Option<&Parts>, asset: &Scene, light: &Scene, left_
         out += "<p class=note>Nothing that was read of the asset was left out.</p>\n";
     } else {
         out += &list("Left out", left_out);
+    }
+    if !not_fitted.is_empty() {
+        out += &list("Kept, but not drawn while fitting", not_fitted);
     }
     if !asset.warnings.is_empty() {
         out += &list("Not read, or repaired", &asset.warnings);
@@ -218,18 +226,22 @@ mod tests {
         let mut scene = square();
         scene.materials[0].name = "<gold>".into();
         scene.materials[0].alpha_mode = AlphaMode::Mask { cutoff: 0.5 };
-        let html = section(None, &scene, &scene, &["2 animations (run & jump)".into()]);
+        let html = section(None, &scene, &scene, [&["2 animations (run & jump)".into()], &["sheen".into()]]);
         for part in [
             "&lt;gold&gt;",
             "cut out at alpha 0.5; maps: base colour",
             "<li>2 animations (run &amp; jump)</li>",
+            "<h3>Kept, but not drawn while fitting</h3>\n<ul class=left>\n<li>sheen</li>",
         ] {
             assert!(html.contains(part), "{part} in {html}");
         }
         assert!(
-            section(None, &scene, &scene, &[]).contains("Nothing that was read of the asset was left out")
+            section(None, &scene, &scene, [&[]; 2])
+                .contains("Nothing that was read of the asset was left out")
         );
         scene.warnings = vec!["normals of <2> faces were made".into()];
-        assert!(section(None, &scene, &scene, &[]).contains("<li>normals of &lt;2&gt; faces were made</li>"));
+        assert!(
+            section(None, &scene, &scene, [&[]; 2]).contains("<li>normals of &lt;2&gt; faces were made</li>")
+        );
     }
 }

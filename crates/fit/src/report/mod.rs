@@ -16,6 +16,7 @@ mod wireframe;
 pub use verdict::{Likeness, Verdict};
 
 use crate::FitError;
+use crate::engine::judge::BEST_PSNR;
 use crate::simplify::{Normalised, Outcome, Quality};
 use page::{bytes, count, escape};
 use photofit_image::write_atomically;
@@ -64,7 +65,7 @@ fn html(o: &Outcome, info: &ReportInfo<'_>) -> Result<String, FitError> {
     let body = [
         header(o, info, &light, file.len() as u64),
         views::at_size(o, info.screen_size)?,
-        contents::section(contents::parts(&file).as_ref(), info.scene, &light, &o.left_out),
+        contents::section(contents::parts(&file).as_ref(), info.scene, &light, [&o.left_out, &o.not_fitted]),
         views::section(o)?,
         atlas::section(&o.candidate)?,
         wireframes(o, info)?,
@@ -115,10 +116,11 @@ fn header(o: &Outcome, info: &ReportInfo<'_>, light: &Scene, bytes_out: u64) -> 
     format!(
         "<p class=\"verdict {class}\"><b>{}</b> {}</p>\n<h1>{}</h1>\n{stopped}<div class=tiles>\n{tiles}</div>\n\
          <p class=note>The same: FLIP at most 0.03 in the mean and 0.05 in the worst view, hard to tell side by side. \
-         Close: at most 0.08 and 0.12.</p>\n",
+         Close: at most 0.08 and 0.12. The file was {}.</p>\n",
         escape(first),
         escape(rest),
-        escape(&info.title)
+        escape(&info.title),
+        escape(&o.judged_by())
     )
 }
 
@@ -138,25 +140,27 @@ fn table(o: &Outcome) -> String {
     };
     let row = |(name, q): &(&str, Quality)| {
         format!(
-            "<tr><th>{name}</th><td class=what>{}</td><td>{:.2}</td><td>{:.4}</td><td>{:.4}</td><td>{:.0} \
+            "<tr><th>{name}</th><td class=what>{}</td><td>{}</td><td>{:.4}</td><td>{:.4}</td><td>{:.0} \
              %</td></tr>\n",
             what(name),
-            q.psnr,
+            q.decibels(2),
             q.ssim,
             q.flip,
             100.0 * q.outline
         )
     };
     let rows: String = o.stages.iter().map(row).collect();
+    let side = o.views.first().map_or(o.resolution, |v| v.reference.width);
     format!(
         "<div class=wide><table class=stages>\n<tr><th></th><th></th><th>PSNR, dB</th><th>SSIM</th><th>FLIP</th><th>at \
          outline</th></tr>\n{rows}</table></div>\n\
          <p class=note>Means over {} views and lights that the fit never saw, over the foreground (the union of both \
          silhouettes and a margin) of {} x {} pixels. At outline: the share of the squared error in pixels that one asset \
-         covers and the other does not, which no texture can mend.</p>\n",
+         covers and the other does not, which no texture can mend. PSNR is told up to {BEST_PSNR} dB: what 8 bits can tell \
+         apart.</p>\n",
         o.views.len(),
-        o.resolution,
-        o.resolution
+        side,
+        side
     )
 }
 

@@ -80,13 +80,13 @@ impl fmt::Display for Verdict {
         let Some((k, worst)) = &self.worst else { return write!(f, "{}", self.likeness) };
         write!(
             f,
-            "{}: PSNR {:.1} dB, FLIP {:.3} over {} new views; worst view {}: {:.1} dB, FLIP {:.3}",
+            "{}: PSNR {} dB, FLIP {:.3} over {} new views; worst view {}: {} dB, FLIP {:.3}",
             self.likeness,
-            self.mean.psnr,
+            self.mean.decibels(1),
             self.mean.flip,
             self.views,
             k + 1,
-            worst.psnr,
+            worst.decibels(1),
             worst.flip
         )
     }

@@ -68,14 +68,14 @@ fn card(index: usize, view: &ReportView, names: &[&str], side: usize) -> Result<
     let mut earlier = page::figure(&pictures::display(&view.reference, side)?, "reference", "reference");
     for (name, v) in names.iter().zip(&view.quality) {
         let q = &v.quality;
-        let caption = format!("{name}<br>{:.2} dB, SSIM {:.3}", q.psnr, q.ssim);
+        let caption = format!("{name}<br>{} dB, SSIM {:.3}", q.decibels(2), q.ssim);
         earlier += &page::figure(&pictures::display(&v.picture, side)?, name, &caption);
         if *name == SHIPPED {
             shown = format!(
                 "<div class=heat>{}<div class=legend><i></i>FLIP, from 0 to {HEAT} and more</div>\n\
-                 <p>PSNR {:.2} dB<br>SSIM {:.3}<br>FLIP {:.4}</p></div>\n",
+                 <p>PSNR {} dB<br>SSIM {:.3}<br>FLIP {:.4}</p></div>\n",
                 heat(name, v, side)?,
-                q.psnr,
+                q.decibels(2),
                 q.ssim,
                 q.flip
             );

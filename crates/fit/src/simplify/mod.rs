@@ -17,7 +17,7 @@ pub use crate::engine::Normalised;
 pub use crate::engine::classes::MaterialClass;
 pub use crate::engine::device::Device;
 pub use crate::engine::export::to_scene;
-pub use crate::engine::judge::{Judged, Quality, ReportView, ViewQuality};
+pub use crate::engine::judge::{JudgeRenderer, Judged, Quality, ReportView, ViewQuality};
 pub use crate::engine::plan::{Plan, Runs};
 pub use crate::engine::reference::ReferenceRenderer;
 pub use crate::engine::trainer::HistoryPoint;
@@ -27,9 +27,10 @@ pub use outcome::Outcome;
 use crate::bake;
 use crate::candidate::Candidate;
 use crate::engine::device::train_on;
-use crate::engine::judge::{Judge, Stage, beyond_rasterizer};
+use crate::engine::judge::{Judge, Stage};
 use crate::engine::loss;
 use crate::engine::reference::{Features, PathTraced, Rasterized, Reference};
+use crate::engine::steering::Steering;
 use crate::engine::surface::{MAPS, POSITIONS, Surface};
 use crate::engine::trainer::{self, HeldOut, Job, Keeping, Phase};
 use crate::engine::views::{Orbit, Pose};
@@ -121,6 +122,7 @@ pub(crate) fn simplify_asset(
     let loss = loss::choose(held_out.noise);
     let plan = Plan::new(scene)
         .with_options(options.steps, path_traced, &options.lighting)
+        .with_judgement(options.judgement(scene))
         .with_loss(loss, held_out.noise)
         .with_maps(&start.candidate);
     let keeping = Keeping {
@@ -169,7 +171,7 @@ pub(crate) fn simplify_asset(
     let triangles = [scene.triangle_count(), fitted.triangle_count()];
     let mut stages = Vec::new();
     // Path traced, the original would be the reference itself.
-    if options.as_engine && beyond_rasterizer(scene).is_empty() {
+    if options.as_engine && !options.is_judged_by_path_tracing(scene) {
         stages.push(Stage::new("original", scene.clone()));
     }
     stages.push(plain(scene, n, triangles[1])?);
@@ -184,6 +186,8 @@ pub(crate) fn simplify_asset(
         scene,
         n,
         path_traced_reference: path_traced,
+        renderer: options.judge,
+        spp: options.judge_spp,
         lighting: &options.lighting,
         size: options.resolution,
         samples: options.judge_samples(),
@@ -195,7 +199,10 @@ pub(crate) fn simplify_asset(
     let judged = judge.method(&stages);
     let mut outcome = Outcome::new(triangles, trained, plan, &names, pictures, judged, times, options);
     outcome.device = device.name();
-    outcome.left_out = outcome::left_out(scene, &stages[stages.len() - 1].scene, judged);
+    let light = &stages[stages.len() - 1].scene;
+    (outcome.left_out, outcome.not_fitted) =
+        (outcome::left_out(scene, light), outcome::not_fitted(scene, light));
+    outcome.stopped |= progress.is_cancelled();
     Ok(outcome)
 }
 
@@ -214,21 +221,25 @@ fn reference<'a>(
     })
 }
 
-/// The options and the topology that steer a fit, as text.
-fn steering(o: &SimplifyOptions, start: &Candidate) -> String {
+/// The options and the topology that steer a fit.
+fn steering(o: &SimplifyOptions, start: &Candidate) -> Steering {
     let mut digest = crate::engine::checkpoint::Digest::new();
     digest.add(start.triangles.as_flattened());
     digest.add(&start.uvs);
-    format!(
-        "{:?} {:?} {} {} {} {} {:016x}",
-        o.target,
-        o.init,
-        o.resolution,
-        o.as_engine,
-        o.texture_size,
-        o.seed,
-        digest.value()
-    )
+    let all = match o.target {
+        Target::Triangles(n) => Steering::default().option("triangles", n),
+        Target::Ratio(r) => Steering::default().option("ratio", r),
+        Target::Error(e) => Steering::default().option("error", e),
+        Target::ScreenSize(p) => Steering::default().option("screen_size", p),
+    };
+    all.option("init", format!("{:?}", o.init).to_lowercase())
+        .option("resolution", o.resolution)
+        .option("as_engine", o.as_engine)
+        .option("texture_size", o.texture_size)
+        .option("seed", o.seed)
+        .option("light", o.lighting.name())
+        .option("reference", format!("{:?}", o.reference).to_lowercase())
+        .digest("shape that the fit starts from", format!("{:016x}", digest.value()))
 }
 
 /// Coarse to fine: half resolution, then, with maps baked anew on the moved shape, full resolution.

@@ -4,11 +4,13 @@ use super::ReferenceRenderer;
 use crate::FitError;
 use crate::bake::BakeSettings;
 use crate::engine::device::Device;
-use crate::engine::reference::{SUPERSAMPLE, samples_for};
+use crate::engine::judge::{JudgeRenderer, WIDEST_TRACED, beyond_rasterizer};
+use crate::engine::plan::Judgement;
+use crate::engine::reference::{SAMPLES, SUPERSAMPLE, samples_for};
 use crate::engine::trainer::HELD_OUT;
 use crate::views::{Lighting, Sampling};
 use photofit_geometry::decimate::Target;
-use photofit_scene::{Compression, TextureEncoding};
+use photofit_scene::{Compression, Scene, TextureEncoding};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -61,6 +63,10 @@ pub struct SimplifyOptions {
     pub resume: bool,
     /// Views of the report.
     pub report_views: u64,
+    /// Who draws the pictures of the report.
+    pub judge: JudgeRenderer,
+    /// Samples of a pixel of the report that is path traced.
+    pub judge_spp: u32,
     /// Where the fit runs.
     pub device: Device,
 }
@@ -84,6 +90,8 @@ impl Default for SimplifyOptions {
             checkpoint: None,
             resume: false,
             report_views: 8,
+            judge: JudgeRenderer::Auto,
+            judge_spp: SAMPLES,
             device: Device::default(),
         }
     }
@@ -167,6 +175,34 @@ impl SimplifyOptions {
         CHOICE_VIEWS * self.more_views()
     }
 
+    /// Whether the report of an asset is path traced.
+    pub fn is_judged_by_path_tracing(&self, scene: &Scene) -> bool {
+        match self.judge {
+            JudgeRenderer::Auto => !beyond_rasterizer(scene).is_empty(),
+            JudgeRenderer::Raster => false,
+            JudgeRenderer::Path => true,
+        }
+    }
+
+    /// Who draws the pictures of the report of an asset, why, and how many there are.
+    pub fn judgement(&self, scene: &Scene) -> Judgement {
+        let traced = self.is_judged_by_path_tracing(scene);
+        let side = if traced { self.resolution.min(WIDEST_TRACED) } else { self.resolution };
+        // Decimated, baked, wrapped where the fit starts from a decimated asset, and fitted; the original where engines
+        // draw it.
+        let stages = 3 + u64::from(self.init == Init::Decimate) + u64::from(self.as_engine && !traced);
+        let beyond = beyond_rasterizer(scene).into_iter().collect();
+        Judgement {
+            traced,
+            renderer: self.judge,
+            reference_traced: self.reference == ReferenceRenderer::Path,
+            beyond,
+            pictures: self.report_views * (1 + stages),
+            side,
+            spp: self.judge_spp,
+        }
+    }
+
     /// Checks the ranges against an asset of `triangles` triangles; `usize::MAX` where there is none yet.
     ///
     /// # Errors
@@ -180,6 +216,7 @@ impl SimplifyOptions {
             rule("texture_size", texture_size, (16..=8192).contains(&texture_size), "must be 16 to 8192"),
             rule("batch", self.batch, (1..=64).contains(&self.batch), "must be 1 to 64"),
             rule("report_views", self.report_views, self.report_views <= 256, "must be at most 256"),
+            rule("judge_spp", self.judge_spp, (1..=65536).contains(&self.judge_spp), "must be 1 to 65536"),
             rule(
                 "resume",
                 self.resume,

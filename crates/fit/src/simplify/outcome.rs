@@ -2,7 +2,7 @@
 
 use super::SimplifyOptions;
 use crate::candidate::Candidate;
-use crate::engine::judge::{Judged, Quality, ReportView, beyond_rasterizer};
+use crate::engine::judge::{Judged, Quality, ReportView, WIDEST_TRACED, beyond_rasterizer};
 use crate::engine::plan::Plan;
 use crate::engine::surface::Surface;
 use crate::engine::trainer::{HistoryPoint, Trained};
@@ -25,7 +25,7 @@ pub struct Outcome {
     pub mpix_per_s: f64,
     /// Seconds after which the held-out quality stayed within half a decibel of its end.
     pub seconds_to_half_db: f64,
-    /// True when the user or the time limit ended the fit.
+    /// True when the user ended the work early, or the time limit the fit.
     pub stopped: bool,
     /// Names of the stages with their mean quality, in the order of [`ReportView::quality`]: `decimated` (fewer
     /// triangles, the asset's own textures), `baked` (a new atlas and maps from the asset: nothing is fitted), `wrapped`
@@ -36,12 +36,16 @@ pub struct Outcome {
     pub views: Vec<ReportView>,
     /// How the pictures of the report were made.
     pub judged: Judged,
+    /// Samples of their pixels, where they are path traced.
+    pub judge_spp: u32,
     /// The course of the fit.
     pub history: Vec<HistoryPoint>,
     /// What ran and what was skipped.
     pub plan: Plan,
-    /// What of the asset was not fitted or is not in the written file, one line each.
+    /// What of the asset is not in the written file, one line each.
     pub left_out: Vec<String>,
+    /// What of the asset is in the written file, but was not drawn while fitting, one line each.
+    pub not_fitted: Vec<String>,
     /// The fitted asset in the normalised frame.
     pub candidate: Candidate,
     /// Width and height of the pictures that quality is reported by.
@@ -61,6 +65,23 @@ impl Outcome {
     /// Mean quality of a stage.
     pub fn stage(&self, name: &str) -> Option<&Quality> {
         self.stages.iter().find(|(n, _)| *n == name).map(|(_, q)| q)
+    }
+
+    /// How the pictures of the report were made, in words.
+    pub fn judged_by(&self) -> String {
+        let spp = self.judge_spp;
+        match self.judged {
+            Judged::Rasterized => "judged by rasterized pictures".into(),
+            Judged::ReferenceTraced => {
+                format!(
+                    "judged by rasterized pictures against path traced ones of the asset, {spp} samples per pixel"
+                )
+            }
+            Judged::PathTraced => {
+                let side = self.resolution.min(WIDEST_TRACED);
+                format!("judged by path traced pictures of {side} x {side} pixels, {spp} samples each")
+            }
+        }
     }
 
     pub(super) fn new(
@@ -88,9 +109,11 @@ impl Outcome {
             stages: names.iter().enumerate().map(|(k, name)| (*name, mean(k))).collect(),
             views,
             judged,
+            judge_spp: options.judge_spp,
             history: trained.history,
             plan,
             left_out: Vec::new(),
+            not_fitted: Vec::new(),
             candidate: trained.model.candidate,
             resolution: options.resolution,
             device: options.device.name(),
@@ -98,13 +121,18 @@ impl Outcome {
     }
 }
 
-/// What of an asset is not fitted or not kept, one line each.
-pub(super) fn left_out(scene: &Scene, light: &Scene, judged: Judged) -> Vec<String> {
-    let mut out = Vec::new();
-    if judged == Judged::PathTraced {
-        let names = beyond_rasterizer(scene).into_iter().collect::<Vec<_>>().join(", ");
-        out.push(format!("not drawn while fitting, kept in the file, and judged by path tracing: {names}"));
-    }
-    out.extend(scene.left_out(light));
-    out
+/// What of an asset is not in the written file, one line each.
+pub(super) fn left_out(scene: &Scene, light: &Scene) -> Vec<String> {
+    let kept = beyond_rasterizer(light);
+    let lost: Vec<&str> = beyond_rasterizer(scene).into_iter().filter(|name| !kept.contains(name)).collect();
+    let lost = (!lost.is_empty()).then(|| format!("material extensions: {}", lost.join(", ")));
+    lost.into_iter().chain(scene.left_out(light)).collect()
+}
+
+/// What of an asset is in the written file without having been fitted, one line each.
+pub(super) fn not_fitted(scene: &Scene, light: &Scene) -> Vec<String> {
+    let kept = beyond_rasterizer(light);
+    let names: Vec<&str> = beyond_rasterizer(scene).into_iter().filter(|name| kept.contains(name)).collect();
+    let line = || format!("material extensions, their textures as mean values: {}", names.join(", "));
+    (!names.is_empty()).then(line).into_iter().collect()
 }

@@ -42,6 +42,9 @@ pub struct Limits {
     pub texture_side: usize,
     /// Texels of all textures together.
     pub texels: u64,
+    /// Keeps the files of textures beside their texels ([`crate::TextureImage::encoded`]), so that they are written again as
+    /// they are.
+    pub keep_encoded: bool,
 }
 
 impl Default for Limits {
@@ -57,6 +60,7 @@ impl Default for Limits {
             instances: 4_000_000,
             texture_side: 16_384,
             texels: 1 << 29,
+            keep_encoded: false,
         }
     }
 }

@@ -83,13 +83,15 @@ impl<'a> Textures<'a> {
             max_side: self.limits.texture_side as u32,
             ..photofit_image::Limits::default()
         };
+        let keep = self.limits.keep_encoded;
         let images: Vec<Result<TextureImage, Fault>> = self
             .pending
             .into_par_iter()
             .map(|p| {
                 let (width, height, texels) = photofit_image::decode_texture(&p.bytes, &limits)
                     .map_err(|e| fault(&p.place, image_rule(e)))?;
-                Ok(TextureImage { name: p.name, width, height, texels, ..TextureImage::default() })
+                let encoded = keep.then(|| p.bytes.as_ref().into());
+                Ok(TextureImage { name: p.name, width, height, texels, encoded, ..TextureImage::default() })
             })
             .collect();
         // The first error in the file's order, whichever thread met one first.

@@ -207,8 +207,20 @@ pub(super) fn parts(m: &[[f32; 3]; 2]) -> Option<([f32; 2], f32, [f32; 2])> {
     same.then_some((offset, rotation, scale))
 }
 
+/// The type of a PNG, JPEG or WebP.
+fn mime(encoded: &[u8]) -> &'static str {
+    match encoded {
+        [0xff, 0xd8, ..] => "image/jpeg",
+        [b'R', b'I', b'F', b'F', ..] => WEBP,
+        _ => "image/png",
+    }
+}
+
 /// The bytes of an image and their type.
 fn encode(image: &TextureImage) -> Result<(Vec<u8>, &'static str), String> {
+    if let Some(bytes) = &image.encoded {
+        return Ok((bytes.to_vec(), mime(bytes)));
+    }
     let (width, height) = (image.width, image.height);
     let opaque = image.texels.iter().all(|t| t[3] == 255);
     let samples: Vec<u8> = if opaque {

@@ -127,6 +127,7 @@ struct Counting {
     asked: AtomicUsize,
     stop_at: Option<usize>,
     warnings: Mutex<Vec<String>>,
+    notes: Mutex<Vec<String>>,
 }
 
 impl Progress for Counting {
@@ -138,6 +139,10 @@ impl Progress for Counting {
 
     fn warn(&self, text: &str) {
         self.warnings.lock().unwrap().push(text.into());
+    }
+
+    fn note(&self, text: &str) {
+        self.notes.lock().unwrap().push(text.into());
     }
 }
 
@@ -155,7 +160,7 @@ fn fit(model: Pixels, keeping: &Keeping, progress: &dyn Progress) -> Result<Trai
         fresh: 1,
         steps: STEPS,
         keeping,
-        options: "greys".into(),
+        options: Steering::default().option("model", "greys"),
     };
     // The second phase begins with blue made anew, and asks as long work does whether to stop.
     let renew = |m: &Pixels| {
@@ -201,8 +206,13 @@ fn a_fit_stopped_anywhere_resumes_to_the_same_bits() {
         let progress = Counting { stop_at: Some(stop_at), ..Counting::default() };
         let stopped = fit(Pixels::new(), &keeping(dir.path(), false), &progress).unwrap();
         assert_eq!(stopped.stopped, stop_at <= STEPS as usize, "{stop_at}");
-        let resumed = fit(Pixels::new(), &keeping(dir.path(), true), &Silent).unwrap();
+        let told = Counting::default();
+        let resumed = fit(Pixels::new(), &keeping(dir.path(), true), &told).unwrap();
         assert!(result(&resumed) == whole, "stopped at question {stop_at}");
+        if stopped.stopped {
+            let line = format!("resuming at step {} of {STEPS}", stopped.steps);
+            assert_eq!(told.notes.into_inner().unwrap(), [line]);
+        }
         assert!(!resumed.stopped);
     }
 }
