@@ -216,6 +216,10 @@ pub(crate) struct Simplify {
     /// What the fit starts from.
     #[arg(long, value_enum, default_value = "decimate")]
     pub(crate) init: Start,
+    /// Always write new maps, one set and one material for all. Else the asset's own textures and materials on fewer
+    /// triangles are written where they look better than what was fitted.
+    #[arg(long)]
+    pub(crate) new_maps: bool,
     /// Width and height of the report's pictures, pixels. The fit compares pictures of half that size with four samples
     /// per pixel, and of a quarter at first. With --screen-size and --lod that size says it [range: 16 to 4096] [default:
     /// 512, or the size on screen].

@@ -100,6 +100,7 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
             FitReference::Raster => ReferenceRenderer::Raster,
             FitReference::Path => ReferenceRenderer::Path,
         },
+        own_textures: !a.new_maps,
         judge: match a.judge {
             FitJudge::Auto => JudgeRenderer::Auto,
             FitJudge::Raster => JudgeRenderer::Raster,

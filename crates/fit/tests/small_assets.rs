@@ -23,6 +23,7 @@ fn quick(target: Target, steps: u64) -> SimplifyOptions {
         texture_size: 128,
         report_views: 4,
         lighting: Lighting::Point,
+        own_textures: false,
         ..SimplifyOptions::default()
     }
 }
@@ -134,8 +135,7 @@ fn disc(cutoff: f32) -> Scene {
         [230, 60, 60, (alpha * 255.0).round() as u8]
     };
     let mut card = shapes::quad_grid(4, 4);
-    card.uvs =
-        card.positions.iter().map(|p| vec2(0.5 + 0.5 * p.x, 0.5 - 0.5 * p.y)).collect();
+    card.uvs = card.positions.iter().map(|p| vec2(0.5 + 0.5 * p.x, 0.5 - 0.5 * p.y)).collect();
     let slot = TextureSlot {
         image: 0,
         sampler: Sampler { wrap_u: Wrap::ClampToEdge, wrap_v: Wrap::ClampToEdge, filter: Filter::Trilinear },
@@ -241,4 +241,38 @@ fn occlusion_maps_are_carried_over() {
         }
     }
     assert!(seen[0] > 10 && seen[1] > 10, "{seen:?}");
+}
+
+#[test]
+fn own_textures_are_kept_where_they_look_better() {
+    // A checkerboard of one texel a field: what 16 x 16 new texels cannot show, and the asset's own uvs do.
+    let mut mesh = shapes::quad_grid(16, 16);
+    mesh.positions.iter_mut().for_each(|p| p.z = 0.05 * (3.0 * p.x).sin());
+    let checker = |i: usize| if (i / 32 + i) % 2 == 0 { [230, 40, 30, 255] } else { [20, 40, 200, 255] };
+    let image = TextureImage {
+        width: 32,
+        height: 32,
+        texels: (0..1024).map(checker).collect(),
+        ..TextureImage::default()
+    };
+    let slot = TextureSlot {
+        image: 0,
+        sampler: Sampler { wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, filter: Filter::Trilinear },
+        tex_coord: 0,
+        transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+    };
+    let material = Material { base_color_texture: Some(slot), ..paint([1.0; 3], true) };
+    let mut asset = scene(vec![(mesh, material, vec![Affine3A::IDENTITY])]);
+    asset.images.push(image);
+    let options = SimplifyOptions { texture_size: 16, ..quick(Target::Triangles(100), 10) };
+    let psnr = |own_textures: bool| {
+        let (outcome, written) = run(&asset, &SimplifyOptions { own_textures, ..options.clone() });
+        assert!(outcome.triangles_out <= 100);
+        let stage = |name| outcome.stage(name).expect("every stage is judged").psnr;
+        (stage("decimated"), stage("fitted"), written.images[0].texels == asset.images[0].texels)
+    };
+    let (decimated, fitted, own) = psnr(false);
+    assert!(fitted < decimated - 3.0 && !own, "new maps lose: {fitted:.1} against {decimated:.1} dB");
+    let (decimated, fitted, own) = psnr(true);
+    assert!((fitted - decimated).abs() < 0.01 && own, "{fitted:.2} and {decimated:.2} dB");
 }

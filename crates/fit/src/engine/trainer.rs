@@ -237,9 +237,8 @@ pub fn train<'p, M: Model>(
 where
     M::Asset: 'p,
 {
-    let mut model = model;
     let groups = model.groups().to_vec();
-    let steering = steering(job, &mut model, groups.len()).map_err(|b| broken(b, 0, String::new()))?;
+    let steering = steering(job, &model, groups.len()).map_err(|b| broken(b, 0, String::new()))?;
     let mut t = Trainer {
         job,
         model,
@@ -290,14 +289,12 @@ where
 }
 
 /// What must agree between the run that wrote a checkpoint and the one that reads it: the options that steer the fit,
-/// the values it starts from, the pictures of the held-out views, and what the start looks like in them, which follows
-/// from all that the model holds beside its values: cameras, light, what is not fitted.
-fn steering<M: Model>(job: &Job<'_>, model: &mut M, groups: usize) -> Result<Steering, Broken> {
+/// the values it starts from, and the pictures of the held-out views. What else a model holds belongs into the options.
+fn steering<M: Model>(job: &Job<'_>, model: &M, groups: usize) -> Result<Steering, Broken> {
     let mut digest = Digest::new();
     for g in 0..groups {
         digest.add(&model.values(g)?);
     }
-    model.pictures(&job.held_out.shots)?.iter().for_each(|p| digest.add(p.as_flattened()));
     let mut picture = Digest::new();
     job.held_out.shots.iter().for_each(|s| picture.add(s.reference.as_flattened()));
     let Job { options, batch, fresh, steps, loss, sampling, .. } = job;

@@ -39,9 +39,11 @@ pub(super) fn best_start<'a>(starts: &'a [Start], held_out: &HeldOut) -> &'a Sta
 }
 
 /// The fit judged itself by its own renderer; the choice among the fitted asset, the same with maps baked anew, and the
-/// start is made as a user would see them.
+/// start is made as a user would see them, and also `own`, the asset with its own textures on fewer triangles, where it
+/// may be written. Returns the fitted surface and the scene to write.
 pub(super) fn best(
     trained: Trained<Surface>,
+    own: Option<Scene>,
     surface: &bake::Reference<'_>,
     seen: &Visibility,
     start: &Start,
@@ -49,16 +51,24 @@ pub(super) fn best(
     reference: &dyn Reference,
     options: &SimplifyOptions,
     progress: &dyn Progress,
-) -> Result<Trained<Surface>, FitError> {
+) -> Result<(Trained<Surface>, Scene), FitError> {
     let mut models = vec![trained.model.clone(), trained.model];
     if let Ok(texels) = rebaked(surface, seen, &models[1].candidate, options, &Silent) {
         models[1].values_mut(1).copy_from_slice(&texels);
         models[1].changed(1);
     }
     models.push(Surface { candidate: start.candidate.clone(), ..models[0].clone() });
-    let scenes: Vec<Scene> = models.iter().map(|m| to_scene(&m.candidate, n)).collect();
+    let mut scenes: Vec<Scene> = models.iter().map(|m| to_scene(&m.candidate, n)).collect();
+    scenes.extend(own);
     let views = Orbit::new(options.seed, &options.lighting, options.resolution);
     let (count, [_, samples]) = (options.choice_views(), options.judge_samples());
     let best = judge::best_of(n, reference, &scenes, &views, count, samples, progress)?;
-    Ok(Trained { model: models.swap_remove(best), ..trained })
+    if best == models.len() {
+        progress.warn(
+            "the asset's own textures on fewer triangles look better than what was fitted: they are written, in as many \
+             materials as the asset has",
+        );
+    }
+    let model = models.swap_remove(best.min(models.len() - 1));
+    Ok((Trained { model, ..trained }, scenes.swap_remove(best)))
 }

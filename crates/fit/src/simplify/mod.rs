@@ -7,6 +7,7 @@ mod choice;
 mod coverage;
 mod options;
 mod outcome;
+mod plain;
 pub(crate) mod prepare;
 mod wrap;
 
@@ -37,7 +38,7 @@ use crate::engine::views::{Orbit, Pose};
 use crate::visibility::Visibility;
 use crate::{FitError, Progress};
 use outcome::Times;
-use photofit_geometry::decimate::{Options, Target};
+use photofit_geometry::decimate::Target;
 use photofit_scene::Scene;
 use std::path::Path;
 use std::time::Instant;
@@ -157,15 +158,14 @@ pub(crate) fn simplify_asset(
         progress,
     )?;
     let plan = plan_with_phases.unwrap_or(plan).with_device(device.told());
-    let trained = choice::best(trained, surface, visibility, start, n, reference, options, progress)?;
+    let plain = plain::plain(scene, n, start.candidate.triangles.len())?;
+    let own = if options.own_textures { plain::written(&plain, n, options) } else { None };
+    let (trained, mut light) =
+        choice::best(trained, own, surface, visibility, start, n, reference, options, progress)?;
 
-    let encoded = |candidate: &Candidate| {
-        let mut light = to_scene(candidate, n);
-        light.inherit(scene);
-        light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
-        light
-    };
-    photofit_scene::save_glb_with(output, &encoded(&trained.model.candidate), options.compression)?;
+    light.inherit(scene);
+    light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
+    photofit_scene::save_glb_with(output, &light, options.compression)?;
     let to_file = began.elapsed().as_secs_f64();
     let fitted = photofit_scene::load(output)?;
     let triangles = [scene.triangle_count(), fitted.triangle_count()];
@@ -174,7 +174,7 @@ pub(crate) fn simplify_asset(
     if options.as_engine && !options.is_judged_by_path_tracing(scene) {
         stages.push(Stage::new("original", scene.clone()));
     }
-    stages.push(plain(scene, n, triangles[1])?);
+    stages.push(plain);
     if let [wrapped, baked] = &starts[..] {
         stages.push(Stage::new("baked", to_scene(&baked.candidate, n)));
         stages.push(Stage::new("wrapped", to_scene(&wrapped.candidate, n)));
@@ -265,11 +265,4 @@ fn phases<'a>(
         renewal: Some((MAPS.into(), rebake)),
     };
     vec![coarse, fine]
-}
-
-/// The asset's own textures on as few triangles as the written file has.
-fn plain(scene: &Scene, n: &Normalised, triangles: usize) -> Result<Stage, FitError> {
-    let mut only = Options::new(Target::Triangles(triangles));
-    only.keep_uvs = true;
-    prepare::decimated_only("decimated", scene, n, &only)
 }

@@ -63,6 +63,10 @@ pub struct SimplifyOptions {
     pub resume: bool,
     /// Views of the report.
     pub report_views: u64,
+    /// Whether the asset's own texture coordinates, textures and materials on fewer triangles, the textures reduced to
+    /// the texels that new maps would have, may be written where they look better than what was fitted; else there are
+    /// always new maps, one set for all.
+    pub own_textures: bool,
     /// Who draws the pictures of the report.
     pub judge: JudgeRenderer,
     /// Samples of a pixel of the report that is path traced.
@@ -90,6 +94,7 @@ impl Default for SimplifyOptions {
             checkpoint: None,
             resume: false,
             report_views: 8,
+            own_textures: true,
             judge: JudgeRenderer::Auto,
             judge_spp: SAMPLES,
             device: Device::default(),

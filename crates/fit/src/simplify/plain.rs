@@ -1,0 +1,172 @@
+//! The asset's own texture coordinates, textures and materials on fewer triangles: what a plain decimation gives.
+
+use super::prepare::decimated_only;
+use super::{Normalised, SimplifyOptions};
+use crate::FitError;
+use crate::engine::judge::Stage;
+use photofit_geometry::decimate::{Options, Target};
+use photofit_scene::{AlphaMode, Scene, TextureImage, TextureSlot};
+use photofit_texture::{MipLayout, MipRule, MipTexture, Texels};
+
+/// Textures of a fitted asset at most: base colour, roughness with metalness, normals, emission.
+const MAPS: usize = 4;
+
+/// The asset with its own textures on that many triangles.
+pub(super) fn plain(scene: &Scene, n: &Normalised, triangles: usize) -> Result<Stage, FitError> {
+    let mut only = Options::new(Target::Triangles(triangles));
+    only.keep_uvs = true;
+    decimated_only("decimated", scene, n, &only)
+}
+
+/// The same as it may be written in place of a fitted asset: in the asset's frame, with textures that together have no
+/// more texels than the maps of a fitted one; the largest are halved until they do. `None` where its materials mean
+/// something else on a mesh that is not placed by nodes (the thickness of volumes), or have textures beyond the core.
+pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) -> Option<Scene> {
+    let mut light = stage.scene.clone();
+    light.name.clone_from(&n.name);
+    let extensions = || light.materials.iter().filter_map(|m| m.extensions.as_ref());
+    if extensions().any(|e| e.volume.is_some() || e.textures().next().is_some()) {
+        return None;
+    }
+    for p in light.primitives.iter_mut().flat_map(|p| &mut p.mesh.positions) {
+        *p = *p * n.radius + n.center;
+    }
+    keep_used(&mut light);
+    let most = MAPS * options.texture_size * options.texture_size;
+    let size = |i: &TextureImage| i.width * i.height;
+    let mut halvings = vec![0_u32; light.images.len()];
+    let left = |k: usize, h: u32| (size(&light.images[k]) >> (2 * h)).max(1);
+    while (0..halvings.len()).map(|k| left(k, halvings[k])).sum::<usize>() > most {
+        let largest = (0..halvings.len()).max_by_key(|k| (left(*k, halvings[*k]), usize::MAX - k))?;
+        if left(largest, halvings[largest]) == 1 {
+            break;
+        }
+        halvings[largest] += 1;
+    }
+    for (k, h) in halvings.into_iter().enumerate().filter(|(_, h)| *h > 0) {
+        light.images[k] = reduced(&light, k, h as usize);
+    }
+    Some(light)
+}
+
+/// Drops primitives without triangles, and materials and images that nothing shows.
+fn keep_used(scene: &mut Scene) {
+    let shown = |p: &usize| !scene.primitives[*p].mesh.triangles.is_empty();
+    let kept: Vec<usize> = (0..scene.primitives.len()).filter(shown).collect();
+    scene.instances.retain(|i| kept.contains(&i.primitive));
+    for i in &mut scene.instances {
+        i.primitive = kept.binary_search(&i.primitive).expect("kept");
+    }
+    scene.primitives = kept.iter().map(|p| scene.primitives[*p].clone()).collect();
+    let mut materials: Vec<usize> = scene.primitives.iter().map(|p| p.material).collect();
+    materials.sort_unstable();
+    materials.dedup();
+    for p in &mut scene.primitives {
+        p.material = materials.binary_search(&p.material).expect("kept");
+    }
+    scene.materials = materials.iter().map(|m| scene.materials[*m].clone()).collect();
+    let mut images: Vec<usize> =
+        scene.materials.iter().flat_map(|m| slots(m).map(|(s, _)| s.image)).collect();
+    images.sort_unstable();
+    images.dedup();
+    for m in &mut scene.materials {
+        let core = [
+            &mut m.base_color_texture,
+            &mut m.metallic_roughness_texture,
+            &mut m.normal_texture,
+            &mut m.occlusion_texture,
+            &mut m.emissive_texture,
+        ];
+        for slot in core.into_iter().flatten() {
+            slot.image = images.binary_search(&slot.image).expect("kept");
+        }
+    }
+    scene.images = images.iter().map(|i| scene.images[*i].clone()).collect();
+}
+
+/// The textures of a material's core, and whether their colour is sRGB.
+fn slots(m: &photofit_scene::Material) -> impl Iterator<Item = (&TextureSlot, bool)> {
+    [
+        (&m.base_color_texture, true),
+        (&m.emissive_texture, true),
+        (&m.metallic_roughness_texture, false),
+        (&m.normal_texture, false),
+        (&m.occlusion_texture, false),
+    ]
+    .into_iter()
+    .filter_map(|(slot, srgb)| slot.as_ref().map(|s| (s, srgb)))
+}
+
+/// An image halved so many times, as the materials read it.
+fn reduced(scene: &Scene, image: usize, halvings: usize) -> TextureImage {
+    let readers = || scene.materials.iter().flat_map(|m| slots(m).map(move |s| (m, s)));
+    let srgb = readers().any(|(_, (slot, srgb))| slot.image == image && srgb);
+    let coverage = scene.materials.iter().any(|m| {
+        m.alpha_mode != AlphaMode::Opaque && m.base_color_texture.as_ref().is_some_and(|s| s.image == image)
+    });
+    let old = &scene.images[image];
+    let layout = MipLayout::full(old.width, old.height);
+    let encoded = if srgb { Texels::Srgb8 } else { Texels::Unorm8 };
+    let rule = if coverage { MipTexture::COVERAGE } else { MipRule::Area };
+    let chain = MipTexture::new(encoded(old.texels.clone()), layout, rule);
+    let level = chain.layout().levels()[halvings.min(chain.layout().levels().len() - 1)];
+    let (width, height, first) = (level.width as usize, level.height as usize, level.offset as usize);
+    let (Texels::Srgb8(texels) | Texels::Unorm8(texels)) = chain.texels() else {
+        unreachable!("eight bits stay eight bits")
+    };
+    let texels = texels[first..first + width * height].to_vec();
+    TextureImage { name: old.name.clone(), width, height, texels, ..TextureImage::default() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use photofit_geometry::shapes;
+    use photofit_scene::{Instance, Material, Primitive, Sampler};
+
+    #[test]
+    fn textures_are_reduced_to_the_texels_of_a_fitted_asset() {
+        let image = |n: usize, texel: [u8; 4]| TextureImage {
+            width: n,
+            height: n,
+            texels: vec![texel; n * n],
+            ..TextureImage::default()
+        };
+        let slot = |image| {
+            let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+            Some(TextureSlot { image, sampler: Sampler::default(), tex_coord: 0, transform })
+        };
+        let seen = Material { base_color_texture: slot(1), normal_texture: slot(3), ..Material::clay() };
+        let unseen = Material { base_color_texture: slot(0), ..Material::clay() };
+        let scene = Scene {
+            primitives: vec![Primitive { mesh: shapes::uv_sphere(16, 8), material: 1 }],
+            instances: vec![Instance {
+                primitive: 0,
+                transform: glam::Affine3A::from_scale(glam::Vec3::splat(3.0)),
+            }],
+            materials: vec![unseen, seen],
+            images: vec![
+                image(64, [9; 4]),
+                image(64, [10, 20, 30, 255]),
+                image(8, [1; 4]),
+                image(32, [128, 128, 255, 255]),
+            ],
+            ..Scene::default()
+        };
+        let n = Normalised::new(&scene).unwrap();
+        let stage = plain(&scene, &n, 100).unwrap();
+        let options = SimplifyOptions { texture_size: 16, ..SimplifyOptions::default() };
+        let light = written(&stage, &n, &options).unwrap();
+        let sizes: Vec<(usize, usize)> = light.images.iter().map(|i| (i.width, i.height)).collect();
+        assert_eq!(
+            (light.materials.len(), &sizes[..]),
+            (1, &[(16, 16), (16, 16)][..]),
+            "4 x 16 x 16 texels at most"
+        );
+        assert!(light.images[0].texels.iter().all(|t| *t == [10, 20, 30, 255]));
+        assert!(light.images[1].texels.iter().all(|t| *t == [128, 128, 255, 255]));
+        let far = light.primitives[0].mesh.positions.iter().map(|p| p.length()).fold(0.0, f32::max);
+        assert!((far - 3.0).abs() < 1e-3, "in the asset's frame: {far}");
+        assert!(light.triangle_count() <= 100);
+    }
+}
