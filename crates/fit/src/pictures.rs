@@ -6,6 +6,9 @@
 //! list `lights` is our own (see the guide). Every 8th picture is held out.
 
 mod record;
+mod world;
+
+pub use world::{WorldPicture, world_pictures};
 
 use crate::FitError;
 use crate::bake;
@@ -109,7 +112,8 @@ impl PictureFolder {
             let lens = frame.lens.or(&transforms.lens);
             let pose =
                 Rigid::new(&frame.transform_matrix).map_err(|r| fail(format!("transform_matrix {r}")))?;
-            let camera = camera(&lens, &undo.after(&pose), n, &image).map_err(&fail)?;
+            let frame_of = (n.center.to_array().map(f64::from), f64::from(n.radius));
+            let camera = camera(&lens, &undo.after(&pose), frame_of, &image).map_err(&fail)?;
             let lights = frame.lights.as_ref().or(transforms.lights.as_ref());
             let lights =
                 lights.map_or(Ok(ViewLights::default()), |l| record::lights(l, &undo, n)).map_err(&fail)?;
@@ -122,7 +126,7 @@ impl PictureFolder {
                 out.without_alpha += 1;
                 photo.image = with_alpha(&photo.image, &drawn);
             } else {
-                photo.image = premultiplied(&photo);
+                photo.image = premultiplied(&photo.path, &photo.image);
             }
             out.photos.push(photo);
             let set = if (i + 1).is_multiple_of(HELD_OUT_EVERY) { &mut out.held_out } else { &mut out.train };
@@ -250,12 +254,16 @@ fn inside(folder: &Path, name: &str) -> Result<PathBuf, String> {
     if png.is_file() { Ok(png) } else { Err(format!("the picture {} does not exist", path.display())) }
 }
 
-/// The camera of a picture in the normalised frame.
-fn camera(lens: &Intrinsics, pose: &Rigid, n: &Normalised, image: &Image) -> Result<Camera, String> {
+/// The camera of a picture in a frame whose origin is `center` and whose unit of length is `radius`.
+fn camera(
+    lens: &Intrinsics,
+    pose: &Rigid,
+    (center, radius): ([f64; 3], f64),
+    image: &Image,
+) -> Result<Camera, String> {
     let (width, height) = (image.width as f64, image.height as f64);
     let lens = lens.in_pixels(width, height)?;
-    let center = n.center.to_array().map(f64::from);
-    let eye = [0, 1, 2].map(|k| ((pose.translation[k] - center[k]) / f64::from(n.radius)) as f32);
+    let eye = [0, 1, 2].map(|k| ((pose.translation[k] - center[k]) / radius) as f32);
     let eye = Vec3::from_array(eye);
     if !eye.is_finite() {
         return Err("the camera is too far away".into());
@@ -285,9 +293,9 @@ fn camera(lens: &Intrinsics, pose: &Rigid, n: &Normalised, image: &Image) -> Res
 }
 
 /// Linear premultiplied RGBA of a picture with alpha: straight in PNG, premultiplied in `OpenEXR`.
-fn premultiplied(photo: &Photo) -> Image {
-    let image = photo.image.select(&[0, 1, 2, 3]);
-    if photo.path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr")) {
+fn premultiplied(path: &Path, image: &Image) -> Image {
+    let image = image.select(&[0, 1, 2, 3]);
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr")) {
         return image;
     }
     let data =

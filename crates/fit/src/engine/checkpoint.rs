@@ -24,7 +24,7 @@ pub(crate) struct Course {
     /// Phases begun: what happens once at the beginning of a phase has happened for these.
     pub begun: usize,
     /// Quality of the best values.
-    pub best_psnr: f64,
+    pub best_quality: f64,
     /// Looks at the held-out views.
     pub history: Vec<HistoryPoint>,
     /// Losses since the last look.
@@ -82,7 +82,7 @@ struct Header {
     fingerprint: String,
     step: u64,
     begun: usize,
-    best_psnr_bits: u64,
+    best_quality_bits: u64,
     groups: Vec<GroupHeader>,
     /// Step, then seconds, loss and quality as bits.
     history: Vec<[u64; 4]>,
@@ -142,12 +142,12 @@ fn encode(course: &Course, groups: &[Saved<'_>], fingerprint: &str) -> Result<Ve
         fingerprint: fingerprint.to_owned(),
         step: course.step,
         begun: course.begun,
-        best_psnr_bits: course.best_psnr.to_bits(),
+        best_quality_bits: course.best_quality.to_bits(),
         groups: groups.iter().map(GroupHeader::new).collect(),
         history: course
             .history
             .iter()
-            .map(|h| [h.step, h.seconds.to_bits(), h.loss.to_bits(), h.held_out_psnr.to_bits()])
+            .map(|h| [h.step, h.seconds.to_bits(), h.loss.to_bits(), h.quality.to_bits()])
             .collect(),
         loss: course.loss.iter().map(|l| l.to_bits()).collect(),
     };
@@ -252,12 +252,12 @@ fn decode(bytes: &[u8], groups: &[Group], fingerprint: &str) -> Result<(Course, 
         step: *step,
         seconds: f64::from_bits(*seconds),
         loss: f64::from_bits(*loss),
-        held_out_psnr: f64::from_bits(*psnr),
+        quality: f64::from_bits(*psnr),
     });
     let course = Course {
         step: h.step,
         begun: h.begun,
-        best_psnr: f64::from_bits(h.best_psnr_bits),
+        best_quality: f64::from_bits(h.best_quality_bits),
         history: history.collect(),
         loss: h.loss.iter().map(|l| f64::from_bits(*l)).collect(),
     };
@@ -276,8 +276,8 @@ mod tests {
         let course = Course {
             step: 31,
             begun: 2,
-            best_psnr: 23.5,
-            history: vec![HistoryPoint { step: 25, seconds: 1.5, loss: 0.25, held_out_psnr: 23.5 }],
+            best_quality: 23.5,
+            history: vec![HistoryPoint { step: 25, seconds: 1.5, loss: 0.25, quality: 23.5 }],
             loss: vec![0.5, 0.25],
         };
         let groups = vec![group("positions", 5, 3), group("maps", 4, 2)];
