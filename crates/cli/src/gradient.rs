@@ -28,7 +28,16 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
     let Some(name) = &a.parameter else {
         return list(&subject.keys).map(|()| Ending::Done);
     };
+    if a.scene.camera.len() > 1 {
+        bail!(Misuse(format!("--camera: is given {} times; it must be given once", a.scene.camera.len())));
+    }
     let key = subject.find(&a.scene, name)?.clone();
+    if key.dark {
+        let file = a.scene.input.display();
+        bail!(
+            "{file}: {name} is 0, where it has no derivative; it must be more than 0 (recover scene lifts it)"
+        );
+    }
     if a.image.is_some() && key.shape[0] * key.shape[1] == 1 {
         bail!(Misuse(format!("--image: {name} is a single value; it must be a texture")));
     }
@@ -36,8 +45,8 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
     let named = |e: &dyn std::fmt::Display| anyhow!("{}: {e}", a.scene.input.display());
     let world = World::with_options(subject.parts, subject.world).map_err(|e| named(&e))?;
     let parameters = std::slice::from_ref(&key.parameter);
-    let adjoint =
-        Adjoint::new(&world, &subject.view, subject.options.clone(), parameters).map_err(|e| named(&e))?;
+    let adjoint = Adjoint::new(&world, &subject.views[0], subject.options.clone(), parameters)
+        .map_err(|e| named(&e))?;
     let began = Instant::now();
     let samples = GradientSamples { spp: a.spp, seed: Some(a.scene.seed) };
     let (gradient, error) = adjoint.render_vjp_with_error(&loss, samples).map_err(|e| named(&e))?;
@@ -80,7 +89,9 @@ fn list(keys: &[Key]) -> Result<()> {
     let width = keys.iter().map(|k| k.name.len()).max().unwrap_or(0);
     let line = |k: &Key| {
         let [h, w, c] = k.shape;
-        if h * w == 1 {
+        if k.dark || k.idle.is_some() {
+            format!("{:<width$}  {h} x {w} x {c}, 0 in this scene\n", k.name)
+        } else if h * w == 1 {
             format!("{:<width$}  {c}\n", k.name)
         } else {
             format!("{:<width$}  {h} x {w} x {c}\n", k.name)

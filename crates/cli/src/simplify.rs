@@ -320,7 +320,7 @@ impl Job<'_> {
         let history: Vec<Value> = o
             .history
             .iter()
-            .map(|h| json!({ "step": h.step, "seconds": h.seconds, "loss": h.loss, "held_out_psnr": h.held_out_psnr }))
+            .map(|h| json!({ "step": h.step, "seconds": h.seconds, "loss": h.loss, "held_out_psnr": h.quality }))
             .collect();
         let mut out = json!({
             "input": self.input.display().to_string(),

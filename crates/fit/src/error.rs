@@ -48,6 +48,16 @@ pub enum FitError {
         /// What remains.
         kept: String,
     },
+    /// The values of a step have no picture or no derivatives.
+    #[error("step {step}: {source}; {kept}")]
+    Picture {
+        /// Step of the fit.
+        step: u64,
+        /// Why.
+        source: Box<Self>,
+        /// What remains.
+        kept: String,
+    },
     /// A device cannot hold the fit.
     #[cfg(feature = "gpu")]
     #[error("the fit does not fit on {device}: {source}")]

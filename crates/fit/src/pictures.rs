@@ -8,6 +8,9 @@
 mod doubts;
 mod not_finite;
 mod record;
+mod world;
+
+pub use world::{WorldPicture, world_pictures};
 
 use crate::FitError;
 use crate::bake;
@@ -121,7 +124,9 @@ impl PictureFolder {
             let lens = frame.lens.or(&transforms.lens);
             let pose =
                 Rigid::new(&frame.transform_matrix).map_err(|r| fail(format!("transform_matrix {r}")))?;
-            let camera = camera(&lens, &undo.after(&pose), n, &image, [width, height]).map_err(&fail)?;
+            let frame_of = (n.center.to_array().map(f64::from), f64::from(n.radius));
+            let camera =
+                camera(&lens, &undo.after(&pose), frame_of, &image, [width, height]).map_err(&fail)?;
             let lights = frame.lights.as_ref().or(transforms.lights.as_ref());
             let lights =
                 lights.map_or(Ok(ViewLights::default()), |l| record::lights(l, &undo, n)).map_err(&fail)?;
@@ -276,18 +281,18 @@ fn reduction(image: &Image) -> (usize, [usize; 2]) {
     (factor, [whole(image.width), whole(image.height)])
 }
 
-/// The camera of a picture in the normalised frame; it shows the first `width` x `height` pixels of it.
+/// The camera of a picture in a frame whose origin is `center` and whose unit of length is `radius`; it shows the first
+/// `width` x `height` pixels of it.
 fn camera(
     lens: &Intrinsics,
     pose: &Rigid,
-    n: &Normalised,
+    (center, radius): ([f64; 3], f64),
     image: &Image,
     [width, height]: [usize; 2],
 ) -> Result<Camera, String> {
     let lens = lens.in_pixels(image.width as f64, image.height as f64)?;
     let (width, height) = (width as f64, height as f64);
-    let center = n.center.to_array().map(f64::from);
-    let eye = [0, 1, 2].map(|k| ((pose.translation[k] - center[k]) / f64::from(n.radius)) as f32);
+    let eye = [0, 1, 2].map(|k| ((pose.translation[k] - center[k]) / radius) as f32);
     let eye = Vec3::from_array(eye);
     if !eye.is_finite() {
         return Err("the camera is too far away".into());

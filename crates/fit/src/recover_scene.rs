@@ -1,25 +1,42 @@
-//! Recovering materials, textures and lights of a scene from a picture of it, through the path tracer. Assembled from the
+//! Recovering materials, textures and lights of a scene from pictures of it, through the path tracer. Assembled from the
 //! parts of the engine; the third task beside [`crate::simplify`] and [`crate::recover`].
+//!
+//! Pictures are compared in linear light, relative to what they should be and without clamping, in the steps and in the
+//! looks that choose the best state alike. Of four pictures or more the last one is held out for these looks; fewer are
+//! all fitted, and the looks are at the pictures that are fitted.
 
 use crate::engine::checkpoint::Digest;
 use crate::engine::cpu::Cpu;
 use crate::engine::reference::{Picture, Reference};
 use crate::engine::steering::Steering;
 use crate::engine::traced::Traced;
-use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Phase, train};
+use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
 use crate::engine::views::{Pose, Sampling, Set, Setup, Sphere, ViewLights, Views};
 use crate::{FitError, Progress, bake};
 use glam::Vec3;
 use photofit_image::Image;
+use photofit_pathtrace::{MaterialValue, Parameter};
 use photofit_raster::loss::Loss;
 use photofit_scene::Camera;
+
+pub use crate::engine::trainer::relative_error;
+
+/// Fewest pictures of which one is held out.
+pub const FEWEST_TO_HOLD_OUT: usize = 4;
+/// Most pictures of a step.
+const MOST_OF_A_STEP: usize = 4;
+/// A mean below which the start of a radiance does not tell how large it is.
+const FAINT: f64 = 1e-3;
+/// What it is taken to be then, relative to the mean of the pictures: lamps are brighter than what they light.
+const LAMP: f64 = 4.0;
 
 /// Options of [`recover_scene`].
 #[derive(Clone, Debug)]
 pub struct RecoverSceneOptions {
     /// Steps of the fit.
     pub steps: u64,
-    /// Peak rate of the optimizer, relative to the mean of the start where values have no upper bound of 1.
+    /// Peak rate of the optimizer, relative to the mean of the start where values have no upper bound of 1; to four
+    /// times the mean of the pictures where that start is dark.
     pub rate: f64,
     /// Seed of the order of views; that of pictures and gradients is [`Traced::options`]'.
     pub seed: u64,
@@ -38,21 +55,36 @@ impl Default for RecoverSceneOptions {
 pub struct RecoveredScene {
     /// The world with the values of the best look.
     pub model: Traced,
-    /// The course of the fit.
+    /// The course of the fit; [`relative_error`] of a look's quality is the error that the best state has least of.
     pub history: Vec<HistoryPoint>,
+    /// The picture that was held out: nothing was fitted to it, and the looks are at it alone.
+    pub held_out: Option<usize>,
     /// Steps made.
     pub steps: u64,
+    /// Steps that were made before this run: those of its checkpoint.
+    pub resumed: u64,
     /// Ended by the user or the time limit.
     pub stopped: bool,
 }
 
 /// Pictures of a scene, one per view of the model.
-struct Pictures<'a>(&'a [Image]);
+struct Pictures {
+    images: Vec<Image>,
+    /// The last picture is held out.
+    held_out: Option<usize>,
+}
 
-impl Reference for Pictures<'_> {
+impl Pictures {
+    /// Number of pictures that are fitted.
+    fn fitted(&self) -> usize {
+        self.held_out.unwrap_or(self.images.len())
+    }
+}
+
+impl Reference for Pictures {
     fn picture(&self, setup: &Setup) -> Result<Picture, FitError> {
         // The model's pictures are noisy: the loss must be one that noise does not bias.
-        Ok(Picture { image: self.0[setup.picture.unwrap_or(0)].clone(), noise: 1.0 })
+        Ok(Picture { image: self.images[setup.picture.unwrap_or(0)].clone(), noise: 1.0 })
     }
 
     fn bounds(&self, _: Pose) -> Sphere {
@@ -64,28 +96,32 @@ impl Reference for Pictures<'_> {
     }
 }
 
-impl Views for Pictures<'_> {
-    fn setup(&self, _: Set, index: u64, _: u64) -> Setup {
-        let at = (index % self.0.len() as u64) as usize;
+impl Views for Pictures {
+    fn setup(&self, set: Set, index: u64, _: u64) -> Setup {
+        let at = match (set, self.held_out) {
+            (Set::Train, _) | (_, None) => (index % self.fitted() as u64) as usize,
+            (_, Some(held_out)) => held_out,
+        };
         Setup {
             // The model knows its cameras by the number of the picture.
             camera: Camera::look_at(Vec3::Z, Vec3::ZERO, Vec3::Y, 1.0, 1.0, 0.1, 10.0),
             lights: ViewLights::default(),
             pose: Pose::default(),
-            width: self.0[at].width,
-            height: self.0[at].height,
+            width: self.images[at].width,
+            height: self.images[at].height,
             picture: Some(at),
         }
     }
 }
 
 /// Fits the parameters of `model` to the light of `pictures` (linear; their alpha is not looked at), one for each of its
-/// views.
+/// views. Values outside of their ranges are moved into them first.
 ///
 /// # Errors
-/// See [`FitError`]: pictures of another size or number than the model's, values that are not finite.
+/// See [`FitError`]: pictures of another size or number than the model's, values that are not finite; lights and emission
+/// that start at 0, where they have no derivative; a step at which the scene has no light.
 pub fn recover_scene(
-    model: Traced,
+    mut model: Traced,
     pictures: &[Image],
     options: &RecoverSceneOptions,
     progress: &dyn Progress,
@@ -108,13 +144,20 @@ pub fn recover_scene(
     // Alpha counts for nothing: a sky that is seen is light like any other, and nothing is put behind it.
     let opaque = |p: &Image| Image::from_fn(w, h, 4, |x, y, c| if c < 3 { p.pixel(x, y)[c] } else { 1.0 });
     let pictures: Vec<Image> = pictures.iter().map(opaque).collect();
-    let source = Pictures(&pictures);
-    let count = pictures.len() as u64;
-    let held_out = HeldOut::new(&source, &source, Sampling::SUPERSAMPLED, count, options.seed)?;
+    let brightness = pictures.iter().map(brightness).sum::<f64>() / pictures.len() as f64;
+    begin(&mut model)?;
+    let held_out = (pictures.len() >= FEWEST_TO_HOLD_OUT).then(|| pictures.len() - 1);
+    let source = Pictures { images: pictures, held_out };
+    let looked_at = if held_out.is_some() { 1 } else { source.images.len() as u64 };
+    let looks = HeldOut::new(&source, &source, Sampling::SUPERSAMPLED, looked_at, options.seed)?;
+    let looks = looks.measured_by(Measure::Relative);
     let (spp, gradient_spp) = (model.options.spp, model.gradient_spp);
     let names: Vec<&str> = model.parameters.iter().map(|p| p.name.as_str()).collect();
     let mut seen = Digest::new();
-    pictures.iter().for_each(|p| seen.add(&p.data));
+    source.images.iter().for_each(|p| seen.add(&p.data));
+    seen.add_bytes(format!("{:?} {:?}", model.views, model.parameters).as_bytes());
+    // What is not fitted has to be the same, too: a coarse picture of the start stands for it.
+    seen.add(&model.picture(0, 1, options.seed)?.data);
     let (seed, depth) = (model.options.seed, model.options.path.max_depth);
     let steered = Steering::default()
         .option("rate", options.rate)
@@ -129,36 +172,72 @@ pub fn recover_scene(
     let job = Job {
         reference: &source,
         views: &source,
-        held_out: &held_out,
+        held_out: &looks,
         sampling: Sampling::SUPERSAMPLED,
         loss: Loss::Mse,
         seed: options.seed,
-        batch: pictures.len(),
-        fresh: pictures.len().div_ceil(2),
+        batch: source.fitted().min(MOST_OF_A_STEP),
+        fresh: source.fitted().min(MOST_OF_A_STEP).div_ceil(2),
         steps: options.steps,
         keeping: &options.keeping,
         options: steered,
     };
-    let rate = |k: usize| (model.parameters[k].name.clone().into(), options.rate * scale(&model, k));
+    let rate =
+        |k: usize| (model.parameters[k].name.clone().into(), options.rate * scale(&model, k, brightness));
     let rates = (0..model.parameters.len()).map(rate).collect();
     let phase = Phase { name: "parameters", first: 0, steps: options.steps, shrink: 1, rates, renewal: None };
     let trained = train(Cpu::new(model)?, &job, |_| vec![phase], progress)?;
     Ok(RecoveredScene {
         model: trained.model,
         history: trained.history,
+        held_out,
         steps: trained.steps,
+        resumed: trained.resumed,
         stopped: trained.stopped || progress.is_cancelled(),
     })
 }
 
-/// What the rate of a parameter is relative to.
-fn scale(model: &Traced, parameter: usize) -> f64 {
+/// Moves the values into their ranges, so that what has no derivative at 0 starts above it.
+fn begin(model: &mut Traced) -> Result<(), FitError> {
+    for k in 0..model.parameters.len() {
+        let [low, high] = model.parameters[k].range;
+        let values: Vec<f32> = model.of(k).iter().map(|v| v.clamp(low, high)).collect();
+        let radiates = match &model.parameters[k].parameter {
+            Parameter::Light { .. } | Parameter::Environment => true,
+            Parameter::Material { value, .. } => {
+                matches!(value, MaterialValue::Emission | MaterialValue::Emissive)
+            }
+            _ => false,
+        };
+        if radiates && values.iter().all(|v| *v == 0.0) {
+            let name = &model.parameters[k].name;
+            let rule = format!("of {name} are 0, where light has no derivative; they must start above it");
+            return Err(FitError::Setting { field: "values", rule });
+        }
+        if values != model.of(k) {
+            model.replace(k, &values)?;
+        }
+    }
+    Ok(())
+}
+
+/// Mean of the colours of a picture.
+fn brightness(picture: &Image) -> f64 {
+    let sum = picture.data.chunks_exact(4).flat_map(|p| &p[..3]).map(|v| f64::from(*v)).sum::<f64>();
+    sum / (3 * picture.pixels()).max(1) as f64
+}
+
+/// What the rate of a parameter is relative to, for pictures of this mean.
+fn scale(model: &Traced, parameter: usize, brightness: f64) -> f64 {
     if model.parameters[parameter].range[1] <= 1.0 {
         return 1.0;
     }
     let values = model.of(parameter);
     let mean = values.iter().map(|v| f64::from(v.abs())).sum::<f64>() / values.len().max(1) as f64;
-    if mean > 0.0 { mean } else { 1.0 }
+    match [mean, LAMP * brightness].into_iter().find(|m| *m > FAINT) {
+        Some(known) => known,
+        None => 1.0,
+    }
 }
 
 #[cfg(test)]

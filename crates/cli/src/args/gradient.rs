@@ -12,7 +12,8 @@ pub(crate) struct Gradient {
     /// The parameter: a key of --list.
     #[arg(long, value_name = "KEY", required_unless_present = "list")]
     pub(crate) parameter: Option<String>,
-    /// Print the keys that have derivatives, each with its shape, and do nothing else.
+    /// Print the keys that have derivatives, each with its shape, and do nothing else. What is 0 has none there, but
+    /// `photofit recover scene` finds it.
     #[arg(long, conflicts_with_all = ["parameter", "weights", "json", "image"])]
     pub(crate) list: bool,
     /// The weights W: an image of the size of the picture, linear [default: 1 everywhere].
@@ -50,9 +51,9 @@ pub(crate) struct ParameterScene {
     /// Height of the picture, pixels [range: 1 to 16384] [default: 512, or what the scene says].
     #[arg(long, value_name = "PX", value_parser = whole::<u32>(1..=16384))]
     pub(crate) height: Option<u32>,
-    /// Camera of an asset, the first is 0 [range: at least 0].
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = whole::<usize>(0..))]
-    pub(crate) camera: usize,
+    /// Camera of an asset, the first is 0; of `recover scene` several, one after the other [range: at least 0].
+    #[arg(long, value_name = "N", default_value = "0", value_parser = whole::<usize>(0..))]
+    pub(crate) camera: Vec<usize>,
     /// Equirectangular environment around an asset (.hdr, .exr, .png, .jpg), as bright as it is.
     #[arg(long, value_name = "FILE")]
     pub(crate) env: Option<PathBuf>,

@@ -11,7 +11,7 @@ pub(crate) enum Recover {
     /// Paint an asset's shape so that it looks like pictures with known cameras.
     #[command(after_help = STATUSES)]
     Texture(RecoverTexture),
-    /// Find materials, textures and lights of a scene again from a path-traced picture of it.
+    /// Find materials, textures and lights of a scene again from path-traced pictures of it.
     #[command(after_help = STATUSES)]
     Scene(RecoverScene),
 }
@@ -58,14 +58,18 @@ pub(crate) enum TextureSmoothing {
     Bilateral,
 }
 
-/// Parameters are named as by `photofit gradient SCENE --list`. Shapes and cameras stay as they are.
+/// Parameters are named as by `photofit gradient SCENE --list`. Shapes and cameras stay as they are. Of four pictures or
+/// more the last one is held out: the state that comes closest to it is kept. Fewer are all fitted, and the state that comes
+/// closest to them is kept.
 #[derive(Args, Debug)]
 pub(crate) struct RecoverScene {
     #[command(flatten)]
     pub(crate) scene: ParameterScene,
-    /// The picture that the scene is to look like: linear .exr of the picture's size.
-    #[arg(long, value_name = "REF.exr", value_parser = ending(&["exr"]), required_unless_present = "self_test")]
-    pub(crate) picture: Option<PathBuf>,
+    /// The picture that the scene is to look like: linear .exr of the picture's size; one for each --camera, in the same
+    /// order. Or several pictures with their cameras in the world of the scene: a folder with transforms.json, or such a
+    /// file, as `recover texture` reads it.
+    #[arg(long, value_name = "REF.exr|PICTURES", required_unless_present = "self_test")]
+    pub(crate) picture: Vec<PathBuf>,
     /// Try it on the scene itself: its own picture is the target, and the parameters start from flat values; the errors of
     /// the parameters are told.
     #[arg(long, conflicts_with = "picture")]
@@ -74,7 +78,7 @@ pub(crate) struct RecoverScene {
     #[arg(long, value_name = "KEY", required = true)]
     pub(crate) parameter: Vec<String>,
     /// Value that all parameters start from [range: 0 to 1000000] [default: what the scene says; with --self-test the middle of
-    /// what has bounds, twice the mean of other values].
+    /// what has bounds, twice the mean of other values]. Normal maps start without bumps.
     #[arg(long, value_name = "X", value_parser = number(0.0..=1e6))]
     pub(crate) start: Option<f64>,
     /// How steps of textures are smoothed.

@@ -2,14 +2,16 @@
 //!
 //! Those of Mitsuba scenes are called as Mitsuba calls them: `white.reflectance.value`, `lamp.emitter.radiance.value`, `.data`
 //! for images. Those of assets: the material's name with `.base_color`, `.roughness`, `.metallic`, `.emissive`,
-//! `.absorption` and their maps.
+//! `.absorption` and their maps. Names that several materials or lights have get their numbers.
 
+use super::Quantity;
 use photofit_pathtrace::{MaterialValue, Parameter, Parts};
 use photofit_scalar::Vec3f;
 use photofit_scene::graph::{SurfaceGraph, SurfaceNode, Texture};
 use photofit_scene::mitsuba::MitsubaScene;
 use photofit_scene::{LightKind, MapKind, PunctualLight, Scene, SurfaceLibrary};
 use photofit_shading::bsdf::Bsdf;
+use std::collections::{HashMap, HashSet};
 
 /// A parameter with its name.
 #[derive(Clone, Debug)]
@@ -18,30 +20,43 @@ pub(crate) struct Key {
     pub(crate) parameter: Parameter,
     /// Rows, columns, channels; one row and column for values.
     pub(crate) shape: [usize; 3],
+    /// What its values are.
+    pub(crate) quantity: Quantity,
+    /// Its value is 0, where it has no derivative: it has to be lifted first.
+    pub(crate) dark: bool,
+    /// Why it changes no picture, where it changes none.
+    pub(crate) idle: Option<String>,
 }
 
 /// Keys on their way.
 #[derive(Default)]
 struct Keys {
     list: Vec<Key>,
+    /// By name.
+    known: HashMap<String, usize>,
+    /// What textures of trees were when their key was made, by the number of the key.
+    textures: HashMap<usize, Texture>,
 }
 
 impl Keys {
     /// A value of a material; materials that share a name share the value.
-    fn value(&mut self, name: String, material: usize, value: MaterialValue) {
-        if let Some(key) = self.list.iter_mut().find(|k| k.name == name)
+    fn value(&mut self, name: String, material: usize, value: MaterialValue, dark: bool) {
+        if let Some(key) = self.known.get(&name).map(|k| &mut self.list[*k])
             && let Parameter::Material { materials, value: known } = &mut key.parameter
             && *known == value
+            && key.dark == dark
         {
             materials.push(material);
             return;
         }
         let parameter = Parameter::Material { materials: vec![material], value };
-        self.push(name, parameter, [1, 1, value.channels()]);
+        let key = self.push(name, parameter, [1, 1, value.channels()], Quantity::of(value));
+        self.list[key].dark = dark;
     }
 
     /// A texture of a tree.
-    fn texture(&mut self, name: &str, place: [usize; 2], texture: &Texture, channels: usize) {
+    fn texture(&mut self, name: &str, place: [usize; 2], texture: &Texture, quantity: Quantity) {
+        let channels = if quantity == Quantity::Alpha { 1 } else { 3 };
         let (name, shape) = match texture {
             Texture::Constant(_) => (format!("{name}.value"), [1, 1, channels]),
             Texture::Bitmap { image, .. } => {
@@ -50,18 +65,60 @@ impl Keys {
             }
             _ => return,
         };
-        if let Some(key) = self.list.iter_mut().find(|k| k.name == name)
-            && let Parameter::Graph { places } = &mut key.parameter
+        if let Some(&k) = self.known.get(&name)
+            && let Parameter::Graph { places } = &mut self.list[k].parameter
+            && self.textures.get(&k).is_some_and(|known| alike(known, texture))
         {
             places.push(place);
             return;
         }
-        self.push(name, Parameter::Graph { places: vec![place] }, shape);
+        let key = self.push(name, Parameter::Graph { places: vec![place] }, shape, quantity);
+        self.textures.insert(key, texture.clone());
     }
 
-    fn push(&mut self, name: String, parameter: Parameter, shape: [usize; 3]) {
-        self.list.push(Key { name, parameter, shape });
+    /// Adds a key; its name gets a number where another key has it.
+    fn push(&mut self, name: String, parameter: Parameter, shape: [usize; 3], quantity: Quantity) -> usize {
+        let mut own = name.clone();
+        let mut number = 2;
+        while self.known.contains_key(&own) {
+            own = format!("{name}_{number}");
+            number += 1;
+        }
+        let key = self.list.len();
+        self.known.insert(own.clone(), key);
+        self.list.push(Key { name: own, parameter, shape, quantity, dark: false, idle: None });
+        key
     }
+}
+
+/// Whether two textures hold the same values in the same way.
+fn alike(a: &Texture, b: &Texture) -> bool {
+    match (a, b) {
+        (Texture::Constant(a), Texture::Constant(b)) => a == b,
+        (
+            Texture::Bitmap { image: a, to_uv: p, scale: s },
+            Texture::Bitmap { image: b, to_uv: q, scale: t },
+        ) => a.size() == b.size() && p == q && s == t && a.texels() == b.texels(),
+        _ => false,
+    }
+}
+
+/// Names of which no two are the same: what occurs several times gets its number in the list.
+fn unique(names: &[String]) -> Vec<String> {
+    let mut count: HashMap<&str, usize> = HashMap::new();
+    names.iter().for_each(|n| *count.entry(n).or_default() += 1);
+    let mut taken: HashSet<String> = names.iter().filter(|n| count[n.as_str()] == 1).cloned().collect();
+    let name = |(i, n): (usize, &String)| {
+        if count[n.as_str()] == 1 {
+            return n.clone();
+        }
+        let mut own = format!("{n}_{i}");
+        while !taken.insert(own.clone()) {
+            own.push('_');
+        }
+        own
+    };
+    names.iter().enumerate().map(name).collect()
 }
 
 /// The keys of a Mitsuba scene.
@@ -69,16 +126,25 @@ pub(super) fn of_mitsuba(scene: &MitsubaScene) -> Vec<Key> {
     let mut keys = Keys::default();
     for (i, (graph, names)) in scene.materials.iter().zip(&scene.names).enumerate() {
         let uniform = graph.root.constant().filter(|_| !graph.root.needs_partials());
-        let dark = graph.emission.as_ref().is_none_or(|e| e.constant().is_some());
+        let constant = graph.emission.as_ref().is_none_or(|e| e.constant().is_some());
         match uniform {
-            Some((bsdf, two_sided)) if dark => {
+            Some((bsdf, two_sided)) if constant => {
                 let name = format!("{}{}", names.bsdf, if two_sided { ".brdf_0" } else { "" });
-                constants(&mut keys, &name, i, &bsdf);
+                constants(&mut keys, &name, i, &bsdf, graph.emission.is_some());
                 if graph.emission.is_some() {
-                    keys.value(format!("{}.radiance.value", names.emitter), i, MaterialValue::Emission);
+                    keys.value(
+                        format!("{}.radiance.value", names.emitter),
+                        i,
+                        MaterialValue::Emission,
+                        false,
+                    );
                 }
             }
             _ => of_graph(&mut keys, i, graph, [&names.bsdf, &names.emitter]),
+        }
+        // An emitter that is black is none.
+        if graph.emission.is_none() && !names.emitter.is_empty() {
+            keys.value(format!("{}.radiance.value", names.emitter), i, MaterialValue::Emission, true);
         }
     }
     lights(&mut keys, &scene.lights, ["intensity.value", "irradiance.value"]);
@@ -87,24 +153,39 @@ pub(super) fn of_mitsuba(scene: &MitsubaScene) -> Vec<Key> {
         // Mirrored maps are kept in another order.
         if e.to_world.determinant() > 0.0 {
             let name = if w * h == 1 { "radiance.value" } else { "data" };
-            keys.push(format!("{}.{name}", e.name), Parameter::Environment, [h, w, 3]);
+            let dark = e.image.data.iter().all(|v| *v == 0.0);
+            let key = keys.push(
+                format!("{}.{name}", e.name),
+                Parameter::Environment,
+                [h, w, 3],
+                Quantity::Radiance,
+            );
+            keys.list[key].dark = dark;
         }
     }
     keys.list
 }
 
 /// The values of a BSDF that is the same everywhere.
-fn constants(keys: &mut Keys, name: &str, material: usize, bsdf: &Bsdf<f32>) {
+fn constants(keys: &mut Keys, name: &str, material: usize, bsdf: &Bsdf<f32>, emits: bool) {
     match bsdf {
-        // Lamps without a surface of their own are black; what is black hides the light that it would scatter.
-        Bsdf::Diffuse(d) if d.reflectance == Vec3f::zero() => {}
-        Bsdf::Diffuse(_) => {
-            keys.value(format!("{name}.reflectance.value"), material, MaterialValue::Reflectance);
+        // Lamps without a surface of their own are black.
+        Bsdf::Diffuse(d) if d.reflectance == Vec3f::zero() && emits => {}
+        Bsdf::Diffuse(d) => {
+            // What is black hides the light that it would scatter.
+            let dark = d.reflectance == Vec3f::zero();
+            keys.value(format!("{name}.reflectance.value"), material, MaterialValue::Reflectance, dark);
         }
-        Bsdf::RoughConductor(c) if c.surface.alpha_x == c.surface.alpha_y && !c.surface.is_smooth() => {
-            keys.value(format!("{name}.alpha.value"), material, MaterialValue::Alpha);
+        Bsdf::RoughConductor(c) if !c.surface.is_smooth() => {
+            if c.surface.alpha_x == c.surface.alpha_y {
+                keys.value(format!("{name}.alpha.value"), material, MaterialValue::Alpha, false);
+            } else {
+                keys.value(format!("{name}.alpha_u.value"), material, MaterialValue::AlphaU, false);
+                keys.value(format!("{name}.alpha_v.value"), material, MaterialValue::AlphaV, false);
+            }
             let specular = MaterialValue::SpecularReflectance;
-            keys.value(format!("{name}.specular_reflectance.value"), material, specular);
+            let dark = c.metal.reflectance == Vec3f::zero();
+            keys.value(format!("{name}.specular_reflectance.value"), material, specular, dark);
         }
         _ => {}
     }
@@ -115,7 +196,7 @@ fn of_graph(keys: &mut Keys, material: usize, graph: &SurfaceGraph, [bsdf, emitt
     let mut index = 0;
     of_node(keys, material, &graph.root, bsdf, &mut index);
     if let Some(emission) = &graph.emission {
-        keys.texture(&format!("{emitter}.radiance"), [material, index], emission, 3);
+        keys.texture(&format!("{emitter}.radiance"), [material, index], emission, Quantity::Radiance);
     }
 }
 
@@ -145,13 +226,21 @@ fn of_node(keys: &mut Keys, material: usize, node: &SurfaceNode, name: &str, ind
             leaf.textures(&mut |_| *index += 1);
             match leaf {
                 SurfaceNode::Diffuse { reflectance } => {
-                    keys.texture(&format!("{name}.reflectance"), [material, first], reflectance, 3);
+                    keys.texture(
+                        &format!("{name}.reflectance"),
+                        [material, first],
+                        reflectance,
+                        Quantity::Color,
+                    );
                 }
                 SurfaceNode::Conductor { reflectance, rough: Some(r), .. } => {
                     let specular = format!("{name}.specular_reflectance");
-                    keys.texture(&specular, [material, first + 2], reflectance, 3);
-                    keys.texture(&format!("{name}.alpha"), [material, first + 3], &r.alpha_u, 1);
-                    keys.texture(&format!("{name}.alpha"), [material, first + 4], &r.alpha_v, 1);
+                    keys.texture(&specular, [material, first + 2], reflectance, Quantity::Color);
+                    let same = alike(&r.alpha_u, &r.alpha_v);
+                    let [u, v] = if same { ["alpha"; 2] } else { ["alpha_u", "alpha_v"] };
+                    let alpha = Quantity::Alpha;
+                    keys.texture(&format!("{name}.{u}"), [material, first + 3], &r.alpha_u, alpha);
+                    keys.texture(&format!("{name}.{v}"), [material, first + 4], &r.alpha_v, alpha);
                 }
                 _ => {}
             }
@@ -161,10 +250,15 @@ fn of_node(keys: &mut Keys, material: usize, node: &SurfaceNode, name: &str, ind
 
 /// The lights without a surface.
 fn lights(keys: &mut Keys, lights: &[PunctualLight], [intensity, irradiance]: [&str; 2]) {
-    for (light, l) in lights.iter().enumerate() {
+    let named = |(i, l): (usize, &PunctualLight)| {
+        if l.name.is_empty() { format!("light_{i}") } else { l.name.clone() }
+    };
+    let names: Vec<String> = lights.iter().enumerate().map(named).collect();
+    for ((light, l), name) in lights.iter().enumerate().zip(unique(&names)) {
         let what = if matches!(l.kind, LightKind::Directional) { irradiance } else { intensity };
-        let name = if l.name.is_empty() { format!("light_{light}") } else { l.name.clone() };
-        keys.push(format!("{name}.{what}"), Parameter::Light { light }, [1, 1, 3]);
+        let parameter = Parameter::Light { light };
+        let key = keys.push(format!("{name}.{what}"), parameter, [1, 1, 3], Quantity::Radiance);
+        keys.list[key].dark = l.intensity == [0.0; 3];
     }
 }
 
@@ -172,19 +266,15 @@ fn lights(keys: &mut Keys, lights: &[PunctualLight], [intensity, irradiance]: [&
 pub(super) fn of_asset(scene: &Scene, parts: &Parts) -> Vec<Key> {
     let mut keys = Keys::default();
     let Some(library) = &parts.library else { return keys.list };
-    for (i, m) in scene.materials.iter().enumerate() {
-        let twice = |n: &str| scene.materials.iter().filter(|m| m.name == n).count() > 1;
-        let name = match m.name.as_str() {
-            "" => format!("material_{i}"),
-            n if twice(n) => format!("{n}_{i}"),
-            n => n.to_owned(),
-        };
+    let named = |(i, m): (usize, &photofit_scene::Material)| {
+        if m.name.is_empty() { format!("material_{i}") } else { m.name.clone() }
+    };
+    let names: Vec<String> = scene.materials.iter().enumerate().map(named).collect();
+    for ((i, m), name) in scene.materials.iter().enumerate().zip(unique(&names)) {
         let held = library.may_transmit(i) || library.may_be_anisotropic(i);
-        let mut values = Vec::new();
         // Light that is not there is not traced, so that its derivative is not seen.
-        if m.emissive != [0.0; 3] {
-            values.push(("emissive", MaterialValue::Emissive));
-        }
+        let black = m.emissive == [0.0; 3];
+        let mut values = vec![("emissive", MaterialValue::Emissive)];
         if !held {
             values.push(("base_color", MaterialValue::BaseColor));
             if !m.unlit {
@@ -196,7 +286,12 @@ pub(super) fn of_asset(scene: &Scene, parts: &Parts) -> Vec<Key> {
             values.push(("absorption", MaterialValue::Absorption));
         }
         for (value, which) in values {
-            keys.value(format!("{name}.{value}"), i, which);
+            let dark = match which {
+                MaterialValue::Emissive => black,
+                MaterialValue::BaseColor => m.base_color[..3] == [0.0; 3],
+                _ => false,
+            };
+            keys.value(format!("{name}.{value}"), i, which, dark);
         }
         let maps = [
             ("base_color_texture", MapKind::BaseColor),
@@ -212,13 +307,20 @@ pub(super) fn of_asset(scene: &Scene, parts: &Parts) -> Vec<Key> {
         for (map, kind) in maps.into_iter().filter(|m| known(m.1)) {
             if let Some(texture) = library.texture_of(i, kind) {
                 let shape = size_of_texture(library, texture);
-                keys.push(format!("{name}.{map}"), Parameter::Texels { texture }, shape);
+                let quantity = Quantity::of_map(kind);
+                let key = keys.push(format!("{name}.{map}"), Parameter::Texels { texture }, shape, quantity);
+                if kind == MapKind::Emissive && black {
+                    let rule = format!("its factor {name}.emissive is 0, so that the map gives no light");
+                    keys.list[key].idle = Some(rule);
+                }
             }
         }
     }
     lights(&mut keys, &scene.lights, ["intensity", "irradiance"]);
     if let Some(e) = &parts.environment {
-        keys.push("environment".into(), Parameter::Environment, [e.image.height, e.image.width, 3]);
+        let shape = [e.image.height, e.image.width, 3];
+        let key = keys.push("environment".into(), Parameter::Environment, shape, Quantity::Radiance);
+        keys.list[key].dark = e.image.data.iter().all(|v| *v == 0.0);
     }
     keys.list
 }
@@ -227,3 +329,6 @@ fn size_of_texture(library: &SurfaceLibrary, texture: usize) -> [usize; 3] {
     let base = library.texture(texture).layout().levels()[0];
     [base.height as usize, base.width as usize, 3]
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,8 +1,10 @@
 //! Scenes whose path-traced picture has parameters that are known by name.
 
 mod keys;
+mod quantity;
 
 pub(crate) use keys::Key;
+pub(crate) use quantity::Quantity;
 
 use crate::args::ParameterScene;
 use crate::preflight::Places;
@@ -22,7 +24,8 @@ const LISTED: usize = 12;
 pub(crate) struct Subject {
     pub(crate) keys: Vec<Key>,
     pub(crate) parts: Parts,
-    pub(crate) view: View,
+    /// One for each camera that is asked for.
+    pub(crate) views: Vec<View>,
     pub(crate) options: RenderOptions,
     pub(crate) world: WorldOptions,
 }
@@ -36,10 +39,13 @@ impl Subject {
     /// The parameter of a name.
     pub(crate) fn find(&self, a: &ParameterScene, name: &str) -> Result<&Key> {
         let keys = &self.keys;
-        if let Some(key) = keys.iter().find(|k| k.name == name) {
-            return Ok(key);
-        }
         let file = a.input.display();
+        if let Some(key) = keys.iter().find(|k| k.name == name) {
+            return match &key.idle {
+                None => Ok(key),
+                Some(rule) => bail!("{file}: {name}: {rule}; it must be more than 0"),
+            };
+        }
         if let Some(word) = GEOMETRY.iter().find(|w| name.rsplit('.').any(|part| part == **w)) {
             bail!(
                 "{file}: {name}: {word} moves edges, whose derivatives the path tracer does not see; \
@@ -55,7 +61,9 @@ impl Subject {
 }
 
 fn of_mitsuba(a: &ParameterScene, places: &Places) -> Result<Subject> {
-    if let Some(option) = [("--env", a.env.is_some()), ("--camera", a.camera > 0)].into_iter().find(|o| o.1) {
+    if let Some(option) =
+        [("--env", a.env.is_some()), ("--camera", a.camera != [0])].into_iter().find(|o| o.1)
+    {
         bail!(Misuse(format!("{}: belongs to an asset; an .xml scene has its own", option.0)));
     }
     let options = MitsubaOptions {
@@ -71,7 +79,13 @@ fn of_mitsuba(a: &ParameterScene, places: &Places) -> Result<Subject> {
     options.seed = a.seed;
     let view = View::from_mitsuba(&scene.sensor);
     let world = WorldOptions::default();
-    Ok(Subject { keys: keys::of_mitsuba(&scene), parts: Parts::from_mitsuba(scene), view, options, world })
+    Ok(Subject {
+        keys: keys::of_mitsuba(&scene),
+        parts: Parts::from_mitsuba(scene),
+        views: vec![view],
+        options,
+        world,
+    })
 }
 
 fn of_asset(a: &ParameterScene, places: &Places) -> Result<Subject> {
@@ -84,7 +98,8 @@ fn of_asset(a: &ParameterScene, places: &Places) -> Result<Subject> {
     places.check_against("SCENE", &scene.files)?;
     scene.validate_for_fit().map_err(|e| anyhow!("{file}: {e}"))?;
     let (width, height) = (a.width.unwrap_or(512) as usize, a.height.unwrap_or(512) as usize);
-    let view = path_render::camera_view(&a.input, &scene, a.camera, [width, height])?;
+    let view = |camera: &usize| path_render::camera_view(&a.input, &scene, *camera, [width, height]);
+    let views = a.camera.iter().map(view).collect::<Result<_>>()?;
     let mut parts = Parts::from_scene(&scene);
     if let Some(file) = &a.env {
         parts.environment = Some(EnvironmentMap::new(photofit_scene::load_environment(file)?));
@@ -93,5 +108,5 @@ fn of_asset(a: &ParameterScene, places: &Places) -> Result<Subject> {
     let path = PathOptions { max_depth: a.max_depth.unwrap_or(path.max_depth), ..path };
     let options = RenderOptions { width, height, seed: a.seed, path, ..RenderOptions::default() };
     let keys = keys::of_asset(&scene, &parts);
-    Ok(Subject { keys, parts, view, options, world: WorldOptions::default() })
+    Ok(Subject { keys, parts, views, options, world: WorldOptions::default() })
 }

@@ -10,6 +10,7 @@ mod mitsuba;
 mod overwrite;
 mod path;
 mod recover;
+mod recover_scene;
 mod simplify;
 mod support;
 mod surface;

@@ -27,7 +27,7 @@ pub(crate) struct Course {
     /// Phases begun: what happens once at the beginning of a phase has happened for these.
     pub begun: usize,
     /// Quality of the best values.
-    pub best_psnr: f64,
+    pub best_quality: f64,
     /// Looks at the held-out views.
     pub history: Vec<HistoryPoint>,
     /// Losses since the last look.
@@ -86,7 +86,7 @@ struct Header {
     step: u64,
     skipped: u64,
     begun: usize,
-    best_psnr_bits: u64,
+    best_quality_bits: u64,
     groups: Vec<GroupHeader>,
     /// Step, then seconds, loss and quality as bits.
     history: Vec<[u64; 4]>,
@@ -147,12 +147,12 @@ fn encode(course: &Course, groups: &[Saved<'_>], steering: &Steering) -> Result<
         step: course.step,
         skipped: course.skipped,
         begun: course.begun,
-        best_psnr_bits: course.best_psnr.to_bits(),
+        best_quality_bits: course.best_quality.to_bits(),
         groups: groups.iter().map(GroupHeader::new).collect(),
         history: course
             .history
             .iter()
-            .map(|h| [h.step, h.seconds.to_bits(), h.loss.to_bits(), h.held_out_psnr.to_bits()])
+            .map(|h| [h.step, h.seconds.to_bits(), h.loss.to_bits(), h.quality.to_bits()])
             .collect(),
         loss: course.loss.iter().map(|l| l.to_bits()).collect(),
     };
@@ -276,13 +276,13 @@ fn decode(bytes: &[u8], groups: &[Group], steering: &Steering) -> Result<(Course
         step: *step,
         seconds: f64::from_bits(*seconds),
         loss: f64::from_bits(*loss),
-        held_out_psnr: f64::from_bits(*psnr),
+        quality: f64::from_bits(*psnr),
     });
     let course = Course {
         step: h.step,
         skipped: h.skipped,
         begun: h.begun,
-        best_psnr: f64::from_bits(h.best_psnr_bits),
+        best_quality: f64::from_bits(h.best_quality_bits),
         history: history.collect(),
         loss: h.loss.iter().map(|l| f64::from_bits(*l)).collect(),
     };
@@ -313,8 +313,8 @@ mod tests {
             step: 31,
             skipped: 3,
             begun: 2,
-            best_psnr: 23.5,
-            history: vec![HistoryPoint { step: 25, seconds: 1.5, loss: 0.25, held_out_psnr: 23.5 }],
+            best_quality: 23.5,
+            history: vec![HistoryPoint { step: 25, seconds: 1.5, loss: 0.25, quality: 23.5 }],
             loss: vec![0.5, 0.25],
         };
         let groups = vec![group("positions", 5, 3), group("maps", 4, 2)];

@@ -28,7 +28,10 @@ pub trait Chain {
     fn values_mut(&mut self, group: usize) -> &mut [f32];
 
     /// Brings up to date what follows from the samples of a group (mip levels).
-    fn changed(&mut self, group: usize);
+    ///
+    /// # Errors
+    /// [`Broken::Picture`] where the samples are not valid.
+    fn changed(&mut self, group: usize) -> Result<(), Broken>;
 
     /// Zero gradients.
     fn gradients(&self) -> Self::Gradients;
@@ -38,10 +41,22 @@ pub trait Chain {
 
     /// Loss of a batch against its references (mean over the shots) and its gradients, which are overwritten. `moving`
     /// says which groups need theirs.
-    fn step(&self, shots: &[Shot], loss: Loss, moving: &[bool], gradients: &mut Self::Gradients) -> f64;
+    ///
+    /// # Errors
+    /// [`Broken::Picture`].
+    fn step(
+        &self,
+        shots: &[Shot],
+        loss: Loss,
+        moving: &[bool],
+        gradients: &mut Self::Gradients,
+    ) -> Result<f64, Broken>;
 
     /// The pictures of shots: linear RGBA over their backgrounds, the mean over the samples of each pixel.
-    fn pictures(&self, shots: &[Shot]) -> Vec<Vec<[f32; 4]>>;
+    ///
+    /// # Errors
+    /// [`Broken::Picture`].
+    fn pictures(&self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, Broken>;
 }
 
 /// A chain with its gradients, optimizers and best values.
@@ -82,7 +97,7 @@ impl<C: Chain> Model for Cpu<C> {
 
     fn step(&mut self, shots: &[Shot], loss: Loss, rates: &[f64]) -> Result<(), Broken> {
         let moving: Vec<bool> = rates.iter().map(|r| *r > 0.0).collect();
-        let value = self.chain.step(shots, loss, &moving, &mut self.gradients);
+        let value = self.chain.step(shots, loss, &moving, &mut self.gradients)?;
         if !value.is_finite() {
             return Err(Broken::Loss(value));
         }
@@ -101,7 +116,7 @@ impl<C: Chain> Model for Cpu<C> {
             if let Some(at) = group.unit {
                 normalize_vectors(x, group.columns, at);
             }
-            self.chain.changed(k);
+            self.chain.changed(k)?;
         }
         Ok(())
     }
@@ -111,7 +126,7 @@ impl<C: Chain> Model for Cpu<C> {
     }
 
     fn pictures(&mut self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, Broken> {
-        Ok(self.chain.pictures(shots))
+        self.chain.pictures(shots)
     }
 
     fn values(&self, group: usize) -> Result<Cow<'_, [f32]>, Broken> {
@@ -120,8 +135,7 @@ impl<C: Chain> Model for Cpu<C> {
 
     fn set(&mut self, group: usize, values: &[f32]) -> Result<(), Broken> {
         self.chain.values_mut(group).copy_from_slice(values);
-        self.chain.changed(group);
-        Ok(())
+        self.chain.changed(group)
     }
 
     fn keep_best(&mut self) -> Result<(), Broken> {
@@ -133,8 +147,7 @@ impl<C: Chain> Model for Cpu<C> {
 
     fn go_to_best(&mut self, group: usize) -> Result<(), Broken> {
         self.chain.values_mut(group).copy_from_slice(&self.best[group]);
-        self.chain.changed(group);
-        Ok(())
+        self.chain.changed(group)
     }
 
     fn reset_optimizer(&mut self, group: usize) -> Result<(), FitError> {

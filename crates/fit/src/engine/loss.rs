@@ -12,6 +12,13 @@ pub fn choose(noise: f64) -> Loss {
     if noise > MOST_NOISE { Loss::Mse } else { Loss::LogSrgbL1 }
 }
 
+/// Weight of the squared error of a pixel that should have this linear colour: relative to what it should be, so that
+/// bright parts do not drown the others. Unlike a logarithm, such weights leave noise without bias.
+pub fn relative_weight(reference: &[f32; 4]) -> f32 {
+    let mean = (reference[0] + reference[1] + reference[2]) / 3.0;
+    1.0 / (mean * mean + 0.01)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -59,6 +59,8 @@ pub enum Broken {
     },
     /// The device that the model lives on failed.
     Device(Box<dyn std::error::Error + Send + Sync>),
+    /// The present values have no picture or no derivatives.
+    Picture(Box<FitError>),
 }
 
 /// A group as checkpoints keep it.
@@ -96,7 +98,7 @@ pub trait Model: Sized {
     /// The pictures of shots: linear RGBA over their backgrounds, the mean over the samples of each pixel.
     ///
     /// # Errors
-    /// [`Broken::Device`].
+    /// [`Broken::Device`], [`Broken::Picture`].
     fn pictures(&mut self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, Broken>;
 
     /// The samples of group number `group`.
@@ -108,7 +110,7 @@ pub trait Model: Sized {
     /// Replaces the samples of a group; its optimizer stays as it is.
     ///
     /// # Errors
-    /// [`Broken::Device`].
+    /// [`Broken::Device`], [`Broken::Picture`].
     fn set(&mut self, group: usize, values: &[f32]) -> Result<(), Broken>;
 
     /// Makes the present values of all groups the best ones; at first the best are those of the start.

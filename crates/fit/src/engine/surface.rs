@@ -1,7 +1,7 @@
 //! A mesh with material maps: its groups of parameters, the stages from them to pictures, and the same stages reversed.
 
 use super::cpu::Chain;
-use super::model::Group;
+use super::model::{Broken, Group};
 use super::plan::Plan;
 use super::views::Shot;
 use crate::FitError;
@@ -55,6 +55,13 @@ impl Surface {
             position_gradients: self.moves && moving[0],
             map_gradients: self.passes.map_gradients && moving[moving.len() - 1],
             ..self.passes
+        }
+    }
+
+    /// Brings up to date what follows from the samples of a group: mip levels.
+    pub(crate) fn update(&mut self, group: usize) {
+        if !self.is_positions(group) {
+            self.candidate.maps.rebuild();
         }
     }
 
@@ -114,10 +121,9 @@ impl Chain for Surface {
         }
     }
 
-    fn changed(&mut self, group: usize) {
-        if !self.is_positions(group) {
-            self.candidate.maps.rebuild();
-        }
+    fn changed(&mut self, group: usize) -> Result<(), Broken> {
+        self.update(group);
+        Ok(())
     }
 
     fn gradients(&self) -> ParameterGradients {
@@ -137,12 +143,18 @@ impl Chain for Surface {
         (self.values_mut(group), g)
     }
 
-    fn step(&self, shots: &[Shot], loss: Loss, moving: &[bool], gradients: &mut ParameterGradients) -> f64 {
-        self.candidate.step(shots, loss, &self.moving_passes(moving), gradients)
+    fn step(
+        &self,
+        shots: &[Shot],
+        loss: Loss,
+        moving: &[bool],
+        gradients: &mut ParameterGradients,
+    ) -> Result<f64, Broken> {
+        Ok(self.candidate.step(shots, loss, &self.moving_passes(moving), gradients))
     }
 
-    fn pictures(&self, shots: &[Shot]) -> Vec<Vec<[f32; 4]>> {
-        pictures(&self.candidate, shots, &self.passes)
+    fn pictures(&self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, Broken> {
+        Ok(pictures(&self.candidate, shots, &self.passes))
     }
 }
 

@@ -4,7 +4,8 @@
 //! from their covariance; both follow from the number of the shot.
 
 use super::cpu::Chain;
-use super::model::Group;
+use super::loss::relative_weight;
+use super::model::{Broken, Group};
 use super::views::Shot;
 use crate::FitError;
 use photofit_image::Image;
@@ -65,13 +66,15 @@ pub struct Traced {
     /// How steps of textures are smoothed.
     pub smoothing: Smoothing,
     values: Vec<Vec<f32>>,
+    /// Channels that the world has of each value: one or three.
+    channels: Vec<usize>,
 }
 
 impl Traced {
     /// Starts from the values that the world has.
     ///
     /// # Errors
-    /// If the world has no such parameter with derivatives.
+    /// If the world has no such parameter with derivatives, or one of another shape.
     pub fn new(
         world: World,
         views: Vec<View>,
@@ -82,10 +85,20 @@ impl Traced {
             let places: Vec<Parameter> = parameters.iter().map(|p| p.parameter.clone()).collect();
             Adjoint::new(&world, view, options.clone(), &places)?;
         }
-        let read = |p: &TracedParameter| Ok(taken(&world.parameter(&p.parameter)?, p.shape[2]));
-        let values = parameters.iter().map(read).collect::<Result<_, FitError>>()?;
-        let smoothing = Smoothing::default();
-        Ok(Self { world, views, options, gradient_spp: 1, look_spp: 64, parameters, smoothing, values })
+        let (mut values, mut channels) = (Vec::new(), Vec::new());
+        for p in &parameters {
+            let read = world.parameter(&p.parameter)?;
+            let cells = p.shape[0] * p.shape[1];
+            let held = read.len() / cells.max(1);
+            if cells * held != read.len() || !(1..=held).contains(&p.shape[2]) {
+                let rule = format!("of {} is {:?}; the world has {} values", p.name, p.shape, read.len());
+                return Err(FitError::Setting { field: "shape", rule });
+            }
+            values.push(read.chunks_exact(held).flat_map(|v| v[..p.shape[2]].to_vec()).collect());
+            channels.push(held);
+        }
+        let (gradient_spp, look_spp, smoothing) = (1, 64, Smoothing::default());
+        Ok(Self { world, views, options, gradient_spp, look_spp, parameters, smoothing, values, channels })
     }
 
     /// The values of a parameter, channel by channel.
@@ -107,8 +120,7 @@ impl Traced {
 
     fn update(&mut self, parameter: usize) -> Result<(), photofit_pathtrace::PathtraceError> {
         let p = &self.parameters[parameter];
-        let read = self.world.parameter(&p.parameter)?;
-        let channels = read.len() / (p.shape[0] * p.shape[1]);
+        let channels = self.channels[parameter];
         let values = &self.values[parameter];
         // Numbers that are kept as colours are the same in all channels.
         let spread = values.chunks_exact(p.shape[2]);
@@ -141,9 +153,7 @@ impl Traced {
         let pixels = light(&self.picture(view, self.options.spp, seed(PICTURE))?);
         let (width, height) = (shot.width, shot.height);
         let mut g = vec![[0.0; 4]; pixels.len()];
-        // Relative to what the picture should be: bright parts do not drown the others, and, unlike a logarithm, such
-        // weights leave noise without bias.
-        let weights: Vec<f32> = shot.reference.iter().map(relative).collect();
+        let weights: Vec<f32> = shot.reference.iter().map(relative_weight).collect();
         let frame = loss::Frame::new(width, height, 4).only(0..3).weighted(&weights);
         let (x, y) = (pixels.as_flattened(), shot.reference.as_flattened());
         let value = loss.value_and_gradient(x, y, &frame, weight, g.as_flattened_mut());
@@ -165,21 +175,6 @@ impl Traced {
         }
         Ok(value)
     }
-}
-
-/// Weight of the squared error of a pixel that should have this colour.
-fn relative(reference: &[f32; 4]) -> f32 {
-    let mean = (reference[0] + reference[1] + reference[2]) / 3.0;
-    1.0 / (mean * mean + 0.01)
-}
-
-/// The first channels of values that have one or three.
-fn taken(values: &[f32], channels: usize) -> Vec<f32> {
-    // Single values have one channel already.
-    if channels == 3 || values.len() == 1 {
-        return values.to_vec();
-    }
-    values.chunks_exact(3).map(|v| v[0]).collect()
 }
 
 /// The light of a picture without its coverage, which has no derivative here: what the pictures of the task hold too.
@@ -235,8 +230,8 @@ impl Chain for Traced {
         &mut self.values[group]
     }
 
-    fn changed(&mut self, group: usize) {
-        self.update(group).expect("values in their ranges are valid");
+    fn changed(&mut self, group: usize) -> Result<(), Broken> {
+        self.update(group).map_err(|e| Broken::Picture(Box::new(e.into())))
     }
 
     fn gradients(&self) -> Self::Gradients {
@@ -247,18 +242,24 @@ impl Chain for Traced {
         (&mut self.values[group], &gradients[group])
     }
 
-    fn step(&self, shots: &[Shot], loss: Loss, moving: &[bool], gradients: &mut Self::Gradients) -> f64 {
+    fn step(
+        &self,
+        shots: &[Shot],
+        loss: Loss,
+        moving: &[bool],
+        gradients: &mut Self::Gradients,
+    ) -> Result<f64, Broken> {
         gradients.iter_mut().for_each(|g| g.fill(0.0));
         let weight = 1.0 / shots.len().max(1) as f64;
-        let one = |shot| self.one(shot, loss, weight, moving, gradients).expect("checked at the start");
-        shots.iter().map(one).sum()
+        let one = |shot| self.one(shot, loss, weight, moving, gradients);
+        shots.iter().map(one).sum::<Result<f64, FitError>>().map_err(|e| Broken::Picture(Box::new(e)))
     }
 
-    fn pictures(&self, shots: &[Shot]) -> Vec<Vec<[f32; 4]>> {
+    fn pictures(&self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, Broken> {
         let one = |shot: &Shot| {
             let seed = hash(self.options.seed, PICTURE, u64::MAX);
             let picture = self.picture(shot.picture.unwrap_or(0), self.look_spp, seed);
-            light(&picture.expect("checked at the start"))
+            picture.map(|p| light(&p)).map_err(|e| Broken::Picture(Box::new(e)))
         };
         shots.iter().map(one).collect()
     }

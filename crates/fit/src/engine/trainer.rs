@@ -5,6 +5,7 @@
 //! the last look of a stopped fit goes into its result, not into its checkpoint.
 
 use super::checkpoint::{self, Course, Digest, Saved};
+use super::loss::relative_weight;
 use super::model::{Broken, Group, GroupName, Model, Snapshot};
 use super::pool::{Batches, Pool};
 use super::reference::Reference;
@@ -34,8 +35,8 @@ pub struct HistoryPoint {
     pub seconds: f64,
     /// Mean training loss since the last look.
     pub loss: f64,
-    /// PSNR (sRGB, foreground) of the held-out views.
-    pub held_out_psnr: f64,
+    /// Quality of the pictures of the held-out views, dB: what their [`Measure`] says.
+    pub quality: f64,
 }
 
 /// Where and how a fit keeps its state.
@@ -153,10 +154,38 @@ pub struct Trained<A> {
     pub history: Vec<HistoryPoint>,
     /// Steps made.
     pub steps: u64,
+    /// Steps that were made before this run: those of its checkpoint.
+    pub resumed: u64,
     /// Million samples per second of the steps.
     pub mpix_per_s: f64,
     /// Ended by the user or the time limit.
     pub stopped: bool,
+}
+
+/// What the pictures of a look are judged by; more dB are better.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Measure {
+    /// PSNR of the foreground after clamping to [0, 1] and sRGB encoding: what a screen shows.
+    #[default]
+    Psnr,
+    /// `-10 log10` of the mean squared error of linear light, relative to the reference ([`relative_weight`]) and not
+    /// clamped: what fits of radiance minimise.
+    Relative,
+}
+
+impl Measure {
+    /// A quality in words.
+    fn told(self, quality: f64) -> String {
+        match self {
+            Self::Psnr => format!("{quality:.2} dB"),
+            Self::Relative => format!("relative squared error {:.4e}", relative_error(quality)),
+        }
+    }
+}
+
+/// The mean relative squared error that [`Measure::Relative`] tells in dB.
+pub fn relative_error(quality: f64) -> f64 {
+    10.0_f64.powf(-0.1 * quality)
 }
 
 /// The views of the early stop.
@@ -166,6 +195,8 @@ pub struct HeldOut {
     pub shots: Vec<Shot>,
     /// Mean relative noise of these pictures.
     pub noise: f64,
+    /// What they are judged by.
+    pub measure: Measure,
 }
 
 impl HeldOut {
@@ -180,7 +211,7 @@ impl HeldOut {
         count: u64,
         seed: u64,
     ) -> Result<Self, FitError> {
-        let mut out = Self { shots: Vec::new(), noise: 0.0 };
+        let mut out = Self { shots: Vec::new(), noise: 0.0, measure: Measure::default() };
         for index in 0..count {
             let s = views.setup(Set::HeldOut, index, count);
             let picture = reference.picture(&s)?;
@@ -188,6 +219,32 @@ impl HeldOut {
             out.shots.push(Shot::new(&s, &picture.image, sampling, seed ^ 0x5eed, index));
         }
         Ok(out)
+    }
+
+    /// The same views, judged by another measure.
+    #[must_use]
+    pub fn measured_by(self, measure: Measure) -> Self {
+        Self { measure, ..self }
+    }
+
+    /// Quality of pictures of these views, dB.
+    pub fn quality(&self, pictures: &[Vec<[f32; 4]>]) -> f64 {
+        match self.measure {
+            Measure::Psnr => self.psnr(pictures),
+            Measure::Relative => self.relative(pictures),
+        }
+    }
+
+    fn relative(&self, pictures: &[Vec<[f32; 4]>]) -> f64 {
+        let (mut squares, mut count) = (0.0, 0.0);
+        for (shot, picture) in self.shots.iter().zip(pictures) {
+            for (c, r) in picture.iter().zip(&shot.reference) {
+                let weight = f64::from(relative_weight(r)) / 3.0;
+                squares += weight * (0..3).map(|k| (f64::from(c[k]) - f64::from(r[k])).powi(2)).sum::<f64>();
+                count += 1.0;
+            }
+        }
+        -10.0 * (squares / f64::max(count, 1.0)).log10()
     }
 
     /// PSNR (sRGB, foreground) of pictures of these views.
@@ -224,7 +281,7 @@ struct Trainer<'a, M: Model> {
     earlier: f64,
 }
 
-/// Runs a fit of `model`; `phases` lays out its phases, given the PSNR of the held-out views at the start.
+/// Runs a fit of `model`; `phases` lays out its phases, given the quality of the held-out views at the start.
 ///
 /// # Errors
 /// If a picture cannot be made, a checkpoint belongs to another fit, or a value is not finite; what was saved stays.
@@ -243,7 +300,7 @@ where
         job,
         model,
         groups,
-        course: Course { best_psnr: f64::NEG_INFINITY, ..Course::default() },
+        course: Course { best_quality: f64::NEG_INFINITY, ..Course::default() },
         pool: Pool::default(),
         steering,
         saved: None,
@@ -254,11 +311,12 @@ where
         earlier: 0.0,
     };
     t.restore(progress)?;
+    let resumed = t.course.step - t.course.skipped;
     let start = match t.course.history.first() {
-        Some(first) => first.held_out_psnr,
+        Some(first) => first.quality,
         None => t.look(progress)?,
     };
-    progress.report("fit", t.course.step, job.steps, &format!("{start:.2} dB"));
+    progress.report("fit", t.course.step, job.steps, &job.held_out.measure.told(start));
     let mut stopped = false;
     let phases = phases(start);
     phases.iter().try_for_each(|p| p.check(&t.groups))?;
@@ -283,6 +341,7 @@ where
         model: t.model.into_asset().map_err(|b| broken(b, t.course.step, kept))?,
         history: t.course.history,
         steps: t.course.step - t.course.skipped,
+        resumed,
         mpix_per_s: t.samples / 1e6 / t.step_seconds.max(1e-9),
         stopped,
     })
@@ -310,6 +369,7 @@ fn broken(broken: Broken, step: u64, kept: String) -> FitError {
         Broken::Loss(value) => FitError::Loss { step, value, kept },
         Broken::Optim { ago, source } => FitError::Optim { step: step.saturating_sub(ago), source, kept },
         Broken::Device(source) => FitError::Device { step, source, kept },
+        Broken::Picture(source) => FitError::Picture { step, source, kept },
     }
 }
 
@@ -346,7 +406,7 @@ impl<M: Model> Trainer<'_, M> {
                 };
                 let set = self.model.set(group, &made);
                 self.hear(set)?;
-                let best = self.course.best_psnr;
+                let best = self.course.best_quality;
                 if self.look(progress)? < best {
                     let back = self.model.go_to_best(group);
                     self.hear(back)?;
@@ -382,8 +442,7 @@ impl<M: Model> Trainer<'_, M> {
     /// Whether the last looks of a phase brought nothing.
     fn is_stale(&self, phase: &Phase<'_, M::Asset>) -> bool {
         let history = &self.course.history;
-        let looks: Vec<f64> =
-            history.iter().filter(|h| h.step >= phase.first).map(|h| h.held_out_psnr).collect();
+        let looks: Vec<f64> = history.iter().filter(|h| h.step >= phase.first).map(|h| h.quality).collect();
         let best = looks.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         looks.iter().rev().take_while(|l| **l < best).count() >= PATIENCE
     }
@@ -433,23 +492,24 @@ impl<M: Model> Trainer<'_, M> {
         Ok(())
     }
 
-    /// PSNR of the held-out views; keeps the best state.
+    /// Quality of the held-out views; keeps the best state.
     fn look(&mut self, progress: &dyn Progress) -> Result<f64, FitError> {
         self.hear_losses()?;
         let pictures = self.model.pictures(&self.job.held_out.shots);
-        let psnr = self.job.held_out.psnr(&self.hear(pictures)?);
+        let held_out = self.job.held_out;
+        let quality = held_out.quality(&self.hear(pictures)?);
         let course = &mut self.course;
         let loss = course.loss.iter().sum::<f64>() / course.loss.len().max(1) as f64;
         course.loss.clear();
         let seconds = self.earlier + self.start.elapsed().as_secs_f64();
-        course.history.push(HistoryPoint { step: course.step, seconds, loss, held_out_psnr: psnr });
-        progress.report("fit", course.step, self.job.steps, &format!("{psnr:.2} dB"));
-        if psnr > course.best_psnr {
-            course.best_psnr = psnr;
+        course.history.push(HistoryPoint { step: course.step, seconds, loss, quality });
+        progress.report("fit", course.step, self.job.steps, &held_out.measure.told(quality));
+        if quality > course.best_quality {
+            course.best_quality = quality;
             let kept = self.model.keep_best();
             self.hear(kept)?;
         }
-        Ok(psnr)
+        Ok(quality)
     }
 
     fn go_to_best(&mut self) -> Result<(), FitError> {

@@ -18,7 +18,7 @@ pub(super) fn section(o: &Outcome) -> Result<String, FitError> {
         return Ok(String::new());
     }
     let value: [Axis; 2] = [
-        ("held-out PSNR, dB", |h| Some(h.held_out_psnr)),
+        ("held-out PSNR, dB", |h| Some(h.quality)),
         // A look before the first step has no loss.
         ("training loss", |h| (h.loss > 0.0).then_some(h.loss)),
     ];

@@ -55,7 +55,7 @@ pub(super) fn best(
     let mut models = vec![trained.model.clone(), trained.model];
     if let Ok(texels) = rebaked(surface, seen, &models[1].candidate, options, &Silent) {
         models[1].values_mut(1).copy_from_slice(&texels);
-        models[1].changed(1);
+        models[1].update(1);
     }
     models.push(Surface { candidate: start.candidate.clone(), ..models[0].clone() });
     let mut scenes: Vec<Scene> = models.iter().map(|m| to_scene(&m.candidate, n)).collect();

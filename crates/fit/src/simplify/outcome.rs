@@ -95,8 +95,8 @@ impl Outcome {
         options: &SimplifyOptions,
     ) -> Self {
         let mean = |k: usize| Quality::mean(views.iter().map(|v| &v.quality[k].quality));
-        let last = trained.history.last().map_or(0.0, |h| h.held_out_psnr);
-        let settled = trained.history.iter().rev().take_while(|h| h.held_out_psnr > last - 0.5).last();
+        let last = trained.history.last().map_or(0.0, |h| h.quality);
+        let settled = trained.history.iter().rev().take_while(|h| h.quality > last - 0.5).last();
         Self {
             triangles_in,
             triangles_out,

@@ -5,8 +5,8 @@ use super::{Normalised, SimplifyOptions};
 use crate::FitError;
 use crate::engine::judge::Stage;
 use photofit_geometry::decimate::{Options, Target};
+use photofit_raster::texture::{MipLayout, MipRule, MipTexture, Texels};
 use photofit_scene::{AlphaMode, Scene, TextureImage, TextureSlot};
-use photofit_texture::{MipLayout, MipRule, MipTexture, Texels};
 
 /// Textures of a fitted asset at most: base colour, roughness with metalness, normals, emission.
 const MAPS: usize = 4;

@@ -109,7 +109,7 @@ impl Layout {
         };
         match parameter {
             Parameter::Material { materials, value } => {
-                for &m in materials {
+                for m in users(world, materials, *value) {
                     let cells = &mut self.materials[m];
                     put(&mut cells.values[*value as usize]);
                     cells.scatters |= !matches!(
@@ -142,6 +142,16 @@ impl Layout {
         }
         free
     }
+}
+
+/// The materials that a value is of: those that are named, and where it is a factor of library materials all that name
+/// the same ones.
+fn users(world: &World, named: &[usize], value: MaterialValue) -> Vec<usize> {
+    if !value.is_factor() {
+        return named.to_vec();
+    }
+    let library: Vec<_> = named.iter().map(|m| library_material(&world.given[*m])).collect();
+    (0..world.given.len()).filter(|m| library.contains(&library_material(&world.given[*m]))).collect()
 }
 
 /// Cells and channels of a parameter, or the rule that it breaks.

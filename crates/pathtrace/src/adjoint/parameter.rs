@@ -13,7 +13,8 @@ use photofit_shading::bsdf::Bsdf;
 pub enum Parameter {
     /// A value that materials share.
     Material {
-        /// Indices of the materials.
+        /// Indices of the materials, whose values are alike. A factor of a library material is that of all materials that
+        /// name it ([`Scattering::Library`]), whichever of them stand here.
         materials: Vec<usize>,
         /// Which value.
         value: MaterialValue,
@@ -27,7 +28,8 @@ pub enum Parameter {
     /// A texture of trees of BSDFs ([`Scattering::Graph`]): the value of a constant, or all texels of an image, row by
     /// row as stored. In places that want a number the gradient is in the first channel.
     Graph {
-        /// Materials and indices of the texture ([`photofit_scene::graph::SurfaceGraph::textures`]) that share it.
+        /// Materials and indices of the texture ([`photofit_scene::graph::SurfaceGraph::textures`]) that share it and
+        /// hold the same values.
         places: Vec<[usize; 2]>,
     },
     /// Intensity of a point or spot light, irradiance of a directional one.
@@ -51,8 +53,12 @@ pub enum MaterialValue {
     Reflectance,
     /// Factor of the reflectance of a uniform [`Bsdf::RoughConductor`].
     SpecularReflectance,
-    /// Alpha of a uniform [`Bsdf::RoughConductor`], along both axes.
+    /// Alpha of a uniform [`Bsdf::RoughConductor`] that is isotropic, along both axes.
     Alpha,
+    /// Its alpha along the tangent alone.
+    AlphaU,
+    /// Its alpha along the bitangent alone.
+    AlphaV,
     /// Factor of the base colour of a library material.
     BaseColor,
     /// Factor of its perceptual roughness.
@@ -68,15 +74,20 @@ pub enum MaterialValue {
 }
 
 /// Number of [`MaterialValue`]s.
-pub(super) const VALUES: usize = 9;
+pub(super) const VALUES: usize = 11;
 
 impl MaterialValue {
     /// Number of channels.
     pub fn channels(self) -> usize {
         match self {
-            Self::Alpha | Self::Roughness | Self::Metallic => 1,
+            Self::Alpha | Self::AlphaU | Self::AlphaV | Self::Roughness | Self::Metallic => 1,
             _ => 3,
         }
+    }
+
+    /// Whether it is a factor of a library material, which all materials of the world that name that one share.
+    pub(super) fn is_factor(self) -> bool {
+        matches!(self, Self::BaseColor | Self::Roughness | Self::Metallic | Self::Emissive)
     }
 
     /// Why a material has no such value with a derivative; `None` where it has.
@@ -85,7 +96,7 @@ impl MaterialValue {
         let uniform = material.library.is_none() && material.graph.is_none();
         let has = match self {
             Self::Reflectance => uniform && matches!(material.uniform(), Bsdf::Diffuse(_)),
-            Self::SpecularReflectance | Self::Alpha => {
+            Self::SpecularReflectance | Self::Alpha | Self::AlphaU | Self::AlphaV => {
                 uniform && matches!(material.uniform(), Bsdf::RoughConductor(c) if !c.surface.is_smooth())
             }
             Self::BaseColor | Self::Roughness | Self::Metallic | Self::Emissive => material.library.is_some(),
@@ -94,11 +105,17 @@ impl MaterialValue {
         if !has {
             return Some(match self {
                 Self::Reflectance => "it must be a diffuse surface that is the same everywhere",
-                Self::SpecularReflectance | Self::Alpha => {
+                Self::SpecularReflectance | Self::Alpha | Self::AlphaU | Self::AlphaV => {
                     "it must be a rough conductor that is the same everywhere"
                 }
                 _ => "it must be a material of the library",
             });
+        }
+        if self == Self::Alpha
+            && let Bsdf::RoughConductor(c) = material.uniform()
+            && c.surface.alpha_x != c.surface.alpha_y
+        {
+            return Some("it is anisotropic: AlphaU and AlphaV must be given, each by itself");
         }
         let scatters = matches!(self, Self::BaseColor | Self::Roughness | Self::Metallic);
         match material.library {

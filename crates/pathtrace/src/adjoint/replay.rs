@@ -189,6 +189,8 @@ impl Replay<'_> {
             Some(BsdfGradient::RoughConductor(d)) => {
                 self.out.add(cells.of(MaterialValue::SpecularReflectance), d.reflectance);
                 self.out.add(cells.of(MaterialValue::Alpha), number(d.alpha[0] + d.alpha[1]));
+                self.out.add(cells.of(MaterialValue::AlphaU), number(d.alpha[0]));
+                self.out.add(cells.of(MaterialValue::AlphaV), number(d.alpha[1]));
             }
             _ => {}
         }

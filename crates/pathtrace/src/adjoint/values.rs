@@ -17,19 +17,24 @@ impl World {
     /// Textures of trees that hold numbers repeat them in all three channels.
     ///
     /// # Errors
-    /// As [`crate::Adjoint::new`].
+    /// As [`crate::Adjoint::new`]; if materials or textures that share the parameter hold different values.
     pub fn parameter(&self, parameter: &Parameter) -> Result<Vec<f32>, PathtraceError> {
         Layout::new(self, std::slice::from_ref(parameter))?;
         Ok(match parameter {
-            Parameter::Material { materials, value } => self.material_value(materials[0], *value),
+            Parameter::Material { materials, value } => {
+                let read = |m: &usize| self.material_value(*m, *value);
+                shared(materials, read, |m| format!("{value:?} of material {m}"))?
+            }
             Parameter::Texels { texture } => {
                 let base = self.library.iter().flat_map(|l| l.texture(*texture).linear_base());
                 base.flat_map(|t| [t[0], t[1], t[2]]).collect()
             }
             Parameter::Graph { places } => {
-                let [m, t] = places[0];
-                let textures = self.materials[m].graph.as_ref().map_or_else(Vec::new, |g| g.textures());
-                texels(textures[t])
+                let read = |[m, t]: &[usize; 2]| {
+                    let textures = self.materials[*m].graph.as_ref().map_or_else(Vec::new, |g| g.textures());
+                    texels(textures[*t])
+                };
+                shared(places, read, |[m, t]| format!("texture {t} of material {m}"))?
             }
             Parameter::Light { light } => flux(&self.lights.given()[*light]).to_array().to_vec(),
             Parameter::Environment => {
@@ -75,8 +80,8 @@ impl World {
                     | LightSource::Spot { intensity: i, .. }
                     | LightSource::Directional { irradiance: i, .. } => *i = triple(values),
                 }
-                let map = self.lights.environment.as_ref().map(|e| e.map());
-                self.relight(&sources, map)
+                // The environment stays as it is, bit by bit.
+                self.set_sources(&sources)
             }
             Parameter::Environment => {
                 let sources = self.lights.given().to_vec();
@@ -98,7 +103,10 @@ impl World {
         let color = match (value, compiled.uniform()) {
             (MaterialValue::Reflectance, Bsdf::Diffuse(d)) => d.reflectance,
             (MaterialValue::SpecularReflectance, Bsdf::RoughConductor(c)) => c.metal.reflectance,
-            (MaterialValue::Alpha, Bsdf::RoughConductor(c)) => return vec![c.surface.alpha_x],
+            (MaterialValue::Alpha | MaterialValue::AlphaU, Bsdf::RoughConductor(c)) => {
+                return vec![c.surface.alpha_x];
+            }
+            (MaterialValue::AlphaV, Bsdf::RoughConductor(c)) => return vec![c.surface.alpha_y],
             (MaterialValue::Emission, _) => compiled.added,
             (MaterialValue::Absorption, _) => compiled.absorption,
             _ => match (value, factors) {
@@ -143,6 +151,12 @@ impl World {
             (MaterialValue::Alpha, Scattering::Uniform(Bsdf::RoughConductor(c))) => {
                 (c.surface.alpha_x, c.surface.alpha_y) = (values[0], values[0]);
             }
+            (MaterialValue::AlphaU, Scattering::Uniform(Bsdf::RoughConductor(c))) => {
+                c.surface.alpha_x = values[0];
+            }
+            (MaterialValue::AlphaV, Scattering::Uniform(Bsdf::RoughConductor(c))) => {
+                c.surface.alpha_y = values[0];
+            }
             (MaterialValue::Emission, _) => material.emission = triple(values),
             (MaterialValue::Absorption, _) => material.absorption = triple(values),
             _ => {}
@@ -176,6 +190,25 @@ impl World {
             *graph = Arc::new(tree);
         }
         self.set_material(m, &material)
+    }
+}
+
+/// The values that all places hold.
+fn shared<P>(
+    places: &[P],
+    read: impl Fn(&P) -> Vec<f32>,
+    name: impl Fn(&P) -> String,
+) -> Result<Vec<f32>, PathtraceError> {
+    let values = read(&places[0]);
+    match places[1..].iter().find(|p| read(p) != values) {
+        None => Ok(values),
+        Some(other) => {
+            let rule = format!(
+                "differs from {}; what shares a parameter must hold the same values",
+                name(&places[0])
+            );
+            Err(invalid(name(other), rule))
+        }
     }
 }
 

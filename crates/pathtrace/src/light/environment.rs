@@ -69,6 +69,8 @@ pub(crate) struct EnvironmentLight {
     rows_to_poles: bool,
     /// Radiance with the scale multiplied in, `height * width`.
     texels: Vec<Vec3f>,
+    /// Map to world, as it was given: [`Self::inward`] does not give it back bit by bit.
+    rotation: Quat,
     /// World to map.
     inward: Option<Mat3A>,
     table: Option<AliasTable>,
@@ -88,7 +90,7 @@ impl EnvironmentLight {
         EnvironmentMap {
             image: Image::from_data(self.width, self.height, 3, data),
             scale: self.scale,
-            rotation: self.inward.map_or(Quat::IDENTITY, |m| Quat::from_mat3a(&m.transpose())),
+            rotation: self.rotation,
             compensate: self.compensated,
             rows_to_poles: self.rows_to_poles,
         }
@@ -124,6 +126,7 @@ impl EnvironmentLight {
             height,
             rows_to_poles: map.rows_to_poles && height > 1,
             texels,
+            rotation: map.rotation,
             inward: (map.rotation != Quat::IDENTITY).then(|| Mat3A::from_quat(map.rotation.inverse())),
             table: None,
             compensated: map.compensate,

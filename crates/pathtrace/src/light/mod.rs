@@ -148,6 +148,17 @@ impl Lights {
         Ok(())
     }
 
+    /// Replaces sources; on an error everything is as it was.
+    pub(crate) fn replace_sources(
+        &mut self,
+        world: &World,
+        sources: &[LightSource],
+    ) -> Result<(), PathtraceError> {
+        self.set_sources(world, sources)?;
+        self.weigh(world.radius);
+        Ok(())
+    }
+
     /// Takes up emitting surfaces that have changed.
     pub(crate) fn collect_again(&mut self, world: &mut World) -> Result<(), PathtraceError> {
         self.emitters = collect(world)?;

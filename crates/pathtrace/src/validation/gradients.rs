@@ -1,5 +1,7 @@
 //! Gradients of path replay against central differences of renders with paired seeds.
 
+mod sharing;
+
 use super::scenes::{cornell, cornell_view, diffuse, looking, place, quad, square};
 use crate::{
     Adjoint, EnvironmentMap, Falloff, GradientSamples, LightSource, Material, MaterialValue, Parameter,

@@ -157,6 +157,17 @@ impl World {
         result
     }
 
+    /// Replaces the light sources; emitting surfaces and the environment stay.
+    ///
+    /// # Errors
+    /// If a light has a negative or non-finite value; the lights are then as they were.
+    pub fn set_sources(&mut self, sources: &[LightSource]) -> Result<(), PathtraceError> {
+        let mut lights = std::mem::take(&mut self.lights);
+        let result = lights.replace_sources(self, sources);
+        self.lights = lights;
+        result
+    }
+
     /// Number of instances.
     pub fn instances(&self) -> usize {
         self.placed.len()

@@ -161,7 +161,7 @@ impl GpuSurface {
         for group in 0..self.groups.len() {
             let values = self.read_group(group, false)?;
             self.surface.values_mut(group).copy_from_slice(&values);
-            self.surface.changed(group);
+            self.surface.update(group);
         }
         Ok(())
     }

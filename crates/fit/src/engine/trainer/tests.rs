@@ -87,7 +87,9 @@ impl Chain for Pixels {
         &mut self.groups[group]
     }
 
-    fn changed(&mut self, _: usize) {}
+    fn changed(&mut self, _: usize) -> Result<(), Broken> {
+        Ok(())
+    }
 
     fn gradients(&self) -> Self::Gradients {
         self.groups.clone()
@@ -97,7 +99,7 @@ impl Chain for Pixels {
         (&mut self.groups[group], &gradients[group])
     }
 
-    fn step(&self, shots: &[Shot], _: Loss, _: &[bool], g: &mut Self::Gradients) -> f64 {
+    fn step(&self, shots: &[Shot], _: Loss, _: &[bool], g: &mut Self::Gradients) -> Result<f64, Broken> {
         g.iter_mut().for_each(|g| g.fill(0.0));
         let mut loss = 0.0;
         for shot in shots {
@@ -113,11 +115,11 @@ impl Chain for Pixels {
         if self.breaks_at == Some(self.steps.fetch_add(1, Ordering::Relaxed)) {
             g[1][4] = f32::NAN;
         }
-        loss
+        Ok(loss)
     }
 
-    fn pictures(&self, shots: &[Shot]) -> Vec<Vec<[f32; 4]>> {
-        shots.iter().map(|s| (0..s.reference.len()).map(|i| self.pixel(i)).collect()).collect()
+    fn pictures(&self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, Broken> {
+        Ok(shots.iter().map(|s| (0..s.reference.len()).map(|i| self.pixel(i)).collect()).collect())
     }
 }
 
@@ -190,7 +192,7 @@ fn fit(model: Pixels, keeping: &Keeping, progress: &dyn Progress) -> Result<Trai
 /// What a fit gives, without times.
 fn result(t: &Trained<Pixels>) -> (Vec<u32>, Vec<(u64, u64, u64)>, u64) {
     let bits = t.model.groups.iter().flatten().map(|x| x.to_bits()).collect();
-    let looks = t.history.iter().map(|h| (h.step, h.loss.to_bits(), h.held_out_psnr.to_bits())).collect();
+    let looks = t.history.iter().map(|h| (h.step, h.loss.to_bits(), h.quality.to_bits())).collect();
     (bits, looks, t.steps)
 }
 
@@ -239,7 +241,7 @@ fn a_stopped_fit_gives_its_latest_state_where_that_is_best() {
     assert!(t.stopped && t.steps == 30);
     let last = t.history.last().unwrap();
     assert_eq!(last.step, 30, "it was looked at where it stopped");
-    assert!(last.held_out_psnr > t.history[t.history.len() - 2].held_out_psnr);
+    assert!(last.quality > t.history[t.history.len() - 2].quality);
 }
 
 #[test]
@@ -273,6 +275,6 @@ fn a_value_that_is_not_finite_names_step_group_and_what_is_kept() {
 #[test]
 fn a_fit_beats_its_start() {
     let t = fit(Pixels::new(), &Keeping::default(), &Silent).unwrap();
-    let best = t.history.iter().map(|h| h.held_out_psnr).fold(f64::NEG_INFINITY, f64::max);
-    assert!(best > t.history[0].held_out_psnr + 10.0, "{:?}", t.history);
+    let best = t.history.iter().map(|h| h.quality).fold(f64::NEG_INFINITY, f64::max);
+    assert!(best > t.history[0].quality + 10.0, "{:?}", t.history);
 }

@@ -1,0 +1,122 @@
+//! Names and quantities of keys.
+
+use super::*;
+use photofit_scene::Material;
+use photofit_scene::mitsuba::{MitsubaOptions, load_mitsuba};
+
+fn names(keys: &[Key]) -> Vec<&str> {
+    keys.iter().map(|k| k.name.as_str()).collect()
+}
+
+#[test]
+fn names_that_occur_often_get_numbers_that_no_other_has() {
+    let list = |names: &[&str]| unique(&names.iter().map(|n| (*n).to_owned()).collect::<Vec<_>>());
+    assert_eq!(list(&["a", "b"]), ["a", "b"]);
+    assert_eq!(list(&["a", "a", "a_1"]), ["a_0", "a_1_", "a_1"]);
+    assert_eq!(list(&["a_1", "a", "a", "a_1"]), ["a_1_0", "a_1", "a_2", "a_1_3"]);
+}
+
+#[test]
+fn keys_of_assets_are_unique_and_stay_when_others_come() {
+    let material = |name: &str| Material { name: name.into(), ..Material::clay() };
+    let light = || PunctualLight {
+        name: "lamp".into(),
+        kind: LightKind::Point,
+        intensity: [1.0; 3],
+        position: glam::Vec3::Y,
+        direction: glam::Vec3::NEG_Y,
+        range: None,
+    };
+    let mut scene = Scene {
+        materials: ["a", "a", "a_1", ""].map(material).to_vec(),
+        lights: vec![light(), light()],
+        ..Scene::default()
+    };
+    let of = |scene: &Scene| of_asset(scene, &Parts::from_scene(scene));
+    let keys = of(&scene);
+    for key in ["a_0.base_color", "a_1_.base_color", "a_1.base_color", "material_3.base_color"] {
+        assert!(names(&keys).contains(&key), "{key} in {:?}", names(&keys));
+    }
+    for key in ["lamp_0.intensity", "lamp_1.intensity"] {
+        assert!(names(&keys).contains(&key), "{key} in {:?}", names(&keys));
+    }
+    let different: HashSet<&str> = names(&keys).into_iter().collect();
+    assert_eq!(different.len(), keys.len(), "{:?}", names(&keys));
+    let parameters: HashSet<&Parameter> = keys.iter().map(|k| &k.parameter).collect();
+    assert_eq!(parameters.len(), keys.len(), "one key for each parameter");
+    scene.materials.push(material("b"));
+    let more = of(&scene);
+    assert!(names(&keys).iter().all(|k| names(&more).contains(k)), "{:?}", names(&more));
+}
+
+#[test]
+fn what_keys_are_follows_from_their_parameters_not_from_their_names() {
+    let scene = Scene {
+        materials: vec![Material { name: "x.alpha.radiance".into(), ..Material::clay() }],
+        ..Scene::default()
+    };
+    let keys = of_asset(&scene, &Parts::from_scene(&scene));
+    let of = |name: &str| keys.iter().find(|k| k.name == name).map(|k| (k.quantity, k.dark)).expect(name);
+    assert_eq!(of("x.alpha.radiance.base_color"), (Quantity::Color, false));
+    assert_eq!(of("x.alpha.radiance.roughness"), (Quantity::Roughness, false));
+    assert_eq!(of("x.alpha.radiance.metallic"), (Quantity::Metallic, false));
+    assert_eq!(of("x.alpha.radiance.emissive"), (Quantity::Radiance, true), "black at first");
+}
+
+/// A Mitsuba scene of spheres with these materials.
+fn mitsuba(bsdfs: &str) -> Vec<Key> {
+    let text = format!(
+        "<scene version='3.0.0'><integrator type='path'/><sensor type='perspective'/>{bsdfs}
+         <emitter type='constant' id='sky'/></scene>"
+    );
+    let dir = tempfile::tempdir().expect("a folder");
+    let file = dir.path().join("s.xml");
+    std::fs::write(&file, text).expect("written");
+    of_mitsuba(&load_mitsuba(&file, &MitsubaOptions::default()).expect("a scene"))
+}
+
+fn sphere(id: &str, inside: &str) -> String {
+    format!("<shape type='sphere' id='{id}'>{inside}</shape>")
+}
+
+#[test]
+fn anisotropic_metals_have_two_alphas() {
+    let alphas = "<float name='alpha_u' value='0.2'/><float name='alpha_v' value='0.4'/>";
+    let metal = |values: &str| format!("<bsdf type='roughconductor' id='metal'>{values}</bsdf>");
+    let keys = mitsuba(&sphere("a", &metal(alphas)));
+    let found = names(&keys);
+    assert!(found.contains(&"metal.alpha_u.value") && found.contains(&"metal.alpha_v.value"), "{found:?}");
+    assert!(!found.contains(&"metal.alpha.value"), "{found:?}");
+    assert!(keys.iter().filter(|k| k.name.contains(".alpha")).all(|k| k.quantity == Quantity::Alpha));
+    let keys = mitsuba(&sphere("a", &metal("<float name='alpha' value='0.2'/>")));
+    assert!(names(&keys).contains(&"metal.alpha.value"), "{:?}", names(&keys));
+    // Below a bump map the same metal is a tree.
+    let checks = "<texture type='checkerboard' name='arbitrary'/>";
+    let bumpy = |values: &str| {
+        let inner = metal(values);
+        mitsuba(&sphere("a", &format!("<bsdf type='bumpmap' id='bumpy'>{checks}{inner}</bsdf>")))
+    };
+    let keys = bumpy(alphas);
+    let count = |keys: &[Key], end: &str| keys.iter().filter(|k| k.name.ends_with(end)).count();
+    assert_eq!(
+        [count(&keys, ".alpha_u.value"), count(&keys, ".alpha_v.value")],
+        [1, 1],
+        "{:?}",
+        names(&keys)
+    );
+    let keys = bumpy("<float name='alpha' value='0.2'/>");
+    let Some(Key { parameter: Parameter::Graph { places }, .. }) =
+        keys.iter().find(|k| k.name.ends_with(".alpha.value"))
+    else {
+        panic!("{:?}", names(&keys));
+    };
+    assert_eq!(places.len(), 2, "one value in two places");
+}
+
+#[test]
+fn black_emitters_are_keys_that_have_to_be_lifted() {
+    let lamp = "<emitter type='area'><rgb name='radiance' value='0'/></emitter>";
+    let keys = mitsuba(&sphere("ball", lamp));
+    let key = keys.iter().find(|k| k.name == "ball.emitter.radiance.value").expect("a key");
+    assert!(key.dark && key.quantity == Quantity::Radiance);
+}

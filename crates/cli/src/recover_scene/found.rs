@@ -1,0 +1,168 @@
+//! What `photofit recover scene` writes: pictures before and after, textures, `values.json`.
+
+use crate::args::RecoverScene;
+use crate::output::{self, print};
+use crate::parameter_scene::Quantity;
+use crate::status::Misuse;
+use anyhow::{Result, bail};
+use photofit_fit::engine::traced::Traced;
+use photofit_fit::engine::trainer::HistoryPoint;
+use photofit_fit::recover_scene::{RecoveredScene, relative_error};
+use photofit_image::{Image, PngCompression, encode_png, write_atomically};
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// Samples per pixel of the pictures that are written, and their seed, apart from that of the fit.
+const SHOWN_SPP: u32 = 128;
+const SHOWN_SEED: u64 = 0x7368_6f77;
+
+/// The names of all files that are written for this number of views.
+///
+/// # Errors
+/// If two parameters would be written to one file.
+pub(super) fn files(a: &RecoverScene, views: usize) -> Result<Vec<String>> {
+    let mut out: Vec<String> =
+        a.parameter.iter().flat_map(|k| ["exr", "png"].map(|e| format!("{}.{e}", file_name(k)))).collect();
+    for (i, name) in out.iter().enumerate() {
+        if let Some(j) = out[..i].iter().position(|t| t == name) {
+            bail!(Misuse(format!(
+                "--parameter: {} and {} would be written to one file, {name}; each must have its own",
+                a.parameter[j / 2],
+                a.parameter[i / 2]
+            )));
+        }
+    }
+    out.push("values.json".into());
+    for view in 0..views {
+        let of = |(what, end)| of_view(what, view, end);
+        out.extend(
+            [("reference", "png"), ("start", "png"), ("recovered", "png"), ("recovered", "exr")].map(of),
+        );
+    }
+    Ok(out)
+}
+
+/// A key as the name of a file.
+fn file_name(key: &str) -> String {
+    key.chars().map(|c| if c.is_ascii_alphanumeric() || "._-".contains(c) { c } else { '_' }).collect()
+}
+
+/// The file of a picture of a view: the first has no number.
+fn of_view(what: &str, view: usize, end: &str) -> String {
+    if view == 0 { format!("{what}.{end}") } else { format!("{what}_{view}.{end}") }
+}
+
+/// A picture for people: without alpha.
+fn shown(picture: &Image) -> Image {
+    Image::from_fn(picture.width, picture.height, 3, |x, y, c| picture.pixel(x, y)[c])
+}
+
+/// Writes the targets and the pictures of the start.
+pub(super) fn write_start(folder: &Path, model: &Traced, targets: &[Image]) -> Result<()> {
+    for (view, target) in targets.iter().enumerate() {
+        photofit_image::write_png(folder.join(of_view("reference", view, "png")), &shown(target))?;
+        let start = model.picture(view, SHOWN_SPP, SHOWN_SEED)?;
+        photofit_image::write_png(folder.join(of_view("start", view, "png")), &shown(&start))?;
+    }
+    Ok(())
+}
+
+/// Writes what was found, with the errors of the parameters before and after where they are known.
+pub(super) fn write(
+    a: &RecoverScene,
+    r: &RecoveredScene,
+    quantities: &[Quantity],
+    errors: Option<(Vec<f64>, Vec<f64>)>,
+    seconds: f64,
+) -> Result<()> {
+    for view in 0..r.model.views.len() {
+        let picture = r.model.picture(view, SHOWN_SPP, SHOWN_SEED)?;
+        photofit_image::write_png(a.output.join(of_view("recovered", view, "png")), &shown(&picture))?;
+        let file = a.output.join(of_view("recovered", view, "exr"));
+        photofit_image::write_exr(file, &[("", &picture, &["R", "G", "B", "A"])])?;
+    }
+    let mut list = Vec::new();
+    let mut text = String::new();
+    for (k, quantity) in quantities.iter().enumerate() {
+        let (mut entry, mut line) = one(&a.output, &r.model, k, *quantity)?;
+        if let Some((first, last)) = &errors {
+            entry["parameter_error"] = json!({ "first": first[k], "last": last[k] });
+            line += &format!("    error {:.5} -> {:.5}\n", first[k], last[k]);
+        }
+        list.push(entry);
+        text += &line;
+    }
+    let error = |h: &HistoryPoint| relative_error(h.quality);
+    let first = r.history.first().map(error);
+    let best = r.history.iter().map(error).reduce(f64::min);
+    output::write_json(&a.output.join("values.json"), &figures(a, r, list, [first, best], seconds))?;
+    let judged = match r.held_out {
+        Some(view) => format!("picture {view}, which was held out"),
+        None if r.model.views.len() == 1 => "the picture that was fitted (none is held out)".into(),
+        None => "the pictures that were fitted (none is held out)".into(),
+    };
+    text += &format!(
+        "relative squared error of {judged}: {:.4e} -> {:.4e}, {} steps, {seconds:.1} s\nwrote {}\n",
+        first.unwrap_or(f64::NAN),
+        best.unwrap_or(f64::NAN),
+        r.steps,
+        a.output.display()
+    );
+    print(&text)
+}
+
+/// Writes a parameter: its entry in the JSON and its line for people.
+fn one(folder: &Path, model: &Traced, k: usize, quantity: Quantity) -> Result<(Value, String)> {
+    let (p, values) = (&model.parameters[k], model.of(k));
+    let [h, w, channels] = p.shape;
+    let mut entry = json!({ "parameter": p.name, "shape": p.shape });
+    if h * w == 1 {
+        entry["value"] = json!(values);
+        let each: Vec<String> = values.iter().map(|v| format!("{v:.5}")).collect();
+        return Ok((entry, format!("{}  {}\n", p.name, each.join("  "))));
+    }
+    let image = Image::from_fn(w, h, 3, |x, y, c| values[(y * w + x) * channels + c.min(channels - 1)]);
+    let name = file_name(&p.name);
+    photofit_image::write_exr(folder.join(format!("{name}.exr")), &[("", &image, &["R", "G", "B"])])?;
+    write_texture(&folder.join(format!("{name}.png")), &image, quantity)?;
+    entry["file"] = json!(format!("{name}.exr"));
+    Ok((entry, format!("{}  {h} x {w} texels in {name}.exr\n", p.name)))
+}
+
+/// Writes a texture as files of assets hold it: colours as sRGB, numbers and normals as they are.
+fn write_texture(path: &Path, image: &Image, quantity: Quantity) -> Result<()> {
+    if !quantity.is_data() {
+        return Ok(photofit_image::write_png(path, image)?);
+    }
+    let bytes: Vec<u8> = image.data.iter().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).collect();
+    let png = encode_png(image.width, image.height, 3, &bytes, PngCompression::Fast)
+        .map_err(|e| e.at(path.display().to_string()))?;
+    Ok(write_atomically(path, &png)?)
+}
+
+fn figures(
+    a: &RecoverScene,
+    r: &RecoveredScene,
+    list: Vec<Value>,
+    looks: [Option<f64>; 2],
+    seconds: f64,
+) -> Value {
+    let told: Vec<&HistoryPoint> = r.history.iter().filter(|h| h.loss > 0.0).collect();
+    let loss = |h: Option<&&HistoryPoint>| h.map(|h| h.loss);
+    let look = |h: &HistoryPoint| json!({"step": h.step, "loss": h.loss, "relative_error": relative_error(h.quality)});
+    // The steps of this run, which took these seconds.
+    let own = r.steps.saturating_sub(r.resumed);
+    json!({
+        "input": a.scene.input.display().to_string(),
+        "parameters": list,
+        "views": r.model.views.len(),
+        "held_out": r.held_out,
+        "steps": r.steps,
+        "stopped": r.stopped,
+        "seconds": seconds,
+        "seconds_per_iteration": (own > 0).then(|| seconds / own as f64),
+        "loss": { "first": loss(told.first()), "last": loss(told.last()) },
+        "relative_error": { "first": looks[0], "best": looks[1] },
+        "course": r.history.iter().map(look).collect::<Vec<_>>(),
+    })
+}

@@ -1,0 +1,234 @@
+//! `photofit recover scene`: what it writes, stopping and resuming, several pictures, what is refused.
+
+use crate::support::{assert_misuse, assert_one_error, photofit, rock, stderr, stdout, succeeds};
+use photofit_image::Image;
+use photofit_scene::{Camera, TextureSlot};
+use serde_json::Value;
+use std::path::Path;
+
+/// A floor under a lamp of these values.
+fn scene(reflectance: &str, radiance: &str) -> String {
+    format!(
+        "<scene version='3.0.0'><integrator type='path'><integer name='max_depth' value='3'/></integrator>
+  <sensor type='perspective'><float name='fov' value='45'/>
+    <transform name='to_world'><lookat origin='0,1,4' target='0,0,0' up='0,1,0'/></transform>
+    <film type='hdrfilm'><integer name='width' value='12'/><integer name='height' value='8'/>
+    <rfilter type='box'/></film></sensor>
+  <bsdf type='diffuse' id='white'><rgb name='reflectance' value='{reflectance}'/></bsdf>
+  <shape type='rectangle' id='floor'><ref id='white'/><transform name='to_world'><scale value='4'/>
+    <rotate x='1' angle='-90'/><translate y='-1'/></transform></shape>
+  <shape type='rectangle' id='lamp'><transform name='to_world'><rotate x='1' angle='90'/>
+    <translate y='3'/></transform><emitter type='area'><rgb name='radiance' value='{radiance}'/></emitter></shape>
+  <emitter type='constant' id='sky'><rgb name='radiance' value='0.5'/></emitter></scene>"
+    )
+}
+
+fn figures(folder: &Path) -> Value {
+    serde_json::from_str(&std::fs::read_to_string(folder.join("values.json")).unwrap()).unwrap()
+}
+
+const WHITE: [&str; 2] = ["--parameter", "white.reflectance.value"];
+
+#[test]
+fn a_self_test_finds_a_colour_again_and_tells_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    std::fs::write(d.join("s.xml"), scene("0.7 0.2 0.3", "4")).unwrap();
+    let run = ["recover", "scene", "s.xml", "--self-test", "-o", "out", "--steps", "60", "--spp", "8"];
+    let text = stdout(&succeeds(d, &[&run[..], &WHITE].concat()));
+    assert!(text.contains("none is held out"), "{text}");
+    let f = figures(&d.join("out"));
+    let parameter = &f["parameters"][0];
+    assert_eq!(parameter["parameter"], "white.reflectance.value");
+    let error = |which: &str| parameter["parameter_error"][which].as_f64().unwrap();
+    assert!(error("last") < 0.25 * error("first"), "{parameter}");
+    let (first, best) = (&f["relative_error"]["first"], &f["relative_error"]["best"]);
+    assert!(best.as_f64().unwrap() < 0.1 * first.as_f64().unwrap(), "{first} {best}");
+    assert_eq!((f["views"].as_u64(), f["held_out"].is_null()), (Some(1), true));
+    assert_eq!(f["steps"].as_u64(), Some(60));
+    assert!(f["seconds_per_iteration"].as_f64().unwrap() > 0.0);
+    assert!(f["course"].as_array().unwrap().len() >= 3);
+    for file in ["reference.png", "start.png", "recovered.png", "recovered.exr"] {
+        assert!(d.join("out").join(file).is_file(), "{file}");
+    }
+}
+
+#[test]
+fn a_stopped_run_goes_on_to_the_same_values() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    std::fs::write(d.join("s.xml"), scene("0.7 0.2 0.3", "4")).unwrap();
+    let lamp = ["--parameter", "lamp.emitter.radiance.value", "--parameter", "sky.radiance.value"];
+    let run = |more: &[&str]| {
+        let base = ["recover", "scene", "s.xml", "--self-test", "--steps", "30", "--spp", "64"];
+        succeeds(d, &[&base[..], &WHITE, &lamp, more].concat())
+    };
+    run(&["-o", "whole"]);
+    run(&["-o", "cut", "--checkpoint", "state", "--time-limit", "0.05"]);
+    let cut = figures(&d.join("cut"));
+    assert_eq!(cut["stopped"], true, "a run of 30 steps is longer than the limit");
+    let made = cut["steps"].as_u64().unwrap();
+    assert!(made < 30, "{made}");
+    run(&["-o", "end", "--checkpoint", "state", "--resume"]);
+    let (whole, end) = (figures(&d.join("whole")), figures(&d.join("end")));
+    assert_eq!(whole["parameters"], end["parameters"]);
+    assert_eq!(end["steps"].as_u64(), Some(30));
+    // What is told per step counts the steps of the run that took the time.
+    let told = end["seconds_per_iteration"].as_f64().unwrap() * (30 - made) as f64;
+    assert!((told - end["seconds"].as_f64().unwrap()).abs() < 1e-6 * told, "{end}");
+    // A run that finds everything done has made no step.
+    run(&["-o", "again", "--checkpoint", "state", "--resume"]);
+    let again = figures(&d.join("again"));
+    assert!(again["seconds_per_iteration"].is_null(), "{again}");
+    assert_eq!(again["parameters"], end["parameters"]);
+}
+
+#[test]
+fn two_pictures_with_cameras_recover_a_scene() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    std::fs::create_dir(d.join("photos")).unwrap();
+    // The camera of the scene, and one to the left of it: lookat with x to the right.
+    let at = |x: f64, name: &str| {
+        let text = scene("0.7 0.2 0.3", "4").replace("origin='0,1,4'", &format!("origin='{x},1,4'"));
+        std::fs::write(d.join("t.xml"), text).unwrap();
+        succeeds(d, &["render", "t.xml", "-o", &format!("photos/{name}"), "--spp", "512", "--background"]);
+        let v = Camera::look_at(
+            glam::vec3(x as f32, 1.0, 4.0),
+            glam::Vec3::ZERO,
+            glam::Vec3::Y,
+            1.0,
+            1.5,
+            0.1,
+            10.0,
+        )
+        .view
+        .inverse()
+        .transpose();
+        let rows: Vec<Vec<f32>> = v.to_cols_array_2d().iter().map(|r| r.to_vec()).collect();
+        serde_json::json!({ "file_path": name, "transform_matrix": rows })
+    };
+    let frames = vec![at(0.0, "a.exr"), at(-1.0, "b.exr")];
+    // The field of view of 45 degrees is that of the width.
+    let list = serde_json::json!({ "camera_angle_x": std::f64::consts::FRAC_PI_4, "frames": frames });
+    std::fs::write(d.join("photos/transforms.json"), list.to_string()).unwrap();
+    std::fs::write(d.join("s.xml"), scene("0.4", "4")).unwrap();
+    let run =
+        ["recover", "scene", "s.xml", "--picture", "photos", "-o", "out", "--steps", "80", "--spp", "8"];
+    succeeds(d, &[&run[..], &WHITE].concat());
+    let f = figures(&d.join("out"));
+    assert_eq!(f["views"].as_u64(), Some(2));
+    let value: Vec<f64> =
+        f["parameters"][0]["value"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+    for (found, truth) in value.iter().zip([0.7, 0.2, 0.3]) {
+        assert!((found - truth).abs() < 0.03, "{value:?}");
+    }
+    // Cameras that are wrong would leave a rest.
+    assert!(f["relative_error"]["best"].as_f64().unwrap() < 0.003, "{}", f["relative_error"]);
+    assert!(d.join("out/recovered_1.png").is_file() && d.join("out/reference_1.png").is_file());
+    let more = ["recover", "scene", "s.xml", "--picture", "photos", "-o", "o", "--camera", "1"];
+    assert_misuse(&photofit(d, &[&more[..], &WHITE].concat()), "cameras twice", &["--camera", "photos"]);
+    let more = ["recover", "scene", "s.xml", "--picture", "photos", "-o", "photos"];
+    assert_ne!(photofit(d, &[&more[..], &WHITE].concat()).status.code(), Some(0), "pictures stay");
+}
+
+#[test]
+fn maps_of_data_are_written_as_data_and_normals_start_flat() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    let mut asset = rock(3, true);
+    let of = |s: &Option<TextureSlot>| s.clone();
+    let slot = of(&asset.materials[0].base_color_texture);
+    asset.materials[0].name = "rock".into();
+    let mut normals = asset.images[0].clone();
+    normals.texels =
+        (0..256).map(|i| if i % 2 == 0 { [150, 128, 252, 255] } else { [128, 128, 255, 255] }).collect();
+    let mut surface = normals.clone();
+    surface.texels = vec![[13, 100, 30, 255]; 256];
+    asset.images.extend([normals, surface]);
+    asset.materials[0].normal_texture = slot.clone().map(|s| TextureSlot { image: 1, ..s });
+    asset.materials[0].metallic_roughness_texture = slot.map(|s| TextureSlot { image: 2, ..s });
+    (asset.materials[0].roughness, asset.materials[0].metallic) = (1.0, 1.0);
+    let eye = glam::vec3(0.5, 1.0, 3.0);
+    for eye in [eye, -eye] {
+        asset.cameras.push(Camera::look_at(eye, glam::Vec3::ZERO, glam::Vec3::Y, 0.8, 1.0, 0.1, 10.0));
+    }
+    photofit_scene::save_glb(&d.join("rock.glb"), &asset).unwrap();
+    let sky = Image::from_fn(4, 2, 3, |x, y, _| 0.2 + 0.3 * ((x + y) % 3) as f32);
+    photofit_image::write_exr(d.join("sky.exr"), &[("", &sky, &["R", "G", "B"])]).unwrap();
+    let keys = ["--parameter", "rock.normal_texture", "--parameter", "rock.metallic_roughness_texture"];
+    let base =
+        ["recover", "scene", "rock.glb", "--env", "sky.exr", "--self-test", "-o", "out", "--steps", "0"];
+    let more = ["--width", "12", "--height", "12", "--max-depth", "2", "--camera", "0", "--camera", "1"];
+    let o = photofit(d, &[&base[..], &keys, &more].concat());
+    assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
+    // Without steps, what is written is the start.
+    let bytes = |file: &str| {
+        let png = std::fs::read(d.join("out").join(file)).unwrap();
+        let linear = photofit_image::decode(&png, file, &photofit_image::Limits::default()).unwrap();
+        (0..3).map(|c| photofit_image::linear_to_srgb_u8(linear.pixel(3, 5)[c])).collect::<Vec<u8>>()
+    };
+    assert_eq!(bytes("rock.normal_texture.png"), [128, 128, 255]);
+    let [red, green, blue] = bytes("rock.metallic_roughness_texture.png")[..] else { panic!("three") };
+    assert_eq!([red, green, blue], [13, 128, 128], "red stays, roughness and metalness are numbers");
+    let f = figures(&d.join("out"));
+    let first = |k: usize| f["parameters"][k]["parameter_error"]["first"].as_f64().unwrap();
+    // Of normals: half of the texels lean by 22 / 255 in x, and are 3 / 255 lower.
+    let lean = ((22.0_f64 / 255.0).powi(2) + (3.0_f64 / 255.0).powi(2)) / 6.0;
+    assert!((first(0) - lean.sqrt()).abs() < 4e-3, "{} {}", first(0), lean.sqrt());
+    let off = ((0.5 - 100.0_f64 / 255.0).powi(2) + (0.5 - 30.0_f64 / 255.0).powi(2)) / 2.0;
+    assert!((first(1) - off.sqrt()).abs() < 1e-3, "{} {}", first(1), off.sqrt());
+    assert_eq!(f["views"].as_u64(), Some(2));
+}
+
+#[test]
+fn what_is_black_is_told_by_gradient_and_found_by_recover() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    std::fs::write(d.join("lit.xml"), scene("0.5", "4")).unwrap();
+    succeeds(d, &["render", "lit.xml", "-o", "lit.exr", "--spp", "512", "--background"]);
+    std::fs::write(d.join("s.xml"), scene("0.5", "0")).unwrap();
+    let key = ["--parameter", "lamp.emitter.radiance.value"];
+    let o = photofit(d, &[&["gradient", "s.xml"][..], &key].concat());
+    assert_one_error(&o, "black", &["s.xml", "lamp.emitter.radiance.value", "is 0", "more than 0"]);
+    let run =
+        ["recover", "scene", "s.xml", "--picture", "lit.exr", "-o", "out", "--spp", "8", "--steps", "300"];
+    succeeds(d, &[&run[..], &key].concat());
+    let f = figures(&d.join("out"));
+    for value in f["parameters"][0]["value"].as_array().unwrap() {
+        assert!((value.as_f64().unwrap() - 4.0).abs() < 0.6, "{}", f["parameters"][0]);
+    }
+}
+
+#[test]
+fn wrong_keys_and_pictures_are_refused_in_one_line() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    std::fs::write(d.join("s.xml"), scene("0.5", "4")).unwrap();
+    let write = |name: &str, image: &Image| {
+        let names: &[&str] = if image.channels == 3 { &["R", "G", "B"] } else { &["Y"] };
+        photofit_image::write_exr(d.join(name), &[("", image, names)]).unwrap();
+    };
+    write("small.exr", &Image::new(3, 2, 3));
+    let nan = Image::from_fn(12, 8, 3, |x, y, _| if (x, y) == (4, 7) { f32::NAN } else { 1.0 });
+    write("nan.exr", &nan);
+    write("ok.exr", &Image::from_fn(12, 8, 3, |_, _, _| 0.5));
+    let run = |picture: &[&str], more: &[&str]| {
+        let base = ["recover", "scene", "s.xml", "-o", "out", "--steps", "1"];
+        photofit(d, &[&base[..], picture, more].concat())
+    };
+    let of = |file: &'static str| ["--picture", file];
+    let unknown = run(&of("ok.exr"), &["--parameter", "black.reflectance.value"]);
+    assert_one_error(&unknown, "no such key", &["black.reflectance.value", "white.reflectance.value"]);
+    assert_one_error(&run(&of("small.exr"), &WHITE), "size", &["small.exr", "3 x 2", "12 x 8"]);
+    assert_one_error(&run(&of("nan.exr"), &WHITE), "not finite", &["nan.exr", "(4, 7)", "finite"]);
+    assert_misuse(&run(&of("photo.png"), &WHITE), "ending", &["photo.png", ".exr", "transforms.json"]);
+    let two = ["--picture", "ok.exr", "--picture", "ok.exr"];
+    assert_misuse(&run(&two, &WHITE), "number", &["2 files", "1 of --camera", "one for each"]);
+    let twice = run(&of("ok.exr"), &[WHITE, WHITE].concat());
+    assert_misuse(&twice, "twice", &["white.reflectance.value", "own"]);
+    assert_eq!(run(&[], &WHITE).status.code(), Some(2), "a picture or --self-test");
+    std::fs::create_dir(d.join("empty")).unwrap();
+    assert_one_error(&run(&of("empty"), &WHITE), "no list", &["transforms.json"]);
+    assert!(!d.join("out").exists(), "nothing is written");
+}

@@ -1,0 +1,82 @@
+//! Fits of scenes that are stopped go on to the same bits.
+
+use super::parameters::hall_model;
+use super::*;
+use crate::Progress;
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Says stop at the n-th question.
+struct Stop(AtomicUsize, usize);
+
+impl Progress for Stop {
+    fn report(&self, _: &'static str, _: u64, _: u64, _: &str) {}
+
+    fn is_cancelled(&self) -> bool {
+        self.0.fetch_add(1, Ordering::Relaxed) >= self.1
+    }
+}
+
+const STEPS: u64 = 56;
+
+fn small() -> Traced {
+    let mut model = hall_model(2);
+    (model.options.spp, model.gradient_spp, model.look_spp) = (1, 1, 2);
+    model.smoothing = Smoothing::Bilateral;
+    for (k, start) in [0.4, 0.5, 0.6, 1.5, 0.5].into_iter().enumerate() {
+        model.replace(k, &vec![start; model.of(k).len()]).expect("valid");
+    }
+    model
+}
+
+fn fit(targets: &[Image], folder: Option<&Path>, progress: &dyn Progress) -> RecoveredScene {
+    let keeping = Keeping { checkpoint: folder.map(Into::into), resume: true, time_limit: None };
+    let options = RecoverSceneOptions { steps: STEPS, rate: 0.08, seed: 3, keeping };
+    recover_scene(small(), targets, &options, progress).expect("fits")
+}
+
+/// Values and pictures of what was found, and the looks, without times.
+fn result(r: &RecoveredScene) -> (Vec<u32>, Vec<u32>, Vec<(u64, u64, u64)>) {
+    let values = (0..r.model.parameters.len()).flat_map(|k| r.model.of(k)).map(|v| v.to_bits()).collect();
+    let picture = r.model.picture(1, 4, 5).expect("rendered");
+    let looks = r.history.iter().map(|h| (h.step, h.loss.to_bits(), h.quality.to_bits())).collect();
+    (values, picture.data.iter().map(|v| v.to_bits()).collect(), looks)
+}
+
+#[test]
+fn a_scene_stopped_anywhere_is_recovered_to_the_same_bits() {
+    let targets: Vec<Image> = (0..2).map(|v| hall_model(2).picture(v, 64, 99).expect("rendered")).collect();
+    let whole = result(&fit(&targets, None, &Silent));
+    for stops in [vec![0], vec![1], vec![13], vec![25], vec![26], vec![55], vec![7, 12, 25]] {
+        let dir = tempfile::tempdir().expect("a folder");
+        for at in &stops {
+            let r = fit(&targets, Some(dir.path()), &Stop(AtomicUsize::new(0), *at));
+            assert!(r.stopped, "stopped after {at} more steps");
+        }
+        let end = fit(&targets, Some(dir.path()), &Silent);
+        assert_eq!(end.steps, STEPS);
+        assert!(result(&end) == whole, "stopped after {stops:?}");
+    }
+}
+
+#[test]
+fn a_checkpoint_of_another_scene_is_refused() {
+    let targets: Vec<Image> = (0..2).map(|v| hall_model(2).picture(v, 16, 99).expect("rendered")).collect();
+    let dir = tempfile::tempdir().expect("a folder");
+    fit(&targets, Some(dir.path()), &Stop(AtomicUsize::new(0), 2));
+    let refused = |model: Traced| {
+        let keeping = Keeping { checkpoint: Some(dir.path().into()), resume: true, time_limit: None };
+        let options = RecoverSceneOptions { steps: STEPS, rate: 0.08, seed: 3, keeping };
+        recover_scene(model, &targets, &options, &Silent).unwrap_err().to_string()
+    };
+    // A camera that moved, and a value that is not fitted.
+    let mut moved = small();
+    moved.views[1].eye.x += 0.1;
+    let text = refused(moved);
+    assert!(text.contains("fit.ckpt") && text.contains("another"), "{text}");
+    let mut other = small();
+    let metallic = Parameter::Material { materials: vec![1], value: MaterialValue::Metallic };
+    other.world.set_parameter(&metallic, &[0.2]).expect("valid");
+    let text = refused(other);
+    assert!(text.contains("fit.ckpt") && text.contains("another"), "{text}");
+}
