@@ -234,10 +234,7 @@ fn scale(model: &Traced, parameter: usize, brightness: f64) -> f64 {
     }
     let values = model.of(parameter);
     let mean = values.iter().map(|v| f64::from(v.abs())).sum::<f64>() / values.len().max(1) as f64;
-    match [mean, LAMP * brightness].into_iter().find(|m| *m > FAINT) {
-        Some(known) => known,
-        None => 1.0,
-    }
+    [mean, LAMP * brightness].into_iter().find(|m| *m > FAINT).unwrap_or(1.0)
 }
 
 #[cfg(test)]

