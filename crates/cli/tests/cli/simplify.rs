@@ -298,7 +298,7 @@ fn a_signal_after_the_fit_has_the_status_of_a_stopped_job() {
     write_rock(d, 10, true);
     let mut line = fit("out.glb", &["--steps", "2", "--json", "f.json"]);
     let resolution = line.iter().position(|a| *a == "48").unwrap();
-    line[resolution] = "768";
+    line[resolution] = "320";
     let mut child = command(d, &line).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
     let mut told = String::new();
     for line in BufReader::new(child.stderr.take().unwrap()).lines() {
