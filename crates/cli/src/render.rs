@@ -40,6 +40,7 @@ pub(crate) fn run(a: &Render) -> Result<Ending> {
     if traced {
         return path_render::run(a, &places);
     }
+    threads::set(a.threads)?;
     let began = Instant::now();
     let environment = match (a.light, &a.env) {
         (RenderLight::Env, Some(file)) => Some(light::environment(file)?),
@@ -48,7 +49,6 @@ pub(crate) fn run(a: &Render) -> Result<Ending> {
     let scene = photofit_scene::load(&a.input)?;
     places.check_against("IN", &scene.files)?;
     scene.validate_for_fit().map_err(|e| anyhow!("{}: {e}", a.input.display()))?;
-    threads::set(a.threads)?;
     let (center, radius) = extent(a, &scene)?;
     let camera = match a.camera {
         Some(index) => own_camera(a, &scene, index, center, radius)?,

@@ -414,6 +414,7 @@ fn webp_textures_come_back_exactly() {
         height: 6,
         texels: texels.clone(),
         encoding: TextureEncoding::WebP,
+        encoded: None,
     };
     let material = Material { base_color_texture: Some(slot(0, 0)), ..Material::clay() };
     let mut scene = Scene { materials: vec![material], images: vec![image], ..Scene::default() };

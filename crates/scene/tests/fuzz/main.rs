@@ -33,6 +33,7 @@ const LIMITS: Limits = Limits {
     instances: 10_000,
     texture_side: 1024,
     texels: 1 << 20,
+    keep_encoded: false,
 };
 
 /// A reader and how its files are mutated.
