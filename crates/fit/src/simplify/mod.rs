@@ -157,15 +157,18 @@ pub(crate) fn simplify_asset(
         progress,
     )?;
     let plan = plan_with_phases.unwrap_or(plan).with_device(device.told());
-    let trained = choice::best(trained, surface, visibility, start, n, reference, options, progress)?;
+    let plain = plain(scene, n, start.candidate.triangles.len())?;
+    let chosen =
+        choice::best(trained, surface, visibility, &starts, &plain, n, reference, options, progress)?;
+    let trained = chosen.trained;
 
-    let encoded = |candidate: &Candidate| {
-        let mut light = to_scene(candidate, n);
+    let encoded = |mut light: Scene| {
         light.inherit(scene);
         light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
         light
     };
-    photofit_scene::save_glb_with(output, &encoded(&trained.model.candidate), options.compression)?;
+    let light = if chosen.own_materials { plain.placed(n) } else { to_scene(&trained.model.candidate, n) };
+    photofit_scene::save_glb_with(output, &encoded(light), options.compression)?;
     let to_file = began.elapsed().as_secs_f64();
     let fitted = photofit_scene::load(output)?;
     let triangles = [scene.triangle_count(), fitted.triangle_count()];
@@ -174,7 +177,7 @@ pub(crate) fn simplify_asset(
     if options.as_engine && beyond_rasterizer(scene).is_empty() {
         stages.push(Stage::new("original", scene.clone()));
     }
-    stages.push(plain(scene, n, triangles[1])?);
+    stages.push(plain);
     if let [wrapped, baked] = &starts[..] {
         stages.push(Stage::new("baked", to_scene(&baked.candidate, n)));
         stages.push(Stage::new("wrapped", to_scene(&wrapped.candidate, n)));
@@ -197,6 +200,7 @@ pub(crate) fn simplify_asset(
     let judged = judge.method(&stages);
     let mut outcome = Outcome::new(triangles, trained, plan, &names, pictures, judged, times, options);
     outcome.device = device.name();
+    outcome.own_materials = chosen.own_materials;
     outcome.left_out = outcome::left_out(scene, &stages[stages.len() - 1].scene, judged);
     Ok(outcome)
 }
@@ -258,7 +262,7 @@ fn phases<'a>(
     vec![coarse, fine]
 }
 
-/// The asset's own textures on as few triangles as the written file has.
+/// The asset's own materials on as few triangles as the fit has.
 fn plain(scene: &Scene, n: &Normalised, triangles: usize) -> Result<Stage, FitError> {
     let mut only = Options::new(Target::Triangles(triangles));
     only.keep_uvs = true;

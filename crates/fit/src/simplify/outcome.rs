@@ -28,7 +28,7 @@ pub struct Outcome {
     /// True when the user or the time limit ended the fit.
     pub stopped: bool,
     /// Names of the stages with their mean quality, in the order of [`ReportView::quality`]: `decimated` (fewer
-    /// triangles, the asset's own textures), `baked` (a new atlas and maps from the asset: nothing is fitted), `wrapped`
+    /// triangles, the asset's own materials), `baked` (a new atlas and maps from the asset: nothing is fitted), `wrapped`
     /// (the same, first drawn onto the asset's surface; absent where there is but one start) and `fitted` (the written
     /// file).
     pub stages: Vec<(&'static str, Quality)>,
@@ -42,7 +42,10 @@ pub struct Outcome {
     pub plan: Plan,
     /// What of the asset was not fitted or is not in the written file, one line each.
     pub left_out: Vec<String>,
-    /// The fitted asset in the normalised frame.
+    /// Whether the written file is the stage `decimated`: no fit looked better in the views of the choice, and the asset's
+    /// own materials read no image larger than the maps of a fit.
+    pub own_materials: bool,
+    /// The fitted asset in the normalised frame; the written one unless [`Self::own_materials`].
     pub candidate: Candidate,
     /// Width and height of the pictures that quality is reported by.
     pub resolution: usize,
@@ -91,6 +94,7 @@ impl Outcome {
             history: trained.history,
             plan,
             left_out: Vec::new(),
+            own_materials: false,
             candidate: trained.model.candidate,
             resolution: options.resolution,
             device: options.device.name(),

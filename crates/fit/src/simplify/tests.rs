@@ -21,6 +21,48 @@ fn rock() -> Scene {
     of(displaced_sphere(8, 0.25, 4, 3), Material { name: "stone".into(), ..Material::clay() })
 }
 
+/// The rock with a texture larger than the maps of [`options`], so that a fit is written.
+fn textured_rock() -> Scene {
+    let mut scene = rock();
+    let slot = photofit_scene::TextureSlot {
+        image: 0,
+        sampler: photofit_scene::Sampler::default(),
+        tex_coord: 0,
+        transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+    };
+    scene.materials[0].base_color_texture = Some(slot);
+    let (width, height) = (64, 64);
+    let texels = (0..64 * 64).map(|i: u32| [(i * 37 % 256) as u8, (i / 64 * 4) as u8, 128, 255]).collect();
+    scene.images = vec![photofit_scene::TextureImage { width, height, texels, ..Default::default() }];
+    scene
+}
+
+#[test]
+fn decimation_is_written_where_no_fit_looks_better() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.glb");
+    // Texels far larger than the triangles: whatever is baked into them is worse than no maps at all.
+    let scene = of(displaced_sphere(24, 0.25, 4, 3), Material { name: "stone".into(), ..Material::clay() });
+    let coarse = SimplifyOptions {
+        target: Target::Triangles(600),
+        resolution: 64,
+        texture_size: 16,
+        report_views: 4,
+        ..options()
+    };
+    let outcome = simplify(&scene, &path, &coarse, &Silent).unwrap();
+    let [decimated, baked, fitted] = ["decimated", "baked", "fitted"].map(|s| *outcome.stage(s).unwrap());
+    assert!(decimated.psnr > baked.psnr + 0.1, "{:?}", outcome.stages);
+    assert!(outcome.own_materials && fitted.psnr > decimated.psnr - 0.05, "{:?}", outcome.stages);
+    let light = photofit_scene::load(&path).unwrap();
+    assert!(light.images.is_empty() && light.triangle_count() == outcome.triangles_out, "no maps");
+    assert!(crate::report::Verdict::of(&outcome).better.is_none(), "{:?}", outcome.stages);
+
+    // Images larger than the maps may be are not written, and the fit is.
+    let outcome = simplify(&textured_rock(), &path, &options(), &Silent).unwrap();
+    assert!(!outcome.own_materials);
+}
+
 fn options() -> SimplifyOptions {
     SimplifyOptions {
         target: Target::Triangles(150),
@@ -65,7 +107,7 @@ impl Progress for Watching {
 #[test]
 fn a_fit_stopped_at_any_step_resumes_to_the_same_file() {
     let dir = tempfile::tempdir().unwrap();
-    let scene = rock();
+    let scene = textured_rock();
     let file = |name: &str, options: &SimplifyOptions, progress: &dyn Progress| {
         let path = dir.path().join(name);
         let outcome = simplify(&scene, &path, options, progress).unwrap();
@@ -138,7 +180,7 @@ fn unlit_surfaces_are_fitted_judged_and_written_as_such() {
 fn a_fit_on_a_device_ends_like_one_on_the_cpu_and_resumes_to_the_same_file() {
     let Some(gpu) = photofit_gpu::test_device() else { return };
     let dir = tempfile::tempdir().unwrap();
-    let scene = rock();
+    let scene = textured_rock();
     let on_device = SimplifyOptions { device: Device::gpu(gpu.clone(), true, "asked for"), ..options() };
     let fit = |name: &str, options: &SimplifyOptions, progress: &dyn Progress| {
         let path = dir.path().join(name);
