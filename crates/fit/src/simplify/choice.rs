@@ -92,7 +92,8 @@ fn is_light(scene: &Scene, texture_size: usize) -> bool {
     let used = |i: &TextureImage| i.width.max(i.height) <= texture_size;
     let materials = scene.instances.iter().map(|i| &scene.materials[scene.primitives[i.primitive].material]);
     let slots = materials.flat_map(|m| {
-        let lit = [&m.metallic_roughness_texture, &m.normal_texture, &m.emissive_texture, &m.occlusion_texture];
+        let lit =
+            [&m.metallic_roughness_texture, &m.normal_texture, &m.emissive_texture, &m.occlusion_texture];
         lit.into_iter().chain([&m.base_color_texture]).flatten()
     });
     slots.into_iter().all(|s| used(&scene.images[s.image])) && judge::beyond_rasterizer(scene).is_empty()
