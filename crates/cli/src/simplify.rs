@@ -282,15 +282,8 @@ impl Job<'_> {
             o.seconds,
             o.fit_seconds
         );
-        if let (Some(decimated), Some(fitted)) = (o.stage("decimated"), o.stage("fitted"))
-            && decimated.psnr > fitted.psnr
-            && decimated.flip < fitted.flip
-        {
-            text += &format!(
-                "the asset's own textures on as many triangles score better, {:.1} dB against {:.1} dB: a larger \
-                 --texture-size may help\n",
-                decimated.psnr, fitted.psnr
-            );
+        if Verdict::of(o).better.is_some_and(|(name, _)| name == "decimated") {
+            text += "the asset's own materials on as many triangles score better: a larger --texture-size may help\n";
         }
         if let Some(bytes) = self.bytes_out().filter(|b| *b > scene.source_bytes && scene.source_bytes > 0) {
             let (written, read) = (output::bytes(bytes), output::bytes(scene.source_bytes));

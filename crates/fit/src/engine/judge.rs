@@ -8,8 +8,9 @@ use super::classes::drawn;
 use super::reference::{Features, PathTraced, Picture, Rasterized, Reference};
 use super::views::{Lighting, Orbit, Set, Views};
 use crate::{FitError, Progress};
-use photofit_geometry::Mesh;
+use photofit_geometry::{Mesh, Split};
 use photofit_image::{Image, dilate, flip, luminance, psnr_from_mse, squared_error, ssim, to_display};
+use photofit_scalar::Vec3f;
 use photofit_scene::{FlatScene, Instance, Primitive, Scene, SurfaceLibrary};
 use std::collections::BTreeSet;
 
@@ -123,7 +124,7 @@ pub enum JudgeRenderer {
 }
 
 /// A named asset on its way to the written file.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Stage {
     /// Its name in tables.
     pub name: &'static str,
@@ -160,6 +161,16 @@ impl Stage {
         Self { name, scene, normalised: true }
     }
 
+    /// The asset in the frame of the reference, as it is written.
+    pub fn placed(&self, n: &Normalised) -> Scene {
+        let mut scene = Scene { name: n.name.clone(), ..self.scene.clone() };
+        if self.normalised {
+            let place = |p: &mut Vec3f| *p = *p * n.radius + n.center;
+            scene.primitives.iter_mut().for_each(|p| p.mesh.positions.iter_mut().for_each(place));
+        }
+        scene
+    }
+
     fn drawn(&self, n: &Normalised) -> Drawn {
         let mut flat = self.scene.flatten();
         if !self.normalised {
@@ -190,11 +201,26 @@ fn split_by_material(mesh: &Mesh, material: &[u32], count: usize) -> Vec<Primiti
                 .map(|(t, _)| *t)
                 .collect();
             (!triangles.is_empty()).then(|| Primitive {
-                mesh: Mesh { triangles, tangents: Vec::new(), ..mesh.clone() },
+                mesh: Mesh { tangents: Vec::new(), ..part(mesh, triangles) },
                 material: m,
             })
         })
         .collect()
+}
+
+/// Some triangles of a mesh with the vertices that they use.
+fn part(mesh: &Mesh, mut triangles: Vec<[u32; 3]>) -> Mesh {
+    let mut new = vec![u32::MAX; mesh.positions.len()];
+    let mut source = Vec::new();
+    for v in triangles.as_flattened_mut() {
+        let at = &mut new[*v as usize];
+        if *at == u32::MAX {
+            *at = source.len() as u32;
+            source.push(*v);
+        }
+        *v = *at;
+    }
+    Split { triangles, source }.apply(mesh)
 }
 
 /// What of a scene's visible materials the rasterizer does not draw, by name of the extension.
@@ -353,23 +379,22 @@ pub fn popping(
     Ok(sum / POPPING_VIEWS as f64)
 }
 
-/// Number of the scene with the best pictures in `views` held-out views, drawn by the rasterizer with `samples` samples
-/// per axis of a pixel: PSNR and FLIP, both in
-/// decibels, count the same. The first wins a tie.
+/// How good the pictures of each stage are in `views` held-out views, drawn by the rasterizer with `samples` samples
+/// per axis of a pixel: the sum over the views of PSNR and FLIP, both in decibels.
 ///
 /// # Errors
 /// If a picture of the reference cannot be made.
-pub fn best_of(
+pub fn scores(
     n: &Normalised,
     reference: &dyn Reference,
-    scenes: &[Scene],
+    stages: &[Stage],
     views: &dyn Views,
     count: u64,
     samples: usize,
     progress: &dyn Progress,
-) -> Result<usize, FitError> {
-    let stages: Vec<Drawn> = scenes.iter().map(|s| Stage::new("", s.clone()).drawn(n)).collect();
-    let mut score = vec![0.0; scenes.len()];
+) -> Result<Vec<f64>, FitError> {
+    let stages: Vec<Drawn> = stages.iter().map(|s| s.drawn(n)).collect();
+    let mut score = vec![0.0; stages.len()];
     for i in 0..count {
         progress.report("choose", i, count, "");
         let s = views.setup(Set::HeldOut, i, count);
@@ -380,7 +405,7 @@ pub fn best_of(
             *score += q.psnr - 20.0 * q.flip.max(1e-6).log10();
         }
     }
-    Ok((0..score.len()).fold(0, |best, k| if score[k] > score[best] { k } else { best }))
+    Ok(score)
 }
 
 /// Linear premultiplied RGBA as a display picture over grey.

@@ -21,7 +21,13 @@ fn options() -> ChainOptions {
         sizes: vec![48.0, 24.0, 16.0],
         triangles: vec![400, 150, 60],
         combined: true,
-        fit: SimplifyOptions { steps: 12, batch: 1, report_views: 2, ..SimplifyOptions::default() },
+        fit: SimplifyOptions {
+            steps: 12,
+            batch: 1,
+            report_views: 2,
+            own_textures: false,
+            ..SimplifyOptions::default()
+        },
         texture_size: None,
     }
 }

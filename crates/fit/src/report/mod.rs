@@ -67,8 +67,8 @@ fn html(o: &Outcome, info: &ReportInfo<'_>) -> Result<String, FitError> {
         views::at_size(o, info.screen_size)?,
         contents::section(contents::parts(&file).as_ref(), info.scene, &light, [&o.left_out, &o.not_fitted]),
         views::section(o)?,
-        atlas::section(&o.candidate)?,
-        wireframes(o, info)?,
+        if o.own_materials { String::new() } else { atlas::section(&o.candidate)? },
+        wireframes(&light, info)?,
         format!(
             "<details>\n<summary>How the fit went</summary>\n{}{}{}<h3>Plan</h3>\n<pre>{}</pre>\n<h3>Command</h3>\n\
              <pre>{}</pre>\n</details>\n",
@@ -132,7 +132,7 @@ fn significant(x: f64) -> String {
 
 fn table(o: &Outcome) -> String {
     let what = |name: &str| match name {
-        "decimated" => "the asset's own textures on as many triangles",
+        "decimated" => "the asset's own materials on as many triangles",
         "baked" => "new atlas, maps baked from the asset",
         "wrapped" => "drawn onto the asset's surface, then baked; the fit starts from the better of the two",
         "fitted" => "the written file, loaded again",
@@ -177,9 +177,11 @@ fn times(o: &Outcome) -> String {
     )
 }
 
-fn wireframes(o: &Outcome, info: &ReportInfo<'_>) -> Result<String, FitError> {
-    let reference = Normalised::new(info.scene)?.flat.mesh;
-    let light = o.candidate.mesh();
+fn wireframes(light: &Scene, info: &ReportInfo<'_>) -> Result<String, FitError> {
+    let n = Normalised::new(info.scene)?;
+    let mut light = light.flatten().mesh;
+    light.positions.iter_mut().for_each(|p| *p = (*p - n.center) / n.radius);
+    let reference = n.flat.mesh;
     let mut figures = String::new();
     for (name, mesh) in [("reference", &reference), (SHIPPED, &light)] {
         let picture = wireframe::shaded(&mesh.positions, &mesh.triangles);

@@ -30,6 +30,7 @@ fn the_page_is_whole_and_needs_nothing_else() {
         resolution: 32,
         steps: 3,
         batch: 1,
+        own_textures: false,
         texture_size: 32,
         report_views: 2,
         ..SimplifyOptions::default()

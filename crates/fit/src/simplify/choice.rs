@@ -6,7 +6,7 @@ use crate::bake;
 use crate::candidate::Candidate;
 use crate::engine::Normalised;
 use crate::engine::cpu::Chain;
-use crate::engine::judge;
+use crate::engine::judge::{self, Stage};
 use crate::engine::reference::Reference;
 use crate::engine::surface::{self, Surface};
 use crate::engine::trainer::{HeldOut, Trained};
@@ -38,37 +38,51 @@ pub(super) fn best_start<'a>(starts: &'a [Start], held_out: &HeldOut) -> &'a Sta
     }
 }
 
-/// The fit judged itself by its own renderer; the choice among the fitted asset, the same with maps baked anew, and the
-/// start is made as a user would see them, and also `own`, the asset with its own textures on fewer triangles, where it
-/// may be written. Returns the fitted surface and the scene to write.
+/// What is written.
+pub(super) struct Chosen {
+    /// The fit, or a start that looked better.
+    pub(super) trained: Trained<Surface>,
+    /// What is written.
+    pub(super) light: Scene,
+    /// Whether that is the decimated asset with its own materials, which looked better.
+    pub(super) own_materials: bool,
+}
+
+/// The fit judged itself by its own renderer; the choice among the fitted asset, the same with maps baked anew, the
+/// starts, and `own`, the decimated asset with its own materials, where it may be written, is made as a user would see
+/// them.
 pub(super) fn best(
     trained: Trained<Surface>,
     own: Option<Scene>,
     surface: &bake::Reference<'_>,
     seen: &Visibility,
-    start: &Start,
+    starts: &[Start],
     n: &Normalised,
     reference: &dyn Reference,
     options: &SimplifyOptions,
     progress: &dyn Progress,
-) -> Result<(Trained<Surface>, Scene), FitError> {
+) -> Result<Chosen, FitError> {
     let mut models = vec![trained.model.clone(), trained.model];
     if let Ok(texels) = rebaked(surface, seen, &models[1].candidate, options, &Silent) {
         models[1].values_mut(1).copy_from_slice(&texels);
         models[1].update(1);
     }
-    models.push(Surface { candidate: start.candidate.clone(), ..models[0].clone() });
+    for start in starts {
+        models.push(Surface { candidate: start.candidate.clone(), ..models[0].clone() });
+    }
     let mut scenes: Vec<Scene> = models.iter().map(|m| to_scene(&m.candidate, n)).collect();
     scenes.extend(own);
+    let stages: Vec<Stage> = scenes.iter().map(|s| Stage::new("", s.clone())).collect();
     let views = Orbit::new(options.seed, &options.lighting, options.resolution);
     let (count, [_, samples]) = (options.choice_views(), options.judge_samples());
-    let best = judge::best_of(n, reference, &scenes, &views, count, samples, progress)?;
-    if best == models.len() {
-        progress.warn(
-            "the asset's own textures on fewer triangles look better than what was fitted: they are written, in as many \
-             materials as the asset has",
-        );
-    }
-    let model = models.swap_remove(best.min(models.len() - 1));
-    Ok((Trained { model, ..trained }, scenes.swap_remove(best)))
+    let scores = judge::scores(n, reference, &stages, &views, count, samples, progress)?;
+    let best = highest(&scores);
+    let own_materials = best == models.len();
+    let model = models.swap_remove(highest(&scores[..models.len()]));
+    Ok(Chosen { trained: Trained { model, ..trained }, light: scenes.swap_remove(best), own_materials })
+}
+
+/// Index of the highest score; the first wins a tie.
+fn highest(scores: &[f64]) -> usize {
+    (0..scores.len()).fold(0, |best, k| if scores[k] > scores[best] { k } else { best })
 }

@@ -160,8 +160,8 @@ pub(crate) fn simplify_asset(
     let plan = plan_with_phases.unwrap_or(plan).with_device(device.told());
     let plain = plain::plain(scene, n, start.candidate.triangles.len())?;
     let own = if options.own_textures { plain::written(&plain, n, options) } else { None };
-    let (trained, mut light) =
-        choice::best(trained, own, surface, visibility, start, n, reference, options, progress)?;
+    let choice::Chosen { trained, mut light, own_materials } =
+        choice::best(trained, own, surface, visibility, &starts, n, reference, options, progress)?;
 
     light.inherit(scene);
     light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
@@ -199,6 +199,7 @@ pub(crate) fn simplify_asset(
     let judged = judge.method(&stages);
     let mut outcome = Outcome::new(triangles, trained, plan, &names, pictures, judged, times, options);
     outcome.device = device.name();
+    outcome.own_materials = own_materials;
     let light = &stages[stages.len() - 1].scene;
     (outcome.left_out, outcome.not_fitted) =
         (outcome::left_out(scene, light), outcome::not_fitted(scene, light));

@@ -28,7 +28,7 @@ pub struct Outcome {
     /// True when the user ended the work early, or the time limit the fit.
     pub stopped: bool,
     /// Names of the stages with their mean quality, in the order of [`ReportView::quality`]: `decimated` (fewer
-    /// triangles, the asset's own textures), `baked` (a new atlas and maps from the asset: nothing is fitted), `wrapped`
+    /// triangles, the asset's own materials), `baked` (a new atlas and maps from the asset: nothing is fitted), `wrapped`
     /// (the same, first drawn onto the asset's surface; absent where there is but one start) and `fitted` (the written
     /// file).
     pub stages: Vec<(&'static str, Quality)>,
@@ -46,7 +46,10 @@ pub struct Outcome {
     pub left_out: Vec<String>,
     /// What of the asset is in the written file, but was not drawn while fitting, one line each.
     pub not_fitted: Vec<String>,
-    /// The fitted asset in the normalised frame.
+    /// Whether the written file is the decimated asset with its own materials: no fit looked better in the views of the
+    /// choice.
+    pub own_materials: bool,
+    /// The fitted asset in the normalised frame; the written one unless [`Self::own_materials`].
     pub candidate: Candidate,
     /// Width and height of the pictures that quality is reported by.
     pub resolution: usize,
@@ -114,6 +117,7 @@ impl Outcome {
             plan,
             left_out: Vec::new(),
             not_fitted: Vec::new(),
+            own_materials: false,
             candidate: trained.model.candidate,
             resolution: options.resolution,
             device: options.device.name(),

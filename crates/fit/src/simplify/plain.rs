@@ -3,7 +3,7 @@
 use super::prepare::decimated_only;
 use super::{Normalised, SimplifyOptions};
 use crate::FitError;
-use crate::engine::judge::Stage;
+use crate::engine::judge::{Stage, beyond_rasterizer};
 use photofit_geometry::decimate::{Options, Target};
 use photofit_raster::texture::{MipLayout, MipRule, MipTexture, Texels};
 use photofit_scene::{AlphaMode, Scene, TextureImage, TextureSlot};
@@ -19,18 +19,13 @@ pub(super) fn plain(scene: &Scene, n: &Normalised, triangles: usize) -> Result<S
 }
 
 /// The same as it may be written in place of a fitted asset: in the asset's frame, with textures that together have no
-/// more texels than the maps of a fitted one; the largest are halved until they do. `None` where its materials mean
-/// something else on a mesh that is not placed by nodes (the thickness of volumes), or have textures beyond the core.
+/// more texels than the maps of a fitted one; the largest are halved until they do. `None` where it has
+/// materials that the rasterizer, which the choice is made by, does not draw.
 pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) -> Option<Scene> {
-    let mut light = stage.scene.clone();
-    light.name.clone_from(&n.name);
-    let extensions = || light.materials.iter().filter_map(|m| m.extensions.as_ref());
-    if extensions().any(|e| e.volume.is_some() || e.textures().next().is_some()) {
+    if !beyond_rasterizer(&stage.scene).is_empty() {
         return None;
     }
-    for p in light.primitives.iter_mut().flat_map(|p| &mut p.mesh.positions) {
-        *p = *p * n.radius + n.center;
-    }
+    let mut light = stage.placed(n);
     keep_used(&mut light);
     let most = MAPS * options.texture_size * options.texture_size;
     let size = |i: &TextureImage| i.width * i.height;

@@ -21,6 +21,37 @@ fn rock() -> Scene {
     of(displaced_sphere(8, 0.25, 4, 3), Material { name: "stone".into(), ..Material::clay() })
 }
 
+#[test]
+fn decimation_is_written_where_no_fit_looks_better() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.glb");
+    // Texels far larger than the triangles: whatever is baked into them is worse than no maps at all.
+    let scene = of(displaced_sphere(24, 0.25, 4, 3), Material { name: "stone".into(), ..Material::clay() });
+    let coarse = SimplifyOptions {
+        target: Target::Triangles(600),
+        resolution: 64,
+        texture_size: 16,
+        report_views: 4,
+        own_textures: true,
+        ..options()
+    };
+    let outcome = simplify(&scene, &path, &coarse, &Silent).unwrap();
+    let [decimated, baked, fitted] = ["decimated", "baked", "fitted"].map(|s| *outcome.stage(s).unwrap());
+    assert!(decimated.psnr > baked.psnr + 0.1, "{:?}", outcome.stages);
+    assert!(outcome.own_materials && fitted.psnr > decimated.psnr - 0.05, "{:?}", outcome.stages);
+    let light = photofit_scene::load(&path).unwrap();
+    assert!(light.images.is_empty() && light.triangle_count() == outcome.triangles_out, "no maps");
+    assert!(crate::report::Verdict::of(&outcome).better.is_none(), "{:?}", outcome.stages);
+
+    // Not where new maps are asked for.
+    let outcome =
+        simplify(&scene, &path, &SimplifyOptions { own_textures: false, ..coarse }, &Silent).unwrap();
+    let light = photofit_scene::load(&path).unwrap();
+    assert!(!outcome.own_materials && light.materials[0].normal_texture.is_some());
+    let better = crate::report::Verdict::of(&outcome).better;
+    assert_eq!(better.map(|b| b.0), Some("decimated"), "{:?}", outcome.stages);
+}
+
 fn options() -> SimplifyOptions {
     SimplifyOptions {
         target: Target::Triangles(150),
@@ -29,6 +60,7 @@ fn options() -> SimplifyOptions {
         batch: 1,
         texture_size: 32,
         report_views: 1,
+        own_textures: false,
         ..SimplifyOptions::default()
     }
 }
