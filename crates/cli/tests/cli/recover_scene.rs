@@ -141,7 +141,7 @@ fn maps_of_data_are_written_as_data_and_normals_start_flat() {
     let dir = tempfile::tempdir().unwrap();
     let d = dir.path();
     let mut asset = rock(3, true);
-    let of = |s: &Option<TextureSlot>| s.clone();
+    let of = |s: &Option<TextureSlot>| *s;
     let slot = of(&asset.materials[0].base_color_texture);
     asset.materials[0].name = "rock".into();
     let mut normals = asset.images[0].clone();
@@ -150,14 +150,14 @@ fn maps_of_data_are_written_as_data_and_normals_start_flat() {
     let mut surface = normals.clone();
     surface.texels = vec![[13, 100, 30, 255]; 256];
     asset.images.extend([normals, surface]);
-    asset.materials[0].normal_texture = slot.clone().map(|s| TextureSlot { image: 1, ..s });
+    asset.materials[0].normal_texture = slot.map(|s| TextureSlot { image: 1, ..s });
     asset.materials[0].metallic_roughness_texture = slot.map(|s| TextureSlot { image: 2, ..s });
     (asset.materials[0].roughness, asset.materials[0].metallic) = (1.0, 1.0);
     let eye = glam::vec3(0.5, 1.0, 3.0);
     for eye in [eye, -eye] {
         asset.cameras.push(Camera::look_at(eye, glam::Vec3::ZERO, glam::Vec3::Y, 0.8, 1.0, 0.1, 10.0));
     }
-    photofit_scene::save_glb(&d.join("rock.glb"), &asset).unwrap();
+    photofit_scene::save_glb(d.join("rock.glb"), &asset).unwrap();
     let sky = Image::from_fn(4, 2, 3, |x, y, _| 0.2 + 0.3 * ((x + y) % 3) as f32);
     photofit_image::write_exr(d.join("sky.exr"), &[("", &sky, &["R", "G", "B"])]).unwrap();
     let keys = ["--parameter", "rock.normal_texture", "--parameter", "rock.metallic_roughness_texture"];

@@ -81,7 +81,7 @@ mod tests {
     fn the_frame_the_key_and_the_rule_are_named() {
         let two = |value: &str| {
             format!(
-                r#"{{"fl_x": 5, "frames": [{{"file_path": "NaN\\" a.png", "transform_matrix": [[1]]}},
+                r#"{{"fl_x": 5, "frames": [{{"file_path": "NaN\" a.png", "transform_matrix": [[1]]}},
                 {{"file_path": "b.png", "transform_matrix": [[1, 0], [0, {value}]]}}]}}"#
             )
         };

@@ -35,8 +35,11 @@ fn fit(targets: &[Image], folder: Option<&Path>, progress: &dyn Progress) -> Rec
     recover_scene(small(), targets, &options, progress).expect("fits")
 }
 
+/// Step, bits of the loss and of the quality of a look.
+type Look = (u64, u64, u64);
+
 /// Values and pictures of what was found, and the looks, without times.
-fn result(r: &RecoveredScene) -> (Vec<u32>, Vec<u32>, Vec<(u64, u64, u64)>) {
+fn result(r: &RecoveredScene) -> (Vec<u32>, Vec<u32>, Vec<Look>) {
     let values = (0..r.model.parameters.len()).flat_map(|k| r.model.of(k)).map(|v| v.to_bits()).collect();
     let picture = r.model.picture(1, 4, 5).expect("rendered");
     let looks = r.history.iter().map(|h| (h.step, h.loss.to_bits(), h.quality.to_bits())).collect();
