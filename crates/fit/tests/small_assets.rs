@@ -248,7 +248,8 @@ fn own_textures_are_kept_where_they_look_better() {
     // A checkerboard of one texel a field: what 16 x 16 new texels cannot show, and the asset's own uvs do.
     let mut mesh = shapes::quad_grid(16, 16);
     mesh.positions.iter_mut().for_each(|p| p.z = 0.05 * (3.0 * p.x).sin());
-    let checker = |i: usize| if (i / 32 + i) % 2 == 0 { [230, 40, 30, 255] } else { [20, 40, 200, 255] };
+    let checker =
+        |i: usize| if (i / 32 + i).is_multiple_of(2) { [230, 40, 30, 255] } else { [20, 40, 200, 255] };
     let image = TextureImage {
         width: 32,
         height: 32,
