@@ -9,7 +9,7 @@
 //! - [`loss`]: chosen by the noise of the reference's pictures.
 //! - [`trainer`]: one loop: phases, looks at held-out views, best state, patience, checkpoints, cancellation.
 //! - [`classes`]: materials that become one material of the light asset, and how a fit draws them; [`export`]: a fitted
-//!   surface as a scene; [`mod@unwrap`]: a mesh as a surface with an atlas.
+//!   surface as a scene; `unwrap`: a mesh as a surface with an atlas.
 //! - [`judge`]: quality of what was written, drawn as other programs draw it.
 //! - [`plan`]: what of all this runs for an asset, and why.
 
