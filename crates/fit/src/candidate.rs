@@ -346,14 +346,14 @@ impl Candidate {
         let weight = 1.0 / shots.len().max(1) as f64;
         let value = |i: usize, pixels: &[[f32; 4]], g: &mut [[f32; 4]]| {
             let Shot { width, height, reference, .. } = &shots[i];
-            compare(loss, (*width, *height), pixels, reference, weight, g)
+            picture_loss(loss, (*width, *height), pixels, reference, weight, g)
         };
         self.pull_back(pictures, value, passes, out)
     }
 }
 
 /// `weight` times the loss of the colours of `pixels` `[H*W]` against `reference` `[H*W]`; adds its gradient to `g`.
-pub fn compare<T: LossScalar>(
+pub fn picture_loss<T: LossScalar>(
     loss: Loss,
     (width, height): (usize, usize),
     pixels: &[[T; 4]],

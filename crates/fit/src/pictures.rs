@@ -16,7 +16,7 @@ use crate::FitError;
 use crate::bake;
 use crate::engine::Normalised;
 use crate::engine::reference::{Picture, Reference};
-use crate::engine::views::{Pose, Set, Setup, Sphere, ViewLights, Views};
+use crate::engine::views::{Moment, Set, Setup, Sphere, ViewLights, Views};
 use glam::{Mat4, Vec3};
 use photofit_image::{Image, downsample};
 use photofit_sampling::Rng;
@@ -207,11 +207,11 @@ impl Reference for PictureFolder {
         Ok(Picture { image, noise: 1.0 })
     }
 
-    fn bounds(&self, _: Pose) -> Sphere {
+    fn bounds(&self, _: Moment) -> Sphere {
         Sphere::UNIT
     }
 
-    fn surface(&self, _: Pose) -> Option<&bake::Reference<'_>> {
+    fn surface(&self, _: Moment) -> Option<&bake::Reference<'_>> {
         None
     }
 }
@@ -220,7 +220,7 @@ fn setup(photo: &Photo, at: usize) -> Setup {
     Setup {
         camera: photo.camera,
         lights: photo.lights.clone(),
-        pose: Pose::default(),
+        moment: Moment::default(),
         width: photo.image.width,
         height: photo.image.height,
         picture: Some(at),

@@ -2,8 +2,8 @@
 //! parts of the engine; the third task beside [`crate::simplify`] and [`crate::recover`].
 //!
 //! Pictures are compared in linear light, relative to what they should be and without clamping, in the steps and in the
-//! looks that choose the best state alike. Of four pictures or more the last one is held out for these looks; fewer are
-//! all fitted, and the looks are at the pictures that are fitted.
+//! evaluations that choose the best state alike. Of four pictures or more the last one is held out for these; fewer are
+//! all fitted, and the evaluations are of the pictures that are fitted.
 
 use crate::engine::checkpoint::Digest;
 use crate::engine::cpu::Cpu;
@@ -11,7 +11,7 @@ use crate::engine::reference::{Picture, Reference};
 use crate::engine::steering::Steering;
 use crate::engine::traced::Traced;
 use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
-use crate::engine::views::{Pose, Sampling, Set, Setup, Sphere, ViewLights, Views};
+use crate::engine::views::{Moment, Sampling, Set, Setup, Sphere, ViewLights, Views};
 use crate::{FitError, Progress, bake};
 use glam::Vec3;
 use photofit_image::Image;
@@ -53,11 +53,11 @@ impl Default for RecoverSceneOptions {
 /// What was recovered.
 #[derive(Debug)]
 pub struct RecoveredScene {
-    /// The world with the values of the best look.
+    /// The world with the values of the best evaluation.
     pub model: Traced,
-    /// The course of the fit; [`relative_error`] of a look's quality is the error that the best state has least of.
+    /// The course of the fit; [`relative_error`] of an evaluation's quality is the error that the best state has least of.
     pub history: Vec<HistoryPoint>,
-    /// The picture that was held out: nothing was fitted to it, and the looks are at it alone.
+    /// The picture that was held out: nothing was fitted to it, and the evaluations are of it alone.
     pub held_out: Option<usize>,
     /// Steps made.
     pub steps: u64,
@@ -87,11 +87,11 @@ impl Reference for Pictures {
         Ok(Picture { image: self.images[setup.picture.unwrap_or(0)].clone(), noise: 1.0 })
     }
 
-    fn bounds(&self, _: Pose) -> Sphere {
+    fn bounds(&self, _: Moment) -> Sphere {
         Sphere::UNIT
     }
 
-    fn surface(&self, _: Pose) -> Option<&bake::Reference<'_>> {
+    fn surface(&self, _: Moment) -> Option<&bake::Reference<'_>> {
         None
     }
 }
@@ -106,7 +106,7 @@ impl Views for Pictures {
             // The model knows its cameras by the number of the picture.
             camera: Camera::look_at(Vec3::Z, Vec3::ZERO, Vec3::Y, 1.0, 1.0, 0.1, 10.0),
             lights: ViewLights::default(),
-            pose: Pose::default(),
+            moment: Moment::default(),
             width: self.images[at].width,
             height: self.images[at].height,
             picture: Some(at),
@@ -148,9 +148,9 @@ pub fn recover_scene(
     begin(&mut model)?;
     let held_out = (pictures.len() >= FEWEST_TO_HOLD_OUT).then(|| pictures.len() - 1);
     let source = Pictures { images: pictures, held_out };
-    let looked_at = if held_out.is_some() { 1 } else { source.images.len() as u64 };
-    let looks = HeldOut::new(&source, &source, Sampling::SUPERSAMPLED, looked_at, options.seed)?;
-    let looks = looks.measured_by(Measure::Relative);
+    let evaluated = if held_out.is_some() { 1 } else { source.images.len() as u64 };
+    let evaluation = HeldOut::new(&source, &source, Sampling::SUPERSAMPLED, evaluated, options.seed)?;
+    let evaluation = evaluation.measured_by(Measure::Relative);
     let (spp, gradient_spp) = (model.options.spp, model.gradient_spp);
     let names: Vec<&str> = model.parameters.iter().map(|p| p.name.as_str()).collect();
     let mut seen = Digest::new();
@@ -167,12 +167,12 @@ pub fn recover_scene(
         .option("parameter", names.join(", "))
         .option("seed", seed)
         .option("max_depth", depth)
-        .option("look_spp", model.look_spp)
+        .option("evaluation_spp", model.evaluation_spp)
         .digest("picture", format!("{:016x}", seen.value()));
     let job = Job {
         reference: &source,
         views: &source,
-        held_out: &looks,
+        held_out: &evaluation,
         sampling: Sampling::SUPERSAMPLED,
         loss: Loss::Mse,
         seed: options.seed,

@@ -195,7 +195,7 @@ impl FlowGuide {
 
     /// Features and chart of a vertex by the given parameters.
     #[inline]
-    fn look(&self, parameters: &Parameters, at: &Query) -> FlowLocal {
+    fn local_with(&self, parameters: &Parameters, at: &Query) -> FlowLocal {
         let roughness = at.roughness.clamp(0.0, 1.0);
         let chart = Chart::new(self.options.domain, at.normal, at.wo, roughness * roughness);
         let mut condition = [0.0; CONDITION_MAX];
@@ -229,7 +229,7 @@ impl Guide for FlowGuide {
 
     #[inline]
     fn local(&self, at: &Query) -> FlowLocal {
-        self.look(&self.frozen, at)
+        self.local_with(&self.frozen, at)
     }
 
     #[inline]

@@ -144,12 +144,12 @@ fn figures(
     a: &RecoverScene,
     r: &RecoveredScene,
     list: Vec<Value>,
-    looks: [Option<f64>; 2],
+    errors: [Option<f64>; 2],
     seconds: f64,
 ) -> Value {
     let told: Vec<&HistoryPoint> = r.history.iter().filter(|h| h.loss > 0.0).collect();
     let loss = |h: Option<&&HistoryPoint>| h.map(|h| h.loss);
-    let look = |h: &HistoryPoint| json!({"step": h.step, "loss": h.loss, "relative_error": relative_error(h.quality)});
+    let point = |h: &HistoryPoint| json!({"step": h.step, "loss": h.loss, "relative_error": relative_error(h.quality)});
     // The steps of this run, which took these seconds.
     let own = r.steps.saturating_sub(r.resumed);
     json!({
@@ -162,7 +162,7 @@ fn figures(
         "seconds": seconds,
         "seconds_per_iteration": (own > 0).then(|| seconds / own as f64),
         "loss": { "first": loss(told.first()), "last": loss(told.last()) },
-        "relative_error": { "first": looks[0], "best": looks[1] },
-        "course": r.history.iter().map(look).collect::<Vec<_>>(),
+        "relative_error": { "first": errors[0], "best": errors[1] },
+        "course": r.history.iter().map(point).collect::<Vec<_>>(),
     })
 }

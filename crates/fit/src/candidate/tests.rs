@@ -172,7 +172,7 @@ impl Setting {
     /// Value of the pixels of picture `i`, and its gradient.
     fn value(&self, value: Value, i: usize, pixels: &[[f64; 4]], g: &mut [[f64; 4]]) -> f64 {
         match value {
-            Value::Loss(loss) => compare(loss, (SIZE, SIZE), pixels, &self.references[i], 0.5, g),
+            Value::Loss(loss) => picture_loss(loss, (SIZE, SIZE), pixels, &self.references[i], 0.5, g),
             Value::Weighted => {
                 g.copy_from_slice(&self.weights[i]);
                 pixels.as_flattened().iter().zip(self.weights[i].as_flattened()).map(|(x, w)| x * w).sum()
@@ -188,7 +188,7 @@ impl Setting {
     }
 
     /// The value alone, and which triangles the layers of both pictures show.
-    fn look(&self, value: Value) -> (f64, Vec<Vec<u32>>) {
+    fn evaluate(&self, value: Value) -> (f64, Vec<Vec<u32>>) {
         let vertices = self.candidate.vertices();
         let (mut sum, mut seen, mut g) = (0.0, Vec::new(), vec![[0.0; 4]; SIZE * SIZE]);
         self.with(|pictures| {
@@ -219,7 +219,7 @@ impl Setting {
             let [plus, minus] = [step, -step].map(|step| {
                 self.candidate.clone_from(&start);
                 place(&mut self.candidate, &direction, step);
-                self.look(value)
+                self.evaluate(value)
             });
             assert!(plus.1 == minus.1, "the scene is tuned away from ties: nothing appears within the step");
             let difference = (plus.0 - minus.0) / (2.0 * step);
@@ -274,7 +274,7 @@ const GROUPS: [(&str, std::ops::Range<usize>); 7] = [
 fn gradients_of_the_whole_step() {
     let values = [Value::Weighted, Value::Loss(Loss::LogSrgbL1)];
     let mut setting = Setting::new(Content::Random, 3);
-    let (_, seen) = setting.look(values[0]);
+    let (_, seen) = setting.evaluate(values[0]);
     assert!(seen.len() >= 6, "{} layers of two pictures", seen.len());
     assert!(setting.candidate.maps.levels.len() == 7, "a live chain");
     let mut rows: Vec<(&str, [f64; 2])> = GROUPS
@@ -334,14 +334,14 @@ fn alpha_of_one_and_zero_has_a_gradient() {
         c.masked.clear();
         setting.passes.masks = masks;
         let g = setting.gradients(Value::Weighted);
-        let (value, _) = setting.look(Value::Weighted);
+        let (value, _) = setting.evaluate(Value::Weighted);
         // From the ends of its range alpha can go one way only: a one-sided difference of second order.
         let step = if alpha > 0.5 { -1e-4 } else { 1e-4 };
         let mut at = |n: f64| {
             let texels = &mut setting.candidate.maps.levels[0].texels;
             texels.iter_mut().for_each(|t| t[channel::ALPHA] = alpha + n * step);
             setting.candidate.maps.rebuild();
-            setting.look(Value::Weighted).0
+            setting.evaluate(Value::Weighted).0
         };
         let difference = (4.0 * at(1.0) - at(2.0) - 3.0 * value) / (2.0 * step);
         let sum: f64 = g.rendered.maps.levels[0].texels.iter().map(|t| t[channel::ALPHA]).sum();
@@ -397,7 +397,7 @@ fn the_outline_of_a_mask_is_found() {
         let passes =
             Passes { masks: Masks::Faded { slope: 4_f32.powf(k as f32 / 60.0) }, ..Passes::default() };
         let value = |_: usize, p: &[[f64; 4]], g: &mut [[f64; 4]]| {
-            compare(Loss::LogSrgbL1, (SIZE, SIZE), p, &reference, 1.0, g)
+            picture_loss(Loss::LogSrgbL1, (SIZE, SIZE), p, &reference, 1.0, g)
         };
         fit.pull_back([picture], value, &passes, &mut g);
         for (t, g) in fit.maps.levels[0].texels.iter_mut().zip(&g.rendered.maps.levels[0].texels) {

@@ -71,14 +71,14 @@ impl Normalised {
         match names[..] {
             [one] => one.to_owned(),
             _ => {
-                let look = &self.classes[class];
-                let alpha = match look.written {
+                let material = &self.classes[class];
+                let alpha = match material.written {
                     AlphaMode::Opaque => "",
                     AlphaMode::Mask { .. } => "-mask",
                     AlphaMode::Blend => "-blend",
                 };
-                let unlit = if look.unlit { "-unlit" } else { "" };
-                let more = look.extensions.iter().flat_map(|e| e.names()).map(|e| format!("-{e}"));
+                let unlit = if material.unlit { "-unlit" } else { "" };
+                let more = material.extensions.iter().flat_map(|e| e.names()).map(|e| format!("-{e}"));
                 format!("{}{alpha}{unlit}{}", self.name, more.collect::<String>())
             }
         }

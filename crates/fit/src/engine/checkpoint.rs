@@ -28,9 +28,9 @@ pub(crate) struct Course {
     pub begun: usize,
     /// Quality of the best values.
     pub best_quality: f64,
-    /// Looks at the held-out views.
+    /// Evaluations of the held-out views.
     pub history: Vec<HistoryPoint>,
-    /// Losses since the last look.
+    /// Losses since the last evaluation.
     pub loss: Vec<f64>,
 }
 

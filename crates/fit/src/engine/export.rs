@@ -34,17 +34,17 @@ pub fn to_scene(candidate: &Candidate, n: &Normalised) -> Scene {
     let written = |class: &u32| n.classes[*class as usize].written;
     let transparent = candidate.class.iter().any(|c| written(c) != AlphaMode::Opaque);
     let template = material(&mut scene, &texels, &owned, (width, height), transparent);
-    for (class, look) in n.classes.iter().enumerate() {
+    for (class, material) in n.classes.iter().enumerate() {
         let part = part(&mesh, &candidate.class, class as u32);
         if part.triangles.is_empty() {
             continue;
         }
         scene.materials.push(Material {
             name: n.class_name(class),
-            alpha_mode: look.written,
-            double_sided: look.sides == Sides::Both,
-            unlit: look.unlit,
-            extensions: look.extensions.clone(),
+            alpha_mode: material.written,
+            double_sided: material.sides == Sides::Both,
+            unlit: material.unlit,
+            extensions: material.extensions.clone(),
             ..template.clone()
         });
         let primitive = scene.primitives.len();

@@ -285,7 +285,7 @@ impl Judge<'_> {
         let method = self.method(stages);
         let size = if method == Judged::PathTraced { self.size.min(WIDEST_TRACED) } else { self.size };
         let orbit = Orbit::new(self.seed, self.lighting, size);
-        let look = |reference: &dyn Reference, stages: &[&dyn Reference]| {
+        let judge = |reference: &dyn Reference, stages: &[&dyn Reference]| {
             compared(reference, stages, &orbit, Set::Report, views, progress)
         };
         let n = self.n;
@@ -295,7 +295,7 @@ impl Judge<'_> {
                 .iter()
                 .map(|s| Ok(s.traced(n, self.seed)?.sampled(self.spp)))
                 .collect::<Result<_, FitError>>()?;
-            return look(&reference, &traced.iter().map(|t| t as &dyn Reference).collect::<Vec<_>>());
+            return judge(&reference, &traced.iter().map(|t| t as &dyn Reference).collect::<Vec<_>>());
         }
         let traced;
         let rasterized = Rasterized::new(&n.flat, &n.library).sampled(self.samples[0]);
@@ -350,7 +350,7 @@ fn compared(
         }
         let s = views.setup(set, i, count);
         let Picture { image, .. } = reference.picture(&s)?;
-        let quality = stages.iter().map(|c| Ok(compare(&image, &c.picture(&s)?.image)));
+        let quality = stages.iter().map(|c| Ok(view_quality(&image, &c.picture(&s)?.image)));
         let quality = quality.collect::<Result<_, FitError>>()?;
         out.push(ReportView { reference: display(&image), quality });
     }
@@ -373,7 +373,7 @@ pub fn popping(
     let orbit = Orbit::new(seed, lighting, size);
     let flip = |i| {
         let s = orbit.setup(Set::Report, i, POPPING_VIEWS);
-        Ok(compare(&a.picture(&s)?.image, &b.picture(&s)?.image).quality.flip)
+        Ok(view_quality(&a.picture(&s)?.image, &b.picture(&s)?.image).quality.flip)
     };
     let sum = (0..POPPING_VIEWS).map(flip).sum::<Result<f64, FitError>>()?;
     Ok(sum / POPPING_VIEWS as f64)
@@ -401,7 +401,7 @@ pub fn scores(
         let picture = reference.picture(&s)?.image;
         for (score, c) in score.iter_mut().zip(&stages) {
             let drawn = Rasterized::new(&c.flat, &c.library).sampled(samples).picture(&s)?;
-            let q = compare(&picture, &drawn.image).quality;
+            let q = view_quality(&picture, &drawn.image).quality;
             *score += q.psnr - 20.0 * q.flip.max(1e-6).log10();
         }
     }
@@ -424,11 +424,11 @@ fn luminance_ratio(reference: &Image, candidate: &Image) -> f64 {
     if r > 0.0 || c > 0.0 { c / r.max(1e-12) } else { 1.0 }
 }
 
-/// Compares two renderings (linear premultiplied RGBA).
+/// How near two renderings are (linear premultiplied RGBA).
 ///
 /// # Panics
 /// If the sizes differ.
-pub fn compare(reference: &Image, candidate: &Image) -> ViewQuality {
+pub fn view_quality(reference: &Image, candidate: &Image) -> ViewQuality {
     let (r, c) = (display(reference), display(candidate));
     let coverages =
         || reference.data.chunks_exact(4).zip(candidate.data.chunks_exact(4)).map(|(a, b)| (a[3], b[3]));
@@ -508,7 +508,7 @@ mod tests {
     fn a_brighter_asset_has_the_luminance_ratio_of_its_light() {
         // Half of the picture is empty.
         let grey = |x: f32| Image::from_data(2, 2, 4, [x, x, x, 1.0, 0.0, 0.0, 0.0, 0.0].repeat(2));
-        let ratio = |a: f32, b: f32| compare(&grey(a), &grey(b)).quality.luminance;
+        let ratio = |a: f32, b: f32| view_quality(&grey(a), &grey(b)).quality.luminance;
         assert!((ratio(0.2, 0.3) - 1.5).abs() < 1e-4 && (ratio(0.4, 0.1) - 0.25).abs() < 1e-4);
         assert!((ratio(0.5, 3.0) - 6.0).abs() < 1e-4, "highlights count");
     }
@@ -557,7 +557,7 @@ mod tests {
     #[test]
     fn rmse_goes_below_what_the_psnr_tells_apart() {
         let grey = |x: f32| Image::from_data(2, 2, 4, [x, x, x, 1.0].repeat(4));
-        let compared = compare(&grey(0.5), &grey(0.5001));
+        let compared = view_quality(&grey(0.5), &grey(0.5001));
         assert_eq!(compared.quality.psnr.to_bits(), BEST_PSNR.to_bits());
         let e = |x: f32| f64::from(photofit_image::srgb_encode(x));
         assert!((compared.rmse / (e(0.5001) - e(0.5)) - 1.0).abs() < 1e-2, "{}", compared.rmse);

@@ -1,13 +1,13 @@
 //! The parts that a fit is assembled from. Each exists once; a task is a file that puts them together.
 //!
-//! - [`mod@reference`]: what answers (camera, lights, pose, size) with a picture.
+//! - [`mod@reference`]: what answers ((camera, lights, moment, size)) with a picture.
 //! - [`views`]: from where, under which light, at which size: pure functions of (set, index).
 //! - [`model`]: named groups of parameters with their optimizers, wherever they live; [`cpu`]: those in main memory.
 //! - `gpu`: a surface whose fit stays on a device; [`device`]: where a fit runs.
 //! - [`surface`]: positions and maps of a mesh, the stages from them to pictures, and the same reversed.
 //! - [`traced`]: parameters of a path-traced world, by path replay.
 //! - [`loss`]: chosen by the noise of the reference's pictures.
-//! - [`trainer`]: one loop: phases, looks at held-out views, best state, patience, checkpoints, cancellation.
+//! - [`trainer`]: one loop: phases, evaluation of held-out views, best state, patience, checkpoints, cancellation.
 //! - [`classes`]: materials that become one material of the light asset, and how a fit draws them; [`export`]: a fitted
 //!   surface as a scene; `unwrap`: a mesh as a surface with an atlas.
 //! - [`judge`]: quality of what was written, drawn as other programs draw it.

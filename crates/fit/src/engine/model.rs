@@ -1,5 +1,5 @@
 //! Models: what a fit moves. A model owns its parameters, their best state so far and their optimizers, wherever these
-//! live; the trainer says when to step, to look and to go back, and reads numbers only when it looks.
+//! live; the trainer says when to step, to evaluate and to go back, and reads numbers only when it evaluates.
 
 use super::views::Shot;
 use crate::FitError;

@@ -1,4 +1,4 @@
-//! References: what answers (camera, lights, pose, size) with a picture.
+//! References: what answers ((camera, lights, moment, size)) with a picture.
 //!
 //! To the fit the renderer of the reference is a black box: it gives pictures, no gradients. Path traced pictures hold
 //! what a rasterizer leaves out (shadows, light between surfaces); the candidate takes up in its maps what of it does not
@@ -7,7 +7,7 @@
 
 use super::asset::Normalised;
 use super::classes::drawn;
-use super::views::{Pose, Setup, Sphere};
+use super::views::{Moment, Setup, Sphere};
 use crate::scene_render::SceneRenderer;
 use crate::{FitError, bake};
 use glam::{DAffine3, Quat};
@@ -77,14 +77,14 @@ pub trait Reference: Sync {
     /// If it cannot be made.
     fn picture(&self, setup: &Setup) -> Result<Picture, FitError>;
 
-    /// A sphere around what the pictures show in a pose.
-    fn bounds(&self, pose: Pose) -> Sphere;
+    /// A sphere around what the pictures show at a moment.
+    fn bounds(&self, moment: Moment) -> Sphere;
 
-    /// The surface in a pose, for baking, visibility and shrink-wrapping; `None` where there are only pictures.
-    fn surface(&self, pose: Pose) -> Option<&bake::Reference<'_>>;
+    /// The surface at a moment, for baking, visibility and shrink-wrapping; `None` where there are only pictures.
+    fn surface(&self, moment: Moment) -> Option<&bake::Reference<'_>>;
 }
 
-/// An asset drawn by the rasterizer: direct light without shadows. It is shown as it stands, in any pose.
+/// An asset drawn by the rasterizer: direct light without shadows. It is shown as it stands, at any moment.
 #[derive(Clone, Copy, Debug)]
 pub struct Rasterized<'a> {
     flat: &'a FlatScene,
@@ -122,11 +122,11 @@ impl Reference for Rasterized<'_> {
         Ok(Picture::clean(if parts > 1 { downsample(&image, parts) } else { image }))
     }
 
-    fn bounds(&self, _: Pose) -> Sphere {
+    fn bounds(&self, _: Moment) -> Sphere {
         Sphere::UNIT
     }
 
-    fn surface(&self, _: Pose) -> Option<&bake::Reference<'_>> {
+    fn surface(&self, _: Moment) -> Option<&bake::Reference<'_>> {
         self.surface
     }
 }
@@ -140,7 +140,7 @@ pub enum Features {
     All,
 }
 
-/// An asset drawn by the path tracer, with all light. It is shown as it stands, in any pose.
+/// An asset drawn by the path tracer, with all light. It is shown as it stands, at any moment.
 #[derive(Debug)]
 pub struct PathTraced<'a> {
     /// Behind a lock, since each picture has lights of its own.
@@ -213,11 +213,11 @@ impl Reference for PathTraced<'_> {
         Ok(Picture { image: renderer.picture(), noise })
     }
 
-    fn bounds(&self, _: Pose) -> Sphere {
+    fn bounds(&self, _: Moment) -> Sphere {
         Sphere::UNIT
     }
 
-    fn surface(&self, _: Pose) -> Option<&bake::Reference<'_>> {
+    fn surface(&self, _: Moment) -> Option<&bake::Reference<'_>> {
         self.surface
     }
 }

@@ -59,8 +59,8 @@ pub struct Traced {
     pub options: RenderOptions,
     /// Samples per pixel of its gradients.
     pub gradient_spp: u32,
-    /// Samples per pixel of looks.
-    pub look_spp: u32,
+    /// Samples per pixel of evaluations.
+    pub evaluation_spp: u32,
     /// What is fitted.
     pub parameters: Vec<TracedParameter>,
     /// How steps of textures are smoothed.
@@ -97,8 +97,18 @@ impl Traced {
             values.push(read.chunks_exact(held).flat_map(|v| v[..p.shape[2]].to_vec()).collect());
             channels.push(held);
         }
-        let (gradient_spp, look_spp, smoothing) = (1, 64, Smoothing::default());
-        Ok(Self { world, views, options, gradient_spp, look_spp, parameters, smoothing, values, channels })
+        let (gradient_spp, evaluation_spp, smoothing) = (1, 64, Smoothing::default());
+        Ok(Self {
+            world,
+            views,
+            options,
+            gradient_spp,
+            evaluation_spp,
+            parameters,
+            smoothing,
+            values,
+            channels,
+        })
     }
 
     /// The values of a parameter, channel by channel.
@@ -258,7 +268,7 @@ impl Chain for Traced {
     fn pictures(&self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, Broken> {
         let one = |shot: &Shot| {
             let seed = hash(self.options.seed, PICTURE, u64::MAX);
-            let picture = self.picture(shot.picture.unwrap_or(0), self.look_spp, seed);
+            let picture = self.picture(shot.picture.unwrap_or(0), self.evaluation_spp, seed);
             picture.map(|p| light(&p)).map_err(|e| Broken::Picture(Box::new(e)))
         };
         shots.iter().map(one).collect()

@@ -1,8 +1,8 @@
-//! The trainer: one loop for all models. Phases, schedule, looks at held-out views, best state, patience, checkpoints,
+//! The trainer: one loop for all models. Phases, schedule, evaluation of held-out views, best state, patience, checkpoints,
 //! progress and cancellation.
 //!
-//! What is saved when a fit is stopped is what an undisturbed one has at that step: looks happen at fixed steps only, and
-//! the last look of a stopped fit goes into its result, not into its checkpoint.
+//! What is saved when a fit is stopped is what an undisturbed one has at that step: evaluations happen at fixed steps only, and
+//! the last evaluation of a stopped fit goes into its result, not into its checkpoint.
 
 use super::checkpoint::{self, Course, Digest, Saved};
 use super::loss::relative_weight;
@@ -21,19 +21,19 @@ use std::time::{Duration, Instant};
 
 /// Views of the early stop, where pictures are not small.
 pub(crate) const HELD_OUT: u64 = 5;
-/// Steps between two looks at the held-out views.
-const LOOK_EVERY: u64 = 25;
-/// Looks without progress after which a phase ends.
+/// Steps between two evaluations of the held-out views.
+const EVALUATE_EVERY: u64 = 25;
+/// Evaluations without progress after which a phase ends.
 const PATIENCE: usize = 6;
 
-/// One look at the held-out views.
+/// One evaluation of the held-out views.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HistoryPoint {
     /// Steps made.
     pub step: u64,
     /// Wall time since the start of the fit.
     pub seconds: f64,
-    /// Mean training loss since the last look.
+    /// Mean training loss since the last evaluation.
     pub loss: f64,
     /// Quality of the pictures of the held-out views, dB: what their [`Measure`] says.
     pub quality: f64,
@@ -162,7 +162,7 @@ pub struct Trained<A> {
     pub stopped: bool,
 }
 
-/// What the pictures of a look are judged by; more dB are better.
+/// What the pictures of an evaluation are judged by; more dB are better.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Measure {
     /// PSNR of the foreground after clamping to [0, 1] and sRGB encoding: what a screen shows.
@@ -314,7 +314,7 @@ where
     let resumed = t.course.step - t.course.skipped;
     let start = match t.course.history.first() {
         Some(first) => first.quality,
-        None => t.look(progress)?,
+        None => t.evaluate(progress)?,
     };
     progress.report("fit", t.course.step, job.steps, &job.held_out.measure.told(start));
     let mut stopped = false;
@@ -332,7 +332,7 @@ where
     if stopped {
         t.save(progress)?;
         if t.course.history.last().is_none_or(|h| h.step != t.course.step) {
-            t.look(progress)?;
+            t.evaluate(progress)?;
         }
     }
     t.go_to_best()?;
@@ -384,7 +384,7 @@ impl<M: Model> Trainer<'_, M> {
         match &phase.renewal {
             None => {
                 if self.course.history.last().is_none_or(|h| h.step != self.course.step) {
-                    self.look(progress)?;
+                    self.evaluate(progress)?;
                 }
             }
             Some((name, make)) => {
@@ -407,7 +407,7 @@ impl<M: Model> Trainer<'_, M> {
                 let set = self.model.set(group, &made);
                 self.hear(set)?;
                 let best = self.course.best_quality;
-                if self.look(progress)? < best {
+                if self.evaluate(progress)? < best {
                     let back = self.model.go_to_best(group);
                     self.hear(back)?;
                 }
@@ -431,20 +431,21 @@ impl<M: Model> Trainer<'_, M> {
                 break;
             }
             self.one_step(phase)?;
-            if self.course.step.is_multiple_of(LOOK_EVERY) || self.course.step == phase.end() {
-                self.look(progress)?;
+            if self.course.step.is_multiple_of(EVALUATE_EVERY) || self.course.step == phase.end() {
+                self.evaluate(progress)?;
                 self.save(progress)?;
             }
         }
         Ok(false)
     }
 
-    /// Whether the last looks of a phase brought nothing.
+    /// Whether the last evaluations of a phase brought nothing.
     fn is_stale(&self, phase: &Phase<'_, M::Asset>) -> bool {
         let history = &self.course.history;
-        let looks: Vec<f64> = history.iter().filter(|h| h.step >= phase.first).map(|h| h.quality).collect();
-        let best = looks.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        looks.iter().rev().take_while(|l| **l < best).count() >= PATIENCE
+        let qualities: Vec<f64> =
+            history.iter().filter(|h| h.step >= phase.first).map(|h| h.quality).collect();
+        let best = qualities.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        qualities.iter().rev().take_while(|l| **l < best).count() >= PATIENCE
     }
 
     fn one_step(&mut self, phase: &Phase<'_, M::Asset>) -> Result<(), FitError> {
@@ -493,7 +494,7 @@ impl<M: Model> Trainer<'_, M> {
     }
 
     /// Quality of the held-out views; keeps the best state.
-    fn look(&mut self, progress: &dyn Progress) -> Result<f64, FitError> {
+    fn evaluate(&mut self, progress: &dyn Progress) -> Result<f64, FitError> {
         self.hear_losses()?;
         let pictures = self.model.pictures(&self.job.held_out.shots);
         let held_out = self.job.held_out;

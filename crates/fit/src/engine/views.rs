@@ -1,4 +1,4 @@
-//! Views: where the reference and the candidate are looked at from, under which light, in which pose, at which size.
+//! Views: where the reference and the candidate are looked at from, under which light, at which moment of an animation, at which size.
 //!
 //! A set of views is a pure function of (set, index). Everything is in the normalised frame: the reference's bounding
 //! sphere is centred at the origin with radius 1.
@@ -128,9 +128,9 @@ impl ViewLights {
     }
 }
 
-/// The pose of an asset: a time of one of its animations.
+/// A moment of one of an asset's animations.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Pose {
+pub struct Moment {
     /// Index of the animation; `None`: as the asset stands.
     pub animation: Option<usize>,
     /// Time in the animation, seconds.
@@ -151,15 +151,15 @@ impl Sphere {
     pub const UNIT: Self = Self { center: Vec3f { x: 0.0, y: 0.0, z: 0.0 }, radius: 1.0 };
 }
 
-/// What is asked of a reference: camera, lights, pose, and size of the picture.
+/// What is asked of a reference: camera, lights, moment, and size of the picture.
 #[derive(Clone, Debug)]
 pub struct Setup {
     /// The camera.
     pub camera: Camera,
     /// The lights.
     pub lights: ViewLights,
-    /// The pose of the asset.
-    pub pose: Pose,
+    /// The moment of its animation.
+    pub moment: Moment,
     /// Columns of the picture.
     pub width: usize,
     /// Rows of the picture.
@@ -210,8 +210,8 @@ pub struct Orbit {
     pub distance: [f32; 2],
     /// Distance of the other cameras, likewise.
     pub judged_distance: f32,
-    /// The pose of the asset.
-    pub pose: Pose,
+    /// The moment of its animation.
+    pub moment: Moment,
 }
 
 impl Orbit {
@@ -224,7 +224,7 @@ impl Orbit {
             bounds: Sphere::UNIT,
             distance: [0.72, 1.1],
             judged_distance: 1.01,
-            pose: Pose::default(),
+            moment: Moment::default(),
         }
     }
 }
@@ -264,7 +264,7 @@ impl Views for Orbit {
             camera.eye = camera.view.inverse().transform_point3(Vec3::ZERO);
         }
         let lights = lights(&mut rng, &self.bounds, direction, &self.lighting, index);
-        Setup { camera, lights, pose: self.pose, width: self.size, height: self.size, picture: None }
+        Setup { camera, lights, moment: self.moment, width: self.size, height: self.size, picture: None }
     }
 }
 

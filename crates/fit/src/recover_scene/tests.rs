@@ -99,7 +99,7 @@ fn colours_light_and_texture_are_found_again() {
     assert!(errors[0][1] < 0.3 * errors[0][0], "floor {errors:?}");
     assert!(errors[1][1] < 0.65 * errors[1][0], "wall {errors:?}");
     assert!(errors[2][1] < 0.35 * errors[2][0], "lamp {errors:?}");
-    let first = r.history.first().expect("a look").quality;
+    let first = r.history.first().expect("an evaluation").quality;
     let best = r.history.iter().map(|h| h.quality).fold(first, f64::max);
     assert!(best > first + 6.0, "{first} {best}");
 }

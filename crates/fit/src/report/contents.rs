@@ -89,7 +89,7 @@ pub(super) fn section(
     }
     let row = |(k, m): (usize, &Material)| {
         let name = if m.name.is_empty() { format!("material {}", k + 1) } else { m.name.clone() };
-        format!("<tr><th>{}</th><td class=what>{}</td></tr>\n", escape(&name), escape(&look(m)))
+        format!("<tr><th>{}</th><td class=what>{}</td></tr>\n", escape(&name), escape(&describe(m)))
     };
     let rows: String = light.materials.iter().enumerate().map(row).collect();
     let (before, after) = (asset.materials.len(), light.materials.len());
@@ -118,7 +118,7 @@ pub(super) fn section(
 }
 
 /// What is special about a material, in words.
-fn look(m: &Material) -> String {
+fn describe(m: &Material) -> String {
     let alpha = match m.alpha_mode {
         AlphaMode::Opaque => "opaque".to_owned(),
         AlphaMode::Mask { cutoff } => format!("cut out at alpha {cutoff}"),

@@ -19,7 +19,7 @@ pub(super) fn section(o: &Outcome) -> Result<String, FitError> {
     }
     let value: [Axis; 2] = [
         ("held-out PSNR, dB", |h| Some(h.quality)),
-        // A look before the first step has no loss.
+        // An evaluation before the first step has no loss.
         ("training loss", |h| (h.loss > 0.0).then_some(h.loss)),
     ];
     let mut plots = String::new();

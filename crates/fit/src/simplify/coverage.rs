@@ -12,8 +12,8 @@ const MOST: f32 = 8.0;
 /// Scales the alpha of the masked texels of freshly baked maps, class by class. Only texels that were baked (`valid`) or
 /// found cut out (`cut`) count.
 pub(super) fn keep(candidate: &Candidate, valid: &[bool], cut: &[bool], maps: &mut Maps) {
-    for (class, look) in candidate.classes.iter().enumerate() {
-        let AlphaMode::Mask { cutoff } = look.alpha else { continue };
+    for (class, material) in candidate.classes.iter().enumerate() {
+        let AlphaMode::Mask { cutoff } = material.alpha else { continue };
         let triangles = candidate.triangles.iter().zip(&candidate.class);
         let triangles: Vec<[u32; 3]> =
             triangles.filter(|(_, c)| **c as usize == class).map(|(t, _)| *t).collect();

@@ -1,6 +1,6 @@
 //! Appearance-driven simplification: the main job (Hasselgren et al. 2021), assembled from the parts of the engine.
 //!
-//! load -> normalise -> decimate -> wrap -> atlas -> bake -> fit by rendering -> bake again on the fitted shape -> fit
+//! load -> normalise -> decimate -> shrink-wrap -> atlas -> bake -> fit by rendering -> bake again on the fitted shape -> fit
 //! the maps -> export -> reload the file and compare it with the reference on views and lights that the fit never saw.
 
 mod choice;
@@ -9,7 +9,7 @@ mod options;
 mod outcome;
 mod plain;
 pub(crate) mod prepare;
-mod wrap;
+mod shrink_wrap;
 
 #[cfg(test)]
 mod tests;
@@ -34,7 +34,7 @@ use crate::engine::reference::{Features, PathTraced, Rasterized, Reference};
 use crate::engine::steering::Steering;
 use crate::engine::surface::{MAPS, POSITIONS, Surface};
 use crate::engine::trainer::{self, HeldOut, Job, Keeping, Phase};
-use crate::engine::views::{Orbit, Pose};
+use crate::engine::views::{Moment, Orbit};
 use crate::visibility::Visibility;
 use crate::{FitError, Progress};
 use outcome::Times;
@@ -105,15 +105,15 @@ pub(crate) fn simplify_asset(
     let Asset { scene, n, rays, visibility } = asset;
     let reference = reference(scene, n, rays, options)?;
     let reference = &*reference;
-    let pose = Pose::default();
-    let Some(surface) = reference.surface(pose) else {
+    let moment = Moment::default();
+    let Some(surface) = reference.surface(moment) else {
         return Err(FitError::Setting { field: "reference", rule: "has no surface to start from".into() });
     };
     let starts = prepare::prepare(n, surface, visibility, from, options, progress)?;
 
     let views = Orbit {
-        bounds: reference.bounds(pose),
-        pose,
+        bounds: reference.bounds(moment),
+        moment,
         ..Orbit::new(options.seed, &options.lighting, options.picture_size())
     };
     let sampling = options.sampling();

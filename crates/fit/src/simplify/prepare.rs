@@ -1,7 +1,7 @@
 //! From the reference to the start of the fit: normalise, decimate, unwrap, bake.
 
 use super::{Init, SimplifyOptions};
-use super::{coverage, wrap};
+use super::{coverage, shrink_wrap};
 use crate::bake::{self, AlphaClass, BakeSettings, Reference, bake};
 use crate::candidate::Candidate;
 use crate::engine::Normalised;
@@ -44,7 +44,7 @@ pub(super) fn prepare(
     let (mesh, class, decimated) = match (options.init, from) {
         (Init::Sphere, None) => {
             let mut mesh = sphere(n, seen, options.target)?;
-            wrap::FROM_AFAR.run(&mut mesh, reference, seen, progress)?;
+            shrink_wrap::FROM_AFAR.run(&mut mesh, reference, seen, progress)?;
             let class = closest_classes(n, reference, seen, &mesh);
             (mesh, class, None)
         }
@@ -54,7 +54,7 @@ pub(super) fn prepare(
                 None => decimate_reference(n, seen, options.target, progress)?,
             };
             let mut mesh = d.mesh.clone();
-            wrap::NEARBY.run(&mut mesh, reference, seen, progress)?;
+            shrink_wrap::NEARBY.run(&mut mesh, reference, seen, progress)?;
             (mesh, d.group, Some(d.mesh))
         }
     };

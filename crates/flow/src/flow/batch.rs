@@ -100,7 +100,7 @@ impl FlowGuide {
         let (network, head) = self.live.network.split_at(couplings.len());
         for (e, g_features) in chunk.iter().zip(&mut out.features) {
             let weight = (e.weight * scale).min(WEIGHT_MAX) / n as f32;
-            let local = self.look(&self.live, &e.record.query);
+            let local = self.local_with(&self.live, &e.record.query);
             let share = local.share;
             let flow = local.chart.point(e.record.wi).map_or(0.0, |(x, density)| {
                 let towards = |log: f32| {

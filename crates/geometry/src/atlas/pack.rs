@@ -111,10 +111,10 @@ impl Packer<'_> {
         {
             return Some(settle(self.shapes, coarse, self.size, 3 * cell));
         }
-        let plan = Plan { order: self.order(), lean: 0 };
+        let placement = Placement { order: self.order(), lean: 0 };
         self.bracket(guess, 0.2, |scale| {
             let stamps = self.stamps(1, scale)?;
-            self.place_all(&stamps, 1, &plan, self.inner(1)).map(|p| p.0)
+            self.place_all(&stamps, 1, &placement, self.inner(1)).map(|p| p.0)
         })
     }
 
@@ -171,32 +171,32 @@ impl Packer<'_> {
     /// A layout at a large scale on cells of `cell` texels.
     fn arrange(&self, cell: u32, guess: f64) -> Option<Layout> {
         let inner = self.inner(cell);
-        let mut plan = Plan { order: self.order(), lean: 1 };
+        let mut placement = Placement { order: self.order(), lean: 1 };
         let mut best = self.bracket(guess, 0.2, |scale| {
-            self.place_all(&self.stamps(cell, scale)?, cell, &plan, inner).map(|p| p.0)
+            self.place_all(&self.stamps(cell, scale)?, cell, &placement, inner).map(|p| p.0)
         })?;
         let mut batches = (PLACEMENTS / self.shapes.len().max(1)).min(400) / BATCH;
         let mut random = Lcg(0x9E37_79B9_7F4A_7C15);
         while batches > 0 && self.shapes.len() > 1 {
             let Some(stamps) = self.stamps(cell, best.scale * 1.006) else { break };
-            // Walk over plans towards less height at this scale until everything fits.
+            // Walk over placements towards less height at this scale until everything fits.
             let mut height = 2 * inner;
             let mut first = true;
             while batches > 0 {
                 batches -= 1;
-                let mut tried: Vec<Plan> = (0..BATCH).map(|_| plan.changed(&mut random)).collect();
+                let mut tried: Vec<Placement> = (0..BATCH).map(|_| placement.changed(&mut random)).collect();
                 if std::mem::take(&mut first) {
-                    tried[0] = plan.clone();
+                    tried[0] = placement.clone();
                 }
                 let placed: Vec<Option<Placed>> =
                     tried.par_iter().map(|p| self.place_all(&stamps, cell, p, height)).collect();
                 let lowest = placed
                     .into_iter()
                     .zip(tried)
-                    .filter_map(|(placed, plan)| placed.map(|p| (p.1, p.0, plan)))
+                    .filter_map(|(placed, placement)| placed.map(|p| (p.1, p.0, placement)))
                     .min_by_key(|p| p.0);
                 if let Some((reached, places, next)) = lowest {
-                    (height, plan) = (reached, next);
+                    (height, placement) = (reached, next);
                     if reached <= inner {
                         best = Layout { places, scale: stamps.scale, padding: self.padding };
                         break;
@@ -236,7 +236,7 @@ impl Packer<'_> {
     }
 
     /// Places every shape on a strip as low as it goes, at most `limit` cells high. Places are in texels.
-    fn place_all(&self, stamps: &Stamps, cell: u32, plan: &Plan, limit: u32) -> Option<Placed> {
+    fn place_all(&self, stamps: &Stamps, cell: u32, placement: &Placement, limit: u32) -> Option<Placed> {
         let inner = self.inner(cell);
         let padding = self.padding.div_ceil(cell);
         let mut strip = Strip::new(inner);
@@ -244,7 +244,7 @@ impl Packer<'_> {
         let mut height = 0;
         // Where a small shape of this box was last placed: the next one starts there.
         let mut hints: HashMap<(u32, u32), u32> = HashMap::new();
-        for &i in &plan.order {
+        for &i in &placement.order {
             let list = &stamps.of[i as usize];
             let base = &list.first()?.1.mask;
             let small = self.shapes.len() > MANY && base.width.max(base.height) <= 24;
@@ -256,10 +256,10 @@ impl Packer<'_> {
                 let Some(mut last) = limit.checked_sub(mask.height) else { continue };
                 if let Some((key, ..)) = &best {
                     let Some(row) = key.0.checked_sub(mask.height) else { continue };
-                    last = last.min(row / (1 + plan.lean));
+                    last = last.min(row / (1 + placement.lean));
                 }
                 if let Some((x, y)) = strip.find(mask, probe, from, last) {
-                    let key = (y + mask.height + plan.lean * y, x);
+                    let key = (y + mask.height + placement.lean * y, x);
                     if best.as_ref().is_none_or(|b| key < b.0) {
                         best = Some((key, Place { x, y, turn: *turn }, mask));
                     }
@@ -279,26 +279,26 @@ impl Packer<'_> {
 
 /// How to place: an order, and how much the lower edge of a shape counts against its top.
 #[derive(Clone)]
-struct Plan {
+struct Placement {
     order: Vec<u32>,
     lean: u32,
 }
 
-impl Plan {
-    /// A neighbouring plan: one to three shapes taken to other places of the order, now and then another lean.
+impl Placement {
+    /// A neighbouring placement: one to three shapes taken to other places of the order, now and then another lean.
     fn changed(&self, random: &mut Lcg) -> Self {
-        let mut plan = self.clone();
+        let mut placement = self.clone();
         // The early, large shapes decide most.
-        let front = plan.order.len().min(60);
+        let front = placement.order.len().min(60);
         for _ in 0..=random.below(3) {
             let (from, to) = (random.below(front), random.below(front));
-            let shape = plan.order.remove(from);
-            plan.order.insert(to, shape);
+            let shape = placement.order.remove(from);
+            placement.order.insert(to, shape);
         }
         if random.below(4) == 0 {
-            plan.lean = random.below(4) as u32;
+            placement.lean = random.below(4) as u32;
         }
-        plan
+        placement
     }
 }
 

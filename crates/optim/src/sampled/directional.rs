@@ -1,6 +1,6 @@
 //! Curvature along one direction, and the Hessian times a vector.
 
-use super::estimate::{Pattern, Plan, Tuple, norm, stratum};
+use super::estimate::{Estimator, Pattern, Tuple, norm, stratum};
 use super::hessian::{along_axis, second_difference};
 use super::kernel::{GRADIENT_WEIGHT, HESSIAN_WEIGHT, gradient_quantile, hessian_quantile};
 use super::noise::Noise;
@@ -17,7 +17,7 @@ pub(crate) fn set_along(z: &mut [f64], axis: &[f64], at: f64) {
 pub(crate) struct Curvature {
     /// Unit vector in units of sigma.
     pub(crate) axis: Vec<f64>,
-    pub(crate) plan: Plan,
+    pub(crate) estimator: Estimator,
 }
 
 impl Pattern for Curvature {
@@ -26,15 +26,15 @@ impl Pattern for Curvature {
     }
 
     fn groups(&self) -> usize {
-        self.plan.samples
+        self.estimator.samples
     }
 
     fn points(&self) -> usize {
-        along_axis(self.plan.tuple, 0.5).1
+        along_axis(self.estimator.tuple, 0.5).1
     }
 
     fn place(&self, group: usize, noise: &mut Noise, t: &mut [f64]) {
-        let Plan { samples, stratified, tuple, .. } = self.plan;
+        let Estimator { samples, stratified, tuple, .. } = self.estimator;
         let n = self.axis.len();
         let (places, _) = along_axis(tuple, stratum(noise, group, samples, stratified));
         let (first, rest) = t.split_at_mut(n);
@@ -61,7 +61,7 @@ impl Pattern for Curvature {
 pub(crate) struct Product {
     /// Unit vector in units of sigma.
     pub(crate) axis: Vec<f64>,
-    pub(crate) plan: Plan,
+    pub(crate) estimator: Estimator,
 }
 
 impl Product {
@@ -79,11 +79,11 @@ impl Pattern for Product {
     }
 
     fn groups(&self) -> usize {
-        self.plan.samples
+        self.estimator.samples
     }
 
     fn points(&self) -> usize {
-        match self.plan.tuple {
+        match self.estimator.tuple {
             Tuple::Plain => 1,
             Tuple::Antithetic => 2,
             Tuple::Four => 4,
@@ -91,11 +91,11 @@ impl Pattern for Product {
     }
 
     fn centred(&self) -> bool {
-        self.plan.tuple != Tuple::Plain
+        self.estimator.tuple != Tuple::Plain
     }
 
     fn place(&self, group: usize, noise: &mut Noise, t: &mut [f64]) {
-        let Plan { samples, stratified, tuple, .. } = self.plan;
+        let Estimator { samples, stratified, tuple, .. } = self.estimator;
         let n = self.axis.len();
         let u = 2.0 * stratum(noise, group, samples, stratified);
         let s = if u < 1.0 { hessian_quantile(u) } else { gradient_quantile(u - 1.0) };

@@ -214,7 +214,7 @@ impl Totals {
 
 /// How the samples of an estimate are drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Plan {
+pub struct Estimator {
     /// Groups of samples: per parameter (or per entry of the Hessian) for [`Kernel::Coordinates`], in all otherwise.
     pub samples: usize,
     /// Points of a group.
@@ -225,7 +225,7 @@ pub struct Plan {
     pub stratified: bool,
 }
 
-impl Default for Plan {
+impl Default for Estimator {
     fn default() -> Self {
         Self { samples: 2, tuple: Tuple::Antithetic, kernel: Kernel::Coordinates, stratified: true }
     }

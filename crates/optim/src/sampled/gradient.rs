@@ -2,20 +2,20 @@
 
 use std::ops::Range;
 
-use super::estimate::{Kernel, Pattern, Plan, Tuple, stratum};
+use super::estimate::{Estimator, Kernel, Pattern, Tuple, stratum};
 use super::kernel::{GRADIENT_WEIGHT, gradient_magnitude, gradient_quantile};
 use super::noise::Noise;
 
-/// Samples of the gradient; see [`Plan`].
+/// Samples of the gradient; see [`Estimator`].
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Gradient {
     pub(crate) dimension: usize,
-    pub(crate) plan: Plan,
+    pub(crate) estimator: Estimator,
 }
 
 impl Gradient {
     fn size(&self) -> usize {
-        match self.plan.tuple {
+        match self.estimator.tuple {
             Tuple::Plain => 1,
             Tuple::Antithetic => 2,
             Tuple::Four => 4,
@@ -24,8 +24,8 @@ impl Gradient {
 
     /// The coordinate that a group samples by the gradient kernel, and its random number.
     fn pick(&self, group: usize, noise: &mut Noise) -> (usize, f64) {
-        let Plan { samples, stratified, .. } = self.plan;
-        match self.plan.kernel {
+        let Estimator { samples, stratified, .. } = self.estimator;
+        match self.estimator.kernel {
             Kernel::Coordinates => (group / samples, stratum(noise, group % samples, samples, stratified)),
             Kernel::Aggregate | Kernel::Score => {
                 split(stratum(noise, group, samples, stratified), self.dimension)
@@ -35,7 +35,7 @@ impl Gradient {
 
     /// The weights of one point for all coordinates.
     fn weights(&self, t: &[f64], scale: f64, out: &mut [f64]) {
-        let factor = match self.plan.kernel {
+        let factor = match self.estimator.kernel {
             Kernel::Score => scale,
             _ => scale * GRADIENT_WEIGHT * t.len() as f64 / t.iter().map(|t| t.abs()).sum::<f64>(),
         };
@@ -57,9 +57,9 @@ impl Pattern for Gradient {
     }
 
     fn groups(&self) -> usize {
-        match self.plan.kernel {
-            Kernel::Coordinates => self.plan.samples * self.dimension,
-            Kernel::Aggregate | Kernel::Score => self.plan.samples,
+        match self.estimator.kernel {
+            Kernel::Coordinates => self.estimator.samples * self.dimension,
+            Kernel::Aggregate | Kernel::Score => self.estimator.samples,
         }
     }
 
@@ -69,16 +69,16 @@ impl Pattern for Gradient {
 
     fn place(&self, group: usize, noise: &mut Noise, t: &mut [f64]) {
         let (k, xi) = self.pick(group, noise);
-        let score = self.plan.kernel == Kernel::Score;
+        let score = self.estimator.kernel == Kernel::Score;
         let n = self.dimension;
         noise.fill_normal(&mut t[..n]);
-        if self.plan.tuple == Tuple::Plain {
+        if self.estimator.tuple == Tuple::Plain {
             t[k] = if score { t[k] } else { gradient_quantile(xi) };
             return;
         }
         let (first, second) = t.split_at_mut(2 * n);
         if !second.is_empty() {
-            if self.plan.kernel == Kernel::Coordinates {
+            if self.estimator.kernel == Kernel::Coordinates {
                 // The other coordinates mirrored once more: their linear part cancels between the pairs.
                 second[..n].iter_mut().zip(first.iter()).for_each(|(b, a)| *b = -*a);
             } else {
@@ -100,9 +100,9 @@ impl Pattern for Gradient {
     }
 
     fn target(&self, group: usize) -> Range<usize> {
-        match self.plan.kernel {
+        match self.estimator.kernel {
             Kernel::Coordinates => {
-                let k = group / self.plan.samples;
+                let k = group / self.estimator.samples;
                 k..k + 1
             }
             Kernel::Aggregate | Kernel::Score => 0..self.dimension,
@@ -111,8 +111,8 @@ impl Pattern for Gradient {
 
     fn weigh(&self, group: usize, t: &[f64], values: &[f64], out: &mut [f64]) {
         let share = 1.0 / values.len() as f64;
-        if self.plan.kernel == Kernel::Coordinates {
-            let k = group / self.plan.samples;
+        if self.estimator.kernel == Kernel::Coordinates {
+            let k = group / self.estimator.samples;
             for (t, v) in t.chunks_exact(self.dimension).zip(values) {
                 out[0] += share * GRADIENT_WEIGHT * v * t[k].signum();
             }

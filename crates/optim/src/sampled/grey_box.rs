@@ -7,7 +7,7 @@
 //!   wrong by its own size.
 
 use super::error::SampledError;
-use super::estimate::{Estimate, Plan};
+use super::estimate::{Estimate, Estimator};
 use super::objective::{GROUP, Objective, Place, check_scales};
 use crate::OptimError;
 
@@ -94,12 +94,12 @@ impl<O: Objective, G: WhiteBox> GreyBox<O, G> {
     fn with_gradient(
         &mut self,
         at: Place<'_>,
-        plan: Plan,
+        estimator: Estimator,
         estimate: impl FnOnce(&mut O, Place<'_>) -> Result<Estimate, SampledError<O::Error>>,
     ) -> Result<(Estimate, Estimate), SampledError<O::Error>> {
         let y = self.image(at.theta)?;
         let place = Place { theta: &y, ..at };
-        let first = self.outer.gradient(place, plan)?;
+        let first = self.outer.gradient(place, estimator)?;
         let mut second = estimate(&mut self.outer, place)?;
         second.evaluations += first.evaluations;
         second.informative |= first.informative;
@@ -118,9 +118,9 @@ impl<O: Objective, G: WhiteBox> Objective for GreyBox<O, G> {
         self.outer.evaluations()
     }
 
-    fn gradient(&mut self, at: Place<'_>, plan: Plan) -> Result<Estimate, SampledError<O::Error>> {
+    fn gradient(&mut self, at: Place<'_>, estimator: Estimator) -> Result<Estimate, SampledError<O::Error>> {
         let y = self.image(at.theta)?;
-        let outer = self.outer.gradient(Place { theta: &y, ..at }, plan)?;
+        let outer = self.outer.gradient(Place { theta: &y, ..at }, estimator)?;
         let value = self.vjp(at.theta, &outer.value);
         let variance = self.variance(at.theta, &outer.variance);
         Ok(Estimate { value, variance, ..outer })
@@ -131,21 +131,21 @@ impl<O: Objective, G: WhiteBox> Objective for GreyBox<O, G> {
         &mut self,
         at: Place<'_>,
         direction: &[f64],
-        plan: Plan,
+        estimator: Estimator,
     ) -> Result<Estimate, SampledError<O::Error>> {
         OptimError::length(GROUP, "direction", direction.len(), self.inner.inputs())?;
         let along = self.jvp(at.theta, direction);
         let (first, mut second) =
-            self.with_gradient(at, plan, |outer, at| outer.curvature(at, &along, plan))?;
+            self.with_gradient(at, estimator, |outer, at| outer.curvature(at, &along, estimator))?;
         let bent = self.second(at.theta, &first.value, direction);
         second.value[0] += bent.iter().zip(direction).map(|(a, b)| a * b).sum::<f64>();
         Ok(second)
     }
 
     /// `J^T H_y J + sum_k d_k f Hess g_k`, column by column; the variances are unknown (NaN).
-    fn hessian(&mut self, at: Place<'_>, plan: Plan) -> Result<Estimate, SampledError<O::Error>> {
+    fn hessian(&mut self, at: Place<'_>, estimator: Estimator) -> Result<Estimate, SampledError<O::Error>> {
         let (n, m) = (self.inner.inputs(), self.inner.outputs());
-        let (first, outer) = self.with_gradient(at, plan, |outer, at| outer.hessian(at, plan))?;
+        let (first, outer) = self.with_gradient(at, estimator, |outer, at| outer.hessian(at, estimator))?;
         let mut value = vec![0.0; n * n];
         let mut unit = vec![0.0; n];
         for j in 0..n {
@@ -169,12 +169,12 @@ impl<O: Objective, G: WhiteBox> Objective for GreyBox<O, G> {
         &mut self,
         at: Place<'_>,
         vector: &[f64],
-        plan: Plan,
+        estimator: Estimator,
     ) -> Result<Estimate, SampledError<O::Error>> {
         OptimError::length(GROUP, "direction", vector.len(), self.inner.inputs())?;
         let along = self.jvp(at.theta, vector);
         let (first, outer) =
-            self.with_gradient(at, plan, |outer, at| outer.hessian_product(at, &along, plan))?;
+            self.with_gradient(at, estimator, |outer, at| outer.hessian_product(at, &along, estimator))?;
         let mut value = self.vjp(at.theta, &outer.value);
         let bent = self.second(at.theta, &first.value, vector);
         value.iter_mut().zip(bent).for_each(|(a, b)| *a += b);

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::estimate::{Kernel, Pattern, Plan, Tuple, stratum};
+use super::estimate::{Estimator, Kernel, Pattern, Tuple, stratum};
 use super::gradient::split;
 use super::kernel::{
     GRADIENT_WEIGHT, HESSIAN_WEIGHT, OFF_DIAGONAL_WEIGHT, gradient_magnitude, gradient_quantile,
@@ -16,7 +16,7 @@ pub(crate) struct Entries {
     pub(crate) dimension: usize,
     /// Row and column of each.
     pub(crate) list: Vec<[usize; 2]>,
-    pub(crate) plan: Plan,
+    pub(crate) estimator: Estimator,
 }
 
 /// Points of a group for one entry.
@@ -65,15 +65,15 @@ impl Pattern for Entries {
     }
 
     fn groups(&self) -> usize {
-        self.list.len() * self.plan.samples
+        self.list.len() * self.estimator.samples
     }
 
     fn points(&self) -> usize {
-        size(self.plan.tuple)
+        size(self.estimator.tuple)
     }
 
     fn place(&self, group: usize, noise: &mut Noise, t: &mut [f64]) {
-        let Plan { samples, stratified, tuple, .. } = self.plan;
+        let Estimator { samples, stratified, tuple, .. } = self.estimator;
         let [i, j] = self.list[group / samples];
         let n = self.dimension;
         let xi = stratum(noise, group % samples, samples, stratified);
@@ -98,12 +98,12 @@ impl Pattern for Entries {
     }
 
     fn target(&self, group: usize) -> Range<usize> {
-        let entry = group / self.plan.samples;
+        let entry = group / self.estimator.samples;
         entry..entry + 1
     }
 
     fn weigh(&self, group: usize, t: &[f64], values: &[f64], out: &mut [f64]) {
-        let [i, j] = self.list[group / self.plan.samples];
+        let [i, j] = self.list[group / self.estimator.samples];
         if i == j {
             let mut places = [0.0; 4];
             places.iter_mut().zip(t.chunks_exact(self.dimension)).for_each(|(p, t)| *p = t[i]);
@@ -122,14 +122,14 @@ impl Pattern for Entries {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Aggregate {
     pub(crate) dimension: usize,
-    pub(crate) plan: Plan,
+    pub(crate) estimator: Estimator,
 }
 
 impl Aggregate {
     /// `weight` times the kernels of all entries over the mixture's density, in units of the normal density.
     fn weights(&self, t: &[f64], weight: f64, out: &mut [f64]) {
         let n = self.dimension;
-        let density = match self.plan.kernel {
+        let density = match self.estimator.kernel {
             Kernel::Score => 1.0,
             _ => mixture(t),
         };
@@ -159,20 +159,20 @@ impl Pattern for Aggregate {
     }
 
     fn groups(&self) -> usize {
-        self.plan.samples
+        self.estimator.samples
     }
 
     fn points(&self) -> usize {
-        size(self.plan.tuple)
+        size(self.estimator.tuple)
     }
 
     fn centred(&self) -> bool {
-        self.plan.tuple != Tuple::Plain
+        self.estimator.tuple != Tuple::Plain
     }
 
     fn place(&self, group: usize, noise: &mut Noise, t: &mut [f64]) {
         let n = self.dimension;
-        let Plan { samples, stratified, tuple, kernel } = self.plan;
+        let Estimator { samples, stratified, tuple, kernel } = self.estimator;
         let (entry, xi) = split(stratum(noise, group, samples, stratified), n * n);
         let (i, j) = (entry / n, entry % n);
         let other = noise.uniform();

@@ -7,7 +7,7 @@
 //! [`minimize`] uses them.
 //!
 //! What makes the estimates usable is what cancels: values are taken in groups ([`Tuple`]) that see the same noise, so
-//! that constant parts (and linear ones, for Hessians) leave no trace. See [`Plan`].
+//! that constant parts (and linear ones, for Hessians) leave no trace. See [`Estimator`].
 //!
 //! - A loss smoothed as it is: [`SmoothedLoss`]. A loss of an image, with the loss or the image smoothed:
 //!   [`RenderedLoss`]. A black box behind a function with known derivatives: [`GreyBox`].
@@ -41,7 +41,7 @@ mod objective;
 
 pub use black_box::{Batch, BlackBox, Parallel, Serial, parallel, serial};
 pub use error::SampledError;
-pub use estimate::{Estimate, Kernel, Plan, Tuple};
+pub use estimate::{Estimate, Estimator, Kernel, Tuple};
 pub use grey_box::{GreyBox, WhiteBox};
 pub use image::{ImageLoss, RenderedLoss, Renderer, Smoothing, SquaredError};
 pub use minimize::{

@@ -3,7 +3,7 @@
 use super::black_box::BlackBox;
 use super::directional::{Curvature, Product, axis};
 use super::error::SampledError;
-use super::estimate::{Estimate, Evaluator, Kernel, Pattern, Plan};
+use super::estimate::{Estimate, Estimator, Evaluator, Kernel, Pattern};
 use super::gradient::Gradient;
 use super::hessian::{Aggregate, Entries};
 use crate::OptimError;
@@ -39,7 +39,11 @@ pub trait Objective {
     ///
     /// # Errors
     /// [`SampledError`]: a failed evaluation, a value that is not finite, a wrong length, a setting out of range.
-    fn gradient(&mut self, at: Place<'_>, plan: Plan) -> Result<Estimate, SampledError<Self::Error>>;
+    fn gradient(
+        &mut self,
+        at: Place<'_>,
+        estimator: Estimator,
+    ) -> Result<Estimate, SampledError<Self::Error>>;
 
     /// `d^T H d` for one direction `d` of the parameters.
     ///
@@ -49,14 +53,15 @@ pub trait Objective {
         &mut self,
         at: Place<'_>,
         direction: &[f64],
-        plan: Plan,
+        estimator: Estimator,
     ) -> Result<Estimate, SampledError<Self::Error>>;
 
     /// The Hessian, `n x n` row by row, symmetric.
     ///
     /// # Errors
     /// As [`Self::gradient`].
-    fn hessian(&mut self, at: Place<'_>, plan: Plan) -> Result<Estimate, SampledError<Self::Error>>;
+    fn hessian(&mut self, at: Place<'_>, estimator: Estimator)
+    -> Result<Estimate, SampledError<Self::Error>>;
 
     /// `H v` by the direct kernel.
     ///
@@ -66,7 +71,7 @@ pub trait Objective {
         &mut self,
         at: Place<'_>,
         vector: &[f64],
-        plan: Plan,
+        estimator: Estimator,
     ) -> Result<Estimate, SampledError<Self::Error>>;
 
     /// `H v` as the central difference of two gradients with common random numbers, `step` (in sigmas) to either side.
@@ -80,7 +85,7 @@ pub trait Objective {
         at: Place<'_>,
         vector: &[f64],
         step: f64,
-        plan: Plan,
+        estimator: Estimator,
     ) -> Result<Estimate, SampledError<Self::Error>> {
         let n = self.scales().len();
         OptimError::length(GROUP, "direction", vector.len(), n)?;
@@ -91,7 +96,7 @@ pub trait Objective {
         let h = step * at.sigma / length;
         let mut shifted = |sign: f64| {
             let theta: Vec<f64> = at.theta.iter().zip(vector).map(|(x, v)| x + sign * h * v).collect();
-            self.gradient(Place { theta: &theta, ..at }, plan)
+            self.gradient(Place { theta: &theta, ..at }, estimator)
         };
         let (plus, minus) = (shifted(1.0)?, shifted(-1.0)?);
         let pairs = |a: &[f64], b: &[f64], f: fn(f64, f64) -> f64, s: f64| -> Vec<f64> {
@@ -139,12 +144,12 @@ pub(crate) fn rescale(mut estimate: Estimate, factor: impl Fn(usize) -> f64) -> 
 /// For a loss of an image this is `E[L(R)]`; smoothing the image instead gives `L(E[R])`.
 ///
 /// ```
-/// use photofit_optim::sampled::{Objective, Place, Plan, SmoothedLoss, serial};
+/// use photofit_optim::sampled::{Objective, Place, Estimator, SmoothedLoss, serial};
 /// // A step: no derivative exists, that of the smoothed step does.
 /// let step = serial(|x: &[f64], _seed| Ok::<_, std::convert::Infallible>(f64::from(u8::from(x[0] > 0.0))));
 /// let mut objective = SmoothedLoss::new(step, 1)?;
-/// let plan = Plan { samples: 10_000, ..Plan::default() };
-/// let gradient = objective.gradient(Place { theta: &[0.4], sigma: 0.7, seed: 1 }, plan)?;
+/// let estimator = Estimator { samples: 10_000, ..Estimator::default() };
+/// let gradient = objective.gradient(Place { theta: &[0.4], sigma: 0.7, seed: 1 }, estimator)?;
 /// // The normal density at 0.4 / 0.7, over 0.7.
 /// assert!((gradient.value[0] - 0.4839).abs() < 0.001);
 /// # Ok::<(), photofit_optim::sampled::SampledError<std::convert::Infallible>>(())
@@ -193,10 +198,10 @@ impl<B: BlackBox> SmoothedLoss<B> {
     pub fn hessian_diagonal(
         &mut self,
         at: Place<'_>,
-        plan: Plan,
+        estimator: Estimator,
     ) -> Result<Estimate, SampledError<B::Error>> {
         let list = (0..self.scales.len()).map(|i| [i, i]).collect();
-        self.entries(at, list, plan)
+        self.entries(at, list, estimator)
     }
 
     /// One entry of the Hessian.
@@ -208,23 +213,23 @@ impl<B: BlackBox> SmoothedLoss<B> {
         at: Place<'_>,
         row: usize,
         column: usize,
-        plan: Plan,
+        estimator: Estimator,
     ) -> Result<Estimate, SampledError<B::Error>> {
         let n = self.scales.len();
         for i in [row, column] {
             OptimError::setting(GROUP, "row or column", i as f64, "below the number of parameters", i < n)?;
         }
-        self.entries(at, vec![[row, column]], plan)
+        self.entries(at, vec![[row, column]], estimator)
     }
 
     fn entries(
         &mut self,
         at: Place<'_>,
         list: Vec<[usize; 2]>,
-        plan: Plan,
+        estimator: Estimator,
     ) -> Result<Estimate, SampledError<B::Error>> {
-        let pattern = Entries { dimension: self.scales.len(), list, plan };
-        let (estimate, sigma) = self.run(at, plan, &pattern)?;
+        let pattern = Entries { dimension: self.scales.len(), list, estimator };
+        let (estimate, sigma) = self.run(at, estimator, &pattern)?;
         Ok(rescale(estimate, |e| {
             let [i, j] = pattern.list[e];
             1.0 / (sigma[i] * sigma[j])
@@ -234,10 +239,10 @@ impl<B: BlackBox> SmoothedLoss<B> {
     fn run(
         &mut self,
         at: Place<'_>,
-        plan: Plan,
+        estimator: Estimator,
         pattern: &impl Pattern,
     ) -> Result<(Estimate, Vec<f64>), SampledError<B::Error>> {
-        let sigma = check(at, &self.scales, plan)?;
+        let sigma = check(at, &self.scales, estimator)?;
         Ok((self.evaluator.estimate(at.theta, &sigma, at.seed, pattern)?, sigma))
     }
 }
@@ -248,10 +253,10 @@ pub(crate) fn check_scales(scales: &[f64]) -> Result<(), OptimError> {
 }
 
 /// Checks what an estimate is asked for; the standard deviation of each parameter.
-pub(crate) fn check(at: Place<'_>, scales: &[f64], plan: Plan) -> Result<Vec<f64>, OptimError> {
+pub(crate) fn check(at: Place<'_>, scales: &[f64], estimator: Estimator) -> Result<Vec<f64>, OptimError> {
     OptimError::length(GROUP, "theta", at.theta.len(), scales.len())?;
     positive("sigma", at.sigma)?;
-    let samples = plan.samples as f64;
+    let samples = estimator.samples as f64;
     OptimError::setting(GROUP, "samples", samples, "in 1..=2^40", (1.0..=1.1e12).contains(&samples))?;
     if let Some(x) = at.theta.iter().find(|x| !x.is_finite()) {
         OptimError::setting(GROUP, "parameter", *x, "finite", false)?;
@@ -275,9 +280,9 @@ impl<B: BlackBox> Objective for SmoothedLoss<B> {
         self.evaluator.evaluations
     }
 
-    fn gradient(&mut self, at: Place<'_>, plan: Plan) -> Result<Estimate, SampledError<B::Error>> {
-        let pattern = Gradient { dimension: self.scales.len(), plan };
-        let (estimate, sigma) = self.run(at, plan, &pattern)?;
+    fn gradient(&mut self, at: Place<'_>, estimator: Estimator) -> Result<Estimate, SampledError<B::Error>> {
+        let pattern = Gradient { dimension: self.scales.len(), estimator };
+        let (estimate, sigma) = self.run(at, estimator, &pattern)?;
         Ok(rescale(estimate, |i| 1.0 / sigma[i]))
     }
 
@@ -285,22 +290,22 @@ impl<B: BlackBox> Objective for SmoothedLoss<B> {
         &mut self,
         at: Place<'_>,
         direction: &[f64],
-        plan: Plan,
+        estimator: Estimator,
     ) -> Result<Estimate, SampledError<B::Error>> {
-        let sigma = check(at, &self.scales, plan)?;
+        let sigma = check(at, &self.scales, estimator)?;
         OptimError::length(GROUP, "direction", direction.len(), sigma.len())?;
         let Some((axis, length)) = axis(direction, &sigma) else { return Ok(zero(1)) };
-        let estimate = self.evaluator.estimate(at.theta, &sigma, at.seed, &Curvature { axis, plan })?;
+        let estimate = self.evaluator.estimate(at.theta, &sigma, at.seed, &Curvature { axis, estimator })?;
         Ok(rescale(estimate, |_| length * length))
     }
 
-    fn hessian(&mut self, at: Place<'_>, plan: Plan) -> Result<Estimate, SampledError<B::Error>> {
+    fn hessian(&mut self, at: Place<'_>, estimator: Estimator) -> Result<Estimate, SampledError<B::Error>> {
         let n = self.scales.len();
-        if plan.kernel != Kernel::Coordinates {
-            let (estimate, sigma) = self.run(at, plan, &Aggregate { dimension: n, plan })?;
+        if estimator.kernel != Kernel::Coordinates {
+            let (estimate, sigma) = self.run(at, estimator, &Aggregate { dimension: n, estimator })?;
             return Ok(rescale(estimate, |e| 1.0 / (sigma[e / n] * sigma[e % n])));
         }
-        let lower = self.entries(at, triangle(n).collect(), plan)?;
+        let lower = self.entries(at, triangle(n).collect(), estimator)?;
         let mut full = Estimate { value: vec![0.0; n * n], variance: vec![0.0; n * n], ..lower };
         for (e, [i, j]) in triangle(n).enumerate() {
             for at in [i * n + j, j * n + i] {
@@ -314,16 +319,16 @@ impl<B: BlackBox> Objective for SmoothedLoss<B> {
         &mut self,
         at: Place<'_>,
         vector: &[f64],
-        plan: Plan,
+        estimator: Estimator,
     ) -> Result<Estimate, SampledError<B::Error>> {
-        let sigma = check(at, &self.scales, plan)?;
+        let sigma = check(at, &self.scales, estimator)?;
         OptimError::length(GROUP, "direction", vector.len(), sigma.len())?;
         // H v = (1/sigma) H_t (v/sigma), with H_t in units of sigma.
         let whitened: Vec<f64> = vector.iter().zip(&sigma).map(|(v, s)| v / s).collect();
         let Some((axis, length)) = axis(&whitened, &vec![1.0; sigma.len()]) else {
             return Ok(zero(sigma.len()));
         };
-        let estimate = self.evaluator.estimate(at.theta, &sigma, at.seed, &Product { axis, plan })?;
+        let estimate = self.evaluator.estimate(at.theta, &sigma, at.seed, &Product { axis, estimator })?;
         Ok(rescale(estimate, |i| length / sigma[i]))
     }
 }

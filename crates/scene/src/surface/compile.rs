@@ -28,12 +28,12 @@ struct Want {
 
 /// The textures that materials ask for.
 #[derive(Debug, Default)]
-pub(super) struct Plan {
+pub(super) struct Wanted {
     textures: Vec<Want>,
     known: HashMap<(usize, Encoding), usize>,
 }
 
-impl Plan {
+impl Wanted {
     /// Index of the texture; one with more levels serves who needs fewer.
     fn texture(&mut self, want: Want) -> usize {
         let i = *self.known.entry((want.image, want.encoding)).or_insert_with(|| {
@@ -57,14 +57,15 @@ impl Plan {
     }
 }
 
-pub(super) fn compile(scene: &Scene, m: &Material, occlusion: bool, plan: &mut Plan) -> Compiled {
+pub(super) fn compile(scene: &Scene, m: &Material, occlusion: bool, wanted: &mut Wanted) -> Compiled {
     let mut addresses: Vec<Address> = Vec::new();
     let weighted = m.alpha_mode != AlphaMode::Opaque;
     let mut slot = |slot: &Option<TextureSlot>, srgb: bool, weighted: bool| {
         slot.as_ref().map(|s| {
             let image = &scene.images[s.image];
             let mips = s.sampler.filter == Filter::Trilinear;
-            let texture = plan.texture(Want { image: s.image, encoding: Encoding { srgb, weighted }, mips });
+            let texture =
+                wanted.texture(Want { image: s.image, encoding: Encoding { srgb, weighted }, mips });
             let identity = s.transform == [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
             let layout = if mips { MipLayout::full } else { MipLayout::base };
             let address = Address {

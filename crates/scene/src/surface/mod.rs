@@ -12,7 +12,7 @@ pub use extensions::ExtensionSample;
 
 use crate::{AlphaMode, Scene};
 use address::Address;
-use compile::{Plan, compile};
+use compile::{Wanted, compile};
 use extensions::CompiledExtensions;
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec3};
 use photofit_shading::Sides;
@@ -122,9 +122,9 @@ impl SurfaceLibrary {
     }
 
     fn compiled(scene: &Scene, occlusion: bool) -> Self {
-        let mut plan = Plan::default();
-        let materials = scene.materials.iter().map(|m| compile(scene, m, occlusion, &mut plan)).collect();
-        Self { textures: plan.build(scene), materials }
+        let mut wanted = Wanted::default();
+        let materials = scene.materials.iter().map(|m| compile(scene, m, occlusion, &mut wanted)).collect();
+        Self { textures: wanted.build(scene), materials }
     }
 
     /// Index of a texture of a material, for [`Self::set_texels`]; `None` where the map is not read. Maps that name one

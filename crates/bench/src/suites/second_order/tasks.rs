@@ -1,13 +1,13 @@
 //! The tasks of Wang et al. (2025) that need no renderer: quadratic, Gaussian well, squares that move in an image.
 
-use photofit_optim::sampled::{Batch, Kernel, Plan, Settings, Tuple};
+use photofit_optim::sampled::{Batch, Estimator, Kernel, Settings, Tuple};
 use photofit_sampling::Rng;
 use rayon::prelude::*;
 
 /// One antithetic pair, or one 4-tuple, for each parameter.
-pub(super) const PAIR: Plan =
-    Plan { samples: 1, tuple: Tuple::Antithetic, kernel: Kernel::Coordinates, stratified: true };
-pub(super) const FOUR: Plan = Plan { tuple: Tuple::Four, ..PAIR };
+pub(super) const PAIR: Estimator =
+    Estimator { samples: 1, tuple: Tuple::Antithetic, kernel: Kernel::Coordinates, stratified: true };
+pub(super) const FOUR: Estimator = Estimator { tuple: Tuple::Four, ..PAIR };
 
 /// A function of the parameters; the seed is the renderer's.
 pub(super) type Function = Box<dyn Fn(&[f64], u64) -> f64 + Sync>;
@@ -23,7 +23,7 @@ pub(super) struct Task {
     pub(super) sigma: [f64; 2],
     /// Adam: learning rate, iterations of the annealing, samples.
     pub(super) rate: f64,
-    pub(super) adam: (usize, Plan),
+    pub(super) adam: (usize, Estimator),
     /// Whether one value takes long enough to be worth a thread.
     pub(super) parallel: bool,
     /// Evaluations after which a method has failed.

@@ -1,5 +1,5 @@
 //! A surface that is fitted on a device: pictures, gradients and moves stay there, one submission a step; losses, values
-//! and states are read when the trainer looks.
+//! and states are read when the trainer evaluates.
 //!
 //! It does what [`Surface`] does in main memory, operation by operation. Gradients are sums that do not depend on the order
 //! of their terms: the same fit gives the same bits on the same device. Pictures of the reference come from the CPU.
@@ -18,7 +18,7 @@ use photofit_optim::OptimError;
 use photofit_optim::gpu::{DeviceOptimizer, LargeStepsSolver};
 use photofit_raster::CHANNELS;
 use photofit_raster::loss::Loss;
-use recorded::{COURSE, Look, Step};
+use recorded::{COURSE, Forward, Step};
 use resident::Resident;
 use stage::{Room, Skies, Stage};
 use std::borrow::Cow;
@@ -37,7 +37,7 @@ pub struct GpuSurface {
     skies: Skies,
     stage: Option<Stage>,
     step: Option<Step>,
-    look: Option<Look>,
+    forward: Option<Forward>,
     /// Builds the mip chain of the maps.
     rebuild: Recording,
     keep: Recording,
@@ -96,7 +96,7 @@ impl GpuSurface {
             optimizers,
             stage: None,
             step: None,
-            look: None,
+            forward: None,
             rebuild,
             keep,
             pending: 0,
@@ -111,13 +111,13 @@ impl GpuSurface {
         let room = Room::of(shots);
         let before = self.stage.as_ref().map(|s| s.room).unwrap_or_default();
         if self.stage.is_none() || before.and(room) != before || self.places() < shots.len() {
-            (self.stage, self.step, self.look) = (None, None, None);
+            (self.stage, self.step, self.forward) = (None, None, None);
             let pictures = shots.len().max(self.places());
             let room = before.and(room);
             self.stage = Some(Stage::new(&self.gpu, &self.on, room, &self.surface.passes, pictures)?);
         }
         if self.skies.add(&self.gpu, shots)? {
-            (self.step, self.look) = (None, None);
+            (self.step, self.forward) = (None, None);
         }
         Ok(())
     }
@@ -227,13 +227,13 @@ impl Model for GpuSurface {
         self.prepare(shots)?;
         let Some(stage) = &self.stage else { return Ok(Vec::new()) };
         let room = Room::of(shots);
-        if !self.look.as_ref().is_some_and(|l| l.serves(room)) {
+        if !self.forward.as_ref().is_some_and(|l| l.serves(room)) {
             let passes = &self.surface.passes;
-            self.look = Some(Look::new(&self.gpu, &self.on, (stage, &self.skies), room, passes)?);
+            self.forward = Some(Forward::new(&self.gpu, &self.on, (stage, &self.skies), room, passes)?);
         }
-        let Some(look) = &mut self.look else { return Ok(Vec::new()) };
+        let Some(forward) = &mut self.forward else { return Ok(Vec::new()) };
         let with = (&self.on, stage, &self.skies);
-        Ok(shots.iter().map(|s| look.run(&self.gpu, with, s)).collect::<Result<_, _>>()?)
+        Ok(shots.iter().map(|s| forward.run(&self.gpu, with, s)).collect::<Result<_, _>>()?)
     }
 
     fn values(&self, group: usize) -> Result<Cow<'_, [f32]>, Broken> {

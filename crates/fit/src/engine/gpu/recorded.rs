@@ -137,7 +137,7 @@ impl Step {
 
 /// A picture without gradients.
 #[derive(Debug)]
-pub(super) struct Look {
+pub(super) struct Forward {
     recording: Recording,
     room: Room,
     passes: Passes,
@@ -145,7 +145,7 @@ pub(super) struct Look {
     drawn: Drawn,
 }
 
-impl Look {
+impl Forward {
     pub(super) fn new(
         gpu: &Gpu,
         on: &Resident,
@@ -153,7 +153,7 @@ impl Look {
         room: Room,
         passes: &Passes,
     ) -> Result<Self, GpuError> {
-        let mut r = gpu.record("look");
+        let mut r = gpu.record("forward");
         let triangles = on.mesh.triangles();
         let mut shading = MapShading::new(gpu, on.maps.clone(), skies.tables.clone(), triangles, passes)?;
         on.record_vertices(&mut r)?;

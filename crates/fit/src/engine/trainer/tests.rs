@@ -3,7 +3,7 @@
 use super::*;
 use crate::engine::cpu::{Chain, Cpu};
 use crate::engine::reference::Picture;
-use crate::engine::views::{Lighting, Orbit, Pose, Setup, Sphere};
+use crate::engine::views::{Lighting, Moment, Orbit, Setup, Sphere};
 use crate::{Silent, bake};
 use photofit_image::Image;
 use photofit_optim::{Optimizer, Temporal};
@@ -29,11 +29,11 @@ impl Reference for Greys {
         )))
     }
 
-    fn bounds(&self, _: Pose) -> Sphere {
+    fn bounds(&self, _: Moment) -> Sphere {
         Sphere::UNIT
     }
 
-    fn surface(&self, _: Pose) -> Option<&bake::Reference<'_>> {
+    fn surface(&self, _: Moment) -> Option<&bake::Reference<'_>> {
         None
     }
 }
@@ -192,8 +192,8 @@ fn fit(model: Pixels, keeping: &Keeping, progress: &dyn Progress) -> Result<Trai
 /// What a fit gives, without times.
 fn result(t: &Trained<Pixels>) -> (Vec<u32>, Vec<(u64, u64, u64)>, u64) {
     let bits = t.model.groups.iter().flatten().map(|x| x.to_bits()).collect();
-    let looks = t.history.iter().map(|h| (h.step, h.loss.to_bits(), h.quality.to_bits())).collect();
-    (bits, looks, t.steps)
+    let evaluations = t.history.iter().map(|h| (h.step, h.loss.to_bits(), h.quality.to_bits())).collect();
+    (bits, evaluations, t.steps)
 }
 
 fn keeping(folder: &Path, resume: bool) -> Keeping {
@@ -240,7 +240,7 @@ fn a_stopped_fit_gives_its_latest_state_where_that_is_best() {
     let t = fit(Pixels::new(), &Keeping::default(), &progress).unwrap();
     assert!(t.stopped && t.steps == 30);
     let last = t.history.last().unwrap();
-    assert_eq!(last.step, 30, "it was looked at where it stopped");
+    assert_eq!(last.step, 30, "it was evaluated where it stopped");
     assert!(last.quality > t.history[t.history.len() - 2].quality);
 }
 

@@ -135,7 +135,7 @@ fn the_last_of_four_views_is_held_out() {
     let b = fit(&targets);
     let losses = |r: &RecoveredScene| r.history.iter().map(|h| h.loss.to_bits()).collect::<Vec<_>>();
     assert_eq!(losses(&a), losses(&b), "no loss sees it");
-    assert_ne!(a.history[0].quality.to_bits(), b.history[0].quality.to_bits(), "the looks see it");
+    assert_ne!(a.history[0].quality.to_bits(), b.history[0].quality.to_bits(), "the evaluations see it");
     targets[1].data.iter_mut().for_each(|v| *v *= 1.01);
     assert_ne!(losses(&a), losses(&fit(&targets)), "the losses see the others");
 }

@@ -21,7 +21,7 @@ const STEPS: u64 = 56;
 
 fn small() -> Traced {
     let mut model = hall_model(2);
-    (model.options.spp, model.gradient_spp, model.look_spp) = (1, 1, 2);
+    (model.options.spp, model.gradient_spp, model.evaluation_spp) = (1, 1, 2);
     model.smoothing = Smoothing::Bilateral;
     for (k, start) in [0.4, 0.5, 0.6, 1.5, 0.5].into_iter().enumerate() {
         model.replace(k, &vec![start; model.of(k).len()]).expect("valid");
@@ -35,15 +35,15 @@ fn fit(targets: &[Image], folder: Option<&Path>, progress: &dyn Progress) -> Rec
     recover_scene(small(), targets, &options, progress).expect("fits")
 }
 
-/// Step, bits of the loss and of the quality of a look.
-type Look = (u64, u64, u64);
+/// Step, bits of the loss and of the quality of an evaluation.
+type Evaluation = (u64, u64, u64);
 
-/// Values and pictures of what was found, and the looks, without times.
-fn result(r: &RecoveredScene) -> (Vec<u32>, Vec<u32>, Vec<Look>) {
+/// Values and pictures of what was found, and the evaluations, without times.
+fn result(r: &RecoveredScene) -> (Vec<u32>, Vec<u32>, Vec<Evaluation>) {
     let values = (0..r.model.parameters.len()).flat_map(|k| r.model.of(k)).map(|v| v.to_bits()).collect();
     let picture = r.model.picture(1, 4, 5).expect("rendered");
-    let looks = r.history.iter().map(|h| (h.step, h.loss.to_bits(), h.quality.to_bits())).collect();
-    (values, picture.data.iter().map(|v| v.to_bits()).collect(), looks)
+    let evaluations = r.history.iter().map(|h| (h.step, h.loss.to_bits(), h.quality.to_bits())).collect();
+    (values, picture.data.iter().map(|v| v.to_bits()).collect(), evaluations)
 }
 
 #[test]

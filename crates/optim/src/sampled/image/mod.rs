@@ -7,7 +7,7 @@
 use super::black_box::{Batch, BlackBox};
 use super::directional::axis;
 use super::error::SampledError;
-use super::estimate::{Estimate, Plan};
+use super::estimate::{Estimate, Estimator};
 use super::kernel::GRADIENT_WEIGHT;
 use super::objective::{GROUP, Objective, Place, SmoothedLoss, check, check_scales};
 use crate::OptimError;
@@ -205,8 +205,11 @@ impl<R: Renderer, L: ImageLoss> RenderedLoss<R, L> {
         draw: &Draw<'_>,
         mut see: impl FnMut(&[f64], &L),
     ) -> Result<(), SampledError<R::Error>> {
-        let sigma =
-            check(at, self.smoothed.scales(), Plan { samples: draw.samples.max(1), ..Plan::default() })?;
+        let sigma = check(
+            at,
+            self.smoothed.scales(),
+            Estimator { samples: draw.samples.max(1), ..Estimator::default() },
+        )?;
         let before = self.evaluations();
         let black_box = self.smoothed.black_box_mut();
         let len = black_box.renderer.image_len();
@@ -283,28 +286,28 @@ impl<R: Renderer, L: ImageLoss> Objective for RenderedLoss<R, L> {
         self.smoothed.evaluations() + self.pictures
     }
 
-    fn gradient(&mut self, at: Place<'_>, plan: Plan) -> Result<Estimate, SampledError<R::Error>> {
+    fn gradient(&mut self, at: Place<'_>, estimator: Estimator) -> Result<Estimate, SampledError<R::Error>> {
         let before = self.evaluations();
         self.around(at, |this, mean| {
-            let estimate = this.smoothed.gradient(at, plan)?;
+            let estimate = this.smoothed.gradient(at, estimator)?;
             Ok(this.complete(estimate, mean, before))
         })
     }
 
     /// For smoothed images the sum of the linearised loss's curvature and of the Gauss-Newton term, the latter from
-    /// `2 * plan.samples` antithetic pairs of pictures. The variance is the former's.
+    /// `2 * estimator.samples` antithetic pairs of pictures. The variance is the former's.
     fn curvature(
         &mut self,
         at: Place<'_>,
         direction: &[f64],
-        plan: Plan,
+        estimator: Estimator,
     ) -> Result<Estimate, SampledError<R::Error>> {
         let before = self.evaluations();
-        let sigma = check(at, self.smoothed.scales(), plan)?;
+        let sigma = check(at, self.smoothed.scales(), estimator)?;
         self.around(at, |this, mean| {
-            let mut estimate = this.smoothed.curvature(at, direction, plan)?;
+            let mut estimate = this.smoothed.curvature(at, direction, estimator)?;
             if let (Some(mean), Some((axis, length))) = (mean, axis(direction, &sigma)) {
-                let square = this.gauss_newton(at, mean, [&axis, &axis], 2 * plan.samples)?;
+                let square = this.gauss_newton(at, mean, [&axis, &axis], 2 * estimator.samples)?;
                 estimate.value[0] += length * length * square;
                 estimate.informative |= square != 0.0;
             }
@@ -313,18 +316,18 @@ impl<R: Renderer, L: ImageLoss> Objective for RenderedLoss<R, L> {
     }
 
     /// For smoothed images: as [`Self::curvature`], with one pair of slopes for each parameter.
-    fn hessian(&mut self, at: Place<'_>, plan: Plan) -> Result<Estimate, SampledError<R::Error>> {
+    fn hessian(&mut self, at: Place<'_>, estimator: Estimator) -> Result<Estimate, SampledError<R::Error>> {
         let before = self.evaluations();
-        let sigma = check(at, self.smoothed.scales(), plan)?;
+        let sigma = check(at, self.smoothed.scales(), estimator)?;
         self.around(at, |this, mean| {
-            let mut estimate = this.smoothed.hessian(at, plan)?;
+            let mut estimate = this.smoothed.hessian(at, estimator)?;
             let Some(mean) = mean else { return Ok(this.complete(estimate, None, before)) };
             let n = sigma.len();
             let mut slopes = [Vec::with_capacity(n), Vec::with_capacity(n)];
             for k in 0..n {
                 let axis: Vec<f64> = (0..n).map(|i| f64::from(u8::from(i == k))).collect();
                 for (stream, slopes) in (3..).zip(&mut slopes) {
-                    slopes.push(this.slope(at, &axis, 2 * plan.samples, stream)?);
+                    slopes.push(this.slope(at, &axis, 2 * estimator.samples, stream)?);
                 }
             }
             let loss = &this.smoothed.black_box().loss;
@@ -344,11 +347,11 @@ impl<R: Renderer, L: ImageLoss> Objective for RenderedLoss<R, L> {
         &mut self,
         at: Place<'_>,
         vector: &[f64],
-        plan: Plan,
+        estimator: Estimator,
     ) -> Result<Estimate, SampledError<R::Error>> {
         match self.smoothing {
-            Smoothing::Loss => self.smoothed.hessian_product(at, vector, plan),
-            Smoothing::Image { .. } => self.hessian_product_difference(at, vector, 0.5, plan),
+            Smoothing::Loss => self.smoothed.hessian_product(at, vector, estimator),
+            Smoothing::Image { .. } => self.hessian_product_difference(at, vector, 0.5, estimator),
         }
     }
 }

@@ -8,7 +8,7 @@ use super::walk::{Step, Stepper};
 use crate::OptimError;
 use crate::Temporal;
 use crate::sampled::error::SampledError;
-use crate::sampled::estimate::{Kernel, Plan, Tuple};
+use crate::sampled::estimate::{Estimator, Kernel, Tuple};
 use crate::sampled::objective::{GROUP, Objective, positive};
 
 /// A stage is over when a step wants to be shorter than this, in sigmas: the next stage will move on.
@@ -29,13 +29,13 @@ pub struct Settings {
     /// How sigma shrinks.
     pub annealing: Annealing,
     /// Samples of a gradient.
-    pub gradient: Plan,
+    pub gradient: Estimator,
     /// Most samples of a gradient: all methods but [`Method::Adam`] double the samples of [`Self::gradient`] while the
     /// gradient is lost in noise that would move the step by a quarter of sigma (times the root of the number of
     /// parameters), and halve them again from stage to stage.
     pub most_samples: usize,
     /// Samples of a curvature or a Hessian, for the methods that ask for one.
-    pub curvature: Plan,
+    pub curvature: Estimator,
     /// Longest step, in units of sigma (and of the parameters' scales): what lies further away was not seen.
     /// [`Method::Adam`] takes no notice of it.
     pub trust: f64,
@@ -58,9 +58,19 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             annealing: Annealing::default(),
-            gradient: Plan { tuple: Tuple::Four, samples: 2, kernel: Kernel::Coordinates, stratified: true },
+            gradient: Estimator {
+                tuple: Tuple::Four,
+                samples: 2,
+                kernel: Kernel::Coordinates,
+                stratified: true,
+            },
             most_samples: 8,
-            curvature: Plan { tuple: Tuple::Four, samples: 2, kernel: Kernel::Coordinates, stratified: true },
+            curvature: Estimator {
+                tuple: Tuple::Four,
+                samples: 2,
+                kernel: Kernel::Coordinates,
+                stratified: true,
+            },
             trust: 1.0,
             iterations: 1000,
             evaluations: u64::MAX,

@@ -2,7 +2,7 @@
 
 use super::settings::Settings;
 use crate::sampled::error::SampledError;
-use crate::sampled::estimate::{Estimate, Plan, norm};
+use crate::sampled::estimate::{Estimate, Estimator, norm};
 use crate::sampled::noise::hash;
 use crate::sampled::objective::{Objective, Place, rescale};
 
@@ -19,8 +19,8 @@ pub(crate) struct Walk<'a, O> {
     pub(crate) stage: usize,
     /// Number of the sample set of those methods that keep one.
     pub(crate) sample_set: u64,
-    gradient: Plan,
-    curvature: Plan,
+    gradient: Estimator,
+    curvature: Estimator,
     /// Samples of a gradient now and at most; see [`Self::sure_gradient`].
     pub(crate) samples: usize,
     most_samples: usize,
@@ -95,7 +95,7 @@ impl<'a, O: Objective> Walk<'a, O> {
     /// The gradient by sample set `set`, per unit of the scales.
     pub(crate) fn gradient(&mut self, set: u64) -> Result<Estimate, SampledError<O::Error>> {
         let at = Place { theta: &self.theta, sigma: self.sigma, seed: hash(self.seed, set) };
-        let estimate = self.objective.gradient(at, Plan { samples: self.samples, ..self.gradient })?;
+        let estimate = self.objective.gradient(at, Estimator { samples: self.samples, ..self.gradient })?;
         Ok(rescale(estimate, |i| self.scales[i]))
     }
 

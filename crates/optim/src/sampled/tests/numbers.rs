@@ -13,7 +13,7 @@ fn members_of_a_group_share_a_seed_and_groups_do_not() {
         Ok::<_, Infallible>(0.0)
     });
     let mut objective = SmoothedLoss::new(f, 1).expect("parameters");
-    value(objective.gradient(AT, plan(3, Tuple::Four, Kernel::Coordinates)));
+    value(objective.gradient(AT, estimator(3, Tuple::Four, Kernel::Coordinates)));
     drop(objective);
     let seeds: Vec<u64> = seen.chunks_exact(4).map(|g| g[0].1).collect();
     assert!(seen.chunks_exact(4).all(|g| g.iter().all(|p| p.1 == g[0].1)));
@@ -32,18 +32,18 @@ fn noise_of_the_renderer_cancels_within_a_group_only_if_it_is_the_same() {
         calls += 1;
         Ok::<_, Infallible>(quadratic(x) + noise(seed ^ calls.wrapping_mul(0x9e37_79b9_7f4a_7c15)))
     });
-    let plan = plan(5000, Tuple::Four, Kernel::Coordinates);
-    let clean = value(smooth(1, quadratic).hessian(AT, plan)).variance[0];
-    let common = value(SmoothedLoss::new(common, 1).expect("parameters").hessian(AT, plan)).variance[0];
-    let fresh = value(SmoothedLoss::new(fresh, 1).expect("parameters").hessian(AT, plan)).variance[0];
+    let estimator = estimator(5000, Tuple::Four, Kernel::Coordinates);
+    let clean = value(smooth(1, quadratic).hessian(AT, estimator)).variance[0];
+    let common = value(SmoothedLoss::new(common, 1).expect("parameters").hessian(AT, estimator)).variance[0];
+    let fresh = value(SmoothedLoss::new(fresh, 1).expect("parameters").hessian(AT, estimator)).variance[0];
     assert!((common / clean - 1.0).abs() < 1e-9, "{common} {clean}");
     assert!(fresh > 1.3 * clean, "{fresh} {clean}");
 }
 
 #[test]
 fn estimates_are_a_function_of_the_seed() {
-    let plan = Plan { samples: 100, ..Plan::default() };
-    let run = |seed| value(smooth(1, step).gradient(Place { seed, ..AT }, plan));
+    let estimator = Estimator { samples: 100, ..Estimator::default() };
+    let run = |seed| value(smooth(1, step).gradient(Place { seed, ..AT }, estimator));
     assert_eq!(run(3), run(3));
     assert_ne!(run(3).value, run(4).value);
 }
@@ -52,9 +52,9 @@ fn estimates_are_a_function_of_the_seed() {
 fn threads_and_batches_do_not_change_the_bits() {
     let f = |x: &[f64], seed: u64| Ok::<_, Infallible>(quadratic(x) * (x[1] + (seed % 7) as f64).sin());
     let at = Place { theta: &[0.3, -0.2], sigma: 0.4, seed: 11 };
-    let plan = Plan { samples: 9000, ..Plan::default() };
-    let one = value(SmoothedLoss::new(serial(f), 2).expect("parameters").gradient(at, plan));
-    let many = value(SmoothedLoss::new(parallel(f), 2).expect("parameters").gradient(at, plan));
+    let estimator = Estimator { samples: 9000, ..Estimator::default() };
+    let one = value(SmoothedLoss::new(serial(f), 2).expect("parameters").gradient(at, estimator));
+    let many = value(SmoothedLoss::new(parallel(f), 2).expect("parameters").gradient(at, estimator));
     assert_eq!(one, many);
     assert_eq!(one.evaluations, 2 * 2 * 9000);
 }
@@ -77,9 +77,9 @@ fn all_points_of_an_estimate_come_in_one_batch_of_bounded_size() {
     let batches = Mutex::new(Vec::new());
     let mut objective = SmoothedLoss::new(Whole(&batches), 3).expect("parameters");
     let at = Place { theta: &[0.0; 3], sigma: 1.0, seed: 0 };
-    value(objective.gradient(at, plan(5, Tuple::Antithetic, Kernel::Coordinates)));
+    value(objective.gradient(at, estimator(5, Tuple::Antithetic, Kernel::Coordinates)));
     assert_eq!(*batches.lock().expect("one thread"), vec![30]);
-    value(objective.gradient(at, plan(20_000, Tuple::Antithetic, Kernel::Coordinates)));
+    value(objective.gradient(at, estimator(20_000, Tuple::Antithetic, Kernel::Coordinates)));
     assert!(batches.lock().expect("one thread").iter().all(|n| *n <= 1 << 14));
     assert_eq!(objective.evaluations(), 30 + 120_000);
 }
@@ -90,7 +90,7 @@ fn single_precision_parameters_are_served() {
     let e = value(
         SmoothedLoss::new(f, 1)
             .expect("parameters")
-            .gradient(AT, plan(20_000, Tuple::Four, Kernel::Coordinates)),
+            .gradient(AT, estimator(20_000, Tuple::Four, Kernel::Coordinates)),
     );
     assert!((e.value[0] - 0.8).abs() < 0.01, "{e:?}");
 }

@@ -73,7 +73,7 @@ fn average(runs: u64, mut estimate: impl FnMut(u64) -> f64) -> (f64, f64) {
 #[test]
 fn losses_and_images_are_smoothed_as_asked() {
     let (x, sigma) = (0.42, 0.2);
-    let plan = plan(4, Tuple::Four, Kernel::Coordinates);
+    let estimator = estimator(4, Tuple::Four, Kernel::Coordinates);
     let mut values = Vec::new();
     for smoothing in [Smoothing::Loss, Smoothing::Image { image_samples: 16 }] {
         let mut objective = RenderedLoss::new(Bar, target(), vec![1.0], smoothing).expect("an objective");
@@ -83,14 +83,15 @@ fn losses_and_images_are_smoothed_as_asked() {
         assert!((many - value_exact).abs() < 1e-3, "{smoothing:?}: {many} for {value_exact}");
         values.push(value_exact);
         let (mean, error) =
-            average(4000, |seed| objective.gradient(at(seed), plan).expect("a gradient").value[0]);
+            average(4000, |seed| objective.gradient(at(seed), estimator).expect("a gradient").value[0]);
         assert!((mean - first).abs() < 4.0 * error, "{smoothing:?} gradient: {mean} for {first}, {error}");
         let (mean, error) =
-            average(4000, |seed| objective.curvature(at(seed), &[1.0], plan).expect("one").value[0]);
+            average(4000, |seed| objective.curvature(at(seed), &[1.0], estimator).expect("one").value[0]);
         assert!((mean - second).abs() < 4.0 * error, "{smoothing:?} curvature: {mean} for {second}, {error}");
-        let (mean, error) = average(4000, |seed| objective.hessian(at(seed), plan).expect("one").value[0]);
+        let (mean, error) =
+            average(4000, |seed| objective.hessian(at(seed), estimator).expect("one").value[0]);
         assert!((mean - second).abs() < 4.0 * error, "{smoothing:?} Hessian: {mean} for {second}, {error}");
-        let fine = Plan { samples: 64, ..plan };
+        let fine = Estimator { samples: 64, ..estimator };
         let (mean, error) = average(300, |seed| {
             objective.hessian_product_difference(at(seed), &[1.0], 0.1, fine).expect("one").value[0]
         });
@@ -107,9 +108,10 @@ fn every_picture_is_counted() {
     let smoothing = Smoothing::Image { image_samples: 10 };
     let mut objective = RenderedLoss::new(Bar, target(), vec![1.0], smoothing).expect("an objective");
     let at = Place { theta: &[0.4], sigma: 0.2, seed: 1 };
-    let e = objective.gradient(at, plan(3, Tuple::Antithetic, Kernel::Coordinates)).expect("a gradient");
+    let e = objective.gradient(at, estimator(3, Tuple::Antithetic, Kernel::Coordinates)).expect("a gradient");
     assert_eq!((e.evaluations, objective.evaluations()), (16, 16));
-    let e = objective.curvature(at, &[1.0], plan(3, Tuple::Four, Kernel::Coordinates)).expect("a curvature");
+    let e =
+        objective.curvature(at, &[1.0], estimator(3, Tuple::Four, Kernel::Coordinates)).expect("a curvature");
     assert_eq!((e.evaluations, objective.evaluations()), (10 + 12 + 2 * 6, 50));
 }
 
@@ -181,25 +183,25 @@ fn grey_boxes_have_exact_second_order_and_need_the_curvature_of_the_inner_functi
     let pure = |a: f64, b: f64| (shifted(a, b) - 2.0 * whole(&x) + shifted(-a, -b)) / (h * h);
     let hessian = [pure(1.0, 0.0), mixed, mixed, pure(0.0, 1.0)];
 
-    let plan = Plan { stratified: true, ..plan(20_000, Tuple::Four, Kernel::Coordinates) };
+    let estimator = Estimator { stratified: true, ..estimator(20_000, Tuple::Four, Kernel::Coordinates) };
     let at = Place { theta: &x, sigma: 0.1, seed: 5 };
     let close = |name: &str, got: &[f64], expected: &[f64]| {
         for (g, e) in got.iter().zip(expected) {
             assert!((g - e).abs() < 0.05, "{name}: {got:?} for {expected:?}");
         }
     };
-    close("gradient", &value(grey().gradient(at, plan)).value, &gradient);
-    close("Hessian", &value(grey().hessian(at, plan)).value, &hessian);
+    close("gradient", &value(grey().gradient(at, estimator)).value, &gradient);
+    close("Hessian", &value(grey().hessian(at, estimator)).value, &hessian);
     let v = [0.6, -0.8];
     let product = [hessian[0] * v[0] + hessian[1] * v[1], hessian[2] * v[0] + hessian[3] * v[1]];
-    let big = Plan { samples: 100_000, ..plan };
+    let big = Estimator { samples: 100_000, ..estimator };
     close("product", &value(grey().hessian_product(at, &v, big)).value, &product);
     let along = [product[0] * v[0] + product[1] * v[1]];
-    close("curvature", &value(grey().curvature(at, &v, plan)).value, &along);
+    close("curvature", &value(grey().curvature(at, &v, estimator)).value, &along);
 
     // As published, without the sum over the second derivatives of g: wrong by twice its own size.
     let y_gradient =
-        value(smooth(3, outer).gradient(Place { theta: &[0.09, -0.28, x[1].sin()], ..at }, plan)).value;
+        value(smooth(3, outer).gradient(Place { theta: &[0.09, -0.28, x[1].sin()], ..at }, estimator)).value;
     let mut bent = [[0.0; 2]; 2];
     Curved.second(&x, &y_gradient, &[1.0, 0.0], &mut bent[0]);
     Curved.second(&x, &y_gradient, &[0.0, 1.0], &mut bent[1]);

@@ -44,9 +44,11 @@ fn plateaus_say_so_and_move_nothing() {
     }
     // Far from a step, an estimate without cancellation is not zero: it is marked.
     let far = Place { theta: &[1e3], ..AT };
-    let e = value(smooth(1, step).gradient(far, plan(7, Tuple::Plain, Kernel::Coordinates)));
+    let e = value(smooth(1, step).gradient(far, estimator(7, Tuple::Plain, Kernel::Coordinates)));
     assert!(!e.informative && e.value[0] != 0.0, "{e:?}");
-    assert!(value(smooth(1, step).gradient(AT, plan(50, Tuple::Plain, Kernel::Coordinates))).informative);
+    assert!(
+        value(smooth(1, step).gradient(AT, estimator(50, Tuple::Plain, Kernel::Coordinates))).informative
+    );
 }
 
 #[test]
@@ -59,8 +61,9 @@ fn values_that_are_not_finite_are_named() {
         });
         let mut objective = SmoothedLoss::new(f, 2).expect("parameters");
         let at = Place { theta: &[0.5, 0.25], sigma: 0.1, seed: 3 };
-        let error =
-            objective.gradient(at, plan(2, Tuple::Antithetic, Kernel::Coordinates)).expect_err("not finite");
+        let error = objective
+            .gradient(at, estimator(2, Tuple::Antithetic, Kernel::Coordinates))
+            .expect_err("not finite");
         let SampledError::NonFinite { evaluation, ref point, value, .. } = error else {
             panic!("{error:?}");
         };
@@ -78,10 +81,10 @@ fn failures_of_the_black_box_come_through() {
     assert_eq!(outcome, Err(SampledError::BlackBox("too far")));
     let f = crate::sampled::parallel(|x: &[f64], seed| if x[0] > 0.4 { Err((x[0], seed)) } else { Ok(1.0) });
     let mut objective = SmoothedLoss::new(f, 1).expect("parameters");
-    let first = objective.gradient(AT, Plan { samples: 500, ..Plan::default() });
+    let first = objective.gradient(AT, Estimator { samples: 500, ..Estimator::default() });
     for _ in 0..5 {
         assert_eq!(
-            objective.gradient(AT, Plan { samples: 500, ..Plan::default() }),
+            objective.gradient(AT, Estimator { samples: 500, ..Estimator::default() }),
             first,
             "the first by index"
         );
@@ -100,16 +103,19 @@ fn settings_out_of_range_are_errors() {
     ];
     for at in bad_place {
         assert!(
-            matches!(smooth(1, step).gradient(at, Plan::default()), Err(SampledError::Setting(_))),
+            matches!(smooth(1, step).gradient(at, Estimator::default()), Err(SampledError::Setting(_))),
             "{at:?}"
         );
         assert!(
-            matches!(smooth(1, step).curvature(at, &[1.0], Plan::default()), Err(SampledError::Setting(_))),
+            matches!(
+                smooth(1, step).curvature(at, &[1.0], Estimator::default()),
+                Err(SampledError::Setting(_))
+            ),
             "{at:?}"
         );
     }
-    assert!(smooth(1, step).gradient(AT, Plan { samples: 0, ..Plan::default() }).is_err());
-    assert!(smooth(1, step).curvature(AT, &[1.0, 2.0], Plan::default()).is_err());
+    assert!(smooth(1, step).gradient(AT, Estimator { samples: 0, ..Estimator::default() }).is_err());
+    assert!(smooth(1, step).curvature(AT, &[1.0, 2.0], Estimator::default()).is_err());
     let f = || serial(|_: &[f64], _| Ok::<_, Infallible>(0.0));
     assert!(SmoothedLoss::new(f(), 0).is_err());
     for scale in [0.0, -1.0, f64::NAN, f64::INFINITY] {
@@ -121,7 +127,7 @@ fn settings_out_of_range_are_errors() {
         Settings { patience: 0, ..base.clone() },
         Settings { annealing: Annealing { stages: 0, ..base.annealing }, ..base.clone() },
         Settings { annealing: Annealing { end: 0.0, ..base.annealing }, ..base.clone() },
-        Settings { gradient: Plan { samples: 0, ..base.gradient }, ..base.clone() },
+        Settings { gradient: Estimator { samples: 0, ..base.gradient }, ..base.clone() },
     ] {
         assert!(
             minimize(&mut smooth(1, step), &[0.0], &Method::l_bfgs(), &settings).is_err(),
@@ -141,13 +147,13 @@ fn settings_out_of_range_are_errors() {
 fn directions_without_length_cost_nothing() {
     let mut objective = smooth(2, bowl);
     let at = Place { theta: &[0.1, 0.2], sigma: 0.5, seed: 1 };
-    assert_eq!(value(objective.curvature(at, &[0.0, 0.0], Plan::default())).value, [0.0]);
-    assert_eq!(value(objective.hessian_product(at, &[0.0, 0.0], Plan::default())).value, [0.0, 0.0]);
+    assert_eq!(value(objective.curvature(at, &[0.0, 0.0], Estimator::default())).value, [0.0]);
+    assert_eq!(value(objective.hessian_product(at, &[0.0, 0.0], Estimator::default())).value, [0.0, 0.0]);
     assert_eq!(objective.evaluations(), 0);
     // Lengths whose squares vanish or overflow are lengths all the same.
-    let plan = plan(2000, Tuple::Four, Kernel::Coordinates);
+    let estimator = estimator(2000, Tuple::Four, Kernel::Coordinates);
     for size in [1e-170, 1e170] {
-        let e = value(objective.hessian_product(at, &[size, 0.0], plan));
+        let e = value(objective.hessian_product(at, &[size, 0.0], estimator));
         assert!((e.value[0] / size - 2.0).abs() < 0.5, "{size:e}: {:?}", e.value);
     }
 }
@@ -155,10 +161,10 @@ fn directions_without_length_cost_nothing() {
 #[test]
 fn sigma_below_the_resolution_of_theta_is_a_plateau() {
     let at = Place { theta: &[1.0, 1.0], sigma: 1e-300, seed: 1 };
-    assert!(!value(smooth(2, bowl).gradient(at, Plan::default())).informative);
+    assert!(!value(smooth(2, bowl).gradient(at, Estimator::default())).informative);
     // At zero it is not: the smallest steps still count.
     let at = Place { theta: &[0.0, 0.0], sigma: 1e-120, seed: 1 };
     let slope = |x: &[f64]| 3.0 * x[0] - x[1];
-    let e = value(smooth(2, slope).gradient(at, plan(20_000, Tuple::Four, Kernel::Coordinates)));
+    let e = value(smooth(2, slope).gradient(at, estimator(20_000, Tuple::Four, Kernel::Coordinates)));
     assert!((e.value[0] - 3.0).abs() < 0.1 && (e.value[1] + 1.0).abs() < 0.1, "{e:?}");
 }

@@ -6,18 +6,18 @@ use crate::sampled::noise::Noise;
 const SAMPLES: usize = 1_000_000;
 
 /// Every way to draw samples, with [`SAMPLES`] evaluations for each parameter, or in all, for 4-tuples.
-fn plans() -> Vec<Plan> {
-    let mut plans = Vec::new();
+fn estimators() -> Vec<Estimator> {
+    let mut estimators = Vec::new();
     for kernel in [Kernel::Coordinates, Kernel::Aggregate, Kernel::Score] {
         for tuple in [Tuple::Plain, Tuple::Antithetic, Tuple::Four] {
             let samples = if kernel == Kernel::Score { SAMPLES / 20 } else { SAMPLES / 4 };
-            plans.push(plan(samples, tuple, kernel));
+            estimators.push(estimator(samples, tuple, kernel));
         }
     }
-    plans
+    estimators
 }
 
-fn check(name: &str, plan: Plan, got: &Estimate, expected: &[f64]) {
+fn check(name: &str, estimator: Estimator, got: &Estimate, expected: &[f64]) {
     assert_eq!(got.value.len(), expected.len(), "{name}");
     for (i, e) in expected.iter().enumerate() {
         let error = (got.value[i] - e).abs();
@@ -25,7 +25,7 @@ fn check(name: &str, plan: Plan, got: &Estimate, expected: &[f64]) {
         let tolerance = 4.0 * got.standard_error(i) + 1e-9 * e.abs().max(1.0);
         assert!(
             error < tolerance,
-            "{name} {plan:?} entry {i}: {} for {e}, z = {}",
+            "{name} {estimator:?} entry {i}: {} for {e}, z = {}",
             got.value[i],
             error / got.standard_error(i)
         );
@@ -78,33 +78,38 @@ fn at(seed: u64) -> Place<'static> {
 #[test]
 fn gradients() {
     let (exact, _) = quadrant_derivatives(&THETA, [0.7, 1.12]);
-    for (seed, plan) in plans().into_iter().enumerate() {
+    for (seed, estimator) in estimators().into_iter().enumerate() {
         check(
             "quadratic",
-            plan,
-            &value(scaled(bowl).gradient(at(seed as u64), plan)),
+            estimator,
+            &value(scaled(bowl).gradient(at(seed as u64), estimator)),
             &bowl_gradient(&THETA),
         );
-        check("quadrant", plan, &value(scaled(quadrant).gradient(at(seed as u64), plan)), &exact);
+        check("quadrant", estimator, &value(scaled(quadrant).gradient(at(seed as u64), estimator)), &exact);
     }
 }
 
 #[test]
 fn hessians() {
     let (_, exact) = quadrant_derivatives(&THETA, [0.7, 1.12]);
-    for (seed, plan) in plans().into_iter().enumerate() {
-        check("quadratic", plan, &value(scaled(bowl).hessian(at(seed as u64), plan)), &HESSIAN);
-        check("quadrant", plan, &value(scaled(quadrant).hessian(at(seed as u64), plan)), &exact);
+    for (seed, estimator) in estimators().into_iter().enumerate() {
+        check("quadratic", estimator, &value(scaled(bowl).hessian(at(seed as u64), estimator)), &HESSIAN);
+        check("quadrant", estimator, &value(scaled(quadrant).hessian(at(seed as u64), estimator)), &exact);
     }
 }
 
 #[test]
 fn single_entries_and_the_diagonal_equal_those_of_the_matrix() {
     let (_, exact) = quadrant_derivatives(&THETA, [0.7, 1.12]);
-    let plan = plan(SAMPLES / 4, Tuple::Four, Kernel::Coordinates);
-    check("diagonal", plan, &value(scaled(quadrant).hessian_diagonal(at(2), plan)), &[exact[0], exact[3]]);
-    check("entry", plan, &value(scaled(quadrant).hessian_entry(at(3), 1, 0, plan)), &[exact[1]]);
-    assert!(scaled(quadrant).hessian_entry(at(3), 2, 0, plan).is_err(), "there is no row 2");
+    let estimator = estimator(SAMPLES / 4, Tuple::Four, Kernel::Coordinates);
+    check(
+        "diagonal",
+        estimator,
+        &value(scaled(quadrant).hessian_diagonal(at(2), estimator)),
+        &[exact[0], exact[3]],
+    );
+    check("entry", estimator, &value(scaled(quadrant).hessian_entry(at(3), 1, 0, estimator)), &[exact[1]]);
+    assert!(scaled(quadrant).hessian_entry(at(3), 2, 0, estimator).is_err(), "there is no row 2");
 }
 
 #[test]
@@ -114,23 +119,33 @@ fn products_and_curvatures() {
     let times = |h: &[f64; 4]| [h[0] * v[0] + h[1] * v[1], h[2] * v[0] + h[3] * v[1]];
     let along = |h: &[f64; 4]| [times(h)[0] * v[0] + times(h)[1] * v[1]];
     for (seed, tuple) in [Tuple::Plain, Tuple::Antithetic, Tuple::Four].into_iter().enumerate() {
-        let plan = plan(SAMPLES / 4, tuple, Kernel::Coordinates);
+        let estimator = estimator(SAMPLES / 4, tuple, Kernel::Coordinates);
         let at = at(10 + seed as u64);
         // On the quadratic also the sign: the published product has it flipped.
         check(
             "quadratic product",
-            plan,
-            &value(scaled(bowl).hessian_product(at, &v, plan)),
+            estimator,
+            &value(scaled(bowl).hessian_product(at, &v, estimator)),
             &times(&HESSIAN),
         );
         check(
             "quadrant product",
-            plan,
-            &value(scaled(quadrant).hessian_product(at, &v, plan)),
+            estimator,
+            &value(scaled(quadrant).hessian_product(at, &v, estimator)),
             &times(&exact),
         );
-        check("quadratic curvature", plan, &value(scaled(bowl).curvature(at, &v, plan)), &along(&HESSIAN));
-        check("quadrant curvature", plan, &value(scaled(quadrant).curvature(at, &v, plan)), &along(&exact));
+        check(
+            "quadratic curvature",
+            estimator,
+            &value(scaled(bowl).curvature(at, &v, estimator)),
+            &along(&HESSIAN),
+        );
+        check(
+            "quadrant curvature",
+            estimator,
+            &value(scaled(quadrant).curvature(at, &v, estimator)),
+            &along(&exact),
+        );
     }
 }
 
@@ -139,12 +154,12 @@ fn product_by_differences_has_common_random_numbers() {
     let v = [0.8, -1.7];
     let exact = [HESSIAN[0] * v[0] + HESSIAN[1] * v[1], HESSIAN[2] * v[0] + HESSIAN[3] * v[1]];
     // Each difference is an independent estimate: their scatter is the error.
-    let plan = plan(8, Tuple::Antithetic, Kernel::Coordinates);
+    let estimator = estimator(8, Tuple::Antithetic, Kernel::Coordinates);
     let runs = 4000;
     let mut mean = [0.0; 2];
     let mut squares = [0.0; 2];
     for seed in 0..runs {
-        let e = value(scaled(bowl).hessian_product_difference(at(seed), &v, 0.5, plan));
+        let e = value(scaled(bowl).hessian_product_difference(at(seed), &v, 0.5, estimator));
         for k in 0..2 {
             mean[k] += e.value[k] / runs as f64;
             squares[k] += e.value[k] * e.value[k] / runs as f64;
@@ -160,10 +175,10 @@ fn product_by_differences_has_common_random_numbers() {
 fn reported_variances_are_those_seen() {
     let runs = 3000;
     for kernel in [Kernel::Coordinates, Kernel::Aggregate] {
-        let plan = plan(16, Tuple::Antithetic, kernel);
+        let estimator = estimator(16, Tuple::Antithetic, kernel);
         let (mut mean, mut square, mut reported) = (0.0, 0.0, 0.0);
         for seed in 0..runs {
-            let e = value(scaled(quadrant).gradient(at(seed), plan));
+            let e = value(scaled(quadrant).gradient(at(seed), estimator));
             mean += e.value[0] / runs as f64;
             square += e.value[0] * e.value[0] / runs as f64;
             reported += e.variance[0] / runs as f64;
@@ -178,14 +193,14 @@ fn samples_follow_their_kernels() {
     // Chi-square of the perturbations that the black box sees, along the axis: 40 bins of equal mass.
     let bins = 40;
     let mut counts = vec![0_u32; bins];
-    let plan = Plan { stratified: false, ..plan(20_000, Tuple::Four, Kernel::Coordinates) };
+    let estimator = Estimator { stratified: false, ..estimator(20_000, Tuple::Four, Kernel::Coordinates) };
     let mut seen = Vec::new();
     let f = serial(|x: &[f64], _| {
         seen.push(x[0]);
         Ok::<_, Infallible>(0.0)
     });
     let mut objective = SmoothedLoss::new(f, 1).expect("parameters");
-    value(objective.hessian(Place { theta: &[0.0], sigma: 1.0, seed: 4 }, plan));
+    value(objective.hessian(Place { theta: &[0.0], sigma: 1.0, seed: 4 }, estimator));
     drop(objective);
     // One of each tuple at random: its four points depend on each other.
     let mut noise = Noise::new(9, 9);

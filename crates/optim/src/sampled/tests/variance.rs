@@ -7,11 +7,11 @@ use crate::sampled::noise::Noise;
 type Function = fn(&[f64]) -> f64;
 
 fn gradient_cost(f: Function, tuple: Tuple, kernel: Kernel) -> f64 {
-    cost(&value(smooth(1, f).gradient(AT, plan(200_000, tuple, kernel))))
+    cost(&value(smooth(1, f).gradient(AT, estimator(200_000, tuple, kernel))))
 }
 
 fn hessian_cost(f: Function, tuple: Tuple, kernel: Kernel) -> f64 {
-    cost(&value(smooth(1, f).hessian(AT, plan(200_000, tuple, kernel))))
+    cost(&value(smooth(1, f).hessian(AT, estimator(200_000, tuple, kernel))))
 }
 
 #[test]
@@ -46,11 +46,11 @@ fn the_published_pair_does_not_help_hessians() {
 }
 
 /// Slope of the root mean square error over the number of samples.
-fn slope(stratified: bool, estimate: impl Fn(Plan, u64) -> f64, exact: f64, tuple: Tuple) -> f64 {
+fn slope(stratified: bool, estimate: impl Fn(Estimator, u64) -> f64, exact: f64, tuple: Tuple) -> f64 {
     let runs = 300;
     let error = |samples: usize| {
-        let plan = Plan { samples, tuple, kernel: Kernel::Coordinates, stratified };
-        let square: f64 = (0..runs).map(|seed| (estimate(plan, seed) - exact).powi(2)).sum();
+        let estimator = Estimator { samples, tuple, kernel: Kernel::Coordinates, stratified };
+        let square: f64 = (0..runs).map(|seed| (estimate(estimator, seed) - exact).powi(2)).sum();
         (square / runs as f64).sqrt()
     };
     let (few, many) = (16, 1024);
@@ -59,8 +59,9 @@ fn slope(stratified: bool, estimate: impl Fn(Plan, u64) -> f64, exact: f64, tupl
 
 #[test]
 fn errors_fall_with_the_root_of_the_samples_and_faster_in_strata() {
-    let gradient = |plan, seed| value(smooth(1, step).gradient(Place { seed, ..AT }, plan)).value[0];
-    let hessian = |plan, seed| value(smooth(1, step).hessian(Place { seed, ..AT }, plan)).value[0];
+    let gradient =
+        |estimator, seed| value(smooth(1, step).gradient(Place { seed, ..AT }, estimator)).value[0];
+    let hessian = |estimator, seed| value(smooth(1, step).hessian(Place { seed, ..AT }, estimator)).value[0];
     let (g, h) = smoothed_step(0.4, 0.7);
     for (name, slopes) in [
         ("gradient", [false, true].map(|s| slope(s, gradient, g, Tuple::Antithetic))),
@@ -87,7 +88,7 @@ fn directional(n: usize, f: Function) -> f64 {
     let d = vec![1.0 / (n as f64).sqrt(); n];
     let theta: Vec<f64> = d.iter().map(|d| 0.4 * d).collect();
     let at = Place { theta: &theta, sigma: 0.7, seed: 3 };
-    let e = value(smooth(n, f).curvature(at, &d, plan(20_000, Tuple::Four, Kernel::Coordinates)));
+    let e = value(smooth(n, f).curvature(at, &d, estimator(20_000, Tuple::Four, Kernel::Coordinates)));
     cost(&e)
 }
 
@@ -106,7 +107,7 @@ fn curvature_beats_differences_of_gradients_and_these_need_common_numbers() {
     let d = vec![1.0 / (n as f64).sqrt(); n];
     // Far out across `d`: the gradients are large, their difference is not.
     let theta: Vec<f64> = d.iter().enumerate().map(|(i, d)| 0.4 * d + [2.0, -2.0][i % 2]).collect();
-    let plan_for = |samples| plan(samples, Tuple::Antithetic, Kernel::Aggregate);
+    let plan_for = |samples| estimator(samples, Tuple::Antithetic, Kernel::Aggregate);
     let runs = 600;
     let scatter = |f: Function, estimate: &dyn Fn(Function, u64) -> (f64, f64)| {
         let all: Vec<(f64, f64)> = (0..runs).map(|seed| estimate(f, seed)).collect();
@@ -149,11 +150,15 @@ fn aggregate_weights_have_bounded_tails_and_single_densities_do_not() {
     let f = |x: &[f64]| step(x) + 0.5 * x[1];
     for hessian in [false, true] {
         let mut objective = smooth(2, f);
-        let plan = plan(1, Tuple::Plain, Kernel::Aggregate);
+        let estimator = estimator(1, Tuple::Plain, Kernel::Aggregate);
         let mut entries = vec![Vec::new(); if hessian { 4 } else { 2 }];
         for seed in 0..runs {
             let at = Place { theta: &[0.4, 0.1], sigma: 0.7, seed };
-            let e = value(if hessian { objective.hessian(at, plan) } else { objective.gradient(at, plan) });
+            let e = value(if hessian {
+                objective.hessian(at, estimator)
+            } else {
+                objective.gradient(at, estimator)
+            });
             entries.iter_mut().zip(&e.value).for_each(|(all, v)| all.push(*v));
         }
         for (i, all) in entries.iter().enumerate() {
@@ -177,12 +182,12 @@ fn aggregate_weights_have_bounded_tails_and_single_densities_do_not() {
 fn four_points_cancel_constants_and_lines_exactly() {
     let line = |x: &[f64]| 7.0 + 2.0 * x[0] - 3.0 * x[1];
     let at = Place { theta: &[0.25, -0.5], sigma: 0.5, seed: 8 };
-    let plan = plan(50, Tuple::Four, Kernel::Coordinates);
-    let hessian = value(smooth(2, line).hessian(at, plan));
-    let curvature = value(smooth(2, line).curvature(at, &[0.6, 0.8], plan));
+    let estimator = estimator(50, Tuple::Four, Kernel::Coordinates);
+    let hessian = value(smooth(2, line).hessian(at, estimator));
+    let curvature = value(smooth(2, line).curvature(at, &[0.6, 0.8], estimator));
     for v in hessian.value.iter().chain(&curvature.value) {
         assert!(v.abs() < 1e-13, "{v}");
     }
-    let constant = value(smooth(2, |_| 7.1).hessian(at, plan));
+    let constant = value(smooth(2, |_| 7.1).hessian(at, estimator));
     assert!(constant.value.iter().all(|v| *v == 0.0), "{constant:?}");
 }

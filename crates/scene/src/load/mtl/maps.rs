@@ -1,6 +1,6 @@
 //! Maps of a library as glTF keeps them: roughness and metalness in one image, alpha in that of the base colour.
 
-use super::look::Look;
+use super::statements::Statements;
 use crate::load::Limits;
 use crate::{AlphaMode, Extensions, Material, Specular, TextureImage, TextureSlot};
 use std::collections::HashMap;
@@ -32,20 +32,20 @@ impl Joined {
     /// Puts the maps of a material in their slots; what is ignored.
     pub(super) fn apply(
         &mut self,
-        look: &Look,
+        statements: &Statements,
         material: &mut Material,
         images: &mut Vec<TextureImage>,
     ) -> Result<Vec<&'static str>, String> {
         let mut warnings = Vec::new();
-        if let Some(map) = &look.diffuse_map {
+        if let Some(map) = &statements.diffuse_map {
             // A map stands in place of Kd, as in Blender: exporters write 0.64 or 0.8 beside it.
             material.base_color[..3].fill(1.0);
             material.base_color_texture = Some(map.slot);
         }
-        if let Some(alpha) = &look.alpha_map {
-            let color = look.diffuse_map.as_ref().map_or(alpha.slot, |m| m.slot);
+        if let Some(alpha) = &statements.alpha_map {
+            let color = statements.diffuse_map.as_ref().map_or(alpha.slot, |m| m.slot);
             if same_place(&color, &alpha.slot) {
-                let base = look.diffuse_map.as_ref().map(|m| m.slot.image);
+                let base = statements.diffuse_map.as_ref().map(|m| m.slot.image);
                 let image = self.join(Kind::Color, base, Some(alpha.slot.image), images)?;
                 material.base_color_texture = Some(TextureSlot { image, ..color });
                 material.base_color[3] = 1.0;
@@ -54,7 +54,7 @@ impl Joined {
                 warnings.push("map_d is ignored: it lies on the surface otherwise than map_Kd");
             }
         }
-        let (rough, metal) = (look.roughness_map.as_ref(), look.metallic_map.as_ref());
+        let (rough, metal) = (statements.roughness_map.as_ref(), statements.metallic_map.as_ref());
         if let Some(first) = rough.or(metal).map(|m| m.slot) {
             let fits = metal.is_none_or(|m| same_place(&m.slot, &first));
             if !fits {
@@ -71,13 +71,13 @@ impl Joined {
                 material.metallic = 1.0;
             }
         }
-        if let Some(map) = &look.emission_map {
+        if let Some(map) = &statements.emission_map {
             material.emissive_texture = Some(map.slot);
             if material.emissive == [0.0; 3] {
                 material.emissive = [1.0; 3];
             }
         }
-        if let Some(map) = &look.specular_map {
+        if let Some(map) = &statements.specular_map {
             let image = self.join(Kind::Specular, Some(map.slot.image), None, images)?;
             let texture = Some(TextureSlot { image, ..map.slot });
             // As Ks of one: twice the reflection of the index of refraction.
@@ -85,11 +85,11 @@ impl Joined {
             let extensions = material.extensions.get_or_insert_with(|| Box::new(Extensions::default()));
             extensions.specular = Some(specular);
         }
-        let bump = look.bump_map.as_ref().filter(|m| !grey(&images[m.slot.image]));
-        if look.bump_map.is_some() && bump.is_none() {
+        let bump = statements.bump_map.as_ref().filter(|m| !grey(&images[m.slot.image]));
+        if statements.bump_map.is_some() && bump.is_none() {
             warnings.push("bump is ignored: its image holds heights, not normals");
         }
-        if let Some(map) = look.normal_map.as_ref().or(bump) {
+        if let Some(map) = statements.normal_map.as_ref().or(bump) {
             material.normal_texture = Some(map.slot);
             material.normal_scale = map.strength;
         }

@@ -1,7 +1,7 @@
 //! Material libraries of OBJ files: statements become metallic-roughness materials as Blender's importer reads them.
 
-mod look;
 mod maps;
+mod statements;
 
 use super::Limits;
 use super::file::{Folder, clip};
@@ -9,14 +9,14 @@ use super::obj::{lines, split_keyword};
 use super::texture::Textures;
 use crate::error::{Fault, fault};
 use crate::{Material, Sampler, Scene, TextureSlot, Wrap};
-use look::Look;
+use statements::Statements;
 use std::collections::HashMap;
 
 /// Materials of libraries, complete once their textures are decoded.
 #[derive(Debug, Default)]
 pub(super) struct Library {
     /// Index into the scene's materials, and what the file says about it.
-    looks: Vec<(usize, Look)>,
+    statements: Vec<(usize, Statements)>,
 }
 
 impl Library {
@@ -49,12 +49,12 @@ impl Library {
             let (keyword, rest) = split_keyword(&text);
             if keyword == "newmtl" {
                 names.insert(rest.to_owned(), scene.materials.len());
-                self.looks.push((scene.materials.len(), Look::default()));
+                self.statements.push((scene.materials.len(), Statements::default()));
                 scene.materials.push(Material { name: rest.to_owned(), ..super::clay() });
                 begun = true;
                 continue;
             }
-            let Some((_, look)) = self.looks.last_mut().filter(|_| begun) else { continue };
+            let Some((_, statements)) = self.statements.last_mut().filter(|_| begun) else { continue };
             let mut warning = None;
             let mut map = |rest: &str, needed: bool| match map(rest, folder, limits, &place, textures) {
                 Ok(map) => Ok(Some(map)),
@@ -64,8 +64,8 @@ impl Library {
                     Ok(None)
                 }
             };
-            let known = match look.statement(keyword, rest, &place, &mut map) {
-                Err(f) if look::may_be_left_out(keyword) => {
+            let known = match statements.statement(keyword, rest, &place, &mut map) {
+                Err(f) if statements::may_be_left_out(keyword) => {
                     warning = Some(format!("{}: {}: `{keyword}` is left out", f.place, f.rule));
                     true
                 }
@@ -86,12 +86,12 @@ impl Library {
     /// `limits.texels` texels in all.
     pub(super) fn finish(self, scene: &mut Scene, limits: &Limits) -> Result<(), Fault> {
         let mut joined = maps::Joined::new(limits);
-        for (m, look) in self.looks {
-            let mut material = look.material();
+        for (m, statements) in self.statements {
+            let mut material = statements.material();
             material.name.clone_from(&scene.materials[m].name);
             let place = format!("material `{}`", clip(&material.name));
             let warnings =
-                joined.apply(&look, &mut material, &mut scene.images).map_err(|r| fault(&place, r))?;
+                joined.apply(&statements, &mut material, &mut scene.images).map_err(|r| fault(&place, r))?;
             scene.warnings.extend(warnings.iter().map(|w| format!("{place}: {w}")));
             scene.materials[m] = material;
         }

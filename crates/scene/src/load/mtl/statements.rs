@@ -10,7 +10,7 @@ pub(super) type ReadMap<'a> = dyn FnMut(&str, bool) -> Result<Option<Map>, Fault
 
 /// The statements of a material; `None` where there is none.
 #[derive(Debug, Default)]
-pub(super) struct Look {
+pub(super) struct Statements {
     diffuse: Option<[f32; 3]>,
     ambient: Option<[f32; 3]>,
     specular: Option<[f32; 3]>,
@@ -56,7 +56,7 @@ pub(super) fn may_be_left_out(keyword: &str) -> bool {
     )
 }
 
-impl Look {
+impl Statements {
     /// Takes a statement; whether it has a meaning here (or none that is worth a warning). `map` reads a texture, which
     /// may be needed.
     pub(super) fn statement(
