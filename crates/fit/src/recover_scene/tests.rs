@@ -11,7 +11,8 @@ use photofit_pathtrace::{
     EnvironmentMap, Material, MaterialValue, Parameter, Parts, RenderOptions, Shape, View, World,
 };
 use photofit_scalar::{Vec3f, vec2, vec3};
-use photofit_scene::graph::{Bitmap, BitmapFilter, BitmapWrap, SurfaceGraph, SurfaceNode, Texture};
+use photofit_scene::graph::{Bitmap, SurfaceGraph, SurfaceNode, Texture};
+use photofit_scene::{Filter, Wrap};
 use photofit_shading::bsdf::{Bsdf, Diffuse};
 use std::sync::Arc;
 
@@ -31,7 +32,7 @@ fn room() -> World {
     let picture = Image::from_fn(TEXELS, TEXELS, 3, |x, y, c| {
         if (x / 4 + y / 4) % 2 == 0 { [0.8, 0.2, 0.1][c] } else { [0.15, 0.3, 0.7][c] }
     });
-    let image = Arc::new(Bitmap::new(&picture, BitmapWrap::Clamp, BitmapFilter::Bilinear));
+    let image = Arc::new(Bitmap::new(&picture, Wrap::ClampToEdge, Filter::Bilinear));
     let to_uv = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
     let reflectance = Texture::Bitmap { image, to_uv, scale: 1.0 };
     let wall = SurfaceGraph { root: SurfaceNode::Diffuse { reflectance }, emission: None };

@@ -5,7 +5,7 @@ use crate::{Adjoint, GradientSamples, Parameter, Parts, RenderOptions, Renderer,
 use crate::{MaterialValue, Scattering};
 use photofit_image::Image;
 use photofit_scalar::Vec3f;
-use photofit_scene::graph::{Bitmap, BitmapFilter, BitmapWrap, SurfaceGraph, SurfaceNode, Texture};
+use photofit_scene::graph::{Bitmap, SurfaceGraph, SurfaceNode, Texture};
 use photofit_scene::mitsuba::{MitsubaOptions, load_mitsuba};
 use std::path::Path;
 use std::sync::Arc;
@@ -130,7 +130,7 @@ fn bitmap(channels: usize, offsets: &[f64]) -> Texture {
         let base = 0.3 + 0.05 * ((7 * i + 3 * c) % 8) as f32;
         base + offsets.get(3 * i + c).map_or(0.0, |o| *o as f32)
     });
-    let image = Arc::new(Bitmap::new(&image, BitmapWrap::Repeat, BitmapFilter::Bilinear));
+    let image = Arc::new(Bitmap::new(&image, photofit_scene::Wrap::Repeat, photofit_scene::Filter::Bilinear));
     Texture::Bitmap { image, to_uv: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], scale: 1.0 }
 }
 

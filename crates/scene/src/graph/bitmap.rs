@@ -1,67 +1,68 @@
-//! Images as textures, read the way Mitsuba reads them: row 0 at `v = 0`, texel centres at half texels.
+//! Images as textures: the base level alone, in `f32`, read through the taps of [`photofit_texture`] (row 0 at `v = 0`).
 
 use photofit_image::Image;
 use photofit_scalar::{Vec2f, Vec3f, vec2, vec3};
-
-/// What lies outside of an image.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum BitmapWrap {
-    /// The image again.
-    #[default]
-    Repeat,
-    /// The image mirrored, then again.
-    Mirror,
-    /// The texel at the border.
-    Clamp,
-}
-
-/// How values between texels are made.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum BitmapFilter {
-    /// Bilinear interpolation.
-    #[default]
-    Bilinear,
-    /// The texel that the point lies in.
-    Nearest,
-}
+use photofit_texture::{Filter, Level, Sampler, Taps, Texture, Wrap, taps};
 
 /// An image of one or three channels.
 #[derive(Clone, Debug)]
 pub struct Bitmap {
-    width: usize,
-    height: usize,
-    channels: usize,
-    texels: Vec<f32>,
-    wrap: BitmapWrap,
-    filter: BitmapFilter,
+    texels: Texels,
+    sampler: Sampler,
+}
+
+#[derive(Clone, Debug)]
+enum Texels {
+    Grey(Texture<f32, 1>),
+    Color(Texture<f32, 3>),
+}
+
+/// Shares of the channels in the luminance.
+pub(super) fn luminance_weights() -> [f32; 3] {
+    let unit = |k: usize| std::array::from_fn(|c| f32::from(u8::from(c == k)));
+    [0, 1, 2].map(|k| photofit_image::luminance(unit(k)))
+}
+
+fn texture<const C: usize>(image: &Image) -> Texture<f32, C> {
+    let texels = image.data.chunks_exact(image.channels).map(|p| std::array::from_fn(|c| p[c])).collect();
+    Texture { width: image.width, height: image.height, texels }
 }
 
 impl Bitmap {
-    /// Takes the colour of an image over (a single channel stays single), without its alpha.
+    /// The colour of an image (a single channel stays single), without its alpha. There is one level: a trilinear filter
+    /// is a bilinear one.
     ///
     /// # Panics
     /// If the image has no texels.
-    pub fn new(image: &Image, wrap: BitmapWrap, filter: BitmapFilter) -> Self {
+    pub fn new(image: &Image, wrap: Wrap, filter: Filter) -> Self {
         assert!(image.width > 0 && image.height > 0, "an image has texels");
-        let channels = if image.channels >= 3 { 3 } else { 1 };
         let texels =
-            image.data.chunks_exact(image.channels).flat_map(|p| p[..channels].iter().copied()).collect();
-        Self { width: image.width, height: image.height, channels, texels, wrap, filter }
+            if image.channels >= 3 { Texels::Color(texture(image)) } else { Texels::Grey(texture(image)) };
+        Self { texels, sampler: Sampler { wrap_u: wrap, wrap_v: wrap, filter } }
     }
 
     /// 1 or 3.
     pub fn channels(&self) -> usize {
-        self.channels
+        match self.texels {
+            Texels::Grey(_) => 1,
+            Texels::Color(_) => 3,
+        }
     }
 
     /// Columns and rows.
     pub fn size(&self) -> [usize; 2] {
-        [self.width, self.height]
+        match &self.texels {
+            Texels::Grey(t) => [t.width, t.height],
+            Texels::Color(t) => [t.width, t.height],
+        }
     }
 
     /// All texels, row by row, three channels each; single channels are repeated.
     pub fn texels(&self) -> Vec<f32> {
-        (0..self.width * self.height).flat_map(|i| self.texel(i).to_array()).collect()
+        match &self.texels {
+            Texels::Grey(t) => t.texels.iter().flat_map(|&[x]| [x; 3]).collect(),
+            Texels::Color(t) => t.texels.as_flattened().to_vec(),
+        }
     }
 
     /// Replaces all texels by three channels each, of which single channels take the first.
@@ -69,111 +70,58 @@ impl Bitmap {
     /// # Panics
     /// If there are not three values for every texel.
     pub fn set_texels(&mut self, values: &[f32]) {
-        assert_eq!(values.len(), 3 * self.width * self.height, "three values a texel");
-        for (t, v) in self.texels.chunks_exact_mut(self.channels).zip(values.chunks_exact(3)) {
-            t.copy_from_slice(&v[..t.len()]);
+        let [width, height] = self.size();
+        assert_eq!(values.len(), 3 * width * height, "three values a texel");
+        match &mut self.texels {
+            Texels::Grey(t) => t.texels.iter_mut().zip(values.chunks_exact(3)).for_each(|(t, v)| t[0] = v[0]),
+            Texels::Color(t) => t.texels.as_flattened_mut().copy_from_slice(values),
         }
     }
 
     /// Largest value per channel.
     pub(super) fn largest(&self) -> Vec3f {
-        (0..self.width * self.height).fold(Vec3f::zero(), |m, i| m.max(self.texel(i)))
-    }
-
-    #[inline]
-    fn texel(&self, i: usize) -> Vec3f {
-        if self.channels == 1 {
-            Vec3f::splat(self.texels[i])
-        } else {
-            vec3(self.texels[3 * i], self.texels[3 * i + 1], self.texels[3 * i + 2])
+        match &self.texels {
+            Texels::Grey(t) => Vec3f::splat(t.texels.iter().fold(0.0, |m, t| t[0].max(m))),
+            Texels::Color(t) => t.texels.iter().fold(Vec3f::zero(), |m, &t| m.max(Vec3f::from_array(t))),
         }
     }
 
-    /// Index of a texel along an axis of `n`.
     #[inline]
-    fn wrapped(&self, i: i64, n: usize) -> usize {
-        let n = n as i64;
-        let k = match self.wrap {
-            BitmapWrap::Repeat => i.rem_euclid(n),
-            BitmapWrap::Clamp => i.clamp(0, n - 1),
-            BitmapWrap::Mirror => {
-                let m = i.rem_euclid(2 * n);
-                if m < n { m } else { 2 * n - 1 - m }
-            }
-        };
-        k as usize
+    fn taps(&self, uv: Vec2f) -> Taps<f32> {
+        let [width, height] = self.size();
+        taps(uv, Level { offset: 0, width: width as u32, height: height as u32 }, &self.sampler)
     }
 
-    /// The four texels around a point and the fractions towards the right and lower ones.
-    #[inline]
-    fn corners(&self, uv: Vec2f) -> ([Vec3f; 4], [f32; 2]) {
-        let (places, fractions) = self.places(uv);
-        (places.map(|i| self.texel(i)), fractions)
-    }
-
-    /// Indices of these texels, and the fractions.
-    #[inline]
-    fn places(&self, uv: Vec2f) -> ([usize; 4], [f32; 2]) {
-        let axis = |u: f32, n: usize| {
-            let x = u * n as f32 - 0.5;
-            let floor = x.floor();
-            let fraction = x - floor;
-            // A cast of what is not a number gives 0.
-            let i = floor as i64;
-            let i = i.clamp(-(1 << 40), 1 << 40);
-            let fraction = if fraction.is_finite() { fraction } else { 0.0 };
-            (self.wrapped(i, n), self.wrapped(i + 1, n), fraction)
-        };
-        let (x0, x1, fx) = axis(uv.x, self.width);
-        let (y0, y1, fy) = axis(uv.y, self.height);
-        let at = |x: usize, y: usize| y * self.width + x;
-        ([at(x0, y0), at(x1, y0), at(x0, y1), at(x1, y1)], [fx, fy])
+    /// Colour at texture coordinates.
+    pub fn color(&self, uv: Vec2f) -> Vec3f {
+        let at = self.taps(uv);
+        match &self.texels {
+            Texels::Grey(t) => Vec3f::splat(at.read(t)[0]),
+            Texels::Color(t) => Vec3f::from_array(at.read(t)),
+        }
     }
 
     /// Adjoint of [`Self::color`] for the gradient `g`: calls `add` with texels and their shares of it. That of a texel of
     /// one channel, which all three colours show, is in the first component.
     pub fn color_vjp(&self, uv: Vec2f, g: Vec3f, mut add: impl FnMut(usize, Vec3f)) {
-        let g = if self.channels() == 1 { Vec3f { x: g.x + g.y + g.z, y: 0.0, z: 0.0 } } else { g };
-        if self.filter == BitmapFilter::Nearest {
-            return add(self.nearest(uv), g);
-        }
-        let (corners, [fx, fy]) = self.places(uv);
-        let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
-        for (texel, weight) in corners.into_iter().zip(weights) {
+        let g = if self.channels() == 1 { vec3(g.x + g.y + g.z, 0.0, 0.0) } else { g };
+        let at = self.taps(uv);
+        for (texel, weight) in at.index.into_iter().zip(at.weights()) {
             if weight != 0.0 {
-                add(texel, g * weight);
+                add(texel as usize, g * weight);
             }
         }
     }
 
-    /// The texel that a point lies in.
-    #[inline]
-    fn nearest(&self, uv: Vec2f) -> usize {
-        let index = |u: f32, n: usize| {
-            let i = ((u * n as f32).floor() as i64).clamp(-(1 << 40), 1 << 40);
-            self.wrapped(i, n)
-        };
-        index(uv.y, self.height) * self.width + index(uv.x, self.width)
-    }
-
-    /// Colour at texture coordinates.
-    pub fn color(&self, uv: Vec2f) -> Vec3f {
-        if self.filter == BitmapFilter::Nearest {
-            return self.texel(self.nearest(uv));
-        }
-        let ([a, b, c, d], [fx, fy]) = self.corners(uv);
-        (a * (1.0 - fx) + b * fx) * (1.0 - fy) + (c * (1.0 - fx) + d * fx) * fy
-    }
-
     /// Derivative of the luminance with respect to the texture coordinates; zero without interpolation.
     pub(super) fn gradient(&self, uv: Vec2f) -> Vec2f {
-        if self.filter == BitmapFilter::Nearest {
+        if self.sampler.filter == Filter::Nearest {
             return vec2(0.0, 0.0);
         }
-        let (corners, [fx, fy]) = self.corners(uv);
-        let [a, b, c, d] =
-            corners.map(|p| if self.channels == 1 { p.x } else { photofit_image::luminance(p.to_array()) });
-        let (w, h) = (self.width as f32, self.height as f32);
-        vec2(w * ((b - a) * (1.0 - fy) + (d - c) * fy), h * ((c - a) * (1.0 - fx) + (d - b) * fx))
+        let at = self.taps(uv);
+        match &self.texels {
+            Texels::Grey(t) => at.uv_vjp(t, &[1.0]),
+            Texels::Color(t) => at.uv_vjp(t, &luminance_weights()),
+        }
     }
 }

@@ -10,7 +10,7 @@ mod resolve;
 mod tests;
 mod texture;
 
-pub use bitmap::{Bitmap, BitmapFilter, BitmapWrap};
+pub use bitmap::Bitmap;
 pub use resolve::{Partials, ResolvedSurface};
 #[cfg(feature = "mitsuba")]
 pub(crate) use texture::IDENTITY_UV;

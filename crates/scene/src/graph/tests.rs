@@ -4,6 +4,7 @@ use super::*;
 use photofit_image::Image;
 use photofit_scalar::{Vec3f, Vec4f, vec2, vec3};
 use photofit_shading::bsdf::Diffuse;
+use photofit_texture::{Filter, Wrap};
 use std::sync::Arc;
 
 fn at(u: f32, v: f32) -> SurfacePoint {
@@ -12,15 +13,15 @@ fn at(u: f32, v: f32) -> SurfacePoint {
 
 const IDENTITY: UvTransform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
 
-fn image(wrap: BitmapWrap, filter: BitmapFilter) -> Arc<Bitmap> {
+fn image(wrap: Wrap, filter: Filter) -> Arc<Bitmap> {
     Arc::new(Bitmap::new(&Image::from_fn(4, 3, 1, |x, y, _| (x + 4 * y) as f32), wrap, filter))
 }
 
 #[test]
 fn bitmaps_wrap_and_interpolate() {
     let read = |wrap, filter, u: f32, v: f32| image(wrap, filter).color(vec2(u, v)).x;
-    use BitmapFilter::{Bilinear, Nearest};
-    use BitmapWrap::{Clamp, Mirror, Repeat};
+    use Filter::{Bilinear, Nearest};
+    use Wrap::{ClampToEdge as Clamp, MirroredRepeat as Mirror, Repeat};
     // Row 0 lies at v = 0; centres lie at half texels.
     assert_eq!(read(Repeat, Bilinear, 0.125, 0.5 / 3.0), 0.0);
     assert!((read(Repeat, Bilinear, 0.25, 0.5 / 3.0) - 0.5).abs() < 1e-5);
@@ -41,7 +42,7 @@ fn bitmaps_wrap_and_interpolate() {
 #[test]
 fn gradients_are_differences() {
     let bitmap = Image::from_fn(5, 7, 3, |x, y, c| ((7 * x + 3 * y * y + c) % 5) as f32);
-    let image = Arc::new(Bitmap::new(&bitmap, BitmapWrap::Repeat, BitmapFilter::Bilinear));
+    let image = Arc::new(Bitmap::new(&bitmap, Wrap::Repeat, Filter::Bilinear));
     let texture = Texture::Bitmap { image, to_uv: [[2.0, 0.3, 0.1], [-0.4, 1.5, 0.2]], scale: 0.7 };
     for (u, v) in [(0.21, 0.33), (0.64, 0.81), (-0.4, 1.3)] {
         let g = texture.gradient(&at(u, v));
@@ -67,7 +68,7 @@ fn a_flat_height_and_a_straight_normal_change_nothing_and_a_slope_tilts() {
     let flat = SurfaceNode::Bump { height: Texture::number(3.0), scale: 1.0, inner: leaf() };
     assert_eq!(normal(flat, 0.3), vec3(0.0, 0.0, 1.0));
     // Height 4 u over two units of length per u: slope 2.
-    let ramp = image(BitmapWrap::Clamp, BitmapFilter::Bilinear);
+    let ramp = image(Wrap::ClampToEdge, Filter::Bilinear);
     let height = Texture::Bitmap { image: ramp, to_uv: IDENTITY, scale: 1.0 };
     let n = normal(SurfaceNode::Bump { height, scale: 1.0, inner: leaf() }, 0.5);
     let expected = vec3(-2.0_f32, 0.0, 1.0);
@@ -102,8 +103,8 @@ fn sides_mixtures_and_constants() {
 
 #[test]
 fn gradients_of_bitmaps_fall_on_the_texels_that_are_read() {
-    use BitmapFilter::{Bilinear, Nearest};
-    use BitmapWrap::{Clamp, Mirror, Repeat};
+    use Filter::{Bilinear, Nearest};
+    use Wrap::{ClampToEdge as Clamp, MirroredRepeat as Mirror, Repeat};
     // A colour is linear in its texels: <g, color(texels)> = <color_vjp(g), texels>, for texels of both signs.
     let g = vec3(0.7, -1.3, 0.4);
     for (channels, wrap, filter) in [1, 3].into_iter().flat_map(|c| {

@@ -1,6 +1,7 @@
 //! Textures as functions of a surface point.
 
 use super::Bitmap;
+use super::bitmap::luminance_weights;
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2};
 use std::sync::Arc;
 
@@ -97,12 +98,7 @@ impl Texture {
     /// first component, of coloured texels it is shared as their luminance is.
     pub fn value_vjp(&self, at: &SurfacePoint, g: f32, add: impl FnMut(usize, Vec3f)) {
         let share = match self {
-            Self::Bitmap { image, .. } if image.channels() > 1 => {
-                let unit = |k: usize| {
-                    photofit_image::luminance(std::array::from_fn(|c| f32::from(u8::from(c == k))))
-                };
-                Vec3f { x: unit(0), y: unit(1), z: unit(2) }
-            }
+            Self::Bitmap { image, .. } if image.channels() > 1 => Vec3f::from_array(luminance_weights()),
             _ => Vec3f { x: 1.0, y: 0.0, z: 0.0 },
         };
         self.color_vjp(at, share * g, add);

@@ -37,6 +37,7 @@ use glam::{DAffine3, DMat3};
 use photofit_geometry::Mesh;
 use photofit_image::Image;
 use photofit_scalar::Vec3f;
+use photofit_texture::{Filter, Wrap};
 use properties::Reader;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -169,7 +170,7 @@ pub fn load_mitsuba(path: impl AsRef<Path>, options: &MitsubaOptions) -> Result<
 }
 
 /// What a bitmap is decoded for: file, values as they are, wrapping and filter.
-type BitmapKey = (PathBuf, bool, u8, u8);
+type BitmapKey = (PathBuf, bool, Wrap, Filter);
 
 /// A scene on its way.
 struct Importer {

@@ -3,10 +3,11 @@
 use super::spectrum::Meaning;
 use super::{BitmapKey, Importer, picture};
 use crate::error::{Fault, fault};
-use crate::graph::{Bitmap, BitmapFilter, BitmapWrap, IDENTITY_UV, MAX_GRAPH_DEPTH, Texture, UvTransform};
+use crate::graph::{Bitmap, IDENTITY_UV, MAX_GRAPH_DEPTH, Texture, UvTransform};
 use crate::load::clip;
 use photofit_image::{Image, linear_to_srgb_u8};
 use photofit_scalar::{Vec3f, vec3};
+use photofit_texture::{Filter, Wrap};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -129,9 +130,9 @@ impl Importer {
         let name = name.ok_or_else(|| fault(&place, "the bitmap has no filename; it must have one"))?;
         let raw = self.reader.boolean(element, "raw", false)?;
         let wrap = match self.reader.string(element, "wrap_mode")?.as_deref() {
-            None | Some("repeat") => BitmapWrap::Repeat,
-            Some("mirror") => BitmapWrap::Mirror,
-            Some("clamp") => BitmapWrap::Clamp,
+            None | Some("repeat") => Wrap::Repeat,
+            Some("mirror") => Wrap::MirroredRepeat,
+            Some("clamp") => Wrap::ClampToEdge,
             Some(other) => {
                 return Err(fault(
                     place,
@@ -140,8 +141,8 @@ impl Importer {
             }
         };
         let filter = match self.reader.string(element, "filter_type")?.as_deref() {
-            None | Some("bilinear") => BitmapFilter::Bilinear,
-            Some("nearest") => BitmapFilter::Nearest,
+            None | Some("bilinear") => Filter::Bilinear,
+            Some("nearest") => Filter::Nearest,
             Some(other) => {
                 return Err(fault(
                     place,
@@ -151,7 +152,7 @@ impl Importer {
         };
         self.reader.ignore(element, &["format", "accel"]);
         let path = self.reader.document.resolve(&name, &place)?;
-        let key: BitmapKey = (path, raw, wrap as u8, filter as u8);
+        let key: BitmapKey = (path, raw, wrap, filter);
         if let Some(image) = self.bitmaps.get(&key) {
             return Ok(Texture::Bitmap { image: image.clone(), to_uv, scale: 1.0 });
         }
