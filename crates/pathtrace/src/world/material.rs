@@ -133,8 +133,7 @@ impl CompiledMaterial {
                 alpha: graph.root.opacity().is_some(),
                 transmits,
                 emits,
-                solid: common.solid
-                    || matches!(&graph.root, SurfaceNode::Dielectric { base, .. } if refracts(base)),
+                solid: common.solid || is_boundary(&graph.root),
                 ..common
             },
         }
@@ -161,9 +160,22 @@ impl CompiledMaterial {
     }
 }
 
+/// Whether a tree bounds a refracting solid.
+fn is_boundary(root: &SurfaceNode) -> bool {
+    match root {
+        SurfaceNode::Dielectric { base, .. } => refracts(base),
+        SurfaceNode::Principled(_) => root.transmits(),
+        _ => false,
+    }
+}
+
 /// Whether a surface bounds a refracting solid.
 fn refracts(bsdf: &Bsdf<f32>) -> bool {
-    matches!(bsdf, Bsdf::Dielectric(_) | Bsdf::RoughDielectric(_))
+    match bsdf {
+        Bsdf::Dielectric(_) | Bsdf::RoughDielectric(_) => true,
+        Bsdf::Principled(_) => bsdf.transmits(),
+        _ => false,
+    }
 }
 
 /// What a library material sends out: its emission, and the base colour of unlit ones.

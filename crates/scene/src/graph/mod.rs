@@ -83,6 +83,8 @@ pub enum SurfaceNode {
     },
     /// The principled model of Burley (2012), reflection only.
     Principled(Box<PrincipledTextures>),
+    /// The thin principled model.
+    PrincipledThin(Box<PrincipledThinTextures>),
     /// One surface seen from the front, another (or the same) from the back; both are one-sided.
     TwoSided {
         /// Seen from the front.
@@ -133,6 +135,31 @@ pub struct Roughness {
     pub alpha_v: Texture,
 }
 
+/// Parameters of [`SurfaceNode::PrincipledThin`].
+#[derive(Clone, Debug)]
+pub struct PrincipledThinTextures {
+    /// Colour of the sheet.
+    pub base_color: Texture,
+    /// Perceptual roughness; its square is alpha.
+    pub roughness: Texture,
+    /// Stretch of highlights, 0 to 1.
+    pub anisotropic: Texture,
+    /// Share of what is reflected and passes as by a pane.
+    pub spec_trans: Texture,
+    /// Twice the share of diffuse light that passes.
+    pub diff_trans: Texture,
+    /// Tint of the reflection towards the base colour.
+    pub spec_tint: Texture,
+    /// Sheen at grazing angles.
+    pub sheen: Texture,
+    /// Tint of the sheen.
+    pub sheen_tint: Texture,
+    /// Blend towards a flatter diffuse lobe.
+    pub flatness: Texture,
+    /// Index of refraction.
+    pub eta: f32,
+}
+
 /// Parameters of [`SurfaceNode::Principled`].
 #[derive(Clone, Debug)]
 pub struct PrincipledTextures {
@@ -144,6 +171,8 @@ pub struct PrincipledTextures {
     pub anisotropic: Texture,
     /// Share of metal.
     pub metallic: Texture,
+    /// Share of what is not metal that refracts light.
+    pub spec_trans: Texture,
     /// Tint of the reflection towards the base colour.
     pub spec_tint: Texture,
     /// Sheen at grazing angles.
@@ -188,12 +217,26 @@ impl SurfaceNode {
                 &p.roughness,
                 &p.anisotropic,
                 &p.metallic,
+                &p.spec_trans,
                 &p.spec_tint,
                 &p.sheen,
                 &p.sheen_tint,
                 &p.flatness,
                 &p.clearcoat,
                 &p.clearcoat_gloss,
+            ]
+            .into_iter()
+            .for_each(visit),
+            Self::PrincipledThin(p) => [
+                &p.base_color,
+                &p.roughness,
+                &p.anisotropic,
+                &p.spec_trans,
+                &p.diff_trans,
+                &p.spec_tint,
+                &p.sheen,
+                &p.sheen_tint,
+                &p.flatness,
             ]
             .into_iter()
             .for_each(visit),
@@ -249,12 +292,26 @@ impl SurfaceNode {
                 &mut p.roughness,
                 &mut p.anisotropic,
                 &mut p.metallic,
+                &mut p.spec_trans,
                 &mut p.spec_tint,
                 &mut p.sheen,
                 &mut p.sheen_tint,
                 &mut p.flatness,
                 &mut p.clearcoat,
                 &mut p.clearcoat_gloss,
+            ]
+            .into_iter()
+            .for_each(visit),
+            Self::PrincipledThin(p) => [
+                &mut p.base_color,
+                &mut p.roughness,
+                &mut p.anisotropic,
+                &mut p.spec_trans,
+                &mut p.diff_trans,
+                &mut p.spec_tint,
+                &mut p.sheen,
+                &mut p.sheen_tint,
+                &mut p.flatness,
             ]
             .into_iter()
             .for_each(visit),
@@ -296,6 +353,7 @@ impl SurfaceNode {
                 | Self::Plastic { .. }
                 | Self::RoughPlastic { .. }
                 | Self::Principled(_)
+                | Self::PrincipledThin(_)
         );
         if constant && leaf { Self::Constant(resolve::anywhere(&self)) } else { self }
     }
@@ -304,7 +362,8 @@ impl SurfaceNode {
     pub fn transmits(&self) -> bool {
         match self {
             Self::Constant(b) => b.transmits(),
-            Self::Dielectric { .. } => true,
+            Self::Dielectric { .. } | Self::PrincipledThin(_) => true,
+            Self::Principled(p) => !p.spec_trans.is_zero(),
             Self::TwoSided { .. } => false,
             Self::Mask { inner, .. } | Self::Bump { inner, .. } | Self::NormalMap { inner, .. } => {
                 inner.transmits()
@@ -328,10 +387,13 @@ impl SurfaceNode {
     pub fn needs_partials(&self) -> bool {
         let two = |r: &Option<Roughness>| r.as_ref().is_some_and(|r| !r.alpha_u.same(&r.alpha_v));
         match self {
+            Self::Constant(Bsdf::Principled(b)) => b.is_anisotropic(),
+            Self::Constant(Bsdf::PrincipledThin(b)) => b.is_anisotropic(),
             Self::Constant(Bsdf::RoughConductor(b)) => b.surface.alpha_x != b.surface.alpha_y,
             Self::Constant(Bsdf::RoughDielectric(b)) => b.surface.alpha_x != b.surface.alpha_y,
             Self::Conductor { rough, .. } | Self::Dielectric { rough, .. } => two(rough),
-            Self::Principled(p) => !matches!(&p.anisotropic, Texture::Constant(c) if c.x == 0.0),
+            Self::Principled(p) => !p.anisotropic.is_zero(),
+            Self::PrincipledThin(p) => !p.anisotropic.is_zero(),
             Self::Bump { .. } | Self::NormalMap { .. } => true,
             Self::TwoSided { front, back } => {
                 front.needs_partials() || back.as_ref().is_some_and(|b| b.needs_partials())

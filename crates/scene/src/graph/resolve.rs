@@ -1,9 +1,12 @@
 //! A surface graph at a point.
 
-use super::{PrincipledTextures, Roughness, SurfaceGraph, SurfaceNode, SurfacePoint, Texture};
+use super::{
+    PrincipledTextures, PrincipledThinTextures, Roughness, SurfaceGraph, SurfaceNode, SurfacePoint, Texture,
+};
 use photofit_scalar::{Vec3f, vec3};
 use photofit_shading::bsdf::{
-    Bsdf, Conductor, Diffuse, Microfacet, Principled, PrincipledParameters, RoughConductor,
+    Bsdf, Conductor, Diffuse, Microfacet, Principled, PrincipledParameters, PrincipledThin,
+    PrincipledThinParameters, RoughConductor,
 };
 
 /// Derivatives of the position with respect to the texture coordinates, in the frame whose z is the shading normal.
@@ -142,6 +145,7 @@ fn leaf(node: &SurfaceNode, at: &SurfacePoint) -> Bsdf<f32> {
             Bsdf::RoughPlastic(plastic)
         }
         SurfaceNode::Principled(p) => Bsdf::Principled(principled(p, at)),
+        SurfaceNode::PrincipledThin(p) => Bsdf::PrincipledThin(principled_thin(p, at)),
         _ => Bsdf::Diffuse(Diffuse { reflectance: Vec3f::zero() }),
     }
 }
@@ -158,12 +162,29 @@ fn principled(p: &PrincipledTextures, at: &SurfacePoint) -> Principled<f32> {
         roughness: number(&p.roughness),
         anisotropic: number(&p.anisotropic),
         metallic: number(&p.metallic),
+        spec_trans: number(&p.spec_trans),
         spec_tint: number(&p.spec_tint),
         sheen: number(&p.sheen),
         sheen_tint: number(&p.sheen_tint),
         flatness: number(&p.flatness),
         clearcoat: number(&p.clearcoat),
         clearcoat_gloss: number(&p.clearcoat_gloss),
+        eta: p.eta,
+    })
+}
+
+fn principled_thin(p: &PrincipledThinTextures, at: &SurfacePoint) -> PrincipledThin<f32> {
+    let number = |t: &Texture| t.value(at).clamp(0.0, 1.0);
+    PrincipledThin::new(&PrincipledThinParameters {
+        base_color: unit(&p.base_color, at),
+        roughness: number(&p.roughness),
+        anisotropic: number(&p.anisotropic),
+        spec_trans: number(&p.spec_trans),
+        diff_trans: 0.5 * p.diff_trans.value(at).clamp(0.0, 2.0),
+        spec_tint: number(&p.spec_tint),
+        sheen: number(&p.sheen),
+        sheen_tint: number(&p.sheen_tint),
+        flatness: number(&p.flatness),
         eta: p.eta,
     })
 }

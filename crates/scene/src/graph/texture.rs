@@ -145,6 +145,11 @@ impl Texture {
         }
     }
 
+    /// Whether it is 0 everywhere.
+    pub(crate) fn is_zero(&self) -> bool {
+        self.constant() == Some(Vec3f::zero())
+    }
+
     /// Whether both are the same constant.
     pub(crate) fn same(&self, other: &Self) -> bool {
         self.constant().is_some() && self.constant() == other.constant()

@@ -4,7 +4,9 @@ use super::Importer;
 use super::material_data;
 use super::spectrum::Meaning;
 use crate::error::{Fault, fault};
-use crate::graph::{MAX_GRAPH_DEPTH, PrincipledTextures, Roughness, SurfaceNode, Texture};
+use crate::graph::{
+    MAX_GRAPH_DEPTH, PrincipledTextures, PrincipledThinTextures, Roughness, SurfaceNode, Texture,
+};
 use crate::load::clip;
 use photofit_scalar::Vec3f;
 use photofit_shading::bsdf::{
@@ -37,6 +39,7 @@ impl Importer {
             "dielectric" | "thindielectric" | "roughdielectric" => self.dielectric(element, &kind)?,
             "plastic" | "roughplastic" => self.plastic(element, kind == "roughplastic")?,
             "principled" => self.principled(element)?,
+            "principledthin" => self.principled_thin(element)?,
             "null" => SurfaceNode::Constant(Bsdf::Null(Null)),
             "twosided" => self.two_sided(element, depth)?,
             "mask" => {
@@ -269,10 +272,6 @@ impl Importer {
         if !(1e-3..=1e3).contains(&eta) {
             return Err(fault(place, format!("eta is {eta}; it must be positive")));
         }
-        let transmission = self.texture(element, "spec_trans", Meaning::Unbounded, 0.0)?;
-        if transmission.constant() != Some(Vec3f::zero()) {
-            self.reader.unsupported(element, "transmission (`spec_trans`) of bsdf `principled`");
-        }
         self.reader.ignore(
             element,
             &["diffuse_reflectance_sampling_rate", "main_specular_sampling_rate", "clearcoat_sampling_rate"],
@@ -283,6 +282,7 @@ impl Importer {
             roughness: get("roughness", 0.5)?,
             anisotropic: get("anisotropic", 0.0)?,
             metallic: get("metallic", 0.0)?,
+            spec_trans: get("spec_trans", 0.0)?,
             spec_tint: get("spec_tint", 0.0)?,
             sheen: get("sheen", 0.0)?,
             sheen_tint: get("sheen_tint", 0.0)?,
@@ -292,5 +292,36 @@ impl Importer {
             eta: eta as f32,
         };
         Ok(SurfaceNode::Principled(Box::new(textures)))
+    }
+
+    fn principled_thin(&mut self, element: usize) -> Result<SurfaceNode, Fault> {
+        let eta = self.reader.float(element, "eta")?.unwrap_or(1.5);
+        if !(eta > 1.0 && eta <= 1e3) {
+            let rule = format!("eta is {eta}; it must be greater than 1");
+            return Err(fault(self.reader.place(element), rule));
+        }
+        self.reader.ignore(
+            element,
+            &[
+                "diffuse_reflectance_sampling_rate",
+                "diffuse_transmittance_sampling_rate",
+                "specular_reflectance_sampling_rate",
+                "specular_transmittance_sampling_rate",
+            ],
+        );
+        let mut get = |name: &str, default: f32| self.texture(element, name, Meaning::Unbounded, default);
+        let textures = PrincipledThinTextures {
+            base_color: get("base_color", 0.5)?,
+            roughness: get("roughness", 0.5)?,
+            anisotropic: get("anisotropic", 0.0)?,
+            spec_trans: get("spec_trans", 0.0)?,
+            diff_trans: get("diff_trans", 0.0)?,
+            spec_tint: get("spec_tint", 0.0)?,
+            sheen: get("sheen", 0.0)?,
+            sheen_tint: get("sheen_tint", 0.0)?,
+            flatness: get("flatness", 0.0)?,
+            eta: eta as f32,
+        };
+        Ok(SurfaceNode::PrincipledThin(Box::new(textures)))
     }
 }

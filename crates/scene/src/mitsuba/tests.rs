@@ -448,3 +448,23 @@ fn many_attributes_and_many_unknown_elements_take_linear_time() {
     let text = load_text(&format!("{SENSOR}{flowers}")).unwrap_err();
     assert!(text.contains("and 99936 more"), "{text}");
 }
+
+#[test]
+fn principled_surfaces_let_light_through() {
+    let root = |bsdf: &str| scene(&format!("<shape type='sphere'>{bsdf}</shape>")).materials[0].root.clone();
+    let glass = root(
+        "<bsdf type='principled'><float name='spec_trans' value='0.8'/><float name='anisotropic' value='0.5'/>\
+         </bsdf>",
+    );
+    assert!(glass.transmits() && glass.needs_partials(), "{glass:?}");
+    let opaque = root("<bsdf type='principled'><float name='roughness' value='0.2'/></bsdf>");
+    assert!(!opaque.transmits() && !opaque.needs_partials(), "{opaque:?}");
+    let sheet = root(
+        "<bsdf type='principledthin'><float name='diff_trans' value='1.5'/><float name='spec_trans' value='0.3'/>\
+         <float name='eta' value='1.3'/></bsdf>",
+    );
+    assert!(matches!(sheet, SurfaceNode::Constant(Bsdf::PrincipledThin(_))) && sheet.transmits());
+    let body = "<shape type='sphere'><bsdf type='principledthin'><float name='eta' value='1'/></bsdf></shape>";
+    let error = load_text(&format!("{SENSOR}{body}")).unwrap_err();
+    assert!(error.contains("eta is 1; it must be greater than 1"), "{error}");
+}

@@ -29,6 +29,7 @@ mod microfacet;
 mod microfacet_adjoint;
 mod plastic;
 mod principled;
+mod principled_thin;
 mod refraction;
 mod simple;
 mod table;
@@ -46,6 +47,7 @@ pub use microfacet::{Distribution, Masking, Microfacet};
 pub use microfacet_adjoint::RoughConductorGradient;
 pub use plastic::{Plastic, RoughPlastic};
 pub use principled::{Principled, PrincipledParameters};
+pub use principled_thin::{PrincipledThin, PrincipledThinParameters};
 pub use simple::{Diffuse, Null, TwoSided};
 
 use photofit_scalar::{Real, Vec3, vec3};
@@ -138,6 +140,8 @@ pub enum Bsdf<T = f32> {
     RoughPlastic(RoughPlastic<T>),
     /// The principled model of Burley.
     Principled(Principled<T>),
+    /// The thin principled model of Burley.
+    PrincipledThin(PrincipledThin<T>),
 }
 
 macro_rules! each {
@@ -155,6 +159,7 @@ macro_rules! each {
             Bsdf::Plastic($b) => $body,
             Bsdf::RoughPlastic($b) => $body,
             Bsdf::Principled($b) => $body,
+            Bsdf::PrincipledThin($b) => $body,
         }
     };
 }

@@ -6,5 +6,6 @@ mod catalogue;
 mod chi_square;
 mod energy;
 mod principled;
+mod principled_transmission;
 mod stress;
 mod values;

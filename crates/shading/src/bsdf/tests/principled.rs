@@ -13,6 +13,7 @@ fn cases() -> [PrincipledParameters<f64>; 4] {
         roughness: 0.5,
         anisotropic: 0.0,
         metallic: 0.0,
+        spec_trans: 0.0,
         spec_tint: 0.0,
         sheen: 0.0,
         sheen_tint: 0.0,
