@@ -6,15 +6,31 @@
 //! [`MipBuffers::record_collect`] adds them to the gradients.
 
 use crate::{Level, MipAdjoint, MipLayout, MipRule, MipSizes, Pyramid, Texture, mip_levels};
-use photofit_gpu::{Buffer, FIXED_READ, Gpu, GpuError, INDEX, Kernel, Recorder, fixed_words};
+use photofit_gpu::{Buffer, FIXED_READ, Gpu, GpuError, INDEX, Kernel, Recorder, Slot, fixed_words};
 
 /// Channels of a texel.
 pub const CHANNELS: usize = 16;
 /// Levels that a [`MipTable`] has room for: sizes up to 32,768.
 const LEVELS: usize = 16;
-/// Units of texel sums by default, `1 / 2^-44`: gradients of 1e-9 keep four digits, terms up to 1024 and sums up to
-/// 524,288 fit.
+/// Units of sums over few samples, `1 / 2^-44`: gradients of 1e-9 keep four digits, terms up to 1024 and sums up to 524,288
+/// fit.
 pub const SUM_SCALE: f32 = (1_u64 << 44) as f32;
+/// Logarithm of the number of samples that count as few, and the most by which units shrink.
+const FEW_SAMPLES: u32 = 16;
+const FINEST: u32 = 16;
+
+/// Scale of the sums of the gradient of a mean over so many samples: a power of two that grows with them, as the terms
+/// shrink. Terms keep their digits, and reach as far, for pictures of any size and number.
+///
+/// ```
+/// use photofit_texture::gpu::{SUM_SCALE, sum_scale};
+/// assert_eq!(sum_scale(256 * 256), SUM_SCALE);
+/// assert_eq!(sum_scale(8 * 2048 * 2048), 512.0 * SUM_SCALE);
+/// ```
+pub fn sum_scale(samples: usize) -> f32 {
+    let more = samples.max(1).ilog2().saturating_sub(FEW_SAMPLES).min(FINEST);
+    SUM_SCALE * (1_u32 << more) as f32
+}
 
 /// Level of detail, taps and lookups. Needs [`photofit_scalar::WGSL`] before it, a member `maps: MipTable` in the kernel's
 /// parameters, and `var<storage, read> texels: array<vec4<f32>>`.
@@ -58,9 +74,10 @@ struct FilterParams {
     upsampled: u32,
 }
 
+/// What is known when sums are taken up: `Params` of its kernel.
 #[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct CollectParams {
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct CollectParams {
     slots: [u32; CHANNELS],
     texels: u32,
     channels: u32,
@@ -85,32 +102,28 @@ pub struct MipBuffers {
 }
 
 impl MipBuffers {
-    /// Uploads a pyramid. Gradients are summed for the channels in `fitted`, in units of `1 / scale`, a power of two (see
-    /// [`SUM_SCALE`]).
+    /// Uploads a pyramid. Gradients are summed for the channels in `fitted`.
     ///
     /// # Errors
     /// If the device cannot hold a buffer.
     ///
     /// # Panics
-    /// If the pyramid does not go down to 1 x 1, has more than 16 levels, or the scale is no power of two.
+    /// If the pyramid does not go down to 1 x 1 or has more than 16 levels.
     pub fn new(
         gpu: &Gpu,
         pyramid: &Pyramid<f32, CHANNELS>,
         fitted: [bool; CHANNELS],
-        scale: f32,
     ) -> Result<Self, GpuError> {
         let base = &pyramid.levels[0];
         assert_eq!(pyramid.levels.len(), mip_levels(base.width, base.height), "all levels");
         assert!(pyramid.levels.len() <= LEVELS, "at most {LEVELS} levels");
-        let power = scale.is_normal() && scale > 0.0 && scale.to_bits().trailing_zeros() >= 23;
-        assert!(power, "units of sums are powers of two");
         let layout = MipLayout::full(base.width, base.height);
         let mut table = MipTable {
             levels: [[0; 4]; LEVELS],
             slots: [u32::MAX; CHANNELS],
             count: layout.count() as u32,
             channels: 0,
-            scale,
+            scale: SUM_SCALE,
             pad: 0,
         };
         for (out, l) in table.levels.iter_mut().zip(layout.levels()) {
@@ -167,9 +180,14 @@ impl MipBuffers {
         &self.layout
     }
 
-    /// The parameters of lookups.
-    pub fn table(&self) -> &MipTable {
-        &self.table
+    /// The parameters of lookups whose gradients are summed in units of `1 / scale` ([`sum_scale`]).
+    ///
+    /// # Panics
+    /// If the scale is no power of two.
+    pub fn table(&self, scale: f32) -> MipTable {
+        let power = scale.is_normal() && scale > 0.0 && scale.to_bits().trailing_zeros() >= 23;
+        assert!(power, "units of sums are powers of two");
+        MipTable { scale, ..self.table }
     }
 
     /// Parameters of the filter from level `k - 1` to level `k`.
@@ -219,15 +237,20 @@ impl MipBuffers {
         Ok(())
     }
 
-    /// Records that the sums are added to the gradient (which the caller empties before) and emptied. What did not fit is told by [`Self::status`].
+    /// Records that the sums are added to the gradient (which the caller empties before) and emptied. What did not fit is
+    /// told by [`Self::status`]. The slot takes other [`Self::collected`].
     ///
     /// # Errors
     /// If the kernel does not fit the device.
-    pub fn record_collect(&self, r: &mut Recorder) -> Result<(), GpuError> {
-        let MipTable { slots, channels, scale, .. } = self.table;
-        let params = CollectParams { slots, texels: self.layout.texels() as u32, channels, scale, pad: 0 };
+    pub fn record_collect(&self, r: &mut Recorder, scale: f32) -> Result<Slot, GpuError> {
         let buffers = [self.sums.bind(), self.gradient.bind(), self.status.bind()];
-        r.dispatch(&COLLECT, &params, &buffers, 4 * self.layout.texels()).map(|_| ())
+        r.dispatch(&COLLECT, &self.collected(scale), &buffers, 4 * self.layout.texels())
+    }
+
+    /// The parameters of [`Self::record_collect`] for sums in units of `1 / scale`.
+    pub fn collected(&self, scale: f32) -> CollectParams {
+        let MipTable { slots, channels, .. } = self.table;
+        CollectParams { slots, texels: self.layout.texels() as u32, channels, scale, pad: 0 }
     }
 }
 

@@ -161,7 +161,7 @@ impl MapShading {
         })
     }
 
-    /// The parameters of a picture; `passes` as in [`Self::new`], but for masks, alpha, emission and the normal map. `scale` is that of the sums of vertices, `number` tells which of the uploaded
+    /// The parameters of a picture; `passes` as in [`Self::new`], but for masks, alpha, emission and the normal map. `scale` is that of the sums of vertices and texels, `number` tells which of the uploaded
     /// environments a map is.
     ///
     /// # Panics
@@ -182,7 +182,7 @@ impl MapShading {
         };
         let flags = [passes.normal_map, passes.emissive, passes.alpha_gradients, faded];
         ShadeParams {
-            maps: *self.maps.table(),
+            maps: self.maps.table(scale),
             lights: self.tables.lights(view.lights, number),
             eye: [view.eye.x, view.eye.y, view.eye.z],
             lod_bias: view.lod_bias,

@@ -464,7 +464,8 @@ fn principled_surfaces_let_light_through() {
          <float name='eta' value='1.3'/></bsdf>",
     );
     assert!(matches!(sheet, SurfaceNode::Constant(Bsdf::PrincipledThin(_))) && sheet.transmits());
-    let body = "<shape type='sphere'><bsdf type='principledthin'><float name='eta' value='1'/></bsdf></shape>";
+    let body =
+        "<shape type='sphere'><bsdf type='principledthin'><float name='eta' value='1'/></bsdf></shape>";
     let error = load_text(&format!("{SENSOR}{body}")).unwrap_err();
     assert!(error.contains("eta is 1; it must be greater than 1"), "{error}");
 }

@@ -67,7 +67,7 @@ fn chains_agree() {
             if rule != MipRule::Free {
                 start.levels[1..].iter_mut().for_each(|l| l.texels.fill([f32::NAN; CHANNELS]));
             }
-            let maps = MipBuffers::new(gpu, &start, [true; CHANNELS], SUM_SCALE).expect("fits");
+            let maps = MipBuffers::new(gpu, &start, [true; CHANNELS]).expect("fits");
             assert_eq!(maps.read(gpu).expect("read").levels[0], expected.levels[0]);
             run(gpu, |r| maps.record_rebuild(r));
             let found = flat(&maps.read(gpu).expect("read"));
@@ -85,7 +85,7 @@ fn adjoints_of_chains_agree() {
                 let values = pyramid(size, rule, k as u64);
                 let mut expected = pyramid(size, MipRule::Free, 100 + k as u64);
                 expected.rule = rule;
-                let maps = MipBuffers::new(gpu, &values, [true; CHANNELS], SUM_SCALE).expect("fits");
+                let maps = MipBuffers::new(gpu, &values, [true; CHANNELS]).expect("fits");
                 gpu.write(&maps.gradient, bytemuck::cast_slice(&flat(&expected))).expect("written");
                 values.collapse_vjp(&mut expected, adjoint);
                 run(gpu, |r| maps.record_collapse_vjp(r, adjoint));

@@ -13,6 +13,7 @@ use photofit_raster::deferred::gpu::MapShading;
 use photofit_raster::gpu::{PictureBuffers, render, render_vjp};
 use photofit_raster::loss::Loss;
 use photofit_raster::loss::gpu::{RecordedLoss, Term, value_and_gradient};
+use photofit_raster::texture::gpu::{SUM_SCALE, sum_scale};
 
 /// Losses that are kept on the device until they are read.
 pub(super) const COURSE: usize = 1024;
@@ -38,6 +39,8 @@ pub(super) struct Step {
     places: Vec<Place>,
     optimizers: Vec<Option<Recorded>>,
     losses: Slot,
+    /// Takes the scale of the sums of texels.
+    collected: Option<Slot>,
 }
 
 /// How a batch is compared: its mean loss over the colours.
@@ -78,7 +81,7 @@ impl Step {
         }
         let buffers = [stage.loss.values.bind(), course.bind()];
         let losses = r.dispatch(&ADD_LOSSES, &[pictures as u32, 0, 0, 0], &buffers, 1)?;
-        on.record_vjp(&mut r, g, passes)?;
+        let collected = on.record_vjp(&mut r, g, passes)?;
         let mut recorded = Vec::new();
         for ((group, optimizer), moves) in groups.iter().zip(optimizers).zip(moving) {
             if !*moves {
@@ -97,7 +100,7 @@ impl Step {
         }
         let (moving, passes) = (moving.to_vec(), *passes);
         let recording = r.finish()?;
-        Ok(Self { recording, room, moving, passes, shading, places, optimizers: recorded, losses })
+        Ok(Self { recording, room, moving, passes, shading, places, optimizers: recorded, losses, collected })
     }
 
     /// Whether it serves a batch: the same number of pictures that move the same groups, at most as large and not much
@@ -119,11 +122,17 @@ impl Step {
         at: usize,
     ) -> Result<(), OptimError> {
         let term = term(loss, shots.len());
+        // Of this batch alone: a fit that goes on has the same sums.
+        let samples = |s: &Shot| s.width * s.height * s.sampling.per_axis.pow(2);
+        let scale = sum_scale(shots.iter().map(samples).sum());
+        if let Some(slot) = self.collected {
+            self.recording.set(slot, &on.maps.collected(scale));
+        }
         for (place, shot) in self.places.iter().zip(shots) {
             gpu.write(&place.background, &padded(&shot.background))?;
             gpu.write(&place.reference, &shot.reference)?;
             place.loss.set(&mut self.recording, &term, shot.width * shot.height);
-            aim(&mut self.recording, &place.drawn, &self.shading, (on, skies), shot, &self.passes);
+            aim(&mut self.recording, &place.drawn, &self.shading, (on, skies), (shot, scale), &self.passes);
         }
         for ((optimizer, rates), recorded) in optimizers.iter_mut().zip(rates).zip(&self.optimizers) {
             if let Some(recorded) = recorded {
@@ -176,7 +185,7 @@ impl Forward {
         shot: &Shot,
     ) -> Result<Vec<[f32; 4]>, GpuError> {
         gpu.write(&stage.picture.background, &padded(&shot.background))?;
-        aim(&mut self.recording, &self.drawn, &self.shading, (on, skies), shot, &self.passes);
+        aim(&mut self.recording, &self.drawn, &self.shading, (on, skies), (shot, SUM_SCALE), &self.passes);
         self.recording.run()?;
         let mut color = gpu.read(&stage.picture.color)?;
         color.truncate(shot.width * shot.height);

@@ -3,7 +3,7 @@
 use crate::candidate::Candidate;
 use photofit_geometry::Incidence;
 use photofit_geometry::gpu::{Lists, VertexNormals, VertexTangents, expand, expand_vjp};
-use photofit_gpu::{Buffer, Gpu, GpuError, INDEX, Kernel, Recorder};
+use photofit_gpu::{Buffer, Gpu, GpuError, INDEX, Kernel, Recorder, Slot};
 use photofit_raster::antialias::Topology;
 use photofit_raster::deferred::{Masks, Passes};
 use photofit_raster::gpu::{GradientBuffers, MeshBuffers};
@@ -51,7 +51,7 @@ impl Resident {
             .map(|incidence| Lists::new(gpu, incidence));
         let (weld, smooth, unique) = (weld?, smooth?, unique?);
         let positions: &[[f32; 3]] = bytemuck::cast_slice(&c.positions);
-        let maps = MipBuffers::new(gpu, &c.maps, fitted, SUM_SCALE)?;
+        let maps = MipBuffers::new(gpu, &c.maps, fitted)?;
         let best_maps = gpu.zeros("best maps", maps.texels.len())?;
         let texels = c.maps.levels[0].texels.len();
         let class = |i: usize| {
@@ -92,21 +92,24 @@ impl Resident {
         r.clear(&g.tangents);
     }
 
-    /// Records how the gradients of pictures return to the parameters: twin of the end of [`Candidate::pull_back`].
+    /// Records how the gradients of pictures return to the parameters: twin of the end of [`Candidate::pull_back`]. Where
+    /// there are gradients of maps, the slot takes the parameters of [`MipBuffers::record_collect`].
     pub(super) fn record_vjp(
         &self,
         r: &mut Recorder,
         g: &GradientBuffers,
         passes: &Passes,
-    ) -> Result<(), GpuError> {
+    ) -> Result<Option<Slot>, GpuError> {
         if passes.position_gradients {
             let MeshBuffers { positions, normals, .. } = &self.mesh;
             self.tangents.vjp(r, positions, normals, &g.tangents, &g.positions, &g.normals)?;
             self.normals.vjp(r, positions, &g.normals, &g.positions)?;
             expand_vjp(r, &self.weld, &g.positions, &self.d_welded)?;
         }
+        let mut collected = None;
         if passes.map_gradients {
-            self.maps.record_collect(r)?;
+            // Each run sets the scale of its batch.
+            collected = Some(self.maps.record_collect(r, SUM_SCALE)?);
             self.maps.record_collapse_vjp(r, self.mip_adjoint)?;
             if let Some(held) = &self.held {
                 // The outline of a mask that is cut has no gradient; what weighs colours must not move it.
@@ -115,6 +118,6 @@ impl Resident {
                 r.dispatch(&HOLD, &params, &[self.maps.gradient.bind(), held.bind()], self.texels)?;
             }
         }
-        Ok(())
+        Ok(collected)
     }
 }

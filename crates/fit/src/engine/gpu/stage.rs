@@ -127,13 +127,13 @@ pub(super) fn largest(on: &Resident, room: Room, passes: &Passes) -> FrameParams
     FrameParams::new(&shot, on.mesh.vertices(), on.mesh.triangles(), passes, fits_alpha)
 }
 
-/// Sets the parameters of a picture for the next run.
+/// Sets the parameters of a picture for the next run; `scale` is that of sums.
 pub(super) fn aim(
     recording: &mut Recording,
     drawn: &Drawn,
     shading: &MapShading,
     (on, skies): (&Resident, &Skies),
-    shot: &Shot,
+    (shot, scale): (&Shot, f32),
     passes: &Passes,
 ) {
     let lights = shot.lights.lights();
@@ -143,12 +143,12 @@ pub(super) fn aim(
         width: view.width,
         height: view.height,
         samples: view.samples,
-        scale: SUM_SCALE,
+        scale,
     };
     let fits_alpha = on.mesh.fits_alpha(passes);
     let params = FrameParams::new(&of, on.mesh.vertices(), on.mesh.triangles(), passes, fits_alpha);
     drawn.slots.iter().for_each(|slots| slots.set(recording, &params));
-    let params = shading.params(&view, passes, SUM_SCALE, |map| skies.number(map));
+    let params = shading.params(&view, passes, scale, |map| skies.number(map));
     drawn.shading.set(recording, &params);
 }
 

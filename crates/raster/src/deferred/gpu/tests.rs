@@ -59,7 +59,7 @@ fn on_device(gpu: &Gpu, s: &Scene, passes: &Passes, g: &[[f32; 4]]) -> Layer {
         gpu.write(&layer.triangle, triangle).expect("written");
         let gradients = GradientBuffers::new(gpu, &mesh, n, pixels).expect("fits");
         let fitted = std::array::from_fn(|c| c < channel::USED);
-        let maps = MipBuffers::new(gpu, &s.maps, fitted, SUM_SCALE).expect("fits");
+        let maps = MipBuffers::new(gpu, &s.maps, fitted).expect("fits");
         let tables = ShadingTables::new(gpu, &[&s.environment]).expect("fits");
         let mut shading = MapShading::new(gpu, maps, tables, mesh.triangles(), passes).expect("fits");
         let params = shading.params(view, passes, SUM_SCALE, |_| 0);
@@ -97,7 +97,7 @@ fn on_device(gpu: &Gpu, s: &Scene, passes: &Passes, g: &[[f32; 4]]) -> Layer {
         shading.set(&params);
         let mut r = gpu.record("reverse");
         shading.record_vjp(&mut r, &mesh, &picture, layer, &gradients, Work::Threads(n)).expect("recorded");
-        shading.maps.record_collect(&mut r).expect("recorded");
+        shading.maps.record_collect(&mut r, SUM_SCALE).expect("recorded");
         r.finish().expect("finished").run().expect("runs");
         let words = gpu.read(&gradients.sums).expect("read");
         let status = [*words.last().expect("a status"), gpu.read(&shading.maps.status).expect("read")[0]];

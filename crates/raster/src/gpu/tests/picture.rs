@@ -182,7 +182,7 @@ impl<'a> Device<'a> {
             PictureBuffers::new(gpu, &mesh, samples, pixels, layers, passes.antialias).expect("made");
         let g = GradientBuffers::new(gpu, &mesh, samples, pixels).expect("made");
         let fitted = std::array::from_fn(|k| k < channel::USED);
-        let maps = MipBuffers::new(gpu, &s.maps, fitted, SCALE).expect("uploaded");
+        let maps = MipBuffers::new(gpu, &s.maps, fitted).expect("uploaded");
         let tables = ShadingTables::new(gpu, &[&s.environment]).expect("uploaded");
         let mut shading = MapShading::new(gpu, maps, tables, mesh.triangles(), passes).expect("made");
         let params = s.with(c, |view| frame_params(&mesh, view, passes));
@@ -190,7 +190,7 @@ impl<'a> Device<'a> {
         let forward = render(&mut r, &mesh, &picture, passes, &params, &mut shading).expect("recorded");
         let reverse =
             render_vjp(&mut r, &mesh, &picture, passes, &params, &mut shading, &g).expect("recorded");
-        shading.maps.record_collect(&mut r).expect("recorded");
+        shading.maps.record_collect(&mut r, SCALE).expect("recorded");
         let shade_slots = shading.take_slots();
         let recording = r.finish().expect("recorded");
         let slots = [forward, reverse];

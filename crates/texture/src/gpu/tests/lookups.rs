@@ -42,7 +42,7 @@ fn on_device(
     g: &[f32],
     fitted: [bool; CHANNELS],
 ) -> Lookups {
-    let maps = MipBuffers::new(gpu, p, fitted, SUM_SCALE).expect("fits");
+    let maps = MipBuffers::new(gpu, p, fitted).expect("fits");
     let wrap = |w: Wrap| match w {
         Wrap::Repeat => 0,
         Wrap::MirroredRepeat => 1,
@@ -55,8 +55,15 @@ fn on_device(
     };
     let n = places.len();
     let (wrap_u, wrap_v) = (wrap(s.wrap_u), wrap(s.wrap_v));
-    let params =
-        Params { maps: *maps.table(), count: n as u32, wrap_u, wrap_v, filtering, bias: 0.3, pad: [0; 3] };
+    let params = Params {
+        maps: maps.table(SUM_SCALE),
+        count: n as u32,
+        wrap_u,
+        wrap_v,
+        filtering,
+        bias: 0.3,
+        pad: [0; 3],
+    };
     let at = gpu.upload("places", places).expect("fits");
     let values = gpu.zeros::<[f32; 4]>("values", 4 * n).expect("fits");
     let g = gpu.upload("g", g).expect("fits");
@@ -65,7 +72,7 @@ fn on_device(
         r.dispatch(&FORWARD, &params, &[maps.texels.bind(), at.bind(), values.bind()], n)?;
         let buffers = [maps.texels.bind(), at.bind(), g.bind(), derivatives.bind(), maps.sums.bind()];
         r.dispatch(&REVERSE, &params, &buffers, n)?;
-        maps.record_collect(r)
+        maps.record_collect(r, SUM_SCALE).map(|_| ())
     });
     Lookups {
         values: words(gpu, &values),
