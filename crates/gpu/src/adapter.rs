@@ -5,7 +5,7 @@ use crate::GpuError;
 /// Which adapter a device is made from.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Choice {
-    /// The first hardware adapter, discrete before integrated; never a software one.
+    /// The first hardware adapter that lacks nothing, discrete before integrated; never a software one.
     #[default]
     Hardware,
     /// Hardware if there is any, else a software one.
@@ -85,11 +85,18 @@ pub struct AdapterReport {
     pub lacks: Vec<String>,
 }
 
-/// Storage buffers that kernels may bind: fewer than WebGPU's least would be too few for a whole pixel.
-pub(crate) const STORAGE_BUFFERS: u32 = 12;
+/// Most storage buffers that a kernel binds; WebGPU promises 8.
+pub(crate) const STORAGE_BUFFERS: u32 = 9;
+/// What an adapter may lack.
+const TIMESTAMPS: &str = "timestamps (profiles only)";
 const WORKGROUP_MEMORY: u32 = 16 << 10;
 
 impl AdapterReport {
+    /// The first thing missing without which no kernel runs.
+    pub fn missing(&self) -> Option<&str> {
+        self.lacks.iter().map(String::as_str).find(|l| *l != TIMESTAMPS)
+    }
+
     fn new(adapter: &wgpu::Adapter) -> Self {
         let (info, limits) = (adapter.get_info(), adapter.limits());
         let mut lacks = Vec::new();
@@ -103,7 +110,7 @@ impl AdapterReport {
             lacks.push("256 lanes a workgroup".into());
         }
         if !adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY) {
-            lacks.push("timestamps (profiles only)".into());
+            lacks.push(TIMESTAMPS.into());
         }
         Self {
             kind: AdapterKind::of(info.device_type),
@@ -152,7 +159,10 @@ pub(crate) fn choose(choice: &Choice) -> Result<(AdapterReport, wgpu::Adapter), 
             r.name.to_lowercase().contains(&text) || r.driver.to_lowercase().contains(&text)
         }
     };
-    all.into_iter().find(|(r, _)| fits(r)).ok_or_else(|| GpuError::NoAdapter {
+    let mut fitting: Vec<_> = all.into_iter().filter(|(r, _)| fits(r)).collect();
+    // Who lacks something is refused by name where there is nobody else.
+    fitting.sort_by_key(|(r, _)| r.missing().is_some());
+    fitting.into_iter().next().ok_or_else(|| GpuError::NoAdapter {
         wanted: choice.phrase(),
         found: if names.is_empty() { "none".into() } else { names.join(", ") },
     })

@@ -38,7 +38,7 @@ impl Gpu {
     pub fn new(choice: &Choice) -> Result<Self, GpuError> {
         let (report, adapter) = choose(choice)?;
         let no_device = |reason: String| GpuError::NoDevice { adapter: report.name.clone(), reason };
-        if let Some(lack) = report.lacks.iter().find(|l| !l.contains("profiles only")) {
+        if let Some(lack) = report.missing() {
             return Err(no_device(format!("it lacks {lack}")));
         }
         let timestamps = adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY);

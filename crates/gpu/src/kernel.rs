@@ -1,6 +1,7 @@
 //! Compute kernels: WGSL in parts, whose bindings are read from the source.
 
 use crate::GpuError;
+use crate::adapter::STORAGE_BUFFERS;
 use wgpu::naga;
 
 /// Numbers the invocations of a dispatch: put first into [`Kernel::source`].
@@ -88,6 +89,11 @@ impl Kernel {
             }
         }
         out.storage.sort_unstable();
+        let bound = out.storage.len();
+        if bound > STORAGE_BUFFERS as usize {
+            let rule = format!("binds {bound} storage buffers; adapters are asked for {STORAGE_BUFFERS}");
+            return Err(self.error(rule));
+        }
         Ok(out)
     }
 }

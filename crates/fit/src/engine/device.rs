@@ -60,26 +60,30 @@ impl Device {
     }
 }
 
-/// Runs a fit of a surface there; see [`train`]. Also tells the device that it ran on.
+/// Runs a fit of a surface there; see [`train`]. Also tells the device that it ran on: where a GPU was not required and
+/// cannot hold the fit, or fails before its first step is done, that is the CPU.
 pub(crate) fn train_on<'p>(
     device: &Device,
     surface: Surface,
     job: &Job<'_>,
-    phases: impl FnOnce(f64) -> Vec<Phase<'p, Surface>>,
+    mut phases: impl FnMut(f64) -> Vec<Phase<'p, Surface>>,
     progress: &dyn Progress,
 ) -> Result<(Trained<Surface>, Device), FitError> {
     #[cfg(feature = "gpu")]
     if let Kind::Gpu { gpu, required } = &device.kind {
-        match GpuSurface::new(gpu, surface.clone(), &job.held_out.shots) {
-            Ok(model) => return Ok((train(model, job, phases, progress)?, device.clone())),
-            Err(source) if *required => return Err(FitError::NoRoom { device: device.name(), source }),
-            Err(e) => {
-                let why = format!("it does not fit on {}: {e}", device.name());
-                progress.warn(&format!("the fit runs on the CPU: {why}"));
-                let trained = train(Cpu::new(surface)?, job, phases, progress)?;
-                return Ok((trained, Device::cpu(&why)));
-            }
-        }
+        let trained = match GpuSurface::new(gpu, surface.clone(), &job.held_out.shots) {
+            Ok(model) => train(model, job, &mut phases, progress),
+            Err(source) => Err(FitError::NoRoom { device: device.name(), source }),
+        };
+        let why = match trained {
+            Err(FitError::NoRoom { source, .. }) if !*required => source.to_string(),
+            Err(FitError::Device { step: 0, source, .. }) if !*required => source.to_string(),
+            trained => return Ok((trained?, device.clone())),
+        };
+        let why = format!("it does not fit on {}: {why}", device.name());
+        progress.warn(&format!("the fit runs on the CPU: {why}"));
+        let trained = train(Cpu::new(surface)?, job, phases, progress)?;
+        return Ok((trained, Device::cpu(&why)));
     }
     Ok((train(Cpu::new(surface)?, job, phases, progress)?, device.clone()))
 }
