@@ -1,6 +1,7 @@
 //! What goes to stdout and into JSON files.
 
 use anyhow::Result;
+pub(crate) use photofit_fit::report::count;
 use photofit_fit::simplify::Quality;
 use serde_json::{Value, json};
 use std::io::{ErrorKind, Write};
@@ -59,19 +60,6 @@ pub(crate) fn bytes(n: u64) -> String {
         1_048_576..1_073_741_824 => format!("{:.1} MiB", x / 1_048_576.0),
         _ => format!("{:.2} GiB", x / 1_073_741_824.0),
     }
-}
-
-/// A count with separated thousands.
-pub(crate) fn count(n: usize) -> String {
-    let digits = n.to_string();
-    let mut out = String::new();
-    for (i, c) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i).is_multiple_of(3) {
-            out.push(',');
-        }
-        out.push(c);
-    }
-    out
 }
 
 #[cfg(test)]

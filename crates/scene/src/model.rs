@@ -231,7 +231,7 @@ impl Scene {
             }
         }
         for (m, material) in self.materials.iter().enumerate() {
-            if let Some(slot) = slots(material).find(|s| s.image >= self.images.len()) {
+            if let Some(slot) = material.texture_slots().find(|s| s.image >= self.images.len()) {
                 let rule = format!("names image {}; there are {} images", slot.image, self.images.len());
                 return Err(fault(format!("material {m}"), rule));
             }
@@ -285,30 +285,31 @@ impl Scene {
     }
 }
 
-/// The texture slots that a material uses, to be changed.
-pub(crate) fn slots_mut(m: &mut Material) -> impl Iterator<Item = &mut TextureSlot> {
-    let core = [
-        &mut m.base_color_texture,
-        &mut m.metallic_roughness_texture,
-        &mut m.normal_texture,
-        &mut m.occlusion_texture,
-        &mut m.emissive_texture,
-    ];
-    core.into_iter().flatten().chain(m.extensions.iter_mut().flat_map(|e| e.slots_mut()))
-}
+impl Material {
+    /// The texture slots in use, those of extensions after those of the core.
+    pub fn texture_slots(&self) -> impl Iterator<Item = &TextureSlot> {
+        let core = [
+            &self.base_color_texture,
+            &self.metallic_roughness_texture,
+            &self.normal_texture,
+            &self.occlusion_texture,
+            &self.emissive_texture,
+        ];
+        let more = self.extensions.iter().flat_map(|e| e.textures().map(|(_, slot)| slot));
+        core.into_iter().flatten().chain(more)
+    }
 
-/// The texture slots that a material uses.
-pub(crate) fn slots(m: &Material) -> impl Iterator<Item = &TextureSlot> {
-    [
-        &m.base_color_texture,
-        &m.metallic_roughness_texture,
-        &m.normal_texture,
-        &m.occlusion_texture,
-        &m.emissive_texture,
-    ]
-    .into_iter()
-    .flatten()
-    .chain(m.extensions.iter().flat_map(|e| e.textures().map(|(_, slot)| slot)))
+    /// The same, to be changed.
+    pub fn texture_slots_mut(&mut self) -> impl Iterator<Item = &mut TextureSlot> {
+        let core = [
+            &mut self.base_color_texture,
+            &mut self.metallic_roughness_texture,
+            &mut self.normal_texture,
+            &mut self.occlusion_texture,
+            &mut self.emissive_texture,
+        ];
+        core.into_iter().flatten().chain(self.extensions.iter_mut().flat_map(|e| e.slots_mut()))
+    }
 }
 
 pub(crate) fn check_mesh(mesh: &Mesh) -> Result<(), String> {

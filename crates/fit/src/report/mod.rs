@@ -13,12 +13,13 @@ mod verdict;
 mod views;
 mod wireframe;
 
+pub use page::count;
 pub use verdict::{Likeness, Verdict};
 
 use crate::FitError;
 use crate::engine::judge::BEST_PSNR;
 use crate::simplify::{Normalised, Outcome, Quality};
-use page::{bytes, count, escape};
+use page::{bytes, escape};
 use photofit_image::write_atomically;
 use photofit_scene::Scene;
 use std::path::{Path, PathBuf};

@@ -36,7 +36,7 @@ pub(super) fn escape(text: &str) -> String {
 }
 
 /// A count with separated thousands.
-pub(super) fn count(n: usize) -> String {
+pub fn count(n: usize) -> String {
     let digits = n.to_string();
     let mut out = String::new();
     for (i, c) in digits.chars().enumerate() {

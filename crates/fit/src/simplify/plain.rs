@@ -61,20 +61,11 @@ fn keep_used(scene: &mut Scene) {
     }
     scene.materials = materials.iter().map(|m| scene.materials[*m].clone()).collect();
     let mut images: Vec<usize> =
-        scene.materials.iter().flat_map(|m| slots(m).map(|(s, _)| s.image)).collect();
+        scene.materials.iter().flat_map(|m| m.texture_slots().map(|s| s.image)).collect();
     images.sort_unstable();
     images.dedup();
-    for m in &mut scene.materials {
-        let core = [
-            &mut m.base_color_texture,
-            &mut m.metallic_roughness_texture,
-            &mut m.normal_texture,
-            &mut m.occlusion_texture,
-            &mut m.emissive_texture,
-        ];
-        for slot in core.into_iter().flatten() {
-            slot.image = images.binary_search(&slot.image).expect("kept");
-        }
+    for slot in scene.materials.iter_mut().flat_map(|m| m.texture_slots_mut()) {
+        slot.image = images.binary_search(&slot.image).expect("kept");
     }
     scene.images = images.iter().map(|i| scene.images[*i].clone()).collect();
 }

@@ -75,15 +75,7 @@ pub enum Scattering {
 impl Material {
     /// A surface that scatters in one way everywhere.
     pub fn new(bsdf: Bsdf<f32>) -> Self {
-        Self {
-            scattering: Scattering::Uniform(bsdf),
-            emission: Vec3f::zero(),
-            emits_both_sides: false,
-            two_sided: false,
-            absorption: Vec3f::zero(),
-            solid: false,
-            single_sided: false,
-        }
+        Self::of(Scattering::Uniform(bsdf))
     }
 
     /// The same surface with emission from its front.
@@ -94,24 +86,21 @@ impl Material {
 
     /// A tree of BSDFs and textures.
     pub fn from_graph(graph: SurfaceGraph) -> Self {
-        Self {
-            scattering: Scattering::Graph(Arc::new(graph)),
-            emission: Vec3f::zero(),
-            emits_both_sides: false,
-            two_sided: false,
-            absorption: Vec3f::zero(),
-            solid: false,
-            single_sided: false,
-        }
+        Self::of(Scattering::Graph(Arc::new(graph)))
     }
 
     /// Material `index` of the library; emission, which the library knows, leaves both sides.
     pub fn from_library(index: usize) -> Self {
+        Self { emits_both_sides: true, two_sided: true, ..Self::of(Scattering::Library { index }) }
+    }
+
+    /// One-sided and dark.
+    fn of(scattering: Scattering) -> Self {
         Self {
-            scattering: Scattering::Library { index },
+            scattering,
             emission: Vec3f::zero(),
-            emits_both_sides: true,
-            two_sided: true,
+            emits_both_sides: false,
+            two_sided: false,
             absorption: Vec3f::zero(),
             solid: false,
             single_sided: false,

@@ -63,7 +63,7 @@ impl World {
         accept: impl Fn(&WorldHit) -> bool,
     ) -> Option<WorldHit> {
         let mut best: Option<WorldHit> = None;
-        let mut visit = |entry: &Entry, mut limit: f32| {
+        let visit = |entry: &Entry, mut limit: f32| {
             self.candidates(entry, ray, limit, |hit, limit_now| {
                 let nearer = hit.t < limit_now
                     || best.is_none_or(|b| (hit.instance, hit.piece) < (b.instance, b.piece) && hit.t <= b.t);
@@ -75,14 +75,7 @@ impl World {
             });
             Some(limit)
         };
-        if TWO_LEVEL {
-            let top = BoxRay::new(&self.hierarchy.tree, ray.origin, ray.direction);
-            self.hierarchy
-                .tree
-                .walk(&top, ray.t_max, |entry, limit| visit(&self.hierarchy.entries[entry as usize], limit));
-        } else if let Some(entry) = self.hierarchy.entries.first() {
-            visit(entry, ray.t_max);
-        }
+        self.visit_entries::<TWO_LEVEL>(ray, visit);
         best
     }
 
@@ -94,7 +87,7 @@ impl World {
         accept: impl Fn(&WorldHit) -> bool,
     ) -> bool {
         let mut occluded = false;
-        let mut visit = |entry: &Entry, limit: f32| {
+        let visit = |entry: &Entry, limit: f32| {
             self.candidates(entry, ray, limit, |hit, limit| {
                 if accept(&hit) {
                     occluded = true;
@@ -105,15 +98,24 @@ impl World {
             });
             if occluded { None } else { Some(limit) }
         };
+        self.visit_entries::<TWO_LEVEL>(ray, visit);
+        occluded
+    }
+
+    /// Calls `visit` with the entries on a ray nearer than the limit that it returns; `None` ends the walk.
+    #[inline(always)]
+    fn visit_entries<const TWO_LEVEL: bool>(
+        &self,
+        ray: &WorldRay,
+        mut visit: impl FnMut(&Entry, f32) -> Option<f32>,
+    ) {
+        let (tree, entries) = (&self.hierarchy.tree, &self.hierarchy.entries);
         if TWO_LEVEL {
-            let top = BoxRay::new(&self.hierarchy.tree, ray.origin, ray.direction);
-            self.hierarchy
-                .tree
-                .walk(&top, ray.t_max, |entry, limit| visit(&self.hierarchy.entries[entry as usize], limit));
-        } else if let Some(entry) = self.hierarchy.entries.first() {
+            let top = BoxRay::new(tree, ray.origin, ray.direction);
+            tree.walk(&top, ray.t_max, |entry, limit| visit(&entries[entry as usize], limit));
+        } else if let Some(entry) = entries.first() {
             visit(entry, ray.t_max);
         }
-        occluded
     }
 
     /// Calls `found` with the hits of an entry nearer than the limit that it returns; `None` ends the walk.

@@ -2,7 +2,6 @@
 
 use super::{Compression, Writer, extensions, geometry, material, write, write_camera};
 use crate::error::{Fault, fault};
-use crate::model::slots_mut;
 use crate::{Scene, SceneError};
 use serde_json::json;
 use std::path::Path;
@@ -77,7 +76,7 @@ fn merged(levels: &[Scene]) -> (Scene, Vec<usize>) {
         out.images.extend_from_slice(&level.images);
         out.materials.extend_from_slice(&level.materials);
         for m in &mut out.materials[materials..] {
-            slots_mut(m).for_each(|slot| slot.image += images);
+            m.texture_slots_mut().for_each(|slot| slot.image += images);
         }
         out.primitives.extend_from_slice(&level.primitives);
         out.primitives[primitives..].iter_mut().for_each(|p| p.material += materials);

@@ -3,7 +3,6 @@
 use super::{Writer, extensions, named, with_extras};
 use crate::error::{Fault, fault};
 use crate::load::affine_of_transform;
-use crate::model::slots;
 use crate::{AlphaMode, Filter, Material, Sampler, Scene, TextureEncoding, TextureImage, TextureSlot, Wrap};
 use photofit_image::{PngCompression, encode_jpeg, encode_png, encode_webp};
 use rayon::prelude::*;
@@ -12,7 +11,8 @@ use std::collections::HashMap;
 
 /// Writes all materials, and the images that they use.
 pub(super) fn write(scene: &Scene, writer: &mut Writer) -> Result<(), Fault> {
-    let mut used: Vec<usize> = scene.materials.iter().flat_map(slots).map(|s| s.image).collect();
+    let mut used: Vec<usize> =
+        scene.materials.iter().flat_map(|m| m.texture_slots()).map(|s| s.image).collect();
     used.sort_unstable();
     used.dedup();
     let encoded: Vec<Result<_, Fault>> = used

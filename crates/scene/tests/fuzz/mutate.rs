@@ -77,6 +77,7 @@ pub(crate) enum Shape {
     Json,
     Glb,
     Text,
+    #[cfg_attr(not(feature = "mitsuba"), allow(dead_code))]
     Xml,
     Bytes,
 }

@@ -96,6 +96,18 @@ impl Document<'_> {
         Ok(self.accessor(i, user)?.1.components)
     }
 
+    /// An accessor of `N` components per element.
+    fn accessor_of<const N: usize>(&self, i: usize, user: &str) -> Result<(&Accessor, Layout), Fault> {
+        let (accessor, layout) = self.accessor(i, user)?;
+        if layout.components != N {
+            return Err(fault(
+                format!("accessor {i} ({user})"),
+                format!("has {} components per element; it must have {N} components", layout.components),
+            ));
+        }
+        Ok((accessor, layout))
+    }
+
     /// Elements of `N` floats; normalized integers become fractions.
     pub(super) fn floats<const N: usize>(
         &self,
@@ -103,14 +115,8 @@ impl Document<'_> {
         user: &str,
         need: Need,
     ) -> Result<Vec<[f32; N]>, Fault> {
-        let (accessor, mut layout) = self.accessor(i, user)?;
+        let (accessor, mut layout) = self.accessor_of::<N>(i, user)?;
         let place = || format!("accessor {i} ({user})");
-        if layout.components != N {
-            return Err(fault(
-                place(),
-                format!("has {} components per element; it must have {N} components", layout.components),
-            ));
-        }
         need.check(&mut layout, &place)?;
         self.check_count(accessor, &layout, &place)?;
         let mut out = vec![[0.0; N]; layout.count];
@@ -133,14 +139,8 @@ impl Document<'_> {
         user: &str,
         need: Need,
     ) -> Result<Vec<[u32; N]>, Fault> {
-        let (accessor, mut layout) = self.accessor(i, user)?;
+        let (accessor, mut layout) = self.accessor_of::<N>(i, user)?;
         let place = || format!("accessor {i} ({user})");
-        if layout.components != N {
-            return Err(fault(
-                place(),
-                format!("has {} components per element; it must have {N} components", layout.components),
-            ));
-        }
         if !matches!(layout.component, ComponentType::U8 | ComponentType::U16 | ComponentType::U32) {
             return Err(fault(
                 place(),
