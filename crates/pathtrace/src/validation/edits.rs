@@ -99,6 +99,70 @@ fn new_geometry_renders_as_in_a_new_world() {
     });
 }
 
+/// Many balls of one mesh, each in its place, a floor, and a second mesh that stands twice.
+fn crowd() -> Parts {
+    let mut parts = cornell();
+    let fine = || Shape::Mesh(photofit_geometry::shapes::icosphere(24));
+    parts.add(fine(), Material::new(diffuse(0.7, 0.3, 0.2)));
+    let ball = parts.instances.len() - 1;
+    let place = |x: f64, y: f64| {
+        DAffine3::from_translation(DVec3::new(x, y, 0.1)) * DAffine3::from_scale(DVec3::splat(0.12))
+    };
+    parts.instances[ball].transform = place(-0.3, 0.2);
+    parts.instances.push(crate::Instance { transform: place(0.2, 0.6), ..parts.instances[ball].clone() });
+    parts
+}
+
+#[test]
+fn a_pose_builds_what_changed_alone() {
+    let (parts, picture) = (crowd(), |world: &World| render(world, &cornell_view(), square(12, 4)).0.data);
+    let mut world = World::new(crowd()).unwrap();
+    let before = picture(&world);
+    let ball = parts.instances.len() - 1;
+    let (shape, count) = (parts.instances[ball].shape, parts.instances.len());
+    let moved = |instances: &mut Vec<crate::Instance>, k: usize| {
+        let turn = DAffine3::from_rotation_y(0.4);
+        instances[k].transform =
+            DAffine3::from_translation(DVec3::new(0.05, 0.1, 0.0)) * instances[k].transform * turn;
+    };
+    // What stands more than once has a structure of its own: moving it builds nothing.
+    let mut instances = parts.instances.clone();
+    moved(&mut instances, ball);
+    assert_eq!(world.set_pose(Vec::new(), &instances).unwrap(), 0);
+    let fresh = World::new(Parts { instances: instances.clone(), ..crowd() }).unwrap();
+    let after = picture(&world);
+    assert!(after == picture(&fresh) && after != before);
+    // A wall stands once: it is merged with all others that do.
+    moved(&mut instances, 1);
+    assert_eq!(world.set_pose(Vec::new(), &instances).unwrap(), 1);
+    let fresh = World::new(Parts { instances: instances.clone(), ..crowd() }).unwrap();
+    assert!(picture(&world) == picture(&fresh));
+    // A deformed mesh builds its own structure.
+    let mut mesh = photofit_geometry::shapes::icosphere(24);
+    mesh.positions.iter_mut().for_each(|p| p.y *= 1.0 + 0.3 * p.x);
+    let deformed = || (shape, Shape::Mesh(mesh.clone()));
+    assert_eq!(world.set_pose(vec![deformed()], &instances).unwrap(), 1);
+    let mut shapes = crowd().shapes;
+    shapes[shape] = deformed().1;
+    let fresh = World::new(Parts { instances: instances.clone(), shapes, ..crowd() }).unwrap();
+    assert!(picture(&world) == picture(&fresh));
+    // Faults leave the world as it is.
+    let now = picture(&world);
+    let mut flat = instances.clone();
+    flat[ball].transform = DAffine3::from_scale(DVec3::new(1.0, 0.0, 1.0));
+    let mut other = instances.clone();
+    other[ball].material = 0;
+    for (shapes, instances, words) in [
+        (vec![deformed()], &flat, "three dimensions"),
+        (Vec::new(), &other, "in their order"),
+        (vec![(count + 9, deformed().1)], &instances, "is one of"),
+    ] {
+        let text = world.set_pose(shapes, instances).expect_err(words).to_string();
+        assert!(text.contains(words), "{words} in {text}");
+    }
+    assert!(picture(&world) == now);
+}
+
 #[test]
 fn bad_edits_change_nothing() {
     let mut world = World::new(parts()).unwrap();

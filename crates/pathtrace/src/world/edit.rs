@@ -3,7 +3,10 @@
 //!
 //! An edited world renders the same bits as one that is built with the new parts.
 
+use super::instance::Placed;
 use super::material::CompiledMaterial;
+use super::shape::Stored;
+use super::top::Earlier;
 use super::{Geometry, Instance, Kind, Material, Scattering, Shape, World, check_indices, radius};
 use crate::PathtraceError;
 use crate::error::invalid;
@@ -23,7 +26,55 @@ impl World {
             let rule = format!("{found}; boundaries of media name instances, so there must be {count}");
             return Err(invalid("instances", rule));
         }
-        let mut new = Geometry::new(shapes, instances, self.merge)?;
+        let new = Geometry::new(shapes, instances, self.merge)?;
+        self.take_geometry(new)
+    }
+
+    /// Moves the instances, and deforms some shapes: those named are replaced. Hierarchies are built of what changed alone:
+    /// of deformed shapes, and of all that are merged into one structure ([`crate::WorldOptions::merge`]) where one of
+    /// these moved. Returns how many were built; the tree over instances, which always is, does not count.
+    ///
+    /// # Errors
+    /// As [`Self::set_geometry`], or if an instance shows another shape or has another material than before, or a shape is not there.
+    pub fn set_pose(
+        &mut self,
+        shapes: Vec<(usize, Shape)>,
+        instances: &[Instance],
+    ) -> Result<usize, PathtraceError> {
+        check_indices(instances, self.shapes.len(), self.materials.len())?;
+        let same = |(now, p): (&Instance, &Placed)| {
+            (now.shape, now.material) == (p.shape as usize, p.material as usize)
+        };
+        if instances.len() != self.placed.len() || !instances.iter().zip(&self.placed).all(same) {
+            let rule = "the instances of a pose are those of the world, in their order";
+            return Err(invalid("instances", rule));
+        }
+        let count = self.shapes.len();
+        if let Some((i, _)) = shapes.iter().find(|(i, _)| *i >= count) {
+            return Err(invalid("shape", format!("{i} is one of {count}")));
+        }
+        let mut new: Vec<(usize, Stored)> =
+            shapes.into_iter().map(|(i, s)| Ok((i, Stored::new(i, s)?))).collect::<Result<_, _>>()?;
+        let changed: Vec<usize> = new.iter().map(|(i, _)| *i).collect();
+        let mut swap = |all: &mut [Stored]| {
+            new.iter_mut().for_each(|(i, s)| std::mem::swap(&mut all[*i], s));
+        };
+        swap(&mut self.shapes);
+        let earlier = Earlier { hierarchy: &self.hierarchy, placed: &self.placed, changed: &changed };
+        match Geometry::place(&self.shapes, instances, self.merge, Some(&earlier)) {
+            Ok(placed) => {
+                let built = placed.hierarchy.built;
+                let shapes = std::mem::take(&mut self.shapes);
+                self.take_geometry(Geometry { shapes, ..placed }).map(|()| built)
+            }
+            Err(e) => {
+                swap(&mut self.shapes);
+                Err(e)
+            }
+        }
+    }
+
+    fn take_geometry(&mut self, mut new: Geometry) -> Result<(), PathtraceError> {
         new.take_materials(&self.materials);
         if let Some(i) = (0..new.placed.len()).find(|i| new.placed[*i].alpha && self.media.bounds_medium(*i))
         {

@@ -36,8 +36,8 @@ use material::CompiledMaterial;
 use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::SurfaceLibrary;
 use photofit_shading::bsdf::Energy;
-use top::Hierarchy;
 pub(crate) use top::moved_box;
+use top::{Earlier, Hierarchy};
 
 /// A scene ready to be rendered.
 #[derive(Debug)]
@@ -235,7 +235,18 @@ impl Geometry {
     fn new(shapes: Vec<Shape>, instances: &[Instance], merge: bool) -> Result<Self, PathtraceError> {
         let shapes: Vec<Stored> =
             shapes.into_iter().enumerate().map(|(i, s)| Stored::new(i, s)).collect::<Result<_, _>>()?;
-        let bounds = bounds(&shapes, instances)?;
+        let placed = Self::place(&shapes, instances, merge, None)?;
+        Ok(Self { shapes, ..placed })
+    }
+
+    /// Where shapes stand, without themselves; what `earlier` has that did not change is not built again.
+    fn place(
+        shapes: &[Stored],
+        instances: &[Instance],
+        merge: bool,
+        earlier: Option<&Earlier<'_>>,
+    ) -> Result<Self, PathtraceError> {
+        let bounds = bounds(shapes, instances)?;
         let origin = shape::far_center(bounds);
         let mut placed = Vec::with_capacity(instances.len());
         let mut transforms = Vec::with_capacity(instances.len());
@@ -246,8 +257,8 @@ impl Geometry {
             let to_origin = DAffine3::from_translation(-origin);
             transforms.push(to_origin * instance.transform * DAffine3::from_translation(shape.center));
         }
-        let hierarchy = Hierarchy::build(&shapes, &placed, &transforms, merge)?;
-        Ok(Self { origin, bounds, shapes, placed, hierarchy })
+        let hierarchy = Hierarchy::build(shapes, &placed, &transforms, merge, earlier)?;
+        Ok(Self { origin, bounds, shapes: Vec::new(), placed, hierarchy })
     }
 
     /// What instances know of their materials.

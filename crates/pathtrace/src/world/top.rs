@@ -7,6 +7,7 @@ use crate::world::instance::Placed;
 use glam::{DAffine3, DVec3};
 use photofit_rays::{Accel, BoxTree};
 use photofit_scalar::Vec3f;
+use std::sync::Arc;
 
 /// Shapes placed once, or with no more triangles than this over all placements, are put into one structure.
 const MERGED_TRIANGLES: usize = 4096;
@@ -32,21 +33,35 @@ pub(crate) enum EntryKind {
 /// All that rays can meet.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Hierarchy {
-    pub(crate) accels: Vec<Accel>,
+    pub(crate) accels: Vec<Arc<Accel>>,
     pub(crate) entries: Vec<Entry>,
     /// Tree over the entries.
     pub(crate) tree: BoxTree,
     /// Instance and triangle of every triangle of the merged structure, which is the first one.
     pub(crate) merged: Vec<[u32; 2]>,
+    /// The structure of each shape that has one of its own.
+    accel_of: Vec<Option<u32>>,
+    /// Structures that the last change built, without the tree over the entries.
+    pub(crate) built: usize,
+}
+
+/// What an earlier hierarchy gives to a new one of the same instances.
+pub(crate) struct Earlier<'a> {
+    pub(crate) hierarchy: &'a Hierarchy,
+    pub(crate) placed: &'a [Placed],
+    /// Shapes that are others now.
+    pub(crate) changed: &'a [usize],
 }
 
 impl Hierarchy {
-    /// Builds all levels; `merge` puts shapes that are placed once into one structure.
+    /// Builds all levels; `merge` puts shapes that are placed once into one structure. What an `earlier` hierarchy has that
+    /// did not change is taken from it.
     pub(crate) fn build(
         shapes: &[Stored],
         placed: &[Placed],
         transforms: &[DAffine3],
         merge: bool,
+        earlier: Option<&Earlier<'_>>,
     ) -> Result<Self, PathtraceError> {
         let mut uses = vec![0_usize; shapes.len()];
         placed.iter().for_each(|p| uses[p.shape as usize] += 1);
@@ -54,10 +69,10 @@ impl Hierarchy {
             let few = uses[shape].saturating_mul(shapes[shape].pieces()) <= MERGED_TRIANGLES;
             merge && (uses[shape] == 1 || few)
         };
-        let mut out = Self::default();
+        let mut out = Self { accel_of: vec![None; shapes.len()], ..Self::default() };
         let mut boxes = Vec::new();
-        out.merge(shapes, placed, &merged, &mut boxes)?;
-        let mut accel_of = vec![u32::MAX; shapes.len()];
+        let stays = earlier.filter(|e| e.keeps_merged(placed, &merged));
+        out.merge(shapes, placed, &merged, stays, &mut boxes)?;
         for (i, (instance, transform)) in placed.iter().zip(transforms).enumerate() {
             let shape = &shapes[instance.shape as usize];
             match &shape.kind {
@@ -70,15 +85,24 @@ impl Hierarchy {
                     if mesh.triangles.is_empty() || merged(instance.shape as usize) {
                         continue;
                     }
-                    let known = &mut accel_of[instance.shape as usize];
-                    if *known == u32::MAX {
-                        *known = out.accels.len() as u32;
-                        let built = Accel::build(&mesh.positions, &mesh.triangles);
-                        let shape = instance.shape as usize;
-                        out.accels.push(built.map_err(|cause| PathtraceError::Accel { shape, cause })?);
-                    }
-                    let frame = out.accels[*known as usize].frame() * transform.inverse();
-                    let kind = EntryKind::Mesh { accel: *known, instance: i as u32 };
+                    let shape = instance.shape as usize;
+                    let accel = match out.accel_of[shape] {
+                        Some(known) => known,
+                        None => {
+                            let accel = match earlier.and_then(|e| e.accel(shape)) {
+                                Some(kept) => kept.clone(),
+                                None => {
+                                    out.built += 1;
+                                    let built = Accel::build(&mesh.positions, &mesh.triangles);
+                                    Arc::new(built.map_err(|cause| PathtraceError::Accel { shape, cause })?)
+                                }
+                            };
+                            out.accels.push(accel);
+                            *out.accel_of[shape].insert(out.accels.len() as u32 - 1)
+                        }
+                    };
+                    let frame = out.accels[accel as usize].frame() * transform.inverse();
+                    let kind = EntryKind::Mesh { accel, instance: i as u32 };
                     out.entries.push(Entry { inward: Inward::new(&frame), kind });
                 }
             }
@@ -93,6 +117,7 @@ impl Hierarchy {
         shapes: &[Stored],
         placed: &[Placed],
         merged: &impl Fn(usize) -> bool,
+        stays: Option<&Earlier<'_>>,
         boxes: &mut Vec<[DVec3; 2]>,
     ) -> Result<(), PathtraceError> {
         let (mut positions, mut triangles): (Vec<Vec3f>, Vec<[u32; 3]>) = (Vec::new(), Vec::new());
@@ -111,8 +136,14 @@ impl Hierarchy {
         if triangles.is_empty() {
             return Ok(());
         }
-        let accel = Accel::build(&positions, &triangles)
-            .map_err(|cause| PathtraceError::Accel { shape: 0, cause })?;
+        let accel = match stays {
+            Some(earlier) => earlier.hierarchy.accels[0].clone(),
+            None => {
+                self.built += 1;
+                let built = Accel::build(&positions, &triangles);
+                Arc::new(built.map_err(|cause| PathtraceError::Accel { shape: 0, cause })?)
+            }
+        };
         let inward = Inward::new(&accel.frame());
         let (lo, hi) = accel.bounds();
         boxes.push([lo, hi]);
@@ -123,10 +154,27 @@ impl Hierarchy {
 
     /// Bytes of the structures.
     pub(crate) fn bytes(&self) -> usize {
-        self.accels.iter().map(Accel::bytes).sum::<usize>()
+        self.accels.iter().map(|a| a.bytes()).sum::<usize>()
             + self.entries.len() * size_of::<Entry>()
             + self.tree.bytes()
             + size_of_val(self.merged.as_slice())
+    }
+}
+
+impl Earlier<'_> {
+    /// The structure of a shape, where it has one of its own and is what it was.
+    fn accel(&self, shape: usize) -> Option<&Arc<Accel>> {
+        let known = self.hierarchy.accel_of[shape].filter(|_| !self.changed.contains(&shape))?;
+        Some(&self.hierarchy.accels[known as usize])
+    }
+
+    /// Whether all shapes of the merged structure are what and where they were.
+    fn keeps_merged(&self, placed: &[Placed], merged: &impl Fn(usize) -> bool) -> bool {
+        let mut instances = placed.iter().zip(self.placed).filter(|(now, _)| merged(now.shape as usize));
+        !self.hierarchy.merged.is_empty()
+            && instances.all(|(now, before)| {
+                now.to_render == before.to_render && !self.changed.contains(&(now.shape as usize))
+            })
     }
 }
 
