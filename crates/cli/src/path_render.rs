@@ -34,7 +34,7 @@ const SPP_MAX: u32 = 4096;
 
 pub(crate) fn run(a: &Render, places: &Places) -> Result<Ending> {
     let aovs = auxiliary(a)?;
-    let scene = photofit_scene::load(&a.input)?;
+    let scene = render::posed(a)?;
     places.check_against("IN", &scene.files)?;
     let named = |e: &dyn std::fmt::Display| anyhow!("{}: {e}", a.input.display());
     scene.validate_for_fit().map_err(|e| named(&e))?;
@@ -247,7 +247,8 @@ fn environment(file: &Path) -> Result<EnvironmentMap> {
 /// Names everything that the pixels depend on and that the renderer does not know.
 fn fingerprint(a: &Render, parts: &Parts) -> Result<String> {
     let env = a.env.as_deref().map(stamp).transpose()?;
-    Ok(format!("{}|{env:?}|{:?}|{:?}", stamp(&a.input)?, a.light, parts.lights))
+    let moment = a.animation.as_ref().map(|name| (name, a.time));
+    Ok(format!("{}|{env:?}|{:?}|{:?}|{moment:?}", stamp(&a.input)?, a.light, parts.lights))
 }
 
 /// Name, size and time of a file.

@@ -46,7 +46,7 @@ pub(crate) fn run(a: &Render) -> Result<Ending> {
         (RenderLight::Env, Some(file)) => Some(light::environment(file)?),
         _ => None,
     };
-    let scene = photofit_scene::load(&a.input)?;
+    let scene = posed(a)?;
     places.check_against("IN", &scene.files)?;
     scene.validate_for_fit().map_err(|e| anyhow!("{}: {e}", a.input.display()))?;
     let (center, radius) = extent(a, &scene)?;
@@ -84,6 +84,28 @@ pub(crate) fn run(a: &Render) -> Result<Ending> {
     }
     output::print(&summary(a, &format!("{spp} samples each"), began))?;
     Ok(Ending::Done)
+}
+
+/// The asset, as it is at the moment that the command names.
+pub(crate) fn posed(a: &Render) -> Result<Scene> {
+    let mut scene = photofit_scene::load(&a.input)?;
+    let Some(wanted) = &a.animation else { return Ok(scene) };
+    let animations = scene.hierarchy.as_deref().map_or(&[][..], |h| &h.animations);
+    let named = animations.iter().position(|n| n.name == *wanted);
+    let number = || wanted.parse().ok().filter(|n: &usize| *n < animations.len());
+    let Some(index) = named.or_else(number) else {
+        let names: Vec<String> = animations.iter().map(|n| format!("\"{}\"", n.name)).collect();
+        let has = match names.len() {
+            0 => "no animations".to_owned(),
+            n => format!("{n} animations: {}", names.join(", ")),
+        };
+        return Err(anyhow!(
+            "{}: has {has}; --animation is \"{wanted}\", it must be one of them",
+            a.input.display()
+        ));
+    };
+    scene.set_pose(scene.pose(Some(index), a.time.unwrap_or(0.0)));
+    Ok(scene)
 }
 
 /// What was written, in one line.

@@ -46,6 +46,13 @@ pub(crate) struct Render {
     /// Use camera N of the asset, the first is 0 [range: at least 0] [default: --azimuth, --elevation and --distance].
     #[arg(long, value_name = "N", value_parser = whole::<usize>(0..))]
     pub(crate) camera: Option<usize>,
+    /// Show the asset as it is in this animation: its name, or its number, the first is 0 [default: as it stands].
+    #[arg(long, value_name = "NAME|N")]
+    pub(crate) animation: Option<String>,
+    /// The time in the animation, seconds; before its first key and after its last these count [range: 0 to 1000000]
+    /// [default: 0].
+    #[arg(long, value_name = "S", requires = "animation", value_parser = single(0.0..=1e6))]
+    pub(crate) time: Option<f32>,
     /// The light.
     #[arg(
         long,
@@ -108,6 +115,7 @@ impl Render {
             let given = [
                 ("--integrator raster", self.integrator == Some(RenderIntegrator::Raster)),
                 ("--camera", self.camera.is_some()),
+                ("--animation", self.animation.is_some()),
                 ("--light", self.light != RenderLight::Point),
                 ("--env", self.env.is_some()),
                 ("--distance", self.distance.is_some()),

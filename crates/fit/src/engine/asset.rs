@@ -111,7 +111,7 @@ impl Normalised {
 }
 
 /// Centre of the box around the used vertices and the largest distance from it.
-fn bounding_sphere(mesh: &Mesh) -> Option<(Vec3f, f32)> {
+pub(super) fn bounding_sphere(mesh: &Mesh) -> Option<(Vec3f, f32)> {
     let used = || mesh.triangles.iter().flatten().map(|i| mesh.positions[*i as usize]);
     let first = used().next()?;
     let (lo, hi) = used().fold((first, first), |(lo, hi), p| (lo.min(p), hi.max(p)));

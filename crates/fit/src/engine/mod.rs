@@ -1,6 +1,7 @@
 //! The parts that a fit is assembled from. Each exists once; a task is a file that puts them together.
 //!
-//! - [`mod@reference`]: what answers ((camera, lights, moment, size)) with a picture.
+//! - [`mod@reference`]: what answers (camera, lights, moment, size) with a picture.
+//! - [`animated`]: animated assets at the moments that views name.
 //! - [`views`]: from where, under which light, at which size: pure functions of (set, index).
 //! - [`model`]: named groups of parameters with their optimizers, wherever they live; [`cpu`]: those in main memory.
 //! - `gpu`: a surface whose fit stays on a device; [`device`]: where a fit runs.
@@ -13,6 +14,7 @@
 //! - [`judge`]: quality of what was written, drawn as other programs draw it.
 //! - [`plan`]: what of all this runs for an asset, and why.
 
+pub mod animated;
 mod asset;
 pub(crate) mod checkpoint;
 pub mod classes;

@@ -1,10 +1,11 @@
-//! References: what answers ((camera, lights, moment, size)) with a picture.
+//! References: what answers (camera, lights, moment, size) with a picture.
 //!
 //! To the fit the renderer of the reference is a black box: it gives pictures, no gradients. Path traced pictures hold
 //! what a rasterizer leaves out (shadows, light between surfaces); the candidate takes up in its maps what of it does not
 //! depend on the light. What the candidate cannot express at all (coats, sheen, glass) is left out of the pictures that
 //! it is compared with, and comes back with the export.
 
+use super::animated::Animated;
 use super::asset::Normalised;
 use super::classes::drawn;
 use super::views::{Moment, Setup, Sphere};
@@ -84,24 +85,31 @@ pub trait Reference: Sync {
     fn surface(&self, moment: Moment) -> Option<&bake::Reference<'_>>;
 }
 
-/// An asset drawn by the rasterizer: direct light without shadows. It is shown as it stands, at any moment.
+/// An asset drawn by the rasterizer: direct light without shadows.
 #[derive(Clone, Copy, Debug)]
 pub struct Rasterized<'a> {
     flat: &'a FlatScene,
     library: &'a SurfaceLibrary,
     surface: Option<&'a bake::Reference<'a>>,
+    animated: Option<&'a Animated<'a>>,
     samples: usize,
 }
 
 impl<'a> Rasterized<'a> {
     /// Pictures of a flattened scene in the normalised frame.
     pub fn new(flat: &'a FlatScene, library: &'a SurfaceLibrary) -> Self {
-        Self { flat, library, surface: None, samples: SUPERSAMPLE }
+        Self { flat, library, surface: None, animated: None, samples: SUPERSAMPLE }
     }
 
     /// Pictures of a normalised asset, and its surface.
     pub fn of(n: &'a Normalised, surface: &'a bake::Reference<'a>) -> Self {
         Self { surface: Some(surface), ..Self::new(&n.flat, &n.library) }
+    }
+
+    /// The same at the moments of an animated asset's animations, too.
+    #[must_use]
+    pub fn animated(self, animated: &'a Animated<'a>) -> Self {
+        Self { animated: Some(animated), ..self }
     }
 
     /// The same with `samples` samples per axis of a pixel: 1, 2, 4, 8 or 16. With one it is what an engine shows.
@@ -113,7 +121,8 @@ impl<'a> Rasterized<'a> {
 
 impl Reference for Rasterized<'_> {
     fn picture(&self, setup: &Setup) -> Result<Picture, FitError> {
-        let renderer = SceneRenderer::new(self.flat, self.library);
+        let posed = moving(self.animated, setup.moment)?.map(|a| a.flat(setup.moment)).transpose()?;
+        let renderer = SceneRenderer::new(posed.as_deref().unwrap_or(self.flat), self.library);
         let lights = setup.lights.lights();
         // Many samples are those of several smaller pixels.
         let parts = (self.samples / MOST_AT_ONCE).max(1);
@@ -122,12 +131,27 @@ impl Reference for Rasterized<'_> {
         Ok(Picture::clean(if parts > 1 { downsample(&image, parts) } else { image }))
     }
 
-    fn bounds(&self, _: Moment) -> Sphere {
-        Sphere::UNIT
+    fn bounds(&self, moment: Moment) -> Sphere {
+        self.animated.filter(|_| moment.animation.is_some()).map_or(Sphere::UNIT, |a| a.bounds(moment))
     }
 
-    fn surface(&self, _: Moment) -> Option<&bake::Reference<'_>> {
-        self.surface
+    fn surface(&self, moment: Moment) -> Option<&bake::Reference<'_>> {
+        self.surface.filter(|_| moment.animation.is_none())
+    }
+}
+
+/// Who knows the asset at a moment; `None` where it stands still.
+fn moving<'a>(
+    animated: Option<&'a Animated<'a>>,
+    moment: Moment,
+) -> Result<Option<&'a Animated<'a>>, FitError> {
+    match (animated, moment.animation) {
+        (_, None) => Ok(None),
+        (Some(animated), Some(_)) => Ok(Some(animated)),
+        (None, Some(a)) => {
+            let rule = format!("names animation {a}; the reference stands still");
+            Err(FitError::Setting { field: "moment", rule })
+        }
     }
 }
 
@@ -140,11 +164,12 @@ pub enum Features {
     All,
 }
 
-/// An asset drawn by the path tracer, with all light. It is shown as it stands, at any moment.
+/// An asset drawn by the path tracer, with all light.
 #[derive(Debug)]
 pub struct PathTraced<'a> {
-    /// Behind a lock, since each picture has lights of its own.
-    world: Mutex<World>,
+    /// Behind a lock, since each picture has lights of its own, and a moment.
+    world: Mutex<(World, Moment)>,
+    animated: Option<&'a Animated<'a>>,
     surface: Option<&'a bake::Reference<'a>>,
     seed: u64,
     spp: u32,
@@ -158,7 +183,8 @@ impl<'a> PathTraced<'a> {
     pub fn new(scene: &Scene, n: &Normalised, features: Features, seed: u64) -> Result<Self, FitError> {
         let shown = features.of(scene);
         Ok(Self {
-            world: Mutex::new(world(&shown, n.to_frame(), n.radius)?),
+            world: Mutex::new((world(&shown, n.to_frame(), n.radius)?, Moment::default())),
+            animated: None,
             surface: None,
             seed,
             spp: SAMPLES,
@@ -172,8 +198,14 @@ impl<'a> PathTraced<'a> {
     /// If the path tracer refuses the scene.
     pub fn in_frame(scene: &Scene, radius: f32, features: Features, seed: u64) -> Result<Self, FitError> {
         let shown = features.of(scene);
-        let world = Mutex::new(world(&shown, DAffine3::IDENTITY, radius)?);
-        Ok(Self { world, surface: None, seed, spp: SAMPLES })
+        let world = Mutex::new((world(&shown, DAffine3::IDENTITY, radius)?, Moment::default()));
+        Ok(Self { world, animated: None, surface: None, seed, spp: SAMPLES })
+    }
+
+    /// The same at the moments of an animated asset's animations, too.
+    #[must_use]
+    pub fn animated(self, animated: &'a Animated<'a>) -> Self {
+        Self { animated: Some(animated), ..self }
     }
 
     /// The same with `spp` samples of a pixel.
@@ -192,7 +224,14 @@ impl<'a> PathTraced<'a> {
 impl Reference for PathTraced<'_> {
     fn picture(&self, setup: &Setup) -> Result<Picture, FitError> {
         let lights = setup.lights.lights();
+        let animated = moving(self.animated, setup.moment)?.or(self.animated);
         let mut world = self.world.lock().unwrap_or_else(PoisonError::into_inner);
+        let (world, shown) = &mut *world;
+        if let Some(animated) = animated.filter(|_| *shown != setup.moment) {
+            let (shapes, instances) = animated.parts(setup.moment)?;
+            world.set_pose(shapes, &instances)?;
+            *shown = setup.moment;
+        }
         let (sources, environment) = path_lights(&lights);
         world.relight(&sources, environment)?;
         let options = RenderOptions {
@@ -203,7 +242,7 @@ impl Reference for PathTraced<'_> {
             path: PathOptions { show_environment: false, ..PathOptions::default() },
             ..RenderOptions::default()
         };
-        let mut renderer = Renderer::new(&world, &View::pinhole(&setup.camera), options)?;
+        let mut renderer = Renderer::new(world, &View::pinhole(&setup.camera), options)?;
         let noise = loop {
             let progress = renderer.pass(|| false);
             if progress.done {
@@ -213,12 +252,12 @@ impl Reference for PathTraced<'_> {
         Ok(Picture { image: renderer.picture(), noise })
     }
 
-    fn bounds(&self, _: Moment) -> Sphere {
-        Sphere::UNIT
+    fn bounds(&self, moment: Moment) -> Sphere {
+        self.animated.filter(|_| moment.animation.is_some()).map_or(Sphere::UNIT, |a| a.bounds(moment))
     }
 
-    fn surface(&self, _: Moment) -> Option<&bake::Reference<'_>> {
-        self.surface
+    fn surface(&self, moment: Moment) -> Option<&bake::Reference<'_>> {
+        self.surface.filter(|_| moment.animation.is_none())
     }
 }
 

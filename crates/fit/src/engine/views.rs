@@ -195,6 +195,22 @@ pub trait Views: Sync {
     fn setup(&self, set: Set, index: u64, count: u64) -> Setup;
 }
 
+/// Views of an animated asset: those of others, two at a time of each moment in turn.
+#[derive(Clone, Debug)]
+pub struct OverMoments<V> {
+    /// From where, and under which light.
+    pub views: V,
+    /// At which moments, at least one.
+    pub moments: Vec<Moment>,
+}
+
+impl<V: Views> Views for OverMoments<V> {
+    fn setup(&self, set: Set, index: u64, count: u64) -> Setup {
+        let moment = self.moments[(index / 2) as usize % self.moments.len()];
+        Setup { moment, ..self.views.setup(set, index, count) }
+    }
+}
+
 /// Views all around a sphere, drawn by a seed.
 #[derive(Clone, Debug)]
 pub struct Orbit {
@@ -341,6 +357,8 @@ pub struct Shot {
     pub number: u64,
     /// The lights.
     pub lights: ViewLights,
+    /// The moment of its animation: a model that moves is drawn as it is then.
+    pub moment: Moment,
     /// Columns of the picture.
     pub width: usize,
     /// Rows of the picture.
@@ -378,6 +396,7 @@ impl Shot {
             picture: setup.picture,
             number: index,
             lights: setup.lights.clone(),
+            moment: setup.moment,
             width: picture.width,
             height: picture.height,
             sampling,

@@ -16,19 +16,24 @@ impl Parts {
     /// If the scene is not valid (see [`Scene::validate`]).
     pub fn from_scene(scene: &Scene) -> Self {
         let shapes = (0..scene.primitives.len()).map(|i| Shape::Mesh(scene.complete_mesh(i).into_owned()));
-        let instances = scene.instances.iter().map(|i| Instance {
-            shape: i.primitive,
-            material: scene.primitives[i.primitive].material,
-            transform: in_double(&i.transform),
-        });
         Self {
             shapes: shapes.collect(),
-            instances: instances.collect(),
+            instances: Self::instances_of(scene),
             materials: scene.materials.iter().enumerate().map(|(i, m)| material(i, m)).collect(),
             lights: scene.lights.iter().map(light).collect(),
             library: Some(SurfaceLibrary::new(scene)),
             ..Self::default()
         }
+    }
+
+    /// The instances of an asset where they stand now: those of [`Self::from_scene`].
+    pub fn instances_of(scene: &Scene) -> Vec<Instance> {
+        let placed = |i: &photofit_scene::Instance| Instance {
+            shape: i.primitive,
+            material: scene.primitives[i.primitive].material,
+            transform: in_double(&i.transform),
+        };
+        scene.instances.iter().map(placed).collect()
     }
 }
 

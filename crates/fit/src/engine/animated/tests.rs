@@ -1,0 +1,159 @@
+//! References at moments against scenes that are posed by hand.
+
+use super::*;
+use crate::engine::reference::{Features, PathTraced, Picture, Rasterized, Reference};
+use crate::engine::views::{Lighting, Orbit, OverMoments, Sampling, Set, Setup, Shot, Views};
+use glam::{Affine3A, Vec3};
+use photofit_geometry::shapes;
+use photofit_scene::{
+    Animation, Bind, Channel, Curve, Hierarchy, Instance, Interpolation, Material, MorphTarget, Node,
+    NodeMesh, NodePrimitive, Placement, Primitive, Property,
+};
+
+/// A ball that moves to the right for two seconds, beside one that grows on its upper side.
+fn moving() -> Scene {
+    let mut ball = shapes::icosphere(6);
+    ball.normals = ball.positions.clone();
+    let lift = ball.positions.iter().map(|p| photofit_scalar::vec3(0.0, 0.8 * p.y.max(0.0), 0.0)).collect();
+    let bind = Bind {
+        mesh: ball.clone(),
+        influences: Vec::new(),
+        targets: vec![MorphTarget { positions: lift, ..MorphTarget::default() }],
+    };
+    let at = |x: f32| Affine3A::from_translation(Vec3::new(x, 0.0, 0.0));
+    let node = |mesh: usize, x: f32| Node {
+        mesh: Some(mesh),
+        transform: photofit_scene::NodeTransform::Parts {
+            translation: Vec3::new(x, 0.0, 0.0),
+            rotation: glam::Quat::IDENTITY,
+            scale: Vec3::ONE,
+        },
+        ..Node::default()
+    };
+    let mesh = |primitive: usize, bind: Option<Bind>| NodeMesh {
+        primitives: vec![NodePrimitive { primitive, bind }],
+        ..NodeMesh::default()
+    };
+    let curve = |values: &[f32]| Curve {
+        times: vec![0.0, 2.0],
+        values: values.to_vec(),
+        interpolation: Interpolation::Linear,
+    };
+    let animation = Animation {
+        name: "go".into(),
+        channels: vec![
+            Channel { node: 0, property: Property::Translation, curve: 0 },
+            Channel { node: 1, property: Property::Weights, curve: 1 },
+        ],
+        curves: vec![curve(&[0.0, 0.0, 0.0, 2.0, 0.5, 0.0]), curve(&[0.0, 1.0])],
+        ..Animation::default()
+    };
+    Scene {
+        primitives: vec![
+            Primitive { mesh: ball.clone(), material: 0 },
+            Primitive { mesh: ball, material: 1 },
+        ],
+        materials: vec![
+            Material { base_color: [0.8, 0.3, 0.2, 1.0], ..Material::clay() },
+            Material { base_color: [0.2, 0.3, 0.8, 1.0], ..Material::clay() },
+        ],
+        instances: vec![
+            Instance { primitive: 0, transform: at(0.0) },
+            Instance { primitive: 1, transform: at(-2.5) },
+        ],
+        hierarchy: Some(Arc::new(Hierarchy {
+            nodes: vec![node(0, 0.0), node(1, -2.5)],
+            roots: vec![0, 1],
+            meshes: vec![mesh(0, None), mesh(1, Some(bind))],
+            animations: vec![animation],
+            placements: vec![Placement { node: 0, part: 0 }, Placement { node: 1, part: 0 }],
+            ..Hierarchy::default()
+        })),
+        ..Scene::default()
+    }
+}
+
+/// The scene as it is at a moment, without animations.
+fn by_hand(moment: Moment) -> Scene {
+    let mut scene = moving();
+    scene.set_pose(scene.pose(moment.animation, moment.time));
+    Scene { hierarchy: None, ..scene }
+}
+
+fn setup(moment: Moment) -> Setup {
+    Setup { moment, ..Orbit::new(3, &Lighting::Point, 48).setup(Set::HeldOut, 1, 4) }
+}
+
+/// Largest difference of two pictures.
+fn difference(a: &Picture, b: &Picture) -> f32 {
+    a.image.data.iter().zip(&b.image.data).map(|(x, y)| (x - y).abs()).fold(0.0, f32::max)
+}
+
+#[test]
+fn references_show_the_asset_at_any_moment() {
+    let scene = moving();
+    scene.validate_for_fit().unwrap();
+    let n = Normalised::new(&scene).unwrap();
+    let animated = Animated::new(&scene, &n).unwrap();
+    let raster = Rasterized::new(&n.flat, &n.library).animated(&animated);
+    let path = PathTraced::new(&scene, &n, Features::Core, 7).unwrap().sampled(8).animated(&animated);
+    let moments = animated.moments(0, 3);
+    assert_eq!(moments[1], Moment { animation: Some(0), time: 1.0 });
+    let mut before: Option<Picture> = None;
+    // Back to the start, too: nothing of a moment may stay.
+    for moment in [moments[1], moments[2], Moment::default(), moments[1]] {
+        let posed = by_hand(moment);
+        let mut flat = posed.flatten();
+        flat.mesh.positions.iter_mut().for_each(|p| *p = (*p - n.center) / n.radius);
+        let wanted = Rasterized::new(&flat, &n.library).picture(&setup(Moment::default())).unwrap();
+        let found = raster.picture(&setup(moment)).unwrap();
+        assert!(difference(&found, &wanted) < 1e-6, "rasterized, {moment:?}");
+        let fresh = PathTraced::new(&posed, &n, Features::Core, 7).unwrap().sampled(8);
+        let wanted = fresh.picture(&setup(Moment::default())).unwrap();
+        let traced = path.picture(&setup(moment)).unwrap();
+        assert!(difference(&traced, &wanted) < 1e-6, "path traced, {moment:?}");
+        let changed = before.as_ref().is_none_or(|b| difference(b, &found) > 0.1);
+        assert!(changed, "{moment:?} is another picture");
+        before = Some(found);
+    }
+    // Where it is: the ball that moves leaves the frame of the asset as it stands.
+    let [start, end] = [moments[0], moments[2]].map(|m| raster.bounds(m));
+    assert!((start.radius - 1.0).abs() < 0.01 && end.radius > 1.3, "{start:?} {end:?}");
+    assert!(raster.surface(moments[1]).is_none());
+}
+
+#[test]
+fn views_and_shots_carry_the_moment() {
+    let scene = moving();
+    let n = Normalised::new(&scene).unwrap();
+    let animated = Animated::new(&scene, &n).unwrap();
+    let raster = Rasterized::new(&n.flat, &n.library).animated(&animated);
+    let orbit = Orbit::new(0, &Lighting::Mixed, 16);
+    let views = OverMoments { views: orbit, moments: animated.moments(0, 3) };
+    let mut seen = Vec::new();
+    for index in 0..12 {
+        let s = views.setup(Set::Train, index, 0);
+        let shot = Shot::new(&s, &raster.picture(&s).unwrap().image, Sampling::SUPERSAMPLED, 0, index);
+        assert_eq!(shot.moment, s.moment);
+        // Each moment under both kinds of light.
+        seen.push((s.moment.time as u32, index % 2));
+    }
+    seen.sort_unstable();
+    seen.dedup();
+    assert_eq!(seen.len(), 6);
+}
+
+#[test]
+fn moments_that_are_not_there_are_errors() {
+    let scene = moving();
+    let n = Normalised::new(&scene).unwrap();
+    let animated = Animated::new(&scene, &n).unwrap();
+    let still = Rasterized::new(&n.flat, &n.library);
+    let [first, never, unknown] =
+        [(0, 0.5), (0, f32::NAN), (3, 0.0)].map(|(a, time)| Moment { animation: Some(a), time });
+    let told = |r: &dyn Reference, m| r.picture(&setup(m)).unwrap_err().to_string();
+    assert!(told(&still, first).contains("stands still"));
+    let moving = still.animated(&animated);
+    assert!(told(&moving, never).contains("finite") && told(&moving, unknown).contains("the asset has 1"));
+    assert!(Animated::new(&Scene { hierarchy: None, ..scene }, &n).is_none());
+}
