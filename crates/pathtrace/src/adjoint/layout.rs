@@ -96,7 +96,10 @@ impl Layout {
             }
         }
         if start >= NONE as usize {
-            return Err(invalid("parameters", format!("have {start} texels or voxels; there may be at most 2^32 - 2")));
+            return Err(invalid(
+                "parameters",
+                format!("have {start} texels or voxels; there may be at most 2^32 - 2"),
+            ));
         }
         let material = |i: usize| {
             let graph = world.materials[i].graph.as_ref().map_or(0, |g| g.textures().len());

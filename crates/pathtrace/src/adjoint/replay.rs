@@ -7,9 +7,7 @@ use super::accumulate::Accumulator;
 use super::layout::{Layout, NONE};
 use super::parameter::MaterialValue;
 use super::volume::MediaReplay;
-use crate::integrator::{
-    Contribution, Found, MediaFlight, PathVertex, ShadowFlight, Sink, SurfaceVisit,
-};
+use crate::integrator::{Contribution, Found, MediaFlight, PathVertex, ShadowFlight, Sink, SurfaceVisit};
 use crate::light::LightOrigin;
 use crate::world::{Interaction, SurfaceMaterial, World};
 use photofit_scalar::{Vec3f, Vec4f};

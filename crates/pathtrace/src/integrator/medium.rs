@@ -191,7 +191,8 @@ pub(crate) fn gathered<const F: u32, D: DirectionSampler>(
     sampler: &D,
 ) -> Vec3f {
     let ray = WorldRay { origin: flight.origin, direction: flight.direction, t_max: flight.end };
-    let mut path = Path::<F, PictureSink, D>::new(world, &ray, random, options, sampler, PictureSink::default());
+    let mut path =
+        Path::<F, PictureSink, D>::new(world, &ray, random, options, sampler, PictureSink::default());
     (path.inside, path.medium, path.depth) = (flight.solids, flight.bounded, flight.depth);
     path.scatter_in_medium(ray.origin + ray.direction * t, g);
     path.follow();

@@ -217,7 +217,9 @@ impl<'a, const F: u32, S: Sink, D: DirectionSampler> Path<'a, F, S, D> {
             if F & plan::ABSORPTION != 0 {
                 self.absorb(&at, hit.t);
             }
-            if self.depth == 0 && alpha == 0.0 && !(F & plan::ABSORPTION != 0 && world.is_invisible(at.instance))
+            if self.depth == 0
+                && alpha == 0.0
+                && !(F & plan::ABSORPTION != 0 && world.is_invisible(at.instance))
             {
                 alpha = 1.0;
                 if S::FIRST {

@@ -35,7 +35,10 @@ impl BoundedMedium {
 #[derive(Debug)]
 pub(super) enum Extinction {
     /// Per unit of length, and before its scale.
-    Even { sigma: Vec3f, given: Vec3f },
+    Even {
+        sigma: Vec3f,
+        given: Vec3f,
+    },
     Grid(Box<Medium>),
 }
 

@@ -71,7 +71,9 @@ impl<'a> Derivatives<'a> {
     pub(crate) fn extinction(self, p: Vec3f) -> Vec3f {
         match (self.grid(), self) {
             (Some(grid), _) => Vec3f::splat(grid.extinction(grid.to_unit(p))),
-            (None, Self::Bounded(InteriorMedium { extinction: Extinction::Even { sigma, .. }, .. })) => *sigma,
+            (None, Self::Bounded(InteriorMedium { extinction: Extinction::Even { sigma, .. }, .. })) => {
+                *sigma
+            }
             (None, _) => Vec3f::zero(),
         }
     }
@@ -80,7 +82,9 @@ impl<'a> Derivatives<'a> {
     /// grids in the first channel.
     pub(crate) fn extinction_vjp(self, p: Vec3f, g: Vec3f, mut add: impl FnMut(usize, Vec3f)) {
         match (self.grid(), self) {
-            (Some(grid), _) => grid.extinction_vjp(grid.to_unit(p), g.sum(), |i, g| add(i, vec3(g, 0.0, 0.0))),
+            (Some(grid), _) => {
+                grid.extinction_vjp(grid.to_unit(p), g.sum(), |i, g| add(i, vec3(g, 0.0, 0.0)))
+            }
             (None, Self::Bounded(medium)) => add(0, g * medium.scale),
             (None, _) => {}
         }
@@ -137,7 +141,9 @@ impl<'a> Derivatives<'a> {
     /// collisions and half by that of [`Self::sample`]. `None` where it is not finite: by collisions alone.
     pub(crate) fn reach(self, along: &Segment) -> Option<f32> {
         let length = match self.grid() {
-            Some(grid) => grid.clip(along.origin, along.direction, along.length).map_or(0.0, |i| i.to - i.from),
+            Some(grid) => {
+                grid.clip(along.origin, along.direction, along.length).map_or(0.0, |i| i.to - i.from)
+            }
             None => along.length,
         };
         (length > 0.0 && length.is_finite()).then_some(length)
@@ -147,8 +153,7 @@ impl<'a> Derivatives<'a> {
     /// the `share` of light of each colour.
     pub(crate) fn sample(self, along: &Segment, share: Vec3f, rng: &mut Rng) -> Option<Sample> {
         if let Some(grid) = self.grid() {
-            let (t, weight) =
-                grid.sample_transmittance(along.origin, along.direction, along.length, rng)?;
+            let (t, weight) = grid.sample_transmittance(along.origin, along.direction, along.length, rng)?;
             return Some(Sample { t, weight: Vec3f::splat(weight) });
         }
         let sigma = self.extinction(along.origin);
@@ -207,7 +212,8 @@ mod tests {
                 mean += f64::from(t) / f64::from(n);
                 // The density of a distance is one over its derivative by the number that it is made of.
                 let h = 1e-3;
-                let [a, b] = [u - h, u + h].map(|u| f64::from(truncated_exponential(sigma, length, u as f32)));
+                let [a, b] =
+                    [u - h, u + h].map(|u| f64::from(truncated_exponential(sigma, length, u as f32)));
                 if (0.01..0.9).contains(&u) {
                     let pdf = f64::from(truncated_pdf(sigma, length, t)) * (b - a) / (2.0 * h);
                     whole += pdf - 1.0;
