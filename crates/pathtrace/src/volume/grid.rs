@@ -151,6 +151,17 @@ impl Medium {
         Ok(())
     }
 
+    /// Extinction of density 1.
+    pub(super) fn scale(&self) -> f32 {
+        self.scale
+    }
+
+    /// The longest side of its box in the world.
+    pub(super) fn extent(&self) -> f32 {
+        let sides = self.transform.matrix3;
+        [sides.x_axis, sides.y_axis, sides.z_axis].map(|s| s.length() as f32).into_iter().fold(0.0, f32::max)
+    }
+
     /// Density of every voxel, as it was given.
     pub(crate) fn density(&self) -> &[f32] {
         if self.scale == 1.0 { &self.extinction } else { &self.given }

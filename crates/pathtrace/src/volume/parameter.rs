@@ -71,6 +71,23 @@ impl Media {
         }
     }
 
+    /// The value of an extinction at which a ray across the whole medium has optical thickness 1; across `size` where the
+    /// medium has no box of its own. 1 where nothing can have that.
+    ///
+    /// # Panics
+    /// If there is no such medium.
+    pub(crate) fn unit_extinction(&self, medium: MediumRef, size: f32) -> f32 {
+        let (scale, length) = match medium {
+            MediumRef::Volume(i) => (self.boxes[i].scale(), self.boxes[i].extent()),
+            MediumRef::Bounded(i) => match &self.bounded[i].extinction {
+                Extinction::Even { .. } => (self.bounded[i].scale, size),
+                Extinction::Grid(grid) => (grid.scale(), grid.extent().min(size)),
+            },
+        };
+        let value = 1.0 / (scale * length);
+        if value.is_finite() && value > 0.0 { value } else { 1.0 }
+    }
+
     /// Replaces the values, as many as [`Self::values`] gives; upper bounds for tracking follow, looser by `factor`.
     ///
     /// # Errors
