@@ -1,5 +1,6 @@
 //! `photofit recover scene`: parameters of a scene from path-traced pictures of it.
 
+mod around;
 mod found;
 mod target;
 
@@ -96,7 +97,7 @@ fn task(a: &RecoverScene, mut subject: Subject, source: &Source<'_>) -> Result<T
         boxes.push(bounds);
     }
     let given = match source {
-        Source::Own => None,
+        Source::Own { .. } => None,
         Source::Files(files) => {
             Some(files.iter().map(|f| target::read(f, &subject.options)).collect::<Result<Vec<_>>>()?)
         }
@@ -109,6 +110,10 @@ fn task(a: &RecoverScene, mut subject: Subject, source: &Source<'_>) -> Result<T
     let Subject { parts, views, mut options, world, .. } = subject;
     options.spp = a.spp;
     let world = World::with_options(parts, world).map_err(|e| named(&e))?;
+    let views = match source {
+        Source::Own { views: count @ 2.. } => around::views(&views[0], &world, *count),
+        _ => views,
+    };
     let mut model = Traced::new(world, views, options, parameters).map_err(|e| named(&e))?;
     model.gradient_spp = a.gradient_spp;
     model.smoothing = match a.smoothing {

@@ -190,6 +190,13 @@ impl Traced {
     }
 }
 
+/// Levels of the filter of a grid in space: three for 64 voxels per side, one less for each halving, none below 16. Wider
+/// ones would smooth over what the grid holds.
+fn levels_in_space(grid: &Grid) -> u32 {
+    let side = grid.shape().into_iter().max().unwrap_or(1);
+    side.ilog2().saturating_sub(3).min(3)
+}
+
 /// The light of a picture without its coverage, which has no derivative here: what the pictures of the task hold too.
 fn light(picture: &Image) -> Vec<[f32; 4]> {
     picture.data.chunks_exact(4).map(|p| [p[0], p[1], p[2], 1.0]).collect()
@@ -217,7 +224,8 @@ impl Chain for Traced {
         let temporal = Temporal::adam().betas(0.2, 0.999);
         let new = || Optimizer::new(&group.name, group.len(), temporal);
         let grid = Grid::volume(width, height, depth);
-        let made = if grid.sites() == 1 {
+        let alone = grid.sites() == 1 || (depth > 1 && levels_in_space(&grid) == 0);
+        let made = if alone {
             new()
         } else {
             match self.smoothing {
@@ -225,8 +233,9 @@ impl Chain for Traced {
                 Smoothing::Laplacian => ScreenedPoisson::new(&group.name, grid, LAPLACIAN)
                     .and_then(|f| new()?.with_filter(Placement::PRE, f)),
                 Smoothing::Bilateral => {
-                    let settings =
-                        Bilateral { map: GuideMap::Log, sigma: Sigma::Auto(2.0), ..Bilateral::default() };
+                    let usual = Bilateral::default();
+                    let levels = if depth > 1 { levels_in_space(&grid) } else { usual.levels };
+                    let settings = Bilateral { levels, map: GuideMap::Log, sigma: Sigma::Auto(2.0), ..usual };
                     GridBilateral::new(&group.name, grid, group.columns, settings)
                         .and_then(|f| new()?.with_filter(Placement::BOTH, f))
                 }

@@ -126,19 +126,8 @@ impl Cloud {
         options
     }
 
-    /// Derivative of the loss along `direction`, of all channels of each value, by replay: mean and standard error.
+    /// Derivative of the loss along `direction`, the same for all channels of a value, by replay: mean and standard error.
     fn replayed(&self, value: MediumValue, spp: u32, direction: impl Fn(usize) -> f64) -> (f64, f64) {
-        let channels = if value == MediumValue::Albedo || self.kind == Kind::Even { 3 } else { 1 };
-        self.replayed_by_channel(value, spp, |i| direction(i / channels))
-    }
-
-    /// As [`Self::replayed`], along a direction of all channels.
-    fn replayed_by_channel(
-        &self,
-        value: MediumValue,
-        spp: u32,
-        direction: impl Fn(usize) -> f64,
-    ) -> (f64, f64) {
         let world = self.world();
         let parameter = self.kind.parameter(value);
         let adjoint = Adjoint::new(&world, &view(), self.options(1, 0), &[parameter]).unwrap();
@@ -147,7 +136,8 @@ impl Cloud {
                 adjoint.render_vjp(&weights(), GradientSamples { spp, seed: Some(1000 + seed) }).unwrap();
             assert!(gradient.residual < 1e-9, "{} is left", gradient.residual);
             assert_eq!(gradient.not_finite, 0);
-            gradient.parameters[0].values.iter().enumerate().map(|(i, g)| g * direction(i)).sum()
+            let p = &gradient.parameters[0];
+            p.values.iter().enumerate().map(|(i, g)| g * direction(i / p.channels)).sum()
         };
         statistics(&(0..REPLICATES).map(one).collect::<Vec<f64>>())
     }

@@ -1,7 +1,7 @@
 //! Density and albedo of a cloud on a grid, from views around it.
 
 use super::*;
-use photofit_pathtrace::{MediumRef, MediumValue, Volume};
+use photofit_pathtrace::{LightSource, MediumRef, MediumValue, Volume};
 
 /// The cube from -1 to 1.
 fn unit_box() -> glam::DAffine3 {
@@ -11,7 +11,7 @@ fn unit_box() -> glam::DAffine3 {
 
 /// Two puffs of different colour in `side` voxels per side.
 fn puffs(side: usize) -> Volume {
-    let at = |i: usize, k: usize| (i as f32 + 0.5) / side as f32 * 2.0 - 1.0 - [0.0, 0.0][k];
+    let at = |i: usize| (i as f32 + 0.5) / side as f32 * 2.0 - 1.0;
     let puff = |p: [f32; 3], center: [f32; 3], radius: f32| {
         let d: f32 = p.iter().zip(center).map(|(a, b)| (a - b) * (a - b)).sum();
         (1.5 - d / (radius * radius)).clamp(0.0, 1.0)
@@ -20,7 +20,7 @@ fn puffs(side: usize) -> Volume {
     for z in 0..side {
         for y in 0..side {
             for x in 0..side {
-                let p = [at(x, 0), at(y, 0), at(z, 0)];
+                let p = [at(x), at(y), at(z)];
                 let (a, b) = (puff(p, [-0.3, 0.1, 0.2], 0.5), puff(p, [0.4, -0.2, -0.2], 0.4));
                 density.push(4.0 * a + 3.0 * b);
                 albedos.push(if a >= b { vec3(0.9, 0.6, 0.3) } else { vec3(0.3, 0.5, 0.9) });
@@ -31,12 +31,14 @@ fn puffs(side: usize) -> Volume {
     Volume { size, density, scale, albedo, albedos, g: 0.0, transform: unit_box() }
 }
 
-/// The puffs before a sky with a bright side, seen from around.
+/// The puffs in the sun before a sky of light and dark fields, seen from around.
 fn clouds(side: usize, pixels: usize, views: usize) -> Traced {
-    let sky = Image::from_fn(8, 4, 3, |x, y, c| if x == 2 && y == 1 { 6.0 } else { [0.3, 0.4, 0.6][c] });
+    // Light and dark behind the cloud tell density from albedo, which light from all around alone would not.
+    let sky = Image::from_fn(8, 4, 3, |x, y, _| if (x + y) % 2 == 0 { 0.9 } else { 0.1 });
     let environment = Some(EnvironmentMap::new(sky));
-    let world =
-        World::new(Parts { environment, volumes: vec![puffs(side)], ..Parts::default() }).expect("valid");
+    let sun = LightSource::Directional { direction: vec3(0.3, 1.0, 0.4), irradiance: Vec3f::splat(6.0) };
+    let (volumes, lights) = (vec![puffs(side)], vec![sun]);
+    let world = World::new(Parts { environment, volumes, lights, ..Parts::default() }).expect("valid");
     let of = |name: &str, value, channels, high| TracedParameter {
         name: name.into(),
         parameter: Parameter::Medium { medium: MediumRef::Volume(0), value },
@@ -90,16 +92,16 @@ fn recovered(mut model: Traced, steps: u64) -> (RecoveredScene, [[f64; 2]; 3]) {
 fn a_cloud_is_found_from_views_around_it() {
     let (r, [density, albedo, picture]) = recovered(clouds(8, 16, 6), 60);
     assert_eq!(r.held_out, Some(5));
-    assert!(density[1] < 0.6 * density[0], "density {density:?}");
+    assert!(density[1] < 0.7 * density[0], "density {density:?}");
     assert!(albedo[1] < 0.8 * albedo[0], "albedo {albedo:?}");
-    assert!(picture[1] < 0.1 * picture[0], "picture {picture:?}");
+    assert!(picture[1] < 0.12 * picture[0], "picture {picture:?}");
 }
 
 #[test]
 #[ignore = "slow: more voxels, views and steps"]
 fn a_finer_cloud_is_found() {
     let (_, [density, albedo, picture]) = recovered(clouds(16, 32, 12), 200);
-    assert!(density[1] < 0.4 * density[0], "density {density:?}");
-    assert!(albedo[1] < 0.6 * albedo[0], "albedo {albedo:?}");
-    assert!(picture[1] < 0.02 * picture[0], "picture {picture:?}");
+    assert!(density[1] < 0.55 * density[0], "density {density:?}");
+    assert!(albedo[1] < 0.75 * albedo[0], "albedo {albedo:?}");
+    assert!(picture[1] < 0.05 * picture[0], "picture {picture:?}");
 }
