@@ -76,7 +76,7 @@ pub(crate) struct RecoverScene {
     pub(crate) self_test: bool,
     /// Pictures of --self-test: that of the scene's camera, and of cameras that go around what it looks at [range: 1 to
     /// 256].
-    #[arg(long, value_name = "N", default_value_t = 1, requires = "self_test", value_parser = whole::<usize>(1..=256))]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = whole::<usize>(1..=256))]
     pub(crate) views: usize,
     /// A parameter to fit; may be repeated.
     #[arg(long, value_name = "KEY", required = true)]

@@ -33,6 +33,9 @@ impl<'a> Source<'a> {
             }
             return Ok(Self::Own { views: a.views });
         }
+        if a.views > 1 {
+            bail!(Misuse("--views: belongs to --self-test, which must be given".into()));
+        }
         let is_list =
             |p: &&PathBuf| p.is_dir() || p.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
         if let Some(list) = a.picture.iter().find(is_list) {

@@ -317,7 +317,18 @@ fn bad_volumes_are_refused_in_one_line() {
         std::fs::write(d.join("smoke.vol"), bytes).unwrap();
         assert_one_error(&run("box.interior_medium.sigma_t.data"), words, &["smoke.vol", words]);
     }
-    let both =
-        ["recover", "scene", "s.xml", "--views", "3", "-o", "o", "--parameter", "sun.irradiance.value"];
+    let both = [
+        "recover",
+        "scene",
+        "s.xml",
+        "--views",
+        "3",
+        "--picture",
+        "a.exr",
+        "-o",
+        "o",
+        "--parameter",
+        "sun.irradiance.value",
+    ];
     assert_misuse(&photofit(d, &both), "views alone", &["--self-test"]);
 }
