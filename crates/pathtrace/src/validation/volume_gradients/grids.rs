@@ -6,7 +6,7 @@ use rayon::ThreadPoolBuilder;
 /// A grid of random density and albedo, with empty voxels.
 fn random(kind: Kind, size: [usize; 3]) -> Cloud {
     let voxels = size.iter().product::<usize>() as u64;
-    let density = |i: u64| if i % 5 == 0 { 0.0 } else { 2.5 * noise(i, 10) };
+    let density = |i: u64| if i.is_multiple_of(5) { 0.0 } else { 2.5 * noise(i, 10) };
     let albedo = |i: u64| vec3(noise(i, 11), 0.3 + 0.7 * noise(i, 12), noise(i, 13) * noise(i, 14)) * 0.9;
     Cloud {
         size,
