@@ -63,8 +63,8 @@ fn albedos(name: &str, c: &Cloud, groups: usize, spp: [u32; 2], resolved: f64) {
 #[test]
 fn voxels_of_a_cloud() {
     let c = cloud(Kind::Bounded, [3, 4, 4]);
-    densities("cloud", &c, 2, [64, 512], 0.25);
-    albedos("cloud", &c, 1, [32, 256], 0.25);
+    densities("cloud", &c, 2, [32, 256], 0.25);
+    albedos("cloud", &c, 1, [16, 128], 0.25);
 }
 
 #[test]

@@ -48,7 +48,7 @@ fn albedos(rows: &[(f32, &[Kind])], spp: [u32; 2], resolved: f64) {
 
 #[test]
 fn extinction_of_uniform_media() {
-    densities(&SMALL, [64, 256], 0.1);
+    densities(&SMALL, [32, 128], 0.15);
 }
 
 #[test]
