@@ -2,7 +2,7 @@
 
 use crate::args::Gradient;
 use crate::output::{self, print};
-use crate::parameter_scene::{Key, Subject};
+use crate::parameter_scene::{Key, Subject, tensor};
 use crate::preflight::Places;
 use crate::status::{Ending, Misuse};
 use crate::threads;
@@ -38,8 +38,10 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
             "{file}: {name} is 0, where it has no derivative; it must be more than 0 (recover scene lifts it)"
         );
     }
-    if a.image.is_some() && key.shape[0] * key.shape[1] == 1 {
-        bail!(Misuse(format!("--image: {name} is a single value; it must be a texture")));
+    let [slices, rows, columns, channels] = key.shape;
+    if a.image.is_some() && (slices > 1 || rows * columns == 1) {
+        let is = if slices > 1 { "a grid in space (--json has its values)" } else { "a single value" };
+        bail!(Misuse(format!("--image: {name} is {is}; it must be a texture")));
     }
     let loss = weights(a, &subject.options)?;
     let named = |e: &dyn std::fmt::Display| anyhow!("{}: {e}", a.scene.input.display());
@@ -60,7 +62,7 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
             gradient.residual
         );
     }
-    let values = [&gradient.parameters[0], &error.parameters[0]].map(|g| trimmed(g, key.shape[2]));
+    let values = [&gradient.parameters[0], &error.parameters[0]].map(|g| trimmed(g, channels));
     if let Some(file) = &a.image {
         let [value, error] = [&values[0], &values[1]].map(|v| picture(&key, v));
         let channels: &[&str] = &["R", "G", "B"];
@@ -88,16 +90,21 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
 fn list(keys: &[Key]) -> Result<()> {
     let width = keys.iter().map(|k| k.name.len()).max().unwrap_or(0);
     let line = |k: &Key| {
-        let [h, w, c] = k.shape;
+        let (size, count) = (size(&k.shape), k.shape[0] * k.shape[1] * k.shape[2]);
         if k.dark || k.idle.is_some() {
-            format!("{:<width$}  {h} x {w} x {c}, 0 in this scene\n", k.name)
-        } else if h * w == 1 {
-            format!("{:<width$}  {c}\n", k.name)
+            format!("{:<width$}  {size}, 0 in this scene\n", k.name)
+        } else if count == 1 {
+            format!("{:<width$}  {}\n", k.name, k.shape[3])
         } else {
-            format!("{:<width$}  {h} x {w} x {c}\n", k.name)
+            format!("{:<width$}  {size}\n", k.name)
         }
     };
     print(&keys.iter().map(line).collect::<String>())
+}
+
+/// A shape for people: slices only where there are several.
+fn size(shape: &[usize; 4]) -> String {
+    tensor(shape).iter().map(usize::to_string).collect::<Vec<_>>().join(" x ")
 }
 
 /// The weights of the pixels.
@@ -125,19 +132,20 @@ fn trimmed(g: &ParameterGradient, channels: usize) -> Vec<f64> {
 
 /// Values as an image of three channels, as numbers of single precision.
 fn picture(key: &Key, values: &[f64]) -> Image {
-    let [h, w, channels] = key.shape;
+    let [_, h, w, channels] = key.shape;
     Image::from_fn(w, h, 3, |x, y, c| values[(y * w + x) * channels + c.min(channels - 1)] as f32)
 }
 
 fn text(key: &Key, [values, errors]: &[Vec<f64>; 2]) -> String {
-    let [h, w, channels] = key.shape;
-    if h * w == 1 {
+    let [slices, h, w, channels] = key.shape;
+    if slices * h * w == 1 {
         let each = values.iter().zip(errors).map(|(v, e)| format!("{v:.6e} +- {e:.1e}"));
         return format!("{}  {}\n", key.name, each.collect::<Vec<_>>().join("  "));
     }
     let sum = |c: usize| values.iter().skip(c).step_by(channels).sum::<f64>();
     let sums: Vec<String> = (0..channels).map(|c| format!("{:.6e}", sum(c))).collect();
-    format!("{}  {h} x {w} x {channels}, sum over all texels {}\n", key.name, sums.join("  "))
+    let what = if slices > 1 { "voxels" } else { "texels" };
+    format!("{}  {}, sum over all {what} {}\n", key.name, size(&key.shape), sums.join("  "))
 }
 
 fn to_json(a: &Gradient, options: &RenderOptions, key: &Key, [values, errors]: &[Vec<f64>; 2]) -> Value {
@@ -145,7 +153,7 @@ fn to_json(a: &Gradient, options: &RenderOptions, key: &Key, [values, errors]: &
         "input": a.scene.input.display().to_string(),
         "parameter": key.name,
         "weights": a.weights.as_ref().map(|w| w.display().to_string()),
-        "shape": key.shape,
+        "shape": tensor(&key.shape),
         "gradient": values,
         "standard_error": errors,
         "width": options.width,

@@ -1,5 +1,6 @@
 //! `photofit recover scene`: parameters of a scene from path-traced pictures of it.
 
+mod around;
 mod found;
 mod target;
 
@@ -11,6 +12,7 @@ use crate::simplify::{CHECKPOINT_FILE, name_options};
 use crate::status::{Ending, Misuse};
 use crate::{interrupt, threads};
 use anyhow::{Context, Result, anyhow, bail};
+use glam::DVec3;
 use photofit_fit::engine::traced::{Smoothing, Traced, TracedParameter};
 use photofit_fit::engine::trainer::Keeping;
 use photofit_fit::recover_scene::{RecoverSceneOptions, recover_scene};
@@ -29,6 +31,8 @@ struct Task {
     model: Traced,
     /// Of each parameter.
     quantities: Vec<Quantity>,
+    /// The boxes that files of grids name.
+    boxes: Vec<[DVec3; 2]>,
     /// One for each view.
     targets: Vec<Image>,
     /// The values of each parameter, where they are known.
@@ -54,7 +58,7 @@ pub(crate) fn run(a: &RecoverScene) -> Result<Ending> {
     begin(a, &mut task)?;
     std::fs::create_dir_all(&a.output).with_context(|| a.output.display().to_string())?;
     found::write_start(&a.output, &task.model, &task.targets)?;
-    let Task { model, quantities, targets, truth } = task;
+    let Task { model, quantities, boxes, targets, truth } = task;
     let first = truth.as_ref().map(|t| errors(&model, &quantities, t));
     let options = RecoverSceneOptions {
         steps: a.steps,
@@ -73,7 +77,7 @@ pub(crate) fn run(a: &RecoverScene) -> Result<Ending> {
         say("the fit was ended early; what was reached is written");
     }
     let last = truth.as_ref().map(|t| errors(&r.model, &quantities, t));
-    found::write(a, &r, &quantities, first.zip(last), seconds)?;
+    found::write(a, &r, (&quantities, &boxes), first.zip(last), seconds)?;
     let stopped = r.stopped && interrupt::is_stopping();
     Ok(if stopped { Ending::Stopped } else { Ending::Done })
 }
@@ -81,18 +85,19 @@ pub(crate) fn run(a: &RecoverScene) -> Result<Ending> {
 /// The parameters of the command line in the scene's world, and the pictures.
 fn task(a: &RecoverScene, mut subject: Subject, source: &Source<'_>) -> Result<Task> {
     let named = |e: &dyn std::fmt::Display| anyhow!("{}: {e}", a.scene.input.display());
-    let (mut parameters, mut quantities) = (Vec::<TracedParameter>::new(), Vec::new());
+    let (mut parameters, mut quantities, mut boxes) = (Vec::<TracedParameter>::new(), Vec::new(), Vec::new());
     for name in &a.parameter {
-        let Key { name, parameter, shape, quantity, .. } = subject.find(&a.scene, name)?.clone();
+        let Key { name, parameter, shape, bounds, quantity, .. } = subject.find(&a.scene, name)?.clone();
         if let Some(other) = parameters.iter().find(|p| p.parameter == parameter) {
             let rule = format!("--parameter: {} and {name} are the same; one of them must go", other.name);
             bail!(Misuse(rule));
         }
         parameters.push(TracedParameter { name, parameter, shape, range: quantity.range() });
         quantities.push(quantity);
+        boxes.push(bounds);
     }
     let given = match source {
-        Source::Own => None,
+        Source::Own { .. } => None,
         Source::Files(files) => {
             Some(files.iter().map(|f| target::read(f, &subject.options)).collect::<Result<Vec<_>>>()?)
         }
@@ -105,6 +110,10 @@ fn task(a: &RecoverScene, mut subject: Subject, source: &Source<'_>) -> Result<T
     let Subject { parts, views, mut options, world, .. } = subject;
     options.spp = a.spp;
     let world = World::with_options(parts, world).map_err(|e| named(&e))?;
+    let views = match source {
+        Source::Own { views: count @ 2.. } => around::views(&views[0], &world, *count),
+        _ => views,
+    };
     let mut model = Traced::new(world, views, options, parameters).map_err(|e| named(&e))?;
     model.gradient_spp = a.gradient_spp;
     model.smoothing = match a.smoothing {
@@ -115,7 +124,7 @@ fn task(a: &RecoverScene, mut subject: Subject, source: &Source<'_>) -> Result<T
     let own = || (0..model.views.len()).map(|v| model.picture(v, TARGET_SPP, TARGET_SEED)).collect();
     let truth = given.is_none().then(|| (0..quantities.len()).map(|k| model.of(k).to_vec()).collect());
     let targets = given.map_or_else(own, Ok).map_err(|e| named(&e))?;
-    Ok(Task { model, quantities, targets, truth })
+    Ok(Task { model, quantities, boxes, targets, truth })
 }
 
 /// Sets the values that the fit starts from, and moves those of the scene into their ranges.
@@ -123,7 +132,7 @@ fn begin(a: &RecoverScene, task: &mut Task) -> Result<()> {
     for (k, quantity) in task.quantities.iter().enumerate() {
         let (values, p) = (task.model.of(k), &task.model.parameters[k]);
         let start = if a.start.is_some() || a.self_test {
-            quantity.flat(values, p.shape[2], a.start.map(|x| x as f32))
+            quantity.flat(values, p.channels(), a.start.map(|x| x as f32))
         } else {
             values.iter().map(|v| v.clamp(p.range[0], p.range[1])).collect()
         };
@@ -135,6 +144,6 @@ fn begin(a: &RecoverScene, task: &mut Task) -> Result<()> {
 
 /// Errors of all parameters.
 fn errors(model: &Traced, quantities: &[Quantity], truth: &[Vec<f32>]) -> Vec<f64> {
-    let error = |(k, q): (usize, &Quantity)| q.error(model.of(k), &truth[k], model.parameters[k].shape[2]);
+    let error = |(k, q): (usize, &Quantity)| q.error(model.of(k), &truth[k], model.parameters[k].channels());
     quantities.iter().enumerate().map(error).collect()
 }

@@ -1,4 +1,4 @@
-//! Recovering materials, textures and lights of a scene from pictures of it, through the path tracer. Assembled from the
+//! Recovering materials, textures, lights and media of a scene from pictures of it, through the path tracer. Assembled from the
 //! parts of the engine; the third task beside [`crate::simplify`] and [`crate::recover`].
 //!
 //! Pictures are compared in linear light, relative to what they should be and without clamping, in the steps and in the
@@ -30,13 +30,17 @@ const FAINT: f64 = 1e-3;
 /// What it is taken to be then, relative to the mean of the pictures: lamps are brighter than what they light.
 const LAMP: f64 = 4.0;
 
+/// Optical thickness across a medium, which its densities are taken to reach.
+const OPAQUE: f64 = 8.0;
+
 /// Options of [`recover_scene`].
 #[derive(Clone, Debug)]
 pub struct RecoverSceneOptions {
     /// Steps of the fit.
     pub steps: u64,
     /// Peak rate of the optimizer, relative to the mean of the start where values have no upper bound of 1; to four
-    /// times the mean of the pictures where that start is dark.
+    /// times the mean of the pictures where that start is dark, and of densities at least to one that is opaque
+    /// across the whole medium.
     pub rate: f64,
     /// Seed of the order of views; that of pictures and gradients is [`Traced::options`]'.
     pub seed: u64,
@@ -234,6 +238,9 @@ fn scale(model: &Traced, parameter: usize, brightness: f64) -> f64 {
     }
     let values = model.of(parameter);
     let mean = values.iter().map(|v| f64::from(v.abs())).sum::<f64>() / values.len().max(1) as f64;
+    if let Parameter::Medium { medium, .. } = model.parameters[parameter].parameter {
+        return mean.max(OPAQUE * f64::from(model.world.unit_extinction(medium)));
+    }
     [mean, LAMP * brightness].into_iter().find(|m| *m > FAINT).unwrap_or(1.0)
 }
 

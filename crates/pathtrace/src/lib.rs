@@ -22,13 +22,13 @@ pub use camera::{Lens, Projection, View};
 pub use error::PathtraceError;
 pub use film::{Aov, Filter};
 pub use integrator::{
-    AovSink, Contribution, FirstHit, Found, PathOptions, PathVertex, PictureSink, Sink, Strategy,
-    SurfaceVisit, TrainingSink, TrainingVertex,
+    AovSink, Contribution, FirstHit, Found, MediaFlight, PathOptions, PathVertex, PictureSink, ShadowFlight,
+    Sink, Strategy, SurfaceVisit, TrainingSink, TrainingVertex,
 };
 pub use light::{EnvironmentMap, Falloff, LightOrigin, LightSource};
 pub use plan::{Features, Plan};
 pub use render::{Integrator, Progress, RenderOptions, Renderer};
-pub use volume::{Boundary, BoundedMedium, Field, Volume};
+pub use volume::{Boundary, BoundedMedium, Field, MediumRef, MediumValue, Volume};
 pub use world::{
     Instance, Interaction, Material, Parts, Scattering, Shape, World, WorldHit, WorldOptions, WorldRay,
 };

@@ -128,6 +128,18 @@ impl PathRandom {
         unit_f32((hash(self.key, what, u64::from(ray)) >> 32) as u32)
     }
 
+    /// Independent numbers for what the derivatives of a path sample beside the path.
+    #[inline]
+    pub(crate) fn derivatives(&self) -> Rng {
+        Rng::new(self.key, 0xd00_0000)
+    }
+
+    /// The numbers of a path that begins at one of this path's segments, independent of those of this path.
+    #[inline]
+    pub(crate) fn branch(&self) -> Self {
+        Self { sobol: self.sobol.branch(1), sample: self.sample, key: hash(self.key, 0xb4a_0000, 0) }
+    }
+
     /// As many independent numbers as tracking needs, for ray `ray` of the path.
     #[inline]
     pub(crate) fn tracking(&self, ray: u32) -> Rng {

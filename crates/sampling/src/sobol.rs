@@ -1,6 +1,6 @@
 //! Sobol points with hash-based Owen scrambling (Burley 2020).
 
-use crate::rng::{keys, unit_f32, value};
+use crate::rng::{hash, keys, unit_f32, value};
 
 /// Dimensions of [`sobol_u32`].
 pub const SOBOL_DIMENSIONS: usize = 4;
@@ -126,6 +126,12 @@ impl Sobol {
     #[inline]
     pub const fn new(seed: u64, stream: u64) -> Self {
         Self { keys: keys(seed, stream) }
+    }
+
+    /// Another sequence that follows from this one, by its number; all are independent of each other.
+    #[inline]
+    pub const fn branch(&self, number: u64) -> Self {
+        Self::new(hash(self.keys[0], self.keys[1], number), number)
     }
 
     /// Coordinate `dimension` of point `index`, in `[0, 1)`; the same on every platform.

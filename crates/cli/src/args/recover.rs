@@ -11,7 +11,7 @@ pub(crate) enum Recover {
     /// Paint an asset's shape so that it looks like pictures with known cameras.
     #[command(after_help = STATUSES)]
     Texture(RecoverTexture),
-    /// Find materials, textures and lights of a scene again from path-traced pictures of it.
+    /// Find materials, textures, lights and media of a scene again from path-traced pictures of it.
     #[command(after_help = STATUSES)]
     Scene(RecoverScene),
 }
@@ -74,20 +74,24 @@ pub(crate) struct RecoverScene {
     /// the parameters are told.
     #[arg(long, conflicts_with = "picture")]
     pub(crate) self_test: bool,
+    /// Pictures of --self-test: that of the scene's camera, and of cameras that go around what it looks at [range: 1 to
+    /// 256].
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = whole::<usize>(1..=256))]
+    pub(crate) views: usize,
     /// A parameter to fit; may be repeated.
     #[arg(long, value_name = "KEY", required = true)]
     pub(crate) parameter: Vec<String>,
     /// Value that all parameters start from [range: 0 to 1000000] [default: what the scene says; with --self-test the middle of
-    /// what has bounds, twice the mean of other values]. Normal maps start without bumps.
+    /// what has bounds, half the mean of densities, twice that of other values]. Normal maps start without bumps.
     #[arg(long, value_name = "X", value_parser = number(0.0..=1e6))]
     pub(crate) start: Option<f64>,
-    /// How steps of textures are smoothed.
+    /// How steps of textures and grids are smoothed.
     #[arg(long, value_name = "HOW", value_enum, default_value = "bilateral")]
     pub(crate) smoothing: TextureSmoothing,
     /// Steps of the fit; fewer are made when the picture stops improving [range: at least 0].
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = whole::<u64>(0..))]
     pub(crate) steps: u64,
-    /// Peak rate of the optimizer, relative to the mean of the start of radiances [range: more than 0, at most 1].
+    /// Peak rate of the optimizer, relative to the mean of the start of radiances, and to what is opaque of densities [range: more than 0, at most 1].
     #[arg(long, value_name = "RATE", default_value_t = 0.05, value_parser = number(above_to(0.0, 1.0)))]
     pub(crate) rate: f64,
     /// Samples per pixel of the picture of a step [range: 1 to 65536].
@@ -96,7 +100,7 @@ pub(crate) struct RecoverScene {
     /// Samples per pixel of its gradient [range: 1 to 65536].
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = whole::<u32>(1..=65536))]
     pub(crate) gradient_spp: u32,
-    /// The folder to write: pictures before and after, textures, values.json.
+    /// The folder to write: pictures before and after, textures (.exr, .png), grids (.vol), values.json.
     #[arg(short, long, value_name = "DIR")]
     pub(crate) output: PathBuf,
     /// End the fit after this many seconds and keep what was reached [range: more than 0, at most 1000000000] [default: no

@@ -1,14 +1,15 @@
 //! The parameters of a scene by their names.
 //!
 //! Those of Mitsuba scenes are called as Mitsuba calls them: `white.reflectance.value`, `lamp.emitter.radiance.value`, `.data`
-//! for images. Those of assets: the material's name with `.base_color`, `.roughness`, `.metallic`, `.emissive`,
+//! for images and grids; of media `cloud.interior_medium.sigma_t.data`, `.sigma_t.value.value`, `.albedo`. Those of assets: the material's name with `.base_color`, `.roughness`, `.metallic`, `.emissive`,
 //! `.absorption` and their maps. Names that several materials or lights have get their numbers.
 
 use super::Quantity;
-use photofit_pathtrace::{MaterialValue, Parameter, Parts};
+use glam::DVec3;
+use photofit_pathtrace::{MaterialValue, MediumRef, MediumValue, Parameter, Parts};
 use photofit_scalar::Vec3f;
 use photofit_scene::graph::{SurfaceGraph, SurfaceNode, Texture};
-use photofit_scene::mitsuba::MitsubaScene;
+use photofit_scene::mitsuba::{MitsubaMedium, MitsubaScene};
 use photofit_scene::{LightKind, MapKind, PunctualLight, Scene, SurfaceLibrary};
 use photofit_shading::bsdf::Bsdf;
 use std::collections::{HashMap, HashSet};
@@ -18,8 +19,10 @@ use std::collections::{HashMap, HashSet};
 pub(crate) struct Key {
     pub(crate) name: String,
     pub(crate) parameter: Parameter,
-    /// Rows, columns, channels; one row and column for values.
-    pub(crate) shape: [usize; 3],
+    /// Slices, rows, columns, channels; one slice for textures, one row and column for values.
+    pub(crate) shape: [usize; 4],
+    /// The box that files of grids name, from corner to corner.
+    pub(crate) bounds: [DVec3; 2],
     /// What its values are.
     pub(crate) quantity: Quantity,
     /// Its value is 0, where it has no derivative: it has to be lifted first.
@@ -50,7 +53,7 @@ impl Keys {
             return;
         }
         let parameter = Parameter::Material { materials: vec![material], value };
-        let key = self.push(name, parameter, [1, 1, value.channels()], Quantity::of(value));
+        let key = self.push(name, parameter, [1, 1, 1, value.channels()], Quantity::of(value));
         self.list[key].dark = dark;
     }
 
@@ -58,10 +61,10 @@ impl Keys {
     fn texture(&mut self, name: &str, place: [usize; 2], texture: &Texture, quantity: Quantity) {
         let channels = if quantity == Quantity::Alpha { 1 } else { 3 };
         let (name, shape) = match texture {
-            Texture::Constant(_) => (format!("{name}.value"), [1, 1, channels]),
+            Texture::Constant(_) => (format!("{name}.value"), [1, 1, 1, channels]),
             Texture::Bitmap { image, .. } => {
                 let [width, height] = image.size();
-                (format!("{name}.data"), [height, width, if image.channels() == 1 { 1 } else { 3 }])
+                (format!("{name}.data"), [1, height, width, if image.channels() == 1 { 1 } else { 3 }])
             }
             _ => return,
         };
@@ -77,7 +80,7 @@ impl Keys {
     }
 
     /// Adds a key; its name gets a number where another key has it.
-    fn push(&mut self, name: String, parameter: Parameter, shape: [usize; 3], quantity: Quantity) -> usize {
+    fn push(&mut self, name: String, parameter: Parameter, shape: [usize; 4], quantity: Quantity) -> usize {
         let mut own = name.clone();
         let mut number = 2;
         while self.known.contains_key(&own) {
@@ -86,7 +89,8 @@ impl Keys {
         }
         let key = self.list.len();
         self.known.insert(own.clone(), key);
-        self.list.push(Key { name: own, parameter, shape, quantity, dark: false, idle: None });
+        let bounds = [DVec3::ZERO, DVec3::ONE];
+        self.list.push(Key { name: own, parameter, shape, bounds, quantity, dark: false, idle: None });
         key
     }
 }
@@ -147,6 +151,9 @@ pub(super) fn of_mitsuba(scene: &MitsubaScene) -> Vec<Key> {
             keys.value(format!("{}.radiance.value", names.emitter), i, MaterialValue::Emission, true);
         }
     }
+    for (i, m) in scene.media.iter().enumerate() {
+        medium(&mut keys, i, m);
+    }
     lights(&mut keys, &scene.lights, ["intensity.value", "irradiance.value"]);
     if let Some(e) = &scene.environment {
         let (w, h) = (e.image.width, e.image.height);
@@ -157,13 +164,29 @@ pub(super) fn of_mitsuba(scene: &MitsubaScene) -> Vec<Key> {
             let key = keys.push(
                 format!("{}.{name}", e.name),
                 Parameter::Environment,
-                [h, w, 3],
+                [1, h, w, 3],
                 Quantity::Radiance,
             );
             keys.list[key].dark = dark;
         }
     }
     keys.list
+}
+
+/// The values of a medium: `NAME.sigma_t` before its scale, `NAME.albedo`.
+fn medium(keys: &mut Keys, index: usize, medium: &MitsubaMedium) {
+    for (name, volume, value) in [
+        ("sigma_t", &medium.extinction, MediumValue::Extinction),
+        ("albedo", &medium.albedo, MediumValue::Albedo),
+    ] {
+        let ([x, y, z], grid) = (volume.size, volume.values.len() > 1);
+        let channels = if grid && value == MediumValue::Extinction { 1 } else { 3 };
+        let end = if grid { "data" } else { "value.value" };
+        let parameter = Parameter::Medium { medium: MediumRef::Bounded(index), value };
+        let name = format!("{}.{name}.{end}", medium.name);
+        let key = keys.push(name, parameter, [z, y, x, channels], Quantity::of_medium(value));
+        keys.list[key].bounds = volume.bounds;
+    }
 }
 
 /// The values of a BSDF that is the same everywhere.
@@ -257,7 +280,7 @@ fn lights(keys: &mut Keys, lights: &[PunctualLight], [intensity, irradiance]: [&
     for ((light, l), name) in lights.iter().enumerate().zip(unique(&names)) {
         let what = if matches!(l.kind, LightKind::Directional) { irradiance } else { intensity };
         let parameter = Parameter::Light { light };
-        let key = keys.push(format!("{name}.{what}"), parameter, [1, 1, 3], Quantity::Radiance);
+        let key = keys.push(format!("{name}.{what}"), parameter, [1, 1, 1, 3], Quantity::Radiance);
         keys.list[key].dark = l.intensity == [0.0; 3];
     }
 }
@@ -318,16 +341,16 @@ pub(super) fn of_asset(scene: &Scene, parts: &Parts) -> Vec<Key> {
     }
     lights(&mut keys, &scene.lights, ["intensity", "irradiance"]);
     if let Some(e) = &parts.environment {
-        let shape = [e.image.height, e.image.width, 3];
+        let shape = [1, e.image.height, e.image.width, 3];
         let key = keys.push("environment".into(), Parameter::Environment, shape, Quantity::Radiance);
         keys.list[key].dark = e.image.data.iter().all(|v| *v == 0.0);
     }
     keys.list
 }
 
-fn size_of_texture(library: &SurfaceLibrary, texture: usize) -> [usize; 3] {
+fn size_of_texture(library: &SurfaceLibrary, texture: usize) -> [usize; 4] {
     let base = library.texture(texture).layout().levels()[0];
-    [base.height as usize, base.width as usize, 3]
+    [1, base.height as usize, base.width as usize, 3]
 }
 
 #[cfg(test)]

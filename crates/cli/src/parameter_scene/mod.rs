@@ -20,6 +20,11 @@ const GEOMETRY: [&str; 6] =
 /// Most keys that an error lists.
 const LISTED: usize = 12;
 
+/// A shape as files tell it: rows, columns and channels, of grids in space after their slices.
+pub(crate) fn tensor(shape: &[usize; 4]) -> &[usize] {
+    if shape[0] == 1 { &shape[1..] } else { shape }
+}
+
 /// A scene with what its picture is like.
 pub(crate) struct Subject {
     pub(crate) keys: Vec<Key>,

@@ -1,6 +1,6 @@
 //! What the values of a parameter are, and what follows for a fit of them: range, start, encoding in files.
 
-use photofit_pathtrace::MaterialValue;
+use photofit_pathtrace::{MaterialValue, MediumValue};
 use photofit_scene::MapKind;
 use std::ops::Range;
 
@@ -28,6 +28,10 @@ pub(crate) enum Quantity {
     Radiance,
     /// Absorption per length.
     Absorption,
+    /// Extinction of a medium, before its scale.
+    Extinction,
+    /// Albedo of a medium.
+    Albedo,
 }
 
 impl Quantity {
@@ -42,6 +46,14 @@ impl Quantity {
             MaterialValue::Metallic => Self::Metallic,
             MaterialValue::Emissive | MaterialValue::Emission => Self::Radiance,
             MaterialValue::Absorption => Self::Absorption,
+        }
+    }
+
+    /// That of a value of a medium.
+    pub(super) fn of_medium(value: MediumValue) -> Self {
+        match value {
+            MediumValue::Extinction => Self::Extinction,
+            MediumValue::Albedo => Self::Albedo,
         }
     }
 
@@ -61,9 +73,9 @@ impl Quantity {
             Self::Color => [FAINT, 1.0],
             Self::Alpha => [1e-3, 1.0],
             Self::Roughness => [0.03, 1.0],
-            Self::Metallic | Self::MetallicRoughness | Self::Normal => [0.0, 1.0],
+            Self::Metallic | Self::MetallicRoughness | Self::Normal | Self::Albedo => [0.0, 1.0],
             Self::Radiance => [FAINT, MOST],
-            Self::Absorption => [0.0, MOST],
+            Self::Absorption | Self::Extinction => [0.0, MOST],
         }
     }
 
@@ -72,15 +84,16 @@ impl Quantity {
         if self == Self::MetallicRoughness { 1..channels.min(3) } else { 0..channels }
     }
 
-    /// Flat values to start from: `given`, or without it the middle of what has bounds and twice the mean of other
-    /// values. Normal maps start without bumps, and channels that nothing reads stay as they are.
+    /// Flat values to start from: `given`, or without it the middle of what has bounds, half the mean of densities and
+    /// twice the mean of other values. Normal maps start without bumps, and channels that nothing reads stay as they are.
     pub(crate) fn flat(self, values: &[f32], channels: usize, given: Option<f32>) -> Vec<f32> {
         let [low, high] = self.range();
         let start = given.unwrap_or_else(|| {
             if high <= 1.0 {
                 0.5 * (low + high)
             } else {
-                2.0 * values.iter().sum::<f32>() / values.len().max(1) as f32
+                let times = if self == Self::Extinction { 0.5 } else { 2.0 };
+                times * values.iter().sum::<f32>() / values.len().max(1) as f32
             }
         });
         let channel = |(i, old): (usize, &f32)| match self {

@@ -1,14 +1,16 @@
-//! What `photofit recover scene` writes: pictures before and after, textures, `values.json`.
+//! What `photofit recover scene` writes: pictures before and after, textures, grids, `values.json`.
 
 use crate::args::RecoverScene;
 use crate::output::{self, print};
-use crate::parameter_scene::Quantity;
+use crate::parameter_scene::{Quantity, tensor};
 use crate::status::Misuse;
 use anyhow::{Result, bail};
+use glam::DVec3;
 use photofit_fit::engine::traced::Traced;
 use photofit_fit::engine::trainer::HistoryPoint;
 use photofit_fit::recover_scene::{RecoveredScene, relative_error};
 use photofit_image::{Image, PngCompression, encode_png, write_atomically};
+use photofit_scene::mitsuba::encode_grid;
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -16,19 +18,22 @@ use std::path::Path;
 const SHOWN_SPP: u32 = 128;
 const SHOWN_SEED: u64 = 0x7368_6f77;
 
+/// Files that a parameter may be written to: textures, grids.
+const KINDS: [&str; 3] = ["exr", "png", "vol"];
+
 /// The names of all files that are written for this number of views.
 ///
 /// # Errors
 /// If two parameters would be written to one file.
 pub(super) fn files(a: &RecoverScene, views: usize) -> Result<Vec<String>> {
     let mut out: Vec<String> =
-        a.parameter.iter().flat_map(|k| ["exr", "png"].map(|e| format!("{}.{e}", file_name(k)))).collect();
+        a.parameter.iter().flat_map(|k| KINDS.map(|e| format!("{}.{e}", file_name(k)))).collect();
     for (i, name) in out.iter().enumerate() {
         if let Some(j) = out[..i].iter().position(|t| t == name) {
             bail!(Misuse(format!(
                 "--parameter: {} and {} would be written to one file, {name}; each must have its own",
-                a.parameter[j / 2],
-                a.parameter[i / 2]
+                a.parameter[j / KINDS.len()],
+                a.parameter[i / KINDS.len()]
             )));
         }
     }
@@ -71,7 +76,7 @@ pub(super) fn write_start(folder: &Path, model: &Traced, targets: &[Image]) -> R
 pub(super) fn write(
     a: &RecoverScene,
     r: &RecoveredScene,
-    quantities: &[Quantity],
+    (quantities, boxes): (&[Quantity], &[[DVec3; 2]]),
     errors: Option<(Vec<f64>, Vec<f64>)>,
     seconds: f64,
 ) -> Result<()> {
@@ -84,7 +89,7 @@ pub(super) fn write(
     let mut list = Vec::new();
     let mut text = String::new();
     for (k, quantity) in quantities.iter().enumerate() {
-        let (mut entry, mut line) = one(&a.output, &r.model, k, *quantity)?;
+        let (mut entry, mut line) = one(&a.output, &r.model, k, (*quantity, boxes[k]))?;
         if let Some((first, last)) = &errors {
             entry["parameter_error"] = json!({ "first": first[k], "last": last[k] });
             line += &format!("    error {:.5} -> {:.5}\n", first[k], last[k]);
@@ -112,14 +117,26 @@ pub(super) fn write(
 }
 
 /// Writes a parameter: its entry in the JSON and its line for people.
-fn one(folder: &Path, model: &Traced, k: usize, quantity: Quantity) -> Result<(Value, String)> {
+fn one(
+    folder: &Path,
+    model: &Traced,
+    k: usize,
+    (quantity, bounds): (Quantity, [DVec3; 2]),
+) -> Result<(Value, String)> {
     let (p, values) = (&model.parameters[k], model.of(k));
-    let [h, w, channels] = p.shape;
-    let mut entry = json!({ "parameter": p.name, "shape": p.shape });
-    if h * w == 1 {
+    let [slices, h, w, channels] = p.shape;
+    let mut entry = json!({ "parameter": p.name, "shape": tensor(&p.shape) });
+    if p.cells() == 1 {
         entry["value"] = json!(values);
         let each: Vec<String> = values.iter().map(|v| format!("{v:.5}")).collect();
         return Ok((entry, format!("{}  {}\n", p.name, each.join("  "))));
+    }
+    if slices > 1 {
+        let file = format!("{}.vol", file_name(&p.name));
+        let bytes = encode_grid([w, h, slices], values, bounds);
+        write_atomically(folder.join(&file).as_path(), &bytes)?;
+        entry["file"] = json!(file);
+        return Ok((entry, format!("{}  {slices} x {h} x {w} voxels in {file}\n", p.name)));
     }
     let image = Image::from_fn(w, h, 3, |x, y, c| values[(y * w + x) * channels + c.min(channels - 1)]);
     let name = file_name(&p.name);

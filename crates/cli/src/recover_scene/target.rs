@@ -11,8 +11,8 @@ use std::path::{Path, PathBuf};
 /// Where the pictures come from.
 #[derive(Debug)]
 pub(super) enum Source<'a> {
-    /// The scene's own: what is recovered is known.
-    Own,
+    /// The scene's own: what is recovered is known. Of this many views around it, or if it is one of its cameras.
+    Own { views: usize },
     /// One file for each camera of the scene.
     Files(&'a [PathBuf]),
     /// A folder with `transforms.json`, or such a file: the cameras come with the pictures.
@@ -26,7 +26,15 @@ impl<'a> Source<'a> {
     /// If files and lists are mixed, there is another number of files than of cameras, or cameras are given twice.
     pub(super) fn new(a: &'a RecoverScene) -> Result<Self> {
         if a.self_test {
-            return Ok(Self::Own);
+            if a.views > 1 && a.scene.camera != [0] {
+                bail!(Misuse(
+                    "--camera: --views go around the first camera; only one of them may be given".into()
+                ));
+            }
+            return Ok(Self::Own { views: a.views });
+        }
+        if a.views > 1 {
+            bail!(Misuse("--views: belongs to --self-test, which must be given".into()));
         }
         let is_list =
             |p: &&PathBuf| p.is_dir() || p.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
@@ -59,7 +67,7 @@ impl<'a> Source<'a> {
     /// The files that are read.
     pub(super) fn files(&self) -> Vec<PathBuf> {
         match self {
-            Self::Own => Vec::new(),
+            Self::Own { .. } => Vec::new(),
             Self::Files(files) => files.to_vec(),
             Self::List(list) => named_files(list),
         }
@@ -68,7 +76,8 @@ impl<'a> Source<'a> {
     /// Number of pictures, `cameras` of them where each has a camera of the scene.
     pub(super) fn count(&self, cameras: usize) -> usize {
         match self {
-            Self::Own | Self::Files(_) => cameras,
+            Self::Own { views } => cameras.max(*views),
+            Self::Files(_) => cameras,
             // The list itself is one of its files.
             Self::List(_) => self.files().len() - 1,
         }

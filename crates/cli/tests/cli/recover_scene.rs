@@ -236,3 +236,99 @@ fn wrong_keys_and_pictures_are_refused_in_one_line() {
     assert_one_error(&run(&of("empty"), &WHITE), "no list", &["transforms.json"]);
     assert!(!d.join("out").exists(), "nothing is written");
 }
+
+/// A ball of smoke on a grid, lit from the side, before the sky.
+fn smoke(folder: &Path) {
+    let (side, mut values) = (6_usize, Vec::new());
+    for i in 0..side.pow(3) {
+        let at = |n: usize| (n % side) as f32 / (side - 1) as f32 - 0.5;
+        let d = at(i).powi(2) + at(i / side).powi(2) + at(i / side / side).powi(2);
+        values.push(if d < 0.12 { 5.0 } else { 0.0 });
+    }
+    let unit = [glam::DVec3::ZERO, glam::DVec3::ONE];
+    let grid = photofit_scene::mitsuba::encode_grid([side; 3], &values, unit);
+    std::fs::write(folder.join("smoke.vol"), grid).unwrap();
+    let text =
+        "<scene version='3.0.0'><integrator type='volpath'><integer name='max_depth' value='4'/></integrator>
+  <sensor type='perspective'><float name='fov' value='40'/>
+    <transform name='to_world'><lookat origin='0,1,4' target='0,0,0' up='0,1,0'/></transform>
+    <film type='hdrfilm'><integer name='width' value='12'/><integer name='height' value='12'/>
+    <rfilter type='box'/></film></sensor>
+  <shape type='cube' id='box'><bsdf type='null'/><medium name='interior' type='heterogeneous'>
+    <volume name='sigma_t' type='gridvolume'><string name='filename' value='smoke.vol'/>
+      <transform name='to_world'><scale value='2'/><translate x='-1' y='-1' z='-1'/></transform></volume>
+    <rgb name='albedo' value='0.8 0.5 0.3'/></medium></shape>
+  <emitter type='directional' id='sun'><vector name='direction' x='-1' y='-1' z='-0.5'/>
+    <rgb name='irradiance' value='5'/></emitter>
+  <emitter type='constant' id='sky'><rgb name='radiance' value='0.2'/></emitter></scene>";
+    std::fs::write(folder.join("s.xml"), text).unwrap();
+}
+
+#[test]
+fn smoke_is_found_from_views_around_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    smoke(d);
+    let density = "box.interior_medium.sigma_t.data";
+    let albedo = "box.interior_medium.albedo.value.value";
+    let list = stdout(&succeeds(d, &["gradient", "s.xml", "--list"]));
+    assert!(list.contains(&format!("{density}  ")) && list.contains("6 x 6 x 6 x 1"), "{list}");
+    assert!(list.contains(albedo), "{list}");
+    let gradient = ["gradient", "s.xml", "--parameter", density, "--spp", "4", "--json", "g.json"];
+    assert!(stdout(&succeeds(d, &gradient)).contains("sum over all voxels"));
+    let g: Value = serde_json::from_str(&std::fs::read_to_string(d.join("g.json")).unwrap()).unwrap();
+    assert_eq!(g["shape"], serde_json::json!([6, 6, 6, 1]));
+    assert_eq!(g["gradient"].as_array().unwrap().len(), 216);
+    let image = photofit(d, &[&gradient[..6], &["--image", "g.exr"]].concat());
+    assert_misuse(&image, "a picture of voxels", &["--image", "a grid in space"]);
+    let run = ["recover", "scene", "s.xml", "--self-test", "--views", "5", "-o", "out", "--steps", "60"];
+    let more = ["--spp", "8", "--gradient-spp", "2", "--parameter", density, "--parameter", albedo];
+    succeeds(d, &[&run[..], &more].concat());
+    let f = figures(&d.join("out"));
+    for (k, bound) in [(0, 0.8), (1, 0.7)] {
+        let error = |which: &str| f["parameters"][k]["parameter_error"][which].as_f64().unwrap();
+        assert!(error("last") < bound * error("first"), "{}", f["parameters"][k]);
+    }
+    assert_eq!((f["views"].as_u64(), f["held_out"].as_u64()), (Some(5), Some(4)));
+    assert_eq!(f["parameters"][0]["file"], format!("{density}.vol"));
+    // What was found is a scene's grid again.
+    std::fs::copy(d.join("out").join(format!("{density}.vol")), d.join("smoke.vol")).unwrap();
+    assert!(stdout(&succeeds(d, &["gradient", "s.xml", "--list"])).contains("6 x 6 x 6 x 1"));
+}
+
+#[test]
+fn bad_volumes_are_refused_in_one_line() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    smoke(d);
+    let run =
+        |key: &str| photofit(d, &["recover", "scene", "s.xml", "--self-test", "-o", "o", "--parameter", key]);
+    assert_one_error(
+        &run("box.interior_medium.sigma_s.data"),
+        "no such key",
+        &["s.xml", "sigma_s", "it must be of"],
+    );
+    let good = std::fs::read(d.join("smoke.vol")).unwrap();
+    let mut many = good.clone();
+    many[8..12].copy_from_slice(&i32::MAX.to_le_bytes());
+    let mut nan = good;
+    nan[48 + 4 * 7..48 + 4 * 8].copy_from_slice(&f32::NAN.to_le_bytes());
+    for (bytes, words) in [(many, "voxels"), (nan, "NaN")] {
+        std::fs::write(d.join("smoke.vol"), bytes).unwrap();
+        assert_one_error(&run("box.interior_medium.sigma_t.data"), words, &["smoke.vol", words]);
+    }
+    let both = [
+        "recover",
+        "scene",
+        "s.xml",
+        "--views",
+        "3",
+        "--picture",
+        "a.exr",
+        "-o",
+        "o",
+        "--parameter",
+        "sun.irradiance.value",
+    ];
+    assert_misuse(&photofit(d, &both), "views alone", &["--self-test"]);
+}

@@ -1,4 +1,4 @@
-//! Parameters of a path-traced world: materials, textures, lights, with derivatives by path replay. The shape stays.
+//! Parameters of a path-traced world: materials, textures, lights, media, with derivatives by path replay. The shape stays.
 //!
 //! Picture and gradient of a step take separate random numbers, so that the gradient of the squared error has no bias
 //! from their covariance; both follow from the number of the shot.
@@ -30,20 +30,33 @@ pub struct TracedParameter {
     pub name: String,
     /// Where it is in the world.
     pub parameter: Parameter,
-    /// Rows, columns and channels; one row and one column for values.
-    pub shape: [usize; 3],
+    /// Slices, rows, columns and channels, as they follow each other in memory from slow to fast; one slice for textures,
+    /// one row and one column too for values.
+    pub shape: [usize; 4],
     /// Lowest and highest value.
     pub range: [f32; 2],
 }
 
-/// What steps of textures are smoothed by.
+impl TracedParameter {
+    /// Number of values.
+    pub fn cells(&self) -> usize {
+        self.shape[0] * self.shape[1] * self.shape[2]
+    }
+
+    /// Channels of a value.
+    pub fn channels(&self) -> usize {
+        self.shape[3]
+    }
+}
+
+/// What steps of textures and grids are smoothed by.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Smoothing {
     /// Nothing: Adam.
     None,
     /// Gradients by a low-pass filter.
     Laplacian,
-    /// Gradients and moments by a filter that keeps the edges of the texture as it is so far.
+    /// Gradients and moments by a filter that keeps the edges of the values as they are so far.
     #[default]
     Bilateral,
 }
@@ -63,7 +76,7 @@ pub struct Traced {
     pub evaluation_spp: u32,
     /// What is fitted.
     pub parameters: Vec<TracedParameter>,
-    /// How steps of textures are smoothed.
+    /// How steps of textures and grids are smoothed.
     pub smoothing: Smoothing,
     values: Vec<Vec<f32>>,
     /// Channels that the world has of each value: one or three.
@@ -88,13 +101,13 @@ impl Traced {
         let (mut values, mut channels) = (Vec::new(), Vec::new());
         for p in &parameters {
             let read = world.parameter(&p.parameter)?;
-            let cells = p.shape[0] * p.shape[1];
+            let cells = p.cells();
             let held = read.len() / cells.max(1);
-            if cells * held != read.len() || !(1..=held).contains(&p.shape[2]) {
+            if cells * held != read.len() || !(1..=held).contains(&p.channels()) {
                 let rule = format!("of {} is {:?}; the world has {} values", p.name, p.shape, read.len());
                 return Err(FitError::Setting { field: "shape", rule });
             }
-            values.push(read.chunks_exact(held).flat_map(|v| v[..p.shape[2]].to_vec()).collect());
+            values.push(read.chunks_exact(held).flat_map(|v| v[..p.channels()].to_vec()).collect());
             channels.push(held);
         }
         let (gradient_spp, evaluation_spp, smoothing) = (1, 64, Smoothing::default());
@@ -133,7 +146,7 @@ impl Traced {
         let channels = self.channels[parameter];
         let values = &self.values[parameter];
         // Numbers that are kept as colours are the same in all channels.
-        let spread = values.chunks_exact(p.shape[2]);
+        let spread = values.chunks_exact(p.channels());
         let spread: Vec<f32> = spread.flat_map(|v| (0..channels).map(|c| v[c.min(v.len() - 1)])).collect();
         self.world.set_parameter(&p.parameter, &spread)
     }
@@ -178,13 +191,20 @@ impl Traced {
         let samples = GradientSamples { spp: self.gradient_spp, seed: Some(seed(GRADIENT)) };
         let gradient = adjoint.render_vjp(&g, samples)?;
         for (k, found) in which.into_iter().zip(&gradient.parameters) {
-            let channels = self.parameters[k].shape[2];
+            let channels = self.parameters[k].channels();
             let cells = found.values.chunks_exact(found.channels);
             let cells = cells.flat_map(|v| v[..channels].iter());
             out[k].iter_mut().zip(cells).for_each(|(o, v)| *o += *v as f32);
         }
         Ok(value)
     }
+}
+
+/// Levels of the filter of a grid in space: three for 64 voxels per side, one less for each halving, none below 16. Wider
+/// ones would smooth over what the grid holds.
+fn levels_in_space(grid: &Grid) -> u32 {
+    let side = grid.shape().into_iter().max().unwrap_or(1);
+    side.ilog2().saturating_sub(3).min(3)
 }
 
 /// The light of a picture without its coverage, which has no derivative here: what the pictures of the task hold too.
@@ -198,9 +218,9 @@ impl Chain for Traced {
     fn groups(&self) -> Vec<Group> {
         let group = |p: &TracedParameter| Group {
             name: Cow::Owned(p.name.clone()),
-            rows: p.shape[0] * p.shape[1],
-            columns: p.shape[2],
-            ranges: vec![p.range; p.shape[2]],
+            rows: p.cells(),
+            columns: p.channels(),
+            ranges: vec![p.range; p.channels()],
             unit: None,
             rates: Vec::new(),
         };
@@ -209,12 +229,13 @@ impl Chain for Traced {
 
     fn optimizer(&self, group: &Group) -> Result<Optimizer<f32>, FitError> {
         let known = self.parameters.iter().find(|p| p.name == group.name);
-        let [height, width, _] = known.map_or([1, 1, 1], |p| p.shape);
+        let [depth, height, width, _] = known.map_or([1; 4], |p| p.shape);
         // A short memory of the first moment: rates stay large while gradients of few samples are averaged over space.
         let temporal = Temporal::adam().betas(0.2, 0.999);
         let new = || Optimizer::new(&group.name, group.len(), temporal);
-        let grid = Grid::plane(width, height);
-        let made = if grid.sites() == 1 {
+        let grid = Grid::volume(width, height, depth);
+        let alone = grid.sites() == 1 || (depth > 1 && levels_in_space(&grid) == 0);
+        let made = if alone {
             new()
         } else {
             match self.smoothing {
@@ -222,8 +243,9 @@ impl Chain for Traced {
                 Smoothing::Laplacian => ScreenedPoisson::new(&group.name, grid, LAPLACIAN)
                     .and_then(|f| new()?.with_filter(Placement::PRE, f)),
                 Smoothing::Bilateral => {
-                    let settings =
-                        Bilateral { map: GuideMap::Log, sigma: Sigma::Auto(2.0), ..Bilateral::default() };
+                    let usual = Bilateral::default();
+                    let levels = if depth > 1 { levels_in_space(&grid) } else { usual.levels };
+                    let settings = Bilateral { levels, map: GuideMap::Log, sigma: Sigma::Auto(2.0), ..usual };
                     GridBilateral::new(&group.name, grid, group.columns, settings)
                         .and_then(|f| new()?.with_filter(Placement::BOTH, f))
                 }

@@ -2,6 +2,7 @@
 
 mod parameters;
 mod resume;
+mod volume;
 
 use super::*;
 use crate::Silent;
@@ -57,8 +58,12 @@ fn view() -> View {
 
 fn model(smoothing: Smoothing) -> Traced {
     let value = |material, value| Parameter::Material { materials: vec![material], value };
-    let of =
-        |name: &str, parameter, shape, range| TracedParameter { name: name.into(), parameter, shape, range };
+    let of = |name: &str, parameter, [h, w, c]: [usize; 3], range| TracedParameter {
+        name: name.into(),
+        parameter,
+        shape: [1, h, w, c],
+        range,
+    };
     let parameters = vec![
         of("floor", value(0, MaterialValue::Reflectance), [1, 1, 3], [0.0, 1.0]),
         of("wall", Parameter::Graph { places: vec![[1, 0]] }, [TEXELS, TEXELS, 3], [0.0, 1.0]),

@@ -6,11 +6,14 @@
 use super::parameter::{MaterialValue, Parameter, VALUES, library_material, maps_of, not_differentiable};
 use crate::PathtraceError;
 use crate::error::invalid;
+use crate::volume::{Derivatives, MediumRef, MediumValue};
 use crate::world::World;
 use photofit_scene::MapKind;
 
-/// Most cells of a parameter that is summed densely.
+/// Most cells of a parameter that is summed densely: of surfaces and lights, and of media, of which every path reads
+/// many voxels.
 const DENSE: usize = 64;
+const DENSE_VOXELS: usize = 1 << 15;
 /// No cell.
 pub(super) const NONE: u32 = u32::MAX;
 
@@ -31,6 +34,17 @@ impl MaterialCells {
     }
 }
 
+/// Where the parameters of a medium begin, and what their derivatives need to know of it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct MediumCells {
+    pub(super) extinction: u32,
+    pub(super) albedo: u32,
+    /// Some of it scatters.
+    pub(super) scatters: bool,
+    /// See [`Derivatives::dark_albedo`].
+    pub(super) dark_albedo: f32,
+}
+
 /// A parameter's cells.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Range {
@@ -49,6 +63,11 @@ pub(super) struct Layout {
     /// By light.
     pub(super) lights: Vec<u32>,
     pub(super) environment: u32,
+    /// By volume, and by bounded medium.
+    pub(super) volumes: Vec<MediumCells>,
+    pub(super) bounded: Vec<MediumCells>,
+    /// Values of media are asked for.
+    pub(super) media: bool,
     /// Cells that are summed densely.
     pub(super) dense: usize,
     pub(super) total: usize,
@@ -65,8 +84,9 @@ impl Layout {
         let (mut ranges, mut start) = (vec![Range { start: 0, cells: 0, channels: 3 }; sizes.len()], 0);
         let mut dense = 0;
         for small in [true, false] {
-            for (range, &(cells, channels)) in ranges.iter_mut().zip(&sizes) {
-                if (cells <= DENSE) == small {
+            for ((range, &(cells, channels)), p) in ranges.iter_mut().zip(&sizes).zip(parameters) {
+                let most = if matches!(p, Parameter::Medium { .. }) { DENSE_VOXELS } else { DENSE };
+                if (cells <= most) == small {
                     *range = Range { start, cells, channels };
                     start += cells;
                 }
@@ -76,7 +96,10 @@ impl Layout {
             }
         }
         if start >= NONE as usize {
-            return Err(invalid("parameters", format!("have {start} texels; there may be at most 2^32 - 2")));
+            return Err(invalid(
+                "parameters",
+                format!("have {start} texels or voxels; there may be at most 2^32 - 2"),
+            ));
         }
         let material = |i: usize| {
             let graph = world.materials[i].graph.as_ref().map_or(0, |g| g.textures().len());
@@ -88,11 +111,21 @@ impl Layout {
             textures: vec![NONE; world.library.as_ref().map_or(0, |l| l.textures())],
             lights: vec![NONE; world.lights.sources()],
             environment: NONE,
+            volumes: vec![MediumCells::NONE; world.media.boxes.len()],
+            bounded: vec![MediumCells::NONE; world.media.bounded.len()],
+            media: false,
             dense,
             total: start,
             absorption: false,
         };
         for (i, p) in parameters.iter().enumerate() {
+            if let Parameter::Medium { medium, .. } = p {
+                let derivatives = Derivatives::of(world, *medium);
+                let cells = out.medium_mut(*medium);
+                cells.scatters = !derivatives.absorbs_only();
+                cells.dark_albedo = derivatives.dark_albedo();
+                out.media = true;
+            }
             if !out.place(world, p, out.ranges[i].start as u32) {
                 return Err(invalid(format!("parameter {i}"), "is given twice; each may be given once"));
             }
@@ -138,10 +171,39 @@ impl Layout {
             }
             Parameter::Light { light } => put(&mut self.lights[*light]),
             Parameter::Environment => put(&mut self.environment),
+            Parameter::Medium { medium, value } => {
+                let cells = self.medium_mut(*medium);
+                let cell = match value {
+                    MediumValue::Extinction => &mut cells.extinction,
+                    MediumValue::Albedo => &mut cells.albedo,
+                };
+                free &= *cell == NONE;
+                *cell = start;
+            }
             Parameter::Positions { .. } => {}
         }
         free
     }
+
+    /// The cells of a medium.
+    #[inline(always)]
+    pub(super) fn medium(&self, medium: MediumRef) -> &MediumCells {
+        match medium {
+            MediumRef::Volume(i) => &self.volumes[i],
+            MediumRef::Bounded(i) => &self.bounded[i],
+        }
+    }
+
+    fn medium_mut(&mut self, medium: MediumRef) -> &mut MediumCells {
+        match medium {
+            MediumRef::Volume(i) => &mut self.volumes[i],
+            MediumRef::Bounded(i) => &mut self.bounded[i],
+        }
+    }
+}
+
+impl MediumCells {
+    const NONE: Self = Self { extinction: NONE, albedo: NONE, scatters: false, dark_albedo: 0.0 };
 }
 
 /// The materials that a value is of: those that are named, and where it is a factor of library materials all that name
@@ -219,6 +281,7 @@ fn size(world: &World, parameter: &Parameter) -> Result<(usize, usize), String> 
             Some(e) => Ok((e.size()[0] * e.size()[1], 3)),
             None => Err("there is no environment; there must be one".into()),
         },
+        Parameter::Medium { medium, value } => world.media.size(*medium, *value),
         Parameter::Positions { shape } => Err(format!(
             "shape {shape}: positions have no derivatives in the path tracer, which does not see how edges move; \
              they must be fitted through the rasterizer"

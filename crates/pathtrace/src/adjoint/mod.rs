@@ -8,13 +8,16 @@
 //! - Picture and gradient take different random numbers. With the same ones, the gradient of a loss that is not linear in
 //!   the picture would be biased by the covariance of the two.
 //! - Derivatives are those of the radiance that surfaces send out: what moves edges (positions, coverage) has none.
-//! - A colour channel that is exactly 0 hides light found by scattering from its own derivative: use a small number.
+//! - Media are differentiated by what they let through and by what they scatter, each where its density is small as well
+//!   as where it is large (`volume`).
+//! - A colour channel of a surface that is exactly 0 hides light found by scattering from its own derivative: use a small number.
 
 mod accumulate;
 mod layout;
 mod parameter;
 mod replay;
 mod values;
+mod volume;
 
 pub use parameter::{MaterialValue, Parameter};
 
@@ -35,6 +38,7 @@ use photofit_sampling::{ScatteringSampler, hash};
 use photofit_scalar::Vec3f;
 use rayon::prelude::*;
 use replay::{Replay, Total};
+use volume::MediaReplay;
 
 /// Samples of a pixel in one task, and tasks between two reductions: bounds on what waits to be summed.
 const SAMPLES: u32 = 8;
@@ -245,6 +249,7 @@ impl<'a> Adjoint<'a> {
                     rest: [0.0; 3],
                     here: None,
                     shadow: Vec::new(),
+                    media: MediaReplay::default(),
                 };
                 for y in task.y..(task.y + TILE).min(h) {
                     for x in task.x..(task.x + TILE).min(w) {
@@ -310,10 +315,14 @@ fn replay<const F: u32>(
     let total = walk::<F, _, _>(world, ray, random, options, sampler, Total::default()).1;
     (replay.rest, replay.here) = (total.radiance, None);
     replay.shadow.clear();
+    replay.media.begin(random);
     walk::<F, _, _>(world, ray, random, options, sampler, &mut *replay);
     for (rest, whole) in replay.rest.iter().zip(total.radiance) {
         let left = rest.abs() / whole.abs().max(f64::from(f32::MIN_POSITIVE));
         replay.out.residual = larger(replay.out.residual, left);
+    }
+    if F & plan::VOLUMES != 0 && replay.layout.media {
+        replay.scattered_anew::<F>(random, options);
     }
 }
 

@@ -1,13 +1,14 @@
 //! What derivatives are taken with respect to.
 
+use crate::volume::{MediumRef, MediumValue};
 use crate::world::{Material, Scattering, World};
 use photofit_scene::MapKind;
 use photofit_shading::bsdf::Bsdf;
 
 /// A value, or all texels of an image, that pictures depend on.
 ///
-/// Colours have three channels, numbers one. Positions, cameras, coverage, indices of refraction and media have no
-/// derivatives here.
+/// Colours have three channels, numbers one. Positions, cameras, coverage, indices of refraction and phase functions have
+/// no derivatives here.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Parameter {
@@ -39,6 +40,13 @@ pub enum Parameter {
     },
     /// All texels of the environment's image, before its scale; row 0 at +y.
     Environment,
+    /// A value of a medium: everywhere, or of every voxel, x fastest.
+    Medium {
+        /// Which medium.
+        medium: MediumRef,
+        /// Which value.
+        value: MediumValue,
+    },
     /// Positions of the vertices of a shape: refused, see [`crate::Adjoint::new`].
     Positions {
         /// Index of the shape.

@@ -6,7 +6,8 @@
 use super::accumulate::Accumulator;
 use super::layout::{Layout, NONE};
 use super::parameter::MaterialValue;
-use crate::integrator::{Contribution, Found, PathVertex, Sink, SurfaceVisit};
+use super::volume::MediaReplay;
+use crate::integrator::{Contribution, Found, MediaFlight, PathVertex, ShadowFlight, Sink, SurfaceVisit};
 use crate::light::LightOrigin;
 use crate::world::{Interaction, SurfaceMaterial, World};
 use photofit_scalar::{Vec3f, Vec4f};
@@ -69,10 +70,25 @@ pub(super) struct Replay<'a> {
     pub(super) here: Option<Here>,
     /// Lengths of the present shadow ray in absorbing solids.
     pub(super) shadow: Vec<(u32, f32)>,
+    /// What is kept for derivatives of media.
+    pub(super) media: MediaReplay,
 }
 
 impl Sink for Replay<'_> {
     const SURFACES: bool = true;
+    const MEDIA: bool = true;
+
+    fn flight(&mut self, flight: &MediaFlight) {
+        if self.layout.media {
+            self.flown(flight);
+        }
+    }
+
+    fn shadow_flight(&mut self, flight: &ShadowFlight) {
+        if self.layout.media && self.layout.medium(flight.medium).extinction != NONE {
+            self.media.shadow.push(*flight);
+        }
+    }
 
     fn surface(&mut self, visit: &SurfaceVisit<'_>) {
         let material = self.world.placed[visit.interaction.instance as usize].material;
@@ -116,6 +132,7 @@ impl Sink for Replay<'_> {
             let cell = self.layout.materials[material as usize].of(MaterialValue::Absorption);
             self.out.add(cell, self.loss.mul(light.value) * -length);
         }
+        self.shadowed(self.loss.mul(light.value));
         let through = before.mul(light.transmittance) * (1.0 / light.pdf);
         if through == Vec3f::zero() {
             return;
@@ -127,7 +144,7 @@ impl Sink for Replay<'_> {
     }
 
     fn vertex(&mut self, v: &PathVertex) {
-        // Delta lobes have no parameters here, media none at all.
+        // Delta lobes have no parameters here, directions of media none at all.
         if v.instance == u32::MAX || v.delta || self.here.is_none() {
             return;
         }
@@ -251,7 +268,7 @@ impl Replay<'_> {
 
 /// A texel of a parameter that begins at a cell, if it is one.
 #[inline(always)]
-fn offset(start: u32, texel: usize) -> u32 {
+pub(super) fn offset(start: u32, texel: usize) -> u32 {
     if start == NONE { NONE } else { start + texel as u32 }
 }
 

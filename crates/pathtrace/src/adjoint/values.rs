@@ -41,11 +41,13 @@ impl World {
                 let map = self.lights.environment.as_ref().map(|e| e.map());
                 map.map(|m| m.image.data).unwrap_or_default()
             }
+            Parameter::Medium { medium, value } => self.media.values(*medium, *value),
             Parameter::Positions { .. } => Vec::new(),
         })
     }
 
-    /// Replaces the values of a parameter, which are read by [`Self::parameter`]; nothing else is built again.
+    /// Replaces the values of a parameter, which are read by [`Self::parameter`]; nothing else is built again
+    /// but the upper bounds of an extinction.
     ///
     /// # Errors
     /// As [`crate::Adjoint::new`], if their number is another one, or a value is not valid where it stands (negative
@@ -91,6 +93,9 @@ impl World {
                     map
                 });
                 self.relight(&sources, map)
+            }
+            Parameter::Medium { medium, value } => {
+                self.media.set_values((*medium, *value), values, self.majorant_factor)
             }
             Parameter::Positions { .. } => Ok(()),
         }

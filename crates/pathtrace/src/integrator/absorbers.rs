@@ -8,7 +8,7 @@ const CAPACITY: usize = 8;
 
 /// The solids around a path, outermost first, each by its material.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Absorbers {
+pub(crate) struct Absorbers {
     materials: [u32; CAPACITY],
     len: u32,
 }

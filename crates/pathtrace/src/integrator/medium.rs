@@ -1,12 +1,13 @@
 //! What happens to a path, and to a shadow ray, in media.
 
-use super::exp;
 use super::path::{Departure, Path};
-use super::sink::{PathVertex, Sink};
-use super::visibility::Around;
+use super::sink::{MediaFlight, PathVertex, PictureSink, ShadowFlight, Sink};
+use super::visibility::{Around, Passed};
+use super::{PathOptions, exp};
 use crate::light::Receiver;
 use crate::plan;
-use crate::volume::{Segment, phase, sample_phase};
+use crate::random::PathRandom;
+use crate::volume::{MediumRef, Segment, phase, sample_phase};
 use crate::world::{World, WorldHit, WorldRay};
 use photofit_sampling::{DirectionSampler, Rng};
 use photofit_scalar::Vec3f;
@@ -20,6 +21,7 @@ pub(super) enum Event {
 
 /// A collision on the way.
 struct Collision {
+    medium: MediumRef,
     t: f32,
     albedo: Vec3f,
     g: f32,
@@ -30,7 +32,12 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
     #[inline(never)]
     pub(super) fn collide(&mut self, hit: Option<&WorldHit>, crossings: u32) -> Event {
         let end = hit.map_or(self.ray.t_max, |h| h.t);
-        let Some(at) = self.collision(end, crossings) else {
+        let before = self.throughput;
+        let collision = self.collision(end, crossings);
+        if S::MEDIA {
+            self.report_flight(hit, end, before, collision.as_ref());
+        }
+        let Some(at) = collision else {
             // Light that does not come through the medium is not followed.
             return if self.throughput == Vec3f::zero() { Event::Ended } else { Event::Passed };
         };
@@ -38,10 +45,7 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
             return Event::Ended;
         }
         if F & plan::ABSORPTION != 0 {
-            let sigma = match hit {
-                Some(h) => self.inside.on_the_way_to(self.world, h.instance, h.front),
-                None => self.inside.absorption(self.world),
-            };
+            let sigma = self.absorption_before(hit);
             if S::SURFACES {
                 let solid = match hit {
                     Some(h) => self.inside.solid_before(self.world, h.instance, h.front),
@@ -57,10 +61,42 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
         if self.throughput == Vec3f::zero() {
             return Event::Ended;
         }
-        let (p, d) = (self.ray.origin + self.ray.direction * at.t, self.ray.direction);
+        self.scatter_in_medium(self.ray.origin + self.ray.direction * at.t, at.g);
+        Event::Scattered
+    }
+
+    /// Absorption per unit of length of the solid that the ray is in, on its way to `hit`.
+    fn absorption_before(&self, hit: Option<&WorldHit>) -> Vec3f {
+        match hit {
+            Some(h) => self.inside.on_the_way_to(self.world, h.instance, h.front),
+            None => self.inside.absorption(self.world),
+        }
+    }
+
+    fn report_flight(&mut self, hit: Option<&WorldHit>, end: f32, before: Vec3f, at: Option<&Collision>) {
+        let absorption = if F & plan::ABSORPTION != 0 { self.absorption_before(hit) } else { Vec3f::zero() };
+        self.sink.flight(&MediaFlight {
+            origin: self.ray.origin,
+            direction: self.ray.direction,
+            length: at.map_or(end, |c| c.t),
+            end,
+            collided: at.map(|c| c.medium),
+            bounded: self.medium,
+            throughput: before,
+            depth: self.depth,
+            scatters: self.depth < self.options.max_depth,
+            solids: self.inside,
+            absorption,
+        });
+    }
+
+    /// Next-event estimation and a new direction at a point of a medium with this phase function; the present ray
+    /// arrives there.
+    fn scatter_in_medium(&mut self, p: Vec3f, g: f32) {
+        let d = self.ray.direction;
         let from = Receiver::point(p);
         if let Some(light) = self.light_for(&from) {
-            let pdf = phase(at.g, d.dot(light.wi));
+            let pdf = phase(g, d.dot(light.wi));
             let weight = self.light_weight(&light, pdf);
             let arrives = self.throughput.mul(light.radiance) * (weight * pdf / light.pdf);
             if arrives != Vec3f::zero() {
@@ -68,8 +104,8 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
                 self.connect(&light, (p, None), around, (Vec3f::splat(pdf), weight, arrives));
             }
         }
-        let wi = sample_phase(at.g, d, self.random.scatter(self.depth));
-        let pdf = phase(at.g, d.dot(wi));
+        let wi = sample_phase(g, d, self.random.scatter(self.depth));
+        let pdf = phase(g, d.dot(wi));
         self.sink.vertex(&PathVertex {
             position: p,
             normal: Vec3f::zero(),
@@ -85,7 +121,6 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
         self.last = Departure { from, pdf, only: false };
         self.ray = WorldRay { origin: p, direction: wi, t_max: f32::INFINITY };
         self.depth += 1;
-        Event::Scattered
     }
 
     /// The nearest of the collisions with all media; the throughput takes up what the medium around the path lets
@@ -101,7 +136,7 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
             }
         }
         let length = first.map_or(end, |f| f.0);
-        if let Some(medium) = media.bounded(self.medium) {
+        if let (Some(medium), Some(index)) = (media.bounded(self.medium), self.medium) {
             let along = Segment { origin: self.ray.origin, direction: self.ray.direction, length };
             if self.depth >= self.options.max_depth {
                 // What collides here scatters no more.
@@ -117,12 +152,18 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
                 self.attenuate(flight.weight);
                 if let Some(t) = flight.collision {
                     let albedo = medium.albedo(along.origin + along.direction * t);
-                    return Some(Collision { t, albedo, g: medium.g });
+                    return Some(Collision {
+                        medium: MediumRef::Bounded(index as usize),
+                        t,
+                        albedo,
+                        g: medium.g,
+                    });
                 }
             }
         }
         let (t, q, i) = first?;
-        Some(Collision { t, albedo: media.boxes[i].albedo(q), g: media.boxes[i].g })
+        let medium = &media.boxes[i];
+        Some(Collision { medium: MediumRef::Volume(i), t, albedo: medium.albedo(q), g: medium.g })
     }
 
     /// Whether light may pass a surface without a scattering event.
@@ -140,15 +181,33 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
     }
 }
 
+/// An estimate of the light that a phase function gathers at distance `t` along a flight, as it goes back along the
+/// flight: of paths that begin with a scattering event there, with random numbers of their own.
+pub(crate) fn gathered<const F: u32, D: DirectionSampler>(
+    world: &World,
+    (flight, t, g): (&MediaFlight, f32, f32),
+    random: &PathRandom,
+    options: &PathOptions,
+    sampler: &D,
+) -> Vec3f {
+    let ray = WorldRay { origin: flight.origin, direction: flight.direction, t_max: flight.end };
+    let mut path =
+        Path::<F, PictureSink, D>::new(world, &ray, random, options, sampler, PictureSink::default());
+    (path.inside, path.medium, path.depth) = (flight.solids, flight.bounded, flight.depth);
+    path.scatter_in_medium(ray.origin + ray.direction * t, g);
+    path.follow();
+    path.sink.radiance
+}
+
 /// Transmittance of bounded media, absorbing solids and panes along a shadow ray that starts in `around` and crosses
-/// `surfaces` (in any order); `solids` is told the lengths in absorbing solids by their materials.
+/// `surfaces` (in any order); `passed` is told the parts in absorbing solids and in media.
 pub(super) fn through_boundaries(
     world: &World,
     ray: &WorldRay,
     mut surfaces: Vec<WorldHit>,
     mut around: Around,
     rng: &mut Rng,
-    mut solids: impl FnMut(u32, f32),
+    mut passed: impl FnMut(Passed),
 ) -> Vec3f {
     surfaces
         .sort_unstable_by(|a, b| a.t.total_cmp(&b.t).then((a.instance, a.piece).cmp(&(b.instance, b.piece))));
@@ -159,10 +218,10 @@ pub(super) fn through_boundaries(
     for hit in &surfaces {
         let sigma = around.absorbers.on_the_way_to(world, hit.instance, hit.front);
         if let Some(solid) = around.absorbers.solid_before(world, hit.instance, hit.front) {
-            solids(solid, hit.t - from);
+            passed(Passed::Solid(solid, hit.t - from));
         }
         through = through.mul(absorbed(sigma, hit.t - from));
-        through = through.mul(scattered(world, ray, around.medium, [from, hit.t], rng));
+        through = through.mul(scattered(world, ray, around.medium, [from, hit.t], rng, &mut passed));
         if through == Vec3f::zero() {
             return through;
         }
@@ -172,15 +231,15 @@ pub(super) fn through_boundaries(
         around.medium = media.beside(hit.instance, !hit.front, around.medium);
     }
     if let Some(solid) = around.absorbers.innermost() {
-        solids(solid, ray.t_max - from);
+        passed(Passed::Solid(solid, ray.t_max - from));
     }
     through = through.mul(absorbed(around.absorbers.absorption(world), ray.t_max - from));
-    through.mul(scattered(world, ray, around.medium, [from, ray.t_max], rng))
+    through.mul(scattered(world, ray, around.medium, [from, ray.t_max], rng, &mut passed))
 }
 
 /// What of light passes a length of an absorber; all of it without absorption, however far.
 #[inline(always)]
-pub(super) fn absorbed(sigma: Vec3f, length: f32) -> Vec3f {
+pub(crate) fn absorbed(sigma: Vec3f, length: f32) -> Vec3f {
     if sigma == Vec3f::zero() || length <= 0.0 {
         return Vec3f::splat(1.0);
     }
@@ -194,11 +253,14 @@ fn scattered(
     medium: Option<u32>,
     [from, to]: [f32; 2],
     rng: &mut Rng,
+    passed: &mut impl FnMut(Passed),
 ) -> Vec3f {
-    match world.media.bounded(medium) {
-        Some(medium) if to > from => {
+    match (world.media.bounded(medium), medium) {
+        (Some(medium), Some(index)) if to > from => {
             let origin = ray.origin + ray.direction * from;
-            medium.transmittance(&Segment { origin, direction: ray.direction, length: to - from }, rng)
+            let along = Segment { origin, direction: ray.direction, length: to - from };
+            passed(Passed::Medium(ShadowFlight { medium: MediumRef::Bounded(index as usize), along }));
+            medium.transmittance(&along, rng)
         }
         _ => Vec3f::splat(1.0),
     }

@@ -2,14 +2,15 @@
 
 mod absorbers;
 mod first;
-mod medium;
+pub(crate) mod medium;
 pub(crate) mod path;
 mod sink;
 pub(crate) mod teaching;
 mod visibility;
 
 pub use sink::{
-    AovSink, Contribution, Found, PathVertex, PictureSink, Sink, SurfaceVisit, TrainingSink, TrainingVertex,
+    AovSink, Contribution, Found, MediaFlight, PathVertex, PictureSink, ShadowFlight, Sink, SurfaceVisit,
+    TrainingSink, TrainingVertex,
 };
 
 use crate::random::PathRandom;

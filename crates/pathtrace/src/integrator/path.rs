@@ -5,7 +5,7 @@ use super::absorbers::Absorbers;
 use super::first::{first_hit, seen_through};
 use super::medium::Event;
 use super::sink::{AovSink, Contribution, Found, PathVertex, PictureSink, Sink, SurfaceVisit};
-use super::visibility::{Around, closest, transmittance};
+use super::visibility::{Around, Passed, closest, transmittance};
 use super::{PathOptions, PathSample, Strategy, brightest, exp};
 use crate::light::{Facing, LightOrigin, LightRandom, LightSample, Receiver};
 use crate::plan;
@@ -121,95 +121,8 @@ pub(crate) fn walk<const F: u32, S: Sink, D: DirectionSampler>(
     sampler: &D,
     sink: S,
 ) -> (f32, S) {
-    let mut path = Path::<F, S, D> {
-        world,
-        random,
-        options,
-        sampler,
-        sink,
-        ray: *ray,
-        throughput: Vec3f::splat(1.0),
-        unseen: 1.0,
-        last: Departure { from: Receiver::point(ray.origin), pdf: 0.0, only: true },
-        inside: Absorbers::NONE,
-        medium: if F & plan::VOLUMES != 0 { world.media.around_camera } else { None },
-        flown: 0,
-        depth: 0,
-        together: false,
-    };
-    let (mut alpha, mut crossings) = (0.0, 0);
-    loop {
-        let hit = closest::<F>(world, &path.ray, random, 2 * (path.depth + crossings));
-        if F & plan::VOLUMES != 0 {
-            match path.collide(hit.as_ref(), crossings) {
-                Event::Scattered => {
-                    if path.depth == 1 {
-                        alpha = 1.0;
-                    }
-                    if path.roulette() {
-                        continue;
-                    }
-                    break;
-                }
-                Event::Ended => {
-                    alpha = 1.0;
-                    break;
-                }
-                Event::Passed => {}
-            }
-        }
-        let Some(hit) = hit else {
-            if F & plan::ENVIRONMENT != 0 {
-                path.escape();
-            }
-            break;
-        };
-        let hidden = F & plan::EMITTERS != 0 && !options.show_emitters && world.emits(hit.instance);
-        if path.depth == 0 && (hidden || world.culls(&hit)) && crossings <= MAX_CROSSINGS {
-            path.pass_unseen(&hit);
-            crossings += 1;
-            continue;
-        }
-        let wo = -path.ray.direction;
-        let mut found = None;
-        let (at, material) = if F & plan::TEXTURES != 0 {
-            let at = world.interaction::<true>(&path.ray, &hit);
-            (at, world.material_at::<true>(&at, wo, &mut found))
-        } else {
-            let at = world.interaction::<false>(&path.ray, &hit);
-            (at, world.material_at::<false>(&at, wo, &mut found))
-        };
-        if F & plan::ABSORPTION != 0 {
-            path.absorb(&at, hit.t);
-        }
-        if path.depth == 0 && alpha == 0.0 && !(F & plan::ABSORPTION != 0 && world.is_invisible(at.instance))
-        {
-            alpha = 1.0;
-            if S::FIRST {
-                path.sink.first(&first_hit(&at, &material, wo));
-            }
-        }
-        if S::SURFACES {
-            path.sink.surface(&SurfaceVisit { interaction: &at, wo, material: &material });
-        }
-        if F & plan::EMITTERS != 0 && material.emission != Vec3f::zero() {
-            path.emission(&at, &material);
-        }
-        let crossable = F & plan::ABSORPTION != 0 && path.may_cross(at.instance);
-        if (path.depth >= options.max_depth && !crossable) || crossings > MAX_CROSSINGS {
-            break;
-        }
-        match path.scatter(&at, &material, crossings) {
-            Step::Scattered => {
-                path.depth += 1;
-                if (crossable && path.depth > options.max_depth) || !path.roulette() {
-                    break;
-                }
-            }
-            Step::Crossed => crossings += 1,
-            Step::Ended => break,
-        }
-    }
+    let mut path = Path::<F, S, D>::new(world, ray, random, options, sampler, sink);
+    let alpha = path.go_on();
     if F & plan::ALPHA != 0
         && S::FIRST
         && let Some(first) = seen_through::<F>(world, ray, options)
@@ -217,6 +130,125 @@ pub(crate) fn walk<const F: u32, S: Sink, D: DirectionSampler>(
         path.sink.first(&first);
     }
     (alpha, path.sink)
+}
+
+impl<'a, const F: u32, S: Sink, D: DirectionSampler> Path<'a, F, S, D> {
+    /// A path at its start.
+    #[inline(always)]
+    pub(super) fn new(
+        world: &'a World,
+        ray: &WorldRay,
+        random: &'a PathRandom,
+        options: &'a PathOptions,
+        sampler: &'a D,
+        sink: S,
+    ) -> Self {
+        Self {
+            world,
+            random,
+            options,
+            sampler,
+            sink,
+            ray: *ray,
+            throughput: Vec3f::splat(1.0),
+            unseen: 1.0,
+            last: Departure { from: Receiver::point(ray.origin), pdf: 0.0, only: true },
+            inside: Absorbers::NONE,
+            medium: if F & plan::VOLUMES != 0 { world.media.around_camera } else { None },
+            flown: 0,
+            depth: 0,
+            together: false,
+        }
+    }
+
+    /// Follows a path that has just scattered in a medium to its end.
+    pub(super) fn follow(&mut self) {
+        if self.roulette() {
+            self.go_on();
+        }
+    }
+
+    /// Walks to the end of the path. Returns 1 if the camera sees something, else 0.
+    #[inline(always)]
+    fn go_on(&mut self) -> f32 {
+        let world = self.world;
+        let (mut alpha, mut crossings) = (0.0, 0);
+        loop {
+            let hit = closest::<F>(world, &self.ray, self.random, 2 * (self.depth + crossings));
+            if F & plan::VOLUMES != 0 {
+                match self.collide(hit.as_ref(), crossings) {
+                    Event::Scattered => {
+                        if self.depth == 1 {
+                            alpha = 1.0;
+                        }
+                        if self.roulette() {
+                            continue;
+                        }
+                        break;
+                    }
+                    Event::Ended => {
+                        alpha = 1.0;
+                        break;
+                    }
+                    Event::Passed => {}
+                }
+            }
+            let Some(hit) = hit else {
+                if F & plan::ENVIRONMENT != 0 {
+                    self.escape();
+                }
+                break;
+            };
+            let hidden = F & plan::EMITTERS != 0 && !self.options.show_emitters && world.emits(hit.instance);
+            if self.depth == 0 && (hidden || world.culls(&hit)) && crossings <= MAX_CROSSINGS {
+                self.pass_unseen(&hit);
+                crossings += 1;
+                continue;
+            }
+            let wo = -self.ray.direction;
+            let mut found = None;
+            let (at, material) = if F & plan::TEXTURES != 0 {
+                let at = world.interaction::<true>(&self.ray, &hit);
+                (at, world.material_at::<true>(&at, wo, &mut found))
+            } else {
+                let at = world.interaction::<false>(&self.ray, &hit);
+                (at, world.material_at::<false>(&at, wo, &mut found))
+            };
+            if F & plan::ABSORPTION != 0 {
+                self.absorb(&at, hit.t);
+            }
+            if self.depth == 0
+                && alpha == 0.0
+                && !(F & plan::ABSORPTION != 0 && world.is_invisible(at.instance))
+            {
+                alpha = 1.0;
+                if S::FIRST {
+                    self.sink.first(&first_hit(&at, &material, wo));
+                }
+            }
+            if S::SURFACES {
+                self.sink.surface(&SurfaceVisit { interaction: &at, wo, material: &material });
+            }
+            if F & plan::EMITTERS != 0 && material.emission != Vec3f::zero() {
+                self.emission(&at, &material);
+            }
+            let crossable = F & plan::ABSORPTION != 0 && self.may_cross(at.instance);
+            if (self.depth >= self.options.max_depth && !crossable) || crossings > MAX_CROSSINGS {
+                break;
+            }
+            match self.scatter(&at, &material, crossings) {
+                Step::Scattered => {
+                    self.depth += 1;
+                    if (crossable && self.depth > self.options.max_depth) || !self.roulette() {
+                        break;
+                    }
+                }
+                Step::Crossed => crossings += 1,
+                Step::Ended => break,
+            }
+        }
+        alpha
+    }
 }
 
 /// What happened at a surface.
@@ -482,13 +514,13 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
         }
         let index = 2 * self.depth + 1;
         let sink = &mut self.sink;
-        let solids = |material, length| {
-            if S::SURFACES {
-                sink.shadow_absorbed(material, length);
-            }
+        let passed = |part: Passed| match part {
+            Passed::Solid(material, length) if S::SURFACES => sink.shadow_absorbed(material, length),
+            Passed::Medium(flight) if S::MEDIA => sink.shadow_flight(&flight),
+            _ => {}
         };
         let random = (self.random, index);
-        let through = transmittance::<F>(self.world, p, surface, light, around, random, solids);
+        let through = transmittance::<F>(self.world, p, surface, light, around, random, passed);
         self.sink.contribution(&Contribution {
             found: Found::NextEvent,
             depth: self.depth + 1,

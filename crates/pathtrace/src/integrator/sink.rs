@@ -4,7 +4,9 @@
 //! the first surface, and vertices with estimates of the radiance that arrives there, to train direction samplers with.
 
 use super::FirstHit;
+use super::absorbers::Absorbers;
 use crate::light::LightOrigin;
+use crate::volume::{MediumRef, Segment};
 use crate::world::{Interaction, SurfaceMaterial};
 use photofit_scalar::Vec3f;
 
@@ -89,6 +91,39 @@ pub struct SurfaceVisit<'a> {
     pub(crate) material: &'a SurfaceMaterial<'a>,
 }
 
+/// A part of a path in the render frame, up to a collision with a medium or to the next surface.
+#[derive(Clone, Copy, Debug)]
+pub struct MediaFlight {
+    /// Where it starts.
+    pub(crate) origin: Vec3f,
+    /// Unit vector.
+    pub(crate) direction: Vec3f,
+    /// Distance that was flown.
+    pub(crate) length: f32,
+    /// Distance at which it would have ended without collisions.
+    pub(crate) end: f32,
+    /// The medium that it collided with.
+    pub(crate) collided: Option<MediumRef>,
+    /// The bounded medium that it is in.
+    pub(crate) bounded: Option<u32>,
+    /// Throughput of the path before it.
+    pub(crate) throughput: Vec3f,
+    /// Scattering events before it.
+    pub(crate) depth: u32,
+    /// What collides may scatter: the path has events left.
+    pub(crate) scatters: bool,
+    /// The absorbing solids around it, and the absorption of the innermost.
+    pub(crate) solids: Absorbers,
+    pub(crate) absorption: Vec3f,
+}
+
+/// A part of a shadow ray in a medium, in the render frame.
+#[derive(Clone, Copy, Debug)]
+pub struct ShadowFlight {
+    pub(crate) medium: MediumRef,
+    pub(crate) along: Segment,
+}
+
 /// Receives what a path finds. All calls are resolved at compile time: what a sink leaves empty costs nothing.
 pub trait Sink {
     /// Whether [`Self::first`] is called.
@@ -117,6 +152,18 @@ pub trait Sink {
     /// a material.
     #[inline(always)]
     fn shadow_absorbed(&mut self, _material: u32, _length: f32) {}
+
+    /// Whether [`Self::flight`] and [`Self::shadow_flight`] are called.
+    const MEDIA: bool = false;
+
+    /// The path has flown through media: to a collision, whose contributions and vertex follow, to a surface, or out of
+    /// the world. Throughput and what was absorbed on the way are reported before.
+    #[inline(always)]
+    fn flight(&mut self, _flight: &MediaFlight) {}
+
+    /// A part of the shadow ray of the next [`Found::NextEvent`] lies in a medium.
+    #[inline(always)]
+    fn shadow_flight(&mut self, _flight: &ShadowFlight) {}
 
     /// A scattering event.
     #[inline(always)]
@@ -263,6 +310,17 @@ impl Sink for TrainingSink {
 impl<S: Sink> Sink for &mut S {
     const FIRST: bool = S::FIRST;
     const SURFACES: bool = S::SURFACES;
+    const MEDIA: bool = S::MEDIA;
+
+    #[inline(always)]
+    fn flight(&mut self, flight: &MediaFlight) {
+        (**self).flight(flight);
+    }
+
+    #[inline(always)]
+    fn shadow_flight(&mut self, flight: &ShadowFlight) {
+        (**self).shadow_flight(flight);
+    }
 
     #[inline(always)]
     fn surface(&mut self, visit: &SurfaceVisit<'_>) {

@@ -2,9 +2,11 @@
 
 use super::absorbers::Absorbers;
 use super::medium::{absorbed, through_boundaries};
+use super::sink::ShadowFlight;
 use crate::light::{End, LightSample};
 use crate::plan;
 use crate::random::PathRandom;
+use crate::volume::{MediumRef, Segment};
 use crate::world::{Interaction, World, WorldHit, WorldRay};
 use photofit_scalar::Vec3f;
 use std::cell::RefCell;
@@ -59,6 +61,15 @@ pub(super) struct Around {
     pub(super) medium: Option<u32>,
 }
 
+/// A part of a shadow ray.
+#[derive(Clone, Copy)]
+pub(super) enum Passed {
+    /// In the absorbing solid of a material: its length.
+    Solid(u32, f32),
+    /// In a medium.
+    Medium(ShadowFlight),
+}
+
 /// What a shadow ray meets.
 struct Passage {
     blocked: bool,
@@ -91,7 +102,7 @@ fn pass<const TWO_LEVEL: bool, const FILTER: bool, const MEDIA: bool>(
 }
 
 /// Part of the light of a sample that arrives at `from`; `surface` is where the ray starts, if it is on a surface,
-/// `around` is what surrounds the start; `solids` is told the lengths in absorbing solids by their materials.
+/// `around` is what surrounds the start; `passed` is told the parts in absorbing solids and in media.
 #[inline(always)]
 pub(super) fn transmittance<const F: u32>(
     world: &World,
@@ -100,7 +111,7 @@ pub(super) fn transmittance<const F: u32>(
     light: &LightSample,
     around: Around,
     (random, index): (&PathRandom, u32),
-    mut solids: impl FnMut(u32, f32),
+    mut passed: impl FnMut(Passed),
 ) -> Vec3f {
     let origin = surface.map_or(from, |s| s.beside(light.wi));
     let ray = match light.end {
@@ -128,23 +139,25 @@ pub(super) fn transmittance<const F: u32>(
     let mut through = Vec3f::splat(1.0);
     if F & plan::VOLUMES != 0 {
         let mut rng = random.tracking(index);
-        for medium in &world.media.boxes {
+        for (i, medium) in world.media.boxes.iter().enumerate() {
+            let along = Segment { origin: ray.origin, direction: ray.direction, length: ray.t_max };
+            passed(Passed::Medium(ShadowFlight { medium: MediumRef::Volume(i), along }));
             through *= medium.transmittance(ray.origin, ray.direction, ray.t_max, &mut rng);
             if through == Vec3f::zero() {
                 return through;
             }
         }
-        return through.mul(through_boundaries(world, &ray, passage.crossed, around, &mut rng, solids));
+        return through.mul(through_boundaries(world, &ray, passage.crossed, around, &mut rng, passed));
     }
     if F & plan::ABSORPTION != 0 {
         if passage.crossed.is_empty() {
             if let Some(solid) = around.absorbers.innermost() {
-                solids(solid, ray.t_max);
+                passed(Passed::Solid(solid, ray.t_max));
             }
             return absorbed(around.absorbers.absorption(world), ray.t_max);
         }
         let mut rng = random.tracking(index);
-        return through_boundaries(world, &ray, passage.crossed, around, &mut rng, solids);
+        return through_boundaries(world, &ray, passage.crossed, around, &mut rng, passed);
     }
     through
 }

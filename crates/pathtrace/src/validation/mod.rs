@@ -23,3 +23,4 @@ mod seen_through;
 mod sinks;
 mod statistics;
 mod stress;
+mod volume_gradients;

@@ -33,18 +33,24 @@ impl BoundedMedium {
 
 /// Extinction, ready for tracking.
 #[derive(Debug)]
-enum Extinction {
-    Even(Vec3f),
+pub(super) enum Extinction {
+    /// Per unit of length, and before its scale.
+    Even {
+        sigma: Vec3f,
+        given: Vec3f,
+    },
     Grid(Box<Medium>),
 }
 
 /// A bounded medium, ready for tracking.
 #[derive(Debug)]
 pub(crate) struct InteriorMedium {
-    extinction: Extinction,
-    albedo: Lookup,
+    pub(super) extinction: Extinction,
+    /// Factor of the extinction.
+    pub(super) scale: f32,
+    pub(super) albedo: Lookup,
     /// It scatters nowhere.
-    absorbs_only: bool,
+    pub(super) absorbs_only: bool,
     pub(crate) g: f32,
 }
 
@@ -91,11 +97,11 @@ impl InteriorMedium {
             return fail("extinction times scale is finite".into());
         }
         let extinction = match extinction.single() {
-            Some(e) => Extinction::Even(e * scale),
+            Some(e) => Extinction::Even { sigma: e * scale, given: e },
             None => Extinction::Grid(Box::new(Self::grid(index, extinction, scale, (origin, factor))?)),
         };
         let absorbs_only = albedo.values.iter().all(|a| *a == Vec3f::zero());
-        Ok(Self { extinction, albedo: Lookup::new(albedo, origin), absorbs_only, g })
+        Ok(Self { extinction, scale, albedo: Lookup::new(albedo, origin), absorbs_only, g })
     }
 
     fn grid(
@@ -140,7 +146,7 @@ impl InteriorMedium {
             return Flight { collision: None, weight: self.transmittance(along, rng) };
         }
         match &self.extinction {
-            Extinction::Even(sigma) => fly_evenly(*sigma, along.length, throughput, numbers),
+            Extinction::Even { sigma, .. } => fly_evenly(*sigma, along.length, throughput, numbers),
             Extinction::Grid(grid) => {
                 let found = grid.collide(along.origin, along.direction, along.length, rng);
                 Flight { collision: found.map(|f| f.0), weight: Vec3f::splat(1.0) }
@@ -151,7 +157,7 @@ impl InteriorMedium {
     /// Transmittance of a segment, per channel: exact, or an unbiased estimate for grids.
     pub(crate) fn transmittance(&self, along: &Segment, rng: &mut Rng) -> Vec3f {
         match &self.extinction {
-            Extinction::Even(sigma) => sigma.map(|s| survival(s, along.length)),
+            Extinction::Even { sigma, .. } => sigma.map(|s| survival(s, along.length)),
             Extinction::Grid(grid) => {
                 Vec3f::splat(grid.transmittance(along.origin, along.direction, along.length, rng))
             }
@@ -161,7 +167,7 @@ impl InteriorMedium {
 
 /// `exp(-sigma t)`, 1 without extinction however far.
 #[inline(always)]
-fn survival(sigma: f32, t: f32) -> f32 {
+pub(super) fn survival(sigma: f32, t: f32) -> f32 {
     if sigma == 0.0 { 1.0 } else { (-sigma * t).exp() }
 }
 

@@ -77,6 +77,30 @@ impl Lookup {
         self.inward = crate::world::affine(&transform.inverse());
     }
 
+    /// The values, x fastest.
+    pub(super) fn values(&self) -> &[Vec3f] {
+        &self.values
+    }
+
+    /// Replaces the values.
+    ///
+    /// # Panics
+    /// If their number is another one.
+    pub(super) fn set_values(&mut self, values: &[Vec3f]) {
+        self.values.copy_from_slice(values);
+    }
+
+    /// Adjoint of [`Self::at`] with respect to the values, for its gradient `g`: `add` gets voxels and gradients.
+    #[inline]
+    pub(super) fn vjp(&self, p: Vec3f, g: Vec3f, mut add: impl FnMut(usize, Vec3f)) {
+        if self.values.len() == 1 {
+            return add(0, g);
+        }
+        let q = self.inward.transform_point3a(to_glam(p));
+        let (at, weight) = taps(self.size, vec3(q.x, q.y, q.z));
+        (0..8).filter(|i| weight[*i] != 0.0).for_each(|i| add(at[i], g * weight[i]));
+    }
+
     /// The value at a point of the render frame.
     #[inline]
     pub(super) fn at(&self, p: Vec3f) -> Vec3f {

@@ -57,6 +57,8 @@ pub(crate) struct Medium {
     transform: DAffine3,
     /// Extinction per unit of length.
     extinction: Vec<f32>,
+    /// Density as it was given, where the scale is not 1; else it is the extinction.
+    given: Vec<f32>,
     albedo: Vec3f,
     albedos: Vec<Vec3f>,
     pub(crate) g: f32,
@@ -89,8 +91,7 @@ impl Medium {
         if !(volume.scale >= 0.0 && volume.scale.is_finite()) {
             return fail(format!("its scale is finite and not negative, found {}", volume.scale));
         }
-        let unit = |a: &Vec3f| a.to_array().iter().all(|x| (0.0..=1.0).contains(x));
-        if !unit(&volume.albedo) || !volume.albedos.iter().all(unit) {
+        if !is_share(&volume.albedo) || !volume.albedos.iter().all(is_share) {
             return fail("albedo lies in [0, 1]".into());
         }
         if volume.g.is_nan() || volume.g.abs() >= 1.0 {
@@ -106,6 +107,7 @@ impl Medium {
             scale: volume.scale,
             transform: volume.transform,
             extinction: Vec::new(),
+            given: Vec::new(),
             albedo: volume.albedo,
             albedos: volume.albedos,
             g: volume.g,
@@ -145,6 +147,42 @@ impl Medium {
         self.majorants = majorants(&extinction, self.size, self.cells);
         self.majorants.iter_mut().for_each(|m| *m *= factor);
         self.extinction = extinction;
+        self.given = if self.scale == 1.0 { Vec::new() } else { density.to_vec() };
+        Ok(())
+    }
+
+    /// Extinction of density 1.
+    pub(super) fn scale(&self) -> f32 {
+        self.scale
+    }
+
+    /// The longest side of its box in the world.
+    pub(super) fn extent(&self) -> f32 {
+        let sides = self.transform.matrix3;
+        [sides.x_axis, sides.y_axis, sides.z_axis].map(|s| s.length() as f32).into_iter().fold(0.0, f32::max)
+    }
+
+    /// Density of every voxel, as it was given.
+    pub(crate) fn density(&self) -> &[f32] {
+        if self.scale == 1.0 { &self.extinction } else { &self.given }
+    }
+
+    /// Albedo of every voxel; without those the one of all.
+    pub(crate) fn albedos(&self) -> &[Vec3f] {
+        if self.albedos.is_empty() { std::slice::from_ref(&self.albedo) } else { &self.albedos }
+    }
+
+    /// Replaces what [`Self::albedos`] says; on an error everything is as it was.
+    pub(crate) fn set_albedos(&mut self, index: usize, albedos: &[Vec3f]) -> Result<(), PathtraceError> {
+        if let Some(i) = albedos.iter().position(|a| !is_share(a)) {
+            let found = albedos[i].to_array();
+            let rule = format!("albedo lies in [0, 1], found {found:?} at voxel {i}");
+            return Err(invalid(format!("volume {index}"), rule));
+        }
+        match self.albedos.is_empty() {
+            true => self.albedo = albedos[0],
+            false => self.albedos.copy_from_slice(albedos),
+        }
         Ok(())
     }
 
@@ -153,6 +191,13 @@ impl Medium {
         let transform = DAffine3::from_translation(-origin) * self.transform;
         self.inward = crate::world::affine(&transform.inverse());
         self.bounds = crate::world::moved_box([DVec3::ZERO, DVec3::ONE], &transform);
+    }
+
+    /// A point of the render frame in the unit cube.
+    #[inline]
+    pub(crate) fn to_unit(&self, p: Vec3f) -> Vec3f {
+        let q = self.inward.transform_point3a(crate::world::to_glam(p));
+        vec3(q.x, q.y, q.z)
     }
 
     /// Extinction at a point of the unit cube.
@@ -165,6 +210,18 @@ impl Medium {
         (0..8).map(|i| self.extinction[at[i]] * weight[i]).sum()
     }
 
+    /// Adjoint of [`Self::extinction`] with respect to the density of voxels, for its gradient `g`: `add` gets voxels and
+    /// gradients.
+    #[inline]
+    pub(crate) fn extinction_vjp(&self, q: Vec3f, g: f32, mut add: impl FnMut(usize, f32)) {
+        let g = g * self.scale;
+        if self.extinction.len() == 1 {
+            return add(0, g);
+        }
+        let (at, weight) = taps(self.size, q);
+        (0..8).filter(|i| weight[*i] != 0.0).for_each(|i| add(at[i], g * weight[i]));
+    }
+
     /// Albedo at a point of the unit cube.
     #[inline]
     pub(crate) fn albedo(&self, q: Vec3f) -> Vec3f {
@@ -175,6 +232,22 @@ impl Medium {
         let sum = (0..8).fold(vec3(0.0, 0.0, 0.0), |s, i| s + self.albedos[at[i]] * weight[i]);
         sum.mul(self.albedo)
     }
+
+    /// Adjoint of [`Self::albedo`] with respect to [`Self::albedos`], for its gradient `g`.
+    #[inline]
+    pub(crate) fn albedo_vjp(&self, q: Vec3f, g: Vec3f, mut add: impl FnMut(usize, Vec3f)) {
+        if self.albedos.is_empty() {
+            return add(0, g);
+        }
+        let g = g.mul(self.albedo);
+        let (at, weight) = taps(self.size, q);
+        (0..8).filter(|i| weight[*i] != 0.0).for_each(|i| add(at[i], g * weight[i]));
+    }
+}
+
+/// Whether all channels lie in [0, 1].
+fn is_share(a: &Vec3f) -> bool {
+    a.to_array().iter().all(|x| (0.0..=1.0).contains(x))
 }
 
 /// The eight voxels around a point of the unit cube, and their weights.

@@ -1,9 +1,11 @@
 //! Participating media: grids of density in boxes, and media that surfaces bound.
 
 mod bounded;
+mod derivative;
 mod field;
 mod grid;
 mod media;
+mod parameter;
 mod phase;
 mod track;
 
@@ -11,8 +13,10 @@ pub use bounded::BoundedMedium;
 pub use field::Field;
 pub use grid::Volume;
 pub use media::Boundary;
+pub use parameter::{MediumRef, MediumValue};
 
 pub(crate) use bounded::{InteriorMedium, Segment};
+pub(crate) use derivative::Derivatives;
 pub(crate) use grid::Medium;
 pub(crate) use media::Media;
 pub(crate) use phase::{phase, sample_phase};

@@ -3,11 +3,43 @@
 
 use super::Medium;
 use crate::world::to_glam;
+use glam::Vec3A;
 use photofit_sampling::Rng;
 use photofit_scalar::{Vec3f, vec3};
 
 /// Transmittance below which it is decided by chance whether a ratio-tracked ray goes on.
 const ROULETTE: f32 = 0.05;
+
+/// The part of a ray inside of the box of a medium.
+pub(crate) struct Inside {
+    /// Where the ray starts, in the unit cube.
+    origin: Vec3A,
+    /// Where it goes, in the unit cube per unit of length of the world.
+    direction: Vec3A,
+    inverse: [f32; 3],
+    /// Distances along the ray, in the world.
+    pub(crate) from: f32,
+    pub(crate) to: f32,
+}
+
+impl Inside {
+    /// Place in the unit cube at a distance along the ray.
+    #[inline(always)]
+    pub(crate) fn at(&self, t: f32) -> Vec3f {
+        let q = self.origin + self.direction * t;
+        vec3(q.x, q.y, q.z)
+    }
+}
+
+/// A small transmittance lives on by chance, larger for those that do not.
+#[inline(always)]
+fn survive(through: f32, rng: &mut Rng) -> f32 {
+    if through < ROULETTE {
+        if rng.next_f32() * ROULETTE < through { ROULETTE } else { 0.0 }
+    } else {
+        through
+    }
+}
 
 impl Medium {
     /// Distance of the first real collision within `t_max`, with the place in the unit cube.
@@ -33,13 +65,68 @@ impl Medium {
     pub(crate) fn transmittance(&self, origin: Vec3f, direction: Vec3f, t_max: f32, rng: &mut Rng) -> f32 {
         let mut through = 1.0_f32;
         self.walk(origin, direction, t_max, rng, |_, q, majorant, rng| {
-            through *= 1.0 - self.extinction(q) / majorant;
-            if through < ROULETTE {
-                through = if rng.next_f32() * ROULETTE < through { ROULETTE } else { 0.0 };
-            }
+            through = survive(through * (1.0 - self.extinction(q) / majorant), rng);
             through > 0.0
         });
         through.max(0.0)
+    }
+
+    /// The part of a ray from 0 to `t_max` inside of the box, if it has any.
+    #[inline]
+    pub(crate) fn clip(&self, origin: Vec3f, direction: Vec3f, t_max: f32) -> Option<Inside> {
+        // In the unit cube; `t` stays in units of the world because the transform is affine.
+        let origin = self.inward.transform_point3a(to_glam(origin));
+        let direction = self.inward.transform_vector3a(to_glam(direction));
+        let (mut from, mut to) = (0.0_f32, t_max);
+        let mut inverse = [0.0_f32; 3];
+        for k in 0..3 {
+            if direction[k] == 0.0 {
+                if !(0.0..=1.0).contains(&origin[k]) {
+                    return None;
+                }
+                inverse[k] = f32::INFINITY;
+                continue;
+            }
+            inverse[k] = 1.0 / direction[k];
+            let (a, b) = (-origin[k] * inverse[k], (1.0 - origin[k]) * inverse[k]);
+            from = from.max(a.min(b));
+            to = to.min(a.max(b));
+        }
+        // Also where something is not a number.
+        let passes = from < to;
+        passes.then_some(Inside { origin, direction, inverse, from, to })
+    }
+
+    /// A distance inside of the box with a density proportional to an unbiased estimate of the transmittance from the
+    /// start of the ray, and the integral of the estimate: with `(t, w)`, the expectation of `w f(t)` is the integral of
+    /// transmittance times `f` along the ray.
+    pub(crate) fn sample_transmittance(
+        &self,
+        origin: Vec3f,
+        direction: Vec3f,
+        t_max: f32,
+        rng: &mut Rng,
+    ) -> Option<(f32, f32)> {
+        let inside = self.clip(origin, direction, t_max)?;
+        let (mut through, mut since) = (1.0_f32, inside.from);
+        let (mut sum, mut picked) = (0.0_f32, [inside.from; 2]);
+        // The estimate is constant between collisions with the medium of the upper bound.
+        let mut offer = |through: f32, from: f32, to: f32, rng: &mut Rng| {
+            let weight = through * (to - from);
+            sum += weight;
+            if weight > 0.0 && rng.next_f32() * sum < weight {
+                picked = [from, to];
+            }
+        };
+        self.walk(origin, direction, t_max, rng, |t, q, majorant, rng| {
+            offer(through, since, t, rng);
+            since = t;
+            through = survive(through * (1.0 - self.extinction(q) / majorant), rng);
+            through > 0.0
+        });
+        offer(through, since, inside.to, rng);
+        let [from, to] = picked;
+        (sum > 0.0).then(|| (from + (to - from) * rng.next_f32(), sum))
     }
 
     /// Walks the cells along a ray and calls `collision` with distance, place and upper bound at the collisions with a
@@ -53,29 +140,8 @@ impl Medium {
         rng: &mut Rng,
         mut collision: impl FnMut(f32, Vec3f, f32, &mut Rng) -> bool,
     ) {
-        // In the unit cube; `t` stays in units of the world because the transform is affine.
-        let o = self.inward.transform_point3a(to_glam(origin));
-        let d = self.inward.transform_vector3a(to_glam(direction));
-        let (mut t, mut end) = (0.0_f32, t_max);
-        let mut inverse = [0.0_f32; 3];
-        for k in 0..3 {
-            if d[k] == 0.0 {
-                if !(0.0..=1.0).contains(&o[k]) {
-                    return;
-                }
-                inverse[k] = f32::INFINITY;
-                continue;
-            }
-            inverse[k] = 1.0 / d[k];
-            let (a, b) = (-o[k] * inverse[k], (1.0 - o[k]) * inverse[k]);
-            t = t.max(a.min(b));
-            end = end.min(a.max(b));
-        }
-        // Also where something is not a number.
-        let passes = t < end;
-        if !passes {
-            return;
-        }
+        let Some(inside) = self.clip(origin, direction, t_max) else { return };
+        let Inside { origin: o, direction: d, inverse, from: mut t, to: end } = inside;
         let at = |t: f32| o + d * t;
         let start = at(t);
         let mut cell = [0_usize; 3];

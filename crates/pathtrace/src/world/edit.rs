@@ -10,7 +10,7 @@ use super::top::Earlier;
 use super::{Geometry, Instance, Kind, Material, Scattering, Shape, World, check_indices, radius};
 use crate::PathtraceError;
 use crate::error::invalid;
-use crate::volume::{BoundedMedium, InteriorMedium, Medium, Volume};
+use crate::volume::{BoundedMedium, InteriorMedium, Medium, MediumRef, MediumValue, Volume};
 use photofit_scene::SurfaceLibrary;
 
 impl World {
@@ -188,6 +188,15 @@ impl World {
         let place = self.media.boxes.get_mut(volume);
         let medium = place.ok_or_else(|| invalid("volume", format!("{volume} is one of {count}")))?;
         medium.set_density(volume, density, self.majorant_factor)
+    }
+
+    /// The value of [`crate::MediumValue::Extinction`] at which light across the whole medium is dimmed to 1/e: a measure
+    /// for steps of it. 1 where there is no such medium.
+    pub fn unit_extinction(&self, medium: MediumRef) -> f32 {
+        match self.media.size(medium, MediumValue::Extinction) {
+            Ok(_) => self.media.unit_extinction(medium, 2.0 * self.radius),
+            Err(_) => 1.0,
+        }
     }
 
     /// What instances know of their material.

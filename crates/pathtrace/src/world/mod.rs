@@ -168,6 +168,15 @@ impl World {
         result
     }
 
+    /// The middle of the box of everything that has a place.
+    pub fn middle(&self) -> DVec3 {
+        let [mut lo, mut hi] = self.bounds;
+        if let Some([a, b]) = self.media.bounds() {
+            (lo, hi) = (lo.min(a + self.origin), hi.max(b + self.origin));
+        }
+        if lo.x <= hi.x { 0.5 * (lo + hi) } else { self.origin }
+    }
+
     /// Number of instances.
     pub fn instances(&self) -> usize {
         self.placed.len()

@@ -1,14 +1,12 @@
 //! `medium` elements with their volumes and phase functions.
 
 use super::Importer;
+use super::grid_file::parse_grid;
 use super::spectrum::Meaning;
 use crate::error::{Fault, fault};
 use crate::load::clip;
 use glam::{DAffine3, DVec3};
-use photofit_scalar::{Vec3f, vec3};
-
-/// Most voxels of one grid.
-const VOXELS: u64 = 1 << 28;
+use photofit_scalar::Vec3f;
 
 /// Numbers in space: the same everywhere, or on a grid over a cube.
 #[derive(Clone, Debug)]
@@ -19,11 +17,16 @@ pub struct MitsubaVolume {
     pub values: Vec<Vec3f>,
     /// The world to the unit cube. Outside of it the value at its border goes on.
     pub to_unit: DAffine3,
+    /// The box that the file of the grid names, from corner to corner; the unit cube without one.
+    pub bounds: [DVec3; 2],
 }
 
 /// A participating medium.
 #[derive(Clone, Debug)]
 pub struct MitsubaMedium {
+    /// What it is called: its id, that of its shape with `.interior_medium` or `.exterior_medium`, or `medium_` and its
+    /// number.
+    pub name: String,
     /// Extinction, per unit of length.
     pub extinction: MitsubaVolume,
     /// Factor of the extinction.
@@ -35,8 +38,13 @@ pub struct MitsubaMedium {
 }
 
 impl Importer {
-    /// Index of a medium; `None` if it is not supported.
-    pub(super) fn medium(&mut self, element: usize) -> Result<Option<usize>, Fault> {
+    /// Index of a medium; `None` if it is not supported. Without an id it is called `role` of the element that has it.
+    pub(super) fn medium(
+        &mut self,
+        element: usize,
+        owner: usize,
+        role: &str,
+    ) -> Result<Option<usize>, Fault> {
         if let Some(&known) = self.media.get(&element) {
             return Ok(Some(known));
         }
@@ -71,8 +79,13 @@ impl Importer {
         }
         self.reader.ignore(element, &["sample_emitters", "has_spectral_extinction"]);
         self.reader.finish(element);
-        self.scene.media.push(MitsubaMedium { extinction, scale, albedo, g });
-        let index = self.scene.media.len() - 1;
+        let index = self.scene.media.len();
+        let owner = self.name(owner, String::new);
+        let name = self.name(element, || match owner.as_str() {
+            "" => format!("medium_{index}"),
+            owner => format!("{owner}.{role}"),
+        });
+        self.scene.media.push(MitsubaMedium { name, extinction, scale, albedo, g });
         self.media.insert(element, index);
         Ok(Some(index))
     }
@@ -97,8 +110,13 @@ impl Importer {
     }
 
     fn volume(&mut self, medium: usize, name: &str, default: f32) -> Result<MitsubaVolume, Fault> {
-        let constant =
-            |value: Vec3f| MitsubaVolume { size: [1; 3], values: vec![value], to_unit: DAffine3::IDENTITY };
+        let bounds = [DVec3::ZERO, DVec3::ONE];
+        let constant = |value: Vec3f| MitsubaVolume {
+            size: [1; 3],
+            values: vec![value],
+            to_unit: DAffine3::IDENTITY,
+            bounds,
+        };
         let Some(element) = self.reader.property(medium, name, &["volume"]) else {
             let texture = self.texture(medium, name, Meaning::Unbounded, default)?;
             return Ok(constant(texture.constant().unwrap_or_else(|| Vec3f::splat(default))));
@@ -152,50 +170,6 @@ impl Importer {
         if !to_unit.is_finite() || to_unit.matrix3.determinant() == 0.0 {
             return Err(fault(place, "the transform flattens the grid; it must not"));
         }
-        Ok(MitsubaVolume { size, values, to_unit })
+        Ok(MitsubaVolume { size, values, to_unit, bounds: [lo, hi] })
     }
-}
-
-/// Size, values and box of a `.vol` file.
-type Grid = ([usize; 3], Vec<Vec3f>, [DVec3; 2]);
-
-/// Reads Mitsuba's grid format: `VOL`, version 3, float32, size, channels, box, values.
-fn parse_grid(bytes: &[u8]) -> Result<Grid, String> {
-    const HEADER: usize = 48;
-    if bytes.len() < HEADER || !bytes.starts_with(b"VOL\x03") {
-        return Err("begins with VOL and version 3".into());
-    }
-    let int = |at: usize| {
-        let word = [bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]];
-        i32::from_le_bytes(word)
-    };
-    let real = |at: usize| f32::from_bits(int(at) as u32);
-    if int(4) != 1 {
-        return Err(format!("the encoding of the values is {}; it must be 1 (float32)", int(4)));
-    }
-    let [x, y, z, channels] = [8, 12, 16, 20].map(int).map(|n| u64::try_from(n).unwrap_or(0));
-    let voxels = x.checked_mul(y).and_then(|n| n.checked_mul(z)).unwrap_or(u64::MAX);
-    if voxels == 0 || voxels > VOXELS || !(channels == 1 || channels == 3) {
-        return Err(format!(
-            "has {x} x {y} x {z} voxels of {channels} channels; it must have 1 to {VOXELS} voxels of 1 or 3 channels"
-        ));
-    }
-    let need = HEADER as u64 + 4 * voxels * channels;
-    if (bytes.len() as u64) < need {
-        return Err(format!("has {} bytes; it must have {need}", bytes.len()));
-    }
-    let corner = |at: usize| DVec3::new(real(at).into(), real(at + 4).into(), real(at + 8).into());
-    let mut values = Vec::with_capacity(voxels as usize);
-    for i in 0..voxels as usize {
-        let value = |c: usize| real(HEADER + 4 * (i * channels as usize + c));
-        let v = if channels == 1 { Vec3f::splat(value(0)) } else { vec3(value(0), value(1), value(2)) };
-        if !(v.is_finite() && v.x >= 0.0 && v.y >= 0.0 && v.z >= 0.0) {
-            return Err(format!(
-                "the values are {:?} at voxel {i}; they must be finite and not negative",
-                v.to_array()
-            ));
-        }
-        values.push(v);
-    }
-    Ok(([x as usize, y as usize, z as usize], values, [corner(24), corner(36)]))
 }

@@ -10,6 +10,7 @@
 mod bsdf;
 mod document;
 mod emitter;
+mod grid_file;
 mod integrator;
 mod material_data;
 mod medium;
@@ -25,6 +26,7 @@ mod tests;
 mod texture;
 mod transform;
 
+pub use grid_file::encode_grid;
 pub use integrator::MitsubaIntegrator;
 pub use medium::{MitsubaMedium, MitsubaVolume};
 pub use sensor::{MitsubaFilm, MitsubaFilter, MitsubaSensor, Projection};

@@ -124,7 +124,7 @@ impl Importer {
         );
         let medium = match self.reader.nested(element, "medium")?[..] {
             [] => None,
-            [(_, medium)] => self.medium(medium)?,
+            [(_, medium)] => self.medium(medium, element, "medium")?,
             _ => {
                 return Err(fault(
                     self.reader.place(element),

@@ -185,7 +185,7 @@ impl Importer {
         let (bsdf, emitter) = (bsdfs.first().map(|b| b.1), emitters.first().map(|e| e.1));
         let (mut interior, mut exterior) = (None, None);
         for (name, medium) in self.reader.nested(element, "medium")? {
-            let index = self.medium(medium)?;
+            let index = self.medium(medium, element, &format!("{name}_medium"))?;
             match name.as_str() {
                 "interior" => interior = index,
                 "exterior" => exterior = index,

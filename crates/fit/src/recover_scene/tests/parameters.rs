@@ -70,8 +70,12 @@ pub(super) fn hall_model(views: usize) -> Traced {
     let library = world.library().expect("an asset");
     let texture = library.texture_of(0, MapKind::BaseColor).expect("a map");
     let factor = |material, value| Parameter::Material { materials: vec![material], value };
-    let of =
-        |name: &str, parameter, shape, range| TracedParameter { name: name.into(), parameter, shape, range };
+    let of = |name: &str, parameter, [h, w, c]: [usize; 3], range| TracedParameter {
+        name: name.into(),
+        parameter,
+        shape: [1, h, w, c],
+        range,
+    };
     let parameters = vec![
         of("floor texels", Parameter::Texels { texture }, [MAP, MAP, 3], [1e-3, 1.0]),
         of("ball colour", factor(1, MaterialValue::BaseColor), [1, 1, 3], [1e-3, 1.0]),
@@ -147,7 +151,7 @@ fn bright(radiance: f32) -> Traced {
     let parameter = TracedParameter {
         name: "sky".into(),
         parameter: Parameter::Environment,
-        shape: [1, 1, 3],
+        shape: [1, 1, 1, 3],
         range: [0.0, 1e6],
     };
     let options = RenderOptions { width: 4, height: 4, spp: 1, ..RenderOptions::default() };

@@ -1,0 +1,180 @@
+//! Replay in media: derivatives with respect to extinction and albedo (Vicini, Speierer and Jakob 2021; differential ratio
+//! tracking after Nimier-David, Müller, Keller and Jakob 2022).
+//!
+//! With the rest `R` of a path's light, known at each flight, and the derivative of the loss in front of everything:
+//!
+//! - *Transmittance*, of flights and shadow rays: `-R` times the integral of `d sigma_t` over what was flown. It holds at
+//!   any density.
+//! - *Scattering* towards the path, `T d(sigma_t a) L_s` at every distance of a flight. Collisions sample it by
+//!   `T sigma_t`, with `R d sigma_t / sigma_t`: none where there is nothing yet. Distances drawn by `T` alone sample it
+//!   anywhere, with light gathered for them by a path of their own, for one flight per path, chosen by throughput and
+//!   length. Both are weighted by what adds up to 1 at each point: `sigma_t / (sigma_t + c)` and `c / (sigma_t + c)`,
+//!   with `c` one over the length of the flight's way in the medium. So no estimate is divided by a density that may be 0.
+//! - *Albedo* where it is small likewise: `a / (a + b)` of collisions, `b / (a + b)` of distances drawn by `T`.
+
+use super::layout::NONE;
+use super::replay::{Replay, offset};
+use crate::integrator::medium::{absorbed, gathered};
+use crate::integrator::{MediaFlight, PathOptions, ShadowFlight};
+use crate::random::PathRandom;
+use crate::volume::{Derivatives, MediumRef, Segment};
+use photofit_sampling::{Rng, ScatteringSampler};
+use photofit_scalar::Vec3f;
+
+/// What the replay of a path keeps for media.
+#[derive(Debug, Default)]
+pub(super) struct MediaReplay {
+    rng: Option<Rng>,
+    /// Parts of the present shadow ray in media that have parameters.
+    pub(super) shadow: Vec<ShadowFlight>,
+    /// Sum of the weights of the flights so far, and the one that was chosen.
+    total: f32,
+    chosen: Option<Chosen>,
+}
+
+/// A flight at which light is gathered anew.
+#[derive(Debug)]
+struct Chosen {
+    flight: MediaFlight,
+    medium: MediumRef,
+    weight: f32,
+    /// See [`Derivatives::reach`].
+    reach: f32,
+}
+
+impl MediaReplay {
+    /// Begins a path.
+    #[inline]
+    pub(super) fn begin(&mut self, random: &PathRandom) {
+        self.rng = Some(random.derivatives());
+        (self.total, self.chosen) = (0.0, None);
+        self.shadow.clear();
+    }
+}
+
+impl Replay<'_> {
+    /// Adjoint of a flight: of transmittance, and of the scattering at its end.
+    pub(super) fn flown(&mut self, flight: &MediaFlight) {
+        let rest = Vec3f::from_array(self.rest.map(|r| r as f32));
+        let g = self.loss.mul(rest);
+        let boxes = (0..self.layout.volumes.len()).map(MediumRef::Volume);
+        let bounded = flight.bounded.map(|i| MediumRef::Bounded(i as usize));
+        for medium in boxes.chain(bounded) {
+            let cells = self.layout.medium(medium);
+            if g != Vec3f::zero() {
+                let along = segment(flight, flight.length);
+                self.transmitted(medium, &along, g);
+            }
+            let by_density = cells.extinction != NONE && cells.scatters;
+            if flight.scatters && (by_density || (cells.albedo != NONE && cells.dark_albedo > 0.0)) {
+                self.consider(flight, medium);
+            }
+        }
+        if let Some(medium) = flight.collided.filter(|_| g != Vec3f::zero()) {
+            self.collided(flight, medium, g);
+        }
+    }
+
+    /// Adjoint of the transmittance of the shadow ray that was reported last, for the gradient `g` of its logarithm.
+    pub(super) fn shadowed(&mut self, g: Vec3f) {
+        while let Some(flight) = self.media.shadow.pop() {
+            if g != Vec3f::zero() {
+                self.transmitted(flight.medium, &flight.along, g);
+            }
+        }
+    }
+
+    fn transmitted(&mut self, medium: MediumRef, along: &Segment, g: Vec3f) {
+        let cell = self.layout.medium(medium).extinction;
+        let (Some(rng), true) = (&mut self.media.rng, cell != NONE) else { return };
+        let out = &mut *self.out;
+        let add = |voxel, g| out.add(offset(cell, voxel), g);
+        Derivatives::of(self.world, medium).transmittance_vjp(along, g, rng, add);
+    }
+
+    /// Adjoint of a collision, for the gradient `g` of the logarithm of what is scattered.
+    fn collided(&mut self, flight: &MediaFlight, medium: MediumRef, g: Vec3f) {
+        let cells = *self.layout.medium(medium);
+        let derivatives = Derivatives::of(self.world, medium);
+        let p = flight.origin + flight.direction * flight.length;
+        let out = &mut *self.out;
+        if cells.extinction != NONE {
+            let c = derivatives.reach(&segment(flight, flight.end)).map_or(0.0, |reach| 1.0 / reach);
+            let g = over(g, derivatives.extinction(p), c);
+            derivatives.extinction_vjp(p, g, |voxel, g| out.add(offset(cells.extinction, voxel), g));
+        }
+        if cells.albedo != NONE {
+            let g = over(g, derivatives.albedo(p), cells.dark_albedo);
+            derivatives.albedo_vjp(p, g, |voxel, g| out.add(offset(cells.albedo, voxel), g));
+        }
+    }
+
+    /// Chooses among the flights of a path, by throughput and length, one at which light is gathered anew.
+    fn consider(&mut self, flight: &MediaFlight, medium: MediumRef) {
+        let whole = segment(flight, flight.end);
+        let Some(reach) = Derivatives::of(self.world, medium).reach(&whole) else { return };
+        let Some(rng) = &mut self.media.rng else { return };
+        let weight = flight.throughput.sum() * reach;
+        if !(weight > 0.0 && weight.is_finite()) {
+            return;
+        }
+        self.media.total += weight;
+        if rng.next_f32() * self.media.total < weight {
+            self.media.chosen = Some(Chosen { flight: *flight, medium, weight, reach });
+        }
+    }
+
+    /// Adjoint of the scattering at a distance along the flight that was chosen, with light gathered for it.
+    pub(super) fn scattered_anew<const F: u32>(&mut self, random: &PathRandom, options: &PathOptions) {
+        let Some(Chosen { flight, medium, weight, reach }) = self.media.chosen.take() else { return };
+        let Some(rng) = &mut self.media.rng else { return };
+        let derivatives = Derivatives::of(self.world, medium);
+        let Some(sample) = derivatives.sample(&segment(&flight, flight.end), flight.throughput, rng) else {
+            return;
+        };
+        let (t, p) = (sample.t, flight.origin + flight.direction * sample.t);
+        let mut g = self.loss.mul(flight.throughput).mul(sample.weight) * (self.media.total / weight);
+        g = g.mul(absorbed(flight.absorption, t));
+        let boxes = (0..self.layout.volumes.len()).map(MediumRef::Volume);
+        let bounded = flight.bounded.map(|i| MediumRef::Bounded(i as usize));
+        for other in boxes.chain(bounded).filter(|m| *m != medium) {
+            let along = segment(&flight, t);
+            g = g.mul(Derivatives::of(self.world, other).transmittance(&along, rng));
+        }
+        if g == Vec3f::zero() {
+            return;
+        }
+        let at = (&flight, t, derivatives.g());
+        let light = gathered::<F, _>(self.world, at, &random.branch(), options, &ScatteringSampler);
+        let g = g.mul(light);
+        let cells = *self.layout.medium(medium);
+        let (sigma, albedo) = (derivatives.extinction(p), derivatives.albedo(p));
+        let out = &mut *self.out;
+        if cells.extinction != NONE {
+            let c = 1.0 / reach;
+            let g = over(g.mul(albedo) * c, sigma, c);
+            derivatives.extinction_vjp(p, g, |voxel, g| out.add(offset(cells.extinction, voxel), g));
+        }
+        if cells.albedo != NONE && cells.dark_albedo > 0.0 {
+            let g = over(g.mul(sigma) * cells.dark_albedo, albedo, cells.dark_albedo);
+            derivatives.albedo_vjp(p, g, |voxel, g| out.add(offset(cells.albedo, voxel), g));
+        }
+    }
+}
+
+/// The first part of a flight.
+fn segment(flight: &MediaFlight, length: f32) -> Segment {
+    Segment { origin: flight.origin, direction: flight.direction, length }
+}
+
+/// `g / (value + reference)` per channel; 0 where both are 0.
+fn over(g: Vec3f, value: Vec3f, reference: f32) -> Vec3f {
+    let mut out = Vec3f::zero();
+    for c in 0..3 {
+        let divisor = value[c] + reference;
+        if divisor > 0.0 {
+            out[c] = g[c] / divisor;
+        }
+    }
+    out
+}

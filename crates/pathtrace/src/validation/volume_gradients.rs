@@ -1,0 +1,205 @@
+//! Gradients of media against central differences, where estimators break first: density at its upper bound, far below
+//! it, and none at all; grids voxel group by voxel group; a closed form.
+
+mod grids;
+mod table;
+
+use super::scenes::{diffuse, looking, place, quad, square, unit_cube_size};
+use crate::{
+    Adjoint, Boundary, BoundedMedium, EnvironmentMap, Field, GradientSamples, Instance, LightSource,
+    Material, MediumRef, MediumValue, Parameter, Parts, RenderOptions, Renderer, Shape, View, Volume, World,
+    WorldOptions,
+};
+use glam::{DAffine3, DVec3};
+use photofit_image::Image;
+use photofit_sampling::{hash, unit_f32};
+use photofit_scalar::{Vec3f, vec3};
+use photofit_shading::bsdf::{Bsdf, Null};
+
+const SIDE: usize = 12;
+/// Independent estimates of either kind.
+const REPLICATES: u64 = 8;
+/// The cube from -1 to 1, in which the media are.
+const CUBE: f64 = 1.0;
+
+/// How a medium is given.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Kind {
+    /// Between surfaces, the same everywhere.
+    Even,
+    /// Between surfaces, on a grid.
+    Bounded,
+    /// In a box of its own.
+    Box,
+}
+
+impl Kind {
+    fn medium(self) -> MediumRef {
+        if self == Self::Box { MediumRef::Volume(0) } else { MediumRef::Bounded(0) }
+    }
+
+    fn parameter(self, value: MediumValue) -> Parameter {
+        Parameter::Medium { medium: self.medium(), value }
+    }
+}
+
+/// A number in [0, 1) for two keys.
+fn noise(a: u64, b: u64) -> f32 {
+    unit_f32((hash(0x501d, a, b) >> 32) as u32)
+}
+
+/// A cube of a medium above a floor under a lamp and a sky.
+#[derive(Clone)]
+struct Cloud {
+    kind: Kind,
+    size: [usize; 3],
+    /// One value, or one per voxel.
+    density: Vec<f32>,
+    albedo: Vec<Vec3f>,
+    scale: f32,
+    g: f32,
+    /// Factor of the upper bounds.
+    factor: f32,
+    /// Most scattering events.
+    depth: u32,
+}
+
+impl Cloud {
+    fn uniform(kind: Kind, density: f32) -> Self {
+        let albedo = vec![vec3(0.8, 0.6, 0.9)];
+        let size = if kind == Kind::Even { [1; 3] } else { [3, 2, 2] };
+        Self { kind, size, density: vec![density], albedo, scale: 1.0, g: 0.3, factor: 1.0, depth: 6 }
+    }
+
+    fn voxels(&self) -> usize {
+        self.size.iter().product()
+    }
+
+    /// A value for each voxel.
+    fn filled<T: Copy>(&self, values: &[T]) -> Vec<T> {
+        (0..self.voxels()).map(|i| values[i % values.len()]).collect()
+    }
+
+    fn world(&self) -> World {
+        let mut parts = Parts::default();
+        let floor = quad(vec3(-4.0, -1.3, -4.0), vec3(0.0, 0.0, 8.0), vec3(8.0, 0.0, 0.0));
+        place(&mut parts, floor, Material::new(diffuse(0.6, 0.5, 0.4)));
+        let lamp = quad(vec3(-0.5, 2.5, -0.5), vec3(1.0, 0.0, 0.0), vec3(0.0, 0.0, 1.0));
+        place(&mut parts, lamp, Material::new(diffuse(0.0, 0.0, 0.0)).emitting(vec3(5.0, 6.0, 7.0)));
+        let (position, intensity) = (DVec3::new(2.5, 1.0, 1.5), vec3(4.0, 3.0, 2.0));
+        parts.lights.push(LightSource::Point { position, intensity });
+        let sky = Image::from_fn(8, 4, 3, |x, y, c| 0.2 + 0.1 * ((3 * x + 5 * y + c) % 7) as f32);
+        parts.environment = Some(EnvironmentMap::new(sky));
+        let transform =
+            DAffine3::from_translation(DVec3::splat(-CUBE)) * DAffine3::from_scale(DVec3::splat(2.0 * CUBE));
+        let (density, albedo) = (self.filled(&self.density), self.filled(&self.albedo));
+        if self.kind == Kind::Box {
+            parts.volumes.push(Volume {
+                size: self.size,
+                density,
+                scale: self.scale,
+                albedo: Vec3f::splat(1.0),
+                albedos: albedo,
+                g: self.g,
+                transform,
+            });
+        } else {
+            let grey = density.iter().map(|d| Vec3f::splat(*d)).collect();
+            let field = |values| Field { size: self.size, values, transform };
+            let (extinction, albedo) = (field(grey), field(albedo));
+            parts.media.push(BoundedMedium { extinction, scale: self.scale, albedo, g: self.g });
+            parts.shapes.push(Shape::Mesh(photofit_geometry::shapes::cube()));
+            parts.materials.push(Material::new(Bsdf::Null(Null)));
+            let scale = DVec3::splat(2.0 * CUBE / f64::from(unit_cube_size()));
+            let (shape, material) = (parts.shapes.len() - 1, parts.materials.len() - 1);
+            parts.instances.push(Instance { shape, material, transform: DAffine3::from_scale(scale) });
+            let instance = parts.instances.len() - 1;
+            parts.boundaries.push(Boundary { instance, interior: Some(0), exterior: None });
+        }
+        let options = WorldOptions { majorant_factor: self.factor, ..WorldOptions::default() };
+        World::with_options(parts, options).unwrap()
+    }
+
+    fn options(&self, spp: u32, seed: u64) -> RenderOptions {
+        let mut options = RenderOptions { seed, ..square(SIDE, spp) };
+        options.path.max_depth = self.depth;
+        options
+    }
+
+    /// Derivative of the loss along `direction`, the same for all channels of a value, by replay: mean and standard error.
+    fn replayed(&self, value: MediumValue, spp: u32, direction: impl Fn(usize) -> f64) -> (f64, f64) {
+        let world = self.world();
+        let parameter = self.kind.parameter(value);
+        let adjoint = Adjoint::new(&world, &view(), self.options(1, 0), &[parameter]).unwrap();
+        let one = |seed: u64| {
+            let gradient =
+                adjoint.render_vjp(&weights(), GradientSamples { spp, seed: Some(1000 + seed) }).unwrap();
+            assert!(gradient.residual < 1e-9, "{} is left", gradient.residual);
+            assert_eq!(gradient.not_finite, 0);
+            let p = &gradient.parameters[0];
+            p.values.iter().enumerate().map(|(i, g)| g * direction(i / p.channels)).sum()
+        };
+        statistics(&(0..REPLICATES).map(one).collect::<Vec<f64>>())
+    }
+
+    /// Weighted sum of the picture.
+    fn loss(&self, spp: u32, seed: u64) -> f64 {
+        let world = self.world();
+        let mut renderer = Renderer::new(&world, &view(), self.options(spp, seed)).unwrap();
+        while !renderer.pass(|| false).done {}
+        let (picture, weights) = (renderer.picture(), weights());
+        let pixel = |i: usize| {
+            (0..3)
+                .map(|c| f64::from(picture.data[4 * i + c]) * f64::from(weights.data[3 * i + c]))
+                .sum::<f64>()
+        };
+        (0..SIDE * SIDE).map(pixel).sum()
+    }
+}
+
+/// Derivative at 0 of the loss of clouds by differences with steps of `step`: central, or of second order from above
+/// where there is nothing below 0.
+fn differences(at: impl Fn(f64) -> Cloud, step: f64, from_above: bool, spp: u32) -> (f64, f64) {
+    let one = |seed: u64| {
+        let loss = |x: f64| at(x).loss(spp, seed);
+        if from_above {
+            (4.0 * loss(step) - loss(2.0 * step) - 3.0 * loss(0.0)) / (2.0 * step)
+        } else {
+            (loss(step) - loss(-step)) / (2.0 * step)
+        }
+    };
+    statistics(&(0..REPLICATES).map(one).collect::<Vec<f64>>())
+}
+
+/// Weights of a loss that is linear in the picture: random, of both signs.
+fn weights() -> Image {
+    Image::from_fn(SIDE, SIDE, 3, |x, y, c| {
+        (1.4 * noise((y * SIDE + x) as u64, c as u64) - 0.4) / (SIDE * SIDE) as f32
+    })
+}
+
+fn view() -> View {
+    looking([1.2, 0.4, 3.6], [0.0, -0.1, 0.0], 0.75)
+}
+
+/// Mean and standard error.
+fn statistics(values: &[f64]) -> (f64, f64) {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    (mean, (variance / n).sqrt())
+}
+
+/// Whether two derivatives agree: within 2 % or four standard errors.
+fn agree((a, sa): (f64, f64), (b, sb): (f64, f64)) -> bool {
+    (a - b).abs() <= (0.02 * b.abs()).max(4.0 * sa.hypot(sb))
+}
+
+/// Demands that two derivatives agree, with standard errors below `resolved` of the derivative.
+fn compare(name: &str, a: (f64, f64), b: (f64, f64), resolved: f64) {
+    let text =
+        format!("{name:<36} replay {:>9.5} +- {:.5}, differences {:>9.5} +- {:.5}", a.0, a.1, b.0, b.1);
+    println!("{text}");
+    assert!(agree(a, b), "{text}");
+    assert!(a.1.hypot(b.1) < resolved * b.0.abs(), "says nothing: {text}");
+}

@@ -1,0 +1,229 @@
+//! Derivatives of flights through one medium, with respect to its extinction and albedo.
+//!
+//! Light along a segment is the integral of `T sigma_t a L_s` up to its end, plus `T L` of what lies there: `T` is
+//! transmittance, `a` the albedo, `L_s` what the phase function gathers. The derivative of `T` at a distance is `-T`
+//! times the integral of `d sigma_t` up to there ([`Derivatives::transmittance_vjp`]); that of `sigma_t a` has to be
+//! sampled where light could be scattered, also where there is nothing yet ([`Derivatives::sample`]).
+
+use super::bounded::{Extinction, survival};
+use super::{InteriorMedium, Medium, MediumRef, Segment};
+use crate::world::World;
+use photofit_sampling::Rng;
+use photofit_scalar::{Vec3f, vec3};
+
+/// Points per segment at which the change of its optical thickness is looked up, one in each equal part.
+const POINTS: u32 = 4;
+/// An albedo below which light scattered so far tells its derivative badly, and the albedo at which it is told half by
+/// that and half by light gathered for it.
+const DARK: f32 = 0.05;
+const DARK_HALF: f32 = 0.02;
+
+/// A medium, as its derivatives see it.
+#[derive(Clone, Copy)]
+pub(crate) enum Derivatives<'a> {
+    Volume(&'a Medium),
+    Bounded(&'a InteriorMedium),
+}
+
+/// A distance at which light could be scattered.
+pub(crate) struct Sample {
+    pub(crate) t: f32,
+    /// Transmittance over the density of `t`, per channel.
+    pub(crate) weight: Vec3f,
+}
+
+impl<'a> Derivatives<'a> {
+    pub(crate) fn of(world: &'a World, medium: MediumRef) -> Self {
+        match medium {
+            MediumRef::Volume(i) => Self::Volume(&world.media.boxes[i]),
+            MediumRef::Bounded(i) => Self::Bounded(&world.media.bounded[i]),
+        }
+    }
+
+    /// The grid of its extinction, if it has one.
+    fn grid(self) -> Option<&'a Medium> {
+        match self {
+            Self::Volume(grid) => Some(grid),
+            Self::Bounded(medium) => match &medium.extinction {
+                Extinction::Grid(grid) => Some(grid),
+                Extinction::Even { .. } => None,
+            },
+        }
+    }
+
+    /// Mean cosine of scattering.
+    pub(crate) fn g(self) -> f32 {
+        match self {
+            Self::Volume(medium) => medium.g,
+            Self::Bounded(medium) => medium.g,
+        }
+    }
+
+    /// Whether nothing of it scatters.
+    pub(crate) fn absorbs_only(self) -> bool {
+        match self {
+            Self::Volume(medium) => medium.albedos().iter().all(|a| *a == Vec3f::zero()),
+            Self::Bounded(medium) => medium.absorbs_only,
+        }
+    }
+
+    /// Extinction at a point of the render frame.
+    pub(crate) fn extinction(self, p: Vec3f) -> Vec3f {
+        match (self.grid(), self) {
+            (Some(grid), _) => Vec3f::splat(grid.extinction(grid.to_unit(p))),
+            (None, Self::Bounded(InteriorMedium { extinction: Extinction::Even { sigma, .. }, .. })) => {
+                *sigma
+            }
+            (None, _) => Vec3f::zero(),
+        }
+    }
+
+    /// Adjoint of [`Self::extinction`] with respect to the values before their scale; `add` gets cells and gradients, of
+    /// grids in the first channel.
+    pub(crate) fn extinction_vjp(self, p: Vec3f, g: Vec3f, mut add: impl FnMut(usize, Vec3f)) {
+        match (self.grid(), self) {
+            (Some(grid), _) => {
+                grid.extinction_vjp(grid.to_unit(p), g.sum(), |i, g| add(i, vec3(g, 0.0, 0.0)))
+            }
+            (None, Self::Bounded(medium)) => add(0, g * medium.scale),
+            (None, _) => {}
+        }
+    }
+
+    /// Albedo at a point of the render frame.
+    pub(crate) fn albedo(self, p: Vec3f) -> Vec3f {
+        match self {
+            Self::Volume(medium) => medium.albedo(medium.to_unit(p)),
+            Self::Bounded(medium) => medium.albedo(p),
+        }
+    }
+
+    /// Adjoint of [`Self::albedo`].
+    pub(crate) fn albedo_vjp(self, p: Vec3f, g: Vec3f, add: impl FnMut(usize, Vec3f)) {
+        match self {
+            Self::Volume(medium) => medium.albedo_vjp(medium.to_unit(p), g, add),
+            Self::Bounded(medium) => medium.albedo.vjp(p, g, add),
+        }
+    }
+
+    /// Transmittance of a segment, per channel: exact, or an unbiased estimate for grids.
+    pub(crate) fn transmittance(self, along: &Segment, rng: &mut Rng) -> Vec3f {
+        match self {
+            Self::Volume(grid) => {
+                Vec3f::splat(grid.transmittance(along.origin, along.direction, along.length, rng))
+            }
+            Self::Bounded(medium) => medium.transmittance(along, rng),
+        }
+    }
+
+    /// Adjoint of the logarithm of the transmittance of a segment with respect to the values of the extinction, for its
+    /// gradient `g`: exact, or an unbiased estimate for grids.
+    pub(crate) fn transmittance_vjp(
+        self,
+        along: &Segment,
+        g: Vec3f,
+        rng: &mut Rng,
+        mut add: impl FnMut(usize, Vec3f),
+    ) {
+        let Some(grid) = self.grid() else {
+            return self.extinction_vjp(along.origin, g * -along.length, add);
+        };
+        let Some(inside) = grid.clip(along.origin, along.direction, along.length) else { return };
+        let step = (inside.to - inside.from) / POINTS as f32;
+        let g = -g.sum() * step;
+        for i in 0..POINTS {
+            let q = inside.at(inside.from + (i as f32 + rng.next_f32()) * step);
+            grid.extinction_vjp(q, g, |i, g| add(i, vec3(g, 0.0, 0.0)));
+        }
+    }
+
+    /// Length of a segment in the medium: one over the extinction at which scattering is told half by the light of
+    /// collisions and half by that of [`Self::sample`]. `None` where it is not finite: by collisions alone.
+    pub(crate) fn reach(self, along: &Segment) -> Option<f32> {
+        let length = match self.grid() {
+            Some(grid) => {
+                grid.clip(along.origin, along.direction, along.length).map_or(0.0, |i| i.to - i.from)
+            }
+            None => along.length,
+        };
+        (length > 0.0 && length.is_finite()).then_some(length)
+    }
+
+    /// A distance along a segment, with a density proportional to transmittance; of media of a coloured extinction by
+    /// the `share` of light of each colour.
+    pub(crate) fn sample(self, along: &Segment, share: Vec3f, rng: &mut Rng) -> Option<Sample> {
+        if let Some(grid) = self.grid() {
+            let (t, weight) = grid.sample_transmittance(along.origin, along.direction, along.length, rng)?;
+            return Some(Sample { t, weight: Vec3f::splat(weight) });
+        }
+        let sigma = self.extinction(along.origin);
+        let total = share.sum();
+        let (choice, u, length) = (rng.next_f32() * total, rng.next_f32(), along.length);
+        let drawn = if choice < share.x {
+            sigma.x
+        } else if choice < share.x + share.y {
+            sigma.y
+        } else {
+            sigma.z
+        };
+        let t = truncated_exponential(drawn, length, u);
+        let pdf = share.dot(sigma.map(|s| truncated_pdf(s, length, t))) / total;
+        let weight = sigma.map(|s| survival(s, t)) * (1.0 / pdf);
+        weight.is_finite().then_some(Sample { t, weight })
+    }
+
+    /// The albedo at which its derivative is told half by light scattered so far; 0: by that alone.
+    pub(crate) fn dark_albedo(self) -> f32 {
+        let values = match self {
+            Self::Volume(medium) => medium.albedos(),
+            Self::Bounded(medium) => medium.albedo.values(),
+        };
+        let dark = values.iter().any(|a| a.to_array().iter().any(|x| *x < DARK));
+        if dark { DARK_HALF } else { 0.0 }
+    }
+}
+
+/// An exponential distance of extinction `sigma`, below `length`.
+fn truncated_exponential(sigma: f32, length: f32, u: f32) -> f32 {
+    let thickness = sigma * length;
+    let t = if thickness < 1e-6 { u * length } else { -(u * (-thickness).exp_m1()).ln_1p() / sigma };
+    t.min(length)
+}
+
+/// Its density.
+fn truncated_pdf(sigma: f32, length: f32, t: f32) -> f32 {
+    let thickness = sigma * length;
+    if thickness < 1e-6 { 1.0 / length } else { sigma * (-sigma * t).exp() / -(-thickness).exp_m1() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn truncated_distances_have_their_density() {
+        for (sigma, length) in [(0.0, 2.0), (1e-9, 3.0), (0.4, 1.0), (3.0, 2.0), (200.0, 5.0)] {
+            let n = 4000;
+            let (mut mean, mut whole) = (0.0, 0.0);
+            for i in 0..n {
+                let u = (f64::from(i) + 0.5) / f64::from(n);
+                let t = truncated_exponential(sigma, length, u as f32);
+                assert!((0.0..=length).contains(&t), "{sigma} {length}: {t}");
+                mean += f64::from(t) / f64::from(n);
+                // The density of a distance is one over its derivative by the number that it is made of.
+                let h = 1e-3;
+                let [a, b] =
+                    [u - h, u + h].map(|u| f64::from(truncated_exponential(sigma, length, u as f32)));
+                if (0.01..0.9).contains(&u) {
+                    let pdf = f64::from(truncated_pdf(sigma, length, t)) * (b - a) / (2.0 * h);
+                    whole += pdf - 1.0;
+                    assert!((pdf - 1.0).abs() < 0.02, "{sigma} {length} {u}: {pdf}");
+                }
+            }
+            let (s, l) = (f64::from(sigma), f64::from(length));
+            let expected = if s * l < 1e-6 { 0.5 * l } else { 1.0 / s - l / ((s * l).exp_m1()) };
+            assert!((mean - expected).abs() < 2e-3 * l, "{sigma} {length}: {mean}, not {expected}");
+            assert!(whole.abs() < 0.01 * f64::from(n), "{sigma} {length}: {whole}");
+        }
+    }
+}
