@@ -1,7 +1,9 @@
 //! The whole step in f64 against central differences: several samples per pixel, live mip chains with their exact
-//! adjoint (which ships where something is transparent), peeled blended layers, a faded mask (the fit cuts masks), silhouettes, every sample of a texel, random seed gradients and the loss of the product.
+//! adjoint (which ships where something is transparent), peeled blended layers, a faded mask (the fit cuts masks), silhouettes, every sample of a texel, random seed gradients and the loss of the product. Then the other modes that
+//! ship: pixels that are shaded once for each triangle, as for levels of detail; masks that are cut; the squared error, of noisy pictures.
 
 use super::*;
+use crate::engine::views::Sampling;
 use photofit_geometry::atlas::{UnwrapOptions, unwrap};
 use photofit_geometry::shapes;
 use photofit_gradcheck::Uniform;
@@ -42,6 +44,8 @@ struct Setting {
     references: Vec<Vec<[f64; 4]>>,
     weights: Vec<Vec<[f64; 4]>>,
     passes: Passes,
+    sampling: Sampling,
+    lod_bias: f64,
 }
 
 /// What is made of the pixels.
@@ -132,7 +136,8 @@ impl Setting {
         let weights =
             noise[2..].iter().map(|w| w.iter().map(|w| w.map(|w| 2.0 * w - 1.0)).collect()).collect();
         let passes = Passes { masks: Masks::Faded { slope: 2.0 }, ..Passes::default() };
-        Self { candidate, environment, backgrounds, references, weights, passes }
+        let sampling = Sampling { per_axis: SAMPLES, shade_per_pixel: false };
+        Self { candidate, environment, backgrounds, references, weights, passes, sampling, lod_bias: 0.0 }
     }
 
     /// Camera and lights of picture `i`.
@@ -158,11 +163,11 @@ impl Setting {
                 view_projection: *view_projection,
                 eye: *eye,
                 lights,
-                width: SIZE * SAMPLES,
-                height: SIZE * SAMPLES,
-                samples: SAMPLES,
-                shade_per_pixel: false,
-                lod_bias: 0.0,
+                width: SIZE * self.sampling.per_axis,
+                height: SIZE * self.sampling.per_axis,
+                samples: self.sampling.per_axis,
+                shade_per_pixel: self.sampling.shade_per_pixel,
+                lod_bias: self.lod_bias,
             };
             Picture { view, background: &self.backgrounds[i] }
         };
@@ -232,8 +237,17 @@ impl Setting {
 
     /// [`Self::error`] of one sample of every texel.
     fn channel_error(&mut self, value: Value, c: usize) -> f64 {
-        // Alpha of opaque texels is no parameter.
-        let fixed = if c == channel::ALPHA { self.candidate.solid.clone() } else { vec![] };
+        // Alpha of opaque texels is no parameter, nor that of masks that are cut.
+        let cut = self.passes.masks == Masks::Cut;
+        let fixed: Vec<bool> = match c == channel::ALPHA {
+            false => Vec::new(),
+            true => (0..TEXELS * TEXELS)
+                .map(|i| {
+                    let of = |held: &[bool]| held.get(i) == Some(&true);
+                    of(&self.candidate.solid) || (cut && of(&self.candidate.masked))
+                })
+                .collect(),
+        };
         let place = |candidate: &mut Candidate<f64>, d: &[f64], step: f64| {
             let texels = &mut candidate.maps.levels[0].texels;
             for (i, (t, d)) in texels.iter_mut().zip(d).enumerate() {
@@ -294,6 +308,36 @@ fn gradients_of_the_whole_step() {
     }
     for (name, errors) in rows {
         assert!(errors.iter().all(|e| *e < 1e-6), "{name}: relative errors {errors:?}");
+    }
+}
+
+#[test]
+fn gradients_of_the_other_modes_that_ship() {
+    let faded = Masks::Faded { slope: 2.0 };
+    let usual = Sampling { per_axis: SAMPLES, shade_per_pixel: false };
+    let modes = [
+        ("shaded once per pixel and triangle", Sampling::ENGINE, faded, Loss::LogSrgbL1),
+        ("masks are cut", usual, Masks::Cut, Loss::LogSrgbL1),
+        ("squared error", usual, faded, Loss::Mse),
+        ("all three", Sampling::ENGINE, Masks::Cut, Loss::Mse),
+    ];
+    println!("| mode | maps | positions |\n|---|---|---|");
+    for (name, sampling, masks, loss) in modes {
+        let set = |content| {
+            let mut setting = Setting::new(content, 3);
+            (setting.sampling, setting.passes.masks) = (sampling, masks);
+            setting
+        };
+        let (mut random, mut linear) = (set(Content::Random), set(Content::Linear));
+        // The footprint of a whole pixel reaches levels whose border texels are no longer linear in uv: the base alone.
+        linear.lod_bias = if sampling.shade_per_pixel { -16.0 } else { 0.0 };
+        // One of each group: all of them are moved in the usual mode.
+        let channels = GROUPS.map(|(_, channels)| channels.start);
+        let maps =
+            channels.map(|c| random.channel_error(Value::Loss(loss), c)).into_iter().fold(0.0, f64::max);
+        let positions = linear.position_error(Value::Loss(loss));
+        println!("| {name} | {maps:.1e} | {positions:.1e} |");
+        assert!(maps < 1e-6 && positions < 1e-6, "{name}: relative errors {maps:e}, {positions:e}");
     }
 }
 

@@ -55,7 +55,7 @@ fn clouds(side: usize, pixels: usize, views: usize) -> Traced {
     let mut options = RenderOptions { width: pixels, height: pixels, spp: 16, ..RenderOptions::default() };
     options.path.max_depth = 6;
     let mut model = Traced::new(world, (0..views).map(view).collect(), options, parameters).expect("valid");
-    (model.gradient_spp, model.look_spp) = (4, 64);
+    (model.gradient_spp, model.evaluation_spp) = (4, 64);
     model
 }
 
@@ -77,8 +77,8 @@ fn recovered(mut model: Traced, steps: u64) -> (RecoveredScene, [[f64; 2]; 3]) {
     let options = RecoverSceneOptions { steps, ..RecoverSceneOptions::default() };
     let r = recover_scene(model, &targets, &options, &Silent).expect("fits");
     let after = errors(&r.model);
-    let looks = r.history.iter().map(|h| relative_error(h.quality));
-    let (first, best) = (relative_error(r.history[0].quality), looks.fold(f64::INFINITY, f64::min));
+    let errors = r.history.iter().map(|h| relative_error(h.quality));
+    let (first, best) = (relative_error(r.history[0].quality), errors.fold(f64::INFINITY, f64::min));
     println!(
         "density {:?}, albedo {:?}, picture {:?}",
         [before[0], after[0]],
