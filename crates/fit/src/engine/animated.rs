@@ -24,6 +24,14 @@ pub struct Animated<'a> {
     state: Mutex<State>,
 }
 
+/// What a pose changes of a [`photofit_pathtrace::World`].
+pub(super) struct Posed {
+    /// Deformed shapes with their indices.
+    pub(super) shapes: Vec<(usize, Shape)>,
+    /// All instances.
+    pub(super) instances: Vec<Instance>,
+}
+
 #[derive(Debug)]
 struct State {
     /// Without images: geometry alone is read.
@@ -94,7 +102,7 @@ impl<'a> Animated<'a> {
 
     /// The shapes that the animations deform and all instances at a moment, in the frame of the fit, as
     /// [`photofit_pathtrace::World::set_pose`] takes them.
-    pub(super) fn parts(&self, moment: Moment) -> Result<(Vec<(usize, Shape)>, Vec<Instance>), FitError> {
+    pub(super) fn parts(&self, moment: Moment) -> Result<Posed, FitError> {
         self.check(moment)?;
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         let deformed = state.pose(moment);
@@ -103,7 +111,7 @@ impl<'a> Animated<'a> {
         let frame = self.n.to_frame();
         let mut instances = Parts::instances_of(&state.scene);
         instances.iter_mut().for_each(|i| i.transform = frame * i.transform);
-        Ok((shapes, instances))
+        Ok(Posed { shapes, instances })
     }
 
     /// A sphere around the asset at a moment; the unit sphere where it has no extent then, or there is no such moment.

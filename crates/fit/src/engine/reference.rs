@@ -5,7 +5,7 @@
 //! depend on the light. What the candidate cannot express at all (coats, sheen, glass) is left out of the pictures that
 //! it is compared with, and comes back with the export.
 
-use super::animated::Animated;
+use super::animated::{Animated, Posed};
 use super::asset::Normalised;
 use super::classes::drawn;
 use super::views::{Moment, Setup, Sphere};
@@ -228,7 +228,7 @@ impl Reference for PathTraced<'_> {
         let mut world = self.world.lock().unwrap_or_else(PoisonError::into_inner);
         let (world, shown) = &mut *world;
         if let Some(animated) = animated.filter(|_| *shown != setup.moment) {
-            let (shapes, instances) = animated.parts(setup.moment)?;
+            let Posed { shapes, instances } = animated.parts(setup.moment)?;
             world.set_pose(shapes, &instances)?;
             *shown = setup.moment;
         }

@@ -109,7 +109,7 @@ fn crowd() -> Parts {
         DAffine3::from_translation(DVec3::new(x, y, 0.1)) * DAffine3::from_scale(DVec3::splat(0.12))
     };
     parts.instances[ball].transform = place(-0.3, 0.2);
-    parts.instances.push(crate::Instance { transform: place(0.2, 0.6), ..parts.instances[ball].clone() });
+    parts.instances.push(crate::Instance { transform: place(0.2, 0.6), ..parts.instances[ball] });
     parts
 }
 

@@ -94,7 +94,7 @@ fn sheets() -> [PrincipledThinParameters<f64>; 3] {
     ]
 }
 
-/// `eval` of Mitsuba 3.9.1 (scalar_rgb) for five pairs of directions, both sides of the surface.
+/// `eval` of Mitsuba 3.9.1 (`scalar_rgb`) for five pairs of directions, both sides of the surface.
 #[test]
 fn values_are_those_of_mitsuba() {
     let pairs = [
