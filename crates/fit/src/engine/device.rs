@@ -66,11 +66,12 @@ pub(crate) fn train_on<'p>(
     device: &Device,
     surface: Surface,
     job: &Job<'_>,
-    mut phases: impl FnMut(f64) -> Vec<Phase<'p, Surface>>,
+    phases: impl FnMut(f64) -> Vec<Phase<'p, Surface>>,
     progress: &dyn Progress,
 ) -> Result<(Trained<Surface>, Device), FitError> {
     #[cfg(feature = "gpu")]
     if let Kind::Gpu { gpu, required } = &device.kind {
+        let mut phases = phases;
         let trained = match GpuSurface::new(gpu, surface.clone(), &job.held_out.shots) {
             Ok(model) => train(model, job, &mut phases, progress),
             Err(source) => Err(FitError::NoRoom { device: device.name(), source }),
