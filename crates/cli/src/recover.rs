@@ -50,6 +50,9 @@ fn texture(a: &RecoverTexture) -> Result<Ending> {
     if r.stopped {
         say("the fit was ended early; what was reached is written");
     }
+    if a.explain {
+        print(&format!("what ran:\n{}\n\n", r.plan))?;
+    }
     let [all, held_out] = r.pictures;
     let light = if r.lit { "known lights" } else { "no lights given: the colour is unlit" };
     let mut text = output::quality_table(&[("start", &r.start), ("recovered", &r.quality)]);

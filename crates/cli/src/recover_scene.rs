@@ -5,6 +5,7 @@ mod found;
 mod target;
 
 use crate::args::{RecoverScene, TextureSmoothing};
+use crate::output::print;
 use crate::parameter_scene::{Key, Quantity, Subject};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say};
@@ -17,7 +18,7 @@ use photofit_fit::engine::traced::{Smoothing, Traced, TracedParameter};
 use photofit_fit::engine::trainer::Keeping;
 use photofit_fit::recover_scene::{RecoverSceneOptions, recover_scene};
 use photofit_image::Image;
-use photofit_pathtrace::World;
+use photofit_pathtrace::{View, World};
 use std::time::Instant;
 use target::Source;
 
@@ -29,6 +30,8 @@ const TARGET_SEED: u64 = 0x7461_7267;
 /// A model with what the command line says of it.
 struct Task {
     model: Traced,
+    /// The cameras.
+    views: Vec<View>,
     /// Of each parameter.
     quantities: Vec<Quantity>,
     /// The boxes that files of grids name.
@@ -57,8 +60,8 @@ pub(crate) fn run(a: &RecoverScene) -> Result<Ending> {
     let mut task = task(a, Subject::load(&a.scene, &places)?, &source)?;
     begin(a, &mut task)?;
     std::fs::create_dir_all(&a.output).with_context(|| a.output.display().to_string())?;
-    found::write_start(&a.output, &task.model, &task.targets)?;
-    let Task { model, quantities, boxes, targets, truth } = task;
+    found::write_start(&a.output, &task.model, &task.views, &task.targets)?;
+    let Task { model, views, quantities, boxes, targets, truth } = task;
     let first = truth.as_ref().map(|t| errors(&model, &quantities, t));
     let options = RecoverSceneOptions {
         steps: a.steps,
@@ -69,15 +72,18 @@ pub(crate) fn run(a: &RecoverScene) -> Result<Ending> {
     interrupt::handle();
     let progress = Terminal::new();
     let began = Instant::now();
-    let r = recover_scene(model, &targets, &options, &progress)
+    let r = recover_scene(model, &views, &targets, &options, &progress)
         .map_err(|e| anyhow!("{}: {}", a.scene.input.display(), name_options(e)))?;
     let seconds = began.elapsed().as_secs_f64();
     progress.finish();
     if r.stopped {
         say("the fit was ended early; what was reached is written");
     }
+    if a.explain {
+        print(&format!("what ran:\n{}\n\n", r.plan))?;
+    }
     let last = truth.as_ref().map(|t| errors(&r.model, &quantities, t));
-    found::write(a, &r, (&quantities, &boxes), first.zip(last), seconds)?;
+    found::write(a, &r, &views, (&quantities, &boxes), first.zip(last), seconds)?;
     let stopped = r.stopped && interrupt::is_stopping();
     Ok(if stopped { Ending::Stopped } else { Ending::Done })
 }
@@ -114,17 +120,18 @@ fn task(a: &RecoverScene, mut subject: Subject, source: &Source<'_>) -> Result<T
         Source::Own { views: count @ 2.. } => around::views(&views[0], &world, *count),
         _ => views,
     };
-    let mut model = Traced::new(world, views, options, parameters).map_err(|e| named(&e))?;
+    let mut model = Traced::new(world, options, parameters).map_err(|e| named(&e))?;
+    views.iter().try_for_each(|v| model.check(v)).map_err(|e| named(&e))?;
     model.gradient_spp = a.gradient_spp;
     model.smoothing = match a.smoothing {
         TextureSmoothing::Adam => Smoothing::None,
         TextureSmoothing::Laplacian => Smoothing::Laplacian,
         TextureSmoothing::Bilateral => Smoothing::Bilateral,
     };
-    let own = || (0..model.views.len()).map(|v| model.picture(v, TARGET_SPP, TARGET_SEED)).collect();
+    let own = || views.iter().map(|v| model.picture(v, TARGET_SPP, TARGET_SEED)).collect();
     let truth = given.is_none().then(|| (0..quantities.len()).map(|k| model.of(k).to_vec()).collect());
     let targets = given.map_or_else(own, Ok).map_err(|e| named(&e))?;
-    Ok(Task { model, quantities, boxes, targets, truth })
+    Ok(Task { model, views, quantities, boxes, targets, truth })
 }
 
 /// Sets the values that the fit starts from, and moves those of the scene into their ranges.

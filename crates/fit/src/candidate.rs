@@ -4,6 +4,7 @@
 //! -> loss; [`Candidate::pull_back`] writes it forward and, reversed line by line, backward. The whole chain is generic
 //! over the scalar: `f32` in production, `f64` in its gradient check.
 
+use crate::engine::loss::PictureLoss;
 use crate::views::{Sampling, Shot};
 use photofit_geometry::atlas::mesh_coverage;
 use photofit_geometry::normals::{Weighting, vertex_normals, vertex_normals_vjp};
@@ -12,13 +13,14 @@ use photofit_geometry::weld::weld_exact;
 use photofit_geometry::{Csr, Edges, Incidence, Mesh, Weld, laplacian};
 use photofit_raster::antialias::Topology;
 use photofit_raster::deferred::{self, Frame, Geometry, Gradients, Masks, Passes, View};
-use photofit_raster::loss::{self, Loss, LossScalar};
+use photofit_raster::loss::LossScalar;
 use photofit_raster::project::matrix_rows;
 use photofit_raster::texture::{MipAdjoint, MipRule, Pyramid};
 use photofit_raster::{CHANNELS, Maps, channel};
 use photofit_scalar::{Real, Vec2, Vec3, Vec4, vec3};
 use photofit_scene::AlphaMode;
 use photofit_shading::Sides;
+use std::cell::LazyCell;
 
 /// How a class of triangles is drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -84,6 +86,8 @@ pub struct Picture<'a, T = f32> {
     pub view: View<'a, T>,
     /// Radiance behind the asset, one per pixel.
     pub background: &'a [[T; 3]],
+    /// The vertices in this picture, where the positions do not say them: those of a pose. Positions have no gradients then.
+    pub vertices: Option<&'a Vertices<T>>,
 }
 
 /// Gradients of the parameters, and scratch of the chain.
@@ -177,6 +181,16 @@ impl<T: LossScalar> Candidate<T> {
         Vertices { positions, normals, tangents }
     }
 
+    /// The vertex arrays for positions and unit normals of a pose, one of each per vertex.
+    ///
+    /// # Panics
+    /// If their numbers differ from that of the vertices.
+    pub fn posed_vertices(&self, positions: Vec<Vec3<T>>, normals: Vec<Vec3<T>>) -> Vertices<T> {
+        assert!([positions.len(), normals.len()] == [self.uvs.len(); 2], "one of each per vertex");
+        let tangents = vertex_tangents(&self.unique, &self.frames, &positions, &normals);
+        Vertices { positions, normals, tangents }
+    }
+
     /// The mesh as it would be exported.
     pub fn mesh(&self) -> Mesh {
         let v = self.vertices();
@@ -241,10 +255,12 @@ impl<T: LossScalar> Candidate<T> {
     ) -> f64 {
         out.positions.fill(Vec3::zero());
         out.rendered.clear();
-        let vertices = self.vertices();
-        let geometry = self.geometry(&vertices);
+        let own = LazyCell::new(|| self.vertices());
         let mut total = 0.0;
-        for (i, Picture { view, background }) in pictures.into_iter().enumerate() {
+        for (i, Picture { view, background, vertices }) in pictures.into_iter().enumerate() {
+            let posed = vertices.is_some() && passes.position_gradients;
+            assert!(!posed, "vertices of a pose pass no gradient to positions");
+            let geometry = self.geometry(vertices.unwrap_or_else(|| &own));
             let ParameterGradients { frame, pixels, rendered, .. } = out;
             deferred::render_into(&geometry, &self.maps, &view, background, passes, frame);
             pixels.clear();
@@ -253,7 +269,7 @@ impl<T: LossScalar> Candidate<T> {
             deferred::render_vjp(&geometry, &self.maps, &view, passes, frame, pixels, rendered);
         }
         if passes.position_gradients {
-            self.vertices_vjp(&vertices, out);
+            self.vertices_vjp(&own, out);
         }
         if passes.map_gradients {
             self.maps.collapse_vjp(&mut out.rendered.maps, self.mip_adjoint);
@@ -331,39 +347,44 @@ impl Candidate {
     /// Draws one shot over its background.
     pub fn render(&self, vertices: &Vertices, shot: &Shot, passes: &Passes) -> Frame<f32> {
         let lights = shot.lights.lights();
-        let picture = Picture { view: view(shot, &lights), background: &shot.background };
+        let picture = Picture { view: view(shot, &lights), background: &shot.background, vertices: None };
         self.draw(vertices, &picture, passes)
     }
 
     /// Loss of a batch of shots against their references, and its gradients (overwritten). Returns the loss, the mean
     /// over the shots.
-    pub fn step(&self, shots: &[Shot], loss: Loss, passes: &Passes, out: &mut ParameterGradients) -> f64 {
+    pub fn step(
+        &self,
+        shots: &[Shot],
+        loss: PictureLoss,
+        passes: &Passes,
+        out: &mut ParameterGradients,
+    ) -> f64 {
+        self.step_at(shots, |_| None, loss, passes, out)
+    }
+
+    /// The same; `vertices(i)` are those of shot `i` where the positions do not say them (see [`Picture::vertices`]).
+    pub fn step_at<'a>(
+        &self,
+        shots: &'a [Shot],
+        vertices: impl Fn(usize) -> Option<&'a Vertices>,
+        loss: PictureLoss,
+        passes: &Passes,
+        out: &mut ParameterGradients,
+    ) -> f64 {
         let lights: Vec<_> = shots.iter().map(|s| s.lights.lights()).collect();
-        let pictures = shots
-            .iter()
-            .zip(&lights)
-            .map(|(shot, lights)| Picture { view: view(shot, lights), background: &shot.background });
+        let pictures = shots.iter().zip(&lights).enumerate().map(|(i, (shot, lights))| Picture {
+            view: view(shot, lights),
+            background: &shot.background,
+            vertices: vertices(i),
+        });
         let weight = 1.0 / shots.len().max(1) as f64;
         let value = |i: usize, pixels: &[[f32; 4]], g: &mut [[f32; 4]]| {
             let Shot { width, height, reference, .. } = &shots[i];
-            picture_loss(loss, (*width, *height), pixels, reference, weight, g)
+            loss.value_and_gradient((*width, *height), pixels, reference, weight, g)
         };
         self.pull_back(pictures, value, passes, out)
     }
-}
-
-/// `weight` times the loss of the colours of `pixels` `[H*W]` against `reference` `[H*W]`; adds its gradient to `g`.
-pub fn picture_loss<T: LossScalar>(
-    loss: Loss,
-    (width, height): (usize, usize),
-    pixels: &[[T; 4]],
-    reference: &[[T; 4]],
-    weight: f64,
-    g: &mut [[T; 4]],
-) -> f64 {
-    let frame = loss::Frame::new(width, height, 4).only(0..3);
-    let (x, y) = (pixels.as_flattened(), reference.as_flattened());
-    loss.value_and_gradient(x, y, &frame, weight, g.as_flattened_mut())
 }
 
 /// The renderer's view of a shot.

@@ -1,8 +1,9 @@
 //! Fitting 3D assets to images: the tasks that join the other crates.
 //!
 //! [`simplify`] takes a heavy asset and gives back a light one that looks the same; [`lod`] a chain of such levels of
-//! detail; [`recover`] fits the textures of an
-//! asset to pictures of it, [`recover_scene`] materials and lights of a scene through the path tracer. Both are assembled from the parts in [`engine`].
+//! detail; [`recover`] fits the textures of an asset to pictures of it, [`retexture`] those of a light animated asset to a
+//! heavy one in motion, [`recover_scene`] materials, lights and media of a scene through the path tracer. All are
+//! assembled from the parts in [`engine`].
 
 pub mod bake;
 pub mod candidate;
@@ -16,6 +17,7 @@ mod progress;
 pub mod recover;
 pub mod recover_scene;
 pub mod report;
+pub mod retexture;
 pub mod scene_render;
 pub mod simplify;
 #[cfg(test)]

@@ -71,6 +71,11 @@ pub struct PictureFolder {
 }
 
 impl PictureFolder {
+    /// Whether some picture holds colours that no screen shows: above 1.
+    pub fn wide_range(&self) -> bool {
+        self.photos.iter().any(|p| p.image.data.iter().any(|v| *v > 1.0))
+    }
+
     /// Reads the pictures of a folder, or of a `transforms.json`, around an asset. Pictures without alpha get the
     /// coverage that `outline` draws of the asset for their camera: one sample per pixel.
     ///
@@ -219,6 +224,7 @@ impl Reference for PictureFolder {
 fn setup(photo: &Photo, at: usize) -> Setup {
     Setup {
         camera: photo.camera,
+        rays: None,
         lights: photo.lights.clone(),
         moment: Moment::default(),
         width: photo.image.width,

@@ -10,11 +10,12 @@ use crate::engine::checkpoint::Digest;
 use crate::engine::cpu::Cpu;
 use crate::engine::export::to_scene;
 use crate::engine::judge::{Quality, ReportView, Stage, rasterized_views};
-use crate::engine::loss;
+use crate::engine::loss::{self, PictureLoss};
+use crate::engine::plan::{Item, PlanRows, rows};
 use crate::engine::reference::{ENERGY, Rasterized, Reference, SUPERSAMPLE};
 use crate::engine::steering::Steering;
 use crate::engine::surface::{MAPS, Surface};
-use crate::engine::trainer::{self, HeldOut, HistoryPoint, Job, Keeping, Phase, train};
+use crate::engine::trainer::{self, HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
 use crate::engine::unwrap::unwrapped;
 use crate::engine::views::{Sampling, Set};
 use crate::pictures::PictureFolder;
@@ -77,6 +78,8 @@ pub struct Recovered {
     pub lit: bool,
     /// Pictures without alpha, whose outline is that of the mesh.
     pub without_alpha: usize,
+    /// What ran and what was skipped.
+    pub plan: PlanRows,
 }
 
 /// Fits the maps of `mesh` to the pictures of a folder (or of a `transforms.json`) and writes the result to `output`
@@ -125,18 +128,22 @@ pub fn recover_texture(
     let model = grey(&n, photos.lit, options.texture_size, progress)?;
     let start = to_scene(&model.candidate, &n);
     let held_out = HeldOut::new(&photos, &photos, Sampling::SUPERSAMPLED, trainer::HELD_OUT, options.seed)?;
+    // What no screen shows must count, too.
+    let measure = if photos.wide_range() { Measure::Relative } else { Measure::Psnr };
+    let held_out = held_out.measured_by(measure);
     let mut topology = Digest::new();
     topology.add(&model.candidate.uvs);
     for photo in photos.photos() {
         topology.add_bytes(format!("{:?} {:?}", photo.camera, photo.lights).as_bytes());
         topology.add(&photo.image.data);
     }
+    let loss = loss::choose(held_out.noise);
     let job = Job {
         reference: &photos,
         views: &photos,
         held_out: &held_out,
         sampling: Sampling::SUPERSAMPLED,
-        loss: loss::choose(held_out.noise),
+        loss,
         seed: options.seed,
         batch: options.batch,
         fresh: options.batch.div_ceil(2),
@@ -155,7 +162,9 @@ pub fn recover_texture(
         rates: vec![(MAPS.into(), MAP_RATE)],
         renewal: None,
     };
-    let trained = train(Cpu::new(model)?, &job, |_| vec![phase], progress)?;
+    let phases = vec![phase];
+    let plan = PlanRows::new(items(&model, &photos, (loss, &held_out)), &phases);
+    let trained = train(Cpu::new(model)?, &job, |_| phases, progress)?;
 
     photofit_scene::save_glb(output, &to_scene(&trained.model.candidate, &n))?;
     let fitted = photofit_scene::load(output)?;
@@ -175,7 +184,34 @@ pub fn recover_texture(
         pictures: [photos.photos().len(), photos.held_out()],
         lit: photos.lit,
         without_alpha: photos.without_alpha,
+        plan,
     })
+}
+
+/// The rows of the plan.
+fn items(model: &Surface, photos: &PictureFolder, (loss, held_out): (PictureLoss, &HeldOut)) -> Vec<Item> {
+    let all = photos.photos().len();
+    let alpha = all - photos.without_alpha;
+    let mut items = vec![
+        Item::of("known light", photos.lit, "the pictures name it", "none is named: an unlit colour is fitted"),
+        Item::of(
+            "outline of the mesh",
+            alpha < all,
+            format!("stands for that of {} pictures without alpha", all - alpha),
+            "all pictures have alpha",
+        ),
+    ];
+    items.extend(rows::surface(model));
+    items.push(rows::loss(loss, held_out.noise));
+    items.push(rows::evaluation(
+        held_out.measure,
+        if held_out.measure == Measure::Psnr {
+            "the pictures hold what a screen shows"
+        } else {
+            "the pictures hold light above 1"
+        },
+    ));
+    items
 }
 
 impl RecoverOptions {

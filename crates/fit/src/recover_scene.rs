@@ -7,16 +7,16 @@
 
 use crate::engine::checkpoint::Digest;
 use crate::engine::cpu::Cpu;
+use crate::engine::loss::PictureLoss;
+use crate::engine::plan::{Item, PlanRows, rows};
 use crate::engine::reference::{Picture, Reference};
 use crate::engine::steering::Steering;
-use crate::engine::traced::Traced;
+use crate::engine::traced::{Smoothing, Traced};
 use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
 use crate::engine::views::{Moment, Sampling, Set, Setup, Sphere, ViewLights, Views};
 use crate::{FitError, Progress, bake};
-use glam::Vec3;
 use photofit_image::Image;
-use photofit_pathtrace::{MaterialValue, Parameter};
-use photofit_raster::loss::Loss;
+use photofit_pathtrace::{MaterialValue, Parameter, View};
 use photofit_scene::Camera;
 
 pub use crate::engine::trainer::relative_error;
@@ -69,11 +69,14 @@ pub struct RecoveredScene {
     pub resumed: u64,
     /// Ended by the user or the time limit.
     pub stopped: bool,
+    /// What ran and what was skipped.
+    pub plan: PlanRows,
 }
 
-/// Pictures of a scene, one per view of the model.
+/// Pictures of a scene with their cameras.
 struct Pictures {
     images: Vec<Image>,
+    cameras: Vec<View>,
     /// The last picture is held out.
     held_out: Option<usize>,
 }
@@ -107,8 +110,8 @@ impl Views for Pictures {
             (_, Some(held_out)) => held_out,
         };
         Setup {
-            // The model knows its cameras by the number of the picture.
-            camera: Camera::look_at(Vec3::Z, Vec3::ZERO, Vec3::Y, 1.0, 1.0, 0.1, 10.0),
+            camera: pinhole(&self.cameras[at]),
+            rays: Some(self.cameras[at]),
             lights: ViewLights::default(),
             moment: Moment::default(),
             width: self.images[at].width,
@@ -118,22 +121,31 @@ impl Views for Pictures {
     }
 }
 
-/// Fits the parameters of `model` to the light of `pictures` (linear; their alpha is not looked at), one for each of its
-/// views. Values outside of their ranges are moved into them first.
+/// The pinhole that stands where a camera does.
+fn pinhole(view: &View) -> Camera {
+    let (eye, [_, up, back]) = (view.eye.as_vec3(), view.axes);
+    let [w, h] = view.half;
+    Camera::look_at(eye, eye - back, up, 2.0 * h.atan(), w / h, view.clip[0].max(1e-3), view.clip[1].min(1e6))
+}
+
+/// Fits the parameters of `model` to the light of `pictures` (linear; their alpha is not looked at), one for each of
+/// `views`. Values outside of their ranges are moved into them first.
 ///
 /// # Errors
 /// See [`FitError`]: pictures of another size or number than the model's, values that are not finite; lights and emission
 /// that start at 0, where they have no derivative; a step at which the scene has no light.
 pub fn recover_scene(
     mut model: Traced,
+    views: &[View],
     pictures: &[Image],
     options: &RecoverSceneOptions,
     progress: &dyn Progress,
 ) -> Result<RecoveredScene, FitError> {
     let (w, h) = (model.options.width, model.options.height);
     let wrong = |rule: String| Err(FitError::Setting { field: "pictures", rule });
-    if pictures.len() != model.views.len() || pictures.is_empty() {
-        return wrong(format!("are {}; they must be {}, one per view", pictures.len(), model.views.len()));
+    if pictures.len() != views.len() || pictures.is_empty() {
+        let views = views.len().max(1);
+        return wrong(format!("are {}; they must be {views}, one per view", pictures.len()));
     }
     for p in pictures {
         if (p.width, p.height, p.channels) != (w, h, 4) {
@@ -150,8 +162,9 @@ pub fn recover_scene(
     let pictures: Vec<Image> = pictures.iter().map(opaque).collect();
     let brightness = pictures.iter().map(brightness).sum::<f64>() / pictures.len() as f64;
     begin(&mut model)?;
+    views.iter().try_for_each(|v| model.check(v))?;
     let held_out = (pictures.len() >= FEWEST_TO_HOLD_OUT).then(|| pictures.len() - 1);
-    let source = Pictures { images: pictures, held_out };
+    let source = Pictures { images: pictures, cameras: views.to_vec(), held_out };
     let evaluated = if held_out.is_some() { 1 } else { source.images.len() as u64 };
     let evaluation = HeldOut::new(&source, &source, Sampling::SUPERSAMPLED, evaluated, options.seed)?;
     let evaluation = evaluation.measured_by(Measure::Relative);
@@ -159,9 +172,9 @@ pub fn recover_scene(
     let names: Vec<&str> = model.parameters.iter().map(|p| p.name.as_str()).collect();
     let mut seen = Digest::new();
     source.images.iter().for_each(|p| seen.add(&p.data));
-    seen.add_bytes(format!("{:?} {:?}", model.views, model.parameters).as_bytes());
+    seen.add_bytes(format!("{views:?} {:?}", model.parameters).as_bytes());
     // What is not fitted has to be the same, too: a coarse picture of the start stands for it.
-    seen.add(&model.picture(0, 1, options.seed)?.data);
+    seen.add(&model.picture(&views[0], 1, options.seed)?.data);
     let (seed, depth) = (model.options.seed, model.options.path.max_depth);
     let steered = Steering::default()
         .option("rate", options.rate)
@@ -178,7 +191,7 @@ pub fn recover_scene(
         views: &source,
         held_out: &evaluation,
         sampling: Sampling::SUPERSAMPLED,
-        loss: Loss::Mse,
+        loss: PictureLoss::RELATIVE_SQUARES,
         seed: options.seed,
         batch: source.fitted().min(MOST_OF_A_STEP),
         fresh: source.fitted().min(MOST_OF_A_STEP).div_ceil(2),
@@ -190,7 +203,9 @@ pub fn recover_scene(
         |k: usize| (model.parameters[k].name.clone().into(), options.rate * scale(&model, k, brightness));
     let rates = (0..model.parameters.len()).map(rate).collect();
     let phase = Phase { name: "parameters", first: 0, steps: options.steps, shrink: 1, rates, renewal: None };
-    let trained = train(Cpu::new(model)?, &job, |_| vec![phase], progress)?;
+    let phases = vec![phase];
+    let plan = PlanRows::new(items(&model, held_out), &phases);
+    let trained = train(Cpu::new(model)?, &job, |_| phases, progress)?;
     Ok(RecoveredScene {
         model: trained.model,
         history: trained.history,
@@ -198,7 +213,41 @@ pub fn recover_scene(
         steps: trained.steps,
         resumed: trained.resumed,
         stopped: trained.stopped || progress.is_cancelled(),
+        plan,
     })
+}
+
+/// The rows of the plan.
+fn items(model: &Traced, held_out: Option<usize>) -> Vec<Item> {
+    let kinds: [(&str, fn(&Parameter) -> bool); 5] = [
+        ("material gradients", |p| matches!(p, Parameter::Material { .. })),
+        ("texture gradients", |p| matches!(p, Parameter::Texels { .. } | Parameter::Graph { .. })),
+        ("light gradients", |p| matches!(p, Parameter::Light { .. })),
+        ("environment gradients", |p| matches!(p, Parameter::Environment)),
+        ("medium gradients", |p| matches!(p, Parameter::Medium { .. })),
+    ];
+    let mut items: Vec<Item> = kinds
+        .into_iter()
+        .map(|(what, is)| {
+            let of = model.parameters.iter().filter(|p| is(&p.parameter));
+            let names: Vec<&str> = of.map(|p| p.name.as_str()).collect();
+            Item::of(what, !names.is_empty(), names.join(", "), "none is fitted: no derivative is followed")
+        })
+        .collect();
+    let grids = model.parameters.iter().filter(|p| p.cells() > 1).count();
+    let smoothed = model.smoothing != Smoothing::None && grids > 0;
+    let why_not = if grids == 0 { "all parameters are single values" } else { "not asked for" };
+    let how = format!("{:?}, of {grids} textures or grids", model.smoothing).to_lowercase();
+    items.push(Item::of("smoothed steps", smoothed, how, why_not));
+    items.push(Item::of(
+        "held-out picture",
+        held_out.is_some(),
+        "the last one: the fit is judged by it alone",
+        format!("there are fewer than {FEWEST_TO_HOLD_OUT}: the fit is judged by what it is fitted to"),
+    ));
+    items.push(rows::loss(PictureLoss::RELATIVE_SQUARES, 1.0));
+    items.push(rows::evaluation(Measure::Relative, "light has no upper bound"));
+    items
 }
 
 /// Moves the values into their ranges, so that what has no derivative at 0 starts above it.

@@ -42,6 +42,9 @@ pub(crate) struct RecoverTexture {
     pub(crate) time_limit: Option<Duration>,
     #[command(flatten)]
     pub(crate) running: Running,
+    /// Print what ran, what was skipped, and why.
+    #[arg(long)]
+    pub(crate) explain: bool,
     /// Write the figures as JSON.
     #[arg(long, value_name = "FILE")]
     pub(crate) json: Option<PathBuf>,
@@ -116,4 +119,7 @@ pub(crate) struct RecoverScene {
     /// Go on from the checkpoint, if there is one, to the same result as an uninterrupted run.
     #[arg(long, requires = "checkpoint")]
     pub(crate) resume: bool,
+    /// Print what ran, what was skipped, and why.
+    #[arg(long)]
+    pub(crate) explain: bool,
 }

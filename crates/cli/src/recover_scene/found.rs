@@ -10,6 +10,7 @@ use photofit_fit::engine::traced::Traced;
 use photofit_fit::engine::trainer::HistoryPoint;
 use photofit_fit::recover_scene::{RecoveredScene, relative_error};
 use photofit_image::{Image, PngCompression, encode_png, write_atomically};
+use photofit_pathtrace::View;
 use photofit_scene::mitsuba::encode_grid;
 use serde_json::{Value, json};
 use std::path::Path;
@@ -63,10 +64,10 @@ fn shown(picture: &Image) -> Image {
 }
 
 /// Writes the targets and the pictures of the start.
-pub(super) fn write_start(folder: &Path, model: &Traced, targets: &[Image]) -> Result<()> {
-    for (view, target) in targets.iter().enumerate() {
+pub(super) fn write_start(folder: &Path, model: &Traced, views: &[View], targets: &[Image]) -> Result<()> {
+    for (view, (camera, target)) in views.iter().zip(targets).enumerate() {
         photofit_image::write_png(folder.join(of_view("reference", view, "png")), &shown(target))?;
-        let start = model.picture(view, SHOWN_SPP, SHOWN_SEED)?;
+        let start = model.picture(camera, SHOWN_SPP, SHOWN_SEED)?;
         photofit_image::write_png(folder.join(of_view("start", view, "png")), &shown(&start))?;
     }
     Ok(())
@@ -76,12 +77,13 @@ pub(super) fn write_start(folder: &Path, model: &Traced, targets: &[Image]) -> R
 pub(super) fn write(
     a: &RecoverScene,
     r: &RecoveredScene,
+    views: &[View],
     (quantities, boxes): (&[Quantity], &[[DVec3; 2]]),
     errors: Option<(Vec<f64>, Vec<f64>)>,
     seconds: f64,
 ) -> Result<()> {
-    for view in 0..r.model.views.len() {
-        let picture = r.model.picture(view, SHOWN_SPP, SHOWN_SEED)?;
+    for (view, camera) in views.iter().enumerate() {
+        let picture = r.model.picture(camera, SHOWN_SPP, SHOWN_SEED)?;
         photofit_image::write_png(a.output.join(of_view("recovered", view, "png")), &shown(&picture))?;
         let file = a.output.join(of_view("recovered", view, "exr"));
         photofit_image::write_exr(file, &[("", &picture, &["R", "G", "B", "A"])])?;
@@ -100,10 +102,13 @@ pub(super) fn write(
     let error = |h: &HistoryPoint| relative_error(h.quality);
     let first = r.history.first().map(error);
     let best = r.history.iter().map(error).reduce(f64::min);
-    output::write_json(&a.output.join("values.json"), &figures(a, r, list, [first, best], seconds))?;
+    output::write_json(
+        &a.output.join("values.json"),
+        &figures(a, r, views.len(), list, [first, best], seconds),
+    )?;
     let judged = match r.held_out {
         Some(view) => format!("picture {view}, which was held out"),
-        None if r.model.views.len() == 1 => "the picture that was fitted (none is held out)".into(),
+        None if views.len() == 1 => "the picture that was fitted (none is held out)".into(),
         None => "the pictures that were fitted (none is held out)".into(),
     };
     text += &format!(
@@ -160,6 +165,7 @@ fn write_texture(path: &Path, image: &Image, quantity: Quantity) -> Result<()> {
 fn figures(
     a: &RecoverScene,
     r: &RecoveredScene,
+    views: usize,
     list: Vec<Value>,
     errors: [Option<f64>; 2],
     seconds: f64,
@@ -172,7 +178,7 @@ fn figures(
     json!({
         "input": a.scene.input.display().to_string(),
         "parameters": list,
-        "views": r.model.views.len(),
+        "views": views,
         "held_out": r.held_out,
         "steps": r.steps,
         "stopped": r.stopped,

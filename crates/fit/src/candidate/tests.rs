@@ -9,6 +9,7 @@ use photofit_geometry::shapes;
 use photofit_gradcheck::Uniform;
 use photofit_raster::channel;
 use photofit_raster::deferred::Masks;
+use photofit_raster::loss::Loss;
 use photofit_raster::project::Matrix4;
 use photofit_scalar::vec2;
 use photofit_scene::Camera;
@@ -54,7 +55,7 @@ enum Value {
     /// Their sum, weighted at random: a seed gradient that knows no loss.
     Weighted,
     /// The loss of the fit.
-    Loss(Loss),
+    Loss(PictureLoss),
 }
 
 /// Two blended sheets and a masked one in front of an opaque body.
@@ -169,7 +170,7 @@ impl Setting {
                 shade_per_pixel: self.sampling.shade_per_pixel,
                 lod_bias: self.lod_bias,
             };
-            Picture { view, background: &self.backgrounds[i] }
+            Picture { view, background: &self.backgrounds[i], vertices: None }
         };
         f([0, 1].map(picture))
     }
@@ -177,7 +178,7 @@ impl Setting {
     /// Value of the pixels of picture `i`, and its gradient.
     fn value(&self, value: Value, i: usize, pixels: &[[f64; 4]], g: &mut [[f64; 4]]) -> f64 {
         match value {
-            Value::Loss(loss) => picture_loss(loss, (SIZE, SIZE), pixels, &self.references[i], 0.5, g),
+            Value::Loss(loss) => loss.value_and_gradient((SIZE, SIZE), pixels, &self.references[i], 0.5, g),
             Value::Weighted => {
                 g.copy_from_slice(&self.weights[i]);
                 pixels.as_flattened().iter().zip(self.weights[i].as_flattened()).map(|(x, w)| x * w).sum()
@@ -286,12 +287,13 @@ const GROUPS: [(&str, std::ops::Range<usize>); 7] = [
 
 #[test]
 fn gradients_of_the_whole_step() {
-    let values = [Value::Weighted, Value::Loss(Loss::LogSrgbL1)];
+    let values =
+        [Value::Weighted, Value::Loss(Loss::LogSrgbL1.into()), Value::Loss(PictureLoss::RELATIVE_SQUARES)];
     let mut setting = Setting::new(Content::Random, 3);
     let (_, seen) = setting.evaluate(values[0]);
     assert!(seen.len() >= 6, "{} layers of two pictures", seen.len());
     assert!(setting.candidate.maps.levels.len() == 7, "a live chain");
-    let mut rows: Vec<(&str, [f64; 2])> = GROUPS
+    let mut rows: Vec<(&str, [f64; 3])> = GROUPS
         .map(|(name, channels)| {
             let worst = |v| channels.clone().map(|c| setting.channel_error(v, c)).fold(0.0, f64::max);
             (name, values.map(worst))
@@ -302,9 +304,9 @@ fn gradients_of_the_whole_step() {
     assert!(padding.into_iter().all(|g| *g == 0.0), "unused samples have no gradient");
     let mut linear = Setting::new(Content::Linear, 3);
     rows.push(("positions", values.map(|v| linear.position_error(v))));
-    println!("| group | random weights | log-sRGB L1 |\n|---|---|---|");
-    for (name, [weighted, loss]) in &rows {
-        println!("| {name} | {weighted:.1e} | {loss:.1e} |");
+    println!("| group | random weights | log-sRGB L1 | relative squares |\n|---|---|---|---|");
+    for (name, [weighted, logarithmic, relative]) in &rows {
+        println!("| {name} | {weighted:.1e} | {logarithmic:.1e} | {relative:.1e} |");
     }
     for (name, errors) in rows {
         assert!(errors.iter().all(|e| *e < 1e-6), "{name}: relative errors {errors:?}");
@@ -334,8 +336,8 @@ fn gradients_of_the_other_modes_that_ship() {
         // One of each group: all of them are moved in the usual mode.
         let channels = GROUPS.map(|(_, channels)| channels.start);
         let maps =
-            channels.map(|c| random.channel_error(Value::Loss(loss), c)).into_iter().fold(0.0, f64::max);
-        let positions = linear.position_error(Value::Loss(loss));
+            channels.map(|c| random.channel_error(Value::Loss(loss.into()), c)).into_iter().fold(0.0, f64::max);
+        let positions = linear.position_error(Value::Loss(loss.into()));
         println!("| {name} | {maps:.1e} | {positions:.1e} |");
         assert!(maps < 1e-6 && positions < 1e-6, "{name}: relative errors {maps:e}, {positions:e}");
     }
@@ -429,7 +431,7 @@ fn the_outline_of_a_mask_is_found() {
         shade_per_pixel: false,
         lod_bias: 0.0,
     };
-    let picture = Picture { view, background: &background };
+    let picture = Picture { view, background: &background, vertices: None };
     let cut = |c: &Candidate<f64>| c.draw(&c.vertices(), &picture, &Passes::default()).color;
     let covered = |c: &Candidate<f64>| cut(c).iter().map(|p| p[3]).sum::<f64>();
     let truth = candidate(0.7);
@@ -441,7 +443,7 @@ fn the_outline_of_a_mask_is_found() {
         let passes =
             Passes { masks: Masks::Faded { slope: 4_f32.powf(k as f32 / 60.0) }, ..Passes::default() };
         let value = |_: usize, p: &[[f64; 4]], g: &mut [[f64; 4]]| {
-            picture_loss(Loss::LogSrgbL1, (SIZE, SIZE), p, &reference, 1.0, g)
+            PictureLoss::from(Loss::LogSrgbL1).value_and_gradient((SIZE, SIZE), p, &reference, 1.0, g)
         };
         fit.pull_back([picture], value, &passes, &mut g);
         for (t, g) in fit.maps.levels[0].texels.iter_mut().zip(&g.rendered.maps.levels[0].texels) {

@@ -1,9 +1,9 @@
 //! An animated asset at the asked moment: what references of both renderers draw where a view names one.
 //!
-//! All moments share the frame of the asset as it stands; [`super::reference::Reference::bounds`] says where the asset is
-//! at a moment. Skins, morph targets and moving nodes are those of [`Scene::pose`].
+//! All moments share the frame of a fit; [`super::reference::Reference::bounds`] says where the asset is at a moment. Skins,
+//! morph targets and moving nodes are those of [`Scene::pose`]. An asset that is never asked for a moment is not copied.
 
-use super::asset::{Normalised, bounding_sphere};
+use super::asset::{Normalised, bounding_sphere, to_frame};
 use super::views::{Moment, Sphere};
 use crate::FitError;
 use photofit_pathtrace::{Instance, Parts, Shape};
@@ -18,45 +18,50 @@ const KEPT: usize = 8;
 /// The geometry of an animated asset at its moments, in the frame of a fit.
 #[derive(Debug)]
 pub struct Animated<'a> {
-    n: &'a Normalised,
-    /// Durations of the animations, seconds.
-    durations: Vec<f32>,
+    scene: &'a Scene,
+    center: Vec3f,
+    radius: f32,
+    /// The asset's own animation for each that moments name; `None`: they name its own.
+    plays: Option<Vec<Option<usize>>>,
     state: Mutex<State>,
 }
 
 /// What a pose changes of a [`photofit_pathtrace::World`].
-pub(super) struct Posed {
+pub(super) struct WorldPose {
     /// Deformed shapes with their indices.
     pub(super) shapes: Vec<(usize, Shape)>,
     /// All instances.
     pub(super) instances: Vec<Instance>,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct State {
-    /// Without images: geometry alone is read.
-    scene: Scene,
+    /// The scene in the pose asked for last.
+    posed: Option<Scene>,
     kept: VecDeque<(Moment, Arc<FlatScene>)>,
 }
 
 impl<'a> Animated<'a> {
-    /// The animations of a scene whose frame is `n`; `None` where it has none.
-    pub fn new(scene: &Scene, n: &'a Normalised) -> Option<Self> {
-        let durations: Vec<f32> =
-            scene.hierarchy.as_deref()?.animations.iter().map(|a| a.duration()).collect();
-        if durations.is_empty() {
-            return None;
-        }
-        let scene = Scene {
-            primitives: scene.primitives.clone(),
-            instances: scene.instances.clone(),
-            materials: scene.materials.clone(),
-            cameras: scene.cameras.clone(),
-            lights: scene.lights.clone(),
-            hierarchy: scene.hierarchy.clone(),
-            ..Scene::default()
+    /// A scene in the frame of `n`; it moves where it has animations.
+    pub fn new(scene: &'a Scene, n: &Normalised) -> Self {
+        Self::in_frame(scene, n.center, n.radius)
+    }
+
+    /// A scene in a frame with this centre, in the scene's own, and this unit.
+    pub(super) fn in_frame(scene: &'a Scene, center: Vec3f, radius: f32) -> Self {
+        Self { scene, center, radius, plays: None, state: Mutex::default() }
+    }
+
+    /// The same for moments of another asset, whose animations have these names: each is played by the first of this name,
+    /// and one without a name by that of the same index.
+    #[must_use]
+    pub fn playing(self, names: &[String]) -> Self {
+        let own = self.scene.hierarchy.as_deref();
+        let played = |(index, name): (usize, &String)| match name.as_str() {
+            "" => Some(index).filter(|i| own.is_some_and(|h| *i < h.animations.len())),
+            name => own.and_then(|h| h.animation(name)),
         };
-        Some(Self { n, durations, state: Mutex::new(State { scene, kept: VecDeque::new() }) })
+        Self { plays: Some(names.iter().enumerate().map(played).collect()), ..self }
     }
 
     /// `count` moments of an animation, evenly spread over it, its two ends included.
@@ -64,33 +69,41 @@ impl<'a> Animated<'a> {
     /// # Panics
     /// If there is no such animation.
     pub fn moments(&self, animation: usize, count: usize) -> Vec<Moment> {
-        let step = self.durations[animation] / count.saturating_sub(1).max(1) as f32;
+        let duration = self.scene.hierarchy.as_ref().map_or(0.0, |h| h.animations[animation].duration());
+        let step = duration / count.saturating_sub(1).max(1) as f32;
         (0..count).map(|k| Moment { animation: Some(animation), time: k as f32 * step }).collect()
     }
 
-    fn check(&self, moment: Moment) -> Result<(), FitError> {
-        let count = self.durations.len();
-        let fail = |rule| Err(FitError::Setting { field: "moment", rule });
-        match moment.animation {
-            Some(a) if a >= count => fail(format!("names animation {a}; the asset has {count}")),
-            Some(_) if !moment.time.is_finite() => {
-                fail(format!("is at {} s; its time must be finite", moment.time))
-            }
-            _ => Ok(()),
-        }
+    /// The asset's own moment for one that is asked for.
+    fn own(&self, asked: Moment) -> Result<Moment, FitError> {
+        let moment = match (&self.plays, asked.animation) {
+            (Some(plays), Some(index)) => match plays.get(index).copied().flatten() {
+                Some(own) => Moment { animation: Some(own), ..asked },
+                None => {
+                    let name = if self.scene.name.is_empty() { "the asset" } else { &self.scene.name };
+                    let rule = format!("is in animation {index} of the reference; {name} must have it, by name");
+                    return Err(FitError::Setting { field: "moment", rule });
+                }
+            },
+            _ => asked,
+        };
+        check(self.scene, moment)?;
+        Ok(moment)
     }
 
     /// The asset at a moment as one mesh in the frame of the fit.
-    pub(super) fn flat(&self, moment: Moment) -> Result<Arc<FlatScene>, FitError> {
-        self.check(moment)?;
+    ///
+    /// # Errors
+    /// A moment that the asset does not have.
+    pub fn flat(&self, moment: Moment) -> Result<Arc<FlatScene>, FitError> {
+        let moment = self.own(moment)?;
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, flat)) = state.kept.iter().find(|k| k.0 == moment) {
             return Ok(flat.clone());
         }
-        state.pose(moment);
-        let mut flat = state.scene.flatten();
+        let mut flat = state.pose(self.scene, moment).1.flatten();
         for p in &mut flat.mesh.positions {
-            *p = (*p - self.n.center) / self.n.radius;
+            *p = (*p - self.center) / self.radius;
         }
         let flat = Arc::new(flat);
         if state.kept.len() == KEPT {
@@ -102,34 +115,59 @@ impl<'a> Animated<'a> {
 
     /// The shapes that the animations deform and all instances at a moment, in the frame of the fit, as
     /// [`photofit_pathtrace::World::set_pose`] takes them.
-    pub(super) fn parts(&self, moment: Moment) -> Result<Posed, FitError> {
-        self.check(moment)?;
+    pub(super) fn parts(&self, moment: Moment) -> Result<WorldPose, FitError> {
+        let moment = self.own(moment)?;
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        let deformed = state.pose(moment);
-        let shape = |i| (i, Shape::Mesh(state.scene.complete_mesh(i).into_owned()));
+        let (deformed, scene) = state.pose(self.scene, moment);
+        let shape = |i| (i, Shape::Mesh(scene.complete_mesh(i).into_owned()));
         let shapes = deformed.into_iter().map(shape).collect();
-        let frame = self.n.to_frame();
-        let mut instances = Parts::instances_of(&state.scene);
+        let frame = to_frame(self.center, self.radius);
+        let mut instances = Parts::instances_of(scene);
         instances.iter_mut().for_each(|i| i.transform = frame * i.transform);
-        Ok(Posed { shapes, instances })
+        Ok(WorldPose { shapes, instances })
     }
 
     /// A sphere around the asset at a moment; the unit sphere where it has no extent then, or there is no such moment.
     pub(super) fn bounds(&self, moment: Moment) -> Sphere {
-        let found = self.flat(moment).ok().and_then(|flat| bounding_sphere(&flat.mesh));
+        let found = self.flat(moment).ok().and_then(|flat| bounding_sphere(&[&flat.mesh]));
         found.map_or(Sphere::UNIT, |(center, radius): (Vec3f, f32)| Sphere { center, radius })
     }
 }
 
-impl State {
-    /// Poses the scene; returns the primitives that may have been deformed.
-    fn pose(&mut self, moment: Moment) -> Vec<usize> {
-        let pose = self.scene.pose(moment.animation, moment.time);
-        let deformed = pose.meshes.iter().map(|m| m.0).collect();
-        self.scene.set_pose(pose);
-        deformed
+/// Whether a scene has a moment.
+fn check(scene: &Scene, moment: Moment) -> Result<(), FitError> {
+    let count = scene.hierarchy.as_ref().map_or(0, |h| h.animations.len());
+    let fail = |rule| Err(FitError::Setting { field: "moment", rule });
+    match moment.animation {
+        Some(a) if a >= count => fail(format!("names animation {a}; the asset has {count}")),
+        Some(_) if !moment.time.is_finite() => {
+            fail(format!("is at {} s; its time must be finite", moment.time))
+        }
+        _ => Ok(()),
     }
 }
 
+impl State {
+    /// Poses the scene; also the primitives that may have been deformed.
+    fn pose(&mut self, scene: &Scene, moment: Moment) -> (Vec<usize>, &Scene) {
+        // Without images: geometry alone is read.
+        let posed = self.posed.get_or_insert_with(|| Scene {
+            primitives: scene.primitives.clone(),
+            instances: scene.instances.clone(),
+            materials: scene.materials.clone(),
+            cameras: scene.cameras.clone(),
+            lights: scene.lights.clone(),
+            hierarchy: scene.hierarchy.clone(),
+            ..Scene::default()
+        });
+        let pose = posed.pose(moment.animation, moment.time);
+        let deformed = pose.meshes.iter().map(|m| m.0).collect();
+        posed.set_pose(pose);
+        (deformed, posed)
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod arm;
 #[cfg(test)]
 mod tests;

@@ -1,6 +1,8 @@
 //! The asset in the frame of a fit.
 
+use super::animated::Animated;
 use super::classes::{MaterialClass, classes, drawn};
+use super::views::Moment;
 use crate::FitError;
 use crate::bake;
 use crate::candidate::SurfaceClass;
@@ -27,6 +29,8 @@ pub struct Normalised {
     pub classes: Vec<MaterialClass>,
     /// The class of each material.
     material_class: Vec<u32>,
+    /// Names of its animations.
+    pub animations: Vec<String>,
     /// Centre in the asset's frame.
     pub center: Vec3f,
     /// Radius in the asset's units.
@@ -39,8 +43,19 @@ impl Normalised {
     /// # Errors
     /// A scene without a visible extent.
     pub fn new(scene: &Scene) -> Result<Self, FitError> {
+        Self::over(scene, &[])
+    }
+
+    /// The same in a frame that holds the asset at all these moments, and as it stands.
+    ///
+    /// # Errors
+    /// A scene without a visible extent or without such a moment.
+    pub fn over(scene: &Scene, moments: &[Moment]) -> Result<Self, FitError> {
         let mut flat = scene.flatten();
-        let (center, radius) = bounding_sphere(&flat.mesh).ok_or_else(|| FitError::Setting {
+        let moving = Animated::in_frame(scene, Vec3f::zero(), 1.0);
+        let posed = moments.iter().map(|m| moving.flat(*m)).collect::<Result<Vec<_>, _>>()?;
+        let meshes: Vec<&Mesh> = posed.iter().map(|p| &p.mesh).chain([&flat.mesh]).collect();
+        let (center, radius) = bounding_sphere(&meshes).ok_or_else(|| FitError::Setting {
             field: "asset",
             rule: "has no triangles with an extent".into(),
         })?;
@@ -55,7 +70,19 @@ impl Normalised {
             Cow::Owned(scene) => (scene.materials, scene.images),
         };
         let name = scene.name.clone();
-        Ok(Self { name, flat, materials, images, classes, material_class, library, center, radius })
+        let animations = scene.hierarchy.iter().flat_map(|h| &h.animations).map(|a| a.name.clone()).collect();
+        Ok(Self {
+            name,
+            flat,
+            materials,
+            images,
+            classes,
+            material_class,
+            library,
+            animations,
+            center,
+            radius,
+        })
     }
 
     /// Name of the material of a class: that of the asset's material, or of the asset where it stands for several.
@@ -94,9 +121,7 @@ impl Normalised {
 
     /// From the asset's frame to the normalised one.
     pub(crate) fn to_frame(&self) -> DAffine3 {
-        let center = Vec3::from_array(self.center.to_array());
-        let m = Affine3A::from_scale(Vec3::splat(1.0 / self.radius)) * Affine3A::from_translation(-center);
-        DAffine3 { matrix3: m.matrix3.as_dmat3(), translation: m.translation.as_dvec3() }
+        to_frame(self.center, self.radius)
     }
 
     /// Class of each triangle of the reference.
@@ -110,9 +135,17 @@ impl Normalised {
     }
 }
 
-/// Centre of the box around the used vertices and the largest distance from it.
-pub(super) fn bounding_sphere(mesh: &Mesh) -> Option<(Vec3f, f32)> {
-    let used = || mesh.triangles.iter().flatten().map(|i| mesh.positions[*i as usize]);
+/// To a frame with this centre, in the asset's own, and this unit.
+pub(super) fn to_frame(center: Vec3f, radius: f32) -> DAffine3 {
+    let center = Vec3::from_array(center.to_array());
+    let m = Affine3A::from_scale(Vec3::splat(1.0 / radius)) * Affine3A::from_translation(-center);
+    DAffine3 { matrix3: m.matrix3.as_dmat3(), translation: m.translation.as_dvec3() }
+}
+
+/// Centre of the box around the used vertices of all meshes and the largest distance from it.
+pub(super) fn bounding_sphere<'a>(meshes: &[&'a Mesh]) -> Option<(Vec3f, f32)> {
+    let of = |m: &'a Mesh| m.triangles.iter().flatten().map(|i| m.positions[*i as usize]);
+    let used = || meshes.iter().copied().flat_map(of);
     let first = used().next()?;
     let (lo, hi) = used().fold((first, first), |(lo, hi), p| (lo.min(p), hi.max(p)));
     let center = (lo + hi) * 0.5;

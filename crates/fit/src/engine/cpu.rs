@@ -1,10 +1,10 @@
 //! Models in main memory: any chain of stages from parameters to a loss and back, moved by the optimizers of `optim`.
 
+use super::loss::PictureLoss;
 use super::model::{Broken, Group, Model, Snapshot};
 use super::views::Shot;
 use crate::FitError;
 use photofit_optim::{Optimizer, Rows, clamp_channels, normalize_vectors};
-use photofit_raster::loss::Loss;
 use std::borrow::Cow;
 
 /// Parameters in main memory with a way to pictures and back.
@@ -47,7 +47,7 @@ pub trait Chain {
     fn step(
         &self,
         shots: &[Shot],
-        loss: Loss,
+        loss: PictureLoss,
         moving: &[bool],
         gradients: &mut Self::Gradients,
     ) -> Result<f64, Broken>;
@@ -95,7 +95,7 @@ impl<C: Chain> Model for Cpu<C> {
         &self.groups
     }
 
-    fn step(&mut self, shots: &[Shot], loss: Loss, rates: &[f64]) -> Result<(), Broken> {
+    fn step(&mut self, shots: &[Shot], loss: PictureLoss, rates: &[f64]) -> Result<(), Broken> {
         let moving: Vec<bool> = rates.iter().map(|r| *r > 0.0).collect();
         let value = self.chain.step(shots, loss, &moving, &mut self.gradients)?;
         if !value.is_finite() {

@@ -3,6 +3,7 @@
 //! Where materials need what the rasterizer lacks (coats, sheen, glass and so on) reference and candidates are path
 //! traced, extensions included.
 
+use super::animated::Animated;
 use super::asset::Normalised;
 use super::classes::drawn;
 use super::reference::{Features, PathTraced, Picture, Rasterized, Reference};
@@ -135,9 +136,16 @@ pub struct Stage {
 }
 
 /// A stage that the rasterizer can draw.
-struct Drawn {
+struct Drawn<'a> {
     flat: FlatScene,
     library: SurfaceLibrary,
+    animated: Animated<'a>,
+}
+
+impl Drawn<'_> {
+    fn sampled(&self, samples: usize) -> Rasterized<'_> {
+        Rasterized::new(&self.flat, &self.library).animated(&self.animated).sampled(samples)
+    }
 }
 
 impl Stage {
@@ -171,14 +179,16 @@ impl Stage {
         scene
     }
 
-    fn drawn(&self, n: &Normalised) -> Drawn {
+    fn drawn(&self, n: &Normalised) -> Drawn<'_> {
         let mut flat = self.scene.flatten();
         if !self.normalised {
             for p in &mut flat.mesh.positions {
                 *p = (*p - n.center) / n.radius;
             }
         }
-        Drawn { flat, library: SurfaceLibrary::new(&drawn(&self.scene)) }
+        let (center, radius) = if self.normalised { (Vec3f::zero(), 1.0) } else { (n.center, n.radius) };
+        let animated = Animated::in_frame(&self.scene, center, radius).playing(&n.animations);
+        Drawn { flat, library: SurfaceLibrary::new(&drawn(&self.scene)), animated }
     }
 
     fn traced(&self, n: &Normalised, seed: u64) -> Result<PathTraced<'static>, FitError> {
@@ -324,9 +334,8 @@ pub fn rasterized_views(
     samples: usize,
     progress: &dyn Progress,
 ) -> Result<Vec<ReportView>, FitError> {
-    let drawn: Vec<Drawn> = stages.iter().map(|s| s.drawn(n)).collect();
-    let drawn: Vec<Rasterized<'_>> =
-        drawn.iter().map(|d| Rasterized::new(&d.flat, &d.library).sampled(samples)).collect();
+    let drawn: Vec<Drawn<'_>> = stages.iter().map(|s| s.drawn(n)).collect();
+    let drawn: Vec<Rasterized<'_>> = drawn.iter().map(|d| d.sampled(samples)).collect();
     let drawn: Vec<&dyn Reference> = drawn.iter().map(|d| d as &dyn Reference).collect();
     compared(reference, &drawn, views, set, count, progress)
 }
@@ -369,7 +378,7 @@ pub fn popping(
     seed: u64,
 ) -> Result<f64, FitError> {
     let [a, b] = stages.map(|s| s.drawn(n));
-    let [a, b] = [&a, &b].map(|d| Rasterized::new(&d.flat, &d.library).sampled(1));
+    let [a, b] = [&a, &b].map(|d| d.sampled(1));
     let orbit = Orbit::new(seed, lighting, size);
     let flip = |i| {
         let s = orbit.setup(Set::Report, i, POPPING_VIEWS);
@@ -393,14 +402,14 @@ pub fn scores(
     samples: usize,
     progress: &dyn Progress,
 ) -> Result<Vec<f64>, FitError> {
-    let stages: Vec<Drawn> = stages.iter().map(|s| s.drawn(n)).collect();
+    let stages: Vec<Drawn<'_>> = stages.iter().map(|s| s.drawn(n)).collect();
     let mut score = vec![0.0; stages.len()];
     for i in 0..count {
         progress.report("choose", i, count, "");
         let s = views.setup(Set::HeldOut, i, count);
         let picture = reference.picture(&s)?.image;
         for (score, c) in score.iter_mut().zip(&stages) {
-            let drawn = Rasterized::new(&c.flat, &c.library).sampled(samples).picture(&s)?;
+            let drawn = c.sampled(samples).picture(&s)?;
             let q = view_quality(&picture, &drawn.image).quality;
             *score += q.psnr - 20.0 * q.flip.max(1e-6).log10();
         }

@@ -7,6 +7,7 @@
 //! - `gpu`: a surface whose fit stays on a device; [`device`]: where a fit runs.
 //! - [`surface`]: positions and maps of a mesh, the stages from them to pictures, and the same reversed.
 //! - [`traced`]: parameters of a path-traced world, by path replay.
+//! - [`posed`]: maps of a mesh that is seen at moments of an animation.
 //! - [`loss`]: chosen by the noise of the reference's pictures.
 //! - [`trainer`]: one loop: phases, evaluation of held-out views, best state, patience, checkpoints, cancellation.
 //! - [`classes`]: materials that become one material of the light asset, and how a fit draws them; [`export`]: a fitted
@@ -28,6 +29,7 @@ pub mod loss;
 pub mod model;
 pub mod plan;
 mod pool;
+pub mod posed;
 pub mod reference;
 pub mod steering;
 pub mod surface;

@@ -1,10 +1,10 @@
 //! Models: what a fit moves. A model owns its parameters, their best state so far and their optimizers, wherever these
 //! live; the trainer says when to step, to evaluate and to go back, and reads numbers only when it evaluates.
 
+use super::loss::PictureLoss;
 use super::views::Shot;
 use crate::FitError;
 use photofit_optim::{OptimError, State};
-use photofit_raster::loss::Loss;
 use std::borrow::Cow;
 
 /// Name of a group.
@@ -87,7 +87,7 @@ pub trait Model: Sized {
     ///
     /// # Errors
     /// [`Broken`]; a model on a device may tell it at a later call.
-    fn step(&mut self, shots: &[Shot], loss: Loss, rates: &[f64]) -> Result<(), Broken>;
+    fn step(&mut self, shots: &[Shot], loss: PictureLoss, rates: &[f64]) -> Result<(), Broken>;
 
     /// The losses of the steps since the last call, oldest first.
     ///

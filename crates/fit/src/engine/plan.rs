@@ -3,13 +3,17 @@
 //! One value, filled in as facts become known: the asset, then the options, then the baked maps, then the phases. What
 //! is printed says only what these facts say.
 
+pub(crate) mod rows;
+
+pub use rows::{Item, PlanRows, Runs};
+
 use super::judge::JudgeRenderer;
+use super::loss::PictureLoss;
 use super::reference::ENERGY;
 use super::trainer::Phase;
 use super::views::Lighting;
 use crate::candidate::Candidate;
 use photofit_raster::deferred::{MOST_LAYERS, Masks, Passes};
-use photofit_raster::loss::Loss;
 use photofit_raster::{CHANNELS, channel};
 use photofit_scene::{AlphaMode, Material, Scene, TextureSlot};
 use std::collections::BTreeSet;
@@ -19,34 +23,6 @@ use std::fmt;
 const NO_STEPS: &str = "no steps are made";
 /// A sample that varies less than this over the baked maps is constant: one step of 8 bits.
 const CONSTANT: f32 = 1.0 / 255.0;
-
-/// Whether a pass runs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Runs {
-    /// It runs.
-    Yes,
-    /// It is skipped.
-    No,
-    /// What decides is not known yet.
-    Open,
-}
-
-impl From<bool> for Runs {
-    fn from(runs: bool) -> Self {
-        if runs { Self::Yes } else { Self::No }
-    }
-}
-
-/// One pass or piece of data.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Item {
-    /// What it is.
-    pub what: &'static str,
-    /// Whether it runs.
-    pub runs: Runs,
-    /// Why.
-    pub why: String,
-}
 
 /// What the asset says.
 #[derive(Clone, Debug, PartialEq)]
@@ -63,6 +39,7 @@ struct Asset {
     occluded: usize,
     volumes: usize,
     vertex_colors: bool,
+    animations: usize,
     /// Per set of texture coordinates: there is one, a texture reads it.
     uvs: [(bool, bool); 2],
     /// Images that are read, out of those in the file.
@@ -142,7 +119,7 @@ pub struct Plan {
     choices: Option<Choices>,
     maps: Option<Maps>,
     /// The loss with the noise of the pictures that it was chosen by.
-    loss: Option<(Loss, f64)>,
+    loss: Option<(PictureLoss, f64)>,
     phases: Vec<String>,
     judgement: Option<Judgement>,
     /// Where the fit runs, and why there.
@@ -214,7 +191,7 @@ impl Plan {
 
     /// Adds the loss and the noise that it was chosen by.
     #[must_use]
-    pub fn with_loss(self, loss: Loss, noise: f64) -> Self {
+    pub fn with_loss(self, loss: PictureLoss, noise: f64) -> Self {
         Self { loss: Some((loss, noise)), ..self }
     }
 
@@ -227,29 +204,7 @@ impl Plan {
     /// Adds the phases of the fit.
     #[must_use]
     pub fn with_phases<M>(self, phases: &[Phase<'_, M>]) -> Self {
-        let mut groups: Vec<&str> = Vec::new();
-        for (name, _) in phases.iter().flat_map(|p| &p.rates) {
-            if !groups.contains(&&**name) {
-                groups.push(name);
-            }
-        }
-        let peak = |name: &str| phases.iter().map(|p| p.rate(name)).fold(0.0, f64::max);
-        let line = |p: &Phase<'_, M>| {
-            let moves: Vec<String> = groups
-                .iter()
-                .map(|name| match p.rate(name) / peak(name) {
-                    share if share.is_nan() || share <= 0.0 => format!("{name} frozen"),
-                    share if share < 0.999 => format!("{name} at {share:.1} of their rate"),
-                    _ => format!("{name} at their full rate"),
-                })
-                .collect();
-            let size = match p.shrink {
-                1 => String::new(),
-                n => format!(", pictures 1/{n} as wide"),
-            };
-            format!("{}: {} steps at most, {}{size}", p.name, p.steps, moves.join(", "))
-        };
-        Self { phases: phases.iter().filter(|p| p.steps > 0).map(line).collect(), ..self }
+        Self { phases: rows::phases(phases), ..self }
     }
 
     /// Whether each sample of a texel is fitted; one that is the same everywhere in the baked maps is not. None is
@@ -400,12 +355,7 @@ impl Plan {
             }
         }
         if let Some((loss, noise)) = self.loss {
-            let why = match loss {
-                Loss::Mse => format!("the pictures have relative noise {noise:.3}: unbiased squares"),
-                _ if noise > 0.0 => format!("relative noise {noise:.3} is low enough for logarithms"),
-                _ => "the pictures have no noise".into(),
-            };
-            item("logarithmic loss", (loss != Loss::Mse).into(), why);
+            items.push(rows::loss(loss, noise));
         }
     }
 }
@@ -433,6 +383,7 @@ impl Asset {
             unlit: count(&|m| m.unlit),
             occluded: count(&|m| m.occlusion_texture.is_some()),
             volumes: count(&|m| with(m, "volume")),
+            animations: scene.hierarchy.as_ref().map_or(0, |h| h.animations.len()),
             vertex_colors: meshes().any(|m| !m.colors.is_empty()),
             uvs: [
                 (meshes().any(|m| !m.uvs.is_empty()), sets.contains(&0)),
@@ -454,6 +405,14 @@ impl Asset {
         let why = some(self.normal_mapped, "have a normal map", "no material has a normal map");
         item("reference tangents", self.normal_mapped > 0, why);
         let why = if self.vertex_colors { "read, and baked into the base colour" } else { "none" };
+        item(
+            "animation",
+            false,
+            match self.animations {
+                0 => "none".into(),
+                n => format!("{n} of the asset: it is fitted as it stands"),
+            },
+        );
         item("vertex colours", self.vertex_colors, why.into());
         for (what, (there, read)) in
             ["texture coordinates 0", "texture coordinates 1"].into_iter().zip(self.uvs)
@@ -503,18 +462,15 @@ fn slots(m: &Material) -> Vec<&TextureSlot> {
     [&m.base_color_texture].into_iter().chain(lit).flatten().collect()
 }
 
+impl From<&Plan> for PlanRows {
+    fn from(plan: &Plan) -> Self {
+        Self { items: plan.items(), phases: plan.phases.clone() }
+    }
+}
+
 impl fmt::Display for Plan {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let lines = self.items().into_iter().map(|Item { what, runs, why }| {
-            let runs = match runs {
-                Runs::Yes => "run ",
-                Runs::No => "skip",
-                Runs::Open => "open",
-            };
-            format!("  {runs} {what:<22} {why}")
-        });
-        let phases = self.phases.iter().map(|p| format!("  {p}"));
-        f.write_str(&lines.chain(phases).collect::<Vec<_>>().join("\n"))
+        fmt::Display::fmt(&PlanRows::from(self), f)
     }
 }
 

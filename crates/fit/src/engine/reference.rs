@@ -5,7 +5,7 @@
 //! depend on the light. What the candidate cannot express at all (coats, sheen, glass) is left out of the pictures that
 //! it is compared with, and comes back with the export.
 
-use super::animated::{Animated, Posed};
+use super::animated::{Animated, WorldPose};
 use super::asset::Normalised;
 use super::classes::drawn;
 use super::views::{Moment, Setup, Sphere};
@@ -14,7 +14,7 @@ use crate::{FitError, bake};
 use glam::{DAffine3, Quat};
 use photofit_image::{Image, downsample};
 use photofit_pathtrace::{
-    EnvironmentMap, LightSource, Parts, PathOptions, RenderOptions, Renderer, View, World, WorldOptions,
+    EnvironmentMap, LightSource, Parts, PathOptions, RenderOptions, Renderer, World, WorldOptions,
 };
 use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::{FlatScene, Scene, SurfaceLibrary};
@@ -228,7 +228,7 @@ impl Reference for PathTraced<'_> {
         let mut world = self.world.lock().unwrap_or_else(PoisonError::into_inner);
         let (world, shown) = &mut *world;
         if let Some(animated) = animated.filter(|_| *shown != setup.moment) {
-            let Posed { shapes, instances } = animated.parts(setup.moment)?;
+            let WorldPose { shapes, instances } = animated.parts(setup.moment)?;
             world.set_pose(shapes, &instances)?;
             *shown = setup.moment;
         }
@@ -242,7 +242,7 @@ impl Reference for PathTraced<'_> {
             path: PathOptions { show_environment: false, ..PathOptions::default() },
             ..RenderOptions::default()
         };
-        let mut renderer = Renderer::new(world, &View::pinhole(&setup.camera), options)?;
+        let mut renderer = Renderer::new(world, &setup.view(), options)?;
         let noise = loop {
             let progress = renderer.pass(|| false);
             if progress.done {

@@ -1,6 +1,7 @@
 //! A mesh with material maps: its groups of parameters, the stages from them to pictures, and the same stages reversed.
 
 use super::cpu::Chain;
+use super::loss::PictureLoss;
 use super::model::{Broken, Group};
 use super::plan::Plan;
 use super::views::Shot;
@@ -8,7 +9,6 @@ use crate::FitError;
 use crate::candidate::{Candidate, ParameterGradients};
 use photofit_optim::{LargeSteps, Optimizer, Placement, Temporal};
 use photofit_raster::deferred::Passes;
-use photofit_raster::loss::Loss;
 use photofit_raster::{CHANNELS, channel};
 
 /// Groups of a [`Surface`].
@@ -146,7 +146,7 @@ impl Chain for Surface {
     fn step(
         &self,
         shots: &[Shot],
-        loss: Loss,
+        loss: PictureLoss,
         moving: &[bool],
         gradients: &mut ParameterGradients,
     ) -> Result<f64, Broken> {

@@ -4,7 +4,7 @@
 //! from their covariance; both follow from the number of the shot.
 
 use super::cpu::Chain;
-use super::loss::relative_weight;
+use super::loss::PictureLoss;
 use super::model::{Broken, Group};
 use super::views::Shot;
 use crate::FitError;
@@ -13,7 +13,6 @@ use photofit_optim::{
     Bilateral, Grid, GridBilateral, GuideMap, Optimizer, Placement, ScreenedPoisson, Sigma, Temporal,
 };
 use photofit_pathtrace::{Adjoint, GradientSamples, Parameter, RenderOptions, Renderer, View, World};
-use photofit_raster::loss::{self, Loss};
 use photofit_sampling::hash;
 use std::borrow::Cow;
 
@@ -66,9 +65,7 @@ pub enum Smoothing {
 pub struct Traced {
     /// The world with the present values.
     pub world: World,
-    /// The cameras, by the number of their picture.
-    pub views: Vec<View>,
-    /// Samples and depth of the pictures of a step.
+    /// Samples and depth of the pictures of a step; their size is that of the shots.
     pub options: RenderOptions,
     /// Samples per pixel of its gradients.
     pub gradient_spp: u32,
@@ -90,14 +87,9 @@ impl Traced {
     /// If the world has no such parameter with derivatives, or one of another shape.
     pub fn new(
         world: World,
-        views: Vec<View>,
         options: RenderOptions,
         parameters: Vec<TracedParameter>,
     ) -> Result<Self, FitError> {
-        for view in &views {
-            let places: Vec<Parameter> = parameters.iter().map(|p| p.parameter.clone()).collect();
-            Adjoint::new(&world, view, options.clone(), &places)?;
-        }
         let (mut values, mut channels) = (Vec::new(), Vec::new());
         for p in &parameters {
             let read = world.parameter(&p.parameter)?;
@@ -111,17 +103,17 @@ impl Traced {
             channels.push(held);
         }
         let (gradient_spp, evaluation_spp, smoothing) = (1, 64, Smoothing::default());
-        Ok(Self {
-            world,
-            views,
-            options,
-            gradient_spp,
-            evaluation_spp,
-            parameters,
-            smoothing,
-            values,
-            channels,
-        })
+        Ok(Self { world, options, gradient_spp, evaluation_spp, parameters, smoothing, values, channels })
+    }
+
+    /// Whether pictures and derivatives can be had from a camera.
+    ///
+    /// # Errors
+    /// If the path tracer refuses the camera or a parameter.
+    pub fn check(&self, view: &View) -> Result<(), FitError> {
+        let places: Vec<Parameter> = self.parameters.iter().map(|p| p.parameter.clone()).collect();
+        Adjoint::new(&self.world, view, self.options.clone(), &places)?;
+        Ok(())
     }
 
     /// The values of a parameter, channel by channel.
@@ -151,13 +143,23 @@ impl Traced {
         self.world.set_parameter(&p.parameter, &spread)
     }
 
-    /// The picture of a view: linear, premultiplied RGBA.
+    /// The picture of a camera, of the size that the options say: linear, premultiplied RGBA.
     ///
     /// # Errors
     /// If it cannot be rendered.
-    pub fn picture(&self, view: usize, spp: u32, seed: u64) -> Result<Image, FitError> {
-        let options = RenderOptions { spp, seed, ..self.options.clone() };
-        let mut renderer = Renderer::new(&self.world, &self.views[view], options)?;
+    pub fn picture(&self, view: &View, spp: u32, seed: u64) -> Result<Image, FitError> {
+        self.sized(view, (self.options.width, self.options.height), spp, seed)
+    }
+
+    fn sized(
+        &self,
+        view: &View,
+        (width, height): (usize, usize),
+        spp: u32,
+        seed: u64,
+    ) -> Result<Image, FitError> {
+        let options = RenderOptions { width, height, spp, seed, ..self.options.clone() };
+        let mut renderer = Renderer::new(&self.world, view, options)?;
         while !renderer.pass(|| false).done {}
         Ok(renderer.picture())
     }
@@ -166,28 +168,26 @@ impl Traced {
     fn one(
         &self,
         shot: &Shot,
-        loss: Loss,
+        loss: PictureLoss,
         weight: f64,
         moving: &[bool],
         out: &mut [Vec<f32>],
     ) -> Result<f64, FitError> {
-        let view = shot.picture.unwrap_or(0);
+        let (view, size) = (shot.view(), (shot.width, shot.height));
         let seed = |key| hash(self.options.seed, key, shot.number);
-        let pixels = light(&self.picture(view, self.options.spp, seed(PICTURE))?);
-        let (width, height) = (shot.width, shot.height);
+        let pixels = light(&self.sized(&view, size, self.options.spp, seed(PICTURE))?);
         let mut g = vec![[0.0; 4]; pixels.len()];
-        let weights: Vec<f32> = shot.reference.iter().map(relative_weight).collect();
-        let frame = loss::Frame::new(width, height, 4).only(0..3).weighted(&weights);
-        let (x, y) = (pixels.as_flattened(), shot.reference.as_flattened());
-        let value = loss.value_and_gradient(x, y, &frame, weight, g.as_flattened_mut());
+        let value = loss.value_and_gradient(size, &pixels, &shot.reference, weight, &mut g);
         let chosen = |k: &usize| moving[*k];
         let which: Vec<usize> = (0..self.parameters.len()).filter(chosen).collect();
         if which.is_empty() || !value.is_finite() {
             return Ok(value);
         }
+        let (width, height) = size;
         let g = Image::from_fn(width, height, 3, |x, y, c| g[y * width + x][c]);
         let places: Vec<Parameter> = which.iter().map(|k| self.parameters[*k].parameter.clone()).collect();
-        let adjoint = Adjoint::new(&self.world, &self.views[view], self.options.clone(), &places)?;
+        let options = RenderOptions { width, height, ..self.options.clone() };
+        let adjoint = Adjoint::new(&self.world, &view, options, &places)?;
         let samples = GradientSamples { spp: self.gradient_spp, seed: Some(seed(GRADIENT)) };
         let gradient = adjoint.render_vjp(&g, samples)?;
         for (k, found) in which.into_iter().zip(&gradient.parameters) {
@@ -277,7 +277,7 @@ impl Chain for Traced {
     fn step(
         &self,
         shots: &[Shot],
-        loss: Loss,
+        loss: PictureLoss,
         moving: &[bool],
         gradients: &mut Self::Gradients,
     ) -> Result<f64, Broken> {
@@ -290,7 +290,7 @@ impl Chain for Traced {
     fn pictures(&self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, Broken> {
         let one = |shot: &Shot| {
             let seed = hash(self.options.seed, PICTURE, u64::MAX);
-            let picture = self.picture(shot.picture.unwrap_or(0), self.evaluation_spp, seed);
+            let picture = self.sized(&shot.view(), (shot.width, shot.height), self.evaluation_spp, seed);
             picture.map(|p| light(&p)).map_err(|e| Broken::Picture(Box::new(e)))
         };
         shots.iter().map(one).collect()

@@ -5,7 +5,7 @@
 //! the last evaluation of a stopped fit goes into its result, not into its checkpoint.
 
 use super::checkpoint::{self, Course, Digest, Saved};
-use super::loss::relative_weight;
+use super::loss::{PictureLoss, relative_weight};
 use super::model::{Broken, Group, GroupName, Model, Snapshot};
 use super::pool::{Batches, Pool};
 use super::reference::Reference;
@@ -14,7 +14,6 @@ use super::views::{Sampling, Set, Shot, Views};
 use crate::{FitError, Progress};
 use photofit_image::psnr_from_mse;
 use photofit_optim::Schedule;
-use photofit_raster::loss::Loss;
 use std::borrow::Cow;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -61,7 +60,7 @@ pub struct Job<'a> {
     /// How the candidate is sampled.
     pub sampling: Sampling,
     /// How pictures are compared.
-    pub loss: Loss,
+    pub loss: PictureLoss,
     /// Seed of the draws.
     pub seed: u64,
     /// Pictures of a step.

@@ -5,6 +5,7 @@
 
 use glam::Vec3;
 use photofit_image::Image;
+use photofit_pathtrace::View;
 use photofit_sampling::{Rng, uniform_sphere};
 use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::Camera;
@@ -156,6 +157,9 @@ impl Sphere {
 pub struct Setup {
     /// The camera.
     pub camera: Camera,
+    /// The camera as a path tracer takes it, where it is more than a pinhole (a lens, parallel rays, a part of the
+    /// picture); `None`: `camera`.
+    pub rays: Option<View>,
     /// The lights.
     pub lights: ViewLights,
     /// The moment of its animation.
@@ -169,6 +173,11 @@ pub struct Setup {
 }
 
 impl Setup {
+    /// The camera as a path tracer takes it.
+    pub fn view(&self) -> View {
+        self.rays.unwrap_or_else(|| View::pinhole(&self.camera))
+    }
+
     /// The same view in a picture that is smaller by `factor` along both axes, at least one pixel.
     #[must_use]
     pub fn shrunk(&self, factor: usize) -> Self {
@@ -200,14 +209,17 @@ pub trait Views: Sync {
 pub struct OverMoments<V> {
     /// From where, and under which light.
     pub views: V,
-    /// At which moments, at least one.
+    /// At which moments; without any the views keep theirs.
     pub moments: Vec<Moment>,
 }
 
 impl<V: Views> Views for OverMoments<V> {
     fn setup(&self, set: Set, index: u64, count: u64) -> Setup {
-        let moment = self.moments[(index / 2) as usize % self.moments.len()];
-        Setup { moment, ..self.views.setup(set, index, count) }
+        let mut setup = self.views.setup(set, index, count);
+        if !self.moments.is_empty() {
+            setup.moment = self.moments[(index / 2) as usize % self.moments.len()];
+        }
+        setup
     }
 }
 
@@ -280,7 +292,8 @@ impl Views for Orbit {
             camera.eye = camera.view.inverse().transform_point3(Vec3::ZERO);
         }
         let lights = lights(&mut rng, &self.bounds, direction, &self.lighting, index);
-        Setup { camera, lights, moment: self.moment, width: self.size, height: self.size, picture: None }
+        let (width, height) = (self.size, self.size);
+        Setup { camera, rays: None, lights, moment: self.moment, width, height, picture: None }
     }
 }
 
@@ -351,6 +364,8 @@ impl Sampling {
 pub struct Shot {
     /// The camera.
     pub camera: Camera,
+    /// See [`Setup::rays`].
+    pub rays: Option<View>,
     /// The finished picture that the view belongs to, where views come with pictures.
     pub picture: Option<usize>,
     /// Number of the draw: what is random about the picture follows from it.
@@ -372,6 +387,11 @@ pub struct Shot {
 }
 
 impl Shot {
+    /// The camera as a path tracer takes it.
+    pub fn view(&self) -> View {
+        self.rays.unwrap_or_else(|| View::pinhole(&self.camera))
+    }
+
     /// Puts a reference picture (linear, premultiplied RGBA) over noise, which supervises coverage.
     ///
     /// # Panics
@@ -393,6 +413,7 @@ impl Shot {
             .collect();
         Self {
             camera: setup.camera,
+            rays: setup.rays,
             picture: setup.picture,
             number: index,
             lights: setup.lights.clone(),

@@ -7,6 +7,7 @@ mod volume;
 use super::*;
 use crate::Silent;
 use crate::engine::traced::{Smoothing, TracedParameter};
+use glam::Vec3;
 use photofit_geometry::shapes;
 use photofit_pathtrace::{
     EnvironmentMap, Material, MaterialValue, Parameter, Parts, RenderOptions, Shape, View, World,
@@ -71,7 +72,7 @@ fn model(smoothing: Smoothing) -> Traced {
     ];
     let mut options = RenderOptions { width: SIDE, height: SIDE, spp: 8, ..RenderOptions::default() };
     options.path.max_depth = 3;
-    let mut model = Traced::new(room(), vec![view()], options, parameters).expect("valid");
+    let mut model = Traced::new(room(), options, parameters).expect("valid");
     model.smoothing = smoothing;
     model
 }
@@ -83,7 +84,7 @@ fn rmse(a: &[f32], b: &[f32]) -> f64 {
 /// The target, and the errors of the parameters before and after a fit from grey.
 fn run(smoothing: Smoothing, threads: usize) -> (RecoveredScene, Vec<[f64; 2]>) {
     let mut model = model(smoothing);
-    let target = model.picture(0, 512, 99).expect("rendered");
+    let target = model.picture(&view(), 512, 99).expect("rendered");
     let truth: Vec<Vec<f32>> = (0..3).map(|k| model.of(k).to_vec()).collect();
     for (k, start) in [0.5, 0.5, 3.0].into_iter().enumerate() {
         model.replace(k, &vec![start; truth[k].len()]).expect("valid");
@@ -91,7 +92,7 @@ fn run(smoothing: Smoothing, threads: usize) -> (RecoveredScene, Vec<[f64; 2]>) 
     let start: Vec<f64> = (0..3).map(|k| rmse(model.of(k), &truth[k])).collect();
     let options = RecoverSceneOptions { steps: 120, ..RecoverSceneOptions::default() };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-    let r = pool.install(|| recover_scene(model, &[target], &options, &Silent)).expect("fits");
+    let r = pool.install(|| recover_scene(model, &[view()], &[target], &options, &Silent)).expect("fits");
     let errors = (0..3).map(|k| [start[k], rmse(r.model.of(k), &truth[k])]).collect();
     (r, errors)
 }
@@ -123,7 +124,9 @@ fn the_same_bits_on_one_thread_and_two() {
 fn pictures_that_do_not_fit_are_refused() {
     let m = || model(Smoothing::None);
     let fails = |pictures: &[Image]| {
-        recover_scene(m(), pictures, &RecoverSceneOptions::default(), &Silent).unwrap_err().to_string()
+        recover_scene(m(), &[view()], pictures, &RecoverSceneOptions::default(), &Silent)
+            .unwrap_err()
+            .to_string()
     };
     assert!(fails(&[]).contains("one per view"));
     assert!(fails(&[Image::new(8, 8, 4)]).contains("8 x 8"));

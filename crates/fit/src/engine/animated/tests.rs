@@ -94,7 +94,7 @@ fn references_show_the_asset_at_any_moment() {
     let scene = moving();
     scene.validate_for_fit().unwrap();
     let n = Normalised::new(&scene).unwrap();
-    let animated = Animated::new(&scene, &n).unwrap();
+    let animated = Animated::new(&scene, &n);
     let raster = Rasterized::new(&n.flat, &n.library).animated(&animated);
     let path = PathTraced::new(&scene, &n, Features::Core, 7).unwrap().sampled(8).animated(&animated);
     let moments = animated.moments(0, 3);
@@ -126,7 +126,7 @@ fn references_show_the_asset_at_any_moment() {
 fn views_and_shots_carry_the_moment() {
     let scene = moving();
     let n = Normalised::new(&scene).unwrap();
-    let animated = Animated::new(&scene, &n).unwrap();
+    let animated = Animated::new(&scene, &n);
     let raster = Rasterized::new(&n.flat, &n.library).animated(&animated);
     let orbit = Orbit::new(0, &Lighting::Mixed, 16);
     let views = OverMoments { views: orbit, moments: animated.moments(0, 3) };
@@ -147,7 +147,7 @@ fn views_and_shots_carry_the_moment() {
 fn moments_that_are_not_there_are_errors() {
     let scene = moving();
     let n = Normalised::new(&scene).unwrap();
-    let animated = Animated::new(&scene, &n).unwrap();
+    let animated = Animated::new(&scene, &n);
     let still = Rasterized::new(&n.flat, &n.library);
     let [first, never, unknown] =
         [(0, 0.5), (0, f32::NAN), (3, 0.0)].map(|(a, time)| Moment { animation: Some(a), time });
@@ -155,5 +155,8 @@ fn moments_that_are_not_there_are_errors() {
     assert!(told(&still, first).contains("stands still"));
     let moving = still.animated(&animated);
     assert!(told(&moving, never).contains("finite") && told(&moving, unknown).contains("the asset has 1"));
-    assert!(Animated::new(&Scene { hierarchy: None, ..scene }, &n).is_none());
+    let still = Scene { hierarchy: None, ..scene.clone() };
+    let still = Animated::new(&still, &n);
+    assert!(still.flat(first).unwrap_err().to_string().contains("the asset has 0"));
+    assert_eq!(still.flat(Moment::default()).unwrap().mesh.positions, n.flat.mesh.positions);
 }

@@ -9,6 +9,7 @@ mod resident;
 mod stage;
 
 use super::cpu::Chain;
+use super::loss::{PictureLoss, Weights};
 use super::model::{Broken, Group, Model, Snapshot};
 use super::surface::{LAMBDA, POSITIONS, Surface, temporal};
 use super::views::Shot;
@@ -17,7 +18,6 @@ use photofit_gpu::{Buffer, Gpu, GpuError, Kernel, Recording};
 use photofit_optim::OptimError;
 use photofit_optim::gpu::{DeviceOptimizer, LargeStepsSolver};
 use photofit_raster::CHANNELS;
-use photofit_raster::loss::Loss;
 use recorded::{COURSE, Forward, Step};
 use resident::Resident;
 use stage::{Room, Skies, Stage};
@@ -174,7 +174,11 @@ impl Model for GpuSurface {
         &self.groups
     }
 
-    fn step(&mut self, shots: &[Shot], loss: Loss, rates: &[f64]) -> Result<(), Broken> {
+    fn step(&mut self, shots: &[Shot], loss: PictureLoss, rates: &[f64]) -> Result<(), Broken> {
+        let PictureLoss { loss, weights: Weights::Equal } = loss else {
+            let rule = "weighs pixels by the reference; on a device all must count alike".into();
+            return Err(Broken::Device(Box::new(FitError::Setting { field: "loss", rule })));
+        };
         self.prepare(shots)?;
         let Some(stage) = &self.stage else { return Ok(()) };
         let (room, moving) = (Room::of(shots), rates.iter().map(|r| *r > 0.0).collect::<Vec<_>>());

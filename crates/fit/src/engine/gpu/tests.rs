@@ -11,6 +11,7 @@ use photofit_gpu::{test_device, validate};
 use photofit_gradcheck::Uniform;
 use photofit_image::Image;
 use photofit_raster::deferred::Passes;
+use photofit_raster::loss::Loss;
 use photofit_raster::{Maps, channel};
 use photofit_scene::AlphaMode;
 use photofit_shading::Sides;
@@ -88,7 +89,7 @@ type Gradients = (f64, Vec<f32>, Vec<f32>);
 
 fn on_cpu(s: &Surface, shots: &[Shot]) -> Gradients {
     let mut g = s.candidate.gradients();
-    let loss = s.candidate.step(shots, Loss::LogSrgbL1, &s.passes, &mut g);
+    let loss = s.candidate.step(shots, Loss::LogSrgbL1.into(), &s.passes, &mut g);
     let mut texels = g.rendered.maps.levels[0].texels.clone();
     for t in &mut texels {
         t.iter_mut().zip(s.rates).filter(|(_, r)| *r == 0.0).for_each(|(t, _)| *t = 0.0);
@@ -98,7 +99,7 @@ fn on_cpu(s: &Surface, shots: &[Shot]) -> Gradients {
 
 fn on_device(gpu: &Gpu, s: &Surface, shots: &[Shot]) -> Gradients {
     let mut model = GpuSurface::new(gpu, s.clone(), shots).unwrap();
-    model.step(shots, Loss::LogSrgbL1, &[1e-12, 1e-12]).unwrap();
+    model.step(shots, Loss::LogSrgbL1.into(), &[1e-12, 1e-12]).unwrap();
     let loss = model.losses().unwrap()[0];
     let mut texels = gpu.read(&model.on.maps.gradient).unwrap().into_flattened();
     texels.truncate(model.on.texels * CHANNELS);
@@ -147,8 +148,8 @@ fn steps_and_pictures_agree_and_values_are_kept() {
     }
     for step in 0..6 {
         let rates = [if step == 3 { 0.0 } else { 0.002 }, 0.01];
-        cpu.step(&shots, Loss::LogSrgbL1, &rates).unwrap();
-        device.step(&shots, Loss::LogSrgbL1, &rates).unwrap();
+        cpu.step(&shots, Loss::LogSrgbL1.into(), &rates).unwrap();
+        device.step(&shots, Loss::LogSrgbL1.into(), &rates).unwrap();
     }
     let (a, b) = (cpu.losses().unwrap(), device.losses().unwrap());
     assert_eq!(a.len(), b.len());
@@ -191,9 +192,9 @@ fn losses_that_are_not_finite_are_told() {
     let Some(gpu) = test_device() else { return };
     let (s, mut shots) = (surface(false), shots(Sampling::SUPERSAMPLED, 16));
     let mut device = GpuSurface::new(gpu, s, &shots).unwrap();
-    device.step(&shots, Loss::Mse, &[0.001, 0.01]).unwrap();
+    device.step(&shots, Loss::Mse.into(), &[0.001, 0.01]).unwrap();
     shots[1].reference[7][1] = f32::NAN;
-    device.step(&shots, Loss::Mse, &[0.001, 0.01]).unwrap();
+    device.step(&shots, Loss::Mse.into(), &[0.001, 0.01]).unwrap();
     let losses = device.losses().unwrap();
     assert!(losses[0].is_finite() && losses[1].is_nan(), "{losses:?}");
 }

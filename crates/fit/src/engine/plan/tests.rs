@@ -4,6 +4,7 @@ use super::*;
 use crate::candidate::SurfaceClass;
 use photofit_geometry::{Weld, shapes};
 use photofit_raster::Maps as Texels;
+use photofit_raster::loss::Loss;
 use photofit_scene::{Extensions, Instance, Primitive, Sheen, Transmission, Volume};
 use photofit_shading::Sides;
 
@@ -121,7 +122,7 @@ fn light_and_reference_are_told_as_they_are() {
     assert_eq!(runs(&with(false, &studio), "environment light"), Runs::Yes);
     assert_eq!(runs(&with(true, &studio), "indirect light"), Runs::Yes);
     assert_eq!(runs(&with(false, &studio), "indirect light"), Runs::No);
-    let noisy = with(true, &studio).with_loss(Loss::Mse, 0.4);
+    let noisy = with(true, &studio).with_loss(Loss::Mse.into(), 0.4);
     assert!(noisy.to_string().contains("0.400"), "{noisy}");
 }
 

@@ -7,6 +7,7 @@ use crate::engine::views::{Lighting, Moment, Orbit, Setup, Sphere};
 use crate::{Silent, bake};
 use photofit_image::Image;
 use photofit_optim::{Optimizer, Temporal};
+use photofit_raster::loss::Loss;
 use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -99,7 +100,13 @@ impl Chain for Pixels {
         (&mut self.groups[group], &gradients[group])
     }
 
-    fn step(&self, shots: &[Shot], _: Loss, _: &[bool], g: &mut Self::Gradients) -> Result<f64, Broken> {
+    fn step(
+        &self,
+        shots: &[Shot],
+        _: PictureLoss,
+        _: &[bool],
+        g: &mut Self::Gradients,
+    ) -> Result<f64, Broken> {
         g.iter_mut().for_each(|g| g.fill(0.0));
         let mut loss = 0.0;
         for shot in shots {
@@ -156,7 +163,7 @@ fn fit(model: Pixels, keeping: &Keeping, progress: &dyn Progress) -> Result<Trai
         views: &views,
         held_out: &held_out,
         sampling: Sampling::SUPERSAMPLED,
-        loss: Loss::Mse,
+        loss: Loss::Mse.into(),
         seed: 0,
         batch: 2,
         fresh: 1,

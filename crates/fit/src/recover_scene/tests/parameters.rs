@@ -65,7 +65,7 @@ pub(super) fn around(count: usize) -> Vec<View> {
 }
 
 /// The hall with parameters of all kinds.
-pub(super) fn hall_model(views: usize) -> Traced {
+pub(super) fn hall_model() -> Traced {
     let world = hall();
     let library = world.library().expect("an asset");
     let texture = library.texture_of(0, MapKind::BaseColor).expect("a map");
@@ -85,15 +85,15 @@ pub(super) fn hall_model(views: usize) -> Traced {
     ];
     let mut options = RenderOptions { width: PIXELS, height: PIXELS, spp: 8, ..RenderOptions::default() };
     options.path.max_depth = 3;
-    let mut model = Traced::new(world, around(views), options, parameters).expect("valid");
+    let mut model = Traced::new(world, options, parameters).expect("valid");
     (model.smoothing, model.gradient_spp) = (Smoothing::None, 2);
     model
 }
 
 /// Recovers from flat values: errors of the parameters before and after.
-fn again(mut model: Traced, starts: &[f32], steps: u64) -> (RecoveredScene, Vec<[f64; 2]>) {
-    let views = 0..model.views.len();
-    let targets: Vec<Image> = views.map(|v| model.picture(v, 512, 99).expect("rendered")).collect();
+fn again(mut model: Traced, views: &[View], starts: &[f32], steps: u64) -> (RecoveredScene, Vec<[f64; 2]>) {
+    let target = |v| model.picture(v, 512, 99).expect("rendered");
+    let targets: Vec<Image> = views.iter().map(target).collect();
     let all = 0..model.parameters.len();
     let truth: Vec<Vec<f32>> = all.clone().map(|k| model.of(k).to_vec()).collect();
     for k in all.clone() {
@@ -101,14 +101,14 @@ fn again(mut model: Traced, starts: &[f32], steps: u64) -> (RecoveredScene, Vec<
     }
     let first: Vec<f64> = all.clone().map(|k| rmse(model.of(k), &truth[k])).collect();
     let options = RecoverSceneOptions { steps, ..RecoverSceneOptions::default() };
-    let r = recover_scene(model, &targets, &options, &Silent).expect("fits");
+    let r = recover_scene(model, views, &targets, &options, &Silent).expect("fits");
     let errors = all.map(|k| [first[k], rmse(r.model.of(k), &truth[k])]).collect();
     (r, errors)
 }
 
 #[test]
 fn texels_factors_numbers_lights_and_skies_are_found_from_two_views() {
-    let (r, errors) = again(hall_model(2), &[0.4, 0.3, 0.6, 6.0, 0.5], 150);
+    let (r, errors) = again(hall_model(), &around(2), &[0.4, 0.3, 0.6, 6.0, 0.5], 150);
     println!("{errors:?} {:?}", r.history.iter().map(|h| h.quality).collect::<Vec<_>>());
     assert_eq!(r.held_out, None, "of two pictures none is held out");
     // A brighter light over a darker floor looks nearly the same: what they are together is found first.
@@ -123,14 +123,13 @@ fn texels_factors_numbers_lights_and_skies_are_found_from_two_views() {
 
 #[test]
 fn the_last_of_four_views_is_held_out() {
-    let mut model = hall_model(4);
-    let mut targets: Vec<Image> = (0..4).map(|v| model.picture(v, 64, 99).expect("rendered")).collect();
-    model.replace(1, &[0.2; 3]).expect("valid");
+    let target = |v| hall_model().picture(v, 64, 99).expect("rendered");
+    let mut targets: Vec<Image> = around(4).iter().map(target).collect();
     let options = RecoverSceneOptions { steps: 4, ..RecoverSceneOptions::default() };
     let fit = |targets: &[Image]| {
-        let mut m = hall_model(4);
+        let mut m = hall_model();
         m.replace(1, &[0.2; 3]).expect("valid");
-        recover_scene(m, targets, &options, &Silent).expect("fits")
+        recover_scene(m, &around(4), targets, &options, &Silent).expect("fits")
     };
     let a = fit(&targets);
     assert_eq!(a.held_out, Some(3));
@@ -155,13 +154,13 @@ fn bright(radiance: f32) -> Traced {
         range: [0.0, 1e6],
     };
     let options = RenderOptions { width: 4, height: 4, spp: 1, ..RenderOptions::default() };
-    Traced::new(World::new(parts).expect("valid"), vec![view()], options, vec![parameter]).expect("valid")
+    Traced::new(World::new(parts).expect("valid"), options, vec![parameter]).expect("valid")
 }
 
 #[test]
 fn light_above_white_is_told_apart() {
     // On a screen, 30 and 10 are the same white: the start would be the best state.
-    let (_, errors) = again(bright(30.0), &[10.0], 150);
+    let (_, errors) = again(bright(30.0), &[view()], &[10.0], 150);
     assert!(errors[0][1] < 0.1 * errors[0][0], "{errors:?}");
 }
 
@@ -171,25 +170,26 @@ fn what_is_black_at_the_start_is_found_where_its_range_begins_above_0() {
     model.parameters.remove(1);
     let model = Traced::new(
         model.world,
-        model.views,
         model.options,
         model.parameters.into_iter().map(|p| TracedParameter { range: [1e-4, p.range[1]], ..p }).collect(),
     )
     .expect("valid");
-    let (_, errors) = again(model, &[0.5, 0.0], 400);
+    let (_, errors) = again(model, &[view()], &[0.5, 0.0], 400);
     assert!(errors[1][1] < 0.3 * errors[1][0], "lamp {errors:?}");
 }
 
 #[test]
 fn light_that_starts_or_ends_at_0_is_an_error() {
-    let target = bright(1.0).picture(0, 1, 0).expect("rendered");
+    let target = bright(1.0).picture(&view(), 1, 0).expect("rendered");
     let mut dark = bright(1.0);
     dark.replace(0, &[0.0; 3]).expect("valid");
     let options = RecoverSceneOptions::default();
-    let text = recover_scene(dark, &[target], &options, &Silent).unwrap_err().to_string();
+    let text = recover_scene(dark, &[view()], &[target], &options, &Silent).unwrap_err().to_string();
     assert!(text.contains("sky") && text.contains("start above"), "{text}");
     // The only light goes out during the fit: the target is black.
     let options = RecoverSceneOptions { rate: 1.0, steps: 100, ..RecoverSceneOptions::default() };
-    let text = recover_scene(bright(0.5), &[Image::new(4, 4, 4)], &options, &Silent).unwrap_err().to_string();
+    let text = recover_scene(bright(0.5), &[view()], &[Image::new(4, 4, 4)], &options, &Silent)
+        .unwrap_err()
+        .to_string();
     assert!(text.contains("step") && text.contains("no light") && text.contains("checkpoint"), "{text}");
 }

@@ -1,6 +1,6 @@
 //! Fits of scenes that are stopped go on to the same bits.
 
-use super::parameters::hall_model;
+use super::parameters::{around, hall_model};
 use super::*;
 use crate::Progress;
 use std::path::Path;
@@ -20,7 +20,7 @@ impl Progress for Stop {
 const STEPS: u64 = 56;
 
 fn small() -> Traced {
-    let mut model = hall_model(2);
+    let mut model = hall_model();
     (model.options.spp, model.gradient_spp, model.evaluation_spp) = (1, 1, 2);
     model.smoothing = Smoothing::Bilateral;
     for (k, start) in [0.4, 0.5, 0.6, 1.5, 0.5].into_iter().enumerate() {
@@ -29,10 +29,14 @@ fn small() -> Traced {
     model
 }
 
+fn targets(spp: u32) -> Vec<Image> {
+    around(2).iter().map(|v| hall_model().picture(v, spp, 99).expect("rendered")).collect()
+}
+
 fn fit(targets: &[Image], folder: Option<&Path>, progress: &dyn Progress) -> RecoveredScene {
     let keeping = Keeping { checkpoint: folder.map(Into::into), resume: true, time_limit: None };
     let options = RecoverSceneOptions { steps: STEPS, rate: 0.08, seed: 3, keeping };
-    recover_scene(small(), targets, &options, progress).expect("fits")
+    recover_scene(small(), &around(2), targets, &options, progress).expect("fits")
 }
 
 /// Step, bits of the loss and of the quality of an evaluation.
@@ -41,14 +45,14 @@ type Evaluation = (u64, u64, u64);
 /// Values and pictures of what was found, and the evaluations, without times.
 fn result(r: &RecoveredScene) -> (Vec<u32>, Vec<u32>, Vec<Evaluation>) {
     let values = (0..r.model.parameters.len()).flat_map(|k| r.model.of(k)).map(|v| v.to_bits()).collect();
-    let picture = r.model.picture(1, 4, 5).expect("rendered");
+    let picture = r.model.picture(&around(2)[1], 4, 5).expect("rendered");
     let evaluations = r.history.iter().map(|h| (h.step, h.loss.to_bits(), h.quality.to_bits())).collect();
     (values, picture.data.iter().map(|v| v.to_bits()).collect(), evaluations)
 }
 
 #[test]
 fn a_scene_stopped_anywhere_is_recovered_to_the_same_bits() {
-    let targets: Vec<Image> = (0..2).map(|v| hall_model(2).picture(v, 64, 99).expect("rendered")).collect();
+    let targets = targets(64);
     let whole = result(&fit(&targets, None, &Silent));
     for stops in [vec![0], vec![1], vec![13], vec![25], vec![26], vec![55], vec![7, 12, 25]] {
         let dir = tempfile::tempdir().expect("a folder");
@@ -64,22 +68,22 @@ fn a_scene_stopped_anywhere_is_recovered_to_the_same_bits() {
 
 #[test]
 fn a_checkpoint_of_another_scene_is_refused() {
-    let targets: Vec<Image> = (0..2).map(|v| hall_model(2).picture(v, 16, 99).expect("rendered")).collect();
+    let targets = targets(16);
     let dir = tempfile::tempdir().expect("a folder");
     fit(&targets, Some(dir.path()), &Stop(AtomicUsize::new(0), 2));
-    let refused = |model: Traced| {
+    let refused = |model: Traced, views: &[View]| {
         let keeping = Keeping { checkpoint: Some(dir.path().into()), resume: true, time_limit: None };
         let options = RecoverSceneOptions { steps: STEPS, rate: 0.08, seed: 3, keeping };
-        recover_scene(model, &targets, &options, &Silent).unwrap_err().to_string()
+        recover_scene(model, views, &targets, &options, &Silent).unwrap_err().to_string()
     };
     // A camera that moved, and a value that is not fitted.
-    let mut moved = small();
-    moved.views[1].eye.x += 0.1;
-    let text = refused(moved);
+    let mut moved = around(2);
+    moved[1].eye.x += 0.1;
+    let text = refused(small(), &moved);
     assert!(text.contains("fit.ckpt") && text.contains("another"), "{text}");
     let mut other = small();
     let metallic = Parameter::Material { materials: vec![1], value: MaterialValue::Metallic };
     other.world.set_parameter(&metallic, &[0.2]).expect("valid");
-    let text = refused(other);
+    let text = refused(other, &around(2));
     assert!(text.contains("fit.ckpt") && text.contains("another"), "{text}");
 }

@@ -32,7 +32,7 @@ fn puffs(side: usize) -> Volume {
 }
 
 /// The puffs in the sun before a sky of light and dark fields, seen from around.
-fn clouds(side: usize, pixels: usize, views: usize) -> Traced {
+fn clouds(side: usize, pixels: usize) -> Traced {
     // Light and dark behind the cloud tell density from albedo, which light from all around alone would not.
     let sky = Image::from_fn(8, 4, 3, |x, y, _| if (x + y) % 2 == 0 { 0.9 } else { 0.1 });
     let environment = Some(EnvironmentMap::new(sky));
@@ -47,23 +47,28 @@ fn clouds(side: usize, pixels: usize, views: usize) -> Traced {
     };
     let parameters =
         vec![of("density", MediumValue::Extinction, 1, 1e6), of("albedo", MediumValue::Albedo, 3, 1.0)];
+    let mut options = RenderOptions { width: pixels, height: pixels, spp: 16, ..RenderOptions::default() };
+    options.path.max_depth = 6;
+    let mut model = Traced::new(world, options, parameters).expect("valid");
+    (model.gradient_spp, model.evaluation_spp) = (4, 64);
+    model
+}
+
+/// Views around the puffs.
+fn views(count: usize) -> Vec<View> {
     let view = |k: usize| {
         let (turn, height) = (2.4 * k as f32, [0.8, -0.6, 0.1][k % 3]);
         let eye = glam::vec3(3.4 * turn.sin(), 1.8 * height, 3.4 * turn.cos());
         View::pinhole(&Camera::look_at(eye, Vec3::ZERO, Vec3::Y, 0.7, 1.0, 0.1, 20.0))
     };
-    let mut options = RenderOptions { width: pixels, height: pixels, spp: 16, ..RenderOptions::default() };
-    options.path.max_depth = 6;
-    let mut model = Traced::new(world, (0..views).map(view).collect(), options, parameters).expect("valid");
-    (model.gradient_spp, model.evaluation_spp) = (4, 64);
-    model
+    (0..count).map(view).collect()
 }
 
 /// Recovers the puffs from an even haze: errors of density and albedo (where there is density) before and after, and of
 /// the picture that was held out.
-fn recovered(mut model: Traced, steps: u64) -> (RecoveredScene, [[f64; 2]; 3]) {
-    let views = 0..model.views.len();
-    let targets: Vec<Image> = views.map(|v| model.picture(v, 512, 99).expect("rendered")).collect();
+fn recovered(mut model: Traced, count: usize, steps: u64) -> (RecoveredScene, [[f64; 2]; 3]) {
+    let views = views(count);
+    let targets: Vec<Image> = views.iter().map(|v| model.picture(v, 512, 99).expect("rendered")).collect();
     let truth = [model.of(0).to_vec(), model.of(1).to_vec()];
     let voxels = truth[0].len();
     model.replace(0, &vec![0.2; voxels]).expect("valid");
@@ -75,7 +80,7 @@ fn recovered(mut model: Traced, steps: u64) -> (RecoveredScene, [[f64; 2]; 3]) {
     };
     let before = errors(&model);
     let options = RecoverSceneOptions { steps, ..RecoverSceneOptions::default() };
-    let r = recover_scene(model, &targets, &options, &Silent).expect("fits");
+    let r = recover_scene(model, &views, &targets, &options, &Silent).expect("fits");
     let after = errors(&r.model);
     let errors = r.history.iter().map(|h| relative_error(h.quality));
     let (first, best) = (relative_error(r.history[0].quality), errors.fold(f64::INFINITY, f64::min));
@@ -90,7 +95,7 @@ fn recovered(mut model: Traced, steps: u64) -> (RecoveredScene, [[f64; 2]; 3]) {
 
 #[test]
 fn a_cloud_is_found_from_views_around_it() {
-    let (r, [density, albedo, picture]) = recovered(clouds(8, 16, 6), 60);
+    let (r, [density, albedo, picture]) = recovered(clouds(8, 16), 6, 60);
     assert_eq!(r.held_out, Some(5));
     assert!(density[1] < 0.7 * density[0], "density {density:?}");
     assert!(albedo[1] < 0.8 * albedo[0], "albedo {albedo:?}");
@@ -100,7 +105,7 @@ fn a_cloud_is_found_from_views_around_it() {
 #[test]
 #[ignore = "slow: more voxels, views and steps"]
 fn a_finer_cloud_is_found() {
-    let (_, [density, albedo, picture]) = recovered(clouds(16, 32, 12), 200);
+    let (_, [density, albedo, picture]) = recovered(clouds(16, 32), 12, 200);
     assert!(density[1] < 0.55 * density[0], "density {density:?}");
     assert!(albedo[1] < 0.75 * albedo[0], "albedo {albedo:?}");
     assert!(picture[1] < 0.05 * picture[0], "picture {picture:?}");

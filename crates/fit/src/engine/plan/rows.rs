@@ -1,0 +1,165 @@
+//! The rows of a plan: what runs, what is skipped, and why. Every task tells its plan in them.
+
+use crate::engine::loss::{PictureLoss, Weights};
+use crate::engine::surface::Surface;
+use crate::engine::trainer::{Measure, Phase};
+use photofit_raster::channel;
+use photofit_raster::loss::Loss;
+use std::fmt;
+
+/// Whether a pass runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Runs {
+    /// It runs.
+    Yes,
+    /// It is skipped.
+    No,
+    /// What decides is not known yet.
+    Open,
+}
+
+impl From<bool> for Runs {
+    fn from(runs: bool) -> Self {
+        if runs { Self::Yes } else { Self::No }
+    }
+}
+
+/// One pass or piece of data.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Item {
+    /// What it is.
+    pub what: &'static str,
+    /// Whether it runs.
+    pub runs: Runs,
+    /// Why.
+    pub why: String,
+}
+
+impl Item {
+    /// A pass that runs or not, with the reason for either.
+    pub fn of(what: &'static str, runs: bool, why: impl Into<String>, why_not: impl Into<String>) -> Self {
+        Self { what, runs: runs.into(), why: if runs { why.into() } else { why_not.into() } }
+    }
+}
+
+/// What a task runs and skips; printable and comparable.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PlanRows {
+    /// Passes and data.
+    pub items: Vec<Item>,
+    /// Stretches of the fit, one line each.
+    pub phases: Vec<String>,
+}
+
+impl PlanRows {
+    /// These items, and phases of a fit.
+    pub fn new<M>(items: Vec<Item>, phases: &[Phase<'_, M>]) -> Self {
+        Self { items, phases: self::phases(phases) }
+    }
+
+    /// Whether what goes by this name runs; `None` where the plan does not speak of it.
+    pub fn runs(&self, what: &str) -> Option<Runs> {
+        self.items.iter().find(|i| i.what == what).map(|i| i.runs)
+    }
+}
+
+impl fmt::Display for PlanRows {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let lines = self.items.iter().map(|Item { what, runs, why }| {
+            let runs = match runs {
+                Runs::Yes => "run ",
+                Runs::No => "skip",
+                Runs::Open => "open",
+            };
+            format!("  {runs} {what:<22} {why}")
+        });
+        let phases = self.phases.iter().map(|p| format!("  {p}"));
+        f.write_str(&lines.chain(phases).collect::<Vec<_>>().join("\n"))
+    }
+}
+
+/// The row of the loss that was chosen by the noise of the pictures.
+pub(crate) fn loss(loss: PictureLoss, noise: f64) -> Item {
+    let why = match loss.loss {
+        Loss::Mse if loss.weights == Weights::Relative => {
+            "squares relative to the reference: unbiased by noise, and of wide range".into()
+        }
+        Loss::Mse => format!("the pictures have relative noise {noise:.3}: unbiased squares"),
+        _ if noise > 0.0 => format!("relative noise {noise:.3} is low enough for logarithms"),
+        _ => "the pictures have no noise".into(),
+    };
+    Item { what: "logarithmic loss", runs: (loss.loss != Loss::Mse).into(), why }
+}
+
+/// The rows of a surface, as its passes and rates say.
+pub(crate) fn surface(s: &Surface) -> Vec<Item> {
+    let p = &s.passes;
+    let positions = s.moves && p.position_gradients;
+    let layers = format!("until nothing shows through, at most {} layers", p.max_layers);
+    let mut items = vec![
+        Item::of("position gradients", positions, "the shape is fitted", "the shape stays"),
+        Item::of(
+            "silhouette gradients",
+            p.antialias,
+            "where neighbouring samples show different triangles",
+            "positions are frozen",
+        ),
+        Item::of(
+            "transparent layers",
+            p.max_layers > 1,
+            layers,
+            "every surface is opaque: one layer, no blending",
+        ),
+        Item::of("normal map", p.normal_map, "it is drawn", "it is flat"),
+        Item::of("emission", p.emissive, "it is drawn", "nothing emits"),
+    ];
+    let gradients = [
+        ("base colour gradients", channel::BASE_COLOR, true),
+        ("alpha gradients", channel::ALPHA, p.alpha_gradients),
+        ("roughness gradients", channel::ROUGHNESS, true),
+        ("metalness gradients", channel::METALLIC, true),
+        ("normal gradients", channel::NORMAL, p.normal_map),
+        ("emission gradients", channel::EMISSIVE, p.emissive),
+    ];
+    for (what, channel, drawn) in gradients {
+        let rate = s.rates[channel];
+        let flows = p.map_gradients && drawn && rate > 0.0;
+        let why = if rate < 1.0 { format!("at {rate:.1} of the rate of maps") } else { "fitted".into() };
+        items.push(Item::of(what, flows, why, "not fitted: constant, or unused"));
+    }
+    items
+}
+
+/// The row of the evaluations: whether pictures are clamped to what a screen shows before they are compared.
+pub(crate) fn evaluation(measure: Measure, why: &str) -> Item {
+    let clamped = measure == Measure::Psnr;
+    let how = if clamped { "PSNR of sRGB in [0, 1]" } else { "relative squared error of linear light" };
+    Item { what: "clamped evaluation", runs: clamped.into(), why: format!("{how}: {why}") }
+}
+
+/// One line for each phase that has steps.
+pub(super) fn phases<M>(phases: &[Phase<'_, M>]) -> Vec<String> {
+    let mut groups: Vec<&str> = Vec::new();
+    for (name, _) in phases.iter().flat_map(|p| &p.rates) {
+        if !groups.contains(&&**name) {
+            groups.push(name);
+        }
+    }
+    let peak = |name: &str| phases.iter().map(|p| p.rate(name)).fold(0.0, f64::max);
+    let line = |p: &Phase<'_, M>| {
+        let moves: Vec<String> = groups
+            .iter()
+            .map(|name| match p.rate(name) / peak(name) {
+                share if share.is_nan() || share <= 0.0 => format!("{name} frozen"),
+                share if share < 0.999 => format!("{name} at {share:.1} of their rate"),
+                _ => format!("{name} at their full rate"),
+            })
+            .collect();
+        let size = match p.shrink {
+            1 => String::new(),
+            n => format!(", pictures 1/{n} as wide"),
+        };
+        format!("{}: {} steps at most, {}{size}", p.name, p.steps, moves.join(", "))
+    };
+    phases.iter().filter(|p| p.steps > 0).map(line).collect()
+}

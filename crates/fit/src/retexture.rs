@@ -1,0 +1,321 @@
+//! Textures of a light animated asset that make it look like a heavy one in motion: skinned, morphed or moved by nodes.
+//! Assembled from the parts of the engine; the task beside [`crate::simplify`] for assets that move.
+//!
+//! One frame for all moments -> bake at rest onto the light asset's own texture coordinates -> fit the maps by rendering
+//! both at many moments -> export with the light asset's nodes, skins and animations -> reload the file and compare it with
+//! the reference at these moments, in views that the fit never saw. Shapes and motions stay what they are.
+
+use crate::bake::{BakeSettings, Target, bake, blank_texel};
+use crate::candidate::Candidate;
+use crate::engine::Normalised;
+use crate::engine::animated::Animated;
+use crate::engine::checkpoint::Digest;
+use crate::engine::cpu::Cpu;
+use crate::engine::export::to_scene;
+use crate::engine::judge::{Quality, ReportView, Stage, rasterized_views};
+use crate::engine::loss;
+use crate::engine::plan::{Item, Plan, PlanRows, rows};
+use crate::engine::posed::Posed;
+use crate::engine::reference::{Rasterized, SUPERSAMPLE};
+use crate::engine::steering::Steering;
+use crate::engine::surface::{MAPS, Surface};
+use crate::engine::trainer::{self, HeldOut, HistoryPoint, Job, Keeping, Phase, train};
+use crate::engine::views::{OverMoments, Lighting, Moment, Orbit, Sampling, Set};
+use crate::visibility::{VisibilitySettings, visibility};
+use crate::{FitError, Progress};
+use photofit_geometry::weld::weld_rows;
+use photofit_geometry::{Mesh, Weld};
+use photofit_raster::Maps;
+use photofit_scene::{FlatScene, Material, Scene};
+use std::ops::ControlFlow;
+use std::path::Path;
+
+/// Rate of the maps, relative to the error of the start.
+const MAP_RATE: f64 = 0.04;
+
+/// Options of [`retexture`].
+#[derive(Clone, Debug)]
+pub struct RetextureOptions {
+    /// The moments that are compared, in animations of the reference; the light asset plays those of the same names. Without
+    /// any both are compared as they stand.
+    pub moments: Vec<Moment>,
+    /// Width and height of the pictures, pixels, 16 to 4096.
+    pub resolution: usize,
+    /// Width and height of the maps, 16 to 8192.
+    pub texture_size: usize,
+    /// Steps of the fit.
+    pub steps: u64,
+    /// Pictures per step, 1 to 64.
+    pub batch: usize,
+    /// The light while fitting.
+    pub lighting: Lighting,
+    /// Seed of all random choices.
+    pub seed: u64,
+    /// Views of the report.
+    pub report_views: u64,
+    /// Checkpoints and limits.
+    pub keeping: Keeping,
+}
+
+impl Default for RetextureOptions {
+    fn default() -> Self {
+        Self {
+            moments: Vec::new(),
+            resolution: 256,
+            texture_size: 1024,
+            steps: 400,
+            batch: 2,
+            lighting: Lighting::default(),
+            seed: 0,
+            report_views: 8,
+            keeping: Keeping::default(),
+        }
+    }
+}
+
+/// What was made.
+#[derive(Debug)]
+pub struct Retextured {
+    /// Mean quality of the written file over the views of the report and their moments.
+    pub quality: Quality,
+    /// The same of the baked start.
+    pub start: Quality,
+    /// Each view, with the start and the written file against it.
+    pub views: Vec<ReportView>,
+    /// The course of the fit.
+    pub history: Vec<HistoryPoint>,
+    /// Steps made.
+    pub steps: u64,
+    /// Ended by the user or the time limit.
+    pub stopped: bool,
+    /// What ran and what was skipped.
+    pub plan: PlanRows,
+}
+
+/// Fits the maps of `light` so that it looks like `reference` at all moments, and writes it with them to `output` (.glb).
+///
+/// # Errors
+/// See [`FitError`]: moments that one of the assets does not have, texture coordinates that are missing or leave the unit
+/// square, a reference whose materials are of several kinds (opaque, masked, blended, of other extensions). Nothing is
+/// written then.
+pub fn retexture(
+    reference: &Scene,
+    light: &Scene,
+    output: &Path,
+    options: &RetextureOptions,
+    progress: &dyn Progress,
+) -> Result<Retextured, FitError> {
+    options.check()?;
+    reference.validate_for_fit()?;
+    light.validate_for_fit()?;
+    let n = Normalised::over(reference, &options.moments)?;
+    let bare = bare(light)?;
+    let own = Animated::new(&bare, &n).playing(&n.animations);
+    options.moments.iter().try_for_each(|m| own.flat(*m).map(drop))?;
+    let theirs = Animated::new(reference, &n);
+    let rays = n.surface()?;
+    let reference_pictures = Rasterized::of(&n, &rays).animated(&theirs);
+
+    let rest = own.flat(Moment::default())?;
+    let mut candidate = candidate(&n, &rest, options.texture_size)?;
+    candidate.set_maps(baked(&n, &rays, &candidate, &rest, progress)?);
+    let start = dressed(light, &candidate, &n);
+    let plan =
+        Plan::new(reference).with_options(options.steps, false, &options.lighting).with_maps(&candidate);
+    let model = Posed::new(Surface::new(candidate, &plan), &own);
+
+    let size = options.resolution / Sampling::SUPERSAMPLED.per_axis;
+    let views = |size| OverMoments {
+        views: Orbit::new(options.seed, &options.lighting, size),
+        moments: options.moments.clone(),
+    };
+    let seen = views(size);
+    let count = trainer::HELD_OUT.max(2 * options.moments.len() as u64).min(32);
+    let held_out = HeldOut::new(&reference_pictures, &seen, Sampling::SUPERSAMPLED, count, options.seed)?;
+    let loss = loss::choose(held_out.noise);
+    let mut items = rows::surface(model.surface());
+    items.push(animation(options, &n));
+    items.push(rows::loss(loss, held_out.noise));
+    items.push(rows::evaluation(held_out.measure, "what a screen shows is compared"));
+    let job = Job {
+        reference: &reference_pictures,
+        views: &seen,
+        held_out: &held_out,
+        sampling: Sampling::SUPERSAMPLED,
+        loss,
+        seed: options.seed,
+        batch: options.batch,
+        fresh: options.batch.div_ceil(2),
+        steps: options.steps,
+        keeping: &options.keeping,
+        options: steering(options, &n, &model.surface().candidate),
+    };
+    let mut plan = PlanRows::default();
+    let phases = |psnr: f64| {
+        let rate = (MAP_RATE * 10f64.powf(-psnr / 20.0)).clamp(2e-4, 5e-3);
+        let rates = vec![(MAPS.into(), rate)];
+        let phase = Phase { name: "maps", first: 0, steps: options.steps, shrink: 1, rates, renewal: None };
+        let phases = vec![phase];
+        plan = PlanRows::new(items, &phases);
+        phases
+    };
+    let trained = train(Cpu::new(model)?, &job, phases, progress)?;
+
+    photofit_scene::save_glb(output, &dressed(light, &trained.model.surface().candidate, &n))?;
+    let stages = [Stage::new("start", start), Stage::new("fitted", photofit_scene::load(output)?)];
+    let judged = views(options.resolution);
+    let views = rasterized_views(
+        &n,
+        &reference_pictures,
+        &stages,
+        &judged,
+        Set::Report,
+        options.report_views,
+        SUPERSAMPLE,
+        progress,
+    )?;
+    let [start, quality] = [0, 1].map(|k| Quality::mean(views.iter().map(|v| &v.quality[k].quality)));
+    let stopped = trained.stopped || progress.is_cancelled();
+    Ok(Retextured { quality, start, views, history: trained.history, steps: trained.steps, stopped, plan })
+}
+
+impl RetextureOptions {
+    fn check(&self) -> Result<(), FitError> {
+        let rules = [
+            ("resolution", self.resolution, 16..=4096),
+            ("texture_size", self.texture_size, 16..=8192),
+            ("batch", self.batch, 1..=64),
+        ];
+        for (field, is, range) in rules {
+            if !range.contains(&is) {
+                let rule = format!("is {is}; it must be {} to {}", range.start(), range.end());
+                return Err(FitError::Setting { field, rule });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The row of the animation.
+fn animation(options: &RetextureOptions, n: &Normalised) -> Item {
+    let mut names: Vec<&str> = Vec::new();
+    for index in options.moments.iter().filter_map(|m| m.animation) {
+        if !names.contains(&&*n.animations[index]) {
+            names.push(&n.animations[index]);
+        }
+    }
+    let why = format!("{} moments of {}", options.moments.len(), names.join(", "));
+    Item::of("animation", !names.is_empty(), why, "both assets are compared as they stand")
+}
+
+/// The light asset without materials, which its maps will be.
+fn bare(light: &Scene) -> Result<Scene, FitError> {
+    let wrong = |i: usize, rule: &str| {
+        Err(FitError::Setting { field: "light", rule: format!("has {rule} in primitive {i}") })
+    };
+    for i in light.instances.iter().map(|i| i.primitive) {
+        let mesh = &light.primitives[i].mesh;
+        if mesh.uvs.len() != mesh.positions.len() {
+            return wrong(i, "no texture coordinates; they must be there");
+        }
+        let inside = |x: f32| (0.0..=1.0).contains(&x);
+        if let Some(uv) = mesh.uvs.iter().find(|uv| !(inside(uv.x) && inside(uv.y))) {
+            let rule =
+                format!("the texture coordinates {:?}; they must lie in the unit square", uv.to_array());
+            return wrong(i, &rule);
+        }
+    }
+    let mut out = Scene {
+        name: light.name.clone(),
+        primitives: light.primitives.clone(),
+        instances: light.instances.clone(),
+        materials: vec![Material::clay()],
+        hierarchy: light.hierarchy.clone(),
+        ..Scene::default()
+    };
+    out.primitives.iter_mut().for_each(|p| p.material = 0);
+    Ok(out)
+}
+
+/// The light asset at rest with blank maps.
+fn candidate(n: &Normalised, rest: &FlatScene, size: usize) -> Result<Candidate, FitError> {
+    let mut kinds = n.triangle_classes();
+    kinds.sort_unstable();
+    kinds.dedup();
+    let [kind] = kinds[..] else {
+        let rule = format!("has materials of {} kinds; they must be of one", kinds.len());
+        return Err(FitError::Setting { field: "reference", rule });
+    };
+    let mesh = &rest.mesh;
+    let row = |v: usize| {
+        let (p, n) = (mesh.positions[v], mesh.normals[v]);
+        [p.x, p.y, p.z, n.x, n.y, n.z]
+    };
+    let rows: Vec<f32> = (0..mesh.positions.len()).flat_map(row).collect();
+    let smoothing: Weld = weld_rows(&rows, 6);
+    let maps = Maps::filled(size, size, blank_texel());
+    Ok(Candidate::new(mesh, &smoothing, vec![kind; mesh.triangles.len()], n.drawn_classes(), maps))
+}
+
+/// Maps of the reference at rest.
+fn baked(
+    n: &Normalised,
+    rays: &crate::bake::Reference<'_>,
+    candidate: &Candidate,
+    rest: &FlatScene,
+    progress: &dyn Progress,
+) -> Result<Maps, FitError> {
+    let seen = visibility(rays, &VisibilitySettings::default());
+    let vertices = candidate.posed_vertices(rest.mesh.positions.clone(), rest.mesh.normals.clone());
+    let mesh = Mesh {
+        positions: vertices.positions,
+        normals: vertices.normals,
+        tangents: vertices.tangents,
+        uvs: candidate.uvs.clone(),
+        triangles: candidate.triangles.clone(),
+        ..Mesh::default()
+    };
+    let base = &candidate.maps.levels[0];
+    let settings = BakeSettings { width: base.width, height: base.height, ..BakeSettings::default() };
+    let heard = |share: f32| {
+        progress.report("bake", (share * 1000.0) as u64, 1000, n.name.as_str());
+        if progress.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    };
+    let mut baked = bake(rays, &seen, &Target::new(&mesh), &settings, &heard).map_err(|e| match e {
+        crate::bake::BakeError::Stopped => FitError::Interrupted,
+        e => e.into(),
+    })?;
+    baked.fill(None);
+    Ok(baked.maps)
+}
+
+/// The light asset with the maps of a candidate.
+fn dressed(light: &Scene, candidate: &Candidate, n: &Normalised) -> Scene {
+    let made = to_scene(candidate, n);
+    let mut out = Scene { materials: made.materials, images: made.images, ..light.clone() };
+    out.primitives.iter_mut().for_each(|p| p.material = 0);
+    out
+}
+
+/// The options and what is fitted: a checkpoint of others is refused.
+fn steering(o: &RetextureOptions, n: &Normalised, candidate: &Candidate) -> Steering {
+    let mut shape = Digest::new();
+    shape.add(candidate.triangles.as_flattened());
+    shape.add(&candidate.uvs);
+    shape.add(&candidate.positions);
+    let mut asset = Digest::new();
+    asset.add(&n.flat.mesh.positions);
+    asset.add(n.flat.mesh.triangles.as_flattened());
+    Steering::default()
+        .option("resolution", o.resolution)
+        .option("texture_size", o.texture_size)
+        .option("batch", o.batch)
+        .option("seed", o.seed)
+        .option("light", o.lighting.name())
+        .option("moments", format!("{:?}", o.moments))
+        .digest("light asset", format!("{:016x}", shape.value()))
+        .digest("reference", format!("{:016x}", asset.value()))
+}
+
+#[cfg(test)]
+mod tests;

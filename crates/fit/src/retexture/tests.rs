@@ -1,0 +1,135 @@
+//! A coarse arm that bends takes its looks from a fine one, over the moments of its animation.
+
+use super::*;
+use crate::Silent;
+use crate::engine::plan::Runs;
+use crate::engine::animated::arm::arm;
+use crate::engine::reference::Reference;
+use crate::engine::views::Views;
+
+const TIMES: [f32; 4] = [0.0, 0.4, 0.7, 1.0];
+
+fn moments() -> Vec<Moment> {
+    TIMES.into_iter().map(|time| Moment { animation: Some(0), time }).collect()
+}
+
+/// A coarser arm in grey, with its animations in another order.
+fn light() -> Scene {
+    let mut scene = arm(8, 16);
+    scene.name = "light".into();
+    scene.materials = vec![Material::clay()];
+    scene.images.clear();
+    std::sync::Arc::make_mut(scene.hierarchy.as_mut().unwrap()).animations.reverse();
+    scene
+}
+
+fn options() -> RetextureOptions {
+    RetextureOptions {
+        moments: moments(),
+        resolution: 96,
+        texture_size: 32,
+        steps: 100,
+        report_views: 8,
+        ..RetextureOptions::default()
+    }
+}
+
+#[test]
+fn a_light_arm_looks_like_a_heavy_one_while_both_bend() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("arm.glb");
+    let heavy = arm(24, 32);
+    let r = retexture(&heavy, &light(), &file, &options(), &Silent).unwrap();
+    println!("start {:?}\nfitted {:?}\n{}", r.start, r.quality, r.plan);
+    assert!(r.quality.psnr > r.start.psnr + 1.0, "{} {}", r.start.psnr, r.quality.psnr);
+    assert!(r.quality.psnr > 30.0 && r.quality.flip < r.start.flip, "{:?} {:?}", r.start, r.quality);
+    assert_eq!((r.steps, r.stopped, r.views.len()), (100, false, 8));
+    // What runs is what is told.
+    let told = |what: &str| r.plan.runs(what);
+    assert_eq!(told("position gradients"), Some(Runs::No));
+    assert_eq!(told("base colour gradients"), Some(Runs::Yes));
+    assert_eq!(told("emission gradients"), Some(Runs::No));
+    assert_eq!(told("animation"), Some(Runs::Yes));
+    assert!(r.plan.to_string().contains("4 moments of bend"), "{}", r.plan);
+    // The file moves as the light asset did.
+    let (written, given) = (photofit_scene::load(&file).unwrap(), light());
+    assert!(written.hierarchy.as_deref().unwrap().animation("bend").is_some());
+    for time in TIMES {
+        let mesh = |s: &Scene| {
+            let mut posed = s.clone();
+            posed.set_pose(s.pose(s.hierarchy.as_ref().unwrap().animation("bend"), time));
+            posed.flatten().mesh.positions
+        };
+        let (w, g) = (mesh(&written), mesh(&given));
+        let far =
+            |p: &photofit_scalar::Vec3f| g.iter().map(|q| (*p - *q).length()).fold(f32::INFINITY, f32::min);
+        assert!(w.iter().all(|p| far(p) < 1e-5), "at {time} s");
+    }
+}
+
+#[test]
+fn the_candidate_is_drawn_at_the_moment_of_the_shot() {
+    // The maps of an asset fitted onto itself show the same pictures as the asset, at every moment.
+    let scene = arm(24, 32);
+    let n = Normalised::over(&scene, &moments()).unwrap();
+    let bare = bare(&scene).unwrap();
+    let poses = Animated::new(&bare, &n).playing(&n.animations);
+    let rest = poses.flat(Moment::default()).unwrap();
+    let mut candidate = candidate(&n, &rest, 256).unwrap();
+    let rays = n.surface().unwrap();
+    candidate.set_maps(baked(&n, &rays, &candidate, &rest, &Silent).unwrap());
+    let plan = Plan::new(&scene).with_options(10, false, &Lighting::Point).with_maps(&candidate);
+    let mut model = Cpu::new(Posed::new(Surface::new(candidate, &plan), &poses)).unwrap();
+    let theirs = Animated::new(&scene, &n);
+    let reference = Rasterized::of(&n, &rays).animated(&theirs);
+    let shots = |at: Option<Moment>| {
+        let views = OverMoments { views: Orbit::new(5, &Lighting::Point, 64), moments: moments() };
+        let one = |i: u64| {
+            let mut s = views.setup(Set::Report, i, 4);
+            s.moment = at.unwrap_or(s.moment);
+            let picture = reference.picture(&views.setup(Set::Report, i, 4)).unwrap();
+            crate::engine::views::Shot::new(&s, &picture.image, Sampling::SUPERSAMPLED, 0, i)
+        };
+        (0..4).map(one).collect::<Vec<_>>()
+    };
+    let mut error = |at: Option<Moment>| {
+        use crate::engine::model::Model;
+        let shots = shots(at);
+        let pictures = model.pictures(&shots).unwrap();
+        let squares = shots.iter().zip(&pictures).flat_map(|(s, p)| s.reference.iter().zip(p));
+        let squares = squares.flat_map(|(r, p)| (0..3).map(move |k| f64::from(r[k] - p[k]).powi(2)));
+        let (sum, count) = squares.fold((0.0, 0.0), |(s, n), e| (s + e, n + 1.0));
+        f64::sqrt(sum / count)
+    };
+    let (right, wrong) = (error(None), error(Some(Moment { animation: Some(0), time: 0.2 })));
+    assert!(right < 0.03 && wrong > 4.0 * right, "{right} {wrong}");
+}
+
+#[test]
+fn what_cannot_be_fitted_is_an_error() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("x.glb");
+    let text = |heavy: &Scene, light: &Scene, o: &RetextureOptions| {
+        let text = retexture(heavy, light, &file, o, &Silent).unwrap_err().to_string();
+        assert!(!file.exists());
+        text
+    };
+    let heavy = arm(6, 8);
+    let mut none = light();
+    std::sync::Arc::make_mut(none.hierarchy.as_mut().unwrap()).animations.remove(1);
+    assert_eq!(
+        text(&heavy, &none, &options()),
+        "moment is in animation 0 of the reference; light must have it, by name"
+    );
+    let late = RetextureOptions { moments: vec![Moment { animation: Some(7), time: 0.0 }], ..options() };
+    assert!(text(&heavy, &light(), &late).contains("the asset has 2"));
+    let mut outside = light();
+    outside.primitives[1].mesh.uvs[2].x = 1.5;
+    let told = text(&heavy, &outside, &options());
+    assert!(told.contains("unit square") && told.contains("primitive 1"), "{told}");
+    let mut bare = light();
+    bare.primitives[1].mesh.uvs.clear();
+    assert!(text(&heavy, &bare, &options()).contains("primitive 1"));
+    let small = RetextureOptions { texture_size: 4, ..options() };
+    assert_eq!(text(&heavy, &light(), &small), "texture_size is 4; it must be 16 to 8192");
+}
