@@ -4,6 +4,7 @@ mod denoise;
 mod gradient;
 mod recover;
 mod render;
+mod retexture;
 mod surface;
 mod values;
 
@@ -11,6 +12,7 @@ pub(crate) use denoise::{Denoise, DenoiseModel};
 pub(crate) use gradient::{Gradient, ParameterScene};
 pub(crate) use recover::{Recover, RecoverScene, RecoverTexture, TextureSmoothing};
 pub(crate) use render::{Render, RenderGuiding, RenderIntegrator, RenderLight};
+pub(crate) use retexture::Retexture;
 pub(crate) use surface::{Surface, SurfaceMethod, UpAxis};
 
 use clap::error::ErrorKind;
@@ -72,6 +74,9 @@ pub(crate) enum Command {
     /// Make a light asset that looks like a heavy one.
     #[command(after_help = STATUSES)]
     Simplify(Simplify),
+    /// Paint a light asset so that it looks like a heavy one, at rest and in motion.
+    #[command(after_help = STATUSES)]
+    Retexture(Retexture),
     /// Render a picture of an asset.
     #[command(after_help = STATUSES)]
     Render(Render),

@@ -121,6 +121,9 @@ fn text(path: &Path, scene: &Scene) -> String {
     for (i, image) in scene.images.iter().enumerate() {
         out += &format!("  image {i}{}: {} x {}\n", named(&image.name), image.width, image.height);
     }
+    for (i, a) in scene.hierarchy.iter().flat_map(|h| &h.animations).enumerate() {
+        out += &format!("  animation {i}{}: {:.3} s\n", named(&a.name), a.duration());
+    }
     if !scene.cameras.is_empty() {
         out += &format!("  {} cameras\n", scene.cameras.len());
     }
@@ -210,6 +213,9 @@ fn to_json(path: &Path, scene: &Scene) -> Value {
         "primitives": primitives,
         "materials": materials,
         "images": images,
+        "animations": scene.hierarchy.iter().flat_map(|h| &h.animations).map(|a| json!({
+            "name": a.name, "seconds": a.duration(),
+        })).collect::<Vec<_>>(),
         "cameras": scene.cameras.len(),
         "lights": scene.lights.iter().map(|l| json!({
             "name": l.name, "kind": kind(l), "intensity": l.intensity,

@@ -1,6 +1,8 @@
-//! The environment of `--env`.
+//! The light of `--light` and `--env`.
 
+use crate::args::FitLight;
 use anyhow::{Result, anyhow};
+use photofit_fit::views::Lighting;
 use photofit_scene::load_environment;
 use photofit_shading::Environment;
 use std::path::Path;
@@ -18,4 +20,16 @@ pub(crate) fn environment(path: &Path) -> Result<Arc<Environment>> {
     let map = Environment::from_equirectangular(image.width, image.height, &image.data)
         .map_err(|e| anyhow!("{}: {e}", path.display()))?;
     Ok(Arc::new(map.normalised(MEAN)))
+}
+
+/// The light of a fit.
+///
+/// # Errors
+/// If the file is no environment.
+pub(crate) fn lighting(light: FitLight, env: Option<&Path>) -> Result<Lighting> {
+    Ok(match (light, env) {
+        (FitLight::Env, Some(file)) => Lighting::Environment(environment(file)?),
+        (FitLight::Point, _) => Lighting::Point,
+        _ => Lighting::Mixed,
+    })
 }

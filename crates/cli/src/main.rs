@@ -1,8 +1,9 @@
-//! The `photofit` program: simplify, render, compare and inspect 3D assets, surfaces from points, and a demo.
+//! The `photofit` program: simplify, retexture, render, compare and inspect 3D assets, surfaces from points, and a demo.
 //!
 //! Every command checks its options and where it will write before it starts work. Errors are one line on stderr and
 //! exit status 1; a wrong command line is exit status 2; `status` lists all.
 
+mod animation;
 mod aov;
 mod args;
 mod camera;
@@ -26,6 +27,7 @@ mod progress;
 mod recover;
 mod recover_scene;
 mod render;
+mod retexture;
 mod sequence;
 mod simplify;
 mod status;
@@ -43,6 +45,7 @@ fn main() -> ExitCode {
     let cli = Cli::checked();
     let result = match &cli.command {
         Command::Simplify(a) => simplify::run(a),
+        Command::Retexture(a) => retexture::run(a),
         Command::Render(a) => render::run(a),
         Command::Compare(a) => compare::run(a).map(|()| Ending::Done),
         Command::Inspect(a) => inspect::run(a).map(|()| Ending::Done),

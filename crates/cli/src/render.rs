@@ -4,7 +4,7 @@ use crate::args::{Render, RenderIntegrator, RenderLight};
 use crate::output;
 use crate::preflight::Places;
 use crate::status::Ending;
-use crate::{camera, light, mitsuba, path_render, threads};
+use crate::{animation, camera, light, mitsuba, path_render, threads};
 use anyhow::{Result, anyhow};
 use glam::Vec3;
 use photofit_fit::scene_render::SceneRenderer;
@@ -90,20 +90,7 @@ pub(crate) fn run(a: &Render) -> Result<Ending> {
 pub(crate) fn posed(a: &Render) -> Result<Scene> {
     let mut scene = photofit_scene::load(&a.input)?;
     let Some(wanted) = &a.animation else { return Ok(scene) };
-    let animations = scene.hierarchy.as_deref().map_or(&[][..], |h| &h.animations);
-    let named = animations.iter().position(|n| n.name == *wanted);
-    let number = || wanted.parse().ok().filter(|n: &usize| *n < animations.len());
-    let Some(index) = named.or_else(number) else {
-        let names: Vec<String> = animations.iter().map(|n| format!("\"{}\"", n.name)).collect();
-        let has = match names.len() {
-            0 => "no animations".to_owned(),
-            n => format!("{n} animations: {}", names.join(", ")),
-        };
-        return Err(anyhow!(
-            "{}: has {has}; --animation is \"{wanted}\", it must be one of them",
-            a.input.display()
-        ));
-    };
+    let index = animation::index(&a.input, &scene, wanted)?;
     scene.set_pose(scene.pose(Some(index), a.time.unwrap_or(0.0)));
     Ok(scene)
 }

@@ -1,8 +1,6 @@
 //! `photofit simplify`: the main job.
 
-use crate::args::{
-    FitJudge, FitLight, FitReference, GeometryFormat, Simplify, Start, TextureFormat, has_option,
-};
+use crate::args::{FitJudge, FitReference, GeometryFormat, Simplify, Start, TextureFormat, has_option};
 use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::Terminal;
@@ -14,7 +12,6 @@ use photofit_fit::report::{PAGE as REPORT_PAGE, ReportInfo, Verdict, write_repor
 use photofit_fit::simplify::{
     Init, JudgeRenderer, Judged, Outcome, Plan, Quality, ReferenceRenderer, SimplifyOptions, simplify,
 };
-use photofit_fit::views::Lighting;
 use photofit_geometry::decimate::Target;
 use photofit_scene::{Compression, Scene, SceneError, TextureEncoding};
 use serde_json::{Value, json};
@@ -65,11 +62,7 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
         (.., Some(p)) => Target::ScreenSize(p),
         _ => Target::Ratio(DEFAULT_RATIO),
     };
-    let lighting = match (a.light, &a.env) {
-        (FitLight::Env, Some(file)) => Lighting::Environment(light::environment(file)?),
-        (FitLight::Point, _) => Lighting::Point,
-        _ => Lighting::Mixed,
-    };
+    let lighting = light::lighting(a.light, a.env.as_deref())?;
     let mut default = SimplifyOptions::default();
     if let Target::ScreenSize(pixels) = target {
         default = default.for_screen_size(pixels);

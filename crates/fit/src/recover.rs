@@ -193,7 +193,12 @@ fn items(model: &Surface, photos: &PictureFolder, (loss, held_out): (PictureLoss
     let all = photos.photos().len();
     let alpha = all - photos.without_alpha;
     let mut items = vec![
-        Item::of("known light", photos.lit, "the pictures name it", "none is named: an unlit colour is fitted"),
+        Item::of(
+            "known light",
+            photos.lit,
+            "the pictures name it",
+            "none is named: an unlit colour is fitted",
+        ),
         Item::of(
             "outline of the mesh",
             alpha < all,

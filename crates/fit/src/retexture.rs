@@ -20,7 +20,7 @@ use crate::engine::reference::{Rasterized, SUPERSAMPLE};
 use crate::engine::steering::Steering;
 use crate::engine::surface::{MAPS, Surface};
 use crate::engine::trainer::{self, HeldOut, HistoryPoint, Job, Keeping, Phase, train};
-use crate::engine::views::{OverMoments, Lighting, Moment, Orbit, Sampling, Set};
+use crate::engine::views::{Lighting, Moment, Orbit, OverMoments, Sampling, Set};
 use crate::visibility::{VisibilitySettings, visibility};
 use crate::{FitError, Progress};
 use photofit_geometry::weld::weld_rows;

@@ -335,8 +335,10 @@ fn gradients_of_the_other_modes_that_ship() {
         linear.lod_bias = if sampling.shade_per_pixel { -16.0 } else { 0.0 };
         // One of each group: all of them are moved in the usual mode.
         let channels = GROUPS.map(|(_, channels)| channels.start);
-        let maps =
-            channels.map(|c| random.channel_error(Value::Loss(loss.into()), c)).into_iter().fold(0.0, f64::max);
+        let maps = channels
+            .map(|c| random.channel_error(Value::Loss(loss.into()), c))
+            .into_iter()
+            .fold(0.0, f64::max);
         let positions = linear.position_error(Value::Loss(loss.into()));
         println!("| {name} | {maps:.1e} | {positions:.1e} |");
         assert!(maps < 1e-6 && positions < 1e-6, "{name}: relative errors {maps:e}, {positions:e}");

@@ -64,6 +64,11 @@ impl<'a> Animated<'a> {
         Self { plays: Some(names.iter().enumerate().map(played).collect()), ..self }
     }
 
+    /// Whether the asset has what moments of this animation ask for.
+    pub fn plays(&self, animation: usize) -> bool {
+        self.own(Moment { animation: Some(animation), time: 0.0 }).is_ok()
+    }
+
     /// `count` moments of an animation, evenly spread over it, its two ends included.
     ///
     /// # Panics
@@ -81,7 +86,8 @@ impl<'a> Animated<'a> {
                 Some(own) => Moment { animation: Some(own), ..asked },
                 None => {
                     let name = if self.scene.name.is_empty() { "the asset" } else { &self.scene.name };
-                    let rule = format!("is in animation {index} of the reference; {name} must have it, by name");
+                    let rule =
+                        format!("is in animation {index} of the reference; {name} must have it, by name");
                     return Err(FitError::Setting { field: "moment", rule });
                 }
             },

@@ -2,10 +2,10 @@
 //!
 //! The stages are those of [`Surface`] but for the first: what the shape does is not a parameter, [`Animated`] says it.
 
+use super::animated::Animated;
 use super::cpu::Chain;
 use super::loss::PictureLoss;
 use super::model::{Broken, Group};
-use super::animated::Animated;
 use super::surface::Surface;
 use super::views::{Moment, Shot};
 use crate::FitError;

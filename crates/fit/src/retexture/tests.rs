@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::Silent;
-use crate::engine::plan::Runs;
 use crate::engine::animated::arm::arm;
+use crate::engine::plan::Runs;
 use crate::engine::reference::Reference;
 use crate::engine::views::Views;
 

@@ -1,0 +1,123 @@
+//! `photofit retexture`: maps of a light asset that make it look like a heavy one, at rest and in motion.
+
+use crate::args::Retexture;
+use crate::output::{self, print};
+use crate::preflight::Places;
+use crate::progress::{Terminal, say};
+use crate::simplify::{CHECKPOINT_FILE, explain_error};
+use crate::status::Ending;
+use crate::{animation, interrupt, light, threads};
+use anyhow::Result;
+use photofit_fit::engine::Normalised;
+use photofit_fit::engine::animated::Animated;
+use photofit_fit::engine::trainer::Keeping;
+use photofit_fit::retexture::{RetextureOptions, Retextured, retexture};
+use photofit_fit::views::Moment;
+use photofit_scene::Scene;
+use serde_json::{Value, json};
+
+pub(crate) fn run(a: &Retexture) -> Result<Ending> {
+    let places = Places::default()
+        .reads("REFERENCE", Some(&a.reference))
+        .reads("LIGHT", Some(&a.light_asset))
+        .reads("--env", a.env.as_deref())
+        .writes("--output", Some(&a.output))
+        .writes("--json", a.json.as_deref())
+        .fills("--checkpoint", a.running.checkpoint.as_deref(), &[CHECKPOINT_FILE]);
+    places.check()?;
+    threads::set(a.running.threads)?;
+    let lighting = light::lighting(a.light, a.env.as_deref())?;
+    let [reference, asset] = [("REFERENCE", &a.reference), ("LIGHT", &a.light_asset)].map(|(name, file)| {
+        let scene = photofit_scene::load(file)?;
+        places.check_against(name, &scene.files)?;
+        scene.warnings.iter().for_each(|w| say(&format!("warning: {}: {w}", file.display())));
+        Ok::<Scene, anyhow::Error>(scene)
+    });
+    let (reference, asset) = (reference?, asset?);
+    let options = RetextureOptions {
+        moments: moments(a, &reference, &asset)?,
+        resolution: a.resolution,
+        texture_size: a.texture_size,
+        steps: a.steps,
+        batch: a.batch,
+        lighting,
+        seed: a.running.seed,
+        keeping: Keeping {
+            checkpoint: a.running.checkpoint.clone(),
+            resume: a.running.resume,
+            time_limit: a.time_limit,
+        },
+        ..RetextureOptions::default()
+    };
+    interrupt::handle();
+    let progress = Terminal::new();
+    let r = retexture(&reference, &asset, &a.output, &options, &progress)
+        .map_err(|e| explain_error(&a.light_asset, e))?;
+    progress.finish();
+    if r.stopped {
+        say("the fit was ended early; what was reached is written");
+    }
+    if a.explain {
+        print(&format!("what ran:\n{}\n\n", r.plan))?;
+    }
+    let mut text = output::quality_table(&[("baked", &r.start), ("fitted", &r.quality)]);
+    let moments = match options.moments.len() {
+        0 => "as it stands".to_owned(),
+        n => format!("at {n} moments"),
+    };
+    text += &format!(
+        "\n{} views, {moments}; {} steps\nwrote {}: {} triangles\n",
+        r.views.len(),
+        r.steps,
+        a.output.display(),
+        asset.triangle_count()
+    );
+    if let Some(path) = &a.json {
+        output::write_json(path, &to_json(a, &options, &r))?;
+    }
+    print(&text)?;
+    let stopped = r.stopped && interrupt::is_stopping();
+    Ok(if stopped { Ending::Stopped } else { Ending::Done })
+}
+
+/// The moments that are compared, in animations of the reference.
+fn moments(a: &Retexture, reference: &Scene, asset: &Scene) -> Result<Vec<Moment>> {
+    let of = |scene: &Scene| scene.hierarchy.as_ref().map_or(0, |h| h.animations.len());
+    if a.moments == 0 || of(reference) == 0 {
+        let none = a.animation.first().map(|name| animation::index(&a.reference, reference, name));
+        none.transpose()?;
+        return Ok(Vec::new());
+    }
+    let n = Normalised::new(reference).map_err(|e| explain_error(&a.reference, e))?;
+    let theirs = Animated::new(reference, &n);
+    let own = Animated::new(asset, &n).playing(&n.animations);
+    let wanted: Vec<usize> = match &a.animation[..] {
+        [] => (0..of(reference)).filter(|i| own.plays(*i)).collect(),
+        names => {
+            names.iter().map(|name| animation::index(&a.reference, reference, name)).collect::<Result<_>>()?
+        }
+    };
+    if wanted.is_empty() && of(asset) > 0 {
+        let names: Vec<String> = n.animations.iter().map(|name| format!("\"{name}\"")).collect();
+        say(&format!(
+            "warning: {}: has none of the reference's animations, {}; both are compared as they stand",
+            a.light_asset.display(),
+            names.join(", ")
+        ));
+    }
+    Ok(wanted.into_iter().flat_map(|i| theirs.moments(i, a.moments)).collect())
+}
+
+fn to_json(a: &Retexture, options: &RetextureOptions, r: &Retextured) -> Value {
+    json!({
+        "reference": a.reference.display().to_string(),
+        "light": a.light_asset.display().to_string(),
+        "output": a.output.display().to_string(),
+        "moments": options.moments.iter().map(|m| json!({ "animation": m.animation, "time": m.time })).collect::<Vec<_>>(),
+        "baked": output::quality(&r.start),
+        "fitted": output::quality(&r.quality),
+        "views": r.views.iter().map(|v| output::quality(&v.quality[1].quality)).collect::<Vec<_>>(),
+        "steps": r.steps,
+        "stopped": r.stopped,
+    })
+}

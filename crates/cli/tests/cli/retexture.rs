@@ -1,0 +1,75 @@
+//! Maps of light animated assets.
+
+use crate::support::{assert_misuse, assert_one_error, photofit, rock, stderr, stdout, succeeds};
+use glam::{Affine3A, Quat, Vec3};
+use photofit_scene::{
+    Animation, Channel, Curve, Hierarchy, Interpolation, Node, NodeMesh, NodePrimitive, NodeTransform,
+    Placement, Property, Scene,
+};
+use serde_json::Value;
+use std::path::Path;
+use std::sync::Arc;
+
+/// A rock that slides to the right within a second.
+fn sliding(frequency: u32, animation: &str) -> Scene {
+    let mut scene = rock(frequency, true);
+    scene.instances[0].transform = Affine3A::IDENTITY;
+    let parts = NodeTransform::Parts { translation: Vec3::ZERO, rotation: Quat::IDENTITY, scale: Vec3::ONE };
+    scene.hierarchy = Some(Arc::new(Hierarchy {
+        nodes: vec![Node { mesh: Some(0), transform: parts, ..Node::default() }],
+        roots: vec![0],
+        meshes: vec![NodeMesh {
+            primitives: vec![NodePrimitive { primitive: 0, bind: None }],
+            ..NodeMesh::default()
+        }],
+        animations: vec![Animation {
+            name: animation.into(),
+            channels: vec![Channel { node: 0, property: Property::Translation, curve: 0 }],
+            curves: vec![Curve {
+                times: vec![0.0, 1.0],
+                values: vec![0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
+                interpolation: Interpolation::Linear,
+            }],
+            ..Animation::default()
+        }],
+        placements: vec![Placement { node: 0, part: 0 }],
+        ..Hierarchy::default()
+    }));
+    scene
+}
+
+fn write(folder: &Path, name: &str, scene: &Scene) {
+    photofit_scene::save_glb(folder.join(name), scene).unwrap();
+}
+
+#[test]
+fn a_light_rock_is_painted_in_motion() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write(d, "heavy.glb", &sliding(10, "slide"));
+    write(d, "light.glb", &sliding(4, "slide"));
+    let line = ["retexture", "heavy.glb", "light.glb", "-o", "out.glb", "--texture-size", "64"];
+    let run = |more: &[&str]| photofit(d, &[&line[..], more].concat());
+    let small = ["--resolution", "64", "--steps", "40", "--moments", "3", "--json", "f.json"];
+    let o = succeeds(d, &[&line[..], &small[..], &["--explain"]].concat());
+    assert!(stdout(&o).contains("3 moments of slide"), "{}", stdout(&o));
+    let f: Value = serde_json::from_slice(&std::fs::read(d.join("f.json")).unwrap()).unwrap();
+    let psnr = |stage: &str| f[stage]["psnr"].as_f64().unwrap();
+    assert!(psnr("fitted") > psnr("baked") && f["moments"].as_array().unwrap().len() == 3, "{f}");
+    let bytes = std::fs::read(d.join("out.glb")).unwrap();
+    let again = ["--threads", "1", "--resolution", "64", "--steps", "40", "--moments", "3"];
+    assert_eq!(run(&again).status.code(), Some(0));
+    assert!(std::fs::read(d.join("out.glb")).unwrap() == bytes, "the same bytes on one thread");
+    assert!(stdout(&succeeds(d, &["inspect", "out.glb"])).contains("slide"), "the animation is kept");
+    // What cannot be is told in one line.
+    assert_one_error(&run(&["--animation", "jump"]), "animation", &["heavy.glb", "\"slide\"", "jump"]);
+    assert_misuse(
+        &photofit(d, &["retexture", "heavy.glb", "light.glb", "-o", "light.glb"]),
+        "overwritten",
+        &["LIGHT"],
+    );
+    write(d, "light.glb", &sliding(4, "other"));
+    let o = succeeds(d, &[&line[..], &["--steps", "0", "--resolution", "32"]].concat());
+    assert!(stderr(&o).contains("none of the reference's animations, \"slide\""), "{}", stderr(&o));
+    assert_one_error(&run(&["--animation", "slide"]), "not there", &["light.glb", "animation 0"]);
+}
