@@ -356,6 +356,13 @@ pub(crate) struct Demo {
     /// software), or auto: a GPU in hardware if there is one, else the CPU.
     #[arg(long, value_name = "DEVICE", default_value = "cpu", value_parser = device)]
     pub(crate) device: Device,
+    /// End the fit after this many seconds; making the asset, preparation and judging take their time on top [range: more
+    /// than 0, at most 1000000000].
+    #[arg(long, value_name = "S", default_value = "60", value_parser = seconds)]
+    pub(crate) time_limit: Duration,
+    /// Threads [range: 1 to 1024] [default: all cores].
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
+    pub(crate) threads: Option<u16>,
 }
 
 #[cfg(test)]

@@ -2,18 +2,18 @@
 
 use crate::args::Demo;
 use crate::demo_asset::demo_asset;
-use crate::device;
 use crate::output::{self, bytes, count, print};
 use crate::preflight::Places;
 use crate::render;
 use crate::simplify::Job;
 use crate::status::Ending;
+use crate::threads;
+use crate::{device, interrupt};
 use anyhow::{Context, Result};
 use photofit_fit::report::PAGE;
 use photofit_fit::simplify::SimplifyOptions;
 use photofit_geometry::decimate::Target;
 use std::path::Path;
-use std::time::Duration;
 
 /// What is written beside the report.
 const FILES: [&str; 5] = ["heavy.glb", "light.glb", "figures.json", "heavy.png", "light.png"];
@@ -27,6 +27,7 @@ pub(crate) fn run(a: &Demo) -> Result<Ending> {
         .fills("--out", Some(&a.out), &FILES)
         .fills("--out", Some(&a.out.join("report")), &[PAGE])
         .check()?;
+    threads::set(a.threads)?;
     std::fs::create_dir_all(&a.out).with_context(|| format!("{}: cannot be made", a.out.display()))?;
     let (heavy, light) = (a.out.join("heavy.glb"), a.out.join("light.glb"));
     let scene = demo_asset();
@@ -36,7 +37,7 @@ pub(crate) fn run(a: &Demo) -> Result<Ending> {
         target: Target::Ratio(RATIO),
         resolution: 768,
         steps: 150,
-        time_limit: Some(Duration::from_secs(60)),
+        time_limit: Some(a.time_limit),
         texture_size: 1024,
         report_views: 6,
         device: device::choose(&a.device)?,
@@ -48,12 +49,16 @@ pub(crate) fn run(a: &Demo) -> Result<Ending> {
     let job = Job { input: &heavy, output: &light, report: Some(&report), explain: true };
     let done = job.run(&scene, &options)?;
     output::write_json(&a.out.join("figures.json"), &done.json)?;
+    // Who stopped the demo does not wait for pictures.
+    let pictures = if interrupt::is_stopping() { "" } else { "pictures and " };
     for (asset, file) in [(&heavy, "heavy.png"), (&light, "light.png")] {
-        picture(asset, &a.out.join(file))?;
+        if !pictures.is_empty() {
+            picture(asset, &a.out.join(file))?;
+        }
     }
     let size = |path: &Path| std::fs::metadata(path).map_or_else(|_| "?".into(), |m| bytes(m.len()));
     print(&format!(
-        "\n{} triangles, {} -> {} triangles, {}\npictures and report in {}\n",
+        "\n{} triangles, {} -> {} triangles, {}\n{pictures}report in {}\n",
         count(done.outcome.triangles_in),
         size(&heavy),
         count(done.outcome.triangles_out),

@@ -228,7 +228,14 @@ fn load(files: &Files) -> Result<Loaded> {
     if let Some(path) = &files.half {
         let (name, half) = Layers::read(path)?.color()?;
         same_size(&half, &place(path, &name), color.width, color.height)?;
-        loaded.half = Some(planes(&half, 3));
+        let half = planes(&half, 3);
+        if half.iter().zip(&loaded.color).all(|(a, b)| a.to_bits() == b.to_bits()) {
+            let place = place(path, &name);
+            bail!(Misuse(format!(
+                "{place}: --half holds the same picture; it must be one with samples of its own"
+            )));
+        }
+        loaded.half = Some(half);
     }
     for kind in Kind::GUIDES {
         let found = match files.guides.iter().find(|(k, _)| *k == kind) {

@@ -2,7 +2,7 @@
 
 use crate::args::Gradient;
 use crate::output::{self, print};
-use crate::parameter_scene::{Key, Subject, tensor};
+use crate::parameter_scene::{Cameras, Key, Subject, tensor};
 use crate::preflight::Places;
 use crate::status::{Ending, Misuse};
 use crate::threads;
@@ -24,7 +24,8 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
         .writes("--image", a.image.as_deref());
     places.check()?;
     threads::set(a.threads)?;
-    let subject = Subject::load(&a.scene, &places)?;
+    let cameras = if a.list { Cameras::Others } else { Cameras::Own };
+    let subject = Subject::load(&a.scene, cameras, &places)?;
     let Some(name) = &a.parameter else {
         return list(&subject.keys).map(|()| Ending::Done);
     };

@@ -4,10 +4,11 @@ use crate::args::Simplify;
 use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::Terminal;
-use crate::simplify::{CHECKPOINT_FILE, Job, ending, explain_error, name, options};
+use crate::simplify::{CHECKPOINT_FILE, Job, ending, explain_error, misuse, name, options};
 use crate::status::Ending;
 use crate::threads;
 use anyhow::{Context as _, Error, Result};
+use photofit_fit::FitError;
 use photofit_fit::engine::judge::Judged;
 use photofit_fit::lod::{
     Chain, ChainOptions, Level, combined_path, level_folder, level_path, simplify_chain, summary_path,
@@ -49,7 +50,7 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
         fit: options(a)?,
         texture_size: a.texture_size,
     };
-    options.check(usize::MAX).map_err(|e| explain_error(&a.input, e))?;
+    options.check(usize::MAX).map_err(|e| misuse(of_command(e)))?;
     let scene = photofit_scene::load(&a.input)?;
     places.check_against("IN", &scene.files)?;
     let whole = Job { input: &a.input, output: &a.output, report: None, explain: a.explain };
@@ -61,8 +62,8 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
             .with_context(|| format!("{}: cannot be removed", summary.display()))?;
     }
     let progress = Terminal::new();
-    let chain =
-        simplify_chain(&scene, &a.output, &options, &progress).map_err(|e| explain_error(&a.input, e))?;
+    let told = |e| explain_error(&a.input, of_command(e));
+    let chain = simplify_chain(&scene, &a.output, &options, &progress).map_err(told)?;
     progress.finish();
     let (figures, unwritten) = tell(a, &scene, &chain)?;
     // What cannot be written keeps nothing else from being written.
@@ -71,10 +72,32 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
         print(&format!("wrote {}\n", summary.display()))?;
     }
     let written = a.json.as_ref().map_or(Ok(()), |path| output::write_json(path, &figures));
+    chain.failed.map_or(Ok(()), |e| Err(told(e)))?;
     unwritten.map_or(Ok(()), Err)?;
     summarised?;
     written?;
     Ok(ending(chain.stopped))
+}
+
+/// An error with the options of a chain in place of the fields.
+fn of_command(error: FitError) -> FitError {
+    let option = |field: &str| match field {
+        "sizes" => Some("lod"),
+        "triangles" => Some("lod_triangles"),
+        _ => None,
+    };
+    match error {
+        FitError::Setting { field, rule } => {
+            FitError::Setting { field: option(field).unwrap_or(field), rule }
+        }
+        FitError::OtherFit { path, mut differences } => {
+            for d in &mut differences {
+                d.field = option(&d.field).map_or_else(|| d.field.clone(), str::to_owned);
+            }
+            FitError::OtherFit { path, differences }
+        }
+        error => error,
+    }
 }
 
 /// Reports every level; all figures as JSON, and why a report is not written.
@@ -95,7 +118,7 @@ fn tell(a: &Simplify, scene: &Scene, chain: &Chain) -> Result<(Value, Option<Err
     if let Some(path) = &chain.combined {
         print(&format!("wrote {}\n", path.display()))?;
     }
-    if chain.levels.len() < a.lod.len() {
+    if chain.levels.len() < a.lod.len() && chain.failed.is_none() {
         let made = chain.levels.len();
         crate::progress::say(&format!("{made} of {} levels are written: the chain was stopped", a.lod.len()));
     }

@@ -3,7 +3,9 @@
 use crate::interrupt;
 use indicatif::{ProgressBar, ProgressStyle};
 use photofit_fit::Progress;
+use photofit_scene::Scene;
 use std::io::{IsTerminal, Write};
+use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -14,6 +16,11 @@ const PLAIN_INTERVAL: Duration = Duration::from_secs(10);
 pub(crate) fn say(text: &str) {
     // Nobody is left to tell when stderr is gone.
     let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+/// What was found wrong with an asset and left out, on stderr.
+pub(crate) fn say_warnings(file: &Path, scene: &Scene) {
+    scene.warnings.iter().for_each(|w| say(&format!("warning: {}: {w}", file.display())));
 }
 
 /// Shows progress: a bar on a terminal, else a line at each stage and every ten seconds.

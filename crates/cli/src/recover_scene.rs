@@ -6,7 +6,7 @@ mod target;
 
 use crate::args::{RecoverScene, TextureSmoothing};
 use crate::output::print;
-use crate::parameter_scene::{Key, Quantity, Subject};
+use crate::parameter_scene::{Cameras, Key, Quantity, Subject};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say};
 use crate::simplify::{CHECKPOINT_FILE, name_options};
@@ -57,7 +57,9 @@ pub(crate) fn run(a: &RecoverScene) -> Result<Ending> {
     places.check()?;
     places.check_against("--picture", &source.files())?;
     threads::set(a.threads)?;
-    let mut task = task(a, Subject::load(&a.scene, &places)?, &source)?;
+    let scene = source.sized(&a.scene)?;
+    let cameras = if matches!(source, Source::List(_)) { Cameras::Others } else { Cameras::Own };
+    let mut task = task(a, Subject::load(&scene, cameras, &places)?, &source)?;
     begin(a, &mut task)?;
     std::fs::create_dir_all(&a.output).with_context(|| a.output.display().to_string())?;
     found::write_start(&a.output, &task.model, &task.views, &task.targets)?;
@@ -136,10 +138,18 @@ fn task(a: &RecoverScene, mut subject: Subject, source: &Source<'_>) -> Result<T
 
 /// Sets the values that the fit starts from, and moves those of the scene into their ranges.
 fn begin(a: &RecoverScene, task: &mut Task) -> Result<()> {
+    for name in a.start.iter().filter_map(|s| s.0.as_ref()) {
+        if !a.parameter.contains(name) {
+            bail!(Misuse(format!("--start: {name} is not fitted; it must be one of --parameter")));
+        }
+    }
     for (k, quantity) in task.quantities.iter().enumerate() {
         let (values, p) = (task.model.of(k), &task.model.parameters[k]);
-        let start = if a.start.is_some() || a.self_test {
-            quantity.flat(values, p.channels(), a.start.map(|x| x as f32))
+        // Its own counts more than one for all, the last of several more than those before.
+        let own = a.start.iter().rev().find(|s| s.0.as_ref() == Some(&p.name));
+        let given = own.or_else(|| a.start.iter().rev().find(|s| s.0.is_none())).map(|s| s.1 as f32);
+        let start = if given.is_some() || a.self_test {
+            quantity.flat(values, p.channels(), given)
         } else {
             values.iter().map(|v| v.clamp(p.range[0], p.range[1])).collect()
         };

@@ -3,6 +3,7 @@
 use crate::args::{Render, RenderIntegrator, RenderLight};
 use crate::output;
 use crate::preflight::Places;
+use crate::progress::say_warnings;
 use crate::status::Ending;
 use crate::{animation, camera, light, mitsuba, path_render, threads};
 use anyhow::{Result, anyhow};
@@ -89,6 +90,7 @@ pub(crate) fn run(a: &Render) -> Result<Ending> {
 /// The asset, as it is at the moment that the command names.
 pub(crate) fn posed(a: &Render) -> Result<Scene> {
     let mut scene = photofit_scene::load(&a.input)?;
+    say_warnings(&a.input, &scene);
     let Some(wanted) = &a.animation else { return Ok(scene) };
     let index = animation::index(&a.input, &scene, wanted)?;
     scene.set_pose(scene.pose(Some(index), a.time.unwrap_or(0.0)));
@@ -143,11 +145,17 @@ pub(crate) fn render(
     SceneRenderer::new(&flat, &library).render(camera, lights, width, height, supersample)
 }
 
+/// The camera of the command without options; `None` for a scene without extent.
+pub(crate) fn framing(scene: &Scene, aspect: f32) -> Option<Camera> {
+    let (center, radius) = scene.bounding_sphere()?;
+    let (azimuth, elevation) = (30_f32.to_radians(), 20_f32.to_radians());
+    Some(Camera::framing(center, radius, azimuth, elevation, FIELD_OF_VIEW, aspect))
+}
+
 /// A picture of the whole scene as the command shows it without options, linear and premultiplied.
 pub(crate) fn portrait(scene: &Scene, side: usize) -> Option<Image> {
     let (center, radius) = scene.bounding_sphere()?;
-    let camera =
-        Camera::framing(center, radius, 30_f32.to_radians(), 20_f32.to_radians(), FIELD_OF_VIEW, 1.0);
+    let camera = framing(scene, 1.0)?;
     Some(render(scene, &camera, &point_light(&camera, center, radius), (side, side), 4))
 }
 

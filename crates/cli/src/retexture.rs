@@ -3,7 +3,7 @@
 use crate::args::Retexture;
 use crate::output::{self, print};
 use crate::preflight::Places;
-use crate::progress::{Terminal, say};
+use crate::progress::{Terminal, say, say_warnings};
 use crate::simplify::{CHECKPOINT_FILE, explain_error};
 use crate::status::Ending;
 use crate::{animation, interrupt, light, threads};
@@ -30,7 +30,7 @@ pub(crate) fn run(a: &Retexture) -> Result<Ending> {
     let [reference, asset] = [("REFERENCE", &a.reference), ("LIGHT", &a.light_asset)].map(|(name, file)| {
         let scene = photofit_scene::load(file)?;
         places.check_against(name, &scene.files)?;
-        scene.warnings.iter().for_each(|w| say(&format!("warning: {}: {w}", file.display())));
+        say_warnings(file, &scene);
         Ok::<Scene, anyhow::Error>(scene)
     });
     let (reference, asset) = (reference?, asset?);

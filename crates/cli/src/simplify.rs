@@ -3,8 +3,8 @@
 use crate::args::{FitJudge, FitReference, GeometryFormat, Simplify, Start, TextureFormat, has_option};
 use crate::output::{self, print};
 use crate::preflight::Places;
-use crate::progress::Terminal;
-use crate::status::Ending;
+use crate::progress::{Terminal, say, say_warnings};
+use crate::status::{Ending, Misuse};
 use crate::{device, interrupt, light, lod, memory, threads};
 use anyhow::{Error, Result, anyhow};
 use photofit_fit::FitError;
@@ -42,7 +42,7 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
     threads::set(a.running.threads)?;
     let options = options(a)?;
     // What no asset could satisfy is told before one is read.
-    options.check(usize::MAX).map_err(|e| explain_error(&a.input, e))?;
+    options.check(usize::MAX).map_err(misuse)?;
     let scene = photofit_scene::load(&a.input)?;
     places.check_against("IN", &scene.files)?;
     let job = Job { input: &a.input, output: &a.output, report: a.report.as_deref(), explain: a.explain };
@@ -123,6 +123,14 @@ pub(crate) fn name_options(error: FitError) -> FitError {
     FitError::OtherFit { path, differences }
 }
 
+/// A setting that no asset allows is a wrong command line.
+pub(crate) fn misuse(error: FitError) -> Error {
+    match error {
+        FitError::Setting { field, rule } => Misuse(format!("{} {rule}", option(field))).into(),
+        error => error.into(),
+    }
+}
+
 /// Adds the name of the asset to errors that do not name a file, and turns fields into options.
 pub(crate) fn explain_error(input: &Path, error: FitError) -> Error {
     let error = name_options(error);
@@ -178,9 +186,7 @@ impl Job<'_> {
     /// What comes before the work: what is wrong with the asset, and what it asks for.
     pub(crate) fn begin(&self, scene: &Scene, options: &SimplifyOptions) -> Result<()> {
         scene.validate_for_fit().map_err(|e| explain_error(self.input, e.into()))?;
-        for warning in &scene.warnings {
-            crate::progress::say(&format!("warning: {}: {warning}", self.input.display()));
-        }
+        say_warnings(self.input, scene);
         if self.explain {
             let path_traced = options.reference == ReferenceRenderer::Path;
             let plan = Plan::new(scene)
@@ -190,7 +196,7 @@ impl Job<'_> {
         }
         let judgement = options.judgement(scene);
         if judgement.traced && options.judge == JudgeRenderer::Auto {
-            crate::progress::say(&format!(
+            say(&format!(
                 "the result will be judged by path tracing: {}; --judge raster takes no time, a smaller --judge-spp less",
                 judgement.item().why
             ));
@@ -208,20 +214,19 @@ impl Job<'_> {
         screen_size: Option<f64>,
         outcome: &Outcome,
     ) -> Result<(Value, Option<Error>)> {
-        if outcome.stopped {
-            crate::progress::say("the fit was ended early; what was reached is written");
+        if outcome.fit_stopped {
+            say("the fit was ended early; what was reached is written");
+        } else if outcome.stopped {
+            say("the judgement was ended early: what is written is complete, fewer views are judged");
         }
         if self.explain {
             print(&format!("what ran:\n{}\n\n", outcome.plan))?;
         }
         for line in &outcome.left_out {
-            crate::progress::say(&format!("warning: {}: left out: {line}", self.input.display()));
+            say(&format!("warning: {}: left out: {line}", self.input.display()));
         }
         for line in &outcome.not_fitted {
-            crate::progress::say(&format!(
-                "{}: kept, but not drawn while fitting: {line}",
-                self.input.display()
-            ));
+            say(&format!("{}: kept, but not drawn while fitting: {line}", self.input.display()));
         }
         self.print_summary(scene, outcome)?;
         let (report, unwritten) = match self.write_report(scene, screen_size, outcome) {
@@ -275,7 +280,11 @@ impl Job<'_> {
             o.seconds,
             o.fit_seconds
         );
-        if Verdict::of(o).better.is_some_and(|(name, _)| name == "decimated") {
+        let lighter = self.bytes_out().is_some_and(|b| b <= scene.source_bytes);
+        let finer = scene.images.iter().map(|i| i.width * i.height).max()
+            > Some(o.candidate.maps.levels[0].texels.len());
+        // More texels help where there are more to take, and the file may still grow.
+        if lighter && finer && Verdict::of(o).better.is_some_and(|(name, _)| name == "decimated") {
             text += "the asset's own materials on as many triangles score better: a larger --texture-size may help\n";
         }
         if let Some(bytes) = self.bytes_out().filter(|b| *b > scene.source_bytes && scene.source_bytes > 0) {
@@ -317,6 +326,7 @@ impl Job<'_> {
             "bytes_in": scene.source_bytes,
             "bytes_out": self.bytes_out(),
             "verdict": Verdict::of(o).likeness.to_string(),
+            "written": o.written.name(),
             "seconds": o.seconds,
             "fit_seconds": o.fit_seconds,
             "seconds_to_half_db": o.seconds_to_half_db,

@@ -74,6 +74,8 @@ pub struct Chain {
     pub stopped: bool,
     /// The file with all levels, where one was asked for.
     pub combined: Option<PathBuf>,
+    /// Why a level could not be made, or what follows from all; the levels before it are written.
+    pub failed: Option<FitError>,
 }
 
 impl ChainOptions {
@@ -82,25 +84,26 @@ impl ChainOptions {
     /// # Errors
     /// [`FitError::Setting`] names the field, what it is and what it must be.
     pub fn check(&self, triangles: usize) -> Result<(), FitError> {
-        let sizes = &self.sizes;
-        let fail = |field, rule| Err(FitError::Setting { field, rule });
+        let (sizes, budgets) = (&self.sizes, &self.triangles);
+        let fail = |field, is: String, rule: String| {
+            Err(FitError::Setting { field, rule: format!("is [{is}]; {rule}") })
+        };
+        let of_sizes = |rule: String| fail("sizes", listed(sizes), rule);
+        let of_budgets = |rule: String| fail("triangles", listed(budgets), rule);
         if !(1..=MOST_LEVELS).contains(&sizes.len()) {
-            return fail("lod", format!("has {} levels; it must have 1 to {MOST_LEVELS}", sizes.len()));
+            return of_sizes(format!("there must be 1 to {MOST_LEVELS} levels"));
         }
-        if let Some(size) = sizes.iter().find(|s| !(SMALLEST..=LARGEST).contains(*s)) {
-            return fail("lod", format!("has a size of {size}; it must be {SMALLEST} to {LARGEST} pixels"));
+        if !sizes.iter().all(|s| (SMALLEST..=LARGEST).contains(s)) {
+            return of_sizes(format!("sizes must be {SMALLEST} to {LARGEST} pixels"));
         }
-        if let Some(w) = sizes.windows(2).find(|w| w[0] <= w[1]) {
-            return fail("lod", format!("has {} after {}; sizes must fall", w[1], w[0]));
+        if sizes.windows(2).any(|w| w[0] <= w[1]) {
+            return of_sizes("sizes must fall".into());
         }
-        let budgets = &self.triangles;
         if !budgets.is_empty() && budgets.len() != sizes.len() {
-            let rule =
-                format!("has {} budgets; it must have one for each of {} levels", budgets.len(), sizes.len());
-            return fail("lod_triangles", rule);
+            return of_budgets(format!("there must be one for each of {} levels", sizes.len()));
         }
-        if let Some(w) = budgets.windows(2).find(|w| w[0] <= w[1]) {
-            return fail("lod_triangles", format!("has {} after {}; budgets must fall", w[1], w[0]));
+        if budgets.windows(2).any(|w| w[0] <= w[1]) {
+            return of_budgets("budgets must fall".into());
         }
         (0..sizes.len()).try_for_each(|k| self.level(k).check(triangles).map_err(of_chain))
     }
@@ -131,11 +134,14 @@ impl ChainOptions {
     }
 }
 
+fn listed<T: ToString>(values: &[T]) -> String {
+    values.iter().map(T::to_string).collect::<Vec<_>>().join(", ")
+}
+
 /// An error of one level with the names of fields that a chain has.
 fn of_chain(error: FitError) -> FitError {
     let named = |field: &str| match field {
-        "triangles" => Some("lod_triangles"),
-        "screen_size" | "resolution" => Some("lod"),
+        "screen_size" | "resolution" => Some("sizes"),
         _ => None,
     };
     match error {
@@ -207,7 +213,7 @@ impl Progress for OfLevel<'_> {
 /// begun. A chain that goes on from its checkpoints makes the levels before again, without the steps that they hold.
 ///
 /// # Errors
-/// See [`FitError`]; levels that were written before stay.
+/// See [`FitError`], where not even the first level could be made; else [`Chain::failed`].
 pub fn simplify_chain(
     scene: &Scene,
     output: &Path,
@@ -218,6 +224,7 @@ pub fn simplify_chain(
     let began = Instant::now();
     with_asset(scene, progress, |asset| {
         let (mut levels, mut left) = (Vec::<Level>::new(), options.fit.time_limit);
+        let mut failed = None;
         for k in 0..options.sizes.len() {
             if k > 0 && progress.is_cancelled() {
                 break;
@@ -225,6 +232,10 @@ pub fn simplify_chain(
             let began = if k == 0 { began } else { Instant::now() };
             let level = match level(asset, output, options, &levels, left, began, progress) {
                 Err(FitError::Interrupted) if k > 0 => break,
+                Err(e) if k > 0 => {
+                    failed = Some(e);
+                    break;
+                }
                 level => level?,
             };
             // What earlier runs took is in the history too; this run cannot have taken longer than it lasts.
@@ -233,7 +244,10 @@ pub fn simplify_chain(
             left = left.map(|l| l.saturating_sub(fitted));
             levels.push(level);
         }
-        finish(asset, output, options, levels)
+        let combined = if failed.is_none() { finish(asset, output, options, &mut levels) } else { Ok(None) };
+        let stopped = levels.len() < options.sizes.len() || levels.iter().any(|l| l.outcome.stopped);
+        let (combined, failed) = combined.map_or_else(|e| (None, Some(e)), |c| (c, failed));
+        Ok(Chain { levels, stopped, combined, failed })
     })
 }
 
@@ -272,13 +286,13 @@ fn level(
     Ok(Level { path, bytes, size, switch_size, popping: None, outcome })
 }
 
-/// Compares neighbouring levels, and writes the file with all of them.
+/// Compares neighbouring levels, and writes the file with all of them; its path.
 fn finish(
     asset: Asset<'_>,
     output: &Path,
     options: &ChainOptions,
-    mut levels: Vec<Level>,
-) -> Result<Chain, FitError> {
+    levels: &mut [Level],
+) -> Result<Option<PathBuf>, FitError> {
     // The file with all levels holds their textures as they are: a second lossy encoding would change them.
     let limits = Limits { keep_encoded: true, ..Limits::default() };
     let scenes: Vec<Scene> =
@@ -299,8 +313,7 @@ fn finish(
         let coverage: Vec<f64> = (0..levels.len()).map(coverage).collect();
         photofit_scene::save_glb_lods(path, &scenes, &coverage, options.fit.compression)?;
     }
-    let stopped = levels.len() < options.sizes.len() || levels.iter().any(|l| l.outcome.stopped);
-    Ok(Chain { levels, stopped, combined })
+    Ok(combined)
 }
 
 #[cfg(test)]

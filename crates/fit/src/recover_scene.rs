@@ -5,6 +5,8 @@
 //! evaluations that choose the best state alike. Of four pictures or more the last one is held out for these; fewer are
 //! all fitted, and the evaluations are of the pictures that are fitted.
 
+mod doubts;
+
 use crate::engine::checkpoint::Digest;
 use crate::engine::cpu::Cpu;
 use crate::engine::loss::PictureLoss;
@@ -163,6 +165,11 @@ pub fn recover_scene(
     let brightness = pictures.iter().map(brightness).sum::<f64>() / pictures.len() as f64;
     begin(&mut model)?;
     views.iter().try_for_each(|v| model.check(v))?;
+    for (i, j) in doubts::swapped(&model, views, &pictures)? {
+        progress.warn(&format!(
+            "pictures {i} and {j} look like what cameras {j} and {i} see: they may have changed places"
+        ));
+    }
     let held_out = (pictures.len() >= FEWEST_TO_HOLD_OUT).then(|| pictures.len() - 1);
     let source = Pictures { images: pictures, cameras: views.to_vec(), held_out };
     let evaluated = if held_out.is_some() { 1 } else { source.images.len() as u64 };

@@ -34,9 +34,10 @@ pub(crate) struct Gradient {
 }
 
 /// A scene whose path-traced picture has parameters.
-#[derive(Args, Debug)]
+#[derive(Args, Clone, Debug)]
 pub(crate) struct ParameterScene {
-    /// The scene: a Mitsuba 3 scene (.xml), or an asset with a camera (.glb, .gltf).
+    /// The scene: a Mitsuba 3 scene (.xml), or an asset (.glb, .gltf), seen by its camera or, without one, as `photofit
+    /// render` shows it.
     #[arg(value_name = "SCENE")]
     pub(crate) input: PathBuf,
     /// Most scattering events of a path: 1 is direct light [range: 0 to 1000000] [default: 16, or what the scene says].
@@ -45,10 +46,10 @@ pub(crate) struct ParameterScene {
     /// Seed of the random numbers [range: at least 0].
     #[arg(long, value_name = "S", default_value_t = 0, value_parser = whole::<u64>(0..))]
     pub(crate) seed: u64,
-    /// Width of the picture, pixels [range: 1 to 16384] [default: 512, or what the scene says].
+    /// Width of the picture, pixels [range: 1 to 16384] [default: 512, or what the scene or --picture says].
     #[arg(long, value_name = "PX", value_parser = whole::<u32>(1..=16384))]
     pub(crate) width: Option<u32>,
-    /// Height of the picture, pixels [range: 1 to 16384] [default: 512, or what the scene says].
+    /// Height of the picture, pixels [range: 1 to 16384] [default: 512, or what the scene or --picture says].
     #[arg(long, value_name = "PX", value_parser = whole::<u32>(1..=16384))]
     pub(crate) height: Option<u32>,
     /// Camera of an asset, the first is 0; of `recover scene` several, one after the other [range: at least 0].

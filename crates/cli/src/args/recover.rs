@@ -1,6 +1,6 @@
 //! The options of `photofit recover`.
 
-use super::values::{above_to, ending, number, seconds, whole};
+use super::values::{above_to, ending, number, of_key, seconds, whole};
 use super::{ParameterScene, Running, STATUSES};
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::PathBuf;
@@ -84,10 +84,11 @@ pub(crate) struct RecoverScene {
     /// A parameter to fit; may be repeated.
     #[arg(long, value_name = "KEY", required = true)]
     pub(crate) parameter: Vec<String>,
-    /// Value that all parameters start from [range: 0 to 1000000] [default: what the scene says; with --self-test the middle of
-    /// what has bounds, half the mean of densities, twice that of other values]. Normal maps start without bumps.
-    #[arg(long, value_name = "X", value_parser = number(0.0..=1e6))]
-    pub(crate) start: Option<f64>,
+    /// Value that all parameters start from, or KEY=X: that one of them starts from; may be repeated [range: 0 to 1000000]
+    /// [default: what the scene says; with --self-test the middle of what has bounds, half the mean of densities, twice that of
+    /// other values]. Normal maps start without bumps.
+    #[arg(long, value_name = "X|KEY=X", value_parser = of_key(0.0..=1e6))]
+    pub(crate) start: Vec<(Option<String>, f64)>,
     /// How steps of textures and grids are smoothed.
     #[arg(long, value_name = "HOW", value_enum, default_value = "bilateral")]
     pub(crate) smoothing: TextureSmoothing,

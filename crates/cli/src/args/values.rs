@@ -32,6 +32,16 @@ pub(crate) fn number(
     }
 }
 
+/// A number in a range, or one behind a name and the last `=`.
+pub(crate) fn of_key(
+    range: impl RangeBounds<f64> + Clone + Send + Sync + 'static,
+) -> impl Fn(&str) -> Result<(Option<String>, f64), String> + Clone + Send + Sync + 'static {
+    move |text| {
+        let (key, value) = text.rsplit_once('=').map_or((None, text), |(k, v)| (Some(k.to_owned()), v));
+        number(range.clone())(value).map(|x| (key, x))
+    }
+}
+
 /// A number in a range, in single precision.
 pub(crate) fn single(
     range: impl RangeBounds<f64> + Clone + Send + Sync + 'static,

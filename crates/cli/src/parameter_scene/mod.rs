@@ -9,7 +9,7 @@ pub(crate) use quantity::Quantity;
 use crate::args::ParameterScene;
 use crate::preflight::Places;
 use crate::status::Misuse;
-use crate::{mitsuba, path_render};
+use crate::{mitsuba, path_render, render};
 use anyhow::{Result, anyhow, bail};
 use photofit_pathtrace::{EnvironmentMap, Parts, PathOptions, RenderOptions, View, WorldOptions};
 use photofit_scene::mitsuba::{MitsubaOptions, load_mitsuba};
@@ -35,10 +35,19 @@ pub(crate) struct Subject {
     pub(crate) world: WorldOptions,
 }
 
+/// Whose cameras a scene is seen by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Cameras {
+    /// Its own.
+    Own,
+    /// Others, or none: its own are not looked at.
+    Others,
+}
+
 impl Subject {
     /// Loads a scene; its files join the inputs that no output may replace.
-    pub(crate) fn load(a: &ParameterScene, places: &Places) -> Result<Self> {
-        if mitsuba::is_scene(&a.input) { of_mitsuba(a, places) } else { of_asset(a, places) }
+    pub(crate) fn load(a: &ParameterScene, cameras: Cameras, places: &Places) -> Result<Self> {
+        if mitsuba::is_scene(&a.input) { of_mitsuba(a, places) } else { of_asset(a, cameras, places) }
     }
 
     /// The parameter of a name.
@@ -93,7 +102,7 @@ fn of_mitsuba(a: &ParameterScene, places: &Places) -> Result<Subject> {
     })
 }
 
-fn of_asset(a: &ParameterScene, places: &Places) -> Result<Subject> {
+fn of_asset(a: &ParameterScene, cameras: Cameras, places: &Places) -> Result<Subject> {
     if !a.define.is_empty() || a.allow_parent_paths {
         let rule = "--define and --allow-parent-paths belong to .xml scenes; the input must be one";
         bail!(Misuse(rule.into()));
@@ -104,7 +113,15 @@ fn of_asset(a: &ParameterScene, places: &Places) -> Result<Subject> {
     scene.validate_for_fit().map_err(|e| anyhow!("{file}: {e}"))?;
     let (width, height) = (a.width.unwrap_or(512) as usize, a.height.unwrap_or(512) as usize);
     let view = |camera: &usize| path_render::camera_view(&a.input, &scene, *camera, [width, height]);
-    let views = a.camera.iter().map(view).collect::<Result<_>>()?;
+    let views = match cameras {
+        Cameras::Others => Vec::new(),
+        // As `render` shows it.
+        Cameras::Own if scene.cameras.is_empty() && a.camera == [0] => {
+            let framed = render::framing(&scene, width as f32 / height as f32);
+            vec![View::pinhole(&framed.ok_or_else(|| anyhow!("{file}: the asset has no extent"))?)]
+        }
+        Cameras::Own => a.camera.iter().map(view).collect::<Result<_>>()?,
+    };
     let mut parts = Parts::from_scene(&scene);
     if let Some(file) = &a.env {
         parts.environment = Some(EnvironmentMap::new(photofit_scene::load_environment(file)?));

@@ -73,6 +73,9 @@ pub(super) fn write_start(folder: &Path, model: &Traced, views: &[View], targets
     Ok(())
 }
 
+/// Share of the error before that the last evaluation is below while a fit improves.
+const STILL: f64 = 0.97;
+
 /// Writes what was found, with the errors of the parameters before and after where they are known.
 pub(super) fn write(
     a: &RecoverScene,
@@ -111,6 +114,14 @@ pub(super) fn write(
         None if views.len() == 1 => "the picture that was fitted (none is held out)".into(),
         None => "the pictures that were fitted (none is held out)".into(),
     };
+    // The last of the evaluations was the best, and better than those before by more than their noise.
+    let errors: Vec<f64> = r.history.iter().map(error).collect();
+    if let ([.., before, last], true) = (&errors[..], r.steps >= a.steps && !r.stopped)
+        && *last < STILL * before
+        && best == Some(*last)
+    {
+        text += "the error still fell when the steps were made: more of --steps may find more\n";
+    }
     text += &format!(
         "relative squared error of {judged}: {:.4e} -> {:.4e}, {} steps, {seconds:.1} s\nwrote {}\n",
         first.unwrap_or(f64::NAN),

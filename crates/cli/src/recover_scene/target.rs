@@ -1,6 +1,7 @@
 //! The pictures that a scene is to look like, with their cameras.
 
-use crate::args::RecoverScene;
+use crate::args::{ParameterScene, RecoverScene};
+use crate::mitsuba;
 use crate::status::Misuse;
 use anyhow::{Result, bail};
 use photofit_fit::pictures::{named_files, world_pictures};
@@ -62,6 +63,22 @@ impl<'a> Source<'a> {
             )));
         }
         Ok(Self::Files(&a.picture))
+    }
+
+    /// The scene of the command line; the picture of an asset, which has no size of its own, has that of the first file
+    /// where none is given.
+    ///
+    /// # Errors
+    /// If that file cannot be read.
+    pub(super) fn sized(&self, scene: &ParameterScene) -> Result<ParameterScene> {
+        let mut scene = scene.clone();
+        if let (Self::Files([first, ..]), None, None, false) =
+            (self, scene.width, scene.height, mitsuba::is_scene(&scene.input))
+        {
+            let image = photofit_image::read(first)?;
+            (scene.width, scene.height) = (u32::try_from(image.width).ok(), u32::try_from(image.height).ok());
+        }
+        Ok(scene)
     }
 
     /// The files that are read.

@@ -184,6 +184,14 @@ fn comparing_assets_tells_small_errors_caps_and_warnings() {
     let rmse = f["rmse"].as_f64().unwrap();
     assert!(rmse > 1e-6 && rmse < 9e-4, "less than 60 dB can say: {f}");
     std::fs::write(d.join("c.mtl"), "newmtl m\nNs many\n").unwrap();
+    // A library that is not there is told by whatever reads the asset.
+    std::fs::write(d.join("bare.obj"), "mtllib none.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let o = succeeds(d, &["render", "bare.obj", "-o", "bare.png", "--width", "8", "--height", "8"]);
+    assert!(
+        stderr(&o).contains("warning: bare.obj: line 1: ") && stderr(&o).contains("none.mtl"),
+        "{}",
+        stderr(&o)
+    );
     std::fs::write(d.join("c.obj"), "mtllib c.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n").unwrap();
     let o = succeeds(d, &["compare", "c.obj", "c.obj", "--views", "1", "--resolution", "16"]);
     assert_eq!(stderr(&o).matches("warning: c.obj: ").count(), 2, "one of each asset: {}", stderr(&o));

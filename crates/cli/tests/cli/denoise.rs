@@ -314,6 +314,9 @@ fn bad_input_is_named() {
     refused(&["depth.exr", "-o", "o.exr"], &["depth.exr", "no layer with a colour"]);
     refused(&["c.exr", "-o", "o.exr", "--albedo", "small.exr"], &["small.exr", "5 x 4", "96 x 72"]);
     refused(&["c.exr", "-o", "o.exr", "--half", "small.exr"], &["small.exr", "5 x 4"]);
+    std::fs::copy(d.join("c.exr"), d.join("same.exr")).unwrap();
+    let same = photofit(d, &["denoise", "c.exr", "-o", "o.exr", "--half", "same.exr"]);
+    assert_misuse(&same, "the picture itself", &["same.exr", "--half", "samples of its own"]);
     refused(&["c.exr", "-o", "o.exr", "--compare", "small.exr"], &["small.exr", "5 x 4"]);
     refused(&["c.exr", "-o", "o.exr", "--normal", "depth.exr"], &["depth.exr", "normal", "depth: Z"]);
     refused(&["c.exr", "-o", "no/o.exr"], &["does not exist"]);

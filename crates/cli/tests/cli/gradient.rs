@@ -99,8 +99,18 @@ fn what_cannot_be_differentiated_is_refused_in_one_line() {
     assert_eq!(o.status.code(), Some(2), "a value is no picture");
     let o = run(&[&white[..], &["--json", "s.xml"]].concat());
     assert_eq!(o.status.code(), Some(2), "the scene is not written over");
-    // Assets need a camera of their own.
+    // An asset without a camera is seen as `render` shows it, but it has no other one.
     write_rock(d, 4, false);
-    let o = photofit(d, &["gradient", "rock.glb", "--parameter", "rock.base_color"]);
+    photofit_image::write_png(
+        d.join("sky.png"),
+        &Image::from_fn(8, 4, 3, |_, y, _| if y < 2 { 0.9 } else { 0.2 }),
+    )
+    .unwrap();
+    let keys = stdout(&succeeds(d, &["gradient", "rock.glb", "--list"]));
+    let key = keys.lines().find_map(|l| l.split_whitespace().next().filter(|k| k.contains("base"))).unwrap();
+    let rock = ["gradient", "rock.glb", "--parameter", key, "--width", "16", "--height", "16"];
+    let lit = [&rock[..], &["--env", "sky.png", "--spp", "4"]].concat();
+    assert!(stdout(&succeeds(d, &lit)).contains(key));
+    let o = photofit(d, &[&lit[..], &["--camera", "1"]].concat());
     assert_one_error(&o, "no camera", &["rock.glb", "0 cameras", "--camera"]);
 }

@@ -71,9 +71,13 @@ fn sizes_and_budgets_are_checked() {
     let d = dir.path();
     write_rock(d, 4, false);
     for (more, status, part) in [
-        (&["--lod", "32,64"][..], 1, "sizes must fall"),
-        (&["--lod", "64,32", "--lod-triangles", "10"], 1, "one for each of 2 levels"),
-        (&["--lod", "64,32", "--lod-triangles", "10,20"], 1, "budgets must fall"),
+        (&["--lod", "32,64"][..], 2, "--lod is [32, 64]; sizes must fall"),
+        (
+            &["--lod", "64,32", "--lod-triangles", "10"],
+            2,
+            "--lod-triangles is [10]; there must be one for each of 2 levels",
+        ),
+        (&["--lod", "64,32", "--lod-triangles", "10,20"], 2, "budgets must fall"),
         (&["--lod", "64", "--lod-triangles", "100000"], 1, "--lod-triangles is 100000; it must be 1 to 320"),
         (&["--lod", "64,8"], 2, "16 to 1024"),
         (&["--lod", "64", "--ratio", "0.1"], 2, "cannot be used with"),

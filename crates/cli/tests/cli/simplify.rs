@@ -56,6 +56,8 @@ fn the_main_job_end_to_end() {
     assert_eq!(f["triangles_in"], 20 * 144);
     assert_eq!(f["triangles_out"], light.triangle_count());
     assert_eq!(f["steps"], 8);
+    let written = f["written"].as_str().unwrap();
+    assert!(["fitted", "rebaked", "wrapped", "baked", "decimated"].contains(&written), "{written}");
     for key in ["seconds", "mpix_per_s"] {
         assert!(f[key].as_f64().is_some_and(|x| x > 0.0), "{key}: {}", f[key]);
     }

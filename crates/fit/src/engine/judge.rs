@@ -124,6 +124,9 @@ pub enum JudgeRenderer {
     Path,
 }
 
+/// Views that are compared even after the user has stopped the work, who waits for these alone.
+const AFTER_STOP: u64 = 2;
+
 /// A named asset on its way to the written file.
 #[derive(Clone, Debug)]
 pub struct Stage {
@@ -349,12 +352,10 @@ fn compared(
     count: u64,
     progress: &dyn Progress,
 ) -> Result<Vec<ReportView>, FitError> {
-    // A fit that was stopped is judged in full; who stops the judgement itself does not wait for its end.
-    let stopped = progress.is_cancelled();
     let mut out = Vec::new();
     for i in 0..count {
         progress.report("report", i, count, "");
-        if i > 0 && !stopped && progress.is_cancelled() {
+        if i >= AFTER_STOP && progress.is_cancelled() {
             break;
         }
         let s = views.setup(set, i, count);
@@ -406,6 +407,9 @@ pub fn scores(
     let mut score = vec![0.0; stages.len()];
     for i in 0..count {
         progress.report("choose", i, count, "");
+        if i >= AFTER_STOP && progress.is_cancelled() {
+            break;
+        }
         let s = views.setup(Set::HeldOut, i, count);
         let picture = reference.picture(&s)?.image;
         for (score, c) in score.iter_mut().zip(&stages) {

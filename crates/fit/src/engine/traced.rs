@@ -151,7 +151,11 @@ impl Traced {
         self.sized(view, (self.options.width, self.options.height), spp, seed)
     }
 
-    fn sized(
+    /// The same of another size.
+    ///
+    /// # Errors
+    /// As [`Self::picture`].
+    pub fn sized(
         &self,
         view: &View,
         (width, height): (usize, usize),

@@ -117,6 +117,19 @@ fn a_chain_that_a_time_limit_ended_goes_on() {
 }
 
 #[test]
+fn a_level_that_cannot_be_written_keeps_those_before() {
+    let dir = tempfile::tempdir().unwrap();
+    let output = dir.path().join("out.glb");
+    // A folder stands where the second level is to be written.
+    std::fs::create_dir(level_path(&output, 1)).unwrap();
+    let chain = simplify_chain(&rock(), &output, &options(), &Silent).unwrap();
+    assert_eq!((chain.levels.len(), chain.stopped, chain.combined), (1, true, None));
+    let text = chain.failed.unwrap().to_string();
+    assert!(text.contains("out.lod1.glb"), "{text}");
+    assert!(output.exists() && chain.levels[0].quality().psnr > 10.0);
+}
+
+#[test]
 fn errors_name_the_field_what_it_is_and_what_it_must_be() {
     let with = |sizes: &[f64], triangles: &[usize]| ChainOptions {
         sizes: sizes.to_vec(),
@@ -124,13 +137,13 @@ fn errors_name_the_field_what_it_is_and_what_it_must_be() {
         ..ChainOptions::default()
     };
     for (sizes, triangles, message) in [
-        (&[][..], &[][..], "lod has 0 levels; it must have 1 to 8"),
-        (&[128.0, 128.0], &[], "lod has 128 after 128; sizes must fall"),
-        (&[128.0, 8.0], &[], "lod has a size of 8; it must be 16 to 1024 pixels"),
-        (&[f64::NAN], &[], "lod has a size of NaN; it must be 16 to 1024 pixels"),
-        (&[64.0, 32.0], &[10], "lod_triangles has 1 budgets; it must have one for each of 2 levels"),
-        (&[64.0, 32.0], &[10, 20], "lod_triangles has 20 after 10; budgets must fall"),
-        (&[64.0], &[600], "lod_triangles is 600; it must be 1 to 500, the triangles of the asset"),
+        (&[][..], &[][..], "sizes is []; there must be 1 to 8 levels"),
+        (&[128.0, 128.0], &[], "sizes is [128, 128]; sizes must fall"),
+        (&[128.0, 8.0], &[], "sizes is [128, 8]; sizes must be 16 to 1024 pixels"),
+        (&[f64::NAN], &[], "sizes is [NaN]; sizes must be 16 to 1024 pixels"),
+        (&[64.0, 32.0], &[10], "triangles is [10]; there must be one for each of 2 levels"),
+        (&[64.0, 32.0], &[10, 20], "triangles is [10, 20]; budgets must fall"),
+        (&[64.0], &[600], "triangles is 600; it must be 1 to 500, the triangles of the asset"),
     ] {
         assert_eq!(with(sizes, triangles).check(500).unwrap_err().to_string(), message);
     }

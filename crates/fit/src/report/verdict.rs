@@ -1,7 +1,7 @@
 //! The verdict of a report: does the light asset look like the asset?
 
 use super::SHIPPED;
-use crate::simplify::{Outcome, Quality};
+use crate::simplify::{Outcome, Quality, Written};
 use std::fmt;
 
 /// Mean FLIP over all views, and FLIP of the worst view, up to which two assets look the same.
@@ -28,8 +28,11 @@ pub struct Verdict {
     pub views: usize,
     /// The best stage among those that are clearly better than the written file.
     pub better: Option<(&'static str, Quality)>,
-    /// Whether the written file is the decimated asset with its own materials.
-    pub own_materials: bool,
+    /// What was written.
+    pub written: Written,
+    /// The asset itself drawn the same way, where engines draw it: with one sample a pixel it differs from the reference
+    /// too. [`Self::likeness`] is then by what FLIP of the written file exceeds that of the asset.
+    pub original: Option<Quality>,
 }
 
 /// Classes of likeness by mean LDR-FLIP over the foreground.
@@ -73,16 +76,30 @@ impl Verdict {
     /// Judges the written file of an outcome.
     pub fn of(o: &Outcome) -> Self {
         let all = &o.stages;
-        let Some(k) = all.iter().position(|s| s.0 == SHIPPED) else { return Self::new(&[]) };
-        let views: Vec<Quality> = o.views.iter().map(|v| v.quality[k].quality).collect();
-        Self { better: better(all, &all[k].1), own_materials: o.own_materials, ..Self::new(&views) }
+        let Some(k) = all.iter().position(|s| s.0 == SHIPPED) else { return Self::new(&[], None) };
+        let of = |k: usize| o.views.iter().map(|v| v.quality[k].quality).collect::<Vec<Quality>>();
+        let original = all.iter().position(|s| s.0 == NOT_LIGHT).map(of);
+        let better = better(all, &all[k].1);
+        Self { better, written: o.written, ..Self::new(&of(k), original.as_deref()) }
     }
 
-    fn new(views: &[Quality]) -> Self {
+    /// Of views, and of the asset itself in the same ones.
+    fn new(views: &[Quality], original: Option<&[Quality]>) -> Self {
         let mean = Quality::mean(views.iter());
         let worst = views.iter().copied().enumerate().max_by(|a, b| a.1.flip.total_cmp(&b.1.flip));
-        let likeness = worst.map_or(Likeness::Unknown, |(_, q)| Likeness::of(mean.flip, q.flip));
-        Self { likeness, mean, worst, views: views.len(), better: None, own_materials: false }
+        let (written, better) = (Written::Fitted, None);
+        let likeness = match original {
+            _ if views.is_empty() => Likeness::Unknown,
+            None => Likeness::of(mean.flip, worst.map_or(0.0, |w| w.1.flip)),
+            Some(original) => {
+                let beyond = |(a, b): (&Quality, &Quality)| (a.flip - b.flip).max(0.0);
+                let beyond: Vec<f64> = views.iter().zip(original).map(beyond).collect();
+                let sum: f64 = beyond.iter().sum();
+                Likeness::of(sum / beyond.len() as f64, beyond.into_iter().fold(0.0, f64::max))
+            }
+        };
+        let original = original.map(|o| Quality::mean(o.iter()));
+        Self { likeness, mean, worst, views: views.len(), better, written, original }
     }
 }
 
@@ -107,9 +124,19 @@ impl fmt::Display for Verdict {
             worst.decibels(1),
             worst.flip
         )?;
-        if self.own_materials {
-            f.write_str("; no fit looked better than fewer triangles alone, which is what was written")?;
+        if let Some(original) = &self.original {
+            write!(f, "; the asset itself drawn so: {} dB, FLIP {:.3}", original.decibels(1), original.flip)?;
         }
+        f.write_str(match self.written {
+            Written::Fitted => "",
+            Written::Rebaked => "; written is the fitted shape with maps baked anew, which looked best",
+            Written::Wrapped | Written::Baked => {
+                "; no fit looked better than its start, baked maps, which is what was written"
+            }
+            Written::Decimated => {
+                "; no fit looked better than fewer triangles alone, which is what was written"
+            }
+        })?;
         if let Some((name, q)) = &self.better {
             write!(f, "; {name} is better: {:.1} dB, FLIP {:.3}", q.psnr, q.flip)?;
         }
@@ -134,12 +161,19 @@ mod tests {
     #[test]
     fn the_worst_view_counts() {
         let view = |flip: f64| Quality { psnr: 40.0 - 100.0 * flip, ssim: 0.9, flip, ..Quality::default() };
-        let of = |flips: &[f64]| Verdict::new(&flips.iter().map(|f| view(*f)).collect::<Vec<_>>());
+        let of = |flips: &[f64]| Verdict::new(&flips.iter().map(|f| view(*f)).collect::<Vec<_>>(), None);
         assert_eq!(of(&[0.02, 0.03, 0.04]).likeness, Likeness::Same);
         assert_eq!(of(&[0.02, 0.02, 0.06]).likeness, Likeness::Close, "one view differs");
         assert_eq!(of(&[0.02, 0.02, 0.20]).likeness, Likeness::Different, "one view is wrong");
         assert_eq!(of(&[0.09, 0.09]).likeness, Likeness::Different);
         assert_eq!(of(&[]).likeness, Likeness::Unknown);
+        let beside = |flips: &[f64], original: &[f64]| {
+            let views = |flips: &[f64]| flips.iter().map(|f| view(*f)).collect::<Vec<_>>();
+            Verdict::new(&views(flips), Some(&views(original)))
+        };
+        assert_eq!(beside(&[0.14, 0.12], &[0.13, 0.12]).likeness, Likeness::Same, "as the asset is drawn");
+        assert_eq!(beside(&[0.14, 0.30], &[0.13, 0.12]).likeness, Likeness::Different);
+        assert!(beside(&[0.14], &[0.13]).to_string().ends_with("drawn so: 27.0 dB, FLIP 0.130"));
         let text = of(&[0.02, 0.06]).to_string();
         assert_eq!(
             text,

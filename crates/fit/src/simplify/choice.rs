@@ -1,7 +1,7 @@
 //! Which candidate goes on: the start of the fit, and what is written.
 
 use super::prepare::{Start, bake_candidate};
-use super::{SimplifyOptions, to_scene};
+use super::{SimplifyOptions, Written, to_scene};
 use crate::bake;
 use crate::candidate::Candidate;
 use crate::engine::Normalised;
@@ -44,8 +44,8 @@ pub(super) struct Chosen {
     pub(super) trained: Trained<Surface>,
     /// What is written.
     pub(super) light: Scene,
-    /// Whether that is the decimated asset with its own materials, which looked better.
-    pub(super) own_materials: bool,
+    /// Which of the candidates that is.
+    pub(super) written: Written,
 }
 
 /// The fit judged itself by its own renderer; the choice among the fitted asset, the same with maps baked anew, the
@@ -63,7 +63,11 @@ pub(super) fn best(
     progress: &dyn Progress,
 ) -> Result<Chosen, FitError> {
     let mut models = vec![trained.model.clone(), trained.model];
-    if let Ok(texels) = rebaked(surface, seen, &models[1].candidate, options, &Silent) {
+    // Who stopped the fit does not wait for another bake.
+    let again = (!progress.is_cancelled())
+        .then(|| rebaked(surface, seen, &models[1].candidate, options, &Silent))
+        .and_then(Result::ok);
+    if let Some(texels) = again {
         models[1].values_mut(1).copy_from_slice(&texels);
         models[1].update(1);
     }
@@ -77,9 +81,16 @@ pub(super) fn best(
     let (count, [_, samples]) = (options.choice_views(), options.judge_samples());
     let scores = judge::scores(n, reference, &stages, &views, count, samples, progress)?;
     let best = highest(&scores);
-    let own_materials = best == models.len();
+    let baked = models.len() - 1;
+    let written = match best {
+        0 => Written::Fitted,
+        1 => Written::Rebaked,
+        k if k == baked => Written::Baked,
+        k if k < baked => Written::Wrapped,
+        _ => Written::Decimated,
+    };
     let model = models.swap_remove(highest(&scores[..models.len()]));
-    Ok(Chosen { trained: Trained { model, ..trained }, light: scenes.swap_remove(best), own_materials })
+    Ok(Chosen { trained: Trained { model, ..trained }, light: scenes.swap_remove(best), written })
 }
 
 /// Index of the highest score; the first wins a tie.

@@ -23,7 +23,7 @@ pub use crate::engine::plan::{Plan, Runs};
 pub use crate::engine::reference::ReferenceRenderer;
 pub use crate::engine::trainer::HistoryPoint;
 pub use options::{FEWEST, Init, LARGEST_ENGINE_PICTURE, MOST_REPLAYS, SimplifyOptions};
-pub use outcome::Outcome;
+pub use outcome::{Outcome, Written};
 
 use crate::bake;
 use crate::candidate::Candidate;
@@ -160,7 +160,7 @@ pub(crate) fn simplify_asset(
     let plan = plan_with_phases.unwrap_or(plan).with_device(device.told());
     let plain = plain::plain(scene, n, start.candidate.triangles.len())?;
     let own = if options.own_textures { plain::written(&plain, n, options) } else { None };
-    let choice::Chosen { trained, mut light, own_materials } =
+    let choice::Chosen { trained, mut light, written } =
         choice::best(trained, own, surface, visibility, &starts, n, reference, options, progress)?;
 
     light.inherit(scene);
@@ -199,7 +199,7 @@ pub(crate) fn simplify_asset(
     let judged = judge.method(&stages);
     let mut outcome = Outcome::new(triangles, trained, plan, &names, pictures, judged, times, options);
     outcome.device = device.name();
-    outcome.own_materials = own_materials;
+    outcome.written = written;
     let light = &stages[stages.len() - 1].scene;
     (outcome.left_out, outcome.not_fitted) =
         (outcome::left_out(scene, light), outcome::not_fitted(scene, light));

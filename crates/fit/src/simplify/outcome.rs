@@ -27,6 +27,8 @@ pub struct Outcome {
     pub seconds_to_half_db: f64,
     /// True when the user ended the work early, or the time limit the fit.
     pub stopped: bool,
+    /// Whether that ended the fit; else it ended the judgement alone, and what is written is complete.
+    pub fit_stopped: bool,
     /// Names of the stages with their mean quality, in the order of [`ReportView::quality`]: `decimated` (fewer
     /// triangles, the asset's own materials), `baked` (a new atlas and maps from the asset: nothing is fitted), `wrapped`
     /// (the same, first drawn onto the asset's surface; absent where there is but one start) and `fitted` (the written
@@ -46,15 +48,42 @@ pub struct Outcome {
     pub left_out: Vec<String>,
     /// What of the asset is in the written file, but was not drawn while fitting, one line each.
     pub not_fitted: Vec<String>,
-    /// Whether the written file is the decimated asset with its own materials: no fit looked better in the views of the
-    /// choice.
-    pub own_materials: bool,
-    /// The fitted asset in the normalised frame; the written one unless [`Self::own_materials`].
+    /// What was written.
+    pub written: Written,
+    /// The fitted asset in the normalised frame; the written one unless that is [`Written::Decimated`].
     pub candidate: Candidate,
     /// Width and height of the pictures that quality is reported by.
     pub resolution: usize,
     /// Where the fit ran.
     pub device: String,
+}
+
+/// What of a fit was written: what looked best in the views of the choice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Written {
+    /// What was fitted.
+    Fitted,
+    /// The fitted shape, its maps baked anew.
+    Rebaked,
+    /// The start that was drawn onto the asset's surface: no fit looked better.
+    Wrapped,
+    /// The decimated start with baked maps: no fit looked better.
+    Baked,
+    /// The decimated asset with its own materials: nothing with new maps looked better.
+    Decimated,
+}
+
+impl Written {
+    /// In one word.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Fitted => "fitted",
+            Self::Rebaked => "rebaked",
+            Self::Wrapped => "wrapped",
+            Self::Baked => "baked",
+            Self::Decimated => "decimated",
+        }
+    }
 }
 
 /// Where the work of a simplification ended, seconds after its beginning.
@@ -109,6 +138,7 @@ impl Outcome {
             mpix_per_s: trained.mpix_per_s,
             seconds_to_half_db: settled.map_or(0.0, |h| h.seconds),
             stopped: trained.stopped,
+            fit_stopped: trained.stopped,
             stages: names.iter().enumerate().map(|(k, name)| (*name, mean(k))).collect(),
             views,
             judged,
@@ -117,7 +147,7 @@ impl Outcome {
             plan,
             left_out: Vec::new(),
             not_fitted: Vec::new(),
-            own_materials: false,
+            written: Written::Fitted,
             candidate: trained.model.candidate,
             resolution: options.resolution,
             device: options.device.name(),

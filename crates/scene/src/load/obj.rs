@@ -114,7 +114,11 @@ pub(crate) fn parse(text: &[u8], folder: &Folder, limits: &Limits, missing: Miss
     statements.fill_normals(missing);
     statements.build(&mut scene, &mut budget, clay.unwrap_or(0))?;
     scene.images = textures.decode()?;
-    library.finish(&mut scene, limits)?;
+    let colored = !statements.colors.is_empty();
+    if let (Some(clay), true) = (clay, colored) {
+        scene.materials[clay].base_color = [1.0; 4];
+    }
+    library.finish(&mut scene, colored, limits)?;
     Ok(scene)
 }
 

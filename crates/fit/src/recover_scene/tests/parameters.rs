@@ -143,6 +143,41 @@ fn the_last_of_four_views_is_held_out() {
     assert_ne!(losses(&a), losses(&fit(&targets)), "the losses see the others");
 }
 
+/// Keeps the warnings.
+#[derive(Default)]
+struct Heard(std::sync::Mutex<Vec<String>>);
+
+impl crate::Progress for Heard {
+    fn report(&self, _: &'static str, _: u64, _: u64, _: &str) {}
+    fn warn(&self, text: &str) {
+        self.0.lock().expect("not poisoned").push(text.into());
+    }
+    fn is_cancelled(&self) -> bool {
+        false
+    }
+}
+
+#[test]
+fn pictures_that_changed_places_are_told() {
+    let mut targets: Vec<Image> =
+        around(4).iter().map(|v| hall_model().picture(v, 64, 99).expect("rendered")).collect();
+    let warned = |targets: &[Image]| {
+        let mut m = hall_model();
+        for (k, start) in [0.4, 0.3, 0.6, 6.0, 0.5].into_iter().enumerate() {
+            let count = m.of(k).len();
+            m.replace(k, &vec![start; count]).expect("valid");
+        }
+        let options = RecoverSceneOptions { steps: 0, ..RecoverSceneOptions::default() };
+        let heard = Heard::default();
+        recover_scene(m, &around(4), targets, &options, &heard).expect("fits");
+        heard.0.into_inner().expect("not poisoned")
+    };
+    assert_eq!(warned(&targets), [""; 0]);
+    targets.swap(0, 3);
+    let text = warned(&targets).join("; ");
+    assert!(text.contains("pictures 0 and 3 look like what cameras 3 and 0 see"), "{text}");
+}
+
 /// A room of which nothing is seen but a sky.
 fn bright(radiance: f32) -> Traced {
     let parts =

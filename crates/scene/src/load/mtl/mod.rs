@@ -83,11 +83,11 @@ impl Library {
     }
 
     /// Completes the materials; the scene has its images. Maps that glTF keeps in one image are joined, at most
-    /// `limits.texels` texels in all.
-    pub(super) fn finish(self, scene: &mut Scene, limits: &Limits) -> Result<(), Fault> {
+    /// `limits.texels` texels in all. Where vertices are `colored`, colours that no statement gives are theirs.
+    pub(super) fn finish(self, scene: &mut Scene, colored: bool, limits: &Limits) -> Result<(), Fault> {
         let mut joined = maps::Joined::new(limits);
         for (m, statements) in self.statements {
-            let mut material = statements.material();
+            let mut material = statements.material(colored);
             material.name.clone_from(&scene.materials[m].name);
             let place = format!("material `{}`", clip(&material.name));
             let warnings =

@@ -123,11 +123,12 @@ impl Statements {
     }
 
     /// The material without its maps.
-    pub(super) fn material(&self) -> Material {
+    pub(super) fn material(&self, colored: bool) -> Material {
         let unit = |x: f32| x.clamp(0.0, 1.0);
         let mean = |c: [f32; 3]| (c[0] + c[1] + c[2]) / 3.0;
         let illumination = self.illumination();
-        let base = self.diffuse.unwrap_or([0.8; 3]).map(unit);
+        let unset = if colored && self.diffuse_map.is_none() { 1.0 } else { 0.8 };
+        let base = self.diffuse.unwrap_or([unset; 3]).map(unit);
         let alpha = unit(self.alpha.unwrap_or(1.0));
         let by_exponent = match self.exponent {
             Some(n) => 1.0 - (n.clamp(0.0, 1000.0) / 1000.0).sqrt(),

@@ -26,6 +26,10 @@ fn polygons_indices_and_attributes() {
     assert_eq!(mixed.primitives[0].mesh.positions.len(), 6, "given and computed normals differ");
     let colored = obj("v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 0.5\nf 1 2 3\n");
     assert!((colored.primitives[0].mesh.colors[2].z - 0.214_041).abs() < 1e-5);
+    assert_eq!(
+        colored.materials[0].base_color, [1.0; 4],
+        "what the file gives no colour shows its vertices'"
+    );
 }
 
 #[test]
