@@ -62,6 +62,8 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, view: &View, key: &
     }
     if a.path.resume {
         resume(&mut renderer, &state, key)?;
+    } else if let Some(kept) = photofit_image::set_aside(&state)? {
+        say(&format!("an earlier render was not finished; its state is kept as {}", kept.display()));
     }
     interrupt::handle();
     let (finished, guidance) = match a.threads {

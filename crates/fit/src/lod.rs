@@ -141,12 +141,15 @@ fn listed<T: ToString>(values: &[T]) -> String {
 /// An error of one level with the names of fields that a chain has.
 fn of_chain(error: FitError) -> FitError {
     let named = |field: &str| match field {
-        "screen_size" | "resolution" => Some("sizes"),
+        // What pictures are made at is the size of the level.
+        "resolution" => Some("sizes"),
         _ => None,
     };
     match error {
         FitError::Setting { field, rule } => FitError::Setting { field: named(field).unwrap_or(field), rule },
         FitError::OtherFit { path, mut differences } => {
+            // A level's budget follows from its size.
+            differences.retain(|d| d.field != "screen_size");
             for d in &mut differences {
                 d.field = named(&d.field).map_or_else(|| d.field.clone(), str::to_owned);
             }

@@ -151,6 +151,7 @@ pub fn recover_texture(
         keeping: &options.keeping,
         options: Steering::default()
             .option("texture_size", options.texture_size)
+            .option("batch", options.batch)
             .option("seed", options.seed)
             .digest("pictures, cameras, lights or shape", format!("{:016x}", topology.value())),
     };

@@ -13,7 +13,7 @@ use crate::engine::loss::PictureLoss;
 use crate::engine::plan::{Item, PlanRows, rows};
 use crate::engine::reference::{Picture, Reference};
 use crate::engine::steering::Steering;
-use crate::engine::traced::{Smoothing, Traced};
+use crate::engine::traced::{Smoothing, Traced, TracedParameter};
 use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
 use crate::engine::views::{Moment, Sampling, Set, Setup, Sphere, ViewLights, Views};
 use crate::{FitError, Progress, bake};
@@ -192,7 +192,7 @@ pub fn recover_scene(
         .option("seed", seed)
         .option("max_depth", depth)
         .option("evaluation_spp", model.evaluation_spp)
-        .digest("picture", format!("{:016x}", seen.value()));
+        .digest("scene, pictures, cameras or starting values", format!("{:016x}", seen.value()));
     let job = Job {
         reference: &source,
         views: &source,
@@ -241,11 +241,14 @@ fn items(model: &Traced, held_out: Option<usize>) -> Vec<Item> {
             Item::of(what, !names.is_empty(), names.join(", "), "none is fitted: no derivative is followed")
         })
         .collect();
-    let grids = model.parameters.iter().filter(|p| p.cells() > 1).count();
-    let smoothed = model.smoothing != Smoothing::None && grids > 0;
-    let why_not = if grids == 0 { "all parameters are single values" } else { "not asked for" };
-    let how = format!("{:?}, of {grids} textures or grids", model.smoothing).to_lowercase();
-    items.push(Item::of("smoothed steps", smoothed, how, why_not));
+    let of = |p: &&TracedParameter| model.is_smoothed(p);
+    let names: Vec<&str> = model.parameters.iter().filter(of).map(|p| p.name.as_str()).collect();
+    let why_not = match model.smoothing {
+        Smoothing::None => "not asked for",
+        _ => "all parameters are single values, or grids of fewer than 16 voxels a side",
+    };
+    let how = format!("{}: {}", format!("{:?}", model.smoothing).to_lowercase(), names.join(", "));
+    items.push(Item::of("smoothed steps", !names.is_empty(), how, why_not));
     items.push(Item::of(
         "held-out picture",
         held_out.is_some(),

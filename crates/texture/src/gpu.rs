@@ -20,7 +20,8 @@ const FEW_SAMPLES: u32 = 16;
 const FINEST: u32 = 16;
 
 /// Scale of the sums of the gradient of a mean over so many samples: a power of two that grows with them, as the terms
-/// shrink. Terms keep their digits, and reach as far, for pictures of any size and number.
+/// shrink. Terms keep their digits and their range for pictures of any size and number; sums of all terms in one texel,
+/// which do not shrink, have room for 524,288 over the factor by which the scale grew (8 at the most samples).
 ///
 /// ```
 /// use photofit_texture::gpu::{SUM_SCALE, sum_scale};

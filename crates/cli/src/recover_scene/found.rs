@@ -10,7 +10,7 @@ use photofit_fit::engine::traced::Traced;
 use photofit_fit::engine::trainer::HistoryPoint;
 use photofit_fit::recover_scene::{RecoveredScene, relative_error};
 use photofit_image::{Image, PngCompression, encode_png, write_atomically};
-use photofit_pathtrace::View;
+use photofit_pathtrace::{Parameter, View};
 use photofit_scene::mitsuba::encode_grid;
 use serde_json::{Value, json};
 use std::path::Path;
@@ -147,7 +147,7 @@ fn one(
         let each: Vec<String> = values.iter().map(|v| format!("{v:.5}")).collect();
         return Ok((entry, format!("{}  {}\n", p.name, each.join("  "))));
     }
-    if slices > 1 {
+    if matches!(p.parameter, Parameter::Medium { .. }) {
         let file = format!("{}.vol", file_name(&p.name));
         let bytes = encode_grid([w, h, slices], values, bounds);
         write_atomically(folder.join(&file).as_path(), &bytes)?;

@@ -1,7 +1,7 @@
 //! `render --integrator path`.
 
 use crate::support::{
-    assert_misuse, assert_one_error, command, names, photofit, rock, stdout, succeeds, write_rock,
+    assert_misuse, assert_one_error, command, names, photofit, rock, stderr, stdout, succeeds, write_rock,
 };
 use photofit_image::Image;
 use std::path::Path;
@@ -108,4 +108,9 @@ fn a_killed_render_goes_on_to_the_same_bits() {
     let bytes = |name: &str| std::fs::read(d.join(name)).unwrap();
     assert!(bytes("whole.exr") == bytes("killed.exr"), "the same file to the bit");
     assert!(!state.exists(), "a finished render leaves no state");
+    // One that begins anew keeps the state that it finds.
+    std::fs::write(&state, "of an earlier render").unwrap();
+    let o = succeeds(d, &[&SMALL[..], &["-o", "killed.exr", "--spp", "2"]].concat());
+    assert!(stderr(&o).contains("killed.exr.state.bak"), "{}", stderr(&o));
+    assert!(d.join("killed.exr.state.bak").exists());
 }

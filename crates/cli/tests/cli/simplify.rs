@@ -220,6 +220,10 @@ fn a_killed_fit_resumes_to_the_same_file() {
     assert!(told.is_some_and(|step: u64| (1..=60).contains(&step)), "{}", stderr(&o));
     let (a, b) = (std::fs::read(d.join("a/out.glb")).unwrap(), std::fs::read(d.join("b/out.glb")).unwrap());
     assert!(a == b, "the same bytes");
+    // Without --resume a new fit begins, and the earlier state is kept.
+    let o = succeeds(d, &fit("b/out.glb", &["--steps", "2", "--checkpoint", "state"]));
+    assert!(stderr(&o).contains("an earlier fit is kept as state/fit.ckpt.bak"), "{}", stderr(&o));
+    assert_eq!(names(&d.join("state")), ["fit.ckpt", "fit.ckpt.bak"]);
 }
 
 #[cfg(unix)]

@@ -146,9 +146,7 @@ fn check(scene: &Scene, moment: Moment) -> Result<(), FitError> {
     let fail = |rule| Err(FitError::Setting { field: "moment", rule });
     match moment.animation {
         Some(a) if a >= count => fail(format!("names animation {a}; the asset has {count}")),
-        Some(_) if !moment.time.is_finite() => {
-            fail(format!("is at {} s; its time must be finite", moment.time))
-        }
+        _ if !moment.time.is_finite() => fail(format!("is at {} s; its time must be finite", moment.time)),
         _ => Ok(()),
     }
 }

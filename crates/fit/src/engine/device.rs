@@ -76,12 +76,16 @@ pub(crate) fn train_on<'p>(
             Ok(model) => train(model, job, &mut phases, progress),
             Err(source) => Err(FitError::NoRoom { device: device.name(), source }),
         };
+        let name = device.name();
         let why = match trained {
-            Err(FitError::NoRoom { source, .. }) if !*required => source.to_string(),
-            Err(FitError::Device { step: 0, source, .. }) if !*required => source.to_string(),
+            Err(FitError::NoRoom { source, .. }) if !*required => {
+                format!("it does not fit on {name}: {source}")
+            }
+            Err(FitError::Device { step: 0, source, .. }) if !*required => {
+                format!("its first step failed on {name}: {source}")
+            }
             trained => return Ok((trained?, device.clone())),
         };
-        let why = format!("it does not fit on {}: {why}", device.name());
         progress.warn(&format!("the fit runs on the CPU: {why}"));
         let trained = train(Cpu::new(surface)?, job, phases, progress)?;
         return Ok((trained, Device::cpu(&why)));

@@ -164,6 +164,9 @@ pub enum Features {
     All,
 }
 
+/// No moment.
+const UNKNOWN: Moment = Moment { animation: Some(usize::MAX), time: 0.0 };
+
 /// An asset drawn by the path tracer, with all light.
 #[derive(Debug)]
 pub struct PathTraced<'a> {
@@ -204,7 +207,11 @@ impl<'a> PathTraced<'a> {
 
     /// The same at the moments of an animated asset's animations, too.
     #[must_use]
-    pub fn animated(self, animated: &'a Animated<'a>) -> Self {
+    pub fn animated(mut self, animated: &'a Animated<'a>) -> Self {
+        let (world, shown) = self.world.get_mut().unwrap_or_else(PoisonError::into_inner);
+        // What moves is to cost no more than its own hierarchy, in all pictures alike.
+        world.keep_apart();
+        *shown = UNKNOWN;
         Self { animated: Some(animated), ..self }
     }
 
@@ -229,6 +236,8 @@ impl Reference for PathTraced<'_> {
         let (world, shown) = &mut *world;
         if let Some(animated) = animated.filter(|_| *shown != setup.moment) {
             let WorldPose { shapes, instances } = animated.parts(setup.moment)?;
+            // Of a pose that is refused nothing is known.
+            *shown = UNKNOWN;
             world.set_pose(shapes, &instances)?;
             *shown = setup.moment;
         }

@@ -133,6 +133,15 @@ impl Traced {
         Ok(self.update(parameter)?)
     }
 
+    /// Whether steps of a parameter are smoothed: of textures, and of grids in space of at least 16 voxels along some side,
+    /// where that is asked for.
+    pub fn is_smoothed(&self, parameter: &TracedParameter) -> bool {
+        let [depth, height, width, _] = parameter.shape;
+        let grid = Grid::volume(width, height, depth);
+        let large = grid.sites() > 1 && (depth == 1 || levels_in_space(&grid) > 0);
+        large && self.smoothing != Smoothing::None
+    }
+
     fn update(&mut self, parameter: usize) -> Result<(), photofit_pathtrace::PathtraceError> {
         let p = &self.parameters[parameter];
         let channels = self.channels[parameter];
@@ -238,8 +247,7 @@ impl Chain for Traced {
         let temporal = Temporal::adam().betas(0.2, 0.999);
         let new = || Optimizer::new(&group.name, group.len(), temporal);
         let grid = Grid::volume(width, height, depth);
-        let alone = grid.sites() == 1 || (depth > 1 && levels_in_space(&grid) == 0);
-        let made = if alone {
+        let made = if known.is_none_or(|p| !self.is_smoothed(p)) {
             new()
         } else {
             match self.smoothing {

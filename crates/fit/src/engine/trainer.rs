@@ -356,7 +356,11 @@ fn steering<M: Model>(job: &Job<'_>, model: &M, groups: usize) -> Result<Steerin
     let mut picture = Digest::new();
     job.held_out.shots.iter().for_each(|s| picture.add(s.reference.as_flattened()));
     let Job { options, batch, fresh, steps, loss, sampling, .. } = job;
-    let options = options.clone().option("batch", batch).option("new pictures", fresh).option("steps", steps);
+    let options = options
+        .clone()
+        .option("pictures of a step", batch)
+        .option("new pictures", fresh)
+        .option("steps", steps);
     let options = options.option("loss", format!("{loss:?}")).option("sampling", format!("{sampling:?}"));
     let options = options.digest("what the fit starts from", format!("{:016x}", digest.value()));
     Ok(options.digest("what its pictures show", format!("{:016x}", picture.value())))
@@ -561,7 +565,14 @@ impl<M: Model> Trainer<'_, M> {
     /// Goes on from the checkpoint, if the job asks for it and there is one.
     fn restore(&mut self, progress: &dyn Progress) -> Result<(), FitError> {
         let keeping = self.job.keeping;
-        let Some(folder) = keeping.checkpoint.as_ref().filter(|_| keeping.resume) else { return Ok(()) };
+        let Some(folder) = &keeping.checkpoint else { return Ok(()) };
+        if !keeping.resume {
+            // Who forgot to ask for it can still go on from it.
+            if let Ok(Some(kept)) = photofit_image::set_aside(folder.join(checkpoint::FILE)) {
+                progress.note(&format!("an earlier fit is kept as {}", kept.display()));
+            }
+            return Ok(());
+        }
         let Some((course, groups)) = checkpoint::load(folder, &self.groups, &self.steering)? else {
             progress.warn(&format!("{}: no checkpoint is there; the fit begins anew", folder.display()));
             return Ok(());

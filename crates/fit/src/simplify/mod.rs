@@ -236,6 +236,7 @@ fn steering(o: &SimplifyOptions, start: &Candidate) -> Steering {
     all.option("init", format!("{:?}", o.init).to_lowercase())
         .option("resolution", o.resolution)
         .option("as_engine", o.as_engine)
+        .option("batch", o.batch)
         .option("texture_size", o.texture_size)
         .option("seed", o.seed)
         .option("light", o.lighting.name())

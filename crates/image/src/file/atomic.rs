@@ -16,6 +16,22 @@ pub fn write_atomically(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), Imag
     write_with(path, |file| file.write_all(bytes)).map_err(|e| ImageError::io(path, e))
 }
 
+/// Renames a file to the same name with `.bak` behind it, in the place of an earlier one; the new name, or `None` where
+/// there is no such file.
+///
+/// # Errors
+/// If the file system refuses.
+pub fn set_aside(path: impl AsRef<Path>) -> Result<Option<PathBuf>, ImageError> {
+    let path = path.as_ref();
+    let mut name = path.as_os_str().to_owned();
+    name.push(".bak");
+    match std::fs::rename(path, &name) {
+        Ok(()) => Ok(Some(name.into())),
+        Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
+        Err(e) => Err(ImageError::io(path, e)),
+    }
+}
+
 /// Removes the temporary file unless it was renamed.
 struct Temporary {
     path: PathBuf,
@@ -75,6 +91,19 @@ mod tests {
             .collect();
         names.sort();
         names
+    }
+
+    #[test]
+    fn a_file_is_set_aside_in_the_place_of_an_earlier_one() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("a.state");
+        assert_eq!(set_aside(&file).unwrap(), None);
+        for text in ["first", "second"] {
+            std::fs::write(&file, text).unwrap();
+            let kept = set_aside(&file).unwrap().unwrap();
+            assert_eq!(std::fs::read_to_string(kept).unwrap(), text);
+            assert_eq!(names(dir.path()), ["a.state.bak"]);
+        }
     }
 
     #[test]

@@ -6,7 +6,7 @@ mod limits;
 mod png_jpeg;
 mod radiance;
 
-pub use atomic::write_atomically;
+pub use atomic::{set_aside, write_atomically};
 pub use exr_file::{read_exr_layers, write_exr, write_exr_channels};
 pub use limits::Limits;
 pub use png_jpeg::{

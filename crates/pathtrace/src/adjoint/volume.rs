@@ -98,13 +98,14 @@ impl Replay<'_> {
         let derivatives = Derivatives::of(self.world, medium);
         let p = flight.origin + flight.direction * flight.length;
         let out = &mut *self.out;
+        // What light gathered anew tells of flights that have an end is told by collisions alone of those that have none.
+        let reach = derivatives.reach(&segment(flight, flight.end));
         if cells.extinction != NONE {
-            let c = derivatives.reach(&segment(flight, flight.end)).map_or(0.0, |reach| 1.0 / reach);
-            let g = over(g, derivatives.extinction(p), c);
+            let g = over(g, derivatives.extinction(p), reach.map_or(0.0, |reach| 1.0 / reach));
             derivatives.extinction_vjp(p, g, |voxel, g| out.add(offset(cells.extinction, voxel), g));
         }
         if cells.albedo != NONE {
-            let g = over(g, derivatives.albedo(p), cells.dark_albedo);
+            let g = over(g, derivatives.albedo(p), reach.map_or(0.0, |_| cells.dark_albedo));
             derivatives.albedo_vjp(p, g, |voxel, g| out.add(offset(cells.albedo, voxel), g));
         }
     }

@@ -157,7 +157,7 @@ pub trait Sink {
     const MEDIA: bool = false;
 
     /// The path has flown through media: to a collision, whose contributions and vertex follow, to a surface, or out of
-    /// the world. Throughput and what was absorbed on the way are reported before.
+    /// the world. It is reported before what solids absorbed on the way.
     #[inline(always)]
     fn flight(&mut self, _flight: &MediaFlight) {}
 

@@ -146,6 +146,17 @@ fn a_pose_builds_what_changed_alone() {
     shapes[shape] = deformed().1;
     let fresh = World::new(Parts { instances: instances.clone(), shapes, ..crowd() }).unwrap();
     assert!(picture(&world) == picture(&fresh));
+    // A shape that grows too large for the merged structure leaves it.
+    let large = || (shape, Shape::Mesh(photofit_geometry::shapes::icosphere(60)));
+    let small = || (shape, Shape::Mesh(photofit_geometry::shapes::icosphere(2)));
+    for (new, built) in [(small(), 1), (large(), 2)] {
+        assert_eq!(world.set_pose(vec![new.clone()], &instances).unwrap(), built);
+        let mut shapes = crowd().shapes;
+        shapes[shape] = new.1;
+        let fresh = World::new(Parts { instances: instances.clone(), shapes, ..crowd() }).unwrap();
+        assert!(picture(&world) == picture(&fresh));
+    }
+    assert_eq!(world.set_pose(vec![deformed()], &instances).unwrap(), 1);
     // Faults leave the world as it is.
     let now = picture(&world);
     let mut flat = instances.clone();
@@ -156,6 +167,7 @@ fn a_pose_builds_what_changed_alone() {
         (vec![deformed()], &flat, "three dimensions"),
         (Vec::new(), &other, "in their order"),
         (vec![(count + 9, deformed().1)], &instances, "is one of"),
+        (vec![deformed(), deformed()], &instances, "named twice"),
     ] {
         let text = world.set_pose(shapes, instances).expect_err(words).to_string();
         assert!(text.contains(words), "{words} in {text}");

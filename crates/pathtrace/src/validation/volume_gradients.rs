@@ -1,6 +1,7 @@
 //! Gradients of media against central differences, where estimators break first: density at its upper bound, far below
 //! it, and none at all; grids voxel group by voxel group; a closed form.
 
+mod colors;
 mod grids;
 mod table;
 
@@ -31,6 +32,8 @@ enum Kind {
     Bounded,
     /// In a box of its own.
     Box,
+    /// The same everywhere, around the camera: flights have no end.
+    Around,
 }
 
 impl Kind {
@@ -56,6 +59,8 @@ struct Cloud {
     /// One value, or one per voxel.
     density: Vec<f32>,
     albedo: Vec<Vec3f>,
+    /// Factor of the density of each colour, between surfaces and around the camera.
+    tint: Vec3f,
     scale: f32,
     g: f32,
     /// Factor of the upper bounds.
@@ -67,8 +72,9 @@ struct Cloud {
 impl Cloud {
     fn uniform(kind: Kind, density: f32) -> Self {
         let albedo = vec![vec3(0.8, 0.6, 0.9)];
-        let size = if kind == Kind::Even { [1; 3] } else { [3, 2, 2] };
-        Self { kind, size, density: vec![density], albedo, scale: 1.0, g: 0.3, factor: 1.0, depth: 6 }
+        let size = if matches!(kind, Kind::Even | Kind::Around) { [1; 3] } else { [3, 2, 2] };
+        let tint = Vec3f::splat(1.0);
+        Self { kind, size, density: vec![density], albedo, tint, scale: 1.0, g: 0.3, factor: 1.0, depth: 6 }
     }
 
     fn voxels(&self) -> usize {
@@ -86,8 +92,11 @@ impl Cloud {
         place(&mut parts, floor, Material::new(diffuse(0.6, 0.5, 0.4)));
         let lamp = quad(vec3(-0.5, 2.5, -0.5), vec3(1.0, 0.0, 0.0), vec3(0.0, 0.0, 1.0));
         place(&mut parts, lamp, Material::new(diffuse(0.0, 0.0, 0.0)).emitting(vec3(5.0, 6.0, 7.0)));
-        let (position, intensity) = (DVec3::new(2.5, 1.0, 1.5), vec3(4.0, 3.0, 2.0));
-        parts.lights.push(LightSource::Point { position, intensity });
+        if self.kind != Kind::Around {
+            // In a medium, light near a point has no finite variance.
+            let (position, intensity) = (DVec3::new(2.5, 1.0, 1.5), vec3(4.0, 3.0, 2.0));
+            parts.lights.push(LightSource::Point { position, intensity });
+        }
         let sky = Image::from_fn(8, 4, 3, |x, y, c| 0.2 + 0.1 * ((3 * x + 5 * y + c) % 7) as f32);
         parts.environment = Some(EnvironmentMap::new(sky));
         let transform =
@@ -104,10 +113,14 @@ impl Cloud {
                 transform,
             });
         } else {
-            let grey = density.iter().map(|d| Vec3f::splat(*d)).collect();
+            let grey = density.iter().map(|d| self.tint * *d).collect();
             let field = |values| Field { size: self.size, values, transform };
             let (extinction, albedo) = (field(grey), field(albedo));
             parts.media.push(BoundedMedium { extinction, scale: self.scale, albedo, g: self.g });
+        }
+        if self.kind == Kind::Around {
+            parts.medium_around_camera = Some(0);
+        } else if self.kind != Kind::Box {
             parts.shapes.push(Shape::Mesh(photofit_geometry::shapes::cube()));
             parts.materials.push(Material::new(Bsdf::Null(Null)));
             let scale = DVec3::splat(2.0 * CUBE / f64::from(unit_cube_size()));
@@ -126,8 +139,8 @@ impl Cloud {
         options
     }
 
-    /// Derivative of the loss along `direction`, the same for all channels of a value, by replay: mean and standard error.
-    fn replayed(&self, value: MediumValue, spp: u32, direction: impl Fn(usize) -> f64) -> (f64, f64) {
+    /// Derivative of the loss along `direction`, of voxel and channel, by replay: mean and standard error.
+    fn replayed(&self, value: MediumValue, spp: u32, direction: impl Fn(usize, usize) -> f64) -> (f64, f64) {
         let world = self.world();
         let parameter = self.kind.parameter(value);
         let adjoint = Adjoint::new(&world, &view(), self.options(1, 0), &[parameter]).unwrap();
@@ -137,7 +150,7 @@ impl Cloud {
             assert!(gradient.residual < 1e-9, "{} is left", gradient.residual);
             assert_eq!(gradient.not_finite, 0);
             let p = &gradient.parameters[0];
-            p.values.iter().enumerate().map(|(i, g)| g * direction(i / p.channels)).sum()
+            p.values.iter().enumerate().map(|(i, g)| g * direction(i / p.channels, i % p.channels)).sum()
         };
         statistics(&(0..REPLICATES).map(one).collect::<Vec<f64>>())
     }

@@ -126,7 +126,11 @@ impl<'a> Derivatives<'a> {
         mut add: impl FnMut(usize, Vec3f),
     ) {
         let Some(grid) = self.grid() else {
-            return self.extinction_vjp(along.origin, g * -along.length, add);
+            // Through an even medium without an end comes no light: what is left of it is rounding.
+            if along.length.is_finite() {
+                self.extinction_vjp(along.origin, g * -along.length, add);
+            }
+            return;
         };
         let Some(inside) = grid.clip(along.origin, along.direction, along.length) else { return };
         let step = (inside.to - inside.from) / POINTS as f32;

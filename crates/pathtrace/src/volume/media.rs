@@ -74,6 +74,12 @@ impl Media {
         Ok(self)
     }
 
+    /// The instances that a medium fills.
+    pub(crate) fn filled_by(&self, medium: usize) -> impl Iterator<Item = usize> {
+        let fills = move |s: &Option<Sides>| s.is_some_and(|s| s[0] == Some(medium as u32));
+        (0..self.sides.len()).filter(move |i| fills(&self.sides[*i]))
+    }
+
     /// Takes the render frame at an origin.
     pub(crate) fn see_from(&mut self, origin: DVec3) {
         self.boxes.iter_mut().for_each(|m| m.see_from(origin));

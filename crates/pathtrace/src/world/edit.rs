@@ -30,6 +30,12 @@ impl World {
         self.take_geometry(new)
     }
 
+    /// From the next pose on, every shape has a hierarchy of its own ([`crate::WorldOptions::merge`]): that pose builds
+    /// them, later ones those of deformed shapes alone.
+    pub fn keep_apart(&mut self) {
+        self.merge = false;
+    }
+
     /// Moves the instances, and deforms some shapes: those named are replaced. Hierarchies are built of what changed alone:
     /// of deformed shapes, and of all that are merged into one structure ([`crate::WorldOptions::merge`]) where one of
     /// these moved. Returns how many were built; the tree over instances, which always is, does not count.
@@ -56,6 +62,9 @@ impl World {
         let mut new: Vec<(usize, Stored)> =
             shapes.into_iter().map(|(i, s)| Ok((i, Stored::new(i, s)?))).collect::<Result<_, _>>()?;
         let changed: Vec<usize> = new.iter().map(|(i, _)| *i).collect();
+        if let Some(k) = (1..changed.len()).find(|k| changed[..*k].contains(&changed[*k])) {
+            return Err(invalid("shape", format!("{} is named twice", changed[k])));
+        }
         let mut swap = |all: &mut [Stored]| {
             new.iter_mut().for_each(|(i, s)| std::mem::swap(&mut all[*i], s));
         };
@@ -194,9 +203,23 @@ impl World {
     /// for steps of it. 1 where there is no such medium.
     pub fn unit_extinction(&self, medium: MediumRef) -> f32 {
         match self.media.size(medium, MediumValue::Extinction) {
-            Ok(_) => self.media.unit_extinction(medium, 2.0 * self.radius),
+            Ok(_) => self.media.unit_extinction(medium, self.across(medium)),
             Err(_) => 1.0,
         }
+    }
+
+    /// Length across a medium: of the largest box around an instance that it fills, or across the world where none does.
+    fn across(&self, medium: MediumRef) -> f32 {
+        let MediumRef::Bounded(index) = medium else { return 2.0 * self.radius };
+        let length = |i: usize| {
+            let p = &self.placed[i];
+            let [lo, hi] = self.shapes[p.shape as usize].bounds;
+            let m = p.to_render.matrix3;
+            let extent = (hi - lo).as_vec3();
+            (m.x_axis.abs() * extent.x + m.y_axis.abs() * extent.y + m.z_axis.abs() * extent.z).length()
+        };
+        let longest = self.media.filled_by(index).map(length).fold(0.0, f32::max);
+        if longest > 0.0 && longest.is_finite() { longest } else { 2.0 * self.radius }
     }
 
     /// What instances know of their material.

@@ -71,8 +71,7 @@ impl Hierarchy {
         };
         let mut out = Self { accel_of: vec![None; shapes.len()], ..Self::default() };
         let mut boxes = Vec::new();
-        let stays = earlier.filter(|e| e.keeps_merged(placed, &merged));
-        out.merge(shapes, placed, &merged, stays, &mut boxes)?;
+        out.merge(shapes, placed, &merged, earlier, &mut boxes)?;
         for (i, (instance, transform)) in placed.iter().zip(transforms).enumerate() {
             let shape = &shapes[instance.shape as usize];
             match &shape.kind {
@@ -117,28 +116,32 @@ impl Hierarchy {
         shapes: &[Stored],
         placed: &[Placed],
         merged: &impl Fn(usize) -> bool,
-        stays: Option<&Earlier<'_>>,
+        earlier: Option<&Earlier<'_>>,
         boxes: &mut Vec<[DVec3; 2]>,
     ) -> Result<(), PathtraceError> {
-        let (mut positions, mut triangles): (Vec<Vec3f>, Vec<[u32; 3]>) = (Vec::new(), Vec::new());
-        for (i, instance) in placed.iter().enumerate() {
-            let Kind::Mesh(mesh) = &shapes[instance.shape as usize].kind else { continue };
-            if !merged(instance.shape as usize) {
-                continue;
-            }
-            let base = positions.len() as u32;
-            positions.extend(mesh.positions.iter().map(|&p| instance.point(p)));
-            for (t, corners) in mesh.triangles.iter().enumerate() {
-                triangles.push(corners.map(|c| c + base));
-                self.merged.push([i as u32, t as u32]);
-            }
-        }
-        if triangles.is_empty() {
+        let meshes = || {
+            placed.iter().enumerate().filter_map(|(i, instance)| {
+                match &shapes[instance.shape as usize].kind {
+                    Kind::Mesh(mesh) if merged(instance.shape as usize) => Some((i, instance, mesh)),
+                    _ => None,
+                }
+            })
+        };
+        self.merged = meshes()
+            .flat_map(|(i, _, mesh)| (0..mesh.triangles.len()).map(move |t| [i as u32, t as u32]))
+            .collect();
+        if self.merged.is_empty() {
             return Ok(());
         }
-        let accel = match stays {
+        let accel = match earlier.filter(|e| e.keeps_merged(placed, &self.merged)) {
             Some(earlier) => earlier.hierarchy.accels[0].clone(),
             None => {
+                let (mut positions, mut triangles): (Vec<Vec3f>, Vec<[u32; 3]>) = (Vec::new(), Vec::new());
+                for (_, instance, mesh) in meshes() {
+                    let base = positions.len() as u32;
+                    positions.extend(mesh.positions.iter().map(|&p| instance.point(p)));
+                    triangles.extend(mesh.triangles.iter().map(|corners| corners.map(|c| c + base)));
+                }
                 self.built += 1;
                 let built = Accel::build(&positions, &triangles);
                 Arc::new(built.map_err(|cause| PathtraceError::Accel { shape: 0, cause })?)
@@ -168,13 +171,16 @@ impl Earlier<'_> {
         Some(&self.hierarchy.accels[known as usize])
     }
 
-    /// Whether all shapes of the merged structure are what and where they were.
-    fn keeps_merged(&self, placed: &[Placed], merged: &impl Fn(usize) -> bool) -> bool {
-        let mut instances = placed.iter().zip(self.placed).filter(|(now, _)| merged(now.shape as usize));
-        !self.hierarchy.merged.is_empty()
-            && instances.all(|(now, before)| {
-                now.to_render == before.to_render && !self.changed.contains(&(now.shape as usize))
-            })
+    /// Whether the merged structure would be of these instances and triangles, and all of them are what and where they
+    /// were.
+    fn keeps_merged(&self, placed: &[Placed], merged: &[[u32; 2]]) -> bool {
+        let same = |instance: usize| {
+            let (now, before) = (&placed[instance], &self.placed[instance]);
+            now.to_render == before.to_render && !self.changed.contains(&(now.shape as usize))
+        };
+        // Each instance begins with its first triangle.
+        let mut instances = merged.iter().filter(|m| m[1] == 0).map(|m| m[0] as usize);
+        self.hierarchy.merged == merged && instances.all(same)
     }
 }
 

@@ -82,7 +82,7 @@ pub enum SurfaceNode {
         /// Factor of the reflection.
         specular: Texture,
     },
-    /// The principled model of Burley (2012), reflection only.
+    /// The principled model of Burley (2012, 2015), with refraction.
     Principled(Box<PrincipledTextures>),
     /// The thin principled model.
     PrincipledThin(Box<PrincipledThinTextures>),

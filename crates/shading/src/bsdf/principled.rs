@@ -119,8 +119,10 @@ impl<T: Real> Principled<T> {
         let mut p = *p;
         let mut surface = stretched(p.roughness, p.anisotropic);
         if p.spec_trans > T::zero() && p.metallic < one {
-            if p.eta == one {
-                p.eta = T::of(NEARLY_ONE);
+            // Nearer to 1, the lobes that directions resolve would be wide ones.
+            let (over, under) = (T::of(NEARLY_ONE), one / T::of(NEARLY_ONE));
+            if p.eta > under && p.eta < over {
+                p.eta = if p.eta < one { under } else { over };
             }
             // Refracted lobes that directions resolve.
             let least = T::of(REFRACTION_DELTA) / (p.eta - one).abs();

@@ -12,6 +12,7 @@ use photofit_gradcheck::Uniform;
 use photofit_image::Image;
 use photofit_raster::deferred::Passes;
 use photofit_raster::loss::Loss;
+use photofit_raster::texture::gpu::{SUM_SCALE, sum_scale};
 use photofit_raster::{Maps, channel};
 use photofit_scene::AlphaMode;
 use photofit_shading::Sides;
@@ -124,6 +125,14 @@ fn check(sheets: bool, sampling: Sampling, size: usize) {
 #[test]
 fn gradients_of_a_step_agree() {
     check(false, Sampling::SUPERSAMPLED, 48);
+}
+
+#[test]
+fn gradients_of_many_samples_agree() {
+    // So many that sums are kept in finer units.
+    let size = 192;
+    assert!(sum_scale(2 * 4 * size * size) > 2.0 * SUM_SCALE);
+    check(false, Sampling::SUPERSAMPLED, size);
 }
 
 #[test]

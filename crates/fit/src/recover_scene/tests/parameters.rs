@@ -147,7 +147,7 @@ fn the_last_of_four_views_is_held_out() {
 #[derive(Default)]
 struct Heard(std::sync::Mutex<Vec<String>>);
 
-impl crate::Progress for Heard {
+impl Progress for Heard {
     fn report(&self, _: &'static str, _: u64, _: u64, _: &str) {}
     fn warn(&self, text: &str) {
         self.0.lock().expect("not poisoned").push(text.into());

@@ -42,7 +42,7 @@ fn densities(name: &str, c: &Cloud, groups: usize, spp: [u32; 2], resolved: f64)
         };
         let from_above = c.density.contains(&0.0);
         let b = differences(at, 0.25, from_above, spp[1]);
-        let a = c.replayed(MediumValue::Extinction, spp[0], inside);
+        let a = c.replayed(MediumValue::Extinction, spp[0], |voxel, _| inside(voxel));
         compare(&format!("{name}, density of slab {k}"), a, b, resolved);
     }
 }
@@ -55,7 +55,7 @@ fn albedos(name: &str, c: &Cloud, groups: usize, spp: [u32; 2], resolved: f64) {
             Cloud { albedo: c.albedo.iter().enumerate().map(moved).collect(), ..c.clone() }
         };
         let b = differences(at, 0.04, true, spp[1]);
-        let a = c.replayed(MediumValue::Albedo, spp[0], inside);
+        let a = c.replayed(MediumValue::Albedo, spp[0], |voxel, _| inside(voxel));
         compare(&format!("{name}, albedo of slab {k}"), a, b, resolved);
     }
 }

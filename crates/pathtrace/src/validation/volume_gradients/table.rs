@@ -26,7 +26,7 @@ fn densities(rows: &[Row<'_>], spp: [u32; 2], resolved: f64) {
         let b = differences(at, 0.1, density == 0.0, spp[1]);
         for &(kind, factor) in cases {
             let cloud = Cloud { factor, ..Cloud::uniform(kind, density) };
-            let a = cloud.replayed(MediumValue::Extinction, spp[0], |_| 1.0);
+            let a = cloud.replayed(MediumValue::Extinction, spp[0], |_, _| 1.0);
             compare(&format!("density {density}, {kind:?}, bound x {factor}"), a, b, resolved);
         }
     }
@@ -40,7 +40,7 @@ fn albedos(rows: &[(f32, &[Kind])], spp: [u32; 2], resolved: f64) {
         let step = if start { 0.05 } else { 0.02 };
         let b = differences(|x| with(Kind::Even, albedo + x as f32), step, start, spp[1]);
         for &kind in kinds {
-            let a = with(kind, albedo).replayed(MediumValue::Albedo, spp[0], |_| 1.0);
+            let a = with(kind, albedo).replayed(MediumValue::Albedo, spp[0], |_, _| 1.0);
             compare(&format!("albedo {albedo}, {kind:?}"), a, b, resolved);
         }
     }
@@ -71,7 +71,7 @@ fn a_term_that_is_missing_is_noticed() {
     let black = Cloud { albedo: vec![Vec3f::zero()], ..bright.clone() };
     let at = |x: f64| Cloud::uniform(Kind::Even, x as f32);
     let b = differences(at, 0.1, true, 256);
-    let of = |cloud: &Cloud| cloud.replayed(MediumValue::Extinction, 64, |_| 1.0);
+    let of = |cloud: &Cloud| cloud.replayed(MediumValue::Extinction, 64, |_, _| 1.0);
     let (whole, through) = (of(&bright), of(&black));
     compare("both terms", whole, b, 0.1);
     let scattering = (whole.0 - through.0, whole.1.hypot(through.1));

@@ -1,7 +1,10 @@
 //! Sampling against density: Pearson's test on a grid that is as fine as the lobe.
 
-use super::catalogue::{Case, all, gold};
-use crate::bsdf::{Bsdf, BsdfSample, Distribution, Microfacet, RoughConductor, Scatter};
+use super::catalogue::{Case, all, gold, v};
+use crate::bsdf::{
+    Bsdf, BsdfSample, Distribution, Microfacet, Principled, PrincipledParameters, PrincipledThin,
+    PrincipledThinParameters, RoughConductor, Scatter,
+};
 use photofit_sampling::{Rng, chi_square};
 use photofit_scalar::{Real, Vec3, vec3};
 use rayon::prelude::*;
@@ -262,9 +265,56 @@ fn viewers(case: &Case<f64>) -> Vec<Vec3<f64>> {
     out
 }
 
+/// The principled models with and without transmission, of both sides of their parameters' ranges.
+fn principled<T: Real>() -> Vec<Case<T>> {
+    let number = |x: f64| T::of(x);
+    let mut out = Vec::new();
+    for roughness in [0.05, 0.3, 0.8] {
+        for spec_trans in [0.0, 0.6, 1.0] {
+            for (eta, metallic, clearcoat) in [(1.5, 0.0, 0.0), (0.7, 0.3, 0.8), (1.0, 0.0, 0.0)] {
+                let solid = PrincipledParameters {
+                    base_color: v(0.9, 0.6, 0.3),
+                    roughness: number(roughness),
+                    anisotropic: number(0.4 * metallic),
+                    metallic: number(metallic),
+                    spec_trans: number(spec_trans),
+                    spec_tint: number(0.2),
+                    sheen: number(0.5),
+                    sheen_tint: number(0.5),
+                    flatness: number(0.3),
+                    clearcoat: number(clearcoat),
+                    clearcoat_gloss: number(0.4),
+                    eta: number(eta),
+                };
+                let name = format!("principled r {roughness} t {spec_trans} eta {eta}");
+                let bsdf = Bsdf::Principled(Principled::new(&solid));
+                out.push(Case { name, bsdf, ior: None, both_sides: spec_trans > 0.0 });
+            }
+            let thin = PrincipledThinParameters {
+                base_color: v(0.9, 0.6, 0.3),
+                roughness: number(roughness),
+                anisotropic: number(0.0),
+                spec_trans: number(spec_trans),
+                spec_tint: number(0.2),
+                sheen: number(0.5),
+                sheen_tint: number(0.5),
+                flatness: number(0.3),
+                diff_trans: number(0.8),
+                eta: number(1.5),
+            };
+            let name = format!("thin principled r {roughness} t {spec_trans}");
+            let bsdf = Bsdf::PrincipledThin(PrincipledThin::new(&thin));
+            out.push(Case { name, bsdf, ior: None, both_sides: true });
+        }
+    }
+    out
+}
+
 /// Tests the chosen cases as sampled in `T`.
 fn run<T: Tested>(chosen: impl Fn(usize) -> bool, n: usize) {
-    let cases: Vec<_> = all::<T>().into_iter().zip(all::<f64>()).filter(|(_, c)| is_resolved(c)).collect();
+    let with = |all: Vec<Case<T>>| all.into_iter().chain(principled::<T>());
+    let exact = all::<f64>().into_iter().chain(principled::<f64>());
+    let cases: Vec<_> = with(all::<T>()).zip(exact).filter(|(_, c)| is_resolved(c)).collect();
     let cases = cases.iter().enumerate().filter(|(i, _)| chosen(*i)).map(|(_, c)| c);
     let tests: Vec<_> = cases.flat_map(|c| viewers(&c.1).into_iter().map(move |wo| (c, wo))).collect();
     let limit = chi_square::bound(tests.len());
@@ -284,6 +334,13 @@ fn run<T: Tested>(chosen: impl Fn(usize) -> bool, n: usize) {
 fn samples_follow_their_density() {
     // Every fifteenth, so that each kind of material meets several parameters.
     run::<f64>(|i| i % 15 == 3, 100_000);
+}
+
+#[test]
+fn samples_of_the_principled_models_follow_their_density() {
+    let count = all::<f64>().iter().filter(|c| is_resolved(c)).count();
+    run::<f64>(|i| i >= count, 20_000);
+    run::<f32>(|i| i >= count, 20_000);
 }
 
 #[test]
