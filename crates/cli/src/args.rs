@@ -258,6 +258,10 @@ pub(crate) struct Simplify {
     /// exact PNG, 90 with --textures jpeg].
     #[arg(long, value_name = "Q", num_args = 0..=1, default_missing_value = "90", value_parser = whole::<u8>(1..=100))]
     pub(crate) jpeg: Option<u8>,
+    /// Most bytes of the file, of each level of --lod: textures are halved and stored as JPEG as far as is needed, in the way
+    /// that looks best in held-out views [range: at least 1] [default: no limit].
+    #[arg(long, value_name = "N", conflicts_with_all = ["jpeg", "textures"], value_parser = whole::<u64>(1..))]
+    pub(crate) max_bytes: Option<u64>,
     /// Light while fitting and judging.
     #[arg(
         long,

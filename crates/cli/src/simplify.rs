@@ -101,6 +101,7 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
         },
         judge_spp: a.judge_spp,
         seed: a.running.seed,
+        max_bytes: a.max_bytes,
         checkpoint: a.running.checkpoint.clone(),
         resume: a.running.resume,
         device: device::choose(&a.device)?,
@@ -294,7 +295,7 @@ impl Job<'_> {
                  --jpeg makes it lighter\n"
             );
         }
-        text += &format!("wrote {}\n", self.output.display());
+        text += &format!("wrote {}; textures: {}\n", self.output.display(), o.textures);
         print(&text)
     }
 
@@ -327,6 +328,7 @@ impl Job<'_> {
             "bytes_out": self.bytes_out(),
             "verdict": Verdict::of(o).likeness.to_string(),
             "written": o.written.name(),
+            "textures": o.textures,
             "seconds": o.seconds,
             "fit_seconds": o.fit_seconds,
             "seconds_to_half_db": o.seconds_to_half_db,

@@ -3,6 +3,7 @@
 //! load -> normalise -> decimate -> shrink-wrap -> atlas -> bake -> fit by rendering -> bake again on the fitted shape -> fit
 //! the maps -> export -> reload the file and compare it with the reference on views and lights that the fit never saw.
 
+mod byte_budget;
 mod choice;
 mod coverage;
 mod options;
@@ -165,6 +166,10 @@ pub(crate) fn simplify_asset(
 
     light.inherit(scene);
     light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
+    if let Some(most) = options.max_bytes {
+        light = byte_budget::within(light, most, (n, reference), output, options, progress)?;
+    }
+    let textures = byte_budget::told(&light);
     photofit_scene::save_glb_with(output, &light, options.compression)?;
     let to_file = began.elapsed().as_secs_f64();
     let fitted = photofit_scene::load(output)?;
@@ -199,7 +204,7 @@ pub(crate) fn simplify_asset(
     let judged = judge.method(&stages);
     let mut outcome = Outcome::new(triangles, trained, plan, &names, pictures, judged, times, options);
     outcome.device = device.name();
-    outcome.written = written;
+    (outcome.written, outcome.textures) = (written, textures);
     let light = &stages[stages.len() - 1].scene;
     (outcome.left_out, outcome.not_fitted) =
         (outcome::left_out(scene, light), outcome::not_fitted(scene, light));

@@ -61,6 +61,9 @@ pub struct SimplifyOptions {
     pub checkpoint: Option<PathBuf>,
     /// Goes on from the checkpoint.
     pub resume: bool,
+    /// Most bytes of the written file: sizes of textures and their encoding ([`Self::texture_encoding`], or JPEG where that
+    /// is too large) are chosen so that it fits with the least loss.
+    pub max_bytes: Option<u64>,
     /// Views of the report.
     pub report_views: u64,
     /// Whether the asset's own texture coordinates, textures and materials on fewer triangles, the textures reduced to
@@ -93,6 +96,7 @@ impl Default for SimplifyOptions {
             seed: 0,
             checkpoint: None,
             resume: false,
+            max_bytes: None,
             report_views: 8,
             own_textures: true,
             judge: JudgeRenderer::Auto,

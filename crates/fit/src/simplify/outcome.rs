@@ -50,6 +50,8 @@ pub struct Outcome {
     pub not_fitted: Vec<String>,
     /// What was written.
     pub written: Written,
+    /// Its textures: sizes and encodings.
+    pub textures: String,
     /// The fitted asset in the normalised frame; the written one unless that is [`Written::Decimated`].
     pub candidate: Candidate,
     /// Width and height of the pictures that quality is reported by.
@@ -148,6 +150,7 @@ impl Outcome {
             left_out: Vec::new(),
             not_fitted: Vec::new(),
             written: Written::Fitted,
+            textures: String::new(),
             candidate: trained.model.candidate,
             resolution: options.resolution,
             device: options.device.name(),

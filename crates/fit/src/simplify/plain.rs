@@ -83,8 +83,8 @@ fn slots(m: &photofit_scene::Material) -> impl Iterator<Item = (&TextureSlot, bo
     .filter_map(|(slot, srgb)| slot.as_ref().map(|s| (s, srgb)))
 }
 
-/// An image halved so many times, as the materials read it.
-fn reduced(scene: &Scene, image: usize, halvings: usize) -> TextureImage {
+/// An image halved so many times, filtered as the materials read it.
+pub(super) fn reduced(scene: &Scene, image: usize, halvings: usize) -> TextureImage {
     let readers = || scene.materials.iter().flat_map(|m| slots(m).map(move |s| (m, s)));
     let srgb = readers().any(|(_, (slot, srgb))| slot.image == image && srgb);
     let coverage = scene.materials.iter().any(|m| {
