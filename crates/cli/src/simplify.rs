@@ -291,7 +291,7 @@ impl Job<'_> {
         if let Some(bytes) = self.bytes_out().filter(|b| *b > scene.source_bytes && scene.source_bytes > 0) {
             let (written, read) = (output::bytes(bytes), output::bytes(scene.source_bytes));
             text += &format!(
-                "the written file is larger than the asset, {written} against {read}: a smaller --texture-size or \
+                "the written file is larger than the asset, {written} against {read}: --max-bytes, a smaller --texture-size or \
                  --jpeg makes it lighter\n"
             );
         }
