@@ -246,6 +246,9 @@ impl<T: LossScalar> Candidate<T> {
     ///
     /// `value(i, pixels, g)` gets the pixels `[H*W]` of picture `i` and adds the gradient of its value to `g` `[H*W]`,
     /// which is zero.
+    ///
+    /// # Panics
+    /// If positions are to have gradients in a picture whose vertices are those of a pose.
     pub fn pull_back<'a>(
         &self,
         pictures: impl IntoIterator<Item = Picture<'a, T>>,

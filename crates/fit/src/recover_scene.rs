@@ -226,17 +226,22 @@ pub fn recover_scene(
 
 /// The rows of the plan.
 fn items(model: &Traced, held_out: Option<usize>) -> Vec<Item> {
-    let kinds: [(&str, fn(&Parameter) -> bool); 5] = [
-        ("material gradients", |p| matches!(p, Parameter::Material { .. })),
-        ("texture gradients", |p| matches!(p, Parameter::Texels { .. } | Parameter::Graph { .. })),
-        ("light gradients", |p| matches!(p, Parameter::Light { .. })),
-        ("environment gradients", |p| matches!(p, Parameter::Environment)),
-        ("medium gradients", |p| matches!(p, Parameter::Medium { .. })),
-    ];
-    let mut items: Vec<Item> = kinds
+    const MATERIALS: &str = "material gradients";
+    const TEXTURES: &str = "texture gradients";
+    const LIGHTS: &str = "light gradients";
+    const ENVIRONMENT: &str = "environment gradients";
+    const MEDIA: &str = "medium gradients";
+    let kind = |p: &TracedParameter| match p.parameter {
+        Parameter::Texels { .. } | Parameter::Graph { .. } => TEXTURES,
+        Parameter::Light { .. } => LIGHTS,
+        Parameter::Environment => ENVIRONMENT,
+        Parameter::Medium { .. } => MEDIA,
+        _ => MATERIALS,
+    };
+    let mut items: Vec<Item> = [MATERIALS, TEXTURES, LIGHTS, ENVIRONMENT, MEDIA]
         .into_iter()
-        .map(|(what, is)| {
-            let of = model.parameters.iter().filter(|p| is(&p.parameter));
+        .map(|what| {
+            let of = model.parameters.iter().filter(|p| kind(p) == what);
             let names: Vec<&str> = of.map(|p| p.name.as_str()).collect();
             Item::of(what, !names.is_empty(), names.join(", "), "none is fitted: no derivative is followed")
         })
