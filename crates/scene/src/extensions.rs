@@ -2,7 +2,7 @@
 //!
 //! Ranges are those of the specifications; the loader refuses other values. Factors multiply their textures.
 
-use crate::{TextureImage, TextureSlot};
+use crate::{SurfacePoints, TextureImage, TextureSlot};
 
 /// The extensions that a material uses; `None` where it does not name them.
 #[derive(Clone, Debug, PartialEq)]
@@ -70,21 +70,21 @@ impl Extensions {
         self.names().into_iter().filter(acts).collect()
     }
 
-    /// The same without textures: each has become its mean in the factor. Directions of anisotropy and normals of a
-    /// coat have no mean and are dropped.
+    /// The same without textures: each has become its mean over the points in the factor, or over its image where there are
+    /// none. Directions of anisotropy and normals of a coat have no mean and are dropped.
     ///
     /// # Panics
     /// If a slot names an image that is not in `images`.
-    pub fn averaged(&self, images: &[TextureImage]) -> Self {
+    pub fn averaged(&self, images: &[TextureImage], points: &SurfacePoints) -> Self {
         let mean = |slot: &mut Option<TextureSlot>, channel: usize| {
             let decode = |t: &[u8; 4]| f64::from(t[channel]) / 255.0;
-            slot.take().map_or(1.0, |s| mean_of(&images[s.image], decode))
+            slot.take().map_or(1.0, |s| points.mean(&s, &images[s.image], decode))
         };
         let color = |slot: &mut Option<TextureSlot>| {
             let slot = slot.take();
             [0, 1, 2].map(|c| {
                 let decode = |t: &[u8; 4]| f64::from(photofit_image::srgb_u8_to_linear(t[c]));
-                slot.as_ref().map_or(1.0, |s| mean_of(&images[s.image], decode))
+                slot.as_ref().map_or(1.0, |s| points.mean(s, &images[s.image], decode))
             })
         };
         let mut out = self.clone();
@@ -158,11 +158,6 @@ impl Extensions {
         let all = specular.chain(transmission).chain(volume).chain(clearcoat).chain(sheen).chain(anisotropy);
         all.filter_map(Option::as_mut)
     }
-}
-
-fn mean_of(image: &TextureImage, decode: impl Fn(&[u8; 4]) -> f64) -> f32 {
-    let sum: f64 = image.texels.iter().map(decode).sum();
-    (sum / image.texels.len().max(1) as f64) as f32
 }
 
 fn scaled(color: [f32; 3], by: [f32; 3]) -> [f32; 3] {
@@ -307,7 +302,7 @@ mod tests {
             sheen: Some(Sheen { color: [1.0; 3], color_texture: slot(), ..Sheen::default() }),
             anisotropy: Some(Anisotropy { strength: 1.0, texture: slot(), ..Anisotropy::default() }),
         };
-        let plain = textured.averaged(&images);
+        let plain = textured.averaged(&images, &SurfacePoints::default());
         assert_eq!(plain.textures().count(), 0);
         assert_eq!(plain.names(), textured.names());
         let near = |a: f32, b: f32| assert!((a - b).abs() < 1e-5, "{a} {b}");

@@ -22,6 +22,7 @@ mod pose;
 mod save;
 mod skin;
 pub mod surface;
+mod surface_points;
 
 pub use animation::{Animation, Channel, Curve, Interpolation, Property};
 pub use camera::Camera;
@@ -42,3 +43,4 @@ pub use skin::{Bind, Influences, MorphTarget, Skin};
 pub use surface::{
     ExtensionSample, MapKind, SampleGradient, SampleSink, SurfaceLibrary, SurfaceSample, UvDerivatives,
 };
+pub use surface_points::SurfacePoints;

@@ -5,7 +5,7 @@
 //! fitted (base colour, roughness, metalness, normals, emission) lies below them on both sides. Surfaces that transmit
 //! light are drawn blended, so that what lies behind them is seen and kept.
 
-use photofit_scene::{AlphaMode, Extensions, Material, Scene};
+use photofit_scene::{AlphaMode, Extensions, Material, Scene, SurfacePoints};
 use photofit_shading::Sides;
 use std::borrow::Cow;
 
@@ -109,7 +109,10 @@ fn kept(scene: &Scene, material: usize) -> Option<Box<Extensions>> {
     if m.unlit {
         return None;
     }
-    let mut kept = m.extensions.as_ref()?.averaged(&scene.images);
+    let extensions = m.extensions.as_ref()?;
+    let textured = extensions.textures().next().is_some();
+    let points = if textured { scene.surface_points(material) } else { SurfacePoints::default() };
+    let mut kept = extensions.averaged(&scene.images, &points);
     if let Some(volume) = &mut kept.volume {
         // Thickness is in the units of a mesh; the light asset's mesh is not scaled.
         let placed = scene.instances.iter().find(|i| scene.primitives[i.primitive].material == material);
