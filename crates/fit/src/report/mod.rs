@@ -109,14 +109,15 @@ fn header(o: &Outcome, info: &ReportInfo<'_>, light: &Scene, bytes_out: u64) -> 
     }
     let tiles: String =
         tiles.iter().map(|(name, value)| format!("<div><b>{value}</b>{name}</div>\n")).collect();
-    let stopped = if o.stopped {
+    let stopped = if o.fit_stopped {
         "<p class=note>The fit was ended early; this is what it had reached.</p>\n"
     } else {
         ""
     };
+    let beyond = if verdict.original.is_some() { " beyond that of the asset itself, drawn so," } else { "" };
     format!(
         "<p class=\"verdict {class}\"><b>{}</b> {}</p>\n<h1>{}</h1>\n{stopped}<div class=tiles>\n{tiles}</div>\n\
-         <p class=note>The same: FLIP at most 0.03 in the mean and 0.05 in the worst view, hard to tell side by side. \
+         <p class=note>The same: FLIP{beyond} at most 0.03 in the mean and 0.05 in the worst view, hard to tell side by side. \
          Close: at most 0.08 and 0.12. The file was {}.</p>\n",
         escape(first),
         escape(rest),
