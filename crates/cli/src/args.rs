@@ -143,6 +143,8 @@ pub(crate) enum TextureFormat {
     Jpeg,
     /// Exact.
     Webp,
+    /// Lossy, about a third of the bytes of jpeg; colours at half resolution, alpha exact.
+    WebpLossy,
 }
 
 /// How geometry is stored.
@@ -247,20 +249,23 @@ pub(crate) struct Simplify {
     /// Width and height of the textures, texels [range: 16 to 8192] [default: 1024, or what the size on screen needs].
     #[arg(long, value_name = "N", value_parser = whole::<usize>(16..=8192))]
     pub(crate) texture_size: Option<usize>,
-    /// How textures are stored; webp is exact, for readers that know `EXT_texture_webp` [default: png,
-    /// jpeg with --jpeg].
+    /// How textures are stored; both kinds of webp are for readers that know `EXT_texture_webp` (three.js, Babylon.js, Blender
+    /// and others) [default: png, jpeg with --jpeg].
     #[arg(long, value_enum)]
     pub(crate) textures: Option<TextureFormat>,
     /// Compress geometry: meshopt is `EXT_meshopt_compression`, which three.js, Babylon.js, Godot and others read.
     #[arg(long, value_enum, default_value = "none")]
     pub(crate) compress: GeometryFormat,
     /// Store opaque textures as JPEG of quality Q, 90 without a number: a third of the bytes [range: 1 to 100] [default:
-    /// exact PNG, 90 with --textures jpeg].
+    /// exact PNG].
     #[arg(long, value_name = "Q", num_args = 0..=1, default_missing_value = "90", value_parser = whole::<u8>(1..=100))]
     pub(crate) jpeg: Option<u8>,
-    /// Most bytes of the file, of each level of --lod: textures are halved and stored as JPEG as far as is needed, in the way
-    /// that looks best in held-out views [range: at least 1] [default: no limit].
-    #[arg(long, value_name = "N", conflicts_with_all = ["jpeg", "textures"], value_parser = whole::<u64>(1..))]
+    /// Quality of lossy textures [range: 1 to 100] [default: 90].
+    #[arg(long, value_name = "Q", conflicts_with = "jpeg", value_parser = whole::<u8>(1..=100))]
+    pub(crate) texture_quality: Option<u8>,
+    /// Most bytes of the file, of each level of --lod: textures are halved and stored with loss as far as is needed, in the way
+    /// that looks best in held-out views; as JPEG, or as WebP with --textures webp [range: at least 1] [default: no limit].
+    #[arg(long, value_name = "N", conflicts_with_all = ["jpeg", "texture_quality"], value_parser = whole::<u64>(1..))]
     pub(crate) max_bytes: Option<u64>,
     /// Light while fitting and judging.
     #[arg(
@@ -300,9 +305,15 @@ pub(crate) struct Simplify {
 impl Simplify {
     /// Whether the options go together.
     fn check(&self) -> Result<(), String> {
-        match (self.textures, self.jpeg) {
+        match (self.textures, self.jpeg.or(self.texture_quality)) {
             (Some(TextureFormat::Png | TextureFormat::Webp), Some(_)) => {
-                Err("--jpeg is the quality of --textures jpeg; leave one of them out".into())
+                Err("png and webp are exact: a quality belongs to --textures jpeg or webp-lossy; leave one of them out".into())
+            }
+            (Some(TextureFormat::WebpLossy), _) if self.jpeg.is_some() => {
+                Err("--jpeg is the quality of --textures jpeg; that of webp-lossy is --texture-quality".into())
+            }
+            (None, Some(_)) if self.jpeg.is_none() => {
+                Err("--texture-quality is for lossy textures: add --textures jpeg or --textures webp-lossy".into())
             }
             _ => Ok(()),
         }

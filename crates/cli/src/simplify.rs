@@ -19,8 +19,8 @@ use std::path::{Path, PathBuf};
 
 /// Share of the triangles that is kept when no budget is given.
 const DEFAULT_RATIO: f64 = 0.03;
-/// Quality of JPEG textures when none is given.
-const JPEG_QUALITY: u8 = 90;
+/// Quality of lossy textures when none is given.
+const TEXTURE_QUALITY: u8 = 90;
 /// Name of the state in the folder of --checkpoint.
 pub(crate) const CHECKPOINT_FILE: &str = "fit.ckpt";
 /// The steps of the job, each with the stages that it reports.
@@ -78,12 +78,7 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
         steps: a.steps,
         time_limit: a.time_limit,
         texture_size: a.texture_size.unwrap_or(default.texture_size),
-        texture_encoding: match (a.textures, a.jpeg) {
-            (Some(TextureFormat::Webp), _) => TextureEncoding::WebP,
-            (Some(TextureFormat::Jpeg), None) => TextureEncoding::Jpeg { quality: JPEG_QUALITY },
-            (_, Some(quality)) => TextureEncoding::Jpeg { quality },
-            (_, None) => TextureEncoding::Png,
-        },
+        texture_encoding: texture_encoding(a),
         compression: match a.compress {
             GeometryFormat::None => Compression::None,
             GeometryFormat::Meshopt => Compression::Meshopt,
@@ -373,6 +368,16 @@ fn quoted(argument: &str) -> String {
         argument.to_owned()
     } else {
         format!("'{}'", argument.replace('\'', "'\\''"))
+    }
+}
+
+fn texture_encoding(a: &Simplify) -> TextureEncoding {
+    let quality = a.jpeg.or(a.texture_quality).unwrap_or(TEXTURE_QUALITY);
+    match (a.textures, a.jpeg) {
+        (Some(TextureFormat::Webp), _) => TextureEncoding::WebP,
+        (Some(TextureFormat::WebpLossy), _) => TextureEncoding::LossyWebP { quality },
+        (Some(TextureFormat::Jpeg), _) | (None, Some(_)) => TextureEncoding::Jpeg { quality },
+        (Some(TextureFormat::Png) | None, _) => TextureEncoding::Png,
     }
 }
 

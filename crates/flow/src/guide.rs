@@ -90,15 +90,26 @@ fn query<S>(at: &Vertex<'_, S>) -> Query {
 }
 
 impl<G: Guide> DirectionSampler for Guided<'_, G> {
+    /// None where there are delta lobes alone.
+    type Local = Option<G::Local>;
+
     #[inline]
-    fn sample<S: Scattering>(&self, at: &Vertex<'_, S>, lobe: f32, u: [f32; 2]) -> Option<DirectionSample> {
-        if at.scattering.is_delta() {
-            return at.scattering.sample(lobe, u);
-        }
-        let local = self.0.local(&query(at));
-        let share = self.0.share(&local);
+    fn local<S: Scattering>(&self, at: &Vertex<'_, S>) -> Self::Local {
+        (!at.scattering.is_delta()).then(|| self.0.local(&query(at)))
+    }
+
+    #[inline]
+    fn sample<S: Scattering>(
+        &self,
+        at: &Vertex<'_, S>,
+        local: &Self::Local,
+        lobe: f32,
+        u: [f32; 2],
+    ) -> Option<DirectionSample> {
+        let Some(local) = local else { return at.scattering.sample(lobe, u) };
+        let share = self.0.share(local);
         let (mut sample, guide) = if lobe < share {
-            let (wi, guide) = self.0.sample(&local, u)?;
+            let (wi, guide) = self.0.sample(local, u)?;
             let transmitted = wi.dot(at.normal) * at.wo.dot(at.normal) < 0.0;
             let weight = Vec3f::zero();
             let sample = DirectionSample {
@@ -117,7 +128,7 @@ impl<G: Guide> DirectionSampler for Guided<'_, G> {
                 sample.weight *= 1.0 / (1.0 - share);
                 return Some(sample);
             }
-            (sample, self.0.pdf(&local, sample.wi))
+            (sample, self.0.pdf(local, sample.wi))
         };
         let (value, own) = at.scattering.eval_pdf(sample.wi);
         let pdf = own * (1.0 - share) + guide * share;
@@ -131,15 +142,12 @@ impl<G: Guide> DirectionSampler for Guided<'_, G> {
     }
 
     #[inline]
-    fn eval_pdf<S: Scattering>(&self, at: &Vertex<'_, S>, wi: Vec3f) -> (Vec3f, f32) {
+    fn eval_pdf<S: Scattering>(&self, at: &Vertex<'_, S>, local: &Self::Local, wi: Vec3f) -> (Vec3f, f32) {
         let (value, pdf) = at.scattering.eval_pdf(wi);
         // A light that the surface does not scatter needs no weight.
-        if at.scattering.is_delta() || value == Vec3f::zero() {
-            return (value, pdf);
-        }
-        let local = self.0.local(&query(at));
-        let share = self.0.share(&local);
-        (value, pdf * (1.0 - share) + self.0.pdf(&local, wi) * share)
+        let Some(local) = local.as_ref().filter(|_| value != Vec3f::zero()) else { return (value, pdf) };
+        let share = self.0.share(local);
+        (value, pdf * (1.0 - share) + self.0.pdf(local, wi) * share)
     }
 
     #[inline]

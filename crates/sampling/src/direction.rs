@@ -77,11 +77,23 @@ pub struct Vertex<'a, S> {
 
 /// Chooses directions at the vertices of a path.
 pub trait DirectionSampler {
-    /// A direction for `lobe` and `u` in `[0, 1)`; `None` where the path ends.
-    fn sample<S: Scattering>(&self, at: &Vertex<'_, S>, lobe: f32, u: [f32; 2]) -> Option<DirectionSample>;
+    /// What the answers at one vertex share.
+    type Local;
+
+    /// Prepares answers at a vertex.
+    fn local<S: Scattering>(&self, at: &Vertex<'_, S>) -> Self::Local;
+
+    /// A direction for `lobe` and `u` in `[0, 1)`; `None` where the path ends. `local` is that of the vertex.
+    fn sample<S: Scattering>(
+        &self,
+        at: &Vertex<'_, S>,
+        local: &Self::Local,
+        lobe: f32,
+        u: [f32; 2],
+    ) -> Option<DirectionSample>;
 
     /// `f |cos theta_i|` of the surface without delta lobes, and the density with which [`Self::sample`] makes `wi`.
-    fn eval_pdf<S: Scattering>(&self, at: &Vertex<'_, S>, wi: Vec3f) -> (Vec3f, f32);
+    fn eval_pdf<S: Scattering>(&self, at: &Vertex<'_, S>, local: &Self::Local, wi: Vec3f) -> (Vec3f, f32);
 
     /// Whether [`Self::sample`] reads `lobe`.
     fn has_lobes<S: Scattering>(&self, at: &Vertex<'_, S>) -> bool;
@@ -92,13 +104,24 @@ pub trait DirectionSampler {
 pub struct ScatteringSampler;
 
 impl DirectionSampler for ScatteringSampler {
+    type Local = ();
+
     #[inline(always)]
-    fn sample<S: Scattering>(&self, at: &Vertex<'_, S>, lobe: f32, u: [f32; 2]) -> Option<DirectionSample> {
+    fn local<S: Scattering>(&self, _: &Vertex<'_, S>) {}
+
+    #[inline(always)]
+    fn sample<S: Scattering>(
+        &self,
+        at: &Vertex<'_, S>,
+        _: &Self::Local,
+        lobe: f32,
+        u: [f32; 2],
+    ) -> Option<DirectionSample> {
         at.scattering.sample(lobe, u)
     }
 
     #[inline(always)]
-    fn eval_pdf<S: Scattering>(&self, at: &Vertex<'_, S>, wi: Vec3f) -> (Vec3f, f32) {
+    fn eval_pdf<S: Scattering>(&self, at: &Vertex<'_, S>, _: &Self::Local, wi: Vec3f) -> (Vec3f, f32) {
         at.scattering.eval_pdf(wi)
     }
 
@@ -113,8 +136,19 @@ impl DirectionSampler for ScatteringSampler {
 pub struct UniformSphere;
 
 impl DirectionSampler for UniformSphere {
+    type Local = ();
+
+    #[inline(always)]
+    fn local<S: Scattering>(&self, _: &Vertex<'_, S>) {}
+
     #[inline]
-    fn sample<S: Scattering>(&self, at: &Vertex<'_, S>, _: f32, u: [f32; 2]) -> Option<DirectionSample> {
+    fn sample<S: Scattering>(
+        &self,
+        at: &Vertex<'_, S>,
+        _: &Self::Local,
+        _: f32,
+        u: [f32; 2],
+    ) -> Option<DirectionSample> {
         let wi: Vec3f = uniform_sphere(u);
         let (value, own) = at.scattering.eval_pdf(wi);
         let pdf = uniform_sphere_pdf();
@@ -125,7 +159,7 @@ impl DirectionSampler for UniformSphere {
     }
 
     #[inline]
-    fn eval_pdf<S: Scattering>(&self, at: &Vertex<'_, S>, wi: Vec3f) -> (Vec3f, f32) {
+    fn eval_pdf<S: Scattering>(&self, at: &Vertex<'_, S>, _: &Self::Local, wi: Vec3f) -> (Vec3f, f32) {
         (at.scattering.eval_pdf(wi).0, uniform_sphere_pdf())
     }
 
@@ -149,21 +183,34 @@ pub struct Mixture<A, B> {
 }
 
 impl<A: DirectionSampler, B: DirectionSampler> DirectionSampler for Mixture<A, B> {
+    type Local = (A::Local, B::Local);
+
     #[inline]
-    fn sample<S: Scattering>(&self, at: &Vertex<'_, S>, lobe: f32, u: [f32; 2]) -> Option<DirectionSample> {
+    fn local<S: Scattering>(&self, at: &Vertex<'_, S>) -> Self::Local {
+        (self.first.local(at), self.second.local(at))
+    }
+
+    #[inline]
+    fn sample<S: Scattering>(
+        &self,
+        at: &Vertex<'_, S>,
+        local: &Self::Local,
+        lobe: f32,
+        u: [f32; 2],
+    ) -> Option<DirectionSample> {
         if at.scattering.is_delta() {
-            return self.first.sample(at, lobe, u);
+            return self.first.sample(at, &local.0, lobe, u);
         }
         let mut sample = if lobe < self.share {
-            self.second.sample(at, lobe / self.share, u)
+            self.second.sample(at, &local.1, lobe / self.share, u)
         } else {
-            self.first.sample(at, (lobe - self.share) / (1.0 - self.share), u)
+            self.first.sample(at, &local.0, (lobe - self.share) / (1.0 - self.share), u)
         }?;
         if sample.delta {
             sample.weight *= 1.0 / (1.0 - self.share);
             return Some(sample);
         }
-        let (value, pdf) = self.eval_pdf(at, sample.wi);
+        let (value, pdf) = self.eval_pdf(at, local, sample.wi);
         let usable = pdf > 0.0 && pdf.is_finite();
         if !usable {
             return None;
@@ -174,12 +221,12 @@ impl<A: DirectionSampler, B: DirectionSampler> DirectionSampler for Mixture<A, B
     }
 
     #[inline]
-    fn eval_pdf<S: Scattering>(&self, at: &Vertex<'_, S>, wi: Vec3f) -> (Vec3f, f32) {
-        let (value, first) = self.first.eval_pdf(at, wi);
+    fn eval_pdf<S: Scattering>(&self, at: &Vertex<'_, S>, local: &Self::Local, wi: Vec3f) -> (Vec3f, f32) {
+        let (value, first) = self.first.eval_pdf(at, &local.0, wi);
         if at.scattering.is_delta() {
             return (value, first);
         }
-        let second = self.second.eval_pdf(at, wi).1;
+        let second = self.second.eval_pdf(at, &local.1, wi).1;
         (value, first * (1.0 - self.share) + second * self.share)
     }
 
@@ -252,8 +299,8 @@ mod tests {
             let mut counts = vec![0_u64; CELLS[0] * CELLS[1]];
             for i in 0..N {
                 let (lobe, u) = random(i);
-                let sample = mixture.sample(&at(&surface), lobe, u).unwrap();
-                let (value, pdf) = mixture.eval_pdf(&at(&surface), sample.wi);
+                let sample = mixture.sample(&at(&surface), &((), ()), lobe, u).unwrap();
+                let (value, pdf) = mixture.eval_pdf(&at(&surface), &((), ()), sample.wi);
                 assert!((sample.pdf - pdf).abs() <= 1e-6 * pdf, "one density for both ways");
                 assert!((sample.weight.x * pdf - value.x).abs() <= 1e-5 * value.x.max(1e-3));
                 counts[cell(sample.wi)] += 1;
@@ -281,7 +328,8 @@ mod tests {
             let (mut sum, mut squares) = (0.0, 0.0);
             for i in 0..N {
                 let (lobe, u) = random(i);
-                let weight = mixture.sample(&at(&surface), lobe, u).map_or(0.0, |s| f64::from(s.weight.x));
+                let weight =
+                    mixture.sample(&at(&surface), &((), ()), lobe, u).map_or(0.0, |s| f64::from(s.weight.x));
                 (sum, squares) = (sum + weight, squares + weight * weight);
             }
             let n = N as f64;

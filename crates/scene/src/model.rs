@@ -40,6 +40,12 @@ pub enum TextureEncoding {
     },
     /// Exact, for readers that know `EXT_texture_webp`.
     WebP,
+    /// Lossy, about a third of the bytes of a JPEG, chroma at half resolution, alpha exact; for readers that know
+    /// `EXT_texture_webp`.
+    LossyWebP {
+        /// 1 to 100.
+        quality: u8,
+    },
 }
 
 /// A mesh with one material.

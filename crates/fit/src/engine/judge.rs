@@ -389,8 +389,9 @@ pub fn popping(
     Ok(sum / POPPING_VIEWS as f64)
 }
 
-/// How good the pictures of each stage are in `views` held-out views, drawn by the rasterizer with `samples` samples
-/// per axis of a pixel: the sum over the views of PSNR and FLIP, both in decibels.
+/// How good the pictures of each stage are in `count` held-out views, drawn by the rasterizer with `samples` samples
+/// per axis of a pixel: the sum over the views, after the work was stopped over the first two of them, of PSNR and FLIP,
+/// both in decibels.
 ///
 /// # Errors
 /// If a picture of the reference cannot be made.
@@ -419,6 +420,16 @@ pub fn scores(
         }
     }
     Ok(score)
+}
+
+/// Index of the highest score; the first wins a tie.
+///
+/// # Panics
+/// If there is none.
+pub fn highest(scores: &[f64]) -> usize {
+    let better = |best: usize, k: usize| if scores[k] > scores[best] { k } else { best };
+    assert!(!scores.is_empty(), "something to choose from");
+    (0..scores.len()).fold(0, better)
 }
 
 /// Linear premultiplied RGBA as a display picture over grey.

@@ -80,7 +80,7 @@ pub(super) fn best(
     let views = Orbit::new(options.seed, &options.lighting, options.resolution);
     let (count, [_, samples]) = (options.choice_views(), options.judge_samples());
     let scores = judge::scores(n, reference, &stages, &views, count, samples, progress)?;
-    let best = highest(&scores);
+    let best = judge::highest(&scores);
     let baked = models.len() - 1;
     let written = match best {
         0 => Written::Fitted,
@@ -89,11 +89,6 @@ pub(super) fn best(
         k if k < baked => Written::Wrapped,
         _ => Written::Decimated,
     };
-    let model = models.swap_remove(highest(&scores[..models.len()]));
+    let model = models.swap_remove(judge::highest(&scores[..models.len()]));
     Ok(Chosen { trained: Trained { model, ..trained }, light: scenes.swap_remove(best), written })
-}
-
-/// Index of the highest score; the first wins a tie.
-fn highest(scores: &[f64]) -> usize {
-    (0..scores.len()).fold(0, |best, k| if scores[k] > scores[best] { k } else { best })
 }

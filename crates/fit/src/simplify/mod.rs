@@ -167,7 +167,7 @@ pub(crate) fn simplify_asset(
     light.inherit(scene);
     light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
     if let Some(most) = options.max_bytes {
-        light = byte_budget::within(light, most, (n, reference), output, options, progress)?;
+        light = byte_budget::within(light, most, (n, reference), options, progress)?;
     }
     let textures = byte_budget::told(&light);
     photofit_scene::save_glb_with(output, &light, options.compression)?;

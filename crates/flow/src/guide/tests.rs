@@ -48,11 +48,11 @@ fn estimate<D: DirectionSampler>(sampler: &D, mirror: f32, seed: u64) -> (f64, f
     for i in 0..n {
         let mut rng = Rng::new(seed, i);
         let (lobe, u) = (rng.next_f32(), [rng.next_f32(), rng.next_f32()]);
-        let Some(s) = sampler.sample(&at, lobe, u) else { continue };
+        let Some(s) = sampler.sample(&at, &sampler.local(&at), lobe, u) else { continue };
         let value = s.weight.x * light(s.wi);
         (sum, squares) = (sum + f64::from(value), squares + f64::from(value * value));
         if !s.delta {
-            let (_, pdf) = sampler.eval_pdf(&at, s.wi);
+            let (_, pdf) = sampler.eval_pdf(&at, &sampler.local(&at), s.wi);
             assert!((pdf / s.pdf - 1.0).abs() < 2e-2 || s.weight.x == 0.0, "one density: {pdf} {}", s.pdf);
             let query = Query { position: at.position, normal, wo: WO, roughness: 1.0 };
             records.push(Record { query, wi: s.wi, pdf: s.pdf, value: value * s.pdf, incident: light(s.wi) });

@@ -2,17 +2,17 @@
 //! arrives (Vorba et al. 2014 with the tree of Müller et al. 2017; the guides of Open PGL are of this kind), multiplied
 //! with the lobe of the cosine at the vertex.
 
+mod mixture;
 mod vmf;
 
 use crate::FlowError;
 use crate::guide::{Guide, Query, Record, SHARE};
+use mixture::{LOBES, Mixture};
 use photofit_sampling::fibonacci_sphere;
 use photofit_scalar::Vec3f;
 use rayon::prelude::*;
 use vmf::Lobe;
 
-/// Lobes of a mixture.
-const LOBES: usize = 8;
 /// Rounds of expectation and maximisation per call, and of the share.
 const ROUNDS: usize = 4;
 /// Largest weight of a record in units of its leaf's mean.
@@ -20,6 +20,8 @@ const WEIGHT_MAX: f32 = 20.0;
 /// Records without direction that every lobe is thought to have seen beside the true ones: keeps few from making it
 /// narrow or empty.
 const PRIOR: f32 = 0.5;
+/// What a call of [`Guide::learn`] leaves of the weight of earlier ones: the first records come from poor directions.
+const MEMORY: f32 = 0.5;
 /// Concentration of the lobes of an untrained mixture.
 const KAPPA_FIRST: f32 = 3.0;
 
@@ -50,7 +52,9 @@ enum Node {
 
 #[derive(Clone, Copy, Debug)]
 struct Leaf {
-    lobes: [Lobe; LOBES],
+    lobes: Mixture,
+    /// Records that made the lobes, those of earlier calls for less.
+    seen: f32,
     share: f32,
     depth: u32,
 }
@@ -66,7 +70,7 @@ pub struct LobeGuide {
 /// The mixture of a leaf times the cosine.
 #[derive(Clone, Copy, Debug)]
 pub struct LobeLocal {
-    lobes: [Lobe; LOBES],
+    lobes: Mixture,
     share: f32,
 }
 
@@ -74,8 +78,9 @@ impl LobeGuide {
     /// An untrained guide: one leaf, all directions nearly alike, which is asked rarely.
     pub fn new(options: LobeOptions) -> Self {
         let lobe = |k| Lobe::new(1.0 / LOBES as f32, fibonacci_sphere(k, LOBES), KAPPA_FIRST);
-        let lobes = std::array::from_fn(lobe);
-        Self { options, nodes: vec![Node::Leaf(0)], leaves: vec![Leaf { lobes, share: SHARE[0], depth: 0 }] }
+        let lobes = Mixture::new(std::array::from_fn(lobe));
+        let leaf = Leaf { lobes, seen: 0.0, share: SHARE[0], depth: 0 };
+        Self { options, nodes: vec![Node::Leaf(0)], leaves: vec![leaf] }
     }
 
     /// Number of leaves.
@@ -122,6 +127,7 @@ impl LobeGuide {
                     return;
                 };
                 self.leaves[leaf as usize].depth += 1;
+                self.leaves[leaf as usize].seen *= 0.5;
                 let copy = self.leaves[leaf as usize];
                 let second = self.leaves.len() as u32;
                 self.leaves.push(copy);
@@ -160,13 +166,20 @@ impl Leaf {
             return;
         }
         let before = *self;
+        // The lobes so far count for the records that made them.
+        let seen = MEMORY * self.seen;
+        let known = std::array::from_fn(|k| self.lobes.lobe(k));
+        let priors: [(f32, Vec3f); LOBES] = known.map(|l: Lobe| {
+            let mass = seen * l.weight;
+            (PRIOR + mass, l.mean * (mass * l.mean_length()))
+        });
         for _ in 0..ROUNDS {
-            let (mut mass, mut sums) = ([PRIOR; LOBES], [Vec3f::zero(); LOBES]);
-            let mut total = PRIOR * LOBES as f32;
+            let (mut mass, mut sums) = (priors.map(|p| p.0), priors.map(|p| p.1));
+            let mut total: f32 = mass.iter().sum();
             for i in own {
                 let r = &records[*i as usize];
                 let weight = (incident(r) / mean).min(WEIGHT_MAX);
-                let parts = self.lobes.map(|l| l.weight * l.pdf(r.wi));
+                let parts = self.lobes.parts(r.wi);
                 let all: f32 = parts.iter().sum();
                 if all <= 0.0 {
                     continue;
@@ -178,9 +191,12 @@ impl Leaf {
                     sums[k] += r.wi * part;
                 }
             }
-            self.lobes = std::array::from_fn(|k| Lobe::of_mean(mass[k] / total, sums[k] * (1.0 / mass[k])));
+            let lobe = |k: usize| Lobe::of_mean(mass[k] / total, sums[k] * (1.0 / mass[k]));
+            self.lobes = Mixture::new(std::array::from_fn(lobe));
         }
+        self.seen = seen + own.len() as f32;
         // What a mixture of an earlier call would have done with these records is not known of the first one.
+        let usual = own.iter().map(|i| worth(&records[*i as usize])).sum::<f32>() / own.len() as f32;
         let mut share = if first { 0.5 * (SHARE[0] + SHARE[1]) } else { self.share };
         for _ in 0..ROUNDS {
             let (mut guided, mut total) = (0.0, 0.0);
@@ -190,12 +206,12 @@ impl Leaf {
                 let other = if first {
                     r.pdf
                 } else {
-                    (r.pdf - before.share * density(&old, r.wi)).max(0.0) / (1.0 - before.share)
+                    (r.pdf - before.share * old.lobes.density(r.wi)).max(0.0) / (1.0 - before.share)
                 };
-                let guide = density(&local(self, &r.query), r.wi);
+                let guide = local(self, &r.query).lobes.density(r.wi);
                 let mixture = share * guide + (1.0 - share) * other;
                 if mixture > 0.0 && mixture.is_finite() {
-                    let weight = (r.value / r.pdf).min(WEIGHT_MAX * mean);
+                    let weight = worth(r).min(WEIGHT_MAX * usual);
                     guided += weight * share * guide / mixture;
                     total += weight;
                 }
@@ -213,22 +229,16 @@ fn incident(r: &Record) -> f32 {
     r.incident / r.pdf
 }
 
+/// The integrand over the density that chose the direction.
 #[inline]
-fn local(leaf: &Leaf, at: &Query) -> LobeLocal {
-    let n = if at.normal.dot(at.wo) < 0.0 { -at.normal } else { at.normal };
-    let mut lobes = leaf.lobes.map(|l| l.with_cosine(n));
-    let total: f32 = lobes.iter().map(|l| l.weight).sum();
-    if total > 0.0 && total.is_finite() {
-        lobes.iter_mut().for_each(|l| l.weight /= total);
-    } else {
-        lobes = leaf.lobes;
-    }
-    LobeLocal { lobes, share: leaf.share }
+fn worth(r: &Record) -> f32 {
+    r.value / r.pdf
 }
 
 #[inline]
-fn density(local: &LobeLocal, wi: Vec3f) -> f32 {
-    local.lobes.iter().map(|l| l.weight * l.pdf(wi)).sum()
+fn local(leaf: &Leaf, at: &Query) -> LobeLocal {
+    let n = if at.normal.dot(at.wo) < 0.0 { -at.normal } else { at.normal };
+    LobeLocal { lobes: leaf.lobes.with_cosine(n), share: leaf.share }
 }
 
 impl Guide for LobeGuide {
@@ -245,24 +255,14 @@ impl Guide for LobeGuide {
     }
 
     #[inline]
-    fn sample(&self, local: &LobeLocal, [u, v]: [f32; 2]) -> Option<(Vec3f, f32)> {
-        let mut rest = u;
-        let mut chosen = None;
-        for lobe in local.lobes.iter().filter(|l| l.weight > 0.0) {
-            chosen = Some((lobe, (rest / lobe.weight).clamp(0.0, 1.0 - f32::EPSILON)));
-            if rest < lobe.weight {
-                break;
-            }
-            rest -= lobe.weight;
-        }
-        let (lobe, rest) = chosen?;
-        let wi = lobe.sample([rest, v]);
-        Some((wi, density(local, wi)))
+    fn sample(&self, local: &LobeLocal, u: [f32; 2]) -> Option<(Vec3f, f32)> {
+        let wi = local.lobes.sample(u)?;
+        Some((wi, local.lobes.density(wi)))
     }
 
     #[inline]
     fn pdf(&self, local: &LobeLocal, wi: Vec3f) -> f32 {
-        density(local, wi)
+        local.lobes.density(wi)
     }
 
     fn learn(&mut self, records: &[Record]) -> Result<(), FlowError> {

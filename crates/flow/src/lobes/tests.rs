@@ -85,7 +85,11 @@ fn learning_is_the_same_for_any_number_of_threads() {
     let bits = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let guide = pool.install(|| trained(&data));
-        guide.leaves.iter().flat_map(|l| l.lobes.map(|l| l.kappa.to_bits())).collect::<Vec<u32>>()
+        guide
+            .leaves
+            .iter()
+            .flat_map(|l| (0..LOBES).map(|k| l.lobes.lobe(k).kappa.to_bits()))
+            .collect::<Vec<u32>>()
     };
     assert!(bits(1) == bits(3), "other bits with other threads");
 }

@@ -5,14 +5,15 @@ mod exr_file;
 mod limits;
 mod png_jpeg;
 mod radiance;
+mod webp;
 
 pub use atomic::{set_aside, write_atomically};
 pub use exr_file::{read_exr_layers, write_exr, write_exr_channels};
 pub use limits::Limits;
 pub use png_jpeg::{
-    PngCompression, decode_texture, encode_jpeg, encode_png, encode_srgb_png, encode_webp, texture_size,
-    write_png,
+    PngCompression, decode_texture, encode_jpeg, encode_png, encode_srgb_png, texture_size, write_png,
 };
+pub use webp::{encode_webp, encode_webp_lossy};
 
 use crate::{Image, ImageError};
 use std::io::Read;

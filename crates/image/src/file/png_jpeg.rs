@@ -5,7 +5,6 @@ use super::{Format, Limits, write_atomically};
 use crate::{Image, ImageError, color};
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::codecs::webp::WebPEncoder;
 use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageFormat, ImageReader};
 use rayon::prelude::*;
 use std::io::Cursor;
@@ -178,36 +177,6 @@ pub fn encode_png(
     PngEncoder::new_with_quality(&mut out, level, FilterType::Adaptive)
         .write_image(data, w, h, color)
         .map_err(|e| ImageError::invalid("PNG", e.to_string()))?;
-    Ok(out)
-}
-
-/// Encodes 8-bit RGB or RGBA samples (row-major from the top) as a WebP without loss.
-///
-/// ```
-/// use photofit_image::{Limits, decode_texture, encode_webp};
-/// let webp = encode_webp(2, 1, 4, &[1, 2, 3, 0, 5, 6, 7, 8])?;
-/// assert_eq!(decode_texture(&webp, &Limits::default())?, (2, 1, vec![[1, 2, 3, 0], [5, 6, 7, 8]]));
-/// # Ok::<(), photofit_image::ImageError>(())
-/// ```
-///
-/// # Errors
-/// If a side is not 1 to 16384 pixels.
-///
-/// # Panics
-/// If `data.len() != width * height * channels`, or `channels` is not 3 or 4.
-pub fn encode_webp(width: usize, height: usize, channels: usize, data: &[u8]) -> Result<Vec<u8>, ImageError> {
-    assert_eq!(data.len(), width * height * channels, "one sample per pixel and channel");
-    assert!(channels == 3 || channels == 4, "3 or 4 channels");
-    let most = 1 << 14;
-    if !(1..=most).contains(&width) || !(1..=most).contains(&height) {
-        let rule = format!("{width} x {height} pixels; sides must be in 1..{most}");
-        return Err(ImageError::invalid("WebP", rule));
-    }
-    let color = if channels == 4 { ExtendedColorType::Rgba8 } else { ExtendedColorType::Rgb8 };
-    let mut out = Vec::new();
-    WebPEncoder::new_lossless(&mut out)
-        .write_image(data, width as u32, height as u32, color)
-        .map_err(|e| ImageError::invalid("WebP", e.to_string()))?;
     Ok(out)
 }
 

@@ -381,8 +381,9 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
         let from = Receiver { p: at.p, facing };
         let scattering = SurfaceScattering::new(material, wo);
         let vertex = Vertex { position: at.p, normal: material.n, wo, scattering: &scattering };
+        let local = self.sampler.local(&vertex);
         if !material.is_delta() {
-            self.light_at_surface(at, &vertex, &from);
+            self.light_at_surface(at, &vertex, &local, &from);
         }
         let has_lobes = self.sampler.has_lobes(&vertex);
         let lobe = if self.is_pane(at.instance) {
@@ -399,7 +400,7 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
             self.random.scatter(self.depth)
         };
         self.together = self.depth == 0 && !has_lobes;
-        let Some(sample) = self.sampler.sample(&vertex, lobe, u) else { return Step::Ended };
+        let Some(sample) = self.sampler.sample(&vertex, &local, lobe, u) else { return Step::Ended };
         let (wi, crosses) = (sample.wi, sample.transmitted);
         if sample.weight == Vec3f::zero() {
             return Step::Ended;
@@ -476,6 +477,7 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
         &mut self,
         at: &Interaction,
         vertex: &Vertex<'_, SurfaceScattering<'_>>,
+        local: &D::Local,
         from: &Receiver,
     ) {
         let Some(light) = self.light_for(from) else { return };
@@ -483,7 +485,7 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
         if crosses != vertex.scattering.crosses(light.wi) {
             return;
         }
-        let (value, pdf) = self.sampler.eval_pdf(vertex, light.wi);
+        let (value, pdf) = self.sampler.eval_pdf(vertex, local, light.wi);
         let weight = self.light_weight(&light, pdf);
         let arrives = self.throughput.mul(value).mul(light.radiance) * (weight / light.pdf);
         if arrives == Vec3f::zero() && !(S::SURFACES && pdf > 0.0) {

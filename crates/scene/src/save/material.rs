@@ -3,8 +3,12 @@
 use super::{Writer, extensions, named, with_extras};
 use crate::error::{Fault, fault};
 use crate::load::affine_of_transform;
-use crate::{AlphaMode, Filter, Material, Sampler, Scene, TextureEncoding, TextureImage, TextureSlot, Wrap};
-use photofit_image::{PngCompression, encode_jpeg, encode_png, encode_webp};
+use crate::{
+    AlphaMode, Filter, Material, Sampler, Scene, SceneError, TextureEncoding, TextureImage, TextureSlot, Wrap,
+};
+use photofit_image::{
+    PngCompression, decode_texture, encode_jpeg, encode_png, encode_webp, encode_webp_lossy,
+};
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 use std::collections::HashMap;
@@ -216,6 +220,23 @@ fn mime(encoded: &[u8]) -> &'static str {
     }
 }
 
+impl TextureImage {
+    /// The image as it is read again once it was written in this encoding: what the encoding loses is lost,
+    /// [`Self::encoded`] holds its bytes. JPEG has no alpha: such images become PNG.
+    ///
+    /// # Errors
+    /// If the encoding cannot hold an image of this size.
+    pub fn stored_as(&self, encoding: TextureEncoding) -> Result<Self, SceneError> {
+        let refused = |rule: String| fault(format!("image {:?}", self.name), rule).in_scene();
+        let plain = Self { encoding, encoded: None, ..self.clone() };
+        let (bytes, mime) = encode(&plain).map_err(refused)?;
+        let limits = photofit_image::Limits::default();
+        let (_, _, texels) = decode_texture(&bytes, &limits).map_err(|e| refused(e.to_string()))?;
+        let encoding = if mime == "image/png" { TextureEncoding::Png } else { encoding };
+        Ok(Self { encoding, encoded: Some(bytes.into()), texels, ..plain })
+    }
+}
+
 /// The bytes of an image and their type.
 fn encode(image: &TextureImage) -> Result<(Vec<u8>, &'static str), String> {
     if let Some(bytes) = &image.encoded {
@@ -231,6 +252,9 @@ fn encode(image: &TextureImage) -> Result<(Vec<u8>, &'static str), String> {
     let channels = if opaque { 3 } else { 4 };
     let (bytes, mime) = match image.encoding {
         TextureEncoding::WebP => (encode_webp(width, height, channels, &samples), WEBP),
+        TextureEncoding::LossyWebP { quality } => {
+            (encode_webp_lossy(width, height, channels, &samples, quality), WEBP)
+        }
         TextureEncoding::Jpeg { quality } if opaque => {
             (encode_jpeg(width, height, &samples, quality), "image/jpeg")
         }

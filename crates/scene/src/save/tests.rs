@@ -433,6 +433,54 @@ fn webp_textures_come_back_exactly() {
 }
 
 #[test]
+fn images_are_what_is_read_again_once_they_are_stored() {
+    let texel = |i: usize| {
+        let wave = |f: f64| (127.0 + 120.0 * (f * i as f64).sin()) as u8;
+        [wave(0.01), wave(0.002), wave(0.0051), 255]
+    };
+    let (width, height) = (40, 28);
+    let image = TextureImage {
+        name: "i".into(),
+        width,
+        height,
+        texels: (0..width * height).map(texel).collect(),
+        ..TextureImage::default()
+    };
+    let mut see_through = image.clone();
+    see_through.texels[3][3] = 9;
+    let error = |a: &TextureImage, b: &TextureImage| {
+        let each = a.texels.iter().flatten().zip(b.texels.iter().flatten());
+        each.map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2)).sum::<f64>() / a.texels.len() as f64
+    };
+    let lossy = [TextureEncoding::Jpeg { quality: 80 }, TextureEncoding::LossyWebP { quality: 80 }];
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.glb");
+    for encoding in [TextureEncoding::Png, TextureEncoding::WebP].into_iter().chain(lossy) {
+        for (image, opaque) in [(&image, true), (&see_through, false)] {
+            let stored = image.stored_as(encoding).unwrap();
+            assert_eq!(
+                stored.encoding == encoding,
+                opaque || !matches!(encoding, TextureEncoding::Jpeg { .. })
+            );
+            let exact = !lossy.contains(&stored.encoding);
+            assert_eq!(stored.texels == image.texels, exact, "{encoding:?}");
+            assert!(error(image, &stored) < 300.0, "{encoding:?}: {}", error(image, &stored));
+            let material = Material { base_color_texture: Some(slot(0, 0)), ..Material::clay() };
+            let mut scene =
+                Scene { materials: vec![material], images: vec![stored.clone()], ..Scene::default() };
+            scene.primitives.push(Primitive { mesh: patch(), material: 0 });
+            scene.instances.push(Instance { primitive: 0, transform: Affine3A::IDENTITY });
+            let written = to_glb(&scene).unwrap();
+            scene.images[0] = TextureImage { encoding, ..image.clone() };
+            assert_eq!(written, to_glb(&scene).unwrap(), "stored or not, the file is the same");
+            std::fs::write(&path, &written).unwrap();
+            let again = load(&path).unwrap();
+            assert_eq!(again.images[0].texels, stored.texels, "{encoding:?}");
+        }
+    }
+}
+
+#[test]
 fn compressed_parts_keep_the_border_that_they_share() {
     let part = |far: [f32; 3]| Mesh {
         positions: vec![vec3(0.1234567, 0.7, -0.3), vec3(0.9876543, 0.2, 0.4), Vec3f::from_array(far)],

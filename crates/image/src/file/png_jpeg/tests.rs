@@ -159,7 +159,7 @@ fn bombs_are_refused_before_memory_is_taken() {
 #[test]
 fn a_flat_webp_is_small_and_read_again() {
     let side = 2048;
-    let webp = encode_webp(side, side, 3, &vec![127; side * side * 3]).unwrap();
+    let webp = crate::encode_webp(side, side, 3, &vec![127; side * side * 3]).unwrap();
     assert!(webp.len() < 4096, "{} bytes", webp.len());
     let (width, height, texels) = decode_texture(&webp, &Limits::default()).unwrap();
     assert_eq!((width, height), (side, side));

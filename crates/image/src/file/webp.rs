@@ -1,0 +1,133 @@
+//! Encoding of WebP, without loss and with.
+
+use crate::ImageError;
+use webp::{ColorType, EncoderParams, WebPEncoder};
+
+/// Largest side that the decoders of all programs take.
+const SIDE_MAX: usize = (1 << 14) - 1;
+
+/// Encodes 8-bit RGB or RGBA samples (row-major from the top) as a WebP without loss.
+///
+/// ```
+/// use photofit_image::{Limits, decode_texture, encode_webp};
+/// let webp = encode_webp(2, 1, 4, &[1, 2, 3, 0, 5, 6, 7, 8])?;
+/// assert_eq!(decode_texture(&webp, &Limits::default())?, (2, 1, vec![[1, 2, 3, 0], [5, 6, 7, 8]]));
+/// # Ok::<(), photofit_image::ImageError>(())
+/// ```
+///
+/// # Errors
+/// If a side is not 1 to 16383 pixels.
+///
+/// # Panics
+/// If `data.len() != width * height * channels`, or `channels` is not 3 or 4.
+pub fn encode_webp(width: usize, height: usize, channels: usize, data: &[u8]) -> Result<Vec<u8>, ImageError> {
+    encode(width, height, channels, data, None)
+}
+
+/// Encodes 8-bit RGB or RGBA samples (row-major from the top) as a lossy WebP of `quality` 1 to 100 (others are clamped):
+/// a key frame of VP8 (RFC 6386), whose chroma has half the width and height; alpha is exact. About a third of the bytes of
+/// a JPEG that keeps chroma whole, but data other than colour, such as normals, do not come closer than some 37 dB.
+///
+/// ```
+/// use photofit_image::{Limits, decode_texture, encode_webp_lossy};
+/// let webp = encode_webp_lossy(2, 1, 4, &[200, 100, 50, 7, 200, 100, 50, 255], 95)?;
+/// let (width, height, texels) = decode_texture(&webp, &Limits::default())?;
+/// assert!((width, height) == (2, 1) && texels[0][0].abs_diff(200) < 6);
+/// assert_eq!(texels.map(|t| t[3]).collect::<Vec<_>>(), [7, 255]);
+/// # Ok::<(), photofit_image::ImageError>(())
+/// ```
+///
+/// # Errors
+/// If a side is not 1 to 16383 pixels.
+///
+/// # Panics
+/// If `data.len() != width * height * channels`, or `channels` is not 3 or 4.
+pub fn encode_webp_lossy(
+    width: usize,
+    height: usize,
+    channels: usize,
+    data: &[u8],
+    quality: u8,
+) -> Result<Vec<u8>, ImageError> {
+    encode(width, height, channels, data, Some(quality.clamp(1, 100)))
+}
+
+fn encode(
+    width: usize,
+    height: usize,
+    channels: usize,
+    data: &[u8],
+    lossy: Option<u8>,
+) -> Result<Vec<u8>, ImageError> {
+    assert_eq!(data.len(), width * height * channels, "one sample per pixel and channel");
+    assert!(channels == 3 || channels == 4, "3 or 4 channels");
+    if !(1..=SIDE_MAX).contains(&width) || !(1..=SIDE_MAX).contains(&height) {
+        let rule = format!("{width} x {height} pixels; sides must be in 1..{SIDE_MAX}");
+        return Err(ImageError::invalid("WebP", rule));
+    }
+    let color = if channels == 4 { ColorType::Rgba8 } else { ColorType::Rgb8 };
+    let mut out = Vec::new();
+    let mut encoder = WebPEncoder::new(&mut out);
+    let mut params = EncoderParams::default();
+    params.use_lossy = lossy.is_some();
+    params.lossy_quality = lossy.unwrap_or(params.lossy_quality);
+    encoder.set_params(params);
+    encoder
+        .encode(data, width as u32, height as u32, color)
+        .map_err(|e| ImageError::invalid("WebP", e.to_string()))?;
+    Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Limits, decode_texture};
+
+    /// Waves and noise, alpha in steps.
+    fn picture(width: usize, height: usize) -> Vec<u8> {
+        let texel = |i: usize| {
+            let (x, y) = ((i % width) as f32, (i / width) as f32);
+            let wave = |f: f32| (127.0 + 100.0 * (f * x).sin() * (0.7 * f * y).cos()) as u8;
+            [wave(0.11), wave(0.07), wave(0.23) / 2 + (i * 7919 % 13) as u8, [0, 128, 255][i / 5 % 3]]
+        };
+        (0..width * height).flat_map(texel).collect()
+    }
+
+    #[test]
+    fn lossy_pictures_of_all_sizes_and_qualities_are_read_again() {
+        for (width, height) in [(1, 1), (3, 2), (16, 16), (17, 33), (64, 5), (100, 75)] {
+            for quality in (1..=100).step_by(9).chain([0, 255]) {
+                let data = picture(width, height);
+                let webp = encode_webp_lossy(width, height, 4, &data, quality).unwrap();
+                let (w, h, texels) = decode_texture(&webp, &Limits::default()).unwrap();
+                assert_eq!((w, h), (width, height));
+                assert!(texels.iter().zip(data.chunks_exact(4)).all(|(a, b)| a[3] == b[3]), "alpha is exact");
+                assert_eq!(webp, encode_webp_lossy(width, height, 4, &data, quality).unwrap());
+            }
+        }
+    }
+
+    #[test]
+    fn better_quality_is_nearer_and_larger() {
+        let (width, height) = (128, 96);
+        let data: Vec<u8> = picture(width, height).chunks_exact(4).flat_map(|t| [t[0], t[1], t[2]]).collect();
+        let made = [20, 50, 80, 98].map(|q| {
+            let webp = encode_webp_lossy(width, height, 3, &data, q).unwrap();
+            let (_, _, texels) = decode_texture(&webp, &Limits::default()).unwrap();
+            let squares = texels
+                .iter()
+                .zip(data.chunks_exact(3))
+                .flat_map(|(a, b)| (0..3).map(|k| (f64::from(a[k]) - f64::from(b[k])).powi(2)));
+            (webp.len(), squares.sum::<f64>() / data.len() as f64)
+        });
+        assert!(made.windows(2).all(|w| w[0].0 < w[1].0 && w[0].1 > w[1].1), "{made:?}");
+        assert!(made[3].1 < 12.0 && 2 * made[3].0 < data.len(), "{made:?}");
+    }
+
+    #[test]
+    fn sides_have_limits() {
+        let wide = 1 << 14;
+        assert!(encode_webp(wide, 1, 3, &vec![0; 3 * wide]).unwrap_err().to_string().contains("16384 x 1"));
+        assert!(encode_webp_lossy(0, 1, 3, &[], 50).is_err());
+    }
+}
