@@ -43,8 +43,10 @@ impl Record {
     }
 }
 
-/// Bounds of the share of a guide in a mixture with the scattering function: the rest keeps every weight bounded.
-pub const SHARE: [f32; 2] = [0.02, 0.9];
+/// Bounds of the share of a guide in a mixture with the scattering function. The rest keeps every weight bounded: with a
+/// half of it, no direction weighs more than twice what the scattering function alone gives it, where the guide is wrong;
+/// with more for the guide, few such directions make most of the variance.
+pub const SHARE: [f32; 2] = [0.02, 0.5];
 
 /// A learned density of directions.
 ///

@@ -11,11 +11,14 @@ use photofit_pathtrace::{EnvironmentMap, Material, Parts, RenderOptions, Rendere
 use photofit_sampling::Rng;
 use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::Camera;
+use photofit_scene::mitsuba::{MitsubaOptions, load_mitsuba};
 use photofit_shading::Surface;
 use photofit_shading::bsdf::{Bsdf, Diffuse, Energy, MetallicRoughness};
+use std::path::Path;
 use std::time::Instant;
 
 use crate::context::Context;
+use crate::plot::Axis;
 use crate::timing;
 
 /// Vertices of a timed pass.
@@ -32,20 +35,46 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
     let family = photofit_flow::spline::Family::Rational;
     costs(ctx, "flow, rational, 10 bins", flow(FlowOptions { family, bins: 10, ..plain })?);
     costs(ctx, "lobes", LobeGuide::new(LobeOptions::default()));
-    for (case, world, view) in [
-        ("room lit through a gap", rooms()?, inside()),
-        ("glossy room through a gap", glossy_rooms()?, inside()),
-        ("softboxes", outdoors(softboxes())?, above()),
-        ("small sun", outdoors(sun())?, above()),
-    ] {
-        renders(ctx, case, &world, &view)?;
+    let mut cases: Vec<Case> = vec![
+        ("room lit through a gap".into(), rooms()?, inside()),
+        ("glossy room through a gap".into(), glossy_rooms()?, inside()),
+        ("softboxes".into(), outdoors(softboxes())?, above()),
+        ("small sun".into(), outdoors(sun())?, above()),
+    ];
+    match std::env::var("PHOTOFIT_SCENES") {
+        Ok(folder) => {
+            for file in SCENES {
+                cases.push(of_file(&Path::new(&folder).join(file))?);
+            }
+        }
+        Err(_) => ctx.note("PHOTOFIT_SCENES names no folder of scenes: those of files are left out."),
     }
-    ctx.note(
-        "Costs: one thread, features of the vertex included. Renders: all threads, 96 x 96 pixels, 64 samples, training \
-         apart. The first figure is the variance of single samples over the squared mean luminance of the picture; \
-         the time is that of the samples. \"Forced\" guides stay on whether or not they pay.",
-    );
+    for case in &cases {
+        renders(ctx, case)?;
+    }
+    against_time(ctx, &cases[..2])?;
+    ctx.note(format!(
+        "Costs: one thread, features of the vertex included. Renders: all threads, {SIDE} x {SIDE} pixels, {SPP} samples; time \
+         is that of the samples, the gains are over \"off\", once without the time of training and once with it. The \
+         variance is that of single samples over the squared mean luminance of the picture. \"Forced\" guides stay on whether \
+         or not they pay. The last rows and the plot: noise of the picture against all time, training included."
+    ));
     Ok(())
+}
+
+/// A scene, its name and its camera.
+type Case = (String, World, View);
+
+/// Scenes of the folder `PHOTOFIT_SCENES`: light of a lamp in a box, and of an environment on rough metal.
+const SCENES: [&str; 2] =
+    ["mitsuba/scenes/cbox/cbox-rgb.xml", "mitsuba/tests/scenes/bsdf_spheres/test_envmap_path.xml"];
+
+fn of_file(file: &Path) -> Result<Case> {
+    let scene =
+        load_mitsuba(file, &MitsubaOptions { allow_parent_paths: true, ..MitsubaOptions::default() })?;
+    let name = file.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+    let view = View::from_mitsuba(&scene.sensor);
+    Ok((name, World::new(Parts::from_mitsuba(scene))?, view))
 }
 
 /// Nanoseconds of a sample and of a density.
@@ -70,47 +99,90 @@ fn costs<G: Guide>(ctx: &mut Context, name: &str, guide: G) {
     ctx.record(name, "density", VERTICES, timing, vec![("ns", each)]);
 }
 
-fn renders(ctx: &mut Context, case: &str, world: &World, view: &View) -> Result<()> {
+fn options(spp: u32) -> RenderOptions {
+    let mut options = RenderOptions { width: SIDE, height: SIDE, spp, ..RenderOptions::default() };
+    options.path.max_depth = 8;
+    options
+}
+
+/// A guide for a picture of so many samples, its sentence and the seconds of its training.
+fn trained(
+    (_, world, view): &Case,
+    spp: u32,
+    guiding: Guiding,
+    forced: bool,
+) -> Result<(Guidance, Option<String>, f64)> {
+    let options = options(spp);
+    let renderer = Renderer::new(world, view, options.clone())?;
+    let mut guided = GuidingOptions::for_picture(guiding, &options);
+    if forced {
+        guided.least_gain = 0.0;
+    }
+    let began = Instant::now();
+    let guidance = Guidance::train(&renderer, &guided, || false)?;
+    let sentence = guidance.report().map(|r| r.sentence());
+    Ok((guidance, sentence, began.elapsed().as_secs_f64()))
+}
+
+/// The time of a picture and the relative variance of its samples.
+fn rendered((_, world, view): &Case, spp: u32, guidance: &Guidance) -> Result<(timing::Timing, f64)> {
+    let (timing, variance) = timing::time(|| -> Result<f64> {
+        let mut renderer = Renderer::new(world, view, options(spp))?;
+        while !guidance.pass(&mut renderer, || false).done {}
+        Ok(relative(&renderer.picture(), &renderer.sample_variance()))
+    });
+    Ok((timing, variance?))
+}
+
+fn renders(ctx: &mut Context, case: &Case) -> Result<()> {
     let mut reference = f64::NAN;
-    for (name, guiding, least_gain) in [
-        ("off", Guiding::Off, 0.0),
-        ("lobes, forced", Guiding::Lobes, 0.0),
-        ("flow, forced", Guiding::Flow, 0.0),
-        ("lobes", Guiding::Lobes, f64::NAN),
-        ("flow", Guiding::Flow, f64::NAN),
+    for (name, guiding, forced) in [
+        ("off", Guiding::Off, true),
+        ("lobes, forced", Guiding::Lobes, true),
+        ("flow, forced", Guiding::Flow, true),
+        ("lobes", Guiding::Lobes, false),
+        ("flow", Guiding::Flow, false),
     ] {
-        let mut options = RenderOptions { width: SIDE, height: SIDE, spp: SPP, ..RenderOptions::default() };
-        options.path.max_depth = 8;
-        let renderer = Renderer::new(world, view, options.clone())?;
-        let mut guided = GuidingOptions::for_picture(guiding, &options);
-        if !least_gain.is_nan() {
-            guided.least_gain = least_gain;
-        }
-        let began = Instant::now();
-        let guidance = Guidance::train(&renderer, &guided, || false)?;
-        let training = began.elapsed().as_secs_f64();
-        let (timing, outcome) = timing::time(|| -> Result<f64> {
-            let mut renderer = Renderer::new(world, view, options.clone())?;
-            while !guidance.pass(&mut renderer, || false).done {}
-            Ok(relative(&renderer.picture(), &renderer.sample_variance()))
-        });
-        let (variance, each) = (outcome?, timing.median / (SIDE * SIDE) as f64 / f64::from(SPP));
-        let product = variance * each;
+        let (guidance, sentence, training) = trained(case, SPP, guiding, forced)?;
+        let (timing, variance) = rendered(case, SPP, &guidance)?;
         if guiding == Guiding::Off {
-            reference = product;
+            reference = variance * timing.median;
         }
-        if let Some(report) = guidance.report() {
-            ctx.note(format!("{case}, {name}: {}.", report.sentence()));
+        if let Some(sentence) = sentence {
+            ctx.note(format!("{}, {name}: {sentence}.", case.0));
         }
         let figures = vec![
             ("variance", variance),
-            ("us/sample", 1e6 * each),
-            ("variance x time, gain", reference / product),
+            ("us/sample", 1e6 * timing.median / (SIDE * SIDE) as f64 / f64::from(SPP)),
+            ("variance x time, gain", reference / (variance * timing.median)),
+            ("with training, gain", reference / (variance * (timing.median + training))),
             ("training s", training),
         ];
-        ctx.record(name, case, SPP as usize, timing, figures);
+        ctx.record(name, &case.0, SPP as usize, timing, figures);
     }
     Ok(())
+}
+
+/// Noise of the picture against all time, training included.
+fn against_time(ctx: &mut Context, cases: &[Case]) -> Result<()> {
+    let mut curves = Vec::new();
+    for case in cases {
+        for (name, guiding) in [("off", Guiding::Off), ("lobes", Guiding::Lobes), ("flow", Guiding::Flow)] {
+            let mut curve = Vec::new();
+            let most = if guiding == Guiding::Flow { 256 } else { 1024 };
+            for spp in [16, 64, 256, 1024].into_iter().filter(|s| *s <= most) {
+                let (guidance, _, training) = trained(case, spp, guiding, false)?;
+                let (timing, variance) = rendered(case, spp, &guidance)?;
+                let (noise, all) = ((variance / f64::from(spp)).sqrt(), timing.median + training);
+                curve.push((all, noise));
+                let name = format!("{}, {name}", case.0);
+                let figures = vec![("noise", noise), ("all seconds", all)];
+                ctx.record(&name, &format!("{spp} samples"), spp as usize, timing, figures);
+            }
+            curves.push((format!("{}, {name}", case.0), curve));
+        }
+    }
+    ctx.plot("total", "Noise against time, training included", [Axis("seconds"), Axis("noise")], &curves)
 }
 
 /// Mean variance over the squared mean of the picture, green.

@@ -22,7 +22,7 @@ use std::time::Instant;
 const SEED: u64 = 0x6_u64.rotate_left(56) ^ 0x9a1d;
 
 /// Paths of a picture for one of training.
-const TRAINING: f64 = 6.0;
+const TRAINING: f64 = 10.0;
 
 /// Which guide.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -43,7 +43,7 @@ impl Guiding {
         match self {
             Self::Off => 1.0,
             Self::Flow => 5.0,
-            Self::Lobes => 2.4,
+            Self::Lobes => 1.6,
         }
     }
 
@@ -95,14 +95,15 @@ impl GuidingOptions {
 }
 
 impl GuidingOptions {
-    /// As [`Self::new`] for a picture of known samples: training walks about a sixth as many paths as the picture, in 3 to
-    /// 7 rounds.
+    /// As [`Self::new`] for a picture of known samples: training walks at most about a tenth as many paths as the picture, in
+    /// 2 to 7 rounds, and the rehearsal fewer than training.
     pub fn for_picture(guiding: Guiding, options: &RenderOptions) -> Self {
         let own = Self::new(guiding);
         let scale = (own.side as f64 / options.width.max(options.height).max(1) as f64).min(1.0);
         let share = f64::from(options.spp) / (TRAINING * scale * scale);
         // Rounds up to r walk 2^r - 1 paths a pixel.
-        Self { rounds: (share + 1.0).log2().clamp(3.0, 7.0) as u32, ..own }
+        let rounds = (share + 1.0).log2().clamp(2.0, 7.0) as u32;
+        Self { rounds, rehearsal: (1 << (rounds - 1)).clamp(4, 16), ..own }
     }
 }
 

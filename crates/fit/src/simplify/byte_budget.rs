@@ -13,7 +13,7 @@ use crate::engine::reference::Reference;
 use crate::engine::views::Orbit;
 use crate::{FitError, Progress};
 use allocation::Way;
-use photofit_scene::{Scene, TextureEncoding, TextureImage, to_glb_with};
+use photofit_scene::{Compression, Scene, TextureEncoding, TextureImage, to_glb_with};
 use rayon::prelude::*;
 
 /// Qualities of lossy encodings that are tried where exact textures are too large, best first.
@@ -42,6 +42,17 @@ struct File {
     error: f64,
 }
 
+/// Which file of each image is taken: its size by halvings, and its encoding.
+type Choice = Vec<[usize; 2]>;
+
+/// An asset and the files that its images could be.
+struct Files {
+    light: Scene,
+    images: Vec<Vec<Size>>,
+    compression: Compression,
+    encodings: usize,
+}
+
 /// The asset with the textures that look best among those with which the file has at most `most` bytes. Where none fits, the
 /// smallest file, with a warning.
 ///
@@ -54,100 +65,130 @@ pub(super) fn within(
     options: &SimplifyOptions,
     progress: &dyn Progress,
 ) -> Result<Scene, FitError> {
-    let bytes = |scene: &Scene| Ok::<u64, FitError>(to_glb_with(scene, options.compression)?.len() as u64);
-    if bytes(&light)? <= most {
+    if to_glb_with(&light, options.compression)?.len() as u64 <= most {
         return Ok(light);
     }
-    let encodings = encodings(options.texture_encoding);
-    let mut images: Vec<Vec<Size>> = Vec::new();
-    for k in 0..light.images.len() {
-        progress.report("encode", k as u64, light.images.len() as u64, "");
-        images.push(sizes(&light, k, &encodings)?);
+    if light.images.is_empty() {
+        progress.warn(&format!("no file of {most} bytes can be made: the asset has no textures to reduce"));
+        return Ok(light);
     }
-    let with = |choice: &[[usize; 2]]| {
-        let mut scene = light.clone();
-        for (k, [size, way]) in choice.iter().enumerate() {
-            scene.images[k] = images[k][*size].files[*way].image.clone();
-        }
-        scene
-    };
-    let largest = images.iter().map(Vec::len).max().unwrap_or(0);
-    let alike = |size: usize, way: usize| -> Vec<[usize; 2]> {
-        images.iter().map(|sizes| [size.min(sizes.len() - 1), way]).collect()
-    };
-    // Of each size, by halves, the most exact encoding that fits.
-    let mut fitting: Vec<Scene> = Vec::new();
-    let mut smallest = None::<(u64, Scene)>;
-    for size in 0..largest {
-        for way in 0..encodings.len() {
-            let scene = with(&alike(size, way));
-            let length = bytes(&scene)?;
-            if length <= most {
-                fitting.push(scene);
-                break;
-            }
-            if smallest.as_ref().is_none_or(|s| length < s.0) {
-                smallest = Some((length, scene));
-            }
-        }
-    }
-    let stages = |scenes: &[Scene]| scenes.iter().map(|s| Stage::new("", s.clone())).collect::<Vec<_>>();
+    let files = Files::new(light, options, progress)?;
     let views = Orbit::new(options.seed, &options.lighting, options.resolution);
     let (count, [_, samples]) = (options.choice_views(), options.judge_samples());
-    let judged =
-        |scenes: &[Scene]| judge::scores(n, reference, &stages(scenes), &views, count, samples, progress);
-    if (2..=IMAGES_MAX).contains(&images.len()) && !progress.is_cancelled() {
-        let coarsest = encodings.len() - 1;
-        let mut trials = vec![light.clone()];
-        for (k, sizes) in images.iter().enumerate() {
-            let alone = |size: usize, way: usize| {
-                let mut scene = light.clone();
-                scene.images[k] = sizes[size].files[way].image.clone();
-                scene
-            };
-            trials.push(alone(0, coarsest));
-            trials.extend((1..sizes.len().min(HALVINGS + 1)).map(|size| alone(size, 0)));
-        }
-        let scores = judged(&trials)?;
-        let mut losses = scores[1..].iter().map(|s| (scores[0] - s).max(0.0));
-        let ways: Vec<Vec<Way>> = images
-            .iter()
-            .map(|sizes| {
-                let own: Vec<f64> = losses.by_ref().take(sizes.len().min(HALVINGS + 1)).collect();
-                ways(sizes, own[0], &own[1..])
-            })
-            .collect();
-        let least = alike(largest - 1, coarsest);
-        let files: u64 = least.iter().zip(&images).map(|([s, w], sizes)| sizes[*s].files[*w].bytes).sum();
-        let rest = bytes(&with(&least))?.saturating_sub(files) + (AROUND * images.len()) as u64;
-        let room = most.saturating_sub(rest);
-        if let Some(choice) = allocation::least_loss(&ways, room) {
-            let choice: Vec<[usize; 2]> =
-                choice.iter().map(|i| [i / encodings.len(), i % encodings.len()]).collect();
-            let scene = with(&choice);
-            if bytes(&scene)? <= most {
-                fitting.push(scene);
-            }
-        }
+    let judged = |scenes: &[Scene]| {
+        let stages: Vec<Stage> = scenes.iter().map(|s| Stage::new("", s.clone())).collect();
+        judge::scores(n, reference, &stages, &views, count, samples, progress)
+    };
+    let mut fitting = files.alike(most)?;
+    if (2..=IMAGES_MAX).contains(&files.images.len()) && !progress.is_cancelled() {
+        let ways = files.ways(&judged(&files.trials())?);
+        fitting.extend(files.apart(&ways, most)?);
     }
-    match (fitting.len(), smallest) {
-        (0, Some((size, smallest))) => {
+    match fitting.len() {
+        0 => {
+            let smallest = files.with(&files.smallest());
+            let size = to_glb_with(&smallest, options.compression)?.len();
             progress.warn(&format!(
                 "no file of {most} bytes can be made: the smallest has {size}; fewer triangles or compressed geometry make it \
                  smaller"
             ));
             Ok(smallest)
         }
-        (0, None) => {
-            progress
-                .warn(&format!("no file of {most} bytes can be made: the asset has no textures to reduce"));
-            Ok(light)
-        }
-        (1, _) => Ok(fitting.swap_remove(0)),
+        1 => Ok(fitting.swap_remove(0)),
         _ => {
             let best = judge::highest(&judged(&fitting)?);
             Ok(fitting.swap_remove(best))
         }
+    }
+}
+
+impl Files {
+    fn new(light: Scene, options: &SimplifyOptions, progress: &dyn Progress) -> Result<Self, FitError> {
+        let encodings = encodings(options.texture_encoding);
+        let count = light.images.len();
+        let sizes = |k: usize| {
+            progress.report("encode", k as u64, count as u64, "");
+            sizes(&light, k, &encodings)
+        };
+        let images = (0..count).map(sizes).collect::<Result<_, FitError>>()?;
+        Ok(Self { light, images, compression: options.compression, encodings: encodings.len() })
+    }
+
+    fn with(&self, choice: &Choice) -> Scene {
+        let mut scene = self.light.clone();
+        for (k, [size, way]) in choice.iter().enumerate() {
+            scene.images[k] = self.images[k][*size].files[*way].image.clone();
+        }
+        scene
+    }
+
+    /// Bytes of the whole file.
+    fn bytes(&self, scene: &Scene) -> Result<u64, FitError> {
+        Ok(to_glb_with(scene, self.compression)?.len() as u64)
+    }
+
+    /// The smallest file of every image.
+    fn smallest(&self) -> Choice {
+        let all = self.images.iter().map(|sizes| {
+            let each = sizes
+                .iter()
+                .enumerate()
+                .flat_map(|(s, size)| size.files.iter().enumerate().map(move |(w, f)| (f.bytes, [s, w])));
+            each.min_by_key(|(bytes, _)| *bytes).map_or([0; 2], |(_, choice)| choice)
+        });
+        all.collect()
+    }
+
+    /// All images alike: of each size, by halves, the most exact encoding that fits.
+    fn alike(&self, most: u64) -> Result<Vec<Scene>, FitError> {
+        let mut out = Vec::new();
+        for size in 0..self.images.iter().map(Vec::len).max().unwrap_or(0) {
+            for way in 0..self.encodings {
+                let choice = self.images.iter().map(|sizes| [size.min(sizes.len() - 1), way]);
+                let scene = self.with(&choice.collect());
+                if self.bytes(&scene)? <= most {
+                    out.push(scene);
+                    break;
+                }
+            }
+        }
+        Ok(out)
+    }
+
+    /// The asset as it is; then for each image, the others as they are, in its coarsest encoding and in smaller sizes.
+    fn trials(&self) -> Vec<Scene> {
+        let mut out = vec![self.light.clone()];
+        for (k, sizes) in self.images.iter().enumerate() {
+            let coarse = [0, self.encodings - 1];
+            let halved = (1..sizes.len().min(HALVINGS + 1)).map(|size| [size, 0]);
+            for [size, way] in [coarse].into_iter().chain(halved) {
+                let mut scene = self.light.clone();
+                scene.images[k] = sizes[size].files[way].image.clone();
+                out.push(scene);
+            }
+        }
+        out
+    }
+
+    /// What the files of each image cost and lose, by the scores of [`Self::trials`].
+    fn ways(&self, scores: &[f64]) -> Vec<Vec<Way>> {
+        let mut losses = scores[1..].iter().map(|s| (scores[0] - s).max(0.0));
+        let one = |sizes: &Vec<Size>| {
+            let own: Vec<f64> = losses.by_ref().take(sizes.len().min(HALVINGS + 1)).collect();
+            ways(sizes, own[0], &own[1..])
+        };
+        self.images.iter().map(one).collect()
+    }
+
+    /// Each image in the size and encoding that together lose least; none if that does not fit.
+    fn apart(&self, ways: &[Vec<Way>], most: u64) -> Result<Option<Scene>, FitError> {
+        let least = self.smallest();
+        let own: u64 = least.iter().zip(&self.images).map(|([s, w], sizes)| sizes[*s].files[*w].bytes).sum();
+        let rest = self.bytes(&self.with(&least))?.saturating_sub(own) + (AROUND * ways.len()) as u64;
+        let Some(choice) = allocation::least_loss(ways, most.saturating_sub(rest)) else { return Ok(None) };
+        let choice = choice.iter().map(|i| [i / self.encodings, i % self.encodings]).collect();
+        let scene = self.with(&choice);
+        Ok((self.bytes(&scene)? <= most).then_some(scene))
     }
 }
 

@@ -37,9 +37,9 @@ pub struct LobeOptions {
 }
 
 impl Default for LobeOptions {
-    /// Leaves of up to 300 records, 24 levels.
+    /// Leaves of up to 100 records, 24 levels.
     fn default() -> Self {
-        Self { leaf_records: 300, depth: 24, least_records: 32 }
+        Self { leaf_records: 100, depth: 24, least_records: 32 }
     }
 }
 

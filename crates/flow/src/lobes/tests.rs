@@ -42,7 +42,7 @@ fn mixtures_learn_where_light_comes_from() {
         let elsewhere = vec3(-towards.x, 0.0, 0.6);
         let (right, wrong) = (guide.pdf(&local, towards), guide.pdf(&local, elsewhere));
         assert!(right > 10.0 * wrong, "{x}: {right} {wrong}");
-        assert!(guide.share(&local) > 0.6, "{}", guide.share(&local));
+        assert!(guide.share(&local) > 0.45, "{}", guide.share(&local));
     }
 }
 
