@@ -63,6 +63,7 @@ fn kind(light: &PunctualLight) -> &'static str {
         LightKind::Directional => "directional",
         LightKind::Point => "point",
         LightKind::Spot { .. } => "spot",
+        LightKind::Projector => "projector",
     }
 }
 

@@ -25,7 +25,7 @@ pub use integrator::{
     AovSink, Contribution, FirstHit, Found, MediaFlight, PathOptions, PathVertex, PictureSink, ShadowFlight,
     Sink, Strategy, SurfaceVisit, TrainingSink, TrainingVertex,
 };
-pub use light::{EnvironmentMap, Falloff, LightOrigin, LightSource};
+pub use light::{EnvironmentMap, Falloff, LightOrigin, LightSource, ThrownPicture};
 pub use plan::{Features, Plan};
 pub use render::{Integrator, Progress, RenderOptions, Renderer};
 pub use volume::{Boundary, BoundedMedium, Field, MediumRef, MediumValue, Volume};

@@ -9,12 +9,10 @@ use crate::volume::{Boundary, BoundedMedium, Field};
 use crate::world::{Instance, Material, Parts, Shape};
 use glam::{DMat3, DVec3, Quat};
 use photofit_image::Image;
-use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::mitsuba::{
     MitsubaEnvironment, MitsubaFilter, MitsubaMedium, MitsubaScene, MitsubaSensor, MitsubaShape,
     MitsubaVolume, Projection as Seen,
 };
-use photofit_scene::{LightKind, PunctualLight};
 
 impl Parts {
     /// Everything in a scene that light meets.
@@ -37,7 +35,7 @@ impl Parts {
             shapes: shapes.collect(),
             instances: instances.collect(),
             materials: scene.materials.into_iter().map(Material::from_graph).collect(),
-            lights: scene.lights.iter().map(light).collect(),
+            lights: scene.lights.iter().map(|l| LightSource::of_file(l, Falloff::Linear)).collect(),
             environment: scene.environment.map(environment),
             media: scene.media.into_iter().map(medium).collect(),
             boundaries,
@@ -50,24 +48,6 @@ impl Parts {
 fn medium(m: MitsubaMedium) -> BoundedMedium {
     let field = |v: MitsubaVolume| Field { size: v.size, values: v.values, transform: v.to_unit.inverse() };
     BoundedMedium { extinction: field(m.extinction), scale: m.scale, albedo: field(m.albedo), g: m.g }
-}
-
-fn light(light: &PunctualLight) -> LightSource {
-    let color = Vec3f::from_array(light.intensity);
-    let (position, d) = (light.position.as_dvec3(), light.direction);
-    let direction = vec3(d.x, d.y, d.z);
-    match light.kind {
-        LightKind::Point => LightSource::Point { position, intensity: color },
-        LightKind::Directional => LightSource::Directional { direction: -direction, irradiance: color },
-        LightKind::Spot { inner, outer } => LightSource::Spot {
-            position,
-            direction,
-            intensity: color,
-            inner,
-            outer,
-            falloff: Falloff::Linear,
-        },
-    }
 }
 
 fn environment(e: MitsubaEnvironment) -> EnvironmentMap {

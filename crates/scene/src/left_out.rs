@@ -5,10 +5,10 @@ use std::collections::BTreeSet;
 
 impl Scene {
     /// Takes over what an asset made from another keeps of it: cameras and lights in world space, and what the file says
-    /// about itself.
+    /// about itself. Lights that throw pictures, which glTF has not got, are left out.
     pub fn inherit(&mut self, asset: &Self) {
         self.cameras.clone_from(&asset.cameras);
-        self.lights.clone_from(&asset.lights);
+        self.lights = asset.lights.iter().filter(|l| !l.throws_picture()).cloned().collect();
         self.about = asset.about.clone();
     }
 

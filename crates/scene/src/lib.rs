@@ -30,7 +30,7 @@ pub use environment::load_environment;
 pub use error::SceneError;
 pub use extensions::{Anisotropy, Clearcoat, Extensions, Sheen, Specular, Transmission, Volume};
 pub use flat::FlatScene;
-pub use light::{LightKind, PunctualLight};
+pub use light::{LightKind, LightPicture, PunctualLight};
 pub use load::{Limits, MAX_COORDINATE, Points, Sensor, load, load_points, load_points_with, load_with};
 pub use material::{AlphaMode, Filter, Material, Sampler, TextureSlot, Wrap};
 pub use model::{Instance, MAX_FLAT, Memory, Primitive, Scene, TextureEncoding, TextureImage};

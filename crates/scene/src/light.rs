@@ -1,5 +1,6 @@
 //! Lights of an asset without a size (`KHR_lights_punctual`).
 
+use crate::graph::Texture;
 use glam::Vec3;
 
 /// What a light without size is.
@@ -16,6 +17,23 @@ pub enum LightKind {
         /// Angle from the axis from which on there is no light, radians; above `inner`, at most pi / 2.
         outer: f32,
     },
+    /// Throws its picture, which it must have, and nothing beside it. The intensity grows with the inverse cube of the
+    /// cosine between axis and direction, so that a plane that faces the light is lit as the picture says.
+    Projector,
+}
+
+/// A picture that a light throws through its position, as a slide does: it lies on the plane at distance 1 along the
+/// light's direction, centred, with texture coordinates from 0 to 1.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LightPicture {
+    /// Factor of the intensity at texture coordinates.
+    pub texture: Texture,
+    /// Unit vector in the world along which `u` grows, at right angles to the light's direction.
+    pub u: Vec3,
+    /// Unit vector along which `v` grows, at right angles to both, of either handedness.
+    pub v: Vec3,
+    /// Half the width (along `u`) and height of the picture: tangents of half angles.
+    pub half: [f32; 2],
 }
 
 /// A light without size, in world space.
@@ -39,11 +57,19 @@ pub struct PunctualLight {
     pub direction: Vec3,
     /// Distance beyond which the light may be left out, in the asset's units; a hint that physical renderers ignore.
     pub range: Option<f32>,
+    /// What a spot or projector throws; glTF has no such lights.
+    pub picture: Option<LightPicture>,
 }
 
 impl PunctualLight {
+    /// Whether what it throws is not the same everywhere, which no light of glTF can.
+    pub(crate) fn throws_picture(&self) -> bool {
+        self.picture.is_some() || self.kind == LightKind::Projector
+    }
+
     /// Attenuation of a spot towards a direction whose cosine with the axis is `cosine`: the squared clamped ramp of the
-    /// specification, 1 inside of the inner cone, 0 outside of the outer one; 1 for other lights.
+    /// specification, 1 inside of the inner cone, 0 outside of the outer one. The inverse cube of a projector, 1 for other lights; pictures
+    /// are not in it.
     ///
     /// ```
     /// use photofit_scene::{LightKind, PunctualLight};
@@ -54,12 +80,17 @@ impl PunctualLight {
     ///     position: glam::Vec3::ZERO,
     ///     direction: glam::Vec3::NEG_Z,
     ///     range: None,
+    ///     picture: None,
     /// };
     /// assert_eq!(spot.attenuation(0.1_f32.cos()), 1.0);
     /// assert_eq!(spot.attenuation(0.5_f32.cos()), 0.0);
     /// ```
     pub fn attenuation(&self, cosine: f32) -> f32 {
-        let LightKind::Spot { inner, outer } = self.kind else { return 1.0 };
+        let (inner, outer) = match self.kind {
+            LightKind::Spot { inner, outer } => (inner, outer),
+            LightKind::Projector => return if cosine > 0.0 { cosine.powi(-3) } else { 0.0 },
+            LightKind::Directional | LightKind::Point => return 1.0,
+        };
         let (inner, outer) = (inner.cos(), outer.cos());
         let ramp = ((cosine - outer) / (inner - outer).max(1e-4)).clamp(0.0, 1.0);
         ramp * ramp

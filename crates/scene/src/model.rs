@@ -3,7 +3,7 @@
 use crate::error::{Fault, fault};
 use crate::nodes::{About, Hierarchy};
 use crate::skin::Bind;
-use crate::{Camera, Material, PunctualLight, SceneError, TextureSlot};
+use crate::{Camera, LightKind, Material, PunctualLight, SceneError, TextureSlot};
 use photofit_geometry::Mesh;
 use photofit_scalar::Vec3f;
 use std::path::PathBuf;
@@ -208,8 +208,8 @@ impl Scene {
     /// Checks the invariants of a scene made by hand.
     ///
     /// # Errors
-    /// If an index is out of range, an attribute has another length than the positions, or an image has another
-    /// number of texels than its size says.
+    /// If an index is out of range, an attribute has another length than the positions, an image has another number of
+    /// texels than its size says, or a projector has no picture.
     pub fn validate(&self) -> Result<(), SceneError> {
         self.check().map_err(Fault::in_scene)
     }
@@ -255,6 +255,11 @@ impl Scene {
                 );
                 return Err(fault(format!("image {i}"), rule));
             }
+        }
+        if let Some(i) =
+            self.lights.iter().position(|l| l.kind == LightKind::Projector && l.picture.is_none())
+        {
+            return Err(fault(format!("light {i}"), "is a projector without a picture; it must have one"));
         }
         match &self.hierarchy {
             Some(hierarchy) => hierarchy.check(self),

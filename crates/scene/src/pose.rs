@@ -1,7 +1,7 @@
 //! A scene at a moment of an animation.
 
 use crate::nodes::{Hierarchy, Lens, NodeTransform};
-use crate::{Camera, Instance, PunctualLight, Scene};
+use crate::{Camera, Instance, LightPicture, PunctualLight, Scene};
 use glam::{Affine3A, Vec3};
 use photofit_geometry::Mesh;
 
@@ -97,12 +97,15 @@ impl Hierarchy {
             cameras.extend(self.nodes[node].camera.and_then(|c| self.cameras[c].lens.placed(place)));
             lights.extend(self.nodes[node].light.map(|l| {
                 let light = self.lights[l].light.clone();
+                let turned = |d: Vec3, usual| place.transform_vector3(d).try_normalize().unwrap_or(usual);
                 PunctualLight {
                     position: place.transform_point3(light.position),
-                    direction: place
-                        .transform_vector3(light.direction)
-                        .try_normalize()
-                        .unwrap_or(Vec3::NEG_Z),
+                    direction: turned(light.direction, Vec3::NEG_Z),
+                    picture: light.picture.map(|p| LightPicture {
+                        u: turned(p.u, Vec3::X),
+                        v: turned(p.v, Vec3::Y),
+                        ..p
+                    }),
                     ..light
                 }
             }));

@@ -271,13 +271,14 @@ fn of_node(keys: &mut Keys, material: usize, node: &SurfaceNode, name: &str, ind
     }
 }
 
-/// The lights without a surface.
+/// The lights without a surface; projectors, whose irradiance is a picture, have no keys.
 fn lights(keys: &mut Keys, lights: &[PunctualLight], [intensity, irradiance]: [&str; 2]) {
     let named = |(i, l): (usize, &PunctualLight)| {
         if l.name.is_empty() { format!("light_{i}") } else { l.name.clone() }
     };
     let names: Vec<String> = lights.iter().enumerate().map(named).collect();
-    for ((light, l), name) in lights.iter().enumerate().zip(unique(&names)) {
+    let lit = |((_, l), _): &((usize, &PunctualLight), String)| l.kind != LightKind::Projector;
+    for ((light, l), name) in lights.iter().enumerate().zip(unique(&names)).filter(lit) {
         let what = if matches!(l.kind, LightKind::Directional) { irradiance } else { intensity };
         let parameter = Parameter::Light { light };
         let key = keys.push(format!("{name}.{what}"), parameter, [1, 1, 1, 3], Quantity::Radiance);

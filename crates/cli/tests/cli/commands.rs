@@ -116,6 +116,7 @@ fn inspect_lists_extensions_and_lights() {
         position: glam::Vec3::ONE,
         direction: glam::Vec3::NEG_Z,
         range: None,
+        picture: None,
     });
     photofit_scene::save_glb(d.join("a.glb"), &scene).unwrap();
     let text = stdout(&succeeds(d, &["inspect", "a.glb", "--json", "i.json"]));

@@ -10,7 +10,7 @@ use super::volume::MediaReplay;
 use crate::integrator::{Contribution, Found, MediaFlight, PathVertex, ShadowFlight, Sink, SurfaceVisit};
 use crate::light::LightOrigin;
 use crate::world::{Interaction, SurfaceMaterial, World};
-use photofit_scalar::{Vec3f, Vec4f};
+use photofit_scalar::{Vec3f, Vec4f, vec3};
 use photofit_scene::graph::SurfacePoint;
 use photofit_scene::{SampleGradient, SampleSink};
 use photofit_shading::bsdf::{Bsdf, BsdfGradient};
@@ -222,13 +222,16 @@ impl Replay<'_> {
             LightOrigin::Source(index) => {
                 let cell = self.layout.lights[index as usize];
                 if cell != NONE {
-                    // Radiance is the intensity times what distance and cone leave of it.
+                    // Radiance is the intensity times what distance, cone and picture leave of it.
                     let intensity = self.world.lights.source_color(index as usize);
                     let left = |c: usize| {
                         if intensity[c] > 0.0 { light.radiance[c] / intensity[c] } else { 0.0 }
                     };
-                    let left = left(0).max(left(1)).max(left(2));
-                    self.out.add(cell, g * left);
+                    let left = vec3(left(0), left(1), left(2));
+                    // Black channels learn from the others, but where a picture treats each in its way.
+                    let throws = self.world.lights.throws_picture(index as usize);
+                    let left = if throws { left } else { Vec3f::splat(left.x.max(left.y).max(left.z)) };
+                    self.out.add(cell, g.mul(left));
                 }
             }
             LightOrigin::Environment => {

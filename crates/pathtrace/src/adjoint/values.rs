@@ -5,7 +5,6 @@ use super::layout::Layout;
 use super::parameter::{MaterialValue, Parameter, library_material};
 use crate::PathtraceError;
 use crate::error::invalid;
-use crate::light::LightSource;
 use crate::world::{Material, Scattering, World};
 use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::graph::{SurfaceGraph, Texture};
@@ -36,7 +35,7 @@ impl World {
                 };
                 shared(places, read, |[m, t]| format!("texture {t} of material {m}"))?
             }
-            Parameter::Light { light } => flux(&self.lights.given()[*light]).to_array().to_vec(),
+            Parameter::Light { light } => self.lights.given()[*light].flux().to_array().to_vec(),
             Parameter::Environment => {
                 let map = self.lights.environment.as_ref().map(|e| e.map());
                 map.map(|m| m.image.data).unwrap_or_default()
@@ -77,11 +76,7 @@ impl World {
             Parameter::Graph { places } => places.iter().try_for_each(|p| self.set_graph(*p, values)),
             Parameter::Light { light } => {
                 let mut sources = self.lights.given().to_vec();
-                match &mut sources[*light] {
-                    LightSource::Point { intensity: i, .. }
-                    | LightSource::Spot { intensity: i, .. }
-                    | LightSource::Directional { irradiance: i, .. } => *i = triple(values),
-                }
+                *sources[*light].flux_mut() = triple(values);
                 // The environment stays as it is, bit by bit.
                 self.set_sources(&sources)
             }
@@ -219,14 +214,6 @@ fn shared<P>(
 
 fn triple(values: &[f32]) -> Vec3f {
     vec3(values[0], values[1], values[2])
-}
-
-fn flux(source: &LightSource) -> Vec3f {
-    match source {
-        LightSource::Point { intensity: i, .. }
-        | LightSource::Spot { intensity: i, .. }
-        | LightSource::Directional { irradiance: i, .. } => *i,
-    }
 }
 
 /// Values of a constant or of an image.

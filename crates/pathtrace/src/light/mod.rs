@@ -7,9 +7,11 @@
 mod area;
 mod environment;
 mod patch;
+mod picture;
 mod source;
 
 pub use environment::EnvironmentMap;
+pub use picture::ThrownPicture;
 pub use source::{Falloff, LightSource};
 
 use area::Emitters;
@@ -212,6 +214,11 @@ impl Lights {
     /// Intensity of a light without a surface, or its irradiance.
     pub(crate) fn source_color(&self, index: usize) -> Vec3f {
         self.sources[index].color()
+    }
+
+    /// Whether a light without a surface throws a picture, which may leave more of one channel than of another.
+    pub(crate) fn throws_picture(&self, index: usize) -> bool {
+        self.sources[index].throws_picture()
     }
 
     /// The lights without a surface, as they were given.

@@ -1,6 +1,6 @@
 //! Lights without a surface: points, spots, and directions.
 
-use super::{End, LightOrigin, LightSample, luminance};
+use super::{End, LightOrigin, LightSample, ThrownPicture, luminance};
 use crate::PathtraceError;
 use crate::error::invalid;
 use crate::world::dvec3;
@@ -8,6 +8,7 @@ use glam::DVec3;
 use photofit_scalar::{Vec3f, vec3};
 use photofit_shading::Light;
 use std::f32::consts::PI;
+use std::sync::Arc;
 
 /// How a spot fades between its inner and its outer cone.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -20,7 +21,7 @@ pub enum Falloff {
 }
 
 /// A light without a surface.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum LightSource {
     /// A point that radiates equally in all directions.
     Point {
@@ -50,15 +51,49 @@ pub enum LightSource {
         outer: f32,
         /// What lies between.
         falloff: Falloff,
+        /// What it throws over its cone.
+        picture: Option<Arc<ThrownPicture>>,
+    },
+    /// A point that throws a picture, evenly over a plane that faces it: the intensity grows with the inverse cube of the
+    /// cosine between axis and direction, and there is no light beside the picture.
+    Projector {
+        /// Place in the world.
+        position: DVec3,
+        /// Axis, away from the light, of any length.
+        direction: Vec3f,
+        /// Radiant intensity on the axis where the picture is 1, W/sr per channel.
+        intensity: Vec3f,
+        /// What it throws.
+        picture: Arc<ThrownPicture>,
     },
 }
 
 /// A source in the render frame.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) enum PreparedSource {
-    Point { position: Vec3f, intensity: Vec3f },
-    Directional { direction: Vec3f, irradiance: Vec3f },
-    Spot { position: Vec3f, axis: Vec3f, intensity: Vec3f, inner: f32, outer: f32, falloff: Falloff },
+    Point {
+        position: Vec3f,
+        intensity: Vec3f,
+    },
+    Directional {
+        direction: Vec3f,
+        irradiance: Vec3f,
+    },
+    Spot {
+        position: Vec3f,
+        axis: Vec3f,
+        intensity: Vec3f,
+        inner: f32,
+        outer: f32,
+        falloff: Falloff,
+        picture: Option<Arc<ThrownPicture>>,
+    },
+    Projector {
+        position: Vec3f,
+        axis: Vec3f,
+        intensity: Vec3f,
+        picture: Arc<ThrownPicture>,
+    },
 }
 
 impl LightSource {
@@ -73,13 +108,30 @@ impl LightSource {
         }
     }
 
+    /// Intensity, or irradiance of a directional light.
+    pub(crate) fn flux(&self) -> Vec3f {
+        match *self {
+            Self::Directional { irradiance, .. } => irradiance,
+            Self::Point { intensity, .. }
+            | Self::Spot { intensity, .. }
+            | Self::Projector { intensity, .. } => intensity,
+        }
+    }
+
+    /// What [`Self::flux`] reads.
+    pub(crate) fn flux_mut(&mut self) -> &mut Vec3f {
+        match self {
+            Self::Directional { irradiance, .. } => irradiance,
+            Self::Point { intensity, .. }
+            | Self::Spot { intensity, .. }
+            | Self::Projector { intensity, .. } => intensity,
+        }
+    }
+
     /// The source seen from the origin of the render frame, checked.
     pub(super) fn prepare(&self, index: usize, origin: DVec3) -> Result<PreparedSource, PathtraceError> {
         let fail = |rule: &str| Err(invalid(format!("light {index}"), rule));
-        let color = match *self {
-            Self::Point { intensity, .. } | Self::Spot { intensity, .. } => intensity,
-            Self::Directional { irradiance, .. } => irradiance,
-        };
+        let color = self.flux();
         if !(color.is_finite() && color.x >= 0.0 && color.y >= 0.0 && color.z >= 0.0) {
             return fail("its intensity is finite and not negative");
         }
@@ -87,7 +139,8 @@ impl LightSource {
             let q = p - origin;
             vec3(q.x as f32, q.y as f32, q.z as f32)
         };
-        if let Self::Point { position, .. } | Self::Spot { position, .. } = *self
+        if let Self::Point { position, .. } | Self::Spot { position, .. } | Self::Projector { position, .. } =
+            *self
             && !place(position).is_finite()
         {
             return fail("its position is finite");
@@ -96,10 +149,18 @@ impl LightSource {
             let l = dvec3(d).normalize_or_zero();
             vec3(l.x as f32, l.y as f32, l.z as f32)
         };
-        if let Self::Directional { direction, .. } | Self::Spot { direction, .. } = *self
+        if let Self::Directional { direction, .. }
+        | Self::Spot { direction, .. }
+        | Self::Projector { direction, .. } = *self
             && (unit(direction) == Vec3f::zero() || !direction.is_finite())
         {
             return fail("its direction is a finite vector that is not zero");
+        }
+        if let Self::Spot { direction, picture: Some(picture), .. }
+        | Self::Projector { direction, picture, .. } = self
+            && let Some(rule) = picture.broken(unit(*direction))
+        {
+            return fail(rule);
         }
         Ok(match *self {
             Self::Point { position, intensity } => {
@@ -108,13 +169,17 @@ impl LightSource {
             Self::Directional { direction, irradiance } => {
                 PreparedSource::Directional { direction: unit(direction), irradiance }
             }
-            Self::Spot { position, direction, intensity, inner, outer, falloff } => {
+            Self::Spot { position, direction, intensity, inner, outer, falloff, ref picture } => {
                 // Written so that NaN fails.
                 if !(0.0 <= inner && inner <= outer && outer <= 0.5 * PI + 1e-5 && outer > 0.0) {
                     return fail("its cones obey 0 <= inner <= outer <= pi / 2, and outer > 0");
                 }
-                let (position, axis) = (place(position), unit(direction));
-                PreparedSource::Spot { position, axis, intensity, inner, outer, falloff }
+                let (position, axis, picture) = (place(position), unit(direction), picture.clone());
+                PreparedSource::Spot { position, axis, intensity, inner, outer, falloff, picture }
+            }
+            Self::Projector { position, direction, intensity, ref picture } => {
+                let (position, axis, picture) = (place(position), unit(direction), picture.clone());
+                PreparedSource::Projector { position, axis, intensity, picture }
             }
         })
     }
@@ -126,9 +191,14 @@ impl PreparedSource {
         let power = match *self {
             Self::Point { intensity, .. } => 4.0 * PI * luminance(intensity),
             Self::Directional { irradiance, .. } => PI * radius * radius * luminance(irradiance),
-            Self::Spot { intensity, inner, outer, .. } => {
+            Self::Spot { intensity, inner, outer, ref picture, .. } => {
                 let cosine = 0.5 * (inner.cos() + outer.cos());
-                2.0 * PI * (1.0 - cosine).max(1e-6) * luminance(intensity)
+                let shown = picture.as_ref().map_or(1.0, |p| p.mean());
+                2.0 * PI * (1.0 - cosine).max(1e-6) * luminance(intensity) * shown
+            }
+            // The cube of the cosine is also what turns areas of the picture into solid angles.
+            Self::Projector { intensity, ref picture, .. } => {
+                luminance(intensity) * picture.mean() * picture.area()
             }
         };
         // Pure blue counts too; what overflows counts as much.
@@ -139,8 +209,14 @@ impl PreparedSource {
     pub(super) fn color(&self) -> Vec3f {
         match *self {
             Self::Directional { irradiance, .. } => irradiance,
-            Self::Point { intensity, .. } | Self::Spot { intensity, .. } => intensity,
+            Self::Point { intensity, .. }
+            | Self::Spot { intensity, .. }
+            | Self::Projector { intensity, .. } => intensity,
         }
+    }
+
+    pub(super) fn throws_picture(&self) -> bool {
+        matches!(self, Self::Spot { picture: Some(_), .. } | Self::Projector { .. })
     }
 
     #[inline]
@@ -151,7 +227,7 @@ impl PreparedSource {
                 let (wi, falloff) = towards(position, p)?;
                 (wi, intensity * falloff, End::Point(position))
             }
-            Self::Spot { position, axis, intensity, inner, outer, falloff } => {
+            Self::Spot { position, axis, intensity, inner, outer, falloff, ref picture } => {
                 let (wi, square) = towards(position, p)?;
                 let cosine = -wi.dot(axis);
                 let share = match falloff {
@@ -167,7 +243,17 @@ impl PreparedSource {
                 if share <= 0.0 {
                     return None;
                 }
-                (wi, intensity * (square * share), End::Point(position))
+                let radiance = intensity * (square * share);
+                match picture {
+                    None => (wi, radiance, End::Point(position)),
+                    Some(p) => (wi, radiance.mul(p.color(-wi, cosine)?), End::Point(position)),
+                }
+            }
+            Self::Projector { position, axis, intensity, ref picture } => {
+                let (wi, square) = towards(position, p)?;
+                let cosine = -wi.dot(axis);
+                let shown = picture.color(-wi, cosine)?;
+                (wi, intensity.mul(shown) * (square / cosine.powi(3)), End::Point(position))
             }
         };
         let origin = LightOrigin::Source(0);

@@ -42,6 +42,7 @@ fn sources_without_a_surface() {
         inner,
         outer,
         falloff,
+        picture: None,
     };
     let r2 = 5.0_f64;
     let facing = 2.0 / r2.sqrt();
@@ -60,7 +61,7 @@ fn sources_without_a_surface() {
     ];
     for (light, irradiance) in cases {
         let (mut parts, view) = floor();
-        parts.lights.push(light);
+        parts.lights.push(light.clone());
         let (found, _) = value(parts, &view, Strategy::Mis, 16);
         let expected = irradiance * ALBEDO / PI;
         assert!((found - expected).abs() < 2e-3 * expected + 1e-6, "{light:?}: {found}, expected {expected}");

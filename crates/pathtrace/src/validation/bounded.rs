@@ -130,7 +130,7 @@ fn what_only_absorbs_is_exact() {
     }
     for with_panes in [false, true] {
         let mut parts = nested(if with_panes { pane(1.5) } else { NULL });
-        parts.lights.push(sun);
+        parts.lights.push(sun.clone());
         place(&mut parts, floor.clone(), Material::new(diffuse(0.5, 0.5, 0.5)));
         // From below the balls, so that the view itself does not pass them.
         let (picture, _) = render(&World::new(parts).unwrap(), &narrow(-1.5), square(2, 2));
@@ -215,10 +215,10 @@ fn single_scattering_is_that_of_quadrature() {
     };
     let spp = 4096;
     for g in [0.0_f32, 0.6, -0.3] {
-        for (which, light) in [sun, point].into_iter().enumerate() {
+        for (which, light) in [&sun, &point].into_iter().enumerate() {
             for grid in [false, true] {
                 let medium = if grid { gridded(1.7, 0.8, g) } else { even([0.4, 1.7, 3.0], 0.8, g) };
-                let parts = Parts { lights: vec![light], ..unit_ball(NULL, medium) };
+                let parts = Parts { lights: vec![light.clone()], ..unit_ball(NULL, medium) };
                 let options = RenderOptions { path: with_strategy(Strategy::Mis, 1), ..square(2, spp) };
                 let (picture, variance) = render(&World::new(parts).unwrap(), &narrow(3.0), options);
                 for (c, even) in [0.4, 1.7, 3.0].into_iter().enumerate() {

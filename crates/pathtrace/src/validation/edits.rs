@@ -66,10 +66,10 @@ fn edited_worlds_render_as_new_ones() {
     let density = cloud(0.3).density;
     check("voxels", &parts, &|w| w.set_density(0, &density), &|p| p.volumes[0].density.clone_from(&density));
     check("medium", &parts, &|w| w.set_medium(0, fogs(7.0)), &|p| p.media[0] = fogs(7.0));
-    let lamp = LightSource::Directional { direction: vec3(0.1, 0.2, 1.0), irradiance: Vec3f::splat(2.0) };
+    let lamp = [LightSource::Directional { direction: vec3(0.1, 0.2, 1.0), irradiance: Vec3f::splat(2.0) }];
     let sky = || Some(EnvironmentMap::constant(vec3(0.1, 0.5, 0.2)));
-    check("lights", &parts, &|w| w.relight(&[lamp], sky()), &|p| {
-        p.lights = vec![lamp];
+    check("lights", &parts, &|w| w.relight(&lamp, sky()), &|p| {
+        p.lights = lamp.to_vec();
         p.environment = sky();
     });
 }

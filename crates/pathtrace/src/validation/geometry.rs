@@ -218,7 +218,7 @@ fn bad_scenes_are_refused_with_the_place_and_the_rule() {
         &["shape 7", "radius"],
     );
     let light = LightSource::Point { position: DVec3::NAN, intensity: Vec3f::splat(1.0) };
-    contains(fails(&|p| p.lights.push(light)), &["light 0", "position"]);
+    contains(fails(&|p| p.lights.push(light.clone())), &["light 0", "position"]);
     let mut dark = Parts::default();
     place(
         &mut dark,

@@ -134,6 +134,7 @@ fn room() -> World {
         inner: 0.3,
         outer: 0.8,
         falloff: Falloff::Smooth,
+        picture: None,
     });
     let direction = vec3(0.2, 0.4, 1.0);
     parts.lights.push(LightSource::Directional { direction, irradiance: vec3(0.5, 0.4, 0.3) });
@@ -215,11 +216,7 @@ fn lights() {
     for light in 0..3 {
         let edit = |world: &mut World, o: &[f64]| {
             let mut sources = world.lights.given().to_vec();
-            match &mut sources[light] {
-                LightSource::Point { intensity: i, .. }
-                | LightSource::Spot { intensity: i, .. }
-                | LightSource::Directional { irradiance: i, .. } => *i += color(o),
-            }
+            *sources[light].flux_mut() += color(o);
             let map = sky_of(world, None);
             world.relight(&sources, Some(map)).unwrap();
         };

@@ -23,4 +23,5 @@ mod seen_through;
 mod sinks;
 mod statistics;
 mod stress;
+mod thrown;
 mod volume_gradients;

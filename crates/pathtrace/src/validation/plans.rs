@@ -25,7 +25,7 @@ fn scenes_run_what_they_need() {
     let point = LightSource::Point { position: DVec3::Y * 3.0, intensity: Vec3f::splat(1.0) };
     let cases = [
         (lit(&|p| p.environment = Some(sky.clone())), plan::ENVIRONMENT),
-        (lit(&|p| p.lights.push(point)), plan::SOURCES),
+        (lit(&|p| p.lights.push(point.clone())), plan::SOURCES),
         (Plan::new(&World::new(cornell()).unwrap()), plan::EMITTERS),
     ];
     for (plan, bits) in cases {
@@ -34,7 +34,7 @@ fn scenes_run_what_they_need() {
     }
     let both = lit(&|p| {
         p.environment = Some(sky.clone());
-        p.lights.push(point);
+        p.lights.push(point.clone());
         p.add(
             Shape::Sphere { center: vec3(2.0, 0.0, 0.0), radius: 0.5 },
             Material::new(diffuse(0.1, 0.1, 0.1)),

@@ -172,7 +172,8 @@ impl Parts {
         self.materials.iter_mut().for_each(|m| m.absorption *= per_length);
         for light in &mut self.lights {
             if let LightSource::Point { position, intensity }
-            | LightSource::Spot { position, intensity, .. } = light
+            | LightSource::Spot { position, intensity, .. }
+            | LightSource::Projector { position, intensity, .. } = light
             {
                 *position = moved.transform_point3(*position);
                 *intensity *= square;

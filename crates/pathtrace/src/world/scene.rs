@@ -1,10 +1,11 @@
 //! A world from an asset.
 
 use super::{Instance, Material, Parts, Shape};
-use crate::light::{Falloff, LightSource};
+use crate::light::{Falloff, LightSource, ThrownPicture};
 use glam::{Affine3A, DAffine3};
 use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::{LightKind, PunctualLight, Scene, SurfaceLibrary};
+use std::sync::Arc;
 
 impl Parts {
     /// The surfaces of an asset, as the rasterizer shows them, and its lights; environment and media are left to the
@@ -20,7 +21,7 @@ impl Parts {
             shapes: shapes.collect(),
             instances: Self::instances_of(scene),
             materials: scene.materials.iter().enumerate().map(|(i, m)| material(i, m)).collect(),
-            lights: scene.lights.iter().map(light).collect(),
+            lights: scene.lights.iter().map(|l| LightSource::of_file(l, Falloff::Smooth)).collect(),
             library: Some(SurfaceLibrary::new(scene)),
             ..Self::default()
         }
@@ -44,22 +45,27 @@ fn material(index: usize, m: &photofit_scene::Material) -> Material {
     Material { absorption, solid, single_sided, ..Material::from_library(index) }
 }
 
-fn light(light: &PunctualLight) -> LightSource {
-    let color = Vec3f::from_array(light.intensity);
-    let (position, d) = (light.position.as_dvec3(), light.direction);
-    match light.kind {
-        LightKind::Point => LightSource::Point { position, intensity: color },
-        LightKind::Directional => {
-            LightSource::Directional { direction: vec3(-d.x, -d.y, -d.z), irradiance: color }
+impl LightSource {
+    /// A light of a file; formats differ in how spots fade.
+    ///
+    /// # Panics
+    /// If a projector has no picture.
+    pub(crate) fn of_file(light: &PunctualLight, falloff: Falloff) -> Self {
+        let intensity = Vec3f::from_array(light.intensity);
+        let (position, d) = (light.position.as_dvec3(), light.direction);
+        let direction = vec3(d.x, d.y, d.z);
+        let picture = light.picture.clone().map(|p| Arc::new(ThrownPicture::new(p)));
+        match light.kind {
+            LightKind::Point => Self::Point { position, intensity },
+            LightKind::Directional => Self::Directional { direction: -direction, irradiance: intensity },
+            LightKind::Spot { inner, outer } => {
+                Self::Spot { position, direction, intensity, inner, outer, falloff, picture }
+            }
+            LightKind::Projector => {
+                let picture = picture.expect("a projector has a picture");
+                Self::Projector { position, direction, intensity, picture }
+            }
         }
-        LightKind::Spot { inner, outer } => LightSource::Spot {
-            position,
-            direction: vec3(d.x, d.y, d.z),
-            intensity: color,
-            inner,
-            outer,
-            falloff: Falloff::Smooth,
-        },
     }
 }
 

@@ -5,13 +5,13 @@ use photofit_scalar::{Vec2f, Vec3f, vec2, vec3};
 use photofit_texture::{Filter, Level, Sampler, Taps, Texture, Wrap, taps};
 
 /// An image of one or three channels.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Bitmap {
     texels: Texels,
     sampler: Sampler,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 enum Texels {
     Grey(Texture<f32, 1>),
     Color(Texture<f32, 3>),

@@ -24,7 +24,7 @@ pub struct SurfacePoint {
 }
 
 /// A colour or number over a surface.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Texture {
     /// The same everywhere.

@@ -3,7 +3,7 @@
 use super::spectrum::Meaning;
 use super::{Importer, MitsubaEnvironment};
 use crate::error::{Fault, fault};
-use crate::{LightKind, PunctualLight};
+use crate::{LightKind, LightPicture, PunctualLight};
 use glam::{DMat3, DVec3};
 use photofit_image::Image;
 
@@ -16,6 +16,7 @@ impl Importer {
             "area" => return Ok(()),
             "point" => self.point_light(element)?,
             "spot" => self.spot(element)?,
+            "projector" => self.projector(element)?,
             "directional" => self.directional(element)?,
             "constant" => {
                 let radiance = self.color(element, "radiance")?;
@@ -72,17 +73,18 @@ impl Importer {
             None => self.reader.affine(element, "to_world")?.translation,
         };
         let intensity = self.color(element, "intensity")?;
-        self.light(element, LightKind::Point, position, DVec3::Z, intensity);
+        self.light(element, LightKind::Point, position, DVec3::Z, intensity, None);
         Ok(())
     }
 
-    fn light(
+    pub(super) fn light(
         &mut self,
         element: usize,
         kind: LightKind,
         position: DVec3,
         direction: DVec3,
         intensity: [f32; 3],
+        picture: Option<LightPicture>,
     ) {
         let light = PunctualLight {
             name: self.name(element, || format!("emitter_{}", self.scene.lights.len())),
@@ -91,6 +93,7 @@ impl Importer {
             position: position.as_vec3(),
             direction: direction.as_vec3(),
             intensity,
+            picture,
         };
         self.scene.lights.push(light);
     }
@@ -103,7 +106,7 @@ impl Importer {
         };
         let direction = self.direction(element, direction)?;
         let irradiance = self.color(element, "irradiance")?;
-        self.light(element, LightKind::Directional, DVec3::ZERO, direction, irradiance);
+        self.light(element, LightKind::Directional, DVec3::ZERO, direction, irradiance, None);
         Ok(())
     }
 
@@ -125,7 +128,8 @@ impl Importer {
         }
         let intensity = self.color(element, "intensity")?;
         let kind = LightKind::Spot { inner: beam.to_radians() as f32, outer: cutoff.to_radians() as f32 };
-        self.light(element, kind, to_world.translation, direction, intensity);
+        let picture = self.thrown_by_spot(element, &to_world, cutoff)?;
+        self.light(element, kind, to_world.translation, direction, intensity, picture);
         Ok(())
     }
 

@@ -16,6 +16,8 @@ mod material_data;
 mod medium;
 mod mesh;
 mod picture;
+mod pinhole;
+mod projected;
 mod properties;
 mod sensor;
 mod serialized;
@@ -122,7 +124,8 @@ pub struct MitsubaScene {
     pub materials: Vec<SurfaceGraph>,
     /// What the materials are called.
     pub names: Vec<MitsubaNames>,
-    /// Point, directional and spot lights; the intensity of a spot falls linearly with the angle between its cones.
+    /// Point, directional and spot lights and projectors; the intensity of a spot falls linearly with the angle between
+    /// its cones.
     pub lights: Vec<PunctualLight>,
     /// Light from all around.
     pub environment: Option<MitsubaEnvironment>,

@@ -1,5 +1,7 @@
 //! Small scenes written by the tests: what is read, and what is refused.
 
+mod projected;
+
 use super::*;
 use crate::graph::{SurfaceNode, SurfacePoint, Texture};
 use crate::{LightKind, Limits};

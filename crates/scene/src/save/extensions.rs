@@ -112,6 +112,10 @@ pub(super) fn light(light: &PunctualLight) -> Result<Value, &'static str> {
              and not negative, places finite, directions unit vectors",
         );
     }
+    const THROWS: &str = "throws a picture; lights of glTF must not";
+    if light.picture.is_some() {
+        return Err(THROWS);
+    }
     // The colour is at most 1, as the specification asks.
     let color = light.intensity.map(|x| if strength > 0.0 { x / strength } else { 1.0 });
     let mut value = json!({"color": color, "intensity": strength});
@@ -119,6 +123,7 @@ pub(super) fn light(light: &PunctualLight) -> Result<Value, &'static str> {
         LightKind::Directional => "directional",
         LightKind::Point => "point",
         LightKind::Spot { .. } => "spot",
+        LightKind::Projector => return Err(THROWS),
     });
     if let LightKind::Spot { inner, outer } = light.kind {
         if !(inner >= 0.0 && inner < outer && outer.is_finite()) {

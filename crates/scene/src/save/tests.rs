@@ -1,10 +1,11 @@
 //! Round trips through `.glb` files.
 
 use super::*;
+use crate::graph::Texture;
 use crate::{
-    AlphaMode, Anisotropy, Clearcoat, Extensions, Filter, Instance, LightKind, Material, Primitive,
-    PunctualLight, Sampler, Sheen, Specular, TextureEncoding, TextureImage, TextureSlot, Transmission,
-    Volume, Wrap, load,
+    AlphaMode, Anisotropy, Clearcoat, Extensions, Filter, Instance, LightKind, LightPicture, Material,
+    Primitive, PunctualLight, Sampler, Sheen, Specular, TextureEncoding, TextureImage, TextureSlot,
+    Transmission, Volume, Wrap, load,
 };
 use glam::{Affine3A, Mat3A, Quat, Vec3};
 use photofit_geometry::Mesh;
@@ -309,6 +310,11 @@ fn extended() -> Extensions {
     }
 }
 
+/// A white picture to be thrown along +z.
+fn slide() -> LightPicture {
+    LightPicture { texture: Texture::number(1.0), u: Vec3::X, v: Vec3::Y, half: [0.5; 2] }
+}
+
 #[test]
 fn extensions_and_lights_come_back() {
     let mut before = rich();
@@ -324,6 +330,7 @@ fn extensions_and_lights_come_back() {
         position: Vec3::new(1.0, 2.0, 3.0),
         direction: direction.normalize_or_zero(),
         range: (kind == LightKind::Point).then_some(4.0),
+        picture: None,
     };
     before.lights = vec![
         light(LightKind::Directional, Vec3::new(1.0, -2.0, 0.5)),
@@ -341,6 +348,13 @@ fn extensions_and_lights_come_back() {
         assert!((a.direction - b.direction).length() < 1e-6 && a.position == b.position, "{a:?}");
     }
     // What cannot be written is refused.
+    let mut thrown = before.clone();
+    thrown.lights[2].picture = Some(slide());
+    let text = to_glb(&thrown).unwrap_err().to_string();
+    assert!(text.contains("light 2") && text.contains("throws a picture"), "{text}");
+    let mut light = Scene::default();
+    light.inherit(&thrown);
+    assert_eq!((light.lights.len(), thrown.left_out(&light)[0].as_str()), (2, "1 light"));
     before.lights[0].intensity[1] = f32::NAN;
     assert!(to_glb(&before).unwrap_err().to_string().contains("light 0"));
     before.lights.clear();

@@ -203,6 +203,8 @@ pub(crate) fn mitsuba() -> Vec<Vec<u8>> {
 <shape type="instance"><ref id="g"/><transform name="to_world"><rotate y="1" angle="30"/></transform></shape>
 <emitter type="constant"><rgb name="radiance" value="1"/></emitter>
 <emitter type="spot"><spectrum name="intensity" value="400:1, 500:2"/></emitter>
+<emitter type="spot"><ref name="texture" id="t"/></emitter>
+<emitter type="projector"><ref name="irradiance" id="t"/><float name="fov" value="30"/><string name="fov_axis" value="y"/></emitter>
 </scene>
 "##;
     vec![include_bytes!("../../../../assets/box.xml").to_vec(), more.into()]

@@ -26,6 +26,7 @@ fn keys_of_assets_are_unique_and_stay_when_others_come() {
         position: glam::Vec3::Y,
         direction: glam::Vec3::NEG_Y,
         range: None,
+        picture: None,
     };
     let mut scene = Scene {
         materials: ["a", "a", "a_1", ""].map(material).to_vec(),
@@ -115,4 +116,15 @@ fn black_emitters_are_keys_that_have_to_be_lifted() {
     let keys = mitsuba(&sphere("ball", lamp));
     let key = keys.iter().find(|k| k.name == "ball.emitter.radiance.value").expect("a key");
     assert!(key.dark && key.quantity == Quantity::Radiance);
+}
+
+#[test]
+fn projectors_have_no_keys() {
+    let lights = "<emitter type='projector' id='beam'/><emitter type='spot' id='lamp'>
+        <texture type='checkerboard' name='texture'/></emitter>";
+    let keys = mitsuba(&format!("{lights}{}", sphere("a", "")));
+    let found = names(&keys);
+    assert!(found.contains(&"lamp.intensity.value"), "{found:?}");
+    assert!(found.iter().all(|k| !k.starts_with("beam")), "{found:?}");
+    assert_eq!(keys.iter().filter(|k| k.parameter == Parameter::Light { light: 1 }).count(), 1);
 }

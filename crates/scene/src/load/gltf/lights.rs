@@ -66,6 +66,7 @@ pub(super) fn read(lights: &[Value], index: usize) -> Result<NodeLight, Fault> {
         position: Vec3::ZERO,
         direction: Vec3::NEG_Z,
         range,
+        picture: None,
     };
     if light.intensity.iter().all(|x| x.is_finite()) {
         Ok(NodeLight { light, extras: json.get("extras").cloned() })
