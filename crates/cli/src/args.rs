@@ -264,7 +264,7 @@ pub(crate) struct Simplify {
     #[arg(long, value_name = "Q", conflicts_with = "jpeg", value_parser = whole::<u8>(1..=100))]
     pub(crate) texture_quality: Option<u8>,
     /// Most bytes of the file, of each level of --lod: textures are halved and stored with loss as far as is needed, in the way
-    /// that looks best in held-out views; as JPEG, or as WebP with --textures webp [range: at least 1] [default: no limit].
+    /// that looks best in held-out views; as JPEG, or also as WebP with --textures webp [range: at least 1] [default: no limit].
     #[arg(long, value_name = "N", conflicts_with_all = ["jpeg", "texture_quality"], value_parser = whole::<u64>(1..))]
     pub(crate) max_bytes: Option<u64>,
     /// Light while fitting and judging.

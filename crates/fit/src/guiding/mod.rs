@@ -96,14 +96,14 @@ impl GuidingOptions {
 
 impl GuidingOptions {
     /// As [`Self::new`] for a picture of known samples: training walks at most about a tenth as many paths as the picture, in
-    /// 2 to 7 rounds, and the rehearsal fewer than training.
+    /// 3 to 7 rounds, and the rehearsal hardly more.
     pub fn for_picture(guiding: Guiding, options: &RenderOptions) -> Self {
         let own = Self::new(guiding);
         let scale = (own.side as f64 / options.width.max(options.height).max(1) as f64).min(1.0);
         let share = f64::from(options.spp) / (TRAINING * scale * scale);
         // Rounds up to r walk 2^r - 1 paths a pixel.
-        let rounds = (share + 1.0).log2().clamp(2.0, 7.0) as u32;
-        Self { rounds, rehearsal: (1 << (rounds - 1)).clamp(4, 16), ..own }
+        let rounds = (share + 1.0).log2().clamp(3.0, 7.0) as u32;
+        Self { rounds, rehearsal: (1 << (rounds - 1)).clamp(8, 16), ..own }
     }
 }
 

@@ -192,14 +192,15 @@ impl Files {
     }
 }
 
-/// What is tried for textures of one kind, best first: a format that every reader knows stays one.
+/// What is tried for textures of one kind, best first of each format: where all readers are to read them, no WebP.
 fn encodings(wanted: TextureEncoding) -> Vec<TextureEncoding> {
     let jpeg = QUALITIES.map(|quality| TextureEncoding::Jpeg { quality });
     let webp = QUALITIES.map(|quality| TextureEncoding::LossyWebP { quality });
     match wanted {
         TextureEncoding::Png => [wanted].into_iter().chain(jpeg).collect(),
         TextureEncoding::Jpeg { .. } => jpeg.into(),
-        TextureEncoding::WebP => [wanted].into_iter().chain(webp).collect(),
+        // JPEG keeps chroma whole, which pays where there is room.
+        TextureEncoding::WebP => [wanted].into_iter().chain(webp).chain(jpeg).collect(),
         TextureEncoding::LossyWebP { .. } => webp.into(),
     }
 }
