@@ -390,8 +390,8 @@ pub fn popping(
 }
 
 /// How good the pictures of each stage are in `count` held-out views, drawn by the rasterizer with `samples` samples
-/// per axis of a pixel: the sum over the views, after the work was stopped over the first two of them, of PSNR and FLIP,
-/// both in decibels.
+/// per axis of a pixel: the mean over the views, after the work was stopped over the first two of them, of PSNR and
+/// FLIP, both in decibels.
 ///
 /// # Errors
 /// If a picture of the reference cannot be made.
@@ -406,6 +406,7 @@ pub fn scores(
 ) -> Result<Vec<f64>, FitError> {
     let stages: Vec<Drawn<'_>> = stages.iter().map(|s| s.drawn(n)).collect();
     let mut score = vec![0.0; stages.len()];
+    let mut taken = 0.0_f64;
     for i in 0..count {
         progress.report("choose", i, count, "");
         if i >= AFTER_STOP && progress.is_cancelled() {
@@ -418,7 +419,9 @@ pub fn scores(
             let q = view_quality(&picture, &drawn.image).quality;
             *score += q.psnr - 20.0 * q.flip.max(1e-6).log10();
         }
+        taken += 1.0;
     }
+    score.iter_mut().for_each(|s| *s /= taken.max(1.0));
     Ok(score)
 }
 

@@ -140,7 +140,7 @@ fn a_guide_that_does_not_pay_switches_itself_off() {
 #[test]
 fn training_is_a_part_of_the_picture() {
     for (side, spp, rounds) in
-        [(96, 16, 3), (96, 64, 3), (96, 256, 5), (96, 4096, 7), (960, 16, 7), (32, 256, 5)]
+        [(96, 16, 3), (96, 64, 3), (96, 256, 4), (96, 1024, 6), (96, 4096, 7), (960, 16, 7), (32, 256, 4)]
     {
         let found = GuidingOptions::for_picture(Guiding::Lobes, &options(side, spp, 0)).rounds;
         assert_eq!(found, rounds, "{side} pixels, {spp} samples");

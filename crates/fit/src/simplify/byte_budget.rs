@@ -20,6 +20,8 @@ use rayon::prelude::*;
 const QUALITIES: [u8; 5] = [95, 90, 80, 65, 50];
 /// Smallest side of a texture that is halved again.
 const SMALLEST: usize = 32;
+/// Texels of the assets that are judged at once, 4 bytes each and a third for mips.
+const TEXELS_AT_ONCE: usize = 1 << 27;
 /// Assets of more images treat all alike.
 const IMAGES_MAX: usize = 8;
 /// Halvings of an image whose loss in pictures is measured; that of more is extrapolated.
@@ -34,8 +36,9 @@ struct Size {
     files: Vec<File>,
 }
 
-/// An image as it is read again from its file.
+/// A file of an image.
 struct File {
+    /// The image without texels: those of all files together may be more than fits in memory.
     image: TextureImage,
     bytes: u64,
     /// Mean squared difference from the texels that were encoded, of values in [0, 1].
@@ -44,10 +47,14 @@ struct File {
 
 /// Which file of each image is taken: its size by halvings, and its encoding.
 type Choice = Vec<[usize; 2]>;
+/// One image replaced by one of its files.
+type Trial = Option<(usize, [usize; 2])>;
 
 /// An asset and the files that its images could be.
 struct Files {
     light: Scene,
+    /// The asset without images.
+    bare: Scene,
     images: Vec<Vec<Size>>,
     compression: Compression,
     encodings: usize,
@@ -75,31 +82,53 @@ pub(super) fn within(
     let files = Files::new(light, options, progress)?;
     let views = Orbit::new(options.seed, &options.lighting, options.resolution);
     let (count, [_, samples]) = (options.choice_views(), options.judge_samples());
-    let judged = |scenes: &[Scene]| {
-        let stages: Vec<Stage> = scenes.iter().map(|s| Stage::new("", s.clone())).collect();
-        judge::scores(n, reference, &stages, &views, count, samples, progress)
-    };
+    let texels: usize = files.light.images.iter().map(|i| i.texels.len()).sum();
+    let at_once = (TEXELS_AT_ONCE / texels.max(1)).max(1);
+    let judged =
+        |count_of: usize, scene: &dyn Fn(usize) -> Result<Scene, FitError>| -> Result<Vec<f64>, FitError> {
+            let mut scores = Vec::new();
+            for first in (0..count_of).step_by(at_once) {
+                let some = (first..count_of.min(first + at_once)).map(|i| Ok(Stage::new("", scene(i)?)));
+                let stages = some.collect::<Result<Vec<Stage>, FitError>>()?;
+                scores.extend(judge::scores(n, reference, &stages, &views, count, samples, progress)?);
+            }
+            Ok(scores)
+        };
     let mut fitting = files.alike(most)?;
     if (2..=IMAGES_MAX).contains(&files.images.len()) && !progress.is_cancelled() {
-        let ways = files.ways(&judged(&files.trials())?);
+        let trials = files.trials();
+        let ways = files.ways(&judged(trials.len(), &|i| files.trial(&trials[i]))?);
         fitting.extend(files.apart(&ways, most)?);
     }
     match fitting.len() {
         0 => {
-            let smallest = files.with(&files.smallest());
-            let size = to_glb_with(&smallest, options.compression)?.len();
-            progress.warn(&format!(
-                "no file of {most} bytes can be made: the smallest has {size}; fewer triangles or compressed geometry make it \
-                 smaller"
-            ));
+            let smallest = files.with(&files.smallest())?;
+            let size = files.bytes(&smallest)?;
+            if size > most {
+                progress.warn(&format!(
+                    "no file of {most} bytes can be made: the smallest has {size}; fewer triangles or compressed geometry \
+                     make it smaller"
+                ));
+            }
             Ok(smallest)
         }
         1 => Ok(fitting.swap_remove(0)),
         _ => {
-            let best = judge::highest(&judged(&fitting)?);
+            let best = judge::highest(&judged(fitting.len(), &|i| Ok(fitting[i].clone()))?);
             Ok(fitting.swap_remove(best))
         }
     }
+}
+
+/// The encoding that loses most: JPEG does not where it cannot hold alpha.
+fn coarsest(size: &Size) -> usize {
+    let errors = || size.files.iter().map(|f| f.error).enumerate();
+    errors().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(k, _)| k)
+}
+
+/// An image as it is read from one of its files.
+fn image(sizes: &[Size], [size, way]: [usize; 2]) -> Result<TextureImage, FitError> {
+    Ok(sizes[size].files[way].image.clone().read_again()?)
 }
 
 impl Files {
@@ -111,15 +140,15 @@ impl Files {
             sizes(&light, k, &encodings)
         };
         let images = (0..count).map(sizes).collect::<Result<_, FitError>>()?;
-        Ok(Self { light, images, compression: options.compression, encodings: encodings.len() })
+        let mut bare = light.clone();
+        bare.images.clear();
+        Ok(Self { light, bare, images, compression: options.compression, encodings: encodings.len() })
     }
 
-    fn with(&self, choice: &Choice) -> Scene {
-        let mut scene = self.light.clone();
-        for (k, [size, way]) in choice.iter().enumerate() {
-            scene.images[k] = self.images[k][*size].files[*way].image.clone();
-        }
-        scene
+    /// The asset with these files.
+    fn with(&self, choice: &Choice) -> Result<Scene, FitError> {
+        let images = choice.iter().zip(&self.images).map(|(file, sizes)| image(sizes, *file));
+        Ok(Scene { images: images.collect::<Result<_, _>>()?, ..self.bare.clone() })
     }
 
     /// Bytes of the whole file.
@@ -139,13 +168,21 @@ impl Files {
         all.collect()
     }
 
-    /// All images alike: of each size, by halves, the most exact encoding that fits.
+    /// All images alike: of each size, by halves, the encoding that loses least of those that fit.
     fn alike(&self, most: u64) -> Result<Vec<Scene>, FitError> {
         let mut out = Vec::new();
         for size in 0..self.images.iter().map(Vec::len).max().unwrap_or(0) {
-            for way in 0..self.encodings {
-                let choice = self.images.iter().map(|sizes| [size.min(sizes.len() - 1), way]);
-                let scene = self.with(&choice.collect());
+            let choice = |way: usize| -> Choice {
+                self.images.iter().map(|sizes| [size.min(sizes.len() - 1), way]).collect()
+            };
+            let error = |way: usize| {
+                let each = choice(way).into_iter().zip(&self.images);
+                each.map(|([s, w], sizes)| sizes[s].files[w].error).sum::<f64>()
+            };
+            let mut ways: Vec<usize> = (0..self.encodings).collect();
+            ways.sort_by(|a, b| error(*a).total_cmp(&error(*b)));
+            for way in ways {
+                let scene = self.with(&choice(way))?;
                 if self.bytes(&scene)? <= most {
                     out.push(scene);
                     break;
@@ -156,18 +193,21 @@ impl Files {
     }
 
     /// The asset as it is; then for each image, the others as they are, in its coarsest encoding and in smaller sizes.
-    fn trials(&self) -> Vec<Scene> {
-        let mut out = vec![self.light.clone()];
+    fn trials(&self) -> Vec<Trial> {
+        let mut out = vec![None];
         for (k, sizes) in self.images.iter().enumerate() {
-            let coarse = [0, self.encodings - 1];
             let halved = (1..sizes.len().min(HALVINGS + 1)).map(|size| [size, 0]);
-            for [size, way] in [coarse].into_iter().chain(halved) {
-                let mut scene = self.light.clone();
-                scene.images[k] = sizes[size].files[way].image.clone();
-                out.push(scene);
-            }
+            out.extend([[0, coarsest(&sizes[0])]].into_iter().chain(halved).map(|file| Some((k, file))));
         }
         out
+    }
+
+    fn trial(&self, trial: &Trial) -> Result<Scene, FitError> {
+        let mut scene = self.light.clone();
+        if let Some((k, file)) = *trial {
+            scene.images[k] = image(&self.images[k], file)?;
+        }
+        Ok(scene)
     }
 
     /// What the files of each image cost and lose, by the scores of [`Self::trials`].
@@ -184,10 +224,10 @@ impl Files {
     fn apart(&self, ways: &[Vec<Way>], most: u64) -> Result<Option<Scene>, FitError> {
         let least = self.smallest();
         let own: u64 = least.iter().zip(&self.images).map(|([s, w], sizes)| sizes[*s].files[*w].bytes).sum();
-        let rest = self.bytes(&self.with(&least))?.saturating_sub(own) + (AROUND * ways.len()) as u64;
+        let rest = self.bytes(&self.with(&least)?)?.saturating_sub(own) + (AROUND * ways.len()) as u64;
         let Some(choice) = allocation::least_loss(ways, most.saturating_sub(rest)) else { return Ok(None) };
         let choice = choice.iter().map(|i| [i / self.encodings, i % self.encodings]).collect();
-        let scene = self.with(&choice);
+        let scene = self.with(&choice)?;
         Ok((self.bytes(&scene)? <= most).then_some(scene))
     }
 }
@@ -226,15 +266,16 @@ impl File {
         let squares = squares.map(|(a, b)| (f64::from(a.abs_diff(*b)) / 255.0).powi(2));
         let error = squares.sum::<f64>() / (4 * image.texels.len()) as f64;
         let bytes = stored.encoded.as_ref().map_or(0, |b| b.len().next_multiple_of(4) as u64);
-        Ok(Self { image: stored, bytes, error })
+        Ok(Self { image: TextureImage { texels: Vec::new(), ..stored }, bytes, error })
     }
 }
 
 /// What the files of an image cost and lose, size by size: decibels of pictures, of which `coarse` were measured for the
 /// whole image in the coarsest encoding and `halved` for its halves.
 fn ways(sizes: &[Size], coarse: f64, halved: &[f64]) -> Vec<Way> {
-    // A texel's difference counts for as much in small images as in the whole one.
-    let weight = coarse / sizes[0].files.last().map_or(1.0, |f| f.error.max(1e-12));
+    // A texel's difference counts for as much in small images as in the whole one, and for something where no picture shows it.
+    let error = sizes[0].files[coarsest(&sizes[0])].error.max(1e-12);
+    let weight = coarse.max(LEAST_LOSS[1]) / error;
     let mut loss = 0.0_f64;
     let mut out = Vec::new();
     for (k, size) in sizes.iter().enumerate() {

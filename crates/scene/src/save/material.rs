@@ -230,10 +230,21 @@ impl TextureImage {
         let refused = |rule: String| fault(format!("image {:?}", self.name), rule).in_scene();
         let plain = Self { encoding, encoded: None, ..self.clone() };
         let (bytes, mime) = encode(&plain).map_err(refused)?;
-        let limits = photofit_image::Limits::default();
-        let (_, _, texels) = decode_texture(&bytes, &limits).map_err(|e| refused(e.to_string()))?;
         let encoding = if mime == "image/png" { TextureEncoding::Png } else { encoding };
-        Ok(Self { encoding, encoded: Some(bytes.into()), texels, ..plain })
+        Self { encoding, encoded: Some(bytes.into()), ..plain }.read_again()
+    }
+
+    /// The image with the texels that [`Self::encoded`] decodes to; as it is without.
+    ///
+    /// # Errors
+    /// If that is no PNG, JPEG or WebP.
+    pub fn read_again(self) -> Result<Self, SceneError> {
+        let Some(bytes) = &self.encoded else { return Ok(self) };
+        let read = decode_texture(bytes, &photofit_image::Limits::default());
+        match read {
+            Ok((width, height, texels)) => Ok(Self { width, height, texels, ..self }),
+            Err(e) => Err(fault(format!("image {:?}", self.name), e.to_string()).in_scene()),
+        }
     }
 }
 
