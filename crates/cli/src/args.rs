@@ -145,6 +145,9 @@ pub(crate) enum TextureFormat {
     Webp,
     /// Lossy, about a third of the bytes of jpeg; colours at half resolution, alpha exact.
     WebpLossy,
+    /// Blocks that graphics processors keep compressed (UASTC), with mip levels made for them; PNG for images whose sides are
+    /// no multiples of 4.
+    Ktx2,
 }
 
 /// How geometry is stored.
@@ -250,7 +253,7 @@ pub(crate) struct Simplify {
     #[arg(long, value_name = "N", value_parser = whole::<usize>(16..=8192))]
     pub(crate) texture_size: Option<usize>,
     /// How textures are stored; both kinds of webp are for readers that know `EXT_texture_webp` (three.js, Babylon.js, Blender
-    /// and others) [default: png, jpeg with --jpeg].
+    /// and others), ktx2 for those that know `KHR_texture_basisu` (three.js, Babylon.js, Godot and others) [default: png, jpeg with --jpeg].
     #[arg(long, value_enum)]
     pub(crate) textures: Option<TextureFormat>,
     /// Compress geometry: meshopt is `EXT_meshopt_compression`, which three.js, Babylon.js, Godot and others read.
@@ -264,7 +267,7 @@ pub(crate) struct Simplify {
     #[arg(long, value_name = "Q", conflicts_with = "jpeg", value_parser = whole::<u8>(1..=100))]
     pub(crate) texture_quality: Option<u8>,
     /// Most bytes of the file, of each level of --lod: textures are halved and stored with loss as far as is needed, in the way
-    /// that looks best in held-out views; as JPEG, or also as WebP with --textures webp [range: at least 1] [default: no limit].
+    /// that looks best in held-out views; as JPEG, or also as WebP with --textures webp, or as KTX 2.0 with --textures ktx2 [range: at least 1] [default: no limit].
     #[arg(long, value_name = "N", conflicts_with_all = ["jpeg", "texture_quality"], value_parser = whole::<u64>(1..))]
     pub(crate) max_bytes: Option<u64>,
     /// Light while fitting and judging.
@@ -307,13 +310,13 @@ impl Simplify {
     fn check(&self) -> Result<(), String> {
         match (self.textures, self.jpeg.or(self.texture_quality)) {
             (Some(TextureFormat::Png | TextureFormat::Webp), Some(_)) => {
-                Err("png and webp are exact: a quality belongs to --textures jpeg or webp-lossy; leave one of them out".into())
+                Err("png and webp are exact: a quality belongs to --textures jpeg, webp-lossy or ktx2; leave one of them out".into())
             }
-            (Some(TextureFormat::WebpLossy), _) if self.jpeg.is_some() => {
-                Err("--jpeg is the quality of --textures jpeg; that of webp-lossy is --texture-quality".into())
+            (Some(TextureFormat::WebpLossy | TextureFormat::Ktx2), _) if self.jpeg.is_some() => {
+                Err("--jpeg is the quality of --textures jpeg; that of webp-lossy and ktx2 is --texture-quality".into())
             }
             (None, Some(_)) if self.jpeg.is_none() => {
-                Err("--texture-quality is for lossy textures: add --textures jpeg or --textures webp-lossy".into())
+                Err("--texture-quality is for lossy textures: add --textures jpeg, webp-lossy or ktx2".into())
             }
             _ => Ok(()),
         }

@@ -376,6 +376,7 @@ fn texture_encoding(a: &Simplify) -> TextureEncoding {
     match (a.textures, a.jpeg) {
         (Some(TextureFormat::Webp), _) => TextureEncoding::WebP,
         (Some(TextureFormat::WebpLossy), _) => TextureEncoding::LossyWebP { quality },
+        (Some(TextureFormat::Ktx2), _) => TextureEncoding::Ktx2 { quality },
         (Some(TextureFormat::Jpeg), _) | (None, Some(_)) => TextureEncoding::Jpeg { quality },
         (Some(TextureFormat::Png) | None, _) => TextureEncoding::Png,
     }

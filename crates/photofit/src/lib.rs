@@ -67,6 +67,8 @@ pub use photofit_flow as flow;
 pub use photofit_geometry as geometry;
 #[cfg(feature = "image")]
 pub use photofit_image as image;
+#[cfg(feature = "ktx2")]
+pub use photofit_ktx2 as ktx2;
 #[cfg(feature = "optim")]
 pub use photofit_optim as optim;
 #[cfg(feature = "pathtrace")]

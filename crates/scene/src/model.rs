@@ -22,7 +22,7 @@ pub struct TextureImage {
     pub texels: Vec<[u8; 4]>,
     /// How it is written; what is loaded says [`TextureEncoding::Png`] whatever it came from.
     pub encoding: TextureEncoding,
-    /// The PNG, JPEG or WebP that it was read from, where [`crate::Limits::keep_encoded`] asked for it: it is written in place
+    /// The file (PNG, JPEG, WebP or KTX 2.0) that it was read from, where [`crate::Limits::keep_encoded`] asked for it: it is written in place
     /// of `texels`, which must be what it decodes to.
     pub encoded: Option<Arc<[u8]>>,
 }
@@ -44,6 +44,13 @@ pub enum TextureEncoding {
     /// `EXT_texture_webp`.
     LossyWebP {
         /// 1 to 100.
+        quality: u8,
+    },
+    /// Blocks of UASTC in KTX 2.0, which graphics processors keep compressed, with mip levels of their own; for readers that
+    /// know `KHR_texture_basisu`. Images whose sides are no multiples of 4, or that are colour and data at once, are stored
+    /// as PNG.
+    Ktx2 {
+        /// 1 to 100: below 100 blocks are chosen that compress better.
         quality: u8,
     },
 }

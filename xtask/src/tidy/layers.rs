@@ -28,6 +28,7 @@ const PLACES: &[Place] = &[
     place(0, "scalar"),
     narrow(0, "gpu", &[]),
     place(0, "gradcheck"),
+    narrow(0, "ktx2", &[]),
     place(1, "image"),
     narrow(1, "texture", &["scalar", "gpu"]),
     place(1, "sampling"),

@@ -129,7 +129,7 @@ fn textures(file: &Path) -> Vec<Vec<u8>> {
 
 #[test]
 fn the_combined_file_holds_the_textures_of_the_levels_byte_for_byte() {
-    for format in ["jpeg", "webp", "png"] {
+    for format in ["jpeg", "webp", "ktx2", "png"] {
         let dir = tempfile::tempdir().unwrap();
         let d = dir.path();
         write_rock(d, 8, true);

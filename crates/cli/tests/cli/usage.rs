@@ -181,7 +181,7 @@ fn options_that_do_not_go_together_show_the_usage_of_their_command() {
         ),
         (
             &["simplify", "a.glb", "-o", "b.glb", "--textures", "png", "--jpeg", "90"],
-            "--jpeg is the quality of --textures jpeg",
+            "png and webp are exact: a quality belongs to --textures jpeg, webp-lossy or ktx2",
             "photofit simplify ",
         ),
     ] {

@@ -5,6 +5,8 @@
 //! of least loss within the budget ([`allocation`]) then meet those that treat all images alike, in held-out views.
 
 mod allocation;
+#[cfg(test)]
+mod tests;
 
 use super::plain::reduced;
 use super::{Normalised, SimplifyOptions};
@@ -236,12 +238,14 @@ impl Files {
 fn encodings(wanted: TextureEncoding) -> Vec<TextureEncoding> {
     let jpeg = QUALITIES.map(|quality| TextureEncoding::Jpeg { quality });
     let webp = QUALITIES.map(|quality| TextureEncoding::LossyWebP { quality });
+    let ktx2 = |quality| TextureEncoding::Ktx2 { quality };
     match wanted {
         TextureEncoding::Png => [wanted].into_iter().chain(jpeg).collect(),
         TextureEncoding::Jpeg { .. } => jpeg.into(),
         // JPEG keeps chroma whole, which pays where there is room.
         TextureEncoding::WebP => [wanted].into_iter().chain(webp).chain(jpeg).collect(),
         TextureEncoding::LossyWebP { .. } => webp.into(),
+        TextureEncoding::Ktx2 { .. } => [100].into_iter().chain(QUALITIES).map(ktx2).collect(),
     }
 }
 
@@ -249,9 +253,9 @@ fn encodings(wanted: TextureEncoding) -> Vec<TextureEncoding> {
 fn sizes(scene: &Scene, k: usize, encodings: &[TextureEncoding]) -> Result<Vec<Size>, FitError> {
     let (mut own, mut out) = (scene.clone(), Vec::new());
     loop {
-        let image = &own.images[k];
-        let files = encodings.par_iter().map(|e| File::new(image, *e));
+        let files = encodings.par_iter().map(|e| File::new(&own, k, *e));
         out.push(Size { files: files.collect::<Result<_, FitError>>()? });
+        let image = &own.images[k];
         if image.width.max(image.height) <= SMALLEST {
             return Ok(out);
         }
@@ -260,8 +264,9 @@ fn sizes(scene: &Scene, k: usize, encodings: &[TextureEncoding]) -> Result<Vec<S
 }
 
 impl File {
-    fn new(image: &TextureImage, encoding: TextureEncoding) -> Result<Self, FitError> {
-        let stored = image.stored_as(encoding)?;
+    /// Image `k` of a scene in an encoding.
+    fn new(scene: &Scene, k: usize, encoding: TextureEncoding) -> Result<Self, FitError> {
+        let (image, stored) = (&scene.images[k], scene.stored_as(k, encoding)?);
         let squares = image.texels.iter().flatten().zip(stored.texels.iter().flatten());
         let squares = squares.map(|(a, b)| (f64::from(a.abs_diff(*b)) / 255.0).powi(2));
         let error = squares.sum::<f64>() / (4 * image.texels.len()) as f64;
@@ -299,6 +304,7 @@ pub(super) fn told(scene: &Scene) -> String {
             TextureEncoding::WebP => "WebP".into(),
             TextureEncoding::Jpeg { quality } => format!("JPEG of quality {quality}"),
             TextureEncoding::LossyWebP { quality } => format!("lossy WebP of quality {quality}"),
+            TextureEncoding::Ktx2 { quality } => format!("KTX 2.0 of quality {quality}"),
         };
         format!("{} x {} as {how}", i.width, i.height)
     };

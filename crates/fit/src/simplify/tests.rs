@@ -7,7 +7,7 @@ use photofit_scene::{AlphaMode, Instance, Material, Primitive};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-fn of(mesh: photofit_geometry::Mesh, material: Material) -> Scene {
+pub(super) fn of(mesh: photofit_geometry::Mesh, material: Material) -> Scene {
     Scene {
         name: "rock".into(),
         primitives: vec![Primitive { mesh, material: 0 }],
@@ -17,7 +17,7 @@ fn of(mesh: photofit_geometry::Mesh, material: Material) -> Scene {
     }
 }
 
-fn rock() -> Scene {
+pub(super) fn rock() -> Scene {
     of(displaced_sphere(8, 0.25, 4, 3), Material { name: "stone".into(), ..Material::clay() })
 }
 
@@ -58,7 +58,7 @@ fn decimation_is_written_where_no_fit_looks_better() {
 
 /// Keeps the warnings.
 #[derive(Default)]
-struct Heard(Mutex<Vec<String>>);
+pub(super) struct Heard(pub(super) Mutex<Vec<String>>);
 
 impl Progress for Heard {
     fn report(&self, _: &'static str, _: u64, _: u64, _: &str) {}
@@ -70,45 +70,7 @@ impl Progress for Heard {
     }
 }
 
-#[test]
-fn files_fit_a_budget_of_bytes_with_the_least_loss() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("a.glb");
-    let made = |max_bytes: Option<u64>| {
-        let o = SimplifyOptions { texture_size: 256, steps: 4, report_views: 4, max_bytes, ..options() };
-        let heard = Heard::default();
-        let outcome = simplify(&rock(), &path, &o, &heard).unwrap();
-        let bytes = std::fs::metadata(&path).unwrap().len();
-        (bytes, *outcome.stage("fitted").unwrap(), outcome.textures, heard.0.into_inner().unwrap().join("; "))
-    };
-    let free = made(None);
-    assert!(free.2.contains("256 x 256 as PNG"), "{}", free.2);
-    let same = made(Some(free.0));
-    assert_eq!((same.0, &same.2), (free.0, &free.2), "what fits stays");
-    let half = made(Some(free.0 / 2));
-    assert!(half.0 <= free.0 / 2 && half.2 != free.2, "{} bytes, {}", half.0, half.2);
-    assert!(half.1.psnr > free.1.psnr - 1.0, "{} {}: {}", free.1.psnr, half.1.psnr, half.2);
-    let tenth = made(Some(free.0 / 5));
-    assert!(tenth.0 <= free.0 / 5 && tenth.1.psnr <= half.1.psnr + 0.5, "{} bytes, {}", tenth.0, tenth.2);
-    assert_eq!(
-        (tenth.3.as_str(), std::fs::read_dir(dir.path()).unwrap().count()),
-        ("", 1),
-        "no trial is left"
-    );
-    let none = made(Some(100));
-    assert!(
-        none.0 > 100 && none.0 < tenth.0 && none.3.contains("no file of 100 bytes"),
-        "{} {}",
-        none.0,
-        none.3
-    );
-    println!(
-        "{} {:?}\n{} {:?}\n{} {:?}\n{} {:?}",
-        free.0, free.2, half.0, half.2, tenth.0, tenth.2, none.0, none.2
-    );
-}
-
-fn options() -> SimplifyOptions {
+pub(super) fn options() -> SimplifyOptions {
     SimplifyOptions {
         target: Target::Triangles(150),
         resolution: 32,

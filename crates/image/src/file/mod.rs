@@ -2,6 +2,7 @@
 
 mod atomic;
 mod exr_file;
+mod ktx2;
 mod limits;
 mod png_jpeg;
 mod radiance;
@@ -19,10 +20,10 @@ use crate::{Image, ImageError};
 use std::io::Read;
 use std::path::Path;
 
-/// Reads a PNG, JPEG, WebP, Radiance or OpenEXR file into linear light with the default [`Limits`].
+/// Reads a PNG, JPEG, WebP, KTX 2.0, Radiance or OpenEXR file into linear light with the default [`Limits`].
 ///
-/// The format is recognised by its content. PNG, JPEG and WebP are decoded through sRGB (alpha is linear) to 3 channels, or
-/// 4 where the file has alpha; Radiance to 3 channels. Of an OpenEXR file the first layer is returned, channels R, G,
+/// The format is recognised by its content. PNG, JPEG, WebP and KTX 2.0 (the first level of UASTC or ETC1S) are decoded
+/// through sRGB (alpha is linear) to 3 channels, or 4 where the file has alpha; Radiance to 3 channels. Of an OpenEXR file the first layer is returned, channels R, G,
 /// B, A first and others after them as stored.
 ///
 /// # Errors
@@ -42,17 +43,18 @@ pub fn read_with_limits(path: impl AsRef<Path>, limits: &Limits) -> Result<Image
     decode(&bytes, &place, limits)
 }
 
-/// Decodes the bytes of a PNG, JPEG, WebP, Radiance or OpenEXR file as [`read`] does; `place` names them in errors.
+/// Decodes the bytes of a PNG, JPEG, WebP, KTX 2.0, Radiance or OpenEXR file as [`read`] does; `place` names them in errors.
 ///
 /// # Errors
 /// If the bytes are no valid image of these formats, or the image is larger than the limits.
 pub fn decode(bytes: &[u8], place: &str, limits: &Limits) -> Result<Image, ImageError> {
     match Format::of(bytes) {
         Some(Format::Png | Format::Jpeg | Format::WebP) => png_jpeg::decode_linear(bytes, place, limits),
+        Some(Format::Ktx2) => ktx2::decode_linear(bytes, place, limits),
         Some(Format::Radiance) => radiance::decode(bytes, place, limits),
         Some(Format::Exr) => exr_file::decode_first(bytes, place, limits),
         None if bytes.is_empty() => Err(ImageError::invalid(place, "the file is empty")),
-        None => Err(ImageError::invalid(place, "not a PNG, JPEG, WebP, Radiance or OpenEXR file")),
+        None => Err(ImageError::invalid(place, "not a PNG, JPEG, WebP, KTX 2.0, Radiance or OpenEXR file")),
     }
 }
 
@@ -61,6 +63,7 @@ enum Format {
     Png,
     Jpeg,
     WebP,
+    Ktx2,
     Radiance,
     Exr,
 }
@@ -77,6 +80,9 @@ impl Format {
         // The size of the file stands between the two words.
         if bytes.starts_with(b"RIFF") && bytes.get(8..12) == Some(b"WEBP") {
             return Some(Self::WebP);
+        }
+        if photofit_ktx2::is_ktx2(bytes) {
+            return Some(Self::Ktx2);
         }
         magic.iter().find(|(m, _)| bytes.starts_with(m)).map(|(_, f)| *f)
     }

@@ -1,7 +1,7 @@
 //! PNG, JPEG and WebP: decoding to linear light or to undecoded texels, and encoding.
 
 use super::limits::{MAX_RATIO, MAX_RATIO_WEBP};
-use super::{Format, Limits, write_atomically};
+use super::{Format, Limits, ktx2, write_atomically};
 use crate::{Image, ImageError, color};
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
@@ -20,25 +20,31 @@ pub enum PngCompression {
     Small,
 }
 
-/// Decodes a PNG, JPEG or WebP texture of an asset in memory to `(width, height, texels)`: RGBA, 8 bits, row-major from the
+/// Decodes a PNG, JPEG, WebP or KTX 2.0 texture (of the latter the first level) of an asset in memory to `(width, height, texels)`: RGBA, 8 bits, row-major from the
 /// top, transfer not decoded; alpha is 255 where the file has none, grey is replicated, 16 bits are rounded to 8.
 ///
 /// Errors speak of "texture"; see [`ImageError::at`].
 ///
 /// # Errors
-/// If the bytes are no complete PNG, JPEG or WebP, or the image is larger than the limits.
+/// If the bytes are no complete file of these formats, or the image is larger than the limits.
 pub fn decode_texture(bytes: &[u8], limits: &Limits) -> Result<(usize, usize, Vec<[u8; 4]>), ImageError> {
+    if Format::of(bytes) == Some(Format::Ktx2) {
+        return ktx2::decode(bytes, "texture", limits);
+    }
     let image = decode_dynamic(bytes, "texture", limits)?.into_rgba8();
     let (width, height) = (image.width() as usize, image.height() as usize);
     Ok((width, height, image.into_raw().as_chunks::<4>().0.to_vec()))
 }
 
-/// Width and height of a PNG, JPEG or WebP texture from its header, without decoding it.
+/// Width and height of a PNG, JPEG, WebP or KTX 2.0 texture from its header, without decoding it.
 ///
 /// # Errors
-/// If the header is no valid PNG, JPEG or WebP header.
+/// If the header is no valid one of these formats.
 pub fn texture_size(bytes: &[u8]) -> Result<(usize, usize), ImageError> {
     let place = "texture";
+    if Format::of(bytes) == Some(Format::Ktx2) {
+        return ktx2::size(bytes, place);
+    }
     let (width, height) = reader(bytes, place)?.into_dimensions().map_err(|e| invalid(place, e))?;
     Ok((width as usize, height as usize))
 }
@@ -90,7 +96,7 @@ fn reader<'a>(bytes: &'a [u8], place: &str) -> Result<ImageReader<Cursor<&'a [u8
         Some(Format::Jpeg) => ImageFormat::Jpeg,
         Some(Format::WebP) => ImageFormat::WebP,
         _ if bytes.is_empty() => return Err(ImageError::invalid(place, "no bytes")),
-        _ => return Err(ImageError::invalid(place, "neither PNG nor JPEG nor WebP")),
+        _ => return Err(ImageError::invalid(place, "neither PNG nor JPEG nor WebP nor KTX 2.0")),
     };
     Ok(ImageReader::with_format(Cursor::new(bytes), format))
 }

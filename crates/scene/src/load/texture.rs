@@ -35,7 +35,7 @@ impl<'a> Textures<'a> {
         self.known.get(key).copied()
     }
 
-    /// Asks for a PNG, JPEG or WebP; its size is checked here, its texels are decoded by [`Self::decode`].
+    /// Asks for a PNG, JPEG, WebP or KTX 2.0 texture; its size is checked here, its texels are decoded by [`Self::decode`].
     pub(crate) fn request(
         &mut self,
         key: String,

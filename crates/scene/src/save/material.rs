@@ -1,14 +1,10 @@
 //! Materials, textures, samplers and images.
 
+use super::encode::{KTX2, WEBP, encode};
 use super::{Writer, extensions, named, with_extras};
 use crate::error::{Fault, fault};
 use crate::load::affine_of_transform;
-use crate::{
-    AlphaMode, Filter, Material, Sampler, Scene, SceneError, TextureEncoding, TextureImage, TextureSlot, Wrap,
-};
-use photofit_image::{
-    PngCompression, decode_texture, encode_jpeg, encode_png, encode_webp, encode_webp_lossy,
-};
+use crate::{AlphaMode, Filter, Material, Sampler, Scene, TextureSlot, Wrap};
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 use std::collections::HashMap;
@@ -21,7 +17,7 @@ pub(super) fn write(scene: &Scene, writer: &mut Writer) -> Result<(), Fault> {
     used.dedup();
     let encoded: Vec<Result<_, Fault>> = used
         .par_iter()
-        .map(|&i| encode(&scene.images[i]).map_err(|rule| fault(format!("image {i}"), rule)))
+        .map(|&i| encode(scene, i, &scene.images[i]).map_err(|rule| fault(format!("image {i}"), rule)))
         .collect();
     let mut images = HashMap::new();
     for (&i, encoded) in used.iter().zip(encoded) {
@@ -39,8 +35,6 @@ pub(super) fn write(scene: &Scene, writer: &mut Writer) -> Result<(), Fault> {
     }
     Ok(())
 }
-
-const WEBP: &str = "image/webp";
 
 /// Samplers and textures written so far; the order is that of first use.
 pub(super) struct Tables {
@@ -62,12 +56,18 @@ impl Tables {
         });
         self.textures.push(key);
         let source = self.images[&slot.image];
-        writer.textures.push(if writer.images[source]["mimeType"] == WEBP {
-            writer.extensions.insert("EXT_texture_webp");
-            writer.required.insert("EXT_texture_webp");
-            json!({"extensions": {"EXT_texture_webp": {"source": source}}, "sampler": sampler})
-        } else {
-            json!({"source": source, "sampler": sampler})
+        let extension = match writer.images[source]["mimeType"].as_str() {
+            Some(WEBP) => Some("EXT_texture_webp"),
+            Some(KTX2) => Some("KHR_texture_basisu"),
+            _ => None,
+        };
+        writer.textures.push(match extension {
+            Some(name) => {
+                writer.extensions.insert(name);
+                writer.required.insert(name);
+                json!({"extensions": {name: {"source": source}}, "sampler": sampler})
+            }
+            None => json!({"source": source, "sampler": sampler}),
         });
         self.textures.len() - 1
     }
@@ -209,67 +209,4 @@ pub(super) fn parts(m: &[[f32; 3]; 2]) -> Option<([f32; 2], f32, [f32; 2])> {
     let near = |a: f32, b: f32| (a - b).abs() <= 1e-5 * sx.max(sy);
     let same = (0..2).all(|r| (0..2).all(|c| near(again[r][c], m[r][c])));
     same.then_some((offset, rotation, scale))
-}
-
-/// The type of a PNG, JPEG or WebP.
-fn mime(encoded: &[u8]) -> &'static str {
-    match encoded {
-        [0xff, 0xd8, ..] => "image/jpeg",
-        [b'R', b'I', b'F', b'F', ..] => WEBP,
-        _ => "image/png",
-    }
-}
-
-impl TextureImage {
-    /// The image as it is read again once it was written in this encoding: what the encoding loses is lost,
-    /// [`Self::encoded`] holds its bytes. JPEG has no alpha: such images become PNG.
-    ///
-    /// # Errors
-    /// If the encoding cannot hold an image of this size.
-    pub fn stored_as(&self, encoding: TextureEncoding) -> Result<Self, SceneError> {
-        let refused = |rule: String| fault(format!("image {:?}", self.name), rule).in_scene();
-        let plain = Self { encoding, encoded: None, ..self.clone() };
-        let (bytes, mime) = encode(&plain).map_err(refused)?;
-        let encoding = if mime == "image/png" { TextureEncoding::Png } else { encoding };
-        Self { encoding, encoded: Some(bytes.into()), ..plain }.read_again()
-    }
-
-    /// The image with the texels that [`Self::encoded`] decodes to; as it is without.
-    ///
-    /// # Errors
-    /// If that is no PNG, JPEG or WebP.
-    pub fn read_again(self) -> Result<Self, SceneError> {
-        let Some(bytes) = &self.encoded else { return Ok(self) };
-        let read = decode_texture(bytes, &photofit_image::Limits::default());
-        match read {
-            Ok((width, height, texels)) => Ok(Self { width, height, texels, ..self }),
-            Err(e) => Err(fault(format!("image {:?}", self.name), e.to_string()).in_scene()),
-        }
-    }
-}
-
-/// The bytes of an image and their type.
-fn encode(image: &TextureImage) -> Result<(Vec<u8>, &'static str), String> {
-    if let Some(bytes) = &image.encoded {
-        return Ok((bytes.to_vec(), mime(bytes)));
-    }
-    let (width, height) = (image.width, image.height);
-    let opaque = image.texels.iter().all(|t| t[3] == 255);
-    let samples: Vec<u8> = if opaque {
-        image.texels.iter().flat_map(|t| [t[0], t[1], t[2]]).collect()
-    } else {
-        image.texels.iter().flatten().copied().collect()
-    };
-    let channels = if opaque { 3 } else { 4 };
-    let (bytes, mime) = match image.encoding {
-        TextureEncoding::WebP => (encode_webp(width, height, channels, &samples), WEBP),
-        TextureEncoding::LossyWebP { quality } => {
-            (encode_webp_lossy(width, height, channels, &samples, quality), WEBP)
-        }
-        TextureEncoding::Jpeg { quality } if opaque => {
-            (encode_jpeg(width, height, &samples, quality), "image/jpeg")
-        }
-        _ => (encode_png(width, height, channels, &samples, PngCompression::Small), "image/png"),
-    };
-    Ok((bytes.map_err(|e| e.to_string())?, mime))
 }

@@ -2,8 +2,10 @@
 
 mod animation;
 mod compress;
+mod encode;
 mod extensions;
 mod geometry;
+mod levels;
 mod lods;
 mod material;
 mod nodes;

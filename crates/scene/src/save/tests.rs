@@ -446,6 +446,45 @@ fn webp_textures_come_back_exactly() {
     assert!(text.contains("image/webp"));
 }
 
+/// An independent reader finds every level in the written file; sides that are no multiples of 4 stay PNG.
+#[test]
+fn ktx2_textures_come_back_with_their_levels() {
+    let image = |side: usize| TextureImage {
+        width: side,
+        height: side,
+        texels: (0..side * side).map(|i| [(i % side * 255 / side) as u8, 90, 30, 255]).collect(),
+        encoding: TextureEncoding::Ktx2 { quality: 100 },
+        ..TextureImage::default()
+    };
+    let material = |k| Material { base_color_texture: Some(slot(k, 0)), ..Material::clay() };
+    let mut scene = Scene {
+        materials: vec![material(0), material(1)],
+        images: vec![image(32), image(6)],
+        ..Scene::default()
+    };
+    for m in 0..2 {
+        scene.primitives.push(Primitive { mesh: patch(), material: m });
+        scene.instances.push(Instance { primitive: m, transform: Affine3A::IDENTITY });
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.glb");
+    save_glb(&path, &scene).unwrap();
+    let again =
+        crate::load_with(&path, &crate::Limits { keep_encoded: true, ..crate::Limits::default() }).unwrap();
+    assert!(again.ignored_extensions.is_empty(), "{:?}", again.ignored_extensions);
+    let near = |a: &[[u8; 4]], b: &[[u8; 4]]| {
+        a.iter().flatten().zip(b.iter().flatten()).all(|(a, b)| a.abs_diff(*b) < 5)
+    };
+    assert!(near(&again.images[0].texels, &scene.images[0].texels));
+    assert_eq!(again.images[1].texels, scene.images[1].texels, "a PNG");
+    let file = again.images[0].encoded.as_ref().unwrap();
+    assert_eq!(photofit_ktx2::level_count(file), Ok(6));
+    assert_eq!(photofit_ktx2::decode(file, 5).unwrap().2[0][1..], [90, 30, 255]);
+    let text = String::from_utf8_lossy(&std::fs::read(&path).unwrap()).into_owned();
+    assert!(text.contains(r#""extensionsRequired":["KHR_texture_basisu"]"#) && text.contains("image/ktx2"));
+    assert_eq!(to_glb(&again).unwrap(), to_glb(&again).unwrap());
+}
+
 #[test]
 fn images_are_what_is_read_again_once_they_are_stored() {
     let texel = |i: usize| {
@@ -471,7 +510,8 @@ fn images_are_what_is_read_again_once_they_are_stored() {
     let path = folder.path().join("a.glb");
     for encoding in [TextureEncoding::Png, TextureEncoding::WebP].into_iter().chain(lossy) {
         for (image, opaque) in [(&image, true), (&see_through, false)] {
-            let stored = image.stored_as(encoding).unwrap();
+            let alone = Scene { images: vec![image.clone()], ..Scene::default() };
+            let stored = alone.stored_as(0, encoding).unwrap();
             assert_eq!(
                 stored.encoding == encoding,
                 opaque || !matches!(encoding, TextureEncoding::Jpeg { .. })

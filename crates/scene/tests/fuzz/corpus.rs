@@ -189,6 +189,20 @@ pub(crate) fn exr() -> Vec<Vec<u8>> {
     vec![std::fs::read(path).expect("read")]
 }
 
+pub(crate) fn ktx2() -> Vec<Vec<u8>> {
+    let texel = |i: u32| [(i * 37 % 256) as u8, (i / 3) as u8, (i * i % 251) as u8, 255 - (i % 7) as u8];
+    let level = |side: u32| (side, side, (0..side * side).map(texel).collect());
+    let levels = [level(16), level(8), level(4)];
+    let options = photofit_ktx2::Options::new(true);
+    [None, Some(3)]
+        .map(|zstandard| {
+            photofit_ktx2::encode(&levels, &photofit_ktx2::Options { zstandard, ..options.clone() })
+        })
+        .into_iter()
+        .map(|file| file.expect("valid levels"))
+        .collect()
+}
+
 #[cfg(feature = "mitsuba")]
 pub(crate) fn mitsuba() -> Vec<Vec<u8>> {
     let more = r##"<scene version="3.0.0">

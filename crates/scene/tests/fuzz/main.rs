@@ -61,6 +61,11 @@ fn targets() -> Vec<Target> {
             photofit_scene::load_environment(p).is_ok()
         }),
         target("exr", "exr", Shape::Bytes, corpus::exr(), |p| photofit_scene::load_environment(p).is_ok()),
+        target("ktx2", "ktx2", Shape::Bytes, corpus::ktx2(), |path| {
+            let limits =
+                photofit_image::Limits { max_side: 1024, max_samples: 1 << 22, ..Default::default() };
+            photofit_image::read_with_limits(path, &limits).is_ok()
+        }),
     ];
     #[cfg(feature = "mitsuba")]
     out.push(target("mitsuba", "xml", Shape::Xml, corpus::mitsuba(), |path| {

@@ -27,6 +27,7 @@ const SUPPORTED: &[&str] = &[
     "KHR_materials_volume",
     "KHR_mesh_quantization",
     "KHR_meshopt_compression",
+    "KHR_texture_basisu",
     "KHR_texture_transform",
 ];
 
@@ -290,11 +291,8 @@ fn instead(name: &str) -> &'static str {
         "KHR_draco_mesh_compression" => {
             "; the command `gltf-transform copy IN.glb OUT.glb` writes the asset without it"
         }
-        "KHR_texture_basisu" => {
-            "; textures must be PNG, JPEG or WebP: `gltf-transform ktxdecompress IN.glb OUT.glb` writes them so"
-        }
         "EXT_texture_avif" => {
-            "; textures must be PNG, JPEG or WebP: `gltf-transform png IN.glb OUT.glb` writes them so"
+            "; textures must be PNG, JPEG, WebP or KTX 2.0: `gltf-transform png IN.glb OUT.glb` writes them so"
         }
         _ => "",
     }

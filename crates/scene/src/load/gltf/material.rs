@@ -167,7 +167,7 @@ pub(super) fn read_slot<'a>(
 
 /// The image of a texture: that of the extension whose format is read here, before the one for all readers.
 fn source(raw: &Value, json: &json::Texture) -> Result<usize, String> {
-    for extension in ["EXT_texture_webp"] {
+    for extension in ["KHR_texture_basisu", "EXT_texture_webp"] {
         let Some(object) = raw.pointer(&format!("/extensions/{extension}")) else { continue };
         let index = object.get("source").and_then(Value::as_u64).and_then(|i| usize::try_from(i).ok());
         return index
@@ -175,8 +175,8 @@ fn source(raw: &Value, json: &json::Texture) -> Result<usize, String> {
     }
     let source = json.source.value();
     if source == u32::MAX as usize {
-        let rule = "has no `source` that is read here; it must have a `source` image (PNG, JPEG, or WebP with \
-                    EXT_texture_webp); of Basis textures `gltf-transform ktxdecompress IN.glb OUT.glb` writes one";
+        let rule = "has no `source` that is read here; it must have a `source` image (PNG or JPEG, WebP with \
+                    EXT_texture_webp, or KTX 2.0 with KHR_texture_basisu)";
         return Err(rule.into());
     }
     Ok(source)

@@ -1,0 +1,72 @@
+//! Files that are damaged.
+
+use super::support::{Random, image};
+use crate::{Ktx2Error, Options, decode, encode, level_count, size};
+
+fn file(zstandard: Option<i32>) -> Vec<u8> {
+    let texels = image("alpha", 16);
+    let level = |l: u32| (16 >> l, 16 >> l, texels[..256 >> (2 * l)].to_vec());
+    encode(&[level(0), level(1)], &Options { zstandard, ..Options::new(true) }).unwrap()
+}
+
+fn with(at: usize, word: u32) -> Vec<u8> {
+    let mut bytes = file(None);
+    bytes[at..at + 4].copy_from_slice(&word.to_le_bytes());
+    bytes
+}
+
+#[test]
+fn what_the_header_claims_is_checked() {
+    assert_eq!((size(&file(None)), level_count(&file(None))), (Ok((16, 16)), Ok(2)));
+    let index = 80;
+    for (at, word, says) in [
+        (0, 0, "is no KTX 2.0 file"),
+        (12, 37, "the Vulkan format 37"),
+        (20, 0, "the size is 0 x 16"),
+        (24, 1 << 31, "sides must be in"),
+        (28, 1, "volumes, arrays and cube maps"),
+        (32, 2, "volumes, arrays and cube maps"),
+        (36, 6, "volumes, arrays and cube maps"),
+        (40, 0, "the number of mip levels is 0"),
+        (40, 6, "it must be in 1..=5"),
+        (40, 3, "the index of levels"),
+        (44, 1, "supercompression scheme 1"),
+        (48, u32::MAX, "the data format descriptor"),
+        (index, u32::MAX, "beyond the file's end"),
+        (index + 16, 272, "it must be 256"),
+        // The second level says that it is as large as a file of many gigabytes.
+        (index + 24 + 20, 99, "it must be 64"),
+    ] {
+        let error = size(&with(at, word)).unwrap_err().to_string();
+        assert!(error.contains(says), "{error} instead of {says}");
+    }
+    let error = decode(&file(None), 2).unwrap_err();
+    assert!(
+        matches!(&error, Ktx2Error::Invalid { rule, .. } if rule.contains("has no mip level 2")),
+        "{error}"
+    );
+}
+
+#[test]
+fn damage_anywhere_is_an_error_or_a_picture() {
+    let mut random = Random(29);
+    for zstandard in [None, Some(19)] {
+        let whole = file(zstandard);
+        for length in 0..whole.len() {
+            assert!(decode(&whole[..length], 0).is_err() || length + 1 > whole.len() / 2, "{length}");
+        }
+        for _ in 0..4000 {
+            let mut bytes = whole.clone();
+            for _ in 0..=random.below(3) {
+                let at = random.below(bytes.len() as u32) as usize;
+                bytes[at] = random.below(256) as u8;
+            }
+            for level in 0..2 {
+                if let Ok((width, height, texels)) = decode(&bytes, level) {
+                    assert_eq!(texels.len(), (width * height) as usize);
+                    assert!(texels.len() <= 1 << 16, "no more than the file has blocks for");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,7 @@
+//! The encoder against an independent decoder.
+
+mod blocks;
+mod damage;
+mod files;
+mod hints;
+mod support;
