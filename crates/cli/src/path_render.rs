@@ -117,6 +117,7 @@ fn figures(
         let finite = |v: f64| v.is_finite().then_some(v);
         json!({
             "used": r.used,
+            "found_light": r.found,
             "gain": finite(r.gain),
             "variance_ratio": finite(r.variance_ratio),
             "work_ratio": finite(r.work_ratio),

@@ -82,6 +82,8 @@ pub struct FlowGuide {
     frozen: Parameters,
     optimizers: [Optimizer<f32>; 2],
     steps: u64,
+    /// Whether [`Guide::learn`] was called: directions were chosen without a guide before.
+    began: bool,
 }
 
 /// Weights of the couplings followed by those of the share's affine map; the grid's table.
@@ -146,7 +148,7 @@ impl FlowGuide {
         let size = hi - lo;
         let scale = size.map(|v| if v > 0.0 && v.is_finite() { 1.0 / v } else { 0.0 });
         let frozen = live.clone();
-        Ok(Self { options, couplings, corner: lo, scale, live, frozen, optimizers, steps: 0 })
+        Ok(Self { options, couplings, corner: lo, scale, live, frozen, optimizers, steps: 0, began: false })
     }
 
     /// The options.

@@ -114,15 +114,10 @@ impl<G: Guide> DirectionSampler for Guided<'_, G> {
             let (wi, guide) = self.0.sample(local, u)?;
             let transmitted = wi.dot(at.normal) * at.wo.dot(at.normal) < 0.0;
             let weight = Vec3f::zero();
-            let sample = DirectionSample {
-                wi,
-                weight,
-                pdf: 0.0,
-                delta: false,
-                transmitted,
-                eta: 1.0,
-                preference: 1.0,
-            };
+            // Roulette has to know the factor of radiance at refraction, whoever chose the direction.
+            let eta = if transmitted { at.scattering.eta(wi) } else { 1.0 };
+            let sample =
+                DirectionSample { wi, weight, pdf: 0.0, delta: false, transmitted, eta, preference: 1.0 };
             (sample, guide)
         } else {
             let mut sample = at.scattering.sample(((lobe - share) / (1.0 - share)).min(BELOW_ONE), u)?;

@@ -27,9 +27,7 @@ mod statistics;
 
 pub use alias::{AliasError, AliasSample, AliasTable};
 pub use bilinear::Bilinear;
-pub use direction::{
-    DirectionSample, DirectionSampler, Mixture, Scattering, ScatteringSampler, UniformSphere, Vertex,
-};
+pub use direction::{DirectionSample, DirectionSampler, Scattering, ScatteringSampler, Vertex};
 pub use mis::{balance_heuristic, power_heuristic};
 pub use normal::inverse_normal_cdf;
 pub use rng::{Rng, hash, unit_f32, unit_f64};

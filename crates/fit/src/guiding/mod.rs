@@ -9,13 +9,15 @@
 //! [`Guiding::cost`], so that the decision does not depend on the machine.
 
 mod rehearsal;
+mod report;
 
 use crate::FitError;
-use photofit_flow::{FlowGuide, FlowOptions, Guide, Guided, LobeGuide, LobeOptions};
+use photofit_flow::{FlowGuide, FlowOptions, Guide, Guided, LobeGuide, LobeOptions, Record};
 use photofit_pathtrace::{Integrator, Progress, RenderOptions, Renderer, Strategy};
 use photofit_sampling::ScatteringSampler;
 use photofit_scalar::Vec3f;
 use rehearsal::{Rehearsal, Trial};
+pub use report::GuidingReport;
 use std::time::Instant;
 
 /// Tells the seeds of training and rehearsal from that of the picture.
@@ -95,8 +97,10 @@ impl GuidingOptions {
 }
 
 impl GuidingOptions {
-    /// As [`Self::new`] for a picture of known samples: training walks at most about a tenth as many paths as the picture, in
-    /// 3 to 7 rounds, and the rehearsal hardly more.
+    /// As [`Self::new`] for a picture of known samples: training walks at most a tenth as many paths as the picture, in
+    /// 3 to 7 rounds, where a tenth is enough for three. Smaller pictures (below 70 samples a pixel at 96 pixels a side)
+    /// pay for three all the same, 7 paths a pixel. The rehearsal walks 8 paths a pixel with the guide and 8 without it, from
+    /// 5 rounds on 16: more than training up to 5 rounds, less after more.
     pub fn for_picture(guiding: Guiding, options: &RenderOptions) -> Self {
         let own = Self::new(guiding);
         let scale = (own.side as f64 / options.width.max(options.height).max(1) as f64).min(1.0);
@@ -114,44 +118,6 @@ enum Trained {
     Lobes(LobeGuide),
 }
 
-/// What training came to.
-#[derive(Clone, Debug, PartialEq)]
-pub struct GuidingReport {
-    /// Which guide was trained.
-    pub guiding: Guiding,
-    /// Whether it is used.
-    pub used: bool,
-    /// Variance times work without the guide over that with it; not finite where nothing could be measured.
-    pub gain: f64,
-    /// Variance without the guide over that with it.
-    pub variance_ratio: f64,
-    /// Work of a path with the guide over that of one without.
-    pub work_ratio: f64,
-    /// Paths of training and rehearsal.
-    pub paths: u64,
-    /// Records learned from.
-    pub records: u64,
-    /// Seconds of training and rehearsal (by the clock: for reports alone).
-    pub seconds: f64,
-}
-
-impl GuidingReport {
-    /// One sentence for people.
-    pub fn sentence(&self) -> String {
-        let Self { variance_ratio, work_ratio, gain, .. } = self;
-        let name = self.guiding.name();
-        if !gain.is_finite() {
-            return format!("guiding ({name}) is off: the rehearsal found nothing to measure");
-        }
-        let figures = format!("variance / {variance_ratio:.2}, work x {work_ratio:.2}: gain {gain:.2}");
-        if self.used {
-            format!("guiding ({name}) is on: {figures}")
-        } else {
-            format!("guiding ({name}) switched itself off, it does not pay here: {figures}")
-        }
-    }
-}
-
 /// What directions of paths are chosen by.
 #[derive(Debug, Default)]
 pub struct Guidance {
@@ -167,7 +133,8 @@ impl Guidance {
 
     /// Trains and judges a guide for the render that `renderer` begins; its film stays as it is.
     ///
-    /// `stop` is asked between rounds of training; once it says true, there is no guide.
+    /// `stop` is asked before every round of training and before both halves of the rehearsal; once it says true, there is
+    /// no guide.
     ///
     /// # Errors
     /// [`FitError::PathTrace`] and [`FitError::Guide`] for options that do not work.
@@ -181,6 +148,9 @@ impl Guidance {
         }
         let began = Instant::now();
         let mut paths = 0;
+        if stop() {
+            return Ok(Self::off());
+        }
         let first = Rehearsal::new(&rehearsing(renderer, options, 0)?, 0, 1).run(&ScatteringSampler);
         paths += first.paths;
         let (lo, hi) = first.bounds();
@@ -205,16 +175,18 @@ impl Guidance {
         // Both trials take the same numbers where their paths agree, and none of training.
         let stage = rehearsing(renderer, options, u64::from(options.rounds))?;
         let judged = Rehearsal::new(&stage, 0, options.rehearsal.max(2)).without_records();
-        let (plain, guided) = (judged.run(&ScatteringSampler), state.run(&judged));
+        if stop() {
+            return Ok(Self::off());
+        }
+        let plain = judged.run(&ScatteringSampler);
+        if stop() {
+            return Ok(Self::off());
+        }
+        let guided = state.run(&judged);
         paths += plain.paths + guided.paths;
-        let variance_ratio = plain.variance(&guided) / guided.variance(&plain);
-        let work_ratio = options.guiding.cost() * guided.work as f64 / plain.work as f64;
-        let gain = variance_ratio / work_ratio;
-        let used = options.least_gain <= 0.0 || gain >= options.least_gain;
-        let seconds = began.elapsed().as_secs_f64();
-        let guiding = options.guiding;
-        let report =
-            GuidingReport { guiding, used, gain, variance_ratio, work_ratio, paths, records, seconds };
+        let report = GuidingReport { paths, records, ..GuidingReport::judge(&plain, &guided, options) };
+        let report = GuidingReport { seconds: began.elapsed().as_secs_f64(), ..report };
+        let used = report.used;
         Ok(Self { trained: used.then_some(state), report: Some(report) })
     }
 
@@ -241,19 +213,33 @@ impl Trained {
         }
     }
 
-    /// Learns from at most `most` records of the trial, evenly taken; gives their number.
+    /// Learns from at most `most` useful records of the trial; gives their number.
     fn learn(&mut self, trial: Trial, most: usize) -> Result<u64, FitError> {
-        let mut records = trial.records;
-        let every = records.len().div_ceil(most.max(1)).max(1);
-        if every > 1 {
-            records = records.into_iter().step_by(every).collect();
-        }
+        let records = thinned(trial.records, most);
         match self {
             Self::Flow(guide) => guide.learn(&records)?,
             Self::Lobes(guide) => guide.learn(&records)?,
         }
         Ok(records.len() as u64)
     }
+}
+
+/// The useful records if there are at most `most`, else so many of them: one of each of equal parts, at a place that is
+/// hashed. (A fixed step would fall into step with the vertices of paths and the columns of the picture.)
+fn thinned(mut records: Vec<Record>, most: usize) -> Vec<Record> {
+    records.retain(Record::is_useful);
+    let n = records.len();
+    if n <= most {
+        return records;
+    }
+    let bound = |part: usize| (part as u128 * n as u128 / most as u128) as usize;
+    (0..most)
+        .map(|part| {
+            let (from, to) = (bound(part), bound(part + 1));
+            let place = photofit_sampling::hash(SEED, part as u64, n as u64) % (to - from) as u64;
+            records[from + place as usize]
+        })
+        .collect()
 }
 
 /// A small render of the same view with numbers of its own.

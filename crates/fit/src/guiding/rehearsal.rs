@@ -31,9 +31,9 @@ pub(super) struct Trial {
     pub(super) paths: u64,
     /// Path vertices, and rays without one.
     pub(super) work: u64,
-    columns: usize,
+    pub(super) columns: usize,
     /// Mean luminance and variance of single samples, pixel by pixel.
-    pixels: Vec<[f64; 2]>,
+    pub(super) pixels: Vec<[f64; 2]>,
 }
 
 /// Reports to the picture and to training.
@@ -138,6 +138,11 @@ impl Trial {
     /// The box around the vertices.
     pub(super) fn bounds(&self) -> (Vec3f, Vec3f) {
         box_of(self.records.iter().map(|r| r.query.position))
+    }
+
+    /// Whether any path brought light.
+    pub(super) fn found_light(&self) -> bool {
+        self.pixels.iter().any(|[mean, _]| *mean > 0.0)
     }
 
     /// Mean over the pixels of the variance of single samples over the squared luminance around, which both trials tell.

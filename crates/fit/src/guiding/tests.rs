@@ -2,11 +2,13 @@
 
 use super::*;
 use glam::Vec3;
+use photofit_flow::Query;
 use photofit_geometry::shapes::parallelogram;
 use photofit_pathtrace::{EnvironmentMap, Material, Parts, Shape, View, World};
 use photofit_scalar::vec3;
 use photofit_scene::Camera;
 use photofit_shading::bsdf::{Bsdf, Diffuse};
+use std::cell::Cell;
 
 fn grey(v: f32) -> Material {
     Material::new(Bsdf::Diffuse(Diffuse { reflectance: Vec3f::splat(v) }))
@@ -14,23 +16,27 @@ fn grey(v: f32) -> Material {
 
 /// A closed room under an even sky that is seen through one gap in its far wall.
 fn rooms() -> World {
-    let sky = Some(EnvironmentMap::constant(Vec3f::splat(10.0)));
-    let mut parts = Parts { environment: sky, ..Parts::default() };
-    let (x, y, z) = (vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0), vec3(0.0, 0.0, 1.0));
+    let (y, z) = (vec3(0.0, 1.0, 0.0), vec3(0.0, 0.0, 1.0));
     let o = vec3(-1.0, 0.0, -0.5);
-    for (corner, a, b) in [
-        (o, z, x * 2.0),
-        (o + y, x * 2.0, z),
-        (o, x * 2.0, y),
-        (o + z, y, x * 2.0),
-        (o + x * 2.0, z, y),
-        // The far wall around the gap.
+    // The far wall around the gap.
+    room(&[
         (o, y * 0.3, z),
         (o + y * 0.7, y * 0.3, z),
         (o + y * 0.3, y * 0.4, z * 0.3),
         (o + y * 0.3 + z * 0.7, y * 0.4, z * 0.3),
-    ] {
-        parts.add(Shape::Mesh(parallelogram(corner, a, b)), grey(0.5));
+    ])
+}
+
+/// A room under an even sky, closed but for its far wall.
+fn room(wall: &[(Vec3f, Vec3f, Vec3f)]) -> World {
+    let sky = Some(EnvironmentMap::constant(Vec3f::splat(10.0)));
+    let mut parts = Parts { environment: sky, ..Parts::default() };
+    let (x, y, z) = (vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0), vec3(0.0, 0.0, 1.0));
+    let o = vec3(-1.0, 0.0, -0.5);
+    let others =
+        [(o, z, x * 2.0), (o + y, x * 2.0, z), (o, x * 2.0, y), (o + z, y, x * 2.0), (o + x * 2.0, z, y)];
+    for (corner, a, b) in others.iter().chain(wall) {
+        parts.add(Shape::Mesh(parallelogram(*corner, *a, *b)), grey(0.5));
     }
     World::new(parts).unwrap()
 }
@@ -142,8 +148,104 @@ fn training_is_a_part_of_the_picture() {
     for (side, spp, rounds) in
         [(96, 16, 3), (96, 64, 3), (96, 256, 4), (96, 1024, 6), (96, 4096, 7), (960, 16, 7), (32, 256, 4)]
     {
-        let found = GuidingOptions::for_picture(Guiding::Lobes, &options(side, spp, 0)).rounds;
-        assert_eq!(found, rounds, "{side} pixels, {spp} samples");
+        let found = GuidingOptions::for_picture(Guiding::Lobes, &options(side, spp, 0));
+        assert_eq!(found.rounds, rounds, "{side} pixels, {spp} samples");
+        let pixels = |side: usize| (side * side) as f64;
+        let tenth = f64::from(spp) * pixels(side) / TRAINING;
+        let trained = f64::from((1 << rounds) - 1) * pixels(side.min(found.side));
+        assert!(
+            trained <= tenth || rounds == 3,
+            "{side} pixels, {spp} samples: {trained}, a tenth is {tenth}"
+        );
+    }
+    // Small pictures pay three rounds and a rehearsal, 7 and twice 8 paths a pixel.
+    let world = rooms();
+    let renderer = Renderer::new(&world, &inside(), options(16, 4, 1)).unwrap();
+    let least = GuidingOptions::for_picture(Guiding::Lobes, renderer.options());
+    let guidance = Guidance::train(&renderer, &least, || false).unwrap();
+    assert_eq!(guidance.report().unwrap().paths, (7 + 16) * 16 * 16);
+}
+
+#[test]
+fn training_stops_where_it_is_told_to() {
+    let world = rooms();
+    let renderer = Renderer::new(&world, &inside(), options(16, 4, 1)).unwrap();
+    let stage = GuidingOptions { side: 16, rounds: 2, ..small(Guiding::Lobes) };
+    // Two rounds and both halves of the rehearsal.
+    for after in 0..=4 {
+        let asked = Cell::new(0);
+        let stop = || asked.replace(asked.get() + 1) == after;
+        let guidance = Guidance::train(&renderer, &stage, stop).unwrap();
+        assert_eq!(guidance.report().is_some(), after == 4, "stopped at question {after}");
+        assert_eq!(asked.get(), (after + 1).min(4), "questions");
+    }
+}
+
+#[test]
+fn useful_records_are_kept_up_to_the_number_that_is_wanted() {
+    let query = Query { position: Vec3f::zero(), normal: Vec3f::zero(), wo: Vec3f::zero(), roughness: 1.0 };
+    // Every third has light; its density tells its place.
+    let all: Vec<Record> = (0..9000)
+        .map(|i| {
+            let value = f32::from(u8::from(i % 3 == 0));
+            Record { query, wi: Vec3f::zero(), pdf: 1.0 + i as f32, value, incident: value }
+        })
+        .collect();
+    for (most, expected) in [(0, 0), (1, 1), (999, 999), (2000, 2000), (3000, 3000), (9000, 3000)] {
+        let kept = thinned(all.clone(), most);
+        assert_eq!(kept.len(), expected);
+        assert!(kept.iter().all(|r| r.value > 0.0) && kept.windows(2).all(|w| w[0].pdf < w[1].pdf));
+    }
+    let kept = thinned(all, 1000);
+    let steps: Vec<f32> = kept.windows(2).map(|w| w[1].pdf - w[0].pdf).collect();
+    assert!(steps.iter().all(|s| *s <= 15.0) && steps.iter().any(|s| *s != 9.0), "even, without a beat");
+}
+
+#[test]
+fn no_light_and_no_noise_are_judged_and_told() {
+    // Pixels of a mean luminance and a variance, of the trial without the guide and of that with it.
+    let trial = |pixel: [f64; 2]| Trial { columns: 4, work: 16, pixels: vec![pixel; 16], ..Trial::default() };
+    let judged = |plain, guided, least_gain| {
+        let options = GuidingOptions { least_gain, ..GuidingOptions::new(Guiding::Lobes) };
+        GuidingReport::judge(&trial(plain), &trial(guided), &options)
+    };
+    let (dark, noisy, even) = ([0.0, 0.0], [1.0, 4.0], [1.0, 0.0]);
+    for (plain, guided, used, gain, why) in [
+        (noisy, [1.0, 1.0], true, 2.5, "gain 2.50"),
+        (noisy, noisy, false, 0.625, "gain 0.62"),
+        (noisy, even, true, f64::INFINITY, "no noise with it"),
+        (even, noisy, false, 0.0, "gain 0.00"),
+        (even, even, false, f64::NAN, "no noise"),
+        (dark, noisy, true, f64::INFINITY, "light with it alone"),
+        (noisy, dark, false, 0.0, "light without it alone"),
+        (dark, dark, false, f64::NAN, "no light"),
+    ] {
+        for (least_gain, used) in [(1.15, used), (0.0, true)] {
+            let report = judged(plain, guided, least_gain);
+            let sentence = report.sentence();
+            let same = (report.gain - gain).abs() < 1e-9
+                || report.gain == gain
+                || report.gain.is_nan() && gain.is_nan();
+            assert!(same && report.used == used, "{plain:?} {guided:?}: {report:?}");
+            assert_eq!(sentence.contains(" is on: "), used, "{sentence}");
+            assert_eq!(sentence.contains(" off"), !used, "{sentence}");
+            assert!(sentence.ends_with(why), "{sentence}");
+        }
+    }
+}
+
+#[test]
+fn a_room_without_light_has_no_guide() {
+    let world = room(&[(vec3(-1.0, 0.0, -0.5), vec3(0.0, 1.0, 0.0), vec3(0.0, 0.0, 1.0))]);
+    for guiding in [Guiding::Flow, Guiding::Lobes] {
+        let renderer = Renderer::new(&world, &inside(), options(16, 4, 1)).unwrap();
+        let stage = GuidingOptions { side: 16, rounds: 3, ..GuidingOptions::new(guiding) };
+        let guidance = Guidance::train(&renderer, &stage, || false).unwrap();
+        let report = guidance.report().unwrap();
+        assert!(!report.used && report.found == [false; 2] && report.records == 0, "{}", report.sentence());
+        assert!(
+            guidance.trained.is_none() && report.sentence().ends_with("is off: the rehearsal found no light")
+        );
     }
 }
 

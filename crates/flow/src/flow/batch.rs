@@ -17,10 +17,10 @@ const ALONE: f32 = 0.5;
 
 /// A record as a step needs it.
 #[derive(Clone, Copy)]
-struct Example {
+pub(super) struct Example {
     record: Record,
     /// The density of the scattering function, and of the integrand over what was sampled.
-    other: f32,
+    pub(super) other: f32,
     weight: f32,
 }
 
@@ -36,6 +36,7 @@ impl FlowGuide {
     pub(super) fn train(&mut self, records: &[Record]) -> Result<(), FlowError> {
         let mut examples: Vec<Example> =
             records.par_iter().filter(|r| r.is_useful()).map(|r| self.example(r)).collect();
+        self.began = true;
         for pass in 0..self.options.passes {
             Rng::new(self.options.seed ^ self.steps, 0x0b47 + u64::from(pass)).shuffle(&mut examples);
             for batch in examples.chunks(self.options.batch) {
@@ -50,11 +51,11 @@ impl FlowGuide {
     }
 
     /// What the scattering function alone would have done: the guide's part is taken out of the density of the mixture.
-    fn example(&self, r: &Record) -> Example {
+    pub(super) fn example(&self, r: &Record) -> Example {
         let local = self.local(&r.query);
         let (share, guide) = (self.share(&local), self.pdf(&local, r.wi));
         // A record of another sampler (no guide in its density) may leave less than nothing.
-        let other = if self.steps == 0 { r.pdf } else { (r.pdf - share * guide).max(0.0) / (1.0 - share) };
+        let other = if !self.began { r.pdf } else { (r.pdf - share * guide).max(0.0) / (1.0 - share) };
         Example { record: *r, other, weight: r.value / r.pdf }
     }
 

@@ -192,6 +192,18 @@ fn shares_follow_what_pays() {
 }
 
 #[test]
+fn a_first_call_without_light_counts_as_the_first() {
+    let mut guide = guide(FlowOptions::default());
+    let record = records(1, 1)[0];
+    assert_eq!(guide.example(&record).other, record.pdf, "no guide had a part in the first records");
+    guide.learn(&[Record { value: 0.0, ..record }]).unwrap();
+    let local = guide.local(&record.query);
+    let (share, part) = (guide.share(&local), guide.pdf(&local, record.wi));
+    let expected = (record.pdf - share * part).max(0.0) / (1.0 - share);
+    assert!((guide.example(&record).other - expected).abs() <= 1e-6 * record.pdf && part > 0.0);
+}
+
+#[test]
 fn extreme_records_leave_a_usable_guide() {
     let usable = |name: &str, guide: &FlowGuide| {
         let mut rng = Rng::new(8, 0);

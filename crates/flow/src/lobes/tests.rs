@@ -1,7 +1,11 @@
 //! Lobes as a guide: densities, learning, threads, stress.
 
+use super::mixture::LOBES;
 use super::*;
-use photofit_sampling::{Rng, chi_square, uniform_sphere, uniform_sphere_pdf};
+use crate::guide::SHARE;
+use photofit_sampling::{
+    Rng, chi_square, cosine_hemisphere, cosine_hemisphere_pdf, uniform_sphere, uniform_sphere_pdf,
+};
 use photofit_scalar::vec3;
 use std::f32::consts::TAU;
 
@@ -122,4 +126,146 @@ fn extreme_records_leave_a_usable_guide() {
     let mut narrow = records(5000, 1, 1.0);
     narrow.iter_mut().for_each(|r| r.wi = vec3(0.0, 0.6, 0.8));
     usable("one direction", &trained(&narrow));
+}
+
+/// Records of a surface that scatters like the cosine, along directions of its mixture with the guide; `unguided` without.
+fn on_matte(
+    guide: &LobeGuide,
+    n: usize,
+    seed: u64,
+    unguided: bool,
+    light: impl Fn(Vec3f) -> f32,
+) -> Vec<Record> {
+    (0..n as u64)
+        .map(|i| {
+            let mut rng = Rng::new(seed, i);
+            let mut next = || rng.next_f32();
+            let query = Query { position: vec3(next(), next(), next()), ..at(0.0) };
+            let local = guide.local(&query);
+            let share = if unguided { 0.0 } else { guide.share(&local) };
+            let wi = if next() < share {
+                guide.sample(&local, [next(), next()]).unwrap().0
+            } else {
+                cosine_hemisphere([next(), next()])
+            };
+            let own = cosine_hemisphere_pdf(wi.z);
+            let pdf = (1.0 - share) * own + share * guide.pdf(&local, wi);
+            let incident = light(wi);
+            Record { query, wi, pdf, value: incident * own, incident }
+        })
+        .collect()
+}
+
+/// A narrow light in the direction of this unit vector.
+fn spot(towards: Vec3f) -> impl Fn(Vec3f) -> f32 {
+    move |wi| (200.0 * (towards.dot(wi) - 1.0)).exp() + 1e-3
+}
+
+fn mean_share(guide: &LobeGuide) -> f32 {
+    guide.leaves.iter().map(|l| l.share).sum::<f32>() / guide.leaves() as f32
+}
+
+#[test]
+fn what_lobes_learn_by_heart_does_not_raise_their_share() {
+    // Even light on a matte surface: nothing is better than its own directions.
+    let mut guide = LobeGuide::new(LobeOptions::default());
+    for round in 0..3 {
+        let data = on_matte(&guide, 4000 << round, 20 + round, round == 0, |_| 1.0);
+        guide.learn(&data).unwrap();
+        let share = mean_share(&guide);
+        assert!(guide.leaves() > 30 && share < 0.2, "round {round}: share {share}");
+    }
+}
+
+#[test]
+fn shares_rise_and_fall_with_what_the_lobes_are_worth() {
+    let options = LobeOptions { leaf_records: 1000, ..LobeOptions::default() };
+    let mut guide = LobeGuide::new(options);
+    let towards = spot(vec3(0.8, 0.0, 0.6));
+    guide.learn(&on_matte(&guide, 4000, 1, true, &towards)).unwrap();
+    guide.learn(&on_matte(&guide, 4000, 2, false, &towards)).unwrap();
+    let high = mean_share(&guide);
+    assert!(high > 0.49, "a narrow light: {high}");
+    // The light goes, an even one comes: what the lobes know is worth nothing.
+    for round in 0..3 {
+        guide.learn(&on_matte(&guide, 4000, 3 + round, false, |_| 1.0)).unwrap();
+    }
+    let low = mean_share(&guide);
+    assert!(low < 0.1, "an even light: {low}");
+    // A guide that stays with one leaf and a small share has learned all the same.
+    let mut one = LobeGuide::new(LobeOptions { leaf_records: usize::MAX, ..options });
+    one.learn(&on_matte(&one, 4000, 1, true, |_| 1.0)).unwrap();
+    assert!(one.leaves() == 1 && one.began && mean_share(&one) < 0.1, "{}", mean_share(&one));
+}
+
+#[test]
+fn shares_have_no_better_neighbours() {
+    let mut guide = LobeGuide::new(LobeOptions { leaf_records: usize::MAX, ..LobeOptions::default() });
+    let data = on_matte(&guide, 4000, 1, true, |wi| 1.0 + 3.0 * wi.x.max(0.0));
+    guide.learn(&data).unwrap();
+    let next = on_matte(&guide, 40_000, 2, false, |wi| 1.0 + 3.0 * wi.x.max(0.0));
+    let before = guide.clone();
+    guide.learn(&next).unwrap();
+    let likelihood = |s: f32| {
+        let terms = next.iter().map(|r| {
+            let local = before.local(&r.query);
+            let mixture = s * before.pdf(&local, r.wi) + (1.0 - s) * cosine_hemisphere_pdf(r.wi.z);
+            f64::from(r.value / r.pdf) * f64::from(mixture).ln()
+        });
+        terms.sum::<f64>()
+    };
+    let share = mean_share(&guide);
+    for other in [share - 0.05, share + 0.05] {
+        assert!(likelihood(share) >= likelihood(other.clamp(SHARE[0], SHARE[1])), "{share} {other}");
+    }
+}
+
+#[test]
+fn earlier_rounds_are_remembered_by_half_of_what_they_gathered() {
+    let options = LobeOptions { leaf_records: usize::MAX, ..LobeOptions::default() };
+    let seen = |guide: &LobeGuide| guide.leaves[0].seen;
+    let (here, there) = (vec3(0.8, 0.0, 0.6), vec3(-0.8, 0.0, 0.6));
+    let mut guide = LobeGuide::new(options);
+    guide.learn(&on_matte(&guide, 4000, 1, true, spot(here))).unwrap();
+    let first = seen(&guide);
+    guide.learn(&on_matte(&guide, 40, 2, false, spot(there))).unwrap();
+    let second = seen(&guide);
+    assert!((0.5 * first..0.5 * first + 40.5).contains(&second), "{first} {second}");
+    // Forty records do not undo four thousand, as many do.
+    let pdf = |guide: &LobeGuide, wi| guide.pdf(&guide.local(&at(0.5)), wi);
+    assert!(pdf(&guide, here) > 5.0 * pdf(&guide, there));
+    for round in 0..3 {
+        guide.learn(&on_matte(&guide, 4000, 3 + round, false, spot(there))).unwrap();
+    }
+    assert!(pdf(&guide, there) > 5.0 * pdf(&guide, here));
+    // A record that is cut does not count for those that it drowns.
+    let mut hot = on_matte(&LobeGuide::new(options), 1000, 1, true, |_| 1e-6);
+    (hot[9].value, hot[9].incident) = (1e3, 1e3);
+    let mut guide = LobeGuide::new(options);
+    guide.learn(&hot).unwrap();
+    assert!(seen(&guide) < 21.0, "{}", seen(&guide));
+}
+
+#[test]
+fn leaves_are_split_where_both_sides_can_learn() {
+    let options = LobeOptions::default();
+    let count = |guide: &LobeGuide, data: &[Record]| {
+        let mut counts = vec![0; guide.leaves()];
+        data.iter().for_each(|r| counts[guide.leaf(r.query.position)] += 1);
+        counts
+    };
+    // A crowd in a corner, and few far away that pull the mean out of it.
+    let mut data: Vec<Record> = records(2000, 1, 1.0).into_iter().filter(Record::is_useful).collect();
+    for r in &mut data {
+        r.query.position *= 1e-2;
+    }
+    data[..5].iter_mut().for_each(|r| r.query.position.x += 1e3);
+    let guide = trained(&data);
+    let counts = count(&guide, &data);
+    assert!(counts.iter().all(|n| *n >= options.least_records), "{counts:?}");
+    assert!(counts.iter().all(|n| *n <= options.leaf_records), "the crowd is split all the same: {counts:?}");
+    // Too many at one place leave nowhere to split.
+    let mut place = data.clone();
+    place[20..].iter_mut().for_each(|r| r.query.position = Vec3f::splat(0.5));
+    assert_eq!(trained(&place).leaves(), 1);
 }

@@ -6,10 +6,38 @@ use crate::{
     Boundary, BoundedMedium, Contribution, EnvironmentMap, Found, Material, Parts, PathVertex, RenderOptions,
     Renderer, Shape, Sink, TrainingSink, View, World,
 };
+use photofit_flow::{FlowError, Guide, Guided, Query, Record as Learned};
 use photofit_image::Image;
-use photofit_sampling::{DirectionSampler, Mixture, ScatteringSampler, UniformSphere};
+use photofit_sampling::{DirectionSampler, ScatteringSampler, uniform_sphere, uniform_sphere_pdf};
 use photofit_scalar::{Vec3f, vec3};
-use photofit_shading::bsdf::{Bsdf, Dielectric, Energy, Null, TransportMode};
+use photofit_shading::bsdf::{
+    Bsdf, Dielectric, Distribution, Energy, Microfacet, Null, RoughDielectric, TransportMode,
+};
+
+/// A guide that knows nothing: all directions alike, with a given share.
+struct Uniform(f32);
+
+impl Guide for Uniform {
+    type Local = ();
+
+    fn local(&self, _: &Query) {}
+
+    fn share(&self, _: &()) -> f32 {
+        self.0
+    }
+
+    fn sample(&self, _: &(), u: [f32; 2]) -> Option<(Vec3f, f32)> {
+        Some((uniform_sphere(u), uniform_sphere_pdf()))
+    }
+
+    fn pdf(&self, _: &(), _: Vec3f) -> f32 {
+        uniform_sphere_pdf()
+    }
+
+    fn learn(&mut self, _: &[Learned]) -> Result<(), FlowError> {
+        Ok(())
+    }
+}
 
 /// Keeps everything.
 #[derive(Default)]
@@ -44,14 +72,15 @@ fn near(what: &str, a: Vec3f, b: Vec3f) {
     }
 }
 
-/// Balls of glass, metal and plaster on a floor, with a lamp, under a sky.
-fn mixed() -> World {
+/// Balls of glass (frosted with this alpha), metal and plaster on a floor, with a lamp, under a sky.
+fn mixed(alpha: f32) -> World {
     let mut parts = Parts::default();
     let ground = quad(vec3(-3.0, 0.0, -3.0), vec3(0.0, 0.0, 6.0), vec3(6.0, 0.0, 0.0));
     place(&mut parts, ground, Material::new(diffuse(0.5, 0.6, 0.4)));
     let one = Vec3f::splat(1.0);
     let glass = Dielectric { ior: 1.5, reflectance: one, transmittance: one, mode: TransportMode::Radiance };
-    let mut tinted = Material::new(Bsdf::Dielectric(glass));
+    let surface = Microfacet::isotropic(Distribution::Ggx, alpha);
+    let mut tinted = Material::new(Bsdf::RoughDielectric(RoughDielectric { glass, surface }));
     tinted.absorption = vec3(0.2, 1.0, 2.0);
     let kinds = [
         tinted,
@@ -90,7 +119,7 @@ fn from_above() -> View {
 fn contributions_sum_up_to_the_picture() {
     let cases = [
         ("box", World::new(cornell()).unwrap(), cornell_view()),
-        ("mixed", mixed(), from_above()),
+        ("mixed", mixed(0.0), from_above()),
         ("fog", foggy(), cornell_view()),
     ];
     const SPP: u32 = 8;
@@ -137,7 +166,8 @@ fn recorded_radiance_is_what_arrives() {
     let mut options = square(16, 64);
     options.path.max_depth = 100;
     let renderer = Renderer::new(&world, &view, options).unwrap();
-    let guided = Mixture { first: ScatteringSampler, second: UniformSphere, share: 0.4 };
+    let guide = Uniform(0.4);
+    let guided = Guided(&guide);
     for (name, mean) in [
         ("scattering", mean_of_vertices(&renderer, &ScatteringSampler)),
         ("mixture", mean_of_vertices(&renderer, &guided)),
@@ -204,10 +234,13 @@ fn rendered_with(
 #[test]
 fn other_direction_samplers_give_the_same_picture() {
     const SPP: u32 = 256;
-    let sampler = Mixture { first: ScatteringSampler, second: UniformSphere, share: 0.35 };
-    for (name, world, view) in
-        [("box", World::new(cornell()).unwrap(), cornell_view()), ("mixed", mixed(), from_above())]
-    {
+    let guide = Uniform(0.35);
+    let sampler = Guided(&guide);
+    for (name, world, view) in [
+        ("box", World::new(cornell()).unwrap(), cornell_view()),
+        ("mixed", mixed(0.0), from_above()),
+        ("frosted", mixed(0.4), from_above()),
+    ] {
         let options = |seed| {
             let mut options = RenderOptions { seed, ..square(16, SPP) };
             options.path.max_depth = 4;

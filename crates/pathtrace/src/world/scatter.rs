@@ -140,6 +140,13 @@ impl SurfaceMaterial<'_> {
         self.bsdf.transmits() || self.second.is_some_and(|(b, _)| b.transmits())
     }
 
+    /// Index of refraction on the other side over that on the side of `wo`, in the frame: that of the first BSDF that
+    /// refracts.
+    pub(crate) fn eta(&self, wo: Vec3f) -> f32 {
+        let first = self.bsdf.eta(wo);
+        if first == 1.0 { self.second.map_or(1.0, |(b, _)| b.eta(wo)) } else { first }
+    }
+
     /// Whether a number has to choose among lobes.
     #[inline(always)]
     pub(crate) fn has_lobes(&self) -> bool {
@@ -193,6 +200,11 @@ impl Scattering for SurfaceScattering<'_> {
     #[inline(always)]
     fn eval_pdf(&self, wi: Vec3f) -> (Vec3f, f32) {
         self.material.eval_pdf(self.wo, self.material.to_local(wi))
+    }
+
+    #[inline]
+    fn eta(&self, wi: Vec3f) -> f32 {
+        if self.crosses(wi) { self.material.eta(self.wo) } else { 1.0 }
     }
 
     #[inline(always)]

@@ -66,6 +66,11 @@ impl<T: Real> Scatter<T> for Dielectric<T> {
     }
 
     #[inline]
+    fn eta(&self, wo: Vec3<T>) -> T {
+        self.sides(wo).0
+    }
+
+    #[inline]
     fn albedo(&self, wo: Vec3<T>) -> Vec3<T> {
         let (eta, up, _) = self.sides(wo);
         let f = fresnel_dielectric(up.z, eta);
@@ -221,6 +226,11 @@ impl<T: Real> Scatter<T> for RoughDielectric<T> {
     #[inline]
     fn transmits(&self) -> bool {
         true
+    }
+
+    #[inline]
+    fn eta(&self, wo: Vec3<T>) -> T {
+        self.glass.eta(wo)
     }
 
     #[inline]

@@ -99,6 +99,13 @@ pub trait Scatter<T: Real> {
     /// Part of uniform incident light that is scattered towards `wo`, approximately: for albedo images.
     fn albedo(&self, wo: Vec3<T>) -> Vec3<T>;
 
+    /// Index of refraction on the other side over that on the side of `wo`, as samples that pass tell it
+    /// ([`BsdfSample::eta`]): for directions that something else chose. 1 where nothing is refracted.
+    #[inline]
+    fn eta(&self, _wo: Vec3<T>) -> T {
+        T::one()
+    }
+
     /// `f(wo, wi) |cos theta_i|` without delta lobes.
     #[inline]
     fn eval(&self, wo: Vec3<T>, wi: Vec3<T>) -> Vec3<T> {
@@ -187,6 +194,12 @@ impl<T: Real> Bsdf<T> {
     #[inline]
     pub fn sample(&self, wo: Vec3<T>, lobe: T, u: [T; 2]) -> Option<BsdfSample<T>> {
         each!(self, b => Scatter::<T>::sample(b, wo, lobe, u))
+    }
+
+    /// Index of refraction on the other side over that on the side of `wo`; 1 where nothing is refracted.
+    #[inline]
+    pub fn eta(&self, wo: Vec3<T>) -> T {
+        each!(self, b => Scatter::<T>::eta(b, wo))
     }
 
     /// Whether all lobes are delta lobes: next-event estimation is in vain.

@@ -327,6 +327,16 @@ impl<T: Real> Scatter<T> for Principled<T> {
     }
 
     #[inline]
+    fn eta(&self, wo: Vec3<T>) -> T {
+        let (one, below) = (T::one(), wo.z < T::zero());
+        match self.refracted() > T::zero() {
+            false => one,
+            true if below => one / self.p.eta,
+            true => self.p.eta,
+        }
+    }
+
+    #[inline]
     fn albedo(&self, wo: Vec3<T>) -> Vec3<T> {
         let f = self.fresnel(wo.z.abs());
         let rest = T::one() - f.x;

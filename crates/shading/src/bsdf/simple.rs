@@ -106,6 +106,11 @@ impl<T: Real, B: Scatter<T>> Scatter<T> for TwoSided<B> {
     }
 
     #[inline]
+    fn eta(&self, wo: Vec3<T>) -> T {
+        self.0.eta(if wo.z < T::zero() { mirror_z(wo) } else { wo })
+    }
+
+    #[inline]
     fn albedo(&self, wo: Vec3<T>) -> Vec3<T> {
         self.0.albedo(if wo.z < T::zero() { mirror_z(wo) } else { wo })
     }

@@ -211,23 +211,28 @@ impl<T: Real> GltfBsdf<T> {
         }
     }
 
+    /// Index of refraction on the other side over that on the side of the viewer, who may look from below; 1 without
+    /// volume.
+    #[inline(always)]
+    pub(super) fn eta_from(&self, below: bool) -> T {
+        match (self.uses(VOLUME), below) {
+            (false, _) => T::one(),
+            (true, false) => self.ior,
+            (true, true) => T::one() / self.ior,
+        }
+    }
+
     /// `None` where nothing is scattered towards `wo`.
     #[inline]
     pub(super) fn prepare(&self, wo: Vec3<T>) -> Option<Prepared<T>> {
-        let (zero, one) = (T::zero(), T::one());
+        let zero = T::zero();
         let mirrored = wo.z < zero;
         let usable = wo.z > zero || mirrored && self.uses(TRANSMISSION);
         if !usable {
             return None;
         }
         let inside = mirrored && self.uses(VOLUME);
-        let eta = if !self.uses(VOLUME) {
-            one
-        } else if inside {
-            one / self.ior
-        } else {
-            self.ior
-        };
+        let eta = self.eta_from(mirrored);
         let flip = |v: Vec3<T>| if mirrored { mirror_z(v) } else { v };
         let wo = self.turn(flip(wo));
         let coat_normal = self.turn(flip(self.coat.normal));

@@ -129,6 +129,11 @@ impl<T: Real> Scatter<T> for GltfBsdf<T> {
         self.uses(TRANSMISSION)
     }
 
+    #[inline]
+    fn eta(&self, wo: Vec3<T>) -> T {
+        self.eta_from(wo.z < T::zero())
+    }
+
     fn albedo(&self, wo: Vec3<T>) -> Vec3<T> {
         let Some(p) = self.prepare(wo) else { return Vec3::zero() };
         let albedo = self.albedos(self.f0, self.f90);

@@ -84,3 +84,22 @@ fn samples_of_random_directions_have_bounded_weights() {
         assert!(largest < 20.0, "{}: {largest}", case.name);
     }
 }
+
+#[test]
+fn samples_that_pass_tell_the_index_of_refraction_of_the_surface() {
+    let mut random = Uniform::new(11);
+    let mut refracting = 0;
+    for case in all::<f32>() {
+        for wo in directions() {
+            for _ in 0..20 {
+                let mut number = || (random.range(0.0, 1.0) as f32).min(NEARLY_ONE);
+                let Some(s) = case.bsdf.sample(wo, number(), [number(), number()]) else { continue };
+                let passes = s.wi.z * wo.z < 0.0;
+                let expected = if passes { case.bsdf.eta(wo) } else { 1.0 };
+                assert_eq!(s.eta, expected, "{} from {wo:?} to {:?}", case.name, s.wi);
+                refracting += usize::from(s.eta != 1.0);
+            }
+        }
+    }
+    assert!(refracting > 100, "{refracting}");
+}

@@ -1,0 +1,68 @@
+//! Whether a guide pays, and how that is told.
+
+use super::rehearsal::Trial;
+use super::{Guiding, GuidingOptions};
+
+/// What training came to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GuidingReport {
+    /// Which guide was trained.
+    pub guiding: Guiding,
+    /// Whether it is used.
+    pub used: bool,
+    /// Whether the rehearsal found light without the guide, and with it.
+    pub found: [bool; 2],
+    /// Variance times work without the guide over that with it: infinite where light was found with it alone, or nothing
+    /// varies with it; 0 where light was found without it alone; not a number without light, or where nothing varies.
+    pub gain: f64,
+    /// Variance without the guide over that with it; infinite, 0 and not a number as [`Self::gain`].
+    pub variance_ratio: f64,
+    /// Work of a path with the guide over that of one without.
+    pub work_ratio: f64,
+    /// Paths of training and rehearsal.
+    pub paths: u64,
+    /// Records learned from.
+    pub records: u64,
+    /// Seconds of training and rehearsal (by the clock: for reports alone).
+    pub seconds: f64,
+}
+
+impl GuidingReport {
+    /// Compares the two trials of a rehearsal; counts and seconds of training are left at 0.
+    ///
+    /// A sampler that finds no light has no variance, which is no merit: it loses against one that finds some. Where both
+    /// find none there is nothing that speaks for a guide.
+    pub(super) fn judge(plain: &Trial, guided: &Trial, options: &GuidingOptions) -> Self {
+        let found = [plain.found_light(), guided.found_light()];
+        let variance_ratio = match found {
+            [true, true] => plain.variance(guided) / guided.variance(plain),
+            [false, true] => f64::INFINITY,
+            [true, false] => 0.0,
+            [false, false] => f64::NAN,
+        };
+        let guiding = options.guiding;
+        let work_ratio = guiding.cost() * guided.work as f64 / plain.work as f64;
+        let gain = variance_ratio / work_ratio;
+        let used = options.least_gain <= 0.0 || gain >= options.least_gain;
+        Self { guiding, used, found, gain, variance_ratio, work_ratio, paths: 0, records: 0, seconds: 0.0 }
+    }
+
+    /// One sentence for people.
+    pub fn sentence(&self) -> String {
+        let Self { variance_ratio, work_ratio, gain, .. } = self;
+        let why = match self.found {
+            [false, false] => "the rehearsal found no light".to_owned(),
+            [false, true] => "the rehearsal found light with it alone".to_owned(),
+            [true, false] => "the rehearsal found light without it alone".to_owned(),
+            [true, true] if gain.is_nan() => "the rehearsal found no noise".to_owned(),
+            [true, true] if gain.is_infinite() => "the rehearsal found no noise with it".to_owned(),
+            [true, true] => format!("variance / {variance_ratio:.2}, work x {work_ratio:.2}: gain {gain:.2}"),
+        };
+        let state = match self.used {
+            true => "is on",
+            false if gain.is_nan() => "is off",
+            false => "switched itself off, it does not pay here",
+        };
+        format!("guiding ({}) {state}: {why}", self.guiding.name())
+    }
+}
