@@ -198,7 +198,7 @@ pub(crate) struct Simplify {
     #[arg(long, value_name = "N", value_parser = whole::<usize>(1..))]
     pub(crate) triangles: Option<usize>,
     /// Budget: at most this share of the asset's triangles [range: more than 0, at most 1] [default: 0.03 when no budget
-    /// is given].
+    /// is given, nor --max-bytes].
     #[arg(long, value_name = "R", value_parser = number(above_to(0.0, 1.0)))]
     pub(crate) ratio: Option<f64>,
     /// Budget: as few triangles as keep the geometric error below this share of the bounding diagonal [range: more than
@@ -267,7 +267,8 @@ pub(crate) struct Simplify {
     #[arg(long, value_name = "Q", conflicts_with = "jpeg", value_parser = whole::<u8>(1..=100))]
     pub(crate) texture_quality: Option<u8>,
     /// Most bytes of the file, of each level of --lod: textures are halved and stored with loss as far as is needed, in the way
-    /// that looks best in held-out views; as JPEG, or also as WebP with --textures webp, or as KTX 2.0 with --textures ktx2 [range: at least 1] [default: no limit].
+    /// that looks best in held-out views; as JPEG, or also as WebP with --textures webp, or as KTX 2.0 with --textures ktx2. Without
+    /// another budget the asset keeps as many triangles as fit into half of the bytes [range: at least 1] [default: no limit].
     #[arg(long, value_name = "N", conflicts_with_all = ["jpeg", "texture_quality"], value_parser = whole::<u64>(1..))]
     pub(crate) max_bytes: Option<u64>,
     /// Light while fitting and judging.

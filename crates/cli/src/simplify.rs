@@ -67,8 +67,11 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
     if let Target::ScreenSize(pixels) = target {
         default = default.for_screen_size(pixels);
     }
+    let budget = [a.triangles.is_some(), a.ratio.is_some(), a.error.is_some(), a.screen_size.is_some()];
+    let given = budget.contains(&true) || !a.lod.is_empty();
     Ok(SimplifyOptions {
         target,
+        triangles_by_bytes: a.max_bytes.is_some() && !given,
         init: match a.init {
             Start::Decimate => Init::Decimate,
             Start::Sphere => Init::Sphere,

@@ -15,7 +15,7 @@ use crate::engine::reference::Reference;
 use crate::engine::views::Orbit;
 use crate::{FitError, Progress};
 use allocation::Way;
-use photofit_scene::{Compression, Scene, TextureEncoding, TextureImage, to_glb_with};
+use photofit_scene::{Compression, Material, Scene, TextureEncoding, TextureImage, to_glb_with};
 use rayon::prelude::*;
 
 /// Qualities of lossy encodings that are tried where exact textures are too large, best first.
@@ -120,6 +120,28 @@ pub(super) fn within(
             Ok(fitting.swap_remove(best))
         }
     }
+}
+
+/// Part of a file's bytes that geometry may take where the budget of triangles follows from bytes.
+const GEOMETRY: f64 = 0.5;
+
+/// The triangles of an asset whose geometry takes [`GEOMETRY`] of `most` bytes, all where it takes less. Bytes are those of the
+/// whole geometry as it is written, and taken to follow the number of triangles.
+///
+/// # Errors
+/// If the geometry cannot be written.
+pub(super) fn triangles_within(
+    scene: &Scene,
+    most: u64,
+    compression: Compression,
+) -> Result<usize, FitError> {
+    let all = scene.triangle_count();
+    let mut bare = scene.clone();
+    bare.materials.iter_mut().for_each(|m| *m = Material::default());
+    bare.images.clear();
+    let bytes = to_glb_with(&bare, compression)?.len();
+    let part = GEOMETRY * most as f64 / bytes as f64;
+    Ok(((all as f64 * part) as usize).clamp(1, all))
 }
 
 /// The encoding that loses most: JPEG does not where it cannot hold alpha.

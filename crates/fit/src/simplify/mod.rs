@@ -65,9 +65,18 @@ pub fn simplify(
 ) -> Result<Outcome, FitError> {
     let began = Instant::now();
     options.check(scene.triangle_count())?;
+    let mut options = options.clone();
+    if let Some(most) = options.max_bytes.filter(|_| options.triangles_by_bytes) {
+        options.target = Target::Triangles(byte_budget::triangles_within(scene, most, options.compression)?);
+    }
     let (target, told) = options.sane_target(scene.triangle_count());
     told.iter().for_each(|t| progress.warn(t));
-    let options = &SimplifyOptions { target, ..options.clone() };
+    options.target = target;
+    // Nothing is missing that a fit could make up for: textures alone are reduced.
+    if target == Target::Triangles(scene.triangle_count()) && options.keeps_all(scene) {
+        options.steps = 0;
+    }
+    let options = &options;
     with_asset(scene, progress, |asset| simplify_asset(asset, None, output, options, began, progress))
 }
 

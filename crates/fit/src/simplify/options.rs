@@ -64,6 +64,9 @@ pub struct SimplifyOptions {
     /// Most bytes of the written file: sizes of textures and their encoding ([`Self::texture_encoding`], or JPEG where that
     /// is too large) are chosen so that it fits with the least loss.
     pub max_bytes: Option<u64>,
+    /// Whether the triangles follow from [`Self::max_bytes`] instead of [`Self::target`]: as many as fit into half of it, all
+    /// where they do.
+    pub triangles_by_bytes: bool,
     /// Views of the report.
     pub report_views: u64,
     /// Whether the asset's own texture coordinates, textures and materials on fewer triangles, the textures reduced to
@@ -97,6 +100,7 @@ impl Default for SimplifyOptions {
             checkpoint: None,
             resume: false,
             max_bytes: None,
+            triangles_by_bytes: false,
             report_views: 8,
             own_textures: true,
             judge: JudgeRenderer::Auto,
@@ -227,6 +231,12 @@ impl SimplifyOptions {
             rule("report_views", self.report_views, self.report_views <= 256, "must be at most 256"),
             rule("judge_spp", self.judge_spp, (1..=65536).contains(&self.judge_spp), "must be 1 to 65536"),
             rule(
+                "triangles_by_bytes",
+                self.triangles_by_bytes,
+                !self.triangles_by_bytes || self.max_bytes.is_some(),
+                "needs max_bytes",
+            ),
+            rule(
                 "resume",
                 self.resume,
                 !self.resume || self.checkpoint.is_some(),
@@ -234,6 +244,11 @@ impl SimplifyOptions {
             ),
         ];
         rules.into_iter().collect()
+    }
+
+    /// Whether an asset that keeps its triangles may be written as it is, with textures in place of fitted maps.
+    pub(super) fn keeps_all(&self, scene: &Scene) -> bool {
+        self.triangles_by_bytes && self.own_textures && !self.as_engine && beyond_rasterizer(scene).is_empty()
     }
 
     /// The budget that is meant: a share of the triangles of an asset never leaves fewer than [`FEWEST`] of them, or all

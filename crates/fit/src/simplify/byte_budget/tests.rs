@@ -1,5 +1,6 @@
 //! Whole jobs within a budget of bytes.
 
+use crate::Silent;
 use crate::simplify::tests::{Heard, of, options, rock};
 use crate::simplify::{SimplifyOptions, simplify};
 use photofit_geometry::shapes::displaced_sphere;
@@ -108,4 +109,32 @@ fn images_share_a_budget_by_what_they_lose() {
         let words: Vec<&str> = third.told.split(", ").collect();
         assert!(words.len() >= 2, "images are stored apart: {}", third.told);
     }
+}
+
+#[test]
+fn triangles_follow_from_bytes_and_whole_assets_are_not_fitted() {
+    let asset = striped();
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.glb");
+    let made = |most: u64| {
+        let o = SimplifyOptions {
+            max_bytes: Some(most),
+            triangles_by_bytes: true,
+            own_textures: true,
+            steps: 2,
+            ..options()
+        };
+        let outcome = simplify(&asset, &path, &o, &Silent).unwrap();
+        (outcome, std::fs::metadata(&path).unwrap().len())
+    };
+    let all = asset.triangle_count();
+    let whole = photofit_scene::to_glb_with(&asset, photofit_scene::Compression::None).unwrap().len() as u64;
+    let (outcome, bytes) = made(2 * whole + 1000);
+    assert_eq!((outcome.triangles_out, outcome.steps, bytes <= 2 * whole), (all, 0, true));
+    assert!(outcome.stage("fitted").unwrap().psnr > 45.0, "{:?}", outcome.stages);
+    let (outcome, bytes) = made(whole);
+    assert!(outcome.steps == 2 && bytes <= whole, "{} steps, {bytes} bytes of {whole}", outcome.steps);
+    assert!((all / 3..all).contains(&outcome.triangles_out), "{} of {all}", outcome.triangles_out);
+    let alone = SimplifyOptions { triangles_by_bytes: true, ..options() };
+    assert!(alone.check(all).unwrap_err().to_string().contains("needs max_bytes"));
 }
