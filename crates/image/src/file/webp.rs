@@ -33,7 +33,7 @@ pub fn encode_webp(width: usize, height: usize, channels: usize, data: &[u8]) ->
 /// let webp = encode_webp_lossy(2, 1, 4, &[200, 100, 50, 7, 200, 100, 50, 255], 95)?;
 /// let (width, height, texels) = decode_texture(&webp, &Limits::default())?;
 /// assert!((width, height) == (2, 1) && texels[0][0].abs_diff(200) < 6);
-/// assert_eq!(texels.map(|t| t[3]).collect::<Vec<_>>(), [7, 255]);
+/// assert_eq!(texels.iter().map(|t| t[3]).collect::<Vec<_>>(), [7, 255]);
 /// # Ok::<(), photofit_image::ImageError>(())
 /// ```
 ///
