@@ -30,10 +30,11 @@ pub fn encode_webp(width: usize, height: usize, channels: usize, data: &[u8]) ->
 ///
 /// ```
 /// use photofit_image::{Limits, decode_texture, encode_webp_lossy};
-/// let webp = encode_webp_lossy(2, 1, 4, &[200, 100, 50, 7, 200, 100, 50, 255], 95)?;
-/// let (width, height, texels) = decode_texture(&webp, &Limits::default())?;
-/// assert!((width, height) == (2, 1) && texels[0][0].abs_diff(200) < 6);
-/// assert_eq!(texels.iter().map(|t| t[3]).collect::<Vec<_>>(), [7, 255]);
+/// let texels = [[200, 100, 50, 7], [200, 100, 50, 255]].concat().repeat(128);
+/// let webp = encode_webp_lossy(16, 16, 4, &texels, 95)?;
+/// let (width, height, again) = decode_texture(&webp, &Limits::default())?;
+/// assert!((width, height) == (16, 16) && again[0][0].abs_diff(200) < 6);
+/// assert_eq!((again[0][3], again[1][3]), (7, 255));
 /// # Ok::<(), photofit_image::ImageError>(())
 /// ```
 ///
