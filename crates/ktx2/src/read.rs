@@ -43,7 +43,8 @@ pub fn decode(bytes: &[u8], level: usize) -> Result<Level, Ktx2Error> {
     }
     let damaged = |_| invalid("the file", format!("is damaged: mip level {level} cannot be decoded"));
     let (width, height) = header.level_size(level);
-    let texture = Transcoder::new(bytes).map_err(damaged)?;
+    let bytes = header.only_what_is_checked(bytes);
+    let texture = Transcoder::new(&bytes).map_err(damaged)?;
     let samples =
         texture.transcode(level as u32, TargetFormat::Rgba32, DecodeFlags::NONE).map_err(damaged)?;
     let texels = samples.as_chunks::<4>().0.to_vec();
@@ -61,7 +62,12 @@ struct Header {
     width: u32,
     height: u32,
     levels: usize,
+    scheme: u32,
 }
+
+/// Places in the header: of the key/value data, and of the global data of BasisLZ.
+const KEY_VALUES: core::ops::Range<usize> = 56..64;
+const GLOBAL: core::ops::Range<usize> = 64..80;
 
 fn invalid(place: &'static str, rule: String) -> Ktx2Error {
     Ktx2Error::Invalid { place, rule }
@@ -101,7 +107,7 @@ impl Header {
             let rule = format!("is {levels}; it must be in 1..={most} for {width} x {height} texels");
             return Err(invalid("the number of mip levels", rule));
         }
-        let header = Self { width, height, levels: levels as usize };
+        let header = Self { width, height, levels: levels as usize, scheme };
         let model = header.model(bytes)?;
         match (model, scheme) {
             (MODEL_ETC1S, SCHEME_BASIS_LZ) | (MODEL_UASTC, SCHEME_NONE | SCHEME_ZSTANDARD) => {}
@@ -110,8 +116,23 @@ impl Header {
             }
             (other, _) => return Err(Ktx2Error::Unsupported(format!("textures of colour model {other}"))),
         }
+        let [at, length] = [GLOBAL.start, GLOBAL.start + 8].map(|k| long(bytes, k));
+        if scheme == SCHEME_BASIS_LZ && at.checked_add(length).is_none_or(|end| end > bytes.len() as u64) {
+            return Err(invalid("the global data", "must lie within the file".into()));
+        }
         header.check_levels(bytes, scheme)?;
         Ok(header)
+    }
+
+    /// The file without key/value data, which nothing here needs, and without global data where none is in use: the decoder
+    /// trusts their places.
+    fn only_what_is_checked(&self, bytes: &[u8]) -> Vec<u8> {
+        let mut out = bytes.to_vec();
+        out[KEY_VALUES].fill(0);
+        if self.scheme != SCHEME_BASIS_LZ {
+            out[GLOBAL].fill(0);
+        }
+        out
     }
 
     fn level_size(&self, level: usize) -> (u32, u32) {
@@ -121,7 +142,7 @@ impl Header {
     /// The colour model that the data format descriptor names.
     fn model(&self, bytes: &[u8]) -> Result<u32, Ktx2Error> {
         let (at, length) = (word(bytes, 48) as usize, word(bytes, 52) as usize);
-        if length < 44 || at + length > bytes.len() {
+        if length < 44 || at.checked_add(length).is_none_or(|end| end > bytes.len()) {
             return Err(invalid("the data format descriptor", "must have 44 bytes within the file".into()));
         }
         Ok(word(bytes, at + 12) & 0xff)

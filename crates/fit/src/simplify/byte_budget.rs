@@ -125,8 +125,8 @@ pub(super) fn within(
 /// Part of a file's bytes that geometry may take where the budget of triangles follows from bytes.
 const GEOMETRY: f64 = 0.5;
 
-/// The triangles of an asset whose geometry takes [`GEOMETRY`] of `most` bytes, all where it takes less. Bytes are those of the
-/// whole geometry as it is written, and taken to follow the number of triangles.
+/// The triangles of an asset that a file of `most` bytes holds: all where the asset as it is fits, and otherwise as many as
+/// take [`GEOMETRY`] of it. Bytes are taken to follow the number of triangles, each instance with its own.
 ///
 /// # Errors
 /// If the geometry cannot be written.
@@ -135,13 +135,18 @@ pub(super) fn triangles_within(
     most: u64,
     compression: Compression,
 ) -> Result<usize, FitError> {
-    let all = scene.triangle_count();
+    let all = scene.triangle_count().max(1);
     let mut bare = scene.clone();
     bare.materials.iter_mut().for_each(|m| *m = Material::default());
     bare.images.clear();
-    let bytes = to_glb_with(&bare, compression)?.len();
-    let part = GEOMETRY * most as f64 / bytes as f64;
-    Ok(((all as f64 * part) as usize).clamp(1, all))
+    let shared: usize = scene.primitives.iter().map(|p| p.mesh.triangles.len()).sum();
+    let stored = to_glb_with(&bare, compression)?.len() as f64;
+    let geometry = stored * (all as f64 / shared.max(1) as f64).max(1.0);
+    let textures = to_glb_with(scene, compression)?.len() as f64 - stored;
+    if geometry + textures <= most as f64 {
+        return Ok(all);
+    }
+    Ok(((all as f64 * GEOMETRY * most as f64 / geometry) as usize).clamp(1, all))
 }
 
 /// The encoding that loses most: JPEG does not where it cannot hold alpha.

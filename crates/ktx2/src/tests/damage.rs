@@ -70,3 +70,36 @@ fn damage_anywhere_is_an_error_or_a_picture() {
         }
     }
 }
+
+/// Every word of the header by values that have a place at, just before and far beyond the end of the file.
+#[test]
+fn no_word_of_the_header_is_trusted() {
+    for zstandard in [None, Some(19)] {
+        let whole = file(zstandard);
+        let length = whole.len() as u32;
+        let values =
+            [0, 1, 2, 3, 21, 22, 23, 40, 41, length - 1, length, length + 1, u32::MAX - 10, u32::MAX];
+        // Colour models too: ETC1S with the global data of its scheme.
+        for scheme in [None, Some((163, 1))] {
+            for at in (12..whole.len().min(300) - 4).step_by(4) {
+                for value in values {
+                    let mut bytes = whole.clone();
+                    if let Some((model, scheme)) = scheme {
+                        let descriptor =
+                            u32::from_le_bytes([bytes[48], bytes[49], bytes[50], bytes[51]]) as usize;
+                        bytes[descriptor + 12] = model;
+                        bytes[44] = scheme;
+                        for level in 0..2 {
+                            bytes[80 + 24 * level + 16..80 + 24 * level + 24].fill(0);
+                        }
+                    }
+                    bytes[at..at + 4].copy_from_slice(&value.to_le_bytes());
+                    let _ = (decode(&bytes, 0), decode(&bytes, 1));
+                    // Both words of long places.
+                    bytes[at + 4..at + 8].fill(0xff);
+                    let _ = (decode(&bytes, 0), decode(&bytes, 1));
+                }
+            }
+        }
+    }
+}
