@@ -13,6 +13,7 @@ mod optim;
 mod pathtrace;
 mod raster;
 mod rays;
+mod recover;
 mod second_order;
 mod surface;
 mod ztest;
@@ -87,6 +88,11 @@ pub(crate) const SUITES: &[Suite] = &[
         name: "second-order",
         about: "black boxes: sampled first and second derivatives, error against evaluations and time",
         run: second_order::run,
+    },
+    Suite {
+        name: "recover",
+        about: "textures and volumes through the path tracer, error of parameters and pictures against time",
+        run: recover::run,
     },
     Suite { name: "ztest", about: "agreement of path tracing with published references", run: ztest::run },
     Suite {

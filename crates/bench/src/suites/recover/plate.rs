@@ -1,0 +1,191 @@
+//! The roughness (GGX alpha) of a metal plate under an environment, from one picture.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result};
+use photofit_image::Image;
+use photofit_optim::{Bilateral, Grid, GuideMap, Placement, Sigma};
+use photofit_pathtrace::{Parameter, Parts, RenderOptions, View, World};
+use photofit_scene::mitsuba::{MitsubaOptions, load_mitsuba};
+
+use super::{Method, TARGET_SPP, Task, Unknown, best, picture, plot, race};
+use crate::context::Context;
+
+/// Texels along the side of the plate, and pixels of its picture.
+const TEXELS: usize = 512;
+const PIXELS: usize = 256;
+/// Alpha that all runs start from.
+const START: f32 = 0.25;
+/// Steps of a run, and those at which it is looked at.
+const LOOKS: [u64; 6] = [5, 10, 20, 33, 50, 100];
+/// Where the scene is written, for other programs too.
+const FOLDER: &str = "out/bench/recover";
+
+pub(super) fn run(ctx: &mut Context) -> Result<()> {
+    let mut task = task()?;
+    let mut adams = Vec::new();
+    for rate in [0.001, 0.01, 0.05] {
+        adams.extend([0.2, 0.9].map(|b1| Method::adam(rate, b1)));
+    }
+    let last = &LOOKS[LOOKS.len() - 1..];
+    let adam = best(&adams, &race(ctx, &mut task, &adams, last)?).clone();
+    let low = [0.01, 0.05, 0.1].map(Method::low_pass);
+    let low = best(&low, &race(ctx, &mut task, &low, last)?).clone();
+    let tuned = Bilateral { levels: 5, sigma: Sigma::Fixed(0.1), map: GuideMap::Log, ..Bilateral::default() };
+    let cross = Method::filtered("bilateral", 0.1, tuned, Placement::BOTH);
+    let automatic = Bilateral { sigma: Sigma::Auto(2.0), ..tuned };
+    let mut memoryless = Method::filtered("bilateral, no memory", 0.1, tuned, Placement::BOTH);
+    memoryless.betas = [0.0, 0.0];
+    let methods = [
+        adam,
+        low,
+        Method::plain(0.1),
+        cross,
+        Method::filtered("bilateral, automatic width", 0.05, automatic, Placement::BOTH),
+        Method::filtered("bilateral of gradients alone", 0.1, tuned, Placement::PRE),
+        Method::filtered("bilateral of moments alone", 0.1, tuned, Placement::POST),
+        memoryless,
+    ];
+    let courses = race(ctx, &mut task, &methods, &LOOKS)?;
+    plot(ctx, &task, &methods, &courses)?;
+    let goal = courses[0].last().map_or(0.0, |l| l.loss);
+    let mut text = format!(
+        "{}: {TEXELS} x {TEXELS} texels from one picture of {PIXELS} x {PIXELS} pixels, 16 samples a pixel and 1 for \
+         gradients; Adam and the low-pass filter are the best of the runs above them by the last loss. Steps until the \
+         loss is below Adam's last one:",
+        task.name
+    );
+    for (method, course) in methods.iter().zip(&courses).skip(1) {
+        let step = course.iter().find(|l| l.loss <= goal).map(|l| l.step.to_string());
+        let _ = write!(text, " {} {};", method.name, step.unwrap_or_else(|| "never".into()));
+    }
+    ctx.note(text);
+    Ok(())
+}
+
+/// Smooth noise in -1..=1 of so many cells.
+fn noise(x: f32, y: f32, cells: u32, seed: u64) -> f32 {
+    let (x, y) = (x * cells as f32, y * cells as f32);
+    let at = |i: u32, j: u32| {
+        let bits = photofit_sampling::hash(seed, u64::from(i % cells), u64::from(j % cells));
+        2.0 * photofit_sampling::unit_f32((bits >> 32) as u32) - 1.0
+    };
+    let (i, j) = (x as u32, y as u32);
+    let smooth = |t: f32| t * t * (3.0 - 2.0 * t);
+    let (u, v) = (smooth(x.fract()), smooth(y.fract()));
+    let row = |j: u32| at(i, j) * (1.0 - u) + at(i + 1, j) * u;
+    row(j) * (1.0 - v) + row(j + 1) * v
+}
+
+/// Alpha (GGX): fields of a board with noise, a disk and thin lines.
+fn alpha(x: usize, y: usize) -> f32 {
+    let (u, v) = ((x as f32 + 0.5) / TEXELS as f32, (y as f32 + 0.5) / TEXELS as f32);
+    let mut r = 0.42 + 0.17 * noise(u, v, 6, 3) + 0.06 * noise(u, v, 24, 4);
+    if ((u * 8.0) as u32 + (v * 8.0) as u32) % 2 == 1 {
+        r *= 0.55;
+    }
+    if (u - 0.5).hypot(v - 0.5) < 0.18 {
+        r = 0.75;
+    }
+    let line = |t: f32| ((t * 16.0).fract() - 0.5).abs() < 0.04;
+    if line(u) || line(v) {
+        r = 0.12;
+    }
+    r.clamp(0.08, 0.95).powi(2)
+}
+
+/// A sky with windows of light.
+fn sky() -> Image {
+    Image::from_fn(128, 64, 3, |x, y, c| {
+        let height = 1.0 - y as f32 / 32.0;
+        let ground = [0.12, 0.1, 0.08][c];
+        let air = [0.3, 0.4, 0.55][c] * (0.4 + 0.6 * height.max(0.0));
+        let lamp = (6..14).contains(&y) && x % 32 < 8 || (16..22).contains(&y) && (x + 16) % 40 < 5;
+        if lamp {
+            [9.0, 8.0, 6.5][c]
+        } else if height > 0.0 {
+            air
+        } else {
+            ground
+        }
+    })
+}
+
+/// Writes the scene as a Mitsuba file, with the alpha that is to be found and with that of the start.
+fn files() -> Result<[PathBuf; 2]> {
+    let folder = Path::new(FOLDER);
+    std::fs::create_dir_all(folder).with_context(|| format!("{FOLDER}: cannot create"))?;
+    photofit_image::write_exr(folder.join("sky.exr"), &[("", &sky(), &["R", "G", "B"])])?;
+    let made = [("plate", None), ("plate_start", Some(START))].map(|(name, value)| -> Result<PathBuf> {
+        let texels = Image::from_fn(TEXELS, TEXELS, 1, |x, y, _| value.unwrap_or_else(|| alpha(x, y)));
+        photofit_image::write_exr(folder.join(format!("{name}.exr")), &[("", &texels, &["Y"])])?;
+        let file = folder.join(format!("{name}.xml"));
+        std::fs::write(&file, scene(name)).with_context(|| format!("{}: cannot write", file.display()))?;
+        Ok(file)
+    });
+    let [target, start] = made;
+    Ok([target?, start?])
+}
+
+fn scene(name: &str) -> String {
+    format!(
+        r#"<scene version="3.0.0">
+<integrator type="path"><integer name="max_depth" value="3"/><integer name="rr_depth" value="100"/></integrator>
+<sensor type="perspective">
+  <string name="fov_axis" value="smaller"/><float name="fov" value="40"/>
+  <transform name="to_world"><lookat origin="0,2.6,1.6" target="0,0,0.05" up="0,1,0"/></transform>
+  <film type="hdrfilm"><integer name="width" value="{PIXELS}"/><integer name="height" value="{PIXELS}"/>
+    <rfilter type="box"/></film>
+</sensor>
+<emitter type="envmap"><string name="filename" value="sky.exr"/></emitter>
+<shape type="rectangle">
+  <transform name="to_world"><rotate x="1" angle="-90"/></transform>
+  <bsdf type="roughconductor" id="metal">
+    <string name="distribution" value="ggx"/>
+    <rgb name="eta" value="0.2,0.92,1.1"/><rgb name="k" value="3.91,2.45,2.14"/>
+    <texture type="bitmap" name="alpha"><string name="filename" value="{name}.exr"/>
+      <boolean name="raw" value="true"/></texture>
+  </bsdf>
+</shape>
+</scene>
+"#
+    )
+}
+
+fn task() -> Result<Task> {
+    let [file, _] = files()?;
+    let scene = load_mitsuba(&file, &MitsubaOptions::default())?;
+    let view = View::from_mitsuba(&scene.sensor);
+    let world = World::new(Parts::from_mitsuba(scene))?;
+    // Of the textures of a metal those after index of refraction, extinction and colour.
+    let parameter = Parameter::Graph { places: vec![[0, 3], [0, 4]] };
+    let held = world.parameter(&parameter)?;
+    let truth: Vec<f32> = held.chunks_exact(held.len() / (TEXELS * TEXELS)).map(|v| v[0]).collect();
+    let mut options = RenderOptions { width: PIXELS, height: PIXELS, spp: 16, ..RenderOptions::default() };
+    options.path.max_depth = 3;
+    let target = RenderOptions { spp: TARGET_SPP, seed: 99, ..options.clone() };
+    let target = picture(&world, &view, &target)?;
+    let unknown = Unknown {
+        name: "alpha error",
+        parameter,
+        grid: Grid::plane(TEXELS, TEXELS),
+        channels: 1,
+        range: [0.001, 1.0],
+        start: START,
+        counts: vec![true; truth.len()],
+        truth,
+        rate: 1.0,
+    };
+    Ok(Task {
+        name: "plate",
+        world,
+        options,
+        gradient_spp: 1,
+        unknowns: vec![unknown],
+        views: vec![(view, target)],
+        batch: 1,
+        held_out: Vec::new(),
+        half_life: None,
+    })
+}
