@@ -26,6 +26,7 @@ mod preflight;
 mod progress;
 mod recover;
 mod recover_scene;
+mod recover_volume;
 mod render;
 mod retexture;
 mod sequence;

@@ -17,6 +17,7 @@ pub(crate) fn run(a: &Recover) -> Result<Ending> {
     match a {
         Recover::Texture(a) => texture(a),
         Recover::Scene(a) => crate::recover_scene::run(a),
+        Recover::Volume(a) => crate::recover_volume::run(a),
     }
 }
 

@@ -125,15 +125,21 @@ fn task(a: &RecoverScene, mut subject: Subject, source: &Source<'_>) -> Result<T
     let mut model = Traced::new(world, options, parameters).map_err(|e| named(&e))?;
     views.iter().try_for_each(|v| model.check(v)).map_err(|e| named(&e))?;
     model.gradient_spp = a.gradient_spp;
-    model.smoothing = match a.smoothing {
-        TextureSmoothing::Adam => Smoothing::None,
-        TextureSmoothing::Laplacian => Smoothing::Laplacian,
-        TextureSmoothing::Bilateral => Smoothing::Bilateral,
-    };
+    model.smoothing = a.smoothing.into();
     let own = || views.iter().map(|v| model.picture(v, TARGET_SPP, TARGET_SEED)).collect();
     let truth = given.is_none().then(|| (0..quantities.len()).map(|k| model.of(k).to_vec()).collect());
     let targets = given.map_or_else(own, Ok).map_err(|e| named(&e))?;
     Ok(Task { model, views, quantities, boxes, targets, truth })
+}
+
+impl From<TextureSmoothing> for Smoothing {
+    fn from(given: TextureSmoothing) -> Self {
+        match given {
+            TextureSmoothing::Adam => Self::None,
+            TextureSmoothing::Laplacian => Self::Laplacian,
+            TextureSmoothing::Bilateral => Self::Bilateral,
+        }
+    }
 }
 
 /// Sets the values that the fit starts from, and moves those of the scene into their ranges.

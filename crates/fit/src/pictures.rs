@@ -10,7 +10,7 @@ mod not_finite;
 mod record;
 mod world;
 
-pub use world::{WorldPicture, world_pictures};
+pub use world::{WorldPicture, lit_world_pictures, world_pictures};
 
 use crate::FitError;
 use crate::bake;
@@ -133,8 +133,9 @@ impl PictureFolder {
             let camera =
                 camera(&lens, &undo.after(&pose), frame_of, &image, [width, height]).map_err(&fail)?;
             let lights = frame.lights.as_ref().or(transforms.lights.as_ref());
-            let lights =
-                lights.map_or(Ok(ViewLights::default()), |l| record::lights(l, &undo, n)).map_err(&fail)?;
+            let lights = lights
+                .map_or(Ok(ViewLights::default()), |l| record::lights(l, &undo, (n.center, n.radius)))
+                .map_err(&fail)?;
             let opaque = image.channels < 4;
             let image = if opaque { image } else { premultiplied(&picture, &image) };
             let image = if factor > 1 { downsample(&image.crop(0, 0, width, height), factor) } else { image };

@@ -65,7 +65,7 @@ struct Header {
     scheme: u32,
 }
 
-/// Places in the header: of the key/value data, and of the global data of BasisLZ.
+/// Places in the header: of the key/value data, and of the global data of `BasisLZ`.
 const KEY_VALUES: core::ops::Range<usize> = 56..64;
 const GLOBAL: core::ops::Range<usize> = 64..80;
 

@@ -1,6 +1,6 @@
 //! The options of `photofit recover`.
 
-use super::values::{above_to, ending, number, of_key, seconds, whole};
+use super::values::{Numbers, above_to, between, ending, number, numbers, of_key, seconds, whole};
 use super::{ParameterScene, Running, STATUSES};
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::PathBuf;
@@ -14,6 +14,9 @@ pub(crate) enum Recover {
     /// Find materials, textures, lights and media of a scene again from path-traced pictures of it.
     #[command(after_help = STATUSES)]
     Scene(RecoverScene),
+    /// Find a cloud, density and albedo on a grid, from pictures with known cameras and light.
+    #[command(after_help = STATUSES)]
+    Volume(RecoverVolume),
 }
 
 #[derive(Args, Debug)]
@@ -120,6 +123,76 @@ pub(crate) struct RecoverScene {
     /// Go on from the checkpoint, if there is one, to the same result as an uninterrupted run.
     #[arg(long, requires = "checkpoint")]
     pub(crate) resume: bool,
+    /// Print what ran, what was skipped, and why.
+    #[arg(long)]
+    pub(crate) explain: bool,
+}
+
+/// Lights are those of the pictures' list (`lights` in transforms.json), or an environment (--env). Grids go from coarse to
+/// fine. Of four pictures or more the last one is held out, and what comes closest to it is kept.
+#[derive(Args, Debug)]
+pub(crate) struct RecoverVolume {
+    /// The pictures, all of one size, linear light as the path tracer shows it: a folder with transforms.json, or such a
+    /// file.
+    #[arg(value_name = "PICTURES", required_unless_present = "self_test")]
+    pub(crate) pictures: Option<PathBuf>,
+    /// Try it on a known cloud: the extinction of this grid with --albedo, or one of .8, .6, .4, seen from around.
+    #[arg(long, value_name = "GRID.vol", conflicts_with = "pictures", value_parser = ending(&["vol"]))]
+    pub(crate) self_test: Option<PathBuf>,
+    /// Pictures of --self-test [range: 1 to 256].
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = whole::<usize>(1..=256))]
+    pub(crate) views: usize,
+    /// Width and height of the pictures of --self-test, pixels [range: 16 to 2048].
+    #[arg(long, value_name = "PX", default_value_t = 128, value_parser = whole::<usize>(16..=2048))]
+    pub(crate) resolution: usize,
+    /// Equirectangular environment around the cloud (.hdr, .exr, .png, .jpg), as bright as it is.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) env: Option<PathBuf>,
+    /// Corners of the box that holds the cloud, in the units of the cameras [default: the box of --self-test, or the cube
+    /// around what all cameras see].
+    #[arg(long, value_name = "X0,Y0,Z0,X1,Y1,Z1", allow_hyphen_values = true,
+          value_parser = numbers(&[6], -1e9..=1e9))]
+    pub(crate) bounds: Option<Numbers>,
+    /// Voxels along the longest side of the box [range: 1 to 512].
+    #[arg(long, value_name = "N", default_value_t = 64, value_parser = whole::<usize>(1..=512))]
+    pub(crate) size: usize,
+    /// Begin with the finest grid.
+    #[arg(long)]
+    pub(crate) one_grid: bool,
+    /// Albedo, one or three numbers, where it is known [range: 0 to 1] [default: it is found].
+    #[arg(long, value_name = "R,G,B", value_parser = numbers(&[1, 3], 0.0..=1.0))]
+    pub(crate) albedo: Option<Numbers>,
+    /// Mean cosine of scattering; positive scatters forward [range: more than -1, less than 1].
+    #[arg(long, value_name = "G", default_value_t = 0.0, allow_hyphen_values = true,
+          value_parser = number(between(-1.0, 1.0)))]
+    pub(crate) anisotropy: f64,
+    /// How steps are smoothed.
+    #[arg(long, value_name = "HOW", value_enum, default_value = "bilateral")]
+    pub(crate) smoothing: TextureSmoothing,
+    /// Steps of all grids; fewer are made when the picture stops improving [range: at least 0].
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = whole::<u64>(0..))]
+    pub(crate) steps: u64,
+    /// Peak rate of the optimizer, relative to what is opaque of extinctions [range: more than 0, at most 1].
+    #[arg(long, value_name = "RATE", default_value_t = 0.05, value_parser = number(above_to(0.0, 1.0)))]
+    pub(crate) rate: f64,
+    /// Samples per pixel of the picture of a step [range: 1 to 65536].
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = whole::<u32>(1..=65536))]
+    pub(crate) spp: u32,
+    /// Samples per pixel of its gradient [range: 1 to 65536].
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = whole::<u32>(1..=65536))]
+    pub(crate) gradient_spp: u32,
+    /// Most scattering events of a path [range: 0 to 1000000].
+    #[arg(long, value_name = "D", default_value_t = 16, value_parser = whole::<u32>(0..=1_000_000))]
+    pub(crate) max_depth: u32,
+    /// The folder to write: extinction.vol, albedo.vol, views.png, values.json.
+    #[arg(short, long, value_name = "DIR")]
+    pub(crate) output: PathBuf,
+    /// End the fit after this many seconds and keep what was reached [range: more than 0, at most 1000000000] [default: no
+    /// limit].
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub(crate) time_limit: Option<Duration>,
+    #[command(flatten)]
+    pub(crate) running: Running,
     /// Print what ran, what was skipped, and why.
     #[arg(long)]
     pub(crate) explain: bool,

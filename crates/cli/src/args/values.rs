@@ -42,6 +42,26 @@ pub(crate) fn of_key(
     }
 }
 
+/// Numbers between commas.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Numbers(pub(crate) Vec<f64>);
+
+/// One of these counts of numbers between commas, each in a range.
+pub(crate) fn numbers(
+    counts: &'static [usize],
+    range: impl RangeBounds<f64> + Clone + Send + Sync + 'static,
+) -> impl Fn(&str) -> Result<Numbers, String> + Clone + Send + Sync + 'static {
+    move |text| {
+        let list: Vec<f64> =
+            text.split(',').map(|t| number(range.clone())(t.trim())).collect::<Result<_, _>>()?;
+        if counts.contains(&list.len()) {
+            return Ok(Numbers(list));
+        }
+        let counts: Vec<String> = counts.iter().map(usize::to_string).collect();
+        Err(format!("has {} numbers; it must have {}", list.len(), counts.join(" or ")))
+    }
+}
+
 /// A number in a range, in single precision.
 pub(crate) fn single(
     range: impl RangeBounds<f64> + Clone + Send + Sync + 'static,
@@ -144,6 +164,10 @@ mod tests {
         for wrong in ["0", "101", "-1", "1.5", "", "many", "99999999999999999999"] {
             assert_eq!(whole::<u8>(1..=100)(wrong), Err("it must be a whole number, 1 to 100".into()));
         }
+        let colour = numbers(&[1, 3], 0.0..=1.0);
+        assert_eq!(colour("0.5,0, 1"), Ok(Numbers(vec![0.5, 0.0, 1.0])));
+        assert_eq!(colour("0.5,1"), Err("has 2 numbers; it must have 1 or 3".into()));
+        assert_eq!(colour("0.5,2,1"), Err("it must be a number, 0 to 1".into()));
         let ratio = number(above_to(0.0, 1.0));
         assert_eq!(ratio("1"), Ok(1.0));
         for wrong in ["0", "1.0001", "nan", "inf", "-0.5", ""] {

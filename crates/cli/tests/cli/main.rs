@@ -11,6 +11,7 @@ mod overwrite;
 mod path;
 mod recover;
 mod recover_scene;
+mod recover_volume;
 mod retexture;
 mod simplify;
 mod support;

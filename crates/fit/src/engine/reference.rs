@@ -302,7 +302,7 @@ fn world(scene: &Scene, to_frame: DAffine3, radius: f32) -> Result<World, FitErr
 }
 
 /// The lights of a picture as the path tracer takes them.
-fn path_lights(lights: &[Light<'_, f32>]) -> (Vec<LightSource>, Option<EnvironmentMap>) {
+pub(crate) fn path_lights(lights: &[Light<'_, f32>]) -> (Vec<LightSource>, Option<EnvironmentMap>) {
     let (mut sources, mut environment) = (Vec::new(), None);
     for light in lights {
         match light {

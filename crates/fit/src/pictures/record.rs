@@ -1,6 +1,5 @@
 //! What stands in a `transforms.json`, checked.
 
-use crate::engine::Normalised;
 use crate::engine::views::{ViewLight, ViewLights};
 use photofit_scalar::{Vec3f, vec3};
 use serde::Deserialize;
@@ -228,8 +227,12 @@ impl Transforms {
     }
 }
 
-/// Lights in the normalised frame of an asset.
-pub(super) fn lights(given: &[Light], undo: &Rigid, n: &Normalised) -> Result<ViewLights, String> {
+/// Lights in a frame of this centre and unit of length.
+pub(super) fn lights(
+    given: &[Light],
+    undo: &Rigid,
+    (center, radius): (Vec3f, f32),
+) -> Result<ViewLights, String> {
     let color = |what: &str, c: &[f64; 3]| -> Result<Vec3f, String> {
         if c.iter().all(|x| *x >= 0.0 && *x <= 1e9) {
             Ok(vec3(c[0] as f32, c[1] as f32, c[2] as f32))
@@ -241,11 +244,11 @@ pub(super) fn lights(given: &[Light], undo: &Rigid, n: &Normalised) -> Result<Vi
     let light = |l: &Light| {
         Ok(match l {
             Light::Point { position, intensity } => {
-                let position = (vector(undo.apply(*position)) - n.center) / n.radius;
+                let position = (vector(undo.apply(*position)) - center) / radius;
                 if !position.is_finite() {
                     return Err("position of a light is not finite".into());
                 }
-                let intensity = color("intensity", intensity)? / (n.radius * n.radius);
+                let intensity = color("intensity", intensity)? / (radius * radius);
                 ViewLight::Point { position, intensity }
             }
             Light::Directional { direction, irradiance } => {

@@ -28,11 +28,14 @@ pub fn encode_grid(size: [usize; 3], values: &[f32], [lo, hi]: [DVec3; 2]) -> Ve
     out
 }
 
-/// Size, values and box of a `.vol` file.
-pub(super) type Grid = ([usize; 3], Vec<Vec3f>, [DVec3; 2]);
+/// Voxels along x, y and z, values (x fastest; the same in all channels where the file has one), and box of a `.vol` file.
+pub type Grid = ([usize; 3], Vec<Vec3f>, [DVec3; 2]);
 
-/// Reads such a file.
-pub(super) fn parse_grid(bytes: &[u8]) -> Result<Grid, String> {
+/// Reads the bytes of a `.vol` file: float32, one or three channels, at most 2^28 voxels.
+///
+/// # Errors
+/// What is wrong, in words: another format or encoding, missing bytes, values that are not finite or below 0.
+pub fn parse_grid(bytes: &[u8]) -> Result<Grid, String> {
     if bytes.len() < HEADER || !bytes.starts_with(b"VOL\x03") {
         return Err("begins with VOL and version 3".into());
     }

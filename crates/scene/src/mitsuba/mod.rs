@@ -28,7 +28,7 @@ mod tests;
 mod texture;
 mod transform;
 
-pub use grid_file::encode_grid;
+pub use grid_file::{Grid, encode_grid, parse_grid};
 pub use integrator::MitsubaIntegrator;
 pub use medium::{MitsubaMedium, MitsubaVolume};
 pub use sensor::{MitsubaFilm, MitsubaFilter, MitsubaSensor, Projection};

@@ -1,0 +1,292 @@
+//! `photofit recover volume`: a cloud on a grid from pictures with cameras.
+
+use crate::args::RecoverVolume;
+use crate::output::{self, print};
+use crate::preflight::Places;
+use crate::progress::{Terminal, say};
+use crate::simplify::{CHECKPOINT_FILE, misuse, name_options};
+use crate::status::Ending;
+use crate::{interrupt, threads};
+use anyhow::{Context, Result, anyhow, bail};
+use glam::{DAffine3, DVec3, Vec3};
+use photofit_fit::FitError;
+use photofit_fit::engine::trainer::Keeping;
+use photofit_fit::pictures::{lit_world_pictures, named_files};
+use photofit_fit::recover_scene::relative_error;
+use photofit_fit::recover_volume::{
+    RecoverVolumeOptions, RecoveredVolume, Surroundings, checkpoint_of, recover_volume,
+};
+use photofit_image::{Image, contact_sheet, write_atomically};
+use photofit_pathtrace::{EnvironmentMap, LightSource, Parts, RenderOptions, Renderer, View, Volume, World};
+use photofit_scalar::Vec3f;
+use photofit_scene::Camera;
+use photofit_scene::mitsuba::{encode_grid, parse_grid};
+use serde_json::{Value, json};
+use std::path::Path;
+use std::time::Instant;
+
+/// Samples per pixel and seed of the targets of a self-test, and of the pictures that are written.
+const TARGET_SPP: u32 = 256;
+const TARGET_SEED: u64 = 0x7461_7267;
+const SHOWN_SPP: u32 = 128;
+const SHOWN_SEED: u64 = 0x7368_6f77;
+/// Most views of the sheet.
+const SHOWN: usize = 4;
+/// Albedo of a self-test that names none.
+const ALBEDO: [f32; 3] = [0.8, 0.6, 0.4];
+/// Files of the output.
+const FILES: [&str; 4] = ["extinction.vol", "albedo.vol", "views.png", "values.json"];
+
+/// What is seen, from where, under which light.
+struct Seen {
+    surroundings: Surroundings,
+    views: Vec<View>,
+    pictures: Vec<Image>,
+    /// The cloud, where it is known.
+    truth: Option<Known>,
+}
+
+/// A cloud that is known.
+struct Known {
+    size: [usize; 3],
+    extinction: Vec<f32>,
+    bounds: [DVec3; 2],
+}
+
+pub(crate) fn run(a: &RecoverVolume) -> Result<Ending> {
+    let options = options(a);
+    let checkpoints: Vec<String> = (0..options.longest_sides().len())
+        .map(|level| format!("{}/{CHECKPOINT_FILE}", checkpoint_of(level)))
+        .collect();
+    let checkpoints: Vec<&str> = checkpoints.iter().map(String::as_str).collect();
+    let places = Places::default()
+        .reads("PICTURES", a.pictures.as_deref())
+        .reads("--self-test", a.self_test.as_deref())
+        .reads("--env", a.env.as_deref())
+        .fills("--output", Some(&a.output), &FILES)
+        .fills("--checkpoint", a.running.checkpoint.as_deref(), &checkpoints);
+    places.check()?;
+    if let Some(pictures) = &a.pictures {
+        places.check_against("PICTURES", &named_files(pictures))?;
+    }
+    threads::set(a.running.threads)?;
+    let seen = seen(a)?;
+    let options =
+        RecoverVolumeOptions { bounds: options.bounds.or(seen.truth.as_ref().map(|t| t.bounds)), ..options };
+    std::fs::create_dir_all(&a.output).with_context(|| a.output.display().to_string())?;
+    interrupt::handle();
+    let progress = Terminal::new();
+    let began = Instant::now();
+    let r = recover_volume(&seen.surroundings, &seen.views, &seen.pictures, &options, &progress)
+        .map_err(|e| failed(a, e))?;
+    let seconds = began.elapsed().as_secs_f64();
+    progress.finish();
+    if r.stopped {
+        say("the fit was ended early; what was reached is written");
+    }
+    if a.explain {
+        print(&format!("what ran:\n{}\n\n", r.plan))?;
+    }
+    write(a, &seen, &r, seconds)?;
+    let stopped = r.stopped && interrupt::is_stopping();
+    Ok(if stopped { Ending::Stopped } else { Ending::Done })
+}
+
+/// Options that no picture allows are a wrong command line.
+fn failed(a: &RecoverVolume, error: FitError) -> anyhow::Error {
+    match error {
+        FitError::Setting { field: "bounds" | "size" | "anisotropy" | "albedo", .. } => misuse(error),
+        FitError::Setting { field: "surroundings", .. } => {
+            let list = a.pictures.as_deref().unwrap_or(Path::new("")).display();
+            anyhow!("{list}: names no lights; it must, or --env must be given")
+        }
+        error => name_options(error).into(),
+    }
+}
+
+fn options(a: &RecoverVolume) -> RecoverVolumeOptions {
+    let corners = |b: &[f64]| [DVec3::from_slice(&b[..3]), DVec3::from_slice(&b[3..])];
+    RecoverVolumeOptions {
+        bounds: a.bounds.as_ref().map(|n| corners(&n.0)),
+        size: a.size,
+        coarse_to_fine: !a.one_grid,
+        // That of a self-test is to be found.
+        albedo: a.albedo.as_ref().filter(|_| a.self_test.is_none()).map(|n| three(&n.0)),
+        anisotropy: a.anisotropy as f32,
+        steps: a.steps,
+        rate: a.rate,
+        spp: a.spp,
+        gradient_spp: a.gradient_spp,
+        max_depth: a.max_depth,
+        smoothing: a.smoothing.into(),
+        seed: a.running.seed,
+        keeping: Keeping {
+            checkpoint: a.running.checkpoint.clone(),
+            resume: a.running.resume,
+            time_limit: a.time_limit,
+        },
+    }
+}
+
+/// Three channels of one number or three.
+fn three(v: &[f64]) -> [f32; 3] {
+    [0, 1, 2].map(|c| v[c.min(v.len() - 1)] as f32)
+}
+
+fn seen(a: &RecoverVolume) -> Result<Seen> {
+    let environment = match &a.env {
+        Some(file) => Some(EnvironmentMap::new(photofit_scene::load_environment(file)?)),
+        None => None,
+    };
+    if let Some(grid) = &a.self_test {
+        return known(a, grid, environment);
+    }
+    let Some(list) = &a.pictures else { bail!("no pictures") };
+    let (pictures, lights) = lit_world_pictures(list)?;
+    let mut surroundings = Surroundings::from(&lights);
+    surroundings.environment = environment.or(surroundings.environment);
+    if pictures.iter().any(|p| p.image.data.iter().skip(3).step_by(4).any(|alpha| *alpha < 0.99)) {
+        say(
+            "warning: pictures have alpha below 1, which is not looked at: they must show the light behind the cloud",
+        );
+    }
+    let (views, pictures) = pictures.into_iter().map(|p| (View::pinhole(&p.camera), p.image)).unzip();
+    Ok(Seen { surroundings, views, pictures, truth: None })
+}
+
+/// Pictures of a grid from around it.
+fn known(a: &RecoverVolume, file: &Path, environment: Option<EnvironmentMap>) -> Result<Seen> {
+    let bytes = std::fs::read(file).with_context(|| file.display().to_string())?;
+    let (size, values, bounds) = parse_grid(&bytes).map_err(|rule| anyhow!("{}: {rule}", file.display()))?;
+    let [lo, hi] = bounds;
+    if (hi - lo).min_element() <= 0.0 || !(hi - lo).is_finite() {
+        bail!("{}: its box is {lo} to {hi}; it must be finite and have a volume", file.display());
+    }
+    let extinction: Vec<f32> = values.iter().map(|v| v.x).collect();
+    let sun = LightSource::Directional {
+        direction: Vec3f::from_array(Vec3::new(0.3, 1.0, 0.4).normalize().to_array()),
+        irradiance: Vec3f::splat(3.0),
+    };
+    // Light and dark behind the cloud tell its density from its albedo.
+    let sky =
+        || EnvironmentMap::new(Image::from_fn(8, 4, 3, |x, y, _| if (x + y) % 2 == 0 { 0.9 } else { 0.1 }));
+    let surroundings = match environment {
+        Some(given) => Surroundings { lights: Vec::new(), environment: Some(given) },
+        None => Surroundings { lights: vec![sun], environment: Some(sky()) },
+    };
+    let albedo = a.albedo.as_ref().map_or(ALBEDO, |n| three(&n.0));
+    let volume = Volume {
+        size,
+        density: extinction.clone(),
+        scale: 1.0,
+        albedo: Vec3f::from_array(albedo),
+        albedos: Vec::new(),
+        g: a.anisotropy as f32,
+        transform: DAffine3::from_translation(lo) * DAffine3::from_scale(hi - lo),
+    };
+    let Surroundings { lights, environment } = surroundings.clone();
+    let world = World::new(Parts { lights, environment, volumes: vec![volume], ..Parts::default() })
+        .map_err(|e| anyhow!("{}: {e}", file.display()))?;
+    let views: Vec<View> = (0..a.views).map(|k| around(k, a.views, &bounds)).collect();
+    let mut options = RenderOptions {
+        width: a.resolution,
+        height: a.resolution,
+        spp: TARGET_SPP,
+        seed: TARGET_SEED,
+        ..RenderOptions::default()
+    };
+    options.path.max_depth = a.max_depth;
+    let picture = |view: &View| -> Result<Image> {
+        let mut renderer = Renderer::new(&world, view, options.clone())?;
+        while !renderer.pass(|| false).done {}
+        Ok(renderer.picture())
+    };
+    let pictures = views.iter().map(picture).collect::<Result<_>>()?;
+    Ok(Seen { surroundings, views, pictures, truth: Some(Known { size, extinction, bounds }) })
+}
+
+/// A camera of a Fibonacci sphere around a box, which it sees whole.
+fn around(k: usize, of: usize, [lo, hi]: &[DVec3; 2]) -> View {
+    const FOV: f32 = 0.7;
+    let (middle, radius) = ((0.5 * (*lo + *hi)).as_vec3(), (0.5 * (*hi - *lo).length()) as f32);
+    let y = 1.0 - 2.0 * (k as f32 + 0.5) / of as f32;
+    let (turn, r) = (2.4 * k as f32, (1.0 - y * y).sqrt());
+    let distance = radius / (0.5 * FOV).sin();
+    let eye = middle + distance * Vec3::new(r * turn.cos(), y, r * turn.sin());
+    View::pinhole(&Camera::look_at(eye, middle, Vec3::Y, FOV, 1.0, 1e-3 * distance, 4.0 * distance))
+}
+
+/// Writes what was found and tells it.
+fn write(a: &RecoverVolume, seen: &Seen, r: &RecoveredVolume, seconds: f64) -> Result<()> {
+    for (file, values) in [(FILES[0], &r.extinction), (FILES[1], &r.albedo)] {
+        write_atomically(a.output.join(file).as_path(), &encode_grid(r.size, values, r.bounds))?;
+    }
+    photofit_image::write_png(a.output.join(FILES[2]), &sheet(seen, r)?)?;
+    let quality = |h: Option<f64>| h.map(relative_error);
+    let first = quality(r.history.first().map(|h| h.quality));
+    let best = quality(r.history.iter().map(|h| h.quality).reduce(f64::max));
+    let errors = seen.truth.as_ref().filter(|t| t.size == r.size && t.bounds == r.bounds).map(|t| {
+        let of = |v: &dyn Fn(usize) -> f32| {
+            let squares = (0..t.extinction.len()).map(|i| f64::from(v(i) - t.extinction[i]).powi(2));
+            (squares.sum::<f64>() / t.extinction.len() as f64).sqrt()
+        };
+        [of(&|_| 0.0), of(&|i| r.extinction[i])]
+    });
+    output::write_json(&a.output.join(FILES[3]), &figures(a, r, ([first, best], errors), seconds))?;
+    let [x, y, z] = r.size;
+    let grids: Vec<String> = r.grids.iter().map(|(_, side)| side.to_string()).collect();
+    let mut text = format!("{x} x {y} x {z} voxels, grids of {} along the longest side\n", grids.join(", "));
+    if let Some([nothing, found]) = errors {
+        text +=
+            &format!("root mean square error of the extinction: {found:.4}; of an empty box {nothing:.4}\n");
+    }
+    let judged = match r.held_out {
+        Some(k) => format!("picture {k}, which was held out"),
+        None => "the pictures that were fitted (none is held out)".into(),
+    };
+    text += &format!(
+        "relative squared error of {judged}: {:.4e} -> {:.4e}, {} steps, {seconds:.1} s\nwrote {}\n",
+        first.unwrap_or(f64::NAN),
+        best.unwrap_or(f64::NAN),
+        r.steps,
+        a.output.display()
+    );
+    print(&text)
+}
+
+/// Pictures in the upper row, what was found below; the one that was held out comes last.
+fn sheet(seen: &Seen, r: &RecoveredVolume) -> Result<Image> {
+    let count = seen.views.len();
+    let shown: Vec<usize> = (0..count.min(SHOWN)).map(|k| (count - 1) * (k + 1) / count.min(SHOWN)).collect();
+    let opaque = |p: &Image| Image::from_fn(p.width, p.height, 3, |x, y, c| p.pixel(x, y)[c]);
+    let mut images: Vec<Image> = shown.iter().map(|k| opaque(&seen.pictures[*k])).collect();
+    for k in &shown {
+        images.push(opaque(&r.model.picture(&seen.views[*k], SHOWN_SPP, SHOWN_SEED)?));
+    }
+    let images: Vec<&Image> = images.iter().collect();
+    Ok(contact_sheet(&images, shown.len(), 4))
+}
+
+fn figures(
+    a: &RecoverVolume,
+    r: &RecoveredVolume,
+    ([first, best], errors): ([Option<f64>; 2], Option<[f64; 2]>),
+    seconds: f64,
+) -> Value {
+    let point = |h: &photofit_fit::engine::trainer::HistoryPoint| json!({ "step": h.step, "loss": h.loss, "relative_error": relative_error(h.quality) });
+    let own = r.steps.saturating_sub(r.resumed);
+    json!({
+        "pictures": a.pictures.as_ref().or(a.self_test.as_ref()).map(|p| p.display().to_string()),
+        "voxels": r.size,
+        "box": r.bounds.map(|p| p.to_array()),
+        "grids": r.grids.iter().map(|(step, side)| json!({ "first_step": step, "side": side })).collect::<Vec<_>>(),
+        "held_out": r.held_out,
+        "steps": r.steps,
+        "stopped": r.stopped,
+        "seconds": seconds,
+        "seconds_per_iteration": (own > 0).then(|| seconds / own as f64),
+        "relative_error": { "first": first, "best": best },
+        "parameter_error": errors.map(|[first, last]| json!({ "first": first, "last": last })),
+        "course": r.history.iter().map(point).collect::<Vec<_>>(),
+    })
+}

@@ -1,0 +1,403 @@
+//! Recovering a cloud from pictures with cameras and known light: density and albedo on a grid, through the path tracer.
+//!
+//! Coarse grids first, each finer one from what the last one found: a voxel of a coarse grid is seen by more samples, so
+//! that large shapes are found from few of them. Each grid is a fit of [`recover_scene`](mod@crate::recover_scene) of its own.
+
+use crate::engine::plan::PlanRows;
+use crate::engine::reference::path_lights;
+use crate::engine::traced::{Smoothing, Traced, TracedParameter};
+use crate::engine::trainer::{HistoryPoint, Keeping};
+use crate::engine::views::ViewLights;
+use crate::recover_scene::{RecoverSceneOptions, recover_scene};
+use crate::{FitError, Progress};
+use glam::{DAffine3, DMat3, DVec3};
+use photofit_image::Image;
+use photofit_pathtrace::{
+    EnvironmentMap, LightSource, MediumRef, MediumValue, Parameter, Parts, RenderOptions, View, Volume, World,
+};
+use photofit_scalar::Vec3f;
+use std::collections::BTreeSet;
+use std::sync::Mutex;
+use std::time::Instant;
+
+/// Ends of the grids, coarse to fine, as shares of all steps: three halvings at most.
+const ENDS: [f64; 4] = [0.16, 0.36, 0.64, 1.0];
+/// Most voxels along the longest side of the coarsest grid.
+const COARSEST: usize = 8;
+/// Voxels along the longest side.
+const SIZES: core::ops::RangeInclusive<usize> = 1..=512;
+/// Albedo and optical thickness across the box that the fit starts from.
+const ALBEDO: f32 = 0.6;
+const THICKNESS: f64 = 0.5;
+
+/// The light around a cloud.
+#[derive(Clone, Debug, Default)]
+pub struct Surroundings {
+    /// Lights without extent.
+    pub lights: Vec<LightSource>,
+    /// Light from all around, which pictures show behind the cloud.
+    pub environment: Option<EnvironmentMap>,
+}
+
+impl From<&ViewLights> for Surroundings {
+    fn from(lights: &ViewLights) -> Self {
+        let (lights, environment) = path_lights(&lights.lights());
+        Self { lights, environment }
+    }
+}
+
+/// Options of [`recover_volume`].
+#[derive(Clone, Debug)]
+pub struct RecoverVolumeOptions {
+    /// Corners of the box that holds the cloud; `None`: [`seen_by`] the cameras.
+    pub bounds: Option<[DVec3; 2]>,
+    /// Voxels along the longest side of the box, 1 to 512.
+    pub size: usize,
+    /// Begins with grids of an eighth, a quarter and half as many voxels along each side, of 8 at least.
+    pub coarse_to_fine: bool,
+    /// Albedo where it is known, 0 to 1; `None`: it is found too.
+    pub albedo: Option<[f32; 3]>,
+    /// Mean cosine of scattering, in (-1, 1).
+    pub anisotropy: f32,
+    /// Steps of all grids together.
+    pub steps: u64,
+    /// Peak rate, see [`RecoverSceneOptions::rate`].
+    pub rate: f64,
+    /// Samples per pixel of the pictures of a step.
+    pub spp: u32,
+    /// Samples per pixel of its gradients.
+    pub gradient_spp: u32,
+    /// Most scattering events of a path.
+    pub max_depth: u32,
+    /// How steps are smoothed.
+    pub smoothing: Smoothing,
+    /// Seed of all random choices.
+    pub seed: u64,
+    /// Checkpoints, one folder `grid_N` for each grid, and limits.
+    pub keeping: Keeping,
+}
+
+impl Default for RecoverVolumeOptions {
+    fn default() -> Self {
+        Self {
+            bounds: None,
+            size: 64,
+            coarse_to_fine: true,
+            albedo: None,
+            anisotropy: 0.0,
+            steps: 200,
+            rate: 0.05,
+            spp: 16,
+            gradient_spp: 1,
+            max_depth: 16,
+            smoothing: Smoothing::default(),
+            seed: 0,
+            keeping: Keeping::default(),
+        }
+    }
+}
+
+/// A cloud that was found.
+#[derive(Debug)]
+pub struct RecoveredVolume {
+    /// The world with the cloud; density, then albedo where it was found.
+    pub model: Traced,
+    /// Voxels along x, y and z.
+    pub size: [usize; 3],
+    /// Corners of the box.
+    pub bounds: [DVec3; 2],
+    /// Extinction per length, x fastest.
+    pub extinction: Vec<f32>,
+    /// Albedo, three channels of each voxel.
+    pub albedo: Vec<f32>,
+    /// The course over all grids.
+    pub history: Vec<HistoryPoint>,
+    /// Steps after which a grid began, and its longest side.
+    pub grids: Vec<(u64, usize)>,
+    /// The picture that was held out.
+    pub held_out: Option<usize>,
+    /// Steps made.
+    pub steps: u64,
+    /// Steps that were made before this run.
+    pub resumed: u64,
+    /// Ended by the user or the time limit.
+    pub stopped: bool,
+    /// What ran on the last grid, and what was skipped.
+    pub plan: PlanRows,
+}
+
+/// The cube around the ball that all cameras see whole: about the point that their optical axes pass closest to.
+///
+/// # Errors
+/// If they look in one direction, so that there is no such point, or away from it.
+pub fn seen_by(views: &[View]) -> Result<[DVec3; 2], FitError> {
+    let wrong = |rule: &str| FitError::Setting { field: "bounds", rule: rule.into() };
+    let (mut sum, mut right) = (DMat3::ZERO, DVec3::ZERO);
+    for view in views {
+        let d = -view.axes[2].as_dvec3().normalize();
+        let across = DMat3::IDENTITY - DMat3::from_cols(d * d.x, d * d.y, d * d.z);
+        sum += across;
+        right += across * view.eye;
+    }
+    let scale = views.len().max(1) as f64;
+    if (sum * (1.0 / scale)).determinant().abs() < 1e-4 {
+        return Err(wrong("cannot be told from cameras that look in one direction; they must be given"));
+    }
+    let center = sum.inverse() * right;
+    let mut radius = f64::INFINITY;
+    for view in views {
+        let depth = (center - view.eye).dot(-view.axes[2].as_dvec3().normalize());
+        let half = f64::from(view.half[0].min(view.half[1]));
+        radius = radius.min(depth * half / half.hypot(1.0));
+    }
+    if !(radius > 0.0 && radius.is_finite()) {
+        return Err(wrong("cannot be told from cameras that look away from each other; they must be given"));
+    }
+    Ok([center - radius, center + radius])
+}
+
+/// Finds the cloud in a box that `pictures` show (linear, one for each of `views`, all of one size; their alpha is not
+/// looked at) under the light of `surroundings`.
+///
+/// # Errors
+/// See [`FitError`]: options out of their ranges, no light, pictures of another number, values that are not finite.
+pub fn recover_volume(
+    surroundings: &Surroundings,
+    views: &[View],
+    pictures: &[Image],
+    options: &RecoverVolumeOptions,
+    progress: &dyn Progress,
+) -> Result<RecoveredVolume, FitError> {
+    let began = Instant::now();
+    options.check(surroundings)?;
+    let Some(first) = pictures.first() else {
+        let rule = format!("are 0; they must be {}, one per view", views.len().max(1));
+        return Err(FitError::Setting { field: "pictures", rule });
+    };
+    let bounds = options.bounds.map_or_else(|| seen_by(views), Ok)?;
+    let longest = options.longest_sides();
+    let mut grid = Grid::start(size_of(&bounds, longest[0]), &bounds, options.albedo);
+    let (mut history, mut grids) = (Vec::new(), Vec::new());
+    let (mut done, mut made, mut resumed) = (0, 0, 0);
+    let told = Mutex::default();
+    for (level, side) in longest.iter().enumerate() {
+        grid = grid.resampled(size_of(&bounds, *side));
+        let model = grid.model(surroundings, &bounds, options, [first.width, first.height])?;
+        let end = (options.steps as f64 * ENDS[ENDS.len() - longest.len() + level]).round() as u64;
+        let checkpoint = options.keeping.checkpoint.as_ref().map(|c| c.join(checkpoint_of(level)));
+        let keeping = Keeping {
+            // A grid that was not reached before begins now.
+            resume: options.keeping.resume && (level == 0 || checkpoint.as_ref().is_some_and(|c| c.exists())),
+            checkpoint,
+            time_limit: options.keeping.time_limit.map(|l| l.saturating_sub(began.elapsed())),
+        };
+        let own = RecoverSceneOptions { steps: end - done, rate: options.rate, seed: options.seed, keeping };
+        let shown = OfGrid { progress, done, steps: options.steps, size: grid.size, told: &told };
+        let r = recover_scene(model, views, pictures, &own, &shown)?;
+        grids.push((done, *side));
+        history.extend(r.history.iter().map(|h| HistoryPoint { step: done + h.step, ..*h }));
+        grid.extinction.copy_from_slice(r.model.of(0));
+        if options.albedo.is_none() {
+            grid.albedo.copy_from_slice(r.model.of(1));
+        }
+        (done, made, resumed) = (end, made + r.steps, resumed + r.resumed);
+        if level + 1 == longest.len() || r.stopped {
+            return Ok(RecoveredVolume {
+                size: grid.size,
+                bounds,
+                extinction: grid.extinction,
+                albedo: grid.albedo,
+                history,
+                grids,
+                held_out: r.held_out,
+                steps: made,
+                resumed,
+                stopped: r.stopped,
+                plan: r.plan,
+                model: r.model,
+            });
+        }
+    }
+    unreachable!("there is a grid")
+}
+
+/// The folder of the checkpoint of a grid, the coarsest is 0.
+pub fn checkpoint_of(level: usize) -> String {
+    format!("grid_{level}")
+}
+
+impl RecoverVolumeOptions {
+    fn check(&self, surroundings: &Surroundings) -> Result<(), FitError> {
+        let wrong = |field, rule| Err(FitError::Setting { field, rule });
+        if !SIZES.contains(&self.size) {
+            return wrong(
+                "size",
+                format!("is {}; it must be {} to {}", self.size, SIZES.start(), SIZES.end()),
+            );
+        }
+        if let Some([lo, hi]) =
+            self.bounds.filter(|[lo, hi]| !(hi - lo).is_finite() || (hi - lo).min_element() <= 0.0)
+        {
+            return wrong("bounds", format!("are {lo} to {hi}; they must be finite and have a volume"));
+        }
+        if let Some(a) = self.albedo.filter(|a| !a.iter().all(|v| (0.0..=1.0).contains(v))) {
+            return wrong("albedo", format!("is {a:?}; it must be 0 to 1"));
+        }
+        if !(self.anisotropy > -1.0 && self.anisotropy < 1.0) {
+            return wrong(
+                "anisotropy",
+                format!("is {}; it must be more than -1 and less than 1", self.anisotropy),
+            );
+        }
+        if surroundings.environment.is_none() && surroundings.lights.is_empty() {
+            return wrong("surroundings", "have no light; they must have some".into());
+        }
+        Ok(())
+    }
+
+    /// Longest sides of the grids, coarse to fine.
+    pub fn longest_sides(&self) -> Vec<usize> {
+        let mut sides = vec![self.size];
+        while self.coarse_to_fine && sides.len() < ENDS.len() && sides[0] >= 2 * COARSEST {
+            sides.insert(0, sides[0].div_ceil(2));
+        }
+        sides
+    }
+}
+
+/// Voxels along the axes of a box whose longest side has so many.
+fn size_of([lo, hi]: &[DVec3; 2], longest: usize) -> [usize; 3] {
+    let sides = *hi - *lo;
+    (sides / sides.max_element() * longest as f64).to_array().map(|n| (n.round() as usize).max(1))
+}
+
+/// A cloud in a box.
+struct Grid {
+    size: [usize; 3],
+    extinction: Vec<f32>,
+    albedo: Vec<f32>,
+}
+
+impl Grid {
+    fn start(size: [usize; 3], [lo, hi]: &[DVec3; 2], albedo: Option<[f32; 3]>) -> Self {
+        let voxels = size.iter().product();
+        let extinction = (THICKNESS / (*hi - *lo).max_element()) as f32;
+        Self {
+            size,
+            extinction: vec![extinction; voxels],
+            albedo: albedo.unwrap_or([ALBEDO; 3]).repeat(voxels),
+        }
+    }
+
+    /// The same on another grid, linearly between the centres of voxels.
+    fn resampled(self, size: [usize; 3]) -> Self {
+        if size == self.size {
+            return self;
+        }
+        let of = |values: &[f32], channels| resample(values, self.size, channels, size);
+        Self { size, extinction: of(&self.extinction, 1), albedo: of(&self.albedo, 3) }
+    }
+
+    fn model(
+        &self,
+        surroundings: &Surroundings,
+        bounds: &[DVec3; 2],
+        options: &RecoverVolumeOptions,
+        [width, height]: [usize; 2],
+    ) -> Result<Traced, FitError> {
+        let [lo, hi] = *bounds;
+        let volume = Volume {
+            size: self.size,
+            density: self.extinction.clone(),
+            scale: 1.0,
+            albedo: Vec3f::splat(1.0),
+            albedos: self.albedo.as_chunks::<3>().0.iter().map(|a| Vec3f::from_array(*a)).collect(),
+            g: options.anisotropy,
+            transform: DAffine3::from_translation(lo) * DAffine3::from_scale(hi - lo),
+        };
+        let Surroundings { lights, environment } = surroundings.clone();
+        let world = World::new(Parts { lights, environment, volumes: vec![volume], ..Parts::default() })?;
+        let [x, y, z] = self.size;
+        let of = |name: &str, value, channels, high| TracedParameter {
+            name: name.into(),
+            parameter: Parameter::Medium { medium: MediumRef::Volume(0), value },
+            shape: [z, y, x, channels],
+            range: [0.0, high],
+        };
+        let mut parameters = vec![of("extinction", MediumValue::Extinction, 1, 1e6)];
+        if options.albedo.is_none() {
+            parameters.push(of("albedo", MediumValue::Albedo, 3, 1.0));
+        }
+        let render =
+            RenderOptions { width, height, spp: options.spp, seed: options.seed, ..RenderOptions::default() };
+        let mut model = Traced::new(world, render, parameters)?;
+        model.options.path.max_depth = options.max_depth;
+        model.gradient_spp = options.gradient_spp;
+        model.smoothing = options.smoothing;
+        Ok(model)
+    }
+}
+
+/// Values of a grid, x fastest, on another grid over the same box.
+fn resample(values: &[f32], from: [usize; 3], channels: usize, to: [usize; 3]) -> Vec<f32> {
+    // For each axis and each new voxel: the two old ones around its centre, and the weight of the second.
+    let axis = |k: usize| {
+        let taps = |i: usize| {
+            let at =
+                ((i as f64 + 0.5) / to[k] as f64 * from[k] as f64 - 0.5).clamp(0.0, (from[k] - 1) as f64);
+            let low = at as usize;
+            (low, (low + 1).min(from[k] - 1), (at - low as f64) as f32)
+        };
+        (0..to[k]).map(taps).collect::<Vec<_>>()
+    };
+    let [xs, ys, zs] = [0, 1, 2].map(axis);
+    let mut out = Vec::with_capacity(to.iter().product::<usize>() * channels);
+    for &(z0, z1, w) in &zs {
+        for &(y0, y1, v) in &ys {
+            for &(x0, x1, u) in &xs {
+                for c in 0..channels {
+                    let at = |x, y, z| values[((z * from[1] + y) * from[0] + x) * channels + c];
+                    let mix = |a: f32, b: f32, t: f32| a + (b - a) * t;
+                    let row = |y, z| mix(at(x0, y, z), at(x1, y, z), u);
+                    out.push(mix(mix(row(y0, z0), row(y1, z0), v), mix(row(y0, z1), row(y1, z1), v), w));
+                }
+            }
+        }
+    }
+    out
+}
+
+/// Progress of one grid as that of the whole.
+struct OfGrid<'a> {
+    progress: &'a dyn Progress,
+    done: u64,
+    steps: u64,
+    size: [usize; 3],
+    /// Warnings that were told: what is wrong with the pictures is so for all grids.
+    told: &'a Mutex<BTreeSet<String>>,
+}
+
+impl Progress for OfGrid<'_> {
+    fn report(&self, stage: &'static str, done: u64, _: u64, note: &str) {
+        let [x, y, z] = self.size;
+        let note = format!("{x} x {y} x {z} voxels{}{note}", if note.is_empty() { "" } else { ", " });
+        self.progress.report(stage, self.done + done, self.steps, &note);
+    }
+
+    fn warn(&self, text: &str) {
+        if self.told.lock().is_ok_and(|mut told| told.insert(text.to_owned())) {
+            self.progress.warn(text);
+        }
+    }
+
+    fn note(&self, text: &str) {
+        self.progress.note(text);
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.progress.is_cancelled()
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,189 @@
+//! A cloud of two balls is found again from pictures around it.
+
+use super::*;
+use crate::Silent;
+use core::sync::atomic::{AtomicU64, Ordering};
+use glam::Vec3;
+use photofit_scalar::vec3;
+use photofit_scene::Camera;
+
+const SIDE: usize = 20;
+const CENTER: DVec3 = DVec3::new(4.0, -1.0, 2.0);
+
+fn view(k: usize) -> View {
+    let (turn, height) = (2.4 * k as f32, [0.8, -0.6, 0.1][k % 3]);
+    let eye = CENTER.as_vec3() + Vec3::new(3.6 * turn.sin(), 1.8 * height, 3.6 * turn.cos());
+    View::pinhole(&Camera::look_at(eye, CENTER.as_vec3(), Vec3::Y, 0.7, 1.0, 0.1, 20.0))
+}
+
+/// Light and dark behind the cloud tell density from albedo.
+fn surroundings() -> Surroundings {
+    let sky = Image::from_fn(8, 4, 3, |x, y, _| if (x + y) % 2 == 0 { 0.9 } else { 0.1 });
+    let sun = LightSource::Directional { direction: vec3(0.3, 1.0, 0.4), irradiance: Vec3f::splat(6.0) };
+    Surroundings { lights: vec![sun], environment: Some(EnvironmentMap::new(sky)) }
+}
+
+const BOUNDS: [DVec3; 2] = [DVec3::new(3.0, -2.0, 1.0), DVec3::new(5.0, 0.0, 3.0)];
+
+/// Two balls of `side` voxels per side in the cube of side 2 around [`CENTER`].
+fn balls(side: usize) -> Grid {
+    let at = |i: usize| (i as f32 + 0.5) / side as f32 * 2.0 - 1.0;
+    let (mut extinction, mut albedo) = (Vec::new(), Vec::new());
+    for i in 0..side * side * side {
+        let p = Vec3::new(at(i % side), at(i / side % side), at(i / side / side));
+        let ball =
+            |center: Vec3, radius: f32| (1.5 - ((p - center) / radius).length_squared()).clamp(0.0, 1.0);
+        let (a, b) = (ball(Vec3::new(-0.3, 0.1, 0.2), 0.5), ball(Vec3::new(0.4, -0.2, -0.2), 0.4));
+        extinction.push(4.0 * a + 3.0 * b);
+        albedo.extend(if a >= b { [0.9, 0.6, 0.3] } else { [0.3, 0.5, 0.9] });
+    }
+    Grid { size: [side; 3], extinction, albedo }
+}
+
+fn options(size: usize, steps: u64) -> RecoverVolumeOptions {
+    RecoverVolumeOptions {
+        bounds: Some(BOUNDS),
+        size,
+        steps,
+        gradient_spp: 4,
+        max_depth: 6,
+        ..Default::default()
+    }
+}
+
+fn pictures(views: &[View]) -> Vec<Image> {
+    let model = balls(16).model(&surroundings(), &BOUNDS, &options(16, 0), [SIDE; 2]).expect("valid");
+    views.iter().map(|v| model.picture(v, 256, 99).expect("rendered")).collect()
+}
+
+fn rmse(a: &[f32], b: &[f32]) -> f64 {
+    (a.iter().zip(b).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>() / a.len() as f64).sqrt()
+}
+
+#[test]
+fn a_cloud_is_found_from_coarse_to_fine() {
+    let views: Vec<View> = (0..7).map(view).collect();
+    let options = options(16, 80);
+    let r = recover_volume(&surroundings(), &views, &pictures(&views), &options, &Silent).expect("found");
+    assert_eq!((r.size, r.held_out, r.bounds), ([16; 3], Some(6), BOUNDS));
+    assert_eq!(r.grids, [(0, 8), (51, 16)]);
+    let truth = balls(16);
+    let start = Grid::start([16; 3], &BOUNDS, None);
+    let dense = |v: &[f32]| -> Vec<f32> {
+        (0..v.len()).filter(|i| truth.extinction[i / 3] > 1.0).map(|i| v[i]).collect()
+    };
+    let extinction = [&start.extinction, &r.extinction].map(|e| rmse(e, &truth.extinction));
+    let albedo = [&start.albedo, &r.albedo].map(|a| rmse(&dense(a), &dense(&truth.albedo)));
+    println!("extinction {extinction:?}, albedo {albedo:?}");
+    assert!(extinction[1] < 0.65 * extinction[0], "{extinction:?}");
+    assert!(albedo[1] < 0.8 * albedo[0], "{albedo:?}");
+    let best = r.history.iter().map(|h| h.quality).fold(f64::NEG_INFINITY, f64::max);
+    assert!(best > r.history[0].quality + 5.0, "{} {best}", r.history[0].quality);
+}
+
+#[test]
+fn known_albedo_stays() {
+    let views: Vec<View> = (0..4).map(view).collect();
+    let known = RecoverVolumeOptions { albedo: Some([0.5, 0.6, 0.7]), ..options(8, 4) };
+    let r = recover_volume(&surroundings(), &views, &pictures(&views), &known, &Silent).expect("found");
+    assert!(r.albedo.chunks(3).all(|a| a == [0.5, 0.6, 0.7]) && r.model.parameters.len() == 1);
+}
+
+/// Asks to stop after so many reports.
+struct Stopping(AtomicU64);
+
+impl Progress for Stopping {
+    fn report(&self, _: &'static str, _: u64, _: u64, _: &str) {
+        let _ = self.0.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |n| n.checked_sub(1));
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.0.load(Ordering::Relaxed) == 0
+    }
+}
+
+#[test]
+fn stopped_fits_go_on_to_the_same_bits() {
+    let views: Vec<View> = (0..4).map(view).collect();
+    let pictures = pictures(&views);
+    let run = |keeping, progress: &dyn Progress| {
+        let options = RecoverVolumeOptions { keeping, ..options(16, 60) };
+        recover_volume(&surroundings(), &views, &pictures, &options, progress).expect("found")
+    };
+    let whole = run(Keeping::default(), &Silent);
+    let dir = tempfile::tempdir().expect("a folder");
+    let kept = Keeping { checkpoint: Some(dir.path().into()), resume: true, time_limit: None };
+    // In the first grid, then in the second.
+    for reports in [2, 8] {
+        let part = run(kept.clone(), &Stopping(AtomicU64::new(reports)));
+        assert!(part.stopped, "after {reports} reports");
+    }
+    let last = run(kept, &Silent);
+    assert!(last.resumed > 0 && !last.stopped && last.steps == whole.steps);
+    assert!(last.extinction == whole.extinction && last.albedo == whole.albedo);
+}
+
+#[test]
+fn the_box_is_what_all_cameras_see() {
+    let views: Vec<View> = (0..9).map(view).collect();
+    let [lo, hi] = seen_by(&views).expect("a box");
+    assert!((0.5 * (lo + hi)).distance(CENTER) < 1e-5, "{lo} {hi}");
+    // Half the side is the nearest eye's distance times the sine of half its angle.
+    let near = views.iter().map(|v| v.eye.distance(CENTER)).fold(f64::INFINITY, f64::min);
+    assert!((0.5 * (hi - lo).x - near * 0.35_f64.sin()).abs() < 1e-5, "{lo} {hi}");
+    let parallel = |x: f32| {
+        let eye = Vec3::new(x, 0.0, 5.0);
+        View::pinhole(&Camera::look_at(eye, eye - Vec3::Z, Vec3::Y, 0.7, 1.0, 0.1, 20.0))
+    };
+    let error = seen_by(&[parallel(0.0), parallel(1.0)]).unwrap_err().to_string();
+    assert!(error.contains("one direction"), "{error}");
+}
+
+#[test]
+fn finer_grids_hold_what_coarser_ones_held() {
+    // x + 2 y + 4 z at the centres of voxels stays that within the outermost centres.
+    let at = |i: usize, n: usize| (i as f32 + 0.5) / n as f32;
+    let plane = |[nx, ny, nz]: [usize; 3]| -> Vec<f32> {
+        let of = |i: usize| at(i % nx, nx) + 2.0 * at(i / nx % ny, ny) + 4.0 * at(i / nx / ny, nz);
+        (0..nx * ny * nz).map(of).collect()
+    };
+    let (from, to) = ([4, 3, 5], [8, 6, 10]);
+    let (found, wanted) = (resample(&plane(from), from, 1, to), plane(to));
+    let inner = |i: usize| {
+        let p = [i % 8, i / 8 % 6, i / 48];
+        p.iter().zip(to).all(|(i, n)| *i > 0 && i + 1 < n)
+    };
+    for i in (0..480).filter(|i| inner(*i)) {
+        assert!((found[i] - wanted[i]).abs() < 1e-5, "{i}: {} {}", found[i], wanted[i]);
+    }
+    let colors: Vec<f32> = (0..60).flat_map(|_| [0.1, 0.5, 0.9]).collect();
+    assert!(
+        resample(&colors, from, 3, to)
+            .chunks(3)
+            .all(|c| (c[0] - 0.1).abs() < 1e-6 && (c[2] - 0.9).abs() < 1e-6)
+    );
+}
+
+#[test]
+fn wrong_options_are_named() {
+    let views = [view(0)];
+    let fails = |surroundings: &Surroundings, options: &RecoverVolumeOptions| {
+        recover_volume(surroundings, &views, &[Image::new(8, 8, 4)], options, &Silent)
+            .unwrap_err()
+            .to_string()
+    };
+    let lit = surroundings();
+    for (options, text) in [
+        (RecoverVolumeOptions { size: 0, ..options(8, 1) }, "size is 0; it must be 1 to 512"),
+        (
+            RecoverVolumeOptions { anisotropy: 1.0, ..options(8, 1) },
+            "anisotropy is 1; it must be more than -1",
+        ),
+        (RecoverVolumeOptions { albedo: Some([0.5, 2.0, 0.0]), ..options(8, 1) }, "it must be 0 to 1"),
+        (RecoverVolumeOptions { bounds: Some([DVec3::ONE; 2]), ..options(8, 1) }, "have a volume"),
+    ] {
+        let error = fails(&lit, &options);
+        assert!(error.contains(text), "{error}");
+    }
+    assert!(fails(&Surroundings::default(), &options(8, 1)).contains("have no light"));
+}
