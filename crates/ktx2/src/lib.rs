@@ -25,7 +25,7 @@ mod write;
 mod zstandard;
 
 pub use error::Ktx2Error;
-pub use read::{decode, is_ktx2, level_count, size};
+pub use read::{decode, is_ktx2, is_supercompressed, level_count, size};
 pub use uastc::{Effort, encode_block};
 pub use write::{Options, encode};
 

@@ -24,6 +24,14 @@ pub fn size(bytes: &[u8]) -> Result<(usize, usize), Ktx2Error> {
     Header::read(bytes).map(|h| (h.width as usize, h.height as usize))
 }
 
+/// Whether its levels are packed once more, by Zstandard or `BasisLZ`: a file then holds more texels than it has bytes.
+///
+/// # Errors
+/// If the file's header is damaged, or the file is of a kind that is not read.
+pub fn is_supercompressed(bytes: &[u8]) -> Result<bool, Ktx2Error> {
+    Header::read(bytes).map(|h| h.scheme != SCHEME_NONE)
+}
+
 /// The number of mip levels, at least 1.
 ///
 /// # Errors
@@ -47,14 +55,14 @@ pub fn decode(bytes: &[u8], level: usize) -> Result<Level, Ktx2Error> {
     let texture = Transcoder::new(&bytes).map_err(damaged)?;
     let samples =
         texture.transcode(level as u32, TargetFormat::Rgba32, DecodeFlags::NONE).map_err(damaged)?;
-    let texels = samples.as_chunks::<4>().0.to_vec();
+    let texels = samples.as_chunks::<4>().0;
     if texels.len() as u64 != u64::from(width) * u64::from(height) {
         return Err(invalid(
             "the file",
             format!("is damaged: mip level {level} has other texels than its size"),
         ));
     }
-    Ok((width, height, texels))
+    Ok((width, height, texels.to_vec()))
 }
 
 /// What a header says, once it is known to agree with the file.

@@ -8,6 +8,7 @@ mod allocation;
 #[cfg(test)]
 mod tests;
 
+use super::options::FEWEST;
 use super::plain::reduced;
 use super::{Normalised, SimplifyOptions};
 use crate::engine::judge::{self, Stage};
@@ -62,8 +63,36 @@ struct Files {
     encodings: usize,
 }
 
+/// An asset and the bytes of its file.
+pub(super) struct Made {
+    pub(super) scene: Scene,
+    pub(super) bytes: u64,
+}
+
+impl Made {
+    /// # Errors
+    /// If the file cannot be written.
+    pub(super) fn new(scene: Scene, compression: Compression) -> Result<Self, FitError> {
+        Ok(Self { bytes: to_glb_with(&scene, compression)?.len() as u64, scene })
+    }
+
+    /// Tells that the file has more than `most` bytes, if it has.
+    pub(super) fn warn(&self, most: u64, progress: &dyn Progress) {
+        let Self { scene, bytes } = self;
+        if *bytes <= most {
+            return;
+        }
+        let why = if scene.images.is_empty() {
+            "the asset has no textures to reduce".to_owned()
+        } else {
+            format!("the smallest has {bytes}; fewer triangles or compressed geometry make it smaller")
+        };
+        progress.warn(&format!("no file of {most} bytes can be made: {why}"));
+    }
+}
+
 /// The asset with the textures that look best among those with which the file has at most `most` bytes. Where none fits, the
-/// smallest file, with a warning.
+/// smallest file.
 ///
 /// # Errors
 /// If a file cannot be encoded.
@@ -73,15 +102,12 @@ pub(super) fn within(
     (n, reference): (&Normalised, &dyn Reference),
     options: &SimplifyOptions,
     progress: &dyn Progress,
-) -> Result<Scene, FitError> {
-    if to_glb_with(&light, options.compression)?.len() as u64 <= most {
-        return Ok(light);
+) -> Result<Made, FitError> {
+    let made = Made::new(light, options.compression)?;
+    if made.bytes <= most || made.scene.images.is_empty() {
+        return Ok(made);
     }
-    if light.images.is_empty() {
-        progress.warn(&format!("no file of {most} bytes can be made: the asset has no textures to reduce"));
-        return Ok(light);
-    }
-    let files = Files::new(light, options, progress)?;
+    let files = Files::new(made.scene, options, progress)?;
     let views = Orbit::new(options.seed, &options.lighting, options.resolution);
     let (count, [_, samples]) = (options.choice_views(), options.judge_samples());
     let texels: usize = files.light.images.iter().map(|i| i.texels.len()).sum();
@@ -102,27 +128,19 @@ pub(super) fn within(
         let ways = files.ways(&judged(trials.len(), &|i| files.trial(&trials[i]))?);
         fitting.extend(files.apart(&ways, most)?);
     }
-    match fitting.len() {
-        0 => {
-            let smallest = files.with(&files.smallest())?;
-            let size = files.bytes(&smallest)?;
-            if size > most {
-                progress.warn(&format!(
-                    "no file of {most} bytes can be made: the smallest has {size}; fewer triangles or compressed geometry \
-                     make it smaller"
-                ));
-            }
-            Ok(smallest)
-        }
-        1 => Ok(fitting.swap_remove(0)),
+    let scene = match fitting.len() {
+        0 => files.with(&files.smallest())?,
+        1 => fitting.swap_remove(0),
         _ => {
             let best = judge::highest(&judged(fitting.len(), &|i| Ok(fitting[i].clone()))?);
-            Ok(fitting.swap_remove(best))
+            fitting.swap_remove(best)
         }
-    }
+    };
+    Made::new(scene, options.compression)
 }
 
-/// Part of a file's bytes that geometry may take where the budget of triangles follows from bytes.
+/// Part of a file's bytes that geometry may take where the budget of triangles follows from bytes: a convention, which no
+/// measurement chose.
 const GEOMETRY: f64 = 0.5;
 
 /// The triangles of an asset that a file of `most` bytes holds: all where the asset as it is fits, and otherwise as many as
@@ -146,7 +164,7 @@ pub(super) fn triangles_within(
     if geometry + textures <= most as f64 {
         return Ok(all);
     }
-    Ok(((all as f64 * GEOMETRY * most as f64 / geometry) as usize).clamp(1, all))
+    Ok(((all as f64 * GEOMETRY * most as f64 / geometry) as usize).clamp(FEWEST.min(all), all))
 }
 
 /// The encoding that loses most: JPEG does not where it cannot hold alpha.

@@ -46,6 +46,8 @@ pub(super) struct Chosen {
     pub(super) light: Scene,
     /// Which of the candidates that is.
     pub(super) written: Written,
+    /// The decimated asset with its own materials, where it may be written and something else looked better.
+    pub(super) own: Option<Scene>,
 }
 
 /// The fit judged itself by its own renderer; the choice among the fitted asset, the same with maps baked anew, the
@@ -81,7 +83,7 @@ pub(super) fn best(
     let (count, [_, samples]) = (options.choice_views(), options.judge_samples());
     let scores = judge::scores(n, reference, &stages, &views, count, samples, progress)?;
     let best = judge::highest(&scores);
-    let baked = models.len() - 1;
+    let (models_made, baked) = (models.len(), models.len() - 1);
     let written = match best {
         0 => Written::Fitted,
         1 => Written::Rebaked,
@@ -90,5 +92,6 @@ pub(super) fn best(
         _ => Written::Decimated,
     };
     let model = models.swap_remove(judge::highest(&scores[..models.len()]));
-    Ok(Chosen { trained: Trained { model, ..trained }, light: scenes.swap_remove(best), written })
+    let own = (scenes.len() > models_made && written != Written::Decimated).then(|| scenes.pop()).flatten();
+    Ok(Chosen { trained: Trained { model, ..trained }, light: scenes.swap_remove(best), written, own })
 }

@@ -65,6 +65,7 @@ pub fn simplify(
 ) -> Result<Outcome, FitError> {
     let began = Instant::now();
     options.check(scene.triangle_count())?;
+    scene.validate_for_fit()?;
     let mut options = options.clone();
     if let Some(most) = options.max_bytes.filter(|_| options.triangles_by_bytes) {
         options.target = Target::Triangles(byte_budget::triangles_within(scene, most, options.compression)?);
@@ -170,13 +171,34 @@ pub(crate) fn simplify_asset(
     let plan = plan_with_phases.unwrap_or(plan).with_device(device.told());
     let plain = plain::plain(scene, n, start.candidate.triangles.len())?;
     let own = if options.own_textures { plain::written(&plain, n, options) } else { None };
-    let choice::Chosen { trained, mut light, written } =
+    let choice::Chosen { trained, mut light, mut written, own } =
         choice::best(trained, own, surface, visibility, &starts, n, reference, options, progress)?;
 
-    light.inherit(scene);
-    light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
+    let dressed = |mut light: Scene| {
+        light.inherit(scene);
+        light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
+        light
+    };
+    light = dressed(light);
     if let Some(most) = options.max_bytes {
-        light = byte_budget::within(light, most, (n, reference), options, progress)?;
+        let within = |light| byte_budget::within(light, most, (n, reference), options, progress);
+        let made = within(light)?;
+        // What looked best may take more bytes than the asset's own textures.
+        let own = if made.bytes > most { own.map(|o| within(dressed(o))).transpose()? } else { None };
+        let smaller = own.filter(|o| o.bytes < made.bytes);
+        if smaller.is_some() {
+            written = Written::Decimated;
+        }
+        let mut made = smaller.unwrap_or(made);
+        // Decimation splits vertices where attributes differ, so that all triangles may take more bytes than the source did.
+        if made.bytes > most && options.keeps_all(scene) {
+            let whole = byte_budget::Made::new(scene.clone(), options.compression)?;
+            if whole.bytes <= most {
+                (made, written) = (whole, Written::Decimated);
+            }
+        }
+        made.warn(most, progress);
+        light = made.scene;
     }
     let textures = byte_budget::told(&light);
     photofit_scene::save_glb_with(output, &light, options.compression)?;

@@ -1,6 +1,7 @@
 //! Reading KTX 2.0 textures of Basis Universal: their first mip level.
 
 use super::Limits;
+use super::limits::{MAX_RATIO_UASTC, MAX_RATIO_UASTC_ZSTANDARD};
 use crate::{Image, ImageError, color};
 
 /// Width and height from the header.
@@ -15,8 +16,9 @@ pub(super) fn decode(
     limits: &Limits,
 ) -> Result<(usize, usize, Vec<[u8; 4]>), ImageError> {
     let (width, height) = size(bytes, place)?;
-    // Of UASTC a header is as long as the file, but a few bytes of ETC1S can stand for many texels.
-    limits.check(place, (width as u64, height as u64), 4, 4, bytes.len(), u64::MAX)?;
+    let packed = photofit_ktx2::is_supercompressed(bytes).map_err(|e| invalid(place, &e))?;
+    let ratio = if packed { MAX_RATIO_UASTC_ZSTANDARD } else { MAX_RATIO_UASTC };
+    limits.check(place, (width as u64, height as u64), 4, 4, bytes.len(), ratio)?;
     let (_, _, texels) = photofit_ktx2::decode(bytes, 0).map_err(|e| invalid(place, &e))?;
     Ok((width, height, texels))
 }
@@ -58,6 +60,18 @@ mod tests {
         let small = Limits { max_side: 4, ..limits };
         let error = crate::decode_texture(&file(), &small).unwrap_err().to_string();
         assert!(error.contains("8 x 8"), "{error}");
+        // A few bytes that claim 2^29 texels: 4 KiB of them are not enough for a side of 2^15.
+        let mut claim = file();
+        claim.truncate(4096);
+        let sides: [u32; 2] = [1 << 15, 1 << 14];
+        claim[20..28].copy_from_slice(sides.map(u32::to_le_bytes).as_flattened());
+        claim[40..44].copy_from_slice(&1_u32.to_le_bytes());
+        claim[44..48].copy_from_slice(&2_u32.to_le_bytes());
+        let blocks = u64::from(sides[0]) * u64::from(sides[1]);
+        claim[96..104].copy_from_slice(&blocks.to_le_bytes());
+        let wide = Limits { max_samples: u64::MAX, ..limits };
+        let error = crate::decode_texture(&claim, &wide).unwrap_err().to_string();
+        assert!(error.contains("no codec packs that"), "{error}");
         let error = crate::decode_texture(&file()[..100], &limits).unwrap_err().to_string();
         assert!(error.contains("KTX 2.0"), "{error}");
     }

@@ -6,13 +6,18 @@ use crate::ImageError;
 pub(crate) const MAX_RATIO: u64 = 2048;
 /// WebP stores 4096 equal pixels in two bytes.
 pub(crate) const MAX_RATIO_WEBP: u64 = 1 << 14;
+/// A block of UASTC holds 16 texels of four bytes in 16.
+pub(crate) const MAX_RATIO_UASTC: u64 = 4;
+/// Zstandard stores 2^17 equal bytes in four, each of which stands for four of texels; in ETC1S long runs of equal blocks take
+/// a few bits.
+pub(crate) const MAX_RATIO_UASTC_ZSTANDARD: u64 = 1 << 17;
 /// Small files may claim this many bytes regardless of their size.
 const FLOOR: u64 = 1 << 20;
 
 /// What an untrusted image file may claim; checked against its header before memory is taken.
 ///
-/// Besides these limits, no file may claim more than 2048 times its own size (16384 times for WebP; and 1 MiB): no codec
-/// compresses better, so that such a claim is never honest.
+/// Besides these limits, no file may claim more than 2048 times its own size (and 1 MiB): no codec compresses better, so that
+/// such a claim is never honest. Other ratios hold for WebP, 16384, and for KTX 2.0: 4 without supercompression, else 131072.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Largest width and height, in pixels.
