@@ -65,6 +65,37 @@ pub fn decode(bytes: &[u8], level: usize) -> Result<Level, Ktx2Error> {
     Ok((width, height, texels.to_vec()))
 }
 
+/// What texels would have to be turned or exchanged for, `KHR_texture_basisu` does not allow, and nothing here does.
+///
+/// # Errors
+/// Another orientation than rows from the top, from the left, or channels in another order; key/value data beyond the file.
+fn check_key_values(bytes: &[u8]) -> Result<(), Ktx2Error> {
+    let broken = || invalid("the key/value data", "must be keys and values within the file".into());
+    let [at, length] = [KEY_VALUES.start, KEY_VALUES.start + 4].map(|k| word(bytes, k) as usize);
+    let mut rest = match at.checked_add(length) {
+        _ if length == 0 => return Ok(()),
+        Some(end) => bytes.get(at..end).ok_or_else(broken)?,
+        None => return Err(broken()),
+    };
+    while !rest.is_empty() {
+        let (size, pairs) = rest.split_first_chunk::<4>().ok_or_else(broken)?;
+        let size = u32::from_le_bytes(*size) as usize;
+        let pair = pairs.get(..size).ok_or_else(broken)?;
+        let end = pair.iter().position(|b| *b == 0).ok_or_else(broken)?;
+        let (key, value) = (&pair[..end], pair[end + 1..].strip_suffix(&[0]).unwrap_or(&pair[end + 1..]));
+        for (name, wanted) in [("KTXorientation", "rd"), ("KTXswizzle", "rgba")] {
+            if key == name.as_bytes() && value != wanted.as_bytes() {
+                let found = String::from_utf8_lossy(value);
+                return Err(Ktx2Error::Unsupported(format!(
+                    "textures of {name} {found:?}; it must be {wanted:?}"
+                )));
+            }
+        }
+        rest = pairs.get(size.next_multiple_of(4)..).unwrap_or_default();
+    }
+    Ok(())
+}
+
 /// What a header says, once it is known to agree with the file.
 struct Header {
     width: u32,
@@ -129,6 +160,7 @@ impl Header {
             return Err(invalid("the global data", "must lie within the file".into()));
         }
         header.check_levels(bytes, scheme)?;
+        check_key_values(bytes)?;
         Ok(header)
     }
 
@@ -152,6 +184,9 @@ impl Header {
         let (at, length) = (word(bytes, 48) as usize, word(bytes, 52) as usize);
         if length < 44 || at.checked_add(length).is_none_or(|end| end > bytes.len()) {
             return Err(invalid("the data format descriptor", "must have 44 bytes within the file".into()));
+        }
+        if word(bytes, at + 12) >> 24 & 1 == 1 {
+            return Err(Ktx2Error::Unsupported("textures whose colours are multiplied by alpha".into()));
         }
         Ok(word(bytes, at + 12) & 0xff)
     }

@@ -64,20 +64,20 @@ struct Files {
 }
 
 /// An asset and the bytes of its file.
-pub(super) struct Made {
-    pub(super) scene: Scene,
-    pub(super) bytes: u64,
+struct Made {
+    scene: Scene,
+    bytes: u64,
 }
 
 impl Made {
     /// # Errors
     /// If the file cannot be written.
-    pub(super) fn new(scene: Scene, compression: Compression) -> Result<Self, FitError> {
+    fn new(scene: Scene, compression: Compression) -> Result<Self, FitError> {
         Ok(Self { bytes: to_glb_with(&scene, compression)?.len() as u64, scene })
     }
 
     /// Tells that the file has more than `most` bytes, if it has.
-    pub(super) fn warn(&self, most: u64, progress: &dyn Progress) {
+    fn warn(&self, most: u64, progress: &dyn Progress) {
         let Self { scene, bytes } = self;
         if *bytes <= most {
             return;
@@ -91,12 +91,45 @@ impl Made {
     }
 }
 
+/// The file of at most `most` bytes of an asset; where there is none, that of the asset with its `own` textures, and of the
+/// `whole` source as it is. Also whether it is one of these. Warns if none fits, and gives the smallest.
+///
+/// # Errors
+/// If a file cannot be encoded.
+pub(super) fn best_within(
+    light: Scene,
+    (own, whole): (Option<Scene>, Option<&Scene>),
+    most: u64,
+    judged_by: (&Normalised, &dyn Reference),
+    options: &SimplifyOptions,
+    progress: &dyn Progress,
+) -> Result<(Scene, bool), FitError> {
+    let mut made = within(light, most, judged_by, options, progress)?;
+    let mut is_other = false;
+    // What looked best may take more bytes than the asset's own textures.
+    if let Some(own) = own.filter(|_| made.bytes > most) {
+        let own = within(own, most, judged_by, options, progress)?;
+        if own.bytes < made.bytes {
+            (made, is_other) = (own, true);
+        }
+    }
+    // Decimation splits vertices where attributes differ, so that all triangles may take more bytes than the source did.
+    if let Some(whole) = whole.filter(|_| made.bytes > most) {
+        let whole = Made::new(whole.clone(), options.compression)?;
+        if whole.bytes <= most {
+            (made, is_other) = (whole, true);
+        }
+    }
+    made.warn(most, progress);
+    Ok((made.scene, is_other))
+}
+
 /// The asset with the textures that look best among those with which the file has at most `most` bytes. Where none fits, the
 /// smallest file.
 ///
 /// # Errors
 /// If a file cannot be encoded.
-pub(super) fn within(
+fn within(
     light: Scene,
     most: u64,
     (n, reference): (&Normalised, &dyn Reference),

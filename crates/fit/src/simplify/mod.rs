@@ -171,7 +171,7 @@ pub(crate) fn simplify_asset(
     let plan = plan_with_phases.unwrap_or(plan).with_device(device.told());
     let plain = plain::plain(scene, n, start.candidate.triangles.len())?;
     let own = if options.own_textures { plain::written(&plain, n, options) } else { None };
-    let choice::Chosen { trained, mut light, mut written, own } =
+    let choice::Chosen { trained, light, mut written, own } =
         choice::best(trained, own, surface, visibility, &starts, n, reference, options, progress)?;
 
     let dressed = |mut light: Scene| {
@@ -179,26 +179,21 @@ pub(crate) fn simplify_asset(
         light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
         light
     };
-    light = dressed(light);
+    let mut light = dressed(light);
     if let Some(most) = options.max_bytes {
-        let within = |light| byte_budget::within(light, most, (n, reference), options, progress);
-        let made = within(light)?;
-        // What looked best may take more bytes than the asset's own textures.
-        let own = if made.bytes > most { own.map(|o| within(dressed(o))).transpose()? } else { None };
-        let smaller = own.filter(|o| o.bytes < made.bytes);
-        if smaller.is_some() {
+        let whole = options.keeps_all(scene).then_some(scene);
+        let (made, other) = byte_budget::best_within(
+            light,
+            (own.map(dressed), whole),
+            most,
+            (n, reference),
+            options,
+            progress,
+        )?;
+        if other {
             written = Written::Decimated;
         }
-        let mut made = smaller.unwrap_or(made);
-        // Decimation splits vertices where attributes differ, so that all triangles may take more bytes than the source did.
-        if made.bytes > most && options.keeps_all(scene) {
-            let whole = byte_budget::Made::new(scene.clone(), options.compression)?;
-            if whole.bytes <= most {
-                (made, written) = (whole, Written::Decimated);
-            }
-        }
-        made.warn(most, progress);
-        light = made.scene;
+        light = made;
     }
     let textures = byte_budget::told(&light);
     photofit_scene::save_glb_with(output, &light, options.compression)?;

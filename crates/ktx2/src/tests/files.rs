@@ -84,12 +84,17 @@ fn descriptor_names_transfer_and_alpha() {
 }
 
 #[test]
-fn files_are_deterministic() {
-    let level = (64, 64, image("photo", 64));
-    assert_eq!(
-        encode(std::slice::from_ref(&level), &Options::new(true)).unwrap(),
-        encode(&[level], &Options::new(true)).unwrap()
-    );
+fn files_do_not_depend_on_threads() {
+    // More blocks than one thread takes at once.
+    let level = (288, 288, image("photo", 288));
+    for rdo_lambda in [0.0, 20.0] {
+        let made = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let options = Options { rdo_lambda, ..Options::new(true) };
+            pool.install(|| encode(std::slice::from_ref(&level), &options)).unwrap()
+        };
+        assert!(made(1) == made(3), "lambda {rdo_lambda}");
+    }
 }
 
 /// A greater lambda gives a smaller file and a greater error.

@@ -31,7 +31,7 @@ struct Unknown {
     grid: Grid,
     channels: usize,
     range: [f32; 2],
-    start: f32,
+    start: Vec<f32>,
     truth: Vec<f32>,
     /// Values that errors are measured on: those that pictures show.
     counts: Vec<bool>,
@@ -119,7 +119,7 @@ struct Look {
 impl Task {
     /// Runs `method` from the start, and looks at what it has reached after each of `looks`.
     fn run(&mut self, method: &Method, looks: &[u64]) -> Result<Vec<Look>> {
-        let mut values: Vec<Vec<f32>> = self.unknowns.iter().map(|u| vec![u.start; u.truth.len()]).collect();
+        let mut values: Vec<Vec<f32>> = self.unknowns.iter().map(|u| u.start.clone()).collect();
         for (unknown, values) in self.unknowns.iter().zip(&values) {
             set(&mut self.world, unknown, values)?;
         }

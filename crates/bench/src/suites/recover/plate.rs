@@ -15,8 +15,12 @@ use crate::context::Context;
 /// Texels along the side of the plate, and pixels of its picture.
 const TEXELS: usize = 512;
 const PIXELS: usize = 256;
-/// Alpha that all runs start from.
-const START: f32 = 0.25;
+/// Alpha that all runs start from, texel by texel: nearly a mirror, as in the paper.
+fn start(texel: usize) -> f32 {
+    let bits = photofit_sampling::hash(7, texel as u64, 0);
+    0.02 + 0.2 * photofit_sampling::unit_f32((bits >> 32) as u32)
+}
+
 /// Steps of a run, and those at which it is looked at.
 const LOOKS: [u64; 6] = [5, 10, 20, 33, 50, 100];
 /// Where the scene is written, for other programs too.
@@ -117,8 +121,14 @@ fn files() -> Result<[PathBuf; 2]> {
     let folder = Path::new(FOLDER);
     std::fs::create_dir_all(folder).with_context(|| format!("{FOLDER}: cannot create"))?;
     photofit_image::write_exr(folder.join("sky.exr"), &[("", &sky(), &["R", "G", "B"])])?;
-    let made = [("plate", None), ("plate_start", Some(START))].map(|(name, value)| -> Result<PathBuf> {
-        let texels = Image::from_fn(TEXELS, TEXELS, 1, |x, y, _| value.unwrap_or_else(|| alpha(x, y)));
+    let made = [("plate", false), ("plate_start", true)].map(|(name, is_start)| -> Result<PathBuf> {
+        let texels =
+            Image::from_fn(
+                TEXELS,
+                TEXELS,
+                1,
+                |x, y, _| if is_start { start(y * TEXELS + x) } else { alpha(x, y) },
+            );
         photofit_image::write_exr(folder.join(format!("{name}.exr")), &[("", &texels, &["Y"])])?;
         let file = folder.join(format!("{name}.xml"));
         std::fs::write(&file, scene(name)).with_context(|| format!("{}: cannot write", file.display()))?;
@@ -172,7 +182,7 @@ fn task() -> Result<Task> {
         grid: Grid::plane(TEXELS, TEXELS),
         channels: 1,
         range: [0.001, 1.0],
-        start: START,
+        start: (0..truth.len()).map(start).collect(),
         counts: vec![true; truth.len()],
         truth,
         rate: 1.0,
