@@ -45,8 +45,9 @@ pub(super) fn run(ctx: &mut Context) -> Result<()> {
     ];
     let courses = race(ctx, &mut task, &methods, &LOOKS)?;
     plot(ctx, &task, &methods, &courses)?;
+    let ends = task.ends()?;
     ctx.note(format!(
-        "{}: {VOXELS} voxels a side, {VIEWS} pictures of {PIXELS} x {PIXELS} pixels, {BATCH} of them a step, 16 samples a pixel and 1 \
+        "{ends} {}: {VOXELS} voxels a side, {VIEWS} pictures of {PIXELS} x {PIXELS} pixels, {BATCH} of them a step, 16 samples a pixel and 1 \
          for gradients; the loss is that of {HELD_OUT} pictures that no step sees; errors of albedo where the density is \
          above {DENSE}. Adam is the best of the runs above it by the last loss.",
         task.name

@@ -162,6 +162,27 @@ impl Task {
         Ok(found)
     }
 
+    /// A sentence on the loss and the errors of the start, and on the loss that noise alone leaves to the truth.
+    fn ends(&mut self) -> Result<String> {
+        let mut found = Vec::new();
+        let starts: Vec<Vec<f32>> = self.unknowns.iter().map(|u| u.start.clone()).collect();
+        let truths = self.unknowns.iter().map(|u| u.truth.clone()).collect();
+        for values in [starts, truths] {
+            for (unknown, values) in self.unknowns.iter().zip(&values) {
+                set(&mut self.world, unknown, values)?;
+            }
+            found.push(self.look(0, 0.0, &values)?);
+        }
+        let errors: Vec<String> =
+            self.unknowns.iter().zip(&found[0].errors).map(|(u, e)| format!("{} {e:.4}", u.name)).collect();
+        Ok(format!(
+            "Start: loss {:.4}, {}; loss of the truth: {:.4}.",
+            found[0].loss,
+            errors.join(", "),
+            found[1].loss
+        ))
+    }
+
     fn look(&self, step: u64, seconds: f64, values: &[Vec<f32>]) -> Result<Look> {
         let judged = if self.held_out.is_empty() { &self.views } else { &self.held_out };
         let options = RenderOptions { spp: JUDGE_SPP, seed: hash(3, 0, 0), ..self.options.clone() };

@@ -53,6 +53,7 @@ pub(super) fn run(ctx: &mut Context) -> Result<()> {
     ];
     let courses = race(ctx, &mut task, &methods, &LOOKS)?;
     plot(ctx, &task, &methods, &courses)?;
+    let ends = task.ends()?;
     let goal = courses[0].last().map_or(0.0, |l| l.loss);
     let mut text = format!(
         "{}: {TEXELS} x {TEXELS} texels from one picture of {PIXELS} x {PIXELS} pixels, 16 samples a pixel and 1 for \
@@ -64,7 +65,7 @@ pub(super) fn run(ctx: &mut Context) -> Result<()> {
         let step = course.iter().find(|l| l.loss <= goal).map(|l| l.step.to_string());
         let _ = write!(text, " {} {};", method.name, step.unwrap_or_else(|| "never".into()));
     }
-    ctx.note(text);
+    ctx.note(format!("{ends} {text}"));
     Ok(())
 }
 
