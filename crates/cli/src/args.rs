@@ -10,7 +10,9 @@ mod values;
 
 pub(crate) use denoise::{Denoise, DenoiseModel};
 pub(crate) use gradient::{Gradient, ParameterScene};
-pub(crate) use recover::{Recover, RecoverScene, RecoverTexture, RecoverVolume, TextureSmoothing};
+pub(crate) use recover::{
+    MeshOptimizer, Recover, RecoverMesh, RecoverScene, RecoverTexture, RecoverVolume, TextureSmoothing,
+};
 pub(crate) use render::{Render, RenderGuiding, RenderIntegrator, RenderLight};
 pub(crate) use retexture::Retexture;
 pub(crate) use surface::{Surface, SurfaceMethod, UpAxis};

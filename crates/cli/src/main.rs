@@ -25,6 +25,7 @@ mod path_render;
 mod preflight;
 mod progress;
 mod recover;
+mod recover_mesh;
 mod recover_scene;
 mod recover_volume;
 mod render;

@@ -16,6 +16,7 @@ use serde_json::{Value, json};
 pub(crate) fn run(a: &Recover) -> Result<Ending> {
     match a {
         Recover::Texture(a) => texture(a),
+        Recover::Mesh(a) => crate::recover_mesh::run(a),
         Recover::Scene(a) => crate::recover_scene::run(a),
         Recover::Volume(a) => crate::recover_volume::run(a),
     }

@@ -1,9 +1,10 @@
 //! Fitting 3D assets to images: the tasks that join the other crates.
 //!
 //! [`simplify`] takes a heavy asset and gives back a light one that looks the same; [`lod`] a chain of such levels of
-//! detail; [`recover`] fits the textures of an asset to pictures of it, [`retexture`] those of a light animated asset to a
-//! heavy one in motion, [`recover_scene`] materials, lights and media of a scene through the path tracer,
-//! [`recover_volume`] a cloud on a grid from pictures alone. All are assembled from the parts in [`engine`].
+//! detail; [`recover`] fits the textures of an asset to pictures of it, [`recover_mesh`] a shape and its colours,
+//! [`retexture`] the textures of a light animated asset to a heavy one in motion, [`recover_scene`] materials, lights and
+//! media of a scene through the path tracer, [`recover_volume`] a cloud on a grid from pictures alone. All are assembled
+//! from the parts in [`engine`].
 
 pub mod bake;
 pub mod candidate;
@@ -15,6 +16,7 @@ pub mod lod;
 pub mod pictures;
 mod progress;
 pub mod recover;
+pub mod recover_mesh;
 pub mod recover_scene;
 pub mod recover_volume;
 pub mod report;

@@ -98,16 +98,7 @@ impl PictureFolder {
         }
         let folder = folder_of(&file);
         let undo = transforms.undo().map_err(&fail)?;
-        let mut out = Self {
-            photos: Vec::new(),
-            train: Vec::new(),
-            held_out: Vec::new(),
-            seed,
-            lit: transforms.is_lit(),
-            without_alpha: 0,
-            unseen: Vec::new(),
-            reduced: Vec::new(),
-        };
+        let mut out = Self::of(Vec::new(), seed, transforms.is_lit());
         let mut pixels = 0;
         for (i, frame) in transforms.frames.iter().enumerate() {
             let fail = |rule: String| fail(format!("frame {i} ({}): {rule}", frame.file_path));
@@ -160,6 +151,13 @@ impl PictureFolder {
             ));
         }
         Ok(out)
+    }
+
+    /// These pictures, in the normalised frame, with alpha and with lights where `lit`.
+    pub(crate) fn of(photos: Vec<Photo>, seed: u64, lit: bool) -> Self {
+        let is_held_out = |i: &usize| (i + 1).is_multiple_of(HELD_OUT_EVERY);
+        let (held_out, train) = (0..photos.len()).partition(is_held_out);
+        Self { photos, train, held_out, seed, lit, without_alpha: 0, unseen: Vec::new(), reduced: Vec::new() }
     }
 
     /// The pictures.

@@ -14,7 +14,7 @@ use crate::engine::loss::{self, PictureLoss};
 use crate::engine::plan::{Item, PlanRows, rows};
 use crate::engine::reference::{ENERGY, Rasterized, Reference, SUPERSAMPLE};
 use crate::engine::steering::Steering;
-use crate::engine::surface::{MAPS, Surface};
+use crate::engine::surface::{MAPS, PositionOptimizer, Surface};
 use crate::engine::trainer::{self, HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
 use crate::engine::unwrap::unwrapped;
 use crate::engine::views::{Sampling, Set};
@@ -125,7 +125,7 @@ pub fn recover_texture(
     }
     photos.doubts().iter().for_each(|d| progress.warn(d));
     let n = Normalised::new(&bare(mesh, !photos.lit))?;
-    let model = grey(&n, photos.lit, options.texture_size, progress)?;
+    let model = grey(&n, (&n.flat.mesh, &n.triangle_classes()), photos.lit, options.texture_size, progress)?;
     let start = to_scene(&model.candidate, &n);
     let held_out = HeldOut::new(&photos, &photos, Sampling::SUPERSAMPLED, trainer::HELD_OUT, options.seed)?;
     // What no screen shows must count, too.
@@ -190,7 +190,11 @@ pub fn recover_texture(
 }
 
 /// The rows of the plan.
-fn items(model: &Surface, photos: &PictureFolder, (loss, held_out): (PictureLoss, &HeldOut)) -> Vec<Item> {
+pub(crate) fn items(
+    model: &Surface,
+    photos: &PictureFolder,
+    (loss, held_out): (PictureLoss, &HeldOut),
+) -> Vec<Item> {
     let all = photos.photos().len();
     let alpha = all - photos.without_alpha;
     let mut items = vec![
@@ -234,7 +238,7 @@ impl RecoverOptions {
 }
 
 /// The shape of a scene with one opaque material, double-sided where any material of the shape is.
-fn bare(mesh: &Scene, unlit: bool) -> Scene {
+pub(crate) fn bare(mesh: &Scene, unlit: bool) -> Scene {
     let mut scene = mesh.clone();
     let double_sided =
         mesh.primitives.iter().any(|p| mesh.materials.get(p.material).is_some_and(|m| m.double_sided));
@@ -248,11 +252,17 @@ fn bare(mesh: &Scene, unlit: bool) -> Scene {
     scene
 }
 
-/// The start: the shape with an atlas and grey maps, of which colour and, where there is light, roughness are fitted.
-fn grey(n: &Normalised, lit: bool, size: usize, progress: &dyn Progress) -> Result<Surface, FitError> {
+/// The start: a shape in the frame, with the class of each triangle, an atlas and grey maps, of which colour and, where
+/// there is light, roughness are fitted.
+pub(crate) fn grey(
+    n: &Normalised,
+    (source, class): (&Mesh, &[u32]),
+    lit: bool,
+    size: usize,
+    progress: &dyn Progress,
+) -> Result<Surface, FitError> {
     let surface = n.surface()?;
     let seen = Visibility::everything(n.flat.mesh.triangles.len());
-    let source = &n.flat.mesh;
     let has_area = |t: &usize| {
         let [a, b, c] = source.corners(*t);
         a != b && b != c && c != a
@@ -260,7 +270,6 @@ fn grey(n: &Normalised, lit: bool, size: usize, progress: &dyn Progress) -> Resu
     let kept: Vec<usize> = (0..source.triangles.len()).filter(has_area).collect();
     let triangles = kept.iter().map(|t| source.triangles[*t]).collect();
     let mesh = Mesh { positions: source.positions.clone(), triangles, ..Mesh::default() };
-    let class = n.triangle_classes();
     let class = kept.iter().map(|t| class[*t]).collect();
     let mut candidate = unwrapped(n, &surface, &seen, &mesh, class, size, progress)?;
     let fitted = if lit { channel::BASE_COLOR } else { channel::EMISSIVE };
@@ -287,7 +296,7 @@ fn grey(n: &Normalised, lit: bool, size: usize, progress: &dyn Progress) -> Resu
         map_gradients: true,
         energy: ENERGY,
     };
-    Ok(Surface { candidate, passes, rates, moves: false })
+    Ok(Surface { candidate, passes, rates, moves: false, optimizer: PositionOptimizer::default() })
 }
 
 #[cfg(test)]

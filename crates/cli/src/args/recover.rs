@@ -3,6 +3,7 @@
 use super::values::{Numbers, above_to, between, ending, number, numbers, of_key, seconds, whole};
 use super::{ParameterScene, Running, STATUSES};
 use clap::{Args, Subcommand, ValueEnum};
+use photofit_fit::recover_mesh::MOST_TRIANGLES;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -11,6 +12,9 @@ pub(crate) enum Recover {
     /// Paint an asset's shape so that it looks like pictures with known cameras.
     #[command(after_help = STATUSES)]
     Texture(RecoverTexture),
+    /// Find a shape and its colours from pictures with known cameras and alpha.
+    #[command(after_help = STATUSES)]
+    Mesh(RecoverMesh),
     /// Find materials, textures, lights and media of a scene again from path-traced pictures of it.
     #[command(after_help = STATUSES)]
     Scene(RecoverScene),
@@ -35,6 +39,66 @@ pub(crate) struct RecoverTexture {
     pub(crate) texture_size: usize,
     /// Steps of the fit; fewer are made when held-out pictures stop improving [range: at least 0].
     #[arg(long, value_name = "N", default_value_t = 400, value_parser = whole::<u64>(0..))]
+    pub(crate) steps: u64,
+    /// Pictures per step [range: 1 to 64].
+    #[arg(long, value_name = "B", default_value_t = 2, value_parser = whole::<usize>(1..=64))]
+    pub(crate) batch: usize,
+    /// End the fit after this many seconds and keep what was reached; reading and writing take their time on top [range:
+    /// more than 0, at most 1000000000] [default: no limit].
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub(crate) time_limit: Option<Duration>,
+    #[command(flatten)]
+    pub(crate) running: Running,
+    /// Print what ran, what was skipped, and why.
+    #[arg(long)]
+    pub(crate) explain: bool,
+    /// Write the figures as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) json: Option<PathBuf>,
+}
+
+/// How vertices move.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum MeshOptimizer {
+    /// Steps diffused over the surface.
+    LargeSteps,
+    /// The same, but not over creases.
+    Bilateral,
+    /// Each coordinate by itself.
+    Adam,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct RecoverMesh {
+    /// The pictures: a folder with transforms.json, or such a file. All must have alpha, which is the outline.
+    #[arg(value_name = "PICTURES", required_unless_present = "self_test")]
+    pub(crate) pictures: Option<PathBuf>,
+    /// Try it on pictures that are drawn of this asset under known lights; the distance of the shapes is told.
+    #[arg(long, value_name = "ASSET", conflicts_with = "pictures")]
+    pub(crate) self_test: Option<PathBuf>,
+    /// Pictures of --self-test [range: 8 to 256].
+    #[arg(long, value_name = "N", default_value_t = 24, requires = "self_test", value_parser = whole::<usize>(8..=256))]
+    pub(crate) views: usize,
+    /// Width and height of the pictures of --self-test, pixels [range: 16 to 2048].
+    #[arg(long, value_name = "N", default_value_t = 192, requires = "self_test", value_parser = whole::<usize>(16..=2048))]
+    pub(crate) picture_size: usize,
+    /// The shape to begin with: .glb, .gltf, .obj or .ply, in the world of the cameras [default: a ball].
+    #[arg(long, value_name = "START")]
+    pub(crate) mesh: Option<PathBuf>,
+    /// The file to write.
+    #[arg(short, long, value_name = "OUT.glb", value_parser = ending(&["glb"]))]
+    pub(crate) output: PathBuf,
+    /// How vertices move.
+    #[arg(long, value_name = "HOW", value_enum, default_value = "large-steps")]
+    pub(crate) optimizer: MeshOptimizer,
+    /// Most triangles of the result; a --mesh of more keeps its own [range: 80 to 4194304].
+    #[arg(long, value_name = "N", default_value_t = 5120, value_parser = whole::<usize>(80..=MOST_TRIANGLES))]
+    pub(crate) triangles: usize,
+    /// Width and height of the textures, texels [range: 16 to 8192].
+    #[arg(long, value_name = "N", default_value_t = 512, value_parser = whole::<usize>(16..=8192))]
+    pub(crate) texture_size: usize,
+    /// Steps of the fit; fewer are made when held-out pictures stop improving [range: at least 0].
+    #[arg(long, value_name = "N", default_value_t = 600, value_parser = whole::<u64>(0..))]
     pub(crate) steps: u64,
     /// Pictures per step [range: 1 to 64].
     #[arg(long, value_name = "B", default_value_t = 2, value_parser = whole::<usize>(1..=64))]

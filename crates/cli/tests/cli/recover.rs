@@ -66,3 +66,24 @@ fn rendered_pictures_are_recovered_and_useless_ones_are_told() {
     let o = run(&["--steps", "1"]);
     assert!(stderr(&o).contains("warning: the pictures of 12 frames are only 1 different"), "{}", stderr(&o));
 }
+
+#[test]
+fn a_shape_is_recovered_from_pictures_of_itself_and_what_cannot_be_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 6, false);
+    let line = ["recover", "mesh", "--self-test", "rock.glb", "-o", "out.glb", "--json", "f.json"];
+    let small = ["--picture-size", "48", "--views", "12", "--triangles", "320", "--texture-size", "64"];
+    let o = succeeds(d, &[&line[..], &small[..], &["--steps", "200", "--optimizer", "bilateral"]].concat());
+    assert!(stdout(&o).contains("of the bounding radius away on average"), "{}", stdout(&o));
+    let f: Value = serde_json::from_slice(&std::fs::read(d.join("f.json")).unwrap()).unwrap();
+    let mean = |k: &str| f["shape_error"][k]["mean_percent"].as_f64().unwrap();
+    assert!(mean("last") < 0.5 * mean("first"), "{f}");
+    assert!(f["loss"]["last"].as_f64().unwrap() < f["loss"]["first"].as_f64().unwrap(), "{f}");
+    assert_eq!((&f["triangles"], &f["pictures_held_out"]), (&json!(320), &json!(1)));
+    std::fs::create_dir(d.join("none")).unwrap();
+    let o = photofit(d, &["recover", "mesh", "none", "-o", "o.glb"]);
+    assert_one_error(&o, "no list of pictures", &["transforms.json"]);
+    let o = photofit(d, &["recover", "mesh", "--self-test", "rock.glb", "-o", "rock.glb"]);
+    assert_ne!(o.status.code(), Some(0), "the asset is not written over");
+}

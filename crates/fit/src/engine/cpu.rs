@@ -21,6 +21,11 @@ pub trait Chain {
     /// If a filter cannot be set up.
     fn optimizer(&self, group: &Group) -> Result<Optimizer<f32>, FitError>;
 
+    /// What the filters of a group's optimizer are guided by, such as vertex normals; empty where they need nothing.
+    fn guide(&self, _group: usize) -> Vec<f32> {
+        Vec::new()
+    }
+
     /// The samples of group number `group`.
     fn values(&self, group: usize) -> &[f32];
 
@@ -103,10 +108,11 @@ impl<C: Chain> Model for Cpu<C> {
         }
         self.losses.push(value);
         for (k, group) in self.groups.iter().enumerate().filter(|(k, _)| moving[*k]) {
+            let guide = self.chain.guide(k);
             let (x, g) = self.chain.moved(&self.gradients, k);
             let rates = group.rates_at(rates[k]);
             let moved = match rates[..] {
-                [rate] if group.rates.is_empty() => self.optimizers[k].step(x, g, rate),
+                [rate] if group.rates.is_empty() => self.optimizers[k].step_guided(x, g, rate, &guide),
                 _ => self.optimizers[k].step_rows(x, g, &Rows { rates: &rates, touched: None }),
             };
             moved.map_err(|source| Broken::Optim { ago: 0, source })?;

@@ -7,7 +7,7 @@ use super::plan::Plan;
 use super::views::Shot;
 use crate::FitError;
 use crate::candidate::{Candidate, ParameterGradients};
-use photofit_optim::{LargeSteps, Optimizer, Placement, Temporal};
+use photofit_optim::{EdgeAware, LargeSteps, OptimError, Optimizer, Placement, Temporal};
 use photofit_raster::deferred::Passes;
 use photofit_raster::{CHANNELS, channel};
 
@@ -18,6 +18,48 @@ pub const MAPS: &str = "maps";
 
 /// Smoothness of the preconditioner of positions.
 pub(super) const LAMBDA: f64 = 0.3;
+
+/// How steps of positions are made from their gradients.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PositionOptimizer {
+    /// Large Steps ([`LargeSteps`]).
+    LargeSteps {
+        /// Weight of the Laplacian.
+        lambda: f64,
+    },
+    /// The gradient is diffused ([`LargeSteps`]), the first moment is diffused over the surface but not over its creases
+    /// ([`EdgeAware`], guided by the present vertex normals), and the second moment is the largest of all.
+    Bilateral {
+        /// Weight of both Laplacians.
+        lambda: f64,
+        /// Distance of normals at which a step is shared no more.
+        sigma: f64,
+    },
+    /// Adam for each coordinate by itself.
+    Adam,
+}
+
+impl Default for PositionOptimizer {
+    fn default() -> Self {
+        Self::LargeSteps { lambda: LAMBDA }
+    }
+}
+
+impl PositionOptimizer {
+    /// An optimizer for the positions of a candidate.
+    fn of(self, candidate: &Candidate) -> Result<Optimizer<f32>, OptimError> {
+        let (vertices, edges) = (candidate.positions.len(), &candidate.edges);
+        let with = |temporal| Optimizer::new(POSITIONS, 3 * vertices, temporal);
+        match self {
+            Self::LargeSteps { lambda } => with(temporal(POSITIONS))?
+                .with_filter(Placement::VARIABLE, LargeSteps::new(vertices, edges, lambda)?),
+            Self::Bilateral { lambda, sigma } => with(temporal(POSITIONS))?
+                .with_filter(Placement::PRE, LargeSteps::new(vertices, edges, lambda)?)?
+                .with_filter(Placement::FIRST, EdgeAware::new(vertices, edges, lambda, sigma)?),
+            Self::Adam => with(Temporal::adam()),
+        }
+    }
+}
 
 /// A mesh with material maps: welded positions and one texel group of [`CHANNELS`] samples.
 #[derive(Clone, Debug)]
@@ -30,6 +72,8 @@ pub struct Surface {
     pub rates: [f32; CHANNELS],
     /// Whether the positions are a group; else the shape is fixed and the maps are the only group.
     pub moves: bool,
+    /// How they move.
+    pub optimizer: PositionOptimizer,
 }
 
 /// The temporal filter of a group's optimizer.
@@ -46,7 +90,8 @@ impl Surface {
     pub fn new(candidate: Candidate, plan: &Plan) -> Self {
         let mut rates = plan.fitted().map(|f| if f { 1.0 } else { 0.0 });
         rates[channel::METALLIC] *= 0.5;
-        Self { candidate, passes: plan.passes(), rates, moves: true }
+        let optimizer = PositionOptimizer::default();
+        Self { candidate, passes: plan.passes(), rates, moves: true, optimizer }
     }
 
     /// The passes of a step that moves these groups.
@@ -96,13 +141,18 @@ impl Chain for Surface {
     fn optimizer(&self, group: &Group) -> Result<Optimizer<f32>, FitError> {
         let length = group.rows * group.columns;
         if group.name == POSITIONS {
-            let large_steps = LargeSteps::new(self.candidate.positions.len(), &self.candidate.edges, LAMBDA)
-                .map_err(FitError::Preconditioner)?;
-            return Optimizer::new(POSITIONS, length, temporal(POSITIONS))
-                .and_then(|o| o.with_filter(Placement::VARIABLE, large_steps))
-                .map_err(FitError::Preconditioner);
+            return self.optimizer.of(&self.candidate).map_err(FitError::Preconditioner);
         }
         Optimizer::new(MAPS, length, temporal(MAPS)).map_err(FitError::Preconditioner)
+    }
+
+    fn guide(&self, group: usize) -> Vec<f32> {
+        let guided = matches!(self.optimizer, PositionOptimizer::Bilateral { .. });
+        if !guided || !self.is_positions(group) {
+            return Vec::new();
+        }
+        let normals = self.candidate.weld.pick(&self.candidate.round_normals());
+        bytemuck::cast_slice(&normals).to_vec()
     }
 
     fn values(&self, group: usize) -> &[f32] {

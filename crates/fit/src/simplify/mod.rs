@@ -10,7 +10,7 @@ mod options;
 mod outcome;
 mod plain;
 pub(crate) mod prepare;
-mod shrink_wrap;
+pub(crate) mod shrink_wrap;
 
 #[cfg(test)]
 mod tests;

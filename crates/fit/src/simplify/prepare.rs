@@ -23,7 +23,7 @@ use std::ops::ControlFlow;
 const LEAST_IMPORTANCE: f32 = 0.05;
 
 /// What of the reference can be seen.
-pub(super) fn visibility(reference: &Reference<'_>, progress: &dyn Progress) -> Result<Visibility, FitError> {
+pub(crate) fn visibility(reference: &Reference<'_>, progress: &dyn Progress) -> Result<Visibility, FitError> {
     visibility_reporting(reference, &VisibilitySettings::default(), &heard("visibility", progress))
         .ok_or(FitError::Interrupted)
 }

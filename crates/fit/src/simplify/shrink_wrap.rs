@@ -43,11 +43,11 @@ struct Gone {
     sizes: f32,
 }
 
-/// A point of the reference that pulls.
-struct Sample {
-    at: Vec3f,
+/// A point of a surface with the normal there.
+pub(crate) struct Sample {
+    pub(crate) at: Vec3f,
     /// Unit length, or zero for a triangle without area.
-    normal: Vec3f,
+    pub(crate) normal: Vec3f,
 }
 
 /// From a shape that has nothing to do with the reference.
@@ -144,7 +144,7 @@ impl Gone {
 }
 
 /// Points on the visible triangles, evenly by area.
-fn sample(mesh: &Mesh, seen: &Visibility, count: usize) -> Vec<Sample> {
+pub(crate) fn sample(mesh: &Mesh, seen: &Visibility, count: usize) -> Vec<Sample> {
     let mut sum = 0.0;
     let visible: Vec<(usize, f64)> = (0..mesh.triangles.len())
         .filter(|t| seen.is_visible(*t))

@@ -62,7 +62,13 @@ fn surface(sheets: bool) -> Surface {
     let mut rates = [0.0; CHANNELS];
     rates[..channel::USED].fill(1.0);
     rates[channel::METALLIC] = 0.5;
-    Surface { candidate: candidate(sheets), passes: Passes::default(), rates, moves: true }
+    Surface {
+        candidate: candidate(sheets),
+        passes: Passes::default(),
+        rates,
+        moves: true,
+        optimizer: PositionOptimizer::default(),
+    }
 }
 
 fn shots(sampling: Sampling, size: usize) -> Vec<Shot> {

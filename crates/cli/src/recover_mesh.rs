@@ -1,0 +1,132 @@
+//! `photofit recover mesh`: a shape from pictures of it.
+
+use crate::args::{MeshOptimizer, RecoverMesh};
+use crate::output::{self, print};
+use crate::preflight::Places;
+use crate::progress::{Terminal, say};
+use crate::simplify::{CHECKPOINT_FILE, name_options};
+use crate::status::Ending;
+use crate::{interrupt, threads};
+use anyhow::Result;
+use photofit_fit::engine::trainer::Keeping;
+use photofit_fit::pictures::named_files;
+use photofit_fit::recover_mesh::{
+    MOST_LEVELS, PictureSource, RecoverMeshOptions, RecoveredMesh, ShapeError, Smoothing, level_folder,
+    recover_mesh,
+};
+use serde_json::{Value, json};
+use std::path::Path;
+
+pub(crate) fn run(a: &RecoverMesh) -> Result<Ending> {
+    let levels: Vec<String> =
+        (0..=MOST_LEVELS).map(|l| format!("{}/{CHECKPOINT_FILE}", level_folder(l))).collect();
+    let states: Vec<&str> = levels.iter().map(String::as_str).collect();
+    let places = Places::default()
+        .reads("PICTURES", a.pictures.as_deref())
+        .reads("--self-test", a.self_test.as_deref())
+        .reads("--mesh", a.mesh.as_deref())
+        .writes("--output", Some(&a.output))
+        .writes("--json", a.json.as_deref())
+        .fills("--checkpoint", a.running.checkpoint.as_deref(), &states);
+    places.check()?;
+    if let Some(pictures) = &a.pictures {
+        places.check_against("PICTURES", &named_files(pictures))?;
+    }
+    threads::set(a.running.threads)?;
+    let load = |option: &'static str, path: &Option<_>| {
+        let scene = path.as_ref().map(photofit_scene::load).transpose()?;
+        if let Some(scene) = &scene {
+            places.check_against(option, &scene.files)?;
+        }
+        anyhow::Ok(scene)
+    };
+    let (asset, mesh) = (load("--self-test", &a.self_test)?, load("--mesh", &a.mesh)?);
+    let folder = a.pictures.as_deref().unwrap_or(Path::new("."));
+    let source = match &asset {
+        Some(asset) => PictureSource::Asset { asset, views: a.views, size: a.picture_size },
+        None => PictureSource::Folder(folder),
+    };
+    let options = RecoverMeshOptions {
+        optimizer: match a.optimizer {
+            MeshOptimizer::LargeSteps => Smoothing::LargeSteps,
+            MeshOptimizer::Bilateral => Smoothing::Bilateral,
+            MeshOptimizer::Adam => Smoothing::Adam,
+        },
+        triangles: a.triangles,
+        texture_size: a.texture_size,
+        steps: a.steps,
+        batch: a.batch,
+        seed: a.running.seed,
+        keeping: Keeping {
+            checkpoint: a.running.checkpoint.clone(),
+            resume: a.running.resume,
+            time_limit: a.time_limit,
+        },
+    };
+    interrupt::handle();
+    let progress = Terminal::new();
+    let r = recover_mesh(source, mesh.as_ref(), &a.output, &options, &progress).map_err(name_options)?;
+    progress.finish();
+    if r.stopped {
+        say("the fit was ended early; what was reached is written");
+    }
+    if a.explain {
+        print(&format!("what ran:\n{}\n\n", r.plan))?;
+    }
+    if let Some(path) = &a.json {
+        output::write_json(path, &to_json(a, &r))?;
+    }
+    print(&told(a, &r))?;
+    let stopped = r.stopped && interrupt::is_stopping();
+    Ok(if stopped { Ending::Stopped } else { Ending::Done })
+}
+
+fn told(a: &RecoverMesh, r: &RecoveredMesh) -> String {
+    let mut text = output::quality_table(&[("start", &r.start), ("recovered", &r.quality)]);
+    if let Some([first, last]) = &r.shape_error {
+        let line = |name: &str, e: &ShapeError| {
+            format!(
+                "{name}: {:.2}% of the bounding radius away on average, 95% below {:.2}%, normals {:.1} degrees off\n",
+                e.mean, e.p95, e.normals
+            )
+        };
+        text += &format!("\n{}{}", line("start", first), line("recovered", last));
+    }
+    let [all, held_out] = r.pictures;
+    let light = if r.lit { "known lights" } else { "no lights given: the colour is unlit" };
+    text += &format!(
+        "\n{all} pictures, {held_out} of them held out and judged by; {light}; {} steps; {} triangles\nwrote {}\n",
+        r.steps,
+        r.triangles[1],
+        a.output.display()
+    );
+    text
+}
+
+fn to_json(a: &RecoverMesh, r: &RecoveredMesh) -> Value {
+    let path = |p: &Option<std::path::PathBuf>| p.as_ref().map(|p| p.display().to_string());
+    let error = |e: &ShapeError| json!({ "mean_percent": e.mean, "p95_percent": e.p95, "normals_degrees": e.normals });
+    // The first evaluation comes before the first step and has no loss.
+    let losses: Vec<f64> = r.history.iter().filter(|h| h.step > 0).map(|h| h.loss).collect();
+    let history: Vec<Value> =
+        r.history.iter().map(|h| json!({ "step": h.step, "loss": h.loss, "quality": h.quality })).collect();
+    json!({
+        "pictures": path(&a.pictures),
+        "self_test": path(&a.self_test),
+        "mesh": path(&a.mesh),
+        "output": a.output.display().to_string(),
+        "start": output::quality(&r.start),
+        "recovered": output::quality(&r.quality),
+        "views": r.views.iter().map(|v| output::quality(&v.quality[1].quality)).collect::<Vec<_>>(),
+        "loss": { "first": losses.first(), "last": losses.last() },
+        "shape_error": r.shape_error.as_ref().map(|[first, last]| json!({ "first": error(first), "last": error(last) })),
+        "history": history,
+        "seconds_per_iteration": r.seconds_per_iteration,
+        "pictures_read": r.pictures[0],
+        "pictures_held_out": r.pictures[1],
+        "lit": r.lit,
+        "triangles": r.triangles[1],
+        "steps": r.steps,
+        "stopped": r.stopped,
+    })
+}

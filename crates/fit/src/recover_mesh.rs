@@ -1,0 +1,365 @@
+//! Recovering a shape from pictures: pictures with cameras and alpha, and a mesh that looks like them.
+//! Assembled from the parts of the engine, as [`crate::recover`], which keeps the shape.
+//!
+//! load the pictures -> the sphere that their outlines tell -> a coarse ball inside of it with an atlas and grey maps ->
+//! fit positions and maps by rendering -> split each triangle into four, fit again, until the budget is reached -> export
+//! -> reload the file and compare it with the pictures that were held out. Texture coordinates are split with the
+//! triangles, so that one atlas serves all levels and the maps go on.
+
+mod shape_error;
+mod start;
+
+pub use shape_error::ShapeError;
+
+use crate::engine::Normalised;
+use crate::engine::checkpoint::{self, Digest};
+use crate::engine::cpu::Cpu;
+use crate::engine::export::to_scene;
+use crate::engine::judge::{Quality, ReportView, Stage, rasterized_views};
+use crate::engine::loss::PictureLoss;
+use crate::engine::plan::PlanRows;
+use crate::engine::reference::SUPERSAMPLE;
+use crate::engine::steering::Steering;
+use crate::engine::surface::{MAPS, POSITIONS, PositionOptimizer, Surface};
+use crate::engine::trainer::{self, HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, Trained, train};
+use crate::engine::views::{Sampling, Set};
+use crate::pictures::PictureFolder;
+use crate::recover::{grey, items};
+use crate::{FitError, Progress};
+use photofit_geometry::subdivide::midpoint;
+use photofit_geometry::weld::weld_exact;
+use photofit_raster::loss::Loss;
+use photofit_scene::Scene;
+use start::{Pictures, Start};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// Peak rate of the maps.
+const MAP_RATE: f64 = 0.02;
+/// Peak rate of the positions at the coarsest level, in radii of what the cameras see, where steps are diffused.
+const POSITION_RATE: f64 = 0.03;
+/// The same for [`PositionOptimizer::Adam`], whose steps are as long at every vertex.
+const ADAM_RATE: f64 = 0.003;
+/// Peak rate of a level relative to that of the level before.
+const RATE_OF_NEXT: f64 = 0.5;
+/// Most times that triangles are split on the way to the budget.
+pub const MOST_LEVELS: u32 = 3;
+/// Fewest triangles to start from.
+const FEWEST: usize = 80;
+/// Weight of the Laplacians: that of the paper of Large Steps, for a mesh of [`VERTICES`] as there. It goes with the number
+/// of vertices, so that steps are shared over the same part of the surface at every level.
+const LAMBDA: f64 = 19.0;
+/// See [`LAMBDA`].
+const VERTICES: f64 = 10_000.0;
+/// Distance of normals at which the bilateral filter shares steps no more.
+const SIGMA: f64 = 0.5;
+
+/// How positions move.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Smoothing {
+    /// [`PositionOptimizer::LargeSteps`].
+    #[default]
+    LargeSteps,
+    /// [`PositionOptimizer::Bilateral`].
+    Bilateral,
+    /// [`PositionOptimizer::Adam`].
+    Adam,
+}
+
+/// Options of [`recover_mesh`].
+#[derive(Clone, Debug)]
+pub struct RecoverMeshOptions {
+    /// How positions move.
+    pub optimizer: Smoothing,
+    /// Most triangles of the result, at least 80; a start with more keeps its own.
+    pub triangles: usize,
+    /// Width and height of the maps, 16 to 8192.
+    pub texture_size: usize,
+    /// Steps of the fit, over all levels.
+    pub steps: u64,
+    /// Pictures per step, 1 to 64.
+    pub batch: usize,
+    /// Seed of all random choices.
+    pub seed: u64,
+    /// Checkpoints and limits.
+    pub keeping: Keeping,
+}
+
+impl Default for RecoverMeshOptions {
+    fn default() -> Self {
+        Self {
+            optimizer: Smoothing::default(),
+            triangles: 5120,
+            texture_size: 512,
+            steps: 600,
+            batch: 2,
+            seed: 0,
+            keeping: Keeping::default(),
+        }
+    }
+}
+
+/// Where the pictures come from.
+#[derive(Clone, Copy, Debug)]
+pub enum PictureSource<'a> {
+    /// A folder with `transforms.json`, or such a file; every picture must have alpha.
+    Folder(&'a Path),
+    /// Drawn from an asset by the rasterizer from all around, each under lights of its own that are known.
+    Asset {
+        /// The asset.
+        asset: &'a Scene,
+        /// Number of pictures, 8 to 256.
+        views: usize,
+        /// Width and height of a picture, 16 to 2048 pixels.
+        size: usize,
+    },
+}
+
+/// What was recovered.
+#[derive(Debug)]
+pub struct RecoveredMesh {
+    /// Mean quality of the written file in the pictures that were held out.
+    pub quality: Quality,
+    /// The same of the start.
+    pub start: Quality,
+    /// Each held-out picture, with the start and the written file against it.
+    pub views: Vec<ReportView>,
+    /// The course of the fit, over all levels.
+    pub history: Vec<HistoryPoint>,
+    /// Distance to the asset that the pictures were drawn from, of the start and of the written file.
+    pub shape_error: Option<[ShapeError; 2]>,
+    /// Steps made.
+    pub steps: u64,
+    /// Wall time of a step, evaluations included.
+    pub seconds_per_iteration: f64,
+    /// Ended by the user or the time limit.
+    pub stopped: bool,
+    /// Triangles of the start and of the written file.
+    pub triangles: [usize; 2],
+    /// Pictures, and how many of them were held out.
+    pub pictures: [usize; 2],
+    /// Whether the light of the pictures was known.
+    pub lit: bool,
+    /// What ran and what was skipped.
+    pub plan: PlanRows,
+}
+
+/// Fits a mesh and its maps to pictures and writes the result to `output` (.glb). It starts from `mesh`, in the world of
+/// the cameras, or from a ball.
+///
+/// # Errors
+/// See [`FitError`] and [`PictureFolder::load`]; [`FitError::Pictures`] for pictures without alpha, with empty outlines, or
+/// from one direction only. Nothing is written then.
+pub fn recover_mesh(
+    pictures: PictureSource<'_>,
+    mesh: Option<&Scene>,
+    output: &Path,
+    options: &RecoverMeshOptions,
+    progress: &dyn Progress,
+) -> Result<RecoveredMesh, FitError> {
+    options.check()?;
+    let Pictures { photos, n, truth } = Pictures::new(pictures, options.seed, progress)?;
+    let start = Start::new(&n, mesh, options.triangles)?;
+    let mut model = grey(&n, (&start.mesh, &start.class), photos.lit, options.texture_size, progress)?;
+    model.moves = true;
+    model.passes.position_gradients = true;
+    model.passes.antialias = true;
+    let first = model.candidate.mesh();
+    let first_scene = to_scene(&model.candidate, &n);
+
+    let held_out = HeldOut::new(&photos, &photos, Sampling::SUPERSAMPLED, trainer::HELD_OUT, options.seed)?;
+    let measure = if photos.wide_range() { Measure::Relative } else { Measure::Psnr };
+    let held_out = held_out.measured_by(measure);
+    let fit = Fit { photos: &photos, held_out: &held_out, options, began: Instant::now() };
+    let mut plan = PlanRows { items: items(&model, &photos, (LOSS.into(), &held_out)), phases: Vec::new() };
+    let (mut history, mut steps, mut stopped) = (Vec::<HistoryPoint>::new(), 0, false);
+    for level in 0..start.levels {
+        if level > 0 {
+            model = finer(model, &n)?;
+        }
+        model.optimizer = options.optimizer.of_positions(model.candidate.positions.len());
+        let (trained, rows) = fit.level(model, level, start.levels, progress)?;
+        let seconds = history.last().map_or(0.0, |h| h.seconds);
+        let told = trained.history.iter();
+        history.extend(told.map(|h| HistoryPoint {
+            step: h.step + steps,
+            seconds: h.seconds + seconds,
+            ..*h
+        }));
+        plan.phases.extend(rows.phases);
+        steps += trained.steps;
+        model = trained.model;
+        stopped = trained.stopped;
+        if stopped {
+            break;
+        }
+    }
+
+    photofit_scene::save_glb(output, &to_scene(&model.candidate, &n))?;
+    let fitted = photofit_scene::load(output)?;
+    let triangles = [first.triangles.len(), fitted.triangle_count()];
+    let shape_error = match &truth {
+        Some(truth) => {
+            let of = |mesh| ShapeError::between(truth, mesh, progress);
+            Some([of(&first)?, of(&model.candidate.mesh())?])
+        }
+        None => None,
+    };
+    let stages = [Stage::new("start", first_scene), Stage::new("recovered", fitted)];
+    let count = photos.held_out() as u64;
+    let views = rasterized_views(&n, &photos, &stages, &photos, Set::HeldOut, count, SUPERSAMPLE, progress)?;
+    let [start, quality] = [0, 1].map(|k| Quality::mean(views.iter().map(|v| &v.quality[k].quality)));
+    let seconds = history.last().map_or(0.0, |h| h.seconds);
+    Ok(RecoveredMesh {
+        quality,
+        start,
+        views,
+        history,
+        shape_error,
+        steps,
+        seconds_per_iteration: seconds / steps.max(1) as f64,
+        stopped: stopped || progress.is_cancelled(),
+        triangles,
+        pictures: [photos.photos().len(), photos.held_out()],
+        lit: photos.lit,
+        plan,
+    })
+}
+
+/// The loss: of absolute differences, so that outlines count that are far off.
+const LOSS: Loss = Loss::LogSrgbL1;
+
+/// What all levels share.
+struct Fit<'a> {
+    photos: &'a PictureFolder,
+    held_out: &'a HeldOut,
+    options: &'a RecoverMeshOptions,
+    began: Instant,
+}
+
+impl Fit<'_> {
+    /// Fits one level; it has its own checkpoint.
+    fn level(
+        &self,
+        model: Surface,
+        level: u32,
+        levels: u32,
+        progress: &dyn Progress,
+    ) -> Result<(Trained<Surface>, PlanRows), FitError> {
+        let Self { photos, held_out, options, began } = self;
+        let keeping = self.keeping(level, levels)?;
+        let share = options.steps / u64::from(levels);
+        let steps = if level + 1 == levels { options.steps - share * u64::from(level) } else { share };
+        let mut seen = Digest::new();
+        for photo in photos.photos() {
+            seen.add_bytes(format!("{:?} {:?}", photo.camera, photo.lights).as_bytes());
+            seen.add(&photo.image.data);
+        }
+        let mut topology = Digest::new();
+        topology.add(model.candidate.triangles.as_flattened());
+        topology.add(&model.candidate.uvs);
+        let job = Job {
+            reference: *photos,
+            views: *photos,
+            held_out,
+            sampling: Sampling::SUPERSAMPLED,
+            loss: PictureLoss::from(LOSS),
+            seed: options.seed,
+            batch: options.batch,
+            fresh: options.batch.div_ceil(2),
+            steps,
+            keeping: &Keeping {
+                time_limit: keeping.time_limit.map(|l: Duration| l.saturating_sub(began.elapsed())),
+                ..keeping
+            },
+            options: Steering::default()
+                .option("optimizer", format!("{:?}", options.optimizer))
+                .option("triangles", options.triangles)
+                .option("texture_size", options.texture_size)
+                .option("batch", options.batch)
+                .option("seed", options.seed)
+                .digest("pictures, cameras or lights", format!("{:016x}", seen.value()))
+                .digest("topology", format!("{:016x}", topology.value())),
+        };
+        let peak = if options.optimizer == Smoothing::Adam { ADAM_RATE } else { POSITION_RATE };
+        let rate = peak * RATE_OF_NEXT.powi(level as i32);
+        let phase = Phase {
+            name: if level + 1 == levels { "full budget" } else { "coarse" },
+            first: 0,
+            steps,
+            shrink: 1,
+            rates: vec![(POSITIONS.into(), rate), (MAPS.into(), MAP_RATE)],
+            renewal: None,
+        };
+        let phases = vec![phase];
+        let rows = PlanRows::new(Vec::new(), &phases);
+        Ok((train(Cpu::new(model)?, &job, |_| phases, progress)?, rows))
+    }
+
+    /// Where a level keeps its state. A fresh fit sets aside what an earlier one left for later levels.
+    fn keeping(&self, level: u32, levels: u32) -> Result<Keeping, FitError> {
+        let all = &self.options.keeping;
+        let folder = |level| all.checkpoint.as_ref().map(|f| f.join(level_folder(level)));
+        if level == 0 && !all.resume {
+            for file in (1..levels).filter_map(folder).map(|f| f.join(checkpoint::FILE)) {
+                photofit_image::set_aside(&file)?;
+            }
+        }
+        let checkpoint: Option<PathBuf> = folder(level);
+        // A level that was not begun has nothing to go on from.
+        let begun = checkpoint.as_ref().is_some_and(|f| f.join(checkpoint::FILE).exists());
+        Ok(Keeping { checkpoint, resume: all.resume && (begun || level == 0), ..all.clone() })
+    }
+}
+
+/// Folder of a level's checkpoint inside of that of the fit.
+pub fn level_folder(level: u32) -> String {
+    format!("level-{level}")
+}
+
+/// The same shape and maps with four triangles for each.
+fn finer(coarse: Surface, n: &Normalised) -> Result<Surface, FitError> {
+    let Surface { candidate, .. } = &coarse;
+    let mesh = midpoint(&candidate.mesh(), u64::MAX)
+        .map_err(|e| FitError::Setting { field: "triangles", rule: e.to_string() })?
+        .mesh;
+    let class = candidate.class.iter().flat_map(|c| [*c; 4]).collect();
+    let maps = candidate.maps.levels[0].clone();
+    let smoothing = weld_exact(&mesh.positions);
+    let candidate = crate::candidate::Candidate::new(&mesh, &smoothing, class, n.drawn_classes(), maps);
+    Ok(Surface { candidate, ..coarse })
+}
+
+impl Smoothing {
+    fn of_positions(self, vertices: usize) -> PositionOptimizer {
+        let lambda = LAMBDA * vertices as f64 / VERTICES;
+        match self {
+            Self::LargeSteps => PositionOptimizer::LargeSteps { lambda },
+            Self::Bilateral => PositionOptimizer::Bilateral { lambda, sigma: SIGMA },
+            Self::Adam => PositionOptimizer::Adam,
+        }
+    }
+}
+
+impl RecoverMeshOptions {
+    fn check(&self) -> Result<(), FitError> {
+        let rules = [
+            ("texture_size", self.texture_size, 16..=8192),
+            ("batch", self.batch, 1..=64),
+            ("triangles", self.triangles, FEWEST..=MOST_TRIANGLES),
+        ];
+        for (field, is, range) in rules {
+            if !range.contains(&is) {
+                let rule = format!("is {is}; it must be {} to {}", range.start(), range.end());
+                return Err(FitError::Setting { field, rule });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Most triangles that can be asked for.
+pub const MOST_TRIANGLES: usize = 1 << 22;
+
+#[cfg(test)]
+mod tests;

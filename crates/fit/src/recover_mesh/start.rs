@@ -1,0 +1,206 @@
+//! What a shape is recovered from: pictures, the frame around what they show, and a mesh to begin with.
+
+use super::shape_error::Truth;
+use super::{FEWEST, MOST_LEVELS, PictureSource};
+use crate::engine::Normalised;
+use crate::engine::reference::{Rasterized, Reference};
+use crate::engine::views::{Lighting, Orbit, Set, Views};
+use crate::pictures::{FEWEST as FEWEST_PICTURES, FILE, Photo, PictureFolder};
+use crate::recover::bare;
+use crate::simplify::prepare::visibility;
+use crate::{FitError, Progress};
+use glam::{DMat3, DVec3, Vec3};
+use photofit_geometry::{Mesh, shapes};
+use photofit_image::Image;
+use photofit_scalar::Vec3f;
+use photofit_scene::{Instance, Material, Primitive, Scene};
+use std::path::PathBuf;
+
+/// Radius of the ball to begin with, relative to the sphere around what the cameras see.
+const BALL: f32 = 0.7;
+/// Radius of the frame, relative to that of the sphere that the outlines tell: room for a shape on its way.
+const ROOM: f32 = 1.15;
+/// Alpha above which a pixel shows the shape.
+const SHOWN: f32 = 0.5;
+/// Least sine of the angle between cameras, about, from which depth can be told.
+const LEAST_PARALLAX: f64 = 0.05;
+
+/// Pictures in a frame.
+pub(super) struct Pictures {
+    pub(super) photos: PictureFolder,
+    /// The frame, with a sphere of radius 1 as its asset.
+    pub(super) n: Normalised,
+    /// The surface that they show, where it is known.
+    pub(super) truth: Option<Truth>,
+}
+
+impl Pictures {
+    pub(super) fn new(
+        source: PictureSource<'_>,
+        seed: u64,
+        progress: &dyn Progress,
+    ) -> Result<Self, FitError> {
+        match source {
+            PictureSource::Asset { asset, views, size } => drawn(asset, [views, size], seed, progress),
+            PictureSource::Folder(path) => {
+                let file: PathBuf = if path.is_dir() { path.join(FILE) } else { path.to_owned() };
+                let everything =
+                    |s: &crate::engine::views::Setup| Ok(Image::from_fn(s.width, s.height, 4, |_, _, _| 1.0));
+                let world = frame(Vec3f::zero(), 1.0, false)?;
+                let photos = PictureFolder::load(path, &world, seed, &everything)?;
+                let fail = |rule: String| FitError::Pictures { path: file.clone(), rule };
+                if photos.without_alpha > 0 {
+                    let (some, all) = (photos.without_alpha, photos.photos().len());
+                    return Err(fail(format!(
+                        "{some} of {all} pictures have no alpha; a shape needs pictures with alpha, which is its outline"
+                    )));
+                }
+                let (center, radius) = seen_sphere(photos.photos()).map_err(fail)?;
+                let n = frame(center, ROOM * radius, !photos.lit)?;
+                drop(photos);
+                let photos = PictureFolder::load(path, &n, seed, &|s| {
+                    Ok(Rasterized::new(&n.flat, &n.library).picture(s)?.image)
+                })?;
+                photos.doubts().iter().for_each(|d| progress.warn(d));
+                Ok(Self { photos, n, truth: None })
+            }
+        }
+    }
+}
+
+/// Pictures of an asset by the rasterizer.
+fn drawn(
+    asset: &Scene,
+    [views, size]: [usize; 2],
+    seed: u64,
+    progress: &dyn Progress,
+) -> Result<Pictures, FitError> {
+    for (field, is, range) in [("views", views, FEWEST_PICTURES..=256), ("picture_size", size, 16..=2048)] {
+        if !range.contains(&is) {
+            let rule = format!("is {is}; it must be {} to {}", range.start(), range.end());
+            return Err(FitError::Setting { field, rule });
+        }
+    }
+    asset.validate_for_fit()?;
+    let shown = Normalised::new(asset)?;
+    let seen = visibility(&shown.surface()?, progress)?;
+    let lit = asset.materials.iter().any(|m| !m.unlit);
+    let orbit = Orbit::new(seed, &Lighting::Point, size);
+    let renderer = Rasterized::new(&shown.flat, &shown.library);
+    let photo = |i: u64| {
+        let setup = orbit.setup(Set::Report, i, views as u64);
+        let image = renderer.picture(&setup)?.image;
+        Ok(Photo { path: PathBuf::new(), camera: setup.camera, lights: setup.lights, image })
+    };
+    let photos = (0..views as u64).map(photo).collect::<Result<Vec<_>, FitError>>()?;
+    let n = frame(shown.center, shown.radius, !lit)?;
+    let truth = Some(Truth { mesh: shown.flat.mesh, seen });
+    Ok(Pictures { photos: PictureFolder::of(photos, seed, lit), n, truth })
+}
+
+/// The frame of this centre and unit, around a sphere of radius 1.
+fn frame(center: Vec3f, radius: f32, unlit: bool) -> Result<Normalised, FitError> {
+    let scene = Scene {
+        name: "recovered".into(),
+        primitives: vec![Primitive { mesh: shapes::icosphere(8), material: 0 }],
+        instances: vec![Instance { primitive: 0, transform: glam::Affine3A::IDENTITY }],
+        materials: vec![Material::clay()],
+        ..Scene::default()
+    };
+    let mut n = Normalised::new(&bare(&scene, unlit))?;
+    (n.center, n.radius) = (center, radius);
+    Ok(n)
+}
+
+/// The sphere around what the outlines show: its centre is closest to the rays through their middles, its radius the
+/// largest that an outline tells.
+fn seen_sphere(photos: &[Photo]) -> Result<(Vec3f, f32), String> {
+    let shows = |p: &Photo, x: usize, y: usize| p.image.pixel(x, y)[3] > SHOWN;
+    let all = |p: &Photo| -> Vec<[usize; 2]> {
+        let pixels = (0..p.image.height).flat_map(|y| (0..p.image.width).map(move |x| [x, y]));
+        pixels.filter(|[x, y]| shows(p, *x, *y)).collect()
+    };
+    let (mut matrix, mut right, mut count) = (DMat3::ZERO, DVec3::ZERO, 0.0);
+    for p in photos {
+        let shown = all(p);
+        let Some(first) = shown.first() else { continue };
+        let (lo, hi) = shown.iter().fold((*first, *first), |(lo, hi), [x, y]| {
+            ([lo[0].min(*x), lo[1].min(*y)], [hi[0].max(*x), hi[1].max(*y)])
+        });
+        let d = ray(p, [0, 1].map(|k| 0.5 * (lo[k] + hi[k] + 1) as f32));
+        let across = DMat3::IDENTITY - DMat3::from_cols(d * d.x, d * d.y, d * d.z);
+        matrix += across;
+        right += across * p.camera.eye.as_dvec3();
+        count += 1.0;
+    }
+    if count == 0.0 {
+        return Err(
+            "no picture shows anything: alpha is below 0.5 everywhere; it must be the outline of the shape"
+                .into(),
+        );
+    }
+    if (matrix * (1.0 / count)).determinant() < LEAST_PARALLAX * LEAST_PARALLAX {
+        return Err("the cameras see the shape from one direction; it must be seen from several".into());
+    }
+    let center = matrix.inverse() * right;
+    let mut radius = 0.0_f64;
+    for p in photos {
+        let to = center - p.camera.eye.as_dvec3();
+        for [x, y] in all(p) {
+            let d = ray(p, [x as f32 + 0.5, y as f32 + 0.5]);
+            // Where the ray comes closest to the centre.
+            if d.dot(to) > 0.0 {
+                radius = radius.max(d.cross(to).length());
+            }
+        }
+    }
+    if !(center.is_finite() && radius.is_finite() && radius > 0.0) {
+        return Err("the outlines have no place in common; cameras and pictures must belong together".into());
+    }
+    Ok((Vec3f::from_array(center.as_vec3().to_array()), radius as f32))
+}
+
+/// Unit direction of the ray through a place in a picture, pixels from its upper left corner.
+fn ray(p: &Photo, [x, y]: [f32; 2]) -> DVec3 {
+    let (w, h) = (p.image.width as f32, p.image.height as f32);
+    let at = Vec3::new(2.0 * x / w - 1.0, 1.0 - 2.0 * y / h, 0.5);
+    let there = p.camera.view_projection().inverse().project_point3(at);
+    (there - p.camera.eye).as_dvec3().normalize_or_zero()
+}
+
+/// The mesh to begin with, in the frame.
+pub(super) struct Start {
+    pub(super) mesh: Mesh,
+    pub(super) class: Vec<u32>,
+    /// Levels of the fit: each has four times the triangles of the one before.
+    pub(super) levels: u32,
+}
+
+impl Start {
+    pub(super) fn new(n: &Normalised, mesh: Option<&Scene>, budget: usize) -> Result<Self, FitError> {
+        let mesh = match mesh {
+            Some(scene) => {
+                scene.validate_for_fit()?;
+                let mut mesh = scene.flatten().mesh;
+                for p in &mut mesh.positions {
+                    *p = (*p - n.center) / n.radius;
+                }
+                mesh
+            }
+            None => ball(budget),
+        };
+        let levels =
+            1 + (1..=MOST_LEVELS).take_while(|k| mesh.triangles.len() <= budget >> (2 * k)).count() as u32;
+        let class = vec![0; mesh.triangles.len()];
+        Ok(Self { mesh, class, levels })
+    }
+}
+
+/// A ball that has at most `budget` triangles after as many splits as leave [`FEWEST`] at the start.
+fn ball(budget: usize) -> Mesh {
+    let splits = (0..MOST_LEVELS).take_while(|k| budget >> (2 * (k + 1)) >= FEWEST).count();
+    let coarse = budget >> (2 * splits);
+    let mut mesh = shapes::icosphere(((coarse as f64 / 20.0).sqrt().floor() as u32).max(1));
+    mesh.positions.iter_mut().for_each(|p| *p = *p * BALL);
+    mesh
+}

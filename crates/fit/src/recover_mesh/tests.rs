@@ -1,0 +1,198 @@
+//! Shapes are recovered from pictures of them.
+
+use super::*;
+use crate::Silent;
+use glam::Affine3A;
+use photofit_geometry::{Mesh, shapes};
+use photofit_image::Image;
+use photofit_rays::Accel;
+use photofit_scalar::{Vec3f, vec3};
+use photofit_scene::{Camera, Instance, Material, Primitive};
+use serde_json::{Value, json};
+
+fn scene(mesh: Mesh) -> Scene {
+    Scene {
+        name: "shape".into(),
+        primitives: vec![Primitive { mesh, material: 0 }],
+        instances: vec![Instance { primitive: 0, transform: Affine3A::IDENTITY }],
+        materials: vec![Material { roughness: 0.9, ..Material::clay() }],
+        ..Scene::default()
+    }
+}
+
+fn options(optimizer: Smoothing) -> RecoverMeshOptions {
+    RecoverMeshOptions {
+        optimizer,
+        triangles: 1280,
+        texture_size: 64,
+        steps: 300,
+        ..RecoverMeshOptions::default()
+    }
+}
+
+/// Recovers an asset from 24 pictures of it; also gives the written mesh.
+fn recovered(asset: &Scene, options: &RecoverMeshOptions) -> (RecoveredMesh, Mesh) {
+    let dir = tempfile::tempdir().unwrap();
+    let output = dir.path().join("out.glb");
+    let source = PictureSource::Asset { asset, views: 24, size: 64 };
+    let r = recover_mesh(source, None, &output, options, &Silent).unwrap();
+    (r, photofit_scene::load(&output).unwrap().flatten().mesh)
+}
+
+/// Mean distance from points near the edges of [`shapes::cube`] to a mesh, percent of the cube's bounding radius.
+fn distance_near_edges(mesh: &Mesh) -> f64 {
+    let accel = Accel::build(&mesh.positions, &mesh.triangles).unwrap();
+    let cube = shapes::cube();
+    let (lo, hi) = cube
+        .positions
+        .iter()
+        .fold((cube.positions[0], cube.positions[0]), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
+    let (center, half) = ((lo + hi) * 0.5, (hi - lo) * 0.5);
+    let (mut sum, mut count) = (0.0, 0.0);
+    for axis in 0..3 {
+        for (s, t) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
+            for k in 0..100 {
+                let along = -1.0 + 2.0 * (k as f32 + 0.5) / 100.0;
+                // On the edge, and a twentieth of its half length away on either face.
+                for (s, t) in [(s, t), (0.95 * s, t), (s, 0.95 * t)] {
+                    let mut p = [along; 3];
+                    (p[(axis + 1) % 3], p[(axis + 2) % 3]) = (s, t);
+                    let at = center + vec3(p[0] * half.x, p[1] * half.y, p[2] * half.z);
+                    sum += f64::from(accel.closest_point(at, f32::INFINITY).unwrap().distance);
+                    count += 1.0;
+                }
+            }
+        }
+    }
+    100.0 * sum / count / f64::from(half.length())
+}
+
+#[test]
+fn shapes_are_recovered_from_their_pictures() {
+    let cube = scene(shapes::cube());
+    let bumpy = scene(shapes::displaced_sphere(24, 0.25, 3, 5));
+    // Distance near the cube's edges, by optimizer.
+    let mut edges = Vec::new();
+    // Least factors by which the mean distance falls on the cube and on the bumpy sphere.
+    for (optimizer, factors) in [
+        (Smoothing::LargeSteps, [2.0, 8.0]),
+        (Smoothing::Bilateral, [2.0, 8.0]),
+        (Smoothing::Adam, [2.0, 6.0]),
+    ] {
+        for (asset, factor) in [&cube, &bumpy].into_iter().zip(factors) {
+            let (r, mesh) = recovered(asset, &options(optimizer));
+            let [first, last] = r.shape_error.unwrap();
+            assert!(last.mean * factor < first.mean, "{optimizer:?}: {first:?} became {last:?}");
+            assert!(last.normals < 0.6 * first.normals, "{optimizer:?}: {first:?} became {last:?}");
+            assert!(r.quality.psnr > r.start.psnr + 3.0, "{optimizer:?}: {:?} from {:?}", r.quality, r.start);
+            assert_eq!((r.pictures, r.lit, r.triangles), ([24, 3], true, [80, 1280]));
+            if std::ptr::eq(asset, &raw const cube) {
+                edges.push(distance_near_edges(&mesh));
+            }
+        }
+    }
+    assert!(edges[1] < 0.85 * edges[0], "bilateral steps keep edges better than Large Steps: {edges:?}");
+}
+
+#[test]
+fn the_distance_of_spheres_is_that_of_their_radii() {
+    let mesh = shapes::icosphere(30);
+    let seen = crate::visibility::Visibility::everything(mesh.triangles.len());
+    let mut larger = mesh.clone();
+    larger.positions.iter_mut().for_each(|p| *p = *p * 1.1);
+    let truth = shape_error::Truth { mesh: mesh.clone(), seen };
+    let e = ShapeError::between(&truth, &larger, &Silent).unwrap();
+    assert!((e.mean - 10.0).abs() < 0.1 && (e.p95 - 10.0).abs() < 0.2 && e.normals < 3.0, "{e:?}");
+    let e = ShapeError::between(&truth, &mesh, &Silent).unwrap();
+    assert!(e.mean < 1e-3 && e.p95 < 1e-3 && e.normals < 3.0, "{e:?}");
+}
+
+#[test]
+fn recovery_resumes_to_the_same_bytes() {
+    let dir = tempfile::tempdir().unwrap();
+    let asset = scene(shapes::cube());
+    let file = |options: &RecoverMeshOptions| {
+        let path = dir.path().join("out.glb");
+        let source = PictureSource::Asset { asset: &asset, views: 12, size: 48 };
+        let r = recover_mesh(source, None, &path, options, &Silent)?;
+        Ok::<_, FitError>((r.stopped, std::fs::read(path).unwrap()))
+    };
+    let short = RecoverMeshOptions { steps: 90, triangles: 320, ..options(Smoothing::Bilateral) };
+    let (_, whole) = file(&short).unwrap();
+    let checkpoint = Some(dir.path().join("state"));
+    let kept = Keeping { checkpoint, resume: false, time_limit: None };
+    let (_, same) = file(&RecoverMeshOptions { keeping: kept.clone(), ..short.clone() }).unwrap();
+    assert!(same == whole, "keeping a checkpoint changes nothing");
+    // As if it had been interrupted after the first level.
+    std::fs::remove_dir_all(dir.path().join("state").join(level_folder(1))).unwrap();
+    let kept = Keeping { resume: true, ..kept };
+    let (_, resumed) = file(&RecoverMeshOptions { keeping: kept.clone(), ..short.clone() }).unwrap();
+    assert!(resumed == whole, "resumed at the second level");
+    // Stopped at once, then resumed.
+    std::fs::remove_dir_all(dir.path().join("state")).unwrap();
+    let brief = Keeping { time_limit: Some(Duration::from_nanos(1)), ..kept.clone() };
+    let (stopped, early) = file(&RecoverMeshOptions { keeping: brief, ..short.clone() }).unwrap();
+    assert!(stopped && early != whole);
+    let resume = |options| file(&RecoverMeshOptions { keeping: kept.clone(), ..options });
+    assert!(resume(short.clone()).unwrap().1 == whole, "resumed at the start");
+    let other = resume(RecoverMeshOptions { optimizer: Smoothing::Adam, ..short }).unwrap_err();
+    assert!(other.to_string().contains("optimizer was Bilateral and is Adam"), "{other}");
+}
+
+/// Where the shape of [`photograph`] is in the world, and its radius.
+const CENTER: Vec3f = Vec3f { x: 3.0, y: -1.0, z: 2.0 };
+const RADIUS: f32 = 2.0;
+
+/// Writes 12 pictures of an unlit green ball, of which `alpha(coverage)` is stored, or none.
+fn photograph(folder: &Path, alpha: Option<fn(f32) -> f32>) {
+    let frame = |k: usize| {
+        let y = 1.0 - 2.0 * (k as f32 + 0.5) / 12.0;
+        let (a, r) = (k as f32 * 2.4, (1.0 - y * y).sqrt());
+        let center = glam::Vec3::from_array(CENTER.to_array());
+        let eye = center + 8.0 * glam::vec3(r * a.cos(), y, r * a.sin());
+        let camera = Camera::look_at(eye, center, glam::Vec3::Y, 0.7, 1.0, 0.1, 50.0);
+        // The outline of a ball that is looked at from 8 away.
+        let sine = RADIUS / 8.0;
+        let outline = sine / (1.0 - sine * sine).sqrt() / 0.35_f32.tan();
+        let channels = if alpha.is_some() { 4 } else { 3 };
+        let image = Image::from_fn(64, 64, channels, |x, y, c| {
+            let at = |p: usize| (p as f32 + 0.5) / 32.0 - 1.0;
+            let inside = f32::from(u8::from(at(x).hypot(at(y)) < outline));
+            [0.1 * inside, 0.6 * inside, 0.2 * inside, alpha.map_or(0.0, |alpha| alpha(inside))][c]
+        });
+        let name = format!("{k}.png");
+        photofit_image::write_png(folder.join(&name), &image).unwrap();
+        let m = camera.view.inverse().transpose().to_cols_array_2d();
+        json!({ "file_path": name, "transform_matrix": m })
+    };
+    let frames: Vec<Value> = (0..12).map(frame).collect();
+    let file = json!({ "camera_angle_x": 0.7, "frames": frames });
+    std::fs::write(folder.join(crate::pictures::FILE), file.to_string()).unwrap();
+}
+
+#[test]
+fn a_ball_is_recovered_in_its_world_and_bad_pictures_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let output = dir.path().join("out.glb");
+    let run = |options: &RecoverMeshOptions| {
+        recover_mesh(PictureSource::Folder(dir.path()), None, &output, options, &Silent)
+    };
+    photograph(dir.path(), Some(|inside| inside));
+    let o = options(Smoothing::LargeSteps);
+    let r = run(&o).unwrap();
+    assert!(!r.lit && r.shape_error.is_none() && r.quality.psnr > 25.0, "{:?}", r.quality);
+    let mesh = photofit_scene::load(&output).unwrap().flatten().mesh;
+    let off = mesh.positions.iter().map(|p| ((*p - CENTER).length() - RADIUS).abs());
+    let mean = off.sum::<f32>() / mesh.positions.len() as f32;
+    assert!(mean < 0.04 * RADIUS, "mean distance from the ball: {mean}");
+
+    std::fs::remove_file(&output).unwrap();
+    let told = |options: &RecoverMeshOptions| run(options).unwrap_err().to_string();
+    let few = told(&RecoverMeshOptions { triangles: 79, ..o.clone() });
+    assert_eq!(few, format!("triangles is 79; it must be 80 to {MOST_TRIANGLES}"));
+    photograph(dir.path(), Some(|_| 0.0));
+    assert!(told(&o).contains("no picture shows anything"), "{}", told(&o));
+    photograph(dir.path(), None);
+    assert!(told(&o).contains("12 of 12 pictures have no alpha"), "{}", told(&o));
+    assert!(!output.exists());
+}
