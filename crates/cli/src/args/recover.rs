@@ -92,7 +92,7 @@ pub(crate) struct RecoverMesh {
     #[arg(long, value_name = "HOW", value_enum, default_value = "large-steps")]
     pub(crate) optimizer: MeshOptimizer,
     /// Most triangles of the result; a --mesh of more keeps its own [range: 80 to 4194304].
-    #[arg(long, value_name = "N", default_value_t = 5120, value_parser = whole::<usize>(80..=MOST_TRIANGLES))]
+    #[arg(long, value_name = "N", default_value_t = 5120, value_parser = whole::<usize>(80..=MOST_TRIANGLES as u64))]
     pub(crate) triangles: usize,
     /// Width and height of the textures, texels [range: 16 to 8192].
     #[arg(long, value_name = "N", default_value_t = 512, value_parser = whole::<usize>(16..=8192))]

@@ -201,6 +201,6 @@ fn ball(budget: usize) -> Mesh {
     let splits = (0..MOST_LEVELS).take_while(|k| budget >> (2 * (k + 1)) >= FEWEST).count();
     let coarse = budget >> (2 * splits);
     let mut mesh = shapes::icosphere(((coarse as f64 / 20.0).sqrt().floor() as u32).max(1));
-    mesh.positions.iter_mut().for_each(|p| *p = *p * BALL);
+    mesh.positions.iter_mut().for_each(|p| *p *= BALL);
     mesh
 }
