@@ -99,7 +99,7 @@ fn the_distance_of_spheres_is_that_of_their_radii() {
     let mesh = shapes::icosphere(30);
     let seen = crate::visibility::Visibility::everything(mesh.triangles.len());
     let mut larger = mesh.clone();
-    larger.positions.iter_mut().for_each(|p| *p = *p * 1.1);
+    larger.positions.iter_mut().for_each(|p| *p *= 1.1);
     let truth = shape_error::Truth { mesh: mesh.clone(), seen };
     let e = ShapeError::between(&truth, &larger, &Silent).unwrap();
     assert!((e.mean - 10.0).abs() < 0.1 && (e.p95 - 10.0).abs() < 0.2 && e.normals < 3.0, "{e:?}");

@@ -3,6 +3,7 @@
 use super::*;
 use crate::candidate::{Candidate, SurfaceClass};
 use crate::engine::cpu::Cpu;
+use crate::engine::surface::PositionOptimizer;
 use crate::engine::views::{Lighting, Orbit, Sampling, Set, Views};
 use photofit_geometry::atlas::{UnwrapOptions, unwrap};
 use photofit_geometry::weld::weld_exact;
