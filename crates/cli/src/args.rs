@@ -19,6 +19,7 @@ pub(crate) use surface::{Surface, SurfaceMethod, UpAxis};
 
 use clap::error::ErrorKind;
 use clap::{ArgGroup, Args, CommandFactory, Parser, Subcommand, ValueEnum};
+use photofit_fit::engine::trainer::Keeping;
 use photofit_fit::simplify::SimplifyOptions;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -185,6 +186,33 @@ pub(crate) struct Running {
     /// Go on from the checkpoint, if there is one, to the same result as an uninterrupted run.
     #[arg(long, requires = "checkpoint")]
     pub(crate) resume: bool,
+}
+
+// How maps are fitted to pictures, and what is told of it; a doc comment would become that of the command.
+#[derive(Args, Debug)]
+pub(crate) struct Course {
+    /// Pictures per step [range: 1 to 64].
+    #[arg(long, value_name = "B", default_value_t = 2, value_parser = whole::<usize>(1..=64))]
+    pub(crate) batch: usize,
+    /// End the fit after this many seconds and keep what was reached; reading, writing and judging take their time on top [range: more than 0,
+    /// at most 1000000000] [default: no limit].
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub(crate) time_limit: Option<Duration>,
+    #[command(flatten)]
+    pub(crate) running: Running,
+    /// Print what ran, what was skipped, and why.
+    #[arg(long)]
+    pub(crate) explain: bool,
+    /// Write the figures as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) json: Option<PathBuf>,
+}
+
+impl Course {
+    pub(crate) fn keeping(&self) -> Keeping {
+        let Running { checkpoint, resume, .. } = &self.running;
+        Keeping { checkpoint: checkpoint.clone(), resume: *resume, time_limit: self.time_limit }
+    }
 }
 
 #[derive(Args, Debug)]

@@ -11,7 +11,7 @@ use anyhow::{Context as _, Error, Result};
 use photofit_fit::FitError;
 use photofit_fit::engine::judge::Judged;
 use photofit_fit::lod::{
-    Chain, ChainOptions, Level, combined_path, level_folder, level_path, simplify_chain, summary_path,
+    Level, LodChain, LodOptions, combined_path, level_folder, level_path, simplify_chain, summary_path,
 };
 use photofit_fit::report::PAGE;
 use photofit_scene::Scene;
@@ -43,7 +43,7 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
     let places = places(a, a.lod.len().min(photofit_fit::lod::MOST_LEVELS));
     places.check()?;
     threads::set(a.running.threads)?;
-    let options = ChainOptions {
+    let options = LodOptions {
         sizes: a.lod.clone(),
         triangles: a.lod_triangles.clone(),
         combined: a.msft_lod,
@@ -101,7 +101,7 @@ fn of_command(error: FitError) -> FitError {
 }
 
 /// Reports every level; all figures as JSON, and why a report is not written.
-fn tell(a: &Simplify, scene: &Scene, chain: &Chain) -> Result<(Value, Option<Error>)> {
+fn tell(a: &Simplify, scene: &Scene, chain: &LodChain) -> Result<(Value, Option<Error>)> {
     let (mut levels, mut unwritten) = (Vec::new(), None);
     for (k, level) in chain.levels.iter().enumerate() {
         print(&format!("level {} of {}, for {} pixels\n", k + 1, a.lod.len(), level.size))?;
@@ -131,7 +131,7 @@ fn shown(path: &Path) -> String {
 }
 
 /// What a program that shows the levels needs to know, and how good they are.
-fn summarised(chain: &Chain) -> Value {
+fn summarised(chain: &LodChain) -> Value {
     let level = |l: &Level| {
         let (q, original) = (l.quality(), l.outcome.stage("original"));
         json!({

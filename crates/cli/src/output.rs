@@ -62,6 +62,20 @@ pub(crate) fn bytes(n: u64) -> String {
     }
 }
 
+/// What a fit through the path tracer reached, and where it stands: its errors before and after, steps and seconds.
+pub(crate) fn traced_error(
+    judged: &str,
+    errors: [Option<f64>; 2],
+    (steps, seconds): (u64, f64),
+    folder: &Path,
+) -> String {
+    let [first, best] = errors.map(|e| e.unwrap_or(f64::NAN));
+    format!(
+        "relative squared error of {judged}: {first:.4e} -> {best:.4e}, {steps} steps, {seconds:.1} s\nwrote {}\n",
+        folder.display()
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

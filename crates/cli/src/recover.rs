@@ -8,7 +8,6 @@ use crate::simplify::{CHECKPOINT_FILE, name_options};
 use crate::status::Ending;
 use crate::{interrupt, threads};
 use anyhow::Result;
-use photofit_fit::engine::trainer::Keeping;
 use photofit_fit::pictures::named_files;
 use photofit_fit::recover::{RecoverOptions, Recovered, recover_texture};
 use serde_json::{Value, json};
@@ -27,21 +26,17 @@ fn texture(a: &RecoverTexture) -> Result<Ending> {
         .reads("PICTURES", Some(&a.pictures))
         .reads("--mesh", Some(&a.mesh))
         .writes("--output", Some(&a.output))
-        .writes("--json", a.json.as_deref())
-        .fills("--checkpoint", a.running.checkpoint.as_deref(), &[CHECKPOINT_FILE]);
+        .writes("--json", a.course.json.as_deref())
+        .fills("--checkpoint", a.course.running.checkpoint.as_deref(), &[CHECKPOINT_FILE]);
     places.check()?;
     places.check_against("PICTURES", &named_files(&a.pictures))?;
-    threads::set(a.running.threads)?;
+    threads::set(a.course.running.threads)?;
     let options = RecoverOptions {
         texture_size: a.texture_size,
         steps: a.steps,
-        batch: a.batch,
-        seed: a.running.seed,
-        keeping: Keeping {
-            checkpoint: a.running.checkpoint.clone(),
-            resume: a.running.resume,
-            time_limit: a.time_limit,
-        },
+        batch: a.course.batch,
+        seed: a.course.running.seed,
+        keeping: a.course.keeping(),
     };
     let mesh = photofit_scene::load(&a.mesh)?;
     places.check_against("--mesh", &mesh.files)?;
@@ -52,7 +47,7 @@ fn texture(a: &RecoverTexture) -> Result<Ending> {
     if r.stopped {
         say("the fit was ended early; what was reached is written");
     }
-    if a.explain {
+    if a.course.explain {
         print(&format!("what ran:\n{}\n\n", r.plan))?;
     }
     let [all, held_out] = r.pictures;
@@ -63,7 +58,7 @@ fn texture(a: &RecoverTexture) -> Result<Ending> {
         r.steps,
         a.output.display()
     );
-    if let Some(path) = &a.json {
+    if let Some(path) = &a.course.json {
         output::write_json(path, &to_json(a, &r))?;
     }
     print(&text)?;

@@ -1,6 +1,6 @@
 //! `photofit recover mesh`: a shape from pictures of it.
 
-use crate::args::{MeshOptimizer, RecoverMesh};
+use crate::args::{self, RecoverMesh};
 use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say};
@@ -8,10 +8,9 @@ use crate::simplify::{CHECKPOINT_FILE, name_options};
 use crate::status::Ending;
 use crate::{interrupt, threads};
 use anyhow::Result;
-use photofit_fit::engine::trainer::Keeping;
 use photofit_fit::pictures::named_files;
 use photofit_fit::recover_mesh::{
-    MOST_LEVELS, PictureSource, RecoverMeshOptions, RecoveredMesh, ShapeError, Smoothing, level_folder,
+    MOST_LEVELS, MeshOptimizer, PictureSource, RecoverMeshOptions, RecoveredMesh, ShapeError, level_folder,
     recover_mesh,
 };
 use serde_json::{Value, json};
@@ -26,13 +25,13 @@ pub(crate) fn run(a: &RecoverMesh) -> Result<Ending> {
         .reads("--self-test", a.self_test.as_deref())
         .reads("--mesh", a.mesh.as_deref())
         .writes("--output", Some(&a.output))
-        .writes("--json", a.json.as_deref())
-        .fills("--checkpoint", a.running.checkpoint.as_deref(), &states);
+        .writes("--json", a.course.json.as_deref())
+        .fills("--checkpoint", a.course.running.checkpoint.as_deref(), &states);
     places.check()?;
     if let Some(pictures) = &a.pictures {
         places.check_against("PICTURES", &named_files(pictures))?;
     }
-    threads::set(a.running.threads)?;
+    threads::set(a.course.running.threads)?;
     let load = |option: &'static str, path: &Option<_>| {
         let scene = path.as_ref().map(photofit_scene::load).transpose()?;
         if let Some(scene) = &scene {
@@ -48,20 +47,16 @@ pub(crate) fn run(a: &RecoverMesh) -> Result<Ending> {
     };
     let options = RecoverMeshOptions {
         optimizer: match a.optimizer {
-            MeshOptimizer::LargeSteps => Smoothing::LargeSteps,
-            MeshOptimizer::Bilateral => Smoothing::Bilateral,
-            MeshOptimizer::Adam => Smoothing::Adam,
+            args::MeshOptimizer::LargeSteps => MeshOptimizer::LargeSteps,
+            args::MeshOptimizer::Bilateral => MeshOptimizer::Bilateral,
+            args::MeshOptimizer::Adam => MeshOptimizer::Adam,
         },
         triangles: a.triangles,
         texture_size: a.texture_size,
         steps: a.steps,
-        batch: a.batch,
-        seed: a.running.seed,
-        keeping: Keeping {
-            checkpoint: a.running.checkpoint.clone(),
-            resume: a.running.resume,
-            time_limit: a.time_limit,
-        },
+        batch: a.course.batch,
+        seed: a.course.running.seed,
+        keeping: a.course.keeping(),
     };
     interrupt::handle();
     let progress = Terminal::new();
@@ -70,10 +65,10 @@ pub(crate) fn run(a: &RecoverMesh) -> Result<Ending> {
     if r.stopped {
         say("the fit was ended early; what was reached is written");
     }
-    if a.explain {
+    if a.course.explain {
         print(&format!("what ran:\n{}\n\n", r.plan))?;
     }
-    if let Some(path) = &a.json {
+    if let Some(path) = &a.course.json {
         output::write_json(path, &to_json(a, &r))?;
     }
     print(&told(a, &r))?;

@@ -66,8 +66,8 @@ pub(crate) fn run(a: &RecoverScene) -> Result<Ending> {
     let Task { model, views, quantities, boxes, targets, truth } = task;
     let first = truth.as_ref().map(|t| errors(&model, &quantities, t));
     let options = RecoverSceneOptions {
-        steps: a.steps,
-        rate: a.rate,
+        steps: a.traced.steps,
+        rate: a.traced.rate,
         seed: a.scene.seed,
         keeping: Keeping { checkpoint: a.checkpoint.clone(), resume: a.resume, time_limit: a.time_limit },
     };
@@ -116,7 +116,7 @@ fn task(a: &RecoverScene, mut subject: Subject, source: &Source<'_>) -> Result<T
         }
     };
     let Subject { parts, views, mut options, world, .. } = subject;
-    options.spp = a.spp;
+    options.spp = a.traced.spp;
     let world = World::with_options(parts, world).map_err(|e| named(&e))?;
     let views = match source {
         Source::Own { views: count @ 2.. } => around::views(&views[0], &world, *count),
@@ -124,8 +124,8 @@ fn task(a: &RecoverScene, mut subject: Subject, source: &Source<'_>) -> Result<T
     };
     let mut model = Traced::new(world, options, parameters).map_err(|e| named(&e))?;
     views.iter().try_for_each(|v| model.check(v)).map_err(|e| named(&e))?;
-    model.gradient_spp = a.gradient_spp;
-    model.smoothing = a.smoothing.into();
+    model.gradient_spp = a.traced.gradient_spp;
+    model.smoothing = a.traced.smoothing.into();
     let own = || views.iter().map(|v| model.picture(v, TARGET_SPP, TARGET_SEED)).collect();
     let truth = given.is_none().then(|| (0..quantities.len()).map(|k| model.of(k).to_vec()).collect());
     let targets = given.map_or_else(own, Ok).map_err(|e| named(&e))?;

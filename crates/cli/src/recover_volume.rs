@@ -113,12 +113,12 @@ fn options(a: &RecoverVolume) -> RecoverVolumeOptions {
         // That of a self-test is to be found.
         albedo: a.albedo.as_ref().filter(|_| a.self_test.is_none()).map(|n| three(&n.0)),
         anisotropy: a.anisotropy as f32,
-        steps: a.steps,
-        rate: a.rate,
-        spp: a.spp,
-        gradient_spp: a.gradient_spp,
+        steps: a.traced.steps,
+        rate: a.traced.rate,
+        spp: a.traced.spp,
+        gradient_spp: a.traced.gradient_spp,
         max_depth: a.max_depth,
-        smoothing: a.smoothing.into(),
+        smoothing: a.traced.smoothing.into(),
         seed: a.running.seed,
         keeping: Keeping {
             checkpoint: a.running.checkpoint.clone(),
@@ -244,13 +244,7 @@ fn write(a: &RecoverVolume, seen: &Seen, r: &RecoveredVolume, seconds: f64) -> R
         Some(k) => format!("picture {k}, which was held out"),
         None => "the pictures that were fitted (none is held out)".into(),
     };
-    text += &format!(
-        "relative squared error of {judged}: {:.4e} -> {:.4e}, {} steps, {seconds:.1} s\nwrote {}\n",
-        first.unwrap_or(f64::NAN),
-        best.unwrap_or(f64::NAN),
-        r.steps,
-        a.output.display()
-    );
+    text += &output::traced_error(&judged, [first, best], (r.steps, seconds), &a.output);
     print(&text)
 }
 

@@ -10,7 +10,6 @@ use crate::{animation, interrupt, light, threads};
 use anyhow::Result;
 use photofit_fit::engine::Normalised;
 use photofit_fit::engine::animated::Animated;
-use photofit_fit::engine::trainer::Keeping;
 use photofit_fit::retexture::{RetextureOptions, Retextured, retexture};
 use photofit_fit::views::Moment;
 use photofit_scene::Scene;
@@ -22,10 +21,10 @@ pub(crate) fn run(a: &Retexture) -> Result<Ending> {
         .reads("LIGHT", Some(&a.light_asset))
         .reads("--env", a.env.as_deref())
         .writes("--output", Some(&a.output))
-        .writes("--json", a.json.as_deref())
-        .fills("--checkpoint", a.running.checkpoint.as_deref(), &[CHECKPOINT_FILE]);
+        .writes("--json", a.course.json.as_deref())
+        .fills("--checkpoint", a.course.running.checkpoint.as_deref(), &[CHECKPOINT_FILE]);
     places.check()?;
-    threads::set(a.running.threads)?;
+    threads::set(a.course.running.threads)?;
     let lighting = light::lighting(a.light, a.env.as_deref())?;
     let [reference, asset] = [("REFERENCE", &a.reference), ("LIGHT", &a.light_asset)].map(|(name, file)| {
         let scene = photofit_scene::load(file)?;
@@ -39,14 +38,10 @@ pub(crate) fn run(a: &Retexture) -> Result<Ending> {
         resolution: a.resolution,
         texture_size: a.texture_size,
         steps: a.steps,
-        batch: a.batch,
+        batch: a.course.batch,
         lighting,
-        seed: a.running.seed,
-        keeping: Keeping {
-            checkpoint: a.running.checkpoint.clone(),
-            resume: a.running.resume,
-            time_limit: a.time_limit,
-        },
+        seed: a.course.running.seed,
+        keeping: a.course.keeping(),
         ..RetextureOptions::default()
     };
     interrupt::handle();
@@ -57,7 +52,7 @@ pub(crate) fn run(a: &Retexture) -> Result<Ending> {
     if r.stopped {
         say("the fit was ended early; what was reached is written");
     }
-    if a.explain {
+    if a.course.explain {
         print(&format!("what ran:\n{}\n\n", r.plan))?;
     }
     let mut text = output::quality_table(&[("baked", &r.start), ("fitted", &r.quality)]);
@@ -72,7 +67,7 @@ pub(crate) fn run(a: &Retexture) -> Result<Ending> {
         a.output.display(),
         asset.triangle_count()
     );
-    if let Some(path) = &a.json {
+    if let Some(path) = &a.course.json {
         output::write_json(path, &to_json(a, &options, &r))?;
     }
     print(&text)?;

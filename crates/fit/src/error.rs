@@ -1,6 +1,7 @@
 //! Why a fit cannot be done.
 
 use std::fmt;
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 /// Errors of the fitting tasks.
@@ -150,4 +151,20 @@ impl fmt::Display for Difference {
 /// Differences in one line.
 fn told(differences: &[Difference]) -> String {
     differences.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
+}
+
+/// Checks options, each with its name and its range.
+///
+/// # Errors
+/// [`FitError::Setting`] for the first that is out of its range.
+pub(crate) fn in_ranges<const N: usize>(
+    options: [(&'static str, usize, RangeInclusive<usize>); N],
+) -> Result<(), FitError> {
+    for (field, is, range) in options {
+        if !range.contains(&is) {
+            let rule = format!("is {is}; it must be {} to {}", range.start(), range.end());
+            return Err(FitError::Setting { field, rule });
+        }
+    }
+    Ok(())
 }

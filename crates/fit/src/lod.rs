@@ -26,7 +26,7 @@ const SCREEN: f64 = 1920.0 * 1080.0;
 
 /// Options of [`simplify_chain`].
 #[derive(Clone, Debug, Default)]
-pub struct ChainOptions {
+pub struct LodOptions {
     /// Size on screen of each level, pixels of its bounding sphere's diameter, falling, 16 to 1024.
     pub sizes: Vec<f64>,
     /// Budget of each level, falling; empty: as few triangles as look right at the sizes.
@@ -67,7 +67,7 @@ impl Level {
 
 /// A finished chain.
 #[derive(Debug)]
-pub struct Chain {
+pub struct LodChain {
     /// The levels that were written, finest first.
     pub levels: Vec<Level>,
     /// Fewer levels than were asked for: the user stopped the chain.
@@ -78,7 +78,7 @@ pub struct Chain {
     pub failed: Option<FitError>,
 }
 
-impl ChainOptions {
+impl LodOptions {
     /// Checks the sizes and budgets against an asset of `triangles` triangles; `usize::MAX` where there is none yet.
     ///
     /// # Errors
@@ -216,13 +216,13 @@ impl Progress for OfLevel<'_> {
 /// begun. A chain that goes on from its checkpoints makes the levels before again, without the steps that they hold.
 ///
 /// # Errors
-/// See [`FitError`], where not even the first level could be made; else [`Chain::failed`].
+/// See [`FitError`], where not even the first level could be made; else [`LodChain::failed`].
 pub fn simplify_chain(
     scene: &Scene,
     output: &Path,
-    options: &ChainOptions,
+    options: &LodOptions,
     progress: &dyn Progress,
-) -> Result<Chain, FitError> {
+) -> Result<LodChain, FitError> {
     options.check(scene.triangle_count())?;
     let began = Instant::now();
     with_asset(scene, progress, |asset| {
@@ -250,7 +250,7 @@ pub fn simplify_chain(
         let combined = if failed.is_none() { finish(asset, output, options, &mut levels) } else { Ok(None) };
         let stopped = levels.len() < options.sizes.len() || levels.iter().any(|l| l.outcome.stopped);
         let (combined, failed) = combined.map_or_else(|e| (None, Some(e)), |c| (c, failed));
-        Ok(Chain { levels, stopped, combined, failed })
+        Ok(LodChain { levels, stopped, combined, failed })
     })
 }
 
@@ -258,7 +258,7 @@ pub fn simplify_chain(
 fn level(
     asset: Asset<'_>,
     output: &Path,
-    options: &ChainOptions,
+    options: &LodOptions,
     before: &[Level],
     left: Option<Duration>,
     began: Instant,
@@ -293,7 +293,7 @@ fn level(
 fn finish(
     asset: Asset<'_>,
     output: &Path,
-    options: &ChainOptions,
+    options: &LodOptions,
     levels: &mut [Level],
 ) -> Result<Option<PathBuf>, FitError> {
     // The file with all levels holds their textures as they are: a second lossy encoding would change them.

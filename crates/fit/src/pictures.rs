@@ -12,11 +12,14 @@ mod world;
 
 pub use world::{WorldPicture, lit_world_pictures, world_pictures};
 
-use crate::FitError;
 use crate::bake;
 use crate::engine::Normalised;
-use crate::engine::reference::{Picture, Reference};
-use crate::engine::views::{Moment, Set, Setup, Sphere, ViewLights, Views};
+use crate::engine::checkpoint::Digest;
+use crate::engine::judge::{ReportView, Stage, rasterized_views};
+use crate::engine::reference::{Picture, Reference, SUPERSAMPLE};
+use crate::engine::trainer::{self, HeldOut, Measure};
+use crate::engine::views::{Moment, Sampling, Set, Setup, Sphere, ViewLights, Views};
+use crate::{FitError, Progress};
 use glam::{Mat4, Vec3};
 use photofit_image::{Image, downsample};
 use photofit_sampling::Rng;
@@ -170,6 +173,34 @@ impl PictureFolder {
         doubts::of(&self.photos)
     }
 
+    /// All that a fit reads of the pictures.
+    pub(crate) fn digest(&self) -> Digest {
+        let mut digest = Digest::new();
+        for photo in &self.photos {
+            digest.add_bytes(format!("{:?} {:?}", photo.camera, photo.lights).as_bytes());
+            digest.add(&photo.image.data);
+        }
+        digest
+    }
+
+    /// The pictures that are held out, for the evaluations of a fit. What no screen shows counts, too.
+    pub(crate) fn evaluation(&self, seed: u64) -> Result<HeldOut, FitError> {
+        let held_out = HeldOut::new(self, self, Sampling::SUPERSAMPLED, trainer::HELD_OUT, seed)?;
+        let measure = if self.wide_range() { Measure::Relative } else { Measure::Psnr };
+        Ok(held_out.measured_by(measure))
+    }
+
+    /// The stages against all pictures that are held out.
+    pub(crate) fn judge(
+        &self,
+        n: &Normalised,
+        stages: &[Stage],
+        progress: &dyn Progress,
+    ) -> Result<Vec<ReportView>, FitError> {
+        let count = self.held_out.len() as u64;
+        rasterized_views(n, self, stages, self, Set::HeldOut, count, SUPERSAMPLE, progress)
+    }
+
     /// Number of pictures that are held out.
     pub fn held_out(&self) -> usize {
         self.held_out.len()
@@ -199,7 +230,7 @@ impl Views for PictureFolder {
 }
 
 impl Reference for PictureFolder {
-    /// The picture that the view belongs to; how noisy it is is not known and counts as 1.
+    /// The picture that the view belongs to; how noisy it is is not known.
     fn picture(&self, setup: &Setup) -> Result<Picture, FitError> {
         let image = &self.photos[setup.picture.unwrap_or_default()].image;
         let factor = (image.width / setup.width.max(1)).max(1);
@@ -208,7 +239,7 @@ impl Reference for PictureFolder {
         } else {
             image.clone()
         };
-        Ok(Picture { image, noise: 1.0 })
+        Ok(Picture { image, noise: None })
     }
 
     fn bounds(&self, _: Moment) -> Sphere {

@@ -6,18 +6,18 @@
 //! fitted; else what the pictures show on average becomes an unlit colour.
 
 use crate::engine::Normalised;
-use crate::engine::checkpoint::Digest;
 use crate::engine::cpu::Cpu;
 use crate::engine::export::to_scene;
-use crate::engine::judge::{Quality, ReportView, Stage, rasterized_views};
+use crate::engine::judge::{Quality, ReportView, Stage};
 use crate::engine::loss::{self, PictureLoss};
 use crate::engine::plan::{Item, PlanRows, rows};
-use crate::engine::reference::{ENERGY, Rasterized, Reference, SUPERSAMPLE};
+use crate::engine::reference::{ENERGY, Rasterized, Reference};
 use crate::engine::steering::Steering;
 use crate::engine::surface::{MAPS, PositionOptimizer, Surface};
-use crate::engine::trainer::{self, HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
+use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
 use crate::engine::unwrap::unwrapped;
-use crate::engine::views::{Sampling, Set};
+use crate::engine::views::Sampling;
+use crate::error::in_ranges;
 use crate::pictures::PictureFolder;
 use crate::visibility::Visibility;
 use crate::{FitError, Progress};
@@ -127,16 +127,9 @@ pub fn recover_texture(
     let n = Normalised::new(&bare(mesh, !photos.lit))?;
     let model = grey(&n, (&n.flat.mesh, &n.triangle_classes()), photos.lit, options.texture_size, progress)?;
     let start = to_scene(&model.candidate, &n);
-    let held_out = HeldOut::new(&photos, &photos, Sampling::SUPERSAMPLED, trainer::HELD_OUT, options.seed)?;
-    // What no screen shows must count, too.
-    let measure = if photos.wide_range() { Measure::Relative } else { Measure::Psnr };
-    let held_out = held_out.measured_by(measure);
-    let mut topology = Digest::new();
+    let held_out = photos.evaluation(options.seed)?;
+    let mut topology = photos.digest();
     topology.add(&model.candidate.uvs);
-    for photo in photos.photos() {
-        topology.add_bytes(format!("{:?} {:?}", photo.camera, photo.lights).as_bytes());
-        topology.add(&photo.image.data);
-    }
     let loss = loss::choose(held_out.noise);
     let job = Job {
         reference: &photos,
@@ -171,9 +164,8 @@ pub fn recover_texture(
     let fitted = photofit_scene::load(output)?;
     let triangles = fitted.triangle_count();
     let stages = [Stage::new("start", start), Stage::new("recovered", fitted)];
-    let count = photos.held_out() as u64;
-    let views = rasterized_views(&n, &photos, &stages, &photos, Set::HeldOut, count, SUPERSAMPLE, progress)?;
-    let [start, quality] = [0, 1].map(|k| Quality::mean(views.iter().map(|v| &v.quality[k].quality)));
+    let views = photos.judge(&n, &stages, progress)?;
+    let [start, quality] = Quality::of_two_stages(&views);
     Ok(Recovered {
         quality,
         start,
@@ -227,13 +219,7 @@ pub(crate) fn items(
 impl RecoverOptions {
     fn check(&self) -> Result<(), FitError> {
         let rules = [("texture_size", self.texture_size, 16..=8192), ("batch", self.batch, 1..=64)];
-        for (field, is, range) in rules {
-            if !range.contains(&is) {
-                let rule = format!("is {is}; it must be {} to {}", range.start(), range.end());
-                return Err(FitError::Setting { field, rule });
-            }
-        }
-        Ok(())
+        in_ranges(rules)
     }
 }
 

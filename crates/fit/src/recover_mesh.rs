@@ -15,14 +15,14 @@ use crate::engine::Normalised;
 use crate::engine::checkpoint::{self, Digest};
 use crate::engine::cpu::Cpu;
 use crate::engine::export::to_scene;
-use crate::engine::judge::{Quality, ReportView, Stage, rasterized_views};
+use crate::engine::judge::{Quality, ReportView, Stage};
 use crate::engine::loss::PictureLoss;
 use crate::engine::plan::PlanRows;
-use crate::engine::reference::SUPERSAMPLE;
 use crate::engine::steering::Steering;
 use crate::engine::surface::{MAPS, POSITIONS, PositionOptimizer, Surface};
-use crate::engine::trainer::{self, HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, Trained, train};
-use crate::engine::views::{Sampling, Set};
+use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Phase, Trained, train};
+use crate::engine::views::Sampling;
+use crate::error::in_ranges;
 use crate::pictures::PictureFolder;
 use crate::recover::{grey, items};
 use crate::{FitError, Progress};
@@ -56,7 +56,7 @@ const SIGMA: f64 = 0.5;
 
 /// How positions move.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Smoothing {
+pub enum MeshOptimizer {
     /// [`PositionOptimizer::LargeSteps`].
     #[default]
     LargeSteps,
@@ -70,7 +70,7 @@ pub enum Smoothing {
 #[derive(Clone, Debug)]
 pub struct RecoverMeshOptions {
     /// How positions move.
-    pub optimizer: Smoothing,
+    pub optimizer: MeshOptimizer,
     /// Most triangles of the result, at least 80; a start with more keeps its own.
     pub triangles: usize,
     /// Width and height of the maps, 16 to 8192.
@@ -88,7 +88,7 @@ pub struct RecoverMeshOptions {
 impl Default for RecoverMeshOptions {
     fn default() -> Self {
         Self {
-            optimizer: Smoothing::default(),
+            optimizer: MeshOptimizer::default(),
             triangles: 5120,
             texture_size: 512,
             steps: 600,
@@ -160,16 +160,12 @@ pub fn recover_mesh(
     options.check()?;
     let Pictures { photos, n, truth } = Pictures::new(pictures, options.seed, progress)?;
     let start = Start::new(&n, mesh, options.triangles)?;
-    let mut model = grey(&n, (&start.mesh, &start.class), photos.lit, options.texture_size, progress)?;
-    model.moves = true;
-    model.passes.position_gradients = true;
-    model.passes.antialias = true;
+    let model = grey(&n, (&start.mesh, &start.class), photos.lit, options.texture_size, progress)?;
+    let mut model = model.moving(true);
     let first = model.candidate.mesh();
     let first_scene = to_scene(&model.candidate, &n);
 
-    let held_out = HeldOut::new(&photos, &photos, Sampling::SUPERSAMPLED, trainer::HELD_OUT, options.seed)?;
-    let measure = if photos.wide_range() { Measure::Relative } else { Measure::Psnr };
-    let held_out = held_out.measured_by(measure);
+    let held_out = photos.evaluation(options.seed)?;
     let fit = Fit { photos: &photos, held_out: &held_out, options, began: Instant::now() };
     let mut plan = PlanRows { items: items(&model, &photos, (LOSS.into(), &held_out)), phases: Vec::new() };
     let (mut history, mut steps, mut stopped) = (Vec::<HistoryPoint>::new(), 0, false);
@@ -206,9 +202,8 @@ pub fn recover_mesh(
         None => None,
     };
     let stages = [Stage::new("start", first_scene), Stage::new("recovered", fitted)];
-    let count = photos.held_out() as u64;
-    let views = rasterized_views(&n, &photos, &stages, &photos, Set::HeldOut, count, SUPERSAMPLE, progress)?;
-    let [start, quality] = [0, 1].map(|k| Quality::mean(views.iter().map(|v| &v.quality[k].quality)));
+    let views = photos.judge(&n, &stages, progress)?;
+    let [start, quality] = Quality::of_two_stages(&views);
     let seconds = history.last().map_or(0.0, |h| h.seconds);
     Ok(RecoveredMesh {
         quality,
@@ -250,11 +245,6 @@ impl Fit<'_> {
         let keeping = self.keeping(level, levels)?;
         let share = options.steps / u64::from(levels);
         let steps = if level + 1 == levels { options.steps - share * u64::from(level) } else { share };
-        let mut seen = Digest::new();
-        for photo in photos.photos() {
-            seen.add_bytes(format!("{:?} {:?}", photo.camera, photo.lights).as_bytes());
-            seen.add(&photo.image.data);
-        }
         let mut topology = Digest::new();
         topology.add(model.candidate.triangles.as_flattened());
         topology.add(&model.candidate.uvs);
@@ -278,10 +268,10 @@ impl Fit<'_> {
                 .option("texture_size", options.texture_size)
                 .option("batch", options.batch)
                 .option("seed", options.seed)
-                .digest("pictures, cameras or lights", format!("{:016x}", seen.value()))
+                .digest("pictures, cameras or lights", format!("{:016x}", photos.digest().value()))
                 .digest("topology", format!("{:016x}", topology.value())),
         };
-        let peak = if options.optimizer == Smoothing::Adam { ADAM_RATE } else { POSITION_RATE };
+        let peak = if options.optimizer == MeshOptimizer::Adam { ADAM_RATE } else { POSITION_RATE };
         let rate = peak * RATE_OF_NEXT.powi(level as i32);
         let phase = Phase {
             name: if level + 1 == levels { "full budget" } else { "coarse" },
@@ -330,7 +320,7 @@ fn finer(coarse: Surface, n: &Normalised) -> Result<Surface, FitError> {
     Ok(Surface { candidate, ..coarse })
 }
 
-impl Smoothing {
+impl MeshOptimizer {
     fn of_positions(self, vertices: usize) -> PositionOptimizer {
         let lambda = LAMBDA * vertices as f64 / VERTICES;
         match self {
@@ -348,13 +338,7 @@ impl RecoverMeshOptions {
             ("batch", self.batch, 1..=64),
             ("triangles", self.triangles, FEWEST..=MOST_TRIANGLES),
         ];
-        for (field, is, range) in rules {
-            if !range.contains(&is) {
-                let rule = format!("is {is}; it must be {} to {}", range.start(), range.end());
-                return Err(FitError::Setting { field, rule });
-            }
-        }
-        Ok(())
+        in_ranges(rules)
     }
 }
 

@@ -93,7 +93,7 @@ impl Pictures {
 impl Reference for Pictures {
     fn picture(&self, setup: &Setup) -> Result<Picture, FitError> {
         // The model's pictures are noisy: the loss must be one that noise does not bias.
-        Ok(Picture { image: self.images[setup.picture.unwrap_or(0)].clone(), noise: 1.0 })
+        Ok(Picture { image: self.images[setup.picture.unwrap_or(0)].clone(), noise: None })
     }
 
     fn bounds(&self, _: Moment) -> Sphere {
@@ -260,7 +260,7 @@ fn items(model: &Traced, held_out: Option<usize>) -> Vec<Item> {
         "the last one: the fit is judged by it alone",
         format!("there are fewer than {FEWEST_TO_HOLD_OUT}: the fit is judged by what it is fitted to"),
     ));
-    items.push(rows::loss(PictureLoss::RELATIVE_SQUARES, 1.0));
+    items.push(rows::loss(PictureLoss::RELATIVE_SQUARES, None));
     items.push(rows::evaluation(Measure::Relative, "light has no upper bound"));
     items
 }

@@ -122,7 +122,7 @@ pub struct RecoveredVolume {
     pub resumed: u64,
     /// Ended by the user or the time limit.
     pub stopped: bool,
-    /// What ran on the last grid, and what was skipped.
+    /// What ran on the last grid, and what was skipped; the phases of all grids.
     pub plan: PlanRows,
 }
 
@@ -177,7 +177,7 @@ pub fn recover_volume(
     let bounds = options.bounds.map_or_else(|| seen_by(views), Ok)?;
     let longest = options.longest_sides();
     let mut grid = Grid::start(size_of(&bounds, longest[0]), &bounds, options.albedo);
-    let (mut history, mut grids) = (Vec::new(), Vec::new());
+    let (mut history, mut grids, mut phases) = (Vec::new(), Vec::new(), Vec::new());
     let (mut done, mut made, mut resumed) = (0, 0, 0);
     let told = Mutex::default();
     for (level, side) in longest.iter().enumerate() {
@@ -195,6 +195,7 @@ pub fn recover_volume(
         let shown = OfGrid { progress, done, steps: options.steps, size: grid.size, told: &told };
         let r = recover_scene(model, views, pictures, &own, &shown)?;
         grids.push((done, *side));
+        phases.extend(r.plan.phases.iter().map(|p| format!("{side} voxels: {p}")));
         history.extend(r.history.iter().map(|h| HistoryPoint { step: done + h.step, ..*h }));
         grid.extinction.copy_from_slice(r.model.of(0));
         if options.albedo.is_none() {
@@ -213,7 +214,7 @@ pub fn recover_volume(
                 steps: made,
                 resumed,
                 stopped: r.stopped,
-                plan: r.plan,
+                plan: PlanRows { phases, ..r.plan },
                 model: r.model,
             });
         }

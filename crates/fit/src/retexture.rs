@@ -18,9 +18,10 @@ use crate::engine::plan::{Item, Plan, PlanRows, rows};
 use crate::engine::posed::Posed;
 use crate::engine::reference::{Rasterized, SUPERSAMPLE};
 use crate::engine::steering::Steering;
-use crate::engine::surface::{MAPS, Surface};
+use crate::engine::surface::{MAPS, Surface, rate_of_maps};
 use crate::engine::trainer::{self, HeldOut, HistoryPoint, Job, Keeping, Phase, train};
 use crate::engine::views::{Lighting, Moment, Orbit, OverMoments, Sampling, Set};
+use crate::error::in_ranges;
 use crate::visibility::{VisibilitySettings, visibility};
 use crate::{FitError, Progress};
 use photofit_geometry::weld::weld_rows;
@@ -29,9 +30,6 @@ use photofit_raster::Maps;
 use photofit_scene::{FlatScene, Material, Scene};
 use std::ops::ControlFlow;
 use std::path::Path;
-
-/// Rate of the maps, relative to the error of the start.
-const MAP_RATE: f64 = 0.04;
 
 /// Options of [`retexture`].
 #[derive(Clone, Debug)]
@@ -120,8 +118,10 @@ pub fn retexture(
     let mut candidate = candidate(&n, &rest, options.texture_size)?;
     candidate.set_maps(baked(&n, &rays, &candidate, &rest, progress)?);
     let start = dressed(light, &candidate, &n);
-    let plan =
-        Plan::new(reference).with_options(options.steps, false, &options.lighting).with_maps(&candidate);
+    let plan = Plan::new(reference)
+        .with_options(options.steps, false, &options.lighting)
+        .with_fixed_shape()
+        .with_maps(&candidate);
     let model = Posed::new(Surface::new(candidate, &plan), &own);
 
     let size = options.resolution / Sampling::SUPERSAMPLED.per_axis;
@@ -152,8 +152,7 @@ pub fn retexture(
     };
     let mut plan = PlanRows::default();
     let phases = |psnr: f64| {
-        let rate = (MAP_RATE * 10f64.powf(-psnr / 20.0)).clamp(2e-4, 5e-3);
-        let rates = vec![(MAPS.into(), rate)];
+        let rates = vec![(MAPS.into(), rate_of_maps(psnr))];
         let phase = Phase { name: "maps", first: 0, steps: options.steps, shrink: 1, rates, renewal: None };
         let phases = vec![phase];
         plan = PlanRows::new(items, &phases);
@@ -174,7 +173,7 @@ pub fn retexture(
         SUPERSAMPLE,
         progress,
     )?;
-    let [start, quality] = [0, 1].map(|k| Quality::mean(views.iter().map(|v| &v.quality[k].quality)));
+    let [start, quality] = Quality::of_two_stages(&views);
     let stopped = trained.stopped || progress.is_cancelled();
     Ok(Retextured { quality, start, views, history: trained.history, steps: trained.steps, stopped, plan })
 }
@@ -186,13 +185,7 @@ impl RetextureOptions {
             ("texture_size", self.texture_size, 16..=8192),
             ("batch", self.batch, 1..=64),
         ];
-        for (field, is, range) in rules {
-            if !range.contains(&is) {
-                let rule = format!("is {is}; it must be {} to {}", range.start(), range.end());
-                return Err(FitError::Setting { field, rule });
-            }
-        }
-        Ok(())
+        in_ranges(rules)
     }
 }
 

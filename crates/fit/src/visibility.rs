@@ -5,7 +5,7 @@
 //! simplified freely, and are not a source for baking.
 
 use crate::bake::Reference;
-use crate::bake::reference::Place;
+use crate::bake::reference::SurfacePoint;
 use photofit_rays::Ray;
 use photofit_scalar::Vec3f;
 use photofit_scene::AlphaMode;
@@ -170,7 +170,7 @@ impl Probe<'_> {
             let [x0, x1, x2, x3] = sequence(offset, i);
             // Square root warp to the triangle; Malley's method to the hemisphere.
             let r = x0.sqrt();
-            let place = Place { triangle: self.triangle, u: r * (1.0 - x1), v: r * x1 };
+            let place = SurfacePoint { triangle: self.triangle, u: r * (1.0 - x1), v: r * x1 };
             let p = a + (b - a) * place.u + (c - a) * place.v;
             let (sin, cos) = (std::f32::consts::TAU * x2).sin_cos();
             let d = s * (x3.sqrt() * cos) + t * (x3.sqrt() * sin) + up * (1.0 - x3).sqrt();

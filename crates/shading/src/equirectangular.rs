@@ -24,21 +24,42 @@ impl<T: Real> EquirectangularTaps<T> {
     #[inline]
     pub fn new(d: Vec3<T>, width: usize, height: usize) -> Self {
         assert!(width > 0 && height > 0, "an image of {width} x {height} has no texels");
+        let [u, v] = equirectangular(d);
+        Self::at([u * T::of(width as f64), v * T::of(height as f64)], [width, height], false)
+    }
+
+    /// For a place in texels from the upper left corner of an image of this width and height, above 0. Where
+    /// `rows_to_poles`, the centres of the first and the last row lie at the poles, instead of half a row away.
+    #[inline(always)]
+    pub fn at([x, y]: [T; 2], [width, height]: [usize; 2], rows_to_poles: bool) -> Self {
         let (one, half) = (T::one(), T::of(0.5));
-        let u = half + d.z.atan2(d.x) * T::of(0.5 / PI);
-        // More digits than acos(y) near the poles.
-        let v = (d.x * d.x + d.z * d.z).sqrt().atan2(d.y) * T::of(1.0 / PI);
-        // Shifted by one turn, so that nothing is negative.
-        let x = u * T::of(width as f64) - half + T::of(width as f64);
-        let y = (v * T::of(height as f64) - half).clamp_to(T::zero(), T::of((height - 1) as f64));
-        let (i, j) = (x.f64() as usize, y.f64() as usize);
-        let (fx, fy) = (x - T::of(i as f64), y - T::of(j as f64));
-        let rows = [j * width, (j + 1).min(height - 1) * width];
-        let columns = [i % width, (i + 1) % width];
+        let x = x - half;
+        let y = if rows_to_poles { y * T::of((height - 1) as f64 / height as f64) } else { y - half };
+        let (i, j) = (x.floor(), y.floor());
+        let (fx, fy) = (x - i, y - j);
+        let (i, j, w, h) = (i.as_i32(), j.as_i32(), width as i32, height as i32);
+        let column = |i: i32| {
+            let turn = if i < 0 {
+                w
+            } else if i >= w {
+                -w
+            } else {
+                0
+            };
+            (i + turn).clamp(0, w - 1) as usize
+        };
+        let row = |j: i32| j.clamp(0, h - 1) as usize * width;
+        let (c0, c1, r0, r1) = (column(i), column(i + 1), row(j), row(j + 1));
         Self {
-            texels: [rows[0] + columns[0], rows[0] + columns[1], rows[1] + columns[0], rows[1] + columns[1]],
+            texels: [r0 + c0, r0 + c1, r1 + c0, r1 + c1],
             weights: [(one - fx) * (one - fy), fx * (one - fy), (one - fx) * fy, fx * fy],
         }
+    }
+
+    /// Indices and weights: the derivative of the radiance with respect to each texel.
+    #[inline]
+    pub fn pairs(&self) -> impl Iterator<Item = (usize, T)> + use<T> {
+        self.texels.into_iter().zip(self.weights)
     }
 
     /// Radiance: the weighted sum of the texels.
@@ -48,7 +69,7 @@ impl<T: Real> EquirectangularTaps<T> {
     #[inline]
     pub fn radiance(&self, texels: &[Vec3<T>]) -> Vec3<T> {
         let mut sum = Vec3::zero();
-        for (i, w) in self.texels.into_iter().zip(self.weights) {
+        for (i, w) in self.pairs() {
             sum += texels[i] * w;
         }
         sum
@@ -60,10 +81,19 @@ impl<T: Real> EquirectangularTaps<T> {
     /// When `gradient` is shorter than the image.
     #[inline]
     pub fn radiance_vjp(&self, g: Vec3<T>, gradient: &mut [Vec3<T>]) {
-        for (i, w) in self.texels.into_iter().zip(self.weights) {
+        for (i, w) in self.pairs() {
             gradient[i] += g * w;
         }
     }
+}
+
+/// Place of a direction (of any length but 0) in an image: `u` from the left and `v` from the top, in `[0, 1]`.
+#[inline(always)]
+pub fn equirectangular<T: Real>(d: Vec3<T>) -> [T; 2] {
+    let u = T::of(0.5) + d.z.atan2(d.x) * T::of(0.5 / PI);
+    // More digits than acos(y) near the poles.
+    let v = (d.x * d.x + d.z * d.z).sqrt().atan2(d.y) * T::of(1.0 / PI);
+    [u, v]
 }
 
 #[cfg(test)]
@@ -80,7 +110,12 @@ mod tests {
             for k in 0..20 {
                 let texels: Vec<Vec3<f64>> = (0..width * height).map(|_| vector(&mut random)).collect();
                 let (d, seed) = (unit(&mut random), vector(&mut random));
-                let taps = EquirectangularTaps::new(d, width, height);
+                let taps = if k % 2 == 0 {
+                    EquirectangularTaps::new(d, width, height)
+                } else {
+                    let [u, v] = equirectangular(d);
+                    EquirectangularTaps::at([u * width as f64, v * height as f64], [width, height], true)
+                };
                 let mut gradient = vec![Vec3::zero(); texels.len()];
                 taps.radiance_vjp(seed, &mut gradient);
                 let flat = |v: &[Vec3<f64>]| v.iter().flat_map(|v| v.to_array()).collect::<Vec<_>>();

@@ -46,7 +46,7 @@ mod surface;
 
 pub use energy::Energy;
 pub use environment::{Environment, EnvironmentError};
-pub use equirectangular::EquirectangularTaps;
+pub use equirectangular::{EquirectangularTaps, equirectangular};
 pub use eval::{EvalGradient, LobesEvalGradient, eval, eval_vjp};
 pub use ggx::{COSINE_MIN, ROUGHNESS_MIN};
 pub use light::{Light, ShadeGradient, Yaw, shade, shade_vjp, view_direction, view_direction_vjp};

@@ -1,7 +1,7 @@
 //! The options of `photofit recover`.
 
 use super::values::{Numbers, above_to, between, ending, number, numbers, of_key, seconds, whole};
-use super::{ParameterScene, Running, STATUSES};
+use super::{Course, ParameterScene, Running, STATUSES};
 use clap::{Args, Subcommand, ValueEnum};
 use photofit_fit::recover_mesh::MOST_TRIANGLES;
 use std::path::PathBuf;
@@ -40,21 +40,8 @@ pub(crate) struct RecoverTexture {
     /// Steps of the fit; fewer are made when held-out pictures stop improving [range: at least 0].
     #[arg(long, value_name = "N", default_value_t = 400, value_parser = whole::<u64>(0..))]
     pub(crate) steps: u64,
-    /// Pictures per step [range: 1 to 64].
-    #[arg(long, value_name = "B", default_value_t = 2, value_parser = whole::<usize>(1..=64))]
-    pub(crate) batch: usize,
-    /// End the fit after this many seconds and keep what was reached; reading and writing take their time on top [range:
-    /// more than 0, at most 1000000000] [default: no limit].
-    #[arg(long, value_name = "S", value_parser = seconds)]
-    pub(crate) time_limit: Option<Duration>,
     #[command(flatten)]
-    pub(crate) running: Running,
-    /// Print what ran, what was skipped, and why.
-    #[arg(long)]
-    pub(crate) explain: bool,
-    /// Write the figures as JSON.
-    #[arg(long, value_name = "FILE")]
-    pub(crate) json: Option<PathBuf>,
+    pub(crate) course: Course,
 }
 
 /// How vertices move.
@@ -100,21 +87,8 @@ pub(crate) struct RecoverMesh {
     /// Steps of the fit; fewer are made when held-out pictures stop improving [range: at least 0].
     #[arg(long, value_name = "N", default_value_t = 600, value_parser = whole::<u64>(0..))]
     pub(crate) steps: u64,
-    /// Pictures per step [range: 1 to 64].
-    #[arg(long, value_name = "B", default_value_t = 2, value_parser = whole::<usize>(1..=64))]
-    pub(crate) batch: usize,
-    /// End the fit after this many seconds and keep what was reached; reading and writing take their time on top [range:
-    /// more than 0, at most 1000000000] [default: no limit].
-    #[arg(long, value_name = "S", value_parser = seconds)]
-    pub(crate) time_limit: Option<Duration>,
     #[command(flatten)]
-    pub(crate) running: Running,
-    /// Print what ran, what was skipped, and why.
-    #[arg(long)]
-    pub(crate) explain: bool,
-    /// Write the figures as JSON.
-    #[arg(long, value_name = "FILE")]
-    pub(crate) json: Option<PathBuf>,
+    pub(crate) course: Course,
 }
 
 /// What steps of textures are smoothed by.
@@ -126,6 +100,26 @@ pub(crate) enum TextureSmoothing {
     Laplacian,
     /// A filter of gradients and moments that keeps the edges of the texture as it is so far.
     Bilateral,
+}
+
+// How a fit through the path tracer goes; a doc comment would become that of the command.
+#[derive(Args, Debug)]
+pub(crate) struct TracedFit {
+    /// How steps of textures and grids are smoothed.
+    #[arg(long, value_name = "HOW", value_enum, default_value = "bilateral")]
+    pub(crate) smoothing: TextureSmoothing,
+    /// Steps of the fit, of all grids; fewer are made when the picture stops improving [range: at least 0].
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = whole::<u64>(0..))]
+    pub(crate) steps: u64,
+    /// Peak rate of the optimizer, relative to the mean of the start of radiances, and to what is opaque of densities [range: more than 0, at most 1].
+    #[arg(long, value_name = "RATE", default_value_t = 0.05, value_parser = number(above_to(0.0, 1.0)))]
+    pub(crate) rate: f64,
+    /// Samples per pixel of the picture of a step [range: 1 to 65536].
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = whole::<u32>(1..=65536))]
+    pub(crate) spp: u32,
+    /// Samples per pixel of its gradient [range: 1 to 65536].
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = whole::<u32>(1..=65536))]
+    pub(crate) gradient_spp: u32,
 }
 
 /// Parameters are named as by `photofit gradient SCENE --list`. Shapes and cameras stay as they are. Of four pictures or
@@ -156,21 +150,8 @@ pub(crate) struct RecoverScene {
     /// other values]. Normal maps start without bumps.
     #[arg(long, value_name = "X|KEY=X", value_parser = of_key(0.0..=1e6))]
     pub(crate) start: Vec<(Option<String>, f64)>,
-    /// How steps of textures and grids are smoothed.
-    #[arg(long, value_name = "HOW", value_enum, default_value = "bilateral")]
-    pub(crate) smoothing: TextureSmoothing,
-    /// Steps of the fit; fewer are made when the picture stops improving [range: at least 0].
-    #[arg(long, value_name = "N", default_value_t = 200, value_parser = whole::<u64>(0..))]
-    pub(crate) steps: u64,
-    /// Peak rate of the optimizer, relative to the mean of the start of radiances, and to what is opaque of densities [range: more than 0, at most 1].
-    #[arg(long, value_name = "RATE", default_value_t = 0.05, value_parser = number(above_to(0.0, 1.0)))]
-    pub(crate) rate: f64,
-    /// Samples per pixel of the picture of a step [range: 1 to 65536].
-    #[arg(long, value_name = "N", default_value_t = 16, value_parser = whole::<u32>(1..=65536))]
-    pub(crate) spp: u32,
-    /// Samples per pixel of its gradient [range: 1 to 65536].
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = whole::<u32>(1..=65536))]
-    pub(crate) gradient_spp: u32,
+    #[command(flatten)]
+    pub(crate) traced: TracedFit,
     /// The folder to write: pictures before and after, textures (.exr, .png), grids (.vol), values.json.
     #[arg(short, long, value_name = "DIR")]
     pub(crate) output: PathBuf,
@@ -230,21 +211,8 @@ pub(crate) struct RecoverVolume {
     #[arg(long, value_name = "G", default_value_t = 0.0, allow_hyphen_values = true,
           value_parser = number(between(-1.0, 1.0)))]
     pub(crate) anisotropy: f64,
-    /// How steps are smoothed.
-    #[arg(long, value_name = "HOW", value_enum, default_value = "bilateral")]
-    pub(crate) smoothing: TextureSmoothing,
-    /// Steps of all grids; fewer are made when the picture stops improving [range: at least 0].
-    #[arg(long, value_name = "N", default_value_t = 200, value_parser = whole::<u64>(0..))]
-    pub(crate) steps: u64,
-    /// Peak rate of the optimizer, relative to what is opaque of extinctions [range: more than 0, at most 1].
-    #[arg(long, value_name = "RATE", default_value_t = 0.05, value_parser = number(above_to(0.0, 1.0)))]
-    pub(crate) rate: f64,
-    /// Samples per pixel of the picture of a step [range: 1 to 65536].
-    #[arg(long, value_name = "N", default_value_t = 16, value_parser = whole::<u32>(1..=65536))]
-    pub(crate) spp: u32,
-    /// Samples per pixel of its gradient [range: 1 to 65536].
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = whole::<u32>(1..=65536))]
-    pub(crate) gradient_spp: u32,
+    #[command(flatten)]
+    pub(crate) traced: TracedFit,
     /// Most scattering events of a path [range: 0 to 1000000].
     #[arg(long, value_name = "D", default_value_t = 16, value_parser = whole::<u32>(0..=1_000_000))]
     pub(crate) max_depth: u32,

@@ -1,10 +1,9 @@
 //! The options of `photofit retexture`.
 
-use super::values::{ending, seconds, whole};
-use super::{FitLight, Running};
+use super::values::{ending, whole};
+use super::{Course, FitLight};
 use clap::Args;
 use std::path::PathBuf;
-use std::time::Duration;
 
 /// Texture coordinates, shape, nodes, skins and animations of LIGHT stay as they are; its materials become one with new
 /// maps. Both assets must stand in the same place. What moves is compared at moments of the animations that both have by
@@ -37,9 +36,6 @@ pub(crate) struct Retexture {
     /// Steps of the fit; fewer are made when held-out views stop improving [range: at least 0].
     #[arg(long, value_name = "N", default_value_t = 400, value_parser = whole::<u64>(0..))]
     pub(crate) steps: u64,
-    /// Pictures per step [range: 1 to 64].
-    #[arg(long, value_name = "B", default_value_t = 2, value_parser = whole::<usize>(1..=64))]
-    pub(crate) batch: usize,
     /// Light while fitting and judging.
     #[arg(
         long,
@@ -51,16 +47,6 @@ pub(crate) struct Retexture {
     /// Equirectangular environment (.hdr, .exr, .png, .jpg); implies --light env.
     #[arg(long, value_name = "FILE", required_if_eq("light", "env"))]
     pub(crate) env: Option<PathBuf>,
-    /// End the fit after this many seconds and keep what was reached; reading, judging and writing take their time on top
-    /// [range: more than 0, at most 1000000000] [default: no limit].
-    #[arg(long, value_name = "S", value_parser = seconds)]
-    pub(crate) time_limit: Option<Duration>,
     #[command(flatten)]
-    pub(crate) running: Running,
-    /// Print what ran, what was skipped, and why.
-    #[arg(long)]
-    pub(crate) explain: bool,
-    /// Write the figures as JSON.
-    #[arg(long, value_name = "FILE")]
-    pub(crate) json: Option<PathBuf>,
+    pub(crate) course: Course,
 }

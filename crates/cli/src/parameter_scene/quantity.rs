@@ -72,7 +72,7 @@ impl Quantity {
         match self {
             Self::Color => [FAINT, 1.0],
             Self::Alpha => [1e-3, 1.0],
-            Self::Roughness => [0.03, 1.0],
+            Self::Roughness => [photofit_shading::ROUGHNESS_MIN as f32, 1.0],
             Self::Metallic | Self::MetallicRoughness | Self::Normal | Self::Albedo => [0.0, 1.0],
             Self::Radiance => [FAINT, MOST],
             Self::Absorption | Self::Extinction => [0.0, MOST],

@@ -116,19 +116,13 @@ pub(super) fn write(
     };
     // The last of the evaluations was the best, and better than those before by more than their noise.
     let errors: Vec<f64> = r.history.iter().map(error).collect();
-    if let ([.., before, last], true) = (&errors[..], r.steps >= a.steps && !r.stopped)
+    if let ([.., before, last], true) = (&errors[..], r.steps >= a.traced.steps && !r.stopped)
         && *last < STILL * before
         && best == Some(*last)
     {
         text += "the error still fell when the steps were made: more of --steps may find more\n";
     }
-    text += &format!(
-        "relative squared error of {judged}: {:.4e} -> {:.4e}, {} steps, {seconds:.1} s\nwrote {}\n",
-        first.unwrap_or(f64::NAN),
-        best.unwrap_or(f64::NAN),
-        r.steps,
-        a.output.display()
-    );
+    text += &output::traced_error(&judged, [first, best], (r.steps, seconds), &a.output);
     print(&text)
 }
 

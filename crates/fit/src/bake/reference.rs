@@ -28,7 +28,7 @@ pub(crate) struct Shaded {
 
 /// A place on a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Place {
+pub(crate) struct SurfacePoint {
     pub(crate) triangle: u32,
     /// Barycentric weights of the second and third vertex.
     pub(crate) u: f32,
@@ -42,13 +42,13 @@ struct Attributes {
     color: Vec4f,
 }
 
-impl Place {
+impl SurfacePoint {
     fn weights(&self) -> [f32; 3] {
         [1.0 - self.u - self.v, self.u, self.v]
     }
 }
 
-impl From<&Hit> for Place {
+impl From<&Hit> for SurfacePoint {
     fn from(hit: &Hit) -> Self {
         Self { triangle: hit.triangle, u: hit.u, v: hit.v }
     }
@@ -123,7 +123,7 @@ impl<'a> Reference<'a> {
     }
 
     /// Unit interpolated normal at a place, without its normal map.
-    pub(crate) fn smooth_normal(&self, place: &Place) -> Vec3f {
+    pub(crate) fn smooth_normal(&self, place: &SurfacePoint) -> Vec3f {
         let mesh = &self.scene.mesh;
         let t = mesh.triangles[place.triangle as usize].map(|i| i as usize);
         let w = place.weights();
@@ -134,7 +134,7 @@ impl<'a> Reference<'a> {
 
     /// True where an alpha mask removes the surface.
     #[inline]
-    pub(crate) fn is_cut(&self, place: &Place) -> bool {
+    pub(crate) fn is_cut(&self, place: &SurfacePoint) -> bool {
         if !matches!(self.material(place.triangle).alpha_mode, AlphaMode::Mask { .. }) {
             return false;
         }
@@ -142,7 +142,7 @@ impl<'a> Reference<'a> {
         self.surfaces.alpha(at.material, at.uv[0], at.uv[1], at.color.w) < 0.5
     }
 
-    fn attributes(&self, place: &Place) -> Attributes {
+    fn attributes(&self, place: &SurfacePoint) -> Attributes {
         let mesh = &self.scene.mesh;
         let t = mesh.triangles[place.triangle as usize].map(|i| i as usize);
         let w = place.weights();
@@ -164,7 +164,7 @@ impl<'a> Reference<'a> {
     }
 
     /// Surface and shading normal at a place, filtered over about `width` of the asset's units.
-    pub(crate) fn shade(&self, place: &Place, width: f32) -> Shaded {
+    pub(crate) fn shade(&self, place: &SurfacePoint, width: f32) -> Shaded {
         let mesh = &self.scene.mesh;
         let t = mesh.triangles[place.triangle as usize].map(|i| i as usize);
         let w = place.weights();

@@ -1,7 +1,7 @@
 //! Which place of the reference a point of the target stands for.
 
 use super::AlphaClass;
-use super::reference::{Place, Reference};
+use super::reference::{Reference, SurfacePoint};
 use super::target::Point;
 use crate::visibility::Visibility;
 use photofit_rays::{NearestPoint, Ray};
@@ -31,7 +31,7 @@ pub(super) enum Found {
 /// A chosen place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Pick {
-    pub(super) place: Place,
+    pub(super) place: SurfacePoint,
     /// The counter-clockwise side faces the target's normal.
     pub(super) front: bool,
     /// Distance from the point, in the asset's units.
@@ -51,8 +51,8 @@ pub(super) enum Choice {
 /// The best candidates along a line.
 #[derive(Clone, Copy, Debug, Default)]
 struct Along {
-    visible: Option<(f32, Place, bool)>,
-    hidden: Option<(f32, Place, bool)>,
+    visible: Option<(f32, SurfacePoint, bool)>,
+    hidden: Option<(f32, SurfacePoint, bool)>,
     cut: bool,
 }
 
@@ -93,7 +93,7 @@ impl Selector<'_> {
         let mut along = Along::default();
         let ray = Ray::new(point.position + point.normal * reach, -point.normal).within(0.0, 2.0 * reach);
         self.reference.accel().for_each_hit(&ray, |hit| {
-            let place = Place::from(&hit);
+            let place = SurfacePoint::from(&hit);
             if !self.drawn(hit.triangle, hit.front) || !self.in_class(hit.triangle, class) {
                 return;
             }
@@ -134,12 +134,12 @@ impl Selector<'_> {
     }
 }
 
-impl From<NearestPoint> for Place {
+impl From<NearestPoint> for SurfacePoint {
     fn from(n: NearestPoint) -> Self {
         Self { triangle: n.triangle, u: n.u, v: n.v }
     }
 }
 
-fn surface((distance, place, front): (f32, Place, bool), found: Found) -> Choice {
+fn surface((distance, place, front): (f32, SurfacePoint, bool), found: Found) -> Choice {
     Choice::Surface(Pick { place, front, distance, found })
 }

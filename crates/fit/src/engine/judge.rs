@@ -57,6 +57,11 @@ impl Quality {
         }
     }
 
+    /// Means of the first two stages over views.
+    pub(crate) fn of_two_stages(views: &[ReportView]) -> [Self; 2] {
+        [0, 1].map(|k| Self::mean(views.iter().map(|v| &v.quality[k].quality)))
+    }
+
     /// Mean over views; zero without any.
     pub fn mean<'a>(views: impl Iterator<Item = &'a Self>) -> Self {
         let (mut sum, mut n) = (Self::default(), 0.0);

@@ -64,9 +64,10 @@ impl PictureLoss {
 }
 
 /// The loss for pictures with this relative noise: robust and logarithmic for clean ones, unbiased squares for noisy
-/// ones.
-pub fn choose(noise: f64) -> PictureLoss {
-    let loss = if noise > MOST_NOISE { Loss::Mse } else { Loss::LogSrgbL1 };
+/// ones and for those of which it is not known.
+pub fn choose(noise: Option<f64>) -> PictureLoss {
+    let clean = noise.is_some_and(|n| n <= MOST_NOISE);
+    let loss = if clean { Loss::LogSrgbL1 } else { Loss::Mse };
     loss.into()
 }
 
@@ -110,7 +111,7 @@ mod tests {
     #[test]
     fn the_chosen_loss_is_nearly_unbiased() {
         for noise in [0.0, 0.05, 0.1, 0.149, 0.16, 0.3, 1.0] {
-            let bias = optimum(choose(noise).loss, noise);
+            let bias = optimum(choose(Some(noise)).loss, noise);
             assert!(bias.abs() < 0.02, "noise {noise}: {bias}");
         }
         assert!(optimum(Loss::LogSrgbL1, 1.0) < -0.2, "the other loss is biased");

@@ -51,6 +51,9 @@ struct Asset {
 /// What the options say.
 #[derive(Clone, Debug, PartialEq)]
 struct Choices {
+    /// Steps are made.
+    steps: bool,
+    /// Positions move in them.
     positions: bool,
     path_traced: bool,
     /// Views under an environment map: none, every other, all.
@@ -119,7 +122,7 @@ pub struct Plan {
     choices: Option<Choices>,
     maps: Option<Maps>,
     /// The loss with the noise of the pictures that it was chosen by.
-    loss: Option<(PictureLoss, f64)>,
+    loss: Option<(PictureLoss, Option<f64>)>,
     phases: Vec<String>,
     judgement: Option<Judgement>,
     /// Where the fit runs, and why there.
@@ -148,7 +151,15 @@ impl Plan {
             Lighting::Point => "",
             Lighting::Environment(_) => "every view",
         };
-        Self { choices: Some(Choices { positions: steps > 0, path_traced, environment }), ..self }
+        let (steps, positions) = (steps > 0, steps > 0);
+        Self { choices: Some(Choices { steps, positions, path_traced, environment }), ..self }
+    }
+
+    /// The shape stays; only maps are fitted. After [`Self::with_options`].
+    #[must_use]
+    pub fn with_fixed_shape(mut self) -> Self {
+        self.choices.iter_mut().for_each(|c| c.positions = false);
+        self
     }
 
     /// Adds what the baked maps of the start say.
@@ -191,7 +202,7 @@ impl Plan {
 
     /// Adds the loss and the noise that it was chosen by.
     #[must_use]
-    pub fn with_loss(self, loss: PictureLoss, noise: f64) -> Self {
+    pub fn with_loss(self, loss: PictureLoss, noise: Option<f64>) -> Self {
         Self { loss: Some((loss, noise)), ..self }
     }
 
@@ -216,6 +227,7 @@ impl Plan {
     /// The passes of the renderer; everything that may run, before the maps are known.
     pub fn passes(&self) -> Passes {
         let positions = self.choices.as_ref().is_none_or(|c| c.positions);
+        let steps = self.choices.as_ref().is_none_or(|c| c.steps);
         let Some(m) = &self.maps else { return Passes::default() };
         Passes {
             masks: Masks::Cut,
@@ -226,7 +238,7 @@ impl Plan {
             antialias: positions,
             max_layers: m.layers,
             position_gradients: positions,
-            map_gradients: positions && m.fitted.contains(&true),
+            map_gradients: steps && m.fitted.contains(&true),
             energy: ENERGY,
         }
     }
@@ -247,7 +259,7 @@ impl Plan {
 
     /// Whether the options ask for no steps.
     fn is_still(&self) -> bool {
-        self.choices.as_ref().is_some_and(|c| !c.positions)
+        self.choices.as_ref().is_some_and(|c| !c.steps)
     }
 
     fn alpha_items(&self, items: &mut Vec<Item>) {
@@ -270,6 +282,9 @@ impl Plan {
         };
         items.push(Item { what: "transparent layers", runs: layers, why });
         let (runs, why) = match &self.maps {
+            _ if a.blended == 0 && a.transmitting > 0 => {
+                (Runs::No, a.of(a.transmitting, "let light pass: drawn blended, their alpha is not fitted"))
+            }
             _ if a.blended == 0 => {
                 (Runs::No, "nothing is blended (masks are cut, their outline is baked)".into())
             }
@@ -337,7 +352,7 @@ impl Plan {
                 let (positions, silhouettes) = if c.positions {
                     ("the shape is fitted", "where neighbouring samples show different triangles")
                 } else {
-                    (NO_STEPS, "positions are frozen")
+                    (if c.steps { "the shape stays" } else { NO_STEPS }, "positions are frozen")
                 };
                 item("position gradients", c.positions.into(), positions.into());
                 item("silhouette gradients", c.positions.into(), silhouettes.into());
@@ -418,7 +433,7 @@ impl Asset {
             ["texture coordinates 0", "texture coordinates 1"].into_iter().zip(self.uvs)
         {
             let why = match (there, read) {
-                (true, true) => "read by textures; the light asset gets new ones",
+                (true, true) => "read by textures; an atlas has new ones",
                 (true, false) => "no texture reads them",
                 (false, true) => "missing though a texture reads them: the texel at (0, 0) is shown",
                 (false, false) => "none",

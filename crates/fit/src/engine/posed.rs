@@ -21,12 +21,9 @@ pub struct Posed<'a> {
 
 impl<'a> Posed<'a> {
     /// The surface of an asset with its poses, which have the same vertices and triangles.
-    pub fn new(mut surface: Surface, animated: &'a Animated<'a>) -> Self {
-        // Animated pass no gradients to positions.
-        surface.moves = false;
-        surface.passes.position_gradients = false;
-        surface.passes.antialias = false;
-        Self { surface, animated }
+    pub fn new(surface: Surface, animated: &'a Animated<'a>) -> Self {
+        // Poses pass no gradients to positions.
+        Self { surface: surface.moving(false), animated }
     }
 
     /// The surface with the present maps.

@@ -60,13 +60,13 @@ pub struct Picture {
     /// Linear RGBA, premultiplied.
     pub image: Image,
     /// Noise: standard deviation of a pixel relative to its value, root mean square over the picture; 0 for clean ones.
-    pub noise: f64,
+    pub noise: Option<f64>,
 }
 
 impl Picture {
     /// A picture without noise.
     pub fn clean(image: Image) -> Self {
-        Self { image, noise: 0.0 }
+        Self { image, noise: Some(0.0) }
     }
 }
 
@@ -258,7 +258,7 @@ impl Reference for PathTraced<'_> {
                 break progress.noise;
             }
         };
-        Ok(Picture { image: renderer.picture(), noise })
+        Ok(Picture { image: renderer.picture(), noise: Some(noise) })
     }
 
     fn bounds(&self, moment: Moment) -> Sphere {
@@ -369,7 +369,8 @@ mod tests {
         let s = Orbit::new(0, lighting, 64).setup(Set::Report, index, 4);
         let raster = Rasterized::new(&n.flat, &n.library).picture(&s).unwrap();
         let path = PathTraced::new(scene, &n, Features::Core, 0).unwrap().picture(&s).unwrap();
-        assert!(raster.noise.to_bits() == 0 && path.noise > 0.0 && path.noise < 0.2, "{}", path.noise);
+        assert_eq!(raster.noise, Some(0.0));
+        assert!(path.noise.is_some_and(|n| n > 0.0 && n < 0.2), "{:?}", path.noise);
         [raster.image, path.image]
     }
 

@@ -17,7 +17,7 @@ pub const POSITIONS: &str = "positions";
 pub const MAPS: &str = "maps";
 
 /// Smoothness of the preconditioner of positions.
-pub(super) const LAMBDA: f64 = 0.3;
+const LAMBDA: f64 = 0.3;
 
 /// How steps of positions are made from their gradients.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,6 +76,11 @@ pub struct Surface {
     pub optimizer: PositionOptimizer,
 }
 
+/// Peak rate of maps that start from a bake: relative to the error of the start, whose PSNR is given.
+pub(crate) fn rate_of_maps(start_psnr: f64) -> f64 {
+    (0.04 * 10f64.powf(-start_psnr / 20.0)).clamp(2e-4, 5e-3)
+}
+
 /// The temporal filter of a group's optimizer.
 pub(super) fn temporal(group: &str) -> Temporal {
     if group == POSITIONS {
@@ -92,6 +97,15 @@ impl Surface {
         rates[channel::METALLIC] *= 0.5;
         let optimizer = PositionOptimizer::default();
         Self { candidate, passes: plan.passes(), rates, moves: true, optimizer }
+    }
+
+    /// Whether the positions are fitted too. Silhouettes are blended for their gradients alone.
+    #[must_use]
+    pub fn moving(mut self, moves: bool) -> Self {
+        self.moves = moves;
+        self.passes.position_gradients = moves;
+        self.passes.antialias = moves;
+        self
     }
 
     /// The passes of a step that moves these groups.
@@ -218,7 +232,7 @@ pub(crate) fn pictures(candidate: &Candidate, shots: &[Shot], passes: &Passes) -
 /// Range of each sample of a texel.
 const RANGES: [[f32; 2]; CHANNELS] = {
     let mut r = [[0.0, 1.0]; CHANNELS];
-    r[channel::ROUGHNESS] = [0.03, 1.0];
+    r[channel::ROUGHNESS] = [photofit_shading::ROUGHNESS_MIN as f32, 1.0];
     r[channel::NORMAL] = [-1.0, 1.0];
     r[channel::NORMAL + 1] = [-1.0, 1.0];
     r[channel::NORMAL + 2] = [0.02, 1.0];

@@ -192,8 +192,8 @@ pub fn relative_error(quality: f64) -> f64 {
 pub struct HeldOut {
     /// With their reference pictures.
     pub shots: Vec<Shot>,
-    /// Mean relative noise of these pictures.
-    pub noise: f64,
+    /// Mean relative noise of these pictures; `None` where that of one is not known.
+    pub noise: Option<f64>,
     /// What they are judged by.
     pub measure: Measure,
 }
@@ -210,11 +210,11 @@ impl HeldOut {
         count: u64,
         seed: u64,
     ) -> Result<Self, FitError> {
-        let mut out = Self { shots: Vec::new(), noise: 0.0, measure: Measure::default() };
+        let mut out = Self { shots: Vec::new(), noise: Some(0.0), measure: Measure::default() };
         for index in 0..count {
             let s = views.setup(Set::HeldOut, index, count);
             let picture = reference.picture(&s)?;
-            out.noise += picture.noise / count as f64;
+            out.noise = out.noise.zip(picture.noise).map(|(sum, noise)| sum + noise / count as f64);
             out.shots.push(Shot::new(&s, &picture.image, sampling, seed ^ 0x5eed, index));
         }
         Ok(out)

@@ -16,8 +16,8 @@ fn rock() -> Scene {
     }
 }
 
-fn options() -> ChainOptions {
-    ChainOptions {
+fn options() -> LodOptions {
+    LodOptions {
         sizes: vec![48.0, 24.0, 16.0],
         triangles: vec![400, 150, 60],
         combined: true,
@@ -81,7 +81,7 @@ fn levels_fall_in_triangles_and_bytes_and_are_judged_at_their_size() {
 fn a_stopped_chain_keeps_its_levels_and_resumes_to_the_same_files() {
     let dir = tempfile::tempdir().unwrap();
     let bytes = |name: &str, k: usize| std::fs::read(level_path(&dir.path().join(name), k)).unwrap();
-    let run = |name: &str, options: &ChainOptions, progress: &dyn Progress| {
+    let run = |name: &str, options: &LodOptions, progress: &dyn Progress| {
         simplify_chain(&rock(), &dir.path().join(name), options, progress).unwrap()
     };
     run("whole.glb", &options(), &Silent);
@@ -109,7 +109,7 @@ fn a_chain_that_a_time_limit_ended_goes_on() {
     kept.fit.time_limit = Some(Duration::from_millis(1));
     let short = simplify_chain(&rock(), &output, &kept, &Silent).unwrap();
     assert_eq!(short.levels.len(), 3, "a time limit shortens fits, not the chain");
-    let steps = |chain: &Chain| chain.levels.iter().map(|l| l.outcome.steps).sum::<u64>();
+    let steps = |chain: &LodChain| chain.levels.iter().map(|l| l.outcome.steps).sum::<u64>();
     // The shapes that later levels start from are others now.
     (kept.fit.time_limit, kept.fit.resume) = (None, true);
     let whole = simplify_chain(&rock(), &output, &kept, &Silent).unwrap();
@@ -131,10 +131,10 @@ fn a_level_that_cannot_be_written_keeps_those_before() {
 
 #[test]
 fn errors_name_the_field_what_it_is_and_what_it_must_be() {
-    let with = |sizes: &[f64], triangles: &[usize]| ChainOptions {
+    let with = |sizes: &[f64], triangles: &[usize]| LodOptions {
         sizes: sizes.to_vec(),
         triangles: triangles.to_vec(),
-        ..ChainOptions::default()
+        ..LodOptions::default()
     };
     for (sizes, triangles, message) in [
         (&[][..], &[][..], "sizes is []; there must be 1 to 8 levels"),
@@ -201,7 +201,7 @@ fn fence() -> Scene {
 #[test]
 fn thin_bars_do_not_vanish_in_the_distance() {
     let dir = tempfile::tempdir().unwrap();
-    let options = ChainOptions { sizes: vec![32.0], triangles: vec![32], combined: false, ..options() };
+    let options = LodOptions { sizes: vec![32.0], triangles: vec![32], combined: false, ..options() };
     let chain = simplify_chain(&fence(), &dir.path().join("out.glb"), &options, &Silent).unwrap();
     let q = chain.levels[0].quality();
     let scene = photofit_scene::load(&chain.levels[0].path).unwrap();

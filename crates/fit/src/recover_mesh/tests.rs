@@ -20,7 +20,7 @@ fn scene(mesh: Mesh) -> Scene {
     }
 }
 
-fn options(optimizer: Smoothing) -> RecoverMeshOptions {
+fn options(optimizer: MeshOptimizer) -> RecoverMeshOptions {
     RecoverMeshOptions {
         optimizer,
         triangles: 1280,
@@ -75,9 +75,9 @@ fn shapes_are_recovered_from_their_pictures() {
     let mut edges = Vec::new();
     // Least factors by which the mean distance falls on the cube and on the bumpy sphere.
     for (optimizer, factors) in [
-        (Smoothing::LargeSteps, [2.0, 8.0]),
-        (Smoothing::Bilateral, [2.0, 8.0]),
-        (Smoothing::Adam, [2.0, 6.0]),
+        (MeshOptimizer::LargeSteps, [2.0, 8.0]),
+        (MeshOptimizer::Bilateral, [2.0, 8.0]),
+        (MeshOptimizer::Adam, [2.0, 6.0]),
     ] {
         for (asset, factor) in [&cube, &bumpy].into_iter().zip(factors) {
             let (r, mesh) = recovered(asset, &options(optimizer));
@@ -117,7 +117,7 @@ fn recovery_resumes_to_the_same_bytes() {
         let r = recover_mesh(source, None, &path, options, &Silent)?;
         Ok::<_, FitError>((r.stopped, std::fs::read(path).unwrap()))
     };
-    let short = RecoverMeshOptions { steps: 90, triangles: 320, ..options(Smoothing::Bilateral) };
+    let short = RecoverMeshOptions { steps: 90, triangles: 320, ..options(MeshOptimizer::Bilateral) };
     let (_, whole) = file(&short).unwrap();
     let checkpoint = Some(dir.path().join("state"));
     let kept = Keeping { checkpoint, resume: false, time_limit: None };
@@ -135,7 +135,7 @@ fn recovery_resumes_to_the_same_bytes() {
     assert!(stopped && early != whole);
     let resume = |options| file(&RecoverMeshOptions { keeping: kept.clone(), ..options });
     assert!(resume(short.clone()).unwrap().1 == whole, "resumed at the start");
-    let other = resume(RecoverMeshOptions { optimizer: Smoothing::Adam, ..short }).unwrap_err();
+    let other = resume(RecoverMeshOptions { optimizer: MeshOptimizer::Adam, ..short }).unwrap_err();
     assert!(other.to_string().contains("optimizer was Bilateral and is Adam"), "{other}");
 }
 
@@ -178,7 +178,7 @@ fn a_ball_is_recovered_in_its_world_and_bad_pictures_are_refused() {
         recover_mesh(PictureSource::Folder(dir.path()), None, &output, options, &Silent)
     };
     photograph(dir.path(), Some(|inside| inside));
-    let o = options(Smoothing::LargeSteps);
+    let o = options(MeshOptimizer::LargeSteps);
     let r = run(&o).unwrap();
     assert!(!r.lit && r.shape_error.is_none() && r.quality.psnr > 25.0, "{:?}", r.quality);
     let mesh = photofit_scene::load(&output).unwrap().flatten().mesh;

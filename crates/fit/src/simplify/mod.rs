@@ -33,7 +33,7 @@ use crate::engine::judge::{Judge, Stage};
 use crate::engine::loss;
 use crate::engine::reference::{Features, PathTraced, Rasterized, Reference};
 use crate::engine::steering::Steering;
-use crate::engine::surface::{MAPS, POSITIONS, Surface};
+use crate::engine::surface::{MAPS, POSITIONS, Surface, rate_of_maps};
 use crate::engine::trainer::{self, HeldOut, Job, Keeping, Phase};
 use crate::engine::views::{Moment, Orbit};
 use crate::visibility::Visibility;
@@ -44,8 +44,6 @@ use photofit_scene::Scene;
 use std::path::Path;
 use std::time::Instant;
 
-/// Step of the maps, relative to the error of the start.
-const MAP_RATE: f64 = 0.04;
 /// Step of the positions, relative to the distance between the start and the reference.
 const POSITION_RATE: f64 = 1.0;
 /// Rate of the positions in the last phase, relative to the first.
@@ -285,7 +283,7 @@ fn phases<'a>(
     let n = options.steps;
     let a = n * 4 / 10;
     let rate = (POSITION_RATE * distance).clamp(1e-4, 1.5e-2);
-    let map_rate = (MAP_RATE * 10f64.powf(-start_psnr / 20.0)).clamp(2e-4, 5e-3);
+    let map_rate = rate_of_maps(start_psnr);
     let rates = |positions: f64| vec![(POSITIONS.into(), positions), (MAPS.into(), map_rate)];
     let shrink = if options.resolution.is_multiple_of(2) && options.resolution >= 256 { 2 } else { 1 };
     let coarse = Phase { name: "coarse", first: 0, steps: a, shrink, rates: rates(rate), renewal: None };

@@ -8,7 +8,7 @@
 
 use super::error::SampledError;
 use super::estimate::{Estimate, Estimator};
-use super::objective::{GROUP, Objective, Place, check_scales};
+use super::objective::{GROUP, Objective, SamplePoint, check_scales};
 use crate::OptimError;
 
 /// A function g: x -> y with exact derivatives.
@@ -93,12 +93,12 @@ impl<O: Objective, G: WhiteBox> GreyBox<O, G> {
     /// One estimate at `g(x)` and the gradient of `f` there.
     fn with_gradient(
         &mut self,
-        at: Place<'_>,
+        at: SamplePoint<'_>,
         estimator: Estimator,
-        estimate: impl FnOnce(&mut O, Place<'_>) -> Result<Estimate, SampledError<O::Error>>,
+        estimate: impl FnOnce(&mut O, SamplePoint<'_>) -> Result<Estimate, SampledError<O::Error>>,
     ) -> Result<(Estimate, Estimate), SampledError<O::Error>> {
         let y = self.image(at.theta)?;
-        let place = Place { theta: &y, ..at };
+        let place = SamplePoint { theta: &y, ..at };
         let first = self.outer.gradient(place, estimator)?;
         let mut second = estimate(&mut self.outer, place)?;
         second.evaluations += first.evaluations;
@@ -118,9 +118,13 @@ impl<O: Objective, G: WhiteBox> Objective for GreyBox<O, G> {
         self.outer.evaluations()
     }
 
-    fn gradient(&mut self, at: Place<'_>, estimator: Estimator) -> Result<Estimate, SampledError<O::Error>> {
+    fn gradient(
+        &mut self,
+        at: SamplePoint<'_>,
+        estimator: Estimator,
+    ) -> Result<Estimate, SampledError<O::Error>> {
         let y = self.image(at.theta)?;
-        let outer = self.outer.gradient(Place { theta: &y, ..at }, estimator)?;
+        let outer = self.outer.gradient(SamplePoint { theta: &y, ..at }, estimator)?;
         let value = self.vjp(at.theta, &outer.value);
         let variance = self.variance(at.theta, &outer.variance);
         Ok(Estimate { value, variance, ..outer })
@@ -129,7 +133,7 @@ impl<O: Objective, G: WhiteBox> Objective for GreyBox<O, G> {
     /// `(J d)^T H_y (J d) + d^T (sum_k d_k f Hess g_k) d`; the variance is that of the first term.
     fn curvature(
         &mut self,
-        at: Place<'_>,
+        at: SamplePoint<'_>,
         direction: &[f64],
         estimator: Estimator,
     ) -> Result<Estimate, SampledError<O::Error>> {
@@ -143,7 +147,11 @@ impl<O: Objective, G: WhiteBox> Objective for GreyBox<O, G> {
     }
 
     /// `J^T H_y J + sum_k d_k f Hess g_k`, column by column; the variances are unknown (NaN).
-    fn hessian(&mut self, at: Place<'_>, estimator: Estimator) -> Result<Estimate, SampledError<O::Error>> {
+    fn hessian(
+        &mut self,
+        at: SamplePoint<'_>,
+        estimator: Estimator,
+    ) -> Result<Estimate, SampledError<O::Error>> {
         let (n, m) = (self.inner.inputs(), self.inner.outputs());
         let (first, outer) = self.with_gradient(at, estimator, |outer, at| outer.hessian(at, estimator))?;
         let mut value = vec![0.0; n * n];
@@ -167,7 +175,7 @@ impl<O: Objective, G: WhiteBox> Objective for GreyBox<O, G> {
     /// those of the first term.
     fn hessian_product(
         &mut self,
-        at: Place<'_>,
+        at: SamplePoint<'_>,
         vector: &[f64],
         estimator: Estimator,
     ) -> Result<Estimate, SampledError<O::Error>> {

@@ -47,7 +47,7 @@ pub use image::{ImageLoss, RenderedLoss, Renderer, Smoothing, SquaredError};
 pub use minimize::{
     Advance, Annealing, Curve, Method, Outcome, Progress, Record, Settings, Stop, minimize, minimize_watched,
 };
-pub use objective::{Objective, Place, SmoothedLoss};
+pub use objective::{Objective, SamplePoint, SmoothedLoss};
 
 #[cfg(test)]
 mod tests;

@@ -13,7 +13,7 @@ pub(crate) const GROUP: &str = "sampled objective";
 
 /// Where a derivative is sampled.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Place<'a> {
+pub struct SamplePoint<'a> {
     /// The parameters.
     pub theta: &'a [f64],
     /// Width of the smoothing, in units of the parameters' scales.
@@ -41,7 +41,7 @@ pub trait Objective {
     /// [`SampledError`]: a failed evaluation, a value that is not finite, a wrong length, a setting out of range.
     fn gradient(
         &mut self,
-        at: Place<'_>,
+        at: SamplePoint<'_>,
         estimator: Estimator,
     ) -> Result<Estimate, SampledError<Self::Error>>;
 
@@ -51,7 +51,7 @@ pub trait Objective {
     /// As [`Self::gradient`].
     fn curvature(
         &mut self,
-        at: Place<'_>,
+        at: SamplePoint<'_>,
         direction: &[f64],
         estimator: Estimator,
     ) -> Result<Estimate, SampledError<Self::Error>>;
@@ -60,8 +60,11 @@ pub trait Objective {
     ///
     /// # Errors
     /// As [`Self::gradient`].
-    fn hessian(&mut self, at: Place<'_>, estimator: Estimator)
-    -> Result<Estimate, SampledError<Self::Error>>;
+    fn hessian(
+        &mut self,
+        at: SamplePoint<'_>,
+        estimator: Estimator,
+    ) -> Result<Estimate, SampledError<Self::Error>>;
 
     /// `H v` by the direct kernel.
     ///
@@ -69,7 +72,7 @@ pub trait Objective {
     /// As [`Self::gradient`].
     fn hessian_product(
         &mut self,
-        at: Place<'_>,
+        at: SamplePoint<'_>,
         vector: &[f64],
         estimator: Estimator,
     ) -> Result<Estimate, SampledError<Self::Error>>;
@@ -82,7 +85,7 @@ pub trait Objective {
     /// As [`Self::gradient`].
     fn hessian_product_difference(
         &mut self,
-        at: Place<'_>,
+        at: SamplePoint<'_>,
         vector: &[f64],
         step: f64,
         estimator: Estimator,
@@ -96,7 +99,7 @@ pub trait Objective {
         let h = step * at.sigma / length;
         let mut shifted = |sign: f64| {
             let theta: Vec<f64> = at.theta.iter().zip(vector).map(|(x, v)| x + sign * h * v).collect();
-            self.gradient(Place { theta: &theta, ..at }, estimator)
+            self.gradient(SamplePoint { theta: &theta, ..at }, estimator)
         };
         let (plus, minus) = (shifted(1.0)?, shifted(-1.0)?);
         let pairs = |a: &[f64], b: &[f64], f: fn(f64, f64) -> f64, s: f64| -> Vec<f64> {
@@ -144,12 +147,12 @@ pub(crate) fn rescale(mut estimate: Estimate, factor: impl Fn(usize) -> f64) -> 
 /// For a loss of an image this is `E[L(R)]`; smoothing the image instead gives `L(E[R])`.
 ///
 /// ```
-/// use photofit_optim::sampled::{Objective, Place, Estimator, SmoothedLoss, serial};
+/// use photofit_optim::sampled::{Objective, SamplePoint, Estimator, SmoothedLoss, serial};
 /// // A step: no derivative exists, that of the smoothed step does.
 /// let step = serial(|x: &[f64], _seed| Ok::<_, std::convert::Infallible>(f64::from(u8::from(x[0] > 0.0))));
 /// let mut objective = SmoothedLoss::new(step, 1)?;
 /// let estimator = Estimator { samples: 10_000, ..Estimator::default() };
-/// let gradient = objective.gradient(Place { theta: &[0.4], sigma: 0.7, seed: 1 }, estimator)?;
+/// let gradient = objective.gradient(SamplePoint { theta: &[0.4], sigma: 0.7, seed: 1 }, estimator)?;
 /// // The normal density at 0.4 / 0.7, over 0.7.
 /// assert!((gradient.value[0] - 0.4839).abs() < 0.001);
 /// # Ok::<(), photofit_optim::sampled::SampledError<std::convert::Infallible>>(())
@@ -197,7 +200,7 @@ impl<B: BlackBox> SmoothedLoss<B> {
     /// As [`Objective::gradient`].
     pub fn hessian_diagonal(
         &mut self,
-        at: Place<'_>,
+        at: SamplePoint<'_>,
         estimator: Estimator,
     ) -> Result<Estimate, SampledError<B::Error>> {
         let list = (0..self.scales.len()).map(|i| [i, i]).collect();
@@ -210,7 +213,7 @@ impl<B: BlackBox> SmoothedLoss<B> {
     /// As [`Objective::gradient`]; [`SampledError::Setting`] when there is no such row or column.
     pub fn hessian_entry(
         &mut self,
-        at: Place<'_>,
+        at: SamplePoint<'_>,
         row: usize,
         column: usize,
         estimator: Estimator,
@@ -224,7 +227,7 @@ impl<B: BlackBox> SmoothedLoss<B> {
 
     fn entries(
         &mut self,
-        at: Place<'_>,
+        at: SamplePoint<'_>,
         list: Vec<[usize; 2]>,
         estimator: Estimator,
     ) -> Result<Estimate, SampledError<B::Error>> {
@@ -238,7 +241,7 @@ impl<B: BlackBox> SmoothedLoss<B> {
 
     fn run(
         &mut self,
-        at: Place<'_>,
+        at: SamplePoint<'_>,
         estimator: Estimator,
         pattern: &impl Pattern,
     ) -> Result<(Estimate, Vec<f64>), SampledError<B::Error>> {
@@ -253,7 +256,11 @@ pub(crate) fn check_scales(scales: &[f64]) -> Result<(), OptimError> {
 }
 
 /// Checks what an estimate is asked for; the standard deviation of each parameter.
-pub(crate) fn check(at: Place<'_>, scales: &[f64], estimator: Estimator) -> Result<Vec<f64>, OptimError> {
+pub(crate) fn check(
+    at: SamplePoint<'_>,
+    scales: &[f64],
+    estimator: Estimator,
+) -> Result<Vec<f64>, OptimError> {
     OptimError::length(GROUP, "theta", at.theta.len(), scales.len())?;
     positive("sigma", at.sigma)?;
     let samples = estimator.samples as f64;
@@ -280,7 +287,11 @@ impl<B: BlackBox> Objective for SmoothedLoss<B> {
         self.evaluator.evaluations
     }
 
-    fn gradient(&mut self, at: Place<'_>, estimator: Estimator) -> Result<Estimate, SampledError<B::Error>> {
+    fn gradient(
+        &mut self,
+        at: SamplePoint<'_>,
+        estimator: Estimator,
+    ) -> Result<Estimate, SampledError<B::Error>> {
         let pattern = Gradient { dimension: self.scales.len(), estimator };
         let (estimate, sigma) = self.run(at, estimator, &pattern)?;
         Ok(rescale(estimate, |i| 1.0 / sigma[i]))
@@ -288,7 +299,7 @@ impl<B: BlackBox> Objective for SmoothedLoss<B> {
 
     fn curvature(
         &mut self,
-        at: Place<'_>,
+        at: SamplePoint<'_>,
         direction: &[f64],
         estimator: Estimator,
     ) -> Result<Estimate, SampledError<B::Error>> {
@@ -299,7 +310,11 @@ impl<B: BlackBox> Objective for SmoothedLoss<B> {
         Ok(rescale(estimate, |_| length * length))
     }
 
-    fn hessian(&mut self, at: Place<'_>, estimator: Estimator) -> Result<Estimate, SampledError<B::Error>> {
+    fn hessian(
+        &mut self,
+        at: SamplePoint<'_>,
+        estimator: Estimator,
+    ) -> Result<Estimate, SampledError<B::Error>> {
         let n = self.scales.len();
         if estimator.kernel != Kernel::Coordinates {
             let (estimate, sigma) = self.run(at, estimator, &Aggregate { dimension: n, estimator })?;
@@ -317,7 +332,7 @@ impl<B: BlackBox> Objective for SmoothedLoss<B> {
 
     fn hessian_product(
         &mut self,
-        at: Place<'_>,
+        at: SamplePoint<'_>,
         vector: &[f64],
         estimator: Estimator,
     ) -> Result<Estimate, SampledError<B::Error>> {

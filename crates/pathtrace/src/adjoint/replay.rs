@@ -237,7 +237,7 @@ impl Replay<'_> {
             LightOrigin::Environment => {
                 let (cell, environment) = (self.layout.environment, &self.world.lights.environment);
                 if let Some(e) = environment.as_ref().filter(|_| cell != NONE) {
-                    for (texel, weight) in e.taps(light.wi) {
+                    for (texel, weight) in e.taps(light.wi).pairs() {
                         if weight != 0.0 {
                             self.out.add(offset(cell, texel), g * (weight * e.scale()));
                         }

@@ -7,6 +7,7 @@ use glam::{Mat3A, Quat};
 use photofit_image::Image;
 use photofit_sampling::AliasTable;
 use photofit_scalar::{Vec3f, vec3};
+use photofit_shading::{EquirectangularTaps, equirectangular};
 use std::f32::consts::{PI, TAU};
 
 /// Radiance from all directions, infinitely far away.
@@ -206,11 +207,8 @@ impl EnvironmentLight {
             Some(m) => crate::world::from_glam(*m * crate::world::to_glam(wi)),
             None => wi,
         };
-        let sine = (d.x * d.x + d.z * d.z).sqrt();
-        let u = 0.5 + d.z.atan2(d.x) / TAU;
-        // More digits than acos(y) near the poles.
-        let v = sine.atan2(d.y) / PI;
-        (u * self.width as f32, v * self.height as f32, sine)
+        let [u, v] = equirectangular(d);
+        (u * self.width as f32, v * self.height as f32, (d.x * d.x + d.z * d.z).sqrt())
     }
 
     /// Radiance from the unit direction `wi`.
@@ -233,46 +231,23 @@ impl EnvironmentLight {
         [self.width, self.height]
     }
 
-    /// The texels that [`Self::radiance`] reads, with their weights: its adjoint.
-    pub(crate) fn taps(&self, wi: Vec3f) -> [(usize, f32); 4] {
+    /// The texels that [`Self::radiance`] reads, with their weights.
+    pub(crate) fn taps(&self, wi: Vec3f) -> EquirectangularTaps {
         if self.texels.len() == 1 {
-            return [(0, 1.0), (0, 0.0), (0, 0.0), (0, 0.0)];
+            return EquirectangularTaps { texels: [0; 4], weights: [1.0, 0.0, 0.0, 0.0] };
         }
         let (x, y, _) = self.place(wi);
-        let ([a, b, c, d], [ax, ay]) = self.corners(x, y);
-        let (bx, by) = (1.0 - ax, 1.0 - ay);
-        [(a, bx * by), (b, ax * by), (c, bx * ay), (d, ax * ay)]
+        self.taps_at(x, y)
+    }
+
+    #[inline(always)]
+    fn taps_at(&self, x: f32, y: f32) -> EquirectangularTaps {
+        EquirectangularTaps::at([x, y], [self.width, self.height], self.rows_to_poles)
     }
 
     #[inline(always)]
     fn interpolate(&self, x: f32, y: f32) -> Vec3f {
-        let ([a, b, c, d], [ax, ay]) = self.corners(x, y);
-        let t = &self.texels;
-        (t[a] * (1.0 - ax) + t[b] * ax) * (1.0 - ay) + (t[c] * (1.0 - ax) + t[d] * ax) * ay
-    }
-
-    /// The four texels around a place, row by row, and the shares of the second column and the second row.
-    #[inline(always)]
-    fn corners(&self, x: f32, y: f32) -> ([usize; 4], [f32; 2]) {
-        let (w, h) = (self.width as i32, self.height as i32);
-        let fx = x - 0.5;
-        let fy = if self.rows_to_poles { y * ((h - 1) as f32 / h as f32) } else { y - 0.5 };
-        let (x0, y0) = (fx.floor(), fy.floor());
-        let (ax, ay) = (fx - x0, fy - y0);
-        let (x0, y0) = (x0 as i32, y0 as i32);
-        let column = |x: i32| {
-            if x < 0 {
-                x + w
-            } else if x >= w {
-                x - w
-            } else {
-                x
-            }
-            .clamp(0, w - 1) as usize
-        };
-        let row = |y: i32| y.clamp(0, h - 1) as usize * self.width;
-        let (c0, c1, r0, r1) = (column(x0), column(x0 + 1), row(y0), row(y0 + 1));
-        ([r0 + c0, r0 + c1, r1 + c0, r1 + c1], [ax, ay])
+        self.taps_at(x, y).radiance(&self.texels)
     }
 
     #[inline]

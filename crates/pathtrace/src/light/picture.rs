@@ -67,11 +67,11 @@ impl ThrownPicture {
         let [x, y] = self.given.half;
         let uv = vec2(0.5 + 0.5 * d.dot(u) / (cosine * x), 0.5 + 0.5 * d.dot(v) / (cosine * y));
         let inside = |t: f32| (0.0..=1.0).contains(&t);
-        (cosine > 0.0 && inside(uv.x) && inside(uv.y)).then(|| look(&self.given.texture, uv))
+        (cosine > 0.0 && inside(uv.x) && inside(uv.y)).then(|| texel_at(&self.given.texture, uv))
     }
 }
 
-fn look(texture: &Texture, uv: Vec2f) -> Vec3f {
+fn texel_at(texture: &Texture, uv: Vec2f) -> Vec3f {
     texture.color(&SurfacePoint { uv, color: Default::default(), piece: 0 })
 }
 
@@ -87,7 +87,7 @@ fn mean(texture: &Texture) -> f32 {
     let mut sum = 0.0_f64;
     for row in 0..size[1] {
         for column in 0..size[0] {
-            sum += f64::from(luminance(look(texture, vec2(at(column, size[0]), at(row, size[1])))));
+            sum += f64::from(luminance(texel_at(texture, vec2(at(column, size[0]), at(row, size[1])))));
         }
     }
     let mean = (sum / (size[0] * size[1]) as f64) as f32;

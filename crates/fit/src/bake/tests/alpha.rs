@@ -1,7 +1,7 @@
 //! Masks and blending.
 
 use super::{World, color_of, go_on, moved, painted, sheet, size};
-use crate::bake::reference::Place;
+use crate::bake::reference::SurfacePoint;
 use crate::bake::{AlphaClass, BakeSettings, Target, bake};
 use crate::visibility::Visibility;
 use photofit_raster::channel;
@@ -83,7 +83,7 @@ fn a_place_knows_its_cut() {
     world.add(&sheet(1), Material { base_color_texture: image, alpha_mode: mask, ..Material::clay() });
     world.with(|r| {
         // Triangle 0: upper left, lower left, lower right.
-        assert!(!r.is_cut(&Place { triangle: 0, u: 0.9, v: 0.05 }), "left");
-        assert!(r.is_cut(&Place { triangle: 0, u: 0.05, v: 0.9 }), "right");
+        assert!(!r.is_cut(&SurfacePoint { triangle: 0, u: 0.9, v: 0.05 }), "left");
+        assert!(r.is_cut(&SurfacePoint { triangle: 0, u: 0.05, v: 0.9 }), "right");
     });
 }

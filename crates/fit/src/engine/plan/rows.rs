@@ -78,15 +78,23 @@ impl fmt::Display for PlanRows {
     }
 }
 
-/// The row of the loss that was chosen by the noise of the pictures.
-pub(crate) fn loss(loss: PictureLoss, noise: f64) -> Item {
+/// The row of the loss, with the noise of the pictures where it is known.
+pub(crate) fn loss(loss: PictureLoss, noise: Option<f64>) -> Item {
     let why = match loss.loss {
         Loss::Mse if loss.weights == Weights::Relative => {
             "squares relative to the reference: unbiased by noise, and of wide range".into()
         }
-        Loss::Mse => format!("the pictures have relative noise {noise:.3}: unbiased squares"),
-        _ if noise > 0.0 => format!("relative noise {noise:.3} is low enough for logarithms"),
-        _ => "the pictures have no noise".into(),
+        unbiased => match (unbiased, noise) {
+            (Loss::Mse, Some(noise)) => {
+                format!("the pictures have relative noise {noise:.3}: unbiased squares")
+            }
+            (Loss::Mse, None) => "how noisy the pictures are is not known: unbiased squares".into(),
+            (_, Some(noise)) if noise > 0.0 => {
+                format!("relative noise {noise:.3} is low enough for logarithms")
+            }
+            (_, Some(_)) => "the pictures have no noise".into(),
+            (_, None) => "the pictures are taken for clean".into(),
+        },
     };
     Item { what: "logarithmic loss", runs: (loss.loss != Loss::Mse).into(), why }
 }
@@ -125,7 +133,7 @@ pub(crate) fn surface(s: &Surface) -> Vec<Item> {
         let rate = s.rates[channel];
         let flows = p.map_gradients && drawn && rate > 0.0;
         let why = if rate < 1.0 { format!("at {rate:.1} of the rate of maps") } else { "fitted".into() };
-        items.push(Item::of(what, flows, why, "not fitted: constant, or unused"));
+        items.push(Item::of(what, flows, why, "not fitted: constant or unused, or no steps are made"));
     }
     items
 }

@@ -122,7 +122,7 @@ fn light_and_reference_are_told_as_they_are() {
     assert_eq!(runs(&with(false, &studio), "environment light"), Runs::Yes);
     assert_eq!(runs(&with(true, &studio), "indirect light"), Runs::Yes);
     assert_eq!(runs(&with(false, &studio), "indirect light"), Runs::No);
-    let noisy = with(true, &studio).with_loss(Loss::Mse.into(), 0.4);
+    let noisy = with(true, &studio).with_loss(Loss::Mse.into(), Some(0.4));
     assert!(noisy.to_string().contains("0.400"), "{noisy}");
 }
 

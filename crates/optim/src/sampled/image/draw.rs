@@ -3,7 +3,7 @@
 use crate::sampled::directional::set_along;
 use crate::sampled::kernel::gradient_magnitude;
 use crate::sampled::noise::{Noise, hash};
-use crate::sampled::objective::Place;
+use crate::sampled::objective::SamplePoint;
 
 /// Pictures in antithetic pairs.
 pub(crate) struct Draw<'a> {
@@ -19,7 +19,7 @@ impl Draw<'_> {
     /// Points and seeds, at most `at_once` (an even number) at a time.
     pub(crate) fn parts(
         &self,
-        at: Place<'_>,
+        at: SamplePoint<'_>,
         sigma: &[f64],
         at_once: usize,
     ) -> impl Iterator<Item = (Vec<f64>, Vec<u64>)> {

@@ -9,7 +9,7 @@ use super::directional::axis;
 use super::error::SampledError;
 use super::estimate::{Estimate, Estimator};
 use super::kernel::GRADIENT_WEIGHT;
-use super::objective::{GROUP, Objective, Place, SmoothedLoss, check, check_scales};
+use super::objective::{GROUP, Objective, SamplePoint, SmoothedLoss, check, check_scales};
 use crate::OptimError;
 use draw::{Draw, Sum};
 
@@ -154,7 +154,7 @@ impl<R: Renderer, L: ImageLoss> RenderedLoss<R, L> {
     ///
     /// # Errors
     /// As [`Objective::gradient`].
-    pub fn loss(&mut self, at: Place<'_>, samples: usize) -> Result<f64, SampledError<R::Error>> {
+    pub fn loss(&mut self, at: SamplePoint<'_>, samples: usize) -> Result<f64, SampledError<R::Error>> {
         let mut sum = Sum::default();
         let draw = Draw { samples, along: None, stream: 1 };
         let smoothing = self.smoothing;
@@ -170,7 +170,7 @@ impl<R: Renderer, L: ImageLoss> RenderedLoss<R, L> {
     }
 
     /// Finds the mean image, and makes the black box the loss linearised there. The mean image.
-    fn linearise(&mut self, at: Place<'_>, samples: usize) -> Result<Vec<f64>, SampledError<R::Error>> {
+    fn linearise(&mut self, at: SamplePoint<'_>, samples: usize) -> Result<Vec<f64>, SampledError<R::Error>> {
         let mut sum = Sum::default();
         self.draw(at, &Draw { samples, along: None, stream: 2 }, |image, _| sum.add(image, 1.0))?;
         let mean = sum.mean();
@@ -184,7 +184,7 @@ impl<R: Renderer, L: ImageLoss> RenderedLoss<R, L> {
     /// The mean image's derivative along a unit vector in units of sigma.
     fn slope(
         &mut self,
-        at: Place<'_>,
+        at: SamplePoint<'_>,
         axis: &[f64],
         samples: usize,
         stream: u64,
@@ -201,7 +201,7 @@ impl<R: Renderer, L: ImageLoss> RenderedLoss<R, L> {
     /// Renders pictures around `at` and shows each to `see`.
     fn draw(
         &mut self,
-        at: Place<'_>,
+        at: SamplePoint<'_>,
         draw: &Draw<'_>,
         mut see: impl FnMut(&[f64], &L),
     ) -> Result<(), SampledError<R::Error>> {
@@ -238,7 +238,7 @@ impl<R: Renderer, L: ImageLoss> RenderedLoss<R, L> {
     /// Runs an estimate of the linearised loss, with the mean image and its cost.
     fn around<T>(
         &mut self,
-        at: Place<'_>,
+        at: SamplePoint<'_>,
         estimate: impl FnOnce(&mut Self, Option<&[f64]>) -> Result<T, SampledError<R::Error>>,
     ) -> Result<T, SampledError<R::Error>> {
         match self.smoothing {
@@ -264,7 +264,7 @@ impl<R: Renderer, L: ImageLoss> RenderedLoss<R, L> {
     /// `axis^T J^T L'' J other`, from independent samples of the two slopes where they are the same.
     fn gauss_newton(
         &mut self,
-        at: Place<'_>,
+        at: SamplePoint<'_>,
         mean: &[f64],
         axes: [&[f64]; 2],
         samples: usize,
@@ -286,7 +286,11 @@ impl<R: Renderer, L: ImageLoss> Objective for RenderedLoss<R, L> {
         self.smoothed.evaluations() + self.pictures
     }
 
-    fn gradient(&mut self, at: Place<'_>, estimator: Estimator) -> Result<Estimate, SampledError<R::Error>> {
+    fn gradient(
+        &mut self,
+        at: SamplePoint<'_>,
+        estimator: Estimator,
+    ) -> Result<Estimate, SampledError<R::Error>> {
         let before = self.evaluations();
         self.around(at, |this, mean| {
             let estimate = this.smoothed.gradient(at, estimator)?;
@@ -298,7 +302,7 @@ impl<R: Renderer, L: ImageLoss> Objective for RenderedLoss<R, L> {
     /// `2 * estimator.samples` antithetic pairs of pictures. The variance is the former's.
     fn curvature(
         &mut self,
-        at: Place<'_>,
+        at: SamplePoint<'_>,
         direction: &[f64],
         estimator: Estimator,
     ) -> Result<Estimate, SampledError<R::Error>> {
@@ -316,7 +320,11 @@ impl<R: Renderer, L: ImageLoss> Objective for RenderedLoss<R, L> {
     }
 
     /// For smoothed images: as [`Self::curvature`], with one pair of slopes for each parameter.
-    fn hessian(&mut self, at: Place<'_>, estimator: Estimator) -> Result<Estimate, SampledError<R::Error>> {
+    fn hessian(
+        &mut self,
+        at: SamplePoint<'_>,
+        estimator: Estimator,
+    ) -> Result<Estimate, SampledError<R::Error>> {
         let before = self.evaluations();
         let sigma = check(at, self.smoothed.scales(), estimator)?;
         self.around(at, |this, mean| {
@@ -345,7 +353,7 @@ impl<R: Renderer, L: ImageLoss> Objective for RenderedLoss<R, L> {
     /// For smoothed images the central difference of gradients with common random numbers, half a sigma to either side.
     fn hessian_product(
         &mut self,
-        at: Place<'_>,
+        at: SamplePoint<'_>,
         vector: &[f64],
         estimator: Estimator,
     ) -> Result<Estimate, SampledError<R::Error>> {

@@ -10,12 +10,12 @@ use crate::sampled::objective::Objective;
 pub(crate) struct ConjugateSteps {
     restart: usize,
     since: usize,
-    last: Option<Last>,
+    last: Option<LastStep>,
 }
 
 /// Direction and gradient in units of the gradient's length, and that length: squares of 1e-200 would be zero.
 #[derive(Debug)]
-struct Last {
+struct LastStep {
     direction: Vec<f64>,
     gradient: Vec<f64>,
     size: f64,
@@ -65,7 +65,7 @@ impl<O: Objective> Stepper<O> for ConjugateSteps {
         let boundary = limit / norm(&d);
         // Not positive: downhill without a minimum in sight, hence to the boundary; never divide by it.
         let alpha = if curvature > 0.0 { -along / curvature } else { boundary };
-        self.last = Some(Last { reach: alpha * norm(&d), direction: d.clone(), gradient: g, size });
+        self.last = Some(LastStep { reach: alpha * norm(&d), direction: d.clone(), gradient: g, size });
         self.since += 1;
         d.iter_mut().for_each(|d| *d *= alpha);
         let length = walk.advance(&d, limit);

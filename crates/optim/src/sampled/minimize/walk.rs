@@ -4,7 +4,7 @@ use super::settings::Settings;
 use crate::sampled::error::SampledError;
 use crate::sampled::estimate::{Estimate, Estimator, norm};
 use crate::sampled::noise::hash;
-use crate::sampled::objective::{Objective, Place, rescale};
+use crate::sampled::objective::{Objective, SamplePoint, rescale};
 
 /// The state that all methods share.
 pub(crate) struct Walk<'a, O> {
@@ -94,7 +94,7 @@ impl<'a, O: Objective> Walk<'a, O> {
 
     /// The gradient by sample set `set`, per unit of the scales.
     pub(crate) fn gradient(&mut self, set: u64) -> Result<Estimate, SampledError<O::Error>> {
-        let at = Place { theta: &self.theta, sigma: self.sigma, seed: hash(self.seed, set) };
+        let at = SamplePoint { theta: &self.theta, sigma: self.sigma, seed: hash(self.seed, set) };
         let estimate = self.objective.gradient(at, Estimator { samples: self.samples, ..self.gradient })?;
         Ok(rescale(estimate, |i| self.scales[i]))
     }
@@ -123,7 +123,7 @@ impl<'a, O: Objective> Walk<'a, O> {
 
     /// The Hessian by sample set `set`, per unit of the scales.
     pub(crate) fn hessian(&mut self, set: u64) -> Result<Estimate, SampledError<O::Error>> {
-        let at = Place { theta: &self.theta, sigma: self.sigma, seed: hash(!self.seed, set) };
+        let at = SamplePoint { theta: &self.theta, sigma: self.sigma, seed: hash(!self.seed, set) };
         let estimate = self.objective.hessian(at, self.curvature)?;
         let n = self.scales.len();
         Ok(rescale(estimate, |e| self.scales[e / n] * self.scales[e % n]))
@@ -136,7 +136,7 @@ impl<'a, O: Objective> Walk<'a, O> {
         direction: &[f64],
     ) -> Result<Estimate, SampledError<O::Error>> {
         let direction: Vec<f64> = direction.iter().zip(&self.scales).map(|(d, s)| d * s).collect();
-        let at = Place { theta: &self.theta, sigma: self.sigma, seed: hash(!self.seed, set) };
+        let at = SamplePoint { theta: &self.theta, sigma: self.sigma, seed: hash(!self.seed, set) };
         self.objective.curvature(at, &direction, self.curvature)
     }
 

@@ -10,7 +10,7 @@ mod variance;
 
 use std::convert::Infallible;
 
-use super::{BlackBox, Estimate, Estimator, Kernel, Objective, Place, SmoothedLoss, Tuple, serial};
+use super::{BlackBox, Estimate, Estimator, Kernel, Objective, SamplePoint, SmoothedLoss, Tuple, serial};
 
 /// A deterministic objective of `n` parameters of scale 1.
 fn smooth(n: usize, f: impl Fn(&[f64]) -> f64) -> SmoothedLoss<impl BlackBox<Error = Infallible>> {
@@ -27,8 +27,8 @@ fn step(x: &[f64]) -> f64 {
     f64::from(u8::from(x[0] > 0.0))
 }
 
-/// Place of the table: 1-D, sigma 0.7.
-const AT: Place<'_> = Place { theta: &[0.4], sigma: 0.7, seed: 1 };
+/// Point of the table: 1-D, sigma 0.7.
+const AT: SamplePoint<'_> = SamplePoint { theta: &[0.4], sigma: 0.7, seed: 1 };
 
 fn estimator(samples: usize, tuple: Tuple, kernel: Kernel) -> Estimator {
     Estimator { samples, tuple, kernel, stratified: false }

@@ -43,7 +43,7 @@ fn noise_of_the_renderer_cancels_within_a_group_only_if_it_is_the_same() {
 #[test]
 fn estimates_are_a_function_of_the_seed() {
     let estimator = Estimator { samples: 100, ..Estimator::default() };
-    let run = |seed| value(smooth(1, step).gradient(Place { seed, ..AT }, estimator));
+    let run = |seed| value(smooth(1, step).gradient(SamplePoint { seed, ..AT }, estimator));
     assert_eq!(run(3), run(3));
     assert_ne!(run(3).value, run(4).value);
 }
@@ -51,7 +51,7 @@ fn estimates_are_a_function_of_the_seed() {
 #[test]
 fn threads_and_batches_do_not_change_the_bits() {
     let f = |x: &[f64], seed: u64| Ok::<_, Infallible>(quadratic(x) * (x[1] + (seed % 7) as f64).sin());
-    let at = Place { theta: &[0.3, -0.2], sigma: 0.4, seed: 11 };
+    let at = SamplePoint { theta: &[0.3, -0.2], sigma: 0.4, seed: 11 };
     let estimator = Estimator { samples: 9000, ..Estimator::default() };
     let one = value(SmoothedLoss::new(serial(f), 2).expect("parameters").gradient(at, estimator));
     let many = value(SmoothedLoss::new(parallel(f), 2).expect("parameters").gradient(at, estimator));
@@ -76,7 +76,7 @@ impl BlackBox for Whole<'_> {
 fn all_points_of_an_estimate_come_in_one_batch_of_bounded_size() {
     let batches = Mutex::new(Vec::new());
     let mut objective = SmoothedLoss::new(Whole(&batches), 3).expect("parameters");
-    let at = Place { theta: &[0.0; 3], sigma: 1.0, seed: 0 };
+    let at = SamplePoint { theta: &[0.0; 3], sigma: 1.0, seed: 0 };
     value(objective.gradient(at, estimator(5, Tuple::Antithetic, Kernel::Coordinates)));
     assert_eq!(*batches.lock().expect("one thread"), vec![30]);
     value(objective.gradient(at, estimator(20_000, Tuple::Antithetic, Kernel::Coordinates)));

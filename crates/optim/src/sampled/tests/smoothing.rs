@@ -78,7 +78,7 @@ fn losses_and_images_are_smoothed_as_asked() {
     for smoothing in [Smoothing::Loss, Smoothing::Image { image_samples: 16 }] {
         let mut objective = RenderedLoss::new(Bar, target(), vec![1.0], smoothing).expect("an objective");
         let [value_exact, first, second] = exact(x, sigma, smoothing);
-        let at = |seed| Place { theta: &[0.42], sigma, seed };
+        let at = |seed| SamplePoint { theta: &[0.42], sigma, seed };
         let many = objective.loss(at(1), 100_000).expect("a loss");
         assert!((many - value_exact).abs() < 1e-3, "{smoothing:?}: {many} for {value_exact}");
         values.push(value_exact);
@@ -107,7 +107,7 @@ fn losses_and_images_are_smoothed_as_asked() {
 fn every_picture_is_counted() {
     let smoothing = Smoothing::Image { image_samples: 10 };
     let mut objective = RenderedLoss::new(Bar, target(), vec![1.0], smoothing).expect("an objective");
-    let at = Place { theta: &[0.4], sigma: 0.2, seed: 1 };
+    let at = SamplePoint { theta: &[0.4], sigma: 0.2, seed: 1 };
     let e = objective.gradient(at, estimator(3, Tuple::Antithetic, Kernel::Coordinates)).expect("a gradient");
     assert_eq!((e.evaluations, objective.evaluations()), (16, 16));
     let e =
@@ -184,7 +184,7 @@ fn grey_boxes_have_exact_second_order_and_need_the_curvature_of_the_inner_functi
     let hessian = [pure(1.0, 0.0), mixed, mixed, pure(0.0, 1.0)];
 
     let estimator = Estimator { stratified: true, ..estimator(20_000, Tuple::Four, Kernel::Coordinates) };
-    let at = Place { theta: &x, sigma: 0.1, seed: 5 };
+    let at = SamplePoint { theta: &x, sigma: 0.1, seed: 5 };
     let close = |name: &str, got: &[f64], expected: &[f64]| {
         for (g, e) in got.iter().zip(expected) {
             assert!((g - e).abs() < 0.05, "{name}: {got:?} for {expected:?}");
@@ -201,7 +201,8 @@ fn grey_boxes_have_exact_second_order_and_need_the_curvature_of_the_inner_functi
 
     // As published, without the sum over the second derivatives of g: wrong by twice its own size.
     let y_gradient =
-        value(smooth(3, outer).gradient(Place { theta: &[0.09, -0.28, x[1].sin()], ..at }, estimator)).value;
+        value(smooth(3, outer).gradient(SamplePoint { theta: &[0.09, -0.28, x[1].sin()], ..at }, estimator))
+            .value;
     let mut bent = [[0.0; 2]; 2];
     Curved.second(&x, &y_gradient, &[1.0, 0.0], &mut bent[0]);
     Curved.second(&x, &y_gradient, &[0.0, 1.0], &mut bent[1]);

@@ -43,7 +43,7 @@ fn plateaus_say_so_and_move_nothing() {
         }
     }
     // Far from a step, an estimate without cancellation is not zero: it is marked.
-    let far = Place { theta: &[1e3], ..AT };
+    let far = SamplePoint { theta: &[1e3], ..AT };
     let e = value(smooth(1, step).gradient(far, estimator(7, Tuple::Plain, Kernel::Coordinates)));
     assert!(!e.informative && e.value[0] != 0.0, "{e:?}");
     assert!(
@@ -60,7 +60,7 @@ fn values_that_are_not_finite_are_named() {
             Ok::<_, Infallible>(if calls == 6 { bad } else { x[0] })
         });
         let mut objective = SmoothedLoss::new(f, 2).expect("parameters");
-        let at = Place { theta: &[0.5, 0.25], sigma: 0.1, seed: 3 };
+        let at = SamplePoint { theta: &[0.5, 0.25], sigma: 0.1, seed: 3 };
         let error = objective
             .gradient(at, estimator(2, Tuple::Antithetic, Kernel::Coordinates))
             .expect_err("not finite");
@@ -94,12 +94,12 @@ fn failures_of_the_black_box_come_through() {
 #[test]
 fn settings_out_of_range_are_errors() {
     let bad_place = [
-        Place { sigma: 0.0, ..AT },
-        Place { sigma: f64::NAN, ..AT },
-        Place { sigma: -1.0, ..AT },
-        Place { theta: &[0.0, 1.0], ..AT },
-        Place { theta: &[f64::NAN], ..AT },
-        Place { theta: &[], ..AT },
+        SamplePoint { sigma: 0.0, ..AT },
+        SamplePoint { sigma: f64::NAN, ..AT },
+        SamplePoint { sigma: -1.0, ..AT },
+        SamplePoint { theta: &[0.0, 1.0], ..AT },
+        SamplePoint { theta: &[f64::NAN], ..AT },
+        SamplePoint { theta: &[], ..AT },
     ];
     for at in bad_place {
         assert!(
@@ -146,7 +146,7 @@ fn settings_out_of_range_are_errors() {
 #[test]
 fn directions_without_length_cost_nothing() {
     let mut objective = smooth(2, bowl);
-    let at = Place { theta: &[0.1, 0.2], sigma: 0.5, seed: 1 };
+    let at = SamplePoint { theta: &[0.1, 0.2], sigma: 0.5, seed: 1 };
     assert_eq!(value(objective.curvature(at, &[0.0, 0.0], Estimator::default())).value, [0.0]);
     assert_eq!(value(objective.hessian_product(at, &[0.0, 0.0], Estimator::default())).value, [0.0, 0.0]);
     assert_eq!(objective.evaluations(), 0);
@@ -160,10 +160,10 @@ fn directions_without_length_cost_nothing() {
 
 #[test]
 fn sigma_below_the_resolution_of_theta_is_a_plateau() {
-    let at = Place { theta: &[1.0, 1.0], sigma: 1e-300, seed: 1 };
+    let at = SamplePoint { theta: &[1.0, 1.0], sigma: 1e-300, seed: 1 };
     assert!(!value(smooth(2, bowl).gradient(at, Estimator::default())).informative);
     // At zero it is not: the smallest steps still count.
-    let at = Place { theta: &[0.0, 0.0], sigma: 1e-120, seed: 1 };
+    let at = SamplePoint { theta: &[0.0, 0.0], sigma: 1e-120, seed: 1 };
     let slope = |x: &[f64]| 3.0 * x[0] - x[1];
     let e = value(smooth(2, slope).gradient(at, estimator(20_000, Tuple::Four, Kernel::Coordinates)));
     assert!((e.value[0] - 3.0).abs() < 0.1 && (e.value[1] + 1.0).abs() < 0.1, "{e:?}");

@@ -71,8 +71,8 @@ fn scaled(f: fn(&[f64]) -> f64) -> SmoothedLoss<impl BlackBox<Error = Infallible
     SmoothedLoss::with_scales(f, vec![1.0, 1.6]).expect("scales")
 }
 
-fn at(seed: u64) -> Place<'static> {
-    Place { theta: &THETA, sigma: 0.7, seed }
+fn at(seed: u64) -> SamplePoint<'static> {
+    SamplePoint { theta: &THETA, sigma: 0.7, seed }
 }
 
 #[test]
@@ -200,7 +200,7 @@ fn samples_follow_their_kernels() {
         Ok::<_, Infallible>(0.0)
     });
     let mut objective = SmoothedLoss::new(f, 1).expect("parameters");
-    value(objective.hessian(Place { theta: &[0.0], sigma: 1.0, seed: 4 }, estimator));
+    value(objective.hessian(SamplePoint { theta: &[0.0], sigma: 1.0, seed: 4 }, estimator));
     drop(objective);
     // One of each tuple at random: its four points depend on each other.
     let mut noise = Noise::new(9, 9);

@@ -60,8 +60,9 @@ fn slope(stratified: bool, estimate: impl Fn(Estimator, u64) -> f64, exact: f64,
 #[test]
 fn errors_fall_with_the_root_of_the_samples_and_faster_in_strata() {
     let gradient =
-        |estimator, seed| value(smooth(1, step).gradient(Place { seed, ..AT }, estimator)).value[0];
-    let hessian = |estimator, seed| value(smooth(1, step).hessian(Place { seed, ..AT }, estimator)).value[0];
+        |estimator, seed| value(smooth(1, step).gradient(SamplePoint { seed, ..AT }, estimator)).value[0];
+    let hessian =
+        |estimator, seed| value(smooth(1, step).hessian(SamplePoint { seed, ..AT }, estimator)).value[0];
     let (g, h) = smoothed_step(0.4, 0.7);
     for (name, slopes) in [
         ("gradient", [false, true].map(|s| slope(s, gradient, g, Tuple::Antithetic))),
@@ -87,7 +88,7 @@ fn half_space(x: &[f64]) -> f64 {
 fn directional(n: usize, f: Function) -> f64 {
     let d = vec![1.0 / (n as f64).sqrt(); n];
     let theta: Vec<f64> = d.iter().map(|d| 0.4 * d).collect();
-    let at = Place { theta: &theta, sigma: 0.7, seed: 3 };
+    let at = SamplePoint { theta: &theta, sigma: 0.7, seed: 3 };
     let e = value(smooth(n, f).curvature(at, &d, estimator(20_000, Tuple::Four, Kernel::Coordinates)));
     cost(&e)
 }
@@ -116,7 +117,7 @@ fn curvature_beats_differences_of_gradients_and_these_need_common_numbers() {
     };
     let along = |g: &[f64]| g.iter().zip(&d).map(|(g, d)| g * d).sum::<f64>();
     let common = |f: Function, seed: u64| {
-        let at = Place { theta: &theta, sigma: 0.7, seed };
+        let at = SamplePoint { theta: &theta, sigma: 0.7, seed };
         let e = value(smooth(n, f).hessian_product_difference(at, &d, 0.5, plan_for(1)));
         (along(&e.value), e.evaluations as f64)
     };
@@ -124,7 +125,7 @@ fn curvature_beats_differences_of_gradients_and_these_need_common_numbers() {
         let mut sum = 0.0;
         for (k, sign) in [1.0, -1.0].into_iter().enumerate() {
             let shifted: Vec<f64> = theta.iter().zip(&d).map(|(x, d)| x + sign * 0.35 * d).collect();
-            let at = Place { theta: &shifted, sigma: 0.7, seed: 2 * seed + k as u64 + 9000 };
+            let at = SamplePoint { theta: &shifted, sigma: 0.7, seed: 2 * seed + k as u64 + 9000 };
             sum += sign * along(&value(smooth(n, f).gradient(at, plan_for(1))).value) / 0.7;
         }
         (sum, 4.0)
@@ -153,7 +154,7 @@ fn aggregate_weights_have_bounded_tails_and_single_densities_do_not() {
         let estimator = estimator(1, Tuple::Plain, Kernel::Aggregate);
         let mut entries = vec![Vec::new(); if hessian { 4 } else { 2 }];
         for seed in 0..runs {
-            let at = Place { theta: &[0.4, 0.1], sigma: 0.7, seed };
+            let at = SamplePoint { theta: &[0.4, 0.1], sigma: 0.7, seed };
             let e = value(if hessian {
                 objective.hessian(at, estimator)
             } else {
@@ -181,7 +182,7 @@ fn aggregate_weights_have_bounded_tails_and_single_densities_do_not() {
 #[test]
 fn four_points_cancel_constants_and_lines_exactly() {
     let line = |x: &[f64]| 7.0 + 2.0 * x[0] - 3.0 * x[1];
-    let at = Place { theta: &[0.25, -0.5], sigma: 0.5, seed: 8 };
+    let at = SamplePoint { theta: &[0.25, -0.5], sigma: 0.5, seed: 8 };
     let estimator = estimator(50, Tuple::Four, Kernel::Coordinates);
     let hessian = value(smooth(2, line).hessian(at, estimator));
     let curvature = value(smooth(2, line).curvature(at, &[0.6, 0.8], estimator));

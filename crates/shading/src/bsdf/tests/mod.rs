@@ -3,6 +3,7 @@
 mod adjoint;
 mod bench;
 mod catalogue;
+mod charts;
 mod chi_square;
 mod energy;
 mod principled;

@@ -1,0 +1,86 @@
+//! The other modes of the step: pixels that are shaded once for each triangle, as for levels of detail; masks that fade;
+//! the squared error, of noisy pictures; shapes that stay; poses; passes that are switched off.
+
+use super::*;
+use std::ops::Range;
+
+/// Where colour and roughness alone are fitted.
+const LIT: [Range<usize>; 2] = [channel::BASE_COLOR..channel::ALPHA, channel::ROUGHNESS..channel::METALLIC];
+
+/// A mode: how a setting differs from what [`super::whole`] checks.
+struct Mode {
+    name: &'static str,
+    kind: Kind,
+    loss: Loss,
+    /// Samples of a texel that have gradients.
+    channels: Vec<Range<usize>>,
+    change: fn(&mut Setting),
+}
+
+fn modes() -> Vec<Mode> {
+    let all = GROUPS.map(|(_, channels)| channels).to_vec();
+    let mode = |name, kind, loss, channels: &[Range<usize>], change| Mode {
+        name,
+        kind,
+        loss,
+        channels: channels.to_vec(),
+        change,
+    };
+    let (logarithmic, squares) = (Loss::LogSrgbL1, Loss::Mse);
+    let engine = |s: &mut Setting| s.sampling = Sampling::ENGINE;
+    let faded = |s: &mut Setting| s.passes.masks = Masks::Faded { slope: 2.0 };
+    let still = |s: &mut Setting| (s.passes.position_gradients, s.passes.antialias) = (false, false);
+    vec![
+        mode("shaded once per pixel and triangle", Kind::Transparent, logarithmic, &all, engine),
+        mode("the same, opaque", Kind::Opaque, logarithmic, &LIT, engine),
+        mode("masks fade", Kind::Transparent, logarithmic, &all, faded),
+        mode("squared error", Kind::Transparent, squares, &all, |_| {}),
+        mode("the shape stays", Kind::Transparent, logarithmic, &all, still),
+        mode("a pose", Kind::Transparent, logarithmic, &all, |s| {
+            (s.passes.position_gradients, s.passes.antialias, s.posed) = (false, false, true);
+        }),
+        mode("no normal map, no emission", Kind::Opaque, squares, &LIT, |s| {
+            (s.passes.normal_map, s.passes.emissive) = (false, false);
+        }),
+        mode("alpha is not fitted", Kind::Transparent, logarithmic, &LIT, |s| {
+            s.passes.alpha_gradients = false;
+        }),
+    ]
+}
+
+#[test]
+fn gradients_of_the_other_modes_that_ship() {
+    println!("| mode | maps | positions |\n|---|---|---|");
+    for Mode { name, kind, loss, channels, change } in modes() {
+        let value = Value::Loss(loss.into());
+        let set = |content| {
+            let mut setting = Setting::new(kind, content, 3);
+            change(&mut setting);
+            setting
+        };
+        let (mut random, mut linear) = (set(Content::Random), set(Content::Linear));
+        // One of each group: all of them are moved in the usual mode.
+        let maps = channels.iter().map(|c| random.channel_error(value, c.start)).fold(0.0, f64::max);
+        let positions = linear.passes.position_gradients.then(|| linear.position_error(value));
+        println!("| {name} | {maps:.1e} | {} |", positions.map_or("-".into(), |p| format!("{p:.1e}")));
+        assert!(maps < 1e-6, "{name}: relative error {maps:e}");
+        assert!(positions.is_none_or(|p| p < 1e-6), "{name}: relative error {positions:?}");
+    }
+}
+
+#[test]
+fn several_levels_are_read() {
+    for (kind, sampling) in [
+        (Kind::Transparent, Sampling { per_axis: SAMPLES, shade_per_pixel: false }),
+        (Kind::Opaque, Sampling { per_axis: SAMPLES, shade_per_pixel: false }),
+        (Kind::Opaque, Sampling::ENGINE),
+    ] {
+        let mut setting = Setting::new(kind, Content::Random, 3);
+        setting.sampling = sampling;
+        // Levels keep the gradients that pixels give them.
+        setting.candidate.maps.rule = MipRule::Free;
+        let levels = setting.gradients(Value::Weighted).rendered.maps.levels;
+        let read = levels.iter().filter(|l| l.texels.as_flattened().iter().any(|g| *g != 0.0));
+        assert!(read.count() >= 3, "{sampling:?}");
+    }
+}
