@@ -4,6 +4,7 @@ use crate::args::{Inspect, Render};
 use crate::output::{self, count, print};
 use crate::path_render;
 use crate::preflight::Places;
+use crate::progress::say;
 use crate::status::Ending;
 use anyhow::{Result, anyhow};
 use photofit_pathtrace::{Parts, RenderOptions, Renderer, View, World};
@@ -22,6 +23,7 @@ pub(crate) fn render(a: &Render, places: &Places) -> Result<Ending> {
     let named = |e: &dyn std::fmt::Display| anyhow!("{}: {e}", a.input.display());
     let options = MitsubaOptions {
         parameters: a.path.define.clone(),
+        sensor: a.camera.unwrap_or(0),
         size: [a.width, a.height],
         allow_parent_paths: a.path.allow_parent_paths,
         ..MitsubaOptions::default()
@@ -39,6 +41,12 @@ pub(crate) fn render(a: &Render, places: &Places) -> Result<Ending> {
     options.path.show_emitters = own.path.show_emitters;
     if a.spp.is_none() && !a.path.is_open() {
         options.spp = own.spp;
+    }
+    if scene.sensors > 1 && a.camera.is_none() {
+        say(&format!(
+            "the scene has {} sensors: the first one sees; --camera chooses another",
+            scene.sensors
+        ));
     }
     let view = View::from_mitsuba(&scene.sensor);
     let stamps: Vec<String> = scene.files.iter().map(|f| path_render::stamp(f)).collect::<Result<_>>()?;
@@ -96,6 +104,9 @@ fn text(path: &Path, scene: &MitsubaScene) -> String {
         "  picture: {} x {} pixels, {} samples, up to {} scattering events\n",
         film.crop_size[0], film.crop_size[1], scene.sensor.samples, scene.integrator.max_depth
     );
+    if scene.sensors > 1 {
+        out += &format!("  {} sensors: this is the first, --camera chooses another\n", scene.sensors);
+    }
     for file in scene.files.iter().skip(1) {
         out += &format!("  includes {}\n", file.display());
     }
@@ -119,6 +130,7 @@ fn to_json(path: &Path, scene: &MitsubaScene) -> Value {
         "width": film.crop_size[0],
         "height": film.crop_size[1],
         "spp": scene.sensor.samples,
+        "sensors": scene.sensors,
         "max_depth": scene.integrator.max_depth,
     })
 }

@@ -48,6 +48,8 @@ pub(crate) fn quality_table(rows: &[(&str, &Quality)]) -> String {
         text +=
             &format!("{name:<12} {:>10} {:>8.4} {:>8.4} {outline:>9.0} %\n", q.decibels(2), q.ssim, q.flip);
     }
+    text +=
+        "at outline: share of the squared error where one of the two covers a pixel and the other does not\n";
     text
 }
 

@@ -3,7 +3,7 @@
 use crate::PathtraceError;
 use crate::camera::{Prepared, View};
 use crate::error::invalid;
-use crate::film::{Aov, Film, Filter, Observer, Recorder, TILE, Tile};
+use crate::film::{Aov, Film, Filter, Key, Observer, Recorder, TILE, Tile};
 use crate::integrator::path::{trace_with, walk};
 use crate::integrator::{Kernel, PathOptions, PathSample, Sink, Strategy, teaching};
 use crate::plan::{self, Features, Plan};
@@ -299,7 +299,7 @@ impl<'a> Renderer<'a> {
 
     /// Everything that is needed to go on later; `scene` names what is rendered.
     pub fn save(&self, scene: &str) -> Vec<u8> {
-        self.film.to_bytes(self.key(scene))
+        self.film.to_bytes(&self.keys(scene))
     }
 
     /// Goes on from what [`Self::save`] returned, to the same bits as a render that was never stopped.
@@ -307,8 +307,7 @@ impl<'a> Renderer<'a> {
     /// # Errors
     /// If the bytes are damaged, or belong to another scene, camera, or other options (more samples are allowed).
     pub fn resume(&mut self, scene: &str, bytes: &[u8]) -> Result<(), PathtraceError> {
-        let key = self.key(scene);
-        self.film.restore(bytes, key)?;
+        self.film.restore(bytes, &self.keys(scene))?;
         for tile in &mut self.film.tiles {
             // More samples may be wanted than when the state was saved.
             tile.active |= self.options.noise.is_none();
@@ -317,14 +316,21 @@ impl<'a> Renderer<'a> {
         Ok(())
     }
 
-    /// A number that changes with everything that the pixels depend on, except for the number of samples.
-    fn key(&self, scene: &str) -> u64 {
+    /// Everything that the pixels depend on, except for their number and that of the samples.
+    fn keys(&self, scene: &str) -> [Key; 9] {
         let o = &self.options;
-        let text = format!(
-            "{scene}|{:?}|{:?}|{:?}|{:?}|{:?}|{:?}|{:?}|{:?}",
-            self.view, o.noise, o.seed, o.filter, o.aovs, o.integrator, o.path, o.previous
-        );
-        crate::film::checksum(text.as_bytes())
+        [
+            ("scene, light or guide", scene.to_owned()),
+            ("camera", format!("{:?}", self.view)),
+            ("noise", format!("{:?}", o.noise)),
+            ("seed", format!("{:?}", o.seed)),
+            ("filter", format!("{:?}", o.filter)),
+            ("list of auxiliary images", format!("{:?}", o.aovs)),
+            ("integrator", format!("{:?}", o.integrator)),
+            ("depth, clamping or strategy", format!("{:?}", o.path)),
+            ("camera before", format!("{:?}", o.previous)),
+        ]
+        .map(|(name, text)| Key { name, sum: crate::film::checksum(text.as_bytes()) })
     }
 
     fn kernel(&self) -> Kernel {

@@ -52,7 +52,7 @@ pub(crate) struct ParameterScene {
     /// Height of the picture, pixels [range: 1 to 16384] [default: 512, or what the scene or --picture says].
     #[arg(long, value_name = "PX", value_parser = whole::<u32>(1..=16384))]
     pub(crate) height: Option<u32>,
-    /// Camera of an asset, the first is 0; of `recover scene` several, one after the other [range: at least 0].
+    /// Camera of an asset or sensor of an .xml scene, the first is 0; of an asset and `recover scene` several, one after the other [range: at least 0].
     #[arg(long, value_name = "N", default_value = "0", value_parser = whole::<usize>(0..))]
     pub(crate) camera: Vec<usize>,
     /// Equirectangular environment around an asset (.hdr, .exr, .png, .jpg), as bright as it is.

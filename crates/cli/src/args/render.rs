@@ -43,7 +43,8 @@ pub(crate) struct Render {
     /// the picture].
     #[arg(long, value_name = "RADII", value_parser = single(1.0..=1000.0))]
     pub(crate) distance: Option<f32>,
-    /// Use camera N of the asset, the first is 0 [range: at least 0] [default: --azimuth, --elevation and --distance].
+    /// Use camera N of the asset, or sensor N of an .xml scene; the first is 0 [range: at least 0] [default: --azimuth,
+    /// --elevation and --distance; the first sensor].
     #[arg(long, value_name = "N", value_parser = whole::<usize>(0..))]
     pub(crate) camera: Option<usize>,
     /// Show the asset as it is in this animation: its name, or its number, the first is 0 [default: as it stands].
@@ -114,7 +115,6 @@ impl Render {
         if self.is_mitsuba() {
             let given = [
                 ("--integrator raster", self.integrator == Some(RenderIntegrator::Raster)),
-                ("--camera", self.camera.is_some()),
                 ("--animation", self.animation.is_some()),
                 ("--light", self.light != RenderLight::Point),
                 ("--env", self.env.is_some()),

@@ -75,13 +75,15 @@ impl Subject {
 }
 
 fn of_mitsuba(a: &ParameterScene, places: &Places) -> Result<Subject> {
-    if let Some(option) =
-        [("--env", a.env.is_some()), ("--camera", a.camera != [0])].into_iter().find(|o| o.1)
-    {
-        bail!(Misuse(format!("{}: belongs to an asset; an .xml scene has its own", option.0)));
+    if a.env.is_some() {
+        bail!(Misuse("--env: belongs to an asset; an .xml scene has its own".into()));
     }
+    let &[sensor] = &a.camera[..] else {
+        bail!(Misuse("--camera: an .xml scene is seen by one sensor; it must be given once".into()));
+    };
     let options = MitsubaOptions {
         parameters: a.define.clone(),
+        sensor,
         size: [a.width, a.height],
         allow_parent_paths: a.allow_parent_paths,
         ..MitsubaOptions::default()

@@ -103,7 +103,7 @@ fn a_killed_render_goes_on_to_the_same_bits() {
     assert!(state.exists() && !d.join("killed.exr").exists(), "killed in the middle");
     // Another seed is another picture.
     let other = [&SMALL[..], &["-o", "killed.exr", "--spp", "300", "--aov", "all", "--resume"]].concat();
-    assert_one_error(&photofit(d, &other), "a foreign state", &["killed.exr.state", "another scene"]);
+    assert_one_error(&photofit(d, &other), "a foreign state", &["killed.exr.state", "another seed"]);
     succeeds(d, &[&arguments("killed.exr")[..], &["--resume", "--threads", "3"]].concat());
     let bytes = |name: &str| std::fs::read(d.join(name)).unwrap();
     assert!(bytes("whole.exr") == bytes("killed.exr"), "the same file to the bit");

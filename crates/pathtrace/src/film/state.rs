@@ -3,15 +3,16 @@
 use super::{Film, Tile};
 use crate::PathtraceError;
 
-const MAGIC: &[u8; 8] = b"PFPATH02";
+const MAGIC: &[u8; 8] = b"PFPATH03";
 
 impl Film {
-    /// All sums and counts; `key` names what is rendered.
-    pub(crate) fn to_bytes(&self, key: u64) -> Vec<u8> {
+    /// All sums and counts; `keys` name what is rendered, part by part.
+    pub(crate) fn to_bytes(&self, keys: &[Key]) -> Vec<u8> {
         let mut out =
             Vec::with_capacity(64 + self.tiles.len() * (16 + 8 * self.stride * super::TILE * super::TILE));
         out.extend_from_slice(MAGIC);
-        for n in [key, self.width as u64, self.height as u64, self.stride as u64, self.tiles.len() as u64] {
+        let shape = [self.width, self.height, self.stride, self.tiles.len()].map(|n| n as u64);
+        for n in keys.iter().map(|k| k.sum).chain(shape) {
             out.extend_from_slice(&n.to_le_bytes());
         }
         for tile in &self.tiles {
@@ -26,8 +27,8 @@ impl Film {
         out
     }
 
-    /// Takes over what [`Self::to_bytes`] wrote for the same key and shape.
-    pub(crate) fn restore(&mut self, bytes: &[u8], key: u64) -> Result<(), PathtraceError> {
+    /// Takes over what [`Self::to_bytes`] wrote for the same keys and shape.
+    pub(crate) fn restore(&mut self, bytes: &[u8], keys: &[Key]) -> Result<(), PathtraceError> {
         let fail = |why: &str| Err(PathtraceError::State(why.into()));
         let Some((body, sum)) = bytes.split_last_chunk::<8>() else { return fail("it is too short") };
         if body.get(..8) != Some(MAGIC) {
@@ -37,8 +38,9 @@ impl Film {
             return fail("it is damaged");
         }
         let mut reader = Reader(&body[8..]);
-        if reader.u64() != Some(key) {
-            return fail("it belongs to another scene, camera or command line");
+        let others: Vec<&str> = keys.iter().filter(|k| reader.u64() != Some(k.sum)).map(|k| k.name).collect();
+        if !others.is_empty() {
+            return fail(&format!("it was made with another {}; it must be the same", others.join(", ")));
         }
         let shape = [self.width, self.height, self.stride, self.tiles.len()];
         if shape.iter().any(|n| reader.u64() != Some(*n as u64)) {
@@ -51,6 +53,15 @@ impl Film {
         self.tiles = tiles;
         Ok(())
     }
+}
+
+/// A part of what a picture depends on.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Key {
+    /// What it is, for people.
+    pub(crate) name: &'static str,
+    /// A checksum that changes with it.
+    pub(crate) sum: u64,
 }
 
 struct Reader<'a>(&'a [u8]);

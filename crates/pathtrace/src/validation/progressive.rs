@@ -55,8 +55,8 @@ fn states_are_refused_where_they_do_not_belong() {
         assert!(error.contains("cannot be continued"), "{error}");
         error
     };
-    assert!(refused(square(20, 4), "b", &bytes).contains("another scene"));
-    assert!(refused(RenderOptions { seed: 1, ..square(20, 4) }, "a", &bytes).contains("another scene"));
+    assert!(refused(square(20, 4), "b", &bytes).contains("another scene, light or guide;"));
+    assert!(refused(RenderOptions { seed: 1, ..square(20, 4) }, "a", &bytes).contains("another seed;"));
     assert!(refused(square(21, 4), "a", &bytes).contains("another size"));
     assert!(refused(square(20, 4), "a", &bytes[..40]).contains("damaged"));
     assert!(refused(square(20, 4), "a", b"").contains("short"));

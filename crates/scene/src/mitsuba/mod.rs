@@ -52,6 +52,8 @@ use std::sync::Arc;
 pub struct MitsubaOptions {
     /// Values of the scene's parameters (`$name`), which win over its own `default` elements.
     pub parameters: Vec<(String, String)>,
+    /// Which sensor sees, in the order of the file; the first is 0.
+    pub sensor: usize,
     /// Columns and rows of the picture, in place of those of the film; a crop window is dropped.
     pub size: [Option<u32>; 2],
     /// Files may lie outside of the scene's folder: in folders above it that the scene names by `..`, and in the folder
@@ -133,6 +135,8 @@ pub struct MitsubaScene {
     pub media: Vec<MitsubaMedium>,
     /// The camera.
     pub sensor: MitsubaSensor,
+    /// Sensors in the file.
+    pub sensors: usize,
     /// How light is followed.
     pub integrator: MitsubaIntegrator,
     /// The XML files that were read, the scene itself first.
@@ -156,6 +160,7 @@ pub fn load_mitsuba(path: impl AsRef<Path>, options: &MitsubaOptions) -> Result<
         reader: Reader::new(document),
         limits: options.limits,
         size: options.size,
+        sensor: options.sensor,
         scene: MitsubaScene::default(),
         materials: HashMap::new(),
         groups: HashMap::new(),
@@ -182,6 +187,7 @@ struct Importer {
     reader: Reader,
     limits: Limits,
     size: [Option<u32>; 2],
+    sensor: usize,
     scene: MitsubaScene,
     /// Materials by BSDF and emitter elements.
     materials: HashMap<(Option<usize>, Option<usize>), usize>,
@@ -200,10 +206,10 @@ struct Importer {
 impl Importer {
     fn run(&mut self) -> Result<(), crate::error::Fault> {
         let top = self.reader.document.top.clone();
-        let (mut sensor, mut integrator) = (None, None);
+        let (mut sensors, mut integrator) = (Vec::new(), None);
         for &element in &top {
             match self.reader.tag(element) {
-                "sensor" => sensor = sensor.or(Some(element)),
+                "sensor" => sensors.push(element),
                 "integrator" => integrator = integrator.or(Some(element)),
                 "shape" => self.shape(element)?,
                 "emitter" => self.emitter(element)?,
@@ -218,8 +224,15 @@ impl Importer {
         if let Some(element) = integrator {
             self.scene.integrator = self.integrator(element)?;
         }
-        let sensor = sensor.ok_or_else(|| fault("the scene", "has no sensor; it must have one"))?;
+        let Some(&sensor) = sensors.get(self.sensor) else {
+            let rule = match sensors.len() {
+                0 => "has no sensor; it must have one".to_owned(),
+                n => format!("has {n} sensors, the first is 0; number {} is not there", self.sensor),
+            };
+            return Err(fault("the scene", rule));
+        };
         self.scene.sensor = self.sensor(sensor)?;
+        self.scene.sensors = sensors.len();
         self.scene.files = self.reader.document.files().to_vec();
         self.scene.resources = self.reader.document.resources();
         Ok(())

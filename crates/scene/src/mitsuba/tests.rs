@@ -38,6 +38,24 @@ fn scene(body: &str) -> MitsubaScene {
 }
 
 #[test]
+fn one_of_several_sensors_sees() {
+    let second = SENSOR.replace("value=\"90\"", "value=\"45\"");
+    let text = format!("<scene version=\"3.0.0\">{SENSOR}{second}</scene>");
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("scene.xml");
+    fs::write(&file, text).unwrap();
+    let of = |sensor| load_mitsuba(&file, &MitsubaOptions { sensor, ..MitsubaOptions::default() });
+    let half = |sensor| of(sensor).unwrap().sensor.half[0];
+    assert!((half(0) - 1.0).abs() < 1e-9 && (half(1) - 22.5_f64.to_radians().tan()).abs() < 1e-9);
+    assert_eq!(of(0).unwrap().sensors, 2);
+    let text = of(2).unwrap_err().to_string();
+    assert!(
+        text.contains("scene.xml") && text.contains("has 2 sensors") && text.contains("number 2"),
+        "{text}"
+    );
+}
+
+#[test]
 fn the_sensor_sees_what_mitsuba_sees() {
     let s = scene("").sensor;
     assert_eq!(s.eye, DVec3::new(0.0, 0.0, -5.0));

@@ -22,8 +22,8 @@ pub(super) struct Library {
 impl Library {
     /// Appends the materials of the library named on an `mtllib` line.
     ///
-    /// A library that does not exist is a warning, a texture of the base colour or of the emission that cannot be read an
-    /// error, another map that cannot be read a warning.
+    /// A library or a texture that is not there is a warning; a texture of the base colour or of the emission that is
+    /// damaged is an error, another map that is a warning.
     pub(super) fn load(
         &mut self,
         file: &str,
@@ -58,7 +58,7 @@ impl Library {
             let mut warning = None;
             let mut map = |rest: &str, needed: bool| match map(rest, folder, limits, &place, textures) {
                 Ok(map) => Ok(Some(map)),
-                Err(f) if needed => Err(f),
+                Err(f) if needed && !f.rule.contains("cannot be read") => Err(f),
                 Err(f) => {
                     warning = Some(format!("{}: {}: the map is left out", f.place, f.rule));
                     Ok(None)
@@ -162,7 +162,7 @@ fn map(
         Some(image) => image,
         None => {
             let bytes = folder.read_name(rest, limits.file_bytes, place)?;
-            textures.request(key, place.to_owned(), rest.to_owned(), bytes.into())?
+            textures.request(key, format!("{place}, {}", clip(rest)), rest.to_owned(), bytes.into())?
         }
     };
     // The file's v points up: v' = 1 - (scale (1 - v) + offset).

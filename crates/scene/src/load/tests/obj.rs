@@ -224,11 +224,19 @@ fn broken_files() {
     bad("mtllib /etc/passwd\n", &["line 1", "folder"]);
     let many: String = (0..70).map(|i| format!("mtllib {i}.mtl\n")).collect();
     bad(&many, &["line 65", "at most 64"]);
-    let files: [(&str, &[u8]); 2] =
-        [("bad.obj", b"mtllib a.mtl\n"), ("a.mtl", b"newmtl a\nmap_Kd none.png\n")];
-    refused(&files, &["a.mtl line 2", "none.png"]);
+    let files: [(&str, &[u8]); 3] =
+        [("bad.obj", b"mtllib a.mtl\n"), ("a.mtl", b"newmtl a\nmap_Kd x.png\n"), ("x.png", b"no picture")];
+    refused(&files, &["a.mtl line 2", "x.png"]);
     let files: [(&str, &[u8]); 2] = [("bad.obj", b"mtllib a.mtl\n"), ("a.mtl", b"newmtl a\nKd x\n")];
     refused(&files, &["a.mtl line 2", "number"]);
+}
+
+#[test]
+fn a_missing_picture_is_a_warning_and_the_colour_stays() {
+    let (m, scene) = material("Kd 0.1 0.2 0.3\nmap_Kd none.png\n");
+    assert!(m.base_color_texture.is_none() && (m.base_color[2] - 0.3).abs() < 1e-6, "{:?}", m.base_color);
+    let told = scene.warnings.iter().any(|w| w.contains("none.png") && w.contains("line"));
+    assert!(told, "{:?}", scene.warnings);
 }
 
 #[test]
