@@ -203,6 +203,9 @@ pub(crate) struct Course {
     /// Print what ran, what was skipped, and why.
     #[arg(long)]
     pub(crate) explain: bool,
+    /// Folder for a report with pictures: index.html.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) report: Option<PathBuf>,
     /// Write the figures as JSON.
     #[arg(long, value_name = "FILE")]
     pub(crate) json: Option<PathBuf>,

@@ -36,6 +36,7 @@ mod status;
 mod surface;
 mod surface_camera;
 mod threads;
+mod traced_report;
 
 use args::{Cli, Command};
 use photofit_fit::FitError;

@@ -53,6 +53,22 @@ pub(crate) fn quality_table(rows: &[(&str, &Quality)]) -> String {
     text
 }
 
+/// The command line of this run, as a shell would take it.
+pub(crate) fn command_line() -> String {
+    let arguments = std::env::args().skip(1).map(|a| quoted(&a));
+    ["photofit".to_owned()].into_iter().chain(arguments).collect::<Vec<_>>().join(" ")
+}
+
+/// An argument as a shell would take it.
+fn quoted(argument: &str) -> String {
+    let plain = |c: char| c.is_alphanumeric() || "-_./=:,+@%".contains(c);
+    if !argument.is_empty() && argument.chars().all(plain) {
+        argument.to_owned()
+    } else {
+        format!("'{}'", argument.replace('\'', "'\\''"))
+    }
+}
+
 /// A number of bytes for people.
 pub(crate) fn bytes(n: u64) -> String {
     let x = n as f64;
@@ -90,5 +106,13 @@ mod tests {
         for (n, text) in [(12, "12 B"), (1536, "1.5 KiB"), (3 << 20, "3.0 MiB"), (5 << 30, "5.00 GiB")] {
             assert_eq!(bytes(n), text);
         }
+    }
+
+    #[test]
+    fn arguments_are_quoted_where_a_shell_needs_it() {
+        assert_eq!(quoted("--ratio=0.03"), "--ratio=0.03");
+        assert_eq!(quoted("my asset.glb"), "'my asset.glb'");
+        assert_eq!(quoted("it's"), "'it'\\''s'");
+        assert_eq!(quoted(""), "''");
     }
 }

@@ -10,6 +10,8 @@ use crate::{interrupt, threads};
 use anyhow::Result;
 use photofit_fit::pictures::named_files;
 use photofit_fit::recover::{RecoverOptions, Recovered, recover_texture};
+use photofit_fit::report::{PAGE as REPORT_PAGE, RecoveryReport, write_recovery_report};
+use photofit_fit::simplify::Quality;
 use serde_json::{Value, json};
 
 pub(crate) fn run(a: &Recover) -> Result<Ending> {
@@ -27,6 +29,7 @@ fn texture(a: &RecoverTexture) -> Result<Ending> {
         .reads("--mesh", Some(&a.mesh))
         .writes("--output", Some(&a.output))
         .writes("--json", a.course.json.as_deref())
+        .fills("--report", a.course.report.as_deref(), &[REPORT_PAGE])
         .fills("--checkpoint", a.course.running.checkpoint.as_deref(), &[CHECKPOINT_FILE]);
     places.check()?;
     places.check_against("PICTURES", &named_files(&a.pictures))?;
@@ -58,12 +61,34 @@ fn texture(a: &RecoverTexture) -> Result<Ending> {
         r.steps,
         a.output.display()
     );
+    if let Some(folder) = &a.course.report {
+        let page = write_recovery_report(
+            folder,
+            &RecoveryReport {
+                title: format!("{} from pictures", crate::simplify::name(&a.mesh)),
+                summary: recovered(&r.start, &r.quality),
+                stages: &["start", "recovered"],
+                views: &r.views,
+                judged: format!("{held_out} of {all} pictures, which were held out. {light}."),
+                history: &r.history,
+                measure: "held-out quality, dB",
+                plan: r.plan.to_string(),
+                command: output::command_line(),
+            },
+        )?;
+        text += &format!("report: {}\n", page.display());
+    }
     if let Some(path) = &a.course.json {
         output::write_json(path, &to_json(a, &r))?;
     }
     print(&text)?;
     let stopped = r.stopped && interrupt::is_stopping();
     Ok(if stopped { Ending::Stopped } else { Ending::Done })
+}
+
+/// What the figures of two stages say, in a sentence.
+pub(crate) fn recovered(start: &Quality, end: &Quality) -> String {
+    format!("PSNR {} -> {} dB, FLIP {:.3} -> {:.3}", start.decibels(1), end.decibels(1), start.flip, end.flip)
 }
 
 fn to_json(a: &RecoverTexture, r: &Recovered) -> Value {

@@ -4,6 +4,7 @@ use crate::args::{self, RecoverMesh};
 use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say};
+use crate::recover::recovered;
 use crate::simplify::{CHECKPOINT_FILE, name_options};
 use crate::status::Ending;
 use crate::{interrupt, threads};
@@ -13,6 +14,7 @@ use photofit_fit::recover_mesh::{
     MOST_LEVELS, MeshOptimizer, PictureSource, RecoverMeshOptions, RecoveredMesh, ShapeError, level_folder,
     recover_mesh,
 };
+use photofit_fit::report::{PAGE as REPORT_PAGE, RecoveryReport, write_recovery_report};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -26,6 +28,7 @@ pub(crate) fn run(a: &RecoverMesh) -> Result<Ending> {
         .reads("--mesh", a.mesh.as_deref())
         .writes("--output", Some(&a.output))
         .writes("--json", a.course.json.as_deref())
+        .fills("--report", a.course.report.as_deref(), &[REPORT_PAGE])
         .fills("--checkpoint", a.course.running.checkpoint.as_deref(), &states);
     places.check()?;
     if let Some(pictures) = &a.pictures {
@@ -71,7 +74,26 @@ pub(crate) fn run(a: &RecoverMesh) -> Result<Ending> {
     if let Some(path) = &a.course.json {
         output::write_json(path, &to_json(a, &r))?;
     }
-    print(&told(a, &r))?;
+    let mut text = told(a, &r);
+    if let Some(folder) = &a.course.report {
+        let [all, held_out] = r.pictures;
+        let page = write_recovery_report(
+            folder,
+            &RecoveryReport {
+                title: format!("{} from pictures", crate::simplify::name(&a.output)),
+                summary: recovered(&r.start, &r.quality),
+                stages: &["start", "recovered"],
+                views: &r.views,
+                judged: format!("{held_out} of {all} pictures, which were held out."),
+                history: &r.history,
+                measure: "held-out quality, dB",
+                plan: r.plan.to_string(),
+                command: output::command_line(),
+            },
+        )?;
+        text += &format!("report: {}\n", page.display());
+    }
+    print(&text)?;
     let stopped = r.stopped && interrupt::is_stopping();
     Ok(if stopped { Ending::Stopped } else { Ending::Done })
 }

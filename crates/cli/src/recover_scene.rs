@@ -85,7 +85,7 @@ pub(crate) fn run(a: &RecoverScene) -> Result<Ending> {
         print(&format!("what ran:\n{}\n\n", r.plan))?;
     }
     let last = truth.as_ref().map(|t| errors(&r.model, &quantities, t));
-    found::write(a, &r, &views, (&quantities, &boxes), first.zip(last), seconds)?;
+    found::write(a, &r, (&views, &targets), (&quantities, &boxes), first.zip(last), seconds)?;
     let stopped = r.stopped && interrupt::is_stopping();
     Ok(if stopped { Ending::Stopped } else { Ending::Done })
 }

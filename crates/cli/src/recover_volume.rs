@@ -6,6 +6,7 @@ use crate::preflight::Places;
 use crate::progress::{Terminal, say};
 use crate::simplify::{CHECKPOINT_FILE, misuse, name_options};
 use crate::status::Ending;
+use crate::traced_report::Found;
 use crate::{interrupt, threads};
 use anyhow::{Context, Result, anyhow, bail};
 use glam::{DAffine3, DVec3, Vec3};
@@ -16,6 +17,7 @@ use photofit_fit::recover_scene::relative_error;
 use photofit_fit::recover_volume::{
     RecoverVolumeOptions, RecoveredVolume, Surroundings, checkpoint_of, recover_volume,
 };
+use photofit_fit::report::PAGE;
 use photofit_image::{Image, contact_sheet, write_atomically};
 use photofit_pathtrace::{EnvironmentMap, LightSource, Parts, RenderOptions, Renderer, View, Volume, World};
 use photofit_scalar::Vec3f;
@@ -35,7 +37,7 @@ const SHOWN: usize = 4;
 /// Albedo of a self-test that names none.
 const ALBEDO: [f32; 3] = [0.8, 0.6, 0.4];
 /// Files of the output.
-const FILES: [&str; 4] = ["extinction.vol", "albedo.vol", "views.png", "values.json"];
+const FILES: [&str; 5] = ["extinction.vol", "albedo.vol", "views.png", "values.json", PAGE];
 
 /// What is seen, from where, under which light.
 struct Seen {
@@ -244,7 +246,20 @@ fn write(a: &RecoverVolume, seen: &Seen, r: &RecoveredVolume, seconds: f64) -> R
         Some(k) => format!("picture {k}, which was held out"),
         None => "the pictures that were fitted (none is held out)".into(),
     };
-    text += &output::traced_error(&judged, [first, best], (r.steps, seconds), &a.output);
+    let reached = output::traced_error(&judged, [first, best], (r.steps, seconds), &a.output);
+    let found = Found {
+        title: format!("a cloud on {x} x {y} x {z} voxels"),
+        summary: reached.lines().next().unwrap_or_default().to_owned(),
+        model: &r.model,
+        views: &seen.views,
+        targets: &seen.pictures,
+        held_out: r.held_out,
+        history: &r.history,
+        plan: &r.plan,
+        sampled: (SHOWN_SPP, SHOWN_SEED),
+    };
+    found.write(&a.output)?;
+    text += &reached;
     print(&text)
 }
 

@@ -4,12 +4,14 @@ use crate::args::Retexture;
 use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say, say_warnings};
-use crate::simplify::{CHECKPOINT_FILE, explain_error};
+use crate::recover::recovered;
+use crate::simplify::{CHECKPOINT_FILE, explain_error, name};
 use crate::status::Ending;
 use crate::{animation, interrupt, light, threads};
 use anyhow::Result;
 use photofit_fit::engine::Normalised;
 use photofit_fit::engine::animated::Animated;
+use photofit_fit::report::{PAGE as REPORT_PAGE, RecoveryReport, write_recovery_report};
 use photofit_fit::retexture::{RetextureOptions, Retextured, retexture};
 use photofit_fit::views::Moment;
 use photofit_scene::Scene;
@@ -22,6 +24,7 @@ pub(crate) fn run(a: &Retexture) -> Result<Ending> {
         .reads("--env", a.env.as_deref())
         .writes("--output", Some(&a.output))
         .writes("--json", a.course.json.as_deref())
+        .fills("--report", a.course.report.as_deref(), &[REPORT_PAGE])
         .fills("--checkpoint", a.course.running.checkpoint.as_deref(), &[CHECKPOINT_FILE]);
     places.check()?;
     threads::set(a.course.running.threads)?;
@@ -67,6 +70,23 @@ pub(crate) fn run(a: &Retexture) -> Result<Ending> {
         a.output.display(),
         asset.triangle_count()
     );
+    if let Some(folder) = &a.course.report {
+        let page = write_recovery_report(
+            folder,
+            &RecoveryReport {
+                title: format!("{} in the look of {}", name(&a.light_asset), name(&a.reference)),
+                summary: recovered(&r.start, &r.quality),
+                stages: &["baked", "fitted"],
+                views: &r.views,
+                judged: format!("{} views that the fit never saw, {moments}.", r.views.len()),
+                history: &r.history,
+                measure: "held-out PSNR, dB",
+                plan: r.plan.to_string(),
+                command: output::command_line(),
+            },
+        )?;
+        text += &format!("report: {}\n", page.display());
+    }
     if let Some(path) = &a.course.json {
         output::write_json(path, &to_json(a, &options, &r))?;
     }

@@ -251,13 +251,11 @@ impl Job<'_> {
         outcome: &Outcome,
     ) -> Result<Option<PathBuf>> {
         let Some(folder) = self.report else { return Ok(None) };
-        let arguments = std::env::args().skip(1).map(|a| quoted(&a));
-        let command = ["photofit".to_owned()].into_iter().chain(arguments).collect::<Vec<_>>().join(" ");
         let info = ReportInfo {
             scene,
             light: self.output,
             title: name(self.input),
-            command,
+            command: output::command_line(),
             bytes_in: Some(scene.source_bytes),
             screen_size,
         };
@@ -364,16 +362,6 @@ pub(crate) fn name(path: &Path) -> String {
     path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned())
 }
 
-/// An argument as a shell would take it.
-fn quoted(argument: &str) -> String {
-    let plain = |c: char| c.is_alphanumeric() || "-_./=:,+@%".contains(c);
-    if !argument.is_empty() && argument.chars().all(plain) {
-        argument.to_owned()
-    } else {
-        format!("'{}'", argument.replace('\'', "'\\''"))
-    }
-}
-
 fn texture_encoding(a: &Simplify) -> TextureEncoding {
     let quality = a.jpeg.or(a.texture_quality).unwrap_or(TEXTURE_QUALITY);
     match (a.textures, a.jpeg) {
@@ -382,18 +370,5 @@ fn texture_encoding(a: &Simplify) -> TextureEncoding {
         (Some(TextureFormat::Ktx2), _) => TextureEncoding::Ktx2 { quality },
         (Some(TextureFormat::Jpeg), _) | (None, Some(_)) => TextureEncoding::Jpeg { quality },
         (Some(TextureFormat::Png) | None, _) => TextureEncoding::Png,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::quoted;
-
-    #[test]
-    fn arguments_are_quoted_where_a_shell_needs_it() {
-        assert_eq!(quoted("--ratio=0.03"), "--ratio=0.03");
-        assert_eq!(quoted("my asset.glb"), "'my asset.glb'");
-        assert_eq!(quoted("it's"), "'it'\\''s'");
-        assert_eq!(quoted(""), "''");
     }
 }

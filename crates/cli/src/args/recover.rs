@@ -152,7 +152,8 @@ pub(crate) struct RecoverScene {
     pub(crate) start: Vec<(Option<String>, f64)>,
     #[command(flatten)]
     pub(crate) traced: TracedFit,
-    /// The folder to write: pictures before and after, textures (.exr, .png), grids (.vol), values.json.
+    /// The folder to write: pictures before and after, textures (.exr, .png), grids (.vol), values.json,
+    /// index.html.
     #[arg(short, long, value_name = "DIR")]
     pub(crate) output: PathBuf,
     /// End the fit after this many seconds and keep what was reached [range: more than 0, at most 1000000000] [default: no
@@ -216,7 +217,7 @@ pub(crate) struct RecoverVolume {
     /// Most scattering events of a path [range: 0 to 1000000].
     #[arg(long, value_name = "D", default_value_t = 16, value_parser = whole::<u32>(0..=1_000_000))]
     pub(crate) max_depth: u32,
-    /// The folder to write: extinction.vol, albedo.vol, views.png, values.json.
+    /// The folder to write: extinction.vol, albedo.vol, views.png, values.json, index.html.
     #[arg(short, long, value_name = "DIR")]
     pub(crate) output: PathBuf,
     /// End the fit after this many seconds and keep what was reached [range: more than 0, at most 1000000000] [default: no

@@ -1,14 +1,16 @@
-//! What `photofit recover scene` writes: pictures before and after, textures, grids, `values.json`.
+//! What `photofit recover scene` writes: pictures before and after, textures, grids, `values.json`, `index.html`.
 
 use crate::args::RecoverScene;
 use crate::output::{self, print};
 use crate::parameter_scene::{Quantity, tensor};
 use crate::status::Misuse;
+use crate::traced_report::Found;
 use anyhow::{Result, bail};
 use glam::DVec3;
 use photofit_fit::engine::traced::Traced;
 use photofit_fit::engine::trainer::HistoryPoint;
 use photofit_fit::recover_scene::{RecoveredScene, relative_error};
+use photofit_fit::report::PAGE;
 use photofit_image::{Image, PngCompression, encode_png, write_atomically};
 use photofit_pathtrace::{Parameter, View};
 use photofit_scene::mitsuba::encode_grid;
@@ -38,7 +40,7 @@ pub(super) fn files(a: &RecoverScene, views: usize) -> Result<Vec<String>> {
             )));
         }
     }
-    out.push("values.json".into());
+    out.extend(["values.json", PAGE].map(String::from));
     for view in 0..views {
         let of = |(what, end)| of_view(what, view, end);
         out.extend(
@@ -80,7 +82,7 @@ const STILL: f64 = 0.97;
 pub(super) fn write(
     a: &RecoverScene,
     r: &RecoveredScene,
-    views: &[View],
+    (views, targets): (&[View], &[Image]),
     (quantities, boxes): (&[Quantity], &[[DVec3; 2]]),
     errors: Option<(Vec<f64>, Vec<f64>)>,
     seconds: f64,
@@ -122,7 +124,20 @@ pub(super) fn write(
     {
         text += "the error still fell when the steps were made: more of --steps may find more\n";
     }
-    text += &output::traced_error(&judged, [first, best], (r.steps, seconds), &a.output);
+    let reached = output::traced_error(&judged, [first, best], (r.steps, seconds), &a.output);
+    let found = Found {
+        title: format!("{} from pictures", crate::simplify::name(&a.scene.input)),
+        summary: reached.lines().next().unwrap_or_default().to_owned(),
+        model: &r.model,
+        views,
+        targets,
+        held_out: r.held_out,
+        history: &r.history,
+        plan: &r.plan,
+        sampled: (SHOWN_SPP, SHOWN_SEED),
+    };
+    found.write(&a.output)?;
+    text += &reached;
     print(&text)
 }
 

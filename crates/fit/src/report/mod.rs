@@ -1,4 +1,4 @@
-//! The report of a simplification: one HTML page that needs nothing else.
+//! The report of a simplification: one HTML page that needs nothing else. (That of the other tasks: [`RecoveryReport`].)
 //!
 //! First a verdict, then the light asset at the size that it is for, what the file holds and what was left out, every
 //! view of the judgement with a before-after slider and FLIP, the maps, the texture layout and wireframes. Figures of
@@ -9,11 +9,13 @@ mod contents;
 mod page;
 mod pictures;
 mod plots;
+mod recovery;
 mod verdict;
 mod views;
 mod wireframe;
 
 pub use page::count;
+pub use recovery::{RecoveryReport, write_recovery_report};
 pub use verdict::{Likeness, Verdict};
 
 use crate::FitError;
@@ -52,9 +54,13 @@ pub struct ReportInfo<'a> {
 /// # Errors
 /// If the folder or the page cannot be written, the written file cannot be read, or the reference has no extent.
 pub fn write_report(folder: &Path, outcome: &Outcome, info: &ReportInfo<'_>) -> Result<PathBuf, FitError> {
+    write_page(folder, &html(outcome, info)?)
+}
+
+fn write_page(folder: &Path, html: &str) -> Result<PathBuf, FitError> {
     std::fs::create_dir_all(folder).map_err(|source| FitError::Io { path: folder.into(), source })?;
     let path = folder.join(PAGE);
-    write_atomically(&path, html(outcome, info)?.as_bytes())?;
+    write_atomically(&path, html.as_bytes())?;
     Ok(path)
 }
 
@@ -67,7 +73,7 @@ fn html(o: &Outcome, info: &ReportInfo<'_>) -> Result<String, FitError> {
         header(o, info, &light, file.len() as u64),
         views::at_size(o, info.screen_size)?,
         contents::section(contents::parts(&file).as_ref(), info.scene, &light, [&o.left_out, &o.not_fitted]),
-        views::section(o)?,
+        views::section(&o.views, &o.stages.iter().map(|s| s.0).collect::<Vec<_>>(), SHIPPED)?,
         if o.written == Written::Decimated { String::new() } else { atlas::section(&o.candidate)? },
         wireframes(&light, info)?,
         format!(
@@ -75,7 +81,7 @@ fn html(o: &Outcome, info: &ReportInfo<'_>) -> Result<String, FitError> {
              <pre>{}</pre>\n</details>\n",
             table(o),
             times(o),
-            plots::section(o)?,
+            plots::section(&o.history, "held-out PSNR, dB")?,
             escape(&o.plan.to_string()),
             escape(&info.command)
         ),

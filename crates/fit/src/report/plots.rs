@@ -1,7 +1,7 @@
 //! The course of a fit: loss and held-out quality against steps, as SVG.
 
 use crate::FitError;
-use crate::simplify::{HistoryPoint, Outcome};
+use crate::simplify::HistoryPoint;
 use plotters::prelude::{
     ChartBuilder, Circle, IntoDrawingArea, LineSeries, RGBColor, SVGBackend, ShapeStyle, WHITE,
 };
@@ -12,19 +12,19 @@ type Axis = (&'static str, fn(&HistoryPoint) -> Option<f64>);
 const LOSS: RGBColor = RGBColor(0xc0, 0x5a, 0x10);
 const QUALITY: RGBColor = RGBColor(0x1b, 0x5f, 0x9e);
 
-/// The section of the two curves; empty when the fit made no step.
-pub(super) fn section(o: &Outcome) -> Result<String, FitError> {
-    if o.history.len() < 2 {
+/// The section of the two curves; empty when the fit made no step. `quality` names that of the evaluations.
+pub(super) fn section(history: &[HistoryPoint], quality: &'static str) -> Result<String, FitError> {
+    if history.len() < 2 {
         return Ok(String::new());
     }
     let value: [Axis; 2] = [
-        ("held-out PSNR, dB", |h| Some(h.quality)),
+        (quality, |h| Some(h.quality)),
         // An evaluation before the first step has no loss.
         ("training loss", |h| (h.loss > 0.0).then_some(h.loss)),
     ];
     let mut plots = String::new();
     for ((title, y), color) in value.into_iter().zip([QUALITY, LOSS]) {
-        let points = o.history.iter().filter_map(|h| Some((h.step as f64, y(h)?)));
+        let points = history.iter().filter_map(|h| Some((h.step as f64, y(h)?)));
         let points: Vec<(f64, f64)> = points.filter(|p| p.1.is_finite()).collect();
         plots += &format!("<div>{}</div>\n", curve(title, "steps", color, &points)?);
     }

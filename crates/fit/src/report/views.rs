@@ -40,21 +40,20 @@ pub(super) fn at_size(o: &Outcome, screen_size: Option<f64>) -> Result<String, F
     Ok(format!("<h2>At its size</h2>\n<p class=note>{why}.</p>\n<div class=size>\n{figures}</div>\n"))
 }
 
-/// The section of all views.
-pub(super) fn section(o: &Outcome) -> Result<String, FitError> {
-    if o.views.is_empty() {
+/// The section of all views, with the names of their stages; one of them is `shipped`.
+pub(super) fn section(all: &[ReportView], names: &[&str], shipped: &str) -> Result<String, FitError> {
+    if all.is_empty() {
         return Ok(String::new());
     }
-    let names: Vec<&str> = o.stages.iter().map(|s| s.0).collect();
     let mut cards = Vec::new();
     for side in SIDES {
         // One view of many tells whether a size will do.
-        let first = card(0, &o.views[0], &names, side)?;
-        if first.len() * o.views.len() > MOST_BYTES && side != SIDES[SIDES.len() - 1] {
+        let first = card(0, &all[0], names, shipped, side)?;
+        if first.len() * all.len() > MOST_BYTES && side != SIDES[SIDES.len() - 1] {
             continue;
         }
-        let all = o.views.par_iter().enumerate();
-        cards = all.map(|(i, v)| card(i, v, &names, side)).collect::<Result<_, _>>()?;
+        let each = all.par_iter().enumerate();
+        cards = each.map(|(i, v)| card(i, v, names, shipped, side)).collect::<Result<_, _>>()?;
         if cards.iter().map(String::len).sum::<usize>() <= MOST_BYTES {
             break;
         }
@@ -63,14 +62,20 @@ pub(super) fn section(o: &Outcome) -> Result<String, FitError> {
 }
 
 /// One view: a slider between two pictures, FLIP of the written file, and the stages before it folded.
-fn card(index: usize, view: &ReportView, names: &[&str], side: usize) -> Result<String, FitError> {
+fn card(
+    index: usize,
+    view: &ReportView,
+    names: &[&str],
+    shipped: &str,
+    side: usize,
+) -> Result<String, FitError> {
     let mut shown = String::new();
     let mut earlier = page::figure(&pictures::display(&view.reference, side)?, "reference", "reference");
     for (name, v) in names.iter().zip(&view.quality) {
         let q = &v.quality;
         let caption = format!("{name}<br>{} dB, SSIM {:.3}", q.decibels(2), q.ssim);
         earlier += &page::figure(&pictures::display(&v.picture, side)?, name, &caption);
-        if *name == SHIPPED {
+        if *name == shipped {
             shown = format!(
                 "<div class=heat>{}<div class=legend><i></i>FLIP, from 0 to {HEAT} and more</div>\n\
                  <p>PSNR {} dB<br>SSIM {:.3}<br>FLIP {:.4}</p></div>\n",
@@ -97,7 +102,7 @@ fn card(index: usize, view: &ReportView, names: &[&str], side: usize) -> Result<
          <div class=strip>\n{earlier}</div>\n</details>\n</section>\n",
         index + 1,
         choose("reference"),
-        choose(SHIPPED),
+        choose(shipped),
     ))
 }
 

@@ -111,7 +111,7 @@ fn sequences(folder: &Path) -> Result<Vec<Case>> {
     let mut out = Vec::new();
     for (scene, list) in scenes {
         let list = list.as_array().map_or(&[][..], Vec::as_slice);
-        for (spp, layer) in [(1, "color"), (4, "color4")] {
+        for (spp, layer) in [(1, "color"), (4, "color4"), (16, "color16")] {
             let file = |k: usize, layer: &str| folder.join(format!("{scene}_{k:02}_{layer}.exr"));
             let known = (0..list.len()).take_while(|k| file(*k, layer).is_file()).count();
             let Some(last) = (0..known).rev().find(|k| file(*k, "ref").is_file()) else { continue };

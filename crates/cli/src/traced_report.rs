@@ -1,0 +1,71 @@
+//! The page of what was found through the path tracer: pictures beside those that were given, and the course of the fit.
+
+use crate::output;
+use anyhow::Result;
+use photofit_fit::engine::judge::{ReportView, view_quality};
+use photofit_fit::engine::plan::PlanRows;
+use photofit_fit::engine::traced::Traced;
+use photofit_fit::engine::trainer::HistoryPoint;
+use photofit_fit::report::{RecoveryReport, write_recovery_report};
+use photofit_image::Image;
+use photofit_pathtrace::View;
+use std::path::Path;
+
+/// Most pictures of a page.
+const MOST: usize = 12;
+
+/// What a page is made of.
+pub(crate) struct Found<'a> {
+    pub(crate) title: String,
+    /// What was reached, in a sentence.
+    pub(crate) summary: String,
+    pub(crate) model: &'a Traced,
+    pub(crate) views: &'a [View],
+    /// One for each view.
+    pub(crate) targets: &'a [Image],
+    pub(crate) held_out: Option<usize>,
+    pub(crate) history: &'a [HistoryPoint],
+    pub(crate) plan: &'a PlanRows,
+    /// Samples and seed of the pictures.
+    pub(crate) sampled: (u32, u64),
+}
+
+impl Found<'_> {
+    /// Writes the page to a folder; of many pictures some are shown, the last one always.
+    pub(crate) fn write(&self, folder: &Path) -> Result<()> {
+        let (all, shown) = (self.views.len(), self.views.len().min(MOST));
+        let (spp, seed) = self.sampled;
+        let mut views = Vec::with_capacity(shown);
+        for k in (0..shown).map(|k| (all - 1) * (k + 1) / shown) {
+            let found = self.model.picture(&self.views[k], spp, seed)?;
+            let quality = view_quality(&opaque(&self.targets[k]), &opaque(&found));
+            let reference = view_quality(&opaque(&self.targets[k]), &opaque(&self.targets[k])).picture;
+            views.push(ReportView { reference, quality: vec![quality] });
+        }
+        let held_out = match self.held_out {
+            Some(k) => format!("picture {k} was held out, the others were fitted"),
+            None => "all pictures were fitted".into(),
+        };
+        write_recovery_report(
+            folder,
+            &RecoveryReport {
+                title: self.title.clone(),
+                summary: self.summary.clone(),
+                stages: &["found"],
+                views: &views,
+                judged: format!("{shown} of {all} pictures, {spp} samples a pixel; {held_out}."),
+                history: self.history,
+                measure: "relative squared error, dB below 1",
+                plan: self.plan.to_string(),
+                command: output::command_line(),
+            },
+        )?;
+        Ok(())
+    }
+}
+
+/// Linear light without what alpha says.
+fn opaque(picture: &Image) -> Image {
+    let value = |x, y, c| if c < 3 { picture.pixel(x, y)[c] } else { 1.0 };
+    Image::from_fn(picture.width, picture.height, 4, value)
+}
