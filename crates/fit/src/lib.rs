@@ -3,8 +3,8 @@
 //! [`simplify`] takes a heavy asset and gives back a light one that looks the same; [`lod`] a chain of such levels of
 //! detail; [`recover`] fits the textures of an asset to pictures of it, [`recover_mesh`] a shape and its colours,
 //! [`retexture`] the textures of a light animated asset to a heavy one in motion, [`recover_scene`] materials, lights and
-//! media of a scene through the path tracer, [`recover_volume`] a cloud on a grid from pictures alone. All are assembled
-//! from the parts in [`engine`].
+//! media of a scene through the path tracer, [`recover_volume`] a cloud on a grid from pictures alone, [`traced_maps`] the
+//! maps of a light asset through the path tracer. All are assembled from the parts in [`engine`].
 
 pub mod bake;
 pub mod candidate;
@@ -25,6 +25,7 @@ pub mod scene_render;
 pub mod simplify;
 #[cfg(test)]
 mod texture_agreement;
+pub mod traced_maps;
 pub mod visibility;
 
 pub use engine::views;

@@ -303,7 +303,7 @@ fn scale(model: &Traced, parameter: usize, brightness: f64) -> f64 {
     let values = model.of(parameter);
     let mean = values.iter().map(|v| f64::from(v.abs())).sum::<f64>() / values.len().max(1) as f64;
     if let Parameter::Medium { medium, .. } = model.parameters[parameter].parameter {
-        return mean.max(OPAQUE * f64::from(model.world.unit_extinction(medium)));
+        return mean.max(OPAQUE * f64::from(model.world().unit_extinction(medium)));
     }
     [mean, LAMP * brightness].into_iter().find(|m| *m > FAINT).unwrap_or(1.0)
 }

@@ -272,7 +272,7 @@ impl Reference for PathTraced<'_> {
 
 impl Features {
     /// A scene with these features of its materials.
-    fn of(self, scene: &Scene) -> Cow<'_, Scene> {
+    pub(crate) fn of(self, scene: &Scene) -> Cow<'_, Scene> {
         match self {
             Self::All => Cow::Borrowed(scene),
             Self::Core => {
@@ -285,7 +285,7 @@ impl Features {
 }
 
 /// The scene in the normalised frame; its own lights are left out, as by the rasterizer.
-fn world(scene: &Scene, to_frame: DAffine3, radius: f32) -> Result<World, FitError> {
+pub(crate) fn world(scene: &Scene, to_frame: DAffine3, radius: f32) -> Result<World, FitError> {
     let mut parts = Parts::from_scene(scene);
     parts.lights.clear();
     for instance in &mut parts.instances {

@@ -6,6 +6,7 @@
 use super::cpu::Chain;
 use super::loss::PictureLoss;
 use super::model::{Broken, Group};
+use super::reference::path_lights;
 use super::views::Shot;
 use crate::FitError;
 use photofit_image::Image;
@@ -15,6 +16,7 @@ use photofit_optim::{
 use photofit_pathtrace::{Adjoint, GradientSamples, Parameter, RenderOptions, Renderer, View, World};
 use photofit_sampling::hash;
 use std::borrow::Cow;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Tell the random numbers of pictures and gradients from one another.
 const PICTURE: u64 = 0x7069_6374;
@@ -60,11 +62,25 @@ pub enum Smoothing {
     Bilateral,
 }
 
+/// Which pixels are compared.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Compared {
+    /// All, whatever covers them.
+    #[default]
+    All,
+    /// Those that model and reference both cover whole: where one shape is seen beside the other, the difference says
+    /// nothing of the parameters.
+    Covered,
+}
+
+/// Coverage of a pixel that is covered whole.
+const WHOLE: f32 = 0.99;
+
 /// A world as a function of parameters.
 #[derive(Debug)]
 pub struct Traced {
-    /// The world with the present values.
-    pub world: World,
+    /// The world with the present values; behind a lock, since shots may bring lights of their own.
+    world: Mutex<World>,
     /// Samples and depth of the pictures of a step; their size is that of the shots.
     pub options: RenderOptions,
     /// Samples per pixel of its gradients.
@@ -75,6 +91,8 @@ pub struct Traced {
     pub parameters: Vec<TracedParameter>,
     /// How steps of textures and grids are smoothed.
     pub smoothing: Smoothing,
+    /// Which pixels of a shot are compared.
+    pub compared: Compared,
     values: Vec<Vec<f32>>,
     /// Channels that the world has of each value: one or three.
     channels: Vec<usize>,
@@ -103,7 +121,44 @@ impl Traced {
             channels.push(held);
         }
         let (gradient_spp, evaluation_spp, smoothing) = (1, 64, Smoothing::default());
-        Ok(Self { world, options, gradient_spp, evaluation_spp, parameters, smoothing, values, channels })
+        let (world, compared) = (Mutex::new(world), Compared::default());
+        Ok(Self {
+            world,
+            options,
+            gradient_spp,
+            evaluation_spp,
+            parameters,
+            smoothing,
+            compared,
+            values,
+            channels,
+        })
+    }
+
+    /// The world with the present values, under the lights that it was seen under last.
+    pub fn world(&self) -> MutexGuard<'_, World> {
+        self.world.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The same, to be changed.
+    pub fn world_mut(&mut self) -> &mut World {
+        self.world.get_mut().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The same without the rest.
+    pub fn into_world(self) -> World {
+        self.world.into_inner().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Works with the world under the lights of a shot; where it has none, under those of the world.
+    fn under<R>(&self, shot: &Shot, work: impl FnOnce(&World) -> Result<R, FitError>) -> Result<R, FitError> {
+        let mut world = self.world();
+        if !shot.lights.0.is_empty() {
+            let lights = shot.lights.lights();
+            let (sources, environment) = path_lights(&lights);
+            world.relight(&sources, environment)?;
+        }
+        work(&world)
     }
 
     /// Whether pictures and derivatives can be had from a camera.
@@ -112,7 +167,7 @@ impl Traced {
     /// If the path tracer refuses the camera or a parameter.
     pub fn check(&self, view: &View) -> Result<(), FitError> {
         let places: Vec<Parameter> = self.parameters.iter().map(|p| p.parameter.clone()).collect();
-        Adjoint::new(&self.world, view, self.options.clone(), &places)?;
+        Adjoint::new(&self.world(), view, self.options.clone(), &places)?;
         Ok(())
     }
 
@@ -149,7 +204,7 @@ impl Traced {
         // Numbers that are kept as colours are the same in all channels.
         let spread = values.chunks_exact(p.channels());
         let spread: Vec<f32> = spread.flat_map(|v| (0..channels).map(|c| v[c.min(v.len() - 1)])).collect();
-        self.world.set_parameter(&p.parameter, &spread)
+        self.world.get_mut().unwrap_or_else(PoisonError::into_inner).set_parameter(&p.parameter, &spread)
     }
 
     /// The picture of a camera, of the size that the options say: linear, premultiplied RGBA.
@@ -171,10 +226,31 @@ impl Traced {
         spp: u32,
         seed: u64,
     ) -> Result<Image, FitError> {
+        self.render(&self.world(), view, (width, height), spp, seed)
+    }
+
+    fn render(
+        &self,
+        world: &World,
+        view: &View,
+        (width, height): (usize, usize),
+        spp: u32,
+        seed: u64,
+    ) -> Result<Image, FitError> {
         let options = RenderOptions { width, height, spp, seed, ..self.options.clone() };
-        let mut renderer = Renderer::new(&self.world, view, options)?;
+        let mut renderer = Renderer::new(world, view, options)?;
         while !renderer.pass(|| false).done {}
         Ok(renderer.picture())
+    }
+
+    /// The pixels of a picture that a shot is compared with. Coverage has no derivative here: it is left out, and what is
+    /// not compared is as the reference has it.
+    fn light(&self, picture: &Image, shot: &Shot) -> Vec<[f32; 4]> {
+        let one = |(p, r): (&[f32], &[f32; 4])| match self.compared {
+            Compared::Covered if p[3] < WHOLE || r[3] < WHOLE => [r[0], r[1], r[2], 1.0],
+            _ => [p[0], p[1], p[2], 1.0],
+        };
+        picture.data.chunks_exact(4).zip(&shot.reference).map(one).collect()
     }
 
     /// Loss of one shot, and the gradients of the moving parameters, which are added.
@@ -188,28 +264,30 @@ impl Traced {
     ) -> Result<f64, FitError> {
         let (view, size) = (shot.view(), (shot.width, shot.height));
         let seed = |key| hash(self.options.seed, key, shot.number);
-        let pixels = light(&self.sized(&view, size, self.options.spp, seed(PICTURE))?);
-        let mut g = vec![[0.0; 4]; pixels.len()];
-        let value = loss.value_and_gradient(size, &pixels, &shot.reference, weight, &mut g);
-        let chosen = |k: &usize| moving[*k];
-        let which: Vec<usize> = (0..self.parameters.len()).filter(chosen).collect();
-        if which.is_empty() || !value.is_finite() {
-            return Ok(value);
-        }
-        let (width, height) = size;
-        let g = Image::from_fn(width, height, 3, |x, y, c| g[y * width + x][c]);
-        let places: Vec<Parameter> = which.iter().map(|k| self.parameters[*k].parameter.clone()).collect();
-        let options = RenderOptions { width, height, ..self.options.clone() };
-        let adjoint = Adjoint::new(&self.world, &view, options, &places)?;
-        let samples = GradientSamples { spp: self.gradient_spp, seed: Some(seed(GRADIENT)) };
-        let gradient = adjoint.render_vjp(&g, samples)?;
-        for (k, found) in which.into_iter().zip(&gradient.parameters) {
-            let channels = self.parameters[k].channels();
-            let cells = found.values.chunks_exact(found.channels);
-            let cells = cells.flat_map(|v| v[..channels].iter());
-            out[k].iter_mut().zip(cells).for_each(|(o, v)| *o += *v as f32);
-        }
-        Ok(value)
+        self.under(shot, |world| {
+            let pixels = self.light(&self.render(world, &view, size, self.options.spp, seed(PICTURE))?, shot);
+            let mut g = vec![[0.0; 4]; pixels.len()];
+            let value = loss.value_and_gradient(size, &pixels, &shot.reference, weight, &mut g);
+            let which: Vec<usize> = (0..self.parameters.len()).filter(|k| moving[*k]).collect();
+            if which.is_empty() || !value.is_finite() {
+                return Ok(value);
+            }
+            let (width, height) = size;
+            let g = Image::from_fn(width, height, 3, |x, y, c| g[y * width + x][c]);
+            let places: Vec<Parameter> =
+                which.iter().map(|k| self.parameters[*k].parameter.clone()).collect();
+            let options = RenderOptions { width, height, ..self.options.clone() };
+            let adjoint = Adjoint::new(world, &view, options, &places)?;
+            let samples = GradientSamples { spp: self.gradient_spp, seed: Some(seed(GRADIENT)) };
+            let gradient = adjoint.render_vjp(&g, samples)?;
+            for (k, found) in which.into_iter().zip(&gradient.parameters) {
+                let channels = self.parameters[k].channels();
+                let cells = found.values.chunks_exact(found.channels);
+                let cells = cells.flat_map(|v| v[..channels].iter());
+                out[k].iter_mut().zip(cells).for_each(|(o, v)| *o += *v as f32);
+            }
+            Ok(value)
+        })
     }
 }
 
@@ -218,11 +296,6 @@ impl Traced {
 fn levels_in_space(grid: &Grid) -> u32 {
     let side = grid.shape().into_iter().max().unwrap_or(1);
     side.ilog2().saturating_sub(3).min(3)
-}
-
-/// The light of a picture without its coverage, which has no derivative here: what the pictures of the task hold too.
-fn light(picture: &Image) -> Vec<[f32; 4]> {
-    picture.data.chunks_exact(4).map(|p| [p[0], p[1], p[2], 1.0]).collect()
 }
 
 impl Chain for Traced {
@@ -302,8 +375,10 @@ impl Chain for Traced {
     fn pictures(&self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, Broken> {
         let one = |shot: &Shot| {
             let seed = hash(self.options.seed, PICTURE, u64::MAX);
-            let picture = self.sized(&shot.view(), (shot.width, shot.height), self.evaluation_spp, seed);
-            picture.map(|p| light(&p)).map_err(|e| Broken::Picture(Box::new(e)))
+            let size = (shot.width, shot.height);
+            let picture =
+                self.under(shot, |world| self.render(world, &shot.view(), size, self.evaluation_spp, seed));
+            picture.map(|p| self.light(&p, shot)).map_err(|e| Broken::Picture(Box::new(e)))
         };
         shots.iter().map(one).collect()
     }

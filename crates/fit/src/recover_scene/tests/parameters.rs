@@ -203,12 +203,10 @@ fn light_above_white_is_told_apart() {
 fn what_is_black_at_the_start_is_found_where_its_range_begins_above_0() {
     let mut model = model(Smoothing::None);
     model.parameters.remove(1);
-    let model = Traced::new(
-        model.world,
-        model.options,
-        model.parameters.into_iter().map(|p| TracedParameter { range: [1e-4, p.range[1]], ..p }).collect(),
-    )
-    .expect("valid");
+    let above = |p: &TracedParameter| TracedParameter { range: [1e-4, p.range[1]], ..p.clone() };
+    let parameters = model.parameters.iter().map(above).collect();
+    let options = model.options.clone();
+    let model = Traced::new(model.into_world(), options, parameters).expect("valid");
     let (_, errors) = again(model, &[view()], &[0.5, 0.0], 400);
     assert!(errors[1][1] < 0.3 * errors[1][0], "lamp {errors:?}");
 }

@@ -83,7 +83,7 @@ fn a_checkpoint_of_another_scene_is_refused() {
     assert!(text.contains("fit.ckpt") && text.contains("another"), "{text}");
     let mut other = small();
     let metallic = Parameter::Material { materials: vec![1], value: MaterialValue::Metallic };
-    other.world.set_parameter(&metallic, &[0.2]).expect("valid");
+    other.world_mut().set_parameter(&metallic, &[0.2]).expect("valid");
     let text = refused(other, &around(2));
     assert!(text.contains("fit.ckpt") && text.contains("another"), "{text}");
 }

@@ -1,0 +1,312 @@
+//! Maps of a light asset fitted through the path tracer, so that shadows and light between surfaces are as in the heavy
+//! asset: what the light shape casts itself stays out of its maps, and what its lost crevices cast goes into them.
+//!
+//! Base colour, roughness and metalness are fitted, on the texture coordinates that the light asset has; its shape,
+//! normals, alpha and emission stay. Only pixels that both assets cover whole are compared.
+
+use crate::engine::Normalised;
+use crate::engine::cpu::Cpu;
+use crate::engine::loss::PictureLoss;
+use crate::engine::plan::{Item, PlanRows, rows};
+use crate::engine::reference::{self, Features, PathTraced, SAMPLES};
+use crate::engine::steering::Steering;
+use crate::engine::traced::{Compared, Traced, TracedParameter};
+use crate::engine::trainer::{HELD_OUT, HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
+use crate::engine::views::{Lighting, Orbit, Sampling};
+use crate::{FitError, Progress};
+use photofit_image::linear_to_srgb_u8;
+use photofit_pathtrace::{Parameter, PathOptions, RenderOptions, World};
+use photofit_scene::{Filter, MapKind, Sampler, Scene, TextureImage, TextureSlot, Wrap};
+
+/// Least reflectance: what is black sends no light that could tell that it should be brighter.
+const FAINT: f32 = 1e-4;
+
+/// Options of [`traced_maps`].
+#[derive(Clone, Debug)]
+pub struct TracedMapsOptions {
+    /// Steps of the fit; 0 leaves the maps alone.
+    pub steps: u64,
+    /// Peak rate of the optimizer, 0 to 1.
+    pub rate: f64,
+    /// Width and height of the pictures, pixels.
+    pub size: usize,
+    /// Pictures of a step.
+    pub batch: usize,
+    /// Samples per pixel of the pictures of a step.
+    pub spp: u32,
+    /// Samples per pixel of their gradients.
+    pub gradient_spp: u32,
+    /// Samples per pixel of the pictures of the heavy asset, and of evaluations.
+    pub reference_spp: u32,
+    /// Width and height of a map of base colour for materials that have none, which is white times their factor; `None`:
+    /// they stay without. Their texture coordinates must give each point of the surface a place of its own.
+    pub new_map: Option<usize>,
+    /// Where the light comes from.
+    pub lighting: Lighting,
+    /// Seed of all draws.
+    pub seed: u64,
+    /// Checkpoints and limits.
+    pub keeping: Keeping,
+}
+
+impl Default for TracedMapsOptions {
+    fn default() -> Self {
+        Self {
+            steps: 150,
+            rate: 0.02,
+            size: 192,
+            batch: 2,
+            spp: 16,
+            gradient_spp: 4,
+            reference_spp: SAMPLES,
+            new_map: None,
+            lighting: Lighting::default(),
+            seed: 0,
+            keeping: Keeping::default(),
+        }
+    }
+}
+
+/// What was made.
+#[derive(Debug)]
+pub struct TracedMaps {
+    /// The light asset with the maps of the best evaluation.
+    pub light: Scene,
+    /// The course of the fit; evaluations are [`Measure::Relative`].
+    pub history: Vec<HistoryPoint>,
+    /// Steps made.
+    pub steps: u64,
+    /// Ended by the user or the time limit.
+    pub stopped: bool,
+    /// What ran and what was skipped.
+    pub plan: PlanRows,
+}
+
+/// A map that is fitted.
+struct Map {
+    kind: MapKind,
+    texture: usize,
+    /// Index of its image.
+    image: usize,
+}
+
+/// Fits the maps of `light`, which stands where `scene` does, so that it looks like `scene` to a path tracer.
+///
+/// # Errors
+/// See [`FitError`]: no map to fit, a scene that the path tracer refuses, options out of range.
+pub fn traced_maps(
+    scene: &Scene,
+    n: &Normalised,
+    light: &Scene,
+    options: &TracedMapsOptions,
+    progress: &dyn Progress,
+) -> Result<TracedMaps, FitError> {
+    options.check()?;
+    let mut light = light.clone();
+    if let Some(size) = options.new_map {
+        add_maps(&mut light, size);
+    }
+    let world = reference::world(&Features::Core.of(&light), n.to_frame(), n.radius)?;
+    let maps = maps(&light, &world);
+    if maps.is_empty() {
+        return Err(FitError::Setting {
+            field: "light",
+            rule: "has no map of base colour, roughness or metalness; one is needed".into(),
+        });
+    }
+    let parameters = maps.iter().map(|m| m.parameter(&light)).collect();
+    let model = model(world, parameters, options)?;
+    let target = PathTraced::new(scene, n, Features::Core, options.seed)?.sampled(options.reference_spp);
+    let views = Orbit::new(options.seed, &options.lighting, options.size);
+    let sampling = Sampling::SUPERSAMPLED;
+    let held_out =
+        HeldOut::new(&target, &views, sampling, HELD_OUT, options.seed)?.measured_by(Measure::Relative);
+    let rates = model.parameters.iter().map(|p| (p.name.clone().into(), options.rate)).collect();
+    let phase = Phase { name: "maps", first: 0, steps: options.steps, shrink: 1, rates, renewal: None };
+    let phases = vec![phase];
+    let plan = PlanRows::new(items(&maps, options, held_out.noise), &phases);
+    let job = Job {
+        reference: &target,
+        views: &views,
+        held_out: &held_out,
+        sampling,
+        loss: PictureLoss::RELATIVE_SQUARES,
+        seed: options.seed,
+        batch: options.batch,
+        fresh: options.batch.div_ceil(2),
+        steps: options.steps,
+        keeping: &options.keeping,
+        options: steering(options, &model),
+    };
+    let trained = train(Cpu::new(model)?, &job, |_| phases, progress)?;
+    for (k, map) in maps.iter().enumerate() {
+        map.write(trained.model.of(k), &mut light.images[map.image]);
+    }
+    let stopped = trained.stopped || progress.is_cancelled();
+    Ok(TracedMaps { light, history: trained.history, steps: trained.steps, stopped, plan })
+}
+
+impl TracedMapsOptions {
+    fn check(&self) -> Result<(), FitError> {
+        let spp = 1..=65536;
+        crate::error::in_ranges([
+            ("size", self.size, 16..=4096),
+            ("batch", self.batch, 1..=64),
+            ("spp", self.spp as usize, spp.clone()),
+            ("gradient_spp", self.gradient_spp as usize, spp.clone()),
+            ("reference_spp", self.reference_spp as usize, spp),
+            ("new_map", self.new_map.unwrap_or(16), 16..=8192),
+        ])?;
+        if self.rate > 0.0 && self.rate <= 1.0 {
+            return Ok(());
+        }
+        let rule = format!("is {}; it must be above 0 and at most 1", self.rate);
+        Err(FitError::Setting { field: "rate", rule })
+    }
+}
+
+fn model(
+    world: World,
+    parameters: Vec<TracedParameter>,
+    options: &TracedMapsOptions,
+) -> Result<Traced, FitError> {
+    let rendering = RenderOptions {
+        width: options.size,
+        height: options.size,
+        spp: options.spp,
+        seed: options.seed,
+        path: PathOptions { show_environment: false, ..PathOptions::default() },
+        ..RenderOptions::default()
+    };
+    let mut model = Traced::new(world, rendering, parameters)?;
+    (model.gradient_spp, model.evaluation_spp) = (options.gradient_spp, options.reference_spp);
+    model.compared = Compared::Covered;
+    Ok(model)
+}
+
+/// The options and the start that steer a fit.
+fn steering(o: &TracedMapsOptions, model: &Traced) -> Steering {
+    let mut start = crate::engine::checkpoint::Digest::new();
+    (0..model.parameters.len()).for_each(|k| start.add(model.of(k)));
+    Steering::default()
+        .option("rate", o.rate)
+        .option("size", o.size)
+        .option("batch", o.batch)
+        .option("spp", o.spp)
+        .option("gradient_spp", o.gradient_spp)
+        .option("reference_spp", o.reference_spp)
+        .option("light", o.lighting.name())
+        .option("seed", o.seed)
+        .digest("maps that the fit starts from", format!("{:016x}", start.value()))
+}
+
+/// The rows of the plan.
+fn items(maps: &[Map], options: &TracedMapsOptions, noise: Option<f64>) -> Vec<Item> {
+    let of = |kind| maps.iter().filter(|m| m.kind == kind).count();
+    let row = |what, kind| {
+        let count = of(kind);
+        let fitted = count > 0 && options.steps > 0;
+        Item::of(what, fitted, format!("{count} maps, by path replay"), "no such map, or no steps are made")
+    };
+    vec![
+        row("base colour gradients", MapKind::BaseColor),
+        row("roughness gradients", MapKind::MetallicRoughness),
+        Item::of("position gradients", false, "", "the shape stays"),
+        rows::loss(PictureLoss::RELATIVE_SQUARES, noise),
+        rows::evaluation(Measure::Relative, "light has no upper bound"),
+    ]
+}
+
+/// Gives materials without a map of base colour one, where their surfaces have texture coordinates.
+fn add_maps(light: &mut Scene, size: usize) {
+    let has_uvs = |m: usize| {
+        let mut of = light.primitives.iter().filter(|p| p.material == m).peekable();
+        of.peek().is_some() && of.all(|p| p.mesh.uvs.len() == p.mesh.positions.len())
+    };
+    let without = |m: &usize| light.materials[*m].base_color_texture.is_none() && !light.materials[*m].unlit;
+    let wanted: Vec<usize> = (0..light.materials.len()).filter(without).filter(|m| has_uvs(*m)).collect();
+    if wanted.is_empty() {
+        return;
+    }
+    let mut made: Vec<([f32; 3], usize)> = Vec::new();
+    for m in wanted {
+        let [r, g, b, alpha] = light.materials[m].base_color;
+        let color = [r, g, b];
+        let image = made.iter().find(|(c, _)| *c == color).map_or(light.images.len(), |(_, image)| *image);
+        if image == light.images.len() {
+            let [r, g, b] = color.map(linear_to_srgb_u8);
+            light.images.push(TextureImage {
+                name: "base-color".into(),
+                width: size,
+                height: size,
+                texels: vec![[r, g, b, 255]; size * size],
+                ..TextureImage::default()
+            });
+            made.push((color, image));
+        }
+        let wrap = Wrap::ClampToEdge;
+        let material = &mut light.materials[m];
+        material.base_color = [1.0, 1.0, 1.0, alpha];
+        material.base_color_texture = Some(TextureSlot {
+            image,
+            sampler: Sampler { wrap_u: wrap, wrap_v: wrap, filter: Filter::Trilinear },
+            tex_coord: 0,
+            transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+        });
+    }
+}
+
+/// The maps of a scene that can be fitted, each once.
+fn maps(light: &Scene, world: &World) -> Vec<Map> {
+    let mut out: Vec<Map> = Vec::new();
+    let Some(library) = world.library() else { return out };
+    for (i, m) in light.materials.iter().enumerate() {
+        if m.unlit || library.may_transmit(i) || library.may_be_anisotropic(i) {
+            continue;
+        }
+        let slots = [
+            (MapKind::BaseColor, &m.base_color_texture),
+            (MapKind::MetallicRoughness, &m.metallic_roughness_texture),
+        ];
+        for (kind, slot) in slots {
+            let Some((slot, texture)) = slot.as_ref().zip(library.texture_of(i, kind)) else { continue };
+            if out.iter().all(|m| m.texture != texture) {
+                out.push(Map { kind, texture, image: slot.image });
+            }
+        }
+    }
+    out
+}
+
+impl Map {
+    fn parameter(&self, light: &Scene) -> TracedParameter {
+        let image = &light.images[self.image];
+        let (what, least) = match self.kind {
+            MapKind::BaseColor => ("base colour", FAINT),
+            _ => ("roughness and metalness", 0.0),
+        };
+        TracedParameter {
+            name: format!("{what} {}", self.texture),
+            parameter: Parameter::Texels { texture: self.texture },
+            shape: [1, image.height, image.width, 3],
+            range: [least, 1.0],
+        }
+    }
+
+    /// Writes linear values as the image holds them; alpha and what no picture depends on stay.
+    fn write(&self, values: &[f32], image: &mut TextureImage) {
+        let unorm = |x: f32| (x.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
+        for (texel, v) in image.texels.iter_mut().zip(values.chunks_exact(3)) {
+            *texel = match self.kind {
+                MapKind::BaseColor => {
+                    [linear_to_srgb_u8(v[0]), linear_to_srgb_u8(v[1]), linear_to_srgb_u8(v[2]), texel[3]]
+                }
+                _ => [texel[0], unorm(v[1]), unorm(v[2]), texel[3]],
+            };
+        }
+        image.encoded = None;
+    }
+}
+
+#[cfg(test)]
+mod tests;
