@@ -12,7 +12,8 @@ mod start;
 pub use shape_error::ShapeError;
 
 use crate::engine::Normalised;
-use crate::engine::checkpoint::{self, Digest};
+use crate::engine::chain::Chain;
+use crate::engine::checkpoint::Digest;
 use crate::engine::cpu::Cpu;
 use crate::engine::export::to_scene;
 use crate::engine::judge::{Quality, ReportView, Stage};
@@ -31,8 +32,7 @@ use photofit_geometry::weld::weld_exact;
 use photofit_raster::loss::Loss;
 use photofit_scene::Scene;
 use start::{Pictures, Start};
-use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::path::Path;
 
 /// Peak rate of the maps.
 const MAP_RATE: f64 = 0.02;
@@ -166,22 +166,18 @@ pub fn recover_mesh(
     let first_scene = to_scene(&model.candidate, &n);
 
     let held_out = photos.evaluation(options.seed)?;
-    let fit = Fit { photos: &photos, held_out: &held_out, options, began: Instant::now() };
+    let fit = Fit { photos: &photos, held_out: &held_out, options };
     let mut plan = PlanRows { items: items(&model, &photos, (LOSS.into(), &held_out)), phases: Vec::new() };
-    let (mut history, mut steps, mut stopped) = (Vec::<HistoryPoint>::new(), 0, false);
+    let mut chain = Chain::new(&options.keeping, progress)?;
+    let (mut steps, mut stopped) = (0, false);
     for level in 0..start.levels {
         if level > 0 {
             model = finer(model, &n)?;
         }
         model.optimizer = options.optimizer.of_positions(model.candidate.positions.len());
-        let (trained, rows) = fit.level(model, level, start.levels, progress)?;
-        let seconds = history.last().map_or(0.0, |h| h.seconds);
-        let told = trained.history.iter();
-        history.extend(told.map(|h| HistoryPoint {
-            step: h.step + steps,
-            seconds: h.seconds + seconds,
-            ..*h
-        }));
+        let (trained, rows) = chain
+            .fit(1, progress, |keeping| fit.level(model.clone(), (level, start.levels), keeping, progress))?;
+        chain.add(&trained.history, fit.steps(level, start.levels));
         plan.phases.extend(rows.phases);
         steps += trained.steps;
         model = trained.model;
@@ -204,6 +200,7 @@ pub fn recover_mesh(
     let stages = [Stage::new("start", first_scene), Stage::new("recovered", fitted)];
     let views = photos.judge(&n, &stages, progress)?;
     let [start, quality] = Quality::of_two_stages(&views);
+    let history = chain.into_history();
     let seconds = history.last().map_or(0.0, |h| h.seconds);
     Ok(RecoveredMesh {
         quality,
@@ -229,22 +226,25 @@ struct Fit<'a> {
     photos: &'a PictureFolder,
     held_out: &'a HeldOut,
     options: &'a RecoverMeshOptions,
-    began: Instant,
 }
 
 impl Fit<'_> {
-    /// Fits one level; it has its own checkpoint.
+    /// Steps of a level of so many.
+    fn steps(&self, level: u32, levels: u32) -> u64 {
+        let share = self.options.steps / u64::from(levels);
+        if level + 1 == levels { self.options.steps - share * u64::from(level) } else { share }
+    }
+
+    /// Fits one level of so many.
     fn level(
         &self,
         model: Surface,
-        level: u32,
-        levels: u32,
+        (level, levels): (u32, u32),
+        keeping: &Keeping,
         progress: &dyn Progress,
     ) -> Result<(Trained<Surface>, PlanRows), FitError> {
-        let Self { photos, held_out, options, began } = self;
-        let keeping = self.keeping(level, levels)?;
-        let share = options.steps / u64::from(levels);
-        let steps = if level + 1 == levels { options.steps - share * u64::from(level) } else { share };
+        let Self { photos, held_out, options } = self;
+        let steps = self.steps(level, levels);
         let mut topology = Digest::new();
         topology.add(model.candidate.triangles.as_flattened());
         topology.add(&model.candidate.uvs);
@@ -258,10 +258,7 @@ impl Fit<'_> {
             batch: options.batch,
             fresh: options.batch.div_ceil(2),
             steps,
-            keeping: &Keeping {
-                time_limit: keeping.time_limit.map(|l: Duration| l.saturating_sub(began.elapsed())),
-                ..keeping
-            },
+            keeping,
             options: Steering::default()
                 .option("optimizer", format!("{:?}", options.optimizer))
                 .option("triangles", options.triangles)
@@ -285,26 +282,6 @@ impl Fit<'_> {
         let rows = PlanRows::new(Vec::new(), &phases);
         Ok((train(Cpu::new(model)?, &job, |_| phases, progress)?, rows))
     }
-
-    /// Where a level keeps its state. A fresh fit sets aside what an earlier one left for later levels.
-    fn keeping(&self, level: u32, levels: u32) -> Result<Keeping, FitError> {
-        let all = &self.options.keeping;
-        let folder = |level| all.checkpoint.as_ref().map(|f| f.join(level_folder(level)));
-        if level == 0 && !all.resume {
-            for file in (1..levels).filter_map(folder).map(|f| f.join(checkpoint::FILE)) {
-                photofit_image::set_aside(&file)?;
-            }
-        }
-        let checkpoint: Option<PathBuf> = folder(level);
-        // A level that was not begun has nothing to go on from.
-        let begun = checkpoint.as_ref().is_some_and(|f| f.join(checkpoint::FILE).exists());
-        Ok(Keeping { checkpoint, resume: all.resume && (begun || level == 0), ..all.clone() })
-    }
-}
-
-/// Folder of a level's checkpoint inside of that of the fit.
-pub fn level_folder(level: u32) -> String {
-    format!("level-{level}")
 }
 
 /// The same shape and maps with four triangles for each.

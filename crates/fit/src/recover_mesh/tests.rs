@@ -115,6 +115,8 @@ fn recovery_resumes_to_the_same_bytes() {
         let path = dir.path().join("out.glb");
         let source = PictureSource::Asset { asset: &asset, views: 12, size: 48 };
         let r = recover_mesh(source, None, &path, options, &Silent)?;
+        let rises = |w: &[HistoryPoint]| w[0].step <= w[1].step && w[0].seconds <= w[1].seconds;
+        assert!(r.history.windows(2).all(rises), "{:?}", r.history);
         Ok::<_, FitError>((r.stopped, std::fs::read(path).unwrap()))
     };
     let short = RecoverMeshOptions { steps: 90, triangles: 320, ..options(MeshOptimizer::Bilateral) };
@@ -124,17 +126,25 @@ fn recovery_resumes_to_the_same_bytes() {
     let (_, same) = file(&RecoverMeshOptions { keeping: kept.clone(), ..short.clone() }).unwrap();
     assert!(same == whole, "keeping a checkpoint changes nothing");
     // As if it had been interrupted after the first level.
-    std::fs::remove_dir_all(dir.path().join("state").join(level_folder(1))).unwrap();
+    std::fs::remove_dir_all(dir.path().join("state").join("part1")).unwrap();
     let kept = Keeping { resume: true, ..kept };
     let (_, resumed) = file(&RecoverMeshOptions { keeping: kept.clone(), ..short.clone() }).unwrap();
     assert!(resumed == whole, "resumed at the second level");
     // Stopped at once, then resumed.
     std::fs::remove_dir_all(dir.path().join("state")).unwrap();
-    let brief = Keeping { time_limit: Some(Duration::from_nanos(1)), ..kept.clone() };
+    let brief = Keeping { time_limit: Some(std::time::Duration::from_nanos(1)), ..kept.clone() };
     let (stopped, early) = file(&RecoverMeshOptions { keeping: brief, ..short.clone() }).unwrap();
     assert!(stopped && early != whole);
     let resume = |options| file(&RecoverMeshOptions { keeping: kept.clone(), ..options });
     assert!(resume(short.clone()).unwrap().1 == whole, "resumed at the start");
+    // In the used folder, with other options, stopped at once, then resumed.
+    let batch = RecoverMeshOptions { batch: 1, ..short.clone() };
+    let anew =
+        Keeping { resume: false, time_limit: Some(std::time::Duration::from_nanos(1)), ..kept.clone() };
+    file(&RecoverMeshOptions { keeping: anew, ..batch.clone() }).unwrap();
+    assert!(resume(batch.clone()).unwrap().1 == file(&batch).unwrap().1, "an older fit is in nobody's way");
+    file(&RecoverMeshOptions { keeping: Keeping { resume: false, ..kept.clone() }, ..short.clone() })
+        .unwrap();
     let other = resume(RecoverMeshOptions { optimizer: MeshOptimizer::Adam, ..short }).unwrap_err();
     assert!(other.to_string().contains("optimizer was Bilateral and is Adam"), "{other}");
 }

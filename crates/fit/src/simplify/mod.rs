@@ -34,7 +34,7 @@ use crate::engine::loss;
 use crate::engine::reference::{Features, PathTraced, Rasterized, Reference};
 use crate::engine::steering::Steering;
 use crate::engine::surface::{MAPS, POSITIONS, Surface, rate_of_maps};
-use crate::engine::trainer::{self, HeldOut, Job, Keeping, Phase};
+use crate::engine::trainer::{self, HeldOut, Job, Phase};
 use crate::engine::views::{Moment, Orbit};
 use crate::visibility::Visibility;
 use crate::{FitError, Progress};
@@ -135,11 +135,7 @@ pub(crate) fn simplify_asset(
         .with_judgement(options.judgement(scene))
         .with_loss(loss, held_out.noise)
         .with_maps(&start.candidate);
-    let keeping = Keeping {
-        checkpoint: options.checkpoint.clone(),
-        resume: options.resume,
-        time_limit: options.time_limit,
-    };
+    let keeping = options.keeping();
     let job = Job {
         reference,
         views: &views,

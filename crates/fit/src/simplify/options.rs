@@ -7,7 +7,7 @@ use crate::engine::device::Device;
 use crate::engine::judge::{JudgeRenderer, WIDEST_TRACED, beyond_rasterizer};
 use crate::engine::plan::Judgement;
 use crate::engine::reference::{SAMPLES, SUPERSAMPLE, samples_for};
-use crate::engine::trainer::HELD_OUT;
+use crate::engine::trainer::{HELD_OUT, Keeping};
 use crate::views::{Lighting, Sampling};
 use photofit_geometry::decimate::Target;
 use photofit_scene::{Compression, Scene, TextureEncoding};
@@ -148,6 +148,12 @@ impl SimplifyOptions {
         } else {
             plain
         }
+    }
+
+    /// Where and how the fit keeps its state.
+    pub(crate) fn keeping(&self) -> Keeping {
+        let (checkpoint, resume, time_limit) = (self.checkpoint.clone(), self.resume, self.time_limit);
+        Keeping { checkpoint, resume, time_limit }
     }
 
     /// How the fit samples its candidate.
