@@ -143,9 +143,11 @@ fn summarised(chain: &LodChain) -> Value {
             "size": l.size,
             "switch_size": l.switch_size,
             "judged": match l.outcome.judged {
-                Judged::Rasterized => "rasterized, one sample a pixel",
-                Judged::ReferenceTraced => "rasterized against a path traced original",
-                Judged::PathTraced => "path traced, at most 256 pixels wide",
+                Judged::Rasterized => "rasterized, one sample a pixel".to_owned(),
+                Judged::RasterizedAgainst(reference) => {
+                    format!("rasterized against a {} original", reference.name)
+                }
+                Judged::PathTraced => "path traced, at most 256 pixels wide".to_owned(),
             },
             "psnr": q.psnr,
             "flip": q.flip,

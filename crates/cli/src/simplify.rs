@@ -187,9 +187,8 @@ impl Job<'_> {
         scene.validate_for_fit().map_err(|e| explain_error(self.input, e.into()))?;
         say_warnings(self.input, scene);
         if self.explain {
-            let path_traced = options.reference == ReferenceRenderer::Path;
             let plan = Plan::new(scene)
-                .with_options(options.steps, path_traced, &options.lighting)
+                .with_options(options.steps, options.reference.kind(), &options.lighting)
                 .with_judgement(options.judgement(scene));
             print(&format!("what the asset asks for:\n{plan}\n\n"))?;
         }
@@ -340,9 +339,9 @@ impl Job<'_> {
             "not_fitted": o.not_fitted,
             "warnings": scene.warnings,
             "judged": match o.judged {
-                Judged::Rasterized => "rasterized",
-                Judged::ReferenceTraced => "reference path traced",
-                Judged::PathTraced => "path traced",
+                Judged::Rasterized => "rasterized".to_owned(),
+                Judged::RasterizedAgainst(reference) => format!("reference {}", reference.name),
+                Judged::PathTraced => "path traced".to_owned(),
             },
             "judge_spp": (o.judged != Judged::Rasterized).then_some(o.judge_spp),
         });

@@ -16,7 +16,7 @@ use crate::bake;
 use crate::engine::Normalised;
 use crate::engine::checkpoint::Digest;
 use crate::engine::judge::{ReportView, Stage, rasterized_views};
-use crate::engine::reference::{Picture, Reference, SUPERSAMPLE};
+use crate::engine::reference::{Picture, Reference, ReferenceKind, SUPERSAMPLE};
 use crate::engine::trainer::{self, HeldOut, Measure};
 use crate::engine::views::{Moment, Sampling, Set, Setup, Sphere, ViewLights, Views};
 use crate::{FitError, Progress};
@@ -230,6 +230,10 @@ impl Views for PictureFolder {
 }
 
 impl Reference for PictureFolder {
+    fn kind(&self) -> ReferenceKind {
+        ReferenceKind::GIVEN
+    }
+
     /// The picture that the view belongs to; how noisy it is is not known.
     fn picture(&self, setup: &Setup) -> Result<Picture, FitError> {
         let image = &self.photos[setup.picture.unwrap_or_default()].image;

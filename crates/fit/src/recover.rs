@@ -10,7 +10,8 @@ use crate::engine::cpu::Cpu;
 use crate::engine::export::to_scene;
 use crate::engine::judge::{Quality, ReportView, Stage};
 use crate::engine::loss::{self, PictureLoss};
-use crate::engine::plan::{Item, PlanRows, rows};
+use crate::engine::plan::rows::{self, Work};
+use crate::engine::plan::{Item, PlanRows};
 use crate::engine::reference::{ENERGY, Rasterized, Reference};
 use crate::engine::steering::Steering;
 use crate::engine::surface::{MAPS, PositionOptimizer, Surface};
@@ -157,7 +158,7 @@ pub fn recover_texture(
         renewal: None,
     };
     let phases = vec![phase];
-    let plan = PlanRows::new(items(&model, &photos, (loss, &held_out)), &phases);
+    let plan = PlanRows::new(items(&model.work(options.steps), &photos, (loss, &held_out)), &phases);
     let trained = train(Cpu::new(model)?, &job, |_| phases, progress)?;
 
     photofit_scene::save_glb(output, &to_scene(&trained.model.candidate, &n))?;
@@ -183,7 +184,7 @@ pub fn recover_texture(
 
 /// The rows of the plan.
 pub(crate) fn items(
-    model: &Surface,
+    work: &Work,
     photos: &PictureFolder,
     (loss, held_out): (PictureLoss, &HeldOut),
 ) -> Vec<Item> {
@@ -203,7 +204,7 @@ pub(crate) fn items(
             "all pictures have alpha",
         ),
     ];
-    items.extend(rows::surface(model));
+    items.extend(rows::surface(work));
     items.push(rows::loss(loss, held_out.noise));
     items.push(rows::evaluation(
         held_out.measure,

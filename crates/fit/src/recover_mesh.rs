@@ -167,7 +167,10 @@ pub fn recover_mesh(
 
     let held_out = photos.evaluation(options.seed)?;
     let fit = Fit { photos: &photos, held_out: &held_out, options };
-    let mut plan = PlanRows { items: items(&model, &photos, (LOSS.into(), &held_out)), phases: Vec::new() };
+    let mut plan = PlanRows {
+        items: items(&model.work(options.steps), &photos, (LOSS.into(), &held_out)),
+        phases: Vec::new(),
+    };
     let mut chain = Chain::new(&options.keeping, progress)?;
     let (mut steps, mut stopped) = (0, false);
     for level in 0..start.levels {

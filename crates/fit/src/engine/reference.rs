@@ -34,14 +34,27 @@ pub const SAMPLES: u32 = 64;
 /// Rows of the maps that path tracing takes from a prefiltered environment.
 const ROWS: usize = 128;
 
-/// How pictures of the reference are made.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum ReferenceRenderer {
+/// What the pictures of a reference are, for plans, judgements and reports.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ReferenceKind {
+    /// How they are made, in words: what follows `pictures of the asset are`.
+    pub name: &'static str,
+    /// Whether they hold shadows and light between surfaces, which go into the maps of what is fitted to them.
+    pub indirect_light: bool,
+    /// Samples of a pixel, where they are path traced.
+    pub spp: Option<u32>,
+}
+
+impl ReferenceKind {
     /// As the candidate's: direct light without shadows.
-    #[default]
-    Raster,
-    /// With all light.
-    Path,
+    pub const RASTERIZED: Self = Self { name: "rasterized", indirect_light: false, spp: None };
+    /// Finished pictures; what light they hold is not known.
+    pub const GIVEN: Self = Self { name: "given", indirect_light: false, spp: None };
+
+    /// With all light, by so many samples of a pixel.
+    pub fn path_traced(spp: u32) -> Self {
+        Self { name: "path traced", indirect_light: true, spp: Some(spp) }
+    }
 }
 
 /// Samples per axis that pictures of `size` pixels a side need of a reference: the smaller they are, the more of its
@@ -72,6 +85,9 @@ impl Picture {
 
 /// What a fit is compared with, in the normalised frame.
 pub trait Reference: Sync {
+    /// What its pictures are.
+    fn kind(&self) -> ReferenceKind;
+
     /// The picture of a view.
     ///
     /// # Errors
@@ -120,6 +136,10 @@ impl<'a> Rasterized<'a> {
 }
 
 impl Reference for Rasterized<'_> {
+    fn kind(&self) -> ReferenceKind {
+        ReferenceKind::RASTERIZED
+    }
+
     fn picture(&self, setup: &Setup) -> Result<Picture, FitError> {
         let posed = moving(self.animated, setup.moment)?.map(|a| a.flat(setup.moment)).transpose()?;
         let renderer = SceneRenderer::new(posed.as_deref().unwrap_or(self.flat), self.library);
@@ -229,6 +249,10 @@ impl<'a> PathTraced<'a> {
 }
 
 impl Reference for PathTraced<'_> {
+    fn kind(&self) -> ReferenceKind {
+        ReferenceKind::path_traced(self.spp)
+    }
+
     fn picture(&self, setup: &Setup) -> Result<Picture, FitError> {
         let lights = setup.lights.lights();
         let animated = moving(self.animated, setup.moment)?.or(self.animated);

@@ -4,6 +4,7 @@ use super::cpu::Chain;
 use super::loss::PictureLoss;
 use super::model::{Broken, Group};
 use super::plan::Plan;
+use super::plan::rows::Work;
 use super::views::Shot;
 use crate::FitError;
 use crate::candidate::{Candidate, ParameterGradients};
@@ -76,6 +77,13 @@ pub struct Surface {
     pub optimizer: PositionOptimizer,
 }
 
+/// Relative rates of the samples of a texel of which these are fitted.
+pub(super) fn rates_of(fitted: [bool; CHANNELS]) -> [f32; CHANNELS] {
+    let mut rates = fitted.map(|f| if f { 1.0 } else { 0.0 });
+    rates[channel::METALLIC] *= 0.5;
+    rates
+}
+
 /// Peak rate of maps that start from a bake: relative to the error of the start, whose PSNR is given.
 pub(crate) fn rate_of_maps(start_psnr: f64) -> f64 {
     (0.04 * 10f64.powf(-start_psnr / 20.0)).clamp(2e-4, 5e-3)
@@ -93,10 +101,13 @@ pub(super) fn temporal(group: &str) -> Temporal {
 impl Surface {
     /// A candidate that is fitted as a plan says.
     pub fn new(candidate: Candidate, plan: &Plan) -> Self {
-        let mut rates = plan.fitted().map(|f| if f { 1.0 } else { 0.0 });
-        rates[channel::METALLIC] *= 0.5;
         let optimizer = PositionOptimizer::default();
-        Self { candidate, passes: plan.passes(), rates, moves: true, optimizer }
+        Self { candidate, passes: plan.passes(), rates: rates_of(plan.fitted()), moves: true, optimizer }
+    }
+
+    /// What a fit of so many steps does with it.
+    pub(crate) fn work(&self, steps: u64) -> Work {
+        Work { passes: self.passes, rates: self.rates, moves: self.moves, steps: steps > 0 }
     }
 
     /// Whether the positions are fitted too. Silhouettes are blended for their gradients alone.

@@ -10,6 +10,7 @@ mod options;
 mod outcome;
 mod plain;
 pub(crate) mod prepare;
+mod reference;
 pub(crate) mod shrink_wrap;
 
 #[cfg(test)]
@@ -21,17 +22,16 @@ pub use crate::engine::device::Device;
 pub use crate::engine::export::to_scene;
 pub use crate::engine::judge::{JudgeRenderer, Judged, Quality, ReportView, ViewQuality};
 pub use crate::engine::plan::{Plan, Runs};
-pub use crate::engine::reference::ReferenceRenderer;
 pub use crate::engine::trainer::HistoryPoint;
 pub use options::{FEWEST, Init, LARGEST_ENGINE_PICTURE, MOST_REPLAYS, SimplifyOptions};
 pub use outcome::{Outcome, Written};
+pub use reference::ReferenceRenderer;
 
 use crate::bake;
 use crate::candidate::Candidate;
 use crate::engine::device::train_on;
 use crate::engine::judge::{Judge, Stage};
 use crate::engine::loss;
-use crate::engine::reference::{Features, PathTraced, Rasterized, Reference};
 use crate::engine::steering::Steering;
 use crate::engine::surface::{MAPS, POSITIONS, Surface, rate_of_maps};
 use crate::engine::trainer::{self, HeldOut, Job, Phase};
@@ -112,7 +112,7 @@ pub(crate) fn simplify_asset(
     progress: &dyn Progress,
 ) -> Result<Outcome, FitError> {
     let Asset { scene, n, rays, visibility } = asset;
-    let reference = reference(scene, n, rays, options)?;
+    let reference = options.reference.reference(scene, n, rays, options)?;
     let reference = &*reference;
     let moment = Moment::default();
     let Some(surface) = reference.surface(moment) else {
@@ -128,10 +128,9 @@ pub(crate) fn simplify_asset(
     let sampling = options.sampling();
     let held_out = HeldOut::new(reference, &views, sampling, options.held_out_views(), options.seed)?;
     let start = choice::best_start(&starts, &held_out);
-    let path_traced = options.reference == ReferenceRenderer::Path;
     let loss = loss::choose(held_out.noise);
     let plan = Plan::new(scene)
-        .with_options(options.steps, path_traced, &options.lighting)
+        .with_options(options.steps, reference.kind(), &options.lighting)
         .with_judgement(options.judgement(scene))
         .with_loss(loss, held_out.noise)
         .with_maps(&start.candidate);
@@ -210,7 +209,7 @@ pub(crate) fn simplify_asset(
     let judge = Judge {
         scene,
         n,
-        path_traced_reference: path_traced,
+        reference,
         renderer: options.judge,
         spp: options.judge_spp,
         lighting: &options.lighting,
@@ -230,21 +229,6 @@ pub(crate) fn simplify_asset(
         (outcome::left_out(scene, light), outcome::not_fitted(scene, light));
     outcome.stopped |= progress.is_cancelled();
     Ok(outcome)
-}
-
-/// Pictures of the asset as the options ask for them.
-fn reference<'a>(
-    scene: &Scene,
-    n: &'a Normalised,
-    surface: &'a bake::Reference<'a>,
-    options: &SimplifyOptions,
-) -> Result<Box<dyn Reference + 'a>, FitError> {
-    Ok(match options.reference {
-        ReferenceRenderer::Raster => Box::new(Rasterized::of(n, surface).sampled(options.judge_samples()[0])),
-        ReferenceRenderer::Path => {
-            Box::new(PathTraced::new(scene, n, Features::Core, options.seed)?.with_surface(surface))
-        }
-    })
 }
 
 /// The options and the topology that steer a fit.

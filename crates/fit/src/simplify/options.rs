@@ -75,7 +75,7 @@ pub struct SimplifyOptions {
     pub own_textures: bool,
     /// Who draws the pictures of the report.
     pub judge: JudgeRenderer,
-    /// Samples of a pixel of the report that is path traced.
+    /// Samples of a pixel of a report whose pictures are all path traced.
     pub judge_spp: u32,
     /// Where the fit runs.
     pub device: Device,
@@ -197,7 +197,10 @@ impl SimplifyOptions {
     /// Whether the report of an asset is path traced.
     pub fn is_judged_by_path_tracing(&self, scene: &Scene) -> bool {
         match self.judge {
-            JudgeRenderer::Auto => !beyond_rasterizer(scene).is_empty(),
+            // The maps of what is fitted to shadows hold them.
+            JudgeRenderer::Auto => {
+                !self.reference.kind().indirect_light && !beyond_rasterizer(scene).is_empty()
+            }
             JudgeRenderer::Raster => false,
             JudgeRenderer::Path => true,
         }
@@ -214,7 +217,7 @@ impl SimplifyOptions {
         Judgement {
             traced,
             renderer: self.judge,
-            reference_traced: self.reference == ReferenceRenderer::Path,
+            reference: self.reference.kind(),
             beyond,
             pictures: self.report_views * (1 + stages),
             side,

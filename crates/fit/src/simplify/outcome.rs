@@ -106,14 +106,17 @@ impl Outcome {
         let spp = self.judge_spp;
         match self.judged {
             Judged::Rasterized => "judged by rasterized pictures".into(),
-            Judged::ReferenceTraced => {
+            Judged::RasterizedAgainst(reference) => {
+                let name = reference.name;
                 format!(
-                    "judged by rasterized pictures against path traced ones of the asset, {spp} samples per pixel"
+                    "judged by rasterized pictures against {name} ones of the asset, {spp} samples per pixel"
                 )
             }
             Judged::PathTraced => {
                 let side = self.resolution.min(WIDEST_TRACED);
-                format!("judged by path traced pictures of {side} x {side} pixels, {spp} samples each")
+                let twice =
+                    if self.plan.holds_shadows() { "; shadows that its maps hold count twice" } else { "" };
+                format!("judged by path traced pictures of {side} x {side} pixels, {spp} samples each{twice}")
             }
         }
     }
@@ -144,7 +147,10 @@ impl Outcome {
             stages: names.iter().enumerate().map(|(k, name)| (*name, mean(k))).collect(),
             views,
             judged,
-            judge_spp: options.judge_spp,
+            judge_spp: match judged {
+                Judged::RasterizedAgainst(reference) => reference.spp.unwrap_or(1),
+                Judged::Rasterized | Judged::PathTraced => options.judge_spp,
+            },
             history: trained.history,
             plan,
             left_out: Vec::new(),
