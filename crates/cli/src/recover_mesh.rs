@@ -1,6 +1,6 @@
 //! `photofit recover mesh`: a shape from pictures of it.
 
-use crate::args::{self, RecoverMesh};
+use crate::args::RecoverMesh;
 use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say};
@@ -12,7 +12,7 @@ use anyhow::Result;
 use photofit_fit::engine::chain::checkpoint_files;
 use photofit_fit::pictures::named_files;
 use photofit_fit::recover_mesh::{
-    MOST_LEVELS, MeshOptimizer, PictureSource, RecoverMeshOptions, RecoveredMesh, ShapeError, recover_mesh,
+    MOST_LEVELS, PictureSource, RecoverMeshOptions, RecoveredMesh, ShapeError, recover_mesh,
 };
 use photofit_fit::report::{PAGE as REPORT_PAGE, RecoveryReport, write_recovery_report};
 use serde_json::{Value, json};
@@ -48,11 +48,7 @@ pub(crate) fn run(a: &RecoverMesh) -> Result<Ending> {
         None => PictureSource::Folder(folder),
     };
     let options = RecoverMeshOptions {
-        optimizer: match a.optimizer {
-            args::MeshOptimizer::LargeSteps => MeshOptimizer::LargeSteps,
-            args::MeshOptimizer::Bilateral => MeshOptimizer::Bilateral,
-            args::MeshOptimizer::Adam => MeshOptimizer::Adam,
-        },
+        optimizer: a.optimizer,
         triangles: a.triangles,
         texture_size: a.texture_size,
         steps: a.steps,

@@ -236,7 +236,7 @@ impl Reference for PictureFolder {
 
     /// The picture that the view belongs to; how noisy it is is not known.
     fn picture(&self, setup: &Setup) -> Result<Picture, FitError> {
-        let image = &self.photos[setup.picture.unwrap_or_default()].image;
+        let image = &self.photos[setup.given_picture(self.photos.len())?].image;
         let factor = (image.width / setup.width.max(1)).max(1);
         let image = if factor > 1 {
             downsample(image, factor).crop(0, 0, setup.width, setup.height)

@@ -28,49 +28,26 @@ use crate::pictures::PictureFolder;
 use crate::recover::{grey, items};
 use crate::{FitError, Progress};
 use photofit_geometry::subdivide::midpoint;
-use photofit_geometry::weld::weld_exact;
+use photofit_geometry::weld::weld_rows;
 use photofit_raster::loss::Loss;
+use photofit_scalar::Vec3f;
 use photofit_scene::Scene;
 use start::{Pictures, Start};
 use std::path::Path;
 
 /// Peak rate of the maps.
 const MAP_RATE: f64 = 0.02;
-/// Peak rate of the positions at the coarsest level, in radii of what the cameras see, where steps are diffused.
-const POSITION_RATE: f64 = 0.03;
-/// The same for [`PositionOptimizer::Adam`], whose steps are as long at every vertex.
-const ADAM_RATE: f64 = 0.003;
 /// Peak rate of a level relative to that of the level before.
 const RATE_OF_NEXT: f64 = 0.5;
 /// Most times that triangles are split on the way to the budget.
 pub const MOST_LEVELS: u32 = 3;
 /// Fewest triangles to start from.
 const FEWEST: usize = 80;
-/// Weight of the Laplacians: that of the paper of Large Steps, for a mesh of [`VERTICES`] as there. It goes with the number
-/// of vertices, so that steps are shared over the same part of the surface at every level.
-const LAMBDA: f64 = 19.0;
-/// See [`LAMBDA`].
-const VERTICES: f64 = 10_000.0;
-/// Distance of normals at which the bilateral filter shares steps no more.
-const SIGMA: f64 = 0.5;
-
-/// How positions move.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum MeshOptimizer {
-    /// [`PositionOptimizer::LargeSteps`].
-    #[default]
-    LargeSteps,
-    /// [`PositionOptimizer::Bilateral`].
-    Bilateral,
-    /// [`PositionOptimizer::Adam`].
-    Adam,
-}
-
 /// Options of [`recover_mesh`].
 #[derive(Clone, Debug)]
 pub struct RecoverMeshOptions {
     /// How positions move.
-    pub optimizer: MeshOptimizer,
+    pub optimizer: PositionOptimizer,
     /// Most triangles of the result, at least 80; a start with more keeps its own.
     pub triangles: usize,
     /// Width and height of the maps, 16 to 8192.
@@ -88,7 +65,7 @@ pub struct RecoverMeshOptions {
 impl Default for RecoverMeshOptions {
     fn default() -> Self {
         Self {
-            optimizer: MeshOptimizer::default(),
+            optimizer: PositionOptimizer::default(),
             triangles: 5120,
             texture_size: 512,
             steps: 600,
@@ -177,7 +154,8 @@ pub fn recover_mesh(
         if level > 0 {
             model = finer(model, &n)?;
         }
-        model.optimizer = options.optimizer.of_positions(model.candidate.positions.len());
+        model.optimizer = options.optimizer;
+        model.smoothness = PositionOptimizer::for_vertices(model.candidate.positions.len());
         let (trained, rows) = chain
             .fit(1, progress, |keeping| fit.level(model.clone(), (level, start.levels), keeping, progress))?;
         chain.add(&trained.history, fit.steps(level, start.levels));
@@ -221,7 +199,8 @@ pub fn recover_mesh(
     })
 }
 
-/// The loss: of absolute differences, so that outlines count that are far off.
+/// The loss: of absolute differences, so that outlines count that are far off. Light above 1 counts logarithmically, so
+/// that it goes with either measure of the evaluations.
 const LOSS: Loss = Loss::LogSrgbL1;
 
 /// What all levels share.
@@ -263,7 +242,7 @@ impl Fit<'_> {
             steps,
             keeping,
             options: Steering::default()
-                .option("optimizer", format!("{:?}", options.optimizer))
+                .option("optimizer", options.optimizer.name())
                 .option("triangles", options.triangles)
                 .option("texture_size", options.texture_size)
                 .option("batch", options.batch)
@@ -271,8 +250,7 @@ impl Fit<'_> {
                 .digest("pictures, cameras or lights", format!("{:016x}", photos.digest().value()))
                 .digest("topology", format!("{:016x}", topology.value())),
         };
-        let peak = if options.optimizer == MeshOptimizer::Adam { ADAM_RATE } else { POSITION_RATE };
-        let rate = peak * RATE_OF_NEXT.powi(level as i32);
+        let rate = options.optimizer.peak_rate() * RATE_OF_NEXT.powi(level as i32);
         let phase = Phase {
             name: if level + 1 == levels { "full budget" } else { "coarse" },
             first: 0,
@@ -295,20 +273,12 @@ fn finer(coarse: Surface, n: &Normalised) -> Result<Surface, FitError> {
         .mesh;
     let class = candidate.class.iter().flat_map(|c| [*c; 4]).collect();
     let maps = candidate.maps.levels[0].clone();
-    let smoothing = weld_exact(&mesh.positions);
+    // Vertices at one place with one normal are smooth there: what was a hard edge stays one.
+    let row = |(p, n): (&Vec3f, &Vec3f)| [p.x, p.y, p.z, n.x, n.y, n.z];
+    let rows: Vec<f32> = mesh.positions.iter().zip(&mesh.normals).flat_map(row).collect();
+    let smoothing = weld_rows(&rows, 6);
     let candidate = crate::candidate::Candidate::new(&mesh, &smoothing, class, n.drawn_classes(), maps);
     Ok(Surface { candidate, ..coarse })
-}
-
-impl MeshOptimizer {
-    fn of_positions(self, vertices: usize) -> PositionOptimizer {
-        let lambda = LAMBDA * vertices as f64 / VERTICES;
-        match self {
-            Self::LargeSteps => PositionOptimizer::LargeSteps { lambda },
-            Self::Bilateral => PositionOptimizer::Bilateral { lambda, sigma: SIGMA },
-            Self::Adam => PositionOptimizer::Adam,
-        }
-    }
 }
 
 impl RecoverMeshOptions {

@@ -1,5 +1,5 @@
 //! Recovering materials, textures, lights and media of a scene from pictures of it, through the path tracer. Assembled from the
-//! parts of the engine; the third task beside [`crate::simplify`] and [`crate::recover`].
+//! parts of the engine.
 //!
 //! Pictures are compared in linear light, relative to what they should be and without clamping, in the steps and in the
 //! evaluations that choose the best state alike. Of four pictures or more the last one is held out for these; fewer are
@@ -9,7 +9,7 @@ mod doubts;
 
 use crate::engine::checkpoint::Digest;
 use crate::engine::cpu::Cpu;
-use crate::engine::loss::PictureLoss;
+use crate::engine::loss::{self, PictureLoss};
 use crate::engine::plan::{Item, PlanRows, rows};
 use crate::engine::reference::{Picture, Reference, ReferenceKind};
 use crate::engine::steering::Steering;
@@ -97,7 +97,7 @@ impl Reference for Pictures {
 
     fn picture(&self, setup: &Setup) -> Result<Picture, FitError> {
         // The model's pictures are noisy: the loss must be one that noise does not bias.
-        Ok(Picture { image: self.images[setup.picture.unwrap_or(0)].clone(), noise: None })
+        Ok(Picture { image: self.images[setup.given_picture(self.images.len())?].clone(), noise: None })
     }
 
     fn bounds(&self, _: Moment) -> Sphere {
@@ -202,7 +202,7 @@ pub fn recover_scene(
         views: &source,
         held_out: &evaluation,
         sampling: Sampling::SUPERSAMPLED,
-        loss: PictureLoss::RELATIVE_SQUARES,
+        loss: loss::choose(&evaluation),
         seed: options.seed,
         batch: source.fitted().min(MOST_OF_A_STEP),
         fresh: source.fitted().min(MOST_OF_A_STEP).div_ceil(2),

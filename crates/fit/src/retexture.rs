@@ -132,7 +132,7 @@ pub fn retexture(
     let seen = views(size);
     let count = trainer::HELD_OUT.max(2 * options.moments.len() as u64).min(32);
     let held_out = HeldOut::new(&reference_pictures, &seen, Sampling::SUPERSAMPLED, count, options.seed)?;
-    let loss = loss::choose(held_out.noise);
+    let loss = loss::choose(&held_out);
     let mut items = rows::surface(&model.surface().work(options.steps));
     items.push(animation(options, &n));
     items.push(rows::loss(loss, held_out.noise));

@@ -206,7 +206,7 @@ impl<'a> PathTraced<'a> {
     pub fn new(scene: &Scene, n: &Normalised, features: Features, seed: u64) -> Result<Self, FitError> {
         let shown = features.of(scene);
         Ok(Self {
-            world: Mutex::new((world(&shown, n.to_frame(), n.radius)?, Moment::default())),
+            world: Mutex::new((world(&shown, n.to_frame(), n.radius, ENERGY)?, Moment::default())),
             animated: None,
             surface: None,
             seed,
@@ -221,7 +221,7 @@ impl<'a> PathTraced<'a> {
     /// If the path tracer refuses the scene.
     pub fn in_frame(scene: &Scene, radius: f32, features: Features, seed: u64) -> Result<Self, FitError> {
         let shown = features.of(scene);
-        let world = Mutex::new((world(&shown, DAffine3::IDENTITY, radius)?, Moment::default()));
+        let world = Mutex::new((world(&shown, DAffine3::IDENTITY, radius, ENERGY)?, Moment::default()));
         Ok(Self { world, animated: None, surface: None, seed, spp: SAMPLES })
     }
 
@@ -309,7 +309,7 @@ impl Features {
 }
 
 /// The scene in the normalised frame; its own lights are left out, as by the rasterizer.
-fn world(scene: &Scene, to_frame: DAffine3, radius: f32) -> Result<World, FitError> {
+fn world(scene: &Scene, to_frame: DAffine3, radius: f32, energy: Energy) -> Result<World, FitError> {
     let mut parts = Parts::from_scene(scene);
     parts.lights.clear();
     for instance in &mut parts.instances {
@@ -321,7 +321,7 @@ fn world(scene: &Scene, to_frame: DAffine3, radius: f32) -> Result<World, FitErr
     }
     // A world is never without light; every picture brings its own.
     parts.environment = Some(EnvironmentMap::constant(Vec3f::splat(1.0)));
-    let options = WorldOptions { energy: ENERGY, ..WorldOptions::default() };
+    let options = WorldOptions { energy, ..WorldOptions::default() };
     Ok(World::with_options(parts, options)?)
 }
 
@@ -405,15 +405,32 @@ mod tests {
     #[test]
     fn a_convex_body_looks_the_same_to_both() {
         // No shadows fall and no light goes from surface to surface.
+        let clay = spheres(&[0.0]);
+        let mut metal = clay.clone();
+        metal.materials[0] =
+            Material { base_color: [0.9, 0.9, 0.9, 1.0], metallic: 1.0, roughness: 0.8, ..Material::clay() };
         for (lighting, index) in [(Lighting::Point, 1), (Lighting::Mixed, 0), (Lighting::Mixed, 2)] {
-            let [raster, path] = pictures(&spheres(&[0.0]), &lighting, index);
-            for k in 0..4 {
-                let (a, b) = (mean(&raster, k), mean(&path, k));
-                assert!((a / b - 1.0).abs() < 0.025, "{lighting:?}, channel {k}: {a} against {b}");
+            for (scene, name) in [(&clay, "clay"), (&metal, "metal")] {
+                let [raster, path] = pictures(scene, &lighting, index);
+                for k in 0..4 {
+                    let (a, b) = (mean(&raster, k), mean(&path, k));
+                    assert!(
+                        (a / b - 1.0).abs() < 0.025,
+                        "{name}, {lighting:?}, channel {k}: {a} against {b}"
+                    );
+                }
+                // The same places are bright.
+                let rmse = photofit_image::rmse(&raster, &path);
+                assert!(rmse < 0.03, "{name}, {lighting:?}: {rmse}");
             }
-            // The same places are bright.
-            let rmse = photofit_image::rmse(&raster, &path);
-            assert!(rmse < 0.03, "{lighting:?}: {rmse}");
+            // On rough metal the policy on energy shows: another one on one side is seen.
+            let n = Normalised::new(&metal).unwrap();
+            let mut other = PathTraced::new(&metal, &n, Features::Core, 0).unwrap();
+            let compensated = world(&metal, n.to_frame(), n.radius, Energy::Compensated).unwrap();
+            other.world = Mutex::new((compensated, Moment::default()));
+            let s = Orbit::new(0, &lighting, 64).setup(Set::Report, index, 4);
+            let (a, b) = (pictures(&metal, &lighting, index), other.picture(&s).unwrap().image);
+            assert!(mean(&b, 1) > 1.06 * mean(&a[0], 1), "{lighting:?}: {} {}", mean(&b, 1), mean(&a[0], 1));
         }
     }
 

@@ -128,7 +128,7 @@ pub(crate) fn simplify_asset(
     let sampling = options.sampling();
     let held_out = HeldOut::new(reference, &views, sampling, options.held_out_views(), options.seed)?;
     let start = choice::best_start(&starts, &held_out);
-    let loss = loss::choose(held_out.noise);
+    let loss = loss::choose(&held_out);
     let plan = Plan::new(scene)
         .with_options(options.steps, reference.kind(), &options.lighting)
         .with_judgement(options.judgement(scene))

@@ -82,7 +82,8 @@ impl fmt::Display for PlanRows {
 pub(crate) fn loss(loss: PictureLoss, noise: Option<f64>) -> Item {
     let why = match loss.loss {
         Loss::Mse if loss.weights == Weights::Relative => {
-            "squares relative to the reference: unbiased by noise, and of wide range".into()
+            "squares relative to the reference around a pixel: little biased by noise, and of wide range"
+                .into()
         }
         unbiased => match (unbiased, noise) {
             (Loss::Mse, Some(noise)) => {
