@@ -11,7 +11,7 @@ mod values;
 pub(crate) use denoise::{Denoise, DenoiseModel};
 pub(crate) use gradient::{Gradient, ParameterScene};
 pub(crate) use recover::{
-    MeshOptimizer, Recover, RecoverMesh, RecoverScene, RecoverTexture, RecoverVolume, TextureSmoothing,
+    Recover, RecoverMesh, RecoverScene, RecoverTexture, RecoverVolume, TextureSmoothing,
 };
 pub(crate) use render::{Render, RenderGuiding, RenderIntegrator, RenderLight};
 pub(crate) use retexture::Retexture;
@@ -123,6 +123,16 @@ pub(crate) enum FitReference {
     /// Rasterized: direct light without shadows, as the light asset is drawn.
     Raster,
     /// Path traced: with shadows and light between surfaces, which go into the maps of the light asset.
+    Path,
+}
+
+/// What draws the light asset while its maps are fitted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum FitWith {
+    /// The rasterizer: with --reference path, all shadows of the asset go into the maps.
+    Raster,
+    /// First the rasterizer, for shape and maps, then the path tracer, for the maps: shadows that the light shape casts itself
+    /// stay out of them, those of lost crevices go in. Needs --reference path.
     Path,
 }
 
@@ -318,6 +328,9 @@ pub(crate) struct Simplify {
     /// How pictures of the asset are made, for the fit and for the report.
     #[arg(long, value_enum, default_value = "raster")]
     pub(crate) reference: FitReference,
+    /// What draws the light asset while its maps are fitted.
+    #[arg(long, value_enum, default_value = "raster")]
+    pub(crate) fit_with: FitWith,
     /// Who draws the pictures by which the result is judged. They are no part of the fit; the plan of --explain says what
     /// they cost.
     #[arg(long, value_enum, default_value = "auto")]
@@ -342,6 +355,9 @@ pub(crate) struct Simplify {
 impl Simplify {
     /// Whether the options go together.
     fn check(&self) -> Result<(), String> {
+        if self.fit_with == FitWith::Path && self.reference != FitReference::Path {
+            return Err("--fit-with is path, but --reference is raster; it must be path, too".into());
+        }
         match (self.textures, self.jpeg.or(self.texture_quality)) {
             (Some(TextureFormat::Png | TextureFormat::Webp), Some(_)) => {
                 Err("png and webp are exact: a quality belongs to --textures jpeg, webp-lossy or ktx2; leave one of them out".into())

@@ -140,7 +140,7 @@ fn assets(a: &Compare, places: &Places) -> Result<Compared> {
     let sheet = contact_sheet(&maps.iter().collect::<Vec<_>>(), columns, 4);
     let drawn = match compared.method {
         Judged::PathTraced => PATH_TRACED,
-        Judged::Rasterized | Judged::ReferenceTraced => "rasterized",
+        Judged::Rasterized | Judged::RasterizedAgainst(_) => "rasterized",
     };
     let views = views.iter().map(Figures::of).collect();
     Ok(Compared { kind: "assets", drawn: Some(drawn), heat: sheet, views })

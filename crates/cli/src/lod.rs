@@ -9,14 +9,15 @@ use crate::status::Ending;
 use crate::threads;
 use anyhow::{Context as _, Error, Result};
 use photofit_fit::FitError;
+use photofit_fit::engine::chain::part_folder;
 use photofit_fit::engine::judge::Judged;
 use photofit_fit::lod::{
-    Level, LodChain, LodOptions, combined_path, level_folder, level_path, simplify_chain, summary_path,
+    Level, LodChain, LodOptions, combined_path, level_path, report_folder, simplify_chain, summary_path,
 };
 use photofit_fit::report::PAGE;
 use photofit_scene::Scene;
 use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// What a chain of `levels` levels reads and writes.
 fn places(a: &Simplify, levels: usize) -> Places {
@@ -29,11 +30,12 @@ fn places(a: &Simplify, levels: usize) -> Places {
         places = places.writes("--msft-lod", Some(&combined_path(&a.output)));
     }
     for k in 0..levels {
-        let folder = |of: &Option<PathBuf>| of.as_ref().map(|f| level_folder(f, k));
+        let report = a.report.as_ref().map(|f| report_folder(f, k));
+        let checkpoint = a.running.checkpoint.as_ref().map(|f| part_folder(f, k));
         places = places
             .writes(if k == 0 { "--output" } else { "--lod" }, Some(&level_path(&a.output, k)))
-            .fills("--report", folder(&a.report).as_deref(), &[PAGE])
-            .fills("--checkpoint", folder(&a.running.checkpoint).as_deref(), &[CHECKPOINT_FILE]);
+            .fills("--report", report.as_deref(), &[PAGE])
+            .fills("--checkpoint", checkpoint.as_deref(), &[CHECKPOINT_FILE]);
     }
     places
 }
@@ -105,7 +107,7 @@ fn tell(a: &Simplify, scene: &Scene, chain: &LodChain) -> Result<(Value, Option<
     let (mut levels, mut unwritten) = (Vec::new(), None);
     for (k, level) in chain.levels.iter().enumerate() {
         print(&format!("level {} of {}, for {} pixels\n", k + 1, a.lod.len(), level.size))?;
-        let report = a.report.as_ref().map(|folder| level_folder(folder, k));
+        let report = a.report.as_ref().map(|folder| report_folder(folder, k));
         let job = Job { input: &a.input, output: &level.path, report: report.as_deref(), explain: a.explain };
         let (mut figures, failed) = job.tell(scene, Some(level.size), &level.outcome)?;
         unwritten = unwritten.or(failed);
@@ -141,9 +143,11 @@ fn summarised(chain: &LodChain) -> Value {
             "size": l.size,
             "switch_size": l.switch_size,
             "judged": match l.outcome.judged {
-                Judged::Rasterized => "rasterized, one sample a pixel",
-                Judged::ReferenceTraced => "rasterized against a path traced original",
-                Judged::PathTraced => "path traced, at most 256 pixels wide",
+                Judged::Rasterized => "rasterized, one sample a pixel".to_owned(),
+                Judged::RasterizedAgainst(reference) => {
+                    format!("rasterized against a {} original", reference.name)
+                }
+                Judged::PathTraced => "path traced, at most 256 pixels wide".to_owned(),
             },
             "psnr": q.psnr,
             "flip": q.flip,

@@ -1,26 +1,25 @@
 //! `photofit recover mesh`: a shape from pictures of it.
 
-use crate::args::{self, RecoverMesh};
+use crate::args::RecoverMesh;
 use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say};
 use crate::recover::recovered;
-use crate::simplify::{CHECKPOINT_FILE, name_options};
+use crate::simplify::name_options;
 use crate::status::Ending;
 use crate::{interrupt, threads};
 use anyhow::Result;
+use photofit_fit::engine::chain::checkpoint_files;
 use photofit_fit::pictures::named_files;
 use photofit_fit::recover_mesh::{
-    MOST_LEVELS, MeshOptimizer, PictureSource, RecoverMeshOptions, RecoveredMesh, ShapeError, level_folder,
-    recover_mesh,
+    MOST_LEVELS, PictureSource, RecoverMeshOptions, RecoveredMesh, ShapeError, recover_mesh,
 };
 use photofit_fit::report::{PAGE as REPORT_PAGE, RecoveryReport, write_recovery_report};
 use serde_json::{Value, json};
 use std::path::Path;
 
 pub(crate) fn run(a: &RecoverMesh) -> Result<Ending> {
-    let levels: Vec<String> =
-        (0..=MOST_LEVELS).map(|l| format!("{}/{CHECKPOINT_FILE}", level_folder(l))).collect();
+    let levels = checkpoint_files(MOST_LEVELS as usize + 1);
     let states: Vec<&str> = levels.iter().map(String::as_str).collect();
     let places = Places::default()
         .reads("PICTURES", a.pictures.as_deref())
@@ -49,11 +48,7 @@ pub(crate) fn run(a: &RecoverMesh) -> Result<Ending> {
         None => PictureSource::Folder(folder),
     };
     let options = RecoverMeshOptions {
-        optimizer: match a.optimizer {
-            args::MeshOptimizer::LargeSteps => MeshOptimizer::LargeSteps,
-            args::MeshOptimizer::Bilateral => MeshOptimizer::Bilateral,
-            args::MeshOptimizer::Adam => MeshOptimizer::Adam,
-        },
+        optimizer: a.optimizer,
         triangles: a.triangles,
         texture_size: a.texture_size,
         steps: a.steps,

@@ -4,19 +4,18 @@ use crate::args::RecoverVolume;
 use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say};
-use crate::simplify::{CHECKPOINT_FILE, misuse, name_options};
+use crate::simplify::{misuse, name_options};
 use crate::status::Ending;
 use crate::traced_report::Found;
 use crate::{interrupt, threads};
 use anyhow::{Context, Result, anyhow, bail};
 use glam::{DAffine3, DVec3, Vec3};
 use photofit_fit::FitError;
+use photofit_fit::engine::chain::checkpoint_files;
 use photofit_fit::engine::trainer::Keeping;
 use photofit_fit::pictures::{lit_world_pictures, named_files};
 use photofit_fit::recover_scene::relative_error;
-use photofit_fit::recover_volume::{
-    RecoverVolumeOptions, RecoveredVolume, Surroundings, checkpoint_of, recover_volume,
-};
+use photofit_fit::recover_volume::{RecoverVolumeOptions, RecoveredVolume, Surroundings, recover_volume};
 use photofit_fit::report::PAGE;
 use photofit_image::{Image, contact_sheet, write_atomically};
 use photofit_pathtrace::{EnvironmentMap, LightSource, Parts, RenderOptions, Renderer, View, Volume, World};
@@ -57,9 +56,7 @@ struct Known {
 
 pub(crate) fn run(a: &RecoverVolume) -> Result<Ending> {
     let options = options(a);
-    let checkpoints: Vec<String> = (0..options.longest_sides().len())
-        .map(|level| format!("{}/{CHECKPOINT_FILE}", checkpoint_of(level)))
-        .collect();
+    let checkpoints = checkpoint_files(options.longest_sides().len());
     let checkpoints: Vec<&str> = checkpoints.iter().map(String::as_str).collect();
     let places = Places::default()
         .reads("PICTURES", a.pictures.as_deref())

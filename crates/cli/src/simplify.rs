@@ -1,6 +1,8 @@
 //! `photofit simplify`: the main job.
 
-use crate::args::{FitJudge, FitReference, GeometryFormat, Simplify, Start, TextureFormat, has_option};
+use crate::args::{
+    FitJudge, FitReference, FitWith, GeometryFormat, Simplify, Start, TextureFormat, has_option,
+};
 use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say, say_warnings};
@@ -8,10 +10,13 @@ use crate::status::{Ending, Misuse};
 use crate::{device, interrupt, light, lod, memory, threads};
 use anyhow::{Error, Result, anyhow};
 use photofit_fit::FitError;
+use photofit_fit::engine::trainer::{HistoryPoint, relative_error};
 use photofit_fit::report::{PAGE as REPORT_PAGE, ReportInfo, Verdict, write_report};
 use photofit_fit::simplify::{
-    Init, JudgeRenderer, Judged, Outcome, Plan, Quality, ReferenceRenderer, SimplifyOptions, simplify,
+    FitRenderer, Init, JudgeRenderer, Judged, Outcome, Plan, Quality, ReferenceRenderer, SimplifyOptions,
+    TRACED_FOLDER, simplify,
 };
+use photofit_fit::traced_maps::MapsCourse;
 use photofit_geometry::decimate::Target;
 use photofit_scene::{Compression, Scene, SceneError, TextureEncoding};
 use serde_json::{Value, json};
@@ -26,18 +31,29 @@ pub(crate) const CHECKPOINT_FILE: &str = "fit.ckpt";
 /// The steps of the job, each with the stages that it reports.
 const STEPS: &[&[&str]] =
     &[&["visibility"], &["decimate"], &["wrap"], &["atlas", "bake"], &["fit"], &["choose", "report"]];
+/// The same with maps that are fitted through the path tracer.
+const STEPS_WITH_MAPS: &[&[&str]] = &[
+    &["visibility"],
+    &["decimate"],
+    &["wrap"],
+    &["atlas", "bake"],
+    &["fit"],
+    &["choose", "maps"],
+    &["report"],
+];
 
 pub(crate) fn run(a: &Simplify) -> Result<Ending> {
     if !a.lod.is_empty() {
         return lod::run(a);
     }
+    let traced = format!("{TRACED_FOLDER}/{CHECKPOINT_FILE}");
     let places = Places::default()
         .reads("IN", Some(&a.input))
         .reads("--env", a.env.as_deref())
         .writes("--output", Some(&a.output))
         .writes("--json", a.json.as_deref())
         .fills("--report", a.report.as_deref(), &[REPORT_PAGE])
-        .fills("--checkpoint", a.running.checkpoint.as_deref(), &[CHECKPOINT_FILE]);
+        .fills("--checkpoint", a.running.checkpoint.as_deref(), &[CHECKPOINT_FILE, &traced]);
     places.check()?;
     threads::set(a.running.threads)?;
     let options = options(a)?;
@@ -91,6 +107,10 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
             FitReference::Raster => ReferenceRenderer::Raster,
             FitReference::Path => ReferenceRenderer::Path,
         },
+        fit_with: match a.fit_with {
+            FitWith::Raster => FitRenderer::Raster,
+            FitWith::Path => FitRenderer::Path,
+        },
         own_textures: !a.new_maps,
         judge: match a.judge {
             FitJudge::Auto => JudgeRenderer::Auto,
@@ -104,6 +124,16 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
         resume: a.running.resume,
         device: device::choose(&a.device)?,
         ..default
+    })
+}
+
+/// The fit of the maps through the path tracer.
+fn traced_maps(course: &MapsCourse) -> Value {
+    let point = |h: &HistoryPoint| json!({ "step": h.step, "seconds": h.seconds, "loss": h.loss, "relative_error": relative_error(h.quality) });
+    json!({
+        "steps": course.steps,
+        "stopped": course.stopped,
+        "history": course.history.iter().map(point).collect::<Vec<_>>(),
     })
 }
 
@@ -170,7 +200,10 @@ pub(crate) struct Done {
 impl Job<'_> {
     pub(crate) fn run(&self, scene: &Scene, options: &SimplifyOptions) -> Result<Done> {
         self.begin(scene, options)?;
-        let progress = Terminal::with_steps(STEPS);
+        let progress = Terminal::with_steps(match options.fit_with {
+            FitRenderer::Raster => STEPS,
+            FitRenderer::Path => STEPS_WITH_MAPS,
+        });
         let outcome =
             simplify(scene, self.output, options, &progress).map_err(|e| explain_error(self.input, e))?;
         progress.finish();
@@ -187,9 +220,8 @@ impl Job<'_> {
         scene.validate_for_fit().map_err(|e| explain_error(self.input, e.into()))?;
         say_warnings(self.input, scene);
         if self.explain {
-            let path_traced = options.reference == ReferenceRenderer::Path;
             let plan = Plan::new(scene)
-                .with_options(options.steps, path_traced, &options.lighting)
+                .with_options(options.steps, options.rasterized_against().kind(), &options.lighting)
                 .with_judgement(options.judgement(scene));
             print(&format!("what the asset asks for:\n{plan}\n\n"))?;
         }
@@ -220,6 +252,9 @@ impl Job<'_> {
         }
         if self.explain {
             print(&format!("what ran:\n{}\n\n", outcome.plan))?;
+            if let Some(traced) = &outcome.traced_maps {
+                print(&format!("maps through the path tracer:\n{}\n\n", traced.plan))?;
+            }
         }
         for line in &outcome.left_out {
             say(&format!("warning: {}: left out: {line}", self.input.display()));
@@ -336,13 +371,14 @@ impl Job<'_> {
             "threads": rayon::current_num_threads(),
             "views": views,
             "history": history,
+            "traced_maps": o.traced_maps.as_ref().map(traced_maps),
             "left_out": o.left_out,
             "not_fitted": o.not_fitted,
             "warnings": scene.warnings,
             "judged": match o.judged {
-                Judged::Rasterized => "rasterized",
-                Judged::ReferenceTraced => "reference path traced",
-                Judged::PathTraced => "path traced",
+                Judged::Rasterized => "rasterized".to_owned(),
+                Judged::RasterizedAgainst(reference) => format!("reference {}", reference.name),
+                Judged::PathTraced => "path traced".to_owned(),
             },
             "judge_spp": (o.judged != Judged::Rasterized).then_some(o.judge_spp),
         });

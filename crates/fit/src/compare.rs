@@ -2,7 +2,7 @@
 
 use crate::engine::Normalised;
 use crate::engine::judge::{Judge, JudgeRenderer, Judged, Stage, ViewQuality};
-use crate::engine::reference::{SAMPLES, SUPERSAMPLE};
+use crate::engine::reference::{Rasterized, SAMPLES, SUPERSAMPLE};
 use crate::views::Lighting;
 use crate::{FitError, Progress};
 use photofit_scene::Scene;
@@ -33,7 +33,7 @@ pub fn compare_assets(
     let judge = Judge {
         scene: reference,
         n: &n,
-        path_traced_reference: false,
+        reference: &Rasterized::new(&n.flat, &n.library),
         renderer: JudgeRenderer::Auto,
         spp: SAMPLES,
         lighting: &Lighting::Point,

@@ -4,20 +4,21 @@
 //! asset, and it is fitted and judged as an engine shows it at its size. What a viewer notices when one level replaces the
 //! next is measured where it happens: FLIP between the two at the size of the switch.
 
+use crate::engine::chain::{Chain, MOST_PARTS, part_folder};
 use crate::engine::judge::{Quality, Stage, popping};
 use crate::simplify::{Asset, Outcome, SimplifyOptions, simplify_asset, with_asset};
 use crate::{FitError, Progress};
 use photofit_geometry::decimate::Target;
 use photofit_scene::{Limits, Scene};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// Smallest size on screen of a level, pixels.
 pub const SMALLEST: f64 = 16.0;
 /// Largest size on screen of a level, pixels.
 pub const LARGEST: f64 = 1024.0;
 /// Most levels of a chain.
-pub const MOST_LEVELS: usize = 8;
+pub const MOST_LEVELS: usize = MOST_PARTS;
 /// A level without a budget has the triangles that look right at so many times its size: with those of its size alone, a
 /// fitted level of 64 pixels looks worse than the original does with one sample a pixel (docs/crates/fit.md).
 const FINER: f64 = 2.0;
@@ -125,7 +126,7 @@ impl LodOptions {
 
     /// Folder of the checkpoint of a level.
     fn checkpoint(&self, k: usize) -> Option<PathBuf> {
-        self.fit.checkpoint.as_ref().map(|folder| level_folder(folder, k))
+        self.fit.checkpoint.as_ref().map(|folder| part_folder(folder, k))
     }
 
     /// Size below which the level after `k` replaces it: the geometric mean of both.
@@ -174,8 +175,8 @@ pub fn combined_path(output: &Path) -> PathBuf {
     beside(output, "lods.glb")
 }
 
-/// The folder of a level within one of the chain: the folder itself for the first, then `lod1`, `lod2`.
-pub fn level_folder(folder: &Path, level: usize) -> PathBuf {
+/// The folder of a level's report within that of the chain: the folder itself for the first, then `lod1`, `lod2`.
+pub fn report_folder(folder: &Path, level: usize) -> PathBuf {
     if level == 0 { folder.to_owned() } else { folder.join(format!("lod{level}")) }
 }
 
@@ -226,14 +227,15 @@ pub fn simplify_chain(
     options.check(scene.triangle_count())?;
     let began = Instant::now();
     with_asset(scene, progress, |asset| {
-        let (mut levels, mut left) = (Vec::<Level>::new(), options.fit.time_limit);
-        let mut failed = None;
+        let keeping = options.fit.keeping();
+        let mut chain = Chain::new(&keeping, progress)?;
+        let (mut levels, mut failed) = (Vec::<Level>::new(), None);
         for k in 0..options.sizes.len() {
             if k > 0 && progress.is_cancelled() {
                 break;
             }
             let began = if k == 0 { began } else { Instant::now() };
-            let level = match level(asset, output, options, &levels, left, began, progress) {
+            let level = match level(asset, output, options, &levels, &mut chain, began, progress) {
                 Err(FitError::Interrupted) if k > 0 => break,
                 Err(e) if k > 0 => {
                     failed = Some(e);
@@ -241,10 +243,7 @@ pub fn simplify_chain(
                 }
                 level => level?,
             };
-            // What earlier runs took is in the history too; this run cannot have taken longer than it lasts.
-            let fitted = level.outcome.history.last().map_or(0.0, |h| h.seconds);
-            let fitted = Duration::from_secs_f64(fitted).min(began.elapsed());
-            left = left.map(|l| l.saturating_sub(fitted));
+            chain.add(&level.outcome.history, options.level(k).steps);
             levels.push(level);
         }
         let combined = if failed.is_none() { finish(asset, output, options, &mut levels) } else { Ok(None) };
@@ -260,30 +259,27 @@ fn level(
     output: &Path,
     options: &LodOptions,
     before: &[Level],
-    left: Option<Duration>,
+    chain: &mut Chain<'_>,
     began: Instant,
     progress: &dyn Progress,
 ) -> Result<Level, FitError> {
     let (k, count) = (before.len(), options.sizes.len());
     let progress = &OfLevel { progress, name: format!("level {} of {count}", k + 1) };
     let mut fit = options.level(k);
-    fit.time_limit = left.map(|l| l / (count - k) as u32);
-    // A level that was not reached has no checkpoint yet.
-    fit.resume &= k == 0 || fit.checkpoint.as_ref().is_some_and(|folder| folder.exists());
     let from = before.last().map(|l| &l.outcome.candidate);
     if let (Target::Triangles(n), Some(from)) = (&mut fit.target, from) {
         *n = (*n).min(from.triangles.len());
     }
     let path = level_path(output, k);
-    let outcome = match simplify_asset(asset, from, &path, &fit, began, progress) {
-        // The level before went on, so that this one starts from another shape than its checkpoint did.
-        Err(e @ (FitError::Checkpoint { .. } | FitError::OtherFit { .. })) if k > 0 && fit.resume => {
-            progress.warn(&format!("{}; the level begins anew", of_chain(e)));
-            fit.resume = false;
-            simplify_asset(asset, from, &path, &fit, began, progress)?
-        }
-        outcome => outcome.map_err(of_chain)?,
-    };
+    let outcome = chain.fit(count - k, progress, |keeping| {
+        let fit = SimplifyOptions {
+            checkpoint: keeping.checkpoint.clone(),
+            resume: keeping.resume,
+            time_limit: keeping.time_limit,
+            ..fit.clone()
+        };
+        simplify_asset(asset, from, &path, &fit, began, progress).map_err(of_chain)
+    })?;
     let bytes = std::fs::metadata(&path).map_err(|source| FitError::Io { path: path.clone(), source })?.len();
     let (size, switch_size) = (options.sizes[k], options.switch_size(k));
     Ok(Level { path, bytes, size, switch_size, popping: None, outcome })

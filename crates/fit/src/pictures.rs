@@ -16,7 +16,7 @@ use crate::bake;
 use crate::engine::Normalised;
 use crate::engine::checkpoint::Digest;
 use crate::engine::judge::{ReportView, Stage, rasterized_views};
-use crate::engine::reference::{Picture, Reference, SUPERSAMPLE};
+use crate::engine::reference::{Picture, Reference, ReferenceKind, SUPERSAMPLE};
 use crate::engine::trainer::{self, HeldOut, Measure};
 use crate::engine::views::{Moment, Sampling, Set, Setup, Sphere, ViewLights, Views};
 use crate::{FitError, Progress};
@@ -230,9 +230,13 @@ impl Views for PictureFolder {
 }
 
 impl Reference for PictureFolder {
+    fn kind(&self) -> ReferenceKind {
+        ReferenceKind::GIVEN
+    }
+
     /// The picture that the view belongs to; how noisy it is is not known.
     fn picture(&self, setup: &Setup) -> Result<Picture, FitError> {
-        let image = &self.photos[setup.picture.unwrap_or_default()].image;
+        let image = &self.photos[setup.given_picture(self.photos.len())?].image;
         let factor = (image.width / setup.width.max(1)).max(1);
         let image = if factor > 1 {
             downsample(image, factor).crop(0, 0, setup.width, setup.height)

@@ -1,5 +1,5 @@
 //! Recovering textures from pictures: an asset's shape, pictures of it with cameras, and maps that look like them.
-//! Assembled from the parts of the engine; the second task beside [`crate::simplify`].
+//! Assembled from the parts of the engine.
 //!
 //! load the pictures -> normalise -> atlas -> grey maps -> fit them by rendering -> export -> reload the file and compare
 //! it with the pictures that were held out. Where the light of the pictures is known, base colour and roughness are
@@ -10,16 +10,16 @@ use crate::engine::cpu::Cpu;
 use crate::engine::export::to_scene;
 use crate::engine::judge::{Quality, ReportView, Stage};
 use crate::engine::loss::{self, PictureLoss};
-use crate::engine::plan::{Item, PlanRows, rows};
+use crate::engine::plan::rows::{self, Work};
+use crate::engine::plan::{Item, PlanRows};
 use crate::engine::reference::{ENERGY, Rasterized, Reference};
 use crate::engine::steering::Steering;
-use crate::engine::surface::{MAPS, PositionOptimizer, Surface};
+use crate::engine::surface::{MAPS, PositionOptimizer, SMOOTHNESS, Surface};
 use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
 use crate::engine::unwrap::unwrapped;
 use crate::engine::views::Sampling;
 use crate::error::in_ranges;
 use crate::pictures::PictureFolder;
-use crate::visibility::Visibility;
 use crate::{FitError, Progress};
 use photofit_geometry::Mesh;
 use photofit_raster::deferred::{Masks, Passes};
@@ -130,7 +130,7 @@ pub fn recover_texture(
     let held_out = photos.evaluation(options.seed)?;
     let mut topology = photos.digest();
     topology.add(&model.candidate.uvs);
-    let loss = loss::choose(held_out.noise);
+    let loss = loss::choose(&held_out);
     let job = Job {
         reference: &photos,
         views: &photos,
@@ -157,7 +157,7 @@ pub fn recover_texture(
         renewal: None,
     };
     let phases = vec![phase];
-    let plan = PlanRows::new(items(&model, &photos, (loss, &held_out)), &phases);
+    let plan = PlanRows::new(items(&model.work(options.steps), &photos, (loss, &held_out)), &phases);
     let trained = train(Cpu::new(model)?, &job, |_| phases, progress)?;
 
     photofit_scene::save_glb(output, &to_scene(&trained.model.candidate, &n))?;
@@ -183,7 +183,7 @@ pub fn recover_texture(
 
 /// The rows of the plan.
 pub(crate) fn items(
-    model: &Surface,
+    work: &Work,
     photos: &PictureFolder,
     (loss, held_out): (PictureLoss, &HeldOut),
 ) -> Vec<Item> {
@@ -203,7 +203,7 @@ pub(crate) fn items(
             "all pictures have alpha",
         ),
     ];
-    items.extend(rows::surface(model));
+    items.extend(rows::surface(work));
     items.push(rows::loss(loss, held_out.noise));
     items.push(rows::evaluation(
         held_out.measure,
@@ -238,7 +238,8 @@ pub(crate) fn bare(mesh: &Scene, unlit: bool) -> Scene {
     scene
 }
 
-/// The start: a shape in the frame, with the class of each triangle, an atlas and grey maps, of which colour and, where
+/// The start: a shape in the frame with the hard edges of its own normals, the class of each triangle, an atlas and grey
+/// maps, of which colour and, where
 /// there is light, roughness are fitted.
 pub(crate) fn grey(
     n: &Normalised,
@@ -247,17 +248,16 @@ pub(crate) fn grey(
     size: usize,
     progress: &dyn Progress,
 ) -> Result<Surface, FitError> {
-    let surface = n.surface()?;
-    let seen = Visibility::everything(n.flat.mesh.triangles.len());
     let has_area = |t: &usize| {
         let [a, b, c] = source.corners(*t);
         a != b && b != c && c != a
     };
     let kept: Vec<usize> = (0..source.triangles.len()).filter(has_area).collect();
     let triangles = kept.iter().map(|t| source.triangles[*t]).collect();
-    let mesh = Mesh { positions: source.positions.clone(), triangles, ..Mesh::default() };
+    let (positions, normals) = (source.positions.clone(), source.normals.clone());
+    let mesh = Mesh { positions, normals, triangles, ..Mesh::default() };
     let class = kept.iter().map(|t| class[*t]).collect();
-    let mut candidate = unwrapped(n, &surface, &seen, &mesh, class, size, progress)?;
+    let mut candidate = unwrapped(&mesh, None, class, n.drawn_classes(), size, progress)?;
     let fitted = if lit { channel::BASE_COLOR } else { channel::EMISSIVE };
     let mut maps = candidate.maps.levels[0].clone();
     for texel in &mut maps.texels {
@@ -282,7 +282,8 @@ pub(crate) fn grey(
         map_gradients: true,
         energy: ENERGY,
     };
-    Ok(Surface { candidate, passes, rates, moves: false, optimizer: PositionOptimizer::default() })
+    let (optimizer, smoothness) = (PositionOptimizer::default(), SMOOTHNESS);
+    Ok(Surface { candidate, passes, rates, moves: false, optimizer, smoothness })
 }
 
 #[cfg(test)]

@@ -12,7 +12,8 @@ mod start;
 pub use shape_error::ShapeError;
 
 use crate::engine::Normalised;
-use crate::engine::checkpoint::{self, Digest};
+use crate::engine::chain::Chain;
+use crate::engine::checkpoint::Digest;
 use crate::engine::cpu::Cpu;
 use crate::engine::export::to_scene;
 use crate::engine::judge::{Quality, ReportView, Stage};
@@ -27,50 +28,26 @@ use crate::pictures::PictureFolder;
 use crate::recover::{grey, items};
 use crate::{FitError, Progress};
 use photofit_geometry::subdivide::midpoint;
-use photofit_geometry::weld::weld_exact;
+use photofit_geometry::weld::weld_rows;
 use photofit_raster::loss::Loss;
+use photofit_scalar::Vec3f;
 use photofit_scene::Scene;
 use start::{Pictures, Start};
-use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::path::Path;
 
 /// Peak rate of the maps.
 const MAP_RATE: f64 = 0.02;
-/// Peak rate of the positions at the coarsest level, in radii of what the cameras see, where steps are diffused.
-const POSITION_RATE: f64 = 0.03;
-/// The same for [`PositionOptimizer::Adam`], whose steps are as long at every vertex.
-const ADAM_RATE: f64 = 0.003;
 /// Peak rate of a level relative to that of the level before.
 const RATE_OF_NEXT: f64 = 0.5;
 /// Most times that triangles are split on the way to the budget.
 pub const MOST_LEVELS: u32 = 3;
 /// Fewest triangles to start from.
 const FEWEST: usize = 80;
-/// Weight of the Laplacians: that of the paper of Large Steps, for a mesh of [`VERTICES`] as there. It goes with the number
-/// of vertices, so that steps are shared over the same part of the surface at every level.
-const LAMBDA: f64 = 19.0;
-/// See [`LAMBDA`].
-const VERTICES: f64 = 10_000.0;
-/// Distance of normals at which the bilateral filter shares steps no more.
-const SIGMA: f64 = 0.5;
-
-/// How positions move.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum MeshOptimizer {
-    /// [`PositionOptimizer::LargeSteps`].
-    #[default]
-    LargeSteps,
-    /// [`PositionOptimizer::Bilateral`].
-    Bilateral,
-    /// [`PositionOptimizer::Adam`].
-    Adam,
-}
-
 /// Options of [`recover_mesh`].
 #[derive(Clone, Debug)]
 pub struct RecoverMeshOptions {
     /// How positions move.
-    pub optimizer: MeshOptimizer,
+    pub optimizer: PositionOptimizer,
     /// Most triangles of the result, at least 80; a start with more keeps its own.
     pub triangles: usize,
     /// Width and height of the maps, 16 to 8192.
@@ -88,7 +65,7 @@ pub struct RecoverMeshOptions {
 impl Default for RecoverMeshOptions {
     fn default() -> Self {
         Self {
-            optimizer: MeshOptimizer::default(),
+            optimizer: PositionOptimizer::default(),
             triangles: 5120,
             texture_size: 512,
             steps: 600,
@@ -166,22 +143,22 @@ pub fn recover_mesh(
     let first_scene = to_scene(&model.candidate, &n);
 
     let held_out = photos.evaluation(options.seed)?;
-    let fit = Fit { photos: &photos, held_out: &held_out, options, began: Instant::now() };
-    let mut plan = PlanRows { items: items(&model, &photos, (LOSS.into(), &held_out)), phases: Vec::new() };
-    let (mut history, mut steps, mut stopped) = (Vec::<HistoryPoint>::new(), 0, false);
+    let fit = Fit { photos: &photos, held_out: &held_out, options };
+    let mut plan = PlanRows {
+        items: items(&model.work(options.steps), &photos, (LOSS.into(), &held_out)),
+        phases: Vec::new(),
+    };
+    let mut chain = Chain::new(&options.keeping, progress)?;
+    let (mut steps, mut stopped) = (0, false);
     for level in 0..start.levels {
         if level > 0 {
             model = finer(model, &n)?;
         }
-        model.optimizer = options.optimizer.of_positions(model.candidate.positions.len());
-        let (trained, rows) = fit.level(model, level, start.levels, progress)?;
-        let seconds = history.last().map_or(0.0, |h| h.seconds);
-        let told = trained.history.iter();
-        history.extend(told.map(|h| HistoryPoint {
-            step: h.step + steps,
-            seconds: h.seconds + seconds,
-            ..*h
-        }));
+        model.optimizer = options.optimizer;
+        model.smoothness = PositionOptimizer::for_vertices(model.candidate.positions.len());
+        let (trained, rows) = chain
+            .fit(1, progress, |keeping| fit.level(model.clone(), (level, start.levels), keeping, progress))?;
+        chain.add(&trained.history, fit.steps(level, start.levels));
         plan.phases.extend(rows.phases);
         steps += trained.steps;
         model = trained.model;
@@ -204,6 +181,7 @@ pub fn recover_mesh(
     let stages = [Stage::new("start", first_scene), Stage::new("recovered", fitted)];
     let views = photos.judge(&n, &stages, progress)?;
     let [start, quality] = Quality::of_two_stages(&views);
+    let history = chain.into_history();
     let seconds = history.last().map_or(0.0, |h| h.seconds);
     Ok(RecoveredMesh {
         quality,
@@ -221,7 +199,8 @@ pub fn recover_mesh(
     })
 }
 
-/// The loss: of absolute differences, so that outlines count that are far off.
+/// The loss: of absolute differences, so that outlines count that are far off. Light above 1 counts logarithmically, so
+/// that it goes with either measure of the evaluations.
 const LOSS: Loss = Loss::LogSrgbL1;
 
 /// What all levels share.
@@ -229,22 +208,25 @@ struct Fit<'a> {
     photos: &'a PictureFolder,
     held_out: &'a HeldOut,
     options: &'a RecoverMeshOptions,
-    began: Instant,
 }
 
 impl Fit<'_> {
-    /// Fits one level; it has its own checkpoint.
+    /// Steps of a level of so many.
+    fn steps(&self, level: u32, levels: u32) -> u64 {
+        let share = self.options.steps / u64::from(levels);
+        if level + 1 == levels { self.options.steps - share * u64::from(level) } else { share }
+    }
+
+    /// Fits one level of so many.
     fn level(
         &self,
         model: Surface,
-        level: u32,
-        levels: u32,
+        (level, levels): (u32, u32),
+        keeping: &Keeping,
         progress: &dyn Progress,
     ) -> Result<(Trained<Surface>, PlanRows), FitError> {
-        let Self { photos, held_out, options, began } = self;
-        let keeping = self.keeping(level, levels)?;
-        let share = options.steps / u64::from(levels);
-        let steps = if level + 1 == levels { options.steps - share * u64::from(level) } else { share };
+        let Self { photos, held_out, options } = self;
+        let steps = self.steps(level, levels);
         let mut topology = Digest::new();
         topology.add(model.candidate.triangles.as_flattened());
         topology.add(&model.candidate.uvs);
@@ -258,12 +240,9 @@ impl Fit<'_> {
             batch: options.batch,
             fresh: options.batch.div_ceil(2),
             steps,
-            keeping: &Keeping {
-                time_limit: keeping.time_limit.map(|l: Duration| l.saturating_sub(began.elapsed())),
-                ..keeping
-            },
+            keeping,
             options: Steering::default()
-                .option("optimizer", format!("{:?}", options.optimizer))
+                .option("optimizer", options.optimizer.name())
                 .option("triangles", options.triangles)
                 .option("texture_size", options.texture_size)
                 .option("batch", options.batch)
@@ -271,8 +250,7 @@ impl Fit<'_> {
                 .digest("pictures, cameras or lights", format!("{:016x}", photos.digest().value()))
                 .digest("topology", format!("{:016x}", topology.value())),
         };
-        let peak = if options.optimizer == MeshOptimizer::Adam { ADAM_RATE } else { POSITION_RATE };
-        let rate = peak * RATE_OF_NEXT.powi(level as i32);
+        let rate = options.optimizer.peak_rate() * RATE_OF_NEXT.powi(level as i32);
         let phase = Phase {
             name: if level + 1 == levels { "full budget" } else { "coarse" },
             first: 0,
@@ -285,26 +263,6 @@ impl Fit<'_> {
         let rows = PlanRows::new(Vec::new(), &phases);
         Ok((train(Cpu::new(model)?, &job, |_| phases, progress)?, rows))
     }
-
-    /// Where a level keeps its state. A fresh fit sets aside what an earlier one left for later levels.
-    fn keeping(&self, level: u32, levels: u32) -> Result<Keeping, FitError> {
-        let all = &self.options.keeping;
-        let folder = |level| all.checkpoint.as_ref().map(|f| f.join(level_folder(level)));
-        if level == 0 && !all.resume {
-            for file in (1..levels).filter_map(folder).map(|f| f.join(checkpoint::FILE)) {
-                photofit_image::set_aside(&file)?;
-            }
-        }
-        let checkpoint: Option<PathBuf> = folder(level);
-        // A level that was not begun has nothing to go on from.
-        let begun = checkpoint.as_ref().is_some_and(|f| f.join(checkpoint::FILE).exists());
-        Ok(Keeping { checkpoint, resume: all.resume && (begun || level == 0), ..all.clone() })
-    }
-}
-
-/// Folder of a level's checkpoint inside of that of the fit.
-pub fn level_folder(level: u32) -> String {
-    format!("level-{level}")
 }
 
 /// The same shape and maps with four triangles for each.
@@ -315,20 +273,12 @@ fn finer(coarse: Surface, n: &Normalised) -> Result<Surface, FitError> {
         .mesh;
     let class = candidate.class.iter().flat_map(|c| [*c; 4]).collect();
     let maps = candidate.maps.levels[0].clone();
-    let smoothing = weld_exact(&mesh.positions);
+    // Vertices at one place with one normal are smooth there: what was a hard edge stays one.
+    let row = |(p, n): (&Vec3f, &Vec3f)| [p.x, p.y, p.z, n.x, n.y, n.z];
+    let rows: Vec<f32> = mesh.positions.iter().zip(&mesh.normals).flat_map(row).collect();
+    let smoothing = weld_rows(&rows, 6);
     let candidate = crate::candidate::Candidate::new(&mesh, &smoothing, class, n.drawn_classes(), maps);
     Ok(Surface { candidate, ..coarse })
-}
-
-impl MeshOptimizer {
-    fn of_positions(self, vertices: usize) -> PositionOptimizer {
-        let lambda = LAMBDA * vertices as f64 / VERTICES;
-        match self {
-            Self::LargeSteps => PositionOptimizer::LargeSteps { lambda },
-            Self::Bilateral => PositionOptimizer::Bilateral { lambda, sigma: SIGMA },
-            Self::Adam => PositionOptimizer::Adam,
-        }
-    }
 }
 
 impl RecoverMeshOptions {

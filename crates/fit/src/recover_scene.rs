@@ -1,5 +1,5 @@
 //! Recovering materials, textures, lights and media of a scene from pictures of it, through the path tracer. Assembled from the
-//! parts of the engine; the third task beside [`crate::simplify`] and [`crate::recover`].
+//! parts of the engine.
 //!
 //! Pictures are compared in linear light, relative to what they should be and without clamping, in the steps and in the
 //! evaluations that choose the best state alike. Of four pictures or more the last one is held out for these; fewer are
@@ -9,9 +9,9 @@ mod doubts;
 
 use crate::engine::checkpoint::Digest;
 use crate::engine::cpu::Cpu;
-use crate::engine::loss::PictureLoss;
+use crate::engine::loss::{self, PictureLoss};
 use crate::engine::plan::{Item, PlanRows, rows};
-use crate::engine::reference::{Picture, Reference};
+use crate::engine::reference::{Picture, Reference, ReferenceKind};
 use crate::engine::steering::Steering;
 use crate::engine::traced::{Smoothing, Traced, TracedParameter};
 use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
@@ -91,9 +91,13 @@ impl Pictures {
 }
 
 impl Reference for Pictures {
+    fn kind(&self) -> ReferenceKind {
+        ReferenceKind::GIVEN
+    }
+
     fn picture(&self, setup: &Setup) -> Result<Picture, FitError> {
         // The model's pictures are noisy: the loss must be one that noise does not bias.
-        Ok(Picture { image: self.images[setup.picture.unwrap_or(0)].clone(), noise: None })
+        Ok(Picture { image: self.images[setup.given_picture(self.images.len())?].clone(), noise: None })
     }
 
     fn bounds(&self, _: Moment) -> Sphere {
@@ -198,7 +202,7 @@ pub fn recover_scene(
         views: &source,
         held_out: &evaluation,
         sampling: Sampling::SUPERSAMPLED,
-        loss: PictureLoss::RELATIVE_SQUARES,
+        loss: loss::choose(&evaluation),
         seed: options.seed,
         batch: source.fitted().min(MOST_OF_A_STEP),
         fresh: source.fitted().min(MOST_OF_A_STEP).div_ceil(2),
@@ -211,7 +215,7 @@ pub fn recover_scene(
     let rates = (0..model.parameters.len()).map(rate).collect();
     let phase = Phase { name: "parameters", first: 0, steps: options.steps, shrink: 1, rates, renewal: None };
     let phases = vec![phase];
-    let plan = PlanRows::new(items(&model, held_out), &phases);
+    let plan = PlanRows::new(items(&model, held_out, options.steps), &phases);
     let trained = train(Cpu::new(model)?, &job, |_| phases, progress)?;
     Ok(RecoveredScene {
         model: trained.model,
@@ -225,7 +229,7 @@ pub fn recover_scene(
 }
 
 /// The rows of the plan.
-fn items(model: &Traced, held_out: Option<usize>) -> Vec<Item> {
+fn items(model: &Traced, held_out: Option<usize>, steps: u64) -> Vec<Item> {
     const MATERIALS: &str = "material gradients";
     const TEXTURES: &str = "texture gradients";
     const LIGHTS: &str = "light gradients";
@@ -243,17 +247,20 @@ fn items(model: &Traced, held_out: Option<usize>) -> Vec<Item> {
         .map(|what| {
             let of = model.parameters.iter().filter(|p| kind(p) == what);
             let names: Vec<&str> = of.map(|p| p.name.as_str()).collect();
-            Item::of(what, !names.is_empty(), names.join(", "), "none is fitted: no derivative is followed")
+            let why_not =
+                if steps > 0 { "none is fitted: no derivative is followed" } else { rows::NO_STEPS };
+            Item::of(what, steps > 0 && !names.is_empty(), names.join(", "), why_not)
         })
         .collect();
     let of = |p: &&TracedParameter| model.is_smoothed(p);
     let names: Vec<&str> = model.parameters.iter().filter(of).map(|p| p.name.as_str()).collect();
     let why_not = match model.smoothing {
+        _ if steps == 0 => rows::NO_STEPS,
         Smoothing::None => "not asked for",
         _ => "all parameters are single values, or grids of fewer than 16 voxels a side",
     };
     let how = format!("{}: {}", format!("{:?}", model.smoothing).to_lowercase(), names.join(", "));
-    items.push(Item::of("smoothed steps", !names.is_empty(), how, why_not));
+    items.push(Item::of("smoothed steps", steps > 0 && !names.is_empty(), how, why_not));
     items.push(Item::of(
         "held-out picture",
         held_out.is_some(),

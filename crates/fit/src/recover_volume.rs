@@ -3,6 +3,7 @@
 //! Coarse grids first, each finer one from what the last one found: a voxel of a coarse grid is seen by more samples, so
 //! that large shapes are found from few of them. Each grid is a fit of [`recover_scene`](mod@crate::recover_scene) of its own.
 
+use crate::engine::chain::Chain;
 use crate::engine::plan::PlanRows;
 use crate::engine::reference::path_lights;
 use crate::engine::traced::{Smoothing, Traced, TracedParameter};
@@ -18,7 +19,6 @@ use photofit_pathtrace::{
 use photofit_scalar::Vec3f;
 use std::collections::BTreeSet;
 use std::sync::Mutex;
-use std::time::Instant;
 
 /// Ends of the grids, coarse to fine, as shares of all steps: three halvings at most.
 const ENDS: [f64; 4] = [0.16, 0.36, 0.64, 1.0];
@@ -73,7 +73,7 @@ pub struct RecoverVolumeOptions {
     pub smoothing: Smoothing,
     /// Seed of all random choices.
     pub seed: u64,
-    /// Checkpoints, one folder `grid_N` for each grid, and limits.
+    /// Checkpoints, one for each grid ([`part_folder`](crate::engine::chain::part_folder)), and limits.
     pub keeping: Keeping,
 }
 
@@ -168,7 +168,6 @@ pub fn recover_volume(
     options: &RecoverVolumeOptions,
     progress: &dyn Progress,
 ) -> Result<RecoveredVolume, FitError> {
-    let began = Instant::now();
     options.check(surroundings)?;
     let Some(first) = pictures.first() else {
         let rule = format!("are 0; they must be {}, one per view", views.len().max(1));
@@ -177,38 +176,36 @@ pub fn recover_volume(
     let bounds = options.bounds.map_or_else(|| seen_by(views), Ok)?;
     let longest = options.longest_sides();
     let mut grid = Grid::start(size_of(&bounds, longest[0]), &bounds, options.albedo);
-    let (mut history, mut grids, mut phases) = (Vec::new(), Vec::new(), Vec::new());
-    let (mut done, mut made, mut resumed) = (0, 0, 0);
+    let (mut grids, mut phases) = (Vec::new(), Vec::new());
+    let (mut made, mut resumed) = (0, 0);
+    let mut chain = Chain::new(&options.keeping, progress)?;
     let told = Mutex::default();
     for (level, side) in longest.iter().enumerate() {
         grid = grid.resampled(size_of(&bounds, *side));
-        let model = grid.model(surroundings, &bounds, options, [first.width, first.height])?;
+        let done = chain.steps();
         let end = (options.steps as f64 * ENDS[ENDS.len() - longest.len() + level]).round() as u64;
-        let checkpoint = options.keeping.checkpoint.as_ref().map(|c| c.join(checkpoint_of(level)));
-        let keeping = Keeping {
-            // A grid that was not reached before begins now.
-            resume: options.keeping.resume && (level == 0 || checkpoint.as_ref().is_some_and(|c| c.exists())),
-            checkpoint,
-            time_limit: options.keeping.time_limit.map(|l| l.saturating_sub(began.elapsed())),
-        };
-        let own = RecoverSceneOptions { steps: end - done, rate: options.rate, seed: options.seed, keeping };
         let shown = OfGrid { progress, done, steps: options.steps, size: grid.size, told: &told };
-        let r = recover_scene(model, views, pictures, &own, &shown)?;
+        let r = chain.fit(1, &shown, |keeping| {
+            let model = grid.model(surroundings, &bounds, options, [first.width, first.height])?;
+            let (rate, seed, keeping) = (options.rate, options.seed, keeping.clone());
+            let own = RecoverSceneOptions { steps: end - done, rate, seed, keeping };
+            recover_scene(model, views, pictures, &own, &shown)
+        })?;
         grids.push((done, *side));
         phases.extend(r.plan.phases.iter().map(|p| format!("{side} voxels: {p}")));
-        history.extend(r.history.iter().map(|h| HistoryPoint { step: done + h.step, ..*h }));
+        chain.add(&r.history, end - done);
         grid.extinction.copy_from_slice(r.model.of(0));
         if options.albedo.is_none() {
             grid.albedo.copy_from_slice(r.model.of(1));
         }
-        (done, made, resumed) = (end, made + r.steps, resumed + r.resumed);
+        (made, resumed) = (made + r.steps, resumed + r.resumed);
         if level + 1 == longest.len() || r.stopped {
             return Ok(RecoveredVolume {
                 size: grid.size,
                 bounds,
                 extinction: grid.extinction,
                 albedo: grid.albedo,
-                history,
+                history: chain.into_history(),
                 grids,
                 held_out: r.held_out,
                 steps: made,
@@ -220,11 +217,6 @@ pub fn recover_volume(
         }
     }
     unreachable!("there is a grid")
-}
-
-/// The folder of the checkpoint of a grid, the coarsest is 0.
-pub fn checkpoint_of(level: usize) -> String {
-    format!("grid_{level}")
 }
 
 impl RecoverVolumeOptions {

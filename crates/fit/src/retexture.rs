@@ -16,7 +16,7 @@ use crate::engine::judge::{Quality, ReportView, Stage, rasterized_views};
 use crate::engine::loss;
 use crate::engine::plan::{Item, Plan, PlanRows, rows};
 use crate::engine::posed::Posed;
-use crate::engine::reference::{Rasterized, SUPERSAMPLE};
+use crate::engine::reference::{Rasterized, Reference, SUPERSAMPLE};
 use crate::engine::steering::Steering;
 use crate::engine::surface::{MAPS, Surface, rate_of_maps};
 use crate::engine::trainer::{self, HeldOut, HistoryPoint, Job, Keeping, Phase, train};
@@ -119,7 +119,7 @@ pub fn retexture(
     candidate.set_maps(baked(&n, &rays, &candidate, &rest, progress)?);
     let start = dressed(light, &candidate, &n);
     let plan = Plan::new(reference)
-        .with_options(options.steps, false, &options.lighting)
+        .with_options(options.steps, reference_pictures.kind(), &options.lighting)
         .with_fixed_shape()
         .with_maps(&candidate);
     let model = Posed::new(Surface::new(candidate, &plan), &own);
@@ -132,8 +132,8 @@ pub fn retexture(
     let seen = views(size);
     let count = trainer::HELD_OUT.max(2 * options.moments.len() as u64).min(32);
     let held_out = HeldOut::new(&reference_pictures, &seen, Sampling::SUPERSAMPLED, count, options.seed)?;
-    let loss = loss::choose(held_out.noise);
-    let mut items = rows::surface(model.surface());
+    let loss = loss::choose(&held_out);
+    let mut items = rows::surface(&model.surface().work(options.steps));
     items.push(animation(options, &n));
     items.push(rows::loss(loss, held_out.noise));
     items.push(rows::evaluation(held_out.measure, "what a screen shows is compared"));

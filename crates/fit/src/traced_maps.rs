@@ -8,7 +8,7 @@ use crate::engine::Normalised;
 use crate::engine::cpu::Cpu;
 use crate::engine::loss::PictureLoss;
 use crate::engine::plan::{Item, PlanRows, rows};
-use crate::engine::reference::{self, Features, PathTraced, SAMPLES};
+use crate::engine::reference::{self, ENERGY, Features, PathTraced, SAMPLES};
 use crate::engine::steering::Steering;
 use crate::engine::traced::{Compared, Traced, TracedParameter};
 use crate::engine::trainer::{HELD_OUT, HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
@@ -72,6 +72,13 @@ impl Default for TracedMapsOptions {
 pub struct TracedMaps {
     /// The light asset with the maps of the best evaluation.
     pub light: Scene,
+    /// How it went.
+    pub course: MapsCourse,
+}
+
+/// How a fit of maps through the path tracer went.
+#[derive(Clone, Debug)]
+pub struct MapsCourse {
     /// The course of the fit; evaluations are [`Measure::Relative`].
     pub history: Vec<HistoryPoint>,
     /// Steps made.
@@ -106,7 +113,7 @@ pub fn traced_maps(
     if let Some(size) = options.new_map {
         add_maps(&mut light, size);
     }
-    let world = reference::world(&Features::Core.of(&light), n.to_frame(), n.radius)?;
+    let world = reference::world(&Features::Core.of(&light), n.to_frame(), n.radius, ENERGY)?;
     let maps = maps(&light, &world);
     if maps.is_empty() {
         return Err(FitError::Setting {
@@ -138,12 +145,34 @@ pub fn traced_maps(
         keeping: &options.keeping,
         options: steering(options, &model),
     };
-    let trained = train(Cpu::new(model)?, &job, |_| phases, progress)?;
+    let trained = train(Cpu::new(model)?, &job, |_| phases, &Maps(progress))?;
     for (k, map) in maps.iter().enumerate() {
         map.write(trained.model.of(k), &mut light.images[map.image]);
     }
     let stopped = trained.stopped || progress.is_cancelled();
-    Ok(TracedMaps { light, history: trained.history, steps: trained.steps, stopped, plan })
+    let course = MapsCourse { history: trained.history, steps: trained.steps, stopped, plan };
+    Ok(TracedMaps { light, course })
+}
+
+/// Progress of a fit of maps that may follow another fit.
+struct Maps<'a>(&'a dyn Progress);
+
+impl Progress for Maps<'_> {
+    fn report(&self, _: &'static str, done: u64, total: u64, note: &str) {
+        self.0.report("maps", done, total, note);
+    }
+
+    fn warn(&self, text: &str) {
+        self.0.warn(text);
+    }
+
+    fn note(&self, text: &str) {
+        self.0.note(text);
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.0.is_cancelled()
+    }
 }
 
 impl TracedMapsOptions {

@@ -3,7 +3,7 @@
 use glam::{Affine3A, Vec3};
 use photofit_fit::Silent;
 use photofit_fit::scene_render::SceneRenderer;
-use photofit_fit::simplify::{Init, Outcome, SimplifyOptions, simplify};
+use photofit_fit::simplify::{Init, Outcome, SimplifyOptions, Written, simplify};
 use photofit_fit::views::Lighting;
 use photofit_geometry::decimate::Target;
 use photofit_geometry::{Mesh, shapes};
@@ -77,6 +77,10 @@ fn a_fit_beats_its_own_start() {
     mesh.colors = mesh.positions.iter().map(colour).collect();
     let asset = scene(vec![(mesh, paint([1.0; 3], false), vec![Affine3A::IDENTITY])]);
     let (outcome, _) = run(&asset, &quick(Target::Triangles(150), 200));
+    assert_eq!(outcome.written, Written::Fitted);
+    let best = outcome.history.iter().map(|h| h.quality).fold(f64::NEG_INFINITY, f64::max);
+    let first = outcome.history[0].quality;
+    assert!(best > first + MARGIN, "held-out views: {first:.2} dB became {best:.2}");
     let stage = |name| *outcome.stage(name).expect("every stage is judged");
     let (baked, wrapped, fitted) = (stage("baked"), stage("wrapped"), stage("fitted"));
     let start = baked.psnr.max(wrapped.psnr);

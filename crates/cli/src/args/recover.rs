@@ -2,7 +2,9 @@
 
 use super::values::{Numbers, above_to, between, ending, number, numbers, of_key, seconds, whole};
 use super::{Course, ParameterScene, Running, STATUSES};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand, ValueEnum};
+use photofit_fit::engine::surface::PositionOptimizer;
 use photofit_fit::recover_mesh::MOST_TRIANGLES;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -44,15 +46,13 @@ pub(crate) struct RecoverTexture {
     pub(crate) course: Course,
 }
 
-/// How vertices move.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum MeshOptimizer {
-    /// Steps diffused over the surface.
-    LargeSteps,
-    /// The same, but not over creases.
-    Bilateral,
-    /// Each coordinate by itself.
-    Adam,
+/// The optimizers of vertices by their names.
+fn optimizers() -> impl TypedValueParser<Value = PositionOptimizer> {
+    let value = |o: PositionOptimizer| PossibleValue::new(o.name()).help(o.about());
+    PossibleValuesParser::new(PositionOptimizer::ALL.map(value)).map(|name| {
+        let named = PositionOptimizer::ALL.into_iter().find(|o| o.name() == name);
+        named.expect("one of the possible values")
+    })
 }
 
 #[derive(Args, Debug)]
@@ -76,8 +76,8 @@ pub(crate) struct RecoverMesh {
     #[arg(short, long, value_name = "OUT.glb", value_parser = ending(&["glb"]))]
     pub(crate) output: PathBuf,
     /// How vertices move.
-    #[arg(long, value_name = "HOW", value_enum, default_value = "large-steps")]
-    pub(crate) optimizer: MeshOptimizer,
+    #[arg(long, value_name = "HOW", default_value = PositionOptimizer::default().name(), value_parser = optimizers())]
+    pub(crate) optimizer: PositionOptimizer,
     /// Most triangles of the result; a --mesh of more keeps its own [range: 80 to 4194304].
     #[arg(long, value_name = "N", default_value_t = 5120, value_parser = whole::<usize>(80..=MOST_TRIANGLES as u64))]
     pub(crate) triangles: usize,

@@ -27,7 +27,7 @@ fn a_chain_in_one_command() {
     let files =
         ["c", "f.json", "out.glb", "out.lod1.glb", "out.lod2.glb", "out.lods.glb", "out.lods.json", "r"];
     assert_eq!(names(d), [&files[..], &["rock.glb"]].concat());
-    assert_eq!(names(&d.join("c")), ["fit.ckpt", "lod1", "lod2"]);
+    assert_eq!(names(&d.join("c")), ["fit.ckpt", "part1", "part2"]);
     assert!(d.join("r/index.html").exists() && d.join("r/lod2/index.html").exists());
     let (summary, all) = (json(&d.join("out.lods.json")), json(&d.join("f.json")));
     let levels = summary["levels"].as_array().unwrap();

@@ -54,6 +54,29 @@ pub(crate) fn hard_edges(
         .collect()
 }
 
+/// One flag per edge: the faces meet at an angle, and so do the mesh's own vertex normals on the two sides. A mesh without
+/// normals is smooth. `edges` are those of its triangles, however their vertices are welded.
+pub(crate) fn own_creases(mesh: &Mesh, edges: &Edges) -> Vec<bool> {
+    if mesh.normals.len() != mesh.positions.len() {
+        return vec![false; edges.len()];
+    }
+    let face = |half: u32| {
+        let [a, b, c] = mesh.corners(half as usize / 3);
+        (b - a).cross(c - a).normalize_or_zero()
+    };
+    let side = |half: u32| {
+        let (triangle, k) = (mesh.triangles[half as usize / 3], half as usize % 3);
+        let normal = |k: usize| mesh.normals[triangle[k % 3] as usize];
+        (normal(k) + normal(k + 1)).normalize_or_zero()
+    };
+    let is_hard = |e: usize| {
+        let &[a, b] = edges.half_edges.row(e) else { return false };
+        let angle = between(face(a), face(b));
+        angle >= LEAST_ANGLE && between(side(a), side(b)) > (SHARE * angle).max(LEAST_ANGLE)
+    };
+    (0..edges.len()).map(is_hard).collect()
+}
+
 /// Mean smooth normal of the reference on one side of an edge.
 fn side_normal(selector: &Selector<'_>, target: &Mesh, faces: &[Vec3f], half: u32) -> Option<Vec3f> {
     let (t, k) = (half as usize / 3, half as usize % 3);
@@ -115,5 +138,13 @@ mod tests {
         let around = |a: f32| vec3(a.cos(), 0.0, -a.sin());
         assert_eq!(creases(tube(|_, middle| around(middle))), 4, "flat sides");
         assert_eq!(creases(tube(|corner, _| around(corner))), 0, "smooth normals");
+        let own = |mesh: Mesh| {
+            let edges = Edges::new(&mesh.triangles, &weld_exact(&mesh.positions));
+            own_creases(&mesh, &edges).iter().filter(|h| **h).count()
+        };
+        assert_eq!(own(tube(|_, middle| around(middle))), 4, "by its own normals");
+        assert_eq!(own(tube(|corner, _| around(corner))), 0, "smooth by its own normals");
+        let bare = Mesh { normals: Vec::new(), ..tube(|_, middle| around(middle)) };
+        assert_eq!(own(bare), 0, "without normals");
     }
 }

@@ -28,7 +28,7 @@ use rayon::prelude::*;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-pub(crate) use creases::hard_edges;
+pub(crate) use creases::{hard_edges, own_creases};
 pub use reference::Reference;
 
 /// Largest width and height of the maps.

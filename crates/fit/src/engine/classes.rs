@@ -94,7 +94,7 @@ pub(crate) fn drawn(scene: &Scene) -> Cow<'_, Scene> {
 }
 
 /// Whether light passes through a material, which an alpha mask does not cut out.
-fn transmits(m: &Material) -> bool {
+pub(super) fn transmits(m: &Material) -> bool {
     transmission(m) > 0.0 && !m.unlit && !matches!(m.alpha_mode, AlphaMode::Mask { .. })
 }
 

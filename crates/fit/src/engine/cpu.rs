@@ -4,7 +4,7 @@ use super::loss::PictureLoss;
 use super::model::{Broken, Group, Model, Snapshot};
 use super::views::Shot;
 use crate::FitError;
-use photofit_optim::{Optimizer, Rows, clamp_channels, normalize_vectors};
+use photofit_optim::{OptimError, Optimizer, Rows, clamp_channels, normalize_vectors};
 use std::borrow::Cow;
 
 /// Parameters in main memory with a way to pictures and back.
@@ -113,7 +113,14 @@ impl<C: Chain> Model for Cpu<C> {
             let rates = group.rates_at(rates[k]);
             let moved = match rates[..] {
                 [rate] if group.rates.is_empty() => self.optimizers[k].step_guided(x, g, rate, &guide),
-                _ => self.optimizers[k].step_rows(x, g, &Rows { rates: &rates, touched: None }),
+                _ if guide.is_empty() => {
+                    self.optimizers[k].step_rows(x, g, &Rows { rates: &rates, touched: None })
+                }
+                _ => Err(OptimError::Combination {
+                    group: group.name.to_string(),
+                    what: "rates of columns",
+                    with: "filters that are guided",
+                }),
             };
             moved.map_err(|source| Broken::Optim { ago: 0, source })?;
             if !group.ranges.is_empty() {
@@ -183,5 +190,68 @@ impl<C: Chain> Model for Cpu<C> {
 
     fn into_asset(self) -> Result<C, Broken> {
         Ok(self.chain)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use photofit_optim::Temporal;
+
+    /// Two numbers with rates of their own, whose optimizer is guided.
+    struct Guided([f32; 2]);
+
+    impl Chain for Guided {
+        type Gradients = [f32; 2];
+
+        fn groups(&self) -> Vec<Group> {
+            let (ranges, rates) = (Vec::new(), vec![1.0, 0.5]);
+            vec![Group { name: "pair".into(), rows: 1, columns: 2, ranges, unit: None, rates }]
+        }
+
+        fn optimizer(&self, _: &Group) -> Result<Optimizer<f32>, FitError> {
+            Optimizer::new("pair", 2, Temporal::adam()).map_err(FitError::Preconditioner)
+        }
+
+        fn guide(&self, _: usize) -> Vec<f32> {
+            vec![0.0; 6]
+        }
+
+        fn values(&self, _: usize) -> &[f32] {
+            &self.0
+        }
+
+        fn values_mut(&mut self, _: usize) -> &mut [f32] {
+            &mut self.0
+        }
+
+        fn changed(&mut self, _: usize) -> Result<(), Broken> {
+            Ok(())
+        }
+
+        fn gradients(&self) -> [f32; 2] {
+            [1.0; 2]
+        }
+
+        fn moved<'a>(&'a mut self, gradients: &'a [f32; 2], _: usize) -> (&'a mut [f32], &'a [f32]) {
+            (&mut self.0, gradients)
+        }
+
+        fn step(&self, _: &[Shot], _: PictureLoss, _: &[bool], _: &mut [f32; 2]) -> Result<f64, Broken> {
+            Ok(1.0)
+        }
+
+        fn pictures(&self, _: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, Broken> {
+            Ok(Vec::new())
+        }
+    }
+
+    #[test]
+    fn a_guide_is_never_dropped() {
+        let mut model = Cpu::new(Guided([0.0; 2])).unwrap();
+        let step = model.step(&[], PictureLoss::RELATIVE_SQUARES, &[0.1]);
+        let Err(Broken::Optim { source, .. }) = step else { panic!("taken: {step:?}") };
+        assert!(source.to_string().contains("rates of columns"), "{source}");
+        assert_eq!(model.chain.0, [0.0; 2]);
     }
 }

@@ -6,7 +6,7 @@
 use super::animated::Animated;
 use super::asset::Normalised;
 use super::classes::drawn;
-use super::reference::{Features, PathTraced, Picture, Rasterized, Reference};
+use super::reference::{Features, PathTraced, Picture, Rasterized, Reference, ReferenceKind};
 use super::views::{Lighting, Orbit, Set, Views};
 use crate::{FitError, Progress};
 use photofit_geometry::{Mesh, Split};
@@ -111,8 +111,8 @@ pub struct ReportView {
 pub enum Judged {
     /// All by the rasterizer.
     Rasterized,
-    /// The reference by the path tracer, which the fit asked for; the stages by the rasterizer.
-    ReferenceTraced,
+    /// The stages by the rasterizer; the pictures of the reference are those that the fit had, of this other kind.
+    RasterizedAgainst(ReferenceKind),
     /// All by the path tracer, extensions of materials included.
     PathTraced,
 }
@@ -254,14 +254,15 @@ pub fn beyond_rasterizer(scene: &Scene) -> BTreeSet<&'static str> {
 }
 
 /// How to judge.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Judge<'a> {
     /// The asset as it was read, with all that its file means.
     pub scene: &'a Scene,
     /// The same in the normalised frame.
     pub n: &'a Normalised,
-    /// Pictures of the reference as the fit had them, for stages that the rasterizer can draw.
-    pub path_traced_reference: bool,
+    /// The reference as the fit had it. What is fitted to light between surfaces is judged by it, since its maps hold that
+    /// light already.
+    pub reference: &'a dyn Reference,
     /// Who draws.
     pub renderer: JudgeRenderer,
     /// Samples of a path traced pixel.
@@ -276,6 +277,16 @@ pub struct Judge<'a> {
     pub seed: u64,
 }
 
+impl std::fmt::Debug for Judge<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let kind = self.reference.kind();
+        f.debug_struct("Judge")
+            .field("reference", &kind)
+            .field("renderer", &self.renderer)
+            .finish_non_exhaustive()
+    }
+}
+
 impl Judge<'_> {
     /// How pictures of the reference and of `stages` are made.
     pub fn method(&self, stages: &[Stage]) -> Judged {
@@ -283,8 +294,10 @@ impl Judge<'_> {
         match self.renderer {
             JudgeRenderer::Path => Judged::PathTraced,
             JudgeRenderer::Raster => Judged::Rasterized,
+            JudgeRenderer::Auto if self.reference.kind().indirect_light => {
+                Judged::RasterizedAgainst(self.reference.kind())
+            }
             JudgeRenderer::Auto if scenes.any(|s| !beyond_rasterizer(s).is_empty()) => Judged::PathTraced,
-            JudgeRenderer::Auto if self.path_traced_reference => Judged::ReferenceTraced,
             JudgeRenderer::Auto => Judged::Rasterized,
         }
     }
@@ -315,14 +328,9 @@ impl Judge<'_> {
                 .collect::<Result<_, FitError>>()?;
             return judge(&reference, &traced.iter().map(|t| t as &dyn Reference).collect::<Vec<_>>());
         }
-        let traced;
         let rasterized = Rasterized::new(&n.flat, &n.library).sampled(self.samples[0]);
-        let reference: &dyn Reference = if method == Judged::ReferenceTraced {
-            traced = PathTraced::new(self.scene, n, Features::Core, self.seed)?.sampled(self.spp);
-            &traced
-        } else {
-            &rasterized
-        };
+        let as_fitted = matches!(method, Judged::RasterizedAgainst(_));
+        let reference: &dyn Reference = if as_fitted { self.reference } else { &rasterized };
         rasterized_views(n, reference, stages, &orbit, Set::Report, views, self.samples[1], progress)
     }
 }
@@ -522,7 +530,7 @@ mod tests {
         let judge = Judge {
             scene: reference,
             n: &n,
-            path_traced_reference: false,
+            reference: &Rasterized::new(&n.flat, &n.library),
             renderer,
             spp,
             lighting: &Lighting::Mixed,
@@ -578,6 +586,35 @@ mod tests {
         assert!((0.1..3.0).contains(&(many[0] - few[0])), "{few:?} {many:?}");
         let path = judged(&sphere(None), vec![sphere(None)], JudgeRenderer::Path, 8);
         assert_eq!(path.0, Judged::PathTraced);
+    }
+
+    #[test]
+    fn what_is_fitted_to_all_light_is_judged_by_the_pictures_of_its_fit() {
+        // Its maps hold the shadows: a path traced judgement would cast them again, extensions or not.
+        let coat = Clearcoat { factor: 1.0, ..Clearcoat::default() };
+        let coated = sphere(Some(Extensions { clearcoat: Some(coat), ..Extensions::default() }));
+        let n = Normalised::new(&coated).unwrap();
+        let fitted_to = PathTraced::new(&coated, &n, Features::Core, 3).unwrap().sampled(4);
+        let judge = Judge {
+            scene: &coated,
+            n: &n,
+            reference: &fitted_to,
+            renderer: JudgeRenderer::Auto,
+            spp: 1,
+            lighting: &Lighting::Mixed,
+            size: 32,
+            samples: [SUPERSAMPLE; 2],
+            seed: 3,
+        };
+        let stages = [Stage::new("stage", coated.clone())];
+        let kind = ReferenceKind::path_traced(4);
+        assert_eq!((judge.method(&stages), fitted_to.kind()), (Judged::RasterizedAgainst(kind), kind));
+        let shown = judge.views(&stages, 1, &Silent).unwrap();
+        let s = Orbit::new(3, &Lighting::Mixed, 32).setup(Set::Report, 0, 1);
+        // With the samples of the fit, whatever those of the judge are.
+        assert!(shown[0].reference == display(&fitted_to.picture(&s).unwrap().image));
+        let asked = Judge { renderer: JudgeRenderer::Path, ..judge };
+        assert_eq!(asked.method(&stages), Judged::PathTraced);
     }
 
     #[test]

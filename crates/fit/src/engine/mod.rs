@@ -9,6 +9,7 @@
 //! - [`traced`]: parameters of a path-traced world, by path replay.
 //! - [`posed`]: maps of a mesh that is seen at moments of an animation.
 //! - [`loss`]: chosen by the noise of the reference's pictures.
+//! - [`chain`]: fits one after the other, with a checkpoint for each.
 //! - [`trainer`]: one loop: phases, evaluation of held-out views, best state, patience, checkpoints, cancellation.
 //! - [`classes`]: materials that become one material of the light asset, and how a fit draws them; [`export`]: a fitted
 //!   surface as a scene; `unwrap`: a mesh as a surface with an atlas.
@@ -17,6 +18,7 @@
 
 pub mod animated;
 mod asset;
+pub mod chain;
 pub(crate) mod checkpoint;
 pub mod classes;
 pub mod cpu;

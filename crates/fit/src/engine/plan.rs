@@ -7,20 +7,21 @@ pub(crate) mod rows;
 
 pub use rows::{Item, PlanRows, Runs};
 
+use super::classes::transmits;
 use super::judge::JudgeRenderer;
 use super::loss::PictureLoss;
-use super::reference::ENERGY;
+use super::reference::{ENERGY, ReferenceKind};
+use super::surface::rates_of;
 use super::trainer::Phase;
 use super::views::Lighting;
 use crate::candidate::Candidate;
-use photofit_raster::deferred::{MOST_LAYERS, Masks, Passes};
+use photofit_raster::deferred::{Masks, Passes};
 use photofit_raster::{CHANNELS, channel};
 use photofit_scene::{AlphaMode, Material, Scene, TextureSlot};
+use rows::{NO_STEPS, Work};
 use std::collections::BTreeSet;
 use std::fmt;
 
-/// Why gradients do not flow where the options ask for none.
-const NO_STEPS: &str = "no steps are made";
 /// A sample that varies less than this over the baked maps is constant: one step of 8 bits.
 const CONSTANT: f32 = 1.0 / 255.0;
 
@@ -29,9 +30,10 @@ const CONSTANT: f32 = 1.0 / 255.0;
 struct Asset {
     /// Materials of something visible.
     materials: usize,
-    masked: usize,
     blended: usize,
     transmitting: usize,
+    /// Cut out, blended or transmitting.
+    through: usize,
     normal_mapped: usize,
     metallic: usize,
     emitting: usize,
@@ -55,7 +57,8 @@ struct Choices {
     steps: bool,
     /// Positions move in them.
     positions: bool,
-    path_traced: bool,
+    /// What pictures of the reference are.
+    reference: ReferenceKind,
     /// Views under an environment map: none, every other, all.
     environment: &'static str,
 }
@@ -64,9 +67,6 @@ struct Choices {
 #[derive(Clone, Debug, PartialEq)]
 struct Maps {
     layers: usize,
-    mask: bool,
-    blend: bool,
-    metallic: bool,
     fitted: [bool; CHANNELS],
 }
 
@@ -77,8 +77,10 @@ pub struct Judgement {
     pub traced: bool,
     /// What the options ask for.
     pub renderer: JudgeRenderer,
-    /// Pictures of the asset are path traced for the fit.
-    pub reference_traced: bool,
+    /// What pictures of the asset are in the fit.
+    pub reference: ReferenceKind,
+    /// The maps are fitted through the path tracer.
+    pub traced_maps: bool,
     /// What of the asset's materials the rasterizer lacks.
     pub beyond: Vec<&'static str>,
     /// Pictures of all views, of the asset and of what is compared with it, at most.
@@ -94,15 +96,25 @@ impl Judgement {
     pub fn item(&self) -> Item {
         let Self { pictures, side, spp, .. } = self;
         let names = self.beyond.join(", ");
+        let shadows = self.reference.indirect_light;
         let million = (pictures * (side * side) as u64 * u64::from(*spp)) as f64 / 1e6;
         let why = match (self.traced, self.renderer) {
+            (true, JudgeRenderer::Path) if shadows => {
+                "as asked; shadows that the fitted maps hold count twice".to_owned()
+            }
             (true, JudgeRenderer::Path) => "as asked".to_owned(),
+            (true, _) if self.traced_maps => "the maps are fitted through the path tracer".to_owned(),
             (true, _) => format!("the rasterizer does not draw {names}"),
             (false, JudgeRenderer::Raster) if !self.beyond.is_empty() => {
                 format!("as asked; {names} are not drawn")
             }
             (false, JudgeRenderer::Raster) => "as asked".to_owned(),
-            (false, _) if self.reference_traced => "but for pictures of the asset, as in the fit".to_owned(),
+            (false, _) if shadows && !self.beyond.is_empty() => {
+                format!(
+                    "but for pictures of the asset, as in the fit, whose shadows the maps hold; {names} are not drawn"
+                )
+            }
+            (false, _) if shadows => "but for pictures of the asset, as in the fit".to_owned(),
             (false, _) => "the rasterizer draws all materials".to_owned(),
         };
         let cost = match self.traced {
@@ -143,16 +155,16 @@ impl Plan {
         }
     }
 
-    /// Adds the options: steps of the fit, whether pictures of the reference are path traced, and the light.
+    /// Adds the options: steps of the fit, what pictures of the reference are, and the light.
     #[must_use]
-    pub fn with_options(self, steps: u64, path_traced: bool, lighting: &Lighting) -> Self {
+    pub fn with_options(self, steps: u64, reference: ReferenceKind, lighting: &Lighting) -> Self {
         let environment = match lighting {
             Lighting::Mixed => "every other view",
             Lighting::Point => "",
             Lighting::Environment(_) => "every view",
         };
         let (steps, positions) = (steps > 0, steps > 0);
-        Self { choices: Some(Choices { steps, positions, path_traced, environment }), ..self }
+        Self { choices: Some(Choices { steps, positions, reference, environment }), ..self }
     }
 
     /// The shape stays; only maps are fitted. After [`Self::with_options`].
@@ -165,7 +177,7 @@ impl Plan {
     /// Adds what the baked maps of the start say.
     #[must_use]
     pub fn with_maps(self, candidate: &Candidate) -> Self {
-        let path_traced = self.choices.as_ref().is_some_and(|c| c.path_traced);
+        let shadows = self.holds_shadows();
         let base = &candidate.maps.levels[0].texels;
         let any = |c: usize, f: &dyn Fn(f32) -> bool| base.iter().any(|t| f(t[c]));
         let used = |mode: fn(&AlphaMode) -> bool| {
@@ -179,7 +191,7 @@ impl Plan {
         };
         let metallic = any(channel::METALLIC, &|x| x > 0.02);
         let mut fitted = [false; CHANNELS];
-        fitted[..3].fill(path_traced || (0..3).any(varies));
+        fitted[..3].fill(shadows || (0..3).any(varies));
         // Alpha of glass is drawn, but not written.
         fitted[channel::ALPHA] = blend && self.asset.blended > 0;
         fitted[channel::ROUGHNESS] = varies(channel::ROUGHNESS);
@@ -191,7 +203,7 @@ impl Plan {
         let emissive = (0..3).any(|k| any(channel::EMISSIVE + k, &|x| x > 1e-4));
         fitted[channel::EMISSIVE..channel::EMISSIVE + 3].fill(emissive);
         let layers = if blend || mask { Passes::default().max_layers } else { 1 };
-        Self { maps: Some(Maps { layers, mask, blend, metallic, fitted }), ..self }
+        Self { maps: Some(Maps { layers, fitted }), ..self }
     }
 
     /// Adds how the result is judged.
@@ -243,11 +255,23 @@ impl Plan {
         }
     }
 
-    /// Everything that runs, is skipped, or is not decided yet.
+    /// Whether shadows and light between surfaces go into the maps of what is fitted.
+    pub(crate) fn holds_shadows(&self) -> bool {
+        self.choices.as_ref().is_some_and(|c| c.reference.indirect_light)
+    }
+
+    /// Everything that runs, is skipped, or is not decided yet. Once the maps are known, what the fit does is told by its
+    /// passes and rates.
     pub fn items(&self) -> Vec<Item> {
         let mut items = Vec::new();
-        self.alpha_items(&mut items);
-        self.material_items(&mut items);
+        if self.maps.is_some() {
+            let rates = rates_of(self.fitted());
+            let moves = self.choices.as_ref().is_none_or(|c| c.positions);
+            let work = Work { passes: self.passes(), rates, moves, steps: !self.is_still() };
+            items.extend(rows::surface(&work));
+        } else {
+            self.asset_items(&mut items);
+        }
         self.asset.data_items(&mut items);
         self.option_items(&mut items);
         items.extend(self.judgement.as_ref().map(Judgement::item));
@@ -262,111 +286,47 @@ impl Plan {
         self.choices.as_ref().is_some_and(|c| !c.steps)
     }
 
-    fn alpha_items(&self, items: &mut Vec<Item>) {
+    /// What the asset alone says of the passes of a fit.
+    fn asset_items(&self, items: &mut Vec<Item>) {
         let a = &self.asset;
-        let through = a.masked + a.blended + a.transmitting;
-        let (layers, why) = match &self.maps {
-            _ if through == 0 => (Runs::No, "every surface is opaque: one layer, no blending".to_owned()),
-            None => (Runs::Yes, a.of(through, "are cut out, blended or let light pass")),
-            Some(Maps { mask: false, blend: false, .. }) => {
-                (Runs::No, "nothing transparent is left on the light asset: one layer, no blending".into())
-            }
-            Some(Maps { mask, blend, .. }) => {
-                let what = match (mask, blend) {
-                    (true, true) => "masks and blended surfaces",
-                    (true, false) => "alpha masks",
-                    _ => "blended surfaces",
-                };
-                (Runs::Yes, format!("{what}: until nothing shows through, at most {MOST_LAYERS} layers"))
-            }
-        };
-        items.push(Item { what: "transparent layers", runs: layers, why });
-        let (runs, why) = match &self.maps {
-            _ if a.blended == 0 && a.transmitting > 0 => {
-                (Runs::No, a.of(a.transmitting, "let light pass: drawn blended, their alpha is not fitted"))
-            }
-            _ if a.blended == 0 => {
-                (Runs::No, "nothing is blended (masks are cut, their outline is baked)".into())
-            }
-            _ if self.is_still() => (Runs::No, NO_STEPS.into()),
-            Some(m) if !m.fitted[channel::ALPHA] => {
-                (Runs::No, "nothing blended is left on the light asset".into())
-            }
-            _ => (Runs::Yes, a.of(a.blended, "are blended")),
-        };
-        items.push(Item { what: "alpha gradients", runs, why });
-    }
-
-    fn material_items(&self, items: &mut Vec<Item>) {
-        let a = &self.asset;
-        let fitted = |c: usize| self.maps.as_ref().map(|m| m.fitted[c]);
         let mut item = |what, runs, why: String| items.push(Item { what, runs, why });
-        match fitted(channel::NORMAL) {
-            None => {
-                item("normal map", Runs::Open, "decided on the baked maps: flat ones are left out".into())
-            }
-            Some(true) => item("normal map", Runs::Yes, "detail of the reference goes into normals".into()),
-            Some(false) => {
-                item("normal map", Runs::No, "the baked normals are flat, and the shape is not fitted".into())
-            }
-        }
-        let (runs, why) = match (&self.maps, a.metallic) {
-            (_, 0) => (Runs::No, "no material is metallic".into()),
-            _ if self.is_still() => (Runs::No, NO_STEPS.into()),
-            (None, n) => (Runs::Open, a.of(n, "may be metallic: decided on the baked maps")),
-            (Some(m), _) if !m.metallic => (Runs::No, "no metal in the baked maps".into()),
-            (Some(m), _) if !m.fitted[channel::METALLIC] => {
-                (Runs::No, "metalness is the same everywhere in the baked maps".into())
-            }
-            _ => (Runs::Yes, "metals".into()),
+        items_of_alpha(a, &mut item);
+        let still = self.is_still().then_some((Runs::No, NO_STEPS.to_owned()));
+        let (runs, why) = match &self.choices {
+            _ if self.is_still() => (Runs::No, NO_STEPS.to_owned()),
+            Some(c) if c.positions => (Runs::Yes, "the shape is fitted".into()),
+            Some(_) => (Runs::No, "the shape stays".into()),
+            None => (Runs::Open, "where the fit makes steps".into()),
+        };
+        item("position gradients", runs, why);
+        item("normal map", Runs::Open, "decided on the baked maps: flat ones are left out".into());
+        let (runs, why) = match a.metallic {
+            0 => (Runs::No, "no material is metallic".into()),
+            n => still.unwrap_or((Runs::Open, a.of(n, "may be metallic: decided on the baked maps"))),
         };
         item("metalness gradients", runs, why);
-        let emission = a.emitting + a.unlit;
-        let (runs, why) = match fitted(channel::EMISSIVE) {
-            _ if emission == 0 => (Runs::No, "nothing emits".into()),
-            Some(false) => (Runs::No, "no texel of the baked maps emits".into()),
-            _ => (Runs::Yes, a.of(emission, "emit or are unlit")),
+        let (runs, why) = match a.emitting + a.unlit {
+            0 => (Runs::No, "nothing emits".into()),
+            n => (Runs::Yes, a.of(n, "emit or are unlit")),
         };
         item("emission", runs, why);
-        if let Some(m) = &self.maps {
-            let n = m.fitted.iter().filter(|f| **f).count();
-            let (runs, why) = if self.is_still() {
-                (Runs::No, NO_STEPS.into())
-            } else {
-                let why = format!("{n} of {CHANNELS} samples of a texel; the others are constant or unused");
-                ((n > 0).into(), why)
-            };
-            item("map gradients", runs, why);
-        }
     }
 
     fn option_items(&self, items: &mut Vec<Item>) {
         let mut item = |what, runs, why: String| items.push(Item { what, runs, why });
         match &self.choices {
             None => {
-                item("position gradients", Runs::Open, "where the fit makes steps".into());
                 item("environment light", Runs::Open, "as the options say".into());
                 item("indirect light", Runs::Open, "where pictures of the reference are path traced".into());
             }
             Some(c) => {
-                let (positions, silhouettes) = if c.positions {
-                    ("the shape is fitted", "where neighbouring samples show different triangles")
-                } else {
-                    (if c.steps { "the shape stays" } else { NO_STEPS }, "positions are frozen")
-                };
-                item("position gradients", c.positions.into(), positions.into());
-                item("silhouette gradients", c.positions.into(), silhouettes.into());
                 let (runs, why) = match c.environment {
                     "" => (Runs::No, "point lights and a constant surrounding"),
                     views => (Runs::Yes, views),
                 };
                 item("environment light", runs, why.into());
-                let why = if c.path_traced {
-                    "pictures of the reference are path traced"
-                } else {
-                    "pictures of the reference are rasterized"
-                };
-                item("indirect light", c.path_traced.into(), why.into());
+                let why = format!("pictures of the reference are {}", c.reference.name);
+                item("indirect light", c.reference.indirect_light.into(), why);
             }
         }
         if let Some((loss, noise)) = self.loss {
@@ -385,13 +345,16 @@ impl Asset {
         let read: BTreeSet<usize> = materials.iter().flat_map(|m| slots(m)).map(|s| s.image).collect();
         let sets: BTreeSet<u32> = materials.iter().flat_map(|m| slots(m)).map(|s| s.tex_coord).collect();
         let meshes = || scene.instances.iter().map(|i| &scene.primitives[i.primitive].mesh);
+        // What lets light pass is drawn blended.
+        let drawn = |m: &Material, name: &str| name == "transmission" && transmits(m);
+        let lit = materials.iter().filter(|m| !m.unlit);
         let extensions: BTreeSet<&str> =
-            materials.iter().filter(|m| !m.unlit).flat_map(|m| names(m)).collect();
+            lit.flat_map(|m| names(m).into_iter().filter(|n| !drawn(m, n))).collect();
         Self {
             materials: materials.len(),
-            masked: count(&|m| matches!(m.alpha_mode, AlphaMode::Mask { .. })),
             blended: count(&|m| m.alpha_mode == AlphaMode::Blend),
-            transmitting: count(&|m| with(m, "transmission") && m.alpha_mode == AlphaMode::Opaque),
+            transmitting: count(&|m| transmits(m)),
+            through: count(&|m| m.alpha_mode != AlphaMode::Opaque || transmits(m)),
             normal_mapped: count(&|m| m.normal_texture.is_some() && !m.unlit),
             metallic: count(&|m| m.metallic > 0.0 && !m.unlit),
             emitting: count(&|m| !m.unlit && m.emissive.iter().any(|e| *e > 0.0)),
@@ -449,6 +412,12 @@ impl Asset {
         let why = "have one: carried over, not drawn here, since they darken indirect light alone";
         let why = some(self.occluded, why, "none");
         item("occlusion textures", self.occluded > 0, why);
+        let why = some(
+            self.transmitting,
+            "let light pass: drawn blended, their alpha is not fitted",
+            "no material lets light pass",
+        );
+        item("transmission", self.transmitting > 0, why);
         let none = "no material encloses one";
         item(
             "volumes",
@@ -463,6 +432,20 @@ impl Asset {
         };
         item("material extensions", false, why);
     }
+}
+
+/// Which surfaces light passes, as the asset says.
+fn items_of_alpha(a: &Asset, item: &mut dyn FnMut(&'static str, Runs, String)) {
+    let why = match a.through {
+        0 => rows::OPAQUE.to_owned(),
+        n => a.of(n, "are cut out, blended or let light pass"),
+    };
+    item("transparent layers", (a.through > 0).into(), why);
+    let why = match a.blended {
+        0 => "nothing is blended (masks are cut, their outline is baked)".into(),
+        n => a.of(n, "are blended"),
+    };
+    item("alpha gradients", (a.blended > 0).into(), why);
 }
 
 /// Extensions of a material, without their prefix.

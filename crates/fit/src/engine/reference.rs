@@ -34,14 +34,27 @@ pub const SAMPLES: u32 = 64;
 /// Rows of the maps that path tracing takes from a prefiltered environment.
 const ROWS: usize = 128;
 
-/// How pictures of the reference are made.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum ReferenceRenderer {
+/// What the pictures of a reference are, for plans, judgements and reports.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ReferenceKind {
+    /// How they are made, in words: what follows `pictures of the asset are`.
+    pub name: &'static str,
+    /// Whether they hold shadows and light between surfaces, which go into the maps of what is fitted to them.
+    pub indirect_light: bool,
+    /// Samples of a pixel, where they are path traced.
+    pub spp: Option<u32>,
+}
+
+impl ReferenceKind {
     /// As the candidate's: direct light without shadows.
-    #[default]
-    Raster,
-    /// With all light.
-    Path,
+    pub const RASTERIZED: Self = Self { name: "rasterized", indirect_light: false, spp: None };
+    /// Finished pictures; what light they hold is not known.
+    pub const GIVEN: Self = Self { name: "given", indirect_light: false, spp: None };
+
+    /// With all light, by so many samples of a pixel.
+    pub fn path_traced(spp: u32) -> Self {
+        Self { name: "path traced", indirect_light: true, spp: Some(spp) }
+    }
 }
 
 /// Samples per axis that pictures of `size` pixels a side need of a reference: the smaller they are, the more of its
@@ -72,6 +85,9 @@ impl Picture {
 
 /// What a fit is compared with, in the normalised frame.
 pub trait Reference: Sync {
+    /// What its pictures are.
+    fn kind(&self) -> ReferenceKind;
+
     /// The picture of a view.
     ///
     /// # Errors
@@ -120,6 +136,10 @@ impl<'a> Rasterized<'a> {
 }
 
 impl Reference for Rasterized<'_> {
+    fn kind(&self) -> ReferenceKind {
+        ReferenceKind::RASTERIZED
+    }
+
     fn picture(&self, setup: &Setup) -> Result<Picture, FitError> {
         let posed = moving(self.animated, setup.moment)?.map(|a| a.flat(setup.moment)).transpose()?;
         let renderer = SceneRenderer::new(posed.as_deref().unwrap_or(self.flat), self.library);
@@ -186,7 +206,7 @@ impl<'a> PathTraced<'a> {
     pub fn new(scene: &Scene, n: &Normalised, features: Features, seed: u64) -> Result<Self, FitError> {
         let shown = features.of(scene);
         Ok(Self {
-            world: Mutex::new((world(&shown, n.to_frame(), n.radius)?, Moment::default())),
+            world: Mutex::new((world(&shown, n.to_frame(), n.radius, ENERGY)?, Moment::default())),
             animated: None,
             surface: None,
             seed,
@@ -201,7 +221,7 @@ impl<'a> PathTraced<'a> {
     /// If the path tracer refuses the scene.
     pub fn in_frame(scene: &Scene, radius: f32, features: Features, seed: u64) -> Result<Self, FitError> {
         let shown = features.of(scene);
-        let world = Mutex::new((world(&shown, DAffine3::IDENTITY, radius)?, Moment::default()));
+        let world = Mutex::new((world(&shown, DAffine3::IDENTITY, radius, ENERGY)?, Moment::default()));
         Ok(Self { world, animated: None, surface: None, seed, spp: SAMPLES })
     }
 
@@ -229,6 +249,10 @@ impl<'a> PathTraced<'a> {
 }
 
 impl Reference for PathTraced<'_> {
+    fn kind(&self) -> ReferenceKind {
+        ReferenceKind::path_traced(self.spp)
+    }
+
     fn picture(&self, setup: &Setup) -> Result<Picture, FitError> {
         let lights = setup.lights.lights();
         let animated = moving(self.animated, setup.moment)?.or(self.animated);
@@ -285,7 +309,12 @@ impl Features {
 }
 
 /// The scene in the normalised frame; its own lights are left out, as by the rasterizer.
-pub(crate) fn world(scene: &Scene, to_frame: DAffine3, radius: f32) -> Result<World, FitError> {
+pub(crate) fn world(
+    scene: &Scene,
+    to_frame: DAffine3,
+    radius: f32,
+    energy: Energy,
+) -> Result<World, FitError> {
     let mut parts = Parts::from_scene(scene);
     parts.lights.clear();
     for instance in &mut parts.instances {
@@ -297,7 +326,7 @@ pub(crate) fn world(scene: &Scene, to_frame: DAffine3, radius: f32) -> Result<Wo
     }
     // A world is never without light; every picture brings its own.
     parts.environment = Some(EnvironmentMap::constant(Vec3f::splat(1.0)));
-    let options = WorldOptions { energy: ENERGY, ..WorldOptions::default() };
+    let options = WorldOptions { energy, ..WorldOptions::default() };
     Ok(World::with_options(parts, options)?)
 }
 
@@ -381,15 +410,32 @@ mod tests {
     #[test]
     fn a_convex_body_looks_the_same_to_both() {
         // No shadows fall and no light goes from surface to surface.
+        let clay = spheres(&[0.0]);
+        let mut metal = clay.clone();
+        metal.materials[0] =
+            Material { base_color: [0.9, 0.9, 0.9, 1.0], metallic: 1.0, roughness: 0.8, ..Material::clay() };
         for (lighting, index) in [(Lighting::Point, 1), (Lighting::Mixed, 0), (Lighting::Mixed, 2)] {
-            let [raster, path] = pictures(&spheres(&[0.0]), &lighting, index);
-            for k in 0..4 {
-                let (a, b) = (mean(&raster, k), mean(&path, k));
-                assert!((a / b - 1.0).abs() < 0.025, "{lighting:?}, channel {k}: {a} against {b}");
+            for (scene, name) in [(&clay, "clay"), (&metal, "metal")] {
+                let [raster, path] = pictures(scene, &lighting, index);
+                for k in 0..4 {
+                    let (a, b) = (mean(&raster, k), mean(&path, k));
+                    assert!(
+                        (a / b - 1.0).abs() < 0.025,
+                        "{name}, {lighting:?}, channel {k}: {a} against {b}"
+                    );
+                }
+                // The same places are bright.
+                let rmse = photofit_image::rmse(&raster, &path);
+                assert!(rmse < 0.03, "{name}, {lighting:?}: {rmse}");
             }
-            // The same places are bright.
-            let rmse = photofit_image::rmse(&raster, &path);
-            assert!(rmse < 0.03, "{lighting:?}: {rmse}");
+            // On rough metal the policy on energy shows: another one on one side is seen.
+            let n = Normalised::new(&metal).unwrap();
+            let mut other = PathTraced::new(&metal, &n, Features::Core, 0).unwrap();
+            let compensated = world(&metal, n.to_frame(), n.radius, Energy::Compensated).unwrap();
+            other.world = Mutex::new((compensated, Moment::default()));
+            let s = Orbit::new(0, &lighting, 64).setup(Set::Report, index, 4);
+            let (a, b) = (pictures(&metal, &lighting, index), other.picture(&s).unwrap().image);
+            assert!(mean(&b, 1) > 1.06 * mean(&a[0], 1), "{lighting:?}: {} {}", mean(&b, 1), mean(&a[0], 1));
         }
     }
 

@@ -4,6 +4,7 @@ use super::cpu::Chain;
 use super::loss::PictureLoss;
 use super::model::{Broken, Group};
 use super::plan::Plan;
+use super::plan::rows::Work;
 use super::views::Shot;
 use crate::FitError;
 use crate::candidate::{Candidate, ParameterGradients};
@@ -16,46 +17,86 @@ pub const POSITIONS: &str = "positions";
 /// See [`POSITIONS`].
 pub const MAPS: &str = "maps";
 
-/// Smoothness of the preconditioner of positions.
-const LAMBDA: f64 = 0.3;
+/// Smoothness of steps from a start that is close.
+pub(crate) const SMOOTHNESS: f64 = 0.3;
 
-/// How steps of positions are made from their gradients.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Weight of the Laplacians for a mesh that the paper of Large Steps fits, and its vertices.
+const LAMBDA_OF_PAPER: f64 = 19.0;
+/// See [`LAMBDA_OF_PAPER`].
+const VERTICES: f64 = 10_000.0;
+/// Distance of normals at which the bilateral filter shares steps no more.
+const SIGMA: f64 = 0.5;
+
+/// How steps of positions are made from their gradients. All that differs between them stands here.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PositionOptimizer {
     /// Large Steps ([`LargeSteps`]).
-    LargeSteps {
-        /// Weight of the Laplacian.
-        lambda: f64,
-    },
+    #[default]
+    LargeSteps,
     /// The gradient is diffused ([`LargeSteps`]), the first moment is diffused over the surface but not over its creases
     /// ([`EdgeAware`], guided by the present vertex normals), and the second moment is the largest of all.
-    Bilateral {
-        /// Weight of both Laplacians.
-        lambda: f64,
-        /// Distance of normals at which a step is shared no more.
-        sigma: f64,
-    },
+    Bilateral,
     /// Adam for each coordinate by itself.
     Adam,
 }
 
-impl Default for PositionOptimizer {
-    fn default() -> Self {
-        Self::LargeSteps { lambda: LAMBDA }
-    }
-}
-
 impl PositionOptimizer {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::LargeSteps, Self::Bilateral, Self::Adam];
+
+    /// Its name in lists of options.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::LargeSteps => "large-steps",
+            Self::Bilateral => "bilateral",
+            Self::Adam => "adam",
+        }
+    }
+
+    /// What it does, in one sentence for people.
+    pub fn about(self) -> &'static str {
+        match self {
+            Self::LargeSteps => "Steps diffused over the surface",
+            Self::Bilateral => "The same, but not over creases",
+            Self::Adam => "Each coordinate by itself",
+        }
+    }
+
+    /// The smoothness, a weight of Laplacians, of a mesh of so many vertices: with their number, so that steps are shared
+    /// over the same part of the surface whatever that is.
+    pub fn for_vertices(n: usize) -> f64 {
+        LAMBDA_OF_PAPER * n as f64 / VERTICES
+    }
+
+    /// Peak rate for a shape that starts from far away, in radii of what the cameras see.
+    pub fn peak_rate(self) -> f64 {
+        match self {
+            Self::LargeSteps | Self::Bilateral => 0.03,
+            // Its steps are as long at every vertex.
+            Self::Adam => 0.003,
+        }
+    }
+
+    /// Whether its filters are guided by the present vertex normals.
+    pub fn needs_normals(self) -> bool {
+        self == Self::Bilateral
+    }
+
+    /// Whether it runs on a device.
+    pub fn runs_on_device(self) -> bool {
+        self == Self::LargeSteps
+    }
+
     /// An optimizer for the positions of a candidate.
-    fn of(self, candidate: &Candidate) -> Result<Optimizer<f32>, OptimError> {
+    fn of(self, candidate: &Candidate, smoothness: f64) -> Result<Optimizer<f32>, OptimError> {
         let (vertices, edges) = (candidate.positions.len(), &candidate.edges);
         let with = |temporal| Optimizer::new(POSITIONS, 3 * vertices, temporal);
         match self {
-            Self::LargeSteps { lambda } => with(temporal(POSITIONS))?
-                .with_filter(Placement::VARIABLE, LargeSteps::new(vertices, edges, lambda)?),
-            Self::Bilateral { lambda, sigma } => with(temporal(POSITIONS))?
-                .with_filter(Placement::PRE, LargeSteps::new(vertices, edges, lambda)?)?
-                .with_filter(Placement::FIRST, EdgeAware::new(vertices, edges, lambda, sigma)?),
+            Self::LargeSteps => with(temporal(POSITIONS))?
+                .with_filter(Placement::VARIABLE, LargeSteps::new(vertices, edges, smoothness)?),
+            Self::Bilateral => with(temporal(POSITIONS))?
+                .with_filter(Placement::PRE, LargeSteps::new(vertices, edges, smoothness)?)?
+                .with_filter(Placement::FIRST, EdgeAware::new(vertices, edges, smoothness, SIGMA)?),
             Self::Adam => with(Temporal::adam()),
         }
     }
@@ -74,6 +115,15 @@ pub struct Surface {
     pub moves: bool,
     /// How they move.
     pub optimizer: PositionOptimizer,
+    /// How smooth their steps are: weight of Laplacians; [`PositionOptimizer::Adam`] has none.
+    pub smoothness: f64,
+}
+
+/// Relative rates of the samples of a texel of which these are fitted.
+pub(super) fn rates_of(fitted: [bool; CHANNELS]) -> [f32; CHANNELS] {
+    let mut rates = fitted.map(|f| if f { 1.0 } else { 0.0 });
+    rates[channel::METALLIC] *= 0.5;
+    rates
 }
 
 /// Peak rate of maps that start from a bake: relative to the error of the start, whose PSNR is given.
@@ -93,10 +143,19 @@ pub(super) fn temporal(group: &str) -> Temporal {
 impl Surface {
     /// A candidate that is fitted as a plan says.
     pub fn new(candidate: Candidate, plan: &Plan) -> Self {
-        let mut rates = plan.fitted().map(|f| if f { 1.0 } else { 0.0 });
-        rates[channel::METALLIC] *= 0.5;
-        let optimizer = PositionOptimizer::default();
-        Self { candidate, passes: plan.passes(), rates, moves: true, optimizer }
+        Self {
+            candidate,
+            passes: plan.passes(),
+            rates: rates_of(plan.fitted()),
+            moves: true,
+            optimizer: PositionOptimizer::default(),
+            smoothness: SMOOTHNESS,
+        }
+    }
+
+    /// What a fit of so many steps does with it.
+    pub(crate) fn work(&self, steps: u64) -> Work {
+        Work { passes: self.passes, rates: self.rates, moves: self.moves, steps: steps > 0 }
     }
 
     /// Whether the positions are fitted too. Silhouettes are blended for their gradients alone.
@@ -111,8 +170,8 @@ impl Surface {
     /// The passes of a step that moves these groups.
     pub(super) fn moving_passes(&self, moving: &[bool]) -> Passes {
         Passes {
-            position_gradients: self.moves && moving[0],
-            map_gradients: self.passes.map_gradients && moving[moving.len() - 1],
+            position_gradients: self.group(POSITIONS).is_some_and(|g| moving[g]),
+            map_gradients: self.passes.map_gradients && self.group(MAPS).is_some_and(|g| moving[g]),
             ..self.passes
         }
     }
@@ -124,8 +183,18 @@ impl Surface {
         }
     }
 
+    /// Names of the groups, in their order.
+    fn names(&self) -> &'static [&'static str] {
+        if self.moves { &[POSITIONS, MAPS] } else { &[MAPS] }
+    }
+
+    /// Number of the group of a name.
+    pub(crate) fn group(&self, name: &str) -> Option<usize> {
+        self.names().iter().position(|n| *n == name)
+    }
+
     pub(super) fn is_positions(&self, group: usize) -> bool {
-        self.moves && group == 0
+        self.names()[group] == POSITIONS
     }
 }
 
@@ -149,20 +218,20 @@ impl Chain for Surface {
             unit: Some(channel::NORMAL),
             rates: self.rates.to_vec(),
         };
-        if self.moves { vec![positions, maps] } else { vec![maps] }
+        let of = |name: &&str| if *name == POSITIONS { positions.clone() } else { maps.clone() };
+        self.names().iter().map(of).collect()
     }
 
     fn optimizer(&self, group: &Group) -> Result<Optimizer<f32>, FitError> {
         let length = group.rows * group.columns;
         if group.name == POSITIONS {
-            return self.optimizer.of(&self.candidate).map_err(FitError::Preconditioner);
+            return self.optimizer.of(&self.candidate, self.smoothness).map_err(FitError::Preconditioner);
         }
         Optimizer::new(MAPS, length, temporal(MAPS)).map_err(FitError::Preconditioner)
     }
 
     fn guide(&self, group: usize) -> Vec<f32> {
-        let guided = matches!(self.optimizer, PositionOptimizer::Bilateral { .. });
-        if !guided || !self.is_positions(group) {
+        if !self.optimizer.needs_normals() || !self.is_positions(group) {
             return Vec::new();
         }
         let normals = self.candidate.weld.pick(&self.candidate.round_normals());

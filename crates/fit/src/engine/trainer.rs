@@ -5,7 +5,7 @@
 //! the last evaluation of a stopped fit goes into its result, not into its checkpoint.
 
 use super::checkpoint::{self, Course, Digest, Saved};
-use super::loss::{PictureLoss, relative_weight};
+use super::loss::{PictureLoss, relative_weights};
 use super::model::{Broken, Group, GroupName, Model, Snapshot};
 use super::pool::{Batches, Pool};
 use super::reference::Reference;
@@ -167,7 +167,7 @@ pub enum Measure {
     /// PSNR of the foreground after clamping to [0, 1] and sRGB encoding: what a screen shows.
     #[default]
     Psnr,
-    /// `-10 log10` of the mean squared error of linear light, relative to the reference ([`relative_weight`]) and not
+    /// `-10 log10` of the mean squared error of linear light, relative to the reference ([`relative_weights`]) and not
     /// clamped: what fits of radiance minimise.
     Relative,
 }
@@ -237,8 +237,9 @@ impl HeldOut {
     fn relative(&self, pictures: &[Vec<[f32; 4]>]) -> f64 {
         let (mut squares, mut count) = (0.0, 0.0);
         for (shot, picture) in self.shots.iter().zip(pictures) {
-            for (c, r) in picture.iter().zip(&shot.reference) {
-                let weight = f64::from(relative_weight(r)) / 3.0;
+            let weights = relative_weights((shot.width, shot.height), &shot.reference);
+            for ((c, r), weight) in picture.iter().zip(&shot.reference).zip(weights) {
+                let weight = f64::from(weight) / 3.0;
                 squares += weight * (0..3).map(|k| (f64::from(c[k]) - f64::from(r[k])).powi(2)).sum::<f64>();
                 count += 1.0;
             }

@@ -1,21 +1,20 @@
 //! A mesh as a surface that can be fitted: an atlas, creases, and blank maps.
 
-use super::Normalised;
-use crate::bake::{Reference, blank_texel, hard_edges};
-use crate::candidate::Candidate;
+use crate::bake::{Reference, blank_texel, hard_edges, own_creases};
+use crate::candidate::{Candidate, SurfaceClass};
 use crate::visibility::Visibility;
 use crate::{FitError, Progress};
 use photofit_geometry::atlas::{UnwrapOptions, unwrap};
 use photofit_geometry::{Edges, Mesh, normals::split_hard_edges, weld::weld_exact};
 use photofit_raster::Maps;
 
-/// Gives a mesh an atlas and the reference's hard edges; its maps of `size` x `size` texels are blank.
+/// Gives a mesh an atlas and hard edges: those of the reference's surface where one is given, else those that its own
+/// normals have. Its maps of `size` x `size` texels are blank.
 pub(crate) fn unwrapped(
-    n: &Normalised,
-    reference: &Reference<'_>,
-    seen: &Visibility,
     mesh: &Mesh,
+    reference: Option<(&Reference<'_>, &Visibility)>,
     class: Vec<u32>,
+    classes: Vec<SurfaceClass>,
     size: usize,
     progress: &dyn Progress,
 ) -> Result<Candidate, FitError> {
@@ -28,9 +27,12 @@ pub(crate) fn unwrapped(
     }
     let weld = weld_exact(&unwrapped.positions);
     let edges = Edges::new(&unwrapped.triangles, &weld);
-    let hard = hard_edges(reference, seen, &unwrapped, &edges);
+    let hard = match reference {
+        Some((reference, seen)) => hard_edges(reference, seen, &unwrapped, &edges),
+        None => own_creases(mesh, &edges),
+    };
     let creased = split_hard_edges(&unwrapped.triangles, &weld, &edges, &hard);
     let maps = Maps::filled(size, size, blank_texel());
     let split = creased.split.apply(&unwrapped);
-    Ok(Candidate::new(&split, &creased.smoothing, class, n.drawn_classes(), maps))
+    Ok(Candidate::new(&split, &creased.smoothing, class, classes, maps))
 }

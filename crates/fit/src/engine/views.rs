@@ -3,6 +3,7 @@
 //! A set of views is a pure function of (set, index). Everything is in the normalised frame: the reference's bounding
 //! sphere is centred at the origin with radius 1.
 
+use crate::FitError;
 use glam::Vec3;
 use photofit_image::Image;
 use photofit_pathtrace::View;
@@ -176,6 +177,18 @@ impl Setup {
     /// The camera as a path tracer takes it.
     pub fn view(&self) -> View {
         self.rays.unwrap_or_else(|| View::pinhole(&self.camera))
+    }
+
+    /// The finished picture that shows this view, of `count`.
+    ///
+    /// # Errors
+    /// A view that does not name one of them.
+    pub fn given_picture(&self, count: usize) -> Result<usize, FitError> {
+        self.picture.filter(|p| *p < count).ok_or_else(|| {
+            let is = self.picture.map_or("none".to_owned(), |p| p.to_string());
+            let rule = format!("of the view is {is}; it must be the number of one of {count} pictures");
+            FitError::Setting { field: "picture", rule }
+        })
     }
 
     /// The same view in a picture that is smaller by `factor` along both axes, at least one pixel.
@@ -438,6 +451,16 @@ mod tests {
         assert_ne!(at(Set::Train, 3, 1), at(Set::Train, 4, 1));
         assert_ne!(at(Set::Train, 3, 1), at(Set::Train, 3, 2));
         assert_ne!(at(Set::HeldOut, 3, 1).eye, at(Set::Report, 3, 1).eye);
+    }
+
+    #[test]
+    fn a_view_without_its_picture_is_an_error() {
+        let view = Orbit::new(0, &Lighting::Point, 8).setup(Set::Report, 0, 1);
+        let told = |picture| Setup { picture, ..view.clone() }.given_picture(4).map_err(|e| e.to_string());
+        assert_eq!(told(Some(3)), Ok(3));
+        let rule =
+            |is| Err(format!("picture of the view is {is}; it must be the number of one of 4 pictures"));
+        assert_eq!((told(None), told(Some(4))), (rule("none"), rule("4")));
     }
 
     #[test]

@@ -106,7 +106,7 @@ fn a_chain_that_a_time_limit_ended_goes_on() {
     let output = dir.path().join("a.glb");
     let mut kept = options();
     kept.fit.checkpoint = Some(dir.path().join("state"));
-    kept.fit.time_limit = Some(Duration::from_millis(1));
+    kept.fit.time_limit = Some(std::time::Duration::from_millis(1));
     let short = simplify_chain(&rock(), &output, &kept, &Silent).unwrap();
     assert_eq!(short.levels.len(), 3, "a time limit shortens fits, not the chain");
     let steps = |chain: &LodChain| chain.levels.iter().map(|l| l.outcome.steps).sum::<u64>();

@@ -75,7 +75,7 @@ fn drawn(
     seed: u64,
     progress: &dyn Progress,
 ) -> Result<Pictures, FitError> {
-    for (field, is, range) in [("views", views, FEWEST_PICTURES..=256), ("picture_size", size, 16..=2048)] {
+    for (field, is, range) in [("views", views, FEWEST_PICTURES..=256), ("size", size, 16..=2048)] {
         if !range.contains(&is) {
             let rule = format!("is {is}; it must be {} to {}", range.start(), range.end());
             return Err(FitError::Setting { field, rule });

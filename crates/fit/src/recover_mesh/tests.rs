@@ -20,7 +20,7 @@ fn scene(mesh: Mesh) -> Scene {
     }
 }
 
-fn options(optimizer: MeshOptimizer) -> RecoverMeshOptions {
+fn options(optimizer: PositionOptimizer) -> RecoverMeshOptions {
     RecoverMeshOptions {
         optimizer,
         triangles: 1280,
@@ -75,9 +75,9 @@ fn shapes_are_recovered_from_their_pictures() {
     let mut edges = Vec::new();
     // Least factors by which the mean distance falls on the cube and on the bumpy sphere.
     for (optimizer, factors) in [
-        (MeshOptimizer::LargeSteps, [2.0, 8.0]),
-        (MeshOptimizer::Bilateral, [2.0, 8.0]),
-        (MeshOptimizer::Adam, [2.0, 6.0]),
+        (PositionOptimizer::LargeSteps, [2.0, 8.0]),
+        (PositionOptimizer::Bilateral, [2.0, 8.0]),
+        (PositionOptimizer::Adam, [2.0, 6.0]),
     ] {
         for (asset, factor) in [&cube, &bumpy].into_iter().zip(factors) {
             let (r, mesh) = recovered(asset, &options(optimizer));
@@ -115,28 +115,59 @@ fn recovery_resumes_to_the_same_bytes() {
         let path = dir.path().join("out.glb");
         let source = PictureSource::Asset { asset: &asset, views: 12, size: 48 };
         let r = recover_mesh(source, None, &path, options, &Silent)?;
+        let rises = |w: &[HistoryPoint]| w[0].step <= w[1].step && w[0].seconds <= w[1].seconds;
+        assert!(r.history.windows(2).all(rises), "{:?}", r.history);
         Ok::<_, FitError>((r.stopped, std::fs::read(path).unwrap()))
     };
-    let short = RecoverMeshOptions { steps: 90, triangles: 320, ..options(MeshOptimizer::Bilateral) };
+    let short = RecoverMeshOptions { steps: 90, triangles: 320, ..options(PositionOptimizer::Bilateral) };
     let (_, whole) = file(&short).unwrap();
     let checkpoint = Some(dir.path().join("state"));
     let kept = Keeping { checkpoint, resume: false, time_limit: None };
     let (_, same) = file(&RecoverMeshOptions { keeping: kept.clone(), ..short.clone() }).unwrap();
     assert!(same == whole, "keeping a checkpoint changes nothing");
     // As if it had been interrupted after the first level.
-    std::fs::remove_dir_all(dir.path().join("state").join(level_folder(1))).unwrap();
+    std::fs::remove_dir_all(dir.path().join("state").join("part1")).unwrap();
     let kept = Keeping { resume: true, ..kept };
     let (_, resumed) = file(&RecoverMeshOptions { keeping: kept.clone(), ..short.clone() }).unwrap();
     assert!(resumed == whole, "resumed at the second level");
     // Stopped at once, then resumed.
     std::fs::remove_dir_all(dir.path().join("state")).unwrap();
-    let brief = Keeping { time_limit: Some(Duration::from_nanos(1)), ..kept.clone() };
+    let brief = Keeping { time_limit: Some(std::time::Duration::from_nanos(1)), ..kept.clone() };
     let (stopped, early) = file(&RecoverMeshOptions { keeping: brief, ..short.clone() }).unwrap();
     assert!(stopped && early != whole);
     let resume = |options| file(&RecoverMeshOptions { keeping: kept.clone(), ..options });
     assert!(resume(short.clone()).unwrap().1 == whole, "resumed at the start");
-    let other = resume(RecoverMeshOptions { optimizer: MeshOptimizer::Adam, ..short }).unwrap_err();
-    assert!(other.to_string().contains("optimizer was Bilateral and is Adam"), "{other}");
+    // In the used folder, with other options, stopped at once, then resumed.
+    let batch = RecoverMeshOptions { batch: 1, ..short.clone() };
+    let anew =
+        Keeping { resume: false, time_limit: Some(std::time::Duration::from_nanos(1)), ..kept.clone() };
+    file(&RecoverMeshOptions { keeping: anew, ..batch.clone() }).unwrap();
+    assert!(resume(batch.clone()).unwrap().1 == file(&batch).unwrap().1, "an older fit is in nobody's way");
+    file(&RecoverMeshOptions { keeping: Keeping { resume: false, ..kept.clone() }, ..short.clone() })
+        .unwrap();
+    let other = resume(RecoverMeshOptions { optimizer: PositionOptimizer::Adam, ..short }).unwrap_err();
+    assert!(other.to_string().contains("optimizer was bilateral and is adam"), "{other}");
+}
+
+#[test]
+fn hard_edges_of_a_given_mesh_stay_hard() {
+    let dir = tempfile::tempdir().unwrap();
+    let output = dir.path().join("out.glb");
+    let cube = scene(shapes::cube());
+    // Two splits, and no step that moves a vertex.
+    let still = RecoverMeshOptions { steps: 0, triangles: 192, ..options(PositionOptimizer::LargeSteps) };
+    let source = PictureSource::Asset { asset: &cube, views: 8, size: 16 };
+    let r = recover_mesh(source, Some(&cube), &output, &still, &Silent).unwrap();
+    assert_eq!(r.triangles, [12, 192]);
+    let mesh = photofit_scene::load(&output).unwrap().flatten().mesh;
+    for (t, triangle) in mesh.triangles.iter().enumerate() {
+        let [a, b, c] = mesh.corners(t);
+        let face = (b - a).cross(c - a).normalize_or_zero();
+        for v in triangle {
+            let normal = mesh.normals[*v as usize];
+            assert!(normal.dot(face) > 0.999, "triangle {t}: {normal:?} on a face of {face:?}");
+        }
+    }
 }
 
 /// Where the shape of [`photograph`] is in the world, and its radius.
@@ -178,7 +209,7 @@ fn a_ball_is_recovered_in_its_world_and_bad_pictures_are_refused() {
         recover_mesh(PictureSource::Folder(dir.path()), None, &output, options, &Silent)
     };
     photograph(dir.path(), Some(|inside| inside));
-    let o = options(MeshOptimizer::LargeSteps);
+    let o = options(PositionOptimizer::LargeSteps);
     let r = run(&o).unwrap();
     assert!(!r.lit && r.shape_error.is_none() && r.quality.psnr > 25.0, "{:?}", r.quality);
     let mesh = photofit_scene::load(&output).unwrap().flatten().mesh;

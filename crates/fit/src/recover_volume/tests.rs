@@ -121,6 +121,26 @@ fn stopped_fits_go_on_to_the_same_bits() {
     let last = run(kept, &Silent);
     assert!(last.resumed > 0 && !last.stopped && last.steps == whole.steps);
     assert!(last.extinction == whole.extinction && last.albedo == whole.albedo);
+    let rises = |w: &[HistoryPoint]| w[0].step <= w[1].step && w[0].seconds <= w[1].seconds;
+    assert!(last.history.windows(2).all(rises), "{:?}", last.history);
+}
+
+#[test]
+fn a_fit_in_a_used_folder_that_is_stopped_goes_on_as_itself() {
+    let views: Vec<View> = (0..4).map(view).collect();
+    let pictures = pictures(&views);
+    let run = |rate: f64, keeping, progress: &dyn Progress| {
+        let options = RecoverVolumeOptions { rate, keeping, ..options(16, 40) };
+        recover_volume(&surroundings(), &views, &pictures, &options, progress).expect("found")
+    };
+    let dir = tempfile::tempdir().expect("a folder");
+    let kept = |resume| Keeping { checkpoint: Some(dir.path().into()), resume, time_limit: None };
+    run(0.05, kept(false), &Silent);
+    // Another fit, which is stopped in its first grid.
+    assert!(run(0.02, kept(false), &Stopping(AtomicU64::new(2))).stopped);
+    let on = run(0.02, kept(true), &Silent);
+    let whole = run(0.02, Keeping::default(), &Silent);
+    assert!(!on.stopped && on.extinction == whole.extinction && on.albedo == whole.albedo);
 }
 
 #[test]

@@ -8,7 +8,7 @@ use crate::engine::Normalised;
 use crate::engine::cpu::Chain;
 use crate::engine::judge::{self, Stage};
 use crate::engine::reference::Reference;
-use crate::engine::surface::{self, Surface};
+use crate::engine::surface::{self, MAPS, Surface};
 use crate::engine::trainer::{HeldOut, Trained};
 use crate::engine::views::Orbit;
 use crate::visibility::Visibility;
@@ -70,8 +70,9 @@ pub(super) fn best(
         .then(|| rebaked(surface, seen, &models[1].candidate, options, &Silent))
         .and_then(Result::ok);
     if let Some(texels) = again {
-        models[1].values_mut(1).copy_from_slice(&texels);
-        models[1].update(1);
+        let maps = models[1].group(MAPS).expect("maps are always a group");
+        models[1].values_mut(maps).copy_from_slice(&texels);
+        models[1].update(maps);
     }
     for start in starts {
         models.push(Surface { candidate: start.candidate.clone(), ..models[0].clone() });

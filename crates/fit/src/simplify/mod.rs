@@ -10,6 +10,7 @@ mod options;
 mod outcome;
 mod plain;
 pub(crate) mod prepare;
+mod reference;
 pub(crate) mod shrink_wrap;
 
 #[cfg(test)]
@@ -21,28 +22,30 @@ pub use crate::engine::device::Device;
 pub use crate::engine::export::to_scene;
 pub use crate::engine::judge::{JudgeRenderer, Judged, Quality, ReportView, ViewQuality};
 pub use crate::engine::plan::{Plan, Runs};
-pub use crate::engine::reference::ReferenceRenderer;
 pub use crate::engine::trainer::HistoryPoint;
-pub use options::{FEWEST, Init, LARGEST_ENGINE_PICTURE, MOST_REPLAYS, SimplifyOptions};
+pub use options::{
+    FEWEST, FitRenderer, Init, LARGEST_ENGINE_PICTURE, MOST_REPLAYS, SimplifyOptions, TRACED_FOLDER,
+};
 pub use outcome::{Outcome, Written};
+pub use reference::ReferenceRenderer;
 
 use crate::bake;
 use crate::candidate::Candidate;
 use crate::engine::device::train_on;
 use crate::engine::judge::{Judge, Stage};
 use crate::engine::loss;
-use crate::engine::reference::{Features, PathTraced, Rasterized, Reference};
 use crate::engine::steering::Steering;
 use crate::engine::surface::{MAPS, POSITIONS, Surface, rate_of_maps};
-use crate::engine::trainer::{self, HeldOut, Job, Keeping, Phase};
+use crate::engine::trainer::{self, HeldOut, Job, Phase};
 use crate::engine::views::{Moment, Orbit};
+use crate::traced_maps::{MapsCourse, traced_maps};
 use crate::visibility::Visibility;
 use crate::{FitError, Progress};
 use outcome::Times;
 use photofit_geometry::decimate::Target;
 use photofit_scene::Scene;
 use std::path::Path;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Step of the positions, relative to the distance between the start and the reference.
 const POSITION_RATE: f64 = 1.0;
@@ -112,7 +115,7 @@ pub(crate) fn simplify_asset(
     progress: &dyn Progress,
 ) -> Result<Outcome, FitError> {
     let Asset { scene, n, rays, visibility } = asset;
-    let reference = reference(scene, n, rays, options)?;
+    let reference = options.rasterized_against().reference(scene, n, rays, options)?;
     let reference = &*reference;
     let moment = Moment::default();
     let Some(surface) = reference.surface(moment) else {
@@ -128,18 +131,13 @@ pub(crate) fn simplify_asset(
     let sampling = options.sampling();
     let held_out = HeldOut::new(reference, &views, sampling, options.held_out_views(), options.seed)?;
     let start = choice::best_start(&starts, &held_out);
-    let path_traced = options.reference == ReferenceRenderer::Path;
-    let loss = loss::choose(held_out.noise);
+    let loss = loss::choose(&held_out);
     let plan = Plan::new(scene)
-        .with_options(options.steps, path_traced, &options.lighting)
+        .with_options(options.steps, reference.kind(), &options.lighting)
         .with_judgement(options.judgement(scene))
         .with_loss(loss, held_out.noise)
         .with_maps(&start.candidate);
-    let keeping = Keeping {
-        checkpoint: options.checkpoint.clone(),
-        resume: options.resume,
-        time_limit: options.time_limit,
-    };
+    let keeping = options.keeping();
     let job = Job {
         reference,
         views: &views,
@@ -153,6 +151,7 @@ pub(crate) fn simplify_asset(
         keeping: &keeping,
         options: steering(options, &start.candidate),
     };
+    let fit_began = Instant::now();
     let rebake = |s: &Surface| choice::rebaked(surface, visibility, &s.candidate, options, progress);
     let mut plan_with_phases = None;
     let (trained, device) = train_on(
@@ -172,6 +171,8 @@ pub(crate) fn simplify_asset(
     let choice::Chosen { trained, light, mut written, own } =
         choice::best(trained, own, surface, visibility, &starts, n, reference, options, progress)?;
 
+    let spent = fit_began.elapsed();
+    let (light, traced_maps) = path_traced(asset, light, written, spent, options, progress)?;
     let dressed = |mut light: Scene| {
         light.inherit(scene);
         light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
@@ -214,8 +215,8 @@ pub(crate) fn simplify_asset(
     let judge = Judge {
         scene,
         n,
-        path_traced_reference: path_traced,
-        renderer: options.judge,
+        reference,
+        renderer: options.judge_renderer(),
         spp: options.judge_spp,
         lighting: &options.lighting,
         size: options.resolution,
@@ -233,22 +234,38 @@ pub(crate) fn simplify_asset(
     (outcome.left_out, outcome.not_fitted) =
         (outcome::left_out(scene, light), outcome::not_fitted(scene, light));
     outcome.stopped |= progress.is_cancelled();
+    if let Some(traced) = traced_maps {
+        outcome.stopped |= traced.stopped;
+        outcome.fit_stopped |= traced.stopped;
+        outcome.traced_maps = Some(traced);
+    }
     Ok(outcome)
 }
 
-/// Pictures of the asset as the options ask for them.
-fn reference<'a>(
-    scene: &Scene,
-    n: &'a Normalised,
-    surface: &'a bake::Reference<'a>,
+/// What is to be written, with its maps fitted through the path tracer where that is asked for.
+fn path_traced(
+    asset: Asset<'_>,
+    light: Scene,
+    written: Written,
+    spent: Duration,
     options: &SimplifyOptions,
-) -> Result<Box<dyn Reference + 'a>, FitError> {
-    Ok(match options.reference {
-        ReferenceRenderer::Raster => Box::new(Rasterized::of(n, surface).sampled(options.judge_samples()[0])),
-        ReferenceRenderer::Path => {
-            Box::new(PathTraced::new(scene, n, Features::Core, options.seed)?.with_surface(surface))
+    progress: &dyn Progress,
+) -> Result<(Scene, Option<MapsCourse>), FitError> {
+    if options.fit_with == FitRenderer::Raster || options.steps == 0 || progress.is_cancelled() {
+        return Ok((light, None));
+    }
+    // Texture coordinates of the asset's own may show one texel in many places.
+    let new_map = written != Written::Decimated;
+    let fit = options.traced_maps(new_map, spent);
+    match traced_maps(asset.scene, asset.n, &light, &fit, progress) {
+        Ok(made) => Ok((made.light, Some(made.course))),
+        Err(FitError::Setting { field: "light", rule }) => {
+            progress
+                .warn(&format!("its maps are not fitted through the path tracer: the light asset {rule}"));
+            Ok((light, None))
         }
-    })
+        Err(e) => Err(e),
+    }
 }
 
 /// The options and the topology that steer a fit.

@@ -7,7 +7,8 @@ use crate::engine::device::Device;
 use crate::engine::judge::{JudgeRenderer, WIDEST_TRACED, beyond_rasterizer};
 use crate::engine::plan::Judgement;
 use crate::engine::reference::{SAMPLES, SUPERSAMPLE, samples_for};
-use crate::engine::trainer::HELD_OUT;
+use crate::engine::trainer::{HELD_OUT, Keeping};
+use crate::traced_maps::TracedMapsOptions;
 use crate::views::{Lighting, Sampling};
 use photofit_geometry::decimate::Target;
 use photofit_scene::{Compression, Scene, TextureEncoding};
@@ -23,6 +24,24 @@ pub enum Init {
     /// A sphere.
     Sphere,
 }
+
+/// What draws the light asset while its maps are fitted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum FitRenderer {
+    /// The rasterizer: shadows of path traced pictures of the reference go into the maps.
+    #[default]
+    Raster,
+    /// Shape and maps by the rasterizer, without shadows on either side, then the maps by the path tracer against path
+    /// traced pictures ([`crate::traced_maps`]): what the light shape casts itself stays out of them.
+    Path,
+}
+
+/// Most steps of the fit through the path tracer.
+const TRACED_STEPS: u64 = 150;
+/// Widest of its pictures, pixels.
+const WIDEST_FITTED: usize = 192;
+/// Folder of its checkpoint in that of the fit.
+pub const TRACED_FOLDER: &str = "traced-maps";
 
 /// Options of [`super::simplify`].
 #[derive(Clone, Debug)]
@@ -55,6 +74,8 @@ pub struct SimplifyOptions {
     pub lighting: Lighting,
     /// How pictures of the reference are made, for the fit and for the report.
     pub reference: ReferenceRenderer,
+    /// What draws the light asset while its maps are fitted; [`FitRenderer::Path`] needs [`ReferenceRenderer::Path`].
+    pub fit_with: FitRenderer,
     /// Seed of all random choices.
     pub seed: u64,
     /// Folder of the checkpoint.
@@ -75,7 +96,7 @@ pub struct SimplifyOptions {
     pub own_textures: bool,
     /// Who draws the pictures of the report.
     pub judge: JudgeRenderer,
-    /// Samples of a pixel of the report that is path traced.
+    /// Samples of a pixel of a report whose pictures are all path traced.
     pub judge_spp: u32,
     /// Where the fit runs.
     pub device: Device,
@@ -96,6 +117,7 @@ impl Default for SimplifyOptions {
             compression: Compression::None,
             lighting: Lighting::default(),
             reference: ReferenceRenderer::default(),
+            fit_with: FitRenderer::default(),
             seed: 0,
             checkpoint: None,
             resume: false,
@@ -150,6 +172,12 @@ impl SimplifyOptions {
         }
     }
 
+    /// Where and how the fit keeps its state.
+    pub(crate) fn keeping(&self) -> Keeping {
+        let (checkpoint, resume, time_limit) = (self.checkpoint.clone(), self.resume, self.time_limit);
+        Keeping { checkpoint, resume, time_limit }
+    }
+
     /// How the fit samples its candidate.
     pub(super) fn sampling(&self) -> Sampling {
         if self.is_prefiltered() { Sampling::ENGINE } else { Sampling::SUPERSAMPLED }
@@ -191,9 +219,47 @@ impl SimplifyOptions {
     /// Whether the report of an asset is path traced.
     pub fn is_judged_by_path_tracing(&self, scene: &Scene) -> bool {
         match self.judge {
-            JudgeRenderer::Auto => !beyond_rasterizer(scene).is_empty(),
+            // The maps of what is fitted to shadows hold them.
+            JudgeRenderer::Auto => {
+                let shadows = self.rasterized_against().kind().indirect_light;
+                self.fit_with == FitRenderer::Path || !shadows && !beyond_rasterizer(scene).is_empty()
+            }
             JudgeRenderer::Raster => false,
             JudgeRenderer::Path => true,
+        }
+    }
+
+    /// What the fit by the rasterizer is compared with.
+    pub fn rasterized_against(&self) -> ReferenceRenderer {
+        match self.fit_with {
+            FitRenderer::Raster => self.reference,
+            FitRenderer::Path => ReferenceRenderer::Raster,
+        }
+    }
+
+    /// Who draws the pictures of the report.
+    pub(super) fn judge_renderer(&self) -> JudgeRenderer {
+        match (self.judge, self.fit_with) {
+            (JudgeRenderer::Auto, FitRenderer::Path) => JudgeRenderer::Path,
+            (judge, _) => judge,
+        }
+    }
+
+    /// The fit of the maps through the path tracer, in what is left of the time; `new_map`: materials may get a map.
+    pub(super) fn traced_maps(&self, new_map: bool, spent: Duration) -> TracedMapsOptions {
+        let keeping = self.keeping();
+        TracedMapsOptions {
+            steps: self.steps.min(TRACED_STEPS),
+            size: self.picture_size().clamp(16, WIDEST_FITTED),
+            new_map: new_map.then_some(self.texture_size),
+            lighting: self.lighting.clone(),
+            seed: self.seed,
+            keeping: Keeping {
+                checkpoint: keeping.checkpoint.map(|folder| folder.join(TRACED_FOLDER)),
+                time_limit: keeping.time_limit.map(|limit| limit.saturating_sub(spent)),
+                ..keeping
+            },
+            ..TracedMapsOptions::default()
         }
     }
 
@@ -208,7 +274,8 @@ impl SimplifyOptions {
         Judgement {
             traced,
             renderer: self.judge,
-            reference_traced: self.reference == ReferenceRenderer::Path,
+            reference: self.rasterized_against().kind(),
+            traced_maps: self.fit_with == FitRenderer::Path,
             beyond,
             pictures: self.report_views * (1 + stages),
             side,
@@ -235,6 +302,12 @@ impl SimplifyOptions {
                 self.triangles_by_bytes,
                 !self.triangles_by_bytes || self.max_bytes.is_some(),
                 "needs max_bytes",
+            ),
+            rule(
+                "fit_with",
+                format!("{:?}", self.fit_with).to_lowercase(),
+                self.fit_with == FitRenderer::Raster || self.reference == ReferenceRenderer::Path,
+                "needs path as the reference, too",
             ),
             rule(
                 "resume",

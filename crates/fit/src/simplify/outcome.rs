@@ -6,6 +6,7 @@ use crate::engine::judge::{Judged, Quality, ReportView, WIDEST_TRACED, beyond_ra
 use crate::engine::plan::Plan;
 use crate::engine::surface::Surface;
 use crate::engine::trainer::{HistoryPoint, Trained};
+use crate::traced_maps::MapsCourse;
 use photofit_scene::Scene;
 
 /// Figures and pictures of a finished simplification.
@@ -44,6 +45,8 @@ pub struct Outcome {
     pub history: Vec<HistoryPoint>,
     /// What ran and what was skipped.
     pub plan: Plan,
+    /// How the fit of the maps through the path tracer went, where there was one.
+    pub traced_maps: Option<MapsCourse>,
     /// What of the asset is not in the written file, one line each.
     pub left_out: Vec<String>,
     /// What of the asset is in the written file, but was not drawn while fitting, one line each.
@@ -106,14 +109,17 @@ impl Outcome {
         let spp = self.judge_spp;
         match self.judged {
             Judged::Rasterized => "judged by rasterized pictures".into(),
-            Judged::ReferenceTraced => {
+            Judged::RasterizedAgainst(reference) => {
+                let name = reference.name;
                 format!(
-                    "judged by rasterized pictures against path traced ones of the asset, {spp} samples per pixel"
+                    "judged by rasterized pictures against {name} ones of the asset, {spp} samples per pixel"
                 )
             }
             Judged::PathTraced => {
                 let side = self.resolution.min(WIDEST_TRACED);
-                format!("judged by path traced pictures of {side} x {side} pixels, {spp} samples each")
+                let twice =
+                    if self.plan.holds_shadows() { "; shadows that its maps hold count twice" } else { "" };
+                format!("judged by path traced pictures of {side} x {side} pixels, {spp} samples each{twice}")
             }
         }
     }
@@ -144,9 +150,13 @@ impl Outcome {
             stages: names.iter().enumerate().map(|(k, name)| (*name, mean(k))).collect(),
             views,
             judged,
-            judge_spp: options.judge_spp,
+            judge_spp: match judged {
+                Judged::RasterizedAgainst(reference) => reference.spp.unwrap_or(1),
+                Judged::Rasterized | Judged::PathTraced => options.judge_spp,
+            },
             history: trained.history,
             plan,
+            traced_maps: None,
             left_out: Vec::new(),
             not_fitted: Vec::new(),
             written: Written::Fitted,

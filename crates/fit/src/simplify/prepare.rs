@@ -85,7 +85,8 @@ fn unwrap_and_bake(
     options: &SimplifyOptions,
     progress: &dyn Progress,
 ) -> Result<Start, FitError> {
-    let mut candidate = unwrapped(n, reference, seen, mesh, class, options.texture_size, progress)?;
+    let (seen_surface, classes) = (Some((reference, seen)), n.drawn_classes());
+    let mut candidate = unwrapped(mesh, seen_surface, class, classes, options.texture_size, progress)?;
     let (baked, distance) = bake_candidate(reference, seen, &candidate, options, progress)?;
     candidate.set_maps(baked);
     Ok(Start { candidate, distance })

@@ -94,7 +94,7 @@ fn a_lost_pit_darkens_the_map_where_it_was() {
     let [pit, plate] = [[0.0, PIT - 0.05], [PIT + 0.1, 0.9]].map(|r| mean(&made.light, r));
     println!(
         "pit {pit:.3}, plate {plate:.3}, {:?}",
-        made.history.iter().map(|h| h.quality).collect::<Vec<_>>()
+        made.course.history.iter().map(|h| h.quality).collect::<Vec<_>>()
     );
     assert!((plate - 0.7).abs() < 0.05, "the plate keeps its colour: {plate}");
     assert!(pit < 0.75 * plate, "the pit is in shadow: {pit} of {plate}");

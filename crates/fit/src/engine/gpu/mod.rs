@@ -11,7 +11,7 @@ mod stage;
 use super::cpu::Chain;
 use super::loss::{PictureLoss, Weights};
 use super::model::{Broken, Group, Model, Snapshot};
-use super::surface::{POSITIONS, PositionOptimizer, Surface, temporal};
+use super::surface::{POSITIONS, Surface, temporal};
 use super::views::Shot;
 use crate::FitError;
 use photofit_gpu::{Buffer, Gpu, GpuError, Kernel, Recording};
@@ -70,18 +70,14 @@ impl GpuSurface {
         let groups = Chain::groups(&surface);
         let fitted = surface.rates.map(|r| r > 0.0);
         let on = Resident::new(gpu, &surface.candidate, fitted)?;
-        let PositionOptimizer::LargeSteps { lambda } = surface.optimizer else {
-            let (group, what) = (POSITIONS.into(), "the optimizer");
-            return Err(OptimError::Combination {
-                group,
-                what,
-                with: "a device: Large Steps alone run there",
-            });
-        };
+        if !surface.optimizer.runs_on_device() {
+            let (group, what) = (POSITIONS.into(), surface.optimizer.name());
+            return Err(OptimError::Combination { group, what, with: "a device, where it does not run" });
+        }
         let optimizer = |group: &Group| {
             let rings = &surface.candidate.rings;
             let diffuses = group.name == POSITIONS;
-            let solver = || LargeStepsSolver::new(gpu, &rings.offsets, &rings.items, lambda);
+            let solver = || LargeStepsSolver::new(gpu, &rings.offsets, &rings.items, surface.smoothness);
             let solver = diffuses.then(solver).transpose()?;
             DeviceOptimizer::new(gpu, &group.name, (group.rows, group.columns), temporal(&group.name), solver)
         };

@@ -69,6 +69,7 @@ fn surface(sheets: bool) -> Surface {
         rates,
         moves: true,
         optimizer: PositionOptimizer::default(),
+        smoothness: crate::engine::surface::SMOOTHNESS,
     }
 }
 

@@ -1,10 +1,10 @@
 //! The rows of a plan: what runs, what is skipped, and why. Every task tells its plan in them.
 
 use crate::engine::loss::{PictureLoss, Weights};
-use crate::engine::surface::Surface;
 use crate::engine::trainer::{Measure, Phase};
-use photofit_raster::channel;
+use photofit_raster::deferred::Passes;
 use photofit_raster::loss::Loss;
+use photofit_raster::{CHANNELS, channel};
 use std::fmt;
 
 /// Whether a pass runs.
@@ -82,7 +82,8 @@ impl fmt::Display for PlanRows {
 pub(crate) fn loss(loss: PictureLoss, noise: Option<f64>) -> Item {
     let why = match loss.loss {
         Loss::Mse if loss.weights == Weights::Relative => {
-            "squares relative to the reference: unbiased by noise, and of wide range".into()
+            "squares relative to the reference around a pixel: little biased by noise, and of wide range"
+                .into()
         }
         unbiased => match (unbiased, noise) {
             (Loss::Mse, Some(noise)) => {
@@ -99,28 +100,52 @@ pub(crate) fn loss(loss: PictureLoss, noise: Option<f64>) -> Item {
     Item { what: "logarithmic loss", runs: (loss.loss != Loss::Mse).into(), why }
 }
 
+/// Why nothing is fitted where the options ask for no steps.
+pub(crate) const NO_STEPS: &str = "no steps are made";
+/// Why only one layer is drawn.
+pub(crate) const OPAQUE: &str = "every surface is opaque: one layer, no blending";
+/// Where it stands what a skipped pass would take.
+const COSTS: &str = "what that saves: `cargo xtask bench raster`, docs/benchmarks.md";
+
+/// What a fit does with a surface: all that its rows are told from.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Work {
+    /// Passes of the renderer.
+    pub(crate) passes: Passes,
+    /// Relative rates of the samples of a texel.
+    pub(crate) rates: [f32; CHANNELS],
+    /// Whether positions may move.
+    pub(crate) moves: bool,
+    /// Whether steps are made.
+    pub(crate) steps: bool,
+}
+
 /// The rows of a surface, as its passes and rates say.
-pub(crate) fn surface(s: &Surface) -> Vec<Item> {
-    let p = &s.passes;
-    let positions = s.moves && p.position_gradients;
+pub(crate) fn surface(work: &Work) -> Vec<Item> {
+    let Work { passes: p, rates, moves, steps } = work;
+    let not = |why: &str| if *steps { why.to_owned() } else { NO_STEPS.to_owned() };
+    let positions = *steps && *moves && p.position_gradients;
     let layers = format!("until nothing shows through, at most {} layers", p.max_layers);
+    let saved = |why: &str| if *steps { format!("{why} ({COSTS})") } else { NO_STEPS.to_owned() };
     let mut items = vec![
-        Item::of("position gradients", positions, "the shape is fitted", "the shape stays"),
+        Item::of("position gradients", positions, "the shape is fitted", saved("the shape stays")),
         Item::of(
             "silhouette gradients",
-            p.antialias,
+            *steps && p.antialias,
             "where neighbouring samples show different triangles",
-            "positions are frozen",
+            not("positions are frozen"),
         ),
-        Item::of(
-            "transparent layers",
-            p.max_layers > 1,
-            layers,
-            "every surface is opaque: one layer, no blending",
-        ),
+        Item::of("transparent layers", p.max_layers > 1, layers, format!("{OPAQUE} ({COSTS})")),
         Item::of("normal map", p.normal_map, "it is drawn", "it is flat"),
         Item::of("emission", p.emissive, "it is drawn", "nothing emits"),
     ];
+    let fitted = if *steps && p.map_gradients { rates.iter().filter(|r| **r > 0.0).count() } else { 0 };
+    items.push(Item::of(
+        "map gradients",
+        fitted > 0,
+        format!("{fitted} of {CHANNELS} samples of a texel; the others are constant or unused"),
+        saved("all samples of texels are constant or unused"),
+    ));
     let gradients = [
         ("base colour gradients", channel::BASE_COLOR, true),
         ("alpha gradients", channel::ALPHA, p.alpha_gradients),
@@ -130,10 +155,10 @@ pub(crate) fn surface(s: &Surface) -> Vec<Item> {
         ("emission gradients", channel::EMISSIVE, p.emissive),
     ];
     for (what, channel, drawn) in gradients {
-        let rate = s.rates[channel];
-        let flows = p.map_gradients && drawn && rate > 0.0;
+        let rate = rates[channel];
+        let flows = fitted > 0 && drawn && rate > 0.0;
         let why = if rate < 1.0 { format!("at {rate:.1} of the rate of maps") } else { "fitted".into() };
-        items.push(Item::of(what, flows, why, "not fitted: constant or unused, or no steps are made"));
+        items.push(Item::of(what, flows, why, not("not fitted: constant or unused")));
     }
     items
 }

@@ -38,7 +38,7 @@ fn runs(plan: &Plan, what: &str) -> Runs {
 }
 
 fn fit(scene: &Scene, candidate: &Candidate) -> Plan {
-    Plan::new(scene).with_options(100, false, &Lighting::Mixed).with_maps(candidate)
+    Plan::new(scene).with_options(100, ReferenceKind::RASTERIZED, &Lighting::Mixed).with_maps(candidate)
 }
 
 /// One line of a plan and what makes it so.
@@ -89,7 +89,8 @@ fn an_opaque_scene_runs_one_layer_and_no_blending() {
 #[test]
 fn frozen_positions_run_no_silhouettes() {
     let (clay, sheet) = (scene(Material::clay()), candidate(AlphaMode::Opaque, |_, _| {}));
-    let frozen = Plan::new(&clay).with_options(0, false, &Lighting::Point).with_maps(&sheet);
+    let frozen =
+        Plan::new(&clay).with_options(0, ReferenceKind::RASTERIZED, &Lighting::Point).with_maps(&sheet);
     let passes = frozen.passes();
     assert!(!passes.position_gradients && !passes.antialias);
     assert_eq!(runs(&frozen, "silhouette gradients"), Runs::No);
@@ -101,7 +102,8 @@ fn frozen_positions_run_no_silhouettes() {
 fn flat_normals_and_constant_maps_are_skipped() {
     let clay = scene(Material::clay());
     let sheet = candidate(AlphaMode::Opaque, |_, _| {});
-    let flat = Plan::new(&clay).with_options(0, false, &Lighting::Mixed).with_maps(&sheet);
+    let flat =
+        Plan::new(&clay).with_options(0, ReferenceKind::RASTERIZED, &Lighting::Mixed).with_maps(&sheet);
     assert!(!flat.passes().normal_map && !flat.passes().map_gradients);
     assert_eq!((runs(&flat, "normal map"), runs(&flat, "map gradients")), (Runs::No, Runs::No));
     assert!(fit(&clay, &sheet).passes().normal_map, "a shape that moves does not keep its normals flat");
@@ -115,7 +117,10 @@ fn flat_normals_and_constant_maps_are_skipped() {
 #[test]
 fn light_and_reference_are_told_as_they_are() {
     let clay = scene(Material::clay());
-    let with = |path, lighting: &Lighting| Plan::new(&clay).with_options(10, path, lighting);
+    let with = |path, lighting: &Lighting| {
+        let kind = if path { ReferenceKind::path_traced(64) } else { ReferenceKind::RASTERIZED };
+        Plan::new(&clay).with_options(10, kind, lighting)
+    };
     assert_eq!(runs(&with(false, &Lighting::Mixed), "environment light"), Runs::Yes, "the default uses one");
     assert_eq!(runs(&with(false, &Lighting::Point), "environment light"), Runs::No);
     let studio = Lighting::Environment(crate::views::studio());
@@ -138,8 +143,8 @@ fn what_is_in_the_file_is_not_denied() {
     let text = Plan::new(&glass).to_string();
     for part in [
         "volumes                1 of 1 materials enclose one",
-        "sheen, transmission, volume",
-        "let light pass",
+        "sheen, volume: kept",
+        "run  transmission           1 of 1 materials let light pass: drawn blended",
     ] {
         assert!(text.contains(part), "{part:?} in\n{text}");
     }
@@ -171,4 +176,41 @@ fn phases_say_what_moves_at_which_rate() {
     let frozen = [phase("maps", 1, 0.0)];
     let text = Plan::new(&scene(Material::clay())).with_phases(&frozen).to_string();
     assert!(text.contains("positions frozen"), "{text}");
+}
+
+#[test]
+fn a_plan_tells_the_rows_of_the_surface_that_is_fitted() {
+    let blend = scene(Material { alpha_mode: AlphaMode::Blend, ..Material::clay() });
+    let sheet = candidate(AlphaMode::Blend, |i, t| t[channel::ALPHA] = 0.1 * (i % 3) as f32);
+    for steps in [0, 10] {
+        let plan = Plan::new(&blend).with_options(steps, ReferenceKind::RASTERIZED, &Lighting::Point);
+        let plan = plan.with_maps(&sheet);
+        let surface = super::super::surface::Surface::new(sheet.clone(), &plan);
+        let told = rows::surface(&surface.moving(steps > 0).work(steps));
+        assert_eq!(plan.items()[..told.len()], told, "{steps} steps");
+        let names: BTreeSet<&str> = plan.items().iter().map(|i| i.what).collect();
+        assert_eq!(names.len(), plan.items().len(), "each row stands once");
+        for what in ["base colour gradients", "alpha gradients", "position gradients", "map gradients"] {
+            let row = told.iter().find(|i| i.what == what).unwrap();
+            let flows = steps > 0 && what != "base colour gradients";
+            assert_eq!(row.runs, flows.into(), "{what}, {steps} steps");
+            assert_eq!(row.why.contains("no steps are made"), steps == 0, "{row:?}");
+        }
+    }
+}
+
+#[test]
+fn shadows_in_maps_are_not_judged_twice() {
+    let sheen =
+        Extensions { sheen: Some(Sheen { color: [1.0; 3], ..Sheen::default() }), ..Extensions::default() };
+    let velvet = scene(Material { extensions: Some(Box::new(sheen)), ..Material::default() });
+    let told = |options: &crate::simplify::SimplifyOptions| options.judgement(&velvet).item();
+    let raster = crate::simplify::SimplifyOptions::default();
+    assert_eq!(told(&raster).runs, Runs::Yes);
+    let path =
+        crate::simplify::SimplifyOptions { reference: crate::simplify::ReferenceRenderer::Path, ..raster };
+    let item = told(&path);
+    assert!(item.runs == Runs::No && item.why.contains("sheen are not drawn"), "{item:?}");
+    let asked = crate::simplify::SimplifyOptions { judge: JudgeRenderer::Path, ..path };
+    assert!(told(&asked).why.contains("count twice"), "{:?}", told(&asked));
 }

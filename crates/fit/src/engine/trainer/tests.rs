@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::engine::cpu::{Chain, Cpu};
-use crate::engine::reference::Picture;
+use crate::engine::reference::{Picture, ReferenceKind};
 use crate::engine::views::{Lighting, Moment, Orbit, Setup, Sphere};
 use crate::{Silent, bake};
 use photofit_image::Image;
@@ -20,6 +20,10 @@ const STEPS: u64 = 90;
 struct Greys;
 
 impl Reference for Greys {
+    fn kind(&self) -> ReferenceKind {
+        ReferenceKind::GIVEN
+    }
+
     fn picture(&self, s: &Setup) -> Result<Picture, FitError> {
         let grey = |x: usize, y: usize| 0.3 + 0.05 * (x + y) as f32 + 0.02 * s.camera.eye.x.sin();
         Ok(Picture::clean(Image::from_fn(

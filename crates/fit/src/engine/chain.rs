@@ -1,0 +1,178 @@
+//! Chains of fits: coarse to fine, or level after level, each part with a checkpoint of its own.
+//!
+//! The first part keeps its checkpoint in the folder of the chain, where a single fit would, the others in `part1`, `part2`
+//! and so on inside of it. A chain that begins anew sets all of them aside, so that none that is stopped and goes on later
+//! meets what another one left. A time limit is for the fits of all parts together.
+
+use super::checkpoint;
+use super::trainer::{HistoryPoint, Keeping};
+use crate::{FitError, Progress};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// Most parts of a chain.
+pub const MOST_PARTS: usize = 8;
+
+/// The folder of the checkpoint of a part, of which the first is 0, in that of its chain.
+pub fn part_folder(chain: &Path, part: usize) -> PathBuf {
+    if part == 0 { chain.to_owned() } else { chain.join(format!("part{part}")) }
+}
+
+/// The files of checkpoints of a chain of `parts` parts, as paths in its folder.
+pub fn checkpoint_files(parts: usize) -> Vec<String> {
+    let file = |part| part_folder(Path::new(""), part).join(checkpoint::FILE);
+    (0..parts).map(|part| file(part).to_string_lossy().into_owned()).collect()
+}
+
+/// A chain on its way.
+#[derive(Debug)]
+pub(crate) struct Chain<'a> {
+    keeping: &'a Keeping,
+    /// Parts that are done.
+    part: usize,
+    /// What is left of the time limit.
+    left: Option<Duration>,
+    /// When the part at work began.
+    began: Instant,
+    /// Steps of the schedules of the parts that are done.
+    steps: u64,
+    /// The course of all parts.
+    history: Vec<HistoryPoint>,
+}
+
+impl<'a> Chain<'a> {
+    /// A chain at its start. Unless it goes on from checkpoints, those of all parts but the first are set aside; the first
+    /// one is by its fit.
+    ///
+    /// # Errors
+    /// If the file system refuses.
+    pub(crate) fn new(keeping: &'a Keeping, progress: &dyn Progress) -> Result<Self, FitError> {
+        if let Some(folder) = keeping.checkpoint.as_ref().filter(|_| !keeping.resume) {
+            for part in 1..MOST_PARTS {
+                let file = part_folder(folder, part).join(checkpoint::FILE);
+                if let Some(kept) = photofit_image::set_aside(&file)? {
+                    progress.note(&format!("an earlier fit is kept as {}", kept.display()));
+                }
+            }
+        }
+        let (left, began) = (keeping.time_limit, Instant::now());
+        Ok(Self { keeping, part: 0, left, began, steps: 0, history: Vec::new() })
+    }
+
+    /// Fits the next part by `fit`, which may take a `share`-th of the time that is left. A part that was not begun
+    /// before has nothing to go on from; one whose checkpoint cannot be gone on from, since the part before ended at other
+    /// values than then, begins anew.
+    ///
+    /// # Errors
+    /// Those of `fit`.
+    pub(crate) fn fit<T>(
+        &mut self,
+        share: usize,
+        progress: &dyn Progress,
+        mut fit: impl FnMut(&Keeping) -> Result<T, FitError>,
+    ) -> Result<T, FitError> {
+        self.began = Instant::now();
+        let checkpoint = self.keeping.checkpoint.as_ref().map(|folder| part_folder(folder, self.part));
+        let begun = checkpoint.as_ref().is_some_and(|folder| folder.join(checkpoint::FILE).exists());
+        let keeping = Keeping {
+            checkpoint,
+            resume: self.keeping.resume && (self.part == 0 || begun),
+            time_limit: self.left.map(|l| l / share.max(1) as u32),
+        };
+        match fit(&keeping) {
+            Err(e @ (FitError::Checkpoint { .. } | FitError::OtherFit { .. }))
+                if self.part > 0 && keeping.resume =>
+            {
+                progress.warn(&format!("{e}; this part of the fit begins anew"));
+                fit(&Keeping { resume: false, ..keeping })
+            }
+            result => result,
+        }
+    }
+
+    /// Adds the course of the part that [`Self::fit`] gave, whose schedule has `steps` steps.
+    pub(crate) fn add(&mut self, history: &[HistoryPoint], steps: u64) {
+        // What earlier runs took is in the history too; this run cannot have taken longer than it lasts.
+        let fitted = Duration::try_from_secs_f64(history.last().map_or(0.0, |h| h.seconds));
+        let spent = fitted.map_or(self.began.elapsed(), |f| f.min(self.began.elapsed()));
+        self.left = self.left.map(|l| l.saturating_sub(spent));
+        let before = self.history.last().map_or(0.0, |h| h.seconds);
+        let told =
+            |h: &HistoryPoint| HistoryPoint { step: self.steps + h.step, seconds: before + h.seconds, ..*h };
+        let told: Vec<HistoryPoint> = history.iter().map(told).collect();
+        self.history.extend(told);
+        self.steps += steps;
+        self.part += 1;
+    }
+
+    /// Steps of the schedules of the parts that are done.
+    pub(crate) fn steps(&self) -> u64 {
+        self.steps
+    }
+
+    /// The course of all parts: steps of the schedule and seconds since the start of the first.
+    pub(crate) fn into_history(self) -> Vec<HistoryPoint> {
+        self.history
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Silent;
+
+    fn point(step: u64, seconds: f64) -> HistoryPoint {
+        HistoryPoint { step, seconds, loss: 0.5, quality: 20.0 }
+    }
+
+    #[test]
+    fn histories_go_on_in_steps_and_seconds() {
+        let keeping = Keeping { time_limit: Some(Duration::from_secs(100)), ..Keeping::default() };
+        let mut chain = Chain::new(&keeping, &Silent).unwrap();
+        chain.add(&[point(0, 0.5), point(25, 2.0)], 40);
+        chain.add(&[point(0, 0.25), point(25, 1.0)], 60);
+        assert!(chain.left.is_some_and(|l| l > Duration::from_secs(96)), "{:?}", chain.left);
+        assert_eq!(chain.steps(), 100);
+        let told: Vec<(u64, f64)> = chain.into_history().iter().map(|h| (h.step, h.seconds)).collect();
+        assert_eq!(told, [(0, 0.5), (25, 2.0), (40, 2.25), (65, 3.0)]);
+    }
+
+    #[test]
+    fn a_fresh_chain_sets_aside_what_another_left() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = |part| part_folder(dir.path(), part).join(checkpoint::FILE);
+        for part in 0..3 {
+            std::fs::create_dir_all(part_folder(dir.path(), part)).unwrap();
+            std::fs::write(file(part), "old").unwrap();
+        }
+        let mut keeping = Keeping { checkpoint: Some(dir.path().into()), resume: true, time_limit: None };
+        Chain::new(&keeping, &Silent).unwrap();
+        assert!((0..3).all(|k| file(k).exists()), "a chain that goes on keeps them");
+        keeping.resume = false;
+        Chain::new(&keeping, &Silent).unwrap();
+        assert_eq!([0, 1, 2].map(|k| file(k).exists()), [true, false, false]);
+        assert_eq!(checkpoint_files(3), ["fit.ckpt", "part1/fit.ckpt", "part2/fit.ckpt"]);
+    }
+
+    #[test]
+    fn a_part_goes_on_only_from_what_it_left() {
+        let dir = tempfile::tempdir().unwrap();
+        let keeping = Keeping { checkpoint: Some(dir.path().into()), resume: true, time_limit: None };
+        let mut chain = Chain::new(&keeping, &Silent).unwrap();
+        let resumes = |chain: &mut Chain<'_>| chain.fit(1, &Silent, |k| Ok(k.resume)).unwrap();
+        assert!(resumes(&mut chain), "a user who asks for it is told that there is nothing");
+        chain.add(&[], 1);
+        std::fs::create_dir_all(part_folder(dir.path(), 1)).unwrap();
+        assert!(!resumes(&mut chain), "a folder alone is no checkpoint");
+        std::fs::write(part_folder(dir.path(), 1).join(checkpoint::FILE), "state").unwrap();
+        assert!(resumes(&mut chain));
+        let mut asked = Vec::new();
+        let refused = |k: &Keeping| {
+            asked.push(k.resume);
+            let rule = "it is damaged".into();
+            if k.resume { Err(FitError::Checkpoint { path: dir.path().into(), rule }) } else { Ok(()) }
+        };
+        chain.fit(1, &Silent, refused).unwrap();
+        assert_eq!(asked, [true, false], "it begins anew");
+    }
+}

@@ -1,0 +1,44 @@
+//! The references that a simplification can be asked for.
+
+use super::SimplifyOptions;
+use crate::engine::Normalised;
+use crate::engine::reference::{Features, PathTraced, Rasterized, Reference, ReferenceKind, SAMPLES};
+use crate::{FitError, bake};
+use photofit_scene::Scene;
+
+/// How pictures of the reference are made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ReferenceRenderer {
+    /// As the candidate's: direct light without shadows.
+    #[default]
+    Raster,
+    /// With all light.
+    Path,
+}
+
+impl ReferenceRenderer {
+    /// What its pictures are.
+    pub fn kind(self) -> ReferenceKind {
+        match self {
+            Self::Raster => ReferenceKind::RASTERIZED,
+            Self::Path => ReferenceKind::path_traced(SAMPLES),
+        }
+    }
+
+    /// Pictures of the asset as the options ask for them.
+    pub(super) fn reference<'a>(
+        self,
+        scene: &Scene,
+        n: &'a Normalised,
+        surface: &'a bake::Reference<'a>,
+        options: &SimplifyOptions,
+    ) -> Result<Box<dyn Reference + 'a>, FitError> {
+        let [samples, _] = options.judge_samples();
+        Ok(match self {
+            Self::Raster => Box::new(Rasterized::of(n, surface).sampled(samples)),
+            Self::Path => {
+                Box::new(PathTraced::new(scene, n, Features::Core, options.seed)?.with_surface(surface))
+            }
+        })
+    }
+}
