@@ -3,7 +3,9 @@
 use glam::{Affine3A, Vec3};
 use photofit_fit::Silent;
 use photofit_fit::scene_render::SceneRenderer;
-use photofit_fit::simplify::{Init, Outcome, SimplifyOptions, Written, simplify};
+use photofit_fit::simplify::{
+    FitRenderer, HistoryPoint, Init, Judged, Outcome, ReferenceRenderer, SimplifyOptions, Written, simplify,
+};
 use photofit_fit::views::Lighting;
 use photofit_geometry::decimate::Target;
 use photofit_geometry::{Mesh, shapes};
@@ -280,4 +282,29 @@ fn own_textures_are_kept_where_they_look_better() {
     assert!(fitted < decimated - 3.0 && !own, "new maps lose: {fitted:.1} against {decimated:.1} dB");
     let (decimated, fitted, own) = psnr(true);
     assert!((fitted - decimated).abs() < 0.01 && own, "{fitted:.2} and {decimated:.2} dB");
+}
+
+#[test]
+fn maps_may_be_fitted_through_the_path_tracer() {
+    // Spheres in a heap shadow one another.
+    let place = |x: f32, y: f32| Affine3A::from_translation(Vec3::new(x, y, 0.0));
+    let places = vec![place(-0.9, 0.0), place(0.9, 0.0), place(0.0, 1.4)];
+    let asset = scene(vec![(shapes::icosphere(8), paint([0.7, 0.6, 0.5], false), places)]);
+    let options = SimplifyOptions {
+        reference: ReferenceRenderer::Path,
+        fit_with: FitRenderer::Path,
+        resolution: 64,
+        judge_spp: 16,
+        ..quick(Target::Triangles(300), 40)
+    };
+    let (outcome, light) = run(&asset, &options);
+    let maps = outcome.traced_maps.as_ref().expect("a fit through the path tracer");
+    assert_eq!((maps.steps, outcome.judged), (40, Judged::PathTraced));
+    let quality = |h: &HistoryPoint| h.quality;
+    let (first, best) = (quality(&maps.history[0]), maps.history.iter().map(quality).fold(f64::MIN, f64::max));
+    assert!(best > first + 0.05, "{first:.2} dB became {best:.2}");
+    assert!(light.materials[0].base_color_texture.is_some(), "the shadows of what is lost have a map");
+    let alone = SimplifyOptions { reference: ReferenceRenderer::Raster, ..options };
+    let text = alone.check(usize::MAX).unwrap_err().to_string();
+    assert_eq!(text, "fit_with is path; it needs path as the reference, too");
 }

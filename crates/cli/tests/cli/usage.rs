@@ -98,6 +98,7 @@ fn wrong_command_lines_have_status_2() {
         &["simplify", "a.glb", "-o", "b.glb", "--time-limit", "nan"],
         &["simplify", "a.glb", "-o", "b.glb", "--resume"],
         &["simplify", "a.glb", "-o", "b.glb", "--faster"],
+        &["simplify", "a.glb", "-o", "b.glb", "--fit-with", "path"],
         &["render", "a.glb", "-o", "b.png", "--spp", "5"],
         &["render", "a.glb", "-o", "b.png", "--width", "0"],
         &["render", "a.glb", "-o", "b.jpg"],
