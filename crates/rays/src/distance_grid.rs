@@ -18,8 +18,6 @@ use rayon::prelude::*;
 
 /// Most samples of one grid.
 const SAMPLES: usize = 1 << 27;
-/// Most cells with a part of the surface: the tree over them takes about 200 bytes each while it is built.
-const CELLS: usize = 1 << 22;
 /// By how much the boxes of cells are widened, in cells of the longest side: more than a ray in single precision is off
 /// within the grid.
 const WIDENED: f64 = 1e-6;
@@ -69,7 +67,7 @@ pub enum DistanceGridError {
         negative: bool,
     },
     /// The surface passes through too many cells.
-    #[error("the surface passes through {cells} cells; it may pass through {CELLS}")]
+    #[error("the surface passes through {cells} cells; it may pass through {}", DistanceGrid::MAX_CELLS)]
     TooMany {
         /// Number of cells.
         cells: usize,
@@ -88,6 +86,9 @@ pub struct DistanceHit {
 }
 
 impl DistanceGrid {
+    /// Most cells with a part of the surface: the tree over them takes about 200 bytes each while it is built.
+    pub const MAX_CELLS: usize = 1 << 22;
+
     /// Takes over the values, x fastest, of `size` samples along x, y and z; they are negative inside.
     ///
     /// # Errors
@@ -104,7 +105,7 @@ impl DistanceGrid {
         };
         let layers: Vec<Vec<u32>> = (0..size[2] - 1).into_par_iter().map(of_layer).collect();
         let count = layers.iter().map(Vec::len).sum();
-        if count > CELLS {
+        if count > Self::MAX_CELLS {
             return Err(DistanceGridError::TooMany { cells: count });
         }
         out.cells = layers.concat();

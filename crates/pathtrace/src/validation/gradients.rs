@@ -1,5 +1,6 @@
 //! Gradients of path replay against central differences of renders with paired seeds.
 
+mod samplers;
 mod sharing;
 
 use super::scenes::{cornell, cornell_view, diffuse, looking, place, quad, square};

@@ -71,7 +71,13 @@ fn no_ray_leaves_a_closed_surface() {
             let p = [i % n, i / n % n, i / n / n];
             let border = p.iter().any(|x| *x == 0 || *x == n - 1);
             let noise = random(i as u64) as f32 - 0.7;
-            if border { 1.0 } else if random(7 * i as u64) < 0.05 { 0.0 } else { noise }
+            if border {
+                1.0
+            } else if random(7 * i as u64) < 0.05 {
+                0.0
+            } else {
+                noise
+            }
         })
         .collect();
     let grid = DistanceGrid::new([n; 3], values.clone()).unwrap();
@@ -127,7 +133,10 @@ fn bad_grids_are_refused_in_words() {
     assert!(fails([1 << 20, 1 << 20, 1 << 20], Vec::new()).contains("2^27"));
     assert_eq!(fails([2; 3], vec![0.0; 7]), "there are 7 values; there must be 8, one a sample");
     let mut values = vec![1.0; 8];
-    assert_eq!(fails([2; 3], values.clone()), "all values are 0 or more; some must be below 0 and some must not");
+    assert_eq!(
+        fails([2; 3], values.clone()),
+        "all values are 0 or more; some must be below 0 and some must not"
+    );
     values[5] = f32::NAN;
     assert_eq!(fails([2; 3], values), "value 5 is NaN; it must be finite");
     let n = 164;
