@@ -22,6 +22,9 @@ const SAMPLES: usize = 1 << 27;
 /// within the grid.
 const WIDENED: f64 = 1e-6;
 
+/// Values of a point that lies on the surface, of the largest in its cell.
+const OFF: f64 = 1e-9;
+
 /// Signed distances on a grid, prepared for rays.
 ///
 /// Points are in *grid coordinates*: sample (i, j, k) stands at the point (i, j, k).
@@ -216,18 +219,30 @@ impl DistanceGrid {
         });
     }
 
-    /// The point of the surface in a cell that is nearest to `p`, as far as two steps along the gradient find it, and the
-    /// gradient there, in grid coordinates.
+    /// A point of the surface in a cell beside `p`, found along the gradient, and the gradient there, in grid coordinates;
+    /// from far off `p` may be anywhere.
     pub fn on_surface(&self, cell: u32, p: DVec3) -> (DVec3, DVec3) {
         let sample = self.cells[cell as usize];
         let (low, values) = (self.corner(sample).as_dvec3(), self.cell(sample));
         let mut q = (p - low).clamp(DVec3::ZERO, DVec3::ONE);
-        for _ in 0..2 {
+        for _ in 0..3 {
             let g = values.gradient(q);
             let step = g * (values.value(q) / g.length_squared());
             // Where the gradient vanishes the point stays.
-            if step.length_squared() <= 0.01 {
+            if step.length_squared() <= 1.0 {
                 q = (q - step).clamp(DVec3::ZERO, DVec3::ONE);
+            }
+        }
+        let value = values.value(q);
+        if value.abs() > OFF * values.0.iter().fold(0.0, |most: f64, v| most.max(v.abs())) {
+            // The gradient leads out of the cell: towards a corner on the other side.
+            if let Some(corner) = (0..8).find(|i| (values.0[*i] < 0.0) != (value < 0.0)) {
+                let corner = DVec3::from_array([0, 1, 2].map(|k| (corner >> k & 1) as f64));
+                let from = q;
+                values.crossings(from, corner, |crossing| {
+                    q = from + (corner - from) * crossing.s;
+                    false
+                });
             }
         }
         (low + q, values.gradient(q))

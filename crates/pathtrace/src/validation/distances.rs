@@ -70,6 +70,27 @@ fn rays_meet_a_grid_where_its_sphere_is() {
     }
 }
 
+#[test]
+fn points_seen_from_afar_lie_on_the_surface() {
+    // A distance in single precision is off by .06 there, several cells.
+    let world = world(ball(false), DAffine3::IDENTITY);
+    let mut rng = Rng::new(8, 2);
+    let h = 1.0 / (SIDE - 1) as f64;
+    for _ in 0..2000 {
+        let away = uniform_sphere([rng.next_f32(), rng.next_f32()]);
+        let origin = Vec3f::splat(0.5) + away * 1e6;
+        let ray = WorldRay { origin, direction: -away, t_max: f32::INFINITY };
+        // Rounding of the direction moves the ray by as much.
+        let Some(hit) = world.closest(&ray) else { continue };
+        let at = world.point(&ray, &hit);
+        let radius = f64::from((at.p - Vec3f::splat(0.5)).length());
+        assert!((radius - RADIUS).abs() < 0.375 * h * h / RADIUS + 1e-6, "{radius}");
+        // What leaves does not meet the surface at once.
+        assert!(!world.occluded(&at.leave(at.ng, f32::INFINITY)));
+        assert!(world.closest(&at.leave(-at.ng, f32::INFINITY)).is_some_and(|h| !h.front));
+    }
+}
+
 /// Rays of `count` that leave the ball: chains of reflections from inside.
 fn leaks(count: u32, smooth: bool, transform: DAffine3) -> u32 {
     let world = world(ball(smooth), transform);

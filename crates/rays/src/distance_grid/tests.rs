@@ -105,6 +105,27 @@ fn no_ray_leaves_a_closed_surface() {
 }
 
 #[test]
+fn points_are_put_on_the_surface_of_their_cell() {
+    // Noise, and points anywhere in the cell or far from it: the gradient leads out of many cells.
+    let n = 9;
+    let values = (0..n * n * n).map(|i| random(i) as f32 - 0.5).collect();
+    let grid = DistanceGrid::new([n as usize; 3], values).unwrap();
+    for cell in 0..grid.cells() as u32 {
+        let low = grid.corner(grid.cells[cell as usize]).as_dvec3();
+        for k in 0..20 {
+            let far = if k < 10 { 1.0 } else { 5.0 };
+            let i = 3 * (20 * u64::from(cell) + k);
+            let p = low + DVec3::new(random(i), random(i + 1), random(i + 2)) * far - (far - 1.0) * 0.5;
+            let (q, gradient) = grid.on_surface(cell, p);
+            let inside = q - low;
+            assert_eq!(inside.clamp(DVec3::ZERO, DVec3::ONE), inside, "{q} in the cell at {low}");
+            let value = grid.cell(grid.cells[cell as usize]).value(inside);
+            assert!(value.abs() < 1e-8 && gradient.is_finite(), "{value} at {q}");
+        }
+    }
+}
+
+#[test]
 fn hits_beyond_the_limit_do_not_count_and_rays_may_start_anywhere() {
     let center = DVec3::splat(8.0);
     let grid = ball(17, center, 5.0);
