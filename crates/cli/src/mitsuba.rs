@@ -72,7 +72,7 @@ pub(crate) fn inspect(a: &Inspect, input: &Path, places: &Places) -> Result<()> 
 fn triangles(scene: &MitsubaScene) -> (usize, usize) {
     let of = |shape: &MitsubaShape| match shape {
         MitsubaShape::Mesh(m) => m.triangles.len(),
-        MitsubaShape::Sphere { .. } => 0,
+        MitsubaShape::Sphere { .. } | MitsubaShape::DistanceGrid { .. } => 0,
     };
     let stored = scene.shapes.iter().map(of).sum();
     (stored, scene.instances.iter().map(|i| of(&scene.shapes[i.shape])).sum())

@@ -76,28 +76,39 @@ impl View {
     /// If something is not finite, the axes are no unit vectors at right angles, the field of view is empty, or the
     /// lens has a negative radius or no focus in front of it.
     pub fn check(&self) -> Result<(), PathtraceError> {
-        let fail = |rule: &str| Err(invalid("camera", rule));
+        let fail = |rule: String| Err(invalid("camera", rule));
         if !self.eye.is_finite() || self.axes.iter().any(|a| !a.is_finite()) {
-            return fail("position and orientation are finite");
+            return fail(format!(
+                "the eye is {} and the axes are {:?}; they must be finite",
+                self.eye, self.axes
+            ));
         }
         let [r, u, b] = self.axes;
         let skew = [r.dot(u), u.dot(b), b.dot(r)].into_iter().fold(0.0_f32, |m, d| m.max(d.abs()));
         if skew > 1e-3 || [r, u, b].iter().any(|a| (a.length() - 1.0).abs() > 1e-3) {
-            return fail("its axes are unit vectors at right angles");
+            return fail(format!("its axes are {:?}; they must be unit vectors at right angles", self.axes));
         }
         if !self.half.iter().all(|t| *t > 0.0 && t.is_finite()) {
-            return fail("the field of view lies between 0 and 180 degrees");
+            return fail(format!(
+                "the field of view has half tangents of {:?}; it must lie between 0 and 180 degrees",
+                self.half
+            ));
         }
         if !self.window.iter().all(|x| x.is_finite()) || self.window[2] <= 0.0 || self.window[3] <= 0.0 {
-            return fail("its window is finite and has an extent");
+            return fail(format!("its window is {:?}; it must be finite and have an extent", self.window));
         }
         // Written so that NaN fails.
         if !(self.clip[0] >= 0.0 && self.clip[0] < self.clip[1]) {
-            return fail("surfaces are seen between two rising distances that are not negative");
+            return fail(format!(
+                "surfaces are seen between {:?}; the distances must rise, from 0 or more",
+                self.clip
+            ));
         }
         match self.lens {
             Some(l) if !(l.radius >= 0.0 && l.radius.is_finite() && l.focus > 0.0 && l.focus.is_finite()) => {
-                fail("the lens has a radius that is not negative and a positive distance of focus")
+                fail(format!(
+                    "the lens is {l:?}; its radius must be finite and not negative, its focus positive and finite"
+                ))
             }
             _ => Ok(()),
         }

@@ -32,6 +32,11 @@ pub enum PathtraceError {
     State(String),
 }
 
+/// What is wrong where something is named that is not there; `what` has its index.
+pub(crate) fn absent(what: impl std::fmt::Display, count: usize) -> String {
+    format!("{what} is not there; the index must be below {count}")
+}
+
 /// A broken rule at a place.
 pub(crate) fn invalid(place: impl Into<String>, rule: impl Into<String>) -> PathtraceError {
     PathtraceError::Invalid { place: place.into(), rule: rule.into() }

@@ -25,6 +25,9 @@ impl Parts {
         let shapes = scene.shapes.into_iter().map(|shape| match shape {
             MitsubaShape::Sphere { center, radius } => Shape::Sphere { center, radius },
             MitsubaShape::Mesh(mesh) => Shape::Mesh(mesh),
+            MitsubaShape::DistanceGrid { size, values, smooth } => {
+                Shape::DistanceGrid { size, values, smooth }
+            }
         });
         let instances = scene.instances.iter().map(|i| Instance {
             shape: i.shape,

@@ -8,7 +8,7 @@ use crate::integrator::path::{trace_aovs, trace_picture};
 use crate::world::World;
 use std::fmt;
 
-/// Instances and spheres: a ray walks two levels.
+/// Instances, spheres and grids of distances: a ray walks two levels.
 pub(crate) const TWO_LEVEL: u32 = 1;
 /// Surfaces that let rays pass at random or by a mask, or that are not there.
 pub(crate) const ALPHA: u32 = 1 << 1;
@@ -18,11 +18,11 @@ pub(crate) const TEXTURES: u32 = 1 << 2;
 pub(crate) const ENVIRONMENT: u32 = 1 << 3;
 /// Lights without a surface.
 pub(crate) const SOURCES: u32 = 1 << 4;
-/// Emitting surfaces.
+/// Surfaces that emit or are shown unlit.
 pub(crate) const EMITTERS: u32 = 1 << 5;
 /// Participating media.
 pub(crate) const VOLUMES: u32 = 1 << 6;
-/// Absorption inside of surfaces.
+/// Absorption inside of surfaces, or surfaces that are boundaries alone: absorption is followed across them.
 pub(crate) const ABSORPTION: u32 = 1 << 7;
 /// Everything.
 pub(crate) const ALL: u32 = (1 << 8) - 1;
@@ -32,11 +32,11 @@ const NAMES: [(&str, &str); 8] = [
     ("two-level traversal", "one hierarchy holds everything"),
     ("alpha tests", "every surface is opaque"),
     ("texture lookup", "no material varies over its surface"),
-    ("environment sampling", "there is no environment"),
-    ("light sources", "there is no point, spot or directional light"),
-    ("emitter sampling", "no surface emits"),
+    ("environment light", "there is no environment"),
+    ("light sources", "there is no point, spot or directional light and no projector"),
+    ("light of surfaces", "no surface emits or is unlit"),
     ("media", "there are no volumes"),
-    ("absorption", "no surface encloses an absorbing medium"),
+    ("absorption, boundaries", "no surface encloses an absorbing solid or is a boundary alone"),
 ];
 
 /// A set of features.

@@ -1,4 +1,5 @@
-//! Ray hierarchies: closest hit, occlusion, all hits along a ray, and closest point on a triangle mesh.
+//! Ray hierarchies: closest hit, occlusion, all hits along a ray, and closest point on a triangle mesh; the zero level of a
+//! grid of signed distances.
 //!
 //! ```
 //! use photofit_rays::{Accel, Ray};
@@ -27,6 +28,7 @@ mod binary;
 mod boxes;
 mod buffer;
 mod build;
+mod distance_grid;
 mod nearest;
 mod ploc;
 mod stack;
@@ -42,6 +44,7 @@ mod tests;
 use photofit_scalar::Vec3f;
 
 pub use boxes::{BoxRay, BoxTree, FrameRay};
+pub use distance_grid::{DistanceGrid, DistanceGridError, DistanceHit};
 pub use nearest::NearestPoint;
 pub use traverse::Ray;
 

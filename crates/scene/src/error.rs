@@ -63,6 +63,8 @@ pub enum SceneError {
 pub(crate) struct Fault {
     pub(crate) place: String,
     pub(crate) rule: String,
+    /// The file that it names cannot be read; what else is wrong stands in files that can.
+    pub(crate) unreadable: bool,
 }
 
 impl Fault {
@@ -77,5 +79,11 @@ impl Fault {
 
 /// A broken rule at a place.
 pub(crate) fn fault(place: impl Into<String>, rule: impl Into<String>) -> Fault {
-    Fault { place: place.into(), rule: rule.into() }
+    Fault { place: place.into(), rule: rule.into(), unreadable: false }
+}
+
+/// A file that cannot be read, named at a place.
+pub(crate) fn unreadable(place: impl Into<String>, name: &str, cause: impl std::fmt::Display) -> Fault {
+    let rule = format!("the file `{}` cannot be read: {cause}", crate::load::clip(name));
+    Fault { unreadable: true, ..fault(place, rule) }
 }

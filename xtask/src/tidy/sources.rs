@@ -20,6 +20,12 @@ const UNFINISHED: &[&str] = &[concat!("todo", "!("), concat!("unimplemented", "!
 /// An ignored test that does not say why.
 const SILENT_SKIP: &str = "#[ignore]";
 
+/// Rules that messages state as if they held; with "must" beside them they say what must be.
+const RULES: &[&str] =
+    &["is finite", "are finite", "is positive", "are positive", "is not negative", "lies in", "is one of"];
+/// Where such a message is a warning so far.
+const TOLERATED: &[&str] = &["crates/cli/", "crates/denoise/"];
+
 pub(super) fn check(root: &Path, findings: &mut Findings) -> Result<()> {
     for folder in ["crates", "tests", "xtask"] {
         let mut files = Vec::new();
@@ -76,6 +82,7 @@ fn check_text(path: &Path, text: &str, is_rust: bool, findings: &mut Findings) {
     if !text.starts_with("//!") {
         findings.error(path.display(), "does not open with a `//!` sentence");
     }
+    stated_rules(path, text, findings);
     for (number, line) in text.lines().enumerate() {
         let code = line.split("//").next().unwrap_or(line);
         if code.trim() == SILENT_SKIP {
@@ -89,6 +96,36 @@ fn check_text(path: &Path, text: &str, is_rust: bool, findings: &mut Findings) {
             );
         }
     }
+}
+
+/// Lines of messages that state a rule without saying that it must hold. Assertions and tests may.
+fn stated_rules(path: &Path, text: &str, findings: &mut Findings) {
+    let place = path.to_string_lossy();
+    if !(place.starts_with("crates/") && place.contains("/src/"))
+        || ["/tests", "/validation/"].iter().any(|part| place.contains(part))
+    {
+        return;
+    }
+    let code = text.split("#[cfg(test)]").next().unwrap_or(text);
+    for (number, line) in code.lines().enumerate().filter(|(_, line)| states_rule(line)) {
+        let at = format!("{}:{}", path.display(), number + 1);
+        let rule = "a message says that a rule holds; it must say what is and what must be";
+        match TOLERATED.iter().any(|t| place.starts_with(t)) {
+            true => findings.warning(at, rule),
+            false => findings.error(at, rule),
+        }
+    }
+}
+
+/// Whether a string of a line, which is no comment and no reason of an assertion, states one of [`RULES`].
+fn states_rule(line: &str) -> bool {
+    let line = line.trim();
+    let aside = ["//", "assert", "debug_assert", ".expect(", "reason ="];
+    if aside.iter().any(|a| line.starts_with(a)) || line.contains("expect(\"") || line.contains("must") {
+        return false;
+    }
+    // Every second part between quotes is a string.
+    line.split('"').skip(1).step_by(2).any(|text| RULES.iter().any(|rule| text.contains(rule)))
 }
 
 #[cfg(test)]
@@ -115,6 +152,19 @@ mod tests {
         assert_eq!(findings("a.rs", "//! Skips.\n#[ignore = \"takes a minute\"]\n"), (0, 0));
         let mentioned = format!("//! Whole.\n// no {}) here\n", UNFINISHED[0]);
         assert_eq!(findings("a.rs", &mentioned), (0, 0));
+    }
+
+    #[test]
+    fn messages_say_what_must_be() {
+        let of = |line: &str| findings("crates/rays/src/a.rs", &format!("//! A file.\n{line}\n"));
+        let stated = concat!("    fail(\"the scale is ", "finite\")");
+        assert_eq!(of(stated), (1, 0));
+        assert_eq!(of(concat!("    return Err(\"g lies ", "in [0, 1], found 2\".into());")), (1, 0));
+        assert_eq!(of("    fail(format!(\"the scale is {s}; it must be finite\"))"), (0, 0));
+        assert_eq!(of(concat!("    // the scale is ", "finite")), (0, 0));
+        assert_eq!(of(concat!("    assert!(x, \"the scale is ", "finite\");")), (0, 0));
+        assert_eq!(findings("crates/denoise/src/a.rs", &format!("//! A file.\n{stated}\n")), (0, 1));
+        assert_eq!(findings("crates/rays/src/tests/a.rs", &format!("//! A file.\n{stated}\n")), (0, 0));
     }
 
     #[test]

@@ -110,7 +110,8 @@ fn decode_dynamic(bytes: &[u8], place: &str, limits: &Limits) -> Result<DynamicI
     inner.max_alloc = Some(limits.max_samples.saturating_mul(4).saturating_add(1 << 24));
     reader.limits(inner);
     let jpeg = reader.format() == Some(ImageFormat::Jpeg);
-    let max_ratio = if reader.format() == Some(ImageFormat::WebP) { MAX_RATIO_WEBP } else { MAX_RATIO };
+    let webp = reader.format() == Some(ImageFormat::WebP);
+    let max_ratio = if webp { MAX_RATIO_WEBP } else { MAX_RATIO };
     let decoder = reader.into_decoder().map_err(|e| invalid(place, e))?;
     let (width, height) = decoder.dimensions();
     let color = decoder.color_type();
@@ -123,6 +124,9 @@ fn decode_dynamic(bytes: &[u8], place: &str, limits: &Limits) -> Result<DynamicI
         bytes.len(),
         max_ratio,
     )?;
+    if webp && let Some(rule) = super::webp::frame_fault(bytes, width, height) {
+        return Err(ImageError::invalid(place, rule));
+    }
     if jpeg && !jpeg_is_complete(bytes) {
         return Err(ImageError::invalid(place, "the JPEG ends before its end-of-image marker"));
     }

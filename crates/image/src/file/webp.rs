@@ -1,4 +1,4 @@
-//! Encoding of WebP, without loss and with.
+//! Encoding of WebP, without loss and with; sizes of its frames.
 
 use crate::ImageError;
 use webp::{ColorType, EncoderParams, WebPEncoder};
@@ -94,6 +94,35 @@ fn encode(
     Ok(out)
 }
 
+/// What is wrong with the frames of a WebP whose picture has `width` x `height` pixels. Each frame has a size of its own, for
+/// which the decoder takes memory before it compares: some bytes could take 400 MB.
+pub(super) fn frame_fault(bytes: &[u8], width: u32, height: u32) -> Option<String> {
+    let mut at = 12;
+    while let Some(head) = bytes.get(at..at + 8) {
+        let length = u32::from_le_bytes([head[4], head[5], head[6], head[7]]) as usize;
+        let data = &bytes[at + 8..];
+        let frame = match &head[..4] {
+            b"VP8 " => data.get(6..10).map(|b| {
+                [u16::from_le_bytes([b[0], b[1]]), u16::from_le_bytes([b[2], b[3]])]
+                    .map(|n| u32::from(n & 0x3fff))
+            }),
+            b"VP8L" => data.get(1..5).map(|b| {
+                let sides = u32::from_le_bytes([b[0], b[1], b[2], b[3]]);
+                [(sides & 0x3fff) + 1, (sides >> 14 & 0x3fff) + 1]
+            }),
+            _ => None,
+        };
+        if let Some([w, h]) = frame.filter(|[w, h]| *w > width || *h > height) {
+            return Some(format!(
+                "a frame of the WebP has {w} x {h} pixels; it must fit into the picture's {width} x {height}"
+            ));
+        }
+        // The chunks of an animation's frame follow its header of 16 bytes.
+        at += 8 + if &head[..4] == b"ANMF" { 16 } else { length.saturating_add(length & 1) };
+    }
+    None
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -120,6 +149,27 @@ mod tests {
                 assert!(texels.iter().zip(data.chunks_exact(4)).all(|(a, b)| a[3] == b[3]), "alpha is exact");
                 assert_eq!(webp, encode_webp_lossy(width, height, 4, &data, quality).unwrap());
             }
+        }
+    }
+
+    #[test]
+    fn frames_larger_than_the_picture_are_refused_before_they_take_memory() {
+        let data = picture(16, 12);
+        let lossy = encode_webp_lossy(16, 12, 4, &data, 70).unwrap();
+        let lossless = encode_webp(16, 12, 4, &data).unwrap();
+        let chunk = |bytes: &[u8], name: &[u8]| bytes.windows(4).position(|w| w == name).unwrap();
+        assert_eq!((frame_fault(&lossy, 16, 12), frame_fault(&lossless, 16, 12)), (None, None));
+        let mut large = lossy.clone();
+        let at = chunk(&lossy, b"VP8 ") + 8;
+        large[at + 6..at + 10].copy_from_slice(&[0x10, 0x3f, 0xff, 0x3f]);
+        let text = decode_texture(&large, &Limits::default()).unwrap_err().to_string();
+        assert!(text.contains("16144 x 16383 pixels; it must fit into the picture's 16 x 12"), "{text}");
+        assert!(frame_fault(&lossless, 16, 11).is_some_and(|t| t.contains("16 x 12 pixels")));
+        // Inside of an animation's frame, and cut off.
+        let head = [b"RIFF....WEBPANMF", &[255; 4][..], &[0; 16], &large[at - 8..]].concat();
+        assert!(frame_fault(&head, 16, 12).is_some());
+        for n in 0..head.len() {
+            let _ = frame_fault(&head[..n], 16, 12);
         }
     }
 

@@ -5,7 +5,7 @@
 
 use super::parameter::{MaterialValue, Parameter, VALUES, library_material, maps_of, not_differentiable};
 use crate::PathtraceError;
-use crate::error::invalid;
+use crate::error::{absent, invalid};
 use crate::volume::{Derivatives, MediumRef, MediumValue};
 use crate::world::World;
 use photofit_scene::MapKind;
@@ -225,7 +225,7 @@ fn size(world: &World, parameter: &Parameter) -> Result<(usize, usize), String> 
             }
             for &m in materials {
                 if m >= world.materials.len() {
-                    return Err(format!("material {m} is one of {}", world.materials.len()));
+                    return Err(absent(format!("material {m}"), world.materials.len()));
                 }
                 if let Some(rule) = value.missing(world, m) {
                     return Err(format!("material {m} has no {value:?} with a derivative: {rule}"));
@@ -236,7 +236,7 @@ fn size(world: &World, parameter: &Parameter) -> Result<(usize, usize), String> 
         Parameter::Texels { texture } => {
             let count = world.library.as_ref().map_or(0, |l| l.textures());
             let Some(library) = world.library.as_ref().filter(|_| *texture < count) else {
-                return Err(format!("texture {texture} is one of {count}"));
+                return Err(absent(format!("texture {texture}"), count));
             };
             for m in world.given.iter().filter_map(library_material) {
                 if maps_of(world, m, *texture).1
@@ -258,9 +258,9 @@ fn size(world: &World, parameter: &Parameter) -> Result<(usize, usize), String> 
             for &[m, t] in places {
                 let graph = world.materials.get(m).and_then(|c| c.graph.as_ref());
                 let textures = graph.map_or_else(Vec::new, |g| g.textures());
-                let texture = textures.get(t).ok_or_else(|| {
-                    format!("texture {t} of material {m} is one of {} of its tree", textures.len())
-                })?;
+                let texture = textures
+                    .get(t)
+                    .ok_or_else(|| absent(format!("texture {t} of material {m}"), textures.len()))?;
                 let has = graph.is_some_and(|g| g.differentiable()[t]);
                 let cells = texture.texels().filter(|_| has).ok_or(
                     "is a texture without derivatives; it must be a constant or an image that a diffuse surface or a \
@@ -275,7 +275,7 @@ fn size(world: &World, parameter: &Parameter) -> Result<(usize, usize), String> 
         }
         Parameter::Light { light } => {
             let count = world.lights.sources();
-            if *light < count { Ok((1, 3)) } else { Err(format!("light {light} is one of {count}")) }
+            if *light < count { Ok((1, 3)) } else { Err(absent(format!("light {light}"), count)) }
         }
         Parameter::Environment => match &world.lights.environment {
             Some(e) => Ok((e.size()[0] * e.size()[1], 3)),

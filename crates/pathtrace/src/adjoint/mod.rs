@@ -34,7 +34,7 @@ use crate::world::{World, WorldRay};
 use accumulate::Accumulator;
 use layout::Layout;
 use photofit_image::Image;
-use photofit_sampling::{ScatteringSampler, hash};
+use photofit_sampling::{DirectionSampler, ScatteringSampler, hash};
 use photofit_scalar::Vec3f;
 use rayon::prelude::*;
 use replay::{Replay, Total};
@@ -112,6 +112,8 @@ pub struct Adjoint<'a> {
     options: RenderOptions,
     layout: Layout,
     kernel: ReplayKernel,
+    /// There are media.
+    volumes: bool,
 }
 
 /// The replay of one path.
@@ -134,8 +136,9 @@ impl<'a> Adjoint<'a> {
         let absorption = if layout.absorption { plan::ABSORPTION } else { 0 };
         let needs = Features(plan.needs.0 | absorption | options.further.0);
         let set = REPLAYS.iter().find(|(set, _)| Features(*set).contains(needs));
-        let kernel = set.map_or(replay::<{ plan::ALL }> as ReplayKernel, |s| s.1);
-        Ok(Self { world, view: *view, options, layout, kernel })
+        let kernel = set.map_or(replay_scattering::<{ plan::ALL }> as ReplayKernel, |s| s.1);
+        let volumes = needs.contains(Features(plan::VOLUMES));
+        Ok(Self { world, view: *view, options, layout, kernel, volumes })
     }
 
     /// The picture: linear colour with alpha, premultiplied.
@@ -157,7 +160,40 @@ impl<'a> Adjoint<'a> {
     pub fn render_vjp(&self, loss: &Image, samples: GradientSamples) -> Result<Gradient, PathtraceError> {
         self.check(loss, samples, 1)?;
         let seed = self.seed(samples);
-        Ok(self.estimate(loss, samples.spp, seed))
+        Ok(self.estimate(loss, samples.spp, seed, self.kernel))
+    }
+
+    /// As [`Self::render_vjp`], with directions of `sampler` at surfaces, as [`Renderer::pass_with`] makes pictures: gradients
+    /// have the same expectation, and less noise where the sampler knows where light comes from.
+    ///
+    /// # Errors
+    /// As [`Self::render_vjp`].
+    pub fn render_vjp_with<D: DirectionSampler + Sync>(
+        &self,
+        sampler: &D,
+        loss: &Image,
+        samples: GradientSamples,
+    ) -> Result<Gradient, PathtraceError> {
+        self.check(loss, samples, 1)?;
+        let seed = self.seed(samples);
+        if self.volumes {
+            let kernel = |world: &World,
+                          ray: &WorldRay,
+                          random: &PathRandom,
+                          options: &PathOptions,
+                          out: &mut Replay<'_>| {
+                replay::<{ plan::ALL }, D>(world, ray, random, options, sampler, out);
+            };
+            return Ok(self.estimate(loss, samples.spp, seed, kernel));
+        }
+        let kernel = |world: &World,
+                      ray: &WorldRay,
+                      random: &PathRandom,
+                      options: &PathOptions,
+                      out: &mut Replay<'_>| {
+            replay::<{ plan::ALL & !plan::VOLUMES }, D>(world, ray, random, options, sampler, out);
+        };
+        Ok(self.estimate(loss, samples.spp, seed, kernel))
     }
 
     /// As [`Self::render_vjp`], with the standard error of every value from independent estimates of equal size; `spp`
@@ -173,7 +209,8 @@ impl<'a> Adjoint<'a> {
         self.check(loss, samples, 2)?;
         let seed = self.seed(samples);
         let [count, each] = samples.estimates();
-        let estimate = |k: u32| self.estimate(loss, each, hash(seed, GRADIENT_KEY, u64::from(k)));
+        let estimate =
+            |k: u32| self.estimate(loss, each, hash(seed, GRADIENT_KEY, u64::from(k)), self.kernel);
         let mut mean = estimate(0);
         let mut error = mean.clone();
         error.parameters.iter_mut().for_each(|p| p.values.fill(0.0));
@@ -224,7 +261,13 @@ impl<'a> Adjoint<'a> {
     }
 
     /// The gradient with the samples of one seed.
-    fn estimate(&self, loss: &Image, spp: u32, seed: u64) -> Gradient {
+    fn estimate(
+        &self,
+        loss: &Image,
+        spp: u32,
+        seed: u64,
+        kernel: impl Fn(&World, &WorldRay, &PathRandom, &PathOptions, &mut Replay<'_>) + Sync,
+    ) -> Gradient {
         let (w, h) = (self.options.width, self.options.height);
         let columns = w.div_ceil(TILE);
         let tiles = columns * h.div_ceil(TILE);
@@ -262,7 +305,7 @@ impl<'a> Adjoint<'a> {
                         for sample in task.first..last {
                             let random = pixel.sample(sample);
                             let ray = primary_ray(&self.options, &camera, [x, y], &random);
-                            (self.kernel)(self.world, &ray, &random, &self.options.path, &mut replay);
+                            kernel(self.world, &ray, &random, &self.options.path, &mut replay);
                         }
                     }
                 }
@@ -297,21 +340,33 @@ struct Task {
 const REPLAYS: [(u32, ReplayKernel); 3] = {
     const STANDARD: u32 = plan::TEXTURES | plan::ENVIRONMENT | plan::SOURCES | plan::EMITTERS;
     [
-        (STANDARD, replay::<STANDARD>),
-        (plan::ALL & !plan::VOLUMES, replay::<{ plan::ALL & !plan::VOLUMES }>),
-        (plan::ALL, replay::<{ plan::ALL }>),
+        (STANDARD, replay_scattering::<STANDARD>),
+        (plan::ALL & !plan::VOLUMES, replay_scattering::<{ plan::ALL & !plan::VOLUMES }>),
+        (plan::ALL, replay_scattering::<{ plan::ALL }>),
     ]
 };
 
-/// Walks a path for its light, and again for the gradients.
-fn replay<const F: u32>(
+/// [`replay`] with the scattering functions' own sampling.
+fn replay_scattering<const F: u32>(
     world: &World,
     ray: &WorldRay,
     random: &PathRandom,
     options: &PathOptions,
+    out: &mut Replay<'_>,
+) {
+    replay::<F, ScatteringSampler>(world, ray, random, options, &ScatteringSampler, out);
+}
+
+/// Walks a path for its light, and again for the gradients, with directions of a sampler.
+#[inline(always)]
+fn replay<const F: u32, D: DirectionSampler>(
+    world: &World,
+    ray: &WorldRay,
+    random: &PathRandom,
+    options: &PathOptions,
+    sampler: &D,
     replay: &mut Replay<'_>,
 ) {
-    let sampler = &ScatteringSampler;
     let total = walk::<F, _, _>(world, ray, random, options, sampler, Total::default()).1;
     (replay.rest, replay.here) = (total.radiance, None);
     replay.shadow.clear();
@@ -322,7 +377,7 @@ fn replay<const F: u32>(
         replay.out.residual = larger(replay.out.residual, left);
     }
     if F & plan::VOLUMES != 0 && replay.layout.media {
-        replay.scattered_anew::<F>(random, options);
+        replay.scattered_anew::<F, D>(random, options, sampler);
     }
 }
 

@@ -18,7 +18,7 @@ use crate::integrator::medium::{absorbed, gathered};
 use crate::integrator::{MediaFlight, PathOptions, ShadowFlight};
 use crate::random::PathRandom;
 use crate::volume::{Derivatives, MediumRef, Segment};
-use photofit_sampling::{Rng, ScatteringSampler};
+use photofit_sampling::{DirectionSampler, Rng};
 use photofit_scalar::Vec3f;
 
 /// What the replay of a path keeps for media.
@@ -126,7 +126,12 @@ impl Replay<'_> {
     }
 
     /// Adjoint of the scattering at a distance along the flight that was chosen, with light gathered for it.
-    pub(super) fn scattered_anew<const F: u32>(&mut self, random: &PathRandom, options: &PathOptions) {
+    pub(super) fn scattered_anew<const F: u32, D: DirectionSampler>(
+        &mut self,
+        random: &PathRandom,
+        options: &PathOptions,
+        sampler: &D,
+    ) {
         let Some(Chosen { flight, medium, weight, reach }) = self.media.chosen.take() else { return };
         let Some(rng) = &mut self.media.rng else { return };
         let derivatives = Derivatives::of(self.world, medium);
@@ -146,7 +151,7 @@ impl Replay<'_> {
             return;
         }
         let at = (&flight, t, derivatives.g());
-        let light = gathered::<F, _>(self.world, at, &random.branch(), options, &ScatteringSampler);
+        let light = gathered::<F, D>(self.world, at, &random.branch(), options, sampler);
         let g = g.mul(light);
         let cells = *self.layout.medium(medium);
         let (sigma, albedo) = (derivatives.extinction(p), derivatives.albedo(p));

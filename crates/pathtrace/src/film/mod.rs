@@ -67,14 +67,17 @@ pub(crate) struct Observer<'a> {
 }
 
 impl Film {
+    /// Most bytes that a film may have: 8 GiB, a picture of 7680 x 4320 pixels with all auxiliary images.
+    pub(crate) const MAX_BYTES: u64 = 8 << 30;
+
+    /// Bytes of each pixel.
+    pub(crate) fn pixel_bytes(aovs: &[Aov]) -> u64 {
+        let (aovs, stride) = kept(aovs);
+        (stride * size_of::<f64>() + if aovs.contains(&Aov::Instance) { size_of::<u32>() } else { 0 }) as u64
+    }
+
     pub(crate) fn new(width: usize, height: usize, aovs: &[Aov]) -> Self {
-        let mut aovs = aovs.to_vec();
-        if aovs.contains(&Aov::Indirect) && !aovs.contains(&Aov::Direct) {
-            aovs.push(Aov::Direct);
-        }
-        aovs.sort_unstable();
-        aovs.dedup();
-        let stride = BASE + aovs.iter().map(|a| a.sums()).sum::<usize>();
+        let (aovs, stride) = kept(aovs);
         let ids = aovs.contains(&Aov::Instance);
         let mut tiles = Vec::new();
         for y in (0..height).step_by(TILE) {
@@ -220,6 +223,18 @@ impl Film {
         }
         (sum / (tile.width * tile.height) as f64).sqrt()
     }
+}
+
+/// The auxiliary images that a film keeps for those that are wanted, and sums of a pixel.
+fn kept(aovs: &[Aov]) -> (Vec<Aov>, usize) {
+    let mut aovs = aovs.to_vec();
+    if aovs.contains(&Aov::Indirect) && !aovs.contains(&Aov::Direct) {
+        aovs.push(Aov::Direct);
+    }
+    aovs.sort_unstable();
+    aovs.dedup();
+    let stride = BASE + aovs.iter().map(|a| a.sums()).sum::<usize>();
+    (aovs, stride)
 }
 
 /// Weights of the channels in relative luminance (Rec.709).

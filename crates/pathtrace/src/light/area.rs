@@ -40,14 +40,19 @@ pub(crate) fn collect(world: &mut World) -> Result<Emitters, PathtraceError> {
     let mut out = Emitters::default();
     for i in 0..world.placed.len() {
         let material = &world.materials[world.placed[i].material as usize];
-        if !material.emits {
+        let kind = &world.shapes[world.placed[i].shape as usize].kind;
+        // Points of grids cannot be chosen evenly: what they emit is found by scattering.
+        if !material.emits || matches!(kind, Kind::DistanceGrid { .. }) {
             world.placed[i].emitter = Placed::DARK;
             continue;
         }
         let (both_sides, even) = (material.both_sides, !material.varies);
         let pieces = world.shapes[world.placed[i].shape as usize].pieces();
         if out.of_piece.len() + pieces > u32::MAX as usize {
-            return Err(invalid(format!("instance {i}"), "at most 2^32 - 1 emitting triangles are placed"));
+            return Err(invalid(
+                format!("instance {i}"),
+                "the emitting triangles up to here are too many; there may be 2^32 - 1",
+            ));
         }
         world.placed[i].emitter = out.of_piece.len() as u32;
         let (mut piece, pieces) = (0, pieces as u32);
@@ -102,7 +107,7 @@ fn parallelogram(own: [Vec3f; 3], next: [Vec3f; 3], rounding: f32) -> Option<[Ve
 fn corners(world: &World, placed: &Placed, piece: u32) -> Option<[Vec3f; 3]> {
     match &world.shapes[placed.shape as usize].kind {
         Kind::Mesh(mesh) => Some(mesh.corners(piece as usize).map(|p| placed.point(p))),
-        Kind::Sphere { .. } => None,
+        Kind::Sphere { .. } | Kind::DistanceGrid { .. } => None,
     }
 }
 
@@ -273,6 +278,7 @@ impl Emitter {
         let cosine = wi.dot(at.ng).abs();
         let pdf = match (&self.patch, &world.shapes[placed.shape as usize].kind) {
             (Some(patch), _) => distance * distance / cosine * patch.pdf(from, at.p),
+            (None, Kind::DistanceGrid { .. }) => 0.0,
             (None, Kind::Mesh(_)) => distance * distance / (cosine * self.area),
             (None, Kind::Sphere { radius }) => match Cone::around(placed, *radius, from.p) {
                 Some(cone) => 1.0 / (2.0 * PI * cone.one_minus_cos),

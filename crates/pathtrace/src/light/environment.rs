@@ -102,15 +102,15 @@ impl EnvironmentLight {
         let (width, height) = (map.image.width, map.image.height);
         if width == 0 || height == 0 || map.image.channels != 3 {
             return fail(format!(
-                "is an image of three channels, found {width} x {height} x {}",
+                "the image has {width} x {height} pixels and {} channels; it must have pixels and 3 channels",
                 map.image.channels
             ));
         }
         if !(map.scale >= 0.0 && map.scale.is_finite()) {
-            return fail(format!("its scale is finite and not negative, found {}", map.scale));
+            return fail(format!("its scale is {}; it must be finite and not negative", map.scale));
         }
         if !(map.rotation.is_finite() && (map.rotation.length() - 1.0).abs() < 1e-3) {
-            return fail("its rotation is a unit quaternion".into());
+            return fail(format!("its rotation is {}; it must be a unit quaternion", map.rotation));
         }
         let scale = map.scale;
         let texels: Vec<Vec3f> =
@@ -118,8 +118,8 @@ impl EnvironmentLight {
         if let Some(i) = texels.iter().position(|t| !t.is_finite() || t.to_array().iter().any(|x| *x < 0.0)) {
             let at = (i % width, i / width);
             return fail(format!(
-                "radiance is finite and not negative, found {:?} at pixel {at:?}",
-                texels[i]
+                "radiance of pixel {at:?} is {:?}; it must be finite and not negative",
+                texels[i].to_array()
             ));
         }
         let mut light = Self {

@@ -41,7 +41,9 @@ impl ThrownPicture {
         if !self.given.half.iter().all(|h| *h > 0.0 && h.is_finite()) {
             return Some("its picture has positive, finite sides");
         }
-        (!self.mean.is_finite() || self.mean < 0.0).then_some("its picture is finite and not negative")
+        (!self.mean.is_finite() || self.mean < 0.0).then_some(
+            "its picture has values that are negative or not finite; they must be finite and not negative",
+        )
     }
 
     fn frame(&self) -> (Vec3f, Vec3f) {

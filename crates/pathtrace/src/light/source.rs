@@ -130,10 +130,13 @@ impl LightSource {
 
     /// The source seen from the origin of the render frame, checked.
     pub(super) fn prepare(&self, index: usize, origin: DVec3) -> Result<PreparedSource, PathtraceError> {
-        let fail = |rule: &str| Err(invalid(format!("light {index}"), rule));
+        let fail = |rule: String| Err(invalid(format!("light {index}"), rule));
         let color = self.flux();
         if !(color.is_finite() && color.x >= 0.0 && color.y >= 0.0 && color.z >= 0.0) {
-            return fail("its intensity is finite and not negative");
+            return fail(format!(
+                "its intensity is {:?}; it must be finite and not negative",
+                color.to_array()
+            ));
         }
         let place = |p: DVec3| {
             let q = p - origin;
@@ -143,7 +146,7 @@ impl LightSource {
             *self
             && !place(position).is_finite()
         {
-            return fail("its position is finite");
+            return fail(format!("its position is {position}; it must be finite"));
         }
         let unit = |d: Vec3f| {
             let l = dvec3(d).normalize_or_zero();
@@ -154,13 +157,16 @@ impl LightSource {
         | Self::Projector { direction, .. } = *self
             && (unit(direction) == Vec3f::zero() || !direction.is_finite())
         {
-            return fail("its direction is a finite vector that is not zero");
+            return fail(format!(
+                "its direction is {:?}; it must be finite and not zero",
+                direction.to_array()
+            ));
         }
         if let Self::Spot { direction, picture: Some(picture), .. }
         | Self::Projector { direction, picture, .. } = self
             && let Some(rule) = picture.broken(unit(*direction))
         {
-            return fail(rule);
+            return fail(rule.into());
         }
         Ok(match *self {
             Self::Point { position, intensity } => {
@@ -172,7 +178,9 @@ impl LightSource {
             Self::Spot { position, direction, intensity, inner, outer, falloff, ref picture } => {
                 // Written so that NaN fails.
                 if !(0.0 <= inner && inner <= outer && outer <= 0.5 * PI + 1e-5 && outer > 0.0) {
-                    return fail("its cones obey 0 <= inner <= outer <= pi / 2, and outer > 0");
+                    return fail(format!(
+                        "its cones are {inner} and {outer}; they must obey 0 <= inner <= outer <= pi / 2 and outer > 0"
+                    ));
                 }
                 let (position, axis, picture) = (place(position), unit(direction), picture.clone());
                 PreparedSource::Spot { position, axis, intensity, inner, outer, falloff, picture }

@@ -327,24 +327,33 @@ fn bad_bounded_media_are_refused() {
     let field =
         |values: Vec<Vec3f>| Field { size: [values.len(), 1, 1], ..Field { values, ..good().albedo } };
     for (medium, words) in [
-        (even([-1.0, 0.0, 0.0], 0.5, 0.0), "extinction is finite and not negative, found [-1.0"),
-        (even([f32::NAN; 3], 0.5, 0.0), "extinction is finite"),
-        (even([f32::INFINITY; 3], 0.5, 0.0), "extinction is finite"),
-        (even([1.0; 3], 1.01, 0.0), "albedo lies in [0, 1]"),
-        (even([1.0; 3], f32::NAN, 0.0), "albedo lies in [0, 1]"),
-        (even([1.0; 3], 0.5, -1.0), "anisotropy lies in (-1, 1), found -1"),
+        (
+            even([-1.0, 0.0, 0.0], 0.5, 0.0),
+            "extinction of voxel (0, 0, 0) is [-1.0, 0.0, 0.0]; it must be finite and not negative",
+        ),
+        (even([f32::NAN; 3], 0.5, 0.0), "is [NaN, NaN, NaN]; it must be finite"),
+        (even([f32::INFINITY; 3], 0.5, 0.0), "is [inf, inf, inf]; it must be finite"),
+        (even([1.0; 3], 1.01, 0.0), "albedo of voxel (0, 0, 0) is [1.01, 1.01, 1.01]; it must be in [0, 1]"),
+        (even([1.0; 3], f32::NAN, 0.0), "it must be in [0, 1]"),
+        (even([1.0; 3], 0.5, -1.0), "anisotropy is -1; it must lie in (-1, 1)"),
         (even([1.0; 3], 0.5, f32::NAN), "anisotropy"),
         (BoundedMedium { scale: -1.0, ..good() }, "scale"),
         (
             BoundedMedium { scale: f32::MAX, extinction: Field::constant(Vec3f::splat(9.0)), ..good() },
             "times",
         ),
-        (BoundedMedium { extinction: field(vec![vec3(1.0, 2.0, 3.0); 2]), ..good() }, "grey"),
+        (
+            BoundedMedium { extinction: field(vec![vec3(1.0, 2.0, 3.0); 2]), ..good() },
+            "extinction of voxel 0 is [1.0, 2.0, 3.0]; a grid of extinction must be grey",
+        ),
         (
             BoundedMedium { albedo: field(vec![Vec3f::zero(), Vec3f::splat(2.0)]), ..good() },
-            "[2.0, 2.0, 2.0] at voxel (1, 0, 0)",
+            "albedo of voxel (1, 0, 0) is [2.0, 2.0, 2.0]; it must be in [0, 1]",
         ),
-        (BoundedMedium { albedo: Field { size: [2, 2, 2], ..good().albedo }, ..good() }, "found 1"),
+        (
+            BoundedMedium { albedo: Field { size: [2, 2, 2], ..good().albedo }, ..good() },
+            "albedo has 1 values for 2 x 2 x 2 voxels",
+        ),
         (
             BoundedMedium {
                 albedo: Field { transform: DAffine3::from_scale(DVec3::ZERO), ..good().albedo },
@@ -357,7 +366,10 @@ fn bad_bounded_media_are_refused() {
         assert!(text.contains("medium 0") && text.contains(words), "{words} in {text}");
     }
     let boundary = |instance, interior| Boundary { instance, interior: Some(interior), exterior: None };
-    for (b, words) in [(boundary(1, 0), "instance 1 is one of 1"), (boundary(0, 1), "medium 1 is one of 1")] {
+    for (b, words) in [
+        (boundary(1, 0), "instance 1 is not there; the index must be below 1"),
+        (boundary(0, 1), "medium 1 is not there"),
+    ] {
         let text = fails(Parts { boundaries: vec![b], ..unit_ball(NULL, good()) });
         assert!(text.contains("boundary 0") && text.contains(words), "{words} in {text}");
     }

@@ -166,7 +166,7 @@ fn a_pose_builds_what_changed_alone() {
     for (shapes, instances, words) in [
         (vec![deformed()], &flat, "three dimensions"),
         (Vec::new(), &other, "in their order"),
-        (vec![(count + 9, deformed().1)], &instances, "is one of"),
+        (vec![(count + 9, deformed().1)], &instances, "is not there"),
         (vec![deformed(), deformed()], &instances, "named twice"),
     ] {
         let text = world.set_pose(shapes, instances).expect_err(words).to_string();
@@ -188,13 +188,13 @@ fn bad_edits_change_nothing() {
     };
     let p = parts();
     let faults = [
-        (world.set_material(99, &Material::new(diffuse(0.5, 0.5, 0.5))), "99 is one of"),
+        (world.set_material(99, &Material::new(diffuse(0.5, 0.5, 0.5))), "99 is not there"),
         (world.set_material(0, &negative), "emission"),
         (world.set_material(0, &Material::from_library(0)), "library material 0"),
-        (world.set_volume(3, cloud(1.0)), "3 is one of 1"),
-        (world.set_density(0, &[1.0]), "found 1 densities"),
+        (world.set_volume(3, cloud(1.0)), "3 is not there; the index must be below 1"),
+        (world.set_density(0, &[1.0]), "there are 1 densities"),
         (world.set_density(0, &[f32::NAN; 210]), "finite"),
-        (world.set_medium(1, fogs(1.0)), "1 is one of 1"),
+        (world.set_medium(1, fogs(1.0)), "1 is not there"),
         (world.set_geometry(p.shapes.clone(), &p.instances[1..]), "instances"),
         (world.set_geometry(p.shapes.clone(), &flat(&p)), "three dimensions"),
         (world.relight(&[], Some(EnvironmentMap::constant(vec3(-1.0, 0.0, 0.0)))), "environment"),

@@ -1,5 +1,6 @@
 //! Gradients of path replay against central differences of renders with paired seeds.
 
+mod samplers;
 mod sharing;
 
 use super::scenes::{cornell, cornell_view, diffuse, looking, place, quad, square};
@@ -441,10 +442,10 @@ fn what_has_no_derivative_is_refused() {
         (vec![Parameter::Positions { shape: 2 }], ["parameter 0", "no derivatives", "rasterizer"]),
         (vec![of(FLOOR, MaterialValue::Alpha)], ["material 0", "Alpha", "rough conductor"]),
         (vec![of(FLOOR, MaterialValue::BaseColor)], ["material 0", "BaseColor", "library"]),
-        (vec![of(99, MaterialValue::Emission)], ["parameter 0", "99", "one of 10"]),
-        (vec![Parameter::Light { light: 3 }], ["parameter 0", "light 3", "one of 3"]),
+        (vec![of(99, MaterialValue::Emission)], ["parameter 0", "99", "below 10"]),
+        (vec![Parameter::Light { light: 3 }], ["parameter 0", "light 3", "below 3"]),
         (vec![Parameter::Environment; 2], ["parameter 1", "given twice", "once"]),
-        (vec![Parameter::Graph { places: vec![[0, 0]] }], ["texture 0", "material 0", "one of 0"]),
+        (vec![Parameter::Graph { places: vec![[0, 0]] }], ["texture 0", "material 0", "below 0"]),
     ] {
         let text = message(&parameters);
         assert!(words.iter().all(|w| text.contains(w)), "{text}");

@@ -175,12 +175,12 @@ fn bad_media_are_refused() {
     for (volume, words) in [
         (
             Volume { density: vec![-1.0], ..cube(1.0, 0.5, 0.0) },
-            "density is finite and not negative, found -1",
+            "density of voxel (0, 0, 0) is -1; it must be finite and not negative",
         ),
-        (Volume { density: vec![f32::NAN], ..cube(1.0, 0.5, 0.0) }, "found NaN at voxel (0, 0, 0)"),
-        (Volume { size: [2, 1, 1], ..cube(1.0, 0.5, 0.0) }, "found 1 densities"),
+        (Volume { density: vec![f32::NAN], ..cube(1.0, 0.5, 0.0) }, "density of voxel (0, 0, 0) is NaN"),
+        (Volume { size: [2, 1, 1], ..cube(1.0, 0.5, 0.0) }, "there are 1 densities for 2 x 1 x 1 voxels"),
         (Volume { size: [usize::MAX, 2, 3], ..cube(1.0, 0.5, 0.0) }, "voxels"),
-        (cube(1.0, 1.5, 0.0), "albedo"),
+        (cube(1.0, 1.5, 0.0), "an albedo is [1.5, 1.5, 1.5]; it must lie in [0, 1]"),
         (cube(1.0, 0.5, 1.0), "anisotropy"),
         (cube(f32::NAN, 0.5, 0.0), "scale"),
         (Volume { transform: DAffine3::from_scale(DVec3::ZERO), ..cube(1.0, 0.5, 0.0) }, "transform"),

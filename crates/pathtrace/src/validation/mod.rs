@@ -1,9 +1,11 @@
 //! Validation: analytic answers and statistical tests of whole renders, before any golden image.
 
 mod absorption;
+mod adaptive;
 mod agreement;
 mod analytic;
 mod bounded;
+mod distances;
 mod edits;
 mod furnace;
 mod geometry;

@@ -2,11 +2,12 @@
 
 use super::scenes::{cornell, cornell_view, diffuse, render, square};
 use crate::{
-    Boundary, BoundedMedium, EnvironmentMap, Features, LightSource, Material, Parts, Plan, RenderOptions,
-    Shape, World, plan,
+    Aov, Boundary, BoundedMedium, EnvironmentMap, Features, LightSource, Material, Parts, Plan,
+    RenderOptions, Renderer, Shape, World, plan,
 };
 use glam::DVec3;
 use photofit_scalar::{Vec3f, vec3};
+use photofit_shading::bsdf::{Bsdf, Null};
 
 #[test]
 fn scenes_run_what_they_need() {
@@ -50,7 +51,48 @@ fn scenes_run_what_they_need() {
     assert_eq!(fog.needs, Features(plan::ENVIRONMENT | plan::VOLUMES));
     let text = both.to_string();
     assert!(text.contains("media") && text.contains("skipped: there are no volumes"), "{text}");
-    assert!(text.contains("environment sampling") && text.lines().count() == 8, "{text}");
+    assert!(text.contains("environment light") && text.lines().count() == 8, "{text}");
+}
+
+#[test]
+fn lines_of_a_plan_are_true() {
+    // An even sky is never sampled, an unlit surface emits nothing, a boundary alone absorbs nothing.
+    let mut parts = Parts::default();
+    parts.environment = Some(EnvironmentMap::constant(Vec3f::splat(1.0)));
+    let ball = Shape::Mesh(photofit_geometry::shapes::icosphere(2));
+    parts.add(ball.clone(), Material::new(Bsdf::Null(Null)));
+    let mut unlit = photofit_scene::Material::default();
+    unlit.unlit = true;
+    let scene = photofit_scene::Scene { materials: vec![unlit], ..photofit_scene::Scene::default() };
+    parts.library = Some(photofit_scene::SurfaceLibrary::new(&scene));
+    parts.add(ball, Material::from_library(0));
+    let world = World::new(parts).unwrap();
+    let text = Plan::new(&world).to_string();
+    let line = |name: &str| text.lines().find(|l| l.trim().starts_with(name)).expect(name).trim().to_owned();
+    for name in ["environment light", "light of surfaces", "absorption, boundaries"] {
+        assert!(line(name).ends_with(" runs"), "{text}");
+    }
+    assert!(!text.contains("sampling"), "{text}");
+    // Each name leaves its column a space.
+    assert!(Features::each().all(|(name, _)| name.len() <= 22));
+}
+
+#[test]
+fn films_are_bounded_by_their_bytes() {
+    let world = World::new(cornell()).unwrap();
+    let new = |width, height, aovs: &[Aov]| {
+        let options = RenderOptions { width, height, aovs: aovs.to_vec(), ..RenderOptions::default() };
+        Renderer::new(&world, &cornell_view(), options).map(|_| ()).map_err(|e| e.to_string())
+    };
+    for (w, h, aovs, each) in
+        [(16384, 16384, &[][..], 64_u64), (65536, 65536, &[], 64), (8192, 8192, &Aov::ALL, 212)]
+    {
+        let text = new(w, h, aovs).unwrap_err();
+        let bytes = (w * h) as u64 * each;
+        let rule = format!("{w} x {h} pixels of {each} bytes on the film, {bytes}; there may be 8589934592");
+        assert!(text.contains(&rule), "{text}");
+    }
+    assert!(new(64, 64, &[Aov::Albedo, Aov::Instance]).is_ok());
 }
 
 #[test]

@@ -15,7 +15,7 @@ use photofit_shading::bsdf::{
 };
 
 /// A guide that knows nothing: all directions alike, with a given share.
-struct Uniform(f32);
+pub(in crate::validation) struct Uniform(pub(in crate::validation) f32);
 
 impl Guide for Uniform {
     type Local = ();

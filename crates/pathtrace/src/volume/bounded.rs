@@ -82,19 +82,19 @@ impl InteriorMedium {
         let fail = |rule: String| Err(invalid(format!("medium {index}"), rule));
         let BoundedMedium { extinction, scale, albedo, g } = medium;
         if g.is_nan() || g.abs() >= 1.0 {
-            return fail(format!("its anisotropy lies in (-1, 1), found {g}"));
+            return fail(format!("its anisotropy is {g}; it must lie in (-1, 1)"));
         }
         if !(scale >= 0.0 && scale.is_finite()) {
-            return fail(format!("its scale is finite and not negative, found {scale}"));
+            return fail(format!("its scale is {scale}; it must be finite and not negative"));
         }
-        let positive = ("is finite and not negative", |x: f32| (0.0..=f32::MAX).contains(&x));
-        let share = ("lies in [0, 1]", |x: f32| (0.0..=1.0).contains(&x));
+        let positive = ("finite and not negative", |x: f32| (0.0..=f32::MAX).contains(&x));
+        let share = ("in [0, 1]", |x: f32| (0.0..=1.0).contains(&x));
         let fault = extinction.fault("extinction", positive).or_else(|| albedo.fault("albedo", share));
         if let Some(rule) = fault {
             return fail(rule);
         }
         if extinction.values.iter().any(|e| !(*e * scale).is_finite()) {
-            return fail("extinction times scale is finite".into());
+            return fail(format!("extinction times the scale, {scale}, overflows; it must be finite"));
         }
         let extinction = match extinction.single() {
             Some(e) => Extinction::Even { sigma: e * scale, given: e },
@@ -110,8 +110,10 @@ impl InteriorMedium {
         scale: f32,
         (origin, factor): (DVec3, f32),
     ) -> Result<Medium, PathtraceError> {
-        if !field.values.iter().all(|v| v.x == v.y && v.y == v.z) {
-            return Err(invalid(format!("medium {index}"), "a grid of extinction is grey"));
+        if let Some(i) = field.values.iter().position(|v| !(v.x == v.y && v.y == v.z)) {
+            let found = field.values[i].to_array();
+            let rule = format!("extinction of voxel {i} is {found:?}; a grid of extinction must be grey");
+            return Err(invalid(format!("medium {index}"), rule));
         }
         let volume = Volume {
             size: field.size,

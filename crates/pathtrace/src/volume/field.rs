@@ -32,21 +32,25 @@ impl Field {
         }
     }
 
-    /// What is wrong with it, if anything; `rule` holds for every number.
+    /// What is wrong with it, if anything; `rule` must hold for every number, in words and as a function.
     pub(super) fn fault(&self, name: &str, rule: (&str, impl Fn(f32) -> bool)) -> Option<String> {
         let [nx, ny, nz] = self.size;
         let voxels = nx.checked_mul(ny).and_then(|n| n.checked_mul(nz)).filter(|n| *n <= MAX_VOXELS);
         let found = self.values.len();
         if voxels.is_none_or(|n| n == 0 || n != found) {
-            return Some(format!("{nx} x {ny} x {nz} voxels of {name} (1 to {MAX_VOXELS}), found {found}"));
+            return Some(format!(
+                "{name} has {found} values for {nx} x {ny} x {nz} voxels; there must be one for each of 1 to {MAX_VOXELS}"
+            ));
         }
         if let Some(i) = self.values.iter().position(|v| !v.to_array().into_iter().all(&rule.1)) {
             let (at, value) = ((i % nx, i / nx % ny, i / nx / ny), self.values[i].to_array());
-            return Some(format!("{name} {}, found {value:?} at voxel {at:?}", rule.0));
+            return Some(format!("{name} of voxel {at:?} is {value:?}; it must be {}", rule.0));
         }
         let t = &self.transform;
         if !(t.is_finite() && t.inverse().is_finite() && t.matrix3.determinant() != 0.0) {
-            return Some(format!("the transform of {name} is finite and keeps three dimensions"));
+            return Some(format!(
+                "the transform of {name} flattens space or has a number that is not finite; it must be finite and keep three dimensions"
+            ));
         }
         None
     }

@@ -83,24 +83,29 @@ impl Medium {
         let voxels = nx.checked_mul(ny).and_then(|n| n.checked_mul(nz)).filter(|n| *n <= MAX_VOXELS);
         if voxels.is_none_or(|n| n == 0 || n != volume.density.len()) {
             let found = volume.density.len();
-            return fail(format!("{nx} x {ny} x {nz} voxels (1 to {MAX_VOXELS}), found {found} densities"));
+            return fail(format!(
+                "there are {found} densities for {nx} x {ny} x {nz} voxels; there must be one for each of 1 to {MAX_VOXELS}"
+            ));
         }
         if !volume.albedos.is_empty() && volume.albedos.len() != volume.density.len() {
-            return fail(format!("none or one albedo per voxel, found {}", volume.albedos.len()));
+            return fail(format!(
+                "there are {} albedos; there must be none, or one a voxel",
+                volume.albedos.len()
+            ));
         }
         if !(volume.scale >= 0.0 && volume.scale.is_finite()) {
-            return fail(format!("its scale is finite and not negative, found {}", volume.scale));
+            return fail(format!("its scale is {}; it must be finite and not negative", volume.scale));
         }
-        if !is_share(&volume.albedo) || !volume.albedos.iter().all(is_share) {
-            return fail("albedo lies in [0, 1]".into());
+        if let Some(a) = std::iter::once(&volume.albedo).chain(&volume.albedos).find(|a| !is_share(a)) {
+            return fail(format!("an albedo is {:?}; it must lie in [0, 1]", a.to_array()));
         }
         if volume.g.is_nan() || volume.g.abs() >= 1.0 {
-            return fail(format!("its anisotropy lies in (-1, 1), found {}", volume.g));
+            return fail(format!("its anisotropy is {}; it must lie in (-1, 1)", volume.g));
         }
         let transform = DAffine3::from_translation(-origin) * volume.transform;
         let inverse = transform.inverse();
         if !(transform.is_finite() && inverse.is_finite() && transform.matrix3.determinant() != 0.0) {
-            return fail("its transform is finite and keeps three dimensions".into());
+            return fail("its transform flattens space or has a number that is not finite; it must be finite and keep three dimensions".into());
         }
         let mut out = Self {
             size: volume.size,
@@ -131,18 +136,24 @@ impl Medium {
         let fail = |rule: String| Err(invalid(format!("volume {index}"), rule));
         let [nx, ny, nz] = self.size;
         if density.len() != nx * ny * nz {
-            return fail(format!("{nx} x {ny} x {nz} voxels, found {} densities", density.len()));
+            return fail(format!(
+                "there are {} densities for {nx} x {ny} x {nz} voxels; there must be one a voxel",
+                density.len()
+            ));
         }
         if let Some(i) = density.iter().position(|d| !(d.is_finite() && *d >= 0.0)) {
             let (x, y, z) = (i % nx, i / nx % ny, i / nx / ny);
             let found = density[i];
             return fail(format!(
-                "density is finite and not negative, found {found} at voxel ({x}, {y}, {z})"
+                "density of voxel ({x}, {y}, {z}) is {found}; it must be finite and not negative"
             ));
         }
         let extinction: Vec<f32> = density.iter().map(|d| d * self.scale).collect();
         if extinction.iter().any(|e| !(e * factor).is_finite()) {
-            return fail("density times scale (and the majorant factor) is finite".into());
+            return fail(format!(
+                "density times the scale, {}, and the majorant factor, {factor}, overflows; it must be finite",
+                self.scale
+            ));
         }
         self.majorants = majorants(&extinction, self.size, self.cells);
         self.majorants.iter_mut().for_each(|m| *m *= factor);
@@ -176,7 +187,7 @@ impl Medium {
     pub(crate) fn set_albedos(&mut self, index: usize, albedos: &[Vec3f]) -> Result<(), PathtraceError> {
         if let Some(i) = albedos.iter().position(|a| !is_share(a)) {
             let found = albedos[i].to_array();
-            let rule = format!("albedo lies in [0, 1], found {found:?} at voxel {i}");
+            let rule = format!("albedo of voxel {i} is {found:?}; it must lie in [0, 1]");
             return Err(invalid(format!("volume {index}"), rule));
         }
         match self.albedos.is_empty() {

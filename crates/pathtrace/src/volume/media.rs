@@ -2,7 +2,7 @@
 
 use super::{BoundedMedium, InteriorMedium, Medium, Volume};
 use crate::PathtraceError;
-use crate::error::invalid;
+use crate::error::{absent, invalid};
 use glam::DVec3;
 
 /// A placed shape that separates media: who crosses it, is in the medium of the side that is reached.
@@ -51,7 +51,7 @@ impl Media {
         self.bounded = bounded.collect::<Result<_, _>>()?;
         let count = self.bounded.len();
         let known = |place: &dyn Fn() -> String, medium: Option<usize>| match medium {
-            Some(m) if m >= count => Err(invalid(place(), format!("medium {m} is one of {count}"))),
+            Some(m) if m >= count => Err(invalid(place(), absent(format!("medium {m}"), count))),
             other => Ok(other.map(|m| m as u32)),
         };
         self.around_camera = known(&|| "camera".into(), camera)?;
@@ -62,12 +62,15 @@ impl Media {
         for (i, b) in boundaries.iter().enumerate() {
             let place = || format!("boundary {i}");
             let Some(side) = self.sides.get_mut(b.instance) else {
-                let rule = format!("instance {} is one of {}", b.instance, has_holes.len());
+                let rule = absent(format!("instance {}", b.instance), has_holes.len());
                 return Err(invalid(place(), rule));
             };
             if has_holes[b.instance] {
                 let place = format!("instance {}", b.instance);
-                return Err(invalid(place, "a surface with cut-outs bounds no medium"));
+                return Err(invalid(
+                    place,
+                    "it has cut-outs and bounds a medium; surfaces that bound media must be whole",
+                ));
             }
             *side = Some([known(&place, b.interior)?, known(&place, b.exterior)?]);
         }

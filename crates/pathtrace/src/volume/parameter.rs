@@ -3,7 +3,7 @@
 use super::bounded::Extinction;
 use super::{InteriorMedium, Media};
 use crate::PathtraceError;
-use crate::error::invalid;
+use crate::error::{absent, invalid};
 use photofit_scalar::{Vec3f, vec3};
 
 /// A medium of a world.
@@ -41,7 +41,7 @@ impl Media {
         let count = self.count(medium);
         if index >= count {
             let kind = if matches!(medium, MediumRef::Volume(_)) { "volume" } else { "medium" };
-            return Err(format!("{kind} {index} is one of {count}"));
+            return Err(absent(format!("{kind} {index}"), count));
         }
         Ok(match (medium, value) {
             (MediumRef::Volume(i), MediumValue::Extinction) => (self.boxes[i].density().len(), 1),
@@ -122,7 +122,7 @@ impl InteriorMedium {
                 let scaled = new * self.scale;
                 if !(scaled.is_finite() && values.iter().all(|v| *v >= 0.0)) {
                     let found = new.to_array();
-                    let rule = format!("extinction is finite and not negative, found {found:?}");
+                    let rule = format!("extinction is {found:?}; it must be finite and not negative");
                     return Err(invalid(format!("medium {index}"), rule));
                 }
                 (*sigma, *given) = (scaled, new);
@@ -135,7 +135,7 @@ impl InteriorMedium {
         let share = |a: &Vec3f| a.to_array().iter().all(|x| (0.0..=1.0).contains(x));
         if let Some(i) = albedos.iter().position(|a| !share(a)) {
             let found = albedos[i].to_array();
-            let rule = format!("albedo lies in [0, 1], found {found:?} at voxel {i}");
+            let rule = format!("albedo of voxel {i} is {found:?}; it must lie in [0, 1]");
             return Err(invalid(format!("medium {index}"), rule));
         }
         self.albedo.set_values(albedos);

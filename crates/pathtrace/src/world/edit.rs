@@ -7,9 +7,9 @@ use super::instance::Placed;
 use super::material::CompiledMaterial;
 use super::shape::Stored;
 use super::top::Earlier;
-use super::{Geometry, Instance, Kind, Material, Scattering, Shape, World, check_indices, radius};
+use super::{Geometry, Instance, Material, Scattering, Shape, World, check_indices, radius};
 use crate::PathtraceError;
-use crate::error::invalid;
+use crate::error::{absent, invalid};
 use crate::volume::{BoundedMedium, InteriorMedium, Medium, MediumRef, MediumValue, Volume};
 use photofit_scene::SurfaceLibrary;
 
@@ -52,18 +52,18 @@ impl World {
             (now.shape, now.material) == (p.shape as usize, p.material as usize)
         };
         if instances.len() != self.placed.len() || !instances.iter().zip(&self.placed).all(same) {
-            let rule = "the instances of a pose are those of the world, in their order";
+            let rule = "their number, shapes or materials differ from those of the world; those of a pose must be the same, in their order";
             return Err(invalid("instances", rule));
         }
         let count = self.shapes.len();
         if let Some((i, _)) = shapes.iter().find(|(i, _)| *i >= count) {
-            return Err(invalid("shape", format!("{i} is one of {count}")));
+            return Err(invalid("shape", absent(i, count)));
         }
         let mut new: Vec<(usize, Stored)> =
             shapes.into_iter().map(|(i, s)| Ok((i, Stored::new(i, s)?))).collect::<Result<_, _>>()?;
         let changed: Vec<usize> = new.iter().map(|(i, _)| *i).collect();
         if let Some(k) = (1..changed.len()).find(|k| changed[..*k].contains(&changed[*k])) {
-            return Err(invalid("shape", format!("{} is named twice", changed[k])));
+            return Err(invalid("shape", format!("{} is named twice; each may be named once", changed[k])));
         }
         let mut swap = |all: &mut [Stored]| {
             new.iter_mut().for_each(|(i, s)| std::mem::swap(&mut all[*i], s));
@@ -87,7 +87,7 @@ impl World {
         new.take_materials(&self.materials);
         if let Some(i) = (0..new.placed.len()).find(|i| new.placed[*i].alpha && self.media.bounds_medium(*i))
         {
-            let rule = "a surface with cut-outs bounds no medium";
+            let rule = "it has cut-outs and bounds a medium; surfaces that bound media must be whole";
             return Err(invalid(format!("instance {i}"), rule));
         }
         (self.origin, self.bounds) = (new.origin, new.bounds);
@@ -105,7 +105,7 @@ impl World {
     pub fn set_material(&mut self, index: usize, material: &Material) -> Result<(), PathtraceError> {
         let count = self.materials.len();
         if index >= count {
-            return Err(invalid("material", format!("{index} is one of {count}")));
+            return Err(invalid("material", absent(index, count)));
         }
         if self.replace(index, material)? { self.collect_emitters() } else { Ok(()) }
     }
@@ -118,7 +118,7 @@ impl World {
         }
         let mut users = (0..self.placed.len()).filter(|i| self.placed[*i].material as usize == index);
         if let Some(i) = users.find(|i| new.alpha && self.media.bounds_medium(*i)) {
-            let rule = "a surface with cut-outs bounds no medium";
+            let rule = "it has cut-outs and bounds a medium; surfaces that bound media must be whole";
             return Err(invalid(format!("instance {i}"), rule));
         }
         let gives_light = |m: &CompiledMaterial| m.emits || m.unlit;
@@ -135,7 +135,10 @@ impl World {
     /// If there is no library, or a library material became invalid: masked though it bounds a medium. The library keeps
     /// its changes.
     pub fn edit_library(&mut self, edit: impl FnOnce(&mut SurfaceLibrary)) -> Result<(), PathtraceError> {
-        let library = self.library.as_mut().ok_or_else(|| invalid("library", "the world has none"))?;
+        let library = self
+            .library
+            .as_mut()
+            .ok_or_else(|| invalid("library", "the world has none; it must have one"))?;
         edit(library);
         let mut lights_change = false;
         for index in 0..self.given.len() {
@@ -171,7 +174,7 @@ impl World {
         let count = self.media.boxes.len();
         let new = Medium::new(index, volume, self.origin, self.majorant_factor)?;
         let place = self.media.boxes.get_mut(index);
-        *place.ok_or_else(|| invalid("volume", format!("{index} is one of {count}")))? = new;
+        *place.ok_or_else(|| invalid("volume", absent(index, count)))? = new;
         self.measure()
     }
 
@@ -183,7 +186,7 @@ impl World {
         let count = self.media.bounded.len();
         let new = InteriorMedium::new(index, medium, self.origin, self.majorant_factor)?;
         let place = self.media.bounded.get_mut(index);
-        *place.ok_or_else(|| invalid("medium", format!("{index} is one of {count}")))? = new;
+        *place.ok_or_else(|| invalid("medium", absent(index, count)))? = new;
         Ok(())
     }
 
@@ -195,7 +198,7 @@ impl World {
     pub fn set_density(&mut self, volume: usize, density: &[f32]) -> Result<(), PathtraceError> {
         let count = self.media.boxes.len();
         let place = self.media.boxes.get_mut(volume);
-        let medium = place.ok_or_else(|| invalid("volume", format!("{volume} is one of {count}")))?;
+        let medium = place.ok_or_else(|| invalid("volume", absent(volume, count)))?;
         medium.set_density(volume, density, self.majorant_factor)
     }
 
@@ -226,10 +229,7 @@ impl World {
     pub(super) fn place_material(&mut self, index: usize) {
         let material = &self.materials[index];
         for p in self.placed.iter_mut().filter(|p| p.material as usize == index) {
-            let colored =
-                matches!(&self.shapes[p.shape as usize].kind, Kind::Mesh(m) if !m.colors.is_empty());
-            p.alpha = material.alpha;
-            p.varies = material.varies || (material.library.is_some() && colored);
+            p.take_material(material, &self.shapes[p.shape as usize]);
         }
     }
 

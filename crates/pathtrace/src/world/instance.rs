@@ -1,5 +1,7 @@
 //! Placed shapes: transforms between a shape's frame and the frame in which light is carried.
 
+use super::material::CompiledMaterial;
+use super::shape::{Kind, Stored};
 use crate::PathtraceError;
 use crate::error::invalid;
 use glam::{Affine3A, DAffine3, DMat3, DVec3, Mat3A, Vec3, Vec3A};
@@ -8,6 +10,9 @@ use photofit_scalar::{Vec3f, vec3};
 /// Smallest and largest size of a placed shape, and largest distance from the centre of the world, in units.
 pub(crate) const SIZE_MIN: f64 = 1e-10;
 pub(crate) const SIZE_MAX: f64 = 1e10;
+
+/// What is wrong with a transform that has infinite numbers.
+pub(crate) const NOT_FINITE: &str = "its transform has a number that is not finite; all must be";
 
 /// A shape in its place, in the render frame.
 #[derive(Clone, Debug)]
@@ -48,7 +53,7 @@ impl Placed {
     ) -> Result<Self, PathtraceError> {
         let place = || format!("instance {index}");
         if !transform.is_finite() {
-            return Err(invalid(place(), "its transform is finite"));
+            return Err(invalid(place(), NOT_FINITE));
         }
         let m = transform.matrix3;
         // In proportion to the longest axis, so that small shapes are no flat ones.
@@ -57,7 +62,7 @@ impl Placed {
         if !(volume.abs() > 1e-12 && longest > 0.0) {
             return Err(invalid(
                 place(),
-                "its transform keeps three dimensions: an axis is scaled by 0 or axes coincide",
+                "its transform flattens space, an axis is scaled by 0 or axes coincide; it must keep three dimensions",
             ));
         }
         let to_render = DAffine3 { matrix3: m, translation: transform.transform_point3(center) - origin };
@@ -83,6 +88,13 @@ impl Placed {
             stretch: stretch as f32,
             emitter: Self::DARK,
         })
+    }
+
+    /// Takes up what instances know of their material and of the colours of their shape.
+    pub(super) fn take_material(&mut self, material: &CompiledMaterial, shape: &Stored) {
+        let colored = matches!(&shape.kind, Kind::Mesh(m) if !m.colors.is_empty());
+        self.alpha = material.alpha;
+        self.varies = material.varies || (material.library.is_some() && colored);
     }
 
     /// A point of the shape's centred frame in the render frame.

@@ -2,7 +2,7 @@
 
 use super::parts::{Material, Scattering};
 use crate::PathtraceError;
-use crate::error::invalid;
+use crate::error::{absent, invalid};
 use photofit_scalar::{Vec3f, Vec4f, vec2, vec3};
 use photofit_scene::graph::{SurfaceGraph, SurfaceNode};
 use photofit_scene::{ExtensionSample, SurfaceLibrary, SurfaceSample};
@@ -56,7 +56,10 @@ impl CompiledMaterial {
         let place = || format!("material {index}");
         for (name, v) in [("emission", material.emission), ("absorption", material.absorption)] {
             if !(v.is_finite() && v.x >= 0.0 && v.y >= 0.0 && v.z >= 0.0) {
-                return Err(invalid(place(), format!("{name} is finite and not negative")));
+                return Err(invalid(
+                    place(),
+                    format!("{name} is {:?}; it must be finite and not negative", v.to_array()),
+                ));
             }
         }
         let added = material.emission;
@@ -88,9 +91,10 @@ impl CompiledMaterial {
             }
             Scattering::Graph(graph) => Ok(Self::of_graph(common, graph)),
             Scattering::Library { index } => {
-                let library = library.filter(|l| *index < l.materials());
-                let library =
-                    library.ok_or_else(|| invalid(place(), format!("library material {index} exists")))?;
+                let (known, library) = (library, library.filter(|l| *index < l.materials()));
+                let count = known.map_or(0, SurfaceLibrary::materials);
+                let library = library
+                    .ok_or_else(|| invalid(place(), absent(format!("library material {index}"), count)))?;
                 let (zero, white) = (vec2(0.0, 0.0), Vec4f::splat(1.0));
                 let sample = library.lookup(*index, zero, zero, white, None);
                 let extensions = library.extensions(*index, zero, zero, None);

@@ -27,17 +27,18 @@ pub(crate) use instance::{Placed, affine, dvec3, from_glam, to_glam};
 pub(crate) use shape::{Kind, Stored};
 
 use crate::PathtraceError;
-use crate::error::invalid;
+use crate::error::{absent, invalid};
 use crate::light::{EnvironmentMap, LightSource, Lights};
 use crate::volume::Media;
 use glam::{DAffine3, DVec3};
 use instance::{SIZE_MAX, SIZE_MIN};
 use material::CompiledMaterial;
+use photofit_rays::DistanceGrid;
 use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::SurfaceLibrary;
 use photofit_shading::bsdf::Energy;
 pub(crate) use top::moved_box;
-use top::{Earlier, Hierarchy};
+use top::{Earlier, EntryKind, Hierarchy};
 
 /// A scene ready to be rendered.
 #[derive(Debug)]
@@ -99,7 +100,7 @@ impl World {
         check_indices(&parts.instances, parts.shapes.len(), parts.materials.len())?;
         let factor = options.majorant_factor;
         if !(1.0..=1000.0).contains(&factor) {
-            return Err(invalid("majorant factor", format!("lies in [1, 1000], found {factor}")));
+            return Err(invalid("majorant factor", format!("is {factor}; it must lie in [1, 1000]")));
         }
         let mut geometry = Geometry::new(parts.shapes, &parts.instances, options.merge)?;
         let mut materials: Vec<CompiledMaterial> = parts
@@ -182,7 +183,7 @@ impl World {
         self.placed.len()
     }
 
-    /// Triangles and spheres that rays can meet, over all instances.
+    /// Triangles, spheres and cells of grids that rays can meet, over all instances.
     pub fn pieces(&self) -> usize {
         self.placed.iter().map(|p| self.shapes[p.shape as usize].pieces()).sum()
     }
@@ -194,13 +195,18 @@ impl World {
 
     /// Whether a ray is traversed on one level.
     pub(crate) fn is_one_level(&self) -> bool {
-        self.hierarchy.entries.len() <= 1
+        match self.hierarchy.entries.as_slice() {
+            [] => true,
+            [only] => !matches!(only.kind, EntryKind::DistanceGrid { .. }),
+            _ => false,
+        }
     }
 
     /// Bytes of geometry, instances and hierarchies.
     pub fn bytes(&self) -> usize {
         let of_shape = |s: &Stored| match &s.kind {
             Kind::Sphere { .. } => 0,
+            Kind::DistanceGrid { grid, .. } => grid.bytes(),
             Kind::Mesh(m) => {
                 size_of_val(m.positions.as_slice())
                     + size_of_val(m.normals.as_slice())
@@ -242,8 +248,22 @@ pub(super) struct Geometry {
 
 impl Geometry {
     fn new(shapes: Vec<Shape>, instances: &[Instance], merge: bool) -> Result<Self, PathtraceError> {
-        let shapes: Vec<Stored> =
-            shapes.into_iter().enumerate().map(|(i, s)| Stored::new(i, s)).collect::<Result<_, _>>()?;
+        let mut cells = 0;
+        let store = |(i, shape)| {
+            let stored = Stored::new(i, shape)?;
+            if let Kind::DistanceGrid { grid, .. } = &stored.kind {
+                cells += grid.cells();
+                if cells > DistanceGrid::MAX_CELLS {
+                    let most = DistanceGrid::MAX_CELLS;
+                    let rule = format!(
+                        "the surfaces of grids pass through {cells} cells up to here; they may pass through {most}"
+                    );
+                    return Err(invalid(format!("shape {i}"), rule));
+                }
+            }
+            Ok(stored)
+        };
+        let shapes: Vec<Stored> = shapes.into_iter().enumerate().map(store).collect::<Result<_, _>>()?;
         let placed = Self::place(&shapes, instances, merge, None)?;
         Ok(Self { shapes, ..placed })
     }
@@ -273,11 +293,7 @@ impl Geometry {
     /// What instances know of their materials.
     fn take_materials(&mut self, materials: &[CompiledMaterial]) {
         for p in &mut self.placed {
-            let material = &materials[p.material as usize];
-            let colored =
-                matches!(&self.shapes[p.shape as usize].kind, Kind::Mesh(m) if !m.colors.is_empty());
-            p.alpha = material.alpha;
-            p.varies = material.varies || (material.library.is_some() && colored);
+            p.take_material(&materials[p.material as usize], &self.shapes[p.shape as usize]);
         }
     }
 }
@@ -288,7 +304,7 @@ fn check_indices(instances: &[Instance], shapes: usize, materials: usize) -> Res
             [("shape", instance.shape, shapes), ("material", instance.material, materials)]
         {
             if index >= count {
-                return Err(invalid(format!("instance {i}"), format!("{name} {index} is one of {count}")));
+                return Err(invalid(format!("instance {i}"), absent(format!("{name} {index}"), count)));
             }
         }
     }
@@ -305,17 +321,21 @@ fn bounds(shapes: &[Stored], instances: &[Instance]) -> Result<[DVec3; 2], Patht
             continue;
         }
         if !instance.transform.is_finite() {
-            return Err(invalid(place(), "its transform is finite"));
+            return Err(invalid(place(), instance::NOT_FINITE));
         }
         let [lo, hi] =
             moved_box(shape.bounds, &(instance.transform * DAffine3::from_translation(shape.center)));
         let size = (hi - lo).max_element();
         if !(size <= SIZE_MAX && lo.abs().max(hi.abs()).max_element() <= SIZE_MAX) {
-            let rule = format!("lies within {SIZE_MAX:.0e} units of the origin, found a box up to {hi}");
+            let rule =
+                format!("reaches from {lo} to {hi}; it must lie within {SIZE_MAX:.0e} units of the origin");
             return Err(invalid(place(), rule));
         }
         if size > 0.0 && size < SIZE_MIN {
-            return Err(invalid(place(), format!("is larger than {SIZE_MIN:.0e} units, found {size:e}")));
+            return Err(invalid(
+                place(),
+                format!("is {size:e} units long; it must be larger than {SIZE_MIN:.0e}"),
+            ));
         }
         all = [all[0].min(lo), all[1].max(hi)];
     }

@@ -22,6 +22,16 @@ pub enum Shape {
         /// Radius, positive.
         radius: f32,
     },
+    /// The zero level of a grid over the unit cube, its first and last samples on the faces; open where it reaches them.
+    /// Textures are looked up at (0, 0). What it emits is found by scattering alone ([`crate::Strategy::Light`] misses it).
+    DistanceGrid {
+        /// Samples along x, y and z, each 2 or more.
+        size: [usize; 3],
+        /// Signed distances, x fastest; negative inside.
+        values: Vec<f32>,
+        /// Shading normals are continuous from cell to cell; else they are gradients of the interpolated distance.
+        smooth: bool,
+    },
 }
 
 /// A shape in its place.

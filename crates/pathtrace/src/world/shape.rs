@@ -6,7 +6,7 @@ use crate::PathtraceError;
 use crate::error::invalid;
 use glam::DVec3;
 use photofit_geometry::Mesh;
-use photofit_rays::{AccelError, MAX_COORDINATE};
+use photofit_rays::{AccelError, DistanceGrid, MAX_COORDINATE};
 use photofit_scalar::Vec3f;
 use rayon::prelude::*;
 
@@ -30,6 +30,13 @@ pub(crate) enum Kind {
     Sphere {
         radius: f32,
     },
+    /// A grid over the unit cube.
+    DistanceGrid {
+        grid: Box<DistanceGrid>,
+        /// Cells along each axis.
+        cells: DVec3,
+        smooth: bool,
+    },
 }
 
 /// Boxes farther off than this many times their size are moved.
@@ -45,16 +52,27 @@ impl Stored {
                 if !(radius > 0.0 && radius <= MAX_COORDINATE) {
                     return Err(invalid(
                         place(),
-                        format!("the radius is positive and finite, found {radius}"),
+                        format!("the radius is {radius}; it must be positive and at most {MAX_COORDINATE:e}"),
                     ));
                 }
                 if !center.is_finite() {
-                    return Err(invalid(place(), "the centre is finite"));
+                    return Err(invalid(
+                        place(),
+                        format!("the centre is {:?}; it must be finite", center.to_array()),
+                    ));
                 }
                 let r = f64::from(radius);
                 let center = DVec3::new(f64::from(center.x), f64::from(center.y), f64::from(center.z));
                 let bounds = [DVec3::splat(-r), DVec3::splat(r)];
                 Ok(Self { kind: Kind::Sphere { radius }, center, facets: Vec::new(), bounds })
+            }
+            Shape::DistanceGrid { size, values, smooth } => {
+                let grid = DistanceGrid::new(size, values)
+                    .map_err(|cause| invalid(format!("shape {index}"), cause.to_string()))?;
+                let cells = DVec3::from_array(size.map(|n| (n - 1) as f64));
+                let bounds = grid.bounds().map(|p| p / cells);
+                let kind = Kind::DistanceGrid { grid: Box::new(grid), cells, smooth };
+                Ok(Self { kind, center: DVec3::ZERO, facets: Vec::new(), bounds })
             }
         }
     }
@@ -69,7 +87,9 @@ impl Stored {
             ("colors", mesh.colors.len()),
         ] {
             if length != 0 && length != n {
-                let rule = format!("none or one of {name} per vertex, found {length} for {n}");
+                let rule = format!(
+                    "there are {length} {name} for {n} vertices; there must be none, or one a vertex"
+                );
                 return Err(invalid(format!("shape {shape}"), rule));
             }
         }
@@ -90,11 +110,12 @@ impl Stored {
         Ok(Self { kind: Kind::Mesh(mesh), center, facets, bounds: bounds.map(|p| p - center) })
     }
 
-    /// Number of triangles; 1 for a sphere.
+    /// Number of triangles; 1 for a sphere, that of cells with a part of the surface for a grid.
     pub(crate) fn pieces(&self) -> usize {
         match &self.kind {
             Kind::Mesh(mesh) => mesh.triangles.len(),
             Kind::Sphere { .. } => 1,
+            Kind::DistanceGrid { grid, .. } => grid.cells(),
         }
     }
 }

@@ -4,7 +4,9 @@ use super::instance::Placed;
 use super::material::{glow, library_bsdf};
 use super::scatter::{Resolved, SurfaceMaterial};
 use super::{Kind, World, WorldHit, WorldRay, sphere};
+use glam::{DAffine3, DVec3};
 use photofit_geometry::Mesh;
+use photofit_rays::DistanceGrid;
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3};
 use photofit_scene::ExtensionSample;
 use photofit_scene::graph::{Partials, SurfaceGraph, SurfacePoint};
@@ -101,6 +103,7 @@ impl World {
                 self.on_mesh::<TEXTURES>((mesh, facet), placed, hit, ray.direction)
             }
             Kind::Sphere { radius } => self.on_sphere(placed, *radius, ray, hit),
+            Kind::DistanceGrid { grid, cells, smooth } => on_grid((grid, *cells, *smooth), placed, ray, hit),
         }
     }
 
@@ -316,6 +319,7 @@ impl World {
                 let du = at.tangent.xyz() * std::f32::consts::TAU;
                 return (du, at.ng.cross(du) * 0.5);
             }
+            Kind::DistanceGrid { .. } => return any(),
         };
         if mesh.uvs.is_empty() {
             return any();
@@ -371,7 +375,15 @@ impl World {
     pub(crate) fn coverage(&self, hit: &WorldHit) -> f32 {
         let placed = &self.placed[hit.instance as usize];
         let material = &self.materials[placed.material as usize];
-        let Kind::Mesh(mesh) = &self.shapes[placed.shape as usize].kind else { return 1.0 };
+        let mesh = match &self.shapes[placed.shape as usize].kind {
+            Kind::Mesh(mesh) => mesh,
+            Kind::Sphere { .. } => return 1.0,
+            Kind::DistanceGrid { .. } => {
+                let opacity = material.graph.as_ref().and_then(|g| g.root.opacity());
+                let point = SurfacePoint { uv: vec2(0.0, 0.0), color: Vec4f::splat(1.0), piece: hit.piece };
+                return opacity.map_or(1.0, |o| o.value(&point).clamp(0.0, 1.0));
+            }
+        };
         if let Some(opacity) = material.graph.as_ref().and_then(|g| g.root.opacity()) {
             let ids = mesh.triangles[hit.piece as usize].map(|i| i as usize);
             let at = Corners { mesh, ids, b: [1.0 - hit.u - hit.v, hit.u, hit.v] };
@@ -383,6 +395,45 @@ impl World {
         let at = Corners { mesh, ids, b: [1.0 - hit.u - hit.v, hit.u, hit.v] };
         let library = self.library.as_ref().expect("a library material was compiled from the library");
         library.alpha(index, at.vec2(&mesh.uvs), at.vec2(&mesh.uvs1), at.color().w)
+    }
+}
+
+/// A point of the zero level of a grid, and whether its normals are smoothed.
+fn on_grid(
+    (grid, cells, smooth): (&DistanceGrid, DVec3, bool),
+    placed: &Placed,
+    ray: &WorldRay,
+    hit: &WorldHit,
+) -> Interaction {
+    let near = super::dvec3(ray.origin) + super::dvec3(ray.direction) * f64::from(hit.t);
+    let m = placed.to_render;
+    let inverse = DAffine3 { matrix3: m.matrix3.as_dmat3(), translation: m.translation.as_dvec3() }.inverse();
+    // From the approximate point to the surface.
+    let (q, gradient) = grid.on_surface(hit.piece, inverse.transform_point3(near) * cells);
+    let single = |v: DVec3| vec3(v.x as f32, v.y as f32, v.z as f32);
+    let local = single(q / cells);
+    let p = placed.point(local);
+    let turned = |n: DVec3| placed.normal(single(n.normalize_or_zero())).normalize_or_zero();
+    let ng = turned(gradient * cells);
+    let ng = if ng == Vec3f::zero() { ray.direction * if hit.front { -1.0 } else { 1.0 } } else { ng };
+    let mut ns = ng;
+    if smooth {
+        let n = turned(grid.smooth_normal(q, 1.0 / cells));
+        if n != Vec3f::zero() {
+            ns = if n.dot(ng) < 0.0 { -n } else { n };
+        }
+    }
+    Interaction {
+        p,
+        ng,
+        ns,
+        uv: [vec2(0.0, 0.0); 2],
+        color: Vec4f::splat(1.0),
+        tangent: Vec4f::zero(),
+        rounding: ROUNDING * (placed.stretch + largest(p)),
+        front: hit.front,
+        instance: hit.instance,
+        piece: hit.piece,
     }
 }
 

@@ -28,6 +28,8 @@ pub(crate) enum EntryKind {
     Mesh { accel: u32, instance: u32 },
     /// An instance of a sphere; the frame of the entry is that of the unit sphere.
     Sphere { instance: u32 },
+    /// An instance of a grid of distances; the frame of the entry is that of its samples.
+    DistanceGrid { instance: u32 },
 }
 
 /// All that rays can meet.
@@ -79,6 +81,11 @@ impl Hierarchy {
                     let unit = *transform * DAffine3::from_scale(DVec3::splat(f64::from(*radius)));
                     let kind = EntryKind::Sphere { instance: i as u32 };
                     out.entries.push(Entry { inward: Inward::new(&unit.inverse()), kind });
+                }
+                Kind::DistanceGrid { cells, .. } => {
+                    let frame = DAffine3::from_scale(*cells) * transform.inverse();
+                    let kind = EntryKind::DistanceGrid { instance: i as u32 };
+                    out.entries.push(Entry { inward: Inward::new(&frame), kind });
                 }
                 Kind::Mesh(mesh) => {
                     if mesh.triangles.is_empty() || merged(instance.shape as usize) {

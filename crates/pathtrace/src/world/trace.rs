@@ -1,8 +1,8 @@
 //! Rays through the world.
 
 use super::top::{Entry, EntryKind};
-use super::{Interaction, World, sphere};
-use photofit_rays::{BoxRay, FrameRay};
+use super::{Interaction, Kind, World, sphere};
+use photofit_rays::{BoxRay, DistanceHit, FrameRay};
 use photofit_scalar::Vec3f;
 
 /// A ray in the render frame.
@@ -21,13 +21,13 @@ pub struct WorldRay {
 pub struct WorldHit {
     /// Distance along the ray.
     pub t: f32,
-    /// Barycentric weight of the second corner; 0 on spheres.
+    /// Barycentric weight of the second corner; 0 on spheres and grids.
     pub u: f32,
-    /// Barycentric weight of the third corner; 0 on spheres.
+    /// Barycentric weight of the third corner; 0 on spheres and grids.
     pub v: f32,
     /// Index of the instance.
     pub instance: u32,
-    /// Index of the triangle in the shape; 0 on spheres.
+    /// Index of the triangle in the shape, or of the cell of a grid; 0 on spheres.
     pub piece: u32,
     /// The ray comes from the front (the outer side).
     pub front: bool,
@@ -64,7 +64,7 @@ impl World {
     ) -> Option<WorldHit> {
         let mut best: Option<WorldHit> = None;
         let visit = |entry: &Entry, mut limit: f32| {
-            self.candidates(entry, ray, limit, |hit, limit_now| {
+            self.candidates::<TWO_LEVEL>(entry, ray, limit, |hit, limit_now| {
                 let nearer = hit.t < limit_now
                     || best.is_none_or(|b| (hit.instance, hit.piece) < (b.instance, b.piece) && hit.t <= b.t);
                 if nearer && accept(&hit) {
@@ -88,7 +88,7 @@ impl World {
     ) -> bool {
         let mut occluded = false;
         let visit = |entry: &Entry, limit: f32| {
-            self.candidates(entry, ray, limit, |hit, limit| {
+            self.candidates::<TWO_LEVEL>(entry, ray, limit, |hit, limit| {
                 if accept(&hit) {
                     occluded = true;
                     None
@@ -120,7 +120,7 @@ impl World {
 
     /// Calls `found` with the hits of an entry nearer than the limit that it returns; `None` ends the walk.
     #[inline(always)]
-    fn candidates(
+    fn candidates<const TWO_LEVEL: bool>(
         &self,
         entry: &Entry,
         ray: &WorldRay,
@@ -130,6 +130,13 @@ impl World {
         let (accel, owner) = match entry.kind {
             EntryKind::Merged => (0, None),
             EntryKind::Mesh { accel, instance } => (accel, Some(instance)),
+            EntryKind::DistanceGrid { instance } => {
+                // Worlds of one level have none.
+                if TWO_LEVEL {
+                    self.grid_candidates(entry, instance, ray, limit, &mut found);
+                }
+                return;
+            }
             EntryKind::Sphere { instance } => {
                 let (o, d) = entry.inward.ray_f64(ray.origin, ray.direction);
                 let mut limit = limit;
@@ -163,6 +170,30 @@ impl World {
                 WorldHit { t: hit.t, u: hit.u, v: hit.v, instance, piece, front: hit.front != turned },
                 limit,
             )
+        });
+    }
+
+    /// As [`Self::candidates`] of a grid of distances.
+    #[inline(never)]
+    fn grid_candidates(
+        &self,
+        entry: &Entry,
+        instance: u32,
+        ray: &WorldRay,
+        limit: f32,
+        found: &mut dyn FnMut(WorldHit, f32) -> Option<f32>,
+    ) {
+        let Kind::DistanceGrid { grid, .. } =
+            &self.shapes[self.placed[instance as usize].shape as usize].kind
+        else {
+            return;
+        };
+        let (o, d) = entry.inward.ray_f64(ray.origin, ray.direction);
+        grid.candidates(o, d, limit, &mut |DistanceHit { t, cell, front }, limit| {
+            let t = t as f32;
+            // Rounding may have moved it beyond.
+            let t = t.min(limit);
+            found(WorldHit { t, u: 0.0, v: 0.0, instance, piece: cell, front }, limit)
         });
     }
 }

@@ -1,7 +1,7 @@
 //! Reading files, and finding the files that an asset names without leaving its folder.
 
 use crate::SceneError;
-use crate::error::{Fault, fault};
+use crate::error::{Fault, fault, unreadable};
 use base64::Engine;
 use std::fs::File;
 use std::io::Read;
@@ -73,9 +73,7 @@ impl Folder {
     pub(crate) fn read_name(&self, name: &str, limit: u64, place: &str) -> Result<Vec<u8>, Fault> {
         let path = self.resolve(name, place)?;
         let bytes = read(&path, limit).map_err(|e| match e {
-            SceneError::Read { cause, .. } => {
-                fault(place, format!("the file `{}` cannot be read: {cause}", clip(name)))
-            }
+            SceneError::Read { cause, .. } => unreadable(place, name, cause),
             other => fault(place, other.to_string()),
         })?;
         self.bytes.fetch_add(bytes.len() as u64, Ordering::Relaxed);
@@ -102,8 +100,7 @@ impl Folder {
             }
         }
         let path = self.path.join(&name);
-        let missing =
-            |e: std::io::Error| fault(place, format!("the file `{}` cannot be read: {e}", clip(&name)));
+        let missing = |e: std::io::Error| unreadable(place, &name, e);
         let real = path.canonicalize().map_err(missing)?;
         let folder = self.path.canonicalize().map_err(missing)?;
         if real.starts_with(&folder) { Ok(real) } else { Err(leaves()) }

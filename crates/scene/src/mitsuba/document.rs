@@ -214,7 +214,10 @@ impl Document {
             return Ok(());
         }
         let place = job.document.place(job.line(root));
-        let rule = format!("a scene begins with <scene>, found <{}>", clip(root.tag_name().name()));
+        let rule = format!(
+            "the file begins with <{}>; a scene must begin with <scene>",
+            clip(root.tag_name().name())
+        );
         Err(fault(place, rule).into())
     }
 }

@@ -5,6 +5,8 @@ use photofit_scalar::{Vec3f, vec3};
 
 /// Most voxels of one grid.
 const VOXELS: u64 = 1 << 28;
+/// Most samples of a grid of distances.
+const DISTANCES: u64 = 1 << 27;
 /// Bytes before the values.
 const HEADER: usize = 48;
 
@@ -36,42 +38,91 @@ pub type Grid = ([usize; 3], Vec<Vec3f>, [DVec3; 2]);
 /// # Errors
 /// What is wrong, in words: another format or encoding, missing bytes, values that are not finite or below 0.
 pub fn parse_grid(bytes: &[u8]) -> Result<Grid, String> {
-    if bytes.len() < HEADER || !bytes.starts_with(b"VOL\x03") {
-        return Err("begins with VOL and version 3".into());
+    let Header { size, channels, bounds, values } = Header::read(bytes, VOXELS)?;
+    if !(channels == 1 || channels == 3) {
+        return Err(format!("there are {channels} channels; there must be 1 or 3"));
     }
-    let int = |at: usize| {
-        let word = [bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]];
-        i32::from_le_bytes(word)
-    };
-    let real = |at: usize| f32::from_bits(int(at) as u32);
-    if int(4) != 1 {
-        return Err(format!("the encoding of the values is {}; it must be 1 (float32)", int(4)));
-    }
-    let [x, y, z, channels] = [8, 12, 16, 20].map(int).map(|n| u64::try_from(n).unwrap_or(0));
-    let voxels = x.checked_mul(y).and_then(|n| n.checked_mul(z)).unwrap_or(u64::MAX);
-    if voxels == 0 || voxels > VOXELS || !(channels == 1 || channels == 3) {
-        return Err(format!(
-            "has {x} x {y} x {z} voxels of {channels} channels; it must have 1 to {VOXELS} voxels of 1 or 3 channels"
-        ));
-    }
-    let need = HEADER as u64 + 4 * voxels * channels;
-    if (bytes.len() as u64) < need {
-        return Err(format!("has {} bytes; it must have {need}", bytes.len()));
-    }
-    let corner = |at: usize| DVec3::new(real(at).into(), real(at + 4).into(), real(at + 8).into());
-    let mut values = Vec::with_capacity(voxels as usize);
-    for i in 0..voxels as usize {
-        let value = |c: usize| real(HEADER + 4 * (i * channels as usize + c));
-        let v = if channels == 1 { Vec3f::splat(value(0)) } else { vec3(value(0), value(1), value(2)) };
-        if !(v.is_finite() && v.x >= 0.0 && v.y >= 0.0 && v.z >= 0.0) {
-            return Err(format!(
-                "the values are {:?} at voxel {i}; they must be finite and not negative",
-                v.to_array()
-            ));
+    let number = |b: &[u8; 4]| f32::from_le_bytes(*b);
+    let voxel = |(i, v): (usize, &[[u8; 4]])| {
+        let v = match v {
+            [x, y, z] => vec3(number(x), number(y), number(z)),
+            other => Vec3f::splat(other.first().map_or(0.0, number)),
+        };
+        if v.is_finite() && v.x >= 0.0 && v.y >= 0.0 && v.z >= 0.0 {
+            return Ok(v);
         }
-        values.push(v);
+        Err(format!("the values of voxel {i} are {:?}; they must be finite and not negative", v.to_array()))
+    };
+    let values: Result<_, _> = values.chunks_exact(channels).enumerate().map(voxel).collect();
+    Ok((size, values?, bounds))
+}
+
+/// Samples along x, y and z (each 2 or more, at most 2^27 together) and signed distances, x fastest, of a `.vol` file of one
+/// channel: finite, some below 0 and some not.
+pub(super) fn parse_distances(bytes: &[u8]) -> Result<([usize; 3], Vec<f32>), String> {
+    let Header { size, channels, values, .. } = Header::read(bytes, DISTANCES)?;
+    if channels != 1 {
+        return Err(format!("there are {channels} channels; an sdfgrid must have 1"));
     }
-    Ok(([x as usize, y as usize, z as usize], values, [corner(24), corner(36)]))
+    if size.iter().any(|n| *n < 2) {
+        let [x, y, z] = size;
+        return Err(format!("the grid has {x} x {y} x {z} samples; it must have 2 or more along each side"));
+    }
+    let values: Vec<f32> = values.iter().map(|b| f32::from_le_bytes(*b)).collect();
+    if let Some(i) = values.iter().position(|v| !v.is_finite()) {
+        return Err(format!("value {i} is {}; it must be finite", values[i]));
+    }
+    let inside = values.iter().filter(|v| **v < 0.0).count();
+    if inside == 0 || inside == values.len() {
+        let n = values.len();
+        return Err(format!("{inside} of {n} values are below 0; some must be, and some must not"));
+    }
+    Ok((size, values))
+}
+
+/// What a file says before its values, and these, which are all there.
+struct Header<'a> {
+    size: [usize; 3],
+    channels: usize,
+    bounds: [DVec3; 2],
+    values: &'a [[u8; 4]],
+}
+
+impl<'a> Header<'a> {
+    fn read(bytes: &'a [u8], most: u64) -> Result<Self, String> {
+        if !bytes.starts_with(b"VOL\x03") {
+            let n = bytes.len().min(4);
+            let found = bytes[..n].escape_ascii();
+            return Err(format!("the first bytes are `{found}`; they must be VOL and the version 3"));
+        }
+        let words = bytes.as_chunks::<4>().0;
+        if words.len() < HEADER / 4 {
+            return Err(format!("has {} bytes; the header alone must have {HEADER}", bytes.len()));
+        }
+        let int = |word: usize| i32::from_le_bytes(words[word]);
+        let real = |word: usize| f64::from(f32::from_le_bytes(words[word]));
+        if int(1) != 1 {
+            return Err(format!("the encoding of the values is {}; it must be 1 (float32)", int(1)));
+        }
+        let sides = [2, 3, 4].map(int);
+        let [x, y, z, channels] = [2, 3, 4, 5].map(|k| u64::try_from(int(k)).unwrap_or(0));
+        let voxels = x.checked_mul(y).and_then(|n| n.checked_mul(z)).unwrap_or(u64::MAX);
+        if voxels == 0 || voxels > most {
+            let [x, y, z] = sides;
+            return Err(format!("has {x} x {y} x {z} voxels; there must be 1 to {most}"));
+        }
+        let need = voxels.saturating_mul(channels).saturating_mul(4).saturating_add(HEADER as u64);
+        if (bytes.len() as u64) < need {
+            return Err(format!("has {} bytes; it must have {need}", bytes.len()));
+        }
+        let corner = |word: usize| DVec3::new(real(word), real(word + 1), real(word + 2));
+        Ok(Self {
+            size: [x as usize, y as usize, z as usize],
+            channels: channels as usize,
+            bounds: [corner(6), corner(9)],
+            values: &words[HEADER / 4..need as usize / 4],
+        })
+    }
 }
 
 #[cfg(test)]

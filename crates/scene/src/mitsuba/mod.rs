@@ -1,6 +1,7 @@
 //! Scenes of the Mitsuba 3 renderer: a subset of its XML format (feature `mitsuba`).
 //!
-//! Read are shapes (`obj`, `ply`, `serialized`, `sphere`, `rectangle`, `disk`, `cube`, `cylinder`, `shapegroup` and `instance`), BSDFs
+//! Read are shapes (`obj`, `ply`, `serialized`, `sphere`, `rectangle`, `disk`, `cube`, `cylinder`,
+//! `sdfgrid`, `shapegroup` and `instance`), BSDFs
 //! with textures, emitters, the sensor with its film, the integrator's bounds, media, and the ways in which files name
 //! each other. Everything that cannot be rendered is listed in one error, with lines.
 //!
@@ -74,6 +75,16 @@ pub enum MitsubaShape {
         center: Vec3f,
         /// Radius, positive.
         radius: f32,
+    },
+    /// The zero level of a grid over the unit cube (`sdfgrid`), interpolated between samples; the first and the last of each
+    /// axis stand on the faces of the cube. The side of positive values is the front.
+    DistanceGrid {
+        /// Samples along x, y and z, each 2 or more.
+        size: [usize; 3],
+        /// Signed distances, x fastest: finite, some below 0 and some not.
+        values: Vec<f32>,
+        /// Shading normals are interpolated between cells; else they are gradients.
+        smooth: bool,
     },
 }
 

@@ -1,8 +1,10 @@
 //! `shape` elements.
 
+use super::grid_file::parse_distances;
 use super::{Importer, MitsubaInstance, MitsubaNames, MitsubaShape, mesh};
 use crate::error::{Fault, fault};
 use crate::graph::{SurfaceGraph, SurfaceNode};
+use crate::load::clip;
 use crate::mitsuba::spectrum::Meaning;
 use glam::{DAffine3, DVec3};
 use photofit_scalar::{Vec3f, vec3};
@@ -93,6 +95,7 @@ impl Importer {
                 attributes = found;
                 MitsubaShape::Mesh(mesh)
             }
+            "sdfgrid" => self.distance_grid(element, flip)?,
             "rectangle" => MitsubaShape::Mesh(mesh::rectangle()),
             "cube" => MitsubaShape::Mesh(mesh::cube()),
             "disk" => MitsubaShape::Mesh(mesh::disk()),
@@ -133,6 +136,11 @@ impl Importer {
         }
         let (material, interior, exterior) = self.surface(element, attributes, &mut shape)?;
         self.reader.finish(element);
+        if matches!(shape, MitsubaShape::DistanceGrid { .. })
+            && self.scene.materials[material].emission.is_some()
+        {
+            self.reader.unsupported(element, "an emitter on an sdfgrid");
+        }
         if let MitsubaShape::Sphere { center, radius } = shape
             && self.scene.materials[material].root.opacity().is_some()
         {
@@ -147,6 +155,39 @@ impl Importer {
             interior,
             exterior,
         }))
+    }
+
+    /// The grid of an `sdfgrid`.
+    fn distance_grid(&mut self, element: usize, flip: bool) -> Result<MitsubaShape, Fault> {
+        let place = self.reader.place(element);
+        if flip {
+            self.reader.unsupported(element, "flip_normals on an sdfgrid");
+        }
+        let normals = self.reader.string(element, "normals")?;
+        let smooth = match normals.as_deref() {
+            None | Some("smooth") => true,
+            Some("analytic") => false,
+            Some(other) => {
+                let rule = format!("normals is `{}`; it must be analytic or smooth", clip(other));
+                return Err(fault(place, rule));
+            }
+        };
+        let name = self.reader.string(element, "filename")?;
+        let name = name.ok_or_else(|| fault(&place, "the sdfgrid has no filename; it must have one"))?;
+        let path = self.reader.document.resolve(&name, &place)?;
+        let bytes = crate::load::read_file(&path, self.limits.file_bytes)
+            .map_err(|e| fault(&place, e.to_string()))?;
+        let (size, values) =
+            parse_distances(&bytes).map_err(|rule| fault(format!("{place}: {}", path.display()), rule))?;
+        self.texels += values.len() as u64;
+        if self.texels > self.limits.texels {
+            let rule = format!(
+                "textures and grids have more than {} texels and samples together; they may have that many",
+                self.limits.texels
+            );
+            return Err(fault(place, rule));
+        }
+        Ok(MitsubaShape::DistanceGrid { size, values, smooth })
     }
 
     fn checked(&self, element: usize, transform: DAffine3) -> Result<DAffine3, Fault> {

@@ -1,5 +1,6 @@
 //! Small scenes written by the tests: what is read, and what is refused.
 
+mod distances;
 mod projected;
 
 use super::*;
@@ -310,8 +311,9 @@ fn volumes_are_bounded() {
     let good = load(&grid([2, 1, 1], 1, &[0.5, 1.5])).unwrap();
     assert_eq!((good.media[0].extinction.values[1].x, good.instances[0].interior), (1.5, Some(0)));
     for (bytes, part) in [
-        (b"VOL\x03".to_vec(), "VOL"),
-        (grid([1 << 20, 1 << 20, 1 << 20], 1, &[]), "voxels"),
+        (b"VOL\x02".to_vec(), "the first bytes are `VOL\\x02`; they must be VOL"),
+        (b"VOL\x03".to_vec(), "has 4 bytes; the header alone must have 48"),
+        (grid([1 << 20, 1 << 20, 1 << 20], 1, &[]), "1048576 x 1048576 x 1048576 voxels; there must be 1 to"),
         (grid([2, 2, 2], 1, &[0.0]), "bytes"),
         (grid([-1, 1, 1], 1, &[0.0]), "voxels"),
         (grid([1, 1, 1], 1, &[f32::NAN]), "finite"),

@@ -1,7 +1,10 @@
 //! Valid files: every part that the readers know, small.
 
 use crate::mutate::glb as container;
+#[cfg(feature = "mitsuba")]
+use crate::mutate::{Shape, serialized};
 use photofit_image::{Image, encode_png};
+use photofit_scene::{Compression, Scene, TextureEncoding};
 use serde_json::{Value, json};
 
 pub(crate) const MTL: &str =
@@ -64,8 +67,7 @@ fn document() -> (Value, Vec<u8>) {
     b.accessors.push(json!({"componentType": 5126, "count": 4, "type": "VEC3", "sparse": {"count": 2,
         "indices": {"bufferView": at, "componentType": 5123}, "values": {"bufferView": values}}}));
     let sparse = b.accessors.len() - 1;
-    let png = encode_png(2, 2, 4, &[200; 16], photofit_image::PngCompression::default()).expect("encoded");
-    let image = b.view(&png);
+    let image = b.view(&png());
     let document = json!({
         "asset": {"version": "2.0"},
         "extensionsUsed": ["KHR_lights_punctual", "KHR_materials_clearcoat", "KHR_materials_transmission",
@@ -114,6 +116,43 @@ pub(crate) fn glb() -> Vec<Vec<u8>> {
     vec![container(&serde_json::to_vec(&document).expect("JSON is written"), &binary)]
 }
 
+pub(crate) fn png() -> Vec<u8> {
+    encode_png(2, 2, 4, &[200; 16], photofit_image::PngCompression::default()).expect("encoded")
+}
+
+/// The scene of [`glb`].
+fn scene() -> Scene {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("seed.glb");
+    std::fs::write(&path, &glb()[0]).expect("written");
+    photofit_scene::load(path).expect("the seed is valid")
+}
+
+/// Textures as WebP and KTX 2.0 inside of the file.
+pub(crate) fn glb_textures() -> Vec<Vec<u8>> {
+    let of = |(encoding, magic): (TextureEncoding, &[u8])| {
+        let mut scene = scene();
+        let texel = |i: u32| [0, 1, 2, 3].map(|c| ((i + c) * i % 251) as u8);
+        let image = &mut scene.images[0];
+        (image.width, image.height, image.encoded) = (16, 16, None);
+        (image.texels, image.encoding) = ((0..16 * 16).map(texel).collect(), encoding);
+        // Nothing but colours: a texture that is data too has no KTX 2.0.
+        (scene.materials[0].normal_texture, scene.materials[0].occlusion_texture) = (None, None);
+        let bytes = photofit_scene::to_glb(&scene).expect("written");
+        assert!(bytes.windows(magic.len()).any(|w| w == magic), "the texture is stored as {encoding:?}");
+        bytes
+    };
+    let ktx2 = (TextureEncoding::Ktx2 { quality: 70 }, &b"KTX 20"[..]);
+    [(TextureEncoding::WebP, &b"WEBP"[..]), (TextureEncoding::LossyWebP { quality: 70 }, b"WEBP"), ktx2]
+        .map(of)
+        .into()
+}
+
+/// Compressed geometry.
+pub(crate) fn glb_meshopt() -> Vec<Vec<u8>> {
+    vec![photofit_scene::to_glb_with(&scene(), Compression::Meshopt).expect("written")]
+}
+
 fn base64(bytes: &[u8]) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut out = String::new();
@@ -132,6 +171,43 @@ pub(crate) fn obj() -> Vec<Vec<u8>> {
     let faces = "o part\ng one two\ns 1\nusemtl a\nf 1/1/1 2/2/1 3/3/1\nusemtl b\nf 1/1 3/3 4/1\nf -4 -3 -2 -1\nf 1//1 2//1 3//1\n";
     let concave = "v 0 0 0\nv 2 0 0\nv 2 2 0\nv 1 .5 0\nv 0 2 0\nf 1 2 3 4 5\n";
     vec![format!("mtllib m.mtl\n{square}{faces}").into_bytes(), concave.into()]
+}
+
+pub(crate) const OBJ_OF_MTL: &[u8] = b"mtllib mutant.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 0\nusemtl a\nf 1/1 2/1 3/1\nusemtl b\nf 1/1 3/1 2/1\n";
+
+pub(crate) fn mtl() -> Vec<Vec<u8>> {
+    let maps = "newmtl a\nKd .5 .4 .3\nmap_Kd -s 2 2 1 -o .1 0 -clamp on t.png\nmap_bump -bm .5 t.png\nNs 30\nnewmtl b\n\
+        map_Pr t.png\nmap_Pm t.png\nmap_d t.png\nnorm t.png\nKs .1 .1 .1\nNi 1.5\nTf 1 1 1\nillum 7\n";
+    vec![MTL.into(), maps.into()]
+}
+
+const PCD: &str = "VERSION 0.7\nFIELDS x y z rgb _ normal_x normal_y normal_z\nSIZE 4 8 4 4 1 4 4 4\nTYPE F F F U U F F F\n\
+    COUNT 1 1 1 1 3 1 1 1\nWIDTH 2\nHEIGHT 2\nVIEWPOINT 1 2 3 0 1 0 0\nPOINTS 4\n";
+
+pub(crate) fn pcd_text() -> Vec<Vec<u8>> {
+    let point = |i: u32| format!("{i} 0.5 -{i} 4286595104 9 9 9 0 0 1\n");
+    vec![format!("# a comment\n{PCD}DATA ascii\n{}", (0..4).map(point).collect::<String>()).into_bytes()]
+}
+
+/// Point by point, and compressed field by field with literals alone.
+pub(crate) fn pcd_binary() -> Vec<Vec<u8>> {
+    let field = |f: usize, i: u32| match f {
+        0 | 2 => (i as f32).to_le_bytes().to_vec(),
+        1 => f64::from(i).to_le_bytes().to_vec(),
+        3 => 0xff80_4020_u32.to_le_bytes().to_vec(),
+        4 => vec![9; 3],
+        _ => 1_f32.to_le_bytes().to_vec(),
+    };
+    let plain = format!("{PCD}DATA binary\n").into_bytes();
+    let points = (0..4).flat_map(|i| (0..8).flat_map(move |f| field(f, i)));
+    let fields: Vec<u8> = (0..8).flat_map(|f| (0..4).flat_map(move |i| field(f, i))).collect();
+    let packed: Vec<u8> =
+        fields.chunks(32).flat_map(|c| std::iter::once(c.len() as u8 - 1).chain(c.iter().copied())).collect();
+    let mut compressed = format!("{PCD}DATA binary_compressed\n").into_bytes();
+    compressed.extend((packed.len() as u32).to_le_bytes());
+    compressed.extend((fields.len() as u32).to_le_bytes());
+    compressed.extend(packed);
+    vec![plain.into_iter().chain(points).collect(), compressed]
 }
 
 pub(crate) fn ply_text() -> Vec<Vec<u8>> {
@@ -222,4 +298,52 @@ pub(crate) fn mitsuba() -> Vec<Vec<u8>> {
 </scene>
 "##;
     vec![include_bytes!("../../../../assets/box.xml").to_vec(), more.into()]
+}
+
+/// A scene with these elements.
+#[cfg(feature = "mitsuba")]
+pub(crate) fn mitsuba_scene(body: &str) -> Vec<u8> {
+    let sensor =
+        "<sensor type='perspective'><film type='hdrfilm'><integer name='width' value='8'/></film></sensor>";
+    format!("<scene version='3.0.0'>{sensor}{body}</scene>").into_bytes()
+}
+
+/// Files that scenes name: target, extension, how it is mutated, seeds, elements that name it.
+#[cfg(feature = "mitsuba")]
+pub(crate) fn named_by_mitsuba() -> Vec<(&'static str, &'static str, Shape, Vec<Vec<u8>>, &'static str)> {
+    use photofit_scene::mitsuba::encode_grid;
+    let unit = [glam::DVec3::ZERO, glam::DVec3::ONE];
+    let grid = |size: [usize; 3], channels: usize, first: f32| {
+        let values: Vec<f32> =
+            (0..size.iter().product::<usize>() * channels).map(|i| first + 0.05 * i as f32).collect();
+        encode_grid(size, &values, unit)
+    };
+    let mut triangle = 0x1009_u32.to_le_bytes().to_vec();
+    triangle.extend(b"name\0");
+    triangle.extend(3_u64.to_le_bytes());
+    triangle.extend(1_u64.to_le_bytes());
+    let corners = [0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+    let normals_and_colors = [[0.0, 0.0, 1.0].repeat(3), vec![0.5; 9]].concat();
+    triangle.extend(corners.iter().chain(&normals_and_colors).flat_map(|x| x.to_le_bytes()));
+    triangle.extend([0_u32, 1, 2].iter().flat_map(|i| i.to_le_bytes()));
+    let mut pfm = b"PF\n4 2\n-1.0\n".to_vec();
+    pfm.extend((0..24).flat_map(|i| (i as f32 / 24.0).to_le_bytes()));
+    // A bottom-up picture of 3 x 2 pixels, three bytes each, rows of 12 bytes.
+    let mut bmp = b"BM".to_vec();
+    for word in [78_u32, 0, 54, 40, 3, 2, 1 | 24 << 16, 0, 24, 2835, 2835, 0, 0] {
+        bmp.extend(word.to_le_bytes());
+    }
+    bmp.extend([100; 24]);
+    vec![
+        ("vol", "vol", Shape::Bytes, vec![grid([2, 3, 2], 1, 0.0), grid([2, 2, 1], 3, 0.0)],
+            "<shape type='cube'><bsdf type='null'/><medium name='interior' type='heterogeneous'>
+             <volume name='albedo' type='gridvolume'><string name='filename' value='mutant.vol'/></volume></medium></shape>"),
+        ("vol-distances", "vol", Shape::Bytes, vec![grid([3, 2, 4], 1, -1.0)],
+            "<shape type='sdfgrid'><string name='filename' value='mutant.vol'/></shape>"),
+        ("serialized", "serialized", Shape::Serialized, vec![serialized(b"\x1c\x04\x04\0", &triangle)],
+            "<shape type='serialized'><string name='filename' value='mutant.serialized'/></shape>"),
+        ("pfm", "pfm", Shape::Bytes, vec![pfm], "<shape type='cube'><bsdf type='diffuse'><texture name='reflectance' type='bitmap'><string name='filename' value='mutant.pfm'/></texture></bsdf></shape>"),
+        ("bmp", "bmp", Shape::Bytes, vec![bmp],
+            "<shape type='cube'><bsdf type='diffuse'><texture name='reflectance' type='bitmap'><string name='filename' value='mutant.bmp'/></texture></bsdf></shape>"),
+    ]
 }

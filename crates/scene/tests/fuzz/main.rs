@@ -11,7 +11,7 @@ mod memory;
 mod mutate;
 
 use mutate::{Rng, Shape};
-use photofit_scene::{Limits, load_points, load_with};
+use photofit_scene::{Limits, load_points_with, load_with};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -42,21 +42,43 @@ struct Target {
     extension: &'static str,
     shape: Shape,
     seeds: Vec<Vec<u8>>,
+    /// Files that name the mutant, in its folder, where something else reads it; they are read in its place.
+    beside: Vec<(&'static str, Vec<u8>)>,
     /// Whether the file was read.
     read: fn(&Path) -> bool,
 }
 
+impl Target {
+    /// The same, read through another file that names `mutant` with its extension.
+    fn named_by(mut self, file: &'static str, text: impl Into<Vec<u8>>) -> Self {
+        self.beside.push((file, text.into()));
+        self
+    }
+}
+
 fn targets() -> Vec<Target> {
     let scene = |path: &Path| load_with(path, &LIMITS).map(|s| s.flatten()).is_ok();
-    let points = |path: &Path| load_points(path).is_ok();
-    let target = |name, extension, shape, seeds, read| Target { name, extension, shape, seeds, read };
+    let points = |path: &Path| load_points_with(path, &LIMITS).is_ok();
+    let target = |name, extension, shape, seeds, read| Target {
+        name,
+        extension,
+        shape,
+        seeds,
+        beside: Vec::new(),
+        read,
+    };
     let mut out = vec![
         target("gltf", "gltf", Shape::Json, corpus::gltf(), scene as fn(&Path) -> bool),
         target("glb", "glb", Shape::Glb, corpus::glb(), scene),
+        target("glb-textures", "glb", Shape::Packed, corpus::glb_textures(), scene),
+        target("glb-meshopt", "glb", Shape::Packed, corpus::glb_meshopt(), scene),
         target("obj", "obj", Shape::Text, corpus::obj(), scene),
+        target("mtl", "mtl", Shape::Text, corpus::mtl(), scene).named_by("a.obj", corpus::OBJ_OF_MTL),
         target("ply", "ply", Shape::Text, corpus::ply_text(), scene),
         target("ply-binary", "ply", Shape::Bytes, corpus::ply_binary(), scene),
         target("points", "ply", Shape::Text, corpus::ply_text(), points),
+        target("pcd", "pcd", Shape::Text, corpus::pcd_text(), points),
+        target("pcd-binary", "pcd", Shape::Bytes, corpus::pcd_binary(), points),
         target("hdr", "hdr", Shape::Bytes, corpus::radiance(), |p| {
             photofit_scene::load_environment(p).is_ok()
         }),
@@ -68,10 +90,17 @@ fn targets() -> Vec<Target> {
         }),
     ];
     #[cfg(feature = "mitsuba")]
-    out.push(target("mitsuba", "xml", Shape::Xml, corpus::mitsuba(), |path| {
-        let options = photofit_scene::mitsuba::MitsubaOptions { limits: LIMITS, ..Default::default() };
-        photofit_scene::mitsuba::load_mitsuba(path, &options).is_ok()
-    }));
+    {
+        let mitsuba = |path: &Path| {
+            let options = photofit_scene::mitsuba::MitsubaOptions { limits: LIMITS, ..Default::default() };
+            photofit_scene::mitsuba::load_mitsuba(path, &options).is_ok()
+        };
+        out.push(target("mitsuba", "xml", Shape::Xml, corpus::mitsuba(), mitsuba as fn(&Path) -> bool));
+        for (name, extension, shape, seeds, body) in corpus::named_by_mitsuba() {
+            let target = target(name, extension, shape, seeds, mitsuba);
+            out.push(target.named_by("scene.xml", corpus::mitsuba_scene(body)));
+        }
+    }
     if let Some(folder) = std::env::var_os("PHOTOFIT_FUZZ_CORPUS") {
         let files = std::fs::read_dir(folder).expect("the corpus is a folder");
         let mut paths: Vec<_> = files.filter_map(|f| Some(f.ok()?.path())).collect();
@@ -91,7 +120,8 @@ fn try_one(target: &Target, bytes: &[u8], path: &Path) -> Result<bool, String> {
     std::fs::write(path, bytes).expect("the mutant is written");
     let before = memory::restart();
     let start = Instant::now();
-    let read = catch_unwind(AssertUnwindSafe(|| (target.read)(path)));
+    let opened = target.beside.first().map_or(path.to_owned(), |(name, _)| path.with_file_name(name));
+    let read = catch_unwind(AssertUnwindSafe(|| (target.read)(&opened)));
     let (time, peak) = (start.elapsed(), memory::peak().saturating_sub(before));
     let read = read.map_err(|e| {
         let text = e.downcast_ref::<String>().cloned();
@@ -113,6 +143,10 @@ fn try_one(target: &Target, bytes: &[u8], path: &Path) -> Result<bool, String> {
 fn fuzz(target: &Target, enough: impl Fn(u64) -> bool) -> (u64, u64) {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("m.mtl"), corpus::MTL).expect("written");
+    std::fs::write(folder.path().join("t.png"), corpus::png()).expect("written");
+    for (name, bytes) in &target.beside {
+        std::fs::write(folder.path().join(name), bytes).expect("written");
+    }
     let path = folder.path().join("mutant").with_extension(target.extension);
     for (k, seed) in target.seeds.iter().enumerate() {
         assert_eq!(try_one(target, seed, &path), Ok(true), "{}: seed {k} is valid", target.name);

@@ -76,6 +76,11 @@ const STRINGS: [&str; 12] = [
 pub(crate) enum Shape {
     Json,
     Glb,
+    /// A .glb whose binary part matters most.
+    Packed,
+    /// A `serialized` mesh: what its compressed stream holds.
+    #[cfg(feature = "mitsuba")]
+    Serialized,
     Text,
     #[cfg_attr(not(feature = "mitsuba"), allow(dead_code))]
     Xml,
@@ -90,7 +95,10 @@ impl Shape {
         }
         match self {
             Self::Json => mutate_json_bytes(bytes, rng),
-            Self::Glb => mutate_glb(bytes, rng),
+            Self::Glb => mutate_glb(bytes, 1, rng),
+            Self::Packed => mutate_glb(bytes, 3, rng),
+            #[cfg(feature = "mitsuba")]
+            Self::Serialized => mutate_serialized(bytes, rng),
             Self::Text => mutate_text(bytes, rng),
             Self::Xml => mutate_xml(bytes, rng),
             Self::Bytes => mutate_bytes(bytes, rng),
@@ -166,15 +174,15 @@ fn mutate_json(root: &mut Value, rng: &mut Rng) {
     }
 }
 
-/// Mutates the JSON or the binary part, and keeps the lengths right.
-fn mutate_glb(bytes: &[u8], rng: &mut Rng) -> Vec<u8> {
+/// Mutates the JSON or, `share` times of four, the binary part, and keeps the lengths right.
+fn mutate_glb(bytes: &[u8], share: usize, rng: &mut Rng) -> Vec<u8> {
     let word =
         |at: usize| bytes.get(at..at + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
     let json = word(12).and_then(|n| bytes.get(20..20 + n));
     let Some((json, rest)) = json.map(|j| (j, bytes.get(28 + j.len()..).unwrap_or_default())) else {
         return mutate_bytes(bytes, rng);
     };
-    let (json, binary) = if rng.below(3) == 0 {
+    let (json, binary) = if rng.below(4) < share {
         (json.to_vec(), mutate_bytes(rest, rng))
     } else {
         (mutate_json_bytes(json, rng), rest.to_vec())
@@ -198,6 +206,27 @@ pub(crate) fn glb(json: &[u8], binary: &[u8]) -> Vec<u8> {
         out.extend(part);
     }
     out
+}
+
+/// Mutates what is compressed, and compresses it again.
+#[cfg(feature = "mitsuba")]
+fn mutate_serialized(bytes: &[u8], rng: &mut Rng) -> Vec<u8> {
+    use std::io::Read;
+    let mut plain = Vec::new();
+    let packed = bytes.get(4..).unwrap_or_default();
+    if flate2::read::ZlibDecoder::new(packed).read_to_end(&mut plain).is_err() {
+        return mutate_bytes(bytes, rng);
+    }
+    serialized(&bytes[..4], &mutate_bytes(&plain, rng))
+}
+
+/// The container of one `serialized` mesh.
+#[cfg(feature = "mitsuba")]
+pub(crate) fn serialized(head: &[u8], plain: &[u8]) -> Vec<u8> {
+    use std::io::Write;
+    let mut packer = flate2::write::ZlibEncoder::new(head.to_vec(), flate2::Compression::fast());
+    packer.write_all(plain).expect("memory takes everything");
+    packer.finish().expect("memory takes everything")
 }
 
 /// Lines and words.

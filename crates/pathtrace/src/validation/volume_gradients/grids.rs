@@ -181,11 +181,14 @@ fn bad_values_of_media_are_refused() {
         values
     };
     for (text, words) in [
-        (fails(&of(1, MediumValue::Albedo), &[]), "volume 1 is one of 1"),
+        (fails(&of(1, MediumValue::Albedo), &[]), "volume 1 is not there; the index must be below 1"),
         (fails(&density, &[1.0; 5]), "are 5; they must be 24"),
         (fails(&density, &with(f32::NAN)), "value 7: is NaN; it must be finite"),
-        (fails(&density, &with(-0.5)), "found -0.5 at voxel (1, 0, 1)"),
-        (fails(&albedo, &[1.5; 72]), "albedo lies in [0, 1], found [1.5"),
+        (
+            fails(&density, &with(-0.5)),
+            "density of voxel (1, 0, 1) is -0.5; it must be finite and not negative",
+        ),
+        (fails(&albedo, &[1.5; 72]), "albedo of voxel 0 is [1.5, 1.5, 1.5]; it must lie in [0, 1]"),
     ] {
         assert!(text.contains(words), "{text}");
     }

@@ -36,7 +36,7 @@ impl Library {
     ) -> Result<(), Fault> {
         let text = match folder.read_name(file, limits.file_bytes, place) {
             Ok(text) => text,
-            Err(f) if f.rule.contains("cannot be read") => {
+            Err(f) if f.unreadable => {
                 scene.warnings.push(format!("{place}: {}", f.rule));
                 return Ok(());
             }
@@ -58,7 +58,7 @@ impl Library {
             let mut warning = None;
             let mut map = |rest: &str, needed: bool| match map(rest, folder, limits, &place, textures) {
                 Ok(map) => Ok(Some(map)),
-                Err(f) if needed && !f.rule.contains("cannot be read") => Err(f),
+                Err(f) if needed && !f.unreadable => Err(f),
                 Err(f) => {
                     warning = Some(format!("{}: {}: the map is left out", f.place, f.rule));
                     Ok(None)

@@ -137,7 +137,11 @@ impl Header {
     }
 
     fn declare(&mut self, words: &[&str]) -> Result<(), String> {
-        let kind = |name: &str| Kind::parse(name).ok_or_else(|| format!("`{}` is no PLY type", clip(name)));
+        let kind = |name: &str| {
+            Kind::parse(name).ok_or_else(|| {
+                format!("`{}` is no PLY type; it must be one such as float or uchar", clip(name))
+            })
+        };
         match *words {
             ["element", name, count] => {
                 let count = count.parse().map_err(|e| format!("`{}` is no count: {e}", clip(count)))?;
@@ -147,7 +151,7 @@ impl Header {
             ["property", "list", length, item, name] => {
                 let (length, item) = (kind(length)?, kind(item)?);
                 if matches!(length, Kind::F32 | Kind::F64) {
-                    return Err("the length of a list is an integer".into());
+                    return Err("the length of the list is a float; it must be an integer".into());
                 }
                 if let Some(e) = self.elements.last_mut() {
                     e.properties.push(Property { name: name.into(), kind: item, list: Some(length) });
@@ -161,8 +165,13 @@ impl Header {
                     return Ok(());
                 }
             }
-            _ => return Err(format!("`{}` is no header line", clip(&words.join(" ")))),
+            _ => {
+                return Err(format!(
+                    "`{}` is no header line; it must be an element, a property or a comment",
+                    clip(&words.join(" "))
+                ));
+            }
         }
-        Err("a property follows an element".into())
+        Err("the property follows no element; it must follow one".into())
     }
 }

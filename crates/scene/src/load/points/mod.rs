@@ -89,7 +89,7 @@ impl RawPoints {
     fn finish(self) -> Result<Points, Fault> {
         let Some(&first) = self.positions.first() else {
             let rule = match self.skipped {
-                0 => "the cloud has at least one point".into(),
+                0 => "the cloud has no point; it must have at least one point".into(),
                 n => format!(
                     "{n} points have infinite coordinates or some beyond {MAX_POINT:e}; at least one point must have finite coordinates up to that"
                 ),

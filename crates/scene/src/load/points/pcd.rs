@@ -98,8 +98,17 @@ impl Header {
                 ["DATA", "ascii"] => break Data::Ascii,
                 ["DATA", "binary"] => break Data::Binary,
                 ["DATA", "binary_compressed"] => break Data::Compressed,
-                ["DATA", ..] => return Err(at("DATA is ascii, binary or binary_compressed".into())),
-                [other, ..] => return Err(at(format!("`{}` is no PCD header line", clip(other)))),
+                ["DATA", rest @ ..] => {
+                    let found = clip(&rest.join(" "));
+                    let rule = format!("DATA is `{found}`; it must be ascii, binary or binary_compressed");
+                    return Err(at(rule));
+                }
+                [other, ..] => {
+                    return Err(at(format!(
+                        "`{}` begins no PCD header line; the word must be one of the format",
+                        clip(other)
+                    )));
+                }
             }
         };
         let missing = |what: &str| fault("header", format!("has no {what} line; it must have one"));

@@ -186,7 +186,7 @@ fn broken_pcd_files() {
     bad(&swap("COUNT 1 1 1 1 3", "COUNT 1 1 1 1 99999999"), &["field _"]);
     bad(&swap("WIDTH 2", "WIDTH -2"), &["header line", "count"]);
     bad(&swap("POINTS 4", "POINTS 5"), &["POINTS", "2 x 2"]);
-    bad(&swap("DATA ascii", "DATA morse"), &["DATA is"]);
+    bad(&swap("DATA ascii", "DATA morse"), &["DATA is `morse`; it must be ascii, binary"]);
     bad(&swap("WIDTH 2", "WIDTH 4000000000"), &["POINTS"]);
     bad(&swap("ascii\n1 2 3", "ascii\n1 2"), &["point 0", "11 numbers"]);
     bad(&swap("ascii\n1 2 3", "ascii\n1 x 3"), &["point 0", "`x`"]);
@@ -209,7 +209,7 @@ fn broken_pcd_files() {
     bad(&packed, &["LZF"]);
     let none = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1\nHEIGHT 1\nDATA ascii\nnan nan nan\n";
     bad(none.as_bytes(), &["1 points have infinite"]);
-    bad(none.replace("WIDTH 1", "WIDTH 0").as_bytes(), &["at least one point"]);
+    bad(none.replace("WIDTH 1", "WIDTH 0").as_bytes(), &["has no point; it must have at least one point"]);
 }
 
 #[test]

@@ -222,6 +222,8 @@ fn broken_files() {
     bad("v 0\n", &["line 1", "3 numbers"]);
     bad("mtllib ../a.mtl\n", &["line 1", "folder"]);
     bad("mtllib /etc/passwd\n", &["line 1", "folder"]);
+    // What a name says is not taken for what is wrong with the file.
+    bad("mtllib ../it cannot be read.mtl\n", &["line 1", "folder"]);
     let many: String = (0..70).map(|i| format!("mtllib {i}.mtl\n")).collect();
     bad(&many, &["line 65", "at most 64"]);
     let files: [(&str, &[u8]); 3] =

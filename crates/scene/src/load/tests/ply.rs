@@ -117,7 +117,8 @@ fn broken_files() {
     bad(&swap("0 0 0 255", "0 x 0 255"), &["element vertex 0", "`x` is no number"]);
     bad(&swap("float x", "quad x"), &["header line", "PLY type"]);
     bad(&swap("float x", "float w"), &["element vertex", "x, y and z"]);
-    bad(&swap("list uchar int", "list float int"), &["header line", "integer"]);
+    bad(&swap("list uchar int", "list float int"), &["header line", "is a float; it must be an integer"]);
+    bad(b"ply\nformat ascii 1.0\nproperty float x\nend_header\n", &["header line 3", "follows no element"]);
     bad(&swap("format ascii", "format morse"), &["header line 2", "morse"]);
     bad(&swap("format ascii 1.0\n", "\n"), &["header", "format"]);
     bad(b"ply\nformat ascii 1.0\nelement vertex 4000000000\nend_header\n", &["element vertex", "properties"]);
