@@ -17,11 +17,16 @@ WORK.mkdir(parents=True, exist_ok=True)
 
 
 def program(*arguments, **environment):
-    """Runs `photofit ARGUMENTS`; returns the CPU seconds of the process, start and end included."""
-    subprocess.run(["cargo", "build", "--release", "--quiet", "-p", "photofit-cli"], cwd=ROOT, check=True)
-    folder = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
+    """Runs `photofit ARGUMENTS`; returns the CPU seconds of the process, start and end included.
+
+    `PHOTOFIT_PEER_PROGRAM` names a program that is built already; without it the release build is made and run.
+    """
+    built = os.environ.get("PHOTOFIT_PEER_PROGRAM")
+    if not built:
+        subprocess.run(["cargo", "build", "--release", "--quiet", "-p", "photofit-cli"], cwd=ROOT, check=True)
+        built = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "release" / "photofit"
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    command = [folder / "release" / "photofit", *map(str, arguments)]
+    command = [built, *map(str, arguments)]
     subprocess.run(command, cwd=ROOT, check=True, env={**os.environ, **environment}, stdout=subprocess.DEVNULL)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime

@@ -8,7 +8,7 @@ use crate::progress::Terminal;
 use crate::status::Misuse;
 use crate::{interrupt, sequence, threads};
 use anyhow::{Result, anyhow, bail};
-use photofit_denoise::mc::{Denoised, Frame, Guides, Model, Sequence, Settings, VariationalModel, denoise};
+use photofit_denoise::mc::{Denoised, Frame, Guides, Model, Sequence, Settings, Stage, VariationalModel, denoise};
 use photofit_fit::{FitError, Progress};
 use photofit_image::{
     DEFAULT_PIXELS_PER_DEGREE, Image, flip, psnr_from_mse, rmse, ssim, to_display, write_exr, write_png,
@@ -85,6 +85,7 @@ pub(crate) fn run(a: &Denoise) -> Result<()> {
         model: model(a.model),
         restore_mean: !a.keep_darkening,
         fireflies: !a.keep_fireflies,
+        without: Stage::ALL.into_iter().find(|stage| a.without.as_deref() == Some(stage.name())),
         ..Settings::default()
     };
     if a.sequence.is_some() {

@@ -1,7 +1,9 @@
 //! The options of `photofit denoise`.
 
 use super::values::{ending, whole};
+use clap::builder::PossibleValuesParser;
 use clap::{Args, ValueEnum};
+use photofit_denoise::mc::Stage;
 use std::path::PathBuf;
 
 /// What removes the noise.
@@ -61,6 +63,9 @@ pub(crate) struct Denoise {
     /// Do not clamp rare huge samples.
     #[arg(long)]
     pub(crate) keep_fireflies: bool,
+    /// Leave out an input or a stage, to see what it brings.
+    #[arg(long, value_name = "STAGE", value_parser = PossibleValuesParser::new(Stage::ALL.map(Stage::name)))]
+    pub(crate) without: Option<String>,
     /// A clean picture to compare with: PSNR, SSIM, FLIP, RMSE.
     #[arg(long, value_name = "REF")]
     pub(crate) compare: Option<PathBuf>,

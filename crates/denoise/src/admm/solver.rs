@@ -17,6 +17,10 @@ use crate::{DenoiseError, Shape};
 /// Stiffest system `(t1+t3) / t0` that the sweep takes by default.
 const STIFFEST: f64 = 4.0;
 
+/// Share of the target's contrast below which a solution counts as constant: against its own contrast, which is rounding, no
+/// change is ever small.
+const FLAT: f64 = 1e-6;
+
 /// The over-relaxed splitting of one [`Problem`], see [the module](crate::admm).
 ///
 /// ```
@@ -44,6 +48,8 @@ pub struct Admm<T: Sample> {
     data: DataTerm<T>,
     weights: [Option<Weight<T>>; 3],
     guide: Vec<T>,
+    /// Squared norm of the target of each solved channel without its mean.
+    contrast: Vec<f64>,
     /// Samples of the target that are not finite, and so must stay holes.
     unreadable: Vec<usize>,
     /// `1 / sqrt(k)` where `k` equal coupled channels are solved as one.
@@ -147,6 +153,8 @@ impl<T: Sample> Admm<T> {
             Coupling::Separate => 1.0,
         };
         let (offsets, target) = center(&problem, &plan, &survey.means);
+        let square = |v: &T| v.f64() * v.f64();
+        let contrast = target.chunks(shape.pixels()).map(|plane| plane.iter().map(square).sum()).collect();
         let sweep = match linear {
             LinearStep::Exact => false,
             LinearStep::Sweep => true,
@@ -169,6 +177,7 @@ impl<T: Sample> Admm<T> {
             frozen: vec![false; channels.len()],
             offsets,
             target,
+            contrast,
             data: problem.data,
             weights,
             guide,
@@ -326,15 +335,16 @@ impl<T: Sample> Admm<T> {
             Some(Engine::Sweep(sweep)) => sweep.sums().for_each(&mut add),
             None => {}
         }
-        let ratio = |[r, d, u]: [f64; 3]| {
+        let ratio = |[r, d, u]: [f64; 3], contrast: f64| {
             let change = r.max(d).sqrt();
-            if change == 0.0 { 0.0 } else { change / u.sqrt().max(f64::MIN_POSITIVE) }
+            let scale = u.sqrt().max(FLAT * contrast.sqrt()).max(f64::MIN_POSITIVE);
+            if change == 0.0 { 0.0 } else { change / scale }
         };
         match self.coupling {
-            Coupling::Separate => sums.into_iter().map(ratio).collect(),
+            Coupling::Separate => sums.into_iter().zip(&self.contrast).map(|(s, c)| ratio(s, *c)).collect(),
             Coupling::Vectorial => {
                 let all = sums.into_iter().fold([0.0; 3], |a, b| [a[0] + b[0], a[1] + b[1], a[2] + b[2]]);
-                vec![ratio(all)]
+                vec![ratio(all, self.contrast.iter().sum())]
             }
         }
     }

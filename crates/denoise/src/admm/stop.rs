@@ -6,7 +6,8 @@ pub enum Stop {
     /// After a fixed number of iterations.
     Iterations(usize),
     /// As soon as `max(|u-p|, |p - previous p|) < tolerance |u|` (Euclidean norms over a channel without its mean, or
-    /// over all channels if coupled), not before the fifth iteration, at the latest after `limit`.
+    /// over all channels if coupled), not before the fifth iteration, at the latest after `limit`. A solution that is
+    /// constant but for rounding is measured by a small share of the target's norm.
     Tolerance {
         /// Relative change, for example 1e-4.
         tolerance: f64,

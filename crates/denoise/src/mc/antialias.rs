@@ -109,6 +109,14 @@ pub(crate) fn trusted(shape: Shape, divisor: &[f32], weight: &[f32]) -> Vec<f32>
     level.iter().zip(&change).zip(weight).map(of).collect()
 }
 
+/// Smooths edges of `color` (3 planes) with a 3 x 3 blur of the given share per pixel.
+pub(crate) fn soften(shape: Shape, color: &mut [f32], share: &[f32]) {
+    let change = blurred_difference(shape, color);
+    for (i, (u, d)) in color.iter_mut().zip(change).enumerate() {
+        *u += share[i % share.len()] * d;
+    }
+}
+
 /// `blur(u) - u` for the 3 x 3 binomial blur of each plane; borders repeat.
 fn blurred_difference(shape: Shape, color: &[f32]) -> Vec<f32> {
     let (n, width, height) = (shape.pixels(), shape.width, shape.height);

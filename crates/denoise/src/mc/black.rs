@@ -3,6 +3,7 @@
 //! Their light divided by the floor of the albedo is up to a hundred times that of the pixels around, and follows other
 //! laws: the two classes are filtered each by itself, so that lamps do not shine onto what is around them.
 
+use super::Stage;
 use super::basis::Basis;
 use super::demodulate::ALBEDO_FLOOR;
 use super::prepare::Prepared;
@@ -28,13 +29,19 @@ pub(crate) fn classes(weight: &[f32], black: &[usize]) -> [Vec<f32>; 2] {
 }
 
 /// Regresses the black pixels among themselves, with weight `own`, and writes their estimates.
-pub(crate) fn regress_black(p: &Prepared<'_>, basis: &Basis, own: &[f32], estimate: &mut [f32]) {
+pub(crate) fn regress_black(
+    p: &Prepared<'_>,
+    basis: &Basis,
+    own: &[f32],
+    without: Option<Stage>,
+    estimate: &mut [f32],
+) {
     let part = Part::around(&p.black, p.shape);
     let planes = basis.planes.iter().map(|plane| part.cut(plane)).collect();
     let basis = Basis { planes, names: String::new() };
     let variance = p.variance.as_deref().map(|v| part.cut(v));
-    let found =
-        regress(part.shape, &basis, &part.cut(&p.irradiance), &part.cut(own), variance.as_deref()).estimate;
+    let (irradiance, own) = (part.cut(&p.irradiance), part.cut(own));
+    let found = regress(part.shape, &basis, &irradiance, &own, variance.as_deref(), without).estimate;
     let (n, m) = (p.shape.pixels(), part.shape.pixels());
     for i in &p.black {
         let k = (i / p.shape.width - part.y) * part.shape.width + i % p.shape.width - part.x;

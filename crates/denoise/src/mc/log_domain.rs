@@ -5,11 +5,11 @@
 use super::black::classes;
 use super::coherence::{SHARPNESS, auxiliary_weight};
 use super::noise::{log_sigma, mad_sigma};
-use super::pipeline::Settings;
+use super::pipeline::{LEFT_OUT, Settings};
 use super::prepare::Prepared;
 use super::variational::{VariationalModel, adaptive_weight, choose_by_halves, minimise};
 use super::window::blur_mean;
-use super::{Plan, divisor};
+use super::{Plan, Stage, divisor};
 use crate::DenoiseError;
 use std::borrow::Cow;
 
@@ -26,11 +26,17 @@ pub(super) fn variational(
     let mask = sampled.as_deref().unwrap_or(&p.weight);
     let target =
         plan.stage("logarithm", || (logarithm(&p.irradiance), "log(1 + irradiance), after all sums"));
-    let auxiliary = plan.stage("coherence", || {
-        let mut features = p.features.borrowed();
-        features.albedo = p.divisor.as_deref().map(Cow::Borrowed);
-        (auxiliary_weight(&features, p.shape, SHARPNESS), "edges of the guides and of the divisor")
-    });
+    let auxiliary = match settings.without {
+        Some(Stage::Coherence) => {
+            plan.skip("coherence", LEFT_OUT);
+            vec![1.0; p.shape.pixels()]
+        }
+        _ => plan.stage("coherence", || {
+            let mut features = p.features.borrowed();
+            features.albedo = p.divisor.as_deref().map(Cow::Borrowed);
+            (auxiliary_weight(&features, p.shape, SHARPNESS), "edges of the guides and of the divisor")
+        }),
+    };
     let sigma = plan.stage("deviation", || match &p.variance {
         Some(v) => (log_sigma(&p.level(), v, mask, p.shape.width), "from the known variance"),
         None => (deviation(p, &target), "median of the finest diagonal wavelets"),
@@ -56,7 +62,8 @@ pub(super) fn variational(
         let u = minimise(model, p.shape, Cow::Owned(target), mask, alpha, iterations);
         (u, format!("{iterations} steps"))
     })?;
-    p.divisor = p.features.albedo.as_deref().map(divisor);
+    let demodulated = p.features.albedo.as_deref().filter(|_| settings.without != Some(Stage::Demodulation));
+    p.divisor = demodulated.map(divisor);
     u.iter_mut().for_each(|v| *v = v.max(0.0).exp_m1());
     match settings.restore_mean {
         true => plan.stage("mean", || {

@@ -1,20 +1,24 @@
 //! The stages from a noisy picture to a clean one.
 
 use super::accumulate::{Accumulator, TemporalFrame, TemporalSettings};
-use super::antialias::correct_edges;
+use super::antialias::{correct_edges, soften};
 use super::atrous::{atrous, spatial_variance};
 use super::basis::Basis;
 use super::black::{classes, regress_black};
 use super::camera::Camera;
+use super::detail::restore_detail;
 use super::frame::Frame;
 use super::log_domain::variational;
 use super::prepare::Prepared;
 use super::regression::regress;
 use super::variational::VariationalModel;
 use super::window::blur_mean;
-use super::{Plan, remodulate};
+use super::{Plan, Stage, remodulate};
 use crate::DenoiseError;
 use std::borrow::Cow;
+
+/// What the plan says of a stage that the settings leave out.
+pub(super) const LEFT_OUT: &str = "left out by the settings";
 
 /// What removes the noise.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -42,6 +46,8 @@ pub struct Settings {
     pub strength: Option<f32>,
     /// Steps of a convex model.
     pub iterations: usize,
+    /// An input or a stage that is left out, to see what it brings.
+    pub without: Option<Stage>,
     /// When history is kept.
     pub temporal: TemporalSettings,
 }
@@ -54,6 +60,7 @@ impl Default for Settings {
             restore_mean: true,
             strength: None,
             iterations: 20,
+            without: None,
             temporal: TemporalSettings::default(),
         }
     }
@@ -226,7 +233,7 @@ fn facing(position: &[f32], width: usize) -> Vec<f32> {
 fn filter(mut prepared: Prepared<'_>, settings: &Settings, mut plan: Plan) -> Result<Denoised, DenoiseError> {
     let mut strength = None;
     let mut estimate = match settings.model {
-        Model::Auto => regression(&prepared, &mut plan),
+        Model::Auto => regression(&prepared, settings.without, &mut plan),
         Model::Variational(model) => {
             let (u, c) = variational(model, &mut prepared, settings, &mut plan)?;
             strength = Some(c);
@@ -247,10 +254,11 @@ fn filter(mut prepared: Prepared<'_>, settings: &Settings, mut plan: Plan) -> Re
         None => (prepared.irradiance, prepared.weight, prepared.variance),
     };
     if let Some(d) = &prepared.divisor {
+        let shown = prepared.shown.as_ref().unwrap_or(d);
         plan.stage("remodulation", || {
-            remodulate(&mut estimate, d);
+            remodulate(&mut estimate, shown);
             remodulate(&mut noisy, d);
-            ((), "times the same divisor")
+            ((), if prepared.shown.is_some() { "times the clean divisor" } else { "times the same divisor" })
         });
     }
     let variance = variance.map(|mut v| {
@@ -264,6 +272,7 @@ fn filter(mut prepared: Prepared<'_>, settings: &Settings, mut plan: Plan) -> Re
     });
     let sampled = [&prepared.features.albedo, &prepared.features.normal];
     match settings.model {
+        Model::Auto if settings.without == Some(Stage::Edges) => plan.skip("edges", LEFT_OUT),
         Model::Auto if sampled.iter().any(|f| f.is_some()) => plan.stage("edges", || {
             let s = correct_edges(prepared.shape, &mut estimate, &noisy, &weight, variance.as_deref());
             let list = |v: &[f32]| v.iter().map(|v| format!("{v:.2}")).collect::<Vec<_>>().join(" ");
@@ -272,6 +281,9 @@ fn filter(mut prepared: Prepared<'_>, settings: &Settings, mut plan: Plan) -> Re
         }),
         Model::Auto => plan.skip("edges", "neither albedo nor normal"),
         _ => plan.skip("edges", "part of the automatic model"),
+    }
+    if let (Model::Auto, Some(share)) = (settings.model, &prepared.jagged) {
+        soften(prepared.shape, &mut estimate, share);
     }
     let scale = 1.0 / prepared.key;
     estimate.iter_mut().for_each(|v| *v = (*v * scale).max(0.0));
@@ -283,7 +295,7 @@ fn filter(mut prepared: Prepared<'_>, settings: &Settings, mut plan: Plan) -> Re
     Ok(Denoised { color: estimate, holes, fireflies, strength, plan })
 }
 
-fn regression(p: &Prepared<'_>, plan: &mut Plan) -> Vec<f32> {
+fn regression(p: &Prepared<'_>, without: Option<Stage>, plan: &mut Plan) -> Vec<f32> {
     let basis = plan.stage("regressors", || {
         let basis = Basis::of(&p.features, p.shape);
         let names = basis.names.clone();
@@ -292,7 +304,7 @@ fn regression(p: &Prepared<'_>, plan: &mut Plan) -> Vec<f32> {
     let split = (!p.black.is_empty()).then(|| classes(&p.trust, &p.black));
     let mut estimate = plan.stage("regression", || {
         let trust = split.as_ref().map_or(&p.trust, |[others, _]| others);
-        let r = regress(p.shape, &basis, &p.irradiance, trust, p.variance.as_deref());
+        let r = regress(p.shape, &basis, &p.irradiance, trust, p.variance.as_deref(), without);
         let shares = r.shares.map(|s| format!("{:.0}%", 100.0 * s)).join(" ");
         let why = format!("widths of 3, 5, 8, 16 pixels in {shares} of {} cells; {} flat", r.cells, r.flat);
         (r.estimate, why)
@@ -300,8 +312,16 @@ fn regression(p: &Prepared<'_>, plan: &mut Plan) -> Vec<f32> {
     match &split {
         None => plan.skip("black", "no pixels without diffuse reflectance, or no others"),
         Some([_, own]) => plan.stage("black", || {
-            regress_black(p, &basis, own, &mut estimate);
+            regress_black(p, &basis, own, without, &mut estimate);
             ((), format!("{} pixels without diffuse reflectance by themselves", p.black.len()))
+        }),
+    }
+    match without {
+        Some(Stage::Detail) => plan.skip("detail", LEFT_OUT),
+        _ => plan.stage("detail", || {
+            let (irradiance, variance) = (&p.irradiance, p.variance.as_deref());
+            let share = restore_detail(p.shape.width, irradiance, &p.weight, variance, &mut estimate);
+            ((), format!("{:.0}% of what the regression left over, pixel by pixel", 100.0 * share))
         }),
     }
     estimate

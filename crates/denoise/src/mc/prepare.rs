@@ -3,10 +3,11 @@
 use super::antialias::trusted;
 use super::black::{black_pixels, classes};
 use super::exact::{ExactPixel, exact_pixels};
+use super::feature_noise;
 use super::firefly::clamp_fireflies;
 use super::frame::{Features, Frame};
 use super::noise::half_variance;
-use super::{Plan, Settings, demodulate, divisor};
+use super::{Plan, Settings, Stage, demodulate, divisor};
 use crate::{DenoiseError, Shape};
 use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSliceMut};
 
@@ -20,6 +21,10 @@ pub(crate) struct Prepared<'a> {
     pub(crate) features: Features<'a>,
     /// Divisor of each sample, if there is an albedo.
     pub(crate) divisor: Option<Vec<f32>>,
+    /// What the estimate is multiplied by, where it is not the divisor.
+    pub(crate) shown: Option<Vec<f32>>,
+    /// How jagged the edges of the features are, where the frame's own noise is not known.
+    pub(crate) jagged: Option<Vec<f32>>,
     /// Factor from radiance to the units of `irradiance`.
     pub(crate) key: f32,
     /// 3 planes; 0 at holes.
@@ -51,22 +56,34 @@ impl<'a> Prepared<'a> {
         plan: &mut Plan,
     ) -> Result<Self, DenoiseError> {
         frame.check()?;
+        let without = settings.without;
+        let frame = &Stage::taken_from(without, frame);
         let shape = frame.shape;
-        let features = Features::of(&frame.guides, shape.pixels(), plan);
+        let mut features = Features::of(&frame.guides, shape.pixels(), plan);
         let (mut sides, mut weight, holes) = plan.stage("holes", || {
             let (sides, weight, holes) = holes(frame);
             let why = format!("{holes} pixels with NaN or infinity");
             ((sides, weight, holes), why)
         });
-        let exact = exact(frame, &features, &mut weight, plan);
-        let divisor = features.albedo.as_ref().map(|albedo| {
+        let exact = match without {
+            Some(Stage::Exact) => Vec::new(),
+            _ => exact(frame, &features, &mut weight, plan),
+        };
+        let jagged = jagged(frame, &features, without, plan);
+        let shown = match without {
+            Some(Stage::Features) => None,
+            _ => clean(&mut features, &sides[0], &weight, shape.width, plan),
+        };
+        let demodulated = features.albedo.as_ref().filter(|_| without != Some(Stage::Demodulation));
+        let divisor = demodulated.map(|albedo| {
             plan.stage("demodulation", || {
                 let d = divisor(albedo);
                 sides.iter_mut().for_each(|side| demodulate(side, &d));
                 (d, "colour / max(albedo, 0.01)")
             })
         });
-        let black = features.albedo.as_ref().map_or(Vec::new(), |a| black_pixels(a, &weight));
+        let apart = features.albedo.as_ref().filter(|_| without != Some(Stage::Black));
+        let black = apart.map_or(Vec::new(), |a| black_pixels(a, &weight));
         let own_class = if black.is_empty() { Vec::new() } else { classes(&weight, &black).into() };
         // All pixels where there is only one class.
         let others = own_class.first().unwrap_or(&weight);
@@ -106,13 +123,16 @@ impl<'a> Prepared<'a> {
             }
             (last, _) => (last.unwrap_or_default(), None),
         };
-        let trust = divisor.as_ref().map_or_else(|| weight.clone(), |d| trusted(shape, d, &weight));
+        let doubted = divisor.as_ref().filter(|_| without != Some(Stage::Trust));
+        let trust = doubted.map_or_else(|| weight.clone(), |d| trusted(shape, d, &weight));
         Ok(Self {
             trust,
             last: None,
             shape,
             features,
             divisor,
+            shown,
+            jagged,
             key,
             irradiance,
             halves,
@@ -144,14 +164,60 @@ impl<'a> Prepared<'a> {
     }
 }
 
-/// Finds the pixels without noise and takes their weight, so that they do not reach their neighbours.
-fn exact(frame: &Frame<'_>, features: &Features<'_>, weight: &mut [f32], plan: &mut Plan) -> Vec<ExactPixel> {
-    let known = match (frame.half, frame.variance) {
+/// Whether the noise of a frame is known.
+fn is_known(frame: &Frame<'_>) -> bool {
+    match (frame.half, frame.variance) {
         (Some(half), _) => half != frame.color,
         (None, Some(v)) => v.iter().any(|v| *v > 0.0),
         (None, None) => false,
+    }
+}
+
+/// How jagged the edges of normal and albedo are. Samples tell it where the noise is known.
+fn jagged(
+    frame: &Frame<'_>,
+    features: &Features<'_>,
+    without: Option<Stage>,
+    plan: &mut Plan,
+) -> Option<Vec<f32>> {
+    let sampled = [&features.albedo, &features.normal];
+    if without == Some(Stage::Jagged) || is_known(frame) || sampled.iter().all(|f| f.is_none()) {
+        plan.skip("jagged", "the noise is known, there are no features, or it is left out by the settings");
+        return None;
+    }
+    plan.stage("jagged", || {
+        let (pixels, width) = (frame.shape.pixels(), frame.shape.width);
+        let found = feature_noise::jagged(sampled.into_iter().flatten().map(AsRef::as_ref), pixels, width);
+        let share = found.as_ref().map_or(0.0, |s| s.iter().sum::<f32>() / pixels as f32);
+        (found, format!("edges of the features, {:.1}% of the picture", 100.0 * share))
+    })
+}
+
+/// Takes the noise out of the albedo; returns what the estimate is multiplied by.
+fn clean(
+    features: &mut Features<'_>,
+    color: &[f32],
+    weight: &[f32],
+    width: usize,
+    plan: &mut Plan,
+) -> Option<Vec<f32>> {
+    let albedo = features.albedo.take()?;
+    let found = plan.stage("features", || {
+        let found = feature_noise::clean_albedo(&albedo, color, weight, width);
+        let share = found.as_ref().map_or(0.0, |f| f.share);
+        (found, format!("{:.1}% of the albedo are noise", 100.0 * share))
+    });
+    let (albedo, shown) = match found {
+        Some(found) => (found.before.into(), Some(found.after)),
+        None => (albedo, None),
     };
-    if !known {
+    features.albedo = Some(albedo);
+    shown
+}
+
+/// Finds the pixels without noise and takes their weight, so that they do not reach their neighbours.
+fn exact(frame: &Frame<'_>, features: &Features<'_>, weight: &mut [f32], plan: &mut Plan) -> Vec<ExactPixel> {
+    if !is_known(frame) {
         plan.skip("exact", "the noise is not known");
         return Vec::new();
     }

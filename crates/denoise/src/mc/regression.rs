@@ -10,6 +10,7 @@
 //! The width minimises Mallows' criterion [@mallows1973] in each cell, `RSS_k + 2 s^2 S_k` in relative units, with `S_k` the leverage
 //! of a sample and `s^2` the residual of a middle width, or the variance if it is known.
 
+use super::Stage;
 use super::basis::{Basis, MAX_REGRESSORS};
 use super::peaks::replace_peaks;
 use super::window::{blur_columns, blur_rows, gaussian_taps};
@@ -89,13 +90,14 @@ const fn moments_of(k: usize) -> usize {
 }
 
 /// Regresses `irradiance` (3 planes) with a weight per pixel (0: hole). `variance`, per pixel and of the mean over the
-/// channels, replaces the residual as the estimate of the noise.
+/// channels, replaces the residual as the estimate of the noise. Widths, bounds and highlights can be left out.
 pub(crate) fn regress(
     shape: Shape,
     basis: &Basis,
     irradiance: &[f32],
     weight: &[f32],
     variance: Option<&[f32]>,
+    without: Option<Stage>,
 ) -> Regression {
     let cells = [shape.height.div_ceil(CELL), shape.width.div_ceil(CELL)];
     let planes = basis.planes.iter().map(Vec::as_slice).collect();
@@ -111,7 +113,10 @@ pub(crate) fn regress(
             samples.solve(&blurred, &flat)
         })
         .collect();
-    let choice = samples.choose(&fits, variance);
+    let choice = match without {
+        Some(Stage::Widths) => vec![MIDDLE; flat.len()],
+        _ => samples.choose(&fits, variance),
+    };
     let mean = samples.mean();
     let per_cell = 3 * k;
     let mut chosen = vec![0.0; cells[0] * cells[1] * per_cell];
@@ -124,14 +129,21 @@ pub(crate) fn regress(
         shares[*width] += 1.0 / choice.len() as f32;
     }
     let bounds = samples.bounds(&fits, &choice);
-    let mut estimate = samples.evaluate(&chosen, &bounds);
+    let mut estimate = match without {
+        Some(Stage::Bounds) => {
+            samples.evaluate(&chosen, &[0.0, 0.0, 0.0, UNBOUNDED, UNBOUNDED, UNBOUNDED].repeat(flat.len()))
+        }
+        _ => samples.evaluate(&chosen, &bounds),
+    };
     // Of the brightest to the darkest mean around each cell.
     let contrast = |(bounds, width): (&[f32], &usize)| {
         let sum = |v: &[f32]| v[0] + v[1] + v[2] + 3.0 * RELATIVE_FLOOR;
         BOUNDS[*width].powi(2) * sum(&bounds[3..]) / sum(bounds)
     };
     let contrast: Vec<f32> = bounds.chunks(6).zip(&choice).map(contrast).collect();
-    replace_peaks(&samples, basis, &contrast, &mut estimate);
+    if without != Some(Stage::Highlights) {
+        replace_peaks(&samples, basis, &contrast, &mut estimate);
+    }
     Regression { estimate, shares, flat: flat.iter().filter(|f| **f).count(), cells: flat.len() }
 }
 

@@ -5,6 +5,10 @@ use photofit_scalar::{Vec3, Vec3f, vec3};
 
 /// Most pixels of a map.
 const MOST_PIXELS: usize = 1 << 28;
+/// Bound of lengths and places; squares of them are finite in single precision.
+const MOST: f64 = 1e15;
+/// Bound of focal lengths from below, pixels.
+const LEAST_FOCAL: f64 = 1e-3;
 
 /// A pinhole camera as plain numbers.
 ///
@@ -80,22 +84,25 @@ impl Pinhole {
         let pixels = self.width.checked_mul(self.height).filter(|n| (1..=MOST_PIXELS).contains(n));
         if pixels.is_none() {
             return bad(format!(
-                "between 1 and {MOST_PIXELS} pixels are reconstructed, found {} x {}",
+                "the size is {} x {}; it must have 1 to {MOST_PIXELS} pixels",
                 self.width, self.height
             ));
         }
-        let numbers = [self.fx, self.fy, self.cx, self.cy];
-        if !numbers.iter().chain(&self.eye).all(|v| v.is_finite() && v.abs() < 1e15) {
-            return bad("focal length, centre and eye are finite and below 1e15".into());
+        let [x, y, z] = self.eye;
+        let places = [("cx", self.cx), ("cy", self.cy), ("eye x", x), ("eye y", y), ("eye z", z)];
+        if let Some((name, value)) = places.iter().find(|(_, v)| v.is_nan() || v.abs() >= MOST) {
+            return bad(format!("{name} is {value}; it must lie between -{MOST:e} and {MOST:e}"));
         }
-        if !(self.fx > 1e-3 && self.fy > 1e-3) {
-            return bad(format!("focal lengths are positive, found {} and {}", self.fx, self.fy));
+        let lengths = [("fx", self.fx), ("fy", self.fy)];
+        if let Some((name, value)) = lengths.iter().find(|(_, v)| !(*v > LEAST_FOCAL && *v < MOST)) {
+            return bad(format!("{name} is {value}; it must lie between {LEAST_FOCAL} and {MOST:e}"));
         }
         let a = self.axes.map(Vec3::from_array);
         let unit = |v: Vec3<f64>| (v.length() - 1.0).abs() < 1e-4;
         let handed = (a[0].cross(a[1]) - a[2]).length() < 1e-3;
         if !(a.iter().all(|v| unit(*v)) && handed) {
-            return bad("the axes right, down and forward are orthonormal and right-handed".into());
+            let rule = "they must be orthonormal and right-handed";
+            return bad(format!("the axes right, down and forward are {:?}; {rule}", self.axes));
         }
         Ok(())
     }
@@ -176,11 +183,19 @@ mod tests {
     fn bad_cameras_are_refused() {
         let good = Pinhole::look_at([0.0, 0.0, 3.0], [0.0; 3], [0.0, 1.0, 0.0], 1.0, 8, 8);
         let rule = |c: Pinhole| c.check().unwrap_err().to_string();
-        assert!(rule(Pinhole { width: 0, ..good }).contains("0 x 8"));
-        assert!(rule(Pinhole { width: 1 << 40, ..good }).contains("pixels"));
-        assert!(rule(Pinhole { width: usize::MAX, ..good }).contains("pixels"));
-        assert!(rule(Pinhole { fx: 0.0, ..good }).contains("positive"));
-        assert!(rule(Pinhole { cx: f64::NAN, ..good }).contains("finite"));
-        assert!(rule(Pinhole { axes: [[1.0, 0.0, 0.0]; 3], ..good }).contains("orthonormal"));
+        let size = |size: &str| format!("camera: the size is {size}; it must have 1 to {MOST_PIXELS} pixels");
+        assert_eq!(rule(Pinhole { width: 0, ..good }), size("0 x 8"));
+        assert_eq!(rule(Pinhole { width: 1 << 40, ..good }), size("1099511627776 x 8"));
+        assert_eq!(rule(Pinhole { width: usize::MAX, ..good }), size(&format!("{} x 8", usize::MAX)));
+        for value in [0.0, -3.0, f64::NAN, f64::INFINITY] {
+            let expected = format!("fx is {value}; it must lie between 0.001 and 1e15");
+            assert_eq!(rule(Pinhole { fx: value, ..good }), format!("camera: {expected}"));
+        }
+        let expected = "camera: cx is NaN; it must lie between -1e15 and 1e15";
+        assert_eq!(rule(Pinhole { cx: f64::NAN, ..good }), expected);
+        let eye = [0.0, -1e16, 0.0];
+        assert!(rule(Pinhole { eye, ..good }).starts_with("camera: eye y is -10000000000000000; it must"));
+        let expected = "are [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]; they must be orthonormal";
+        assert!(rule(Pinhole { axes: [[1.0, 0.0, 0.0]; 3], ..good }).contains(expected));
     }
 }

@@ -54,17 +54,20 @@ impl Cloud {
             return Err(SurfaceError::Empty);
         }
         if n >= u32::MAX as usize {
-            return Err(SurfaceError::Points { rule: format!("fewer than 2^32 - 1 points, found {n}") });
+            let rule = format!("there are {n} points; there must be fewer than {}", u32::MAX);
+            return Err(SurfaceError::Points { rule });
         }
-        for (what, attribute) in [("normals", &normals), ("colors", &colors)] {
+        for (what, attribute) in [("normals", &normals), ("colours", &colors)] {
             if !attribute.is_empty() && attribute.len() != n {
-                let rule = format!("one entry of {what} for each of {n} points, found {}", attribute.len());
+                let rule =
+                    format!("there are {} {what}; there must be as many as points, {n}", attribute.len());
                 return Err(SurfaceError::Points { rule });
             }
         }
         for (what, values) in [("position", &positions), ("normal", &normals), ("colour", &colors)] {
             if let Some(i) = values.iter().position(|v| !v.is_finite()) {
-                let rule = format!("the {what} of point {i} is finite");
+                let found = values[i].to_array();
+                let rule = format!("the {what} of point {i} is {found:?}; it must be finite");
                 return Err(SurfaceError::Points { rule });
             }
         }
@@ -304,9 +307,12 @@ mod tests {
         let line = (0..50).map(|i| vec3(i as f32, 0.0, 0.0)).collect();
         assert_eq!(Cloud::new(line, vec![], vec![]).unwrap().normals()[25], Vec3f::zero());
         let rule = |p, n, c| Cloud::new(p, n, c).unwrap_err().to_string();
-        assert!(rule(vec![], vec![], vec![]).contains("point"));
-        assert!(rule(vec![vec3(f32::NAN, 0.0, 0.0)], vec![], vec![]).contains("position of point 0"));
-        assert!(rule(vec![Vec3f::zero()], vec![Vec3f::zero(); 2], vec![]).contains("normals"));
-        assert!(rule(vec![Vec3f::zero()], vec![], vec![Vec3f::splat(f32::INFINITY)]).contains("colour"));
+        assert_eq!(rule(vec![], vec![], vec![]), "the cloud has no points");
+        let expected = "points: the position of point 0 is [NaN, 0.0, 0.0]; it must be finite";
+        assert_eq!(rule(vec![vec3(f32::NAN, 0.0, 0.0)], vec![], vec![]), expected);
+        let expected = "points: there are 2 normals; there must be as many as points, 1";
+        assert_eq!(rule(vec![Vec3f::zero()], vec![Vec3f::zero(); 2], vec![]), expected);
+        let expected = "points: the colour of point 0 is [inf, inf, inf]; it must be finite";
+        assert_eq!(rule(vec![Vec3f::zero()], vec![], vec![Vec3f::splat(f32::INFINITY)]), expected);
     }
 }

@@ -10,19 +10,19 @@ pub enum SurfaceError {
     /// Points that break a rule.
     #[error("points: {rule}")]
     Points {
-        /// The rule that is broken.
+        /// What it is, and what it must be.
         rule: String,
     },
     /// A camera that breaks a rule.
     #[error("camera: {rule}")]
     Camera {
-        /// The rule that is broken.
+        /// What it is, and what it must be.
         rule: String,
     },
     /// An option that breaks a rule.
     #[error("options: {rule}")]
     Option {
-        /// The rule that is broken.
+        /// What it is, and what it must be.
         rule: String,
     },
     /// No point falls into the picture.

@@ -95,17 +95,17 @@ impl SurfaceOptions {
         for (name, value) in numbers {
             if !(value.is_finite() && value >= 0.0) {
                 return Err(SurfaceError::Option {
-                    rule: format!("{name} is finite and not negative, found {value}"),
+                    rule: format!("{name} is {value}; it must be finite and not negative"),
                 });
             }
         }
         if w.threshold <= 0.0 || !w.threshold.is_finite() {
             return Err(SurfaceError::Option {
-                rule: format!("threshold is positive, found {}", w.threshold),
+                rule: format!("threshold is {}; it must be finite and more than 0", w.threshold),
             });
         }
         if self.blend.window.is_multiple_of(2) {
-            let rule = format!("the window of the blend is odd, found {}", self.blend.window);
+            let rule = format!("the window of the blend is {}; it must be odd", self.blend.window);
             return Err(SurfaceError::Option { rule });
         }
         Ok(())

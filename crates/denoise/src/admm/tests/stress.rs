@@ -2,7 +2,7 @@
 
 use super::problems::{SIZE, cases, noisy, stored, uniform};
 use super::{distance, solved};
-use crate::admm::{Admm, DataTerm, Penalties, Problem, Stop, Weight};
+use crate::admm::{Admm, DataTerm, LinearStep, Penalties, Problem, Stop, Weight};
 use crate::{DenoiseError, Shape, mask_non_finite, models};
 
 fn models_of(shape: Shape, target: &[f32]) -> Vec<Problem<'_, f32>> {
@@ -49,6 +49,28 @@ fn constants_are_fixed() {
         let weight = Weight::Map((0..shape.pixels()).map(|k| (k % 2) as f32).collect());
         let u = solved(&models::htv_l2(shape, &target, weight, 0.3, 0.3), 20);
         assert!(distance(&u, &target) <= 1e-6 * f64::from(value.abs()), "{value}");
+    }
+}
+
+#[test]
+fn constant_solutions_end_a_solve() {
+    // So weak a data term leaves the mean alone: against that, which has no contrast, every rounding would be a change.
+    let shape = Shape::new(48, 40, 1);
+    let noise: Vec<f64> = (0..shape.len()).map(|k| uniform(77, k)).collect();
+    let mean = noise.iter().sum::<f64>() / noise.len() as f64;
+    let single: Vec<f32> = noise.iter().map(|v| *v as f32).collect();
+    let stop = Stop::Tolerance { tolerance: 1e-4, limit: 1000 };
+    for step in [LinearStep::Exact, LinearStep::Sweep] {
+        let mut double = Admm::owning(models::rof(shape, &noise, 0.01), step).expect("sound");
+        let report = double.solve(stop);
+        assert!(report.converged, "{step:?}: {report:?}");
+        let far = double.solution().iter().map(|u| (u - mean).abs()).fold(0.0, f64::max);
+        assert!(far < 1e-4, "{step:?}: {far} from the mean");
+        let mut single = Admm::owning(models::rof(shape, &single, 0.01), step).expect("sound");
+        let report = single.solve(stop);
+        assert!(report.converged, "{step:?}, f32: {report:?}");
+        let far = single.solution().iter().map(|u| (f64::from(*u) - mean).abs()).fold(0.0, f64::max);
+        assert!(far < 1e-4, "{step:?}, f32: {far} from the mean");
     }
 }
 

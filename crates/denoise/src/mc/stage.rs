@@ -1,0 +1,104 @@
+//! Stages that can be left out, to see what each brings.
+
+use super::frame::{Frame, Guides};
+use std::fmt;
+
+/// An input or a stage of [`super::denoise`] that [`super::Settings::without`] leaves out. Fireflies have a switch of
+/// their own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// The albedo, and with it demodulation and all that rests on it.
+    Albedo,
+    /// The normals.
+    Normal,
+    /// The positions and depths. (A sequence needs them.)
+    Position,
+    /// The variance layer.
+    Variance,
+    /// Keeping pixels without noise.
+    Exact,
+    /// Taking the noise out of the albedo.
+    Features,
+    /// Division by the albedo.
+    Demodulation,
+    /// Less weight where the divisor may miss what the pixel shows.
+    Trust,
+    /// The choice of a width for each cell: all cells take the middle one.
+    Widths,
+    /// The bounds of linear models by the means around.
+    Bounds,
+    /// The blur that replaces linear models at highlights.
+    Highlights,
+    /// Filtering pixels without diffuse reflectance by themselves.
+    Black,
+    /// What the regression left over, brought back.
+    Detail,
+    /// The smoothing of edges that one sample a pixel leaves jagged.
+    Jagged,
+    /// The correction of edges.
+    Edges,
+    /// The map of the guides' edges in the weights of the convex models.
+    Coherence,
+}
+
+impl Stage {
+    /// All of them.
+    pub const ALL: [Self; 16] = [
+        Self::Albedo,
+        Self::Normal,
+        Self::Position,
+        Self::Variance,
+        Self::Exact,
+        Self::Features,
+        Self::Demodulation,
+        Self::Trust,
+        Self::Widths,
+        Self::Bounds,
+        Self::Highlights,
+        Self::Black,
+        Self::Detail,
+        Self::Jagged,
+        Self::Edges,
+        Self::Coherence,
+    ];
+
+    /// The name, lower case.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Albedo => "albedo",
+            Self::Normal => "normal",
+            Self::Position => "position",
+            Self::Variance => "variance",
+            Self::Exact => "exact",
+            Self::Features => "features",
+            Self::Demodulation => "demodulation",
+            Self::Trust => "trust",
+            Self::Widths => "widths",
+            Self::Bounds => "bounds",
+            Self::Highlights => "highlights",
+            Self::Black => "black",
+            Self::Detail => "detail",
+            Self::Jagged => "jagged",
+            Self::Edges => "edges",
+            Self::Coherence => "coherence",
+        }
+    }
+
+    /// The frame without this input.
+    pub(crate) fn taken_from<'a>(stage: Option<Self>, frame: &Frame<'a>) -> Frame<'a> {
+        let g = frame.guides;
+        match stage {
+            Some(Self::Albedo) => frame.with_guides(Guides { albedo: None, ..g }),
+            Some(Self::Normal) => frame.with_guides(Guides { normal: None, ..g }),
+            Some(Self::Position) => frame.with_guides(Guides { position: None, depth: None, ..g }),
+            Some(Self::Variance) => Frame { variance: None, ..*frame },
+            _ => *frame,
+        }
+    }
+}
+
+impl fmt::Display for Stage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
