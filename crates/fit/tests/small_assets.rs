@@ -301,7 +301,8 @@ fn maps_may_be_fitted_through_the_path_tracer() {
     let maps = outcome.traced_maps.as_ref().expect("a fit through the path tracer");
     assert_eq!((maps.steps, outcome.judged), (40, Judged::PathTraced));
     let quality = |h: &HistoryPoint| h.quality;
-    let (first, best) = (quality(&maps.history[0]), maps.history.iter().map(quality).fold(f64::MIN, f64::max));
+    let (first, best) =
+        (quality(&maps.history[0]), maps.history.iter().map(quality).fold(f64::MIN, f64::max));
     assert!(best > first + 0.05, "{first:.2} dB became {best:.2}");
     assert!(light.materials[0].base_color_texture.is_some(), "the shadows of what is lost have a map");
     let alone = SimplifyOptions { reference: ReferenceRenderer::Raster, ..options };

@@ -63,8 +63,18 @@ pub enum SceneError {
 pub(crate) struct Fault {
     pub(crate) place: String,
     pub(crate) rule: String,
-    /// The file that it names cannot be read; what else is wrong stands in files that can.
-    pub(crate) unreadable: bool,
+    pub(crate) kind: FaultKind,
+}
+
+/// What a broken rule is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum FaultKind {
+    /// What a file says.
+    Content,
+    /// The file that it names cannot be read.
+    Unreadable,
+    /// The file that it names lies outside of the asset's folder.
+    Outside,
 }
 
 impl Fault {
@@ -79,11 +89,11 @@ impl Fault {
 
 /// A broken rule at a place.
 pub(crate) fn fault(place: impl Into<String>, rule: impl Into<String>) -> Fault {
-    Fault { place: place.into(), rule: rule.into(), unreadable: false }
+    Fault { place: place.into(), rule: rule.into(), kind: FaultKind::Content }
 }
 
 /// A file that cannot be read, named at a place.
 pub(crate) fn unreadable(place: impl Into<String>, name: &str, cause: impl std::fmt::Display) -> Fault {
     let rule = format!("the file `{}` cannot be read: {cause}", crate::load::clip(name));
-    Fault { unreadable: true, ..fault(place, rule) }
+    Fault { kind: FaultKind::Unreadable, ..fault(place, rule) }
 }

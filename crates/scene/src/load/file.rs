@@ -1,7 +1,7 @@
 //! Reading files, and finding the files that an asset names without leaving its folder.
 
 use crate::SceneError;
-use crate::error::{Fault, fault, unreadable};
+use crate::error::{Fault, FaultKind, fault, unreadable};
 use base64::Engine;
 use std::fs::File;
 use std::io::Read;
@@ -82,7 +82,8 @@ impl Folder {
     }
 
     fn resolve(&self, name: &str, place: &str) -> Result<PathBuf, Fault> {
-        let leaves = || fault(place, format!("`{}` is not a path inside of the asset's folder", clip(name)));
+        let rule = format!("`{}` is not a path inside of the asset's folder; it must be one", clip(name));
+        let leaves = || Fault { kind: FaultKind::Outside, ..fault(place, rule.clone()) };
         // Exporters on Windows write backslashes; both separate folders here.
         let name = name.replace('\\', "/");
         if name.is_empty() || name.starts_with('/') || name.contains('\0') || has_scheme(&name) {

@@ -292,7 +292,7 @@ fn instead(name: &str) -> &'static str {
             "; the command `gltf-transform copy IN.glb OUT.glb` writes the asset without it"
         }
         "EXT_texture_avif" => {
-            "; textures must be PNG, JPEG, WebP or KTX 2.0: `gltf-transform png IN.glb OUT.glb` writes them so"
+            "; textures must be PNG, JPEG, WebP or KTX 2.0: convert them to one of these with the program that wrote the asset"
         }
         _ => "",
     }

@@ -7,7 +7,7 @@ use super::Limits;
 use super::file::{Folder, clip};
 use super::obj::{lines, split_keyword};
 use super::texture::Textures;
-use crate::error::{Fault, fault};
+use crate::error::{Fault, FaultKind, fault};
 use crate::{Material, Sampler, Scene, TextureSlot, Wrap};
 use statements::Statements;
 use std::collections::HashMap;
@@ -22,7 +22,8 @@ pub(super) struct Library {
 impl Library {
     /// Appends the materials of the library named on an `mtllib` line.
     ///
-    /// A library or a texture that is not there is a warning; a texture of the base colour or of the emission that is
+    /// A library or a texture that is not there is a warning, and so is a texture outside of the folder (of which the one of
+    /// its name beside the library is taken); a texture of the base colour or of the emission that is
     /// damaged is an error, another map that is a warning.
     pub(super) fn load(
         &mut self,
@@ -36,7 +37,7 @@ impl Library {
     ) -> Result<(), Fault> {
         let text = match folder.read_name(file, limits.file_bytes, place) {
             Ok(text) => text,
-            Err(f) if f.unreadable => {
+            Err(f) if f.kind == FaultKind::Unreadable => {
                 scene.warnings.push(format!("{place}: {}", f.rule));
                 return Ok(());
             }
@@ -58,7 +59,7 @@ impl Library {
             let mut warning = None;
             let mut map = |rest: &str, needed: bool| match map(rest, folder, limits, &place, textures) {
                 Ok(map) => Ok(Some(map)),
-                Err(f) if needed && !f.unreadable => Err(f),
+                Err(f) if needed && f.kind == FaultKind::Content => Err(f),
                 Err(f) => {
                     warning = Some(format!("{}: {}: the map is left out", f.place, f.rule));
                     Ok(None)
@@ -161,7 +162,16 @@ fn map(
     let image = match textures.known(&key) {
         Some(image) => image,
         None => {
-            let bytes = folder.read_name(rest, limits.file_bytes, place)?;
+            let bytes = match folder.read_name(rest, limits.file_bytes, place) {
+                // Exporters write the path that the picture had on their machine; it may lie beside the library.
+                Err(f) if f.kind != FaultKind::Content => {
+                    let beside = rest.rsplit(['/', '\\']).next().filter(|name| *name != rest).ok_or(());
+                    beside
+                        .and_then(|name| folder.read_name(name, limits.file_bytes, place).map_err(drop))
+                        .map_err(|()| f)?
+                }
+                other => other?,
+            };
             textures.request(key, format!("{place}, {}", clip(rest)), rest.to_owned(), bytes.into())?
         }
     };

@@ -242,6 +242,16 @@ fn a_missing_picture_is_a_warning_and_the_colour_stays() {
 }
 
 #[test]
+fn a_picture_elsewhere_is_taken_from_beside_the_library() {
+    for path in ["C:\\Users\\x\\color.png", "/home/x/color.png", "../color.png", "maps/color.png"] {
+        let (m, scene) = material(&format!("map_Kd {path}\n"));
+        assert!(m.base_color_texture.is_some() && scene.warnings.is_empty(), "{path}: {:?}", scene.warnings);
+        let (m, scene) = material(&format!("map_Kd {}\n", path.replace("color", "none")));
+        assert!(m.base_color_texture.is_none() && scene.warnings.len() == 1, "{path}: {:?}", scene.warnings);
+    }
+}
+
+#[test]
 fn a_missing_library_is_a_warning_and_points_are_found_by_the_check() {
     let scene = obj(&format!("mtllib none.mtl\n{QUAD}"));
     assert!(scene.warnings.iter().any(|w| w.contains("none.mtl")), "{:?}", scene.warnings);
