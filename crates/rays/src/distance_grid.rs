@@ -195,7 +195,7 @@ impl DistanceGrid {
         let high = low + DVec3::ONE;
         let [enter, leave] = slab(origin, direction, [low, high]);
         let start = enter.max(0.0);
-        if !(start <= leave) {
+        if start > leave {
             return;
         }
         // On the faces coordinates are exact, so that the next cell sees the same value there.

@@ -107,7 +107,7 @@ fn stated_rules(path: &Path, text: &str, findings: &mut Findings) {
         return;
     }
     let code = text.split("#[cfg(test)]").next().unwrap_or(text);
-    for (number, line) in code.lines().enumerate().filter(|(_, line)| states_rule(line)) {
+    for (number, _) in code.lines().enumerate().filter(|(_, line)| states_rule(line)) {
         let at = format!("{}:{}", path.display(), number + 1);
         let rule = "a message says that a rule holds; it must say what is and what must be";
         match TOLERATED.iter().any(|t| place.starts_with(t)) {

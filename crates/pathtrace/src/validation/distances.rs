@@ -149,8 +149,8 @@ fn a_grid_is_drawn_as_the_sphere_it_stands_for() {
 
 #[test]
 fn grids_run_where_they_are_and_bad_ones_are_refused() {
-    let mut parts = Parts::default();
-    parts.environment = Some(EnvironmentMap::constant(Vec3f::splat(1.0)));
+    let environment = Some(EnvironmentMap::constant(Vec3f::splat(1.0)));
+    let mut parts = Parts { environment, ..Parts::default() };
     parts.add(ball(true), Material::new(diffuse(0.5, 0.5, 0.5)));
     let world = World::new(parts).unwrap();
     assert!(Plan::new(&world).to_string().contains("two-level traversal    runs"), "{}", Plan::new(&world));

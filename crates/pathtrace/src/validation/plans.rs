@@ -57,12 +57,11 @@ fn scenes_run_what_they_need() {
 #[test]
 fn lines_of_a_plan_are_true() {
     // An even sky is never sampled, an unlit surface emits nothing, a boundary alone absorbs nothing.
-    let mut parts = Parts::default();
-    parts.environment = Some(EnvironmentMap::constant(Vec3f::splat(1.0)));
+    let environment = Some(EnvironmentMap::constant(Vec3f::splat(1.0)));
+    let mut parts = Parts { environment, ..Parts::default() };
     let ball = Shape::Mesh(photofit_geometry::shapes::icosphere(2));
     parts.add(ball.clone(), Material::new(Bsdf::Null(Null)));
-    let mut unlit = photofit_scene::Material::default();
-    unlit.unlit = true;
+    let unlit = photofit_scene::Material { unlit: true, ..photofit_scene::Material::default() };
     let scene = photofit_scene::Scene { materials: vec![unlit], ..photofit_scene::Scene::default() };
     parts.library = Some(photofit_scene::SurfaceLibrary::new(&scene));
     parts.add(ball, Material::from_library(0));

@@ -103,7 +103,7 @@ impl Cubic {
     fn turns(&self) -> [Option<f64>; 2] {
         let [_, c1, c2, c3] = self.0;
         let discriminant = c2 * c2 - 3.0 * c3 * c1;
-        if !(discriminant > 0.0) {
+        if discriminant.is_nan() || discriminant <= 0.0 {
             return [None; 2];
         }
         // Without cancellation: one root from the sum, the other from the product of the roots.

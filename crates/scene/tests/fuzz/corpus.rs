@@ -308,9 +308,13 @@ pub(crate) fn mitsuba_scene(body: &str) -> Vec<u8> {
     format!("<scene version='3.0.0'>{sensor}{body}</scene>").into_bytes()
 }
 
-/// Files that scenes name: target, extension, how it is mutated, seeds, elements that name it.
+/// Target, extension, how it is mutated, seeds, elements that name it.
 #[cfg(feature = "mitsuba")]
-pub(crate) fn named_by_mitsuba() -> Vec<(&'static str, &'static str, Shape, Vec<Vec<u8>>, &'static str)> {
+type Named = (&'static str, &'static str, Shape, Vec<Vec<u8>>, &'static str);
+
+/// Files that scenes name.
+#[cfg(feature = "mitsuba")]
+pub(crate) fn named_by_mitsuba() -> Vec<Named> {
     use photofit_scene::mitsuba::encode_grid;
     let unit = [glam::DVec3::ZERO, glam::DVec3::ONE];
     let grid = |size: [usize; 3], channels: usize, first: f32| {
