@@ -3,7 +3,7 @@
 use super::*;
 use crate::engine::cpu::{Chain, Cpu};
 use crate::engine::reference::{Picture, ReferenceKind};
-use crate::engine::views::{Lighting, Moment, Orbit, Setup, Sphere, Shot};
+use crate::engine::views::{Lighting, Moment, Orbit, Setup, Shot, Sphere};
 use crate::{Silent, bake};
 use photofit_image::Image;
 use photofit_optim::{Optimizer, Temporal};
