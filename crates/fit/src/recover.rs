@@ -154,6 +154,7 @@ pub fn recover_texture(
         steps: options.steps,
         shrink: 1,
         rates: vec![(MAPS.into(), MAP_RATE)],
+        fade: None,
         renewal: None,
     };
     let phases = vec![phase];
@@ -283,7 +284,7 @@ pub(crate) fn grey(
         energy: ENERGY,
     };
     let (optimizer, smoothness) = (PositionOptimizer::default(), SMOOTHNESS);
-    Ok(Surface { candidate, passes, rates, moves: false, optimizer, smoothness })
+    Ok(Surface { candidate, passes, rates, moves: false, optimizer, smoothness, masks: Masks::Cut })
 }
 
 #[cfg(test)]

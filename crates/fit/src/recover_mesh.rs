@@ -257,6 +257,7 @@ impl Fit<'_> {
             steps,
             shrink: 1,
             rates: vec![(POSITIONS.into(), rate), (MAPS.into(), MAP_RATE)],
+            fade: None,
             renewal: None,
         };
         let phases = vec![phase];

@@ -213,7 +213,8 @@ pub fn recover_scene(
     let rate =
         |k: usize| (model.parameters[k].name.clone().into(), options.rate * scale(&model, k, brightness));
     let rates = (0..model.parameters.len()).map(rate).collect();
-    let phase = Phase { name: "parameters", first: 0, steps: options.steps, shrink: 1, rates, renewal: None };
+    let (steps, fade, renewal) = (options.steps, None, None);
+    let phase = Phase { name: "parameters", first: 0, steps, shrink: 1, rates, fade, renewal };
     let phases = vec![phase];
     let plan = PlanRows::new(items(&model, held_out, options.steps), &phases);
     let trained = train(Cpu::new(model)?, &job, |_| phases, progress)?;

@@ -18,7 +18,7 @@ use crate::engine::plan::{Item, Plan, PlanRows, rows};
 use crate::engine::posed::Posed;
 use crate::engine::reference::{Rasterized, Reference, SUPERSAMPLE};
 use crate::engine::steering::Steering;
-use crate::engine::surface::{MAPS, Surface, rate_of_maps};
+use crate::engine::surface::{MAPS, Surface, fade_over, rate_of_maps};
 use crate::engine::trainer::{self, HeldOut, HistoryPoint, Job, Keeping, Phase, train};
 use crate::engine::views::{Lighting, Moment, Orbit, OverMoments, Sampling, Set};
 use crate::error::in_ranges;
@@ -122,6 +122,7 @@ pub fn retexture(
         .with_options(options.steps, reference_pictures.kind(), &options.lighting)
         .with_fixed_shape()
         .with_maps(&candidate);
+    let fades = plan.fades();
     let model = Posed::new(Surface::new(candidate, &plan), &own);
 
     let size = options.resolution / Sampling::SUPERSAMPLED.per_axis;
@@ -153,7 +154,8 @@ pub fn retexture(
     let mut plan = PlanRows::default();
     let phases = |psnr: f64| {
         let rates = vec![(MAPS.into(), rate_of_maps(psnr))];
-        let phase = Phase { name: "maps", first: 0, steps: options.steps, shrink: 1, rates, renewal: None };
+        let (steps, fade) = (options.steps, fade_over(fades, [0.0, 1.0]));
+        let phase = Phase { name: "maps", first: 0, steps, shrink: 1, rates, fade, renewal: None };
         let phases = vec![phase];
         plan = PlanRows::new(items, &phases);
         phases

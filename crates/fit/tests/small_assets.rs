@@ -178,6 +178,63 @@ fn masks_keep_their_outline_at_any_cutoff() {
     }
 }
 
+/// Six bent cards around an axis, each with a leaf of 128 x 128 texels that is cut out.
+fn leaves() -> Scene {
+    let n = 128;
+    let texel = |i: usize| {
+        let [x, y] = [i % n, i / n].map(|k| (k as f32 + 0.5) / n as f32 * 2.0 - 1.0);
+        let hole = ((6.0 * x).sin() * (6.0 * y).sin()).abs() > 0.8;
+        let inside = x.hypot(y) < 0.75 + 0.15 * (7.0 * y.atan2(x)).sin() && !hole;
+        [(100.0 + 60.0 * x) as u8, 150, 50, if inside { 255 } else { 0 }]
+    };
+    let mut leaf = shapes::quad_grid(6, 6);
+    leaf.uvs = leaf.positions.iter().map(|p| vec2(0.5 + 0.5 * p.x, 0.5 - 0.5 * p.y)).collect();
+    leaf.positions.iter_mut().for_each(|p| *p = vec3(0.5 * p.x, 0.5 * p.y, 0.06 * (3.0 * p.x).sin()));
+    leaf.normals.clear();
+    let place = |k: usize| {
+        let a = 2.4 * k as f32;
+        let at = Vec3::new(0.7 * (1.3 * a).cos(), 0.3 * k as f32 - 0.75, 0.7 * (1.3 * a).sin());
+        Affine3A::from_translation(at) * Affine3A::from_rotation_y(a)
+    };
+    let mut out = disc(0.5);
+    let material = out.materials[0].clone();
+    let mut scene = scene(vec![(leaf, material, (0..6).map(place).collect())]);
+    out.images[0] = TextureImage {
+        width: n,
+        height: n,
+        texels: (0..n * n).map(texel).collect(),
+        ..TextureImage::default()
+    };
+    scene.images = out.images;
+    scene
+}
+
+#[test]
+fn outlines_of_masks_are_fitted() {
+    let asset = leaves();
+    let eyes = [Vec3::new(0.0, 0.5, 3.0), Vec3::new(2.5, -0.4, 1.5), Vec3::new(-2.0, 0.3, -2.2)];
+    // Mean difference of what is covered.
+    let outline = |light: &Scene| {
+        let difference = |eye: &Vec3| {
+            let (a, b) = (picture(&asset, *eye), picture(light, *eye));
+            let pixels = a.data.chunks_exact(4).zip(b.data.chunks_exact(4));
+            pixels.map(|(a, b)| f64::from((a[3] - b[3]).abs())).sum::<f64>() / a.pixels() as f64
+        };
+        eyes.iter().map(difference).sum::<f64>() / eyes.len() as f64
+    };
+    // Maps of 64 x 64 texels: baked outlines are coarse.
+    let run =
+        |steps| run(&asset, &SimplifyOptions { texture_size: 64, ..quick(Target::Triangles(200), steps) });
+    let ((baked, start), (fitted, light)) = (run(0), run(150));
+    let (before, after) = (outline(&start), outline(&light));
+    let (from, to) = (baked.stage("fitted").unwrap().psnr, fitted.stage("fitted").unwrap().psnr);
+    println!("outline {before:.4} -> {after:.4}, {from:.2} -> {to:.2} dB");
+    assert_eq!(fitted.written, Written::Fitted);
+    assert!(after < 0.75 * before, "{before} became {after}");
+    assert!(to > from + 1.5, "{from:.2} dB became {to:.2}");
+    assert!(fitted.plan.to_string().contains("masks fade"), "{}", fitted.plan);
+}
+
 #[test]
 fn a_sphere_takes_the_classes_of_what_it_is_drawn_onto() {
     let half = |sign: f32| {

@@ -5,6 +5,7 @@ use super::model::{Broken, Group, Model, Snapshot};
 use super::views::Shot;
 use crate::FitError;
 use photofit_optim::{OptimError, Optimizer, Rows, clamp_channels, normalize_vectors};
+use photofit_raster::deferred::Masks;
 use std::borrow::Cow;
 
 /// Parameters in main memory with a way to pictures and back.
@@ -20,6 +21,9 @@ pub trait Chain {
     /// # Errors
     /// If a filter cannot be set up.
     fn optimizer(&self, group: &Group) -> Result<Optimizer<f32>, FitError>;
+
+    /// How alpha masks are drawn in the steps that follow, where there are some; see [`Model::step_masks`].
+    fn step_masks(&mut self, _masks: Masks) {}
 
     /// What the filters of a group's optimizer are guided by, such as vertex normals; empty where they need nothing.
     fn guide(&self, _group: usize) -> Vec<f32> {
@@ -98,6 +102,10 @@ impl<C: Chain> Model for Cpu<C> {
 
     fn groups(&self) -> &[Group] {
         &self.groups
+    }
+
+    fn step_masks(&mut self, masks: Masks) {
+        self.chain.step_masks(masks);
     }
 
     fn step(&mut self, shots: &[Shot], loss: PictureLoss, rates: &[f64]) -> Result<(), Broken> {

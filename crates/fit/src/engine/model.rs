@@ -5,6 +5,7 @@ use super::loss::PictureLoss;
 use super::views::Shot;
 use crate::FitError;
 use photofit_optim::{OptimError, State};
+use photofit_raster::deferred::Masks;
 use std::borrow::Cow;
 
 /// Name of a group.
@@ -81,6 +82,9 @@ pub trait Model: Sized {
 
     /// The groups, always in one order.
     fn groups(&self) -> &[Group];
+
+    /// How alpha masks are drawn in the steps that follow; [`Self::pictures`] cut them.
+    fn step_masks(&mut self, _masks: Masks) {}
 
     /// Takes the loss of a batch against its references (mean over the shots) and moves every group against its gradient
     /// by this rate (0: not at all). Values stay in their ranges.

@@ -30,6 +30,7 @@ const CONSTANT: f32 = 1.0 / 255.0;
 struct Asset {
     /// Materials of something visible.
     materials: usize,
+    masked: usize,
     blended: usize,
     transmitting: usize,
     /// Cut out, blended or transmitting.
@@ -67,6 +68,8 @@ struct Choices {
 #[derive(Clone, Debug, PartialEq)]
 struct Maps {
     layers: usize,
+    /// The outlines of masks are fitted: they fade in the steps.
+    fades: bool,
     fitted: [bool; CHANNELS],
 }
 
@@ -192,8 +195,10 @@ impl Plan {
         let metallic = any(channel::METALLIC, &|x| x > 0.02);
         let mut fitted = [false; CHANNELS];
         fitted[..3].fill(shadows || (0..3).any(varies));
-        // Alpha of glass is drawn, but not written.
-        fitted[channel::ALPHA] = blend && self.asset.blended > 0;
+        // Alpha of glass is drawn, but not written: it must not move.
+        let glass = blend && self.asset.blended == 0;
+        fitted[channel::ALPHA] = !glass && (blend || mask);
+        let fades = mask && fitted[channel::ALPHA];
         fitted[channel::ROUGHNESS] = varies(channel::ROUGHNESS);
         fitted[channel::METALLIC] = metallic && varies(channel::METALLIC);
         let bent = (0..2).any(|k| any(channel::NORMAL + k, &|x| x.abs() > CONSTANT));
@@ -203,7 +208,7 @@ impl Plan {
         let emissive = (0..3).any(|k| any(channel::EMISSIVE + k, &|x| x > 1e-4));
         fitted[channel::EMISSIVE..channel::EMISSIVE + 3].fill(emissive);
         let layers = if blend || mask { Passes::default().max_layers } else { 1 };
-        Self { maps: Some(Maps { layers, fitted }), ..self }
+        Self { maps: Some(Maps { layers, fades, fitted }), ..self }
     }
 
     /// Adds how the result is judged.
@@ -253,6 +258,11 @@ impl Plan {
             map_gradients: steps && m.fitted.contains(&true),
             energy: ENERGY,
         }
+    }
+
+    /// Whether the outlines of masks are fitted, so that masks fade in the steps.
+    pub fn fades(&self) -> bool {
+        self.maps.as_ref().is_some_and(|m| m.fades)
     }
 
     /// Whether shadows and light between surfaces go into the maps of what is fitted.
@@ -352,6 +362,7 @@ impl Asset {
             lit.flat_map(|m| names(m).into_iter().filter(|n| !drawn(m, n))).collect();
         Self {
             materials: materials.len(),
+            masked: count(&|m| matches!(m.alpha_mode, AlphaMode::Mask { .. })),
             blended: count(&|m| m.alpha_mode == AlphaMode::Blend),
             transmitting: count(&|m| transmits(m)),
             through: count(&|m| m.alpha_mode != AlphaMode::Opaque || transmits(m)),
@@ -441,11 +452,12 @@ fn items_of_alpha(a: &Asset, item: &mut dyn FnMut(&'static str, Runs, String)) {
         n => a.of(n, "are cut out, blended or let light pass"),
     };
     item("transparent layers", (a.through > 0).into(), why);
-    let why = match a.blended {
-        0 => "nothing is blended (masks are cut, their outline is baked)".into(),
-        n => a.of(n, "are blended"),
+    let why = match (a.masked + a.blended, a.blended == 0 && a.transmitting > 0) {
+        (0, _) => "nothing is cut out or blended".into(),
+        (_, true) => "what lets light pass is drawn blended, and its alpha is not fitted".into(),
+        (n, _) => a.of(n, "are cut out or blended: masks fade in the steps, so that their outline is fitted"),
     };
-    item("alpha gradients", (a.blended > 0).into(), why);
+    item("alpha gradients", (a.masked + a.blended > 0 && (a.blended > 0 || a.transmitting == 0)).into(), why);
 }
 
 /// Extensions of a material, without their prefix.

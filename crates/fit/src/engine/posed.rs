@@ -11,6 +11,7 @@ use super::views::{Moment, Shot};
 use crate::FitError;
 use crate::candidate::{ParameterGradients, Vertices};
 use photofit_optim::Optimizer;
+use photofit_raster::deferred::Masks;
 
 /// A surface with its poses.
 #[derive(Debug)]
@@ -60,6 +61,10 @@ impl Chain for Posed<'_> {
 
     fn optimizer(&self, group: &Group) -> Result<Optimizer<f32>, FitError> {
         self.surface.optimizer(group)
+    }
+
+    fn step_masks(&mut self, masks: Masks) {
+        self.surface.step_masks(masks);
     }
 
     fn values(&self, group: usize) -> &[f32] {

@@ -9,7 +9,7 @@ use super::views::Shot;
 use crate::FitError;
 use crate::candidate::{Candidate, ParameterGradients};
 use photofit_optim::{EdgeAware, LargeSteps, OptimError, Optimizer, Placement, Temporal};
-use photofit_raster::deferred::Passes;
+use photofit_raster::deferred::{Masks, Passes};
 use photofit_raster::{CHANNELS, channel};
 
 /// Groups of a [`Surface`].
@@ -117,6 +117,8 @@ pub struct Surface {
     pub optimizer: PositionOptimizer,
     /// How smooth their steps are: weight of Laplacians; [`PositionOptimizer::Adam`] has none.
     pub smoothness: f64,
+    /// How masks are drawn in steps; pictures of evaluations cut them.
+    pub masks: Masks,
 }
 
 /// Relative rates of the samples of a texel of which these are fitted.
@@ -124,6 +126,14 @@ pub(super) fn rates_of(fitted: [bool; CHANNELS]) -> [f32; CHANNELS] {
     let mut rates = fitted.map(|f| if f { 1.0 } else { 0.0 });
     rates[channel::METALLIC] *= 0.5;
     rates
+}
+
+/// Slopes of masks that fade, at the first and after the last step of a fit (docs/crates/fit.md).
+const FADE: [f32; 2] = [2.0, 8.0];
+
+/// Slopes of masks over these shares of a fit, in between geometrically; `None` where none fades.
+pub(crate) fn fade_over(fades: bool, shares: [f32; 2]) -> Option<[f32; 2]> {
+    fades.then(|| shares.map(|t| FADE[0] * (FADE[1] / FADE[0]).powf(t)))
 }
 
 /// Peak rate of maps that start from a bake: relative to the error of the start, whose PSNR is given.
@@ -150,6 +160,7 @@ impl Surface {
             moves: true,
             optimizer: PositionOptimizer::default(),
             smoothness: SMOOTHNESS,
+            masks: Masks::Cut,
         }
     }
 
@@ -170,6 +181,7 @@ impl Surface {
     /// The passes of a step that moves these groups.
     pub(super) fn moving_passes(&self, moving: &[bool]) -> Passes {
         Passes {
+            masks: self.masks,
             position_gradients: self.group(POSITIONS).is_some_and(|g| moving[g]),
             map_gradients: self.passes.map_gradients && self.group(MAPS).is_some_and(|g| moving[g]),
             ..self.passes
@@ -228,6 +240,10 @@ impl Chain for Surface {
             return self.optimizer.of(&self.candidate, self.smoothness).map_err(FitError::Preconditioner);
         }
         Optimizer::new(MAPS, length, temporal(MAPS)).map_err(FitError::Preconditioner)
+    }
+
+    fn step_masks(&mut self, masks: Masks) {
+        self.masks = masks;
     }
 
     fn guide(&self, group: usize) -> Vec<f32> {

@@ -4,16 +4,20 @@
 //! What is saved when a fit is stopped is what an undisturbed one has at that step: evaluations happen at fixed steps only, and
 //! the last evaluation of a stopped fit goes into its result, not into its checkpoint.
 
+mod held_out;
+
+pub use held_out::{HeldOut, Measure, relative_error};
+
 use super::checkpoint::{self, Course, Digest, Saved};
-use super::loss::{PictureLoss, relative_weights};
+use super::loss::PictureLoss;
 use super::model::{Broken, Group, GroupName, Model, Snapshot};
 use super::pool::{Batches, Pool};
 use super::reference::Reference;
 use super::steering::Steering;
-use super::views::{Sampling, Set, Shot, Views};
+use super::views::{Sampling, Views};
 use crate::{FitError, Progress};
-use photofit_image::psnr_from_mse;
 use photofit_optim::Schedule;
+use photofit_raster::deferred::Masks;
 use std::borrow::Cow;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -96,6 +100,9 @@ pub struct Phase<'a, A> {
     pub shrink: usize,
     /// Groups that move, by their names, with their peak rates; the others are frozen.
     pub rates: Vec<(GroupName, f64)>,
+    /// Slopes of alpha masks, which fade in its steps ([`Masks::Faded`]), at its first step and after its last one; `None`:
+    /// masks are cut. Evaluations always cut them.
+    pub fade: Option<[f32; 2]>,
     /// At its beginning the fit goes back to the best state, and this group gets values made anew out of it, unless they
     /// look worse.
     pub renewal: Option<(GroupName, Remake<'a, A>)>,
@@ -109,6 +116,7 @@ impl<A> std::fmt::Debug for Phase<'_, A> {
             .field("steps", &self.steps)
             .field("shrink", &self.shrink)
             .field("rates", &self.rates)
+            .field("fade", &self.fade)
             .field("renews", &self.renewal.as_ref().map(|r| &r.0))
             .finish()
     }
@@ -122,6 +130,14 @@ impl<A> Phase<'_, A> {
     /// Peak rate of a group.
     pub fn rate(&self, group: &str) -> f64 {
         self.rates.iter().find(|(name, _)| name == group).map_or(0.0, |(_, rate)| *rate)
+    }
+
+    /// How alpha masks are drawn in a step.
+    fn masks(&self, step: u64) -> Masks {
+        self.fade.map_or(Masks::Cut, |[first, last]| {
+            let share = (step - self.first) as f32 / self.steps.max(1) as f32;
+            Masks::Faded { slope: first * (last / first).powf(share) }
+        })
     }
 
     /// Whether all groups that it names are there.
@@ -159,108 +175,6 @@ pub struct Trained<A> {
     pub mpix_per_s: f64,
     /// Ended by the user or the time limit.
     pub stopped: bool,
-}
-
-/// What the pictures of an evaluation are judged by; more dB are better.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Measure {
-    /// PSNR of the foreground after clamping to [0, 1] and sRGB encoding: what a screen shows.
-    #[default]
-    Psnr,
-    /// `-10 log10` of the mean squared error of linear light, relative to the reference ([`relative_weights`]) and not
-    /// clamped: what fits of radiance minimise.
-    Relative,
-}
-
-impl Measure {
-    /// A quality in words.
-    fn told(self, quality: f64) -> String {
-        match self {
-            Self::Psnr => format!("{quality:.2} dB"),
-            Self::Relative => format!("relative squared error {:.4e}", relative_error(quality)),
-        }
-    }
-}
-
-/// The mean relative squared error that [`Measure::Relative`] tells in dB.
-pub fn relative_error(quality: f64) -> f64 {
-    10.0_f64.powf(-0.1 * quality)
-}
-
-/// The views of the early stop.
-#[derive(Clone, Debug)]
-pub struct HeldOut {
-    /// With their reference pictures.
-    pub shots: Vec<Shot>,
-    /// Mean relative noise of these pictures; `None` where that of one is not known.
-    pub noise: Option<f64>,
-    /// What they are judged by.
-    pub measure: Measure,
-}
-
-impl HeldOut {
-    /// Pictures of the reference from `count` held-out views.
-    ///
-    /// # Errors
-    /// If a picture cannot be made.
-    pub fn new(
-        reference: &dyn Reference,
-        views: &dyn Views,
-        sampling: Sampling,
-        count: u64,
-        seed: u64,
-    ) -> Result<Self, FitError> {
-        let mut out = Self { shots: Vec::new(), noise: Some(0.0), measure: Measure::default() };
-        for index in 0..count {
-            let s = views.setup(Set::HeldOut, index, count);
-            let picture = reference.picture(&s)?;
-            out.noise = out.noise.zip(picture.noise).map(|(sum, noise)| sum + noise / count as f64);
-            out.shots.push(Shot::new(&s, &picture.image, sampling, seed ^ 0x5eed, index));
-        }
-        Ok(out)
-    }
-
-    /// The same views, judged by another measure.
-    #[must_use]
-    pub fn measured_by(self, measure: Measure) -> Self {
-        Self { measure, ..self }
-    }
-
-    /// Quality of pictures of these views, dB.
-    pub fn quality(&self, pictures: &[Vec<[f32; 4]>]) -> f64 {
-        match self.measure {
-            Measure::Psnr => self.psnr(pictures),
-            Measure::Relative => self.relative(pictures),
-        }
-    }
-
-    fn relative(&self, pictures: &[Vec<[f32; 4]>]) -> f64 {
-        let (mut squares, mut count) = (0.0, 0.0);
-        for (shot, picture) in self.shots.iter().zip(pictures) {
-            let weights = relative_weights((shot.width, shot.height), &shot.reference);
-            for ((c, r), weight) in picture.iter().zip(&shot.reference).zip(weights) {
-                let weight = f64::from(weight) / 3.0;
-                squares += weight * (0..3).map(|k| (f64::from(c[k]) - f64::from(r[k])).powi(2)).sum::<f64>();
-                count += 1.0;
-            }
-        }
-        -10.0 * (squares / f64::max(count, 1.0)).log10()
-    }
-
-    /// PSNR (sRGB, foreground) of pictures of these views.
-    pub fn psnr(&self, pictures: &[Vec<[f32; 4]>]) -> f64 {
-        let (mut squares, mut count) = (0.0, 0.0);
-        for (shot, picture) in self.shots.iter().zip(pictures) {
-            for (c, r) in picture.iter().zip(&shot.reference) {
-                if c[3] > 0.0 || r[3] > 0.0 {
-                    let e = |x: f32| photofit_image::srgb_encode(x.clamp(0.0, 1.0));
-                    squares += (0..3).map(|k| f64::from(e(c[k]) - e(r[k])).powi(2)).sum::<f64>() / 3.0;
-                    count += 1.0;
-                }
-            }
-        }
-        psnr_from_mse(squares / f64::max(count, 1.0))
-    }
 }
 
 struct Trainer<'a, M: Model> {
@@ -467,6 +381,7 @@ impl<M: Model> Trainer<'_, M> {
         let schedule = Schedule::WarmupCosine { warmup: 10, total: phase.steps, floor: 0.05 };
         let factor = schedule.factor(step - phase.first);
         let rates: Vec<f64> = self.groups.iter().map(|g| phase.rate(&g.name) * factor).collect();
+        self.model.step_masks(phase.masks(step));
         let began = Instant::now();
         let made = self.model.step(&shots, job.loss, &rates);
         self.hear(made)?;

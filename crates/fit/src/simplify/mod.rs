@@ -35,7 +35,7 @@ use crate::engine::device::train_on;
 use crate::engine::judge::{Judge, Stage};
 use crate::engine::loss;
 use crate::engine::steering::Steering;
-use crate::engine::surface::{MAPS, POSITIONS, Surface, rate_of_maps};
+use crate::engine::surface::{MAPS, POSITIONS, Surface, fade_over, rate_of_maps};
 use crate::engine::trainer::{self, HeldOut, Job, Phase};
 use crate::engine::views::{Moment, Orbit};
 use crate::traced_maps::{MapsCourse, traced_maps};
@@ -159,7 +159,7 @@ pub(crate) fn simplify_asset(
         Surface::new(start.candidate.clone(), &plan),
         &job,
         |psnr| {
-            let phases = phases(options, start.distance, psnr, &rebake);
+            let phases = phases(options, (start.distance, plan.fades()), psnr, &rebake);
             plan_with_phases = Some(plan.clone().with_phases(&phases));
             phases
         },
@@ -293,23 +293,33 @@ fn steering(o: &SimplifyOptions, start: &Candidate) -> Steering {
 /// Coarse to fine: half resolution, then, with maps baked anew on the moved shape, full resolution.
 fn phases<'a>(
     options: &SimplifyOptions,
-    distance: f64,
+    (distance, fades): (f64, bool),
     start_psnr: f64,
     rebake: trainer::Remake<'a, Surface>,
 ) -> Vec<Phase<'a, Surface>> {
     let n = options.steps;
     let a = n * 4 / 10;
+    let share = a as f32 / n.max(1) as f32;
     let rate = (POSITION_RATE * distance).clamp(1e-4, 1.5e-2);
     let map_rate = rate_of_maps(start_psnr);
     let rates = |positions: f64| vec![(POSITIONS.into(), positions), (MAPS.into(), map_rate)];
     let shrink = if options.resolution.is_multiple_of(2) && options.resolution >= 256 { 2 } else { 1 };
-    let coarse = Phase { name: "coarse", first: 0, steps: a, shrink, rates: rates(rate), renewal: None };
+    let coarse = Phase {
+        name: "coarse",
+        first: 0,
+        steps: a,
+        shrink,
+        rates: rates(rate),
+        fade: fade_over(fades, [0.0, share]),
+        renewal: None,
+    };
     let fine = Phase {
         name: "fine",
         first: a,
         steps: n - a,
         shrink: 1,
         rates: rates(LAST_POSITION_RATE * rate),
+        fade: fade_over(fades, [share, 1.0]),
         renewal: Some((MAPS.into(), rebake)),
     };
     vec![coarse, fine]

@@ -18,6 +18,7 @@ use photofit_gpu::{Buffer, Gpu, GpuError, Kernel, Recording};
 use photofit_optim::OptimError;
 use photofit_optim::gpu::{DeviceOptimizer, LargeStepsSolver};
 use photofit_raster::CHANNELS;
+use photofit_raster::deferred::Masks;
 use recorded::{COURSE, Forward, Step};
 use resident::Resident;
 use stage::{Room, Skies, Stage};
@@ -178,6 +179,10 @@ impl Model for GpuSurface {
         &self.groups
     }
 
+    fn step_masks(&mut self, masks: Masks) {
+        self.surface.masks = masks;
+    }
+
     fn step(&mut self, shots: &[Shot], loss: PictureLoss, rates: &[f64]) -> Result<(), Broken> {
         let PictureLoss { loss, weights: Weights::Equal } = loss else {
             let rule = "weighs pixels by the reference; on a device all must count alike".into();
@@ -187,8 +192,8 @@ impl Model for GpuSurface {
         let Some(stage) = &self.stage else { return Ok(()) };
         let (room, moving) = (Room::of(shots), rates.iter().map(|r| *r > 0.0).collect::<Vec<_>>());
         let rates: Vec<Vec<f32>> = self.groups.iter().zip(rates).map(|(g, r)| g.rates_at(*r)).collect();
-        if !self.step.as_ref().is_some_and(|s| s.serves(room, shots.len(), &moving)) {
-            let passes = self.surface.moving_passes(&moving);
+        let passes = self.surface.moving_passes(&moving);
+        if !self.step.as_ref().is_some_and(|s| s.serves(room, shots.len(), (&moving, passes.masks))) {
             let step = Step::new(
                 &self.gpu,
                 &self.on,
@@ -204,7 +209,7 @@ impl Model for GpuSurface {
         }
         if let Some(step) = &mut self.step {
             let (on, optimizers) = ((&self.on, &self.skies), (&mut self.optimizers[..], &rates[..]));
-            step.run(&self.gpu, on, (shots, loss), optimizers, self.pending).map_err(broken)?;
+            step.run(&self.gpu, on, (shots, loss, passes.masks), optimizers, self.pending).map_err(broken)?;
             self.pending += 1;
         }
         Ok(())

@@ -8,8 +8,8 @@ use crate::engine::views::Shot;
 use photofit_gpu::{Buffer, Gpu, GpuError, Recording, Slot};
 use photofit_optim::OptimError;
 use photofit_optim::gpu::{DeviceOptimizer, Recorded, constrain};
-use photofit_raster::deferred::Passes;
 use photofit_raster::deferred::gpu::MapShading;
+use photofit_raster::deferred::{Masks, Passes};
 use photofit_raster::gpu::{PictureBuffers, render, render_vjp};
 use photofit_raster::loss::Loss;
 use photofit_raster::loss::gpu::{RecordedLoss, Term, value_and_gradient};
@@ -103,13 +103,14 @@ impl Step {
         Ok(Self { recording, room, moving, passes, shading, places, optimizers: recorded, losses, collected })
     }
 
-    /// Whether it serves a batch: the same number of pictures that move the same groups, at most as large and not much
-    /// smaller.
-    pub(super) fn serves(&self, room: Room, pictures: usize, moving: &[bool]) -> bool {
+    /// Whether it serves a batch: the same number of pictures that move the same groups, with masks that are cut or that
+    /// fade, at most as large and not much smaller.
+    pub(super) fn serves(&self, room: Room, pictures: usize, (moving, masks): (&[bool], Masks)) -> bool {
         self.room.and(room) == self.room
             && 2 * room.pixel_count() > self.room.pixel_count()
             && self.places.len() == pictures
             && self.moving == moving
+            && (self.passes.masks == Masks::Cut) == (masks == Masks::Cut)
     }
 
     /// Submits a step; its loss goes to place `at` of the course.
@@ -117,10 +118,11 @@ impl Step {
         &mut self,
         gpu: &Gpu,
         (on, skies): (&Resident, &Skies),
-        (shots, loss): (&[Shot], Loss),
+        (shots, loss, masks): (&[Shot], Loss, Masks),
         (optimizers, rates): (&mut [DeviceOptimizer], &[Vec<f32>]),
         at: usize,
     ) -> Result<(), OptimError> {
+        self.passes.masks = masks;
         let term = term(loss, shots.len());
         // Of this batch alone: a fit that goes on has the same sums.
         let samples = |s: &Shot| s.width * s.height * s.sampling.per_axis.pow(2);

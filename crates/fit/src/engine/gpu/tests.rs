@@ -11,7 +11,7 @@ use photofit_geometry::{Mesh, shapes};
 use photofit_gpu::{test_device, validate};
 use photofit_gradcheck::Uniform;
 use photofit_image::Image;
-use photofit_raster::deferred::Passes;
+use photofit_raster::deferred::{Masks, Passes};
 use photofit_raster::loss::Loss;
 use photofit_raster::texture::gpu::{SUM_SCALE, sum_scale};
 use photofit_raster::{Maps, channel};
@@ -70,6 +70,7 @@ fn surface(sheets: bool) -> Surface {
         moves: true,
         optimizer: PositionOptimizer::default(),
         smoothness: crate::engine::surface::SMOOTHNESS,
+        masks: Masks::Cut,
     }
 }
 
@@ -116,8 +117,14 @@ fn on_device(gpu: &Gpu, s: &Surface, shots: &[Shot]) -> Gradients {
 }
 
 fn check(sheets: bool, sampling: Sampling, size: usize) {
+    check_masks(Masks::Cut, sheets, sampling, size);
+}
+
+fn check_masks(masks: Masks, sheets: bool, sampling: Sampling, size: usize) {
     let Some(gpu) = test_device() else { return };
-    let (s, shots) = (surface(sheets), shots(sampling, size));
+    let (mut s, shots) = (surface(sheets), shots(sampling, size));
+    // The first are those of steps on a device, the second those of the CPU's here.
+    (s.masks, s.passes.masks) = (masks, masks);
     let (a, b) = (on_cpu(&s, &shots), on_device(gpu, &s, &shots));
     let [loss, positions, maps] = [(a.0 / b.0 - 1.0).abs(), difference(&a.1, &b.1), difference(&a.2, &b.2)];
     println!("sheets {sheets}, {sampling:?}: loss {loss:.1e}, positions {positions:.1e}, maps {maps:.1e}");
@@ -133,6 +140,30 @@ fn check(sheets: bool, sampling: Sampling, size: usize) {
 #[test]
 fn gradients_of_a_step_agree() {
     check(false, Sampling::SUPERSAMPLED, 48);
+}
+
+#[test]
+fn gradients_of_masks_that_fade_agree() {
+    check_masks(Masks::Faded { slope: 2.5 }, true, Sampling::SUPERSAMPLED, 48);
+}
+
+#[test]
+fn steps_follow_how_masks_are_drawn() {
+    let Some(gpu) = test_device() else { return };
+    let (s, shots) = (surface(true), shots(Sampling::SUPERSAMPLED, 48));
+    let mut model = GpuSurface::new(gpu, s.clone(), &shots).unwrap();
+    let all = [Masks::Faded { slope: 2.0 }, Masks::Faded { slope: 5.0 }, Masks::Cut];
+    for masks in all {
+        model.step_masks(masks);
+        model.step(&shots, Loss::LogSrgbL1.into(), &[1e-12, 1e-12]).unwrap();
+    }
+    let losses = model.losses().unwrap();
+    for (masks, loss) in all.into_iter().zip(losses) {
+        let mut on = s.clone();
+        on.passes.masks = masks;
+        let cpu = on_cpu(&on, &shots).0;
+        assert!((cpu / loss - 1.0).abs() < LOSS, "{masks:?}: {cpu} {loss}");
+    }
 }
 
 #[test]

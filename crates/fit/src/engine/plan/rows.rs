@@ -192,7 +192,8 @@ pub(super) fn phases<M>(phases: &[Phase<'_, M>]) -> Vec<String> {
             1 => String::new(),
             n => format!(", pictures 1/{n} as wide"),
         };
-        format!("{}: {} steps at most, {}{size}", p.name, p.steps, moves.join(", "))
+        let fade = if p.fade.is_some() { ", masks fade" } else { "" };
+        format!("{}: {} steps at most, {}{size}{fade}", p.name, p.steps, moves.join(", "))
     };
     phases.iter().filter(|p| p.steps > 0).map(line).collect()
 }

@@ -81,8 +81,20 @@ fn an_opaque_scene_runs_one_layer_and_no_blending() {
     let plan = fit(&scene(Material::clay()), &candidate(AlphaMode::Opaque, |_, _| {}));
     assert_eq!(plan.passes().max_layers, 1);
     assert!(!plan.fitted()[channel::ALPHA]);
+    let mask = AlphaMode::Mask { cutoff: 0.5 };
+    let leaf = Material { alpha_mode: mask, ..Material::clay() };
+    let masked = fit(&scene(leaf), &candidate(mask, |_, _| {}));
+    assert!(masked.fades() && masked.fitted()[channel::ALPHA] && !plan.fades());
+    // Glass beside masks is drawn by an alpha that is not written.
+    let glass = Extensions {
+        transmission: Some(Transmission { factor: 1.0, texture: None }),
+        ..Extensions::default()
+    };
+    let glass = scene(Material { extensions: Some(Box::new(glass)), ..Material::clay() });
+    assert!(!fit(&glass, &candidate(AlphaMode::Blend, |_, _| {})).fitted()[channel::ALPHA]);
     let glass = Material { alpha_mode: AlphaMode::Blend, ..Material::clay() };
     let plan = fit(&scene(glass), &candidate(AlphaMode::Blend, |_, _| {}));
+    assert!(!plan.fades());
     assert!(plan.passes().max_layers > 1 && plan.fitted()[channel::ALPHA]);
 }
 
@@ -164,7 +176,7 @@ fn unplaced_materials_do_not_count() {
 fn phases_say_what_moves_at_which_rate() {
     let phase = |name, shrink, positions: f64| {
         let rates = vec![("positions".into(), positions), ("maps".into(), 0.002)];
-        Phase::<()> { name, first: 0, steps: 40, shrink, rates, renewal: None }
+        Phase::<()> { name, first: 0, steps: 40, shrink, rates, fade: None, renewal: None }
     };
     let phases = [phase("coarse", 2, 0.01), phase("fine", 1, 0.004)];
     let text = Plan::new(&scene(Material::clay())).with_phases(&phases).to_string();

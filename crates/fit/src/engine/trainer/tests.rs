@@ -3,7 +3,7 @@
 use super::*;
 use crate::engine::cpu::{Chain, Cpu};
 use crate::engine::reference::{Picture, ReferenceKind};
-use crate::engine::views::{Lighting, Moment, Orbit, Setup, Sphere};
+use crate::engine::views::{Lighting, Moment, Orbit, Setup, Shot, Sphere};
 use crate::{Silent, bake};
 use photofit_image::Image;
 use photofit_optim::{Optimizer, Temporal};
@@ -189,6 +189,7 @@ fn fit(model: Pixels, keeping: &Keeping, progress: &dyn Progress) -> Result<Trai
             steps,
             shrink: 1,
             rates: vec![("red green".into(), 0.02), ("blue".into(), 0.03)],
+            fade: None,
             renewal,
         };
         vec![

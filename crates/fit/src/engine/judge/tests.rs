@@ -1,0 +1,134 @@
+//! What the judge sees, and by whose pictures.
+
+use super::*;
+use crate::Silent;
+use crate::engine::reference::SUPERSAMPLE;
+use photofit_geometry::shapes::icosphere;
+use photofit_scene::{Clearcoat, Extensions, Material, Sheen};
+
+/// A black sphere with what `extensions` say.
+fn sphere(extensions: Option<Extensions>) -> Scene {
+    let material = Material {
+        base_color: [0.02, 0.02, 0.02, 1.0],
+        roughness: 0.9,
+        extensions: extensions.map(Box::new),
+        ..Material::clay()
+    };
+    Scene {
+        primitives: vec![Primitive { mesh: icosphere(12), material: 0 }],
+        instances: vec![Instance { primitive: 0, transform: glam::Affine3A::IDENTITY }],
+        materials: vec![material],
+        ..Scene::default()
+    }
+}
+
+fn psnr(reference: &Scene, stages: Vec<Scene>) -> (Judged, Vec<f64>) {
+    judged(reference, stages, JudgeRenderer::Auto, 64)
+}
+
+fn judged(reference: &Scene, stages: Vec<Scene>, renderer: JudgeRenderer, spp: u32) -> (Judged, Vec<f64>) {
+    let n = Normalised::new(reference).unwrap();
+    let judge = Judge {
+        scene: reference,
+        n: &n,
+        reference: &Rasterized::new(&n.flat, &n.library),
+        renderer,
+        spp,
+        lighting: &Lighting::Mixed,
+        size: 48,
+        samples: [SUPERSAMPLE; 2],
+        seed: 0,
+    };
+    let stages: Vec<Stage> = stages.into_iter().map(|s| Stage::new("stage", s)).collect();
+    let views = judge.views(&stages, 2, &Silent).unwrap();
+    let mean = |k: usize| views.iter().map(|v| v.quality[k].quality.psnr).sum::<f64>() / 2.0;
+    (judge.method(&stages), (0..stages.len()).map(mean).collect())
+}
+
+#[test]
+fn a_brighter_asset_has_the_luminance_ratio_of_its_light() {
+    // Half of the picture is empty.
+    let grey = |x: f32| Image::from_data(2, 2, 4, [x, x, x, 1.0, 0.0, 0.0, 0.0, 0.0].repeat(2));
+    let ratio = |a: f32, b: f32| view_quality(&grey(a), &grey(b)).quality.luminance;
+    assert!((ratio(0.2, 0.3) - 1.5).abs() < 1e-4 && (ratio(0.4, 0.1) - 0.25).abs() < 1e-4);
+    assert!((ratio(0.5, 3.0) - 6.0).abs() < 1e-4, "highlights count");
+}
+
+#[test]
+fn a_lost_sheen_or_coat_is_seen() {
+    let velvet = Extensions {
+        sheen: Some(Sheen { color: [0.2, 0.3, 1.0], roughness: 0.4, ..Sheen::default() }),
+        ..Extensions::default()
+    };
+    let coated = Extensions {
+        clearcoat: Some(Clearcoat { factor: 1.0, ..Clearcoat::default() }),
+        ..Extensions::default()
+    };
+    for extensions in [velvet, coated] {
+        let kept = sphere(Some(extensions));
+        let (method, psnr) = psnr(&kept, vec![kept.clone(), sphere(None)]);
+        assert_eq!(method, Judged::PathTraced);
+        assert!(psnr[0] > psnr[1] + 10.0 && psnr[1] < 35.0, "kept {}, lost {}", psnr[0], psnr[1]);
+    }
+    assert_eq!(psnr(&sphere(None), vec![sphere(None)]), (Judged::Rasterized, vec![BEST_PSNR]));
+}
+
+#[test]
+fn the_renderer_of_the_judge_can_be_chosen() {
+    let coat = Clearcoat { factor: 1.0, ..Clearcoat::default() };
+    let coated = sphere(Some(Extensions { clearcoat: Some(coat), ..Extensions::default() }));
+    // The rasterizer draws no coats, and so sees no difference.
+    let raster = judged(&coated, vec![sphere(None)], JudgeRenderer::Raster, 8);
+    assert_eq!(raster, (Judged::Rasterized, vec![BEST_PSNR]));
+    let (method, few) = judged(&coated, vec![sphere(None)], JudgeRenderer::Auto, 8);
+    assert!(method == Judged::PathTraced && few[0] < 35.0, "{few:?}");
+    let (_, many) = judged(&coated, vec![sphere(None)], JudgeRenderer::Auto, 64);
+    // Noise of few samples counts as error.
+    assert!((0.1..3.0).contains(&(many[0] - few[0])), "{few:?} {many:?}");
+    let path = judged(&sphere(None), vec![sphere(None)], JudgeRenderer::Path, 8);
+    assert_eq!(path.0, Judged::PathTraced);
+}
+
+#[test]
+fn what_is_fitted_to_all_light_is_judged_by_the_pictures_of_its_fit() {
+    // Its maps hold the shadows: a path traced judgement would cast them again, extensions or not.
+    let coat = Clearcoat { factor: 1.0, ..Clearcoat::default() };
+    let coated = sphere(Some(Extensions { clearcoat: Some(coat), ..Extensions::default() }));
+    let n = Normalised::new(&coated).unwrap();
+    let fitted_to = PathTraced::new(&coated, &n, Features::Core, 3).unwrap().sampled(4);
+    let judge = Judge {
+        scene: &coated,
+        n: &n,
+        reference: &fitted_to,
+        renderer: JudgeRenderer::Auto,
+        spp: 1,
+        lighting: &Lighting::Mixed,
+        size: 32,
+        samples: [SUPERSAMPLE; 2],
+        seed: 3,
+    };
+    let stages = [Stage::new("stage", coated.clone())];
+    let kind = ReferenceKind::path_traced(4);
+    assert_eq!((judge.method(&stages), fitted_to.kind()), (Judged::RasterizedAgainst(kind), kind));
+    let shown = judge.views(&stages, 1, &Silent).unwrap();
+    let s = Orbit::new(3, &Lighting::Mixed, 32).setup(Set::Report, 0, 1);
+    // With the samples of the fit, whatever those of the judge are.
+    assert!(shown[0].reference == display(&fitted_to.picture(&s).unwrap().image));
+    let asked = Judge { renderer: JudgeRenderer::Path, ..judge };
+    assert_eq!(asked.method(&stages), Judged::PathTraced);
+}
+
+#[test]
+fn a_capped_psnr_is_told_as_such() {
+    let told = |psnr: f64| Quality { psnr, ..Quality::default() }.decibels(2);
+    assert_eq!((told(60.0).as_str(), told(59.994).as_str()), ("60 or more", "59.99"));
+}
+
+#[test]
+fn rmse_goes_below_what_the_psnr_tells_apart() {
+    let grey = |x: f32| Image::from_data(2, 2, 4, [x, x, x, 1.0].repeat(4));
+    let compared = view_quality(&grey(0.5), &grey(0.5001));
+    assert_eq!(compared.quality.psnr.to_bits(), BEST_PSNR.to_bits());
+    let e = |x: f32| f64::from(photofit_image::srgb_encode(x));
+    assert!((compared.rmse / (e(0.5001) - e(0.5)) - 1.0).abs() < 1e-2, "{}", compared.rmse);
+}

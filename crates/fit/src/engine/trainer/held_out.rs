@@ -1,0 +1,109 @@
+//! The views that a fit is judged by and never moved by, and how its pictures of them are judged.
+
+use crate::FitError;
+use crate::engine::loss::relative_weights;
+use crate::engine::reference::Reference;
+use crate::engine::views::{Sampling, Set, Shot, Views};
+use photofit_image::psnr_from_mse;
+
+/// What the pictures of an evaluation are judged by; more dB are better.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Measure {
+    /// PSNR of the foreground after clamping to [0, 1] and sRGB encoding: what a screen shows.
+    #[default]
+    Psnr,
+    /// `-10 log10` of the mean squared error of linear light, relative to the reference ([`relative_weights`]) and not
+    /// clamped: what fits of radiance minimise.
+    Relative,
+}
+
+impl Measure {
+    /// A quality in words.
+    pub(super) fn told(self, quality: f64) -> String {
+        match self {
+            Self::Psnr => format!("{quality:.2} dB"),
+            Self::Relative => format!("relative squared error {:.4e}", relative_error(quality)),
+        }
+    }
+}
+
+/// The mean relative squared error that [`Measure::Relative`] tells in dB.
+pub fn relative_error(quality: f64) -> f64 {
+    10.0_f64.powf(-0.1 * quality)
+}
+
+/// The views of the early stop.
+#[derive(Clone, Debug)]
+pub struct HeldOut {
+    /// With their reference pictures.
+    pub shots: Vec<Shot>,
+    /// Mean relative noise of these pictures; `None` where that of one is not known.
+    pub noise: Option<f64>,
+    /// What they are judged by.
+    pub measure: Measure,
+}
+
+impl HeldOut {
+    /// Pictures of the reference from `count` held-out views.
+    ///
+    /// # Errors
+    /// If a picture cannot be made.
+    pub fn new(
+        reference: &dyn Reference,
+        views: &dyn Views,
+        sampling: Sampling,
+        count: u64,
+        seed: u64,
+    ) -> Result<Self, FitError> {
+        let mut out = Self { shots: Vec::new(), noise: Some(0.0), measure: Measure::default() };
+        for index in 0..count {
+            let s = views.setup(Set::HeldOut, index, count);
+            let picture = reference.picture(&s)?;
+            out.noise = out.noise.zip(picture.noise).map(|(sum, noise)| sum + noise / count as f64);
+            out.shots.push(Shot::new(&s, &picture.image, sampling, seed ^ 0x5eed, index));
+        }
+        Ok(out)
+    }
+
+    /// The same views, judged by another measure.
+    #[must_use]
+    pub fn measured_by(self, measure: Measure) -> Self {
+        Self { measure, ..self }
+    }
+
+    /// Quality of pictures of these views, dB.
+    pub fn quality(&self, pictures: &[Vec<[f32; 4]>]) -> f64 {
+        match self.measure {
+            Measure::Psnr => self.psnr(pictures),
+            Measure::Relative => self.relative(pictures),
+        }
+    }
+
+    fn relative(&self, pictures: &[Vec<[f32; 4]>]) -> f64 {
+        let (mut squares, mut count) = (0.0, 0.0);
+        for (shot, picture) in self.shots.iter().zip(pictures) {
+            let weights = relative_weights((shot.width, shot.height), &shot.reference);
+            for ((c, r), weight) in picture.iter().zip(&shot.reference).zip(weights) {
+                let weight = f64::from(weight) / 3.0;
+                squares += weight * (0..3).map(|k| (f64::from(c[k]) - f64::from(r[k])).powi(2)).sum::<f64>();
+                count += 1.0;
+            }
+        }
+        -10.0 * (squares / f64::max(count, 1.0)).log10()
+    }
+
+    /// PSNR (sRGB, foreground) of pictures of these views.
+    pub fn psnr(&self, pictures: &[Vec<[f32; 4]>]) -> f64 {
+        let (mut squares, mut count) = (0.0, 0.0);
+        for (shot, picture) in self.shots.iter().zip(pictures) {
+            for (c, r) in picture.iter().zip(&shot.reference) {
+                if c[3] > 0.0 || r[3] > 0.0 {
+                    let e = |x: f32| photofit_image::srgb_encode(x.clamp(0.0, 1.0));
+                    squares += (0..3).map(|k| f64::from(e(c[k]) - e(r[k])).powi(2)).sum::<f64>() / 3.0;
+                    count += 1.0;
+                }
+            }
+        }
+        psnr_from_mse(squares / f64::max(count, 1.0))
+    }
+}
