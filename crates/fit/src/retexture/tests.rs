@@ -5,7 +5,8 @@ use crate::Silent;
 use crate::engine::animated::arm::arm;
 use crate::engine::plan::Runs;
 use crate::engine::reference::Reference;
-use crate::engine::views::Views;
+use crate::engine::views::{Set, Views};
+use photofit_scene::{Extensions, Sheen};
 
 const TIMES: [f32; 4] = [0.0, 0.4, 0.7, 1.0];
 
@@ -106,6 +107,31 @@ fn the_candidate_is_drawn_at_the_moment_of_the_shot() {
 }
 
 #[test]
+fn materials_beyond_the_rasterizer_are_judged_as_they_are_at_the_moments() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("arm.glb");
+    let mut heavy = arm(24, 32);
+    for m in &mut heavy.materials {
+        let sheen = Sheen { color: [0.2, 0.3, 1.0], roughness: 0.4, ..Sheen::default() };
+        m.extensions = Some(Box::new(Extensions { sheen: Some(sheen), ..Extensions::default() }));
+    }
+    let few = RetextureOptions { resolution: 48, steps: 1, report_views: 4, ..options() };
+    let r = retexture(&heavy, &light(), &file, &few, &Silent).unwrap();
+    assert_eq!(r.judged, Judged::PathTraced);
+    assert!(r.left_out.is_empty(), "{:?}", r.left_out);
+    assert_eq!(r.not_fitted, ["material extensions, their textures as mean values: sheen"]);
+    // Both bend alike, or the outlines would differ; both are blue, or the colours would.
+    assert!(r.quality.psnr > 26.0 && (r.quality.luminance - 1.0).abs() < 0.1, "{:?}", r.quality);
+    let plain = retexture(&arm(24, 32), &light(), &file, &few, &Silent).unwrap();
+    assert_eq!((plain.judged, plain.not_fitted.len()), (Judged::Rasterized, 0));
+    let blue = |views: &[ReportView]| {
+        let sum = |k: usize| views[0].reference.data.iter().skip(k).step_by(3).sum::<f32>();
+        sum(2) / sum(0)
+    };
+    assert!(blue(&r.views) > 1.03 * blue(&plain.views), "{} {}", blue(&r.views), blue(&plain.views));
+}
+
+#[test]
 fn what_cannot_be_fitted_is_an_error() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("x.glb");
@@ -126,7 +152,8 @@ fn what_cannot_be_fitted_is_an_error() {
     let mut outside = light();
     outside.primitives[1].mesh.uvs[2].x = 1.5;
     let told = text(&heavy, &outside, &options());
-    assert!(told.contains("unit square") && told.contains("primitive 1"), "{told}");
+    assert!(told.starts_with("light_asset has the texture coordinates [1.5"), "{told}");
+    assert!(told.contains("in primitive 1; they must lie in the unit square"), "{told}");
     let mut bare = light();
     bare.primitives[1].mesh.uvs.clear();
     assert!(text(&heavy, &bare, &options()).contains("primitive 1"));
