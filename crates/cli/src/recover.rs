@@ -60,7 +60,7 @@ fn texture(a: &RecoverTexture) -> Result<Ending> {
         title: format!("{} from pictures", name(&a.mesh)),
         stages: [("start", &r.start), ("recovered", &r.quality)],
         views: &r.views,
-        judged: format!("{held_out} of {all} pictures, which were held out. {light}."),
+        judged: format!("{held_out} of {all} pictures, which were held out; {light}."),
         history: &r.history,
         measure: "held-out quality, dB",
         plan: &r.plan,

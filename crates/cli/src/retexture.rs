@@ -61,7 +61,7 @@ pub(crate) fn run(a: &Retexture) -> Result<Ending> {
         say(&format!("{}: kept, but not drawn while fitting: {line}", a.reference.display()));
     }
     let moments = match options.moments.len() {
-        0 => "as it stands".to_owned(),
+        0 => "as both stand".to_owned(),
         n => format!("at {n} moments"),
     };
     let drawn = match r.judged {
