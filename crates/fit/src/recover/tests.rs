@@ -151,7 +151,7 @@ fn the_sides_that_are_seen_stay_those_of_the_parts() {
     photograph(&scene, dir.path(), false);
     // A leaf in the sphere, seen from both sides.
     let mut leaf = scene.primitives[0].mesh.clone();
-    leaf.positions.iter_mut().for_each(|p| *p = *p * 0.2);
+    leaf.positions.iter_mut().for_each(|p| *p *= 0.2);
     let triangles = leaf.triangles.len();
     scene.primitives.push(Primitive { mesh: leaf, material: 1 });
     scene.instances.push(Instance { primitive: 1, ..scene.instances[0] });

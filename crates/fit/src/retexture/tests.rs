@@ -128,7 +128,9 @@ fn materials_beyond_the_rasterizer_are_judged_as_they_are_at_the_moments() {
         let sum = |k: usize| views[0].reference.data.iter().skip(k).step_by(3).sum::<f32>();
         sum(2) / sum(0)
     };
-    assert!(blue(&r.views) > 1.03 * blue(&plain.views), "{} {}", blue(&r.views), blue(&plain.views));
+    // What is blue in the pictures beside their grey background.
+    let [velvet, plain] = [&r.views, &plain.views].map(|v| blue(v) - 1.0);
+    assert!(velvet > 1.5 * plain, "{velvet} {plain}");
 }
 
 #[test]
