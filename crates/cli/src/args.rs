@@ -21,7 +21,7 @@ use clap::error::ErrorKind;
 use clap::{ArgGroup, Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use photofit_fit::engine::trainer::Keeping;
 use photofit_fit::simplify::SimplifyOptions;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 pub(crate) use values::Device;
 use values::{above_to, between, device, ending, number, seconds, whole};
@@ -50,6 +50,9 @@ impl Cli {
         let (name, checked) = match &cli.command {
             Command::Render(render) => ("render", render.check()),
             Command::Simplify(simplify) => ("simplify", simplify.check()),
+            Command::Retexture(retexture) => ("retexture", retexture.check()),
+            Command::Compare(compare) => ("compare", compare.check()),
+            Command::Denoise(denoise) => ("denoise", denoise.check()),
             _ => return cli,
         };
         if let Err(rule) = checked {
@@ -63,13 +66,13 @@ impl Cli {
     }
 }
 
-/// Whether any command has an option of this long name.
-pub(crate) fn has_option(name: &str) -> bool {
-    fn within(command: &clap::Command, name: &str) -> bool {
-        command.get_opts().any(|o| o.get_long() == Some(name))
-            || command.get_subcommands().any(|c| within(c, name))
-    }
-    within(&Cli::command(), name)
+/// Whether a command, named by its words, has an option of this long name.
+pub(crate) fn has_option(command: &[&str], name: &str) -> bool {
+    let mut cli = Cli::command();
+    // What a command shares with others is a part of it only then.
+    cli.build();
+    let within = command.iter().try_fold(&cli, |c, word| c.find_subcommand(word));
+    within.is_some_and(|c| c.get_opts().any(|o| o.get_long() == Some(name)))
 }
 
 #[derive(Debug, Subcommand)]
@@ -115,6 +118,17 @@ pub(crate) enum FitLight {
     Point,
     /// The environment map of --env, turned at random.
     Env,
+}
+
+impl FitLight {
+    /// An environment that no view is lit by is a mistake.
+    fn check(self, env: Option<&Path>) -> Result<(), String> {
+        match (self, env) {
+            (Self::Env, _) | (_, None) => Ok(()),
+            (Self::Mixed, _) => Err("--env needs --light env; --light mixed lights by no map".into()),
+            (Self::Point, _) => Err("--env needs --light env; --light point lights by no map".into()),
+        }
+    }
 }
 
 /// How pictures of the asset are made.
@@ -358,6 +372,7 @@ impl Simplify {
         if self.fit_with == FitWith::Path && self.reference != FitReference::Path {
             return Err("--fit-with is path, but --reference is raster; it must be path, too".into());
         }
+        self.light.check(self.env.as_deref())?;
         match (self.textures, self.jpeg.or(self.texture_quality)) {
             (Some(TextureFormat::Png | TextureFormat::Webp), Some(_)) => {
                 Err("png and webp are exact: a quality belongs to --textures jpeg, webp-lossy or ktx2; leave one of them out".into())
@@ -387,15 +402,28 @@ pub(crate) struct Compare {
     /// Write the FLIP error as a picture (.png): black is no error, pale yellow is 1.
     #[arg(long, value_name = "FILE.png", value_parser = ending(&["png"]))]
     pub(crate) heatmap: Option<PathBuf>,
-    /// Views of two assets [range: 1 to 256].
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = whole::<u64>(1..=256))]
-    pub(crate) views: u64,
-    /// Width and height of the views of two assets, pixels [range: 16 to 4096].
-    #[arg(long, value_name = "PX", default_value_t = 512, value_parser = whole::<u32>(16..=4096))]
-    pub(crate) resolution: u32,
+    /// Views of two assets [range: 1 to 256] [default: 8].
+    #[arg(long, value_name = "N", value_parser = whole::<u64>(1..=256))]
+    pub(crate) views: Option<u64>,
+    /// Width and height of the views of two assets, pixels [range: 16 to 4096] [default: 512].
+    #[arg(long, value_name = "PX", value_parser = whole::<u32>(16..=4096))]
+    pub(crate) resolution: Option<u32>,
     /// Threads; the figures are the same for any number [range: 1 to 1024] [default: all cores].
     #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
     pub(crate) threads: Option<u16>,
+}
+
+impl Compare {
+    /// Whether the options belong to what is compared.
+    fn check(&self) -> Result<(), String> {
+        let given = [("--views", self.views.is_some()), ("--resolution", self.resolution.is_some())];
+        match given.into_iter().find(|g| g.1) {
+            Some((name, _)) if !crate::compare::is_asset(&self.reference) => {
+                Err(format!("{name} belongs to two assets; an image is compared as it is"))
+            }
+            _ => Ok(()),
+        }
+    }
 }
 
 #[derive(Args, Debug)]
@@ -446,7 +474,7 @@ mod tests {
 
     /// The options of all commands that take a value which is no path, with what the command needs to be parsed.
     fn valued() -> Vec<(Vec<&'static str>, Arg)> {
-        let needed: [&[&str]; 8] = [
+        let needed: [&[&str]; 13] = [
             &["simplify", "a.glb", "-o", "b.glb"],
             &["render", "a.glb", "-o", "b.png"],
             &["compare", "a.png", "b.png"],
@@ -454,6 +482,11 @@ mod tests {
             &["surface", "a.ply", "-o", "b"],
             &["denoise", "a.exr", "-o", "b.exr"],
             &["recover", "texture", "pictures", "--mesh", "a.glb", "-o", "b.glb"],
+            &["recover", "mesh", "--self-test", "a.glb", "-o", "b.glb"],
+            &["recover", "scene", "a.xml", "--self-test", "--parameter", "k", "-o", "b"],
+            &["recover", "volume", "--self-test", "a.vol", "-o", "b"],
+            &["retexture", "a.glb", "b.glb", "-o", "c.glb"],
+            &["gradient", "a.xml", "--parameter", "k"],
             &["demo"],
         ];
         let is_path = |a: &Arg| a.get_value_parser().type_id() == TypeId::of::<PathBuf>();
@@ -468,7 +501,7 @@ mod tests {
             let options = command.get_opts().filter(|a| !is_path(a)).cloned();
             out.extend(options.map(|a| (needed.to_vec(), a)));
         }
-        assert!(out.len() > 40, "{} options", out.len());
+        assert!(out.len() > 80, "{} options", out.len());
         out
     }
 
@@ -479,7 +512,10 @@ mod tests {
     #[test]
     fn help_shows_every_default() {
         for (needed, arg) in valued() {
-            let shown = !arg.get_default_values().is_empty() || help(&arg).contains("[default: ");
+            // What must be given has none.
+            let shown = !arg.get_default_values().is_empty()
+                || help(&arg).contains("[default: ")
+                || needed.contains(&format!("--{}", arg.get_id()).as_str());
             assert!(shown, "{} --{}", needed[0], arg.get_id());
         }
     }
@@ -499,6 +535,6 @@ mod tests {
             assert_eq!(range.as_deref(), rule.map(|r| r.1), "{line:?}: {text}");
             ranges += usize::from(range.is_some());
         }
-        assert!(ranges > 30, "{ranges} ranges");
+        assert!(ranges > 60, "{ranges} ranges");
     }
 }

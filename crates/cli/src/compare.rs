@@ -3,7 +3,7 @@
 use crate::args::Compare;
 use crate::output::{self, print};
 use crate::preflight::Places;
-use crate::progress::{Terminal, say};
+use crate::progress::{Terminal, say_warnings};
 use crate::threads;
 use anyhow::{Result, anyhow, bail};
 use photofit_fit::compare::compare_assets;
@@ -19,6 +19,9 @@ use std::path::Path;
 /// FLIP of the brightest colour of a heat map.
 const HEAT: f32 = 1.0;
 
+/// Views of two assets, and their width and height, where the command line says none.
+const VIEWS: u64 = 8;
+const RESOLUTION: u32 = 512;
 /// How assets were drawn whose materials need more than the rasterizer.
 const PATH_TRACED: &str = "path traced";
 
@@ -101,7 +104,7 @@ pub(crate) fn run(a: &Compare) -> Result<()> {
     print(&text)
 }
 
-fn is_asset(path: &Path) -> bool {
+pub(crate) fn is_asset(path: &Path) -> bool {
     let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     ["glb", "gltf", "obj", "ply"].contains(&ending.as_str())
 }
@@ -124,15 +127,19 @@ fn assets(a: &Compare, places: &Places) -> Result<Compared> {
     let load = |path: &Path| -> Result<Scene> {
         let scene = photofit_scene::load(path)?;
         places.check_against("an asset", &scene.files)?;
-        for warning in &scene.warnings {
-            say(&format!("warning: {}: {warning}", path.display()));
-        }
+        say_warnings(path, &scene);
         scene.validate_for_fit().map_err(|e| anyhow!("{}: {e}", path.display()))?;
         Ok(scene)
     };
     let (reference, candidate) = (load(&a.reference)?, load(&a.candidate)?);
     let progress = Terminal::new();
-    let compared = compare_assets(&reference, &candidate, a.views, a.resolution as usize, &progress)?;
+    let compared = compare_assets(
+        &reference,
+        &candidate,
+        a.views.unwrap_or(VIEWS),
+        a.resolution.unwrap_or(RESOLUTION) as usize,
+        &progress,
+    )?;
     progress.finish();
     let views = &compared.views;
     let maps: Vec<Image> = views.iter().map(|v| heatmap(&v.flip, HEAT)).collect();

@@ -2,6 +2,7 @@
 
 use crate::args::Demo;
 use crate::demo_asset::demo_asset;
+use crate::fields::DEMO;
 use crate::output::{self, bytes, count, print};
 use crate::preflight::Places;
 use crate::render;
@@ -46,7 +47,7 @@ pub(crate) fn run(a: &Demo) -> Result<Ending> {
     let report = a.out.join("report");
     // The file, not the scene in memory, so that everything a user's asset goes through is shown.
     let scene = photofit_scene::load(&heavy)?;
-    let job = Job { input: &heavy, output: &light, report: Some(&report), explain: true };
+    let job = Job { command: DEMO, input: &heavy, output: &light, report: Some(&report), explain: true };
     let done = job.run(&scene, &options)?;
     output::write_json(&a.out.join("figures.json"), &done.json)?;
     // Who stopped the demo does not wait for pictures.

@@ -6,12 +6,12 @@ use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::Terminal;
 use crate::status::Misuse;
-use crate::{interrupt, sequence, threads};
+use crate::{sequence, threads};
 use anyhow::{Result, anyhow, bail};
 use photofit_denoise::mc::{
     Denoised, Frame, Guides, Model, Sequence, Settings, Stage, VariationalModel, denoise,
 };
-use photofit_fit::{FitError, Progress};
+use photofit_fit::Progress;
 use photofit_image::{
     DEFAULT_PIXELS_PER_DEGREE, Image, flip, psnr_from_mse, rmse, ssim, to_display, write_exr, write_png,
 };
@@ -90,10 +90,6 @@ pub(crate) fn run(a: &Denoise) -> Result<()> {
         without: Stage::ALL.into_iter().find(|stage| a.without.as_deref() == Some(stage.name())),
         ..Settings::default()
     };
-    if a.sequence.is_some() {
-        // Frames that are done are kept; a single picture has nothing to keep, and a signal ends it.
-        interrupt::handle();
-    }
     let reference =
         a.compare.as_ref().map(|path| Ok::<_, anyhow::Error>((path, read_rgb(path)?))).transpose()?;
     // What cannot be compared is said before the work.
@@ -181,9 +177,6 @@ fn over_sequence(
         let mut loaded = load(&frame.files)?;
         check(&loaded)?;
         progress.report("frames", k as u64, frames.len() as u64, "");
-        if progress.is_cancelled() {
-            bail!(FitError::Interrupted);
-        }
         let width = loaded.width;
         if let Some((_, depth)) =
             loaded.guides.iter_mut().find(|(kind, _)| frame.axial && *kind == Kind::Depth)

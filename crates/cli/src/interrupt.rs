@@ -1,9 +1,12 @@
-//! Ctrl-C and SIGTERM: the first asks the work to stop and keep what it has, the second ends the program at once.
+//! Ctrl-C and SIGTERM: before there is anything to keep they end the program; then the first asks the work to stop and keep
+//! what it has, and the second ends the program at once.
 
 use crate::progress::say;
 use crate::status::INTERRUPTED;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+/// Whether there is something to keep.
+static KEEPING: AtomicBool = AtomicBool::new(false);
 static STOPPING: AtomicBool = AtomicBool::new(false);
 
 /// Whether a signal asked the work to stop.
@@ -11,21 +14,26 @@ pub(crate) fn is_stopping() -> bool {
     STOPPING.load(Ordering::SeqCst)
 }
 
-/// Installs the handler; a hangup is left as it is, so that `nohup` keeps its meaning.
-pub(crate) fn handle() {
+/// Makes signals end the program with status [`INTERRUPTED`]; a hangup is left as it is, so that `nohup` keeps its meaning.
+pub(crate) fn listen() {
     // Without a handler a signal ends the program as usual.
-    let _ = listen();
+    let _ = installed();
+}
+
+/// From now on there is something to keep: the first signal asks for it.
+pub(crate) fn handle() {
+    KEEPING.store(true, Ordering::SeqCst);
 }
 
 fn received() {
-    if STOPPING.swap(true, Ordering::SeqCst) {
+    if !KEEPING.load(Ordering::SeqCst) || STOPPING.swap(true, Ordering::SeqCst) {
         std::process::exit(i32::from(INTERRUPTED));
     }
     say("stopping; what was reached is kept. A second Ctrl-C or SIGTERM ends the program at once.");
 }
 
 #[cfg(unix)]
-fn listen() -> std::io::Result<()> {
+fn installed() -> std::io::Result<()> {
     use signal_hook::consts::{SIGINT, SIGTERM};
     let mut signals = signal_hook::iterator::Signals::new([SIGINT, SIGTERM])?;
     std::thread::Builder::new()
@@ -35,6 +43,6 @@ fn listen() -> std::io::Result<()> {
 }
 
 #[cfg(not(unix))]
-fn listen() -> Result<(), ctrlc::Error> {
+fn installed() -> Result<(), ctrlc::Error> {
     ctrlc::set_handler(received)
 }

@@ -1,13 +1,14 @@
 //! `photofit simplify --lod`: a chain of levels of detail.
 
 use crate::args::Simplify;
+use crate::fields::{SIMPLIFY, explain_error, misuse};
 use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::Terminal;
-use crate::simplify::{CHECKPOINT_FILE, Job, ending, explain_error, misuse, name, options};
+use crate::simplify::{CHECKPOINT_FILE, Job, ending, name, options};
 use crate::status::Ending;
 use crate::threads;
-use anyhow::{Context as _, Error, Result};
+use anyhow::{Error, Result};
 use photofit_fit::FitError;
 use photofit_fit::engine::chain::part_folder;
 use photofit_fit::engine::judge::Judged;
@@ -52,21 +53,17 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
         fit: options(a)?,
         texture_size: a.texture_size,
     };
-    options.check(usize::MAX).map_err(|e| misuse(of_command(e)))?;
+    options.check(usize::MAX).map_err(|e| misuse(SIMPLIFY, of_command(e)))?;
     let scene = photofit_scene::load(&a.input)?;
     places.check_against("IN", &scene.files)?;
-    let whole = Job { input: &a.input, output: &a.output, report: None, explain: a.explain };
+    let whole =
+        Job { command: SIMPLIFY, input: &a.input, output: &a.output, report: None, explain: a.explain };
     whole.begin(&scene, &options.level(0))?;
-    // What an older chain left must not describe the files of this one.
-    let summary = summary_path(&a.output);
-    if summary.exists() {
-        std::fs::remove_file(&summary)
-            .with_context(|| format!("{}: cannot be removed", summary.display()))?;
-    }
     let progress = Terminal::new();
-    let told = |e| explain_error(&a.input, of_command(e));
+    let told = |e| explain_error(SIMPLIFY, &a.input, of_command(e));
     let chain = simplify_chain(&scene, &a.output, &options, &progress).map_err(told)?;
     progress.finish();
+    let summary = summary_path(&a.output);
     let (figures, unwritten) = tell(a, &scene, &chain)?;
     // What cannot be written keeps nothing else from being written.
     let summarised = output::write_json(&summary, &summarised(&chain));
@@ -108,7 +105,13 @@ fn tell(a: &Simplify, scene: &Scene, chain: &LodChain) -> Result<(Value, Option<
     for (k, level) in chain.levels.iter().enumerate() {
         print(&format!("level {} of {}, for {} pixels\n", k + 1, a.lod.len(), level.size))?;
         let report = a.report.as_ref().map(|folder| report_folder(folder, k));
-        let job = Job { input: &a.input, output: &level.path, report: report.as_deref(), explain: a.explain };
+        let job = Job {
+            command: SIMPLIFY,
+            input: &a.input,
+            output: &level.path,
+            report: report.as_deref(),
+            explain: a.explain,
+        };
         let (mut figures, failed) = job.tell(scene, Some(level.size), &level.outcome)?;
         unwritten = unwritten.or(failed);
         figures["size"] = json!(level.size);

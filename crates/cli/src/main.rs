@@ -12,6 +12,7 @@ mod demo;
 mod demo_asset;
 mod denoise;
 mod device;
+mod fields;
 mod gradient;
 mod inspect;
 mod interrupt;
@@ -28,6 +29,7 @@ mod recover;
 mod recover_mesh;
 mod recover_scene;
 mod recover_volume;
+mod recovery;
 mod render;
 mod retexture;
 mod sequence;
@@ -46,6 +48,7 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     let cli = Cli::checked();
+    interrupt::listen();
     let result = match &cli.command {
         Command::Simplify(a) => simplify::run(a),
         Command::Retexture(a) => retexture::run(a),

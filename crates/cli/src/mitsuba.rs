@@ -8,6 +8,7 @@ use crate::progress::say;
 use crate::status::Ending;
 use anyhow::{Result, anyhow};
 use photofit_pathtrace::{Parts, RenderOptions, Renderer, View, World};
+use photofit_scene::SceneError;
 use photofit_scene::mitsuba::{MitsubaOptions, MitsubaScene, MitsubaShape, load_mitsuba};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -15,6 +16,25 @@ use std::path::Path;
 /// Whether a file is a scene of Mitsuba, by its name.
 pub(crate) fn is_scene(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("xml"))
+}
+
+/// Loads a scene; what it may not name without an option is told with that option.
+///
+/// # Errors
+/// As [`load_mitsuba`].
+pub(crate) fn load(path: &Path, options: &MitsubaOptions) -> Result<MitsubaScene> {
+    let named = |rule: &str| {
+        rule.replace(
+            "allow_parent_paths is false and must be true",
+            "--allow-parent-paths must be given to let it",
+        )
+    };
+    load_mitsuba(path, options).map_err(|e| match e {
+        SceneError::Invalid { path, place, rule } => {
+            SceneError::Invalid { path, place, rule: named(&rule) }.into()
+        }
+        e => e.into(),
+    })
 }
 
 /// One picture, as the scene says where the command line does not.
@@ -28,7 +48,7 @@ pub(crate) fn render(a: &Render, places: &Places) -> Result<Ending> {
         allow_parent_paths: a.path.allow_parent_paths,
         ..MitsubaOptions::default()
     };
-    let scene = load_mitsuba(&a.input, &options)?;
+    let scene = load(&a.input, &options)?;
     places.check_against("IN", scene.files.iter().chain(&scene.resources))?;
     let own = RenderOptions::from_mitsuba(&scene);
     // What is left open follows the scene; the picture shows its environment.
@@ -49,8 +69,8 @@ pub(crate) fn render(a: &Render, places: &Places) -> Result<Ending> {
         ));
     }
     let view = View::from_mitsuba(&scene.sensor);
-    let stamps: Vec<String> = scene.files.iter().map(|f| path_render::stamp(f)).collect::<Result<_>>()?;
-    let key = format!("{}|{:?}", stamps.join("|"), a.path.define);
+    let files = path_render::stamps(scene.files.iter().chain(&scene.resources))?;
+    let key = format!("{files}|{:?}", a.path.define);
     let parts = Parts::from_mitsuba(scene);
     let world = World::new(parts).map_err(|e| named(&e))?;
     let renderer = Renderer::new(&world, &view, options).map_err(|e| named(&e))?;
@@ -60,7 +80,7 @@ pub(crate) fn render(a: &Render, places: &Places) -> Result<Ending> {
 /// What a scene holds.
 pub(crate) fn inspect(a: &Inspect, input: &Path, places: &Places) -> Result<()> {
     let options = MitsubaOptions { allow_parent_paths: a.allow_parent_paths, ..MitsubaOptions::default() };
-    let scene = load_mitsuba(input, &options)?;
+    let scene = load(input, &options)?;
     places.check_against("IN", scene.files.iter().chain(&scene.resources))?;
     if let Some(file) = &a.json {
         output::write_json(file, &to_json(input, &scene))?;

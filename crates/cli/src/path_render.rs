@@ -29,6 +29,8 @@ const DEPTH: u32 = 16;
 const SAVE_EVERY: Duration = Duration::from_secs(20);
 /// Share of the time limit that a guide may train.
 const TRAINING_SHARE: f64 = 0.3;
+/// Largest state of another picture that is read, bytes.
+const OTHER_STATE: u64 = 1 << 30;
 /// Bound on the samples when noise or time ends it.
 const SPP_MAX: u32 = 4096;
 
@@ -41,7 +43,7 @@ pub(crate) fn run(a: &Render, places: &Places) -> Result<Ending> {
     let view = view(a, &scene)?;
     let mut parts = Parts::from_scene(&scene);
     add_light(a, &scene, &mut parts)?;
-    let key = fingerprint(a, &parts)?;
+    let key = fingerprint(a, &scene, &parts)?;
     drop(scene);
     let world = World::new(parts).map_err(|e| named(&e))?;
     let renderer = Renderer::new(&world, &view, options(a, aovs)).map_err(|e| named(&e))?;
@@ -60,21 +62,22 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, view: &View, key: &
     if a.path.explain {
         print(&format!("path tracing\n{}", renderer.plan()))?;
     }
+    let mut keeper = Keeper { file: &state, key, refusal: String::new(), kept: false };
     if a.path.resume {
-        resume(&mut renderer, &state, key)?;
+        keeper.kept = resume(&mut renderer, &state, key)?;
     } else if let Some(kept) = photofit_image::set_aside(&state)? {
         say(&format!("an earlier render was not finished; its state is kept as {}", kept.display()));
     }
     interrupt::handle();
     let (finished, guidance) = match a.threads {
-        None => work(a, &mut renderer, &state, key)?,
+        None => work(a, &mut renderer, &mut keeper)?,
         Some(n) => {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(n)).build()?;
-            pool.install(|| work(a, &mut renderer, &state, key))?
+            pool.install(|| work(a, &mut renderer, &mut keeper))?
         }
     };
     write(a, &renderer)?;
-    if finished && state.exists() {
+    if finished && state.is_file() {
         fs::remove_file(&state).with_context(|| format!("{}: cannot be removed", state.display()))?;
     }
     if let Some(file) = &a.json {
@@ -247,15 +250,21 @@ fn environment(file: &Path) -> Result<EnvironmentMap> {
     Ok(map)
 }
 
-/// Names everything that the pixels depend on and that the renderer does not know.
-fn fingerprint(a: &Render, parts: &Parts) -> Result<String> {
-    let env = a.env.as_deref().map(stamp).transpose()?;
+/// Names everything that the pixels depend on and that the renderer does not know: files, lights, the moment.
+fn fingerprint(a: &Render, scene: &Scene, parts: &Parts) -> Result<String> {
+    let files = stamps(std::iter::once(&a.input).chain(&scene.files).chain(&a.env))?;
     let moment = a.animation.as_ref().map(|name| (name, a.time));
-    Ok(format!("{}|{env:?}|{:?}|{:?}|{moment:?}", stamp(&a.input)?, a.light, parts.lights))
+    Ok(format!("{files}|{:?}|{:?}|{moment:?}", a.light, parts.lights))
+}
+
+/// Names, sizes and times of files.
+pub(crate) fn stamps<'a>(files: impl IntoIterator<Item = &'a PathBuf>) -> Result<String> {
+    let stamps = files.into_iter().map(|f| stamp(f)).collect::<Result<Vec<String>>>()?;
+    Ok(stamps.join("|"))
 }
 
 /// Name, size and time of a file.
-pub(crate) fn stamp(path: &Path) -> Result<String> {
+fn stamp(path: &Path) -> Result<String> {
     let data = fs::metadata(path).with_context(|| path.display().to_string())?;
     let time = data.modified().ok().and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok());
     Ok(format!("{} {} {time:?}", path.display(), data.len()))
@@ -268,25 +277,60 @@ pub(crate) fn state_file(output: &Path) -> PathBuf {
     output.with_file_name(name)
 }
 
-fn resume(renderer: &mut Renderer<'_>, state: &Path, key: &str) -> Result<()> {
-    match fs::read(state) {
-        Ok(bytes) => {
-            renderer.resume(key, &bytes).map_err(|e| anyhow!("{}: {e}", state.display()))?;
-            let progress = renderer.progress();
-            let share = 100.0 * progress.samples as f64 / progress.total.max(1) as f64;
-            say(&format!("resuming at {share:.1}% of {} samples", progress.total));
-            Ok(())
+/// Goes on from a state, if there is one; whether there is.
+fn resume(renderer: &mut Renderer<'_>, state: &Path, key: &str) -> Result<bool> {
+    if !state.try_exists().with_context(|| state.display().to_string())? {
+        say(&format!("{}: no saved state, the render begins anew", state.display()));
+        return Ok(false);
+    }
+    // One of this picture has as many bytes as it has now; that of another one is read, so that what differs is told.
+    let most = (renderer.save(key).len() as u64).max(OTHER_STATE);
+    let bytes = photofit_image::file_bytes(state, most)?;
+    renderer.resume(key, &bytes).map_err(|e| anyhow!("{}: {e}", state.display()))?;
+    let progress = renderer.progress();
+    let share = 100.0 * progress.samples as f64 / progress.total.max(1) as f64;
+    say(&format!("resuming at {share:.1}% of {} samples", progress.total));
+    Ok(true)
+}
+
+/// The state of a render on its way to a file. A disk that refuses it does not end the render: the user is told, and the
+/// next one is tried.
+struct Keeper<'a> {
+    file: &'a Path,
+    key: &'a str,
+    /// Why the last state is not there, as it was told; empty when it is.
+    refusal: String,
+    /// Whether the file holds a state that this render can go on from.
+    kept: bool,
+}
+
+impl Keeper<'_> {
+    fn save(&mut self, terminal: &Terminal, renderer: &Renderer<'_>) {
+        let refusal = match photofit_image::write_atomically(self.file, &renderer.save(self.key)) {
+            Ok(()) => {
+                (self.kept, self.refusal) = (true, String::new());
+                return;
+            }
+            Err(e) => e.to_string(),
+        };
+        if refusal != self.refusal {
+            terminal.warn(&format!("the state could not be saved, the render goes on: {refusal}"));
+            self.refusal = refusal;
         }
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
-            say(&format!("{}: no saved state, the render begins anew", state.display()));
-            Ok(())
+    }
+
+    /// What can be done with an unfinished render.
+    fn told(&self) -> &'static str {
+        match (self.refusal.is_empty(), self.kept && self.file.is_file()) {
+            (true, _) => "--resume goes on",
+            (false, true) => "the state could not be saved; --resume goes on from the last one that could be",
+            (false, false) => "the state could not be saved; --resume cannot go on",
         }
-        Err(e) => Err(anyhow!("{}: {e}", state.display())),
     }
 }
 
 /// Trains a guide if one is wanted, and renders until nothing is left to do, time is over or Ctrl-C; whether all is done.
-fn work(a: &Render, renderer: &mut Renderer<'_>, state: &Path, key: &str) -> Result<(bool, Guidance)> {
+fn work(a: &Render, renderer: &mut Renderer<'_>, keeper: &mut Keeper<'_>) -> Result<(bool, Guidance)> {
     let terminal = Terminal::new();
     let began = Instant::now();
     let patience = a.path.time_limit.map(|limit| limit.mul_f64(TRAINING_SHARE));
@@ -310,14 +354,14 @@ fn work(a: &Render, renderer: &mut Renderer<'_>, state: &Path, key: &str) -> Res
         report(&terminal, a, &progress, began);
         let stopped = terminal.is_cancelled() || over();
         if !progress.done && (due() || stopped) {
-            photofit_image::write_atomically(state, &renderer.save(key))?;
+            keeper.save(&terminal, renderer);
             saved = Instant::now();
         }
         if progress.done || stopped {
             terminal.finish();
             if !progress.done {
                 let share = 100.0 * progress.samples as f64 / progress.total as f64;
-                say(&format!("stopped at {share:.1}% of the samples; --resume goes on"));
+                say(&format!("stopped at {share:.1}% of the samples; {}", keeper.told()));
             }
             return Ok((progress.done, guidance));
         }

@@ -1,11 +1,11 @@
 //! `photofit recover mesh`: a shape from pictures of it.
 
 use crate::args::RecoverMesh;
-use crate::output::{self, print};
+use crate::fields::{RECOVER_MESH, name_options};
 use crate::preflight::Places;
-use crate::progress::{Terminal, say};
-use crate::recover::recovered;
-use crate::simplify::name_options;
+use crate::progress::{Terminal, say_warnings};
+use crate::recovery::Recovery;
+use crate::simplify::name;
 use crate::status::Ending;
 use crate::{interrupt, threads};
 use anyhow::Result;
@@ -14,9 +14,9 @@ use photofit_fit::pictures::named_files;
 use photofit_fit::recover_mesh::{
     MOST_LEVELS, PictureSource, RecoverMeshOptions, RecoveredMesh, ShapeError, recover_mesh,
 };
-use photofit_fit::report::{PAGE as REPORT_PAGE, RecoveryReport, write_recovery_report};
+use photofit_fit::report::PAGE as REPORT_PAGE;
 use serde_json::{Value, json};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 pub(crate) fn run(a: &RecoverMesh) -> Result<Ending> {
     let levels = checkpoint_files(MOST_LEVELS as usize + 1);
@@ -34,10 +34,11 @@ pub(crate) fn run(a: &RecoverMesh) -> Result<Ending> {
         places.check_against("PICTURES", &named_files(pictures))?;
     }
     threads::set(a.course.running.threads)?;
-    let load = |option: &'static str, path: &Option<_>| {
+    let load = |option: &'static str, path: &Option<PathBuf>| {
         let scene = path.as_ref().map(photofit_scene::load).transpose()?;
         if let Some(scene) = &scene {
             places.check_against(option, &scene.files)?;
+            path.iter().for_each(|file| say_warnings(file, scene));
         }
         anyhow::Ok(scene)
     };
@@ -58,43 +59,26 @@ pub(crate) fn run(a: &RecoverMesh) -> Result<Ending> {
     };
     interrupt::handle();
     let progress = Terminal::new();
-    let r = recover_mesh(source, mesh.as_ref(), &a.output, &options, &progress).map_err(name_options)?;
+    let r = recover_mesh(source, mesh.as_ref(), &a.output, &options, &progress)
+        .map_err(|e| name_options(RECOVER_MESH, e))?;
     progress.finish();
-    if r.stopped {
-        say("the fit was ended early; what was reached is written");
-    }
-    if a.course.explain {
-        print(&format!("what ran:\n{}\n\n", r.plan))?;
-    }
-    if let Some(path) = &a.course.json {
-        output::write_json(path, &to_json(a, &r))?;
-    }
-    let mut text = told(a, &r);
-    if let Some(folder) = &a.course.report {
-        let [all, held_out] = r.pictures;
-        let page = write_recovery_report(
-            folder,
-            &RecoveryReport {
-                title: format!("{} from pictures", crate::simplify::name(&a.output)),
-                summary: recovered(&r.start, &r.quality),
-                stages: &["start", "recovered"],
-                views: &r.views,
-                judged: format!("{held_out} of {all} pictures, which were held out."),
-                history: &r.history,
-                measure: "held-out quality, dB",
-                plan: r.plan.to_string(),
-                command: output::command_line(),
-            },
-        )?;
-        text += &format!("report: {}\n", page.display());
-    }
-    print(&text)?;
-    let stopped = r.stopped && interrupt::is_stopping();
-    Ok(if stopped { Ending::Stopped } else { Ending::Done })
+    let [all, held_out] = r.pictures;
+    let recovery = Recovery {
+        title: format!("{} from pictures", name(&a.output)),
+        stages: [("start", &r.start), ("recovered", &r.quality)],
+        views: &r.views,
+        judged: format!("{held_out} of {all} pictures, which were held out."),
+        history: &r.history,
+        measure: "held-out quality, dB",
+        plan: &r.plan,
+        left_out: (a.mesh.as_deref().unwrap_or(Path::new("")), &r.left_out),
+        stopped: r.stopped,
+    };
+    recovery.tell(&a.course, &a.output, &told(a, &r), to_json(a, &r))
 }
 
 fn told(a: &RecoverMesh, r: &RecoveredMesh) -> String {
-    let mut text = output::quality_table(&[("start", &r.start), ("recovered", &r.quality)]);
+    let mut text = String::new();
     if let Some([first, last]) = &r.shape_error {
         let line = |name: &str, e: &ShapeError| {
             format!(
@@ -102,12 +86,12 @@ fn told(a: &RecoverMesh, r: &RecoveredMesh) -> String {
                 e.mean, e.p95, e.normals
             )
         };
-        text += &format!("\n{}{}", line("start", first), line("recovered", last));
+        text += &format!("{}{}\n", line("start", first), line("recovered", last));
     }
     let [all, held_out] = r.pictures;
     let light = if r.lit { "known lights" } else { "no lights given: the colour is unlit" };
     text += &format!(
-        "\n{all} pictures, {held_out} of them held out and judged by; {light}; {} steps; {} triangles\nwrote {}\n",
+        "{all} pictures, {held_out} of them held out and judged by; {light}; {} steps; {} triangles\nwrote {}\n",
         r.steps,
         r.triangles[1],
         a.output.display()
@@ -116,7 +100,7 @@ fn told(a: &RecoverMesh, r: &RecoveredMesh) -> String {
 }
 
 fn to_json(a: &RecoverMesh, r: &RecoveredMesh) -> Value {
-    let path = |p: &Option<std::path::PathBuf>| p.as_ref().map(|p| p.display().to_string());
+    let path = |p: &Option<PathBuf>| p.as_ref().map(|p| p.display().to_string());
     let error = |e: &ShapeError| json!({ "mean_percent": e.mean, "p95_percent": e.p95, "normals_degrees": e.normals });
     // The first evaluation comes before the first step and has no loss.
     let losses: Vec<f64> = r.history.iter().filter(|h| h.step > 0).map(|h| h.loss).collect();
@@ -127,9 +111,6 @@ fn to_json(a: &RecoverMesh, r: &RecoveredMesh) -> Value {
         "self_test": path(&a.self_test),
         "mesh": path(&a.mesh),
         "output": a.output.display().to_string(),
-        "start": output::quality(&r.start),
-        "recovered": output::quality(&r.quality),
-        "views": r.views.iter().map(|v| output::quality(&v.quality[1].quality)).collect::<Vec<_>>(),
         "loss": { "first": losses.first(), "last": losses.last() },
         "shape_error": r.shape_error.as_ref().map(|[first, last]| json!({ "first": error(first), "last": error(last) })),
         "history": history,
@@ -139,6 +120,5 @@ fn to_json(a: &RecoverMesh, r: &RecoveredMesh) -> Value {
         "lit": r.lit,
         "triangles": r.triangles[1],
         "steps": r.steps,
-        "stopped": r.stopped,
     })
 }

@@ -5,11 +5,12 @@ mod found;
 mod target;
 
 use crate::args::{RecoverScene, TextureSmoothing};
+use crate::fields::{RECOVER_SCENE, name_options};
 use crate::output::print;
 use crate::parameter_scene::{Cameras, Key, Quantity, Subject};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say};
-use crate::simplify::{CHECKPOINT_FILE, name_options};
+use crate::simplify::CHECKPOINT_FILE;
 use crate::status::{Ending, Misuse};
 use crate::{interrupt, threads};
 use anyhow::{Context, Result, anyhow, bail};
@@ -75,7 +76,7 @@ pub(crate) fn run(a: &RecoverScene) -> Result<Ending> {
     let progress = Terminal::new();
     let began = Instant::now();
     let r = recover_scene(model, &views, &targets, &options, &progress)
-        .map_err(|e| anyhow!("{}: {}", a.scene.input.display(), name_options(e)))?;
+        .map_err(|e| anyhow!("{}: {}", a.scene.input.display(), name_options(RECOVER_SCENE, e)))?;
     let seconds = began.elapsed().as_secs_f64();
     progress.finish();
     if r.stopped {

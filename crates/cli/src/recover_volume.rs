@@ -1,10 +1,10 @@
 //! `photofit recover volume`: a cloud on a grid from pictures with cameras.
 
 use crate::args::RecoverVolume;
+use crate::fields::{RECOVER_VOLUME, misuse, name_options};
 use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say};
-use crate::simplify::{misuse, name_options};
 use crate::status::Ending;
 use crate::traced_report::Found;
 use crate::{interrupt, threads};
@@ -31,6 +31,8 @@ const TARGET_SPP: u32 = 256;
 const TARGET_SEED: u64 = 0x7461_7267;
 const SHOWN_SPP: u32 = 128;
 const SHOWN_SEED: u64 = 0x7368_6f77;
+/// Largest grid of a self-test, bytes: three channels of 512 x 512 x 512 voxels have 1.6e9.
+const MOST_BYTES: u64 = 1 << 31;
 /// Most views of the sheet.
 const SHOWN: usize = 4;
 /// Albedo of a self-test that names none.
@@ -94,12 +96,14 @@ pub(crate) fn run(a: &RecoverVolume) -> Result<Ending> {
 /// Options that no picture allows are a wrong command line.
 fn failed(a: &RecoverVolume, error: FitError) -> anyhow::Error {
     match error {
-        FitError::Setting { field: "bounds" | "size" | "anisotropy" | "albedo", .. } => misuse(error),
+        FitError::Setting { field: "bounds" | "size" | "anisotropy" | "albedo", .. } => {
+            misuse(RECOVER_VOLUME, error)
+        }
         FitError::Setting { field: "surroundings", .. } => {
             let list = a.pictures.as_deref().unwrap_or(Path::new("")).display();
             anyhow!("{list}: names no lights; it must, or --env must be given")
         }
-        error => name_options(error).into(),
+        error => name_options(RECOVER_VOLUME, error).into(),
     }
 }
 
@@ -155,7 +159,7 @@ fn seen(a: &RecoverVolume) -> Result<Seen> {
 
 /// Pictures of a grid from around it.
 fn known(a: &RecoverVolume, file: &Path, environment: Option<EnvironmentMap>) -> Result<Seen> {
-    let bytes = std::fs::read(file).with_context(|| file.display().to_string())?;
+    let bytes = photofit_image::file_bytes(file, MOST_BYTES)?;
     let (size, values, bounds) = parse_grid(&bytes).map_err(|rule| anyhow!("{}: {rule}", file.display()))?;
     let [lo, hi] = bounds;
     if (hi - lo).min_element() <= 0.0 || !(hi - lo).is_finite() {

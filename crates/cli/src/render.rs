@@ -3,11 +3,12 @@
 use crate::args::{Render, RenderIntegrator, RenderLight};
 use crate::output;
 use crate::preflight::Places;
-use crate::progress::say_warnings;
+use crate::progress::{say, say_warnings};
 use crate::status::Ending;
 use crate::{animation, camera, light, mitsuba, path_render, threads};
 use anyhow::{Result, anyhow};
 use glam::Vec3;
+use photofit_fit::engine::judge::beyond_rasterizer;
 use photofit_fit::scene_render::SceneRenderer;
 use photofit_image::Image;
 use photofit_pathtrace::View;
@@ -20,6 +21,9 @@ use std::time::Instant;
 
 /// Vertical field of view, radians.
 const FIELD_OF_VIEW: f32 = 0.7;
+/// Turn and lift of the camera, degrees.
+const AZIMUTH: f32 = 30.0;
+const ELEVATION: f32 = 20.0;
 /// Irradiance of the main light at the centre of the asset.
 const IRRADIANCE: f32 = 2.6;
 /// Radiance of the weak constant environment beside a point light.
@@ -50,6 +54,14 @@ pub(crate) fn run(a: &Render) -> Result<Ending> {
     let scene = posed(a)?;
     places.check_against("IN", &scene.files)?;
     scene.validate_for_fit().map_err(|e| anyhow!("{}: {e}", a.input.display()))?;
+    let beyond: Vec<&str> = beyond_rasterizer(&scene).into_iter().collect();
+    if !beyond.is_empty() {
+        say(&format!(
+            "warning: {}: the rasterizer does not draw {}; --integrator path does",
+            a.input.display(),
+            beyond.join(", ")
+        ));
+    }
     let (center, radius) = extent(a, &scene)?;
     let camera = match a.camera {
         Some(index) => own_camera(a, &scene, index, center, radius)?,
@@ -126,7 +138,8 @@ pub(crate) fn extent(a: &Render, scene: &Scene) -> Result<(Vec3, f32)> {
 /// The camera that azimuth, elevation and distance say.
 pub(crate) fn camera(a: &Render, center: Vec3, radius: f32) -> Camera {
     let aspect = a.width() as f32 / a.height() as f32;
-    let (azimuth, elevation) = (a.azimuth.to_radians(), a.elevation.to_radians());
+    let [azimuth, elevation] = [(a.azimuth, AZIMUTH), (a.elevation, ELEVATION)]
+        .map(|(given, own)| given.unwrap_or(own).to_radians());
     match a.distance {
         None => Camera::framing(center, radius, azimuth, elevation, FIELD_OF_VIEW, aspect),
         Some(d) => Camera::orbit(center, radius, azimuth, elevation, d * radius, FIELD_OF_VIEW, aspect),
@@ -148,8 +161,7 @@ pub(crate) fn render(
 /// The camera of the command without options; `None` for a scene without extent.
 pub(crate) fn framing(scene: &Scene, aspect: f32) -> Option<Camera> {
     let (center, radius) = scene.bounding_sphere()?;
-    let (azimuth, elevation) = (30_f32.to_radians(), 20_f32.to_radians());
-    Some(Camera::framing(center, radius, azimuth, elevation, FIELD_OF_VIEW, aspect))
+    Some(Camera::framing(center, radius, AZIMUTH.to_radians(), ELEVATION.to_radians(), FIELD_OF_VIEW, aspect))
 }
 
 /// A picture of the whole scene as the command shows it without options, linear and premultiplied.

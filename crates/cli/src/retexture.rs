@@ -1,18 +1,22 @@
 //! `photofit retexture`: maps of a light asset that make it look like a heavy one, at rest and in motion.
 
 use crate::args::Retexture;
-use crate::output::{self, print};
+use crate::fields::{RETEXTURE, explain_error};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say, say_warnings};
-use crate::recover::recovered;
-use crate::simplify::{CHECKPOINT_FILE, explain_error, name};
+use crate::recovery::Recovery;
+use crate::simplify::{CHECKPOINT_FILE, name};
 use crate::status::Ending;
 use crate::{animation, interrupt, light, threads};
 use anyhow::Result;
+use photofit_fit::FitError;
 use photofit_fit::engine::Normalised;
 use photofit_fit::engine::animated::Animated;
-use photofit_fit::report::{PAGE as REPORT_PAGE, RecoveryReport, write_recovery_report};
+use photofit_fit::engine::judge::{Judged, WIDEST_TRACED};
+use photofit_fit::engine::reference::SAMPLES;
+use photofit_fit::report::PAGE as REPORT_PAGE;
 use photofit_fit::retexture::{RetextureOptions, Retextured, retexture};
+use photofit_fit::simplify::Written;
 use photofit_fit::views::Moment;
 use photofit_scene::Scene;
 use serde_json::{Value, json};
@@ -36,6 +40,9 @@ pub(crate) fn run(a: &Retexture) -> Result<Ending> {
         Ok::<Scene, anyhow::Error>(scene)
     });
     let (reference, asset) = (reference?, asset?);
+    for (file, scene) in [(&a.reference, &reference), (&a.light_asset, &asset)] {
+        scene.validate_for_fit().map_err(|e| explain_error(RETEXTURE, file, e.into()))?;
+    }
     let options = RetextureOptions {
         moments: moments(a, &reference, &asset)?,
         resolution: a.resolution,
@@ -49,50 +56,52 @@ pub(crate) fn run(a: &Retexture) -> Result<Ending> {
     };
     interrupt::handle();
     let progress = Terminal::new();
-    let r = retexture(&reference, &asset, &a.output, &options, &progress)
-        .map_err(|e| explain_error(&a.light_asset, e))?;
+    let r = retexture(&reference, &asset, &a.output, &options, &progress).map_err(|e| failed(a, e))?;
     progress.finish();
-    if r.stopped {
-        say("the fit was ended early; what was reached is written");
+    for line in &r.not_fitted {
+        say(&format!("{}: kept, but not drawn while fitting: {line}", a.reference.display()));
     }
-    if a.course.explain {
-        print(&format!("what ran:\n{}\n\n", r.plan))?;
+    if r.written == Written::Baked && r.steps > 0 {
+        say("no fit looked better than its start, baked maps, which is what was written");
     }
-    let mut text = output::quality_table(&[("baked", &r.start), ("fitted", &r.quality)]);
     let moments = match options.moments.len() {
-        0 => "as it stands".to_owned(),
+        0 => "as both stand".to_owned(),
         n => format!("at {n} moments"),
     };
-    text += &format!(
-        "\n{} views, {moments}; {} steps\nwrote {}: {} triangles\n",
+    let drawn = match r.judged {
+        Judged::PathTraced => {
+            format!("path traced at most {WIDEST_TRACED} pixels wide, with {SAMPLES} samples a pixel")
+        }
+        Judged::Rasterized | Judged::RasterizedAgainst(_) => "rasterized".to_owned(),
+    };
+    let text = format!(
+        "{} views, {moments}, {drawn}; {} steps\nwrote {}: {} triangles\n",
         r.views.len(),
         r.steps,
         a.output.display(),
         asset.triangle_count()
     );
-    if let Some(folder) = &a.course.report {
-        let page = write_recovery_report(
-            folder,
-            &RecoveryReport {
-                title: format!("{} in the look of {}", name(&a.light_asset), name(&a.reference)),
-                summary: recovered(&r.start, &r.quality),
-                stages: &["baked", "fitted"],
-                views: &r.views,
-                judged: format!("{} views that the fit never saw, {moments}.", r.views.len()),
-                history: &r.history,
-                measure: "held-out PSNR, dB",
-                plan: r.plan.to_string(),
-                command: output::command_line(),
-            },
-        )?;
-        text += &format!("report: {}\n", page.display());
-    }
-    if let Some(path) = &a.course.json {
-        output::write_json(path, &to_json(a, &options, &r))?;
-    }
-    print(&text)?;
-    let stopped = r.stopped && interrupt::is_stopping();
-    Ok(if stopped { Ending::Stopped } else { Ending::Done })
+    let recovery = Recovery {
+        title: format!("{} in the look of {}", name(&a.light_asset), name(&a.reference)),
+        stages: [("baked", &r.start), ("fitted", &r.quality)],
+        views: &r.views,
+        judged: format!("{} views that the fit never saw, {moments}, {drawn}.", r.views.len()),
+        history: &r.history,
+        measure: "held-out PSNR, dB",
+        plan: &r.plan,
+        left_out: (&a.reference, &r.left_out),
+        stopped: r.stopped,
+    };
+    recovery.tell(&a.course, &a.output, &text, to_json(a, &options, &r))
+}
+
+/// An error with the asset that it is about.
+fn failed(a: &Retexture, error: FitError) -> anyhow::Error {
+    let file = match &error {
+        FitError::Setting { field: "reference_asset" | "asset", .. } => &a.reference,
+        _ => &a.light_asset,
+    };
+    explain_error(RETEXTURE, file, error)
 }
 
 /// The moments that are compared, in animations of the reference.
@@ -103,7 +112,7 @@ fn moments(a: &Retexture, reference: &Scene, asset: &Scene) -> Result<Vec<Moment
         none.transpose()?;
         return Ok(Vec::new());
     }
-    let n = Normalised::new(reference).map_err(|e| explain_error(&a.reference, e))?;
+    let n = Normalised::new(reference).map_err(|e| explain_error(RETEXTURE, &a.reference, e))?;
     let theirs = Animated::new(reference, &n);
     let own = Animated::new(asset, &n).playing(&n.animations);
     let wanted: Vec<usize> = match &a.animation[..] {
@@ -129,10 +138,12 @@ fn to_json(a: &Retexture, options: &RetextureOptions, r: &Retextured) -> Value {
         "light": a.light_asset.display().to_string(),
         "output": a.output.display().to_string(),
         "moments": options.moments.iter().map(|m| json!({ "animation": m.animation, "time": m.time })).collect::<Vec<_>>(),
-        "baked": output::quality(&r.start),
-        "fitted": output::quality(&r.quality),
-        "views": r.views.iter().map(|v| output::quality(&v.quality[1].quality)).collect::<Vec<_>>(),
+        "not_fitted": r.not_fitted,
+        "judged": match r.judged {
+            Judged::PathTraced => "path traced",
+            Judged::Rasterized | Judged::RasterizedAgainst(_) => "rasterized",
+        },
+        "written": r.written.name(),
         "steps": r.steps,
-        "stopped": r.stopped,
     })
 }

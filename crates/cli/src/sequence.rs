@@ -1,7 +1,8 @@
 //! The frames of a rendered sequence: which files belong to which camera.
 
 use crate::denoise::Files;
-use anyhow::{Context as _, Result, anyhow, bail};
+use crate::surface_camera::kind;
+use anyhow::{Result, anyhow, bail};
 use photofit_denoise::mc::Camera;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -29,27 +30,29 @@ pub(crate) struct SequenceFrame {
 /// If the file is no such list, the number of `last` is not in it, or a file of an earlier frame is missing.
 pub(crate) fn frames(cameras: &Path, last: &Files) -> Result<Vec<SequenceFrame>> {
     let place = cameras.display();
-    let size = std::fs::metadata(cameras).map_err(|e| anyhow!("{place}: {e}"))?.len();
-    if size > MAX_BYTES {
-        bail!("{place}: {size} bytes, more than the limit of {MAX_BYTES}");
-    }
-    let text = std::fs::read(cameras).map_err(|e| anyhow!("{place}: {e}"))?;
-    let json: Value = serde_json::from_slice(&text).map_err(|e| anyhow!("{place}: not valid JSON: {e}"))?;
-    let axial = match json.get("depth").map(Value::as_str) {
-        None | Some(Some("distance")) => false,
-        Some(Some("axis")) => true,
-        Some(_) => bail!("{place}: depth is \"distance\" or \"axis\""),
+    let text = photofit_image::file_bytes(cameras, MAX_BYTES)?;
+    let json: Value =
+        serde_json::from_slice(&text).map_err(|e| anyhow!("{place}: is no JSON, which it must be: {e}"))?;
+    let axial = match json.get("depth") {
+        None => false,
+        Some(depth) => match depth.as_str() {
+            Some("distance") => false,
+            Some("axis") => true,
+            _ => bail!("{place}: `depth` is {}; it must be \"distance\" or \"axis\"", kind(depth)),
+        },
     };
     let name = last.color.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let list = match (json.get("frames"), json.get("scenes").and_then(Value::as_object)) {
         (Some(list), _) => list,
         (None, Some(scenes)) => match scenes.iter().find(|(scene, _)| name.starts_with(scene.as_str())) {
             Some((_, list)) => list,
-            None => bail!("{place}: no scene whose name begins {name}"),
+            None => bail!("{place}: has no scene whose name begins {name}; it must have one"),
         },
-        (None, None) => bail!("{place}: neither frames nor scenes"),
+        (None, None) => bail!("{place}: has neither `frames` nor `scenes`; it must have one of them"),
     };
-    let Some(list) = list.as_array() else { bail!("{place}: the frames are a list") };
+    let Some(list) = list.as_array() else {
+        bail!("{place}: the frames are {}; they must be an array", kind(list))
+    };
     let mut numbered = Vec::with_capacity(list.len());
     for (k, entry) in list.iter().enumerate() {
         let number = entry.get("frame").and_then(Value::as_u64).unwrap_or(k as u64);
@@ -70,14 +73,19 @@ pub(crate) fn frames(cameras: &Path, last: &Files) -> Result<Vec<SequenceFrame>>
 }
 
 fn camera(entry: &Value) -> Result<Camera> {
-    let rule = "world_to_pixel is three rows of four numbers";
-    let rows =
-        entry.get("world_to_pixel").and_then(Value::as_array).filter(|r| r.len() == 3).context(rule)?;
+    const RULE: &str = "it must be three rows of four finite numbers";
+    let Some(matrix) = entry.get("world_to_pixel") else { bail!("has no world_to_pixel; {RULE}") };
+    let Some(rows) = matrix.as_array().filter(|r| r.len() == 3) else {
+        bail!("world_to_pixel is {}; {RULE}", kind(matrix))
+    };
     let mut m = [[0.0; 4]; 3];
-    for (out, row) in m.iter_mut().zip(rows) {
-        let row = row.as_array().filter(|r| r.len() == 4).context(rule)?;
-        for (out, v) in out.iter_mut().zip(row) {
-            *out = v.as_f64().filter(|v| v.is_finite()).context(rule)?;
+    for (k, (out, row)) in m.iter_mut().zip(rows).enumerate() {
+        let Some(numbers) = row.as_array().filter(|r| r.len() == 4) else {
+            bail!("row {k} of world_to_pixel is {}; {RULE}", kind(row))
+        };
+        for (out, v) in out.iter_mut().zip(numbers) {
+            let number = v.as_f64().filter(|v| v.is_finite());
+            *out = number.ok_or_else(|| anyhow!("row {k} of world_to_pixel holds {}; {RULE}", kind(v)))?;
         }
     }
     Ok(Camera { world_to_pixel: m })

@@ -1,15 +1,13 @@
 //! `photofit simplify`: the main job.
 
-use crate::args::{
-    FitJudge, FitReference, FitWith, GeometryFormat, Simplify, Start, TextureFormat, has_option,
-};
+use crate::args::{FitJudge, FitReference, FitWith, GeometryFormat, Simplify, Start, TextureFormat};
+use crate::fields::{Command, SIMPLIFY, explain_error, misuse};
 use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say, say_warnings};
-use crate::status::{Ending, Misuse};
+use crate::status::Ending;
 use crate::{device, interrupt, light, lod, memory, threads};
 use anyhow::{Error, Result, anyhow};
-use photofit_fit::FitError;
 use photofit_fit::engine::trainer::{HistoryPoint, relative_error};
 use photofit_fit::report::{PAGE as REPORT_PAGE, ReportInfo, Verdict, write_report};
 use photofit_fit::simplify::{
@@ -18,7 +16,7 @@ use photofit_fit::simplify::{
 };
 use photofit_fit::traced_maps::MapsCourse;
 use photofit_geometry::decimate::Target;
-use photofit_scene::{Compression, Scene, SceneError, TextureEncoding};
+use photofit_scene::{Compression, Scene, TextureEncoding};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -58,10 +56,16 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
     threads::set(a.running.threads)?;
     let options = options(a)?;
     // What no asset could satisfy is told before one is read.
-    options.check(usize::MAX).map_err(misuse)?;
+    options.check(usize::MAX).map_err(|e| misuse(SIMPLIFY, e))?;
     let scene = photofit_scene::load(&a.input)?;
     places.check_against("IN", &scene.files)?;
-    let job = Job { input: &a.input, output: &a.output, report: a.report.as_deref(), explain: a.explain };
+    let job = Job {
+        command: SIMPLIFY,
+        input: &a.input,
+        output: &a.output,
+        report: a.report.as_deref(),
+        explain: a.explain,
+    };
     let done = job.run(&scene, &options)?;
     // What cannot be written keeps nothing else from being written.
     let written = a.json.as_ref().map_or(Ok(()), |path| output::write_json(path, &done.json));
@@ -137,51 +141,10 @@ fn traced_maps(course: &MapsCourse) -> Value {
     })
 }
 
-/// The option of a field of [`SimplifyOptions`].
-fn option(field: &str) -> String {
-    let name = field.replace('_', "-");
-    if has_option(&name) { format!("--{name}") } else { field.replace('_', " ") }
-}
-
-/// Turns the fields that a refused checkpoint differs in into options.
-pub(crate) fn name_options(error: FitError) -> FitError {
-    let FitError::OtherFit { path, mut differences } = error else { return error };
-    for d in &mut differences {
-        d.field = option(&d.field);
-    }
-    FitError::OtherFit { path, differences }
-}
-
-/// A setting that no asset allows is a wrong command line.
-pub(crate) fn misuse(error: FitError) -> Error {
-    match error {
-        FitError::Setting { field, rule } => Misuse(format!("{} {rule}", option(field))).into(),
-        error => error.into(),
-    }
-}
-
-/// Adds the name of the asset to errors that do not name a file, and turns fields into options.
-pub(crate) fn explain_error(input: &Path, error: FitError) -> Error {
-    let error = name_options(error);
-    if let FitError::Setting { field, rule } = &error {
-        return anyhow!("{}: {} {rule}", input.display(), option(field));
-    }
-    let named = matches!(
-        &error,
-        FitError::Io { .. }
-            | FitError::Image(_)
-            | FitError::Checkpoint { .. }
-            | FitError::OtherFit { .. }
-            | FitError::Interrupted
-            | FitError::Scene(
-                SceneError::Read { .. } | SceneError::Write { .. } | SceneError::Invalid { .. }
-            )
-    );
-    if named { error.into() } else { anyhow!("{}: {error}", input.display()) }
-}
-
 /// One simplification with everything that is told about it.
 pub(crate) struct Job<'a> {
+    /// Whose options the fields of errors are.
+    pub(crate) command: Command,
     pub(crate) input: &'a Path,
     pub(crate) output: &'a Path,
     pub(crate) report: Option<&'a Path>,
@@ -204,8 +167,8 @@ impl Job<'_> {
             FitRenderer::Raster => STEPS,
             FitRenderer::Path => STEPS_WITH_MAPS,
         });
-        let outcome =
-            simplify(scene, self.output, options, &progress).map_err(|e| explain_error(self.input, e))?;
+        let outcome = simplify(scene, self.output, options, &progress)
+            .map_err(|e| explain_error(self.command, self.input, e))?;
         progress.finish();
         let screen_size = match options.target {
             Target::ScreenSize(pixels) => Some(pixels),
@@ -217,7 +180,7 @@ impl Job<'_> {
 
     /// What comes before the work: what is wrong with the asset, and what it asks for.
     pub(crate) fn begin(&self, scene: &Scene, options: &SimplifyOptions) -> Result<()> {
-        scene.validate_for_fit().map_err(|e| explain_error(self.input, e.into()))?;
+        scene.validate_for_fit().map_err(|e| explain_error(self.command, self.input, e.into()))?;
         say_warnings(self.input, scene);
         if self.explain {
             let plan = Plan::new(scene)

@@ -4,12 +4,10 @@ use crate::args::{Surface, SurfaceMethod};
 use crate::output::{self, count, print};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say};
-use crate::{interrupt, surface_camera, threads};
+use crate::{surface_camera, threads};
 use anyhow::{Result, anyhow};
-use photofit_denoise::surface::{
-    self as recon, Cloud, Method, Pinhole, SurfaceError, SurfaceOptions, reconstruct,
-};
-use photofit_fit::{FitError, Progress};
+use photofit_denoise::surface::{self as recon, Cloud, Method, Pinhole, SurfaceOptions, reconstruct};
+use photofit_fit::Progress;
 use photofit_scene::load_points;
 use serde_json::{Value, json};
 use std::path::Path;
@@ -30,14 +28,10 @@ pub(crate) fn run(a: &Surface) -> Result<()> {
         .check()?;
     threads::set(a.threads)?;
     let given = a.camera.as_deref().map(surface_camera::read).transpose()?;
-    interrupt::handle();
     let terminal = Terminal::new();
     let began = Instant::now();
-    let told = |stage| {
-        terminal.report(stage, 0, 1, "");
-        if terminal.is_cancelled() { Err(anyhow!(FitError::Interrupted)) } else { Ok(()) }
-    };
-    told("load")?;
+    let told = |stage| terminal.report(stage, 0, 1, "");
+    told("load");
     let points = load_points(&a.input)?;
     for warning in &points.warnings {
         say(&format!("warning: {}: {warning}", a.input.display()));
@@ -54,7 +48,7 @@ pub(crate) fn run(a: &Surface) -> Result<()> {
     };
     camera.check().map_err(|e| anyhow!("{e}"))?;
     let (skipped, origin) = (points.skipped, points.origin);
-    told("normals")?;
+    told("normals");
     let with_normals = !points.normals.is_empty();
     let loaded = began.elapsed().as_secs_f64();
     let cloud = Cloud::new(points.positions, points.normals, points.colors)?;
@@ -62,14 +56,12 @@ pub(crate) fn run(a: &Surface) -> Result<()> {
     let options = options(a);
     let step = |stage, done: usize, total: usize| {
         terminal.report(stage, done as u64, total as u64, "");
-        !terminal.is_cancelled()
+        true
     };
-    let surface = reconstruct(&cloud, &camera, &options, step).map_err(|e| match e {
-        SurfaceError::Interrupted => anyhow!(FitError::Interrupted),
-        e => anyhow!("{}: {e}", a.input.display()),
-    })?;
+    let surface =
+        reconstruct(&cloud, &camera, &options, step).map_err(|e| anyhow!("{}: {e}", a.input.display()))?;
     let reconstructed = began.elapsed().as_secs_f64();
-    told("write")?;
+    told("write");
     let world = surface_camera::to_json(&camera, origin);
     write(&a.output, &surface, &camera, &world)?;
     terminal.finish();

@@ -29,13 +29,25 @@ pub(crate) struct File {
 /// If the file cannot be read or is no JSON object.
 pub(crate) fn read(path: &Path) -> Result<File> {
     let name = path.display().to_string();
-    let size = std::fs::metadata(path).map_err(|e| anyhow!("{name}: cannot be read: {e}"))?.len();
-    if size > MOST_BYTES {
-        bail!("{name}: a camera file has at most {MOST_BYTES} bytes, found {size}");
+    let bytes = photofit_image::file_bytes(path, MOST_BYTES)?;
+    let value: Value =
+        serde_json::from_slice(&bytes).map_err(|e| anyhow!("{name}: is no JSON, which it must be: {e}"))?;
+    match value.is_object() {
+        true => Ok(File { name, value }),
+        false => bail!("{name}: is {}; it must be an object", kind(&value)),
     }
-    let text = std::fs::read_to_string(path).map_err(|e| anyhow!("{name}: cannot be read: {e}"))?;
-    let value: Value = serde_json::from_str(&text).map_err(|e| anyhow!("{name}: not JSON: {e}"))?;
-    if value.is_object() { Ok(File { name, value }) } else { bail!("{name}: a camera file is a JSON object") }
+}
+
+/// What a JSON value is, in words.
+pub(crate) fn kind(value: &Value) -> String {
+    match value {
+        Value::Null => "null".into(),
+        Value::Bool(_) | Value::Number(_) => value.to_string(),
+        Value::String(text) => format!("the text \"{}\"", text.chars().take(40).collect::<String>()),
+        Value::Array(values) if values.len() <= 4 && !values.iter().any(Value::is_array) => value.to_string(),
+        Value::Array(values) => format!("an array of {}", values.len()),
+        Value::Object(_) => "an object".into(),
+    }
 }
 
 impl File {
@@ -44,21 +56,24 @@ impl File {
         let numbers: Vec<f64> = value.as_array().into_iter().flatten().filter_map(Value::as_f64).collect();
         match <[f64; 3]>::try_from(numbers) {
             Ok(v) if value.as_array().is_some_and(|a| a.len() == 3) => Ok(Some(v)),
-            _ => bail!("{}: `{key}` is an array of three numbers", self.name),
+            _ => bail!("{}: `{key}` is {}; it must be an array of three numbers", self.name, kind(value)),
         }
     }
 
     fn number(&self, key: &str) -> Result<Option<f64>> {
         let Some(value) = self.value.get(key) else { return Ok(None) };
-        value.as_f64().map(Some).ok_or_else(|| anyhow!("{}: `{key}` is a number", self.name))
+        let number = value.as_f64().map(Some);
+        number.ok_or_else(|| anyhow!("{}: `{key}` is {}; it must be a number", self.name, kind(value)))
     }
 
     fn size(&self, key: &str, option: Option<u32>) -> Result<usize> {
         match (option, self.number(key)?) {
             (Some(n), _) => Ok(n as usize),
             (None, Some(n)) if (1.0..=16384.0).contains(&n) && n.fract() == 0.0 => Ok(n as usize),
-            (None, Some(n)) => bail!("{}: `{key}` is an integer in 1..16384, found {n}", self.name),
-            (None, None) => bail!("{}: has `{key}`, or --{key} is given", self.name),
+            (None, Some(n)) => {
+                bail!("{}: `{key}` is {n}; it must be a whole number, 1 to 16384", self.name)
+            }
+            (None, None) => bail!("{}: has no `{key}`; it must have one, or --{key} be given", self.name),
         }
     }
 
@@ -68,7 +83,8 @@ impl File {
     /// A member that is missing or broken.
     pub(crate) fn camera(&self, origin: [f64; 3], sizes: (Option<u32>, Option<u32>)) -> Result<Pinhole> {
         let needed = |key: &str| {
-            self.vector(key)?.ok_or_else(|| anyhow!("{}: has `{key}`, an array of three numbers", self.name))
+            let rule = || anyhow!("{}: has no `{key}`; it must have one, three numbers", self.name);
+            self.vector(key)?.ok_or_else(rule)
         };
         let (width, height) = (self.size("width", sizes.0)?, self.size("height", sizes.1)?);
         let relative = |p: [f64; 3]| [p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]];
@@ -77,13 +93,15 @@ impl File {
             let up = self.vector("up")?.unwrap_or([0.0, 1.0, 0.0]);
             let degrees = self.number("fov_y_degrees")?.unwrap_or(FIELD_OF_VIEW);
             if !(0.1..=179.0).contains(&degrees) {
-                bail!("{}: `fov_y_degrees` lies in 0.1..179, found {degrees}", self.name);
+                bail!("{}: `fov_y_degrees` is {degrees}; it must be 0.1 to 179", self.name);
             }
             return Ok(Pinhole::look_at(eye, relative(target), up, degrees.to_radians(), width, height));
         }
         let axes = [needed("right")?, needed("down")?, needed("forward")?];
-        let focal =
-            |key: &str| self.number(key)?.ok_or_else(|| anyhow!("{}: has `target` or `{key}`", self.name));
+        let focal = |key: &str| {
+            let rule = || anyhow!("{}: has no `target` and no `{key}`; it must have one of them", self.name);
+            self.number(key)?.ok_or_else(rule)
+        };
         let camera = Pinhole {
             width,
             height,

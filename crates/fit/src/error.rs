@@ -121,7 +121,7 @@ pub enum FitError {
         rule: String,
     },
     /// Stopped by the user before there was anything to keep.
-    #[error("stopped before the fit began; nothing was written")]
+    #[error("stopped before there was anything to keep; nothing was written")]
     Interrupted,
 }
 

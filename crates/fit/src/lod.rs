@@ -214,7 +214,8 @@ impl Progress for OfLevel<'_> {
 /// ([`level_path`]).
 ///
 /// When the user stops the work, the fit at work is exported and reported like a finished one, and later levels are not
-/// begun. A chain that goes on from its checkpoints makes the levels before again, without the steps that they hold.
+/// begun. A chain that goes on from its checkpoints makes the levels before again, without the steps that they hold. Once the
+/// first level is written, the summary of an older chain ([`summary_path`]) is removed.
 ///
 /// # Errors
 /// See [`FitError`], where not even the first level could be made; else [`LodChain::failed`].
@@ -244,6 +245,9 @@ pub fn simplify_chain(
                 level => level?,
             };
             chain.add(&level.outcome.history, options.level(k).steps);
+            if k == 0 {
+                forget_summary(output)?;
+            }
             levels.push(level);
         }
         let combined = if failed.is_none() { finish(asset, output, options, &mut levels) } else { Ok(None) };
@@ -251,6 +255,15 @@ pub fn simplify_chain(
         let (combined, failed) = combined.map_or_else(|e| (None, Some(e)), |c| (c, failed));
         Ok(LodChain { levels, stopped, combined, failed })
     })
+}
+
+/// Removes the figures of an older chain: they must not describe the files of this one, whose first level is written.
+fn forget_summary(output: &Path) -> Result<(), FitError> {
+    let path = summary_path(output);
+    match std::fs::remove_file(&path) {
+        Err(source) if source.kind() != std::io::ErrorKind::NotFound => Err(FitError::Io { path, source }),
+        _ => Ok(()),
+    }
 }
 
 /// Fits the level after those that are finished.
@@ -270,6 +283,7 @@ fn level(
     if let (Target::Triangles(n), Some(from)) = (&mut fit.target, from) {
         *n = (*n).min(from.triangles.len());
     }
+    fit.sane_target(asset.scene.triangle_count()).1.iter().for_each(|t| progress.warn(t));
     let path = level_path(output, k);
     let outcome = chain.fit(count - k, progress, |keeping| {
         let fit = SimplifyOptions {

@@ -287,31 +287,34 @@ pub fn named_files(path: &Path) -> Vec<PathBuf> {
 }
 
 fn read(file: &Path) -> Result<Transforms, FitError> {
-    let io = |source| FitError::Io { path: file.into(), source };
-    let size = std::fs::metadata(file).map_err(io)?.len();
     let fail = |rule| Err(FitError::Pictures { path: file.into(), rule });
-    if size > MOST_BYTES {
-        return fail(format!("has {size} bytes; it must be at most {MOST_BYTES}"));
-    }
-    let bytes = std::fs::read(file).map_err(io)?;
+    let bytes = photofit_image::file_bytes(file, MOST_BYTES)?;
     serde_json::from_slice(&bytes)
         .or_else(|e| fail(not_finite::place(&bytes).unwrap_or_else(|| e.to_string())))
 }
 
+/// The rule of `file_path`.
+const OUTSIDE: &str =
+    "file_path leaves the folder; it must be relative and stay inside of the folder, links followed";
+
 /// The file of a picture, whose ending `.png` may be missing.
 fn inside(folder: &Path, name: &str) -> Result<PathBuf, String> {
     let relative = Path::new(name);
-    if name.is_empty()
-        || !relative.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir))
-    {
-        return Err("file_path must be relative and stay inside of the folder".into());
+    if name.is_empty() {
+        return Err("file_path is empty; it must name a picture".into());
+    }
+    if !relative.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir)) {
+        return Err(OUTSIDE.into());
     }
     let path = folder.join(relative);
-    if path.is_file() {
-        return Ok(path);
-    }
     let png = folder.join(format!("{name}.png"));
-    if png.is_file() { Ok(png) } else { Err(format!("the picture {} does not exist", path.display())) }
+    let Some(found) = [&path, &png].into_iter().find(|p| p.is_file()) else {
+        return Err(format!("the picture {} does not exist", path.display()));
+    };
+    // What a link leads to counts.
+    let real = |path: &Path| path.canonicalize().map_err(|e| format!("{}: {e}", path.display()));
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    if real(found)?.starts_with(real(folder)?) { Ok(found.clone()) } else { Err(OUTSIDE.into()) }
 }
 
 /// By how much a picture is reduced, and the part of it, from its upper left corner, that has whole blocks.

@@ -78,12 +78,15 @@ pub struct Recovered {
     pub lit: bool,
     /// Pictures without alpha, whose outline is that of the mesh.
     pub without_alpha: usize,
+    /// What `mesh` holds besides its surface and the written file does not, one line each.
+    pub left_out: Vec<String>,
     /// What ran and what was skipped.
     pub plan: PlanRows,
 }
 
 /// Fits the maps of `mesh` to the pictures of a folder (or of a `transforms.json`) and writes the result to `output`
-/// (.glb). The shape stays; materials and textures of `mesh` are not read.
+/// (.glb). The shape stays, with the sides that are seen, and with cameras, lights and what the file says about itself;
+/// materials and textures of `mesh` are not read.
 ///
 /// # Errors
 /// See [`FitError`] and [`PictureFolder::load`]; nothing is written then.
@@ -161,9 +164,12 @@ pub fn recover_texture(
     let plan = PlanRows::new(items(&model.work(options.steps), &photos, (loss, &held_out)), &phases);
     let trained = train(Cpu::new(model)?, &job, |_| phases, progress)?;
 
-    photofit_scene::save_glb(output, &to_scene(&trained.model.candidate, &n))?;
+    let mut painted = to_scene(&trained.model.candidate, &n);
+    painted.inherit(mesh);
+    photofit_scene::save_glb(output, &painted)?;
     let fitted = photofit_scene::load(output)?;
     let triangles = fitted.triangle_count();
+    let left_out = left_out(mesh, &fitted);
     let stages = [Stage::new("start", start), Stage::new("recovered", fitted)];
     let views = photos.judge(&n, &stages, progress)?;
     let [start, quality] = Quality::of_two_stages(&views);
@@ -178,6 +184,7 @@ pub fn recover_texture(
         pictures: [photos.photos().len(), photos.held_out()],
         lit: photos.lit,
         without_alpha: photos.without_alpha,
+        left_out,
         plan,
     })
 }
@@ -224,19 +231,34 @@ impl RecoverOptions {
     }
 }
 
-/// The shape of a scene with one opaque material, double-sided where any material of the shape is.
+/// The shape of a scene with opaque materials: one for the parts whose fronts alone are seen, one for those that are seen
+/// from both sides.
 pub(crate) fn bare(mesh: &Scene, unlit: bool) -> Scene {
     let mut scene = mesh.clone();
-    let double_sided =
-        mesh.primitives.iter().any(|p| mesh.materials.get(p.material).is_some_and(|m| m.double_sided));
-    scene.materials = vec![Material { name: "recovered".into(), unlit, double_sided, ..Material::clay() }];
+    let material =
+        |name: &str, double_sided| Material { name: name.into(), unlit, double_sided, ..Material::clay() };
+    scene.materials = vec![material("recovered", false), material("recovered-double-sided", true)];
     scene.images.clear();
     scene.hierarchy = None;
     for p in &mut scene.primitives {
-        p.material = 0;
+        p.material = usize::from(mesh.materials.get(p.material).is_some_and(|m| m.double_sided));
         p.mesh.colors.clear();
     }
     scene
+}
+
+/// What an asset whose shape is painted holds and the written file does not, one line each; that its materials go is what was
+/// asked for.
+pub(crate) fn left_out(mesh: &Scene, written: &Scene) -> Vec<String> {
+    let without_surfaces = Scene {
+        cameras: mesh.cameras.clone(),
+        lights: mesh.lights.clone(),
+        about: mesh.about.clone(),
+        hierarchy: mesh.hierarchy.clone(),
+        ignored_extensions: mesh.ignored_extensions.clone(),
+        ..Scene::default()
+    };
+    without_surfaces.left_out(written)
 }
 
 /// The start: a shape in the frame with the hard edges of its own normals, the class of each triangle, an atlas and grey

@@ -25,7 +25,7 @@ use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Phase, Trained
 use crate::engine::views::Sampling;
 use crate::error::in_ranges;
 use crate::pictures::PictureFolder;
-use crate::recover::{grey, items};
+use crate::recover::{grey, items, left_out};
 use crate::{FitError, Progress};
 use photofit_geometry::subdivide::midpoint;
 use photofit_geometry::weld::weld_rows;
@@ -117,6 +117,8 @@ pub struct RecoveredMesh {
     pub pictures: [usize; 2],
     /// Whether the light of the pictures was known.
     pub lit: bool,
+    /// What the mesh to begin with holds besides its surface and the written file does not, one line each.
+    pub left_out: Vec<String>,
     /// What ran and what was skipped.
     pub plan: PlanRows,
 }
@@ -136,7 +138,7 @@ pub fn recover_mesh(
 ) -> Result<RecoveredMesh, FitError> {
     options.check()?;
     let Pictures { photos, n, truth } = Pictures::new(pictures, options.seed, progress)?;
-    let start = Start::new(&n, mesh, options.triangles)?;
+    let start = Start::new(&n, mesh, options.triangles, photos.lit)?;
     let model = grey(&n, (&start.mesh, &start.class), photos.lit, options.texture_size, progress)?;
     let mut model = model.moving(true);
     let first = model.candidate.mesh();
@@ -168,7 +170,11 @@ pub fn recover_mesh(
         }
     }
 
-    photofit_scene::save_glb(output, &to_scene(&model.candidate, &n))?;
+    let mut found = to_scene(&model.candidate, &n);
+    if let Some(mesh) = mesh {
+        found.inherit(mesh);
+    }
+    photofit_scene::save_glb(output, &found)?;
     let fitted = photofit_scene::load(output)?;
     let triangles = [first.triangles.len(), fitted.triangle_count()];
     let shape_error = match &truth {
@@ -178,6 +184,7 @@ pub fn recover_mesh(
         }
         None => None,
     };
+    let left_out = mesh.map_or_else(Vec::new, |mesh| left_out(mesh, &fitted));
     let stages = [Stage::new("start", first_scene), Stage::new("recovered", fitted)];
     let views = photos.judge(&n, &stages, progress)?;
     let [start, quality] = Quality::of_two_stages(&views);
@@ -195,6 +202,7 @@ pub fn recover_mesh(
         triangles,
         pictures: [photos.photos().len(), photos.held_out()],
         lit: photos.lit,
+        left_out,
         plan,
     })
 }

@@ -12,16 +12,18 @@ use crate::engine::animated::Animated;
 use crate::engine::checkpoint::Digest;
 use crate::engine::cpu::Cpu;
 use crate::engine::export::to_scene;
-use crate::engine::judge::{Quality, ReportView, Stage, rasterized_views};
+use crate::engine::judge::{self, Judge, JudgeRenderer, Judged, Quality, ReportView, Stage};
 use crate::engine::loss;
 use crate::engine::plan::{Item, Plan, PlanRows, rows};
 use crate::engine::posed::Posed;
-use crate::engine::reference::{Rasterized, Reference, SUPERSAMPLE};
+use crate::engine::reference::{Rasterized, Reference, SAMPLES, SUPERSAMPLE};
 use crate::engine::steering::Steering;
 use crate::engine::surface::{MAPS, Surface, fade_over, rate_of_maps};
 use crate::engine::trainer::{self, HeldOut, HistoryPoint, Job, Keeping, Phase, train};
-use crate::engine::views::{Lighting, Moment, Orbit, OverMoments, Sampling, Set};
+use crate::engine::views::{Lighting, Moment, Orbit, OverMoments, Sampling};
 use crate::error::in_ranges;
+use crate::simplify::Written;
+use crate::simplify::outcome::{lost_extensions, not_fitted};
 use crate::visibility::{VisibilitySettings, visibility};
 use crate::{FitError, Progress};
 use photofit_geometry::weld::weld_rows;
@@ -80,12 +82,20 @@ pub struct Retextured {
     pub start: Quality,
     /// Each view, with the start and the written file against it.
     pub views: Vec<ReportView>,
+    /// How the pictures of the views were made: by the path tracer where a material has what the rasterizer lacks.
+    pub judged: Judged,
+    /// What was written: the fit, or the baked start where that looked better in held-out views of the choice.
+    pub written: Written,
     /// The course of the fit.
     pub history: Vec<HistoryPoint>,
     /// Steps made.
     pub steps: u64,
     /// Ended by the user or the time limit.
     pub stopped: bool,
+    /// What of the reference's materials is not in the written file, one line each.
+    pub left_out: Vec<String>,
+    /// What of them is in the written file, but was not drawn while fitting, one line each.
+    pub not_fitted: Vec<String>,
     /// What ran and what was skipped.
     pub plan: PlanRows,
 }
@@ -126,11 +136,10 @@ pub fn retexture(
     let model = Posed::new(Surface::new(candidate, &plan), &own);
 
     let size = options.resolution / Sampling::SUPERSAMPLED.per_axis;
-    let views = |size| OverMoments {
+    let seen = OverMoments {
         views: Orbit::new(options.seed, &options.lighting, size),
         moments: options.moments.clone(),
     };
-    let seen = views(size);
     let count = trainer::HELD_OUT.max(2 * options.moments.len() as u64).min(32);
     let held_out = HeldOut::new(&reference_pictures, &seen, Sampling::SUPERSAMPLED, count, options.seed)?;
     let loss = loss::choose(&held_out);
@@ -162,22 +171,43 @@ pub fn retexture(
     };
     let trained = train(Cpu::new(model)?, &job, phases, progress)?;
 
-    photofit_scene::save_glb(output, &dressed(light, &trained.model.surface().candidate, &n))?;
+    let fitted = dressed(light, &trained.model.surface().candidate, &n);
+    // The fit judged itself at half the size, by its own textures; what is written is chosen as it will be seen.
+    let stages = [start.clone(), fitted.clone()].map(|s| Stage::new("", s));
+    let larger =
+        OverMoments { views: Orbit { size: options.resolution, ..seen.views.clone() }, ..seen.clone() };
+    let scores = judge::scores(&n, &reference_pictures, &stages, &larger, count, SUPERSAMPLE, progress)?;
+    let (written, chosen) =
+        if scores[0] > scores[1] { (Written::Baked, start.clone()) } else { (Written::Fitted, fitted) };
+    photofit_scene::save_glb(output, &chosen)?;
     let stages = [Stage::new("start", start), Stage::new("fitted", photofit_scene::load(output)?)];
-    let judged = views(options.resolution);
-    let views = rasterized_views(
-        &n,
-        &reference_pictures,
-        &stages,
-        &judged,
-        Set::Report,
-        options.report_views,
-        SUPERSAMPLE,
-        progress,
-    )?;
+    let judge = Judge {
+        scene: reference,
+        n: &n,
+        reference: &reference_pictures,
+        renderer: JudgeRenderer::Auto,
+        spp: SAMPLES,
+        lighting: &options.lighting,
+        size: options.resolution,
+        samples: [SUPERSAMPLE; 2],
+        seed: options.seed,
+    };
+    let views = judge.at_moments(&stages, &options.moments, options.report_views, progress)?;
     let [start, quality] = Quality::of_two_stages(&views);
-    let stopped = trained.stopped || progress.is_cancelled();
-    Ok(Retextured { quality, start, views, history: trained.history, steps: trained.steps, stopped, plan })
+    let file = &stages[1].scene;
+    Ok(Retextured {
+        quality,
+        start,
+        views,
+        judged: judge.method(&stages),
+        written,
+        history: trained.history,
+        steps: trained.steps,
+        stopped: trained.stopped || progress.is_cancelled(),
+        left_out: lost_extensions(reference, file).into_iter().collect(),
+        not_fitted: not_fitted(reference, file),
+        plan,
+    })
 }
 
 impl RetextureOptions {
@@ -205,19 +235,18 @@ fn animation(options: &RetextureOptions, n: &Normalised) -> Item {
 
 /// The light asset without materials, which its maps will be.
 fn bare(light: &Scene) -> Result<Scene, FitError> {
-    let wrong = |i: usize, rule: &str| {
-        Err(FitError::Setting { field: "light", rule: format!("has {rule} in primitive {i}") })
+    let wrong = |i: usize, is: &str, must: &str| {
+        Err(FitError::Setting { field: "light_asset", rule: format!("has {is} in primitive {i}; {must}") })
     };
     for i in light.instances.iter().map(|i| i.primitive) {
         let mesh = &light.primitives[i].mesh;
         if mesh.uvs.len() != mesh.positions.len() {
-            return wrong(i, "no texture coordinates; they must be there");
+            return wrong(i, "no texture coordinates", "they must be there");
         }
         let inside = |x: f32| (0.0..=1.0).contains(&x);
         if let Some(uv) = mesh.uvs.iter().find(|uv| !(inside(uv.x) && inside(uv.y))) {
-            let rule =
-                format!("the texture coordinates {:?}; they must lie in the unit square", uv.to_array());
-            return wrong(i, &rule);
+            let is = format!("the texture coordinates {:?}", uv.to_array());
+            return wrong(i, &is, "they must lie in the unit square");
         }
     }
     let mut out = Scene {
@@ -239,7 +268,7 @@ fn candidate(n: &Normalised, rest: &FlatScene, size: usize) -> Result<Candidate,
     kinds.dedup();
     let [kind] = kinds[..] else {
         let rule = format!("has materials of {} kinds; they must be of one", kinds.len());
-        return Err(FitError::Setting { field: "reference", rule });
+        return Err(FitError::Setting { field: "reference_asset", rule });
     };
     let mesh = &rest.mesh;
     let row = |v: usize| {

@@ -129,7 +129,8 @@ pub fn traced_maps(
     let held_out =
         HeldOut::new(&target, &views, sampling, HELD_OUT, options.seed)?.measured_by(Measure::Relative);
     let rates = model.parameters.iter().map(|p| (p.name.clone().into(), options.rate)).collect();
-    let phase = Phase { name: "maps", first: 0, steps: options.steps, shrink: 1, rates, renewal: None };
+    let (steps, fade, renewal) = (options.steps, None, None);
+    let phase = Phase { name: "maps", first: 0, steps, shrink: 1, rates, fade, renewal };
     let phases = vec![phase];
     let plan = PlanRows::new(items(&maps, options, held_out.noise), &phases);
     let job = Job {

@@ -79,3 +79,16 @@ pub(crate) struct Denoise {
     #[arg(long, value_name = "FILE")]
     pub(crate) json: Option<PathBuf>,
 }
+
+impl Denoise {
+    /// Whether the options belong to the model.
+    pub(super) fn check(&self) -> Result<(), String> {
+        match (self.keep_darkening, self.model) {
+            (true, DenoiseModel::Auto | DenoiseModel::Atrous) => {
+                Err("--keep-darkening needs --model rof, tvl1, hybrid or tgv: the others do not darken"
+                    .into())
+            }
+            _ => Ok(()),
+        }
+    }
+}

@@ -64,10 +64,10 @@ pub(crate) struct RecoverMesh {
     #[arg(long, value_name = "ASSET", conflicts_with = "pictures")]
     pub(crate) self_test: Option<PathBuf>,
     /// Pictures of --self-test [range: 8 to 256].
-    #[arg(long, value_name = "N", default_value_t = 24, requires = "self_test", value_parser = whole::<usize>(8..=256))]
+    #[arg(long, value_name = "N", default_value_t = 24, conflicts_with = "pictures", value_parser = whole::<usize>(8..=256))]
     pub(crate) views: usize,
     /// Width and height of the pictures of --self-test, pixels [range: 16 to 2048].
-    #[arg(long, value_name = "N", default_value_t = 192, requires = "self_test", value_parser = whole::<usize>(16..=2048))]
+    #[arg(long, value_name = "N", default_value_t = 192, conflicts_with = "pictures", value_parser = whole::<usize>(16..=2048))]
     pub(crate) picture_size: usize,
     /// The shape to begin with: .glb, .gltf, .obj or .ply, in the world of the cameras [default: a ball].
     #[arg(long, value_name = "START")]
@@ -156,8 +156,8 @@ pub(crate) struct RecoverScene {
     /// index.html.
     #[arg(short, long, value_name = "DIR")]
     pub(crate) output: PathBuf,
-    /// End the fit after this many seconds and keep what was reached [range: more than 0, at most 1000000000] [default: no
-    /// limit].
+    /// End the fit after this many seconds and keep what was reached; reading, the pictures of --self-test, and those that are
+    /// written take their time on top [range: more than 0, at most 1000000000] [default: no limit].
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub(crate) time_limit: Option<Duration>,
     /// Threads; the result is the same for any number [range: 1 to 1024] [default: all cores].
@@ -186,16 +186,16 @@ pub(crate) struct RecoverVolume {
     #[arg(long, value_name = "GRID.vol", conflicts_with = "pictures", value_parser = ending(&["vol"]))]
     pub(crate) self_test: Option<PathBuf>,
     /// Pictures of --self-test [range: 1 to 256].
-    #[arg(long, value_name = "N", default_value_t = 16, value_parser = whole::<usize>(1..=256))]
+    #[arg(long, value_name = "N", default_value_t = 16, conflicts_with = "pictures", value_parser = whole::<usize>(1..=256))]
     pub(crate) views: usize,
     /// Width and height of the pictures of --self-test, pixels [range: 16 to 2048].
-    #[arg(long, value_name = "PX", default_value_t = 128, value_parser = whole::<usize>(16..=2048))]
+    #[arg(long, value_name = "PX", default_value_t = 128, conflicts_with = "pictures", value_parser = whole::<usize>(16..=2048))]
     pub(crate) resolution: usize,
     /// Equirectangular environment around the cloud (.hdr, .exr, .png, .jpg), as bright as it is.
     #[arg(long, value_name = "FILE")]
     pub(crate) env: Option<PathBuf>,
-    /// Corners of the box that holds the cloud, in the units of the cameras [default: the box of --self-test, or the cube
-    /// around what all cameras see].
+    /// Corners of the box that holds the cloud, in the units of the cameras [range: -1000000000 to 1000000000] [default: the box
+    /// of --self-test, or the cube around what all cameras see].
     #[arg(long, value_name = "X0,Y0,Z0,X1,Y1,Z1", allow_hyphen_values = true,
           value_parser = numbers(&[6], -1e9..=1e9))]
     pub(crate) bounds: Option<Numbers>,
@@ -220,8 +220,8 @@ pub(crate) struct RecoverVolume {
     /// The folder to write: extinction.vol, albedo.vol, views.png, values.json, index.html.
     #[arg(short, long, value_name = "DIR")]
     pub(crate) output: PathBuf,
-    /// End the fit after this many seconds and keep what was reached [range: more than 0, at most 1000000000] [default: no
-    /// limit].
+    /// End the fit after this many seconds and keep what was reached; reading, the pictures of --self-test, and those that are
+    /// written take their time on top [range: more than 0, at most 1000000000] [default: no limit].
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub(crate) time_limit: Option<Duration>,
     #[command(flatten)]

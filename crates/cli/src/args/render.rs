@@ -33,12 +33,12 @@ pub(crate) struct Render {
     /// Height, pixels [range: 1 to 16384] [default: 512, or what the scene says].
     #[arg(long, value_name = "PX", value_parser = whole::<u32>(1..=16384))]
     pub(crate) height: Option<u32>,
-    /// Turn of the camera around +y, from +z towards +x, degrees [range: -36000 to 36000].
-    #[arg(long, value_name = "DEG", default_value_t = 30.0, value_parser = degrees, allow_negative_numbers = true)]
-    pub(crate) azimuth: f32,
-    /// Lift of the camera towards +y, degrees [range: -36000 to 36000].
-    #[arg(long, value_name = "DEG", default_value_t = 20.0, value_parser = degrees, allow_negative_numbers = true)]
-    pub(crate) elevation: f32,
+    /// Turn of the camera around +y, from +z towards +x, degrees [range: -36000 to 36000] [default: 30].
+    #[arg(long, value_name = "DEG", value_parser = degrees, allow_negative_numbers = true)]
+    pub(crate) azimuth: Option<f32>,
+    /// Lift of the camera towards +y, degrees [range: -36000 to 36000] [default: 20].
+    #[arg(long, value_name = "DEG", value_parser = degrees, allow_negative_numbers = true)]
+    pub(crate) elevation: Option<f32>,
     /// Distance of the camera from the centre, in radii of the bounding sphere [range: 1 to 1000] [default: the asset fills
     /// the picture].
     #[arg(long, value_name = "RADII", value_parser = single(1.0..=1000.0))]
@@ -109,21 +109,33 @@ impl Render {
     /// Whether the options belong to the integrator.
     pub(super) fn check(&self) -> Result<(), String> {
         let p = &self.path;
-        if self.camera.is_some() && self.distance.is_some() {
-            return Err("--distance does not go with --camera, which stands where the asset says".into());
+        let placed = [
+            ("--azimuth", self.azimuth.is_some()),
+            ("--elevation", self.elevation.is_some()),
+            ("--distance", self.distance.is_some()),
+        ];
+        let linear = self.output.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
+        let shown = [("--exposure", p.exposure != 0.0), ("--tone-map", p.tone_map)];
+        if let Some((name, _)) = shown.into_iter().find(|g| linear && g.1) {
+            return Err(format!("{name} is for a display; it needs a .png, an .exr holds light as it is"));
+        }
+        if let Some((name, _)) = placed.into_iter().find(|g| self.camera.is_some() && g.1) {
+            return Err(format!("{name} does not go with --camera, which stands where the asset says"));
         }
         if self.is_mitsuba() {
             let given = [
                 ("--integrator raster", self.integrator == Some(RenderIntegrator::Raster)),
                 ("--animation", self.animation.is_some()),
-                ("--light", self.light != RenderLight::Point),
                 ("--env", self.env.is_some()),
-                ("--distance", self.distance.is_some()),
+                ("--light", self.light != RenderLight::Point),
             ];
-            return match given.into_iter().find(|g| g.1) {
+            return match given.into_iter().chain(placed).find(|g| g.1) {
                 Some((name, _)) => Err(format!("{name} does not go with an .xml, which has its own")),
                 None => Ok(()),
             };
+        }
+        if self.env.is_some() && self.light != RenderLight::Env {
+            return Err("--env needs --light env; no other light is one of a map".into());
         }
         let given = [("--define", !p.define.is_empty()), ("--allow-parent-paths", p.allow_parent_paths)];
         if let Some((name, _)) = given.into_iter().find(|g| g.1) {

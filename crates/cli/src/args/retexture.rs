@@ -50,3 +50,10 @@ pub(crate) struct Retexture {
     #[command(flatten)]
     pub(crate) course: Course,
 }
+
+impl Retexture {
+    /// Whether the options go together.
+    pub(super) fn check(&self) -> Result<(), String> {
+        self.light.check(self.env.as_deref())
+    }
+}

@@ -8,11 +8,12 @@ pub(crate) use quantity::Quantity;
 
 use crate::args::ParameterScene;
 use crate::preflight::Places;
+use crate::progress::say_warnings;
 use crate::status::Misuse;
 use crate::{mitsuba, path_render, render};
 use anyhow::{Result, anyhow, bail};
 use photofit_pathtrace::{EnvironmentMap, Parts, PathOptions, RenderOptions, View, WorldOptions};
-use photofit_scene::mitsuba::{MitsubaOptions, load_mitsuba};
+use photofit_scene::mitsuba::MitsubaOptions;
 
 /// Words in the names of parameters that move edges.
 const GEOMETRY: [&str; 6] =
@@ -88,7 +89,7 @@ fn of_mitsuba(a: &ParameterScene, places: &Places) -> Result<Subject> {
         allow_parent_paths: a.allow_parent_paths,
         ..MitsubaOptions::default()
     };
-    let scene = load_mitsuba(&a.input, &options)?;
+    let scene = mitsuba::load(&a.input, &options)?;
     places.check_against("SCENE", scene.files.iter().chain(&scene.resources))?;
     let mut options = RenderOptions::from_mitsuba(&scene);
     options.path.max_depth = a.max_depth.unwrap_or(options.path.max_depth);
@@ -112,6 +113,7 @@ fn of_asset(a: &ParameterScene, cameras: Cameras, places: &Places) -> Result<Sub
     let file = a.input.display();
     let scene = photofit_scene::load(&a.input)?;
     places.check_against("SCENE", &scene.files)?;
+    say_warnings(&a.input, &scene);
     scene.validate_for_fit().map_err(|e| anyhow!("{file}: {e}"))?;
     let (width, height) = (a.width.unwrap_or(512) as usize, a.height.unwrap_or(512) as usize);
     let view = |camera: &usize| path_render::camera_view(&a.input, &scene, *camera, [width, height]);

@@ -201,12 +201,21 @@ fn sequences_and_halves_lower_the_error() {
     .unwrap();
     refused(&["--sequence", "few.json"], &["few.json", "room_003.exr", "no frame"]);
     std::fs::write(d.join("bad.json"), r#"{"frames":[{"frame":3,"world_to_pixel":[[1,2,3,4]]}]}"#).unwrap();
-    refused(&["--sequence", "bad.json"], &["bad.json", "frame 3", "three rows of four"]);
+    refused(
+        &["--sequence", "bad.json"],
+        &["bad.json", "frame 3", "world_to_pixel is an array of 1; it must be three rows of four"],
+    );
     std::fs::write(d.join("none.json"), "{}").unwrap();
-    refused(&["--sequence", "none.json"], &["none.json", "neither frames nor scenes"]);
+    refused(
+        &["--sequence", "none.json"],
+        &["none.json", "has neither `frames` nor `scenes`; it must have one"],
+    );
     refused(&["--sequence", "missing.json"], &["missing.json"]);
     std::fs::write(d.join("odd.json"), json!({ "frames": frames, "depth": "inverse" }).to_string()).unwrap();
-    refused(&["--sequence", "odd.json"], &["odd.json", "depth"]);
+    refused(
+        &["--sequence", "odd.json"],
+        &["odd.json", "`depth` is the text \"inverse\"; it must be \"distance\""],
+    );
     // Without depths and positions there is no history.
     let noisy = f.noisy(1, 13);
     for k in 0..4 {

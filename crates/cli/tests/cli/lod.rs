@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 fn chain<'a>(output: &'a str, more: &[&'a str]) -> Vec<&'a str> {
     let mut all = vec!["simplify", "rock.glb", "-o", output, "--lod", "48,24,16", "--batch", "1"];
-    all.extend(["--lod-triangles", "300,100,40"]);
+    all.extend(["--lod-triangles", "300,100,64"]);
     all.extend(more);
     all
 }
@@ -87,6 +87,27 @@ fn sizes_and_budgets_are_checked() {
         assert_eq!(o.status.code(), Some(status), "{more:?}: {}", stderr(&o));
         assert!(stderr(&o).contains(part), "{more:?}: {}", stderr(&o));
     }
+}
+
+#[test]
+fn small_budgets_are_told_and_an_older_summary_stays_until_a_level_is_written() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 4, true);
+    std::fs::write(d.join("out.lods.json"), "of an older chain").unwrap();
+    let line = ["simplify", "rock.glb", "-o", "out.glb", "--lod", "24,16", "--batch", "1", "--steps", "1"];
+    // A checkpoint that is a folder ends it before anything is written.
+    std::fs::create_dir_all(d.join("c/fit.ckpt")).unwrap();
+    let o = photofit(d, &[&line[..], &["--checkpoint", "c", "--resume"]].concat());
+    assert_eq!(o.status.code(), Some(1), "{}", stderr(&o));
+    assert_eq!(std::fs::read(d.join("out.lods.json")).unwrap(), b"of an older chain");
+    assert!(!d.join("out.glb").exists());
+    let o = succeeds(d, &[&line[..], &["--lod-triangles", "100,5"]].concat());
+    let told: Vec<String> =
+        stderr(&o).lines().filter(|l| l.starts_with("warning")).map(str::to_owned).collect();
+    assert_eq!(told.len(), 1, "{told:?}");
+    assert!(told[0].contains("level 2 of 2: a budget of 5 triangles is hardly a shape"), "{told:?}");
+    assert_eq!(json(&d.join("out.lods.json"))["levels"].as_array().unwrap().len(), 2);
 }
 
 #[cfg(unix)]

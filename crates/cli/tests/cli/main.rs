@@ -13,6 +13,7 @@ mod recover;
 mod recover_scene;
 mod recover_volume;
 mod retexture;
+mod signals;
 mod simplify;
 mod support;
 mod surface;

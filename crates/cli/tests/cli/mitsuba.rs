@@ -1,6 +1,6 @@
 //! `render scene.xml` and `inspect scene.xml`.
 
-use crate::support::{assert_one_error, photofit, stdout, succeeds};
+use crate::support::{assert_one_error, photofit, stderr, stdout, succeeds};
 
 /// A ball of glass full of milk, under a lamp, from inside of a thin fog.
 const SCENE: &str = "<scene version='3.0.0'>
@@ -67,7 +67,12 @@ fn files_above_the_scene_need_an_option() {
     )
     .unwrap();
     let o = photofit(d, &["inspect", "scene/s.xml"]);
-    assert_one_error(&o, "above the scene's folder", &["s.xml", "../tri.obj"]);
+    assert_one_error(
+        &o,
+        "above the scene's folder",
+        &["s.xml", "../tri.obj", "--allow-parent-paths must be given"],
+    );
+    assert!(!stderr(&o).contains("allow_parent_paths"), "no field of the library: {}", stderr(&o));
     assert!(stdout(&succeeds(d, &["inspect", "scene/s.xml", "--allow-parent-paths"])).contains("1 shapes"));
     for command in [&["inspect", "tri.obj"][..], &["render", "tri.obj", "-o", "a.png"]] {
         let o = photofit(d, &[command, &["--allow-parent-paths"]].concat());

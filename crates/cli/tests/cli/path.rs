@@ -4,6 +4,7 @@ use crate::support::{
     assert_misuse, assert_one_error, command, names, photofit, rock, stderr, stdout, succeeds, write_rock,
 };
 use photofit_image::Image;
+use photofit_scene::{Extensions, Sheen};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -113,4 +114,69 @@ fn a_killed_render_goes_on_to_the_same_bits() {
     let o = succeeds(d, &[&SMALL[..], &["-o", "killed.exr", "--spp", "2"]].concat());
     assert!(stderr(&o).contains("killed.exr.state.bak"), "{}", stderr(&o));
     assert!(d.join("killed.exr.state.bak").exists());
+    // Who forgets it twice loses nothing either.
+    std::fs::write(&state, "of the render after it").unwrap();
+    let o = succeeds(d, &[&SMALL[..], &["-o", "killed.exr", "--spp", "2"]].concat());
+    assert!(stderr(&o).contains("killed.exr.state.bak2"), "{}", stderr(&o));
+    assert_eq!(bytes("killed.exr.state.bak"), b"of an earlier render");
+    assert_eq!(bytes("killed.exr.state.bak2"), b"of the render after it");
+}
+
+/// Leaves a render unfinished, changes a file that its scene names, and expects that the state is refused.
+fn refused_after(d: &Path, input: &str, more: &[&str], change: impl FnOnce()) {
+    let small = ["render", input, "-o", "a.exr", "--width", "16", "--height", "16", "--spp", "1000000"];
+    let line = [&small[..], more].concat();
+    succeeds(d, &[&line[..], &["--time-limit", "0.05"]].concat());
+    let resumed = [&line[..], &["--resume", "--time-limit", "0.05"]].concat();
+    assert!(stderr(&succeeds(d, &resumed)).contains("resuming at"), "{input}: nothing has changed");
+    change();
+    assert_one_error(&photofit(d, &resumed), input, &["a.exr.state", "another scene"]);
+    std::fs::remove_file(d.join("a.exr.state")).unwrap();
+}
+
+#[test]
+fn a_state_belongs_to_all_files_of_its_scene() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    let png = |value: f32| {
+        // Of another length, because times of files may be coarse.
+        let picture = Image::from_fn(4, if value > 0.5 { 4 } else { 8 }, 3, |x, _, _| value * x as f32 / 4.0);
+        photofit_image::write_png(d.join("t.png"), &picture).unwrap();
+    };
+    png(1.0);
+    let obj = "mtllib t.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl a\nf 1/1 2/2 3/3\n";
+    std::fs::write(d.join("t.obj"), obj).unwrap();
+    std::fs::write(d.join("t.mtl"), "newmtl a\nmap_Kd t.png\n").unwrap();
+    let path = ["--integrator", "path"];
+    refused_after(d, "t.obj", &path, || png(0.3));
+    refused_after(d, "t.obj", &path, || {
+        std::fs::write(d.join("t.mtl"), "newmtl a\nmap_Kd t.png\nNs 10\n").unwrap();
+    });
+    let scene = "<scene version='3.0.0'><sensor type='perspective'/><shape type='obj'><string name='filename' \
+                 value='t.obj'/></shape><emitter type='constant'/></scene>";
+    std::fs::write(d.join("s.xml"), scene).unwrap();
+    refused_after(d, "s.xml", &[], || std::fs::write(d.join("t.obj"), format!("{obj}# changed\n")).unwrap());
+}
+
+#[test]
+fn what_the_rasterizer_does_not_draw_is_told_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    let mut velvet = rock(4, false);
+    let sheen = Sheen { color: [0.2, 0.3, 1.0], roughness: 0.4, ..Sheen::default() };
+    velvet.materials[0].extensions =
+        Some(Box::new(Extensions { sheen: Some(sheen), ..Extensions::default() }));
+    photofit_scene::save_glb(d.join("velvet.glb"), &velvet).unwrap();
+    write_rock(d, 4, false);
+    let warnings = |input: &str, more: &[&str]| {
+        let line = ["render", input, "-o", "a.png", "--width", "16", "--height", "16", "--spp", "1"];
+        let text = stderr(&succeeds(d, &[&line[..], more].concat()));
+        text.lines().filter(|l| l.starts_with("warning")).map(str::to_owned).collect::<Vec<_>>()
+    };
+    assert_eq!(
+        warnings("velvet.glb", &[]),
+        ["warning: velvet.glb: the rasterizer does not draw sheen; --integrator path does"]
+    );
+    assert!(warnings("velvet.glb", &["--integrator", "path"]).is_empty());
+    assert!(warnings("rock.glb", &[]).is_empty());
 }

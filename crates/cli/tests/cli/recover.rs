@@ -1,6 +1,7 @@
 //! Textures from pictures: what is refused, with which words. The job itself is tested in `photofit-fit`.
 
-use crate::support::{assert_one_error, photofit, stderr, stdout, succeeds, write_rock};
+use crate::support::{assert_misuse, assert_one_error, photofit, rock, stderr, stdout, succeeds, write_rock};
+use photofit_scene::{Camera, Hierarchy, Node, NodeMesh, NodePrimitive, Placement};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -18,9 +19,17 @@ fn pictures_that_cannot_be_used_are_refused_in_one_line() {
     assert_one_error(&run(&[]), "no list of pictures", &["transforms.json"]);
     std::fs::write(d.join("pictures/transforms.json"), r#"{"fl_x": 50, "frames": []}"#).unwrap();
     assert_one_error(&run(&[]), "no pictures", &["transforms.json", "0 frames", "at least 8"]);
+    let before = std::fs::read(d.join("rock.glb")).unwrap();
     let o = photofit(d, &["recover", "texture", "pictures", "--mesh", "rock.glb", "-o", "rock.glb"]);
-    assert_ne!(o.status.code(), Some(0), "the asset is not written over");
+    assert_misuse(&o, "the asset is not written over", &["--output", "--mesh", "another file"]);
+    assert!(std::fs::read(d.join("rock.glb")).unwrap() == before);
     assert!(!d.join("out.glb").exists());
+    // A list that never ends is not read.
+    #[cfg(unix)]
+    {
+        let list = ["recover", "texture", "/dev/zero", "--mesh", "rock.glb", "-o", "out.glb"];
+        assert_one_error(&photofit(d, &list), "a device", &["/dev/zero", "not a regular file"]);
+    }
     let help = stdout(&succeeds(d, &["recover", "texture", "--help"]));
     assert!(help.contains("--mesh") && help.contains("transforms.json"), "{help}");
 }
@@ -53,7 +62,9 @@ fn rendered_pictures_are_recovered_and_useless_ones_are_told() {
     let line =
         ["recover", "texture", "pictures", "--mesh", "rock.glb", "-o", "out.glb", "--texture-size", "64"];
     let run = |more: &[&str]| succeeds(d, &[&line[..], more].concat());
-    let o = run(&["--steps", "400", "--json", "f.json"]);
+    let o = run(&["--steps", "400", "--json", "f.json", "--report", "r"]);
+    assert_page(&d.join("r"), &["rock.glb from pictures", "recovered", "known lights"]);
+    assert!(stdout(&o).contains("wrote r/index.html"), "{}", stdout(&o));
     assert!(!stderr(&o).contains("warning"), "{}", stderr(&o));
     let f: Value = serde_json::from_slice(&std::fs::read(d.join("f.json")).unwrap()).unwrap();
     let psnr = |stage: &str| f[stage]["psnr"].as_f64().unwrap();
@@ -74,7 +85,9 @@ fn a_shape_is_recovered_from_pictures_of_itself_and_what_cannot_be_is_refused() 
     write_rock(d, 6, false);
     let line = ["recover", "mesh", "--self-test", "rock.glb", "-o", "out.glb", "--json", "f.json"];
     let small = ["--picture-size", "48", "--views", "12", "--triangles", "320", "--texture-size", "64"];
-    let o = succeeds(d, &[&line[..], &small[..], &["--steps", "200", "--optimizer", "bilateral"]].concat());
+    let more = ["--steps", "200", "--optimizer", "bilateral", "--report", "r"];
+    let o = succeeds(d, &[&line[..], &small[..], &more].concat());
+    assert_page(&d.join("r"), &["out.glb from pictures", "recovered", "held out"]);
     assert!(stdout(&o).contains("of the bounding radius away on average"), "{}", stdout(&o));
     let f: Value = serde_json::from_slice(&std::fs::read(d.join("f.json")).unwrap()).unwrap();
     let mean = |k: &str| f["shape_error"][k]["mean_percent"].as_f64().unwrap();
@@ -84,6 +97,58 @@ fn a_shape_is_recovered_from_pictures_of_itself_and_what_cannot_be_is_refused() 
     std::fs::create_dir(d.join("none")).unwrap();
     let o = photofit(d, &["recover", "mesh", "none", "-o", "o.glb"]);
     assert_one_error(&o, "no list of pictures", &["transforms.json"]);
+    let before = std::fs::read(d.join("rock.glb")).unwrap();
     let o = photofit(d, &["recover", "mesh", "--self-test", "rock.glb", "-o", "rock.glb"]);
-    assert_ne!(o.status.code(), Some(0), "the asset is not written over");
+    assert_misuse(&o, "the asset is not written over", &["--output", "--self-test", "another file"]);
+    assert!(std::fs::read(d.join("rock.glb")).unwrap() == before);
+}
+
+/// The page of a report in a folder holds pictures and these words.
+fn assert_page(folder: &Path, parts: &[&str]) {
+    let page = std::fs::read_to_string(folder.join("index.html")).unwrap();
+    for part in parts.iter().chain(&["data:image/png", "PSNR", "<svg"]) {
+        assert!(page.contains(part), "{part:?} is not in the page");
+    }
+}
+
+#[test]
+fn no_figures_replace_a_picture_of_the_shape() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 4, false);
+    photograph(d);
+    let before = std::fs::read(d.join("pictures/3.exr")).unwrap();
+    let o = photofit(d, &["recover", "mesh", "pictures", "-o", "out.glb", "--json", "pictures/3.exr"]);
+    assert_misuse(&o, "a picture", &["--json", "PICTURES", "another file"]);
+    assert!(std::fs::read(d.join("pictures/3.exr")).unwrap() == before && !d.join("out.glb").exists());
+}
+
+#[test]
+fn what_a_painted_asset_does_not_keep_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    let mut asset = rock(4, false);
+    let eye = glam::vec3(0.0, 1.0, 4.0);
+    asset.cameras = vec![Camera::look_at(eye, glam::Vec3::ZERO, glam::Vec3::Y, 0.8, 1.0, 0.1, 10.0)];
+    asset.about.copyright = "2026 A. Painter".into();
+    asset.hierarchy = Some(std::sync::Arc::new(Hierarchy {
+        nodes: vec![Node { name: "stone".into(), mesh: Some(0), ..Node::default() }],
+        roots: vec![0],
+        meshes: vec![NodeMesh {
+            primitives: vec![NodePrimitive { primitive: 0, bind: None }],
+            ..NodeMesh::default()
+        }],
+        placements: vec![Placement { node: 0, part: 0 }],
+        ..Hierarchy::default()
+    }));
+    photofit_scene::save_glb(d.join("rock.glb"), &asset).unwrap();
+    photograph(d);
+    let line = ["recover", "texture", "pictures", "--mesh", "rock.glb", "-o", "out.glb", "--json", "f.json"];
+    let o = succeeds(d, &[&line[..], &["--texture-size", "16", "--steps", "1"]].concat());
+    let lost = "1 name of nodes and meshes";
+    assert!(stderr(&o).contains(&format!("warning: rock.glb: left out: {lost}")), "{}", stderr(&o));
+    let f: Value = serde_json::from_slice(&std::fs::read(d.join("f.json")).unwrap()).unwrap();
+    assert_eq!(f["left_out"], json!([lost]));
+    let written = photofit_scene::load(d.join("out.glb")).unwrap();
+    assert_eq!((written.cameras.len(), written.about.copyright.as_str()), (1, "2026 A. Painter"));
 }

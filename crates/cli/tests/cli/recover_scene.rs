@@ -51,6 +51,10 @@ fn a_self_test_finds_a_colour_again_and_tells_it() {
     for file in ["reference.png", "start.png", "recovered.png", "recovered.exr"] {
         assert!(d.join("out").join(file).is_file(), "{file}");
     }
+    let page = std::fs::read_to_string(d.join("out/index.html")).unwrap();
+    for part in ["s.xml from pictures", "data:image/png", "all pictures were fitted", "<svg"] {
+        assert!(page.contains(part), "{part:?} is not in the page");
+    }
 }
 
 #[test]

@@ -50,6 +50,10 @@ fn a_known_cloud_is_found_stopped_and_resumed() {
     assert!(relative("best") < 0.15 * relative("first"), "{f}");
     assert_eq!((f["voxels"].clone(), f["held_out"].clone()), (json!([16, 16, 16]), json!(5)));
     assert!(d.join("whole/views.png").is_file());
+    let page = std::fs::read_to_string(d.join("whole/index.html")).unwrap();
+    for part in ["a cloud on 16 x 16 x 16 voxels", "data:image/png", "picture 5 was held out", "<svg"] {
+        assert!(page.contains(part), "{part:?} is not in the page");
+    }
     run(&["-o", "cut", "--checkpoint", "state", "--time-limit", "0.3"]);
     run(&["-o", "end", "--checkpoint", "state", "--resume"]);
     for file in ["extinction.vol", "albedo.vol"] {
@@ -118,6 +122,18 @@ fn what_cannot_be_used_is_refused() {
     }
     let over =
         ["recover", "volume", "--self-test", "ball.vol", "-o", "out", "--checkpoint", "out/values.json"];
-    assert_ne!(photofit(d, &over).status.code(), Some(0), "a folder in place of a file");
+    let refusal = photofit(d, &over);
+    assert_misuse(&refusal, "a folder in place of a file", &["--checkpoint", "--output", "out/values.json"]);
     assert!(!d.join("out").exists(), "nothing is written before the input is read");
+    // The grid of a self-test is not replaced by the one that is found.
+    std::fs::create_dir(d.join("out")).unwrap();
+    std::fs::copy(d.join("ball.vol"), d.join("out/extinction.vol")).unwrap();
+    let o = run("out/extinction.vol");
+    assert_misuse(&o, "the grid itself", &["--output", "--self-test", "another file"]);
+    assert!(std::fs::read(d.join("out/extinction.vol")).unwrap() == whole);
+    #[cfg(unix)]
+    {
+        std::os::unix::fs::symlink("/dev/zero", d.join("zero.vol")).unwrap();
+        assert_one_error(&run("zero.vol"), "no end", &["zero.vol", "not a regular file"]);
+    }
 }

@@ -100,8 +100,14 @@ fn clouds_and_cameras_that_cannot_be_used() {
     write("half.json", r#"{"eye":[0,0,5],"width":32,"height":32}"#);
     write("word.json", r#"{"eye":[0,"b",5],"target":[0,0,0],"width":32,"height":32}"#);
     write("size.json", r#"{"eye":[0,0,5],"target":[0,0,0],"width":32,"height":0.5}"#);
+    write("wide.json", r#"{"eye":[0,0,5],"target":[0,0,0],"width":32,"height":32,"fov_y_degrees":200}"#);
     for (cloud, camera, parts) in [
-        ("none.ply", None, &["none.ply", "cannot be read"][..]),
+        (
+            "sphere.ply",
+            Some("wide.json"),
+            &["wide.json", "`fov_y_degrees` is 200; it must be 0.1 to 179"][..],
+        ),
+        ("none.ply", None, &["none.ply", "cannot be read"]),
         ("empty.pcd", None, &["empty.pcd", "at least one point"]),
         ("nan.pcd", None, &["nan.pcd", "finite"]),
         ("empty.ply", None, &["empty.ply", "at least one point"]),
@@ -112,11 +118,19 @@ fn clouds_and_cameras_that_cannot_be_used() {
         ("bad.pcd", None, &["bad.pcd", "header line 2", "SIZE"]),
         ("huge.pcd", None, &["huge.pcd", "POINTS", "at most"]),
         ("sphere.ply", Some("away.json"), &["sphere.ply", "none of the 50 points", "in front of the camera"]),
-        ("sphere.ply", Some("list.json"), &["list.json", "object"]),
-        ("sphere.ply", Some("half.json"), &["half.json", "`right`"]),
-        ("sphere.ply", Some("word.json"), &["word.json", "`eye`", "three numbers"]),
-        ("sphere.ply", Some("size.json"), &["size.json", "`height`"]),
-        ("sphere.ply", Some("gone.json"), &["gone.json", "cannot be read"]),
+        ("sphere.ply", Some("list.json"), &["list.json", "is [1]; it must be an object"]),
+        ("sphere.ply", Some("half.json"), &["half.json", "has no `right`; it must have one"]),
+        (
+            "sphere.ply",
+            Some("word.json"),
+            &["word.json", "`eye` is [0,\"b\",5]; it must be an array of three numbers"],
+        ),
+        (
+            "sphere.ply",
+            Some("size.json"),
+            &["size.json", "`height` is 0.5; it must be a whole number, 1 to 16384"],
+        ),
+        ("sphere.ply", Some("gone.json"), &["gone.json", "No such file"]),
     ] {
         let mut arguments = vec!["surface", cloud, "-o", "out"];
         arguments.extend(camera.into_iter().flat_map(|c| ["--camera", c]));

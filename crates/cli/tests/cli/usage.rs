@@ -46,7 +46,10 @@ fn help_lists_commands_and_options() {
         &["denoise"],
         &["recover"],
         &["recover", "texture"],
+        &["recover", "mesh"],
         &["recover", "scene"],
+        &["recover", "volume"],
+        &["retexture"],
         &["gradient"],
         &["demo"],
     ] {
@@ -181,13 +184,88 @@ fn options_that_do_not_go_together_show_the_usage_of_their_command() {
             "photofit render ",
         ),
         (
+            &["simplify", "a.glb", "-o", "b.glb", "--env", "sky.hdr", "--light", "point"],
+            "--env needs --light env; --light point lights by no map",
+            "photofit simplify ",
+        ),
+        (
+            &["retexture", "a.glb", "c.glb", "-o", "b.glb", "--env", "sky.hdr", "--light", "mixed"],
+            "--env needs --light env; --light mixed lights by no map",
+            "photofit retexture ",
+        ),
+        (
+            &["render", "a.glb", "-o", "b.png", "--env", "sky.hdr", "--light", "headlight"],
+            "--env needs --light env",
+            "photofit render ",
+        ),
+        (
+            &["render", "a.xml", "-o", "b.png", "--azimuth", "30"],
+            "--azimuth does not go with an .xml",
+            "render",
+        ),
+        (
+            &["render", "a.xml", "-o", "b.png", "--elevation", "-5"],
+            "--elevation does not go with an .xml",
+            "photofit render ",
+        ),
+        (
+            &["render", "a.glb", "-o", "b.png", "--camera", "0", "--azimuth", "30"],
+            "--azimuth does not go with --camera",
+            "photofit render ",
+        ),
+        (
+            &["render", "a.glb", "-o", "b.exr", "--integrator", "path", "--exposure", "1"],
+            "--exposure is for a display; it needs a .png",
+            "photofit render ",
+        ),
+        (
+            &["render", "a.xml", "-o", "b.EXR", "--tone-map"],
+            "--tone-map is for a display; it needs a .png",
+            "photofit render ",
+        ),
+        (
+            &["compare", "a.png", "b.png", "--views", "3"],
+            "--views belongs to two assets",
+            "photofit compare ",
+        ),
+        (
+            &["compare", "a.exr", "b.exr", "--resolution", "64"],
+            "--resolution belongs to two assets",
+            "photofit compare ",
+        ),
+        (
+            &["denoise", "a.exr", "-o", "b.exr", "--keep-darkening"],
+            "--keep-darkening needs --model rof",
+            "photofit denoise ",
+        ),
+        (
+            &["recover", "mesh", "pictures", "-o", "b.glb", "--views", "9"],
+            "cannot be used with '[PICTURES]'",
+            "photofit recover mesh ",
+        ),
+        (
+            &["recover", "mesh", "pictures", "-o", "b.glb", "--picture-size", "64"],
+            "cannot be used with '[PICTURES]'",
+            "photofit recover mesh ",
+        ),
+        (
+            &["recover", "volume", "pictures", "-o", "b", "--views", "3"],
+            "cannot be used with '[PICTURES]'",
+            "photofit recover volume ",
+        ),
+        (
+            &["recover", "volume", "pictures", "-o", "b", "--resolution", "64"],
+            "cannot be used with '[PICTURES]'",
+            "photofit recover volume ",
+        ),
+        (
             &["simplify", "a.glb", "-o", "b.glb", "--textures", "png", "--jpeg", "90"],
             "png and webp are exact: a quality belongs to --textures jpeg, webp-lossy or ktx2",
             "photofit simplify ",
         ),
     ] {
         let o = photofit(dir.path(), line);
-        assert_eq!(o.status.code(), Some(2));
+        assert_eq!(o.status.code(), Some(2), "{line:?}");
         assert!(stderr(&o).contains(rule) && stderr(&o).contains(usage), "{}", stderr(&o));
     }
 }

@@ -188,11 +188,18 @@ pub(crate) fn load(
     if !path.try_exists().map_err(io)? {
         return Ok(None);
     }
-    let bytes = std::fs::read(&path).map_err(io)?;
+    let bytes = photofit_image::file_bytes(&path, most_bytes(groups))?;
     decode(&bytes, groups, steering).map(Some).map_err(|refusal| match refusal {
         Refusal::Broken(rule) => FitError::Checkpoint { path, rule },
         Refusal::Other(differences) => FitError::OtherFit { path, differences },
     })
+}
+
+/// Largest checkpoint that is read, bytes: values, the best ones, two moments and a count of steps for each row, and room for
+/// the history and for another fit, whose differences are told.
+fn most_bytes(groups: &[Group]) -> u64 {
+    let own = groups.iter().map(|g| 4 * g.rows as u64 * (4 * g.columns as u64 + 1)).sum::<u64>();
+    own.saturating_add(1 << 30)
 }
 
 /// Why a checkpoint is not taken.

@@ -3,6 +3,8 @@
 //! Where materials need what the rasterizer lacks (coats, sheen, glass and so on) reference and candidates are path
 //! traced, extensions included.
 
+mod moments;
+
 use super::animated::Animated;
 use super::asset::Normalised;
 use super::classes::drawn;

@@ -171,6 +171,25 @@ fn what_cannot_be_used_is_refused_by_file_frame_and_rule() {
             assert!(error.contains(part), "{what}: {part:?} in {error}");
         }
     }
+    #[cfg(unix)]
+    {
+        // A link out of the folder, and one inside of it.
+        let (dir, mut file) = folder();
+        let (elsewhere, _) = folder();
+        std::os::unix::fs::symlink(elsewhere.path().join("images/2.png"), dir.path().join("images/out.png"))
+            .unwrap();
+        std::os::unix::fs::symlink("2.png", dir.path().join("images/in.png")).unwrap();
+        file["frames"][2]["file_path"] = json!("images/in.png");
+        assert!(load(&dir, &file).is_ok());
+        file["frames"][2]["file_path"] = json!("images/out.png");
+        let error = load(&dir, &file).unwrap_err().to_string();
+        assert!(error.contains("frame 2") && error.contains("inside of the folder"), "{error}");
+        // Lists that never end, or never begin.
+        std::fs::remove_file(dir.path().join(FILE)).unwrap();
+        std::os::unix::fs::symlink("/dev/zero", dir.path().join(FILE)).unwrap();
+        let error = PictureFolder::load(dir.path(), &asset(), 0, &|_| Ok(Image::new(1, 1, 4)));
+        assert!(error.unwrap_err().to_string().contains("not a regular file"));
+    }
     let (dir, file) = folder();
     std::fs::write(dir.path().join("images/5.png"), b"not a picture").unwrap();
     let error = load(&dir, &file).unwrap_err().to_string();

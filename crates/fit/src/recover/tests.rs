@@ -143,3 +143,32 @@ fn recovery_resumes_and_checks_its_options() {
     let error = file(&RecoverOptions { batch: 0, ..options() }).unwrap_err().to_string();
     assert_eq!(error, "batch is 0; it must be 1 to 64");
 }
+
+#[test]
+fn the_sides_that_are_seen_stay_those_of_the_parts() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut scene = sphere(true);
+    photograph(&scene, dir.path(), false);
+    // A leaf in the sphere, seen from both sides.
+    let mut leaf = scene.primitives[0].mesh.clone();
+    leaf.positions.iter_mut().for_each(|p| *p *= 0.2);
+    let triangles = leaf.triangles.len();
+    scene.primitives.push(Primitive { mesh: leaf, material: 1 });
+    scene.instances.push(Instance { primitive: 1, ..scene.instances[0] });
+    scene.materials.push(Material { double_sided: true, ..Material::clay() });
+    scene.about.copyright = "2026 A. Painter".into();
+    scene.ignored_extensions = vec!["EXT_unheard".into()];
+    let output = dir.path().join("out.glb");
+    let few = RecoverOptions { texture_size: 16, steps: 1, ..options() };
+    let r = recover_texture(dir.path(), &scene, &output, &few, &Silent).unwrap();
+    let written = photofit_scene::load(&output).unwrap();
+    let sides: Vec<(bool, usize)> = written
+        .primitives
+        .iter()
+        .map(|p| (written.materials[p.material].double_sided, p.mesh.triangles.len()))
+        .collect();
+    assert_eq!(sides, [(false, 2000), (true, triangles)]);
+    assert!(written.materials.iter().all(|m| m.unlit));
+    assert_eq!(written.about.copyright, "2026 A. Painter");
+    assert_eq!(r.left_out, ["1 extension that are not read (EXT_unheard)"]);
+}

@@ -13,7 +13,8 @@ use glam::{DMat3, DVec3, Vec3};
 use photofit_geometry::{Mesh, shapes};
 use photofit_image::Image;
 use photofit_scalar::Vec3f;
-use photofit_scene::{Instance, Material, Primitive, Scene};
+use photofit_scene::{FlatScene, Instance, Material, Primitive, Scene};
+use photofit_shading::Sides;
 use std::path::PathBuf;
 
 /// Radius of the ball to begin with, relative to the sphere around what the cameras see.
@@ -177,21 +178,36 @@ pub(super) struct Start {
 }
 
 impl Start {
-    pub(super) fn new(n: &Normalised, mesh: Option<&Scene>, budget: usize) -> Result<Self, FitError> {
-        let mesh = match mesh {
+    pub(super) fn new(
+        n: &Normalised,
+        mesh: Option<&Scene>,
+        budget: usize,
+        lit: bool,
+    ) -> Result<Self, FitError> {
+        // The frame has a class for each side, lit or not.
+        let class = |double_sided: bool| {
+            let sides = Sides::of(double_sided);
+            n.classes.iter().position(|c| c.sides == sides && c.unlit != lit).unwrap_or_default() as u32
+        };
+        let (mesh, class) = match mesh {
             Some(scene) => {
                 scene.validate_for_fit()?;
-                let mut mesh = scene.flatten().mesh;
+                let FlatScene { mut mesh, triangle_material, .. } = scene.flatten();
                 for p in &mut mesh.positions {
                     *p = (*p - n.center) / n.radius;
                 }
-                mesh
+                let of = |m: &u32| class(scene.materials[*m as usize].double_sided);
+                let classes = triangle_material.iter().map(of).collect();
+                (mesh, classes)
             }
-            None => ball(budget),
+            None => {
+                let mesh = ball(budget);
+                let classes = vec![class(false); mesh.triangles.len()];
+                (mesh, classes)
+            }
         };
         let levels =
             1 + (1..=MOST_LEVELS).take_while(|k| mesh.triangles.len() <= budget >> (2 * k)).count() as u32;
-        let class = vec![0; mesh.triangles.len()];
         Ok(Self { mesh, class, levels })
     }
 }

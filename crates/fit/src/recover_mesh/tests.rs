@@ -227,3 +227,42 @@ fn a_ball_is_recovered_in_its_world_and_bad_pictures_are_refused() {
     assert!(told(&o).contains("12 of 12 pictures have no alpha"), "{}", told(&o));
     assert!(!output.exists());
 }
+
+#[test]
+fn a_given_start_keeps_its_sides_and_what_it_says_about_itself() {
+    let dir = tempfile::tempdir().unwrap();
+    let asset = scene(shapes::cube());
+    let mut start = scene(shapes::icosphere(3));
+    start.materials[0].double_sided = true;
+    start.primitives.push(Primitive { mesh: shapes::icosphere(2), material: 1 });
+    start.instances.push(Instance { primitive: 1, transform: Affine3A::from_scale(glam::Vec3::splat(0.5)) });
+    start.materials.push(Material::clay());
+    start.about.copyright = "2026 A. Sculptor".into();
+    start.ignored_extensions = vec!["EXT_unheard".into()];
+    let output = dir.path().join("out.glb");
+    let few = RecoverMeshOptions { steps: 1, triangles: 260, ..options(MeshOptimizer::Adam) };
+    let source = PictureSource::Asset { asset: &asset, views: 8, size: 16 };
+    let r = recover_mesh(source, Some(&start), &output, &few, &Silent).unwrap();
+    let written = photofit_scene::load(&output).unwrap();
+    let sides: Vec<(bool, usize)> = written
+        .primitives
+        .iter()
+        .map(|p| (written.materials[p.material].double_sided, p.mesh.triangles.len()))
+        .collect();
+    assert_eq!(sides, [(false, 80), (true, 180)]);
+    assert_eq!(written.about.copyright, "2026 A. Sculptor");
+    assert_eq!(r.left_out, ["1 extension that are not read (EXT_unheard)"]);
+}
+
+#[test]
+fn what_shows_colours_without_light_is_written_so() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut asset = scene(shapes::cube());
+    asset.materials[0].unlit = true;
+    let output = dir.path().join("out.glb");
+    let few = RecoverMeshOptions { steps: 1, triangles: 80, ..options(MeshOptimizer::Adam) };
+    let source = PictureSource::Asset { asset: &asset, views: 8, size: 16 };
+    recover_mesh(source, None, &output, &few, &Silent).unwrap();
+    let material = &photofit_scene::load(&output).unwrap().materials[0];
+    assert!(material.unlit && material.emissive_texture.is_none(), "{material:?}");
+}

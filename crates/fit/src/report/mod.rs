@@ -160,10 +160,10 @@ fn table(o: &Outcome) -> String {
     let rows: String = o.stages.iter().map(row).collect();
     let side = o.views.first().map_or(o.resolution, |v| v.reference.width);
     format!(
-        "<div class=wide><table class=stages>\n<tr><th></th><th></th><th>PSNR, dB</th><th>SSIM</th><th>FLIP</th><th>at \
-         outline</th></tr>\n{rows}</table></div>\n\
+        "<div class=wide><table class=stages>\n<tr><th></th><th></th><th>PSNR, dB</th><th>SSIM</th><th>FLIP</th><th>error at \
+         the outline</th></tr>\n{rows}</table></div>\n\
          <p class=note>Means over {} views and lights that the fit never saw, over the foreground (the union of both \
-         silhouettes and a margin) of {} x {} pixels. At outline: the share of the squared error in pixels that one asset \
+         silhouettes and a margin) of {} x {} pixels. Error at the outline: the share of the squared error in pixels that one asset \
          covers and the other does not, which no texture can mend. PSNR is told up to {BEST_PSNR} dB: what 8 bits can tell \
          apart.</p>\n",
         o.views.len(),

@@ -5,7 +5,8 @@ use crate::Silent;
 use crate::engine::animated::arm::arm;
 use crate::engine::plan::Runs;
 use crate::engine::reference::Reference;
-use crate::engine::views::Views;
+use crate::engine::views::{Set, Views};
+use photofit_scene::{Extensions, Sheen};
 
 const TIMES: [f32; 4] = [0.0, 0.4, 0.7, 1.0];
 
@@ -108,6 +109,33 @@ fn the_candidate_is_drawn_at_the_moment_of_the_shot() {
 }
 
 #[test]
+fn materials_beyond_the_rasterizer_are_judged_as_they_are_at_the_moments() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("arm.glb");
+    let mut heavy = arm(24, 32);
+    for m in &mut heavy.materials {
+        let sheen = Sheen { color: [0.2, 0.3, 1.0], roughness: 0.4, ..Sheen::default() };
+        m.extensions = Some(Box::new(Extensions { sheen: Some(sheen), ..Extensions::default() }));
+    }
+    let few = RetextureOptions { resolution: 48, steps: 1, report_views: 4, ..options() };
+    let r = retexture(&heavy, &light(), &file, &few, &Silent).unwrap();
+    assert_eq!(r.judged, Judged::PathTraced);
+    assert!(r.left_out.is_empty(), "{:?}", r.left_out);
+    assert_eq!(r.not_fitted, ["material extensions, their textures as mean values: sheen"]);
+    // Both bend alike, or the outlines would differ; both are blue, or the colours would.
+    assert!(r.quality.psnr > 26.0 && (r.quality.luminance - 1.0).abs() < 0.1, "{:?}", r.quality);
+    let plain = retexture(&arm(24, 32), &light(), &file, &few, &Silent).unwrap();
+    assert_eq!((plain.judged, plain.not_fitted.len()), (Judged::Rasterized, 0));
+    let blue = |views: &[ReportView]| {
+        let sum = |k: usize| views[0].reference.data.iter().skip(k).step_by(3).sum::<f32>();
+        sum(2) / sum(0)
+    };
+    // What is blue in the pictures beside their grey background.
+    let [velvet, plain] = [&r.views, &plain.views].map(|v| blue(v) - 1.0);
+    assert!(velvet > 1.5 * plain, "{velvet} {plain}");
+}
+
+#[test]
 fn what_cannot_be_fitted_is_an_error() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("x.glb");
@@ -128,10 +156,22 @@ fn what_cannot_be_fitted_is_an_error() {
     let mut outside = light();
     outside.primitives[1].mesh.uvs[2].x = 1.5;
     let told = text(&heavy, &outside, &options());
-    assert!(told.contains("unit square") && told.contains("primitive 1"), "{told}");
+    assert!(told.starts_with("light_asset has the texture coordinates [1.5"), "{told}");
+    assert!(told.contains("in primitive 1; they must lie in the unit square"), "{told}");
     let mut bare = light();
     bare.primitives[1].mesh.uvs.clear();
     assert!(text(&heavy, &bare, &options()).contains("primitive 1"));
     let small = RetextureOptions { texture_size: 4, ..options() };
     assert_eq!(text(&heavy, &light(), &small), "texture_size is 4; it must be 16 to 8192");
+}
+
+#[test]
+fn a_bake_that_no_fit_improves_is_written() {
+    // The asset itself: its bake is all but exact, and what is fitted to pictures of half the size is less so.
+    let asset = arm(24, 32);
+    let dir = tempfile::tempdir().unwrap();
+    let options = RetextureOptions { resolution: 64, texture_size: 256, steps: 50, ..options() };
+    let r = retexture(&asset, &asset, &dir.path().join("arm.glb"), &options, &Silent).unwrap();
+    println!("{:?} {:?} {:?}", r.start, r.quality, r.written);
+    assert_eq!((r.written, r.quality), (Written::Baked, r.start));
 }

@@ -7,7 +7,7 @@ mod byte_budget;
 mod choice;
 mod coverage;
 mod options;
-mod outcome;
+pub(crate) mod outcome;
 mod plain;
 pub(crate) mod prepare;
 mod reference;

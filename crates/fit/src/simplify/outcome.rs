@@ -170,14 +170,18 @@ impl Outcome {
 
 /// What of an asset is not in the written file, one line each.
 pub(super) fn left_out(scene: &Scene, light: &Scene) -> Vec<String> {
+    lost_extensions(scene, light).into_iter().chain(scene.left_out(light)).collect()
+}
+
+/// The material extensions of an asset that a written file does not have, in one line.
+pub(crate) fn lost_extensions(scene: &Scene, light: &Scene) -> Option<String> {
     let kept = beyond_rasterizer(light);
     let lost: Vec<&str> = beyond_rasterizer(scene).into_iter().filter(|name| !kept.contains(name)).collect();
-    let lost = (!lost.is_empty()).then(|| format!("material extensions: {}", lost.join(", ")));
-    lost.into_iter().chain(scene.left_out(light)).collect()
+    (!lost.is_empty()).then(|| format!("material extensions: {}", lost.join(", ")))
 }
 
 /// What of an asset is in the written file without having been fitted, one line each.
-pub(super) fn not_fitted(scene: &Scene, light: &Scene) -> Vec<String> {
+pub(crate) fn not_fitted(scene: &Scene, light: &Scene) -> Vec<String> {
     let kept = beyond_rasterizer(light);
     let names: Vec<&str> = beyond_rasterizer(scene).into_iter().filter(|name| kept.contains(name)).collect();
     let line = || format!("material extensions, their textures as mean values: {}", names.join(", "));

@@ -16,20 +16,31 @@ pub fn write_atomically(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), Imag
     write_with(path, |file| file.write_all(bytes)).map_err(|e| ImageError::io(path, e))
 }
 
-/// Renames a file to the same name with `.bak` behind it, in the place of an earlier one; the new name, or `None` where
-/// there is no such file.
+/// Renames a file to the same name with `.bak` behind it, or, where files of that name are kept already, with `.bak2`,
+/// `.bak3` and so on: none of them is replaced. The new name, or `None` where there is no such file.
 ///
 /// # Errors
 /// If the file system refuses.
 pub fn set_aside(path: impl AsRef<Path>) -> Result<Option<PathBuf>, ImageError> {
     let path = path.as_ref();
-    let mut name = path.as_os_str().to_owned();
-    name.push(".bak");
-    match std::fs::rename(path, &name) {
-        Ok(()) => Ok(Some(name.into())),
+    let mut kept = named(path, ".bak");
+    let mut number = 2_u64;
+    while kept.symlink_metadata().is_ok() {
+        kept = named(path, &format!(".bak{number}"));
+        number += 1;
+    }
+    match std::fs::rename(path, &kept) {
+        Ok(()) => Ok(Some(kept)),
         Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
         Err(e) => Err(ImageError::io(path, e)),
     }
+}
+
+/// A path with something behind its name.
+fn named(path: &Path, more: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(more);
+    name.into()
 }
 
 /// Removes the temporary file unless it was renamed.
@@ -94,16 +105,17 @@ mod tests {
     }
 
     #[test]
-    fn a_file_is_set_aside_in_the_place_of_an_earlier_one() {
+    fn files_that_are_set_aside_replace_no_earlier_ones() {
         let dir = tempfile::tempdir().unwrap();
         let file = dir.path().join("a.state");
         assert_eq!(set_aside(&file).unwrap(), None);
-        for text in ["first", "second"] {
+        for text in ["first", "second", "third"] {
             std::fs::write(&file, text).unwrap();
             let kept = set_aside(&file).unwrap().unwrap();
             assert_eq!(std::fs::read_to_string(kept).unwrap(), text);
-            assert_eq!(names(dir.path()), ["a.state.bak"]);
         }
+        assert_eq!(names(dir.path()), ["a.state.bak", "a.state.bak2", "a.state.bak3"]);
+        assert_eq!(std::fs::read(dir.path().join("a.state.bak")).unwrap(), b"first");
     }
 
     #[test]

@@ -28,7 +28,7 @@ pub fn read_exr_layers(path: impl AsRef<Path>) -> Result<Vec<(String, Image, Vec
     let path = path.as_ref();
     let place = path.display().to_string();
     let limits = Limits::default();
-    let bytes = file_bytes(path, &limits)?;
+    let bytes = file_bytes(path, limits.max_file_bytes)?;
     if Format::of(&bytes) != Some(Format::Exr) {
         return Err(ImageError::invalid(&place, "not an OpenEXR file"));
     }

@@ -39,7 +39,7 @@ pub fn read(path: impl AsRef<Path>) -> Result<Image, ImageError> {
 pub fn read_with_limits(path: impl AsRef<Path>, limits: &Limits) -> Result<Image, ImageError> {
     let path = path.as_ref();
     let place = path.display().to_string();
-    let bytes = file_bytes(path, limits)?;
+    let bytes = file_bytes(path, limits.max_file_bytes)?;
     decode(&bytes, &place, limits)
 }
 
@@ -88,21 +88,30 @@ impl Format {
     }
 }
 
-/// All bytes of a regular file, at most `limits.max_file_bytes`.
-fn file_bytes(path: &Path, limits: &Limits) -> Result<Vec<u8>, ImageError> {
+/// All bytes of a regular file, of which there may be `most`. Devices and pipes are refused, so that it ends, and takes no
+/// more memory than that.
+///
+/// # Errors
+/// If the file cannot be read, is no regular file, or has more bytes.
+pub fn file_bytes(path: impl AsRef<Path>, most: u64) -> Result<Vec<u8>, ImageError> {
+    let path = path.as_ref();
     let place = path.display().to_string();
     let meta = std::fs::metadata(path).map_err(|e| ImageError::io(path, e))?;
     if !meta.is_file() {
-        return Err(ImageError::invalid(&place, "not a regular file"));
+        return Err(ImageError::invalid(&place, "is not a regular file; it must be one"));
     }
-    if meta.len() > limits.max_file_bytes {
-        let rule = format!("{} bytes, more than the limit of {}", meta.len(), limits.max_file_bytes);
-        return Err(ImageError::invalid(&place, rule));
+    let too_long =
+        |bytes: u64| ImageError::invalid(&place, format!("has {bytes} bytes; it must have at most {most}"));
+    if meta.len() > most {
+        return Err(too_long(meta.len()));
     }
     let mut bytes = Vec::with_capacity(meta.len() as usize);
     let file = std::fs::File::open(path).map_err(|e| ImageError::io(path, e))?;
-    // The file may grow between the two calls: never read past the limit.
-    file.take(limits.max_file_bytes).read_to_end(&mut bytes).map_err(|e| ImageError::io(path, e))?;
+    // The file may grow between the two calls.
+    file.take(most.saturating_add(1)).read_to_end(&mut bytes).map_err(|e| ImageError::io(path, e))?;
+    if bytes.len() as u64 > most {
+        return Err(too_long(bytes.len() as u64));
+    }
     Ok(bytes)
 }
 
@@ -165,7 +174,7 @@ mod tests {
         let cases = [
             (write("empty.png", b""), &default, "empty"),
             (write("text.png", b"hello, this is no image"), &default, "not a PNG"),
-            (write("long.png", b"\x89PNG\r\n\x1a\n"), &small, "limit of 3"),
+            (write("long.png", b"\x89PNG\r\n\x1a\n"), &small, "at most 3"),
             (folder.path().to_path_buf(), &default, "not a regular file"),
             (folder.path().join("missing.exr"), &default, "missing.exr"),
         ];
@@ -174,6 +183,15 @@ mod tests {
             let name = path.file_name().unwrap().to_str().unwrap();
             assert!(message.contains(name) && message.contains(rule), "{message}");
         }
+        // A device of the system: no file, however long it could be read.
+        #[cfg(unix)]
+        {
+            let message = file_bytes("/dev/zero", 1 << 10).unwrap_err().to_string();
+            assert!(message.contains("/dev/zero") && message.contains("not a regular file"), "{message}");
+        }
+        let three = write("three", b"abc");
+        assert_eq!(file_bytes(&three, 3).unwrap(), b"abc");
+        assert!(file_bytes(&three, 2).unwrap_err().to_string().contains("has 3 bytes"));
         let message = read_exr_layers(write("a.exr", b"\x89PNG\r\n\x1a\n")).unwrap_err().to_string();
         assert!(message.contains("a.exr") && message.contains("not an OpenEXR file"), "{message}");
     }

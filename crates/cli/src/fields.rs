@@ -1,0 +1,80 @@
+//! Fields of the library as the options of the command that runs, in errors.
+
+use crate::args::has_option;
+use crate::status::Misuse;
+use anyhow::{Error, anyhow};
+use photofit_fit::FitError;
+use photofit_scene::SceneError;
+use std::path::Path;
+
+/// The words that name a command on the command line.
+pub(crate) type Command = &'static [&'static str];
+
+pub(crate) const SIMPLIFY: Command = &["simplify"];
+pub(crate) const DEMO: Command = &["demo"];
+pub(crate) const RETEXTURE: Command = &["retexture"];
+pub(crate) const RECOVER_TEXTURE: Command = &["recover", "texture"];
+pub(crate) const RECOVER_MESH: Command = &["recover", "mesh"];
+pub(crate) const RECOVER_SCENE: Command = &["recover", "scene"];
+pub(crate) const RECOVER_VOLUME: Command = &["recover", "volume"];
+
+/// The option of a field, or what the field is where the command has no such option.
+fn option(command: Command, field: &str) -> String {
+    let name = field.replace('_', "-");
+    if has_option(command, &name) { format!("--{name}") } else { field.replace('_', " ") }
+}
+
+/// Turns the fields that a refused checkpoint differs in into options.
+pub(crate) fn name_options(command: Command, error: FitError) -> FitError {
+    let FitError::OtherFit { path, mut differences } = error else { return error };
+    for d in &mut differences {
+        d.field = option(command, &d.field);
+    }
+    FitError::OtherFit { path, differences }
+}
+
+/// A setting that no asset allows is a wrong command line.
+pub(crate) fn misuse(command: Command, error: FitError) -> Error {
+    match error {
+        FitError::Setting { field, rule } => Misuse(format!("{} {rule}", option(command, field))).into(),
+        error => error.into(),
+    }
+}
+
+/// Adds the name of the asset to errors that do not name a file, and turns fields into options.
+pub(crate) fn explain_error(command: Command, input: &Path, error: FitError) -> Error {
+    let error = name_options(command, error);
+    if let FitError::Setting { field, rule } = &error {
+        return anyhow!("{}: {} {rule}", input.display(), option(command, field));
+    }
+    let named = matches!(
+        &error,
+        FitError::Io { .. }
+            | FitError::Image(_)
+            | FitError::Checkpoint { .. }
+            | FitError::OtherFit { .. }
+            | FitError::Pictures { .. }
+            | FitError::Interrupted
+            | FitError::Scene(
+                SceneError::Read { .. } | SceneError::Write { .. } | SceneError::Invalid { .. }
+            )
+    );
+    if named { error.into() } else { anyhow!("{}: {error}", input.display()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fields_are_options_of_the_command_that_runs() {
+        assert_eq!(option(SIMPLIFY, "reference"), "--reference");
+        assert_eq!(option(RETEXTURE, "reference"), "reference", "an argument without a name there");
+        assert_eq!(option(RETEXTURE, "texture_size"), "--texture-size");
+        assert_eq!(option(DEMO, "texture_size"), "texture size");
+        assert_eq!(option(RECOVER_MESH, "optimizer"), "--optimizer");
+        assert_eq!(option(RECOVER_TEXTURE, "optimizer"), "optimizer");
+        assert_eq!(option(RECOVER_SCENE, "seed"), "--seed");
+        assert_eq!(option(RECOVER_VOLUME, "bounds"), "--bounds");
+    }
+}
