@@ -16,8 +16,9 @@ mod texture;
 
 use crate::error::{Fault, fault};
 use crate::{Primitive, Scene, SceneError};
+pub(crate) use file::clip;
 #[cfg(feature = "mitsuba")]
-pub(crate) use file::{clip, read as read_file};
+pub(crate) use file::read as read_file;
 #[cfg(feature = "mitsuba")]
 pub(crate) use geometry::{Geometry, normals_by_index, obj_geometry, ply_geometry};
 pub use points::{Points, Sensor, load_points, load_points_with};
