@@ -82,7 +82,7 @@ pub enum DistanceGridError {
 pub struct DistanceHit {
     /// Distance along the ray, in lengths of its direction.
     pub t: f64,
-    /// Which cell it is in, for [`DistanceGrid::normal`].
+    /// Which cell it is in, for [`DistanceGrid::on_surface`].
     pub cell: u32,
     /// The ray comes from outside, where distances are positive.
     pub front: bool,

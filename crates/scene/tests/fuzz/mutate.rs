@@ -82,7 +82,7 @@ pub(crate) enum Shape {
     #[cfg(feature = "mitsuba")]
     Serialized,
     Text,
-    #[cfg_attr(not(feature = "mitsuba"), allow(dead_code))]
+    #[cfg_attr(not(feature = "mitsuba"), expect(dead_code, reason = "scenes of Mitsuba alone are XML"))]
     Xml,
     Bytes,
 }
