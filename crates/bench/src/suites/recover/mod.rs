@@ -223,7 +223,7 @@ fn picture(world: &World, view: &View, options: &RenderOptions) -> Result<Image>
     Ok(renderer.picture())
 }
 
-/// Mean of `(I - R)^2 / (mean(R)^2 + .01)`, and its gradient with respect to the colours of `I`.
+/// Mean of `(I - R)^2 / (m^2 + .01)`, where `m` is the mean of `R` around a pixel, and its gradient with respect to the colours of `I`.
 fn compare(shown: &Image, target: &Image) -> (f64, Image) {
     let colors =
         |i: &Image| -> Vec<[f32; 4]> { i.data.chunks_exact(4).map(|p| [p[0], p[1], p[2], 1.0]).collect() };
