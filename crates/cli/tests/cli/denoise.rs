@@ -329,7 +329,7 @@ fn bad_input_is_named() {
     refused(&["c.exr", "-o", "o.exr", "--compare", "small.exr"], &["small.exr", "5 x 4"]);
     refused(&["c.exr", "-o", "o.exr", "--normal", "depth.exr"], &["depth.exr", "normal", "depth: Z"]);
     refused(&["c.exr", "-o", "no/o.exr"], &["does not exist"]);
-    refused(&["c.exr", "-o", "o.exr", "--sequence", "c.exr"], &["c.exr", "not valid JSON"]);
+    refused(&["c.exr", "-o", "o.exr", "--sequence", "c.exr"], &["c.exr", "is no JSON"]);
     assert!(!names(d).iter().any(|n| n.starts_with("o.")), "nothing was written");
     // Holes are no error: they are filled and counted.
     let text = stdout(&succeeds(d, &["denoise", "c.exr", "-o", "o.exr", "--json", "o.json"]));

@@ -240,22 +240,22 @@ fn options_that_do_not_go_together_show_the_usage_of_their_command() {
         ),
         (
             &["recover", "mesh", "pictures", "-o", "b.glb", "--views", "9"],
-            "cannot be used with '[PICTURES]'",
+            "'[PICTURES]' cannot be used with '--views",
             "photofit recover mesh ",
         ),
         (
             &["recover", "mesh", "pictures", "-o", "b.glb", "--picture-size", "64"],
-            "cannot be used with '[PICTURES]'",
+            "'[PICTURES]' cannot be used with '--picture-size",
             "photofit recover mesh ",
         ),
         (
             &["recover", "volume", "pictures", "-o", "b", "--views", "3"],
-            "cannot be used with '[PICTURES]'",
+            "'[PICTURES]' cannot be used with '--views",
             "photofit recover volume ",
         ),
         (
             &["recover", "volume", "pictures", "-o", "b", "--resolution", "64"],
-            "cannot be used with '[PICTURES]'",
+            "'[PICTURES]' cannot be used with '--resolution",
             "photofit recover volume ",
         ),
         (
