@@ -240,7 +240,7 @@ fn a_given_start_keeps_its_sides_and_what_it_says_about_itself() {
     start.about.copyright = "2026 A. Sculptor".into();
     start.ignored_extensions = vec!["EXT_unheard".into()];
     let output = dir.path().join("out.glb");
-    let few = RecoverMeshOptions { steps: 1, triangles: 260, ..options(MeshOptimizer::Adam) };
+    let few = RecoverMeshOptions { steps: 1, triangles: 260, ..options(PositionOptimizer::Adam) };
     let source = PictureSource::Asset { asset: &asset, views: 8, size: 16 };
     let r = recover_mesh(source, Some(&start), &output, &few, &Silent).unwrap();
     let written = photofit_scene::load(&output).unwrap();
@@ -260,7 +260,7 @@ fn what_shows_colours_without_light_is_written_so() {
     let mut asset = scene(shapes::cube());
     asset.materials[0].unlit = true;
     let output = dir.path().join("out.glb");
-    let few = RecoverMeshOptions { steps: 1, triangles: 80, ..options(MeshOptimizer::Adam) };
+    let few = RecoverMeshOptions { steps: 1, triangles: 80, ..options(PositionOptimizer::Adam) };
     let source = PictureSource::Asset { asset: &asset, views: 8, size: 16 };
     recover_mesh(source, None, &output, &few, &Silent).unwrap();
     let material = &photofit_scene::load(&output).unwrap().materials[0];
