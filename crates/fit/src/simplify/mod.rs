@@ -44,6 +44,7 @@ use crate::{FitError, Progress};
 use outcome::Times;
 use photofit_geometry::decimate::Target;
 use photofit_scene::Scene;
+use prepare::Start;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -199,19 +200,7 @@ pub(crate) fn simplify_asset(
     let to_file = began.elapsed().as_secs_f64();
     let fitted = photofit_scene::load(output)?;
     let triangles = [scene.triangle_count(), fitted.triangle_count()];
-    let mut stages = Vec::new();
-    // Path traced, the original would be the reference itself.
-    if options.as_engine && !options.is_judged_by_path_tracing(scene) {
-        stages.push(Stage::new("original", scene.clone()));
-    }
-    stages.push(plain);
-    if let [wrapped, baked] = &starts[..] {
-        stages.push(Stage::new("baked", to_scene(&baked.candidate, n)));
-        stages.push(Stage::new("wrapped", to_scene(&wrapped.candidate, n)));
-    } else {
-        stages.push(Stage::new("baked", to_scene(&starts[0].candidate, n)));
-    }
-    stages.push(Stage::new("fitted", fitted));
+    let stages = stages(asset, plain, &starts, fitted, options);
     let judge = Judge {
         scene,
         n,
@@ -240,6 +229,31 @@ pub(crate) fn simplify_asset(
         outcome.traced_maps = Some(traced);
     }
     Ok(outcome)
+}
+
+/// What the report compares, in this order: the asset itself where an engine draws it, the decimated one, the starts, and
+/// what was written.
+fn stages(
+    Asset { scene, n, .. }: Asset<'_>,
+    plain: Stage,
+    starts: &[Start],
+    fitted: Scene,
+    options: &SimplifyOptions,
+) -> Vec<Stage> {
+    let mut stages = Vec::new();
+    // Path traced, the original would be the reference itself.
+    if options.as_engine && !options.is_judged_by_path_tracing(scene) {
+        stages.push(Stage::new("original", scene.clone()));
+    }
+    stages.push(plain);
+    if let [wrapped, baked] = starts {
+        stages.push(Stage::new("baked", to_scene(&baked.candidate, n)));
+        stages.push(Stage::new("wrapped", to_scene(&wrapped.candidate, n)));
+    } else {
+        stages.push(Stage::new("baked", to_scene(&starts[0].candidate, n)));
+    }
+    stages.push(Stage::new("fitted", fitted));
+    stages
 }
 
 /// What is to be written, with its maps fitted through the path tracer where that is asked for.
