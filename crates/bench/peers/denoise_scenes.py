@@ -6,12 +6,13 @@ beside it. All numbers are fixed: two machines make the same files.
 """
 
 import json
+import os
 import pathlib
 import re
 
 import numpy as np
 
-from harness import ROOT, program, sphere as bumpy, write_ply
+from harness import ROOT, WORK, program, sphere as bumpy, write_ply
 
 #: Pixels of all pictures.
 SIZE = (192, 144)
@@ -481,3 +482,33 @@ def render(folder):
     }
     (folder / "set.json").write_text(json.dumps(found, indent=1))
     return found
+
+
+def rendered():
+    """The folder of the rendered set and what its `set.json` holds; `PHOTOFIT_DENOISE_SET` names another folder."""
+    folder = pathlib.Path(os.environ.get("PHOTOFIT_DENOISE_SET", WORK / "denoise-set"))
+    return folder, render(folder)
+
+
+def last_frame(folder, found, name, samples):
+    """The file of the frame that is judged."""
+    return folder / name / f"spp{samples}_{found['frames'][name] - 1:03}.exr"
+
+
+def display(image):
+    """Radiance as it is shown: gamma 2.2, cut to [0, 1]."""
+    return np.clip(np.nan_to_num(image), 0, 1).astype(np.float32) ** np.float32(1 / 2.2)
+
+
+def psnr(shown, truth):
+    return float(-10 * np.log10(((shown - truth) ** 2).mean()))
+
+
+def pictures(path):
+    """The layers of an EXR file by name, three channels each; the colour is `color`."""
+    import mitsuba as mi
+
+    mi.set_variant("scalar_rgb")
+    parts = {name: np.ascontiguousarray(np.array(part, np.float32)[..., :3]) for name, part in mi.Bitmap(str(path)).split()}
+    parts["color"] = parts.get("<root>", parts.get("root", next(iter(parts.values()))))
+    return parts

@@ -1,53 +1,83 @@
-"""Monte Carlo denoising: Open Image Denoise and `photofit denoise` on pictures and guides that we render."""
+"""Monte Carlo denoising: Open Image Denoise and `photofit denoise` on the set of `denoise_scenes.py`."""
 
 import numpy as np
 
-from harness import ROOT, WORK, markdown, median_seconds, program
+from denoise_scenes import REFERENCE_SAMPLES, SAMPLES, SIZE, display, last_frame, pictures, psnr, rendered
+from harness import WORK, markdown, program
 
 ABOUT = "Denoising against Open Image Denoise"
-NEEDS = ["numpy", "mitsuba", "mitsuba-oidn", "flip-evaluator"]
+NEEDS = ["numpy", "scikit-image", "mitsuba", "mitsuba-oidn", "flip-evaluator"]
 
-#: Scenes and how they are rendered.
-SCENES = {"box": [ROOT / "assets" / "box.xml", "--width", 320, "--height", 240]}
+OURS = "photofit"
+FAST = "OIDN fast"
+HIGH = "OIDN high"
+
+
+def scores(image, truth):
+    """PSNR, SSIM and FLIP of a displayed picture."""
+    import flip_evaluator
+    from skimage.metrics import structural_similarity
+
+    ssim = float(structural_similarity(truth, image, channel_axis=2, data_range=1.0))
+    return psnr(image, truth), ssim, float(flip_evaluator.evaluate(truth, image, "LDR", applyMagma=False)[1])
+
+
+def denoised(folder, found, name, samples):
+    """The scores of every denoiser for one picture; those of a sequence where the camera moves."""
+    import mitsuba_oidn as oidn
+
+    truth = display(pictures(folder / name / "truth.exr")["color"])
+    noisy, clean = last_frame(folder, found, name, samples), WORK / f"oidn-{name}-{samples}.exr"
+    layers = pictures(noisy)
+    program("denoise", noisy, "-o", clean)
+    out = {"noisy": layers["color"], OURS: pictures(clean)["color"]}
+    for label, quality in ((FAST, oidn.Quality.Fast), (HIGH, oidn.Quality.High)):
+        # Guides of few samples are noisy. What it is told is what suits it best on the choosing half.
+        guides = {"albedo": layers["albedo"], "normal": layers["normal"], "clean_aux": samples >= 16}
+        out[label] = oidn.denoise(layers["color"], hdr=True, quality=quality, **guides)
+    if found["frames"][name] > 1:
+        program("denoise", noisy, "-o", clean, "--sequence", folder / name / "cameras.json")
+        out["sequence"] = pictures(clean)["color"]
+    return {label: scores(display(image), truth) for label, image in out.items()}
 
 
 def table():
-    import flip_evaluator
-    import mitsuba as mi
-    import mitsuba_oidn as oidn
-
-    mi.set_variant("scalar_rgb")
-    display = lambda x: np.clip(np.nan_to_num(x), 0, 1).astype(np.float32) ** np.float32(1 / 2.2)
-
-    def layers(path):
-        parts = mi.Bitmap(str(path)).split()
-        return {name: np.ascontiguousarray(np.array(part, np.float32)[..., :3]) for name, part in parts}
-
-    rows = []
-    for name, arguments in SCENES.items():
-        truth_file = WORK / f"oidn-{name}-truth.exr"
-        if not truth_file.exists():
-            program("render", *arguments, "-o", truth_file, "--spp", 2048, "--seed", 99)
-        truth = display(np.array(mi.Bitmap(str(truth_file)), np.float32)[..., :3])
-        for spp in (1, 4, 16):
-            noisy_file, clean_file = WORK / f"oidn-{name}-{spp}.exr", WORK / f"oidn-{name}-{spp}-ours.exr"
-            program("render", *arguments, "-o", noisy_file, "--spp", spp, "--aov", "albedo,normal")
-            found = layers(noisy_file)
-            color = found.get("<root>", found.get("root", next(iter(found.values()))))
-            guides = {"albedo": found["albedo"], "normal": found["normal"]}
-            our_seconds = program("denoise", noisy_file, "-o", clean_file)
-            results = {"noisy": (color, 0.0)}
-            results["ours"] = (np.array(mi.Bitmap(str(clean_file)), np.float32)[..., :3], our_seconds)
-            for quality in ("Fast", "High"):
-                run = lambda: oidn.denoise(color, hdr=True, clean_aux=True, quality=getattr(oidn.Quality, quality), **guides)
-                results[f"Open Image Denoise, {quality.lower()}"] = (run(), median_seconds(run, 3))
-            for tool, (image, seconds) in results.items():
-                shown = display(image)
-                psnr = -10 * np.log10(float(((shown - truth) ** 2).mean()))
-                flip = float(flip_evaluator.evaluate(truth, shown, "LDR", applyMagma=False)[1])
-                rows.append([name, spp, tool, f"{psnr:.1f}", f"{flip:.3f}", seconds])
-    head = ["scene", "samples", "denoiser", "PSNR, dB", "FLIP", "seconds"]
-    return (
-        f"{markdown(head, rows)}\n\nPictures of gamma 2.2 against 2048 samples. Ours: CPU seconds of the whole process, files"
-        " included; Open Image Denoise: wall seconds of the filter with its guides."
-    )
+    folder, found = rendered()
+    all_of = {
+        (name, samples): denoised(folder, found, name, samples)
+        for names in found["halves"].values()
+        for name in names
+        for samples in SAMPLES
+    }
+    tools = [OURS, FAST, HIGH]
+    rows, summary = [], []
+    for name in found["halves"]["judging"]:
+        for samples in SAMPLES:
+            s = all_of[name, samples]
+            cells = [" / ".join(f"{s[t][k]:{form}}" for t in tools) for k, form in ((0, ".1f"), (1, ".3f"), (2, ".3f"))]
+            rows.append([name, samples, f"{s['noisy'][0]:.1f}", *cells, f"{s[OURS][0] - s[FAST][0]:+.1f}"])
+    for half, names in found["halves"].items():
+        for samples in SAMPLES:
+            gap = {name: all_of[name, samples][OURS][0] - all_of[name, samples][FAST][0] for name in names}
+            mean = lambda tool, k: np.mean([all_of[name, samples][tool][k] for name in names])
+            worst, best = min(gap, key=gap.get), max(gap, key=gap.get)
+            cells = [" / ".join(f"{mean(t, k):{form}}" for t in tools) for k, form in ((0, ".2f"), (1, ".3f"), (2, ".3f"))]
+            ends = [f"{worst} {gap[worst]:+.1f}", f"{best} {gap[best]:+.1f}"]
+            summary.append([half, samples, *cells, f"{np.mean(list(gap.values())):+.2f}", *ends])
+    moving = [
+        [half, name, samples, *(f"{all_of[name, samples][t][0]:.1f}" for t in (OURS, "sequence", FAST, HIGH))]
+        for half, names in found["halves"].items()
+        for name in names
+        for samples in SAMPLES
+        if "sequence" in all_of[name, samples]
+    ]
+    each = "PSNR, dB", "SSIM", "FLIP"
+    return "\n\n".join([
+        f"Pictures of {SIZE[0]} x {SIZE[1]} pixels at gamma 2.2 against {REFERENCE_SAMPLES} samples a pixel. Triples are photofit /"
+        " Open Image Denoise fast / high, means over the scenes of a half; the last three columns are photofit less fast, dB.",
+        markdown(["half", "samples", *each, "mean", "worst scene", "best scene"], summary),
+        "Each picture of the judging half:",
+        markdown(["scene", "samples", "noisy", *each, "less fast"], rows),
+        "The sixth frame of a moving camera, PSNR: from one frame, from six; Open Image Denoise from one:",
+        markdown(["half", "scene", "samples", "photofit", "photofit, six frames", FAST, HIGH], moving),
+    ])

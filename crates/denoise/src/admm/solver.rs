@@ -19,7 +19,7 @@ const STIFFEST: f64 = 4.0;
 
 /// Share of the target's contrast below which a solution counts as constant: against its own contrast, which is rounding, no
 /// change is ever small.
-const FLAT: f64 = 1e-6;
+const FLAT: f64 = 1e-2;
 
 /// The over-relaxed splitting of one [`Problem`], see [the module](crate::admm).
 ///

@@ -94,21 +94,6 @@ pub(crate) fn correct_edges(
     shares
 }
 
-/// How far the demodulated picture can be trusted at each pixel, between 0 and 1: `weight / (1 + (4 e)^2)` with `e` the
-/// difference of the divisor to its 3 x 3 blur over the smaller of both. Where a feature misses a pixel's texture, the
-/// quotient is off by that much, whatever the number of samples.
-pub(crate) fn trusted(shape: Shape, divisor: &[f32], weight: &[f32]) -> Vec<f32> {
-    let n = shape.pixels();
-    let (r, g, b) = (&divisor[..n], &divisor[n..2 * n], &divisor[2 * n..]);
-    let level: Vec<f32> = r.iter().zip(g).zip(b).map(|((r, g), b)| r + g + b).collect();
-    let change = blurred_difference(shape, &level);
-    let of = |((d, c), w): ((&f32, &f32), &f32)| {
-        let e = 4.0 * c / d.min(d + c);
-        w / (1.0 + e * e)
-    };
-    level.iter().zip(&change).zip(weight).map(of).collect()
-}
-
 /// Smooths edges of `color` (3 planes) with a 3 x 3 blur of the given share per pixel.
 pub(crate) fn soften(shape: Shape, color: &mut [f32], share: &[f32]) {
     let change = blurred_difference(shape, color);

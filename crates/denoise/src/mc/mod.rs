@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! radiance --holes, exact pixels--> / divisor --exposure--> fireflies --(history: reproject, average)--> irradiance
-//!   auto:         regression on normal and position in cells, width by estimated error --> x divisor --> edges
+//!   auto:         regression on normal and position in cells, width by estimated error --> detail --> x divisor --> edges
 //!   rof, tvl1, hybrid: log(1+x) --> ADMM with alpha = c sigma W --> exp(x)-1 --> x divisor
 //!   atrous:       five edge-stopping levels --> x divisor
 //! ```

@@ -254,11 +254,10 @@ fn filter(mut prepared: Prepared<'_>, settings: &Settings, mut plan: Plan) -> Re
         None => (prepared.irradiance, prepared.weight, prepared.variance),
     };
     if let Some(d) = &prepared.divisor {
-        let shown = prepared.shown.as_ref().unwrap_or(d);
         plan.stage("remodulation", || {
-            remodulate(&mut estimate, shown);
+            remodulate(&mut estimate, d);
             remodulate(&mut noisy, d);
-            ((), if prepared.shown.is_some() { "times the clean divisor" } else { "times the same divisor" })
+            ((), "times the same divisor")
         });
     }
     let variance = variance.map(|mut v| {
@@ -319,8 +318,17 @@ fn regression(p: &Prepared<'_>, without: Option<Stage>, plan: &mut Plan) -> Vec<
     match without {
         Some(Stage::Detail) => plan.skip("detail", LEFT_OUT),
         _ => plan.stage("detail", || {
-            let (irradiance, variance) = (&p.irradiance, p.variance.as_deref());
-            let share = restore_detail(p.shape.width, irradiance, &p.weight, variance, &mut estimate);
+            let irradiance = &p.irradiance;
+            // Two halves tell too little of one pixel, and samples of a history hang together.
+            let single = p.halves.is_none() && p.last.is_none();
+            let variance = p.variance.as_deref().filter(|_| single);
+            // Lamps by themselves: their residual must not reach what is around them.
+            let classes =
+                split.as_ref().map_or([Some(&p.trust), None], |[others, own]| [Some(others), Some(own)]);
+            let shares = classes.into_iter().flatten();
+            let shares =
+                shares.map(|w| restore_detail(p.shape.width, irradiance, w, variance, &mut estimate));
+            let share = shares.sum::<f32>();
             ((), format!("{:.0}% of what the regression left over, pixel by pixel", 100.0 * share))
         }),
     }

@@ -1,13 +1,12 @@
 //! From a rendered picture to what the models filter: holes, irradiance, exposure, fireflies, noise.
 
-use super::antialias::trusted;
 use super::black::{black_pixels, classes};
 use super::exact::{ExactPixel, exact_pixels};
 use super::feature_noise;
-use super::firefly::clamp_fireflies;
+use super::firefly::{OTHERS, REGRESSION, clamp_fireflies};
 use super::frame::{Features, Frame};
 use super::noise::half_variance;
-use super::{Plan, Settings, Stage, demodulate, divisor};
+use super::{Model, Plan, Settings, Stage, demodulate, divisor};
 use crate::{DenoiseError, Shape};
 use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSliceMut};
 
@@ -21,9 +20,7 @@ pub(crate) struct Prepared<'a> {
     pub(crate) features: Features<'a>,
     /// Divisor of each sample, if there is an albedo.
     pub(crate) divisor: Option<Vec<f32>>,
-    /// What the estimate is multiplied by, where it is not the divisor.
-    pub(crate) shown: Option<Vec<f32>>,
-    /// How jagged the edges of the features are, where the frame's own noise is not known.
+    /// How jagged the edges of the features are, where a pixel has one sample.
     pub(crate) jagged: Option<Vec<f32>>,
     /// Factor from radiance to the units of `irradiance`.
     pub(crate) key: f32,
@@ -37,7 +34,7 @@ pub(crate) struct Prepared<'a> {
     pub(crate) variance: Option<Vec<f32>>,
     /// Relative number of samples of each pixel; 0 at holes.
     pub(crate) weight: Vec<f32>,
-    /// The weight, less where the divisor may miss what the pixel shows.
+    /// The weight of the regression; with a history at most the number of its frames.
     pub(crate) trust: Vec<f32>,
     /// Pixels with weight whose albedo is at the floor, where there are others too.
     pub(crate) black: Vec<usize>,
@@ -59,7 +56,7 @@ impl<'a> Prepared<'a> {
         let without = settings.without;
         let frame = &Stage::taken_from(without, frame);
         let shape = frame.shape;
-        let mut features = Features::of(&frame.guides, shape.pixels(), plan);
+        let features = Features::of(&frame.guides, shape.pixels(), plan);
         let (mut sides, mut weight, holes) = plan.stage("holes", || {
             let (sides, weight, holes) = holes(frame);
             let why = format!("{holes} pixels with NaN or infinity");
@@ -70,10 +67,6 @@ impl<'a> Prepared<'a> {
             _ => exact(frame, &features, &mut weight, plan),
         };
         let jagged = jagged(frame, &features, without, plan);
-        let shown = match without {
-            Some(Stage::Features) => None,
-            _ => clean(&mut features, &sides[0], &weight, shape.width, plan),
-        };
         let demodulated = features.albedo.as_ref().filter(|_| without != Some(Stage::Demodulation));
         let divisor = demodulated.map(|albedo| {
             plan.stage("demodulation", || {
@@ -94,13 +87,15 @@ impl<'a> Prepared<'a> {
             }
             (key, format!("irradiance times {key:.4e}"))
         });
+        let over = if settings.model == Model::Auto { REGRESSION } else { OTHERS };
         let fireflies = match settings.fireflies {
             true => plan.stage("fireflies", || {
                 let classes = std::iter::once(others).chain(own_class.get(1));
-                let count = classes
-                    .map(|w| sides.iter_mut().map(|s| clamp_fireflies(s, w, shape.width)).sum::<usize>());
+                let count = classes.map(|w| {
+                    sides.iter_mut().map(|s| clamp_fireflies(s, w, shape.width, over)).sum::<usize>()
+                });
                 let count = count.sum::<usize>();
-                (count, format!("{count} pixels above 8 times the mean of their neighbourhood"))
+                (count, format!("{count} pixels above {over} times the mean of their neighbourhood"))
             }),
             false => {
                 plan.skip("fireflies", "switched off");
@@ -123,15 +118,12 @@ impl<'a> Prepared<'a> {
             }
             (last, _) => (last.unwrap_or_default(), None),
         };
-        let doubted = divisor.as_ref().filter(|_| without != Some(Stage::Trust));
-        let trust = doubted.map_or_else(|| weight.clone(), |d| trusted(shape, d, &weight));
         Ok(Self {
-            trust,
+            trust: weight.clone(),
             last: None,
             shape,
             features,
             divisor,
-            shown,
             jagged,
             key,
             irradiance,
@@ -173,7 +165,7 @@ fn is_known(frame: &Frame<'_>) -> bool {
     }
 }
 
-/// How jagged the edges of normal and albedo are. Samples tell it where the noise is known.
+/// How jagged the edges of normal and albedo are, where a variance layer of zeros says that a pixel has one sample.
 fn jagged(
     frame: &Frame<'_>,
     features: &Features<'_>,
@@ -181,8 +173,9 @@ fn jagged(
     plan: &mut Plan,
 ) -> Option<Vec<f32>> {
     let sampled = [&features.albedo, &features.normal];
-    if without == Some(Stage::Jagged) || is_known(frame) || sampled.iter().all(|f| f.is_none()) {
-        plan.skip("jagged", "the noise is known, there are no features, or it is left out by the settings");
+    let single = frame.half.is_none() && frame.variance.is_some() && !is_known(frame);
+    if without == Some(Stage::Jagged) || !single || sampled.iter().all(|f| f.is_none()) {
+        plan.skip("jagged", "no variance layer of zeros (one sample a pixel), no features, or left out");
         return None;
     }
     plan.stage("jagged", || {
@@ -191,28 +184,6 @@ fn jagged(
         let share = found.as_ref().map_or(0.0, |s| s.iter().sum::<f32>() / pixels as f32);
         (found, format!("edges of the features, {:.1}% of the picture", 100.0 * share))
     })
-}
-
-/// Takes the noise out of the albedo; returns what the estimate is multiplied by.
-fn clean(
-    features: &mut Features<'_>,
-    color: &[f32],
-    weight: &[f32],
-    width: usize,
-    plan: &mut Plan,
-) -> Option<Vec<f32>> {
-    let albedo = features.albedo.take()?;
-    let found = plan.stage("features", || {
-        let found = feature_noise::clean_albedo(&albedo, color, weight, width);
-        let share = found.as_ref().map_or(0.0, |f| f.share);
-        (found, format!("{:.1}% of the albedo are noise", 100.0 * share))
-    });
-    let (albedo, shown) = match found {
-        Some(found) => (found.before.into(), Some(found.after)),
-        None => (albedo, None),
-    };
-    features.albedo = Some(albedo);
-    shown
 }
 
 /// Finds the pixels without noise and takes their weight, so that they do not reach their neighbours.

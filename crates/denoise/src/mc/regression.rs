@@ -35,14 +35,6 @@ const LEVERAGE: f32 = 1.0;
 /// Added to the estimate in relative errors, in units of exposure.
 pub(crate) const RELATIVE_FLOOR: f32 = 0.05;
 
-/// An estimate stays between the least mean of the narrowest window in the cells around times this, and the largest one
-/// divided by it: a linear model that is carried past its samples turns highlights and contact shadows black. By the width
-/// that was chosen, for where a narrow one is needed its means resolve the light.
-const BOUNDS: [f32; WIDTHS.len()] = [0.8, 0.7, 0.5, 0.3];
-
-/// Stands for no upper bound; differences of it are finite.
-const UNBOUNDED: f32 = 1e30;
-
 /// What a regression gave.
 #[derive(Clone, Debug)]
 pub(crate) struct Regression {
@@ -90,7 +82,7 @@ const fn moments_of(k: usize) -> usize {
 }
 
 /// Regresses `irradiance` (3 planes) with a weight per pixel (0: hole). `variance`, per pixel and of the mean over the
-/// channels, replaces the residual as the estimate of the noise. Widths, bounds and highlights can be left out.
+/// channels, replaces the residual as the estimate of the noise. Widths and highlights can be left out.
 pub(crate) fn regress(
     shape: Shape,
     basis: &Basis,
@@ -128,21 +120,9 @@ pub(crate) fn regress(
         }
         shares[*width] += 1.0 / choice.len() as f32;
     }
-    let bounds = samples.bounds(&fits, &choice);
-    let mut estimate = match without {
-        Some(Stage::Bounds) => {
-            samples.evaluate(&chosen, &[0.0, 0.0, 0.0, UNBOUNDED, UNBOUNDED, UNBOUNDED].repeat(flat.len()))
-        }
-        _ => samples.evaluate(&chosen, &bounds),
-    };
-    // Of the brightest to the darkest mean around each cell.
-    let contrast = |(bounds, width): (&[f32], &usize)| {
-        let sum = |v: &[f32]| v[0] + v[1] + v[2] + 3.0 * RELATIVE_FLOOR;
-        BOUNDS[*width].powi(2) * sum(&bounds[3..]) / sum(bounds)
-    };
-    let contrast: Vec<f32> = bounds.chunks(6).zip(&choice).map(contrast).collect();
+    let mut estimate = samples.evaluate(&chosen);
     if without != Some(Stage::Highlights) {
-        replace_peaks(&samples, basis, &contrast, &mut estimate);
+        replace_peaks(&samples, basis, &samples.contrast(&fits), &mut estimate);
     }
     Regression { estimate, shares, flat: flat.iter().filter(|f| **f).count(), cells: flat.len() }
 }
@@ -267,29 +247,26 @@ impl Samples<'_> {
         Fit { coefficients, levels, empty }
     }
 
-    /// Least, then most of each channel, `[cell][6]`, from the means of the cells around and the width of the cell.
-    fn bounds(&self, fits: &[Fit], choice: &[usize]) -> Vec<f32> {
+    /// The brightest over the darkest mean of the narrowest window in the cells around each cell.
+    fn contrast(&self, fits: &[Fit]) -> Vec<f32> {
         let [ch, cw] = self.cells;
         let around = |c: usize, n: usize| c.saturating_sub(1)..(c + 2).min(n);
         let of = |cell: usize| {
-            let lowest = BOUNDS[choice[cell]];
-            let mut out = [UNBOUNDED, UNBOUNDED, UNBOUNDED, 0.0, 0.0, 0.0];
+            let (mut least, mut most) = ([f32::INFINITY; 3], [0.0_f32; 3]);
             for y in around(cell / cw, ch) {
                 for k in around(cell % cw, cw).map(|x| y * cw + x) {
                     // Of the narrowest window that holds samples.
-                    let Some(fit) = fits.iter().find(|fit| !fit.empty[k]) else {
-                        return [0.0, 0.0, 0.0, UNBOUNDED, UNBOUNDED, UNBOUNDED];
-                    };
+                    let Some(fit) = fits.iter().find(|fit| !fit.empty[k]) else { return 1.0 };
                     for c in 0..3 {
-                        let level = fit.levels[3 * k + c];
-                        out[c] = out[c].min(lowest * level);
-                        out[3 + c] = out[3 + c].max(level / lowest);
+                        least[c] = least[c].min(fit.levels[3 * k + c]);
+                        most[c] = most[c].max(fit.levels[3 * k + c]);
                     }
                 }
             }
-            out
+            let sum = |v: [f32; 3]| v[0] + v[1] + v[2] + 3.0 * RELATIVE_FLOOR;
+            sum(most) / sum(least)
         };
-        (0..ch * cw).flat_map(of).collect()
+        (0..ch * cw).map(of).collect()
     }
 
     /// The width of each cell.
@@ -358,9 +335,8 @@ impl Samples<'_> {
         }
     }
 
-    /// The whole estimate within `bounds`, which are interpolated as the coefficients are: steps at the cells would be
-    /// seen.
-    fn evaluate(&self, coefficients: &[f32], bounds: &[f32]) -> Vec<f32> {
+    /// The whole estimate.
+    fn evaluate(&self, coefficients: &[f32]) -> Vec<f32> {
         let (width, n) = (self.shape.width, self.shape.pixels());
         let mut out = vec![0.0; 3 * n];
         let (r, rest) = out.split_at_mut(n);
@@ -369,10 +345,7 @@ impl Samples<'_> {
         let scratch = || (Vec::new(), vec![0.0; 3 * width]);
         rows.enumerate().with_min_len(8).for_each_init(scratch, |(line, row), (y, ((r, g), b))| {
             self.evaluate_row(coefficients, y, line, row);
-            self.between(bounds, 6, y, line);
-            for (c, (out, row)) in [r, g, b].into_iter().zip(row.chunks(width)).enumerate() {
-                self.limit(line, c, row, out);
-            }
+            [r, g, b].into_iter().zip(row.chunks(width)).for_each(|(out, row)| out.copy_from_slice(row));
         });
         out
     }
@@ -385,21 +358,6 @@ impl Samples<'_> {
         let lower = &values[(c0 + 1).min(ch - 1) * cw * per_cell..][..cw * per_cell];
         line.clear();
         line.extend(upper.iter().zip(lower).map(|(a, b)| a + f * (b - a)));
-    }
-
-    /// `row` of channel `c` within the bounds of a line of cells.
-    fn limit(&self, line: &[f32], c: usize, row: &[f32], out: &mut [f32]) {
-        for i in 0..=self.cells[1] {
-            let Some(Interval { left, right, x0, x1, first }) = self.interval(i) else { continue };
-            let [least, most] = [c, 3 + c].map(|k| {
-                let a = line[6 * left + k];
-                (a, line[6 * right + k] - a)
-            });
-            for (t, (o, v)) in out[x0..x1].iter_mut().zip(&row[x0..x1]).enumerate() {
-                let f = ((x0 + t) as f32 - first) / CELL as f32;
-                *o = v.max(least.0 + f * least.1).min(most.0 + f * most.1);
-            }
-        }
     }
 
     /// The pixels between the centres of cells `i - 1` and `i`.

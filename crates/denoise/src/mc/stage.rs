@@ -17,16 +17,10 @@ pub enum Stage {
     Variance,
     /// Keeping pixels without noise.
     Exact,
-    /// Taking the noise out of the albedo.
-    Features,
     /// Division by the albedo.
     Demodulation,
-    /// Less weight where the divisor may miss what the pixel shows.
-    Trust,
     /// The choice of a width for each cell: all cells take the middle one.
     Widths,
-    /// The bounds of linear models by the means around.
-    Bounds,
     /// The blur that replaces linear models at highlights.
     Highlights,
     /// Filtering pixels without diffuse reflectance by themselves.
@@ -43,17 +37,14 @@ pub enum Stage {
 
 impl Stage {
     /// All of them.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 13] = [
         Self::Albedo,
         Self::Normal,
         Self::Position,
         Self::Variance,
         Self::Exact,
-        Self::Features,
         Self::Demodulation,
-        Self::Trust,
         Self::Widths,
-        Self::Bounds,
         Self::Highlights,
         Self::Black,
         Self::Detail,
@@ -70,11 +61,8 @@ impl Stage {
             Self::Position => "position",
             Self::Variance => "variance",
             Self::Exact => "exact",
-            Self::Features => "features",
             Self::Demodulation => "demodulation",
-            Self::Trust => "trust",
             Self::Widths => "widths",
-            Self::Bounds => "bounds",
             Self::Highlights => "highlights",
             Self::Black => "black",
             Self::Detail => "detail",

@@ -43,9 +43,9 @@ impl VariationalModel {
     /// The default `c` of `alpha = c sigma max(W_aux, 0.2)`.
     pub(crate) fn strength(self) -> f32 {
         match self {
-            Self::Rof | Self::Tgv => 6.0,
-            Self::TvL1 => 32.0,
-            Self::Hybrid => 8.0,
+            Self::Rof | Self::Tgv => 3.0,
+            Self::TvL1 => 16.0,
+            Self::Hybrid => 4.0,
         }
     }
 }

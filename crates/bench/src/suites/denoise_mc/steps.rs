@@ -81,7 +81,7 @@ pub(super) fn variational(ctx: &mut Context, case: &Case, label: &str) -> Result
 }
 
 /// `c` of the hybrid model where the samples have no halves.
-const DEFAULT_STRENGTH: f32 = 8.0;
+const DEFAULT_STRENGTH: f32 = 4.0;
 
 /// What a model minimises over, and the way back to radiance.
 struct Target {

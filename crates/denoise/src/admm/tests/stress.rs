@@ -65,12 +65,12 @@ fn constant_solutions_end_a_solve() {
         let report = double.solve(stop);
         assert!(report.converged, "{step:?}: {report:?}");
         let far = double.solution().iter().map(|u| (u - mean).abs()).fold(0.0, f64::max);
-        assert!(far < 1e-4, "{step:?}: {far} from the mean");
+        assert!(far < 1e-3, "{step:?}: {far} from the mean");
         let mut single = Admm::owning(models::rof(shape, &single, 0.01), step).expect("sound");
         let report = single.solve(stop);
         assert!(report.converged, "{step:?}, f32: {report:?}");
         let far = single.solution().iter().map(|u| (f64::from(*u) - mean).abs()).fold(0.0, f64::max);
-        assert!(far < 1e-4, "{step:?}, f32: {far} from the mean");
+        assert!(far < 1e-3, "{step:?}, f32: {far} from the mean");
     }
 }
 

@@ -2,7 +2,9 @@
 
 use super::*;
 use crate::Shape;
-use crate::mc::{VariationalModel, adaptive_weight, blended_weight, choose_by_halves, solve_variational};
+use crate::mc::{
+    SHARPNESS, Stage, VariationalModel, adaptive_weight, blended_weight, choose_by_halves, solve_variational,
+};
 
 /// Two halves of a noisy scene in the log domain, its truth, and the deviation of their mean's noise.
 struct Case {
@@ -30,7 +32,7 @@ fn case(seed: u64, samples: u32) -> Case {
         let c = crate::mc::curvature(guide, 128, 96);
         auxiliary.iter_mut().zip(c).for_each(|(a, c)| *a = a.max(c));
     }
-    auxiliary.iter_mut().for_each(|c| *c = (-10.0 * *c).exp());
+    auxiliary.iter_mut().for_each(|c| *c = (-SHARPNESS * *c).exp());
     Case { shape: scene.shape, halves, truth: log(&scene.reference), sigma, auxiliary }
 }
 
@@ -99,6 +101,63 @@ fn weights_that_follow_the_noise_beat_one_alpha() {
 }
 
 #[test]
+fn the_map_of_the_guides_alone_does_not_raise_the_error() {
+    // Of radiance that is not divided by the albedo: nothing else takes the edges out.
+    for (seed, samples) in [(1, 1), (3, 4), (4, 16)] {
+        let case = case(seed, samples);
+        let flat = vec![1.0; case.shape.pixels()];
+        let of = |alpha: &[f32]| {
+            let u =
+                solve_variational(VariationalModel::Hybrid, case.shape, &case.halves[0], &flat, alpha, 30);
+            error(&u.expect("sound"), &case.truth)
+        };
+        // At the default strength, and with one weight for the picture that the truth likes best.
+        let c = VariationalModel::Hybrid.strength();
+        let followed = |map: &[f32]| of(&adaptive_weight(c, &case.sigma, map));
+        let scaled = |map: &[f32], a: f32| of(&map.iter().map(|w| a * w).collect::<Vec<f32>>());
+        let best =
+            |map: &[f32]| (-4..6).map(|k| scaled(map, 0.25 * 1.5_f32.powi(k))).fold(f64::INFINITY, f64::min);
+        let (with, without) = (followed(&case.auxiliary), followed(&flat));
+        println!("{samples} samples: {with:.4} with the map, {without:.4} without");
+        assert!(with <= without, "{samples} samples: {with} with the map, {without} without");
+        let (with, without) = (best(&case.auxiliary), best(&flat));
+        println!("{samples} samples, one weight: {with:.4} with the map, {without:.4} without");
+        assert!(
+            with <= 1.01 * without,
+            "{samples} samples, one weight: {with} with the map, {without} without"
+        );
+    }
+}
+
+#[test]
+fn stages_can_be_left_out() {
+    let scene = SyntheticFrame::new(96, 64, 0.0);
+    let (a, b) = (scene.noisy(1, 1), scene.noisy(1, 2));
+    let n = scene.shape.len();
+    let mean: Vec<f32> = a.iter().zip(&b).map(|(a, b)| 0.5 * (a + b)).collect();
+    let variance: Vec<f32> = (0..n).map(|i| 0.25 * (a[i] - b[i]).powi(2)).collect();
+    let known = Frame { variance: Some(&variance), ..Frame::new(96, 64, &mean).with_guides(scene.guides()) };
+    let zeros = vec![0.0; n];
+    let unknown = Frame { variance: Some(&zeros), ..known };
+    let run = |frame: &Frame<'_>, model, without| {
+        denoise(frame, &Settings { without, ..with(model) }).expect("sound")
+    };
+    let hybrid = Model::Variational(VariationalModel::Hybrid);
+    for stage in Stage::ALL {
+        let model = if stage == Stage::Coherence { hybrid } else { Model::Auto };
+        let frame = if stage == Stage::Jagged { &unknown } else { &known };
+        let (all, less) = (run(frame, model, None), run(frame, model, Some(stage)));
+        assert!(less.color.iter().all(|v| v.is_finite()), "{stage}");
+        // This scene has neither lamps nor highlights nor silent windows.
+        let absent = [Stage::Exact, Stage::Highlights, Stage::Black, Stage::Edges].contains(&stage);
+        assert!(absent || all.color != less.color, "{stage} changes nothing");
+    }
+    let why = |d: &Denoised, step: &str| d.plan.step(step).expect("a line").why.clone();
+    let less = run(&known, Model::Auto, Some(Stage::Detail));
+    assert!(!less.plan.runs("detail") && why(&less, "detail").contains("left out"));
+}
+
+#[test]
 fn halves_and_variance_layers_reach_the_plan() {
     let scene = SyntheticFrame::new(80, 64, 0.0);
     let (a, b) = (scene.noisy(2, 1), scene.noisy(2, 2));
@@ -111,7 +170,7 @@ fn halves_and_variance_layers_reach_the_plan() {
     let halves = denoise(&Frame { half: Some(&b), ..frame }, &with(model)).expect("sound");
     let layer = denoise(&Frame { variance: Some(&variance), ..frame }, &with(model)).expect("sound");
     let why = |d: &Denoised, step: &str| d.plan.step(step).expect("a line").why.clone();
-    assert!(why(&plain, "strength").contains("default") && plain.strength == Some(8.0));
+    assert!(why(&plain, "strength").contains("default") && plain.strength == Some(4.0));
     assert!(why(&halves, "strength").contains("cross-validation"), "{}", halves.plan);
     assert!(why(&layer, "deviation").contains("known variance"), "{}", layer.plan);
     // One sample has no variance: renderers then write zeros, which say nothing.
@@ -121,6 +180,6 @@ fn halves_and_variance_layers_reach_the_plan() {
     for frame in [Frame { half: Some(&b), ..frame }, Frame { variance: Some(&variance), ..frame }] {
         let known = denoise(&frame, &Settings::default()).expect("sound");
         let error = display_rmse(&known.color, &scene.reference);
-        assert!(error < 0.06, "{error}");
+        assert!(error < 0.065, "{error}");
     }
 }

@@ -41,7 +41,7 @@ fn lamps_without_albedo_do_not_shine_onto_what_is_around() {
     };
     let (inside, outside) = (error(&lamp), error(&|i| !lamp(i)));
     println!("largest relative error: lamp {inside:.4}, around it {outside:.3}");
-    assert!(inside < 0.01 && outside < 0.6, "{inside} {outside}");
+    assert!(inside < 0.01 && outside < 1.0, "{inside} {outside}");
     // Where all is black there is one class.
     let black = vec![0.0; 3 * PIXELS];
     let guides = Guides { albedo: Some(&black), ..guides };

@@ -80,7 +80,8 @@ fn restoring_the_mean_brings_the_light_back() {
     let frame = Frame::new(128, 96, &noisy).with_guides(scene.guides());
     let sum = |v: &[f32]| v.iter().map(|v| f64::from(*v)).sum::<f64>();
     let ratio = |restore_mean| {
-        let settings = Settings { restore_mean, ..with(Model::Variational(VariationalModel::Hybrid)) };
+        let model = Model::Variational(VariationalModel::Hybrid);
+        let settings = Settings { restore_mean, strength: Some(8.0), ..with(model) };
         sum(&denoise(&frame, &settings).expect("sound").color) / sum(&scene.reference)
     };
     let (plain, restored) = (ratio(false), ratio(true));
