@@ -135,7 +135,7 @@ impl Render {
             };
         }
         if self.env.is_some() && self.light != RenderLight::Env {
-            return Err("--env needs --light env; no other light is one of a map".into());
+            return Err("--env needs --light env: other lights take no map".into());
         }
         let given = [("--define", !p.define.is_empty()), ("--allow-parent-paths", p.allow_parent_paths)];
         if let Some((name, _)) = given.into_iter().find(|g| g.1) {
