@@ -8,7 +8,9 @@ use crate::progress::Terminal;
 use crate::status::Misuse;
 use crate::{interrupt, sequence, threads};
 use anyhow::{Result, anyhow, bail};
-use photofit_denoise::mc::{Denoised, Frame, Guides, Model, Sequence, Settings, Stage, VariationalModel, denoise};
+use photofit_denoise::mc::{
+    Denoised, Frame, Guides, Model, Sequence, Settings, Stage, VariationalModel, denoise,
+};
 use photofit_fit::{FitError, Progress};
 use photofit_image::{
     DEFAULT_PIXELS_PER_DEGREE, Image, flip, psnr_from_mse, rmse, ssim, to_display, write_exr, write_png,
