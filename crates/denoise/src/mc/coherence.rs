@@ -5,7 +5,7 @@ use crate::Shape;
 use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSliceMut};
 
 /// `s_A` of the auxiliary weight.
-pub const SHARPNESS: f32 = 1.0;
+pub const SHARPNESS: f32 = 2.0;
 
 /// Curvature of a guide of any number of planes, between 0 and 1 per pixel: `C = |H guide|` (Frobenius norm over all
 /// planes, second differences that reach outside the picture left out), divided by its 99.5th percentile and cut at 1.

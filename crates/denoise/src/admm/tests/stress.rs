@@ -61,12 +61,12 @@ fn constant_solutions_end_a_solve() {
     let single: Vec<f32> = noise.iter().map(|v| *v as f32).collect();
     let stop = Stop::Tolerance { tolerance: 1e-4, limit: 1000 };
     for step in [LinearStep::Exact, LinearStep::Sweep] {
-        let mut double = Admm::owning(models::rof(shape, &noise, 0.01), step).expect("sound");
+        let mut double = Admm::owning(models::rof(shape, &noise, 0.5), step).expect("sound");
         let report = double.solve(stop);
         assert!(report.converged, "{step:?}: {report:?}");
         let far = double.solution().iter().map(|u| (u - mean).abs()).fold(0.0, f64::max);
         assert!(far < 1e-3, "{step:?}: {far} from the mean");
-        let mut single = Admm::owning(models::rof(shape, &single, 0.01), step).expect("sound");
+        let mut single = Admm::owning(models::rof(shape, &single, 0.5), step).expect("sound");
         let report = single.solve(stop);
         assert!(report.converged, "{step:?}, f32: {report:?}");
         let far = single.solution().iter().map(|u| (f64::from(*u) - mean).abs()).fold(0.0, f64::max);
