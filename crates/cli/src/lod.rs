@@ -16,6 +16,7 @@ use photofit_fit::lod::{
     Level, LodChain, LodOptions, combined_path, level_path, report_folder, simplify_chain, summary_path,
 };
 use photofit_fit::report::PAGE;
+use photofit_fit::simplify::TRACED_FOLDER;
 use photofit_scene::Scene;
 use serde_json::{Value, json};
 use std::path::Path;
@@ -30,13 +31,14 @@ fn places(a: &Simplify, levels: usize) -> Places {
     if a.msft_lod {
         places = places.writes("--msft-lod", Some(&combined_path(&a.output)));
     }
+    let traced = format!("{TRACED_FOLDER}/{CHECKPOINT_FILE}");
     for k in 0..levels {
         let report = a.report.as_ref().map(|f| report_folder(f, k));
         let checkpoint = a.running.checkpoint.as_ref().map(|f| part_folder(f, k));
         places = places
             .writes(if k == 0 { "--output" } else { "--lod" }, Some(&level_path(&a.output, k)))
             .fills("--report", report.as_deref(), &[PAGE])
-            .fills("--checkpoint", checkpoint.as_deref(), &[CHECKPOINT_FILE]);
+            .fills("--checkpoint", checkpoint.as_deref(), &[CHECKPOINT_FILE, &traced]);
     }
     places
 }

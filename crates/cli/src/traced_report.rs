@@ -6,7 +6,7 @@ use photofit_fit::engine::judge::{ReportView, view_quality};
 use photofit_fit::engine::plan::PlanRows;
 use photofit_fit::engine::traced::Traced;
 use photofit_fit::engine::trainer::HistoryPoint;
-use photofit_fit::report::{RecoveryReport, write_recovery_report};
+use photofit_fit::report::{RecoveryReport, TRACED_MEASURE, write_recovery_report};
 use photofit_image::Image;
 use photofit_pathtrace::View;
 use std::path::Path;
@@ -55,7 +55,7 @@ impl Found<'_> {
                 views: &views,
                 judged: format!("{shown} of {all} pictures, {spp} samples a pixel; {held_out}."),
                 history: self.history,
-                measure: "relative squared error, dB below 1",
+                measure: TRACED_MEASURE,
                 plan: self.plan.to_string(),
                 command: output::command_line(),
             },

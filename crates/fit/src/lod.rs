@@ -244,6 +244,8 @@ pub fn simplify_chain(
                 }
                 level => level?,
             };
+            let traced = level.outcome.traced_maps.as_ref().and_then(|m| m.history.last());
+            chain.spend(traced.map_or(0.0, |h| h.seconds));
             chain.add(&level.outcome.history, options.level(k).steps);
             if k == 0 {
                 forget_summary(output)?;

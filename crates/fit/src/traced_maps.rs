@@ -93,9 +93,12 @@ pub struct MapsCourse {
 struct Map {
     kind: MapKind,
     texture: usize,
-    /// Index of its image.
+    /// Index of its image; maps of other encodings or of materials of another alpha mode may share it.
     image: usize,
 }
+
+/// Coverage of a pixel of the reference that can be compared.
+const WHOLE: f32 = 0.99;
 
 /// Fits the maps of `light`, which stands where `scene` does, so that it looks like `scene` to a path tracer.
 ///
@@ -123,11 +126,16 @@ pub fn traced_maps(
     }
     let parameters = maps.iter().map(|m| m.parameter(&light)).collect();
     let model = model(world, parameters, options)?;
+    let starts: Vec<Vec<f32>> = (0..maps.len()).map(|k| model.of(k).to_vec()).collect();
     let target = PathTraced::new(scene, n, Features::Core, options.seed)?.sampled(options.reference_spp);
     let views = Orbit::new(options.seed, &options.lighting, options.size);
     let sampling = Sampling::SUPERSAMPLED;
     let held_out =
         HeldOut::new(&target, &views, sampling, HELD_OUT, options.seed)?.measured_by(Measure::Relative);
+    if !held_out.shots.iter().any(|s| s.reference.iter().any(|p| p[3] >= WHOLE)) {
+        let rule = "covers no pixel whole in the held-out views, so that nothing can be compared".into();
+        return Err(FitError::Setting { field: "asset", rule });
+    }
     let rates = model.parameters.iter().map(|p| (p.name.clone().into(), options.rate)).collect();
     let (steps, fade, renewal) = (options.steps, None, None);
     let phase = Phase { name: "maps", first: 0, steps, shrink: 1, rates, fade, renewal };
@@ -144,11 +152,12 @@ pub fn traced_maps(
         fresh: options.batch.div_ceil(2),
         steps: options.steps,
         keeping: &options.keeping,
-        options: steering(options, &model),
+        options: steering(options, &light),
     };
     let trained = train(Cpu::new(model)?, &job, |_| phases, &Maps(progress))?;
+    let mut moved: Vec<Vec<f32>> = vec![Vec::new(); light.images.len()];
     for (k, map) in maps.iter().enumerate() {
-        map.write(trained.model.of(k), &mut light.images[map.image]);
+        map.write(&starts[k], trained.model.of(k), &mut light.images[map.image], &mut moved[map.image]);
     }
     let stopped = trained.stopped || progress.is_cancelled();
     let course = MapsCourse { history: trained.history, steps: trained.steps, stopped, plan };
@@ -215,9 +224,15 @@ fn model(
 }
 
 /// The options and the start that steer a fit.
-fn steering(o: &TracedMapsOptions, model: &Traced) -> Steering {
-    let mut start = crate::engine::checkpoint::Digest::new();
-    (0..model.parameters.len()).for_each(|k| start.add(model.of(k)));
+fn steering(o: &TracedMapsOptions, light: &Scene) -> Steering {
+    let mut shape = crate::engine::checkpoint::Digest::new();
+    for instance in &light.instances {
+        let mesh = &light.primitives[instance.primitive].mesh;
+        shape.add(mesh.triangles.as_flattened());
+        shape.add(&mesh.positions);
+        shape.add(&mesh.uvs);
+        shape.add(&instance.transform.to_cols_array());
+    }
     Steering::default()
         .option("rate", o.rate)
         .option("size", o.size)
@@ -227,7 +242,7 @@ fn steering(o: &TracedMapsOptions, model: &Traced) -> Steering {
         .option("reference_spp", o.reference_spp)
         .option("light", o.lighting.name())
         .option("seed", o.seed)
-        .digest("maps that the fit starts from", format!("{:016x}", start.value()))
+        .digest("shape of the light asset", format!("{:016x}", shape.value()))
 }
 
 /// The rows of the plan.
@@ -323,10 +338,18 @@ impl Map {
         }
     }
 
-    /// Writes linear values as the image holds them; alpha and what no picture depends on stay.
-    fn write(&self, values: &[f32], image: &mut TextureImage) {
+    /// Writes linear values that moved from `start` as the image holds them; alpha and what no picture depends on stay. Of
+    /// maps that share the image the one that moved a texel farthest has it: `moved` says how far each is so far.
+    fn write(&self, start: &[f32], values: &[f32], image: &mut TextureImage, moved: &mut Vec<f32>) {
         let unorm = |x: f32| (x.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
-        for (texel, v) in image.texels.iter_mut().zip(values.chunks_exact(3)) {
+        moved.resize(image.texels.len(), 0.0);
+        let rows = start.chunks_exact(3).zip(values.chunks_exact(3));
+        for ((texel, (s, v)), moved) in image.texels.iter_mut().zip(rows).zip(moved) {
+            let far: f32 = s.iter().zip(v).map(|(s, v)| (v - s).abs()).sum();
+            if far <= *moved {
+                continue;
+            }
+            *moved = far;
             *texel = match self.kind {
                 MapKind::BaseColor => {
                     [linear_to_srgb_u8(v[0]), linear_to_srgb_u8(v[1]), linear_to_srgb_u8(v[2]), texel[3]]

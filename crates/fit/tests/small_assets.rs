@@ -362,6 +362,17 @@ fn maps_may_be_fitted_through_the_path_tracer() {
         (quality(&maps.history[0]), maps.history.iter().map(quality).fold(f64::MIN, f64::max));
     assert!(best > first + 0.05, "{first:.2} dB became {best:.2}");
     assert!(light.materials[0].base_color_texture.is_some(), "the shadows of what is lost have a map");
+    // Stopped by the time limit and gone on from both checkpoints: the file of a run that nothing stopped.
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let kept = SimplifyOptions { checkpoint: Some(folder.path().into()), ..options.clone() };
+    let limit = Some(std::time::Duration::from_millis(1));
+    let (cut, _) = run(&asset, &SimplifyOptions { time_limit: limit, ..kept.clone() });
+    assert!(cut.fit_stopped && cut.traced_maps.is_none(), "the first fit goes on before the second begins");
+    for _ in 0..2 {
+        let (end, again) = run(&asset, &SimplifyOptions { resume: true, ..kept.clone() });
+        assert_eq!(end.traced_maps.map(|m| m.steps), Some(40));
+        assert_eq!(again.images[0].texels, light.images[0].texels);
+    }
     let alone = SimplifyOptions { reference: ReferenceRenderer::Raster, ..options };
     let text = alone.check(usize::MAX).unwrap_err().to_string();
     assert_eq!(text, "fit_with is path; it needs path as the reference, too");

@@ -63,7 +63,7 @@ pub(crate) struct Denoise {
     /// Do not clamp rare huge samples.
     #[arg(long)]
     pub(crate) keep_fireflies: bool,
-    /// Leave out an input or a stage, to see what it brings.
+    /// Leave out an input or a stage, to see what it brings [default: none].
     #[arg(long, value_name = "STAGE", value_parser = PossibleValuesParser::new(Stage::ALL.map(Stage::name)))]
     pub(crate) without: Option<String>,
     /// A clean picture to compare with: PSNR, SSIM, FLIP, RMSE.

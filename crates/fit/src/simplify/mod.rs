@@ -12,6 +12,7 @@ mod plain;
 pub(crate) mod prepare;
 mod reference;
 pub(crate) mod shrink_wrap;
+mod through_path;
 
 #[cfg(test)]
 mod tests;
@@ -23,11 +24,10 @@ pub use crate::engine::export::to_scene;
 pub use crate::engine::judge::{JudgeRenderer, Judged, Quality, ReportView, ViewQuality};
 pub use crate::engine::plan::{Plan, Runs};
 pub use crate::engine::trainer::HistoryPoint;
-pub use options::{
-    FEWEST, FitRenderer, Init, LARGEST_ENGINE_PICTURE, MOST_REPLAYS, SimplifyOptions, TRACED_FOLDER,
-};
+pub use options::{FEWEST, FitRenderer, Init, LARGEST_ENGINE_PICTURE, MOST_REPLAYS, SimplifyOptions};
 pub use outcome::{Outcome, Written};
 pub use reference::ReferenceRenderer;
+pub use through_path::TRACED_FOLDER;
 
 use crate::bake;
 use crate::candidate::Candidate;
@@ -38,7 +38,6 @@ use crate::engine::steering::Steering;
 use crate::engine::surface::{MAPS, POSITIONS, Surface, fade_over, rate_of_maps};
 use crate::engine::trainer::{self, HeldOut, Job, Phase};
 use crate::engine::views::{Moment, Orbit};
-use crate::traced_maps::{MapsCourse, traced_maps};
 use crate::visibility::Visibility;
 use crate::{FitError, Progress};
 use outcome::Times;
@@ -46,7 +45,7 @@ use photofit_geometry::decimate::Target;
 use photofit_scene::Scene;
 use prepare::Start;
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// Step of the positions, relative to the distance between the start and the reference.
 const POSITION_RATE: f64 = 1.0;
@@ -116,6 +115,7 @@ pub(crate) fn simplify_asset(
     progress: &dyn Progress,
 ) -> Result<Outcome, FitError> {
     let Asset { scene, n, rays, visibility } = asset;
+    through_path::begin(options, progress);
     let reference = options.rasterized_against().reference(scene, n, rays, options)?;
     let reference = &*reference;
     let moment = Moment::default();
@@ -138,7 +138,7 @@ pub(crate) fn simplify_asset(
         .with_judgement(options.judgement(scene))
         .with_loss(loss, held_out.noise)
         .with_maps(&start.candidate);
-    let keeping = options.keeping();
+    let keeping = through_path::keeping_before(options);
     let job = Job {
         reference,
         views: &views,
@@ -173,7 +173,8 @@ pub(crate) fn simplify_asset(
         choice::best(trained, own, surface, visibility, &starts, n, reference, options, progress)?;
 
     let spent = fit_began.elapsed();
-    let (light, traced_maps) = path_traced(asset, light, written, spent, options, progress)?;
+    let done = (written, trained.stopped, spent);
+    let (light, mut traced_maps) = through_path::fit_maps(asset, light, done, options, progress);
     let dressed = |mut light: Scene| {
         light.inherit(scene);
         light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
@@ -192,6 +193,7 @@ pub(crate) fn simplify_asset(
         )?;
         if other {
             written = Written::Decimated;
+            traced_maps = None;
         }
         light = made;
     }
@@ -254,32 +256,6 @@ fn stages(
     }
     stages.push(Stage::new("fitted", fitted));
     stages
-}
-
-/// What is to be written, with its maps fitted through the path tracer where that is asked for.
-fn path_traced(
-    asset: Asset<'_>,
-    light: Scene,
-    written: Written,
-    spent: Duration,
-    options: &SimplifyOptions,
-    progress: &dyn Progress,
-) -> Result<(Scene, Option<MapsCourse>), FitError> {
-    if options.fit_with == FitRenderer::Raster || options.steps == 0 || progress.is_cancelled() {
-        return Ok((light, None));
-    }
-    // Texture coordinates of the asset's own may show one texel in many places.
-    let new_map = written != Written::Decimated;
-    let fit = options.traced_maps(new_map, spent);
-    match traced_maps(asset.scene, asset.n, &light, &fit, progress) {
-        Ok(made) => Ok((made.light, Some(made.course))),
-        Err(FitError::Setting { field: "light", rule }) => {
-            progress
-                .warn(&format!("its maps are not fitted through the path tracer: the light asset {rule}"));
-            Ok((light, None))
-        }
-        Err(e) => Err(e),
-    }
 }
 
 /// The options and the topology that steer a fit.

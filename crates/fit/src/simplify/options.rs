@@ -8,7 +8,6 @@ use crate::engine::judge::{JudgeRenderer, WIDEST_TRACED, beyond_rasterizer};
 use crate::engine::plan::Judgement;
 use crate::engine::reference::{SAMPLES, SUPERSAMPLE, samples_for};
 use crate::engine::trainer::{HELD_OUT, Keeping};
-use crate::traced_maps::TracedMapsOptions;
 use crate::views::{Lighting, Sampling};
 use photofit_geometry::decimate::Target;
 use photofit_scene::{Compression, Scene, TextureEncoding};
@@ -35,13 +34,6 @@ pub enum FitRenderer {
     /// traced pictures ([`crate::traced_maps`]): what the light shape casts itself stays out of them.
     Path,
 }
-
-/// Most steps of the fit through the path tracer.
-const TRACED_STEPS: u64 = 150;
-/// Widest of its pictures, pixels.
-const WIDEST_FITTED: usize = 192;
-/// Folder of its checkpoint in that of the fit.
-pub const TRACED_FOLDER: &str = "traced-maps";
 
 /// Options of [`super::simplify`].
 #[derive(Clone, Debug)]
@@ -242,24 +234,6 @@ impl SimplifyOptions {
         match (self.judge, self.fit_with) {
             (JudgeRenderer::Auto, FitRenderer::Path) => JudgeRenderer::Path,
             (judge, _) => judge,
-        }
-    }
-
-    /// The fit of the maps through the path tracer, in what is left of the time; `new_map`: materials may get a map.
-    pub(super) fn traced_maps(&self, new_map: bool, spent: Duration) -> TracedMapsOptions {
-        let keeping = self.keeping();
-        TracedMapsOptions {
-            steps: self.steps.min(TRACED_STEPS),
-            size: self.picture_size().clamp(16, WIDEST_FITTED),
-            new_map: new_map.then_some(self.texture_size),
-            lighting: self.lighting.clone(),
-            seed: self.seed,
-            keeping: Keeping {
-                checkpoint: keeping.checkpoint.map(|folder| folder.join(TRACED_FOLDER)),
-                time_limit: keeping.time_limit.map(|limit| limit.saturating_sub(spent)),
-                ..keeping
-            },
-            ..TracedMapsOptions::default()
         }
     }
 

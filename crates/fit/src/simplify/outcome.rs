@@ -55,7 +55,8 @@ pub struct Outcome {
     pub written: Written,
     /// Its textures: sizes and encodings.
     pub textures: String,
-    /// The fitted asset in the normalised frame; the written one unless that is [`Written::Decimated`].
+    /// The fitted asset in the normalised frame: the written one, unless that is [`Written::Decimated`] or its maps were
+    /// fitted through the path tracer.
     pub candidate: Candidate,
     /// Width and height of the pictures that quality is reported by.
     pub resolution: usize,

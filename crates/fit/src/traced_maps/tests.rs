@@ -7,7 +7,7 @@ use crate::engine::reference::Reference;
 use crate::engine::views::{Set, Views};
 use photofit_geometry::{Mesh, shapes};
 use photofit_scalar::{Vec3f, vec2, vec3};
-use photofit_scene::{Instance, Material, Primitive};
+use photofit_scene::{AlphaMode, Instance, Material, Primitive};
 
 /// Half of the side of the pit; its depth is twice as much.
 const PIT: f32 = 0.2;
@@ -112,6 +112,33 @@ fn a_lost_pit_darkens_the_map_where_it_was() {
     };
     let (before, after) = (quality(&flat()), quality(&made.light));
     assert!(after > before + 1.0, "{before:.2} dB became {after:.2}");
+}
+
+#[test]
+fn maps_of_two_alpha_modes_on_one_image_are_both_written() {
+    // Two sheets, the right one cut out by its alpha of 1, on halves of one image.
+    let heavy = pitted();
+    let n = Normalised::new(&heavy).expect("an asset");
+    let mut light = flat();
+    add_maps(&mut light, 32);
+    let mut mesh = light.primitives[0].mesh.clone();
+    let half = |mesh: &mut Mesh, x0: f32| {
+        for (p, uv) in mesh.positions.iter_mut().zip(&mut mesh.uvs) {
+            p.x = x0 + 0.5 * (p.x + 1.0);
+            uv.x = 0.5 + 0.5 * p.x;
+        }
+    };
+    half(&mut light.primitives[0].mesh, -1.0);
+    half(&mut mesh, 0.0);
+    let masked = Material { alpha_mode: AlphaMode::Mask { cutoff: 0.5 }, ..light.materials[0].clone() };
+    light.materials.push(masked);
+    light.primitives.push(Primitive { mesh, material: 1 });
+    light.instances.push(Instance { primitive: 1, transform: glam::Affine3A::IDENTITY });
+    let options = TracedMapsOptions { new_map: None, ..options() };
+    let made = traced_maps(&heavy, &n, &light, &options, &Silent).expect("fits");
+    let image = &made.light.images[0];
+    let dark = |x: usize| photofit_image::srgb_u8_to_linear(image.texels[16 * 32 + x][1]);
+    assert!(dark(14) < 0.5 && dark(17) < 0.5, "the pit lies on both: {} {}", dark(14), dark(17));
 }
 
 #[test]

@@ -22,8 +22,8 @@ pub(super) struct Library {
 impl Library {
     /// Appends the materials of the library named on an `mtllib` line.
     ///
-    /// A library or a texture that is not there is a warning, and so is a texture outside of the folder (of which the one of
-    /// its name beside the library is taken); a texture of the base colour or of the emission that is
+    /// A library or a texture that is not there is a warning, and so is a texture outside of the folder. In place of either
+    /// texture one of its name beside the library is taken, with a warning; a texture of the base colour or of the emission that is
     /// damaged is an error, another map that is a warning.
     pub(super) fn load(
         &mut self,
@@ -58,7 +58,10 @@ impl Library {
             let Some((_, statements)) = self.statements.last_mut().filter(|_| begun) else { continue };
             let mut warning = None;
             let mut map = |rest: &str, needed: bool| match map(rest, folder, limits, &place, textures) {
-                Ok(map) => Ok(Some(map)),
+                Ok((map, told)) => {
+                    warning = told;
+                    Ok(Some(map))
+                }
                 Err(f) if needed && f.kind == FaultKind::Content => Err(f),
                 Err(f) => {
                     warning = Some(format!("{}: {}: the map is left out", f.place, f.rule));
@@ -108,14 +111,14 @@ struct Map {
     strength: f32,
 }
 
-/// A texture statement: options, then the file's name to the end of the line.
+/// A texture statement: options, then the file's name to the end of the line; and what to tell of it.
 fn map(
     rest: &str,
     folder: &Folder,
     limits: &Limits,
     place: &str,
     textures: &mut Textures<'_>,
-) -> Result<Map, Fault> {
+) -> Result<(Map, Option<String>), Fault> {
     let mut rest = rest;
     let (mut scale, mut offset, mut wrap) = ([1.0_f32; 2], [0.0_f32; 2], Wrap::Repeat);
     let mut strength = 1.0;
@@ -159,6 +162,7 @@ fn map(
         rest = after;
     }
     let key = format!("texture {rest}");
+    let mut told = None;
     let image = match textures.known(&key) {
         Some(image) => image,
         None => {
@@ -166,9 +170,15 @@ fn map(
                 // Exporters write the path that the picture had on their machine; it may lie beside the library.
                 Err(f) if f.kind != FaultKind::Content => {
                     let beside = rest.rsplit(['/', '\\']).next().filter(|name| *name != rest).ok_or(());
-                    beside
-                        .and_then(|name| folder.read_name(name, limits.file_bytes, place).map_err(drop))
-                        .map_err(|()| f)?
+                    let (name, bytes) = beside
+                        .and_then(|name| {
+                            Ok((name, folder.read_name(name, limits.file_bytes, place).map_err(drop)?))
+                        })
+                        .map_err(|()| f)?;
+                    let [from, name] = [rest, name].map(clip);
+                    told =
+                        Some(format!("{place}: `{from}` is not there; `{name}` beside the library is taken"));
+                    bytes
                 }
                 other => other?,
             };
@@ -178,5 +188,5 @@ fn map(
     // The file's v points up: v' = 1 - (scale (1 - v) + offset).
     let transform = [[scale[0], 0.0, offset[0]], [0.0, scale[1], 1.0 - scale[1] - offset[1]]];
     let sampler = Sampler { wrap_u: wrap, wrap_v: wrap, ..Sampler::default() };
-    Ok(Map { slot: TextureSlot { image, sampler, tex_coord: 0, transform }, strength })
+    Ok((Map { slot: TextureSlot { image, sampler, tex_coord: 0, transform }, strength }, told))
 }
