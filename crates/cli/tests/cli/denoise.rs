@@ -166,7 +166,8 @@ fn sequences_and_halves_lower_the_error() {
     };
     let one = psnr(&[]);
     let four = psnr(&["--sequence", "cameras.json"]);
-    assert!(four > one + 0.5, "{four} dB of four frames, {one} of one");
+    // Since detail comes back within a frame, those before it bring less than half a decibel here.
+    assert!(four > one + 0.25, "{four} dB of four frames, {one} of one");
     write(&d.join("b.exr"), &[("", &f.noisy(1, 99), RGB)]);
     let halves = psnr(&["--half", "b.exr"]);
     assert!(halves > one + 0.2, "{halves} dB of two halves, {one} of one");
