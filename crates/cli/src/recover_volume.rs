@@ -250,7 +250,7 @@ fn write(a: &RecoverVolume, seen: &Seen, r: &RecoveredVolume, seconds: f64) -> R
     let reached = output::traced_error(&judged, [first, best], (r.steps, seconds), &a.output);
     let found = Found {
         title: format!("a cloud on {x} x {y} x {z} voxels"),
-        summary: reached.lines().next().unwrap_or_default().to_owned(),
+        reached: &reached,
         model: &r.model,
         views: &seen.views,
         targets: &seen.pictures,

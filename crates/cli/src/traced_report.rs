@@ -17,8 +17,8 @@ const MOST: usize = 12;
 /// What a page is made of.
 pub(crate) struct Found<'a> {
     pub(crate) title: String,
-    /// What was reached, in a sentence.
-    pub(crate) summary: String,
+    /// What is told of what was reached; its first line stands on the page.
+    pub(crate) reached: &'a str,
     pub(crate) model: &'a Traced,
     pub(crate) views: &'a [View],
     /// One for each view.
@@ -50,7 +50,7 @@ impl Found<'_> {
             folder,
             &RecoveryReport {
                 title: self.title.clone(),
-                summary: self.summary.clone(),
+                summary: self.reached.lines().next().unwrap_or_default().to_owned(),
                 stages: &["found"],
                 views: &views,
                 judged: format!("{shown} of {all} pictures, {spp} samples a pixel; {held_out}."),

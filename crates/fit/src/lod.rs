@@ -229,7 +229,7 @@ pub fn simplify_chain(
     let began = Instant::now();
     with_asset(scene, progress, |asset| {
         let keeping = options.fit.keeping();
-        let mut chain = Chain::new(&keeping, progress)?;
+        let mut chain = Chain::new(&keeping, progress);
         let (mut levels, mut failed) = (Vec::<Level>::new(), None);
         for k in 0..options.sizes.len() {
             if k > 0 && progress.is_cancelled() {

@@ -150,7 +150,7 @@ pub fn recover_mesh(
         items: items(&model.work(options.steps), &photos, (LOSS.into(), &held_out)),
         phases: Vec::new(),
     };
-    let mut chain = Chain::new(&options.keeping, progress)?;
+    let mut chain = Chain::new(&options.keeping, progress);
     let (mut steps, mut stopped) = (0, false);
     for level in 0..start.levels {
         if level > 0 {

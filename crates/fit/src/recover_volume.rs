@@ -178,7 +178,7 @@ pub fn recover_volume(
     let mut grid = Grid::start(size_of(&bounds, longest[0]), &bounds, options.albedo);
     let (mut grids, mut phases) = (Vec::new(), Vec::new());
     let (mut made, mut resumed) = (0, 0);
-    let mut chain = Chain::new(&options.keeping, progress)?;
+    let mut chain = Chain::new(&options.keeping, progress);
     let told = Mutex::default();
     for (level, side) in longest.iter().enumerate() {
         grid = grid.resampled(size_of(&bounds, *side));

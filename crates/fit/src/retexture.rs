@@ -173,14 +173,17 @@ pub fn retexture(
 
     let fitted = dressed(light, &trained.model.surface().candidate, &n);
     // The fit judged itself at half the size, by its own textures; what is written is chosen as it will be seen.
-    let stages = [start.clone(), fitted.clone()].map(|s| Stage::new("", s));
+    let mut stages = [Stage::new("start", start), Stage::new("fitted", fitted)];
     let larger =
         OverMoments { views: Orbit { size: options.resolution, ..seen.views.clone() }, ..seen.clone() };
-    let scores = judge::scores(&n, &reference_pictures, &stages, &larger, count, SUPERSAMPLE, progress)?;
-    let (written, chosen) =
-        if scores[0] > scores[1] { (Written::Baked, start.clone()) } else { (Written::Fitted, fitted) };
-    photofit_scene::save_glb(output, &chosen)?;
-    let stages = [Stage::new("start", start), Stage::new("fitted", photofit_scene::load(output)?)];
+    // Without a step they are the same.
+    let is_baked_better = trained.steps > 0 && {
+        let score = judge::scores(&n, &reference_pictures, &stages, &larger, count, SUPERSAMPLE, progress)?;
+        score[0] > score[1]
+    };
+    let (written, chosen) = if is_baked_better { (Written::Baked, 0) } else { (Written::Fitted, 1) };
+    photofit_scene::save_glb(output, &stages[chosen].scene)?;
+    stages[1].scene = photofit_scene::load(output)?;
     let judge = Judge {
         scene: reference,
         n: &n,

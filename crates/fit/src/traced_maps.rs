@@ -6,17 +6,18 @@
 
 use crate::engine::Normalised;
 use crate::engine::cpu::Cpu;
+use crate::engine::export::atlas_slot;
 use crate::engine::loss::PictureLoss;
 use crate::engine::plan::{Item, PlanRows, rows};
 use crate::engine::reference::{self, ENERGY, Features, PathTraced, SAMPLES};
 use crate::engine::steering::Steering;
-use crate::engine::traced::{Compared, Traced, TracedParameter};
+use crate::engine::traced::{Compared, Traced, TracedParameter, WHOLE};
 use crate::engine::trainer::{HELD_OUT, HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
 use crate::engine::views::{Lighting, Orbit, Sampling};
 use crate::{FitError, Progress};
 use photofit_image::linear_to_srgb_u8;
 use photofit_pathtrace::{Parameter, PathOptions, RenderOptions, World};
-use photofit_scene::{Filter, MapKind, Sampler, Scene, TextureImage, TextureSlot, Wrap};
+use photofit_scene::{MapKind, Scene, TextureImage};
 
 /// Least reflectance: what is black sends no light that could tell that it should be brighter.
 const FAINT: f32 = 1e-4;
@@ -96,9 +97,6 @@ struct Map {
     /// Index of its image; maps of other encodings or of materials of another alpha mode may share it.
     image: usize,
 }
-
-/// Coverage of a pixel of the reference that can be compared.
-const WHOLE: f32 = 0.99;
 
 /// Fits the maps of `light`, which stands where `scene` does, so that it looks like `scene` to a path tracer.
 ///
@@ -289,15 +287,9 @@ fn add_maps(light: &mut Scene, size: usize) {
             });
             made.push((color, image));
         }
-        let wrap = Wrap::ClampToEdge;
         let material = &mut light.materials[m];
         material.base_color = [1.0, 1.0, 1.0, alpha];
-        material.base_color_texture = Some(TextureSlot {
-            image,
-            sampler: Sampler { wrap_u: wrap, wrap_v: wrap, filter: Filter::Trilinear },
-            tex_coord: 0,
-            transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-        });
+        material.base_color_texture = Some(atlas_slot(image));
     }
 }
 

@@ -127,7 +127,7 @@ pub(super) fn write(
     let reached = output::traced_error(&judged, [first, best], (r.steps, seconds), &a.output);
     let found = Found {
         title: format!("{} from pictures", crate::simplify::name(&a.scene.input)),
-        summary: reached.lines().next().unwrap_or_default().to_owned(),
+        reached: &reached,
         model: &r.model,
         views,
         targets,

@@ -43,26 +43,16 @@ pub(crate) struct Chain<'a> {
 impl<'a> Chain<'a> {
     /// A chain at its start. Unless it goes on from checkpoints, those of all parts but the first are set aside; the first
     /// one is by its fit.
-    ///
-    /// # Errors
-    /// If the file system refuses.
-    pub(crate) fn new(keeping: &'a Keeping, progress: &dyn Progress) -> Result<Self, FitError> {
+    pub(crate) fn new(keeping: &'a Keeping, progress: &dyn Progress) -> Self {
         if let Some(folder) = keeping.checkpoint.as_ref().filter(|_| !keeping.resume) {
-            for part in 1..MOST_PARTS {
-                let file = part_folder(folder, part).join(checkpoint::FILE);
-                // What cannot be moved is told when the checkpoint cannot be saved.
-                if let Ok(Some(kept)) = photofit_image::set_aside(&file) {
-                    progress.note(&format!("an earlier fit is kept as {}", kept.display()));
-                }
-            }
+            (1..MOST_PARTS).for_each(|part| checkpoint::set_aside(&part_folder(folder, part), progress));
         }
         let (left, began) = (keeping.time_limit, Instant::now());
-        Ok(Self { keeping, part: 0, left, began, steps: 0, history: Vec::new() })
+        Self { keeping, part: 0, left, began, steps: 0, history: Vec::new() }
     }
 
-    /// Fits the next part by `fit`, which may take a `share`-th of the time that is left. A part that was not begun
-    /// before has nothing to go on from; one whose checkpoint cannot be gone on from, since the part before ended at other
-    /// values than then, begins anew.
+    /// Fits the next part by `fit`, which may take a `share`-th of the time that is left; all but the first by
+    /// [`fit_after_another`].
     ///
     /// # Errors
     /// Those of `fit`.
@@ -74,29 +64,14 @@ impl<'a> Chain<'a> {
     ) -> Result<T, FitError> {
         self.began = Instant::now();
         let checkpoint = self.keeping.checkpoint.as_ref().map(|folder| part_folder(folder, self.part));
-        let begun = checkpoint.as_ref().is_some_and(|folder| folder.join(checkpoint::FILE).exists());
-        let keeping = Keeping {
-            checkpoint,
-            resume: self.keeping.resume && (self.part == 0 || begun),
-            time_limit: self.left.map(|l| l / share.max(1) as u32),
-        };
-        match fit(&keeping) {
-            Err(e @ (FitError::Checkpoint { .. } | FitError::OtherFit { .. }))
-                if self.part > 0 && keeping.resume =>
-            {
-                progress.warn(&format!("{e}; this part of the fit begins anew"));
-                fit(&Keeping { resume: false, ..keeping })
-            }
-            result => result,
-        }
+        let time_limit = self.left.map(|l| l / share.max(1) as u32);
+        let keeping = Keeping { checkpoint, resume: self.keeping.resume, time_limit };
+        if self.part == 0 { fit(&keeping) } else { fit_after_another(keeping, progress, fit) }
     }
 
     /// Adds the course of the part that [`Self::fit`] gave, whose schedule has `steps` steps.
     pub(crate) fn add(&mut self, history: &[HistoryPoint], steps: u64) {
-        // What earlier runs took is in the history too; this run cannot have taken longer than it lasts.
-        let fitted = Duration::try_from_secs_f64(history.last().map_or(0.0, |h| h.seconds));
-        let spent = fitted.map_or(self.began.elapsed(), |f| f.min(self.began.elapsed()));
-        self.left = self.left.map(|l| l.saturating_sub(spent));
+        self.spend(history.last().map_or(0.0, |h| h.seconds));
         let before = self.history.last().map_or(0.0, |h| h.seconds);
         let told =
             |h: &HistoryPoint| HistoryPoint { step: self.steps + h.step, seconds: before + h.seconds, ..*h };
@@ -108,6 +83,7 @@ impl<'a> Chain<'a> {
 
     /// Takes what else the part that [`Self::fit`] gave took off the time that is left, seconds.
     pub(crate) fn spend(&mut self, seconds: f64) {
+        // What earlier runs took is in a history too; this run cannot have taken longer than it lasts.
         let spent = Duration::try_from_secs_f64(seconds)
             .map_or(self.began.elapsed(), |s| s.min(self.began.elapsed()));
         self.left = self.left.map(|l| l.saturating_sub(spent));
@@ -124,6 +100,27 @@ impl<'a> Chain<'a> {
     }
 }
 
+/// Fits by `fit` what follows from another fit. What was not begun before has nothing to go on from; what cannot be gone on
+/// from, since the fit before ended at other values than then, begins anew.
+///
+/// # Errors
+/// Those of `fit`.
+pub(crate) fn fit_after_another<T>(
+    keeping: Keeping,
+    progress: &dyn Progress,
+    mut fit: impl FnMut(&Keeping) -> Result<T, FitError>,
+) -> Result<T, FitError> {
+    let begun = keeping.checkpoint.as_ref().is_some_and(|folder| folder.join(checkpoint::FILE).exists());
+    let keeping = Keeping { resume: keeping.resume && begun, ..keeping };
+    match fit(&keeping) {
+        Err(e @ (FitError::Checkpoint { .. } | FitError::OtherFit { .. })) if keeping.resume => {
+            progress.warn(&format!("{e}; this part of the fit begins anew"));
+            fit(&Keeping { resume: false, ..keeping })
+        }
+        result => result,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -136,7 +133,7 @@ mod tests {
     #[test]
     fn histories_go_on_in_steps_and_seconds() {
         let keeping = Keeping { time_limit: Some(Duration::from_secs(100)), ..Keeping::default() };
-        let mut chain = Chain::new(&keeping, &Silent).unwrap();
+        let mut chain = Chain::new(&keeping, &Silent);
         chain.add(&[point(0, 0.5), point(25, 2.0)], 40);
         chain.add(&[point(0, 0.25), point(25, 1.0)], 60);
         assert!(chain.left.is_some_and(|l| l > Duration::from_secs(96)), "{:?}", chain.left);
@@ -154,10 +151,10 @@ mod tests {
             std::fs::write(file(part), "old").unwrap();
         }
         let mut keeping = Keeping { checkpoint: Some(dir.path().into()), resume: true, time_limit: None };
-        Chain::new(&keeping, &Silent).unwrap();
+        Chain::new(&keeping, &Silent);
         assert!((0..3).all(|k| file(k).exists()), "a chain that goes on keeps them");
         keeping.resume = false;
-        Chain::new(&keeping, &Silent).unwrap();
+        Chain::new(&keeping, &Silent);
         assert_eq!([0, 1, 2].map(|k| file(k).exists()), [true, false, false]);
         assert_eq!(checkpoint_files(3), ["fit.ckpt", "part1/fit.ckpt", "part2/fit.ckpt"]);
     }
@@ -166,7 +163,7 @@ mod tests {
     fn a_part_goes_on_only_from_what_it_left() {
         let dir = tempfile::tempdir().unwrap();
         let keeping = Keeping { checkpoint: Some(dir.path().into()), resume: true, time_limit: None };
-        let mut chain = Chain::new(&keeping, &Silent).unwrap();
+        let mut chain = Chain::new(&keeping, &Silent);
         let resumes = |chain: &mut Chain<'_>| chain.fit(1, &Silent, |k| Ok(k.resume)).unwrap();
         assert!(resumes(&mut chain), "a user who asks for it is told that there is nothing");
         chain.add(&[], 1);

@@ -7,7 +7,7 @@
 use super::model::Group;
 use super::steering::Steering;
 use super::trainer::HistoryPoint;
-use crate::{Difference, FitError};
+use crate::{Difference, FitError, Progress};
 use photofit_image::write_atomically;
 use photofit_optim::State;
 use serde::{Deserialize, Serialize};
@@ -16,6 +16,14 @@ use std::path::Path;
 const MAGIC: &[u8; 8] = b"PHOTOFT3";
 /// Name of the file in its folder.
 pub(crate) const FILE: &str = "fit.ckpt";
+
+/// Keeps the state of an earlier fit under another name and tells it: who forgot to go on can still do so. What cannot be
+/// moved is told when the next state cannot be saved.
+pub(crate) fn set_aside(folder: &Path, progress: &dyn Progress) {
+    if let Ok(Some(kept)) = photofit_image::set_aside(folder.join(FILE)) {
+        progress.note(&format!("an earlier fit is kept as {}", kept.display()));
+    }
+}
 
 /// Counters and curves of a fit.
 #[derive(Clone, Debug, Default, PartialEq)]

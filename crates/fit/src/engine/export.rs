@@ -117,6 +117,17 @@ fn part(mesh: &Mesh, class: &[u32], wanted: u32) -> Mesh {
     out
 }
 
+/// The slot of an image that an atlas addresses.
+pub(crate) fn atlas_slot(image: usize) -> TextureSlot {
+    let wrap = Wrap::ClampToEdge;
+    TextureSlot {
+        image,
+        sampler: Sampler { wrap_u: wrap, wrap_v: wrap, filter: Filter::Trilinear },
+        tex_coord: 0,
+        transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+    }
+}
+
 /// Smallest and largest value of a channel over the owned texels.
 fn range(texels: &[[f32; CHANNELS]], owned: &[bool], c: usize) -> (f32, f32) {
     texels
@@ -145,13 +156,7 @@ fn material(
             texels: texels.iter().map(texel).collect(),
             ..TextureImage::default()
         });
-        let wrap = Wrap::ClampToEdge;
-        Some(TextureSlot {
-            image: scene.images.len() - 1,
-            sampler: Sampler { wrap_u: wrap, wrap_v: wrap, filter: Filter::Trilinear },
-            tex_coord: 0,
-            transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-        })
+        Some(atlas_slot(scene.images.len() - 1))
     };
     let unorm = |x: f32| (x.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
     let mut out = Material { metallic: 1.0, roughness: 1.0, ..Material::default() };

@@ -74,7 +74,7 @@ pub enum Compared {
 }
 
 /// Coverage of a pixel that is covered whole.
-const WHOLE: f32 = 0.99;
+pub(crate) const WHOLE: f32 = 0.99;
 
 /// A world as a function of parameters.
 #[derive(Debug)]

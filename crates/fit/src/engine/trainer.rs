@@ -483,10 +483,7 @@ impl<M: Model> Trainer<'_, M> {
         let keeping = self.job.keeping;
         let Some(folder) = &keeping.checkpoint else { return Ok(()) };
         if !keeping.resume {
-            // Who forgot to ask for it can still go on from it.
-            if let Ok(Some(kept)) = photofit_image::set_aside(folder.join(checkpoint::FILE)) {
-                progress.note(&format!("an earlier fit is kept as {}", kept.display()));
-            }
+            checkpoint::set_aside(folder, progress);
             return Ok(());
         }
         let Some((course, groups)) = checkpoint::load(folder, &self.groups, &self.steering)? else {

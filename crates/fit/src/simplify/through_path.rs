@@ -1,10 +1,11 @@
 //! The second fit of a simplification whose maps are fitted through the path tracer.
 
 use super::{Asset, FitRenderer, SimplifyOptions, Written};
+use crate::Progress;
+use crate::engine::chain::fit_after_another;
 use crate::engine::checkpoint;
 use crate::engine::trainer::Keeping;
 use crate::traced_maps::{MapsCourse, TracedMapsOptions, traced_maps};
-use crate::{FitError, Progress};
 use photofit_scene::Scene;
 use std::time::Duration;
 
@@ -18,11 +19,8 @@ const WIDEST: usize = 192;
 /// What comes before any work: unless the fit goes on from checkpoints, that of an earlier one is set aside, so that a fit
 /// which is stopped before this one begins and goes on later does not meet it.
 pub(super) fn begin(options: &SimplifyOptions, progress: &dyn Progress) {
-    let folder = options.checkpoint.as_ref().filter(|_| !options.resume);
-    let Some(file) = folder.map(|f| f.join(TRACED_FOLDER).join(checkpoint::FILE)) else { return };
-    // What cannot be moved is told when the checkpoint cannot be saved.
-    if let Ok(Some(kept)) = photofit_image::set_aside(&file) {
-        progress.note(&format!("an earlier fit is kept as {}", kept.display()));
+    if let Some(folder) = options.checkpoint.as_ref().filter(|_| !options.resume) {
+        checkpoint::set_aside(&folder.join(TRACED_FOLDER), progress);
     }
 }
 
@@ -55,15 +53,10 @@ pub(super) fn fit_maps(
     }
     // Texture coordinates of the asset's own may show one texel in many places.
     fit.new_map = fit.new_map.filter(|_| written != Written::Decimated);
-    let run = |fit: &TracedMapsOptions| traced_maps(asset.scene, asset.n, &light, fit, progress);
-    let made = match run(&fit) {
-        Err(e @ (FitError::Checkpoint { .. } | FitError::OtherFit { .. })) if fit.keeping.resume => {
-            progress.warn(&format!("{e}; this part of the fit begins anew"));
-            fit.keeping.resume = false;
-            run(&fit)
-        }
-        made => made,
-    };
+    let made = fit_after_another(fit.keeping.clone(), progress, |keeping| {
+        fit.keeping.clone_from(keeping);
+        traced_maps(asset.scene, asset.n, &light, &fit, progress)
+    });
     match made {
         Ok(made) => (made.light, Some(made.course)),
         Err(e) => {
@@ -75,8 +68,6 @@ pub(super) fn fit_maps(
 
 /// The options of the fit, in what is left of the time.
 fn fit_options(o: &SimplifyOptions, spent: Duration) -> TracedMapsOptions {
-    let checkpoint = o.checkpoint.as_ref().map(|folder| folder.join(TRACED_FOLDER));
-    let begun = checkpoint.as_ref().is_some_and(|folder| folder.join(checkpoint::FILE).exists());
     TracedMapsOptions {
         steps: o.steps.min(STEPS),
         size: o.picture_size().clamp(16, WIDEST),
@@ -84,8 +75,8 @@ fn fit_options(o: &SimplifyOptions, spent: Duration) -> TracedMapsOptions {
         lighting: o.lighting.clone(),
         seed: o.seed,
         keeping: Keeping {
-            checkpoint,
-            resume: o.resume && begun,
+            checkpoint: o.checkpoint.as_ref().map(|folder| folder.join(TRACED_FOLDER)),
+            resume: o.resume,
             time_limit: o.time_limit.map(|limit| limit.saturating_sub(spent)),
         },
         ..TracedMapsOptions::default()
