@@ -114,7 +114,7 @@ fn moments(a: &Retexture, reference: &Scene, asset: &Scene) -> Result<Vec<Moment
     }
     let n = Normalised::new(reference).map_err(|e| explain_error(RETEXTURE, &a.reference, e))?;
     let theirs = Animated::new(reference, &n);
-    let own = Animated::new(asset, &n).playing(&n.animations);
+    let own = Animated::new(asset, &n).playing(&n.light_asset.animations);
     let wanted: Vec<usize> = match &a.animation[..] {
         [] => (0..of(reference)).filter(|i| own.plays(*i)).collect(),
         names => {
@@ -122,7 +122,7 @@ fn moments(a: &Retexture, reference: &Scene, asset: &Scene) -> Result<Vec<Moment
         }
     };
     if wanted.is_empty() && of(asset) > 0 {
-        let names: Vec<String> = n.animations.iter().map(|name| format!("\"{name}\"")).collect();
+        let names: Vec<String> = n.light_asset.animations.iter().map(|name| format!("\"{name}\"")).collect();
         say(&format!(
             "warning: {}: has none of the reference's animations, {}; both are compared as they stand",
             a.light_asset.display(),

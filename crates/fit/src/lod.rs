@@ -315,7 +315,8 @@ fn finish(
     for k in 1..levels.len() {
         let size = levels[k - 1].switch_size.unwrap_or(SMALLEST).round() as usize;
         let [fine, coarse] = [k - 1, k].map(|i| Stage::new("level", scenes[i].clone()));
-        let flip = popping(asset.n, [&fine, &coarse], &options.fit.lighting, size, options.fit.seed)?;
+        let flip =
+            popping(&asset.n.light_asset, [&fine, &coarse], &options.fit.lighting, size, options.fit.seed)?;
         levels[k - 1].popping = Some(flip);
     }
     let combined = options.combined.then(|| combined_path(output));

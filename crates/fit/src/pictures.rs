@@ -7,47 +7,40 @@
 
 mod doubts;
 mod not_finite;
+mod posed;
 mod record;
 mod world;
 
+pub use posed::{FILE, named_files};
+pub(crate) use posed::{PosedPicture, PosedPictures};
 pub use world::{WorldPicture, lit_world_pictures, world_pictures};
 
 use crate::bake;
-use crate::engine::Normalised;
 use crate::engine::checkpoint::Digest;
 use crate::engine::judge::{ReportView, Stage, rasterized_views};
 use crate::engine::reference::{Picture, Reference, ReferenceKind, SUPERSAMPLE};
 use crate::engine::trainer::{self, HeldOut, Measure};
 use crate::engine::views::{Moment, Sampling, Set, Setup, Sphere, ViewLights, Views};
+use crate::engine::{FitFrame, LightAsset};
 use crate::{FitError, Progress};
-use glam::{Mat4, Vec3};
 use photofit_image::{Image, downsample};
 use photofit_sampling::Rng;
 use photofit_scene::Camera;
-use record::{Intrinsics, Rigid, Transforms};
-use std::path::{Component, Path, PathBuf};
+use std::path::Path;
 
-/// Name of the file that lists the pictures.
-pub const FILE: &str = "transforms.json";
 /// Fewest pictures.
 pub const FEWEST: usize = 8;
 /// Every picture of this number is held out.
 pub const HELD_OUT_EVERY: usize = 8;
 /// Most pixels along a side of a picture that is fitted: what a step holds grows with the picture. Larger ones are reduced
 /// by a whole factor.
-const MOST_SIDE: usize = 2048;
-/// Most pixels of all pictures together, which are kept in memory: 16 bytes each.
-const MOST_PIXELS: usize = 1 << 28;
-/// Largest list of pictures, bytes.
-const MOST_BYTES: u64 = 64 << 20;
+pub(crate) const MOST_SIDE: usize = 2048;
 /// Random stream of the order of the pictures.
 const STREAM_ORDER: u64 = 8 << 32;
 
 /// One picture with its camera and lights, in the normalised frame.
 #[derive(Clone, Debug)]
 pub struct Photo {
-    /// Its file.
-    pub path: PathBuf,
     /// Where it was taken from.
     pub camera: Camera,
     /// The light; empty where it is not known.
@@ -88,72 +81,41 @@ impl PictureFolder {
     /// none sees the asset.
     pub fn load(
         path: &Path,
-        n: &Normalised,
+        frame: FitFrame,
         seed: u64,
         outline: &dyn Fn(&Setup) -> Result<Image, FitError>,
     ) -> Result<Self, FitError> {
-        let file = transforms_file(path);
-        let fail = |rule: String| FitError::Pictures { path: file.clone(), rule };
-        let transforms = read(&file)?;
-        if transforms.frames.len() < FEWEST {
-            let found = transforms.frames.len();
-            return Err(fail(format!("holds {found} frames; it must be at least {FEWEST}")));
-        }
-        let folder = folder_of(&file);
-        let undo = transforms.undo().map_err(&fail)?;
-        let mut out = Self::of(Vec::new(), seed, transforms.is_lit());
-        let mut pixels = 0;
-        for (i, frame) in transforms.frames.iter().enumerate() {
-            let fail = |rule: String| fail(format!("frame {i} ({}): {rule}", frame.file_path));
-            let picture = inside(folder, &frame.file_path).map_err(&fail)?;
-            let image = photofit_image::read(&picture)?;
-            let (factor, [width, height]) = reduction(&image);
-            if factor > 1 {
-                out.reduced.push(i);
-            }
-            pixels += width * height / (factor * factor);
-            if pixels > MOST_PIXELS {
-                return Err(fail(format!(
-                    "all pictures up to it have more than {MOST_PIXELS} pixels together"
-                )));
-            }
-            if !image.is_finite() {
-                return Err(fail("the picture holds values that are not finite".into()));
-            }
-            let lens = frame.lens.or(&transforms.lens);
-            let pose =
-                Rigid::new(&frame.transform_matrix).map_err(|r| fail(format!("transform_matrix {r}")))?;
-            let frame_of = (n.center.to_array().map(f64::from), f64::from(n.radius));
-            let camera =
-                camera(&lens, &undo.after(&pose), frame_of, &image, [width, height]).map_err(&fail)?;
-            let lights = frame.lights.as_ref().or(transforms.lights.as_ref());
-            let lights = lights
-                .map_or(Ok(ViewLights::default()), |l| record::lights(l, &undo, (n.center, n.radius)))
-                .map_err(&fail)?;
-            let opaque = image.channels < 4;
-            let image = if opaque { image } else { premultiplied(&picture, &image) };
-            let image = if factor > 1 { downsample(&image.crop(0, 0, width, height), factor) } else { image };
-            let mut photo = Photo { path: picture, camera, lights, image };
-            let drawn = outline(&setup(&photo, i))?;
+        let posed = PosedPictures::open(path)?.read(FEWEST, MOST_SIDE)?;
+        let file = posed.file.clone();
+        let mut out = Self::in_frame(posed, frame, seed)?;
+        for (i, photo) in out.photos.iter_mut().enumerate() {
+            let drawn = outline(&setup(photo, i))?;
             if drawn.data.chunks_exact(4).all(|p| p[3] <= 0.0) {
                 out.unseen.push(i);
             }
-            if opaque {
-                out.without_alpha += 1;
+            if photo.image.channels < 4 {
                 photo.image = with_alpha(&photo.image, &drawn);
             }
-            out.photos.push(photo);
-            let set = if (i + 1).is_multiple_of(HELD_OUT_EVERY) { &mut out.held_out } else { &mut out.train };
-            set.push(i);
         }
         if out.unseen.len() == out.photos.len() {
-            return Err(fail(
-                "no camera sees the asset; transform_matrix must map the camera's frame (y up, looking down -z) to the \
-                 world of the asset, in its units"
-                    .into(),
-            ));
+            let rule = "no camera sees the asset; transform_matrix must map the camera's frame (y up, looking down -z) to the \
+                 world of the asset, in its units";
+            return Err(FitError::Pictures { path: file, rule: rule.into() });
         }
         Ok(out)
+    }
+
+    /// Pictures that were read, in a frame; those without alpha still lack it.
+    pub(crate) fn in_frame(posed: PosedPictures, frame: FitFrame, seed: u64) -> Result<Self, FitError> {
+        let count = posed.pictures.len();
+        let placed = (0..count).map(|i| Ok((posed.camera(i, frame)?, posed.lights(i, frame)?)));
+        let placed = placed.collect::<Result<Vec<_>, FitError>>()?;
+        let reduced = (0..count).filter(|i| posed.pictures[*i].reduction > 1).collect();
+        let without_alpha = posed.pictures.iter().filter(|p| p.is_opaque()).count();
+        let lit = posed.transforms.is_lit();
+        let photo = |(p, (camera, lights)): (PosedPicture, _)| Photo { camera, lights, image: p.image };
+        let photos = posed.pictures.into_iter().zip(placed).map(photo).collect();
+        Ok(Self { without_alpha, reduced, ..Self::of(photos, seed, lit) })
     }
 
     /// These pictures, in the normalised frame, with alpha and with lights where `lit`.
@@ -193,12 +155,12 @@ impl PictureFolder {
     /// The stages against all pictures that are held out.
     pub(crate) fn judge(
         &self,
-        n: &Normalised,
+        light: &LightAsset,
         stages: &[Stage],
         progress: &dyn Progress,
     ) -> Result<Vec<ReportView>, FitError> {
         let count = self.held_out.len() as u64;
-        rasterized_views(n, self, stages, self, Set::HeldOut, count, SUPERSAMPLE, progress)
+        rasterized_views(light, self, stages, self, Set::HeldOut, count, SUPERSAMPLE, progress)
     }
 
     /// Number of pictures that are held out.
@@ -265,114 +227,6 @@ fn setup(photo: &Photo, at: usize) -> Setup {
         height: photo.image.height,
         picture: Some(at),
     }
-}
-
-fn transforms_file(path: &Path) -> PathBuf {
-    if path.is_dir() { path.join(FILE) } else { path.to_owned() }
-}
-
-fn folder_of(file: &Path) -> &Path {
-    file.parent().unwrap_or(Path::new("."))
-}
-
-/// The file of a folder of pictures and the pictures that it names, as [`PictureFolder::load`] reads them. What cannot be
-/// read is left out: loading tells it.
-pub fn named_files(path: &Path) -> Vec<PathBuf> {
-    let file = transforms_file(path);
-    let frames = read(&file).map_or_else(|_| Vec::new(), |t| t.frames);
-    let folder = folder_of(&file);
-    let mut files: Vec<PathBuf> = frames.iter().filter_map(|f| inside(folder, &f.file_path).ok()).collect();
-    files.push(file);
-    files
-}
-
-fn read(file: &Path) -> Result<Transforms, FitError> {
-    let fail = |rule| Err(FitError::Pictures { path: file.into(), rule });
-    let bytes = photofit_image::file_bytes(file, MOST_BYTES)?;
-    serde_json::from_slice(&bytes)
-        .or_else(|e| fail(not_finite::place(&bytes).unwrap_or_else(|| e.to_string())))
-}
-
-/// The rule of `file_path`.
-const OUTSIDE: &str =
-    "file_path leaves the folder; it must be relative and stay inside of the folder, links followed";
-
-/// The file of a picture, whose ending `.png` may be missing.
-fn inside(folder: &Path, name: &str) -> Result<PathBuf, String> {
-    let relative = Path::new(name);
-    if name.is_empty() {
-        return Err("file_path is empty; it must name a picture".into());
-    }
-    if !relative.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir)) {
-        return Err(OUTSIDE.into());
-    }
-    let path = folder.join(relative);
-    let png = folder.join(format!("{name}.png"));
-    let Some(found) = [&path, &png].into_iter().find(|p| p.is_file()) else {
-        return Err(format!("the picture {} does not exist", path.display()));
-    };
-    // What a link leads to counts.
-    let real = |path: &Path| path.canonicalize().map_err(|e| format!("{}: {e}", path.display()));
-    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-    if real(found)?.starts_with(real(folder)?) { Ok(found.clone()) } else { Err(OUTSIDE.into()) }
-}
-
-/// By how much a picture is reduced, and the part of it, from its upper left corner, that has whole blocks.
-fn reduction(image: &Image) -> (usize, [usize; 2]) {
-    let factor = image.width.max(image.height).div_ceil(MOST_SIDE).max(1);
-    let whole = |n: usize| if n < factor { n } else { n - n % factor };
-    (factor, [whole(image.width), whole(image.height)])
-}
-
-/// The camera of a picture in a frame whose origin is `center` and whose unit of length is `radius`; it shows the first
-/// `width` x `height` pixels of it.
-fn camera(
-    lens: &Intrinsics,
-    pose: &Rigid,
-    (center, radius): ([f64; 3], f64),
-    image: &Image,
-    [width, height]: [usize; 2],
-) -> Result<Camera, String> {
-    let lens = lens.in_pixels(image.width as f64, image.height as f64)?;
-    let (width, height) = (width as f64, height as f64);
-    let eye = [0, 1, 2].map(|k| ((pose.translation[k] - center[k]) / radius) as f32);
-    let eye = Vec3::from_array(eye);
-    if !eye.is_finite() {
-        return Err("the camera is too far away".into());
-    }
-    let axis = |k: usize| Vec3::from_array([0, 1, 2].map(|row| pose.rotation[row][k] as f32));
-    let [x, y, z] = [0, 1, 2].map(axis);
-    let view = Mat4::from_cols(
-        glam::vec4(x.x, y.x, z.x, 0.0),
-        glam::vec4(x.y, y.y, z.y, 0.0),
-        glam::vec4(x.z, y.z, z.z, 0.0),
-        glam::vec4(-x.dot(eye), -y.dot(eye), -z.dot(eye), 1.0),
-    );
-    let distance = eye.length();
-    let near = (distance - 1.05).max(1e-3 * distance.max(1.0));
-    Ok(Camera {
-        eye,
-        view,
-        fov_y: (2.0 * (0.5 * height / lens.focal[1]).atan()) as f32,
-        aspect: (lens.focal[1] / height * width / lens.focal[0]) as f32,
-        principal: [
-            (2.0 * lens.center[0] / width - 1.0) as f32,
-            (1.0 - 2.0 * lens.center[1] / height) as f32,
-        ],
-        near,
-        far: distance + 1.05,
-    })
-}
-
-/// Linear premultiplied RGBA of a picture with alpha: straight in PNG, premultiplied in `OpenEXR`.
-fn premultiplied(path: &Path, image: &Image) -> Image {
-    let image = image.select(&[0, 1, 2, 3]);
-    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr")) {
-        return image;
-    }
-    let data =
-        image.data.chunks_exact(4).flat_map(|p| [p[0] * p[3], p[1] * p[3], p[2] * p[3], p[3]]).collect();
-    Image::from_data(image.width, image.height, 4, data)
 }
 
 /// A picture without alpha, cut out by a coverage (the fourth channel of `outline`).

@@ -5,7 +5,6 @@
 //! it with the pictures that were held out. Where the light of the pictures is known, base colour and roughness are
 //! fitted; else what the pictures show on average becomes an unlit colour.
 
-use crate::engine::Normalised;
 use crate::engine::cpu::Cpu;
 use crate::engine::export::to_scene;
 use crate::engine::judge::{Quality, ReportView, Stage};
@@ -18,6 +17,7 @@ use crate::engine::surface::{MAPS, PositionOptimizer, SMOOTHNESS, Surface};
 use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
 use crate::engine::unwrap::unwrapped;
 use crate::engine::views::Sampling;
+use crate::engine::{LightAsset, Normalised};
 use crate::error::in_ranges;
 use crate::pictures::PictureFolder;
 use crate::{FitError, Progress};
@@ -100,7 +100,7 @@ pub fn recover_texture(
     options.check()?;
     mesh.validate_for_fit()?;
     let outline = Normalised::new(&bare(mesh, false))?;
-    let photos = PictureFolder::load(pictures, &outline, options.seed, &|s| {
+    let photos = PictureFolder::load(pictures, outline.frame(), options.seed, &|s| {
         Ok(Rasterized::new(&outline.flat, &outline.library).picture(s)?.image)
     })?;
     if photos.without_alpha > 0 {
@@ -128,8 +128,14 @@ pub fn recover_texture(
     }
     photos.doubts().iter().for_each(|d| progress.warn(d));
     let n = Normalised::new(&bare(mesh, !photos.lit))?;
-    let model = grey(&n, (&n.flat.mesh, &n.triangle_classes()), photos.lit, options.texture_size, progress)?;
-    let start = to_scene(&model.candidate, &n);
+    let model = grey(
+        &n.light_asset,
+        (&n.flat.mesh, &n.triangle_classes()),
+        photos.lit,
+        options.texture_size,
+        progress,
+    )?;
+    let start = to_scene(&model.candidate, &n.light_asset);
     let held_out = photos.evaluation(options.seed)?;
     let mut topology = photos.digest();
     topology.add(&model.candidate.uvs);
@@ -164,14 +170,14 @@ pub fn recover_texture(
     let plan = PlanRows::new(items(&model.work(options.steps), &photos, (loss, &held_out)), &phases);
     let trained = train(Cpu::new(model)?, &job, |_| phases, progress)?;
 
-    let mut painted = to_scene(&trained.model.candidate, &n);
+    let mut painted = to_scene(&trained.model.candidate, &n.light_asset);
     painted.inherit(mesh);
     photofit_scene::save_glb(output, &painted)?;
     let fitted = photofit_scene::load(output)?;
     let triangles = fitted.triangle_count();
     let left_out = left_out(mesh, &fitted);
     let stages = [Stage::new("start", start), Stage::new("recovered", fitted)];
-    let views = photos.judge(&n, &stages, progress)?;
+    let views = photos.judge(&n.light_asset, &stages, progress)?;
     let [start, quality] = Quality::of_two_stages(&views);
     Ok(Recovered {
         quality,
@@ -265,7 +271,7 @@ pub(crate) fn left_out(mesh: &Scene, written: &Scene) -> Vec<String> {
 /// maps, of which colour and, where
 /// there is light, roughness are fitted.
 pub(crate) fn grey(
-    n: &Normalised,
+    light: &LightAsset,
     (source, class): (&Mesh, &[u32]),
     lit: bool,
     size: usize,
@@ -280,7 +286,7 @@ pub(crate) fn grey(
     let (positions, normals) = (source.positions.clone(), source.normals.clone());
     let mesh = Mesh { positions, normals, triangles, ..Mesh::default() };
     let class = kept.iter().map(|t| class[*t]).collect();
-    let mut candidate = unwrapped(&mesh, None, class, n.drawn_classes(), size, progress)?;
+    let mut candidate = unwrapped(&mesh, None, class, light.drawn_classes(), size, progress)?;
     let fitted = if lit { channel::BASE_COLOR } else { channel::EMISSIVE };
     let mut maps = candidate.maps.levels[0].clone();
     for texel in &mut maps.texels {

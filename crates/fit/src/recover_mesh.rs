@@ -11,7 +11,7 @@ mod start;
 
 pub use shape_error::ShapeError;
 
-use crate::engine::Normalised;
+use crate::engine::LightAsset;
 use crate::engine::chain::Chain;
 use crate::engine::checkpoint::Digest;
 use crate::engine::cpu::Cpu;
@@ -137,12 +137,12 @@ pub fn recover_mesh(
     progress: &dyn Progress,
 ) -> Result<RecoveredMesh, FitError> {
     options.check()?;
-    let Pictures { photos, n, truth } = Pictures::new(pictures, options.seed, progress)?;
-    let start = Start::new(&n, mesh, options.triangles, photos.lit)?;
-    let model = grey(&n, (&start.mesh, &start.class), photos.lit, options.texture_size, progress)?;
+    let Pictures { photos, light_asset, truth } = Pictures::new(pictures, options.seed, progress)?;
+    let start = Start::new(&light_asset, mesh, options.triangles, photos.lit)?;
+    let model = grey(&light_asset, (&start.mesh, &start.class), photos.lit, options.texture_size, progress)?;
     let mut model = model.moving(true);
     let first = model.candidate.mesh();
-    let first_scene = to_scene(&model.candidate, &n);
+    let first_scene = to_scene(&model.candidate, &light_asset);
 
     let held_out = photos.evaluation(options.seed)?;
     let fit = Fit { photos: &photos, held_out: &held_out, options };
@@ -154,7 +154,7 @@ pub fn recover_mesh(
     let (mut steps, mut stopped) = (0, false);
     for level in 0..start.levels {
         if level > 0 {
-            model = finer(model, &n)?;
+            model = finer(model, &light_asset)?;
         }
         model.optimizer = options.optimizer;
         model.smoothness = PositionOptimizer::for_vertices(model.candidate.positions.len());
@@ -170,7 +170,7 @@ pub fn recover_mesh(
         }
     }
 
-    let mut found = to_scene(&model.candidate, &n);
+    let mut found = to_scene(&model.candidate, &light_asset);
     if let Some(mesh) = mesh {
         found.inherit(mesh);
     }
@@ -186,7 +186,7 @@ pub fn recover_mesh(
     };
     let left_out = mesh.map_or_else(Vec::new, |mesh| left_out(mesh, &fitted));
     let stages = [Stage::new("start", first_scene), Stage::new("recovered", fitted)];
-    let views = photos.judge(&n, &stages, progress)?;
+    let views = photos.judge(&light_asset, &stages, progress)?;
     let [start, quality] = Quality::of_two_stages(&views);
     let history = chain.into_history();
     let seconds = history.last().map_or(0.0, |h| h.seconds);
@@ -275,7 +275,7 @@ impl Fit<'_> {
 }
 
 /// The same shape and maps with four triangles for each.
-fn finer(coarse: Surface, n: &Normalised) -> Result<Surface, FitError> {
+fn finer(coarse: Surface, light: &LightAsset) -> Result<Surface, FitError> {
     let Surface { candidate, .. } = &coarse;
     let mesh = midpoint(&candidate.mesh(), u64::MAX)
         .map_err(|e| FitError::Setting { field: "triangles", rule: e.to_string() })?
@@ -286,7 +286,7 @@ fn finer(coarse: Surface, n: &Normalised) -> Result<Surface, FitError> {
     let row = |(p, n): (&Vec3f, &Vec3f)| [p.x, p.y, p.z, n.x, n.y, n.z];
     let rows: Vec<f32> = mesh.positions.iter().zip(&mesh.normals).flat_map(row).collect();
     let smoothing = weld_rows(&rows, 6);
-    let candidate = crate::candidate::Candidate::new(&mesh, &smoothing, class, n.drawn_classes(), maps);
+    let candidate = crate::candidate::Candidate::new(&mesh, &smoothing, class, light.drawn_classes(), maps);
     Ok(Surface { candidate, ..coarse })
 }
 

@@ -118,7 +118,7 @@ pub fn retexture(
     light.validate_for_fit()?;
     let n = Normalised::over(reference, &options.moments)?;
     let bare = bare(light)?;
-    let own = Animated::new(&bare, &n).playing(&n.animations);
+    let own = Animated::new(&bare, &n).playing(&n.light_asset.animations);
     options.moments.iter().try_for_each(|m| own.flat(*m).map(drop))?;
     let theirs = Animated::new(reference, &n);
     let rays = n.surface()?;
@@ -178,7 +178,15 @@ pub fn retexture(
         OverMoments { views: Orbit { size: options.resolution, ..seen.views.clone() }, ..seen.clone() };
     // Without a step they are the same.
     let is_baked_better = trained.steps > 0 && {
-        let score = judge::scores(&n, &reference_pictures, &stages, &larger, count, SUPERSAMPLE, progress)?;
+        let score = judge::scores(
+            &n.light_asset,
+            &reference_pictures,
+            &stages,
+            &larger,
+            count,
+            SUPERSAMPLE,
+            progress,
+        )?;
         score[0] > score[1]
     };
     let (written, chosen) = if is_baked_better { (Written::Baked, 0) } else { (Written::Fitted, 1) };
@@ -228,8 +236,8 @@ impl RetextureOptions {
 fn animation(options: &RetextureOptions, n: &Normalised) -> Item {
     let mut names: Vec<&str> = Vec::new();
     for index in options.moments.iter().filter_map(|m| m.animation) {
-        if !names.contains(&&*n.animations[index]) {
-            names.push(&n.animations[index]);
+        if !names.contains(&&*n.light_asset.animations[index]) {
+            names.push(&n.light_asset.animations[index]);
         }
     }
     let why = format!("{} moments of {}", options.moments.len(), names.join(", "));
@@ -281,7 +289,13 @@ fn candidate(n: &Normalised, rest: &FlatScene, size: usize) -> Result<Candidate,
     let rows: Vec<f32> = (0..mesh.positions.len()).flat_map(row).collect();
     let smoothing: Weld = weld_rows(&rows, 6);
     let maps = Maps::filled(size, size, blank_texel());
-    Ok(Candidate::new(mesh, &smoothing, vec![kind; mesh.triangles.len()], n.drawn_classes(), maps))
+    Ok(Candidate::new(
+        mesh,
+        &smoothing,
+        vec![kind; mesh.triangles.len()],
+        n.light_asset.drawn_classes(),
+        maps,
+    ))
 }
 
 /// Maps of the reference at rest.
@@ -305,7 +319,7 @@ fn baked(
     let base = &candidate.maps.levels[0];
     let settings = BakeSettings { width: base.width, height: base.height, ..BakeSettings::default() };
     let heard = |share: f32| {
-        progress.report("bake", (share * 1000.0) as u64, 1000, n.name.as_str());
+        progress.report("bake", (share * 1000.0) as u64, 1000, n.light_asset.name.as_str());
         if progress.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
     let mut baked = bake(rays, &seen, &Target::new(&mesh), &settings, &heard).map_err(|e| match e {
@@ -318,7 +332,7 @@ fn baked(
 
 /// The light asset with the maps of a candidate.
 fn dressed(light: &Scene, candidate: &Candidate, n: &Normalised) -> Scene {
-    let made = to_scene(candidate, n);
+    let made = to_scene(candidate, &n.light_asset);
     let mut out = Scene { materials: made.materials, images: made.images, ..light.clone() };
     out.primitives.iter_mut().for_each(|p| p.material = 0);
     out

@@ -44,11 +44,11 @@ fn fitted(mode: AlphaMode) -> (Candidate, Scene) {
         ..Scene::default()
     };
     let n = Normalised::new(&reference).unwrap();
-    let class = n.classes.iter().position(|c| c.written == mode).unwrap();
-    let drawn = n.drawn_classes();
+    let class = n.light_asset.classes.iter().position(|c| c.written == mode).unwrap();
+    let drawn = n.light_asset.drawn_classes();
     let classes = vec![class as u32; mesh.triangles.len()];
     let candidate = Candidate::new(&mesh, &weld_exact(&mesh.positions), classes, drawn, maps());
-    let scene = to_scene(&candidate, &n);
+    let scene = to_scene(&candidate, &n.light_asset);
     (candidate, scene)
 }
 

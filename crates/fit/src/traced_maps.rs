@@ -114,7 +114,7 @@ pub fn traced_maps(
     if let Some(size) = options.new_map {
         add_maps(&mut light, size);
     }
-    let world = reference::world(&Features::Core.of(&light), n.to_frame(), n.radius, ENERGY)?;
+    let world = reference::world(&Features::Core.of(&light), n.frame(), ENERGY)?;
     let maps = maps(&light, &world);
     if maps.is_empty() {
         return Err(FitError::Setting {

@@ -3,11 +3,11 @@
 //! All moments share the frame of a fit; [`super::reference::Reference::bounds`] says where the asset is at a moment. Skins,
 //! morph targets and moving nodes are those of [`Scene::pose`]. An asset that is never asked for a moment is not copied.
 
-use super::asset::{Normalised, bounding_sphere, to_frame};
+use super::asset::Normalised;
+use super::frame::FitFrame;
 use super::views::{Moment, Sphere};
 use crate::FitError;
 use photofit_pathtrace::{Instance, Parts, Shape};
-use photofit_scalar::Vec3f;
 use photofit_scene::{FlatScene, Scene};
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -19,8 +19,7 @@ const KEPT: usize = 8;
 #[derive(Debug)]
 pub struct Animated<'a> {
     scene: &'a Scene,
-    center: Vec3f,
-    radius: f32,
+    frame: FitFrame,
     /// The asset's own animation for each that moments name; `None`: they name its own.
     plays: Option<Vec<Option<usize>>>,
     state: Mutex<State>,
@@ -44,12 +43,12 @@ struct State {
 impl<'a> Animated<'a> {
     /// A scene in the frame of `n`; it moves where it has animations.
     pub fn new(scene: &'a Scene, n: &Normalised) -> Self {
-        Self::in_frame(scene, n.center, n.radius)
+        Self::in_frame(scene, n.frame())
     }
 
-    /// A scene in a frame with this centre, in the scene's own, and this unit.
-    pub(super) fn in_frame(scene: &'a Scene, center: Vec3f, radius: f32) -> Self {
-        Self { scene, center, radius, plays: None, state: Mutex::default() }
+    /// A scene in a frame.
+    pub(super) fn in_frame(scene: &'a Scene, frame: FitFrame) -> Self {
+        Self { scene, frame, plays: None, state: Mutex::default() }
     }
 
     /// The same for moments of another asset, whose animations have these names: each is played by the first of this name,
@@ -109,7 +108,7 @@ impl<'a> Animated<'a> {
         }
         let mut flat = state.pose(self.scene, moment).1.flatten();
         for p in &mut flat.mesh.positions {
-            *p = (*p - self.center) / self.radius;
+            *p = self.frame.to_frame(*p);
         }
         let flat = Arc::new(flat);
         if state.kept.len() == KEPT {
@@ -127,7 +126,7 @@ impl<'a> Animated<'a> {
         let (deformed, scene) = state.pose(self.scene, moment);
         let shape = |i| (i, Shape::Mesh(scene.complete_mesh(i).into_owned()));
         let shapes = deformed.into_iter().map(shape).collect();
-        let frame = to_frame(self.center, self.radius);
+        let frame = self.frame.transform();
         let mut instances = Parts::instances_of(scene);
         instances.iter_mut().for_each(|i| i.transform = frame * i.transform);
         Ok(WorldPose { shapes, instances })
@@ -135,8 +134,8 @@ impl<'a> Animated<'a> {
 
     /// A sphere around the asset at a moment; the unit sphere where it has no extent then, or there is no such moment.
     pub(super) fn bounds(&self, moment: Moment) -> Sphere {
-        let found = self.flat(moment).ok().and_then(|flat| bounding_sphere(&[&flat.mesh]));
-        found.map_or(Sphere::UNIT, |(center, radius): (Vec3f, f32)| Sphere { center, radius })
+        let found = self.flat(moment).ok().and_then(|flat| FitFrame::around(&[&flat.mesh]));
+        found.map_or(Sphere::UNIT, |f| Sphere { center: f.center, radius: f.radius })
     }
 }
 

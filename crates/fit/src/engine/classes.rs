@@ -15,6 +15,8 @@ const LEAST_OPACITY: f32 = 0.25;
 /// Materials that become one material of the light asset.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MaterialClass {
+    /// Name of the written material: that of the asset's material, or of the asset where it stands for several.
+    pub name: String,
     /// What alpha means in the pictures of a fit.
     pub drawn: AlphaMode,
     /// What alpha means in the written file.
@@ -31,12 +33,29 @@ pub struct MaterialClass {
 impl MaterialClass {
     /// Core materials without alpha.
     const PLAIN: Self = Self {
+        name: String::new(),
         drawn: AlphaMode::Opaque,
         written: AlphaMode::Opaque,
         sides: Sides::Front,
         unlit: false,
         extensions: None,
     };
+
+    /// Its name, where the materials that it stands for have these names.
+    fn name_of(&self, mut names: Vec<&str>, asset: &str) -> String {
+        names.dedup();
+        if let [one] = names[..] {
+            return one.to_owned();
+        }
+        let alpha = match self.written {
+            AlphaMode::Opaque => "",
+            AlphaMode::Mask { .. } => "-mask",
+            AlphaMode::Blend => "-blend",
+        };
+        let unlit = if self.unlit { "-unlit" } else { "" };
+        let more = self.extensions.iter().flat_map(|e| e.names()).map(|e| format!("-{e}"));
+        format!("{asset}{alpha}{unlit}{}", more.collect::<String>())
+    }
 
     /// Whether alpha is drawn that the file must not have.
     pub fn is_see_through(&self) -> bool {
@@ -59,6 +78,7 @@ pub(crate) fn classes(scene: &Scene) -> (Vec<MaterialClass>, Vec<u32>) {
         };
         let drawn = if transmits(m) { AlphaMode::Blend } else { written };
         MaterialClass {
+            name: String::new(),
             drawn,
             written,
             sides: Sides::of(m.double_sided),
@@ -66,7 +86,7 @@ pub(crate) fn classes(scene: &Scene) -> (Vec<MaterialClass>, Vec<u32>) {
             extensions: kept(scene, i),
         }
     };
-    let of = (0..scene.materials.len())
+    let of: Vec<u32> = (0..scene.materials.len())
         .map(|i| {
             let class = class(i);
             let at = classes.iter().position(|c| *c == class).unwrap_or_else(|| {
@@ -76,6 +96,10 @@ pub(crate) fn classes(scene: &Scene) -> (Vec<MaterialClass>, Vec<u32>) {
             at as u32
         })
         .collect();
+    for (k, class) in classes.iter_mut().enumerate() {
+        let own = scene.materials.iter().zip(&of).filter(|(m, c)| **c as usize == k && !m.name.is_empty());
+        class.name = class.name_of(own.map(|(m, _)| m.name.as_str()).collect(), &scene.name);
+    }
     (classes, of)
 }
 

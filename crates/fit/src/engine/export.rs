@@ -1,6 +1,6 @@
 //! The fitted candidate as a scene that can be written.
 
-use super::Normalised;
+use super::light_asset::LightAsset;
 use crate::candidate::Candidate;
 use photofit_geometry::Mesh;
 use photofit_geometry::atlas::{dilate, mesh_coverage};
@@ -17,30 +17,30 @@ const FLAT: f32 = 0.75 / 255.0;
 /// Turns a candidate into a scene: one primitive and material per class, all sharing one set of maps. Maps that
 /// are constant become factors, a flat normal map and absent emission are left out. Materials are named after those that
 /// they stand for.
-pub fn to_scene(candidate: &Candidate, n: &Normalised) -> Scene {
+pub fn to_scene(candidate: &Candidate, light: &LightAsset) -> Scene {
     let mut mesh = candidate.mesh();
     for p in &mut mesh.positions {
-        *p = *p * n.radius + n.center;
+        *p = light.frame.to_world(*p);
     }
     let base = &candidate.maps.levels[0];
     let (width, height) = (base.width, base.height);
     let mut texels = base.texels.clone();
     let owned = mesh_coverage(&mesh.uvs, &mesh.triangles, width, height, true).mask();
-    make_opaque(&mut texels, candidate, n, (width, height));
-    show_unlit(&mut texels, candidate, n, (width, height));
+    make_opaque(&mut texels, candidate, light, (width, height));
+    show_unlit(&mut texels, candidate, light, (width, height));
     dilate(&mut texels, &owned, width, height, None);
 
-    let mut scene = Scene { name: n.name.clone(), ..Scene::default() };
-    let written = |class: &u32| n.classes[*class as usize].written;
+    let mut scene = Scene { name: light.name.clone(), ..Scene::default() };
+    let written = |class: &u32| light.classes[*class as usize].written;
     let transparent = candidate.class.iter().any(|c| written(c) != AlphaMode::Opaque);
     let template = material(&mut scene, &texels, &owned, (width, height), transparent);
-    for (class, material) in n.classes.iter().enumerate() {
+    for (class, material) in light.classes.iter().enumerate() {
         let part = part(&mesh, &candidate.class, class as u32);
         if part.triangles.is_empty() {
             continue;
         }
         scene.materials.push(Material {
-            name: n.class_name(class),
+            name: material.name.clone(),
             alpha_mode: material.written,
             double_sided: material.sides == Sides::Both,
             unlit: material.unlit,
@@ -72,18 +72,28 @@ fn change(
 }
 
 /// Removes the alpha with which glass is drawn.
-fn make_opaque(texels: &mut [[f32; CHANNELS]], candidate: &Candidate, n: &Normalised, size: (usize, usize)) {
-    let glass = |c: usize| n.classes[c].is_see_through();
+fn make_opaque(
+    texels: &mut [[f32; CHANNELS]],
+    candidate: &Candidate,
+    light: &LightAsset,
+    size: (usize, usize),
+) {
+    let glass = |c: usize| light.classes[c].is_see_through();
     change(texels, candidate, size, glass, |texel| texel[channel::ALPHA] = 1.0);
 }
 
 /// Turns the emission with which unlit surfaces are drawn into the base colour that their material shows.
-fn show_unlit(texels: &mut [[f32; CHANNELS]], candidate: &Candidate, n: &Normalised, size: (usize, usize)) {
+fn show_unlit(
+    texels: &mut [[f32; CHANNELS]],
+    candidate: &Candidate,
+    light: &LightAsset,
+    size: (usize, usize),
+) {
     change(
         texels,
         candidate,
         size,
-        |c| n.classes[c].unlit,
+        |c| light.classes[c].unlit,
         |texel| {
             for k in 0..3 {
                 texel[channel::BASE_COLOR + k] = texel[channel::EMISSIVE + k];

@@ -8,6 +8,7 @@ mod moments;
 use super::animated::Animated;
 use super::asset::Normalised;
 use super::classes::drawn;
+use super::light_asset::LightAsset;
 use super::reference::{Features, PathTraced, Picture, Rasterized, Reference, ReferenceKind};
 use super::views::{Lighting, Orbit, Set, Views};
 use crate::{FitError, Progress};
@@ -180,30 +181,29 @@ impl Stage {
     }
 
     /// The asset in the frame of the reference, as it is written.
-    pub fn placed(&self, n: &Normalised) -> Scene {
-        let mut scene = Scene { name: n.name.clone(), ..self.scene.clone() };
+    pub fn placed(&self, light: &LightAsset) -> Scene {
+        let mut scene = Scene { name: light.name.clone(), ..self.scene.clone() };
         if self.normalised {
-            let place = |p: &mut Vec3f| *p = *p * n.radius + n.center;
+            let place = |p: &mut Vec3f| *p = light.frame.to_world(*p);
             scene.primitives.iter_mut().for_each(|p| p.mesh.positions.iter_mut().for_each(place));
         }
         scene
     }
 
-    fn drawn(&self, n: &Normalised) -> Drawn<'_> {
+    fn drawn(&self, light: &LightAsset) -> Drawn<'_> {
         let mut flat = self.scene.flatten();
         if !self.normalised {
             for p in &mut flat.mesh.positions {
-                *p = (*p - n.center) / n.radius;
+                *p = light.frame.to_frame(*p);
             }
         }
-        let (center, radius) = if self.normalised { (Vec3f::zero(), 1.0) } else { (n.center, n.radius) };
-        let animated = Animated::in_frame(&self.scene, center, radius).playing(&n.animations);
-        Drawn { flat, library: SurfaceLibrary::new(&drawn(&self.scene)), animated }
+        let library = SurfaceLibrary::new(&drawn(&self.scene));
+        Drawn { flat, library, animated: self.animated(light) }
     }
 
     fn traced(&self, n: &Normalised, seed: u64) -> Result<PathTraced<'static>, FitError> {
         if self.normalised {
-            PathTraced::in_frame(&self.scene, n.radius, Features::All, seed)
+            PathTraced::in_frame(&self.scene, n.frame().radius, Features::All, seed)
         } else {
             PathTraced::new(&self.scene, n, Features::All, seed)
         }
@@ -333,7 +333,16 @@ impl Judge<'_> {
         let rasterized = Rasterized::new(&n.flat, &n.library).sampled(self.samples[0]);
         let as_fitted = matches!(method, Judged::RasterizedAgainst(_));
         let reference: &dyn Reference = if as_fitted { self.reference } else { &rasterized };
-        rasterized_views(n, reference, stages, &orbit, Set::Report, views, self.samples[1], progress)
+        rasterized_views(
+            &n.light_asset,
+            reference,
+            stages,
+            &orbit,
+            Set::Report,
+            views,
+            self.samples[1],
+            progress,
+        )
     }
 }
 
@@ -343,7 +352,7 @@ impl Judge<'_> {
 /// # Errors
 /// If a picture of the reference cannot be made.
 pub fn rasterized_views(
-    n: &Normalised,
+    light: &LightAsset,
     reference: &dyn Reference,
     stages: &[Stage],
     views: &dyn Views,
@@ -352,7 +361,7 @@ pub fn rasterized_views(
     samples: usize,
     progress: &dyn Progress,
 ) -> Result<Vec<ReportView>, FitError> {
-    let drawn: Vec<Drawn<'_>> = stages.iter().map(|s| s.drawn(n)).collect();
+    let drawn: Vec<Drawn<'_>> = stages.iter().map(|s| s.drawn(light)).collect();
     let drawn: Vec<Rasterized<'_>> = drawn.iter().map(|d| d.sampled(samples)).collect();
     let drawn: Vec<&dyn Reference> = drawn.iter().map(|d| d as &dyn Reference).collect();
     compared(reference, &drawn, views, set, count, progress)
@@ -387,13 +396,13 @@ fn compared(
 /// # Errors
 /// If a picture cannot be made.
 pub fn popping(
-    n: &Normalised,
+    light: &LightAsset,
     stages: [&Stage; 2],
     lighting: &Lighting,
     size: usize,
     seed: u64,
 ) -> Result<f64, FitError> {
-    let [a, b] = stages.map(|s| s.drawn(n));
+    let [a, b] = stages.map(|s| s.drawn(light));
     let [a, b] = [&a, &b].map(|d| d.sampled(1));
     let orbit = Orbit::new(seed, lighting, size);
     let flip = |i| {
@@ -411,7 +420,7 @@ pub fn popping(
 /// # Errors
 /// If a picture of the reference cannot be made.
 pub fn scores(
-    n: &Normalised,
+    light: &LightAsset,
     reference: &dyn Reference,
     stages: &[Stage],
     views: &dyn Views,
@@ -419,7 +428,7 @@ pub fn scores(
     samples: usize,
     progress: &dyn Progress,
 ) -> Result<Vec<f64>, FitError> {
-    let stages: Vec<Drawn<'_>> = stages.iter().map(|s| s.drawn(n)).collect();
+    let stages: Vec<Drawn<'_>> = stages.iter().map(|s| s.drawn(light)).collect();
     let mut score = vec![0.0; stages.len()];
     let mut taken = 0.0_f64;
     for i in 0..count {

@@ -24,9 +24,11 @@ pub mod classes;
 pub mod cpu;
 pub mod device;
 pub mod export;
+mod frame;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 pub mod judge;
+mod light_asset;
 pub mod loss;
 pub mod model;
 pub mod plan;
@@ -41,3 +43,5 @@ pub(crate) mod unwrap;
 pub mod views;
 
 pub use asset::Normalised;
+pub use frame::FitFrame;
+pub use light_asset::LightAsset;

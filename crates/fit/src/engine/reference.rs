@@ -8,6 +8,7 @@
 use super::animated::{Animated, WorldPose};
 use super::asset::Normalised;
 use super::classes::drawn;
+use super::frame::FitFrame;
 use super::views::{Moment, Setup, Sphere};
 use crate::scene_render::SceneRenderer;
 use crate::{FitError, bake};
@@ -206,7 +207,7 @@ impl<'a> PathTraced<'a> {
     pub fn new(scene: &Scene, n: &Normalised, features: Features, seed: u64) -> Result<Self, FitError> {
         let shown = features.of(scene);
         Ok(Self {
-            world: Mutex::new((world(&shown, n.to_frame(), n.radius, ENERGY)?, Moment::default())),
+            world: Mutex::new((world(&shown, n.frame(), ENERGY)?, Moment::default())),
             animated: None,
             surface: None,
             seed,
@@ -221,7 +222,8 @@ impl<'a> PathTraced<'a> {
     /// If the path tracer refuses the scene.
     pub fn in_frame(scene: &Scene, radius: f32, features: Features, seed: u64) -> Result<Self, FitError> {
         let shown = features.of(scene);
-        let world = Mutex::new((world(&shown, DAffine3::IDENTITY, radius, ENERGY)?, Moment::default()));
+        let (identity, start) = (DAffine3::IDENTITY, Moment::default());
+        let world = Mutex::new((placed_world(&shown, identity, radius, ENERGY)?, start));
         Ok(Self { world, animated: None, surface: None, seed, spp: SAMPLES })
     }
 
@@ -308,13 +310,13 @@ impl Features {
     }
 }
 
-/// The scene in the normalised frame; its own lights are left out, as by the rasterizer.
-pub(crate) fn world(
-    scene: &Scene,
-    to_frame: DAffine3,
-    radius: f32,
-    energy: Energy,
-) -> Result<World, FitError> {
+/// A scene in the frame of a fit; its own lights are left out, as by the rasterizer.
+pub(crate) fn world(scene: &Scene, frame: FitFrame, energy: Energy) -> Result<World, FitError> {
+    placed_world(scene, frame.transform(), frame.radius, energy)
+}
+
+/// A scene that `to_frame` puts into the frame of a fit, whose unit of length is `radius` of the units of its materials.
+fn placed_world(scene: &Scene, to_frame: DAffine3, radius: f32, energy: Energy) -> Result<World, FitError> {
     let mut parts = Parts::from_scene(scene);
     parts.lights.clear();
     for instance in &mut parts.instances {
@@ -432,7 +434,7 @@ mod tests {
             // On rough metal the policy on energy shows: another one on one side is seen.
             let n = Normalised::new(&metal).unwrap();
             let mut other = PathTraced::new(&metal, &n, Features::Core, 0).unwrap();
-            let compensated = world(&metal, n.to_frame(), n.radius, Energy::Compensated).unwrap();
+            let compensated = world(&metal, n.frame(), Energy::Compensated).unwrap();
             other.world = Mutex::new((compensated, Moment::default()));
             let s = Orbit::new(0, &lighting, 64).setup(Set::Report, index, 4);
             let (a, b) = (pictures(&metal, &lighting, index), other.picture(&s).unwrap().image);

@@ -1,5 +1,6 @@
 //! What stands in a `transforms.json`, checked.
 
+use crate::engine::FitFrame;
 use crate::engine::views::{ViewLight, ViewLights};
 use photofit_scalar::{Vec3f, vec3};
 use serde::Deserialize;
@@ -227,12 +228,8 @@ impl Transforms {
     }
 }
 
-/// Lights in a frame of this centre and unit of length.
-pub(super) fn lights(
-    given: &[Light],
-    undo: &Rigid,
-    (center, radius): (Vec3f, f32),
-) -> Result<ViewLights, String> {
+/// Lights in the frame of a fit.
+pub(super) fn lights(given: &[Light], undo: &Rigid, frame: FitFrame) -> Result<ViewLights, String> {
     let color = |what: &str, c: &[f64; 3]| -> Result<Vec3f, String> {
         if c.iter().all(|x| *x >= 0.0 && *x <= 1e9) {
             Ok(vec3(c[0] as f32, c[1] as f32, c[2] as f32))
@@ -244,11 +241,11 @@ pub(super) fn lights(
     let light = |l: &Light| {
         Ok(match l {
             Light::Point { position, intensity } => {
-                let position = (vector(undo.apply(*position)) - center) / radius;
+                let position = frame.to_frame(vector(undo.apply(*position)));
                 if !position.is_finite() {
                     return Err("position of a light is not finite".into());
                 }
-                let intensity = color("intensity", intensity)? / (radius * radius);
+                let intensity = color("intensity", intensity)? / (frame.radius * frame.radius);
                 ViewLight::Point { position, intensity }
             }
             Light::Directional { direction, irradiance } => {

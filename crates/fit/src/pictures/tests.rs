@@ -38,7 +38,12 @@ fn folder() -> (tempfile::TempDir, Value) {
 
 fn load(dir: &tempfile::TempDir, file: &Value) -> Result<PictureFolder, FitError> {
     std::fs::write(dir.path().join(FILE), file.to_string()).unwrap();
-    PictureFolder::load(dir.path(), &asset(), 0, &|s| Ok(Image::new(s.width, s.height, 4).map(|_| 1.0)))
+    PictureFolder::load(
+        dir.path(),
+        asset().frame(),
+        0,
+        &|s| Ok(Image::new(s.width, s.height, 4).map(|_| 1.0)),
+    )
 }
 
 #[test]
@@ -53,7 +58,7 @@ fn cameras_pictures_and_sets_are_read() {
     let photo = &photos.photos()[4];
     // A point of the world lands where the pinhole formula says.
     let world = Vec3::new(1.3, 1.8, 3.4);
-    let p = (world - Vec3::from_array(n.center.to_array())) / n.radius;
+    let p = (world - Vec3::from_array(n.frame().center.to_array())) / n.frame().radius;
     let clip = photo.camera.view_projection().project_point3(p);
     let pixel = [(clip.x + 1.0) * 0.5 * 6.0, (1.0 - clip.y) * 0.5 * 4.0];
     let depth = 17.0 - 3.4;
@@ -107,8 +112,8 @@ fn lights_are_read_into_the_frame() {
     let n = asset();
     let lights = photos.photos()[0].lights.lights();
     let photofit_shading::Light::Point { position, intensity } = lights[0] else { panic!("{lights:?}") };
-    let distance = position.length() * n.radius;
-    let expected = (photofit_scalar::vec3(1.0, 2.0, 8.0) - n.center).length();
+    let distance = position.length() * n.frame().radius;
+    let expected = (photofit_scalar::vec3(1.0, 2.0, 8.0) - n.frame().center).length();
     assert!((distance - expected).abs() < 1e-4, "{distance}");
     // The irradiance on the asset stays what it is.
     let irradiance = intensity.y / position.length_squared();
@@ -187,7 +192,7 @@ fn what_cannot_be_used_is_refused_by_file_frame_and_rule() {
         // Lists that never end, or never begin.
         std::fs::remove_file(dir.path().join(FILE)).unwrap();
         std::os::unix::fs::symlink("/dev/zero", dir.path().join(FILE)).unwrap();
-        let error = PictureFolder::load(dir.path(), &asset(), 0, &|_| Ok(Image::new(1, 1, 4)));
+        let error = PictureFolder::load(dir.path(), asset().frame(), 0, &|_| Ok(Image::new(1, 1, 4)));
         assert!(error.unwrap_err().to_string().contains("not a regular file"));
     }
     let (dir, file) = folder();
@@ -195,10 +200,12 @@ fn what_cannot_be_used_is_refused_by_file_frame_and_rule() {
     let error = load(&dir, &file).unwrap_err().to_string();
     assert!(error.contains("5.png"), "{error}");
     std::fs::write(dir.path().join(FILE), "{\"frames\": 3}").unwrap();
-    let error =
-        PictureFolder::load(dir.path(), &asset(), 0, &|_| Ok(Image::new(1, 1, 4))).unwrap_err().to_string();
+    let error = PictureFolder::load(dir.path(), asset().frame(), 0, &|_| Ok(Image::new(1, 1, 4)))
+        .unwrap_err()
+        .to_string();
     assert!(error.contains(FILE) && error.contains("line 1"), "{error}");
-    let error = PictureFolder::load(&dir.path().join("no.json"), &asset(), 0, &|_| Ok(Image::new(1, 1, 4)));
+    let error =
+        PictureFolder::load(&dir.path().join("no.json"), asset().frame(), 0, &|_| Ok(Image::new(1, 1, 4)));
     assert!(error.unwrap_err().to_string().contains("no.json"));
 }
 
@@ -211,7 +218,7 @@ fn pictures_without_alpha_take_the_outline() {
     }
     std::fs::write(dir.path().join(FILE), file.to_string()).unwrap();
     let half = |s: &Setup| Ok(Image::from_fn(s.width, s.height, 4, |x, _, _| f32::from(u8::from(x < 3))));
-    let photos = PictureFolder::load(dir.path(), &asset(), 0, &half).unwrap();
+    let photos = PictureFolder::load(dir.path(), asset().frame(), 0, &half).unwrap();
     assert_eq!(photos.without_alpha, 9);
     let image = &photos.photos()[0].image;
     assert!((image.pixel(0, 0)[0] - 0.5).abs() < 0.01 && image.pixel(5, 0).iter().all(|x| *x < 1e-6));
@@ -223,9 +230,9 @@ fn cameras_that_look_away_are_told() {
     std::fs::write(dir.path().join(FILE), file.to_string()).unwrap();
     let seen = |s: &Setup| s.picture != Some(3);
     let outline = |s: &Setup| Ok(Image::new(s.width, s.height, 4).map(|_| f32::from(u8::from(seen(s)))));
-    assert_eq!(PictureFolder::load(dir.path(), &asset(), 0, &outline).unwrap().unseen, [3]);
+    assert_eq!(PictureFolder::load(dir.path(), asset().frame(), 0, &outline).unwrap().unseen, [3]);
     let none = |s: &Setup| Ok(Image::new(s.width, s.height, 4));
-    let error = PictureFolder::load(dir.path(), &asset(), 0, &none).unwrap_err().to_string();
+    let error = PictureFolder::load(dir.path(), asset().frame(), 0, &none).unwrap_err().to_string();
     assert!(error.contains("no camera sees the asset") && error.contains("-z"), "{error}");
 }
 
@@ -257,7 +264,8 @@ fn numbers_that_are_not_finite_are_named_with_their_frame() {
     let (dir, file) = folder();
     let text = file.to_string().replacen("17.0", "NaN", 1);
     std::fs::write(dir.path().join(FILE), text).unwrap();
-    let rule = PictureFolder::load(dir.path(), &asset(), 0, &|_| panic!("nothing is drawn")).unwrap_err();
+    let rule =
+        PictureFolder::load(dir.path(), asset().frame(), 0, &|_| panic!("nothing is drawn")).unwrap_err();
     let rule = rule.to_string();
     for part in [FILE, "frame 4 (images/4)", "transform_matrix[2][3] is NaN; it must be finite"] {
         assert!(rule.contains(part), "{part:?} in {rule}");

@@ -2,10 +2,11 @@
 
 use super::shape_error::Truth;
 use super::{FEWEST, MOST_LEVELS, PictureSource};
-use crate::engine::Normalised;
 use crate::engine::reference::{Rasterized, Reference};
 use crate::engine::views::{Lighting, Orbit, Set, Views};
-use crate::pictures::{FEWEST as FEWEST_PICTURES, FILE, Photo, PictureFolder};
+use crate::engine::{FitFrame, LightAsset, Normalised};
+use crate::error::in_ranges;
+use crate::pictures::{FEWEST as FEWEST_PICTURES, MOST_SIDE, Photo, PictureFolder, PosedPictures};
 use crate::recover::bare;
 use crate::simplify::prepare::visibility;
 use crate::{FitError, Progress};
@@ -13,9 +14,9 @@ use glam::{DMat3, DVec3, Vec3};
 use photofit_geometry::{Mesh, shapes};
 use photofit_image::Image;
 use photofit_scalar::Vec3f;
-use photofit_scene::{FlatScene, Instance, Material, Primitive, Scene};
+use photofit_scene::{Camera, FlatScene, Scene};
 use photofit_shading::Sides;
-use std::path::PathBuf;
+use std::path::Path;
 
 /// Radius of the ball to begin with, relative to the sphere around what the cameras see.
 const BALL: f32 = 0.7;
@@ -29,8 +30,8 @@ const LEAST_PARALLAX: f64 = 0.05;
 /// Pictures in a frame.
 pub(super) struct Pictures {
     pub(super) photos: PictureFolder,
-    /// The frame, with a sphere of radius 1 as its asset.
-    pub(super) n: Normalised,
+    /// The frame, and the materials of what is recovered.
+    pub(super) light_asset: LightAsset,
     /// The surface that they show, where it is known.
     pub(super) truth: Option<Truth>,
 }
@@ -41,32 +42,36 @@ impl Pictures {
         seed: u64,
         progress: &dyn Progress,
     ) -> Result<Self, FitError> {
-        match source {
-            PictureSource::Asset { asset, views, size } => drawn(asset, [views, size], seed, progress),
-            PictureSource::Folder(path) => {
-                let file: PathBuf = if path.is_dir() { path.join(FILE) } else { path.to_owned() };
-                let everything =
-                    |s: &crate::engine::views::Setup| Ok(Image::from_fn(s.width, s.height, 4, |_, _, _| 1.0));
-                let world = frame(Vec3f::zero(), 1.0, false)?;
-                let photos = PictureFolder::load(path, &world, seed, &everything)?;
-                let fail = |rule: String| FitError::Pictures { path: file.clone(), rule };
-                if photos.without_alpha > 0 {
-                    let (some, all) = (photos.without_alpha, photos.photos().len());
-                    return Err(fail(format!(
-                        "{some} of {all} pictures have no alpha; a shape needs pictures with alpha, which is its outline"
-                    )));
-                }
-                let (center, radius) = seen_sphere(photos.photos()).map_err(fail)?;
-                let n = frame(center, ROOM * radius, !photos.lit)?;
-                drop(photos);
-                let photos = PictureFolder::load(path, &n, seed, &|s| {
-                    Ok(Rasterized::new(&n.flat, &n.library).picture(s)?.image)
-                })?;
-                photos.doubts().iter().for_each(|d| progress.warn(d));
-                Ok(Self { photos, n, truth: None })
-            }
-        }
+        let (photos, frame, truth) = match source {
+            PictureSource::Asset { asset, views, size } => drawn(asset, [views, size], seed, progress)?,
+            PictureSource::Folder(path) => given(path, seed, progress)?,
+        };
+        let scene = Scene { name: "recovered".into(), ..Scene::default() };
+        let (light_asset, _) = LightAsset::of(&bare(&scene, !photos.lit), frame);
+        Ok(Self { photos, light_asset, truth })
     }
+}
+
+/// Pictures with a frame around what they show, and its surface where that is known.
+type Framed = (PictureFolder, FitFrame, Option<Truth>);
+
+/// Pictures of a folder.
+fn given(path: &Path, seed: u64, progress: &dyn Progress) -> Result<Framed, FitError> {
+    let posed = PosedPictures::open(path)?.read(FEWEST_PICTURES, MOST_SIDE)?;
+    let (some, all) = (posed.pictures.iter().filter(|p| p.is_opaque()).count(), posed.pictures.len());
+    if some > 0 {
+        return Err(posed.error(format!(
+            "{some} of {all} pictures have no alpha; a shape needs pictures with alpha, which is its outline"
+        )));
+    }
+    let cameras = (0..all).map(|i| posed.camera(i, FitFrame::WORLD)).collect::<Result<Vec<_>, _>>()?;
+    let images = posed.pictures.iter().map(|p| &p.image);
+    let pictures: Vec<(Camera, &Image)> = cameras.into_iter().zip(images).collect();
+    let seen = seen_sphere(&pictures).map_err(|rule| posed.error(rule))?;
+    let frame = FitFrame { radius: ROOM * seen.radius, ..seen };
+    let photos = PictureFolder::in_frame(posed, frame, seed)?;
+    photos.doubts().iter().for_each(|d| progress.warn(d));
+    Ok((photos, frame, None))
 }
 
 /// Pictures of an asset by the rasterizer.
@@ -75,13 +80,8 @@ fn drawn(
     [views, size]: [usize; 2],
     seed: u64,
     progress: &dyn Progress,
-) -> Result<Pictures, FitError> {
-    for (field, is, range) in [("views", views, FEWEST_PICTURES..=256), ("size", size, 16..=2048)] {
-        if !range.contains(&is) {
-            let rule = format!("is {is}; it must be {} to {}", range.start(), range.end());
-            return Err(FitError::Setting { field, rule });
-        }
-    }
+) -> Result<Framed, FitError> {
+    in_ranges([("views", views, FEWEST_PICTURES..=256), ("size", size, 16..=2048)])?;
     asset.validate_for_fit()?;
     let shown = Normalised::new(asset)?;
     let seen = visibility(&shown.surface()?, progress)?;
@@ -91,47 +91,31 @@ fn drawn(
     let photo = |i: u64| {
         let setup = orbit.setup(Set::Report, i, views as u64);
         let image = renderer.picture(&setup)?.image;
-        Ok(Photo { path: PathBuf::new(), camera: setup.camera, lights: setup.lights, image })
+        Ok(Photo { camera: setup.camera, lights: setup.lights, image })
     };
     let photos = (0..views as u64).map(photo).collect::<Result<Vec<_>, FitError>>()?;
-    let n = frame(shown.center, shown.radius, !lit)?;
-    let truth = Some(Truth { mesh: shown.flat.mesh, seen });
-    Ok(Pictures { photos: PictureFolder::of(photos, seed, lit), n, truth })
-}
-
-/// The frame of this centre and unit, around a sphere of radius 1.
-fn frame(center: Vec3f, radius: f32, unlit: bool) -> Result<Normalised, FitError> {
-    let scene = Scene {
-        name: "recovered".into(),
-        primitives: vec![Primitive { mesh: shapes::icosphere(8), material: 0 }],
-        instances: vec![Instance { primitive: 0, transform: glam::Affine3A::IDENTITY }],
-        materials: vec![Material::clay()],
-        ..Scene::default()
-    };
-    let mut n = Normalised::new(&bare(&scene, unlit))?;
-    (n.center, n.radius) = (center, radius);
-    Ok(n)
+    let frame = shown.frame();
+    Ok((PictureFolder::of(photos, seed, lit), frame, Some(Truth { mesh: shown.flat.mesh, seen })))
 }
 
 /// The sphere around what the outlines show: its centre is closest to the rays through their middles, its radius the
 /// largest that an outline tells.
-fn seen_sphere(photos: &[Photo]) -> Result<(Vec3f, f32), String> {
-    let shows = |p: &Photo, x: usize, y: usize| p.image.pixel(x, y)[3] > SHOWN;
-    let all = |p: &Photo| -> Vec<[usize; 2]> {
-        let pixels = (0..p.image.height).flat_map(|y| (0..p.image.width).map(move |x| [x, y]));
-        pixels.filter(|[x, y]| shows(p, *x, *y)).collect()
+fn seen_sphere(pictures: &[(Camera, &Image)]) -> Result<FitFrame, String> {
+    let all = |image: &Image| -> Vec<[usize; 2]> {
+        let pixels = (0..image.height).flat_map(|y| (0..image.width).map(move |x| [x, y]));
+        pixels.filter(|[x, y]| image.pixel(*x, *y)[3] > SHOWN).collect()
     };
     let (mut matrix, mut right, mut count) = (DMat3::ZERO, DVec3::ZERO, 0.0);
-    for p in photos {
-        let shown = all(p);
+    for (camera, image) in pictures {
+        let shown = all(image);
         let Some(first) = shown.first() else { continue };
         let (lo, hi) = shown.iter().fold((*first, *first), |(lo, hi), [x, y]| {
             ([lo[0].min(*x), lo[1].min(*y)], [hi[0].max(*x), hi[1].max(*y)])
         });
-        let d = ray(p, [0, 1].map(|k| 0.5 * (lo[k] + hi[k] + 1) as f32));
+        let d = ray(camera, image, [0, 1].map(|k| 0.5 * (lo[k] + hi[k] + 1) as f32));
         let across = DMat3::IDENTITY - DMat3::from_cols(d * d.x, d * d.y, d * d.z);
         matrix += across;
-        right += across * p.camera.eye.as_dvec3();
+        right += across * camera.eye.as_dvec3();
         count += 1.0;
     }
     if count == 0.0 {
@@ -145,10 +129,10 @@ fn seen_sphere(photos: &[Photo]) -> Result<(Vec3f, f32), String> {
     }
     let center = matrix.inverse() * right;
     let mut radius = 0.0_f64;
-    for p in photos {
-        let to = center - p.camera.eye.as_dvec3();
-        for [x, y] in all(p) {
-            let d = ray(p, [x as f32 + 0.5, y as f32 + 0.5]);
+    for (camera, image) in pictures {
+        let to = center - camera.eye.as_dvec3();
+        for [x, y] in all(image) {
+            let d = ray(camera, image, [x as f32 + 0.5, y as f32 + 0.5]);
             // Where the ray comes closest to the centre.
             if d.dot(to) > 0.0 {
                 radius = radius.max(d.cross(to).length());
@@ -158,15 +142,15 @@ fn seen_sphere(photos: &[Photo]) -> Result<(Vec3f, f32), String> {
     if !(center.is_finite() && radius.is_finite() && radius > 0.0) {
         return Err("the outlines have no place in common; cameras and pictures must belong together".into());
     }
-    Ok((Vec3f::from_array(center.as_vec3().to_array()), radius as f32))
+    Ok(FitFrame { center: Vec3f::from_array(center.as_vec3().to_array()), radius: radius as f32 })
 }
 
 /// Unit direction of the ray through a place in a picture, pixels from its upper left corner.
-fn ray(p: &Photo, [x, y]: [f32; 2]) -> DVec3 {
-    let (w, h) = (p.image.width as f32, p.image.height as f32);
+fn ray(camera: &Camera, image: &Image, [x, y]: [f32; 2]) -> DVec3 {
+    let (w, h) = (image.width as f32, image.height as f32);
     let at = Vec3::new(2.0 * x / w - 1.0, 1.0 - 2.0 * y / h, 0.5);
-    let there = p.camera.view_projection().inverse().project_point3(at);
-    (there - p.camera.eye).as_dvec3().normalize_or_zero()
+    let there = camera.view_projection().inverse().project_point3(at);
+    (there - camera.eye).as_dvec3().normalize_or_zero()
 }
 
 /// The mesh to begin with, in the frame.
@@ -179,22 +163,22 @@ pub(super) struct Start {
 
 impl Start {
     pub(super) fn new(
-        n: &Normalised,
+        light: &LightAsset,
         mesh: Option<&Scene>,
         budget: usize,
         lit: bool,
     ) -> Result<Self, FitError> {
-        // The frame has a class for each side, lit or not.
+        // There is a class for each side, lit or not.
         let class = |double_sided: bool| {
             let sides = Sides::of(double_sided);
-            n.classes.iter().position(|c| c.sides == sides && c.unlit != lit).unwrap_or_default() as u32
+            light.classes.iter().position(|c| c.sides == sides && c.unlit != lit).unwrap_or_default() as u32
         };
         let (mesh, class) = match mesh {
             Some(scene) => {
                 scene.validate_for_fit()?;
                 let FlatScene { mut mesh, triangle_material, .. } = scene.flatten();
                 for p in &mut mesh.positions {
-                    *p = (*p - n.center) / n.radius;
+                    *p = light.frame.to_frame(*p);
                 }
                 let of = |m: &u32| class(scene.materials[*m as usize].double_sided);
                 let classes = triangle_material.iter().map(of).collect();

@@ -199,7 +199,7 @@ fn times(o: &Outcome) -> String {
 fn wireframes(light: &Scene, info: &ReportInfo<'_>) -> Result<String, FitError> {
     let n = Normalised::new(info.scene)?;
     let mut light = light.flatten().mesh;
-    light.positions.iter_mut().for_each(|p| *p = (*p - n.center) / n.radius);
+    light.positions.iter_mut().for_each(|p| *p = n.frame().to_frame(*p));
     let reference = n.flat.mesh;
     let mut figures = String::new();
     for (name, mesh) in [("reference", &reference), (SHIPPED, &light)] {

@@ -74,7 +74,7 @@ fn the_candidate_is_drawn_at_the_moment_of_the_shot() {
     let scene = arm(24, 32);
     let n = Normalised::over(&scene, &moments()).unwrap();
     let bare = bare(&scene).unwrap();
-    let poses = Animated::new(&bare, &n).playing(&n.animations);
+    let poses = Animated::new(&bare, &n).playing(&n.light_asset.animations);
     let rest = poses.flat(Moment::default()).unwrap();
     let mut candidate = candidate(&n, &rest, 256).unwrap();
     let rays = n.surface().unwrap();

@@ -151,7 +151,15 @@ fn within(
             for first in (0..count_of).step_by(at_once) {
                 let some = (first..count_of.min(first + at_once)).map(|i| Ok(Stage::new("", scene(i)?)));
                 let stages = some.collect::<Result<Vec<Stage>, FitError>>()?;
-                scores.extend(judge::scores(n, reference, &stages, &views, count, samples, progress)?);
+                scores.extend(judge::scores(
+                    &n.light_asset,
+                    reference,
+                    &stages,
+                    &views,
+                    count,
+                    samples,
+                    progress,
+                )?);
             }
             Ok(scores)
         };

@@ -77,12 +77,12 @@ pub(super) fn best(
     for start in starts {
         models.push(Surface { candidate: start.candidate.clone(), ..models[0].clone() });
     }
-    let mut scenes: Vec<Scene> = models.iter().map(|m| to_scene(&m.candidate, n)).collect();
+    let mut scenes: Vec<Scene> = models.iter().map(|m| to_scene(&m.candidate, &n.light_asset)).collect();
     scenes.extend(own);
     let stages: Vec<Stage> = scenes.iter().map(|s| Stage::new("", s.clone())).collect();
     let views = Orbit::new(options.seed, &options.lighting, options.resolution);
     let (count, [_, samples]) = (options.choice_views(), options.judge_samples());
-    let scores = judge::scores(n, reference, &stages, &views, count, samples, progress)?;
+    let scores = judge::scores(&n.light_asset, reference, &stages, &views, count, samples, progress)?;
     let best = judge::highest(&scores);
     let (models_made, baked) = (models.len(), models.len() - 1);
     let written = match best {

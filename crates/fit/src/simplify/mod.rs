@@ -249,10 +249,10 @@ fn stages(
     }
     stages.push(plain);
     if let [wrapped, baked] = starts {
-        stages.push(Stage::new("baked", to_scene(&baked.candidate, n)));
-        stages.push(Stage::new("wrapped", to_scene(&wrapped.candidate, n)));
+        stages.push(Stage::new("baked", to_scene(&baked.candidate, &n.light_asset)));
+        stages.push(Stage::new("wrapped", to_scene(&wrapped.candidate, &n.light_asset)));
     } else {
-        stages.push(Stage::new("baked", to_scene(&starts[0].candidate, n)));
+        stages.push(Stage::new("baked", to_scene(&starts[0].candidate, &n.light_asset)));
     }
     stages.push(Stage::new("fitted", fitted));
     stages

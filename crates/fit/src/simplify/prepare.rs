@@ -85,7 +85,7 @@ fn unwrap_and_bake(
     options: &SimplifyOptions,
     progress: &dyn Progress,
 ) -> Result<Start, FitError> {
-    let (seen_surface, classes) = (Some((reference, seen)), n.drawn_classes());
+    let (seen_surface, classes) = (Some((reference, seen)), n.light_asset.drawn_classes());
     let mut candidate = unwrapped(mesh, seen_surface, class, classes, options.texture_size, progress)?;
     let (baked, distance) = bake_candidate(reference, seen, &candidate, options, progress)?;
     candidate.set_maps(baked);
@@ -134,7 +134,7 @@ fn decimated(
     progress: &dyn Progress,
 ) -> Result<Decimated, FitError> {
     let mut options = Options::new(target);
-    options.double_sided = n.classes.iter().map(|c| c.sides == Sides::Both).collect();
+    options.double_sided = n.light_asset.classes.iter().map(|c| c.sides == Sides::Both).collect();
     let report = heard("decimate", progress);
     decimate_reporting(mesh, class, importance, &options, &report).map_err(|e| match e {
         DecimateError::Stopped => FitError::Interrupted,

@@ -104,7 +104,7 @@ fn references_show_the_asset_at_any_moment() {
     for moment in [moments[1], moments[2], Moment::default(), moments[1]] {
         let posed = by_hand(moment);
         let mut flat = posed.flatten();
-        flat.mesh.positions.iter_mut().for_each(|p| *p = (*p - n.center) / n.radius);
+        flat.mesh.positions.iter_mut().for_each(|p| *p = n.frame().to_frame(*p));
         let wanted = Rasterized::new(&flat, &n.library).picture(&setup(Moment::default())).unwrap();
         let found = raster.picture(&setup(moment)).unwrap();
         assert!(difference(&found, &wanted) < 1e-6, "rasterized, {moment:?}");

@@ -1,18 +1,17 @@
 //! Judging assets that move, at moments of the reference's animations.
 
 use super::{Judge, Judged, ReportView, Stage, WIDEST_TRACED, compared, rasterized_views};
-use crate::engine::Normalised;
 use crate::engine::animated::Animated;
 use crate::engine::reference::{Features, PathTraced, Rasterized, Reference};
 use crate::engine::views::{Moment, Orbit, OverMoments, Set};
+use crate::engine::{FitFrame, LightAsset};
 use crate::{FitError, Progress};
-use photofit_scalar::Vec3f;
 
 impl Stage {
     /// The stage in the frame of the reference, whose animations it plays by name.
-    fn animated(&self, n: &Normalised) -> Animated<'_> {
-        let (center, radius) = if self.normalised { (Vec3f::zero(), 1.0) } else { (n.center, n.radius) };
-        Animated::in_frame(&self.scene, center, radius).playing(&n.animations)
+    pub(super) fn animated(&self, light: &LightAsset) -> Animated<'_> {
+        let frame = if self.normalised { FitFrame::WORLD } else { light.frame };
+        Animated::in_frame(&self.scene, frame).playing(&light.animations)
     }
 }
 
@@ -38,7 +37,7 @@ impl Judge<'_> {
         if !traced {
             let reference = Rasterized::new(&n.flat, &n.library).animated(&theirs).sampled(self.samples[0]);
             return rasterized_views(
-                n,
+                &n.light_asset,
                 &reference,
                 stages,
                 &seen,
@@ -48,7 +47,7 @@ impl Judge<'_> {
                 progress,
             );
         }
-        let own: Vec<Animated<'_>> = stages.iter().map(|s| s.animated(n)).collect();
+        let own: Vec<Animated<'_>> = stages.iter().map(|s| s.animated(&n.light_asset)).collect();
         // What stands still is not taken apart.
         let posed = |drawn: PathTraced<'static>, animated| -> PathTraced<'_> {
             let drawn = drawn.sampled(self.spp);
