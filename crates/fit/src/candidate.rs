@@ -392,11 +392,11 @@ impl Candidate {
 
 /// The renderer's view of a shot.
 pub(crate) fn view<'a>(shot: &Shot, lights: &'a [photofit_shading::Light<'a, f32>]) -> View<'a, f32> {
-    let eye = shot.camera.eye;
+    let camera = shot.camera.pinhole();
     let Sampling { per_axis, shade_per_pixel } = shot.sampling;
     View {
-        view_projection: matrix_rows(&shot.camera.view_projection()),
-        eye: vec3(eye.x, eye.y, eye.z),
+        view_projection: matrix_rows(&camera.view_projection()),
+        eye: vec3(camera.eye.x, camera.eye.y, camera.eye.z),
         lights,
         width: shot.width * per_axis,
         height: shot.height * per_axis,

@@ -219,8 +219,7 @@ impl Reference for PictureFolder {
 
 fn setup(photo: &Photo, at: usize) -> Setup {
     Setup {
-        camera: photo.camera,
-        rays: None,
+        camera: photo.camera.into(),
         lights: photo.lights.clone(),
         moment: Moment::default(),
         width: photo.image.width,

@@ -15,11 +15,10 @@ use crate::engine::reference::{Picture, Reference, ReferenceKind};
 use crate::engine::steering::Steering;
 use crate::engine::traced::{Smoothing, Traced, TracedParameter};
 use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
-use crate::engine::views::{Moment, Sampling, Set, Setup, Sphere, ViewLights, Views};
+use crate::engine::views::{Moment, Sampling, Set, Setup, Sphere, ViewCamera, ViewLights, Views};
 use crate::{FitError, Progress, bake};
 use photofit_image::Image;
 use photofit_pathtrace::{MaterialValue, Parameter, View};
-use photofit_scene::Camera;
 
 pub use crate::engine::trainer::relative_error;
 
@@ -116,8 +115,7 @@ impl Views for Pictures {
             (_, Some(held_out)) => held_out,
         };
         Setup {
-            camera: pinhole(&self.cameras[at]),
-            rays: Some(self.cameras[at]),
+            camera: ViewCamera::Traced(self.cameras[at]),
             lights: ViewLights::default(),
             moment: Moment::default(),
             width: self.images[at].width,
@@ -125,13 +123,6 @@ impl Views for Pictures {
             picture: Some(at),
         }
     }
-}
-
-/// The pinhole that stands where a camera does.
-fn pinhole(view: &View) -> Camera {
-    let (eye, [_, up, back]) = (view.eye.as_vec3(), view.axes);
-    let [w, h] = view.half;
-    Camera::look_at(eye, eye - back, up, 2.0 * h.atan(), w / h, view.clip[0].max(1e-3), view.clip[1].min(1e6))
 }
 
 /// Fits the parameters of `model` to the light of `pictures` (linear; their alpha is not looked at), one for each of

@@ -148,7 +148,7 @@ impl Reference for Rasterized<'_> {
         // Many samples are those of several smaller pixels.
         let parts = (self.samples / MOST_AT_ONCE).max(1);
         let (w, h) = (setup.width * parts, setup.height * parts);
-        let image = renderer.render(&setup.camera, &lights, w, h, self.samples / parts);
+        let image = renderer.render(&setup.camera.pinhole(), &lights, w, h, self.samples / parts);
         Ok(Picture::clean(if parts > 1 { downsample(&image, parts) } else { image }))
     }
 
@@ -277,7 +277,7 @@ impl Reference for PathTraced<'_> {
             path: PathOptions { show_environment: false, ..PathOptions::default() },
             ..RenderOptions::default()
         };
-        let mut renderer = Renderer::new(world, &setup.view(), options)?;
+        let mut renderer = Renderer::new(world, &setup.camera.view(), options)?;
         let noise = loop {
             let progress = renderer.pass(|| false);
             if progress.done {

@@ -262,7 +262,7 @@ impl Traced {
         moving: &[bool],
         out: &mut [Vec<f32>],
     ) -> Result<f64, FitError> {
-        let (view, size) = (shot.view(), (shot.width, shot.height));
+        let (view, size) = (shot.camera.view(), (shot.width, shot.height));
         let seed = |key| hash(self.options.seed, key, shot.number);
         self.under(shot, |world| {
             let pixels = self.light(&self.render(world, &view, size, self.options.spp, seed(PICTURE))?, shot);
@@ -377,7 +377,7 @@ impl Chain for Traced {
             let seed = hash(self.options.seed, PICTURE, u64::MAX);
             let size = (shot.width, shot.height);
             let picture =
-                self.under(shot, |world| self.render(world, &shot.view(), size, self.evaluation_spp, seed));
+                self.under(shot, |world| self.render(world, &shot.camera.view(), size, self.evaluation_spp, seed));
             picture.map(|p| self.light(&p, shot)).map_err(|e| Broken::Picture(Box::new(e)))
         };
         shots.iter().map(one).collect()

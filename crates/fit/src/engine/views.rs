@@ -153,14 +153,49 @@ impl Sphere {
     pub const UNIT: Self = Self { center: Vec3f { x: 0.0, y: 0.0, z: 0.0 }, radius: 1.0 };
 }
 
+/// The camera of a view: one of two kinds, from which the other one follows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ViewCamera {
+    /// A pinhole, as both renderers draw it.
+    Pinhole(Camera),
+    /// A camera that the path tracer alone draws: a lens, parallel rays, a part of the picture.
+    Traced(View),
+}
+
+impl From<Camera> for ViewCamera {
+    fn from(camera: Camera) -> Self {
+        Self::Pinhole(camera)
+    }
+}
+
+impl ViewCamera {
+    /// As the rasterizer draws it: of a camera that it cannot draw the pinhole at its eye, with its field of view.
+    pub fn pinhole(&self) -> Camera {
+        match self {
+            Self::Pinhole(camera) => *camera,
+            Self::Traced(view) => {
+                let (eye, [_, up, back]) = (view.eye.as_vec3(), view.axes);
+                let [w, h] = view.half;
+                let (near, far) = (view.clip[0].max(1e-3), view.clip[1].min(1e6));
+                Camera::look_at(eye, eye - back, up, 2.0 * h.atan(), w / h, near, far)
+            }
+        }
+    }
+
+    /// As the path tracer draws it.
+    pub fn view(&self) -> View {
+        match self {
+            Self::Pinhole(camera) => View::pinhole(camera),
+            Self::Traced(view) => *view,
+        }
+    }
+}
+
 /// What is asked of a reference: camera, lights, moment, and size of the picture.
 #[derive(Clone, Debug)]
 pub struct Setup {
     /// The camera.
-    pub camera: Camera,
-    /// The camera as a path tracer takes it, where it is more than a pinhole (a lens, parallel rays, a part of the
-    /// picture); `None`: `camera`.
-    pub rays: Option<View>,
+    pub camera: ViewCamera,
     /// The lights.
     pub lights: ViewLights,
     /// The moment of its animation.
@@ -174,11 +209,6 @@ pub struct Setup {
 }
 
 impl Setup {
-    /// The camera as a path tracer takes it.
-    pub fn view(&self) -> View {
-        self.rays.unwrap_or_else(|| View::pinhole(&self.camera))
-    }
-
     /// The finished picture that shows this view, of `count`.
     ///
     /// # Errors
@@ -306,7 +336,7 @@ impl Views for Orbit {
         }
         let lights = lights(&mut rng, &self.bounds, direction, &self.lighting, index);
         let (width, height) = (self.size, self.size);
-        Setup { camera, rays: None, lights, moment: self.moment, width, height, picture: None }
+        Setup { camera: camera.into(), lights, moment: self.moment, width, height, picture: None }
     }
 }
 
@@ -376,9 +406,7 @@ impl Sampling {
 #[derive(Clone, Debug)]
 pub struct Shot {
     /// The camera.
-    pub camera: Camera,
-    /// See [`Setup::rays`].
-    pub rays: Option<View>,
+    pub camera: ViewCamera,
     /// The finished picture that the view belongs to, where views come with pictures.
     pub picture: Option<usize>,
     /// Number of the draw: what is random about the picture follows from it.
@@ -400,11 +428,6 @@ pub struct Shot {
 }
 
 impl Shot {
-    /// The camera as a path tracer takes it.
-    pub fn view(&self) -> View {
-        self.rays.unwrap_or_else(|| View::pinhole(&self.camera))
-    }
-
     /// Puts a reference picture (linear, premultiplied RGBA) over noise, which supervises coverage.
     ///
     /// # Panics
@@ -426,7 +449,6 @@ impl Shot {
             .collect();
         Self {
             camera: setup.camera,
-            rays: setup.rays,
             picture: setup.picture,
             number: index,
             lights: setup.lights.clone(),
@@ -446,11 +468,27 @@ mod tests {
 
     #[test]
     fn views_are_a_function_of_seed_and_index() {
-        let at = |set, i, seed| Orbit::new(seed, &Lighting::Point, 8).setup(set, i, 8).camera;
+        let at = |set, i, seed| Orbit::new(seed, &Lighting::Point, 8).setup(set, i, 8).camera.pinhole();
         assert_eq!(at(Set::Train, 3, 1), at(Set::Train, 3, 1));
         assert_ne!(at(Set::Train, 3, 1), at(Set::Train, 4, 1));
         assert_ne!(at(Set::Train, 3, 1), at(Set::Train, 3, 2));
         assert_ne!(at(Set::HeldOut, 3, 1).eye, at(Set::Report, 3, 1).eye);
+    }
+
+    #[test]
+    fn both_renderers_see_one_camera() {
+        let camera = Orbit::new(5, &Lighting::Point, 8).setup(Set::Train, 0, 8).camera.pinhole();
+        let view = View::pinhole(&camera);
+        assert_eq!(ViewCamera::from(camera).view(), view);
+        let lens = View { half: [0.3, 0.2], ..view };
+        let traced = ViewCamera::Traced(lens);
+        assert_eq!(traced.view(), lens);
+        let (there, back) = (traced.pinhole(), View::pinhole(&traced.pinhole()));
+        assert!(there.eye.abs_diff_eq(camera.eye, 1e-6), "{there:?}");
+        assert!((back.half[0] - 0.3).abs() < 1e-5 && (back.half[1] - 0.2).abs() < 1e-5, "{back:?}");
+        for (a, b) in back.axes.iter().zip(lens.axes) {
+            assert!(a.abs_diff_eq(b, 1e-5), "{a} {b}");
+        }
     }
 
     #[test]
@@ -466,7 +504,7 @@ mod tests {
     #[test]
     fn the_unit_sphere_fits_report_views() {
         for i in 0..8 {
-            let c = Orbit::new(0, &Lighting::Point, 8).setup(Set::Report, i, 8).camera;
+            let c = Orbit::new(0, &Lighting::Point, 8).setup(Set::Report, i, 8).camera.pinhole();
             let d = c.eye.length();
             assert!((1.0 / d).asin() <= HALF_TANGENT.atan(), "view {i}");
         }
@@ -477,10 +515,10 @@ mod tests {
         let far = Orbit { distance: [3.0, 3.0], judged_distance: 4.0, ..Orbit::new(1, &Lighting::Point, 64) };
         let framing = 1.0 / HALF_TANGENT.atan().sin();
         let s = far.setup(Set::HeldOut, 2, 5);
-        assert!((s.camera.eye.length() / framing - 4.0).abs() < 1e-4);
+        assert!((s.camera.pinhole().eye.length() / framing - 4.0).abs() < 1e-4);
         assert_eq!((s.width, s.height), (64, 64));
         // Training cameras are shifted across the view by at most .12 on each axis.
-        let d = far.setup(Set::Train, 2, 0).camera.eye.length() / framing;
+        let d = far.setup(Set::Train, 2, 0).camera.pinhole().eye.length() / framing;
         assert!((d - 3.0).abs() < 0.02, "{d}");
         assert_eq!((s.shrunk(4).width, s.shrunk(100).height), (16, 1));
     }
@@ -492,9 +530,9 @@ mod tests {
         for (set, index) in [(Set::Train, 0), (Set::Train, 7), (Set::HeldOut, 2), (Set::Report, 1)] {
             let (a, b) = (unit.setup(set, index, 5), moved.setup(set, index, 5));
             for p in [Vec3::ZERO, Vec3::new(0.3, -0.5, 0.2)] {
-                let in_a = a.camera.view_projection().project_point3(p);
+                let in_a = a.camera.pinhole().view_projection().project_point3(p);
                 let q = p * 3.0 + Vec3::new(5.0, -2.0, 1.0);
-                let in_b = b.camera.view_projection().project_point3(q);
+                let in_b = b.camera.pinhole().view_projection().project_point3(q);
                 assert!(in_a.truncate().abs_diff_eq(in_b.truncate(), 1e-4), "{set:?} {index}: {in_a} {in_b}");
             }
             let irradiance = |s: &Setup, at: Vec3f| match s.lights.0[0] {

@@ -91,7 +91,7 @@ fn drawn(
     let photo = |i: u64| {
         let setup = orbit.setup(Set::Report, i, views as u64);
         let image = renderer.picture(&setup)?.image;
-        Ok(Photo { camera: setup.camera, lights: setup.lights, image })
+        Ok(Photo { camera: setup.camera.pinhole(), lights: setup.lights, image })
     };
     let photos = (0..views as u64).map(photo).collect::<Result<Vec<_>, FitError>>()?;
     let frame = shown.frame();

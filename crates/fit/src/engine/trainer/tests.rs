@@ -25,7 +25,7 @@ impl Reference for Greys {
     }
 
     fn picture(&self, s: &Setup) -> Result<Picture, FitError> {
-        let grey = |x: usize, y: usize| 0.3 + 0.05 * (x + y) as f32 + 0.02 * s.camera.eye.x.sin();
+        let grey = |x: usize, y: usize| 0.3 + 0.05 * (x + y) as f32 + 0.02 * s.camera.pinhole().eye.x.sin();
         Ok(Picture::clean(Image::from_fn(
             s.width,
             s.height,
