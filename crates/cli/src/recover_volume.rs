@@ -153,7 +153,7 @@ fn seen(a: &RecoverVolume) -> Result<Seen> {
             "warning: pictures have alpha below 1, which is not looked at: they must show the light behind the cloud",
         );
     }
-    let (views, pictures) = pictures.into_iter().map(|p| (View::pinhole(&p.camera), p.image)).unzip();
+    let (views, pictures) = pictures.into_iter().map(|p| (p.camera.view(), p.image)).unzip();
     Ok(Seen { surroundings, views, pictures, truth: None })
 }
 

@@ -11,21 +11,19 @@ mod posed;
 mod record;
 mod world;
 
+pub(crate) use posed::PosedPictures;
 pub use posed::{FILE, named_files};
-pub(crate) use posed::{PosedPicture, PosedPictures};
-pub use world::{WorldPicture, lit_world_pictures, world_pictures};
+pub use world::{lit_world_pictures, world_pictures};
 
-use crate::bake;
 use crate::engine::checkpoint::Digest;
+use crate::engine::given::{GivenPicture, GivenPictures, Order};
 use crate::engine::judge::{ReportView, Stage, rasterized_views};
-use crate::engine::reference::{Picture, Reference, ReferenceKind, SUPERSAMPLE};
+use crate::engine::reference::SUPERSAMPLE;
 use crate::engine::trainer::{self, HeldOut, Measure};
-use crate::engine::views::{Moment, Sampling, Set, Setup, Sphere, ViewLights, Views};
+use crate::engine::views::{Sampling, Set, Setup};
 use crate::engine::{FitFrame, LightAsset};
 use crate::{FitError, Progress};
-use photofit_image::{Image, downsample};
-use photofit_sampling::Rng;
-use photofit_scene::Camera;
+use photofit_image::Image;
 use std::path::Path;
 
 /// Fewest pictures.
@@ -35,27 +33,15 @@ pub const HELD_OUT_EVERY: usize = 8;
 /// Most pixels along a side of a picture that is fitted: what a step holds grows with the picture. Larger ones are reduced
 /// by a whole factor.
 pub(crate) const MOST_SIDE: usize = 2048;
-/// Random stream of the order of the pictures.
-const STREAM_ORDER: u64 = 8 << 32;
 
-/// One picture with its camera and lights, in the normalised frame.
-#[derive(Clone, Debug)]
-pub struct Photo {
-    /// Where it was taken from.
-    pub camera: Camera,
-    /// The light; empty where it is not known.
-    pub lights: ViewLights,
-    /// Linear RGBA, premultiplied.
-    pub image: Image,
-}
+/// Draws an asset for the camera of a view; alpha is its coverage.
+pub type Outline<'a> = &'a dyn Fn(&Setup) -> Result<Image, FitError>;
 
-/// The pictures of a folder: a reference and its views.
+/// The pictures of a folder, in the frame of a fit.
 #[derive(Clone, Debug)]
 pub struct PictureFolder {
-    photos: Vec<Photo>,
-    train: Vec<usize>,
-    held_out: Vec<usize>,
-    seed: u64,
+    /// The pictures, a reference and its views.
+    pub given: GivenPictures,
     /// Whether the light of the pictures is known.
     pub lit: bool,
     /// Pictures without alpha: the outline of the mesh stands in for it.
@@ -69,7 +55,7 @@ pub struct PictureFolder {
 impl PictureFolder {
     /// Whether some picture holds colours that no screen shows: above 1.
     pub fn wide_range(&self) -> bool {
-        self.photos.iter().any(|p| p.image.data.iter().any(|v| *v > 1.0))
+        self.given.pictures().iter().any(|p| p.image.data.iter().any(|v| *v > 1.0))
     }
 
     /// Reads the pictures of a folder, or of a `transforms.json`, around an asset. Pictures without alpha get the
@@ -79,67 +65,67 @@ impl PictureFolder {
     /// [`FitError::Pictures`] names file, frame and rule: fewer than [`FEWEST`] pictures, a missing or broken picture, a
     /// matrix that is not rigid, a lens with distortion, a path that leaves the folder, too many pixels, cameras of which
     /// none sees the asset.
-    pub fn load(
-        path: &Path,
+    pub fn load(path: &Path, frame: FitFrame, seed: u64, outline: Outline<'_>) -> Result<Self, FitError> {
+        let posed = PosedPictures::open(path)?.read(FEWEST, MOST_SIDE)?;
+        Self::in_frame(posed, frame, seed, Some(outline))
+    }
+
+    /// Pictures that were read, in a frame. Without an `outline` all of them must have alpha.
+    pub(crate) fn in_frame(
+        posed: PosedPictures,
         frame: FitFrame,
         seed: u64,
-        outline: &dyn Fn(&Setup) -> Result<Image, FitError>,
+        outline: Option<Outline<'_>>,
     ) -> Result<Self, FitError> {
-        let posed = PosedPictures::open(path)?.read(FEWEST, MOST_SIDE)?;
-        let file = posed.file.clone();
-        let mut out = Self::in_frame(posed, frame, seed)?;
-        for (i, photo) in out.photos.iter_mut().enumerate() {
-            let drawn = outline(&setup(photo, i))?;
-            if drawn.data.chunks_exact(4).all(|p| p[3] <= 0.0) {
-                out.unseen.push(i);
+        let count = posed.pictures.len();
+        let placed = (0..count).map(|i| Ok((posed.camera(i, frame)?, posed.lights(i, frame)?)));
+        let placed = placed.collect::<Result<Vec<_>, FitError>>()?;
+        let (file, lit) = (posed.file.clone(), posed.transforms.is_lit());
+        let (mut pictures, mut unseen, mut reduced, mut without_alpha) = (vec![], vec![], vec![], 0);
+        for (i, (posed, (camera, lights))) in posed.pictures.into_iter().zip(placed).enumerate() {
+            if posed.reduction > 1 {
+                reduced.push(i);
             }
-            if photo.image.channels < 4 {
-                photo.image = with_alpha(&photo.image, &drawn);
+            let opaque = posed.is_opaque();
+            let mut picture = GivenPicture { camera: camera.into(), lights, image: posed.image };
+            if let Some(outline) = outline {
+                let drawn = outline(&picture.setup(i))?;
+                if drawn.data.chunks_exact(4).all(|p| p[3] <= 0.0) {
+                    unseen.push(i);
+                }
+                if opaque {
+                    without_alpha += 1;
+                    picture.image = with_alpha(&picture.image, &drawn);
+                }
             }
+            pictures.push(picture);
         }
-        if out.unseen.len() == out.photos.len() {
+        if unseen.len() == count {
             let rule = "no camera sees the asset; transform_matrix must map the camera's frame (y up, looking down -z) to the \
                  world of the asset, in its units";
             return Err(FitError::Pictures { path: file, rule: rule.into() });
         }
-        Ok(out)
+        Ok(Self { unseen, reduced, without_alpha, ..Self::of(pictures, seed, lit) })
     }
 
-    /// Pictures that were read, in a frame; those without alpha still lack it.
-    pub(crate) fn in_frame(posed: PosedPictures, frame: FitFrame, seed: u64) -> Result<Self, FitError> {
-        let count = posed.pictures.len();
-        let placed = (0..count).map(|i| Ok((posed.camera(i, frame)?, posed.lights(i, frame)?)));
-        let placed = placed.collect::<Result<Vec<_>, FitError>>()?;
-        let reduced = (0..count).filter(|i| posed.pictures[*i].reduction > 1).collect();
-        let without_alpha = posed.pictures.iter().filter(|p| p.is_opaque()).count();
-        let lit = posed.transforms.is_lit();
-        let photo = |(p, (camera, lights)): (PosedPicture, _)| Photo { camera, lights, image: p.image };
-        let photos = posed.pictures.into_iter().zip(placed).map(photo).collect();
-        Ok(Self { without_alpha, reduced, ..Self::of(photos, seed, lit) })
-    }
-
-    /// These pictures, in the normalised frame, with alpha and with lights where `lit`.
-    pub(crate) fn of(photos: Vec<Photo>, seed: u64, lit: bool) -> Self {
+    /// These pictures, in the frame of a fit, with alpha and with lights where `lit`.
+    pub(crate) fn of(pictures: Vec<GivenPicture>, seed: u64, lit: bool) -> Self {
         let is_held_out = |i: &usize| (i + 1).is_multiple_of(HELD_OUT_EVERY);
-        let (held_out, train) = (0..photos.len()).partition(is_held_out);
-        Self { photos, train, held_out, seed, lit, without_alpha: 0, unseen: Vec::new(), reduced: Vec::new() }
-    }
-
-    /// The pictures.
-    pub fn photos(&self) -> &[Photo] {
-        &self.photos
+        let (held_out, train) = (0..pictures.len()).partition(is_held_out);
+        let given = GivenPictures::new(pictures, train, held_out, Order::Shuffled(seed));
+        Self { given, lit, without_alpha: 0, unseen: Vec::new(), reduced: Vec::new() }
     }
 
     /// What makes the pictures useless for a fit, one line each; none for sound ones.
     pub fn doubts(&self) -> Vec<String> {
-        doubts::of(&self.photos)
+        doubts::of(self.given.pictures())
     }
 
     /// All that a fit reads of the pictures.
     pub(crate) fn digest(&self) -> Digest {
         let mut digest = Digest::new();
-        for photo in &self.photos {
-            digest.add_bytes(format!("{:?} {:?}", photo.camera, photo.lights).as_bytes());
+        for photo in self.given.pictures() {
+            digest.add_bytes(format!("{:?} {:?}", photo.camera.pinhole(), photo.lights).as_bytes());
             digest.add(&photo.image.data);
         }
         digest
@@ -147,7 +133,8 @@ impl PictureFolder {
 
     /// The pictures that are held out, for the evaluations of a fit. What no screen shows counts, too.
     pub(crate) fn evaluation(&self, seed: u64) -> Result<HeldOut, FitError> {
-        let held_out = HeldOut::new(self, self, Sampling::SUPERSAMPLED, trainer::HELD_OUT, seed)?;
+        let held_out =
+            HeldOut::new(&self.given, &self.given, Sampling::SUPERSAMPLED, trainer::HELD_OUT, seed)?;
         let measure = if self.wide_range() { Measure::Relative } else { Measure::Psnr };
         Ok(held_out.measured_by(measure))
     }
@@ -159,72 +146,8 @@ impl PictureFolder {
         stages: &[Stage],
         progress: &dyn Progress,
     ) -> Result<Vec<ReportView>, FitError> {
-        let count = self.held_out.len() as u64;
-        rasterized_views(light, self, stages, self, Set::HeldOut, count, SUPERSAMPLE, progress)
-    }
-
-    /// Number of pictures that are held out.
-    pub fn held_out(&self) -> usize {
-        self.held_out.len()
-    }
-}
-
-impl Views for PictureFolder {
-    fn setup(&self, set: Set, index: u64, count: u64) -> Setup {
-        let at = match set {
-            Set::Train => {
-                // All pictures once in an order of their own, then again in another.
-                let n = self.train.len() as u64;
-                let mut order = self.train.clone();
-                let mut rng = Rng::new(self.seed, STREAM_ORDER + index / n);
-                for k in (1..order.len()).rev() {
-                    order.swap(k, rng.next_u32() as usize % (k + 1));
-                }
-                order[(index % n) as usize]
-            }
-            Set::HeldOut | Set::Report => {
-                let n = self.held_out.len() as u64;
-                self.held_out[(index * n / count.max(1)).min(n - 1) as usize]
-            }
-        };
-        setup(&self.photos[at], at)
-    }
-}
-
-impl Reference for PictureFolder {
-    fn kind(&self) -> ReferenceKind {
-        ReferenceKind::GIVEN
-    }
-
-    /// The picture that the view belongs to; how noisy it is is not known.
-    fn picture(&self, setup: &Setup) -> Result<Picture, FitError> {
-        let image = &self.photos[setup.given_picture(self.photos.len())?].image;
-        let factor = (image.width / setup.width.max(1)).max(1);
-        let image = if factor > 1 {
-            downsample(image, factor).crop(0, 0, setup.width, setup.height)
-        } else {
-            image.clone()
-        };
-        Ok(Picture { image, noise: None })
-    }
-
-    fn bounds(&self, _: Moment) -> Sphere {
-        Sphere::UNIT
-    }
-
-    fn surface(&self, _: Moment) -> Option<&bake::Reference<'_>> {
-        None
-    }
-}
-
-fn setup(photo: &Photo, at: usize) -> Setup {
-    Setup {
-        camera: photo.camera.into(),
-        lights: photo.lights.clone(),
-        moment: Moment::default(),
-        width: photo.image.width,
-        height: photo.image.height,
-        picture: Some(at),
+        let (given, count) = (&self.given, self.given.held_out() as u64);
+        rasterized_views(light, given, stages, given, Set::HeldOut, count, SUPERSAMPLE, progress)
     }
 }
 

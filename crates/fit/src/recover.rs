@@ -107,14 +107,14 @@ pub fn recover_texture(
         progress.warn(&format!(
             "{} of {} pictures have no alpha: the outline of the mesh is taken for theirs",
             photos.without_alpha,
-            photos.photos().len()
+            photos.given.pictures().len()
         ));
     }
     if !photos.unseen.is_empty() {
         progress.warn(&format!(
             "the cameras of {} of {} frames do not see the asset: {:?}",
             photos.unseen.len(),
-            photos.photos().len(),
+            photos.given.pictures().len(),
             photos.unseen
         ));
     }
@@ -122,7 +122,7 @@ pub fn recover_texture(
         progress.warn(&format!(
             "{} of {} pictures have more than 2048 pixels a side and are reduced: {:?}",
             photos.reduced.len(),
-            photos.photos().len(),
+            photos.given.pictures().len(),
             photos.reduced
         ));
     }
@@ -141,8 +141,8 @@ pub fn recover_texture(
     topology.add(&model.candidate.uvs);
     let loss = loss::choose(&held_out);
     let job = Job {
-        reference: &photos,
-        views: &photos,
+        reference: &photos.given,
+        views: &photos.given,
         held_out: &held_out,
         sampling: Sampling::SUPERSAMPLED,
         loss,
@@ -187,7 +187,7 @@ pub fn recover_texture(
         steps: trained.steps,
         stopped: trained.stopped || progress.is_cancelled(),
         triangles,
-        pictures: [photos.photos().len(), photos.held_out()],
+        pictures: [photos.given.pictures().len(), photos.given.held_out()],
         lit: photos.lit,
         without_alpha: photos.without_alpha,
         left_out,
@@ -201,7 +201,7 @@ pub(crate) fn items(
     photos: &PictureFolder,
     (loss, held_out): (PictureLoss, &HeldOut),
 ) -> Vec<Item> {
-    let all = photos.photos().len();
+    let all = photos.given.pictures().len();
     let alpha = all - photos.without_alpha;
     let mut items = vec![
         Item::of(

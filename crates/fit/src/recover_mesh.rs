@@ -200,7 +200,7 @@ pub fn recover_mesh(
         seconds_per_iteration: seconds / steps.max(1) as f64,
         stopped: stopped || progress.is_cancelled(),
         triangles,
-        pictures: [photos.photos().len(), photos.held_out()],
+        pictures: [photos.given.pictures().len(), photos.given.held_out()],
         lit: photos.lit,
         left_out,
         plan,
@@ -239,8 +239,8 @@ impl Fit<'_> {
         topology.add(model.candidate.triangles.as_flattened());
         topology.add(&model.candidate.uvs);
         let job = Job {
-            reference: *photos,
-            views: *photos,
+            reference: &photos.given,
+            views: &photos.given,
             held_out,
             sampling: Sampling::SUPERSAMPLED,
             loss: PictureLoss::from(LOSS),

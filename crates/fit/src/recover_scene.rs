@@ -9,14 +9,14 @@ mod doubts;
 
 use crate::engine::checkpoint::Digest;
 use crate::engine::cpu::Cpu;
+use crate::engine::given::{GivenPicture, GivenPictures, Order};
 use crate::engine::loss::{self, PictureLoss};
 use crate::engine::plan::{Item, PlanRows, rows};
-use crate::engine::reference::{Picture, Reference, ReferenceKind};
 use crate::engine::steering::Steering;
 use crate::engine::traced::{Smoothing, Traced, TracedParameter};
 use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
-use crate::engine::views::{Moment, Sampling, Set, Setup, Sphere, ViewCamera, ViewLights, Views};
-use crate::{FitError, Progress, bake};
+use crate::engine::views::{Sampling, ViewCamera, ViewLights};
+use crate::{FitError, Progress};
 use photofit_image::Image;
 use photofit_pathtrace::{MaterialValue, Parameter, View};
 
@@ -74,57 +74,6 @@ pub struct RecoveredScene {
     pub plan: PlanRows,
 }
 
-/// Pictures of a scene with their cameras.
-struct Pictures {
-    images: Vec<Image>,
-    cameras: Vec<View>,
-    /// The last picture is held out.
-    held_out: Option<usize>,
-}
-
-impl Pictures {
-    /// Number of pictures that are fitted.
-    fn fitted(&self) -> usize {
-        self.held_out.unwrap_or(self.images.len())
-    }
-}
-
-impl Reference for Pictures {
-    fn kind(&self) -> ReferenceKind {
-        ReferenceKind::GIVEN
-    }
-
-    fn picture(&self, setup: &Setup) -> Result<Picture, FitError> {
-        // The model's pictures are noisy: the loss must be one that noise does not bias.
-        Ok(Picture { image: self.images[setup.given_picture(self.images.len())?].clone(), noise: None })
-    }
-
-    fn bounds(&self, _: Moment) -> Sphere {
-        Sphere::UNIT
-    }
-
-    fn surface(&self, _: Moment) -> Option<&bake::Reference<'_>> {
-        None
-    }
-}
-
-impl Views for Pictures {
-    fn setup(&self, set: Set, index: u64, _: u64) -> Setup {
-        let at = match (set, self.held_out) {
-            (Set::Train, _) | (_, None) => (index % self.fitted() as u64) as usize,
-            (_, Some(held_out)) => held_out,
-        };
-        Setup {
-            camera: ViewCamera::Traced(self.cameras[at]),
-            lights: ViewLights::default(),
-            moment: Moment::default(),
-            width: self.images[at].width,
-            height: self.images[at].height,
-            picture: Some(at),
-        }
-    }
-}
-
 /// Fits the parameters of `model` to the light of `pictures` (linear; their alpha is not looked at), one for each of
 /// `views`. Values outside of their ranges are moved into them first.
 ///
@@ -166,14 +115,24 @@ pub fn recover_scene(
         ));
     }
     let held_out = (pictures.len() >= FEWEST_TO_HOLD_OUT).then(|| pictures.len() - 1);
-    let source = Pictures { images: pictures, cameras: views.to_vec(), held_out };
-    let evaluated = if held_out.is_some() { 1 } else { source.images.len() as u64 };
+    let (fitted, judged) = match held_out {
+        Some(last) => ((0..last).collect(), vec![last]),
+        None => ((0..pictures.len()).collect(), (0..pictures.len()).collect()),
+    };
+    let given = |(view, image): (&View, Image)| GivenPicture {
+        camera: ViewCamera::Traced(*view),
+        lights: ViewLights::default(),
+        image,
+    };
+    let given = views.iter().zip(pictures).map(given).collect();
+    let source = GivenPictures::new(given, fitted, judged, Order::InTurn);
+    let evaluated = source.held_out() as u64;
     let evaluation = HeldOut::new(&source, &source, Sampling::SUPERSAMPLED, evaluated, options.seed)?;
     let evaluation = evaluation.measured_by(Measure::Relative);
     let (spp, gradient_spp) = (model.options.spp, model.gradient_spp);
     let names: Vec<&str> = model.parameters.iter().map(|p| p.name.as_str()).collect();
     let mut seen = Digest::new();
-    source.images.iter().for_each(|p| seen.add(&p.data));
+    source.pictures().iter().for_each(|p| seen.add(&p.image.data));
     seen.add_bytes(format!("{views:?} {:?}", model.parameters).as_bytes());
     // What is not fitted has to be the same, too: a coarse picture of the start stands for it.
     seen.add(&model.picture(&views[0], 1, options.seed)?.data);

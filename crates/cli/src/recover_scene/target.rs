@@ -118,7 +118,7 @@ pub(super) fn list(
         }
     }
     (options.width, options.height) = (width, height);
-    Ok(pictures.into_iter().map(|p| (View::pinhole(&p.camera), p.image)).unzip())
+    Ok(pictures.into_iter().map(|p| (p.camera.view(), p.image)).unzip())
 }
 
 /// Reads a picture of the size that is rendered.

@@ -1,6 +1,7 @@
 //! The parts that a fit is assembled from. Each exists once; a task is a file that puts them together.
 //!
 //! - [`mod@reference`]: what answers (camera, lights, moment, size) with a picture.
+//! - [`given`]: finished pictures with cameras, a reference and its views in one.
 //! - [`animated`]: animated assets at the moments that views name.
 //! - [`views`]: from where, under which light, at which size: pure functions of (set, index).
 //! - [`model`]: named groups of parameters with their optimizers, wherever they live; [`cpu`]: those in main memory.
@@ -25,6 +26,7 @@ pub mod cpu;
 pub mod device;
 pub mod export;
 mod frame;
+pub mod given;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 pub mod judge;

@@ -376,8 +376,9 @@ impl Chain for Traced {
         let one = |shot: &Shot| {
             let seed = hash(self.options.seed, PICTURE, u64::MAX);
             let size = (shot.width, shot.height);
-            let picture =
-                self.under(shot, |world| self.render(world, &shot.camera.view(), size, self.evaluation_spp, seed));
+            let picture = self.under(shot, |world| {
+                self.render(world, &shot.camera.view(), size, self.evaluation_spp, seed)
+            });
             picture.map(|p| self.light(&p, shot)).map_err(|e| Broken::Picture(Box::new(e)))
         };
         shots.iter().map(one).collect()

@@ -1,7 +1,7 @@
 //! Pictures that tell a fit nothing: black ones, the same one for all frames, one camera for all frames.
 
-use super::Photo;
 use crate::engine::checkpoint::Digest;
+use crate::engine::given::GivenPicture;
 use std::collections::BTreeSet;
 
 /// Linear light below which a pixel is black: one step of 8 bits.
@@ -10,11 +10,11 @@ const BLACK: f32 = 1.0 / 255.0 / 12.92;
 const LISTED: usize = 8;
 
 /// What is wrong with pictures as a whole, one line each.
-pub(super) fn of(photos: &[Photo]) -> Vec<String> {
+pub(super) fn of(photos: &[GivenPicture]) -> Vec<String> {
     let n = photos.len();
-    let is_black = |p: &Photo| p.image.data.chunks_exact(4).all(|p| p[..3].iter().all(|x| *x < BLACK));
+    let is_black = |p: &GivenPicture| p.image.data.chunks_exact(4).all(|p| p[..3].iter().all(|x| *x < BLACK));
     let black: Vec<usize> = (0..n).filter(|i| is_black(&photos[*i])).collect();
-    let distinct = |digest: &dyn Fn(&Photo) -> Digest| {
+    let distinct = |digest: &dyn Fn(&GivenPicture) -> Digest| {
         photos.iter().map(|p| digest(p).value()).collect::<BTreeSet<u64>>().len()
     };
     let pictures = distinct(&|p| {

@@ -1,6 +1,10 @@
 //! What a folder of pictures means, and what is refused with which words.
 
 use super::*;
+use crate::engine::Normalised;
+use crate::engine::reference::Reference;
+use crate::engine::views::Views;
+use glam::Vec3;
 use photofit_geometry::shapes::cube;
 use photofit_scene::{Instance, Material, Primitive, Scene};
 use serde_json::{Value, json};
@@ -51,15 +55,15 @@ fn cameras_pictures_and_sets_are_read() {
     let (dir, file) = folder();
     let photos = load(&dir, &file).unwrap();
     assert_eq!(
-        (photos.photos().len(), photos.held_out(), photos.lit, photos.without_alpha),
+        (photos.given.pictures().len(), photos.given.held_out(), photos.lit, photos.without_alpha),
         (9, 1, false, 0)
     );
     let n = asset();
-    let photo = &photos.photos()[4];
+    let photo = &photos.given.pictures()[4];
     // A point of the world lands where the pinhole formula says.
     let world = Vec3::new(1.3, 1.8, 3.4);
     let p = (world - Vec3::from_array(n.frame().center.to_array())) / n.frame().radius;
-    let clip = photo.camera.view_projection().project_point3(p);
+    let clip = photo.camera.pinhole().view_projection().project_point3(p);
     let pixel = [(clip.x + 1.0) * 0.5 * 6.0, (1.0 - clip.y) * 0.5 * 4.0];
     let depth = 17.0 - 3.4;
     let expected = [2.0 + 12.0 * 0.3 / depth, 3.0 - 12.0 * -0.2 / depth];
@@ -70,15 +74,15 @@ fn cameras_pictures_and_sets_are_read() {
     let [c, a] = [photo.image.pixel(0, 0)[0], photo.image.pixel(0, 0)[3]];
     assert!((a - 0.4).abs() < 0.01 && (c - 0.16).abs() < 0.01, "{c} {a}");
     // The 8th is held out; training shows all others before any comes again.
-    assert_eq!(photos.setup(Set::HeldOut, 0, 1).picture, Some(7));
+    assert_eq!(photos.given.setup(Set::HeldOut, 0, 1).picture, Some(7));
     for epoch in 0..3 {
         let mut seen: Vec<_> =
-            (0..8).map(|i| photos.setup(Set::Train, 8 * epoch + i, 0).picture.unwrap()).collect();
+            (0..8).map(|i| photos.given.setup(Set::Train, 8 * epoch + i, 0).picture.unwrap()).collect();
         seen.sort_unstable();
         assert_eq!(seen, [0, 1, 2, 3, 4, 5, 6, 8]);
     }
-    let s = photos.setup(Set::Train, 0, 0).shrunk(2);
-    let small = photos.picture(&s).unwrap().image;
+    let s = photos.given.setup(Set::Train, 0, 0).shrunk(2);
+    let small = photos.given.picture(&s).unwrap().image;
     assert_eq!((small.width, small.height), (3, 2));
 }
 
@@ -94,8 +98,13 @@ fn an_applied_transform_is_undone() {
             json!([[1, 0, 0, 1.5], [0, 0, -1, -z], [0, 1, 0, 2.0], [0, 0, 0, 1]]);
     }
     let undone = load(&dir, &file).unwrap();
-    for (a, b) in plain.photos().iter().zip(undone.photos()) {
-        assert!(a.camera.view.abs_diff_eq(b.camera.view, 1e-4), "{:?} {:?}", a.camera, b.camera);
+    for (a, b) in plain.given.pictures().iter().zip(undone.given.pictures()) {
+        assert!(
+            a.camera.pinhole().view.abs_diff_eq(b.camera.pinhole().view, 1e-4),
+            "{:?} {:?}",
+            a.camera,
+            b.camera
+        );
     }
 }
 
@@ -110,7 +119,7 @@ fn lights_are_read_into_the_frame() {
     let photos = load(&dir, &file).unwrap();
     assert!(photos.lit);
     let n = asset();
-    let lights = photos.photos()[0].lights.lights();
+    let lights = photos.given.pictures()[0].lights.lights();
     let photofit_shading::Light::Point { position, intensity } = lights[0] else { panic!("{lights:?}") };
     let distance = position.length() * n.frame().radius;
     let expected = (photofit_scalar::vec3(1.0, 2.0, 8.0) - n.frame().center).length();
@@ -220,7 +229,7 @@ fn pictures_without_alpha_take_the_outline() {
     let half = |s: &Setup| Ok(Image::from_fn(s.width, s.height, 4, |x, _, _| f32::from(u8::from(x < 3))));
     let photos = PictureFolder::load(dir.path(), asset().frame(), 0, &half).unwrap();
     assert_eq!(photos.without_alpha, 9);
-    let image = &photos.photos()[0].image;
+    let image = &photos.given.pictures()[0].image;
     assert!((image.pixel(0, 0)[0] - 0.5).abs() < 0.01 && image.pixel(5, 0).iter().all(|x| *x < 1e-6));
 }
 

@@ -3,28 +3,19 @@
 use super::posed::PosedPictures;
 use crate::FitError;
 use crate::engine::FitFrame;
-use crate::engine::views::ViewLights;
+use crate::engine::given::GivenPicture;
+use crate::engine::views::{ViewCamera, ViewLights};
 use photofit_image::Image;
-use photofit_scene::Camera;
 use std::path::Path;
 
-/// One picture with its camera.
-#[derive(Clone, Debug)]
-pub struct WorldPicture {
-    /// Where it was taken from, in the units of the scene; near and far mean nothing.
-    pub camera: Camera,
-    /// Linear RGBA, premultiplied; alpha is 1 where the file has none.
-    pub image: Image,
-}
-
 /// Reads the pictures of a folder, or of a `transforms.json`, with their cameras in the world of the file, all of one
-/// size.
+/// size. Near and far of the cameras mean nothing; alpha is 1 where a file has none; the pictures name no lights.
 ///
 /// # Errors
 /// [`FitError::Pictures`] names file, frame and rule: no picture, pictures of several sizes, a missing or broken picture,
 /// a matrix that is not rigid, a lens with distortion, a path that leaves the folder, too many pixels, lights (the scene
 /// has its own).
-pub fn world_pictures(path: &Path) -> Result<Vec<WorldPicture>, FitError> {
+pub fn world_pictures(path: &Path) -> Result<Vec<GivenPicture>, FitError> {
     let list = PosedPictures::open(path)?;
     let common = list.transforms.lights.is_some();
     if let Some(i) = list.transforms.frames.iter().position(|f| common || f.lights.is_some()) {
@@ -38,7 +29,7 @@ pub fn world_pictures(path: &Path) -> Result<Vec<WorldPicture>, FitError> {
 ///
 /// # Errors
 /// As [`world_pictures`]; lights of a frame alone, lights that are not finite or darker than 0.
-pub fn lit_world_pictures(path: &Path) -> Result<(Vec<WorldPicture>, ViewLights), FitError> {
+pub fn lit_world_pictures(path: &Path) -> Result<(Vec<GivenPicture>, ViewLights), FitError> {
     let list = PosedPictures::open(path)?;
     if let Some(i) = list.transforms.frames.iter().position(|f| f.lights.is_some()) {
         let rule =
@@ -49,7 +40,7 @@ pub fn lit_world_pictures(path: &Path) -> Result<(Vec<WorldPicture>, ViewLights)
     Ok((pictures(list)?, lights))
 }
 
-fn pictures(list: PosedPictures) -> Result<Vec<WorldPicture>, FitError> {
+fn pictures(list: PosedPictures) -> Result<Vec<GivenPicture>, FitError> {
     let list = list.read(1, usize::MAX)?;
     let size = |p: &Image| (p.width, p.height);
     for (i, picture) in list.pictures.iter().enumerate() {
@@ -67,7 +58,12 @@ fn pictures(list: PosedPictures) -> Result<Vec<WorldPicture>, FitError> {
     let cameras = (0..list.pictures.len()).map(|i| list.camera(i, FitFrame::WORLD));
     let cameras = cameras.collect::<Result<Vec<_>, _>>()?;
     let images = list.pictures.into_iter().map(|p| opaque(p.image));
-    Ok(cameras.into_iter().zip(images).map(|(camera, image)| WorldPicture { camera, image }).collect())
+    let picture = |(camera, image)| GivenPicture {
+        camera: ViewCamera::from(camera),
+        lights: ViewLights::default(),
+        image,
+    };
+    Ok(cameras.into_iter().zip(images).map(picture).collect())
 }
 
 /// A picture with alpha, 1 where it has none.

@@ -2,11 +2,12 @@
 
 use super::shape_error::Truth;
 use super::{FEWEST, MOST_LEVELS, PictureSource};
+use crate::engine::given::GivenPicture;
 use crate::engine::reference::{Rasterized, Reference};
 use crate::engine::views::{Lighting, Orbit, Set, Views};
 use crate::engine::{FitFrame, LightAsset, Normalised};
 use crate::error::in_ranges;
-use crate::pictures::{FEWEST as FEWEST_PICTURES, MOST_SIDE, Photo, PictureFolder, PosedPictures};
+use crate::pictures::{FEWEST as FEWEST_PICTURES, MOST_SIDE, PictureFolder, PosedPictures};
 use crate::recover::bare;
 use crate::simplify::prepare::visibility;
 use crate::{FitError, Progress};
@@ -69,7 +70,7 @@ fn given(path: &Path, seed: u64, progress: &dyn Progress) -> Result<Framed, FitE
     let pictures: Vec<(Camera, &Image)> = cameras.into_iter().zip(images).collect();
     let seen = seen_sphere(&pictures).map_err(|rule| posed.error(rule))?;
     let frame = FitFrame { radius: ROOM * seen.radius, ..seen };
-    let photos = PictureFolder::in_frame(posed, frame, seed)?;
+    let photos = PictureFolder::in_frame(posed, frame, seed, None)?;
     photos.doubts().iter().for_each(|d| progress.warn(d));
     Ok((photos, frame, None))
 }
@@ -91,7 +92,7 @@ fn drawn(
     let photo = |i: u64| {
         let setup = orbit.setup(Set::Report, i, views as u64);
         let image = renderer.picture(&setup)?.image;
-        Ok(Photo { camera: setup.camera.pinhole(), lights: setup.lights, image })
+        Ok(GivenPicture { camera: setup.camera, lights: setup.lights, image })
     };
     let photos = (0..views as u64).map(photo).collect::<Result<Vec<_>, FitError>>()?;
     let frame = shown.frame();
