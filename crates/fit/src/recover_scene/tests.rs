@@ -13,6 +13,7 @@ use photofit_pathtrace::{
     EnvironmentMap, Material, MaterialValue, Parameter, Parts, RenderOptions, Shape, View, World,
 };
 use photofit_scalar::{Vec3f, vec2, vec3};
+use photofit_scene::Camera;
 use photofit_scene::graph::{Bitmap, SurfaceGraph, SurfaceNode, Texture};
 use photofit_scene::{Filter, Wrap};
 use photofit_shading::bsdf::{Bsdf, Diffuse};

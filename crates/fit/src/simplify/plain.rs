@@ -25,7 +25,7 @@ pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) 
     if !beyond_rasterizer(&stage.scene).is_empty() {
         return None;
     }
-    let mut light = stage.placed(n);
+    let mut light = stage.placed(&n.light_asset);
     keep_used(&mut light);
     let most = MAPS * options.texture_size * options.texture_size;
     let size = |i: &TextureImage| i.width * i.height;
