@@ -38,6 +38,7 @@ fn texture(a: &RecoverTexture) -> Result<Ending> {
         texture_size: a.texture_size,
         steps: a.steps,
         batch: a.course.batch,
+        loss: a.loss,
         seed: a.course.running.seed,
         keeping: a.course.keeping(),
     };

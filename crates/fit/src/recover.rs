@@ -14,7 +14,7 @@ use crate::engine::plan::{Item, PlanRows};
 use crate::engine::reference::{ENERGY, Rasterized, Reference};
 use crate::engine::steering::Steering;
 use crate::engine::surface::{MAPS, PositionOptimizer, SMOOTHNESS, Surface};
-use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
+use crate::engine::trainer::{HistoryPoint, Job, Keeping, Measure, Phase, train};
 use crate::engine::unwrap::unwrapped;
 use crate::engine::views::Sampling;
 use crate::engine::{LightAsset, Normalised};
@@ -43,6 +43,8 @@ pub struct RecoverOptions {
     pub steps: u64,
     /// Pictures per step, 1 to 64.
     pub batch: usize,
+    /// How pictures are compared in the steps; `None`: by what they hold, see [`loss::choose`].
+    pub loss: Option<PictureLoss>,
     /// Seed of all random choices.
     pub seed: u64,
     /// Checkpoints and limits.
@@ -51,7 +53,7 @@ pub struct RecoverOptions {
 
 impl Default for RecoverOptions {
     fn default() -> Self {
-        Self { texture_size: 1024, steps: 400, batch: 2, seed: 0, keeping: Keeping::default() }
+        Self { texture_size: 1024, steps: 400, batch: 2, loss: None, seed: 0, keeping: Keeping::default() }
     }
 }
 
@@ -139,7 +141,7 @@ pub fn recover_texture(
     let held_out = photos.evaluation(options.seed)?;
     let mut topology = photos.digest();
     topology.add(&model.candidate.uvs);
-    let loss = loss::choose(&held_out);
+    let loss = options.loss.unwrap_or_else(|| loss::choose(&held_out));
     let job = Job {
         reference: &photos.given,
         views: &photos.given,
@@ -167,7 +169,8 @@ pub fn recover_texture(
         renewal: None,
     };
     let phases = vec![phase];
-    let plan = PlanRows::new(items(&model.work(options.steps), &photos, (loss, &held_out)), &phases);
+    let row = options.loss.map_or_else(|| rows::loss(loss, held_out.noise), rows::asked_loss);
+    let plan = PlanRows::new(items(&model.work(options.steps), &photos, row, held_out.measure), &phases);
     let trained = train(Cpu::new(model)?, &job, |_| phases, progress)?;
 
     let mut painted = to_scene(&trained.model.candidate, &n.light_asset);
@@ -196,11 +199,7 @@ pub fn recover_texture(
 }
 
 /// The rows of the plan.
-pub(crate) fn items(
-    work: &Work,
-    photos: &PictureFolder,
-    (loss, held_out): (PictureLoss, &HeldOut),
-) -> Vec<Item> {
+pub(crate) fn items(work: &Work, photos: &PictureFolder, loss: Item, measure: Measure) -> Vec<Item> {
     let all = photos.given.pictures().len();
     let alpha = all - photos.without_alpha;
     let mut items = vec![
@@ -218,10 +217,10 @@ pub(crate) fn items(
         ),
     ];
     items.extend(rows::surface(work));
-    items.push(rows::loss(loss, held_out.noise));
+    items.push(loss);
     items.push(rows::evaluation(
-        held_out.measure,
-        if held_out.measure == Measure::Psnr {
+        measure,
+        if measure == Measure::Psnr {
             "the pictures hold what a screen shows"
         } else {
             "the pictures hold light above 1"

@@ -18,7 +18,7 @@ use crate::engine::cpu::Cpu;
 use crate::engine::export::to_scene;
 use crate::engine::judge::{Quality, ReportView, Stage};
 use crate::engine::loss::PictureLoss;
-use crate::engine::plan::PlanRows;
+use crate::engine::plan::{PlanRows, rows};
 use crate::engine::steering::Steering;
 use crate::engine::surface::{MAPS, POSITIONS, PositionOptimizer, Surface};
 use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Phase, Trained, train};
@@ -147,7 +147,12 @@ pub fn recover_mesh(
     let held_out = photos.evaluation(options.seed)?;
     let fit = Fit { photos: &photos, held_out: &held_out, options };
     let mut plan = PlanRows {
-        items: items(&model.work(options.steps), &photos, (LOSS.into(), &held_out)),
+        items: items(
+            &model.work(options.steps),
+            &photos,
+            rows::loss(LOSS.into(), held_out.noise),
+            held_out.measure,
+        ),
         phases: Vec::new(),
     };
     let mut chain = Chain::new(&options.keeping, progress);

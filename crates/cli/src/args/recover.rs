@@ -4,6 +4,7 @@ use super::values::{Numbers, above_to, between, ending, number, numbers, of_key,
 use super::{Course, ParameterScene, Running, STATUSES};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand, ValueEnum};
+use photofit_fit::engine::loss::PictureLoss;
 use photofit_fit::engine::surface::PositionOptimizer;
 use photofit_fit::recover_mesh::MOST_TRIANGLES;
 use std::path::PathBuf;
@@ -42,8 +43,19 @@ pub(crate) struct RecoverTexture {
     /// Steps of the fit; fewer are made when held-out pictures stop improving [range: at least 0].
     #[arg(long, value_name = "N", default_value_t = 400, value_parser = whole::<u64>(0..))]
     pub(crate) steps: u64,
+    /// How pictures are compared in the steps [default: squares, relative ones where pictures hold light above 1].
+    #[arg(long, value_name = "HOW", value_parser = losses())]
+    pub(crate) loss: Option<PictureLoss>,
     #[command(flatten)]
     pub(crate) course: Course,
+}
+
+/// The losses by their names.
+fn losses() -> impl TypedValueParser<Value = PictureLoss> {
+    let value = |l: PictureLoss| PossibleValue::new(l.name()).help(l.about());
+    PossibleValuesParser::new(PictureLoss::ALL.map(value)).map(|name| {
+        PictureLoss::ALL.into_iter().find(|l| l.name() == name).expect("one of the possible values")
+    })
 }
 
 /// The optimizers of vertices by their names.

@@ -30,7 +30,9 @@ fn pictures_that_cannot_be_used_are_refused_in_one_line() {
         let list = ["recover", "texture", "/dev/zero", "--mesh", "rock.glb", "-o", "out.glb"];
         assert_one_error(&photofit(d, &list), "a device", &["/dev/zero", "not a regular file"]);
     }
+    assert_misuse(&run(&["--loss", "l1"]), "no such loss", &["--loss", "l1", "log-l1", "ssim"]);
     let help = stdout(&succeeds(d, &["recover", "texture", "--help"]));
+    assert!(help.contains("--loss") && help.contains("relative-squares"), "{help}");
     assert!(help.contains("--mesh") && help.contains("transforms.json"), "{help}");
 }
 
@@ -74,7 +76,8 @@ fn rendered_pictures_are_recovered_and_useless_ones_are_told() {
         frame["file_path"] = json!("0.exr");
     }
     std::fs::write(d.join("pictures/transforms.json"), file.to_string()).unwrap();
-    let o = run(&["--steps", "1"]);
+    let o = run(&["--steps", "1", "--loss", "ssim", "--report", "s"]);
+    assert_page(&d.join("s"), &["ssim is asked for"]);
     assert!(stderr(&o).contains("warning: the pictures of 12 frames are only 1 different"), "{}", stderr(&o));
 }
 

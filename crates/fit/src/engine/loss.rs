@@ -38,6 +38,47 @@ impl PictureLoss {
     /// Squares of linear light relative to what it should be around a pixel: of wide ranges, and with little bias by noise.
     pub const RELATIVE_SQUARES: Self = Self { loss: Loss::Mse, weights: Weights::Relative };
 
+    /// The losses that can be asked for by name.
+    pub const ALL: [Self; 7] = [
+        Self::RELATIVE_SQUARES,
+        Self { loss: Loss::Mse, weights: Weights::Equal },
+        Self { loss: Loss::LogSrgbL1, weights: Weights::Equal },
+        Self { loss: Loss::LogSrgbL2, weights: Weights::Equal },
+        Self { loss: Loss::Smape, weights: Weights::Equal },
+        Self { loss: Loss::RelativeL2, weights: Weights::Equal },
+        Self { loss: Loss::Ssim, weights: Weights::Equal },
+    ];
+
+    /// Its name.
+    pub fn name(&self) -> &'static str {
+        match (self.loss, self.weights) {
+            (Loss::Mse, Weights::Equal) => "squares",
+            (_, Weights::Relative) => "relative-squares",
+            (Loss::LogSrgbL1, _) => "log-l1",
+            (Loss::LogSrgbL2, _) => "log-l2",
+            (Loss::Smape, _) => "smape",
+            (Loss::RelativeL2, _) => "relative-l2",
+            (Loss::Ssim, _) => "ssim",
+        }
+    }
+
+    /// What it is good for.
+    pub fn about(&self) -> &'static str {
+        match (self.loss, self.weights) {
+            (Loss::Mse, Weights::Equal) => "squared differences of light; noise does not bias them",
+            (_, Weights::Relative) => "the same relative to the mean light around a pixel, for light above 1",
+            (Loss::LogSrgbL1, _) => {
+                "absolute differences as a screen shows them; pixels that are wrong in a few pictures count little"
+            }
+            (Loss::LogSrgbL2, _) => "squared differences as a screen shows them",
+            (Loss::Smape, _) => {
+                "absolute differences relative to both pixels; dark parts count as bright ones"
+            }
+            (Loss::RelativeL2, _) => "squared differences relative to both pixels",
+            (Loss::Ssim, _) => "structural similarity; brightness counts less than detail",
+        }
+    }
+
     /// `factor` times the mean loss of the colours of `pixels` `[height * width]` against `reference`; adds its gradient to
     /// `gradient`. Alpha counts for nothing.
     ///
@@ -150,6 +191,28 @@ mod tests {
         for noise in [0.0, 0.15, 0.3] {
             let bias = optimum(relative, noise);
             assert!(bias.abs() < 0.01, "relative squares, noise {noise}: {bias}");
+        }
+    }
+
+    #[test]
+    fn every_loss_has_a_name_and_falls_towards_its_reference() {
+        let mut names: Vec<&str> = PictureLoss::ALL.iter().map(|l| l.name()).collect();
+        names.sort_unstable();
+        names.dedup();
+        assert_eq!(names.len(), PictureLoss::ALL.len());
+        let picture = |x: f32| -> Vec<[f32; 4]> {
+            (0..64).map(|i| [x * (1.0 + (i % 5) as f32), 0.5 * x, x, 1.0]).collect()
+        };
+        let reference = picture(0.2);
+        for loss in PictureLoss::ALL {
+            let value = |x: f32| {
+                let mut g = vec![[0.0; 4]; 64];
+                let v = loss.value_and_gradient((8, 8), &picture(x), &reference, 1.0, &mut g);
+                let along = g.iter().zip(picture(1.0)).map(|(g, d)| (0..3).map(|k| g[k] * d[k]).sum::<f32>());
+                (v, along.sum::<f32>())
+            };
+            let ((far, slope), (near, _), (there, _)) = (value(0.3), value(0.22), value(0.2));
+            assert!(far > near && near > there && there.abs() < 1e-5 && slope > 0.0, "{}", loss.name());
         }
     }
 

@@ -5,6 +5,7 @@ use crate::Silent;
 use crate::scene_render::SceneRenderer;
 use glam::{Affine3A, Vec3};
 use photofit_geometry::shapes;
+use photofit_image::Image;
 use photofit_scalar::{Vec3f, vec2, vec3};
 use photofit_scene::{Camera, Instance, Primitive, Sampler, SurfaceLibrary, TextureImage, TextureSlot};
 use photofit_shading::Light;
@@ -122,6 +123,36 @@ fn a_painted_sphere_is_recovered_from_its_pictures() {
         assert_eq!((m.unlit, m.name.as_str(), written.triangle_count()), (!lit, "recovered", 2000));
         assert!(m.base_color_texture.is_some() && m.normal_texture.is_none() && m.emissive_texture.is_none());
     }
+}
+
+#[test]
+fn a_robust_loss_passes_over_what_stood_before_a_few_cameras() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = sphere(true);
+    photograph(&scene, dir.path(), false);
+    // A white bar before the middle of every fourth camera; the pictures that are held out have none.
+    for k in (1..CAMERAS).step_by(4) {
+        let file = dir.path().join(format!("{k}.png"));
+        let picture = photofit_image::read(&file).unwrap();
+        let bar = Image::from_fn(SIDE, SIDE, 4, |x, y, c| {
+            if (SIDE / 3..SIDE / 2).contains(&y) { 1.0 } else { picture.pixel(x, y)[c] }
+        });
+        photofit_image::write_png(&file, &bar).unwrap();
+    }
+    let output = dir.path().join("out.glb");
+    let run = |loss| {
+        let few = RecoverOptions { steps: 150, loss, ..options() };
+        recover_texture(dir.path(), &scene, &output, &few, &Silent).unwrap()
+    };
+    let psnr = |name: &str| {
+        let r = run(PictureLoss::ALL.into_iter().find(|l| l.name() == name));
+        assert!(r.plan.to_string().contains(&format!("{name} is asked for")), "{}", r.plan);
+        assert!(r.quality.psnr > r.start.psnr + 1.0, "{name}: {:?} from {:?}", r.quality, r.start);
+        r.quality.psnr
+    };
+    let (squares, robust) = (psnr("squares"), psnr("log-l1"));
+    assert!(robust > squares + 1.0, "{robust} with log-l1, {squares} with squares");
+    assert_eq!(run(None).plan.runs("loss"), None);
 }
 
 #[test]

@@ -47,21 +47,20 @@ impl Term {
     fn params(&self, pixels: usize, weighted: bool, place: usize) -> Option<LossParams> {
         let Range { start, end } = self.read;
         assert!(start < end && end <= 4, "a range of existing channels");
-        let (kind, first) = match self.loss {
-            Loss::LogSrgbL1 => (0, start),
-            Loss::LogSrgbL2 => (1, start),
-            Loss::Mse => (2, start),
-            Loss::Smape => (3, start),
-            Loss::RelativeL2 => (4, start),
-            Loss::Coverage => (2, end - 1),
+        let kind = match self.loss {
+            Loss::LogSrgbL1 => 0,
+            Loss::LogSrgbL2 => 1,
+            Loss::Mse => 2,
+            Loss::Smape => 3,
+            Loss::RelativeL2 => 4,
             Loss::Ssim => return None,
         };
         Some(LossParams {
             pixels: pixels as u32,
             kind,
-            first: first as u32,
+            first: start as u32,
             end: end as u32,
-            scale: (self.factor / (pixels.max(1) * (end - first)) as f64) as f32,
+            scale: (self.factor / (pixels.max(1) * (end - start)) as f64) as f32,
             weighted: u32::from(weighted),
             accumulates: u32::from(self.accumulates),
             place: place as u32,

@@ -40,8 +40,6 @@ pub enum Loss {
     Smape,
     /// `(x - y)^2 / (x^2 + y^2 + 0.1)`.
     RelativeL2,
-    /// `(x - y)^2` of the last channel that the frame reads: alpha of an RGBA image.
-    Coverage,
     /// `1 - SSIM` of the tone-mapped images `S(x)`, `S(y)` (Wang et al. 2004): Gaussian window of 11x11 with standard
     /// deviation 1.5, cut and renormalised at the borders, constants for a range of one.
     Ssim,
@@ -158,10 +156,6 @@ impl Loss {
             Self::Mse => pointwise::run::<T, pointwise::Mse>(x, y, frame, factor, gradient),
             Self::Smape => pointwise::run::<T, pointwise::Smape>(x, y, frame, factor, gradient),
             Self::RelativeL2 => pointwise::run::<T, pointwise::RelativeL2>(x, y, frame, factor, gradient),
-            Self::Coverage => {
-                let last = frame.read.end - 1..frame.read.end;
-                pointwise::run::<T, pointwise::Mse>(x, y, &frame.clone().only(last), factor, gradient)
-            }
             Self::Ssim => ssim::run(x, y, frame, factor, gradient),
         }
     }

@@ -100,6 +100,12 @@ pub(crate) fn loss(loss: PictureLoss, noise: Option<f64>) -> Item {
     Item { what: "logarithmic loss", runs: (loss.loss != Loss::Mse).into(), why }
 }
 
+/// The row of a loss that the options ask for.
+pub(crate) fn asked_loss(loss: PictureLoss) -> Item {
+    let why = format!("{} is asked for: {}", loss.name(), loss.about());
+    Item { what: "loss", runs: Runs::Yes, why }
+}
+
 /// Why nothing is fitted where the options ask for no steps.
 pub(crate) const NO_STEPS: &str = "no steps are made";
 /// Why only one layer is drawn.
