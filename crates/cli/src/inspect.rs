@@ -6,7 +6,7 @@ use crate::preflight::Places;
 use crate::status::Misuse;
 use crate::{device, mitsuba};
 use anyhow::Result;
-use photofit_fit::simplify::{Plan, Runs};
+use photofit_fit::simplify::{FitPlan, Runs};
 use photofit_scene::{AlphaMode, LightKind, Material, PunctualLight, Scene};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -145,7 +145,7 @@ fn text(path: &Path, scene: &Scene) -> String {
     }
     out += "a fit\n";
     match scene.validate_for_fit() {
-        Ok(()) => out += &format!("{}\n", Plan::new(scene)),
+        Ok(()) => out += &format!("{}\n", FitPlan::new(scene)),
         Err(e) => out += &format!("  is not possible: {e}\n"),
     }
     out
@@ -158,7 +158,7 @@ fn plan(scene: &Scene) -> Value {
         Runs::No => json!(false),
         Runs::Open => Value::Null,
     };
-    Plan::new(scene)
+    FitPlan::new(scene)
         .items()
         .into_iter()
         .map(|i| json!({ "what": i.what, "runs": runs(i.runs), "why": i.why }))

@@ -11,7 +11,7 @@ use anyhow::{Error, Result, anyhow};
 use photofit_fit::engine::trainer::{HistoryPoint, relative_error};
 use photofit_fit::report::{PAGE as REPORT_PAGE, ReportInfo, Verdict, write_report};
 use photofit_fit::simplify::{
-    FitRenderer, Init, JudgeRenderer, Judged, Outcome, Plan, Quality, ReferenceRenderer, SimplifyOptions,
+    FitPlan, FitRenderer, Init, JudgeRenderer, Judged, Outcome, Quality, ReferenceRenderer, SimplifyOptions,
     TRACED_FOLDER, simplify,
 };
 use photofit_fit::traced_maps::MapsCourse;
@@ -183,7 +183,7 @@ impl Job<'_> {
         scene.validate_for_fit().map_err(|e| explain_error(self.command, self.input, e.into()))?;
         say_warnings(self.input, scene);
         if self.explain {
-            let plan = Plan::new(scene)
+            let plan = FitPlan::new(scene)
                 .with_options(options.steps, options.rasterized_against().kind(), &options.lighting)
                 .with_judgement(options.judgement(scene));
             print(&format!("what the asset asks for:\n{plan}\n\n"))?;

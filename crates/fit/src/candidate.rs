@@ -81,7 +81,7 @@ pub struct Vertices<T = f32> {
 
 /// A picture that a candidate draws: camera, lights and what stands behind the asset.
 #[derive(Clone, Copy, Debug)]
-pub struct Picture<'a, T = f32> {
+pub struct CandidateView<'a, T = f32> {
     /// Camera, lights and samples.
     pub view: View<'a, T>,
     /// Radiance behind the asset, one per pixel.
@@ -237,7 +237,7 @@ impl<T: LossScalar> Candidate<T> {
     }
 
     /// Draws one picture.
-    pub fn draw(&self, vertices: &Vertices<T>, picture: &Picture<'_, T>, passes: &Passes) -> Frame<T> {
+    pub fn draw(&self, vertices: &Vertices<T>, picture: &CandidateView<'_, T>, passes: &Passes) -> Frame<T> {
         deferred::render(&self.geometry(vertices), &self.maps, &picture.view, picture.background, passes)
     }
 
@@ -251,7 +251,7 @@ impl<T: LossScalar> Candidate<T> {
     /// If positions are to have gradients in a picture whose vertices are those of a pose.
     pub fn pull_back<'a>(
         &self,
-        pictures: impl IntoIterator<Item = Picture<'a, T>>,
+        pictures: impl IntoIterator<Item = CandidateView<'a, T>>,
         mut value: impl FnMut(usize, &[[T; 4]], &mut [[T; 4]]) -> f64,
         passes: &Passes,
         out: &mut ParameterGradients<T>,
@@ -260,7 +260,7 @@ impl<T: LossScalar> Candidate<T> {
         out.rendered.clear();
         let own = LazyCell::new(|| self.vertices());
         let mut total = 0.0;
-        for (i, Picture { view, background, vertices }) in pictures.into_iter().enumerate() {
+        for (i, CandidateView { view, background, vertices }) in pictures.into_iter().enumerate() {
             let posed = vertices.is_some() && passes.position_gradients;
             assert!(!posed, "vertices of a pose pass no gradient to positions");
             let geometry = self.geometry(vertices.unwrap_or_else(|| &own));
@@ -350,7 +350,8 @@ impl Candidate {
     /// Draws one shot over its background.
     pub fn render(&self, vertices: &Vertices, shot: &Shot, passes: &Passes) -> Frame<f32> {
         let lights = shot.lights.lights();
-        let picture = Picture { view: view(shot, &lights), background: &shot.background, vertices: None };
+        let picture =
+            CandidateView { view: view(shot, &lights), background: &shot.background, vertices: None };
         self.draw(vertices, &picture, passes)
     }
 
@@ -366,7 +367,7 @@ impl Candidate {
         self.step_at(shots, |_| None, loss, passes, out)
     }
 
-    /// The same; `vertices(i)` are those of shot `i` where the positions do not say them (see [`Picture::vertices`]).
+    /// The same; `vertices(i)` are those of shot `i` where the positions do not say them (see [`CandidateView::vertices`]).
     pub fn step_at<'a>(
         &self,
         shots: &'a [Shot],
@@ -376,7 +377,7 @@ impl Candidate {
         out: &mut ParameterGradients,
     ) -> f64 {
         let lights: Vec<_> = shots.iter().map(|s| s.lights.lights()).collect();
-        let pictures = shots.iter().zip(&lights).enumerate().map(|(i, (shot, lights))| Picture {
+        let pictures = shots.iter().zip(&lights).enumerate().map(|(i, (shot, lights))| CandidateView {
             view: view(shot, lights),
             background: &shot.background,
             vertices: vertices(i),

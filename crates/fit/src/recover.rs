@@ -7,12 +7,12 @@
 
 use crate::engine::cpu::Cpu;
 use crate::engine::export::to_scene;
+use crate::engine::fingerprint::Fingerprint;
 use crate::engine::judge::{Quality, ReportView, Stage};
 use crate::engine::loss::{self, PictureLoss};
 use crate::engine::plan::rows::{self, Work};
 use crate::engine::plan::{Item, PlanRows};
 use crate::engine::reference::{ENERGY, Rasterized, Reference};
-use crate::engine::steering::Steering;
 use crate::engine::surface::{MAPS, PositionOptimizer, SMOOTHNESS, Surface};
 use crate::engine::trainer::{HistoryPoint, Job, Keeping, Measure, Phase, train};
 use crate::engine::unwrap::unwrapped;
@@ -153,7 +153,7 @@ pub fn recover_texture(
         fresh: options.batch.div_ceil(2),
         steps: options.steps,
         keeping: &options.keeping,
-        options: Steering::default()
+        fingerprint: Fingerprint::default()
             .option("texture_size", options.texture_size)
             .option("batch", options.batch)
             .option("seed", options.seed)
@@ -166,7 +166,7 @@ pub fn recover_texture(
         shrink: 1,
         rates: vec![(MAPS.into(), MAP_RATE)],
         fade: None,
-        renewal: None,
+        reinitialised: None,
     };
     let phases = vec![phase];
     let row = options.loss.map_or_else(|| rows::loss(loss, held_out.noise), rows::asked_loss);

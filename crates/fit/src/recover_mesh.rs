@@ -16,10 +16,10 @@ use crate::engine::chain::Chain;
 use crate::engine::checkpoint::Digest;
 use crate::engine::cpu::Cpu;
 use crate::engine::export::to_scene;
+use crate::engine::fingerprint::Fingerprint;
 use crate::engine::judge::{Quality, ReportView, Stage};
 use crate::engine::loss::PictureLoss;
 use crate::engine::plan::{PlanRows, rows};
-use crate::engine::steering::Steering;
 use crate::engine::surface::{MAPS, POSITIONS, PositionOptimizer, Surface};
 use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Phase, Trained, train};
 use crate::engine::views::Sampling;
@@ -254,7 +254,7 @@ impl Fit<'_> {
             fresh: options.batch.div_ceil(2),
             steps,
             keeping,
-            options: Steering::default()
+            fingerprint: Fingerprint::default()
                 .option("optimizer", options.optimizer.name())
                 .option("triangles", options.triangles)
                 .option("texture_size", options.texture_size)
@@ -271,7 +271,7 @@ impl Fit<'_> {
             shrink: 1,
             rates: vec![(POSITIONS.into(), rate), (MAPS.into(), MAP_RATE)],
             fade: None,
-            renewal: None,
+            reinitialised: None,
         };
         let phases = vec![phase];
         let rows = PlanRows::new(Vec::new(), &phases);

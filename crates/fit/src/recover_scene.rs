@@ -9,10 +9,10 @@ mod doubts;
 
 use crate::engine::checkpoint::Digest;
 use crate::engine::cpu::Cpu;
+use crate::engine::fingerprint::Fingerprint;
 use crate::engine::given::{GivenPicture, GivenPictures, Order};
 use crate::engine::loss::{self, PictureLoss};
 use crate::engine::plan::{Item, PlanRows, rows};
-use crate::engine::steering::Steering;
 use crate::engine::traced::{Smoothing, Traced, TracedParameter};
 use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
 use crate::engine::views::{Sampling, ViewCamera, ViewLights};
@@ -137,7 +137,7 @@ pub fn recover_scene(
     // What is not fitted has to be the same, too: a coarse picture of the start stands for it.
     seen.add(&model.picture(&views[0], 1, options.seed)?.data);
     let (seed, depth) = (model.options.seed, model.options.path.max_depth);
-    let steered = Steering::default()
+    let fingerprint = Fingerprint::default()
         .option("rate", options.rate)
         .option("spp", spp)
         .option("gradient_spp", gradient_spp)
@@ -158,13 +158,13 @@ pub fn recover_scene(
         fresh: source.fitted().min(MOST_OF_A_STEP).div_ceil(2),
         steps: options.steps,
         keeping: &options.keeping,
-        options: steered,
+        fingerprint,
     };
     let rate =
         |k: usize| (model.parameters[k].name.clone().into(), options.rate * scale(&model, k, brightness));
     let rates = (0..model.parameters.len()).map(rate).collect();
-    let (steps, fade, renewal) = (options.steps, None, None);
-    let phase = Phase { name: "parameters", first: 0, steps, shrink: 1, rates, fade, renewal };
+    let (steps, fade, reinitialised) = (options.steps, None, None);
+    let phase = Phase { name: "parameters", first: 0, steps, shrink: 1, rates, fade, reinitialised };
     let phases = vec![phase];
     let plan = PlanRows::new(items(&model, held_out, options.steps), &phases);
     let trained = train(Cpu::new(model)?, &job, |_| phases, progress)?;

@@ -12,12 +12,12 @@ use crate::engine::animated::Animated;
 use crate::engine::checkpoint::Digest;
 use crate::engine::cpu::Cpu;
 use crate::engine::export::to_scene;
+use crate::engine::fingerprint::Fingerprint;
 use crate::engine::judge::{self, Judge, JudgeRenderer, Judged, Quality, ReportView, Stage};
 use crate::engine::loss;
-use crate::engine::plan::{Item, Plan, PlanRows, rows};
+use crate::engine::plan::{FitPlan, Item, PlanRows, rows};
 use crate::engine::posed::Posed;
 use crate::engine::reference::{Rasterized, Reference, SAMPLES, SUPERSAMPLE};
-use crate::engine::steering::Steering;
 use crate::engine::surface::{MAPS, Surface, fade_over, rate_of_maps};
 use crate::engine::trainer::{self, HeldOut, HistoryPoint, Job, Keeping, Phase, train};
 use crate::engine::views::{Lighting, Moment, Orbit, OverMoments, Sampling};
@@ -128,7 +128,7 @@ pub fn retexture(
     let mut candidate = candidate(&n, &rest, options.texture_size)?;
     candidate.set_maps(baked(&n, &rays, &candidate, &rest, progress)?);
     let start = dressed(light, &candidate, &n);
-    let plan = Plan::new(reference)
+    let plan = FitPlan::new(reference)
         .with_options(options.steps, reference_pictures.kind(), &options.lighting)
         .with_fixed_shape()
         .with_maps(&candidate);
@@ -158,13 +158,13 @@ pub fn retexture(
         fresh: options.batch.div_ceil(2),
         steps: options.steps,
         keeping: &options.keeping,
-        options: steering(options, &n, &model.surface().candidate),
+        fingerprint: fingerprint(options, &n, &model.surface().candidate),
     };
     let mut plan = PlanRows::default();
     let phases = |psnr: f64| {
         let rates = vec![(MAPS.into(), rate_of_maps(psnr))];
         let (steps, fade) = (options.steps, fade_over(fades, [0.0, 1.0]));
-        let phase = Phase { name: "maps", first: 0, steps, shrink: 1, rates, fade, renewal: None };
+        let phase = Phase { name: "maps", first: 0, steps, shrink: 1, rates, fade, reinitialised: None };
         let phases = vec![phase];
         plan = PlanRows::new(items, &phases);
         phases
@@ -339,7 +339,7 @@ fn dressed(light: &Scene, candidate: &Candidate, n: &Normalised) -> Scene {
 }
 
 /// The options and what is fitted: a checkpoint of others is refused.
-fn steering(o: &RetextureOptions, n: &Normalised, candidate: &Candidate) -> Steering {
+fn fingerprint(o: &RetextureOptions, n: &Normalised, candidate: &Candidate) -> Fingerprint {
     let mut shape = Digest::new();
     shape.add(candidate.triangles.as_flattened());
     shape.add(&candidate.uvs);
@@ -347,7 +347,7 @@ fn steering(o: &RetextureOptions, n: &Normalised, candidate: &Candidate) -> Stee
     let mut asset = Digest::new();
     asset.add(&n.flat.mesh.positions);
     asset.add(n.flat.mesh.triangles.as_flattened());
-    Steering::default()
+    Fingerprint::default()
         .option("resolution", o.resolution)
         .option("texture_size", o.texture_size)
         .option("batch", o.batch)

@@ -7,10 +7,10 @@
 use crate::engine::Normalised;
 use crate::engine::cpu::Cpu;
 use crate::engine::export::atlas_slot;
+use crate::engine::fingerprint::Fingerprint;
 use crate::engine::loss::PictureLoss;
 use crate::engine::plan::{Item, PlanRows, rows};
-use crate::engine::reference::{self, ENERGY, Features, PathTraced, SAMPLES};
-use crate::engine::steering::Steering;
+use crate::engine::reference::{self, ENERGY, MaterialFeatures, PathTraced, SAMPLES};
 use crate::engine::traced::{Compared, Traced, TracedParameter, WHOLE};
 use crate::engine::trainer::{HELD_OUT, HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
 use crate::engine::views::{Lighting, Orbit, Sampling};
@@ -114,7 +114,7 @@ pub fn traced_maps(
     if let Some(size) = options.new_map {
         add_maps(&mut light, size);
     }
-    let world = reference::world(&Features::Core.of(&light), n.frame(), ENERGY)?;
+    let world = reference::world(&MaterialFeatures::Core.of(&light), n.frame(), ENERGY)?;
     let maps = maps(&light, &world);
     if maps.is_empty() {
         return Err(FitError::Setting {
@@ -125,7 +125,8 @@ pub fn traced_maps(
     let parameters = maps.iter().map(|m| m.parameter(&light)).collect();
     let model = model(world, parameters, options)?;
     let starts: Vec<Vec<f32>> = (0..maps.len()).map(|k| model.of(k).to_vec()).collect();
-    let target = PathTraced::new(scene, n, Features::Core, options.seed)?.sampled(options.reference_spp);
+    let target =
+        PathTraced::new(scene, n, MaterialFeatures::Core, options.seed)?.sampled(options.reference_spp);
     let views = Orbit::new(options.seed, &options.lighting, options.size);
     let sampling = Sampling::SUPERSAMPLED;
     let held_out =
@@ -135,8 +136,8 @@ pub fn traced_maps(
         return Err(FitError::Setting { field: "asset", rule });
     }
     let rates = model.parameters.iter().map(|p| (p.name.clone().into(), options.rate)).collect();
-    let (steps, fade, renewal) = (options.steps, None, None);
-    let phase = Phase { name: "maps", first: 0, steps, shrink: 1, rates, fade, renewal };
+    let (steps, fade, reinitialised) = (options.steps, None, None);
+    let phase = Phase { name: "maps", first: 0, steps, shrink: 1, rates, fade, reinitialised };
     let phases = vec![phase];
     let plan = PlanRows::new(items(&maps, options, held_out.noise), &phases);
     let job = Job {
@@ -150,7 +151,7 @@ pub fn traced_maps(
         fresh: options.batch.div_ceil(2),
         steps: options.steps,
         keeping: &options.keeping,
-        options: steering(options, &light),
+        fingerprint: fingerprint(options, &light),
     };
     let trained = train(Cpu::new(model)?, &job, |_| phases, &Maps(progress))?;
     let mut moved: Vec<Vec<f32>> = vec![Vec::new(); light.images.len()];
@@ -222,7 +223,7 @@ fn model(
 }
 
 /// The options and the start that steer a fit.
-fn steering(o: &TracedMapsOptions, light: &Scene) -> Steering {
+fn fingerprint(o: &TracedMapsOptions, light: &Scene) -> Fingerprint {
     let mut shape = crate::engine::checkpoint::Digest::new();
     for instance in &light.instances {
         let mesh = &light.primitives[instance.primitive].mesh;
@@ -231,7 +232,7 @@ fn steering(o: &TracedMapsOptions, light: &Scene) -> Steering {
         shape.add(&mesh.uvs);
         shape.add(&instance.transform.to_cols_array());
     }
-    Steering::default()
+    Fingerprint::default()
         .option("rate", o.rate)
         .option("size", o.size)
         .option("batch", o.batch)

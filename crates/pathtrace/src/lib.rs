@@ -26,9 +26,9 @@ pub use integrator::{
     Sink, Strategy, SurfaceVisit, TrainingSink, TrainingVertex,
 };
 pub use light::{EnvironmentMap, Falloff, LightOrigin, LightSource, ThrownPicture};
-pub use plan::{Features, Plan};
+pub use plan::{Features, RenderPlan};
 pub use render::{Integrator, Progress, RenderOptions, Renderer};
 pub use volume::{Boundary, BoundedMedium, Field, MediumRef, MediumValue, Volume};
 pub use world::{
-    Instance, Interaction, Material, Parts, Scattering, Shape, World, WorldHit, WorldOptions, WorldRay,
+    BsdfSource, Instance, Interaction, Material, Parts, Shape, World, WorldHit, WorldOptions, WorldRay,
 };

@@ -1,7 +1,7 @@
 //! What a scene needs of the integrator, and the compiled variant that has just that.
 //!
 //! The integrator is one generic function over a set of [`Features`]; what a set leaves out is not compiled into it. A
-//! few sets are compiled; [`Plan::new`] picks the smallest that covers a world.
+//! few sets are compiled; [`RenderPlan::new`] picks the smallest that covers a world.
 
 use crate::integrator::Kernel;
 use crate::integrator::path::{trace_aovs, trace_picture};
@@ -112,7 +112,7 @@ const KERNELS: [(u32, [Kernel; 2]); 12] = [
 
 /// Which integrator runs for a world, and why.
 #[derive(Clone, Copy)]
-pub struct Plan {
+pub struct RenderPlan {
     /// What the world needs.
     pub needs: Features,
     /// What the chosen integrator has.
@@ -121,7 +121,7 @@ pub struct Plan {
     pub(crate) kernels: [Kernel; 2],
 }
 
-impl Plan {
+impl RenderPlan {
     /// The smallest compiled integrator that has all that `world` needs.
     pub fn new(world: &World) -> Self {
         Self::with_at_least(world, Features::default())
@@ -140,14 +140,17 @@ impl Plan {
     }
 }
 
-impl fmt::Debug for Plan {
+impl fmt::Debug for RenderPlan {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Plan").field("needs", &self.needs).field("has", &self.has).finish_non_exhaustive()
+        f.debug_struct("RenderPlan")
+            .field("needs", &self.needs)
+            .field("has", &self.has)
+            .finish_non_exhaustive()
     }
 }
 
 /// One line per feature: runs, is skipped and why, or is compiled in without being needed.
-impl fmt::Display for Plan {
+impl fmt::Display for RenderPlan {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (bit, (name, absent)) in NAMES.iter().enumerate() {
             let bit = 1 << bit;

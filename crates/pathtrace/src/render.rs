@@ -6,7 +6,7 @@ use crate::error::invalid;
 use crate::film::{Aov, Film, Filter, Key, Observer, Recorder, TILE, Tile};
 use crate::integrator::path::{trace_with, walk};
 use crate::integrator::{Kernel, PathOptions, PathSample, Sink, Strategy, teaching};
-use crate::plan::{self, Features, Plan};
+use crate::plan::{self, Features, RenderPlan};
 use crate::random::{PathRandom, PixelRandom};
 use crate::world::{World, WorldRay};
 use photofit_image::Image;
@@ -114,7 +114,7 @@ pub struct Renderer<'a> {
     world: &'a World,
     view: View,
     options: RenderOptions,
-    plan: Plan,
+    plan: RenderPlan,
     film: Film,
 }
 
@@ -154,7 +154,7 @@ impl<'a> Renderer<'a> {
         if options.aovs.contains(&Aov::Motion) && options.previous.is_none() {
             return Err(invalid("motion", "is wanted without a previous camera; there must be one"));
         }
-        let plan = Plan::with_at_least(world, options.further);
+        let plan = RenderPlan::with_at_least(world, options.further);
         let unlit = plan.needs.contains(Features(plan::EMITTERS));
         if world.lights.is_dark() && !unlit {
             return Err(PathtraceError::NoLight);
@@ -182,7 +182,7 @@ impl<'a> Renderer<'a> {
     }
 
     /// The integrator that was chosen.
-    pub fn plan(&self) -> &Plan {
+    pub fn plan(&self) -> &RenderPlan {
         &self.plan
     }
 

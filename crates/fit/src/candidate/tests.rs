@@ -193,7 +193,7 @@ impl Setting {
     }
 
     /// Runs `f` with both pictures.
-    fn with<R>(&self, f: impl FnOnce([Picture<'_, f64>; 2]) -> R) -> R {
+    fn with<R>(&self, f: impl FnOnce([CandidateView<'_, f64>; 2]) -> R) -> R {
         let views = [0, 1].map(|i| self.lights(i));
         let posed = self.posed.then(|| {
             let v = self.candidate.vertices();
@@ -212,7 +212,7 @@ impl Setting {
                 shade_per_pixel: self.sampling.shade_per_pixel,
                 lod_bias: self.lod_bias,
             };
-            Picture { view, background: &self.backgrounds[i], vertices: posed.as_ref() }
+            CandidateView { view, background: &self.backgrounds[i], vertices: posed.as_ref() }
         };
         f([0, 1].map(picture))
     }

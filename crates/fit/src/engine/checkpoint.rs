@@ -4,8 +4,8 @@
 //! JSON header, the header (counters, what steers the fit, names and sizes of the groups), then per group its
 //! values, its best values and the state of its optimizer as little-endian numbers.
 
+use super::fingerprint::Fingerprint;
 use super::model::Group;
-use super::steering::Steering;
 use super::trainer::HistoryPoint;
 use crate::{Difference, FitError, Progress};
 use photofit_image::write_atomically;
@@ -90,7 +90,8 @@ impl GroupHeader {
 
 #[derive(Debug, Serialize, Deserialize)]
 struct Header {
-    steering: Steering,
+    #[serde(rename = "steering")]
+    fingerprint: Fingerprint,
     step: u64,
     skipped: u64,
     begun: usize,
@@ -140,18 +141,22 @@ pub(crate) fn save(
     folder: &Path,
     course: &Course,
     groups: &[Saved<'_>],
-    steering: &Steering,
+    fingerprint: &Fingerprint,
 ) -> Result<(), FitError> {
     std::fs::create_dir_all(folder).map_err(|source| FitError::Io { path: folder.into(), source })?;
     let path = folder.join(FILE);
-    let bytes = encode(course, groups, steering)
+    let bytes = encode(course, groups, fingerprint)
         .map_err(|e| FitError::Checkpoint { path: path.clone(), rule: e.to_string() })?;
     Ok(write_atomically(path, &bytes)?)
 }
 
-fn encode(course: &Course, groups: &[Saved<'_>], steering: &Steering) -> Result<Vec<u8>, serde_json::Error> {
+fn encode(
+    course: &Course,
+    groups: &[Saved<'_>],
+    fingerprint: &Fingerprint,
+) -> Result<Vec<u8>, serde_json::Error> {
     let header = Header {
-        steering: steering.clone(),
+        fingerprint: fingerprint.clone(),
         step: course.step,
         skipped: course.skipped,
         begun: course.begun,
@@ -189,7 +194,7 @@ fn encode(course: &Course, groups: &[Saved<'_>], steering: &Steering) -> Result<
 pub(crate) fn load(
     folder: &Path,
     groups: &[Group],
-    steering: &Steering,
+    fingerprint: &Fingerprint,
 ) -> Result<Option<(Course, Vec<Loaded>)>, FitError> {
     let path = folder.join(FILE);
     let io = |source| FitError::Io { path: path.clone(), source };
@@ -197,8 +202,8 @@ pub(crate) fn load(
         return Ok(None);
     }
     let bytes = photofit_image::file_bytes(&path, most_bytes(groups))?;
-    decode(&bytes, groups, steering).map(Some).map_err(|refusal| match refusal {
-        Refusal::Broken(rule) => FitError::Checkpoint { path, rule },
+    decode(&bytes, groups, fingerprint).map(Some).map_err(|refusal| match refusal {
+        Refusal::ModelError(rule) => FitError::Checkpoint { path, rule },
         Refusal::Other(differences) => FitError::OtherFit { path, differences },
     })
 }
@@ -214,14 +219,14 @@ fn most_bytes(groups: &[Group]) -> u64 {
 #[derive(Debug)]
 enum Refusal {
     /// It is no whole checkpoint.
-    Broken(String),
+    ModelError(String),
     /// It belongs to another fit.
     Other(Vec<Difference>),
 }
 
 impl<S: Into<String>> From<S> for Refusal {
     fn from(rule: S) -> Self {
-        Self::Broken(rule.into())
+        Self::ModelError(rule.into())
     }
 }
 
@@ -257,7 +262,11 @@ impl Rest<'_> {
     }
 }
 
-fn decode(bytes: &[u8], groups: &[Group], steering: &Steering) -> Result<(Course, Vec<Loaded>), Refusal> {
+fn decode(
+    bytes: &[u8],
+    groups: &[Group],
+    fingerprint: &Fingerprint,
+) -> Result<(Course, Vec<Loaded>), Refusal> {
     if !bytes.starts_with(MAGIC) {
         return Err("it is no checkpoint of this version of photofit".into());
     }
@@ -275,7 +284,7 @@ fn decode(bytes: &[u8], groups: &[Group], steering: &Steering) -> Result<(Course
     let h: Header = serde_json::from_slice(json).map_err(|e| format!("its header is broken: {e}"))?;
     let same =
         |(h, g): (&GroupHeader, &Group)| h.name == g.name && (h.rows, h.columns) == (g.rows, g.columns);
-    let differences = steering.differences(&h.steering);
+    let differences = fingerprint.differences(&h.fingerprint);
     if !differences.is_empty() {
         return Err(Refusal::Other(differences));
     }
@@ -312,13 +321,13 @@ mod tests {
         Group { name: name.into(), rows, columns, ranges: Vec::new(), unit: None, rates: Vec::new() }
     }
 
-    fn steering(asset: &str) -> Steering {
-        Steering::default().option("batch", 2).digest("asset", asset)
+    fn fingerprint(asset: &str) -> Fingerprint {
+        Fingerprint::default().option("batch", 2).digest("asset", asset)
     }
 
     fn rule(refusal: Refusal) -> String {
         match refusal {
-            Refusal::Broken(rule) => rule,
+            Refusal::ModelError(rule) => rule,
             Refusal::Other(differences) => panic!("{differences:?}"),
         }
     }
@@ -359,13 +368,13 @@ mod tests {
             .zip(&loaded)
             .map(|(group, l)| Saved { group, values: &l.values, best: &l.best, optimizer: &l.optimizer })
             .collect();
-        encode(&course, &saved, &steering("a")).unwrap()
+        encode(&course, &saved, &fingerprint("a")).unwrap()
     }
 
     #[test]
     fn what_is_written_is_read() {
         let (course, groups, loaded) = sample();
-        assert_eq!(decode(&bytes(), &groups, &steering("a")).unwrap(), (course, loaded));
+        assert_eq!(decode(&bytes(), &groups, &fingerprint("a")).unwrap(), (course, loaded));
     }
 
     #[test]
@@ -376,14 +385,14 @@ mod tests {
             for bit in [0x01, 0x80] {
                 let mut bad = good.clone();
                 bad[at] ^= bit;
-                assert!(decode(&bad, &groups, &steering("a")).is_err(), "byte {at} of {}", good.len());
+                assert!(decode(&bad, &groups, &fingerprint("a")).is_err(), "byte {at} of {}", good.len());
             }
         }
         for length in 0..good.len() {
-            assert!(decode(&good[..length], &groups, &steering("a")).is_err(), "cut to {length} bytes");
+            assert!(decode(&good[..length], &groups, &fingerprint("a")).is_err(), "cut to {length} bytes");
         }
         let longer = [&good[..], &[0; 4]].concat();
-        let rule = rule(decode(&longer, &groups, &steering("a")).unwrap_err());
+        let rule = rule(decode(&longer, &groups, &fingerprint("a")).unwrap_err());
         assert!(rule.contains("damaged"), "{rule}");
     }
 
@@ -396,10 +405,10 @@ mod tests {
             vec![group("positions", 5, 3)],
         ];
         for groups in foreign {
-            let rule = rule(decode(&bytes(), &groups, &steering("a")).unwrap_err());
+            let rule = rule(decode(&bytes(), &groups, &fingerprint("a")).unwrap_err());
             assert!(rule.contains("another fit"), "{rule}");
         }
-        let Err(Refusal::Other(d)) = decode(&bytes(), &groups, &steering("b")) else { panic!("taken") };
+        let Err(Refusal::Other(d)) = decode(&bytes(), &groups, &fingerprint("b")) else { panic!("taken") };
         assert_eq!((d.len(), d[0].to_string().as_str()), (1, "asset is not the same"));
     }
 
@@ -411,6 +420,6 @@ mod tests {
         let mut digest = Digest::new();
         digest.add_bytes(&bad[16..]);
         bad[8..16].copy_from_slice(&digest.value().to_le_bytes());
-        assert!(rule(decode(&bad, &groups, &steering("a")).unwrap_err()).contains("too early"));
+        assert!(rule(decode(&bad, &groups, &fingerprint("a")).unwrap_err()).contains("too early"));
     }
 }

@@ -1,7 +1,7 @@
 //! Models in main memory: any chain of stages from parameters to a loss and back, moved by the optimizers of `optim`.
 
 use super::loss::PictureLoss;
-use super::model::{Broken, Group, Model, Snapshot};
+use super::model::{Group, Model, ModelError, Snapshot};
 use super::views::Shot;
 use crate::FitError;
 use photofit_optim::{OptimError, Optimizer, Rows, clamp_channels, normalize_vectors};
@@ -39,8 +39,8 @@ pub trait Chain {
     /// Brings up to date what follows from the samples of a group (mip levels).
     ///
     /// # Errors
-    /// [`Broken::Picture`] where the samples are not valid.
-    fn changed(&mut self, group: usize) -> Result<(), Broken>;
+    /// [`ModelError::Picture`] where the samples are not valid.
+    fn changed(&mut self, group: usize) -> Result<(), ModelError>;
 
     /// Zero gradients.
     fn gradients(&self) -> Self::Gradients;
@@ -52,20 +52,20 @@ pub trait Chain {
     /// says which groups need theirs.
     ///
     /// # Errors
-    /// [`Broken::Picture`].
+    /// [`ModelError::Picture`].
     fn step(
         &self,
         shots: &[Shot],
         loss: PictureLoss,
         moving: &[bool],
         gradients: &mut Self::Gradients,
-    ) -> Result<f64, Broken>;
+    ) -> Result<f64, ModelError>;
 
     /// The pictures of shots: linear RGBA over their backgrounds, the mean over the samples of each pixel.
     ///
     /// # Errors
-    /// [`Broken::Picture`].
-    fn pictures(&self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, Broken>;
+    /// [`ModelError::Picture`].
+    fn pictures(&self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, ModelError>;
 }
 
 /// A chain with its gradients, optimizers and best values.
@@ -108,11 +108,11 @@ impl<C: Chain> Model for Cpu<C> {
         self.chain.step_masks(masks);
     }
 
-    fn step(&mut self, shots: &[Shot], loss: PictureLoss, rates: &[f64]) -> Result<(), Broken> {
+    fn step(&mut self, shots: &[Shot], loss: PictureLoss, rates: &[f64]) -> Result<(), ModelError> {
         let moving: Vec<bool> = rates.iter().map(|r| *r > 0.0).collect();
         let value = self.chain.step(shots, loss, &moving, &mut self.gradients)?;
         if !value.is_finite() {
-            return Err(Broken::Loss(value));
+            return Err(ModelError::Loss(value));
         }
         self.losses.push(value);
         for (k, group) in self.groups.iter().enumerate().filter(|(k, _)| moving[*k]) {
@@ -130,7 +130,7 @@ impl<C: Chain> Model for Cpu<C> {
                     with: "filters that are guided",
                 }),
             };
-            moved.map_err(|source| Broken::Optim { ago: 0, source })?;
+            moved.map_err(|source| ModelError::Optim { ago: 0, source })?;
             if !group.ranges.is_empty() {
                 clamp_channels(x, &group.ranges);
             }
@@ -142,31 +142,31 @@ impl<C: Chain> Model for Cpu<C> {
         Ok(())
     }
 
-    fn losses(&mut self) -> Result<Vec<f64>, Broken> {
+    fn losses(&mut self) -> Result<Vec<f64>, ModelError> {
         Ok(std::mem::take(&mut self.losses))
     }
 
-    fn pictures(&mut self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, Broken> {
+    fn pictures(&mut self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, ModelError> {
         self.chain.pictures(shots)
     }
 
-    fn values(&self, group: usize) -> Result<Cow<'_, [f32]>, Broken> {
+    fn values(&self, group: usize) -> Result<Cow<'_, [f32]>, ModelError> {
         Ok(self.chain.values(group).into())
     }
 
-    fn set(&mut self, group: usize, values: &[f32]) -> Result<(), Broken> {
+    fn set(&mut self, group: usize, values: &[f32]) -> Result<(), ModelError> {
         self.chain.values_mut(group).copy_from_slice(values);
         self.chain.changed(group)
     }
 
-    fn keep_best(&mut self) -> Result<(), Broken> {
+    fn keep_best(&mut self) -> Result<(), ModelError> {
         for (k, best) in self.best.iter_mut().enumerate() {
             best.copy_from_slice(self.chain.values(k));
         }
         Ok(())
     }
 
-    fn go_to_best(&mut self, group: usize) -> Result<(), Broken> {
+    fn go_to_best(&mut self, group: usize) -> Result<(), ModelError> {
         self.chain.values_mut(group).copy_from_slice(&self.best[group]);
         self.chain.changed(group)
     }
@@ -176,7 +176,7 @@ impl<C: Chain> Model for Cpu<C> {
         Ok(())
     }
 
-    fn snapshot(&self, group: usize) -> Result<Snapshot<'_>, Broken> {
+    fn snapshot(&self, group: usize) -> Result<Snapshot<'_>, ModelError> {
         Ok(Snapshot {
             values: self.chain.values(group).into(),
             best: self.best[group][..].into(),
@@ -184,19 +184,19 @@ impl<C: Chain> Model for Cpu<C> {
         })
     }
 
-    fn restore(&mut self, group: usize, saved: Snapshot<'_>) -> Result<(), Broken> {
+    fn restore(&mut self, group: usize, saved: Snapshot<'_>) -> Result<(), ModelError> {
         let restored = self.optimizers[group].restore(saved.optimizer.into_owned());
-        restored.map_err(|source| Broken::Optim { ago: 0, source })?;
+        restored.map_err(|source| ModelError::Optim { ago: 0, source })?;
         self.set(group, &saved.values)?;
         self.best[group] = saved.best.into_owned();
         Ok(())
     }
 
-    fn asset(&mut self) -> Result<&C, Broken> {
+    fn asset(&mut self) -> Result<&C, ModelError> {
         Ok(&self.chain)
     }
 
-    fn into_asset(self) -> Result<C, Broken> {
+    fn into_asset(self) -> Result<C, ModelError> {
         Ok(self.chain)
     }
 }
@@ -233,7 +233,7 @@ mod tests {
             &mut self.0
         }
 
-        fn changed(&mut self, _: usize) -> Result<(), Broken> {
+        fn changed(&mut self, _: usize) -> Result<(), ModelError> {
             Ok(())
         }
 
@@ -245,11 +245,11 @@ mod tests {
             (&mut self.0, gradients)
         }
 
-        fn step(&self, _: &[Shot], _: PictureLoss, _: &[bool], _: &mut [f32; 2]) -> Result<f64, Broken> {
+        fn step(&self, _: &[Shot], _: PictureLoss, _: &[bool], _: &mut [f32; 2]) -> Result<f64, ModelError> {
             Ok(1.0)
         }
 
-        fn pictures(&self, _: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, Broken> {
+        fn pictures(&self, _: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, ModelError> {
             Ok(Vec::new())
         }
     }
@@ -258,7 +258,7 @@ mod tests {
     fn a_guide_is_never_dropped() {
         let mut model = Cpu::new(Guided([0.0; 2])).unwrap();
         let step = model.step(&[], PictureLoss::RELATIVE_SQUARES, &[0.1]);
-        let Err(Broken::Optim { source, .. }) = step else { panic!("taken: {step:?}") };
+        let Err(ModelError::Optim { source, .. }) = step else { panic!("taken: {step:?}") };
         assert!(source.to_string().contains("rates of columns"), "{source}");
         assert_eq!(model.chain.0, [0.0; 2]);
     }

@@ -1,6 +1,6 @@
 //! Finished pictures with cameras: a reference and its views in one.
 
-use super::reference::{Picture, Reference, ReferenceKind};
+use super::reference::{Reference, ReferenceKind, ReferencePicture};
 use super::views::{Moment, Set, Setup, Sphere, ViewCamera, ViewLights, Views};
 use crate::{FitError, bake};
 use photofit_image::{Image, downsample};
@@ -113,7 +113,7 @@ impl Reference for GivenPictures {
     }
 
     /// The picture that the view belongs to.
-    fn picture(&self, setup: &Setup) -> Result<Picture, FitError> {
+    fn picture(&self, setup: &Setup) -> Result<ReferencePicture, FitError> {
         let image = &self.pictures[setup.given_picture(self.pictures.len())?].image;
         let factor = (image.width / setup.width.max(1)).max(1);
         let image = if factor > 1 {
@@ -121,7 +121,7 @@ impl Reference for GivenPictures {
         } else {
             image.clone()
         };
-        Ok(Picture { image, noise: None })
+        Ok(ReferencePicture { image, noise: None })
     }
 
     fn bounds(&self, _: Moment) -> Sphere {

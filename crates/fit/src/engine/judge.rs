@@ -9,7 +9,9 @@ use super::animated::Animated;
 use super::asset::Normalised;
 use super::classes::drawn;
 use super::light_asset::LightAsset;
-use super::reference::{Features, PathTraced, Picture, Rasterized, Reference, ReferenceKind};
+use super::reference::{
+    MaterialFeatures, PathTraced, Rasterized, Reference, ReferenceKind, ReferencePicture,
+};
 use super::views::{Lighting, Orbit, Set, Views};
 use crate::{FitError, Progress};
 use photofit_geometry::{Mesh, Split};
@@ -203,9 +205,9 @@ impl Stage {
 
     fn traced(&self, n: &Normalised, seed: u64) -> Result<PathTraced<'static>, FitError> {
         if self.normalised {
-            PathTraced::in_frame(&self.scene, n.frame().radius, Features::All, seed)
+            PathTraced::in_frame(&self.scene, n.frame().radius, MaterialFeatures::All, seed)
         } else {
-            PathTraced::new(&self.scene, n, Features::All, seed)
+            PathTraced::new(&self.scene, n, MaterialFeatures::All, seed)
         }
     }
 }
@@ -323,7 +325,8 @@ impl Judge<'_> {
         };
         let n = self.n;
         if method == Judged::PathTraced {
-            let reference = PathTraced::new(self.scene, n, Features::All, self.seed)?.sampled(self.spp);
+            let reference =
+                PathTraced::new(self.scene, n, MaterialFeatures::All, self.seed)?.sampled(self.spp);
             let traced: Vec<_> = stages
                 .iter()
                 .map(|s| Ok(s.traced(n, self.seed)?.sampled(self.spp)))
@@ -383,7 +386,7 @@ fn compared(
             break;
         }
         let s = views.setup(set, i, count);
-        let Picture { image, .. } = reference.picture(&s)?;
+        let ReferencePicture { image, .. } = reference.picture(&s)?;
         let quality = stages.iter().map(|c| Ok(view_quality(&image, &c.picture(&s)?.image)));
         let quality = quality.collect::<Result<_, FitError>>()?;
         out.push(ReportView { reference: display(&image), quality });

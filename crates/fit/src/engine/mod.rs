@@ -25,6 +25,7 @@ pub mod classes;
 pub mod cpu;
 pub mod device;
 pub mod export;
+pub mod fingerprint;
 mod frame;
 pub mod given;
 #[cfg(feature = "gpu")]
@@ -37,7 +38,6 @@ pub mod plan;
 mod pool;
 pub mod posed;
 pub mod reference;
-pub mod steering;
 pub mod surface;
 pub mod traced;
 pub mod trainer;

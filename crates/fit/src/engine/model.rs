@@ -46,9 +46,9 @@ impl Group {
     }
 }
 
-/// Why a model cannot go on.
+/// Why a model can take no step.
 #[derive(Debug)]
-pub enum Broken {
+pub enum ModelError {
     /// The loss of the step that was asked for is not finite.
     Loss(f64),
     /// An optimizer refused its input.
@@ -90,44 +90,44 @@ pub trait Model: Sized {
     /// by this rate (0: not at all). Values stay in their ranges.
     ///
     /// # Errors
-    /// [`Broken`]; a model on a device may tell it at a later call.
-    fn step(&mut self, shots: &[Shot], loss: PictureLoss, rates: &[f64]) -> Result<(), Broken>;
+    /// [`ModelError`]; a model on a device may tell it at a later call.
+    fn step(&mut self, shots: &[Shot], loss: PictureLoss, rates: &[f64]) -> Result<(), ModelError>;
 
     /// The losses of the steps since the last call, oldest first.
     ///
     /// # Errors
-    /// [`Broken`], of one of these steps.
-    fn losses(&mut self) -> Result<Vec<f64>, Broken>;
+    /// [`ModelError`], of one of these steps.
+    fn losses(&mut self) -> Result<Vec<f64>, ModelError>;
 
     /// The pictures of shots: linear RGBA over their backgrounds, the mean over the samples of each pixel.
     ///
     /// # Errors
-    /// [`Broken::Device`], [`Broken::Picture`].
-    fn pictures(&mut self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, Broken>;
+    /// [`ModelError::Device`], [`ModelError::Picture`].
+    fn pictures(&mut self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, ModelError>;
 
     /// The samples of group number `group`.
     ///
     /// # Errors
-    /// [`Broken::Device`].
-    fn values(&self, group: usize) -> Result<Cow<'_, [f32]>, Broken>;
+    /// [`ModelError::Device`].
+    fn values(&self, group: usize) -> Result<Cow<'_, [f32]>, ModelError>;
 
     /// Replaces the samples of a group; its optimizer stays as it is.
     ///
     /// # Errors
-    /// [`Broken::Device`], [`Broken::Picture`].
-    fn set(&mut self, group: usize, values: &[f32]) -> Result<(), Broken>;
+    /// [`ModelError::Device`], [`ModelError::Picture`].
+    fn set(&mut self, group: usize, values: &[f32]) -> Result<(), ModelError>;
 
     /// Makes the present values of all groups the best ones; at first the best are those of the start.
     ///
     /// # Errors
-    /// [`Broken::Device`].
-    fn keep_best(&mut self) -> Result<(), Broken>;
+    /// [`ModelError::Device`].
+    fn keep_best(&mut self) -> Result<(), ModelError>;
 
     /// Goes back to the best values of a group; its optimizer stays as it is.
     ///
     /// # Errors
-    /// [`Broken::Device`].
-    fn go_to_best(&mut self, group: usize) -> Result<(), Broken>;
+    /// [`ModelError::Device`].
+    fn go_to_best(&mut self, group: usize) -> Result<(), ModelError>;
 
     /// Starts the optimizer of a group anew.
     ///
@@ -138,24 +138,24 @@ pub trait Model: Sized {
     /// A group as checkpoints keep it.
     ///
     /// # Errors
-    /// [`Broken::Device`].
-    fn snapshot(&self, group: usize) -> Result<Snapshot<'_>, Broken>;
+    /// [`ModelError::Device`].
+    fn snapshot(&self, group: usize) -> Result<Snapshot<'_>, ModelError>;
 
     /// Goes on from a snapshot of a group.
     ///
     /// # Errors
-    /// [`Broken::Optim`] when the state is not one of this group.
-    fn restore(&mut self, group: usize, saved: Snapshot<'_>) -> Result<(), Broken>;
+    /// [`ModelError::Optim`] when the state is not one of this group.
+    fn restore(&mut self, group: usize, saved: Snapshot<'_>) -> Result<(), ModelError>;
 
     /// The asset with the present values.
     ///
     /// # Errors
-    /// [`Broken::Device`].
-    fn asset(&mut self) -> Result<&Self::Asset, Broken>;
+    /// [`ModelError::Device`].
+    fn asset(&mut self) -> Result<&Self::Asset, ModelError>;
 
     /// The asset with the present values, for good.
     ///
     /// # Errors
-    /// [`Broken::Device`].
-    fn into_asset(self) -> Result<Self::Asset, Broken>;
+    /// [`ModelError::Device`].
+    fn into_asset(self) -> Result<Self::Asset, ModelError>;
 }

@@ -135,7 +135,7 @@ impl Judgement {
 
 /// What runs; printable and comparable.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Plan {
+pub struct FitPlan {
     asset: Asset,
     choices: Option<Choices>,
     maps: Option<Maps>,
@@ -147,7 +147,7 @@ pub struct Plan {
     device: Option<String>,
 }
 
-impl Plan {
+impl FitPlan {
     /// What the asset alone says.
     pub fn new(scene: &Scene) -> Self {
         Self {
@@ -481,13 +481,13 @@ fn slots(m: &Material) -> Vec<&TextureSlot> {
     [&m.base_color_texture].into_iter().chain(lit).flatten().collect()
 }
 
-impl From<&Plan> for PlanRows {
-    fn from(plan: &Plan) -> Self {
+impl From<&FitPlan> for PlanRows {
+    fn from(plan: &FitPlan) -> Self {
         Self { items: plan.items(), phases: plan.phases.clone() }
     }
 }
 
-impl fmt::Display for Plan {
+impl fmt::Display for FitPlan {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         fmt::Display::fmt(&PlanRows::from(self), f)
     }

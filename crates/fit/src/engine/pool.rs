@@ -1,6 +1,6 @@
 //! The pictures that the fit draws from.
 
-use super::reference::{Picture, Reference};
+use super::reference::{Reference, ReferencePicture};
 use super::views::{Sampling, Set, Setup, Shot, Views};
 use crate::FitError;
 use photofit_sampling::Rng;
@@ -33,7 +33,7 @@ pub(super) struct Batches<'a> {
 #[derive(Debug, Default)]
 pub(super) struct Pool {
     /// With their numbers, in increasing order.
-    kept: VecDeque<(u64, Setup, Picture)>,
+    kept: VecDeque<(u64, Setup, ReferencePicture)>,
     /// By how much the pictures that are kept are smaller.
     shrink: usize,
 }

@@ -5,7 +5,7 @@
 use super::animated::Animated;
 use super::cpu::Chain;
 use super::loss::PictureLoss;
-use super::model::{Broken, Group};
+use super::model::{Group, ModelError};
 use super::surface::Surface;
 use super::views::{Moment, Shot};
 use crate::FitError;
@@ -46,8 +46,8 @@ impl<'a> Posed<'a> {
         Ok(candidate.posed_vertices(flat.mesh.positions.clone(), flat.mesh.normals.clone()))
     }
 
-    fn all(&self, shots: &[Shot]) -> Result<Vec<Vertices>, Broken> {
-        let one = |shot: &Shot| self.vertices(shot.moment).map_err(|e| Broken::Picture(Box::new(e)));
+    fn all(&self, shots: &[Shot]) -> Result<Vec<Vertices>, ModelError> {
+        let one = |shot: &Shot| self.vertices(shot.moment).map_err(|e| ModelError::Picture(Box::new(e)));
         shots.iter().map(one).collect()
     }
 }
@@ -75,7 +75,7 @@ impl Chain for Posed<'_> {
         self.surface.values_mut(group)
     }
 
-    fn changed(&mut self, group: usize) -> Result<(), Broken> {
+    fn changed(&mut self, group: usize) -> Result<(), ModelError> {
         self.surface.changed(group)
     }
 
@@ -97,13 +97,13 @@ impl Chain for Posed<'_> {
         loss: PictureLoss,
         moving: &[bool],
         gradients: &mut ParameterGradients,
-    ) -> Result<f64, Broken> {
+    ) -> Result<f64, ModelError> {
         let vertices = self.all(shots)?;
         let passes = self.surface.moving_passes(moving);
         Ok(self.surface.candidate.step_at(shots, |i| Some(&vertices[i]), loss, &passes, gradients))
     }
 
-    fn pictures(&self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, Broken> {
+    fn pictures(&self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, ModelError> {
         let vertices = self.all(shots)?;
         let picture = |(shot, v)| self.surface.candidate.render(v, shot, &self.surface.passes).color;
         Ok(shots.iter().zip(&vertices).map(picture).collect())

@@ -70,14 +70,14 @@ pub fn samples_for(size: usize) -> usize {
 
 /// A picture of a reference.
 #[derive(Clone, Debug)]
-pub struct Picture {
+pub struct ReferencePicture {
     /// Linear RGBA, premultiplied.
     pub image: Image,
     /// Noise: standard deviation of a pixel relative to its value, root mean square over the picture; 0 for clean ones.
     pub noise: Option<f64>,
 }
 
-impl Picture {
+impl ReferencePicture {
     /// A picture without noise.
     pub fn clean(image: Image) -> Self {
         Self { image, noise: Some(0.0) }
@@ -93,7 +93,7 @@ pub trait Reference: Sync {
     ///
     /// # Errors
     /// If it cannot be made.
-    fn picture(&self, setup: &Setup) -> Result<Picture, FitError>;
+    fn picture(&self, setup: &Setup) -> Result<ReferencePicture, FitError>;
 
     /// A sphere around what the pictures show at a moment.
     fn bounds(&self, moment: Moment) -> Sphere;
@@ -141,7 +141,7 @@ impl Reference for Rasterized<'_> {
         ReferenceKind::RASTERIZED
     }
 
-    fn picture(&self, setup: &Setup) -> Result<Picture, FitError> {
+    fn picture(&self, setup: &Setup) -> Result<ReferencePicture, FitError> {
         let posed = moving(self.animated, setup.moment)?.map(|a| a.flat(setup.moment)).transpose()?;
         let renderer = SceneRenderer::new(posed.as_deref().unwrap_or(self.flat), self.library);
         let lights = setup.lights.lights();
@@ -149,7 +149,7 @@ impl Reference for Rasterized<'_> {
         let parts = (self.samples / MOST_AT_ONCE).max(1);
         let (w, h) = (setup.width * parts, setup.height * parts);
         let image = renderer.render(&setup.camera.pinhole(), &lights, w, h, self.samples / parts);
-        Ok(Picture::clean(if parts > 1 { downsample(&image, parts) } else { image }))
+        Ok(ReferencePicture::clean(if parts > 1 { downsample(&image, parts) } else { image }))
     }
 
     fn bounds(&self, moment: Moment) -> Sphere {
@@ -178,7 +178,7 @@ fn moving<'a>(
 
 /// What of an asset's materials path traced pictures hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Features {
+pub enum MaterialFeatures {
     /// What a candidate can express: the core of glTF; surfaces that transmit light are blended.
     Core,
     /// Everything that the file means.
@@ -204,7 +204,12 @@ impl<'a> PathTraced<'a> {
     ///
     /// # Errors
     /// If the path tracer refuses the scene.
-    pub fn new(scene: &Scene, n: &Normalised, features: Features, seed: u64) -> Result<Self, FitError> {
+    pub fn new(
+        scene: &Scene,
+        n: &Normalised,
+        features: MaterialFeatures,
+        seed: u64,
+    ) -> Result<Self, FitError> {
         let shown = features.of(scene);
         Ok(Self {
             world: Mutex::new((world(&shown, n.frame(), ENERGY)?, Moment::default())),
@@ -220,7 +225,12 @@ impl<'a> PathTraced<'a> {
     ///
     /// # Errors
     /// If the path tracer refuses the scene.
-    pub fn in_frame(scene: &Scene, radius: f32, features: Features, seed: u64) -> Result<Self, FitError> {
+    pub fn in_frame(
+        scene: &Scene,
+        radius: f32,
+        features: MaterialFeatures,
+        seed: u64,
+    ) -> Result<Self, FitError> {
         let shown = features.of(scene);
         let (identity, start) = (DAffine3::IDENTITY, Moment::default());
         let world = Mutex::new((placed_world(&shown, identity, radius, ENERGY)?, start));
@@ -255,7 +265,7 @@ impl Reference for PathTraced<'_> {
         ReferenceKind::path_traced(self.spp)
     }
 
-    fn picture(&self, setup: &Setup) -> Result<Picture, FitError> {
+    fn picture(&self, setup: &Setup) -> Result<ReferencePicture, FitError> {
         let lights = setup.lights.lights();
         let animated = moving(self.animated, setup.moment)?.or(self.animated);
         let mut world = self.world.lock().unwrap_or_else(PoisonError::into_inner);
@@ -284,7 +294,7 @@ impl Reference for PathTraced<'_> {
                 break progress.noise;
             }
         };
-        Ok(Picture { image: renderer.picture(), noise: Some(noise) })
+        Ok(ReferencePicture { image: renderer.picture(), noise: Some(noise) })
     }
 
     fn bounds(&self, moment: Moment) -> Sphere {
@@ -296,7 +306,7 @@ impl Reference for PathTraced<'_> {
     }
 }
 
-impl Features {
+impl MaterialFeatures {
     /// A scene with these features of its materials.
     pub(crate) fn of(self, scene: &Scene) -> Cow<'_, Scene> {
         match self {
@@ -399,7 +409,7 @@ mod tests {
         let n = Normalised::new(scene).unwrap();
         let s = Orbit::new(0, lighting, 64).setup(Set::Report, index, 4);
         let raster = Rasterized::new(&n.flat, &n.library).picture(&s).unwrap();
-        let path = PathTraced::new(scene, &n, Features::Core, 0).unwrap().picture(&s).unwrap();
+        let path = PathTraced::new(scene, &n, MaterialFeatures::Core, 0).unwrap().picture(&s).unwrap();
         assert_eq!(raster.noise, Some(0.0));
         assert!(path.noise.is_some_and(|n| n > 0.0 && n < 0.2), "{:?}", path.noise);
         [raster.image, path.image]
@@ -433,7 +443,7 @@ mod tests {
             }
             // On rough metal the policy on energy shows: another one on one side is seen.
             let n = Normalised::new(&metal).unwrap();
-            let mut other = PathTraced::new(&metal, &n, Features::Core, 0).unwrap();
+            let mut other = PathTraced::new(&metal, &n, MaterialFeatures::Core, 0).unwrap();
             let compensated = world(&metal, n.frame(), Energy::Compensated).unwrap();
             other.world = Mutex::new((compensated, Moment::default()));
             let s = Orbit::new(0, &lighting, 64).setup(Set::Report, index, 4);
@@ -465,8 +475,8 @@ mod tests {
         let s = Orbit::new(0, &Lighting::Mixed, 32).setup(Set::Report, 0, 4);
         let picture =
             |scene, features| PathTraced::new(scene, &n, features, 0).unwrap().picture(&s).unwrap().image;
-        assert_eq!(picture(&velvet, Features::Core), picture(&plain, Features::Core));
-        let (all, core) = (picture(&velvet, Features::All), picture(&velvet, Features::Core));
+        assert_eq!(picture(&velvet, MaterialFeatures::Core), picture(&plain, MaterialFeatures::Core));
+        let (all, core) = (picture(&velvet, MaterialFeatures::All), picture(&velvet, MaterialFeatures::Core));
         assert!(mean(&all, 2) > 1.1 * mean(&core, 2), "sheen is blue: {} {}", mean(&all, 2), mean(&core, 2));
     }
 
@@ -492,7 +502,7 @@ mod tests {
             scene.instances[0].transform = Affine3A::from_scale(Vec3::splat(scale));
             let n = Normalised::new(&scene).unwrap();
             let s = Orbit::new(0, &Lighting::Mixed, 32).setup(Set::Report, 0, 4);
-            PathTraced::new(&scene, &n, Features::All, 0).unwrap().picture(&s).unwrap().image
+            PathTraced::new(&scene, &n, MaterialFeatures::All, 0).unwrap().picture(&s).unwrap().image
         };
         let (large, small) = (glass(1.0), glass(0.01));
         for k in 0..3 {

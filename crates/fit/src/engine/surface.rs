@@ -2,8 +2,8 @@
 
 use super::cpu::Chain;
 use super::loss::PictureLoss;
-use super::model::{Broken, Group};
-use super::plan::Plan;
+use super::model::{Group, ModelError};
+use super::plan::FitPlan;
 use super::plan::rows::Work;
 use super::views::Shot;
 use crate::FitError;
@@ -152,7 +152,7 @@ pub(super) fn temporal(group: &str) -> Temporal {
 
 impl Surface {
     /// A candidate that is fitted as a plan says.
-    pub fn new(candidate: Candidate, plan: &Plan) -> Self {
+    pub fn new(candidate: Candidate, plan: &FitPlan) -> Self {
         Self {
             candidate,
             passes: plan.passes(),
@@ -270,7 +270,7 @@ impl Chain for Surface {
         }
     }
 
-    fn changed(&mut self, group: usize) -> Result<(), Broken> {
+    fn changed(&mut self, group: usize) -> Result<(), ModelError> {
         self.update(group);
         Ok(())
     }
@@ -298,11 +298,11 @@ impl Chain for Surface {
         loss: PictureLoss,
         moving: &[bool],
         gradients: &mut ParameterGradients,
-    ) -> Result<f64, Broken> {
+    ) -> Result<f64, ModelError> {
         Ok(self.candidate.step(shots, loss, &self.moving_passes(moving), gradients))
     }
 
-    fn pictures(&self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, Broken> {
+    fn pictures(&self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, ModelError> {
         Ok(pictures(&self.candidate, shots, &self.passes))
     }
 }

@@ -5,7 +5,7 @@
 
 use super::cpu::Chain;
 use super::loss::PictureLoss;
-use super::model::{Broken, Group};
+use super::model::{Group, ModelError};
 use super::reference::path_lights;
 use super::views::Shot;
 use crate::FitError;
@@ -347,8 +347,8 @@ impl Chain for Traced {
         &mut self.values[group]
     }
 
-    fn changed(&mut self, group: usize) -> Result<(), Broken> {
-        self.update(group).map_err(|e| Broken::Picture(Box::new(e.into())))
+    fn changed(&mut self, group: usize) -> Result<(), ModelError> {
+        self.update(group).map_err(|e| ModelError::Picture(Box::new(e.into())))
     }
 
     fn gradients(&self) -> Self::Gradients {
@@ -365,21 +365,21 @@ impl Chain for Traced {
         loss: PictureLoss,
         moving: &[bool],
         gradients: &mut Self::Gradients,
-    ) -> Result<f64, Broken> {
+    ) -> Result<f64, ModelError> {
         gradients.iter_mut().for_each(|g| g.fill(0.0));
         let weight = 1.0 / shots.len().max(1) as f64;
         let one = |shot| self.one(shot, loss, weight, moving, gradients);
-        shots.iter().map(one).sum::<Result<f64, FitError>>().map_err(|e| Broken::Picture(Box::new(e)))
+        shots.iter().map(one).sum::<Result<f64, FitError>>().map_err(|e| ModelError::Picture(Box::new(e)))
     }
 
-    fn pictures(&self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, Broken> {
+    fn pictures(&self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, ModelError> {
         let one = |shot: &Shot| {
             let seed = hash(self.options.seed, PICTURE, u64::MAX);
             let size = (shot.width, shot.height);
             let picture = self.under(shot, |world| {
                 self.render(world, &shot.camera.view(), size, self.evaluation_spp, seed)
             });
-            picture.map(|p| self.light(&p, shot)).map_err(|e| Broken::Picture(Box::new(e)))
+            picture.map(|p| self.light(&p, shot)).map_err(|e| ModelError::Picture(Box::new(e)))
         };
         shots.iter().map(one).collect()
     }

@@ -9,11 +9,11 @@ mod held_out;
 pub use held_out::{HeldOut, Measure, relative_error};
 
 use super::checkpoint::{self, Course, Digest, Saved};
+use super::fingerprint::Fingerprint;
 use super::loss::PictureLoss;
-use super::model::{Broken, Group, GroupName, Model, Snapshot};
+use super::model::{Group, GroupName, Model, ModelError, Snapshot};
 use super::pool::{Batches, Pool};
 use super::reference::Reference;
-use super::steering::Steering;
 use super::views::{Sampling, Views};
 use crate::{FitError, Progress};
 use photofit_optim::Schedule;
@@ -75,18 +75,18 @@ pub struct Job<'a> {
     pub steps: u64,
     /// Checkpoints and limits.
     pub keeping: &'a Keeping,
-    /// The options that steer the fit: a checkpoint of other ones is refused.
-    pub options: Steering,
+    /// The options that the result depends on: a checkpoint of other ones is refused.
+    pub fingerprint: Fingerprint,
 }
 
 impl std::fmt::Debug for Job<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Job").field("options", &self.options).finish_non_exhaustive()
+        f.debug_struct("Job").field("fingerprint", &self.fingerprint).finish_non_exhaustive()
     }
 }
 
-/// Makes new values for a group out of the best state so far.
-pub type Remake<'a, A> = &'a dyn Fn(&A) -> Result<Vec<f32>, FitError>;
+/// Computes new values of a group from the best state so far.
+pub type Initialiser<'a, A> = &'a dyn Fn(&A) -> Result<Vec<f32>, FitError>;
 
 /// A stretch of the fit of an asset with rates of its own.
 pub struct Phase<'a, A> {
@@ -103,9 +103,9 @@ pub struct Phase<'a, A> {
     /// Slopes of alpha masks, which fade in its steps ([`Masks::Faded`]), at its first step and after its last one; `None`:
     /// masks are cut. Evaluations always cut them.
     pub fade: Option<[f32; 2]>,
-    /// At its beginning the fit goes back to the best state, and this group gets values made anew out of it, unless they
-    /// look worse.
-    pub renewal: Option<(GroupName, Remake<'a, A>)>,
+    /// At its beginning the fit goes back to the best state, and this group is initialised again from it, unless that looks
+    /// worse.
+    pub reinitialised: Option<(GroupName, Initialiser<'a, A>)>,
 }
 
 impl<A> std::fmt::Debug for Phase<'_, A> {
@@ -117,7 +117,7 @@ impl<A> std::fmt::Debug for Phase<'_, A> {
             .field("shrink", &self.shrink)
             .field("rates", &self.rates)
             .field("fade", &self.fade)
-            .field("renews", &self.renewal.as_ref().map(|r| &r.0))
+            .field("reinitialised", &self.reinitialised.as_ref().map(|r| &r.0))
             .finish()
     }
 }
@@ -143,7 +143,7 @@ impl<A> Phase<'_, A> {
     /// Whether all groups that it names are there.
     fn check(&self, groups: &[Group]) -> Result<(), FitError> {
         let mut named =
-            self.rates.iter().map(|(name, _)| name).chain(self.renewal.iter().map(|(name, _)| name));
+            self.rates.iter().map(|(name, _)| name).chain(self.reinitialised.iter().map(|(name, _)| name));
         match named.find(|name| position(groups, name).is_none()) {
             None => Ok(()),
             Some(name) => {
@@ -183,7 +183,7 @@ struct Trainer<'a, M: Model> {
     groups: Vec<Group>,
     course: Course,
     pool: Pool,
-    steering: Steering,
+    fingerprint: Fingerprint,
     /// Step of the checkpoint that stands in the folder.
     saved: Option<u64>,
     /// The last refusal to save that the user was told of.
@@ -209,14 +209,14 @@ where
     M::Asset: 'p,
 {
     let groups = model.groups().to_vec();
-    let steering = steering(job, &model, groups.len()).map_err(|b| broken(b, 0, String::new()))?;
+    let fingerprint = fingerprint(job, &model, groups.len()).map_err(|b| fit_error(b, 0, String::new()))?;
     let mut t = Trainer {
         job,
         model,
         groups,
         course: Course { best_quality: f64::NEG_INFINITY, ..Course::default() },
         pool: Pool::default(),
-        steering,
+        fingerprint,
         saved: None,
         refusal: String::new(),
         samples: 0.0,
@@ -252,7 +252,7 @@ where
     t.go_to_best()?;
     let kept = t.kept();
     Ok(Trained {
-        model: t.model.into_asset().map_err(|b| broken(b, t.course.step, kept))?,
+        model: t.model.into_asset().map_err(|b| fit_error(b, t.course.step, kept))?,
         history: t.course.history,
         steps: t.course.step - t.course.skipped,
         resumed,
@@ -261,17 +261,17 @@ where
     })
 }
 
-/// What must agree between the run that wrote a checkpoint and the one that reads it: the options that steer the fit,
+/// What must agree between the run that wrote a checkpoint and the one that reads it: the options that the result depends on,
 /// the values it starts from, and the pictures of the held-out views. What else a model holds belongs into the options.
-fn steering<M: Model>(job: &Job<'_>, model: &M, groups: usize) -> Result<Steering, Broken> {
+fn fingerprint<M: Model>(job: &Job<'_>, model: &M, groups: usize) -> Result<Fingerprint, ModelError> {
     let mut digest = Digest::new();
     for g in 0..groups {
         digest.add(&model.values(g)?);
     }
     let mut picture = Digest::new();
     job.held_out.shots.iter().for_each(|s| picture.add(s.reference.as_flattened()));
-    let Job { options, batch, fresh, steps, loss, sampling, .. } = job;
-    let options = options
+    let Job { fingerprint, batch, fresh, steps, loss, sampling, .. } = job;
+    let options = fingerprint
         .clone()
         .option("pictures of a step", batch)
         .option("new pictures", fresh)
@@ -281,13 +281,13 @@ fn steering<M: Model>(job: &Job<'_>, model: &M, groups: usize) -> Result<Steerin
     Ok(options.digest("what its pictures show", format!("{:016x}", picture.value())))
 }
 
-/// What broke at a step, with what remains.
-fn broken(broken: Broken, step: u64, kept: String) -> FitError {
-    match broken {
-        Broken::Loss(value) => FitError::Loss { step, value, kept },
-        Broken::Optim { ago, source } => FitError::Optim { step: step.saturating_sub(ago), source, kept },
-        Broken::Device(source) => FitError::Device { step, source, kept },
-        Broken::Picture(source) => FitError::Picture { step, source, kept },
+/// The error of a fit whose model fails at a step, with what remains.
+fn fit_error(error: ModelError, step: u64, kept: String) -> FitError {
+    match error {
+        ModelError::Loss(value) => FitError::Loss { step, value, kept },
+        ModelError::Optim { ago, source } => FitError::Optim { step: step.saturating_sub(ago), source, kept },
+        ModelError::Device(source) => FitError::Device { step, source, kept },
+        ModelError::Picture(source) => FitError::Picture { step, source, kept },
     }
 }
 
@@ -299,7 +299,7 @@ impl<M: Model> Trainer<'_, M> {
         phase: &Phase<'_, M::Asset>,
         progress: &dyn Progress,
     ) -> Result<bool, FitError> {
-        match &phase.renewal {
+        match &phase.reinitialised {
             None => {
                 if self.course.history.last().is_none_or(|h| h.step != self.course.step) {
                     self.evaluate(progress)?;
@@ -308,26 +308,26 @@ impl<M: Model> Trainer<'_, M> {
             Some((name, make)) => {
                 let group = position(&self.groups, name).expect("checked");
                 let copy = |g| self.model.values(g).map(Cow::into_owned);
-                let before: Result<Vec<Vec<f32>>, Broken> = (0..self.groups.len()).map(copy).collect();
-                let before = self.hear(before)?;
+                let before: Result<Vec<Vec<f32>>, ModelError> = (0..self.groups.len()).map(copy).collect();
+                let before = self.at_step(before)?;
                 self.go_to_best()?;
                 let asset = self.model.asset().map(make);
-                let made = match self.hear(asset)? {
+                let made = match self.at_step(asset)? {
                     Err(FitError::Interrupted) => {
                         for (g, values) in before.iter().enumerate() {
                             let set = self.model.set(g, values);
-                            self.hear(set)?;
+                            self.at_step(set)?;
                         }
                         return Ok(true);
                     }
                     made => made?,
                 };
                 let set = self.model.set(group, &made);
-                self.hear(set)?;
+                self.at_step(set)?;
                 let best = self.course.best_quality;
                 if self.evaluate(progress)? < best {
                     let back = self.model.go_to_best(group);
-                    self.hear(back)?;
+                    self.at_step(back)?;
                 }
                 self.model.reset_optimizer(group)?;
             }
@@ -384,7 +384,7 @@ impl<M: Model> Trainer<'_, M> {
         self.model.step_masks(phase.masks(step));
         let began = Instant::now();
         let made = self.model.step(&shots, job.loss, &rates);
-        self.hear(made)?;
+        self.at_step(made)?;
         self.step_seconds += began.elapsed().as_secs_f64();
         let per_pixel = job.sampling.per_axis.pow(2);
         self.samples += shots.iter().map(|s| (s.width * s.height * per_pixel) as f64).sum::<f64>();
@@ -392,18 +392,18 @@ impl<M: Model> Trainer<'_, M> {
         Ok(())
     }
 
-    /// Turns what broke the model into an error of the fit.
-    fn hear<A>(&self, result: Result<A, Broken>) -> Result<A, FitError> {
-        result.map_err(|b| broken(b, self.course.step, self.kept()))
+    /// The error of the fit where the model fails at this step.
+    fn at_step<A>(&self, result: Result<A, ModelError>) -> Result<A, FitError> {
+        result.map_err(|b| fit_error(b, self.course.step, self.kept()))
     }
 
     /// Takes the losses that the model has not told yet.
-    fn hear_losses(&mut self) -> Result<(), FitError> {
+    fn take_losses(&mut self) -> Result<(), FitError> {
         let began = Instant::now();
         let losses = self.model.losses();
         self.step_seconds += began.elapsed().as_secs_f64();
         let latest = self.course.step.saturating_sub(1);
-        let losses = losses.map_err(|b| broken(b, latest, self.kept()))?;
+        let losses = losses.map_err(|b| fit_error(b, latest, self.kept()))?;
         let first = self.course.step - losses.len() as u64;
         if let Some((i, value)) = losses.iter().enumerate().find(|(_, l)| !l.is_finite()) {
             return Err(FitError::Loss { step: first + i as u64, value: *value, kept: self.kept() });
@@ -414,10 +414,10 @@ impl<M: Model> Trainer<'_, M> {
 
     /// Quality of the held-out views; keeps the best state.
     fn evaluate(&mut self, progress: &dyn Progress) -> Result<f64, FitError> {
-        self.hear_losses()?;
+        self.take_losses()?;
         let pictures = self.model.pictures(&self.job.held_out.shots);
         let held_out = self.job.held_out;
-        let quality = held_out.quality(&self.hear(pictures)?);
+        let quality = held_out.quality(&self.at_step(pictures)?);
         let course = &mut self.course;
         let loss = course.loss.iter().sum::<f64>() / course.loss.len().max(1) as f64;
         course.loss.clear();
@@ -427,7 +427,7 @@ impl<M: Model> Trainer<'_, M> {
         if quality > course.best_quality {
             course.best_quality = quality;
             let kept = self.model.keep_best();
-            self.hear(kept)?;
+            self.at_step(kept)?;
         }
         Ok(quality)
     }
@@ -435,7 +435,7 @@ impl<M: Model> Trainer<'_, M> {
     fn go_to_best(&mut self) -> Result<(), FitError> {
         for g in 0..self.groups.len() {
             let gone = self.model.go_to_best(g);
-            self.hear(gone)?;
+            self.at_step(gone)?;
         }
         Ok(())
     }
@@ -444,17 +444,17 @@ impl<M: Model> Trainer<'_, M> {
     /// one is tried.
     fn save(&mut self, progress: &dyn Progress) -> Result<(), FitError> {
         let Some(folder) = &self.job.keeping.checkpoint else { return Ok(()) };
-        self.hear_losses()?;
+        self.take_losses()?;
         progress.report("checkpoint", self.course.step, self.job.steps, "");
         let snapshots = (0..self.groups.len()).map(|g| self.model.snapshot(g)).collect::<Result<Vec<_>, _>>();
-        let snapshots = self.hear(snapshots)?;
+        let snapshots = self.at_step(snapshots)?;
         let saved: Vec<Saved<'_>> = self
             .groups
             .iter()
             .zip(&snapshots)
             .map(|(group, s)| Saved { group, values: &s.values, best: &s.best, optimizer: &s.optimizer })
             .collect();
-        let refusal = match checkpoint::save(folder, &self.course, &saved, &self.steering) {
+        let refusal = match checkpoint::save(folder, &self.course, &saved, &self.fingerprint) {
             Ok(()) => {
                 self.saved = Some(self.course.step);
                 return Ok(());
@@ -486,7 +486,7 @@ impl<M: Model> Trainer<'_, M> {
             checkpoint::set_aside(folder, progress);
             return Ok(());
         }
-        let Some((course, groups)) = checkpoint::load(folder, &self.groups, &self.steering)? else {
+        let Some((course, groups)) = checkpoint::load(folder, &self.groups, &self.fingerprint)? else {
             progress.warn(&format!("{}: no checkpoint is there; the fit begins anew", folder.display()));
             return Ok(());
         };
@@ -494,11 +494,11 @@ impl<M: Model> Trainer<'_, M> {
             let (values, best) = (loaded.values.into(), loaded.best.into());
             let saved = Snapshot { values, best, optimizer: Cow::Owned(loaded.optimizer) };
             match self.model.restore(k, saved) {
-                Err(Broken::Optim { source, .. }) => {
+                Err(ModelError::Optim { source, .. }) => {
                     let (path, rule) = (folder.join(checkpoint::FILE), source.to_string());
                     return Err(FitError::Checkpoint { path, rule });
                 }
-                restored => self.hear(restored)?,
+                restored => self.at_step(restored)?,
             }
         }
         self.earlier = course.history.last().map_or(0.0, |h| h.seconds);

@@ -79,7 +79,7 @@ fn the_candidate_is_drawn_at_the_moment_of_the_shot() {
     let mut candidate = candidate(&n, &rest, 256).unwrap();
     let rays = n.surface().unwrap();
     candidate.set_maps(baked(&n, &rays, &candidate, &rest, &Silent).unwrap());
-    let plan = Plan::new(&scene)
+    let plan = FitPlan::new(&scene)
         .with_options(10, crate::engine::reference::ReferenceKind::RASTERIZED, &Lighting::Point)
         .with_maps(&candidate);
     let mut model = Cpu::new(Posed::new(Surface::new(candidate, &plan), &poses)).unwrap();

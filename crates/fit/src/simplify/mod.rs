@@ -22,7 +22,7 @@ pub use crate::engine::classes::MaterialClass;
 pub use crate::engine::device::Device;
 pub use crate::engine::export::to_scene;
 pub use crate::engine::judge::{JudgeRenderer, Judged, Quality, ReportView, ViewQuality};
-pub use crate::engine::plan::{Plan, Runs};
+pub use crate::engine::plan::{FitPlan, Runs};
 pub use crate::engine::trainer::HistoryPoint;
 pub use options::{FEWEST, FitRenderer, Init, LARGEST_ENGINE_PICTURE, MOST_REPLAYS, SimplifyOptions};
 pub use outcome::{Outcome, Written};
@@ -32,9 +32,9 @@ pub use through_path::TRACED_FOLDER;
 use crate::bake;
 use crate::candidate::Candidate;
 use crate::engine::device::train_on;
+use crate::engine::fingerprint::Fingerprint;
 use crate::engine::judge::{Judge, Stage};
 use crate::engine::loss;
-use crate::engine::steering::Steering;
 use crate::engine::surface::{MAPS, POSITIONS, Surface, fade_over, rate_of_maps};
 use crate::engine::trainer::{self, HeldOut, Job, Phase};
 use crate::engine::views::{Moment, Orbit};
@@ -133,7 +133,7 @@ pub(crate) fn simplify_asset(
     let held_out = HeldOut::new(reference, &views, sampling, options.held_out_views(), options.seed)?;
     let start = choice::best_start(&starts, &held_out);
     let loss = loss::choose(&held_out);
-    let plan = Plan::new(scene)
+    let plan = FitPlan::new(scene)
         .with_options(options.steps, reference.kind(), &options.lighting)
         .with_judgement(options.judgement(scene))
         .with_loss(loss, held_out.noise)
@@ -150,7 +150,7 @@ pub(crate) fn simplify_asset(
         fresh: options.batch.div_ceil(2),
         steps: options.steps,
         keeping: &keeping,
-        options: steering(options, &start.candidate),
+        fingerprint: fingerprint(options, &start.candidate),
     };
     let fit_began = Instant::now();
     let rebake = |s: &Surface| choice::rebaked(surface, visibility, &s.candidate, options, progress);
@@ -259,15 +259,15 @@ fn stages(
 }
 
 /// The options and the topology that steer a fit.
-fn steering(o: &SimplifyOptions, start: &Candidate) -> Steering {
+fn fingerprint(o: &SimplifyOptions, start: &Candidate) -> Fingerprint {
     let mut digest = crate::engine::checkpoint::Digest::new();
     digest.add(start.triangles.as_flattened());
     digest.add(&start.uvs);
     let all = match o.target {
-        Target::Triangles(n) => Steering::default().option("triangles", n),
-        Target::Ratio(r) => Steering::default().option("ratio", r),
-        Target::Error(e) => Steering::default().option("error", e),
-        Target::ScreenSize(p) => Steering::default().option("screen_size", p),
+        Target::Triangles(n) => Fingerprint::default().option("triangles", n),
+        Target::Ratio(r) => Fingerprint::default().option("ratio", r),
+        Target::Error(e) => Fingerprint::default().option("error", e),
+        Target::ScreenSize(p) => Fingerprint::default().option("screen_size", p),
     };
     all.option("init", format!("{:?}", o.init).to_lowercase())
         .option("resolution", o.resolution)
@@ -285,7 +285,7 @@ fn phases<'a>(
     options: &SimplifyOptions,
     (distance, fades): (f64, bool),
     start_psnr: f64,
-    rebake: trainer::Remake<'a, Surface>,
+    rebake: trainer::Initialiser<'a, Surface>,
 ) -> Vec<Phase<'a, Surface>> {
     let n = options.steps;
     let a = n * 4 / 10;
@@ -301,7 +301,7 @@ fn phases<'a>(
         shrink,
         rates: rates(rate),
         fade: fade_over(fades, [0.0, share]),
-        renewal: None,
+        reinitialised: None,
     };
     let fine = Phase {
         name: "fine",
@@ -310,7 +310,7 @@ fn phases<'a>(
         shrink: 1,
         rates: rates(LAST_POSITION_RATE * rate),
         fade: fade_over(fades, [share, 1.0]),
-        renewal: Some((MAPS.into(), rebake)),
+        reinitialised: Some((MAPS.into(), rebake)),
     };
     vec![coarse, fine]
 }

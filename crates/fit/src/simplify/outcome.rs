@@ -3,7 +3,7 @@
 use super::SimplifyOptions;
 use crate::candidate::Candidate;
 use crate::engine::judge::{Judged, Quality, ReportView, WIDEST_TRACED, beyond_rasterizer};
-use crate::engine::plan::Plan;
+use crate::engine::plan::FitPlan;
 use crate::engine::surface::Surface;
 use crate::engine::trainer::{HistoryPoint, Trained};
 use crate::traced_maps::MapsCourse;
@@ -44,7 +44,7 @@ pub struct Outcome {
     /// The course of the fit.
     pub history: Vec<HistoryPoint>,
     /// What ran and what was skipped.
-    pub plan: Plan,
+    pub plan: FitPlan,
     /// How the fit of the maps through the path tracer went, where there was one.
     pub traced_maps: Option<MapsCourse>,
     /// What of the asset is not in the written file, one line each.
@@ -128,7 +128,7 @@ impl Outcome {
     pub(super) fn new(
         [triangles_in, triangles_out]: [usize; 2],
         trained: Trained<Surface>,
-        plan: Plan,
+        plan: FitPlan,
         names: &[&'static str],
         views: Vec<ReportView>,
         judged: Judged,

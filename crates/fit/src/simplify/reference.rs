@@ -2,7 +2,7 @@
 
 use super::SimplifyOptions;
 use crate::engine::Normalised;
-use crate::engine::reference::{Features, PathTraced, Rasterized, Reference, ReferenceKind, SAMPLES};
+use crate::engine::reference::{MaterialFeatures, PathTraced, Rasterized, Reference, ReferenceKind, SAMPLES};
 use crate::{FitError, bake};
 use photofit_scene::Scene;
 
@@ -36,9 +36,9 @@ impl ReferenceRenderer {
         let [samples, _] = options.judge_samples();
         Ok(match self {
             Self::Raster => Box::new(Rasterized::of(n, surface).sampled(samples)),
-            Self::Path => {
-                Box::new(PathTraced::new(scene, n, Features::Core, options.seed)?.with_surface(surface))
-            }
+            Self::Path => Box::new(
+                PathTraced::new(scene, n, MaterialFeatures::Core, options.seed)?.with_surface(surface),
+            ),
         })
     }
 }

@@ -99,10 +99,10 @@ fn a_lost_pit_darkens_the_map_where_it_was() {
     assert!((plate - 0.7).abs() < 0.05, "the plate keeps its colour: {plate}");
     assert!(pit < 0.75 * plate, "the pit is in shadow: {pit} of {plate}");
     // Looked at from views that the fit never saw, drawn by the path tracer.
-    let target = PathTraced::new(&heavy, &n, Features::Core, 7).expect("a scene");
+    let target = PathTraced::new(&heavy, &n, MaterialFeatures::Core, 7).expect("a scene");
     let views = Orbit::new(5, &Lighting::default(), 64);
     let quality = |scene: &Scene| {
-        let drawn = PathTraced::new(scene, &n, Features::Core, 8).expect("a scene");
+        let drawn = PathTraced::new(scene, &n, MaterialFeatures::Core, 8).expect("a scene");
         let of = |i| {
             let s = views.setup(Set::Report, i, 6);
             let picture = |r: &PathTraced<'_>| r.picture(&s).expect("a picture").image;

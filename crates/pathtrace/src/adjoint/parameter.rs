@@ -1,7 +1,7 @@
 //! What derivatives are taken with respect to.
 
 use crate::volume::{MediumRef, MediumValue};
-use crate::world::{Material, Scattering, World};
+use crate::world::{BsdfSource, Material, World};
 use photofit_scene::MapKind;
 use photofit_shading::bsdf::Bsdf;
 
@@ -15,7 +15,7 @@ pub enum Parameter {
     /// A value that materials share.
     Material {
         /// Indices of the materials, whose values are alike. A factor of a library material is that of all materials that
-        /// name it ([`Scattering::Library`]), whichever of them stand here.
+        /// name it ([`BsdfSource::Library`]), whichever of them stand here.
         materials: Vec<usize>,
         /// Which value.
         value: MaterialValue,
@@ -26,7 +26,7 @@ pub enum Parameter {
         /// Index of the texture ([`photofit_scene::SurfaceLibrary::texture_of`]).
         texture: usize,
     },
-    /// A texture of trees of BSDFs ([`Scattering::Graph`]): the value of a constant, or all texels of an image, row by
+    /// A texture of trees of BSDFs ([`BsdfSource::Graph`]): the value of a constant, or all texels of an image, row by
     /// row as stored. In places that want a number the gradient is in the first channel.
     Graph {
         /// Materials and indices of the texture ([`photofit_scene::graph::SurfaceGraph::textures`]) that share it and
@@ -151,7 +151,7 @@ pub(super) fn maps_of(world: &World, material: usize, texture: usize) -> (bool, 
 /// Whether a material as it was given scatters by a library material.
 pub(super) fn library_material(material: &Material) -> Option<usize> {
     match material.scattering {
-        Scattering::Library { index } => Some(index),
+        BsdfSource::Library { index } => Some(index),
         _ => None,
     }
 }

@@ -5,7 +5,7 @@ use super::layout::Layout;
 use super::parameter::{MaterialValue, Parameter, library_material};
 use crate::PathtraceError;
 use crate::error::invalid;
-use crate::world::{Material, Scattering, World};
+use crate::world::{BsdfSource, Material, World};
 use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::graph::{SurfaceGraph, Texture};
 use photofit_shading::bsdf::Bsdf;
@@ -142,19 +142,19 @@ impl World {
         }
         let mut material = self.uniform_material(index);
         match (value, &mut material.scattering) {
-            (MaterialValue::Reflectance, Scattering::Uniform(Bsdf::Diffuse(d))) => {
+            (MaterialValue::Reflectance, BsdfSource::Uniform(Bsdf::Diffuse(d))) => {
                 d.reflectance = triple(values);
             }
-            (MaterialValue::SpecularReflectance, Scattering::Uniform(Bsdf::RoughConductor(c))) => {
+            (MaterialValue::SpecularReflectance, BsdfSource::Uniform(Bsdf::RoughConductor(c))) => {
                 c.metal.reflectance = triple(values);
             }
-            (MaterialValue::Alpha, Scattering::Uniform(Bsdf::RoughConductor(c))) => {
+            (MaterialValue::Alpha, BsdfSource::Uniform(Bsdf::RoughConductor(c))) => {
                 (c.surface.alpha_x, c.surface.alpha_y) = (values[0], values[0]);
             }
-            (MaterialValue::AlphaU, Scattering::Uniform(Bsdf::RoughConductor(c))) => {
+            (MaterialValue::AlphaU, BsdfSource::Uniform(Bsdf::RoughConductor(c))) => {
                 c.surface.alpha_x = values[0];
             }
-            (MaterialValue::AlphaV, Scattering::Uniform(Bsdf::RoughConductor(c))) => {
+            (MaterialValue::AlphaV, BsdfSource::Uniform(Bsdf::RoughConductor(c))) => {
                 c.surface.alpha_y = values[0];
             }
             (MaterialValue::Emission, _) => material.emission = triple(values),
@@ -168,8 +168,8 @@ impl World {
     fn uniform_material(&self, index: usize) -> Material {
         let (given, compiled) = (&self.given[index], &self.materials[index]);
         match given.scattering {
-            Scattering::Graph(_) if compiled.graph.is_none() => Material {
-                scattering: Scattering::Uniform(*compiled.uniform()),
+            BsdfSource::Graph(_) if compiled.graph.is_none() => Material {
+                scattering: BsdfSource::Uniform(*compiled.uniform()),
                 two_sided: compiled.two_sided,
                 emission: compiled.added,
                 ..given.clone()
@@ -180,7 +180,7 @@ impl World {
 
     fn set_graph(&mut self, [m, t]: [usize; 2], values: &[f32]) -> Result<(), PathtraceError> {
         let mut material = self.given[m].clone();
-        if let Scattering::Graph(graph) = &mut material.scattering {
+        if let BsdfSource::Graph(graph) = &mut material.scattering {
             let mut tree = SurfaceGraph::clone(graph);
             tree.edit_texture(t, |texture| match texture {
                 Texture::Constant(c) => *c = triple(values),

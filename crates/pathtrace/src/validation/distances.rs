@@ -2,7 +2,7 @@
 
 use super::scenes::{diffuse, glossy, looking, render, square};
 use super::statistics::agree;
-use crate::{EnvironmentMap, Material, Parts, Plan, Shape, World, WorldOptions, WorldRay};
+use crate::{EnvironmentMap, Material, Parts, RenderPlan, Shape, World, WorldOptions, WorldRay};
 use glam::{DAffine3, DQuat, DVec3};
 use photofit_sampling::{Rng, uniform_sphere};
 use photofit_scalar::{Vec3f, vec3};
@@ -153,7 +153,11 @@ fn grids_run_where_they_are_and_bad_ones_are_refused() {
     let mut parts = Parts { environment, ..Parts::default() };
     parts.add(ball(true), Material::new(diffuse(0.5, 0.5, 0.5)));
     let world = World::new(parts).unwrap();
-    assert!(Plan::new(&world).to_string().contains("two-level traversal    runs"), "{}", Plan::new(&world));
+    assert!(
+        RenderPlan::new(&world).to_string().contains("two-level traversal    runs"),
+        "{}",
+        RenderPlan::new(&world)
+    );
     assert!(world.pieces() > 1000 && world.bytes() > 4 * SIDE * SIDE * SIDE);
     let fails = |values: Vec<f32>| {
         let mut parts = Parts::default();

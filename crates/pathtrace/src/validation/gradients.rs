@@ -5,8 +5,8 @@ mod sharing;
 
 use super::scenes::{cornell, cornell_view, diffuse, looking, place, quad, square};
 use crate::{
-    Adjoint, EnvironmentMap, Falloff, GradientSamples, LightSource, Material, MaterialValue, Parameter,
-    Parts, PathtraceError, RenderOptions, Renderer, Scattering, Shape, View, World,
+    Adjoint, BsdfSource, EnvironmentMap, Falloff, GradientSamples, LightSource, Material, MaterialValue,
+    Parameter, Parts, PathtraceError, RenderOptions, Renderer, Shape, View, World,
 };
 use glam::DVec3;
 use photofit_geometry::shapes;
@@ -175,7 +175,7 @@ const BALL: usize = 1;
 fn uniform_surfaces() {
     let reflectance = |world: &mut World, o: &[f64]| {
         change(world, FLOOR, |m| {
-            if let Scattering::Uniform(Bsdf::Diffuse(d)) = &mut m.scattering {
+            if let BsdfSource::Uniform(Bsdf::Diffuse(d)) = &mut m.scattering {
                 d.reflectance += color(o);
             }
         });
@@ -188,7 +188,7 @@ fn uniform_surfaces() {
         let world = || metals(distribution);
         let edit = |world: &mut World, f: &dyn Fn(&mut RoughConductor<f32>)| {
             change(world, BALL, |m| {
-                if let Scattering::Uniform(Bsdf::RoughConductor(c)) = &mut m.scattering {
+                if let BsdfSource::Uniform(Bsdf::RoughConductor(c)) = &mut m.scattering {
                     f(c);
                 }
             });
@@ -482,7 +482,7 @@ fn surfaces_in_fog_have_gradients() {
     };
     let edit = |world: &mut World, o: &[f64]| {
         change(world, 9, |m| {
-            if let Scattering::Uniform(Bsdf::Diffuse(d)) = &mut m.scattering {
+            if let BsdfSource::Uniform(Bsdf::Diffuse(d)) = &mut m.scattering {
                 d.reflectance += color(o);
             }
         });

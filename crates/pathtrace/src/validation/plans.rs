@@ -2,8 +2,8 @@
 
 use super::scenes::{cornell, cornell_view, diffuse, render, square};
 use crate::{
-    Aov, Boundary, BoundedMedium, EnvironmentMap, Features, LightSource, Material, Parts, Plan,
-    RenderOptions, Renderer, Shape, World, plan,
+    Aov, Boundary, BoundedMedium, EnvironmentMap, Features, LightSource, Material, Parts, RenderOptions,
+    RenderPlan, Renderer, Shape, World, plan,
 };
 use glam::DVec3;
 use photofit_scalar::{Vec3f, vec3};
@@ -20,14 +20,14 @@ fn scenes_run_what_they_need() {
     let lit = |change: &dyn Fn(&mut Parts)| {
         let mut parts = ball();
         change(&mut parts);
-        Plan::new(&World::new(parts).unwrap())
+        RenderPlan::new(&World::new(parts).unwrap())
     };
     let sky = EnvironmentMap::constant(Vec3f::splat(1.0));
     let point = LightSource::Point { position: DVec3::Y * 3.0, intensity: Vec3f::splat(1.0) };
     let cases = [
         (lit(&|p| p.environment = Some(sky.clone())), plan::ENVIRONMENT),
         (lit(&|p| p.lights.push(point.clone())), plan::SOURCES),
-        (Plan::new(&World::new(cornell()).unwrap()), plan::EMITTERS),
+        (RenderPlan::new(&World::new(cornell()).unwrap()), plan::EMITTERS),
     ];
     for (plan, bits) in cases {
         assert_eq!(plan.needs, Features(bits));
@@ -66,7 +66,7 @@ fn lines_of_a_plan_are_true() {
     parts.library = Some(photofit_scene::SurfaceLibrary::new(&scene));
     parts.add(ball, Material::from_library(0));
     let world = World::new(parts).unwrap();
-    let text = Plan::new(&world).to_string();
+    let text = RenderPlan::new(&world).to_string();
     let line = |name: &str| text.lines().find(|l| l.trim().starts_with(name)).expect(name).trim().to_owned();
     for name in ["environment light", "light of surfaces", "absorption, boundaries"] {
         assert!(line(name).ends_with(" runs"), "{text}");

@@ -2,7 +2,7 @@
 //! Mitsuba's own tests (not part of this repository).
 
 use crate::{Adjoint, GradientSamples, Parameter, Parts, RenderOptions, Renderer, View, World, WorldOptions};
-use crate::{MaterialValue, Scattering};
+use crate::{BsdfSource, MaterialValue};
 use photofit_image::Image;
 use photofit_scalar::Vec3f;
 use photofit_scene::graph::{Bitmap, SurfaceGraph, SurfaceNode, Texture};
@@ -145,7 +145,7 @@ fn textures_of_trees() {
         let mut materials = [world.given[0].clone(), world.given[1].clone()];
         let diffuse = SurfaceNode::Diffuse { reflectance: bitmap(3, if which == 0 { offsets } else { &[] }) };
         let root = SurfaceNode::TwoSided { front: Box::new(diffuse), back: None };
-        materials[0].scattering = Scattering::Graph(Arc::new(SurfaceGraph { root, emission: None }));
+        materials[0].scattering = BsdfSource::Graph(Arc::new(SurfaceGraph { root, emission: None }));
         let number = |x| Texture::Constant(Vec3f::splat(x));
         let alpha = bitmap(1, if which == 1 { offsets } else { &[] });
         let surface = photofit_shading::bsdf::Microfacet::isotropic(Default::default(), 0.3);
@@ -153,7 +153,7 @@ fn textures_of_trees() {
             Some(photofit_scene::graph::Roughness { surface, alpha_u: alpha.clone(), alpha_v: alpha });
         let root =
             SurfaceNode::Conductor { eta: number(0.2), k: number(3.5), reflectance: number(0.9), rough };
-        materials[1].scattering = Scattering::Graph(Arc::new(SurfaceGraph { root, emission: None }));
+        materials[1].scattering = BsdfSource::Graph(Arc::new(SurfaceGraph { root, emission: None }));
         materials.iter().enumerate().for_each(|(i, m)| world.set_material(i, m).unwrap());
     };
     let weights = Image::from_fn(16, 16, 3, |x, y, c| 0.2 + ((5 * x + 3 * y + c) % 7) as f32 / 7.0);

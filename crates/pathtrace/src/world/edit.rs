@@ -7,7 +7,7 @@ use super::instance::Placed;
 use super::material::CompiledMaterial;
 use super::shape::Stored;
 use super::top::Earlier;
-use super::{Geometry, Instance, Material, Scattering, Shape, World, check_indices, radius};
+use super::{BsdfSource, Geometry, Instance, Material, Shape, World, check_indices, radius};
 use crate::PathtraceError;
 use crate::error::{absent, invalid};
 use crate::volume::{BoundedMedium, InteriorMedium, Medium, MediumRef, MediumValue, Volume};
@@ -142,7 +142,7 @@ impl World {
         edit(library);
         let mut lights_change = false;
         for index in 0..self.given.len() {
-            if matches!(self.given[index].scattering, Scattering::Library { .. }) {
+            if matches!(self.given[index].scattering, BsdfSource::Library { .. }) {
                 let material = self.given[index].clone();
                 lights_change |= self.replace(index, &material)?;
             }

@@ -1,6 +1,6 @@
 //! Materials with what does not depend on the point worked out.
 
-use super::parts::{Material, Scattering};
+use super::parts::{BsdfSource, Material};
 use crate::PathtraceError;
 use crate::error::{absent, invalid};
 use photofit_scalar::{Vec3f, Vec4f, vec2, vec3};
@@ -84,13 +84,13 @@ impl CompiledMaterial {
             pane: false,
         };
         match &material.scattering {
-            Scattering::Uniform(bsdf) => {
+            BsdfSource::Uniform(bsdf) => {
                 let is_null = matches!(bsdf, Bsdf::Null(_));
                 let solid = common.solid || refracts(bsdf);
                 Ok(Self { bsdf: *bsdf, transmits: bsdf.transmits(), is_null, solid, ..common })
             }
-            Scattering::Graph(graph) => Ok(Self::of_graph(common, graph)),
-            Scattering::Library { index } => {
+            BsdfSource::Graph(graph) => Ok(Self::of_graph(common, graph)),
+            BsdfSource::Library { index } => {
                 let (known, library) = (library, library.filter(|l| *index < l.materials()));
                 let count = known.map_or(0, SurfaceLibrary::materials);
                 let library = library

@@ -18,7 +18,7 @@ mod surface;
 mod top;
 mod trace;
 
-pub use parts::{Instance, Material, Parts, Scattering, Shape};
+pub use parts::{BsdfSource, Instance, Material, Parts, Shape};
 pub(crate) use scatter::{SurfaceMaterial, SurfaceScattering};
 pub use surface::Interaction;
 pub use trace::{WorldHit, WorldRay};

@@ -49,7 +49,7 @@ pub struct Instance {
 #[derive(Clone, Debug)]
 pub struct Material {
     /// How it scatters.
-    pub scattering: Scattering,
+    pub scattering: BsdfSource,
     /// Radiance that it emits, from the front or from both sides; added to that of a library material.
     pub emission: Vec3f,
     /// Emission leaves both sides.
@@ -68,7 +68,7 @@ pub struct Material {
 
 /// How a surface scatters.
 #[derive(Clone, Debug)]
-pub enum Scattering {
+pub enum BsdfSource {
     /// The same everywhere, with the outer side (that of the counter-clockwise winding) along +z of its frame.
     Uniform(Bsdf<f32>),
     /// Material `index` of [`Parts::library`]; both sides scatter alike, and [`Material::single_sided`] says whether
@@ -85,7 +85,7 @@ pub enum Scattering {
 impl Material {
     /// A surface that scatters in one way everywhere.
     pub fn new(bsdf: Bsdf<f32>) -> Self {
-        Self::of(Scattering::Uniform(bsdf))
+        Self::of(BsdfSource::Uniform(bsdf))
     }
 
     /// The same surface with emission from its front.
@@ -96,16 +96,16 @@ impl Material {
 
     /// A tree of BSDFs and textures.
     pub fn from_graph(graph: SurfaceGraph) -> Self {
-        Self::of(Scattering::Graph(Arc::new(graph)))
+        Self::of(BsdfSource::Graph(Arc::new(graph)))
     }
 
     /// Material `index` of the library; emission, which the library knows, leaves both sides.
     pub fn from_library(index: usize) -> Self {
-        Self { emits_both_sides: true, two_sided: true, ..Self::of(Scattering::Library { index }) }
+        Self { emits_both_sides: true, two_sided: true, ..Self::of(BsdfSource::Library { index }) }
     }
 
     /// One-sided and dark.
-    fn of(scattering: Scattering) -> Self {
+    fn of(scattering: BsdfSource) -> Self {
         Self {
             scattering,
             emission: Vec3f::zero(),
@@ -127,7 +127,7 @@ pub struct Parts {
     pub instances: Vec<Instance>,
     /// Materials.
     pub materials: Vec<Material>,
-    /// The textured materials that [`Scattering::Library`] names.
+    /// The textured materials that [`BsdfSource::Library`] names.
     pub library: Option<SurfaceLibrary>,
     /// Lights without a surface.
     pub lights: Vec<LightSource>,

@@ -1,7 +1,7 @@
 //! References at moments against scenes that are posed by hand.
 
 use super::*;
-use crate::engine::reference::{Features, PathTraced, Picture, Rasterized, Reference};
+use crate::engine::reference::{MaterialFeatures, PathTraced, Rasterized, Reference, ReferencePicture};
 use crate::engine::views::{Lighting, Orbit, OverMoments, Sampling, Set, Setup, Shot, Views};
 use glam::{Affine3A, Vec3};
 use photofit_geometry::shapes;
@@ -85,7 +85,7 @@ fn setup(moment: Moment) -> Setup {
 }
 
 /// Largest difference of two pictures.
-fn difference(a: &Picture, b: &Picture) -> f32 {
+fn difference(a: &ReferencePicture, b: &ReferencePicture) -> f32 {
     a.image.data.iter().zip(&b.image.data).map(|(x, y)| (x - y).abs()).fold(0.0, f32::max)
 }
 
@@ -96,10 +96,10 @@ fn references_show_the_asset_at_any_moment() {
     let n = Normalised::new(&scene).unwrap();
     let animated = Animated::new(&scene, &n);
     let raster = Rasterized::new(&n.flat, &n.library).animated(&animated);
-    let path = PathTraced::new(&scene, &n, Features::Core, 7).unwrap().sampled(8).animated(&animated);
+    let path = PathTraced::new(&scene, &n, MaterialFeatures::Core, 7).unwrap().sampled(8).animated(&animated);
     let moments = animated.moments(0, 3);
     assert_eq!(moments[1], Moment { animation: Some(0), time: 1.0 });
-    let mut before: Option<Picture> = None;
+    let mut before: Option<ReferencePicture> = None;
     // Back to the start, too: nothing of a moment may stay.
     for moment in [moments[1], moments[2], Moment::default(), moments[1]] {
         let posed = by_hand(moment);
@@ -108,7 +108,7 @@ fn references_show_the_asset_at_any_moment() {
         let wanted = Rasterized::new(&flat, &n.library).picture(&setup(Moment::default())).unwrap();
         let found = raster.picture(&setup(moment)).unwrap();
         assert!(difference(&found, &wanted) < 1e-6, "rasterized, {moment:?}");
-        let fresh = PathTraced::new(&posed, &n, Features::Core, 7).unwrap().sampled(8);
+        let fresh = PathTraced::new(&posed, &n, MaterialFeatures::Core, 7).unwrap().sampled(8);
         let wanted = fresh.picture(&setup(Moment::default())).unwrap();
         let traced = path.picture(&setup(moment)).unwrap();
         assert!(difference(&traced, &wanted) < 1e-6, "path traced, {moment:?}");

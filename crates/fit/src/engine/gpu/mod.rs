@@ -10,7 +10,7 @@ mod stage;
 
 use super::cpu::Chain;
 use super::loss::{PictureLoss, Weights};
-use super::model::{Broken, Group, Model, Snapshot};
+use super::model::{Group, Model, ModelError, Snapshot};
 use super::surface::{POSITIONS, Surface, temporal};
 use super::views::Shot;
 use crate::FitError;
@@ -48,17 +48,17 @@ pub struct GpuSurface {
     losses: Vec<f64>,
 }
 
-impl From<GpuError> for Broken {
+impl From<GpuError> for ModelError {
     fn from(e: GpuError) -> Self {
         Self::Device(Box::new(e))
     }
 }
 
 /// What an optimizer says of the present step, or its device.
-fn broken(e: OptimError) -> Broken {
+fn model_error(e: OptimError) -> ModelError {
     match e {
         OptimError::Device(e) => e.into(),
-        source => Broken::Optim { ago: 0, source },
+        source => ModelError::Optim { ago: 0, source },
     }
 }
 
@@ -183,10 +183,10 @@ impl Model for GpuSurface {
         self.surface.masks = masks;
     }
 
-    fn step(&mut self, shots: &[Shot], loss: PictureLoss, rates: &[f64]) -> Result<(), Broken> {
+    fn step(&mut self, shots: &[Shot], loss: PictureLoss, rates: &[f64]) -> Result<(), ModelError> {
         let PictureLoss { loss, weights: Weights::Equal } = loss else {
             let rule = "weighs pixels by the reference; on a device all must count alike".into();
-            return Err(Broken::Device(Box::new(FitError::Setting { field: "loss", rule })));
+            return Err(ModelError::Device(Box::new(FitError::Setting { field: "loss", rule })));
         };
         self.prepare(shots)?;
         let Some(stage) = &self.stage else { return Ok(()) };
@@ -202,41 +202,41 @@ impl Model for GpuSurface {
                 (&self.groups, &self.optimizers),
                 (&moving, &passes),
             );
-            self.step = Some(step.map_err(broken)?);
+            self.step = Some(step.map_err(model_error)?);
         }
         if self.pending == COURSE {
             self.read_course()?;
         }
         if let Some(step) = &mut self.step {
             let (on, optimizers) = ((&self.on, &self.skies), (&mut self.optimizers[..], &rates[..]));
-            step.run(&self.gpu, on, (shots, loss, passes.masks), optimizers, self.pending).map_err(broken)?;
+            step.run(&self.gpu, on, (shots, loss, passes.masks), optimizers, self.pending).map_err(model_error)?;
             self.pending += 1;
         }
         Ok(())
     }
 
-    fn losses(&mut self) -> Result<Vec<f64>, Broken> {
+    fn losses(&mut self) -> Result<Vec<f64>, ModelError> {
         self.read_course()?;
         let losses = std::mem::take(&mut self.losses);
         if losses.is_empty() || losses.iter().any(|l| !l.is_finite()) {
             return Ok(losses);
         }
         for optimizer in &self.optimizers {
-            if let Some((ago, source)) = optimizer.check().map_err(broken)? {
-                return Err(Broken::Optim { ago, source });
+            if let Some((ago, source)) = optimizer.check().map_err(model_error)? {
+                return Err(ModelError::Optim { ago, source });
             }
         }
         let sums = self.stage.as_ref().map(|s| ("positions", &s.gradients.status));
         for (what, status) in sums.into_iter().chain([("maps", &self.on.maps.status)]) {
             if self.gpu.read(status)?.first().is_some_and(|s| *s != 0) {
                 let rule = "is not finite or outside of the range of the device's sums; a fit on the CPU has no such range";
-                return Err(Broken::Device(format!("a gradient of the {what} {rule}").into()));
+                return Err(ModelError::Device(format!("a gradient of the {what} {rule}").into()));
             }
         }
         Ok(losses)
     }
 
-    fn pictures(&mut self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, Broken> {
+    fn pictures(&mut self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, ModelError> {
         self.prepare(shots)?;
         let Some(stage) = &self.stage else { return Ok(Vec::new()) };
         let room = Room::of(shots);
@@ -249,19 +249,19 @@ impl Model for GpuSurface {
         Ok(shots.iter().map(|s| forward.run(&self.gpu, with, s)).collect::<Result<_, _>>()?)
     }
 
-    fn values(&self, group: usize) -> Result<Cow<'_, [f32]>, Broken> {
+    fn values(&self, group: usize) -> Result<Cow<'_, [f32]>, ModelError> {
         Ok(self.read_group(group, false)?.into())
     }
 
-    fn set(&mut self, group: usize, values: &[f32]) -> Result<(), Broken> {
+    fn set(&mut self, group: usize, values: &[f32]) -> Result<(), ModelError> {
         Ok(self.write_group(group, values)?)
     }
 
-    fn keep_best(&mut self) -> Result<(), Broken> {
+    fn keep_best(&mut self) -> Result<(), ModelError> {
         Ok(self.keep.run()?)
     }
 
-    fn go_to_best(&mut self, group: usize) -> Result<(), Broken> {
+    fn go_to_best(&mut self, group: usize) -> Result<(), ModelError> {
         let mut r = self.gpu.record("go to best");
         if self.surface.is_positions(group) {
             r.copy(&self.on.best.0, &self.on.welded)?;
@@ -275,16 +275,16 @@ impl Model for GpuSurface {
         self.optimizers[group].reset().map_err(FitError::Preconditioner)
     }
 
-    fn snapshot(&self, group: usize) -> Result<Snapshot<'_>, Broken> {
+    fn snapshot(&self, group: usize) -> Result<Snapshot<'_>, ModelError> {
         Ok(Snapshot {
             values: self.values(group)?,
             best: self.read_group(group, true)?.into(),
-            optimizer: Cow::Owned(self.optimizers[group].state().map_err(broken)?),
+            optimizer: Cow::Owned(self.optimizers[group].state().map_err(model_error)?),
         })
     }
 
-    fn restore(&mut self, group: usize, saved: Snapshot<'_>) -> Result<(), Broken> {
-        self.optimizers[group].restore(&saved.optimizer).map_err(broken)?;
+    fn restore(&mut self, group: usize, saved: Snapshot<'_>) -> Result<(), ModelError> {
+        self.optimizers[group].restore(&saved.optimizer).map_err(model_error)?;
         // The best maps are kept with their levels: by way of the present ones.
         self.write_group(group, &saved.best)?;
         let mut r = self.gpu.record("keep a group");
@@ -297,12 +297,12 @@ impl Model for GpuSurface {
         Ok(self.write_group(group, &saved.values)?)
     }
 
-    fn asset(&mut self) -> Result<&Surface, Broken> {
+    fn asset(&mut self) -> Result<&Surface, ModelError> {
         self.download()?;
         Ok(&self.surface)
     }
 
-    fn into_asset(mut self) -> Result<Surface, Broken> {
+    fn into_asset(mut self) -> Result<Surface, ModelError> {
         self.download()?;
         Ok(self.surface)
     }

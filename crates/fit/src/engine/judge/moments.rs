@@ -2,7 +2,7 @@
 
 use super::{Judge, Judged, ReportView, Stage, WIDEST_TRACED, compared, rasterized_views};
 use crate::engine::animated::Animated;
-use crate::engine::reference::{Features, PathTraced, Rasterized, Reference};
+use crate::engine::reference::{MaterialFeatures, PathTraced, Rasterized, Reference};
 use crate::engine::views::{Moment, Orbit, OverMoments, Set};
 use crate::engine::{FitFrame, LightAsset};
 use crate::{FitError, Progress};
@@ -53,7 +53,7 @@ impl Judge<'_> {
             let drawn = drawn.sampled(self.spp);
             if moments.is_empty() { drawn } else { drawn.animated(animated) }
         };
-        let reference = posed(PathTraced::new(self.scene, n, Features::All, self.seed)?, &theirs);
+        let reference = posed(PathTraced::new(self.scene, n, MaterialFeatures::All, self.seed)?, &theirs);
         let drawn: Vec<PathTraced<'_>> = stages
             .iter()
             .zip(&own)

@@ -95,7 +95,7 @@ fn what_is_fitted_to_all_light_is_judged_by_the_pictures_of_its_fit() {
     let coat = Clearcoat { factor: 1.0, ..Clearcoat::default() };
     let coated = sphere(Some(Extensions { clearcoat: Some(coat), ..Extensions::default() }));
     let n = Normalised::new(&coated).unwrap();
-    let fitted_to = PathTraced::new(&coated, &n, Features::Core, 3).unwrap().sampled(4);
+    let fitted_to = PathTraced::new(&coated, &n, MaterialFeatures::Core, 3).unwrap().sampled(4);
     let judge = Judge {
         scene: &coated,
         n: &n,

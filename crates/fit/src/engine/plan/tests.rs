@@ -33,12 +33,12 @@ fn candidate(mode: AlphaMode, paint: impl Fn(usize, &mut [f32; CHANNELS])) -> Ca
     )
 }
 
-fn runs(plan: &Plan, what: &str) -> Runs {
+fn runs(plan: &FitPlan, what: &str) -> Runs {
     plan.items().into_iter().find(|i| i.what == what).unwrap_or_else(|| panic!("no item {what}")).runs
 }
 
-fn fit(scene: &Scene, candidate: &Candidate) -> Plan {
-    Plan::new(scene).with_options(100, ReferenceKind::RASTERIZED, &Lighting::Mixed).with_maps(candidate)
+fn fit(scene: &Scene, candidate: &Candidate) -> FitPlan {
+    FitPlan::new(scene).with_options(100, ReferenceKind::RASTERIZED, &Lighting::Mixed).with_maps(candidate)
 }
 
 /// One line of a plan and what makes it so.
@@ -68,10 +68,10 @@ fn passes_follow_from_the_materials() {
     let clay = scene(Material::clay());
     let plain = fit(&clay, &candidate(AlphaMode::Opaque, |_, _| {}));
     for (what, material, mode, paint) in cases {
-        assert_eq!(runs(&Plan::new(&clay), what), Runs::No, "clay skips {what}");
+        assert_eq!(runs(&FitPlan::new(&clay), what), Runs::No, "clay skips {what}");
         assert_eq!(runs(&plain, what), Runs::No, "clay skips {what}");
         let with = scene(material);
-        assert_ne!(runs(&Plan::new(&with), what), Runs::No, "{what} may run");
+        assert_ne!(runs(&FitPlan::new(&with), what), Runs::No, "{what} may run");
         assert_eq!(runs(&fit(&with, &candidate(mode, paint)), what), Runs::Yes, "{what} runs");
     }
 }
@@ -102,7 +102,7 @@ fn an_opaque_scene_runs_one_layer_and_no_blending() {
 fn frozen_positions_run_no_silhouettes() {
     let (clay, sheet) = (scene(Material::clay()), candidate(AlphaMode::Opaque, |_, _| {}));
     let frozen =
-        Plan::new(&clay).with_options(0, ReferenceKind::RASTERIZED, &Lighting::Point).with_maps(&sheet);
+        FitPlan::new(&clay).with_options(0, ReferenceKind::RASTERIZED, &Lighting::Point).with_maps(&sheet);
     let passes = frozen.passes();
     assert!(!passes.position_gradients && !passes.antialias);
     assert_eq!(runs(&frozen, "silhouette gradients"), Runs::No);
@@ -115,7 +115,7 @@ fn flat_normals_and_constant_maps_are_skipped() {
     let clay = scene(Material::clay());
     let sheet = candidate(AlphaMode::Opaque, |_, _| {});
     let flat =
-        Plan::new(&clay).with_options(0, ReferenceKind::RASTERIZED, &Lighting::Mixed).with_maps(&sheet);
+        FitPlan::new(&clay).with_options(0, ReferenceKind::RASTERIZED, &Lighting::Mixed).with_maps(&sheet);
     assert!(!flat.passes().normal_map && !flat.passes().map_gradients);
     assert_eq!((runs(&flat, "normal map"), runs(&flat, "map gradients")), (Runs::No, Runs::No));
     assert!(fit(&clay, &sheet).passes().normal_map, "a shape that moves does not keep its normals flat");
@@ -123,7 +123,7 @@ fn flat_normals_and_constant_maps_are_skipped() {
     assert!(bent.passes().normal_map && bent.passes().map_gradients);
     assert_eq!(runs(&bent, "normal map"), Runs::Yes);
     assert!(bent.fitted()[channel::NORMAL + 2] && !bent.fitted()[0]);
-    assert_eq!(runs(&Plan::new(&clay), "normal map"), Runs::Open);
+    assert_eq!(runs(&FitPlan::new(&clay), "normal map"), Runs::Open);
 }
 
 #[test]
@@ -131,7 +131,7 @@ fn light_and_reference_are_told_as_they_are() {
     let clay = scene(Material::clay());
     let with = |path, lighting: &Lighting| {
         let kind = if path { ReferenceKind::path_traced(64) } else { ReferenceKind::RASTERIZED };
-        Plan::new(&clay).with_options(10, kind, lighting)
+        FitPlan::new(&clay).with_options(10, kind, lighting)
     };
     assert_eq!(runs(&with(false, &Lighting::Mixed), "environment light"), Runs::Yes, "the default uses one");
     assert_eq!(runs(&with(false, &Lighting::Point), "environment light"), Runs::No);
@@ -152,7 +152,7 @@ fn what_is_in_the_file_is_not_denied() {
         ..Extensions::default()
     };
     let glass = scene(Material { extensions: Some(Box::new(extensions)), ..Material::default() });
-    let text = Plan::new(&glass).to_string();
+    let text = FitPlan::new(&glass).to_string();
     for part in [
         "volumes                1 of 1 materials enclose one",
         "sheen, volume: kept",
@@ -160,7 +160,7 @@ fn what_is_in_the_file_is_not_denied() {
     ] {
         assert!(text.contains(part), "{part:?} in\n{text}");
     }
-    let text = Plan::new(&scene(Material::clay())).to_string();
+    let text = FitPlan::new(&scene(Material::clay())).to_string();
     assert!(text.contains("no material encloses one"), "{text}");
 }
 
@@ -168,25 +168,25 @@ fn what_is_in_the_file_is_not_denied() {
 fn unplaced_materials_do_not_count() {
     let mut s = scene(Material::clay());
     s.materials.push(Material { alpha_mode: AlphaMode::Blend, ..Material::clay() });
-    assert_eq!(runs(&Plan::new(&s), "transparent layers"), Runs::No);
-    assert_eq!(runs(&Plan::new(&s), "texture coordinates 0"), Runs::No, "no texture reads them");
+    assert_eq!(runs(&FitPlan::new(&s), "transparent layers"), Runs::No);
+    assert_eq!(runs(&FitPlan::new(&s), "texture coordinates 0"), Runs::No, "no texture reads them");
 }
 
 #[test]
 fn phases_say_what_moves_at_which_rate() {
     let phase = |name, shrink, positions: f64| {
         let rates = vec![("positions".into(), positions), ("maps".into(), 0.002)];
-        Phase::<()> { name, first: 0, steps: 40, shrink, rates, fade: None, renewal: None }
+        Phase::<()> { name, first: 0, steps: 40, shrink, rates, fade: None, reinitialised: None }
     };
     let phases = [phase("coarse", 2, 0.01), phase("fine", 1, 0.004)];
-    let text = Plan::new(&scene(Material::clay())).with_phases(&phases).to_string();
+    let text = FitPlan::new(&scene(Material::clay())).with_phases(&phases).to_string();
     for part in
         ["coarse: 40 steps", "pictures 1/2 as wide", "fine: 40 steps", "positions at 0.4 of their rate"]
     {
         assert!(text.contains(part), "{part:?} in\n{text}");
     }
     let frozen = [phase("maps", 1, 0.0)];
-    let text = Plan::new(&scene(Material::clay())).with_phases(&frozen).to_string();
+    let text = FitPlan::new(&scene(Material::clay())).with_phases(&frozen).to_string();
     assert!(text.contains("positions frozen"), "{text}");
 }
 
@@ -195,7 +195,7 @@ fn a_plan_tells_the_rows_of_the_surface_that_is_fitted() {
     let blend = scene(Material { alpha_mode: AlphaMode::Blend, ..Material::clay() });
     let sheet = candidate(AlphaMode::Blend, |i, t| t[channel::ALPHA] = 0.1 * (i % 3) as f32);
     for steps in [0, 10] {
-        let plan = Plan::new(&blend).with_options(steps, ReferenceKind::RASTERIZED, &Lighting::Point);
+        let plan = FitPlan::new(&blend).with_options(steps, ReferenceKind::RASTERIZED, &Lighting::Point);
         let plan = plan.with_maps(&sheet);
         let surface = super::super::surface::Surface::new(sheet.clone(), &plan);
         let told = rows::surface(&surface.moving(steps > 0).work(steps));

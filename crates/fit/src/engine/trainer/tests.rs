@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::engine::cpu::{Chain, Cpu};
-use crate::engine::reference::{Picture, ReferenceKind};
+use crate::engine::reference::{ReferenceKind, ReferencePicture};
 use crate::engine::views::{Lighting, Moment, Orbit, Setup, Shot, Sphere};
 use crate::{Silent, bake};
 use photofit_image::Image;
@@ -24,14 +24,11 @@ impl Reference for Greys {
         ReferenceKind::GIVEN
     }
 
-    fn picture(&self, s: &Setup) -> Result<Picture, FitError> {
+    fn picture(&self, s: &Setup) -> Result<ReferencePicture, FitError> {
         let grey = |x: usize, y: usize| 0.3 + 0.05 * (x + y) as f32 + 0.02 * s.camera.pinhole().eye.x.sin();
-        Ok(Picture::clean(Image::from_fn(
-            s.width,
-            s.height,
-            4,
-            |x, y, k| if k < 3 { grey(x, y) } else { 1.0 },
-        )))
+        Ok(ReferencePicture::clean(Image::from_fn(s.width, s.height, 4, |x, y, k| {
+            if k < 3 { grey(x, y) } else { 1.0 }
+        })))
     }
 
     fn bounds(&self, _: Moment) -> Sphere {
@@ -92,7 +89,7 @@ impl Chain for Pixels {
         &mut self.groups[group]
     }
 
-    fn changed(&mut self, _: usize) -> Result<(), Broken> {
+    fn changed(&mut self, _: usize) -> Result<(), ModelError> {
         Ok(())
     }
 
@@ -110,7 +107,7 @@ impl Chain for Pixels {
         _: PictureLoss,
         _: &[bool],
         g: &mut Self::Gradients,
-    ) -> Result<f64, Broken> {
+    ) -> Result<f64, ModelError> {
         g.iter_mut().for_each(|g| g.fill(0.0));
         let mut loss = 0.0;
         for shot in shots {
@@ -129,7 +126,7 @@ impl Chain for Pixels {
         Ok(loss)
     }
 
-    fn pictures(&self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, Broken> {
+    fn pictures(&self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, ModelError> {
         Ok(shots.iter().map(|s| (0..s.reference.len()).map(|i| self.pixel(i)).collect()).collect())
     }
 }
@@ -173,7 +170,7 @@ fn fit(model: Pixels, keeping: &Keeping, progress: &dyn Progress) -> Result<Trai
         fresh: 1,
         steps: STEPS,
         keeping,
-        options: Steering::default().option("model", "greys"),
+        fingerprint: Fingerprint::default().option("model", "greys"),
     };
     // The second phase begins with blue made anew, and asks as long work does whether to stop.
     let renew = |m: &Pixels| {
@@ -183,18 +180,18 @@ fn fit(model: Pixels, keeping: &Keeping, progress: &dyn Progress) -> Result<Trai
         Ok(m.groups[1].iter().map(|b| 0.5 * b + 0.2).collect())
     };
     let phases = |_| {
-        let phase = |name, first, steps, renewal| Phase {
+        let phase = |name, first, steps, reinitialised| Phase {
             name,
             first,
             steps,
             shrink: 1,
             rates: vec![("red green".into(), 0.02), ("blue".into(), 0.03)],
             fade: None,
-            renewal,
+            reinitialised,
         };
         vec![
             phase("first", 0, 37, None),
-            phase("second", 37, 30, Some(("blue".into(), &renew as Remake<'_, Pixels>))),
+            phase("second", 37, 30, Some(("blue".into(), &renew as Initialiser<'_, Pixels>))),
             phase("third", 67, STEPS - 67, None),
         ]
     };

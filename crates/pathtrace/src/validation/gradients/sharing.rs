@@ -8,7 +8,7 @@ use glam::Quat;
 fn brushed() -> World {
     let mut world = metals(Distribution::Ggx);
     change(&mut world, BALL, |m| {
-        if let Scattering::Uniform(Bsdf::RoughConductor(c)) = &mut m.scattering {
+        if let BsdfSource::Uniform(Bsdf::RoughConductor(c)) = &mut m.scattering {
             (c.surface.alpha_x, c.surface.alpha_y) = (0.45, 0.2);
         }
     });
@@ -21,7 +21,7 @@ fn the_alphas_of_anisotropic_metals_are_two() {
     for (name, value) in [("alpha u", MaterialValue::AlphaU), ("alpha v", MaterialValue::AlphaV)] {
         let edit = |world: &mut World, o: &[f64]| {
             change(world, BALL, |m| {
-                if let Scattering::Uniform(Bsdf::RoughConductor(c)) = &mut m.scattering {
+                if let BsdfSource::Uniform(Bsdf::RoughConductor(c)) = &mut m.scattering {
                     let along = value == MaterialValue::AlphaU;
                     let alpha = if along { &mut c.surface.alpha_x } else { &mut c.surface.alpha_y };
                     *alpha += o[0] as f32;

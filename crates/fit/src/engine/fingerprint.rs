@@ -1,4 +1,4 @@
-//! What steers a fit: the options and digests that a checkpoint must share with the fit that goes on from it.
+//! The fingerprint of a fit: the options and digests that a checkpoint must share with the fit that goes on from it.
 
 use crate::Difference;
 use serde::{Deserialize, Serialize};
@@ -6,12 +6,12 @@ use std::fmt::Display;
 
 /// Options by name, then digests of what a fit starts from and looks at.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Steering {
+pub struct Fingerprint {
     options: Vec<(String, String)>,
     digests: Vec<(String, String)>,
 }
 
-impl Steering {
+impl Fingerprint {
     /// Adds an option with its value.
     #[must_use]
     pub fn option(mut self, name: &str, value: impl Display) -> Self {
@@ -55,16 +55,16 @@ mod tests {
 
     #[test]
     fn options_are_named_with_both_values_and_come_before_digests() {
-        let told = |saved: &Steering, now: &Steering| {
+        let told = |saved: &Fingerprint, now: &Fingerprint| {
             now.differences(saved).iter().map(ToString::to_string).collect::<Vec<_>>()
         };
-        let base = Steering::default().option("ratio", 0.1).option("batch", 2).digest("asset", "a");
+        let base = Fingerprint::default().option("ratio", 0.1).option("batch", 2).digest("asset", "a");
         assert!(told(&base, &base.clone()).is_empty());
-        let other = Steering::default().option("triangles", 50).option("batch", 3).digest("asset", "b");
+        let other = Fingerprint::default().option("triangles", 50).option("batch", 3).digest("asset", "b");
         let expected =
             ["ratio was 0.1 and is not given", "batch was 2 and is 3", "triangles was not given and is 50"];
         assert_eq!(told(&base, &other), expected);
-        let moved = Steering::default().option("ratio", 0.1).option("batch", 2).digest("asset", "b");
+        let moved = Fingerprint::default().option("ratio", 0.1).option("batch", 2).digest("asset", "b");
         assert_eq!(told(&base, &moved), ["asset is not the same"]);
     }
 }
