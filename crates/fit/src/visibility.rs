@@ -7,6 +7,7 @@
 use crate::bake::Reference;
 use crate::bake::reference::SurfacePoint;
 use photofit_rays::Ray;
+use photofit_sampling::SplitMix64;
 use photofit_scalar::Vec3f;
 use photofit_scene::AlphaMode;
 use photofit_shading::Sides;
@@ -164,7 +165,8 @@ impl Probe<'_> {
         let size = a.to_array().into_iter().fold(0.0, |m: f32, x| m.max(x.abs()));
         let lift = (1e-5 * reference.diagonal()).max(4.0 * f32::EPSILON * size);
         let start = (u64::from(self.triangle) << 2) | (u64::from(front) << 1) | u64::from(self.stop);
-        let offset = start_of(start);
+        let mut random = SplitMix64::new(0, start);
+        let offset = [(); 4].map(|()| random.next_f64());
         let mut free = 0;
         for i in 0..self.rays {
             let [x0, x1, x2, x3] = sequence(offset, i);
@@ -200,18 +202,6 @@ impl Probe<'_> {
                 }
         })
     }
-}
-
-/// Start of a sequence, from a hash of `key` (the finaliser of `SplitMix64`).
-fn start_of(key: u64) -> [f64; 4] {
-    let mut state = key.wrapping_mul(0x9E37_79B9_7F4A_7C15);
-    std::array::from_fn(|_| {
-        state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    })
 }
 
 /// Point `i` of the four-dimensional additive sequence with the generalised golden ratio, in [0, 1)^4.

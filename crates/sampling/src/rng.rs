@@ -143,6 +143,34 @@ impl Rng {
     }
 }
 
+/// The sequential generator `SplitMix64` (Steele, Lea and Flood 2014), for a few numbers that follow from one: an [`Rng`]
+/// has streams that do not overlap.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SplitMix64 {
+    state: u64,
+}
+
+impl SplitMix64 {
+    /// The generator of `seed` after `index` draws.
+    #[inline]
+    pub const fn new(seed: u64, index: u64) -> Self {
+        Self { state: seed.wrapping_add(index.wrapping_mul(GOLDEN)) }
+    }
+
+    /// The next 64 random bits.
+    #[inline]
+    pub const fn next_u64(&mut self) -> u64 {
+        self.state = self.state.wrapping_add(GOLDEN);
+        mix(self.state)
+    }
+
+    /// Uniform in `[0, 1)`, a multiple of 2^-53.
+    #[inline]
+    pub fn next_f64(&mut self) -> f64 {
+        unit_f64(self.next_u64())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -160,6 +188,15 @@ mod tests {
         assert_eq!(rng.next_f32().to_bits(), KNOWN_F32[0].to_bits());
         assert_eq!(rng.normal().to_bits(), KNOWN_F32[1].to_bits());
         assert_eq!(rng.range(1000), 999);
+    }
+
+    #[test]
+    fn the_sequential_generator_is_the_published_one() {
+        let mut bits = SplitMix64::new(1_234_567, 0);
+        let published = [6_457_827_717_110_365_317, 3_203_168_211_198_807_973, 9_817_491_932_198_370_423];
+        assert_eq!(published.map(|_| bits.next_u64()), published);
+        assert_eq!(SplitMix64::new(1_234_567, 2).next_u64(), published[2]);
+        assert_eq!(SplitMix64::new(0, 6).next_f64(), 1_566_062_512_695_462.0 / (1_u64 << 53) as f64);
     }
 
     const KNOWN: [u64; 5] = [

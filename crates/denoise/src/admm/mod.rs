@@ -27,7 +27,7 @@ mod survey;
 mod sweep;
 
 pub use penalties::{LinearStep, Penalties, contrast};
-pub use plan::{ChannelPlan, Plan};
+pub use plan::{AdmmPlan, ChannelPlan};
 pub use problem::{Coupling, DataTerm, Guide, Problem, Weight};
 pub use solver::Admm;
 pub use stop::{Report, Stop};

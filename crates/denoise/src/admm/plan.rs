@@ -28,7 +28,7 @@ pub enum ChannelPlan {
 ///
 /// Constant tiles are not skipped: the linear step is global, and the pass over the rows has no branches.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Plan {
+pub struct AdmmPlan {
     /// Total variation is on.
     pub gradient: bool,
     /// The Hessian is on.
@@ -45,7 +45,7 @@ pub struct Plan {
     pub bytes: usize,
 }
 
-impl Plan {
+impl AdmmPlan {
     pub(crate) fn new<T: Sample>(problem: &Problem<'_, T>, padded_width: usize) -> Self {
         let on = |w: Option<&Weight<T>>| match w {
             None => false,
@@ -69,7 +69,7 @@ impl Plan {
     }
 }
 
-impl fmt::Display for Plan {
+impl fmt::Display for AdmmPlan {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let names = [("gradient", self.gradient), ("Hessian", self.hessian), ("guide", self.guide)];
         let terms: Vec<&str> = names.iter().filter(|(_, on)| *on).map(|(name, _)| *name).collect();

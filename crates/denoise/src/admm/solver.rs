@@ -5,7 +5,7 @@ use std::fmt;
 use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSliceMut};
 
 use super::exact::Exact;
-use super::plan::{ChannelPlan, Plan};
+use super::plan::{AdmmPlan, ChannelPlan};
 use super::split::{Frame, TermFrame};
 use super::stop::{Report, Stop};
 use super::survey::{Survey, full};
@@ -37,7 +37,7 @@ const FLAT: f64 = 1e-2;
 /// ```
 pub struct Admm<T: Sample> {
     shape: Shape,
-    plan: Plan,
+    plan: AdmmPlan,
     penalties: Penalties,
     coupling: Coupling,
     channels: Vec<usize>,
@@ -133,7 +133,7 @@ impl<T: Sample> Admm<T> {
         if let Some(start) = start {
             crate::check_finite("start", start, shape)?;
         }
-        let mut plan = Plan::new(&problem, shape.width);
+        let mut plan = AdmmPlan::new(&problem, shape.width);
         let on = [plan.gradient, plan.hessian, plan.guide];
         let t = [penalties.gradient, penalties.hessian, penalties.guide];
         for ((on, t), name) in on.into_iter().zip(t).zip(["gradient", "Hessian", "guide"]) {
@@ -210,7 +210,7 @@ impl<T: Sample> Admm<T> {
     }
 
     /// What the problem needed.
-    pub fn plan(&self) -> &Plan {
+    pub fn plan(&self) -> &AdmmPlan {
         &self.plan
     }
 
@@ -493,7 +493,7 @@ impl<T: Sample> Admm<T> {
 
 /// What is taken off each channel, and the target of the solved channels less that, 0 where it is not finite. Without
 /// the mean single precision keeps its digits.
-fn center<T: Sample>(problem: &Problem<'_, T>, plan: &Plan, means: &[f64]) -> (Vec<T>, Vec<T>) {
+fn center<T: Sample>(problem: &Problem<'_, T>, plan: &AdmmPlan, means: &[f64]) -> (Vec<T>, Vec<T>) {
     let n = problem.shape.pixels();
     let offset = |c: usize| match plan.channels[c] {
         ChannelPlan::Constant => problem.target[c * n],

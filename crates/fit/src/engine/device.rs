@@ -72,7 +72,7 @@ pub(crate) fn train_on<'p>(
     #[cfg(feature = "gpu")]
     if let Kind::Gpu { gpu, required } = &device.kind {
         let mut phases = phases;
-        let trained = match GpuSurface::new(gpu, surface.clone(), &job.held_out.shots) {
+        let trained = match GpuSurface::new(gpu, surface.clone(), job.held_out.shots()) {
             Ok(model) => train(model, job, &mut phases, progress),
             Err(source) => Err(FitError::NoRoom { device: device.name(), source }),
         };

@@ -177,7 +177,7 @@ mod tests {
     }
 
     fn judged(measure: Measure, noise: Option<f64>) -> HeldOut {
-        HeldOut { shots: Vec::new(), noise, measure }
+        HeldOut::of(Vec::new(), noise).measured_by(measure)
     }
 
     #[test]

@@ -269,7 +269,7 @@ fn fingerprint<M: Model>(job: &Job<'_>, model: &M, groups: usize) -> Result<Fing
         digest.add(&model.values(g)?);
     }
     let mut picture = Digest::new();
-    job.held_out.shots.iter().for_each(|s| picture.add(s.reference.as_flattened()));
+    job.held_out.shots().iter().for_each(|s| picture.add(s.reference.as_flattened()));
     let Job { fingerprint, batch, fresh, steps, loss, sampling, .. } = job;
     let options = fingerprint
         .clone()
@@ -415,7 +415,7 @@ impl<M: Model> Trainer<'_, M> {
     /// Quality of the held-out views; keeps the best state.
     fn evaluate(&mut self, progress: &dyn Progress) -> Result<f64, FitError> {
         self.take_losses()?;
-        let pictures = self.model.pictures(&self.job.held_out.shots);
+        let pictures = self.model.pictures(self.job.held_out.shots());
         let held_out = self.job.held_out;
         let quality = held_out.quality(&self.at_step(pictures)?);
         let course = &mut self.course;

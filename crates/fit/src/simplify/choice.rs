@@ -31,7 +31,7 @@ pub(super) fn rebaked(
 /// The start that looks best in the views of the early stop; the first wins a tie.
 pub(super) fn best_start<'a>(starts: &'a [Start], held_out: &HeldOut) -> &'a Start {
     let quality =
-        |s: &Start| held_out.psnr(&surface::pictures(&s.candidate, &held_out.shots, &Passes::default()));
+        |s: &Start| held_out.psnr(&surface::pictures(&s.candidate, held_out.shots(), &Passes::default()));
     match starts {
         [first, second] if quality(second) > quality(first) => second,
         _ => &starts[0],

@@ -209,7 +209,8 @@ impl Model for GpuSurface {
         }
         if let Some(step) = &mut self.step {
             let (on, optimizers) = ((&self.on, &self.skies), (&mut self.optimizers[..], &rates[..]));
-            step.run(&self.gpu, on, (shots, loss, passes.masks), optimizers, self.pending).map_err(model_error)?;
+            step.run(&self.gpu, on, (shots, loss, passes.masks), optimizers, self.pending)
+                .map_err(model_error)?;
             self.pending += 1;
         }
         Ok(())

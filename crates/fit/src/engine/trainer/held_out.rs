@@ -5,6 +5,7 @@ use crate::engine::loss::relative_weights;
 use crate::engine::reference::Reference;
 use crate::engine::views::{Sampling, Set, Shot, Views};
 use photofit_image::psnr_from_mse;
+use std::sync::OnceLock;
 
 /// What the pictures of an evaluation are judged by; more dB are better.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -35,8 +36,9 @@ pub fn relative_error(quality: f64) -> f64 {
 /// The views of the early stop.
 #[derive(Clone, Debug)]
 pub struct HeldOut {
-    /// With their reference pictures.
-    pub shots: Vec<Shot>,
+    shots: Vec<Shot>,
+    /// Weights of their pixels, once they are asked for.
+    weights: OnceLock<Vec<Vec<f32>>>,
     /// Mean relative noise of these pictures; `None` where that of one is not known.
     pub noise: Option<f64>,
     /// What they are judged by.
@@ -55,7 +57,7 @@ impl HeldOut {
         count: u64,
         seed: u64,
     ) -> Result<Self, FitError> {
-        let mut out = Self { shots: Vec::new(), noise: Some(0.0), measure: Measure::default() };
+        let mut out = Self::of(Vec::new(), Some(0.0));
         for index in 0..count {
             let s = views.setup(Set::HeldOut, index, count);
             let picture = reference.picture(&s)?;
@@ -63,6 +65,16 @@ impl HeldOut {
             out.shots.push(Shot::new(&s, &picture.image, sampling, seed ^ 0x5eed, index));
         }
         Ok(out)
+    }
+
+    /// These views, with the mean relative noise of their pictures.
+    pub(crate) fn of(shots: Vec<Shot>, noise: Option<f64>) -> Self {
+        Self { shots, weights: OnceLock::new(), noise, measure: Measure::default() }
+    }
+
+    /// The views with their reference pictures.
+    pub fn shots(&self) -> &[Shot] {
+        &self.shots
     }
 
     /// The same views, judged by another measure.
@@ -80,11 +92,12 @@ impl HeldOut {
     }
 
     fn relative(&self, pictures: &[Vec<[f32; 4]>]) -> f64 {
+        let of = |s: &Shot| relative_weights((s.width, s.height), &s.reference);
+        let weights = self.weights.get_or_init(|| self.shots.iter().map(of).collect());
         let (mut squares, mut count) = (0.0, 0.0);
-        for (shot, picture) in self.shots.iter().zip(pictures) {
-            let weights = relative_weights((shot.width, shot.height), &shot.reference);
+        for ((shot, picture), weights) in self.shots.iter().zip(pictures).zip(weights) {
             for ((c, r), weight) in picture.iter().zip(&shot.reference).zip(weights) {
-                let weight = f64::from(weight) / 3.0;
+                let weight = f64::from(*weight) / 3.0;
                 squares += weight * (0..3).map(|k| (f64::from(c[k]) - f64::from(r[k])).powi(2)).sum::<f64>();
                 count += 1.0;
             }
