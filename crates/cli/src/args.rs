@@ -120,13 +120,29 @@ pub(crate) enum FitLight {
     Env,
 }
 
-impl FitLight {
+// The light of a fit; a doc comment would become that of the command.
+#[derive(Args, Debug)]
+pub(crate) struct FitLighting {
+    /// Light while fitting and judging.
+    #[arg(
+        long,
+        value_enum,
+        default_value = "mixed",
+        default_value_if("env", clap::builder::ArgPredicate::IsPresent, "env")
+    )]
+    pub(crate) light: FitLight,
+    /// Equirectangular environment (.hdr, .exr, .png, .jpg); implies --light env.
+    #[arg(long, value_name = "FILE", required_if_eq("light", "env"))]
+    pub(crate) env: Option<PathBuf>,
+}
+
+impl FitLighting {
     /// An environment that no view is lit by is a mistake.
-    fn check(self, env: Option<&Path>) -> Result<(), String> {
-        match (self, env) {
-            (Self::Env, _) | (_, None) => Ok(()),
-            (Self::Mixed, _) => Err("--env needs --light env; --light mixed lights by no map".into()),
-            (Self::Point, _) => Err("--env needs --light env; --light point lights by no map".into()),
+    fn check(&self) -> Result<(), String> {
+        match (self.light, &self.env) {
+            (FitLight::Env, _) | (_, None) => Ok(()),
+            (FitLight::Mixed, _) => Err("--env needs --light env; --light mixed lights by no map".into()),
+            (FitLight::Point, _) => Err("--env needs --light env; --light point lights by no map".into()),
         }
     }
 }
@@ -328,17 +344,8 @@ pub(crate) struct Simplify {
     /// another budget the asset keeps as many triangles as fit into half of the bytes [range: at least 1] [default: no limit].
     #[arg(long, value_name = "N", conflicts_with_all = ["jpeg", "texture_quality"], value_parser = whole::<u64>(1..))]
     pub(crate) max_bytes: Option<u64>,
-    /// Light while fitting and judging.
-    #[arg(
-        long,
-        value_enum,
-        default_value = "mixed",
-        default_value_if("env", clap::builder::ArgPredicate::IsPresent, "env")
-    )]
-    pub(crate) light: FitLight,
-    /// Equirectangular environment (.hdr, .exr, .png, .jpg); implies --light env.
-    #[arg(long, value_name = "FILE", required_if_eq("light", "env"))]
-    pub(crate) env: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) lighting: FitLighting,
     /// How pictures of the asset are made, for the fit and for the report.
     #[arg(long, value_enum, default_value = "raster")]
     pub(crate) reference: FitReference,
@@ -372,7 +379,7 @@ impl Simplify {
         if self.fit_with == FitWith::Path && self.reference != FitReference::Path {
             return Err("--fit-with is path, but --reference is raster; it must be path, too".into());
         }
-        self.light.check(self.env.as_deref())?;
+        self.lighting.check()?;
         match (self.textures, self.jpeg.or(self.texture_quality)) {
             (Some(TextureFormat::Png | TextureFormat::Webp), Some(_)) => {
                 Err("png and webp are exact: a quality belongs to --textures jpeg, webp-lossy or ktx2; leave one of them out".into())

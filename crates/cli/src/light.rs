@@ -1,6 +1,6 @@
 //! The light of `--light` and `--env`.
 
-use crate::args::FitLight;
+use crate::args::{FitLight, FitLighting};
 use anyhow::{Result, anyhow};
 use photofit_fit::views::Lighting;
 use photofit_scene::load_environment;
@@ -26,8 +26,8 @@ pub(crate) fn environment(path: &Path) -> Result<Arc<Environment>> {
 ///
 /// # Errors
 /// If the file is no environment.
-pub(crate) fn lighting(light: FitLight, env: Option<&Path>) -> Result<Lighting> {
-    Ok(match (light, env) {
+pub(crate) fn lighting(asked: &FitLighting) -> Result<Lighting> {
+    Ok(match (asked.light, &asked.env) {
         (FitLight::Env, Some(file)) => Lighting::Environment(environment(file)?),
         (FitLight::Point, _) => Lighting::Point,
         _ => Lighting::Mixed,

@@ -25,7 +25,7 @@ use std::path::Path;
 fn places(a: &Simplify, levels: usize) -> Places {
     let mut places = Places::default()
         .reads("IN", Some(&a.input))
-        .reads("--env", a.env.as_deref())
+        .reads("--env", a.lighting.env.as_deref())
         .writes("--lod", Some(&summary_path(&a.output)))
         .writes("--json", a.json.as_deref());
     if a.msft_lod {

@@ -6,12 +6,12 @@ mod target;
 
 use crate::args::{RecoverScene, TextureSmoothing};
 use crate::fields::{RECOVER_SCENE, name_options};
-use crate::output::print;
 use crate::parameter_scene::{Cameras, Key, Quantity, Subject};
 use crate::preflight::Places;
-use crate::progress::{Terminal, say};
+use crate::progress::Terminal;
 use crate::simplify::CHECKPOINT_FILE;
 use crate::status::{Ending, Misuse};
+use crate::traced_report::tell_course;
 use crate::{interrupt, threads};
 use anyhow::{Context, Result, anyhow, bail};
 use glam::DVec3;
@@ -79,12 +79,7 @@ pub(crate) fn run(a: &RecoverScene) -> Result<Ending> {
         .map_err(|e| anyhow!("{}: {}", a.scene.input.display(), name_options(RECOVER_SCENE, e)))?;
     let seconds = began.elapsed().as_secs_f64();
     progress.finish();
-    if r.stopped {
-        say("the fit was ended early; what was reached is written");
-    }
-    if a.explain {
-        print(&format!("what ran:\n{}\n\n", r.plan))?;
-    }
+    tell_course(r.stopped, a.explain.then_some(&r.plan))?;
     let last = truth.as_ref().map(|t| errors(&r.model, &quantities, t));
     found::write(a, &r, (&views, &targets), (&quantities, &boxes), first.zip(last), seconds)?;
     let stopped = r.stopped && interrupt::is_stopping();

@@ -2,11 +2,11 @@
 
 use crate::args::RecoverVolume;
 use crate::fields::{RECOVER_VOLUME, misuse, name_options};
-use crate::output::{self, print};
+use crate::output;
 use crate::preflight::Places;
 use crate::progress::{Terminal, say};
 use crate::status::Ending;
-use crate::traced_report::Found;
+use crate::traced_report::{Found, first_and_best, tell_course};
 use crate::{interrupt, threads};
 use anyhow::{Context, Result, anyhow, bail};
 use glam::{DAffine3, DVec3, Vec3};
@@ -82,12 +82,7 @@ pub(crate) fn run(a: &RecoverVolume) -> Result<Ending> {
         .map_err(|e| failed(a, e))?;
     let seconds = began.elapsed().as_secs_f64();
     progress.finish();
-    if r.stopped {
-        say("the fit was ended early; what was reached is written");
-    }
-    if a.explain {
-        print(&format!("what ran:\n{}\n\n", r.plan))?;
-    }
+    tell_course(r.stopped, a.explain.then_some(&r.plan))?;
     write(a, &seen, &r, seconds)?;
     let stopped = r.stopped && interrupt::is_stopping();
     Ok(if stopped { Ending::Stopped } else { Ending::Done })
@@ -225,9 +220,7 @@ fn write(a: &RecoverVolume, seen: &Seen, r: &RecoveredVolume, seconds: f64) -> R
         write_atomically(a.output.join(file).as_path(), &encode_grid(r.size, values, r.bounds))?;
     }
     photofit_image::write_png(a.output.join(FILES[2]), &sheet(seen, r)?)?;
-    let quality = |h: Option<f64>| h.map(relative_error);
-    let first = quality(r.history.first().map(|h| h.quality));
-    let best = quality(r.history.iter().map(|h| h.quality).reduce(f64::max));
+    let [first, best] = first_and_best(&r.history);
     let errors = seen.truth.as_ref().filter(|t| t.size == r.size && t.bounds == r.bounds).map(|t| {
         let of = |v: &dyn Fn(usize) -> f32| {
             let squares = (0..t.extinction.len()).map(|i| f64::from(v(i) - t.extinction[i]).powi(2));
@@ -259,9 +252,7 @@ fn write(a: &RecoverVolume, seen: &Seen, r: &RecoveredVolume, seconds: f64) -> R
         plan: &r.plan,
         sampled: (SHOWN_SPP, SHOWN_SEED),
     };
-    found.write(&a.output)?;
-    text += &reached;
-    print(&text)
+    found.tell(&a.output, &text)
 }
 
 /// Pictures in the upper row, what was found below; the one that was held out comes last.

@@ -25,14 +25,14 @@ pub(crate) fn run(a: &Retexture) -> Result<Ending> {
     let places = Places::default()
         .reads("REFERENCE", Some(&a.reference))
         .reads("LIGHT", Some(&a.light_asset))
-        .reads("--env", a.env.as_deref())
+        .reads("--env", a.lighting.env.as_deref())
         .writes("--output", Some(&a.output))
         .writes("--json", a.course.json.as_deref())
         .fills("--report", a.course.report.as_deref(), &[REPORT_PAGE])
         .fills("--checkpoint", a.course.running.checkpoint.as_deref(), &[CHECKPOINT_FILE]);
     places.check()?;
     threads::set(a.course.running.threads)?;
-    let lighting = light::lighting(a.light, a.env.as_deref())?;
+    let lighting = light::lighting(&a.lighting)?;
     let [reference, asset] = [("REFERENCE", &a.reference), ("LIGHT", &a.light_asset)].map(|(name, file)| {
         let scene = photofit_scene::load(file)?;
         places.check_against(name, &scene.files)?;

@@ -47,7 +47,7 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
     let traced = format!("{TRACED_FOLDER}/{CHECKPOINT_FILE}");
     let places = Places::default()
         .reads("IN", Some(&a.input))
-        .reads("--env", a.env.as_deref())
+        .reads("--env", a.lighting.env.as_deref())
         .writes("--output", Some(&a.output))
         .writes("--json", a.json.as_deref())
         .fills("--report", a.report.as_deref(), &[REPORT_PAGE])
@@ -82,7 +82,7 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
         (.., Some(p)) => Target::ScreenSize(p),
         _ => Target::Ratio(DEFAULT_RATIO),
     };
-    let lighting = light::lighting(a.light, a.env.as_deref())?;
+    let lighting = light::lighting(&a.lighting)?;
     let mut default = SimplifyOptions::default();
     if let Target::ScreenSize(pixels) = target {
         default = default.for_screen_size(pixels);

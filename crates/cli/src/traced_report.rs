@@ -1,11 +1,13 @@
 //! The page of what was found through the path tracer: pictures beside those that were given, and the course of the fit.
 
-use crate::output;
+use crate::output::{self, print};
+use crate::progress::say;
 use anyhow::Result;
 use photofit_fit::engine::judge::{ReportView, view_quality};
 use photofit_fit::engine::plan::PlanRows;
 use photofit_fit::engine::traced::Traced;
 use photofit_fit::engine::trainer::HistoryPoint;
+use photofit_fit::recover_scene::relative_error;
 use photofit_fit::report::{RecoveryReport, TRACED_MEASURE, write_recovery_report};
 use photofit_image::Image;
 use photofit_pathtrace::View;
@@ -30,9 +32,32 @@ pub(crate) struct Found<'a> {
     pub(crate) sampled: (u32, u64),
 }
 
+/// Errors of the first and of the best evaluation.
+pub(crate) fn first_and_best(history: &[HistoryPoint]) -> [Option<f64>; 2] {
+    let errors = || history.iter().map(|h| relative_error(h.quality));
+    [errors().next(), errors().reduce(f64::min)]
+}
+
+/// Tells that a fit through the path tracer was ended early, and what ran where that is asked for.
+pub(crate) fn tell_course(stopped: bool, plan: Option<&PlanRows>) -> Result<()> {
+    if stopped {
+        say("the fit was ended early; what was reached is written");
+    }
+    match plan {
+        Some(plan) => print(&format!("what ran:\n{plan}\n\n")),
+        None => Ok(()),
+    }
+}
+
 impl Found<'_> {
+    /// Writes the page to a folder and tells people what was found.
+    pub(crate) fn tell(&self, folder: &Path, text: &str) -> Result<()> {
+        self.write(folder)?;
+        print(&format!("{text}{}", self.reached))
+    }
+
     /// Writes the page to a folder; of many pictures some are shown, the last one always.
-    pub(crate) fn write(&self, folder: &Path) -> Result<()> {
+    fn write(&self, folder: &Path) -> Result<()> {
         let (all, shown) = (self.views.len(), self.views.len().min(MOST));
         let (spp, seed) = self.sampled;
         let mut views = Vec::with_capacity(shown);

@@ -1,7 +1,7 @@
 //! The options of `photofit retexture`.
 
 use super::values::{ending, whole};
-use super::{Course, FitLight};
+use super::{Course, FitLighting};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -36,17 +36,8 @@ pub(crate) struct Retexture {
     /// Steps of the fit; fewer are made when held-out views stop improving [range: at least 0].
     #[arg(long, value_name = "N", default_value_t = 400, value_parser = whole::<u64>(0..))]
     pub(crate) steps: u64,
-    /// Light while fitting and judging.
-    #[arg(
-        long,
-        value_enum,
-        default_value = "mixed",
-        default_value_if("env", clap::builder::ArgPredicate::IsPresent, "env")
-    )]
-    pub(crate) light: FitLight,
-    /// Equirectangular environment (.hdr, .exr, .png, .jpg); implies --light env.
-    #[arg(long, value_name = "FILE", required_if_eq("light", "env"))]
-    pub(crate) env: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) lighting: FitLighting,
     #[command(flatten)]
     pub(crate) course: Course,
 }
@@ -54,6 +45,6 @@ pub(crate) struct Retexture {
 impl Retexture {
     /// Whether the options go together.
     pub(super) fn check(&self) -> Result<(), String> {
-        self.light.check(self.env.as_deref())
+        self.lighting.check()
     }
 }

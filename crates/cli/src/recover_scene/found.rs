@@ -1,10 +1,10 @@
 //! What `photofit recover scene` writes: pictures before and after, textures, grids, `values.json`, `index.html`.
 
 use crate::args::RecoverScene;
-use crate::output::{self, print};
+use crate::output;
 use crate::parameter_scene::{Quantity, tensor};
 use crate::status::Misuse;
-use crate::traced_report::Found;
+use crate::traced_report::{Found, first_and_best};
 use anyhow::{Result, bail};
 use glam::DVec3;
 use photofit_fit::engine::traced::Traced;
@@ -104,9 +104,7 @@ pub(super) fn write(
         list.push(entry);
         text += &line;
     }
-    let error = |h: &HistoryPoint| relative_error(h.quality);
-    let first = r.history.first().map(error);
-    let best = r.history.iter().map(error).reduce(f64::min);
+    let [first, best] = first_and_best(&r.history);
     output::write_json(
         &a.output.join("values.json"),
         &figures(a, r, views.len(), list, [first, best], seconds),
@@ -117,7 +115,7 @@ pub(super) fn write(
         None => "the pictures that were fitted (none is held out)".into(),
     };
     // The last of the evaluations was the best, and better than those before by more than their noise.
-    let errors: Vec<f64> = r.history.iter().map(error).collect();
+    let errors: Vec<f64> = r.history.iter().map(|h| relative_error(h.quality)).collect();
     if let ([.., before, last], true) = (&errors[..], r.steps >= a.traced.steps && !r.stopped)
         && *last < STILL * before
         && best == Some(*last)
@@ -136,9 +134,7 @@ pub(super) fn write(
         plan: &r.plan,
         sampled: (SHOWN_SPP, SHOWN_SEED),
     };
-    found.write(&a.output)?;
-    text += &reached;
-    print(&text)
+    found.tell(&a.output, &text)
 }
 
 /// Writes a parameter: its entry in the JSON and its line for people.

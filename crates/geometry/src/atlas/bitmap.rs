@@ -183,6 +183,18 @@ fn last_set(row: &[u64], from: usize, to: usize) -> Option<usize> {
     }
 }
 
+/// The first collision of the rows of a shape, that of the row `hint` before those in `order`; `hint` becomes the row that
+/// collides.
+#[inline]
+fn first_collision(order: &[u32], hint: &mut u32, row: impl Fn(u32) -> Option<u32>) -> Option<u32> {
+    if let Some(next) = row(*hint) {
+        return Some(next);
+    }
+    let (r, next) = order.iter().find_map(|&r| row(r).map(|next| (r, next)))?;
+    *hint = r;
+    Some(next)
+}
+
 /// A strip of cells, `width` wide and as high as needed; cells around placed shapes are kept free.
 pub(super) struct Strip {
     width: u32,
@@ -230,16 +242,7 @@ impl Strip {
     /// collided last.
     #[inline]
     fn collision(&self, mask: &Mask, order: &[u32], x: u32, y: u32, hint: &mut u32) -> Option<u32> {
-        if let Some(next) = self.row_collision(mask, *hint, x, y) {
-            return Some(next);
-        }
-        for &r in order {
-            if let Some(next) = self.row_collision(mask, r, x, y) {
-                *hint = r;
-                return Some(next);
-            }
-        }
-        None
+        first_collision(order, hint, |r| self.row_collision(mask, r, x, y))
     }
 
     #[inline]
@@ -331,16 +334,7 @@ impl Board {
     }
 
     fn collision(&self, mask: &Mask, probe: &[u32], x: u32, y: u32, hint: &mut u32) -> Option<u32> {
-        if let Some(next) = self.row_collision(mask, *hint, x, y) {
-            return Some(next);
-        }
-        for &r in probe {
-            if let Some(next) = self.row_collision(mask, r, x, y) {
-                *hint = r;
-                return Some(next);
-            }
-        }
-        None
+        first_collision(probe, hint, |r| self.row_collision(mask, r, x, y))
     }
 
     #[inline]

@@ -44,11 +44,6 @@ impl<T: Real> Scatter<T> for Conductor<T> {
     }
 
     #[inline]
-    fn transmits(&self) -> bool {
-        false
-    }
-
-    #[inline]
     fn albedo(&self, wo: Vec3<T>) -> Vec3<T> {
         self.fresnel(wo.z.abs())
     }
@@ -90,11 +85,6 @@ impl<T: Real> Scatter<T> for RoughConductor<T> {
     #[inline]
     fn is_delta(&self) -> bool {
         self.surface.is_smooth()
-    }
-
-    #[inline]
-    fn transmits(&self) -> bool {
-        false
     }
 
     #[inline]

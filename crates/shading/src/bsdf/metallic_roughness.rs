@@ -112,16 +112,6 @@ impl<T: Real> Scatter<T> for MetallicRoughness<T> {
     }
 
     #[inline]
-    fn is_delta(&self) -> bool {
-        false
-    }
-
-    #[inline]
-    fn transmits(&self) -> bool {
-        false
-    }
-
-    #[inline]
     fn albedo(&self, wo: Vec3<T>) -> Vec3<T> {
         let Lobes { diffuse, f0, f90, roughness } = self.lobes;
         let albedo = SpecularAlbedo::new(f0, f90, roughness);

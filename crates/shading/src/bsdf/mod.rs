@@ -90,11 +90,17 @@ pub trait Scatter<T: Real> {
     /// A direction for `lobe` and `u` in `[0, 1)`; `None` where the path ends.
     fn sample(&self, wo: Vec3<T>, lobe: T, u: [T; 2]) -> Option<BsdfSample<T>>;
 
-    /// Whether all lobes are delta lobes.
-    fn is_delta(&self) -> bool;
+    /// Whether all lobes are delta lobes; most BSDFs have others.
+    #[inline]
+    fn is_delta(&self) -> bool {
+        false
+    }
 
-    /// Whether light can pass to the other side.
-    fn transmits(&self) -> bool;
+    /// Whether light can pass to the other side; most BSDFs reflect only.
+    #[inline]
+    fn transmits(&self) -> bool {
+        false
+    }
 
     /// Part of uniform incident light that is scattered towards `wo`, approximately: for albedo images.
     fn albedo(&self, wo: Vec3<T>) -> Vec3<T>;

@@ -88,11 +88,6 @@ impl<T: Real> Scatter<T> for Plastic<T> {
     }
 
     #[inline]
-    fn transmits(&self) -> bool {
-        false
-    }
-
-    #[inline]
     fn albedo(&self, wo: Vec3<T>) -> Vec3<T> {
         let f = fresnel_dielectric(wo.z.abs(), self.ior);
         // What the base returns to all directions: the average of `1 - F` outside is `eta^2 (1 - R)`.
@@ -257,16 +252,6 @@ impl<T: Real> Scatter<T> for RoughPlastic<T> {
             cosine_hemisphere(u)
         };
         weighted(wi, self.eval_pdf(wo, wi), T::one())
-    }
-
-    #[inline]
-    fn is_delta(&self) -> bool {
-        false
-    }
-
-    #[inline]
-    fn transmits(&self) -> bool {
-        false
     }
 
     #[inline]

@@ -317,11 +317,6 @@ impl<T: Real> Scatter<T> for Principled<T> {
     }
 
     #[inline]
-    fn is_delta(&self) -> bool {
-        false
-    }
-
-    #[inline]
     fn transmits(&self) -> bool {
         self.refracted() > T::zero()
     }

@@ -170,11 +170,6 @@ impl<T: Real> Scatter<T> for PrincipledThin<T> {
     }
 
     #[inline]
-    fn is_delta(&self) -> bool {
-        false
-    }
-
-    #[inline]
     fn transmits(&self) -> bool {
         true
     }

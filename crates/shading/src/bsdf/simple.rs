@@ -61,16 +61,6 @@ impl<T: Real> Scatter<T> for Diffuse<T> {
     }
 
     #[inline]
-    fn is_delta(&self) -> bool {
-        false
-    }
-
-    #[inline]
-    fn transmits(&self) -> bool {
-        false
-    }
-
-    #[inline]
     fn albedo(&self, _: Vec3<T>) -> Vec3<T> {
         self.reflectance
     }
