@@ -9,7 +9,7 @@ use photofit_scene::Scene;
 
 /// Two assets compared.
 #[derive(Clone, Debug)]
-pub struct Compared {
+pub struct Comparison {
     /// PSNR, SSIM, FLIP and RMSE over the foreground of each view, the FLIP map, and the candidate's picture.
     pub views: Vec<ViewQuality>,
     /// How their pictures were made.
@@ -28,7 +28,7 @@ pub fn compare_assets(
     views: u64,
     resolution: usize,
     progress: &dyn Progress,
-) -> Result<Compared, FitError> {
+) -> Result<Comparison, FitError> {
     let n = Normalised::new(reference)?;
     let judge = Judge {
         scene: reference,
@@ -45,7 +45,7 @@ pub fn compare_assets(
     let method = judge.method(&stages);
     let judged = judge.views(&stages, views, progress)?;
     let views = judged.into_iter().flat_map(|v| v.quality);
-    Ok(Compared { views: views.collect(), method })
+    Ok(Comparison { views: views.collect(), method })
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@
 //! asset, and it is fitted and judged as an engine shows it at its size. What a viewer notices when one level replaces the
 //! next is measured where it happens: FLIP between the two at the size of the switch.
 
-use crate::engine::chain::{Chain, MOST_PARTS, part_folder};
+use crate::engine::chain::{FitChain, MOST_PARTS, part_folder};
 use crate::engine::judge::{Quality, Stage, popping};
 use crate::simplify::{Asset, Outcome, SimplifyOptions, simplify_asset, with_asset};
 use crate::{FitError, Progress};
@@ -229,7 +229,7 @@ pub fn simplify_chain(
     let began = Instant::now();
     with_asset(scene, progress, |asset| {
         let keeping = options.fit.keeping();
-        let mut chain = Chain::new(&keeping, progress);
+        let mut chain = FitChain::new(&keeping, progress);
         let (mut levels, mut failed) = (Vec::<Level>::new(), None);
         for k in 0..options.sizes.len() {
             if k > 0 && progress.is_cancelled() {
@@ -274,7 +274,7 @@ fn level(
     output: &Path,
     options: &LodOptions,
     before: &[Level],
-    chain: &mut Chain<'_>,
+    chain: &mut FitChain<'_>,
     began: Instant,
     progress: &dyn Progress,
 ) -> Result<Level, FitError> {

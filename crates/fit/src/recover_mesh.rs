@@ -12,7 +12,7 @@ mod start;
 pub use shape_error::ShapeError;
 
 use crate::engine::LightAsset;
-use crate::engine::chain::Chain;
+use crate::engine::chain::FitChain;
 use crate::engine::checkpoint::Digest;
 use crate::engine::cpu::Cpu;
 use crate::engine::export::to_scene;
@@ -155,7 +155,7 @@ pub fn recover_mesh(
         ),
         phases: Vec::new(),
     };
-    let mut chain = Chain::new(&options.keeping, progress);
+    let mut chain = FitChain::new(&options.keeping, progress);
     let (mut steps, mut stopped) = (0, false);
     for level in 0..start.levels {
         if level > 0 {

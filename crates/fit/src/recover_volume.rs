@@ -3,7 +3,7 @@
 //! Coarse grids first, each finer one from what the last one found: a voxel of a coarse grid is seen by more samples, so
 //! that large shapes are found from few of them. Each grid is a fit of [`recover_scene`](mod@crate::recover_scene) of its own.
 
-use crate::engine::chain::Chain;
+use crate::engine::chain::FitChain;
 use crate::engine::plan::PlanRows;
 use crate::engine::reference::path_lights;
 use crate::engine::traced::{Smoothing, Traced, TracedParameter};
@@ -178,7 +178,7 @@ pub fn recover_volume(
     let mut grid = Grid::start(size_of(&bounds, longest[0]), &bounds, options.albedo);
     let (mut grids, mut phases) = (Vec::new(), Vec::new());
     let (mut made, mut resumed) = (0, 0);
-    let mut chain = Chain::new(&options.keeping, progress);
+    let mut chain = FitChain::new(&options.keeping, progress);
     let told = Mutex::default();
     for (level, side) in longest.iter().enumerate() {
         grid = grid.resampled(size_of(&bounds, *side));

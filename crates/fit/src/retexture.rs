@@ -301,7 +301,7 @@ fn candidate(n: &Normalised, rest: &FlatScene, size: usize) -> Result<Candidate,
 /// Maps of the reference at rest.
 fn baked(
     n: &Normalised,
-    rays: &crate::bake::Reference<'_>,
+    rays: &crate::bake::ReferenceSurface<'_>,
     candidate: &Candidate,
     rest: &FlatScene,
     progress: &dyn Progress,

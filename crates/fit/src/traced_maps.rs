@@ -11,7 +11,7 @@ use crate::engine::fingerprint::Fingerprint;
 use crate::engine::loss::PictureLoss;
 use crate::engine::plan::{Item, PlanRows, rows};
 use crate::engine::reference::{self, ENERGY, MaterialFeatures, PathTraced, SAMPLES};
-use crate::engine::traced::{Compared, Traced, TracedParameter, WHOLE};
+use crate::engine::traced::{ComparedPixels, Traced, TracedParameter, WHOLE};
 use crate::engine::trainer::{HELD_OUT, HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
 use crate::engine::views::{Lighting, Orbit, Sampling};
 use crate::{FitError, Progress};
@@ -218,7 +218,7 @@ fn model(
     };
     let mut model = Traced::new(world, rendering, parameters)?;
     (model.gradient_spp, model.evaluation_spp) = (options.gradient_spp, options.reference_spp);
-    model.compared = Compared::Covered;
+    model.compared = ComparedPixels::Covered;
     Ok(model)
 }
 

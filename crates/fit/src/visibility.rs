@@ -4,7 +4,7 @@
 //! accessibility (unoccluded form factor to a far surrounding sphere). Triangles that no ray leaves can be removed or
 //! simplified freely, and are not a source for baking.
 
-use crate::bake::Reference;
+use crate::bake::ReferenceSurface;
 use crate::bake::reference::SurfacePoint;
 use photofit_rays::Ray;
 use photofit_sampling::SplitMix64;
@@ -81,14 +81,14 @@ impl Visibility {
 ///
 /// Surfaces that an alpha mask cuts out occlude nothing and are not visible themselves; blended surfaces occlude
 /// nothing. Degenerate triangles are not visible. Deterministic for any number of threads.
-pub fn visibility(reference: &Reference<'_>, settings: &VisibilitySettings) -> Visibility {
+pub fn visibility(reference: &ReferenceSurface<'_>, settings: &VisibilitySettings) -> Visibility {
     visibility_reporting(reference, settings, &|_| ControlFlow::Continue(())).unwrap_or_default()
 }
 
 /// As [`visibility`]; `report` hears the finished share in `[0, 1]` from several threads, in no particular order, and
 /// may end the work: then there is no result.
 pub fn visibility_reporting(
-    reference: &Reference<'_>,
+    reference: &ReferenceSurface<'_>,
     settings: &VisibilitySettings,
     report: &(dyn Fn(f32) -> ControlFlow<()> + Sync),
 ) -> Option<Visibility> {
@@ -139,13 +139,13 @@ pub fn visibility_reporting(
 }
 
 /// True when the back of a triangle is drawn.
-fn two_sided(reference: &Reference<'_>, triangle: u32, settings: &VisibilitySettings) -> bool {
+fn two_sided(reference: &ReferenceSurface<'_>, triangle: u32, settings: &VisibilitySettings) -> bool {
     !settings.cull_back_faces || Sides::of(reference.material(triangle).double_sided).shows(false)
 }
 
 /// The rays of one triangle.
 struct Probe<'a> {
-    reference: &'a Reference<'a>,
+    reference: &'a ReferenceSurface<'a>,
     settings: &'a VisibilitySettings,
     triangle: u32,
     rays: usize,

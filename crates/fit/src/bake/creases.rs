@@ -1,6 +1,6 @@
 //! Which edges of a target stand for creases of the reference.
 
-use super::Reference;
+use super::ReferenceSurface;
 use super::select::{Choice, Selector};
 use super::target::Point;
 use crate::visibility::Visibility;
@@ -25,7 +25,7 @@ const REACH: f32 = 0.04;
 /// A rounded shape made of few triangles has edges too, but there the reference hardly turns from one side of the edge
 /// to the other.
 pub(crate) fn hard_edges(
-    reference: &Reference<'_>,
+    reference: &ReferenceSurface<'_>,
     visibility: &Visibility,
     target: &Mesh,
     edges: &Edges,

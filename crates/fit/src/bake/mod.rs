@@ -29,7 +29,7 @@ use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 pub(crate) use creases::{hard_edges, own_creases};
-pub use reference::Reference;
+pub use reference::ReferenceSurface;
 
 /// Largest width and height of the maps.
 pub const MAX_SIZE: usize = 16384;
@@ -265,7 +265,7 @@ pub fn blank_texel() -> [f32; CHANNELS] {
 /// number of threads.
 ///
 /// ```
-/// use photofit_fit::bake::{BakeSettings, Reference, Target, bake};
+/// use photofit_fit::bake::{BakeSettings, ReferenceSurface, Target, bake};
 /// use photofit_fit::visibility::{VisibilitySettings, visibility};
 /// use photofit_geometry::shapes;
 /// use photofit_scalar::vec4;
@@ -275,7 +275,7 @@ pub fn blank_texel() -> [f32; CHANNELS] {
 /// let scene = Scene { materials: vec![Material::clay()], ..Scene::default() };
 /// let flat = FlatScene { mesh: shapes::icosphere(8), triangle_material: vec![0; 20 * 64] };
 /// let surfaces = SurfaceLibrary::new(&scene);
-/// let reference = Reference::new(&flat, &scene.materials, &surfaces)?;
+/// let reference = ReferenceSurface::new(&flat, &scene.materials, &surfaces)?;
 /// let seen = visibility(&reference, &VisibilitySettings { rays: 100_000, ..Default::default() });
 ///
 /// let mut target = shapes::quad_grid(1, 1);
@@ -291,7 +291,7 @@ pub fn blank_texel() -> [f32; CHANNELS] {
 /// # Errors
 /// Wrong lengths, values that are not finite, settings out of range, or [`BakeError::Stopped`].
 pub fn bake(
-    reference: &Reference<'_>,
+    reference: &ReferenceSurface<'_>,
     visibility: &Visibility,
     target: &Target<'_>,
     settings: &BakeSettings,

@@ -8,7 +8,7 @@ use photofit_scene::{AlphaMode, FlatScene, Material, SurfaceLibrary, SurfaceSamp
 
 /// The reference asset, prepared for rays.
 #[derive(Debug)]
-pub struct Reference<'a> {
+pub struct ReferenceSurface<'a> {
     scene: &'a FlatScene,
     materials: &'a [Material],
     surfaces: &'a SurfaceLibrary,
@@ -54,7 +54,7 @@ impl From<&Hit> for SurfacePoint {
     }
 }
 
-impl<'a> Reference<'a> {
+impl<'a> ReferenceSurface<'a> {
     /// Checks the scene and builds its acceleration structure.
     ///
     /// # Errors

@@ -1,7 +1,7 @@
 //! Which place of the reference a point of the target stands for.
 
 use super::AlphaClass;
-use super::reference::{Reference, SurfacePoint};
+use super::reference::{ReferenceSurface, SurfacePoint};
 use super::target::Point;
 use crate::visibility::Visibility;
 use photofit_rays::{NearestPoint, Ray};
@@ -13,7 +13,7 @@ const LEAST_COSINE: f32 = 0.1;
 /// Chooses among the surfaces near a point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Selector<'a> {
-    pub(super) reference: &'a Reference<'a>,
+    pub(super) reference: &'a ReferenceSurface<'a>,
     pub(super) visibility: &'a Visibility,
     /// Largest distance to look, in the asset's units.
     pub(super) limit: f32,

@@ -1,6 +1,6 @@
 //! One texel: where its samples lie, what they find, and their average.
 
-use super::reference::Reference;
+use super::reference::ReferenceSurface;
 use super::select::{Choice, Found, Pick, Selector};
 use super::target::{Frame, point};
 use super::{AlphaClass, BakeSettings, BakeStatistics};
@@ -183,7 +183,7 @@ fn clamped(w: [f32; 3]) -> [f32; 3] {
 }
 
 impl Sum {
-    fn add(&mut self, reference: &Reference<'_>, pick: &Pick, width: f32, unlit_as_emission: bool) {
+    fn add(&mut self, reference: &ReferenceSurface<'_>, pick: &Pick, width: f32, unlit_as_emission: bool) {
         let shaded = reference.shade(&pick.place, width);
         let s = &shaded.surface;
         let alpha = match reference.material(pick.place.triangle).alpha_mode {

@@ -72,8 +72,8 @@ impl Normalised {
     ///
     /// # Errors
     /// Geometry that cannot be ray cast.
-    pub fn surface(&self) -> Result<bake::Reference<'_>, FitError> {
-        Ok(bake::Reference::new(&self.flat, &self.materials, &self.library)?)
+    pub fn surface(&self) -> Result<bake::ReferenceSurface<'_>, FitError> {
+        Ok(bake::ReferenceSurface::new(&self.flat, &self.materials, &self.library)?)
     }
 
     /// Class of each triangle of the reference.

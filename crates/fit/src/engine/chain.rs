@@ -26,7 +26,7 @@ pub fn checkpoint_files(parts: usize) -> Vec<String> {
 
 /// A chain on its way.
 #[derive(Debug)]
-pub(crate) struct Chain<'a> {
+pub(crate) struct FitChain<'a> {
     keeping: &'a Keeping,
     /// Parts that are done.
     part: usize,
@@ -40,7 +40,7 @@ pub(crate) struct Chain<'a> {
     history: Vec<HistoryPoint>,
 }
 
-impl<'a> Chain<'a> {
+impl<'a> FitChain<'a> {
     /// A chain at its start. Unless it goes on from checkpoints, those of all parts but the first are set aside; the first
     /// one is by its fit.
     pub(crate) fn new(keeping: &'a Keeping, progress: &dyn Progress) -> Self {
@@ -133,7 +133,7 @@ mod tests {
     #[test]
     fn histories_go_on_in_steps_and_seconds() {
         let keeping = Keeping { time_limit: Some(Duration::from_secs(100)), ..Keeping::default() };
-        let mut chain = Chain::new(&keeping, &Silent);
+        let mut chain = FitChain::new(&keeping, &Silent);
         chain.add(&[point(0, 0.5), point(25, 2.0)], 40);
         chain.add(&[point(0, 0.25), point(25, 1.0)], 60);
         assert!(chain.left.is_some_and(|l| l > Duration::from_secs(96)), "{:?}", chain.left);
@@ -151,10 +151,10 @@ mod tests {
             std::fs::write(file(part), "old").unwrap();
         }
         let mut keeping = Keeping { checkpoint: Some(dir.path().into()), resume: true, time_limit: None };
-        Chain::new(&keeping, &Silent);
+        FitChain::new(&keeping, &Silent);
         assert!((0..3).all(|k| file(k).exists()), "a chain that goes on keeps them");
         keeping.resume = false;
-        Chain::new(&keeping, &Silent);
+        FitChain::new(&keeping, &Silent);
         assert_eq!([0, 1, 2].map(|k| file(k).exists()), [true, false, false]);
         assert_eq!(checkpoint_files(3), ["fit.ckpt", "part1/fit.ckpt", "part2/fit.ckpt"]);
     }
@@ -163,8 +163,8 @@ mod tests {
     fn a_part_goes_on_only_from_what_it_left() {
         let dir = tempfile::tempdir().unwrap();
         let keeping = Keeping { checkpoint: Some(dir.path().into()), resume: true, time_limit: None };
-        let mut chain = Chain::new(&keeping, &Silent);
-        let resumes = |chain: &mut Chain<'_>| chain.fit(1, &Silent, |k| Ok(k.resume)).unwrap();
+        let mut chain = FitChain::new(&keeping, &Silent);
+        let resumes = |chain: &mut FitChain<'_>| chain.fit(1, &Silent, |k| Ok(k.resume)).unwrap();
         assert!(resumes(&mut chain), "a user who asks for it is told that there is nothing");
         chain.add(&[], 1);
         std::fs::create_dir_all(part_folder(dir.path(), 1)).unwrap();

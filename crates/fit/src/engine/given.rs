@@ -128,7 +128,7 @@ impl Reference for GivenPictures {
         Sphere::UNIT
     }
 
-    fn surface(&self, _: Moment) -> Option<&bake::Reference<'_>> {
+    fn surface(&self, _: Moment) -> Option<&bake::ReferenceSurface<'_>> {
         None
     }
 }

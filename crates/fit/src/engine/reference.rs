@@ -99,7 +99,7 @@ pub trait Reference: Sync {
     fn bounds(&self, moment: Moment) -> Sphere;
 
     /// The surface at a moment, for baking, visibility and shrink-wrapping; `None` where there are only pictures.
-    fn surface(&self, moment: Moment) -> Option<&bake::Reference<'_>>;
+    fn surface(&self, moment: Moment) -> Option<&bake::ReferenceSurface<'_>>;
 }
 
 /// An asset drawn by the rasterizer: direct light without shadows.
@@ -107,7 +107,7 @@ pub trait Reference: Sync {
 pub struct Rasterized<'a> {
     flat: &'a FlatScene,
     library: &'a SurfaceLibrary,
-    surface: Option<&'a bake::Reference<'a>>,
+    surface: Option<&'a bake::ReferenceSurface<'a>>,
     animated: Option<&'a Animated<'a>>,
     samples: usize,
 }
@@ -119,7 +119,7 @@ impl<'a> Rasterized<'a> {
     }
 
     /// Pictures of a normalised asset, and its surface.
-    pub fn of(n: &'a Normalised, surface: &'a bake::Reference<'a>) -> Self {
+    pub fn of(n: &'a Normalised, surface: &'a bake::ReferenceSurface<'a>) -> Self {
         Self { surface: Some(surface), ..Self::new(&n.flat, &n.library) }
     }
 
@@ -156,7 +156,7 @@ impl Reference for Rasterized<'_> {
         self.animated.filter(|_| moment.animation.is_some()).map_or(Sphere::UNIT, |a| a.bounds(moment))
     }
 
-    fn surface(&self, moment: Moment) -> Option<&bake::Reference<'_>> {
+    fn surface(&self, moment: Moment) -> Option<&bake::ReferenceSurface<'_>> {
         self.surface.filter(|_| moment.animation.is_none())
     }
 }
@@ -194,7 +194,7 @@ pub struct PathTraced<'a> {
     /// Behind a lock, since each picture has lights of its own, and a moment.
     world: Mutex<(World, Moment)>,
     animated: Option<&'a Animated<'a>>,
-    surface: Option<&'a bake::Reference<'a>>,
+    surface: Option<&'a bake::ReferenceSurface<'a>>,
     seed: u64,
     spp: u32,
 }
@@ -255,7 +255,7 @@ impl<'a> PathTraced<'a> {
 
     /// The same with the surface of the asset.
     #[must_use]
-    pub fn with_surface(self, surface: &'a bake::Reference<'a>) -> Self {
+    pub fn with_surface(self, surface: &'a bake::ReferenceSurface<'a>) -> Self {
         Self { surface: Some(surface), ..self }
     }
 }
@@ -301,7 +301,7 @@ impl Reference for PathTraced<'_> {
         self.animated.filter(|_| moment.animation.is_some()).map_or(Sphere::UNIT, |a| a.bounds(moment))
     }
 
-    fn surface(&self, moment: Moment) -> Option<&bake::Reference<'_>> {
+    fn surface(&self, moment: Moment) -> Option<&bake::ReferenceSurface<'_>> {
         self.surface.filter(|_| moment.animation.is_none())
     }
 }

@@ -64,7 +64,7 @@ pub enum Smoothing {
 
 /// Which pixels are compared.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Compared {
+pub enum ComparedPixels {
     /// All, whatever covers them.
     #[default]
     All,
@@ -92,7 +92,7 @@ pub struct Traced {
     /// How steps of textures and grids are smoothed.
     pub smoothing: Smoothing,
     /// Which pixels of a shot are compared.
-    pub compared: Compared,
+    pub compared: ComparedPixels,
     values: Vec<Vec<f32>>,
     /// Channels that the world has of each value: one or three.
     channels: Vec<usize>,
@@ -121,7 +121,7 @@ impl Traced {
             channels.push(held);
         }
         let (gradient_spp, evaluation_spp, smoothing) = (1, 64, Smoothing::default());
-        let (world, compared) = (Mutex::new(world), Compared::default());
+        let (world, compared) = (Mutex::new(world), ComparedPixels::default());
         Ok(Self {
             world,
             options,
@@ -247,7 +247,7 @@ impl Traced {
     /// not compared is as the reference has it.
     fn light(&self, picture: &Image, shot: &Shot) -> Vec<[f32; 4]> {
         let one = |(p, r): (&[f32], &[f32; 4])| match self.compared {
-            Compared::Covered if p[3] < WHOLE || r[3] < WHOLE => [r[0], r[1], r[2], 1.0],
+            ComparedPixels::Covered if p[3] < WHOLE || r[3] < WHOLE => [r[0], r[1], r[2], 1.0],
             _ => [p[0], p[1], p[2], 1.0],
         };
         picture.data.chunks_exact(4).zip(&shot.reference).map(one).collect()

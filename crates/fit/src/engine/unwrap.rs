@@ -1,6 +1,6 @@
 //! A mesh as a surface that can be fitted: an atlas, creases, and blank maps.
 
-use crate::bake::{Reference, blank_texel, hard_edges, own_creases};
+use crate::bake::{ReferenceSurface, blank_texel, hard_edges, own_creases};
 use crate::candidate::{Candidate, SurfaceClass};
 use crate::visibility::Visibility;
 use crate::{FitError, Progress};
@@ -12,7 +12,7 @@ use photofit_raster::Maps;
 /// normals have. Its maps of `size` x `size` texels are blank.
 pub(crate) fn unwrapped(
     mesh: &Mesh,
-    reference: Option<(&Reference<'_>, &Visibility)>,
+    reference: Option<(&ReferenceSurface<'_>, &Visibility)>,
     class: Vec<u32>,
     classes: Vec<SurfaceClass>,
     size: usize,

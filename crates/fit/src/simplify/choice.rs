@@ -18,7 +18,7 @@ use photofit_scene::Scene;
 
 /// Texels of the reference's surface on the present shape of a candidate.
 pub(super) fn rebaked(
-    surface: &bake::Reference<'_>,
+    surface: &bake::ReferenceSurface<'_>,
     seen: &Visibility,
     candidate: &Candidate,
     options: &SimplifyOptions,
@@ -56,7 +56,7 @@ pub(super) struct Chosen {
 pub(super) fn best(
     trained: Trained<Surface>,
     own: Option<Scene>,
-    surface: &bake::Reference<'_>,
+    surface: &bake::ReferenceSurface<'_>,
     seen: &Visibility,
     starts: &[Start],
     n: &Normalised,

@@ -87,7 +87,7 @@ pub fn simplify(
 pub(crate) struct Asset<'a> {
     pub(crate) scene: &'a Scene,
     pub(crate) n: &'a Normalised,
-    rays: &'a bake::Reference<'a>,
+    rays: &'a bake::ReferenceSurface<'a>,
     visibility: &'a Visibility,
 }
 

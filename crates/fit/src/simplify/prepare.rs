@@ -2,7 +2,7 @@
 
 use super::{Init, SimplifyOptions};
 use super::{coverage, shrink_wrap};
-use crate::bake::{self, AlphaClass, BakeSettings, Reference, bake};
+use crate::bake::{self, AlphaClass, BakeSettings, ReferenceSurface, bake};
 use crate::candidate::Candidate;
 use crate::engine::Normalised;
 use crate::engine::judge::Stage;
@@ -23,7 +23,10 @@ use std::ops::ControlFlow;
 const LEAST_IMPORTANCE: f32 = 0.05;
 
 /// What of the reference can be seen.
-pub(crate) fn visibility(reference: &Reference<'_>, progress: &dyn Progress) -> Result<Visibility, FitError> {
+pub(crate) fn visibility(
+    reference: &ReferenceSurface<'_>,
+    progress: &dyn Progress,
+) -> Result<Visibility, FitError> {
     visibility_reporting(reference, &VisibilitySettings::default(), &heard("visibility", progress))
         .ok_or(FitError::Interrupted)
 }
@@ -33,7 +36,7 @@ pub(crate) fn visibility(reference: &Reference<'_>, progress: &dyn Progress) -> 
 /// candidate `from` of an earlier fit.
 pub(super) fn prepare(
     n: &Normalised,
-    reference: &Reference<'_>,
+    reference: &ReferenceSurface<'_>,
     seen: &Visibility,
     from: Option<&Candidate>,
     options: &SimplifyOptions,
@@ -78,7 +81,7 @@ pub(super) struct Start {
 /// Gives a mesh an atlas, the reference's hard edges, and maps baked from the reference.
 fn unwrap_and_bake(
     n: &Normalised,
-    reference: &Reference<'_>,
+    reference: &ReferenceSurface<'_>,
     seen: &Visibility,
     mesh: &Mesh,
     class: Vec<u32>,
@@ -185,7 +188,12 @@ fn sphere(n: &Normalised, seen: &Visibility, target: Target) -> Result<Mesh, Fit
 }
 
 /// The class of each triangle of `mesh`: that of the visible triangle of the reference closest to its centre.
-fn closest_classes(n: &Normalised, reference: &Reference<'_>, seen: &Visibility, mesh: &Mesh) -> Vec<u32> {
+fn closest_classes(
+    n: &Normalised,
+    reference: &ReferenceSurface<'_>,
+    seen: &Visibility,
+    mesh: &Mesh,
+) -> Vec<u32> {
     let classes = n.triangle_classes();
     (0..mesh.triangles.len())
         .into_par_iter()
@@ -201,7 +209,7 @@ fn closest_classes(n: &Normalised, reference: &Reference<'_>, seen: &Visibility,
 
 /// Bakes the reference onto the candidate's present shape; also returns the mean distance between the two.
 pub(super) fn bake_candidate(
-    reference: &Reference<'_>,
+    reference: &ReferenceSurface<'_>,
     seen: &Visibility,
     candidate: &Candidate,
     options: &SimplifyOptions,

@@ -30,7 +30,7 @@ impl ReferenceRenderer {
         self,
         scene: &Scene,
         n: &'a Normalised,
-        surface: &'a bake::Reference<'a>,
+        surface: &'a bake::ReferenceSurface<'a>,
         options: &SimplifyOptions,
     ) -> Result<Box<dyn Reference + 'a>, FitError> {
         let [samples, _] = options.judge_samples();

@@ -5,7 +5,7 @@
 //! `(I + lambda L)^-1` (Nicolet et al. 2021) with `lambda` falling from stage to stage, so that the shape follows as a
 //! whole first and in detail last.
 
-use crate::bake::{BakeError, Reference};
+use crate::bake::{BakeError, ReferenceSurface};
 use crate::visibility::Visibility;
 use crate::{FitError, Progress};
 use photofit_geometry::{Edges, Mesh, weld::weld_exact};
@@ -62,7 +62,7 @@ impl Wrap {
     pub(super) fn run(
         &self,
         mesh: &mut Mesh,
-        reference: &Reference<'_>,
+        reference: &ReferenceSurface<'_>,
         seen: &Visibility,
         progress: &dyn Progress,
     ) -> Result<(), FitError> {
@@ -97,7 +97,7 @@ impl Wrap {
         &self,
         positions: &[Vec3f],
         triangles: &[[u32; 3]],
-        reference: &Reference<'_>,
+        reference: &ReferenceSurface<'_>,
         seen: &Visibility,
         samples: &[Sample],
     ) -> Result<Vec<Vec3f>, FitError> {

@@ -4,7 +4,7 @@ mod alpha;
 mod robustness;
 mod surface;
 
-use super::{BakeSettings, Baked, Reference, Target, bake};
+use super::{BakeSettings, Baked, ReferenceSurface, Target, bake};
 use crate::visibility::{Visibility, VisibilitySettings, visibility};
 use photofit_geometry::{Mesh, shapes};
 use photofit_raster::channel;
@@ -57,9 +57,9 @@ impl World {
         Some(TextureSlot { image: self.scene.images.len() - 1, sampler, tex_coord: 0, transform })
     }
 
-    pub(crate) fn with<R>(&self, ask: impl FnOnce(&Reference<'_>) -> R) -> R {
+    pub(crate) fn with<R>(&self, ask: impl FnOnce(&ReferenceSurface<'_>) -> R) -> R {
         let library = SurfaceLibrary::new(&self.scene);
-        ask(&Reference::new(&self.flat, &self.scene.materials, &library).unwrap())
+        ask(&ReferenceSurface::new(&self.flat, &self.scene.materials, &library).unwrap())
     }
 
     pub(crate) fn visibility(&self) -> Visibility {

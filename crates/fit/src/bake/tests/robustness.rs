@@ -1,7 +1,7 @@
 //! Determinism, stopping and bad input.
 
 use super::{World, go_on, patches, sheet, size};
-use crate::bake::{BakeError, BakeSettings, Reference, Target, bake};
+use crate::bake::{BakeError, BakeSettings, ReferenceSurface, Target, bake};
 use crate::visibility::Visibility;
 use photofit_geometry::{Mesh, shapes};
 use photofit_rays::AccelError;
@@ -72,7 +72,7 @@ fn bad_input_is_refused() {
         let mut flat = world.flat.clone();
         edit(&mut flat);
         let library = SurfaceLibrary::new(&world.scene);
-        Reference::new(&flat, &world.scene.materials, &library).unwrap_err()
+        ReferenceSurface::new(&flat, &world.scene.materials, &library).unwrap_err()
     };
     assert_eq!(
         refuse(|f| f.mesh.positions[3].z = f32::NAN),

@@ -35,7 +35,7 @@ impl Reference for Greys {
         Sphere::UNIT
     }
 
-    fn surface(&self, _: Moment) -> Option<&bake::Reference<'_>> {
+    fn surface(&self, _: Moment) -> Option<&bake::ReferenceSurface<'_>> {
         None
     }
 }
