@@ -21,7 +21,7 @@ use clap::error::ErrorKind;
 use clap::{ArgGroup, Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use photofit_fit::engine::trainer::Keeping;
 use photofit_fit::simplify::SimplifyOptions;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 pub(crate) use values::Device;
 use values::{above_to, between, device, ending, number, seconds, whole};
