@@ -40,8 +40,8 @@ impl PictureLoss {
 
     /// The losses that can be asked for by name.
     pub const ALL: [Self; 7] = [
-        Self::RELATIVE_SQUARES,
         Self { loss: Loss::Mse, weights: Weights::Equal },
+        Self::RELATIVE_SQUARES,
         Self { loss: Loss::LogSrgbL1, weights: Weights::Equal },
         Self { loss: Loss::LogSrgbL2, weights: Weights::Equal },
         Self { loss: Loss::Smape, weights: Weights::Equal },

@@ -50,12 +50,7 @@ fn bad_input_is_refused() {
     let s = size(4);
     check(&Mesh::default(), &seen, &s, "the target has no triangles");
     check(&broken(|m| m.tangents.clear()), &seen, &s, "target: 0 tangents, expected 4");
-    check(
-        &broken(|m| m.positions[2].y = f32::NAN),
-        &seen,
-        &s,
-        "target: position of vertex 2 is not finite",
-    );
+    check(&broken(|m| m.positions[2].y = f32::NAN), &seen, &s, "target: position of vertex 2 is not finite");
     check(&broken(|m| m.uvs[1].x = f32::INFINITY), &seen, &s, "target: uv of vertex 1 is not finite");
     check(
         &broken(|m| m.triangles[1][0] = 9),
