@@ -6,7 +6,7 @@ use crate::gpu::tolerances::{LOSS, LOSS_GRADIENT};
 use crate::loss::Frame;
 use photofit_gradcheck::Uniform;
 
-const POINTWISE: [Loss; 6] = [Loss::LogSrgbL1, Loss::LogSrgbL2, Loss::Mse, Loss::Smape, Loss::RelativeL2];
+const POINTWISE: [Loss; 5] = [Loss::LogSrgbL1, Loss::LogSrgbL2, Loss::Mse, Loss::Smape, Loss::RelativeL2];
 
 type Image = Vec<[f32; 4]>;
 
