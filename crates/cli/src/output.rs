@@ -29,6 +29,17 @@ pub(crate) fn write_json(path: &Path, value: &Value) -> Result<()> {
     Ok(photofit_image::write_atomically(path, text.as_bytes())?)
 }
 
+/// A PSNR in decibels as JSON, `psnr`, and beside it `psnr_is`, what it says: `exact`; `at least`, where it is `bounded`: it
+/// or a part of the mean reached the largest that is told apart; `infinite`, of equal images, where `psnr` is null: JSON has no such number.
+pub(crate) fn write_psnr(figures: &mut Value, psnr: f64, bounded: bool) {
+    figures["psnr"] = json!(psnr.is_finite().then_some(psnr));
+    figures["psnr_is"] = json!(match (psnr.is_finite(), bounded) {
+        (false, _) => "infinite",
+        (true, true) => "at least",
+        (true, false) => "exact",
+    });
+}
+
 /// A quality as JSON.
 pub(crate) fn quality(q: &Quality) -> Value {
     json!({
@@ -106,6 +117,18 @@ mod tests {
         for (n, text) in [(12, "12 B"), (1536, "1.5 KiB"), (3 << 20, "3.0 MiB"), (5 << 30, "5.00 GiB")] {
             assert_eq!(bytes(n), text);
         }
+    }
+
+    #[test]
+    fn a_psnr_says_what_it_is() {
+        let of = |psnr, bounded| {
+            let mut figures = json!({});
+            write_psnr(&mut figures, psnr, bounded);
+            figures
+        };
+        assert_eq!(of(31.5, false), json!({ "psnr": 31.5, "psnr_is": "exact" }));
+        assert_eq!(of(60.0, true), json!({ "psnr": 60.0, "psnr_is": "at least" }));
+        assert_eq!(of(f64::INFINITY, false), json!({ "psnr": null, "psnr_is": "infinite" }));
     }
 
     #[test]
