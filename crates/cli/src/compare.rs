@@ -4,10 +4,11 @@ use crate::args::Compare;
 use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say_warnings};
-use crate::threads;
+use crate::{memory, threads};
 use anyhow::{Result, anyhow, bail};
 use photofit_fit::compare::compare_assets;
-use photofit_fit::engine::judge::{Judged, Quality, ViewQuality};
+use photofit_fit::engine::judge::{BEST_PSNR, Judged, Quality, ViewQuality};
+use photofit_fit::footprint::Task;
 use photofit_image::{
     DEFAULT_PIXELS_PER_DEGREE, Image, contact_sheet, flip, heatmap, psnr_from_mse, rmse, ssim, to_display,
     write_png,
@@ -32,16 +33,20 @@ struct Figures {
     ssim: f64,
     flip: f64,
     rmse: f64,
+    /// Whether the PSNR, or that of a view of a mean, reached the largest that is told apart.
+    bounded: bool,
 }
 
 impl Figures {
     fn of(v: &ViewQuality) -> Self {
         let q = &v.quality;
-        Self { psnr: q.psnr, ssim: q.ssim, flip: q.flip, rmse: v.rmse }
+        Self { psnr: q.psnr, ssim: q.ssim, flip: q.flip, rmse: v.rmse, bounded: q.psnr >= BEST_PSNR }
     }
 
     fn json(&self) -> Value {
-        json!({ "psnr": self.psnr, "ssim": self.ssim, "flip": self.flip, "rmse": self.rmse })
+        let mut value = json!({ "ssim": self.ssim, "flip": self.flip, "rmse": self.rmse });
+        output::write_psnr(&mut value, self.psnr, self.bounded);
+        value
     }
 
     /// A line of the table; the PSNR of assets is told up to a bound, that of images is not.
@@ -112,7 +117,13 @@ pub(crate) fn is_asset(path: &Path) -> bool {
 fn mean(views: &[Figures]) -> Figures {
     let n = views.len().max(1) as f64;
     let of = |f: fn(&Figures) -> f64| views.iter().map(f).sum::<f64>() / n;
-    Figures { psnr: of(|v| v.psnr), ssim: of(|v| v.ssim), flip: of(|v| v.flip), rmse: of(|v| v.rmse) }
+    Figures {
+        psnr: of(|v| v.psnr),
+        ssim: of(|v| v.ssim),
+        flip: of(|v| v.flip),
+        rmse: of(|v| v.rmse),
+        bounded: views.iter().any(|v| v.bounded),
+    }
 }
 
 /// The kind of what was compared and how it was drawn, the heat map, and the figures of each view.
@@ -132,6 +143,7 @@ fn assets(a: &Compare, places: &Places) -> Result<Compared> {
         Ok(scene)
     };
     let (reference, candidate) = (load(&a.reference)?, load(&a.candidate)?);
+    memory::check_textures(Task::Compare, &a.candidate, &[&reference, &candidate])?;
     let progress = Terminal::new();
     let compared = compare_assets(
         &reference,
@@ -168,8 +180,13 @@ fn images(a: &Compare) -> Result<Compared> {
     let (r, c) = (shown(&reference, &a.reference)?, shown(&candidate, &a.candidate)?);
     let error = flip(&r, &c, DEFAULT_PIXELS_PER_DEGREE);
     let rmse = rmse(&r, &c);
-    let figures =
-        Figures { psnr: psnr_from_mse(rmse * rmse), ssim: ssim(&r, &c).mean, flip: error.mean, rmse };
+    let figures = Figures {
+        psnr: psnr_from_mse(rmse * rmse),
+        ssim: ssim(&r, &c).mean,
+        flip: error.mean,
+        rmse,
+        bounded: false,
+    };
     Ok(Compared { kind: "images", drawn: None, heat: heatmap(&error.map, HEAT), views: vec![figures] })
 }
 

@@ -334,8 +334,8 @@ fn compare(value: &mut Value, reference: &Image, noisy: &Image, clean: &Image) -
     for (name, image) in [("noisy", noisy), ("denoised", clean)] {
         let (psnr, ssim, flip, rmse, linear) = figures(image);
         text += &format!("{name:<10} {psnr:>9.2} {ssim:>8.4} {flip:>8.4} {rmse:>8.4} {linear:>11.4}\n");
-        let figures =
-            json!({ "psnr": psnr, "ssim": ssim, "flip": flip, "rmse": rmse, "linear_rmse": linear });
+        let mut figures = json!({ "ssim": ssim, "flip": flip, "rmse": rmse, "linear_rmse": linear });
+        output::write_psnr(&mut figures, psnr, false);
         if name == "noisy" {
             value["noisy"] = figures;
         } else if let (Some(all), Some(own)) = (value.as_object_mut(), figures.as_object()) {

@@ -1,6 +1,7 @@
 //! What goes to stdout and into JSON files.
 
-use anyhow::Result;
+use crate::progress::say;
+use anyhow::{Result, bail};
 pub(crate) use photofit_fit::report::count;
 use photofit_fit::simplify::Quality;
 use serde_json::{Value, json};
@@ -27,6 +28,58 @@ pub(crate) fn write_json(path: &Path, value: &Value) -> Result<()> {
     let mut text = serde_json::to_string_pretty(value)?;
     text.push('\n');
     Ok(photofit_image::write_atomically(path, text.as_bytes())?)
+}
+
+/// The files of a result that took long to find. One that cannot be written keeps no other from being written: the user is
+/// told, and the command fails in the end.
+#[derive(Default)]
+pub(crate) struct Results {
+    refused: usize,
+}
+
+impl Results {
+    /// Takes note of how writing a file went; whether it is there.
+    pub(crate) fn took(&mut self, written: Result<()>) -> bool {
+        if let Err(e) = &written {
+            say(&format!("warning: not written, all else is tried: {e}"));
+            self.refused += 1;
+        }
+        written.is_ok()
+    }
+
+    /// # Errors
+    /// If a file could not be written.
+    pub(crate) fn end(self, folder: &Path) -> Result<()> {
+        match self.refused {
+            0 => Ok(()),
+            n => bail!(
+                "{}: {n} of the files of the result could not be written; all others are there",
+                folder.display()
+            ),
+        }
+    }
+}
+
+/// Writes figures; where that is refused they go to stdout, so that what was found is not lost.
+///
+/// # Errors
+/// If stdout is refused too.
+pub(crate) fn keep_json(results: &mut Results, path: &Path, value: &Value) -> Result<()> {
+    if results.took(write_json(path, value)) {
+        return Ok(());
+    }
+    print(&format!("{}\n", serde_json::to_string_pretty(value)?))
+}
+
+/// A PSNR in decibels as JSON, `psnr`, and beside it `psnr_is`, what it says: `exact`; `at least`, where it is `bounded`: it
+/// or a part of the mean reached the largest that is told apart; `infinite`, of equal images, where `psnr` is null: JSON has no such number.
+pub(crate) fn write_psnr(figures: &mut Value, psnr: f64, bounded: bool) {
+    figures["psnr"] = json!(psnr.is_finite().then_some(psnr));
+    figures["psnr_is"] = json!(match (psnr.is_finite(), bounded) {
+        (false, _) => "infinite",
+        (true, true) => "at least",
+        (true, false) => "exact",
+    });
 }
 
 /// A quality as JSON.
@@ -106,6 +159,18 @@ mod tests {
         for (n, text) in [(12, "12 B"), (1536, "1.5 KiB"), (3 << 20, "3.0 MiB"), (5 << 30, "5.00 GiB")] {
             assert_eq!(bytes(n), text);
         }
+    }
+
+    #[test]
+    fn a_psnr_says_what_it_is() {
+        let of = |psnr, bounded| {
+            let mut figures = json!({});
+            write_psnr(&mut figures, psnr, bounded);
+            figures
+        };
+        assert_eq!(of(31.5, false), json!({ "psnr": 31.5, "psnr_is": "exact" }));
+        assert_eq!(of(60.0, true), json!({ "psnr": 60.0, "psnr_is": "at least" }));
+        assert_eq!(of(f64::INFINITY, false), json!({ "psnr": null, "psnr_is": "infinite" }));
     }
 
     #[test]

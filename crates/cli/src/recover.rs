@@ -7,8 +7,9 @@ use crate::progress::{Terminal, say_warnings};
 use crate::recovery::Recovery;
 use crate::simplify::{CHECKPOINT_FILE, name};
 use crate::status::Ending;
-use crate::{interrupt, threads};
+use crate::{interrupt, memory, threads};
 use anyhow::Result;
+use photofit_fit::footprint::Task;
 use photofit_fit::pictures::named_files;
 use photofit_fit::recover::{RecoverOptions, Recovered, recover_texture};
 use photofit_fit::report::PAGE as REPORT_PAGE;
@@ -45,6 +46,7 @@ fn texture(a: &RecoverTexture) -> Result<Ending> {
     let mesh = photofit_scene::load(&a.mesh)?;
     places.check_against("--mesh", &mesh.files)?;
     say_warnings(&a.mesh, &mesh);
+    memory::check_fit(Task::Recover, a.texture_size, &a.mesh, &[&mesh])?;
     interrupt::handle();
     let progress = Terminal::new();
     let r = recover_texture(&a.pictures, &mesh, &a.output, &options, &progress)

@@ -7,14 +7,16 @@ use crate::progress::{Terminal, say_warnings};
 use crate::recovery::Recovery;
 use crate::simplify::name;
 use crate::status::Ending;
-use crate::{interrupt, threads};
+use crate::{interrupt, memory, threads};
 use anyhow::Result;
 use photofit_fit::engine::chain::checkpoint_files;
+use photofit_fit::footprint::Task;
 use photofit_fit::pictures::named_files;
 use photofit_fit::recover_mesh::{
     MOST_LEVELS, PictureSource, RecoverMeshOptions, RecoveredMesh, ShapeError, recover_mesh,
 };
 use photofit_fit::report::PAGE as REPORT_PAGE;
+use photofit_scene::Scene;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -43,6 +45,8 @@ pub(crate) fn run(a: &RecoverMesh) -> Result<Ending> {
         anyhow::Ok(scene)
     };
     let (asset, mesh) = (load("--self-test", &a.self_test)?, load("--mesh", &a.mesh)?);
+    let assets: Vec<&Scene> = asset.iter().chain(&mesh).collect();
+    memory::check_fit(Task::Recover, a.texture_size, &a.output, &assets)?;
     let folder = a.pictures.as_deref().unwrap_or(Path::new("."));
     let source = match &asset {
         Some(asset) => PictureSource::Asset { asset, views: a.views, size: a.picture_size },

@@ -2,7 +2,7 @@
 
 use crate::args::RecoverVolume;
 use crate::fields::{RECOVER_VOLUME, misuse, name_options};
-use crate::output;
+use crate::output::{self, Results};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say};
 use crate::status::Ending;
@@ -216,10 +216,11 @@ fn around(k: usize, of: usize, [lo, hi]: &[DVec3; 2]) -> View {
 
 /// Writes what was found and tells it.
 fn write(a: &RecoverVolume, seen: &Seen, r: &RecoveredVolume, seconds: f64) -> Result<()> {
+    let mut results = Results::default();
     for (file, values) in [(FILES[0], &r.extinction), (FILES[1], &r.albedo)] {
-        write_atomically(a.output.join(file).as_path(), &encode_grid(r.size, values, r.bounds))?;
+        let bytes = encode_grid(r.size, values, r.bounds);
+        results.took(write_atomically(a.output.join(file).as_path(), &bytes).map_err(Into::into));
     }
-    photofit_image::write_png(a.output.join(FILES[2]), &sheet(seen, r)?)?;
     let [first, best] = first_and_best(&r.history);
     let errors = seen.truth.as_ref().filter(|t| t.size == r.size && t.bounds == r.bounds).map(|t| {
         let of = |v: &dyn Fn(usize) -> f32| {
@@ -228,7 +229,10 @@ fn write(a: &RecoverVolume, seen: &Seen, r: &RecoveredVolume, seconds: f64) -> R
         };
         [of(&|_| 0.0), of(&|i| r.extinction[i])]
     });
-    output::write_json(&a.output.join(FILES[3]), &figures(a, r, ([first, best], errors), seconds))?;
+    let figures = figures(a, r, ([first, best], errors), seconds);
+    output::keep_json(&mut results, &a.output.join(FILES[3]), &figures)?;
+    let sheet = sheet(seen, r)?;
+    results.took(photofit_image::write_png(a.output.join(FILES[2]), &sheet).map_err(Into::into));
     let [x, y, z] = r.size;
     let grids: Vec<String> = r.grids.iter().map(|(_, side)| side.to_string()).collect();
     let mut text = format!("{x} x {y} x {z} voxels, grids of {} along the longest side\n", grids.join(", "));
@@ -252,7 +256,7 @@ fn write(a: &RecoverVolume, seen: &Seen, r: &RecoveredVolume, seconds: f64) -> R
         plan: &r.plan,
         sampled: (SHOWN_SPP, SHOWN_SEED),
     };
-    found.tell(&a.output, &text)
+    found.tell(&a.output, &text, results)
 }
 
 /// Pictures in the upper row, what was found below; the one that was held out comes last.

@@ -5,10 +5,11 @@ use crate::output;
 use crate::preflight::Places;
 use crate::progress::{say, say_warnings};
 use crate::status::Ending;
-use crate::{animation, camera, light, mitsuba, path_render, threads};
+use crate::{animation, camera, light, memory, mitsuba, path_render, threads};
 use anyhow::{Result, anyhow};
 use glam::Vec3;
-use photofit_fit::engine::judge::beyond_rasterizer;
+use photofit_fit::engine::judge::count_beyond_rasterizer;
+use photofit_fit::footprint::Task;
 use photofit_fit::scene_render::SceneRenderer;
 use photofit_image::Image;
 use photofit_pathtrace::View;
@@ -54,8 +55,10 @@ pub(crate) fn run(a: &Render) -> Result<Ending> {
     let scene = posed(a)?;
     places.check_against("IN", &scene.files)?;
     scene.validate_for_fit().map_err(|e| anyhow!("{}: {e}", a.input.display()))?;
-    let beyond: Vec<&str> = beyond_rasterizer(&scene).into_iter().collect();
+    let (beyond, materials) = count_beyond_rasterizer(&scene);
     if !beyond.is_empty() {
+        let beyond: Vec<String> =
+            beyond.iter().map(|(name, n)| format!("{name} of {n} of {materials} materials")).collect();
         say(&format!(
             "warning: {}: the rasterizer does not draw {}; --integrator path does",
             a.input.display(),
@@ -103,6 +106,7 @@ pub(crate) fn run(a: &Render) -> Result<Ending> {
 pub(crate) fn posed(a: &Render) -> Result<Scene> {
     let mut scene = photofit_scene::load(&a.input)?;
     say_warnings(&a.input, &scene);
+    memory::check_textures(Task::Render, &a.input, &[&scene])?;
     let Some(wanted) = &a.animation else { return Ok(scene) };
     let index = animation::index(&a.input, &scene, wanted)?;
     scene.set_pose(scene.pose(Some(index), a.time.unwrap_or(0.0)));

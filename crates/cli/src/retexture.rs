@@ -7,13 +7,14 @@ use crate::progress::{Terminal, say, say_warnings};
 use crate::recovery::Recovery;
 use crate::simplify::{CHECKPOINT_FILE, name};
 use crate::status::Ending;
-use crate::{animation, interrupt, light, threads};
+use crate::{animation, interrupt, light, memory, threads};
 use anyhow::Result;
 use photofit_fit::FitError;
 use photofit_fit::engine::Normalised;
 use photofit_fit::engine::animated::Animated;
 use photofit_fit::engine::judge::{Judged, WIDEST_TRACED};
 use photofit_fit::engine::reference::SAMPLES;
+use photofit_fit::footprint::Task;
 use photofit_fit::report::PAGE as REPORT_PAGE;
 use photofit_fit::retexture::{RetextureOptions, Retextured, retexture};
 use photofit_fit::simplify::Written;
@@ -43,6 +44,7 @@ pub(crate) fn run(a: &Retexture) -> Result<Ending> {
     for (file, scene) in [(&a.reference, &reference), (&a.light_asset, &asset)] {
         scene.validate_for_fit().map_err(|e| explain_error(RETEXTURE, file, e.into()))?;
     }
+    memory::check_fit(Task::Retexture, a.texture_size, &a.reference, &[&reference, &asset])?;
     let options = RetextureOptions {
         moments: moments(a, &reference, &asset)?,
         resolution: a.resolution,

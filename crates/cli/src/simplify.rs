@@ -9,6 +9,7 @@ use crate::status::Ending;
 use crate::{device, interrupt, light, lod, memory, threads};
 use anyhow::{Error, Result, anyhow};
 use photofit_fit::engine::trainer::{HistoryPoint, relative_error};
+use photofit_fit::footprint::Task;
 use photofit_fit::report::{PAGE as REPORT_PAGE, ReportInfo, Verdict, write_report};
 use photofit_fit::simplify::{
     FitPlan, FitRenderer, Init, JudgeRenderer, Judged, Outcome, Quality, ReferenceRenderer, SimplifyOptions,
@@ -181,6 +182,7 @@ impl Job<'_> {
     /// What comes before the work: what is wrong with the asset, and what it asks for.
     pub(crate) fn begin(&self, scene: &Scene, options: &SimplifyOptions) -> Result<()> {
         scene.validate_for_fit().map_err(|e| explain_error(self.command, self.input, e.into()))?;
+        memory::check_fit(Task::Simplify, options.texture_size, self.input, &[scene])?;
         say_warnings(self.input, scene);
         if self.explain {
             let plan = FitPlan::new(scene)

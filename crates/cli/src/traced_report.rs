@@ -1,6 +1,6 @@
 //! The page of what was found through the path tracer: pictures beside those that were given, and the course of the fit.
 
-use crate::output::{self, print};
+use crate::output::{self, Results, print};
 use crate::progress::say;
 use anyhow::Result;
 use photofit_fit::engine::judge::{ReportView, view_quality};
@@ -50,10 +50,11 @@ pub(crate) fn tell_course(stopped: bool, plan: Option<&PlanRows>) -> Result<()> 
 }
 
 impl Found<'_> {
-    /// Writes the page to a folder and tells people what was found.
-    pub(crate) fn tell(&self, folder: &Path, text: &str) -> Result<()> {
-        self.write(folder)?;
-        print(&format!("{text}{}", self.reached))
+    /// Writes the page to a folder beside the other results and tells people what was found.
+    pub(crate) fn tell(&self, folder: &Path, text: &str, mut results: Results) -> Result<()> {
+        results.took(self.write(folder));
+        print(&format!("{text}{}", self.reached))?;
+        results.end(folder)
     }
 
     /// Writes the page to a folder; of many pictures some are shown, the last one always.

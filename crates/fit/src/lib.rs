@@ -11,6 +11,7 @@ pub mod candidate;
 pub mod compare;
 pub mod engine;
 mod error;
+pub mod footprint;
 pub mod guiding;
 pub mod lod;
 pub mod pictures;

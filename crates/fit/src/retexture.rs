@@ -330,11 +330,15 @@ fn baked(
     Ok(baked.maps)
 }
 
-/// The light asset with the maps of a candidate.
+/// The light asset with the maps of a candidate. Its vertex colours belong to the materials that these replace: kept, they
+/// would be multiplied with the new maps, which hold the whole colour.
 fn dressed(light: &Scene, candidate: &Candidate, n: &Normalised) -> Scene {
     let made = to_scene(candidate, &n.light_asset);
     let mut out = Scene { materials: made.materials, images: made.images, ..light.clone() };
-    out.primitives.iter_mut().for_each(|p| p.material = 0);
+    for p in &mut out.primitives {
+        p.material = 0;
+        p.mesh.colors.clear();
+    }
     out
 }
 

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 /// What removes the noise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum DenoiseModel {
-    /// Regression on the features, its widths chosen by estimated error: best quality per second.
+    /// Regression on the features, its widths chosen by estimated error.
     Auto,
     /// Total variation, quadratic data term.
     Rof,

@@ -29,6 +29,8 @@ pub(crate) fn tensor(shape: &[usize; 4]) -> &[usize] {
 /// A scene with what its picture is like.
 pub(crate) struct Subject {
     pub(crate) keys: Vec<Key>,
+    /// Names of the lights that throw pictures.
+    throwing: Vec<String>,
     pub(crate) parts: Parts,
     /// One for each camera that is asked for.
     pub(crate) views: Vec<View>,
@@ -60,6 +62,14 @@ impl Subject {
                 None => Ok(key),
                 Some(rule) => bail!("{file}: {name}: {rule}; it must be more than 0"),
             };
+        }
+        let thrown =
+            |light: &String| name.strip_prefix(light.as_str()).is_some_and(|end| end.starts_with('.'));
+        if self.throwing.iter().any(thrown) {
+            bail!(
+                "{file}: {name}: belongs to a light that throws a picture, whose texels have no derivatives; it must be a \
+                 parameter of --list"
+            );
         }
         if let Some(word) = GEOMETRY.iter().find(|w| name.rsplit('.').any(|part| part == **w)) {
             bail!(
@@ -96,7 +106,9 @@ fn of_mitsuba(a: &ParameterScene, places: &Places) -> Result<Subject> {
     options.seed = a.seed;
     let view = View::from_mitsuba(&scene.sensor);
     let world = WorldOptions::default();
+    let throwing = scene.lights.iter().filter(|l| l.picture.is_some() && !l.name.is_empty());
     Ok(Subject {
+        throwing: throwing.map(|l| l.name.clone()).collect(),
         keys: keys::of_mitsuba(&scene),
         parts: Parts::from_mitsuba(scene),
         views: vec![view],
@@ -134,5 +146,5 @@ fn of_asset(a: &ParameterScene, cameras: Cameras, places: &Places) -> Result<Sub
     let path = PathOptions { max_depth: a.max_depth.unwrap_or(path.max_depth), ..path };
     let options = RenderOptions { width, height, seed: a.seed, path, ..RenderOptions::default() };
     let keys = keys::of_asset(&scene, &parts);
-    Ok(Subject { keys, parts, views, options, world: WorldOptions::default() })
+    Ok(Subject { keys, throwing: Vec::new(), parts, views, options, world: WorldOptions::default() })
 }

@@ -1,7 +1,7 @@
 //! What `photofit recover scene` writes: pictures before and after, textures, grids, `values.json`, `index.html`.
 
 use crate::args::RecoverScene;
-use crate::output;
+use crate::output::{self, Results};
 use crate::parameter_scene::{Quantity, tensor};
 use crate::status::Misuse;
 use crate::traced_report::{Found, first_and_best};
@@ -87,16 +87,12 @@ pub(super) fn write(
     errors: Option<(Vec<f64>, Vec<f64>)>,
     seconds: f64,
 ) -> Result<()> {
-    for (view, camera) in views.iter().enumerate() {
-        let picture = r.model.picture(camera, SHOWN_SPP, SHOWN_SEED)?;
-        photofit_image::write_png(a.output.join(of_view("recovered", view, "png")), &shown(&picture))?;
-        let file = a.output.join(of_view("recovered", view, "exr"));
-        photofit_image::write_exr(file, &[("", &picture, &["R", "G", "B", "A"])])?;
-    }
+    // Values come first: on a disk that is nearly full, pictures are what is missing.
+    let mut results = Results::default();
     let mut list = Vec::new();
     let mut text = String::new();
     for (k, quantity) in quantities.iter().enumerate() {
-        let (mut entry, mut line) = one(&a.output, &r.model, k, (*quantity, boxes[k]))?;
+        let (mut entry, mut line) = one(&a.output, &r.model, k, (*quantity, boxes[k]), &mut results);
         if let Some((first, last)) = &errors {
             entry["parameter_error"] = json!({ "first": first[k], "last": last[k] });
             line += &format!("    error {:.5} -> {:.5}\n", first[k], last[k]);
@@ -105,10 +101,16 @@ pub(super) fn write(
         text += &line;
     }
     let [first, best] = first_and_best(&r.history);
-    output::write_json(
-        &a.output.join("values.json"),
-        &figures(a, r, views.len(), list, [first, best], seconds),
-    )?;
+    let figures = figures(a, r, views.len(), list, [first, best], seconds);
+    output::keep_json(&mut results, &a.output.join("values.json"), &figures)?;
+    for (view, camera) in views.iter().enumerate() {
+        let picture = r.model.picture(camera, SHOWN_SPP, SHOWN_SEED)?;
+        let file = a.output.join(of_view("recovered", view, "png"));
+        results.took(photofit_image::write_png(file, &shown(&picture)).map_err(Into::into));
+        let file = a.output.join(of_view("recovered", view, "exr"));
+        let layers = [("", &picture, &["R", "G", "B", "A"][..])];
+        results.took(photofit_image::write_exr(file, &layers).map_err(Into::into));
+    }
     let judged = match r.held_out {
         Some(view) => format!("picture {view}, which was held out"),
         None if views.len() == 1 => "the picture that was fitted (none is held out)".into(),
@@ -134,7 +136,7 @@ pub(super) fn write(
         plan: &r.plan,
         sampled: (SHOWN_SPP, SHOWN_SEED),
     };
-    found.tell(&a.output, &text)
+    found.tell(&a.output, &text, results)
 }
 
 /// Writes a parameter: its entry in the JSON and its line for people.
@@ -143,28 +145,30 @@ fn one(
     model: &Traced,
     k: usize,
     (quantity, bounds): (Quantity, [DVec3; 2]),
-) -> Result<(Value, String)> {
+    results: &mut Results,
+) -> (Value, String) {
     let (p, values) = (&model.parameters[k], model.of(k));
     let [slices, h, w, channels] = p.shape;
     let mut entry = json!({ "parameter": p.name, "shape": tensor(&p.shape) });
     if p.cells() == 1 {
         entry["value"] = json!(values);
         let each: Vec<String> = values.iter().map(|v| format!("{v:.5}")).collect();
-        return Ok((entry, format!("{}  {}\n", p.name, each.join("  "))));
+        return (entry, format!("{}  {}\n", p.name, each.join("  ")));
     }
     if matches!(p.parameter, Parameter::Medium { .. }) {
         let file = format!("{}.vol", file_name(&p.name));
         let bytes = encode_grid([w, h, slices], values, bounds);
-        write_atomically(folder.join(&file).as_path(), &bytes)?;
+        results.took(write_atomically(folder.join(&file).as_path(), &bytes).map_err(Into::into));
         entry["file"] = json!(file);
-        return Ok((entry, format!("{}  {slices} x {h} x {w} voxels in {file}\n", p.name)));
+        return (entry, format!("{}  {slices} x {h} x {w} voxels in {file}\n", p.name));
     }
     let image = Image::from_fn(w, h, 3, |x, y, c| values[(y * w + x) * channels + c.min(channels - 1)]);
     let name = file_name(&p.name);
-    photofit_image::write_exr(folder.join(format!("{name}.exr")), &[("", &image, &["R", "G", "B"])])?;
-    write_texture(&folder.join(format!("{name}.png")), &image, quantity)?;
+    let layers = [("", &image, &["R", "G", "B"][..])];
+    results.took(photofit_image::write_exr(folder.join(format!("{name}.exr")), &layers).map_err(Into::into));
+    results.took(write_texture(&folder.join(format!("{name}.png")), &image, quantity));
     entry["file"] = json!(format!("{name}.exr"));
-    Ok((entry, format!("{}  {h} x {w} texels in {name}.exr\n", p.name)))
+    (entry, format!("{}  {h} x {w} texels in {name}.exr\n", p.name))
 }
 
 /// Writes a texture as files of assets hold it: colours as sRGB, numbers and normals as they are.

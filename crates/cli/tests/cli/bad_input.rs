@@ -1,7 +1,8 @@
 //! Broken files and impossible wishes: one line, status 1, nothing left behind.
 
 use crate::support::{
-    TRIANGLE, assert_one_error, command, glb, names, photofit, rock, triangle_bin, triangle_json, write_rock,
+    TRIANGLE, assert_one_error, command, glb, names, photofit, rock, succeeds, triangle_bin, triangle_json,
+    write_rock,
 };
 use std::path::Path;
 
@@ -226,4 +227,33 @@ fn huge_claims_take_little_memory() {
             .unwrap();
         assert_one_error(&o, arguments, &["huge"]);
     }
+}
+
+/// Maps that no memory holds are refused before the work, in one line that names the option.
+#[cfg(target_os = "linux")]
+#[test]
+fn maps_beyond_the_memory_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 4, true);
+    for task in
+        ["simplify", "retexture rock.glb", "recover texture nothing --mesh", "recover mesh --self-test"]
+    {
+        // Pictures are read after the asset.
+        std::fs::write(d.join("nothing"), "{}").unwrap();
+        // 2 GiB of address space: maps of 4096 x 4096 texels take 6 GiB and more.
+        let line = format!(
+            "ulimit -v 2097152; exec \"$0\" {task} rock.glb -o out.glb --texture-size 4096 --steps 1"
+        );
+        let o = std::process::Command::new("sh")
+            .current_dir(d)
+            .args(["-c", &line, env!("CARGO_BIN_EXE_photofit")])
+            .output()
+            .unwrap();
+        let parts =
+            ["the fit needs about", "GiB of memory", "--texture-size 4096", "there are 1.", "smaller"];
+        assert_one_error(&o, task, &parts);
+        assert_eq!(names(d), ["nothing", "rock.glb"], "{task}");
+    }
+    succeeds(d, &["render", "rock.glb", "-o", "a.png", "--width", "16", "--height", "16"]);
 }

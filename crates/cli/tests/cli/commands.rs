@@ -58,15 +58,17 @@ fn images_and_assets_are_compared() {
     let assets = compare("rock.glb", "coarse.glb", &views);
     assert_eq!(assets["views"].as_array().unwrap().len(), 2);
     for f in [&figures, &assets] {
+        assert_eq!(f["psnr_is"], "exact");
         let at = |key: &str| f[key].as_f64().unwrap();
         assert!((8.0..50.0).contains(&at("psnr")) && (0.2..1.0).contains(&at("ssim")), "{f}");
         assert!(at("flip") > 0.0 && at("rmse") > 0.0);
     }
     let same = compare("a.png", "a.png", &[]);
     assert_eq!((same["rmse"].as_f64(), same["ssim"].as_f64()), (Some(0.0), Some(1.0)));
-    assert!(same["psnr"].is_null(), "infinity has no number in JSON");
+    assert!(same["psnr"].is_null() && same["psnr_is"] == "infinite", "infinity has no number in JSON");
     let same = compare("rock.glb", "rock.glb", &["--views", "1", "--resolution", "32"]);
     assert_eq!(same["flip"].as_f64(), Some(0.0));
+    assert!(same["psnr"] == 60.0 && same["psnr_is"] == "at least", "{same}");
 }
 
 #[test]

@@ -84,6 +84,15 @@ fn what_cannot_be_differentiated_is_refused_in_one_line() {
     assert_one_error(&moved, "positions", &["s.xml", "vertex_positions", "rasterizer", "--list"]);
     let unknown = run(&["--parameter", "black.reflectance.value"]);
     assert_one_error(&unknown, "no such key", &["black.reflectance.value", "white.reflectance.value"]);
+    // The picture of a projector has no derivatives: its keys are named as such, and not listed.
+    let plate =
+        "<emitter type='projector' id='beamer'><rgb name='irradiance' value='0.5 1 0.5'/></emitter></scene>";
+    std::fs::write(d.join("p.xml"), scene(0.5).replace("</scene>", plate)).unwrap();
+    for key in ["beamer.irradiance.data", "beamer.irradiance.value"] {
+        let o = photofit(d, &["gradient", "p.xml", "--parameter", key]);
+        assert_one_error(&o, "a projector", &["p.xml", key, "throws a picture", "no derivatives", "--list"]);
+    }
+    assert!(!stdout(&succeeds(d, &["gradient", "p.xml", "--list"])).contains("beamer"));
     let small = Image::new(3, 2, 3);
     photofit_image::write_exr(d.join("w.exr"), &[("", &small, &["R", "G", "B"])]).unwrap();
     let white = ["--parameter", "white.reflectance.value"];

@@ -175,7 +175,9 @@ fn what_the_rasterizer_does_not_draw_is_told_once() {
     };
     assert_eq!(
         warnings("velvet.glb", &[]),
-        ["warning: velvet.glb: the rasterizer does not draw sheen; --integrator path does"]
+        [
+            "warning: velvet.glb: the rasterizer does not draw sheen of 1 of 1 materials; --integrator path does"
+        ]
     );
     assert!(warnings("velvet.glb", &["--integrator", "path"]).is_empty());
     assert!(warnings("rock.glb", &[]).is_empty());

@@ -336,3 +336,38 @@ fn bad_volumes_are_refused_in_one_line() {
     ];
     assert_misuse(&photofit(d, &both), "views alone", &["--self-test"]);
 }
+
+/// A disk that takes small files alone: the pictures of what was found are refused, its values are not lost.
+#[cfg(target_os = "linux")]
+#[test]
+fn values_are_written_where_pictures_cannot_be() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    let larger =
+        scene("0.7 0.2 0.3", "4").replace("value='12'", "value='40'").replace("value='8'", "value='28'");
+    std::fs::write(d.join("s.xml"), larger).unwrap();
+    let run = |limit: &str, output: &str| {
+        let fit =
+            format!("recover scene s.xml --self-test -o {output} --steps 4 --spp 4 --parameter {}", WHITE[1]);
+        // Writing beyond the limit is an error, no signal.
+        let line = format!("trap '' XFSZ; ulimit -f {limit}; exec \"$0\" {fit}");
+        std::process::Command::new("sh")
+            .current_dir(d)
+            .args(["-c", &line, env!("CARGO_BIN_EXE_photofit")])
+            .output()
+            .unwrap()
+    };
+    // In blocks of 512 bytes, or of 1024.
+    let o = run("8", "out");
+    assert_one_error(
+        &o,
+        "full",
+        &["out", "2 of the files of the result could not be written", "all others are there"],
+    );
+    let told = stderr(&o);
+    assert!(told.contains("recovered.exr") && told.contains("index.html"), "{told}");
+    let f = figures(&d.join("out"));
+    assert_eq!(f["parameters"][0]["parameter"], "white.reflectance.value");
+    assert!(stdout(&o).contains("white.reflectance.value  0."), "{}", stdout(&o));
+    assert!(d.join("out/recovered.png").is_file() && !d.join("out/recovered.exr").exists());
+}

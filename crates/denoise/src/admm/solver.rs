@@ -48,7 +48,7 @@ pub struct Admm<T: Sample> {
     data: DataTerm<T>,
     weights: [Option<Weight<T>>; 3],
     guide: Vec<T>,
-    /// Squared norm of the target of each solved channel without its mean.
+    /// Squared norm of the target of each solved channel without its mean, over the samples that are read.
     contrast: Vec<f64>,
     /// Samples of the target that are not finite, and so must stay holes.
     unreadable: Vec<usize>,
@@ -154,7 +154,12 @@ impl<T: Sample> Admm<T> {
         };
         let (offsets, target) = center(&problem, &plan, &survey.means);
         let square = |v: &T| v.f64() * v.f64();
-        let contrast = target.chunks(shape.pixels()).map(|plane| plane.iter().map(square).sum()).collect();
+        let (n, all) = (shape.pixels(), full(&problem.data));
+        let read = |c: usize, i: usize| all || !problem.data.hole(c * n + i, shape);
+        let contrast_of = |(c, plane): (&usize, &[T])| {
+            plane.iter().enumerate().filter(|(i, _)| read(*c, *i)).map(|(_, v)| square(v)).sum()
+        };
+        let contrast = channels.iter().zip(target.chunks(n)).map(contrast_of).collect();
         let sweep = match linear {
             LinearStep::Exact => false,
             LinearStep::Sweep => true,

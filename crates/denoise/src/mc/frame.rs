@@ -117,6 +117,11 @@ impl<'a> Features<'a> {
         }
     }
 
+    /// Whether there is a guide beside the albedo.
+    pub(crate) fn has_edges(&self) -> bool {
+        [&self.normal, &self.depth, &self.position].iter().any(|f| f.is_some())
+    }
+
     /// The same without copies.
     pub(crate) fn borrowed(&self) -> Features<'_> {
         fn of<'b>(plane: &'b Option<Cow<'_, [f32]>>) -> Option<Cow<'b, [f32]>> {

@@ -31,6 +31,10 @@ pub(super) fn variational(
             plan.skip("coherence", LEFT_OUT);
             vec![1.0; p.shape.pixels()]
         }
+        _ if p.divisor.is_none() && !p.features.has_edges() => {
+            plan.skip("coherence", "no guides");
+            vec![1.0; p.shape.pixels()]
+        }
         _ => plan.stage("coherence", || {
             let mut features = p.features.borrowed();
             features.albedo = p.divisor.as_deref().map(Cow::Borrowed);

@@ -1,7 +1,7 @@
 //! Light that no linear model follows: highlights a few cells wide.
 //!
-//! Beside a highlight the model that fits one cell falls below all that is around, is cut at the least mean, and the cell
-//! shows as a dark block. Around cells between which the means differ severalfold a small blur of the samples is taken
+//! Beside a highlight the model that fits one cell falls below all that is around, to 0 at last, and the cell shows as a
+//! dark block. Around cells between which the means differ severalfold a small blur of the samples is taken
 //! instead, which stops at edges of the features: there is much light and so little relative noise.
 
 use super::basis::Basis;

@@ -17,13 +17,16 @@ use super::{Plan, Stage, remodulate};
 use crate::DenoiseError;
 use std::borrow::Cow;
 
-/// What the plan says of a stage that the settings leave out.
+/// What the plan says of a stage that the settings leave out, and of one that the other models do not have.
 pub(super) const LEFT_OUT: &str = "left out by the settings";
+pub(super) const PART_OF_AUTO: &str = "part of the automatic model";
+/// And of black pixels where there are none.
+pub(super) const NO_BLACK: &str = "no pixels without diffuse reflectance, or no others";
 
 /// What removes the noise.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Model {
-    /// The best quality per second: regression on the features, its widths chosen by estimated error.
+    /// Regression on the features, its widths chosen by estimated error.
     #[default]
     Auto,
     /// A convex model on the logarithm of the irradiance.
@@ -188,6 +191,11 @@ impl Sequence {
             let mean = prepared.weight.iter().sum::<f32>() / prepared.weight.len() as f32;
             plan.run("mean", format!("{mean:.2} effective samples per pixel, {} pixels new", self.reset));
             prepared.variance = accumulated_variance(history, prepared.shape.width);
+            let known = prepared.variance.is_some();
+            plan.restate(
+                "noise",
+                if known { "from the history" } else { "not known: no pixel has two frames" },
+            );
         }
         Some(filter(prepared, &self.settings, plan))
     }
@@ -279,7 +287,7 @@ fn filter(mut prepared: Prepared<'_>, settings: &Settings, mut plan: Plan) -> Re
             ((), format!("{:.1}% of the pixels; blur {blur}, own samples {own} by strength", 100.0 * s.edges))
         }),
         Model::Auto => plan.skip("edges", "neither albedo nor normal"),
-        _ => plan.skip("edges", "part of the automatic model"),
+        _ => plan.skip("edges", PART_OF_AUTO),
     }
     if let (Model::Auto, Some(share)) = (settings.model, &prepared.jagged) {
         soften(prepared.shape, &mut estimate, share);
@@ -305,11 +313,16 @@ fn regression(p: &Prepared<'_>, without: Option<Stage>, plan: &mut Plan) -> Vec<
         let trust = split.as_ref().map_or(&p.trust, |[others, _]| others);
         let r = regress(p.shape, &basis, &p.irradiance, trust, p.variance.as_deref(), without);
         let shares = r.shares.map(|s| format!("{:.0}%", 100.0 * s)).join(" ");
-        let why = format!("widths of 3, 5, 8, 16 pixels in {shares} of {} cells; {} flat", r.cells, r.flat);
+        let mut why =
+            format!("widths of 3, 5, 8, 16 pixels in {shares} of {} cells; {} flat", r.cells, r.flat);
+        if let Some(stage @ (Stage::Widths | Stage::Highlights)) = without {
+            why += &format!("; {stage} left out");
+        }
         (r.estimate, why)
     });
     match &split {
-        None => plan.skip("black", "no pixels without diffuse reflectance, or no others"),
+        None if without == Some(Stage::Black) => plan.skip("black", LEFT_OUT),
+        None => plan.skip("black", NO_BLACK),
         Some([_, own]) => plan.stage("black", || {
             regress_black(p, &basis, own, without, &mut estimate);
             ((), format!("{} pixels without diffuse reflectance by themselves", p.black.len()))
@@ -329,7 +342,8 @@ fn regression(p: &Prepared<'_>, without: Option<Stage>, plan: &mut Plan) -> Vec<
             let shares =
                 shares.map(|w| restore_detail(p.shape.width, irradiance, w, variance, &mut estimate));
             let share = shares.sum::<f32>();
-            ((), format!("{:.0}% of what the regression left over, pixel by pixel", 100.0 * share))
+            let of = if variance.is_some() { "pixel by pixel" } else { "as means of about a pixel around" };
+            ((), format!("{:.0}% of what the regression left over, {of}", 100.0 * share))
         }),
     }
     estimate

@@ -45,6 +45,13 @@ impl Plan {
         result
     }
 
+    /// Says anew what a stage that ran did, where later work changed it.
+    pub(crate) fn restate(&mut self, name: &str, why: impl Into<String>) {
+        if let Some(step) = self.steps.iter_mut().find(|s| s.name == name) {
+            step.why = why.into();
+        }
+    }
+
     /// The line of a guide or stage.
     pub fn step(&self, name: &str) -> Option<&Step> {
         self.steps.iter().find(|s| s.name == name)

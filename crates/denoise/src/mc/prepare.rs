@@ -6,6 +6,7 @@ use super::feature_noise;
 use super::firefly::{OTHERS, REGRESSION, clamp_fireflies};
 use super::frame::{Features, Frame};
 use super::noise::half_variance;
+use super::pipeline::{LEFT_OUT, NO_BLACK, PART_OF_AUTO};
 use super::{Model, Plan, Settings, Stage, demodulate, divisor};
 use crate::{DenoiseError, Shape};
 use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSliceMut};
@@ -63,20 +64,37 @@ impl<'a> Prepared<'a> {
             ((sides, weight, holes), why)
         });
         let exact = match without {
-            Some(Stage::Exact) => Vec::new(),
+            Some(Stage::Exact) => {
+                plan.skip("exact", LEFT_OUT);
+                Vec::new()
+            }
             _ => exact(frame, &features, &mut weight, plan),
         };
-        let jagged = jagged(frame, &features, without, plan);
+        let jagged = jagged(frame, &features, settings, plan);
         let demodulated = features.albedo.as_ref().filter(|_| without != Some(Stage::Demodulation));
-        let divisor = demodulated.map(|albedo| {
-            plan.stage("demodulation", || {
+        let divisor = match demodulated {
+            Some(albedo) => Some(plan.stage("demodulation", || {
                 let d = divisor(albedo);
                 sides.iter_mut().for_each(|side| demodulate(side, &d));
                 (d, "colour / max(albedo, 0.01)")
-            })
-        });
+            })),
+            None => {
+                let why = if features.albedo.is_some() { LEFT_OUT } else { "no albedo" };
+                plan.skip("demodulation", why);
+                None
+            }
+        };
         let apart = features.albedo.as_ref().filter(|_| without != Some(Stage::Black));
         let black = apart.map_or(Vec::new(), |a| black_pixels(a, &weight));
+        // The automatic model has a stage of its own for them.
+        match (settings.model, without, black.len()) {
+            (Model::Auto, ..) => {}
+            (_, Some(Stage::Black), _) => plan.skip("black", LEFT_OUT),
+            (_, _, 0) => plan.skip("black", NO_BLACK),
+            (_, _, n) => {
+                plan.run("black", format!("{n} pixels without diffuse reflectance: means by themselves"));
+            }
+        }
         let own_class = if black.is_empty() { Vec::new() } else { classes(&weight, &black).into() };
         // All pixels where there is only one class.
         let others = own_class.first().unwrap_or(&weight);
@@ -103,13 +121,13 @@ impl<'a> Prepared<'a> {
             }
         };
         let variance = plan.stage("noise", || match (&sides[..], frame.variance) {
-            ([a, b], _) if a == b => (None, "the halves are equal: estimated from residuals"),
+            ([a, b], _) if a == b => (None, "the halves are equal: not known"),
             ([a, b], _) => (Some(half_variance(a, b)), "from the two halves"),
             (_, Some(v)) if v.iter().any(|v| *v > 0.0) => {
                 (Some(scaled(v, divisor.as_deref(), key)), "from the variance layer")
             }
-            (_, Some(_)) => (None, "the variance layer is all 0: estimated from residuals"),
-            _ => (None, "not known beforehand: estimated from residuals"),
+            (_, Some(_)) => (None, "the variance layer is all 0: not known"),
+            _ => (None, "not known: no halves and no variance layer"),
         });
         let (irradiance, halves) = match (sides.pop(), sides.pop()) {
             (Some(b), Some(a)) => {
@@ -169,13 +187,20 @@ fn is_known(frame: &Frame<'_>) -> bool {
 fn jagged(
     frame: &Frame<'_>,
     features: &Features<'_>,
-    without: Option<Stage>,
+    settings: &Settings,
     plan: &mut Plan,
 ) -> Option<Vec<f32>> {
     let sampled = [&features.albedo, &features.normal];
     let single = frame.half.is_none() && frame.variance.is_some() && !is_known(frame);
-    if without == Some(Stage::Jagged) || !single || sampled.iter().all(|f| f.is_none()) {
-        plan.skip("jagged", "no variance layer of zeros (one sample a pixel), no features, or left out");
+    let skipped = match settings {
+        Settings { model: Model::Variational(_) | Model::Atrous, .. } => Some(PART_OF_AUTO),
+        Settings { without: Some(Stage::Jagged), .. } => Some(LEFT_OUT),
+        _ if !single => Some("no variance layer of zeros, which would say that a pixel has one sample"),
+        _ if sampled.iter().all(|f| f.is_none()) => Some("neither albedo nor normal"),
+        _ => None,
+    };
+    if let Some(why) = skipped {
+        plan.skip("jagged", why);
         return None;
     }
     plan.stage("jagged", || {

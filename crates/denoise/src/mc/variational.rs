@@ -40,8 +40,8 @@ impl VariationalModel {
     /// Factors of [`Self::strength`]'s grid, relative to it.
     pub(crate) const GRID: [f32; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];
 
-    /// The default `c` of `alpha = c sigma max(W_aux, 0.2)`.
-    pub(crate) fn strength(self) -> f32 {
+    /// The default `c` of `alpha = c sigma max(W_aux, 0.2)`, for samples without halves.
+    pub fn strength(self) -> f32 {
         match self {
             Self::Rof | Self::Tgv => 3.0,
             Self::TvL1 => 16.0,

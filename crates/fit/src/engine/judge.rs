@@ -17,8 +17,8 @@ use crate::{FitError, Progress};
 use photofit_geometry::{Mesh, Split};
 use photofit_image::{Image, dilate, flip, luminance, psnr_from_mse, squared_error, ssim, to_display};
 use photofit_scalar::Vec3f;
-use photofit_scene::{FlatScene, Instance, Primitive, Scene, SurfaceLibrary};
-use std::collections::BTreeSet;
+use photofit_scene::{FlatScene, Instance, Material, Primitive, Scene, SurfaceLibrary};
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Grey behind the asset, sRGB.
 const BACKGROUND: f32 = 0.5;
@@ -134,8 +134,10 @@ pub enum JudgeRenderer {
     Path,
 }
 
-/// Views that are compared even after the user has stopped the work, who waits for these alone.
+/// Views that are compared even after the user has stopped the work, who waits for these alone; fewer where they are path
+/// traced, which takes long.
 const AFTER_STOP: u64 = 2;
+const TRACED_AFTER_STOP: u64 = 1;
 
 /// A named asset on its way to the written file.
 #[derive(Clone, Debug)]
@@ -247,14 +249,26 @@ fn part(mesh: &Mesh, mut triangles: Vec<[u32; 3]>) -> Mesh {
 
 /// What of a scene's visible materials the rasterizer does not draw, by name of the extension.
 pub fn beyond_rasterizer(scene: &Scene) -> BTreeSet<&'static str> {
-    scene
-        .instances
-        .iter()
-        .map(|i| &scene.materials[scene.primitives[i.primitive].material])
-        .filter(|m| !m.unlit)
-        .filter_map(|m| m.extensions.as_ref())
-        .flat_map(|e| e.acting())
-        .collect()
+    visible_materials(scene).into_iter().flat_map(|m| acting(&scene.materials[m])).collect()
+}
+
+/// The same with the number of materials that have each, and the number of all visible ones.
+pub fn count_beyond_rasterizer(scene: &Scene) -> (BTreeMap<&'static str, usize>, usize) {
+    let (visible, mut counts) = (visible_materials(scene), BTreeMap::new());
+    for name in visible.iter().flat_map(|m| acting(&scene.materials[*m])) {
+        *counts.entry(name).or_insert(0) += 1;
+    }
+    (counts, visible.len())
+}
+
+fn visible_materials(scene: &Scene) -> BTreeSet<usize> {
+    scene.instances.iter().map(|i| scene.primitives[i.primitive].material).collect()
+}
+
+/// The extensions of a material that change how it looks.
+fn acting(material: &Material) -> Vec<&'static str> {
+    let extensions = material.extensions.as_ref().filter(|_| !material.unlit);
+    extensions.map_or_else(Vec::new, |e| e.acting())
 }
 
 /// How to judge.
@@ -379,16 +393,21 @@ fn compared(
     count: u64,
     progress: &dyn Progress,
 ) -> Result<Vec<ReportView>, FitError> {
+    let traced = stages.iter().any(|s| s.kind().spp.is_some());
+    let least = if traced { TRACED_AFTER_STOP } else { AFTER_STOP };
     let mut out = Vec::new();
     for i in 0..count {
         progress.report("report", i, count, "");
-        if i >= AFTER_STOP && progress.is_cancelled() {
+        let stop = || i >= least && progress.is_cancelled();
+        if stop() {
             break;
         }
         let s = views.setup(set, i, count);
-        let ReferencePicture { image, .. } = reference.picture(&s)?;
-        let quality = stages.iter().map(|c| Ok(view_quality(&image, &c.picture(&s)?.image)));
-        let quality = quality.collect::<Result<_, FitError>>()?;
+        let picture = |of: &dyn Reference| of.picture_unless(&s, &stop);
+        let Some(ReferencePicture { image, .. }) = picture(reference)? else { break };
+        let quality = stages.iter().map(|c| Ok(picture(*c)?.map(|p| view_quality(&image, &p.image))));
+        // A view that was stopped half way counts for none.
+        let Some(quality) = quality.collect::<Result<Option<_>, FitError>>()? else { break };
         out.push(ReportView { reference: display(&image), quality });
     }
     Ok(out)

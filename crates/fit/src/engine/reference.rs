@@ -95,6 +95,19 @@ pub trait Reference: Sync {
     /// If it cannot be made.
     fn picture(&self, setup: &Setup) -> Result<ReferencePicture, FitError>;
 
+    /// As [`Self::picture`]; `None` where that takes long and `stop`, which is asked meanwhile, says true.
+    ///
+    /// # Errors
+    /// As [`Self::picture`].
+    fn picture_unless(
+        &self,
+        setup: &Setup,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Option<ReferencePicture>, FitError> {
+        let _ = stop;
+        self.picture(setup).map(Some)
+    }
+
     /// A sphere around what the pictures show at a moment.
     fn bounds(&self, moment: Moment) -> Sphere;
 
@@ -266,6 +279,14 @@ impl Reference for PathTraced<'_> {
     }
 
     fn picture(&self, setup: &Setup) -> Result<ReferencePicture, FitError> {
+        Ok(self.picture_unless(setup, &|| false)?.expect("nothing stops it"))
+    }
+
+    fn picture_unless(
+        &self,
+        setup: &Setup,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Option<ReferencePicture>, FitError> {
         let lights = setup.lights.lights();
         let animated = moving(self.animated, setup.moment)?.or(self.animated);
         let mut world = self.world.lock().unwrap_or_else(PoisonError::into_inner);
@@ -289,12 +310,15 @@ impl Reference for PathTraced<'_> {
         };
         let mut renderer = Renderer::new(world, &setup.camera.view(), options)?;
         let noise = loop {
-            let progress = renderer.pass(|| false);
+            let progress = renderer.pass(stop);
             if progress.done {
                 break progress.noise;
             }
+            if stop() {
+                return Ok(None);
+            }
         };
-        Ok(ReferencePicture { image: renderer.picture(), noise: Some(noise) })
+        Ok(Some(ReferencePicture { image: renderer.picture(), noise: Some(noise) }))
     }
 
     fn bounds(&self, moment: Moment) -> Sphere {

@@ -138,7 +138,17 @@ impl fmt::Display for Verdict {
             }
         })?;
         if let Some((name, q)) = &self.better {
-            write!(f, "; {name} is better: {:.1} dB, FLIP {:.3}", q.psnr, q.flip)?;
+            let what = match *name {
+                "decimated" => "as many triangles with the asset's own materials and all their texels,",
+                "baked" | "wrapped" => "the start of the fit, baked maps,",
+                name => name,
+            };
+            write!(
+                f,
+                ". What the table calls {name}, {what} scores better here and is not in the file: {} dB, FLIP {:.3}",
+                q.decibels(1),
+                q.flip
+            )?;
         }
         Ok(())
     }
@@ -156,6 +166,21 @@ mod tests {
         assert_eq!(name(&[("decimated", q(31.0, 0.06))]), None, "one measure alone");
         assert_eq!(name(&[("original", q(40.0, 0.01)), (SHIPPED, q(31.0, 0.04))]), None);
         assert_eq!(name(&[("baked", q(31.0, 0.04)), ("decimated", q(33.0, 0.03))]), Some("decimated"));
+    }
+
+    #[test]
+    fn what_is_better_is_told_apart_from_what_was_written() {
+        let q = |psnr: f64, flip: f64| Quality { psnr, flip, ..Quality::default() };
+        let better = Some(("decimated", q(33.0, 0.03)));
+        for written in [Written::Fitted, Written::Baked, Written::Decimated] {
+            let verdict = Verdict { better, written, ..Verdict::new(&[q(30.0, 0.05)], None) };
+            let text = verdict.to_string();
+            // One sentence of its own, the last, that says that the file holds something else.
+            let sentence = ". What the table calls decimated, as many triangles with the asset's own materials and all their \
+                            texels, scores better here and is not in the file: 33.0 dB, FLIP 0.030";
+            assert!(text.ends_with(sentence), "{text}");
+            assert_eq!(text.matches("decimated").count(), 1, "{text}");
+        }
     }
 
     #[test]

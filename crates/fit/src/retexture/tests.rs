@@ -176,3 +176,22 @@ fn a_bake_that_no_fit_improves_is_written() {
     // The file holds what the start is, but for the rounding of its positions.
     assert!(r.written == Written::Baked && (r.quality.psnr - r.start.psnr).abs() < 1e-3, "{:?}", r.written);
 }
+
+#[test]
+fn vertex_colours_of_the_light_asset_go_with_its_materials() {
+    let dir = tempfile::tempdir().unwrap();
+    let heavy = arm(24, 32);
+    let options = RetextureOptions { steps: 0, report_views: 2, ..options() };
+    let made = |light: &Scene| {
+        let file = dir.path().join("arm.glb");
+        let quality = retexture(&heavy, light, &file, &options, &Silent).unwrap().quality;
+        (photofit_scene::load(&file).unwrap(), quality)
+    };
+    let mut colored = light();
+    for p in &mut colored.primitives {
+        p.mesh.colors = vec![photofit_scalar::vec4(0.1, 0.5, 0.9, 1.0); p.mesh.positions.len()];
+    }
+    let (written, quality) = made(&colored);
+    assert!(written.primitives.iter().all(|p| p.mesh.colors.is_empty()));
+    assert_eq!(quality, made(&light()).1, "as without colours");
+}

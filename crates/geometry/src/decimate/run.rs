@@ -94,7 +94,7 @@ fn stage(
         // A refill at every halving brings back candidates that were refused in an older neighbourhood.
         let pause = (before / 2).max(goal.triangles);
         let mut heap = fill(engine, rules);
-        drain(engine, &mut heap, pause, rules, stats, report)?;
+        drain(engine, &mut heap, [pause, goal.triangles], rules, stats, report)?;
         if (before - engine.topology.live) * 200 < before {
             break;
         }
@@ -156,10 +156,11 @@ fn removal_cost(engine: &Engine<'_>, c: u32) -> f64 {
     if cost.is_finite() { cost } else { f64::MAX }
 }
 
+/// Works off the heap down to `pause` triangles, and never below `goal`.
 fn drain(
     engine: &mut Engine<'_>,
     heap: &mut Queue,
-    pause: usize,
+    [pause, goal]: [usize; 2],
     rules: &Rules,
     stats: &mut Stats,
     report: &dyn Fn(usize) -> ControlFlow<()>,
@@ -172,7 +173,7 @@ fn drain(
         popped = popped.wrapping_add(1);
         let Some((cost, top)) = heap.pop() else { break };
         if top.v == NONE {
-            remove(engine, heap, cost, top, rules, stats);
+            remove(engine, heap, cost, top, goal, rules, stats);
             continue;
         }
         if top.stamp != engine.version[top.u as usize].wrapping_add(engine.version[top.v as usize]) {
@@ -265,18 +266,25 @@ fn requeue(engine: &mut Engine<'_>, heap: &mut Queue, u: u32, rules: &Rules) {
     }
 }
 
-/// Drops a component if its price still holds.
+/// Drops a component if its price still holds and that leaves `goal` triangles: collapses reach a budget exactly, or but for
+/// one triangle, where dropping a component of up to [`REMOVABLE`] would waste as many.
 fn remove(
     engine: &mut Engine<'_>,
     heap: &mut Queue,
     priced_at: f64,
     top: Entry,
+    goal: usize,
     rules: &Rules,
     stats: &mut Stats,
 ) {
     let part = engine.parts[top.u as usize];
     // The last component stays.
     if part.live == 0 || part.live == engine.topology.live || part.extent2 > rules.max_error2 {
+        return;
+    }
+    if engine.topology.live - part.live < goal {
+        // It comes back once a collapse has made it smaller.
+        engine.parts[top.u as usize].queued = false;
         return;
     }
     let cost = removal_cost(engine, top.u);

@@ -522,3 +522,20 @@ fn reports_rise_and_can_stop_the_work() {
         assert_eq!(decimate_reporting(&mesh, &[], &[], &options, &stop), Err(DecimateError::Stopped));
     }
 }
+
+/// Small components that are dropped as a whole take no more than the budget asks for.
+#[test]
+fn a_budget_is_used_up_by_many_parts() {
+    // A collapse of a closed surface takes two triangles; of more parts than the budget has room for, tetrahedra go whole.
+    for (parts, frequency, short) in [(10, 1, 1), (12, 4, 1), (40, 2, 3)] {
+        let mut mesh = Mesh::default();
+        for i in 0..parts {
+            let size = Vec3f::splat(0.3 + 0.05 * i as f32);
+            append(&mut mesh, &sphere(frequency), size, vec3(3.0 * i as f32, 0.0, 0.0));
+        }
+        for budget in 60..80 {
+            let left = to(&mesh, budget, |_| {}).mesh.triangles.len();
+            assert!(left <= budget && left + short >= budget, "{parts} parts: {left} of {budget}");
+        }
+    }
+}

@@ -6,6 +6,7 @@ use crate::{EnvironmentMap, Material, Parts, RenderPlan, Shape, World, WorldOpti
 use glam::{DAffine3, DQuat, DVec3};
 use photofit_sampling::{Rng, uniform_sphere};
 use photofit_scalar::{Vec3f, vec3};
+use photofit_scene::graph::{SurfaceGraph, SurfaceNode, Texture};
 use photofit_shading::bsdf::Energy;
 
 /// Side of the grid, and the radius of the ball in the middle of the unit cube.
@@ -145,6 +146,57 @@ fn a_grid_is_drawn_as_the_sphere_it_stands_for() {
     let sphere = || Shape::Sphere { center: Vec3f::splat(0.5), radius: RADIUS as f32 };
     let (a, b) = (picture(&|| ball(true), 1), picture(&sphere, 2));
     agree("grid and sphere", (&a.0, &a.1, 256), (&b.0, &b.1, 256));
+}
+
+/// A floor lit by a ball of radius [`RADIUS`] above it, and by a dim sky.
+fn under(ball: Shape, material: Material, seed: u64) -> (photofit_image::Image, photofit_image::Image) {
+    let mut parts = Parts::default();
+    parts.add(ball, material);
+    let floor = super::scenes::quad(vec3(-2.0, -0.2, -2.0), vec3(0.0, 0.0, 5.0), vec3(5.0, 0.0, 0.0));
+    super::scenes::place(&mut parts, floor, Material::new(diffuse(0.6, 0.4, 0.3)));
+    parts.environment = Some(EnvironmentMap::constant(Vec3f::splat(0.2)));
+    let world = World::new(parts).unwrap();
+    let view = looking([1.8, 1.4, 2.4], [0.5, 0.3, 0.5], 0.8);
+    render(&world, &view, crate::RenderOptions { seed, ..square(16, 256) })
+}
+
+#[test]
+fn a_grid_that_glows_lights_what_its_sphere_does() {
+    let lamp = || Material::new(diffuse(0.2, 0.2, 0.2)).emitting(vec3(2.0, 1.5, 1.0));
+    let sphere = Shape::Sphere { center: Vec3f::splat(0.5), radius: RADIUS as f32 };
+    let (a, b) = (under(ball(true), lamp(), 1), under(sphere, lamp(), 2));
+    agree("a glowing grid and its sphere", (&a.0, &a.1, 256), (&b.0, &b.1, 256));
+    let dark = under(ball(true), Material::new(diffuse(0.2, 0.2, 0.2)), 1).0;
+    let sum = |i: &photofit_image::Image| i.data.iter().sum::<f32>();
+    assert!(sum(&a.0) > 1.5 * sum(&dark), "it gives light: {} {}", sum(&a.0), sum(&dark));
+}
+
+#[test]
+fn a_grid_is_as_thin_as_its_mask_says() {
+    let masked = |opacity: f32| {
+        let inner = Box::new(SurfaceNode::Constant(diffuse(0.9, 0.1, 0.1)));
+        let root = SurfaceNode::Mask { opacity: Texture::number(opacity), inner };
+        Material::from_graph(SurfaceGraph { root, emission: None })
+    };
+    // Coverage of spheres is looked up on triangles.
+    let mesh = || {
+        let mut mesh = photofit_geometry::shapes::icosphere(40);
+        for p in &mut mesh.positions {
+            *p = p.normalize_or_zero() * (RADIUS as f32) + Vec3f::splat(0.5);
+        }
+        mesh.normals = mesh.positions.iter().map(|p| (*p - Vec3f::splat(0.5)).normalize_or_zero()).collect();
+        Shape::Mesh(mesh)
+    };
+    let (a, b) = (under(ball(true), masked(0.4), 1), under(mesh(), masked(0.4), 2));
+    agree("a thin grid and its sphere", (&a.0, &a.1, 256), (&b.0, &b.1, 256));
+    // The more it covers, the redder the picture.
+    let red = |opacity| {
+        let picture = under(ball(true), masked(opacity), 1).0;
+        let sum = |c: usize| picture.data.iter().skip(c).step_by(4).sum::<f32>();
+        sum(0) / sum(1)
+    };
+    let [open, thin, solid] = [0.0, 0.4, 1.0].map(red);
+    assert!(1.02 * open < thin && 1.02 * thin < solid, "{open} {thin} {solid}");
 }
 
 #[test]

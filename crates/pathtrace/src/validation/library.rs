@@ -132,6 +132,52 @@ fn cameras_see_through_the_backs_of_single_sided_surfaces() {
 }
 
 #[test]
+fn shadows_do_not_know_which_way_a_card_faces() {
+    let plate = |half: f32, z: f32| Mesh {
+        positions: [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
+            .map(|(x, y)| vec3(half * x, half * y, z))
+            .to_vec(),
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        ..Mesh::default()
+    };
+    // A floor that a card hangs above, seen from below the card.
+    let floor_under = |double_sided: bool, turned: bool, light: usize| {
+        let mut scene = scene(plate(4.0, 0.0), Material { double_sided: true, ..Material::clay() });
+        let mut card = plate(0.5, 1.0);
+        if turned {
+            card.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        }
+        scene.materials.push(Material { double_sided, ..Material::clay() });
+        scene.primitives.push(Primitive { mesh: card, material: 1 });
+        scene.instances.push(Instance { primitive: 1, transform: Default::default() });
+        let mut parts = Parts::from_scene(&scene);
+        let white = Vec3f::splat(1.0);
+        match light {
+            0 => parts
+                .lights
+                .push(LightSource::Directional { direction: vec3(0.0, 0.6, 0.8), irradiance: white }),
+            1 => parts
+                .lights
+                .push(LightSource::Point { position: DVec3::new(0.2, 0.1, 3.0), intensity: white }),
+            _ => parts.environment = Some(EnvironmentMap::constant(white)),
+        }
+        let world = World::new(parts).unwrap();
+        let view = looking([3.0, 0.0, 0.8], [0.0, 0.0, 0.0], 0.5);
+        let options = RenderOptions { path: with_strategy(Strategy::Mis, 1), ..square(24, 16) };
+        let picture = render(&world, &view, options).0;
+        (0..picture.pixels()).map(|i| picture.data[4 * i]).collect::<Vec<f32>>()
+    };
+    for light in 0..3 {
+        let both = floor_under(true, false, light);
+        let dark = both.iter().filter(|v| **v < 0.5 * both.iter().fold(0.0, |a: f32, b| a.max(*b))).count();
+        assert!(dark > 10, "light {light}: the card casts a shadow, on {dark} pixels");
+        for turned in [false, true] {
+            assert_eq!(floor_under(false, turned, light), both, "light {light}, turned {turned}");
+        }
+    }
+}
+
+#[test]
 fn light_sampling_alone_asks_for_the_plain_density() {
     let image = Image::from_fn(8, 4, 3, |x, _, _| if x == 2 { 30.0 } else { 0.5 });
     let scene = scene(shapes::icosphere(2), Material::clay());

@@ -71,17 +71,14 @@ pub(super) fn variational(ctx: &mut Context, case: &Case, label: &str) -> Result
         ladder.best(ctx, name, label, target, &|a| weight.iter().map(|w| a * w).collect())?;
     }
     let automatic = |a: f32| adaptive_weight(a, &sigma, &edges);
-    let ours = ladder.solve(&demodulated, &automatic(DEFAULT_STRENGTH))?;
-    let work = || ladder.solve(&demodulated, &automatic(DEFAULT_STRENGTH));
+    let ours = ladder.solve(&demodulated, &automatic(HYBRID.strength()))?;
+    let work = || ladder.solve(&demodulated, &automatic(HYBRID.strength()));
     ctx.measure("hybrid 6: automatic alpha instead", label, case.pixels(), work, |_| score(case, &ours))?;
     let settings = Settings { model: Model::Variational(HYBRID), ..Settings::default() };
     let dark = Settings { restore_mean: false, ..settings };
     single(ctx, case, "hybrid 7: + fireflies clamped", label, dark)?;
     single(ctx, case, "hybrid 8: + mean restored", label, settings)
 }
-
-/// `c` of the hybrid model where the samples have no halves.
-const DEFAULT_STRENGTH: f32 = 4.0;
 
 /// What a model minimises over, and the way back to radiance.
 struct Target {

@@ -3,7 +3,7 @@
 use super::problems::uniform;
 use super::{distance, solved, solved_from};
 use crate::Shape;
-use crate::admm::{DataTerm, Problem, Weight};
+use crate::admm::{Admm, DataTerm, Problem, Stop, Weight};
 use crate::models;
 use crate::operators::{Boundary, gradient};
 
@@ -115,4 +115,23 @@ fn the_one_sided_huber_term_sees_through_occlusion() {
         }
         last = Some(errors);
     }
+}
+
+/// What stands in holes is no contrast that the changes of a flat solution are measured by.
+#[test]
+fn values_in_holes_do_not_end_a_solve() {
+    let shape = Shape::new(48, 32, 1);
+    let weight = samples(shape.pixels(), 60, 0.7, 0.02);
+    let solve = |hole: f64| {
+        let value = |k: usize| if weight.at(k, shape) > 0.0 { uniform(61, k) } else { hole };
+        let target: Vec<f64> = (0..shape.pixels()).map(value).collect();
+        // So little data that the solution is flat.
+        let mut admm = Admm::new(&models::rof(shape, &target, weight.clone())).expect("sound");
+        let report = admm.solve(Stop::Tolerance { tolerance: 1e-2, limit: 500 });
+        (report, admm.solution())
+    };
+    let ((empty, a), (loud, b)) = (solve(0.5), solve(1e3));
+    assert!(empty.iterations > 10 && empty.converged, "{empty:?}");
+    assert_eq!(empty.iterations, loud.iterations, "{empty:?} {loud:?}");
+    assert!(distance(&a, &b) < 1e-9, "{}", distance(&a, &b));
 }

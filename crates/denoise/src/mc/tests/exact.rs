@@ -101,7 +101,8 @@ fn equal_samples_by_chance_and_black_ones_are_noise() {
     let (most, rms) =
         (d.color.iter().map(far).fold(0.0, f32::max), d.color.iter().map(|v| far(v).powi(2)).sum::<f32>());
     let rms = (rms / d.color.len() as f32).sqrt();
-    assert!(rms < 0.08 && most < 0.35, "of noise of .35: {rms}, at most {most}");
+    // Twenty-four other sets of samples reach .025 to .034 and at most .165 to .277.
+    assert!(rms < 0.037 && most < 0.3, "of noise of .35: {rms}, at most {most}");
 }
 
 #[test]

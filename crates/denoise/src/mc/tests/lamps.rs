@@ -39,9 +39,25 @@ fn lamps_without_albedo_do_not_shine_onto_what_is_around() {
         let pixels = (0..3 * PIXELS).filter(|i| of(i % PIXELS));
         pixels.map(|i| (d.color[i] / truth[i] - 1.0).abs()).fold(0.0, f32::max)
     };
+    let rms = |of: &dyn Fn(usize) -> bool| {
+        let pixels = (0..3 * PIXELS).filter(|i| of(i % PIXELS));
+        let (sum, count) =
+            pixels.fold((0.0, 0.0), |(s, n), i| (s + (d.color[i] / truth[i] - 1.0).powi(2), n + 1.0));
+        f32::sqrt(sum / count)
+    };
+    // Two pixels around the lamp, of which a thousandth of its light would be an error of .06.
+    let rim = |i: usize| (38..92).contains(&(i % WIDTH)) && (28..52).contains(&(i / WIDTH)) && !lamp(i);
     let (inside, outside) = (error(&lamp), error(&|i| !lamp(i)));
-    println!("largest relative error: lamp {inside:.4}, around it {outside:.3}");
-    assert!(inside < 0.01 && outside < 1.0, "{inside} {outside}");
+    let (wall, beside) = (rms(&|i| !lamp(i)), rms(&rim));
+    println!(
+        "relative error: lamp {inside:.4}, wall at most {outside:.3}, rms {wall:.3}, beside the lamp {beside:.3}"
+    );
+    // Seeds 1 to 24 reach .062 to .089 on the wall and .04 to .14 beside the lamp; their largest error, of one sample in
+    // thirty thousand that is ten times the mean and stays as detail, .48 to 1.18, with this seed .89.
+    assert!(
+        inside < 0.001 && wall < 0.095 && beside < 0.15 && outside < 0.95,
+        "{inside} {wall} {beside} {outside}"
+    );
     // Where all is black there is one class.
     let black = vec![0.0; 3 * PIXELS];
     let guides = Guides { albedo: Some(&black), ..guides };

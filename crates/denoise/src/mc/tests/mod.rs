@@ -2,6 +2,7 @@
 mod automatic;
 mod exact;
 mod lamps;
+mod plans;
 mod relations;
 mod stress;
 mod temporal;

@@ -132,3 +132,49 @@ fn rmse_goes_below_what_the_psnr_tells_apart() {
     let e = |x: f32| f64::from(photofit_image::srgb_encode(x));
     assert!((compared.rmse / (e(0.5001) - e(0.5)) - 1.0).abs() < 1e-2, "{}", compared.rmse);
 }
+
+/// Asks for the stop while the first picture of view `view` is made.
+struct StopsWithin {
+    view: u64,
+    asked: std::sync::Mutex<Option<u32>>,
+}
+
+impl Progress for StopsWithin {
+    fn report(&self, stage: &'static str, done: u64, _: u64, _: &str) {
+        if stage == "report" && done == self.view {
+            *self.asked.lock().unwrap() = Some(0);
+        }
+    }
+
+    fn is_cancelled(&self) -> bool {
+        let mut asked = self.asked.lock().unwrap();
+        // The first question comes before the view begins.
+        asked.as_mut().is_some_and(|n| std::mem::replace(n, *n + 1) > 0)
+    }
+}
+
+#[test]
+fn a_stop_within_a_path_traced_view_does_not_wait_for_it() {
+    let scene = sphere(None);
+    let n = Normalised::new(&scene).unwrap();
+    let judge = Judge {
+        scene: &scene,
+        n: &n,
+        reference: &Rasterized::new(&n.flat, &n.library),
+        renderer: JudgeRenderer::Path,
+        spp: 4,
+        lighting: &Lighting::Mixed,
+        size: 32,
+        samples: [SUPERSAMPLE; 2],
+        seed: 0,
+    };
+    let stages = [Stage::new("stage", scene.clone())];
+    for view in [1, 2] {
+        let progress = StopsWithin { view, asked: std::sync::Mutex::default() };
+        let whole = judge.views(&stages, 4, &progress).unwrap();
+        assert_eq!(whole.len() as u64, view, "the view at work is dropped, those before count");
+    }
+    // One view there must be: the first is finished.
+    let progress = StopsWithin { view: 0, asked: std::sync::Mutex::new(Some(1)) };
+    assert_eq!(judge.views(&stages, 4, &progress).unwrap().len(), 1);
+}

@@ -1,0 +1,104 @@
+//! Every line of a plan is true for the model and the settings.
+
+use super::*;
+use crate::mc::{Guides, Sequence, Stage};
+
+/// A scene with a lamp without albedo, its halves, and the variance of their mean.
+struct Case {
+    scene: SyntheticFrame,
+    halves: [Vec<f32>; 2],
+    mean: Vec<f32>,
+    variance: Vec<f32>,
+    zeros: Vec<f32>,
+}
+
+fn case() -> Case {
+    let mut scene = SyntheticFrame::new(96, 64, 0.0);
+    let n = scene.shape.pixels();
+    let (mut a, mut b) = (scene.noisy(2, 1), scene.noisy(2, 2));
+    for i in (0..3 * n).filter(|i| (40..52).contains(&(i % n % 96)) && (20..30).contains(&(i % n / 96))) {
+        scene.albedo[i] = 0.0;
+        (a[i], b[i]) = (2.0 + a[i], 2.0 + b[i]);
+    }
+    let mean = a.iter().zip(&b).map(|(a, b)| 0.5 * (a + b)).collect();
+    let variance = a.iter().zip(&b).map(|(a, b)| 0.25 * (a - b).powi(2)).collect();
+    Case { zeros: vec![0.0; 3 * n], scene, halves: [a, b], mean, variance }
+}
+
+impl Case {
+    /// Frames with all that may be known of the noise, with and without guides.
+    fn frames(&self) -> Vec<(&'static str, Frame<'_>)> {
+        let mut out = Vec::new();
+        for (name, guides) in [("bare", Guides::default()), ("guided", self.scene.guides())] {
+            let plain = Frame::new(96, 64, &self.mean).with_guides(guides);
+            out.push((name, plain));
+            out.push((name, Frame { variance: Some(&self.variance), ..plain }));
+            out.push((name, Frame { variance: Some(&self.zeros), ..plain }));
+            out.push((name, Frame { color: &self.halves[0], half: Some(&self.halves[1]), ..plain }));
+        }
+        out
+    }
+}
+
+/// Stages that have a line of their name; the others are inputs, or choices within a stage.
+const OWN_LINES: [Stage; 7] = [
+    Stage::Exact,
+    Stage::Demodulation,
+    Stage::Black,
+    Stage::Detail,
+    Stage::Jagged,
+    Stage::Edges,
+    Stage::Coherence,
+];
+
+#[test]
+fn what_a_plan_says_of_a_stage_is_so() {
+    let case = case();
+    let run = |frame: &Frame<'_>, model, without| {
+        denoise(frame, &Settings { without, ..with(model) }).expect("a sound frame")
+    };
+    for (name, frame) in case.frames() {
+        for model in MODELS {
+            let all = run(&frame, model, None);
+            for stage in OWN_LINES {
+                let less = run(&frame, model, Some(stage));
+                let place = format!("{name}, {model:?}, {stage}");
+                assert!(!less.plan.runs(stage.name()), "{place}: {}", less.plan);
+                let why = |d: &Denoised| d.plan.step(stage.name()).map(|s| s.why.clone());
+                match all.plan.runs(stage.name()) {
+                    // What is skipped anyhow is no matter of leaving it out, and leaving it out changes nothing.
+                    false => assert!(all.color == less.color, "{place} is skipped, and changes something"),
+                    true => assert_eq!(why(&less).as_deref(), Some("left out by the settings"), "{place}"),
+                }
+            }
+            for step in all.plan.steps.iter().filter(|s| s.why.contains("left out")) {
+                panic!("{name}, {model:?}: nothing is left out, and the line is {step:?}");
+            }
+            let automatic = model == Model::Auto;
+            for stage in ["jagged", "edges"] {
+                let why = &all.plan.step(stage).expect("a line").why;
+                assert_eq!(why == "part of the automatic model", !automatic, "{model:?}, {stage}: {why}");
+            }
+        }
+    }
+    let guided = Frame::new(96, 64, &case.mean).with_guides(case.scene.guides());
+    let cells = |without| {
+        run(&guided, Model::Auto, Some(without)).plan.step("regression").expect("a line").why.clone()
+    };
+    assert!(cells(Stage::Widths).ends_with("widths left out"));
+    assert!(cells(Stage::Highlights).ends_with("highlights left out"));
+}
+
+#[test]
+fn a_sequence_says_where_its_noise_is_from() {
+    let case = case();
+    let frame = Frame::new(96, 64, &case.halves[0]).with_guides(case.scene.guides());
+    let mut history = Sequence::new(Settings::default());
+    for frames in 1..=2 {
+        let half = Frame { half: Some(&case.halves[1]), ..frame };
+        history.push(&half, case.scene.camera).expect("sound");
+        let plan = history.denoise().expect("frames").expect("sound").plan;
+        let why = &plan.step("noise").expect("a line").why;
+        assert_eq!(why, if frames == 1 { "from the two halves" } else { "from the history" });
+    }
+}
