@@ -92,13 +92,14 @@ impl<'a> Elements<'a> {
         let bytes = document.view(stream.view, &place)?;
         let mesh = decode(bytes, document.limits.file_bytes, budget).map_err(|rule| fault(&*place, rule))?;
         let points = mesh.num_points();
+        let mut claims = Vec::with_capacity(stream.attributes.len());
         for &(accessor, _) in &stream.attributes {
-            let claimed = document.count(accessor, &place)?;
-            if claimed != points as u64 {
-                warnings.push(format!(
-                    "{place}: accessor {accessor} has count {claimed}; the {points} vertices of the stream are read"
-                ));
-            }
+            claims.push((accessor, document.count(accessor, &place)?));
+        }
+        if let Some((accessor, claimed)) = claims.into_iter().find(|c| c.1 != points as u64) {
+            warnings.push(format!(
+                "{place}: accessor {accessor} has count {claimed}; the {points} vertices of the stream are read"
+            ));
         }
         let attributes = stream.attributes.iter().copied().collect();
         Ok(Self { document, decoded: Some(Decoded { mesh, attributes }) })
