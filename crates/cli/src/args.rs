@@ -166,6 +166,18 @@ pub(crate) enum FitWith {
     Path,
 }
 
+/// Where the occlusion map of the light asset comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum OcclusionMaps {
+    /// The asset's own maps, where it has any.
+    Keep,
+    /// Rays from the asset's surface: what stops them darkens the less, the farther it is, up to half of the diagonal of
+    /// the asset's box. New maps are written then, as with --new-maps.
+    Bake,
+    /// There is none.
+    None,
+}
+
 /// Who draws the pictures of the judgement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum FitJudge {
@@ -303,6 +315,10 @@ pub(crate) struct Simplify {
     /// triangles are written where they look better than what was fitted.
     #[arg(long)]
     pub(crate) new_maps: bool,
+    /// Occlusion map of the light asset, the red channel beside roughness and metalness: it darkens indirect light in engines;
+    /// the pictures of the fit and of the report do not show it.
+    #[arg(long, value_enum, default_value = "keep")]
+    pub(crate) occlusion: OcclusionMaps,
     /// Width and height of the report's pictures, pixels. The fit compares pictures of half that size with four samples
     /// per pixel, and of a quarter at first. With --screen-size and --lod that size says it [range: 16 to 4096] [default:
     /// 512, or the size on screen].

@@ -1,6 +1,8 @@
 //! `photofit simplify`: the main job.
 
-use crate::args::{FitJudge, FitReference, FitWith, GeometryFormat, Simplify, Start, TextureFormat};
+use crate::args::{
+    FitJudge, FitReference, FitWith, GeometryFormat, OcclusionMaps, Simplify, Start, TextureFormat,
+};
 use crate::fields::{Command, SIMPLIFY, explain_error, misuse};
 use crate::output::{self, print};
 use crate::preflight::Places;
@@ -8,6 +10,7 @@ use crate::progress::{Terminal, say, say_warnings};
 use crate::status::Ending;
 use crate::{device, interrupt, light, lod, memory, threads};
 use anyhow::{Error, Result, anyhow};
+use photofit_fit::bake::{Occlusion, OcclusionRays};
 use photofit_fit::engine::trainer::{HistoryPoint, relative_error};
 use photofit_fit::footprint::Task;
 use photofit_fit::report::{PAGE as REPORT_PAGE, ReportInfo, Verdict, write_report};
@@ -117,6 +120,11 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
             FitWith::Path => FitRenderer::Path,
         },
         own_textures: !a.new_maps,
+        occlusion: match a.occlusion {
+            OcclusionMaps::Keep => Occlusion::Maps,
+            OcclusionMaps::Bake => Occlusion::Rays(OcclusionRays::default()),
+            OcclusionMaps::None => Occlusion::Open,
+        },
         judge: match a.judge {
             FitJudge::Auto => JudgeRenderer::Auto,
             FitJudge::Raster => JudgeRenderer::Raster,
@@ -187,7 +195,8 @@ impl Job<'_> {
         if self.explain {
             let plan = FitPlan::new(scene)
                 .with_options(options.steps, options.rasterized_against().kind(), &options.lighting)
-                .with_judgement(options.judgement(scene));
+                .with_judgement(options.judgement(scene))
+                .with_occlusion(options.occlusion);
             print(&format!("what the asset asks for:\n{plan}\n\n"))?;
         }
         let judgement = options.judgement(scene);

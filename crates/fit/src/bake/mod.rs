@@ -10,6 +10,7 @@
 
 mod cage;
 mod creases;
+mod occlusion;
 pub(crate) mod reference;
 mod select;
 mod target;
@@ -29,6 +30,7 @@ use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 pub(crate) use creases::{hard_edges, own_creases};
+pub use occlusion::{Occlusion, OcclusionRays};
 pub use reference::ReferenceSurface;
 
 /// Largest width and height of the maps.
@@ -75,6 +77,8 @@ pub struct BakeSettings {
     pub widen_roughness: bool,
     /// Unlit surfaces become emission (base colour black, no specular reflection); otherwise they keep their colour.
     pub unlit_as_emission: bool,
+    /// Where the occlusion comes from.
+    pub occlusion: Occlusion,
 }
 
 impl Default for BakeSettings {
@@ -88,6 +92,7 @@ impl Default for BakeSettings {
             face_normal: 0.0,
             widen_roughness: false,
             unlit_as_emission: true,
+            occlusion: Occlusion::Maps,
         }
     }
 }
@@ -357,6 +362,10 @@ pub fn bake(
 
 fn check_settings(s: &BakeSettings) -> Result<(), BakeError> {
     let size = 1..=MAX_SIZE;
+    let rays = match s.occlusion {
+        Occlusion::Rays(rays) => rays,
+        Occlusion::Maps | Occlusion::Open => OcclusionRays::default(),
+    };
     let rules = [
         ("width", s.width as f64, size.contains(&s.width), "must be 1 to 16384"),
         ("height", s.height as f64, size.contains(&s.height), "must be 1 to 16384"),
@@ -379,6 +388,13 @@ fn check_settings(s: &BakeSettings) -> Result<(), BakeError> {
             "must lie in (0, 10]",
         ),
         ("face_normal", f64::from(s.face_normal), (0.0..=1.0).contains(&s.face_normal), "must lie in [0, 1]"),
+        ("occlusion rays", rays.rays as f64, (1..=65536).contains(&rays.rays), "must be 1 to 65536"),
+        (
+            "occlusion reach",
+            f64::from(rays.reach),
+            rays.reach > 0.0 && rays.reach <= 1e4,
+            "must lie in (0, 10000]",
+        ),
     ];
     for (setting, value, holds, rule) in rules {
         if !holds {

@@ -3,11 +3,15 @@
 use super::reference::ReferenceSurface;
 use super::select::{Choice, Found, Pick, Selector};
 use super::target::{Frame, point};
-use super::{AlphaClass, BakeSettings, BakeStatistics};
+use super::{AlphaClass, BakeSettings, BakeStatistics, Occlusion};
 use photofit_geometry::{Mesh, atlas::Coverage};
 use photofit_raster::{CHANNELS, channel};
+use photofit_sampling::Sobol;
 use photofit_scalar::{Vec2f, Vec3f, vec2};
 use photofit_scene::AlphaMode;
+
+/// Seed of the rays of ambient occlusion: they are the same in every bake.
+const OCCLUSION_SEED: u64 = 0;
 
 /// Everything a row needs.
 #[derive(Debug)]
@@ -77,6 +81,7 @@ impl Job<'_> {
         let s = self.settings;
         let n = s.samples_per_side;
         let mut sum = Sum::default();
+        let sequence = Sobol::new(OCCLUSION_SEED, (y * s.width + x) as u64);
         for k in 0..n * n {
             let place = |k: usize| (((k as f32 + 0.5) / n as f32) - 0.5) * s.filter_width + 0.5;
             let (dx, dy) = (place(k % n), place(k / n));
@@ -104,11 +109,26 @@ impl Job<'_> {
                     statistics.mean_distance += f64::from(pick.distance);
                     statistics.max_distance = statistics.max_distance.max(pick.distance);
                     let width = self.texel_width(triangle) * s.filter_width / n as f32;
-                    sum.add(self.selector.reference, &pick, width, s.unlit_as_emission);
+                    let occlusion = self.occlusion(&pick, &sequence, k);
+                    sum.add(self.selector.reference, &pick, width, occlusion, s.unlit_as_emission);
                 }
             }
         }
         sum
+    }
+
+    /// Share of indirect light that reaches sample `k` of a texel with its random sequence; `None`: what the reference's
+    /// maps say.
+    fn occlusion(&self, pick: &Pick, sequence: &Sobol, k: usize) -> Option<f32> {
+        match self.settings.occlusion {
+            Occlusion::Maps => None,
+            Occlusion::Open => Some(1.0),
+            Occlusion::Rays(rays) => {
+                let samples = self.settings.samples_per_side * self.settings.samples_per_side;
+                let reference = self.selector.reference;
+                Some(rays.open_share(reference, &pick.place, pick.front, sequence, (k, samples)))
+            }
+        }
     }
 
     /// Triangle and weights for a point of the atlas (in texels) inside the texel `(x, y)`.
@@ -183,7 +203,14 @@ fn clamped(w: [f32; 3]) -> [f32; 3] {
 }
 
 impl Sum {
-    fn add(&mut self, reference: &ReferenceSurface<'_>, pick: &Pick, width: f32, unlit_as_emission: bool) {
+    fn add(
+        &mut self,
+        reference: &ReferenceSurface<'_>,
+        pick: &Pick,
+        width: f32,
+        occlusion: Option<f32>,
+        unlit_as_emission: bool,
+    ) {
         let shaded = reference.shade(&pick.place, width);
         let s = &shaded.surface;
         let alpha = match reference.material(pick.place.triangle).alpha_mode {
@@ -204,7 +231,7 @@ impl Sum {
         }
         self.roughness += s.roughness * weight;
         self.metallic += s.metallic * weight;
-        self.occlusion += shaded.occlusion * weight;
+        self.occlusion += occlusion.unwrap_or(shaded.occlusion) * weight;
         self.normal += (if pick.front { shaded.normal } else { -shaded.normal }) * weight;
     }
 

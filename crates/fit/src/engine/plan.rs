@@ -14,6 +14,7 @@ use super::reference::{ENERGY, ReferenceKind};
 use super::surface::rates_of;
 use super::trainer::Phase;
 use super::views::Lighting;
+use crate::bake::Occlusion;
 use crate::candidate::Candidate;
 use photofit_raster::deferred::{Masks, Passes};
 use photofit_raster::{CHANNELS, channel};
@@ -145,6 +146,8 @@ pub struct FitPlan {
     judgement: Option<Judgement>,
     /// Where the fit runs, and why there.
     device: Option<String>,
+    /// Where occlusion maps come from.
+    occlusion: Occlusion,
 }
 
 impl FitPlan {
@@ -158,6 +161,7 @@ impl FitPlan {
             phases: Vec::new(),
             judgement: None,
             device: None,
+            occlusion: Occlusion::default(),
         }
     }
 
@@ -232,6 +236,12 @@ impl FitPlan {
         Self { device, ..self }
     }
 
+    /// Adds where occlusion maps come from; without it from those of the asset.
+    #[must_use]
+    pub fn with_occlusion(self, occlusion: Occlusion) -> Self {
+        Self { occlusion, ..self }
+    }
+
     /// Adds the phases of the fit.
     #[must_use]
     pub fn with_phases<M>(self, phases: &[Phase<'_, M>]) -> Self {
@@ -285,7 +295,7 @@ impl FitPlan {
         } else {
             self.asset_items(&mut items);
         }
-        self.asset.data_items(&mut items);
+        self.asset.data_items(self.occlusion, &mut items);
         self.option_items(&mut items);
         if self.judgement.as_ref().is_some_and(|j| j.traced_maps) {
             let why = "fitted once more, after the rasterizer".to_owned();
@@ -394,7 +404,7 @@ impl Asset {
         format!("{n} of {} materials {what}", self.materials)
     }
 
-    fn data_items(&self, items: &mut Vec<Item>) {
+    fn data_items(&self, occlusion: Occlusion, items: &mut Vec<Item>) {
         let mut item = |what, runs: bool, why: String| items.push(Item { what, runs: runs.into(), why });
         let some = |n: usize, what: &str, none: &str| if n > 0 { self.of(n, what) } else { none.to_owned() };
         item("unlit surfaces", self.unlit > 0, self.of(self.unlit, "show their base colour as it is"));
@@ -428,8 +438,12 @@ impl Asset {
         };
         item("textures", self.textures.0 > 0, why);
         let why = "have one: carried over, not drawn here, since they darken indirect light alone";
-        let why = some(self.occluded, why, "none");
-        item("occlusion textures", self.occluded > 0, why);
+        let (runs, why) = match occlusion {
+            Occlusion::Maps => (self.occluded > 0, some(self.occluded, why, "none")),
+            Occlusion::Rays(r) => (true, format!("baked by {} rays a texel, not drawn here", r.rays)),
+            Occlusion::Open => (false, "none, as asked".to_owned()),
+        };
+        item("occlusion textures", runs, why);
         let why = some(
             self.transmitting,
             "let light pass: drawn blended, their alpha is not fitted",

@@ -136,6 +136,7 @@ pub(crate) fn simplify_asset(
     let plan = FitPlan::new(scene)
         .with_options(options.steps, reference.kind(), &options.lighting)
         .with_judgement(options.judgement(scene))
+        .with_occlusion(options.occlusion)
         .with_loss(loss, held_out.noise)
         .with_maps(&start.candidate);
     let keeping = through_path::keeping_before(options);
@@ -168,7 +169,7 @@ pub(crate) fn simplify_asset(
     )?;
     let plan = plan_with_phases.unwrap_or(plan).with_device(device.told());
     let plain = plain::plain(scene, n, start.candidate.triangles.len())?;
-    let own = if options.own_textures { plain::written(&plain, n, options) } else { None };
+    let own = if options.keeps_textures() { plain::written(&plain, n, options) } else { None };
     let choice::Chosen { trained, light, mut written, own } =
         choice::best(trained, own, surface, visibility, &starts, n, reference, options, progress)?;
 
@@ -276,6 +277,7 @@ fn fingerprint(o: &SimplifyOptions, start: &Candidate) -> Fingerprint {
         .option("texture_size", o.texture_size)
         .option("seed", o.seed)
         .option("light", o.lighting.name())
+        .option("occlusion", o.occlusion.name())
         .option("reference", format!("{:?}", o.reference).to_lowercase())
         .digest("shape that the fit starts from", format!("{:016x}", digest.value()))
 }

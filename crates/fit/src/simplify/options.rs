@@ -2,7 +2,7 @@
 
 use super::ReferenceRenderer;
 use crate::FitError;
-use crate::bake::BakeSettings;
+use crate::bake::{BakeSettings, Occlusion};
 use crate::engine::device::Device;
 use crate::engine::judge::{JudgeRenderer, WIDEST_TRACED, beyond_rasterizer};
 use crate::engine::plan::Judgement;
@@ -86,6 +86,9 @@ pub struct SimplifyOptions {
     /// the texels that new maps would have, may be written where they look better than what was fitted; else there are
     /// always new maps, one set for all.
     pub own_textures: bool,
+    /// Where the occlusion map of the light asset comes from: the asset's maps, rays against the asset (then there are always
+    /// new maps), or nowhere: there is none.
+    pub occlusion: Occlusion,
     /// Who draws the pictures of the report.
     pub judge: JudgeRenderer,
     /// Samples of a pixel of a report whose pictures are all path traced.
@@ -117,6 +120,7 @@ impl Default for SimplifyOptions {
             triangles_by_bytes: false,
             report_views: 8,
             own_textures: true,
+            occlusion: Occlusion::Maps,
             judge: JudgeRenderer::Auto,
             judge_spp: SAMPLES,
             device: Device::default(),
@@ -155,7 +159,7 @@ impl SimplifyOptions {
 
     /// How maps are baked, but for their size.
     pub(super) fn bake_settings(&self) -> BakeSettings {
-        let plain = BakeSettings::default();
+        let plain = BakeSettings { occlusion: self.occlusion, ..BakeSettings::default() };
         if self.is_prefiltered() {
             // Roughness is not widened: with it and a wider bake together small levels lost FLIP (docs/crates/fit.md).
             BakeSettings { samples_per_side: 8, filter_width: 1.0, ..plain }
@@ -295,7 +299,17 @@ impl SimplifyOptions {
 
     /// Whether an asset that keeps its triangles may be written as it is, with textures in place of fitted maps.
     pub(super) fn keeps_all(&self, scene: &Scene) -> bool {
-        self.triangles_by_bytes && self.own_textures && !self.as_engine && beyond_rasterizer(scene).is_empty()
+        self.triangles_by_bytes
+            && self.keeps_textures()
+            && self.occlusion == Occlusion::Maps
+            && !self.as_engine
+            && beyond_rasterizer(scene).is_empty()
+    }
+
+    /// Whether the asset's own textures may be written. Its texture coordinates may show one texel in many places, which are
+    /// not occluded alike.
+    pub(super) fn keeps_textures(&self) -> bool {
+        self.own_textures && !matches!(self.occlusion, Occlusion::Rays(_))
     }
 
     /// The budget that is meant: a share of the triangles of an asset never leaves fewer than [`FEWEST`] of them, or all

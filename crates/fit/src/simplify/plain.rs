@@ -3,6 +3,7 @@
 use super::prepare::decimated_only;
 use super::{Normalised, SimplifyOptions};
 use crate::FitError;
+use crate::bake::Occlusion;
 use crate::engine::judge::{Stage, beyond_rasterizer};
 use photofit_geometry::decimate::{Options, Target};
 use photofit_raster::texture::{MipLayout, MipRule, MipTexture, Texels};
@@ -26,6 +27,9 @@ pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) 
         return None;
     }
     let mut light = stage.placed(&n.light_asset);
+    if options.occlusion == Occlusion::Open {
+        light.materials.iter_mut().for_each(|m| m.occlusion_texture = None);
+    }
     keep_used(&mut light);
     let most = MAPS * options.texture_size * options.texture_size;
     let size = |i: &TextureImage| i.width * i.height;

@@ -56,6 +56,49 @@ fn decimation_is_written_where_no_fit_looks_better() {
     assert_eq!(better.map(|b| b.0), Some("decimated"), "{:?}", outcome.stages);
 }
 
+/// Smallest red of the occlusion map of a written asset, its largest, and whether it has one.
+fn occlusion_of(path: &Path) -> Option<(u8, u8)> {
+    let light = photofit_scene::load(path).unwrap();
+    let slot = light.materials.iter().find_map(|m| m.occlusion_texture.as_ref())?;
+    let red = || light.images[slot.image].texels.iter().map(|t| t[0]);
+    Some((red().min()?, red().max()?))
+}
+
+#[test]
+fn occlusion_is_kept_baked_or_left_out() {
+    use crate::bake::{Occlusion, OcclusionRays};
+    use photofit_scene::{Sampler, TextureImage, TextureSlot};
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.glb");
+    // A ball on a floor; the map of both says .6 everywhere.
+    let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    let slot = TextureSlot { image: 0, sampler: Sampler::default(), tex_coord: 0, transform };
+    let occluded = Material { occlusion_texture: Some(slot), ..Material::clay() };
+    let mut scene = of(photofit_geometry::shapes::uv_sphere(24, 12), occluded);
+    let mut floor = photofit_geometry::shapes::quad_grid(4, 4);
+    floor.positions.iter_mut().for_each(|p| *p = *p * 2.0 + photofit_scalar::vec3(0.0, 0.0, -1.0));
+    scene.primitives.push(Primitive { mesh: floor, material: 0 });
+    scene.instances.push(Instance { primitive: 1, transform: glam::Affine3A::IDENTITY });
+    scene.images = vec![TextureImage {
+        width: 2,
+        height: 2,
+        texels: vec![[153, 255, 255, 255]; 4],
+        ..TextureImage::default()
+    }];
+    let written = |occlusion, own_textures| {
+        let of = SimplifyOptions { occlusion, own_textures, steps: 0, texture_size: 64, ..options() };
+        simplify(&scene, &path, &of, &Silent).unwrap();
+        occlusion_of(&path)
+    };
+    assert_eq!(written(Occlusion::Maps, false), Some((153, 153)));
+    for own in [false, true] {
+        assert_eq!(written(Occlusion::Open, own), None);
+        let (least, most) = written(Occlusion::Rays(OcclusionRays::default()), own).unwrap();
+        // The top of the ball sees all of the sky; where it meets the floor there is none.
+        assert!(least < 120 && most == 255, "{least} to {most}");
+    }
+}
+
 /// Keeps the warnings.
 #[derive(Default)]
 pub(super) struct Heard(pub(super) Mutex<Vec<String>>);

@@ -184,6 +184,11 @@ impl<'a> Budget<'a> {
         Self { limits, vertices: 0, triangles: 0, primitives: 0 }
     }
 
+    /// Vertices and triangles that may still be taken.
+    pub(crate) fn left(&self) -> (usize, usize) {
+        (self.limits.vertices - self.vertices, self.limits.triangles - self.triangles)
+    }
+
     /// Takes `n` vertices, before they are allocated.
     pub(crate) fn vertices(&mut self, n: u64, place: impl FnOnce() -> String) -> Result<(), Fault> {
         let total = n.saturating_add(self.vertices as u64);

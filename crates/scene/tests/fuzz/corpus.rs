@@ -153,6 +153,15 @@ pub(crate) fn glb_meshopt() -> Vec<Vec<u8>> {
     vec![photofit_scene::to_glb_with(&scene(), Compression::Meshopt).expect("written")]
 }
 
+/// Primitives compressed by Draco: both methods, both traversals, every attribute.
+pub(crate) fn glb_draco() -> Vec<Vec<u8>> {
+    vec![
+        include_bytes!("../../../../assets/draco/torus-valence.glb").to_vec(),
+        include_bytes!("../../../../assets/draco/torus-standard.glb").to_vec(),
+        include_bytes!("../../../../assets/draco/torus-sequential.glb").to_vec(),
+    ]
+}
+
 fn base64(bytes: &[u8]) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut out = String::new();

@@ -71,6 +71,7 @@ fn targets() -> Vec<Target> {
         target("gltf", "gltf", Shape::Json, corpus::gltf(), scene as fn(&Path) -> bool),
         target("glb", "glb", Shape::Glb, corpus::glb(), scene),
         target("glb-textures", "glb", Shape::Packed, corpus::glb_textures(), scene),
+        target("glb-draco", "glb", Shape::Packed, corpus::glb_draco(), scene),
         target("glb-meshopt", "glb", Shape::Packed, corpus::glb_meshopt(), scene),
         target("obj", "obj", Shape::Text, corpus::obj(), scene),
         target("mtl", "mtl", Shape::Text, corpus::mtl(), scene).named_by("a.obj", corpus::OBJ_OF_MTL),

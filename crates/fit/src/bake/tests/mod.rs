@@ -1,6 +1,7 @@
 //! Known answers of baking, and the small worlds they are baked from.
 
 mod alpha;
+mod occlusion;
 mod robustness;
 mod surface;
 

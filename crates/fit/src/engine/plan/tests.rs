@@ -165,6 +165,20 @@ fn what_is_in_the_file_is_not_denied() {
 }
 
 #[test]
+fn where_occlusion_comes_from_is_told() {
+    use crate::bake::{Occlusion, OcclusionRays};
+    let clay = Plan::new(&scene(Material::clay()));
+    let rays = OcclusionRays { rays: 77, ..OcclusionRays::default() };
+    for (occlusion, expected) in
+        [(Occlusion::Maps, Runs::No), (Occlusion::Open, Runs::No), (Occlusion::Rays(rays), Runs::Yes)]
+    {
+        let plan = clay.clone().with_occlusion(occlusion);
+        assert_eq!(runs(&plan, "occlusion textures"), expected, "{occlusion:?}");
+        assert_eq!(plan.to_string().contains("77 rays a texel"), expected == Runs::Yes, "{plan}");
+    }
+}
+
+#[test]
 fn unplaced_materials_do_not_count() {
     let mut s = scene(Material::clay());
     s.materials.push(Material { alpha_mode: AlphaMode::Blend, ..Material::clay() });

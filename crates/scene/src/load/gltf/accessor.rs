@@ -20,6 +20,12 @@ impl Layout {
     }
 }
 
+/// The elements of an accessor that is compressed, one after the other, in its component type.
+pub(super) struct Packed {
+    pub(super) count: usize,
+    pub(super) bytes: Vec<u8>,
+}
+
 /// How many elements a user of an accessor needs.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Need {
@@ -96,6 +102,11 @@ impl Document<'_> {
         Ok(self.accessor(i, user)?.1.components)
     }
 
+    /// Type of its components.
+    pub(super) fn component(&self, i: usize, user: &str) -> Result<ComponentType, Fault> {
+        Ok(self.accessor(i, user)?.1.component)
+    }
+
     /// An accessor of `N` components per element.
     fn accessor_of<const N: usize>(&self, i: usize, user: &str) -> Result<(&Accessor, Layout), Fault> {
         let (accessor, layout) = self.accessor(i, user)?;
@@ -141,12 +152,7 @@ impl Document<'_> {
     ) -> Result<Vec<[u32; N]>, Fault> {
         let (accessor, mut layout) = self.accessor_of::<N>(i, user)?;
         let place = || format!("accessor {i} ({user})");
-        if !matches!(layout.component, ComponentType::U8 | ComponentType::U16 | ComponentType::U32) {
-            return Err(fault(
-                place(),
-                "has signed or floating components; it must have unsigned integer components",
-            ));
-        }
+        check_unsigned(&layout, &place)?;
         need.check(&mut layout, &place)?;
         self.check_count(accessor, &layout, &place)?;
         let mut out = vec![[0; N]; layout.count];
@@ -160,6 +166,52 @@ impl Document<'_> {
             }
         }
         Ok(out)
+    }
+
+    /// As [`Self::floats`], of elements that were compressed.
+    pub(super) fn packed_floats<const N: usize>(
+        &self,
+        i: usize,
+        user: &str,
+        need: Need,
+        packed: &Packed,
+    ) -> Result<Vec<[f32; N]>, Fault> {
+        let layout = self.packed_layout::<N>(i, user, need, packed)?;
+        let mut out = vec![[0.0; N]; layout.count];
+        read_floats(&packed.bytes, layout.element(), &layout, out.iter_mut());
+        Ok(out)
+    }
+
+    /// As [`Self::integers`], of elements that were compressed.
+    pub(super) fn packed_integers<const N: usize>(
+        &self,
+        i: usize,
+        user: &str,
+        need: Need,
+        packed: &Packed,
+    ) -> Result<Vec<[u32; N]>, Fault> {
+        let layout = self.packed_layout::<N>(i, user, need, packed)?;
+        check_unsigned(&layout, &|| format!("accessor {i} ({user})"))?;
+        let mut out = vec![[0; N]; layout.count];
+        read_integers(&packed.bytes, layout.element(), layout.component, out.iter_mut());
+        Ok(out)
+    }
+
+    fn packed_layout<const N: usize>(
+        &self,
+        i: usize,
+        user: &str,
+        need: Need,
+        packed: &Packed,
+    ) -> Result<Layout, Fault> {
+        let (accessor, mut layout) = self.accessor_of::<N>(i, user)?;
+        let place = || format!("accessor {i} ({user})");
+        if accessor.sparse.is_some() {
+            return Err(fault(place(), "has sparse values and compressed ones; it must have one of them"));
+        }
+        layout.count = packed.count;
+        need.check(&mut layout, &place)?;
+        Ok(layout)
     }
 
     /// Bounds accessors without data of their own, whose count nothing else limits.
@@ -265,6 +317,14 @@ impl Document<'_> {
         }
         Ok(Some(Sparse { indices, values }))
     }
+}
+
+/// Integers that count or name something have no sign.
+fn check_unsigned(layout: &Layout, place: &dyn Fn() -> String) -> Result<(), Fault> {
+    if matches!(layout.component, ComponentType::U8 | ComponentType::U16 | ComponentType::U32) {
+        return Ok(());
+    }
+    Err(fault(place(), "has signed or floating components; it must have unsigned integer components"))
 }
 
 struct Sparse<'a> {

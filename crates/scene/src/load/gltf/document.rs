@@ -1,6 +1,7 @@
 //! The JSON document and its buffers.
 
 use super::compressed::{self, RawBuffer, RawView};
+use super::draco::{self, RawMesh, Stream};
 use crate::Scene;
 use crate::error::{Fault, fault};
 use crate::load::Limits;
@@ -15,6 +16,7 @@ use std::collections::{BTreeSet, HashMap, HashSet};
 const SUPPORTED: &[&str] = &[
     "EXT_meshopt_compression",
     "EXT_texture_webp",
+    DRACO,
     "KHR_lights_punctual",
     "KHR_materials_anisotropy",
     "KHR_materials_clearcoat",
@@ -31,6 +33,8 @@ const SUPPORTED: &[&str] = &[
     "KHR_texture_transform",
 ];
 
+const DRACO: &str = "KHR_draco_mesh_compression";
+
 /// A parsed document with its buffers in memory.
 #[derive(Debug)]
 pub(super) struct Document<'a> {
@@ -44,6 +48,10 @@ pub(super) struct Document<'a> {
     pub(super) buffers: Vec<Cow<'a, [u8]>>,
     /// Bytes of buffer views that are compressed.
     decoded: HashMap<usize, Vec<u8>>,
+    /// Streams of primitives that are compressed, by mesh and primitive.
+    pub(super) streams: HashMap<(usize, usize), Stream>,
+    /// Whether the file says that it cannot be read without decoding them.
+    pub(super) draco_required: bool,
     /// The `textures` array as it stands.
     pub(super) textures: Vec<Value>,
     pub(super) folder: &'a Folder,
@@ -55,6 +63,8 @@ pub(super) struct Document<'a> {
 struct Raw {
     #[serde(default)]
     materials: Vec<Value>,
+    #[serde(default)]
+    meshes: Vec<RawMesh>,
     #[serde(default)]
     nodes: Vec<RawNode>,
     #[serde(default)]
@@ -107,7 +117,7 @@ impl<'a> Document<'a> {
         let syntax = |e: serde_json::Error| fault("the JSON", e.to_string());
         let root: json::Root = serde_json::from_slice(text).map_err(syntax)?;
         let raw: Raw = serde_json::from_slice(text).map_err(syntax)?;
-        let Raw { materials, nodes, textures, buffers, views, extensions } = raw;
+        let Raw { materials, meshes, nodes, textures, buffers, views, extensions } = raw;
         if !root.asset.version.starts_with("2.") {
             return Err(fault(
                 "asset.version",
@@ -120,6 +130,7 @@ impl<'a> Document<'a> {
         let node_lights =
             node_lights.filter_map(|(i, n)| Some((i, n.extensions.as_ref()?.light.as_ref()?.light)));
         let node_lights = node_lights.collect();
+        let draco_required = root.extensions_required.iter().any(|e| e == DRACO);
         let mut document = Self {
             root,
             materials,
@@ -127,6 +138,8 @@ impl<'a> Document<'a> {
             node_lights,
             buffers: Vec::new(),
             decoded: HashMap::new(),
+            streams: draco::streams(meshes),
+            draco_required,
             textures,
             folder,
             limits,
@@ -288,9 +301,6 @@ fn check_size(text: &[u8], limits: &Limits) -> Result<(), Fault> {
 /// What to do about a required extension that is not read.
 fn instead(name: &str) -> &'static str {
     match name {
-        "KHR_draco_mesh_compression" => {
-            "; the command `gltf-transform copy IN.glb OUT.glb` writes the asset without it"
-        }
         "EXT_texture_avif" => {
             "; textures must be PNG, JPEG, WebP or KTX 2.0: convert them to one of these with the program that wrote the asset"
         }

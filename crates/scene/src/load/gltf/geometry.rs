@@ -2,6 +2,7 @@
 
 use super::accessor::Need;
 use super::document::Document;
+use super::draco::Elements;
 use crate::error::{Fault, fault};
 use crate::load::{Budget, normals};
 use crate::skin::{Bind, Influences, MorphTarget, unit_tangent};
@@ -30,7 +31,8 @@ pub(super) fn mesh(
             }
             Checked::Invalid => return Err(fault(place, "has an unknown mode; it must be one of 0 to 6")),
         };
-        let bind = read(document, primitive, mode, &place, budget, warnings)?;
+        let elements = Elements::of(document, m, p, &place, budget, warnings)?;
+        let bind = read(&elements, primitive, mode, &place, budget, warnings)?;
         out.push((bind, primitive.material.map(|m| m.value())));
     }
     Ok(out)
@@ -41,7 +43,7 @@ fn attribute(primitive: &Primitive, semantic: Semantic) -> Option<usize> {
 }
 
 fn read(
-    document: &Document<'_>,
+    elements: &Elements<'_>,
     primitive: &Primitive,
     mode: Mode,
     place: &str,
@@ -52,9 +54,9 @@ fn read(
         return Err(fault(place, "has no attribute POSITION; it must have one"));
     };
     let what = |name: &str| format!("{place} {name}");
-    budget.vertices(document.count(positions, place)?, || place.into())?;
+    budget.vertices(elements.count(positions, place)?, || place.into())?;
     let mut mesh = Mesh {
-        positions: bytemuck::cast_vec::<[f32; 3], Vec3f>(document.floats(
+        positions: bytemuck::cast_vec::<[f32; 3], Vec3f>(elements.floats(
             positions,
             &what("POSITION"),
             Need::All,
@@ -63,40 +65,40 @@ fn read(
     };
     let n = Need::Exactly(mesh.positions.len());
     if let Some(a) = attribute(primitive, Semantic::Normals) {
-        mesh.normals = bytemuck::cast_vec(document.floats::<3>(a, &what("NORMAL"), n)?);
+        mesh.normals = bytemuck::cast_vec(elements.floats::<3>(a, &what("NORMAL"), n)?);
     }
     // Without normals the specification asks for flat ones, and for given tangents to be ignored.
     if let (Some(a), false) = (attribute(primitive, Semantic::Tangents), mesh.normals.is_empty()) {
-        mesh.tangents = bytemuck::cast_vec(document.floats::<4>(a, &what("TANGENT"), n)?);
+        mesh.tangents = bytemuck::cast_vec(elements.floats::<4>(a, &what("TANGENT"), n)?);
     }
     if let Some(a) = attribute(primitive, Semantic::TexCoords(0)) {
-        mesh.uvs = bytemuck::cast_vec(document.floats::<2>(a, &what("TEXCOORD_0"), n)?);
+        mesh.uvs = bytemuck::cast_vec(elements.floats::<2>(a, &what("TEXCOORD_0"), n)?);
     }
     if let Some(a) = attribute(primitive, Semantic::TexCoords(1)) {
-        mesh.uvs1 = bytemuck::cast_vec(document.floats::<2>(a, &what("TEXCOORD_1"), n)?);
+        mesh.uvs1 = bytemuck::cast_vec(elements.floats::<2>(a, &what("TEXCOORD_1"), n)?);
     }
     if let Some(a) = attribute(primitive, Semantic::Colors(0)) {
-        mesh.colors = colors(document, a, &what("COLOR_0"), n)?;
+        mesh.colors = colors(elements, a, &what("COLOR_0"), n)?;
     }
-    let targets = targets(document, primitive, mesh.positions.len(), place, budget)?;
-    let influences = influences(document, primitive, n, place)?;
-    mesh.triangles = triangles(document, primitive, mode, mesh.positions.len(), place, budget)?;
+    let targets = targets(elements, primitive, mesh.positions.len(), place, budget)?;
+    let influences = influences(elements, primitive, n, place)?;
+    mesh.triangles = triangles(elements, primitive, mode, mesh.positions.len(), place, budget)?;
     clean(&mut mesh, place, warnings)?;
     Ok(Bind { mesh, influences, targets })
 }
 
-fn colors(document: &Document<'_>, a: usize, place: &str, n: Need) -> Result<Vec<Vec4f>, Fault> {
-    if document.components(a, place)? == 3 {
-        let rgb = document.floats::<3>(a, place, n)?;
+fn colors(elements: &Elements<'_>, a: usize, place: &str, n: Need) -> Result<Vec<Vec4f>, Fault> {
+    if elements.components(a, place)? == 3 {
+        let rgb = elements.floats::<3>(a, place, n)?;
         Ok(rgb.into_iter().map(|[r, g, b]| vec4(r, g, b, 1.0)).collect())
     } else {
-        Ok(bytemuck::cast_vec(document.floats::<4>(a, place, n)?))
+        Ok(bytemuck::cast_vec(elements.floats::<4>(a, place, n)?))
     }
 }
 
 /// The morph targets; what they say about attributes that the primitive lacks is left out.
 fn targets(
-    document: &Document<'_>,
+    elements: &Elements<'_>,
     primitive: &Primitive,
     vertices: usize,
     place: &str,
@@ -110,7 +112,7 @@ fn targets(
         budget.vertices(vertices as u64, || what("attributes"))?;
         let read = |a: Option<usize>, name: &str| -> Result<Vec<Vec3f>, Fault> {
             let Some(a) = a else { return Ok(Vec::new()) };
-            Ok(bytemuck::cast_vec(document.floats::<3>(a, &what(name), n)?))
+            Ok(bytemuck::cast_vec(elements.floats::<3>(a, &what(name), n)?))
         };
         let has = |semantic| attribute(primitive, semantic).is_some();
         let normals = has(Semantic::Normals);
@@ -126,7 +128,7 @@ fn targets(
 
 /// Joints and weights; joints of zero weight become 0.
 fn influences(
-    document: &Document<'_>,
+    elements: &Elements<'_>,
     primitive: &Primitive,
     n: Need,
     place: &str,
@@ -143,8 +145,8 @@ fn influences(
                 return Err(fault(place, rule));
             }
         };
-        let mut joints = document.integers::<4>(j, &format!("{place} JOINTS_{s}"), n)?;
-        let weights = document.floats::<4>(w, &format!("{place} WEIGHTS_{s}"), n)?;
+        let mut joints = elements.integers::<4>(j, &format!("{place} JOINTS_{s}"), n)?;
+        let weights = elements.floats::<4>(w, &format!("{place} WEIGHTS_{s}"), n)?;
         let unused = joints.as_flattened_mut().iter_mut().zip(weights.as_flattened());
         unused.filter(|(_, w)| **w == 0.0).for_each(|(j, _)| *j = 0);
         // Saving has 16 bits for a joint, as the specification.
@@ -157,7 +159,7 @@ fn influences(
 }
 
 fn triangles(
-    document: &Document<'_>,
+    elements: &Elements<'_>,
     primitive: &Primitive,
     mode: Mode,
     vertices: usize,
@@ -165,15 +167,22 @@ fn triangles(
     budget: &mut Budget<'_>,
 ) -> Result<Vec<[u32; 3]>, Fault> {
     let place = format!("{place} indices");
+    if let Some(triangles) = elements.triangles(vertices, &place)? {
+        if mode == Mode::TriangleFan {
+            return Err(fault(place, "are compressed, and the mode is 6; it must be 4 or 5"));
+        }
+        budget.triangles(triangles.len() as u64, || place)?;
+        return Ok(triangles);
+    }
     let count = match primitive.indices {
-        Some(a) => document.count(a.value(), &place)?,
+        Some(a) => elements.count(a.value(), &place)?,
         None => vertices as u64,
     };
     let of_count = |n: u64| if mode == Mode::Triangles { n / 3 } else { n.saturating_sub(2) };
     budget.triangles(of_count(count), || place.clone())?;
     let indices: Vec<u32> = match primitive.indices {
         Some(a) => {
-            let indices = document.integers::<1>(a.value(), &place, Need::All)?;
+            let indices = elements.integers::<1>(a.value(), &place, Need::All)?;
             let bad = indices.iter().position(|[i]| *i as usize >= vertices);
             if let Some(k) = bad {
                 let rule =

@@ -5,6 +5,7 @@ mod animation;
 mod compressed;
 mod container;
 mod document;
+mod draco;
 mod extensions;
 mod geometry;
 mod lights;

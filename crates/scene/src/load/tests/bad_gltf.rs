@@ -163,8 +163,8 @@ fn nodes() {
 #[test]
 fn extensions() {
     let mut b = triangle();
-    b.json["extensionsRequired"] = json!(["KHR_draco_mesh_compression"]);
-    b.refused(&["extensionsRequired", "KHR_draco_mesh_compression", "gltf-transform copy"]);
+    b.json["extensionsRequired"] = json!(["EXT_texture_avif"]);
+    b.refused(&["extensionsRequired", "EXT_texture_avif", "PNG, JPEG, WebP or KTX 2.0"]);
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 mod bad_gltf;
 mod compressed;
+mod draco;
 mod extensions;
 mod gltf;
 mod obj;
