@@ -205,6 +205,74 @@ fn recordings_run_again_with_other_parameters_and_are_profiled() {
 }
 
 #[test]
+fn sources_of_copies_change_from_run_to_run() {
+    let gpu = device!();
+    let [a, b] = [[1.0_f32, 2.0, 3.0], [4.0, 5.0, 6.0]].map(|x| gpu.upload("source", &x).expect("uploaded"));
+    let to = gpu.zeros::<f32>("to", 2).expect("made");
+    let mut r = gpu.record("copies");
+    let inlet = r.copy_in(&to).expect("fits");
+    let mut recording = r.finish().expect("recorded");
+    recording.run().expect("runs");
+    assert_eq!(gpu.read(&to).expect("read"), [0.0; 2], "no source yet");
+    for (source, expected) in [(&a, [1.0, 2.0]), (&b, [4.0, 5.0]), (&a, [1.0, 2.0])] {
+        recording.set_source(inlet, source).expect("fits");
+        recording.run().expect("runs");
+        assert_eq!(gpu.read(&to).expect("read"), expected);
+    }
+    let short = gpu.zeros::<f32>("short", 1).expect("made");
+    for wrong in [&short, &to] {
+        assert!(matches!(recording.set_source(inlet, wrong), Err(GpuError::Buffer { .. })));
+    }
+}
+
+#[test]
+fn few_submissions_wait_and_traffic_is_counted() {
+    let name = device!().report().name.clone();
+    // Counted by a device that no other test uses.
+    let gpu = &Gpu::new(&Choice::Named(name)).expect("opens");
+    let terms = gpu.upload("terms", &vec![1.0_f32; 1 << 20]).expect("uploaded");
+    let words = gpu.zeros::<u32>("words", fixed_words(1)).expect("made");
+    let params = Params { count: 1 << 20, sums: 1, scale: 1.0, pad: 0 };
+    let mut r = gpu.record("slow");
+    let slot = r.dispatch(&ADD, &params, &[terms.bind(), words.bind()], 1 << 20).expect("fits");
+    let mut recording = r.finish().expect("recorded");
+    let before = gpu.traffic();
+    for _ in 0..6 {
+        recording.set(slot, &params);
+        recording.run().expect("runs");
+        assert!(gpu.waiting() <= 2, "{} submissions", gpu.waiting());
+    }
+    let after = gpu.traffic();
+    assert_eq!(after.submissions - before.submissions, 6);
+    // The parameters of a dispatch fill 256 bytes.
+    assert_eq!((after.uploaded - before.uploaded, after.read - before.read), (6 * 256, 0));
+    assert_eq!(gpu.read(&words).expect("read")[0], 6 << 20, "all of them ran");
+    assert_eq!(gpu.traffic().read, after.read + words.bytes());
+}
+
+#[test]
+fn a_lost_device_is_told_by_every_call() {
+    let name = device!().report().name.clone();
+    let gpu = Gpu::new(&Choice::Named(name)).expect("opens");
+    let x = gpu.upload("x", &[1.0_f32; 4]).expect("uploaded");
+    let words = gpu.zeros::<u32>("words", fixed_words(1)).expect("made");
+    let params = Params { count: 4, sums: 1, scale: 1.0, pad: 0 };
+    let mut r = gpu.record("lost");
+    r.dispatch(&ADD, &params, &[x.bind(), words.bind()], 4).expect("fits");
+    let mut recording = r.finish().expect("recorded");
+    recording.run().expect("runs");
+    gpu.destroy();
+    let lost = |r: Result<(), GpuError>| matches!(r, Err(GpuError::Lost(_)));
+    assert!(lost(recording.run()));
+    assert!(lost(gpu.wait()));
+    assert!(lost(gpu.write(&x, &[2.0])));
+    assert!(lost(gpu.read(&x).map(|_| ())));
+    assert!(lost(gpu.zeros::<f32>("more", 4).map(|_| ())));
+    assert!(lost(gpu.record("another").dispatch(&READ, &params, &[], 4).map(|_| ())));
+    assert!(lost(recording.profile().map(|_| ())));
+}
+
+#[test]
 fn adapters_are_chosen_by_name() {
     let Some(gpu) = test_device() else { return };
     let name = gpu.report().name.clone();

@@ -90,7 +90,8 @@ impl ShadingTables {
         if entries.len() > ENTRIES_MAX {
             let (bytes, limit) = (16 * entries.len() as u64, 16 * ENTRIES_MAX as u64);
             let device = gpu.report().name.clone();
-            return Err(GpuError::TooLarge { name: "shading tables".into(), bytes, limit, device });
+            let which = "numbers of entries that f32 holds";
+            return Err(GpuError::TooLarge { name: "shading tables".into(), bytes, limit, which, device });
         }
         Ok(Self { buffer: gpu.upload("shading tables", &entries)?, environments: firsts })
     }

@@ -2,9 +2,11 @@
 //! and states are read when the trainer evaluates.
 //!
 //! It does what [`Surface`] does in main memory, operation by operation. Gradients are sums that do not depend on the order
-//! of their terms: the same fit gives the same bits on the same device. Pictures of the reference come from the CPU.
+//! of their terms: the same fit gives the same bits on the same device. Pictures of the reference come from the CPU, each of
+//! them once where the device has room for all that are shown again.
 
 mod recorded;
+mod references;
 mod resident;
 mod stage;
 
@@ -20,12 +22,14 @@ use photofit_optim::gpu::{DeviceOptimizer, LargeStepsSolver};
 use photofit_raster::CHANNELS;
 use photofit_raster::deferred::Masks;
 use recorded::{COURSE, Forward, Step};
+use references::References;
+pub use references::{Residence, Shown};
 use resident::Resident;
 use stage::{Room, Skies, Stage};
 use std::borrow::Cow;
 
 /// The kernels of this crate.
-pub const KERNELS: &[Kernel] = &[resident::HOLD, resident::ADD_LOSSES];
+pub const KERNELS: &[Kernel] = &[resident::HOLD, resident::ADD_LOSSES, references::OVER_NOISE];
 
 /// A [`Surface`] on a device.
 #[derive(Debug)]
@@ -36,6 +40,7 @@ pub struct GpuSurface {
     on: Resident,
     optimizers: Vec<DeviceOptimizer>,
     skies: Skies,
+    references: References,
     stage: Option<Stage>,
     step: Option<Step>,
     forward: Option<Forward>,
@@ -93,6 +98,7 @@ impl GpuSurface {
         keep.run()?;
         let mut model = Self {
             skies: Skies::new(gpu)?,
+            references: References::default(),
             course: gpu.zeros("losses of steps", COURSE)?,
             gpu: gpu.clone(),
             surface,
@@ -109,6 +115,15 @@ impl GpuSurface {
         };
         model.prepare(shots)?;
         Ok(model)
+    }
+
+    /// Makes room for the pictures of the reference that a fit shows again, so that each is uploaded once; tells whether
+    /// there is.
+    #[must_use]
+    pub fn keeping(mut self, shown: Shown) -> (Self, Residence) {
+        let (references, residence) = References::new(&self.gpu, shown);
+        self.references = references;
+        (self, residence)
     }
 
     /// Makes room for shots and their environments. What was recorded for less is dropped.
@@ -193,12 +208,13 @@ impl Model for GpuSurface {
         let (room, moving) = (Room::of(shots), rates.iter().map(|r| *r > 0.0).collect::<Vec<_>>());
         let rates: Vec<Vec<f32>> = self.groups.iter().zip(rates).map(|(g, r)| g.rates_at(*r)).collect();
         let passes = self.surface.moving_passes(&moving);
-        if !self.step.as_ref().is_some_and(|s| s.serves(room, shots.len(), (&moving, passes.masks))) {
+        let held = self.references.serves(shots, room.pixel_count());
+        if !self.step.as_ref().is_some_and(|s| s.serves((room, held), shots.len(), (&moving, passes.masks))) {
             let step = Step::new(
                 &self.gpu,
                 &self.on,
                 (stage, &self.skies, &self.course),
-                (room, shots.len(), loss),
+                (room, shots.len(), loss, held),
                 (&self.groups, &self.optimizers),
                 (&moving, &passes),
             );
@@ -208,7 +224,8 @@ impl Model for GpuSurface {
             self.read_course()?;
         }
         if let Some(step) = &mut self.step {
-            let (on, optimizers) = ((&self.on, &self.skies), (&mut self.optimizers[..], &rates[..]));
+            let on = (&self.on, &self.skies, &mut self.references);
+            let optimizers = (&mut self.optimizers[..], &rates[..]);
             step.run(&self.gpu, on, (shots, loss, passes.masks), optimizers, self.pending).map_err(broken)?;
             self.pending += 1;
         }

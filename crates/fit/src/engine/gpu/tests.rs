@@ -1,5 +1,7 @@
 //! A step on a device against the same step on the CPU.
 
+use super::references::FromHeld;
+use super::stage::padded;
 use super::*;
 use crate::candidate::{Candidate, SurfaceClass};
 use crate::engine::cpu::Cpu;
@@ -17,6 +19,7 @@ use photofit_raster::texture::gpu::{SUM_SCALE, sum_scale};
 use photofit_raster::{Maps, channel};
 use photofit_scene::AlphaMode;
 use photofit_shading::Sides;
+use std::sync::Arc;
 
 /// Difference of gradients of a whole step, root mean square over root mean square: samples on edges that `f32` and `f64`
 /// give to different triangles, and kinks of the loss.
@@ -245,6 +248,111 @@ fn losses_that_are_not_finite_are_told() {
     device.step(&shots, Loss::Mse.into(), &[0.001, 0.01]).unwrap();
     let losses = device.losses().unwrap();
     assert!(losses[0].is_finite() && losses[1].is_nan(), "{losses:?}");
+}
+
+/// Batches of two of four pictures, again and again under other noise.
+fn kept_shots(size: usize) -> Vec<Vec<Shot>> {
+    let views = Orbit::new(4, &Lighting::Mixed, size);
+    let mut rng = Uniform::new(8);
+    let mut picture = || Image::from_fn(size, size, 4, |_, _, _| rng.range(0.0, 1.0) as f32);
+    let pictures: Vec<_> = (0..4).map(|_| Arc::new(picture())).collect();
+    let shot = |k: usize, number: usize| {
+        let setup = views.setup(Set::Train, k as u64, 0);
+        Shot::of_kept(&setup, &pictures[k], Sampling::SUPERSAMPLED, 1, number as u64)
+    };
+    (0..8).map(|step| vec![shot(step % 4, 2 * step), shot((step / 2 + 1) % 4, 2 * step + 1)]).collect()
+}
+
+#[test]
+fn pictures_are_put_over_noise_as_on_the_cpu() {
+    let Some(gpu) = test_device() else { return };
+    // An odd number of pixels, in room for more.
+    let (n, room) = (13, 14 * 14);
+    let (mut references, residence) = References::new(gpu, Shown { pictures: 2, size: [14, 14] });
+    assert!(matches!(residence, Residence::Kept(_)));
+    let [reference, background] = ["reference", "background"].map(|b| gpu.zeros(b, room).unwrap());
+    let mut r = gpu.record("over noise");
+    let from = FromHeld::record(&mut r, &reference, &background).unwrap();
+    let mut recording = r.finish().unwrap();
+    for shot in kept_shots(n).iter().flatten() {
+        references.begin();
+        assert!(references.serves(std::slice::from_ref(shot), room));
+        from.set(gpu, &mut recording, &mut references, shot).unwrap();
+        recording.run().unwrap();
+        let (over, noise) = (gpu.read(&reference).unwrap(), gpu.read(&background).unwrap());
+        assert!(noise[..n * n] == padded(&shot.background), "the same noise, to the bit");
+        let pairs = over.iter().zip(&shot.reference);
+        let off = pairs.flat_map(|(a, b)| (0..4).map(|k| (a[k] - b[k]).abs())).fold(0.0, f32::max);
+        assert!(off < 3e-7, "{off:e}");
+        let other = Shot::of_kept(
+            &Orbit::new(4, &Lighting::Point, n).setup(Set::Train, 0, 0),
+            &shot.source.as_ref().unwrap().picture,
+            shot.sampling,
+            1,
+            shot.number + 1,
+        );
+        assert!(noise[..n * n] != padded(&other.background), "other noise is noticed");
+    }
+    let mut without = kept_shots(n).remove(0);
+    without[1].source = None;
+    assert!(!references.serves(&without, room) && !references.serves(&without[..1], room + 1));
+}
+
+#[test]
+fn a_step_is_one_submission_and_pictures_that_stay_are_uploaded_once() {
+    let Some(shared) = test_device() else { return };
+    // Counted by a device that no other test uses.
+    let gpu = &Gpu::new(&photofit_gpu::Choice::Named(shared.report().name.clone())).unwrap();
+    let (s, batches, size) = (surface(false), kept_shots(40), 40 * 40);
+    let run = |kept: bool| {
+        let model = GpuSurface::new(gpu, s.clone(), &batches[0]).unwrap();
+        let shown = Shown { pictures: 4, size: [40, 40] };
+        let (mut model, _) = if kept { model.keeping(shown) } else { (model, Residence::TooMany(shown)) };
+        let mut traffic = Vec::new();
+        for shots in &batches {
+            let before = gpu.traffic();
+            model.step(shots, Loss::LogSrgbL1.into(), &[0.002, 0.01]).unwrap();
+            let after = gpu.traffic();
+            assert_eq!((after.submissions - before.submissions, after.read), (1, before.read));
+            traffic.push(after.uploaded - before.uploaded);
+        }
+        let losses = model.losses().unwrap();
+        (losses, model.values(0).unwrap().into_owned(), model.values(1).unwrap().into_owned(), traffic)
+    };
+    let (old, new) = (run(false), run(true));
+    assert!(run(true) == new, "the same bits again");
+    println!("bytes uploaded in a step: {} with pictures, {} without", old.3[7], new.3[7]);
+    // Two pictures and two backgrounds of four numbers; of the kept ones, all four are there after two steps.
+    assert_eq!(old.3[7] - new.3[7], 2 * 2 * 16 * size as u64);
+    assert_eq!(new.3[0] - new.3[7], 2 * 16 * size as u64);
+    assert!(old.0.iter().zip(&new.0).all(|(a, b)| (a / b - 1.0).abs() < 1e-5), "{:?} {:?}", old.0, new.0);
+    let moved = difference(&bytemuck::cast_slice(&s.candidate.positions).to_vec(), &new.1);
+    let apart = [difference(&old.1, &new.1) / moved, difference(&old.2, &new.2)];
+    println!("apart {:.1e} and {:.1e}", apart[0], apart[1]);
+    assert!(apart.iter().all(|a| *a < 1e-2), "{apart:?}");
+    let mut noticed = run(false);
+    noticed.0[3] *= 1.001;
+    assert!(!noticed.0.iter().zip(&new.0).all(|(a, b)| (a / b - 1.0).abs() < 1e-5));
+}
+
+#[test]
+fn pictures_without_room_are_uploaded_and_the_plan_says_so() {
+    let Some(gpu) = test_device() else { return };
+    let shown = Shown { pictures: 64, size: [2048, 2048] };
+    let model = GpuSurface::new(gpu, surface(false), &kept_shots(16)[0]).unwrap();
+    let (mut model, residence) = model.keeping(shown);
+    let told = residence.to_string();
+    for part in ["uploaded in every step", "64 pictures of 2048 x 2048", "4295 MB", "1074 MB", "`resolution`"] {
+        assert!(told.contains(part), "{told}");
+    }
+    model.step(&kept_shots(16)[0], Loss::LogSrgbL1.into(), &[0.002, 0.01]).unwrap();
+    assert!(model.losses().unwrap()[0].is_finite());
+    // One picture that no buffer takes.
+    let side = (gpu.report().largest_binding as usize / 16).isqrt() + 1;
+    let (_, residence) = References::new(gpu, Shown { pictures: 1, size: [side, side] });
+    let told = residence.to_string();
+    let refused = matches!(residence, Residence::Refused(GpuError::TooLarge { .. }) | Residence::TooMany(_));
+    assert!(refused && told.contains("uploaded in every step"), "{told}");
 }
 
 #[test]
