@@ -47,7 +47,7 @@ pub use device::{Gpu, Traffic};
 pub use error::GpuError;
 pub use kernel::{FIXED, FIXED_READ, INDEX, Kernel, fixed_words, validate};
 pub use record::{Inlet, Recorder, Recording, Slot};
-pub use testing::test_device;
+pub use testing::{run_device_tests, test_device};
 
 #[cfg(test)]
 mod tests;

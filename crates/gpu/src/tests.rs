@@ -2,16 +2,6 @@
 
 use super::*;
 
-/// The device, or the end of the test where there is none.
-macro_rules! device {
-    () => {
-        match test_device() {
-            Some(gpu) => gpu,
-            None => return,
-        }
-    };
-}
-
 #[repr(C)]
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 struct Params {
@@ -77,8 +67,14 @@ fn sum(gpu: &Gpu, terms: &[f32], sums: usize, scale: f32) -> (Vec<f32>, bool) {
 }
 
 #[test]
+fn tests_on_a_device_pass_where_there_is_one() {
+    run_device_tests();
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
 fn fixed_sums_are_exact_in_any_order() {
-    let gpu = device!();
+    let gpu = test_device();
     let mut state = 7_u64;
     let mut random = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -109,8 +105,9 @@ fn fixed_sums_are_exact_in_any_order() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn fixed_sums_keep_their_extremes() {
-    let gpu = device!();
+    let gpu = test_device();
     let scale = (1_u64 << 40) as f32;
     // What fills the lower word.
     let word = (1_u64 << 32) as f32;
@@ -138,8 +135,9 @@ fn fixed_sums_keep_their_extremes() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn many_groups_and_none() {
-    let gpu = device!();
+    let gpu = test_device();
     // More than 65,535 groups of 64.
     let n = 65_535 * 64 + 1000;
     let (found, refused) = sum(gpu, &vec![1.0; n], 3, 1.0);
@@ -150,8 +148,9 @@ fn many_groups_and_none() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn what_does_not_fit_is_told() {
-    let gpu = device!();
+    let gpu = test_device();
     let limit = gpu.report().largest_binding as usize;
     let error = gpu.zeros::<u32>("huge", limit / 4 + 1).expect_err("too large");
     assert!(matches!(&error, GpuError::TooLarge { name, .. } if name == "huge"), "{error}");
@@ -181,8 +180,9 @@ fn what_does_not_fit_is_told() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn recordings_run_again_with_other_parameters_and_are_profiled() {
-    let gpu = device!();
+    let gpu = test_device();
     let terms = gpu.upload("terms", &[1.0_f32; 6]).expect("uploaded");
     let words = gpu.zeros::<u32>("words", fixed_words(1)).expect("made");
     let out = gpu.zeros::<f32>("out", 1).expect("made");
@@ -205,8 +205,9 @@ fn recordings_run_again_with_other_parameters_and_are_profiled() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn sources_of_copies_change_from_run_to_run() {
-    let gpu = device!();
+    let gpu = test_device();
     let [a, b] = [[1.0_f32, 2.0, 3.0], [4.0, 5.0, 6.0]].map(|x| gpu.upload("source", &x).expect("uploaded"));
     let to = gpu.zeros::<f32>("to", 2).expect("made");
     let mut r = gpu.record("copies");
@@ -226,8 +227,9 @@ fn sources_of_copies_change_from_run_to_run() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn few_submissions_wait_and_traffic_is_counted() {
-    let name = device!().report().name.clone();
+    let name = test_device().report().name.clone();
     // Counted by a device that no other test uses.
     let gpu = &Gpu::new(&Choice::Named(name)).expect("opens");
     let terms = gpu.upload("terms", &vec![1.0_f32; 1 << 20]).expect("uploaded");
@@ -251,8 +253,9 @@ fn few_submissions_wait_and_traffic_is_counted() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn a_lost_device_is_told_by_every_call() {
-    let name = device!().report().name.clone();
+    let name = test_device().report().name.clone();
     let gpu = Gpu::new(&Choice::Named(name)).expect("opens");
     let x = gpu.upload("x", &[1.0_f32; 4]).expect("uploaded");
     let words = gpu.zeros::<u32>("words", fixed_words(1)).expect("made");
@@ -273,8 +276,9 @@ fn a_lost_device_is_told_by_every_call() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn adapters_are_chosen_by_name() {
-    let Some(gpu) = test_device() else { return };
+    let gpu = test_device();
     let name = gpu.report().name.clone();
     assert!(adapters().iter().any(|a| a.name == name));
     let part: String = name.to_uppercase().chars().take(5).collect();

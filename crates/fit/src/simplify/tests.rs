@@ -185,8 +185,9 @@ fn unlit_surfaces_are_fitted_judged_and_written_as_such() {
 
 #[cfg(feature = "gpu")]
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn a_fit_on_a_device_ends_like_one_on_the_cpu_and_resumes_to_the_same_file() {
-    let Some(gpu) = photofit_gpu::test_device() else { return };
+    let gpu = photofit_gpu::test_device();
     let dir = tempfile::tempdir().unwrap();
     let scene = rock();
     let on_device = SimplifyOptions { device: Device::gpu(gpu.clone(), true, "asked for"), ..options() };

@@ -10,16 +10,6 @@ use photofit_gpu::{INDEX, Kernel, test_device, validate};
 use photofit_gradcheck::{Uniform, worst_difference};
 use photofit_scalar::{Vec3, Vec3f, vec3};
 
-/// The device, or the end of the test where there is none.
-macro_rules! device {
-    () => {
-        match test_device() {
-            Some(gpu) => gpu,
-            None => return,
-        }
-    };
-}
-
 const SOURCE: &[&str] = &[INDEX, photofit_scalar::WGSL, WGSL, include_str!("tests.wgsl")];
 const RADIANCE: Kernel = Kernel { name: "radiance", source: SOURCE, entry: "radiance" };
 const NORMALS: Kernel = Kernel { name: "normals", source: SOURCE, entry: "normals" };
@@ -141,14 +131,20 @@ fn lights<'a>(first: &'a Environment<f32>, second: &'a Environment<f32>) -> [Lig
 }
 
 #[test]
+fn tests_on_a_device_pass_where_there_is_one() {
+    photofit_gpu::run_device_tests();
+}
+
+#[test]
 fn kernels_are_valid() {
     validate(&RADIANCE).expect("valid");
     validate(&NORMALS).expect("valid");
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn radiance_and_gradients_agree_for_every_light() {
-    let gpu = device!();
+    let gpu = test_device();
     let maps = [environment(1), environment(2)];
     let tables = ShadingTables::new(gpu, &[&maps[0], &maps[1]]).expect("fits");
     let number = |map: &Environment<f32>| usize::from(!std::ptr::eq(map, &raw const maps[0]));
@@ -168,8 +164,9 @@ fn radiance_and_gradients_agree_for_every_light() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn extremes_agree() {
-    let gpu = device!();
+    let gpu = test_device();
     let map = environment(4);
     let tables = ShadingTables::new(gpu, &[&map]).expect("fits");
     let (up, side) = ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0]);
@@ -209,8 +206,9 @@ fn extremes_agree() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn shading_normals_agree() {
-    let gpu = device!();
+    let gpu = test_device();
     let mut rng = Uniform::new(5);
     let tables = ShadingTables::new(gpu, &[]).expect("fits");
     let mut items: Vec<[f32; 22]> = Vec::new();
@@ -265,8 +263,9 @@ fn shading_normals_agree() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn a_perturbed_side_is_found() {
-    let gpu = device!();
+    let gpu = test_device();
     let map = environment(6);
     let tables = ShadingTables::new(gpu, &[&map]).expect("fits");
     let items = random_items(100, (0.3, 1.0), &mut Uniform::new(7));

@@ -187,7 +187,8 @@ impl FromHeld {
     ) -> Result<Self, GpuError> {
         let picture = r.copy_in(reference)?;
         let params = Params::new(None, reference.len());
-        let noise = r.dispatch(&OVER_NOISE, &params, &[reference.bind(), background.bind()], reference.len())?;
+        let noise =
+            r.dispatch(&OVER_NOISE, &params, &[reference.bind(), background.bind()], reference.len())?;
         Ok(Self { picture, noise })
     }
 
