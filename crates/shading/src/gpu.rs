@@ -24,7 +24,7 @@ pub const WGSL: &str = concat!(
 );
 
 /// Lights that a kernel's parameters have room for, besides ambient ones.
-pub const LIGHTS_MAX: usize = 16;
+pub const LIGHTS_MAX: usize = 64;
 /// Numbers up to this are exact in the tables' `f32`.
 const ENTRIES_MAX: usize = 1 << 24;
 
@@ -41,7 +41,7 @@ struct Source {
 
 /// The lights of a picture: `Lights` in WGSL.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct Lights {
     /// Point and directional lights, then environments.
     sources: [Source; LIGHTS_MAX],
@@ -50,6 +50,13 @@ pub struct Lights {
     punctual: u32,
     count: u32,
     pad: [u32; 2],
+}
+
+impl Default for Lights {
+    /// None.
+    fn default() -> Self {
+        bytemuck::Zeroable::zeroed()
+    }
 }
 
 /// The tables of reflectance and the environments of a device, in one buffer.

@@ -165,6 +165,31 @@ fn radiance_and_gradients_agree_for_every_light() {
 
 #[test]
 #[ignore = "gpu: needs an adapter"]
+fn as_many_lights_as_there_is_room_for_agree() {
+    let gpu = test_device();
+    let map = environment(5);
+    let tables = ShadingTables::new(gpu, &[&map]).expect("fits");
+    let mut rng = Uniform::new(6);
+    let single = |v: Vec3<f64>| vec3(v.x as f32, v.y as f32, v.z as f32);
+    let light = |k: usize| match k % 3 {
+        0 => Light::Point { position: single(vector(&mut rng)) * 3.0, intensity: Vec3::splat(0.5) },
+        1 => Light::Directional { direction: single(unit(&mut rng)), irradiance: Vec3::splat(0.1) },
+        _ => Light::Environment { map: &map, rotation: Yaw::new(k as f32), scale: 0.05 },
+    };
+    let lights: Vec<Light<'_>> = (0..LIGHTS_MAX).map(light).collect();
+    let items = random_items(300, (0.3, 1.0), &mut Uniform::new(7));
+    let expected = expected(&items, Energy::Compensated, &lights);
+    let of = |lights: &[Light<'_>]| found(gpu, &tables, &items, Energy::Compensated, lights, |_| 0);
+    compare("all lights", &of(&lights), &expected, tolerances::ROUGH);
+    let fewer = worst_difference(&of(&lights[..LIGHTS_MAX - 1]), &expected);
+    assert!(fewer > tolerances::ROUGH, "a missing light is noticed: {fewer:e}");
+    let more = [&lights[..], &lights[..1]].concat();
+    let refused = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| tables.lights(&more, |_| 0)));
+    assert!(refused.is_err(), "more than there is room for");
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
 fn extremes_agree() {
     let gpu = test_device();
     let map = environment(4);

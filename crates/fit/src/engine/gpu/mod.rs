@@ -8,12 +8,13 @@
 mod recorded;
 mod references;
 mod resident;
+mod room;
 mod stage;
 
 use super::cpu::Chain;
 use super::loss::{PictureLoss, Weights};
 use super::model::{Broken, Group, Model, Snapshot};
-use super::surface::{POSITIONS, Surface, temporal};
+use super::surface::{POSITIONS, PositionOptimizer, Surface, temporal};
 use super::views::Shot;
 use crate::FitError;
 use photofit_gpu::{Buffer, Gpu, GpuError, Kernel, Recording};
@@ -25,6 +26,7 @@ use recorded::{COURSE, Forward, Step};
 use references::References;
 pub use references::{Residence, Shown};
 use resident::Resident;
+pub use room::NoRoom;
 use stage::{Room, Skies, Stage};
 use std::borrow::Cow;
 
@@ -71,21 +73,24 @@ impl GpuSurface {
     /// Uploads a surface, and makes room for pictures such as `shots`.
     ///
     /// # Errors
-    /// If the device cannot hold it.
-    pub fn new(gpu: &Gpu, surface: Surface, shots: &[Shot]) -> Result<Self, OptimError> {
+    /// If the device cannot hold it, or does not run its optimizer.
+    pub fn new(gpu: &Gpu, surface: Surface, shots: &[Shot]) -> Result<Self, NoRoom> {
         let groups = Chain::groups(&surface);
         let fitted = surface.rates.map(|r| r > 0.0);
         let on = Resident::new(gpu, &surface.candidate, fitted)?;
         if !surface.optimizer.runs_on_device() {
             let (group, what) = (POSITIONS.into(), surface.optimizer.name());
-            return Err(OptimError::Combination { group, what, with: "a device, where it does not run" });
+            let source = OptimError::Combination { group, what, with: "a device, where it does not run" };
+            return Err(NoRoom { source, option: None });
         }
         let optimizer = |group: &Group| {
-            let rings = &surface.candidate.rings;
-            let diffuses = group.name == POSITIONS;
+            let (rings, positions) = (&surface.candidate.rings, group.name == POSITIONS);
+            let diffuses = positions && surface.optimizer == PositionOptimizer::LargeSteps;
             let solver = || LargeStepsSolver::new(gpu, &rings.offsets, &rings.items, surface.smoothness);
-            let solver = diffuses.then(solver).transpose()?;
-            DeviceOptimizer::new(gpu, &group.name, (group.rows, group.columns), temporal(&group.name), solver)
+            let solver = diffuses.then(solver).transpose().map_err(NoRoom::mesh)?;
+            let moments = if positions { surface.optimizer.temporal() } else { temporal(&group.name) };
+            let made = DeviceOptimizer::new(gpu, &group.name, (group.rows, group.columns), moments, solver);
+            made.map_err(|e| if positions { NoRoom::mesh(e) } else { NoRoom::maps(e) })
         };
         let optimizers = groups.iter().map(optimizer).collect::<Result<_, _>>()?;
         let mut r = gpu.record("rebuild");
@@ -113,7 +118,7 @@ impl GpuSurface {
             pending: 0,
             losses: Vec::new(),
         };
-        model.prepare(shots)?;
+        model.prepare(shots).map_err(NoRoom::pictures)?;
         Ok(model)
     }
 

@@ -247,6 +247,29 @@ fn steps_and_pictures_agree_and_values_are_kept() {
 
 #[test]
 #[ignore = "gpu: needs an adapter"]
+fn positions_move_by_adam_as_on_the_cpu() {
+    let (gpu, shots) = (test_device(), shots(Sampling::SUPERSAMPLED, 40));
+    let adam = Surface { optimizer: PositionOptimizer::Adam, ..surface(false) };
+    let start: Vec<f32> = bytemuck::cast_slice(&adam.candidate.positions).to_vec();
+    let mut cpu = Cpu::new(adam.clone()).unwrap();
+    let made = |s: Surface| GpuSurface::new(gpu, s, &shots).unwrap();
+    let (mut device, mut other) = (made(adam), made(surface(false)));
+    for _ in 0..6 {
+        cpu.step(&shots, Loss::LogSrgbL1.into(), &[0.001, 0.01]).unwrap();
+        device.step(&shots, Loss::LogSrgbL1.into(), &[0.001, 0.01]).unwrap();
+        other.step(&shots, Loss::LogSrgbL1.into(), &[0.001, 0.01]).unwrap();
+    }
+    let [x, y, z] = [cpu.values(0), device.values(0), other.values(0)].map(|v| v.unwrap().into_owned());
+    let [moved, apart, another] = [difference(&start, &x), difference(&x, &y), difference(&x, &z)];
+    println!("moved {moved:.1e}, apart {apart:.1e}, another optimizer {another:.1e}");
+    assert!(apart < 0.02 * moved && another > 0.1 * moved, "{apart:e} and {another:e} of {moved:e}");
+    let bilateral = Surface { optimizer: PositionOptimizer::Bilateral, ..surface(false) };
+    let told = GpuSurface::new(gpu, bilateral, &shots).unwrap_err().to_string();
+    assert!(told.contains("bilateral") && told.contains("a device"), "{told}");
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
 fn losses_that_are_not_finite_are_told() {
     let gpu = test_device();
     let (s, mut shots) = (surface(false), shots(Sampling::SUPERSAMPLED, 16));
@@ -371,6 +394,24 @@ fn pictures_without_room_are_uploaded_and_the_plan_says_so() {
 #[test]
 fn tests_on_a_device_pass_where_there_is_one() {
     photofit_gpu::run_device_tests();
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn what_a_device_cannot_bind_is_told_with_its_limit_and_the_option() {
+    let gpu = test_device();
+    let limit = gpu.report().largest_binding;
+    // More samples than a binding takes of the smallest buffer, four in a pixel.
+    let mut large = shots(Sampling::SUPERSAMPLED, 16);
+    let side = (limit as usize / 4 / 4).isqrt() + 1;
+    (large[0].width, large[0].height) = (side, side);
+    let pictures = GpuSurface::new(gpu, surface(false), &large).unwrap_err().to_string();
+    let maps = NoRoom::maps(gpu.zeros::<u32>("texels", limit as usize / 4 + 1).unwrap_err()).to_string();
+    for (told, option) in [(pictures, "`resolution`"), (maps, "`texture_size`")] {
+        for part in ["bytes", &limit.to_string(), "maxStorageBufferBindingSize", option] {
+            assert!(told.contains(part), "{part}: {told}");
+        }
+    }
 }
 
 #[test]
