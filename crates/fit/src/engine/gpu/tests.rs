@@ -360,7 +360,7 @@ fn a_step_is_one_submission_and_pictures_that_stay_are_uploaded_once() {
     assert_eq!(old.3[7] - new.3[7] + 2 * 256, 2 * 2 * 16 * size as u64);
     assert_eq!(new.3[0] - new.3[7], 2 * 16 * size as u64);
     assert!(old.0.iter().zip(&new.0).all(|(a, b)| (a / b - 1.0).abs() < 1e-5), "{:?} {:?}", old.0, new.0);
-    let moved = difference(&bytemuck::cast_slice(&s.candidate.positions).to_vec(), &new.1);
+    let moved = difference(bytemuck::cast_slice(&s.candidate.positions), &new.1);
     let apart = [difference(&old.1, &new.1) / moved, difference(&old.2, &new.2)];
     println!("apart {:.1e} and {:.1e}", apart[0], apart[1]);
     assert!(apart.iter().all(|a| *a < 1e-2), "{apart:?}");
