@@ -2,12 +2,13 @@
 
 use anyhow::Result;
 
-use crate::{lint, shaders, tasks, tidy};
+use crate::{lint, shaders, tasks, tidy, web};
 
-/// Tidy, lint, shaders, then the test command of the README unless `no_test`.
+/// Tidy, lint, shaders, crates for browsers, then the test command of the README unless `no_test`.
 pub(crate) fn run(no_test: bool) -> Result<()> {
     tidy::run()?;
     lint::run()?;
     shaders::run()?;
+    web::run()?;
     if no_test { Ok(()) } else { tasks::test(false, false) }
 }

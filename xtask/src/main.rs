@@ -12,6 +12,7 @@ mod shaders;
 mod shell;
 mod tasks;
 mod tidy;
+mod web;
 
 use std::process::ExitCode;
 
@@ -20,10 +21,11 @@ use anyhow::{Result, bail};
 const USAGE: &str = "\
 cargo xtask <task>
 
-  ci [--no-test]            everything CI runs, in order: tidy, lint, shaders, test
+  ci [--no-test]            everything CI runs, in order: tidy, lint, shaders, web, test
   tidy                      formatting, layers, module docs, file length, ARCHITECTURE.md, one glam
   lint                      clippy and rustdoc without warnings, the features of each library one by one, cargo-deny
   shaders                   the kernels of all crates, parsed and validated without a device
+  web                       compile the crates that work on arrays for browsers, where that target is installed
   test [--gpu] [--slow]     cargo test --workspace; --slow adds the ignored suites, --gpu requires an adapter
   golden report             compare all golden images, write target/golden/report.html
   golden accept NAME...     write the golden images named, by the CPU path
@@ -57,6 +59,7 @@ fn run(args: &[String]) -> Result<()> {
         "tidy" => no_args(rest).and_then(|()| tidy::run()),
         "lint" => no_args(rest).and_then(|()| lint::run()),
         "shaders" => no_args(rest).and_then(|()| shaders::run()),
+        "web" => no_args(rest).and_then(|()| web::run()),
         "test" => {
             let flags = flag(rest, &["--gpu", "--slow"])?;
             tasks::test(flags.contains(&"--gpu"), flags.contains(&"--slow"))

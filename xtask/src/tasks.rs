@@ -6,7 +6,8 @@ use crate::shell::{run_cargo, run_cargo_with};
 
 /// `cargo test --workspace`, the test command of the README.
 ///
-/// `slow` runs the ignored suites afterwards; `gpu` makes a missing adapter an error instead of an ignored test.
+/// `slow` runs the ignored suites afterwards, those on a device among them, which need an adapter; `gpu` makes a missing
+/// adapter an error. Without one, the tests on a device stay ignored, and each crate tells how many.
 pub(crate) fn test(gpu: bool, slow: bool) -> Result<()> {
     let env: &[(&str, &str)] = if gpu { &[("PHOTOFIT_REQUIRE_GPU", "1")] } else { &[] };
     run_cargo_with(&["test", "--workspace"], env)?;

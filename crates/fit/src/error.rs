@@ -65,8 +65,8 @@ pub enum FitError {
     NoRoom {
         /// The device.
         device: String,
-        /// What it says.
-        source: photofit_optim::OptimError,
+        /// What it says, and which option makes the fit smaller.
+        source: crate::engine::gpu::NoRoom,
     },
     /// An optimizer or its preconditioner could not be set up.
     #[error("preconditioner: {0}")]

@@ -88,11 +88,15 @@ impl Gpu {
     pub fn zeros<T: bytemuck::Pod>(&self, name: &str, len: usize) -> Result<Buffer<T>, GpuError> {
         let bytes = (len as u64).saturating_mul(size_of::<T>() as u64);
         let limits = self.device().limits();
-        let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
-        if bytes > limit {
+        let all = [
+            (limits.max_storage_buffer_binding_size, "maxStorageBufferBindingSize"),
+            (limits.max_buffer_size, "maxBufferSize"),
+        ];
+        if let Some((limit, which)) = all.into_iter().find(|(limit, _)| bytes > *limit) {
             let device = self.report().name.clone();
-            return Err(GpuError::TooLarge { name: name.into(), bytes, limit, device });
+            return Err(GpuError::TooLarge { name: name.into(), bytes, limit, which, device });
         }
+        self.check()?;
         let scope = self.device().push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let raw = self.device().create_buffer(&wgpu::BufferDescriptor {
             label: Some(name),
@@ -122,7 +126,8 @@ impl Gpu {
             return Err(buffer.error("elements fill words of 4 bytes".into()));
         }
         if !bytes.is_empty() {
-            self.queue().write_buffer(&buffer.raw, 0, bytes);
+            self.check()?;
+            self.upload_bytes(&buffer.raw, bytes);
         }
         self.check()
     }
@@ -145,7 +150,7 @@ impl Gpu {
         });
         let mut encoder = self.device().create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         encoder.copy_buffer_to_buffer(&buffer.raw, 0, &staging, 0, padded);
-        self.queue().submit([encoder.finish()]);
+        self.submit(encoder)?;
         let mut out = vec![T::zeroed(); buffer.len];
         self.map(&staging, |data| {
             bytemuck::cast_slice_mut::<T, u8>(&mut out).copy_from_slice(&data[..bytes as usize]);
@@ -165,6 +170,7 @@ impl Gpu {
         mapped.map_err(|e| GpuError::Device(e.to_string()))?;
         let view = staging.slice(..).get_mapped_range().map_err(|e| GpuError::Device(e.to_string()))?;
         take(&view);
+        self.count_read(view.len() as u64);
         Ok(())
     }
 }

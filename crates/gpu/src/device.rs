@@ -3,8 +3,12 @@
 use crate::GpuError;
 use crate::adapter::{AdapterReport, Choice, choose};
 use crate::kernel::{Kernel, Reflection};
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
+
+/// Submissions that the device may have before it: while it works on one, the next one is made.
+const IN_FLIGHT: usize = 2;
 
 /// A device; clones share it.
 #[derive(Clone, Debug)]
@@ -20,6 +24,22 @@ struct Shared {
     compiled: Mutex<HashMap<(&'static str, &'static str), Compiled>>,
     /// The first error that no call could return.
     failure: Arc<Mutex<Option<GpuError>>>,
+    /// The latest submissions, oldest first; the device may still work on them.
+    in_flight: Mutex<VecDeque<wgpu::SubmissionIndex>>,
+    submissions: AtomicU64,
+    uploaded: AtomicU64,
+    read: AtomicU64,
+}
+
+/// What has gone to a device and come back since it was opened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Traffic {
+    /// Lists of commands that were submitted.
+    pub submissions: u64,
+    /// Bytes written to buffers, parameters of kernels among them.
+    pub uploaded: u64,
+    /// Bytes read back.
+    pub read: u64,
 }
 
 /// A kernel on a device.
@@ -59,12 +79,68 @@ impl Gpu {
             keep(&kept, GpuError::Device(e.to_string()))
         }));
         let kept = failure.clone();
-        device.set_device_lost_callback(move |reason, message| {
-            if reason != wgpu::DeviceLostReason::Destroyed {
-                keep(&kept, GpuError::Lost(message));
-            }
+        device.set_device_lost_callback(move |_, message| keep(&kept, GpuError::Lost(message)));
+        Ok(Self(Arc::new(Shared {
+            device,
+            queue,
+            report,
+            timestamps,
+            compiled: Mutex::default(),
+            failure,
+            in_flight: Mutex::default(),
+            submissions: AtomicU64::new(0),
+            uploaded: AtomicU64::new(0),
+            read: AtomicU64::new(0),
+        })))
+    }
+
+    /// Ends the device for all that share it: what is asked of it later is [`GpuError::Lost`], as after a reset of the
+    /// driver.
+    pub fn destroy(&self) {
+        let mut failure = self.0.failure.lock().unwrap_or_else(PoisonError::into_inner);
+        failure.get_or_insert(GpuError::Lost("it was ended".into()));
+        drop(failure);
+        self.0.device.destroy();
+    }
+
+    /// Submissions and bytes so far.
+    pub fn traffic(&self) -> Traffic {
+        let of = |count: &AtomicU64| count.load(Ordering::Relaxed);
+        let Shared { submissions, uploaded, read, .. } = &*self.0;
+        Traffic { submissions: of(submissions), uploaded: of(uploaded), read: of(read) }
+    }
+
+    /// Submits commands. Waits until the device has no more than the latest [`IN_FLIGHT`] submissions before it: whoever
+    /// records faster than the device works does not fill the memory with what waits.
+    pub(crate) fn submit(&self, encoder: wgpu::CommandEncoder) -> Result<(), GpuError> {
+        self.check()?;
+        let index = self.0.queue.submit([encoder.finish()]);
+        self.0.submissions.fetch_add(1, Ordering::Relaxed);
+        let mut in_flight = self.0.in_flight.lock().unwrap_or_else(PoisonError::into_inner);
+        in_flight.push_back(index);
+        let oldest = if in_flight.len() > IN_FLIGHT { in_flight.pop_front() } else { None };
+        drop(in_flight);
+        let polled = oldest.map(|index| {
+            self.0.device.poll(wgpu::PollType::Wait { submission_index: Some(index), timeout: None })
         });
-        Ok(Self(Arc::new(Shared { device, queue, report, timestamps, compiled: Mutex::default(), failure })))
+        self.check()?;
+        polled.transpose().map_or_else(|e| Err(GpuError::Device(e.to_string())), |_| Ok(()))
+    }
+
+    /// Writes bytes to the beginning of a buffer, before what is submitted next.
+    pub(crate) fn upload_bytes(&self, buffer: &wgpu::Buffer, bytes: &[u8]) {
+        self.0.uploaded.fetch_add(bytes.len() as u64, Ordering::Relaxed);
+        self.0.queue.write_buffer(buffer, 0, bytes);
+    }
+
+    /// Submissions that the device may still work on.
+    #[cfg(test)]
+    pub(crate) fn waiting(&self) -> usize {
+        self.0.in_flight.lock().unwrap_or_else(PoisonError::into_inner).len()
+    }
+
+    pub(crate) fn count_read(&self, bytes: u64) {
+        self.0.read.fetch_add(bytes, Ordering::Relaxed);
     }
 
     /// The adapter behind the device.
@@ -107,6 +183,7 @@ impl Gpu {
         if let Some(found) = compiled.get(&key) {
             return Ok(found.clone());
         }
+        self.check()?;
         let made = self.compile(kernel)?;
         compiled.insert(key, made.clone());
         Ok(made)

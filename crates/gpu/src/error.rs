@@ -21,7 +21,7 @@ pub enum GpuError {
         reason: String,
     },
     /// A buffer exceeds what the device can bind.
-    #[error("buffer {name} takes {bytes} bytes; {device} binds at most {limit}")]
+    #[error("buffer {name} takes {bytes} bytes; {device} binds at most {limit} ({which})")]
     TooLarge {
         /// Label of the buffer.
         name: String,
@@ -29,6 +29,8 @@ pub enum GpuError {
         bytes: u64,
         /// The device's limit.
         limit: u64,
+        /// Name of the limit.
+        which: &'static str,
         /// Name of the adapter.
         device: String,
     },

@@ -43,11 +43,11 @@ mod testing;
 
 pub use adapter::{AdapterKind, AdapterReport, Choice, adapters};
 pub use buffer::{Bind, Buffer};
-pub use device::Gpu;
+pub use device::{Gpu, Traffic};
 pub use error::GpuError;
 pub use kernel::{FIXED, FIXED_READ, INDEX, Kernel, fixed_words, validate};
-pub use record::{Recorder, Recording, Slot};
-pub use testing::test_device;
+pub use record::{Inlet, Recorder, Recording, Slot};
+pub use testing::{run_device_tests, test_device};
 
 #[cfg(test)]
 mod tests;

@@ -8,6 +8,13 @@ const ALIGNMENT: usize = 256;
 /// Workgroups in one dimension of a dispatch.
 const GROUPS: u32 = 65_535;
 
+/// A copy whose source is named before each run, by [`Recording::set_source`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Inlet {
+    command: usize,
+    bytes: u64,
+}
+
 /// The parameters of a dispatch, to be changed by [`Recording::set`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Slot {
@@ -36,7 +43,8 @@ enum Command {
     },
     Clear(wgpu::Buffer),
     Copy {
-        from: wgpu::Buffer,
+        /// None until an [`Inlet`] is set.
+        from: Option<wgpu::Buffer>,
         to: wgpu::Buffer,
         bytes: u64,
     },
@@ -157,9 +165,24 @@ impl Recorder {
             )));
         }
         if bytes > 0 {
-            self.commands.push(Command::Copy { from: from.raw.clone(), to: to.raw.clone(), bytes });
+            self.commands.push(Command::Copy { from: Some(from.raw.clone()), to: to.raw.clone(), bytes });
         }
         Ok(())
+    }
+
+    /// Fills a buffer from one that [`Recording::set_source`] names before each run; nothing is copied before it has named
+    /// one.
+    ///
+    /// # Errors
+    /// If the elements do not fill words of 4 bytes.
+    pub fn copy_in<T: bytemuck::Pod>(&mut self, to: &Buffer<T>) -> Result<Inlet, GpuError> {
+        let bytes = to.bytes();
+        if !bytes.is_multiple_of(4) {
+            return Err(to.error("elements that are copied fill words of 4 bytes".into()));
+        }
+        let inlet = Inlet { command: self.commands.len(), bytes };
+        self.commands.push(Command::Copy { from: None, to: to.raw.clone(), bytes });
+        Ok(inlet)
     }
 
     /// Ends the list.
@@ -230,7 +253,30 @@ impl Recording {
         self.changed = true;
     }
 
-    /// Submits the list, without waiting for it.
+    /// Names the buffer that a copy reads in the next runs: as long as the one that it fills, or longer.
+    ///
+    /// # Errors
+    /// If it is shorter, or the buffer that is filled.
+    ///
+    /// # Panics
+    /// If the copy belongs to another recording.
+    pub fn set_source<T: bytemuck::Pod>(&mut self, inlet: Inlet, source: &Buffer<T>) -> Result<(), GpuError> {
+        let Some(Command::Copy { from, to, bytes }) = self.commands.get_mut(inlet.command) else {
+            panic!("a copy of this recording");
+        };
+        assert_eq!(*bytes, inlet.bytes, "a copy of this recording");
+        if source.bytes() < *bytes || source.raw == *to {
+            return Err(source.error(format!(
+                "has {} bytes; what a copy of {bytes} bytes reads has as many, and is another buffer",
+                source.bytes()
+            )));
+        }
+        *from = Some(source.raw.clone());
+        Ok(())
+    }
+
+    /// Submits the list in one submission. Waits for none but that of the run before the last one, so that the work of
+    /// two at most waits for the device (see [`Gpu::traffic`]).
     ///
     /// # Errors
     /// If the device refuses it or is lost.
@@ -249,8 +295,7 @@ impl Recording {
                 encode(dispatch, &mut pass);
             }
         }
-        self.gpu.queue().submit([encoder.finish()]);
-        self.gpu.check()
+        self.gpu.submit(encoder)
     }
 
     /// Runs the list with a timestamp around each dispatch: kernels and milliseconds, in order. Empty where the device
@@ -329,7 +374,7 @@ impl Recording {
             encoder.resolve_query_set(queries, 0..count, &resolved, 0);
             encoder.copy_buffer_to_buffer(&resolved, 0, &staging, 0, size);
         }
-        self.gpu.queue().submit([encoder.finish()]);
+        self.gpu.submit(encoder)?;
         let ns = f64::from(self.gpu.queue().get_timestamp_period());
         let mut out = Vec::new();
         self.gpu.map(&staging, |bytes| {
@@ -342,7 +387,7 @@ impl Recording {
 
     fn upload(&mut self) {
         if std::mem::take(&mut self.changed) && !self.params.is_empty() {
-            self.gpu.queue().write_buffer(&self.uniforms, 0, &self.params);
+            self.gpu.upload_bytes(&self.uniforms, &self.params);
         }
     }
 
@@ -355,8 +400,10 @@ impl Recording {
 fn copy(command: &Command, encoder: &mut wgpu::CommandEncoder) {
     match command {
         Command::Clear(buffer) => encoder.clear_buffer(buffer, 0, None),
-        Command::Copy { from, to, bytes } => encoder.copy_buffer_to_buffer(from, 0, to, 0, *bytes),
-        Command::Dispatch { .. } => {}
+        Command::Copy { from: Some(from), to, bytes } if *bytes > 0 => {
+            encoder.copy_buffer_to_buffer(from, 0, to, 0, *bytes);
+        }
+        Command::Copy { .. } | Command::Dispatch { .. } => {}
     }
 }
 

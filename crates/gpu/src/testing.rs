@@ -1,23 +1,148 @@
-//! The device that tests of kernels share.
+//! The device that tests of kernels share, and the test of a crate that runs them.
 
 use crate::{Choice, Gpu, GpuError};
+use std::io::Write;
+use std::process::{Command, Output};
 use std::sync::OnceLock;
 
-/// The device of the tests in this process: any adapter, or the one that `PHOTOFIT_TEST_GPU` names. `None` where there is
-/// no adapter, unless `PHOTOFIT_REQUIRE_GPU` is set.
+/// How the reason begins by which tests on a device are ignored.
+const MARK: &str = "ignored, gpu:";
+/// An adapter must be there.
+const REQUIRED: &str = "PHOTOFIT_REQUIRE_GPU";
+
+/// The device of the tests in this process: any adapter, or the one that `PHOTOFIT_TEST_GPU` names. A test that asks for it
+/// is `#[ignore = "gpu: needs an adapter"]`; [`run_device_tests`] runs it where there is one.
 ///
 /// # Panics
-/// If a device is required or there is an adapter, and it cannot be opened.
-pub fn test_device() -> Option<&'static Gpu> {
-    static DEVICE: OnceLock<Option<Gpu>> = OnceLock::new();
-    let open = || {
-        let choice = std::env::var("PHOTOFIT_TEST_GPU").map_or(Choice::Any, Choice::Named);
-        let required = std::env::var_os("PHOTOFIT_REQUIRE_GPU").is_some();
-        match Gpu::new(&choice) {
-            Ok(gpu) => Some(gpu),
-            Err(GpuError::NoAdapter { .. }) if !required => None,
-            Err(e) => panic!("the tests need a device: {e}"),
+/// If the test is not ignored, or no device can be opened.
+pub fn test_device() -> &'static Gpu {
+    static DEVICE: OnceLock<Gpu> = OnceLock::new();
+    assert!(asked(), "a test on a device must be #[ignore = \"gpu: needs an adapter\"]");
+    DEVICE.get_or_init(|| open().unwrap_or_else(|e| panic!("a test on a device: {e}")))
+}
+
+/// Whether ignored tests are to run.
+fn asked() -> bool {
+    std::env::args().any(|a| a == "--ignored" || a == "--include-ignored")
+}
+
+fn open() -> Result<Gpu, GpuError> {
+    Gpu::new(&std::env::var("PHOTOFIT_TEST_GPU").map_or(Choice::Any, Choice::Named))
+}
+
+/// Runs the tests of this binary that are ignored for want of a device, in a process of their own, and tells how many ran;
+/// without an adapter they stay ignored, and it tells how many. Every crate with such tests calls it from a test. With
+/// `PHOTOFIT_REQUIRE_GPU` set to `1` there must be an adapter.
+///
+/// # Panics
+/// If a test fails, there is none, or an adapter is required and missing.
+pub fn run_device_tests() {
+    let required = std::env::var(REQUIRED).is_ok_and(|v| v == "1");
+    let names = device_tests();
+    assert!(!names.is_empty(), "no test of this binary is #[ignore = \"gpu: ...\"]");
+    let crate_name = binary_name();
+    let line = match open() {
+        Ok(gpu) => {
+            let adapter = gpu.report().name.clone();
+            drop(gpu);
+            let run = run(&mut this_binary(&[&["--ignored", "--exact"], &strs(&names)[..]].concat()));
+            let text = text(&run);
+            assert!(run.status.success(), "tests on {adapter} failed:\n{text}");
+            let all = format!("ok. {} passed", names.len());
+            assert!(text.contains(&all), "not all of {} tests ran:\n{text}", names.len());
+            format!("{crate_name}: {} tests ran on {adapter}", names.len())
         }
+        Err(e) if required => panic!("{REQUIRED}=1, but {} tests cannot run: {e}", names.len()),
+        Err(e) => format!("{crate_name}: {} tests on a device are IGNORED: {e}", names.len()),
     };
-    DEVICE.get_or_init(open).as_ref()
+    // Past the capture of the harness, which shows nothing of tests that pass.
+    drop(writeln!(std::io::stdout(), "{line}"));
+}
+
+/// The tests that are ignored for want of a device: by the reason that the harness gives when it is asked to run the ignored
+/// ones by name, which it does not do.
+fn device_tests() -> Vec<String> {
+    let list = text(&run(&mut this_binary(&["--ignored", "--list"])));
+    let ignored: Vec<String> =
+        list.lines().filter_map(|l| Some(l.strip_suffix(": test")?.to_owned())).collect();
+    if ignored.is_empty() {
+        return ignored;
+    }
+    let told = text(&run(&mut this_binary(&[&["--exact"], &strs(&ignored)[..]].concat())));
+    let name = |line: &str| {
+        line.strip_prefix("test ")?
+            .split_once(" ... ")
+            .filter(|(_, r)| r.starts_with(MARK))
+            .map(|(n, _)| n.to_owned())
+    };
+    told.lines().filter_map(name).collect()
+}
+
+fn strs(names: &[String]) -> Vec<&str> {
+    names.iter().map(String::as_str).collect()
+}
+
+fn this_binary(args: &[&str]) -> Command {
+    let mut command = Command::new(std::env::current_exe().expect("a test has a binary"));
+    command.args(args);
+    command
+}
+
+fn run(command: &mut Command) -> Output {
+    command.output().expect("a test binary runs")
+}
+
+fn text(run: &Output) -> String {
+    String::from_utf8_lossy(&run.stdout).into_owned() + &String::from_utf8_lossy(&run.stderr)
+}
+
+/// The binary without the hash of its file.
+fn binary_name() -> String {
+    let path = std::env::current_exe().ok();
+    let stem = path.as_ref().and_then(|p| Some(p.file_stem()?.to_string_lossy().into_owned()));
+    let stem = stem.unwrap_or_default();
+    stem.rsplit_once('-').map_or(stem.clone(), |(name, _)| name.to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RUNNER: &str = "tests::tests_on_a_device_pass_where_there_is_one";
+
+    #[test]
+    fn a_test_on_a_device_that_is_not_ignored_fails() {
+        assert_eq!(std::panic::catch_unwind(|| drop(test_device())).is_err(), !asked());
+    }
+
+    #[test]
+    fn tests_are_found_by_their_reason() {
+        let found = device_tests();
+        assert!(found.iter().any(|n| n == "tests::many_groups_and_none"), "{found:?}");
+        assert!(!found.iter().any(|n| n == "testing::tests::ignored_for_another_reason"), "{found:?}");
+    }
+
+    #[test]
+    #[ignore = "an example for the test above: not on a device"]
+    fn ignored_for_another_reason() {
+        assert!(asked(), "runs only where ignored tests are to run");
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn without_an_adapter_tests_stay_ignored_unless_one_is_required() {
+        // No driver is found.
+        let without = |required: &str| {
+            let mut command = this_binary(&["--exact", RUNNER]);
+            let none =
+                [("VK_DRIVER_FILES", "/dev/null"), ("VK_ICD_FILENAMES", "/dev/null"), (REQUIRED, required)];
+            run(command.envs(none))
+        };
+        let (ignored, refused) = (without("0"), without("1"));
+        let count = device_tests().len();
+        let told = format!("photofit_gpu: {count} tests on a device are IGNORED: no GPU adapter");
+        assert!(ignored.status.success() && text(&ignored).contains(&told), "{}", text(&ignored));
+        assert!(!refused.status.success(), "{}", text(&refused));
+        assert!(text(&refused).contains("PHOTOFIT_REQUIRE_GPU=1"), "{}", text(&refused));
+    }
 }

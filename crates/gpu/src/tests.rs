@@ -2,16 +2,6 @@
 
 use super::*;
 
-/// The device, or the end of the test where there is none.
-macro_rules! device {
-    () => {
-        match test_device() {
-            Some(gpu) => gpu,
-            None => return,
-        }
-    };
-}
-
 #[repr(C)]
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 struct Params {
@@ -77,8 +67,14 @@ fn sum(gpu: &Gpu, terms: &[f32], sums: usize, scale: f32) -> (Vec<f32>, bool) {
 }
 
 #[test]
+fn tests_on_a_device_pass_where_there_is_one() {
+    run_device_tests();
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
 fn fixed_sums_are_exact_in_any_order() {
-    let gpu = device!();
+    let gpu = test_device();
     let mut state = 7_u64;
     let mut random = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -109,8 +105,9 @@ fn fixed_sums_are_exact_in_any_order() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn fixed_sums_keep_their_extremes() {
-    let gpu = device!();
+    let gpu = test_device();
     let scale = (1_u64 << 40) as f32;
     // What fills the lower word.
     let word = (1_u64 << 32) as f32;
@@ -138,8 +135,9 @@ fn fixed_sums_keep_their_extremes() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn many_groups_and_none() {
-    let gpu = device!();
+    let gpu = test_device();
     // More than 65,535 groups of 64.
     let n = 65_535 * 64 + 1000;
     let (found, refused) = sum(gpu, &vec![1.0; n], 3, 1.0);
@@ -150,8 +148,9 @@ fn many_groups_and_none() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn what_does_not_fit_is_told() {
-    let gpu = device!();
+    let gpu = test_device();
     let limit = gpu.report().largest_binding as usize;
     let error = gpu.zeros::<u32>("huge", limit / 4 + 1).expect_err("too large");
     assert!(matches!(&error, GpuError::TooLarge { name, .. } if name == "huge"), "{error}");
@@ -181,8 +180,9 @@ fn what_does_not_fit_is_told() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn recordings_run_again_with_other_parameters_and_are_profiled() {
-    let gpu = device!();
+    let gpu = test_device();
     let terms = gpu.upload("terms", &[1.0_f32; 6]).expect("uploaded");
     let words = gpu.zeros::<u32>("words", fixed_words(1)).expect("made");
     let out = gpu.zeros::<f32>("out", 1).expect("made");
@@ -205,8 +205,80 @@ fn recordings_run_again_with_other_parameters_and_are_profiled() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
+fn sources_of_copies_change_from_run_to_run() {
+    let gpu = test_device();
+    let [a, b] = [[1.0_f32, 2.0, 3.0], [4.0, 5.0, 6.0]].map(|x| gpu.upload("source", &x).expect("uploaded"));
+    let to = gpu.zeros::<f32>("to", 2).expect("made");
+    let mut r = gpu.record("copies");
+    let inlet = r.copy_in(&to).expect("fits");
+    let mut recording = r.finish().expect("recorded");
+    recording.run().expect("runs");
+    assert_eq!(gpu.read(&to).expect("read"), [0.0; 2], "no source yet");
+    for (source, expected) in [(&a, [1.0, 2.0]), (&b, [4.0, 5.0]), (&a, [1.0, 2.0])] {
+        recording.set_source(inlet, source).expect("fits");
+        recording.run().expect("runs");
+        assert_eq!(gpu.read(&to).expect("read"), expected);
+    }
+    let short = gpu.zeros::<f32>("short", 1).expect("made");
+    for wrong in [&short, &to] {
+        assert!(matches!(recording.set_source(inlet, wrong), Err(GpuError::Buffer { .. })));
+    }
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn few_submissions_wait_and_traffic_is_counted() {
+    let name = test_device().report().name.clone();
+    // Counted by a device that no other test uses.
+    let gpu = &Gpu::new(&Choice::Named(name)).expect("opens");
+    let terms = gpu.upload("terms", &vec![1.0_f32; 1 << 20]).expect("uploaded");
+    let words = gpu.zeros::<u32>("words", fixed_words(1)).expect("made");
+    let params = Params { count: 1 << 20, sums: 1, scale: 1.0, pad: 0 };
+    let mut r = gpu.record("slow");
+    let slot = r.dispatch(&ADD, &params, &[terms.bind(), words.bind()], 1 << 20).expect("fits");
+    let mut recording = r.finish().expect("recorded");
+    let before = gpu.traffic();
+    for _ in 0..6 {
+        recording.set(slot, &params);
+        recording.run().expect("runs");
+        assert!(gpu.waiting() <= 2, "{} submissions", gpu.waiting());
+    }
+    let after = gpu.traffic();
+    assert_eq!(after.submissions - before.submissions, 6);
+    // The parameters of a dispatch fill 256 bytes.
+    assert_eq!((after.uploaded - before.uploaded, after.read - before.read), (6 * 256, 0));
+    assert_eq!(gpu.read(&words).expect("read")[0], 6 << 20, "all of them ran");
+    assert_eq!(gpu.traffic().read, after.read + words.bytes());
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn a_lost_device_is_told_by_every_call() {
+    let name = test_device().report().name.clone();
+    let gpu = Gpu::new(&Choice::Named(name)).expect("opens");
+    let x = gpu.upload("x", &[1.0_f32; 4]).expect("uploaded");
+    let words = gpu.zeros::<u32>("words", fixed_words(1)).expect("made");
+    let params = Params { count: 4, sums: 1, scale: 1.0, pad: 0 };
+    let mut r = gpu.record("lost");
+    r.dispatch(&ADD, &params, &[x.bind(), words.bind()], 4).expect("fits");
+    let mut recording = r.finish().expect("recorded");
+    recording.run().expect("runs");
+    gpu.destroy();
+    let lost = |r: Result<(), GpuError>| matches!(r, Err(GpuError::Lost(_)));
+    assert!(lost(recording.run()));
+    assert!(lost(gpu.wait()));
+    assert!(lost(gpu.write(&x, &[2.0])));
+    assert!(lost(gpu.read(&x).map(|_| ())));
+    assert!(lost(gpu.zeros::<f32>("more", 4).map(|_| ())));
+    assert!(lost(gpu.record("another").dispatch(&READ, &params, &[], 4).map(|_| ())));
+    assert!(lost(recording.profile().map(|_| ())));
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
 fn adapters_are_chosen_by_name() {
-    let Some(gpu) = test_device() else { return };
+    let gpu = test_device();
     let name = gpu.report().name.clone();
     assert!(adapters().iter().any(|a| a.name == name));
     let part: String = name.to_uppercase().chars().take(5).collect();

@@ -30,7 +30,7 @@ pub use bilinear::Bilinear;
 pub use direction::{DirectionSample, DirectionSampler, Scattering, ScatteringSampler, Vertex};
 pub use mis::{balance_heuristic, power_heuristic};
 pub use normal::inverse_normal_cdf;
-pub use rng::{Rng, SplitMix64, hash, unit_f32, unit_f64};
+pub use rng::{Rng, SplitMix64, WGSL, hash, unit_f32, unit_f64};
 pub use rotation::random_rotation;
 pub use sobol::{SOBOL_DIMENSIONS, Sobol, SobolPoint, nested_uniform_scramble, sobol_u32};
 pub use warp::{

@@ -1,5 +1,8 @@
 //! The counter-based random number generator.
 
+/// [`Rng::next_f32`] in WGSL: `uniform_draw(keys, draw)`, with the words of [`Rng::keys`], lower ones first.
+pub const WGSL: &str = include_str!("rng.wgsl");
+
 /// Weyl increment: 2^64 over the golden ratio, made odd.
 const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 
@@ -62,6 +65,12 @@ impl Rng {
     #[inline]
     pub const fn new(seed: u64, stream: u64) -> Self {
         Self { keys: keys(seed, stream), index: 0 }
+    }
+
+    /// What, with its number, determines a draw.
+    #[inline]
+    pub const fn keys(&self) -> [u64; 2] {
+        self.keys
     }
 
     /// Number of draws so far.

@@ -24,7 +24,7 @@ pub const WGSL: &str = concat!(
 );
 
 /// Lights that a kernel's parameters have room for, besides ambient ones.
-pub const LIGHTS_MAX: usize = 16;
+pub const LIGHTS_MAX: usize = 64;
 /// Numbers up to this are exact in the tables' `f32`.
 const ENTRIES_MAX: usize = 1 << 24;
 
@@ -41,7 +41,7 @@ struct Source {
 
 /// The lights of a picture: `Lights` in WGSL.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct Lights {
     /// Point and directional lights, then environments.
     sources: [Source; LIGHTS_MAX],
@@ -50,6 +50,13 @@ pub struct Lights {
     punctual: u32,
     count: u32,
     pad: [u32; 2],
+}
+
+impl Default for Lights {
+    /// None.
+    fn default() -> Self {
+        bytemuck::Zeroable::zeroed()
+    }
 }
 
 /// The tables of reflectance and the environments of a device, in one buffer.
@@ -90,7 +97,8 @@ impl ShadingTables {
         if entries.len() > ENTRIES_MAX {
             let (bytes, limit) = (16 * entries.len() as u64, 16 * ENTRIES_MAX as u64);
             let device = gpu.report().name.clone();
-            return Err(GpuError::TooLarge { name: "shading tables".into(), bytes, limit, device });
+            let which = "numbers of entries that f32 holds";
+            return Err(GpuError::TooLarge { name: "shading tables".into(), bytes, limit, which, device });
         }
         Ok(Self { buffer: gpu.upload("shading tables", &entries)?, environments: firsts })
     }

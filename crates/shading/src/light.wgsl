@@ -18,7 +18,7 @@ struct Light {
 
 struct Lights {
     // Point and directional lights, then environments.
-    sources: array<Light, 16>,
+    sources: array<Light, 64>,
     // Radiance of all ambient lights.
     ambient: vec4<f32>,
     punctual: u32,

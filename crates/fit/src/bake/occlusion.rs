@@ -1,6 +1,6 @@
 //! Ambient occlusion of places of the reference, by rays.
 
-use super::reference::{Reference, SurfacePoint};
+use super::reference::{ReferenceSurface, SurfacePoint};
 use photofit_rays::Ray;
 use photofit_sampling::{Sobol, cosine_hemisphere};
 use photofit_scene::AlphaMode;
@@ -59,7 +59,7 @@ impl OcclusionRays {
     /// of a texel with the points `sequence`.
     pub(super) fn open_share(
         &self,
-        reference: &Reference<'_>,
+        reference: &ReferenceSurface<'_>,
         place: &SurfacePoint,
         front: bool,
         sequence: &Sobol,
@@ -93,7 +93,7 @@ impl OcclusionRays {
 }
 
 /// Distance to the first surface that stops light.
-fn first_surface(reference: &Reference<'_>, from: u32, ray: &Ray) -> Option<f32> {
+fn first_surface(reference: &ReferenceSurface<'_>, from: u32, ray: &Ray) -> Option<f32> {
     let stops = |hit: &photofit_rays::Hit| {
         hit.triangle != from
             && match reference.material(hit.triangle).alpha_mode {

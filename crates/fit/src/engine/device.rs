@@ -2,7 +2,7 @@
 
 use super::cpu::Cpu;
 #[cfg(feature = "gpu")]
-use super::gpu::GpuSurface;
+use super::gpu::{GpuSurface, Residence, Shown};
 use super::surface::Surface;
 use super::trainer::{Job, Phase, Trained, train};
 use crate::{FitError, Progress};
@@ -54,6 +54,16 @@ impl Device {
         }
     }
 
+    /// With where the pictures of the reference are, where a reason is told.
+    #[cfg(feature = "gpu")]
+    fn with(&self, residence: Option<Residence>) -> Self {
+        let why = match residence {
+            Some(r) if !self.why.is_empty() => format!("{}; {r}", self.why),
+            _ => self.why.clone(),
+        };
+        Self { kind: self.kind.clone(), why }
+    }
+
     /// Name and reason, as the plan tells them; none where there is nothing to tell.
     pub(crate) fn told(&self) -> Option<String> {
         (!self.why.is_empty()).then(|| format!("{}: {}", self.name(), self.why))
@@ -71,9 +81,13 @@ pub(crate) fn train_on<'p>(
 ) -> Result<(Trained<Surface>, Device), FitError> {
     #[cfg(feature = "gpu")]
     if let Kind::Gpu { gpu, required } = &device.kind {
-        let mut phases = phases;
+        let (mut phases, mut told) = (phases, None);
         let trained = match GpuSurface::new(gpu, surface.clone(), job.held_out.shots()) {
-            Ok(model) => train(model, job, &mut phases, progress),
+            Ok(model) => {
+                let (model, residence) = model.keeping(Shown::by(job));
+                told = Some(residence);
+                train(model, job, &mut phases, progress)
+            }
             Err(source) => Err(FitError::NoRoom { device: device.name(), source }),
         };
         let name = device.name();
@@ -84,7 +98,7 @@ pub(crate) fn train_on<'p>(
             Err(FitError::Device { step: 0, source, .. }) if !*required => {
                 format!("its first step failed on {name}: {source}")
             }
-            trained => return Ok((trained?, device.clone())),
+            trained => return Ok((trained?, device.with(told))),
         };
         progress.warn(&format!("the fit runs on the CPU: {why}"));
         let trained = train(Cpu::new(surface)?, job, phases, progress)?;

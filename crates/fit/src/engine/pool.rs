@@ -1,16 +1,23 @@
 //! The pictures that the fit draws from.
 
-use super::reference::{Reference, ReferencePicture};
+use super::reference::Reference;
 use super::views::{Sampling, Set, Setup, Shot, Views};
 use crate::FitError;
+use photofit_image::Image;
 use photofit_sampling::Rng;
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 /// Pictures that are kept at least: the fit sees the latest ones again, at random.
 const WINDOW: u64 = 64;
 /// Pictures that are kept for each one that a step sees again, and for each new one: where a step sees many again, they
 /// are not the same few.
 const WINDOW_PER_REPLAY: u64 = 64;
+
+/// Pictures that a fit keeps at most, whose batches have `size` pictures, `fresh` of them new.
+pub(super) fn window(size: u64, fresh: u64) -> u64 {
+    WINDOW.max(WINDOW_PER_REPLAY * (size - fresh) / fresh)
+}
 
 /// How a fit draws its batches.
 #[derive(Clone, Copy)]
@@ -33,7 +40,7 @@ pub(super) struct Batches<'a> {
 #[derive(Debug, Default)]
 pub(super) struct Pool {
     /// With their numbers, in increasing order.
-    kept: VecDeque<(u64, Setup, ReferencePicture)>,
+    kept: VecDeque<(u64, Setup, Arc<Image>)>,
     /// By how much the pictures that are kept are smaller.
     shrink: usize,
 }
@@ -52,7 +59,7 @@ impl Pool {
         }
         let mut rng = Rng::new(from.seed, (7 << 32) + step);
         let fresh = from.fresh;
-        let window = WINDOW.max(WINDOW_PER_REPLAY * (from.size - fresh) / fresh);
+        let window = window(from.size, fresh);
         let (next, end) = (step * fresh, (step + 1) * fresh);
         let oldest = end.saturating_sub(window).max(first * fresh);
         while self.kept.front().is_some_and(|k| k.0 < oldest) {
@@ -77,12 +84,12 @@ impl Pool {
                                 step * from.size + b,
                             ));
                         }
-                        self.kept.insert(at, (index, s, picture));
+                        self.kept.insert(at, (index, s, Arc::new(picture.image)));
                         at
                     }
                 };
                 let (_, s, picture) = &self.kept[at];
-                Ok(Shot::new(s, &picture.image, from.sampling, from.seed, step * from.size + b))
+                Ok(Shot::of_kept(s, picture, from.sampling, from.seed, step * from.size + b))
             })
             .collect()
     }

@@ -84,20 +84,26 @@ impl PositionOptimizer {
 
     /// Whether it runs on a device.
     pub fn runs_on_device(self) -> bool {
-        self == Self::LargeSteps
+        self != Self::Bilateral
+    }
+
+    /// How the moments of the positions are kept.
+    pub(super) fn temporal(self) -> Temporal {
+        if self == Self::Adam { Temporal::adam() } else { temporal(POSITIONS) }
     }
 
     /// An optimizer for the positions of a candidate.
     fn of(self, candidate: &Candidate, smoothness: f64) -> Result<Optimizer<f32>, OptimError> {
         let (vertices, edges) = (candidate.positions.len(), &candidate.edges);
-        let with = |temporal| Optimizer::new(POSITIONS, 3 * vertices, temporal);
+        let made = || Optimizer::new(POSITIONS, 3 * vertices, self.temporal());
         match self {
-            Self::LargeSteps => with(temporal(POSITIONS))?
-                .with_filter(Placement::VARIABLE, LargeSteps::new(vertices, edges, smoothness)?),
-            Self::Bilateral => with(temporal(POSITIONS))?
+            Self::LargeSteps => {
+                made()?.with_filter(Placement::VARIABLE, LargeSteps::new(vertices, edges, smoothness)?)
+            }
+            Self::Bilateral => made()?
                 .with_filter(Placement::PRE, LargeSteps::new(vertices, edges, smoothness)?)?
                 .with_filter(Placement::FIRST, EdgeAware::new(vertices, edges, smoothness, SIGMA)?),
-            Self::Adam => with(Temporal::adam()),
+            Self::Adam => made(),
         }
     }
 }

@@ -402,6 +402,18 @@ impl Sampling {
     pub const ENGINE: Self = Self { per_axis: 4, shade_per_pixel: true };
 }
 
+/// Largest radiance of the noise behind the asset in the pictures of a fit.
+pub(crate) const BACKGROUND_MAX: f32 = 0.8;
+
+/// What the colours of a shot are made of.
+#[derive(Clone, Debug)]
+pub struct Source {
+    /// The picture of the reference, linear premultiplied RGBA; other shots may show it, too.
+    pub picture: Arc<Image>,
+    /// Draws the background: three numbers per pixel, each up to .8.
+    pub noise: Rng,
+}
+
 /// A view with its reference picture.
 #[derive(Clone, Debug)]
 pub struct Shot {
@@ -425,6 +437,9 @@ pub struct Shot {
     pub background: Vec<[f32; 3]>,
     /// The reference over the background; the fourth sample is its coverage.
     pub reference: Vec<[f32; 4]>,
+    /// What background and reference are made of, where the picture is one that other shots will show again: a device that
+    /// has it already makes them itself.
+    pub source: Option<Source>,
 }
 
 impl Shot {
@@ -436,7 +451,7 @@ impl Shot {
         assert_eq!(picture.channels, 4, "a premultiplied RGBA picture");
         let mut rng = Rng::new(seed, STREAM_BACKGROUND + index);
         let background: Vec<[f32; 3]> = (0..picture.pixels())
-            .map(|_| [rng.uniform(0.0, 0.8), rng.uniform(0.0, 0.8), rng.uniform(0.0, 0.8)])
+            .map(|_| std::array::from_fn(|_| rng.uniform(0.0, BACKGROUND_MAX)))
             .collect();
         let reference = picture
             .data
@@ -458,7 +473,18 @@ impl Shot {
             sampling,
             background,
             reference,
+            source: None,
         }
+    }
+
+    /// [`Self::new`] of a picture that other shots will show, too.
+    ///
+    /// # Panics
+    /// As [`Self::new`].
+    pub fn of_kept(setup: &Setup, picture: &Arc<Image>, sampling: Sampling, seed: u64, index: u64) -> Self {
+        let noise = Rng::new(seed, STREAM_BACKGROUND + index);
+        let source = Some(Source { picture: picture.clone(), noise });
+        Self { source, ..Self::new(setup, picture, sampling, seed, index) }
     }
 }
 

@@ -10,16 +10,6 @@ use photofit_gpu::{INDEX, Kernel, test_device, validate};
 use photofit_gradcheck::{Uniform, worst_difference};
 use photofit_scalar::{Vec3, Vec3f, vec3};
 
-/// The device, or the end of the test where there is none.
-macro_rules! device {
-    () => {
-        match test_device() {
-            Some(gpu) => gpu,
-            None => return,
-        }
-    };
-}
-
 const SOURCE: &[&str] = &[INDEX, photofit_scalar::WGSL, WGSL, include_str!("tests.wgsl")];
 const RADIANCE: Kernel = Kernel { name: "radiance", source: SOURCE, entry: "radiance" };
 const NORMALS: Kernel = Kernel { name: "normals", source: SOURCE, entry: "normals" };
@@ -141,14 +131,20 @@ fn lights<'a>(first: &'a Environment<f32>, second: &'a Environment<f32>) -> [Lig
 }
 
 #[test]
+fn tests_on_a_device_pass_where_there_is_one() {
+    photofit_gpu::run_device_tests();
+}
+
+#[test]
 fn kernels_are_valid() {
     validate(&RADIANCE).expect("valid");
     validate(&NORMALS).expect("valid");
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn radiance_and_gradients_agree_for_every_light() {
-    let gpu = device!();
+    let gpu = test_device();
     let maps = [environment(1), environment(2)];
     let tables = ShadingTables::new(gpu, &[&maps[0], &maps[1]]).expect("fits");
     let number = |map: &Environment<f32>| usize::from(!std::ptr::eq(map, &raw const maps[0]));
@@ -168,8 +164,34 @@ fn radiance_and_gradients_agree_for_every_light() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
+fn as_many_lights_as_there_is_room_for_agree() {
+    let gpu = test_device();
+    let map = environment(5);
+    let tables = ShadingTables::new(gpu, &[&map]).expect("fits");
+    let mut rng = Uniform::new(6);
+    let single = |v: Vec3<f64>| vec3(v.x as f32, v.y as f32, v.z as f32);
+    let light = |k: usize| match k % 3 {
+        0 => Light::Point { position: single(vector(&mut rng)) * 3.0, intensity: Vec3::splat(0.5) },
+        1 => Light::Directional { direction: single(unit(&mut rng)), irradiance: Vec3::splat(0.1) },
+        _ => Light::Environment { map: &map, rotation: Yaw::new(k as f32), scale: 0.05 },
+    };
+    let lights: Vec<Light<'_>> = (0..LIGHTS_MAX).map(light).collect();
+    let items = random_items(300, (0.3, 1.0), &mut Uniform::new(7));
+    let expected = expected(&items, Energy::Compensated, &lights);
+    let of = |lights: &[Light<'_>]| found(gpu, &tables, &items, Energy::Compensated, lights, |_| 0);
+    compare("all lights", &of(&lights), &expected, tolerances::ROUGH);
+    let fewer = worst_difference(&of(&lights[..LIGHTS_MAX - 1]), &expected);
+    assert!(fewer > tolerances::ROUGH, "a missing light is noticed: {fewer:e}");
+    let more = [&lights[..], &lights[..1]].concat();
+    let refused = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| tables.lights(&more, |_| 0)));
+    assert!(refused.is_err(), "more than there is room for");
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
 fn extremes_agree() {
-    let gpu = device!();
+    let gpu = test_device();
     let map = environment(4);
     let tables = ShadingTables::new(gpu, &[&map]).expect("fits");
     let (up, side) = ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0]);
@@ -209,8 +231,9 @@ fn extremes_agree() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn shading_normals_agree() {
-    let gpu = device!();
+    let gpu = test_device();
     let mut rng = Uniform::new(5);
     let tables = ShadingTables::new(gpu, &[]).expect("fits");
     let mut items: Vec<[f32; 22]> = Vec::new();
@@ -265,8 +288,9 @@ fn shading_normals_agree() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn a_perturbed_side_is_found() {
-    let gpu = device!();
+    let gpu = test_device();
     let map = environment(6);
     let tables = ShadingTables::new(gpu, &[&map]).expect("fits");
     let items = random_items(100, (0.3, 1.0), &mut Uniform::new(7));

@@ -8,16 +8,6 @@ const COVERAGE: MipRule = MipRule::Coverage { colors: 3, alpha: 3 };
 const SIZES: [(usize, usize); 9] =
     [(1, 1), (2, 2), (3, 3), (5, 4), (7, 1), (1, 6), (37, 21), (64, 32), (129, 63)];
 
-/// The device, or the end of the test where there is none.
-macro_rules! device {
-    () => {
-        match test_device() {
-            Some(gpu) => gpu,
-            None => return,
-        }
-    };
-}
-
 mod lookups;
 
 fn pyramid(size: (usize, usize), rule: MipRule, seed: u64) -> Pyramid<f32, CHANNELS> {
@@ -51,6 +41,11 @@ fn assert_close(what: &str, found: &[f32], expected: &[f32], bound: f64) {
 }
 
 #[test]
+fn tests_on_a_device_pass_where_there_is_one() {
+    photofit_gpu::run_device_tests();
+}
+
+#[test]
 fn kernels_are_valid() {
     for kernel in KERNELS.iter().chain([&lookups::FORWARD, &lookups::REVERSE]) {
         validate(kernel).expect("valid");
@@ -58,8 +53,9 @@ fn kernels_are_valid() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn chains_agree() {
-    let gpu = device!();
+    let gpu = test_device();
     for (k, size) in SIZES.into_iter().enumerate() {
         for rule in [MipRule::Area, COVERAGE, MipRule::Free] {
             let expected = pyramid(size, rule, k as u64);
@@ -77,8 +73,9 @@ fn chains_agree() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn adjoints_of_chains_agree() {
-    let gpu = device!();
+    let gpu = test_device();
     for (k, size) in SIZES.into_iter().enumerate() {
         for rule in [MipRule::Area, COVERAGE, MipRule::Free] {
             for adjoint in [MipAdjoint::Exact, MipAdjoint::Smooth] {

@@ -2,16 +2,19 @@
 //! and states are read when the trainer evaluates.
 //!
 //! It does what [`Surface`] does in main memory, operation by operation. Gradients are sums that do not depend on the order
-//! of their terms: the same fit gives the same bits on the same device. Pictures of the reference come from the CPU.
+//! of their terms: the same fit gives the same bits on the same device. Pictures of the reference come from the CPU, each of
+//! them once where the device has room for all that are shown again.
 
 mod recorded;
+mod references;
 mod resident;
+mod room;
 mod stage;
 
 use super::cpu::Chain;
 use super::loss::{PictureLoss, Weights};
 use super::model::{Group, Model, ModelError, Snapshot};
-use super::surface::{POSITIONS, Surface, temporal};
+use super::surface::{POSITIONS, PositionOptimizer, Surface, temporal};
 use super::views::Shot;
 use crate::FitError;
 use photofit_gpu::{Buffer, Gpu, GpuError, Kernel, Recording};
@@ -20,12 +23,15 @@ use photofit_optim::gpu::{DeviceOptimizer, LargeStepsSolver};
 use photofit_raster::CHANNELS;
 use photofit_raster::deferred::Masks;
 use recorded::{COURSE, Forward, Step};
+use references::References;
+pub use references::{Residence, Shown};
 use resident::Resident;
+pub use room::NoRoom;
 use stage::{Room, Skies, Stage};
 use std::borrow::Cow;
 
 /// The kernels of this crate.
-pub const KERNELS: &[Kernel] = &[resident::HOLD, resident::ADD_LOSSES];
+pub const KERNELS: &[Kernel] = &[resident::HOLD, resident::ADD_LOSSES, references::OVER_NOISE];
 
 /// A [`Surface`] on a device.
 #[derive(Debug)]
@@ -36,6 +42,7 @@ pub struct GpuSurface {
     on: Resident,
     optimizers: Vec<DeviceOptimizer>,
     skies: Skies,
+    references: References,
     stage: Option<Stage>,
     step: Option<Step>,
     forward: Option<Forward>,
@@ -66,21 +73,24 @@ impl GpuSurface {
     /// Uploads a surface, and makes room for pictures such as `shots`.
     ///
     /// # Errors
-    /// If the device cannot hold it.
-    pub fn new(gpu: &Gpu, surface: Surface, shots: &[Shot]) -> Result<Self, OptimError> {
+    /// If the device cannot hold it, or does not run its optimizer.
+    pub fn new(gpu: &Gpu, surface: Surface, shots: &[Shot]) -> Result<Self, NoRoom> {
         let groups = Chain::groups(&surface);
         let fitted = surface.rates.map(|r| r > 0.0);
         let on = Resident::new(gpu, &surface.candidate, fitted)?;
         if !surface.optimizer.runs_on_device() {
             let (group, what) = (POSITIONS.into(), surface.optimizer.name());
-            return Err(OptimError::Combination { group, what, with: "a device, where it does not run" });
+            let source = OptimError::Combination { group, what, with: "a device, where it does not run" };
+            return Err(NoRoom { source, option: None });
         }
         let optimizer = |group: &Group| {
-            let rings = &surface.candidate.rings;
-            let diffuses = group.name == POSITIONS;
+            let (rings, positions) = (&surface.candidate.rings, group.name == POSITIONS);
+            let diffuses = positions && surface.optimizer == PositionOptimizer::LargeSteps;
             let solver = || LargeStepsSolver::new(gpu, &rings.offsets, &rings.items, surface.smoothness);
-            let solver = diffuses.then(solver).transpose()?;
-            DeviceOptimizer::new(gpu, &group.name, (group.rows, group.columns), temporal(&group.name), solver)
+            let solver = diffuses.then(solver).transpose().map_err(NoRoom::mesh)?;
+            let moments = if positions { surface.optimizer.temporal() } else { temporal(&group.name) };
+            let made = DeviceOptimizer::new(gpu, &group.name, (group.rows, group.columns), moments, solver);
+            made.map_err(|e| if positions { NoRoom::mesh(e) } else { NoRoom::maps(e) })
         };
         let optimizers = groups.iter().map(optimizer).collect::<Result<_, _>>()?;
         let mut r = gpu.record("rebuild");
@@ -93,6 +103,7 @@ impl GpuSurface {
         keep.run()?;
         let mut model = Self {
             skies: Skies::new(gpu)?,
+            references: References::default(),
             course: gpu.zeros("losses of steps", COURSE)?,
             gpu: gpu.clone(),
             surface,
@@ -107,8 +118,17 @@ impl GpuSurface {
             pending: 0,
             losses: Vec::new(),
         };
-        model.prepare(shots)?;
+        model.prepare(shots).map_err(NoRoom::pictures)?;
         Ok(model)
+    }
+
+    /// Makes room for the pictures of the reference that a fit shows again, so that each is uploaded once; tells whether
+    /// there is.
+    #[must_use]
+    pub fn keeping(mut self, shown: Shown) -> (Self, Residence) {
+        let (references, residence) = References::new(&self.gpu, shown);
+        self.references = references;
+        (self, residence)
     }
 
     /// Makes room for shots and their environments. What was recorded for less is dropped.
@@ -193,12 +213,13 @@ impl Model for GpuSurface {
         let (room, moving) = (Room::of(shots), rates.iter().map(|r| *r > 0.0).collect::<Vec<_>>());
         let rates: Vec<Vec<f32>> = self.groups.iter().zip(rates).map(|(g, r)| g.rates_at(*r)).collect();
         let passes = self.surface.moving_passes(&moving);
-        if !self.step.as_ref().is_some_and(|s| s.serves(room, shots.len(), (&moving, passes.masks))) {
+        let held = self.references.serves(shots, room.pixel_count());
+        if !self.step.as_ref().is_some_and(|s| s.serves((room, held), shots.len(), (&moving, passes.masks))) {
             let step = Step::new(
                 &self.gpu,
                 &self.on,
                 (stage, &self.skies, &self.course),
-                (room, shots.len(), loss),
+                (room, shots.len(), loss, held),
                 (&self.groups, &self.optimizers),
                 (&moving, &passes),
             );
@@ -208,7 +229,8 @@ impl Model for GpuSurface {
             self.read_course()?;
         }
         if let Some(step) = &mut self.step {
-            let (on, optimizers) = ((&self.on, &self.skies), (&mut self.optimizers[..], &rates[..]));
+            let on = (&self.on, &self.skies, &mut self.references);
+            let optimizers = (&mut self.optimizers[..], &rates[..]);
             step.run(&self.gpu, on, (shots, loss, passes.masks), optimizers, self.pending)
                 .map_err(model_error)?;
             self.pending += 1;

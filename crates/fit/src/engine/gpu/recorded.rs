@@ -1,5 +1,6 @@
 //! The two lists of commands of a fit: a whole step, and a picture.
 
+use super::references::{FromHeld, References};
 use super::resident::{ADD_LOSSES, Resident};
 use super::stage::{Drawn, Room, Skies, Stage, aim, largest, padded};
 use crate::engine::model::Group;
@@ -25,6 +26,8 @@ struct Place {
     loss: RecordedLoss,
     background: Buffer<[f32; 4]>,
     reference: Buffer<[f32; 4]>,
+    /// How both are made on the device; `None`: they are uploaded.
+    from: Option<FromHeld>,
 }
 
 /// A step: all pictures of a batch, forward and in reverse, and the moves.
@@ -34,6 +37,7 @@ pub(super) struct Step {
     /// What it was recorded for.
     pub(super) room: Room,
     pub(super) moving: Vec<bool>,
+    held: bool,
     passes: Passes,
     shading: MapShading,
     places: Vec<Place>,
@@ -49,12 +53,12 @@ fn term(loss: Loss, pictures: usize) -> Term {
 }
 
 impl Step {
-    /// Records a step for batches of so many pictures.
+    /// Records a step for batches of so many pictures; `held`: those of the reference are on the device.
     pub(super) fn new(
         gpu: &Gpu,
         on: &Resident,
         (stage, skies, course): (&Stage, &Skies, &Buffer<f32>),
-        (room, pictures, loss): (Room, usize, Loss),
+        (room, pictures, loss, held): (Room, usize, Loss, bool),
         (groups, optimizers): (&[Group], &[DeviceOptimizer]),
         (moving, passes): (&[bool], &Passes),
     ) -> Result<Self, OptimError> {
@@ -69,6 +73,7 @@ impl Step {
         for place in 0..pictures {
             let background = gpu.zeros("background", room.pixel_count())?;
             let reference = gpu.zeros("reference", room.pixel_count())?;
+            let from = held.then(|| FromHeld::record(&mut r, &reference, &background)).transpose()?;
             let picture = PictureBuffers { background: background.clone(), ..stage.picture.clone() };
             let mut compared = stage.loss.clone();
             compared.reference = reference.clone();
@@ -77,7 +82,7 @@ impl Step {
             let loss = value_and_gradient(&mut r, &term, pixels, &picture.color, &compared, &g.color, place)?;
             let reverse = render_vjp(&mut r, &on.mesh, &picture, passes, &params, &mut shading, g)?;
             let drawn = Drawn { slots: vec![forward, reverse], shading: shading.take_slots() };
-            places.push(Place { drawn, loss, background, reference });
+            places.push(Place { drawn, loss, background, reference, from });
         }
         let buffers = [stage.loss.values.bind(), course.bind()];
         let losses = r.dispatch(&ADD_LOSSES, &[pictures as u32, 0, 0, 0], &buffers, 1)?;
@@ -100,13 +105,30 @@ impl Step {
         }
         let (moving, passes) = (moving.to_vec(), *passes);
         let recording = r.finish()?;
-        Ok(Self { recording, room, moving, passes, shading, places, optimizers: recorded, losses, collected })
+        Ok(Self {
+            recording,
+            room,
+            moving,
+            held,
+            passes,
+            shading,
+            places,
+            optimizers: recorded,
+            losses,
+            collected,
+        })
     }
 
     /// Whether it serves a batch: the same number of pictures that move the same groups, with masks that are cut or that
-    /// fade, at most as large and not much smaller.
-    pub(super) fn serves(&self, room: Room, pictures: usize, (moving, masks): (&[bool], Masks)) -> bool {
+    /// fade, at most as large and not much smaller, and references that come from the same place.
+    pub(super) fn serves(
+        &self,
+        (room, held): (Room, bool),
+        pictures: usize,
+        (moving, masks): (&[bool], Masks),
+    ) -> bool {
         self.room.and(room) == self.room
+            && self.held == held
             && 2 * room.pixel_count() > self.room.pixel_count()
             && self.places.len() == pictures
             && self.moving == moving
@@ -117,7 +139,7 @@ impl Step {
     pub(super) fn run(
         &mut self,
         gpu: &Gpu,
-        (on, skies): (&Resident, &Skies),
+        (on, skies, references): (&Resident, &Skies, &mut References),
         (shots, loss, masks): (&[Shot], Loss, Masks),
         (optimizers, rates): (&mut [DeviceOptimizer], &[Vec<f32>]),
         at: usize,
@@ -130,9 +152,14 @@ impl Step {
         if let Some(slot) = self.collected {
             self.recording.set(slot, &on.maps.collected(scale));
         }
+        references.begin();
         for (place, shot) in self.places.iter().zip(shots) {
-            gpu.write(&place.background, &padded(&shot.background))?;
-            gpu.write(&place.reference, &shot.reference)?;
+            if let Some(from) = &place.from {
+                from.set(gpu, &mut self.recording, references, shot)?;
+            } else {
+                gpu.write(&place.background, &padded(&shot.background))?;
+                gpu.write(&place.reference, &shot.reference)?;
+            }
             place.loss.set(&mut self.recording, &term, shot.width * shot.height);
             aim(&mut self.recording, &place.drawn, &self.shading, (on, skies), (shot, scale), &self.passes);
         }

@@ -1,5 +1,6 @@
 //! What of a surface stays on a device from step to step: parameters, what follows from them, and their gradients.
 
+use super::room::NoRoom;
 use crate::candidate::Candidate;
 use photofit_geometry::Incidence;
 use photofit_geometry::gpu::{Lists, VertexNormals, VertexTangents, expand, expand_vjp};
@@ -43,16 +44,16 @@ pub(super) struct Resident {
 
 impl Resident {
     /// Uploads a candidate; `fitted` says which samples of a texel have gradients.
-    pub(super) fn new(gpu: &Gpu, c: &Candidate, fitted: [bool; CHANNELS]) -> Result<Self, GpuError> {
+    pub(super) fn new(gpu: &Gpu, c: &Candidate, fitted: [bool; CHANNELS]) -> Result<Self, NoRoom> {
         let uvs: Vec<[f32; 2]> = c.uvs.iter().map(|uv| uv.to_array()).collect();
         let topology = Topology { triangles: &c.triangles, opposite: &c.opposite, neighbour: &c.neighbour };
-        let mesh = MeshBuffers::new(gpu, &uvs, &topology, &c.alpha, &c.sides)?;
+        let mesh = MeshBuffers::new(gpu, &uvs, &topology, &c.alpha, &c.sides).map_err(NoRoom::mesh)?;
         let [weld, smooth, unique] = [&Incidence::new(&c.triangles, &c.weld), &c.smooth, &c.unique]
-            .map(|incidence| Lists::new(gpu, incidence));
+            .map(|incidence| Lists::new(gpu, incidence).map_err(NoRoom::mesh));
         let (weld, smooth, unique) = (weld?, smooth?, unique?);
         let positions: &[[f32; 3]] = bytemuck::cast_slice(&c.positions);
-        let maps = MipBuffers::new(gpu, &c.maps, fitted)?;
-        let best_maps = gpu.zeros("best maps", maps.texels.len())?;
+        let maps = MipBuffers::new(gpu, &c.maps, fitted).map_err(NoRoom::maps)?;
+        let best_maps = gpu.zeros("best maps", maps.texels.len()).map_err(NoRoom::maps)?;
         let texels = c.maps.levels[0].texels.len();
         let class = |i: usize| {
             let of = |held: &[bool], class: u32| if held.get(i) == Some(&true) { class } else { 0 };
@@ -61,12 +62,12 @@ impl Resident {
         let held: Vec<u32> = (0..texels).map(class).collect();
         let some = held.iter().any(|h| *h != 0);
         Ok(Self {
-            welded: gpu.upload("welded positions", positions)?,
-            d_welded: gpu.zeros("gradient of welded positions", positions.len())?,
-            best: (gpu.upload("best positions", positions)?, best_maps),
-            normals: VertexNormals::new(gpu, &smooth)?,
-            tangents: VertexTangents::new(gpu, &unique, &c.frames)?,
-            held: some.then(|| gpu.upload("held texels", &held)).transpose()?,
+            welded: gpu.upload("welded positions", positions).map_err(NoRoom::mesh)?,
+            d_welded: gpu.zeros("gradient of welded positions", positions.len()).map_err(NoRoom::mesh)?,
+            best: (gpu.upload("best positions", positions).map_err(NoRoom::mesh)?, best_maps),
+            normals: VertexNormals::new(gpu, &smooth).map_err(NoRoom::mesh)?,
+            tangents: VertexTangents::new(gpu, &unique, &c.frames).map_err(NoRoom::mesh)?,
+            held: some.then(|| gpu.upload("held texels", &held)).transpose().map_err(NoRoom::maps)?,
             mip_adjoint: c.mip_adjoint,
             texels,
             weld,

@@ -1,5 +1,7 @@
 //! A step on a device against the same step on the CPU.
 
+use super::references::FromHeld;
+use super::stage::padded;
 use super::*;
 use crate::candidate::{Candidate, SurfaceClass};
 use crate::engine::cpu::Cpu;
@@ -17,6 +19,7 @@ use photofit_raster::texture::gpu::{SUM_SCALE, sum_scale};
 use photofit_raster::{Maps, channel};
 use photofit_scene::AlphaMode;
 use photofit_shading::Sides;
+use std::sync::Arc;
 
 /// Difference of gradients of a whole step, root mean square over root mean square: samples on edges that `f32` and `f64`
 /// give to different triangles, and kinks of the loss.
@@ -121,7 +124,7 @@ fn check(sheets: bool, sampling: Sampling, size: usize) {
 }
 
 fn check_masks(masks: Masks, sheets: bool, sampling: Sampling, size: usize) {
-    let Some(gpu) = test_device() else { return };
+    let gpu = test_device();
     let (mut s, shots) = (surface(sheets), shots(sampling, size));
     // The first are those of steps on a device, the second those of the CPU's here.
     (s.masks, s.passes.masks) = (masks, masks);
@@ -138,18 +141,21 @@ fn check_masks(masks: Masks, sheets: bool, sampling: Sampling, size: usize) {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn gradients_of_a_step_agree() {
     check(false, Sampling::SUPERSAMPLED, 48);
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn gradients_of_masks_that_fade_agree() {
     check_masks(Masks::Faded { slope: 2.5 }, true, Sampling::SUPERSAMPLED, 48);
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn steps_follow_how_masks_are_drawn() {
-    let Some(gpu) = test_device() else { return };
+    let gpu = test_device();
     let (s, shots) = (surface(true), shots(Sampling::SUPERSAMPLED, 48));
     let mut model = GpuSurface::new(gpu, s.clone(), &shots).unwrap();
     let all = [Masks::Faded { slope: 2.0 }, Masks::Faded { slope: 5.0 }, Masks::Cut];
@@ -167,6 +173,7 @@ fn steps_follow_how_masks_are_drawn() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn gradients_of_many_samples_agree() {
     // So many that sums are kept in finer units.
     let size = 192;
@@ -175,18 +182,21 @@ fn gradients_of_many_samples_agree() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn gradients_of_transparent_layers_agree() {
     check(true, Sampling::SUPERSAMPLED, 48);
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn gradients_of_pixels_shaded_once_agree() {
     check(false, Sampling::ENGINE, 32);
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn steps_and_pictures_agree_and_values_are_kept() {
-    let Some(gpu) = test_device() else { return };
+    let gpu = test_device();
     let (s, shots) = (surface(false), shots(Sampling::SUPERSAMPLED, 40));
     let mut cpu = Cpu::new(s.clone()).unwrap();
     let mut device = GpuSurface::new(gpu, s, &shots).unwrap();
@@ -236,8 +246,32 @@ fn steps_and_pictures_agree_and_values_are_kept() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
+fn positions_move_by_adam_as_on_the_cpu() {
+    let (gpu, shots) = (test_device(), shots(Sampling::SUPERSAMPLED, 40));
+    let adam = Surface { optimizer: PositionOptimizer::Adam, ..surface(false) };
+    let start: Vec<f32> = bytemuck::cast_slice(&adam.candidate.positions).to_vec();
+    let mut cpu = Cpu::new(adam.clone()).unwrap();
+    let made = |s: Surface| GpuSurface::new(gpu, s, &shots).unwrap();
+    let (mut device, mut other) = (made(adam), made(surface(false)));
+    for _ in 0..6 {
+        cpu.step(&shots, Loss::LogSrgbL1.into(), &[0.001, 0.01]).unwrap();
+        device.step(&shots, Loss::LogSrgbL1.into(), &[0.001, 0.01]).unwrap();
+        other.step(&shots, Loss::LogSrgbL1.into(), &[0.001, 0.01]).unwrap();
+    }
+    let [x, y, z] = [cpu.values(0), device.values(0), other.values(0)].map(|v| v.unwrap().into_owned());
+    let [moved, apart, another] = [difference(&start, &x), difference(&x, &y), difference(&x, &z)];
+    println!("moved {moved:.1e}, apart {apart:.1e}, another optimizer {another:.1e}");
+    assert!(apart < 0.02 * moved && another > 0.1 * moved, "{apart:e} and {another:e} of {moved:e}");
+    let bilateral = Surface { optimizer: PositionOptimizer::Bilateral, ..surface(false) };
+    let told = GpuSurface::new(gpu, bilateral, &shots).unwrap_err().to_string();
+    assert!(told.contains("bilateral") && told.contains("a device"), "{told}");
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
 fn losses_that_are_not_finite_are_told() {
-    let Some(gpu) = test_device() else { return };
+    let gpu = test_device();
     let (s, mut shots) = (surface(false), shots(Sampling::SUPERSAMPLED, 16));
     let mut device = GpuSurface::new(gpu, s, &shots).unwrap();
     device.step(&shots, Loss::Mse.into(), &[0.001, 0.01]).unwrap();
@@ -245,6 +279,139 @@ fn losses_that_are_not_finite_are_told() {
     device.step(&shots, Loss::Mse.into(), &[0.001, 0.01]).unwrap();
     let losses = device.losses().unwrap();
     assert!(losses[0].is_finite() && losses[1].is_nan(), "{losses:?}");
+}
+
+/// Batches of two of four pictures, again and again under other noise.
+fn kept_shots(size: usize) -> Vec<Vec<Shot>> {
+    let views = Orbit::new(4, &Lighting::Mixed, size);
+    let mut rng = Uniform::new(8);
+    let mut picture = || Image::from_fn(size, size, 4, |_, _, _| rng.range(0.0, 1.0) as f32);
+    let pictures: Vec<_> = (0..4).map(|_| Arc::new(picture())).collect();
+    let shot = |k: usize, number: usize| {
+        let setup = views.setup(Set::Train, k as u64, 0);
+        Shot::of_kept(&setup, &pictures[k], Sampling::SUPERSAMPLED, 1, number as u64)
+    };
+    (0..8).map(|step| vec![shot(step % 4, 2 * step), shot((step / 2 + 1) % 4, 2 * step + 1)]).collect()
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn pictures_are_put_over_noise_as_on_the_cpu() {
+    let gpu = test_device();
+    // An odd number of pixels, in room for more.
+    let (n, room) = (13, 14 * 14);
+    let (mut references, residence) = References::new(gpu, Shown { pictures: 2, size: [14, 14] });
+    assert!(matches!(residence, Residence::Kept(_)));
+    let [reference, background] = ["reference", "background"].map(|b| gpu.zeros(b, room).unwrap());
+    let mut r = gpu.record("over noise");
+    let from = FromHeld::record(&mut r, &reference, &background).unwrap();
+    let mut recording = r.finish().unwrap();
+    for shot in kept_shots(n).iter().flatten() {
+        references.begin();
+        assert!(references.serves(std::slice::from_ref(shot), room));
+        from.set(gpu, &mut recording, &mut references, shot).unwrap();
+        recording.run().unwrap();
+        let (over, noise) = (gpu.read(&reference).unwrap(), gpu.read(&background).unwrap());
+        assert!(noise[..n * n] == padded(&shot.background), "the same noise, to the bit");
+        let pairs = over.iter().zip(&shot.reference);
+        let off = pairs.flat_map(|(a, b)| (0..4).map(|k| (a[k] - b[k]).abs())).fold(0.0, f32::max);
+        assert!(off < 3e-7, "{off:e}");
+        let other = Shot::of_kept(
+            &Orbit::new(4, &Lighting::Point, n).setup(Set::Train, 0, 0),
+            &shot.source.as_ref().unwrap().picture,
+            shot.sampling,
+            1,
+            shot.number + 1,
+        );
+        assert!(noise[..n * n] != padded(&other.background), "other noise is noticed");
+    }
+    let mut without = kept_shots(n).remove(0);
+    without[1].source = None;
+    assert!(!references.serves(&without, room) && !references.serves(&without[..1], room + 1));
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn a_step_is_one_submission_and_pictures_that_stay_are_uploaded_once() {
+    let shared = test_device();
+    // Counted by a device that no other test uses.
+    let gpu = &Gpu::new(&photofit_gpu::Choice::Named(shared.report().name.clone())).unwrap();
+    let (s, batches, size) = (surface(false), kept_shots(40), 40 * 40);
+    let run = |kept: bool| {
+        let model = GpuSurface::new(gpu, s.clone(), &batches[0]).unwrap();
+        let shown = Shown { pictures: 4, size: [40, 40] };
+        let (mut model, _) = if kept { model.keeping(shown) } else { (model, Residence::TooMany(shown)) };
+        let mut traffic = Vec::new();
+        for shots in &batches {
+            let before = gpu.traffic();
+            model.step(shots, Loss::LogSrgbL1.into(), &[0.002, 0.01]).unwrap();
+            let after = gpu.traffic();
+            assert_eq!((after.submissions - before.submissions, after.read), (1, before.read));
+            traffic.push(after.uploaded - before.uploaded);
+        }
+        let losses = model.losses().unwrap();
+        (losses, model.values(0).unwrap().into_owned(), model.values(1).unwrap().into_owned(), traffic)
+    };
+    let (old, new) = (run(false), run(true));
+    assert!(run(true) == new, "the same bits again");
+    println!("bytes uploaded in a step: {} with pictures, {} without", old.3[7], new.3[7]);
+    // Two pictures and two backgrounds of four numbers, but for the parameters of two kernels; of the kept ones, all four
+    // are there after two steps.
+    assert_eq!(old.3[7] - new.3[7] + 2 * 256, 2 * 2 * 16 * size as u64);
+    assert_eq!(new.3[0] - new.3[7], 2 * 16 * size as u64);
+    assert!(old.0.iter().zip(&new.0).all(|(a, b)| (a / b - 1.0).abs() < 1e-5), "{:?} {:?}", old.0, new.0);
+    let moved = difference(bytemuck::cast_slice(&s.candidate.positions), &new.1);
+    let apart = [difference(&old.1, &new.1) / moved, difference(&old.2, &new.2)];
+    println!("apart {:.1e} and {:.1e}", apart[0], apart[1]);
+    assert!(apart.iter().all(|a| *a < 1e-2), "{apart:?}");
+    let mut noticed = run(false);
+    noticed.0[3] *= 1.001;
+    assert!(!noticed.0.iter().zip(&new.0).all(|(a, b)| (a / b - 1.0).abs() < 1e-5));
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn pictures_without_room_are_uploaded_and_the_plan_says_so() {
+    let gpu = test_device();
+    let shown = Shown { pictures: 64, size: [2048, 2048] };
+    let model = GpuSurface::new(gpu, surface(false), &kept_shots(16)[0]).unwrap();
+    let (mut model, residence) = model.keeping(shown);
+    let told = residence.to_string();
+    for part in ["uploaded in every step", "64 pictures of 2048 x 2048", "4295 MB", "1074 MB", "`resolution`"]
+    {
+        assert!(told.contains(part), "{told}");
+    }
+    model.step(&kept_shots(16)[0], Loss::LogSrgbL1.into(), &[0.002, 0.01]).unwrap();
+    assert!(model.losses().unwrap()[0].is_finite());
+    // One picture that no buffer takes.
+    let side = (gpu.report().largest_binding as usize / 16).isqrt() + 1;
+    let (_, residence) = References::new(gpu, Shown { pictures: 1, size: [side, side] });
+    let told = residence.to_string();
+    let refused = matches!(residence, Residence::Refused(GpuError::TooLarge { .. }) | Residence::TooMany(_));
+    assert!(refused && told.contains("uploaded in every step"), "{told}");
+}
+
+#[test]
+fn tests_on_a_device_pass_where_there_is_one() {
+    photofit_gpu::run_device_tests();
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn what_a_device_cannot_bind_is_told_with_its_limit_and_the_option() {
+    let gpu = test_device();
+    let limit = gpu.report().largest_binding;
+    // More samples than a binding takes of the smallest buffer, four in a pixel.
+    let mut large = shots(Sampling::SUPERSAMPLED, 16);
+    let side = (limit as usize / 4 / 4).isqrt() + 1;
+    (large[0].width, large[0].height) = (side, side);
+    let pictures = GpuSurface::new(gpu, surface(false), &large).unwrap_err().to_string();
+    let maps = NoRoom::maps(gpu.zeros::<u32>("texels", limit as usize / 4 + 1).unwrap_err()).to_string();
+    for (told, option) in [(pictures, "`resolution`"), (maps, "`texture_size`")] {
+        for part in ["bytes", &limit.to_string(), "maxStorageBufferBindingSize", option] {
+            assert!(told.contains(part), "{part}: {told}");
+        }
+    }
 }
 
 #[test]

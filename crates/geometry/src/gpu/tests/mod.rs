@@ -129,7 +129,7 @@ fn error(cpu: &[f32], gpu: &[f32], width: usize) -> f64 {
 }
 
 fn check(name: &str, mesh: &Mesh, smooth: &Weld, unique: &Weld, gradient: f64) {
-    let Some(gpu) = test_device() else { return };
+    let gpu = test_device();
     for (what, a, b) in cpu_and_gpu(gpu, mesh, smooth, unique).unwrap() {
         let bound = if what.contains("by") { gradient } else { FORWARD };
         let width = if what == "tangents" { 4 } else { 3 };
@@ -148,6 +148,7 @@ fn identity(mesh: &Mesh) -> Weld {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn smooth_meshes_agree() {
     let mesh = wavy(0.0);
     check("torus", &mesh, &weld_exact(&mesh.positions), &identity(&mesh), GRADIENT);
@@ -156,6 +157,7 @@ fn smooth_meshes_agree() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn welded_tangents_agree() {
     let mesh = wavy(0.0);
     let rows: Vec<f32> =
@@ -164,6 +166,7 @@ fn welded_tangents_agree() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn random_triangles_agree() {
     for seed in 0..4 {
         let mesh = soup(seed);
@@ -172,14 +175,16 @@ fn random_triangles_agree() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn degenerate_triangles_agree() {
     let mesh = degenerate();
     check("degenerate", &mesh, &weld_exact(&mesh.positions), &identity(&mesh), SLIVER);
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn welding_agrees_and_runs_repeat_to_the_bit() {
-    let Some(gpu) = test_device() else { return };
+    let gpu = test_device();
     let mesh = wavy(0.0);
     let weld = weld_exact(&mesh.positions);
     assert!(!weld.is_identity());
@@ -205,6 +210,11 @@ fn welding_agrees_and_runs_repeat_to_the_bit() {
     assert_eq!(run().unwrap(), (expanded, summed));
     let twice = || cpu_and_gpu(gpu, &mesh, &weld, &identity(&mesh)).unwrap();
     assert!(twice().iter().zip(&twice()).all(|(a, b)| a.2 == b.2), "the same bits in two runs");
+}
+
+#[test]
+fn tests_on_a_device_pass_where_there_is_one() {
+    photofit_gpu::run_device_tests();
 }
 
 #[test]

@@ -57,8 +57,9 @@ impl<'a> Run<'a> {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn fifty_steps_agree_at_any_size_of_the_gradients() {
-    let Some(gpu) = test_device() else { return };
+    let gpu = test_device();
     for way in [0.0, 1.0, -1.0] {
         let start = random(99, ROWS * RATES.len(), 1.0);
         let mut x = start.clone();
@@ -88,8 +89,9 @@ fn fifty_steps_agree_at_any_size_of_the_gradients() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn runs_repeat_and_resume_to_the_bit() {
-    let Some(gpu) = test_device() else { return };
+    let gpu = test_device();
     let start = random(3, ROWS * RATES.len(), 1.0);
     let whole = || {
         let mut run = Run::new(gpu, &start);
@@ -107,8 +109,9 @@ fn runs_repeat_and_resume_to_the_bit() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn a_gradient_that_is_not_finite_halts_and_is_told() {
-    let Some(gpu) = test_device() else { return };
+    let gpu = test_device();
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         // In the frozen column, too.
         for index in [7001, 12] {
@@ -137,8 +140,9 @@ fn a_gradient_that_is_not_finite_halts_and_is_told() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn zero_gradients_move_nothing() {
-    let Some(gpu) = test_device() else { return };
+    let gpu = test_device();
     let start = random(3, ROWS * RATES.len(), 1.0);
     let mut run = Run::new(gpu, &start);
     run.steps(0..3, &RATES, |_| vec![0.0; ROWS * RATES.len()]);
@@ -149,8 +153,9 @@ fn zero_gradients_move_nothing() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn what_only_the_cpu_has_is_refused() {
-    let Some(gpu) = test_device() else { return };
+    let gpu = test_device();
     for temporal in [Temporal::vector_adam(3), Temporal::descent(0.9), Temporal::memoryless()] {
         let error = DeviceOptimizer::new(gpu, "x", (4, 3), temporal, None).unwrap_err();
         assert!(matches!(error, OptimError::Combination { .. }), "{error}");

@@ -25,8 +25,9 @@ fn largest(a: &[f32]) -> f64 {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn constraints_agree() {
-    let Some(gpu) = test_device() else { return };
+    let gpu = test_device();
     let (width, rows) = (7, 1000);
     let mut x = random(1, width * rows, 2.0);
     // What is not a number, huge, tiny, zero, and unit already.
@@ -54,6 +55,11 @@ fn constraints_agree() {
     assert!(worst <= tolerances::CONSTRAIN, "{worst:e}");
     normalize_vectors(&mut x, width, 3);
     assert!(distance(&x, &theirs) > tolerances::CONSTRAIN, "another vector is noticed");
+}
+
+#[test]
+fn tests_on_a_device_pass_where_there_is_one() {
+    photofit_gpu::run_device_tests();
 }
 
 #[test]

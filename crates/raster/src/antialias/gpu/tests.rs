@@ -2,12 +2,13 @@
 
 use super::*;
 use crate::antialias::{MeshTopology, Pair, silhouettes as silhouettes_cpu};
-use crate::gpu::tests::{device, params, picture, sum_of};
+use crate::gpu::tests::{params, picture, sum_of};
 use crate::gpu::tolerances::{ANTIALIASED, ANTIALIASED_VJP, FEW, OTHER_SILHOUETTES};
 use crate::gpu::{VERTEX_SUMS, vertex_sum};
 use crate::rasterize::{NONE, Visibility, rasterize};
 use photofit_geometry::{Mesh, shapes};
 use photofit_gpu::Gpu;
+use photofit_gpu::test_device;
 use photofit_gradcheck::Uniform;
 use photofit_scalar::{Vec3f, Vec4f, vec4};
 
@@ -90,8 +91,9 @@ fn worst(found: &[[f32; 4]], expected: &[[f32; 4]], skipped: &[bool]) -> f32 {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn silhouettes_colours_and_gradients_are_those_of_the_cpu() {
-    let gpu = device!();
+    let gpu = test_device();
     for (name, mesh, size) in [
         ("coarse", shapes::displaced_sphere(3, 0.3, 3, 5), (120, 90)),
         ("fine", shapes::displaced_sphere(30, 0.3, 3, 5), (120, 90)),

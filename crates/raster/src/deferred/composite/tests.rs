@@ -4,11 +4,11 @@ use super::*;
 use crate::antialias::Topology;
 use crate::deferred::frame::{self, FrameLayer};
 use crate::deferred::{Geometry, Masks, Passes, View};
-use crate::gpu::tests::device;
 use crate::gpu::tolerances::COMPOSITE;
 use crate::gpu::{FrameParams, Shot};
 use crate::rasterize::{NONE, Visibility};
 use photofit_gpu::Gpu;
+use photofit_gpu::test_device;
 use photofit_gradcheck::{Uniform, worst_difference};
 use photofit_scalar::Vec3;
 use photofit_texture::AlphaMode;
@@ -171,8 +171,9 @@ fn worst(a: &Output, b: &Output) -> f64 {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn layers_and_samples_are_those_of_the_cpu() {
-    let gpu = device!();
+    let gpu = test_device();
     let input = Input::new(1);
     let faded = |slope| Passes { masks: Masks::Faded { slope }, ..Passes::default() };
     for passes in [Passes::default(), faded(2.0), faded(1.0)] {

@@ -4,12 +4,12 @@ mod scene;
 
 use super::*;
 use crate::deferred::{Gradients, render, render_vjp};
-use crate::gpu::tests::device;
 use crate::gpu::tolerances::{SHADED, SHADED_BROKEN, SHADED_VJP};
 use crate::gpu::{VERTEX_SUMS, vertex_sum};
 use crate::maps::channel;
 use crate::project::project_vjp;
 use crate::rasterize::NONE;
+use photofit_gpu::test_device;
 use photofit_gradcheck::{Uniform, worst_difference};
 use photofit_scalar::{Vec3f, Vec4f, vec3, vec4};
 use photofit_texture::gpu::SUM_SCALE;
@@ -158,22 +158,25 @@ fn check_scaled(gpu: &Gpu, what: &str, s: &Scene, passes: &Passes, size: f32) {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn every_sample_agrees() {
-    let gpu = device!();
+    let gpu = test_device();
     check(gpu, "one sample", &Scene::new(1, 1), &passes());
     check(gpu, "four by four samples", &Scene::new(2, 4), &passes());
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn pixels_shaded_once_agree() {
-    let gpu = device!();
+    let gpu = test_device();
     let s = Scene::new(3, 4).shaded_per_pixel();
     check(gpu, "once a pixel", &s, &passes());
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn parts_that_are_left_out_agree() {
-    let gpu = device!();
+    let gpu = test_device();
     let s = Scene::new(4, 1);
     let all = passes();
     check(gpu, "no normal map", &s, &Passes { normal_map: false, ..all });
@@ -189,8 +192,9 @@ fn parts_that_are_left_out_agree() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn small_and_large_gradients_agree() {
-    let gpu = device!();
+    let gpu = test_device();
     let s = Scene::new(7, 1);
     // Of loss functions that are means over many pixels, and of sums.
     for size in [1e-7, 1e-4, 100.0] {
@@ -205,8 +209,9 @@ fn small_and_large_gradients_agree() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn broken_meshes_agree() {
-    let gpu = device!();
+    let gpu = test_device();
     let mut s = Scene::new(8, 1);
     for (i, k) in (0..s.positions.len()).step_by(7).zip(0..) {
         match k % 6 {
@@ -236,8 +241,9 @@ fn broken_meshes_agree() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn gradients_have_the_same_bits_in_every_run() {
-    let gpu = device!();
+    let gpu = test_device();
     let s = Scene::new(5, 1);
     let g = weights(s.background.len(), 4);
     let (a, b) = (on_device(gpu, &s, &passes(), &g), on_device(gpu, &s, &passes(), &g));
@@ -246,8 +252,9 @@ fn gradients_have_the_same_bits_in_every_run() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn a_perturbed_side_is_found() {
-    let gpu = device!();
+    let gpu = test_device();
     let s = Scene::new(6, 1);
     let g = weights(s.background.len(), 5);
     let expected = on_cpu(&s, &passes(), &g);

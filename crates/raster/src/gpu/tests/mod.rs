@@ -10,16 +10,10 @@ use photofit_gpu::Gpu;
 use photofit_scalar::Vec4f;
 use photofit_shading::Sides;
 
-/// The device, or the end of the test where there is none.
-macro_rules! device {
-    () => {
-        match photofit_gpu::test_device() {
-            Some(gpu) => gpu,
-            None => return,
-        }
-    };
+#[test]
+fn tests_on_a_device_pass_where_there_is_one() {
+    photofit_gpu::run_device_tests();
 }
-pub(crate) use device;
 
 #[test]
 fn kernels_are_valid() {

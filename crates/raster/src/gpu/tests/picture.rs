@@ -1,6 +1,6 @@
 //! Whole pictures on a device against the CPU's: colours, and the gradients of everything they are made from.
 
-use super::{SCALE, device};
+use super::SCALE;
 use crate::antialias::MeshTopology;
 use crate::deferred::gpu::{MapShading, ShadeSlots};
 use crate::deferred::{self, Geometry, Gradients, Masks, Passes, View};
@@ -11,7 +11,7 @@ use crate::gpu::{
 use crate::maps::{CHANNELS, Maps, channel};
 use crate::texture::Pyramid;
 use photofit_geometry::{Mesh, shapes};
-use photofit_gpu::{Gpu, Recording};
+use photofit_gpu::{Gpu, Recording, test_device};
 use photofit_gradcheck::Uniform;
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3, vec4};
 use photofit_shading::gpu::ShadingTables;
@@ -273,8 +273,9 @@ fn agree(what: &str, found: &Result, expected: &Result) {
 type Case<'a> = (&'a str, &'a [AlphaMode], &'a [Sides], Camera, Passes);
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn pictures_and_gradients_are_those_of_the_cpu() {
-    let gpu = device!();
+    let gpu = test_device();
     let all = Passes::default();
     let faded = Masks::Faded { slope: 2.5 };
     let mixed = [AlphaMode::Opaque, BLEND, MASK];
@@ -304,8 +305,9 @@ fn pictures_and_gradients_are_those_of_the_cpu() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn a_recording_takes_other_pictures() {
-    let gpu = device!();
+    let gpu = test_device();
     let passes = Passes::default();
     let scene = Scene::new(9, &[AlphaMode::Opaque, BLEND], &[Sides::Both]);
     let mut device = Device::new(gpu, &scene, &CAMERA, &passes);
@@ -325,8 +327,9 @@ fn a_recording_takes_other_pictures() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn a_perturbed_picture_is_noticed() {
-    let gpu = device!();
+    let gpu = test_device();
     let scene = Scene::new(9, &[], &[]);
     let expected = on_cpu(&scene, &CAMERA, &Passes::default());
     let mut other = Scene::new(9, &[], &[]);
@@ -339,7 +342,7 @@ fn a_perturbed_picture_is_noticed() {
 #[test]
 #[ignore = "measures time: cargo test -p photofit-raster --features gpu --lib picture -- --ignored --nocapture"]
 fn bench() {
-    let gpu = device!();
+    let gpu = test_device();
     println!("{} with {}", gpu.report().name, gpu.report().driver);
     let least = |run: &mut dyn FnMut()| {
         let times = (0..5).map(|_| {

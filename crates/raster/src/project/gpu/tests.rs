@@ -1,10 +1,11 @@
 //! Projection on a device against the CPU's.
 
 use super::*;
-use crate::gpu::tests::{SCALE, device, params, picture, soup};
+use crate::gpu::tests::{SCALE, params, picture, soup};
 use crate::gpu::tolerances::CLIP;
 use crate::gpu::{FrameParams, VERTEX_SUMS, vertex_sum};
 use crate::project::{Matrix4, project as project_cpu, project_vjp};
+use photofit_gpu::test_device;
 use photofit_gpu::{Gpu, fixed_words};
 use photofit_gradcheck::Uniform;
 use photofit_scalar::{Vec3f, Vec4f, vec3, vec4};
@@ -39,8 +40,9 @@ fn worst(m: &Matrix4<f32>, positions: &[Vec3f], found: &[Vec4f]) -> f32 {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn clip_space_positions_are_those_of_the_cpu() {
-    let gpu = device!();
+    let gpu = test_device();
     let mut rng = Uniform::new(1);
     for scale in [1e-6, 1.0, 1e6] {
         let m = matrix(&mut rng);
@@ -59,8 +61,9 @@ fn clip_space_positions_are_those_of_the_cpu() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn sums_become_gradients() {
-    let gpu = device!();
+    let gpu = test_device();
     let mut rng = Uniform::new(2);
     let m = matrix(&mut rng);
     let n = 300;

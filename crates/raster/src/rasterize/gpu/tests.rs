@@ -1,9 +1,10 @@
 //! Rasterization on a device against the CPU's, and by itself.
 
 use super::*;
-use crate::gpu::tests::{device, params, picture, soup};
+use crate::gpu::tests::{params, picture, soup};
 use crate::gpu::tolerances::{DEPTH, EDGE, FEW, OTHER_TRIANGLES, ROUNDING, TILE_ROUNDING};
 use crate::rasterize::{NONE, Visibility, rasterize_into};
+use photofit_gpu::test_device;
 use photofit_gradcheck::Uniform;
 use photofit_scalar::{Vec3f, Vec4f, vec4};
 use photofit_shading::Sides;
@@ -168,8 +169,9 @@ pub(crate) fn sphere(frequency: u32) -> (Vec<Vec4f>, Vec<[u32; 3]>) {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn layers_are_those_of_the_cpu() {
-    let gpu = device!();
+    let gpu = test_device();
     for (name, (clip, triangles), size, layers) in [
         ("small and large", random_soup(300, 1.0, 1), (150, 90), 4),
         ("many small ones", random_soup(20_000, 0.1, 2), (333, 257), 3),
@@ -190,8 +192,9 @@ fn layers_are_those_of_the_cpu() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn a_moved_corner_is_noticed() {
-    let gpu = device!();
+    let gpu = test_device();
     let (mut clip, triangles) = sphere(10);
     let input = (&clip[..], &triangles[..], &[][..]);
     let g = peel(gpu, input, (200, 160), 1);
@@ -202,8 +205,9 @@ fn a_moved_corner_is_noticed() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn a_closed_surface_is_watertight() {
-    let gpu = device!();
+    let gpu = test_device();
     // Each line of sight enters a closed surface as often as it leaves it. Coarse triangles are large in the finer
     // picture and small in the coarser one.
     let mut odd = 0;
@@ -223,8 +227,9 @@ fn a_closed_surface_is_watertight() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn a_fan_has_neither_holes_nor_double_hits() {
-    let gpu = device!();
+    let gpu = test_device();
     let mut rng = Uniform::new(5);
     for case in 0..20 {
         // Corners on pixel centres and corners, so that many centres lie exactly on edges; a part of them large.
@@ -250,8 +255,9 @@ fn a_fan_has_neither_holes_nor_double_hits() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn small_and_large_neighbours_share_their_edge() {
-    let gpu = device!();
+    let gpu = test_device();
     // A grid of cells of 1 to 40 pixels with jittered corners, each cell two triangles: all pixels once.
     let mut rng = Uniform::new(9);
     for case in 0..6 {
@@ -287,8 +293,9 @@ fn small_and_large_neighbours_share_their_edge() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn duplicates_come_in_the_order_of_their_numbers() {
-    let gpu = device!();
+    let gpu = test_device();
     let quad =
         |z: f32| [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)].map(|(x, y)| vec4(x, y, z, 1.0_f32));
     let clip: Vec<Vec4f> = [quad(0.5), quad(0.5), quad(0.7)].concat();
@@ -306,8 +313,9 @@ fn duplicates_come_in_the_order_of_their_numbers() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn pictures_of_many_workgroups() {
-    let gpu = device!();
+    let gpu = test_device();
     // More than 65,535 workgroups of samples; the second layer's are counted on the device.
     let (clip, triangles) = random_soup(60, 6.0, 8);
     let size = (2100, 2050);
@@ -321,8 +329,9 @@ fn pictures_of_many_workgroups() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn runs_give_the_same_bits() {
-    let gpu = device!();
+    let gpu = test_device();
     let (clip, triangles) = random_soup(2000, 1.0, 6);
     let input = (&clip[..], &triangles[..], &[][..]);
     let first = peel(gpu, input, (150, 90), 3);
@@ -333,8 +342,9 @@ fn runs_give_the_same_bits() {
 }
 
 #[test]
+#[ignore = "gpu: needs an adapter"]
 fn broken_input_shows_nothing() {
-    let gpu = device!();
+    let gpu = test_device();
     let empty = peel(gpu, (&[], &[], &[]), (5, 4), 1);
     assert!(empty[0].triangle.iter().all(|t| *t == NONE) && empty[0].depth.iter().all(|d| *d == 1.0));
     let fine = [vec4(1.0, 0.0, 0.5, 1.0), vec4(0.0, 1.0, 0.5, 1.0_f32)];

@@ -1,0 +1,41 @@
+//! Why a device cannot hold a fit, and which option makes it smaller.
+
+use photofit_gpu::GpuError;
+use photofit_optim::OptimError;
+
+/// What a device cannot hold, or does not run.
+#[derive(Debug, thiserror::Error)]
+#[error("{source}{}", advice(.option))]
+pub struct NoRoom {
+    /// What the device says: the limit, what is needed and what it has.
+    pub source: OptimError,
+    /// The option that what is needed grows with; none where it is not a matter of size.
+    pub option: Option<&'static str>,
+}
+
+fn advice(option: &Option<&'static str>) -> String {
+    option.map_or(String::new(), |option| format!("; a smaller `{option}` needs less"))
+}
+
+impl NoRoom {
+    /// Pictures.
+    pub(super) fn pictures(e: GpuError) -> Self {
+        Self { source: e.into(), option: Some("resolution") }
+    }
+
+    /// Maps and what belongs to their texels.
+    pub(super) fn maps(e: impl Into<OptimError>) -> Self {
+        Self { source: e.into(), option: Some("texture_size") }
+    }
+
+    /// What has an entry per vertex or triangle.
+    pub(super) fn mesh(e: impl Into<OptimError>) -> Self {
+        Self { source: e.into(), option: Some("triangles") }
+    }
+}
+
+impl From<GpuError> for NoRoom {
+    fn from(e: GpuError) -> Self {
+        Self { source: e.into(), option: None }
+    }
+}
