@@ -305,7 +305,7 @@ fn angle(y: f32, x: f32) -> f32 {
     let (over, under) = if far { (least - most, least + most) } else { (least, most) };
     let t = if under > 0.0 { over / under } else { 0.0 };
     let z = t * t;
-    let p = ((8.053_744e-2 * z - 1.387_768_6e-1) * z + 1.997_771_1e-1) * z - 3.333_294_9e-1;
+    let p = ((8.053_744e-2 * z - 1.387_768_6e-1) * z + 1.997_771_1e-1) * z - 3.333_295e-1;
     let small = p * z * t + t;
     let angle = if far { 0.25 * PI + small } else { small };
     let angle = if ay > ax { 0.5 * PI - angle } else { angle };
