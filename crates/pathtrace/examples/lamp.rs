@@ -15,7 +15,7 @@ use std::time::Instant;
 fn render(world: &World, view: &View) -> Result<(f32, f32), PathtraceError> {
     let options = RenderOptions { width: 96, height: 96, spp: 64, ..RenderOptions::default() };
     let mut renderer = Renderer::new(world, view, options)?;
-    while !renderer.pass(|| false).done {}
+    renderer.finish();
     let (picture, variance) = (renderer.picture(), renderer.sample_variance());
     let mean = picture.data.chunks_exact(4).map(|p| p[1]).sum::<f32>() / picture.pixels() as f32;
     let worst = variance.data.iter().fold(0.0_f32, |a, v| a.max(*v));

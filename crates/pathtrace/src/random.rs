@@ -1,6 +1,7 @@
 //! The random numbers of a path: Owen-scrambled Sobol points, four dimensions at a time. Numbers are made when they are
 //! asked for: most scenes need no more than the pairs.
 
+use crate::light::LightRandom;
 use photofit_sampling::{Rng, Sobol, SobolPoint, hash, unit_f32};
 
 /// Dimensions of the camera: place in the pixel, then place on the lens.
@@ -51,16 +52,16 @@ impl PathRandom {
         self.sobol.point(self.sample, CAMERA_GROUP)
     }
 
-    /// The place on the light that is chosen at vertex `vertex`.
+    /// Chooses the light at vertex `vertex`, if one is to be chosen, and the place on it.
     #[inline(always)]
-    pub(crate) fn light(&self, vertex: u32) -> [f32; 2] {
-        self.pair(vertex, LIGHT)
-    }
-
-    /// Chooses the light at vertex `vertex`.
-    #[inline]
-    pub(crate) fn light_choice(&self, vertex: u32) -> [f32; 2] {
-        [self.single(vertex, LIGHT, 2), self.single(vertex, LIGHT, 3)]
+    pub(crate) fn light(&self, vertex: u32, choose: bool) -> LightRandom {
+        if vertex >= VERTICES {
+            let [a, b, c, d] = [0, 1, 2, 3].map(|inner| self.late(vertex, LIGHT, inner));
+            return LightRandom { choice: [c, d], place: [a, b] };
+        }
+        let point = self.sobol.point(self.sample, 1 + GROUPS * vertex + LIGHT);
+        let choice = if choose { [point.get(2), point.get(3)] } else { [0.0; 2] };
+        LightRandom { choice, place: point.pair() }
     }
 
     /// The direction of scattering at vertex `vertex`.

@@ -105,7 +105,7 @@ pub struct Progress {
 /// let camera = Camera::look_at(glam::Vec3::Z, glam::Vec3::ZERO, glam::Vec3::Y, 0.8, 1.0, 0.1, 10.0);
 /// let options = RenderOptions { width: 8, height: 8, spp: 4, ..RenderOptions::default() };
 /// let mut renderer = Renderer::new(&world, &View::pinhole(&camera), options)?;
-/// while !renderer.pass(|| false).done {}
+/// renderer.finish();
 /// assert!((renderer.picture().pixel(3, 3)[0] - 0.5).abs() < 1e-6);
 /// # Ok::<(), photofit_pathtrace::PathtraceError>(())
 /// ```
@@ -195,6 +195,14 @@ impl<'a> Renderer<'a> {
         self.pass_by(kernel, stop)
     }
 
+    /// Makes all passes that are left: the same picture, sooner where nobody looks at it in between.
+    pub fn finish(&mut self) {
+        if self.options.noise.is_none() {
+            self.pass_to(self.options.spp, self.kernel(), || false);
+        }
+        while !self.pass(|| false).done {}
+    }
+
     /// As [`Self::pass`], with directions of `sampler` at surfaces, whatever integrator the options name. Passes of any
     /// samplers may follow each other: the estimate stays unbiased as long as a sampler knows nothing of the samples of
     /// this film that are still to come.
@@ -225,7 +233,17 @@ impl<'a> Renderer<'a> {
         kernel: impl Fn(&World, &WorldRay, &PathRandom, &PathOptions) -> PathSample + Sync,
         stop: impl Fn() -> bool + Sync,
     ) -> Progress {
-        let target = self.target();
+        self.pass_to(self.target(), kernel, stop);
+        self.progress()
+    }
+
+    /// Adds samples to all tiles that have fewer than `target`.
+    fn pass_to(
+        &mut self,
+        target: u32,
+        kernel: impl Fn(&World, &WorldRay, &PathRandom, &PathOptions) -> PathSample + Sync,
+        stop: impl Fn() -> bool + Sync,
+    ) {
         let observer = self.observer();
         let recorder = self.film.recorder(&observer);
         let mut tiles = std::mem::take(&mut self.film.tiles);
@@ -237,7 +255,6 @@ impl<'a> Renderer<'a> {
         });
         self.film.tiles = tiles;
         self.retire();
-        self.progress()
     }
 
     /// Walks the path of one sample of a pixel with directions of `sampler` and reports it to `sink`: the random numbers

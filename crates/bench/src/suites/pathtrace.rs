@@ -126,7 +126,7 @@ fn shot(world: &World, integrator: Integrator, further: Features, spp: u32, seed
         ..RenderOptions::default()
     };
     let mut renderer = Renderer::new(world, &View::pinhole(&camera), options)?;
-    while !renderer.pass(|| false).done {}
+    renderer.finish();
     Ok(renderer.picture())
 }
 

@@ -1,24 +1,25 @@
 //! Sums of gradients that do not depend on the number of threads.
 //!
-//! Every task sums the small parameters densely and queues what falls on large images; its queue is sorted and merged
-//! by cell when it ends, and in between when it is long. Tasks are reduced in their order, bands of cells in parallel.
+//! Every task sums the small parameters densely, and large images in a table of the cells that it touches, in the order
+//! in which gradients arrive. Tasks are reduced in their order, bands of cells in parallel.
 
-use super::layout::NONE;
+use super::layout::{NONE, Range};
 use photofit_scalar::Vec3f;
 use rayon::prelude::*;
 
 /// Cells that one thread reduces at a time.
 const BAND: usize = 4096;
-/// Entries of a queue that are merged before it ends.
-const LONG: usize = 1 << 20;
+/// Slots of a table at first: a power of two.
+const SLOTS: usize = 1 << 10;
 
 /// The gradients of one task.
 #[derive(Debug)]
 pub(super) struct Accumulator {
     dense: Vec<[f64; 3]>,
+    /// The cells of large images that were touched, each once: by their first touch, in the end by number.
     sparse: Vec<(u32, [f64; 3])>,
-    /// Length of the queue at which it is merged.
-    long: usize,
+    /// A hash table of them by linear probing, at most half full: cell and place in `sparse`.
+    slots: Vec<(u32, u32)>,
     /// Largest remainder of light at the end of a path, relative to the light of the path.
     pub(super) residual: f64,
     /// Contributions that were left out because they were not finite.
@@ -27,7 +28,13 @@ pub(super) struct Accumulator {
 
 impl Accumulator {
     pub(super) fn new(dense: usize) -> Self {
-        Self { dense: vec![[0.0; 3]; dense], sparse: Vec::new(), long: LONG, residual: 0.0, not_finite: 0 }
+        Self {
+            dense: vec![[0.0; 3]; dense],
+            sparse: Vec::new(),
+            slots: Vec::new(),
+            residual: 0.0,
+            not_finite: 0,
+        }
     }
 
     /// Adds to a cell, if it is one.
@@ -41,57 +48,126 @@ impl Accumulator {
             return;
         }
         let g = g.to_array().map(f64::from);
-        match self.dense.get_mut(cell as usize) {
-            Some(sum) => (0..3).for_each(|c| sum[c] += g[c]),
-            None => {
-                self.sparse.push((cell, g));
-                if self.sparse.len() >= self.long {
-                    self.merge_queue();
-                    self.long = LONG.max(2 * self.sparse.len());
-                }
-            }
+        let sum = match self.dense.get_mut(cell as usize) {
+            Some(sum) => sum,
+            None => self.touch(cell),
+        };
+        (0..3).for_each(|c| sum[c] += g[c]);
+    }
+
+    /// The sum of a cell of a large image.
+    #[inline]
+    fn touch(&mut self, cell: u32) -> &mut [f64; 3] {
+        if 2 * self.sparse.len() >= self.slots.len() {
+            self.grow();
+        }
+        let slot = free_or_own(&self.slots, cell);
+        let (owner, place) = self.slots[slot];
+        if owner == cell {
+            return &mut self.sparse[place as usize].1;
+        }
+        let place = self.sparse.len();
+        self.slots[slot] = (cell, place as u32);
+        self.sparse.push((cell, [0.0; 3]));
+        &mut self.sparse[place].1
+    }
+
+    #[cold]
+    fn grow(&mut self) {
+        self.slots = vec![(NONE, 0); SLOTS.max(2 * self.slots.len())];
+        for (place, (cell, _)) in self.sparse.iter().enumerate() {
+            let slot = free_or_own(&self.slots, *cell);
+            self.slots[slot] = (*cell, place as u32);
         }
     }
 
-    /// One entry per cell, in the order of the cells.
-    pub(super) fn merge(&mut self) {
-        self.merge_queue();
+    /// Ends the task: cells in their order, without the table.
+    pub(super) fn finish(&mut self) {
+        self.slots = Vec::new();
+        self.sparse.sort_unstable_by_key(|e| e.0);
         self.sparse.shrink_to_fit();
     }
 
-    #[inline(never)]
-    fn merge_queue(&mut self) {
-        self.sparse.sort_by_key(|e| e.0);
-        self.sparse.dedup_by(|next, sum| {
-            let same = next.0 == sum.0;
-            if same {
-                (0..3).for_each(|c| sum.1[c] += next.1[c]);
-            }
-            same
-        });
+    /// Adds finished tasks in order to the sums of each parameter.
+    pub(super) fn reduce(tasks: &[Self], ranges: &[Range], totals: &mut [Vec<[f64; 3]>]) {
+        for (range, total) in ranges.iter().zip(totals) {
+            total.par_chunks_mut(BAND).enumerate().for_each(|(band, cells)| {
+                tasks.iter().for_each(|task| task.add_to(range.start + band * BAND, cells));
+            });
+        }
     }
 
-    /// Adds merged tasks in order.
-    pub(super) fn reduce(tasks: &[Self], total: &mut [[f64; 3]]) {
-        let Some(first) = tasks.first() else { return };
-        let (dense, large) = total.split_at_mut(first.dense.len());
-        for task in tasks {
-            for (sum, g) in dense.iter_mut().zip(&task.dense) {
-                (0..3).for_each(|c| sum[c] += g[c]);
+    /// Adds to the sums of cells from `from` on, which are all dense or none of them is.
+    fn add_to(&self, from: usize, cells: &mut [[f64; 3]]) {
+        let add = |sum: &mut [f64; 3], g: &[f64; 3]| (0..3).for_each(|c| sum[c] += g[c]);
+        if let Some(dense) = self.dense.get(from..from + cells.len()) {
+            return cells.iter_mut().zip(dense).for_each(|(sum, g)| add(sum, g));
+        }
+        let begin = self.sparse.partition_point(|e| (e.0 as usize) < from);
+        for (cell, g) in &self.sparse[begin..] {
+            match cells.get_mut(*cell as usize - from) {
+                Some(sum) => add(sum, g),
+                None => return,
             }
         }
-        let offset = dense.len();
-        large.par_chunks_mut(BAND).enumerate().for_each(|(band, cells)| {
-            let from = offset + band * BAND;
-            let end = from + cells.len();
-            for task in tasks {
-                let begin = task.sparse.partition_point(|e| (e.0 as usize) < from);
-                let inside = |e: &&(u32, [f64; 3])| (e.0 as usize) < end;
-                for (cell, g) in task.sparse[begin..].iter().take_while(inside) {
-                    let sum = &mut cells[*cell as usize - from];
-                    (0..3).for_each(|c| sum[c] += g[c]);
-                }
-            }
-        });
+    }
+}
+
+/// The slot of a cell, or the one where it belongs; there are free ones, and their number is a power of two.
+#[inline]
+fn free_or_own(slots: &[(u32, u32)], cell: u32) -> usize {
+    let mask = slots.len() - 1;
+    // Fibonacci hashing: the upper bits of the product are mixed best.
+    let mut slot = ((u64::from(cell.wrapping_mul(0x9e37_79b9)) * slots.len() as u64) >> 32) as usize;
+    while slots[slot].0 != NONE && slots[slot].0 != cell {
+        slot = (slot + 1) & mask;
+    }
+    slot
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use photofit_sampling::Rng;
+    use std::collections::BTreeMap;
+
+    const DENSE: usize = 7;
+
+    /// Gradients of a task, some on dense cells, few or many on others.
+    fn gradients(seed: u64, count: usize, cells: u32) -> Vec<(u32, Vec3f)> {
+        let mut rng = Rng::new(seed, 0);
+        let mut number = || rng.uniform(-1.0, 1.0);
+        let cell = |u: f32| ((0.5 + 0.5 * u) * cells as f32) as u32;
+        (0..count).map(|_| (cell(number()), Vec3f { x: number(), y: number(), z: number() })).collect()
+    }
+
+    #[test]
+    fn sums_are_those_of_the_order_of_arrival() {
+        for (count, cells) in [(0, 1), (5000, 40), (5000, 300), (40_000, 1 << 22)] {
+            let range = |start, cells| Range { start, cells, channels: 3 };
+            let ranges = [range(0, DENSE), range(DENSE, (1 << 22) - DENSE)];
+            let mut totals = ranges.map(|r| vec![[0.0; 3]; r.cells]);
+            let mut expected = vec![[0.0; 3]; 1 << 22];
+            let tasks: Vec<Accumulator> = (0..2)
+                .map(|task| {
+                    let mut out = Accumulator::new(DENSE);
+                    let mut sums = BTreeMap::<u32, [f64; 3]>::new();
+                    for (cell, g) in gradients(task, count, cells) {
+                        out.add(cell, g);
+                        let sum = sums.entry(cell).or_default();
+                        (0..3).for_each(|c| sum[c] += f64::from(g[c]));
+                    }
+                    for (cell, sum) in sums {
+                        (0..3).for_each(|c| expected[cell as usize][c] += sum[c]);
+                    }
+                    out.finish();
+                    out
+                })
+                .collect();
+            Accumulator::reduce(&tasks, &ranges, &mut totals);
+            let total = totals.concat();
+            assert!(total == expected, "{count} gradients on {cells} cells");
+            assert_eq!(total.iter().any(|t| *t != [0.0; 3]), count > 0);
+        }
     }
 }

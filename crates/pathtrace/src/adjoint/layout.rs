@@ -1,7 +1,7 @@
 //! Where the gradient of each parameter is accumulated.
 //!
 //! A cell holds up to three channels. Parameters of few cells come first: they are summed densely by every task; the
-//! cells of large images are queued sparsely.
+//! cells of large images are summed in tables of those that are touched.
 
 use super::parameter::{MaterialValue, Parameter, VALUES, library_material, maps_of, not_differentiable};
 use crate::PathtraceError;
@@ -70,7 +70,6 @@ pub(super) struct Layout {
     pub(super) media: bool,
     /// Cells that are summed densely.
     pub(super) dense: usize,
-    pub(super) total: usize,
     /// Absorption is asked for.
     pub(super) absorption: bool,
 }
@@ -115,7 +114,6 @@ impl Layout {
             bounded: vec![MediumCells::NONE; world.media.bounded.len()],
             media: false,
             dense,
-            total: start,
             absorption: false,
         };
         for (i, p) in parameters.iter().enumerate() {

@@ -2,8 +2,8 @@
 //!
 //! [`Adjoint::render`] makes a picture; [`Adjoint::render_vjp`] takes the gradient of a loss with respect to its pixels
 //! and gives the gradient with respect to the parameters. Memory does not grow with the length of paths: a path is
-//! walked twice with the same random numbers (Vicini, Speierer and Jakob 2021, "Path Replay Backpropagation"). The walk is
-//! that of the renderer; only its sinks differ.
+//! walked twice with the same random numbers (Vicini, Speierer and Jakob 2021, "Path Replay Backpropagation"); what is
+//! short is walked once, and its second walk told from memory. The walk is that of the renderer; only its sinks differ.
 //!
 //! - Picture and gradient take different random numbers. With the same ones, the gradient of a loss that is not linear in
 //!   the picture would be biased by the covariance of the two.
@@ -16,6 +16,7 @@ mod accumulate;
 mod layout;
 mod parameter;
 mod replay;
+mod tape;
 mod values;
 mod volume;
 
@@ -38,6 +39,7 @@ use photofit_sampling::{DirectionSampler, ScatteringSampler, hash};
 use photofit_scalar::Vec3f;
 use rayon::prelude::*;
 use replay::{Replay, Total};
+use tape::{Recorder, Tape};
 use volume::MediaReplay;
 
 /// Samples of a pixel in one task, and tasks between two reductions: bounds on what waits to be summed.
@@ -114,6 +116,8 @@ pub struct Adjoint<'a> {
     kernel: ReplayKernel,
     /// There are media.
     volumes: bool,
+    /// Reports of a path that are kept for its replay ([`tape`]).
+    pub(crate) kept: usize,
 }
 
 /// The replay of one path.
@@ -138,7 +142,7 @@ impl<'a> Adjoint<'a> {
         let set = REPLAYS.iter().find(|(set, _)| Features(*set).contains(needs));
         let kernel = set.map_or(replay_scattering::<{ plan::ALL }> as ReplayKernel, |s| s.1);
         let volumes = needs.contains(Features(plan::VOLUMES));
-        Ok(Self { world, view: *view, options, layout, kernel, volumes })
+        Ok(Self { world, view: *view, options, layout, kernel, volumes, kept: tape::LENGTH })
     }
 
     /// The picture: linear colour with alpha, premultiplied.
@@ -147,7 +151,7 @@ impl<'a> Adjoint<'a> {
     /// As [`Renderer::new`].
     pub fn render(&self) -> Result<Image, PathtraceError> {
         let mut renderer = Renderer::new(self.world, &self.view, self.options.clone())?;
-        while !renderer.pass(|| false).done {}
+        renderer.finish();
         Ok(renderer.picture())
     }
 
@@ -277,19 +281,24 @@ impl<'a> Adjoint<'a> {
             Task { x: tile % columns * TILE, y: tile / columns * TILE, first }
         };
         let camera = self.view.prepare(self.world);
-        let mut total = vec![[0.0; 3]; self.layout.total];
+        let ranges = &self.layout.ranges;
+        let mut totals: Vec<Vec<[f64; 3]>> = ranges.iter().map(|r| vec![[0.0; 3]; r.cells]).collect();
         let (mut residual, mut not_finite) = (0.0_f64, 0);
         for start in (0..count).step_by(TASKS) {
             let run = |i: u64| {
                 let task = task(i);
                 let mut out = Accumulator::new(self.layout.dense);
                 let last = task.first.saturating_add(SAMPLES).min(spp);
+                // Flights through media that have parameters are not kept.
+                let kept = if self.layout.media { 0 } else { self.kept };
                 let mut replay = Replay {
                     world: self.world,
                     layout: &self.layout,
                     out: &mut out,
                     loss: Vec3f::zero(),
                     rest: [0.0; 3],
+                    tape: Tape::new(kept),
+                    surfaces: Vec::new(),
                     here: None,
                     shadow: Vec::new(),
                     media: MediaReplay::default(),
@@ -309,23 +318,27 @@ impl<'a> Adjoint<'a> {
                         }
                     }
                 }
-                out.merge();
+                out.finish();
                 out
             };
             let batch = start..(start + TASKS as u64).min(count);
             let done: Vec<Accumulator> = batch.into_par_iter().map(run).collect();
-            Accumulator::reduce(&done, &mut total);
+            Accumulator::reduce(&done, ranges, &mut totals);
             for task in &done {
                 residual = larger(residual, task.residual);
                 not_finite += task.not_finite;
             }
         }
-        let parameter = |r: &layout::Range| {
-            let cells = &total[r.start..r.start + r.cells];
-            let values = cells.iter().flat_map(|c| c[..r.channels].iter().copied()).collect();
+        // Large sums are not copied.
+        let parameter = |(r, total): (&layout::Range, Vec<[f64; 3]>)| {
+            let values = match r.channels {
+                3 => total.into_flattened(),
+                channels => total.iter().flat_map(|c| c[..channels].iter().copied()).collect(),
+            };
             ParameterGradient { channels: r.channels, values }
         };
-        Gradient { parameters: self.layout.ranges.iter().map(parameter).collect(), residual, not_finite }
+        let parameters = ranges.iter().zip(totals).map(parameter).collect();
+        Gradient { parameters, residual, not_finite }
     }
 }
 
@@ -367,12 +380,26 @@ fn replay<const F: u32, D: DirectionSampler>(
     sampler: &D,
     replay: &mut Replay<'_>,
 ) {
-    let total = walk::<F, _, _>(world, ray, random, options, sampler, Total::default()).1;
-    (replay.rest, replay.here) = (total.radiance, None);
+    let mut tape = std::mem::take(&mut replay.tape);
+    tape.begin();
+    replay.surfaces.clear();
+    let total = if tape.is_whole() {
+        let (surfaces, layout) = (&mut replay.surfaces, replay.layout);
+        let sink = Recorder { world, layout, tape: &mut tape, surfaces, radiance: [0.0; 3] };
+        walk::<F, _, _>(world, ray, random, options, sampler, sink).1.radiance
+    } else {
+        walk::<F, _, _>(world, ray, random, options, sampler, Total::default()).1.radiance
+    };
+    (replay.rest, replay.here) = (total, None);
     replay.shadow.clear();
     replay.media.begin(random);
-    walk::<F, _, _>(world, ray, random, options, sampler, &mut *replay);
-    for (rest, whole) in replay.rest.iter().zip(total.radiance) {
+    if tape.is_whole() {
+        tape.play(replay);
+    } else {
+        walk::<F, _, _>(world, ray, random, options, sampler, &mut *replay);
+    }
+    replay.tape = tape;
+    for (rest, whole) in replay.rest.iter().zip(total) {
         let left = rest.abs() / whole.abs().max(f64::from(f32::MIN_POSITIVE));
         replay.out.residual = larger(replay.out.residual, left);
     }

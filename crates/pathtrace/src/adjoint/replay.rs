@@ -1,11 +1,13 @@
-//! The sinks of path replay (Vicini, Speierer and Jakob 2021): a first walk finds the light of the path, a second walk
-//! of the same path knows at each vertex how much of it is still to come.
+//! The sinks of path replay (Vicini, Speierer and Jakob 2021): a first walk finds the light of the path; then [`Replay`]
+//! knows at each vertex how much of it is still to come. It is told the path by a second walk, or by what the first one
+//! kept of it ([`tape`](super::tape)).
 //!
 //! Densities, weights of multiple importance sampling and roulette are held: derivatives of the estimator's values alone.
 
 use super::accumulate::Accumulator;
 use super::layout::{Layout, NONE};
 use super::parameter::MaterialValue;
+use super::tape::Tape;
 use super::volume::MediaReplay;
 use crate::integrator::{Contribution, Found, MediaFlight, PathVertex, ShadowFlight, Sink, SurfaceVisit};
 use crate::light::LightOrigin;
@@ -32,13 +34,14 @@ impl Sink for Total {
 }
 
 #[inline(always)]
-fn add(sum: &mut [f64; 3], value: Vec3f, sign: f64) {
+pub(super) fn add(sum: &mut [f64; 3], value: Vec3f, sign: f64) {
     for (s, v) in sum.iter_mut().zip(value.to_array()) {
         *s += sign * f64::from(v);
     }
 }
 
-/// A surface of the path.
+/// A surface of the path that has parameters.
+#[derive(Debug)]
 pub(super) struct Here {
     pub(super) at: Interaction,
     pub(super) wo: Vec3f,
@@ -50,6 +53,22 @@ pub(super) struct Here {
 }
 
 impl Here {
+    /// What is kept of a visit; `None` where no parameter changes how the surface scatters.
+    #[inline(always)]
+    pub(super) fn new(world: &World, layout: &Layout, visit: &SurfaceVisit<'_>) -> Option<Self> {
+        let material = world.placed[visit.interaction.instance as usize].material;
+        let m = visit.material;
+        layout.materials[material as usize].scatters.then(|| Self {
+            at: *visit.interaction,
+            wo: visit.wo,
+            material,
+            bsdf: *m.bsdf,
+            second: m.second.copied(),
+            bent: m.bent,
+            frame: [m.s, m.t, m.n],
+        })
+    }
+
     /// The material there.
     pub(super) fn surface(&self) -> SurfaceMaterial<'_> {
         let [s, t, n] = self.frame;
@@ -67,7 +86,11 @@ pub(super) struct Replay<'a> {
     pub(super) loss: Vec3f,
     /// Light that the path has still to find.
     pub(super) rest: [f64; 3],
-    pub(super) here: Option<Here>,
+    /// What the first walk keeps of the path.
+    pub(super) tape: Tape,
+    /// The surfaces of the path that are kept, and the present one among them, if it has parameters.
+    pub(super) surfaces: Vec<Here>,
+    pub(super) here: Option<usize>,
     /// Lengths of the present shadow ray in absorbing solids.
     pub(super) shadow: Vec<(u32, f32)>,
     /// What is kept for derivatives of media.
@@ -91,21 +114,9 @@ impl Sink for Replay<'_> {
     }
 
     fn surface(&mut self, visit: &SurfaceVisit<'_>) {
-        let material = self.world.placed[visit.interaction.instance as usize].material;
-        if !self.layout.materials[material as usize].scatters {
-            self.here = None;
-            return;
-        }
-        let m = visit.material;
-        self.here = Some(Here {
-            at: *visit.interaction,
-            wo: visit.wo,
-            material,
-            bsdf: *m.bsdf,
-            second: m.second.copied(),
-            bent: m.bent,
-            frame: [m.s, m.t, m.n],
-        });
+        self.surfaces.clear();
+        self.surfaces.extend(Here::new(self.world, self.layout, visit));
+        self.here = (!self.surfaces.is_empty()).then_some(0);
     }
 
     fn absorbed(&mut self, material: u32, length: f32) {
@@ -166,12 +177,11 @@ impl Sink for Replay<'_> {
 impl Replay<'_> {
     /// Adjoint of the value of the present surface towards `wi`, cosine included, for its gradient `g`.
     fn scattered(&mut self, wi: Vec3f, g: Vec3f) {
-        if let Some(here) = self.here.take() {
-            if g != Vec3f::zero() {
-                self.scattered_at(&here, wi, g);
-            }
-            self.here = Some(here);
-        }
+        let Some(place) = self.here.filter(|_| g != Vec3f::zero()) else { return };
+        // Not copied: it is large.
+        let surfaces = std::mem::take(&mut self.surfaces);
+        self.scattered_at(&surfaces[place], wi, g);
+        self.surfaces = surfaces;
     }
 
     fn scattered_at(&mut self, here: &Here, wi: Vec3f, g: Vec3f) {
@@ -259,7 +269,7 @@ impl Replay<'_> {
                         d = SampleGradient { base_color: g, ..SampleGradient::default() };
                     }
                     let white = Vec4f::splat(1.0);
-                    let color = self.here.as_ref().filter(|h| h.at.instance == instance);
+                    let color = self.here.map(|h| &self.surfaces[h]).filter(|h| h.at.instance == instance);
                     let color = color.map_or(white, |h| h.at.color);
                     let mut sink = Texels { out: self.out, layout: self.layout, material };
                     library.lookup_vjp(index, uv, color, &d, &mut sink);

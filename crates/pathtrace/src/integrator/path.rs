@@ -7,7 +7,7 @@ use super::medium::Event;
 use super::sink::{AovSink, Contribution, Found, PathVertex, PictureSink, Sink, SurfaceVisit};
 use super::visibility::{Around, Passed, closest, transmittance};
 use super::{PathOptions, PathSample, Strategy, brightest, exp};
-use crate::light::{Facing, LightOrigin, LightRandom, LightSample, Receiver};
+use crate::light::{Facing, LightOrigin, LightSample, Receiver};
 use crate::plan;
 use crate::random::PathRandom;
 use crate::world::{Interaction, SurfaceMaterial, SurfaceScattering, World, WorldHit, WorldRay};
@@ -267,8 +267,9 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
             return;
         }
         let d = self.ray.direction;
-        let radiance = self.world.lights.environment_radiance(d);
-        let weight = self.weight(|lights| lights.environment_pdf(d));
+        let weighted = !self.last.only && self.options.strategy == Strategy::Mis;
+        let (radiance, pdf) = self.world.lights.environment_from(d, weighted);
+        let weight = self.weight(|_| pdf);
         self.found(Found::Environment, LightOrigin::Environment, radiance, weight);
     }
 
@@ -456,9 +457,8 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
             return None;
         }
         let lights = &self.world.lights;
-        let choice = if lights.is_single() { [0.0; 2] } else { self.random.light_choice(self.depth) };
-        let place = self.random.light(self.depth);
-        let sample = lights.sample(self.world, from, LightRandom { choice, place })?;
+        let random = self.random.light(self.depth, !lights.is_single());
+        let sample = lights.sample(self.world, from, random)?;
         (sample.delta || self.options.strategy != Strategy::Bsdf).then_some(sample)
     }
 

@@ -18,7 +18,7 @@ pub(crate) fn trace(world: &World, ray: &WorldRay, random: &PathRandom, options:
 
 fn radiance(world: &World, ray: &WorldRay, random: &PathRandom, max_depth: u32, depth: u32) -> Vec3f {
     let Some(hit) = world.closest_where::<true>(ray, |_| true) else {
-        return world.lights.environment_radiance(ray.direction);
+        return world.lights.environment_from(ray.direction, false).0;
     };
     let at = world.interaction::<true>(ray, &hit);
     let wo = -ray.direction;

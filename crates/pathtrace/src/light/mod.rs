@@ -301,16 +301,13 @@ impl Lights {
         self.kinds[AREA] * table.pmf(index) * self.emitters.list[index].pdf(world, from, at)
     }
 
-    /// Density with which [`Self::sample`] finds a direction of the environment.
+    /// Radiance of the environment from a direction and, if it is `wanted`, the density with which [`Self::sample`] finds
+    /// that direction (else 0).
     #[inline(never)]
-    pub(crate) fn environment_pdf(&self, wi: Vec3f) -> f32 {
-        self.environment.as_ref().map_or(0.0, |e| self.kinds[ENVIRONMENT] * e.pdf(wi))
-    }
-
-    /// Radiance of the environment from a direction.
-    #[inline(never)]
-    pub(crate) fn environment_radiance(&self, wi: Vec3f) -> Vec3f {
-        self.environment.as_ref().map_or(Vec3f::zero(), |e| e.radiance(wi))
+    pub(crate) fn environment_from(&self, wi: Vec3f, wanted: bool) -> (Vec3f, f32) {
+        let Some(e) = &self.environment else { return (Vec3f::zero(), 0.0) };
+        let (radiance, pdf) = e.radiance_and_pdf(wi, wanted);
+        (radiance, self.kinds[ENVIRONMENT] * pdf)
     }
 }
 

@@ -2,6 +2,7 @@
 
 mod samplers;
 mod sharing;
+mod tapes;
 
 use super::scenes::{cornell, cornell_view, diffuse, looking, place, quad, square};
 use crate::{

@@ -98,7 +98,7 @@ fn check_environment(name: &str, world: &World, rotation: Quat, image: &Image) {
         let mut draw = || rng.next_f32();
         let u = LightRandom { choice: [draw(), draw()], place: [draw(), draw()] };
         let Some(sample) = world.lights.sample(world, &Receiver::point(Vec3f::zero()), u) else { continue };
-        let density = world.lights.environment_pdf(sample.wi);
+        let density = world.lights.environment_from(sample.wi, true).1;
         differ += u32::from((sample.pdf - density).abs() > 1e-2 * sample.pdf);
         let d = rotation.inverse() * glam::Vec3::from_array(sample.wi.to_array());
         let x = (0.5 + f64::from(d.z).atan2(f64::from(d.x)) / (2.0 * PI)) * w as f64;
@@ -112,7 +112,7 @@ fn check_environment(name: &str, world: &World, rotation: Quat, image: &Image) {
             (((i / w) as f64 + 0.5) / h as f64 * PI, (((i % w) as f64 + 0.5) / w as f64 - 0.5) * 2.0 * PI);
         let d = DVec3::new(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin());
         let d = rotation * d.as_vec3();
-        let pdf = f64::from(world.lights.environment_pdf(vec3(d.x, d.y, d.z)));
+        let pdf = f64::from(world.lights.environment_from(vec3(d.x, d.y, d.z), true).1);
         pdf * theta.sin() * (PI / h as f64) * (2.0 * PI / w as f64)
     };
     let probabilities: Vec<f64> = (0..w * h).map(cell).collect();
@@ -144,7 +144,7 @@ fn environments_are_sampled_by_their_density() {
     for compensate in [true, false] {
         let map = EnvironmentMap { compensate, ..EnvironmentMap::constant(Vec3f::splat(1.0)) };
         let world = World::new(Parts { environment: Some(map), ..Parts::default() }).unwrap();
-        let pdf = f64::from(world.lights.environment_pdf(vec3(0.6, 0.0, 0.8)));
+        let pdf = f64::from(world.lights.environment_from(vec3(0.6, 0.0, 0.8), true).1);
         let expected = if compensate { 0.0 } else { 1.0 / (2.0 * PI * PI) };
         assert!((pdf - expected).abs() < 1e-6, "{pdf}");
     }
@@ -156,14 +156,14 @@ fn interpolation_joins_at_the_seam() {
     let map = EnvironmentMap::new(image);
     let world = World::new(Parts { environment: Some(map), ..Parts::default() }).unwrap();
     // The seam is at -x, where the map is halfway between its first and its last column.
-    let at = |z: f32| world.lights.environment_radiance(vec3(-1.0, 0.0, z).normalize_or_zero()).x;
+    let at = |z: f32| world.lights.environment_from(vec3(-1.0, 0.0, z).normalize_or_zero(), false).0.x;
     assert!(
         (at(0.0) - 2.0).abs() < 1e-3 && (at(1e-4) - at(-1e-4)).abs() < 1e-2,
         "{} {}",
         at(1e-4),
         at(-1e-4)
     );
-    assert!((world.lights.environment_radiance(vec3(0.0, 1.0, 0.0)).x - 2.0).abs() < 1.01);
+    assert!((world.lights.environment_from(vec3(0.0, 1.0, 0.0), false).0.x - 2.0).abs() < 1.01);
 }
 
 /// Density of finding an emitting surface in a direction.

@@ -44,6 +44,24 @@ fn threads_and_interruptions_change_no_bit() {
 }
 
 #[test]
+fn one_long_pass_is_many_short_ones() {
+    let world = World::new(cornell()).unwrap();
+    for (noise, spp) in [(None, 37), (Some(0.3), 64)] {
+        let options = RenderOptions { noise, aovs: vec![Aov::Albedo], ..square(40, spp) };
+        let new = || Renderer::new(&world, &cornell_view(), options.clone()).unwrap();
+        let (mut short, mut long) = (new(), new());
+        while !short.pass(|| false).done {}
+        long.finish();
+        assert!(long.progress().done && long.save("cornell") == short.save("cornell"), "{noise:?}");
+        // Those that have begun are finished alike.
+        let mut begun = new();
+        begun.pass(|| false);
+        begun.finish();
+        assert!(begun.save("cornell") == short.save("cornell"), "{noise:?}, begun");
+    }
+}
+
+#[test]
 fn states_are_refused_where_they_do_not_belong() {
     let world = World::new(cornell()).unwrap();
     let make = |options: RenderOptions| Renderer::new(&world, &cornell_view(), options).unwrap();

@@ -150,7 +150,7 @@ impl SurfaceMaterial<'_> {
     /// Whether a number has to choose among lobes.
     #[inline(always)]
     pub(crate) fn has_lobes(&self) -> bool {
-        self.second.is_some() || !matches!(self.bsdf, Bsdf::Diffuse(_))
+        self.second.is_some() || self.bsdf.has_lobes()
     }
 
     /// Part of uniform light that is reflected, approximately.

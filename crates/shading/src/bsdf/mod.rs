@@ -220,6 +220,12 @@ impl<T: Real> Bsdf<T> {
         each!(self, b => Scatter::<T>::transmits(b))
     }
 
+    /// Whether [`Self::sample`] uses its number `lobe`.
+    #[inline]
+    pub fn has_lobes(&self) -> bool {
+        !matches!(self, Self::Null(_) | Self::Diffuse(_) | Self::Conductor(_) | Self::RoughConductor(_))
+    }
+
     /// Part of uniform incident light that is scattered towards `wo`, approximately: for albedo images and
     /// demodulation.
     #[inline]

@@ -219,7 +219,7 @@ fn set(world: &mut World, unknown: &Unknown, values: &[f32]) -> Result<()> {
 
 fn picture(world: &World, view: &View, options: &RenderOptions) -> Result<Image> {
     let mut renderer = Renderer::new(world, view, options.clone())?;
-    while !renderer.pass(|| false).done {}
+    renderer.finish();
     Ok(renderer.picture())
 }
 

@@ -24,6 +24,21 @@ fn up(d: Vec3<f64>) -> Vec3<f64> {
 }
 
 #[test]
+fn only_what_has_lobes_depends_on_their_number() {
+    let mut random = Uniform::new(46);
+    let mut chose = 0;
+    for case in all::<f64>() {
+        let differs = (0..64).any(|_| {
+            let (wo, u) = (up(direction(&mut random)), [random.range(0.0, 1.0), random.range(0.0, 1.0)]);
+            case.bsdf.sample(wo, 0.01, u) != case.bsdf.sample(wo, 0.99, u)
+        });
+        assert!(!differs || case.bsdf.has_lobes(), "{}", case.name);
+        chose += usize::from(differs);
+    }
+    assert!(chose > 20, "{chose} choose among lobes");
+}
+
+#[test]
 fn fresnel_has_its_known_values() {
     let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-9, "{a} {b}");
     near(fresnel_dielectric(1.0, 1.5), 0.04);

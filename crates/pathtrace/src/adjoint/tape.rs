@@ -1,0 +1,127 @@
+//! What a walk keeps of a short path, so that its replay needs no second walk.
+//!
+//! A tape has a fixed size: longer paths are walked again, and memory does not grow with the length of paths.
+
+use super::layout::Layout;
+use super::replay::{Here, Replay, add};
+use crate::integrator::{Contribution, PathVertex, Sink, SurfaceVisit};
+use crate::world::World;
+
+/// Reports that are kept of one path: four for every scattering event.
+pub(super) const LENGTH: usize = 96;
+
+/// A report to a sink, as the replay needs it.
+#[derive(Debug)]
+enum Report {
+    /// A surface: its place among those that are kept, if it has parameters.
+    Surface(Option<usize>),
+    Absorbed(u32, f32),
+    ShadowAbsorbed(u32, f32),
+    Contribution(Contribution),
+    Vertex(PathVertex),
+    NotFinite,
+}
+
+/// The reports of one path, in order.
+#[derive(Debug, Default)]
+pub(super) struct Tape {
+    reports: Vec<Report>,
+    /// Most reports that are kept.
+    length: usize,
+    /// The path had more of them.
+    cut: bool,
+}
+
+impl Tape {
+    pub(super) fn new(length: usize) -> Self {
+        Self { reports: Vec::with_capacity(length), length, cut: false }
+    }
+
+    /// Begins a path.
+    #[inline]
+    pub(super) fn begin(&mut self) {
+        self.reports.clear();
+        self.cut = self.length == 0;
+    }
+
+    /// Whether the whole path is there.
+    pub(super) fn is_whole(&self) -> bool {
+        !self.cut
+    }
+
+    #[inline(always)]
+    fn push(&mut self, report: Report) {
+        if self.reports.len() < self.length {
+            self.reports.push(report);
+        } else {
+            self.cut = true;
+        }
+    }
+
+    /// Tells `replay` the path, as a walk would, but for media.
+    pub(super) fn play(&self, replay: &mut Replay<'_>) {
+        for report in &self.reports {
+            match report {
+                Report::Surface(place) => replay.here = *place,
+                Report::Absorbed(material, length) => replay.absorbed(*material, *length),
+                Report::ShadowAbsorbed(material, length) => replay.shadow_absorbed(*material, *length),
+                Report::Contribution(light) => replay.contribution(light),
+                Report::Vertex(vertex) => replay.vertex(vertex),
+                Report::NotFinite => replay.not_finite(),
+            }
+        }
+    }
+}
+
+/// The first walk of a path: sums up its light and keeps its reports.
+#[derive(Debug)]
+pub(super) struct Recorder<'a> {
+    pub(super) world: &'a World,
+    pub(super) layout: &'a Layout,
+    pub(super) tape: &'a mut Tape,
+    /// Surfaces that have parameters.
+    pub(super) surfaces: &'a mut Vec<Here>,
+    /// The light of the path.
+    pub(super) radiance: [f64; 3],
+}
+
+impl Sink for Recorder<'_> {
+    const SURFACES: bool = true;
+
+    #[inline(always)]
+    fn surface(&mut self, visit: &SurfaceVisit<'_>) {
+        if self.tape.cut {
+            return;
+        }
+        let here = Here::new(self.world, self.layout, visit);
+        let place = here.is_some().then_some(self.surfaces.len());
+        self.surfaces.extend(here);
+        self.tape.push(Report::Surface(place));
+    }
+
+    #[inline(always)]
+    fn absorbed(&mut self, material: u32, length: f32) {
+        self.tape.push(Report::Absorbed(material, length));
+    }
+
+    #[inline(always)]
+    fn shadow_absorbed(&mut self, material: u32, length: f32) {
+        self.tape.push(Report::ShadowAbsorbed(material, length));
+    }
+
+    #[inline(always)]
+    fn contribution(&mut self, light: &Contribution) {
+        add(&mut self.radiance, light.value, 1.0);
+        self.tape.push(Report::Contribution(*light));
+    }
+
+    #[inline(always)]
+    fn vertex(&mut self, vertex: &PathVertex) {
+        self.tape.push(Report::Vertex(*vertex));
+    }
+
+    #[inline(always)]
+    fn not_finite(&mut self) {
+        self.tape.push(Report::NotFinite);
+    }
+}

@@ -1,0 +1,55 @@
+//! What is kept of a path tells its replay the same as a second walk.
+
+use super::*;
+
+/// A clear body around a ball, under a sky and a lamp.
+fn clear_body() -> World {
+    let mut parts = Parts::default();
+    let clear = Material { absorption: vec3(0.3, 0.6, 0.9), solid: true, ..Material::new(Bsdf::Null(Null)) };
+    parts.add(Shape::Sphere { center: Vec3f::zero(), radius: 1.0 }, clear);
+    let ball = Shape::Sphere { center: Vec3f::zero(), radius: 0.5 };
+    parts.add(ball, Material::new(diffuse(0.8, 0.7, 0.6)));
+    let direction = vec3(0.3, 0.5, 1.0);
+    parts.lights.push(LightSource::Directional { direction, irradiance: Vec3f::splat(2.0) });
+    parts.environment = Some(EnvironmentMap::constant(Vec3f::splat(0.5)));
+    World::new(parts).unwrap()
+}
+
+#[test]
+fn gradients_have_the_same_bits_whatever_is_kept_of_paths() {
+    let light = |light| Parameter::Light { light };
+    let room = room();
+    let is_metal = |m: &Material| matches!(m.scattering, Scattering::Uniform(Bsdf::RoughConductor(_)));
+    let ball = room.given.iter().position(is_metal).unwrap();
+    let of_room = vec![
+        of(FLOOR, MaterialValue::Reflectance),
+        of(LAMP, MaterialValue::Emission),
+        of(ball, MaterialValue::Alpha),
+        light(0),
+        light(1),
+        light(2),
+        Parameter::Environment,
+    ];
+    let of_maps = (0..4).map(|texture| Parameter::Texels { texture }).collect();
+    let of_body = vec![of(0, MaterialValue::Absorption), of(1, MaterialValue::Reflectance)];
+    let near = looking([0.0, 0.8, 3.2], [0.0, -0.1, 0.0], 0.7);
+    for (name, world, view, parameters) in [
+        ("room", room, cornell_view(), of_room),
+        ("maps", mapped(false), near, of_maps),
+        ("body", clear_body(), near, of_body),
+    ] {
+        let mut adjoint = Adjoint::new(&world, &view, square(SIDE, 1), &parameters).unwrap();
+        let mut run = |kept: Option<usize>| {
+            adjoint.kept = kept.unwrap_or(adjoint.kept);
+            adjoint.render_vjp(&weights(), GradientSamples { spp: 8, seed: None }).unwrap()
+        };
+        let found = run(None);
+        assert!(found.residual < 1e-6, "{name}: {}", found.residual);
+        for (i, p) in found.parameters.iter().enumerate() {
+            assert!(p.values.iter().any(|v| *v != 0.0), "{name}: parameter {i} has no gradient");
+        }
+        for kept in [0, 1, 7] {
+            assert!(run(Some(kept)) == found, "{name}, {kept} reports of a path");
+        }
+    }
+}
