@@ -11,7 +11,7 @@ use crate::status::Ending;
 use crate::{device, interrupt, light, lod, memory, threads};
 use anyhow::{Error, Result, anyhow};
 use photofit_fit::bake::{Occlusion, OcclusionRays};
-use photofit_fit::engine::trainer::{HistoryPoint, relative_error};
+use photofit_fit::engine::trainer::HistoryPoint;
 use photofit_fit::footprint::Task;
 use photofit_fit::report::{PAGE as REPORT_PAGE, ReportInfo, Verdict, write_report};
 use photofit_fit::simplify::{
@@ -142,7 +142,7 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
 
 /// The fit of the maps through the path tracer.
 fn traced_maps(course: &MapsCourse) -> Value {
-    let point = |h: &HistoryPoint| json!({ "step": h.step, "seconds": h.seconds, "loss": h.loss, "relative_error": relative_error(h.quality) });
+    let point = |h: &HistoryPoint| json!({ "step": h.step, "seconds": h.seconds, "loss": h.loss, "held_out_psnr": h.quality });
     json!({
         "steps": course.steps,
         "stopped": course.stopped,

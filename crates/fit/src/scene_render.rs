@@ -125,6 +125,23 @@ struct Shading<'a> {
 impl Shading<'_> {
     /// Shades all layers of a tile, front to back.
     fn tile(&self, tile: &Tile<'_>, work: &mut TileWork) {
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma") {
+            #[expect(unsafe_code, reason = "calling a function compiled for AVX2 and FMA")]
+            // SAFETY: both features were just detected.
+            return unsafe { self.tile_avx2(tile, work) };
+        }
+        self.tile_any(tile, work);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,fma")]
+    fn tile_avx2(&self, tile: &Tile<'_>, work: &mut TileWork) {
+        self.tile_any(tile, work);
+    }
+
+    #[inline(always)]
+    fn tile_any(&self, tile: &Tile<'_>, work: &mut TileWork) {
         let triangles = &self.renderer.flat.mesh.triangles;
         work.rgb.fill(Vec3f::default());
         work.transmittance.fill(1.0);
@@ -159,6 +176,7 @@ impl Shading<'_> {
     }
 
     /// Radiance and alpha of one fragment.
+    #[inline(always)]
     fn pixel(&self, triangle: usize, x: usize, y: usize) -> (Vec3f, f32) {
         let (flat, library) = (self.renderer.flat, self.renderer.library);
         let mesh = &flat.mesh;

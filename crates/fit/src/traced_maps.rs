@@ -8,7 +8,7 @@ use crate::engine::Normalised;
 use crate::engine::cpu::Cpu;
 use crate::engine::export::atlas_slot;
 use crate::engine::fingerprint::Fingerprint;
-use crate::engine::loss::PictureLoss;
+use crate::engine::loss::{self, PictureLoss};
 use crate::engine::plan::{Item, PlanRows, rows};
 use crate::engine::reference::{self, ENERGY, MaterialFeatures, PathTraced, SAMPLES};
 use crate::engine::traced::{ComparedPixels, Traced, TracedParameter, WHOLE};
@@ -80,7 +80,7 @@ pub struct TracedMaps {
 /// How a fit of maps through the path tracer went.
 #[derive(Clone, Debug)]
 pub struct MapsCourse {
-    /// The course of the fit; evaluations are [`Measure::Relative`].
+    /// The course of the fit; evaluations are PSNR of held-out views as a screen shows them, dB.
     pub history: Vec<HistoryPoint>,
     /// Steps made.
     pub steps: u64,
@@ -129,8 +129,7 @@ pub fn traced_maps(
         PathTraced::new(scene, n, MaterialFeatures::Core, options.seed)?.sampled(options.reference_spp);
     let views = Orbit::new(options.seed, &options.lighting, options.size);
     let sampling = Sampling::SUPERSAMPLED;
-    let held_out =
-        HeldOut::new(&target, &views, sampling, HELD_OUT, options.seed)?.measured_by(Measure::Relative);
+    let held_out = HeldOut::new(&target, &views, sampling, HELD_OUT, options.seed)?;
     if !held_out.shots().iter().any(|s| s.reference.iter().any(|p| p[3] >= WHOLE)) {
         let rule = "covers no pixel whole in the held-out views, so that nothing can be compared".into();
         return Err(FitError::Setting { field: "asset", rule });
@@ -139,13 +138,15 @@ pub fn traced_maps(
     let (steps, fade, reinitialised) = (options.steps, None, None);
     let phase = Phase { name: "maps", first: 0, steps, shrink: 1, rates, fade, reinitialised };
     let phases = vec![phase];
-    let plan = PlanRows::new(items(&maps, options, held_out.noise), &phases);
+    // As a screen shows them: relative to the light around, a few highlights beside their place outweigh all that is seen.
+    let loss = loss::choose(&held_out);
+    let plan = PlanRows::new(items(&maps, options, loss, held_out.noise), &phases);
     let job = Job {
         reference: &target,
         views: &views,
         held_out: &held_out,
         sampling,
-        loss: PictureLoss::RELATIVE_SQUARES,
+        loss,
         seed: options.seed,
         batch: options.batch,
         fresh: options.batch.div_ceil(2),
@@ -245,7 +246,7 @@ fn fingerprint(o: &TracedMapsOptions, light: &Scene) -> Fingerprint {
 }
 
 /// The rows of the plan.
-fn items(maps: &[Map], options: &TracedMapsOptions, noise: Option<f64>) -> Vec<Item> {
+fn items(maps: &[Map], options: &TracedMapsOptions, loss: PictureLoss, noise: Option<f64>) -> Vec<Item> {
     let of = |kind| maps.iter().filter(|m| m.kind == kind).count();
     let row = |what, kind| {
         let count = of(kind);
@@ -256,8 +257,8 @@ fn items(maps: &[Map], options: &TracedMapsOptions, noise: Option<f64>) -> Vec<I
         row("base colour gradients", MapKind::BaseColor),
         row("roughness gradients", MapKind::MetallicRoughness),
         Item::of("position gradients", false, "", "the shape stays"),
-        rows::loss(PictureLoss::RELATIVE_SQUARES, noise),
-        rows::evaluation(Measure::Relative, "light has no upper bound"),
+        rows::loss(loss, noise),
+        rows::evaluation(Measure::Psnr, "what a screen shows is compared"),
     ]
 }
 

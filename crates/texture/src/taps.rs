@@ -88,7 +88,9 @@ impl<T: Real> Taps<T> {
     #[inline(always)]
     pub fn blend<const C: usize, R: Borrow<[T; C]>>(&self, fetch: impl Fn(usize) -> R) -> [T; C] {
         let w = self.weights();
-        let q = self.index.map(|i| fetch(i as usize));
+        // Written out: `map` is a call of its own where this is not inlined whole.
+        let [a, b, c, d] = self.index;
+        let q = [fetch(a as usize), fetch(b as usize), fetch(c as usize), fetch(d as usize)];
         let mut out = [T::zero(); C];
         for c in 0..C {
             let at = |k: usize| q[k].borrow()[c] * w[k];

@@ -190,7 +190,7 @@ impl SurfaceLibrary {
     ///
     /// # Panics
     /// If there is no such material.
-    #[inline]
+    #[inline(always)]
     pub fn lookup(
         &self,
         material: usize,
