@@ -10,7 +10,7 @@ use crate::shell::run_cargo;
 const TARGET: &str = "wasm32-unknown-unknown";
 
 /// What needs neither files nor a blocking wait for a device.
-const CRATES: [&str; 11] = [
+const CRATES: [&str; 10] = [
     "photofit-scalar",
     "photofit-ktx2",
     "photofit-image",
@@ -21,7 +21,6 @@ const CRATES: [&str; 11] = [
     "photofit-shading",
     "photofit-optim",
     "photofit-denoise",
-    "photofit-raster",
 ];
 
 /// Checks the crates; says that it does not where the target is not installed.

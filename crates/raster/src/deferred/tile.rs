@@ -3,6 +3,7 @@
 
 use super::pixel::{CornerGradients, Corners, Pixel};
 use super::{Geometry, Passes, View};
+#[cfg(target_arch = "x86_64")]
 use crate::cpu::has_avx2;
 use crate::maps::CHANNELS;
 use crate::rasterize::{NONE, PixelGrid, TILE, Visibility};
