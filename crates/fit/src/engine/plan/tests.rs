@@ -167,7 +167,7 @@ fn what_is_in_the_file_is_not_denied() {
 #[test]
 fn where_occlusion_comes_from_is_told() {
     use crate::bake::{Occlusion, OcclusionRays};
-    let clay = Plan::new(&scene(Material::clay()));
+    let clay = FitPlan::new(&scene(Material::clay()));
     let rays = OcclusionRays { rays: 77, ..OcclusionRays::default() };
     for (occlusion, expected) in
         [(Occlusion::Maps, Runs::No), (Occlusion::Open, Runs::No), (Occlusion::Rays(rays), Runs::Yes)]

@@ -19,7 +19,7 @@ fn clear_body() -> World {
 fn gradients_have_the_same_bits_whatever_is_kept_of_paths() {
     let light = |light| Parameter::Light { light };
     let room = room();
-    let is_metal = |m: &Material| matches!(m.scattering, Scattering::Uniform(Bsdf::RoughConductor(_)));
+    let is_metal = |m: &Material| matches!(m.scattering, BsdfSource::Uniform(Bsdf::RoughConductor(_)));
     let ball = room.given.iter().position(is_metal).unwrap();
     let of_room = vec![
         of(FLOOR, MaterialValue::Reflectance),

@@ -1,6 +1,6 @@
 //! A texture with levels of its own: each mip level of another colour, as a reader sees them from farther and farther away.
 //!
-//! `cargo run -p photofit-ktx2 --example levels [OUT.ktx2]`
+//! `cargo run -p photofit-ktx2 --example own_levels [OUT.ktx2]`
 #![expect(clippy::print_stdout, reason = "an example reports on its stream")]
 
 use photofit_ktx2::{Level, Options, decode, encode, level_count};
