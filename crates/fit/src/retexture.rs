@@ -216,7 +216,7 @@ pub fn retexture(
         steps: trained.steps,
         stopped: trained.stopped || progress.is_cancelled(),
         left_out: lost_extensions(reference, file).into_iter().collect(),
-        not_fitted: not_fitted(reference, file),
+        not_fitted: not_fitted(reference, file, false),
         plan,
     })
 }

@@ -139,7 +139,7 @@ pub fn traced_maps(
     let phase = Phase { name: "maps", first: 0, steps, shrink: 1, rates, fade, reinitialised };
     let phases = vec![phase];
     // As a screen shows them: relative to the light around, a few highlights beside their place outweigh all that is seen.
-    let loss = loss::choose(&held_out);
+    let loss = loss::smooth(&held_out);
     let plan = PlanRows::new(items(&maps, options, loss, held_out.noise), &phases);
     let job = Job {
         reference: &target,

@@ -12,8 +12,8 @@ use photofit_geometry::{Mesh, shapes};
 use photofit_image::Image;
 use photofit_scalar::{Vec3f, vec2, vec3, vec4};
 use photofit_scene::{
-    AlphaMode, Camera, Filter, Instance, Material, Primitive, Sampler, Scene, SurfaceLibrary, TextureImage,
-    TextureSlot, Wrap,
+    AlphaMode, Camera, Extensions, Filter, Instance, Material, Primitive, Sampler, Scene, Sheen,
+    SurfaceLibrary, TextureImage, TextureSlot, Wrap,
 };
 use photofit_shading::Light;
 
@@ -306,9 +306,8 @@ fn occlusion_maps_are_carried_over() {
     assert!(seen[0] > 10 && seen[1] > 10, "{seen:?}");
 }
 
-#[test]
-fn own_textures_are_kept_where_they_look_better() {
-    // A checkerboard of one texel a field: what 16 x 16 new texels cannot show, and the asset's own uvs do.
+/// A sheet with a checkerboard of one texel a field: what 16 x 16 new texels cannot show, and the asset's own uvs do.
+fn checkered() -> Scene {
     let mut mesh = shapes::quad_grid(16, 16);
     mesh.positions.iter_mut().for_each(|p| p.z = 0.05 * (3.0 * p.x).sin());
     let checker =
@@ -328,6 +327,12 @@ fn own_textures_are_kept_where_they_look_better() {
     let material = Material { base_color_texture: Some(slot), ..paint([1.0; 3], true) };
     let mut asset = scene(vec![(mesh, material, vec![Affine3A::IDENTITY])]);
     asset.images.push(image);
+    asset
+}
+
+#[test]
+fn own_textures_are_kept_where_they_look_better() {
+    let asset = checkered();
     let options = SimplifyOptions { texture_size: 16, ..quick(Target::Triangles(100), 10) };
     let psnr = |own_textures: bool| {
         let (outcome, written) = run(&asset, &SimplifyOptions { own_textures, ..options.clone() });
@@ -339,6 +344,24 @@ fn own_textures_are_kept_where_they_look_better() {
     assert!(fitted < decimated - 3.0 && !own, "new maps lose: {fitted:.1} against {decimated:.1} dB");
     let (decimated, fitted, own) = psnr(true);
     assert!((fitted - decimated).abs() < 0.01 && own, "{fitted:.2} and {decimated:.2} dB");
+}
+
+#[test]
+fn own_materials_are_kept_with_their_sheen() {
+    let mut asset = checkered();
+    let sheen = Sheen { color: [0.5, 0.5, 0.9], roughness: 0.4, ..Sheen::default() };
+    asset.materials[0].extensions =
+        Some(Box::new(Extensions { sheen: Some(sheen), ..Extensions::default() }));
+    let options = SimplifyOptions {
+        own_textures: true,
+        texture_size: 16,
+        judge_spp: 16,
+        ..quick(Target::Triangles(100), 10)
+    };
+    let (outcome, light) = run(&asset, &options);
+    assert_eq!((outcome.written, outcome.judged), (Written::Decimated, Judged::PathTraced));
+    assert_eq!(light.materials[0].extensions, asset.materials[0].extensions);
+    assert_eq!(outcome.not_fitted, ["material extensions, as the asset has them: sheen"]);
 }
 
 #[test]

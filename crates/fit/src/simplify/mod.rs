@@ -224,7 +224,7 @@ pub(crate) fn simplify_asset(
     (outcome.written, outcome.textures) = (written, textures);
     let light = &stages[stages.len() - 1].scene;
     (outcome.left_out, outcome.not_fitted) =
-        (outcome::left_out(scene, light), outcome::not_fitted(scene, light));
+        (outcome::left_out(scene, light), outcome::not_fitted(scene, light, written == Written::Decimated));
     outcome.stopped |= progress.is_cancelled();
     if let Some(traced) = traced_maps {
         outcome.stopped |= traced.stopped;

@@ -181,10 +181,11 @@ pub(crate) fn lost_extensions(scene: &Scene, light: &Scene) -> Option<String> {
     (!lost.is_empty()).then(|| format!("material extensions: {}", lost.join(", ")))
 }
 
-/// What of an asset is in the written file without having been fitted, one line each.
-pub(crate) fn not_fitted(scene: &Scene, light: &Scene) -> Vec<String> {
+/// What of an asset is in the written file without having been fitted, one line each; `own`: with the asset's own materials.
+pub(crate) fn not_fitted(scene: &Scene, light: &Scene, own: bool) -> Vec<String> {
     let kept = beyond_rasterizer(light);
     let names: Vec<&str> = beyond_rasterizer(scene).into_iter().filter(|name| kept.contains(name)).collect();
-    let line = || format!("material extensions, their textures as mean values: {}", names.join(", "));
+    let how = if own { "as the asset has them" } else { "their textures as mean values" };
+    let line = || format!("material extensions, {how}: {}", names.join(", "));
     (!names.is_empty()).then(line).into_iter().collect()
 }

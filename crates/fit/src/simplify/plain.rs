@@ -12,6 +12,9 @@ use photofit_scene::{AlphaMode, Scene, TextureImage, TextureSlot};
 /// Textures of a fitted asset at most: base colour, roughness with metalness, normals, emission.
 const MAPS: usize = 4;
 
+/// Extensions that lie over a core which the rasterizer draws of both sides of the choice alike.
+const OVER_THE_CORE: [&str; 4] = ["specular", "clearcoat", "sheen", "anisotropy"];
+
 /// The asset with its own textures on that many triangles.
 pub(super) fn plain(scene: &Scene, n: &Normalised, triangles: usize) -> Result<Stage, FitError> {
     let mut only = Options::new(Target::Triangles(triangles));
@@ -21,9 +24,9 @@ pub(super) fn plain(scene: &Scene, n: &Normalised, triangles: usize) -> Result<S
 
 /// The same as it may be written in place of a fitted asset: in the asset's frame, with textures that together have no
 /// more texels than the maps of a fitted one; the largest are halved until they do. `None` where it has
-/// materials that the rasterizer, which the choice is made by, does not draw.
+/// materials whose core the rasterizer, which the choice is made by, does not draw.
 pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) -> Option<Scene> {
-    if !beyond_rasterizer(&stage.scene).is_empty() {
+    if beyond_rasterizer(&stage.scene).iter().any(|name| !OVER_THE_CORE.contains(name)) {
         return None;
     }
     let mut light = stage.placed(&n.light_asset);
@@ -87,7 +90,8 @@ fn slots(m: &photofit_scene::Material) -> impl Iterator<Item = (&TextureSlot, bo
     .filter_map(|(slot, srgb)| slot.as_ref().map(|s| (s, srgb)))
 }
 
-/// An image halved so many times, filtered as the materials read it.
+/// An image halved so many times, filtered as the cores of the materials read it; what extensions alone read is averaged
+/// as it is stored.
 pub(super) fn reduced(scene: &Scene, image: usize, halvings: usize) -> TextureImage {
     let readers = || scene.materials.iter().flat_map(|m| slots(m).map(move |s| (m, s)));
     let srgb = readers().any(|(_, (slot, srgb))| slot.image == image && srgb);
