@@ -196,7 +196,7 @@ fn known(a: &RecoverVolume, file: &Path, environment: Option<EnvironmentMap>) ->
     options.path.max_depth = a.max_depth;
     let picture = |view: &View| -> Result<Image> {
         let mut renderer = Renderer::new(&world, view, options.clone())?;
-        while !renderer.pass(|| false).done {}
+        renderer.finish();
         Ok(renderer.picture())
     };
     let pictures = views.iter().map(picture).collect::<Result<_>>()?;

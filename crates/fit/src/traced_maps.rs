@@ -80,7 +80,8 @@ pub struct TracedMaps {
 /// How a fit of maps through the path tracer went.
 #[derive(Clone, Debug)]
 pub struct MapsCourse {
-    /// The course of the fit; evaluations are PSNR of held-out views as a screen shows them, dB.
+    /// The course of the fit; evaluations are PSNR of held-out views as a screen shows them, dB, in which pixels that are
+    /// not compared count as equal.
     pub history: Vec<HistoryPoint>,
     /// Steps made.
     pub steps: u64,
@@ -138,8 +139,8 @@ pub fn traced_maps(
     let (steps, fade, reinitialised) = (options.steps, None, None);
     let phase = Phase { name: "maps", first: 0, steps, shrink: 1, rates, fade, reinitialised };
     let phases = vec![phase];
-    // As a screen shows them: relative to the light around, a few highlights beside their place outweigh all that is seen.
-    let loss = loss::smooth(&held_out);
+    let fewer = f64::from(options.reference_spp) / f64::from(options.spp);
+    let loss = loss::choose_for_noisy(&held_out, fewer.sqrt());
     let plan = PlanRows::new(items(&maps, options, loss, held_out.noise), &phases);
     let job = Job {
         reference: &target,

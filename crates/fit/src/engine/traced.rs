@@ -239,7 +239,7 @@ impl Traced {
     ) -> Result<Image, FitError> {
         let options = RenderOptions { width, height, spp, seed, ..self.options.clone() };
         let mut renderer = Renderer::new(world, view, options)?;
-        while !renderer.pass(|| false).done {}
+        renderer.finish();
         Ok(renderer.picture())
     }
 

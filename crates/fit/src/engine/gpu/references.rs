@@ -55,7 +55,10 @@ impl Shown {
     pub(crate) fn by(job: &Job<'_>) -> Self {
         let largest = |[w, h]: [usize; 2], s: &Shot| [w.max(s.width), h.max(s.height)];
         let size = job.held_out.shots().iter().fold([0; 2], largest);
-        Self { pictures: window(job.batch as u64, job.fresh as u64) as usize, size }
+        // Where all pictures of a step are new none is shown again.
+        let again = job.fresh < job.batch;
+        let pictures = if again { window(job.batch as u64, job.fresh as u64) as usize } else { job.batch };
+        Self { pictures, size }
     }
 
     fn pixels(self) -> usize {
@@ -94,7 +97,7 @@ impl fmt::Display for Residence {
             Self::TooMany(s) => write!(
                 f,
                 "{uploaded}: {} pictures of {} x {} pixels take {:.0} MB, more than the {:.0} MB for them; smaller \
-                 pictures (`resolution`) or fewer that are shown again (`batch`) would stay",
+                 pictures (`resolution`) would stay",
                 s.pictures,
                 s.size[0],
                 s.size[1],
