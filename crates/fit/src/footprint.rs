@@ -1,4 +1,5 @@
-//! The memory that fits and drawings of assets take at their peak, estimated before they begin.
+//! The memory that maps and textures of fits and drawings take at their peak, estimated before they begin. Geometry and
+//! pictures come on top.
 //!
 //! Texels decide: maps are kept in single precision, sixteen channels each with all mip levels, by every candidate, by the
 //! gradients and by the optimizer; textures of assets in bytes, by every renderer. The bytes per texel are those that the peak

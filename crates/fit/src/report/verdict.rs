@@ -139,13 +139,14 @@ impl fmt::Display for Verdict {
         })?;
         if let Some((name, q)) = &self.better {
             let what = match *name {
-                "decimated" => "as many triangles with the asset's own materials and all their texels,",
-                "baked" | "wrapped" => "the start of the fit, baked maps,",
-                name => name,
+                "decimated" => " (as many triangles with the asset's own materials and all their texels)",
+                "baked" => " (the decimated shape with baked maps)",
+                "wrapped" => " (the decimated shape drawn onto the asset, with baked maps)",
+                _ => "",
             };
             write!(
                 f,
-                ". What the table calls {name}, {what} scores better here and is not in the file: {} dB, FLIP {:.3}",
+                ". What the table calls {name}{what} scores better here and is not in the file: {} dB, FLIP {:.3}",
                 q.decibels(1),
                 q.flip
             )?;
@@ -171,15 +172,22 @@ mod tests {
     #[test]
     fn what_is_better_is_told_apart_from_what_was_written() {
         let q = |psnr: f64, flip: f64| Quality { psnr, flip, ..Quality::default() };
-        let better = Some(("decimated", q(33.0, 0.03)));
-        for written in [Written::Fitted, Written::Baked, Written::Decimated] {
+        for written in [Written::Fitted, Written::Rebaked, Written::Baked] {
+            let better = Some(("decimated", q(33.0, 0.03)));
             let verdict = Verdict { better, written, ..Verdict::new(&[q(30.0, 0.05)], None) };
             let text = verdict.to_string();
             // One sentence of its own, the last, that says that the file holds something else.
-            let sentence = ". What the table calls decimated, as many triangles with the asset's own materials and all their \
-                            texels, scores better here and is not in the file: 33.0 dB, FLIP 0.030";
+            let sentence = ". What the table calls decimated (as many triangles with the asset's own materials and all their \
+                            texels) scores better here and is not in the file: 33.0 dB, FLIP 0.030";
             assert!(text.ends_with(sentence), "{text}");
             assert_eq!(text.matches("decimated").count(), 1, "{text}");
+        }
+        for (name, words) in
+            [("baked", "baked (the decimated"), ("wrapped", "wrapped (the"), ("start", "start scores")]
+        {
+            let better = Some((name, q(33.0, 0.03)));
+            let text = Verdict { better, ..Verdict::new(&[q(30.0, 0.05)], None) }.to_string();
+            assert!(text.contains(&format!(". What the table calls {words}")), "{text}");
         }
     }
 

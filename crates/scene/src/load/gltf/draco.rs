@@ -113,6 +113,11 @@ impl<'a> Elements<'a> {
         }
     }
 
+    /// Whether what is decoded holds the positions, whose number the budget is asked for; true where nothing is.
+    pub(super) fn holds(&self, positions: usize) -> bool {
+        self.decoded.as_ref().is_none_or(|d| d.attributes.contains_key(&positions))
+    }
+
     /// As [`Document::components`].
     pub(super) fn components(&self, i: usize, user: &str) -> Result<usize, Fault> {
         self.document.components(i, user)
@@ -175,6 +180,9 @@ impl<'a> Elements<'a> {
         }
         let count = decoded.mesh.num_points();
         let bytes = pack(attribute, count, component).map_err(|rule| fault(place(), rule))?;
+        if count > 0 && bytes.is_empty() {
+            return Err(fault(place(), "the stream has no bytes for it; it must"));
+        }
         Ok(Some(Packed { count, bytes }))
     }
 }

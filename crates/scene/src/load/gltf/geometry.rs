@@ -53,6 +53,9 @@ fn read(
     let Some(positions) = attribute(primitive, Semantic::Positions) else {
         return Err(fault(place, "has no attribute POSITION; it must have one"));
     };
+    if !elements.holds(positions) {
+        return Err(fault(place, "has a Draco stream without POSITION; it must hold it"));
+    }
     let what = |name: &str| format!("{place} {name}");
     budget.vertices(elements.count(positions, place)?, || place.into())?;
     let mut mesh = Mesh {

@@ -148,6 +148,11 @@ fn claims_are_checked() {
         &["POSITION", "which is no integer type"],
     );
     check(&|b| b.json["meshes"][0]["primitives"][0]["mode"] = json!(6), &["indices", "mode is 6"]);
+    // Positions from elsewhere would not tell how many vertices are decoded.
+    let elsewhere = |b: &mut Builder| {
+        extension(b)["attributes"].as_object_mut().unwrap().remove("POSITION");
+    };
+    check(&elsewhere, &["mesh 0 primitive 0", "Draco stream without POSITION"]);
     check(&|b| b.json["bufferViews"][1]["byteLength"] = json!(2000), &["(Draco)", "cannot be decoded"]);
     let sparse =
         json!({"count": 1, "indices": {"bufferView": 0, "componentType": 5123}, "values": {"bufferView": 0}});
