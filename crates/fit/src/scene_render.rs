@@ -126,7 +126,7 @@ impl Shading<'_> {
     /// Shades all layers of a tile, front to back.
     fn tile(&self, tile: &Tile<'_>, work: &mut TileWork) {
         #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma") {
+        if photofit_raster::has_avx2() {
             #[expect(unsafe_code, reason = "calling a function compiled for AVX2 and FMA")]
             // SAFETY: both features were just detected.
             return unsafe { self.tile_avx2(tile, work) };

@@ -20,6 +20,8 @@ mod maps;
 pub mod project;
 pub mod rasterize;
 
+#[cfg(target_arch = "x86_64")]
+pub use cpu::has_avx2;
 pub use maps::{CHANNELS, Maps, channel};
 pub use photofit_scalar::{Real, Vec2, Vec3, Vec4, vec2, vec3, vec4};
 pub use photofit_shading::Light;

@@ -245,25 +245,25 @@ fn sky_of(world: &World, offsets: Option<&[f64]>) -> EnvironmentMap {
     EnvironmentMap { scale: 1.5, ..EnvironmentMap::new(image) }
 }
 
+/// A clear body around a ball, under a sky and a lamp: camera rays and shadow rays pass its boundary.
+fn clear_body() -> World {
+    let mut parts = Parts::default();
+    let clear = Material { absorption: vec3(0.3, 0.6, 0.9), solid: true, ..Material::new(Bsdf::Null(Null)) };
+    parts.add(Shape::Sphere { center: Vec3f::zero(), radius: 1.0 }, clear);
+    let ball = Shape::Sphere { center: Vec3f::zero(), radius: 0.5 };
+    parts.add(ball, Material::new(diffuse(0.8, 0.7, 0.6)));
+    let direction = vec3(0.3, 0.5, 1.0);
+    parts.lights.push(LightSource::Directional { direction, irradiance: Vec3f::splat(2.0) });
+    parts.environment = Some(EnvironmentMap::constant(Vec3f::splat(0.5)));
+    World::new(parts).unwrap()
+}
+
 #[test]
 fn absorption() {
-    // A clear body around a ball: camera rays and shadow rays pass its boundary.
-    let world = || {
-        let mut parts = Parts::default();
-        let clear =
-            Material { absorption: vec3(0.3, 0.6, 0.9), solid: true, ..Material::new(Bsdf::Null(Null)) };
-        parts.add(Shape::Sphere { center: Vec3f::zero(), radius: 1.0 }, clear);
-        let ball = Shape::Sphere { center: Vec3f::zero(), radius: 0.5 };
-        parts.add(ball, Material::new(diffuse(0.8, 0.7, 0.6)));
-        let direction = vec3(0.3, 0.5, 1.0);
-        parts.lights.push(LightSource::Directional { direction, irradiance: Vec3f::splat(2.0) });
-        parts.environment = Some(EnvironmentMap::constant(Vec3f::splat(0.5)));
-        World::new(parts).unwrap()
-    };
     let edit = |world: &mut World, o: &[f64]| change(world, 0, |m| m.absorption += color(o));
     let view = looking([0.0, 0.5, 3.0], [0.0; 3], 0.7);
     let parameter = of(0, MaterialValue::Absorption);
-    Case { name: "absorption", world: &world, view, parameter, step: 0.02, edit: &edit }.check();
+    Case { name: "absorption", world: &clear_body, view, parameter, step: 0.02, edit: &edit }.check();
 }
 
 /// A texture of random texels in a range.

@@ -203,7 +203,7 @@ impl FromHeld {
         references: &mut References,
         shot: &Shot,
     ) -> Result<(), GpuError> {
-        let Some(source) = &shot.source else { return Ok(()) };
+        let source = shot.source.as_ref().expect("a batch that is served from here has sources");
         recording.set(self.noise, &Params::new(Some(source), shot.width * shot.height));
         recording.set_source(self.picture, references.texels(gpu, source)?)
     }

@@ -2,19 +2,6 @@
 
 use super::*;
 
-/// A clear body around a ball, under a sky and a lamp.
-fn clear_body() -> World {
-    let mut parts = Parts::default();
-    let clear = Material { absorption: vec3(0.3, 0.6, 0.9), solid: true, ..Material::new(Bsdf::Null(Null)) };
-    parts.add(Shape::Sphere { center: Vec3f::zero(), radius: 1.0 }, clear);
-    let ball = Shape::Sphere { center: Vec3f::zero(), radius: 0.5 };
-    parts.add(ball, Material::new(diffuse(0.8, 0.7, 0.6)));
-    let direction = vec3(0.3, 0.5, 1.0);
-    parts.lights.push(LightSource::Directional { direction, irradiance: Vec3f::splat(2.0) });
-    parts.environment = Some(EnvironmentMap::constant(Vec3f::splat(0.5)));
-    World::new(parts).unwrap()
-}
-
 #[test]
 fn gradients_have_the_same_bits_whatever_is_kept_of_paths() {
     let light = |light| Parameter::Light { light };
