@@ -53,17 +53,46 @@ pub(crate) fn check_textures(task: Task, input: &Path, assets: &[&Scene]) -> Res
 }
 
 /// Bytes that this process can still take: the least of what the system has available, of what the limit on its address
-/// space leaves, and of the limit of its control group. `None` where nothing of that is told.
+/// space leaves, and of what the limits of its control groups leave. `None` where nothing of that is told.
 fn room() -> Option<u64> {
     let read = |path: &str| std::fs::read_to_string(path).ok();
     let available = read("/proc/meminfo").and_then(|t| kib(&t, "MemAvailable:")).map(|k| k << 10);
     let taken = read("/proc/self/status").and_then(|t| kib(&t, "VmSize:")).unwrap_or(0) << 10;
     let space = read("/proc/self/limits").and_then(|t| address_space(&t)).map(|l| l.saturating_sub(taken));
-    let group = read("/proc/self/cgroup")
-        .and_then(|t| Some(t.lines().find_map(|l| l.strip_prefix("0::"))?.to_owned()));
-    let group = group.and_then(|g| read(&format!("/sys/fs/cgroup{g}/memory.max")));
-    let group = group.and_then(|t| t.trim().parse().ok());
+    let group = read("/proc/self/cgroup").and_then(|t| group_room(&t, read));
     [available, space, group].into_iter().flatten().min()
+}
+
+/// Bytes that the control groups of `/proc/self/cgroup` leave, of both versions: each group and all that hold it. Pages of
+/// files that have not been used lately are given up before memory runs out, and do not count as used.
+fn group_room(groups: &str, read: impl Fn(&str) -> Option<String>) -> Option<u64> {
+    let number = |path: &str| read(path)?.trim().parse::<u64>().ok();
+    let left = |folder: &str, limit: &str, usage: &str, inactive: &str| {
+        // A limit that is not a number is none.
+        let limit = number(&format!("{folder}/{limit}"))?;
+        let used = number(&format!("{folder}/{usage}")).unwrap_or(0);
+        let stat = read(&format!("{folder}/memory.stat")).unwrap_or_default();
+        let files = stat.lines().find_map(|l| l.strip_prefix(inactive)?.trim().parse::<u64>().ok());
+        Some(limit.saturating_sub(used.saturating_sub(files.unwrap_or(0))))
+    };
+    let one = |line: &str| {
+        let mut parts = line.splitn(3, ':');
+        let (_, kinds, path) = (parts.next()?, parts.next()?, parts.next()?);
+        let within = std::path::Path::new(path).ancestors().filter_map(|p| p.to_str());
+        let within = within.map(|p| p.trim_end_matches('/').to_owned());
+        if kinds.is_empty() {
+            let left =
+                |p| left(&format!("/sys/fs/cgroup{p}"), "memory.max", "memory.current", "inactive_file ");
+            within.filter_map(left).min()
+        } else if kinds.split(',').any(|k| k == "memory") {
+            let (limit, usage) = ("memory.limit_in_bytes", "memory.usage_in_bytes");
+            let left = |p| left(&format!("/sys/fs/cgroup/memory{p}"), limit, usage, "total_inactive_file ");
+            within.filter_map(left).min()
+        } else {
+            None
+        }
+    };
+    groups.lines().filter_map(one).min()
 }
 
 /// The value of a line of `/proc` in KiB.
@@ -81,6 +110,22 @@ fn address_space(limits: &str) -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_narrowest_control_group_counts_with_what_is_used_of_it() {
+        let files = [
+            ("/sys/fs/cgroup/a/b/memory.max", "max\n"),
+            ("/sys/fs/cgroup/a/memory.max", "1000\n"),
+            ("/sys/fs/cgroup/a/memory.current", "700\n"),
+            ("/sys/fs/cgroup/a/memory.stat", "anon 400\ninactive_file 250\n"),
+            ("/sys/fs/cgroup/memory/job/memory.limit_in_bytes", "800\n"),
+            ("/sys/fs/cgroup/memory/job/memory.usage_in_bytes", "300\n"),
+        ];
+        let read = |path: &str| files.iter().find(|f| f.0 == path).map(|f| f.1.to_owned());
+        assert_eq!(group_room("0::/a/b\n", read), Some(550));
+        assert_eq!(group_room("4:cpu,memory:/job\n0::/a/b\n", read), Some(500));
+        assert_eq!(group_room("3:cpuset:/job\n0::/\n", read), None);
+    }
 
     #[test]
     fn reads_what_the_system_tells() {

@@ -60,7 +60,8 @@ impl Results {
     }
 }
 
-/// Writes figures; where that is refused they go to stdout, so that what was found is not lost.
+/// Writes figures; where that is refused they go to stdout as one line, so that what was found is not lost and a program
+/// can tell it from the text around it.
 ///
 /// # Errors
 /// If stdout is refused too.
@@ -68,7 +69,8 @@ pub(crate) fn keep_json(results: &mut Results, path: &Path, value: &Value) -> Re
     if results.took(write_json(path, value)) {
         return Ok(());
     }
-    print(&format!("{}\n", serde_json::to_string_pretty(value)?))
+    say("the figures are the line of standard output that begins with '{'");
+    print(&format!("{}\n", serde_json::to_string(value)?))
 }
 
 /// A PSNR in decibels as JSON, `psnr`, and beside it `psnr_is`, what it says: `exact`; `at least`, where it is `bounded`: it

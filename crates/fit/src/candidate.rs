@@ -20,6 +20,7 @@ use photofit_raster::{CHANNELS, Maps, channel};
 use photofit_scalar::{Real, Vec2, Vec3, Vec4, vec3};
 use photofit_scene::AlphaMode;
 use photofit_shading::Sides;
+use rayon::prelude::*;
 use std::cell::LazyCell;
 
 /// How a class of triangles is drawn.
@@ -350,8 +351,8 @@ impl Candidate {
     /// Draws one shot over its background.
     pub fn render(&self, vertices: &Vertices, shot: &Shot, passes: &Passes) -> Frame<f32> {
         let lights = shot.lights.lights();
-        let picture =
-            CandidateView { view: view(shot, &lights), background: &shot.background, vertices: None };
+        let background = shot.background();
+        let picture = CandidateView { view: view(shot, &lights), background: &background, vertices: None };
         self.draw(vertices, &picture, passes)
     }
 
@@ -377,15 +378,16 @@ impl Candidate {
         out: &mut ParameterGradients,
     ) -> f64 {
         let lights: Vec<_> = shots.iter().map(|s| s.lights.lights()).collect();
+        let over: Vec<_> = shots.par_iter().map(Shot::over_noise).collect();
         let pictures = shots.iter().zip(&lights).enumerate().map(|(i, (shot, lights))| CandidateView {
             view: view(shot, lights),
-            background: &shot.background,
+            background: &over[i].background,
             vertices: vertices(i),
         });
         let weight = 1.0 / shots.len().max(1) as f64;
         let value = |i: usize, pixels: &[[f32; 4]], g: &mut [[f32; 4]]| {
-            let Shot { width, height, reference, .. } = &shots[i];
-            loss.value_and_gradient((*width, *height), pixels, reference, weight, g)
+            let size = (shots[i].width, shots[i].height);
+            loss.value_and_gradient(size, pixels, &over[i].reference, weight, g)
         };
         self.pull_back(pictures, value, passes, out)
     }

@@ -131,7 +131,7 @@ pub fn traced_maps(
     let views = Orbit::new(options.seed, &options.lighting, options.size);
     let sampling = Sampling::SUPERSAMPLED;
     let held_out = HeldOut::new(&target, &views, sampling, HELD_OUT, options.seed)?;
-    if !held_out.shots().iter().any(|s| s.reference.iter().any(|p| p[3] >= WHOLE)) {
+    if !held_out.shots().iter().any(|s| s.shown.data.chunks_exact(4).any(|p| p[3] >= WHOLE)) {
         let rule = "covers no pixel whole in the held-out views, so that nothing can be compared".into();
         return Err(FitError::Setting { field: "asset", rule });
     }

@@ -82,9 +82,9 @@ pub(crate) fn train_on<'p>(
     #[cfg(feature = "gpu")]
     if let Kind::Gpu { gpu, required } = &device.kind {
         let (mut phases, mut told) = (phases, None);
-        let trained = match GpuSurface::new(gpu, surface.clone(), job.held_out.shots()) {
-            Ok(model) => {
-                let (model, residence) = model.keeping(Shown::by(job));
+        let model = GpuSurface::new(gpu, surface.clone(), job.held_out.shots());
+        let trained = match model.and_then(|m| m.keeping(Shown::by(job))) {
+            Ok((model, residence)) => {
                 told = Some(residence);
                 train(model, job, &mut phases, progress)
             }

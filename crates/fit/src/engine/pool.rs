@@ -76,20 +76,15 @@ impl Pool {
                         let picture = from.reference.picture(&s)?;
                         if s.picture.is_some() {
                             // The reference holds it already.
-                            return Ok(Shot::new(
-                                &s,
-                                &picture.image,
-                                from.sampling,
-                                from.seed,
-                                step * from.size + b,
-                            ));
+                            let number = step * from.size + b;
+                            return Ok(Shot::new(&s, picture.image, from.sampling, from.seed, number));
                         }
                         self.kept.insert(at, (index, s, Arc::new(picture.image)));
                         at
                     }
                 };
                 let (_, s, picture) = &self.kept[at];
-                Ok(Shot::of_kept(s, picture, from.sampling, from.seed, step * from.size + b))
+                Ok(Shot::new(s, picture.clone(), from.sampling, from.seed, step * from.size + b))
             })
             .collect()
     }

@@ -243,14 +243,14 @@ impl Traced {
         Ok(renderer.picture())
     }
 
-    /// The pixels of a picture that a shot is compared with. Coverage has no derivative here: it is left out, and what is
+    /// The pixels of a picture that a reference is compared with. Coverage has no derivative here: it is left out, and what is
     /// not compared is as the reference has it.
-    fn light(&self, picture: &Image, shot: &Shot) -> Vec<[f32; 4]> {
+    fn light(&self, picture: &Image, reference: &[[f32; 4]]) -> Vec<[f32; 4]> {
         let one = |(p, r): (&[f32], &[f32; 4])| match self.compared {
             ComparedPixels::Covered if p[3] < WHOLE || r[3] < WHOLE => [r[0], r[1], r[2], 1.0],
             _ => [p[0], p[1], p[2], 1.0],
         };
-        picture.data.chunks_exact(4).zip(&shot.reference).map(one).collect()
+        picture.data.chunks_exact(4).zip(reference).map(one).collect()
     }
 
     /// Loss of one shot, and the gradients of the moving parameters, which are added.
@@ -264,10 +264,12 @@ impl Traced {
     ) -> Result<f64, FitError> {
         let (view, size) = (shot.camera.view(), (shot.width, shot.height));
         let seed = |key| hash(self.options.seed, key, shot.number);
+        let reference = shot.over_noise().reference;
         self.under(shot, |world| {
-            let pixels = self.light(&self.render(world, &view, size, self.options.spp, seed(PICTURE))?, shot);
+            let picture = self.render(world, &view, size, self.options.spp, seed(PICTURE))?;
+            let pixels = self.light(&picture, &reference);
             let mut g = vec![[0.0; 4]; pixels.len()];
-            let value = loss.value_and_gradient(size, &pixels, &shot.reference, weight, &mut g);
+            let value = loss.value_and_gradient(size, &pixels, &reference, weight, &mut g);
             let which: Vec<usize> = (0..self.parameters.len()).filter(|k| moving[*k]).collect();
             if which.is_empty() || !value.is_finite() {
                 return Ok(value);
@@ -379,7 +381,9 @@ impl Chain for Traced {
             let picture = self.under(shot, |world| {
                 self.render(world, &shot.camera.view(), size, self.evaluation_spp, seed)
             });
-            picture.map(|p| self.light(&p, shot)).map_err(|e| ModelError::Picture(Box::new(e)))
+            picture
+                .map(|p| self.light(&p, &shot.over_noise().reference))
+                .map_err(|e| ModelError::Picture(Box::new(e)))
         };
         shots.iter().map(one).collect()
     }

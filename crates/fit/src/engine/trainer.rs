@@ -269,7 +269,7 @@ fn fingerprint<M: Model>(job: &Job<'_>, model: &M, groups: usize) -> Result<Fing
         digest.add(&model.values(g)?);
     }
     let mut picture = Digest::new();
-    job.held_out.shots().iter().for_each(|s| picture.add(s.reference.as_flattened()));
+    job.held_out.references().iter().for_each(|r| picture.add(r.as_flattened()));
     let Job { fingerprint, batch, fresh, steps, loss, sampling, .. } = job;
     let options = fingerprint
         .clone()

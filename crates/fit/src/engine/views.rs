@@ -405,15 +405,6 @@ impl Sampling {
 /// Largest radiance of the noise behind the asset in the pictures of a fit.
 pub(crate) const BACKGROUND_MAX: f32 = 0.8;
 
-/// What the colours of a shot are made of.
-#[derive(Clone, Debug)]
-pub struct Source {
-    /// The picture of the reference, linear premultiplied RGBA; other shots may show it, too.
-    pub picture: Arc<Image>,
-    /// Draws the background: three numbers per pixel, each up to .8.
-    pub noise: Rng,
-}
-
 /// A view with its reference picture.
 #[derive(Clone, Debug)]
 pub struct Shot {
@@ -433,58 +424,65 @@ pub struct Shot {
     pub height: usize,
     /// How the candidate is sampled.
     pub sampling: Sampling,
-    /// Radiance behind the asset, the same for both images, one per pixel.
+    /// The picture of the reference, linear premultiplied RGBA, `[H*W*4]`; other shots may show it, too.
+    pub shown: Arc<Image>,
+    /// Draws the background: three numbers per pixel, each up to .8.
+    pub noise: Rng,
+}
+
+/// What a candidate is drawn over and compared with. Both are put together where they are used: a device makes its own.
+#[derive(Clone, Debug)]
+pub struct OverNoise {
+    /// Radiance behind the asset, the same for both images, `[H*W]`.
     pub background: Vec<[f32; 3]>,
-    /// The reference over the background; the fourth sample is its coverage.
+    /// The reference over the background, `[H*W]`; the fourth number is its coverage.
     pub reference: Vec<[f32; 4]>,
-    /// What background and reference are made of, where the picture is one that other shots will show again: a device that
-    /// has it already makes them itself.
-    pub source: Option<Source>,
 }
 
 impl Shot {
-    /// Puts a reference picture (linear, premultiplied RGBA) over noise, which supervises coverage.
+    /// A reference picture (linear, premultiplied RGBA) before noise, which supervises coverage.
     ///
     /// # Panics
     /// If the picture does not have four channels.
-    pub fn new(setup: &Setup, picture: &Image, sampling: Sampling, seed: u64, index: u64) -> Self {
-        assert_eq!(picture.channels, 4, "a premultiplied RGBA picture");
-        let mut rng = Rng::new(seed, STREAM_BACKGROUND + index);
-        let background: Vec<[f32; 3]> = (0..picture.pixels())
-            .map(|_| std::array::from_fn(|_| rng.uniform(0.0, BACKGROUND_MAX)))
-            .collect();
-        let reference = picture
-            .data
-            .chunks_exact(4)
-            .zip(&background)
-            .map(|(p, b)| {
-                let t = 1.0 - p[3];
-                [p[0] + t * b[0], p[1] + t * b[1], p[2] + t * b[2], p[3]]
-            })
-            .collect();
+    pub fn new(
+        setup: &Setup,
+        picture: impl Into<Arc<Image>>,
+        sampling: Sampling,
+        seed: u64,
+        index: u64,
+    ) -> Self {
+        let shown = picture.into();
+        assert_eq!(shown.channels, 4, "a premultiplied RGBA picture");
         Self {
             camera: setup.camera,
             picture: setup.picture,
             number: index,
             lights: setup.lights.clone(),
             moment: setup.moment,
-            width: picture.width,
-            height: picture.height,
+            width: shown.width,
+            height: shown.height,
             sampling,
-            background,
-            reference,
-            source: None,
+            shown,
+            noise: Rng::new(seed, STREAM_BACKGROUND + index),
         }
     }
 
-    /// [`Self::new`] of a picture that other shots will show, too.
-    ///
-    /// # Panics
-    /// As [`Self::new`].
-    pub fn of_kept(setup: &Setup, picture: &Arc<Image>, sampling: Sampling, seed: u64, index: u64) -> Self {
-        let noise = Rng::new(seed, STREAM_BACKGROUND + index);
-        let source = Some(Source { picture: picture.clone(), noise });
-        Self { source, ..Self::new(setup, picture, sampling, seed, index) }
+    /// Radiance behind the asset, `[H*W]`.
+    pub fn background(&self) -> Vec<[f32; 3]> {
+        let mut rng = self.noise.clone();
+        let pixel = |_| std::array::from_fn(|_| rng.uniform(0.0, BACKGROUND_MAX));
+        (0..self.shown.pixels()).map(pixel).collect()
+    }
+
+    /// Background and reference.
+    pub fn over_noise(&self) -> OverNoise {
+        let background = self.background();
+        let over = |(p, b): (&[f32], &[f32; 3])| {
+            let t = 1.0 - p[3];
+            [p[0] + t * b[0], p[1] + t * b[1], p[2] + t * b[2], p[3]]
+        };
+        let reference = self.shown.data.chunks_exact(4).zip(&background).map(over).collect();
+        OverNoise { background, reference }
     }
 }
 

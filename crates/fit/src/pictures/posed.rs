@@ -66,11 +66,20 @@ impl PosedPictures {
             return Err(self.error(format!("holds {found} frames; it must be at least {fewest}")));
         }
         let folder = folder_of(&self.file);
-        let mut pixels = 0;
-        let mut pictures = Vec::new();
-        for (i, frame) in self.transforms.frames.iter().enumerate() {
+        // What the list says is checked for all before the first picture is decoded.
+        let listed = |(i, frame): (usize, &Frame)| {
             let error = |rule| self.error_at(i, rule);
             let path = inside(folder, &frame.file_path).map_err(error)?;
+            let pose =
+                Rigid::new(&frame.transform_matrix).map_err(|r| error(format!("transform_matrix {r}")))?;
+            Ok((path, pose))
+        };
+        let listed: Vec<(PathBuf, Rigid)> =
+            self.transforms.frames.iter().enumerate().map(listed).collect::<Result<_, FitError>>()?;
+        let mut pixels = 0;
+        let mut pictures = Vec::new();
+        for (i, (path, pose)) in listed.into_iter().enumerate() {
+            let error = |rule| self.error_at(i, rule);
             let image = photofit_image::read(&path)?;
             let size = [image.width, image.height];
             let factor = size[0].max(size[1]).div_ceil(most_side).max(1);
@@ -84,8 +93,6 @@ impl PosedPictures {
             if !image.is_finite() {
                 return Err(error("the picture holds values that are not finite".into()));
             }
-            let pose =
-                Rigid::new(&frame.transform_matrix).map_err(|r| error(format!("transform_matrix {r}")))?;
             let image = if image.channels < 4 { image } else { premultiplied(&path, &image) };
             let image = if factor > 1 { downsample(&image.crop(0, 0, width, height), factor) } else { image };
             pictures.push(PosedPicture { image, reduction: factor, size, shown: [width, height], pose });

@@ -280,3 +280,12 @@ fn numbers_that_are_not_finite_are_named_with_their_frame() {
         assert!(rule.contains(part), "{part:?} in {rule}");
     }
 }
+
+#[test]
+fn the_list_is_checked_before_a_picture_is_decoded() {
+    let (dir, mut file) = folder();
+    std::fs::write(dir.path().join("images/0.png"), "not a picture").unwrap();
+    file["frames"][8]["transform_matrix"][0][0] = json!(2);
+    let told = load(&dir, &file).unwrap_err().to_string();
+    assert!(told.contains("frame 8") && told.contains("transform_matrix"), "{told}");
+}

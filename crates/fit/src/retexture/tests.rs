@@ -91,7 +91,7 @@ fn the_candidate_is_drawn_at_the_moment_of_the_shot() {
             let mut s = views.setup(Set::Report, i, 4);
             s.moment = at.unwrap_or(s.moment);
             let picture = reference.picture(&views.setup(Set::Report, i, 4)).unwrap();
-            crate::engine::views::Shot::new(&s, &picture.image, Sampling::SUPERSAMPLED, 0, i)
+            crate::engine::views::Shot::new(&s, picture.image, Sampling::SUPERSAMPLED, 0, i)
         };
         (0..4).map(one).collect::<Vec<_>>()
     };
@@ -99,7 +99,8 @@ fn the_candidate_is_drawn_at_the_moment_of_the_shot() {
         use crate::engine::model::Model;
         let shots = shots(at);
         let pictures = model.pictures(&shots).unwrap();
-        let squares = shots.iter().zip(&pictures).flat_map(|(s, p)| s.reference.iter().zip(p));
+        let over: Vec<_> = shots.iter().map(|s| s.over_noise().reference).collect();
+        let squares = over.iter().zip(&pictures).flat_map(|(r, p)| r.iter().zip(p));
         let squares = squares.flat_map(|(r, p)| (0..3).map(move |k| f64::from(r[k] - p[k]).powi(2)));
         let (sum, count) = squares.fold((0.0, 0.0), |(s, n), e| (s + e, n + 1.0));
         f64::sqrt(sum / count)

@@ -133,7 +133,7 @@ fn views_and_shots_carry_the_moment() {
     let mut seen = Vec::new();
     for index in 0..12 {
         let s = views.setup(Set::Train, index, 0);
-        let shot = Shot::new(&s, &raster.picture(&s).unwrap().image, Sampling::SUPERSAMPLED, 0, index);
+        let shot = Shot::new(&s, raster.picture(&s).unwrap().image, Sampling::SUPERSAMPLED, 0, index);
         assert_eq!(shot.moment, s.moment);
         // Each moment under both kinds of light.
         seen.push((s.moment.time as u32, index % 2));

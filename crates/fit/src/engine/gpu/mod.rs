@@ -3,7 +3,7 @@
 //!
 //! It does what [`Surface`] does in main memory, operation by operation. Gradients are sums that do not depend on the order
 //! of their terms: the same fit gives the same bits on the same device. Pictures of the reference come from the CPU, each of
-//! them once where the device has room for all that are shown again.
+//! them once where the device has room for all that are shown again; their noise is made on the device.
 
 mod recorded;
 mod references;
@@ -21,7 +21,8 @@ use photofit_gpu::{Buffer, Gpu, GpuError, Kernel, Recording};
 use photofit_optim::OptimError;
 use photofit_optim::gpu::{DeviceOptimizer, LargeStepsSolver};
 use photofit_raster::CHANNELS;
-use photofit_raster::deferred::Masks;
+use photofit_raster::deferred::{Masks, Passes};
+use photofit_raster::loss::Loss;
 use recorded::{COURSE, Forward, Step};
 use references::References;
 pub use references::{Residence, Shown};
@@ -122,13 +123,15 @@ impl GpuSurface {
         Ok(model)
     }
 
-    /// Makes room for the pictures of the reference that a fit shows again, so that each is uploaded once; tells whether
-    /// there is.
-    #[must_use]
-    pub fn keeping(mut self, shown: Shown) -> (Self, Residence) {
-        let (references, residence) = References::new(&self.gpu, shown);
+    /// Makes room for the pictures of the reference that a fit shows again, so that each is uploaded once; tells for how
+    /// many there is.
+    ///
+    /// # Errors
+    /// If there is none for those of a step.
+    pub fn keeping(mut self, shown: Shown) -> Result<(Self, Residence), NoRoom> {
+        let (references, residence) = References::new(&self.gpu, shown).map_err(NoRoom::pictures)?;
         self.references = references;
-        (self, residence)
+        Ok((self, residence))
     }
 
     /// Makes room for shots and their environments. What was recorded for less is dropped.
@@ -145,6 +148,20 @@ impl GpuSurface {
             (self.step, self.forward) = (None, None);
         }
         Ok(())
+    }
+
+    /// Records a step; none before there is room for pictures.
+    fn record(
+        &self,
+        room: Room,
+        pictures: usize,
+        loss: Loss,
+        with: (&[bool], &Passes),
+    ) -> Result<Option<Step>, OptimError> {
+        let Some(stage) = &self.stage else { return Ok(None) };
+        let on = (stage, &self.skies, &self.course);
+        let groups = (&self.groups[..], &self.optimizers[..]);
+        Step::new(&self.gpu, &self.on, on, (room, pictures, loss), groups, with).map(Some)
     }
 
     /// Pictures whose losses have room.
@@ -209,21 +226,22 @@ impl Model for GpuSurface {
             return Err(ModelError::Device(Box::new(FitError::Setting { field: "loss", rule })));
         };
         self.prepare(shots)?;
-        let Some(stage) = &self.stage else { return Ok(()) };
         let (room, moving) = (Room::of(shots), rates.iter().map(|r| *r > 0.0).collect::<Vec<_>>());
         let rates: Vec<Vec<f32>> = self.groups.iter().zip(rates).map(|(g, r)| g.rates_at(*r)).collect();
         let passes = self.surface.moving_passes(&moving);
-        let held = self.references.serves(shots, room.pixel_count());
-        if !self.step.as_ref().is_some_and(|s| s.serves((room, held), shots.len(), (&moving, passes.masks))) {
-            let step = Step::new(
-                &self.gpu,
-                &self.on,
-                (stage, &self.skies, &self.course),
-                (room, shots.len(), loss, held),
-                (&self.groups, &self.optimizers),
-                (&moving, &passes),
-            );
-            self.step = Some(step.map_err(model_error)?);
+        self.references.make_room(&self.gpu, shots.len(), room.pixel_count())?;
+        if !self.step.as_ref().is_some_and(|s| s.serves(room, shots.len(), (&moving, passes.masks))) {
+            let step = self.record(room, shots.len(), loss, (&moving, &passes));
+            let step = match step {
+                // What stays there takes the room of what a step needs.
+                Err(OptimError::Device(GpuError::OutOfMemory { .. }))
+                    if self.references.give_back(shots.len()) =>
+                {
+                    self.record(room, shots.len(), loss, (&moving, &passes))
+                }
+                step => step,
+            };
+            self.step = step.map_err(model_error)?;
         }
         if self.pending == COURSE {
             self.read_course()?;

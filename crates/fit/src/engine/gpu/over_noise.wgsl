@@ -1,4 +1,4 @@
-// Puts a picture (linear, premultiplied) over noise: twin of `Shot::new`.
+// Puts a picture (linear, premultiplied) over noise: twin of `Shot::over_noise`.
 
 struct Params {
     // Of the generator of the noise.

@@ -24,10 +24,7 @@ pub(super) const COURSE: usize = 1024;
 struct Place {
     drawn: Drawn,
     loss: RecordedLoss,
-    background: Buffer<[f32; 4]>,
-    reference: Buffer<[f32; 4]>,
-    /// How both are made on the device; `None`: they are uploaded.
-    from: Option<FromHeld>,
+    from: FromHeld,
 }
 
 /// A step: all pictures of a batch, forward and in reverse, and the moves.
@@ -37,7 +34,6 @@ pub(super) struct Step {
     /// What it was recorded for.
     pub(super) room: Room,
     pub(super) moving: Vec<bool>,
-    held: bool,
     passes: Passes,
     shading: MapShading,
     places: Vec<Place>,
@@ -53,12 +49,12 @@ fn term(loss: Loss, pictures: usize) -> Term {
 }
 
 impl Step {
-    /// Records a step for batches of so many pictures; `held`: those of the reference are on the device.
+    /// Records a step for batches of so many pictures.
     pub(super) fn new(
         gpu: &Gpu,
         on: &Resident,
         (stage, skies, course): (&Stage, &Skies, &Buffer<f32>),
-        (room, pictures, loss, held): (Room, usize, Loss, bool),
+        (room, pictures, loss): (Room, usize, Loss),
         (groups, optimizers): (&[Group], &[DeviceOptimizer]),
         (moving, passes): (&[bool], &Passes),
     ) -> Result<Self, OptimError> {
@@ -73,16 +69,16 @@ impl Step {
         for place in 0..pictures {
             let background = gpu.zeros("background", room.pixel_count())?;
             let reference = gpu.zeros("reference", room.pixel_count())?;
-            let from = held.then(|| FromHeld::record(&mut r, &reference, &background)).transpose()?;
-            let picture = PictureBuffers { background: background.clone(), ..stage.picture.clone() };
+            let from = FromHeld::record(&mut r, &reference, &background)?;
+            let picture = PictureBuffers { background, ..stage.picture.clone() };
             let mut compared = stage.loss.clone();
-            compared.reference = reference.clone();
+            compared.reference = reference;
             let forward = render(&mut r, &on.mesh, &picture, passes, &params, &mut shading)?;
             let (term, pixels) = (term(loss, pictures), room.pixel_count());
             let loss = value_and_gradient(&mut r, &term, pixels, &picture.color, &compared, &g.color, place)?;
             let reverse = render_vjp(&mut r, &on.mesh, &picture, passes, &params, &mut shading, g)?;
             let drawn = Drawn { slots: vec![forward, reverse], shading: shading.take_slots() };
-            places.push(Place { drawn, loss, background, reference, from });
+            places.push(Place { drawn, loss, from });
         }
         let buffers = [stage.loss.values.bind(), course.bind()];
         let losses = r.dispatch(&ADD_LOSSES, &[pictures as u32, 0, 0, 0], &buffers, 1)?;
@@ -105,30 +101,13 @@ impl Step {
         }
         let (moving, passes) = (moving.to_vec(), *passes);
         let recording = r.finish()?;
-        Ok(Self {
-            recording,
-            room,
-            moving,
-            held,
-            passes,
-            shading,
-            places,
-            optimizers: recorded,
-            losses,
-            collected,
-        })
+        Ok(Self { recording, room, moving, passes, shading, places, optimizers: recorded, losses, collected })
     }
 
     /// Whether it serves a batch: the same number of pictures that move the same groups, with masks that are cut or that
-    /// fade, at most as large and not much smaller, and references that come from the same place.
-    pub(super) fn serves(
-        &self,
-        (room, held): (Room, bool),
-        pictures: usize,
-        (moving, masks): (&[bool], Masks),
-    ) -> bool {
+    /// fade, at most as large and not much smaller.
+    pub(super) fn serves(&self, room: Room, pictures: usize, (moving, masks): (&[bool], Masks)) -> bool {
         self.room.and(room) == self.room
-            && self.held == held
             && 2 * room.pixel_count() > self.room.pixel_count()
             && self.places.len() == pictures
             && self.moving == moving
@@ -154,12 +133,7 @@ impl Step {
         }
         references.begin();
         for (place, shot) in self.places.iter().zip(shots) {
-            if let Some(from) = &place.from {
-                from.set(gpu, &mut self.recording, references, shot)?;
-            } else {
-                gpu.write(&place.background, &padded(&shot.background))?;
-                gpu.write(&place.reference, &shot.reference)?;
-            }
+            place.from.set(gpu, &mut self.recording, references, shot)?;
             place.loss.set(&mut self.recording, &term, shot.width * shot.height);
             aim(&mut self.recording, &place.drawn, &self.shading, (on, skies), (shot, scale), &self.passes);
         }
@@ -213,7 +187,7 @@ impl Forward {
         (on, stage, skies): (&Resident, &Stage, &Skies),
         shot: &Shot,
     ) -> Result<Vec<[f32; 4]>, GpuError> {
-        gpu.write(&stage.picture.background, &padded(&shot.background))?;
+        gpu.write(&stage.picture.background, &padded(&shot.background()))?;
         aim(&mut self.recording, &self.drawn, &self.shading, (on, skies), (shot, SUM_SCALE), &self.passes);
         self.recording.run()?;
         let mut color = gpu.read(&stage.picture.color)?;

@@ -1,10 +1,12 @@
-//! Pictures of the reference that stay on a device: a fit shows each of them several times, before other noise.
+//! Pictures of the reference that stay on a device: a fit shows each of them several times, before other noise. Where
+//! there is no room for all, those that were shown last stay.
 
 use crate::engine::pool::window;
 use crate::engine::trainer::Job;
-use crate::engine::views::{BACKGROUND_MAX, Shot, Source};
+use crate::engine::views::{BACKGROUND_MAX, Shot};
 use photofit_gpu::{Buffer, Gpu, GpuError, INDEX, Inlet, Kernel, Recorder, Recording};
 use photofit_image::Image;
+use photofit_sampling::Rng;
 use std::fmt;
 use std::sync::Weak;
 
@@ -29,9 +31,9 @@ struct Params {
 }
 
 impl Params {
-    fn new(source: Option<&Source>, pixels: usize) -> Self {
+    fn new(noise: &Rng, pixels: usize) -> Self {
         let words = |key: u64| [key as u32, (key >> 32) as u32];
-        let [first, second] = source.map_or([0; 2], |s| s.noise.keys()).map(words);
+        let [first, second] = noise.keys().map(words);
         Self {
             keys: [first[0], first[1], second[0], second[1]],
             pixels: pixels as u32,
@@ -46,6 +48,8 @@ impl Params {
 pub struct Shown {
     /// Pictures.
     pub pictures: usize,
+    /// Pictures of a step.
+    pub batch: usize,
     /// Columns and rows of the largest one.
     pub size: [usize; 2],
 }
@@ -58,60 +62,59 @@ impl Shown {
         // Where all pictures of a step are new none is shown again.
         let again = job.fresh < job.batch;
         let pictures = if again { window(job.batch as u64, job.fresh as u64) as usize } else { job.batch };
-        Self { pictures, size }
+        Self { pictures, batch: job.batch, size }
     }
 
     fn pixels(self) -> usize {
         self.size[0] * self.size[1]
     }
 
-    fn bytes(self) -> u64 {
-        (self.pictures as u64).saturating_mul((self.pixels() * size_of::<[f32; 4]>()) as u64)
+    fn bytes(self, pictures: usize) -> u64 {
+        (pictures as u64).saturating_mul((self.pixels() * size_of::<[f32; 4]>()) as u64)
     }
 }
 
-/// Whether pictures stay on a device, and why not.
+/// How many pictures stay on a device, and why not all.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Residence {
-    /// They do.
-    Kept(Shown),
-    /// They take more bytes than pictures may.
-    TooMany(Shown),
-    /// The device cannot hold them.
-    Refused(GpuError),
+pub struct Residence {
+    /// What the fit shows again.
+    pub shown: Shown,
+    /// Those that stay: the ones that were shown last.
+    pub places: usize,
+    /// What the device says to more; `None` where all stay or more would take too many bytes.
+    pub refused: Option<GpuError>,
 }
 
 impl fmt::Display for Residence {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mb = |bytes: u64| bytes as f64 * 1e-6;
-        let uploaded = "the reference is uploaded in every step";
-        match self {
-            Self::Kept(s) => write!(
+        let Self { shown, places, refused } = self;
+        let mb = |pictures| shown.bytes(pictures) as f64 * 1e-6;
+        let [width, height] = shown.size;
+        let all = *places >= shown.pictures;
+        let of = if all { String::new() } else { format!("{places} of ") };
+        write!(
+            f,
+            "{of}{} pictures of the reference of {width} x {height} pixels stay there, ",
+            shown.pictures
+        )?;
+        write!(f, "{:.1} MB", mb(*places))?;
+        match refused {
+            _ if all => Ok(()),
+            Some(e) => write!(f, "; the others are uploaded when they are shown: {e}"),
+            None => write!(
                 f,
-                "{} pictures of the reference of {} x {} pixels stay there, {:.1} MB",
-                s.pictures,
-                s.size[0],
-                s.size[1],
-                mb(s.bytes())
+                "; the others are uploaded when they are shown: all take {:.0} MB, more than the {:.0} MB for them; \
+                 smaller pictures (`resolution`) would stay",
+                mb(shown.pictures),
+                BYTES_MAX as f64 * 1e-6
             ),
-            Self::TooMany(s) => write!(
-                f,
-                "{uploaded}: {} pictures of {} x {} pixels take {:.0} MB, more than the {:.0} MB for them; smaller \
-                 pictures (`resolution`) would stay",
-                s.pictures,
-                s.size[0],
-                s.size[1],
-                mb(s.bytes()),
-                mb(BYTES_MAX)
-            ),
-            Self::Refused(e) => write!(f, "{uploaded}: {e}"),
         }
     }
 }
 
 /// A picture on a device.
 #[derive(Debug)]
-struct Held {
+pub(super) struct Held {
     /// Which one; a picture that the fit has dropped leaves its place to another.
     picture: Weak<Image>,
     /// The last batch that showed it.
@@ -122,32 +125,45 @@ struct Held {
 /// The pictures on a device.
 #[derive(Debug, Default)]
 pub(super) struct References {
-    held: Vec<Held>,
+    pub(super) held: Vec<Held>,
     /// Pixels of each place.
-    pixels: usize,
+    pub(super) pixels: usize,
     /// Batches so far.
     batch: u64,
 }
 
 impl References {
-    /// Room for what a fit shows again, all at once: a fit that goes on decides alike.
-    pub(super) fn new(gpu: &Gpu, shown: Shown) -> (Self, Residence) {
-        if shown.bytes() > BYTES_MAX {
-            return (Self::default(), Residence::TooMany(shown));
-        }
-        let held = |_| {
-            let texels = gpu.zeros("picture of the reference", shown.pixels())?;
-            Ok(Held { picture: Weak::new(), batch: 0, texels })
-        };
-        match (0..shown.pictures).map(held).collect() {
-            Ok(held) => (Self { held, pixels: shown.pixels(), batch: 0 }, Residence::Kept(shown)),
-            Err(e) => (Self::default(), Residence::Refused(e)),
-        }
+    /// Room for what a fit shows again, as far as bytes go; at least for a step.
+    ///
+    /// # Errors
+    /// If the device has no room for the pictures of a step.
+    pub(super) fn new(gpu: &Gpu, shown: Shown) -> Result<(Self, Residence), GpuError> {
+        let mut out = Self::default();
+        out.make_room(gpu, shown.batch, shown.pixels())?;
+        let most = (BYTES_MAX / shown.bytes(1).max(1)) as usize;
+        let places = shown.pictures.min(most.max(shown.batch));
+        let refused = out.make_room(gpu, places, shown.pixels()).err();
+        let places = out.held.len();
+        Ok((out, Residence { shown, places, refused }))
     }
 
-    /// Whether a batch of pictures of at most so many pixels is shown from here.
-    pub(super) fn serves(&self, shots: &[Shot], pixels: usize) -> bool {
-        shots.len() <= self.held.len() && pixels <= self.pixels && shots.iter().all(|s| s.source.is_some())
+    /// Makes room for so many pictures of at most so many pixels, where it is not there.
+    pub(super) fn make_room(&mut self, gpu: &Gpu, places: usize, pixels: usize) -> Result<(), GpuError> {
+        if pixels > self.pixels {
+            (self.held, self.pixels) = (Vec::new(), pixels);
+        }
+        while self.held.len() < places {
+            let texels = gpu.zeros("picture of the reference", self.pixels)?;
+            self.held.push(Held { picture: Weak::new(), batch: 0, texels });
+        }
+        Ok(())
+    }
+
+    /// Gives back what is beyond the room for so many pictures; whether there was any.
+    pub(super) fn give_back(&mut self, places: usize) -> bool {
+        let more = self.held.len() > places;
+        self.held.truncate(places);
+        more
     }
 
     /// Begins a batch: what it shows stays until the next one begins.
@@ -155,17 +171,17 @@ impl References {
         self.batch += 1;
     }
 
-    /// The picture of a source, uploaded where it is not there yet.
-    fn texels(&mut self, gpu: &Gpu, source: &Source) -> Result<&Buffer<[f32; 4]>, GpuError> {
-        let is = |h: &Held| std::ptr::eq(h.picture.as_ptr(), &raw const *source.picture);
+    /// The picture of a shot, uploaded where it is not there yet.
+    fn texels(&mut self, gpu: &Gpu, shot: &Shot) -> Result<&Buffer<[f32; 4]>, GpuError> {
+        let is = |h: &Held| std::ptr::eq(h.picture.as_ptr(), &raw const *shot.shown);
         let at = match self.held.iter().position(is) {
             Some(at) => at,
             None => {
                 let free = self.held.iter().enumerate().filter(|(_, h)| h.batch != self.batch);
                 let oldest = free.min_by_key(|(_, h)| (h.picture.strong_count() > 0, h.batch));
                 let (at, h) = oldest.expect("no more pictures in a batch than places");
-                gpu.write(&h.texels, bytemuck::cast_slice(&source.picture.data))?;
-                self.held[at].picture = std::sync::Arc::downgrade(&source.picture);
+                gpu.write(&h.texels, bytemuck::cast_slice(&shot.shown.data))?;
+                self.held[at].picture = std::sync::Arc::downgrade(&shot.shown);
                 at
             }
         };
@@ -182,14 +198,14 @@ pub(super) struct FromHeld {
 }
 
 impl FromHeld {
-    /// Records that a picture is put over its noise: what [`Shot::new`] does on the CPU.
+    /// Records that a picture is put over its noise: what [`Shot::over_noise`] does on the CPU.
     pub(super) fn record(
         r: &mut Recorder,
         reference: &Buffer<[f32; 4]>,
         background: &Buffer<[f32; 4]>,
     ) -> Result<Self, GpuError> {
         let picture = r.copy_in(reference)?;
-        let params = Params::new(None, reference.len());
+        let params = Params::new(&Rng::new(0, 0), reference.len());
         let noise =
             r.dispatch(&OVER_NOISE, &params, &[reference.bind(), background.bind()], reference.len())?;
         Ok(Self { picture, noise })
@@ -203,8 +219,7 @@ impl FromHeld {
         references: &mut References,
         shot: &Shot,
     ) -> Result<(), GpuError> {
-        let source = shot.source.as_ref().expect("a batch that is served from here has sources");
-        recording.set(self.noise, &Params::new(Some(source), shot.width * shot.height));
-        recording.set_source(self.picture, references.texels(gpu, source)?)
+        recording.set(self.noise, &Params::new(&shot.noise, shot.width * shot.height));
+        recording.set_source(self.picture, references.texels(gpu, shot)?)
     }
 }

@@ -84,7 +84,7 @@ fn shots(sampling: Sampling, size: usize) -> Vec<Shot> {
         .map(|i| {
             let setup = views.setup(Set::Train, i, 0);
             let picture = Image::from_fn(setup.width, setup.height, 4, |_, _, _| rng.range(0.0, 1.0) as f32);
-            Shot::new(&setup, &picture, sampling, 1, i)
+            Shot::new(&setup, picture, sampling, 1, i)
         })
         .collect()
 }
@@ -275,7 +275,7 @@ fn losses_that_are_not_finite_are_told() {
     let (s, mut shots) = (surface(false), shots(Sampling::SUPERSAMPLED, 16));
     let mut device = GpuSurface::new(gpu, s, &shots).unwrap();
     device.step(&shots, Loss::Mse.into(), &[0.001, 0.01]).unwrap();
-    shots[1].reference[7][1] = f32::NAN;
+    Arc::make_mut(&mut shots[1].shown).data[4 * 7 + 1] = f32::NAN;
     device.step(&shots, Loss::Mse.into(), &[0.001, 0.01]).unwrap();
     let losses = device.losses().unwrap();
     assert!(losses[0].is_finite() && losses[1].is_nan(), "{losses:?}");
@@ -289,7 +289,7 @@ fn kept_shots(size: usize) -> Vec<Vec<Shot>> {
     let pictures: Vec<_> = (0..4).map(|_| Arc::new(picture())).collect();
     let shot = |k: usize, number: usize| {
         let setup = views.setup(Set::Train, k as u64, 0);
-        Shot::of_kept(&setup, &pictures[k], Sampling::SUPERSAMPLED, 1, number as u64)
+        Shot::new(&setup, pictures[k].clone(), Sampling::SUPERSAMPLED, 1, number as u64)
     };
     (0..8).map(|step| vec![shot(step % 4, 2 * step), shot((step / 2 + 1) % 4, 2 * step + 1)]).collect()
 }
@@ -300,34 +300,32 @@ fn pictures_are_put_over_noise_as_on_the_cpu() {
     let gpu = test_device();
     // An odd number of pixels, in room for more.
     let (n, room) = (13, 14 * 14);
-    let (mut references, residence) = References::new(gpu, Shown { pictures: 2, size: [14, 14] });
-    assert!(matches!(residence, Residence::Kept(_)));
+    let shown = Shown { pictures: 2, batch: 1, size: [14, 14] };
+    let (mut references, residence) = References::new(gpu, shown).unwrap();
+    assert_eq!(residence, Residence { shown, places: 2, refused: None });
     let [reference, background] = ["reference", "background"].map(|b| gpu.zeros(b, room).unwrap());
     let mut r = gpu.record("over noise");
     let from = FromHeld::record(&mut r, &reference, &background).unwrap();
     let mut recording = r.finish().unwrap();
     for shot in kept_shots(n).iter().flatten() {
         references.begin();
-        assert!(references.serves(std::slice::from_ref(shot), room));
         from.set(gpu, &mut recording, &mut references, shot).unwrap();
         recording.run().unwrap();
         let (over, noise) = (gpu.read(&reference).unwrap(), gpu.read(&background).unwrap());
-        assert!(noise[..n * n] == padded(&shot.background), "the same noise, to the bit");
-        let pairs = over.iter().zip(&shot.reference);
+        let made = shot.over_noise();
+        assert!(noise[..n * n] == padded(&made.background), "the same noise, to the bit");
+        let pairs = over.iter().zip(&made.reference);
         let off = pairs.flat_map(|(a, b)| (0..4).map(|k| (a[k] - b[k]).abs())).fold(0.0, f32::max);
         assert!(off < 3e-7, "{off:e}");
-        let other = Shot::of_kept(
+        let other = Shot::new(
             &Orbit::new(4, &Lighting::Point, n).setup(Set::Train, 0, 0),
-            &shot.source.as_ref().unwrap().picture,
+            shot.shown.clone(),
             shot.sampling,
             1,
             shot.number + 1,
         );
-        assert!(noise[..n * n] != padded(&other.background), "other noise is noticed");
+        assert!(noise[..n * n] != padded(&other.background()), "other noise is noticed");
     }
-    let mut without = kept_shots(n).remove(0);
-    without[1].source = None;
-    assert!(!references.serves(&without, room) && !references.serves(&without[..1], room + 1));
 }
 
 #[test]
@@ -339,8 +337,9 @@ fn a_step_is_one_submission_and_pictures_that_stay_are_uploaded_once() {
     let (s, batches, size) = (surface(false), kept_shots(40), 40 * 40);
     let run = |kept: bool| {
         let model = GpuSurface::new(gpu, s.clone(), &batches[0]).unwrap();
-        let shown = Shown { pictures: 4, size: [40, 40] };
-        let (mut model, _) = if kept { model.keeping(shown) } else { (model, Residence::TooMany(shown)) };
+        // In room for the two of a step, one of the last step is a new one again.
+        let shown = Shown { pictures: if kept { 4 } else { 2 }, batch: 2, size: [40, 40] };
+        let (mut model, _) = model.keeping(shown).unwrap();
         let mut traffic = Vec::new();
         for shots in &batches {
             let before = gpu.traffic();
@@ -355,40 +354,48 @@ fn a_step_is_one_submission_and_pictures_that_stay_are_uploaded_once() {
     let (old, new) = (run(false), run(true));
     assert!(run(true) == new, "the same bits again");
     println!("bytes uploaded in a step: {} with pictures, {} without", old.3[7], new.3[7]);
-    // Two pictures and two backgrounds of four numbers, but for the parameters of two kernels; of the kept ones, all four
-    // are there after two steps.
-    assert_eq!(old.3[7] - new.3[7] + 2 * 256, 2 * 2 * 16 * size as u64);
+    // All four are there after two steps.
+    assert_eq!(old.3[7] - new.3[7], 16 * size as u64);
     assert_eq!(new.3[0] - new.3[7], 2 * 16 * size as u64);
-    assert!(old.0.iter().zip(&new.0).all(|(a, b)| (a / b - 1.0).abs() < 1e-5), "{:?} {:?}", old.0, new.0);
-    let moved = difference(bytemuck::cast_slice(&s.candidate.positions), &new.1);
-    let apart = [difference(&old.1, &new.1) / moved, difference(&old.2, &new.2)];
-    println!("apart {:.1e} and {:.1e}", apart[0], apart[1]);
-    assert!(apart.iter().all(|a| *a < 1e-2), "{apart:?}");
-    let mut noticed = run(false);
-    noticed.0[3] *= 1.001;
-    assert!(!noticed.0.iter().zip(&new.0).all(|(a, b)| (a / b - 1.0).abs() < 1e-5));
+    assert!((&old.0, &old.1, &old.2) == (&new.0, &new.1, &new.2), "the same bits wherever pictures are");
 }
 
 #[test]
 #[ignore = "gpu: needs an adapter"]
 fn pictures_without_room_are_uploaded_and_the_plan_says_so() {
     let gpu = test_device();
-    let shown = Shown { pictures: 64, size: [2048, 2048] };
-    let model = GpuSurface::new(gpu, surface(false), &kept_shots(16)[0]).unwrap();
-    let (mut model, residence) = model.keeping(shown);
+    let model = || GpuSurface::new(gpu, surface(false), &kept_shots(16)[0]).unwrap();
+    // Of 64 pictures of 64 MB, 16 stay.
+    let shown = Shown { pictures: 64, batch: 2, size: [2048, 2048] };
+    let (mut model, residence) = model().keeping(shown).unwrap();
+    assert!((2..=16).contains(&residence.places), "{residence:?}");
     let told = residence.to_string();
-    for part in ["uploaded in every step", "64 pictures of 2048 x 2048", "4295 MB", "1074 MB", "`resolution`"]
-    {
+    for part in [" of 64 pictures", "2048 x 2048", "uploaded when they are shown"] {
         assert!(told.contains(part), "{told}");
+    }
+    let too_many = Residence { shown, places: 16, refused: None }.to_string();
+    for part in ["16 of 64 pictures", "4295 MB", "1074 MB", "`resolution`"] {
+        assert!(too_many.contains(part), "{too_many}");
     }
     model.step(&kept_shots(16)[0], Loss::LogSrgbL1.into(), &[0.002, 0.01]).unwrap();
     assert!(model.losses().unwrap()[0].is_finite());
     // One picture that no buffer takes.
     let side = (gpu.report().largest_binding as usize / 16).isqrt() + 1;
-    let (_, residence) = References::new(gpu, Shown { pictures: 1, size: [side, side] });
-    let told = residence.to_string();
-    let refused = matches!(residence, Residence::Refused(GpuError::TooLarge { .. }) | Residence::TooMany(_));
-    assert!(refused && told.contains("uploaded in every step"), "{told}");
+    let refused = References::new(gpu, Shown { pictures: 1, batch: 1, size: [side, side] });
+    assert!(matches!(refused, Err(GpuError::TooLarge { .. })), "{refused:?}");
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn room_for_pictures_grows_and_is_given_back() {
+    let gpu = test_device();
+    let mut references = References::default();
+    references.make_room(gpu, 3, 16).unwrap();
+    references.make_room(gpu, 2, 9).unwrap();
+    assert_eq!((references.held.len(), references.pixels), (3, 16));
+    assert!(references.give_back(2) && !references.give_back(2));
+    references.make_room(gpu, 1, 25).unwrap();
+    assert_eq!((references.held.len(), references.pixels), (1, 25));
 }
 
 #[test]

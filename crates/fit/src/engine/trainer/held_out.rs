@@ -5,6 +5,7 @@ use crate::engine::loss::relative_weights;
 use crate::engine::reference::Reference;
 use crate::engine::views::{Sampling, Set, Shot, Views};
 use photofit_image::psnr_from_mse;
+use rayon::prelude::*;
 use std::sync::OnceLock;
 
 /// What the pictures of an evaluation are judged by; more dB are better.
@@ -37,6 +38,8 @@ pub fn relative_error(quality: f64) -> f64 {
 #[derive(Clone, Debug)]
 pub struct HeldOut {
     shots: Vec<Shot>,
+    /// Their reference pictures over noise, `[H*W]` each, once they are asked for.
+    references: OnceLock<Vec<Vec<[f32; 4]>>>,
     /// Weights of their pixels, once they are asked for.
     weights: OnceLock<Vec<Vec<f32>>>,
     /// Mean relative noise of these pictures; `None` where that of one is not known.
@@ -62,19 +65,31 @@ impl HeldOut {
             let s = views.setup(Set::HeldOut, index, count);
             let picture = reference.picture(&s)?;
             out.noise = out.noise.zip(picture.noise).map(|(sum, noise)| sum + noise / count as f64);
-            out.shots.push(Shot::new(&s, &picture.image, sampling, seed ^ 0x5eed, index));
+            out.shots.push(Shot::new(&s, picture.image, sampling, seed ^ 0x5eed, index));
         }
         Ok(out)
     }
 
     /// These views, with the mean relative noise of their pictures.
     pub(crate) fn of(shots: Vec<Shot>, noise: Option<f64>) -> Self {
-        Self { shots, weights: OnceLock::new(), noise, measure: Measure::default() }
+        Self {
+            shots,
+            references: OnceLock::new(),
+            weights: OnceLock::new(),
+            noise,
+            measure: Measure::default(),
+        }
     }
 
     /// The views with their reference pictures.
     pub fn shots(&self) -> &[Shot] {
         &self.shots
+    }
+
+    /// Their reference pictures over noise, `[H*W]` each; the fourth number is coverage.
+    pub fn references(&self) -> &[Vec<[f32; 4]>] {
+        let over = |s: &Shot| s.over_noise().reference;
+        self.references.get_or_init(|| self.shots.par_iter().map(over).collect())
     }
 
     /// The same views, judged by another measure.
@@ -92,31 +107,41 @@ impl HeldOut {
     }
 
     fn relative(&self, pictures: &[Vec<[f32; 4]>]) -> f64 {
-        let of = |s: &Shot| relative_weights((s.width, s.height), &s.reference);
-        let weights = self.weights.get_or_init(|| self.shots.iter().map(of).collect());
-        let (mut squares, mut count) = (0.0, 0.0);
-        for ((shot, picture), weights) in self.shots.iter().zip(pictures).zip(weights) {
-            for ((c, r), weight) in picture.iter().zip(&shot.reference).zip(weights) {
+        let references = self.references();
+        let of = |(s, r): (&Shot, &Vec<[f32; 4]>)| relative_weights((s.width, s.height), r);
+        let weights = self.weights.get_or_init(|| self.shots.iter().zip(references).map(of).collect());
+        let one = |((picture, reference), weights): ((&Vec<[f32; 4]>, &Vec<[f32; 4]>), &Vec<f32>)| {
+            let (mut squares, mut count) = (0.0, 0.0);
+            for ((c, r), weight) in picture.iter().zip(reference).zip(weights) {
                 let weight = f64::from(*weight) / 3.0;
                 squares += weight * (0..3).map(|k| (f64::from(c[k]) - f64::from(r[k])).powi(2)).sum::<f64>();
                 count += 1.0;
             }
-        }
-        -10.0 * (squares / f64::max(count, 1.0)).log10()
+            [squares, count]
+        };
+        let sums = pictures.par_iter().zip(references).zip(weights).map(one).collect();
+        -10.0 * mean(sums).log10()
     }
 
     /// PSNR (sRGB, foreground) of pictures of these views.
     pub fn psnr(&self, pictures: &[Vec<[f32; 4]>]) -> f64 {
-        let (mut squares, mut count) = (0.0, 0.0);
-        for (shot, picture) in self.shots.iter().zip(pictures) {
-            for (c, r) in picture.iter().zip(&shot.reference) {
+        let one = |(picture, reference): (&Vec<[f32; 4]>, &Vec<[f32; 4]>)| {
+            let (mut squares, mut count) = (0.0, 0.0);
+            for (c, r) in picture.iter().zip(reference) {
                 if c[3] > 0.0 || r[3] > 0.0 {
                     let e = |x: f32| photofit_image::srgb_encode(x.clamp(0.0, 1.0));
                     squares += (0..3).map(|k| f64::from(e(c[k]) - e(r[k])).powi(2)).sum::<f64>() / 3.0;
                     count += 1.0;
                 }
             }
-        }
-        psnr_from_mse(squares / f64::max(count, 1.0))
+            [squares, count]
+        };
+        psnr_from_mse(mean(pictures.par_iter().zip(self.references()).map(one).collect()))
     }
+}
+
+/// The mean of what pictures have: sums and counts, added in the order of the pictures.
+fn mean(of: Vec<[f64; 2]>) -> f64 {
+    let [sum, count] = of.iter().fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+    sum / count.max(1.0)
 }

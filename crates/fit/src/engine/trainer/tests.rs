@@ -111,7 +111,7 @@ impl Chain for Pixels {
         g.iter_mut().for_each(|g| g.fill(0.0));
         let mut loss = 0.0;
         for shot in shots {
-            for (i, r) in shot.reference.iter().enumerate() {
+            for (i, r) in shot.over_noise().reference.iter().enumerate() {
                 let x = self.pixel(i);
                 let e = [0, 1, 2].map(|k| x[k] - r[k]);
                 loss += e.iter().map(|e| f64::from(e * e)).sum::<f64>();
@@ -127,7 +127,7 @@ impl Chain for Pixels {
     }
 
     fn pictures(&self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, ModelError> {
-        Ok(shots.iter().map(|s| (0..s.reference.len()).map(|i| self.pixel(i)).collect()).collect())
+        Ok(shots.iter().map(|s| (0..s.width * s.height).map(|i| self.pixel(i)).collect()).collect())
     }
 }
 

@@ -19,10 +19,18 @@ fn gradients_have_the_same_bits_whatever_is_kept_of_paths() {
     ];
     let of_maps = (0..4).map(|texture| Parameter::Texels { texture }).collect();
     let of_body = vec![of(0, MaterialValue::Absorption), of(1, MaterialValue::Reflectance)];
+    let of_metal = vec![
+        of(FLOOR, MaterialValue::Reflectance),
+        of(BALL, MaterialValue::Alpha),
+        of(BALL, MaterialValue::SpecularReflectance),
+        Parameter::Environment,
+    ];
     let near = looking([0.0, 0.8, 3.2], [0.0, -0.1, 0.0], 0.7);
     for (name, world, view, parameters) in [
         ("room", room, cornell_view(), of_room),
         ("maps", mapped(false), near, of_maps),
+        ("coated maps", mapped(true), near, (0..4).map(|texture| Parameter::Texels { texture }).collect()),
+        ("metals", metals(Distribution::Ggx), looking([0.0, 0.6, 2.6], [-0.3, 0.0, 0.0], 0.6), of_metal),
         ("body", clear_body(), near, of_body),
     ] {
         let mut adjoint = Adjoint::new(&world, &view, square(SIDE, 1), &parameters).unwrap();

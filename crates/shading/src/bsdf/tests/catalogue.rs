@@ -15,14 +15,16 @@ pub(super) struct Case<T> {
     pub(super) ior: Option<f64>,
     /// Scatters both above and below.
     pub(super) both_sides: bool,
+    /// How microfacets scatter, where the material has a choice.
+    pub(super) energy: Option<Energy>,
 }
 
 pub(super) fn v<T: Real>(x: f64, y: f64, z: f64) -> Vec3<T> {
     vec3(T::of(x), T::of(y), T::of(z))
 }
 
-fn case<T>(name: String, bsdf: Bsdf<T>) -> Case<T> {
-    Case { name, bsdf, ior: None, both_sides: false }
+pub(super) fn case<T>(name: String, bsdf: Bsdf<T>) -> Case<T> {
+    Case { name, bsdf, ior: None, both_sides: false, energy: None }
 }
 
 pub(super) const ROUGHNESSES: [f64; 6] = [0.0, 0.02, 0.1, 0.3, 0.6, 1.0];
@@ -62,7 +64,8 @@ fn metallic_roughness<T: Real>(roughness: f64, out: &mut Vec<Case<T>>) {
                 gamma: T::zero(),
             };
             let name = format!("metallic-roughness r {roughness} m {metallic} c {color} {energy:?}");
-            out.push(case(name, Bsdf::MetallicRoughness(MetallicRoughness::new(&surface, energy))));
+            let bsdf = Bsdf::MetallicRoughness(MetallicRoughness::new(&surface, energy));
+            out.push(Case { energy: Some(energy), ..case(name, bsdf) });
         }
     }
 }
@@ -136,7 +139,8 @@ fn layered<T: Real>(roughness: f64, out: &mut Vec<Case<T>>) {
             let bsdf = p.bsdf();
             let ior = p.volume.then_some(p.ior.f64());
             let name = format!("glTF {kind} r {roughness} {energy:?}");
-            out.push(Case { name, bsdf, ior, both_sides: bsdf.transmits() });
+            let both_sides = bsdf.transmits();
+            out.push(Case { name, bsdf, ior, both_sides, energy: Some(energy) });
         }
     }
 }
@@ -164,7 +168,7 @@ fn mitsuba<T: Real>(surface: Microfacet<T>, out: &mut Vec<Case<T>>) {
         let mode = if ior > 2.0 { TransportMode::Importance } else { TransportMode::Radiance };
         let bsdf = Bsdf::RoughDielectric(RoughDielectric { glass: glass(ior, mode), surface });
         let name = format!("rough dielectric {of} ior {ior} {mode:?}");
-        out.push(Case { name, bsdf, ior: Some(ior), both_sides: true });
+        out.push(Case { ior: Some(ior), both_sides: true, ..case(name, bsdf) });
     }
     if surface.alpha_x == surface.alpha_y {
         let (diffuse, white) = (v(0.5, 0.2, 0.9), v(1.0, 1.0, 1.0));
@@ -178,7 +182,7 @@ fn smooth<T: Real>(ior: f64, out: &mut Vec<Case<T>>) {
     for mode in [TransportMode::Radiance, TransportMode::Importance] {
         let bsdf = Bsdf::Dielectric(glass(ior, mode));
         let name = format!("dielectric {ior} {mode:?}");
-        out.push(Case { name, bsdf, ior: Some(ior), both_sides: true });
+        out.push(Case { ior: Some(ior), both_sides: true, ..case(name, bsdf) });
     }
     let thin = ThinDielectric { ior: T::of(ior), reflectance: white, transmittance: white };
     let thin = case(format!("thin dielectric {ior}"), Bsdf::ThinDielectric(thin));

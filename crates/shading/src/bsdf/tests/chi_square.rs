@@ -1,6 +1,6 @@
 //! Sampling against density: Pearson's test on a grid that is as fine as the lobe.
 
-use super::catalogue::{Case, all, extended, gold, v};
+use super::catalogue::{Case, all, case, extended, gold, v};
 use super::charts::{Grid, Lines};
 use crate::bsdf::{
     Bsdf, BsdfSample, Distribution, Microfacet, Principled, PrincipledParameters, PrincipledThin,
@@ -151,7 +151,7 @@ fn principled<T: Real>() -> Vec<Case<T>> {
                 };
                 let name = format!("principled r {roughness} t {spec_trans} eta {eta}");
                 let bsdf = Bsdf::Principled(Principled::new(&solid));
-                out.push(Case { name, bsdf, ior: None, both_sides: spec_trans > 0.0 });
+                out.push(Case { both_sides: spec_trans > 0.0, ..case(name, bsdf) });
             }
             let thin = PrincipledThinParameters {
                 base_color: v(0.9, 0.6, 0.3),
@@ -167,7 +167,7 @@ fn principled<T: Real>() -> Vec<Case<T>> {
             };
             let name = format!("thin principled r {roughness} t {spec_trans}");
             let bsdf = Bsdf::PrincipledThin(PrincipledThin::new(&thin));
-            out.push(Case { name, bsdf, ior: None, both_sides: true });
+            out.push(Case { both_sides: true, ..case(name, bsdf) });
         }
     }
     out
@@ -252,11 +252,8 @@ fn a_wrong_density_is_noticed() {
 
 #[test]
 fn a_wrong_density_of_a_line_is_noticed() {
-    let case = |roughness: f64| Case {
-        name: format!("glTF anisotropy r {roughness} "),
-        bsdf: extended("anisotropy", roughness).bsdf(),
-        ior: None,
-        both_sides: false,
+    let case = |roughness: f64| {
+        case(format!("glTF anisotropy r {roughness} "), extended("anisotropy", roughness).bsdf())
     };
     // Alphas have a least value, which roughness .02 is below and .034 above.
     let (right, wrong) = (case(0.02), case(0.034));
