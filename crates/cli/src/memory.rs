@@ -78,7 +78,7 @@ fn group_room(groups: &str, read: impl Fn(&str) -> Option<String>) -> Option<u64
     let one = |line: &str| {
         let mut parts = line.splitn(3, ':');
         let (_, kinds, path) = (parts.next()?, parts.next()?, parts.next()?);
-        let within = std::path::Path::new(path).ancestors().filter_map(|p| p.to_str());
+        let within = Path::new(path).ancestors().filter_map(|p| p.to_str());
         let within = within.map(|p| p.trim_end_matches('/').to_owned());
         if kinds.is_empty() {
             let left =

@@ -5,6 +5,8 @@
 //! both at many moments -> export with the light asset's nodes, skins and animations -> reload the file and compare it with
 //! the reference at these moments, in views that the fit never saw. Shapes and motions stay what they are.
 
+mod bare;
+
 use crate::bake::{BakeSettings, Target, bake, blank_texel};
 use crate::candidate::Candidate;
 use crate::engine::Normalised;
@@ -26,10 +28,11 @@ use crate::simplify::Written;
 use crate::simplify::outcome::{lost_extensions, not_fitted};
 use crate::visibility::{VisibilitySettings, visibility};
 use crate::{FitError, Progress};
+use bare::bare;
 use photofit_geometry::weld::weld_rows;
 use photofit_geometry::{Mesh, Weld};
 use photofit_raster::Maps;
-use photofit_scene::{FlatScene, Material, Scene};
+use photofit_scene::{FlatScene, Scene};
 use std::ops::ControlFlow;
 use std::path::Path;
 
@@ -242,34 +245,6 @@ fn animation(options: &RetextureOptions, n: &Normalised) -> Item {
     }
     let why = format!("{} moments of {}", options.moments.len(), names.join(", "));
     Item::of("animation", !names.is_empty(), why, "both assets are compared as they stand")
-}
-
-/// The light asset without materials, which its maps will be.
-fn bare(light: &Scene) -> Result<Scene, FitError> {
-    let wrong = |i: usize, is: &str, must: &str| {
-        Err(FitError::Setting { field: "light_asset", rule: format!("has {is} in primitive {i}; {must}") })
-    };
-    for i in light.instances.iter().map(|i| i.primitive) {
-        let mesh = &light.primitives[i].mesh;
-        if mesh.uvs.len() != mesh.positions.len() {
-            return wrong(i, "no texture coordinates", "they must be there");
-        }
-        let inside = |x: f32| (0.0..=1.0).contains(&x);
-        if let Some(uv) = mesh.uvs.iter().find(|uv| !(inside(uv.x) && inside(uv.y))) {
-            let is = format!("the texture coordinates {:?}", uv.to_array());
-            return wrong(i, &is, "they must lie in the unit square");
-        }
-    }
-    let mut out = Scene {
-        name: light.name.clone(),
-        primitives: light.primitives.clone(),
-        instances: light.instances.clone(),
-        materials: vec![Material::clay()],
-        hierarchy: light.hierarchy.clone(),
-        ..Scene::default()
-    };
-    out.primitives.iter_mut().for_each(|p| p.material = 0);
-    Ok(out)
 }
 
 /// The light asset at rest with blank maps.

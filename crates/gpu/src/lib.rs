@@ -46,7 +46,7 @@ pub use buffer::{Bind, Buffer};
 pub use device::{Gpu, Traffic};
 pub use error::GpuError;
 pub use kernel::{FIXED, FIXED_READ, INDEX, Kernel, fixed_words, validate};
-pub use record::{Inlet, Recorder, Recording, Slot};
+pub use record::{Inlet, KernelReport, Recorder, Recording, Slot};
 pub use testing::{run_device_tests, test_device};
 
 #[cfg(test)]

@@ -40,6 +40,8 @@ enum Command {
         /// Made when the recording is finished.
         group: Option<wgpu::BindGroup>,
         groups: Groups,
+        /// Invocations of a workgroup.
+        lanes: u32,
     },
     Clear(wgpu::Buffer),
     Copy {
@@ -142,6 +144,7 @@ impl Recorder {
             params: (wanted > 0).then_some(slot),
             group: None,
             groups,
+            lanes: compiled.reflection.lanes,
         });
         Ok(slot)
     }
@@ -228,6 +231,24 @@ impl Recorder {
         }
         Ok(Recording { gpu, name, commands, params, uniforms, changed: true })
     }
+}
+
+/// What the dispatches of one kernel in a list of commands do.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct KernelReport {
+    /// Name of the kernel.
+    pub kernel: &'static str,
+    /// Its dispatches.
+    pub dispatches: usize,
+    /// Invocations of those whose number is known when they are recorded.
+    pub invocations: u64,
+    /// Dispatches whose number of workgroups the device counts.
+    pub indirect: usize,
+    /// Bytes of the buffers that they bind, added up: each is read or written once at most where a kernel touches no
+    /// element twice.
+    pub bytes: u64,
+    /// Time on the device; `None` where it has no timestamps.
+    pub milliseconds: Option<f64>,
 }
 
 /// A finished list of commands.
@@ -346,6 +367,35 @@ impl Recording {
             out.extend(
                 times.into_iter().zip(&names[out.len()..]).map(|(ms, name)| (*name, ms)).collect::<Vec<_>>(),
             );
+        }
+        Ok(out)
+    }
+
+    /// Runs the list as [`Self::profile`], and tells the work of each kernel in the order in which they come first.
+    ///
+    /// # Errors
+    /// As [`Self::run`].
+    pub fn report(&mut self) -> Result<Vec<KernelReport>, GpuError> {
+        let mut times = self.profile()?.into_iter().map(|(_, ms)| ms);
+        let mut out: Vec<KernelReport> = Vec::new();
+        for command in &self.commands {
+            let Command::Dispatch { name, buffers, groups, lanes, .. } = command else { continue };
+            let at = out.iter().position(|r| r.kernel == *name).unwrap_or_else(|| {
+                out.push(KernelReport { kernel: name, ..KernelReport::default() });
+                out.len() - 1
+            });
+            let report = &mut out[at];
+            report.dispatches += 1;
+            report.bytes += buffers.iter().map(|(_, b)| b.bytes).sum::<u64>();
+            match groups {
+                Groups::Counted([x, y]) => {
+                    report.invocations += u64::from(*x) * u64::from(*y) * u64::from(*lanes);
+                }
+                Groups::Indirect(..) => report.indirect += 1,
+            }
+            if let Some(ms) = times.next() {
+                *report.milliseconds.get_or_insert_default() += ms;
+            }
         }
         Ok(out)
     }

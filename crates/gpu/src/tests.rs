@@ -202,6 +202,11 @@ fn recordings_run_again_with_other_parameters_and_are_profiled() {
     let profile = recording.profile().expect("runs");
     assert_eq!(gpu.read(&out).expect("read"), [4.0]);
     assert!(profile.is_empty() || profile.iter().map(|p| p.0).eq(["add", "read"]), "{profile:?}");
+    let report = recording.report().expect("runs");
+    let of = |r: &KernelReport| (r.kernel, r.dispatches, r.indirect, r.milliseconds.is_some());
+    let timed = !profile.is_empty();
+    assert!(report.iter().map(of).eq([("add", 1, 1, timed), ("read", 1, 0, timed)]), "{report:?}");
+    assert!(report[1].invocations >= 1 && report[1].bytes == words.bytes() + out.bytes(), "{report:?}");
 }
 
 #[test]

@@ -6,6 +6,7 @@ mod decimate;
 mod denoise;
 mod denoise_mc;
 mod denoise_peer;
+mod device;
 mod flow;
 mod gradients;
 mod metrics;
@@ -37,6 +38,11 @@ pub(crate) const SUITES: &[Suite] = &[
         name: "raster",
         about: "differentiable rasterizer, time against pixels and triangles",
         run: raster::run,
+    },
+    Suite {
+        name: "device",
+        about: "steps and whole fits on a GPU (PHOTOFIT_DEVICE=NAME, else any) beside the CPU, and the work of each kernel",
+        run: device::run,
     },
     Suite {
         name: "colors",

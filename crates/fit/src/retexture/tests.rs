@@ -6,7 +6,8 @@ use crate::engine::animated::arm::arm;
 use crate::engine::plan::Runs;
 use crate::engine::reference::Reference;
 use crate::engine::views::{Set, Views};
-use photofit_scene::{Extensions, Sheen};
+use photofit_scalar::vec2;
+use photofit_scene::{Extensions, Material, Sampler, Sheen, TextureSlot};
 
 const TIMES: [f32; 4] = [0.0, 0.4, 0.7, 1.0];
 
@@ -195,4 +196,33 @@ fn vertex_colours_of_the_light_asset_go_with_its_materials() {
     let (written, quality) = made(&colored);
     assert!(written.primitives.iter().all(|p| p.mesh.colors.is_empty()));
     assert_eq!(quality, made(&light()).1, "as without colours");
+}
+
+#[test]
+fn maps_are_painted_where_the_textures_of_the_light_asset_are_read() {
+    let (plain, mut packed) = (light(), light());
+    // As programs that quantise store them: in another range, brought back by the transform of the textures.
+    let pack =
+        |mesh: &mut Mesh| mesh.uvs.iter_mut().for_each(|uv| *uv = vec2(8.0 * uv.x - 3.0, 8.0 * uv.y - 3.0));
+    packed.primitives.iter_mut().for_each(|p| pack(&mut p.mesh));
+    let hierarchy = std::sync::Arc::make_mut(packed.hierarchy.as_mut().unwrap());
+    let parts = hierarchy.meshes.iter_mut().flat_map(|m| &mut m.primitives);
+    parts.filter_map(|p| p.bind.as_mut()).for_each(|b| pack(&mut b.mesh));
+    let transform = [[0.125, 0.0, 0.375], [0.0, 0.125, 0.375]];
+    let slot = TextureSlot { image: 0, sampler: Sampler::default(), tex_coord: 0, transform };
+    packed.materials[0].normal_texture = Some(slot);
+    let [a, b] = [&plain, &packed].map(|s| bare(s).unwrap());
+    let meshes = |s: &Scene| {
+        let parts = s.hierarchy.as_ref().unwrap().meshes.iter().flat_map(|m| m.primitives.clone());
+        let binds = parts.filter_map(|p| p.bind.map(|b| b.mesh));
+        s.primitives.iter().map(|p| p.mesh.clone()).chain(binds).collect::<Vec<_>>()
+    };
+    assert_eq!(meshes(&a).len(), 3);
+    for (a, b) in meshes(&a).iter().zip(&meshes(&b)) {
+        assert!(a.uvs.iter().zip(&b.uvs).all(|(a, b)| (a.x - b.x).abs() + (a.y - b.y).abs() < 1e-5));
+    }
+    // What rounding leaves outside of the unit square is moved into it.
+    let mut rounded = light();
+    rounded.primitives[1].mesh.uvs[0].x = -1e-6;
+    assert_eq!(bare(&rounded).unwrap().primitives[1].mesh.uvs[0].x, 0.0);
 }

@@ -17,7 +17,7 @@ use super::model::{Group, Model, ModelError, Snapshot};
 use super::surface::{POSITIONS, PositionOptimizer, Surface, temporal};
 use super::views::Shot;
 use crate::FitError;
-use photofit_gpu::{Buffer, Gpu, GpuError, Kernel, Recording};
+use photofit_gpu::{Buffer, Gpu, GpuError, Kernel, KernelReport, Recording};
 use photofit_optim::OptimError;
 use photofit_optim::gpu::{DeviceOptimizer, LargeStepsSolver};
 use photofit_raster::CHANNELS;
@@ -132,6 +132,15 @@ impl GpuSurface {
         let (references, residence) = References::new(&self.gpu, shown).map_err(NoRoom::pictures)?;
         self.references = references;
         Ok((self, residence))
+    }
+
+    /// Makes the last step once more, with a timestamp around each dispatch, and tells the work of its kernels; empty before
+    /// the first step.
+    ///
+    /// # Errors
+    /// If the device refuses it or is lost.
+    pub fn report_step(&mut self) -> Result<Vec<KernelReport>, GpuError> {
+        self.step.as_mut().map_or(Ok(Vec::new()), Step::report)
     }
 
     /// Makes room for shots and their environments. What was recorded for less is dropped.

@@ -6,7 +6,7 @@ use super::stage::{Drawn, Room, Skies, Stage, aim, largest, padded};
 use crate::engine::model::Group;
 use crate::engine::surface::POSITIONS;
 use crate::engine::views::Shot;
-use photofit_gpu::{Buffer, Gpu, GpuError, Recording, Slot};
+use photofit_gpu::{Buffer, Gpu, GpuError, KernelReport, Recording, Slot};
 use photofit_optim::OptimError;
 use photofit_optim::gpu::{DeviceOptimizer, Recorded, constrain};
 use photofit_raster::deferred::gpu::MapShading;
@@ -144,6 +144,13 @@ impl Step {
         }
         self.recording.set(self.losses, &[shots.len() as u32, at as u32, 0, 0]);
         Ok(self.recording.run()?)
+    }
+}
+
+impl Step {
+    /// Makes the step of the last run once more, and tells the work of its kernels.
+    pub(super) fn report(&mut self) -> Result<Vec<KernelReport>, GpuError> {
+        self.recording.report()
     }
 }
 

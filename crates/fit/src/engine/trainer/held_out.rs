@@ -110,17 +110,16 @@ impl HeldOut {
         let references = self.references();
         let of = |(s, r): (&Shot, &Vec<[f32; 4]>)| relative_weights((s.width, s.height), r);
         let weights = self.weights.get_or_init(|| self.shots.iter().zip(references).map(of).collect());
-        let one = |((picture, reference), weights): ((&Vec<[f32; 4]>, &Vec<[f32; 4]>), &Vec<f32>)| {
+        let one = |i: usize| {
             let (mut squares, mut count) = (0.0, 0.0);
-            for ((c, r), weight) in picture.iter().zip(reference).zip(weights) {
+            for ((c, r), weight) in pictures[i].iter().zip(&references[i]).zip(&weights[i]) {
                 let weight = f64::from(*weight) / 3.0;
                 squares += weight * (0..3).map(|k| (f64::from(c[k]) - f64::from(r[k])).powi(2)).sum::<f64>();
                 count += 1.0;
             }
             [squares, count]
         };
-        let sums = pictures.par_iter().zip(references).zip(weights).map(one).collect();
-        -10.0 * mean(sums).log10()
+        -10.0 * mean((0..pictures.len()).into_par_iter().map(one).collect()).log10()
     }
 
     /// PSNR (sRGB, foreground) of pictures of these views.

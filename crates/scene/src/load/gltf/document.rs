@@ -14,6 +14,7 @@ use std::collections::{BTreeSet, HashMap, HashSet};
 
 /// Extensions whose meaning is read here.
 const SUPPORTED: &[&str] = &[
+    "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_webp",
     DRACO,
@@ -45,6 +46,8 @@ pub(super) struct Document<'a> {
     pub(super) lights: Vec<Value>,
     /// Index of the light of each node that has one.
     node_lights: HashMap<usize, usize>,
+    /// What places the meshes of nodes more than once.
+    instancing: HashMap<usize, Instancing>,
     pub(super) buffers: Vec<Cow<'a, [u8]>>,
     /// Bytes of buffer views that are compressed.
     decoded: HashMap<usize, Vec<u8>>,
@@ -85,8 +88,18 @@ struct RawNode {
 struct NodeExtensions {
     #[serde(rename = "KHR_lights_punctual")]
     light: Option<LightIndex>,
+    #[serde(rename = "EXT_mesh_gpu_instancing")]
+    instancing: Option<Instancing>,
     #[serde(flatten)]
     others: HashMap<String, serde::de::IgnoredAny>,
+}
+
+/// The accessors that place the mesh of a node.
+#[derive(Debug, serde::Deserialize)]
+pub(super) struct Instancing {
+    /// By the names of the extension.
+    #[serde(default)]
+    pub(super) attributes: HashMap<String, usize>,
 }
 
 #[derive(serde::Deserialize)]
@@ -130,12 +143,15 @@ impl<'a> Document<'a> {
         let node_lights =
             node_lights.filter_map(|(i, n)| Some((i, n.extensions.as_ref()?.light.as_ref()?.light)));
         let node_lights = node_lights.collect();
+        let instancing = nodes.into_iter().enumerate();
+        let instancing = instancing.filter_map(|(i, n)| Some((i, n.extensions?.instancing?))).collect();
         let draco_required = root.extensions_required.iter().any(|e| e == DRACO);
         let mut document = Self {
             root,
             materials,
             lights,
             node_lights,
+            instancing,
             buffers: Vec::new(),
             decoded: HashMap::new(),
             streams: draco::streams(meshes),
@@ -165,6 +181,11 @@ impl<'a> Document<'a> {
     /// Index of the light of a node.
     pub(super) fn light(&self, node: usize) -> Option<usize> {
         self.node_lights.get(&node).copied()
+    }
+
+    /// What places the mesh of a node more than once.
+    pub(super) fn instancing(&self, node: usize) -> Option<&Instancing> {
+        self.instancing.get(&node)
     }
 
     /// Application data of an object.

@@ -8,6 +8,7 @@ mod document;
 mod draco;
 mod extensions;
 mod geometry;
+mod instancing;
 mod lights;
 mod material;
 mod nodes;

@@ -1,7 +1,7 @@
 //! The node hierarchy, and the cameras and lights that hang on it.
 
 use super::document::Document;
-use super::lights;
+use super::{instancing, lights};
 use crate::error::{Fault, fault};
 use crate::nodes::{Hierarchy, Lens, Node, NodeCamera, NodeTransform};
 use glam::{Affine3A, Mat4, Quat, Vec3};
@@ -25,6 +25,7 @@ pub(super) fn read(document: &Document<'_>, warnings: &mut Vec<String>) -> Resul
             light: document.light(i),
         });
     }
+    instancing::expand(document, &mut nodes)?;
     let mut out = Hierarchy { nodes, ..Hierarchy::default() };
     out.roots = roots(document, &out, warnings)?;
     out.check_trees()?;

@@ -35,10 +35,27 @@ impl Library {
         names: &mut HashMap<String, usize>,
         textures: &mut Textures<'_>,
     ) -> Result<(), Fault> {
-        let text = match folder.read_name(file, limits.file_bytes, place) {
+        let read = |name: &str| folder.read_name(name, limits.file_bytes, place);
+        let found = match read(file) {
+            // Exporters write the path that the library had on their machine.
+            Err(f) if f.kind == FaultKind::Outside => {
+                let name = file.rsplit(['/', '\\']).next().filter(|n| !n.is_empty());
+                match name.and_then(|n| Some((n, read(n).ok()?))) {
+                    Some((name, text)) => {
+                        let instead =
+                            format!("`{}`, the file of its name beside the asset, is read", clip(name));
+                        scene.warnings.push(format!("{place}: {}; {instead}", f.rule));
+                        Ok(text)
+                    }
+                    None => Err(f),
+                }
+            }
+            other => other,
+        };
+        let text = match found {
             Ok(text) => text,
-            Err(f) if f.kind == FaultKind::Unreadable => {
-                scene.warnings.push(format!("{place}: {}", f.rule));
+            Err(f) if matches!(f.kind, FaultKind::Unreadable | FaultKind::Outside) => {
+                scene.warnings.push(format!("{place}: {}: the library is left out", f.rule));
                 return Ok(());
             }
             Err(f) => return Err(f),
@@ -56,6 +73,10 @@ impl Library {
                 continue;
             }
             let Some((_, statements)) = self.statements.last_mut().filter(|_| begun) else { continue };
+            if let Some(kind) = rest.split_whitespace().next().filter(|w| ["spectral", "xyz"].contains(w)) {
+                scene.warnings.push(format!("{place}: `{keyword} {kind}` is not read: it is left out"));
+                continue;
+            }
             let mut warning = None;
             let mut map = |rest: &str, needed: bool| match map(rest, folder, limits, &place, textures) {
                 Ok((map, told)) => {

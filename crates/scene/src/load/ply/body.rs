@@ -30,7 +30,7 @@ impl<'a> Body<'a> {
             _ => Err(fault(
                 format!("element {}", element.name),
                 format!(
-                    "{} records of at least {record} bytes fit into the {} that follow byte {}",
+                    "claims {} records of at least {record} bytes; only {} bytes follow byte {}",
                     element.count,
                     left - 1,
                     self.at

@@ -91,7 +91,7 @@ impl RawPoints {
             let rule = match self.skipped {
                 0 => "the cloud has no point; it must have at least one point".into(),
                 n => format!(
-                    "{n} points have infinite coordinates or some beyond {MAX_POINT:e}; at least one point must have finite coordinates up to that"
+                    "{n} points have coordinates that are not finite or beyond {MAX_POINT:e}; at least one point must have finite ones up to that"
                 ),
             };
             return Err(fault("points", rule));

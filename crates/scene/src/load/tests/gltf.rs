@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use std::f32::consts::FRAC_1_SQRT_2;
 
 /// A document under construction.
+#[derive(Clone)]
 pub(super) struct Builder {
     pub(super) json: Value,
     pub(super) binary: Vec<u8>,

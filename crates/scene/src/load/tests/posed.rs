@@ -1,8 +1,8 @@
 //! Skins, morph targets and animations: known poses, round trips, broken files.
 
 use super::gltf::{Builder, push, triangle};
-use super::load_files;
-use crate::{Curve, Interpolation, Property, Scene, to_glb};
+use super::{load_files, refused, refused_with};
+use crate::{Curve, Interpolation, Limits, Property, Scene, to_glb};
 use glam::Quat;
 use photofit_scalar::vec3;
 use serde_json::{Value, json};
@@ -197,10 +197,10 @@ fn additions_are_written_and_moves_by_hand_are_not_lost_in_silence() {
 #[test]
 fn what_a_simplified_asset_does_not_keep_is_told() {
     let mut b = moving();
-    b.json["extensionsUsed"] = json!(["KHR_lights_punctual", "EXT_mesh_gpu_instancing"]);
+    b.json["extensionsUsed"] = json!(["KHR_lights_punctual", "EXT_of_nobody"]);
     b.json["nodes"][4]["extensions"] = json!({"MY_tag": {}});
     let scene = b.load();
-    assert_eq!(scene.ignored_extensions, ["EXT_mesh_gpu_instancing", "MY_tag"]);
+    assert_eq!(scene.ignored_extensions, ["EXT_of_nobody", "MY_tag"]);
     let lines = scene.left_out(&Scene::default());
     for part in [
         "1 skin with 2 joints",
@@ -266,4 +266,37 @@ fn broken_animations_are_left_out() {
     assert!(hierarchy.animations[0].channels.iter().any(|c| c.property == Property::Weights));
     assert_eq!(scene.warnings.len(), 2, "{:?}", scene.warnings);
     assert!(scene.warnings.iter().all(|w| w.contains("node 4")), "{:?}", scene.warnings);
+}
+
+#[test]
+fn a_node_with_instances_places_its_mesh_as_often() {
+    let mut b = triangle();
+    let places = b.floats(&[1.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 3.0], "VEC3", 3);
+    let turns = b.accessor(&[0, 0, 0, 127, 0, 0, 127, 0, 0, 0, 0, 127], 5120, "VEC4", 3);
+    b.json["accessors"][turns]["normalized"] = json!(true);
+    let few = b.floats(&[1.0; 6], "VEC3", 2);
+    let attributes = json!({"TRANSLATION": places, "ROTATION": turns});
+    b.json["nodes"] = json!([{"name": "many", "mesh": 0, "translation": [10, 0, 0],
+        "extensions": {"EXT_mesh_gpu_instancing": {"attributes": attributes}}}]);
+    b.json["scenes"] = json!([{"nodes": [0]}]);
+    b.json["extensionsRequired"] = json!(["EXT_mesh_gpu_instancing"]);
+    let scene = b.load();
+    let at = |i: usize| scene.instances[i].transform.translation.to_array();
+    assert_eq!([at(0), at(1), at(2)], [[11.0, 0.0, 0.0], [10.0, 2.0, 0.0], [10.0, 0.0, 3.0]]);
+    assert_eq!((scene.primitives.len(), scene.instances.len()), (1, 3), "one mesh");
+    let turned = scene.instances[1].transform.transform_vector3(glam::Vec3::X);
+    assert!(turned.abs_diff_eq(-glam::Vec3::X, 1e-5), "half a turn: {turned}");
+    assert!(scene.warnings.is_empty() && scene.ignored_extensions.is_empty(), "{:?}", scene.warnings);
+    assert_eq!(again(&scene).instances.len(), 3);
+    for (attributes, word) in [
+        (json!({"TRANSLATION": places, "SCALE": few}), "of 3 and of 2 elements"),
+        (json!({}), "one must be there"),
+        (json!({"TRANSLATION": 99}), "accessor 99"),
+    ] {
+        let mut bad = b.clone();
+        bad.json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"] = attributes;
+        refused(&[("a.glb", &bad.glb())], &["EXT_mesh_gpu_instancing", word]);
+    }
+    let few = Limits { instances: 2, ..Limits::default() };
+    refused_with(&[("a.glb", &b.glb())], &few, &["3 times", "at most 2"]);
 }
