@@ -160,7 +160,8 @@ pub fn recover_material(
         return Err(FitError::Setting { field: "pictures", rule });
     };
     let (blank, unwrapped) = surface::blank(mesh, options, progress)?;
-    let mut task = Task { blank: &blank, options, size: [first.width, first.height], environment: Image::new(1, 1, 3) };
+    let mut task =
+        Task { blank: &blank, options, size: [first.width, first.height], environment: Image::new(1, 1, 3) };
     task.environment = task.sky(views, pictures)?;
     let mut values: Option<Vec<Vec<f32>>> = None;
     let (mut phases, mut guides) = (Vec::new(), Vec::new());
@@ -268,7 +269,8 @@ impl Task<'_> {
         let world = self.world(&even(1.0))?;
         let (mut given, mut seen, mut covered) = (0.0, 0.0, 0);
         for (view, picture) in views.iter().zip(pictures).take(MOST_VIEWS) {
-            let mut renderer = Renderer::new(&world, view, RenderOptions { spp: START_SPP, ..self.rendering() })?;
+            let mut renderer =
+                Renderer::new(&world, view, RenderOptions { spp: START_SPP, ..self.rendering() })?;
             renderer.finish();
             let drawn = renderer.picture();
             if (drawn.width, drawn.height, 4) != (picture.width, picture.height, picture.channels) {
@@ -296,7 +298,8 @@ impl Task<'_> {
     fn model(&self, values: Option<&[Vec<f32>]>) -> Result<Traced, FitError> {
         let Self { blank, options: o, environment, .. } = self;
         let world = self.world(environment)?;
-        let mut parameters: Vec<TracedParameter> = self.maps(&world).iter().map(|m| m.parameter(blank)).collect();
+        let mut parameters: Vec<TracedParameter> =
+            self.maps(&world).iter().map(|m| m.parameter(blank)).collect();
         let fits_environment = !o.keep_environment;
         if fits_environment {
             let mean = environment.data.iter().sum::<f32>() / environment.data.len() as f32;
@@ -385,7 +388,12 @@ impl Task<'_> {
 }
 
 fn atlas_row(unwrapped: bool) -> Item {
-    Item::of("new texture coordinates", unwrapped, "the mesh has none, or they were asked for", "the mesh has its own")
+    Item::of(
+        "new texture coordinates",
+        unwrapped,
+        "the mesh has none, or they were asked for",
+        "the mesh has its own",
+    )
 }
 
 /// An asset in the world of its file, without lights of its own, under an environment.

@@ -106,9 +106,7 @@ pub fn recover_scene(
     }
     // Alpha counts for nothing: a sky that is seen is light like any other, and nothing is put behind it.
     let opaque = |p: &Image| match model.compared {
-        ComparedPixels::All => {
-            Image::from_fn(w, h, 4, |x, y, c| if c < 3 { p.pixel(x, y)[c] } else { 1.0 })
-        }
+        ComparedPixels::All => Image::from_fn(w, h, 4, |x, y, c| if c < 3 { p.pixel(x, y)[c] } else { 1.0 }),
         ComparedPixels::Covered => p.clone(),
     };
     let pictures: Vec<Image> = pictures.iter().map(opaque).collect();

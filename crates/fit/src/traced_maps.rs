@@ -339,7 +339,13 @@ impl Map {
 
     /// Writes linear values that moved from `start` as the image holds them; alpha and what no picture depends on stay. Of
     /// maps that share the image the one that moved a texel farthest has it: `moved` says how far each is so far.
-    pub(crate) fn write(&self, start: &[f32], values: &[f32], image: &mut TextureImage, moved: &mut Vec<f32>) {
+    pub(crate) fn write(
+        &self,
+        start: &[f32],
+        values: &[f32],
+        image: &mut TextureImage,
+        moved: &mut Vec<f32>,
+    ) {
         let unorm = |x: f32| (x.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
         moved.resize(image.texels.len(), 0.0);
         let rows = start.chunks_exact(3).zip(values.chunks_exact(3));

@@ -15,7 +15,8 @@ use crate::FitError;
 use photofit_flow::{FlowGuide, FlowOptions, Guide, Guided, LobeGuide, LobeOptions, Record};
 use photofit_image::Image;
 use photofit_pathtrace::{
-    Adjoint, Gradient, GradientSamples, Integrator, PathtraceError, Progress, RenderOptions, Renderer, Strategy,
+    Adjoint, Gradient, GradientSamples, Integrator, PathtraceError, Progress, RenderOptions, Renderer,
+    Strategy,
 };
 use photofit_sampling::ScatteringSampler;
 use photofit_scalar::Vec3f;

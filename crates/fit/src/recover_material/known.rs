@@ -70,7 +70,10 @@ pub fn around(asset: &Scene, count: usize) -> Result<Vec<View>, FitError> {
 
 /// A sky with three windows of light of different colours, over a dark ground.
 pub fn first_sky() -> Image {
-    windows(&[(4, 6, [12.0, 10.0, 8.0]), (22, 9, [4.0, 7.0, 12.0]), (44, 4, [10.0, 9.0, 8.0])], [0.35, 0.4, 0.5])
+    windows(
+        &[(4, 6, [12.0, 10.0, 8.0]), (22, 9, [4.0, 7.0, 12.0]), (44, 4, [10.0, 9.0, 8.0])],
+        [0.35, 0.4, 0.5],
+    )
 }
 
 /// Another one: two windows elsewhere, under a warm sky.
@@ -236,7 +239,9 @@ fn scale_base_colors(world: &mut World, scene: &Scene, scale: [f64; 3]) -> Resul
     let mut done = Vec::new();
     for i in 0..scene.materials.len() {
         let Some(library) = world.library() else { return Ok(()) };
-        let Some(texture) = library.texture_of(i, MapKind::BaseColor).filter(|t| !done.contains(t)) else { continue };
+        let Some(texture) = library.texture_of(i, MapKind::BaseColor).filter(|t| !done.contains(t)) else {
+            continue;
+        };
         let texels = library.texture(texture).linear_base();
         let scaled = |t: [f32; 4]| {
             let of = |c: usize| (f64::from(t[c]) * scale[c]).min(1.0) as f32;

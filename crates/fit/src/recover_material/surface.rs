@@ -9,7 +9,7 @@ use photofit_image::linear_to_srgb_u8;
 use photofit_scene::{Material, Scene, TextureImage, TextureSlot, Wrap};
 
 /// What all materials start from: base colour, roughness, metalness.
-const START: [f32; 3] = [0.5, 0.5, 0.1];
+const START: [f32; 3] = [0.5, 0.5, 0.0];
 
 /// A scene of the same shape whose materials have maps that pictures may paint, and whether it has texture coordinates of its
 /// own making. Those of the asset are kept where all of its parts have some, with a set of maps for each of its materials; else,
@@ -61,7 +61,11 @@ fn with_own_uvs(mesh: &Scene, options: &RecoverMaterialOptions) -> Scene {
 }
 
 /// Adds the images of a set of maps; their slots.
-fn slots(images: &mut Vec<TextureImage>, options: &RecoverMaterialOptions, of: &str) -> [Option<TextureSlot>; 3] {
+fn slots(
+    images: &mut Vec<TextureImage>,
+    options: &RecoverMaterialOptions,
+    of: &str,
+) -> [Option<TextureSlot>; 3] {
     let [color, roughness, metallic] = START;
     let unorm = |x: f32| (255.0 * x + 0.5) as u8;
     let grey = linear_to_srgb_u8(color);
