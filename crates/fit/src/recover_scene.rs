@@ -217,7 +217,9 @@ fn items(model: &Traced, held_out: Option<usize>, steps: u64) -> Vec<Item> {
     let why_not = match model.smoothing {
         _ if steps == 0 => rows::NO_STEPS,
         Smoothing::None => "not asked for",
-        _ => "all parameters are single values, or grids of fewer than 16 voxels a side",
+        _ => {
+            "all parameters are single values, grids of fewer than 16 voxels a side, or skies of fewer than 16 rows"
+        }
     };
     let how = format!("{}: {}", format!("{:?}", model.smoothing).to_lowercase(), names.join(", "));
     items.push(Item::of("smoothed steps", steps > 0 && !names.is_empty(), how, why_not));

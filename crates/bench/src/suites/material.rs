@@ -23,7 +23,7 @@ use crate::timing::Timing;
 const PIXELS: usize = 40;
 const TARGET_SPP: u32 = 512;
 /// Steps of a fit.
-const STEPS: u64 = 100;
+const STEPS: u64 = 80;
 /// Samples of the pictures of a step and of its gradients.
 const SAMPLES: [u32; 2] = [12, 6];
 /// Pictures of what was found, under another sky.
@@ -44,7 +44,9 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
             let equal_time = RecoverMaterialOptions { spp, gradient_spp, ..equal_samples };
             bench.run(ctx, &format!("{}, equal time", kind.name()), &equal_time)?;
         }
-        bench.ablations(ctx)?;
+        if name == "room" {
+            bench.ablations(ctx)?;
+        }
     }
     ctx.note(format!(
         "Guides are forced: they stay on whether or not they pay. {STEPS} steps in two rounds, of which the second is guided, on 10 \

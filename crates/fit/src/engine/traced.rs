@@ -232,13 +232,10 @@ impl Traced {
         self.logarithms[parameter].as_mut().unwrap_or(&mut self.values[parameter])
     }
 
-    /// Whether steps of a parameter are smoothed: of textures, and of grids in space of at least 16 voxels along some side,
-    /// where that is asked for.
+    /// Whether steps of a parameter are smoothed: of textures, of environments of at least 16 rows, and of grids in space of at
+    /// least 16 voxels along some side, where that is asked for.
     pub fn is_smoothed(&self, parameter: &TracedParameter) -> bool {
-        let [depth, height, width, _] = parameter.shape;
-        let grid = Grid::volume(width, height, depth);
-        let large = grid.sites() > 1 && (depth == 1 || levels_in_space(&grid) > 0);
-        large && self.smoothing != Smoothing::None
+        parameter.cells() > 1 && levels(parameter) > 0 && self.smoothing != Smoothing::None
     }
 
     fn update(&mut self, parameter: usize) -> Result<(), photofit_pathtrace::PathtraceError> {
@@ -340,11 +337,18 @@ impl Traced {
     }
 }
 
-/// Levels of the filter of a grid in space: three for 64 voxels per side, one less for each halving, none below 16. Wider
-/// ones would smooth over what the grid holds.
-fn levels_in_space(grid: &Grid) -> u32 {
-    let side = grid.shape().into_iter().max().unwrap_or(1);
-    side.ilog2().saturating_sub(3).min(3)
+/// Levels of the filter of a parameter. Of a grid in space: three for 64 voxels per side, one less for each halving, none
+/// below 16; of an environment by its rows: one for 16, one more for each doubling. Wider ones would smooth over what they
+/// hold.
+fn levels(parameter: &TracedParameter) -> u32 {
+    let [depth, height, width, _] = parameter.shape;
+    let usual = Bilateral::default().levels;
+    let (side, most) = match parameter.parameter {
+        _ if depth > 1 => (depth.max(height).max(width), 3),
+        Parameter::Environment => (height, usual),
+        _ => return usual,
+    };
+    side.max(1).ilog2().saturating_sub(3).min(most)
 }
 
 impl Chain for Traced {
@@ -382,7 +386,7 @@ impl Chain for Traced {
                     .and_then(|f| new()?.with_filter(Placement::PRE, f)),
                 Smoothing::Bilateral => {
                     let usual = Bilateral::default();
-                    let levels = if depth > 1 { levels_in_space(&grid) } else { usual.levels };
+                    let levels = known.map_or(usual.levels, levels);
                     let in_logarithms = index.is_some_and(|k| self.moves_in_logarithms(k));
                     let map = if in_logarithms { GuideMap::Linear } else { GuideMap::Log };
                     let settings = Bilateral { levels, map, sigma: Sigma::Auto(2.0), ..usual };
