@@ -209,8 +209,7 @@ impl Traced {
     pub fn move_in_logarithms(&mut self, parameter: usize) -> Result<(), FitError> {
         let TracedParameter { name, range: [low, high], .. } = &self.parameters[parameter];
         if !(*low > 0.0 && high.is_finite()) {
-            let rule =
-                format!("of {name} is {low} to {high}; logarithms need one that is positive and finite");
+            let rule = format!("of {name} is {low} to {high}; it must be above 0 and finite");
             return Err(FitError::Setting { field: "range", rule });
         }
         let values: Vec<f32> = self.values[parameter].iter().map(|v| v.clamp(*low, *high)).collect();
