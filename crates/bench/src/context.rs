@@ -71,7 +71,8 @@ impl Context {
         timing: Timing,
         figures: Vec<(&'static str, f64)>,
     ) {
-        println!("{method:24} {case:16} {:10.3} ms", 1e3 * timing.median);
+        let told: Vec<String> = figures.iter().map(|(name, v)| format!("{name} {}", number(*v))).collect();
+        println!("{method:24} {case:16} {:10.3} ms  {}", 1e3 * timing.median, told.join(", "));
         let (method, case) = (method.to_owned(), case.to_owned());
         self.rows.push(Row { method, case, size: size as f64, timing, figures });
     }

@@ -11,7 +11,7 @@ mod values;
 pub(crate) use denoise::{Denoise, DenoiseModel};
 pub(crate) use gradient::{Gradient, ParameterScene};
 pub(crate) use recover::{
-    Recover, RecoverMesh, RecoverScene, RecoverTexture, RecoverVolume, TextureSmoothing,
+    Recover, RecoverMaterial, RecoverMesh, RecoverScene, RecoverTexture, RecoverVolume, TextureSmoothing,
 };
 pub(crate) use render::{Render, RenderGuiding, RenderIntegrator, RenderLight};
 pub(crate) use retexture::Retexture;

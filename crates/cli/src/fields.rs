@@ -16,6 +16,7 @@ pub(crate) const RETEXTURE: Command = &["retexture"];
 pub(crate) const RECOVER_TEXTURE: Command = &["recover", "texture"];
 pub(crate) const RECOVER_MESH: Command = &["recover", "mesh"];
 pub(crate) const RECOVER_SCENE: Command = &["recover", "scene"];
+pub(crate) const RECOVER_MATERIAL: Command = &["recover", "material"];
 pub(crate) const RECOVER_VOLUME: Command = &["recover", "volume"];
 
 /// The option of a field, or what the field is where the command has no such option.
@@ -76,5 +77,6 @@ mod tests {
         assert_eq!(option(RECOVER_TEXTURE, "optimizer"), "optimizer");
         assert_eq!(option(RECOVER_SCENE, "seed"), "--seed");
         assert_eq!(option(RECOVER_VOLUME, "bounds"), "--bounds");
+        assert_eq!(option(RECOVER_MATERIAL, "environment_size"), "--environment-size");
     }
 }

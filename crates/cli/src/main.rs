@@ -26,6 +26,7 @@ mod path_render;
 mod preflight;
 mod progress;
 mod recover;
+mod recover_material;
 mod recover_mesh;
 mod recover_scene;
 mod recover_volume;

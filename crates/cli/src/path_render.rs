@@ -97,10 +97,16 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, view: &View, key: &
 
 /// What learns where light comes from.
 fn guiding(a: &Render) -> Guiding {
-    match a.path.guiding.unwrap_or_default() {
-        RenderGuiding::Off => Guiding::Off,
-        RenderGuiding::Flow => Guiding::Flow,
-        RenderGuiding::Lobes => Guiding::Lobes,
+    a.path.guiding.unwrap_or_default().into()
+}
+
+impl From<RenderGuiding> for Guiding {
+    fn from(given: RenderGuiding) -> Self {
+        match given {
+            RenderGuiding::Off => Self::Off,
+            RenderGuiding::Flow => Self::Flow,
+            RenderGuiding::Lobes => Self::Lobes,
+        }
     }
 }
 

@@ -20,6 +20,7 @@ pub(crate) fn run(a: &Recover) -> Result<Ending> {
         Recover::Texture(a) => texture(a),
         Recover::Mesh(a) => crate::recover_mesh::run(a),
         Recover::Scene(a) => crate::recover_scene::run(a),
+        Recover::Material(a) => crate::recover_material::run(a),
         Recover::Volume(a) => crate::recover_volume::run(a),
     }
 }

@@ -2,6 +2,7 @@
 //!
 //! [`simplify`] takes a heavy asset and gives back a light one that looks the same; [`lod`] a chain of such levels of
 //! detail; [`recover`] fits the textures of an asset to pictures of it, [`recover_mesh`] a shape and its colours,
+//! [`recover_material`] the materials of a mesh and the light around it through the path tracer,
 //! [`retexture`] the textures of a light animated asset to a heavy one in motion, [`recover_scene`] materials, lights and
 //! media of a scene through the path tracer, [`recover_volume`] a cloud on a grid from pictures alone, [`traced_maps`] the
 //! maps of a light asset through the path tracer. All are assembled from the parts in [`engine`].
@@ -17,6 +18,7 @@ pub mod lod;
 pub mod pictures;
 mod progress;
 pub mod recover;
+pub mod recover_material;
 pub mod recover_mesh;
 pub mod recover_scene;
 pub mod recover_volume;

@@ -13,7 +13,7 @@ use crate::engine::fingerprint::Fingerprint;
 use crate::engine::given::{GivenPicture, GivenPictures, Order};
 use crate::engine::loss::{self, PictureLoss};
 use crate::engine::plan::{Item, PlanRows, rows};
-use crate::engine::traced::{Smoothing, Traced, TracedParameter};
+use crate::engine::traced::{ComparedPixels, Smoothing, Traced, TracedParameter};
 use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
 use crate::engine::views::{Sampling, ViewCamera, ViewLights};
 use crate::{FitError, Progress};
@@ -74,8 +74,9 @@ pub struct RecoveredScene {
     pub plan: PlanRows,
 }
 
-/// Fits the parameters of `model` to the light of `pictures` (linear; their alpha is not looked at), one for each of
-/// `views`. Values outside of their ranges are moved into them first.
+/// Fits the parameters of `model` to the light of `pictures` (linear), one for each of `views`. Their alpha is not looked
+/// at, unless pixels that are covered alone are compared ([`ComparedPixels::Covered`]). Values outside of their ranges are
+/// moved into them first.
 ///
 /// # Errors
 /// See [`FitError`]: pictures of another size or number than the model's, values that are not finite; lights and emission
@@ -104,7 +105,10 @@ pub fn recover_scene(
         }
     }
     // Alpha counts for nothing: a sky that is seen is light like any other, and nothing is put behind it.
-    let opaque = |p: &Image| Image::from_fn(w, h, 4, |x, y, c| if c < 3 { p.pixel(x, y)[c] } else { 1.0 });
+    let opaque = |p: &Image| match model.compared {
+        ComparedPixels::All => Image::from_fn(w, h, 4, |x, y, c| if c < 3 { p.pixel(x, y)[c] } else { 1.0 }),
+        ComparedPixels::Covered => p.clone(),
+    };
     let pictures: Vec<Image> = pictures.iter().map(opaque).collect();
     let brightness = pictures.iter().map(brightness).sum::<f64>() / pictures.len() as f64;
     begin(&mut model)?;
@@ -147,6 +151,11 @@ pub fn recover_scene(
         .option("max_depth", depth)
         .option("evaluation_spp", model.evaluation_spp)
         .digest("scene, pictures, cameras or starting values", format!("{:016x}", seen.value()));
+    let fingerprint = if model.guidance.is_on() {
+        fingerprint.option("guiding", model.guidance.report().map_or("on", |r| r.guiding.name()))
+    } else {
+        fingerprint
+    };
     let job = Job {
         reference: &source,
         views: &source,
@@ -208,7 +217,9 @@ fn items(model: &Traced, held_out: Option<usize>, steps: u64) -> Vec<Item> {
     let why_not = match model.smoothing {
         _ if steps == 0 => rows::NO_STEPS,
         Smoothing::None => "not asked for",
-        _ => "all parameters are single values, or grids of fewer than 16 voxels a side",
+        _ => {
+            "all parameters are single values, grids of fewer than 16 voxels a side, or skies of fewer than 16 rows"
+        }
     };
     let how = format!("{}: {}", format!("{:?}", model.smoothing).to_lowercase(), names.join(", "));
     items.push(Item::of("smoothed steps", steps > 0 && !names.is_empty(), how, why_not));
@@ -255,7 +266,7 @@ fn brightness(picture: &Image) -> f64 {
 
 /// What the rate of a parameter is relative to, for pictures of this mean.
 fn scale(model: &Traced, parameter: usize, brightness: f64) -> f64 {
-    if model.parameters[parameter].range[1] <= 1.0 {
+    if model.parameters[parameter].range[1] <= 1.0 || model.moves_in_logarithms(parameter) {
         return 1.0;
     }
     let values = model.of(parameter);

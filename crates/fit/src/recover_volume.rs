@@ -3,7 +3,7 @@
 //! Coarse grids first, each finer one from what the last one found: a voxel of a coarse grid is seen by more samples, so
 //! that large shapes are found from few of them. Each grid is a fit of [`recover_scene`](mod@crate::recover_scene) of its own.
 
-use crate::engine::chain::FitChain;
+use crate::engine::chain::{FitChain, OfPart};
 use crate::engine::plan::PlanRows;
 use crate::engine::reference::path_lights;
 use crate::engine::traced::{Smoothing, Traced, TracedParameter};
@@ -17,7 +17,6 @@ use photofit_pathtrace::{
     EnvironmentMap, LightSource, MediumRef, MediumValue, Parameter, Parts, RenderOptions, View, Volume, World,
 };
 use photofit_scalar::Vec3f;
-use std::collections::BTreeSet;
 use std::sync::Mutex;
 
 /// Ends of the grids, coarse to fine, as shares of all steps: three halvings at most.
@@ -184,7 +183,9 @@ pub fn recover_volume(
         grid = grid.resampled(size_of(&bounds, *side));
         let done = chain.steps();
         let end = (options.steps as f64 * ENDS[ENDS.len() - longest.len() + level]).round() as u64;
-        let shown = OfGrid { progress, done, steps: options.steps, size: grid.size, told: &told };
+        let [x, y, z] = grid.size;
+        let name = format!("{x} x {y} x {z} voxels");
+        let shown = OfPart { progress, done, steps: options.steps, name, told: &told };
         let r = chain.fit(1, &shown, |keeping| {
             let model = grid.model(surroundings, &bounds, options, [first.width, first.height])?;
             let (rate, seed, keeping) = (options.rate, options.seed, keeping.clone());
@@ -358,38 +359,6 @@ fn resample(values: &[f32], from: [usize; 3], channels: usize, to: [usize; 3]) -
         }
     }
     out
-}
-
-/// Progress of one grid as that of the whole.
-struct OfGrid<'a> {
-    progress: &'a dyn Progress,
-    done: u64,
-    steps: u64,
-    size: [usize; 3],
-    /// Warnings that were told: what is wrong with the pictures is so for all grids.
-    told: &'a Mutex<BTreeSet<String>>,
-}
-
-impl Progress for OfGrid<'_> {
-    fn report(&self, stage: &'static str, done: u64, _: u64, note: &str) {
-        let [x, y, z] = self.size;
-        let note = format!("{x} x {y} x {z} voxels{}{note}", if note.is_empty() { "" } else { ", " });
-        self.progress.report(stage, self.done + done, self.steps, &note);
-    }
-
-    fn warn(&self, text: &str) {
-        if self.told.lock().is_ok_and(|mut told| told.insert(text.to_owned())) {
-            self.progress.warn(text);
-        }
-    }
-
-    fn note(&self, text: &str) {
-        self.progress.note(text);
-    }
-
-    fn is_cancelled(&self) -> bool {
-        self.progress.is_cancelled()
-    }
 }
 
 #[cfg(test)]

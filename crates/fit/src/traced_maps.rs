@@ -92,11 +92,11 @@ pub struct MapsCourse {
 }
 
 /// A map that is fitted.
-struct Map {
+pub(crate) struct Map {
     kind: MapKind,
     texture: usize,
     /// Index of its image; maps of other encodings or of materials of another alpha mode may share it.
-    image: usize,
+    pub(crate) image: usize,
 }
 
 /// Fits the maps of `light`, which stands where `scene` does, so that it looks like `scene` to a path tracer.
@@ -116,7 +116,8 @@ pub fn traced_maps(
         add_maps(&mut light, size);
     }
     let world = reference::world(&MaterialFeatures::Core.of(&light), n.frame(), ENERGY)?;
-    let maps = maps(&light, &world);
+    let mut maps = maps(&light, &world);
+    maps.retain(|m| m.kind != MapKind::Normal);
     if maps.is_empty() {
         return Err(FitError::Setting {
             field: "light",
@@ -296,8 +297,9 @@ fn add_maps(light: &mut Scene, size: usize) {
     }
 }
 
-/// The maps of a scene that can be fitted, each once.
-fn maps(light: &Scene, world: &World) -> Vec<Map> {
+/// The maps of a scene that can be fitted, each once: base colours, roughness with metalness, and normals where there are
+/// some.
+pub(crate) fn maps(light: &Scene, world: &World) -> Vec<Map> {
     let mut out: Vec<Map> = Vec::new();
     let Some(library) = world.library() else { return out };
     for (i, m) in light.materials.iter().enumerate() {
@@ -307,6 +309,7 @@ fn maps(light: &Scene, world: &World) -> Vec<Map> {
         let slots = [
             (MapKind::BaseColor, &m.base_color_texture),
             (MapKind::MetallicRoughness, &m.metallic_roughness_texture),
+            (MapKind::Normal, &m.normal_texture),
         ];
         for (kind, slot) in slots {
             let Some((slot, texture)) = slot.as_ref().zip(library.texture_of(i, kind)) else { continue };
@@ -319,10 +322,11 @@ fn maps(light: &Scene, world: &World) -> Vec<Map> {
 }
 
 impl Map {
-    fn parameter(&self, light: &Scene) -> TracedParameter {
+    pub(crate) fn parameter(&self, light: &Scene) -> TracedParameter {
         let image = &light.images[self.image];
         let (what, least) = match self.kind {
             MapKind::BaseColor => ("base colour", FAINT),
+            MapKind::Normal => ("normals", 0.0),
             _ => ("roughness and metalness", 0.0),
         };
         TracedParameter {
@@ -335,7 +339,13 @@ impl Map {
 
     /// Writes linear values that moved from `start` as the image holds them; alpha and what no picture depends on stay. Of
     /// maps that share the image the one that moved a texel farthest has it: `moved` says how far each is so far.
-    fn write(&self, start: &[f32], values: &[f32], image: &mut TextureImage, moved: &mut Vec<f32>) {
+    pub(crate) fn write(
+        &self,
+        start: &[f32],
+        values: &[f32],
+        image: &mut TextureImage,
+        moved: &mut Vec<f32>,
+    ) {
         let unorm = |x: f32| (x.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
         moved.resize(image.texels.len(), 0.0);
         let rows = start.chunks_exact(3).zip(values.chunks_exact(3));
@@ -349,6 +359,7 @@ impl Map {
                 MapKind::BaseColor => {
                     [linear_to_srgb_u8(v[0]), linear_to_srgb_u8(v[1]), linear_to_srgb_u8(v[2]), texel[3]]
                 }
+                MapKind::Normal => [unorm(v[0]), unorm(v[1]), unorm(v[2]), texel[3]],
                 _ => [texel[0], unorm(v[1]), unorm(v[2]), texel[3]],
             };
         }

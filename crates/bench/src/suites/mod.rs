@@ -9,6 +9,7 @@ mod denoise_peer;
 mod device;
 mod flow;
 mod gradients;
+mod material;
 mod metrics;
 mod optim;
 mod pathtrace;
@@ -99,6 +100,11 @@ pub(crate) const SUITES: &[Suite] = &[
         name: "recover",
         about: "textures and volumes through the path tracer, error of parameters and pictures against time",
         run: recover::run,
+    },
+    Suite {
+        name: "material",
+        about: "materials and light of a mesh from pictures, errors by sampler at equal samples and equal time, ablations",
+        run: material::run,
     },
     Suite { name: "ztest", about: "agreement of path tracing with published references", run: ztest::run },
     Suite {

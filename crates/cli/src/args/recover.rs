@@ -1,7 +1,7 @@
 //! The options of `photofit recover`.
 
 use super::values::{Numbers, above_to, between, ending, number, numbers, of_key, seconds, whole};
-use super::{Course, ParameterScene, Running, STATUSES};
+use super::{Course, ParameterScene, RenderGuiding, Running, STATUSES};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand, ValueEnum};
 use photofit_fit::engine::loss::PictureLoss;
@@ -21,6 +21,9 @@ pub(crate) enum Recover {
     /// Find materials, textures, lights and media of a scene again from path-traced pictures of it.
     #[command(after_help = STATUSES)]
     Scene(RecoverScene),
+    /// Find the materials of a mesh and the light around it from pictures with known cameras.
+    #[command(after_help = STATUSES)]
+    Material(RecoverMaterial),
     /// Find a cloud, density and albedo on a grid, from pictures with known cameras and light.
     #[command(after_help = STATUSES)]
     Volume(RecoverVolume),
@@ -234,6 +237,77 @@ pub(crate) struct RecoverVolume {
     pub(crate) output: PathBuf,
     /// End the fit after this many seconds and keep what was reached; reading, the pictures of --self-test, and those that are
     /// written take their time on top [range: more than 0, at most 1000000000] [default: no limit].
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub(crate) time_limit: Option<Duration>,
+    #[command(flatten)]
+    pub(crate) running: Running,
+    /// Print what ran, what was skipped, and why.
+    #[arg(long)]
+    pub(crate) explain: bool,
+}
+
+/// Base colour, roughness and metalness become textures of the mesh, light from all around an environment, through the path
+/// tracer. What pictures tell of base colour is its product with the light; what they leave open the start decides, a base
+/// colour of one half under an even, colourless sky. Of four pictures or more the last one is held out, and what comes closest to it is kept.
+#[derive(Args, Debug)]
+pub(crate) struct RecoverMaterial {
+    /// The pictures, all of one size: a folder with transforms.json, or such a file. Linear .exr are best: what is white in a
+    /// .png may be brighter. Where they have alpha, it says which pixels show the mesh.
+    #[arg(value_name = "PICTURES", required_unless_present = "self_test", requires = "mesh")]
+    pub(crate) pictures: Option<PathBuf>,
+    /// The mesh: .glb, .gltf, .obj or .ply, in the world of the cameras. It keeps its texture coordinates; without some it gets
+    /// new ones. Its materials are not read.
+    #[arg(long, value_name = "ASSET", conflicts_with = "self_test")]
+    pub(crate) mesh: Option<PathBuf>,
+    /// Try it on pictures that are path traced of this asset: the errors of the materials are told, and how well the asset is
+    /// shown under other light.
+    #[arg(long, value_name = "ASSET", conflicts_with = "pictures")]
+    pub(crate) self_test: Option<PathBuf>,
+    /// Pictures of --self-test [range: 1 to 256].
+    #[arg(long, value_name = "N", default_value_t = 12, conflicts_with = "pictures", value_parser = whole::<usize>(1..=256))]
+    pub(crate) views: usize,
+    /// Width and height of the pictures of --self-test, pixels [range: 16 to 2048].
+    #[arg(long, value_name = "PX", default_value_t = 96, conflicts_with = "pictures", value_parser = whole::<usize>(16..=2048))]
+    pub(crate) resolution: usize,
+    /// Equirectangular environment (.hdr, .exr, .png, .jpg) that the fit starts from, as bright as it is; of --self-test the one
+    /// in which the pictures are made [default: an even sky; of --self-test one with three windows].
+    #[arg(long, value_name = "FILE")]
+    pub(crate) env: Option<PathBuf>,
+    /// Leave the environment as it is: that of --env or of --self-test, else an even sky.
+    #[arg(long)]
+    pub(crate) keep_environment: bool,
+    /// Rows of the environment that is found, without --env; twice as many columns [range: 1 to 2048].
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = whole::<usize>(1..=2048))]
+    pub(crate) environment_size: usize,
+    /// Width and height of the textures, texels [range: 16 to 8192].
+    #[arg(long, value_name = "N", default_value_t = 256, value_parser = whole::<usize>(16..=8192))]
+    pub(crate) texture_size: usize,
+    /// Make new texture coordinates, also where the mesh has some.
+    #[arg(long)]
+    pub(crate) unwrap: bool,
+    /// Find a normal map, too.
+    #[arg(long)]
+    pub(crate) normal_map: bool,
+    /// The pictures show the environment behind the mesh: it is compared, too. Else pixels that the mesh covers whole alone are.
+    #[arg(long)]
+    pub(crate) background: bool,
+    /// What learns where light comes from between the rounds and chooses directions of paths in the next one; it
+    /// switches itself off where it does not pay, and says so.
+    #[arg(long, value_enum, default_value = "off")]
+    pub(crate) guiding: RenderGuiding,
+    /// Rounds of the fit, with equal shares of the steps; the first has no guide [range: 1 to 8].
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = whole::<usize>(1..=8))]
+    pub(crate) rounds: usize,
+    #[command(flatten)]
+    pub(crate) traced: TracedFit,
+    /// Most scattering events of a path: 1 is direct light [range: 1 to 1000000].
+    #[arg(long, value_name = "D", default_value_t = 4, value_parser = whole::<u32>(1..=1_000_000))]
+    pub(crate) max_depth: u32,
+    /// The folder to write: material.glb, environment.exr, views.png, relit.png (of --self-test), values.json, index.html.
+    #[arg(short, long, value_name = "DIR")]
+    pub(crate) output: PathBuf,
+    /// End the fit after this many seconds and keep what was reached; reading, the pictures of --self-test, training of guides,
+    /// and what is written take their time on top [range: more than 0, at most 1000000000] [default: no limit].
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub(crate) time_limit: Option<Duration>,
     #[command(flatten)]

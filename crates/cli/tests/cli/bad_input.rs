@@ -236,9 +236,13 @@ fn maps_beyond_the_memory_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let d = dir.path();
     write_rock(d, 4, true);
-    for task in
-        ["simplify", "retexture rock.glb", "recover texture nothing --mesh", "recover mesh --self-test"]
-    {
+    for task in [
+        "simplify",
+        "retexture rock.glb",
+        "recover texture nothing --mesh",
+        "recover mesh --self-test",
+        "recover material --self-test",
+    ] {
         // Pictures are read after the asset.
         std::fs::write(d.join("nothing"), "{}").unwrap();
         // 2 GiB of address space: maps of 4096 x 4096 texels take 6 GiB and more.

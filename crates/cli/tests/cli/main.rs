@@ -10,6 +10,7 @@ mod mitsuba;
 mod overwrite;
 mod path;
 mod recover;
+mod recover_material;
 mod recover_scene;
 mod recover_volume;
 mod retexture;

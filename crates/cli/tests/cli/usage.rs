@@ -48,6 +48,7 @@ fn help_lists_commands_and_options() {
         &["recover", "texture"],
         &["recover", "mesh"],
         &["recover", "scene"],
+        &["recover", "material"],
         &["recover", "volume"],
         &["retexture"],
         &["gradient"],
@@ -247,6 +248,11 @@ fn options_that_do_not_go_together_show_the_usage_of_their_command() {
             &["recover", "mesh", "pictures", "-o", "b.glb", "--picture-size", "64"],
             "'[PICTURES]' cannot be used with '--picture-size",
             "photofit recover mesh ",
+        ),
+        (
+            &["recover", "material", "pictures", "--mesh", "a.glb", "-o", "b", "--views", "3"],
+            "'[PICTURES]' cannot be used with '--views",
+            "photofit recover material ",
         ),
         (
             &["recover", "volume", "pictures", "-o", "b", "--views", "3"],

@@ -7,7 +7,9 @@
 use super::checkpoint;
 use super::trainer::{HistoryPoint, Keeping};
 use crate::{FitError, Progress};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 /// Most parts of a chain.
@@ -97,6 +99,39 @@ impl<'a> FitChain<'a> {
     /// The course of all parts: steps of the schedule and seconds since the start of the first.
     pub(crate) fn into_history(self) -> Vec<HistoryPoint> {
         self.history
+    }
+}
+
+/// Progress of a part as that of the whole.
+pub(crate) struct OfPart<'a> {
+    pub(crate) progress: &'a dyn Progress,
+    /// Steps of the parts before, and of all.
+    pub(crate) done: u64,
+    pub(crate) steps: u64,
+    /// What the part is, for people.
+    pub(crate) name: String,
+    /// Warnings that were told: what is wrong with the pictures is so for all parts.
+    pub(crate) told: &'a Mutex<BTreeSet<String>>,
+}
+
+impl Progress for OfPart<'_> {
+    fn report(&self, stage: &'static str, done: u64, _: u64, note: &str) {
+        let note = format!("{}{}{note}", self.name, if note.is_empty() { "" } else { ", " });
+        self.progress.report(stage, self.done + done, self.steps, &note);
+    }
+
+    fn warn(&self, text: &str) {
+        if self.told.lock().is_ok_and(|mut told| told.insert(text.to_owned())) {
+            self.progress.warn(text);
+        }
+    }
+
+    fn note(&self, text: &str) {
+        self.progress.note(text);
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.progress.is_cancelled()
     }
 }
 

@@ -1,7 +1,8 @@
 //! Parameters of a path-traced world: materials, textures, lights, media, with derivatives by path replay. The shape stays.
 //!
 //! Picture and gradient of a step take separate random numbers, so that the gradient of the squared error has no bias
-//! from their covariance; both follow from the number of the shot.
+//! from their covariance; both follow from the number of the shot. Both walk paths whose directions a guide may choose,
+//! which is frozen as long as the model is: gradients have the same expectation with it and without.
 
 use super::cpu::Chain;
 use super::loss::PictureLoss;
@@ -9,6 +10,7 @@ use super::model::{Group, ModelError};
 use super::reference::path_lights;
 use super::views::Shot;
 use crate::FitError;
+use crate::guiding::Guidance;
 use photofit_image::Image;
 use photofit_optim::{
     Bilateral, Grid, GridBilateral, GuideMap, Optimizer, Placement, ScreenedPoisson, Sigma, Temporal,
@@ -93,7 +95,11 @@ pub struct Traced {
     pub smoothing: Smoothing,
     /// Which pixels of a shot are compared.
     pub compared: ComparedPixels,
+    /// What directions of the paths of a step are chosen by; evaluations have no guide.
+    pub guidance: Guidance,
     values: Vec<Vec<f32>>,
+    /// Logarithms of the values of parameters that move in them.
+    logarithms: Vec<Option<Vec<f32>>>,
     /// Channels that the world has of each value: one or three.
     channels: Vec<usize>,
 }
@@ -122,7 +128,10 @@ impl Traced {
         }
         let (gradient_spp, evaluation_spp, smoothing) = (1, 64, Smoothing::default());
         let (world, compared) = (Mutex::new(world), ComparedPixels::default());
+        let (guidance, logarithms) = (Guidance::off(), vec![None; parameters.len()]);
         Ok(Self {
+            guidance,
+            logarithms,
             world,
             options,
             gradient_spp,
@@ -185,16 +194,47 @@ impl Traced {
     /// If their number is another one.
     pub fn replace(&mut self, parameter: usize, values: &[f32]) -> Result<(), FitError> {
         self.values[parameter].copy_from_slice(values);
+        if let Some(logarithms) = &mut self.logarithms[parameter] {
+            logarithms.iter_mut().zip(values).for_each(|(l, v)| *l = v.ln());
+        }
         Ok(self.update(parameter)?)
     }
 
-    /// Whether steps of a parameter are smoothed: of textures, and of grids in space of at least 16 voxels along some side,
-    /// where that is asked for.
+    /// From now on a parameter moves in the logarithms of its values, which a range above 0 bounds: a step is a factor, so
+    /// that what spans decades (light from all around) moves as fast where it is dark as where it is bright. Values are moved
+    /// into the range.
+    ///
+    /// # Errors
+    /// If the range is not positive, or the world refuses the values.
+    pub fn move_in_logarithms(&mut self, parameter: usize) -> Result<(), FitError> {
+        let TracedParameter { name, range: [low, high], .. } = &self.parameters[parameter];
+        if !(*low > 0.0 && high.is_finite()) {
+            let rule = format!("of {name} is {low} to {high}; it must be above 0 and finite");
+            return Err(FitError::Setting { field: "range", rule });
+        }
+        let values: Vec<f32> = self.values[parameter].iter().map(|v| v.clamp(*low, *high)).collect();
+        self.logarithms[parameter] = Some(vec![0.0; values.len()]);
+        self.replace(parameter, &values)
+    }
+
+    /// Whether a parameter moves in the logarithms of its values.
+    pub fn moves_in_logarithms(&self, parameter: usize) -> bool {
+        self.logarithms[parameter].is_some()
+    }
+
+    /// What the optimizer moves: the values of a parameter or their logarithms.
+    fn moving(&self, parameter: usize) -> &[f32] {
+        self.logarithms[parameter].as_ref().unwrap_or(&self.values[parameter])
+    }
+
+    fn moving_mut(&mut self, parameter: usize) -> &mut [f32] {
+        self.logarithms[parameter].as_mut().unwrap_or(&mut self.values[parameter])
+    }
+
+    /// Whether steps of a parameter are smoothed: of textures, of environments of at least 16 rows, and of grids in space of at
+    /// least 16 voxels along some side, where that is asked for.
     pub fn is_smoothed(&self, parameter: &TracedParameter) -> bool {
-        let [depth, height, width, _] = parameter.shape;
-        let grid = Grid::volume(width, height, depth);
-        let large = grid.sites() > 1 && (depth == 1 || levels_in_space(&grid) > 0);
-        large && self.smoothing != Smoothing::None
+        parameter.cells() > 1 && levels(parameter) > 0 && self.smoothing != Smoothing::None
     }
 
     fn update(&mut self, parameter: usize) -> Result<(), photofit_pathtrace::PathtraceError> {
@@ -226,7 +266,7 @@ impl Traced {
         spp: u32,
         seed: u64,
     ) -> Result<Image, FitError> {
-        self.render(&self.world(), view, (width, height), spp, seed)
+        self.render(&self.world(), view, (width, height), (spp, seed), &Guidance::off())
     }
 
     fn render(
@@ -234,12 +274,12 @@ impl Traced {
         world: &World,
         view: &View,
         (width, height): (usize, usize),
-        spp: u32,
-        seed: u64,
+        (spp, seed): (u32, u64),
+        guidance: &Guidance,
     ) -> Result<Image, FitError> {
         let options = RenderOptions { width, height, spp, seed, ..self.options.clone() };
         let mut renderer = Renderer::new(world, view, options)?;
-        renderer.finish();
+        guidance.finish(&mut renderer);
         Ok(renderer.picture())
     }
 
@@ -266,7 +306,8 @@ impl Traced {
         let seed = |key| hash(self.options.seed, key, shot.number);
         let reference = shot.over_noise().reference;
         self.under(shot, |world| {
-            let picture = self.render(world, &view, size, self.options.spp, seed(PICTURE))?;
+            let sampled = (self.options.spp, seed(PICTURE));
+            let picture = self.render(world, &view, size, sampled, &self.guidance)?;
             let pixels = self.light(&picture, &reference);
             let mut g = vec![[0.0; 4]; pixels.len()];
             let value = loss.value_and_gradient(size, &pixels, &reference, weight, &mut g);
@@ -281,42 +322,57 @@ impl Traced {
             let options = RenderOptions { width, height, ..self.options.clone() };
             let adjoint = Adjoint::new(world, &view, options, &places)?;
             let samples = GradientSamples { spp: self.gradient_spp, seed: Some(seed(GRADIENT)) };
-            let gradient = adjoint.render_vjp(&g, samples)?;
+            let gradient = self.guidance.gradient(&adjoint, &g, samples)?;
             for (k, found) in which.into_iter().zip(&gradient.parameters) {
                 let channels = self.parameters[k].channels();
                 let cells = found.values.chunks_exact(found.channels);
                 let cells = cells.flat_map(|v| v[..channels].iter());
-                out[k].iter_mut().zip(cells).for_each(|(o, v)| *o += *v as f32);
+                let rows = out[k].iter_mut().zip(cells).zip(&self.values[k]);
+                match self.moves_in_logarithms(k) {
+                    true => rows.for_each(|((o, g), v)| *o += (*g * f64::from(*v)) as f32),
+                    false => rows.for_each(|((o, g), _)| *o += *g as f32),
+                }
             }
             Ok(value)
         })
     }
 }
 
-/// Levels of the filter of a grid in space: three for 64 voxels per side, one less for each halving, none below 16. Wider
-/// ones would smooth over what the grid holds.
-fn levels_in_space(grid: &Grid) -> u32 {
-    let side = grid.shape().into_iter().max().unwrap_or(1);
-    side.ilog2().saturating_sub(3).min(3)
+/// Levels of the filter of a parameter. Of a grid in space: three for 64 voxels per side, one less for each halving, none
+/// below 16; of an environment by its rows: one for 16, one more for each doubling. Wider ones would smooth over what they
+/// hold.
+fn levels(parameter: &TracedParameter) -> u32 {
+    let [depth, height, width, _] = parameter.shape;
+    let usual = Bilateral::default().levels;
+    let (side, most) = match parameter.parameter {
+        _ if depth > 1 => (depth.max(height).max(width), 3),
+        Parameter::Environment => (height, usual),
+        _ => return usual,
+    };
+    side.max(1).ilog2().saturating_sub(3).min(most)
 }
 
 impl Chain for Traced {
     type Gradients = Vec<Vec<f32>>;
 
     fn groups(&self) -> Vec<Group> {
-        let group = |p: &TracedParameter| Group {
+        let group = |(k, p): (usize, &TracedParameter)| Group {
             name: Cow::Owned(p.name.clone()),
             rows: p.cells(),
             columns: p.channels(),
-            ranges: vec![p.range; p.channels()],
+            ranges: vec![
+                if self.moves_in_logarithms(k) { p.range.map(f32::ln) } else { p.range };
+                p.channels()
+            ],
             unit: None,
             rates: Vec::new(),
         };
-        self.parameters.iter().map(group).collect()
+        self.parameters.iter().enumerate().map(group).collect()
     }
 
     fn optimizer(&self, group: &Group) -> Result<Optimizer<f32>, FitError> {
-        let known = self.parameters.iter().find(|p| p.name == group.name);
+        let index = self.parameters.iter().position(|p| p.name == group.name);
+        let known = index.map(|k| &self.parameters[k]);
         let [depth, height, width, _] = known.map_or([1; 4], |p| p.shape);
         // A short memory of the first moment: rates stay large while gradients of few samples are averaged over space.
         let temporal = Temporal::adam().betas(0.2, 0.999);
@@ -331,8 +387,10 @@ impl Chain for Traced {
                     .and_then(|f| new()?.with_filter(Placement::PRE, f)),
                 Smoothing::Bilateral => {
                     let usual = Bilateral::default();
-                    let levels = if depth > 1 { levels_in_space(&grid) } else { usual.levels };
-                    let settings = Bilateral { levels, map: GuideMap::Log, sigma: Sigma::Auto(2.0), ..usual };
+                    let levels = known.map_or(usual.levels, levels);
+                    let in_logarithms = index.is_some_and(|k| self.moves_in_logarithms(k));
+                    let map = if in_logarithms { GuideMap::Linear } else { GuideMap::Log };
+                    let settings = Bilateral { levels, map, sigma: Sigma::Auto(2.0), ..usual };
                     GridBilateral::new(&group.name, grid, group.columns, settings)
                         .and_then(|f| new()?.with_filter(Placement::BOTH, f))
                 }
@@ -342,14 +400,17 @@ impl Chain for Traced {
     }
 
     fn values(&self, group: usize) -> &[f32] {
-        &self.values[group]
+        self.moving(group)
     }
 
     fn values_mut(&mut self, group: usize) -> &mut [f32] {
-        &mut self.values[group]
+        self.moving_mut(group)
     }
 
     fn changed(&mut self, group: usize) -> Result<(), ModelError> {
+        if let Some(logarithms) = &self.logarithms[group] {
+            self.values[group].iter_mut().zip(logarithms).for_each(|(v, l)| *v = l.exp());
+        }
         self.update(group).map_err(|e| ModelError::Picture(Box::new(e.into())))
     }
 
@@ -358,7 +419,7 @@ impl Chain for Traced {
     }
 
     fn moved<'a>(&'a mut self, gradients: &'a Self::Gradients, group: usize) -> (&'a mut [f32], &'a [f32]) {
-        (&mut self.values[group], &gradients[group])
+        (self.moving_mut(group), &gradients[group])
     }
 
     fn step(
@@ -379,7 +440,8 @@ impl Chain for Traced {
             let seed = hash(self.options.seed, PICTURE, u64::MAX);
             let size = (shot.width, shot.height);
             let picture = self.under(shot, |world| {
-                self.render(world, &shot.camera.view(), size, self.evaluation_spp, seed)
+                let sampled = (self.evaluation_spp, seed);
+                self.render(world, &shot.camera.view(), size, sampled, &Guidance::off())
             });
             picture
                 .map(|p| self.light(&p, &shot.over_noise().reference))

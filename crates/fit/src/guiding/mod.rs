@@ -13,7 +13,11 @@ mod report;
 
 use crate::FitError;
 use photofit_flow::{FlowGuide, FlowOptions, Guide, Guided, LobeGuide, LobeOptions, Record};
-use photofit_pathtrace::{Integrator, Progress, RenderOptions, Renderer, Strategy};
+use photofit_image::Image;
+use photofit_pathtrace::{
+    Adjoint, Gradient, GradientSamples, Integrator, PathtraceError, Progress, RenderOptions, Renderer,
+    Strategy,
+};
 use photofit_sampling::ScatteringSampler;
 use photofit_scalar::Vec3f;
 use rehearsal::{Rehearsal, Trial};
@@ -143,21 +147,40 @@ impl Guidance {
         options: &GuidingOptions,
         stop: impl Fn() -> bool,
     ) -> Result<Self, FitError> {
-        if options.guiding == Guiding::Off {
+        Self::train_over(std::slice::from_ref(renderer), options, stop)
+    }
+
+    /// The same for renders of one world by several cameras, whose pictures are of one size: the guide learns from the paths
+    /// of all of them, and the rehearsal judges it by all.
+    ///
+    /// # Errors
+    /// As [`Self::train`].
+    pub fn train_over(
+        renderers: &[Renderer<'_>],
+        options: &GuidingOptions,
+        stop: impl Fn() -> bool,
+    ) -> Result<Self, FitError> {
+        let Some(one) = renderers.first().filter(|_| options.guiding != Guiding::Off) else {
             return Ok(Self::off());
-        }
+        };
         let began = Instant::now();
         let mut paths = 0;
         if stop() {
             return Ok(Self::off());
         }
-        let first = Rehearsal::new(&rehearsing(renderer, options, 0)?, 0, 1).run(&ScatteringSampler);
+        let stage = |round: u64| -> Result<Vec<Renderer<'_>>, FitError> {
+            renderers.iter().map(|r| rehearsing(r, options, round)).collect()
+        };
+        let all = |stage: &[Renderer<'_>], run: &dyn Fn(&Renderer<'_>) -> Trial| {
+            stage.iter().map(run).reduce(Trial::beside).unwrap_or_default()
+        };
+        let first = all(&stage(0)?, &|r| Rehearsal::new(r, 0, 1).run(&ScatteringSampler));
         paths += first.paths;
         let (lo, hi) = first.bounds();
         let mut state = match options.guiding {
             Guiding::Lobes => Trained::Lobes(LobeGuide::new(options.lobes)),
             _ => {
-                let seed = options.flow.seed ^ renderer.options().seed;
+                let seed = options.flow.seed ^ one.options().seed;
                 let flow = FlowOptions { seed, ..options.flow };
                 Trained::Flow(Box::new(FlowGuide::new(lo, hi, flow)?))
             }
@@ -167,22 +190,21 @@ impl Guidance {
             if stop() {
                 return Ok(Self::off());
             }
-            let stage = rehearsing(renderer, options, u64::from(round))?;
-            let trial = state.run(&Rehearsal::new(&stage, 0, 1 << round));
+            let trial = all(&stage(u64::from(round))?, &|r| state.run(&Rehearsal::new(r, 0, 1 << round)));
             paths += trial.paths;
             records += state.learn(trial, options.records)?;
         }
         // Both trials take the same numbers where their paths agree, and none of training.
-        let stage = rehearsing(renderer, options, u64::from(options.rounds))?;
-        let judged = Rehearsal::new(&stage, 0, options.rehearsal.max(2)).without_records();
+        let stage = stage(u64::from(options.rounds))?;
+        let most = options.rehearsal.max(2);
         if stop() {
             return Ok(Self::off());
         }
-        let plain = judged.run(&ScatteringSampler);
+        let plain = all(&stage, &|r| Rehearsal::new(r, 0, most).without_records().run(&ScatteringSampler));
         if stop() {
             return Ok(Self::off());
         }
-        let guided = state.run(&judged);
+        let guided = all(&stage, &|r| state.run(&Rehearsal::new(r, 0, most).without_records()));
         paths += plain.paths + guided.paths;
         let report = GuidingReport { paths, records, ..GuidingReport::judge(&plain, &guided, options) };
         let report = GuidingReport { seconds: began.elapsed().as_secs_f64(), ..report };
@@ -193,6 +215,37 @@ impl Guidance {
     /// What training came to; `None` without a guide.
     pub fn report(&self) -> Option<&GuidingReport> {
         self.report.as_ref()
+    }
+
+    /// Whether directions are chosen by a guide.
+    pub fn is_on(&self) -> bool {
+        self.trained.is_some()
+    }
+
+    /// Makes all passes that are left, as [`Renderer::finish`].
+    pub fn finish(&self, renderer: &mut Renderer<'_>) {
+        match &self.trained {
+            None => renderer.finish(),
+            Some(_) => while !self.pass(renderer, || false).done {},
+        }
+    }
+
+    /// The gradient of a loss as [`Adjoint::render_vjp`], along paths whose directions the guide chooses. It is that of the
+    /// picture, whatever the guide has learned: densities are exact, and the guide itself has no derivative.
+    ///
+    /// # Errors
+    /// As [`Adjoint::render_vjp`].
+    pub fn gradient(
+        &self,
+        adjoint: &Adjoint<'_>,
+        loss: &Image,
+        samples: GradientSamples,
+    ) -> Result<Gradient, PathtraceError> {
+        match &self.trained {
+            None => adjoint.render_vjp(loss, samples),
+            Some(Trained::Flow(guide)) => adjoint.render_vjp_with(&Guided(&**guide), loss, samples),
+            Some(Trained::Lobes(guide)) => adjoint.render_vjp_with(&Guided(guide), loss, samples),
+        }
     }
 
     /// Adds samples to the picture as [`Renderer::pass`].

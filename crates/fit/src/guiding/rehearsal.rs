@@ -135,6 +135,15 @@ fn record(v: &TrainingVertex) -> Option<Record> {
 }
 
 impl Trial {
+    /// Both, of pictures of one width: the rows of the other follow.
+    pub(super) fn beside(mut self, other: Self) -> Self {
+        self.records.extend(other.records);
+        self.pixels.extend(other.pixels);
+        self.paths += other.paths;
+        self.work += other.work;
+        self
+    }
+
     /// The box around the vertices.
     pub(super) fn bounds(&self) -> (Vec3f, Vec3f) {
         box_of(self.records.iter().map(|r| r.query.position))

@@ -4,7 +4,7 @@ use super::*;
 use glam::Vec3;
 use photofit_flow::Query;
 use photofit_geometry::shapes::parallelogram;
-use photofit_pathtrace::{EnvironmentMap, Material, Parts, Shape, View, World};
+use photofit_pathtrace::{EnvironmentMap, Material, MaterialValue, Parameter, Parts, Shape, View, World};
 use photofit_scalar::vec3;
 use photofit_scene::Camera;
 use photofit_shading::bsdf::{Bsdf, Diffuse};
@@ -103,6 +103,106 @@ fn guided_pictures_are_unbiased_at_every_stage() {
             assert!(guided.picture().data != plain.picture().data, "{guiding:?}: other directions");
         }
     }
+}
+
+/// Mean and standard error of independent estimates.
+fn mean_of(estimates: &[f64]) -> (f64, f64) {
+    let n = estimates.len() as f64;
+    let mean = estimates.iter().sum::<f64>() / n;
+    let squares = estimates.iter().map(|e| (e - mean).powi(2)).sum::<f64>();
+    (mean, (squares / (n * (n - 1.0))).sqrt())
+}
+
+#[test]
+fn guided_gradients_are_the_differences_of_pictures() {
+    const SIDE: usize = 12;
+    const STEP: f32 = 0.02;
+    const ESTIMATES: u64 = 12;
+    let mut world = rooms();
+    let materials = (0..9).collect();
+    let parameters =
+        [Parameter::Material { materials, value: MaterialValue::Reflectance }, Parameter::Environment];
+    // Weights of a loss that is no mean.
+    let weights = Image::from_fn(SIDE, SIDE, 3, |x, y, c| {
+        photofit_sampling::unit_f32(
+            (photofit_sampling::hash(7, (y * SIDE + x) as u64, c as u64) >> 32) as u32,
+        )
+    });
+    // Central differences of the loss, of the red of both, with the same numbers on both sides.
+    let plain: Vec<(f64, f64)> = {
+        let loss = |world: &World, seed: u64| {
+            let mut renderer = Renderer::new(world, &inside(), options(SIDE, 256, seed)).unwrap();
+            renderer.finish();
+            let picture = renderer.picture();
+            let pixels = picture.data.chunks_exact(4).zip(weights.data.chunks_exact(3));
+            pixels.map(|(p, w)| (0..3).map(|c| f64::from(p[c] * w[c])).sum::<f64>()).sum::<f64>()
+        };
+        let one = |p: &Parameter| {
+            let start = world.parameter(p).unwrap();
+            let step = f64::from(STEP * start[0]);
+            let mut at = |sign: f64, seed: u64| {
+                let mut moved = start.clone();
+                moved[0] += (sign * step) as f32;
+                world.set_parameter(p, &moved).unwrap();
+                let loss = loss(&world, seed);
+                world.set_parameter(p, &start).unwrap();
+                loss
+            };
+            let estimate = |k: u64| (at(1.0, 100 + k) - at(-1.0, 100 + k)) / (2.0 * step);
+            mean_of(&(0..ESTIMATES).map(estimate).collect::<Vec<_>>())
+        };
+        parameters.iter().map(one).collect()
+    };
+    for guiding in [Guiding::Flow, Guiding::Lobes] {
+        let guidance = {
+            let world = rooms();
+            let renderer = Renderer::new(&world, &inside(), options(24, 4, 2)).unwrap();
+            Guidance::train(&renderer, &small(guiding), || false).unwrap()
+        };
+        assert!(guidance.is_on());
+        let world = rooms();
+        let adjoint = Adjoint::new(&world, &inside(), options(SIDE, 1, 3), &parameters).unwrap();
+        let estimates: Vec<Gradient> = (0..ESTIMATES)
+            .map(|k| {
+                let samples = GradientSamples { spp: 128, seed: Some(k) };
+                let found = guidance.gradient(&adjoint, &weights, samples).unwrap();
+                assert!(found.residual < 1e-6 && found.not_finite == 0, "{guiding:?}: {}", found.residual);
+                found
+            })
+            .collect();
+        for k in 0..parameters.len() {
+            let reds: Vec<f64> = estimates.iter().map(|g| g.parameters[k].values[0]).collect();
+            let (found, own) = mean_of(&reds);
+            let (expected, error) = plain[k];
+            let sigma = error.hypot(own);
+            let told = format!("{guiding:?} {k}: {found} +- {own}, {expected} +- {error}");
+            assert!((found - expected).abs() < 4.5 * sigma, "{told}");
+            assert!(sigma < 0.1 * expected.abs(), "{told} says nothing");
+        }
+        let other = adjoint.render_vjp(&weights, GradientSamples { spp: 128, seed: Some(0) }).unwrap();
+        assert!(other != estimates[0], "{guiding:?}: other directions");
+    }
+}
+
+#[test]
+fn a_guide_learns_from_several_cameras() {
+    let world = rooms();
+    let back = {
+        let eye = Vec3::new(-0.2, 0.5, 0.0);
+        View::pinhole(&Camera::look_at(eye, Vec3::new(-0.9, 0.4, 0.1), Vec3::Y, 1.2, 1.0, 0.01, 10.0))
+    };
+    for guiding in [Guiding::Flow, Guiding::Lobes] {
+        let trained = |views: &[View]| {
+            let renderer = |v: &View| Renderer::new(&world, v, options(16, 4, 2)).unwrap();
+            let renderers: Vec<Renderer<'_>> = views.iter().map(renderer).collect();
+            let stage = GuidingOptions { side: 16, rounds: 3, ..small(guiding) };
+            Guidance::train_over(&renderers, &stage, || false).unwrap().report().unwrap().clone()
+        };
+        let (one, two) = (trained(&[inside()]), trained(&[inside(), back]));
+        assert_eq!(two.paths, 2 * one.paths, "{guiding:?}");
+        assert!(two.records > one.records && two.gain.is_finite(), "{guiding:?}: {one:?} {two:?}");
+    }
+    assert!(!Guidance::train_over(&[], &small(Guiding::Flow), || false).unwrap().is_on());
 }
 
 #[test]

@@ -6,7 +6,9 @@ mod volume;
 
 use super::*;
 use crate::Silent;
+use crate::engine::cpu::Chain;
 use crate::engine::traced::{Smoothing, TracedParameter};
+use crate::engine::views::Shot;
 use glam::Vec3;
 use photofit_geometry::shapes;
 use photofit_pathtrace::{
@@ -119,6 +121,47 @@ fn the_same_bits_on_one_thread_and_two() {
         (0..3).flat_map(|k| r.model.of(k).to_vec()).map(f32::to_bits).collect::<Vec<_>>()
     };
     assert_eq!(values(1), values(2));
+}
+
+#[test]
+fn parameters_that_move_in_logarithms_have_their_derivatives() {
+    const LAMP: usize = 2;
+    let shot = {
+        let image = Image::from_fn(SIDE, SIDE, 4, |_, _, _| 1.0);
+        let given = GivenPicture { camera: ViewCamera::Traced(view()), lights: ViewLights::default(), image };
+        Shot::new(&given.setup(0), &given.image, Sampling::SUPERSAMPLED, 0, 0)
+    };
+    let gradient = |m: &Traced| {
+        let mut out = m.gradients();
+        m.step(std::slice::from_ref(&shot), PictureLoss::RELATIVE_SQUARES, &[true; 3], &mut out)
+            .expect("a step");
+        out
+    };
+    let mut m = model(Smoothing::None);
+    let plain = gradient(&m);
+    assert!(
+        m.move_in_logarithms(LAMP).unwrap_err().to_string().contains("lamp is 0 to"),
+        "0 has no logarithm"
+    );
+    m.parameters[LAMP].range = [0.5, 100.0];
+    m.move_in_logarithms(LAMP).expect("a range above 0");
+    assert!(m.moves_in_logarithms(LAMP) && !m.moves_in_logarithms(0));
+    assert!(Chain::groups(&m)[LAMP].ranges.iter().all(|r| *r == [0.5_f32.ln(), 100.0_f32.ln()]));
+    let value = m.of(LAMP)[0];
+    assert_eq!(value, 6.0);
+    let other = gradient(&m);
+    assert!(other[0] == plain[0] && other[1] == plain[1], "the others move as they are");
+    for (a, b) in plain[LAMP].iter().zip(&other[LAMP]) {
+        assert!(*a != 0.0 && (b - a * value).abs() <= 1e-5 * b.abs(), "{a} {b}");
+    }
+    // A step of a logarithm is a factor, of the world too; values beyond the range come back into it.
+    m.values_mut(LAMP).iter_mut().for_each(|v| *v += 0.5);
+    m.changed(LAMP).expect("valid");
+    let expected = 6.0 * 0.5_f32.exp();
+    let held = m.world().parameter(&m.parameters[LAMP].parameter).expect("there");
+    assert!(m.of(LAMP).iter().chain(&held).all(|v| (v - expected).abs() < 1e-4), "{held:?}");
+    m.replace(LAMP, &[2.0; 3]).expect("valid");
+    assert!(Chain::values(&m, LAMP).iter().all(|v| *v == 2.0_f32.ln()));
 }
 
 #[test]
