@@ -12,6 +12,8 @@ NEEDS = ["numpy"]
 
 RATIOS = ["0.7", "0.5", "0.3", "0.1", "0.03", "0.01"]
 TOOLS = {"gltfpack": "PHOTOFIT_GLTFPACK", "gltf-transform": "PHOTOFIT_GLTF_TRANSFORM"}
+# Runs side by side do not share files.
+RUN = os.getpid()
 # How many more triangles than the budget still count as reaching it.
 OVER = 1.05
 
@@ -45,7 +47,7 @@ def packed(path, ratio, out, *flags):
 
 
 def transformed(path, ratio, out):
-    welded = WORK / "ratios-welded.glb"
+    welded = WORK / f"ratios-welded-{RUN}.glb"
     simplify = ["simplify", welded, out, "--ratio", ratio, "--error", 1]
     return quiet(tool("gltf-transform"), "weld", path, welded) and quiet(tool("gltf-transform"), *simplify)
 
@@ -65,7 +67,7 @@ WAYS = {
 
 def figures(path, out, most):
     """Triangles, and PSNR and FLIP of the mean and of the worst view; None for what has no triangles or too many."""
-    seen = WORK / "ratios.json"
+    seen = WORK / f"ratios-{RUN}.json"
     try:
         program("inspect", out, "--json", seen)
         triangles = json.loads(seen.read_text())["triangles"]
@@ -84,13 +86,13 @@ def table():
     rows, least = [], {}
     for path in assets():
         name = path.rsplit("/", 1)[-1].rsplit(".", 1)[0]
-        seen = WORK / "ratios.json"
+        seen = WORK / f"ratios-{RUN}.json"
         program("inspect", path, "--json", seen)
         all_triangles = json.loads(seen.read_text())["triangles"]
         for ratio in RATIOS:
             cells, own = [], None
             for way, make in WAYS.items():
-                out = WORK / "ratios.glb"
+                out = WORK / f"ratios-{RUN}.glb"
                 out.unlink(missing_ok=True)
                 made = make(path, ratio, out) and out.exists()
                 found = figures(path, out, float(ratio) * all_triangles) if made else None
