@@ -203,6 +203,8 @@ pub(crate) enum TextureFormat {
     /// Blocks that graphics processors keep compressed (UASTC), with mip levels made for them; PNG for images whose sides are
     /// no multiples of 4.
     Ktx2,
+    /// No textures: colours of vertices, everything else the same all over a material.
+    None,
 }
 
 /// How geometry is stored.
@@ -315,6 +317,16 @@ pub(crate) struct Simplify {
     /// triangles are written where they look better than what was fitted.
     #[arg(long)]
     pub(crate) new_maps: bool,
+    /// Keep the asset's texture coordinates, materials and textures, tiling ones too, all as they are: triangles alone are fewer,
+    /// in the way that looks best of several, and nothing is fitted. Textures are stored as they were read unless --textures or
+    /// --jpeg says otherwise. An asset without texture coordinates is refused.
+    #[arg(long, conflicts_with = "new_maps")]
+    pub(crate) keep_uvs: bool,
+    /// Leave vertices on open borders where they are, to the bit, in the decimation and in the fit: parts of a larger asset that
+    /// are simplified apart meet without cracks. Where borders leave no room for the budget there are more triangles. The fit
+    /// runs on the CPU then.
+    #[arg(long)]
+    pub(crate) lock_borders: bool,
     /// Occlusion map of the light asset, the red channel beside roughness and metalness: it darkens indirect light in engines;
     /// the pictures of the fit and of the report do not show it.
     #[arg(long, value_enum, default_value = "keep")]
@@ -397,6 +409,12 @@ impl Simplify {
         }
         self.lighting.check()?;
         match (self.textures, self.jpeg.or(self.texture_quality)) {
+            (Some(TextureFormat::None), Some(_)) => {
+                Err("--textures none has no quality; leave one of them out".into())
+            }
+            (Some(TextureFormat::None), _) if self.keep_uvs => {
+                Err("--keep-uvs keeps textures and --textures none has none; leave one of them out".into())
+            }
             (Some(TextureFormat::Png | TextureFormat::Webp), Some(_)) => {
                 Err("png and webp are exact: a quality belongs to --textures jpeg, webp-lossy or ktx2; leave one of them out".into())
             }

@@ -5,7 +5,7 @@ use crate::fields::{SIMPLIFY, explain_error, misuse};
 use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::Terminal;
-use crate::simplify::{CHECKPOINT_FILE, Job, ending, name, options};
+use crate::simplify::{CHECKPOINT_FILE, Job, ending, load, name, options};
 use crate::status::Ending;
 use crate::threads;
 use anyhow::{Error, Result};
@@ -56,7 +56,7 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
         texture_size: a.texture_size,
     };
     options.check(usize::MAX).map_err(|e| misuse(SIMPLIFY, of_command(e)))?;
-    let scene = photofit_scene::load(&a.input)?;
+    let scene = load(a)?;
     places.check_against("IN", &scene.files)?;
     let whole =
         Job { command: SIMPLIFY, input: &a.input, output: &a.output, report: None, explain: a.explain };

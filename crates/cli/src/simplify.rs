@@ -16,11 +16,11 @@ use photofit_fit::footprint::Task;
 use photofit_fit::report::{PAGE as REPORT_PAGE, ReportInfo, Verdict, write_report};
 use photofit_fit::simplify::{
     FitPlan, FitRenderer, Init, JudgeRenderer, Judged, Outcome, Quality, ReferenceRenderer, SimplifyOptions,
-    TRACED_FOLDER, simplify,
+    Surfacing, TRACED_FOLDER, simplify,
 };
 use photofit_fit::traced_maps::MapsCourse;
 use photofit_geometry::decimate::Target;
-use photofit_scene::{Compression, Scene, TextureEncoding};
+use photofit_scene::{Compression, Limits, Scene, TextureEncoding};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -61,7 +61,7 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
     let options = options(a)?;
     // What no asset could satisfy is told before one is read.
     options.check(usize::MAX).map_err(|e| misuse(SIMPLIFY, e))?;
-    let scene = photofit_scene::load(&a.input)?;
+    let scene = load(a)?;
     places.check_against("IN", &scene.files)?;
     let job = Job {
         command: SIMPLIFY,
@@ -76,6 +76,12 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
     done.unwritten.map_or(Ok(()), Err)?;
     written?;
     Ok(done.ending)
+}
+
+/// The asset. Textures that are written as they were read keep their files, unless another encoding is asked for.
+pub(crate) fn load(a: &Simplify) -> Result<Scene> {
+    let keep_encoded = a.textures.is_none() && a.jpeg.is_none();
+    Ok(photofit_scene::load_with(&a.input, &Limits { keep_encoded, ..Limits::default() })?)
 }
 
 pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
@@ -120,6 +126,13 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
             FitWith::Path => FitRenderer::Path,
         },
         own_textures: !a.new_maps,
+        whole_textures: a.texture_size.is_none() && a.screen_size.is_none() && a.lod.is_empty(),
+        surfacing: match a.textures {
+            Some(TextureFormat::None) => Surfacing::VertexColors,
+            _ if a.keep_uvs => Surfacing::Kept,
+            _ => Surfacing::Maps,
+        },
+        lock_borders: a.lock_borders,
         occlusion: match a.occlusion {
             OcclusionMaps::Keep => Occlusion::Maps,
             OcclusionMaps::Bake => Occlusion::Rays(OcclusionRays::default()),
@@ -194,7 +207,8 @@ impl Job<'_> {
         say_warnings(self.input, scene);
         if self.explain {
             let plan = FitPlan::new(scene)
-                .with_options(options.steps, options.rasterized_against().kind(), &options.lighting)
+                .with_options(options.fit_steps(), options.rasterized_against().kind(), &options.lighting)
+                .with_surfacing(options.surfacing)
                 .with_judgement(options.judgement(scene))
                 .with_occlusion(options.occlusion);
             print(&format!("what the asset asks for:\n{plan}\n\n"))?;
@@ -379,6 +393,6 @@ fn texture_encoding(a: &Simplify) -> TextureEncoding {
         (Some(TextureFormat::WebpLossy), _) => TextureEncoding::LossyWebP { quality },
         (Some(TextureFormat::Ktx2), _) => TextureEncoding::Ktx2 { quality },
         (Some(TextureFormat::Jpeg), _) | (None, Some(_)) => TextureEncoding::Jpeg { quality },
-        (Some(TextureFormat::Png) | None, _) => TextureEncoding::Png,
+        (Some(TextureFormat::Png | TextureFormat::None) | None, _) => TextureEncoding::Png,
     }
 }

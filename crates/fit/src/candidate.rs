@@ -53,6 +53,8 @@ pub struct Candidate<T = f32> {
     pub rings: Csr,
     /// Edges between welded vertices, each once.
     pub edges: Vec<[u32; 2]>,
+    /// Welded vertices that stay where they are.
+    pub(crate) locked: Vec<(u32, Vec3<T>)>,
     pub(crate) alpha: Vec<AlphaMode>,
     /// Texels whose alpha is no parameter; empty = none.
     pub(crate) solid: Vec<bool>,
@@ -147,6 +149,7 @@ impl<T: LossScalar> Candidate<T> {
             opposite: edges.opposite_vertices(&mesh.triangles, &weld),
             neighbour: edges.triangle_neighbours(),
             edges: edges.vertices,
+            locked: Vec::new(),
             alpha,
             solid,
             masked,
@@ -161,6 +164,19 @@ impl<T: LossScalar> Candidate<T> {
     /// Whether any triangle may be transparent.
     pub fn is_transparent(&self) -> bool {
         !self.alpha.is_empty()
+    }
+
+    /// Locks the welded vertices whose present positions are `wanted`: a fit leaves them there.
+    pub fn lock(&mut self, wanted: impl Fn(&Vec3<T>) -> bool) {
+        let all = self.positions.iter().enumerate();
+        self.locked = all.filter(|(_, p)| wanted(p)).map(|(v, p)| (v as u32, *p)).collect();
+    }
+
+    /// Puts locked vertices back.
+    pub(crate) fn hold_locked(&mut self) {
+        for (v, p) in &self.locked {
+            self.positions[*v as usize] = *p;
+        }
     }
 
     /// Replaces the maps (of the same size).

@@ -265,6 +265,16 @@ fn options_that_do_not_go_together_show_the_usage_of_their_command() {
             "photofit recover volume ",
         ),
         (
+            &["simplify", "a.glb", "-o", "b.glb", "--textures", "none", "--keep-uvs"],
+            "--keep-uvs keeps textures and --textures none has none; leave one of them out",
+            "photofit simplify ",
+        ),
+        (
+            &["simplify", "a.glb", "-o", "b.glb", "--textures", "none", "--texture-quality", "90"],
+            "--textures none has no quality; leave one of them out",
+            "photofit simplify ",
+        ),
+        (
             &["simplify", "a.glb", "-o", "b.glb", "--textures", "png", "--jpeg", "90"],
             "png and webp are exact: a quality belongs to --textures jpeg, webp-lossy or ktx2",
             "photofit simplify ",

@@ -45,6 +45,11 @@ impl Device {
         Self { kind: Kind::Gpu { gpu, required }, why: why.into() }
     }
 
+    /// Whether it is the CPU.
+    pub fn is_cpu(&self) -> bool {
+        matches!(self.kind, Kind::Cpu)
+    }
+
     /// What it is, for people.
     pub fn name(&self) -> String {
         match &self.kind {

@@ -13,7 +13,7 @@
 //! - [`chain`]: fits one after the other, with a checkpoint for each.
 //! - [`trainer`]: one loop: phases, evaluation of held-out views, best state, patience, checkpoints, cancellation.
 //! - [`classes`]: materials that become one material of the light asset, and how a fit draws them; [`export`]: a fitted
-//!   surface as a scene; `unwrap`: a mesh as a surface with an atlas.
+//!   surface as a scene, [`vertex_colors`] as one without textures; `unwrap`: a mesh as a surface with an atlas.
 //! - [`judge`]: quality of what was written, drawn as other programs draw it.
 //! - [`plan`]: what of all this runs for an asset, and why.
 
@@ -42,6 +42,7 @@ pub mod surface;
 pub mod traced;
 pub mod trainer;
 pub(crate) mod unwrap;
+pub mod vertex_colors;
 pub mod views;
 
 pub use asset::Normalised;

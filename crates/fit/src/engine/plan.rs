@@ -16,6 +16,7 @@ use super::trainer::Phase;
 use super::views::Lighting;
 use crate::bake::Occlusion;
 use crate::candidate::Candidate;
+use crate::simplify::Surfacing;
 use photofit_raster::deferred::{Masks, Passes};
 use photofit_raster::{CHANNELS, channel};
 use photofit_scene::{AlphaMode, Material, Scene, TextureSlot};
@@ -148,6 +149,8 @@ pub struct FitPlan {
     device: Option<String>,
     /// Where occlusion maps come from.
     occlusion: Occlusion,
+    /// What the light asset has in place of the asset's surface.
+    surfacing: Surfacing,
 }
 
 impl FitPlan {
@@ -162,6 +165,7 @@ impl FitPlan {
             judgement: None,
             device: None,
             occlusion: Occlusion::default(),
+            surfacing: Surfacing::default(),
         }
     }
 
@@ -242,6 +246,12 @@ impl FitPlan {
         Self { occlusion, ..self }
     }
 
+    /// Adds what the light asset has in place of the asset's surface; without it new maps.
+    #[must_use]
+    pub fn with_surfacing(self, surfacing: Surfacing) -> Self {
+        Self { surfacing, ..self }
+    }
+
     /// Adds the phases of the fit.
     #[must_use]
     pub fn with_phases<M>(self, phases: &[Phase<'_, M>]) -> Self {
@@ -287,6 +297,18 @@ impl FitPlan {
     /// passes and rates.
     pub fn items(&self) -> Vec<Item> {
         let mut items = Vec::new();
+        match self.surfacing {
+            Surfacing::Maps => {}
+            Surfacing::Kept => {
+                let why =
+                    "triangles alone are fewer; texture coordinates, materials and textures stay".to_owned();
+                items.push(Item { what: "own surface", runs: Runs::Yes, why });
+            }
+            Surfacing::VertexColors => {
+                let why = "fitted maps become colours of vertices and factors of materials; normal maps are left out".to_owned();
+                items.push(Item { what: "colours of vertices", runs: Runs::Yes, why });
+            }
+        }
         if self.maps.is_some() {
             let rates = rates_of(self.fitted());
             let moves = self.choices.as_ref().is_none_or(|c| c.positions);
@@ -295,7 +317,7 @@ impl FitPlan {
         } else {
             self.asset_items(&mut items);
         }
-        self.asset.data_items(self.occlusion, &mut items);
+        self.asset.data_items(self.occlusion, self.surfacing == Surfacing::Kept, &mut items);
         self.option_items(&mut items);
         if self.judgement.as_ref().is_some_and(|j| j.traced_maps) {
             let why = "fitted once more, after the rasterizer".to_owned();
@@ -404,13 +426,18 @@ impl Asset {
         format!("{n} of {} materials {what}", self.materials)
     }
 
-    fn data_items(&self, occlusion: Occlusion, items: &mut Vec<Item>) {
+    /// `kept`: the asset's own surface stays.
+    fn data_items(&self, occlusion: Occlusion, kept: bool, items: &mut Vec<Item>) {
         let mut item = |what, runs: bool, why: String| items.push(Item { what, runs: runs.into(), why });
         let some = |n: usize, what: &str, none: &str| if n > 0 { self.of(n, what) } else { none.to_owned() };
         item("unlit surfaces", self.unlit > 0, self.of(self.unlit, "show their base colour as it is"));
         let why = some(self.normal_mapped, "have a normal map", "no material has a normal map");
         item("reference tangents", self.normal_mapped > 0, why);
-        let why = if self.vertex_colors { "read, and baked into the base colour" } else { "none" };
+        let why = match (self.vertex_colors, kept) {
+            (false, _) => "none",
+            (true, false) => "read, and baked into the base colour",
+            (true, true) => "read, and kept",
+        };
         item(
             "animation",
             false,
@@ -424,6 +451,7 @@ impl Asset {
             ["texture coordinates 0", "texture coordinates 1"].into_iter().zip(self.uvs)
         {
             let why = match (there, read) {
+                (true, true) if kept => "read by textures, and kept",
                 (true, true) => "read by textures; an atlas has new ones",
                 (true, false) => "no texture reads them",
                 (false, true) => "missing though a texture reads them: the texel at (0, 0) is shown",
@@ -458,6 +486,7 @@ impl Asset {
         );
         let why = match &self.extensions[..] {
             [] => "none".into(),
+            names if kept => format!("{}: kept as they are", names.join(", ")),
             names => {
                 format!("{}: kept, their textures as mean values; not drawn while fitting", names.join(", "))
             }

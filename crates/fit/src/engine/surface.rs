@@ -194,9 +194,11 @@ impl Surface {
         }
     }
 
-    /// Brings up to date what follows from the samples of a group: mip levels.
+    /// Brings up to date what follows from the samples of a group: mip levels; puts locked vertices back.
     pub(crate) fn update(&mut self, group: usize) {
-        if !self.is_positions(group) {
+        if self.is_positions(group) {
+            self.candidate.hold_locked();
+        } else {
             self.candidate.maps.rebuild();
         }
     }

@@ -20,7 +20,7 @@ pub use verdict::{Likeness, Verdict};
 
 use crate::FitError;
 use crate::engine::judge::BEST_PSNR;
-use crate::simplify::{Normalised, Outcome, Quality, Written};
+use crate::simplify::{Normalised, Outcome, Quality, Surfacing, Written};
 use page::{bytes, escape};
 use photofit_image::write_atomically;
 use photofit_scene::Scene;
@@ -77,7 +77,11 @@ fn html(o: &Outcome, info: &ReportInfo<'_>) -> Result<String, FitError> {
         views::at_size(o, info.screen_size)?,
         contents::section(contents::parts(&file).as_ref(), info.scene, &light, [&o.left_out, &o.not_fitted]),
         views::section(&o.views, &o.stages.iter().map(|s| s.0).collect::<Vec<_>>(), SHIPPED)?,
-        if o.written == Written::Decimated { String::new() } else { atlas::section(&o.candidate)? },
+        if matches!(o.written, Written::Decimated | Written::Kept) || o.surfacing == Surfacing::VertexColors {
+            String::new()
+        } else {
+            atlas::section(&o.candidate)?
+        },
         wireframes(&light, info)?,
         format!(
             "<details>\n<summary>How the fit went</summary>\n{}{}{}{}<h3>Plan</h3>\n<pre>{}</pre>\n<h3>Command</h3>\n\

@@ -128,7 +128,7 @@ impl fmt::Display for Verdict {
             write!(f, "; the asset itself drawn so: {} dB, FLIP {:.3}", original.decibels(1), original.flip)?;
         }
         f.write_str(match self.written {
-            Written::Fitted => "",
+            Written::Fitted | Written::Kept => "",
             Written::Rebaked => "; written is the fitted shape with maps baked anew, which looked best",
             Written::Wrapped | Written::Baked => {
                 "; no fit looked better than its start, baked maps, which is what was written"

@@ -386,7 +386,13 @@ fn ways(sizes: &[Size], coarse: f64, halved: &[f64]) -> Vec<Way> {
 pub(super) fn told(scene: &Scene) -> String {
     let one = |i: &TextureImage| {
         let how = match i.encoding {
-            TextureEncoding::Png => "PNG".into(),
+            // What was loaded says so, whatever it came from.
+            TextureEncoding::Png => match i.encoded.as_deref() {
+                Some([0xff, 0xd8, ..]) => "JPEG, as in the asset".into(),
+                Some([b'R', b'I', b'F', b'F', ..]) => "WebP, as in the asset".into(),
+                Some([0xab, b'K', b'T', b'X', ..]) => "KTX 2.0, as in the asset".into(),
+                _ => "PNG".into(),
+            },
             TextureEncoding::WebP => "WebP".into(),
             TextureEncoding::Jpeg { quality } => format!("JPEG of quality {quality}"),
             TextureEncoding::LossyWebP { quality } => format!("lossy WebP of quality {quality}"),

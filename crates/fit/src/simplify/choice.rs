@@ -1,7 +1,7 @@
 //! Which candidate goes on: the start of the fit, and what is written.
 
 use super::prepare::{Start, bake_candidate};
-use super::{SimplifyOptions, Written, to_scene};
+use super::{SimplifyOptions, Written};
 use crate::bake;
 use crate::candidate::Candidate;
 use crate::engine::Normalised;
@@ -77,7 +77,7 @@ pub(super) fn best(
     for start in starts {
         models.push(Surface { candidate: start.candidate.clone(), ..models[0].clone() });
     }
-    let mut scenes: Vec<Scene> = models.iter().map(|m| to_scene(&m.candidate, &n.light_asset)).collect();
+    let mut scenes: Vec<Scene> = models.iter().map(|m| options.exported(&m.candidate, n)).collect();
     scenes.extend(own);
     let stages: Vec<Stage> = scenes.iter().map(|s| Stage::new("", s.clone())).collect();
     let views = Orbit::new(options.seed, &options.lighting, options.resolution);

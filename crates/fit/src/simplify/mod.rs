@@ -6,6 +6,8 @@
 mod byte_budget;
 mod choice;
 mod coverage;
+mod kept;
+mod locks;
 mod options;
 pub(crate) mod outcome;
 mod plain;
@@ -24,7 +26,9 @@ pub use crate::engine::export::to_scene;
 pub use crate::engine::judge::{JudgeRenderer, Judged, Quality, ReportView, ViewQuality};
 pub use crate::engine::plan::{FitPlan, Runs};
 pub use crate::engine::trainer::HistoryPoint;
-pub use options::{FEWEST, FitRenderer, Init, LARGEST_ENGINE_PICTURE, MOST_REPLAYS, SimplifyOptions};
+pub use options::{
+    FEWEST, FitRenderer, Init, LARGEST_ENGINE_PICTURE, MILD, MOST_REPLAYS, SimplifyOptions, Surfacing,
+};
 pub use outcome::{Outcome, Written};
 pub use reference::ReferenceRenderer;
 pub use through_path::TRACED_FOLDER;
@@ -115,6 +119,9 @@ pub(crate) fn simplify_asset(
     progress: &dyn Progress,
 ) -> Result<Outcome, FitError> {
     let Asset { scene, n, rays, visibility } = asset;
+    if options.surfacing == Surfacing::Kept {
+        return kept::simplify(asset, output, options, began, progress);
+    }
     through_path::begin(options, progress);
     let reference = options.rasterized_against().reference(scene, n, rays, options)?;
     let reference = &*reference;
@@ -135,6 +142,7 @@ pub(crate) fn simplify_asset(
     let loss = loss::choose(&held_out);
     let plan = FitPlan::new(scene)
         .with_options(options.steps, reference.kind(), &options.lighting)
+        .with_surfacing(options.surfacing)
         .with_judgement(options.judgement(scene))
         .with_occlusion(options.occlusion)
         .with_loss(loss, held_out.noise)
@@ -157,7 +165,7 @@ pub(crate) fn simplify_asset(
     let rebake = |s: &Surface| choice::rebaked(surface, visibility, &s.candidate, options, progress);
     let mut plan_with_phases = None;
     let (trained, device) = train_on(
-        &options.device,
+        &options.device_of_fit(progress),
         Surface::new(start.candidate.clone(), &plan),
         &job,
         |psnr| {
@@ -168,11 +176,20 @@ pub(crate) fn simplify_asset(
         progress,
     )?;
     let plan = plan_with_phases.unwrap_or(plan).with_device(device.told());
-    let plain = plain::plain(scene, n, start.candidate.triangles.len())?;
-    let own = if options.keeps_textures() { plain::written(&plain, n, options) } else { None };
+    let as_many = Target::Triangles(start.candidate.triangles.len());
+    let plain = plain::decimated(scene, n, &[], &plain::own(as_many, options.lock_borders))?;
+    let own = if options.keeps_textures() {
+        let best = plain::best(asset, plain.clone(), reference, as_many, options, progress)?;
+        plain::written(&best, n, options)
+    } else {
+        None
+    };
     let choice::Chosen { trained, light, mut written, own } =
         choice::best(trained, own, surface, visibility, &starts, n, reference, options, progress)?;
 
+    if options.surfacing == Surfacing::VertexColors {
+        outcome::tell_detail(&trained.model.candidate, n, progress);
+    }
     let spent = fit_began.elapsed();
     let done = (written, trained.stopped, spent);
     let (light, mut traced_maps) = through_path::fit_maps(asset, light, done, options, progress);
@@ -198,6 +215,10 @@ pub(crate) fn simplify_asset(
         }
         light = made;
     }
+    if options.lock_borders {
+        locks::restore(&mut light, scene, n);
+    }
+    prepare::tell_budget(options, [scene.triangle_count(), light.triangle_count()], progress);
     let textures = byte_budget::told(&light);
     photofit_scene::save_glb_with(output, &light, options.compression)?;
     let to_file = began.elapsed().as_secs_f64();
@@ -225,6 +246,11 @@ pub(crate) fn simplify_asset(
     let light = &stages[stages.len() - 1].scene;
     (outcome.left_out, outcome.not_fitted) =
         (outcome::left_out(scene, light), outcome::not_fitted(scene, light, written == Written::Decimated));
+    if options.surfacing == Surfacing::VertexColors
+        && scene.materials.iter().any(|m| m.normal_texture.is_some())
+    {
+        outcome.left_out.push("normal maps: colours of vertices hold none".into());
+    }
     outcome.stopped |= progress.is_cancelled();
     if let Some(traced) = traced_maps {
         outcome.stopped |= traced.stopped;
@@ -250,10 +276,10 @@ fn stages(
     }
     stages.push(plain);
     if let [wrapped, baked] = starts {
-        stages.push(Stage::new("baked", to_scene(&baked.candidate, &n.light_asset)));
-        stages.push(Stage::new("wrapped", to_scene(&wrapped.candidate, &n.light_asset)));
+        stages.push(Stage::new("baked", options.exported(&baked.candidate, n)));
+        stages.push(Stage::new("wrapped", options.exported(&wrapped.candidate, n)));
     } else {
-        stages.push(Stage::new("baked", to_scene(&starts[0].candidate, &n.light_asset)));
+        stages.push(Stage::new("baked", options.exported(&starts[0].candidate, n)));
     }
     stages.push(Stage::new("fitted", fitted));
     stages
@@ -275,6 +301,7 @@ fn fingerprint(o: &SimplifyOptions, start: &Candidate) -> Fingerprint {
         .option("as_engine", o.as_engine)
         .option("batch", o.batch)
         .option("texture_size", o.texture_size)
+        .option("lock_borders", o.lock_borders)
         .option("seed", o.seed)
         .option("light", o.lighting.name())
         .option("occlusion", o.occlusion.name())

@@ -1,14 +1,17 @@
 //! What the user chooses.
 
-use super::ReferenceRenderer;
-use crate::FitError;
+use super::{Normalised, ReferenceRenderer};
 use crate::bake::{BakeSettings, Occlusion};
+use crate::candidate::Candidate;
 use crate::engine::device::Device;
+use crate::engine::export::to_scene;
 use crate::engine::judge::{JudgeRenderer, WIDEST_TRACED, beyond_rasterizer};
 use crate::engine::plan::Judgement;
 use crate::engine::reference::{SAMPLES, SUPERSAMPLE, samples_for};
 use crate::engine::trainer::{HELD_OUT, Keeping};
+use crate::engine::vertex_colors::colored;
 use crate::views::{Lighting, Sampling};
+use crate::{FitError, Progress};
 use photofit_geometry::decimate::Target;
 use photofit_scene::{Compression, Scene, TextureEncoding};
 use std::path::PathBuf;
@@ -33,6 +36,20 @@ pub enum FitRenderer {
     /// Shape and maps by the rasterizer, without shadows on either side, then the maps by the path tracer against path
     /// traced pictures ([`crate::traced_maps`]): what the light shape casts itself stays out of them.
     Path,
+}
+
+/// What the light asset has in place of the asset's surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Surfacing {
+    /// New maps in an atlas of their own, or, where [`SimplifyOptions::own_textures`] allows it and it looks better, what
+    /// the asset has.
+    #[default]
+    Maps,
+    /// The asset's own texture coordinates, materials and textures, all as they are: nothing but triangles is less, and
+    /// nothing is fitted.
+    Kept,
+    /// A colour for each vertex; everything else is the same all over a material, and there are no textures.
+    VertexColors,
 }
 
 /// Options of [`super::simplify`].
@@ -86,6 +103,13 @@ pub struct SimplifyOptions {
     /// the texels that new maps would have, may be written where they look better than what was fitted; else there are
     /// always new maps, one set for all.
     pub own_textures: bool,
+    /// Whether the asset's own textures keep their texels where they are written and [`MILD`] of the triangles or more are
+    /// left.
+    pub whole_textures: bool,
+    /// What the light asset has in place of the asset's surface.
+    pub surfacing: Surfacing,
+    /// Whether vertices on open borders stay where they are, in the decimation and in the fit, to the bit.
+    pub lock_borders: bool,
     /// Where the occlusion map of the light asset comes from: the asset's maps, rays against the asset (then there are always
     /// new maps), or nowhere: there is none.
     pub occlusion: Occlusion,
@@ -120,6 +144,9 @@ impl Default for SimplifyOptions {
             triangles_by_bytes: false,
             report_views: 8,
             own_textures: true,
+            whole_textures: false,
+            surfacing: Surfacing::default(),
+            lock_borders: false,
             occlusion: Occlusion::Maps,
             judge: JudgeRenderer::Auto,
             judge_spp: SAMPLES,
@@ -166,6 +193,29 @@ impl SimplifyOptions {
         } else {
             plain
         }
+    }
+
+    /// Steps that are made at most.
+    pub fn fit_steps(&self) -> u64 {
+        if self.surfacing == Surfacing::Kept { 0 } else { self.steps }
+    }
+
+    /// A candidate as it is written.
+    pub(super) fn exported(&self, candidate: &Candidate, n: &Normalised) -> Scene {
+        match self.surfacing {
+            Surfacing::VertexColors => colored(candidate, &n.light_asset).scene,
+            Surfacing::Maps | Surfacing::Kept => to_scene(candidate, &n.light_asset),
+        }
+    }
+
+    /// Where the fit runs: locked vertices are put back after each step, which a GPU does not do.
+    pub(super) fn device_of_fit(&self, progress: &dyn Progress) -> Device {
+        if !self.lock_borders || self.device.is_cpu() {
+            return self.device.clone();
+        }
+        let why = "locked borders are held on the CPU alone";
+        progress.warn(&format!("the fit runs on the CPU: {why}"));
+        Device::cpu(why)
     }
 
     /// Where and how the fit keeps its state.
@@ -287,6 +337,13 @@ impl SimplifyOptions {
                 self.fit_with == FitRenderer::Raster || self.reference == ReferenceRenderer::Path,
                 "needs path as the reference, too",
             ),
+            surfacing_rule(self),
+            rule(
+                "lock_borders",
+                self.lock_borders,
+                !self.lock_borders || self.init == Init::Decimate,
+                "needs the decimated asset as the start",
+            ),
             rule(
                 "resume",
                 self.resume,
@@ -309,7 +366,8 @@ impl SimplifyOptions {
     /// Whether the asset's own textures may be written. Its texture coordinates may show one texel in many places, which are
     /// not occluded alike.
     pub(super) fn keeps_textures(&self) -> bool {
-        self.own_textures && !matches!(self.occlusion, Occlusion::Rays(_))
+        let maps = self.surfacing == Surfacing::Maps;
+        maps && self.own_textures && !matches!(self.occlusion, Occlusion::Rays(_))
     }
 
     /// The budget that is meant: a share of the triangles of an asset never leaves fewer than [`FEWEST`] of them, or all
@@ -333,11 +391,33 @@ impl SimplifyOptions {
     }
 }
 
+/// Share of the triangles from which on a budget is mild: most bytes are those of textures then.
+pub const MILD: f64 = 0.25;
+
 /// Views by which the written asset is chosen, where pictures are not small.
 const CHOICE_VIEWS: u64 = 4;
 
 /// Fewest triangles that a share of an asset leaves.
 pub const FEWEST: usize = 64;
+
+/// What goes with the asset's own surface, and with colours of vertices.
+fn surfacing_rule(o: &SimplifyOptions) -> Result<(), FitError> {
+    let baked = matches!(o.occlusion, Occlusion::Rays(_));
+    match o.surfacing {
+        Surfacing::Maps => Ok(()),
+        Surfacing::Kept => {
+            let plain = o.reference == ReferenceRenderer::Raster && o.init == Init::Decimate && !baked;
+            let must = "goes with rasterized pictures of the asset, the decimated asset as the start and no baked occlusion";
+            rule("keep_uvs", true, plain, must)
+        }
+        Surfacing::VertexColors => {
+            let plain = o.fit_with == FitRenderer::Raster && !baked;
+            let must =
+                "must be a kind of image where maps are fitted through the path tracer or occlusion is baked";
+            rule("textures", "none", plain, must)
+        }
+    }
+}
 
 fn rule(field: &'static str, is: impl std::fmt::Display, holds: bool, must: &str) -> Result<(), FitError> {
     if holds { Ok(()) } else { Err(FitError::Setting { field, rule: format!("is {is}; it {must}") }) }

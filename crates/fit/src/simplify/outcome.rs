@@ -1,11 +1,13 @@
 //! What a simplification gives back.
 
-use super::SimplifyOptions;
+use super::{Normalised, SimplifyOptions, Surfacing};
+use crate::Progress;
 use crate::candidate::Candidate;
 use crate::engine::judge::{Judged, Quality, ReportView, WIDEST_TRACED, beyond_rasterizer};
 use crate::engine::plan::FitPlan;
 use crate::engine::surface::Surface;
 use crate::engine::trainer::{HistoryPoint, Trained};
+use crate::engine::vertex_colors::colored;
 use crate::traced_maps::MapsCourse;
 use photofit_scene::Scene;
 
@@ -53,10 +55,12 @@ pub struct Outcome {
     pub not_fitted: Vec<String>,
     /// What was written.
     pub written: Written,
+    /// What it has in place of the asset's surface.
+    pub surfacing: Surfacing,
     /// Its textures: sizes and encodings.
     pub textures: String,
     /// The fitted asset in the normalised frame: the written one, unless that is [`Written::Decimated`] or its maps were
-    /// fitted through the path tracer.
+    /// fitted through the path tracer. Of [`Written::Kept`] it has the shape alone.
     pub candidate: Candidate,
     /// Width and height of the pictures that quality is reported by.
     pub resolution: usize,
@@ -77,6 +81,8 @@ pub enum Written {
     Baked,
     /// The decimated asset with its own materials: nothing with new maps looked better.
     Decimated,
+    /// The asset's own texture coordinates, materials and textures on fewer triangles, as asked.
+    Kept,
 }
 
 impl Written {
@@ -88,6 +94,7 @@ impl Written {
             Self::Wrapped => "wrapped",
             Self::Baked => "baked",
             Self::Decimated => "decimated",
+            Self::Kept => "kept",
         }
     }
 }
@@ -161,11 +168,26 @@ impl Outcome {
             left_out: Vec::new(),
             not_fitted: Vec::new(),
             written: Written::Fitted,
+            surfacing: options.surfacing,
             textures: String::new(),
             candidate: trained.model.candidate,
             resolution: options.resolution,
             device: options.device.name(),
         }
+    }
+}
+
+/// PSNR below which colours of vertices are thought to miss much of a base colour, decibels.
+const COARSE: f64 = 28.0;
+
+/// Warns where the base colour has more detail than colours of vertices hold.
+pub(super) fn tell_detail(candidate: &Candidate, n: &Normalised, progress: &dyn Progress) {
+    let psnr = colored(candidate, &n.light_asset).psnr;
+    if psnr < COARSE {
+        progress.warn(&format!(
+            "the base colour has more detail than vertices: their colours show it with {psnr:.1} dB; more triangles or \
+             textures show more"
+        ));
     }
 }
 

@@ -1,10 +1,13 @@
 //! The asset's own texture coordinates, textures and materials on fewer triangles: what a plain decimation gives.
 
-use super::prepare::decimated_only;
-use super::{Normalised, SimplifyOptions};
-use crate::FitError;
+use super::options::MILD;
+use super::prepare::{decimated_only, importance};
+use super::{Asset, Normalised, SimplifyOptions};
 use crate::bake::Occlusion;
-use crate::engine::judge::{Stage, beyond_rasterizer};
+use crate::engine::judge::{self, Stage, beyond_rasterizer};
+use crate::engine::reference::Reference;
+use crate::engine::views::Orbit;
+use crate::{FitError, Progress};
 use photofit_geometry::decimate::{Options, Target};
 use photofit_raster::texture::{MipLayout, MipRule, MipTexture, Texels};
 use photofit_scene::{AlphaMode, Scene, TextureImage, TextureSlot};
@@ -15,25 +18,75 @@ const MAPS: usize = 4;
 /// Extensions that lie over a core which the rasterizer draws of both sides of the choice alike.
 const OVER_THE_CORE: [&str; 4] = ["specular", "clearcoat", "sheen", "anisotropy"];
 
-/// The asset with its own textures on that many triangles.
-pub(super) fn plain(scene: &Scene, n: &Normalised, triangles: usize) -> Result<Stage, FitError> {
-    let mut only = Options::new(Target::Triangles(triangles));
-    only.keep_uvs = true;
-    decimated_only("decimated", scene, n, &only)
+/// How to decimate an asset with its own texture coordinates.
+pub(super) fn own(target: Target, lock_border: bool) -> Options {
+    Options { keep_uvs: true, lock_border, ..Options::new(target) }
 }
 
-/// The same as it may be written in place of a fitted asset: in the asset's frame, with textures that together have no
-/// more texels than the maps of a fitted one; the largest are halved until they do. `None` where it has
-/// materials whose core the rasterizer, which the choice is made by, does not draw.
-pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) -> Option<Scene> {
-    if beyond_rasterizer(&stage.scene).iter().any(|name| !OVER_THE_CORE.contains(name)) {
-        return None;
+/// The same where most triangles stay: quadrics of texture coordinates and normals keep what is there, and positions that are
+/// fitted to the surface alone would pull them off; no thin part is lost yet.
+fn mild(own: &Options) -> Options {
+    Options { normal_weight: 0.003, thin_power: 0.0, refine_rounds: 0, ..own.clone() }
+}
+
+/// The asset with its own textures on fewer triangles.
+pub(super) fn decimated(
+    scene: &Scene,
+    n: &Normalised,
+    importance: &[f32],
+    how: &Options,
+) -> Result<Stage, FitError> {
+    decimated_only("decimated", scene, n, importance, how)
+}
+
+/// Of `first` and of decimations to as many triangles that other weights make (mild ones, and with what can be seen counting
+/// more), the one that looks best. Other budgets than of triangles mean other numbers under other weights: `first` alone
+/// counts then.
+pub(super) fn best(
+    asset: Asset<'_>,
+    first: Stage,
+    reference: &dyn Reference,
+    target: Target,
+    options: &SimplifyOptions,
+    progress: &dyn Progress,
+) -> Result<Stage, FitError> {
+    let Asset { scene, n, visibility, .. } = asset;
+    if !matches!(target, Target::Triangles(_) | Target::Ratio(_)) || progress.is_cancelled() {
+        return Ok(first);
     }
+    let how = own(target, options.lock_borders);
+    let seen = importance(n, visibility);
+    let (mild, seen) =
+        rayon::join(|| decimated(scene, n, &[], &mild(&how)), || decimated(scene, n, &seen, &how));
+    let mut stages = vec![first, mild?, seen?];
+    let views = Orbit::new(options.seed, &options.lighting, options.resolution);
+    let (count, [_, samples]) = (options.choice_views(), options.judge_samples());
+    let scores = judge::scores(&n.light_asset, reference, &stages, &views, count, samples, progress)?;
+    Ok(stages.swap_remove(judge::highest(&scores)))
+}
+
+/// The asset with all of its textures and materials as they are.
+pub(super) fn kept(stage: &Stage, n: &Normalised, options: &SimplifyOptions) -> Scene {
     let mut light = stage.placed(&n.light_asset);
     if options.occlusion == Occlusion::Open {
         light.materials.iter_mut().for_each(|m| m.occlusion_texture = None);
     }
     keep_used(&mut light);
+    light
+}
+
+/// The same as it may be written in place of a fitted asset: in the asset's frame, with textures that together have no
+/// more texels than the maps of a fitted one; the largest are halved until they do. `None` where it has
+/// materials whose core the rasterizer, which the choice is made by, does not draw. Where the budget is mild and textures may
+/// stay whole, they do.
+pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) -> Option<Scene> {
+    if beyond_rasterizer(&stage.scene).iter().any(|name| !OVER_THE_CORE.contains(name)) {
+        return None;
+    }
+    let mut light = kept(stage, n, options);
+    if options.whole_textures && light.triangle_count() as f64 >= MILD * n.flat.mesh.triangles.len() as f64 {
+        return Some(light);
+    }
     let most = MAPS * options.texture_size * options.texture_size;
     let size = |i: &TextureImage| i.width * i.height;
     let mut halvings = vec![0_u32; light.images.len()];
@@ -148,7 +201,7 @@ mod tests {
             ..Scene::default()
         };
         let n = Normalised::new(&scene).unwrap();
-        let stage = plain(&scene, &n, 100).unwrap();
+        let stage = decimated(&scene, &n, &[], &own(Target::Triangles(100), false)).unwrap();
         let options = SimplifyOptions { texture_size: 16, ..SimplifyOptions::default() };
         let light = written(&stage, &n, &options).unwrap();
         let sizes: Vec<(usize, usize)> = light.images.iter().map(|i| (i.width, i.height)).collect();
@@ -162,5 +215,13 @@ mod tests {
         let far = light.primitives[0].mesh.positions.iter().map(|p| p.length()).fold(0.0, f32::max);
         assert!((far - 3.0).abs() < 0.3, "in the asset's frame: {far}");
         assert!(light.triangle_count() <= 100);
+        // They stay whole where that is wanted and the budget is mild: 100 of 224 triangles.
+        let whole =
+            written(&stage, &n, &SimplifyOptions { whole_textures: true, ..options.clone() }).unwrap();
+        let sizes: Vec<usize> = whole.images.iter().map(|i| i.width).collect();
+        assert_eq!(sizes, [64, 32]);
+        let few = decimated(&scene, &n, &[], &own(Target::Triangles(40), false)).unwrap();
+        let few = written(&few, &n, &SimplifyOptions { whole_textures: true, ..options }).unwrap();
+        assert_eq!(few.images[0].width, 16);
     }
 }

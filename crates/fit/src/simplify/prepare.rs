@@ -1,7 +1,7 @@
 //! From the reference to the start of the fit: normalise, decimate, unwrap, bake.
 
 use super::{Init, SimplifyOptions};
-use super::{coverage, shrink_wrap};
+use super::{coverage, locks, shrink_wrap};
 use crate::bake::{self, AlphaClass, BakeSettings, ReferenceSurface, bake};
 use crate::candidate::Candidate;
 use crate::engine::Normalised;
@@ -17,6 +17,7 @@ use photofit_scalar::vec3;
 use photofit_scene::Scene;
 use photofit_shading::Sides;
 use rayon::prelude::*;
+use std::collections::HashSet;
 use std::ops::ControlFlow;
 
 /// Triangles that fewer than this share of the sky sees still count this much in the decimation.
@@ -44,25 +45,32 @@ pub(super) fn prepare(
 ) -> Result<Vec<Start>, FitError> {
     let go_on = || if progress.is_cancelled() { Err(FitError::Interrupted) } else { Ok(()) };
     go_on()?;
+    let lock = options.lock_borders;
+    let mut locked = HashSet::new();
     let (mesh, class, decimated) = match (options.init, from) {
         (Init::Sphere, None) => {
             let mut mesh = sphere(n, seen, options.target)?;
-            shrink_wrap::FROM_AFAR.run(&mut mesh, reference, seen, progress)?;
+            shrink_wrap::FROM_AFAR.run(&mut mesh, &[], reference, seen, progress)?;
             let class = closest_classes(n, reference, seen, &mesh);
             (mesh, class, None)
         }
         (_, from) => {
             let d = match from {
-                Some(candidate) => decimate_candidate(n, candidate, options.target, progress)?,
-                None => decimate_reference(n, seen, options.target, progress)?,
+                Some(candidate) => decimate_candidate(n, candidate, options.target, lock, progress)?,
+                None => decimate_reference(n, seen, options.target, lock, progress)?,
             };
+            locked = locks::locked(&d);
             let mut mesh = d.mesh.clone();
-            shrink_wrap::NEARBY.run(&mut mesh, reference, seen, progress)?;
+            shrink_wrap::NEARBY.run(&mut mesh, &d.locked, reference, seen, progress)?;
             (mesh, d.group, Some(d.mesh))
         }
     };
     go_on()?;
-    let start = |mesh: &Mesh, class| unwrap_and_bake(n, reference, seen, mesh, class, options, progress);
+    let start = |mesh: &Mesh, class| {
+        let mut start = unwrap_and_bake(n, reference, seen, mesh, class, options, progress)?;
+        start.candidate.lock(|p| locked.contains(&locks::bits(*p)));
+        Ok::<Start, FitError>(start)
+    };
     let mut starts = vec![start(&mesh, class.clone())?];
     if let Some(mesh) = decimated {
         starts.push(start(&mesh, class)?);
@@ -108,13 +116,17 @@ fn decimate_reference(
     n: &Normalised,
     seen: &Visibility,
     target: Target,
+    lock_borders: bool,
     progress: &dyn Progress,
 ) -> Result<Decimated, FitError> {
-    let triangles = n.flat.mesh.triangles.len();
-    let importance: Vec<f32> = (0..triangles)
+    decimated(n, &n.flat.mesh, &n.triangle_classes(), &importance(n, seen), (target, lock_borders), progress)
+}
+
+/// How much each triangle of the reference counts: by the share of the sky that sees it, 0 where nothing does.
+pub(super) fn importance(n: &Normalised, seen: &Visibility) -> Vec<f32> {
+    (0..n.flat.mesh.triangles.len())
         .map(|t| if seen.is_visible(t) { LEAST_IMPORTANCE + seen.importance(t) } else { 0.0 })
-        .collect();
-    decimated(n, &n.flat.mesh, &n.triangle_classes(), &importance, target, progress)
+        .collect()
 }
 
 /// Decimates the shape of a candidate.
@@ -122,9 +134,10 @@ fn decimate_candidate(
     n: &Normalised,
     candidate: &Candidate,
     target: Target,
+    lock_borders: bool,
     progress: &dyn Progress,
 ) -> Result<Decimated, FitError> {
-    decimated(n, &candidate.mesh(), &candidate.class, &[], target, progress)
+    decimated(n, &candidate.mesh(), &candidate.class, &[], (target, lock_borders), progress)
 }
 
 /// Decimates a mesh whose triangles have the given classes.
@@ -133,10 +146,10 @@ fn decimated(
     mesh: &Mesh,
     class: &[u32],
     importance: &[f32],
-    target: Target,
+    (target, lock_border): (Target, bool),
     progress: &dyn Progress,
 ) -> Result<Decimated, FitError> {
-    let mut options = Options::new(target);
+    let mut options = Options { lock_border, ..Options::new(target) };
     options.double_sided = n.light_asset.classes.iter().map(|c| c.sides == Sides::Both).collect();
     let report = heard("decimate", progress);
     decimate_reporting(mesh, class, importance, &options, &report).map_err(|e| match e {
@@ -150,14 +163,29 @@ pub(super) fn decimated_only(
     name: &'static str,
     scene: &Scene,
     n: &Normalised,
+    importance: &[f32],
     options: &Options,
 ) -> Result<Stage, FitError> {
-    let d = decimate(&n.flat.mesh, &n.flat.triangle_material, &[], options)?;
+    let d = decimate(&n.flat.mesh, &n.flat.triangle_material, importance, options)?;
     let mut mesh = d.mesh;
     if mesh.normals.is_empty() {
         mesh.normals = photofit_geometry::normals::mesh_normals(&mesh);
     }
     Ok(Stage::of_mesh(name, scene, &mesh, &d.group))
+}
+
+/// Tells that locked borders left no room for the budget, where they did not.
+pub(super) fn tell_budget(options: &SimplifyOptions, [of, made]: [usize; 2], progress: &dyn Progress) {
+    let most = match options.target {
+        Target::Triangles(n) => n,
+        Target::Ratio(r) => (of as f64 * r) as usize,
+        Target::Error(_) | Target::ScreenSize(_) => made,
+    };
+    if options.lock_borders && made > most.max(1) {
+        progress.warn(&format!(
+            "locked borders leave no room for a budget of {most} triangles: there are {made}"
+        ));
+    }
 }
 
 /// A sphere around the visible reference, as many triangles as the budget allows.

@@ -58,16 +58,22 @@ pub(super) const NEARBY: Wrap =
     Wrap { lambda: &[0.1], steps: 15, samples_per_vertex: 64, gone: Some(Gone { cosine: 0.5, sizes: 0.25 }) };
 
 impl Wrap {
-    /// Pulls `mesh` onto what can be seen of the reference; vertices at one place move together.
+    /// Pulls `mesh` onto what can be seen of the reference; vertices at one place move together, and those that are `locked`
+    /// (empty: none is) not at all.
     pub(super) fn run(
         &self,
         mesh: &mut Mesh,
+        locked: &[bool],
         reference: &ReferenceSurface<'_>,
         seen: &Visibility,
         progress: &dyn Progress,
     ) -> Result<(), FitError> {
         let weld = weld_exact(&mesh.positions);
         let mut positions = weld.pick(&mesh.positions);
+        let held: Vec<(usize, Vec3f)> = (0..locked.len())
+            .filter(|v| locked[*v])
+            .map(|v| (weld.ids[v] as usize, mesh.positions[v]))
+            .collect();
         let triangles = weld.triangles(&mesh.triangles);
         let edges = Edges::new(&mesh.triangles, &weld);
         let count = (self.samples_per_vertex * positions.len()).min(MOST_SAMPLES);
@@ -86,6 +92,7 @@ impl Wrap {
                 for (p, m) in positions.iter_mut().zip(bytemuck::cast_slice::<f32, Vec3f>(&motion)) {
                     *p += *m * STEP;
                 }
+                held.iter().for_each(|(v, p)| positions[*v] = *p);
             }
         }
         mesh.positions = weld.expand(&positions);
@@ -196,7 +203,7 @@ mod tests {
             (shape.positions.iter().map(squared).sum::<f64>() / shape.positions.len() as f64).sqrt()
         };
         let before = distance(&mesh);
-        world.with(|r| NEARBY.run(&mut mesh, r, &seen, &Silent).unwrap());
+        world.with(|r| NEARBY.run(&mut mesh, &[], r, &seen, &Silent).unwrap());
         assert!(distance(&mesh) < 0.99 * before, "rms distance {before} became {}", distance(&mesh));
     }
 
@@ -209,7 +216,7 @@ mod tests {
         let farthest = |wrap: &Wrap| {
             let mut mesh = shapes::icosphere(4);
             mesh.normals.clear();
-            world.with(|r| wrap.run(&mut mesh, r, &seen, &Silent).unwrap());
+            world.with(|r| wrap.run(&mut mesh, &[], r, &seen, &Silent).unwrap());
             mesh.positions.iter().map(|p| p.length()).fold(0.0, f32::max)
         };
         let kept = farthest(&NEARBY);
@@ -231,7 +238,7 @@ mod tests {
             let mut mesh = shapes::icosphere(8);
             mesh.normals.clear();
             let distance = world.with(|r| {
-                FROM_AFAR.run(&mut mesh, r, &seen, &Silent).unwrap();
+                FROM_AFAR.run(&mut mesh, &[], r, &seen, &Silent).unwrap();
                 let reach = |p: &Vec3f| r.accel().closest_point(*p, 10.0).unwrap().distance;
                 mesh.positions.iter().map(reach).sum::<f32>() / mesh.positions.len() as f32
             });

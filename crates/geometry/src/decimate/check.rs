@@ -136,6 +136,13 @@ impl Engine<'_> {
         })
     }
 
+    /// Whether a triangle at the loaded edge's ends touches an open border.
+    pub(super) fn is_near_border(&self) -> bool {
+        let touches =
+            |c: &u32| self.topology.triangles[*c as usize / 3].iter().any(|&v| self.border[v as usize]);
+        self.scratch.first.iter().chain(&self.scratch.second).any(touches)
+    }
+
     /// Whether the collapse of the loaded edge would leave a component without triangles.
     pub(super) fn vanishes(&self, v: u32) -> bool {
         let shared = |c: u32| {

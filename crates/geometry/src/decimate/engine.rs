@@ -127,8 +127,10 @@ impl Engine<'_> {
         let (p, r) = (self.positions[u as usize], self.positions[v as usize]);
         let pinned = |i: u32| pin_border && self.border[i as usize];
         let at = match (place, pinned(u), pinned(v)) {
-            (_, true, false) | (Place::First, ..) => p,
-            (_, false, true) | (Place::Second, ..) => r,
+            (_, true, false) => p,
+            (_, false, true) => r,
+            (Place::First, ..) => p,
+            (Place::Second, ..) => r,
             (Place::Middle, ..) => (p + r) * 0.5,
             (Place::Best, ..) => best(&q, p, r),
         };

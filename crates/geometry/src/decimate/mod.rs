@@ -108,7 +108,7 @@ pub fn decimate_reporting(
         ..Stats::default()
     };
     let goal = run::Goal::new(options, mesh.triangles.len());
-    if options.drop_unseen && goal.triangles < soup.triangles.len() {
+    if options.drop_unseen && !options.lock_border && goal.triangles < soup.triangles.len() {
         stats.unseen = setup::drop_unseen(&mut soup, importance);
     }
     let (centre, diagonal, source) = (soup.centre, soup.diagonal, soup.source.clone());
@@ -119,7 +119,8 @@ pub fn decimate_reporting(
         let report = |share: f32| report(COLLAPSES + (1.0 - COLLAPSES) * share);
         refine::refine(&mut engine, &original, options.refine_rounds, &report)?;
     }
-    let (mesh, group, source) = output::output(&engine, mesh, &source, centre, diagonal);
+    let output::Output { mesh, group, source, locked } =
+        output::output(&engine, mesh, &source, centre, diagonal);
     let relative_error = engine.worst.sqrt();
-    Ok(Decimated { mesh, group, source, error: relative_error * diagonal, relative_error, stats })
+    Ok(Decimated { mesh, group, source, locked, error: relative_error * diagonal, relative_error, stats })
 }

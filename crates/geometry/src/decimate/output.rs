@@ -6,6 +6,17 @@ use crate::Mesh;
 use glam::DVec3;
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3, vec4};
 
+/// The live triangles as a mesh.
+pub(super) struct Output {
+    pub(super) mesh: Mesh,
+    /// Group of each triangle.
+    pub(super) group: Vec<u32>,
+    /// Input triangle of each triangle.
+    pub(super) source: Vec<u32>,
+    /// Vertices on locked borders; empty where none is locked.
+    pub(super) locked: Vec<bool>,
+}
+
 /// Mesh, group and source of the live triangles.
 pub(super) fn output(
     engine: &Engine<'_>,
@@ -13,9 +24,15 @@ pub(super) fn output(
     source: &[u32],
     centre: DVec3,
     diagonal: f64,
-) -> (Mesh, Vec<u32>, Vec<u32>) {
+) -> Output {
     let live: Vec<usize> = (0..source.len()).filter(|&t| engine.topology.is_live(t as u32)).collect();
     let mut mesh = Mesh::default();
+    let mut locked = Vec::new();
+    let mut lock = |v: u32| {
+        if engine.options.lock_border {
+            locked.push(engine.border[v as usize]);
+        }
+    };
     let mut triangles = Vec::with_capacity(live.len());
     let point = |v: u32| position(engine, input, v, centre, diagonal);
     if let Some(wedges) = &engine.wedges {
@@ -31,6 +48,7 @@ pub(super) fn output(
         keys.dedup();
         for &(v, w) in &keys {
             mesh.positions.push(point(v));
+            lock(v);
             let row: Vec<f32> = wedges.unscaled(w).collect();
             push_attributes(&mut mesh, input, &row);
         }
@@ -47,6 +65,7 @@ pub(super) fn output(
                 if *slot == NONE {
                     *slot = mesh.positions.len() as u32;
                     mesh.positions.push(point(v));
+                    lock(v);
                 }
                 *slot
             }));
@@ -55,7 +74,7 @@ pub(super) fn output(
     mesh.triangles = triangles;
     let group = live.iter().map(|&t| engine.group[t]).collect();
     let source = live.iter().map(|&t| source[t]).collect();
-    (mesh, group, source)
+    Output { mesh, group, source, locked }
 }
 
 /// The very input position where the vertex never moved.

@@ -16,6 +16,8 @@ pub(super) struct Part {
     pub(super) extent2: f64,
     /// Whether its removal is in the queue.
     pub(super) queued: bool,
+    /// Whether it has a locked border and must not be removed.
+    pub(super) held: bool,
 }
 
 /// Triangles of each component, in compressed rows.

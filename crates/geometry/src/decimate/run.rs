@@ -57,7 +57,7 @@ pub(super) fn run(
         min_cosine: o.min_normal_cosine,
         min_compactness: o.min_compactness,
         keep_manifold: o.keep_manifold,
-        keep_border: o.keep_border,
+        keep_border: o.keep_border || o.lock_border,
         max_error2: goal.error2,
     };
     stage(engine, goal, &full, stats, &report)?;
@@ -66,7 +66,7 @@ pub(super) fn run(
         min_cosine: full.min_cosine.min(-0.2),
         min_compactness: 0.0,
         keep_manifold: false,
-        keep_border: false,
+        keep_border: o.lock_border,
         max_error2: f64::INFINITY,
     };
     if goal.forced {
@@ -75,7 +75,9 @@ pub(super) fn run(
     stats.after_relaxed = engine.topology.live;
     if goal.forced {
         stage(engine, goal, &Rules { min_cosine: -2.0, ..relaxed }, stats, &report)?;
-        truncate(engine, goal.triangles, stats);
+        if !o.lock_border {
+            truncate(engine, goal.triangles, stats);
+        }
     }
     stats.after_forced = engine.topology.live;
     Ok(())
@@ -142,7 +144,7 @@ fn entry(engine: &Engine<'_>, u: u32, v: u32, flags: u32) -> Entry {
 /// Entry for the removal of a component that is small enough and not in the heap yet.
 fn removal(engine: &mut Engine<'_>, c: u32) -> Option<(f64, Entry)> {
     let part = &mut engine.parts[c as usize];
-    if part.queued || part.live == 0 || part.live > REMOVABLE {
+    if part.queued || part.held || part.live == 0 || part.live > REMOVABLE {
         return None;
     }
     part.queued = true;
@@ -206,7 +208,9 @@ fn decide(engine: &mut Engine<'_>, priced_at: f64, top: Entry, rules: &Rules) ->
         return Verdict::Never;
     }
     let pinches = engine.pinches(u, v);
-    if pinches && rules.keep_manifold {
+    // Pinched triangles fall together, and a locked border with them.
+    let is_held = engine.options.lock_border && engine.is_near_border();
+    if pinches && (rules.keep_manifold || is_held) {
         return Verdict::Never;
     }
     let factor = if pinches { engine.options.pinch_weight.max(1.0) } else { 1.0 };

@@ -129,6 +129,8 @@ fn hold_edges(engine: &mut Engine<'_>, edges: &[(u64, u32)], weight: &[f64]) {
         if faces.len() == 1 {
             engine.border[a as usize] = true;
             engine.border[b as usize] = true;
+            let part = engine.part[faces[0].1 as usize] as usize;
+            engine.parts[part].held |= engine.options.lock_border;
         }
         let strength = edge_weight(engine, a, b, faces);
         if strength <= 0.0 {

@@ -1,5 +1,7 @@
 //! Quality and robustness on procedural meshes.
 
+mod locked;
+
 use super::*;
 use photofit_scalar::{Vec3f, vec2, vec3};
 

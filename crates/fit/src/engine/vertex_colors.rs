@@ -1,0 +1,414 @@
+//! A fitted surface as colours of vertices: what is written in place of textures.
+//!
+//! The colours are those whose linear interpolation over the triangles is nearest to the maps, in the mean square over the
+//! surface: `sum over samples of area |sum of w_k c_k - map|^2` with barycentric weights `w`. Its normal equations are
+//! symmetric and positive definite, and are solved by conjugate gradients with a diagonal preconditioner. Everything else of
+//! a material is the mean over its surface.
+
+use super::light_asset::LightAsset;
+use crate::candidate::Candidate;
+use photofit_geometry::Mesh;
+use photofit_image::srgb_encode;
+use photofit_raster::{CHANNELS, channel};
+use photofit_scalar::{Vec3f, vec3, vec4};
+use photofit_scene::{AlphaMode, Instance, Material, Primitive, Scene};
+use photofit_shading::Sides;
+use std::collections::BTreeMap;
+
+/// Most sample points along a side of a triangle.
+const MOST: usize = 64;
+/// Weight of the mean colour around a vertex against that of its surface: what no sample sees has a colour, too.
+const TOWARDS_MEAN: f64 = 1e-4;
+/// Steps of the solver, and the squared residual relative to the first at which it ends.
+const STEPS: usize = 200;
+const RESIDUAL: f64 = 1e-12;
+/// Emission below this is none.
+const DARK: f64 = 1e-4;
+
+/// A surface with colours of vertices.
+#[derive(Clone, Debug)]
+pub struct Colored {
+    /// One primitive and material for each class, without textures.
+    pub scene: Scene,
+    /// How near the colours are to the base colour of the maps: PSNR of sRGB values over the surface, decibels.
+    pub psnr: f64,
+}
+
+/// A sample of the maps in a triangle.
+struct Sample {
+    weights: [f64; 3],
+    area: f64,
+    color: [f64; 4],
+}
+
+/// The normal equations, by triangles.
+struct System {
+    /// Colour of each corner.
+    corners: Vec<[usize; 3]>,
+    /// Upper triangle of `sum area w w'` of each triangle: 00, 11, 22, 01, 02, 12.
+    blocks: Vec<[f64; 6]>,
+    diagonal: Vec<f64>,
+    right: Vec<[f64; 4]>,
+}
+
+/// Turns a candidate into a scene whose surface is told by colours of vertices.
+pub fn colored(candidate: &Candidate, light: &LightAsset) -> Colored {
+    let mesh = candidate.mesh();
+    // Vertices at one place and of one class have one colour: atlas and creases do not show.
+    let mut ids = BTreeMap::new();
+    let corners: Vec<[usize; 3]> = candidate
+        .triangles
+        .iter()
+        .zip(&candidate.class)
+        .map(|(t, class)| {
+            t.map(|v| {
+                let next = ids.len();
+                *ids.entry((candidate.weld.ids[v as usize], *class)).or_insert(next)
+            })
+        })
+        .collect();
+    let samples: Vec<Vec<Sample>> = (0..corners.len()).map(|t| samples(candidate, &mesh, light, t)).collect();
+    let system = System::new(corners, &samples, ids.len());
+    let colors = system.solve();
+    let psnr = system.psnr(&colors, &samples);
+    let mut scene = Scene { name: light.name.clone(), ..Scene::default() };
+    for class in 0..light.classes.len() {
+        let part = part(candidate, &mesh, light, class, &system.corners, &colors);
+        if part.triangles.is_empty() {
+            continue;
+        }
+        scene.materials.push(material(candidate, &mesh, light, class));
+        let primitive = scene.primitives.len();
+        scene.primitives.push(Primitive { mesh: part, material: scene.materials.len() - 1 });
+        scene.instances.push(Instance { primitive, transform: glam::Affine3A::IDENTITY });
+    }
+    Colored { scene, psnr }
+}
+
+/// Texel of the maps at texture coordinates in [0, 1], bilinear.
+fn texel(candidate: &Candidate, u: f32, v: f32) -> [f32; CHANNELS] {
+    let base = &candidate.maps.levels[0];
+    let along = |x: f32, n: usize| {
+        let x = (x * n as f32 - 0.5).clamp(0.0, (n - 1) as f32);
+        let low = x as usize;
+        (low, (low + 1).min(n - 1), x - low as f32)
+    };
+    let ((x0, x1, a), (y0, y1, b)) = (along(u, base.width), along(v, base.height));
+    let at = |x: usize, y: usize| &base.texels[y * base.width + x];
+    let [p, q, r, s] = [at(x0, y0), at(x1, y0), at(x0, y1), at(x1, y1)];
+    let mix = |c| (p[c] * (1.0 - a) + q[c] * a) * (1.0 - b) + (r[c] * (1.0 - a) + s[c] * a) * b;
+    std::array::from_fn(mix)
+}
+
+/// Visits evenly spread points of triangle `t`, about one for each of its texels: barycentric weights, area, and texel.
+fn visit(candidate: &Candidate, mesh: &Mesh, t: usize, mut each: impl FnMut([f64; 3], f64, [f32; CHANNELS])) {
+    let base = &candidate.maps.levels[0];
+    let uv = candidate.triangles[t].map(|v| candidate.uvs[v as usize]);
+    let (e, f) = (uv[1] - uv[0], uv[2] - uv[0]);
+    let texels = 0.5 * f64::from((e.x * f.y - e.y * f.x).abs()) * (base.width * base.height) as f64;
+    let n = (texels.sqrt().ceil() as usize).clamp(2, MOST);
+    let [a, b, c] = mesh.corners(t);
+    let area = 0.5 * f64::from((b - a).cross(c - a).length()) / (n * n) as f64;
+    // The centres of the n^2 equal triangles that it divides into.
+    for i in 0..n {
+        for j in 0..n - i {
+            for turned in [false, true] {
+                if turned && i + j + 2 > n {
+                    continue;
+                }
+                let shift = if turned { 2.0 / 3.0 } else { 1.0 / 3.0 };
+                let (v, w) = ((i as f64 + shift) / n as f64, (j as f64 + shift) / n as f64);
+                let at = uv[0] + e * v as f32 + f * w as f32;
+                each([1.0 - v - w, v, w], area, texel(candidate, at.x, at.y));
+            }
+        }
+    }
+}
+
+fn samples(candidate: &Candidate, mesh: &Mesh, light: &LightAsset, t: usize) -> Vec<Sample> {
+    let class = &light.classes[candidate.class[t] as usize];
+    // Unlit surfaces are drawn as emission; glass with an alpha that is not written.
+    let first = if class.unlit { channel::EMISSIVE } else { channel::BASE_COLOR };
+    let opaque = class.written == AlphaMode::Opaque;
+    let mut out = Vec::new();
+    visit(candidate, mesh, t, |weights, area, x| {
+        let alpha = if opaque { 1.0 } else { f64::from(x[channel::ALPHA]) };
+        let [r, g, b] = [0, 1, 2].map(|k| f64::from(x[first + k]));
+        out.push(Sample { weights, area, color: [r, g, b, alpha] });
+    });
+    out
+}
+
+impl System {
+    fn new(corners: Vec<[usize; 3]>, samples: &[Vec<Sample>], colors: usize) -> Self {
+        let (mut blocks, mut diagonal) = (vec![[0.0; 6]; corners.len()], vec![0.0; colors]);
+        let mut right = vec![[0.0; 4]; colors];
+        for ((ids, block), samples) in corners.iter().zip(&mut blocks).zip(samples) {
+            let (mut area, mut sum) = (0.0, [0.0; 4]);
+            for s in samples {
+                let [x, y, z] = s.weights;
+                let products = [x * x, y * y, z * z, x * y, x * z, y * z];
+                block.iter_mut().zip(products).for_each(|(b, p)| *b += s.area * p);
+                area += s.area;
+                for (c, total) in sum.iter_mut().enumerate() {
+                    *total += s.area * s.color[c];
+                    ids.iter().zip(s.weights).for_each(|(id, w)| right[*id][c] += s.area * w * s.color[c]);
+                }
+            }
+            // A triangle without area still has colours.
+            let (least, n) = (TOWARDS_MEAN * area.max(1e-12), samples.len().max(1) as f64);
+            for (k, id) in ids.iter().enumerate() {
+                block[k] += least;
+                diagonal[*id] += block[k];
+                for (c, total) in sum.iter().enumerate() {
+                    let mean = if area > 0.0 {
+                        total / area
+                    } else {
+                        samples.iter().map(|s| s.color[c]).sum::<f64>() / n
+                    };
+                    right[*id][c] += least * mean;
+                }
+            }
+        }
+        Self { corners, blocks, diagonal, right }
+    }
+
+    /// The matrix times `x`.
+    fn apply(&self, x: &[[f64; 4]]) -> Vec<[f64; 4]> {
+        let mut out = vec![[0.0; 4]; x.len()];
+        for (ids, b) in self.corners.iter().zip(&self.blocks) {
+            let [p, q, r] = ids.map(|i| x[i]);
+            for c in 0..4 {
+                out[ids[0]][c] += b[0] * p[c] + b[3] * q[c] + b[4] * r[c];
+                out[ids[1]][c] += b[3] * p[c] + b[1] * q[c] + b[5] * r[c];
+                out[ids[2]][c] += b[4] * p[c] + b[5] * q[c] + b[2] * r[c];
+            }
+        }
+        out
+    }
+
+    /// The colours, in [0, 1].
+    fn solve(&self) -> Vec<[f64; 4]> {
+        let dot = |a: &[[f64; 4]], b: &[[f64; 4]]| {
+            let pairs = a.iter().zip(b);
+            pairs.fold([0.0; 4], |s, (a, b)| std::array::from_fn(|c| s[c] + a[c] * b[c]))
+        };
+        let scaled = |r: &[[f64; 4]]| -> Vec<[f64; 4]> {
+            r.iter().zip(&self.diagonal).map(|(r, d)| r.map(|x| x / d)).collect()
+        };
+        let mut x = scaled(&self.right);
+        let mut r: Vec<[f64; 4]> = self.right.clone();
+        r.iter_mut().zip(self.apply(&x)).for_each(|(r, a)| (0..4).for_each(|c| r[c] -= a[c]));
+        let mut z = scaled(&r);
+        let mut p = z.clone();
+        let mut rz = dot(&r, &z);
+        let first = rz;
+        for _ in 0..STEPS {
+            if (0..4).all(|c| rz[c] <= RESIDUAL * first[c]) {
+                break;
+            }
+            let ap = self.apply(&p);
+            let curvature = dot(&p, &ap);
+            let step: [f64; 4] =
+                std::array::from_fn(|c| if curvature[c] > 0.0 { rz[c] / curvature[c] } else { 0.0 });
+            for i in 0..x.len() {
+                for c in 0..4 {
+                    x[i][c] += step[c] * p[i][c];
+                    r[i][c] -= step[c] * ap[i][c];
+                }
+            }
+            z = scaled(&r);
+            let next = dot(&r, &z);
+            for (p, z) in p.iter_mut().zip(&z) {
+                for c in 0..4 {
+                    let beta = if rz[c] > 0.0 { next[c] / rz[c] } else { 0.0 };
+                    p[c] = z[c] + beta * p[c];
+                }
+            }
+            rz = next;
+        }
+        x.into_iter().map(|x| x.map(|v| v.clamp(0.0, 1.0))).collect()
+    }
+
+    /// PSNR of the interpolated colours, sRGB.
+    fn psnr(&self, colors: &[[f64; 4]], samples: &[Vec<Sample>]) -> f64 {
+        let srgb = |x: f64| f64::from(srgb_encode(x.clamp(0.0, 1.0) as f32));
+        let (mut sum, mut area) = (0.0, 0.0);
+        for (ids, samples) in self.corners.iter().zip(samples) {
+            for s in samples {
+                for c in 0..3 {
+                    let shown: f64 = ids.iter().zip(s.weights).map(|(i, w)| w * colors[*i][c]).sum();
+                    sum += s.area * (srgb(shown) - srgb(s.color[c])).powi(2);
+                }
+                area += 3.0 * s.area;
+            }
+        }
+        -10.0 * (sum / f64::max(area, f64::MIN_POSITIVE)).max(1e-10).log10()
+    }
+}
+
+/// The triangles of a class with their colours, in the frame of the asset.
+fn part(
+    candidate: &Candidate,
+    mesh: &Mesh,
+    light: &LightAsset,
+    class: usize,
+    corners: &[[usize; 3]],
+    colors: &[[f64; 4]],
+) -> Mesh {
+    let mut out = Mesh::default();
+    let mut known = BTreeMap::new();
+    for (t, _) in candidate.class.iter().enumerate().filter(|(_, c)| **c as usize == class) {
+        let triangle: [u32; 3] = std::array::from_fn(|k| {
+            let v = candidate.triangles[t][k] as usize;
+            let normal = mesh.normals[v];
+            let up: Vec3f = vec3(0.0, 1.0, 0.0);
+            let normal = if normal.length_squared() > 0.5 { normal } else { up };
+            let key = (candidate.weld.ids[v], normal.to_array().map(f32::to_bits));
+            *known.entry(key).or_insert_with(|| {
+                out.positions.push(light.frame.to_world(mesh.positions[v]));
+                out.normals.push(normal);
+                let [r, g, b, a] = colors[corners[t][k]].map(|x| x as f32);
+                out.colors.push(vec4(r, g, b, a));
+                out.positions.len() as u32 - 1
+            })
+        });
+        out.triangles.push(triangle);
+    }
+    out
+}
+
+/// The material of a class: means over its surface.
+fn material(candidate: &Candidate, mesh: &Mesh, light: &LightAsset, class: usize) -> Material {
+    let (mut sum, mut total) = ([0.0; CHANNELS], 0.0);
+    for (t, _) in candidate.class.iter().enumerate().filter(|(_, c)| **c as usize == class) {
+        visit(candidate, mesh, t, |_, area, x| {
+            total += area;
+            sum.iter_mut().zip(x).for_each(|(s, x)| *s += area * f64::from(x));
+        });
+    }
+    let mean = |c: usize| sum[c] / f64::max(total, f64::MIN_POSITIVE);
+    let kind = &light.classes[class];
+    let emitted = [0, 1, 2].map(|k| mean(channel::EMISSIVE + k));
+    let emits = !kind.unlit && emitted.iter().any(|e| *e > DARK);
+    Material {
+        name: kind.name.clone(),
+        roughness: mean(channel::ROUGHNESS) as f32,
+        metallic: mean(channel::METALLIC) as f32,
+        emissive: if emits { emitted.map(|e| e as f32) } else { [0.0; 3] },
+        alpha_mode: kind.written,
+        double_sided: kind.sides == Sides::Both,
+        unlit: kind.unlit,
+        extensions: kind.extensions.clone(),
+        ..Material::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simplify::{Normalised, SimplifyOptions, Surfacing, simplify};
+    use crate::{Progress, Silent};
+    use photofit_geometry::decimate::Target;
+    use photofit_geometry::shapes::uv_sphere;
+    use photofit_scene::{Sampler, TextureImage, TextureSlot};
+    use std::sync::Mutex;
+
+    /// A sphere with a texture.
+    fn sphere(texel: impl Fn(usize, usize) -> [u8; 4]) -> Scene {
+        let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        let slot = |image| Some(TextureSlot { image, sampler: Sampler::default(), tex_coord: 0, transform });
+        let texels = (0..64 * 64).map(|k| texel(k % 64, k / 64)).collect();
+        let image = TextureImage { width: 64, height: 64, texels, ..TextureImage::default() };
+        let flat = TextureImage { width: 1, height: 1, texels: vec![[255, 51, 204, 255]], ..image.clone() };
+        let mut material = Material { base_color_texture: slot(0), ..Material::clay() };
+        (material.metallic_roughness_texture, material.roughness, material.metallic) = (slot(1), 1.0, 1.0);
+        Scene {
+            primitives: vec![Primitive { mesh: uv_sphere(40, 20), material: 0 }],
+            instances: vec![Instance { primitive: 0, transform: glam::Affine3A::IDENTITY }],
+            materials: vec![material],
+            images: vec![image, flat],
+            ..Scene::default()
+        }
+    }
+
+    #[derive(Default)]
+    struct Heard(Mutex<String>);
+
+    impl Progress for Heard {
+        fn report(&self, _: &'static str, _: u64, _: u64, _: &str) {}
+        fn warn(&self, text: &str) {
+            self.0.lock().unwrap().push_str(text);
+        }
+        fn is_cancelled(&self) -> bool {
+            false
+        }
+    }
+
+    fn options() -> SimplifyOptions {
+        SimplifyOptions {
+            target: Target::Triangles(500),
+            surfacing: Surfacing::VertexColors,
+            resolution: 64,
+            texture_size: 128,
+            report_views: 2,
+            steps: 0,
+            ..SimplifyOptions::default()
+        }
+    }
+
+    #[test]
+    fn a_smooth_gradient_lives_in_vertices_and_detail_is_told() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.glb");
+        let wave =
+            |x: usize, k: f64| (128.0 + 100.0 * (k * x as f64 / 64.0 * std::f64::consts::TAU).sin()) as u8;
+        let smooth = sphere(|x, y| [wave(x, 1.0), 60 + 2 * y as u8, 90, 255]);
+        let heard = Heard::default();
+        let made = simplify(&smooth, &path, &options(), &heard).unwrap();
+        let n = Normalised::new(&smooth).unwrap();
+        let psnr = colored(&made.candidate, &n.light_asset).psnr;
+        assert!(psnr > 35.0 && heard.0.lock().unwrap().is_empty(), "{psnr}: {:?}", heard.0);
+        let light = photofit_scene::load(&path).unwrap();
+        assert!(light.images.is_empty() && light.primitives[0].mesh.uvs.is_empty());
+        let mesh = &light.primitives[0].mesh;
+        assert_eq!(mesh.colors.len(), mesh.positions.len());
+        let m = &light.materials[0];
+        assert!((m.roughness - 0.2).abs() < 0.02 && (m.metallic - 0.8).abs() < 0.02, "{m:?}");
+        let shown = made.stage("fitted").unwrap().psnr;
+        assert!(shown > 30.0, "judged like everything else: {shown} dB");
+
+        let noise = sphere(|x, y| [[20, 90, 200, 255], [240, 160, 30, 255]][(x / 4 + y / 4) & 1]);
+        simplify(&noise, &path, &options(), &heard).unwrap();
+        assert!(heard.0.lock().unwrap().contains("more detail than vertices"), "{:?}", heard.0);
+    }
+
+    #[test]
+    fn least_squares_is_nearer_than_texels_at_the_vertices() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.glb");
+        let spots =
+            sphere(|x, y| if (x / 6 + y / 6) % 2 == 0 { [230, 200, 40, 255] } else { [40, 60, 90, 255] });
+        let made = simplify(&spots, &path, &options(), &Silent).unwrap();
+        let (candidate, n) = (&made.candidate, Normalised::new(&spots).unwrap());
+        let (mesh, light) = (candidate.mesh(), &n.light_asset);
+        let corners: Vec<[usize; 3]> =
+            candidate.triangles.iter().map(|t| t.map(|v| candidate.weld.ids[v as usize] as usize)).collect();
+        let samples: Vec<Vec<Sample>> =
+            (0..corners.len()).map(|t| samples(candidate, &mesh, light, t)).collect();
+        let area: f64 = samples.iter().flatten().map(|s| s.area).sum();
+        let own: f64 = (0..corners.len())
+            .map(|t| mesh.corners(t))
+            .map(|[a, b, c]| 0.5 * f64::from((b - a).cross(c - a).length()))
+            .sum();
+        assert!((area / own - 1.0).abs() < 1e-6, "samples stand for the whole surface");
+        let mut points = vec![[0.0; 4]; candidate.positions.len()];
+        for (v, uv) in candidate.uvs.iter().enumerate() {
+            let x = texel(candidate, uv.x, uv.y);
+            points[candidate.weld.ids[v] as usize] = [0, 1, 2, 3].map(|k| f64::from(x[k]));
+        }
+        let system = System::new(corners, &samples, points.len());
+        let (fitted, sampled) = (system.psnr(&system.solve(), &samples), system.psnr(&points, &samples));
+        assert!(fitted > sampled + 0.3, "{fitted} against {sampled} dB");
+    }
+}

@@ -1,0 +1,215 @@
+//! An asset with its own texture coordinates, materials and textures on fewer triangles, in place of a fit.
+
+use super::outcome::Times;
+use super::{Asset, Outcome, SimplifyOptions, Written, byte_budget, locks, outcome, plain, prepare};
+use crate::candidate::{Candidate, SurfaceClass};
+use crate::engine::FitFrame;
+use crate::engine::judge::{Judge, Stage};
+use crate::engine::plan::FitPlan;
+use crate::engine::surface::Surface;
+use crate::engine::trainer::Trained;
+use crate::{FitError, Progress};
+use photofit_geometry::Mesh;
+use photofit_geometry::weld::weld_exact;
+use photofit_raster::Maps;
+use photofit_scalar::vec2;
+use photofit_scene::Scene;
+use std::path::Path;
+use std::time::Instant;
+
+/// Refuses an asset without texture coordinates.
+fn check(scene: &Scene) -> Result<(), FitError> {
+    let has = |i: &photofit_scene::Instance| !scene.primitives[i.primitive].mesh.uvs.is_empty();
+    if scene.instances.iter().any(has) {
+        return Ok(());
+    }
+    let rule =
+        "needs texture coordinates; the asset has none: without it the light asset gets new ones".into();
+    Err(FitError::Setting { field: "keep_uvs", rule })
+}
+
+/// Decimates an asset in several ways, and writes what looks best.
+pub(super) fn simplify(
+    asset: Asset<'_>,
+    output: &Path,
+    options: &SimplifyOptions,
+    began: Instant,
+    progress: &dyn Progress,
+) -> Result<Outcome, FitError> {
+    let Asset { scene, n, rays, .. } = asset;
+    check(scene)?;
+    progress.report("decimate", 0, 1, "");
+    let reference = options.rasterized_against().reference(scene, n, rays, options)?;
+    let reference = &*reference;
+    let first = plain::decimated(scene, n, &[], &plain::own(options.target, options.lock_borders))?;
+    let best = plain::best(asset, first, reference, options.target, options, progress)?;
+    let mut light = plain::kept(&best, n, options);
+    light.inherit(scene);
+    light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
+    if let Some(most) = options.max_bytes {
+        light = byte_budget::best_within(light, (None, None), most, (n, reference), options, progress)?.0;
+    }
+    if options.lock_borders {
+        locks::restore(&mut light, scene, n);
+    }
+    let textures = byte_budget::told(&light);
+    photofit_scene::save_glb_with(output, &light, options.compression)?;
+    let to_file = began.elapsed().as_secs_f64();
+    let written = photofit_scene::load(output)?;
+    let mut stages = Vec::new();
+    if options.as_engine && !options.is_judged_by_path_tracing(scene) {
+        stages.push(Stage::new("original", scene.clone()));
+    }
+    stages.push(Stage::new("fitted", written));
+    let judge = Judge {
+        scene,
+        n,
+        reference,
+        renderer: options.judge_renderer(),
+        spp: options.judge_spp,
+        lighting: &options.lighting,
+        size: options.resolution,
+        samples: options.judge_samples(),
+        seed: options.seed,
+    };
+    let views = judge.views(&stages, options.report_views, progress)?;
+    let plan = FitPlan::new(scene)
+        .with_options(options.fit_steps(), reference.kind(), &options.lighting)
+        .with_surfacing(options.surfacing)
+        .with_judgement(options.judgement(scene))
+        .with_occlusion(options.occlusion);
+    let names: Vec<&'static str> = stages.iter().map(|s| s.name).collect();
+    let written = &stages[stages.len() - 1].scene;
+    let triangles = [scene.triangle_count(), written.triangle_count()];
+    let stopped = progress.is_cancelled();
+    let model = Surface::new(stand_in(written, n.frame()), &plan);
+    let trained =
+        Trained { model, history: Vec::new(), steps: 0, resumed: 0, mpix_per_s: 0.0, stopped: false };
+    let times = Times { all: began.elapsed().as_secs_f64(), to_file };
+    let judged = judge.method(&stages);
+    let mut made = Outcome::new(triangles, trained, plan, &names, views, judged, times, options);
+    (made.written, made.textures, made.stopped) = (Written::Kept, textures, stopped);
+    (made.left_out, made.not_fitted) = (outcome::left_out(scene, written), Vec::new());
+    prepare::tell_budget(options, triangles, progress);
+    Ok(made)
+}
+
+/// The shape of a written asset as a candidate, whose maps are a single texel.
+fn stand_in(light: &Scene, frame: FitFrame) -> Candidate {
+    let flat = light.flatten();
+    let positions: Vec<_> = flat.mesh.positions.iter().map(|p| frame.to_frame(*p)).collect();
+    let uvs = vec![vec2(0.0, 0.0); positions.len()];
+    let mesh = Mesh { positions, uvs, triangles: flat.mesh.triangles, ..Mesh::default() };
+    let class = vec![0; mesh.triangles.len()];
+    let maps = Maps::filled(1, 1, crate::bake::blank_texel());
+    Candidate::new(&mesh, &weld_exact(&mesh.positions), class, vec![SurfaceClass::default()], maps)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{Heard, of, options};
+    use super::super::{Init, Surfacing, simplify};
+    use super::*;
+    use crate::Silent;
+    use photofit_geometry::decimate::Target;
+    use photofit_geometry::shapes;
+    use photofit_scalar::vec3;
+    use photofit_scene::{Material, Sampler, TextureImage, TextureSlot};
+
+    /// A bumpy grid that shows a small texture four times each way, with a file of its texels.
+    fn tiled() -> Scene {
+        let mut mesh = shapes::quad_grid(20, 20);
+        for p in &mut mesh.positions {
+            *p = vec3(p.x, p.y, 0.1 * (3.0 * p.x).sin() * (2.0 * p.y).cos());
+        }
+        mesh.uvs.iter_mut().for_each(|uv| *uv = vec2(uv.x * 4.0, uv.y * 4.0));
+        mesh.normals = photofit_geometry::normals::mesh_normals(&mesh);
+        let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        let slot = TextureSlot { image: 0, sampler: Sampler::default(), tex_coord: 0, transform };
+        let material = Material { base_color_texture: Some(slot), double_sided: true, ..Material::clay() };
+        let texels = (0..64).map(|k| [(k * 4) as u8, 255 - (k * 3) as u8, (k % 8 * 30) as u8, 255]).collect();
+        let image = TextureImage { width: 8, height: 8, texels, ..TextureImage::default() };
+        Scene { images: vec![image], ..of(mesh, material) }
+    }
+
+    fn kept() -> SimplifyOptions {
+        SimplifyOptions { surfacing: Surfacing::Kept, target: Target::Ratio(0.25), ..options() }
+    }
+
+    #[test]
+    fn tiled_textures_and_their_coordinates_are_kept() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.glb");
+        let scene = tiled();
+        let made = simplify(&scene, &path, &kept(), &Silent).unwrap();
+        let light = photofit_scene::load(&path).unwrap();
+        assert_eq!((made.written, made.steps, light.triangle_count()), (Written::Kept, 0, 200));
+        assert_eq!(light.images[0].texels, scene.images[0].texels);
+        let mesh = &light.primitives[0].mesh;
+        // Coordinates are linear in x and y, so they must be right wherever a vertex went.
+        for (p, uv) in mesh.positions.iter().zip(&mesh.uvs) {
+            let [a, b, c] = [0, 20, 420].map(|v| {
+                let m = &scene.primitives[0].mesh;
+                (m.positions[v], m.uvs[v])
+            });
+            let (s, t) = ((p.x - a.0.x) / (b.0.x - a.0.x), (p.y - a.0.y) / (c.0.y - a.0.y));
+            let want = a.1 + (b.1 - a.1) * s + (c.1 - a.1) * t;
+            assert!((*uv - want).length() < 0.03, "{p:?}: {uv:?}, expected {want:?}");
+        }
+        assert!(made.stage("fitted").unwrap().psnr > 30.0, "{:?}", made.stages);
+        assert!(crate::report::Verdict::of(&made).better.is_none());
+    }
+
+    #[test]
+    fn an_asset_without_coordinates_is_refused() {
+        let mut scene = tiled();
+        scene.primitives[0].mesh.uvs.clear();
+        let path = std::env::temp_dir().join("never-written.glb");
+        let refused = simplify(&scene, &path, &kept(), &Silent).unwrap_err().to_string();
+        assert!(refused.contains("keep_uvs") && refused.contains("the asset has none"), "{refused}");
+        let sphere = SimplifyOptions { init: Init::Sphere, ..kept() };
+        assert!(simplify(&tiled(), &path, &sphere, &Silent).unwrap_err().to_string().contains("keep_uvs"));
+        assert!(!path.exists());
+    }
+
+    #[test]
+    fn locked_borders_stay_to_the_bit_in_the_file() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.glb");
+        let mut scene = tiled();
+        // A frame that does not round well.
+        for p in &mut scene.primitives[0].mesh.positions {
+            *p = *p * 1.37 + vec3(0.71, -3.3, 0.13);
+        }
+        let border = |mesh: &Mesh| {
+            let weld = weld_exact(&mesh.positions);
+            let edges = photofit_geometry::Edges::new(&mesh.triangles, &weld);
+            let positions = weld.pick(&mesh.positions);
+            let mut uses = vec![0; edges.vertices.len()];
+            edges.of_triangle.iter().flatten().for_each(|e| uses[*e as usize] += 1);
+            let open = edges.vertices.iter().zip(uses).filter(|(_, n)| *n == 1).flat_map(|(e, _)| *e);
+            let mut bits: Vec<_> = open.map(|v| locks::bits(positions[v as usize])).collect();
+            bits.sort_unstable();
+            bits.dedup();
+            bits
+        };
+        let before = border(&scene.primitives[0].mesh);
+        assert_eq!(before.len(), 80);
+        for surfacing in [Surfacing::Kept, Surfacing::Maps] {
+            let o = SimplifyOptions { lock_borders: true, surfacing, ..kept() };
+            let heard = Heard::default();
+            let made = simplify(&scene, &path, &o, &heard).unwrap();
+            assert!(made.triangles_out <= 200 && heard.0.lock().unwrap().is_empty());
+            let light = photofit_scene::load(&path).unwrap().flatten();
+            assert_eq!(border(&light.mesh), before, "{surfacing:?}");
+            // A budget that the border leaves no room for.
+            let few = SimplifyOptions { target: Target::Triangles(64), steps: 4, ..o };
+            let made = simplify(&scene, &path, &few, &heard).unwrap();
+            let told = heard.0.lock().unwrap().join("\n");
+            assert!(made.triangles_out > 64 && told.contains("locked borders"), "{told}");
+        }
+        let free = SimplifyOptions { target: Target::Triangles(64), ..kept() };
+        simplify(&scene, &path, &free, &Silent).unwrap();
+        assert_ne!(border(&photofit_scene::load(&path).unwrap().flatten().mesh), before);
+    }
+}

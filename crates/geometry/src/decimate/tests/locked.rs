@@ -1,0 +1,69 @@
+//! Borders that stay where they are.
+
+use super::*;
+
+/// Positions on open borders, as sorted bits.
+fn loops(mesh: &Mesh) -> Vec<[u32; 3]> {
+    let weld = crate::weld::weld_exact(&mesh.positions);
+    let positions = weld.pick(&mesh.positions);
+    let triangles = weld.triangles(&mesh.triangles);
+    let mut edges: Vec<[u32; 2]> = triangles
+        .iter()
+        .flat_map(|t| (0..3).map(|k| [t[k].min(t[(k + 1) % 3]), t[k].max(t[(k + 1) % 3])]))
+        .collect();
+    edges.sort_unstable();
+    let open = edges.chunk_by(|a, b| a == b).filter(|run| run.len() == 1).flat_map(|run| run[0]);
+    let mut bits: Vec<[u32; 3]> = open.map(|v| positions[v as usize].to_array().map(f32::to_bits)).collect();
+    bits.sort_unstable();
+    bits.dedup();
+    bits
+}
+
+#[test]
+fn locked_borders_stay_to_the_bit_under_any_budget() {
+    let mut mesh = grid(20, |x, y| 0.1 * (6.0 * x).sin() * (5.0 * y).cos());
+    // A small open part that would be dropped first, and a closed one.
+    let uvs = mesh.uvs.clone();
+    append(&mut mesh, &grid(3, |_, _| 0.0), vec3(0.02, 0.02, 0.02), vec3(2.0, 0.0, 0.0));
+    append(&mut mesh, &sphere(4), vec3(0.2, 0.2, 0.2), vec3(0.5, 0.5, 1.0));
+    mesh.uvs = uvs.into_iter().chain(std::iter::repeat(vec2(0.0, 0.0))).take(mesh.positions.len()).collect();
+    let before = loops(&mesh);
+    assert_eq!(before.len(), 80 + 12);
+    for keep_uvs in [false, true] {
+        for budget in [500, 20, 1] {
+            let options = Options { lock_border: true, keep_uvs, ..Options::new(Target::Triangles(budget)) };
+            let d = decimate(&mesh, &[], &[], &options).expect("valid");
+            let after = loops(&d.mesh);
+            let gone = before.iter().filter(|p| after.binary_search(p).is_err()).count();
+            assert_eq!(gone, 0, "budget {budget}, uvs {keep_uvs}");
+            let locked = d.mesh.positions.iter().zip(&d.locked).filter(|(_, l)| **l);
+            let mut locked: Vec<_> = locked.map(|(p, _)| p.to_array().map(f32::to_bits)).collect();
+            locked.sort_unstable();
+            locked.dedup();
+            assert_eq!(locked, before, "what is told to be locked is the border");
+            // A disc of n border vertices has n - 2 triangles at least.
+            let least = 78 + 10;
+            assert!(d.mesh.triangles.len() <= budget.max(least + 30), "{}", d.mesh.triangles.len());
+        }
+    }
+    assert!(to(&mesh, 20, |_| {}).locked.is_empty());
+}
+
+#[test]
+fn halves_with_locked_borders_meet() {
+    let whole = grid(24, |x, y| 0.1 * (9.0 * x).sin() * (7.0 * y).cos());
+    let side = |left: bool| {
+        let is_left = |t: &[u32; 3]| t.iter().map(|i| whole.positions[*i as usize].x).sum::<f32>() < 1.5;
+        let triangles = whole.triangles.iter().filter(|t| is_left(t) == left).copied().collect();
+        Mesh { triangles, ..whole.clone() }
+    };
+    // Through the same sums as the halves: they turn -0 into 0.
+    let (mut all, mut both) = (Mesh::default(), Mesh::default());
+    append(&mut all, &whole, vec3(1.0, 1.0, 1.0), vec3(0.0, 0.0, 0.0));
+    for left in [true, false] {
+        let d = to(&side(left), 200, |o| o.lock_border = true).mesh;
+        append(&mut both, &d, vec3(1.0, 1.0, 1.0), vec3(0.0, 0.0, 0.0));
+    }
+    assert!(both.triangles.len() < whole.triangles.len() / 2);
+    assert_eq!(loops(&both), loops(&all), "no open border between the halves");
+}
