@@ -3,7 +3,7 @@
 use super::UvDerivatives;
 use crate::{Filter, Sampler};
 use photofit_scalar::{Vec2f, vec2};
-use photofit_texture::{Lookup, MipLayout, MipSizes, level_of_detail, lookup};
+use photofit_texture::{LevelOfDetail, Lookup, MipLayout, MipSizes, level_of_detail, lookup};
 
 /// How one or more textures of a material are addressed: the lookup is the same for all of one size, sampler and
 /// transform.
@@ -25,16 +25,23 @@ impl Address {
             Some(m) => affine(m, uv[self.set]),
         };
         let trilinear = self.sampler.filter == Filter::Trilinear && self.layout.count() > 1;
-        let lod = footprint.filter(|_| trilinear).map(|f| {
-            let (mut dx, mut dy) = (f.dx[self.set], f.dy[self.set]);
-            if let Some(m) = &self.transform {
-                (dx, dy) = (linear(m, dx), linear(m, dy));
-            }
-            let base = self.layout.level(0);
-            let (w, h) = (base.width as usize, base.height as usize);
-            level_of_detail(&[vec2(dx.x, dy.x), vec2(dx.y, dy.y)], w, h, 0.0, self.layout.count() - 1)
-        });
+        // No closure: it would be compiled for the baseline, whatever its caller is compiled for.
+        let lod = match footprint {
+            Some(f) if trilinear => Some(self.level(f)),
+            _ => None,
+        };
         lookup(&self.layout, uv, lod.as_ref(), &self.sampler)
+    }
+
+    #[inline(always)]
+    fn level(&self, f: &UvDerivatives) -> LevelOfDetail<f32> {
+        let (mut dx, mut dy) = (f.dx[self.set], f.dy[self.set]);
+        if let Some(m) = &self.transform {
+            (dx, dy) = (linear(m, dx), linear(m, dy));
+        }
+        let base = self.layout.level(0);
+        let (w, h) = (base.width as usize, base.height as usize);
+        level_of_detail(&[vec2(dx.x, dy.x), vec2(dx.y, dy.y)], w, h, 0.0, self.layout.count() - 1)
     }
 }
 
