@@ -5,8 +5,8 @@ use super::{Shading, TILE};
 use crate::engine::reference::ENERGY;
 use photofit_raster::interpolate::{derivatives, interpolate};
 use photofit_raster::rasterize::{Barycentrics, barycentrics};
-use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3, vec4};
-use photofit_scene::UvDerivatives;
+use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3};
+use photofit_scene::SurfacePacket;
 use photofit_shading::{Light, Surface, face_viewer, perturb, shade, view_direction};
 
 /// Numbers that one instruction takes.
@@ -218,30 +218,32 @@ impl Fragments {
     /// What all samples are made of.
     #[inline(always)]
     fn look_up(&mut self, of: &Shading<'_>, material: usize) {
-        let (mesh, library) = (&of.renderer.flat.mesh, of.renderer.library);
-        let (colored, read) = (!mesh.colors.is_empty(), reads_uvs(of, material));
-        let out = &mut self.surface;
-        for i in 0..self.len {
-            let of = |c: &Column| c[i / WIDE][i % WIDE];
-            let pair = |c: &Columns<4>, k: usize| vec2(of(&c[k]), of(&c[k + 1]));
-            let color = if colored {
-                vec4(of(&self.color[0]), of(&self.color[1]), of(&self.color[2]), of(&self.color[3]))
-            } else {
-                Vec4f::splat(1.0)
-            };
-            let (mut uv, mut footprint) = ([Vec2f::zero(); 2], UvDerivatives::default());
-            if read {
-                uv = [pair(&self.uv, 0), pair(&self.uv, 2)];
-                footprint.dx = [pair(&self.uv_dx, 0), pair(&self.uv_dx, 2)];
-                footprint.dy = [pair(&self.uv_dy, 0), pair(&self.uv_dy, 2)];
+        let library = of.renderer.library;
+        let (colored, read) = (!of.renderer.flat.mesh.colors.is_empty(), reads_uvs(of, material));
+        let mut points = SurfacePacket::<WIDE>::WHITE;
+        let mut samples = [library.factors(material); WIDE];
+        for packet in 0..self.len.div_ceil(WIDE) {
+            for c in 0..4 {
+                if read {
+                    points.uv[c] = self.uv[c][packet];
+                    points.dx[c] = self.uv_dx[c][packet];
+                    points.dy[c] = self.uv_dy[c][packet];
+                }
+                if colored {
+                    points.color[c] = self.color[c][packet];
+                }
             }
-            let s = library.lookup(material, uv[0], uv[1], color, Some(&footprint));
-            set(&mut out.base_color, i, s.base_color.to_array());
-            set(&mut out.normal, i, s.normal.to_array());
-            set(&mut out.emissive, i, s.emissive.to_array());
-            out.roughness[i / WIDE][i % WIDE] = s.roughness;
-            out.metallic[i / WIDE][i % WIDE] = s.metallic;
-            out.alpha[i / WIDE][i % WIDE] = s.alpha;
+            let n = (self.len - packet * WIDE).min(WIDE);
+            library.lookup_packet(material, &points, n, &mut samples);
+            let out = &mut self.surface;
+            for (l, s) in samples.iter().enumerate() {
+                let i = packet * WIDE + l;
+                set(&mut out.base_color, i, s.base_color.to_array());
+                set(&mut out.normal, i, s.normal.to_array());
+                set(&mut out.emissive, i, s.emissive.to_array());
+                (out.roughness[packet][l], out.metallic[packet][l]) = (s.roughness, s.metallic);
+                out.alpha[packet][l] = s.alpha;
+            }
         }
     }
 

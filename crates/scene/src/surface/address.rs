@@ -20,21 +20,32 @@ impl Address {
     /// The lookup at texture coordinates with derivatives along x and y of the image (or none: the base level).
     #[inline(always)]
     pub(super) fn lookup(&self, uv: [Vec2f; 2], footprint: Option<&UvDerivatives>) -> Lookup<f32> {
+        // No closure: it would be compiled for the baseline, whatever its caller is compiled for.
+        match footprint {
+            Some(f) if self.is_trilinear() => self.lookup_at(uv, Some(&self.level(f))),
+            _ => self.lookup_at(uv, None),
+        }
+    }
+
+    /// The lookup at texture coordinates on a level (or none: the base level).
+    #[inline(always)]
+    pub(super) fn lookup_at(&self, uv: [Vec2f; 2], level: Option<&LevelOfDetail<f32>>) -> Lookup<f32> {
         let uv = match &self.transform {
             None => uv[self.set],
             Some(m) => affine(m, uv[self.set]),
         };
-        let trilinear = self.sampler.filter == Filter::Trilinear && self.layout.count() > 1;
-        // No closure: it would be compiled for the baseline, whatever its caller is compiled for.
-        let lod = match footprint {
-            Some(f) if trilinear => Some(self.level(f)),
-            _ => None,
-        };
-        lookup(&self.layout, uv, lod.as_ref(), &self.sampler)
+        lookup(&self.layout, uv, level, &self.sampler)
     }
 
+    /// Whether a footprint says which levels are read.
     #[inline(always)]
-    fn level(&self, f: &UvDerivatives) -> LevelOfDetail<f32> {
+    pub(super) fn is_trilinear(&self) -> bool {
+        self.sampler.filter == Filter::Trilinear && self.layout.count() > 1
+    }
+
+    /// The level that a footprint asks for.
+    #[inline(always)]
+    pub(super) fn level(&self, f: &UvDerivatives) -> LevelOfDetail<f32> {
         let (mut dx, mut dy) = (f.dx[self.set], f.dy[self.set]);
         if let Some(m) = &self.transform {
             (dx, dy) = (linear(m, dx), linear(m, dy));
