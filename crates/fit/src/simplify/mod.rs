@@ -6,6 +6,7 @@
 mod byte_budget;
 mod choice;
 mod coverage;
+mod effort;
 mod options;
 pub(crate) mod outcome;
 mod plain;
@@ -24,6 +25,7 @@ pub use crate::engine::export::to_scene;
 pub use crate::engine::judge::{JudgeRenderer, Judged, Quality, ReportView, ViewQuality};
 pub use crate::engine::plan::{FitPlan, Runs};
 pub use crate::engine::trainer::HistoryPoint;
+pub use effort::Effort;
 pub use options::{FEWEST, FitRenderer, Init, LARGEST_ENGINE_PICTURE, MOST_REPLAYS, SimplifyOptions};
 pub use outcome::{Outcome, Written};
 pub use reference::ReferenceRenderer;
@@ -275,6 +277,7 @@ fn fingerprint(o: &SimplifyOptions, start: &Candidate) -> Fingerprint {
         .option("as_engine", o.as_engine)
         .option("batch", o.batch)
         .option("texture_size", o.texture_size)
+        .option("effort", o.effort.name())
         .option("seed", o.seed)
         .option("light", o.lighting.name())
         .option("occlusion", o.occlusion.name())

@@ -64,7 +64,7 @@ pub(super) fn prepare(
     go_on()?;
     let start = |mesh: &Mesh, class| unwrap_and_bake(n, reference, seen, mesh, class, options, progress);
     let mut starts = vec![start(&mesh, class.clone())?];
-    if let Some(mesh) = decimated {
+    if let Some(mesh) = decimated.filter(|_| options.effort.work().compares_starts) {
         starts.push(start(&mesh, class)?);
     }
     Ok(starts)
