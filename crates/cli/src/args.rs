@@ -216,6 +216,17 @@ pub(crate) enum GeometryFormat {
     Meshopt,
 }
 
+/// How much work a fit does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum FitEffort {
+    /// 250 steps from one start, pictures of the asset with a quarter of the samples, two views of the report.
+    Fast,
+    /// At most 1000 steps from the better of two starts, eight views of the report.
+    Normal,
+    /// At most 4000 steps, else as normal.
+    Best,
+}
+
 /// What a fit starts from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Start {
@@ -336,12 +347,16 @@ pub(crate) struct Simplify {
     /// 512, or the size on screen].
     #[arg(long, value_name = "PX", conflicts_with = "screen_size", value_parser = whole::<usize>(16..=4096))]
     pub(crate) resolution: Option<usize>,
+    /// How much work is done; what --steps and other options say counts before it.
+    #[arg(long, value_enum, default_value = "normal")]
+    pub(crate) effort: FitEffort,
     /// Pictures per step [range: 1 to 64].
     #[arg(long, value_name = "B", default_value_t = SimplifyOptions::default().batch, value_parser = whole::<usize>(1..=64))]
     pub(crate) batch: usize,
-    /// Steps of the fit; fewer are made when held-out views stop improving [range: at least 0].
-    #[arg(long, value_name = "N", default_value_t = SimplifyOptions::default().steps, value_parser = whole::<u64>(0..))]
-    pub(crate) steps: u64,
+    /// Steps of the fit; fewer are made when held-out views stop improving: a phase ends once 150 steps brought nothing
+    /// better [range: at least 0] [default: 1000, or what --effort says].
+    #[arg(long, value_name = "N", value_parser = whole::<u64>(0..))]
+    pub(crate) steps: Option<u64>,
     /// End the fit after this many seconds and keep what was reached. Preparation before the fit, and judging and writing
     /// after it, take their time on top [range: more than 0, at most 1000000000] [default: no limit].
     #[arg(long, value_name = "S", value_parser = seconds)]

@@ -1,7 +1,7 @@
 //! `photofit simplify`: the main job.
 
 use crate::args::{
-    FitJudge, FitReference, FitWith, GeometryFormat, OcclusionMaps, Simplify, Start, TextureFormat,
+    FitEffort, FitJudge, FitReference, FitWith, GeometryFormat, OcclusionMaps, Simplify, Start, TextureFormat,
 };
 use crate::fields::{Command, SIMPLIFY, explain_error, misuse};
 use crate::output::{self, print};
@@ -15,8 +15,8 @@ use photofit_fit::engine::trainer::HistoryPoint;
 use photofit_fit::footprint::Task;
 use photofit_fit::report::{PAGE as REPORT_PAGE, ReportInfo, Verdict, write_report};
 use photofit_fit::simplify::{
-    FitPlan, FitRenderer, Init, JudgeRenderer, Judged, Outcome, Quality, ReferenceRenderer, SimplifyOptions,
-    Surfacing, TRACED_FOLDER, simplify,
+    Effort, FitPlan, FitRenderer, Init, JudgeRenderer, Judged, Outcome, Quality, ReferenceRenderer,
+    SimplifyOptions, Surfacing, TRACED_FOLDER, simplify,
 };
 use photofit_fit::traced_maps::MapsCourse;
 use photofit_geometry::decimate::Target;
@@ -93,7 +93,11 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
         _ => Target::Ratio(DEFAULT_RATIO),
     };
     let lighting = light::lighting(&a.lighting)?;
-    let mut default = SimplifyOptions::default();
+    let mut default = SimplifyOptions::default().with_effort(match a.effort {
+        FitEffort::Fast => Effort::Fast,
+        FitEffort::Normal => Effort::Normal,
+        FitEffort::Best => Effort::Best,
+    });
     if let Target::ScreenSize(pixels) = target {
         default = default.for_screen_size(pixels);
     }
@@ -108,7 +112,7 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
         },
         resolution: a.resolution.unwrap_or(default.resolution),
         batch: a.batch,
-        steps: a.steps,
+        steps: a.steps.unwrap_or(default.steps),
         time_limit: a.time_limit,
         texture_size: a.texture_size.unwrap_or(default.texture_size),
         texture_encoding: texture_encoding(a),
@@ -211,7 +215,13 @@ impl Job<'_> {
                 .with_surfacing(options.surfacing)
                 .with_judgement(options.judgement(scene))
                 .with_occlusion(options.occlusion);
-            print(&format!("what the asset asks for:\n{plan}\n\n"))?;
+            let effort = options.effort;
+            print(&format!(
+                "effort {}: {}; {} steps are asked for\nwhat the asset asks for:\n{plan}\n\n",
+                effort.name(),
+                effort.about(),
+                options.steps
+            ))?;
         }
         let judgement = options.judgement(scene);
         if judgement.traced && options.judge == JudgeRenderer::Auto {
@@ -352,6 +362,7 @@ impl Job<'_> {
             "fit_seconds": o.fit_seconds,
             "seconds_to_half_db": o.seconds_to_half_db,
             "steps": o.steps,
+            "effort": o.effort.name(),
             "stopped": o.stopped,
             "mpix_per_s": o.mpix_per_s,
             "peak_rss_mb": memory::peak_rss_mb(),

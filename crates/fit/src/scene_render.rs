@@ -1,15 +1,16 @@
 //! Forward rendering of whole scenes with their own materials: supersampled, with depth peeling where something is
 //! transparent. This is the reference renderer of a fit, and `photofit render`.
 
-use crate::engine::reference::ENERGY;
+mod fragments;
+
+use fragments::{Corners, Fragments, MOST};
 use photofit_image::Image;
 use photofit_raster::deferred::MOST_LAYERS;
-use photofit_raster::interpolate::{derivatives, interpolate};
 use photofit_raster::project::{matrix_rows, project};
-use photofit_raster::rasterize::{Bins, Layer, NONE, PixelGrid, TILE, Tile, barycentrics};
-use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3};
-use photofit_scene::{Camera, FlatScene, SurfaceLibrary, UvDerivatives};
-use photofit_shading::{Light, Sides, Surface, face_viewer, perturb, shade, view_direction};
+use photofit_raster::rasterize::{Bins, Layer, NONE, PixelGrid, TILE, Tile};
+use photofit_scalar::{Vec3f, Vec4f, vec3};
+use photofit_scene::{Camera, FlatScene, SurfaceLibrary};
+use photofit_shading::{Light, Sides};
 use rayon::prelude::*;
 
 /// Transmittance below which nothing behind a pixel is looked for.
@@ -26,11 +27,6 @@ pub struct SceneRenderer<'a> {
     opaque: bool,
 }
 
-/// Derivatives of an attribute along X and along Y.
-fn axes(d: [Vec2f; 2]) -> (Vec2f, Vec2f) {
-    (vec2(d[0].x, d[1].x), vec2(d[0].y, d[1].y))
-}
-
 impl<'a> SceneRenderer<'a> {
     /// A renderer for a flattened scene and its materials.
     pub fn new(flat: &'a FlatScene, library: &'a SurfaceLibrary) -> Self {
@@ -42,7 +38,7 @@ impl<'a> SceneRenderer<'a> {
     }
 
     /// Renders linear, premultiplied RGBA of `width` x `height` pixels, each the average of `supersample`^2 samples
-    /// (1, 2, 4 or 8 per axis) that are shaded one by one. The backs of single-sided materials are not drawn ([`Sides`]).
+    /// (1, 2, 4 or 8 per axis) that all are shaded. The backs of single-sided materials are not drawn ([`Sides`]).
     ///
     /// # Panics
     /// If `supersample` is none of 1, 2, 4, 8, or the scene has an index out of range.
@@ -86,6 +82,22 @@ struct TileWork {
     front: Layer,
     rgb: [Vec3f; AREA],
     transmittance: [f32; AREA],
+    /// The covered samples of a layer: `triangle << 32 | place`, sorted.
+    keys: Vec<u64>,
+    fragments: Fragments,
+}
+
+impl TileWork {
+    /// Lists the covered samples of the layer, those of a triangle one after the other.
+    fn collect(&mut self, tile: &Tile<'_>) {
+        self.keys.clear();
+        for y in 0..tile.height {
+            let row = &self.layer.triangle[y * TILE..][..tile.width];
+            let covered = row.iter().enumerate().filter(|(_, id)| **id != NONE);
+            self.keys.extend(covered.map(|(x, id)| u64::from(*id) << 32 | (y * TILE + x) as u64));
+        }
+        self.keys.sort_unstable();
+    }
 }
 
 impl Default for TileWork {
@@ -95,6 +107,8 @@ impl Default for TileWork {
             front: Layer::default(),
             rgb: [Vec3f::default(); AREA],
             transmittance: [1.0; AREA],
+            keys: Vec::with_capacity(AREA),
+            fragments: Fragments::default(),
         }
     }
 }
@@ -142,32 +156,23 @@ impl Shading<'_> {
 
     #[inline(always)]
     fn tile_any(&self, tile: &Tile<'_>, work: &mut TileWork) {
-        let triangles = &self.renderer.flat.mesh.triangles;
+        let flat = self.renderer.flat;
         work.rgb.fill(Vec3f::default());
         work.transmittance.fill(1.0);
         for layer in 0..MOST_LAYERS {
             let front = (layer > 0).then_some(&work.front);
-            tile.rasterize(self.clip, triangles, front, &mut work.layer);
+            tile.rasterize(self.clip, &flat.mesh.triangles, front, &mut work.layer);
+            work.collect(tile);
             let mut more = false;
-            for y in 0..tile.height {
-                for x in 0..tile.width {
-                    let i = y * TILE + x;
-                    if work.layer.triangle[i] == NONE {
-                        continue;
-                    }
-                    let t = work.transmittance[i];
-                    let (radiance, alpha) =
-                        self.pixel(work.layer.triangle[i] as usize, tile.x + x, tile.y + y);
-                    work.rgb[i] += radiance * (t * alpha);
-                    work.transmittance[i] = t * (1.0 - alpha);
-                    if work.transmittance[i] > NEGLIGIBLE {
-                        more = true;
-                    } else {
-                        work.transmittance[i] = 0.0;
-                        work.layer.triangle[i] = NONE;
-                    }
+            let material = |key: &u64| flat.triangle_material[(key >> 32) as usize];
+            let keys = std::mem::take(&mut work.keys);
+            for same in keys.chunk_by(|a, b| material(a) == material(b)) {
+                let material = material(&same[0]) as usize;
+                for block in same.chunks(MOST) {
+                    more |= self.blend(block, material, (tile.x, tile.y), work);
                 }
             }
+            work.keys = keys;
             if !more || self.renderer.opaque {
                 return;
             }
@@ -175,55 +180,36 @@ impl Shading<'_> {
         }
     }
 
-    /// Radiance and alpha of one fragment.
+    /// Shades samples of one material in the tile whose first sample is `corner`, and puts them behind what was there so
+    /// far; true where something may shine through.
     #[inline(always)]
-    fn pixel(&self, triangle: usize, x: usize, y: usize) -> (Vec3f, f32) {
-        let (flat, library) = (self.renderer.flat, self.renderer.library);
-        let mesh = &flat.mesh;
-        let material = flat.triangle_material[triangle] as usize;
-        let id = mesh.triangles[triangle].map(|i| i as usize);
-        let b = barycentrics(&id.map(|i| self.clip[i]), self.grid.ndc(x, y), self.grid);
-        let of3 = |v: &[Vec3f]| {
-            let [p, q, r] = id.map(|i| v[i].to_array());
-            Vec3f::from_array(interpolate([&p, &q, &r], &b))
-        };
-        let uv_of = |v: &[Vec2f]| {
-            if v.is_empty() || library.is_constant(material) {
-                return (Vec2f::zero(), (Vec2f::zero(), Vec2f::zero()));
+    fn blend(&self, keys: &[u64], material: usize, corner: (usize, usize), work: &mut TileWork) -> bool {
+        let fragments = &mut work.fragments;
+        fragments.clear();
+        for triangle in keys.chunk_by(|a, b| a >> 32 == b >> 32) {
+            let corners = Corners::load(self, material, (triangle[0] >> 32) as usize);
+            fragments.add(self, &corners, corner, triangle);
+        }
+        fragments.shade(self, material);
+        let mut more = false;
+        for (k, key) in keys.iter().enumerate() {
+            let i = (key & 0xffff_ffff) as usize;
+            let t = work.transmittance[i];
+            let (radiance, alpha) = fragments.radiance_alpha(k);
+            if alpha > 0.0 {
+                work.rgb[i] += radiance * (t * alpha);
             }
-            let [p, q, r] = id.map(|i| v[i].to_array());
-            (Vec2f::from_array(interpolate([&p, &q, &r], &b)), axes(derivatives([&p, &q, &r], &b)))
-        };
-        let (uv0, (dx0, dy0)) = uv_of(&mesh.uvs);
-        let (uv1, (dx1, dy1)) = uv_of(&mesh.uvs1);
-        let color = if mesh.colors.is_empty() {
-            Vec4f::splat(1.0)
-        } else {
-            let [p, q, r] = id.map(|i| mesh.colors[i].to_array());
-            Vec4f::from_array(interpolate([&p, &q, &r], &b))
-        };
-        let footprint = UvDerivatives { dx: [dx0, dx1], dy: [dy0, dy1] };
-        let s = library.lookup(material, uv0, uv1, color, Some(&footprint));
-        if s.alpha <= 0.0 {
-            return (Vec3f::zero(), 0.0);
+            work.transmittance[i] = t * (1.0 - alpha);
+            if work.transmittance[i] > NEGLIGIBLE {
+                more = true;
+            } else {
+                work.transmittance[i] = 0.0;
+                work.layer.triangle[i] = NONE;
+            }
         }
-        if s.unlit {
-            return (s.base_color, s.alpha);
-        }
-        let [p0, p1, p2] = id.map(|i| mesh.positions[i]);
-        let position = of3(&mesh.positions);
-        let mut normal = of3(&mesh.normals);
-        if library.has_normal_map(material) && !mesh.tangents.is_empty() {
-            let [t0, t1, t2] = id.map(|i| mesh.tangents[i].xyz().to_array());
-            let tangent = Vec3f::from_array(interpolate([&t0, &t1, &t2], &b));
-            normal = perturb(normal, tangent, mesh.tangents[id[0]].w, s.normal);
-        } else {
-            normal = normal.normalize_or_zero();
-        }
-        let wo = view_direction(self.eye, position);
-        let n = face_viewer(normal, (p1 - p0).cross(p2 - p0), wo);
-        let surface =
-            Surface { base_color: s.base_color, roughness: s.roughness, metallic: s.metallic, gamma: 0.0 };
-        (shade(&surface, ENERGY, position, n, wo, self.lights) + s.emissive, s.alpha)
+        more
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -20,13 +20,18 @@ const GRAIN: usize = 4096;
 pub fn clamp_channels<T: Real>(params: &mut [T], ranges: &[[T; 2]]) {
     let width = ranges.len();
     assert!(width > 0 && params.len().is_multiple_of(width), "whole rows");
-    params.par_chunks_mut(width * GRAIN).for_each(|rows| {
-        for row in rows.chunks_exact_mut(width) {
-            for (p, [lo, hi]) in row.iter_mut().zip(ranges) {
-                *p = p.clamp_to(*lo, *hi);
-            }
-        }
+    params.par_chunks_mut(width * GRAIN).for_each(|rows| match ranges.as_chunks::<16>() {
+        // Rows of a length known to the compiler are taken four samples at a time.
+        ([ranges], []) => rows.as_chunks_mut::<16>().0.iter_mut().for_each(|row| clamp_row(row, ranges)),
+        _ => rows.chunks_exact_mut(width).for_each(|row| clamp_row(row, ranges)),
     });
+}
+
+#[inline(always)]
+fn clamp_row<T: Real>(row: &mut [T], ranges: &[[T; 2]]) {
+    for (p, [lo, hi]) in row.iter_mut().zip(ranges) {
+        *p = p.clamp_to(*lo, *hi);
+    }
 }
 
 /// Makes the 3-vector at `offset` of every row of `width` samples a unit vector; zero and non-finite ones become

@@ -41,6 +41,7 @@ pub use pose::Pose;
 pub use save::{Compression, save_glb, save_glb_lods, save_glb_with, to_glb, to_glb_with};
 pub use skin::{Bind, Influences, MorphTarget, Skin};
 pub use surface::{
-    ExtensionSample, MapKind, SampleGradient, SampleSink, SurfaceLibrary, SurfaceSample, UvDerivatives,
+    ExtensionSample, MapKind, SampleGradient, SampleSink, SurfaceLibrary, SurfacePacket, SurfaceSample,
+    UvDerivatives,
 };
 pub use surface_points::SurfacePoints;

@@ -115,13 +115,20 @@ pub(crate) fn downsample_vjp<T: Real, const C: usize>(
     let (fw, fh, w, h) = (g_fine.width, g_fine.height, g_coarse.width, g_coarse.height);
     let share = |(i, weight): (usize, f64)| (i, T::of(weight));
     let columns: Vec<_> = (0..fw).map(|x| parents(x, fw, w, adjoint).map(share)).collect();
-    g_fine.texels.par_chunks_mut(fw).enumerate().for_each(|(y, row)| {
+    g_fine.texels.par_chunks_mut(fw).enumerate().for_each_init(Vec::new, |blended, (y, row)| {
         let rows = parents(y, fh, h, adjoint).map(share);
         let MipRule::Coverage { colors, alpha } = rule else {
+            // Both rows once for each column, then the columns.
+            let [a, b] = rows.map(|(j, wy)| (&g_coarse.texels[j * w..(j + 1) * w], wy));
+            blended.clear();
+            blended.extend(a.0.iter().zip(b.0).map(|(p, q)| {
+                let mut sum = [T::zero(); C];
+                add_scaled(&mut sum, p, a.1);
+                add_scaled(&mut sum, q, b.1);
+                sum
+            }));
             for (g, columns) in row.iter_mut().zip(&columns) {
-                for (j, wy) in rows {
-                    columns.iter().for_each(|(i, wx)| add_scaled(g, &g_coarse.texels[j * w + i], *wx * wy));
-                }
+                columns.iter().for_each(|(i, wx)| add_scaled(g, &blended[*i], *wx));
             }
             return;
         };

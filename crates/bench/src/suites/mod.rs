@@ -7,6 +7,7 @@ mod denoise;
 mod denoise_mc;
 mod denoise_peer;
 mod device;
+mod effort;
 mod flow;
 mod gradients;
 mod material;
@@ -113,5 +114,6 @@ pub(crate) const SUITES: &[Suite] = &[
         run: flow::run,
     },
     Suite { name: "pathtrace", about: "path tracing, error against time", run: pathtrace::run },
+    Suite { name: "effort", about: "the main job at each effort, error against time", run: effort::run },
     Suite { name: "atlas", about: "unwrapping, time and stretch against triangles", run: atlas::run },
 ];

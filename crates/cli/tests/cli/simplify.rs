@@ -381,3 +381,20 @@ fn a_path_traced_judgement_is_announced_and_can_be_bounded() {
     assert_eq!((&f["judged"], &f["judge_spp"]), (&"rasterized".into(), &Value::Null));
     assert!(page.contains("judged by rasterized pictures."));
 }
+
+#[test]
+fn an_effort_is_told_and_what_is_said_beside_it_counts() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 8, false);
+    let more = ["--effort", "fast", "--steps", "3", "--explain", "--json", "f.json"];
+    let text = stdout(&succeeds(d, &fit("out.glb", &more)));
+    assert!(
+        text.contains("effort fast: 250 steps at most") && text.contains("; 3 steps are asked for"),
+        "{text}"
+    );
+    let f = json(&d.join("f.json"));
+    assert_eq!((f["effort"].as_str(), f["steps"].as_u64()), (Some("fast"), Some(3)));
+    assert_eq!(f["views"].as_array().map(Vec::len), Some(2));
+    assert!(!text.contains("wrapped"), "one start: {text}");
+}

@@ -190,8 +190,9 @@ fn table(o: &Outcome) -> String {
 /// Where the time went, in one line.
 fn times(o: &Outcome) -> String {
     format!(
-        "<p class=note>{} steps, {:.1} million pixels per second; {:.0} s until the file was written, {:.0} s with this \
+        "<p class=note>effort {}: {} steps, {:.1} million pixels per second; {:.0} s until the file was written, {:.0} s with this \
          report; within 0.5 dB of the end after {:.0} s.</p>\n",
+        o.effort.name(),
         count(o.steps as usize),
         o.mpix_per_s,
         o.fit_seconds,

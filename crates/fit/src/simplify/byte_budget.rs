@@ -142,7 +142,7 @@ fn within(
     }
     let files = Files::new(made.scene, options, progress)?;
     let views = Orbit::new(options.seed, &options.lighting, options.resolution);
-    let (count, [_, samples]) = (options.choice_views(), options.judge_samples());
+    let (count, samples) = (options.choice_views(), options.choice_samples());
     let texels: usize = files.light.images.iter().map(|i| i.texels.len()).sum();
     let at_once = (TEXELS_AT_ONCE / texels.max(1)).max(1);
     let judged =

@@ -81,7 +81,7 @@ pub(super) fn best(
     scenes.extend(own);
     let stages: Vec<Stage> = scenes.iter().map(|s| Stage::new("", s.clone())).collect();
     let views = Orbit::new(options.seed, &options.lighting, options.resolution);
-    let (count, [_, samples]) = (options.choice_views(), options.judge_samples());
+    let (count, samples) = (options.choice_views(), options.choice_samples());
     let scores = judge::scores(&n.light_asset, reference, &stages, &views, count, samples, progress)?;
     let best = judge::highest(&scores);
     let (models_made, baked) = (models.len(), models.len() - 1);

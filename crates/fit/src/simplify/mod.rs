@@ -6,6 +6,7 @@
 mod byte_budget;
 mod choice;
 mod coverage;
+mod effort;
 mod kept;
 mod locks;
 mod options;
@@ -26,6 +27,7 @@ pub use crate::engine::export::to_scene;
 pub use crate::engine::judge::{JudgeRenderer, Judged, Quality, ReportView, ViewQuality};
 pub use crate::engine::plan::{FitPlan, Runs};
 pub use crate::engine::trainer::HistoryPoint;
+pub use effort::Effort;
 pub use options::{
     FEWEST, FitRenderer, Init, LARGEST_ENGINE_PICTURE, MILD, MOST_REPLAYS, SimplifyOptions, Surfacing,
 };
@@ -302,6 +304,7 @@ fn fingerprint(o: &SimplifyOptions, start: &Candidate) -> Fingerprint {
         .option("batch", o.batch)
         .option("texture_size", o.texture_size)
         .option("lock_borders", o.lock_borders)
+        .option("effort", o.effort.name())
         .option("seed", o.seed)
         .option("light", o.lighting.name())
         .option("occlusion", o.occlusion.name())

@@ -1,6 +1,7 @@
 //! What the user chooses.
 
-use super::{Normalised, ReferenceRenderer};
+use super::{Effort, Normalised, ReferenceRenderer};
+use crate::FitError;
 use crate::bake::{BakeSettings, Occlusion};
 use crate::candidate::Candidate;
 use crate::engine::device::Device;
@@ -71,6 +72,8 @@ pub struct SimplifyOptions {
     pub batch: usize,
     /// Steps of the fit.
     pub steps: u64,
+    /// How much work is done where nothing else says it ([`Self::with_effort`]).
+    pub effort: Effort,
     /// Ends the fit early; what is reached counts. It bounds the fit alone: preparation, export and the report come on top.
     pub time_limit: Option<Duration>,
     /// Width and height of the maps.
@@ -129,7 +132,8 @@ impl Default for SimplifyOptions {
             resolution: 512,
             as_engine: false,
             batch: 2,
-            steps: 1000,
+            steps: Effort::Normal.work().steps,
+            effort: Effort::Normal,
             time_limit: None,
             texture_size: 1024,
             texture_encoding: TextureEncoding::Png,
@@ -142,7 +146,7 @@ impl Default for SimplifyOptions {
             resume: false,
             max_bytes: None,
             triangles_by_bytes: false,
-            report_views: 8,
+            report_views: Effort::Normal.work().report_views,
             own_textures: true,
             whole_textures: false,
             surfacing: Surfacing::default(),
@@ -259,7 +263,7 @@ impl SimplifyOptions {
 
     /// Views by which the written asset is chosen.
     pub(super) fn choice_views(&self) -> u64 {
-        CHOICE_VIEWS * self.more_views()
+        self.effort.work().choice_views * self.more_views()
     }
 
     /// Whether the report of an asset is path traced.
@@ -297,7 +301,8 @@ impl SimplifyOptions {
         let side = if traced { self.resolution.min(WIDEST_TRACED) } else { self.resolution };
         // Decimated, baked, wrapped where the fit starts from a decimated asset, and fitted; the original where engines
         // draw it.
-        let stages = 3 + u64::from(self.init == Init::Decimate) + u64::from(self.as_engine && !traced);
+        let starts = self.init == Init::Decimate && self.effort.work().compares_starts;
+        let stages = 3 + u64::from(starts) + u64::from(self.as_engine && !traced);
         let beyond = beyond_rasterizer(scene).into_iter().collect();
         Judgement {
             traced,
@@ -393,9 +398,6 @@ impl SimplifyOptions {
 
 /// Share of the triangles from which on a budget is mild: most bytes are those of textures then.
 pub const MILD: f64 = 0.25;
-
-/// Views by which the written asset is chosen, where pictures are not small.
-const CHOICE_VIEWS: u64 = 4;
 
 /// Fewest triangles that a share of an asset leaves.
 pub const FEWEST: usize = 64;

@@ -1,6 +1,6 @@
 //! What a simplification gives back.
 
-use super::{Normalised, SimplifyOptions, Surfacing};
+use super::{Effort, Normalised, SimplifyOptions, Surfacing};
 use crate::Progress;
 use crate::candidate::Candidate;
 use crate::engine::judge::{Judged, Quality, ReportView, WIDEST_TRACED, beyond_rasterizer};
@@ -24,6 +24,8 @@ pub struct Outcome {
     pub fit_seconds: f64,
     /// Steps made.
     pub steps: u64,
+    /// The effort that was asked for.
+    pub effort: Effort,
     /// Million samples per second of the steps of the fit.
     pub mpix_per_s: f64,
     /// Seconds after which the held-out quality stayed within half a decibel of its end.
@@ -151,6 +153,7 @@ impl Outcome {
             seconds: times.all,
             fit_seconds: times.to_file,
             steps: trained.steps,
+            effort: options.effort,
             mpix_per_s: trained.mpix_per_s,
             seconds_to_half_db: settled.map_or(0.0, |h| h.seconds),
             stopped: trained.stopped,

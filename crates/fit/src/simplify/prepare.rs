@@ -72,7 +72,7 @@ pub(super) fn prepare(
         Ok::<Start, FitError>(start)
     };
     let mut starts = vec![start(&mesh, class.clone())?];
-    if let Some(mesh) = decimated {
+    if let Some(mesh) = decimated.filter(|_| options.effort.work().compares_starts) {
         starts.push(start(&mesh, class)?);
     }
     Ok(starts)

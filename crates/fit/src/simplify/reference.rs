@@ -33,9 +33,8 @@ impl ReferenceRenderer {
         surface: &'a bake::ReferenceSurface<'a>,
         options: &SimplifyOptions,
     ) -> Result<Box<dyn Reference + 'a>, FitError> {
-        let [samples, _] = options.judge_samples();
         Ok(match self {
-            Self::Raster => Box::new(Rasterized::of(n, surface).sampled(samples)),
+            Self::Raster => Box::new(Rasterized::of(n, surface).sampled(options.reference_samples())),
             Self::Path => Box::new(
                 PathTraced::new(scene, n, MaterialFeatures::Core, options.seed)?.with_surface(surface),
             ),

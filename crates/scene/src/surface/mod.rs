@@ -4,11 +4,13 @@ mod address;
 mod adjoint;
 mod compile;
 mod extensions;
+mod packet;
 #[cfg(test)]
 mod tests;
 
 pub use adjoint::{SampleGradient, SampleSink};
 pub use extensions::ExtensionSample;
+pub use packet::SurfacePacket;
 
 use crate::{AlphaMode, Scene};
 use address::Address;

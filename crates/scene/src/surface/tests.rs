@@ -177,3 +177,48 @@ fn one_texture_is_replaced_alone() {
     }
     assert!((library.alpha(0, vec2(0.4, 0.6), vec2(0.0, 0.0), 1.0) - 0.25).abs() < 1e-6);
 }
+
+#[test]
+fn points_looked_up_together_are_those_looked_up_one_by_one() {
+    let mut state = 1_u32;
+    let mut random = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 8) as f32 / (1 << 24) as f32
+    };
+    let noise: Vec<u8> = (0..4 * 256).map(|_| (255.0 * random()) as u8).collect();
+    let noisy = |x: usize, y: usize| {
+        let at = 4 * (y * 16 + x);
+        [noise[at], noise[at + 1], noise[at + 2], noise[at + 3]]
+    };
+    let turned = |filter| TextureSlot {
+        tex_coord: 1,
+        transform: [[1.5, 0.3, 0.1], [-0.2, 1.2, 0.4]],
+        ..slot(0, filter)
+    };
+    let material = Material {
+        base_color_texture: Some(slot(0, Filter::Trilinear)),
+        metallic_roughness_texture: Some(turned(Filter::Trilinear)),
+        normal_texture: Some(slot(0, Filter::Trilinear)),
+        emissive_texture: Some(turned(Filter::Nearest)),
+        emissive: [1.0, 0.5, 0.25],
+        alpha_mode: AlphaMode::Blend,
+        ..Material::default()
+    };
+    let library = SurfaceLibrary::new(&scene(material, vec![image(16, 16, noisy)]));
+    for n in [8, 8, 8, 3] {
+        let mut fill =
+            |scale: f32| [[0.0; 8]; 4].map(|c: [f32; 8]| c.map(|_| scale * (2.0 * random() - 1.0)));
+        let packet = SurfacePacket { uv: fill(2.0), dx: fill(0.2), dy: fill(0.2), color: fill(1.0) };
+        let mut together = [library.factors(0); 8];
+        library.lookup_packet(0, &packet, n, &mut together);
+        for l in 0..n {
+            let of = |c: &[[f32; 8]; 4]| c.map(|c| c[l]);
+            let [u0, v0, u1, v1] = of(&packet.uv);
+            let pairs = |[a, b, c, d]: [f32; 4]| [vec2(a, b), vec2(c, d)];
+            let footprint = UvDerivatives { dx: pairs(of(&packet.dx)), dy: pairs(of(&packet.dy)) };
+            let color = Vec4f::from_array(of(&packet.color));
+            let alone = library.lookup(0, vec2(u0, v0), vec2(u1, v1), color, Some(&footprint));
+            assert_eq!(together[l], alone, "point {l}");
+        }
+    }
+}
