@@ -94,7 +94,7 @@ struct Surfaces {
 #[inline(always)]
 fn reads_uvs(of: &Shading<'_>, material: usize) -> bool {
     let mesh = &of.renderer.flat.mesh;
-    !of.renderer.library.is_constant(material) && !(mesh.uvs.is_empty() && mesh.uvs1.is_empty())
+    !(of.renderer.library.is_constant(material) || mesh.uvs.is_empty() && mesh.uvs1.is_empty())
 }
 
 /// Whether a normal map is drawn.

@@ -1,7 +1,6 @@
 //! What the user chooses.
 
 use super::{Effort, Normalised, ReferenceRenderer};
-use crate::FitError;
 use crate::bake::{BakeSettings, Occlusion};
 use crate::candidate::Candidate;
 use crate::engine::device::Device;
