@@ -56,7 +56,7 @@ pub(crate) fn exact_pixels(frame: &Frame<'_>, features: &Features<'_>, weight: &
     let lit = (0..n).filter(|i| weight[*i] > 0.0).map(level).filter(|v| *v > 0.0);
     let (sum, count) = lit.fold((0.0_f64, 0_usize), |(s, k), v| (s + f64::from(v), k + 1));
     let bright = OUTSTANDING * (sum / count.max(1) as f64) as f32;
-    let is_exact = |i: usize| silent[i] > 0 && (windows[i] > 0 || missed(features, i) || level(i) > bright);
+    let is_exact = |i: usize| silent[i] > 0 && (windows[i] > 0 || level(i) > bright);
     let exact: Vec<bool> = (0..n).map(is_exact).collect();
     let emitted = |i: usize| if exact[i] && !missed(features, i) { level(i) } else { 0.0 };
     let noise = |i: usize| ((0..3).map(|c| variance(frame, c * n + i)).sum::<f32>() / 3.0).sqrt();

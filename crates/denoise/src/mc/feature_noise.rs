@@ -1,4 +1,4 @@
-//! Edges of features that one sample a pixel leaves jagged, and features that are noise: depth of field, media.
+//! Where features are noise: depth of field, media, and edges that one sample a pixel leaves jagged.
 //!
 //! White noise differs as much from its neighbour as from the pixel behind that, in every direction; smooth textures and
 //! edges differ less from the neighbour, lines less along the line. Of the mean squared differences in a window, the least
@@ -15,7 +15,7 @@ const WINDOW: f32 = 2.0;
 const LEAST: f32 = 1e-5;
 
 /// The share of noise in a feature of any number of planes, between 0 and 1 per pixel; `None` if it is 0 everywhere.
-fn noise_share(feature: &[f32], pixels: usize, width: usize) -> Option<Vec<f32>> {
+pub(crate) fn noise_share(feature: &[f32], pixels: usize, width: usize) -> Option<Vec<f32>> {
     let taps = gaussian_taps(WINDOW);
     let sum = taps[0] + 2.0 * taps[1..].iter().sum::<f32>();
     let (mut near, mut far) = (vec![f32::INFINITY; pixels], vec![0.0_f32; pixels]);
@@ -50,17 +50,6 @@ fn differences(feature: &[f32], pixels: usize, width: usize, [dx, dy]: [isize; 2
         }
     });
     out
-}
-
-/// How jagged the edges of the features are, between 0 and 1 per pixel: those of one sample a pixel, that an average over the
-/// pixel would smooth.
-pub(crate) fn jagged<'a>(
-    features: impl Iterator<Item = &'a [f32]>,
-    pixels: usize,
-    width: usize,
-) -> Option<Vec<f32>> {
-    let shares = features.filter_map(|f| noise_share(f, pixels, width));
-    shares.reduce(|a, b| a.iter().zip(b).map(|(a, b)| a.max(b)).collect())
 }
 
 #[cfg(test)]

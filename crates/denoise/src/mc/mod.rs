@@ -1,7 +1,7 @@
 //! Denoising of Monte Carlo renderings, with automatic parameters: nothing needs tuning.
 //!
 //! ```text
-//! radiance --holes, exact pixels--> / divisor --exposure--> fireflies --(history: reproject, average)--> irradiance
+//! radiance --holes, exact pixels, noise of features--> / divisor --exposure--> fireflies --(history: reproject, average)--> irradiance
 //!   auto:         regression on normal and position in cells, width by estimated error --> detail --> x divisor --> edges
 //!   rof, tvl1, hybrid: log(1+x) --> ADMM with alpha = c sigma W --> exp(x)-1 --> x divisor
 //!   atrous:       five edge-stopping levels --> x divisor
@@ -14,15 +14,18 @@ mod accumulate;
 mod antialias;
 mod atrous;
 mod basis;
+mod bilateral;
 mod black;
 mod camera;
 mod coherence;
 mod demodulate;
 mod detail;
 mod exact;
+mod feature_filter;
 mod feature_noise;
 mod firefly;
 mod frame;
+mod gaussian;
 mod log_domain;
 mod noise;
 mod peaks;

@@ -6,7 +6,7 @@ use super::atrous::{atrous, spatial_variance};
 use super::basis::Basis;
 use super::black::{classes, regress_black};
 use super::camera::Camera;
-use super::detail::restore_detail;
+use super::detail::{Detail, Shares, restore_detail};
 use super::frame::Frame;
 use super::log_domain::variational;
 use super::prepare::Prepared;
@@ -302,7 +302,7 @@ fn filter(mut prepared: Prepared<'_>, settings: &Settings, mut plan: Plan) -> Re
     Ok(Denoised { color: estimate, holes, fireflies, strength, plan })
 }
 
-fn regression(p: &Prepared<'_>, without: Option<Stage>, plan: &mut Plan) -> Vec<f32> {
+fn regression<'a>(p: &'a Prepared<'_>, without: Option<Stage>, plan: &mut Plan) -> Vec<f32> {
     let basis = plan.stage("regressors", || {
         let basis = Basis::of(&p.features, p.shape);
         let names = basis.names.clone();
@@ -331,19 +331,45 @@ fn regression(p: &Prepared<'_>, without: Option<Stage>, plan: &mut Plan) -> Vec<
     match without {
         Some(Stage::Detail) => plan.skip("detail", LEFT_OUT),
         _ => plan.stage("detail", || {
-            let irradiance = &p.irradiance;
             // Two halves tell too little of one pixel, and samples of a history hang together.
             let single = p.halves.is_none() && p.last.is_none();
             let variance = p.variance.as_deref().filter(|_| single);
             // Lamps by themselves: their residual must not reach what is around them.
-            let classes =
-                split.as_ref().map_or([Some(&p.trust), None], |[others, own]| [Some(others), Some(own)]);
-            let shares = classes.into_iter().flatten();
-            let shares =
-                shares.map(|w| restore_detail(p.shape.width, irradiance, w, variance, &mut estimate));
-            let share = shares.sum::<f32>();
-            let of = if variance.is_some() { "pixel by pixel" } else { "as means of about a pixel around" };
-            ((), format!("{:.0}% of what the regression left over, {of}", 100.0 * share))
+            let own =
+                split.as_ref().map(|[_, own]| own.iter().map(|w| f32::from(*w > 0.0)).collect::<Vec<_>>());
+            let n = p.shape.pixels();
+            let planes = |f: &'a Option<Cow<'_, [f32]>>, scale: f32| {
+                f.iter().flat_map(move |f| f.chunks(n)).map(move |plane| (plane, scale))
+            };
+            let mut features: Vec<(&[f32], f32)> =
+                planes(&p.features.normal, 5.5).chain(planes(&p.features.albedo, 50.0)).collect();
+            features.extend(own.as_deref().map(|own| (own, 1e3)));
+            // Bilateral means tell the classes apart; others take them one by one.
+            let classes: Vec<&[f32]> = match (&split, variance) {
+                (Some([others, own]), None) => vec![others, own],
+                _ => vec![&p.trust],
+            };
+            let restored = classes.into_iter().map(|weight| {
+                let (width, irradiance, features) = (p.shape.width, &p.irradiance[..], &features[..]);
+                restore_detail(&Detail { width, irradiance, weight, variance, features }, &mut estimate)
+            });
+            let mut gaussian = 0.0;
+            let mut why = None;
+            for shares in restored {
+                match shares {
+                    Shares::Gaussian(share) => gaussian += share,
+                    Shares::Bilateral { means, own } => {
+                        let [none, narrow, wide] = means.map(|m| 100.0 * m);
+                        let own = 100.0 * own;
+                        why = Some(format!(
+                            "{none:.0}% no, {narrow:.0}% narrow, {wide:.0}% wide means, {own:.0}% own"
+                        ));
+                    }
+                }
+            }
+            let why =
+                why.unwrap_or_else(|| format!("{:.0}% of the residual as Gaussian means", 100.0 * gaussian));
+            ((), why)
         }),
     }
     estimate

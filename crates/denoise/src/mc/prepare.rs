@@ -2,8 +2,8 @@
 
 use super::black::{black_pixels, classes};
 use super::exact::{ExactPixel, exact_pixels};
-use super::feature_noise;
-use super::firefly::{OTHERS, REGRESSION, clamp_fireflies};
+use super::feature_filter::{share_of_noise, smooth_features};
+use super::firefly::{OTHERS, REGRESSION, clamp_fireflies, spread_fireflies};
 use super::frame::{Features, Frame};
 use super::noise::half_variance;
 use super::pipeline::{LEFT_OUT, NO_BLACK, PART_OF_AUTO};
@@ -21,7 +21,7 @@ pub(crate) struct Prepared<'a> {
     pub(crate) features: Features<'a>,
     /// Divisor of each sample, if there is an albedo.
     pub(crate) divisor: Option<Vec<f32>>,
-    /// How jagged the edges of the features are, where a pixel has one sample.
+    /// The share of noise in the features, where a pixel has one sample.
     pub(crate) jagged: Option<Vec<f32>>,
     /// Factor from radiance to the units of `irradiance`.
     pub(crate) key: f32,
@@ -57,7 +57,7 @@ impl<'a> Prepared<'a> {
         let without = settings.without;
         let frame = &Stage::taken_from(without, frame);
         let shape = frame.shape;
-        let features = Features::of(&frame.guides, shape.pixels(), plan);
+        let mut features = Features::of(&frame.guides, shape.pixels(), plan);
         let (mut sides, mut weight, holes) = plan.stage("holes", || {
             let (sides, weight, holes) = holes(frame);
             let why = format!("{holes} pixels with NaN or infinity");
@@ -70,7 +70,7 @@ impl<'a> Prepared<'a> {
             }
             _ => exact(frame, &features, &mut weight, plan),
         };
-        let jagged = jagged(frame, &features, settings, plan);
+        let jagged = smoothed(frame, &mut features, settings, plan);
         let demodulated = features.albedo.as_ref().filter(|_| without != Some(Stage::Demodulation));
         let divisor = match demodulated {
             Some(albedo) => Some(plan.stage("demodulation", || {
@@ -105,15 +105,24 @@ impl<'a> Prepared<'a> {
             }
             (key, format!("irradiance times {key:.4e}"))
         });
+        let layer = frame.variance.filter(|v| frame.half.is_none() && v.iter().any(|v| *v > 0.0));
+        let layer = layer.map(|v| scaled(v, divisor.as_deref(), key));
         let over = if settings.model == Model::Auto { REGRESSION } else { OTHERS };
         let fireflies = match settings.fireflies {
             true => plan.stage("fireflies", || {
-                let classes = std::iter::once(others).chain(own_class.get(1));
-                let count = classes.map(|w| {
-                    sides.iter_mut().map(|s| clamp_fireflies(s, w, shape.width, over)).sum::<usize>()
-                });
-                let count = count.sum::<usize>();
-                (count, format!("{count} pixels above {over} times the mean of their neighbourhood"))
+                let (mut spread, mut count) = (0, 0);
+                for w in std::iter::once(others).chain(own_class.get(1)) {
+                    for side in &mut sides {
+                        if let (Model::Auto, Some(variance)) = (settings.model, &layer) {
+                            spread += spread_fireflies(side, w, variance, shape.width);
+                        }
+                        count += clamp_fireflies(side, w, shape.width, over);
+                    }
+                }
+                let why = format!(
+                    "{spread} pixels of one sample spread, {count} cut at {over} times the mean around"
+                );
+                (spread + count, why)
             }),
             false => {
                 plan.skip("fireflies", "switched off");
@@ -123,9 +132,7 @@ impl<'a> Prepared<'a> {
         let variance = plan.stage("noise", || match (&sides[..], frame.variance) {
             ([a, b], _) if a == b => (None, "the halves are equal: not known"),
             ([a, b], _) => (Some(half_variance(a, b)), "from the two halves"),
-            (_, Some(v)) if v.iter().any(|v| *v > 0.0) => {
-                (Some(scaled(v, divisor.as_deref(), key)), "from the variance layer")
-            }
+            (_, Some(_)) if layer.is_some() => (layer, "from the variance layer"),
             (_, Some(_)) => (None, "the variance layer is all 0: not known"),
             _ => (None, "not known: no halves and no variance layer"),
         });
@@ -183,30 +190,34 @@ fn is_known(frame: &Frame<'_>) -> bool {
     }
 }
 
-/// How jagged the edges of normal and albedo are, where a variance layer of zeros says that a pixel has one sample.
-fn jagged(
+/// Smooths the noise out of the features where a variance layer tells it from textures; where a layer of zeros says that a pixel has
+/// one sample, returns the share of noise per pixel.
+fn smoothed(
     frame: &Frame<'_>,
-    features: &Features<'_>,
+    features: &mut Features<'_>,
     settings: &Settings,
     plan: &mut Plan,
 ) -> Option<Vec<f32>> {
-    let sampled = [&features.albedo, &features.normal];
-    let single = frame.half.is_none() && frame.variance.is_some() && !is_known(frame);
+    let shape = frame.shape;
+    let layer = frame.variance.filter(|_| frame.half.is_none());
     let skipped = match settings {
         Settings { model: Model::Variational(_) | Model::Atrous, .. } => Some(PART_OF_AUTO),
         Settings { without: Some(Stage::Jagged), .. } => Some(LEFT_OUT),
-        _ if !single => Some("no variance layer of zeros, which would say that a pixel has one sample"),
-        _ if sampled.iter().all(|f| f.is_none()) => Some("neither albedo nor normal"),
+        _ if layer.is_none() => Some("no variance layer, which would tell noise from textures"),
+        _ if features.albedo.is_none() && features.normal.is_none() => Some("neither albedo nor normal"),
         _ => None,
     };
-    if let Some(why) = skipped {
-        plan.skip("jagged", why);
+    let (None, Some(layer)) = (skipped, layer) else {
+        plan.skip("jagged", skipped.unwrap_or_default());
         return None;
-    }
+    };
     plan.stage("jagged", || {
-        let (pixels, width) = (frame.shape.pixels(), frame.shape.width);
-        let found = feature_noise::jagged(sampled.into_iter().flatten().map(AsRef::as_ref), pixels, width);
-        let share = found.as_ref().map_or(0.0, |s| s.iter().sum::<f32>() / pixels as f32);
+        if is_known(frame) {
+            let share = 100.0 * smooth_features(features, shape, frame.color, layer);
+            return (None, format!("noise of the features, {share:.1}% of the picture"));
+        }
+        let found = share_of_noise(features, shape);
+        let share = found.as_ref().map_or(0.0, |s| s.iter().sum::<f32>() / shape.pixels() as f32);
         (found, format!("edges of the features, {:.1}% of the picture", 100.0 * share))
     })
 }
