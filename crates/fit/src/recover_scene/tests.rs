@@ -129,7 +129,7 @@ fn parameters_that_move_in_logarithms_have_their_derivatives() {
     let shot = {
         let image = Image::from_fn(SIDE, SIDE, 4, |_, _, _| 1.0);
         let given = GivenPicture { camera: ViewCamera::Traced(view()), lights: ViewLights::default(), image };
-        Shot::new(&given.setup(0), &given.image, Sampling::SUPERSAMPLED, 0, 0)
+        Shot::new(&given.setup(0), given.image.clone(), Sampling::SUPERSAMPLED, 0, 0)
     };
     let gradient = |m: &Traced| {
         let mut out = m.gradients();

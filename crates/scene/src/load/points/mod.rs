@@ -91,7 +91,7 @@ impl RawPoints {
             let rule = match self.skipped {
                 0 => "the cloud has no point; it must have at least one point".into(),
                 n => format!(
-                    "{n} points have coordinates that are not finite or beyond {MAX_POINT:e}; at least one point must have finite ones up to that"
+                    "none of {n} points has finite coordinates up to {MAX_POINT:e}; at least one point must have some"
                 ),
             };
             return Err(fault("points", rule));

@@ -208,7 +208,7 @@ fn broken_pcd_files() {
     packed[at..].fill(255);
     bad(&packed, &["LZF"]);
     let none = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1\nHEIGHT 1\nDATA ascii\nnan nan nan\n";
-    bad(none.as_bytes(), &["1 points have infinite"]);
+    bad(none.as_bytes(), &["none of 1 points has finite coordinates"]);
     bad(none.replace("WIDTH 1", "WIDTH 0").as_bytes(), &["has no point; it must have at least one point"]);
 }
 
