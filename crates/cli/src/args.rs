@@ -331,7 +331,7 @@ pub(crate) struct Simplify {
     /// Keep the asset's texture coordinates, materials and textures, tiling ones too, all as they are: triangles alone are fewer,
     /// in the way that looks best of several, and nothing is fitted. Textures are stored as they were read unless --textures or
     /// --jpeg says otherwise. An asset without texture coordinates is refused.
-    #[arg(long, conflicts_with = "new_maps")]
+    #[arg(long, conflicts_with_all = ["new_maps", "steps", "batch", "texture_size", "effort", "fit_with"])]
     pub(crate) keep_uvs: bool,
     /// Leave vertices on open borders where they are, to the bit, in the decimation and in the fit: parts of a larger asset that
     /// are simplified apart meet without cracks. Where borders leave no room for the budget there are more triangles. The fit
@@ -369,7 +369,8 @@ pub(crate) struct Simplify {
     #[arg(long, value_name = "N", value_parser = whole::<usize>(16..=8192))]
     pub(crate) texture_size: Option<usize>,
     /// How textures are stored; both kinds of webp are for readers that know `EXT_texture_webp` (three.js, Babylon.js, Blender
-    /// and others), ktx2 for those that know `KHR_texture_basisu` (three.js, Babylon.js, Godot and others) [default: png, jpeg with --jpeg].
+    /// and others), ktx2 for those that know `KHR_texture_basisu` (three.js, Babylon.js, Godot and others) [default: png,
+    /// jpeg with --jpeg; the asset's own textures, where they are written, as they were read].
     #[arg(long, value_enum)]
     pub(crate) textures: Option<TextureFormat>,
     /// Compress geometry: meshopt is `EXT_meshopt_compression`, which three.js, Babylon.js, Godot and others read.

@@ -9,7 +9,7 @@ use crate::preflight::Places;
 use crate::progress::{Terminal, say, say_warnings};
 use crate::status::Ending;
 use crate::{device, interrupt, light, lod, memory, threads};
-use anyhow::{Error, Result, anyhow};
+use anyhow::{Error, Result, anyhow, bail};
 use photofit_fit::bake::{Occlusion, OcclusionRays};
 use photofit_fit::engine::trainer::HistoryPoint;
 use photofit_fit::footprint::Task;
@@ -75,7 +75,21 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
     let written = a.json.as_ref().map_or(Ok(()), |path| output::write_json(path, &done.json));
     done.unwritten.map_or(Ok(()), Err)?;
     written?;
+    within(&a.output, a.max_bytes)?;
     Ok(done.ending)
+}
+
+/// # Errors
+/// If a file has more bytes than `--max-bytes` asks for: it is the lightest that was found, but a script must see it.
+fn within(output: &Path, most: Option<u64>) -> Result<()> {
+    let bytes = std::fs::metadata(output).map_or(0, |m| m.len());
+    match most {
+        Some(most) if bytes > most => bail!(
+            "{}: has {bytes} bytes; --max-bytes asks for at most {most}, and no lighter file was found",
+            output.display()
+        ),
+        _ => Ok(()),
+    }
 }
 
 /// The asset. Textures that are written as they were read keep their files, unless another encoding is asked for.
@@ -207,7 +221,9 @@ impl Job<'_> {
     /// What comes before the work: what is wrong with the asset, and what it asks for.
     pub(crate) fn begin(&self, scene: &Scene, options: &SimplifyOptions) -> Result<()> {
         scene.validate_for_fit().map_err(|e| explain_error(self.command, self.input, e.into()))?;
-        memory::check_fit(Task::Simplify, options.texture_size, self.input, &[scene])?;
+        // Nothing is baked where the asset keeps its own textures.
+        let side = if options.surfacing == Surfacing::Kept { 0 } else { options.texture_size };
+        memory::check_fit(Task::Simplify, side, self.input, &[scene])?;
         say_warnings(self.input, scene);
         if self.explain {
             let plan = FitPlan::new(scene)
@@ -215,13 +231,15 @@ impl Job<'_> {
                 .with_surfacing(options.surfacing)
                 .with_judgement(options.judgement(scene))
                 .with_occlusion(options.occlusion);
-            let effort = options.effort;
-            print(&format!(
-                "effort {}: {}; {} steps are asked for\nwhat the asset asks for:\n{plan}\n\n",
-                effort.name(),
-                effort.about(),
-                options.steps
-            ))?;
+            if options.surfacing != Surfacing::Kept {
+                let (effort, steps) = (options.effort, options.fit_steps());
+                print(&format!(
+                    "effort {}: {}; {steps} steps are asked for\n",
+                    effort.name(),
+                    effort.about()
+                ))?;
+            }
+            print(&format!("what the asset asks for:\n{plan}\n\n"))?;
         }
         let judgement = options.judgement(scene);
         if judgement.traced && options.judge == JudgeRenderer::Auto {

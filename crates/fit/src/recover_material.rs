@@ -26,11 +26,15 @@ use crate::recover_scene::{RecoverSceneOptions, recover_scene};
 use crate::{FitError, Progress};
 use photofit_image::Image;
 use photofit_pathtrace::{EnvironmentMap, View, World};
+use photofit_sampling::hash;
 use photofit_scene::Scene;
 use std::sync::Mutex;
 use task::Task;
 
 pub use known::{KnownMaterial, MaterialErrors, around, first_sky, second_sky};
+
+/// Tells the seeds of rounds from others.
+const ROUND: u64 = 0x726f_756e_64;
 
 /// Options of [`recover_material`].
 #[derive(Clone, Debug)]
@@ -166,16 +170,15 @@ pub fn recover_material(
         let mut guide = None;
         let r = chain.fit(1, &shown, |keeping| {
             let mut model = task.model(values.as_deref())?;
+            // Rounds have noise of their own: values follow that of the round before.
+            let seed = if round > 0 { hash(options.seed, ROUND, round as u64) } else { options.seed };
+            model.options.seed = seed;
             if round > 0 {
                 model.guidance = task.guidance(&model, views, round, progress)?;
                 guide = model.guidance.report().cloned();
             }
-            let own = RecoverSceneOptions {
-                steps: end - done,
-                rate: options.rate,
-                seed: options.seed,
-                keeping: keeping.clone(),
-            };
+            let own =
+                RecoverSceneOptions { steps: end - done, rate: options.rate, seed, keeping: keeping.clone() };
             recover_scene(model, views, pictures, &own, &shown)
         })?;
         if let Some(report) = guide {

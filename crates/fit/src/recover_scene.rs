@@ -13,7 +13,7 @@ use crate::engine::fingerprint::Fingerprint;
 use crate::engine::given::{GivenPicture, GivenPictures, Order};
 use crate::engine::loss::{self, PictureLoss};
 use crate::engine::plan::{Item, PlanRows, rows};
-use crate::engine::traced::{ComparedPixels, Smoothing, Traced, TracedParameter};
+use crate::engine::traced::{ComparedPixels, Smoothing, Traced, TracedParameter, WHOLE};
 use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
 use crate::engine::views::{Sampling, ViewCamera, ViewLights};
 use crate::{FitError, Progress};
@@ -123,6 +123,10 @@ pub fn recover_scene(
         Some(last) => ((0..last).collect(), vec![last]),
         None => ((0..pictures.len()).collect(), (0..pictures.len()).collect()),
     };
+    let whole = |p: &Image| p.data.chunks_exact(4).any(|p| p[3] >= WHOLE);
+    if model.compared == ComparedPixels::Covered && !judged.iter().any(|i: &usize| whole(&pictures[*i])) {
+        return wrong("that judge the fit (the last one) show the mesh in no pixel whole; one must".into());
+    }
     let given = |(view, image): (&View, Image)| GivenPicture {
         camera: ViewCamera::Traced(*view),
         lights: ViewLights::default(),

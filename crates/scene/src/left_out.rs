@@ -60,8 +60,11 @@ impl Scene {
                 out.push(format!("{} that are orthographic or not shown", count(parallel, "camera")));
             }
         }
-        let extensions = self.materials.iter().filter_map(|m| m.extensions.as_ref());
-        let averaged: BTreeSet<&str> = extensions.flat_map(|e| e.textures()).map(|(name, _)| name).collect();
+        let of = |scene: &Self| -> BTreeSet<&'static str> {
+            let extensions = scene.materials.iter().filter_map(|m| m.extensions.as_ref());
+            extensions.flat_map(|e| e.textures()).map(|(name, _)| name).collect()
+        };
+        let averaged = &of(self) - &of(light);
         if !averaged.is_empty() {
             let list = averaged.into_iter().collect::<Vec<_>>().join(", ");
             out.push(format!("textures of material extensions, which become their means: {list}"));

@@ -398,3 +398,60 @@ fn an_effort_is_told_and_what_is_said_beside_it_counts() {
     assert_eq!(f["views"].as_array().map(Vec::len), Some(2));
     assert!(!text.contains("wrapped"), "one start: {text}");
 }
+
+#[test]
+fn a_budget_of_bytes_that_no_file_meets_is_a_failure_that_keeps_the_lightest() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 6, false);
+    let o = photofit(d, &fit("out.glb", &["--steps", "2", "--max-bytes", "500", "--json", "f.json"]));
+    let told = stderr(&o);
+    assert_eq!(o.status.code(), Some(1), "{told}");
+    assert!(told.contains("--max-bytes asks for at most 500") && told.contains("out.glb"), "{told}");
+    assert!(photofit_scene::load(d.join("out.glb")).is_ok() && d.join("f.json").is_file());
+}
+
+#[test]
+fn own_surfaces_vertex_colours_and_locked_borders_are_written_and_read_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    let heavy = photofit_scene::load(write_rock(d, 8, true)).unwrap();
+    let run = |output: &str, more: &[&str]| {
+        let budget = [
+            "simplify",
+            "rock.glb",
+            "-o",
+            output,
+            "--ratio",
+            "0.4",
+            "--resolution",
+            "48",
+            "--json",
+            "f.json",
+        ];
+        let o = succeeds(d, &[&budget[..], more].concat());
+        (photofit_scene::load(d.join(output)).unwrap(), json(&d.join("f.json")), stdout(&o))
+    };
+    let (kept, figures, text) = run("kept.glb", &["--keep-uvs", "--explain"]);
+    assert!(
+        kept.triangle_count() * 2 < heavy.triangle_count()
+            && kept.primitives.iter().all(|p| !p.mesh.uvs.is_empty())
+    );
+    assert_eq!(kept.images.len(), heavy.images.len());
+    assert!(kept.images.iter().zip(&heavy.images).all(|(a, b)| a.texels == b.texels), "the same textures");
+    assert!(figures["written"] == "kept" && !text.contains("effort"), "{figures} {text}");
+    let (colored, ..) = run("colors.glb", &["--textures", "none", "--steps", "4", "--batch", "1"]);
+    assert!(colored.images.is_empty() && colored.primitives.iter().all(|p| !p.mesh.colors.is_empty()));
+    let (locked, ..) =
+        run("locked.glb", &["--lock-borders", "--steps", "4", "--batch", "1", "--texture-size", "64"]);
+    assert!(locked.triangle_count() < heavy.triangle_count());
+    for (wrong, part) in [
+        (&["--keep-uvs", "--steps", "9"][..], "--steps"),
+        (&["--lock-borders", "--compress", "meshopt"][..], "--lock-borders"),
+    ] {
+        let budget = ["simplify", "rock.glb", "-o", "no.glb", "--ratio", "0.4"];
+        let o = photofit(d, &[&budget[..], wrong].concat());
+        assert_eq!(o.status.code(), Some(2), "{}", stderr(&o));
+        assert!(stderr(&o).contains(part) && !d.join("no.glb").exists(), "{}", stderr(&o));
+    }
+}

@@ -2,9 +2,10 @@
 //! without the pixel itself, at two widths at once.
 //!
 //! Likeness is judged by planes with given scales (features) and by one smoothed plane with a precision of its own at each
-//! pixel. The pixel itself has no part in its mean, so that the squared difference between both is, on average, the error of
-//! the mean plus the noise of the pixel, whatever that is: means are compared without knowing the noise (leave-one-out
-//! cross-validation).
+//! pixel. The pixel itself has no part in its mean; were its weights independent of it, the squared difference between both would be, on
+//! average, the error of the mean plus the noise of the pixel, whatever that is: means are compared without knowing the
+//! noise (leave-one-out cross-validation). The smoothed plane holds a twelfth of the pixel, which favours means over none
+//! where noise is alike in all channels.
 
 use crate::wide::widest;
 use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSliceMut};

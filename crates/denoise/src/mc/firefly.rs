@@ -95,12 +95,15 @@ pub(crate) fn spread_fireflies(
         return 0;
     }
     let taps = gaussian_taps(SPREAD);
-    let sums: Vec<Vec<f32>> = sums.iter().map(|s| blur_sums(s, cw, &taps)).collect();
+    // What a block gives is divided by all that attracts it there, so that no light is lost next to dark blocks.
+    let attracting = blur_sums(&sums[3], cw, &taps);
+    for channel in &mut sums[..3] {
+        channel.iter_mut().zip(&attracting).filter(|(_, a)| **a > 0.0).for_each(|(s, a)| *s /= a);
+    }
+    let sums: Vec<Vec<f32>> = sums[..3].iter().map(|s| blur_sums(s, cw, &taps)).collect();
     for i in (0..n).filter(|i| weight[*i] > 0.0) {
         let k = block(i);
-        if sums[3][k] > 0.0 {
-            (0..3).for_each(|c| irradiance[c * n + i] += local[k] * sums[c][k] / sums[3][k]);
-        }
+        (0..3).for_each(|c| irradiance[c * n + i] += local[k] * sums[c][k]);
     }
     count
 }

@@ -65,7 +65,12 @@ pub fn around(asset: &Scene, count: usize) -> Result<Vec<View>, FitError> {
         let eye = middle + distance * Vec3::new(r * turn.cos(), y, r * turn.sin());
         View::pinhole(&Camera::look_at(eye, middle, Vec3::Y, FOV, 1.0, 1e-3 * distance, 4.0 * distance))
     };
-    Ok((0..count).map(view).collect())
+    let mut views: Vec<View> = (0..count).map(view).collect();
+    // The last picture judges a fit: one from the side, which sees what lies on a floor.
+    if let Some(last) = count.checked_sub(1) {
+        views.swap(count / 2, last);
+    }
+    Ok(views)
 }
 
 /// A sky with three windows of light of different colours, over a dark ground.

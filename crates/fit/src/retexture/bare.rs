@@ -28,6 +28,11 @@ fn move_uvs(mesh: &mut Mesh, material: &Material) -> Result<(), (String, &'stati
         return Err(("no texture coordinates".into(), "they must be there"));
     }
     let [u, v] = slot.map_or([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], |s| s.transform);
+    let along = u[0] > 0.0 && v[1] > 0.0 && u[1] == 0.0 && v[0] == 0.0;
+    if !along || slot.is_some_and(|s| s.tex_coord == 1) {
+        // Those of the file belong to the other coordinates.
+        mesh.tangents.clear();
+    }
     for uv in &mut mesh.uvs {
         let read = [u, v].map(|row: [f32; 3]| row[0] * uv.x + row[1] * uv.y + row[2]);
         if !read.iter().all(|x| (-ROUNDING..=1.0 + ROUNDING).contains(x)) {

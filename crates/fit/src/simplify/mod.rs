@@ -180,7 +180,7 @@ pub(crate) fn simplify_asset(
     let plan = plan_with_phases.unwrap_or(plan).with_device(device.told());
     let as_many = Target::Triangles(start.candidate.triangles.len());
     let plain = plain::decimated(scene, n, &[], &plain::own(as_many, options.lock_borders))?;
-    let own = if options.keeps_textures() {
+    let own = if options.keeps_textures() && plain::may_be_written(scene) {
         let best = plain::best(asset, plain.clone(), reference, as_many, options, progress)?;
         plain::written(&best, n, options)
     } else {

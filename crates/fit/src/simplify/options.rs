@@ -301,7 +301,8 @@ impl SimplifyOptions {
         // Decimated, baked, wrapped where the fit starts from a decimated asset, and fitted; the original where engines
         // draw it.
         let starts = self.init == Init::Decimate && self.effort.work().compares_starts;
-        let stages = 3 + u64::from(starts) + u64::from(self.as_engine && !traced);
+        let fitted = if self.surfacing == Surfacing::Kept { 1 } else { 3 + u64::from(starts) };
+        let stages = fitted + u64::from(self.as_engine && !traced);
         let beyond = beyond_rasterizer(scene).into_iter().collect();
         Judgement {
             traced,
@@ -342,6 +343,12 @@ impl SimplifyOptions {
                 "needs path as the reference, too",
             ),
             surfacing_rule(self),
+            rule(
+                "lock_borders",
+                self.lock_borders,
+                !self.lock_borders || self.compression == Compression::None,
+                "needs exact positions, which compressed geometry has not",
+            ),
             rule(
                 "lock_borders",
                 self.lock_borders,

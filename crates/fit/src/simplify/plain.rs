@@ -60,7 +60,7 @@ pub(super) fn best(
         rayon::join(|| decimated(scene, n, &[], &mild(&how)), || decimated(scene, n, &seen, &how));
     let mut stages = vec![first, mild?, seen?];
     let views = Orbit::new(options.seed, &options.lighting, options.resolution);
-    let (count, [_, samples]) = (options.choice_views(), options.judge_samples());
+    let (count, samples) = (options.choice_views(), options.choice_samples());
     let scores = judge::scores(&n.light_asset, reference, &stages, &views, count, samples, progress)?;
     Ok(stages.swap_remove(judge::highest(&scores)))
 }
@@ -75,12 +75,18 @@ pub(super) fn kept(stage: &Stage, n: &Normalised, options: &SimplifyOptions) -> 
     light
 }
 
+/// Whether an asset with its own materials may be written in place of a fitted one: the rasterizer, which the choice is made
+/// by, draws the core of all of them.
+pub(super) fn may_be_written(asset: &Scene) -> bool {
+    beyond_rasterizer(asset).iter().all(|name| OVER_THE_CORE.contains(name))
+}
+
 /// The same as it may be written in place of a fitted asset: in the asset's frame, with textures that together have no
 /// more texels than the maps of a fitted one; the largest are halved until they do. `None` where it has
 /// materials whose core the rasterizer, which the choice is made by, does not draw. Where the budget is mild and textures may
 /// stay whole, they do.
 pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) -> Option<Scene> {
-    if beyond_rasterizer(&stage.scene).iter().any(|name| !OVER_THE_CORE.contains(name)) {
+    if !may_be_written(&stage.scene) {
         return None;
     }
     let mut light = kept(stage, n, options);

@@ -159,6 +159,16 @@ impl GpuSurface {
         Ok(())
     }
 
+    /// [`Self::prepare`]; where there is no room, once more without the pictures beyond those of a step.
+    fn prepare_or_give_back(&mut self, shots: &[Shot]) -> Result<(), GpuError> {
+        match self.prepare(shots) {
+            Err(GpuError::OutOfMemory { .. }) if self.references.give_back(shots.len()) => {
+                self.prepare(shots)
+            }
+            done => done,
+        }
+    }
+
     /// Records a step; none before there is room for pictures.
     fn record(
         &self,
@@ -234,12 +244,13 @@ impl Model for GpuSurface {
             let rule = "weighs pixels by the reference; on a device all must count alike".into();
             return Err(ModelError::Device(Box::new(FitError::Setting { field: "loss", rule })));
         };
-        self.prepare(shots)?;
+        self.prepare_or_give_back(shots)?;
         let (room, moving) = (Room::of(shots), rates.iter().map(|r| *r > 0.0).collect::<Vec<_>>());
         let rates: Vec<Vec<f32>> = self.groups.iter().zip(rates).map(|(g, r)| g.rates_at(*r)).collect();
         let passes = self.surface.moving_passes(&moving);
         self.references.make_room(&self.gpu, shots.len(), room.pixel_count())?;
         if !self.step.as_ref().is_some_and(|s| s.serves(room, shots.len(), (&moving, passes.masks))) {
+            self.step = None;
             let step = self.record(room, shots.len(), loss, (&moving, &passes));
             let step = match step {
                 // What stays there takes the room of what a step needs.
@@ -287,7 +298,7 @@ impl Model for GpuSurface {
     }
 
     fn pictures(&mut self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, ModelError> {
-        self.prepare(shots)?;
+        self.prepare_or_give_back(shots)?;
         let Some(stage) = &self.stage else { return Ok(Vec::new()) };
         let room = Room::of(shots);
         if !self.forward.as_ref().is_some_and(|l| l.serves(room)) {

@@ -6,14 +6,13 @@ use crate::error::{Fault, fault};
 use crate::nodes::{Node, NodeTransform};
 use glam::{Quat, Vec3};
 
-/// Most nodes that instances may become.
+/// Most nodes that instances may become, and most weights of morph targets that these have together.
 const MOST: usize = 1 << 20;
 
 /// Gives every node with instances a child for each, in the order of the file; they take its mesh and weights.
 ///
 /// # Errors
-/// If attributes are not those of the extension or differ in length, if the node has no mesh or a skin, or if there are too
-/// many.
+/// If no attribute is one of the extension, if they differ in length, if the node has a skin, or if there are too many.
 pub(super) fn expand(document: &Document<'_>, nodes: &mut Vec<Node>) -> Result<(), Fault> {
     let mut left = MOST.min(document.limits.instances);
     for i in 0..nodes.len() {
@@ -25,6 +24,11 @@ pub(super) fn expand(document: &Document<'_>, nodes: &mut Vec<Node>) -> Result<(
         let transforms = transforms(document, instancing, &place, left)?;
         left -= transforms.len();
         let (mesh, weights) = (nodes[i].mesh.take(), nodes[i].weights.clone());
+        let numbers = weights.len().saturating_mul(transforms.len());
+        if numbers > MOST {
+            let rule = format!("repeats {numbers} weights of morph targets; they may be at most {MOST}");
+            return Err(fault(place(), rule));
+        }
         let first = nodes.len();
         nodes.extend(transforms.into_iter().map(|transform| Node {
             transform,

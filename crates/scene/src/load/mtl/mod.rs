@@ -73,8 +73,12 @@ impl Library {
                 continue;
             }
             let Some((_, statements)) = self.statements.last_mut().filter(|_| begun) else { continue };
-            if let Some(kind) = rest.split_whitespace().next().filter(|w| ["spectral", "xyz"].contains(w)) {
-                scene.warnings.push(format!("{place}: `{keyword} {kind}` is not read: it is left out"));
+            let kind = rest.split_whitespace().next().filter(|w| ["spectral", "xyz"].contains(w));
+            if let Some(kind) = kind.filter(|_| !statements::may_be_left_out(keyword)) {
+                let statement = clip(&format!("{keyword} {kind}"));
+                if !ignored.contains(&statement) && ignored.len() < 16 {
+                    ignored.push(statement);
+                }
                 continue;
             }
             let mut warning = None;
