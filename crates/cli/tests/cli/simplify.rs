@@ -447,7 +447,7 @@ fn own_surfaces_vertex_colours_and_locked_borders_are_written_and_read_again() {
     assert!(locked.triangle_count() < heavy.triangle_count());
     for (wrong, part) in [
         (&["--keep-uvs", "--steps", "9"][..], "--steps"),
-        (&["--lock-borders", "--compress", "meshopt"][..], "--lock-borders"),
+        (&["--lock-borders", "--compress", "meshopt"][..], "needs exact positions"),
     ] {
         let budget = ["simplify", "rock.glb", "-o", "no.glb", "--ratio", "0.4"];
         let o = photofit(d, &[&budget[..], wrong].concat());
