@@ -34,7 +34,7 @@ use task::Task;
 pub use known::{KnownMaterial, MaterialErrors, around, first_sky, second_sky};
 
 /// Tells the seeds of rounds from others.
-const ROUND: u64 = 0x726f_756e_64;
+const ROUND: u64 = 0x726f_756e;
 
 /// Options of [`recover_material`].
 #[derive(Clone, Debug)]

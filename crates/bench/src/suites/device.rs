@@ -204,7 +204,7 @@ fn whole(ctx: &mut Context, gpu: &Gpu) -> Result<()> {
             let outcome = simplify(&asset, &folder.path().join("light.glb"), &options, &Silent)?;
             let seconds = began.elapsed().as_secs_f64();
             let Some(q) = outcome.stage("fitted") else { bail!("the fit was not judged") };
-            let figures = vec![("error", f64::from(q.flip)), ("PSNR dB", f64::from(q.psnr))];
+            let figures = vec![("error", q.flip), ("PSNR dB", q.psnr)];
             ctx.record(name, &format!("{steps} steps"), steps as usize, Timing::of(vec![seconds]), figures);
         }
     }

@@ -1,3 +1,5 @@
+//! Samples that are shaded together beside samples that are shaded alone.
+
 use super::*;
 use crate::engine::reference::ENERGY;
 use crate::engine::views::studio;

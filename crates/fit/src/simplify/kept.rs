@@ -4,7 +4,7 @@ use super::outcome::Times;
 use super::{Asset, Outcome, SimplifyOptions, Written, byte_budget, locks, outcome, plain, prepare};
 use crate::candidate::{Candidate, SurfaceClass};
 use crate::engine::FitFrame;
-use crate::engine::judge::{Judge, Stage};
+use crate::engine::judge::Stage;
 use crate::engine::plan::FitPlan;
 use crate::engine::surface::Surface;
 use crate::engine::trainer::Trained;
@@ -61,17 +61,7 @@ pub(super) fn simplify(
         stages.push(Stage::new("original", scene.clone()));
     }
     stages.push(Stage::new("fitted", written));
-    let judge = Judge {
-        scene,
-        n,
-        reference,
-        renderer: options.judge_renderer(),
-        spp: options.judge_spp,
-        lighting: &options.lighting,
-        size: options.resolution,
-        samples: options.judge_samples(),
-        seed: options.seed,
-    };
+    let judge = options.judge_of(scene, n, reference);
     let views = judge.views(&stages, options.report_views, progress)?;
     let plan = FitPlan::new(scene)
         .with_options(options.fit_steps(), reference.kind(), &options.lighting)
@@ -89,7 +79,7 @@ pub(super) fn simplify(
     let judged = judge.method(&stages);
     let mut made = Outcome::new(triangles, trained, plan, &names, views, judged, times, options);
     (made.written, made.textures, made.stopped) = (Written::Kept, textures, stopped);
-    (made.left_out, made.not_fitted) = (outcome::left_out(scene, written), Vec::new());
+    (made.left_out, made.not_fitted) = (outcome::left_out(scene, written, options.surfacing), Vec::new());
     prepare::tell_budget(options, triangles, progress);
     Ok(made)
 }

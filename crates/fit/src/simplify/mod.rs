@@ -39,7 +39,7 @@ use crate::bake;
 use crate::candidate::Candidate;
 use crate::engine::device::train_on;
 use crate::engine::fingerprint::Fingerprint;
-use crate::engine::judge::{Judge, Stage};
+use crate::engine::judge::Stage;
 use crate::engine::loss;
 use crate::engine::surface::{MAPS, POSITIONS, Surface, fade_over, rate_of_maps};
 use crate::engine::trainer::{self, HeldOut, Job, Phase};
@@ -180,12 +180,7 @@ pub(crate) fn simplify_asset(
     let plan = plan_with_phases.unwrap_or(plan).with_device(device.told());
     let as_many = Target::Triangles(start.candidate.triangles.len());
     let plain = plain::decimated(scene, n, &[], &plain::own(as_many, options.lock_borders))?;
-    let own = if options.keeps_textures() && plain::may_be_written(scene) {
-        let best = plain::best(asset, plain.clone(), reference, as_many, options, progress)?;
-        plain::written(&best, n, options)
-    } else {
-        None
-    };
+    let own = plain::candidate(asset, &plain, reference, as_many, options, progress)?;
     let choice::Chosen { trained, light, mut written, own } =
         choice::best(trained, own, surface, visibility, &starts, n, reference, options, progress)?;
 
@@ -227,17 +222,7 @@ pub(crate) fn simplify_asset(
     let fitted = photofit_scene::load(output)?;
     let triangles = [scene.triangle_count(), fitted.triangle_count()];
     let stages = stages(asset, plain, &starts, fitted, options);
-    let judge = Judge {
-        scene,
-        n,
-        reference,
-        renderer: options.judge_renderer(),
-        spp: options.judge_spp,
-        lighting: &options.lighting,
-        size: options.resolution,
-        samples: options.judge_samples(),
-        seed: options.seed,
-    };
+    let judge = options.judge_of(scene, n, reference);
     let pictures = judge.views(&stages, options.report_views, progress)?;
     let names: Vec<&'static str> = stages.iter().map(|s| s.name).collect();
     let times = Times { all: began.elapsed().as_secs_f64(), to_file };
@@ -246,13 +231,10 @@ pub(crate) fn simplify_asset(
     outcome.device = device.name();
     (outcome.written, outcome.textures) = (written, textures);
     let light = &stages[stages.len() - 1].scene;
-    (outcome.left_out, outcome.not_fitted) =
-        (outcome::left_out(scene, light), outcome::not_fitted(scene, light, written == Written::Decimated));
-    if options.surfacing == Surfacing::VertexColors
-        && scene.materials.iter().any(|m| m.normal_texture.is_some())
-    {
-        outcome.left_out.push("normal maps: colours of vertices hold none".into());
-    }
+    (outcome.left_out, outcome.not_fitted) = (
+        outcome::left_out(scene, light, options.surfacing),
+        outcome::not_fitted(scene, light, written == Written::Decimated),
+    );
     outcome.stopped |= progress.is_cancelled();
     if let Some(traced) = traced_maps {
         outcome.stopped |= traced.stopped;

@@ -5,9 +5,9 @@ use crate::bake::{BakeSettings, Occlusion};
 use crate::candidate::Candidate;
 use crate::engine::device::Device;
 use crate::engine::export::to_scene;
-use crate::engine::judge::{JudgeRenderer, WIDEST_TRACED, beyond_rasterizer};
+use crate::engine::judge::{Judge, JudgeRenderer, WIDEST_TRACED, beyond_rasterizer};
 use crate::engine::plan::Judgement;
-use crate::engine::reference::{SAMPLES, SUPERSAMPLE, samples_for};
+use crate::engine::reference::{Reference, SAMPLES, SUPERSAMPLE, samples_for};
 use crate::engine::trainer::{HELD_OUT, Keeping};
 use crate::engine::vertex_colors::colored;
 use crate::views::{Lighting, Sampling};
@@ -313,6 +313,26 @@ impl SimplifyOptions {
             pictures: self.report_views * (1 + stages),
             side,
             spp: self.judge_spp,
+        }
+    }
+
+    /// What judges the written file.
+    pub(super) fn judge_of<'a>(
+        &'a self,
+        scene: &'a Scene,
+        n: &'a Normalised,
+        reference: &'a dyn Reference,
+    ) -> Judge<'a> {
+        Judge {
+            scene,
+            n,
+            reference,
+            renderer: self.judge_renderer(),
+            spp: self.judge_spp,
+            lighting: &self.lighting,
+            size: self.resolution,
+            samples: self.judge_samples(),
+            seed: self.seed,
         }
     }
 

@@ -195,8 +195,11 @@ pub(super) fn tell_detail(candidate: &Candidate, n: &Normalised, progress: &dyn 
 }
 
 /// What of an asset is not in the written file, one line each.
-pub(super) fn left_out(scene: &Scene, light: &Scene) -> Vec<String> {
-    lost_extensions(scene, light).into_iter().chain(scene.left_out(light)).collect()
+pub(super) fn left_out(scene: &Scene, light: &Scene, surfacing: Surfacing) -> Vec<String> {
+    let bumps =
+        surfacing == Surfacing::VertexColors && scene.materials.iter().any(|m| m.normal_texture.is_some());
+    let bumps = bumps.then(|| "normal maps: colours of vertices hold none".to_owned());
+    lost_extensions(scene, light).into_iter().chain(scene.left_out(light)).chain(bumps).collect()
 }
 
 /// The material extensions of an asset that a written file does not have, in one line.

@@ -75,6 +75,23 @@ pub(super) fn kept(stage: &Stage, n: &Normalised, options: &SimplifyOptions) -> 
     light
 }
 
+/// The asset with its own materials that may be written in place of a fitted one, if one may: the best of several
+/// decimations, the first of which is `plain`.
+pub(super) fn candidate(
+    asset: Asset<'_>,
+    plain: &Stage,
+    reference: &dyn Reference,
+    target: Target,
+    options: &SimplifyOptions,
+    progress: &dyn Progress,
+) -> Result<Option<Scene>, FitError> {
+    if !options.keeps_textures() || !may_be_written(asset.scene) {
+        return Ok(None);
+    }
+    let best = best(asset, plain.clone(), reference, target, options, progress)?;
+    Ok(written(&best, asset.n, options))
+}
+
 /// Whether an asset with its own materials may be written in place of a fitted one: the rasterizer, which the choice is made
 /// by, draws the core of all of them.
 pub(super) fn may_be_written(asset: &Scene) -> bool {
