@@ -78,19 +78,17 @@ fn group_room(groups: &str, read: impl Fn(&str) -> Option<String>) -> Option<u64
     let one = |line: &str| {
         let mut parts = line.splitn(3, ':');
         let (_, kinds, path) = (parts.next()?, parts.next()?, parts.next()?);
-        let within = Path::new(path).ancestors().filter_map(|p| p.to_str());
-        let within = within.map(|p| p.trim_end_matches('/').to_owned());
-        if kinds.is_empty() {
-            let left =
-                |p| left(&format!("/sys/fs/cgroup{p}"), "memory.max", "memory.current", "inactive_file ");
-            within.filter_map(left).min()
+        let (root, [limit, usage, inactive]) = if kinds.is_empty() {
+            ("/sys/fs/cgroup", ["memory.max", "memory.current", "inactive_file "])
         } else if kinds.split(',').any(|k| k == "memory") {
-            let (limit, usage) = ("memory.limit_in_bytes", "memory.usage_in_bytes");
-            let left = |p| left(&format!("/sys/fs/cgroup/memory{p}"), limit, usage, "total_inactive_file ");
-            within.filter_map(left).min()
+            let files = ["memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file "];
+            ("/sys/fs/cgroup/memory", files)
         } else {
-            None
-        }
+            return None;
+        };
+        let within = Path::new(path).ancestors().filter_map(|p| p.to_str());
+        let folder = |p: &str| format!("{root}{}", p.trim_end_matches('/'));
+        within.filter_map(|p| left(&folder(p), limit, usage, inactive)).min()
     };
     groups.lines().filter_map(one).min()
 }

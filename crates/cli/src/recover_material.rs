@@ -6,7 +6,7 @@ use crate::output::{self, Results};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say_warnings};
 use crate::status::Ending;
-use crate::traced_report::{Found, first_and_best, tell_course};
+use crate::traced_report::{Found, course, first_and_best, judged, sheet, tell_course};
 use crate::{interrupt, memory, threads};
 use anyhow::{Context, Result, anyhow, bail};
 use photofit_fit::FitError;
@@ -19,7 +19,6 @@ use photofit_fit::recover_material::{
     KnownMaterial, MaterialErrors, RecoverMaterialOptions, RecoveredMaterial, around, first_sky, guiding,
     recover_material,
 };
-use photofit_fit::recover_scene::relative_error;
 use photofit_fit::report::PAGE;
 use photofit_image::{Image, contact_sheet};
 use photofit_pathtrace::View;
@@ -33,8 +32,6 @@ const TARGET_SPP: u32 = 256;
 /// Samples and seed of the pictures that are written.
 const SHOWN_SPP: u32 = 128;
 const SHOWN_SEED: u64 = 0x7368_6f77;
-/// Most views of a sheet.
-const SHOWN: usize = 4;
 /// Files of the output.
 const FILES: [&str; 6] = ["material.glb", "environment.exr", "views.png", "relit.png", "values.json", PAGE];
 
@@ -87,19 +84,16 @@ pub(crate) fn run(a: &RecoverMaterial) -> Result<Ending> {
     output::keep_json(&mut results, &path(FILES[4]), &figures(a, &r, errors.as_ref(), seconds))?;
     let targets: Vec<Image> =
         views.iter().zip(&pictures).map(|(v, p)| target(a, &r, v, p)).collect::<Result<_>>()?;
-    let sheet = views_sheet(&r, &views, &targets)?;
+    let sheet = sheet(&r.model, &views, &targets, (SHOWN_SPP, SHOWN_SEED))?;
     results.took(photofit_image::write_png(path(FILES[2]), &sheet).map_err(Into::into));
     if let Some((known, errors)) = known.as_ref().zip(errors.as_ref()) {
         let pictures = known.under_another_sky(&asset, errors.albedo_scale)?;
         let columns = pictures[0].len().max(1);
-        let images: Vec<Image> = pictures.iter().flatten().map(opaque).collect();
+        let images: Vec<Image> = pictures.iter().flatten().map(|p| p.select(&[0, 1, 2])).collect();
         let sheet = contact_sheet(&images.iter().collect::<Vec<_>>(), columns, 4);
         results.took(photofit_image::write_png(path(FILES[3]), &sheet).map_err(Into::into));
     }
-    let judged = match r.held_out {
-        Some(k) => format!("picture {k}, which was held out"),
-        None => "the pictures that were fitted (none is held out)".into(),
-    };
+    let judged = judged(r.held_out, views.len());
     let reached = output::traced_error(&judged, first_and_best(&r.history), (r.steps, seconds), &a.output);
     let found = Found {
         title: format!("materials of {} from pictures", crate::simplify::name(file)),
@@ -190,22 +184,6 @@ fn target(a: &RecoverMaterial, r: &RecoveredMaterial, view: &View, picture: &Ima
     }))
 }
 
-/// Without alpha.
-fn opaque(p: &Image) -> Image {
-    Image::from_fn(p.width, p.height, 3, |x, y, c| p.pixel(x, y)[c])
-}
-
-/// Pictures in the upper row, what was found below; the one that was held out comes last.
-fn views_sheet(r: &RecoveredMaterial, views: &[View], targets: &[Image]) -> Result<Image> {
-    let (all, count) = (views.len(), views.len().min(SHOWN));
-    let shown: Vec<usize> = (0..count).map(|k| (all - 1) * (k + 1) / count).collect();
-    let mut images: Vec<Image> = shown.iter().map(|k| opaque(&targets[*k])).collect();
-    for k in &shown {
-        images.push(opaque(&r.model.picture(&views[*k], SHOWN_SPP, SHOWN_SEED)?));
-    }
-    Ok(contact_sheet(&images.iter().collect::<Vec<_>>(), count, 4))
-}
-
 fn told(file: &Path, r: &RecoveredMaterial, errors: Option<&MaterialErrors>) -> String {
     let mut text = String::new();
     for line in &r.left_out {
@@ -247,11 +225,6 @@ fn figures(
         })
     };
     let own = r.steps.saturating_sub(r.resumed);
-    let course: Vec<Value> = r
-        .history
-        .iter()
-        .map(|h| json!({ "step": h.step, "loss": h.loss, "relative_error": relative_error(h.quality) }))
-        .collect();
     json!({
         "pictures": path(&a.pictures),
         "mesh": path(&a.mesh),
@@ -267,6 +240,6 @@ fn figures(
         "seconds_per_iteration": (own > 0).then(|| seconds / own as f64),
         "relative_error": { "first": first, "best": best },
         "left_out": r.left_out,
-        "course": course,
+        "course": course(&r.history),
     })
 }

@@ -6,7 +6,7 @@ use crate::output::{self, Results};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say};
 use crate::status::Ending;
-use crate::traced_report::{Found, first_and_best, tell_course};
+use crate::traced_report::{Found, course, first_and_best, judged, sheet, tell_course};
 use crate::{interrupt, threads};
 use anyhow::{Context, Result, anyhow, bail};
 use glam::{DAffine3, DVec3, Vec3};
@@ -14,13 +14,12 @@ use photofit_fit::FitError;
 use photofit_fit::engine::chain::checkpoint_files;
 use photofit_fit::engine::trainer::Keeping;
 use photofit_fit::pictures::{lit_world_pictures, named_files};
-use photofit_fit::recover_scene::relative_error;
 use photofit_fit::recover_volume::{RecoverVolumeOptions, RecoveredVolume, Surroundings, recover_volume};
 use photofit_fit::report::PAGE;
-use photofit_image::{Image, contact_sheet, write_atomically};
+use photofit_fit::views::views_around;
+use photofit_image::{Image, write_atomically};
 use photofit_pathtrace::{EnvironmentMap, LightSource, Parts, RenderOptions, Renderer, View, Volume, World};
 use photofit_scalar::Vec3f;
-use photofit_scene::Camera;
 use photofit_scene::mitsuba::{encode_grid, parse_grid};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -33,8 +32,6 @@ const SHOWN_SPP: u32 = 128;
 const SHOWN_SEED: u64 = 0x7368_6f77;
 /// Largest grid of a self-test, bytes: three channels of 512 x 512 x 512 voxels have 1.6e9.
 const MOST_BYTES: u64 = 1 << 31;
-/// Most views of the sheet.
-const SHOWN: usize = 4;
 /// Albedo of a self-test that names none.
 const ALBEDO: [f32; 3] = [0.8, 0.6, 0.4];
 /// Files of the output.
@@ -185,7 +182,7 @@ fn known(a: &RecoverVolume, file: &Path, environment: Option<EnvironmentMap>) ->
     let Surroundings { lights, environment } = surroundings.clone();
     let world = World::new(Parts { lights, environment, volumes: vec![volume], ..Parts::default() })
         .map_err(|e| anyhow!("{}: {e}", file.display()))?;
-    let views: Vec<View> = (0..a.views).map(|k| around(k, a.views, &bounds)).collect();
+    let views = views_around((0.5 * (lo + hi)).as_vec3(), (0.5 * (hi - lo).length()) as f32, a.views);
     let mut options = RenderOptions {
         width: a.resolution,
         height: a.resolution,
@@ -201,17 +198,6 @@ fn known(a: &RecoverVolume, file: &Path, environment: Option<EnvironmentMap>) ->
     };
     let pictures = views.iter().map(picture).collect::<Result<_>>()?;
     Ok(Seen { surroundings, views, pictures, truth: Some(Known { size, extinction, bounds }) })
-}
-
-/// A camera of a Fibonacci sphere around a box, which it sees whole.
-fn around(k: usize, of: usize, [lo, hi]: &[DVec3; 2]) -> View {
-    const FOV: f32 = 0.7;
-    let (middle, radius) = ((0.5 * (*lo + *hi)).as_vec3(), (0.5 * (*hi - *lo).length()) as f32);
-    let y = 1.0 - 2.0 * (k as f32 + 0.5) / of as f32;
-    let (turn, r) = (2.4 * k as f32, (1.0 - y * y).sqrt());
-    let distance = radius / (0.5 * FOV).sin();
-    let eye = middle + distance * Vec3::new(r * turn.cos(), y, r * turn.sin());
-    View::pinhole(&Camera::look_at(eye, middle, Vec3::Y, FOV, 1.0, 1e-3 * distance, 4.0 * distance))
 }
 
 /// Writes what was found and tells it.
@@ -231,7 +217,7 @@ fn write(a: &RecoverVolume, seen: &Seen, r: &RecoveredVolume, seconds: f64) -> R
     });
     let figures = figures(a, r, ([first, best], errors), seconds);
     output::keep_json(&mut results, &a.output.join(FILES[3]), &figures)?;
-    let sheet = sheet(seen, r)?;
+    let sheet = sheet(&r.model, &seen.views, &seen.pictures, (SHOWN_SPP, SHOWN_SEED))?;
     results.took(photofit_image::write_png(a.output.join(FILES[2]), &sheet).map_err(Into::into));
     let [x, y, z] = r.size;
     let grids: Vec<String> = r.grids.iter().map(|(_, side)| side.to_string()).collect();
@@ -240,10 +226,7 @@ fn write(a: &RecoverVolume, seen: &Seen, r: &RecoveredVolume, seconds: f64) -> R
         text +=
             &format!("root mean square error of the extinction: {found:.4}; of an empty box {nothing:.4}\n");
     }
-    let judged = match r.held_out {
-        Some(k) => format!("picture {k}, which was held out"),
-        None => "the pictures that were fitted (none is held out)".into(),
-    };
+    let judged = judged(r.held_out, seen.views.len());
     let reached = output::traced_error(&judged, [first, best], (r.steps, seconds), &a.output);
     let found = Found {
         title: format!("a cloud on {x} x {y} x {z} voxels"),
@@ -259,26 +242,12 @@ fn write(a: &RecoverVolume, seen: &Seen, r: &RecoveredVolume, seconds: f64) -> R
     found.tell(&a.output, &text, results)
 }
 
-/// Pictures in the upper row, what was found below; the one that was held out comes last.
-fn sheet(seen: &Seen, r: &RecoveredVolume) -> Result<Image> {
-    let count = seen.views.len();
-    let shown: Vec<usize> = (0..count.min(SHOWN)).map(|k| (count - 1) * (k + 1) / count.min(SHOWN)).collect();
-    let opaque = |p: &Image| Image::from_fn(p.width, p.height, 3, |x, y, c| p.pixel(x, y)[c]);
-    let mut images: Vec<Image> = shown.iter().map(|k| opaque(&seen.pictures[*k])).collect();
-    for k in &shown {
-        images.push(opaque(&r.model.picture(&seen.views[*k], SHOWN_SPP, SHOWN_SEED)?));
-    }
-    let images: Vec<&Image> = images.iter().collect();
-    Ok(contact_sheet(&images, shown.len(), 4))
-}
-
 fn figures(
     a: &RecoverVolume,
     r: &RecoveredVolume,
     ([first, best], errors): ([Option<f64>; 2], Option<[f64; 2]>),
     seconds: f64,
 ) -> Value {
-    let point = |h: &photofit_fit::engine::trainer::HistoryPoint| json!({ "step": h.step, "loss": h.loss, "relative_error": relative_error(h.quality) });
     let own = r.steps.saturating_sub(r.resumed);
     json!({
         "pictures": a.pictures.as_ref().or(a.self_test.as_ref()).map(|p| p.display().to_string()),
@@ -292,6 +261,6 @@ fn figures(
         "seconds_per_iteration": (own > 0).then(|| seconds / own as f64),
         "relative_error": { "first": first, "best": best },
         "parameter_error": errors.map(|[first, last]| json!({ "first": first, "last": last })),
-        "course": r.history.iter().map(point).collect::<Vec<_>>(),
+        "course": course(&r.history),
     })
 }

@@ -15,8 +15,8 @@ use photofit_fit::engine::trainer::HistoryPoint;
 use photofit_fit::footprint::Task;
 use photofit_fit::report::{PAGE as REPORT_PAGE, ReportInfo, Verdict, write_report};
 use photofit_fit::simplify::{
-    Effort, FitPlan, FitRenderer, Init, JudgeRenderer, Judged, Outcome, Quality, ReferenceRenderer,
-    SimplifyOptions, Surfacing, TRACED_FOLDER, simplify,
+    Effort, FitRenderer, Init, JudgeRenderer, Judged, Outcome, Quality, ReferenceRenderer, SimplifyOptions,
+    Surfacing, TRACED_FOLDER, simplify,
 };
 use photofit_fit::traced_maps::MapsCourse;
 use photofit_geometry::decimate::Target;
@@ -226,11 +226,7 @@ impl Job<'_> {
         memory::check_fit(Task::Simplify, side, self.input, &[scene])?;
         say_warnings(self.input, scene);
         if self.explain {
-            let plan = FitPlan::new(scene)
-                .with_options(options.fit_steps(), options.rasterized_against().kind(), &options.lighting)
-                .with_surfacing(options.surfacing)
-                .with_judgement(options.judgement(scene))
-                .with_occlusion(options.occlusion);
+            let plan = options.plan(scene, options.rasterized_against().kind());
             if options.surfacing != Surfacing::Kept {
                 let (effort, steps) = (options.effort, options.fit_steps());
                 print(&format!(

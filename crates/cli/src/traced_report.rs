@@ -9,12 +9,15 @@ use photofit_fit::engine::traced::Traced;
 use photofit_fit::engine::trainer::HistoryPoint;
 use photofit_fit::recover_scene::relative_error;
 use photofit_fit::report::{RecoveryReport, TRACED_MEASURE, write_recovery_report};
-use photofit_image::Image;
+use photofit_image::{Image, contact_sheet};
 use photofit_pathtrace::View;
+use serde_json::{Value, json};
 use std::path::Path;
 
 /// Most pictures of a page.
 const MOST: usize = 12;
+/// Most pictures of a sheet.
+const SHOWN: usize = 4;
 
 /// What a page is made of.
 pub(crate) struct Found<'a> {
@@ -49,6 +52,42 @@ pub(crate) fn tell_course(stopped: bool, plan: Option<&PlanRows>) -> Result<()> 
     }
 }
 
+/// By which of so many pictures a fit was judged, for people.
+pub(crate) fn judged(held_out: Option<usize>, pictures: usize) -> String {
+    match held_out {
+        Some(k) => format!("picture {k}, which was held out"),
+        None if pictures == 1 => "the picture that was fitted (none is held out)".into(),
+        None => "the pictures that were fitted (none is held out)".into(),
+    }
+}
+
+/// The course of a fit as JSON.
+pub(crate) fn course(history: &[HistoryPoint]) -> Vec<Value> {
+    let point = |h: &HistoryPoint| json!({ "step": h.step, "loss": h.loss, "relative_error": relative_error(h.quality) });
+    history.iter().map(point).collect()
+}
+
+/// Up to four pictures in the upper row, what was found below; the last one, which may be held out, is always there.
+pub(crate) fn sheet(
+    model: &Traced,
+    views: &[View],
+    targets: &[Image],
+    (spp, seed): (u32, u64),
+) -> Result<Image> {
+    let shown = spread(views.len(), SHOWN);
+    let mut images: Vec<Image> = shown.iter().map(|k| targets[*k].select(&[0, 1, 2])).collect();
+    for k in &shown {
+        images.push(model.picture(&views[*k], spp, seed)?.select(&[0, 1, 2]));
+    }
+    Ok(contact_sheet(&images.iter().collect::<Vec<_>>(), shown.len(), 4))
+}
+
+/// At most `most` of `all` pictures, evenly spread; the last one is always among them.
+fn spread(all: usize, most: usize) -> Vec<usize> {
+    let count = all.min(most);
+    (0..count).map(|k| (all - 1) * (k + 1) / count).collect()
+}
+
 impl Found<'_> {
     /// Writes the page to a folder beside the other results and tells people what was found.
     pub(crate) fn tell(&self, folder: &Path, text: &str, mut results: Results) -> Result<()> {
@@ -59,10 +98,9 @@ impl Found<'_> {
 
     /// Writes the page to a folder; of many pictures some are shown, the last one always.
     fn write(&self, folder: &Path) -> Result<()> {
-        let (all, shown) = (self.views.len(), self.views.len().min(MOST));
-        let (spp, seed) = self.sampled;
-        let mut views = Vec::with_capacity(shown);
-        for k in (0..shown).map(|k| (all - 1) * (k + 1) / shown) {
+        let (all, (spp, seed)) = (self.views.len(), self.sampled);
+        let mut views = Vec::new();
+        for k in spread(all, MOST) {
             let found = self.model.picture(&self.views[k], spp, seed)?;
             let quality = view_quality(&opaque(&self.targets[k]), &opaque(&found));
             let reference = view_quality(&opaque(&self.targets[k]), &opaque(&self.targets[k])).picture;
@@ -79,7 +117,7 @@ impl Found<'_> {
                 summary: self.reached.lines().next().unwrap_or_default().to_owned(),
                 stages: &["found"],
                 views: &views,
-                judged: format!("{shown} of {all} pictures, {spp} samples a pixel; {held_out}."),
+                judged: format!("{} of {all} pictures, {spp} samples a pixel; {held_out}.", views.len()),
                 history: self.history,
                 measure: TRACED_MEASURE,
                 plan: self.plan.to_string(),

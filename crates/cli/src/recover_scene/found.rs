@@ -4,7 +4,7 @@ use crate::args::RecoverScene;
 use crate::output::{self, Results};
 use crate::parameter_scene::{Quantity, tensor};
 use crate::status::Misuse;
-use crate::traced_report::{Found, first_and_best};
+use crate::traced_report::{Found, course, first_and_best, judged};
 use anyhow::{Result, bail};
 use glam::DVec3;
 use photofit_fit::engine::traced::Traced;
@@ -111,11 +111,7 @@ pub(super) fn write(
         let layers = [("", &picture, &["R", "G", "B", "A"][..])];
         results.took(photofit_image::write_exr(file, &layers).map_err(Into::into));
     }
-    let judged = match r.held_out {
-        Some(view) => format!("picture {view}, which was held out"),
-        None if views.len() == 1 => "the picture that was fitted (none is held out)".into(),
-        None => "the pictures that were fitted (none is held out)".into(),
-    };
+    let judged = judged(r.held_out, views.len());
     // The last of the evaluations was the best, and better than those before by more than their noise.
     let errors: Vec<f64> = r.history.iter().map(|h| relative_error(h.quality)).collect();
     if let ([.., before, last], true) = (&errors[..], r.steps >= a.traced.steps && !r.stopped)
@@ -192,7 +188,6 @@ fn figures(
 ) -> Value {
     let told: Vec<&HistoryPoint> = r.history.iter().filter(|h| h.loss > 0.0).collect();
     let loss = |h: Option<&&HistoryPoint>| h.map(|h| h.loss);
-    let point = |h: &HistoryPoint| json!({"step": h.step, "loss": h.loss, "relative_error": relative_error(h.quality)});
     // The steps of this run, which took these seconds.
     let own = r.steps.saturating_sub(r.resumed);
     json!({
@@ -206,6 +201,6 @@ fn figures(
         "seconds_per_iteration": (own > 0).then(|| seconds / own as f64),
         "loss": { "first": loss(told.first()), "last": loss(told.last()) },
         "relative_error": { "first": errors[0], "best": errors[1] },
-        "course": r.history.iter().map(point).collect::<Vec<_>>(),
+        "course": course(&r.history),
     })
 }

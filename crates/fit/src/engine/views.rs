@@ -378,6 +378,19 @@ fn sphere(rng: &mut Rng) -> Vec3 {
     Vec3::new(d.x, d.y, d.z)
 }
 
+/// `count` cameras in a spiral around a sphere, which they see whole, from above to below.
+pub fn views_around(center: Vec3, radius: f32, count: usize) -> Vec<View> {
+    const FOV: f32 = 0.7;
+    let view = |k: usize| {
+        let y = 1.0 - 2.0 * (k as f32 + 0.5) / count as f32;
+        let (turn, r) = (2.4 * k as f32, (1.0 - y * y).sqrt());
+        let distance = radius / (0.5 * FOV).sin();
+        let eye = center + distance * Vec3::new(r * turn.cos(), y, r * turn.sin());
+        View::pinhole(&Camera::look_at(eye, center, Vec3::Y, FOV, 1.0, 1e-3 * distance, 4.0 * distance))
+    };
+    (0..count).map(view).collect()
+}
+
 fn fibonacci(index: u64, count: u64, turn: f32) -> Vec3 {
     let y = 1.0 - 2.0 * (index as f32 + 0.5) / count.max(1) as f32;
     let a = index as f32 * (std::f32::consts::PI * (3.0 - 5.0f32.sqrt())) + turn;

@@ -5,14 +5,12 @@ use crate::FitError;
 use crate::engine::FitFrame;
 use crate::engine::reference::{ENERGY, world};
 use crate::engine::traced::WHOLE;
-use glam::Vec3;
+use crate::engine::views::views_around;
 use photofit_image::{Image, psnr_from_mse, to_display};
 use photofit_pathtrace::{PathOptions, RenderOptions, Renderer, View, World};
 use photofit_sampling::hash;
-use photofit_scene::{Camera, MapKind, Material, Scene};
+use photofit_scene::{MapKind, Material, Scene};
 
-/// Field of view of the cameras around an asset, radians.
-const FOV: f32 = 0.7;
 /// Tells the numbers of the pictures from those of a fit.
 const SEED: u64 = 0x6b6e_6f77;
 /// Samples per pixel of pictures of a property.
@@ -58,14 +56,7 @@ pub struct MaterialErrors {
 pub fn around(asset: &Scene, count: usize) -> Result<Vec<View>, FitError> {
     asset.validate_for_fit()?;
     let Some((middle, radius)) = asset.bounding_sphere() else { return Ok(Vec::new()) };
-    let view = |k: usize| {
-        let y = 1.0 - 2.0 * (k as f32 + 0.5) / count as f32;
-        let (turn, r) = (2.4 * k as f32, (1.0 - y * y).max(0.0).sqrt());
-        let distance = radius / (0.5 * FOV).sin();
-        let eye = middle + distance * Vec3::new(r * turn.cos(), y, r * turn.sin());
-        View::pinhole(&Camera::look_at(eye, middle, Vec3::Y, FOV, 1.0, 1e-3 * distance, 4.0 * distance))
-    };
-    let mut views: Vec<View> = (0..count).map(view).collect();
+    let mut views = views_around(middle, radius, count);
     // The last picture judges a fit: one from the side, which sees what lies on a floor.
     if let Some(last) = count.checked_sub(1) {
         views.swap(count / 2, last);

@@ -5,7 +5,6 @@ use super::{Asset, Outcome, SimplifyOptions, Written, byte_budget, locks, outcom
 use crate::candidate::{Candidate, SurfaceClass};
 use crate::engine::FitFrame;
 use crate::engine::judge::Stage;
-use crate::engine::plan::FitPlan;
 use crate::engine::surface::Surface;
 use crate::engine::trainer::Trained;
 use crate::{FitError, Progress};
@@ -63,11 +62,7 @@ pub(super) fn simplify(
     stages.push(Stage::new("fitted", written));
     let judge = options.judge_of(scene, n, reference);
     let views = judge.views(&stages, options.report_views, progress)?;
-    let plan = FitPlan::new(scene)
-        .with_options(options.fit_steps(), reference.kind(), &options.lighting)
-        .with_surfacing(options.surfacing)
-        .with_judgement(options.judgement(scene))
-        .with_occlusion(options.occlusion);
+    let plan = options.plan(scene, reference.kind());
     let names: Vec<&'static str> = stages.iter().map(|s| s.name).collect();
     let written = &stages[stages.len() - 1].scene;
     let triangles = [scene.triangle_count(), written.triangle_count()];

@@ -142,13 +142,8 @@ pub(crate) fn simplify_asset(
     let held_out = HeldOut::new(reference, &views, sampling, options.held_out_views(), options.seed)?;
     let start = choice::best_start(&starts, &held_out);
     let loss = loss::choose(&held_out);
-    let plan = FitPlan::new(scene)
-        .with_options(options.steps, reference.kind(), &options.lighting)
-        .with_surfacing(options.surfacing)
-        .with_judgement(options.judgement(scene))
-        .with_occlusion(options.occlusion)
-        .with_loss(loss, held_out.noise)
-        .with_maps(&start.candidate);
+    let plan = options.plan(scene, reference.kind());
+    let plan = plan.with_loss(loss, held_out.noise).with_maps(&start.candidate);
     let keeping = through_path::keeping_before(options);
     let job = Job {
         reference,

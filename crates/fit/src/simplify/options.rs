@@ -6,8 +6,8 @@ use crate::candidate::Candidate;
 use crate::engine::device::Device;
 use crate::engine::export::to_scene;
 use crate::engine::judge::{Judge, JudgeRenderer, WIDEST_TRACED, beyond_rasterizer};
-use crate::engine::plan::Judgement;
-use crate::engine::reference::{Reference, SAMPLES, SUPERSAMPLE, samples_for};
+use crate::engine::plan::{FitPlan, Judgement};
+use crate::engine::reference::{Reference, ReferenceKind, SAMPLES, SUPERSAMPLE, samples_for};
 use crate::engine::trainer::{HELD_OUT, Keeping};
 use crate::engine::vertex_colors::colored;
 use crate::views::{Lighting, Sampling};
@@ -196,6 +196,15 @@ impl SimplifyOptions {
         } else {
             plain
         }
+    }
+
+    /// What a fit of an asset against pictures of a kind does, as far as the options tell.
+    pub fn plan(&self, scene: &Scene, reference: ReferenceKind) -> FitPlan {
+        FitPlan::new(scene)
+            .with_options(self.fit_steps(), reference, &self.lighting)
+            .with_surfacing(self.surfacing)
+            .with_judgement(self.judgement(scene))
+            .with_occlusion(self.occlusion)
     }
 
     /// Steps that are made at most.
