@@ -8,9 +8,11 @@
 use super::light_asset::LightAsset;
 use crate::candidate::Candidate;
 use photofit_geometry::Mesh;
-use photofit_image::srgb_encode;
+use photofit_image::{psnr_from_mse, srgb_encode};
+use photofit_raster::deferred::SAMPLER;
+use photofit_raster::texture::{lookup, sample};
 use photofit_raster::{CHANNELS, channel};
-use photofit_scalar::{Vec3f, vec3, vec4};
+use photofit_scalar::{Vec2f, Vec3f, vec3, vec4};
 use photofit_scene::{AlphaMode, Instance, Material, Primitive, Scene};
 use photofit_shading::Sides;
 use std::collections::BTreeMap;
@@ -85,19 +87,9 @@ pub fn colored(candidate: &Candidate, light: &LightAsset) -> Colored {
     Colored { scene, psnr }
 }
 
-/// Texel of the maps at texture coordinates in [0, 1], bilinear.
-fn texel(candidate: &Candidate, u: f32, v: f32) -> [f32; CHANNELS] {
-    let base = &candidate.maps.levels[0];
-    let along = |x: f32, n: usize| {
-        let x = (x * n as f32 - 0.5).clamp(0.0, (n - 1) as f32);
-        let low = x as usize;
-        (low, (low + 1).min(n - 1), x - low as f32)
-    };
-    let ((x0, x1, a), (y0, y1, b)) = (along(u, base.width), along(v, base.height));
-    let at = |x: usize, y: usize| &base.texels[y * base.width + x];
-    let [p, q, r, s] = [at(x0, y0), at(x1, y0), at(x0, y1), at(x1, y1)];
-    let mix = |c| (p[c] * (1.0 - a) + q[c] * a) * (1.0 - b) + (r[c] * (1.0 - a) + s[c] * a) * b;
-    std::array::from_fn(mix)
+/// The maps at texture coordinates, on their finest level.
+fn texel(candidate: &Candidate, uv: Vec2f) -> [f32; CHANNELS] {
+    sample(&candidate.maps, &lookup(&candidate.maps, uv, None, &SAMPLER))
 }
 
 /// Visits evenly spread points of triangle `t`, about one for each of its texels: barycentric weights, area, and texel.
@@ -119,7 +111,7 @@ fn visit(candidate: &Candidate, mesh: &Mesh, t: usize, mut each: impl FnMut([f64
                 let shift = if turned { 2.0 / 3.0 } else { 1.0 / 3.0 };
                 let (v, w) = ((i as f64 + shift) / n as f64, (j as f64 + shift) / n as f64);
                 let at = uv[0] + e * v as f32 + f * w as f32;
-                each([1.0 - v - w, v, w], area, texel(candidate, at.x, at.y));
+                each([1.0 - v - w, v, w], area, texel(candidate, at));
             }
         }
     }
@@ -243,7 +235,7 @@ impl System {
                 area += 3.0 * s.area;
             }
         }
-        -10.0 * (sum / f64::max(area, f64::MIN_POSITIVE)).max(1e-10).log10()
+        psnr_from_mse((sum / f64::max(area, f64::MIN_POSITIVE)).max(1e-10))
     }
 }
 
@@ -404,7 +396,7 @@ mod tests {
         assert!((area / own - 1.0).abs() < 1e-6, "samples stand for the whole surface");
         let mut points = vec![[0.0; 4]; candidate.positions.len()];
         for (v, uv) in candidate.uvs.iter().enumerate() {
-            let x = texel(candidate, uv.x, uv.y);
+            let x = texel(candidate, *uv);
             points[candidate.weld.ids[v] as usize] = [0, 1, 2, 3].map(|k| f64::from(x[k]));
         }
         let system = System::new(corners, &samples, points.len());

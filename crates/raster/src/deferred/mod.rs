@@ -14,6 +14,7 @@ mod pixel;
 mod tile;
 
 pub use frame::{Frame, FrameLayer, Gradients, render, render_into, render_vjp};
+pub use pixel::SAMPLER;
 
 use crate::antialias::Topology;
 use crate::project::Matrix4;

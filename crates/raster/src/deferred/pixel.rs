@@ -13,7 +13,7 @@ use photofit_shading::{
 use photofit_texture::{AlphaMode, Filter, Sampler, Wrap};
 
 /// How the maps of a fitted mesh are read: its atlas is padded, so the border texel continues.
-pub(super) const SAMPLER: Sampler =
+pub const SAMPLER: Sampler =
     Sampler { wrap_u: Wrap::ClampToEdge, wrap_v: Wrap::ClampToEdge, filter: Filter::Trilinear };
 
 /// Interpolated vertex attributes: side by side, they fill whole vector registers.
