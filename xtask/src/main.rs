@@ -7,6 +7,7 @@
 
 mod ci;
 mod dist;
+mod judge;
 mod lint;
 mod shaders;
 mod shell;
@@ -33,6 +34,7 @@ cargo xtask <task>
   bench [SUITE...] [--baseline]
                             error-against-time suites into out/bench; --baseline times the reference too
   bench peers [NAME...]     tables against other programs into out/bench/peers
+  judge FILE...             glTF files by the validator and the asset auditor of Khronos, where node is installed
   demo [ARGS...]            cargo run --release -p photofit-cli -- demo
   dist                      release program, readme and licences as an archive in out/dist
 ";
@@ -66,6 +68,7 @@ fn run(args: &[String]) -> Result<()> {
         }
         "golden" => tasks::golden(rest),
         "bench" => tasks::bench(rest),
+        "judge" => judge::run(rest),
         "demo" => tasks::demo(rest),
         "dist" => no_args(rest).and_then(|()| dist::run()),
         "help" | "--help" | "-h" => {

@@ -6,7 +6,7 @@
 
 use photofit_raster::antialias::MeshTopology;
 use photofit_raster::deferred::{Geometry, Gradients, Passes, View, render, render_vjp};
-use photofit_raster::loss::{Frame as Shape, Loss};
+use photofit_raster::loss::{Loss, PictureLayout};
 use photofit_raster::project::Matrix4;
 use photofit_raster::texture::Pyramid;
 use photofit_raster::{CHANNELS, Maps, Vec3, channel, vec2, vec3, vec4};
@@ -84,7 +84,7 @@ fn main() {
         &passes,
     )
     .color;
-    let shape = Shape::new(SIZE, SIZE, 4);
+    let shape = PictureLayout::new(SIZE, SIZE, 4);
     let mut gradients = Gradients::new(4, &square.maps);
     for step in 0..=STEPS {
         let geometry = Geometry { positions: &square.positions, ..fixed };

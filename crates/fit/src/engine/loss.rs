@@ -99,12 +99,12 @@ impl PictureLoss {
             Weights::Equal => Vec::new(),
             Weights::Relative => relative_weights((width, height), reference),
         };
-        let mut frame = loss::Frame::new(width, height, 4).only(0..3);
+        let mut layout = loss::PictureLayout::new(width, height, 4).only(0..3);
         if self.weights == Weights::Relative {
-            frame = frame.weighted(&weights);
+            layout = layout.weighted(&weights);
         }
         let (x, y) = (pixels.as_flattened(), reference.as_flattened());
-        self.loss.value_and_gradient(x, y, &frame, factor, gradient.as_flattened_mut())
+        self.loss.value_and_gradient(x, y, &layout, factor, gradient.as_flattened_mut())
     }
 }
 

@@ -1,6 +1,6 @@
 //! Image losses on linear HDR images: value and gradient with respect to the candidate, in one pass.
 //!
-//! Every loss is a mean over the pixels of a [`Frame`] and the channels that it reads; `x` is the candidate, `y` the
+//! Every loss is a mean over the pixels of a [`PictureLayout`] and the channels that it reads; `x` is the candidate, `y` the
 //! reference (constant). Samples are clamped to `[-`[`SAMPLE_MAX`]`, `[`SAMPLE_MAX`]`]`, with a zero gradient beyond;
 //! NaN is not hidden, it makes the value NaN. Antialiasing may leave slightly negative samples: the tone curve
 //! `S(x) = G(ln(1 + x))`, with G the sRGB transfer, continues as an odd function (it is linear about zero, hence
@@ -45,9 +45,9 @@ pub enum Loss {
     Ssim,
 }
 
-/// Shape of the images: `height` rows of `width` pixels of `channels` interleaved samples.
+/// Layout of the images of a loss: `height` rows of `width` pixels of `channels` interleaved samples.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Frame<'a, T = f32> {
+pub struct PictureLayout<'a, T = f32> {
     width: usize,
     height: usize,
     channels: usize,
@@ -55,8 +55,8 @@ pub struct Frame<'a, T = f32> {
     weights: Option<&'a [T]>,
 }
 
-impl<'a, T: LossScalar> Frame<'a, T> {
-    /// A frame of which every channel is read, without weights.
+impl<'a, T: LossScalar> PictureLayout<'a, T> {
+    /// A layout of which every channel is read, without weights.
     pub fn new(width: usize, height: usize, channels: usize) -> Self {
         Self { width, height, channels, read: 0..channels, weights: None }
     }
@@ -104,59 +104,59 @@ impl<'a, T: LossScalar> Frame<'a, T> {
 impl Loss {
     /// `factor` times the loss; adds `factor` times its gradient with respect to `x` to `gradient`.
     ///
-    /// `x`, `y` and `gradient` have the shape of the frame. An image without pixels has the value zero.
+    /// `x`, `y` and `gradient` have the shape of the layout. An image without pixels has the value zero.
     ///
     /// ```
-    /// use photofit_raster::loss::{Frame, Loss};
+    /// use photofit_raster::loss::{PictureLayout, Loss};
     /// let (x, y) = ([0.5_f32, 0.2, 0.1], [0.5_f32, 0.1, 0.3]);
     /// let mut gradient = [0.0; 3];
-    /// let value = Loss::Mse.value_and_gradient(&x, &y, &Frame::new(1, 1, 3), 1.0, &mut gradient);
+    /// let value = Loss::Mse.value_and_gradient(&x, &y, &PictureLayout::new(1, 1, 3), 1.0, &mut gradient);
     /// assert!((value - 0.05 / 3.0).abs() < 1e-7);
     /// assert!((gradient[2] + 0.4 / 3.0).abs() < 1e-7);
     /// ```
     ///
     /// # Panics
-    /// If a slice does not have the shape of the frame.
+    /// If a slice does not have the shape of the layout.
     pub fn value_and_gradient<T: LossScalar>(
         self,
         x: &[T],
         y: &[T],
-        frame: &Frame<'_, T>,
+        layout: &PictureLayout<'_, T>,
         factor: f64,
         gradient: &mut [T],
     ) -> f64 {
-        frame.check(x, y);
+        layout.check(x, y);
         assert_eq!(gradient.len(), x.len(), "samples of the gradient");
-        self.dispatch(x, y, frame, factor, Some(gradient))
+        self.dispatch(x, y, layout, factor, Some(gradient))
     }
 
     /// The loss alone: the same bits as [`Self::value_and_gradient`] with `factor` one.
     ///
     /// # Panics
-    /// If a slice does not have the shape of the frame.
-    pub fn value<T: LossScalar>(self, x: &[T], y: &[T], frame: &Frame<'_, T>) -> f64 {
-        frame.check(x, y);
-        self.dispatch(x, y, frame, 1.0, None)
+    /// If a slice does not have the shape of the layout.
+    pub fn value<T: LossScalar>(self, x: &[T], y: &[T], layout: &PictureLayout<'_, T>) -> f64 {
+        layout.check(x, y);
+        self.dispatch(x, y, layout, 1.0, None)
     }
 
     fn dispatch<T: LossScalar>(
         self,
         x: &[T],
         y: &[T],
-        frame: &Frame<'_, T>,
+        layout: &PictureLayout<'_, T>,
         factor: f64,
         gradient: Option<&mut [T]>,
     ) -> f64 {
-        if frame.terms() == 0 {
+        if layout.terms() == 0 {
             return 0.0;
         }
         match self {
-            Self::LogSrgbL1 => pointwise::run::<T, pointwise::LogSrgbL1>(x, y, frame, factor, gradient),
-            Self::LogSrgbL2 => pointwise::run::<T, pointwise::LogSrgbL2>(x, y, frame, factor, gradient),
-            Self::Mse => pointwise::run::<T, pointwise::Mse>(x, y, frame, factor, gradient),
-            Self::Smape => pointwise::run::<T, pointwise::Smape>(x, y, frame, factor, gradient),
-            Self::RelativeL2 => pointwise::run::<T, pointwise::RelativeL2>(x, y, frame, factor, gradient),
-            Self::Ssim => ssim::run(x, y, frame, factor, gradient),
+            Self::LogSrgbL1 => pointwise::run::<T, pointwise::LogSrgbL1>(x, y, layout, factor, gradient),
+            Self::LogSrgbL2 => pointwise::run::<T, pointwise::LogSrgbL2>(x, y, layout, factor, gradient),
+            Self::Mse => pointwise::run::<T, pointwise::Mse>(x, y, layout, factor, gradient),
+            Self::Smape => pointwise::run::<T, pointwise::Smape>(x, y, layout, factor, gradient),
+            Self::RelativeL2 => pointwise::run::<T, pointwise::RelativeL2>(x, y, layout, factor, gradient),
+            Self::Ssim => ssim::run(x, y, layout, factor, gradient),
         }
     }
 }

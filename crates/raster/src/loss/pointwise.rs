@@ -1,6 +1,6 @@
 //! Losses that are a sum of terms of one sample each.
 
-use super::Frame;
+use super::PictureLayout;
 use super::curve::{LossScalar, clamp_magnitude, tone};
 use photofit_scalar::Real;
 use rayon::prelude::{IndexedParallelIterator, IntoParallelIterator, ParallelIterator, ParallelSliceMut};
@@ -174,7 +174,7 @@ fn plain_chunk<T: LossScalar, K: Term>(x: &[T], y: &[T], scale: T, mut gradient:
 fn gathered_chunk<T: LossScalar, K: Term>(
     x: &[T],
     y: &[T],
-    frame: &Frame<'_, T>,
+    layout: &PictureLayout<'_, T>,
     first: usize,
     scale: T,
     mut gradient: Option<&mut [T]>,
@@ -182,12 +182,12 @@ fn gathered_chunk<T: LossScalar, K: Term>(
     let zeros = [T::zero(); BLOCK];
     let mut buffer = Gather { x: zeros, y: zeros, w: zeros, at: [0; BLOCK], len: 0 };
     let mut sum = 0.0;
-    for pixel in 0..x.len() / frame.channels {
-        let weight = frame.weights.map_or(T::one(), |w| w[first + pixel]);
+    for pixel in 0..x.len() / layout.channels {
+        let weight = layout.weights.map_or(T::one(), |w| w[first + pixel]);
         if weight == T::zero() {
             continue;
         }
-        for at in pixel * frame.channels + frame.read.start..pixel * frame.channels + frame.read.end {
+        for at in pixel * layout.channels + layout.read.start..pixel * layout.channels + layout.read.end {
             if buffer.len == BLOCK {
                 sum += buffer.flush::<K>(scale, gradient.as_deref_mut());
             }
@@ -230,21 +230,21 @@ impl<T: LossScalar> Gather<T> {
 pub(super) fn run<T: LossScalar, K: Term>(
     x: &[T],
     y: &[T],
-    frame: &Frame<'_, T>,
+    layout: &PictureLayout<'_, T>,
     factor: f64,
     gradient: Option<&mut [T]>,
 ) -> f64 {
-    let rows = CHUNK.div_ceil(frame.pitch());
-    let size = rows * frame.pitch();
-    let plain = frame.weights.is_none() && frame.read.len() == frame.channels;
-    let scale = factor / frame.terms() as f64;
+    let rows = CHUNK.div_ceil(layout.pitch());
+    let size = rows * layout.pitch();
+    let plain = layout.weights.is_none() && layout.read.len() == layout.channels;
+    let scale = factor / layout.terms() as f64;
     let part = |k: usize, g: Option<&mut [T]>| {
         let (from, to) = (k * size, ((k + 1) * size).min(x.len()));
         let (x, y) = (&x[from..to], &y[from..to]);
         if plain {
             plain_chunk::<T, K>(x, y, T::of(scale), g)
         } else {
-            gathered_chunk::<T, K>(x, y, frame, k * rows * frame.width, T::of(scale), g)
+            gathered_chunk::<T, K>(x, y, layout, k * rows * layout.width, T::of(scale), g)
         }
     };
     let sums: Vec<f64> = match gradient {

@@ -7,7 +7,7 @@
 //!
 //! Bands of rows are worked on independently, each with the rows around it that its windows reach.
 
-use super::Frame;
+use super::PictureLayout;
 use super::curve::{LossScalar, tone};
 use rayon::prelude::{IndexedParallelIterator, IntoParallelIterator, ParallelIterator, ParallelSliceMut};
 use std::ops::Range;
@@ -46,12 +46,12 @@ impl<T: LossScalar> Window<T> {
     }
 
     /// Norm and weight of every sample of a row.
-    fn row_norms(&self, frame: &Frame<'_, T>, row: usize) -> Vec<[T; 2]> {
+    fn row_norms(&self, layout: &PictureLayout<'_, T>, row: usize) -> Vec<[T; 2]> {
         let pixel = |column: usize| {
-            let weight = frame.weights.map_or(T::one(), |w| w[row * frame.width + column]);
+            let weight = layout.weights.map_or(T::one(), |w| w[row * layout.width + column]);
             [self.columns[column] * self.rows[row], weight]
         };
-        (0..frame.width).flat_map(|column| frame.read.clone().map(move |_| pixel(column))).collect()
+        (0..layout.width).flat_map(|column| layout.read.clone().map(move |_| pixel(column))).collect()
     }
 
     /// Zero-padded filter along a row; `padded` has [`RADIUS`] pixels of zeros on both sides.
@@ -114,10 +114,11 @@ struct Band<T> {
 
 impl<T: LossScalar> Band<T> {
     #[inline(always)]
-    fn new<const FMA: bool>(x: &[T], y: &[T], frame: &Frame<'_, T>, rows: Range<usize>) -> Self {
+    fn new<const FMA: bool>(x: &[T], y: &[T], layout: &PictureLayout<'_, T>, rows: Range<usize>) -> Self {
         let gather = |image: &[T]| -> Vec<T> {
-            let pixels = image[rows.start * frame.pitch()..rows.end * frame.pitch()].chunks(frame.channels);
-            pixels.flat_map(|p| &p[frame.read.clone()]).copied().collect()
+            let pixels =
+                image[rows.start * layout.pitch()..rows.end * layout.pitch()].chunks(layout.channels);
+            pixels.flat_map(|p| &p[layout.read.clone()]).copied().collect()
         };
         let (mut a, mut b) = (gather(x), gather(y));
         let mut slope = vec![T::zero(); a.len()];
@@ -150,17 +151,17 @@ fn ssim<T: LossScalar>([ma, mb, eaa, ebb, eab]: [T; 5]) -> (T, [T; 3]) {
 fn band<T: LossScalar, const FMA: bool>(
     x: &[T],
     y: &[T],
-    frame: &Frame<'_, T>,
+    layout: &PictureLayout<'_, T>,
     window: &Window<T>,
     own: &Range<usize>,
     scale: T,
     gradient: Option<&mut [T]>,
 ) -> f64 {
-    let channels = frame.read.len();
-    let n = frame.width * channels;
+    let channels = layout.read.len();
+    let n = layout.width * channels;
     // Rows whose SSIM depends on the own rows, and rows that those windows reach.
-    let wide = if gradient.is_some() { grown(own, frame.height) } else { own.clone() };
-    let input = Band::new::<FMA>(x, y, frame, grown(&wide, frame.height));
+    let wide = if gradient.is_some() { grown(own, layout.height) } else { own.clone() };
+    let input = Band::new::<FMA>(x, y, layout, grown(&wide, layout.height));
 
     // a, b, a^2, b^2, ab filtered along the rows.
     let mut padded = vec![T::zero(); n + 2 * RADIUS * channels];
@@ -188,7 +189,7 @@ fn band<T: LossScalar, const FMA: bool>(
         for (plane, out) in filtered.iter().zip(&mut moments) {
             window.across(plane, &input.rows, at, out);
         }
-        let terms = window.row_norms(frame, at);
+        let terms = window.row_norms(layout, at);
         let d = derivatives.each_mut().map(|plane| &mut plane[(at - wide.start) * n..][..n]);
         let row_sum = ssim_row(&moments, &terms, d);
         sum += if own.contains(&at) { row_sum } else { 0.0 };
@@ -203,9 +204,9 @@ fn band<T: LossScalar, const FMA: bool>(
             }
             let from = (at - input.rows.start) * n;
             let (a, slope, b) = (&input.a[from..][..n], &input.slope[from..][..n], &input.b[from..][..n]);
-            let g = &mut gradient[(at - own.start) * frame.pitch()..][..frame.pitch()];
-            for (pixel, g) in g.chunks_mut(frame.channels).enumerate() {
-                for (c, g) in g[frame.read.clone()].iter_mut().enumerate() {
+            let g = &mut gradient[(at - own.start) * layout.pitch()..][..layout.pitch()];
+            for (pixel, g) in g.chunks_mut(layout.channels).enumerate() {
+                for (c, g) in g[layout.read.clone()].iter_mut().enumerate() {
                     let i = pixel * channels + c;
                     let d = adjoint[0][i] + (a[i] + a[i]) * adjoint[1][i] + b[i] * adjoint[2][i];
                     *g += d * slope[i] * scale;
@@ -238,20 +239,20 @@ fn ssim_row<T: LossScalar>(moments: &[Vec<T>; 5], terms: &[[T; 2]], out: [&mut [
 fn band_avx2<T: LossScalar>(
     x: &[T],
     y: &[T],
-    frame: &Frame<'_, T>,
+    layout: &PictureLayout<'_, T>,
     window: &Window<T>,
     own: &Range<usize>,
     scale: T,
     gradient: Option<&mut [T]>,
 ) -> f64 {
-    band::<T, true>(x, y, frame, window, own, scale, gradient)
+    band::<T, true>(x, y, layout, window, own, scale, gradient)
 }
 
 /// One band on the widest instructions of this machine.
 fn any_band<T: LossScalar>(
     x: &[T],
     y: &[T],
-    frame: &Frame<'_, T>,
+    layout: &PictureLayout<'_, T>,
     window: &Window<T>,
     own: &Range<usize>,
     scale: T,
@@ -261,30 +262,30 @@ fn any_band<T: LossScalar>(
     if crate::cpu::has_avx2() {
         #[expect(unsafe_code, reason = "calling a function compiled for AVX2 and FMA")]
         // SAFETY: both features were just detected.
-        return unsafe { band_avx2(x, y, frame, window, own, scale, gradient) };
+        return unsafe { band_avx2(x, y, layout, window, own, scale, gradient) };
     }
-    band::<T, false>(x, y, frame, window, own, scale, gradient)
+    band::<T, false>(x, y, layout, window, own, scale, gradient)
 }
 
 /// `factor` times the mean of `1 - SSIM`; adds `factor` times the gradient.
 pub(super) fn run<T: LossScalar>(
     x: &[T],
     y: &[T],
-    frame: &Frame<'_, T>,
+    layout: &PictureLayout<'_, T>,
     factor: f64,
     gradient: Option<&mut [T]>,
 ) -> f64 {
-    let window = Window::new(frame.width, frame.height);
-    let scale = factor / frame.terms() as f64;
+    let window = Window::new(layout.width, layout.height);
+    let scale = factor / layout.terms() as f64;
     let part = |k: usize, g: Option<&mut [T]>| {
-        let own = k * BAND..((k + 1) * BAND).min(frame.height);
-        any_band(x, y, frame, &window, &own, T::of(scale), g)
+        let own = k * BAND..((k + 1) * BAND).min(layout.height);
+        any_band(x, y, layout, &window, &own, T::of(scale), g)
     };
     let sums: Vec<f64> = match gradient {
         Some(g) => {
-            g.par_chunks_mut(BAND * frame.pitch()).enumerate().map(|(k, g)| part(k, Some(g))).collect()
+            g.par_chunks_mut(BAND * layout.pitch()).enumerate().map(|(k, g)| part(k, Some(g))).collect()
         }
-        None => (0..frame.height.div_ceil(BAND)).into_par_iter().map(|k| part(k, None)).collect(),
+        None => (0..layout.height.div_ceil(BAND)).into_par_iter().map(|k| part(k, None)).collect(),
     };
     sums.iter().sum::<f64>() * scale
 }

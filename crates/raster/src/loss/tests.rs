@@ -1,7 +1,7 @@
 //! Tests of the losses.
 
 use super::curve::{LossScalar, tone};
-use super::{Frame, Loss, SAMPLE_MAX};
+use super::{Loss, PictureLayout, SAMPLE_MAX};
 use photofit_gradcheck::{Uniform, check};
 
 const ALL: [Loss; 6] =
@@ -37,17 +37,17 @@ fn gradients_of_every_loss() {
         let (x, y) = images(&mut random, n * channels);
         for loss in ALL {
             for weighted in [false, true] {
-                let frame = Frame::new(width, height, channels).only(read.clone());
-                let frame = if weighted { frame.weighted(&weights) } else { frame };
+                let layout = PictureLayout::new(width, height, channels).only(read.clone());
+                let layout = if weighted { layout.weighted(&weights) } else { layout };
                 let factor = random.range(0.5, 2.0);
                 // Gradients accumulate.
                 let before = random.vec(n * channels, -1.0, 1.0);
                 let mut g = before.clone();
-                let value = loss.value_and_gradient(&x, &y, &frame, factor, &mut g);
-                assert!((value - factor * loss.value(&x, &y, &frame)).abs() < 1e-12, "{loss:?}");
+                let value = loss.value_and_gradient(&x, &y, &layout, factor, &mut g);
+                assert!((value - factor * loss.value(&x, &y, &layout)).abs() < 1e-12, "{loss:?}");
                 g.iter_mut().zip(&before).for_each(|(g, b)| *g -= b);
                 check(&format!("{loss:?} {width}x{height}x{channels}"), &x, &g, 1e-6, 1e-5, |x| {
-                    factor * loss.value(x, &y, &frame)
+                    factor * loss.value(x, &y, &layout)
                 });
             }
         }
@@ -60,16 +60,16 @@ fn ssim_gradient_across_bands() {
     let mut random = Uniform::new(2);
     let (width, height) = (2, 70);
     let (x, y) = images(&mut random, width * height);
-    let frame = Frame::new(width, height, 1);
+    let layout = PictureLayout::new(width, height, 1);
     let mut g = vec![0.0; x.len()];
-    Loss::Ssim.value_and_gradient(&x, &y, &frame, 1.0, &mut g);
-    check("ssim over bands", &x, &g, 1e-6, 1e-5, |x| Loss::Ssim.value(x, &y, &frame));
+    Loss::Ssim.value_and_gradient(&x, &y, &layout, 1.0, &mut g);
+    check("ssim over bands", &x, &g, 1e-6, 1e-5, |x| Loss::Ssim.value(x, &y, &layout));
 }
 
 #[test]
 fn known_values() {
-    let frame = Frame::new(1, 1, 1);
-    let value = |loss: Loss, x: f64, y: f64| loss.value(&[x], &[y], &frame);
+    let layout = PictureLayout::new(1, 1, 1);
+    let value = |loss: Loss, x: f64, y: f64| loss.value(&[x], &[y], &layout);
     let g = |t: f64| if t <= 0.0031308 { 12.92 * t } else { 1.055 * t.powf(1.0 / 2.4) - 0.055 };
     let s = |x: f64| g(x.ln_1p());
     assert!((value(Loss::LogSrgbL1, 2.0, 0.001) - (s(2.0) - s(0.001))).abs() < 1e-12);
@@ -82,7 +82,7 @@ fn known_values() {
     let (a, b) = (s(2.0), s(0.5));
     let expected = 1.0 - (2.0 * a * b + 1e-4) / (a * a + b * b + 1e-4);
     assert!((value(Loss::Ssim, 2.0, 0.5) - expected).abs() < 1e-12);
-    let alpha = Frame::new(1, 1, 4).only(3..4);
+    let alpha = PictureLayout::new(1, 1, 4).only(3..4);
     assert!((Loss::Mse.value(&[9.0, 9.0, 9.0, 0.25], &[0.0, 0.0, 0.0, 0.75], &alpha) - 0.25).abs() < 1e-12);
 }
 
@@ -90,17 +90,17 @@ fn known_values() {
 fn equal_images_have_no_loss_and_no_gradient() {
     let mut random = Uniform::new(3);
     let (x, _) = images(&mut random, 8 * 8 * 3);
-    let frame = Frame::new(8, 8, 3);
+    let layout = PictureLayout::new(8, 8, 3);
     for loss in ALL {
         let mut g = vec![0.0; x.len()];
-        let value = loss.value_and_gradient(&x, &x, &frame, 1.0, &mut g);
+        let value = loss.value_and_gradient(&x, &x, &layout, 1.0, &mut g);
         assert!(value.abs() < 1e-12, "{loss:?}: {value}");
         assert!(g.iter().all(|g| g.abs() < 1e-12), "{loss:?}");
         let mut other = x.clone();
         other[100] *= 1.01;
         other[101] *= 1.01;
         other[100 / 3 * 3 + 2] *= 1.01;
-        assert!(loss.value(&other, &x, &frame) > 1e-12, "{loss:?} sees no difference");
+        assert!(loss.value(&other, &x, &layout) > 1e-12, "{loss:?} sees no difference");
     }
 }
 
@@ -108,7 +108,7 @@ fn equal_images_have_no_loss_and_no_gradient() {
 fn ssim_of_the_negated_texture_is_near_two() {
     let a: Vec<f64> = (0..400).map(|i| if (i + i / 20) % 2 == 0 { 1.0 } else { -1.0 }).collect();
     let b: Vec<f64> = a.iter().map(|v| -v).collect();
-    let value = Loss::Ssim.value(&a, &b, &Frame::new(20, 20, 1));
+    let value = Loss::Ssim.value(&a, &b, &PictureLayout::new(20, 20, 1));
     assert!(value > 1.5, "{value}");
 }
 
@@ -123,8 +123,8 @@ fn single_precision_agrees_with_double() {
     let (x, y) = (wide(&x32), wide(&y32));
     for loss in ALL {
         let (mut g, mut g32) = (vec![0.0; x.len()], vec![0.0; x.len()]);
-        let a = loss.value_and_gradient(&x, &y, &Frame::new(width, height, 3), 1.0, &mut g);
-        let b = loss.value_and_gradient(&x32, &y32, &Frame::new(width, height, 3), 1.0, &mut g32);
+        let a = loss.value_and_gradient(&x, &y, &PictureLayout::new(width, height, 3), 1.0, &mut g);
+        let b = loss.value_and_gradient(&x32, &y32, &PictureLayout::new(width, height, 3), 1.0, &mut g32);
         let tolerance = if loss == Loss::Ssim { 1e-4 } else { 2e-6 };
         assert!((a - b).abs() < tolerance * a, "{loss:?}: {a} {b}");
         let norm: f64 = g.iter().map(|v| v * v).sum();
@@ -160,16 +160,16 @@ fn the_curve_is_odd_and_clamped() {
 
 #[test]
 fn infinities_are_clamped_and_nan_is_shown() {
-    let frame = Frame::new(2, 1, 1);
+    let layout = PictureLayout::new(2, 1, 1);
     for loss in ALL {
         let mut g = [0.0_f32; 2];
         let value =
-            loss.value_and_gradient(&[f32::INFINITY, 0.5], &[1.0, f32::NEG_INFINITY], &frame, 1.0, &mut g);
+            loss.value_and_gradient(&[f32::INFINITY, 0.5], &[1.0, f32::NEG_INFINITY], &layout, 1.0, &mut g);
         assert!(value.is_finite() && value > 0.0, "{loss:?}: {value}");
         assert!(g.iter().all(|g| g.is_finite()), "{loss:?}: {g:?}");
         assert_eq!(g[0], 0.0, "{loss:?}: no gradient beyond the clamp");
-        assert!(loss.value(&[0.1, f32::NAN], &[1.0, 1.0], &frame).is_nan(), "{loss:?} hides NaN");
-        assert_eq!(loss.value::<f32>(&[], &[], &Frame::new(0, 5, 3)), 0.0);
+        assert!(loss.value(&[0.1, f32::NAN], &[1.0, 1.0], &layout).is_nan(), "{loss:?} hides NaN");
+        assert_eq!(loss.value::<f32>(&[], &[], &PictureLayout::new(0, 5, 3)), 0.0);
     }
 }
 
@@ -178,8 +178,8 @@ fn masked_samples_are_not_looked_at() {
     let (x, y) = ([0.3_f32, f32::NAN, 0.7, f32::NAN], [0.4_f32, 1.0, 0.2, 0.0]);
     let weights = [1.0_f32, 0.0];
     let mut g = [0.0; 4];
-    let frame = Frame::new(2, 1, 2).only(0..1).weighted(&weights);
-    let value = Loss::Mse.value_and_gradient(&x, &y, &frame, 1.0, &mut g);
+    let layout = PictureLayout::new(2, 1, 2).only(0..1).weighted(&weights);
+    let value = Loss::Mse.value_and_gradient(&x, &y, &layout, 1.0, &mut g);
     assert!((value - 0.01 / 2.0).abs() < 1e-7, "{value}");
     assert!((g[0] + 0.1).abs() < 1e-6 && g[1..] == [0.0; 3], "{g:?}");
 }
@@ -191,19 +191,19 @@ fn any_number_of_threads_gives_the_same_bits() {
     let (x, y) = images(&mut random, width * height * 3);
     let (x, y): (Vec<f32>, Vec<f32>) =
         (x.iter().map(|v| *v as f32).collect(), y.iter().map(|v| *v as f32).collect());
-    let frame = Frame::new(width, height, 3);
+    let layout = PictureLayout::new(width, height, 3);
     for loss in ALL {
         let run = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
                 let mut g = vec![0.0; x.len()];
-                let value = loss.value_and_gradient(&x, &y, &frame, 1.0, &mut g);
+                let value = loss.value_and_gradient(&x, &y, &layout, 1.0, &mut g);
                 (value.to_bits(), g)
             })
         };
         let one = run(1);
         assert_eq!(one, run(3), "{loss:?}");
-        assert_eq!(one.0, loss.value(&x, &y, &frame).to_bits(), "{loss:?}: value alone");
+        assert_eq!(one.0, loss.value(&x, &y, &layout).to_bits(), "{loss:?}: value alone");
     }
 }
 
@@ -220,7 +220,7 @@ fn bench() {
         let mut best = f64::INFINITY;
         for _ in 0..10 {
             let start = std::time::Instant::now();
-            pool.install(|| loss.value_and_gradient(&x, &y, &Frame::new(512, 512, 3), 1.0, &mut g));
+            pool.install(|| loss.value_and_gradient(&x, &y, &PictureLayout::new(512, 512, 3), 1.0, &mut g));
             best = best.min(start.elapsed().as_secs_f64());
         }
         println!("{loss:?}: {:.2} ms for 512x512x3 on one thread", best * 1e3);

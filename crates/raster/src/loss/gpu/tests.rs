@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::gpu::tolerances::{LOSS, LOSS_GRADIENT};
-use crate::loss::Frame;
+use crate::loss::PictureLayout;
 use photofit_gpu::test_device;
 use photofit_gradcheck::Uniform;
 
@@ -78,13 +78,13 @@ fn values_and_gradients_are_those_of_the_cpu() {
                     before: &before,
                 };
                 let (value, g) = on_device(gpu, (&x, &y), &setup);
-                let frame = Frame::new(n, 1, 4).only(read.clone());
-                let frame = if weights.is_empty() { frame } else { frame.weighted(weights) };
+                let layout = PictureLayout::new(n, 1, 4).only(read.clone());
+                let layout = if weights.is_empty() { layout } else { layout.weighted(weights) };
                 let mut expected = if accumulates { before.clone() } else { vec![[0.0; 4]; n] };
                 let own = loss.value_and_gradient(
                     x.as_flattened(),
                     y.as_flattened(),
-                    &frame,
+                    &layout,
                     setup.term.factor,
                     expected.as_flattened_mut(),
                 );
