@@ -131,7 +131,7 @@ pub fn choose_for_noisy(held_out: &HeldOut, factor: f64) -> PictureLoss {
 }
 
 /// Pixels on either side of one whose mean its weight follows.
-const ASIDE: usize = 2;
+pub(super) const ASIDE: usize = 2;
 
 /// Weights of the squared errors of the pixels `[height * width]` of a picture that should have these linear colours:
 /// `1 / (mean^2 + .01)`, so that bright parts do not drown the others. The mean is over the channels of 5 x 5 pixels,

@@ -55,6 +55,11 @@ pub const KERNELS: &[Kernel] = &[
     composite::MAGNIFY,
     loss::gpu::TERMS,
     loss::gpu::FINISH,
+    loss::gpu::SIMILARITY[0],
+    loss::gpu::SIMILARITY[1],
+    loss::gpu::SIMILARITY[2],
+    loss::gpu::SIMILARITY[3],
+    loss::gpu::SIMILARITY[4],
 ];
 
 #[cfg(test)]

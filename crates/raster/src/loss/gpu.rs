@@ -1,8 +1,11 @@
-//! Image losses on a device: value and gradient of the losses that are a sum of terms of one sample each, of pictures of
-//! four channels.
+//! Image losses on a device: value and gradient of pictures of four channels.
+
+mod similarity;
 
 use super::Loss;
 use photofit_gpu::{Buffer, Gpu, GpuError, INDEX, Kernel, Recorder, Recording, Slot};
+pub(crate) use similarity::KERNELS as SIMILARITY;
+use similarity::{Planes, SimilarityParams};
 use std::ops::Range;
 
 const SOURCE: &[&str] = &[INDEX, include_str!("curve.wgsl"), include_str!("pointwise.wgsl")];
@@ -43,28 +46,33 @@ pub struct Term {
 }
 
 impl Term {
-    /// The parameters for a picture of some pixels; `None` for a loss that has no twin.
-    fn params(&self, pixels: usize, weighted: bool, place: usize) -> Option<LossParams> {
+    /// Number of the kernel that sums terms of one sample each; `None` for a loss with a window.
+    fn kind(&self) -> Option<u32> {
+        match self.loss {
+            Loss::LogSrgbL1 => Some(0),
+            Loss::LogSrgbL2 => Some(1),
+            Loss::Mse => Some(2),
+            Loss::Smape => Some(3),
+            Loss::RelativeL2 => Some(4),
+            Loss::Ssim => None,
+        }
+    }
+
+    /// The parameters for a picture of some columns and rows.
+    fn params(&self, [width, height]: [usize; 2], weighted: bool, place: usize) -> LossParams {
         let Range { start, end } = self.read;
         assert!(start < end && end <= 4, "a range of existing channels");
-        let kind = match self.loss {
-            Loss::LogSrgbL1 => 0,
-            Loss::LogSrgbL2 => 1,
-            Loss::Mse => 2,
-            Loss::Smape => 3,
-            Loss::RelativeL2 => 4,
-            Loss::Ssim => return None,
-        };
-        Some(LossParams {
+        let pixels = width * height;
+        LossParams {
             pixels: pixels as u32,
-            kind,
+            kind: self.kind().unwrap_or_default(),
             first: start as u32,
             end: end as u32,
             scale: (self.factor / (pixels.max(1) * (end - start)) as f64) as f32,
             weighted: u32::from(weighted),
             accumulates: u32::from(self.accumulates),
             place: place as u32,
-        })
+        }
     }
 }
 
@@ -78,6 +86,7 @@ pub struct LossBuffers {
     /// Values, one per place.
     pub values: Buffer<f32>,
     partial: Buffer<f32>,
+    planes: Option<Planes>,
 }
 
 impl LossBuffers {
@@ -91,26 +100,43 @@ impl LossBuffers {
             weights: gpu.zeros("weights", if weighted { pixels } else { 0 })?,
             values: gpu.zeros("losses", places)?,
             partial: gpu.zeros("partial losses", pixels.div_ceil(LANES))?,
+            planes: None,
         })
+    }
+
+    /// The same with what a loss needs besides, for pictures of at most `pixels` pixels.
+    ///
+    /// # Errors
+    /// If the device cannot hold a buffer.
+    pub fn serving(mut self, gpu: &Gpu, loss: Loss, pixels: usize) -> Result<Self, GpuError> {
+        if loss == Loss::Ssim && self.planes.as_ref().is_none_or(|p| p.pixels() < pixels) {
+            self.planes = Some(Planes::new(gpu, pixels)?);
+        }
+        Ok(self)
     }
 }
 
 /// A recorded loss, whose parameters can be changed.
 #[derive(Clone, Debug)]
 pub struct RecordedLoss {
-    slots: [Slot; 2],
+    /// Those that take [`LossParams`], and those that take [`SimilarityParams`].
+    slots: Vec<Slot>,
+    window: Vec<Slot>,
     weighted: bool,
     place: usize,
 }
 
 impl RecordedLoss {
-    /// Sets the loss and the number of pixels for the next run.
+    /// Sets the loss and the columns and rows of the picture for the next run.
     ///
     /// # Panics
-    /// If the channels do not exist, or the loss has no twin.
-    pub fn set(&self, recording: &mut Recording, term: &Term, pixels: usize) {
-        let params = term.params(pixels, self.weighted, self.place).expect("the loss has a twin");
+    /// If the channels do not exist, or it was recorded for [`Loss::Ssim`] and that is another loss, or the other way round.
+    pub fn set(&self, recording: &mut Recording, term: &Term, size: [usize; 2]) {
+        assert_eq!(term.kind().is_none(), !self.window.is_empty(), "a loss of the kind that was recorded");
+        let params = term.params(size, self.weighted, self.place);
         self.slots.iter().for_each(|slot| recording.set(*slot, &params));
+        let params = SimilarityParams::new(&params, size);
+        self.window.iter().for_each(|slot| recording.set(*slot, &params));
     }
 }
 
@@ -118,10 +144,10 @@ impl RecordedLoss {
 /// `buffers.values[place]`.
 ///
 /// # Errors
-/// If the loss has no twin ([`Loss::Ssim`]), or a dispatch does not fit.
+/// If a dispatch does not fit.
 ///
 /// # Panics
-/// If the channels do not exist.
+/// If the channels do not exist, or the buffers do not serve the loss ([`LossBuffers::serving`]).
 pub fn value_and_gradient(
     r: &mut Recorder,
     term: &Term,
@@ -132,15 +158,19 @@ pub fn value_and_gradient(
     place: usize,
 ) -> Result<RecordedLoss, GpuError> {
     let weighted = !buffers.weights.is_empty();
-    let params = term.params(pixels, weighted, place).ok_or_else(|| GpuError::Dispatch {
-        kernel: TERMS.name.into(),
-        rule: format!("{:?} runs on the CPU only", term.loss),
-    })?;
-    let LossBuffers { reference, weights, values, partial } = buffers;
-    let bound = [x.bind(), reference.bind(), weights.bind(), gradient.bind(), partial.bind()];
-    let terms = r.dispatch(&TERMS, &params, &bound, pixels)?;
-    let sum = r.dispatch(&FINISH, &params, &[partial.bind(), values.bind()], LANES)?;
-    Ok(RecordedLoss { slots: [terms, sum], weighted, place })
+    let params = term.params([pixels, 1], weighted, place);
+    let LossBuffers { reference, weights, values, partial, planes } = buffers;
+    let (mut slots, mut window) = (Vec::new(), Vec::new());
+    if term.kind().is_some() {
+        let bound = [x.bind(), reference.bind(), weights.bind(), gradient.bind(), partial.bind()];
+        slots.push(r.dispatch(&TERMS, &params, &bound, pixels)?);
+    } else {
+        let planes = planes.as_ref().expect("buffers that serve the loss");
+        let params = SimilarityParams::new(&params, [pixels, 1]);
+        window = planes.record(r, &params, [x, reference, gradient], [weights, partial], pixels)?;
+    }
+    slots.push(r.dispatch(&FINISH, &params, &[partial.bind(), values.bind()], LANES)?);
+    Ok(RecordedLoss { slots, window, weighted, place })
 }
 
 #[cfg(test)]

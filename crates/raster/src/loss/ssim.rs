@@ -14,7 +14,7 @@ use std::ops::Range;
 
 /// Reach of the window.
 const RADIUS: usize = 5;
-const TAPS: usize = 2 * RADIUS + 1;
+pub(super) const TAPS: usize = 2 * RADIUS + 1;
 /// Standard deviation of the window.
 const SIGMA: f64 = 1.5;
 /// Stabilising constants for a range of one.
@@ -25,6 +25,14 @@ const LANES: usize = 32;
 /// Rows of a band.
 const BAND: usize = 64;
 
+/// The taps of the window, which add up to one.
+pub(super) fn taps() -> [f64; TAPS] {
+    let raw: [f64; TAPS] =
+        std::array::from_fn(|k| (-0.5 * ((k as f64 - RADIUS as f64) / SIGMA).powi(2)).exp());
+    let total: f64 = raw.iter().sum();
+    raw.map(|v| v / total)
+}
+
 /// Filter taps, and for every position along a side the reciprocal of the taps' sum inside of the image.
 struct Window<T> {
     taps: [T; TAPS],
@@ -34,10 +42,7 @@ struct Window<T> {
 
 impl<T: LossScalar> Window<T> {
     fn new(width: usize, height: usize) -> Self {
-        let raw: [f64; TAPS] =
-            std::array::from_fn(|k| (-0.5 * ((k as f64 - RADIUS as f64) / SIGMA).powi(2)).exp());
-        let total: f64 = raw.iter().sum();
-        let taps = raw.map(|v| v / total);
+        let taps = taps();
         let norms = |n: usize| {
             let inside = |i: usize| (0..TAPS).filter(move |k| (RADIUS..n + RADIUS).contains(&(i + k)));
             (0..n).map(|i| T::of(1.0 / inside(i).map(|k| taps[k]).sum::<f64>())).collect()

@@ -10,9 +10,10 @@ mod references;
 mod resident;
 mod room;
 mod stage;
+mod weights;
 
 use super::cpu::Chain;
-use super::loss::{PictureLoss, Weights};
+use super::loss::PictureLoss;
 use super::model::{Group, Model, ModelError, Snapshot};
 use super::surface::{POSITIONS, PositionOptimizer, Surface, temporal};
 use super::views::Shot;
@@ -22,7 +23,6 @@ use photofit_optim::OptimError;
 use photofit_optim::gpu::{DeviceOptimizer, LargeStepsSolver};
 use photofit_raster::CHANNELS;
 use photofit_raster::deferred::{Masks, Passes};
-use photofit_raster::loss::Loss;
 use recorded::{COURSE, Forward, Step};
 use references::References;
 pub use references::{Residence, Shown};
@@ -32,7 +32,8 @@ use stage::{Room, Skies, Stage};
 use std::borrow::Cow;
 
 /// The kernels of this crate.
-pub const KERNELS: &[Kernel] = &[resident::HOLD, resident::ADD_LOSSES, references::OVER_NOISE];
+pub const KERNELS: &[Kernel] =
+    &[resident::HOLD, resident::ADD_LOSSES, references::OVER_NOISE, weights::KERNELS[0], weights::KERNELS[1]];
 
 /// A [`Surface`] on a device.
 #[derive(Debug)]
@@ -174,7 +175,7 @@ impl GpuSurface {
         &self,
         room: Room,
         pictures: usize,
-        loss: Loss,
+        loss: PictureLoss,
         with: (&[bool], &Passes),
     ) -> Result<Option<Step>, OptimError> {
         let Some(stage) = &self.stage else { return Ok(None) };
@@ -240,16 +241,12 @@ impl Model for GpuSurface {
     }
 
     fn step(&mut self, shots: &[Shot], loss: PictureLoss, rates: &[f64]) -> Result<(), ModelError> {
-        let PictureLoss { loss, weights: Weights::Equal } = loss else {
-            let rule = "weighs pixels by the reference; on a device all must count alike".into();
-            return Err(ModelError::Device(Box::new(FitError::Setting { field: "loss", rule })));
-        };
         self.prepare_or_give_back(shots)?;
         let (room, moving) = (Room::of(shots), rates.iter().map(|r| *r > 0.0).collect::<Vec<_>>());
         let rates: Vec<Vec<f32>> = self.groups.iter().zip(rates).map(|(g, r)| g.rates_at(*r)).collect();
         let passes = self.surface.moving_passes(&moving);
         self.references.make_room(&self.gpu, shots.len(), room.pixel_count())?;
-        if !self.step.as_ref().is_some_and(|s| s.serves(room, shots.len(), (&moving, passes.masks))) {
+        if !self.step.as_ref().is_some_and(|s| s.serves(room, (shots.len(), loss), (&moving, passes.masks))) {
             self.step = None;
             let step = self.record(room, shots.len(), loss, (&moving, &passes));
             let step = match step {
@@ -269,8 +266,7 @@ impl Model for GpuSurface {
         if let Some(step) = &mut self.step {
             let on = (&self.on, &self.skies, &mut self.references);
             let optimizers = (&mut self.optimizers[..], &rates[..]);
-            step.run(&self.gpu, on, (shots, loss, passes.masks), optimizers, self.pending)
-                .map_err(model_error)?;
+            step.run(&self.gpu, on, (shots, passes.masks), optimizers, self.pending).map_err(model_error)?;
             self.pending += 1;
         }
         Ok(())

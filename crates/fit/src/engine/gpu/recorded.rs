@@ -3,6 +3,8 @@
 use super::references::{FromHeld, References};
 use super::resident::{ADD_LOSSES, Resident};
 use super::stage::{Drawn, Room, Skies, Stage, aim, largest, padded};
+use super::weights::RelativeWeights;
+use crate::engine::loss::{PictureLoss, Weights};
 use crate::engine::model::Group;
 use crate::engine::surface::POSITIONS;
 use crate::engine::views::Shot;
@@ -24,6 +26,7 @@ pub(super) const COURSE: usize = 1024;
 struct Place {
     drawn: Drawn,
     loss: RecordedLoss,
+    weights: Option<RelativeWeights>,
     from: FromHeld,
 }
 
@@ -34,6 +37,7 @@ pub(super) struct Step {
     /// What it was recorded for.
     pub(super) room: Room,
     pub(super) moving: Vec<bool>,
+    loss: PictureLoss,
     passes: Passes,
     shading: MapShading,
     places: Vec<Place>,
@@ -54,7 +58,7 @@ impl Step {
         gpu: &Gpu,
         on: &Resident,
         (stage, skies, course): (&Stage, &Skies, &Buffer<f32>),
-        (room, pictures, loss): (Room, usize, Loss),
+        (room, pictures, compare): (Room, usize, PictureLoss),
         (groups, optimizers): (&[Group], &[DeviceOptimizer]),
         (moving, passes): (&[bool], &Passes),
     ) -> Result<Self, OptimError> {
@@ -65,20 +69,29 @@ impl Step {
         let params = largest(on, room, passes);
         on.record_clear(&mut r, g);
         on.record_vertices(&mut r)?;
+        let (term, pixels) = (term(compare.loss, pictures), room.pixel_count());
+        let mut shared = stage.loss.clone().serving(gpu, compare.loss, pixels)?;
+        let relative = compare.weights == Weights::Relative;
+        if relative {
+            shared.weights = gpu.zeros("weights", pixels)?;
+        }
+        let rows = gpu.zeros("mean light along rows", if relative { pixels } else { 0 })?;
         let mut places = Vec::new();
         for place in 0..pictures {
             let background = gpu.zeros("background", room.pixel_count())?;
             let reference = gpu.zeros("reference", room.pixel_count())?;
             let from = FromHeld::record(&mut r, &reference, &background)?;
             let picture = PictureBuffers { background, ..stage.picture.clone() };
-            let mut compared = stage.loss.clone();
+            let mut compared = shared.clone();
             compared.reference = reference;
+            let weights = relative
+                .then(|| RelativeWeights::record(&mut r, &compared.reference, &rows, &compared.weights));
+            let weights = weights.transpose()?;
             let forward = render(&mut r, &on.mesh, &picture, passes, &params, &mut shading)?;
-            let (term, pixels) = (term(loss, pictures), room.pixel_count());
             let loss = value_and_gradient(&mut r, &term, pixels, &picture.color, &compared, &g.color, place)?;
             let reverse = render_vjp(&mut r, &on.mesh, &picture, passes, &params, &mut shading, g)?;
             let drawn = Drawn { slots: vec![forward, reverse], shading: shading.take_slots() };
-            places.push(Place { drawn, loss, from });
+            places.push(Place { drawn, loss, weights, from });
         }
         let buffers = [stage.loss.values.bind(), course.bind()];
         let losses = r.dispatch(&ADD_LOSSES, &[pictures as u32, 0, 0, 0], &buffers, 1)?;
@@ -101,13 +114,20 @@ impl Step {
         }
         let (moving, passes) = (moving.to_vec(), *passes);
         let recording = r.finish()?;
-        Ok(Self { recording, room, moving, passes, shading, places, optimizers: recorded, losses, collected })
+        let (loss, optimizers) = (compare, recorded);
+        Ok(Self { recording, room, moving, loss, passes, shading, places, optimizers, losses, collected })
     }
 
-    /// Whether it serves a batch: the same number of pictures that move the same groups, with masks that are cut or that
-    /// fade, at most as large and not much smaller.
-    pub(super) fn serves(&self, room: Room, pictures: usize, (moving, masks): (&[bool], Masks)) -> bool {
+    /// Whether it serves a batch: the same number of pictures that are compared alike and move the same groups, with masks
+    /// that are cut or that fade, at most as large and not much smaller.
+    pub(super) fn serves(
+        &self,
+        room: Room,
+        (pictures, loss): (usize, PictureLoss),
+        (moving, masks): (&[bool], Masks),
+    ) -> bool {
         self.room.and(room) == self.room
+            && self.loss == loss
             && 2 * room.pixel_count() > self.room.pixel_count()
             && self.places.len() == pictures
             && self.moving == moving
@@ -119,12 +139,12 @@ impl Step {
         &mut self,
         gpu: &Gpu,
         (on, skies, references): (&Resident, &Skies, &mut References),
-        (shots, loss, masks): (&[Shot], Loss, Masks),
+        (shots, masks): (&[Shot], Masks),
         (optimizers, rates): (&mut [DeviceOptimizer], &[Vec<f32>]),
         at: usize,
     ) -> Result<(), OptimError> {
         self.passes.masks = masks;
-        let term = term(loss, shots.len());
+        let term = term(self.loss.loss, shots.len());
         // Of this batch alone: a fit that goes on has the same sums.
         let samples = |s: &Shot| s.width * s.height * s.sampling.per_axis.pow(2);
         let scale = sum_scale(shots.iter().map(samples).sum());
@@ -134,7 +154,11 @@ impl Step {
         references.begin();
         for (place, shot) in self.places.iter().zip(shots) {
             place.from.set(gpu, &mut self.recording, references, shot)?;
-            place.loss.set(&mut self.recording, &term, shot.width * shot.height);
+            let size = [shot.width, shot.height];
+            place.loss.set(&mut self.recording, &term, size);
+            if let Some(weights) = &place.weights {
+                weights.set(&mut self.recording, size);
+            }
             aim(&mut self.recording, &place.drawn, &self.shading, (on, skies), (shot, scale), &self.passes);
         }
         for ((optimizer, rates), recorded) in optimizers.iter_mut().zip(rates).zip(&self.optimizers) {

@@ -100,9 +100,9 @@ fn difference(a: &[f32], b: &[f32]) -> f64 {
 /// Loss and gradients of positions and maps, without the samples that are not fitted.
 type Gradients = (f64, Vec<f32>, Vec<f32>);
 
-fn on_cpu(s: &Surface, shots: &[Shot]) -> Gradients {
+fn on_cpu(s: &Surface, shots: &[Shot], loss: PictureLoss) -> Gradients {
     let mut g = s.candidate.gradients();
-    let loss = s.candidate.step(shots, Loss::LogSrgbL1.into(), &s.passes, &mut g);
+    let loss = s.candidate.step(shots, loss, &s.passes, &mut g);
     let mut texels = g.rendered.maps.levels[0].texels.clone();
     for t in &mut texels {
         t.iter_mut().zip(s.rates).filter(|(_, r)| *r == 0.0).for_each(|(t, _)| *t = 0.0);
@@ -110,9 +110,9 @@ fn on_cpu(s: &Surface, shots: &[Shot]) -> Gradients {
     (loss, bytemuck::cast_slice(&g.positions).to_vec(), texels.into_flattened())
 }
 
-fn on_device(gpu: &Gpu, s: &Surface, shots: &[Shot]) -> Gradients {
+fn on_device(gpu: &Gpu, s: &Surface, shots: &[Shot], loss: PictureLoss) -> Gradients {
     let mut model = GpuSurface::new(gpu, s.clone(), shots).unwrap();
-    model.step(shots, Loss::LogSrgbL1.into(), &[1e-12, 1e-12]).unwrap();
+    model.step(shots, loss, &[1e-12, 1e-12]).unwrap();
     let loss = model.losses().unwrap()[0];
     let mut texels = gpu.read(&model.on.maps.gradient).unwrap().into_flattened();
     texels.truncate(model.on.texels * CHANNELS);
@@ -120,24 +120,36 @@ fn on_device(gpu: &Gpu, s: &Surface, shots: &[Shot]) -> Gradients {
 }
 
 fn check(sheets: bool, sampling: Sampling, size: usize) {
-    check_masks(Masks::Cut, sheets, sampling, size);
+    check_with((Masks::Cut, Loss::LogSrgbL1.into()), sheets, sampling, size);
 }
 
-fn check_masks(masks: Masks, sheets: bool, sampling: Sampling, size: usize) {
+fn check_with((masks, loss): (Masks, PictureLoss), sheets: bool, sampling: Sampling, size: usize) {
     let gpu = test_device();
     let (mut s, shots) = (surface(sheets), shots(sampling, size));
     // The first are those of steps on a device, the second those of the CPU's here.
     (s.masks, s.passes.masks) = (masks, masks);
-    let (a, b) = (on_cpu(&s, &shots), on_device(gpu, &s, &shots));
-    let [loss, positions, maps] = [(a.0 / b.0 - 1.0).abs(), difference(&a.1, &b.1), difference(&a.2, &b.2)];
-    println!("sheets {sheets}, {sampling:?}: loss {loss:.1e}, positions {positions:.1e}, maps {maps:.1e}");
-    assert!(loss < LOSS, "{loss:e}");
+    let (a, b) = (on_cpu(&s, &shots, loss), on_device(gpu, &s, &shots, loss));
+    let name = loss.name();
+    let [loss_off, positions, maps] =
+        [(a.0 / b.0 - 1.0).abs(), difference(&a.1, &b.1), difference(&a.2, &b.2)];
+    println!(
+        "sheets {sheets}, {sampling:?}, {name}: loss {loss_off:.1e}, positions {positions:.1e}, maps {maps:.1e}"
+    );
+    assert!(loss_off < LOSS, "{loss_off:e}");
     assert!(positions < GRADIENT, "{positions:e}");
     assert!(maps < GRADIENT, "{maps:e}");
-    assert!(on_device(gpu, &s, &shots) == b, "the same bits again");
+    assert!(on_device(gpu, &s, &shots, loss) == b, "the same bits again");
     let mut bent = s.clone();
     bent.candidate.positions[3].x += 1e-2;
-    assert!(difference(&on_cpu(&bent, &shots).1, &b.1) > GRADIENT, "a moved vertex is noticed");
+    assert!(difference(&on_cpu(&bent, &shots, loss).1, &b.1) > GRADIENT, "a moved vertex is noticed");
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn gradients_of_every_loss_agree() {
+    for loss in PictureLoss::ALL {
+        check_with((Masks::Cut, loss), false, Sampling::SUPERSAMPLED, 32);
+    }
 }
 
 #[test]
@@ -149,7 +161,7 @@ fn gradients_of_a_step_agree() {
 #[test]
 #[ignore = "gpu: needs an adapter"]
 fn gradients_of_masks_that_fade_agree() {
-    check_masks(Masks::Faded { slope: 2.5 }, true, Sampling::SUPERSAMPLED, 48);
+    check_with((Masks::Faded { slope: 2.5 }, Loss::LogSrgbL1.into()), true, Sampling::SUPERSAMPLED, 48);
 }
 
 #[test]
@@ -167,7 +179,7 @@ fn steps_follow_how_masks_are_drawn() {
     for (masks, loss) in all.into_iter().zip(losses) {
         let mut on = s.clone();
         on.passes.masks = masks;
-        let cpu = on_cpu(&on, &shots).0;
+        let cpu = on_cpu(&on, &shots, Loss::LogSrgbL1.into()).0;
         assert!((cpu / loss - 1.0).abs() < LOSS, "{masks:?}: {cpu} {loss}");
     }
 }
