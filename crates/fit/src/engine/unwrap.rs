@@ -27,10 +27,16 @@ pub(crate) fn unwrapped(
     }
     let weld = weld_exact(&unwrapped.positions);
     let edges = Edges::new(&unwrapped.triangles, &weld);
-    let hard = match reference {
+    let mut hard = match reference {
         Some((reference, seen)) => hard_edges(reference, seen, &unwrapped, &edges),
         None => own_creases(mesh, &edges),
     };
+    // Normals of two sides have no mean.
+    let opposed = |half: &u32| classes[class[*half as usize / 3] as usize].opposed;
+    for (e, hard) in hard.iter_mut().enumerate() {
+        let halves = edges.half_edges.row(e);
+        *hard |= halves.iter().any(|h| opposed(h) != opposed(&halves[0]));
+    }
     let creased = split_hard_edges(&unwrapped.triangles, &weld, &edges, &hard);
     let maps = Maps::filled(size, size, blank_texel());
     let split = creased.split.apply(&unwrapped);

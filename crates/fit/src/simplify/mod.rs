@@ -104,7 +104,14 @@ pub(crate) fn with_asset<R>(
     work: impl FnOnce(Asset<'_>) -> Result<R, FitError>,
 ) -> Result<R, FitError> {
     scene.validate_for_fit()?;
-    let n = Normalised::new(scene)?;
+    let (n, opposed) = Normalised::new(scene)?.with_opposed_normals();
+    if opposed > 0 {
+        let of = n.flat.mesh.triangles.len();
+        progress.warn(&format!(
+            "the vertex normals of {opposed} of {of} triangles point to their back, so that they are shaded dark: the \
+             light asset is made to look the same"
+        ));
+    }
     let rays = n.surface()?;
     let visibility = prepare::visibility(&rays, progress)?;
     work(Asset { scene, n: &n, rays: &rays, visibility: &visibility })

@@ -310,3 +310,33 @@ fn a_fit_whose_device_is_lost_keeps_its_checkpoint_and_goes_on_from_it() {
     simplify(&scene, &path, &whole, &Silent).unwrap();
     assert!(!resumed.stopped && lost == std::fs::read(&path).unwrap(), "the same file as of a whole fit");
 }
+
+#[test]
+fn vertex_normals_that_point_to_the_back_are_baked_as_they_are_drawn() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut sphere = photofit_geometry::shapes::uv_sphere(32, 16);
+    let right = sphere.clone();
+    sphere.normals.iter_mut().for_each(|n| *n = -*n);
+    // Beside it one that is right, so that both kinds stand in one asset.
+    let mut scene = of(sphere, Material::clay());
+    scene.primitives.push(Primitive { mesh: right, material: 0 });
+    let transform = glam::Affine3A::from_translation(glam::vec3(2.5, 0.0, 0.0));
+    scene.instances.push(Instance { primitive: 1, transform });
+    let heard = Heard::default();
+    let baked = SimplifyOptions {
+        target: Target::Triangles(600),
+        steps: 0,
+        texture_size: 128,
+        resolution: 128,
+        own_textures: false,
+        report_views: 4,
+        ..options()
+    };
+    let made = simplify(&scene, &dir.path().join("a.glb"), &baked, &heard).unwrap();
+    assert!(made.stage("baked").unwrap().psnr > 24.0, "{:?}", made.stages);
+    assert!(made.stage("fitted").unwrap().psnr > 24.0, "{:?}", made.stages);
+    let told = heard.0.lock().unwrap().join("\n");
+    assert!(told.contains("960 of 1920 triangles point to their back"), "{told}");
+    let light = photofit_scene::load(&dir.path().join("a.glb")).unwrap();
+    assert_eq!(light.materials.len(), 2, "one for each kind, which both have the asset's name");
+}
