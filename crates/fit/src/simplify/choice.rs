@@ -10,7 +10,6 @@ use crate::engine::judge::{self, Stage};
 use crate::engine::reference::Reference;
 use crate::engine::surface::{self, MAPS, Surface};
 use crate::engine::trainer::{HeldOut, Trained};
-use crate::engine::views::Orbit;
 use crate::visibility::Visibility;
 use crate::{FitError, Progress, Silent};
 use photofit_raster::deferred::Passes;
@@ -51,15 +50,15 @@ pub(super) struct Chosen {
 }
 
 /// The fit judged itself by its own renderer; the choice among the fitted asset, the same with maps baked anew, the
-/// starts, and `own`, the decimated asset with its own materials, where it may be written, is made as a user would see
-/// them.
+/// starts, and `own`, the decimated asset with its own materials, where it may be written, is made by pictures as those of the
+/// report are made.
 pub(super) fn best(
     trained: Trained<Surface>,
     own: Option<Scene>,
     surface: &bake::ReferenceSurface<'_>,
     seen: &Visibility,
     starts: &[Start],
-    n: &Normalised,
+    (scene, n): (&Scene, &Normalised),
     reference: &dyn Reference,
     options: &SimplifyOptions,
     progress: &dyn Progress,
@@ -80,9 +79,8 @@ pub(super) fn best(
     let mut scenes: Vec<Scene> = models.iter().map(|m| options.exported(&m.candidate, n)).collect();
     scenes.extend(own);
     let stages: Vec<Stage> = scenes.iter().map(|s| Stage::new("", s.clone())).collect();
-    let views = Orbit::new(options.seed, &options.lighting, options.resolution);
-    let (count, samples) = (options.choice_views(), options.choice_samples());
-    let scores = judge::scores(&n.light_asset, reference, &stages, &views, count, samples, progress)?;
+    let judge = options.judge_of(scene, n, reference);
+    let scores = judge.scores(&stages, options.choice_views(), options.choice_samples(), progress)?;
     let best = judge::highest(&scores);
     let (models_made, baked) = (models.len(), models.len() - 1);
     let written = match best {

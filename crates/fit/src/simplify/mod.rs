@@ -184,7 +184,7 @@ pub(crate) fn simplify_asset(
     let plain = plain::decimated(scene, n, &[], &plain::own(as_many, options.lock_borders))?;
     let own = plain::candidate(asset, &plain, reference, as_many, options, progress)?;
     let choice::Chosen { trained, light, mut written, own } =
-        choice::best(trained, own, surface, visibility, &starts, n, reference, options, progress)?;
+        choice::best(trained, own, surface, visibility, &starts, (scene, n), reference, options, progress)?;
 
     if options.surfacing == Surfacing::VertexColors {
         outcome::tell_detail(&trained.model.candidate, n, progress);

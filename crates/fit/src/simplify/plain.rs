@@ -92,7 +92,7 @@ pub(super) fn candidate(
     Ok(written(&best, asset.n, options))
 }
 
-/// Whether an asset with its own materials may be written in place of a fitted one: the rasterizer, which the choice is made
+/// Whether an asset with its own materials may be written in place of a fitted one: the rasterizer, which the decimations are put in order
 /// by, draws the core of all of them.
 pub(super) fn may_be_written(asset: &Scene) -> bool {
     beyond_rasterizer(asset).iter().all(|name| OVER_THE_CORE.contains(name))
@@ -100,7 +100,7 @@ pub(super) fn may_be_written(asset: &Scene) -> bool {
 
 /// The same as it may be written in place of a fitted asset: in the asset's frame, with textures that together have no
 /// more texels than the maps of a fitted one; the largest are halved until they do. `None` where it has
-/// materials whose core the rasterizer, which the choice is made by, does not draw. Where the budget is mild and textures may
+/// materials whose core the rasterizer does not draw. Where the budget is mild and textures may
 /// stay whole, they do.
 pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) -> Option<Scene> {
     if !may_be_written(&stage.scene) {
