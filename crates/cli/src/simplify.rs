@@ -145,6 +145,7 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
         },
         own_textures: !a.new_maps,
         whole_textures: a.texture_size.is_none() && a.screen_size.is_none() && a.lod.is_empty(),
+        own_texture_size: a.texture_size,
         surfacing: match a.textures {
             Some(TextureFormat::None) => Surfacing::VertexColors,
             _ if a.keep_uvs => Surfacing::Kept,
@@ -397,6 +398,9 @@ impl Job<'_> {
         });
         for (stage, q) in &o.stages {
             out[*stage] = output::quality(q);
+        }
+        if let Some(q) = o.shipped() {
+            out["file"] = output::quality(q);
         }
         out
     }

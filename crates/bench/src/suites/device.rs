@@ -203,7 +203,7 @@ fn whole(ctx: &mut Context, gpu: &Gpu) -> Result<()> {
             let began = Instant::now();
             let outcome = simplify(&asset, &folder.path().join("light.glb"), &options, &Silent)?;
             let seconds = began.elapsed().as_secs_f64();
-            let Some(q) = outcome.stage("fitted") else { bail!("the fit was not judged") };
+            let Some(q) = outcome.shipped() else { bail!("the fit was not judged") };
             let figures = vec![("error", q.flip), ("PSNR dB", q.psnr)];
             ctx.record(name, &format!("{steps} steps"), steps as usize, Timing::of(vec![seconds]), figures);
         }

@@ -45,6 +45,8 @@ pub(super) struct Chosen {
     pub(super) light: Scene,
     /// Which of the candidates that is.
     pub(super) written: Written,
+    /// What was fitted, where something else is written.
+    pub(super) fitted: Option<Scene>,
     /// The decimated asset with its own materials, where it may be written and something else looked better.
     pub(super) own: Option<Scene>,
 }
@@ -63,6 +65,7 @@ pub(super) fn best(
     options: &SimplifyOptions,
     progress: &dyn Progress,
 ) -> Result<Chosen, FitError> {
+    let trained_steps = trained.steps;
     let mut models = vec![trained.model.clone(), trained.model];
     // Who stopped the fit does not wait for another bake.
     let again = (!progress.is_cancelled())
@@ -90,7 +93,8 @@ pub(super) fn best(
         k if k < baked => Written::Wrapped,
         _ => Written::Decimated,
     };
+    let fitted = (written != Written::Fitted && trained_steps > 0).then(|| scenes[0].clone());
     let model = models.swap_remove(judge::highest(&scores[..models.len()]));
     let own = (scenes.len() > models_made && written != Written::Decimated).then(|| scenes.pop()).flatten();
-    Ok(Chosen { trained: Trained { model, ..trained }, light: scenes.swap_remove(best), written, own })
+    Ok(Chosen { trained: Trained { model, ..trained }, light: scenes.swap_remove(best), written, fitted, own })
 }

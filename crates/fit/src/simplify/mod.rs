@@ -53,6 +53,10 @@ use prepare::Start;
 use std::path::Path;
 use std::time::Instant;
 
+/// The stage of what was fitted, and that of the written file where it is another.
+pub(crate) const FITTED: &str = "fitted";
+pub(crate) const FILE: &str = "file";
+
 /// Step of the positions, relative to the distance between the start and the reference.
 const POSITION_RATE: f64 = 1.0;
 /// Rate of the positions in the last phase, relative to the first.
@@ -183,7 +187,7 @@ pub(crate) fn simplify_asset(
     let as_many = Target::Triangles(start.candidate.triangles.len());
     let plain = plain::decimated(scene, n, &[], &plain::own(as_many, options.lock_borders))?;
     let own = plain::candidate(asset, &plain, reference, as_many, options, progress)?;
-    let choice::Chosen { trained, light, mut written, own } =
+    let choice::Chosen { trained, light, mut written, mut fitted, own } =
         choice::best(trained, own, surface, visibility, &starts, (scene, n), reference, options, progress)?;
 
     if options.surfacing == Surfacing::VertexColors {
@@ -209,6 +213,9 @@ pub(crate) fn simplify_asset(
             progress,
         )?;
         if other {
+            if written == Written::Fitted && trained.steps > 0 {
+                fitted = Some(options.exported(&trained.model.candidate, n));
+            }
             written = Written::Decimated;
             traced_maps = None;
         }
@@ -221,9 +228,12 @@ pub(crate) fn simplify_asset(
     let textures = byte_budget::told(&light);
     photofit_scene::save_glb_with(output, &light, options.compression)?;
     let to_file = began.elapsed().as_secs_f64();
-    let fitted = photofit_scene::load(output)?;
-    let triangles = [scene.triangle_count(), fitted.triangle_count()];
-    let stages = stages(asset, plain, &starts, fitted, options);
+    let file = photofit_scene::load(output)?;
+    let triangles = [scene.triangle_count(), file.triangle_count()];
+    let named = if written == Written::Fitted { FITTED } else { FILE };
+    let fitted = fitted.map(|scene| Stage::new(FITTED, scene)).into_iter();
+    let last = fitted.chain([Stage::new(named, file)]);
+    let stages: Vec<Stage> = stages(asset, plain, &starts, options).into_iter().chain(last).collect();
     let judge = options.judge_of(scene, n, reference);
     let pictures = judge.views(&stages, options.report_views, progress)?;
     let names: Vec<&'static str> = stages.iter().map(|s| s.name).collect();
@@ -246,13 +256,12 @@ pub(crate) fn simplify_asset(
     Ok(outcome)
 }
 
-/// What the report compares, in this order: the asset itself where an engine draws it, the decimated one, the starts, and
-/// what was written.
+/// What the report compares before what was fitted and written, in this order: the asset itself where an engine draws it, the
+/// decimated one, and the starts.
 fn stages(
     Asset { scene, n, .. }: Asset<'_>,
     plain: Stage,
     starts: &[Start],
-    fitted: Scene,
     options: &SimplifyOptions,
 ) -> Vec<Stage> {
     let mut stages = Vec::new();
@@ -267,7 +276,6 @@ fn stages(
     } else {
         stages.push(Stage::new("baked", options.exported(&starts[0].candidate, n)));
     }
-    stages.push(Stage::new("fitted", fitted));
     stages
 }
 
