@@ -87,6 +87,9 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, view: &View, key: &
     }
     let spp = renderer.progress().samples as f64 / (f64::from(a.width()) * f64::from(a.height()));
     print(&render::summary(a, &format!("{spp:.0} samples each"), began))?;
+    if finished && !a.is_mitsuba() {
+        render::warn_unseen(&a.input, &renderer.picture());
+    }
     let left_out = renderer.progress().not_finite;
     if left_out > 0 {
         say(&format!("{left_out} contributions were not finite and are left out: the scene is faulty"));

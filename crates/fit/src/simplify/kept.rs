@@ -6,7 +6,7 @@ use crate::candidate::{Candidate, SurfaceClass};
 use crate::engine::FitFrame;
 use crate::engine::judge::Stage;
 use crate::engine::surface::Surface;
-use crate::engine::trainer::Trained;
+use crate::engine::trainer::{Trained, UNSEEN};
 use crate::{FitError, Progress};
 use photofit_geometry::Mesh;
 use photofit_geometry::weld::weld_exact;
@@ -35,8 +35,11 @@ pub(super) fn simplify(
     began: Instant,
     progress: &dyn Progress,
 ) -> Result<Outcome, FitError> {
-    let Asset { scene, n, rays, .. } = asset;
+    let Asset { scene, n, rays, visibility } = asset;
     check(scene)?;
+    if visibility.hidden() == n.flat.mesh.triangles.len() {
+        progress.warn(UNSEEN);
+    }
     progress.report("decimate", 0, 1, "");
     let reference = options.rasterized_against().reference(scene, n, rays, options)?;
     let reference = &*reference;

@@ -151,6 +151,7 @@ pub(crate) fn simplify_asset(
     };
     let sampling = options.sampling();
     let held_out = HeldOut::new(reference, &views, sampling, options.held_out_views(), options.seed)?;
+    held_out.warn_unseen(progress);
     let start = choice::best_start(&starts, &held_out);
     let loss = loss::choose(&held_out);
     let plan = options.plan(scene, reference.kind());

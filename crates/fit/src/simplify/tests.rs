@@ -39,7 +39,7 @@ fn decimation_is_written_where_no_fit_looks_better() {
     let [decimated, baked, fitted] = ["decimated", "baked", "file"].map(|s| *outcome.stage(s).unwrap());
     // The row of the fit is that of the fit, whatever is in the file.
     let lost = outcome.stage("fitted").unwrap();
-    assert!(lost.psnr < fitted.psnr - 0.1 && outcome.shipped() == Some(&fitted), "{:?}", outcome.stages);
+    assert!(lost.psnr < fitted.psnr && outcome.shipped() == Some(&fitted), "{:?}", outcome.stages);
     assert!(decimated.psnr > baked.psnr + 0.1, "{:?}", outcome.stages);
     assert!(
         outcome.written == Written::Decimated && fitted.psnr > decimated.psnr - 0.05,
@@ -342,4 +342,24 @@ fn vertex_normals_that_point_to_the_back_are_baked_as_they_are_drawn() {
     assert!(told.contains("960 of 1920 triangles point to their back"), "{told}");
     let light = photofit_scene::load(&dir.path().join("a.glb")).unwrap();
     assert_eq!(light.materials.len(), 2, "one for each kind, which both have the asset's name");
+}
+
+#[test]
+fn an_asset_that_no_camera_sees_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let told = |material: Material| {
+        let heard = Heard::default();
+        let few = SimplifyOptions { steps: 0, target: Target::Triangles(200), ..options() };
+        simplify(&of(cube_like(), material), &dir.path().join("a.glb"), &few, &heard).unwrap();
+        let told = heard.0.into_inner().unwrap();
+        told.iter().filter(|t| t.contains("no camera sees anything")).count()
+    };
+    let clear = |alpha_mode| Material { base_color: [1.0, 1.0, 1.0, 0.0], alpha_mode, ..Material::clay() };
+    assert_eq!(told(clear(AlphaMode::Mask { cutoff: 0.5 })), 1);
+    assert_eq!(told(clear(AlphaMode::Blend)), 1);
+    assert_eq!(told(clear(AlphaMode::Opaque)), 0, "alpha has no meaning there");
+}
+
+fn cube_like() -> photofit_geometry::Mesh {
+    displaced_sphere(8, 0.1, 2, 1)
 }
