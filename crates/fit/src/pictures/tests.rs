@@ -136,7 +136,7 @@ type Case<'a> = (&'a str, fn(&mut Value), &'a [&'a str]);
 
 #[test]
 fn what_cannot_be_used_is_refused_by_file_frame_and_rule() {
-    let cases: [Case<'_>; 15] = [
+    let cases: [Case<'_>; 18] = [
         ("few", |f| f["frames"].as_array_mut().unwrap().truncate(7), &["7 frames", "at least 8"]),
         (
             "missing",
