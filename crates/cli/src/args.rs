@@ -18,13 +18,13 @@ pub(crate) use retexture::Retexture;
 pub(crate) use surface::{Surface, SurfaceMethod, UpAxis};
 
 use clap::error::ErrorKind;
-use clap::{ArgGroup, Args, CommandFactory, Parser, Subcommand, ValueEnum};
+use clap::{ArgGroup, Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
 use photofit_fit::engine::trainer::Keeping;
 use photofit_fit::simplify::SimplifyOptions;
 use std::path::PathBuf;
 use std::time::Duration;
 pub(crate) use values::Device;
-use values::{above_to, between, device, ending, number, seconds, whole};
+use values::{above_to, between, device, ending, number, seconds, whole, with_negative_numbers};
 
 /// What the help says about the end of the program.
 const STATUSES: &str = "\
@@ -46,7 +46,8 @@ pub(crate) struct Cli {
 impl Cli {
     /// The command line of the process; what is wrong with it ends the process with status 2.
     pub(crate) fn checked() -> Self {
-        let cli = Self::parse();
+        let command = with_negative_numbers(Self::command());
+        let cli = Self::from_arg_matches(&command.get_matches()).unwrap_or_else(|e| e.exit());
         let (name, checked) = match &cli.command {
             Command::Render(render) => ("render", render.check()),
             Command::Simplify(simplify) => ("simplify", simplify.check()),

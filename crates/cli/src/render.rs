@@ -99,7 +99,7 @@ pub(crate) fn run(a: &Render) -> Result<Ending> {
         });
         output::write_json(file, &value)?;
     }
-    output::print(&summary(a, &format!("{spp} samples each"), began))?;
+    output::print(&summary(a, spp, began))?;
     Ok(Ending::Done)
 }
 
@@ -125,10 +125,11 @@ pub(crate) fn posed(a: &Render) -> Result<Scene> {
     Ok(scene)
 }
 
-/// What was written, in one line.
-pub(crate) fn summary(a: &Render, samples: &str, began: Instant) -> String {
+/// What was written with so many samples of a pixel, in one line.
+pub(crate) fn summary(a: &Render, spp: usize, began: Instant) -> String {
     let (file, w, h) = (a.output.display(), a.width(), a.height());
-    format!("wrote {file}: {w} x {h} pixels, {samples}, {:.1} s\n", began.elapsed().as_secs_f64())
+    let (samples, seconds) = (output::counted(spp, "sample"), began.elapsed().as_secs_f64());
+    format!("wrote {file}: {w} x {h} pixels, {samples} each, {seconds:.1} s\n")
 }
 
 /// A camera of the asset, with the vertical field of view that it has there; everything of the asset in front of it is seen.
@@ -174,7 +175,7 @@ pub(crate) fn render(
     let (mut flat, library) = (scene.flatten(), SurfaceLibrary::new(scene));
     let radius = scene.bounding_sphere().map_or(1.0, |(_, radius)| radius).max(f32::MIN_POSITIVE);
     let scale = (-radius.log2().round()).clamp(-100.0, 100.0).exp2();
-    flat.mesh.positions.iter_mut().for_each(|p| *p = *p * scale);
+    flat.mesh.positions.iter_mut().for_each(|p| *p *= scale);
     let lights: Vec<Light<'_>> = lights.iter().map(|l| scaled_light(*l, scale)).collect();
     let camera = scaled_camera(camera, scale);
     SceneRenderer::new(&flat, &library).render(&camera, &lights, width, height, supersample)
@@ -266,7 +267,7 @@ mod tests {
     fn a_picture_does_not_depend_on_the_unit_of_length() {
         let picture = |size: f32| {
             let mut mesh = icosphere(6);
-            mesh.positions.iter_mut().for_each(|p| *p = *p * size);
+            mesh.positions.iter_mut().for_each(|p| *p *= size);
             let scene = Scene {
                 primitives: vec![Primitive { mesh, material: 0 }],
                 instances: vec![Instance { primitive: 0, transform: glam::Affine3A::IDENTITY }],

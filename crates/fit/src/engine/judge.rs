@@ -427,8 +427,7 @@ fn compared(
     count: u64,
     progress: &dyn Progress,
 ) -> Result<Vec<ReportView>, FitError> {
-    let traced = stages.iter().any(|s| s.kind().spp.is_some());
-    let least = if traced { TRACED_AFTER_STOP } else { AFTER_STOP };
+    let least = after_stop(stages);
     let mut out = Vec::new();
     for i in 0..count {
         progress.report("report", i, count, "");
@@ -445,6 +444,12 @@ fn compared(
         out.push(ReportView { reference: display(&image), quality });
     }
     Ok(out)
+}
+
+/// Views that are compared even after a stop.
+fn after_stop(stages: &[&dyn Reference]) -> u64 {
+    let traced = stages.iter().any(|s| s.kind().spp.is_some());
+    if traced { TRACED_AFTER_STOP } else { AFTER_STOP }
 }
 
 /// Mean FLIP between two stages as an engine shows them, with one sample a pixel, in pictures of `size` pixels a side.
@@ -498,11 +503,12 @@ fn scored(
     count: u64,
     progress: &dyn Progress,
 ) -> Result<Vec<f64>, FitError> {
+    let least = after_stop(stages);
     let mut score = vec![0.0; stages.len()];
     let mut taken = 0.0_f64;
     for i in 0..count {
         progress.report("choose", i, count, "");
-        if i >= AFTER_STOP && progress.is_cancelled() {
+        if i >= least && progress.is_cancelled() {
             break;
         }
         let s = views.setup(Set::HeldOut, i, count);

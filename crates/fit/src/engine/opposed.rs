@@ -91,7 +91,9 @@ mod tests {
 
         // One triangle of a smooth surface whose normals lean away.
         let mut leaning = sphere.clone();
-        leaning.triangles[40].into_iter().for_each(|v| leaning.normals[v as usize] = -leaning.normals[v as usize]);
+        leaning.triangles[40]
+            .into_iter()
+            .for_each(|v| leaning.normals[v as usize] = -leaning.normals[v as usize]);
         assert!(opposed(&leaning).is_empty());
 
         // Beside a right one, a turned copy that it does not touch, and a part of it that is wound the other way round.

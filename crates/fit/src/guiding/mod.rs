@@ -201,8 +201,9 @@ impl Guidance {
         let stage = stage(u64::from(options.rounds))?;
         let most = options.rehearsal.max(2);
         let plain = all(&stage, &|r| Rehearsal::new(r, 0, most).without_records().run(&ScatteringSampler));
+        let Some(plain) = plain else { return Ok(Self::off()) };
         let guided = all(&stage, &|r| state.run(&Rehearsal::new(r, 0, most).without_records()));
-        let Some((plain, guided)) = plain.zip(guided) else { return Ok(Self::off()) };
+        let Some(guided) = guided else { return Ok(Self::off()) };
         paths += plain.paths + guided.paths;
         let report = GuidingReport { paths, records, ..GuidingReport::judge(&plain, &guided, options) };
         let report = GuidingReport { seconds: began.elapsed().as_secs_f64(), ..report };

@@ -14,7 +14,7 @@ mod verdict;
 mod views;
 mod wireframe;
 
-pub use page::count;
+pub use page::{count, counted};
 pub use recovery::{RecoveryReport, write_recovery_report};
 pub use verdict::{Likeness, Verdict};
 

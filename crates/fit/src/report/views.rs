@@ -25,7 +25,8 @@ pub(super) fn at_size(o: &Outcome, screen_size: Option<f64>) -> Result<String, F
     for k in [Some(worst), other].into_iter().flatten() {
         let view = &o.views[k];
         let kind = if k == worst { " (worst)" } else { "" };
-        for (name, picture) in [("asset", &view.reference), (super::SHIPPED, &view.quality[shipped].picture)] {
+        for (name, picture) in [("asset", &view.reference), (super::SHIPPED, &view.quality[shipped].picture)]
+        {
             let uri = pictures::display(picture, side)?;
             figures += &page::figure(&uri, name, &format!("{name}, view {}{kind}", k + 1));
         }

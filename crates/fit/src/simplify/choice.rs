@@ -96,5 +96,11 @@ pub(super) fn best(
     let fitted = (written != Written::Fitted && trained_steps > 0).then(|| scenes[0].clone());
     let model = models.swap_remove(judge::highest(&scores[..models.len()]));
     let own = (scenes.len() > models_made && written != Written::Decimated).then(|| scenes.pop()).flatten();
-    Ok(Chosen { trained: Trained { model, ..trained }, light: scenes.swap_remove(best), written, fitted, own })
+    Ok(Chosen {
+        trained: Trained { model, ..trained },
+        light: scenes.swap_remove(best),
+        written,
+        fitted,
+        own,
+    })
 }

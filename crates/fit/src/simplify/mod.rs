@@ -231,10 +231,7 @@ pub(crate) fn simplify_asset(
     let to_file = began.elapsed().as_secs_f64();
     let file = photofit_scene::load(output)?;
     let triangles = [scene.triangle_count(), file.triangle_count()];
-    let named = if written == Written::Fitted { FITTED } else { FILE };
-    let fitted = fitted.map(|scene| Stage::new(FITTED, scene)).into_iter();
-    let last = fitted.chain([Stage::new(named, file)]);
-    let stages: Vec<Stage> = stages(asset, plain, &starts, options).into_iter().chain(last).collect();
+    let stages = stages(asset, plain, &starts, (fitted, written, file), options);
     let judge = options.judge_of(scene, n, reference);
     let pictures = judge.views(&stages, options.report_views, progress)?;
     let names: Vec<&'static str> = stages.iter().map(|s| s.name).collect();
@@ -257,12 +254,13 @@ pub(crate) fn simplify_asset(
     Ok(outcome)
 }
 
-/// What the report compares before what was fitted and written, in this order: the asset itself where an engine draws it, the
-/// decimated one, and the starts.
+/// What the report compares, in this order: the asset itself where an engine draws it, the decimated one, the starts, what was
+/// fitted where something else was written, and the written file.
 fn stages(
     Asset { scene, n, .. }: Asset<'_>,
     plain: Stage,
     starts: &[Start],
+    (fitted, written, file): (Option<Scene>, Written, Scene),
     options: &SimplifyOptions,
 ) -> Vec<Stage> {
     let mut stages = Vec::new();
@@ -277,6 +275,8 @@ fn stages(
     } else {
         stages.push(Stage::new("baked", options.exported(&starts[0].candidate, n)));
     }
+    stages.extend(fitted.map(|scene| Stage::new(FITTED, scene)));
+    stages.push(Stage::new(if written == Written::Fitted { FITTED } else { FILE }, file));
     stages
 }
 

@@ -258,7 +258,8 @@ mod tests {
         single.materials[1].normal_texture = None;
         let stage = decimated(&single, &n, &[], &own(Target::Triangles(40), false)).unwrap();
         for (own_texture_size, side) in [(None, 32), (Some(16), 16), (Some(17), 16)] {
-            let options = SimplifyOptions { own_texture_size, texture_size: 16, ..SimplifyOptions::default() };
+            let options =
+                SimplifyOptions { own_texture_size, texture_size: 16, ..SimplifyOptions::default() };
             let light = written(&stage, &n, &options).unwrap();
             assert_eq!((light.images[0].width, light.images.len()), (side, 1), "{own_texture_size:?}");
         }

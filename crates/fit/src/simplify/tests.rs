@@ -340,7 +340,7 @@ fn vertex_normals_that_point_to_the_back_are_baked_as_they_are_drawn() {
     assert!(made.shipped().unwrap().psnr > 24.0, "{:?}", made.stages);
     let told = heard.0.lock().unwrap().join("\n");
     assert!(told.contains("960 of 1920 triangles point to their back"), "{told}");
-    let light = photofit_scene::load(&dir.path().join("a.glb")).unwrap();
+    let light = photofit_scene::load(dir.path().join("a.glb")).unwrap();
     assert_eq!(light.materials.len(), 2, "one for each kind, which both have the asset's name");
 }
 

@@ -111,7 +111,7 @@ pub(crate) fn parse(text: &[u8], folder: &Folder, limits: &Limits, missing: Miss
     }
     if statements.without_direction > 0 {
         let found = statements.without_direction;
-        scene.warnings.push(format!("{found} normals without a direction are computed"));
+        scene.warnings.push(format!("normals without a direction: {found}, which are computed"));
     }
     if statements.groups.is_empty() {
         add_clay(&mut clay, &mut scene);

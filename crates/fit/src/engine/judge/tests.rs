@@ -110,7 +110,8 @@ fn stages_are_put_in_order_by_the_pictures_of_the_report() {
         samples: [SUPERSAMPLE; 2],
         seed: 0,
     };
-    for (renderer, wanted) in [(JudgeRenderer::Auto, 1), (JudgeRenderer::Path, 1), (JudgeRenderer::Raster, 0)] {
+    for (renderer, wanted) in [(JudgeRenderer::Auto, 1), (JudgeRenderer::Path, 1), (JudgeRenderer::Raster, 0)]
+    {
         let judge = Judge { renderer, ..judge.clone() };
         let scores = judge.scores(&stages, 2, 2, &Silent).unwrap();
         let shown = judge.views(&stages, 2, &Silent).unwrap();

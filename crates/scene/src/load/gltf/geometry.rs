@@ -221,7 +221,7 @@ fn clean(mesh: &mut Mesh, place: &str, warnings: &mut Vec<String>) -> Result<(),
     mesh.normals.iter_mut().for_each(|n| *n = n.normalize_or_zero());
     if mesh.normals.iter().any(|n| *n == Vec3f::zero()) {
         let found = normals::repair(mesh);
-        warnings.push(format!("{place} NORMAL: {found} normals without a direction are computed"));
+        warnings.push(format!("{place} NORMAL: normals without a direction: {found}, which are computed"));
     }
     let mut tangents = 0;
     for (t, n) in mesh.tangents.iter_mut().zip(&mesh.normals) {
