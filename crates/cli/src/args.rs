@@ -18,13 +18,13 @@ pub(crate) use retexture::Retexture;
 pub(crate) use surface::{Surface, SurfaceMethod, UpAxis};
 
 use clap::error::ErrorKind;
-use clap::{ArgGroup, Args, CommandFactory, Parser, Subcommand, ValueEnum};
+use clap::{ArgGroup, Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
 use photofit_fit::engine::trainer::Keeping;
 use photofit_fit::simplify::SimplifyOptions;
 use std::path::PathBuf;
 use std::time::Duration;
 pub(crate) use values::Device;
-use values::{above_to, between, device, ending, number, seconds, whole};
+use values::{above_to, between, device, ending, number, seconds, whole, with_negative_numbers};
 
 /// What the help says about the end of the program.
 const STATUSES: &str = "\
@@ -46,7 +46,8 @@ pub(crate) struct Cli {
 impl Cli {
     /// The command line of the process; what is wrong with it ends the process with status 2.
     pub(crate) fn checked() -> Self {
-        let cli = Self::parse();
+        let command = with_negative_numbers(Self::command());
+        let cli = Self::from_arg_matches(&command.get_matches()).unwrap_or_else(|e| e.exit());
         let (name, checked) = match &cli.command {
             Command::Render(render) => ("render", render.check()),
             Command::Simplify(simplify) => ("simplify", simplify.check()),
@@ -365,7 +366,8 @@ pub(crate) struct Simplify {
     /// software), or auto: a GPU in hardware if there is one, else the CPU.
     #[arg(long, value_name = "DEVICE", default_value = "cpu", value_parser = device)]
     pub(crate) device: Device,
-    /// Width and height of the textures, texels [range: 16 to 8192] [default: 1024, or what the size on screen needs].
+    /// Width and height of new textures, texels, and longest side of the asset's own where those are written; without it those
+    /// have together no more texels than four new ones [range: 16 to 8192] [default: 1024, or what the size on screen needs].
     #[arg(long, value_name = "N", value_parser = whole::<usize>(16..=8192))]
     pub(crate) texture_size: Option<usize>,
     /// How textures are stored; both kinds of webp are for readers that know `EXT_texture_webp` (three.js, Babylon.js, Blender

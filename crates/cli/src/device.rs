@@ -10,6 +10,11 @@ use photofit_fit::simplify::Device;
 use serde_json::{Value, json};
 use std::path::Path;
 
+/// What is told without asking drivers.
+#[cfg(feature = "gpu")]
+const NO_HARDWARE: &str = "--device gpu: no GPU adapter in hardware: this machine has no GPU; inspect --devices lists adapters in \
+                           software, which --device gpu:NAME takes";
+
 /// The device of a choice. One that was asked for and cannot be had is a wrong command line.
 #[cfg(feature = "gpu")]
 pub(crate) fn choose(choice: &Choice) -> Result<Device> {
@@ -20,6 +25,7 @@ pub(crate) fn choose(choice: &Choice) -> Result<Device> {
     };
     match choice {
         Choice::Cpu => Ok(Device::cpu("as --device says")),
+        Choice::Gpu if !may_have_hardware() => Err(Misuse(NO_HARDWARE.into()).into()),
         Choice::Gpu => required("gpu", Adapter::Hardware),
         Choice::Named(name) => required(&format!("gpu:{name}"), Adapter::Named(name.clone())),
         Choice::Auto if !may_have_hardware() => Ok(Device::cpu("this machine has no GPU")),

@@ -2,7 +2,7 @@
 
 use crate::args::Gradient;
 use crate::output::{self, print};
-use crate::parameter_scene::{Cameras, Key, Subject, tensor};
+use crate::parameter_scene::{Cameras, Key, Subject, explained, tensor};
 use crate::preflight::Places;
 use crate::status::{Ending, Misuse};
 use crate::threads;
@@ -49,7 +49,7 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
     let world = World::with_options(subject.parts, subject.world).map_err(|e| named(&e))?;
     let parameters = std::slice::from_ref(&key.parameter);
     let adjoint = Adjoint::new(&world, &subject.views[0], subject.options.clone(), parameters)
-        .map_err(|e| named(&e))?;
+        .map_err(|e| explained(&a.scene, &e))?;
     let began = Instant::now();
     let samples = GradientSamples { spp: a.spp, seed: Some(a.scene.seed) };
     let (gradient, error) = adjoint.render_vjp_with_error(&loss, samples).map_err(|e| named(&e))?;
@@ -91,14 +91,9 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
 fn list(keys: &[Key]) -> Result<()> {
     let width = keys.iter().map(|k| k.name.len()).max().unwrap_or(0);
     let line = |k: &Key| {
-        let (size, count) = (size(&k.shape), k.shape[0] * k.shape[1] * k.shape[2]);
-        if k.dark || k.idle.is_some() {
-            format!("{:<width$}  {size}, 0 in this scene\n", k.name)
-        } else if count == 1 {
-            format!("{:<width$}  {}\n", k.name, k.shape[3])
-        } else {
-            format!("{:<width$}  {size}\n", k.name)
-        }
+        let single = k.shape[0] * k.shape[1] * k.shape[2] == 1;
+        let size = if single { k.shape[3].to_string() } else { size(&k.shape) };
+        format!("{:<width$}  {size}{}\n", k.name, k.zero())
     };
     print(&keys.iter().map(line).collect::<String>())
 }

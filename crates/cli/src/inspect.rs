@@ -1,7 +1,7 @@
 //! `photofit inspect`: what an asset holds, and what a fit of it would run.
 
 use crate::args::Inspect;
-use crate::output::{self, bytes, count, print};
+use crate::output::{self, bytes, counted, print};
 use crate::preflight::Places;
 use crate::status::Misuse;
 use crate::{device, mitsuba};
@@ -88,11 +88,11 @@ fn named(name: &str) -> String {
 fn text(path: &Path, scene: &Scene) -> String {
     let mut out = format!("{}\n", path.display());
     out += &format!(
-        "  {} primitives, {} placed: {} triangles, {} vertices\n",
-        scene.primitives.len(),
+        "  {}, {} placed: {}, {}\n",
+        counted(scene.primitives.len(), "primitive"),
         scene.instances.len(),
-        count(scene.triangle_count()),
-        count(scene.vertex_count())
+        counted(scene.triangle_count(), "triangle"),
+        counted(scene.vertex_count(), "vertex")
     );
     if let Some((lo, hi)) = scene.bounds() {
         let d = hi - lo;
@@ -100,9 +100,9 @@ fn text(path: &Path, scene: &Scene) -> String {
     }
     for (i, p) in scene.primitives.iter().enumerate() {
         out += &format!(
-            "  primitive {i}: {} triangles, {} vertices, material {}; {}\n",
-            count(p.mesh.triangles.len()),
-            count(p.mesh.positions.len()),
+            "  primitive {i}: {}, {}, material {}; {}\n",
+            counted(p.mesh.triangles.len(), "triangle"),
+            counted(p.mesh.positions.len(), "vertex"),
             p.material,
             attributes(&p.mesh).join(", ")
         );
@@ -126,7 +126,7 @@ fn text(path: &Path, scene: &Scene) -> String {
         out += &format!("  animation {i}{}: {:.3} s\n", named(&a.name), a.duration());
     }
     if !scene.cameras.is_empty() {
-        out += &format!("  {} cameras\n", scene.cameras.len());
+        out += &format!("  {}\n", counted(scene.cameras.len(), "camera"));
     }
     for (i, light) in scene.lights.iter().enumerate() {
         let unit = if light.kind == LightKind::Directional { "lux" } else { "candela" };

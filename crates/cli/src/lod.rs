@@ -5,7 +5,7 @@ use crate::fields::{SIMPLIFY, explain_error, misuse};
 use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::Terminal;
-use crate::simplify::{CHECKPOINT_FILE, Job, ending, load, name, options};
+use crate::simplify::{CHECKPOINT_FILE, Job, ending, load, name, options, steps};
 use crate::status::Ending;
 use crate::threads;
 use anyhow::{Error, Result};
@@ -61,7 +61,7 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
     let whole =
         Job { command: SIMPLIFY, input: &a.input, output: &a.output, report: None, explain: a.explain };
     whole.begin(&scene, &options.level(0))?;
-    let progress = Terminal::new();
+    let progress = Terminal::with_rounds(steps(options.fit.fit_with));
     let told = |e| explain_error(SIMPLIFY, &a.input, of_command(e));
     let chain = simplify_chain(&scene, &a.output, &options, &progress).map_err(told)?;
     progress.finish();

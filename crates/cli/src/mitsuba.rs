@@ -1,7 +1,7 @@
 //! Scenes of Mitsuba 3 on the command line: `photofit render scene.xml` and `photofit inspect scene.xml`.
 
 use crate::args::{Inspect, Render};
-use crate::output::{self, count, print};
+use crate::output::{self, count, counted, print};
 use crate::path_render;
 use crate::preflight::Places;
 use crate::progress::say;
@@ -108,21 +108,27 @@ fn text(path: &Path, scene: &MitsubaScene) -> String {
         .map_or("none".to_owned(), |e| format!("{} x {}", e.image.width, e.image.height));
     let mut out = format!("{}\n", path.display());
     out += &format!(
-        "  {} shapes, {} placed: {} triangles, {} over all placements\n",
-        scene.shapes.len(),
+        "  {}, {} placed: {}, {} over all placements\n",
+        counted(scene.shapes.len(), "shape"),
         scene.instances.len(),
-        count(stored),
+        counted(stored, "triangle"),
         count(placed)
     );
     out += &format!(
-        "  {} materials, {emitting} of them emit; {} media\n",
-        scene.materials.len(),
-        scene.media.len()
+        "  {}, {emitting} of them emit; {}\n",
+        counted(scene.materials.len(), "material"),
+        counted(scene.media.len(), "medium")
     );
-    out += &format!("  {} lights without a surface; environment: {environment}\n", scene.lights.len());
     out += &format!(
-        "  picture: {} x {} pixels, {} samples, up to {} scattering events\n",
-        film.crop_size[0], film.crop_size[1], scene.sensor.samples, scene.integrator.max_depth
+        "  {} without a surface; environment: {environment}\n",
+        counted(scene.lights.len(), "light")
+    );
+    out += &format!(
+        "  picture: {} x {} pixels, {}, up to {}\n",
+        film.crop_size[0],
+        film.crop_size[1],
+        counted(scene.sensor.samples as usize, "sample"),
+        counted(scene.integrator.max_depth as usize, "scattering event")
     );
     if scene.sensors > 1 {
         out += &format!("  {} sensors: this is the first, --camera chooses another\n", scene.sensors);

@@ -2,7 +2,7 @@
 
 use crate::progress::say;
 use anyhow::{Result, bail};
-pub(crate) use photofit_fit::report::count;
+pub(crate) use photofit_fit::report::{count, counted};
 use photofit_fit::simplify::Quality;
 use serde_json::{Value, json};
 use std::io::{ErrorKind, Write};
@@ -47,11 +47,13 @@ impl Results {
         written.is_ok()
     }
 
+    /// Tells where the files stand.
+    ///
     /// # Errors
     /// If a file could not be written.
     pub(crate) fn end(self, folder: &Path) -> Result<()> {
         match self.refused {
-            0 => Ok(()),
+            0 => print(&format!("wrote {}\n", folder.display())),
             n => bail!(
                 "{}: {n} of the files of the result could not be written; all others are there",
                 folder.display()
@@ -135,17 +137,12 @@ pub(crate) fn bytes(n: u64) -> String {
     }
 }
 
-/// What a fit through the path tracer reached, and where it stands: its errors before and after, steps and seconds.
-pub(crate) fn traced_error(
-    judged: &str,
-    errors: [Option<f64>; 2],
-    (steps, seconds): (u64, f64),
-    folder: &Path,
-) -> String {
+/// What a fit through the path tracer reached: its errors before and after, steps and seconds.
+pub(crate) fn traced_error(judged: &str, errors: [Option<f64>; 2], (steps, seconds): (u64, f64)) -> String {
     let [first, best] = errors.map(|e| e.unwrap_or(f64::NAN));
     format!(
-        "relative squared error of {judged}: {first:.4e} -> {best:.4e}, {steps} steps, {seconds:.1} s\nwrote {}\n",
-        folder.display()
+        "relative squared error of {judged}: {first:.4e} -> {best:.4e}, {}, {seconds:.1} s\n",
+        counted(steps as usize, "step")
     )
 }
 
@@ -161,6 +158,13 @@ mod tests {
         for (n, text) in [(12, "12 B"), (1536, "1.5 KiB"), (3 << 20, "3.0 MiB"), (5 << 30, "5.00 GiB")] {
             assert_eq!(bytes(n), text);
         }
+    }
+
+    #[test]
+    fn one_thing_is_told_in_the_singular() {
+        let told = [(1, "sample"), (0, "step"), (1200, "vertex"), (1, "medium"), (2, "medium")];
+        let told = told.map(|(n, what)| counted(n, what));
+        assert_eq!(told, ["1 sample", "0 steps", "1,200 vertices", "1 medium", "2 media"]);
     }
 
     #[test]

@@ -86,7 +86,10 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, view: &View, key: &
         output::write_json(file, &value)?;
     }
     let spp = renderer.progress().samples as f64 / (f64::from(a.width()) * f64::from(a.height()));
-    print(&render::summary(a, &format!("{spp:.0} samples each"), began))?;
+    print(&render::summary(a, spp.round() as usize, began))?;
+    if finished && !a.is_mitsuba() {
+        render::warn_unseen(&a.input, &renderer.picture());
+    }
     let left_out = renderer.progress().not_finite;
     if left_out > 0 {
         say(&format!("{left_out} contributions were not finite and are left out: the scene is faulty"));
@@ -295,7 +298,7 @@ fn resume(renderer: &mut Renderer<'_>, state: &Path, key: &str) -> Result<bool> 
     renderer.resume(key, &bytes).map_err(|e| anyhow!("{}: {e}", state.display()))?;
     let progress = renderer.progress();
     let share = 100.0 * progress.samples as f64 / progress.total.max(1) as f64;
-    say(&format!("resuming at {share:.1}% of {} samples", progress.total));
+    say(&format!("resuming at {share:.1}% of {}", output::counted(progress.total as usize, "sample")));
     Ok(true)
 }
 

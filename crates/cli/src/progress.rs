@@ -26,6 +26,8 @@ pub(crate) fn say_warnings(file: &Path, scene: &Scene) {
 /// Shows progress: a bar on a terminal, else a line at each stage and every ten seconds.
 pub(crate) struct Terminal {
     steps: &'static [&'static [&'static str]],
+    /// The steps are gone through several times.
+    rounds: bool,
     state: Mutex<State>,
 }
 
@@ -48,6 +50,15 @@ impl Terminal {
 
     /// Progress of work that goes through steps in order; each step lists the names of its stages.
     pub(crate) fn with_steps(steps: &'static [&'static [&'static str]]) -> Self {
+        Self::over(steps, false)
+    }
+
+    /// The same where the steps are gone through several times: after the last one of them an earlier one begins another round.
+    pub(crate) fn with_rounds(steps: &'static [&'static [&'static str]]) -> Self {
+        Self::over(steps, true)
+    }
+
+    fn over(steps: &'static [&'static [&'static str]], rounds: bool) -> Self {
         let now = Instant::now();
         let bar = std::io::stderr().is_terminal().then(|| {
             let bar = ProgressBar::new(1);
@@ -58,7 +69,19 @@ impl Terminal {
             bar.enable_steady_tick(Duration::from_millis(500));
             bar
         });
-        Self { steps, state: Mutex::new(State { bar, stage: "", step: 0, began: now, spoke: now, first: 0 }) }
+        Self {
+            steps,
+            rounds,
+            state: Mutex::new(State { bar, stage: "", step: 0, began: now, spoke: now, first: 0 }),
+        }
+    }
+
+    /// The step of a stage that follows on the step `before`; 0 where steps are not counted.
+    fn step_of(&self, stage: &str, before: usize) -> usize {
+        let step = self.steps.iter().position(|s| s.contains(&stage)).map_or(0, |k| k + 1);
+        let again = self.rounds && step > 0 && before == self.steps.len();
+        // A later step may repeat a stage of an earlier one.
+        if again { step } else { before.max(step) }
     }
 
     /// Ends the last stage.
@@ -125,9 +148,7 @@ impl Progress for Terminal {
         if stage != state.stage {
             state.end_stage(self.steps.len());
             (state.stage, state.began, state.first) = (stage, Instant::now(), done);
-            // A later step may repeat a stage of an earlier one.
-            let step = self.steps.iter().position(|s| s.contains(&stage)).map_or(0, |k| k + 1);
-            state.step = state.step.max(step);
+            state.step = self.step_of(stage, state.step);
             if let Some(bar) = &state.bar {
                 bar.reset();
                 bar.set_message(state.name(self.steps.len()));
@@ -157,5 +178,29 @@ impl Progress for Terminal {
 
     fn is_cancelled(&self) -> bool {
         interrupt::is_stopping()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Terminal;
+
+    #[test]
+    fn steps_rise_and_begin_again_with_a_round() {
+        const STEPS: &[&[&str]] = &[&["see"], &["cut"], &["bake"], &["fit"], &["report"]];
+        let steps = |terminal: &Terminal, stages: &[&str]| {
+            let mut step = 0;
+            let next = |stage: &&str| {
+                step = terminal.step_of(stage, step);
+                step
+            };
+            stages.iter().map(next).collect::<Vec<usize>>()
+        };
+        let stages = ["see", "cut", "bake", "fit", "bake", "report", "cut", "bake", "fit", "other", "report"];
+        let once = steps(&Terminal::with_steps(STEPS), &stages);
+        assert_eq!(once, [1, 2, 3, 4, 4, 5, 5, 5, 5, 5, 5]);
+        let rounds = steps(&Terminal::with_rounds(STEPS), &stages);
+        assert_eq!(rounds, [1, 2, 3, 4, 4, 5, 2, 3, 4, 4, 5]);
+        assert_eq!(steps(&Terminal::new(), &stages), [0; 11]);
     }
 }

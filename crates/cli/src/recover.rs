@@ -7,7 +7,7 @@ use crate::progress::{Terminal, say_warnings};
 use crate::recovery::Recovery;
 use crate::simplify::{CHECKPOINT_FILE, name};
 use crate::status::Ending;
-use crate::{interrupt, memory, threads};
+use crate::{interrupt, memory, output, threads};
 use anyhow::Result;
 use photofit_fit::footprint::Task;
 use photofit_fit::pictures::named_files;
@@ -56,8 +56,8 @@ fn texture(a: &RecoverTexture) -> Result<Ending> {
     let [all, held_out] = r.pictures;
     let light = if r.lit { "known lights" } else { "no lights given: the colour is unlit" };
     let text = format!(
-        "{all} pictures, {held_out} of them held out and judged by; {light}; {} steps\nwrote {}\n",
-        r.steps,
+        "{all} pictures, {held_out} of them held out and judged by; {light}; {}\nwrote {}\n",
+        output::counted(r.steps as usize, "step"),
         a.output.display()
     );
     let recovery = Recovery {

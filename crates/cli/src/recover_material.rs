@@ -11,7 +11,6 @@ use crate::{interrupt, memory, threads};
 use anyhow::{Context, Result, anyhow, bail};
 use photofit_fit::FitError;
 use photofit_fit::engine::chain::checkpoint_files;
-use photofit_fit::engine::trainer::Keeping;
 use photofit_fit::footprint::Task;
 use photofit_fit::guiding::GuidingReport;
 use photofit_fit::pictures::{named_files, world_pictures};
@@ -44,12 +43,12 @@ pub(crate) fn run(a: &RecoverMaterial) -> Result<Ending> {
         .reads("--self-test", a.self_test.as_deref())
         .reads("--env", a.env.as_deref())
         .fills("--output", Some(&a.output), &FILES)
-        .fills("--checkpoint", a.running.checkpoint.as_deref(), &checkpoints);
+        .fills("--checkpoint", a.course.running.checkpoint.as_deref(), &checkpoints);
     places.check()?;
     if let Some(pictures) = &a.pictures {
         places.check_against("PICTURES", &named_files(pictures))?;
     }
-    threads::set(a.running.threads)?;
+    threads::set(a.course.running.threads)?;
     let (option, file) = match (&a.mesh, &a.self_test) {
         (Some(mesh), _) => ("--mesh", mesh),
         (None, Some(asset)) => ("--self-test", asset),
@@ -71,7 +70,7 @@ pub(crate) fn run(a: &RecoverMaterial) -> Result<Ending> {
     let r = recover_material(&mesh, &views, &pictures, &options, &progress).map_err(named)?;
     let seconds = began.elapsed().as_secs_f64();
     progress.finish();
-    tell_course(r.stopped, a.explain.then_some(&r.plan))?;
+    tell_course(r.stopped, a.course.explain.then_some(&r.plan))?;
     let mut results = Results::default();
     let path = |name: &str| a.output.join(name);
     let written = photofit_scene::save_glb(path(FILES[0]), &r.asset).map_err(Into::into);
@@ -94,7 +93,7 @@ pub(crate) fn run(a: &RecoverMaterial) -> Result<Ending> {
         results.took(photofit_image::write_png(path(FILES[3]), &sheet).map_err(Into::into));
     }
     let judged = judged(r.held_out, views.len());
-    let reached = output::traced_error(&judged, first_and_best(&r.history), (r.steps, seconds), &a.output);
+    let reached = output::traced_error(&judged, first_and_best(&r.history), (r.steps, seconds));
     let found = Found {
         title: format!("materials of {} from pictures", crate::simplify::name(file)),
         reached: &reached,
@@ -147,12 +146,8 @@ fn options(a: &RecoverMaterial, environment: Option<Image>) -> RecoverMaterialOp
         gradient_spp: a.traced.gradient_spp,
         max_depth: a.max_depth,
         smoothing: a.traced.smoothing.into(),
-        seed: a.running.seed,
-        keeping: Keeping {
-            checkpoint: a.running.checkpoint.clone(),
-            resume: a.running.resume,
-            time_limit: a.time_limit,
-        },
+        seed: a.course.running.seed,
+        keeping: a.course.keeping(),
     }
 }
 
@@ -167,7 +162,7 @@ fn seen<'a>(a: &RecoverMaterial, mesh: &'a Scene, environment: Option<&Image>) -
     let sky = environment.cloned().unwrap_or_else(first_sky);
     let sampled = (a.resolution, TARGET_SPP);
     let known =
-        KnownMaterial::new(mesh, &sky, around(mesh, a.views)?, sampled, a.background, a.running.seed)?;
+        KnownMaterial::new(mesh, &sky, around(mesh, a.views)?, sampled, a.background, a.course.running.seed)?;
     let (views, pictures) = (known.views.clone(), known.pictures.clone());
     Ok((Some(known), views, pictures))
 }

@@ -7,7 +7,7 @@ use crate::progress::{Terminal, say_warnings};
 use crate::recovery::Recovery;
 use crate::simplify::name;
 use crate::status::Ending;
-use crate::{interrupt, memory, threads};
+use crate::{interrupt, memory, output, threads};
 use anyhow::Result;
 use photofit_fit::engine::chain::checkpoint_files;
 use photofit_fit::footprint::Task;
@@ -95,9 +95,9 @@ fn told(a: &RecoverMesh, r: &RecoveredMesh) -> String {
     let [all, held_out] = r.pictures;
     let light = if r.lit { "known lights" } else { "no lights given: the colour is unlit" };
     text += &format!(
-        "{all} pictures, {held_out} of them held out and judged by; {light}; {} steps; {} triangles\nwrote {}\n",
-        r.steps,
-        r.triangles[1],
+        "{all} pictures, {held_out} of them held out and judged by; {light}; {}; {}\nwrote {}\n",
+        output::counted(r.steps as usize, "step"),
+        output::counted(r.triangles[1], "triangle"),
         a.output.display()
     );
     text

@@ -12,7 +12,6 @@ use anyhow::{Context, Result, anyhow, bail};
 use glam::{DAffine3, DVec3, Vec3};
 use photofit_fit::FitError;
 use photofit_fit::engine::chain::checkpoint_files;
-use photofit_fit::engine::trainer::Keeping;
 use photofit_fit::pictures::{lit_world_pictures, named_files};
 use photofit_fit::recover_volume::{RecoverVolumeOptions, RecoveredVolume, Surroundings, recover_volume};
 use photofit_fit::report::PAGE;
@@ -62,12 +61,14 @@ pub(crate) fn run(a: &RecoverVolume) -> Result<Ending> {
         .reads("--self-test", a.self_test.as_deref())
         .reads("--env", a.env.as_deref())
         .fills("--output", Some(&a.output), &FILES)
-        .fills("--checkpoint", a.running.checkpoint.as_deref(), &checkpoints);
+        .fills("--checkpoint", a.course.running.checkpoint.as_deref(), &checkpoints);
     places.check()?;
     if let Some(pictures) = &a.pictures {
         places.check_against("PICTURES", &named_files(pictures))?;
     }
-    threads::set(a.running.threads)?;
+    // What no picture could satisfy is told before one is read.
+    options.check().map_err(|e| misuse(RECOVER_VOLUME, e))?;
+    threads::set(a.course.running.threads)?;
     let seen = seen(a)?;
     let options =
         RecoverVolumeOptions { bounds: options.bounds.or(seen.truth.as_ref().map(|t| t.bounds)), ..options };
@@ -79,7 +80,7 @@ pub(crate) fn run(a: &RecoverVolume) -> Result<Ending> {
         .map_err(|e| failed(a, e))?;
     let seconds = began.elapsed().as_secs_f64();
     progress.finish();
-    tell_course(r.stopped, a.explain.then_some(&r.plan))?;
+    tell_course(r.stopped, a.course.explain.then_some(&r.plan))?;
     write(a, &seen, &r, seconds)?;
     let stopped = r.stopped && interrupt::is_stopping();
     Ok(if stopped { Ending::Stopped } else { Ending::Done })
@@ -114,12 +115,8 @@ fn options(a: &RecoverVolume) -> RecoverVolumeOptions {
         gradient_spp: a.traced.gradient_spp,
         max_depth: a.max_depth,
         smoothing: a.traced.smoothing.into(),
-        seed: a.running.seed,
-        keeping: Keeping {
-            checkpoint: a.running.checkpoint.clone(),
-            resume: a.running.resume,
-            time_limit: a.time_limit,
-        },
+        seed: a.course.running.seed,
+        keeping: a.course.keeping(),
     }
 }
 
@@ -227,7 +224,7 @@ fn write(a: &RecoverVolume, seen: &Seen, r: &RecoveredVolume, seconds: f64) -> R
             &format!("root mean square error of the extinction: {found:.4}; of an empty box {nothing:.4}\n");
     }
     let judged = judged(r.held_out, seen.views.len());
-    let reached = output::traced_error(&judged, [first, best], (r.steps, seconds), &a.output);
+    let reached = output::traced_error(&judged, [first, best], (r.steps, seconds));
     let found = Found {
         title: format!("a cloud on {x} x {y} x {z} voxels"),
         reached: &reached,

@@ -81,6 +81,7 @@ pub(crate) fn run(a: &Render) -> Result<Ending> {
     let supersample = a.spp.unwrap_or(16).isqrt() as usize;
     let picture = render(&scene, &camera, &lights, (a.width() as usize, a.height() as usize), supersample);
     write(&a.output, &picture)?;
+    warn_unseen(&a.input, &picture);
     let spp = supersample * supersample;
     if let Some(file) = &a.json {
         let value = json!({
@@ -98,8 +99,19 @@ pub(crate) fn run(a: &Render) -> Result<Ending> {
         });
         output::write_json(file, &value)?;
     }
-    output::print(&summary(a, &format!("{spp} samples each"), began))?;
+    output::print(&summary(a, spp, began))?;
     Ok(Ending::Done)
+}
+
+/// Warns where a picture (RGBA) shows nothing of what it is of.
+pub(crate) fn warn_unseen(input: &Path, picture: &Image) {
+    if picture.data.chunks_exact(4).all(|p| p[3] <= 0.0) {
+        say(&format!(
+            "warning: {}: the camera sees nothing of it: it is transparent all over, turns its back, is too small beside its \
+             bounds, or outside of the picture",
+            input.display()
+        ));
+    }
 }
 
 /// The asset, as it is at the moment that the command names.
@@ -113,10 +125,11 @@ pub(crate) fn posed(a: &Render) -> Result<Scene> {
     Ok(scene)
 }
 
-/// What was written, in one line.
-pub(crate) fn summary(a: &Render, samples: &str, began: Instant) -> String {
+/// What was written with so many samples of a pixel, in one line.
+pub(crate) fn summary(a: &Render, spp: usize, began: Instant) -> String {
     let (file, w, h) = (a.output.display(), a.width(), a.height());
-    format!("wrote {file}: {w} x {h} pixels, {samples}, {:.1} s\n", began.elapsed().as_secs_f64())
+    let (samples, seconds) = (output::counted(spp, "sample"), began.elapsed().as_secs_f64());
+    format!("wrote {file}: {w} x {h} pixels, {samples} each, {seconds:.1} s\n")
 }
 
 /// A camera of the asset, with the vertical field of view that it has there; everything of the asset in front of it is seen.
@@ -150,7 +163,8 @@ pub(crate) fn camera(a: &Render, center: Vec3, radius: f32) -> Camera {
     }
 }
 
-/// Renders linear, premultiplied RGBA.
+/// Renders linear, premultiplied RGBA. Lengths are scaled by a power of two to those of an asset of radius one: the picture is the
+/// same whatever the unit of length.
 pub(crate) fn render(
     scene: &Scene,
     camera: &Camera,
@@ -158,8 +172,30 @@ pub(crate) fn render(
     (width, height): (usize, usize),
     supersample: usize,
 ) -> Image {
-    let (flat, library) = (scene.flatten(), SurfaceLibrary::new(scene));
-    SceneRenderer::new(&flat, &library).render(camera, lights, width, height, supersample)
+    let (mut flat, library) = (scene.flatten(), SurfaceLibrary::new(scene));
+    let radius = scene.bounding_sphere().map_or(1.0, |(_, radius)| radius).max(f32::MIN_POSITIVE);
+    let scale = (-radius.log2().round()).clamp(-100.0, 100.0).exp2();
+    flat.mesh.positions.iter_mut().for_each(|p| *p *= scale);
+    let lights: Vec<Light<'_>> = lights.iter().map(|l| scaled_light(*l, scale)).collect();
+    let camera = scaled_camera(camera, scale);
+    SceneRenderer::new(&flat, &library).render(&camera, &lights, width, height, supersample)
+}
+
+/// The same camera where all lengths are multiplied by `scale`.
+fn scaled_camera(c: &Camera, scale: f32) -> Camera {
+    let mut view = c.view;
+    view.w_axis = (view.w_axis.truncate() * scale).extend(view.w_axis.w);
+    Camera { eye: c.eye * scale, view, near: c.near * scale, far: c.far * scale, ..*c }
+}
+
+/// The same light where all lengths are multiplied by `scale`.
+fn scaled_light(light: Light<'_>, scale: f32) -> Light<'_> {
+    match light {
+        Light::Point { position, intensity } => {
+            Light::Point { position: position * scale, intensity: intensity * scale * scale }
+        }
+        other => other,
+    }
 }
 
 /// The camera of the command without options; `None` for a scene without extent.
@@ -222,8 +258,35 @@ pub(crate) fn straight(picture: &Image) -> Image {
 
 #[cfg(test)]
 mod tests {
-    use super::straight;
+    use super::{framing, point_light, render, straight};
+    use photofit_geometry::shapes::icosphere;
     use photofit_image::Image;
+    use photofit_scene::{Instance, Material, Primitive, Scene};
+
+    #[test]
+    fn a_picture_does_not_depend_on_the_unit_of_length() {
+        let picture = |size: f32| {
+            let mut mesh = icosphere(6);
+            mesh.positions.iter_mut().for_each(|p| *p *= size);
+            let scene = Scene {
+                primitives: vec![Primitive { mesh, material: 0 }],
+                instances: vec![Instance { primitive: 0, transform: glam::Affine3A::IDENTITY }],
+                materials: vec![Material::clay()],
+                ..Scene::default()
+            };
+            let camera = framing(&scene, 1.0).unwrap();
+            let (center, radius) = scene.bounding_sphere().unwrap();
+            render(&scene, &camera, &point_light(&camera, center, radius), (32, 32), 2)
+        };
+        let unit = picture(1.0);
+        for size in [1e-15, 1e-10, 1e-6, 3e3, 1e10, 1e15] {
+            let other = picture(size);
+            let differ = |(a, b): (&f32, &f32)| (a - b).abs() > 0.01;
+            let differing = unit.data.iter().zip(&other.data).filter(|p| differ(*p)).count();
+            // Pixels at the outline may fall to the other side by rounding.
+            assert!(differing <= 12, "{size}: {differing} of {} differ", unit.data.len());
+        }
+    }
 
     #[test]
     fn alpha_is_divided_out() {

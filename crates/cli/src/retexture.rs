@@ -7,7 +7,7 @@ use crate::progress::{Terminal, say, say_warnings};
 use crate::recovery::Recovery;
 use crate::simplify::{CHECKPOINT_FILE, name};
 use crate::status::Ending;
-use crate::{animation, interrupt, light, memory, threads};
+use crate::{animation, interrupt, light, memory, output, threads};
 use anyhow::Result;
 use photofit_fit::FitError;
 use photofit_fit::engine::Normalised;
@@ -68,7 +68,7 @@ pub(crate) fn run(a: &Retexture) -> Result<Ending> {
     }
     let moments = match options.moments.len() {
         0 => "as both stand".to_owned(),
-        n => format!("at {n} moments"),
+        n => format!("at {}", output::counted(n, "moment")),
     };
     let drawn = match r.judged {
         Judged::PathTraced => {
@@ -76,18 +76,20 @@ pub(crate) fn run(a: &Retexture) -> Result<Ending> {
         }
         Judged::Rasterized | Judged::RasterizedAgainst(_) => "rasterized".to_owned(),
     };
+    let views = output::counted(r.views.len(), "view");
     let text = format!(
-        "{} views, {moments}, {drawn}; {} steps\nwrote {}: {} triangles\n",
-        r.views.len(),
-        r.steps,
+        "{views}, {moments}, {drawn}; {}\nwrote {}: {}\n",
+        output::counted(r.steps as usize, "step"),
         a.output.display(),
-        asset.triangle_count()
+        output::counted(asset.triangle_count(), "triangle")
     );
+    // The row of a fit holds no other.
+    let last = if r.written == Written::Baked && r.steps > 0 { "file" } else { "fitted" };
     let recovery = Recovery {
         title: format!("{} in the look of {}", name(&a.light_asset), name(&a.reference)),
-        stages: [("baked", &r.start), ("fitted", &r.quality)],
+        stages: [("baked", &r.start), (last, &r.quality)],
         views: &r.views,
-        judged: format!("{} views that the fit never saw, {moments}, {drawn}.", r.views.len()),
+        judged: format!("{views} that the fit never saw, {moments}, {drawn}."),
         history: &r.history,
         measure: "held-out PSNR, dB",
         plan: &r.plan,

@@ -16,7 +16,7 @@ use photofit_fit::footprint::Task;
 use photofit_fit::report::{PAGE as REPORT_PAGE, ReportInfo, Verdict, write_report};
 use photofit_fit::simplify::{
     Effort, FitRenderer, Init, JudgeRenderer, Judged, Outcome, Quality, ReferenceRenderer, SimplifyOptions,
-    Surfacing, TRACED_FOLDER, simplify,
+    Surfacing, TRACED_FOLDER, Written, simplify,
 };
 use photofit_fit::traced_maps::MapsCourse;
 use photofit_geometry::decimate::Target;
@@ -43,6 +43,14 @@ const STEPS_WITH_MAPS: &[&[&str]] = &[
     &["choose", "maps"],
     &["report"],
 ];
+
+/// The steps of the job.
+pub(crate) fn steps(fit_with: FitRenderer) -> &'static [&'static [&'static str]] {
+    match fit_with {
+        FitRenderer::Raster => STEPS,
+        FitRenderer::Path => STEPS_WITH_MAPS,
+    }
+}
 
 pub(crate) fn run(a: &Simplify) -> Result<Ending> {
     if !a.lod.is_empty() {
@@ -145,6 +153,7 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
         },
         own_textures: !a.new_maps,
         whole_textures: a.texture_size.is_none() && a.screen_size.is_none() && a.lod.is_empty(),
+        own_texture_size: a.texture_size,
         surfacing: match a.textures {
             Some(TextureFormat::None) => Surfacing::VertexColors,
             _ if a.keep_uvs => Surfacing::Kept,
@@ -203,10 +212,7 @@ pub(crate) struct Done {
 impl Job<'_> {
     pub(crate) fn run(&self, scene: &Scene, options: &SimplifyOptions) -> Result<Done> {
         self.begin(scene, options)?;
-        let progress = Terminal::with_steps(match options.fit_with {
-            FitRenderer::Raster => STEPS,
-            FitRenderer::Path => STEPS_WITH_MAPS,
-        });
+        let progress = Terminal::with_steps(steps(options.fit_with));
         let outcome = simplify(scene, self.output, options, &progress)
             .map_err(|e| explain_error(self.command, self.input, e))?;
         progress.finish();
@@ -313,14 +319,14 @@ impl Job<'_> {
         let rows: Vec<(&str, &Quality)> = o.stages.iter().map(|(name, q)| (*name, q)).collect();
         let mut text = output::quality_table(&rows);
         text += &format!(
-            "\n{}\n{}\n{} -> {} triangles, {} -> {}, {} steps, {:.1} s ({:.1} s of it until the file was written)\n",
+            "\n{}\n{}\n{} -> {}, {} -> {}, {}, {:.1} s ({:.1} s of it until the file was written)\n",
             Verdict::of(o),
             o.judged_by(),
             output::count(o.triangles_in),
-            output::count(o.triangles_out),
+            output::counted(o.triangles_out, "triangle"),
             output::bytes(scene.source_bytes),
             self.bytes_out().map_or_else(|| "?".into(), output::bytes),
-            o.steps,
+            output::counted(o.steps as usize, "step"),
             o.seconds,
             o.fit_seconds
         );
@@ -333,9 +339,9 @@ impl Job<'_> {
         }
         if let Some(bytes) = self.bytes_out().filter(|b| *b > scene.source_bytes && scene.source_bytes > 0) {
             let (written, read) = (output::bytes(bytes), output::bytes(scene.source_bytes));
+            let ways = lighter_by(o).join(", ");
             text += &format!(
-                "the written file is larger than the asset, {written} against {read}: --max-bytes, a smaller --texture-size or \
-                 --jpeg makes it lighter\n"
+                "the written file is larger than the asset, {written} against {read}; {ways} may make it lighter\n"
             );
         }
         text += &format!("wrote {}; textures: {}\n", self.output.display(), o.textures);
@@ -398,8 +404,24 @@ impl Job<'_> {
         for (stage, q) in &o.stages {
             out[*stage] = output::quality(q);
         }
+        if let Some(q) = o.shipped() {
+            out["file"] = output::quality(q);
+        }
         out
     }
+}
+
+/// What may make a written file lighter, of what it holds.
+fn lighter_by(o: &Outcome) -> Vec<&'static str> {
+    let textured = o.textures != "none";
+    let ways = [
+        ("--max-bytes", textured),
+        ("a smaller --texture-size", textured && o.written != Written::Kept),
+        ("--jpeg", o.textures.contains("PNG")),
+        ("fewer triangles", true),
+        ("--compress meshopt", !textured),
+    ];
+    ways.into_iter().filter(|(_, helps)| *helps).map(|(way, _)| way).collect()
 }
 
 /// How the program ends after work that was stopped early, or not.

@@ -30,6 +30,8 @@ pub struct SurfaceClass {
     pub alpha: AlphaMode,
     /// The sides that are seen.
     pub sides: Sides,
+    /// Vertex normals point to the back.
+    pub opposed: bool,
 }
 
 /// Topology and parameters of a fitted mesh.
@@ -76,7 +78,7 @@ pub struct Candidate<T = f32> {
 pub struct Vertices<T = f32> {
     /// One per vertex.
     pub positions: Vec<Vec3<T>>,
-    /// Smooth unit normals.
+    /// Smooth unit normals, on the front of the triangles unless their class is [`SurfaceClass::opposed`].
     pub normals: Vec<Vec3<T>>,
     /// Tangents with handedness.
     pub tangents: Vec<Vec4<T>>,
@@ -129,6 +131,9 @@ impl<T: LossScalar> Candidate<T> {
         let alpha = class.iter().filter(|_| transparent).map(|c| of(c).alpha).collect();
         let culls = class.iter().any(|c| of(c).sides == Sides::Front);
         let sides = class.iter().filter(|_| culls).map(|c| of(c).sides).collect();
+        // Normals that point to the back are those of the same triangles wound the other way round.
+        let turn = |(t, c): (&[u32; 3], &u32)| if of(c).opposed { [t[0], t[2], t[1]] } else { *t };
+        let turned: Vec<[u32; 3]> = mesh.triangles.iter().zip(&class).map(turn).collect();
         let size = (maps.width, maps.height);
         let texels_of = |which: fn(AlphaMode) -> bool| {
             if transparent { texels_of(mesh, &class, &classes, size, which) } else { Vec::new() }
@@ -154,7 +159,7 @@ impl<T: LossScalar> Candidate<T> {
             solid,
             masked,
             sides,
-            smooth: Incidence::new(&mesh.triangles, smoothing),
+            smooth: Incidence::new(&turned, smoothing),
             weld,
             unique,
             frames,
@@ -221,7 +226,7 @@ impl<T: LossScalar> Candidate<T> {
         }
     }
 
-    /// Normals that know no creases, one per vertex: along them a bake leaves no gaps.
+    /// Normals on the front that know no creases, one per vertex: along them a bake leaves no gaps.
     pub fn round_normals(&self) -> Vec<Vec3<f32>> {
         let round = Incidence::new(&self.triangles, &self.weld);
         vertex_normals(&round, &self.weld.expand(&single(&self.positions)), Weighting::Angle)

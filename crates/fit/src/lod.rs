@@ -62,7 +62,7 @@ pub struct Level {
 impl Level {
     /// Quality of the written file at its size.
     pub fn quality(&self) -> Quality {
-        self.outcome.stage("fitted").copied().unwrap_or_default()
+        self.outcome.shipped().copied().unwrap_or_default()
     }
 }
 

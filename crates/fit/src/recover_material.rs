@@ -22,7 +22,7 @@ use crate::engine::traced::{Smoothing, Traced};
 use crate::engine::trainer::{HistoryPoint, Keeping};
 use crate::guiding::{Guiding, GuidingOptions, GuidingReport};
 use crate::recover::left_out;
-use crate::recover_scene::{RecoverSceneOptions, recover_scene};
+use crate::recover_scene::{RecoverSceneOptions, RecoveredScene, recover_scene};
 use crate::{FitError, Progress};
 use photofit_image::Image;
 use photofit_pathtrace::{EnvironmentMap, View, World};
@@ -162,34 +162,48 @@ pub fn recover_material(
     let (mut made, mut resumed) = (0, 0);
     let mut chain = FitChain::new(&options.keeping, progress);
     let told = Mutex::default();
+    let mut before = None;
     for round in 0..options.rounds {
         let done = chain.steps();
         let end = options.steps * (round as u64 + 1) / options.rounds as u64;
         let name = format!("round {} of {}", round + 1, options.rounds);
         let shown = OfPart { progress, done, steps: options.steps, name, told: &told };
         let mut guide = None;
-        let r = chain.fit(1, &shown, |keeping| {
+        let fitted = chain.fit(1, &shown, |keeping| {
             let mut model = task.model(values.as_deref())?;
             // Rounds have noise of their own: values follow that of the round before.
             let seed = if round > 0 { hash(options.seed, ROUND, round as u64) } else { options.seed };
             model.options.seed = seed;
             if round > 0 {
                 model.guidance = task.guidance(&model, views, round, progress)?;
+                // A round that goes on later begins with the guide that it would have had.
+                if progress.is_cancelled() {
+                    return Err(FitError::Interrupted);
+                }
                 guide = model.guidance.report().cloned();
             }
             let own =
                 RecoverSceneOptions { steps: end - done, rate: options.rate, seed, keeping: keeping.clone() };
             recover_scene(model, views, pictures, &own, &shown)
-        })?;
-        if let Some(report) = guide {
-            progress.note(&format!("round {}: {}", round + 1, report.sentence()));
-            guides.push(report);
-        }
-        phases.extend(r.plan.phases.iter().map(|p| format!("round {}: {p}", round + 1)));
-        chain.add(&r.history, end - done);
-        (made, resumed) = (made + r.steps, resumed + r.resumed);
+        });
+        let r = match (fitted, before.take()) {
+            // Stopped while the guide learned: the round before is what was reached.
+            (Err(FitError::Interrupted), Some(last)) => RecoveredScene { stopped: true, ..last },
+            (fitted, _) => {
+                let r = fitted?;
+                if let Some(report) = guide {
+                    progress.note(&format!("round {}: {}", round + 1, report.sentence()));
+                    guides.push(report);
+                }
+                phases.extend(r.plan.phases.iter().map(|p| format!("round {}: {p}", round + 1)));
+                chain.add(&r.history, end - done);
+                (made, resumed) = (made + r.steps, resumed + r.resumed);
+                r
+            }
+        };
         if round + 1 < options.rounds && !r.stopped {
             values = Some((0..r.model.parameters.len()).map(|k| r.model.of(k).to_vec()).collect());
+            before = Some(r);
             continue;
         }
         let asset = task.asset(&r.model)?;

@@ -167,7 +167,11 @@ pub fn recover_volume(
     options: &RecoverVolumeOptions,
     progress: &dyn Progress,
 ) -> Result<RecoveredVolume, FitError> {
-    options.check(surroundings)?;
+    options.check()?;
+    if surroundings.environment.is_none() && surroundings.lights.is_empty() {
+        let rule = "have no light; they must have some".into();
+        return Err(FitError::Setting { field: "surroundings", rule });
+    }
     let Some(first) = pictures.first() else {
         let rule = format!("are 0; they must be {}, one per view", views.len().max(1));
         return Err(FitError::Setting { field: "pictures", rule });
@@ -221,7 +225,11 @@ pub fn recover_volume(
 }
 
 impl RecoverVolumeOptions {
-    fn check(&self, surroundings: &Surroundings) -> Result<(), FitError> {
+    /// Checks the ranges of the options.
+    ///
+    /// # Errors
+    /// [`FitError::Setting`] names the field, what it is and what it must be.
+    pub fn check(&self) -> Result<(), FitError> {
         let wrong = |field, rule| Err(FitError::Setting { field, rule });
         if !SIZES.contains(&self.size) {
             return wrong(
@@ -242,9 +250,6 @@ impl RecoverVolumeOptions {
                 "anisotropy",
                 format!("is {}; it must be more than -1 and less than 1", self.anisotropy),
             );
-        }
-        if surroundings.environment.is_none() && surroundings.lights.is_empty() {
-            return wrong("surroundings", "have no light; they must have some".into());
         }
         Ok(())
     }

@@ -145,6 +145,7 @@ pub fn retexture(
     };
     let count = trainer::HELD_OUT.max(2 * options.moments.len() as u64).min(32);
     let held_out = HeldOut::new(&reference_pictures, &seen, Sampling::SUPERSAMPLED, count, options.seed)?;
+    held_out.warn_unseen(progress);
     let loss = loss::choose(&held_out);
     let mut items = rows::surface(&model.surface().work(options.steps));
     items.push(animation(options, &n));

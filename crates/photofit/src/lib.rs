@@ -48,7 +48,7 @@ let options = SimplifyOptions {
 let file = std::env::temp_dir().join(format!("photofit-example-{}.glb", std::process::id()));
 let outcome = simplify(&rock, &file, &options, &Silent)?;
 assert!(outcome.triangles_out <= 200);
-assert!(outcome.stage("fitted").is_some_and(|q| q.psnr > 10.0));
+assert!(outcome.shipped().is_some_and(|q| q.psnr > 10.0));
 # std::fs::remove_file(&file)?;
 # Ok::<(), Box<dyn std::error::Error>>(())
 ```

@@ -67,7 +67,8 @@ fn surface() -> Surface {
     texel[..channel::USED].fill(0.5);
     (texel[channel::NORMAL], texel[channel::NORMAL + 1], texel[channel::NORMAL + 2]) = (0.0, 0.0, 1.0);
     let maps = Maps { width: TEXELS, height: TEXELS, texels: vec![texel; TEXELS * TEXELS] };
-    let classes = vec![SurfaceClass { alpha: AlphaMode::Opaque, sides: Sides::Both }];
+    let classes =
+        vec![SurfaceClass { alpha: AlphaMode::Opaque, sides: Sides::Both, ..SurfaceClass::default() }];
     let class = vec![0; mesh.triangles.len()];
     let mut rates = [0.0; CHANNELS];
     rates[..channel::USED].fill(1.0);
@@ -203,7 +204,7 @@ fn whole(ctx: &mut Context, gpu: &Gpu) -> Result<()> {
             let began = Instant::now();
             let outcome = simplify(&asset, &folder.path().join("light.glb"), &options, &Silent)?;
             let seconds = began.elapsed().as_secs_f64();
-            let Some(q) = outcome.stage("fitted") else { bail!("the fit was not judged") };
+            let Some(q) = outcome.shipped() else { bail!("the fit was not judged") };
             let figures = vec![("error", q.flip), ("PSNR dB", q.psnr)];
             ctx.record(name, &format!("{steps} steps"), steps as usize, Timing::of(vec![seconds]), figures);
         }

@@ -6,6 +6,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand, ValueEnum};
 use photofit_fit::engine::loss::PictureLoss;
 use photofit_fit::engine::surface::PositionOptimizer;
+use photofit_fit::engine::trainer::Keeping;
 use photofit_fit::recover_mesh::MOST_TRIANGLES;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -123,10 +124,11 @@ pub(crate) struct TracedFit {
     /// How steps of textures and grids are smoothed.
     #[arg(long, value_name = "HOW", value_enum, default_value = "bilateral")]
     pub(crate) smoothing: TextureSmoothing,
-    /// Steps of the fit, of all grids; fewer are made when the picture stops improving [range: at least 0].
+    /// Steps of the fit, of all grids or rounds together; fewer are made when the picture stops improving [range: at least 0].
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = whole::<u64>(0..))]
     pub(crate) steps: u64,
-    /// Peak rate of the optimizer, relative to the mean of the start of radiances, and to what is opaque of densities [range: more than 0, at most 1].
+    /// Peak rate of the optimizer: of colours, roughness and the like as they are, of radiances relative to them or to the mean of
+    /// their start, of densities relative to what is opaque [range: more than 0, at most 1].
     #[arg(long, value_name = "RATE", default_value_t = 0.05, value_parser = number(above_to(0.0, 1.0)))]
     pub(crate) rate: f64,
     /// Samples per pixel of the picture of a step [range: 1 to 65536].
@@ -135,6 +137,27 @@ pub(crate) struct TracedFit {
     /// Samples per pixel of its gradient [range: 1 to 65536].
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = whole::<u32>(1..=65536))]
     pub(crate) gradient_spp: u32,
+}
+
+// How a fit in parts through the path tracer ends and goes on, and what is told of it.
+#[derive(Args, Debug)]
+pub(crate) struct TracedCourse {
+    /// End the fit after this many seconds and keep what was reached; reading, the pictures of --self-test, training of guides,
+    /// and what is written take their time on top [range: more than 0, at most 1000000000] [default: no limit].
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub(crate) time_limit: Option<Duration>,
+    #[command(flatten)]
+    pub(crate) running: Running,
+    /// Print what ran, what was skipped, and why.
+    #[arg(long)]
+    pub(crate) explain: bool,
+}
+
+impl TracedCourse {
+    pub(crate) fn keeping(&self) -> Keeping {
+        let Running { checkpoint, resume, .. } = &self.running;
+        Keeping { checkpoint: checkpoint.clone(), resume: *resume, time_limit: self.time_limit }
+    }
 }
 
 /// Parameters are named as by `photofit gradient SCENE --list`. Shapes and cameras stay as they are. Of four pictures or
@@ -235,15 +258,8 @@ pub(crate) struct RecoverVolume {
     /// The folder to write: extinction.vol, albedo.vol, views.png, values.json, index.html.
     #[arg(short, long, value_name = "DIR")]
     pub(crate) output: PathBuf,
-    /// End the fit after this many seconds and keep what was reached; reading, the pictures of --self-test, and those that are
-    /// written take their time on top [range: more than 0, at most 1000000000] [default: no limit].
-    #[arg(long, value_name = "S", value_parser = seconds)]
-    pub(crate) time_limit: Option<Duration>,
     #[command(flatten)]
-    pub(crate) running: Running,
-    /// Print what ran, what was skipped, and why.
-    #[arg(long)]
-    pub(crate) explain: bool,
+    pub(crate) course: TracedCourse,
 }
 
 /// Base colour, roughness and metalness become textures of the mesh, light from all around an environment, through the path
@@ -306,13 +322,6 @@ pub(crate) struct RecoverMaterial {
     /// The folder to write: material.glb, environment.exr, views.png, relit.png (of --self-test), values.json, index.html.
     #[arg(short, long, value_name = "DIR")]
     pub(crate) output: PathBuf,
-    /// End the fit after this many seconds and keep what was reached; reading, the pictures of --self-test, training of guides,
-    /// and what is written take their time on top [range: more than 0, at most 1000000000] [default: no limit].
-    #[arg(long, value_name = "S", value_parser = seconds)]
-    pub(crate) time_limit: Option<Duration>,
     #[command(flatten)]
-    pub(crate) running: Running,
-    /// Print what ran, what was skipped, and why.
-    #[arg(long)]
-    pub(crate) explain: bool,
+    pub(crate) course: TracedCourse,
 }

@@ -3,6 +3,7 @@
 //! A refused value is told with what it must be; the help of an option has the same words in `[range: ...]`.
 
 use clap::builder::{PathBufValueParser, TypedValueParser};
+use clap::{Arg, Command};
 use std::fmt::Display;
 use std::ops::{Bound, RangeBounds};
 use std::path::PathBuf;
@@ -18,7 +19,15 @@ pub(crate) fn whole<T: TryFrom<u64> + 'static>(
     move |text| {
         let value = text.parse::<u64>().ok().filter(|n| range.contains(n));
         let value = value.and_then(|n| T::try_from(n).ok());
-        value.ok_or_else(|| format!("it must be a whole number, {}", words(&range)))
+        value.ok_or_else(|| {
+            // Of ranges without an end the type has one.
+            let too_large = !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
+            let ends = [u64::MAX, u64::from(u32::MAX), u64::from(u16::MAX), u64::from(u8::MAX)];
+            let end = ends.into_iter().find(|n| T::try_from(*n).is_ok());
+            let end = end.filter(|_| too_large && matches!(range.end_bound(), Bound::Unbounded));
+            let end = end.map_or_else(String::new, |n| format!(", at most {n}"));
+            format!("it must be a whole number, {}{end}", words(&range))
+        })
     }
 }
 
@@ -138,6 +147,15 @@ pub(crate) fn ending(endings: &'static [&'static str]) -> impl TypedValueParser<
     })
 }
 
+/// The command and those below it with negative numbers as values of all options: one that is out of its range is told as such,
+/// and not taken for an option.
+pub(super) fn with_negative_numbers(command: Command) -> Command {
+    let names: Vec<String> = command.get_subcommands().map(|c| c.get_name().to_owned()).collect();
+    let takes_value = |a: &Arg| !a.is_positional() && a.get_action().takes_values();
+    let command = command.mut_args(|a| if takes_value(&a) { a.allow_negative_numbers(true) } else { a });
+    names.into_iter().fold(command, |c, name| c.mut_subcommand(name, with_negative_numbers))
+}
+
 /// A range in words.
 fn words<T: Display>(range: &impl RangeBounds<T>) -> String {
     match (range.start_bound(), range.end_bound()) {
@@ -164,6 +182,12 @@ mod tests {
         for wrong in ["0", "101", "-1", "1.5", "", "many", "99999999999999999999"] {
             assert_eq!(whole::<u8>(1..=100)(wrong), Err("it must be a whole number, 1 to 100".into()));
         }
+        let open = "it must be a whole number, at least 0";
+        assert_eq!(
+            whole::<u64>(0..)("18446744073709551616"),
+            Err(format!("{open}, at most 18446744073709551615"))
+        );
+        assert_eq!(whole::<u64>(0..)("-1"), Err(open.into()));
         let colour = numbers(&[1, 3], 0.0..=1.0);
         assert_eq!(colour("0.5,0, 1"), Ok(Numbers(vec![0.5, 0.0, 1.0])));
         assert_eq!(colour("0.5,1"), Err("has 2 numbers; it must have 1 or 3".into()));
@@ -193,7 +217,7 @@ mod tests {
 
     #[test]
     fn endings_are_taken_in_any_case() {
-        let command = clap::Command::new("x");
+        let command = Command::new("x");
         let parse = |name: &str| ending(&["png", "exr"]).parse_ref(&command, None, name.as_ref());
         assert!(parse("a.png").is_ok() && parse("a.b.EXR").is_ok());
         for wrong in ["a.jpg", "png", "a", ".png"] {

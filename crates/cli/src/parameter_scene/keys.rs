@@ -31,6 +31,13 @@ pub(crate) struct Key {
     pub(crate) idle: Option<String>,
 }
 
+impl Key {
+    /// What lists add to the name of a parameter that has no derivative now.
+    pub(crate) fn zero(&self) -> &'static str {
+        if self.dark || self.idle.is_some() { " (0 in this scene)" } else { "" }
+    }
+}
+
 /// Keys on their way.
 #[derive(Default)]
 struct Keys {

@@ -12,7 +12,9 @@ use crate::progress::say_warnings;
 use crate::status::Misuse;
 use crate::{mitsuba, path_render, render};
 use anyhow::{Result, anyhow, bail};
-use photofit_pathtrace::{EnvironmentMap, Parts, PathOptions, RenderOptions, View, WorldOptions};
+use photofit_pathtrace::{
+    EnvironmentMap, Parts, PathOptions, PathtraceError, RenderOptions, View, WorldOptions,
+};
 use photofit_scene::mitsuba::MitsubaOptions;
 
 /// Words in the names of parameters that move edges.
@@ -77,12 +79,19 @@ impl Subject {
              it must be a parameter of --list (shapes are fitted through the rasterizer)"
             );
         }
-        let mut known: Vec<&str> = keys.iter().take(LISTED).map(|k| k.name.as_str()).collect();
+        let mut known: Vec<String> = keys.iter().take(LISTED).map(|k| k.name.clone() + k.zero()).collect();
         if keys.len() > LISTED {
-            known.push("...");
+            known.push("... (--list of photofit gradient shows all)".into());
         }
         bail!("{file}: has no parameter {name} with derivatives; it must be of {}", known.join(", "))
     }
+}
+
+/// An error of a scene, with the option that mends it.
+pub(crate) fn explained(a: &ParameterScene, error: &PathtraceError) -> anyhow::Error {
+    let file = a.input.display();
+    let dark = *error == PathtraceError::NoLight && !mitsuba::is_scene(&a.input);
+    anyhow!("{file}: {error}{}", if dark { ": --env FILE lights an asset" } else { "" })
 }
 
 fn of_mitsuba(a: &ParameterScene, places: &Places) -> Result<Subject> {

@@ -120,7 +120,7 @@ pub(super) fn write(
     {
         text += "the error still fell when the steps were made: more of --steps may find more\n";
     }
-    let reached = output::traced_error(&judged, [first, best], (r.steps, seconds), &a.output);
+    let reached = output::traced_error(&judged, [first, best], (r.steps, seconds));
     let found = Found {
         title: format!("{} from pictures", crate::simplify::name(&a.scene.input)),
         reached: &reached,

@@ -120,6 +120,12 @@ fn what_cannot_be_differentiated_is_refused_in_one_line() {
     let rock = ["gradient", "rock.glb", "--parameter", key, "--width", "16", "--height", "16"];
     let lit = [&rock[..], &["--env", "sky.png", "--spp", "4"]].concat();
     assert!(stdout(&succeeds(d, &lit)).contains(key));
+    let o = photofit(d, &[&rock[..], &["--spp", "4"]].concat());
+    assert_one_error(&o, "no light", &["rock.glb", "has no light", "--env FILE"]);
+    // The error about an unknown key and the list say the same.
+    let o = photofit(d, &["gradient", "rock.glb", "--parameter", "none"]);
+    assert_one_error(&o, "no such key", &[&format!("{key}, "), ".emissive (0 in this scene)"]);
+    assert!(keys.lines().any(|l| l.contains(".emissive") && l.ends_with("3 (0 in this scene)")), "{keys}");
     let o = photofit(d, &[&lit[..], &["--camera", "1"]].concat());
     assert_one_error(&o, "no camera", &["rock.glb", "0 cameras", "--camera"]);
 }

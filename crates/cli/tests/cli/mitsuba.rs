@@ -73,7 +73,7 @@ fn files_above_the_scene_need_an_option() {
         &["s.xml", "../tri.obj", "--allow-parent-paths must be given"],
     );
     assert!(!stderr(&o).contains("allow_parent_paths"), "no field of the library: {}", stderr(&o));
-    assert!(stdout(&succeeds(d, &["inspect", "scene/s.xml", "--allow-parent-paths"])).contains("1 shapes"));
+    assert!(stdout(&succeeds(d, &["inspect", "scene/s.xml", "--allow-parent-paths"])).contains("1 shape, "));
     for command in [&["inspect", "tri.obj"][..], &["render", "tri.obj", "-o", "a.png"]] {
         let o = photofit(d, &[command, &["--allow-parent-paths"]].concat());
         assert_eq!(o.status.code(), Some(2), "{command:?}: only for scenes");

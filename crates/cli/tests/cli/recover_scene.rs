@@ -363,6 +363,7 @@ fn values_are_written_where_pictures_cannot_be() {
     let told = stderr(&o);
     let last = "error: out: 2 of the files of the result could not be written; all others are there";
     assert_eq!(told.trim_end().lines().last(), Some(last), "{told}");
+    assert!(!stdout(&o).contains("wrote"), "{}", stdout(&o));
     assert!(told.contains("recovered.exr") && told.contains("index.html"), "{told}");
     let f = figures(&d.join("out"));
     assert_eq!(f["parameters"][0]["parameter"], "white.reflectance.value");

@@ -104,6 +104,9 @@ fn pictures_with_lights_are_read_and_an_empty_box_is_found_empty() {
     let point = [&line[..], &["--bounds", "0,0,0,0,1,1"]].concat();
     write_pictures(d, &json!([{ "type": "ambient", "radiance": [0.5, 0.5, 0.5] }]));
     assert_misuse(&photofit(d, &point), "a flat box", &["--bounds", "have a volume"]);
+    // Before a picture is read.
+    let early = ["recover", "volume", "none", "-o", "out", "--bounds", "0,0,0,0,1,1"];
+    assert_misuse(&photofit(d, &early), "a flat box", &["--bounds", "have a volume"]);
 }
 
 #[test]

@@ -62,7 +62,7 @@ fn the_main_job_end_to_end() {
         assert!(f[key].as_f64().is_some_and(|x| x > 0.0), "{key}: {}", f[key]);
     }
     assert_eq!(f["peak_rss_mb"].is_number(), cfg!(target_os = "linux"));
-    for stage in ["decimated", "baked", "wrapped", "fitted"] {
+    for stage in ["decimated", "baked", "wrapped", "fitted", "file"] {
         let psnr = f[stage]["psnr"].as_f64().unwrap();
         assert!((8.0..=60.0).contains(&psnr), "{stage}: {psnr}");
         assert!(f[stage]["ssim"].is_number() && f[stage]["flip"].is_number());
@@ -154,7 +154,7 @@ fn glass_stays_glass_and_what_it_holds_is_kept() {
     let triangles = |k: usize| light.primitives[k].mesh.triangles.len();
     assert!(triangles(0) > 20 && triangles(1) > 20, "the rock is seen through the glass");
     let f: Value = serde_json::from_slice(&std::fs::read(d.join("f.json")).unwrap()).unwrap();
-    assert!(f["fitted"]["psnr"].as_f64().unwrap() > 20.0, "{f}");
+    assert!(f["file"]["psnr"].as_f64().unwrap() > 20.0, "{f}");
 }
 
 #[test]

@@ -134,8 +134,11 @@ impl Setting {
             Kind::Opaque => [AlphaMode::Opaque; 3],
         };
         let sides = [Sides::Front, Sides::Both, Sides::Both];
-        let classes =
-            alpha.into_iter().zip(sides).map(|(alpha, sides)| SurfaceClass { alpha, sides }).collect();
+        let classes = alpha
+            .into_iter()
+            .zip(sides)
+            .map(|(alpha, sides)| SurfaceClass { alpha, sides, ..SurfaceClass::default() })
+            .collect();
         let mut candidate = Candidate::new(&mesh, &smoothing, class, classes, maps(content, &mut rng));
         // What ships for opaque ones is the gradient of no function.
         candidate.mip_adjoint = MipAdjoint::Exact;

@@ -1,9 +1,10 @@
 //! The asset in the frame of a fit.
 
 use super::animated::Animated;
-use super::classes::drawn;
+use super::classes::{MaterialClass, drawn};
 use super::frame::FitFrame;
 use super::light_asset::LightAsset;
+use super::opposed::opposed;
 use super::views::Moment;
 use crate::FitError;
 use crate::bake;
@@ -24,8 +25,8 @@ pub struct Normalised {
     pub library: SurfaceLibrary,
     /// Its texture images.
     pub images: Vec<TextureImage>,
-    /// The class of each material.
-    material_class: Vec<u32>,
+    /// The class of each triangle.
+    triangle_class: Vec<u32>,
 }
 
 impl Normalised {
@@ -60,7 +61,25 @@ impl Normalised {
             Cow::Borrowed(scene) => (scene.materials.clone(), scene.images.clone()),
             Cow::Owned(scene) => (scene.materials, scene.images),
         };
-        Ok(Self { light_asset, flat, materials, images, material_class, library })
+        let triangle_class = flat.triangle_material.iter().map(|m| material_class[*m as usize]).collect();
+        Ok(Self { light_asset, flat, materials, images, triangle_class, library })
+    }
+
+    /// The same with classes of their own for triangles whose vertex normals point to their back; also says how many there
+    /// are. What is baked from the asset onto such a class is shaded as the asset is.
+    pub(crate) fn with_opposed_normals(mut self) -> (Self, usize) {
+        let opposed = opposed(&self.flat.mesh);
+        let classes = &mut self.light_asset.classes;
+        let mut twins = vec![None; classes.len()];
+        for (class, _) in self.triangle_class.iter_mut().zip(&opposed).filter(|(_, o)| **o) {
+            let of = *class as usize;
+            *class = *twins[of].get_or_insert_with(|| {
+                classes.push(MaterialClass { opposed: true, ..classes[of].clone() });
+                classes.len() as u32 - 1
+            });
+        }
+        let count = opposed.iter().filter(|o| **o).count();
+        (self, count)
     }
 
     /// The frame of the fit.
@@ -78,6 +97,6 @@ impl Normalised {
 
     /// Class of each triangle of the reference.
     pub(crate) fn triangle_classes(&self) -> Vec<u32> {
-        self.flat.triangle_material.iter().map(|m| self.material_class[*m as usize]).collect()
+        self.triangle_class.clone()
     }
 }

@@ -26,6 +26,8 @@ pub struct MaterialClass {
     /// Shows its base colour as it is (`KHR_materials_unlit`). While fitting that colour is emission without any
     /// reflection.
     pub unlit: bool,
+    /// Vertex normals point to the back of the triangles, as those of the asset do.
+    pub opposed: bool,
     /// Extensions of the written material; their textures have become mean values.
     pub extensions: Option<Box<Extensions>>,
 }
@@ -38,6 +40,7 @@ impl MaterialClass {
         written: AlphaMode::Opaque,
         sides: Sides::Front,
         unlit: false,
+        opposed: false,
         extensions: None,
     };
 
@@ -83,6 +86,7 @@ pub(crate) fn classes(scene: &Scene) -> (Vec<MaterialClass>, Vec<u32>) {
             written,
             sides: Sides::of(m.double_sided),
             unlit: m.unlit,
+            opposed: false,
             extensions: kept(scene, i),
         }
     };

@@ -134,6 +134,9 @@ pub enum JudgeRenderer {
     Path,
 }
 
+/// Divides the samples of a path traced pixel where stages are only put in order.
+const CHOICE_COARSER: u32 = 4;
+
 /// Views that are compared even after the user has stopped the work, who waits for these alone; fewer where they are path
 /// traced, which takes long.
 const AFTER_STOP: u64 = 2;
@@ -339,12 +342,7 @@ impl Judge<'_> {
         };
         let n = self.n;
         if method == Judged::PathTraced {
-            let reference =
-                PathTraced::new(self.scene, n, MaterialFeatures::All, self.seed)?.sampled(self.spp);
-            let traced: Vec<_> = stages
-                .iter()
-                .map(|s| Ok(s.traced(n, self.seed)?.sampled(self.spp)))
-                .collect::<Result<_, FitError>>()?;
+            let (reference, traced) = self.traced(stages, self.spp)?;
             return judge(&reference, &traced.iter().map(|t| t as &dyn Reference).collect::<Vec<_>>());
         }
         let rasterized = Rasterized::new(&n.flat, &n.library).sampled(self.samples[0]);
@@ -360,6 +358,42 @@ impl Judge<'_> {
             self.samples[1],
             progress,
         )
+    }
+
+    /// The reference and stages through the path tracer.
+    fn traced(
+        &self,
+        stages: &[Stage],
+        spp: u32,
+    ) -> Result<(PathTraced<'static>, Vec<PathTraced<'static>>), FitError> {
+        let reference = PathTraced::new(self.scene, self.n, MaterialFeatures::All, self.seed)?.sampled(spp);
+        let stages = stages.iter().map(|s| Ok(s.traced(self.n, self.seed)?.sampled(spp)));
+        Ok((reference, stages.collect::<Result<_, FitError>>()?))
+    }
+
+    /// [`scores`] of stages in `count` held-out views, by pictures made as those of the report are ([`Self::method`]), but of
+    /// fewer samples: a quarter of those of a path traced pixel, `samples` per axis of a rasterized one.
+    ///
+    /// # Errors
+    /// If a picture cannot be made.
+    pub fn scores(
+        &self,
+        stages: &[Stage],
+        count: u64,
+        samples: usize,
+        progress: &dyn Progress,
+    ) -> Result<Vec<f64>, FitError> {
+        let method = self.method(stages);
+        let views = |size| Orbit::new(self.seed, self.lighting, size);
+        if method == Judged::PathTraced {
+            let (reference, traced) = self.traced(stages, self.spp.div_ceil(CHOICE_COARSER))?;
+            let traced: Vec<&dyn Reference> = traced.iter().map(|t| t as &dyn Reference).collect();
+            return scored(&reference, &traced, &views(self.size.min(WIDEST_TRACED)), count, progress);
+        }
+        let rasterized = Rasterized::new(&self.n.flat, &self.n.library).sampled(self.samples[0]);
+        let holds_more = method == Judged::Rasterized && self.reference.kind().indirect_light;
+        let reference: &dyn Reference = if holds_more { &rasterized } else { self.reference };
+        scores(&self.n.light_asset, reference, stages, &views(self.size), count, samples, progress)
     }
 }
 
@@ -393,8 +427,7 @@ fn compared(
     count: u64,
     progress: &dyn Progress,
 ) -> Result<Vec<ReportView>, FitError> {
-    let traced = stages.iter().any(|s| s.kind().spp.is_some());
-    let least = if traced { TRACED_AFTER_STOP } else { AFTER_STOP };
+    let least = after_stop(stages);
     let mut out = Vec::new();
     for i in 0..count {
         progress.report("report", i, count, "");
@@ -411,6 +444,12 @@ fn compared(
         out.push(ReportView { reference: display(&image), quality });
     }
     Ok(out)
+}
+
+/// Views that are compared even after a stop.
+fn after_stop(stages: &[&dyn Reference]) -> u64 {
+    let traced = stages.iter().any(|s| s.kind().spp.is_some());
+    if traced { TRACED_AFTER_STOP } else { AFTER_STOP }
 }
 
 /// Mean FLIP between two stages as an engine shows them, with one sample a pixel, in pictures of `size` pixels a side.
@@ -450,19 +489,32 @@ pub fn scores(
     samples: usize,
     progress: &dyn Progress,
 ) -> Result<Vec<f64>, FitError> {
-    let stages: Vec<Drawn<'_>> = stages.iter().map(|s| s.drawn(light)).collect();
+    let drawn: Vec<Drawn<'_>> = stages.iter().map(|s| s.drawn(light)).collect();
+    let drawn: Vec<Rasterized<'_>> = drawn.iter().map(|d| d.sampled(samples)).collect();
+    let drawn: Vec<&dyn Reference> = drawn.iter().map(|d| d as &dyn Reference).collect();
+    scored(reference, &drawn, views, count, progress)
+}
+
+/// Scores of pictures of several against those of a reference.
+fn scored(
+    reference: &dyn Reference,
+    stages: &[&dyn Reference],
+    views: &dyn Views,
+    count: u64,
+    progress: &dyn Progress,
+) -> Result<Vec<f64>, FitError> {
+    let least = after_stop(stages);
     let mut score = vec![0.0; stages.len()];
     let mut taken = 0.0_f64;
     for i in 0..count {
         progress.report("choose", i, count, "");
-        if i >= AFTER_STOP && progress.is_cancelled() {
+        if i >= least && progress.is_cancelled() {
             break;
         }
         let s = views.setup(Set::HeldOut, i, count);
         let picture = reference.picture(&s)?.image;
-        for (score, c) in score.iter_mut().zip(&stages) {
-            let drawn = c.sampled(samples).picture(&s)?;
-            let q = view_quality(&picture, &drawn.image).quality;
+        for (score, c) in score.iter_mut().zip(stages) {
+            let q = view_quality(&picture, &c.picture(&s)?.image).quality;
             *score += q.psnr - 20.0 * q.flip.max(1e-6).log10();
         }
         taken += 1.0;

@@ -29,6 +29,7 @@ impl LightAsset {
 
     /// How each class is drawn in the pictures of a fit.
     pub(crate) fn drawn_classes(&self) -> Vec<SurfaceClass> {
-        self.classes.iter().map(|c| SurfaceClass { alpha: c.drawn, sides: c.sides }).collect()
+        let drawn = |c: &MaterialClass| SurfaceClass { alpha: c.drawn, sides: c.sides, opposed: c.opposed };
+        self.classes.iter().map(drawn).collect()
     }
 }

@@ -367,7 +367,7 @@ mod tests {
         assert_eq!(mesh.colors.len(), mesh.positions.len());
         let m = &light.materials[0];
         assert!((m.roughness - 0.2).abs() < 0.02 && (m.metallic - 0.8).abs() < 0.02, "{m:?}");
-        let shown = made.stage("fitted").unwrap().psnr;
+        let shown = made.shipped().unwrap().psnr;
         assert!(shown > 30.0, "judged like everything else: {shown} dB");
 
         let noise = sphere(|x, y| [[20, 90, 200, 255], [240, 160, 30, 255]][(x / 4 + y / 4) & 1]);

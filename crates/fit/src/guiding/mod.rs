@@ -137,8 +137,7 @@ impl Guidance {
 
     /// Trains and judges a guide for the render that `renderer` begins; its film stays as it is.
     ///
-    /// `stop` is asked before every round of training and before both halves of the rehearsal; once it says true, there is
-    /// no guide.
+    /// `stop` is asked before every picture of training and of the rehearsal; once it says true, there is no guide.
     ///
     /// # Errors
     /// [`FitError::PathTrace`] and [`FitError::Guide`] for options that do not work.
@@ -165,16 +164,22 @@ impl Guidance {
         };
         let began = Instant::now();
         let mut paths = 0;
-        if stop() {
-            return Ok(Self::off());
-        }
         let stage = |round: u64| -> Result<Vec<Renderer<'_>>, FitError> {
             renderers.iter().map(|r| rehearsing(r, options, round)).collect()
         };
-        let all = |stage: &[Renderer<'_>], run: &dyn Fn(&Renderer<'_>) -> Trial| {
-            stage.iter().map(run).reduce(Trial::beside).unwrap_or_default()
+        // `None` where it is stopped.
+        let all = |stage: &[Renderer<'_>], run: &dyn Fn(&Renderer<'_>) -> Trial| -> Option<Trial> {
+            let mut trial = Trial::default();
+            for (k, renderer) in stage.iter().enumerate() {
+                if stop() {
+                    return None;
+                }
+                trial = if k == 0 { run(renderer) } else { trial.beside(run(renderer)) };
+            }
+            Some(trial)
         };
         let first = all(&stage(0)?, &|r| Rehearsal::new(r, 0, 1).run(&ScatteringSampler));
+        let Some(first) = first else { return Ok(Self::off()) };
         paths += first.paths;
         let (lo, hi) = first.bounds();
         let mut state = match options.guiding {
@@ -187,24 +192,18 @@ impl Guidance {
         };
         let mut records = state.learn(first, options.records)?;
         for round in 1..options.rounds {
-            if stop() {
-                return Ok(Self::off());
-            }
             let trial = all(&stage(u64::from(round))?, &|r| state.run(&Rehearsal::new(r, 0, 1 << round)));
+            let Some(trial) = trial else { return Ok(Self::off()) };
             paths += trial.paths;
             records += state.learn(trial, options.records)?;
         }
         // Both trials take the same numbers where their paths agree, and none of training.
         let stage = stage(u64::from(options.rounds))?;
         let most = options.rehearsal.max(2);
-        if stop() {
-            return Ok(Self::off());
-        }
         let plain = all(&stage, &|r| Rehearsal::new(r, 0, most).without_records().run(&ScatteringSampler));
-        if stop() {
-            return Ok(Self::off());
-        }
+        let Some(plain) = plain else { return Ok(Self::off()) };
         let guided = all(&stage, &|r| state.run(&Rehearsal::new(r, 0, most).without_records()));
+        let Some(guided) = guided else { return Ok(Self::off()) };
         paths += plain.paths + guided.paths;
         let report = GuidingReport { paths, records, ..GuidingReport::judge(&plain, &guided, options) };
         let report = GuidingReport { seconds: began.elapsed().as_secs_f64(), ..report };

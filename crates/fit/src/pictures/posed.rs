@@ -8,6 +8,8 @@ use crate::engine::views::ViewLights;
 use glam::{Mat4, Vec3};
 use photofit_image::{Image, downsample};
 use photofit_scene::Camera;
+use serde::Deserialize;
+use serde_json::Value;
 use std::path::{Component, Path, PathBuf};
 
 /// Name of the file that lists the pictures.
@@ -158,8 +160,19 @@ pub fn named_files(path: &Path) -> Vec<PathBuf> {
 fn read(file: &Path) -> Result<Transforms, FitError> {
     let fail = |rule| Err(FitError::Pictures { path: file.into(), rule });
     let bytes = photofit_image::file_bytes(file, MOST_BYTES)?;
-    serde_json::from_slice(&bytes)
-        .or_else(|e| fail(not_finite::place(&bytes).unwrap_or_else(|| e.to_string())))
+    let place = || not_finite::place(&bytes).or_else(|| faulty_frame(&bytes));
+    serde_json::from_slice(&bytes).or_else(|e| fail(place().unwrap_or_else(|| e.to_string())))
+}
+
+/// The first frame that cannot be read, and why; `None` where all can, or the text is no JSON.
+fn faulty_frame(bytes: &[u8]) -> Option<String> {
+    let file: Value = serde_json::from_slice(bytes).ok()?;
+    let fault = |(i, frame): (usize, &Value)| {
+        let why = Frame::deserialize(frame).err()?;
+        let name = frame["file_path"].as_str().map_or_else(String::new, |name| format!(" ({name})"));
+        Some(format!("frame {i}{name}: {why}"))
+    };
+    file["frames"].as_array()?.iter().enumerate().find_map(fault)
 }
 
 /// The rule of `file_path`.

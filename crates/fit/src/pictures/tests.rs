@@ -136,7 +136,7 @@ type Case<'a> = (&'a str, fn(&mut Value), &'a [&'a str]);
 
 #[test]
 fn what_cannot_be_used_is_refused_by_file_frame_and_rule() {
-    let cases: [Case<'_>; 15] = [
+    let cases: [Case<'_>; 18] = [
         ("few", |f| f["frames"].as_array_mut().unwrap().truncate(7), &["7 frames", "at least 8"]),
         (
             "missing",
@@ -175,6 +175,19 @@ fn what_cannot_be_used_is_refused_by_file_frame_and_rule() {
         ),
         ("no lens", |f| f["fl_x"] = Value::Null, &["fl_x", "camera_angle_x"]),
         ("negative lens", |f| f["fl_x"] = json!(-3), &["focal length is -3"]),
+        (
+            "a frame without a matrix",
+            |f| {
+                f["frames"][4].as_object_mut().unwrap().remove("transform_matrix");
+            },
+            &["frame 4 (images/4)", "missing field `transform_matrix`"],
+        ),
+        (
+            "a word in a matrix",
+            |f| f["frames"][6]["transform_matrix"][0][1] = json!("one"),
+            &["frame 6 (images/6)", "\"one\"", "f64"],
+        ),
+        ("no name", |f| f["frames"][2]["file_path"] = json!(7), &["frame 2: ", "string"]),
         ("light", |f| f["lights"] = json!([{ "type": "spot" }]), &["spot"]),
     ];
     for (what, change, parts) in cases {

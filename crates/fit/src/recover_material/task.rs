@@ -116,7 +116,7 @@ impl Task<'_> {
         maps(self.blank, world)
     }
 
-    /// A guide that learned from paths of what is found so far.
+    /// A guide that learned from paths of what is found so far; none where the user stops it.
     pub(super) fn guidance(
         &self,
         model: &Traced,
@@ -136,7 +136,7 @@ impl Task<'_> {
             Renderer::new(&world, &views[k * views.len() / count], RenderOptions { seed, ..self.rendering() })
         };
         let renderers = (0..count).map(renderer).collect::<Result<Vec<_>, _>>()?;
-        Guidance::train_over(&renderers, &options.guiding, || false)
+        Guidance::train_over(&renderers, &options.guiding, || progress.is_cancelled())
     }
 
     /// The mesh with the maps of a model. Texels that no picture moved get the values of the nearest that one did.

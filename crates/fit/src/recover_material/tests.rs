@@ -158,9 +158,14 @@ fn a_stopped_guided_fit_goes_on_to_the_same_bits() {
         pool.install(|| recover_material(&asset, &known.views, &known.pictures, &options, &stop)).unwrap()
     };
     let whole = run(None, false, usize::MAX, 2);
-    // In the second round, which is guided.
+    // While the guide of the second round learns from 5 views in 4 rounds, with a rehearsal in two halves.
+    let asked = 5 * (4 + 2) + 1;
     let folder = dir.path();
-    let cut = run(Some(folder), false, 14, 1);
+    let cut = run(Some(folder), false, 14 + asked / 2, 1);
+    assert!(cut.stopped && cut.steps == 10 && cut.guides.is_empty(), "{} {:?}", cut.steps, cut.guides);
+    assert!(!part_folder(folder, 1).join("fit.ckpt").exists(), "the round has not begun");
+    // In the second round.
+    let cut = run(Some(folder), true, 5 + asked, 1);
     assert!(cut.stopped && (10..20).contains(&cut.steps), "{}", cut.steps);
     assert!(part_folder(folder, 1).is_dir());
     let end = run(Some(folder), true, usize::MAX, 1);

@@ -1,6 +1,6 @@
 //! What the written file holds: bytes of each part, materials, texel density, and what of the asset it does not keep.
 
-use super::page::{bytes, count, escape};
+use super::page::{bytes, count, counted, escape};
 use photofit_scene::{AlphaMode, Material, Scene};
 use serde_json::Value;
 
@@ -96,7 +96,7 @@ pub(super) fn section(
     out += &format!(
         "<div><table>\n<tr><th>material</th><th></th></tr>\n{rows}</table>\n<p class=note>{} of the asset became {}.\
          </p></div>\n</div>\n",
-        plural(before, "material"),
+        counted(before, "material"),
         count(after)
     );
     let list = |title: &str, lines: &[String]| {
@@ -138,10 +138,6 @@ fn describe(m: &Material) -> String {
     let extensions = m.extensions.as_ref().map_or_else(Vec::new, |e| e.names());
     words.extend((!extensions.is_empty()).then(|| format!("extensions: {}", extensions.join(", "))));
     words.join("; ")
-}
-
-fn plural(n: usize, what: &str) -> String {
-    format!("{} {what}{}", count(n), if n == 1 { "" } else { "s" })
 }
 
 #[cfg(test)]

@@ -14,13 +14,13 @@ mod verdict;
 mod views;
 mod wireframe;
 
-pub use page::count;
+pub use page::{count, counted};
 pub use recovery::{RecoveryReport, write_recovery_report};
 pub use verdict::{Likeness, Verdict};
 
 use crate::FitError;
 use crate::engine::judge::BEST_PSNR;
-use crate::simplify::{Normalised, Outcome, Quality, Surfacing, Written};
+use crate::simplify::{FILE, FITTED, Normalised, Outcome, Quality, Surfacing, Written};
 use page::{bytes, escape};
 use photofit_image::write_atomically;
 use photofit_scene::Scene;
@@ -28,8 +28,8 @@ use std::path::{Path, PathBuf};
 
 /// Name of the page in a report's folder.
 pub const PAGE: &str = "index.html";
-/// The stage that is the written file.
-const SHIPPED: &str = "fitted";
+/// What pictures of the written file are called.
+const SHIPPED: &str = "light asset";
 
 /// What a report says beside the outcome.
 #[derive(Clone, Debug)]
@@ -72,11 +72,12 @@ fn html(o: &Outcome, info: &ReportInfo<'_>) -> Result<String, FitError> {
     let light = photofit_scene::load(info.light)?;
     let file =
         std::fs::read(info.light).map_err(|source| FitError::Io { path: info.light.to_owned(), source })?;
+    let last = o.stages.last().map_or("", |s| s.0);
     let body = [
         header(o, info, &light, file.len() as u64),
         views::at_size(o, info.screen_size)?,
         contents::section(contents::parts(&file).as_ref(), info.scene, &light, [&o.left_out, &o.not_fitted]),
-        views::section(&o.views, &o.stages.iter().map(|s| s.0).collect::<Vec<_>>(), SHIPPED)?,
+        views::section(&o.views, &o.stages.iter().map(|s| s.0).collect::<Vec<_>>(), last)?,
         if matches!(o.written, Written::Decimated | Written::Kept) || o.surfacing == Surfacing::VertexColors {
             String::new()
         } else {
@@ -158,7 +159,9 @@ fn table(o: &Outcome) -> String {
         "decimated" => "the asset's own materials on as many triangles",
         "baked" => "new atlas, maps baked from the asset",
         "wrapped" => "drawn onto the asset's surface, then baked; the fit starts from the better of the two",
-        "fitted" => "the written file, loaded again",
+        FITTED if o.written == Written::Fitted => "the written file, loaded again",
+        FITTED => "what was fitted, which is not in the file",
+        FILE => "the written file, loaded again",
         _ => "",
     };
     let row = |(name, q): &(&str, Quality)| {

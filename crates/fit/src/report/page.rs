@@ -48,6 +48,16 @@ pub fn count(n: usize) -> String {
     out
 }
 
+/// A number of things for people, in the singular or in the plural.
+pub fn counted(n: usize, what: &str) -> String {
+    let many = match what {
+        "vertex" => "vertices".to_owned(),
+        "medium" => "media".to_owned(),
+        what => format!("{what}s"),
+    };
+    format!("{} {}", count(n), if n == 1 { what } else { &many })
+}
+
 /// A number of bytes for people.
 pub(super) fn bytes(n: u64) -> String {
     let x = n as f64;

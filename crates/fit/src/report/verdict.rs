@@ -1,6 +1,5 @@
 //! The verdict of a report: does the light asset look like the asset?
 
-use super::SHIPPED;
 use crate::simplify::{Outcome, Quality, Written};
 use std::fmt;
 
@@ -76,10 +75,10 @@ impl Verdict {
     /// Judges the written file of an outcome.
     pub fn of(o: &Outcome) -> Self {
         let all = &o.stages;
-        let Some(k) = all.iter().position(|s| s.0 == SHIPPED) else { return Self::new(&[], None) };
+        let Some(k) = all.len().checked_sub(1) else { return Self::new(&[], None) };
         let of = |k: usize| o.views.iter().map(|v| v.quality[k].quality).collect::<Vec<Quality>>();
         let original = all.iter().position(|s| s.0 == NOT_LIGHT).map(of);
-        let better = better(all, &all[k].1);
+        let better = better(&all[..k], &all[k].1);
         Self { better, written: o.written, ..Self::new(&of(k), original.as_deref()) }
     }
 
@@ -103,10 +102,10 @@ impl Verdict {
     }
 }
 
-/// The stage with the highest PSNR among those that are clearly better than the written file.
+/// The stage with the highest PSNR among those beside the written file that are clearly better than the written file.
 fn better(stages: &[(&'static str, Quality)], written: &Quality) -> Option<(&'static str, Quality)> {
     let clearly = |q: &Quality| q.psnr > written.psnr + MARGIN && q.flip < written.flip;
-    let stages = stages.iter().filter(|(name, q)| *name != NOT_LIGHT && *name != SHIPPED && clearly(q));
+    let stages = stages.iter().filter(|(name, q)| *name != NOT_LIGHT && clearly(q));
     stages.max_by(|a, b| a.1.psnr.total_cmp(&b.1.psnr)).copied()
 }
 
@@ -141,6 +140,7 @@ impl fmt::Display for Verdict {
             let what = match *name {
                 "decimated" => " (as many triangles with the asset's own materials and all their texels)",
                 "baked" => " (the decimated shape with baked maps)",
+                "fitted" => " (the fit, which looked worse in the views of the choice)",
                 "wrapped" => " (the decimated shape drawn onto the asset, with baked maps)",
                 _ => "",
             };
@@ -165,7 +165,7 @@ mod tests {
         let name = |stages: &[(&'static str, Quality)]| better(stages, &q(30.0, 0.05)).map(|b| b.0);
         assert_eq!(name(&[("decimated", q(30.0 + 0.9 * MARGIN, 0.04))]), None, "within noise");
         assert_eq!(name(&[("decimated", q(31.0, 0.06))]), None, "one measure alone");
-        assert_eq!(name(&[("original", q(40.0, 0.01)), (SHIPPED, q(31.0, 0.04))]), None);
+        assert_eq!(name(&[("original", q(40.0, 0.01))]), None);
         assert_eq!(name(&[("baked", q(31.0, 0.04)), ("decimated", q(33.0, 0.03))]), Some("decimated"));
     }
 

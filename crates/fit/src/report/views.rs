@@ -1,6 +1,6 @@
 //! The views of the judgement: pictures at the size that the asset is for, sliders and heat maps.
 
-use super::{SHIPPED, Verdict, page, pictures};
+use super::{Verdict, page, pictures};
 use crate::FitError;
 use crate::simplify::{Outcome, ReportView, ViewQuality};
 use photofit_image::heatmap;
@@ -18,14 +18,15 @@ const LEAST_SIDE: usize = 16;
 /// The worst view and the first other one, one pixel of the picture to one of the screen.
 pub(super) fn at_size(o: &Outcome, screen_size: Option<f64>) -> Result<String, FitError> {
     let Some((worst, _)) = Verdict::of(o).worst else { return Ok(String::new()) };
-    let Some(shipped) = o.stages.iter().position(|s| s.0 == SHIPPED) else { return Ok(String::new()) };
+    let Some(shipped) = o.stages.len().checked_sub(1) else { return Ok(String::new()) };
     let side = screen_size.map_or(o.resolution, |s| s.ceil() as usize).max(LEAST_SIDE).min(o.resolution);
     let other = (0..o.views.len()).find(|k| *k != worst);
     let mut figures = String::new();
     for k in [Some(worst), other].into_iter().flatten() {
         let view = &o.views[k];
         let kind = if k == worst { " (worst)" } else { "" };
-        for (name, picture) in [("asset", &view.reference), ("light asset", &view.quality[shipped].picture)] {
+        for (name, picture) in [("asset", &view.reference), (super::SHIPPED, &view.quality[shipped].picture)]
+        {
             let uri = pictures::display(picture, side)?;
             figures += &page::figure(&uri, name, &format!("{name}, view {}{kind}", k + 1));
         }

@@ -10,7 +10,6 @@ use crate::engine::judge::{self, Stage};
 use crate::engine::reference::Reference;
 use crate::engine::surface::{self, MAPS, Surface};
 use crate::engine::trainer::{HeldOut, Trained};
-use crate::engine::views::Orbit;
 use crate::visibility::Visibility;
 use crate::{FitError, Progress, Silent};
 use photofit_raster::deferred::Passes;
@@ -46,24 +45,27 @@ pub(super) struct Chosen {
     pub(super) light: Scene,
     /// Which of the candidates that is.
     pub(super) written: Written,
+    /// What was fitted, where something else is written.
+    pub(super) fitted: Option<Scene>,
     /// The decimated asset with its own materials, where it may be written and something else looked better.
     pub(super) own: Option<Scene>,
 }
 
 /// The fit judged itself by its own renderer; the choice among the fitted asset, the same with maps baked anew, the
-/// starts, and `own`, the decimated asset with its own materials, where it may be written, is made as a user would see
-/// them.
+/// starts, and `own`, the decimated asset with its own materials, where it may be written, is made by pictures as those of the
+/// report are made.
 pub(super) fn best(
     trained: Trained<Surface>,
     own: Option<Scene>,
     surface: &bake::ReferenceSurface<'_>,
     seen: &Visibility,
     starts: &[Start],
-    n: &Normalised,
+    (scene, n): (&Scene, &Normalised),
     reference: &dyn Reference,
     options: &SimplifyOptions,
     progress: &dyn Progress,
 ) -> Result<Chosen, FitError> {
+    let trained_steps = trained.steps;
     let mut models = vec![trained.model.clone(), trained.model];
     // Who stopped the fit does not wait for another bake.
     let again = (!progress.is_cancelled())
@@ -80,9 +82,8 @@ pub(super) fn best(
     let mut scenes: Vec<Scene> = models.iter().map(|m| options.exported(&m.candidate, n)).collect();
     scenes.extend(own);
     let stages: Vec<Stage> = scenes.iter().map(|s| Stage::new("", s.clone())).collect();
-    let views = Orbit::new(options.seed, &options.lighting, options.resolution);
-    let (count, samples) = (options.choice_views(), options.choice_samples());
-    let scores = judge::scores(&n.light_asset, reference, &stages, &views, count, samples, progress)?;
+    let judge = options.judge_of(scene, n, reference);
+    let scores = judge.scores(&stages, options.choice_views(), options.choice_samples(), progress)?;
     let best = judge::highest(&scores);
     let (models_made, baked) = (models.len(), models.len() - 1);
     let written = match best {
@@ -92,7 +93,14 @@ pub(super) fn best(
         k if k < baked => Written::Wrapped,
         _ => Written::Decimated,
     };
+    let fitted = (written != Written::Fitted && trained_steps > 0).then(|| scenes[0].clone());
     let model = models.swap_remove(judge::highest(&scores[..models.len()]));
     let own = (scenes.len() > models_made && written != Written::Decimated).then(|| scenes.pop()).flatten();
-    Ok(Chosen { trained: Trained { model, ..trained }, light: scenes.swap_remove(best), written, own })
+    Ok(Chosen {
+        trained: Trained { model, ..trained },
+        light: scenes.swap_remove(best),
+        written,
+        fitted,
+        own,
+    })
 }

@@ -1,12 +1,12 @@
 //! An asset with its own texture coordinates, materials and textures on fewer triangles, in place of a fit.
 
 use super::outcome::Times;
-use super::{Asset, Outcome, SimplifyOptions, Written, byte_budget, locks, outcome, plain, prepare};
+use super::{Asset, FILE, Outcome, SimplifyOptions, Written, byte_budget, locks, outcome, plain, prepare};
 use crate::candidate::{Candidate, SurfaceClass};
 use crate::engine::FitFrame;
 use crate::engine::judge::Stage;
 use crate::engine::surface::Surface;
-use crate::engine::trainer::Trained;
+use crate::engine::trainer::{Trained, UNSEEN};
 use crate::{FitError, Progress};
 use photofit_geometry::Mesh;
 use photofit_geometry::weld::weld_exact;
@@ -35,8 +35,11 @@ pub(super) fn simplify(
     began: Instant,
     progress: &dyn Progress,
 ) -> Result<Outcome, FitError> {
-    let Asset { scene, n, rays, .. } = asset;
+    let Asset { scene, n, rays, visibility } = asset;
     check(scene)?;
+    if visibility.hidden() == n.flat.mesh.triangles.len() {
+        progress.warn(UNSEEN);
+    }
     progress.report("decimate", 0, 1, "");
     let reference = options.rasterized_against().reference(scene, n, rays, options)?;
     let reference = &*reference;
@@ -59,7 +62,7 @@ pub(super) fn simplify(
     if options.as_engine && !options.is_judged_by_path_tracing(scene) {
         stages.push(Stage::new("original", scene.clone()));
     }
-    stages.push(Stage::new("fitted", written));
+    stages.push(Stage::new(FILE, written));
     let judge = options.judge_of(scene, n, reference);
     let views = judge.views(&stages, options.report_views, progress)?;
     let plan = options.plan(scene, reference.kind());
@@ -141,7 +144,7 @@ mod tests {
             let want = a.1 + (b.1 - a.1) * s + (c.1 - a.1) * t;
             assert!((*uv - want).length() < 0.03, "{p:?}: {uv:?}, expected {want:?}");
         }
-        assert!(made.stage("fitted").unwrap().psnr > 30.0, "{:?}", made.stages);
+        assert!(made.shipped().unwrap().psnr > 30.0, "{:?}", made.stages);
         assert!(crate::report::Verdict::of(&made).better.is_none());
     }
 

@@ -53,6 +53,10 @@ use prepare::Start;
 use std::path::Path;
 use std::time::Instant;
 
+/// The stage of what was fitted, and that of the written file where it is another.
+pub(crate) const FITTED: &str = "fitted";
+pub(crate) const FILE: &str = "file";
+
 /// Step of the positions, relative to the distance between the start and the reference.
 const POSITION_RATE: f64 = 1.0;
 /// Rate of the positions in the last phase, relative to the first.
@@ -104,7 +108,14 @@ pub(crate) fn with_asset<R>(
     work: impl FnOnce(Asset<'_>) -> Result<R, FitError>,
 ) -> Result<R, FitError> {
     scene.validate_for_fit()?;
-    let n = Normalised::new(scene)?;
+    let (n, opposed) = Normalised::new(scene)?.with_opposed_normals();
+    if opposed > 0 {
+        let of = n.flat.mesh.triangles.len();
+        progress.warn(&format!(
+            "the vertex normals of {opposed} of {of} triangles point to their back, so that they are shaded dark: the \
+             light asset is made to look the same"
+        ));
+    }
     let rays = n.surface()?;
     let visibility = prepare::visibility(&rays, progress)?;
     work(Asset { scene, n: &n, rays: &rays, visibility: &visibility })
@@ -140,6 +151,7 @@ pub(crate) fn simplify_asset(
     };
     let sampling = options.sampling();
     let held_out = HeldOut::new(reference, &views, sampling, options.held_out_views(), options.seed)?;
+    held_out.warn_unseen(progress);
     let start = choice::best_start(&starts, &held_out);
     let loss = loss::choose(&held_out);
     let plan = options.plan(scene, reference.kind());
@@ -176,8 +188,8 @@ pub(crate) fn simplify_asset(
     let as_many = Target::Triangles(start.candidate.triangles.len());
     let plain = plain::decimated(scene, n, &[], &plain::own(as_many, options.lock_borders))?;
     let own = plain::candidate(asset, &plain, reference, as_many, options, progress)?;
-    let choice::Chosen { trained, light, mut written, own } =
-        choice::best(trained, own, surface, visibility, &starts, n, reference, options, progress)?;
+    let choice::Chosen { trained, light, mut written, mut fitted, own } =
+        choice::best(trained, own, surface, visibility, &starts, (scene, n), reference, options, progress)?;
 
     if options.surfacing == Surfacing::VertexColors {
         outcome::tell_detail(&trained.model.candidate, n, progress);
@@ -202,6 +214,9 @@ pub(crate) fn simplify_asset(
             progress,
         )?;
         if other {
+            if written == Written::Fitted && trained.steps > 0 {
+                fitted = Some(options.exported(&trained.model.candidate, n));
+            }
             written = Written::Decimated;
             traced_maps = None;
         }
@@ -214,9 +229,9 @@ pub(crate) fn simplify_asset(
     let textures = byte_budget::told(&light);
     photofit_scene::save_glb_with(output, &light, options.compression)?;
     let to_file = began.elapsed().as_secs_f64();
-    let fitted = photofit_scene::load(output)?;
-    let triangles = [scene.triangle_count(), fitted.triangle_count()];
-    let stages = stages(asset, plain, &starts, fitted, options);
+    let file = photofit_scene::load(output)?;
+    let triangles = [scene.triangle_count(), file.triangle_count()];
+    let stages = stages(asset, plain, &starts, (fitted, written, file), options);
     let judge = options.judge_of(scene, n, reference);
     let pictures = judge.views(&stages, options.report_views, progress)?;
     let names: Vec<&'static str> = stages.iter().map(|s| s.name).collect();
@@ -239,13 +254,13 @@ pub(crate) fn simplify_asset(
     Ok(outcome)
 }
 
-/// What the report compares, in this order: the asset itself where an engine draws it, the decimated one, the starts, and
-/// what was written.
+/// What the report compares, in this order: the asset itself where an engine draws it, the decimated one, the starts, what was
+/// fitted where something else was written, and the written file.
 fn stages(
     Asset { scene, n, .. }: Asset<'_>,
     plain: Stage,
     starts: &[Start],
-    fitted: Scene,
+    (fitted, written, file): (Option<Scene>, Written, Scene),
     options: &SimplifyOptions,
 ) -> Vec<Stage> {
     let mut stages = Vec::new();
@@ -260,7 +275,8 @@ fn stages(
     } else {
         stages.push(Stage::new("baked", options.exported(&starts[0].candidate, n)));
     }
-    stages.push(Stage::new("fitted", fitted));
+    stages.extend(fitted.map(|scene| Stage::new(FITTED, scene)));
+    stages.push(Stage::new(if written == Written::Fitted { FITTED } else { FILE }, file));
     stages
 }
 

@@ -108,6 +108,9 @@ pub struct SimplifyOptions {
     /// Whether the asset's own textures keep their texels where they are written and [`MILD`] of the triangles or more are
     /// left.
     pub whole_textures: bool,
+    /// Longest side of the asset's own textures where they are written, but for [`Surfacing::Kept`]; `None`: whatever goes
+    /// with the texels of all of them. [`Self::whole_textures`] comes first.
+    pub own_texture_size: Option<usize>,
     /// What the light asset has in place of the asset's surface.
     pub surfacing: Surfacing,
     /// Whether vertices on open borders stay where they are, in the decimation and in the fit, to the bit.
@@ -148,6 +151,7 @@ impl Default for SimplifyOptions {
             report_views: Effort::Normal.work().report_views,
             own_textures: true,
             whole_textures: false,
+            own_texture_size: None,
             surfacing: Surfacing::default(),
             lock_borders: false,
             occlusion: Occlusion::Maps,

@@ -36,8 +36,9 @@ pub struct Outcome {
     pub fit_stopped: bool,
     /// Names of the stages with their mean quality, in the order of [`ReportView::quality`]: `decimated` (fewer
     /// triangles, the asset's own materials), `baked` (a new atlas and maps from the asset: nothing is fitted), `wrapped`
-    /// (the same, first drawn onto the asset's surface; absent where there is but one start) and `fitted` (the written
-    /// file).
+    /// (the same, first drawn onto the asset's surface; absent where there is but one start), `fitted` (what was fitted;
+    /// absent where no step was made and something else was written) and `file` (the written file, loaded again; absent
+    /// where that is the fitted one). The last is the written file.
     pub stages: Vec<(&'static str, Quality)>,
     /// Every view of the report.
     pub views: Vec<ReportView>,
@@ -112,6 +113,11 @@ impl Outcome {
     /// Mean quality of a stage.
     pub fn stage(&self, name: &str) -> Option<&Quality> {
         self.stages.iter().find(|(n, _)| *n == name).map(|(_, q)| q)
+    }
+
+    /// Mean quality of the written file, the last of the stages.
+    pub fn shipped(&self) -> Option<&Quality> {
+        self.stages.last().map(|(_, q)| q)
     }
 
     /// How the pictures of the report were made, in words.

@@ -92,16 +92,16 @@ pub(super) fn candidate(
     Ok(written(&best, asset.n, options))
 }
 
-/// Whether an asset with its own materials may be written in place of a fitted one: the rasterizer, which the choice is made
-/// by, draws the core of all of them.
+/// Whether an asset with its own materials may be written in place of a fitted one: the rasterizer, which puts decimations in
+/// order, draws the core of all of them.
 pub(super) fn may_be_written(asset: &Scene) -> bool {
     beyond_rasterizer(asset).iter().all(|name| OVER_THE_CORE.contains(name))
 }
 
 /// The same as it may be written in place of a fitted asset: in the asset's frame, with textures that together have no
-/// more texels than the maps of a fitted one; the largest are halved until they do. `None` where it has
-/// materials whose core the rasterizer, which the choice is made by, does not draw. Where the budget is mild and textures may
-/// stay whole, they do.
+/// more texels than the maps of a fitted one; the largest are halved until they do, and each until its sides are no longer than
+/// [`SimplifyOptions::own_texture_size`]. `None` where it has materials whose core the rasterizer does not draw. Where the
+/// budget is mild and textures may stay whole, they do.
 pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) -> Option<Scene> {
     if !may_be_written(&stage.scene) {
         return None;
@@ -114,6 +114,12 @@ pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) 
     let size = |i: &TextureImage| i.width * i.height;
     let mut halvings = vec![0_u32; light.images.len()];
     let left = |k: usize, h: u32| (size(&light.images[k]) >> (2 * h)).max(1);
+    let longest = options.own_texture_size.unwrap_or(usize::MAX);
+    for (h, i) in halvings.iter_mut().zip(&light.images) {
+        while i.width.max(i.height) >> *h > longest {
+            *h += 1;
+        }
+    }
     while (0..halvings.len()).map(|k| left(k, halvings[k])).sum::<usize>() > most {
         let largest = (0..halvings.len()).max_by_key(|k| (left(*k, halvings[*k]), usize::MAX - k))?;
         if left(largest, halvings[largest]) == 1 {
@@ -246,5 +252,16 @@ mod tests {
         let few = decimated(&scene, &n, &[], &own(Target::Triangles(40), false)).unwrap();
         let few = written(&few, &n, &SimplifyOptions { whole_textures: true, ..options }).unwrap();
         assert_eq!(few.images[0].width, 16);
+        // The texels of four maps in a single texture, unless a side is to be no longer than one of theirs.
+        let mut single = scene.clone();
+        single.images[1] = image(32, [10, 20, 30, 255]);
+        single.materials[1].normal_texture = None;
+        let stage = decimated(&single, &n, &[], &own(Target::Triangles(40), false)).unwrap();
+        for (own_texture_size, side) in [(None, 32), (Some(16), 16), (Some(17), 16)] {
+            let options =
+                SimplifyOptions { own_texture_size, texture_size: 16, ..SimplifyOptions::default() };
+            let light = written(&stage, &n, &options).unwrap();
+            assert_eq!((light.images[0].width, light.images.len()), (side, 1), "{own_texture_size:?}");
+        }
     }
 }

@@ -36,7 +36,10 @@ fn decimation_is_written_where_no_fit_looks_better() {
         ..options()
     };
     let outcome = simplify(&scene, &path, &coarse, &Silent).unwrap();
-    let [decimated, baked, fitted] = ["decimated", "baked", "fitted"].map(|s| *outcome.stage(s).unwrap());
+    let [decimated, baked, fitted] = ["decimated", "baked", "file"].map(|s| *outcome.stage(s).unwrap());
+    // The row of the fit is that of the fit, whatever is in the file.
+    let lost = outcome.stage("fitted").unwrap();
+    assert!(lost.psnr < fitted.psnr && outcome.shipped() == Some(&fitted), "{:?}", outcome.stages);
     assert!(decimated.psnr > baked.psnr + 0.1, "{:?}", outcome.stages);
     assert!(
         outcome.written == Written::Decimated && fitted.psnr > decimated.psnr - 0.05,
@@ -198,7 +201,7 @@ fn a_cube_stays_a_cube() {
     let outcome =
         simplify(&of(cube(), Material::clay()), &dir.path().join("a.glb"), &by_default, &progress).unwrap();
     assert_eq!(outcome.triangles_out, 12);
-    assert!(outcome.stage("fitted").unwrap().psnr > 30.0, "{:?}", outcome.stages);
+    assert!(outcome.shipped().unwrap().psnr > 30.0, "{:?}", outcome.stages);
     let warnings = progress.warnings.into_inner().unwrap();
     assert!(warnings.iter().any(|w| w.contains("12 triangles")), "{warnings:?}");
 }
@@ -222,7 +225,7 @@ fn unlit_surfaces_are_fitted_judged_and_written_as_such() {
         assert!((mean - wanted).abs() < 0.05, "channel {k}: {mean}");
     }
     // No highlight lies on the fitted pictures: what is seen inside of the outline is one colour.
-    assert!(outcome.stage("fitted").unwrap().outline > 0.9, "{:?}", outcome.stages);
+    assert!(outcome.shipped().unwrap().outline > 0.9, "{:?}", outcome.stages);
     assert_eq!(outcome.judged, Judged::Rasterized);
 }
 
@@ -245,7 +248,7 @@ fn a_fit_on_a_device_ends_like_one_on_the_cpu_and_resumes_to_the_same_file() {
     assert!(device.device.contains(&gpu.report().name), "{}", device.device);
     let plan = device.plan.to_string();
     assert!(plan.contains("asked for") && plan.contains("pictures of the reference of"), "{plan}");
-    let psnr = |o: &Outcome| o.stage("fitted").unwrap().psnr;
+    let psnr = |o: &Outcome| o.shipped().unwrap().psnr;
     println!("CPU {:.3} dB, device {:.3} dB", psnr(&cpu), psnr(&device));
     assert!((psnr(&cpu) - psnr(&device)).abs() < 0.1, "{} and {} dB", psnr(&cpu), psnr(&device));
     assert!(device.history.last().unwrap().quality > device.history[0].quality);
@@ -309,4 +312,54 @@ fn a_fit_whose_device_is_lost_keeps_its_checkpoint_and_goes_on_from_it() {
     let whole = SimplifyOptions { checkpoint: None, ..on(shared) };
     simplify(&scene, &path, &whole, &Silent).unwrap();
     assert!(!resumed.stopped && lost == std::fs::read(&path).unwrap(), "the same file as of a whole fit");
+}
+
+#[test]
+fn vertex_normals_that_point_to_the_back_are_baked_as_they_are_drawn() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut sphere = photofit_geometry::shapes::uv_sphere(32, 16);
+    let right = sphere.clone();
+    sphere.normals.iter_mut().for_each(|n| *n = -*n);
+    // Beside it one that is right, so that both kinds stand in one asset.
+    let mut scene = of(sphere, Material::clay());
+    scene.primitives.push(Primitive { mesh: right, material: 0 });
+    let transform = glam::Affine3A::from_translation(glam::vec3(2.5, 0.0, 0.0));
+    scene.instances.push(Instance { primitive: 1, transform });
+    let heard = Heard::default();
+    let baked = SimplifyOptions {
+        target: Target::Triangles(600),
+        steps: 0,
+        texture_size: 128,
+        resolution: 128,
+        own_textures: false,
+        report_views: 4,
+        ..options()
+    };
+    let made = simplify(&scene, &dir.path().join("a.glb"), &baked, &heard).unwrap();
+    assert!(made.stage("baked").unwrap().psnr > 24.0, "{:?}", made.stages);
+    assert!(made.shipped().unwrap().psnr > 24.0, "{:?}", made.stages);
+    let told = heard.0.lock().unwrap().join("\n");
+    assert!(told.contains("960 of 1920 triangles point to their back"), "{told}");
+    let light = photofit_scene::load(dir.path().join("a.glb")).unwrap();
+    assert_eq!(light.materials.len(), 2, "one for each kind, which both have the asset's name");
+}
+
+#[test]
+fn an_asset_that_no_camera_sees_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let told = |material: Material| {
+        let heard = Heard::default();
+        let few = SimplifyOptions { steps: 0, target: Target::Triangles(200), ..options() };
+        simplify(&of(cube_like(), material), &dir.path().join("a.glb"), &few, &heard).unwrap();
+        let told = heard.0.into_inner().unwrap();
+        told.iter().filter(|t| t.contains("no camera sees anything")).count()
+    };
+    let clear = |alpha_mode| Material { base_color: [1.0, 1.0, 1.0, 0.0], alpha_mode, ..Material::clay() };
+    assert_eq!(told(clear(AlphaMode::Mask { cutoff: 0.5 })), 1);
+    assert_eq!(told(clear(AlphaMode::Blend)), 1);
+    assert_eq!(told(clear(AlphaMode::Opaque)), 0, "alpha has no meaning there");
+}
+
+fn cube_like() -> photofit_geometry::Mesh {
+    displaced_sphere(8, 0.1, 2, 1)
 }

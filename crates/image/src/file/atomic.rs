@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Writes `bytes` to a temporary name in the folder of `path` and renames it, so that `path` holds either its old
-/// content or all of the new one, and a failure leaves nothing behind.
+/// content or all of the new one, and a failure leaves nothing behind. Where `path` is a symbolic link, the file that it leads to
+/// is replaced, and the link stays.
 ///
 /// # Errors
 /// If the folder does not exist, or the file system refuses.
@@ -77,10 +78,25 @@ fn create_beside(path: &Path) -> std::io::Result<(File, Temporary)> {
     }
 }
 
+/// Most links that lead from one to the next, as systems have it.
+const MOST_LINKS: usize = 40;
+
+/// What a path leads to when symbolic links in its last part are followed; it need not exist.
+fn led_to(path: &Path) -> std::io::Result<PathBuf> {
+    let mut at = path.to_owned();
+    for _ in 0..MOST_LINKS {
+        let Ok(link) = std::fs::read_link(&at) else { return Ok(at) };
+        // Relative to the folder of the link.
+        at = at.parent().unwrap_or(Path::new("")).join(link);
+    }
+    Err(std::io::Error::other("too many symbolic links lead from one to the next"))
+}
+
 pub(crate) fn write_with<E: From<std::io::Error>>(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> Result<(), E>,
 ) -> Result<(), E> {
+    let path = &led_to(path)?;
     let (file, mut temporary) = create_beside(path)?;
     let mut writer = BufWriter::new(file);
     write(&mut writer)?;
@@ -116,6 +132,27 @@ mod tests {
         }
         assert_eq!(names(dir.path()), ["a.state.bak", "a.state.bak2", "a.state.bak3"]);
         assert_eq!(std::fs::read(dir.path().join("a.state.bak")).unwrap(), b"first");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_stay_and_what_they_lead_to_is_replaced() {
+        use std::os::unix::fs::symlink;
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::create_dir(at("there")).unwrap();
+        std::fs::write(at("there/real"), b"old").unwrap();
+        symlink("there/real", at("link")).unwrap();
+        symlink("link", at("second")).unwrap();
+        symlink("there/new", at("dangling")).unwrap();
+        symlink("loop", at("loop")).unwrap();
+        write_atomically(at("second"), b"one").unwrap();
+        write_atomically(at("dangling"), b"two").unwrap();
+        assert_eq!(std::fs::read(at("there/real")).unwrap(), b"one");
+        assert_eq!(std::fs::read(at("there/new")).unwrap(), b"two");
+        assert!(["link", "second", "dangling"].iter().all(|l| at(l).is_symlink()));
+        assert!(write_atomically(at("loop"), b"").unwrap_err().to_string().contains("links"));
+        assert_eq!(names(&at("there")), ["new", "real"]);
     }
 
     #[test]

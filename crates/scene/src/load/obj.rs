@@ -27,6 +27,8 @@ struct Statements {
     colors: Vec<Vec4f>,
     uvs: Vec<Vec2f>,
     normals: Vec<Vec3f>,
+    /// How many of them have no direction and are computed.
+    without_direction: usize,
     /// Triangles by material, in the order of first use.
     groups: Vec<(usize, Vec<[Corner; 3]>)>,
     /// Index into `groups` by material.
@@ -70,8 +72,7 @@ pub(crate) fn parse(text: &[u8], folder: &Folder, limits: &Limits, missing: Miss
                 statements.uvs.push(vec2(u, 1.0 - v));
             }
             "vn" => {
-                let [x, y, z] = numbers(rest, &[0.0; 3], 3).map_err(|rule| fault(line(), rule))?;
-                statements.normals.push(vec3(x, y, z).normalize_or_zero());
+                statements.normal(rest).map_err(|rule| fault(line(), rule))?;
             }
             "f" => {
                 statements.corners(rest, &mut polygon).map_err(|rule| fault(line(), rule))?;
@@ -107,6 +108,10 @@ pub(crate) fn parse(text: &[u8], folder: &Folder, limits: &Limits, missing: Miss
     }
     if let Some(text) = ignored.message() {
         scene.warnings.push(text);
+    }
+    if statements.without_direction > 0 {
+        let found = statements.without_direction;
+        scene.warnings.push(format!("normals without a direction: {found}, which are computed"));
     }
     if statements.groups.is_empty() {
         add_clay(&mut clay, &mut scene);
@@ -146,18 +151,27 @@ impl Ignored {
     }
 }
 
+/// The text of a line. Exporters of former days write Latin-1, which is what a line is taken for that is no UTF-8: names of
+/// materials and files are then the same in files of both kinds.
+fn decoded(line: &[u8]) -> Cow<'_, str> {
+    match std::str::from_utf8(line) {
+        Ok(text) => Cow::Borrowed(text),
+        Err(_) => Cow::Owned(line.iter().map(|b| char::from(*b)).collect()),
+    }
+}
+
 /// Lines with their number from 1, continuation lines joined.
 pub(super) fn lines(text: &[u8]) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
     let mut raw = text.split(|&b| b == b'\n').enumerate();
     std::iter::from_fn(move || {
         let (i, first) = raw.next()?;
-        let mut line = String::from_utf8_lossy(first.trim_ascii());
+        let mut line = decoded(first.trim_ascii());
         while line.ends_with('\\') {
             let joined = line.to_mut();
             joined.pop();
             joined.push(' ');
             match raw.next() {
-                Some((_, next)) => joined.push_str(&String::from_utf8_lossy(next.trim_ascii())),
+                Some((_, next)) => joined.push_str(&decoded(next.trim_ascii())),
                 None => break,
             }
         }
@@ -197,6 +211,20 @@ pub(super) fn numbers<const N: usize>(
 }
 
 impl Statements {
+    /// A unit normal; zero, to be computed, where it has no direction.
+    fn normal(&mut self, rest: &str) -> Result<(), String> {
+        // `nan` and `inf` are numbers.
+        let words: Vec<&str> = rest.split_ascii_whitespace().take(3).collect();
+        let parsed: Vec<f32> = words.iter().filter_map(|w| w.parse().ok()).collect();
+        let normal = match parsed[..] {
+            [x, y, z] => vec3(x, y, z).normalize_or_zero(),
+            _ => numbers(rest, &[0.0; 3], 3).map(|_| Vec3f::zero())?,
+        };
+        self.without_direction += usize::from(normal == Vec3f::zero());
+        self.normals.push(normal);
+        Ok(())
+    }
+
     fn position(&mut self, rest: &str) -> Result<(), String> {
         // Either x y z [w] or x y z r g b.
         let six: [f32; 6] = numbers(rest, &[0.0, 0.0, 0.0, f32::MAX, f32::MAX, f32::MAX], 3)?;

@@ -42,7 +42,11 @@ fn the_outline_of_a_mask_is_found() {
     let mut card = shapes::quad_grid(2, 2);
     card.uvs = card.positions.iter().map(|p| vec2(0.5 + 0.5 * p.x, 0.5 - 0.5 * p.y)).collect();
     let class = vec![0; card.triangles.len()];
-    let mask = SurfaceClass { alpha: AlphaMode::Mask { cutoff: 0.5 }, sides: Sides::Both };
+    let mask = SurfaceClass {
+        alpha: AlphaMode::Mask { cutoff: 0.5 },
+        sides: Sides::Both,
+        ..SurfaceClass::default()
+    };
     // White and unlit, cut out to a disc of the given radius.
     let disc = |radius: f64| {
         let texel = |i: usize| {

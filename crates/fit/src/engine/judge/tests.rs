@@ -90,6 +90,42 @@ fn the_renderer_of_the_judge_can_be_chosen() {
 }
 
 #[test]
+fn stages_are_put_in_order_by_the_pictures_of_the_report() {
+    let coat = Clearcoat { factor: 1.0, ..Clearcoat::default() };
+    let coated = sphere(Some(Extensions { clearcoat: Some(coat), ..Extensions::default() }));
+    // The same core without its coat; and a coat over a core that differs a little.
+    let mut other = coated.clone();
+    other.materials[0].base_color = [0.03, 0.02, 0.02, 1.0];
+    let stages = [sphere(None), other].map(|s| Stage::new("stage", s));
+    let n = Normalised::new(&coated).unwrap();
+    let rasterized = Rasterized::new(&n.flat, &n.library);
+    let judge = Judge {
+        scene: &coated,
+        n: &n,
+        reference: &rasterized,
+        renderer: JudgeRenderer::Auto,
+        spp: 32,
+        lighting: &Lighting::Mixed,
+        size: 32,
+        samples: [SUPERSAMPLE; 2],
+        seed: 0,
+    };
+    for (renderer, wanted) in [(JudgeRenderer::Auto, 1), (JudgeRenderer::Path, 1), (JudgeRenderer::Raster, 0)]
+    {
+        let judge = Judge { renderer, ..judge.clone() };
+        let scores = judge.scores(&stages, 2, 2, &Silent).unwrap();
+        let shown = judge.views(&stages, 2, &Silent).unwrap();
+        let psnr = |k: usize| shown.iter().map(|v| v.quality[k].quality.psnr).sum::<f64>();
+        assert_eq!(highest(&scores), wanted, "{renderer:?}: {scores:?}");
+        assert!(psnr(wanted) > psnr(1 - wanted), "{renderer:?}: the report agrees");
+    }
+    // Where the report is rasterized, the pictures of a fit to all light have no say.
+    let lit = PathTraced::new(&coated, &n, MaterialFeatures::All, 0).unwrap().sampled(4);
+    let judge = Judge { reference: &lit, renderer: JudgeRenderer::Raster, ..judge };
+    assert_eq!(highest(&judge.scores(&stages, 2, 2, &Silent).unwrap()), 0);
+}
+
+#[test]
 fn what_is_fitted_to_all_light_is_judged_by_the_pictures_of_its_fit() {
     // Its maps hold the shadows: a path traced judgement would cast them again, extensions or not.
     let coat = Clearcoat { factor: 1.0, ..Clearcoat::default() };

@@ -110,8 +110,6 @@ pub(crate) fn asked_loss(loss: PictureLoss) -> Item {
 pub(crate) const NO_STEPS: &str = "no steps are made";
 /// Why only one layer is drawn.
 pub(crate) const OPAQUE: &str = "every surface is opaque: one layer, no blending";
-/// Where it stands what a skipped pass would take.
-const COSTS: &str = "what that saves: `cargo xtask bench raster`, docs/benchmarks.md";
 
 /// What a fit does with a surface: all that its rows are told from.
 #[derive(Clone, Copy, Debug)]
@@ -132,16 +130,15 @@ pub(crate) fn surface(work: &Work) -> Vec<Item> {
     let not = |why: &str| if *steps { why.to_owned() } else { NO_STEPS.to_owned() };
     let positions = *steps && *moves && p.position_gradients;
     let layers = format!("until nothing shows through, at most {} layers", p.max_layers);
-    let saved = |why: &str| if *steps { format!("{why} ({COSTS})") } else { NO_STEPS.to_owned() };
     let mut items = vec![
-        Item::of("position gradients", positions, "the shape is fitted", saved("the shape stays")),
+        Item::of("position gradients", positions, "the shape is fitted", not("the shape stays")),
         Item::of(
             "silhouette gradients",
             *steps && p.antialias,
             "where neighbouring samples show different triangles",
             not("positions are frozen"),
         ),
-        Item::of("transparent layers", p.max_layers > 1, layers, format!("{OPAQUE} ({COSTS})")),
+        Item::of("transparent layers", p.max_layers > 1, layers, OPAQUE),
         Item::of("normal map", p.normal_map, "it is drawn", "it is flat"),
         Item::of("emission", p.emissive, "it is drawn", "nothing emits"),
     ];
@@ -150,7 +147,7 @@ pub(crate) fn surface(work: &Work) -> Vec<Item> {
         "map gradients",
         fitted > 0,
         format!("{fitted} of {CHANNELS} samples of a texel; the others are constant or unused"),
-        saved("all samples of texels are constant or unused"),
+        not("all samples of texels are constant or unused"),
     ));
     let gradients = [
         ("base colour gradients", channel::BASE_COLOR, true),

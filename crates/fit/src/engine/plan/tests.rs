@@ -28,7 +28,7 @@ fn candidate(mode: AlphaMode, paint: impl Fn(usize, &mut [f32; CHANNELS])) -> Ca
         &mesh,
         &Weld::identity(n),
         class,
-        vec![SurfaceClass { alpha: mode, sides: Sides::Both }],
+        vec![SurfaceClass { alpha: mode, sides: Sides::Both, ..SurfaceClass::default() }],
         maps,
     )
 }

@@ -1,9 +1,9 @@
 //! The views that a fit is judged by and never moved by, and how its pictures of them are judged.
 
-use crate::FitError;
 use crate::engine::loss::relative_weights;
 use crate::engine::reference::Reference;
 use crate::engine::views::{Sampling, Set, Shot, Views};
+use crate::{FitError, Progress};
 use photofit_image::psnr_from_mse;
 use rayon::prelude::*;
 use std::sync::OnceLock;
@@ -33,6 +33,10 @@ impl Measure {
 pub fn relative_error(quality: f64) -> f64 {
     10.0_f64.powf(-0.1 * quality)
 }
+
+/// Of an asset that no picture shows.
+pub(crate) const UNSEEN: &str = "no camera sees anything of the asset (transparent all over, or too small beside its bounds): whatever is written \
+                      looks the same";
 
 /// The views of the early stop.
 #[derive(Clone, Debug)]
@@ -90,6 +94,19 @@ impl HeldOut {
     pub fn references(&self) -> &[Vec<[f32; 4]>] {
         let over = |s: &Shot| s.over_noise().reference;
         self.references.get_or_init(|| self.shots.par_iter().map(over).collect())
+    }
+
+    /// Whether the reference covers no pixel of any of these pictures.
+    pub fn shows_nothing(&self) -> bool {
+        let covers = |s: &Shot| s.shown.data.chunks_exact(4).any(|p| p[3] > 0.0);
+        !self.shots.par_iter().any(covers)
+    }
+
+    /// Warns where [`Self::shows_nothing`]: every asset looks the same then.
+    pub(crate) fn warn_unseen(&self, progress: &dyn Progress) {
+        if self.shows_nothing() {
+            progress.warn(UNSEEN);
+        }
     }
 
     /// The same views, judged by another measure.

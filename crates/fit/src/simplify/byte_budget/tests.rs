@@ -54,7 +54,7 @@ fn budgeted(asset: &Scene, max_bytes: Option<u64>, texture_encoding: TextureEnco
     };
     Budgeted {
         bytes: std::fs::metadata(&path).unwrap().len(),
-        psnr: outcome.stage("fitted").unwrap().psnr,
+        psnr: outcome.shipped().unwrap().psnr,
         told: outcome.textures,
         warnings: heard.0.into_inner().unwrap().join("; "),
         encodings: images.iter().map(encoding).collect(),
@@ -131,7 +131,7 @@ fn triangles_follow_from_bytes_and_whole_assets_are_not_fitted() {
     let whole = photofit_scene::to_glb_with(&asset, photofit_scene::Compression::None).unwrap().len() as u64;
     let (outcome, bytes) = made(whole + 100);
     assert_eq!((outcome.triangles_out, outcome.steps, bytes <= whole + 100), (all, 0, true));
-    assert!(outcome.stage("fitted").unwrap().psnr > 45.0, "{:?}", outcome.stages);
+    assert!(outcome.shipped().unwrap().psnr > 45.0, "{:?}", outcome.stages);
     let (outcome, bytes) = made(whole * 9 / 10);
     assert!(outcome.steps == 2 && bytes <= whole, "{} steps, {bytes} bytes of {whole}", outcome.steps);
     assert!((all / 4..all).contains(&outcome.triangles_out), "{} of {all}", outcome.triangles_out);

@@ -212,19 +212,16 @@ pub(crate) fn strip(indices: &[u32]) -> Vec<[u32; 3]> {
         .collect()
 }
 
-/// Rejects what cannot be used and repairs what can: zero normals, tangents and texture coordinates that are no
-/// numbers.
+/// Rejects what cannot be used and repairs what can: normals and tangents without a direction, texture coordinates and
+/// colours that are no numbers.
 fn clean(mesh: &mut Mesh, place: &str, warnings: &mut Vec<String>) -> Result<(), Fault> {
     if let Some(v) = mesh.positions.iter().position(|p| !p.is_finite()) {
         return Err(fault(format!("{place} POSITION"), not_finite(v)));
     }
-    if let Some(v) = mesh.normals.iter().position(|p| !p.is_finite()) {
-        return Err(fault(format!("{place} NORMAL"), not_finite(v)));
-    }
     mesh.normals.iter_mut().for_each(|n| *n = n.normalize_or_zero());
     if mesh.normals.iter().any(|n| *n == Vec3f::zero()) {
         let found = normals::repair(mesh);
-        warnings.push(format!("{place} NORMAL: {found} zero normals are computed"));
+        warnings.push(format!("{place} NORMAL: normals without a direction: {found}, which are computed"));
     }
     let mut tangents = 0;
     for (t, n) in mesh.tangents.iter_mut().zip(&mesh.normals) {

@@ -34,7 +34,7 @@ pub(crate) fn parse(bytes: &[u8], folder: &Folder, limits: &Limits) -> Result<Sc
         mesh.normals = computed;
     } else if mesh.normals.contains(&Vec3f::zero()) {
         let found = normals::repair(&mut mesh);
-        scene.warnings.push(format!("{found} zero normals are computed"));
+        scene.warnings.push(format!("normals without a direction: {found}, which are computed"));
     }
     let mut material = super::clay();
     if !mesh.colors.is_empty() {

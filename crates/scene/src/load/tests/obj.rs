@@ -275,3 +275,25 @@ fn a_missing_library_is_a_warning_and_points_are_found_by_the_check() {
     let text = scene.validate_for_fit().unwrap_err().to_string();
     assert!(text.contains("4 points only"), "{text}");
 }
+
+#[test]
+fn names_in_latin_1_are_those_in_utf_8() {
+    // The library is UTF-8, the asset Latin-1; two materials differ in such a letter alone.
+    let mtl = "newmtl K\u{f6}rper\nKd 1 0 0\nnewmtl K\u{e4}rper\nKd 0 1 0\n";
+    let text =
+        format!("mtllib gr\u{fc}n.mtl\n{QUAD}usemtl K\u{e4}rper\nf 1 2 3\nusemtl K\u{f6}rper\nf 1 3 4\n");
+    let latin: Vec<u8> = text.chars().map(|c| u8::try_from(u32::from(c)).unwrap()).collect();
+    for text in [text.as_bytes(), &latin] {
+        let scene = load_files(&[("a.obj", text), ("gr\u{fc}n.mtl", mtl.as_bytes())]).unwrap();
+        assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+        let colors = scene.primitives.iter().map(|p| scene.materials[p.material].base_color);
+        assert_eq!(colors.collect::<Vec<_>>(), [[0.0, 1.0, 0.0, 1.0], [1.0, 0.0, 0.0, 1.0]]);
+    }
+}
+
+#[test]
+fn normals_that_are_no_numbers_are_computed() {
+    let scene = obj(&format!("{QUAD}vn 0 0 1\nvn nan 0 1\nf 1//1 2//2 3//1\n"));
+    assert_eq!(scene.primitives[0].mesh.normals, [vec3(0.0, 0.0, 1.0); 3]);
+    assert_eq!(scene.warnings, ["normals without a direction: 1, which are computed"]);
+}
