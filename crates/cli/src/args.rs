@@ -366,8 +366,9 @@ pub(crate) struct Simplify {
     /// software), or auto: a GPU in hardware if there is one, else the CPU.
     #[arg(long, value_name = "DEVICE", default_value = "cpu", value_parser = device)]
     pub(crate) device: Device,
-    /// Width and height of new textures, texels, and longest side of the asset's own where those are written; without it those
-    /// have together no more texels than four new ones [range: 16 to 8192] [default: 1024, or what the size on screen needs].
+    /// Width and height of new textures, texels, and longest side of the asset's own where those are written. Those have together
+    /// no more texels than four new ones, but for budgets of a quarter of the triangles and more, where they stay whole unless
+    /// this is given [range: 16 to 8192] [default: 1024, or what the size on screen needs].
     #[arg(long, value_name = "N", value_parser = whole::<usize>(16..=8192))]
     pub(crate) texture_size: Option<usize>,
     /// How textures are stored; both kinds of webp are for readers that know `EXT_texture_webp` (three.js, Babylon.js, Blender

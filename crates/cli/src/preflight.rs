@@ -3,6 +3,7 @@
 
 use crate::status::Misuse;
 use anyhow::{Result, anyhow, bail};
+use photofit_image::link_target;
 use std::ffi::OsStr;
 use std::fs::{File, OpenOptions};
 use std::path::{Component, Path, PathBuf};
@@ -127,7 +128,9 @@ struct Identity {
 
 impl Identity {
     fn of(path: &Path) -> Self {
-        Self { number: number(path), path: resolved(path) }
+        // Links that lead nowhere yet are followed, too: what they lead to is what will be written.
+        let target = link_target(path).unwrap_or_else(|_| path.to_owned());
+        Self { number: number(path), path: resolved(&target) }
     }
 
     /// Whether both are one file now.
@@ -174,7 +177,8 @@ fn resolved(path: &Path) -> PathBuf {
 fn check_file(path: &Path) -> Result<()> {
     let shown = path.display();
     check_kind(path)?;
-    let folder = parent(path);
+    // `check_kind` has seen that links end.
+    let folder = parent(&link_target(path).unwrap_or_else(|_| path.to_owned()));
     if !folder.exists() {
         bail!("{shown}: cannot be written: the folder {} does not exist", folder.display());
     }
@@ -187,6 +191,7 @@ fn check_file(path: &Path) -> Result<()> {
 /// Checks that what has the name of an output, if anything, is a regular file: it will be replaced.
 fn check_kind(path: &Path) -> Result<()> {
     let shown = path.display();
+    link_target(path).map_err(|e| anyhow!("{shown}: cannot be written: {e}"))?;
     if path.file_name().is_none() || path.is_dir() {
         bail!("{shown}: is a folder; the output must be a file, not a folder");
     }
@@ -307,6 +312,27 @@ mod tests {
             assert!(places.check().expect_err(json).is::<Misuse>(), "{json} {report}");
         }
         assert_eq!(std::fs::read_dir(d).unwrap().count(), 0, "nothing was made");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_are_checked_where_they_lead() {
+        use std::os::unix::fs::symlink;
+        let dir = tempfile::tempdir().unwrap();
+        let d = dir.path();
+        std::fs::create_dir(d.join("sub")).unwrap();
+        let json = |name: &str| {
+            let places = Places::default().writes("--output", Some(&d.join("o.glb")));
+            rule(&places.writes("--json", Some(&d.join(name))))
+        };
+        symlink("o.glb", d.join("f.json")).unwrap();
+        assert!(json("f.json").contains("another file"), "{}", json("f.json"));
+        symlink("sub/g.json", d.join("g.json")).unwrap();
+        assert_eq!(json("g.json"), "");
+        symlink(d.join("no/h.json"), d.join("h.json")).unwrap();
+        assert!(json("h.json").contains("does not exist"), "{}", json("h.json"));
+        symlink("i.json", d.join("i.json")).unwrap();
+        assert!(json("i.json").contains("links"), "{}", json("i.json"));
     }
 
     #[cfg(unix)]

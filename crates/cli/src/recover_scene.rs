@@ -6,7 +6,7 @@ mod target;
 
 use crate::args::{RecoverScene, TextureSmoothing};
 use crate::fields::{RECOVER_SCENE, name_options};
-use crate::parameter_scene::{Cameras, Key, Quantity, Subject};
+use crate::parameter_scene::{Cameras, Key, Quantity, Subject, explained};
 use crate::preflight::Places;
 use crate::progress::Terminal;
 use crate::simplify::CHECKPOINT_FILE;
@@ -15,6 +15,7 @@ use crate::traced_report::tell_course;
 use crate::{interrupt, threads};
 use anyhow::{Context, Result, anyhow, bail};
 use glam::DVec3;
+use photofit_fit::FitError;
 use photofit_fit::engine::traced::{Smoothing, Traced, TracedParameter};
 use photofit_fit::engine::trainer::Keeping;
 use photofit_fit::recover_scene::{RecoverSceneOptions, recover_scene};
@@ -89,6 +90,10 @@ pub(crate) fn run(a: &RecoverScene) -> Result<Ending> {
 /// The parameters of the command line in the scene's world, and the pictures.
 fn task(a: &RecoverScene, mut subject: Subject, source: &Source<'_>) -> Result<Task> {
     let named = |e: &dyn std::fmt::Display| anyhow!("{}: {e}", a.scene.input.display());
+    let lit = |e: FitError| match e {
+        FitError::PathTrace(e) => explained(&a.scene, &e),
+        e => named(&e),
+    };
     let (mut parameters, mut quantities, mut boxes) = (Vec::<TracedParameter>::new(), Vec::new(), Vec::new());
     for name in &a.parameter {
         let Key { name, parameter, shape, bounds, quantity, .. } = subject.find(&a.scene, name)?.clone();
@@ -118,8 +123,8 @@ fn task(a: &RecoverScene, mut subject: Subject, source: &Source<'_>) -> Result<T
         Source::Own { views: count @ 2.. } => around::views(&views[0], &world, *count),
         _ => views,
     };
-    let mut model = Traced::new(world, options, parameters).map_err(|e| named(&e))?;
-    views.iter().try_for_each(|v| model.check(v)).map_err(|e| named(&e))?;
+    let mut model = Traced::new(world, options, parameters).map_err(lit)?;
+    views.iter().try_for_each(|v| model.check(v)).map_err(lit)?;
     model.gradient_spp = a.traced.gradient_spp;
     model.smoothing = a.traced.smoothing.into();
     let own = || views.iter().map(|v| model.picture(v, TARGET_SPP, TARGET_SEED)).collect();

@@ -164,7 +164,7 @@ pub(crate) fn camera(a: &Render, center: Vec3, radius: f32) -> Camera {
 }
 
 /// Renders linear, premultiplied RGBA. Lengths are scaled by a power of two to those of an asset of radius one: the picture is the
-/// same whatever the unit of length.
+/// same for radii from 1e-15 to 1e15, beyond which squares of lengths leave the range of `f32`.
 pub(crate) fn render(
     scene: &Scene,
     camera: &Camera,
@@ -173,7 +173,8 @@ pub(crate) fn render(
     supersample: usize,
 ) -> Image {
     let (mut flat, library) = (scene.flatten(), SurfaceLibrary::new(scene));
-    let radius = scene.bounding_sphere().map_or(1.0, |(_, radius)| radius).max(f32::MIN_POSITIVE);
+    let radius = scene.bounding_sphere().map_or(1.0, |(_, radius)| radius);
+    let radius = if radius > 0.0 { radius } else { 1.0 };
     let scale = (-radius.log2().round()).clamp(-100.0, 100.0).exp2();
     flat.mesh.positions.iter_mut().for_each(|p| *p *= scale);
     let lights: Vec<Light<'_>> = lights.iter().map(|l| scaled_light(*l, scale)).collect();

@@ -83,11 +83,9 @@ pub(crate) fn run(a: &Retexture) -> Result<Ending> {
         a.output.display(),
         output::counted(asset.triangle_count(), "triangle")
     );
-    // The row of a fit holds no other.
-    let last = if r.written == Written::Baked && r.steps > 0 { "file" } else { "fitted" };
     let recovery = Recovery {
         title: format!("{} in the look of {}", name(&a.light_asset), name(&a.reference)),
-        stages: [("baked", &r.start), (last, &r.quality)],
+        stages: [("baked", &r.start), ("file", &r.quality)],
         views: &r.views,
         judged: format!("{views} that the fit never saw, {moments}, {drawn}."),
         history: &r.history,

@@ -34,8 +34,8 @@ pub use error::ImageError;
 #[cfg(feature = "files")]
 pub use file::{
     Limits, PngCompression, decode, decode_texture, encode_jpeg, encode_png, encode_srgb_png, encode_webp,
-    encode_webp_lossy, file_bytes, read, read_exr_layers, read_with_limits, set_aside, texture_size,
-    write_atomically, write_exr, write_exr_channels, write_png,
+    encode_webp_lossy, file_bytes, link_target, read, read_exr_layers, read_with_limits, set_aside,
+    texture_size, write_atomically, write_exr, write_exr_channels, write_png,
 };
 pub use heatmap::{heatmap, heatmap_color};
 pub use metrics::{

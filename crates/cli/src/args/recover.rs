@@ -124,7 +124,7 @@ pub(crate) struct TracedFit {
     /// How steps of textures and grids are smoothed.
     #[arg(long, value_name = "HOW", value_enum, default_value = "bilateral")]
     pub(crate) smoothing: TextureSmoothing,
-    /// Steps of the fit, of all grids or rounds together; fewer are made when the picture stops improving [range: at least 0].
+    /// Steps of the fit, all its parts together; fewer are made when the picture stops improving [range: at least 0].
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = whole::<u64>(0..))]
     pub(crate) steps: u64,
     /// Peak rate of the optimizer: of colours, roughness and the like as they are, of radiances relative to them or to the mean of
@@ -142,8 +142,8 @@ pub(crate) struct TracedFit {
 // How a fit in parts through the path tracer ends and goes on, and what is told of it.
 #[derive(Args, Debug)]
 pub(crate) struct TracedCourse {
-    /// End the fit after this many seconds and keep what was reached; reading, the pictures of --self-test, training of guides,
-    /// and what is written take their time on top [range: more than 0, at most 1000000000] [default: no limit].
+    /// End the fit after this many seconds and keep what was reached; reading, work between the parts of the fit, and what is
+    /// written take their time on top [range: more than 0, at most 1000000000] [default: no limit].
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub(crate) time_limit: Option<Duration>,
     #[command(flatten)]

@@ -21,7 +21,8 @@ pub(crate) fn whole<T: TryFrom<u64> + 'static>(
         let value = value.and_then(|n| T::try_from(n).ok());
         value.ok_or_else(|| {
             // Of ranges without an end the type has one.
-            let too_large = !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
+            let digits = !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
+            let too_large = digits && text.parse::<u64>().map_or(true, |n| range.contains(&n));
             let ends = [u64::MAX, u64::from(u32::MAX), u64::from(u16::MAX), u64::from(u8::MAX)];
             let end = ends.into_iter().find(|n| T::try_from(*n).is_ok());
             let end = end.filter(|_| too_large && matches!(range.end_bound(), Bound::Unbounded));
@@ -188,6 +189,7 @@ mod tests {
             Err(format!("{open}, at most 18446744073709551615"))
         );
         assert_eq!(whole::<u64>(0..)("-1"), Err(open.into()));
+        assert_eq!(whole::<usize>(1..)("0"), Err("it must be a whole number, at least 1".into()));
         let colour = numbers(&[1, 3], 0.0..=1.0);
         assert_eq!(colour("0.5,0, 1"), Ok(Numbers(vec![0.5, 0.0, 1.0])));
         assert_eq!(colour("0.5,1"), Err("has 2 numbers; it must have 1 or 3".into()));

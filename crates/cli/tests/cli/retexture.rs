@@ -59,7 +59,7 @@ fn a_light_rock_is_painted_in_motion() {
     assert!(stdout(&o).contains("3 moments of slide"), "{}", stdout(&o));
     let f: Value = serde_json::from_slice(&std::fs::read(d.join("f.json")).unwrap()).unwrap();
     let psnr = |stage: &str| f[stage]["psnr"].as_f64().unwrap();
-    assert!(psnr("fitted") > psnr("baked") && f["moments"].as_array().unwrap().len() == 3, "{f}");
+    assert!(psnr("file") > psnr("baked") && f["moments"].as_array().unwrap().len() == 3, "{f}");
     let bytes = std::fs::read(d.join("out.glb")).unwrap();
     let again = ["--threads", "1", "--resolution", "64", "--steps", "40", "--moments", "3"];
     assert_eq!(run(&again).status.code(), Some(0));

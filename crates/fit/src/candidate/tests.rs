@@ -137,7 +137,7 @@ impl Setting {
         let classes = alpha
             .into_iter()
             .zip(sides)
-            .map(|(alpha, sides)| SurfaceClass { alpha, sides, ..SurfaceClass::default() })
+            .map(|(alpha, sides)| SurfaceClass { alpha, sides, opposed: alpha == AlphaMode::Blend })
             .collect();
         let mut candidate = Candidate::new(&mesh, &smoothing, class, classes, maps(content, &mut rng));
         // What ships for opaque ones is the gradient of no function.

@@ -140,7 +140,9 @@ impl fmt::Display for Verdict {
             let what = match *name {
                 "decimated" => " (as many triangles with the asset's own materials and all their texels)",
                 "baked" => " (the decimated shape with baked maps)",
-                "fitted" => " (the fit, which looked worse in the views of the choice)",
+                "fitted" => {
+                    " (the fit, which looked worse in the views of the choice or takes more bytes than allowed)"
+                }
                 "wrapped" => " (the decimated shape drawn onto the asset, with baked maps)",
                 _ => "",
             };

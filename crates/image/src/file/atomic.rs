@@ -81,10 +81,14 @@ fn create_beside(path: &Path) -> std::io::Result<(File, Temporary)> {
 /// Most links that lead from one to the next, as systems have it.
 const MOST_LINKS: usize = 40;
 
-/// What a path leads to when symbolic links in its last part are followed; it need not exist.
-fn led_to(path: &Path) -> std::io::Result<PathBuf> {
-    let mut at = path.to_owned();
-    for _ in 0..MOST_LINKS {
+/// What a path leads to when symbolic links in its last part are followed; it need not exist. That is what is written where
+/// the path is an output.
+///
+/// # Errors
+/// If the links lead in a circle, or there are more than a system follows.
+pub fn link_target(path: impl AsRef<Path>) -> std::io::Result<PathBuf> {
+    let mut at = path.as_ref().to_owned();
+    for _ in 0..=MOST_LINKS {
         let Ok(link) = std::fs::read_link(&at) else { return Ok(at) };
         // Relative to the folder of the link.
         at = at.parent().unwrap_or(Path::new("")).join(link);
@@ -96,7 +100,7 @@ pub(crate) fn write_with<E: From<std::io::Error>>(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> Result<(), E>,
 ) -> Result<(), E> {
-    let path = &led_to(path)?;
+    let path = &link_target(path)?;
     let (file, mut temporary) = create_beside(path)?;
     let mut writer = BufWriter::new(file);
     write(&mut writer)?;

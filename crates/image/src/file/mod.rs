@@ -8,7 +8,7 @@ mod png_jpeg;
 mod radiance;
 mod webp;
 
-pub use atomic::{set_aside, write_atomically};
+pub use atomic::{link_target, set_aside, write_atomically};
 pub use exr_file::{read_exr_layers, write_exr, write_exr_channels};
 pub use limits::Limits;
 pub use png_jpeg::{

@@ -49,8 +49,9 @@ fn candidate(sheets: bool) -> Candidate {
     let atlas = unwrap(&mesh.positions, &mesh.triangles, &class, &options).unwrap();
     let (mesh, _) = atlas.build_mesh(&mesh.positions, &mesh.triangles);
     let alpha = [AlphaMode::Opaque, AlphaMode::Blend, AlphaMode::Mask { cutoff: 0.5 }];
-    let classes =
-        alpha.map(|alpha| SurfaceClass { alpha, sides: Sides::Both, ..SurfaceClass::default() }).to_vec();
+    let classes = alpha
+        .map(|alpha| SurfaceClass { alpha, sides: Sides::Both, opposed: alpha == AlphaMode::Blend })
+        .to_vec();
     let mut rng = Uniform::new(3);
     let texel = |_| {
         let mut t = [0.0; CHANNELS].map(|_: f32| rng.range(0.2, 0.8) as f32);
