@@ -311,10 +311,10 @@ impl SimplifyOptions {
     pub fn judgement(&self, scene: &Scene) -> Judgement {
         let traced = self.is_judged_by_path_tracing(scene);
         let side = if traced { self.resolution.min(WIDEST_TRACED) } else { self.resolution };
-        // Decimated, baked, wrapped where the fit starts from a decimated asset, and fitted; the original where engines
-        // draw it.
+        // Decimated, baked, wrapped where the fit starts from a decimated asset, fitted, and the file where that is something
+        // else; the original where engines draw it.
         let starts = self.init == Init::Decimate && self.effort.work().compares_starts;
-        let fitted = if self.surfacing == Surfacing::Kept { 1 } else { 3 + u64::from(starts) };
+        let fitted = if self.surfacing == Surfacing::Kept { 1 } else { 4 + u64::from(starts) };
         let stages = fitted + u64::from(self.as_engine && !traced);
         let beyond = beyond_rasterizer(scene).into_iter().collect();
         Judgement {
