@@ -365,7 +365,7 @@ fn a_path_traced_judgement_is_announced_and_can_be_bounded() {
         (stdout(&o), stderr(&o), json(&d.join("f.json")), page)
     };
     let (out, err, f, page) = run(&["--judge-spp", "2"]);
-    // 8 views of the asset and of 4 stages, 48 pixels a side.
+    // 8 views of the asset and of at most 5 stages, 48 pixels a side.
     let cost = "at most 48 pictures of 48 x 48 pixels, 2 samples each";
     assert!(out.contains("run  path traced judgement") && out.matches(cost).count() == 2, "{out}");
     assert!(err.contains(cost) && err.contains("--judge raster"), "{err}");
