@@ -15,6 +15,7 @@
 //! Pixels are sorted by the strength of their edge, `|d|` over the level, and each class has its own `a` and `b`:
 //! antialiased features give `a = b = 0`, many samples `b -> 1` on the edges. Where the variance is not known `b` is 0.
 
+use super::pooled::Pooled;
 use super::regression::RELATIVE_FLOOR;
 use crate::Shape;
 use rayon::prelude::{
@@ -94,12 +95,18 @@ pub(crate) fn correct_edges(
     shares
 }
 
-/// Smooths edges of `color` (3 planes) with a 3 x 3 blur of the given share per pixel.
-pub(crate) fn soften(shape: Shape, color: &mut [f32], share: &[f32]) {
+/// Smooths edges of `color` (3 planes) with a 3 x 3 blur of the given share in each block.
+pub(crate) fn soften(shape: Shape, color: &mut [f32], share: &Pooled<1>) {
     let change = blurred_difference(shape, color);
-    for (i, (u, d)) in color.iter_mut().zip(change).enumerate() {
-        *u += share[i % share.len()] * d;
-    }
+    let width = shape.width;
+    let scratch = || (Vec::new(), vec![0.0; width]);
+    let rows = color.par_chunks_mut(width).zip(change.par_chunks(width)).enumerate().with_min_len(8);
+    rows.for_each_init(scratch, |(line, share_of), (row, (u, d))| {
+        share.row(0, row % shape.height, line, share_of);
+        for ((u, d), s) in u.iter_mut().zip(d).zip(&*share_of) {
+            *u += s * d;
+        }
+    });
 }
 
 /// `blur(u) - u` for the 3 x 3 binomial blur of each plane; borders repeat.

@@ -1,153 +1,246 @@
 //! Means of a residual over the pixels around that look alike: a joint bilateral filter [@eisemann2004; @petschnigg2004]
 //! without the pixel itself, at two widths at once.
 //!
-//! Likeness is judged by planes with given scales (features) and by one smoothed plane with a precision of its own at each
-//! pixel. The pixel itself has no part in its mean; were its weights independent of it, the squared difference between both would be, on
-//! average, the error of the mean plus the noise of the pixel, whatever that is: means are compared without knowing the
-//! noise (leave-one-out cross-validation). The smoothed plane holds a twelfth of the pixel, which favours means over none
-//! where noise is alike in all channels.
+//! Likeness is judged by six feature planes and by one smoothed plane with a precision of its own at each pixel. The pixel
+//! itself has no part in its mean; were the weights independent of it, the product of both would be, on average, that of the
+//! truth and the mean (leave-one-out cross-validation). The smoothed plane holds a twelfth of the pixel; comparing what is left
+//! of it without the two pixels of a pair does not lower the error (tried).
+//!
+//! Pixels are copied with what is around into tiles whose size the compiler knows; pixels outside of the picture and holes
+//! look like no other.
 
-use crate::wide::widest;
-use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSliceMut};
+use crate::wide::{Kernel, run_widest};
 
 /// Pixels on each side that are averaged at most.
 pub(crate) const REACH: usize = 5;
 /// Deviations of the two Gaussians of the distance, pixels.
 pub(crate) const SIGMAS: [f32; 2] = [1.0, 3.0];
-/// Planes of a result: two widths of three channels.
-pub(crate) const PLANES: usize = 3 * SIGMAS.len();
+/// Squared distance up to which all pixels count, and those of the narrow mean; beyond it those of one colour of a chessboard, twice.
+const NEAR: usize = 8;
+/// Rows that are worked on together.
+pub(crate) const ROWS: usize = 8;
+/// Runs of a row of means: two widths of three channels.
+pub(crate) const MEANS: usize = 6;
 /// Pixels that are worked on together.
 const TILE: usize = 64;
+/// Columns of a tile with what is around.
+const PAD: usize = 8;
+const STRIDE: usize = TILE + 2 * PAD;
+/// Planes of a tile: features, the smoothed plane, values.
+const PLANES: usize = 10;
+const GUIDE: usize = 6;
+const VALUE: usize = 7;
+const RUN: usize = PLANES * STRIDE;
+/// The smoothed plane where there is no pixel.
+pub(crate) const NOTHING: f32 = 1e6;
 /// Sum of weights below which there is no mean.
 const LEAST: f32 = 1e-3;
 
 /// What is averaged, and by what likeness.
 pub(crate) struct Bilateral<'a> {
     pub(crate) width: usize,
-    /// Planes and the factors of their squared differences in the exponent.
+    /// Planes and the factors of their squared differences in the exponent; at most six.
     pub(crate) features: &'a [(&'a [f32], f32)],
-    /// The smoothed plane and its factor at each pixel.
+    /// The smoothed plane, [`NOTHING`] at holes.
     pub(crate) guide: &'a [f32],
-    pub(crate) precision: &'a [f32],
-    /// 1 at samples, 0 at holes.
-    pub(crate) known: &'a [f32],
     /// 3 planes, 0 at holes.
     pub(crate) values: &'a [f32],
 }
 
-/// The sums of one tile.
+/// One pixel around: its place in a tile, weights of the narrow and the wide mean.
+#[derive(Clone, Copy, Debug)]
+struct Tap {
+    offset: isize,
+    gauss: [f32; 2],
+}
+
+/// The taps of every pixel.
+pub(crate) struct Taps {
+    near: Vec<Tap>,
+    far: Vec<Tap>,
+}
+
+/// The scratch of one worker.
+pub(crate) struct Tile {
+    pixels: Vec<f32>,
+    sums: Box<Sums>,
+}
+
+/// The sums of one run of pixels: weights and values of the narrow and the wide mean.
 struct Sums {
-    exponent: [f32; TILE],
-    total: [[f32; TILE]; SIGMAS.len()],
-    sum: [[f32; TILE]; PLANES],
+    total: [[f32; TILE]; 2],
+    sum: [[f32; TILE]; MEANS],
+}
+
+impl Default for Tile {
+    fn default() -> Self {
+        let sums = Sums { total: [[0.0; TILE]; 2], sum: [[0.0; TILE]; MEANS] };
+        Self { pixels: vec![0.0; (ROWS + 2 * REACH) * RUN], sums: Box::new(sums) }
+    }
+}
+
+impl Taps {
+    pub(crate) fn new() -> Self {
+        let (mut near, mut far) = (Vec::new(), Vec::new());
+        let reach = REACH as isize;
+        for (y, x) in (-reach..=reach).flat_map(|y| (-reach..=reach).map(move |x| (y, x))) {
+            let d2 = (x * x + y * y) as usize;
+            let is_near = d2 <= NEAR;
+            if d2 == 0 || d2 > REACH * REACH || (!is_near && (x + y) % 2 != 0) {
+                continue;
+            }
+            let doubled = if is_near { 1.0 } else { 2.0 };
+            let gauss = SIGMAS.map(|sigma| doubled * (-0.5 * d2 as f32 / (sigma * sigma)).exp());
+            let tap = Tap { offset: y * RUN as isize + x, gauss };
+            if is_near { near.push(tap) } else { far.push(tap) }
+        }
+        Self { near, far }
+    }
 }
 
 impl Bilateral<'_> {
-    /// The means, row by row: 3 channels of each width. 0 where nothing around is like the pixel.
-    pub(crate) fn means(&self) -> Vec<f32> {
+    /// The means of at most `ROWS` rows from `y` on: for each row [`MEANS`] runs, 3 channels of each width. 0 where nothing around is like
+    /// the pixel. `precision` is the factor of the squared difference of the smoothed plane, row by row.
+    pub(crate) fn rows(&self, y: usize, taps: &Taps, precision: &[f32], tile: &mut Tile, out: &mut [f32]) {
         let width = self.width;
-        let mut out = vec![0.0; PLANES * self.known.len()];
-        let gauss = SIGMAS.map(|sigma| {
-            std::array::from_fn::<f32, { REACH * REACH + 1 }, _>(|d2| {
-                (-0.5 * d2 as f32 / (sigma * sigma)).exp()
-            })
-        });
-        out.par_chunks_mut(PLANES * width).enumerate().for_each(|(y, out)| {
-            widest(|| {
-                for x in (0..width).step_by(TILE) {
-                    self.tile(y, x, &gauss, out);
-                }
-            });
-        });
-        out
-    }
-
-    /// The means of at most `TILE` pixels from `(x, y)` on.
-    #[inline(always)]
-    fn tile(&self, y: usize, x: usize, gauss: &[[f32; REACH * REACH + 1]; SIGMAS.len()], out: &mut [f32]) {
-        let (width, height) = (self.width, self.known.len() / self.width);
-        let count = TILE.min(width - x);
-        let mut sums =
-            Sums { exponent: [0.0; TILE], total: [[0.0; TILE]; SIGMAS.len()], sum: [[0.0; TILE]; PLANES] };
-        for v in y.saturating_sub(REACH)..(y + REACH + 1).min(height) {
-            let dy = v.abs_diff(y);
-            for dx in 0..=2 * REACH {
-                let d2 = dy * dy + dx.abs_diff(REACH).pow(2);
-                if d2 == 0 || d2 > REACH * REACH {
-                    continue;
-                }
-                // Of the tile those pixels whose neighbour lies inside.
-                let first = REACH.saturating_sub(x + dx);
-                let last = count.min((width + REACH).saturating_sub(x + dx));
-                if first < last {
-                    let weights = [gauss[0][d2], gauss[1][d2]];
-                    let own = y * width + x + first;
-                    self.add(
-                        own,
-                        v * width + x + first + dx - REACH,
-                        last - first,
-                        first,
-                        weights,
-                        &mut sums,
-                    );
-                }
-            }
-        }
-        for (k, (total, sum)) in sums.total.iter().zip(sums.sum.chunks(3)).enumerate() {
-            for (c, sum) in sum.iter().enumerate() {
-                let out = &mut out[(3 * k + c) * width + x..][..count];
-                for ((o, s), t) in out.iter_mut().zip(sum).zip(total) {
-                    *o = if *t > LEAST { s / t } else { 0.0 };
+        for x in (0..width).step_by(TILE) {
+            self.load(y, x, &mut tile.pixels);
+            let count = TILE.min(width - x);
+            let mut p = [0.0; TILE];
+            for (r, (out, precision)) in
+                out.chunks_mut(MEANS * width).zip(precision.chunks(width)).enumerate()
+            {
+                p[..count].iter_mut().zip(&precision[x..]).for_each(|(p, v)| *p = 0.125 * v);
+                let own = (r + REACH) * RUN + PAD;
+                run_widest(Row { pixels: &tile.pixels, own, taps, precision: &p, sums: &mut tile.sums });
+                for (k, sum) in tile.sums.sum.iter().enumerate() {
+                    let totals = &tile.sums.total[k / 3];
+                    let out = &mut out[k * width + x..][..count];
+                    for ((o, s), t) in out.iter_mut().zip(sum).zip(totals) {
+                        *o = if *t > LEAST { s / t } else { 0.0 };
+                    }
                 }
             }
         }
     }
 
-    /// Adds the neighbours from `other` on to the pixels from `own` on, which are those from `first` on in the tile.
-    #[inline(always)]
-    fn add(
-        &self,
-        own: usize,
-        other: usize,
-        count: usize,
-        first: usize,
-        gauss: [f32; SIGMAS.len()],
-        sums: &mut Sums,
-    ) {
-        let n = self.known.len();
-        let exponent = &mut sums.exponent[..count];
-        let (a, b, p) =
-            (&self.guide[own..][..count], &self.guide[other..][..count], &self.precision[own..][..count]);
-        for (((e, a), b), p) in exponent.iter_mut().zip(a).zip(b).zip(p) {
-            *e = p * ((a - b) * (a - b));
-        }
-        for (plane, scale) in self.features {
-            let (a, b) = (&plane[own..][..count], &plane[other..][..count]);
-            for ((e, a), b) in exponent.iter_mut().zip(a).zip(b) {
-                *e += scale * ((a - b) * (a - b));
+    /// Copies the pixels from `(x, y)` on, and what is around.
+    fn load(&self, y: usize, x: usize, pixels: &mut [f32]) {
+        let (n, width) = (self.guide.len(), self.width);
+        let height = n / width;
+        let (from, to) = (x.saturating_sub(PAD), (x + TILE + PAD).min(width));
+        let left = from + PAD - x;
+        for (r, run) in pixels.chunks_mut(RUN).enumerate() {
+            let inside = (r + y).checked_sub(REACH).filter(|v| *v < height);
+            if inside.is_none() || to - from < STRIDE {
+                run.fill(0.0);
+                run[GUIDE * STRIDE..][..STRIDE].fill(NOTHING);
             }
+            let Some(v) = inside else { continue };
+            let mut copy = |p: usize, plane: &[f32], scale: f32| {
+                let target = &mut run[p * STRIDE + left..][..to - from];
+                for (t, v) in target.iter_mut().zip(&plane[v * width + from..]) {
+                    *t = scale * v;
+                }
+            };
+            for (p, (plane, scale)) in self.features.iter().enumerate().take(GUIDE) {
+                copy(p, plane, (0.125 * scale).sqrt());
+            }
+            copy(GUIDE, self.guide, 1.0);
+            self.values.chunks(n).enumerate().for_each(|(c, plane)| copy(VALUE + c, plane, 1.0));
         }
-        let known = &self.known[other..][..count];
-        for (e, known) in exponent.iter_mut().zip(known) {
+    }
+}
+
+/// All taps of one run of pixels from `own` on.
+struct Row<'a> {
+    pixels: &'a [f32],
+    own: usize,
+    taps: &'a Taps,
+    precision: &'a [f32; TILE],
+    sums: &'a mut Sums,
+}
+
+impl Kernel for Row<'_> {
+    #[inline(always)]
+    fn run(self) {
+        let Self { pixels, own, taps, precision, sums } = self;
+        sums.total.as_flattened_mut().fill(0.0);
+        sums.sum.as_flattened_mut().fill(0.0);
+        // As many at once as the compiler still turns into vectors.
+        let (groups, rest) = taps.near.as_chunks::<2>();
+        for taps in groups {
+            add::<2, true>(pixels, own, taps, precision, sums);
+        }
+        for tap in rest {
+            add::<1, true>(pixels, own, &[*tap], precision, sums);
+        }
+        let (groups, rest) = taps.far.as_chunks::<4>();
+        for taps in groups {
+            add::<4, false>(pixels, own, taps, precision, sums);
+        }
+        for tap in rest {
+            add::<1, false>(pixels, own, &[*tap], precision, sums);
+        }
+    }
+}
+
+/// Adds `N` taps to the sums of a run of pixels; of taps that are not near, to those of the wide mean.
+#[inline(always)]
+#[expect(clippy::needless_range_loop, reason = "loops over constant ranges become vectors, iterators do not")]
+fn add<const N: usize, const NEAR: bool>(
+    pixels: &[f32],
+    own: usize,
+    taps: &[Tap; N],
+    precision: &[f32; TILE],
+    sums: &mut Sums,
+) {
+    const SPAN: usize = (PLANES - 1) * STRIDE + TILE;
+    let a = &pixels[own..][..SPAN];
+    let b: [&[f32]; N] = std::array::from_fn(|k| &pixels[own.wrapping_add_signed(taps[k].offset)..][..SPAN]);
+    // The wide, then the narrow weight and its three values.
+    let mut added = [[0.0_f32; TILE]; 8];
+    for t in 0..TILE {
+        let mut sum = [0.0_f32; 8];
+        for k in 0..N {
+            let b = b[k];
+            let guide = a[GUIDE * STRIDE + t] - b[GUIDE * STRIDE + t];
+            let mut apart = precision[t] * (guide * guide);
+            for p in 0..GUIDE {
+                let d = a[p * STRIDE + t] - b[p * STRIDE + t];
+                apart += d * d;
+            }
             // (1 - t / 8)^8 in place of exp(-t): 0 from t = 8 on.
-            let mut w = (1.0 - 0.125 * *e).max(0.0);
+            let mut w = (1.0 - apart).max(0.0);
             w *= w;
             w *= w;
-            *e = known * (w * w);
-        }
-        for (total, gauss) in sums.total.iter_mut().zip(gauss) {
-            for (t, w) in total[first..][..count].iter_mut().zip(&*exponent) {
-                *t += gauss * w;
+            w *= w;
+            let wide = taps[k].gauss[1] * w;
+            sum[0] += wide;
+            for c in 0..3 {
+                sum[1 + c] += wide * b[(VALUE + c) * STRIDE + t];
             }
-        }
-        for c in 0..3 {
-            let values = &self.values[c * n + other..][..count];
-            for (k, gauss) in gauss.into_iter().enumerate() {
-                let sum = &mut sums.sum[3 * k + c][first..][..count];
-                for ((s, w), v) in sum.iter_mut().zip(&*exponent).zip(values) {
-                    *s += gauss * (w * v);
+            if NEAR {
+                let narrow = taps[k].gauss[0] * w;
+                sum[4] += narrow;
+                for c in 0..3 {
+                    sum[5 + c] += narrow * b[(VALUE + c) * STRIDE + t];
                 }
             }
+        }
+        for j in 0..8 {
+            added[j][t] = sum[j];
+        }
+    }
+    let [narrow, wide] = &mut sums.total;
+    for t in 0..TILE {
+        wide[t] += added[0][t];
+        narrow[t] += added[4][t];
+    }
+    for c in 0..3 {
+        for t in 0..TILE {
+            sums.sum[c][t] += added[5 + c][t];
+            sums.sum[3 + c][t] += added[1 + c][t];
         }
     }
 }
@@ -163,15 +256,19 @@ mod tests {
 
     /// The means of `values` (one plane, as all channels) by one feature.
     fn means(values: &[f32], feature: &[f32], known: &[f32]) -> Vec<f32> {
-        let zeros = vec![0.0; N];
         let values: Vec<f32> = (0..3 * N).map(|i| known[i % N] * values[i % N]).collect();
-        let features = [(feature, 10.0)];
-        let (width, guide, precision) = (WIDTH, &zeros[..], &zeros[..]);
-        Bilateral { width, features: &features, guide, precision, known, values: &values }.means()
+        let guide: Vec<f32> = known.iter().map(|k| if *k > 0.0 { 0.0 } else { NOTHING }).collect();
+        let bilateral =
+            Bilateral { width: WIDTH, features: &[(feature, 10.0)], guide: &guide, values: &values };
+        let (taps, mut tile, mut out) = (Taps::new(), Tile::default(), vec![0.0; MEANS * N]);
+        for (k, out) in out.chunks_mut(MEANS * ROWS * WIDTH).enumerate() {
+            bilateral.rows(k * ROWS, &taps, &vec![1.0; ROWS * WIDTH], &mut tile, out);
+        }
+        out
     }
 
     fn at(means: &[f32], k: usize, i: usize) -> f32 {
-        means[(i / WIDTH * PLANES + 3 * k) * WIDTH + i % WIDTH]
+        means[(i / WIDTH * MEANS + 3 * k) * WIDTH + i % WIDTH]
     }
 
     #[test]
@@ -183,11 +280,9 @@ mod tests {
         (values[hole], known[hole]) = (1e6, 0.0);
         let found = means(&values, &feature, &known);
         for (k, i) in (0..2).flat_map(|k| (0..N).map(move |i| (k, i))) {
-            assert!(
-                (at(&found, k, i) - (2.0 + 5.0 * side(i))).abs() < 1e-4,
-                "{k}, {i}: {}",
-                at(&found, k, i)
-            );
+            // A hole is like nothing around.
+            let wanted = if i == hole { 0.0 } else { 2.0 + 5.0 * side(i) };
+            assert!((at(&found, k, i) - wanted).abs() < 1e-4, "{k}, {i}: {}", at(&found, k, i));
         }
         values[own] = 1e6;
         let changed = means(&values, &feature, &known);
@@ -204,10 +299,16 @@ mod tests {
         let values: Vec<f32> = (0..N).map(|_| 2.0 * rng.normal()).collect();
         let found = means(&values, &vec![0.0; N], &vec![1.0; N]);
         let reach = REACH as i32;
-        let offsets = (-reach..=reach).flat_map(|y| (-reach..=reach).map(move |x| x * x + y * y));
-        let offsets: Vec<i32> = offsets.filter(|d| *d > 0 && *d <= reach * reach).collect();
+        let far = |d: i32| d > NEAR as i32;
+        let offsets = (-reach..=reach).flat_map(|y| (-reach..=reach).map(move |x| (y, x)));
+        let counted =
+            offsets.filter(|(y, x)| !far(x * x + y * y) || (x + y) % 2 == 0).map(|(y, x)| x * x + y * y);
+        let offsets: Vec<i32> = counted.filter(|d| *d > 0 && *d <= reach * reach).collect();
         for (k, sigma) in SIGMAS.into_iter().enumerate() {
-            let w = |d: &i32| f64::from(-0.5 * *d as f32 / (sigma * sigma)).exp();
+            let doubled = |d: i32| if far(d) { 2.0 } else { 1.0 };
+            // Beyond its pixels the narrow mean has no weight.
+            let share = |d: i32| if k == 0 && far(d) { 0.0 } else { doubled(d) };
+            let w = |d: &i32| share(*d) * f64::from(-0.5 * *d as f32 / (sigma * sigma)).exp();
             let (sum, square) =
                 (offsets.iter().map(w).sum::<f64>(), offsets.iter().map(|d| w(d).powi(2)).sum::<f64>());
             let error = 4.0 * square / (sum * sum);

@@ -41,7 +41,7 @@ pub(crate) fn regress_black(
     let basis = Basis { planes, names: String::new() };
     let variance = p.variance.as_deref().map(|v| part.cut(v));
     let (irradiance, own) = (part.cut(&p.irradiance), part.cut(own));
-    let found = regress(part.shape, &basis, &irradiance, &own, variance.as_deref(), without).estimate;
+    let found = regress(part.shape, &basis, &irradiance, &own, variance.as_deref(), without, false).estimate;
     let (n, m) = (p.shape.pixels(), part.shape.pixels());
     for i in &p.black {
         let k = (i / p.shape.width - part.y) * part.shape.width + i % p.shape.width - part.x;

@@ -1,35 +1,37 @@
 //! Light that the features do not explain, brought back from what the regression left over: shadows, reflections.
 //!
 //! With `u` the estimate and `y` the noisy irradiance, the residual `r = (y - u) / level` is averaged over the pixels around
-//! whose features and whose residual, smoothed by a Gaussian, are alike ([`Bilateral`]). Of no mean at all, that of a narrow and
-//! that of a wide window, each pixel takes the one whose squared difference from the residual of the pixel itself, which has no
-//! part in it, is least around it: the difference is the error plus a noise that is common to all three. Of the noise `v`
-//! the share `1 - v / e` of the rest is added, `e` the mean square of that rest around the pixel (Wiener's filter with a
-//! local estimate of the signal [@lee1980]). Relative residuals keep what is bright from reaching into what is dark.
+//! whose features and whose residual, smoothed by a Gaussian, are alike ([`Bilateral`]): `w` in a wide window, `m` in a narrow one.
+//! Neither holds the pixel itself, so that the noise of `r` is independent of both. `g w + h (m - w)` is added, with `g` and `h`
+//! between 0 and 1 that fit `r` best in the window around: where the means are noise, they explain nothing of `r`, and `g = h = 0`;
+//! no variance is needed, and none that few samples tell badly is trusted.
+//! Of the noise `v` the share `1 - v / e` of the rest is added then, `e` the mean square of that rest around the pixel (Wiener's filter
+//! with a local estimate of the signal [@lee1980]). Relative residuals keep what is bright from reaching into what is dark.
 //! Where the noise is not known pixel by pixel, Gaussian means take the place of the bilateral ones ([`significant`]).
 
-use super::bilateral::{Bilateral, PLANES};
+use super::bilateral::{Bilateral, MEANS, NOTHING, ROWS, Taps, Tile};
 use super::gaussian::significant;
+use super::pooled::{Pooled, SIDE, Scratch, add_row};
 use super::regression::RELATIVE_FLOOR;
-use super::window::blur_mean;
+use super::window::gaussian_taps;
+use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSliceMut};
 
-/// Largest residual, in levels and in means of the residuals around (within a Gaussian of the deviation `USUAL`, pixels): what is
+/// Largest residual, in levels and in means of the residuals around (within a window of the deviation `USUAL`, pixels): what is
 /// beyond is a rare sample.
 const MOST: [f32; 2] = [4.0, 3.0];
 const USUAL: f32 = 4.0;
 /// Variance over the squared value above which it may be one.
 const SINGLE: f32 = 0.25;
-/// Deviation of the Gaussian that pools the noise of pixels.
+/// Deviation of the window that pools the noise of pixels.
 const POOL: f32 = 2.0;
 /// Deviation of the Gaussian that smooths the residual for the likeness.
 const GUIDE: f32 = 1.4;
-/// Least variance of a residual.
-const LEAST: f32 = 1e-4;
-/// Deviation of the window in which errors are compared, and of that which smooths the choice.
-const COMPARED: f32 = 3.0;
-const CHOICE: f32 = 2.0;
-/// Deviations of the windows in which a pixel's own noise is judged; the larger noise counts.
-const OWN: [f32; 2] = [1.0, 2.0];
+/// Least and largest variance of a residual.
+const VARIANCE: [f32; 2] = [1e-4, 1e3];
+/// Deviation of the window in which the means have to explain the residual.
+const EXPLAINED: f32 = 3.6;
+/// Deviation of the window in which a pixel's own noise is judged; the larger of that and of [`POOL`] counts.
+const OWN: f32 = 1.0;
 
 /// What is known of the picture.
 pub(crate) struct Detail<'a> {
@@ -42,56 +44,39 @@ pub(crate) struct Detail<'a> {
     pub(crate) variance: Option<&'a [f32]>,
     /// Planes and the factors of their squared differences in the exponent of a likeness.
     pub(crate) features: &'a [(&'a [f32], f32)],
+    /// Above 0 in pixels that are like no other pixels; empty if there are none.
+    pub(crate) apart: &'a [f32],
 }
 
 /// What was added.
 pub(crate) enum Shares {
     /// Where the noise is not known: the mean share of the narrowest Gaussian mean.
     Gaussian(f32),
-    /// The share of the pixels that took no mean, the narrow and the wide one, and the mean share of a pixel's own residual.
-    Bilateral { means: [f32; 3], own: f32 },
+    /// The mean shares of the wide mean, of what the narrow one has more, and of a pixel's own residual.
+    Bilateral { means: [f32; 2], own: f32 },
 }
 
 /// Adds to `estimate` (3 planes) what is significant in `irradiance - estimate`.
 pub(crate) fn restore_detail(detail: &Detail<'_>, estimate: &mut [f32]) -> Shares {
+    match detail.variance {
+        Some(variance) => Residual::of(detail, estimate, variance).restore(detail, estimate),
+        None => restore_gaussian(detail, estimate),
+    }
+}
+
+/// Without the noise of each pixel.
+fn restore_gaussian(detail: &Detail<'_>, estimate: &mut [f32]) -> Shares {
     let (n, width) = (detail.weight.len(), detail.width);
     let level: Vec<f32> = (0..n).map(|i| mean(estimate, i) + RELATIVE_FLOOR).collect();
     let known: Vec<f32> = detail.weight.iter().map(|w| if *w > 0.0 { 1.0 } else { 0.0 }).collect();
-    let mut residual: Vec<f32> =
+    let residual: Vec<f32> =
         (0..3 * n).map(|i| known[i % n] * (detail.irradiance[i] - estimate[i]) / level[i % n]).collect();
-    let Some(variance) = detail.variance else {
-        let (added, share) = significant(residual, &known, width);
-        add(estimate, &added, &level, &known);
-        return Shares::Gaussian(share);
-    };
-    bound(&mut residual, &known, width, |i| variance[i] > SINGLE * mean(detail.irradiance, i).powi(2));
-    let own: Vec<f32> = (0..n).map(|i| known[i] * variance[i] / level[i].powi(2)).collect();
-    let noise = blur_mean(&own, &known, width, POOL);
-    let guide = blur_mean(&(0..n).map(|i| mean(&residual, i)).collect::<Vec<_>>(), &known, width, GUIDE);
-    // Half the squared difference over twice the variance of the smoothed residual.
-    let pixels = 4.0 * std::f32::consts::PI * GUIDE * GUIDE;
-    let precision: Vec<f32> = noise.iter().map(|v| 0.25 * pixels / v.max(LEAST)).collect();
-    let means = Bilateral {
-        width,
-        features: detail.features,
-        guide: &guide,
-        precision: &precision,
-        known: &known,
-        values: &residual,
-    }
-    .means();
-    let (mut chosen, shares) = choose(&means, &residual, &known, width);
-    let own = add_own(&mut chosen, &residual, &known, &own, width);
-    add(estimate, &chosen, &level, &known);
-    Shares::Bilateral { means: shares, own }
-}
-
-/// Adds a relative residual at pixels with a sample.
-fn add(estimate: &mut [f32], residual: &[f32], level: &[f32], known: &[f32]) {
-    for (i, (u, r)) in estimate.iter_mut().zip(residual).enumerate() {
-        let i = i % level.len();
+    let (added, share) = significant(residual, &known, width);
+    for (i, (u, r)) in estimate.iter_mut().zip(&added).enumerate() {
+        let i = i % n;
         *u = (*u + known[i] * r * level[i]).max(0.0);
     }
+    Shares::Gaussian(share)
 }
 
 /// Mean over the channels.
@@ -100,67 +85,331 @@ fn mean(planes: &[f32], i: usize) -> f32 {
     (planes[i] + planes[n + i] + planes[2 * n + i]) * (1.0 / 3.0)
 }
 
-/// Cuts residuals that stand out, where the noise says that a pixel has most of its light from one sample.
-fn bound(residual: &mut [f32], known: &[f32], width: usize, rare: impl Fn(usize) -> bool) {
-    let n = known.len();
-    let size = |i: usize| {
-        let sum = residual[i].abs() + residual[n + i].abs() + residual[2 * n + i].abs();
-        (sum * (1.0 / 3.0)).min(MOST[0])
-    };
-    let usual = blur_mean(&(0..n).map(size).collect::<Vec<_>>(), known, width, USUAL);
-    for i in (0..n).filter(|i| rare(*i)) {
-        let limit = MOST[0].min(MOST[1] * usual[i]);
-        for k in [i, n + i, 2 * n + i] {
-            residual[k] = residual[k].clamp(-limit, limit);
+/// The relative residual of a picture.
+struct Residual {
+    width: usize,
+    height: usize,
+    /// 3 planes, 0 at holes.
+    values: Vec<f32>,
+    /// The relative variance of each pixel, 0 at holes.
+    noise: Vec<f32>,
+    /// Of blocks: the relative variance, and 1 at samples, in the window [`POOL`].
+    pooled: Pooled<2>,
+}
+
+/// Row `y` of each of three planes.
+fn row_of(planes: &[f32], y: usize, width: usize) -> [&[f32]; 3] {
+    let n = planes.len() / 3;
+    std::array::from_fn(|c| &planes[c * n + y * width..][..width])
+}
+
+/// Three planes by runs of `rows` rows.
+fn thirds(planes: &mut [f32], run: usize) -> impl IndexedParallelIterator<Item = [&mut [f32]; 3]> {
+    let n = planes.len() / 3;
+    let (r, rest) = planes.split_at_mut(n);
+    let (g, b) = rest.split_at_mut(n);
+    r.par_chunks_mut(run).zip(g.par_chunks_mut(run)).zip(b.par_chunks_mut(run)).map(|((r, g), b)| [r, g, b])
+}
+
+impl Residual {
+    fn of(detail: &Detail<'_>, estimate: &[f32], variance: &[f32]) -> Self {
+        let (n, width) = (detail.weight.len(), detail.width);
+        let height = n / width;
+        let (mut values, mut noise) = (vec![0.0; 3 * n], vec![0.0; n]);
+        let mut usual = Pooled::<2>::new(width, height);
+        let mut pooled = Pooled::<2>::new(width, height);
+        let run = SIDE * width;
+        let targets = thirds(&mut values, run).zip(noise.par_chunks_mut(run));
+        let scratch = || vec![0.0; 4 * width];
+        targets.zip(usual.rows().zip(pooled.rows())).enumerate().for_each_init(
+            scratch,
+            |scratch, (block, ((mut out, noise), (usual, pooled)))| {
+                for (k, noise) in noise.chunks_mut(width).enumerate() {
+                    let y = SIDE * block + k;
+                    let (u, v) = (row_of(estimate, y, width), row_of(detail.irradiance, y, width));
+                    let weight = &detail.weight[y * width..][..width];
+                    let [r, g, b] = out.each_mut().map(|p| &mut p[k * width..][..width]);
+                    let (size, rest) = scratch.split_at_mut(width);
+                    let (known, own) = rest.split_at_mut(width);
+                    let (own, known_again) = own.split_at_mut(width);
+                    for x in 0..width {
+                        let is_known = if weight[x] > 0.0 { 1.0 } else { 0.0 };
+                        let scale = 1.0 / ((u[0][x] + u[1][x] + u[2][x]) * (1.0 / 3.0) + RELATIVE_FLOOR);
+                        let factor = is_known * scale;
+                        r[x] = factor * (v[0][x] - u[0][x]);
+                        g[x] = factor * (v[1][x] - u[1][x]);
+                        b[x] = factor * (v[2][x] - u[2][x]);
+                        size[x] = ((r[x].abs() + g[x].abs() + b[x].abs()) * (1.0 / 3.0)).min(MOST[0]);
+                        known[x] = is_known;
+                        known_again[x] = is_known;
+                        noise[x] = factor * scale * variance[y * width + x];
+                        own[x] = noise[x];
+                    }
+                    add_row(usual, &scratch[..2 * width], width);
+                    add_row(pooled, &scratch[2 * width..], width);
+                }
+            },
+        );
+        usual.smooth(USUAL);
+        pooled.smooth(POOL);
+        let mut residual = Self { width, height, values, noise, pooled };
+        residual.bound(detail, variance, &usual);
+        residual
+    }
+
+    /// Cuts residuals that stand out, where the noise says that a pixel has most of its light from one sample.
+    fn bound(&mut self, detail: &Detail<'_>, variance: &[f32], usual: &Pooled<2>) {
+        let width = self.width;
+        let scratch = || (Scratch::default(), vec![0.0; width]);
+        thirds(&mut self.values, width).enumerate().with_min_len(8).for_each_init(
+            scratch,
+            |(scratch, line), (y, [r, g, b])| {
+                usual.mean_row(0, 1, y, scratch, line);
+                let v = row_of(detail.irradiance, y, width);
+                let variance = &variance[y * width..][..width];
+                for x in 0..width {
+                    let level = (v[0][x] + v[1][x] + v[2][x]) * (1.0 / 3.0);
+                    let rare = variance[x] > SINGLE * level * level;
+                    let limit = if rare { MOST[0].min(MOST[1] * line[x]) } else { f32::MAX };
+                    r[x] = r[x].clamp(-limit, limit);
+                    g[x] = g[x].clamp(-limit, limit);
+                    b[x] = b[x].clamp(-limit, limit);
+                }
+            },
+        );
+    }
+
+    /// The Gaussian mean of the mean over the channels; [`NOTHING`] at holes, [`APART`] more where pixels are apart.
+    fn guide(&self, detail: &Detail<'_>) -> Vec<f32> {
+        let taps = &gaussian_taps(GUIDE)[..];
+        let (width, n) = (self.width, self.noise.len());
+        let (mut along, mut count) = (vec![0.0; n], vec![0.0; n]);
+        let rows = along.par_chunks_mut(width).zip(count.par_chunks_mut(width));
+        let scratch = || (vec![0.0; width], vec![0.0; width]);
+        rows.enumerate().with_min_len(8).for_each_init(scratch, |(part, known), (y, (along, count))| {
+            let [r, g, b] = row_of(&self.values, y, width);
+            for x in 0..width {
+                part[x] = (r[x] + g[x] + b[x]) * (1.0 / 3.0);
+                known[x] = if detail.weight[y * width + x] > 0.0 { 1.0 } else { 0.0 };
+            }
+            blur_row(part, taps, along);
+            blur_row(known, taps, count);
+        });
+        let mut guide = vec![0.0; n];
+        let scratch = || vec![0.0; width];
+        guide.par_chunks_mut(width).enumerate().with_min_len(8).for_each_init(
+            scratch,
+            |total, (y, guide)| {
+                blur_column(&along, taps, y, width, guide);
+                blur_column(&count, taps, y, width, total);
+                let at = y * width;
+                for (x, g) in guide.iter_mut().enumerate() {
+                    *g = if detail.weight[at + x] > 0.0 { *g / total[x] } else { NOTHING };
+                }
+                if let Some(apart) = detail.apart.get(at..at + width) {
+                    guide.iter_mut().zip(apart).filter(|(_, a)| **a > 0.0).for_each(|(g, _)| *g += APART);
+                }
+            },
+        );
+        guide
+    }
+
+    fn restore(self, detail: &Detail<'_>, estimate: &mut [f32]) -> Shares {
+        let (width, height) = (self.width, self.height);
+        let guide = self.guide(detail);
+        let bilateral = Bilateral { width, features: detail.features, guide: &guide, values: &self.values };
+        // Half the squared difference over twice the variance of the smoothed residual.
+        let pixels = std::f32::consts::PI * GUIDE * GUIDE;
+        let taps = Taps::new();
+        let mut means = vec![0.0; MEANS * self.noise.len()];
+        let mut products = Pooled::<5>::new(width, height);
+        let per_run = 5 * products.columns * (ROWS / SIDE);
+        let scratch = || (Tile::default(), Scratch::default(), vec![0.0; ROWS * width], vec![0.0; 5 * width]);
+        means
+            .par_chunks_mut(MEANS * ROWS * width)
+            .zip(products.sums.par_chunks_mut(per_run))
+            .enumerate()
+            .for_each_init(scratch, |(tile, scratch, precision, line), (k, (means, products))| {
+                let y = k * ROWS;
+                let rows = means.len() / (MEANS * width);
+                for (r, precision) in precision.chunks_mut(width).enumerate().take(rows) {
+                    self.pooled.mean_row(0, 1, y + r, scratch, precision);
+                    precision.iter_mut().for_each(|v| *v = pixels / v.clamp(VARIANCE[0], VARIANCE[1]));
+                }
+                bilateral.rows(y, &taps, precision, tile, means);
+                for (r, means) in means.chunks(MEANS * width).enumerate() {
+                    let from = r / SIDE * (products.len() / rows.div_ceil(SIDE));
+                    self.products(y + r, detail, means, line);
+                    add_row(
+                        &mut products[from..][..line.len().div_ceil(width) * width.div_ceil(SIDE)],
+                        line,
+                        width,
+                    );
+                }
+            });
+        products.smooth(EXPLAINED);
+        let gains = products.map(gains);
+        self.mix(&gains, &mut means);
+        let shares = [0, 1].map(|k| {
+            let all = (0..gains.blocks()).map(|b| f64::from(gains.at(k, b))).sum::<f64>();
+            (all / gains.blocks() as f64) as f32
+        });
+        let own = self.add_own(detail, &means, estimate);
+        Shares::Bilateral { means: shares, own }
+    }
+
+    /// The products of the residual `r`, the wide mean `w` and `d`, what the narrow one has more: `ww, rw, dd, rd, wd` of a row.
+    fn products(&self, y: usize, detail: &Detail<'_>, means: &[f32], out: &mut [f32]) {
+        let width = self.width;
+        out.fill(0.0);
+        let [ww, rw, dd, rd, wd] = cut::<5>(out, width);
+        let weight = &detail.weight[y * width..][..width];
+        for (c, r) in row_of(&self.values, y, width).into_iter().enumerate() {
+            let (narrow, wide) = (&means[c * width..][..width], &means[(3 + c) * width..][..width]);
+            for x in 0..width {
+                let known = if weight[x] > 0.0 { 1.0 } else { 0.0 };
+                let (w, d) = (known * wide[x], known * (narrow[x] - wide[x]));
+                ww[x] += w * w;
+                rw[x] += r[x] * w;
+                dd[x] += d * d;
+                rd[x] += r[x] * d;
+                wd[x] += w * d;
+            }
+        }
+    }
+
+    /// Writes the mixture of both means over the first three runs of each row of `means`.
+    fn mix(&self, gains: &Pooled<2>, means: &mut [f32]) {
+        let width = self.width;
+        let scratch = || (Scratch::default(), vec![0.0; width], vec![0.0; width]);
+        means.par_chunks_mut(MEANS * width).enumerate().with_min_len(8).for_each_init(
+            scratch,
+            |(scratch, g, h), (y, means)| {
+                gains.row(0, y, &mut scratch.line, g);
+                gains.row(1, y, &mut scratch.line, h);
+                let (narrow, wide) = means.split_at_mut(3 * width);
+                for (narrow, wide) in narrow.chunks_mut(width).zip(wide.chunks(width)) {
+                    for x in 0..width {
+                        narrow[x] = g[x] * wide[x] + h[x] * (narrow[x] - wide[x]);
+                    }
+                }
+            },
+        );
+    }
+
+    /// Adds to the estimate the mixture of the means and, of each pixel's own residual, what its noise does not explain; the mean share.
+    fn add_own(&self, detail: &Detail<'_>, means: &[f32], estimate: &mut [f32]) -> f32 {
+        let (width, n) = (self.width, self.noise.len());
+        let taps = gaussian_taps(OWN);
+        let mut blurred = [(); 3].map(|()| vec![0.0; n]);
+        let [left, noise, count] = &mut blurred;
+        let rows =
+            left.par_chunks_mut(width).zip(noise.par_chunks_mut(width)).zip(count.par_chunks_mut(width));
+        let scratch = || (vec![0.0; width], vec![0.0; width]);
+        rows.enumerate().with_min_len(8).for_each_init(
+            scratch,
+            |(square, known), (y, ((left, noise), count))| {
+                let [r, g, b] = row_of(&self.values, y, width);
+                let means = &means[MEANS * y * width..][..3 * width];
+                let weight = &detail.weight[y * width..][..width];
+                for x in 0..width {
+                    let d = [r[x] - means[x], g[x] - means[width + x], b[x] - means[2 * width + x]];
+                    known[x] = if weight[x] > 0.0 { 1.0 } else { 0.0 };
+                    square[x] = known[x] * (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) * (1.0 / 3.0);
+                }
+                blur_row(square, &taps, left);
+                blur_row(&self.noise[y * width..][..width], &taps, noise);
+                blur_row(known, &taps, count);
+            },
+        );
+        let [left, noise, count] = &blurred;
+        let mut gains = vec![0.0_f32; self.height];
+        let scratch = || (Scratch::default(), [(); 4].map(|()| vec![0.0; width]));
+        thirds(estimate, width).zip(&mut gains).enumerate().with_min_len(8).for_each_init(
+            scratch,
+            |(scratch, [e, near, total, far]), (y, (out, gains))| {
+                blur_column(left, &taps, y, width, e);
+                blur_column(noise, &taps, y, width, near);
+                blur_column(count, &taps, y, width, total);
+                self.pooled.mean_row(0, 1, y, scratch, far);
+                let weight = &detail.weight[y * width..][..width];
+                // A few samples that agree by chance look as if they had no noise.
+                for x in 0..width {
+                    let noise = near[x].max(far[x] * total[x]);
+                    let known = weight[x] > 0.0 && e[x] > 0.0;
+                    e[x] = if known { (1.0 - noise / e[x]).max(0.0) } else { 0.0 };
+                }
+                *gains = e.iter().sum();
+                let [r, g, b] = out;
+                for x in 0..width {
+                    near[x] = (r[x] + g[x] + b[x]) * (1.0 / 3.0) + RELATIVE_FLOOR;
+                    near[x] *= if weight[x] > 0.0 { 1.0 } else { 0.0 };
+                }
+                let means = &means[MEANS * y * width..][..3 * width];
+                let residual = row_of(&self.values, y, width);
+                for ((out, m), r) in [r, g, b].into_iter().zip(means.chunks(width)).zip(residual) {
+                    for x in 0..width {
+                        let added = m[x] + e[x] * (r[x] - m[x]);
+                        out[x] = (out[x] + near[x] * added).max(0.0);
+                    }
+                }
+            },
+        );
+        (gains.iter().map(|g| f64::from(*g)).sum::<f64>() / n as f64) as f32
+    }
+}
+
+/// Added to the smoothed residual of pixels apart: no other is as large.
+const APART: f32 = 256.0;
+
+/// The shares of the wide mean and of what the narrow one has more that fit the residual best.
+fn gains([ww, rw, dd, rd, wd]: [f32; 5]) -> [f32; 2] {
+    let (mut g, mut h) = (0.0_f32, 0.0_f32);
+    if ww <= 1e-12 {
+        return [g, h];
+    }
+    for _ in 0..3 {
+        g = ((rw - h * wd) / ww).clamp(0.0, 1.0);
+        h = if dd > 1e-12 { ((rd - g * wd) / dd).clamp(0.0, 1.0) } else { 0.0 };
+    }
+    [g, h]
+}
+
+/// A row as `N` runs.
+fn cut<const N: usize>(row: &mut [f32], width: usize) -> [&mut [f32]; N] {
+    let mut runs = row.chunks_mut(width);
+    std::array::from_fn(|_| runs.next().unwrap_or_default())
+}
+
+/// Blurs a row; what lies outside is 0.
+fn blur_row(row: &[f32], taps: &[f32], out: &mut [f32]) {
+    for (o, v) in out.iter_mut().zip(row) {
+        *o = taps[0] * *v;
+    }
+    for (k, t) in taps.iter().enumerate().skip(1).filter(|(k, _)| *k < row.len()) {
+        for (o, v) in out[k..].iter_mut().zip(row) {
+            *o += *t * *v;
+        }
+        for (o, v) in out.iter_mut().zip(&row[k..]) {
+            *o += *t * *v;
         }
     }
 }
 
-/// Of no mean, the narrow and the wide one that of least error; the shares of the three.
-fn choose(means: &[f32], residual: &[f32], known: &[f32], width: usize) -> (Vec<f32>, [f32; 3]) {
-    let n = known.len();
-    let at = |k: usize, c: usize, i: usize| match k {
-        0 => 0.0,
-        _ => means[(i / width * PLANES + 3 * (k - 1) + c) * width + i % width],
-    };
-    let error = |k: usize| {
-        let square = |i: usize| (0..3).map(|c| (at(k, c, i) - residual[c * n + i]).powi(2)).sum::<f32>();
-        blur_mean(&(0..n).map(square).collect::<Vec<_>>(), known, width, COMPARED)
-    };
-    let errors = [0, 1, 2].map(error);
-    let best = |i: usize| (1..3).fold(0, |best, k| if errors[k][i] < errors[best][i] { k } else { best });
-    let best: Vec<usize> = (0..n).map(best).collect();
-    let share = |k: usize| {
-        let taken: Vec<f32> = best.iter().map(|b| if *b == k { 1.0 } else { 0.0 }).collect();
-        blur_mean(&taken, known, width, CHOICE)
-    };
-    let shares = [1, 2].map(share);
-    let mut out = vec![0.0; 3 * n];
-    for (j, o) in out.iter_mut().enumerate() {
-        let (c, i) = (j / n, j % n);
-        *o = shares[0][i] * at(1, c, i) + shares[1][i] * at(2, c, i);
+/// Row `y` of a plane blurred down its columns; what lies outside is 0.
+fn blur_column(plane: &[f32], taps: &[f32], y: usize, width: usize, out: &mut [f32]) {
+    let height = plane.len() / width;
+    let row = |y: usize| &plane[y * width..][..width];
+    for (o, v) in out.iter_mut().zip(row(y)) {
+        *o = taps[0] * *v;
     }
-    let mean = |k: usize| best.iter().filter(|b| **b == k).count() as f32 / n as f32;
-    (out, [0, 1, 2].map(mean))
-}
-
-/// Adds of each pixel's own residual what its noise does not explain; the mean share.
-fn add_own(chosen: &mut [f32], residual: &[f32], known: &[f32], noise: &[f32], width: usize) -> f32 {
-    let n = known.len();
-    let square =
-        |i: usize| (0..3).map(|c| (residual[c * n + i] - chosen[c * n + i]).powi(2)).sum::<f32>() / 3.0;
-    let left = blur_mean(&(0..n).map(square).collect::<Vec<_>>(), known, width, OWN[0]);
-    // A few samples that agree by chance look as if they had no noise.
-    let [near, far] = OWN.map(|sigma| blur_mean(noise, known, width, sigma));
-    let mut total = 0.0_f64;
-    for i in (0..n).filter(|i| known[*i] > 0.0 && left[*i] > 0.0) {
-        let gain = (1.0 - near[i].max(far[i]) / left[i]).max(0.0);
-        total += f64::from(gain);
-        for k in [i, n + i, 2 * n + i] {
-            chosen[k] += gain * (residual[k] - chosen[k]);
+    for (k, t) in taps.iter().enumerate().skip(1) {
+        for y in [y.checked_sub(k), Some(y + k).filter(|y| *y < height)].into_iter().flatten() {
+            for (o, v) in out.iter_mut().zip(row(y)) {
+                *o += *t * *v;
+            }
         }
     }
-    (total / n as f64) as f32
 }
 
 #[cfg(test)]
@@ -176,12 +425,14 @@ mod tests {
     }
 
     fn restored(noisy: &[f32], weight: &[f32], variance: Option<&[f32]>, start: &[f32]) -> Vec<f32> {
-        let detail = Detail { width: WIDTH, irradiance: noisy, weight, variance, features: &[] };
+        let detail = Detail { width: WIDTH, irradiance: noisy, weight, variance, features: &[], apart: &[] };
         let mut u = start.to_vec();
         let shares = restore_detail(&detail, &mut u);
         match shares {
             Shares::Gaussian(share) => assert!(variance.is_none() && (0.0..=1.0).contains(&share)),
-            Shares::Bilateral { means, .. } => assert!((means.iter().sum::<f32>() - 1.0).abs() < 1e-4),
+            Shares::Bilateral { means, own } => {
+                assert!(means.iter().chain([&own]).all(|share| (0.0..=1.0).contains(share)));
+            }
         }
         u
     }

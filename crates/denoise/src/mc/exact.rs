@@ -38,23 +38,30 @@ pub(crate) fn exact_pixels(frame: &Frame<'_>, features: &Features<'_>, weight: &
         None => frame.color[c * n + i],
     };
     let level = |i: usize| (color(0, i) + color(1, i) + color(2, i)) * (1.0 / 3.0);
-    let texture = textured(frame, features, weight, &color);
+    let shown = shown(features, weight, width);
+    let texture = textured(frame, &shown, &color);
     let mut silent = vec![0_u8; n];
-    silent.par_chunks_mut(width).enumerate().with_min_len(8).for_each(|(y, row)| {
+    let mut sums = vec![(0.0_f64, 0_usize); n / width];
+    silent.par_chunks_mut(width).zip(&mut sums).enumerate().with_min_len(8).for_each(|(y, (row, sum))| {
         for (x, s) in row.iter_mut().enumerate() {
             let i = y * width + x;
-            let (level, miss) = (level(i), missed(features, i));
+            if weight[i] <= 0.0 {
+                continue;
+            }
+            let level = level(i);
             let limit = (level * SILENT).powi(2);
-            let quiet = texture[i] || (0..3).all(|c| variance(frame, c * n + i) <= limit);
-            *s = u8::from(weight[i] > 0.0 && quiet && (miss || level > 0.0));
+            let quiet = texture.get(i) == Some(&true) || (0..3).all(|c| variance(frame, c * n + i) <= limit);
+            *s = u8::from(quiet && (shown[i] > 0 || level > 0.0));
+            if level > 0.0 {
+                *sum = (sum.0 + f64::from(level), sum.1 + 1);
+            }
         }
     });
     if silent.iter().all(|s| *s == 0) {
         return Vec::new();
     }
     let windows = spread(&spread(&silent, width, u8::min), width, u8::max);
-    let lit = (0..n).filter(|i| weight[*i] > 0.0).map(level).filter(|v| *v > 0.0);
-    let (sum, count) = lit.fold((0.0_f64, 0_usize), |(s, k), v| (s + f64::from(v), k + 1));
+    let (sum, count) = sums.iter().fold((0.0, 0), |(s, k), (sum, count)| (s + sum, k + count));
     let bright = OUTSTANDING * (sum / count.max(1) as f64) as f32;
     let is_exact = |i: usize| silent[i] > 0 && (windows[i] > 0 || level(i) > bright);
     let exact: Vec<bool> = (0..n).map(is_exact).collect();
@@ -90,8 +97,11 @@ fn rims(
         *values.select_nth_unstable_by(middle, f32::total_cmp).1
     };
     let emitters: Vec<u8> = (0..exact.len()).map(|i| u8::from(emitted(i) > 0.0)).collect();
-    let near = spread(&emitters, width, u8::max);
     let mut rims = vec![false; exact.len()];
+    if !emitters.contains(&1) {
+        return rims;
+    }
+    let near = spread(&emitters, width, u8::max);
     rims.par_chunks_mut(width).enumerate().with_min_len(8).for_each(|(y, row)| {
         for (x, rim) in row.iter_mut().enumerate() {
             let i = y * width + x;
@@ -109,27 +119,33 @@ fn rims(
     rims
 }
 
-/// Pixels that show the texture of an environment: what varies in them varies between them too.
-fn textured(
-    frame: &Frame<'_>,
-    features: &Features<'_>,
-    weight: &[f32],
-    color: &(impl Fn(usize, usize) -> f32 + Sync),
-) -> Vec<bool> {
+/// 1 at samples whose ray meets nothing.
+fn shown(features: &Features<'_>, weight: &[f32], width: usize) -> Vec<u8> {
+    let mut shown = vec![0_u8; weight.len()];
+    shown.par_chunks_mut(width).enumerate().with_min_len(8).for_each(|(y, row)| {
+        for (x, s) in row.iter_mut().enumerate() {
+            let i = y * width + x;
+            *s = u8::from(weight[i] > 0.0 && missed(features, i));
+        }
+    });
+    shown
+}
+
+/// Pixels that show the texture of an environment: what varies in them varies between them too. Empty if there is none.
+fn textured(frame: &Frame<'_>, shown: &[u8], color: &(impl Fn(usize, usize) -> f32 + Sync)) -> Vec<bool> {
     let (n, width) = (frame.shape.pixels(), frame.shape.width);
-    let shown: Vec<bool> = (0..n).map(|i| weight[i] > 0.0 && missed(features, i)).collect();
-    if !shown.contains(&true) {
-        return shown;
+    if !shown.contains(&1) {
+        return Vec::new();
     }
     let (mut own, mut between) = (vec![0.0; n], vec![0.0; n]);
     own.par_chunks_mut(width).zip(between.par_chunks_mut(width)).enumerate().with_min_len(8).for_each(
         |(y, (own, between))| {
-            for x in (0..width).filter(|x| shown[y * width + x]) {
+            for x in (0..width).filter(|x| shown[y * width + x] > 0) {
                 let i = y * width + x;
                 own[x] = (0..3).map(|c| variance(frame, c * n + i)).sum();
                 let (mut sum, mut count) = (0.0, 0.0);
                 for (inside, j) in [(x + 1 < width, i + 1), (i + width < n, i + width)] {
-                    if inside && shown[j] {
+                    if inside && shown[j] > 0 {
                         sum += (0..3).map(|c| (color(c, i) - color(c, j)).powi(2)).sum::<f32>();
                         count += 1.0;
                     }
@@ -140,7 +156,7 @@ fn textured(
     );
     let taps = gaussian_taps(TEXTURE_WINDOW);
     let (own, between) = (blur_sums(&own, width, &taps), blur_sums(&between, width, &taps));
-    (0..n).map(|i| shown[i] && own[i] <= TEXTURE * between[i]).collect()
+    (0..n).map(|i| shown[i] > 0 && own[i] <= TEXTURE * between[i]).collect()
 }
 
 /// Variance of the mean of a sample.
@@ -166,18 +182,18 @@ fn missed(features: &Features<'_>, i: usize) -> bool {
 }
 
 /// The least or largest value of the window around each pixel, as far as the window lies inside.
-fn spread(mask: &[u8], width: usize, pick: fn(u8, u8) -> u8) -> Vec<u8> {
+fn spread(mask: &[u8], width: usize, pick: impl Fn(u8, u8) -> u8 + Sync) -> Vec<u8> {
     let height = mask.len() / width;
-    let around = |k: usize, n: usize| k.saturating_sub(REACH)..(k + REACH + 1).min(n);
-    let mut along = vec![0; mask.len()];
+    let mut along = mask.to_vec();
     along.par_chunks_mut(width).zip(mask.par_chunks(width)).with_min_len(8).for_each(|(out, row)| {
-        for (x, o) in out.iter_mut().enumerate() {
-            *o = row[around(x, width)].iter().copied().fold(row[x], pick);
+        for k in 1..=REACH.min(width - 1) {
+            out[k..].iter_mut().zip(row).for_each(|(o, v)| *o = pick(*o, *v));
+            out.iter_mut().zip(&row[k..]).for_each(|(o, v)| *o = pick(*o, *v));
         }
     });
     let mut out = along.clone();
     out.par_chunks_mut(width).enumerate().with_min_len(8).for_each(|(y, out)| {
-        for k in around(y, height) {
+        for k in y.saturating_sub(REACH)..(y + REACH + 1).min(height) {
             out.iter_mut().zip(&along[k * width..]).for_each(|(o, v)| *o = pick(*o, *v));
         }
     });

@@ -4,8 +4,8 @@
 //! edges differ less from the neighbour, lines less along the line. Of the mean squared differences in a window, the least
 //! of four directions at one step over the largest at two steps is 1 for white noise and 0 for straight edges.
 
-use super::window::{blur_sums, gaussian_taps};
-use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSliceMut};
+use super::pooled::{Pooled, SIDE, add_row};
+use rayon::prelude::{IndexedParallelIterator, ParallelIterator};
 
 /// Ratio of differences at which edges begin to count as jagged, and from which they do wholly.
 const RANGE: [f32; 2] = [0.1, 0.4];
@@ -13,43 +13,55 @@ const RANGE: [f32; 2] = [0.1, 0.4];
 const WINDOW: f32 = 2.0;
 /// Mean squared difference below which nothing is jagged.
 const LEAST: f32 = 1e-5;
+/// Steps whose differences are compared.
+const STEPS: [[usize; 2]; 4] = [[1, 0], [0, 1], [1, 1], [1, usize::MAX]];
 
-/// The share of noise in a feature of any number of planes, between 0 and 1 per pixel; `None` if it is 0 everywhere.
-pub(crate) fn noise_share(feature: &[f32], pixels: usize, width: usize) -> Option<Vec<f32>> {
-    let taps = gaussian_taps(WINDOW);
-    let sum = taps[0] + 2.0 * taps[1..].iter().sum::<f32>();
-    let (mut near, mut far) = (vec![f32::INFINITY; pixels], vec![0.0_f32; pixels]);
-    for direction in [[1, 0], [0, 1], [1, 1], [1, -1]] {
-        let step = |k: isize| {
-            blur_sums(&differences(feature, pixels, width, direction.map(|d| k * d)), width, &taps)
-        };
-        near.iter_mut().zip(step(1)).for_each(|(a, b)| *a = a.min(b));
-        far.iter_mut().zip(step(2)).for_each(|(a, b)| *a = a.max(b));
-    }
-    let [low, high] = RANGE;
-    let share = |(near, far): (&f32, &f32)| match *far > LEAST * sum * sum {
-        true => ((near / far - low) / (high - low)).clamp(0.0, 1.0),
-        false => 0.0,
-    };
-    let shares: Vec<f32> = near.iter().zip(&far).map(share).collect();
-    shares.iter().any(|s| *s > 0.0).then_some(shares)
-}
-
-/// Squared differences to the pixel at an offset, summed over the planes; the border repeats.
-fn differences(feature: &[f32], pixels: usize, width: usize, [dx, dy]: [isize; 2]) -> Vec<f32> {
+/// The share of noise in a feature of any number of planes, between 0 and 1 in each block; `None` if it is 0 everywhere.
+pub(crate) fn noise_share(feature: &[f32], pixels: usize, width: usize) -> Option<Pooled<1>> {
     let height = pixels / width;
-    let shifted = |i: usize, d: isize, n: usize| i.saturating_add_signed(d).min(n - 1);
-    let mut out = vec![0.0; pixels];
-    out.par_chunks_mut(width).enumerate().with_min_len(8).for_each(|(y, out)| {
-        let other = shifted(y, dy, height);
-        for plane in feature.chunks(pixels) {
-            let (own, other) = (&plane[y * width..][..width], &plane[other * width..][..width]);
-            for (x, o) in out.iter_mut().enumerate() {
-                *o += (own[x] - other[shifted(x, dx, width)]).powi(2);
+    let mut sums = Pooled::<{ 2 * STEPS.len() }>::new(width, height);
+    let scratch = || vec![0.0; 2 * STEPS.len() * width];
+    sums.rows().enumerate().for_each_init(scratch, |squares, (block, sums)| {
+        squares.fill(0.0);
+        for y in SIDE * block..(SIDE * (block + 1)).min(height) {
+            for plane in feature.chunks(pixels) {
+                let row = |y: usize| &plane[y * width..][..width];
+                let runs = squares.chunks_mut(width);
+                for (out, (k, [dx, dy])) in runs.zip((1..3).flat_map(|k| STEPS.map(|step| (k, step)))) {
+                    let other = match dy {
+                        usize::MAX => y.saturating_sub(k),
+                        _ => (y + k * dy).min(height - 1),
+                    };
+                    add_squares(row(y), row(other), k * dx, out);
+                }
             }
         }
+        add_row(sums, squares, width);
     });
-    out
+    sums.smooth_blocks(WINDOW);
+    let blocks = sums.map(|s| {
+        let (near, far) = s.split_at(STEPS.len());
+        [near.iter().copied().fold(f32::INFINITY, f32::min), far.iter().copied().fold(0.0, f32::max)]
+    });
+    let least = LEAST * (SIDE * SIDE) as f32;
+    let [low, high] = RANGE;
+    let shares = blocks.map(|[near, far]| match far > least {
+        true => [((near / far - low) / (high - low)).clamp(0.0, 1.0)],
+        false => [0.0],
+    });
+    shares.sums.iter().any(|s| *s > 0.0).then_some(shares)
+}
+
+/// Adds the squared differences of a row to one `step` columns further; the border repeats.
+fn add_squares(own: &[f32], other: &[f32], step: usize, out: &mut [f32]) {
+    let inside = own.len().saturating_sub(step);
+    for ((o, a), b) in out.iter_mut().zip(own).zip(&other[step.min(other.len())..]) {
+        *o += (a - b) * (a - b);
+    }
+    let last = other[other.len() - 1];
+    for (o, a) in out[inside..].iter_mut().zip(&own[inside..]) {
+        *o += (a - last) * (a - last);
+    }
 }
 
 #[cfg(test)]
@@ -72,7 +84,7 @@ mod tests {
         let mut rng = Rng::new(1, 0);
         let mean = |feature: &[f32]| {
             let share = noise_share(feature, width * height, width);
-            share.map_or(0.0, |s| s.iter().sum::<f32>() / s.len() as f32)
+            share.map_or(0.0, |s| s.sums.iter().sum::<f32>() / s.sums.len() as f32)
         };
         let noise = mean(&picture(|_, _| if rng.uniform(0.0, 1.0) < 0.3 { 0.8 } else { 0.2 }));
         assert!(noise > 0.9, "{noise}");

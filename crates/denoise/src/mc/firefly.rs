@@ -5,7 +5,7 @@
 //! they are in indirect light, and would darken all that is left.
 
 use super::window::{blur_sums, gaussian_taps};
-use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSliceMut};
+use rayon::prelude::{IndexedParallelIterator, IntoParallelIterator, ParallelIterator, ParallelSliceMut};
 
 /// Largest value over the local mean for the regression: where one sample in thirty is lit, each of them is thirty times the
 /// mean, and a lower bound takes their light.
@@ -26,16 +26,61 @@ const PASSES: usize = 3;
 /// Pixels of a block's side.
 const BLOCK: usize = 4;
 
-/// Scales pixels whose mean over the channels exceeds `over mean + 0.5`, with the local mean of the blocks around, down to it;
-/// the hue stays. Units: exposure. Pixels of `weight` 0 stay and do not count. Returns how many were scaled.
-pub(crate) fn clamp_fireflies(irradiance: &mut [f32], weight: &[f32], width: usize, over: f32) -> usize {
+/// How many pixels were spread, and how many cut.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Fireflies {
+    pub(crate) spread: usize,
+    pub(crate) cut: usize,
+}
+
+/// Spreads rare samples where the `variance` (mean over the channels) tells them ([`spread`]), then scales pixels whose mean over the
+/// channels exceeds `over mean + 0.5`, with the local mean of the blocks around, down to it; the hue stays. Units: exposure. Pixels of
+/// `weight` 0 stay and do not count.
+pub(crate) fn tame_fireflies(
+    irradiance: &mut [f32],
+    weight: &[f32],
+    variance: Option<&[f32]>,
+    width: usize,
+    over: f32,
+) -> Fireflies {
     let n = irradiance.len() / 3;
+    // Only the rows that hold pixels.
+    let rows: Vec<bool> = weight.chunks(width).map(|row| row.iter().any(|w| *w > 0.0)).collect();
+    let (Some(first), Some(last)) = (rows.iter().position(|r| *r), rows.iter().rposition(|r| *r)) else {
+        return Fireflies::default();
+    };
+    let range = first / BLOCK * BLOCK * width..((last / BLOCK + 1) * BLOCK * width).min(n);
+    let weight = &weight[range.clone()];
     let (r, rest) = irradiance.split_at_mut(n);
     let (g, b) = rest.split_at_mut(n);
-    let mean: Vec<f32> = r.iter().zip(&*g).zip(&*b).map(|((r, g), b)| (r + g + b) * (1.0 / 3.0)).collect();
+    let mut planes = [&mut r[range.clone()], &mut g[range.clone()], &mut b[range.clone()]];
+    let mut mean = vec![0.0; weight.len()];
+    mean.par_chunks_mut(width).enumerate().with_min_len(16).for_each(|(y, mean)| {
+        let [r, g, b] = planes.each_ref().map(|p| &p[y * width..][..width]);
+        for (x, m) in mean.iter_mut().enumerate() {
+            *m = (r[x] + g[x] + b[x]) * (1.0 / 3.0);
+        }
+    });
     let local = local_means(&mean, weight, width);
+    let spread = match variance {
+        Some(variance) => spread(&mut planes, &mut mean, weight, &variance[range], width, &local),
+        None => 0,
+    };
+    Fireflies { spread, cut: cut(planes, &mean, weight, width, over, &local) }
+}
+
+/// Scales pixels beyond the limit down to it; how many.
+fn cut(
+    planes: [&mut [f32]; 3],
+    mean: &[f32],
+    weight: &[f32],
+    width: usize,
+    over: f32,
+    local: &[f32],
+) -> usize {
     let blocks = width.div_ceil(BLOCK);
-    let mut changed = vec![0_usize; n.div_ceil(width)];
+    let [r, g, b] = planes;
+    let mut changed = vec![0_usize; mean.len().div_ceil(width)];
     let rows = r.par_chunks_mut(width).zip(g.par_chunks_mut(width)).zip(b.par_chunks_mut(width));
     rows.zip(&mut changed).enumerate().with_min_len(16).for_each(|(y, (((r, g), b), changed))| {
         let local = &local[y / BLOCK * blocks..];
@@ -59,40 +104,60 @@ pub(crate) fn clamp_fireflies(irradiance: &mut [f32], weight: &[f32], width: usi
 ///
 /// The `variance` (mean over the channels) has to say that one sample is nearly all of the pixel: outlines of lamps are as bright,
 /// but seen by many. Returns how many pixels were cut.
-pub(crate) fn spread_fireflies(
-    irradiance: &mut [f32],
+fn spread(
+    planes: &mut [&mut [f32]; 3],
+    mean: &mut [f32],
     weight: &[f32],
     variance: &[f32],
     width: usize,
+    local: &[f32],
 ) -> usize {
-    let n = weight.len();
-    let (height, cw) = (n.div_ceil(width), width.div_ceil(BLOCK));
-    let mean: Vec<f32> =
-        (0..n).map(|i| (irradiance[i] + irradiance[n + i] + irradiance[2 * n + i]) * (1.0 / 3.0)).collect();
-    let local = local_means(&mean, weight, width);
+    let height = mean.len().div_ceil(width);
+    let cw = width.div_ceil(BLOCK);
     let block = |i: usize| i / width / BLOCK * cw + i % width / BLOCK;
+    // The pixels and what they keep.
+    let of_row = |y: usize| {
+        let local = &local[y / BLOCK * cw..][..cw];
+        let row = mean[y * width..][..width].chunks(BLOCK).zip(local).enumerate();
+        let mut found = Vec::new();
+        for (bx, (means, local)) in row {
+            let usual = RARE * local + 0.5;
+            if means.iter().all(|m| *m <= usual) {
+                continue;
+            }
+            for i in (0..means.len()).map(|t| y * width + bx * BLOCK + t) {
+                let own = mean[i];
+                if weight[i] > 0.0 && own > usual && variance[i] >= SINGLE * own * own {
+                    let limit = usual.max(BESIDE * second_around(mean, weight, i, width, height));
+                    if own > limit {
+                        found.push((i, limit / own));
+                    }
+                }
+            }
+        }
+        found
+    };
+    let found: Vec<Vec<(usize, f32)>> = (0..height).into_par_iter().with_min_len(16).map(of_row).collect();
+    let count = found.iter().map(Vec::len).sum();
     // Per block: the light that is spread, the mean that attracts it.
     let mut sums = vec![vec![0.0_f32; local.len()]; 4];
-    let mut count = 0;
-    for i in (0..n).filter(|i| weight[*i] > 0.0) {
-        let (k, own) = (block(i), mean[i]);
-        sums[3][k] += local[k];
-        let usual = RARE * local[k] + 0.5;
-        if own <= usual || variance[i] < SINGLE * own * own {
-            continue;
-        }
-        let limit = usual.max(BESIDE * second_around(&mean, weight, i, width, height));
-        if own > limit {
-            count += 1;
-            for c in 0..3 {
-                let v = &mut irradiance[c * n + i];
-                sums[c][k] += *v * (1.0 - limit / own);
-                *v *= limit / own;
-            }
+    for (i, kept) in found.into_iter().flatten() {
+        mean[i] *= kept;
+        for (plane, sum) in planes.iter_mut().zip(&mut sums) {
+            sum[block(i)] += plane[i] * (1.0 - kept);
+            plane[i] *= kept;
         }
     }
     if count == 0 {
         return 0;
+    }
+    for (y, weight) in weight.chunks(width).enumerate() {
+        let attracted = &mut sums[3][y / BLOCK * cw..][..cw];
+        for ((a, weight), local) in
+            attracted.iter_mut().zip(weight.chunks(BLOCK)).zip(&local[y / BLOCK * cw..])
+        {
+            *a += local * weight.iter().map(|w| f32::from(*w > 0.0)).sum::<f32>();
+        }
     }
     let taps = gaussian_taps(SPREAD);
     // What a block gives is divided by all that attracts it there, so that no light is lost next to dark blocks.
@@ -100,10 +165,16 @@ pub(crate) fn spread_fireflies(
     for channel in &mut sums[..3] {
         channel.iter_mut().zip(&attracting).filter(|(_, a)| **a > 0.0).for_each(|(s, a)| *s /= a);
     }
-    let sums: Vec<Vec<f32>> = sums[..3].iter().map(|s| blur_sums(s, cw, &taps)).collect();
-    for i in (0..n).filter(|i| weight[*i] > 0.0) {
-        let k = block(i);
-        (0..3).for_each(|c| irradiance[c * n + i] += local[k] * sums[c][k]);
+    for (plane, sums) in planes.iter_mut().zip(&sums) {
+        let sums = blur_sums(sums, cw, &taps);
+        plane.par_chunks_mut(width).enumerate().with_min_len(16).for_each(|(y, row)| {
+            let at = y / BLOCK * cw;
+            let weight = &weight[y * width..][..width];
+            for (x, v) in row.iter_mut().enumerate() {
+                let light = local[at + x / BLOCK] * sums[at + x / BLOCK];
+                *v += if weight[x] > 0.0 { light } else { 0.0 };
+            }
+        });
     }
     count
 }
@@ -174,12 +245,12 @@ mod tests {
             .collect();
         let weight = vec![1.0; height * width];
         let mut plane = sparse.clone();
-        assert_eq!(clamp_fireflies(&mut plane, &weight, width, OTHERS), 0);
+        assert_eq!(tame_fireflies(&mut plane, &weight, None, width, OTHERS), Fireflies::default());
         assert_eq!(plane, sparse);
         for value in [40.0, 1e4] {
             let mut plane = sparse.clone();
             (0..3).for_each(|c| plane[c * height * width + 20 * width + 31] = value);
-            assert_eq!(clamp_fireflies(&mut plane, &weight, width, OTHERS), 1);
+            assert_eq!(tame_fireflies(&mut plane, &weight, None, width, OTHERS).cut, 1);
             assert!((2.0..8.0).contains(&plane[20 * width + 31]), "{}", plane[20 * width + 31]);
         }
     }
@@ -198,12 +269,14 @@ mod tests {
         let total = |plane: &[f32]| plane.iter().map(|v| f64::from(*v)).sum::<f64>();
         let single_sample: Vec<f32> = plane[..n].iter().map(|v| v * v).collect();
         let mut spread = plane.clone();
-        assert_eq!(spread_fireflies(&mut spread, &weight, &single_sample, width), 1);
+        let tame =
+            |plane: &mut [f32], variance: &[f32]| tame_fireflies(plane, &weight, Some(variance), width, 1e6);
+        assert_eq!(tame(&mut spread, &single_sample), Fireflies { spread: 1, cut: 0 });
         assert!((0..n).all(|i| !lamp(i) || spread[i] >= 60.0) && spread[single] < 4.0, "{}", spread[single]);
         assert!((total(&spread) / total(&plane) - 1.0).abs() < 1e-3, "{} {}", total(&spread), total(&plane));
         // What many samples have seen is no rare sample.
         let mut kept = plane.clone();
-        assert_eq!(spread_fireflies(&mut kept, &weight, &vec![1.0; n], width), 0);
+        assert_eq!(tame(&mut kept, &vec![1.0; n]), Fireflies::default());
         assert_eq!(kept, plane);
     }
 }

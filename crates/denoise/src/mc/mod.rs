@@ -31,6 +31,7 @@ mod noise;
 mod peaks;
 mod pipeline;
 mod plan;
+mod pooled;
 mod prepare;
 mod regression;
 mod stage;

@@ -39,6 +39,7 @@ pub(crate) fn replace_peaks(samples: &Samples<'_>, basis: &Basis, contrast: &[f3
             let right = (left + 1).min(line.len() - 1);
             let share = line[left] + f * (line[right] - line[left]);
             if share > 0.0
+                && (samples.fill || samples.weight[y * width + x] > 0.0)
                 && let Some(mean) = blurred(samples, basis, &gauss, x, y)
             {
                 for (out, mean) in [&mut r[x], &mut g[x], &mut b[x]].into_iter().zip(mean) {

@@ -311,7 +311,7 @@ fn regression<'a>(p: &'a Prepared<'_>, without: Option<Stage>, plan: &mut Plan) 
     let split = (!p.black.is_empty()).then(|| classes(&p.trust, &p.black));
     let mut estimate = plan.stage("regression", || {
         let trust = split.as_ref().map_or(&p.trust, |[others, _]| others);
-        let r = regress(p.shape, &basis, &p.irradiance, trust, p.variance.as_deref(), without);
+        let r = regress(p.shape, &basis, &p.irradiance, trust, p.variance.as_deref(), without, true);
         let shares = r.shares.map(|s| format!("{:.0}%", 100.0 * s)).join(" ");
         let mut why =
             format!("widths of 3, 5, 8, 16 pixels in {shares} of {} cells; {} flat", r.cells, r.flat);
@@ -341,9 +341,9 @@ fn regression<'a>(p: &'a Prepared<'_>, without: Option<Stage>, plan: &mut Plan) 
             let planes = |f: &'a Option<Cow<'_, [f32]>>, scale: f32| {
                 f.iter().flat_map(move |f| f.chunks(n)).map(move |plane| (plane, scale))
             };
-            let mut features: Vec<(&[f32], f32)> =
+            let features: Vec<(&[f32], f32)> =
                 planes(&p.features.normal, 5.5).chain(planes(&p.features.albedo, 50.0)).collect();
-            features.extend(own.as_deref().map(|own| (own, 1e3)));
+            let apart = own.as_deref().unwrap_or_default();
             // Bilateral means tell the classes apart; others take them one by one.
             let classes: Vec<&[f32]> = match (&split, variance) {
                 (Some([others, own]), None) => vec![others, own],
@@ -351,7 +351,8 @@ fn regression<'a>(p: &'a Prepared<'_>, without: Option<Stage>, plan: &mut Plan) 
             };
             let restored = classes.into_iter().map(|weight| {
                 let (width, irradiance, features) = (p.shape.width, &p.irradiance[..], &features[..]);
-                restore_detail(&Detail { width, irradiance, weight, variance, features }, &mut estimate)
+                let detail = Detail { width, irradiance, weight, variance, features, apart };
+                restore_detail(&detail, &mut estimate)
             });
             let mut gaussian = 0.0;
             let mut why = None;
@@ -359,11 +360,10 @@ fn regression<'a>(p: &'a Prepared<'_>, without: Option<Stage>, plan: &mut Plan) 
                 match shares {
                     Shares::Gaussian(share) => gaussian += share,
                     Shares::Bilateral { means, own } => {
-                        let [none, narrow, wide] = means.map(|m| 100.0 * m);
+                        let [wide, narrow] = means.map(|m| 100.0 * m);
                         let own = 100.0 * own;
-                        why = Some(format!(
-                            "{none:.0}% no, {narrow:.0}% narrow, {wide:.0}% wide means, {own:.0}% own"
-                        ));
+                        why =
+                            Some(format!("{wide:.0}% of wide, {narrow:.0}% of narrow means, {own:.0}% own"));
                     }
                 }
             }

@@ -2,11 +2,12 @@
 
 use super::black::{black_pixels, classes};
 use super::exact::{ExactPixel, exact_pixels};
-use super::feature_filter::{share_of_noise, smooth_features};
-use super::firefly::{OTHERS, REGRESSION, clamp_fireflies, spread_fireflies};
+use super::feature_filter::{share_of_noise, share_of_variance, smooth_features};
+use super::firefly::{OTHERS, REGRESSION, tame_fireflies};
 use super::frame::{Features, Frame};
 use super::noise::half_variance;
 use super::pipeline::{LEFT_OUT, NO_BLACK, PART_OF_AUTO};
+use super::pooled::Pooled;
 use super::{Model, Plan, Settings, Stage, demodulate, divisor};
 use crate::{DenoiseError, Shape};
 use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSliceMut};
@@ -22,7 +23,7 @@ pub(crate) struct Prepared<'a> {
     /// Divisor of each sample, if there is an albedo.
     pub(crate) divisor: Option<Vec<f32>>,
     /// The share of noise in the features, where a pixel has one sample.
-    pub(crate) jagged: Option<Vec<f32>>,
+    pub(crate) jagged: Option<Pooled<1>>,
     /// Factor from radiance to the units of `irradiance`.
     pub(crate) key: f32,
     /// 3 planes; 0 at holes.
@@ -110,19 +111,18 @@ impl<'a> Prepared<'a> {
         let over = if settings.model == Model::Auto { REGRESSION } else { OTHERS };
         let fireflies = match settings.fireflies {
             true => plan.stage("fireflies", || {
-                let (mut spread, mut count) = (0, 0);
+                let (mut spread, mut cut) = (0, 0);
+                let variance = layer.as_deref().filter(|_| settings.model == Model::Auto);
                 for w in std::iter::once(others).chain(own_class.get(1)) {
                     for side in &mut sides {
-                        if let (Model::Auto, Some(variance)) = (settings.model, &layer) {
-                            spread += spread_fireflies(side, w, variance, shape.width);
-                        }
-                        count += clamp_fireflies(side, w, shape.width, over);
+                        let found = tame_fireflies(side, w, variance, shape.width, over);
+                        (spread, cut) = (spread + found.spread, cut + found.cut);
                     }
                 }
                 let why = format!(
-                    "{spread} pixels of one sample spread, {count} cut at {over} times the mean around"
+                    "{spread} pixels of one sample spread, {cut} cut at {over} times the mean around"
                 );
-                (spread + count, why)
+                (spread + cut, why)
             }),
             false => {
                 plan.skip("fireflies", "switched off");
@@ -197,7 +197,7 @@ fn smoothed(
     features: &mut Features<'_>,
     settings: &Settings,
     plan: &mut Plan,
-) -> Option<Vec<f32>> {
+) -> Option<Pooled<1>> {
     let shape = frame.shape;
     let layer = frame.variance.filter(|_| frame.half.is_none());
     let skipped = match settings {
@@ -212,13 +212,17 @@ fn smoothed(
         return None;
     };
     plan.stage("jagged", || {
+        let Some(mut jagged) = share_of_noise(features, shape) else {
+            return (None, "no noise in the features".to_owned());
+        };
         if is_known(frame) {
-            let share = 100.0 * smooth_features(features, shape, frame.color, layer);
+            let noise = share_of_variance(frame.color, layer, shape.width);
+            jagged.sums.iter_mut().zip(noise.sums).for_each(|(s, n)| *s *= n);
+            let share = 100.0 * smooth_features(features, shape, &jagged);
             return (None, format!("noise of the features, {share:.1}% of the picture"));
         }
-        let found = share_of_noise(features, shape);
-        let share = found.as_ref().map_or(0.0, |s| s.iter().sum::<f32>() / shape.pixels() as f32);
-        (found, format!("edges of the features, {:.1}% of the picture", 100.0 * share))
+        let share = jagged.sums.iter().sum::<f32>() / jagged.blocks() as f32;
+        (Some(jagged), format!("edges of the features, {:.1}% of the picture", 100.0 * share))
     })
 }
 

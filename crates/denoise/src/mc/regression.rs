@@ -65,6 +65,8 @@ pub(crate) struct Samples<'a> {
     pub(crate) irradiance: &'a [f32],
     pub(crate) weight: &'a [f32],
     pub(crate) cells: [usize; 2],
+    /// Whether pixels without weight are estimated too.
+    pub(crate) fill: bool,
 }
 
 /// Pixels `x0..x1` between the centres of the cells `left` and `right`; `first` is the place of the left centre.
@@ -82,7 +84,8 @@ const fn moments_of(k: usize) -> usize {
 }
 
 /// Regresses `irradiance` (3 planes) with a weight per pixel (0: hole). `variance`, per pixel and of the mean over the
-/// channels, replaces the residual as the estimate of the noise. Widths and highlights can be left out.
+/// channels, replaces the residual as the estimate of the noise. Widths and highlights can be left out. Without `fill` the estimate is only
+/// made where there is weight.
 pub(crate) fn regress(
     shape: Shape,
     basis: &Basis,
@@ -90,24 +93,30 @@ pub(crate) fn regress(
     weight: &[f32],
     variance: Option<&[f32]>,
     without: Option<Stage>,
+    fill: bool,
 ) -> Regression {
     let cells = [shape.height.div_ceil(CELL), shape.width.div_ceil(CELL)];
     let planes = basis.planes.iter().map(Vec::as_slice).collect();
-    let samples = Samples { shape, planes, irradiance, weight, cells };
+    let samples = Samples { shape, planes, irradiance, weight, cells, fill };
     let (moments, flat) = samples.moments();
     let k = samples.planes.len() + 1;
+    let used: Vec<bool> = {
+        let row = moments_of(k) * cells[1];
+        moments.chunks(row).flat_map(|row| row[..cells[1]].iter().map(|w| *w > 0.0)).collect()
+    };
+    let solved = if fill { vec![true; used.len()] } else { around(cells, &used) };
     let fits: Vec<Fit> = WIDTHS
         .iter()
         .map(|width| {
             let taps = gaussian_taps(*width);
             let blurred =
                 blur_columns(&blur_rows(&moments, cells[1], &taps), moments_of(k) * cells[1], &taps);
-            samples.solve(&blurred, &flat)
+            samples.solve(&blurred, &flat, &solved)
         })
         .collect();
     let choice = match without {
         Some(Stage::Widths) => vec![MIDDLE; flat.len()],
-        _ => samples.choose(&fits, variance),
+        _ => samples.choose(&fits, variance, &used),
     };
     let mean = samples.mean();
     let per_cell = 3 * k;
@@ -120,11 +129,20 @@ pub(crate) fn regress(
         }
         shares[*width] += 1.0 / choice.len() as f32;
     }
-    let mut estimate = samples.evaluate(&chosen);
+    let needed = if fill { &solved } else { &used };
+    let mut estimate = samples.evaluate(&chosen, needed);
     if without != Some(Stage::Highlights) {
         replace_peaks(&samples, basis, &samples.contrast(&fits), &mut estimate);
     }
     Regression { estimate, shares, flat: flat.iter().filter(|f| **f).count(), cells: flat.len() }
+}
+
+/// Which cells are set or have a neighbour that is.
+fn around([ch, cw]: [usize; 2], set: &[bool]) -> Vec<bool> {
+    let near = |c: usize, n: usize| c.saturating_sub(1)..(c + 2).min(n);
+    (0..ch * cw)
+        .map(|cell| near(cell / cw, ch).any(|y| set[y * cw..][near(cell % cw, cw)].contains(&true)))
+        .collect()
 }
 
 impl Samples<'_> {
@@ -141,6 +159,9 @@ impl Samples<'_> {
                 let mut weighted = [[0.0_f32; CELL * CELL]; MAX_REGRESSORS + 1];
                 let mut plain = [[0.0_f32; CELL * CELL]; MAX_REGRESSORS + 4];
                 for cx in 0..cw {
+                    if self.is_empty(cy, cx) {
+                        continue;
+                    }
                     constant[cx] = self.gather(cy, cx, &mut weighted, &mut plain);
                     let mut at = cx;
                     for i in 0..k {
@@ -153,6 +174,14 @@ impl Samples<'_> {
             },
         );
         (out, self.inner(&constant))
+    }
+
+    /// Whether no pixel of a cell has weight.
+    fn is_empty(&self, cy: usize, cx: usize) -> bool {
+        let width = self.shape.width;
+        let columns = cx * CELL..(cx * CELL + CELL).min(width);
+        let mut rows = cy * CELL..(cy * CELL + CELL).min(self.shape.height);
+        rows.all(|y| self.weight[y * width..][columns.clone()].iter().all(|w| *w == 0.0))
     }
 
     /// Copies a cell; returns its colour if it has only one, and no hole.
@@ -218,8 +247,8 @@ impl Samples<'_> {
         })
     }
 
-    /// The coefficients of each cell.
-    fn solve(&self, moments: &[f32], flat: &[bool]) -> Fit {
+    /// The coefficients of each cell that is to be `solved`.
+    fn solve(&self, moments: &[f32], flat: &[bool], solved: &[bool]) -> Fit {
         let k = self.planes.len() + 1;
         let (m, cw, n) = (moments_of(k), self.cells[1], self.shape.pixels());
         let mut coefficients = vec![0.0; flat.len() * 3 * k];
@@ -229,6 +258,10 @@ impl Samples<'_> {
             let mut system = [0.0_f64; moments_of(MAX_REGRESSORS + 1)];
             let cells = out.chunks_mut(3 * k).zip(levels.chunks_mut(3)).zip(empty);
             for (cx, ((out, level), empty)) in cells.enumerate() {
+                if !solved[cy * cw + cx] {
+                    *empty = true;
+                    continue;
+                }
                 if flat[cy * cw + cx] {
                     let pixel = cy * CELL * self.shape.width + cx * CELL;
                     (0..3).for_each(|c| out[c] = self.irradiance[c * n + pixel]);
@@ -270,7 +303,7 @@ impl Samples<'_> {
     }
 
     /// The width of each cell.
-    fn choose(&self, fits: &[Fit], variance: Option<&[f32]>) -> Vec<usize> {
+    fn choose(&self, fits: &[Fit], variance: Option<&[f32]>, used: &[bool]) -> Vec<usize> {
         let (k, [ch, cw], width) = (self.planes.len() + 1, self.cells, self.shape.width);
         // Per cell: the weight, the known noise, the residual of each width.
         const PLANES: usize = 2 + WIDTHS.len();
@@ -280,7 +313,7 @@ impl Samples<'_> {
             let mut line = Vec::new();
             for y in cy * CELL..(cy * CELL + CELL).min(self.shape.height) {
                 for (row, fit) in rows.iter_mut().zip(fits) {
-                    self.evaluate_row(&fit.coefficients, y, &mut line, row);
+                    self.evaluate_row(&fit.coefficients, y, &used[cy * cw..][..cw], &mut line, row);
                 }
                 self.add_residuals(y, &rows, variance, sums);
             }
@@ -335,8 +368,8 @@ impl Samples<'_> {
         }
     }
 
-    /// The whole estimate.
-    fn evaluate(&self, coefficients: &[f32]) -> Vec<f32> {
+    /// The estimate in the cells that are `needed`.
+    fn evaluate(&self, coefficients: &[f32], needed: &[bool]) -> Vec<f32> {
         let (width, n) = (self.shape.width, self.shape.pixels());
         let mut out = vec![0.0; 3 * n];
         let (r, rest) = out.split_at_mut(n);
@@ -344,7 +377,8 @@ impl Samples<'_> {
         let rows = r.par_chunks_mut(width).zip(g.par_chunks_mut(width)).zip(b.par_chunks_mut(width));
         let scratch = || (Vec::new(), vec![0.0; 3 * width]);
         rows.enumerate().with_min_len(8).for_each_init(scratch, |(line, row), (y, ((r, g), b))| {
-            self.evaluate_row(coefficients, y, line, row);
+            let cw = self.cells[1];
+            self.evaluate_row(coefficients, y, &needed[y / CELL * cw..][..cw], line, row);
             [r, g, b].into_iter().zip(row.chunks(width)).for_each(|(out, row)| out.copy_from_slice(row));
         });
         out
@@ -369,12 +403,22 @@ impl Samples<'_> {
         (x0 < x1).then_some(Interval { left: i.saturating_sub(1), right: i.min(cw - 1), x0, x1, first })
     }
 
-    /// One row of the estimate, 3 runs of `width` values; `line` is scratch.
-    fn evaluate_row(&self, coefficients: &[f32], y: usize, line: &mut Vec<f32>, out: &mut [f32]) {
+    /// One row of the estimate in the cells that are `needed`, 3 runs of `width` values; `line` is scratch.
+    fn evaluate_row(
+        &self,
+        coefficients: &[f32],
+        y: usize,
+        needed: &[bool],
+        line: &mut Vec<f32>,
+        out: &mut [f32],
+    ) {
         let (k, width) = (self.planes.len() + 1, self.shape.width);
         self.between(coefficients, 3 * k, y, line);
         for i in 0..=self.cells[1] {
             let Some(Interval { left, right, x0, x1, first }) = self.interval(i) else { continue };
+            if !needed[left] && !needed[right] {
+                continue;
+            }
             let mut part = [[0.0_f32; CELL]; 3];
             let mut features = [0.0_f32; CELL];
             let fraction: [f32; CELL] = std::array::from_fn(|t| (x0 as f32 + t as f32 - first) / CELL as f32);
