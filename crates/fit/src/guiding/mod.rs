@@ -27,8 +27,16 @@ use std::time::Instant;
 /// Tells the seeds of training and rehearsal from that of the picture.
 const SEED: u64 = 0x6_u64.rotate_left(56) ^ 0x9a1d;
 
-/// Paths of a picture for one of training.
+/// Paths of a picture for one of training, and for one of training and of the first look of the rehearsal, those with a guide
+/// times its cost.
 const TRAINING: f64 = 10.0;
+const LOSS: f64 = 8.0;
+/// Paths of a picture for one record that a flow learns from, which takes as long as a few paths.
+const LEARNING: f64 = 48.0;
+/// The first look of the rehearsal takes this part of its paths.
+const LOOK: u32 = 4;
+/// Smallest side of the pictures that are trained on.
+const SIDE_MIN: f64 = 24.0;
 
 /// Which guide.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -102,16 +110,31 @@ impl GuidingOptions {
 
 impl GuidingOptions {
     /// As [`Self::new`] for a picture of known samples: training walks at most a tenth as many paths as the picture, in
-    /// 3 to 7 rounds, where a tenth is enough for three. Smaller pictures (below 70 samples a pixel at 96 pixels a side)
-    /// pay for three all the same, 7 paths a pixel. The rehearsal walks 8 paths a pixel with the guide and 8 without it, from
-    /// 5 rounds on 16: more than training up to 5 rounds, less after more.
+    /// 3 to 7 rounds, where a tenth is enough for three. The rehearsal walks 8 paths a pixel with the guide and 8 without
+    /// it, from 5 rounds on 16.
+    ///
+    /// A guide that switches itself off has cost its training and a quarter of its rehearsal. The pictures that are trained on
+    /// become smaller until that is an eighth of the picture's paths, but not below 24 pixels a side. A flow learns from fewer
+    /// records for the same reason.
     pub fn for_picture(guiding: Guiding, options: &RenderOptions) -> Self {
         let own = Self::new(guiding);
-        let scale = (own.side as f64 / options.width.max(options.height).max(1) as f64).min(1.0);
+        let (width, height) = (options.width.max(1) as f64, options.height.max(1) as f64);
+        let longer = width.max(height);
+        let scale = (own.side as f64 / longer).min(1.0);
         let share = f64::from(options.spp) / (TRAINING * scale * scale);
-        // Rounds up to r walk 2^r - 1 paths a pixel.
+        // Rounds up to r walk 2^r - 1 paths a pixel, all but the first with the guide.
         let rounds = (share + 1.0).log2().clamp(3.0, 7.0) as u32;
-        Self { rounds, rehearsal: (1 << (rounds - 1)).clamp(8, 16), ..own }
+        let rehearsal = (1 << (rounds - 1)).clamp(8, 16);
+        let (guided, look) = (f64::from((1 << rounds) - 2), f64::from(rehearsal / LOOK));
+        let lost = 1.0 + guided * guiding.cost() + look * (1.0 + guiding.cost());
+        let most = longer * (f64::from(options.spp) / (LOSS * lost)).sqrt();
+        let side = most.clamp(SIDE_MIN, own.side as f64) as usize;
+        let learned = width * height * f64::from(options.spp) / (LEARNING * f64::from(rounds));
+        let records = match guiding {
+            Guiding::Flow => (learned as usize).clamp(1 << 10, own.records),
+            _ => own.records,
+        };
+        Self { rounds, rehearsal, side, records, ..own }
     }
 }
 
@@ -197,19 +220,34 @@ impl Guidance {
         // Both trials take the same numbers where their paths agree, and none of training.
         let stage = stage(u64::from(options.rounds))?;
         let most = options.rehearsal.max(2);
-        if stop() {
-            return Ok(Self::off());
+        let look = if options.least_gain > 0.0 { (most / LOOK).max(2) } else { most };
+        let (mut plain, mut guided) = (Trial::default(), Trial::default());
+        let mut judged = None;
+        for (first, count) in [(0, look), (look, most - look)] {
+            let lost = judged.as_ref().is_some_and(GuidingReport::is_lost);
+            if count == 0 || lost {
+                break;
+            }
+            if stop() {
+                return Ok(Self::off());
+            }
+            let one = all(&stage, &|r| part(r, first, count).run(&ScatteringSampler));
+            plain = plain.then(one, first, count);
+            if stop() {
+                return Ok(Self::off());
+            }
+            let one = all(&stage, &|r| state.run(&part(r, first, count)));
+            guided = guided.then(one, first, count);
+            judged = Some(GuidingReport::judge(&plain, &guided, options));
         }
-        let plain = all(&stage, &|r| Rehearsal::new(r, 0, most).without_records().run(&ScatteringSampler));
-        if stop() {
-            return Ok(Self::off());
-        }
-        let guided = all(&stage, &|r| state.run(&Rehearsal::new(r, 0, most).without_records()));
-        paths += plain.paths + guided.paths;
-        let report = GuidingReport { paths, records, ..GuidingReport::judge(&plain, &guided, options) };
-        let report = GuidingReport { seconds: began.elapsed().as_secs_f64(), ..report };
-        let used = report.used;
-        Ok(Self { trained: used.then_some(state), report: Some(report) })
+        let report = judged.map(|judged| GuidingReport {
+            paths: paths + plain.paths + guided.paths,
+            records,
+            seconds: began.elapsed().as_secs_f64(),
+            ..judged
+        });
+        let used = report.as_ref().is_some_and(|r| r.used);
+        Ok(Self { trained: used.then_some(state), report })
     }
 
     /// What training came to; `None` without a guide.
@@ -293,6 +331,11 @@ fn thinned(mut records: Vec<Record>, most: usize) -> Vec<Record> {
             records[from + place as usize]
         })
         .collect()
+}
+
+/// Paths of the rehearsal.
+fn part<'a>(renderer: &'a Renderer<'a>, first: u32, count: u32) -> Rehearsal<'a> {
+    Rehearsal::new(renderer, first, count).without_records()
 }
 
 /// A small render of the same view with numbers of its own.

@@ -47,6 +47,11 @@ impl GuidingReport {
         Self { guiding, used, found, gain, variance_ratio, work_ratio, paths: 0, records: 0, seconds: 0.0 }
     }
 
+    /// Whether a first look is enough: the guide loses, and would have to gain.
+    pub(super) fn is_lost(&self) -> bool {
+        !self.used && self.found == [true; 2] && self.gain < 1.0
+    }
+
     /// One sentence for people.
     pub fn sentence(&self) -> String {
         let Self { variance_ratio, work_ratio, gain, .. } = self;
