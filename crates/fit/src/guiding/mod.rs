@@ -27,16 +27,12 @@ use std::time::Instant;
 /// Tells the seeds of training and rehearsal from that of the picture.
 const SEED: u64 = 0x6_u64.rotate_left(56) ^ 0x9a1d;
 
-/// Paths of a picture for one of training, and for one of training and of the first look of the rehearsal, those with a guide
-/// times its cost.
+/// Paths of a picture for one of training.
 const TRAINING: f64 = 10.0;
-const LOSS: f64 = 8.0;
 /// Paths of a picture for one record that a flow learns from, which takes as long as a few paths.
 const LEARNING: f64 = 48.0;
 /// The first look of the rehearsal takes this part of its paths.
-const LOOK: u32 = 4;
-/// Smallest side of the pictures that are trained on.
-const SIDE_MIN: f64 = 24.0;
+const LOOK: u32 = 2;
 
 /// Which guide.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -113,28 +109,22 @@ impl GuidingOptions {
     /// 3 to 7 rounds, where a tenth is enough for three. The rehearsal walks 8 paths a pixel with the guide and 8 without
     /// it, from 5 rounds on 16.
     ///
-    /// A guide that switches itself off has cost its training and a quarter of its rehearsal. The pictures that are trained on
-    /// become smaller until that is an eighth of the picture's paths, but not below 24 pixels a side. A flow learns from fewer
-    /// records for the same reason.
+    /// A guide that loses clearly has cost its training and half of its rehearsal: less than an eighth of the picture from 256
+    /// samples a pixel at 96 pixels a side on, a third with 64 samples. A flow learns from fewer records for the same reason.
     pub fn for_picture(guiding: Guiding, options: &RenderOptions) -> Self {
         let own = Self::new(guiding);
         let (width, height) = (options.width.max(1) as f64, options.height.max(1) as f64);
-        let longer = width.max(height);
-        let scale = (own.side as f64 / longer).min(1.0);
+        let scale = (own.side as f64 / width.max(height)).min(1.0);
         let share = f64::from(options.spp) / (TRAINING * scale * scale);
-        // Rounds up to r walk 2^r - 1 paths a pixel, all but the first with the guide.
+        // Rounds up to r walk 2^r - 1 paths a pixel.
         let rounds = (share + 1.0).log2().clamp(3.0, 7.0) as u32;
         let rehearsal = (1 << (rounds - 1)).clamp(8, 16);
-        let (guided, look) = (f64::from((1 << rounds) - 2), f64::from(rehearsal / LOOK));
-        let lost = 1.0 + guided * guiding.cost() + look * (1.0 + guiding.cost());
-        let most = longer * (f64::from(options.spp) / (LOSS * lost)).sqrt();
-        let side = most.clamp(SIDE_MIN, own.side as f64) as usize;
         let learned = width * height * f64::from(options.spp) / (LEARNING * f64::from(rounds));
         let records = match guiding {
             Guiding::Flow => (learned as usize).clamp(1 << 10, own.records),
             _ => own.records,
         };
-        Self { rounds, rehearsal, side, records, ..own }
+        Self { rounds, rehearsal, records, ..own }
     }
 }
 

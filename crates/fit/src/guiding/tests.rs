@@ -273,13 +273,13 @@ fn a_guide_that_loses_costs_an_eighth_of_the_picture() {
         let eye = Vec3::new(0.0, 1.0, 2.0);
         View::pinhole(&Camera::look_at(eye, Vec3::ZERO, Vec3::Y, 0.8, 1.0, 0.01, 10.0))
     };
-    for (guiding, spp) in [(Guiding::Lobes, 64), (Guiding::Lobes, 256), (Guiding::Flow, 256)] {
+    for (guiding, spp) in [(Guiding::Lobes, 256), (Guiding::Lobes, 512), (Guiding::Flow, 256)] {
         let renderer = Renderer::new(&world, &view, options(96, spp, 1)).unwrap();
         let stage = GuidingOptions::for_picture(guiding, renderer.options());
         let guidance = Guidance::train(&renderer, &stage, || false).unwrap();
         let report = guidance.report().unwrap();
         let all = u64::from(spp) * 96 * 96;
-        assert!(!report.used && report.gain < 1.0, "{}", report.sentence());
+        assert!(!report.used && report.gain < 0.85, "{}", report.sentence());
         assert!(8 * report.paths < all, "{guiding:?}: {} of {all} paths", report.paths);
         let look = u64::from(stage.rehearsal / LOOK);
         let side = stage.side as u64;
