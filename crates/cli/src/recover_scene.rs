@@ -126,7 +126,7 @@ fn task(a: &RecoverScene, mut subject: Subject, source: &Source<'_>) -> Result<T
     let mut model = Traced::new(world, options, parameters).map_err(lit)?;
     views.iter().try_for_each(|v| model.check(v)).map_err(lit)?;
     model.gradient_spp = a.traced.gradient_spp;
-    model.smoothing = a.traced.smoothing.into();
+    model.smoothing = a.traced.smoothing.map(Into::into).unwrap_or_default();
     let own = || views.iter().map(|v| model.picture(v, TARGET_SPP, TARGET_SEED)).collect();
     let truth = given.is_none().then(|| (0..quantities.len()).map(|k| model.of(k).to_vec()).collect());
     let targets = given.map_or_else(own, Ok).map_err(|e| named(&e))?;

@@ -114,7 +114,7 @@ fn options(a: &RecoverVolume) -> RecoverVolumeOptions {
         spp: a.traced.spp,
         gradient_spp: a.traced.gradient_spp,
         max_depth: a.max_depth,
-        smoothing: a.traced.smoothing.into(),
+        smoothing: a.traced.smoothing.map(Into::into).unwrap_or_default(),
         seed: a.course.running.seed,
         keeping: a.course.keeping(),
     }

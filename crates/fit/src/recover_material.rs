@@ -76,7 +76,8 @@ pub struct RecoverMaterialOptions {
 }
 
 impl Default for RecoverMaterialOptions {
-    /// Without a guide; a guide learns on pictures of 32 pixels a side.
+    /// Without a guide; a guide learns on pictures of 32 pixels a side. Steps are smoothed by the low-pass filter, which
+    /// relights best (`cargo xtask bench material-filters`).
     fn default() -> Self {
         Self {
             texture_size: 512,
@@ -93,7 +94,7 @@ impl Default for RecoverMaterialOptions {
             spp: 16,
             gradient_spp: 4,
             max_depth: 4,
-            smoothing: Smoothing::default(),
+            smoothing: Smoothing::Laplacian,
             seed: 0,
             keeping: Keeping::default(),
         }

@@ -1,7 +1,8 @@
 //! A stack of coupling layers on the unit square, conditioned on features: each layer keeps one coordinate and warps the
 //! other with a spline whose logits a network makes from the features and the kept coordinate.
 
-use crate::network::{Hidden, LANES, Network};
+use crate::elementary::sin_cos_pi;
+use crate::network::{HIDDEN, Hidden, LANES, Network};
 use crate::spline::{BINS_MAX, Family, Spline};
 use photofit_scalar::Real;
 
@@ -27,6 +28,10 @@ pub struct Couplings {
     /// Features that condition all layers, at most [`CONDITION_MAX`].
     pub condition: usize,
 }
+
+/// What a condition brings to the first hidden layers of the networks.
+#[derive(Clone, Copy, Debug)]
+pub struct Conditioned<T>([[T; HIDDEN]; LAYERS_MAX]);
 
 /// What the vector-Jacobian product needs of a layer.
 #[derive(Clone, Debug)]
@@ -71,44 +76,147 @@ impl Couplings {
         }
     }
 
+    /// What all answers under one condition share.
     #[inline]
-    fn layer<T: Real>(&self, weights: &[T], layer: usize, condition: &[T], kept: T) -> Saved<T> {
+    pub fn under<T: Real>(&self, weights: &[T], condition: &[T]) -> Conditioned<T> {
+        #[cfg(target_arch = "x86_64")]
+        {
+            if std::arch::is_x86_feature_detected!("avx512f") {
+                #[expect(unsafe_code, reason = "calling a function compiled for AVX-512")]
+                // SAFETY: the feature was just detected.
+                return unsafe { self.under_avx512(weights, condition) };
+            }
+            if std::arch::is_x86_feature_detected!("avx2") {
+                #[expect(unsafe_code, reason = "calling a function compiled for AVX2")]
+                // SAFETY: the feature was just detected.
+                return unsafe { self.under_avx2(weights, condition) };
+            }
+        }
+        self.under_any(weights, condition)
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx512f")]
+    fn under_avx512<T: Real>(&self, weights: &[T], condition: &[T]) -> Conditioned<T> {
+        self.under_any(weights, condition)
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn under_avx2<T: Real>(&self, weights: &[T], condition: &[T]) -> Conditioned<T> {
+        self.under_any(weights, condition)
+    }
+
+    #[inline(always)]
+    fn under_any<T: Real>(&self, weights: &[T], condition: &[T]) -> Conditioned<T> {
         let network = self.network();
-        let mut input = [T::zero(); INPUTS_MAX];
-        input[..self.condition].copy_from_slice(&condition[..self.condition]);
-        encode(kept, &mut input[self.condition..]);
-        let mut hidden = Hidden::default();
-        let mut logits = [T::zero(); OUTPUTS_MAX];
+        let mut first = [[T::zero(); HIDDEN]; LAYERS_MAX];
+        for (first, weights) in first.iter_mut().zip(weights.chunks_exact(network.len())).take(self.layers) {
+            *first = network.first(weights, &condition[..self.condition]);
+        }
+        Conditioned(first)
+    }
+
+    /// The spline of a layer.
+    #[inline(always)]
+    fn spline<T: Real>(&self, weights: &[T], layer: usize, at: &Conditioned<T>, kept: T) -> Spline<T> {
+        let network = self.network();
+        let (mut hidden, mut logits) = (Hidden::default(), [T::zero(); OUTPUTS_MAX]);
         let weights = &weights[layer * network.len()..][..network.len()];
-        network.forward(weights, &input[..network.inputs], &mut hidden, &mut logits);
-        let spline = Spline::new(self.family, self.bins, &logits);
-        Saved { kept, warped: T::zero(), input, hidden, spline }
+        network.rest(weights, &at.0[layer], &encode(kept), &mut hidden, &mut logits);
+        Spline::new(self.family, self.bins, &logits[..network.outputs])
     }
 
     /// `(z, q(x))`.
     #[inline]
-    pub fn forward<T: Real>(&self, weights: &[T], condition: &[T], x: [T; 2]) -> ([T; 2], T) {
-        let (mut at, mut density) = (x, T::one());
-        for layer in 0..self.layers {
-            let (kept, warped) = (layer % 2, 1 - layer % 2);
-            let (u, slope) = self.layer(weights, layer, condition, at[kept]).spline.forward(at[warped]);
-            at[warped] = u;
-            density *= slope;
-        }
-        (at, density)
+    pub fn forward<T: Real>(&self, weights: &[T], at: &Conditioned<T>, x: [T; 2]) -> ([T; 2], T) {
+        self.warp::<T, true>(weights, at, x)
     }
 
     /// `(x, q(x))` for `z`: a sample where `z` is uniform.
     #[inline]
-    pub fn inverse<T: Real>(&self, weights: &[T], condition: &[T], z: [T; 2]) -> ([T; 2], T) {
-        let (mut at, mut density) = (z, T::one());
-        for layer in (0..self.layers).rev() {
+    pub fn inverse<T: Real>(&self, weights: &[T], at: &Conditioned<T>, z: [T; 2]) -> ([T; 2], T) {
+        self.warp::<T, false>(weights, at, z)
+    }
+
+    /// [`Self::forward`] or [`Self::inverse`], compiled for the widest vectors of the processor: the same bits with any.
+    #[inline]
+    fn warp<T: Real, const FORWARD: bool>(
+        &self,
+        weights: &[T],
+        at: &Conditioned<T>,
+        x: [T; 2],
+    ) -> ([T; 2], T) {
+        #[cfg(target_arch = "x86_64")]
+        {
+            if std::arch::is_x86_feature_detected!("avx512f") {
+                #[expect(unsafe_code, reason = "calling a function compiled for AVX-512")]
+                // SAFETY: the feature was just detected.
+                return unsafe { self.warp_avx512::<T, FORWARD>(weights, at, x) };
+            }
+            if std::arch::is_x86_feature_detected!("avx2") {
+                #[expect(unsafe_code, reason = "calling a function compiled for AVX2")]
+                // SAFETY: the feature was just detected.
+                return unsafe { self.warp_avx2::<T, FORWARD>(weights, at, x) };
+            }
+        }
+        self.warp_any::<T, FORWARD>(weights, at, x)
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx512f")]
+    fn warp_avx512<T: Real, const FORWARD: bool>(
+        &self,
+        weights: &[T],
+        at: &Conditioned<T>,
+        x: [T; 2],
+    ) -> ([T; 2], T) {
+        self.warp_any::<T, FORWARD>(weights, at, x)
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn warp_avx2<T: Real, const FORWARD: bool>(
+        &self,
+        weights: &[T],
+        at: &Conditioned<T>,
+        x: [T; 2],
+    ) -> ([T; 2], T) {
+        self.warp_any::<T, FORWARD>(weights, at, x)
+    }
+
+    #[inline(always)]
+    fn warp_any<T: Real, const FORWARD: bool>(
+        &self,
+        weights: &[T],
+        at: &Conditioned<T>,
+        mut x: [T; 2],
+    ) -> ([T; 2], T) {
+        let mut density = T::one();
+        for step in 0..self.layers {
+            let layer = if FORWARD { step } else { self.layers - 1 - step };
             let (kept, warped) = (layer % 2, 1 - layer % 2);
-            let (x, slope) = self.layer(weights, layer, condition, at[kept]).spline.inverse(at[warped]);
-            at[warped] = x;
+            let spline = self.spline(weights, layer, at, x[kept]);
+            let (to, slope) = if FORWARD { spline.forward(x[warped]) } else { spline.inverse(x[warped]) };
+            x[warped] = to;
             density *= slope;
         }
-        (at, density)
+        (x, density)
+    }
+
+    /// A layer with all that its vector-Jacobian product needs.
+    #[inline(always)]
+    fn layer<T: Real>(&self, weights: &[T], layer: usize, condition: &[T], kept: T) -> Saved<T> {
+        let network = self.network();
+        let mut input = [T::zero(); INPUTS_MAX];
+        input[..self.condition].copy_from_slice(&condition[..self.condition]);
+        input[self.condition..network.inputs].copy_from_slice(&encode(kept));
+        let mut hidden = Hidden::default();
+        let mut logits = [T::zero(); OUTPUTS_MAX];
+        let weights = &weights[layer * network.len()..][..network.len()];
+        network.forward(weights, &input[..network.inputs], &mut hidden, &mut logits);
+        let spline = Spline::new(self.family, self.bins, &logits[..network.outputs]);
+        Saved { kept, warped: T::zero(), input, hidden, spline }
     }
 
     /// `ln q(x)`, and its vector-Jacobian product for the gradient that `g` gives to it: adds to the gradients of weights
@@ -116,6 +224,7 @@ impl Couplings {
     ///
     /// # Panics
     /// If the shape is not valid or a slice is too short.
+    #[inline(always)]
     pub fn log_density_vjp<T: Real>(
         &self,
         weights: &[T],
@@ -160,19 +269,20 @@ impl Couplings {
 
 /// The kept coordinate, sines and cosines of `pi`, `2 pi` and `4 pi` times it.
 #[inline(always)]
-fn encode<T: Real>(x: T, out: &mut [T]) {
-    out[0] = x * T::of(2.0) - T::one();
-    let (mut s, mut c) = (x * T::of(std::f64::consts::PI)).sin_cos();
+fn encode<T: Real>(x: T) -> [T; KEPT] {
+    let mut out = [x * T::of(2.0) - T::one(); KEPT];
+    let (mut s, mut c) = sin_cos_pi(x);
     for octave in 0..3 {
         (out[1 + 2 * octave], out[2 + 2 * octave]) = (s, c);
         (s, c) = (T::of(2.0) * s * c, c * c - s * s);
     }
+    out
 }
 
 /// Gradient of the coordinate for those of its encoding.
+#[inline(always)]
 fn encode_vjp<T: Real>(x: T, g: &[T]) -> T {
-    let mut out = [T::zero(); KEPT];
-    encode(x, &mut out);
+    let out = encode(x);
     (0..3).fold(T::of(2.0) * g[0], |sum, octave| {
         let rate = T::of(std::f64::consts::PI * f64::from(1 << octave));
         let (s, c) = (out[1 + 2 * octave], out[2 + 2 * octave]);
@@ -207,6 +317,7 @@ pub(crate) mod tests {
                 let narrow: Vec<f32> = wide.iter().map(|w| *w as f32).collect();
                 let condition = random.vec(6, -1.0, 1.0);
                 let single: Vec<f32> = condition.iter().map(|w| *w as f32).collect();
+                let (condition, single) = (shape.under(&wide, &condition), shape.under(&narrow, &single));
                 for _ in 0..100 {
                     let z = [random.range(0.0, 1.0), random.range(0.0, 1.0)];
                     let (x, density) = shape.inverse(&wide, &condition, z);
@@ -224,13 +335,36 @@ pub(crate) mod tests {
     }
 
     #[test]
+    fn vectors_of_all_widths_give_the_same_bits() {
+        let mut random = Uniform::new(4);
+        for shape in shapes() {
+            let w: Vec<f32> = weights(&shape, &mut random).iter().map(|w| *w as f32).collect();
+            for _ in 0..200 {
+                let c: Vec<f32> = random.vec(6, -1.0, 1.0).iter().map(|c| *c as f32).collect();
+                let x = [random.range(0.0, 1.0) as f32, random.range(0.0, 1.0) as f32];
+                let (narrow, wide) = (shape.under_any(&w, &c), shape.under(&w, &c));
+                assert_eq!(narrow.0, wide.0);
+                let bits = |(x, density): ([f32; 2], f32)| [x[0], x[1], density].map(f32::to_bits);
+                assert_eq!(
+                    bits(shape.forward(&w, &wide, x)),
+                    bits(shape.warp_any::<f32, true>(&w, &wide, x))
+                );
+                assert_eq!(
+                    bits(shape.inverse(&w, &wide, x)),
+                    bits(shape.warp_any::<f32, false>(&w, &wide, x))
+                );
+            }
+        }
+    }
+
+    #[test]
     fn densities_are_determinants() {
         let mut random = Uniform::new(2);
         for shape in shapes() {
             let (w, c) = (weights(&shape, &mut random), random.vec(6, -1.0, 1.0));
             for _ in 0..100 {
                 let x = [random.range(0.01, 0.99), random.range(0.01, 0.99)];
-                let h = 1e-7;
+                let (h, c) = (1e-7, shape.under(&w, &c));
                 let at = |dx: f64, dy: f64| shape.forward(&w, &c, [x[0] + dx, x[1] + dy]).0;
                 let column =
                     |a: [f64; 2], b: [f64; 2]| [(a[0] - b[0]) / (2.0 * h), (a[1] - b[1]) / (2.0 * h)];
@@ -250,8 +384,8 @@ pub(crate) mod tests {
             let (w, c) = (weights(&shape, &mut random), random.vec(6, -1.0, 1.0));
             let (mut g_w, mut g_c) = (vec![0.0; shape.len()], vec![0.0; 6]);
             let log = shape.log_density_vjp(&w, &c, x, |_| 0.7, &mut g_w, &mut g_c);
-            assert!((log.exp() / shape.forward(&w, &c, x).1 - 1.0).abs() < 1e-12);
-            let value = |w: &[f64], c: &[f64]| 0.7 * shape.forward(w, c, x).1.ln();
+            let value = |w: &[f64], c: &[f64]| 0.7 * shape.forward(w, &shape.under(w, c), x).1.ln();
+            assert!((0.7 * log - value(&w, &c)).abs() < 1e-12);
             check("weights", &w, &g_w, 1e-6, 1e-5, |w| value(w, &c));
             check("condition", &c, &g_c, 1e-6, 1e-5, |c| value(&w, c));
         }

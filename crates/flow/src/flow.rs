@@ -3,9 +3,10 @@
 mod batch;
 
 use crate::FlowError;
-use crate::coupling::{CONDITION_MAX, Couplings};
+use crate::coupling::{CONDITION_MAX, Conditioned, Couplings};
 use crate::domain::{Chart, Domain};
-use crate::grid::Grid;
+use crate::elementary::exp;
+use crate::encoding::Encoding;
 use crate::guide::{Guide, Query, Record, SHARE};
 use crate::spline::Family;
 use photofit_optim::{Optimizer, Temporal};
@@ -28,13 +29,13 @@ pub struct FlowOptions {
     pub bins: usize,
     /// Coupling layers, 1 to 4.
     pub layers: usize,
-    /// The hash grid of positions.
-    pub grid: Grid,
+    /// The features of positions.
+    pub encoding: Encoding,
     /// Whether the density depends on the position, and whether on directions and roughness.
     pub spatial: bool,
     /// See [`Self::spatial`].
     pub directional: bool,
-    /// Learning rates of the networks and of the grid.
+    /// Learning rates of the networks and of the features of positions.
     pub rates: [f32; 2],
     /// Records of a step.
     pub batch: usize,
@@ -54,7 +55,7 @@ impl Default for FlowOptions {
             family: Family::Quadratic,
             bins: 15,
             layers: 2,
-            grid: Grid::default(),
+            encoding: Encoding::default(),
             spatial: true,
             directional: true,
             rates: [5e-3, 2e-2],
@@ -86,7 +87,7 @@ pub struct FlowGuide {
     began: bool,
 }
 
-/// Weights of the couplings followed by those of the share's affine map; the grid's table.
+/// Weights of the couplings followed by those of the share's affine map; the table of the features of positions.
 #[derive(Clone, Debug)]
 struct Parameters {
     network: Vec<f32>,
@@ -96,6 +97,13 @@ struct Parameters {
 /// The features of a vertex and the chart of its directions.
 #[derive(Clone, Copy, Debug)]
 pub struct FlowLocal {
+    chart: Chart,
+    condition: Conditioned<f32>,
+    share: f32,
+}
+
+/// What a vertex gives to the networks.
+struct Features {
     chart: Chart,
     condition: [f32; CONDITION_MAX],
     share: f32,
@@ -107,28 +115,13 @@ impl FlowGuide {
     /// # Errors
     /// [`FlowError::Setting`] for options outside their ranges.
     pub fn new(lo: Vec3f, hi: Vec3f, options: FlowOptions) -> Result<Self, FlowError> {
-        let condition = options.grid.features() + DIRECTIONS;
+        options.encoding.check()?;
+        let condition = options.encoding.features() + DIRECTIONS;
         let couplings =
             Couplings { layers: options.layers, bins: options.bins, family: options.family, condition };
-        let grid = &options.grid;
         let rules = [
             ("number of bins", options.bins as f64, "1 to 31", (1..=31).contains(&options.bins)),
-            ("number of layers", options.layers as f64, "1 to 4", couplings.is_valid() || condition > 32),
-            ("features of the grid", grid.features() as f64, "at most 25", condition <= CONDITION_MAX),
-            (
-                "entries of a grid level",
-                grid.entries as f64,
-                "a power of two up to 2^22",
-                grid.entries.is_power_of_two() && grid.entries <= 1 << 22,
-            ),
-            (
-                "cells of the finest grid",
-                grid.coarsest as f64 * grid.growth.powi(grid.levels as i32),
-                "1 to 2^20 at every level",
-                grid.coarsest >= 1
-                    && grid.growth >= 1.0
-                    && grid.coarsest as f64 * grid.growth.powi(grid.levels as i32) <= f64::from(1 << 20),
-            ),
+            ("number of layers", options.layers as f64, "1 to 4", couplings.is_valid()),
             ("records of a step", options.batch as f64, "at least 1", options.batch >= 1),
             ("steps of a refresh", f64::from(options.refresh), "at least 1", options.refresh >= 1),
         ];
@@ -136,13 +129,14 @@ impl FlowGuide {
             return Err(FlowError::Setting { setting, value, rule });
         }
         let mut random = Rng::new(options.seed, 0xf10);
-        let mut network = vec![0.0; couplings.len() + 1 + grid.features()];
+        let mut network = vec![0.0; couplings.len() + 1 + options.encoding.features()];
         couplings.init(&mut network[..couplings.len()], || random.uniform(-1.0, 1.0));
         network[couplings.len()] = SHARE_LOGIT;
-        let table: Vec<f32> = (0..grid.len()).map(|_| random.uniform(-0.05, 0.05)).collect();
+        let mut table = vec![0.0; options.encoding.len()];
+        options.encoding.init(&mut table, || random.uniform(-1.0, 1.0));
         let optimizers = [
             Optimizer::new("network", network.len(), Temporal::adam())?,
-            Optimizer::new("grid", table.len(), Temporal::adam())?,
+            Optimizer::new("positions", table.len(), Temporal::adam())?,
         ];
         let live = Parameters { network, table };
         let size = hi - lo;
@@ -197,13 +191,14 @@ impl FlowGuide {
 
     /// Features and chart of a vertex by the given parameters.
     #[inline]
-    fn local_with(&self, parameters: &Parameters, at: &Query) -> FlowLocal {
+    fn features(&self, parameters: &Parameters, at: &Query) -> Features {
         let roughness = at.roughness.clamp(0.0, 1.0);
         let chart = Chart::new(self.options.domain, at.normal, at.wo, roughness * roughness);
         let mut condition = [0.0; CONDITION_MAX];
-        let features = self.options.grid.features();
+        let features = self.options.encoding.features();
         if self.options.spatial {
-            self.options.grid.forward(&parameters.table, self.place(at.position), &mut condition[..features]);
+            let place = self.place(at.position);
+            self.options.encoding.forward(&parameters.table, place, &mut condition[..features]);
         }
         let head = &parameters.network[self.couplings.len()..];
         let logit = head[0] + head[1..].iter().zip(&condition).map(|(w, f)| w * f).sum::<f32>();
@@ -216,14 +211,14 @@ impl FlowGuide {
                 *v = if v.is_finite() { v.clamp(-1.0, 1.0) } else { 0.0 };
             }
         }
-        FlowLocal { chart, condition, share: share(logit) }
+        Features { chart, condition, share: share(logit) }
     }
 }
 
 /// The share of a logit: [`SHARE`] apart.
 #[inline]
 fn share(logit: f32) -> f32 {
-    SHARE[0] + (SHARE[1] - SHARE[0]) / (1.0 + (-logit).exp())
+    SHARE[0] + (SHARE[1] - SHARE[0]) / (1.0 + exp((-logit).min(80.0)))
 }
 
 impl Guide for FlowGuide {
@@ -231,7 +226,8 @@ impl Guide for FlowGuide {
 
     #[inline]
     fn local(&self, at: &Query) -> FlowLocal {
-        self.local_with(&self.frozen, at)
+        let Features { chart, condition, share } = self.features(&self.frozen, at);
+        FlowLocal { chart, condition: self.couplings.under(&self.frozen.network, &condition), share }
     }
 
     #[inline]

@@ -4,6 +4,8 @@ use photofit_scalar::Real;
 
 /// Features of a level.
 const WIDTH: usize = 2;
+/// Factors of the coordinates in the hash.
+const HASH: [usize; 3] = [1, 2_654_435_761, 805_459_861];
 
 /// A stack of grids over the unit cube, each with two features at its corners, interpolated trilinearly. Grids with
 /// more corners than a table has entries share entries by a hash.
@@ -49,9 +51,9 @@ impl Grid {
         (self.coarsest as f64 * self.growth.powi(level as i32)) as usize
     }
 
-    /// The corners around `p` at a level.
+    /// The corners around `p` at a level, with entries of its table.
     #[inline(always)]
-    fn corners<T: Real>(&self, level: usize, cells: usize, p: [T; 3]) -> [Corner<T>; 8] {
+    fn corners<T: Real>(&self, cells: usize, p: [T; 3]) -> [Corner<T>; 8] {
         let mut cell = [0_usize; 3];
         let mut part = [T::zero(); 3];
         for k in 0..3 {
@@ -60,21 +62,21 @@ impl Grid {
             cell[k] = (scaled.as_i32() as usize).min(cells - 1);
             part[k] = scaled - T::of(cell[k] as f64);
         }
-        let (side, first) = (cells + 1, level * self.entries);
+        let side = cells + 1;
+        // A dense level is addressed by sums, a hashed one by exclusive ors, of what the three coordinates give.
         let dense = side * side * side <= self.entries;
+        let stride = if dense { [1, side, side * side] } else { HASH };
+        let mut places = [[0_usize; 2]; 3];
+        for k in 0..3 {
+            let place = cell[k].wrapping_mul(stride[k]);
+            places[k] = [place, place.wrapping_add(stride[k])];
+        }
+        let mask = self.entries - 1;
         std::array::from_fn(|i| {
-            let at = [cell[0] + (i & 1), cell[1] + (i >> 1 & 1), cell[2] + (i >> 2)];
-            let entry = if dense {
-                (at[2] * side + at[1]) * side + at[0]
-            } else {
-                let hash = (at[0] as u32)
-                    ^ (at[1] as u32).wrapping_mul(2_654_435_761)
-                    ^ (at[2] as u32).wrapping_mul(805_459_861);
-                hash as usize & (self.entries - 1)
-            };
-            let weight =
-                (0..3).fold(T::one(), |w, k| w * if i >> k & 1 == 1 { part[k] } else { T::one() - part[k] });
-            (first + entry, weight)
+            let [x, y, z] = [places[0][i & 1], places[1][i >> 1 & 1], places[2][i >> 2]];
+            let entry = if dense { x + y + z } else { x ^ y ^ z };
+            let side = |k: usize| if i >> k & 1 == 1 { part[k] } else { T::one() - part[k] };
+            (entry & mask, side(0) * side(1) * side(2))
         })
     }
 
@@ -82,11 +84,13 @@ impl Grid {
     #[inline]
     pub fn forward<T: Real>(&self, table: &[T], p: [T; 3], out: &mut [T]) {
         let mut cells = self.coarsest as f64;
-        for (level, out) in out.as_chunks_mut::<WIDTH>().0.iter_mut().enumerate().take(self.levels) {
+        let tables = table.as_chunks::<WIDTH>().0.chunks_exact(self.entries);
+        for (table, out) in tables.zip(out.as_chunks_mut::<WIDTH>().0) {
             *out = [T::zero(); WIDTH];
-            for (entry, weight) in self.corners(level, cells as usize, p) {
-                out[0] += table[WIDTH * entry] * weight;
-                out[1] += table[WIDTH * entry + 1] * weight;
+            for (entry, weight) in self.corners(cells as usize, p) {
+                let [a, b] = table[entry];
+                out[0] += a * weight;
+                out[1] += b * weight;
             }
             cells *= self.growth;
         }
@@ -95,9 +99,10 @@ impl Grid {
     /// Adds to the gradients of the table for those of the features. (Positions get none: they are not learned.)
     pub fn forward_vjp<T: Real>(&self, p: [T; 3], g: &[T], g_table: &mut [T]) {
         for (level, g) in g.as_chunks::<WIDTH>().0.iter().enumerate().take(self.levels) {
-            for (entry, weight) in self.corners(level, self.cells(level), p) {
-                g_table[WIDTH * entry] += g[0] * weight;
-                g_table[WIDTH * entry + 1] += g[1] * weight;
+            for (entry, weight) in self.corners(self.cells(level), p) {
+                let at = WIDTH * (level * self.entries + entry);
+                g_table[at] += g[0] * weight;
+                g_table[at + 1] += g[1] * weight;
             }
         }
     }

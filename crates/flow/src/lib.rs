@@ -30,6 +30,8 @@
 
 pub mod coupling;
 mod domain;
+mod elementary;
+mod encoding;
 mod error;
 mod flow;
 mod grid;
@@ -37,10 +39,13 @@ mod guide;
 mod lobes;
 pub mod network;
 pub mod spline;
+mod tensor;
 
 pub use domain::{Chart, Domain};
+pub use encoding::Encoding;
 pub use error::FlowError;
 pub use flow::{FlowGuide, FlowLocal, FlowOptions};
 pub use grid::Grid;
 pub use guide::{Guide, Guided, Query, Record, SHARE};
 pub use lobes::{LobeGuide, LobeLocal, LobeOptions};
+pub use tensor::Tensor;

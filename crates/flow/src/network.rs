@@ -62,18 +62,42 @@ impl Network {
     }
 
     /// Outputs at `x` into `y`.
-    #[inline]
+    #[inline(always)]
     pub fn forward<T: Real>(self, weights: &[T], x: &[T], hidden: &mut Hidden<T>, y: &mut [T]) {
+        let first = self.first(weights, x);
+        self.rest(weights, &first, &[], hidden, y);
+    }
+
+    /// What the first inputs bring to the first layer, bias included: for [`Self::rest`].
+    #[inline(always)]
+    pub fn first<T: Real>(self, weights: &[T], x: &[T]) -> [T; HIDDEN] {
+        let (bias, rows) = weights[..(1 + self.inputs) * HIDDEN].split_at(HIDDEN);
+        let mut sum = [T::zero(); HIDDEN];
+        sum.copy_from_slice(bias);
+        add(sum, rows, HIDDEN, x)
+    }
+
+    /// Outputs into `y` where `first` stands for the first inputs and `x` for the last.
+    #[inline(always)]
+    pub fn rest<T: Real>(
+        self,
+        weights: &[T],
+        first: &[T; HIDDEN],
+        x: &[T],
+        hidden: &mut Hidden<T>,
+        y: &mut [T],
+    ) {
         let [a, b, _] = self.parts();
-        let [first, second] = &mut hidden.0;
-        affine(&weights[..a], x, first);
-        rectify(first);
-        affine(&weights[a..a + b], first, second);
-        rectify(second);
-        affine(&weights[a + b..], second, &mut y[..self.outputs]);
+        let [one, two] = &mut hidden.0;
+        *one = add(*first, &weights[a - x.len() * HIDDEN..a], HIDDEN, x);
+        rectify(one);
+        affine(&weights[a..a + b], one, two);
+        rectify(two);
+        affine(&weights[a + b..], two, &mut y[..self.outputs]);
     }
 
     /// Adds to the gradients of the weights and of `x` for those of the outputs.
+    #[inline(always)]
     pub fn forward_vjp<T: Real>(
         self,
         weights: &[T],
@@ -94,21 +118,33 @@ impl Network {
     }
 }
 
+/// `sum + weights^T x` for so many outputs, the first of each row of `outputs` weights from `weights` on.
+#[inline(always)]
+fn add<T: Real, const N: usize>(mut sum: [T; N], weights: &[T], outputs: usize, x: &[T]) -> [T; N] {
+    let rows = weights.chunks(outputs).filter_map(|row| row.first_chunk::<N>());
+    for (row, x) in rows.zip(x) {
+        for k in 0..N {
+            sum[k] += row[k] * *x;
+        }
+    }
+    sum
+}
+
 /// `y = bias + weights^T x`.
 #[inline(always)]
 fn affine<T: Real>(weights: &[T], x: &[T], y: &mut [T]) {
     let outputs = y.len();
-    for (c, y) in y.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
-        let rows = weights.chunks_exact(outputs).map(|row| row[c * LANES..].first_chunk::<LANES>());
-        let mut rows = rows.flatten();
-        let Some(bias) = rows.next() else { continue };
-        let mut sum = *bias;
-        for (row, x) in rows.zip(x) {
-            for k in 0..LANES {
-                sum[k] += row[k] * *x;
-            }
-        }
-        *y = sum;
+    let (bias, rows) = weights.split_at(outputs);
+    // As many sums side by side as registers hold: each waits for its last addition.
+    let (blocks, rest) = y.as_chunks_mut::<HIDDEN>();
+    let done = blocks.len() * HIDDEN;
+    for (c, y) in blocks.iter_mut().enumerate() {
+        y.copy_from_slice(&bias[c * HIDDEN..][..HIDDEN]);
+        *y = add(*y, &rows[c * HIDDEN..], outputs, x);
+    }
+    for (c, y) in rest.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
+        y.copy_from_slice(&bias[done + c * LANES..][..LANES]);
+        *y = add(*y, &rows[done + c * LANES..], outputs, x);
     }
 }
 

@@ -1,14 +1,14 @@
-//! Learned importance sampling: cost of a sample and of a density, and variance times time of guided renders against
-//! multiple importance sampling alone.
+//! Learned importance sampling: variance times time of guided renders against multiple importance sampling alone.
+
+pub(crate) mod cost;
 
 use anyhow::Result;
 use glam::Vec3;
 use photofit_fit::guiding::{Guidance, Guiding, GuidingOptions};
-use photofit_flow::{FlowGuide, FlowOptions, Guide, LobeGuide, LobeOptions, Query};
+use photofit_flow::{Encoding, FlowOptions, Tensor};
 use photofit_geometry::shapes;
 use photofit_image::Image;
 use photofit_pathtrace::{EnvironmentMap, Material, Parts, RenderOptions, Renderer, Shape, View, World};
-use photofit_sampling::Rng;
 use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::Camera;
 use photofit_scene::mitsuba::{MitsubaOptions, load_mitsuba};
@@ -19,22 +19,15 @@ use std::time::Instant;
 
 use crate::context::Context;
 use crate::plot::Axis;
-use crate::timing;
+use crate::timing::Timing;
 
-/// Vertices of a timed pass.
-const VERTICES: usize = 1 << 14;
 /// Pixels along the side of the pictures and their samples.
 const SIDE: usize = 96;
 const SPP: u32 = 64;
+/// Renders with a guide, and as many without.
+const PAIRS: usize = 3;
 
 pub(crate) fn run(ctx: &mut Context) -> Result<()> {
-    let flow = |options| FlowGuide::new(Vec3f::zero(), Vec3f::splat(1.0), options);
-    let plain = FlowOptions::default();
-    costs(ctx, "flow, 15 bins", flow(plain)?);
-    costs(ctx, "flow, 31 bins", flow(FlowOptions { bins: 31, ..plain })?);
-    let family = photofit_flow::spline::Family::Rational;
-    costs(ctx, "flow, rational, 10 bins", flow(FlowOptions { family, bins: 10, ..plain })?);
-    costs(ctx, "lobes", LobeGuide::new(LobeOptions::default()));
     let mut cases: Vec<Case> = vec![
         ("room lit through a gap".into(), rooms()?, inside()),
         ("glossy room through a gap".into(), glossy_rooms()?, inside()),
@@ -54,10 +47,11 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
     }
     against_time(ctx, &cases[..2])?;
     ctx.note(format!(
-        "Costs: one thread, features of the vertex included. Renders: all threads, {SIDE} x {SIDE} pixels, {SPP} samples; time \
-         is that of the samples, the gains are over \"off\", once without the time of training and once with it. The \
-         variance is that of single samples over the squared mean luminance of the picture. \"Forced\" guides stay on whether \
-         or not they pay. The last rows and the plot: noise of the picture against all time, training included."
+        "All threads, {SIDE} x {SIDE} pixels, {SPP} samples; time \
+         is that of the samples over that without a guide, the gains are once without the time of training and once with it, \
+         medians of {PAIRS} renders each after one without a guide. The \
+         variance is that of single samples over the squared mean luminance of the picture. \"Forced\" guides and those below \
+         them stay on whether or not they pay, and are trained in five rounds. The last rows and the plot: noise of the picture against all time, training included."
     ));
     Ok(())
 }
@@ -77,28 +71,6 @@ fn of_file(file: &Path) -> Result<Case> {
     Ok((name, World::new(Parts::from_mitsuba(scene))?, view))
 }
 
-/// Nanoseconds of a sample and of a density.
-fn costs<G: Guide>(ctx: &mut Context, name: &str, guide: G) {
-    let mut rng = Rng::new(1, 0);
-    let normal = vec3(0.0, 0.0, 1.0);
-    let at: Vec<(Query, [f32; 2])> = (0..VERTICES)
-        .map(|_| {
-            let position = vec3(rng.next_f32(), rng.next_f32(), rng.next_f32());
-            let wo = photofit_sampling::cosine_hemisphere([rng.next_f32(), rng.next_f32()]);
-            (Query { position, normal, wo, roughness: 1.0 }, [rng.next_f32(), rng.next_f32()])
-        })
-        .collect();
-    let sample =
-        || at.iter().filter_map(|(q, u)| guide.sample(&guide.local(q), *u)).map(|s| s.1).sum::<f32>();
-    let density = || at.iter().map(|(q, _)| guide.pdf(&guide.local(q), vec3(0.6, 0.0, 0.8))).sum::<f32>();
-    let (timing, _) = timing::time(sample);
-    let each = 1e9 * timing.median / VERTICES as f64;
-    ctx.record(name, "sample", VERTICES, timing, vec![("ns", each)]);
-    let (timing, _) = timing::time(density);
-    let each = 1e9 * timing.median / VERTICES as f64;
-    ctx.record(name, "density", VERTICES, timing, vec![("ns", each)]);
-}
-
 fn options(spp: u32) -> RenderOptions {
     let mut options = RenderOptions { width: SIDE, height: SIDE, spp, ..RenderOptions::default() };
     options.path.max_depth = 8;
@@ -111,54 +83,69 @@ fn trained(
     spp: u32,
     guiding: Guiding,
     forced: bool,
+    flow: FlowOptions,
 ) -> Result<(Guidance, Option<String>, f64)> {
     let options = options(spp);
     let renderer = Renderer::new(world, view, options.clone())?;
     let mut guided = GuidingOptions::for_picture(guiding, &options);
     if forced {
-        guided.least_gain = 0.0;
+        guided = GuidingOptions { least_gain: 0.0, rehearsal: 2, ..GuidingOptions::new(guiding) };
     }
+    guided.flow = flow;
     let began = Instant::now();
     let guidance = Guidance::train(&renderer, &guided, || false)?;
     let sentence = guidance.report().map(|r| r.sentence());
     Ok((guidance, sentence, began.elapsed().as_secs_f64()))
 }
 
-/// The time of a picture and the relative variance of its samples.
-fn rendered((_, world, view): &Case, spp: u32, guidance: &Guidance) -> Result<(timing::Timing, f64)> {
-    let (timing, variance) = timing::time(|| -> Result<f64> {
-        let mut renderer = Renderer::new(world, view, options(spp))?;
-        while !guidance.pass(&mut renderer, || false).done {}
-        Ok(relative(&renderer.picture(), &renderer.sample_variance()))
-    });
-    Ok((timing, variance?))
+/// The seconds of a picture and the relative variance of its samples.
+fn rendered((_, world, view): &Case, spp: u32, guidance: &Guidance) -> Result<(f64, f64)> {
+    let mut renderer = Renderer::new(world, view, options(spp))?;
+    let began = Instant::now();
+    while !guidance.pass(&mut renderer, || false).done {}
+    let seconds = began.elapsed().as_secs_f64();
+    Ok((seconds, relative(&renderer.picture(), &renderer.sample_variance())))
 }
 
+/// A guided render, each time after one without a guide, so that both see the same machine.
 fn renders(ctx: &mut Context, case: &Case) -> Result<()> {
-    let mut reference = f64::NAN;
-    for (name, guiding, forced) in [
-        ("off", Guiding::Off, true),
-        ("lobes, forced", Guiding::Lobes, true),
-        ("flow, forced", Guiding::Flow, true),
-        ("lobes", Guiding::Lobes, false),
-        ("flow", Guiding::Flow, false),
+    let plain = FlowOptions::default();
+    let tensor = FlowOptions { encoding: Encoding::Tensor(Tensor::default()), ..plain };
+    for (name, guiding, forced, flow) in [
+        ("lobes", Guiding::Lobes, false, plain),
+        ("flow", Guiding::Flow, false, plain),
+        ("lobes, forced", Guiding::Lobes, true, plain),
+        ("flow, forced", Guiding::Flow, true, plain),
+        ("flow, planes and lines", Guiding::Flow, true, tensor),
+        ("flow without position", Guiding::Flow, true, FlowOptions { spatial: false, ..plain }),
+        ("flow without direction", Guiding::Flow, true, FlowOptions { directional: false, ..plain }),
     ] {
-        let (guidance, sentence, training) = trained(case, SPP, guiding, forced)?;
-        let (timing, variance) = rendered(case, SPP, &guidance)?;
-        if guiding == Guiding::Off {
-            reference = variance * timing.median;
+        let (mut seconds, mut ratios, mut whole) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut variances, mut told, mut learning) = ([0.0; 2], None, Vec::new());
+        for _ in 0..PAIRS {
+            let (off, without) = rendered(case, SPP, &Guidance::off())?;
+            let (guidance, sentence, training) = trained(case, SPP, guiding, forced, flow)?;
+            let (on, with) = rendered(case, SPP, &guidance)?;
+            ratios.push(on / off);
+            whole.push((on + training) / off);
+            (variances, told) = ([without, with], sentence);
+            seconds.push(on);
+            learning.push(training);
         }
-        if let Some(sentence) = sentence {
+        if let Some(sentence) = told {
             ctx.note(format!("{}, {name}: {sentence}.", case.0));
         }
+        let [ratio, whole, training] = [ratios, whole, learning].map(|v| Timing::of(v).median);
+        let gain = variances[0] / variances[1];
         let figures = vec![
-            ("variance", variance),
-            ("us/sample", 1e6 * timing.median / (SIDE * SIDE) as f64 / f64::from(SPP)),
-            ("variance x time, gain", reference / (variance * timing.median)),
-            ("with training, gain", reference / (variance * (timing.median + training))),
+            ("variance, off", variances[0]),
+            ("variance", variances[1]),
+            ("time / off", ratio),
+            ("variance x time, gain", gain / ratio),
+            ("with training, gain", gain / whole),
             ("training s", training),
         ];
-        ctx.record(name, &case.0, SPP as usize, timing, figures);
+        ctx.record(name, &case.0, SPP as usize, Timing::of(seconds), figures);
     }
     Ok(())
 }
@@ -171,9 +158,10 @@ fn against_time(ctx: &mut Context, cases: &[Case]) -> Result<()> {
             let mut curve = Vec::new();
             let most = if guiding == Guiding::Flow { 256 } else { 1024 };
             for spp in [16, 64, 256, 1024].into_iter().filter(|s| *s <= most) {
-                let (guidance, _, training) = trained(case, spp, guiding, false)?;
-                let (timing, variance) = rendered(case, spp, &guidance)?;
-                let (noise, all) = ((variance / f64::from(spp)).sqrt(), timing.median + training);
+                let (guidance, _, training) = trained(case, spp, guiding, false, FlowOptions::default())?;
+                let (seconds, variance) = rendered(case, spp, &guidance)?;
+                let (noise, all) = ((variance / f64::from(spp)).sqrt(), seconds + training);
+                let timing = Timing { median: seconds, spread: 0.0, runs: 1 };
                 curve.push((all, noise));
                 let name = format!("{}, {name}", case.0);
                 let figures = vec![("noise", noise), ("all seconds", all)];

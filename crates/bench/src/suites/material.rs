@@ -26,6 +26,8 @@ const TARGET_SPP: u32 = 256;
 const STEPS: u64 = 80;
 /// Samples of the pictures of a step and of its gradients.
 const SAMPLES: [u32; 2] = [12, 6];
+/// Seeds of the comparison of filters.
+const FILTER_SEEDS: [u64; 2] = [11, 12];
 /// Pictures of what was found, under another sky.
 const FOLDER: &str = "out/bench/material";
 
@@ -53,6 +55,28 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
          pixels of all pictures; \"scaled\": after the best factor of each channel of the base colour.",
         SAMPLES[0], SAMPLES[1]
     ));
+    Ok(())
+}
+
+/// Filters of the steps on scenes and seeds that no setting was chosen on.
+pub(crate) fn filters(ctx: &mut Context) -> Result<()> {
+    std::fs::create_dir_all(FOLDER).with_context(|| format!("{FOLDER}: cannot create"))?;
+    for (name, asset, views) in [scenes::open(), scenes::room()] {
+        for seed in FILTER_SEEDS {
+            let known =
+                KnownMaterial::new(&asset, &first_sky(), views.clone(), (PIXELS, TARGET_SPP), false, seed)?;
+            let bench = Bench { name, asset: &asset, known };
+            for (method, smoothing) in [
+                ("bilateral filter", Smoothing::Bilateral),
+                ("low-pass filter", Smoothing::Laplacian),
+                ("without filters", Smoothing::None),
+            ] {
+                let options = RecoverMaterialOptions { smoothing, seed, ..options(Guiding::Off) };
+                bench.run(ctx, &format!("{method}, seed {seed}"), &options)?;
+            }
+        }
+    }
+    ctx.note(format!("{STEPS} steps in two rounds without guides; errors as in the suite `material`."));
     Ok(())
 }
 
@@ -119,7 +143,7 @@ impl Bench<'_> {
                 RecoverMaterialOptions { keep_environment: true, environment: sky, ..plain.clone() },
             ),
             ("without filters", RecoverMaterialOptions { smoothing: Smoothing::None, ..plain.clone() }),
-            ("low-pass filter", RecoverMaterialOptions { smoothing: Smoothing::Laplacian, ..plain.clone() }),
+            ("bilateral filter", RecoverMaterialOptions { smoothing: Smoothing::Bilateral, ..plain.clone() }),
             ("one round", RecoverMaterialOptions { rounds: 1, ..plain.clone() }),
             ("flow without position", flow(FlowOptions { spatial: false, ..FlowOptions::default() })),
             ("flow without direction", flow(FlowOptions { directional: false, ..FlowOptions::default() })),

@@ -121,9 +121,9 @@ pub(crate) enum TextureSmoothing {
 // How a fit through the path tracer goes; a doc comment would become that of the command.
 #[derive(Args, Debug)]
 pub(crate) struct TracedFit {
-    /// How steps of textures and grids are smoothed.
-    #[arg(long, value_name = "HOW", value_enum, default_value = "bilateral")]
-    pub(crate) smoothing: TextureSmoothing,
+    /// How steps of textures and grids are smoothed [default: laplacian for materials of a mesh, else bilateral].
+    #[arg(long, value_name = "HOW", value_enum)]
+    pub(crate) smoothing: Option<TextureSmoothing>,
     /// Steps of the fit, all its parts together; fewer are made when the picture stops improving [range: at least 0].
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = whole::<u64>(0..))]
     pub(crate) steps: u64,

@@ -144,6 +144,26 @@ impl Trial {
         self
     }
 
+    /// Both, of one picture: this one's `n` samples a pixel and the other's `m`, without records.
+    pub(super) fn then(self, other: Self, n: u32, m: u32) -> Self {
+        if n == 0 {
+            return other;
+        }
+        let (n, m) = (f64::from(n), f64::from(m));
+        // The sum of squares around the mean of all (Chan et al. 1983).
+        let pixel = |(a, b): (&[f64; 2], &[f64; 2])| {
+            let step = b[0] - a[0];
+            let squares = (n - 1.0) * a[1] + (m - 1.0) * b[1] + step * step * n * m / (n + m);
+            [a[0] + step * m / (n + m), squares / (n + m - 1.0)]
+        };
+        Self {
+            pixels: self.pixels.iter().zip(&other.pixels).map(pixel).collect(),
+            paths: self.paths + other.paths,
+            work: self.work + other.work,
+            ..self
+        }
+    }
+
     /// The box around the vertices.
     pub(super) fn bounds(&self) -> (Vec3f, Vec3f) {
         box_of(self.records.iter().map(|r| r.query.position))

@@ -47,6 +47,12 @@ impl GuidingReport {
         Self { guiding, used, found, gain, variance_ratio, work_ratio, paths: 0, records: 0, seconds: 0.0 }
     }
 
+    /// Whether a first look is enough: the guide loses clearly, and would have to gain. (Few paths tell too little of the variance
+    /// where light is rare, which is where guides pay: the bound lies well below 1.)
+    pub(super) fn is_lost(&self) -> bool {
+        !self.used && self.found == [true; 2] && self.gain < 0.85
+    }
+
     /// One sentence for people.
     pub fn sentence(&self) -> String {
         let Self { variance_ratio, work_ratio, gain, .. } = self;

@@ -267,6 +267,40 @@ fn training_is_a_part_of_the_picture() {
 }
 
 #[test]
+fn a_guide_that_loses_costs_an_eighth_of_the_picture() {
+    let world = open();
+    let view = {
+        let eye = Vec3::new(0.0, 1.0, 2.0);
+        View::pinhole(&Camera::look_at(eye, Vec3::ZERO, Vec3::Y, 0.8, 1.0, 0.01, 10.0))
+    };
+    for (guiding, spp) in [(Guiding::Lobes, 256), (Guiding::Lobes, 512), (Guiding::Flow, 256)] {
+        let renderer = Renderer::new(&world, &view, options(96, spp, 1)).unwrap();
+        let stage = GuidingOptions::for_picture(guiding, renderer.options());
+        let guidance = Guidance::train(&renderer, &stage, || false).unwrap();
+        let report = guidance.report().unwrap();
+        let all = u64::from(spp) * 96 * 96;
+        assert!(!report.used && report.gain < 0.85, "{}", report.sentence());
+        assert!(8 * report.paths < all, "{guiding:?}: {} of {all} paths", report.paths);
+        let look = u64::from(stage.rehearsal / LOOK);
+        let side = stage.side as u64;
+        assert_eq!(report.paths, ((1 << stage.rounds) - 1 + 2 * look) * side * side, "{}", report.sentence());
+    }
+}
+
+#[test]
+fn trials_of_one_picture_are_that_of_all_samples() {
+    let world = rooms();
+    let renderer = Renderer::new(&world, &inside(), options(8, 4, 1)).unwrap();
+    let part =
+        |first, count| Rehearsal::new(&renderer, first, count).without_records().run(&ScatteringSampler);
+    let (whole, both) = (part(0, 12), part(0, 3).then(part(3, 9), 3, 9));
+    assert_eq!((whole.paths, whole.work, whole.columns), (both.paths, both.work, both.columns));
+    for (a, b) in whole.pixels.iter().flatten().zip(both.pixels.iter().flatten()) {
+        assert!((a - b).abs() <= 1e-9 * a.abs(), "{a} {b}");
+    }
+}
+
+#[test]
 fn training_stops_where_it_is_told_to() {
     let world = rooms();
     let renderer = Renderer::new(&world, &inside(), options(16, 4, 1)).unwrap();

@@ -27,7 +27,7 @@ pub(super) struct Example {
 /// Gradients of a chunk.
 struct Gradient {
     network: Vec<f32>,
-    /// Of the grid's features, record by record.
+    /// Of the features of positions, record by record.
     features: Vec<[f32; CONDITION_MAX]>,
 }
 
@@ -69,7 +69,7 @@ impl FlowGuide {
             batch.par_chunks(CHUNK).map(|chunk| self.gradient(chunk, scale, batch.len())).collect();
         let mut network = vec![0.0; self.live.network.len()];
         let mut table = vec![0.0; self.live.table.len()];
-        let count = self.options.grid.features();
+        let count = self.options.encoding.features();
         for (gradient, examples) in chunks.iter().zip(batch.chunks(CHUNK)) {
             for (sum, g) in network.iter_mut().zip(&gradient.network) {
                 *sum += *g;
@@ -77,7 +77,7 @@ impl FlowGuide {
             if self.options.spatial {
                 for (g, e) in gradient.features.iter().zip(examples) {
                     let place = self.place(e.record.query.position);
-                    self.options.grid.forward_vjp(place, &g[..count], &mut table);
+                    self.options.encoding.forward_vjp(&self.live.table, place, &g[..count], &mut table);
                 }
             }
         }
@@ -92,6 +92,36 @@ impl FlowGuide {
 
     /// Gradient of `-w ln q / n` with `w` detached: half of it for the flow, half for its mixture.
     fn gradient(&self, chunk: &[Example], scale: f32, n: usize) -> Gradient {
+        #[cfg(target_arch = "x86_64")]
+        {
+            if std::arch::is_x86_feature_detected!("avx512f") {
+                #[expect(unsafe_code, reason = "calling a function compiled for AVX-512")]
+                // SAFETY: the feature was just detected.
+                return unsafe { self.gradient_avx512(chunk, scale, n) };
+            }
+            if std::arch::is_x86_feature_detected!("avx2") {
+                #[expect(unsafe_code, reason = "calling a function compiled for AVX2")]
+                // SAFETY: the feature was just detected.
+                return unsafe { self.gradient_avx2(chunk, scale, n) };
+            }
+        }
+        self.gradient_any(chunk, scale, n)
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx512f")]
+    fn gradient_avx512(&self, chunk: &[Example], scale: f32, n: usize) -> Gradient {
+        self.gradient_any(chunk, scale, n)
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn gradient_avx2(&self, chunk: &[Example], scale: f32, n: usize) -> Gradient {
+        self.gradient_any(chunk, scale, n)
+    }
+
+    #[inline(always)]
+    fn gradient_any(&self, chunk: &[Example], scale: f32, n: usize) -> Gradient {
         let couplings = &self.couplings;
         let mut out = Gradient {
             network: vec![0.0; self.live.network.len()],
@@ -101,7 +131,7 @@ impl FlowGuide {
         let (network, head) = self.live.network.split_at(couplings.len());
         for (e, g_features) in chunk.iter().zip(&mut out.features) {
             let weight = (e.weight * scale).min(WEIGHT_MAX) / n as f32;
-            let local = self.local_with(&self.live, &e.record.query);
+            let local = self.features(&self.live, &e.record.query);
             let share = local.share;
             let flow = local.chart.point(e.record.wi).map_or(0.0, |(x, density)| {
                 let towards = |log: f32| {

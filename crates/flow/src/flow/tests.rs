@@ -1,7 +1,7 @@
 //! The flow as a guide: densities, training, ablations, stress.
 
 use super::*;
-use crate::grid::Grid;
+use crate::{Grid, Tensor};
 use photofit_sampling::{chi_square, cosine_hemisphere, cosine_hemisphere_pdf};
 use photofit_scalar::vec3;
 use std::f32::consts::{PI, TAU};
@@ -128,6 +128,9 @@ fn training_lowers_the_cross_entropy_and_every_condition_helps() {
     let directional = trained(FlowOptions { directional: false, ..options }, &data).cross_entropy(&held_out);
     assert!(spatial > full + 0.1, "without positions {spatial}, with {full}");
     assert!(directional > full + 0.1, "without directions {directional}, with {full}");
+    let tensor = FlowOptions { encoding: Encoding::Tensor(Tensor::default()), ..options };
+    let tensor = trained(tensor, &data).cross_entropy(&held_out);
+    assert!(tensor < spatial - 0.1, "planes and lines: {tensor}, without positions {spatial}");
     let rational = FlowOptions { family: Family::Rational, bins: 10, ..options };
     let rational = trained(rational, &data).cross_entropy(&held_out);
     assert!(rational < untrained - 0.8, "rational quadratic: {rational}");
@@ -181,14 +184,17 @@ fn shares_follow_what_pays() {
         r.pdf = wo.z / (4.0 * radius * radius);
         r.value = r.pdf;
     }
-    let at = query(Vec3f::splat(0.5), 0.3);
+    // The mean over places: at a single one it depends on the seed.
     let share = |data: &[Record]| {
         let guide = trained(FlowOptions { passes: 3, ..FlowOptions::default() }, data);
-        guide.share(&guide.local(&at))
+        let place = |k: i32| {
+            query(vec3(k as f32 % 3.0, (k / 3) as f32 % 3.0, (k / 9) as f32) * 0.4 + Vec3f::splat(0.1), 0.3)
+        };
+        (0..27).map(|k| guide.share(&guide.local(&place(k)))).sum::<f32>() / 27.0
     };
     let (bright, mirror) = (share(&bright), share(&mirror));
-    assert!(bright > 0.45, "{bright}");
-    assert!(mirror < 0.25, "{mirror}");
+    assert!(bright > 0.43, "{bright}");
+    assert!(mirror < 0.1, "{mirror}");
 }
 
 #[test]
@@ -256,8 +262,9 @@ fn settings_outside_their_ranges_are_refused() {
         FlowOptions { bins: 0, ..FlowOptions::default() },
         FlowOptions { bins: 32, ..FlowOptions::default() },
         FlowOptions { layers: 5, ..FlowOptions::default() },
-        FlowOptions { grid: Grid { entries: 1000, ..grid }, ..FlowOptions::default() },
-        FlowOptions { grid: Grid { levels: 20, ..grid }, ..FlowOptions::default() },
+        FlowOptions { encoding: Encoding::Hash(Grid { entries: 1000, ..grid }), ..FlowOptions::default() },
+        FlowOptions { encoding: Encoding::Hash(Grid { levels: 20, ..grid }), ..FlowOptions::default() },
+        FlowOptions { encoding: Encoding::Tensor(Tensor { nodes: 1 }), ..FlowOptions::default() },
         FlowOptions { batch: 0, ..FlowOptions::default() },
     ] {
         let error = FlowGuide::new(Vec3f::zero(), Vec3f::splat(1.0), options).unwrap_err();

@@ -2,8 +2,9 @@
 //! become vector instructions.
 
 use super::vmf::{KAPPA, KAPPA_COSINE, Lobe, NORM_COSINE};
+use crate::elementary::exp;
 use photofit_scalar::{Vec3f, vec3};
-use std::f32::consts::{LN_2, LOG2_E, TAU};
+use std::f32::consts::TAU;
 
 /// Lobes of a mixture.
 pub(super) const LOBES: usize = 8;
@@ -26,23 +27,6 @@ pub(super) struct Mixture {
 #[inline(always)]
 fn each(f: impl Fn(usize) -> f32) -> Each {
     std::array::from_fn(f)
-}
-
-/// `e^x` for `x` up to 80, with a relative error below 3e-7: no branch and no call.
-#[inline(always)]
-fn exp(x: f32) -> f32 {
-    /// Its last binary digit counts ones.
-    const SHIFT: f32 = 12_582_912.0;
-    /// `LN_2` in two parts, the first of few digits.
-    const LN_2_HIGH: f32 = 0.693_359_4;
-    const LN_2_LOW: f32 = LN_2 - LN_2_HIGH - 1.904_654_3e-9;
-    let x = x.max(-87.0);
-    let shifted = x * LOG2_E + SHIFT;
-    let n = shifted - SHIFT;
-    let r = x - n * LN_2_HIGH - n * LN_2_LOW;
-    let tail = 0.5 + r * (1.666_666_5e-1 + r * (4.166_579_6e-2 + r * (8.333_452e-3 + r * 1.398_2e-3)));
-    let power = f32::from_bits((shifted.to_bits() << 23).wrapping_add(1.0_f32.to_bits()));
-    (1.0 + r + r * r * tail) * power
 }
 
 impl Mixture {
@@ -135,17 +119,6 @@ fn sum(v: &Each) -> f32 {
 mod tests {
     use super::*;
     use photofit_sampling::{Rng, uniform_sphere};
-
-    #[test]
-    fn exponentials_are_as_near_as_stated() {
-        let worst = (-8600..=8000).map(|i| {
-            let x = i as f32 * 0.01;
-            (f64::from(exp(x)) / f64::from(x).exp() - 1.0).abs()
-        });
-        let worst = worst.fold(0.0, f64::max);
-        assert!(worst < 3e-7, "{worst:.1e}");
-        assert!(exp(-1e30) < 2e-38 && exp(f32::NEG_INFINITY) < 2e-38 && exp(0.0) == 1.0);
-    }
 
     /// Eight times the same lobe.
     fn alike(lobe: Lobe) -> Mixture {

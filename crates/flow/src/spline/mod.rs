@@ -6,10 +6,15 @@ mod rational;
 pub use quadratic::Quadratic;
 pub use rational::Rational;
 
-use photofit_scalar::Real;
+use crate::elementary::exp;
+use photofit_scalar::{Real, halved_sum};
 
 /// Most bins of a spline.
 pub const BINS_MAX: usize = 31;
+/// Numbers of a vector: what is computed for all bins is computed for whole vectors, of which the last may be part empty.
+const LANES: usize = 16;
+/// Knots of most bins: whole vectors.
+const KNOTS: usize = BINS_MAX + 1;
 
 /// Which family of monotone functions warps a coordinate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -44,8 +49,8 @@ impl<T: Real> Spline<T> {
     /// The spline of `logits` ([`Family::logits`] of them, finite).
     ///
     /// # Panics
-    /// If there are more than [`BINS_MAX`] bins, or fewer logits than that.
-    #[inline]
+    /// If there are no bins, more than [`BINS_MAX`] of them, or fewer logits than they need.
+    #[inline(always)]
     pub fn new(family: Family, bins: usize, logits: &[T]) -> Self {
         match family {
             Family::Quadratic => Self::Quadratic(Quadratic::new(bins, logits)),
@@ -54,7 +59,7 @@ impl<T: Real> Spline<T> {
     }
 
     /// `(u, du/dx)` at `x` in `[0, 1]`.
-    #[inline]
+    #[inline(always)]
     pub fn forward(&self, x: T) -> (T, T) {
         match self {
             Self::Quadratic(s) => s.forward(x),
@@ -63,7 +68,7 @@ impl<T: Real> Spline<T> {
     }
 
     /// `(x, du/dx)` at which [`Self::forward`] gives `u` in `[0, 1]`.
-    #[inline]
+    #[inline(always)]
     pub fn inverse(&self, u: T) -> (T, T) {
         match self {
             Self::Quadratic(s) => s.inverse(u),
@@ -73,6 +78,7 @@ impl<T: Real> Spline<T> {
 
     /// Vector-Jacobian product of `(u, ln du/dx)` at `x` for the gradients `[g_u, g_ln]`: adds to those of the logits, and
     /// returns that of `x`.
+    #[inline(always)]
     pub fn forward_vjp(&self, x: T, g: [T; 2], logits: &mut [T]) -> T {
         match self {
             Self::Quadratic(s) => s.forward_vjp(x, g, logits),
@@ -81,22 +87,73 @@ impl<T: Real> Spline<T> {
     }
 }
 
-/// `floor + (1 - n floor) softmax(logits)` into `out`.
+/// Logits in whole vectors, with room behind for the vector that begins at the last one.
+type Logits<T> = [T; (3 * BINS_MAX + 1).next_multiple_of(LANES) + LANES];
+
+/// The first logits of a slice.
 #[inline(always)]
-fn shares<T: Real>(logits: &[T], floor: T, out: &mut [T]) {
-    let largest = logits.iter().fold(T::neg_infinity(), |a, b| a.max(*b));
-    let mut sum = T::zero();
-    for (o, l) in out.iter_mut().zip(logits) {
-        *o = (*l - largest).exp();
-        sum += *o;
+fn padded<T: Real>(logits: &[T]) -> Logits<T> {
+    let mut out = [T::zero(); (3 * BINS_MAX + 1).next_multiple_of(LANES) + LANES];
+    let (vectors, rest) = logits.as_chunks::<LANES>();
+    let mut slots = out.as_chunks_mut::<LANES>().0.iter_mut();
+    for (from, to) in vectors.iter().zip(slots.by_ref()) {
+        *to = *from;
     }
-    let scale = (T::one() - T::of(logits.len() as f64) * floor) / sum;
-    for o in out.iter_mut().take(logits.len()) {
-        *o = floor + *o * scale;
+    if let Some(slot) = slots.next() {
+        slot.iter_mut().zip(rest).for_each(|(to, from)| *to = *from);
+    }
+    out
+}
+
+/// Exponentials of the `n` logits from `first` on, over that of the largest, at least `e^least`, and zeros behind them.
+#[inline(always)]
+fn exponentials<T: Real>(logits: &Logits<T>, first: usize, n: usize, least: T, out: &mut [T; KNOTS]) {
+    let vectors = n.div_ceil(LANES);
+    let mut largest = [T::neg_infinity(); LANES];
+    for c in 0..vectors {
+        let from = &logits[first + c * LANES..][..LANES];
+        for k in 0..LANES {
+            let l = if c * LANES + k < n { from[k] } else { T::neg_infinity() };
+            largest[k] = if l > largest[k] { l } else { largest[k] };
+        }
+    }
+    let mut half = LANES / 2;
+    while half > 0 {
+        for k in 0..half {
+            largest[k] = if largest[k + half] > largest[k] { largest[k + half] } else { largest[k] };
+        }
+        half /= 2;
+    }
+    for (c, out) in out.as_chunks_mut::<LANES>().0.iter_mut().enumerate().take(vectors) {
+        let from = &logits[first + c * LANES..][..LANES];
+        for k in 0..LANES {
+            let l = from[k] - largest[0];
+            let e = exp(if l > least { l } else { least });
+            out[k] = if c * LANES + k < n { e } else { T::zero() };
+        }
+    }
+}
+
+/// `floor + (1 - n floor) softmax` of the `n` logits from `first` on into `out`, zeros behind them.
+#[inline(always)]
+fn shares<T: Real>(logits: &Logits<T>, first: usize, n: usize, floor: T, out: &mut [T; KNOTS]) {
+    exponentials(logits, first, n, T::of(-80.0), out);
+    let mut sum = [T::zero(); LANES];
+    for out in out.as_chunks::<LANES>().0 {
+        for k in 0..LANES {
+            sum[k] += out[k];
+        }
+    }
+    let scale = (T::one() - T::of(n as f64) * floor) / halved_sum(sum);
+    for (c, out) in out.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
+        for k in 0..LANES {
+            out[k] = if c * LANES + k < n { floor + out[k] * scale } else { T::zero() };
+        }
     }
 }
 
 /// Vector-Jacobian product of [`shares`] at its output `w`: adds to the gradients of the logits.
+#[inline(always)]
 fn shares_vjp<T: Real>(w: &[T], floor: T, g: &[T], logits: &mut [T]) {
     // With s = (w - floor) / (1 - n floor), the factor of s cancels against that of dw/ds.
     let rest = T::one() - T::of(w.len() as f64) * floor;
@@ -106,11 +163,18 @@ fn shares_vjp<T: Real>(w: &[T], floor: T, g: &[T], logits: &mut [T]) {
     }
 }
 
-/// The last index of ascending `knots` (of which the first is below all `x`) that is at most `x`, among the first `n`.
+/// The last of the `n` bins between ascending `knots`, whose first is zero, that begins at or below `x`; behind the knots
+/// stand infinities.
 #[inline(always)]
-fn bin<T: Real>(knots: &[T], n: usize, x: T) -> usize {
-    // Without branches: the count of inner knots at or below x.
-    knots[1..n].iter().map(|k| usize::from(*k <= x)).sum()
+fn bin<T: Real>(knots: &[T; KNOTS], n: usize, x: T) -> usize {
+    // Without branches: the count of knots at or below x.
+    let mut count = [0_u32; LANES];
+    for knots in &knots.as_chunks::<LANES>().0[..(n + 1).div_ceil(LANES)] {
+        for k in 0..LANES {
+            count[k] += u32::from(knots[k] <= x);
+        }
+    }
+    (count.iter().sum::<u32>().saturating_sub(1) as usize).min(n - 1)
 }
 
 #[cfg(test)]

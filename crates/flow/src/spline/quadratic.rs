@@ -1,6 +1,6 @@
 //! The piecewise linear density with its piecewise quadratic distribution.
 
-use super::{BINS_MAX, bin, shares, shares_vjp};
+use super::{BINS_MAX, KNOTS, bin, exponentials, padded, shares, shares_vjp};
 use photofit_scalar::Real;
 
 /// Least width of a bin, as a share of a uniform one.
@@ -13,13 +13,13 @@ const WIDTH_MIN: f64 = 1e-3;
 #[derive(Clone, Debug)]
 pub struct Quadratic<T> {
     bins: usize,
-    /// Widths.
-    w: [T; BINS_MAX],
-    /// Density at the knots.
-    v: [T; BINS_MAX + 1],
-    /// Knots, and the distribution at them.
-    x: [T; BINS_MAX + 1],
-    c: [T; BINS_MAX + 1],
+    /// Widths; zeros behind them.
+    w: [T; KNOTS],
+    /// Density at the knots; zeros behind them.
+    v: [T; KNOTS],
+    /// Knots, and the distribution at them; infinities behind them.
+    x: [T; KNOTS],
+    c: [T; KNOTS],
 }
 
 impl<T: Real> Quadratic<T> {
@@ -27,34 +27,40 @@ impl<T: Real> Quadratic<T> {
     ///
     /// # Panics
     /// As [`super::Spline::new`].
-    #[inline]
+    #[inline(always)]
     pub fn new(bins: usize, logits: &[T]) -> Self {
-        let zero = T::zero();
-        let (mut w, mut v) = ([zero; BINS_MAX], [zero; BINS_MAX + 1]);
-        let (mut x, mut c) = ([zero; BINS_MAX + 1], [zero; BINS_MAX + 1]);
-        shares(&logits[..bins], floor(bins), &mut w);
-        let heights = &logits[bins..=2 * bins];
-        let largest = heights.iter().fold(T::neg_infinity(), |a, b| a.max(*b));
-        for (v, l) in v.iter_mut().zip(heights) {
-            // The floor keeps densities far from zero, where logarithms and roots lose their digits.
-            *v = (*l - largest).max(T::of(-20.0)).exp();
+        assert!(
+            (1..=BINS_MAX).contains(&bins) && logits.len() > 2 * bins,
+            "{} logits of {bins} bins",
+            logits.len()
+        );
+        let logits = padded(logits);
+        let (mut w, mut v) = ([T::zero(); KNOTS], [T::zero(); KNOTS]);
+        let (mut x, mut c) = ([T::infinity(); KNOTS], [T::infinity(); KNOTS]);
+        shares(&logits, 0, bins, floor(bins), &mut w);
+        // The least logit keeps densities far from zero, where logarithms and roots lose their digits.
+        exponentials(&logits, bins, bins + 1, T::of(-20.0), &mut v);
+        let mut area = [T::zero(); KNOTS];
+        for b in 0..BINS_MAX {
+            area[b] = T::of(0.5) * (v[b] + v[b + 1]) * w[b];
         }
-        let half = T::of(0.5);
+        let (mut at, mut mass) = (T::zero(), T::zero());
+        (x[0], c[0]) = (at, mass);
         for b in 0..bins {
-            x[b + 1] = x[b] + w[b];
-            c[b + 1] = c[b] + half * (v[b] + v[b + 1]) * w[b];
+            (at, mass) = (at + w[b], mass + area[b]);
+            (x[b + 1], c[b + 1]) = (at, mass);
         }
-        let scale = T::one() / c[bins];
-        for b in 0..=bins {
-            v[b] *= scale;
-            c[b] *= scale;
+        let scale = T::one() / mass;
+        for k in 0..KNOTS {
+            v[k] *= scale;
+            c[k] *= scale;
         }
         (x[bins], c[bins]) = (T::one(), T::one());
         Self { bins, w, v, x, c }
     }
 
     /// `(u, du/dx)`.
-    #[inline]
+    #[inline(always)]
     pub fn forward(&self, x: T) -> (T, T) {
         let b = bin(&self.x, self.bins, x);
         let a = ((x - self.x[b]) / self.w[b]).clamp_to(T::zero(), T::one());
@@ -64,7 +70,7 @@ impl<T: Real> Quadratic<T> {
     }
 
     /// `(x, du/dx)` at `u`, by the root of the quadratic that does not cancel.
-    #[inline]
+    #[inline(always)]
     pub fn inverse(&self, u: T) -> (T, T) {
         let b = bin(&self.c, self.bins, u);
         let y = (u - self.c[b]).max(T::zero());
@@ -77,6 +83,7 @@ impl<T: Real> Quadratic<T> {
     }
 
     /// See [`super::Spline::forward_vjp`].
+    #[inline(always)]
     pub fn forward_vjp(&self, x: T, [g_u, g_ln]: [T; 2], logits: &mut [T]) -> T {
         let (k, half) = (self.bins, T::of(0.5));
         let b = bin(&self.x, k, x);

@@ -1,6 +1,7 @@
 //! The piecewise rational quadratic distribution.
 
-use super::{BINS_MAX, bin, shares, shares_vjp};
+use super::{BINS_MAX, KNOTS, bin, padded, shares, shares_vjp};
+use crate::elementary::exp;
 use photofit_scalar::Real;
 
 /// Least width and height of a bin, as a share of a uniform one, and least density at a knot.
@@ -17,11 +18,12 @@ const SLOPE_ONE: f64 = 0.539_743;
 #[derive(Clone, Debug)]
 pub struct Rational<T> {
     bins: usize,
-    w: [T; BINS_MAX],
-    h: [T; BINS_MAX],
+    w: [T; KNOTS],
+    h: [T; KNOTS],
     d: [T; BINS_MAX + 1],
-    x: [T; BINS_MAX + 1],
-    c: [T; BINS_MAX + 1],
+    /// Knots, and the distribution at them; infinities behind them.
+    x: [T; KNOTS],
+    c: [T; KNOTS],
     /// Derivatives of the slopes by their logits.
     d_logit: [T; BINS_MAX + 1],
 }
@@ -71,20 +73,27 @@ impl<T: Real> Rational<T> {
     ///
     /// # Panics
     /// As [`super::Spline::new`].
-    #[inline]
+    #[inline(always)]
     pub fn new(bins: usize, logits: &[T]) -> Self {
+        assert!(
+            (1..=BINS_MAX).contains(&bins) && logits.len() > 3 * bins,
+            "{} logits of {bins} bins",
+            logits.len()
+        );
         let zero = T::zero();
-        let (mut w, mut h) = ([zero; BINS_MAX], [zero; BINS_MAX]);
+        let (mut w, mut h) = ([zero; KNOTS], [zero; KNOTS]);
         let (mut d, mut d_logit) = ([zero; BINS_MAX + 1], [zero; BINS_MAX + 1]);
-        let (mut x, mut c) = ([zero; BINS_MAX + 1], [zero; BINS_MAX + 1]);
-        shares(&logits[..bins], floor(bins), &mut w);
-        shares(&logits[bins..2 * bins], floor(bins), &mut h);
+        let (mut x, mut c) = ([T::infinity(); KNOTS], [T::infinity(); KNOTS]);
+        let vectors = padded(logits);
+        shares(&vectors, 0, bins, floor(bins), &mut w);
+        shares(&vectors, bins, bins, floor(bins), &mut h);
         for (i, l) in logits[2 * bins..=3 * bins].iter().enumerate() {
             let l = *l + T::of(SLOPE_ONE);
-            let e = (-l.abs()).exp();
+            let e = exp(-l.abs());
             d[i] = T::of(SLOPE_MIN) + l.relu() + e.ln_1p();
             d_logit[i] = if l > zero { T::one() / (T::one() + e) } else { e / (T::one() + e) };
         }
+        (x[0], c[0]) = (zero, zero);
         for b in 0..bins {
             x[b + 1] = x[b] + w[b];
             c[b + 1] = c[b] + h[b];
@@ -99,7 +108,7 @@ impl<T: Real> Rational<T> {
     }
 
     /// `(u, du/dx)`.
-    #[inline]
+    #[inline(always)]
     pub fn forward(&self, x: T) -> (T, T) {
         let b = bin(&self.x, self.bins, x);
         let a = ((x - self.x[b]) / self.w[b]).clamp_to(T::zero(), T::one());
@@ -108,7 +117,7 @@ impl<T: Real> Rational<T> {
     }
 
     /// `(x, du/dx)` at `u`, by the root of the quadratic that does not cancel.
-    #[inline]
+    #[inline(always)]
     pub fn inverse(&self, u: T) -> (T, T) {
         let b = bin(&self.c, self.bins, u);
         let y = (u - self.c[b]).clamp_to(T::zero(), self.h[b]);
@@ -122,6 +131,7 @@ impl<T: Real> Rational<T> {
     }
 
     /// See [`super::Spline::forward_vjp`].
+    #[inline(always)]
     pub fn forward_vjp(&self, x: T, [g_u, g_ln]: [T; 2], logits: &mut [T]) -> T {
         let k = self.bins;
         let b = bin(&self.x, k, x);

@@ -1,0 +1,140 @@
+//! Nanoseconds of the learned samplers on one thread: a sample, a density, and the parts that they are made of.
+
+use anyhow::Result;
+use photofit_flow::network::{Hidden, Network};
+use photofit_flow::spline::{Family, Spline};
+use photofit_flow::{
+    Chart, Domain, Encoding, FlowGuide, FlowOptions, Guide, LobeGuide, LobeOptions, Query, Tensor,
+};
+use photofit_sampling::Rng;
+use photofit_scalar::{Vec3f, vec3};
+
+use crate::context::Context;
+use crate::timing;
+
+/// Vertices of a timed pass.
+const VERTICES: usize = 1 << 10;
+/// Bytes that are read between two answers: more than the first cache holds.
+const OTHER: usize = 1 << 16;
+/// The features of positions beside the default ones.
+const TENSOR: Encoding = Encoding::Tensor(Tensor { nodes: 50 });
+/// The density is asked for in this direction.
+const DIRECTION: Vec3f = vec3(0.6, 0.0, 0.8);
+
+pub(crate) fn run(ctx: &mut Context) -> Result<()> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    pool.install(|| {
+        let plain = FlowOptions::default();
+        parts(ctx, plain);
+        let rational = FlowOptions { family: Family::Rational, bins: 10, ..plain };
+        for (name, options) in [
+            ("flow, 15 bins", plain),
+            ("flow, planes and lines", FlowOptions { encoding: TENSOR, ..plain }),
+            ("flow, 31 bins", FlowOptions { bins: 31, ..plain }),
+            ("flow, rational, 10 bins", rational),
+        ] {
+            let mut guide = FlowGuide::new(Vec3f::zero(), Vec3f::splat(1.0), options)?;
+            guide.randomize(0.2, 1);
+            whole(ctx, name, &guide);
+        }
+        whole(ctx, "lobes", &LobeGuide::new(LobeOptions::default()));
+        among_others(ctx, &FlowGuide::new(Vec3f::zero(), Vec3f::splat(1.0), plain)?);
+        ctx.note(format!(
+            "One thread, {VERTICES} vertices at random places; weights of the flow are random. \"Sample\" and \"density\" include \
+             the features of the vertex, \"at a vertex\" leaves them out. A sample or a density needs the network, a spline \
+             and its use twice, the grid and the chart once."
+        ));
+        Ok(())
+    })
+}
+
+fn vertices() -> Vec<(Query, [f32; 2])> {
+    let mut rng = Rng::new(1, 0);
+    let normal = vec3(0.0, 0.0, 1.0);
+    (0..VERTICES)
+        .map(|_| {
+            let position = vec3(rng.next_f32(), rng.next_f32(), rng.next_f32());
+            let wo = photofit_sampling::cosine_hemisphere([rng.next_f32(), rng.next_f32()]);
+            (Query { position, normal, wo, roughness: 1.0 }, [rng.next_f32(), rng.next_f32()])
+        })
+        .collect()
+}
+
+/// Times one pass over all vertices and records what one of them takes.
+fn each(ctx: &mut Context, method: &str, case: &str, work: impl FnMut() -> f32) {
+    let (timing, _) = timing::time(work);
+    ctx.record(method, case, VERTICES, timing, vec![("ns", 1e9 * timing.median / VERTICES as f64)]);
+}
+
+/// A sample and a density, with the features of the vertex and without.
+fn whole<G: Guide>(ctx: &mut Context, name: &str, guide: &G) {
+    let at = vertices();
+    let locals: Vec<(G::Local, [f32; 2])> = at.iter().map(|(q, u)| (guide.local(q), *u)).collect();
+    each(ctx, name, "sample", || {
+        at.iter().filter_map(|(q, u)| guide.sample(&guide.local(q), *u)).map(|s| s.1).sum()
+    });
+    each(ctx, name, "density", || at.iter().map(|(q, _)| guide.pdf(&guide.local(q), DIRECTION)).sum());
+    each(ctx, name, "sample at a vertex", || {
+        locals.iter().filter_map(|(l, u)| guide.sample(l, *u)).map(|s| s.1).sum()
+    });
+    each(ctx, name, "density at a vertex", || locals.iter().map(|(l, _)| guide.pdf(l, DIRECTION)).sum());
+}
+
+/// A density where other memory is read between answers, as a path does: what answers for many vertices at once could save.
+fn among_others(ctx: &mut Context, guide: &FlowGuide) {
+    let locals: Vec<_> = vertices().iter().map(|(q, _)| guide.local(q)).collect();
+    let memory = vec![1.0_f32; OTHER / size_of::<f32>()];
+    let read = |first: usize| memory.iter().skip(first % 16).step_by(16).sum::<f32>();
+    each(ctx, "other memory", "read", || (0..VERTICES).map(read).sum());
+    each(ctx, "other memory", "read, then a density", || {
+        locals.iter().enumerate().map(|(i, l)| read(i) + guide.pdf(l, DIRECTION)).sum()
+    });
+}
+
+/// The parts of a flow of these options.
+fn parts(ctx: &mut Context, options: FlowOptions) {
+    let mut rng = Rng::new(2, 0);
+    let mut random =
+        |n: usize, spread: f32| -> Vec<f32> { (0..n).map(|_| rng.uniform(-spread, spread)).collect() };
+    let at = vertices();
+    for (name, encoding) in [("hash grid", options.encoding), ("planes and lines", TENSOR)] {
+        let table = random(encoding.len(), 1.0);
+        let mut features = vec![0.0; encoding.features()];
+        each(ctx, "parts", name, || {
+            let sums = at.iter().map(|(q, _)| {
+                encoding.forward(&table, q.position.to_array(), &mut features);
+                features[0]
+            });
+            sums.sum()
+        });
+    }
+    let logits = options.family.logits(options.bins);
+    let network = Network { inputs: 30, outputs: logits.next_multiple_of(photofit_flow::network::LANES) };
+    let (weights, input) = (random(network.len(), 0.2), random(30 + VERTICES, 1.0));
+    let (mut hidden, mut outputs) = (Hidden::default(), vec![0.0; network.outputs]);
+    each(ctx, "parts", "network", || {
+        let sums = (0..VERTICES).map(|i| {
+            network.forward(&weights, &input[i..i + network.inputs], &mut hidden, &mut outputs);
+            outputs[0]
+        });
+        sums.sum()
+    });
+    let logits = random(logits + VERTICES, 2.0);
+    each(ctx, "parts", "spline and a point", || {
+        (0..VERTICES)
+            .map(|i| Spline::new(options.family, options.bins, &logits[i..]).forward(at[i].1[0]).1)
+            .sum()
+    });
+    each(ctx, "parts", "spline and its inverse", || {
+        (0..VERTICES)
+            .map(|i| Spline::new(options.family, options.bins, &logits[i..]).inverse(at[i].1[0]).1)
+            .sum()
+    });
+    let chart = |q: &Query| Chart::new(Domain::Hemisphere, q.normal, q.wo, 1.0);
+    each(ctx, "parts", "chart and a direction", || {
+        at.iter().filter_map(|(q, u)| chart(q).direction(*u)).map(|d| d.0.x).sum()
+    });
+    each(ctx, "parts", "chart and a point", || {
+        at.iter().filter_map(|(q, _)| chart(q).point(q.wo)).map(|p| p.0[0]).sum()
+    });
+}
