@@ -3,7 +3,10 @@
 //! Where materials need what the rasterizer lacks (coats, sheen, glass and so on) reference and candidates are path
 //! traced, extensions included.
 
+mod flicker;
 mod moments;
+
+pub use flicker::flicker;
 
 use super::animated::Animated;
 use super::asset::Normalised;

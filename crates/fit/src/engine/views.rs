@@ -20,6 +20,9 @@ const STREAM_TRAIN: u64 = 1 << 32;
 const STREAM_HELD_OUT: u64 = 2 << 32;
 const STREAM_REPORT: u64 = 3 << 32;
 const STREAM_BACKGROUND: u64 = 4 << 32;
+const STREAM_SIZE: u64 = 5 << 32;
+/// Its multiples, whole parts dropped, spread evenly, whatever their number.
+const GOLDEN: f64 = 0.618_033_988_749_895;
 
 /// Where the light of a fit comes from.
 #[derive(Clone, Debug, Default)]
@@ -275,6 +278,9 @@ pub struct Orbit {
     pub lighting: Lighting,
     /// Width and height of the pictures, pixels.
     pub size: usize,
+    /// Those of the smallest pictures of [`Set::Train`] and [`Set::HeldOut`]: logarithms of sizes are spread evenly from there to
+    /// [`Self::size`], which all pictures have without.
+    pub smallest: Option<usize>,
     /// What is looked at.
     pub bounds: Sphere,
     /// Nearest and farthest camera of [`Set::Train`], in distances at which the sphere just fills the picture.
@@ -292,11 +298,27 @@ impl Orbit {
             seed,
             lighting: lighting.clone(),
             size,
+            smallest: None,
             bounds: Sphere::UNIT,
             distance: [0.72, 1.1],
             judged_distance: 1.01,
             moment: Moment::default(),
         }
+    }
+}
+
+impl Orbit {
+    /// Width and height of a picture.
+    fn size_of(&self, set: Set, index: u64) -> usize {
+        let Some(smallest) = self.smallest.filter(|s| *s < self.size && set != Set::Report) else {
+            return self.size;
+        };
+        let share = match set {
+            Set::Train => f64::from(Rng::new(self.seed, STREAM_SIZE + index).next_f32()),
+            Set::HeldOut | Set::Report => (GOLDEN * index as f64).fract(),
+        };
+        let (least, most) = (smallest as f64, self.size as f64);
+        ((most * (least / most).powf(share)).round() as usize).clamp(smallest, self.size)
     }
 }
 
@@ -335,7 +357,7 @@ impl Views for Orbit {
             camera.eye = camera.view.inverse().transform_point3(Vec3::ZERO);
         }
         let lights = lights(&mut rng, &self.bounds, direction, &self.lighting, index);
-        let (width, height) = (self.size, self.size);
+        let (width, height) = [self.size_of(set, index); 2].into();
         Setup { camera: camera.into(), lights, moment: self.moment, width, height, picture: None }
     }
 }
@@ -536,6 +558,27 @@ mod tests {
         let rule =
             |is| Err(format!("picture of the view is {is}; it must be the number of one of 4 pictures"));
         assert_eq!((told(None), told(Some(4))), (rule("none"), rule("4")));
+    }
+
+    #[test]
+    fn logarithms_of_sizes_are_spread_evenly() {
+        let of = |smallest| Orbit { smallest, ..Orbit::new(4, &Lighting::Point, 512) };
+        let width = |o: &Orbit, set, i| o.setup(set, i, 9).width;
+        let some = of(Some(16));
+        for (set, count) in [(Set::Train, 4000), (Set::HeldOut, 40)] {
+            let sizes: Vec<usize> = (0..count).map(|i| width(&some, set, i)).collect();
+            assert!(sizes.iter().all(|s| (16..=512).contains(s)));
+            for octave in 4..9 {
+                let within = sizes.iter().filter(|s| (1 << octave..1 << (octave + 1)).contains(*s)).count();
+                let share = within as f64 / count as f64;
+                assert!((share - 0.2).abs() < 0.03, "{set:?}, from {} pixels: {share}", 1 << octave);
+            }
+        }
+        assert_eq!(width(&some, Set::Report, 3), 512);
+        assert_eq!(width(&of(None), Set::Train, 3), 512);
+        // The camera is that of a picture of the full size.
+        let [a, b] = [of(None), some].map(|o| o.setup(Set::Train, 3, 9).camera);
+        assert_eq!(a, b);
     }
 
     #[test]

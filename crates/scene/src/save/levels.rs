@@ -11,7 +11,7 @@ use crate::{AlphaMode, Material, Scene, TextureImage, TextureSlot};
 use photofit_image::srgb_u8_to_linear;
 use photofit_ktx2::Level;
 use photofit_scalar::linear_to_srgb_u8;
-use photofit_texture::{MipRule, MipTexture, Pyramid, Texture};
+use photofit_texture::{MipLayout, MipRule, MipTexture, Pyramid, Texture};
 use rayon::prelude::*;
 
 /// What materials use an image for.
@@ -86,8 +86,13 @@ fn material_uses(m: &Material, image: usize) -> Vec<Use> {
     uses
 }
 
-/// The levels of an image down to 1 x 1.
+/// The levels of an image down to 1 x 1; where it has some of its own, these as they are.
 pub(super) fn levels(image: &TextureImage, used: Use) -> Vec<Level> {
+    if !image.mips.is_empty() {
+        let sizes = MipLayout::first(image.width, image.height, image.mips.len() + 1);
+        let texels = std::iter::once(&image.texels).chain(&image.mips);
+        return sizes.levels().iter().zip(texels).map(|(l, t)| (l.width, l.height, t.clone())).collect();
+    }
     let chain = |texel: &dyn Fn(&[u8; 4]) -> [f32; 4], rule| {
         let texels = image.texels.iter().map(texel).collect();
         Pyramid::with_rule(Texture { width: image.width, height: image.height, texels }, rule)
