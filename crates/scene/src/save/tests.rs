@@ -485,49 +485,6 @@ fn ktx2_textures_come_back_with_their_levels() {
     assert_eq!(to_glb(&again).unwrap(), to_glb(&again).unwrap());
 }
 
-/// Levels that do not follow from the base come back, are drawn, and are written again; files without room for them lose them.
-#[test]
-fn mip_levels_of_an_image_survive_in_ktx2() {
-    let flat = |side: usize, texel: [u8; 4]| vec![texel; side * side];
-    let [red, green, blue] = [[200, 20, 20, 255], [20, 200, 20, 255], [20, 20, 200, 255]];
-    let image = TextureImage {
-        width: 8,
-        height: 8,
-        texels: flat(8, red),
-        mips: vec![flat(4, green), flat(2, blue), flat(1, green)],
-        encoding: TextureEncoding::Ktx2 { quality: 100 },
-        ..TextureImage::default()
-    };
-    let slot =
-        TextureSlot { sampler: Sampler { filter: Filter::Trilinear, ..slot(0, 0).sampler }, ..slot(0, 0) };
-    let material = Material { base_color_texture: Some(slot), ..Material::clay() };
-    let mut scene = Scene { materials: vec![material], images: vec![image], ..Scene::default() };
-    scene.primitives.push(Primitive { mesh: patch(), material: 0 });
-    scene.instances.push(Instance { primitive: 0, transform: Affine3A::IDENTITY });
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.glb");
-    save_glb(&path, &scene).unwrap();
-    let mut again = load(&path).unwrap();
-    assert_eq!(again.images[0].texels, scene.images[0].texels);
-    assert_eq!(again.images[0].mips, scene.images[0].mips);
-    // A lookup reads them: half way between the second and the third level.
-    let library = crate::SurfaceLibrary::new(&again);
-    let texture = library.texture(0);
-    let lod = photofit_texture::LevelOfDetail { level: 1.5 };
-    let at = photofit_texture::lookup(texture.layout(), vec2(0.3, 0.6), Some(&lod), &Default::default());
-    let linear = photofit_image::srgb_u8_to_linear;
-    let mean = 0.5 * (linear(20) + linear(200));
-    let got = texture.read(&at);
-    assert!((got[1] - mean).abs() < 1e-4 && (got[2] - mean).abs() < 1e-4, "{got:?}");
-    // Written once more, and as a file without levels.
-    again.images[0].encoding = TextureEncoding::Ktx2 { quality: 100 };
-    assert_eq!(to_glb(&again).unwrap(), to_glb(&scene).unwrap());
-    assert!(again.stored_as(0, TextureEncoding::Png).unwrap().mips.is_empty());
-    again.images[0].mips[1].pop();
-    let refused = again.validate().unwrap_err().to_string();
-    assert!(refused.contains("[16, 3, 1] texels; they must be [16, 4, 1]"), "{refused}");
-}
-
 #[test]
 fn images_are_what_is_read_again_once_they_are_stored() {
     let texel = |i: usize| {
