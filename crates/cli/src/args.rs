@@ -5,6 +5,7 @@ mod gradient;
 mod recover;
 mod render;
 mod retexture;
+mod stored;
 mod surface;
 mod values;
 
@@ -15,6 +16,7 @@ pub(crate) use recover::{
 };
 pub(crate) use render::{Render, RenderGuiding, RenderIntegrator, RenderLight};
 pub(crate) use retexture::Retexture;
+pub(crate) use stored::{GeometryFormat, MipLevels, TextureFormat};
 pub(crate) use surface::{Surface, SurfaceMethod, UpAxis};
 
 use clap::error::ErrorKind;
@@ -190,33 +192,6 @@ pub(crate) enum FitJudge {
     Path,
 }
 
-/// How textures are stored.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum TextureFormat {
-    /// Exact, for every reader.
-    Png,
-    /// Lossy; textures with alpha stay PNG.
-    Jpeg,
-    /// Exact.
-    Webp,
-    /// Lossy, about a third of the bytes of jpeg; colours at half resolution, alpha exact.
-    WebpLossy,
-    /// Blocks that graphics processors keep compressed (UASTC), with mip levels made for them; PNG for images whose sides are
-    /// no multiples of 4.
-    Ktx2,
-    /// No textures: colours of vertices, everything else the same all over a material.
-    None,
-}
-
-/// How geometry is stored.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum GeometryFormat {
-    /// As it is, for every reader.
-    None,
-    /// Compressed, positions rounded to 2^-15 of the size.
-    Meshopt,
-}
-
 /// How much work a fit does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum FitEffort {
@@ -376,6 +351,11 @@ pub(crate) struct Simplify {
     /// jpeg with --jpeg; the asset's own textures, where they are written, as they were read].
     #[arg(long, value_enum)]
     pub(crate) textures: Option<TextureFormat>,
+    /// Mip levels of new textures. Free ones are fitted to pictures of all sizes from --screen-size or --resolution down to 16
+    /// pixels, those of a level of --lod down to where the next one replaces it, as an engine draws them with one sample a pixel;
+    /// needs --textures ktx2, which alone holds levels. The fit runs on the CPU then.
+    #[arg(long, value_enum, default_value = "classic")]
+    pub(crate) mips: MipLevels,
     /// Compress geometry: meshopt is `EXT_meshopt_compression`, which three.js, Babylon.js, Godot and others read.
     #[arg(long, value_enum, default_value = "none")]
     pub(crate) compress: GeometryFormat,

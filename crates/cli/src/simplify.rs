@@ -1,7 +1,8 @@
 //! `photofit simplify`: the main job.
 
 use crate::args::{
-    FitEffort, FitJudge, FitReference, FitWith, GeometryFormat, OcclusionMaps, Simplify, Start, TextureFormat,
+    FitEffort, FitJudge, FitReference, FitWith, GeometryFormat, MipLevels, OcclusionMaps, Simplify, Start,
+    TextureFormat,
 };
 use crate::fields::{Command, SIMPLIFY, explain_error, misuse};
 use crate::output::{self, print};
@@ -15,8 +16,8 @@ use photofit_fit::engine::trainer::HistoryPoint;
 use photofit_fit::footprint::Task;
 use photofit_fit::report::{PAGE as REPORT_PAGE, ReportInfo, Verdict, write_report};
 use photofit_fit::simplify::{
-    Effort, FitRenderer, Init, JudgeRenderer, Judged, Outcome, Quality, ReferenceRenderer, SimplifyOptions,
-    Surfacing, TRACED_FOLDER, Written, simplify,
+    Effort, FitRenderer, Init, JudgeRenderer, Judged, Mips, Outcome, Quality, ReferenceRenderer,
+    SimplifyOptions, Surfacing, TRACED_FOLDER, Written, simplify,
 };
 use photofit_fit::traced_maps::MapsCourse;
 use photofit_geometry::decimate::Target;
@@ -138,6 +139,10 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
         time_limit: a.time_limit,
         texture_size: a.texture_size.unwrap_or(default.texture_size),
         texture_encoding: texture_encoding(a),
+        mips: match a.mips {
+            MipLevels::Classic => Mips::Classic,
+            MipLevels::Free => Mips::Free,
+        },
         compression: match a.compress {
             GeometryFormat::None => Compression::None,
             GeometryFormat::Meshopt => Compression::Meshopt,
@@ -229,7 +234,11 @@ impl Job<'_> {
         scene.validate_for_fit().map_err(|e| explain_error(self.command, self.input, e.into()))?;
         // Nothing is baked where the asset keeps its own textures.
         let side = if options.surfacing == Surfacing::Kept { 0 } else { options.texture_size };
-        memory::check_fit(Task::Simplify, side, self.input, &[scene])?;
+        let task = match options.mips {
+            Mips::Classic => Task::Simplify,
+            Mips::Free => Task::SimplifyFreeMips,
+        };
+        memory::check_fit(task, side, self.input, &[scene])?;
         say_warnings(self.input, scene);
         if self.explain {
             let plan = options.plan(scene, options.rasterized_against().kind());

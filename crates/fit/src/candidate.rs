@@ -4,6 +4,8 @@
 //! -> loss; [`Candidate::pull_back`] writes it forward and, reversed line by line, backward. The whole chain is generic
 //! over the scalar: `f32` in production, `f64` in its gradient check.
 
+mod mips;
+
 use crate::engine::loss::PictureLoss;
 use crate::views::{Sampling, Shot};
 use photofit_geometry::atlas::mesh_coverage;
@@ -12,7 +14,7 @@ use photofit_geometry::tangents::{UvFrames, vertex_tangents, vertex_tangents_vjp
 use photofit_geometry::weld::weld_exact;
 use photofit_geometry::{Csr, Edges, Incidence, Mesh, Weld, laplacian};
 use photofit_raster::antialias::Topology;
-use photofit_raster::deferred::{self, Frame, Geometry, Gradients, Masks, Passes, View};
+use photofit_raster::deferred::{self, Frame, Geometry, Gradients, Passes, View};
 use photofit_raster::loss::LossScalar;
 use photofit_raster::project::matrix_rows;
 use photofit_raster::texture::{MipAdjoint, MipRule, Pyramid};
@@ -39,7 +41,7 @@ pub struct SurfaceClass {
 pub struct Candidate<T = f32> {
     /// Positions by welded id: the shape's parameters.
     pub positions: Vec<Vec3<T>>,
-    /// The maps with their mip chain: level 0 holds the parameters.
+    /// The maps with their mip levels: level 0 holds the parameters, or, after [`Candidate::free_mips`], all of them.
     pub maps: Pyramid<T, CHANNELS>,
     /// How gradients of the chain's coarse levels return to level 0.
     pub mip_adjoint: MipAdjoint,
@@ -62,6 +64,8 @@ pub struct Candidate<T = f32> {
     pub(crate) solid: Vec<bool>,
     /// Texels of masked triangles, where there are transparent ones.
     pub(crate) masked: Vec<bool>,
+    /// The same of each coarse level, where these are free and something is transparent.
+    pub(crate) held_coarse: Vec<mips::Held>,
     pub(crate) sides: Vec<Sides>,
     /// Vertices to positions.
     pub(crate) weld: Weld,
@@ -136,7 +140,8 @@ impl<T: LossScalar> Candidate<T> {
         let turned: Vec<[u32; 3]> = mesh.triangles.iter().zip(&class).map(turn).collect();
         let size = (maps.width, maps.height);
         let texels_of = |which: fn(AlphaMode) -> bool| {
-            if transparent { texels_of(mesh, &class, &classes, size, which) } else { Vec::new() }
+            let shape = (&mesh.uvs[..], &mesh.triangles[..]);
+            if transparent { texels_of(shape, &class, &classes, size, which) } else { Vec::new() }
         };
         let solid = texels_of(|alpha| alpha == AlphaMode::Opaque);
         let masked = texels_of(|alpha| matches!(alpha, AlphaMode::Mask { .. }));
@@ -158,6 +163,7 @@ impl<T: LossScalar> Candidate<T> {
             alpha,
             solid,
             masked,
+            held_coarse: Vec::new(),
             sides,
             smooth: Incidence::new(&turned, smoothing),
             weld,
@@ -184,15 +190,14 @@ impl<T: LossScalar> Candidate<T> {
         }
     }
 
-    /// Replaces the maps (of the same size).
+    /// Replaces the maps (of the same size); their mip levels are those of [`Self::levels_of`].
     ///
     /// # Panics
     /// If the size differs.
     pub fn set_maps(&mut self, maps: Maps<T>) {
-        let base = &mut self.maps.levels[0];
+        let base = &self.maps.levels[0];
         assert_eq!((base.width, base.height), (maps.width, maps.height), "maps of the same size");
-        *base = maps;
-        self.maps.rebuild();
+        self.maps = self.levels_of(maps);
     }
 
     /// The vertex arrays for the present positions.
@@ -298,12 +303,7 @@ impl<T: LossScalar> Candidate<T> {
         }
         if passes.map_gradients {
             self.maps.collapse_vjp(&mut out.rendered.maps, self.mip_adjoint);
-            let texels = &mut out.rendered.maps.levels[0].texels;
-            hold_alpha(texels, &self.solid);
-            // The outline of a mask that is cut has no gradient; what weighs colours must not move it.
-            if passes.masks == Masks::Cut {
-                hold_alpha(texels, &self.masked);
-            }
+            self.hold_alpha(&mut out.rendered.maps, passes.masks);
         }
         total
     }
@@ -339,18 +339,18 @@ fn hold_alpha<T: Real>(texels: &mut [[T; CHANNELS]], held: &[bool]) {
 /// The texels of the triangles whose alpha means `which`. Alpha of opaque ones stays 1, although it weighs colours in
 /// coarse levels that transparent triangles may share with them.
 fn texels_of(
-    mesh: &Mesh,
+    (uvs, triangles): (&[Vec2<f32>], &[[u32; 3]]),
     class: &[u32],
     classes: &[SurfaceClass],
     (width, height): (usize, usize),
     which: fn(AlphaMode) -> bool,
 ) -> Vec<bool> {
-    let wanted = mesh.triangles.iter().zip(class).filter(|(_, c)| which(classes[**c as usize].alpha));
+    let wanted = triangles.iter().zip(class).filter(|(_, c)| which(classes[**c as usize].alpha));
     let triangles: Vec<[u32; 3]> = wanted.map(|(t, _)| *t).collect();
     if triangles.is_empty() {
         return Vec::new();
     }
-    mesh_coverage(&mesh.uvs, &triangles, width, height, true).mask()
+    mesh_coverage(uvs, &triangles, width, height, true).mask()
 }
 
 /// How the mip chain of the maps follows from its base: as renderers build that of the written textures, by coverage

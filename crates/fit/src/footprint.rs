@@ -12,6 +12,8 @@ use photofit_scene::Scene;
 pub enum Task {
     /// [`crate::simplify`] and [`crate::lod`]: two starts, the fit, the same with maps baked anew.
     Simplify,
+    /// The same with mip levels that have texels of their own, each with moments of the optimizer and a best state.
+    SimplifyFreeMips,
     /// [`crate::retexture`]: one candidate.
     Retexture,
     /// [`crate::recover`] and [`crate::recover_mesh`].
@@ -27,6 +29,7 @@ impl Task {
     fn bytes_per_texel(self) -> [u64; 2] {
         match self {
             Self::Simplify => [700, 36],
+            Self::SimplifyFreeMips => [900, 36],
             Self::Retexture => [380, 36],
             Self::Recover => [460, 36],
             Self::Compare => [0, 20],
@@ -55,6 +58,7 @@ mod tests {
     #[test]
     fn bytes_follow_the_texels() {
         assert_eq!(Task::Simplify.maps(1024), 700 << 20);
+        assert!(Task::SimplifyFreeMips.maps(1024) > Task::Simplify.maps(1024));
         assert!(Task::Simplify.maps(8192) > 40 << 30 && Task::Retexture.maps(8192) > 20 << 30);
         assert_eq!(Task::Recover.maps(usize::MAX), u64::MAX, "no overflow");
         let image = TextureImage { width: 4096, height: 2048, ..TextureImage::default() };

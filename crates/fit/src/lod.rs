@@ -121,7 +121,10 @@ impl LodOptions {
         let steps = if k == 0 { self.fit.steps } else { self.fit.steps.div_ceil(2) };
         let fit = SimplifyOptions { target, steps, ..self.fit.clone() };
         let fit = SimplifyOptions { checkpoint: self.checkpoint(k), ..fit.for_screen_size(self.sizes[k]) };
-        SimplifyOptions { texture_size: self.texture_size.unwrap_or(fit.texture_size), ..fit }
+        // A level is shown down to the size at which the next one replaces it.
+        let smallest_size = self.switch_size(k).unwrap_or(SMALLEST).max(SMALLEST) as usize;
+        let texture_size = self.texture_size.unwrap_or(fit.texture_size);
+        SimplifyOptions { texture_size, smallest_size, ..fit }
     }
 
     /// Folder of the checkpoint of a level.

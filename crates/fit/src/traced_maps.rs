@@ -364,6 +364,7 @@ impl Map {
             };
         }
         image.encoded = None;
+        image.mips.clear();
     }
 }
 

@@ -6,6 +6,7 @@ use crate::skin::Bind;
 use crate::{Camera, LightKind, Material, PunctualLight, SceneError, TextureSlot};
 use photofit_geometry::Mesh;
 use photofit_scalar::Vec3f;
+use photofit_texture::MipLayout;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -20,6 +21,9 @@ pub struct TextureImage {
     pub height: usize,
     /// `height * width` texels.
     pub texels: Vec<[u8; 4]>,
+    /// Mip levels of its own beside `texels`, each halved and rounded down, where there are some: those of a file that holds
+    /// them (KTX 2.0), or to be written into one. Empty: they follow from `texels`. Who changes texels empties it.
+    pub mips: Vec<Vec<[u8; 4]>>,
     /// How it is written; what is loaded says [`TextureEncoding::Png`] whatever it came from.
     pub encoding: TextureEncoding,
     /// The file (PNG, JPEG, WebP or KTX 2.0) that it was read from, where [`crate::Limits::keep_encoded`] asked for it: it is written in place
@@ -194,7 +198,8 @@ impl Scene {
                 + bytes(&m.colors)
                 + bytes(&m.triangles)
         };
-        let images: usize = self.images.iter().map(|i| bytes(&i.texels)).sum();
+        let levels = |i: &TextureImage| i.mips.iter().map(|l| bytes(l)).sum::<usize>();
+        let images: usize = self.images.iter().map(|i| bytes(&i.texels) + levels(i)).sum();
         let of_bind = |b: &Bind| {
             let sets = b.influences.iter().map(|s| bytes(&s.joints) + bytes(&s.weights));
             let targets = b.targets.iter();
@@ -215,8 +220,8 @@ impl Scene {
     /// Checks the invariants of a scene made by hand.
     ///
     /// # Errors
-    /// If an index is out of range, an attribute has another length than the positions, an image has another number of
-    /// texels than its size says, or a projector has no picture.
+    /// If an index is out of range, an attribute has another length than the positions, an image or a mip level of it has
+    /// another number of texels than its size says, or a projector has no picture.
     pub fn validate(&self) -> Result<(), SceneError> {
         self.check().map_err(Fault::in_scene)
     }
@@ -260,6 +265,14 @@ impl Scene {
                     image.width,
                     image.height
                 );
+                return Err(fault(format!("image {i}"), rule));
+            }
+            let sizes = MipLayout::full(image.width, image.height);
+            let wanted = sizes.levels()[1..].iter().map(|l| l.width as usize * l.height as usize);
+            let wanted: Vec<usize> = wanted.take(image.mips.len()).collect();
+            let found: Vec<usize> = image.mips.iter().map(Vec::len).collect();
+            if found != wanted {
+                let rule = format!("has mip levels of {found:?} texels; they must be {wanted:?}");
                 return Err(fault(format!("image {i}"), rule));
             }
         }

@@ -52,6 +52,14 @@ impl MipLayout {
         Self::new(width, height, 1)
     }
 
+    /// The first `count` levels, at least the base, at most all.
+    ///
+    /// # Panics
+    /// As [`Self::full`].
+    pub fn first(width: usize, height: usize, count: usize) -> Self {
+        Self::new(width, height, count.clamp(1, mip_levels(width, height)))
+    }
+
     fn new(width: usize, height: usize, count: usize) -> Self {
         assert!(width > 0 && height > 0, "a texture has at least one texel");
         let (mut size, mut offset) = ((width, height), 0);
@@ -98,6 +106,8 @@ mod tests {
         assert_eq!(sizes, [(0, 13, 6), (78, 6, 3), (96, 3, 1), (99, 1, 1)]);
         assert_eq!((layout.texels(), layout.count()), (100, 4));
         assert_eq!(MipLayout::base(13, 6).levels(), &layout.levels()[..1]);
+        let some = |count| MipLayout::first(13, 6, count).levels().to_vec();
+        assert_eq!([some(0), some(3), some(9)], [1, 3, 4].map(|n| layout.levels()[..n].to_vec()));
         assert_eq!(mip_size(1, 9), (1, 4));
     }
 }

@@ -98,6 +98,17 @@ impl MipTexture {
         Self { layout, rule, texels, decode }
     }
 
+    /// A texture whose levels, one after the other, are all given: those of a file that holds its own. `rule` is that by
+    /// which [`Self::set_base`] averages.
+    ///
+    /// # Panics
+    /// If there are not as many texels as `layout` has, or the rule is [`MipRule::Free`].
+    pub fn with_levels(levels: Texels, layout: MipLayout, rule: MipRule) -> Self {
+        assert_eq!(levels.len(), layout.texels(), "texels of all levels");
+        assert!(rule != MipRule::Free, "a rule for new base levels");
+        Self { layout, rule, texels: levels, decode: srgb_table() }
+    }
+
     /// Sizes and places of the levels.
     pub fn layout(&self) -> &MipLayout {
         &self.layout
@@ -274,6 +285,25 @@ mod tests {
             };
         assert_eq!(coarsest(MipTexture::COVERAGE), [200, 0, 0, 64]);
         assert!(coarsest(MipRule::Area)[1] > 200);
+    }
+
+    #[test]
+    fn given_levels_are_read_as_they_are() {
+        let layout = MipLayout::full(4, 4);
+        let level = |k: usize| [[200, 0, 0, 255], [0, 100, 0, 255], [0, 0, 50, 255]][k];
+        let texels = (0..3).flat_map(|k| vec![level(k); layout.levels()[k].width.pow(2) as usize]).collect();
+        let mut own = MipTexture::with_levels(Texels::Unorm8(texels), layout, MipRule::Area);
+        let read = |t: &MipTexture, level: f32| {
+            let lod = LevelOfDetail { level };
+            t.read(&lookup(t.layout(), vec2(0.4, 0.6), Some(&lod), &Sampler::default()))
+        };
+        for k in 0..3 {
+            let expected = level(k).map(|b| f32::from(b) / 255.0);
+            let got = read(&own, k as f32);
+            assert!(got.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "level {k}: {got:?}");
+        }
+        own.set_base(&[[0.5; 4]; 16]);
+        assert_eq!(read(&own, 2.0), [0.5; 4], "another base has other levels");
     }
 
     #[test]

@@ -13,6 +13,7 @@ mod flow;
 mod gradients;
 mod material;
 mod metrics;
+mod mips;
 mod optim;
 mod pathtrace;
 mod raster;
@@ -123,5 +124,10 @@ pub(crate) const SUITES: &[Suite] = &[
     },
     Suite { name: "pathtrace", about: "path tracing, error against time", run: pathtrace::run },
     Suite { name: "effort", about: "the main job at each effort, error against time", run: effort::run },
+    Suite {
+        name: "mips",
+        about: "mip levels with texels of their own beside averages, error by size on screen",
+        run: mips::run,
+    },
     Suite { name: "atlas", about: "unwrapping, time and stretch against triangles", run: atlas::run },
 ];

@@ -1,6 +1,6 @@
 //! Help and wrong command lines.
 
-use crate::support::{photofit, stderr, stdout, succeeds, write_rock};
+use crate::support::{names, photofit, stderr, stdout, succeeds, write_rock};
 
 #[test]
 fn help_lists_commands_and_options() {
@@ -131,7 +131,7 @@ fn wrong_command_lines_have_status_2() {
         assert!(!stderr(&o).contains("panicked"), "{case:?}");
         assert!(!stderr(&o).is_empty(), "{case:?} explains itself");
     }
-    assert!(crate::support::names(dir.path()).is_empty());
+    assert!(names(dir.path()).is_empty());
 }
 
 #[test]
@@ -295,4 +295,23 @@ fn options_that_do_not_go_together_show_the_usage_of_their_command() {
         assert_eq!(o.status.code(), Some(2), "{line:?}");
         assert!(stderr(&o).contains(rule) && stderr(&o).contains(usage), "{}", stderr(&o));
     }
+}
+
+#[test]
+fn free_mip_levels_are_refused_where_files_do_not_hold_them() {
+    let dir = tempfile::tempdir().unwrap();
+    write_rock(dir.path(), 4, false);
+    for (more, rule) in [
+        (&[][..], "--mips is free; it needs ktx2 textures: PNG, JPEG and WebP hold no mip levels"),
+        (&["--textures", "webp"], "--mips is free; it needs ktx2 textures"),
+        (&["--textures", "ktx2", "--keep-uvs"], "--mips is free; it needs new maps"),
+    ] {
+        let o = photofit(
+            dir.path(),
+            &[&["simplify", "rock.glb", "-o", "b.glb", "--mips", "free"], more].concat(),
+        );
+        assert_eq!(o.status.code(), Some(2), "{more:?}");
+        assert!(stderr(&o).contains(rule), "{}", stderr(&o));
+    }
+    assert_eq!(names(dir.path()), ["rock.glb"], "nothing is written");
 }

@@ -285,24 +285,28 @@ impl Setting {
     fn channel_error(&mut self, value: Value, c: usize) -> f64 {
         // Alpha of opaque texels is no parameter, nor that of masks that are cut.
         let cut = self.passes.masks == Masks::Cut;
-        let fixed: Vec<bool> = match c == channel::ALPHA {
-            false => Vec::new(),
-            true => (0..TEXELS * TEXELS)
-                .map(|i| {
-                    let of = |held: &[bool]| held.get(i) == Some(&true);
-                    of(&self.candidate.solid) || (cut && of(&self.candidate.masked))
-                })
-                .collect(),
-        };
+        // Every level whose texels are parameters.
+        let levels = self.candidate.fitted_levels();
+        let texels = |k: usize| self.candidate.maps.levels[k].texels.len();
+        let count: usize = (0..levels).map(texels).sum();
+        let fixed: Vec<bool> = (0..levels)
+            .flat_map(|k| (0..texels(k)).map(move |i| (k, i)))
+            .map(|(k, i)| {
+                let [solid, masked] = self.candidate.held(k);
+                let of = |held: &[bool]| held.get(i) == Some(&true);
+                c == channel::ALPHA && (of(solid) || (cut && of(masked)))
+            })
+            .collect();
         let place = |candidate: &mut Candidate<f64>, d: &[f64], step: f64| {
-            let texels = &mut candidate.maps.levels[0].texels;
-            for (i, (t, d)) in texels.iter_mut().zip(d).enumerate() {
-                t[c] += if fixed.get(i) == Some(&true) { 0.0 } else { d * step };
+            let texels = candidate.maps.levels.iter_mut().take(levels).flat_map(|l| &mut l.texels);
+            for ((t, d), fixed) in texels.zip(d).zip(&fixed) {
+                t[c] += if *fixed { 0.0 } else { d * step };
             }
             candidate.maps.rebuild();
         };
-        self.error(value, (TEXELS * TEXELS, STEP), place, |g, d| {
-            g.rendered.maps.levels[0].texels.iter().zip(d).map(|(g, d)| g[c] * d).sum()
+        self.error(value, (count, STEP), place, |g, d| {
+            let texels = g.rendered.maps.levels.iter().take(levels).flat_map(|l| &l.texels);
+            texels.zip(d).map(|(g, d)| g[c] * d).sum()
         })
     }
 

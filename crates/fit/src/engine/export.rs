@@ -5,7 +5,7 @@ use crate::candidate::Candidate;
 use photofit_geometry::Mesh;
 use photofit_geometry::atlas::{dilate, mesh_coverage};
 use photofit_image::linear_to_srgb_u8;
-use photofit_raster::{CHANNELS, channel};
+use photofit_raster::{CHANNELS, Maps, channel};
 use photofit_scene::{
     AlphaMode, Filter, Instance, Material, Primitive, Sampler, Scene, TextureImage, TextureSlot, Wrap,
 };
@@ -14,26 +14,21 @@ use photofit_shading::Sides;
 /// Differences below this are one step of 8 bits: a map that varies less becomes a factor.
 const FLAT: f32 = 0.75 / 255.0;
 
-/// Turns a candidate into a scene: one primitive and material per class, all sharing one set of maps. Maps that
-/// are constant become factors, a flat normal map and absent emission are left out. Materials are named after those that
+/// Turns a candidate into a scene: one primitive and material per class, all sharing one set of maps, with their mip levels
+/// where these have texels of their own. Maps that are constant become factors, a flat normal map and absent emission are left out. Materials are named after those that
 /// they stand for.
 pub fn to_scene(candidate: &Candidate, light: &LightAsset) -> Scene {
     let mut mesh = candidate.mesh();
     for p in &mut mesh.positions {
         *p = light.frame.to_world(*p);
     }
-    let base = &candidate.maps.levels[0];
-    let (width, height) = (base.width, base.height);
-    let mut texels = base.texels.clone();
-    let owned = mesh_coverage(&mesh.uvs, &mesh.triangles, width, height, true).mask();
-    make_opaque(&mut texels, candidate, light, (width, height));
-    show_unlit(&mut texels, candidate, light, (width, height));
-    dilate(&mut texels, &owned, width, height, None);
+    let levels = candidate.maps.levels.iter().take(candidate.fitted_levels());
+    let levels: Vec<Written> = levels.map(|level| Written::new(level, &mesh, candidate, light)).collect();
 
     let mut scene = Scene { name: light.name.clone(), ..Scene::default() };
     let written = |class: &u32| light.classes[*class as usize].written;
     let transparent = candidate.class.iter().any(|c| written(c) != AlphaMode::Opaque);
-    let template = material(&mut scene, &texels, &owned, (width, height), transparent);
+    let template = material(&mut scene, &levels, transparent);
     for (class, material) in light.classes.iter().enumerate() {
         let part = part(&mesh, &candidate.class, class as u32);
         if part.triangles.is_empty() {
@@ -52,6 +47,27 @@ pub fn to_scene(candidate: &Candidate, light: &LightAsset) -> Scene {
         scene.instances.push(Instance { primitive, transform: glam::Affine3A::IDENTITY });
     }
     scene
+}
+
+/// A level of the maps as it is written.
+struct Written {
+    width: usize,
+    height: usize,
+    texels: Vec<[f32; CHANNELS]>,
+    /// Texels that triangles show; the others repeat them.
+    owned: Vec<bool>,
+}
+
+impl Written {
+    fn new(level: &Maps, mesh: &Mesh, candidate: &Candidate, light: &LightAsset) -> Self {
+        let (width, height) = (level.width, level.height);
+        let mut texels = level.texels.clone();
+        let owned = mesh_coverage(&mesh.uvs, &mesh.triangles, width, height, true).mask();
+        make_opaque(&mut texels, candidate, light, (width, height));
+        show_unlit(&mut texels, candidate, light, (width, height));
+        dilate(&mut texels, &owned, width, height, None);
+        Self { width, height, texels, owned }
+    }
 }
 
 /// Changes the texels of the triangles of some classes.
@@ -138,32 +154,29 @@ pub(crate) fn atlas_slot(image: usize) -> TextureSlot {
     }
 }
 
-/// Smallest and largest value of a channel over the owned texels.
-fn range(texels: &[[f32; CHANNELS]], owned: &[bool], c: usize) -> (f32, f32) {
-    texels
+/// Smallest and largest value of a channel over the owned texels of all levels.
+fn range(levels: &[Written], c: usize) -> (f32, f32) {
+    levels
         .iter()
-        .zip(owned)
+        .flat_map(|l| l.texels.iter().zip(&l.owned))
         .filter(|(_, o)| **o)
         .fold((f32::INFINITY, f32::NEG_INFINITY), |(lo, hi), (t, _)| (lo.min(t[c]), hi.max(t[c])))
 }
 
-fn material(
-    scene: &mut Scene,
-    texels: &[[f32; CHANNELS]],
-    owned: &[bool],
-    (width, height): (usize, usize),
-    transparent: bool,
-) -> Material {
+fn material(scene: &mut Scene, levels: &[Written], transparent: bool) -> Material {
     let constant = |c: usize| {
-        let (lo, hi) = range(texels, owned, c);
+        let (lo, hi) = range(levels, c);
         (hi - lo <= FLAT || !lo.is_finite()).then(|| if lo.is_finite() { 0.5 * (lo + hi) } else { 1.0 })
     };
     let mut add = |name: &str, texel: &dyn Fn(&[f32; CHANNELS]) -> [u8; 4]| {
+        let of = |level: &Written| level.texels.iter().map(texel).collect();
+        let (base, coarse) = levels.split_first().expect("maps have a base level");
         scene.images.push(TextureImage {
             name: name.into(),
-            width,
-            height,
-            texels: texels.iter().map(texel).collect(),
+            width: base.width,
+            height: base.height,
+            texels: of(base),
+            mips: coarse.iter().map(of).collect(),
             ..TextureImage::default()
         });
         Some(atlas_slot(scene.images.len() - 1))
@@ -180,7 +193,7 @@ fn material(
         }
     }
     // One texture for both, as glTF allows it.
-    let occluded = range(texels, owned, channel::OCCLUSION).0 < 1.0 - FLAT;
+    let occluded = range(levels, channel::OCCLUSION).0 < 1.0 - FLAT;
     match [channel::ROUGHNESS, channel::METALLIC].map(constant) {
         [Some(r), Some(m)] if !occluded => (out.roughness, out.metallic) = (r, m),
         _ => {
@@ -192,14 +205,14 @@ fn material(
             out.occlusion_texture = out.metallic_roughness_texture.filter(|_| occluded);
         }
     }
-    let flat = [channel::NORMAL, channel::NORMAL + 1].map(|c| range(texels, owned, c));
+    let flat = [channel::NORMAL, channel::NORMAL + 1].map(|c| range(levels, c));
     if flat.iter().any(|(lo, hi)| lo.abs().max(hi.abs()) > FLAT) {
         out.normal_texture = add("normal", &|t| {
             let n = |k: usize| unorm(t[channel::NORMAL + k] * 0.5 + 0.5);
             [n(0), n(1), n(2), 255]
         });
     }
-    let peak = (0..3).map(|k| range(texels, owned, channel::EMISSIVE + k).1).fold(0.0, f32::max);
+    let peak = (0..3).map(|k| range(levels, channel::EMISSIVE + k).1).fold(0.0, f32::max);
     if peak > FLAT * 0.1 {
         let scale = peak.max(1.0);
         out.emissive = [scale; 3];

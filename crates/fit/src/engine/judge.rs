@@ -3,7 +3,10 @@
 //! Where materials need what the rasterizer lacks (coats, sheen, glass and so on) reference and candidates are path
 //! traced, extensions included.
 
+mod flicker;
 mod moments;
+
+pub use flicker::flicker;
 
 use super::animated::Animated;
 use super::asset::Normalised;
@@ -379,12 +382,12 @@ impl Judge<'_> {
     pub fn scores(
         &self,
         stages: &[Stage],
-        count: u64,
+        (count, smallest): (u64, Option<usize>),
         samples: usize,
         progress: &dyn Progress,
     ) -> Result<Vec<f64>, FitError> {
         let method = self.method(stages);
-        let views = |size| Orbit::new(self.seed, self.lighting, size);
+        let views = |size| Orbit { smallest, ..Orbit::new(self.seed, self.lighting, size) };
         if method == Judged::PathTraced {
             let (reference, traced) = self.traced(stages, self.spp.div_ceil(CHOICE_COARSER))?;
             let traced: Vec<&dyn Reference> = traced.iter().map(|t| t as &dyn Reference).collect();

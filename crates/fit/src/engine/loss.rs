@@ -115,8 +115,8 @@ pub fn choose(held_out: &HeldOut) -> PictureLoss {
     let clean = held_out.noise.is_some_and(|n| n <= MOST_NOISE);
     match held_out.measure {
         Measure::Relative => PictureLoss::RELATIVE_SQUARES,
-        Measure::Psnr if clean => Loss::LogSrgbL1.into(),
-        Measure::Psnr => Loss::Mse.into(),
+        Measure::Psnr | Measure::PsnrOfViews if clean => Loss::LogSrgbL1.into(),
+        Measure::Psnr | Measure::PsnrOfViews => Loss::Mse.into(),
     }
 }
 

@@ -151,6 +151,8 @@ pub struct FitPlan {
     occlusion: Occlusion,
     /// What the light asset has in place of the asset's surface.
     surfacing: Surfacing,
+    /// Smallest and largest picture that mip levels with texels of their own are fitted to, pixels.
+    mips: Option<[usize; 2]>,
 }
 
 impl FitPlan {
@@ -166,6 +168,7 @@ impl FitPlan {
             device: None,
             occlusion: Occlusion::default(),
             surfacing: Surfacing::default(),
+            mips: None,
         }
     }
 
@@ -252,6 +255,12 @@ impl FitPlan {
         Self { surfacing, ..self }
     }
 
+    /// Adds the sizes that mip levels with texels of their own are fitted to; nothing is told without.
+    #[must_use]
+    pub fn with_mips(self, mips: Option<[usize; 2]>) -> Self {
+        Self { mips, ..self }
+    }
+
     /// Adds the phases of the fit.
     #[must_use]
     pub fn with_phases<M>(self, phases: &[Phase<'_, M>]) -> Self {
@@ -324,6 +333,7 @@ impl FitPlan {
             items.push(Item { what: "path traced maps", runs: Runs::Yes, why });
         }
         items.extend(self.judgement.as_ref().map(Judgement::item));
+        items.extend(self.mips.map(rows::free_mips));
         if let Some(why) = &self.device {
             items.push(Item { what: "device", runs: Runs::Yes, why: why.clone() });
         }

@@ -122,13 +122,21 @@ pub struct Rasterized<'a> {
     library: &'a SurfaceLibrary,
     surface: Option<&'a bake::ReferenceSurface<'a>>,
     animated: Option<&'a Animated<'a>>,
-    samples: usize,
+    samples: Samples,
+}
+
+/// Samples per axis of a pixel.
+#[derive(Clone, Copy, Debug)]
+enum Samples {
+    All(usize),
+    /// As many as a picture of its size needs ([`samples_for`]), over this.
+    BySize(usize),
 }
 
 impl<'a> Rasterized<'a> {
     /// Pictures of a flattened scene in the normalised frame.
     pub fn new(flat: &'a FlatScene, library: &'a SurfaceLibrary) -> Self {
-        Self { flat, library, surface: None, animated: None, samples: SUPERSAMPLE }
+        Self { flat, library, surface: None, animated: None, samples: Samples::All(SUPERSAMPLE) }
     }
 
     /// Pictures of a normalised asset, and its surface.
@@ -145,7 +153,13 @@ impl<'a> Rasterized<'a> {
     /// The same with `samples` samples per axis of a pixel: 1, 2, 4, 8 or 16. With one it is what an engine shows.
     #[must_use]
     pub fn sampled(self, samples: usize) -> Self {
-        Self { samples, ..self }
+        Self { samples: Samples::All(samples), ..self }
+    }
+
+    /// The same with as many samples per axis as a picture of its size needs ([`samples_for`]), `fewer` times less.
+    #[must_use]
+    pub fn sampled_by_size(self, fewer: usize) -> Self {
+        Self { samples: Samples::BySize(fewer), ..self }
     }
 }
 
@@ -159,9 +173,13 @@ impl Reference for Rasterized<'_> {
         let renderer = SceneRenderer::new(posed.as_deref().unwrap_or(self.flat), self.library);
         let lights = setup.lights.lights();
         // Many samples are those of several smaller pixels.
-        let parts = (self.samples / MOST_AT_ONCE).max(1);
+        let samples = match self.samples {
+            Samples::All(samples) => samples,
+            Samples::BySize(fewer) => (samples_for(setup.width.max(setup.height)) / fewer.max(1)).max(1),
+        };
+        let parts = (samples / MOST_AT_ONCE).max(1);
         let (w, h) = (setup.width * parts, setup.height * parts);
-        let image = renderer.render(&setup.camera.pinhole(), &lights, w, h, self.samples / parts);
+        let image = renderer.render(&setup.camera.pinhole(), &lights, w, h, samples / parts);
         Ok(ReferencePicture::clean(if parts > 1 { downsample(&image, parts) } else { image }))
     }
 

@@ -2,7 +2,7 @@
 
 use super::cpu::Chain;
 use super::loss::PictureLoss;
-use super::model::{Group, ModelError};
+use super::model::{Group, GroupName, ModelError};
 use super::plan::FitPlan;
 use super::plan::rows::Work;
 use super::views::Shot;
@@ -10,12 +10,24 @@ use crate::FitError;
 use crate::candidate::{Candidate, ParameterGradients};
 use photofit_optim::{EdgeAware, LargeSteps, OptimError, Optimizer, Placement, Temporal};
 use photofit_raster::deferred::{Masks, Passes};
+use photofit_raster::texture::Pyramid;
 use photofit_raster::{CHANNELS, channel};
 
 /// Groups of a [`Surface`].
 pub const POSITIONS: &str = "positions";
 /// See [`POSITIONS`].
 pub const MAPS: &str = "maps";
+
+/// Name of the group of a mip level, where each has texels of its own: that of the base is [`MAPS`].
+pub(crate) fn group_of_level(level: usize) -> GroupName {
+    if level == 0 { MAPS.into() } else { format!("mip level {level}").into() }
+}
+
+/// The samples of all levels of maps that are parameters, one level after the other.
+pub(crate) fn samples_of(candidate: &Candidate, maps: &Pyramid<f32, CHANNELS>) -> Vec<f32> {
+    let fitted = maps.levels.iter().take(candidate.fitted_levels());
+    fitted.flat_map(|l| l.texels.as_flattened()).copied().collect()
+}
 
 /// Smoothness of steps from a start that is close.
 pub(crate) const SMOOTHNESS: f64 = 0.3;
@@ -108,7 +120,8 @@ impl PositionOptimizer {
     }
 }
 
-/// A mesh with material maps: welded positions and one texel group of [`CHANNELS`] samples.
+/// A mesh with material maps: welded positions and a group of texels of [`CHANNELS`] samples, or one for each mip level that
+/// has texels of its own.
 #[derive(Clone, Debug)]
 pub struct Surface {
     /// The parameters and the chain.
@@ -133,6 +146,10 @@ pub(super) fn rates_of(fitted: [bool; CHANNELS]) -> [f32; CHANNELS] {
     rates[channel::METALLIC] *= 0.5;
     rates
 }
+
+/// Rates of coarse mip levels that are free, relative to the base: their gradients are means over many pixels, and they start
+/// farther from where they go (docs/crates/fit.md).
+const COARSE_RATE: f32 = 5.0;
 
 /// Slopes of masks that fade, at the first and after the last step of a fit (docs/crates/fit.md).
 const FADE: [f32; 2] = [2.0, 8.0];
@@ -189,7 +206,7 @@ impl Surface {
         Passes {
             masks: self.masks,
             position_gradients: self.group(POSITIONS).is_some_and(|g| moving[g]),
-            map_gradients: self.passes.map_gradients && self.group(MAPS).is_some_and(|g| moving[g]),
+            map_gradients: self.passes.map_gradients && moving[usize::from(self.moves)..].contains(&true),
             ..self.passes
         }
     }
@@ -203,18 +220,34 @@ impl Surface {
         }
     }
 
-    /// Names of the groups, in their order.
-    fn names(&self) -> &'static [&'static str] {
-        if self.moves { &[POSITIONS, MAPS] } else { &[MAPS] }
-    }
-
     /// Number of the group of a name.
     pub(crate) fn group(&self, name: &str) -> Option<usize> {
-        self.names().iter().position(|n| *n == name)
+        let levels = (0..self.candidate.fitted_levels()).map(group_of_level);
+        let positions = self.moves.then(|| POSITIONS.into());
+        positions.into_iter().chain(levels).position(|n: GroupName| n == name)
     }
 
+    /// Whether a group is that of the positions, which comes first.
     pub(super) fn is_positions(&self, group: usize) -> bool {
-        self.names()[group] == POSITIONS
+        self.moves && group == 0
+    }
+
+    /// The mip level whose texels are a group.
+    fn level_of(&self, group: usize) -> usize {
+        group - usize::from(self.moves)
+    }
+
+    /// Relative rates of the samples of a mip level. Coarse levels that are free lose normals, which roughness takes up, also
+    /// where that of the base is constant.
+    fn rates_of_level(&self, level: usize) -> Vec<f32> {
+        let mut rates = self.rates;
+        if level > 0 {
+            if rates[channel::NORMAL] > 0.0 {
+                rates[channel::ROUGHNESS] = 1.0;
+            }
+            rates.iter_mut().for_each(|r| *r *= COARSE_RATE);
+        }
+        rates.to_vec()
     }
 }
 
@@ -230,16 +263,16 @@ impl Chain for Surface {
             unit: None,
             rates: Vec::new(),
         };
-        let maps = Group {
-            name: MAPS.into(),
-            rows: self.candidate.maps.levels[0].texels.len(),
+        let level = |k: usize| Group {
+            name: group_of_level(k),
+            rows: self.candidate.maps.levels[k].texels.len(),
             columns: CHANNELS,
             ranges: RANGES.to_vec(),
             unit: Some(channel::NORMAL),
-            rates: self.rates.to_vec(),
+            rates: self.rates_of_level(k),
         };
-        let of = |name: &&str| if *name == POSITIONS { positions.clone() } else { maps.clone() };
-        self.names().iter().map(of).collect()
+        let positions = self.moves.then_some(positions);
+        positions.into_iter().chain((0..self.candidate.fitted_levels()).map(level)).collect()
     }
 
     fn optimizer(&self, group: &Group) -> Result<Optimizer<f32>, FitError> {
@@ -247,7 +280,7 @@ impl Chain for Surface {
         if group.name == POSITIONS {
             return self.optimizer.of(&self.candidate, self.smoothness).map_err(FitError::Preconditioner);
         }
-        Optimizer::new(MAPS, length, temporal(MAPS)).map_err(FitError::Preconditioner)
+        Optimizer::new(&group.name, length, temporal(MAPS)).map_err(FitError::Preconditioner)
     }
 
     fn step_masks(&mut self, masks: Masks) {
@@ -266,7 +299,7 @@ impl Chain for Surface {
         if self.is_positions(group) {
             bytemuck::cast_slice(&self.candidate.positions)
         } else {
-            self.candidate.maps.levels[0].texels.as_flattened()
+            self.candidate.maps.levels[self.level_of(group)].texels.as_flattened()
         }
     }
 
@@ -274,7 +307,8 @@ impl Chain for Surface {
         if self.is_positions(group) {
             bytemuck::cast_slice_mut(&mut self.candidate.positions)
         } else {
-            self.candidate.maps.levels[0].texels.as_flattened_mut()
+            let level = self.level_of(group);
+            self.candidate.maps.levels[level].texels.as_flattened_mut()
         }
     }
 
@@ -295,7 +329,7 @@ impl Chain for Surface {
         let g = if self.is_positions(group) {
             bytemuck::cast_slice(&gradients.positions)
         } else {
-            gradients.rendered.maps.levels[0].texels.as_flattened()
+            gradients.rendered.maps.levels[self.level_of(group)].texels.as_flattened()
         };
         (self.values_mut(group), g)
     }

@@ -86,7 +86,7 @@ impl std::fmt::Debug for Job<'_> {
     }
 }
 
-/// Computes new values of a group from the best state so far.
+/// Computes new values of groups, one after the other, from the best state so far.
 pub type Initialiser<'a, A> = &'a dyn Fn(&A) -> Result<Vec<f32>, FitError>;
 
 /// A stretch of the fit of an asset with rates of its own.
@@ -104,9 +104,9 @@ pub struct Phase<'a, A> {
     /// Slopes of alpha masks, which fade in its steps ([`Masks::Faded`]), at its first step and after its last one; `None`:
     /// masks are cut. Evaluations always cut them.
     pub fade: Option<[f32; 2]>,
-    /// At its beginning the fit goes back to the best state, and this group is initialised again from it, unless that looks
+    /// At its beginning the fit goes back to the best state, and these groups are initialised again from it, unless that looks
     /// worse.
-    pub reinitialised: Option<(GroupName, Initialiser<'a, A>)>,
+    pub reinitialised: Option<(Vec<GroupName>, Initialiser<'a, A>)>,
 }
 
 impl<A> std::fmt::Debug for Phase<'_, A> {
@@ -143,8 +143,8 @@ impl<A> Phase<'_, A> {
 
     /// Whether all groups that it names are there.
     fn check(&self, groups: &[Group]) -> Result<(), FitError> {
-        let mut named =
-            self.rates.iter().map(|(name, _)| name).chain(self.reinitialised.iter().map(|(name, _)| name));
+        let again = self.reinitialised.iter().flat_map(|(names, _)| names);
+        let mut named = self.rates.iter().map(|(name, _)| name).chain(again);
         match named.find(|name| position(groups, name).is_none()) {
             None => Ok(()),
             Some(name) => {
@@ -306,8 +306,9 @@ impl<M: Model> Trainer<'_, M> {
                     self.evaluate(progress)?;
                 }
             }
-            Some((name, make)) => {
-                let group = position(&self.groups, name).expect("checked");
+            Some((names, make)) => {
+                let named = names.iter().map(|name| position(&self.groups, name).expect("checked"));
+                let again: Vec<usize> = named.collect();
                 let copy = |g| self.model.values(g).map(Cow::into_owned);
                 let before: Result<Vec<Vec<f32>>, ModelError> = (0..self.groups.len()).map(copy).collect();
                 let before = self.at_step(before)?;
@@ -323,14 +324,22 @@ impl<M: Model> Trainer<'_, M> {
                     }
                     made => made?,
                 };
-                let set = self.model.set(group, &made);
-                self.at_step(set)?;
-                let best = self.course.best_quality;
-                if self.evaluate(progress)? < best {
-                    let back = self.model.go_to_best(group);
-                    self.at_step(back)?;
+                let mut rest = &made[..];
+                for g in &again {
+                    let (values, others) = rest.split_at(self.groups[*g].len());
+                    let set = self.model.set(*g, values);
+                    self.at_step(set)?;
+                    rest = others;
                 }
-                self.model.reset_optimizer(group)?;
+                let best = self.course.best_quality;
+                let is_worse = self.evaluate(progress)? < best;
+                for g in again {
+                    if is_worse {
+                        let back = self.model.go_to_best(g);
+                        self.at_step(back)?;
+                    }
+                    self.model.reset_optimizer(g)?;
+                }
             }
         }
         self.course.begun = number + 1;

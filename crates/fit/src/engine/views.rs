@@ -20,6 +20,9 @@ const STREAM_TRAIN: u64 = 1 << 32;
 const STREAM_HELD_OUT: u64 = 2 << 32;
 const STREAM_REPORT: u64 = 3 << 32;
 const STREAM_BACKGROUND: u64 = 4 << 32;
+const STREAM_SIZE: u64 = 5 << 32;
+/// Its multiples, whole parts dropped, spread evenly, whatever their number.
+const GOLDEN: f64 = 0.618_033_988_749_895;
 
 /// Where the light of a fit comes from.
 #[derive(Clone, Debug, Default)]
@@ -275,6 +278,9 @@ pub struct Orbit {
     pub lighting: Lighting,
     /// Width and height of the pictures, pixels.
     pub size: usize,
+    /// Those of the smallest pictures of [`Set::Train`] and [`Set::HeldOut`]: logarithms of sizes are spread evenly from there to
+    /// [`Self::size`], which all pictures have without.
+    pub smallest: Option<usize>,
     /// What is looked at.
     pub bounds: Sphere,
     /// Nearest and farthest camera of [`Set::Train`], in distances at which the sphere just fills the picture.
@@ -292,11 +298,27 @@ impl Orbit {
             seed,
             lighting: lighting.clone(),
             size,
+            smallest: None,
             bounds: Sphere::UNIT,
             distance: [0.72, 1.1],
             judged_distance: 1.01,
             moment: Moment::default(),
         }
+    }
+}
+
+impl Orbit {
+    /// Width and height of a picture.
+    fn size_of(&self, set: Set, index: u64) -> usize {
+        let Some(smallest) = self.smallest.filter(|s| *s < self.size && set != Set::Report) else {
+            return self.size;
+        };
+        let share = match set {
+            Set::Train => f64::from(Rng::new(self.seed, STREAM_SIZE + index).next_f32()),
+            Set::HeldOut | Set::Report => (GOLDEN * index as f64).fract(),
+        };
+        let (least, most) = (smallest as f64, self.size as f64);
+        ((most * (least / most).powf(share)).round() as usize).clamp(smallest, self.size)
     }
 }
 
@@ -335,7 +357,7 @@ impl Views for Orbit {
             camera.eye = camera.view.inverse().transform_point3(Vec3::ZERO);
         }
         let lights = lights(&mut rng, &self.bounds, direction, &self.lighting, index);
-        let (width, height) = (self.size, self.size);
+        let (width, height) = [self.size_of(set, index); 2].into();
         Setup { camera: camera.into(), lights, moment: self.moment, width, height, picture: None }
     }
 }
@@ -500,84 +522,4 @@ impl Shot {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn views_are_a_function_of_seed_and_index() {
-        let at = |set, i, seed| Orbit::new(seed, &Lighting::Point, 8).setup(set, i, 8).camera.pinhole();
-        assert_eq!(at(Set::Train, 3, 1), at(Set::Train, 3, 1));
-        assert_ne!(at(Set::Train, 3, 1), at(Set::Train, 4, 1));
-        assert_ne!(at(Set::Train, 3, 1), at(Set::Train, 3, 2));
-        assert_ne!(at(Set::HeldOut, 3, 1).eye, at(Set::Report, 3, 1).eye);
-    }
-
-    #[test]
-    fn both_renderers_see_one_camera() {
-        let camera = Orbit::new(5, &Lighting::Point, 8).setup(Set::Train, 0, 8).camera.pinhole();
-        let view = View::pinhole(&camera);
-        assert_eq!(ViewCamera::from(camera).view(), view);
-        let lens = View { half: [0.3, 0.2], ..view };
-        let traced = ViewCamera::Traced(lens);
-        assert_eq!(traced.view(), lens);
-        let (there, back) = (traced.pinhole(), View::pinhole(&traced.pinhole()));
-        assert!(there.eye.abs_diff_eq(camera.eye, 1e-6), "{there:?}");
-        assert!((back.half[0] - 0.3).abs() < 1e-5 && (back.half[1] - 0.2).abs() < 1e-5, "{back:?}");
-        for (a, b) in back.axes.iter().zip(lens.axes) {
-            assert!(a.abs_diff_eq(b, 1e-5), "{a} {b}");
-        }
-    }
-
-    #[test]
-    fn a_view_without_its_picture_is_an_error() {
-        let view = Orbit::new(0, &Lighting::Point, 8).setup(Set::Report, 0, 1);
-        let told = |picture| Setup { picture, ..view.clone() }.given_picture(4).map_err(|e| e.to_string());
-        assert_eq!(told(Some(3)), Ok(3));
-        let rule =
-            |is| Err(format!("picture of the view is {is}; it must be the number of one of 4 pictures"));
-        assert_eq!((told(None), told(Some(4))), (rule("none"), rule("4")));
-    }
-
-    #[test]
-    fn the_unit_sphere_fits_report_views() {
-        for i in 0..8 {
-            let c = Orbit::new(0, &Lighting::Point, 8).setup(Set::Report, i, 8).camera.pinhole();
-            let d = c.eye.length();
-            assert!((1.0 / d).asin() <= HALF_TANGENT.atan(), "view {i}");
-        }
-    }
-
-    #[test]
-    fn distance_and_size_are_values_of_the_views() {
-        let far = Orbit { distance: [3.0, 3.0], judged_distance: 4.0, ..Orbit::new(1, &Lighting::Point, 64) };
-        let framing = 1.0 / HALF_TANGENT.atan().sin();
-        let s = far.setup(Set::HeldOut, 2, 5);
-        assert!((s.camera.pinhole().eye.length() / framing - 4.0).abs() < 1e-4);
-        assert_eq!((s.width, s.height), (64, 64));
-        // Training cameras are shifted across the view by at most .12 on each axis.
-        let d = far.setup(Set::Train, 2, 0).camera.pinhole().eye.length() / framing;
-        assert!((d - 3.0).abs() < 0.02, "{d}");
-        assert_eq!((s.shrunk(4).width, s.shrunk(100).height), (16, 1));
-    }
-
-    #[test]
-    fn views_frame_what_is_looked_at() {
-        let unit = Orbit::new(3, &Lighting::Point, 8);
-        let moved = Orbit { bounds: Sphere { center: vec3(5.0, -2.0, 1.0), radius: 3.0 }, ..unit.clone() };
-        for (set, index) in [(Set::Train, 0), (Set::Train, 7), (Set::HeldOut, 2), (Set::Report, 1)] {
-            let (a, b) = (unit.setup(set, index, 5), moved.setup(set, index, 5));
-            for p in [Vec3::ZERO, Vec3::new(0.3, -0.5, 0.2)] {
-                let in_a = a.camera.pinhole().view_projection().project_point3(p);
-                let q = p * 3.0 + Vec3::new(5.0, -2.0, 1.0);
-                let in_b = b.camera.pinhole().view_projection().project_point3(q);
-                assert!(in_a.truncate().abs_diff_eq(in_b.truncate(), 1e-4), "{set:?} {index}: {in_a} {in_b}");
-            }
-            let irradiance = |s: &Setup, at: Vec3f| match s.lights.0[0] {
-                ViewLight::Point { position, intensity } => intensity.x / (position - at).length_squared(),
-                _ => panic!("a point light"),
-            };
-            let (x, y) = (irradiance(&a, Vec3f::zero()), irradiance(&b, vec3(5.0, -2.0, 1.0)));
-            assert!((x / y - 1.0).abs() < 1e-4, "{x} {y}");
-        }
-    }
-}
+mod tests;

@@ -13,7 +13,6 @@ use super::plain::reduced;
 use super::{Normalised, SimplifyOptions};
 use crate::engine::judge::{self, Stage};
 use crate::engine::reference::Reference;
-use crate::engine::views::Orbit;
 use crate::{FitError, Progress};
 use allocation::Way;
 use photofit_scene::{Compression, Material, Scene, TextureEncoding, TextureImage, to_glb_with};
@@ -141,7 +140,7 @@ fn within(
         return Ok(made);
     }
     let files = Files::new(made.scene, options, progress)?;
-    let views = Orbit::new(options.seed, &options.lighting, options.resolution);
+    let views = options.orbit(options.resolution);
     let (count, samples) = (options.choice_views(), options.choice_samples());
     let texels: usize = files.light.images.iter().map(|i| i.texels.len()).sum();
     let at_once = (TEXELS_AT_ONCE / texels.max(1)).max(1);
@@ -357,7 +356,7 @@ impl File {
         let squares = squares.map(|(a, b)| (f64::from(a.abs_diff(*b)) / 255.0).powi(2));
         let error = squares.sum::<f64>() / (4 * image.texels.len()) as f64;
         let bytes = stored.encoded.as_ref().map_or(0, |b| b.len().next_multiple_of(4) as u64);
-        Ok(Self { image: TextureImage { texels: Vec::new(), ..stored }, bytes, error })
+        Ok(Self { image: TextureImage { texels: Vec::new(), mips: Vec::new(), ..stored }, bytes, error })
     }
 }
 

@@ -5,26 +5,26 @@ use super::{SimplifyOptions, Written};
 use crate::bake;
 use crate::candidate::Candidate;
 use crate::engine::Normalised;
-use crate::engine::cpu::Chain;
 use crate::engine::judge::{self, Stage};
 use crate::engine::reference::Reference;
-use crate::engine::surface::{self, MAPS, Surface};
+use crate::engine::surface::{self, Surface};
 use crate::engine::trainer::{HeldOut, Trained};
 use crate::visibility::Visibility;
 use crate::{FitError, Progress, Silent};
+use photofit_raster::CHANNELS;
 use photofit_raster::deferred::Passes;
+use photofit_raster::texture::Pyramid;
 use photofit_scene::Scene;
 
-/// Texels of the reference's surface on the present shape of a candidate.
+/// Maps of the reference's surface on the present shape of a candidate.
 pub(super) fn rebaked(
     surface: &bake::ReferenceSurface<'_>,
     seen: &Visibility,
     candidate: &Candidate,
     options: &SimplifyOptions,
     progress: &dyn Progress,
-) -> Result<Vec<f32>, FitError> {
-    let (maps, _) = bake_candidate(surface, seen, candidate, options, progress)?;
-    Ok(maps.texels.into_flattened())
+) -> Result<Pyramid<f32, CHANNELS>, FitError> {
+    bake_candidate(surface, seen, candidate, options, progress).map(|(maps, _)| maps)
 }
 
 /// The start that looks best in the views of the early stop; the first wins a tie.
@@ -71,10 +71,8 @@ pub(super) fn best(
     let again = (!progress.is_cancelled())
         .then(|| rebaked(surface, seen, &models[1].candidate, options, &Silent))
         .and_then(Result::ok);
-    if let Some(texels) = again {
-        let maps = models[1].group(MAPS).expect("maps are always a group");
-        models[1].values_mut(maps).copy_from_slice(&texels);
-        models[1].update(maps);
+    if let Some(maps) = again {
+        models[1].candidate.maps = maps;
     }
     for start in starts {
         models.push(Surface { candidate: start.candidate.clone(), ..models[0].clone() });
@@ -83,7 +81,8 @@ pub(super) fn best(
     scenes.extend(own);
     let stages: Vec<Stage> = scenes.iter().map(|s| Stage::new("", s.clone())).collect();
     let judge = options.judge_of(scene, n, reference);
-    let scores = judge.scores(&stages, options.choice_views(), options.choice_samples(), progress)?;
+    let (count, samples) = (options.choice_views(), options.choice_samples());
+    let scores = judge.scores(&stages, (count, options.smallest_picture()), samples, progress)?;
     let best = judge::highest(&scores);
     let (models_made, baked) = (models.len(), models.len() - 1);
     let written = match best {

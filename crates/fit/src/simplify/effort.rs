@@ -1,6 +1,6 @@
 //! How much time a simplification may take, in one word.
 
-use super::SimplifyOptions;
+use super::{Mips, SimplifyOptions};
 
 /// A preset of how much work a simplification does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -87,6 +87,9 @@ impl SimplifyOptions {
 
     /// Samples per axis of a pixel of what is chosen from.
     pub(super) fn choice_samples(&self) -> usize {
+        if self.mips == Mips::Free {
+            return 1;
+        }
         (self.judge_samples()[1] / self.effort.work().coarser).max(1)
     }
 }

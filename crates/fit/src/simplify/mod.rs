@@ -9,6 +9,7 @@ mod coverage;
 mod effort;
 mod kept;
 mod locks;
+mod mips;
 mod options;
 pub(crate) mod outcome;
 mod plain;
@@ -28,6 +29,7 @@ pub use crate::engine::judge::{JudgeRenderer, Judged, Quality, ReportView, ViewQ
 pub use crate::engine::plan::{FitPlan, Runs};
 pub use crate::engine::trainer::HistoryPoint;
 pub use effort::Effort;
+pub use mips::Mips;
 pub use options::{
     FEWEST, FitRenderer, Init, LARGEST_ENGINE_PICTURE, MILD, MOST_REPLAYS, SimplifyOptions, Surfacing,
 };
@@ -41,8 +43,8 @@ use crate::engine::device::train_on;
 use crate::engine::fingerprint::Fingerprint;
 use crate::engine::judge::Stage;
 use crate::engine::loss;
-use crate::engine::surface::{MAPS, POSITIONS, Surface, fade_over, rate_of_maps};
-use crate::engine::trainer::{self, HeldOut, Job, Phase};
+use crate::engine::surface::{POSITIONS, Surface, fade_over, group_of_level, rate_of_maps, samples_of};
+use crate::engine::trainer::{self, HeldOut, Job, Measure, Phase};
 use crate::engine::views::{Moment, Orbit};
 use crate::visibility::Visibility;
 use crate::{FitError, Progress};
@@ -144,14 +146,14 @@ pub(crate) fn simplify_asset(
     };
     let starts = prepare::prepare(n, surface, visibility, from, options, progress)?;
 
-    let views = Orbit {
-        bounds: reference.bounds(moment),
-        moment,
-        ..Orbit::new(options.seed, &options.lighting, options.picture_size())
-    };
+    let views = Orbit { bounds: reference.bounds(moment), moment, ..options.orbit(options.picture_size()) };
     let sampling = options.sampling();
     let held_out = HeldOut::new(reference, &views, sampling, options.held_out_views(), options.seed)?;
     held_out.warn_unseen(progress);
+    let held_out = match options.mips {
+        Mips::Classic => held_out,
+        Mips::Free => held_out.measured_by(Measure::PsnrOfViews),
+    };
     let start = choice::best_start(&starts, &held_out);
     let loss = loss::choose(&held_out);
     let plan = options.plan(scene, reference.kind());
@@ -171,14 +173,18 @@ pub(crate) fn simplify_asset(
         fingerprint: fingerprint(options, &start.candidate),
     };
     let fit_began = Instant::now();
-    let rebake = |s: &Surface| choice::rebaked(surface, visibility, &s.candidate, options, progress);
+    let rebake = |s: &Surface| {
+        let maps = choice::rebaked(surface, visibility, &s.candidate, options, progress)?;
+        Ok(samples_of(&s.candidate, &maps))
+    };
+    let levels = start.candidate.fitted_levels();
     let mut plan_with_phases = None;
     let (trained, device) = train_on(
         &options.device_of_fit(progress),
         Surface::new(start.candidate.clone(), &plan),
         &job,
         |psnr| {
-            let phases = phases(options, (start.distance, plan.fades()), psnr, &rebake);
+            let phases = phases(options, (start.distance, plan.fades()), (psnr, levels), &rebake);
             plan_with_phases = Some(plan.clone().with_phases(&phases));
             phases
         },
@@ -296,6 +302,8 @@ fn fingerprint(o: &SimplifyOptions, start: &Candidate) -> Fingerprint {
         .option("as_engine", o.as_engine)
         .option("batch", o.batch)
         .option("texture_size", o.texture_size)
+        .option("mips", o.mips.name())
+        .option("smallest_size", if o.mips == Mips::Free { o.smallest_size } else { o.resolution })
         .option("lock_borders", o.lock_borders)
         .option("effort", o.effort.name())
         .option("seed", o.seed)
@@ -305,11 +313,12 @@ fn fingerprint(o: &SimplifyOptions, start: &Candidate) -> Fingerprint {
         .digest("shape that the fit starts from", format!("{:016x}", digest.value()))
 }
 
-/// Coarse to fine: half resolution, then, with maps baked anew on the moved shape, full resolution.
+/// Coarse to fine: half resolution (all sizes where mip levels are free), then, with maps baked anew on the moved shape, full
+/// resolution. The maps have `levels` groups.
 fn phases<'a>(
     options: &SimplifyOptions,
     (distance, fades): (f64, bool),
-    start_psnr: f64,
+    (start_psnr, levels): (f64, usize),
     rebake: trainer::Initialiser<'a, Surface>,
 ) -> Vec<Phase<'a, Surface>> {
     let n = options.steps;
@@ -317,8 +326,13 @@ fn phases<'a>(
     let share = a as f32 / n.max(1) as f32;
     let rate = (POSITION_RATE * distance).clamp(1e-4, 1.5e-2);
     let map_rate = rate_of_maps(start_psnr);
-    let rates = |positions: f64| vec![(POSITIONS.into(), positions), (MAPS.into(), map_rate)];
-    let shrink = if options.resolution.is_multiple_of(2) && options.resolution >= 256 { 2 } else { 1 };
+    let maps = || (0..levels).map(group_of_level);
+    let rates = |positions: f64| {
+        let moving = std::iter::once((POSITIONS.into(), positions));
+        moving.chain(maps().map(|level| (level, map_rate))).collect()
+    };
+    let halved = options.resolution.is_multiple_of(2) && options.resolution >= 256;
+    let shrink = if halved && options.mips == Mips::Classic { 2 } else { 1 };
     let coarse = Phase {
         name: "coarse",
         first: 0,
@@ -335,7 +349,7 @@ fn phases<'a>(
         shrink: 1,
         rates: rates(LAST_POSITION_RATE * rate),
         fade: fade_over(fades, [share, 1.0]),
-        reinitialised: Some((MAPS.into(), rebake)),
+        reinitialised: Some((maps().collect(), rebake)),
     };
     vec![coarse, fine]
 }

@@ -1,6 +1,6 @@
 //! What the user chooses.
 
-use super::{Effort, Normalised, ReferenceRenderer};
+use super::{Effort, Mips, Normalised, ReferenceRenderer, mips};
 use crate::bake::{BakeSettings, Occlusion};
 use crate::candidate::Candidate;
 use crate::engine::device::Device;
@@ -77,6 +77,10 @@ pub struct SimplifyOptions {
     pub time_limit: Option<Duration>,
     /// Width and height of the maps.
     pub texture_size: usize,
+    /// How the mip levels of the maps come about.
+    pub mips: Mips,
+    /// Smallest size on screen that [`Mips::Free`] levels are fitted for, pixels; the largest is `resolution`.
+    pub smallest_size: usize,
     /// How the maps are stored in the written file.
     pub texture_encoding: TextureEncoding,
     /// How the geometry is stored in the written file.
@@ -138,6 +142,8 @@ impl Default for SimplifyOptions {
             effort: Effort::Normal,
             time_limit: None,
             texture_size: 1024,
+            mips: Mips::default(),
+            smallest_size: SMALLEST_SIZE,
             texture_encoding: TextureEncoding::Png,
             compression: Compression::None,
             lighting: Lighting::default(),
@@ -172,6 +178,8 @@ const LARGEST_SCREEN: f64 = 1024.0;
 /// Texels of a texture's side for a pixel on screen: with an atlas that is two thirds full, a convex body then has about
 /// one texel for a pixel that faces the viewer.
 const TEXELS_PER_PIXEL: f64 = 2.0;
+/// Smallest size on screen that mip levels are fitted for, where nothing says another.
+const SMALLEST_SIZE: usize = 16;
 /// Smallest texture that a size on screen asks for.
 const LEAST_TEXTURE: usize = 64;
 
@@ -209,6 +217,7 @@ impl SimplifyOptions {
             .with_surfacing(self.surfacing)
             .with_judgement(self.judgement(scene))
             .with_occlusion(self.occlusion)
+            .with_mips(self.mip_sizes())
     }
 
     /// Steps that are made at most.
@@ -224,12 +233,15 @@ impl SimplifyOptions {
         }
     }
 
-    /// Where the fit runs: locked vertices are put back after each step, which a GPU does not do.
+    /// Where the fit runs: locked vertices are put back after each step, and mip levels have texels of their own, which a GPU
+    /// does not do.
     pub(super) fn device_of_fit(&self, progress: &dyn Progress) -> Device {
-        if !self.lock_borders || self.device.is_cpu() {
-            return self.device.clone();
-        }
-        let why = "locked borders are held on the CPU alone";
+        let why = match (self.lock_borders, self.mips) {
+            _ if self.device.is_cpu() => return self.device.clone(),
+            (true, _) => "locked borders are held on the CPU alone",
+            (_, Mips::Free) => "free mip levels are fitted on the CPU alone",
+            (false, Mips::Classic) => return self.device.clone(),
+        };
         progress.warn(&format!("the fit runs on the CPU: {why}"));
         Device::cpu(why)
     }
@@ -242,7 +254,11 @@ impl SimplifyOptions {
 
     /// How the fit samples its candidate.
     pub(super) fn sampling(&self) -> Sampling {
-        if self.is_prefiltered() { Sampling::ENGINE } else { Sampling::SUPERSAMPLED }
+        if self.is_prefiltered() || self.mips == Mips::Free {
+            Sampling::ENGINE
+        } else {
+            Sampling::SUPERSAMPLED
+        }
     }
 
     /// Width and height of the pictures that the fit compares: their samples that are shaded one by one are as many as
@@ -259,13 +275,15 @@ impl SimplifyOptions {
 
     /// Pictures of a step.
     pub(super) fn pictures_per_step(&self) -> usize {
-        let more = if self.as_engine { (512 / self.resolution.max(1)).clamp(1, MOST_REPLAYS) } else { 1 };
+        let small = self.as_engine || self.mips == Mips::Free;
+        let more = if small { (512 / self.mean_side().max(1)).clamp(1, MOST_REPLAYS) } else { 1 };
         self.batch * more
     }
 
     /// How many times as many views as usual pictures of this size need, so that they show as many pixels.
     fn more_views(&self) -> u64 {
-        if self.as_engine { (512 / self.resolution.max(1) as u64).clamp(1, 4) } else { 1 }
+        let small = self.as_engine || self.mips == Mips::Free;
+        if small { (512 / self.mean_side().max(1) as u64).clamp(1, 4) } else { 1 }
     }
 
     /// Views of the early stop.
@@ -376,6 +394,7 @@ impl SimplifyOptions {
                 "needs path as the reference, too",
             ),
             surfacing_rule(self),
+            mips::check(self),
             rule(
                 "lock_borders",
                 self.lock_borders,
@@ -460,7 +479,12 @@ fn surfacing_rule(o: &SimplifyOptions) -> Result<(), FitError> {
     }
 }
 
-fn rule(field: &'static str, is: impl std::fmt::Display, holds: bool, must: &str) -> Result<(), FitError> {
+pub(super) fn rule(
+    field: &'static str,
+    is: impl std::fmt::Display,
+    holds: bool,
+    must: &str,
+) -> Result<(), FitError> {
     if holds { Ok(()) } else { Err(FitError::Setting { field, rule: format!("is {is}; it {must}") }) }
 }
 

@@ -6,7 +6,6 @@ use super::{Asset, Normalised, SimplifyOptions};
 use crate::bake::Occlusion;
 use crate::engine::judge::{self, Stage, beyond_rasterizer};
 use crate::engine::reference::Reference;
-use crate::engine::views::Orbit;
 use crate::{FitError, Progress};
 use photofit_geometry::decimate::{Options, Target};
 use photofit_raster::texture::{MipLayout, MipRule, MipTexture, Texels};
@@ -59,7 +58,7 @@ pub(super) fn best(
     let (mild, seen) =
         rayon::join(|| decimated(scene, n, &[], &mild(&how)), || decimated(scene, n, &seen, &how));
     let mut stages = vec![first, mild?, seen?];
-    let views = Orbit::new(options.seed, &options.lighting, options.resolution);
+    let views = options.orbit(options.resolution);
     let (count, samples) = (options.choice_views(), options.choice_samples());
     let scores = judge::scores(&n.light_asset, reference, &stages, &views, count, samples, progress)?;
     Ok(stages.swap_remove(judge::highest(&scores)))
@@ -173,8 +172,17 @@ fn slots(m: &photofit_scene::Material) -> impl Iterator<Item = (&TextureSlot, bo
 }
 
 /// An image halved so many times, filtered as the cores of the materials read it; what extensions alone read is averaged
-/// as it is stored.
+/// as it is stored. An image that has mip levels of its own becomes one of them, with those that follow.
 pub(super) fn reduced(scene: &Scene, image: usize, halvings: usize) -> TextureImage {
+    if let Some((level, coarser)) = scene.images[image].mips.split_at_checked(halvings)
+        && let Some(texels) = level.last()
+    {
+        let old = &scene.images[image];
+        let half = |n: usize| (n >> halvings).max(1);
+        let (width, height) = (half(old.width), half(old.height));
+        let own = TextureImage { width, height, texels: texels.clone(), ..TextureImage::default() };
+        return TextureImage { name: old.name.clone(), mips: coarser.to_vec(), ..own };
+    }
     let readers = || scene.materials.iter().flat_map(|m| slots(m).map(move |s| (m, s)));
     let srgb = readers().any(|(_, (slot, srgb))| slot.image == image && srgb);
     let coverage = scene.materials.iter().any(|m| {
@@ -199,6 +207,21 @@ mod tests {
     use super::*;
     use photofit_geometry::shapes;
     use photofit_scene::{Instance, Material, Primitive, Sampler};
+
+    #[test]
+    fn an_image_with_levels_of_its_own_becomes_one_of_them() {
+        let mips: Vec<Vec<[u8; 4]>> =
+            [8, 2, 1].iter().enumerate().map(|(k, n)| vec![[k as u8; 4]; *n]).collect();
+        let whole = TextureImage { width: 8, height: 4, texels: vec![[9; 4]; 32], ..TextureImage::default() };
+        let scene = Scene { images: vec![TextureImage { mips, ..whole.clone() }], ..Scene::default() };
+        let half = reduced(&scene, 0, 1);
+        assert_eq!((half.width, half.height, &half.texels[..]), (4, 2, &[[0; 4]; 8][..]));
+        assert_eq!(half.mips, [vec![[1; 4]; 2], vec![[2; 4]]]);
+        let least = reduced(&scene, 0, 3);
+        assert_eq!((least.width, least.texels, least.mips.len()), (1, vec![[2; 4]], 0));
+        let plain = reduced(&Scene { images: vec![whole], ..Scene::default() }, 0, 1);
+        assert_eq!(plain.texels, [[9; 4]; 8]);
+    }
 
     #[test]
     fn textures_are_reduced_to_the_texels_of_a_fitted_asset() {

@@ -1,6 +1,6 @@
 //! From the reference to the start of the fit: normalise, decimate, unwrap, bake.
 
-use super::{Init, SimplifyOptions};
+use super::{Init, Mips, SimplifyOptions};
 use super::{coverage, locks, shrink_wrap};
 use crate::bake::{self, AlphaClass, BakeSettings, ReferenceSurface, bake};
 use crate::candidate::Candidate;
@@ -11,7 +11,8 @@ use crate::visibility::{Visibility, VisibilitySettings, visibility_reporting};
 use crate::{FitError, Progress};
 use photofit_geometry::decimate::{DecimateError, Decimated, Options, Target, decimate, decimate_reporting};
 use photofit_geometry::{Mesh, shapes};
-use photofit_raster::Maps;
+use photofit_raster::CHANNELS;
+use photofit_raster::texture::{MipRule, Pyramid};
 use photofit_rays::NearestPoint;
 use photofit_scalar::vec3;
 use photofit_scene::Scene;
@@ -98,8 +99,11 @@ fn unwrap_and_bake(
 ) -> Result<Start, FitError> {
     let (seen_surface, classes) = (Some((reference, seen)), n.light_asset.drawn_classes());
     let mut candidate = unwrapped(mesh, seen_surface, class, classes, options.texture_size, progress)?;
+    if options.mips == Mips::Free {
+        candidate.free_mips();
+    }
     let (baked, distance) = bake_candidate(reference, seen, &candidate, options, progress)?;
-    candidate.set_maps(baked);
+    candidate.maps = baked;
     Ok(Start { candidate, distance })
 }
 
@@ -235,14 +239,15 @@ fn closest_classes(
         .collect()
 }
 
-/// Bakes the reference onto the candidate's present shape; also returns the mean distance between the two.
+/// Bakes the reference onto the candidate's present shape: maps with the mip levels that they start with, and the mean distance
+/// between the two. Masks keep their coverage in free levels, as they do in those that are made for a file.
 pub(super) fn bake_candidate(
     reference: &ReferenceSurface<'_>,
     seen: &Visibility,
     candidate: &Candidate,
     options: &SimplifyOptions,
     progress: &dyn Progress,
-) -> Result<(Maps, f64), FitError> {
+) -> Result<(Pyramid<f32, CHANNELS>, f64), FitError> {
     let base = &candidate.maps.levels[0];
     let settings = BakeSettings { width: base.width, height: base.height, ..options.bake_settings() };
     let classes: Vec<AlphaClass> =
@@ -258,5 +263,12 @@ pub(super) fn bake_candidate(
     if options.is_prefiltered() {
         coverage::keep(candidate, &baked.valid, &baked.cut, &mut baked.maps);
     }
-    Ok((baked.maps, baked.statistics.mean_distance))
+    let mut maps = candidate.levels_of(baked.maps);
+    if maps.rule == MipRule::Free {
+        for level in &mut maps.levels[1..] {
+            let all = vec![true; level.texels.len()];
+            coverage::keep(candidate, &all, &all, level);
+        }
+    }
+    Ok((maps, baked.statistics.mean_distance))
 }

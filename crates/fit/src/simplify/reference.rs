@@ -1,6 +1,6 @@
 //! The references that a simplification can be asked for.
 
-use super::SimplifyOptions;
+use super::{Mips, SimplifyOptions};
 use crate::engine::Normalised;
 use crate::engine::reference::{MaterialFeatures, PathTraced, Rasterized, Reference, ReferenceKind, SAMPLES};
 use crate::{FitError, bake};
@@ -34,7 +34,13 @@ impl ReferenceRenderer {
         options: &SimplifyOptions,
     ) -> Result<Box<dyn Reference + 'a>, FitError> {
         Ok(match self {
-            Self::Raster => Box::new(Rasterized::of(n, surface).sampled(options.reference_samples())),
+            Self::Raster => {
+                let rasterized = Rasterized::of(n, surface);
+                Box::new(match options.mips {
+                    Mips::Classic => rasterized.sampled(options.reference_samples()),
+                    Mips::Free => rasterized.sampled_by_size(options.effort.work().coarser),
+                })
+            }
             Self::Path => Box::new(
                 PathTraced::new(scene, n, MaterialFeatures::Core, options.seed)?.with_surface(surface),
             ),

@@ -167,16 +167,20 @@ fn a_fit_stopped_at_any_step_resumes_to_the_same_file() {
         let outcome = simplify(&scene, &path, options, progress).unwrap();
         (outcome.stopped, std::fs::read(path).unwrap())
     };
-    let (_, whole) = file("whole.glb", &options(), &Silent);
+    let classic = options();
+    let texture_encoding = photofit_scene::TextureEncoding::Ktx2 { quality: 100 };
+    let free = SimplifyOptions { mips: Mips::Free, texture_encoding, ..options() };
+    let whole = [&classic, &free].map(|o| file("whole.glb", o, &Silent).1);
     // In the first phase, at its end (step 16), while maps are baked anew, in the second phase.
-    for stop_at in [0, 3, 16, 17, 30, 70] {
-        let checkpoint = Some(dir.path().join(format!("state{stop_at}")));
-        let kept = SimplifyOptions { checkpoint, ..options() };
+    let all = [0, 3, 16, 17, 30, 70].map(|stop_at| (&classic, &whole[0], stop_at));
+    for (options, whole, stop_at) in all.into_iter().chain([3, 17, 30].map(|at| (&free, &whole[1], at))) {
+        let checkpoint = Some(dir.path().join(format!("{}{stop_at}", options.mips.name())));
+        let kept = SimplifyOptions { checkpoint, ..options.clone() };
         let progress = Watching { stop_at: Some(stop_at), ..Watching::default() };
         let (stopped, _) = file("stopped.glb", &kept, &progress);
         assert!(stopped, "question {stop_at}");
         let (stopped, resumed) = file("resumed.glb", &SimplifyOptions { resume: true, ..kept }, &Silent);
-        assert!(!stopped && resumed == whole, "stopped at question {stop_at}");
+        assert!(!stopped && resumed == *whole, "{}, stopped at question {stop_at}", options.mips.name());
     }
 }
 

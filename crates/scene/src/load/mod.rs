@@ -12,7 +12,7 @@ mod points;
 mod polygon;
 #[cfg(test)]
 mod tests;
-mod texture;
+pub(crate) mod texture;
 
 use crate::error::{Fault, fault};
 use crate::{Primitive, Scene, SceneError};

@@ -3,6 +3,8 @@
 use super::Limits;
 use crate::TextureImage;
 use crate::error::{Fault, fault};
+use photofit_ktx2::{Ktx2Error, level_count};
+use photofit_texture::MipLayout;
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -62,7 +64,9 @@ impl<'a> Textures<'a> {
                 format!("has {width} x {height} texels; it may have at most {side} x {side} texels"),
             ));
         }
-        self.texels = self.texels.saturating_add(width as u64 * height as u64);
+        let levels = file_levels(&bytes).map_err(|rule| fault(&place, rule))?;
+        let texels = MipLayout::first(width, height, levels).texels();
+        self.texels = self.texels.saturating_add(texels as u64);
         if self.texels > self.limits.texels {
             return Err(fault(
                 place,
@@ -90,13 +94,33 @@ impl<'a> Textures<'a> {
             .map(|p| {
                 let (width, height, texels) = photofit_image::decode_texture(&p.bytes, &limits)
                     .map_err(|e| fault(&p.place, image_rule(e)))?;
+                let mips = mip_levels(&p.bytes).map_err(|rule| fault(&p.place, rule))?;
                 let encoded = keep.then(|| p.bytes.as_ref().into());
-                Ok(TextureImage { name: p.name, width, height, texels, encoded, ..TextureImage::default() })
+                let image = TextureImage { width, height, texels, mips, ..TextureImage::default() };
+                Ok(TextureImage { name: p.name, encoded, ..image })
             })
             .collect();
         // The first error in the file's order, whichever thread met one first.
         images.into_iter().collect()
     }
+}
+
+/// Mip levels that a texture's file holds, the base included.
+fn file_levels(bytes: &[u8]) -> Result<usize, String> {
+    if photofit_ktx2::is_ktx2(bytes) { level_count(bytes).map_err(damaged) } else { Ok(1) }
+}
+
+/// The mip levels that a texture's file holds beside the base, which was decoded before: so its size is known to be allowed.
+/// None where every reader makes its own.
+///
+/// # Errors
+/// If a level cannot be decoded.
+pub(crate) fn mip_levels(bytes: &[u8]) -> Result<Vec<Vec<[u8; 4]>>, String> {
+    (1..file_levels(bytes)?).map(|k| Ok(photofit_ktx2::decode(bytes, k).map_err(damaged)?.2)).collect()
+}
+
+fn damaged(error: Ktx2Error) -> String {
+    format!("is not a valid KTX 2.0 texture: {error}")
 }
 
 /// The message of an image error without its place, which the caller knows better.

@@ -2,6 +2,7 @@
 
 use super::levels::{Use, levels};
 use crate::error::fault;
+use crate::load::texture::mip_levels;
 use crate::{Scene, SceneError, TextureEncoding, TextureImage};
 use photofit_image::{
     PngCompression, decode_texture, encode_jpeg, encode_png, encode_webp, encode_webp_lossy,
@@ -41,16 +42,17 @@ impl Scene {
 }
 
 impl TextureImage {
-    /// The image with the texels that [`Self::encoded`] decodes to; as it is without.
+    /// The image with the texels and mip levels that [`Self::encoded`] decodes to; as it is without.
     ///
     /// # Errors
     /// If that is no PNG, JPEG, WebP or KTX 2.0 texture.
     pub fn read_again(self) -> Result<Self, SceneError> {
         let Some(bytes) = &self.encoded else { return Ok(self) };
         let read = decode_texture(bytes, &photofit_image::Limits::default());
+        let read = read.map_err(|e| e.to_string()).and_then(|base| Ok((base, mip_levels(bytes)?)));
         match read {
-            Ok((width, height, texels)) => Ok(Self { width, height, texels, ..self }),
-            Err(e) => Err(fault(format!("image {:?}", self.name), e.to_string()).in_scene()),
+            Ok(((width, height, texels), mips)) => Ok(Self { width, height, texels, mips, ..self }),
+            Err(rule) => Err(fault(format!("image {:?}", self.name), rule).in_scene()),
         }
     }
 }

@@ -11,7 +11,7 @@ use crate::{AlphaMode, Material, Scene, TextureImage, TextureSlot};
 use photofit_image::srgb_u8_to_linear;
 use photofit_ktx2::Level;
 use photofit_scalar::linear_to_srgb_u8;
-use photofit_texture::{MipRule, MipTexture, Pyramid, Texture};
+use photofit_texture::{MipLayout, MipRule, MipTexture, Pyramid, Texture};
 use rayon::prelude::*;
 
 /// What materials use an image for.
@@ -86,8 +86,13 @@ fn material_uses(m: &Material, image: usize) -> Vec<Use> {
     uses
 }
 
-/// The levels of an image down to 1 x 1.
+/// The levels of an image down to 1 x 1; where it has some of its own, these as they are.
 pub(super) fn levels(image: &TextureImage, used: Use) -> Vec<Level> {
+    if !image.mips.is_empty() {
+        let sizes = MipLayout::first(image.width, image.height, image.mips.len() + 1);
+        let texels = std::iter::once(&image.texels).chain(&image.mips);
+        return sizes.levels().iter().zip(texels).map(|(l, t)| (l.width, l.height, t.clone())).collect();
+    }
     let chain = |texel: &dyn Fn(&[u8; 4]) -> [f32; 4], rule| {
         let texels = image.texels.iter().map(texel).collect();
         Pyramid::with_rule(Texture { width: image.width, height: image.height, texels }, rule)
@@ -205,7 +210,12 @@ fn passing(level: &Texture<f32, 4>, cutoff: f32) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Sampler, TextureSlot};
+    use crate::{
+        Instance, Primitive, Sampler, SurfaceLibrary, TextureEncoding, TextureSlot, load, save_glb, to_glb,
+    };
+    use photofit_geometry::shapes;
+    use photofit_scalar::vec2;
+    use photofit_texture::{LevelOfDetail, lookup};
 
     fn image(side: usize, texel: impl Fn(usize, usize) -> [u8; 4]) -> TextureImage {
         let texels = (0..side * side).map(|i| texel(i % side, i / side)).collect();
@@ -285,6 +295,47 @@ mod tests {
             assert!(level.2.iter().all(|t| t[0].abs_diff(128) <= 1 && t[2] == 255), "{:?}", level.2[0]);
         }
         assert!(levels_of(&scene, 1)[1..].iter().all(|l| l.2.iter().all(|t| *t == [255, 70, 128, 255])));
+    }
+
+    /// Levels that do not follow from the base come back, are drawn, and are written again; files without room for them lose them.
+    #[test]
+    fn mip_levels_of_an_image_survive_in_ktx2() {
+        let flat = |side: usize, texel: [u8; 4]| vec![texel; side * side];
+        let [red, green, blue] = [[200, 20, 20, 255], [20, 200, 20, 255], [20, 20, 200, 255]];
+        let image = TextureImage {
+            width: 8,
+            height: 8,
+            texels: flat(8, red),
+            mips: vec![flat(4, green), flat(2, blue), flat(1, green)],
+            encoding: TextureEncoding::Ktx2 { quality: 100 },
+            ..TextureImage::default()
+        };
+        let material = Material { base_color_texture: slot(0), ..Material::clay() };
+        let mut scene = Scene { materials: vec![material], images: vec![image], ..Scene::default() };
+        scene.primitives.push(Primitive { mesh: shapes::uv_sphere(6, 3), material: 0 });
+        scene.instances.push(Instance { primitive: 0, transform: glam::Affine3A::IDENTITY });
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.glb");
+        save_glb(&path, &scene).unwrap();
+        let mut again = load(&path).unwrap();
+        assert_eq!(again.images[0].texels, scene.images[0].texels);
+        assert_eq!(again.images[0].mips, scene.images[0].mips);
+        // A lookup reads them: half way between the second and the third level.
+        let library = SurfaceLibrary::new(&again);
+        let texture = library.texture(0);
+        let lod = LevelOfDetail { level: 1.5 };
+        let at = lookup(texture.layout(), vec2(0.3, 0.6), Some(&lod), &Default::default());
+        let linear = srgb_u8_to_linear;
+        let mean = 0.5 * (linear(20) + linear(200));
+        let got = texture.read(&at);
+        assert!((got[1] - mean).abs() < 1e-4 && (got[2] - mean).abs() < 1e-4, "{got:?}");
+        // Written once more, and as a file without levels.
+        again.images[0].encoding = TextureEncoding::Ktx2 { quality: 100 };
+        assert_eq!(to_glb(&again).unwrap(), to_glb(&scene).unwrap());
+        assert!(again.stored_as(0, TextureEncoding::Png).unwrap().mips.is_empty());
+        again.images[0].mips[1].pop();
+        let refused = again.validate().unwrap_err().to_string();
+        assert!(refused.contains("[16, 3, 1] texels; they must be [16, 4, 1]"), "{refused}");
     }
 
     #[test]

@@ -428,7 +428,7 @@ fn webp_textures_come_back_exactly() {
         height: 6,
         texels: texels.clone(),
         encoding: TextureEncoding::WebP,
-        encoded: None,
+        ..TextureImage::default()
     };
     let material = Material { base_color_texture: Some(slot(0, 0)), ..Material::clay() };
     let mut scene = Scene { materials: vec![material], images: vec![image], ..Scene::default() };

@@ -3,7 +3,7 @@
 use super::address::Address;
 use super::extensions;
 use super::{Compiled, Slot, SurfaceSample};
-use crate::{AlphaMode, Filter, Material, Scene, TextureSlot};
+use crate::{AlphaMode, Filter, Material, Scene, TextureImage, TextureSlot};
 use photofit_scalar::{Vec3f, vec3};
 use photofit_texture::{MipLayout, MipRule, MipTexture, Texels};
 use rayon::prelude::*;
@@ -48,12 +48,27 @@ impl Wanted {
     pub(super) fn build(&self, scene: &Scene) -> Vec<MipTexture> {
         let build = |want: &Want| {
             let image = &scene.images[want.image];
-            let layout = if want.mips { MipLayout::full } else { MipLayout::base };
+            let layout = layout(image, want.mips);
             let rule = if want.encoding.weighted { MipTexture::COVERAGE } else { MipRule::Area };
             let encoded = if want.encoding.srgb { Texels::Srgb8 } else { Texels::Unorm8 };
-            MipTexture::new(encoded(image.texels.clone()), layout(image.width, image.height), rule)
+            if !want.mips || image.mips.is_empty() {
+                return MipTexture::new(encoded(image.texels.clone()), layout, rule);
+            }
+            let mut texels = image.texels.clone();
+            image.mips.iter().for_each(|level| texels.extend(level));
+            MipTexture::with_levels(encoded(texels), layout, rule)
         };
         self.textures.par_iter().map(build).collect()
+    }
+}
+
+/// The levels that lookups read: those of the image, where it has some of its own, else all.
+fn layout(image: &TextureImage, mips: bool) -> MipLayout {
+    let (width, height) = (image.width, image.height);
+    match (mips, image.mips.len()) {
+        (false, _) => MipLayout::base(width, height),
+        (true, 0) => MipLayout::full(width, height),
+        (true, own) => MipLayout::first(width, height, own + 1),
     }
 }
 
@@ -67,12 +82,11 @@ pub(super) fn compile(scene: &Scene, m: &Material, occlusion: bool, wanted: &mut
             let texture =
                 wanted.texture(Want { image: s.image, encoding: Encoding { srgb, weighted }, mips });
             let identity = s.transform == [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-            let layout = if mips { MipLayout::full } else { MipLayout::base };
             let address = Address {
                 set: usize::from(s.tex_coord == 1),
                 transform: (!identity).then_some(s.transform),
                 sampler: s.sampler,
-                layout: layout(image.width, image.height),
+                layout: layout(image, mips),
             };
             let known = addresses.iter().position(|a| *a == address);
             let address = known.unwrap_or_else(|| {

@@ -15,7 +15,7 @@ mod weights;
 use super::cpu::Chain;
 use super::loss::PictureLoss;
 use super::model::{Group, Model, ModelError, Snapshot};
-use super::surface::{POSITIONS, PositionOptimizer, Surface, temporal};
+use super::surface::{MAPS, POSITIONS, PositionOptimizer, Surface, temporal};
 use super::views::Shot;
 use crate::FitError;
 use photofit_gpu::{Buffer, Gpu, GpuError, Kernel, KernelReport, Recording};
@@ -23,6 +23,7 @@ use photofit_optim::OptimError;
 use photofit_optim::gpu::{DeviceOptimizer, LargeStepsSolver};
 use photofit_raster::CHANNELS;
 use photofit_raster::deferred::{Masks, Passes};
+use photofit_raster::texture::MipRule;
 use recorded::{COURSE, Forward, Step};
 use references::References;
 pub use references::{Residence, Shown};
@@ -78,6 +79,11 @@ impl GpuSurface {
     /// If the device cannot hold it, or does not run its optimizer.
     pub fn new(gpu: &Gpu, surface: Surface, shots: &[Shot]) -> Result<Self, NoRoom> {
         let groups = Chain::groups(&surface);
+        if surface.candidate.maps.rule == MipRule::Free {
+            let (group, what) = (MAPS.into(), "mip levels with texels of their own");
+            let source = OptimError::Combination { group, what, with: "a device, which builds them anew" };
+            return Err(NoRoom { source, option: None });
+        }
         let fitted = surface.rates.map(|r| r > 0.0);
         let on = Resident::new(gpu, &surface.candidate, fitted)?;
         if !surface.optimizer.runs_on_device() {

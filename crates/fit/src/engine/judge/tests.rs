@@ -113,7 +113,7 @@ fn stages_are_put_in_order_by_the_pictures_of_the_report() {
     for (renderer, wanted) in [(JudgeRenderer::Auto, 1), (JudgeRenderer::Path, 1), (JudgeRenderer::Raster, 0)]
     {
         let judge = Judge { renderer, ..judge.clone() };
-        let scores = judge.scores(&stages, 2, 2, &Silent).unwrap();
+        let scores = judge.scores(&stages, (2, None), 2, &Silent).unwrap();
         let shown = judge.views(&stages, 2, &Silent).unwrap();
         let psnr = |k: usize| shown.iter().map(|v| v.quality[k].quality.psnr).sum::<f64>();
         assert_eq!(highest(&scores), wanted, "{renderer:?}: {scores:?}");
@@ -122,7 +122,7 @@ fn stages_are_put_in_order_by_the_pictures_of_the_report() {
     // Where the report is rasterized, the pictures of a fit to all light have no say.
     let lit = PathTraced::new(&coated, &n, MaterialFeatures::All, 0).unwrap().sampled(4);
     let judge = Judge { reference: &lit, renderer: JudgeRenderer::Raster, ..judge };
-    assert_eq!(highest(&judge.scores(&stages, 2, 2, &Silent).unwrap()), 0);
+    assert_eq!(highest(&judge.scores(&stages, (2, None), 2, &Silent).unwrap()), 0);
 }
 
 #[test]

@@ -100,6 +100,12 @@ pub(crate) fn loss(loss: PictureLoss, noise: Option<f64>) -> Item {
     Item { what: "logarithmic loss", runs: (loss.loss != Loss::Mse).into(), why }
 }
 
+/// The row of mip levels with texels of their own, and the sizes of the pictures that they are fitted to.
+pub(crate) fn free_mips([least, most]: [usize; 2]) -> Item {
+    let why = format!("each level has texels of its own, fitted to pictures of {least} to {most} pixels");
+    Item { what: "free mip levels", runs: Runs::Yes, why }
+}
+
 /// The row of a loss that the options ask for.
 pub(crate) fn asked_loss(loss: PictureLoss) -> Item {
     let why = format!("{} is asked for: {}", loss.name(), loss.about());

@@ -14,6 +14,8 @@ pub enum Measure {
     /// PSNR of the foreground after clamping to [0, 1] and sRGB encoding: what a screen shows.
     #[default]
     Psnr,
+    /// The same, with each view counting alike, whatever the size of its picture.
+    PsnrOfViews,
     /// `-10 log10` of the mean squared error of linear light, relative to the reference ([`relative_weights`]) and not
     /// clamped: what fits of radiance minimise.
     Relative,
@@ -23,7 +25,7 @@ impl Measure {
     /// A quality in words.
     pub(super) fn told(self, quality: f64) -> String {
         match self {
-            Self::Psnr => format!("{quality:.2} dB"),
+            Self::Psnr | Self::PsnrOfViews => format!("{quality:.2} dB"),
             Self::Relative => format!("relative squared error {:.4e}", relative_error(quality)),
         }
     }
@@ -118,7 +120,7 @@ impl HeldOut {
     /// Quality of pictures of these views, dB.
     pub fn quality(&self, pictures: &[Vec<[f32; 4]>]) -> f64 {
         match self.measure {
-            Measure::Psnr => self.psnr(pictures),
+            Measure::Psnr | Measure::PsnrOfViews => self.psnr(pictures),
             Measure::Relative => self.relative(pictures),
         }
     }
@@ -139,7 +141,7 @@ impl HeldOut {
         -10.0 * mean((0..pictures.len()).into_par_iter().map(one).collect()).log10()
     }
 
-    /// PSNR (sRGB, foreground) of pictures of these views.
+    /// PSNR (sRGB, foreground) of pictures of these views, over all their pixels; over the views where these count alike.
     pub fn psnr(&self, pictures: &[Vec<[f32; 4]>]) -> f64 {
         let one = |(picture, reference): (&Vec<[f32; 4]>, &Vec<[f32; 4]>)| {
             let (mut squares, mut count) = (0.0, 0.0);
@@ -150,7 +152,10 @@ impl HeldOut {
                     count += 1.0;
                 }
             }
-            [squares, count]
+            match self.measure {
+                Measure::PsnrOfViews if count > 0.0 => [squares / count, 1.0],
+                _ => [squares, count],
+            }
         };
         psnr_from_mse(mean(pictures.par_iter().zip(self.references()).map(one).collect()))
     }

@@ -191,7 +191,7 @@ fn fit(model: Pixels, keeping: &Keeping, progress: &dyn Progress) -> Result<Trai
         };
         vec![
             phase("first", 0, 37, None),
-            phase("second", 37, 30, Some(("blue".into(), &renew as Initialiser<'_, Pixels>))),
+            phase("second", 37, 30, Some((vec!["blue".into()], &renew as Initialiser<'_, Pixels>))),
             phase("third", 67, STEPS - 67, None),
         ]
     };
