@@ -375,7 +375,8 @@ impl Judge<'_> {
     }
 
     /// [`scores`] of stages in `count` held-out views, by pictures made as those of the report are ([`Self::method`]), but of
-    /// fewer samples: a quarter of those of a path traced pixel, `samples` per axis of a rasterized one.
+    /// fewer samples: a quarter of those of a path traced pixel, `samples` per axis of a rasterized one. They are of the size of the
+    /// report, or of all sizes from `smallest` pixels a side on ([`Orbit::smallest`]).
     ///
     /// # Errors
     /// If a picture cannot be made.
