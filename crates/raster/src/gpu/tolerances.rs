@@ -35,8 +35,8 @@ pub(crate) const LOSS: f64 = 4e-6;
 pub(crate) const LOSS_GRADIENT: f32 = 1e-5;
 /// Structural similarity, relative, and its gradient, relative to the largest, against the CPU in `f64`: variances under a
 /// window are differences of squares, over a constant of 9e-4.
-pub(crate) const SIMILARITY: f64 = 1e-4;
-pub(crate) const SIMILARITY_GRADIENT: f64 = 1e-4;
+pub(crate) const SIMILARITY: f64 = 2e-5;
+pub(crate) const SIMILARITY_GRADIENT: f64 = 2e-5;
 /// Pixels of a shaded layer (`photofit_gradcheck::worst_difference`): interpolation, lookups and lights, a few hundred
 /// operations; the share of a mip level is known to some 1e-6.
 pub(crate) const SHADED: f64 = 5e-5;

