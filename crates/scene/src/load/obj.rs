@@ -151,7 +151,7 @@ impl Ignored {
     }
 }
 
-/// The text of a line. Exporters of former days write Latin-1, which is what a line is taken for that is no UTF-8: names of
+/// The text of a line. Old exporters write Latin-1, which is what a line is taken for that is no UTF-8: names of
 /// materials and files are then the same in files of both kinds.
 fn decoded(line: &[u8]) -> Cow<'_, str> {
     match std::str::from_utf8(line) {

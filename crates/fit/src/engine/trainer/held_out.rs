@@ -36,7 +36,7 @@ pub fn relative_error(quality: f64) -> f64 {
     10.0_f64.powf(-0.1 * quality)
 }
 
-/// Of an asset that no picture shows.
+/// The warning about an asset that no picture shows.
 pub(crate) const UNSEEN: &str = "no camera sees anything of the asset (transparent all over, or too small beside its bounds): whatever is written \
                       looks the same";
 
