@@ -14,8 +14,8 @@ const SOURCES: &str = "crates/bench/peers/judge";
 const INSTALLED: &str = "target/judge";
 const FILES: [&str; 2] = ["package.json", "judge.mjs"];
 
-/// `judge FILE...`: an error where the validator finds an error or a warning.
-pub(crate) fn run(files: &[String]) -> Result<()> {
+/// `judge FILE...`, paths from the folder `here` on: an error where the validator finds an error or a warning.
+pub(crate) fn run(files: &[String], here: &Path) -> Result<()> {
     if files.is_empty() {
         bail!("expected `judge FILE...`, .glb or .gltf");
     }
@@ -25,6 +25,7 @@ pub(crate) fn run(files: &[String]) -> Result<()> {
         }
     }
     let script = install()?;
+    let files = files.iter().map(|file| here.join(file));
     let status = Command::new("node").arg(script).args(files).status().context("node: cannot start")?;
     if !status.success() {
         bail!("judge: a file is not clean");

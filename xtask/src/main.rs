@@ -55,6 +55,7 @@ fn run(args: &[String]) -> Result<()> {
         Some((task, rest)) => (task.as_str(), rest),
         None => ("help", args),
     };
+    let here = std::env::current_dir()?;
     std::env::set_current_dir(shell::root())?;
     match task {
         "ci" => ci::run(flag(rest, &["--no-test"])?.contains(&"--no-test")),
@@ -68,7 +69,7 @@ fn run(args: &[String]) -> Result<()> {
         }
         "golden" => tasks::golden(rest),
         "bench" => tasks::bench(rest),
-        "judge" => judge::run(rest),
+        "judge" => judge::run(rest, &here),
         "demo" => tasks::demo(rest),
         "dist" => no_args(rest).and_then(|()| dist::run()),
         "help" | "--help" | "-h" => {

@@ -41,13 +41,13 @@ async function validated(file) {
   const folder = path.dirname(file);
   const report = await validator.validateBytes(new Uint8Array(await readFile(file)), {
     uri: path.basename(file),
-    maxIssues: 20,
+    maxIssues: 0,
     externalResourceFunction: async (uri) => new Uint8Array(await readFile(path.join(folder, decodeURIComponent(uri)))),
   });
-  const { numErrors: errors, numWarnings: warnings, numInfos: infos, numHints: hints, messages } = report.issues;
+  const { numErrors: errors, numWarnings: warnings, numInfos: infos, numHints: hints, messages, truncated } = report.issues;
   console.log(`  validator: ${errors} errors, ${warnings} warnings, ${infos} infos, ${hints} hints`);
-  for (const m of messages.filter((m) => m.severity < 2)) console.log(`    ${m.code} at ${m.pointer}: ${m.message}`);
-  return errors + warnings === 0;
+  for (const m of messages.filter((m) => m.severity < 2).slice(0, 20)) console.log(`    ${m.code} at ${m.pointer}: ${m.message}`);
+  return errors + warnings === 0 && !truncated;
 }
 
 async function audited(file) {

@@ -34,7 +34,7 @@ pub struct MaterialClass {
 
 impl MaterialClass {
     /// Core materials without alpha.
-    const PLAIN: Self = Self {
+    pub(crate) const PLAIN: Self = Self {
         name: String::new(),
         drawn: AlphaMode::Opaque,
         written: AlphaMode::Opaque,

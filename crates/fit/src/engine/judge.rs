@@ -376,7 +376,8 @@ impl Judge<'_> {
 
     /// [`scores`] of stages in `count` held-out views, by pictures made as those of the report are ([`Self::method`]), but of
     /// fewer samples: a quarter of those of a path traced pixel, `samples` per axis of a rasterized one. They are of the size of the
-    /// report, or of all sizes from `smallest` pixels a side on ([`Orbit::smallest`]).
+    /// report, or rasterized and of all sizes
+    /// from `smallest` pixels a side on ([`Orbit::smallest`]).
     ///
     /// # Errors
     /// If a picture cannot be made.
@@ -389,12 +390,17 @@ impl Judge<'_> {
     ) -> Result<Vec<f64>, FitError> {
         let method = self.method(stages);
         let views = |size| Orbit { smallest, ..Orbit::new(self.seed, self.lighting, size) };
-        if method == Judged::PathTraced {
+        // The path tracer reads the finest mip level alone: pictures of several sizes are rasterized.
+        if method == Judged::PathTraced && smallest.is_none() {
             let (reference, traced) = self.traced(stages, self.spp.div_ceil(CHOICE_COARSER))?;
             let traced: Vec<&dyn Reference> = traced.iter().map(|t| t as &dyn Reference).collect();
             return scored(&reference, &traced, &views(self.size.min(WIDEST_TRACED)), count, progress);
         }
-        let rasterized = Rasterized::new(&self.n.flat, &self.n.library).sampled(self.samples[0]);
+        let rasterized = Rasterized::new(&self.n.flat, &self.n.library);
+        let rasterized = match smallest {
+            Some(_) => rasterized.sampled_by_size(1),
+            None => rasterized.sampled(self.samples[0]),
+        };
         let holds_more = method == Judged::Rasterized && self.reference.kind().indirect_light;
         let reference: &dyn Reference = if holds_more { &rasterized } else { self.reference };
         scores(&self.n.light_asset, reference, stages, &views(self.size), count, samples, progress)

@@ -147,8 +147,8 @@ pub(super) fn rates_of(fitted: [bool; CHANNELS]) -> [f32; CHANNELS] {
     rates
 }
 
-/// Rates of coarse mip levels that are free, relative to the base: their gradients are means over many pixels, and they start
-/// farther from where they go (docs/crates/fit.md).
+/// Rates of coarse mip levels that are free, relative to the base: they start farther from where they go, and only some pictures
+/// read each of them. Chosen on one ball (docs/crates/fit.md).
 const COARSE_RATE: f32 = 5.0;
 
 /// Slopes of masks that fade, at the first and after the last step of a fit (docs/crates/fit.md).

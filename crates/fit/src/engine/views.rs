@@ -21,8 +21,9 @@ const STREAM_HELD_OUT: u64 = 2 << 32;
 const STREAM_REPORT: u64 = 3 << 32;
 const STREAM_BACKGROUND: u64 = 4 << 32;
 const STREAM_SIZE: u64 = 5 << 32;
-/// Its multiples, whole parts dropped, spread evenly, whatever their number.
-const GOLDEN: f64 = 0.618_033_988_749_895;
+/// Fractional parts of the multiples of this number, sqrt(2), spread evenly whatever their count. The cameras of held-out views
+/// turn by multiples of the golden angle: sizes must follow another number, or each size would have its direction.
+const SPREAD: f64 = std::f64::consts::SQRT_2;
 
 /// Where the light of a fit comes from.
 #[derive(Clone, Debug, Default)]
@@ -315,7 +316,7 @@ impl Orbit {
         };
         let share = match set {
             Set::Train => f64::from(Rng::new(self.seed, STREAM_SIZE + index).next_f32()),
-            Set::HeldOut | Set::Report => (GOLDEN * index as f64).fract(),
+            Set::HeldOut | Set::Report => (SPREAD * index as f64).fract(),
         };
         let (least, most) = (smallest as f64, self.size as f64);
         ((most * (least / most).powf(share)).round() as usize).clamp(smallest, self.size)

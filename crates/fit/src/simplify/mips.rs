@@ -3,8 +3,9 @@
 use super::options::rule;
 use super::{FitRenderer, SimplifyOptions, Surfacing};
 use crate::FitError;
+use crate::engine::classes::MaterialClass;
 use crate::engine::views::Orbit;
-use photofit_scene::TextureEncoding;
+use photofit_scene::{AlphaMode, TextureEncoding};
 
 /// How the mip levels of new maps come about.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -43,6 +44,17 @@ pub(super) fn check(o: &SimplifyOptions) -> Result<(), FitError> {
     needs(o.texture_size.is_multiple_of(4), "needs a texture size that is a multiple of 4, as ktx2 does")?;
     let (least, free) = (o.smallest_size, o.mips == Mips::Free);
     rule("smallest_size", least, !free || (16..=4096).contains(&least), "must be 16 to 4096")
+}
+
+/// Whether free levels can be written for surfaces of these classes. A coarse texel may belong to surfaces of several classes,
+/// of which some are drawn from other samples than their material names: for classic levels the base alone is converted.
+pub(super) fn check_classes(o: &SimplifyOptions, classes: &[MaterialClass]) -> Result<(), FitError> {
+    let some = |of: fn(&MaterialClass) -> bool| classes.iter().any(of);
+    let needs = |holds, must| rule("mips", o.mips.name(), o.mips == Mips::Classic || holds, must);
+    let lit = some(|c| !c.unlit);
+    needs(!(lit && some(|c| c.unlit)), "needs materials that are all lit or all unlit")?;
+    let alpha = some(|c| c.written != AlphaMode::Opaque && !c.is_see_through());
+    needs(!(alpha && some(MaterialClass::is_see_through)), "needs an asset without glass beside other alpha")
 }
 
 impl SimplifyOptions {

@@ -134,6 +134,7 @@ pub(crate) fn simplify_asset(
     progress: &dyn Progress,
 ) -> Result<Outcome, FitError> {
     let Asset { scene, n, rays, visibility } = asset;
+    mips::check_classes(options, &n.light_asset.classes)?;
     if options.surfacing == Surfacing::Kept {
         return kept::simplify(asset, output, options, began, progress);
     }
@@ -303,7 +304,7 @@ fn fingerprint(o: &SimplifyOptions, start: &Candidate) -> Fingerprint {
         .option("batch", o.batch)
         .option("texture_size", o.texture_size)
         .option("mips", o.mips.name())
-        .option("smallest_size", if o.mips == Mips::Free { o.smallest_size } else { o.resolution })
+        .option("smallest_size", if o.mips == Mips::Free { o.smallest_size } else { 0 })
         .option("lock_borders", o.lock_borders)
         .option("effort", o.effort.name())
         .option("seed", o.seed)

@@ -9,7 +9,7 @@ use crate::engine::reference::Reference;
 use crate::{FitError, Progress};
 use photofit_geometry::decimate::{Options, Target};
 use photofit_raster::texture::{MipLayout, MipRule, MipTexture, Texels};
-use photofit_scene::{AlphaMode, Scene, TextureImage, TextureSlot};
+use photofit_scene::{AlphaMode, Scene, TextureEncoding, TextureImage, TextureSlot};
 
 /// Textures of a fitted asset at most: base colour, roughness with metalness, normals, emission.
 const MAPS: usize = 4;
@@ -128,6 +128,10 @@ pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) 
     }
     for (k, h) in halvings.into_iter().enumerate().filter(|(_, h)| *h > 0) {
         light.images[k] = reduced(&light, k, h as usize);
+        if !matches!(options.texture_encoding, TextureEncoding::Ktx2 { .. }) {
+            // They are judged as they are written.
+            light.images[k].mips.clear();
+        }
     }
     Some(light)
 }

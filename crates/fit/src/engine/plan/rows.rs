@@ -174,7 +174,7 @@ pub(crate) fn surface(work: &Work) -> Vec<Item> {
 
 /// The row of the evaluations: whether pictures are clamped to what a screen shows before they are compared.
 pub(crate) fn evaluation(measure: Measure, why: &str) -> Item {
-    let clamped = measure == Measure::Psnr;
+    let clamped = measure != Measure::Relative;
     let how = if clamped { "PSNR of sRGB in [0, 1]" } else { "relative squared error of linear light" };
     Item { what: "clamped evaluation", runs: clamped.into(), why: format!("{how}: {why}") }
 }

@@ -50,6 +50,13 @@ fn logarithms_of_sizes_are_spread_evenly() {
             assert!((share - 0.2).abs() < 0.03, "{set:?}, from {} pixels: {share}", 1 << octave);
         }
     }
+    // Nor does a size have a direction: shares and directions of held-out views are uncorrelated.
+    let views = (0..200).map(|i| some.setup(Set::HeldOut, i, 200));
+    let pairs: Vec<_> =
+        views.map(|s| ((s.width as f64).log2(), s.camera.pinhole().eye.normalize())).collect();
+    let mean = pairs.iter().map(|p| p.0).sum::<f64>() / 200.0;
+    let pull = pairs.iter().map(|(size, eye)| eye.as_dvec3() * (size - mean)).sum::<glam::DVec3>() / 200.0;
+    assert!(pull.length() < 0.1, "{pull}");
     assert_eq!(width(&some, Set::Report, 3), 512);
     assert_eq!(width(&of(None), Set::Train, 3), 512);
     // The camera is that of a picture of the full size.

@@ -36,6 +36,28 @@ fn free_levels_need_files_that_hold_them_and_maps_that_are_fitted() {
 }
 
 #[test]
+fn coarse_texels_of_several_kinds_of_surfaces_are_refused() {
+    let class = |written: AlphaMode, drawn: AlphaMode, unlit: bool| MaterialClass {
+        written,
+        drawn,
+        unlit,
+        ..MaterialClass::PLAIN
+    };
+    let (opaque, blend) = (AlphaMode::Opaque, AlphaMode::Blend);
+    let lit = class(opaque, opaque, false);
+    let unlit = class(opaque, opaque, true);
+    let glass = class(opaque, blend, false);
+    let leaf = class(blend, blend, false);
+    let refused =
+        |classes: &[MaterialClass]| check_classes(&free(), classes).map_err(|e| e.to_string()).err();
+    assert_eq!(refused(&[lit.clone(), glass.clone()]), None);
+    assert_eq!(refused(&[unlit.clone()]), None);
+    assert!(refused(&[lit.clone(), unlit.clone()]).is_some_and(|e| e.contains("all lit or all unlit")));
+    assert!(refused(&[glass.clone(), leaf.clone()]).is_some_and(|e| e.contains("without glass")));
+    check_classes(&SimplifyOptions::default(), &[lit, unlit, glass, leaf]).unwrap();
+}
+
+#[test]
 fn a_step_sees_as_many_pixels_as_one_of_classic_levels() {
     let side = |smallest_size| SimplifyOptions { smallest_size, ..free() }.mean_side();
     assert_eq!((side(512), side(16), side(1000)), (512, 194, 512));
