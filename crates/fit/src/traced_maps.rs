@@ -91,6 +91,14 @@ pub struct MapsCourse {
     pub plan: PlanRows,
 }
 
+impl MapsCourse {
+    /// Whether any evaluation was better than that of the start.
+    pub fn gained(&self) -> bool {
+        let start = self.history.first().map_or(f64::INFINITY, |h| h.quality);
+        self.history.iter().any(|h| h.quality > start)
+    }
+}
+
 /// A map that is fitted.
 pub(crate) struct Map {
     kind: MapKind,

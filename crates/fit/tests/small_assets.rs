@@ -4,7 +4,7 @@ use glam::{Affine3A, Vec3};
 use photofit_fit::Silent;
 use photofit_fit::scene_render::SceneRenderer;
 use photofit_fit::simplify::{
-    FitRenderer, HistoryPoint, Init, Judged, Outcome, ReferenceRenderer, SimplifyOptions, Written, simplify,
+    FitRenderer, Init, Judged, Outcome, ReferenceRenderer, SimplifyOptions, Written, simplify,
 };
 use photofit_fit::views::Lighting;
 use photofit_geometry::decimate::Target;
@@ -381,11 +381,13 @@ fn maps_may_be_fitted_through_the_path_tracer() {
     let (outcome, light) = run(&asset, &options);
     let maps = outcome.traced_maps.as_ref().expect("a fit through the path tracer");
     assert_eq!((maps.steps, outcome.judged), (40, Judged::PathTraced));
-    let quality = |h: &HistoryPoint| h.quality;
-    let (first, best) =
-        (quality(&maps.history[0]), maps.history.iter().map(quality).fold(f64::MIN, f64::max));
-    assert!(best > first + 0.05, "{first:.2} dB became {best:.2}");
-    assert!(light.materials[0].base_color_texture.is_some(), "the shadows of what is lost have a map");
+    // The start of this small fit may be as good as its end: what it started from is written then.
+    let file = outcome.shipped().expect("the file is judged");
+    let before = outcome.stage(outcome.written.name()).expect("what was chosen is judged");
+    assert!(maps.gained() || file.flip < before.flip + 0.002, "{file:?} {before:?}");
+    assert!(file.psnr > before.psnr - 0.05, "{file:?} {before:?}");
+    let has_map = light.materials[0].base_color_texture.is_some();
+    assert_eq!(has_map, maps.gained(), "the shadows of what is lost have a map");
     // Stopped by the time limit and gone on from both checkpoints: the file of a run that nothing stopped.
     let folder = tempfile::tempdir().expect("a temporary folder");
     let kept = SimplifyOptions { checkpoint: Some(folder.path().into()), ..options.clone() };

@@ -58,6 +58,11 @@ pub(super) fn fit_maps(
         traced_maps(asset.scene, asset.n, &light, &fit, progress)
     });
     match made {
+        // Written again they would be rounded, too.
+        Ok(made) if !made.course.gained() => {
+            progress.warn("no maps fitted through the path tracer looked better: those before are written");
+            (light, Some(made.course))
+        }
         Ok(made) => (made.light, Some(made.course)),
         Err(e) => {
             progress.warn(&format!("its maps are not fitted through the path tracer: {e}"));
