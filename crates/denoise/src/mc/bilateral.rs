@@ -328,7 +328,7 @@ mod tests {
                 let y = k * ROWS;
                 bilateral.rows(y, &taps, &precision[y * width..], &mut tile, out);
             }
-            for i in (0..n).filter(|i| guide[*i] != NOTHING) {
+            for i in (0..n).filter(|i| guide[*i] < NOTHING) {
                 let (x, y) = (i % width, i / width);
                 let (mut sums, mut totals) = ([0.0_f64; MEANS], [0.0_f64; 2]);
                 for j in (0..n).filter(|j| *j != i) {
