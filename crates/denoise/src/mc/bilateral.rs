@@ -1,10 +1,10 @@
 //! Means of a residual over the pixels around that look alike: a joint bilateral filter [@eisemann2004; @petschnigg2004]
 //! without the pixel itself, at two widths at once.
 //!
-//! Likeness is judged by six feature planes and by one smoothed plane with a precision of its own at each pixel. The pixel
-//! itself has no part in its mean; were the weights independent of it, the product of both would be, on average, that of the
-//! truth and the mean (leave-one-out cross-validation). The smoothed plane holds a twelfth of the pixel; comparing what is left
-//! of it without the two pixels of a pair does not lower the error (tried).
+//! Likeness is judged by six feature planes and by one smoothed plane with a precision of its own at each pixel. A mean does not
+//! average the pixel itself; only the likeness knows it, by about a twelfth of it in the smoothed plane. So the noise of a pixel is
+//! nearly, not wholly, independent of its mean: their product is, on average, nearly that of the truth and the mean
+//! (leave-one-out cross-validation). Comparing smoothed planes without the two pixels of a pair does not lower the error (tried).
 //!
 //! Pixels are copied with what is around into tiles whose size the compiler knows; pixels outside of the picture and holes
 //! look like no other.
@@ -100,7 +100,7 @@ impl Taps {
 
 impl Bilateral<'_> {
     /// The means of at most `ROWS` rows from `y` on: for each row [`MEANS`] runs, 3 channels of each width. 0 where nothing around is like
-    /// the pixel. `precision` is the factor of the squared difference of the smoothed plane, row by row.
+    /// the pixel; where nothing in reach of the narrow mean is, it equals the wide one. `precision` is the factor of the squared difference of the smoothed plane, row by row.
     pub(crate) fn rows(&self, y: usize, taps: &Taps, precision: &[f32], tile: &mut Tile, out: &mut [f32]) {
         let width = self.width;
         for x in (0..width).step_by(TILE) {
@@ -113,11 +113,16 @@ impl Bilateral<'_> {
                 p[..count].iter_mut().zip(&precision[x..]).for_each(|(p, v)| *p = 0.125 * v);
                 let own = (r + REACH) * RUN + PAD;
                 run_widest(Row { pixels: &tile.pixels, own, taps, precision: &p, sums: &mut tile.sums });
-                for (k, sum) in tile.sums.sum.iter().enumerate() {
-                    let totals = &tile.sums.total[k / 3];
-                    let out = &mut out[k * width + x..][..count];
-                    for ((o, s), t) in out.iter_mut().zip(sum).zip(totals) {
-                        *o = if *t > LEAST { s / t } else { 0.0 };
+                let Sums { total, sum } = &*tile.sums;
+                let mean = |k: usize, t: usize, otherwise: f32| {
+                    let weight = total[k / 3][t];
+                    if weight > LEAST { sum[k][t] / weight } else { otherwise }
+                };
+                for c in 0..3 {
+                    for t in 0..count {
+                        let wide = mean(3 + c, t, 0.0);
+                        out[(3 + c) * width + x + t] = wide;
+                        out[c * width + x + t] = mean(c, t, wide);
                     }
                 }
             }
@@ -289,6 +294,76 @@ mod tests {
         for k in 0..2 {
             assert_eq!(at(&changed, k, own), at(&found, k, own), "its own value has no part in it");
             assert!(at(&changed, k, own + 1) > 1e3, "but in the mean beside");
+        }
+    }
+
+    #[test]
+    fn the_narrow_mean_is_the_wide_one_where_only_far_pixels_are_alike() {
+        // A pixel whose likes begin three pixels away.
+        let own = 20 * WIDTH + 40;
+        let distance = |i: usize| (i % WIDTH).abs_diff(40).pow(2) + (i / WIDTH).abs_diff(20).pow(2);
+        let feature: Vec<f32> =
+            (0..N).map(|i| if i == own || distance(i) > NEAR { 0.0 } else { 100.0 }).collect();
+        let values: Vec<f32> = (0..N).map(|i| (i % 7) as f32 + 1.0).collect();
+        let found = means(&values, &feature, &vec![1.0; N]);
+        assert!(at(&found, 1, own) > 1.0, "{}", at(&found, 1, own));
+        assert_eq!(at(&found, 0, own), at(&found, 1, own));
+    }
+
+    #[test]
+    fn tiles_give_the_means_of_a_plain_loop() {
+        let height = 11;
+        for width in [1, 63, 64, 65, 135, 136, 200] {
+            let (n, mut rng) = (width * height, Rng::new(9, 0));
+            let mut plane = |count: usize| (0..count).map(|_| rng.normal()).collect::<Vec<f32>>();
+            let planes: Vec<(Vec<f32>, f32)> =
+                (0..GUIDE).map(|k| (plane(n), 0.1 + 0.05 * k as f32)).collect();
+            let features: Vec<(&[f32], f32)> = planes.iter().map(|(p, scale)| (&p[..], *scale)).collect();
+            let (mut guide, values) = (plane(n), plane(3 * n));
+            (0..n).filter(|i| i % 13 == 5).for_each(|i| guide[i] = NOTHING);
+            let precision: Vec<f32> = plane(n).iter().map(|v| 0.2 + v * v).collect();
+            let bilateral = Bilateral { width, features: &features, guide: &guide, values: &values };
+            let (taps, mut tile, mut found) = (Taps::new(), Tile::default(), vec![0.0; MEANS * n]);
+            for (k, out) in found.chunks_mut(MEANS * ROWS * width).enumerate() {
+                let y = k * ROWS;
+                bilateral.rows(y, &taps, &precision[y * width..], &mut tile, out);
+            }
+            for i in (0..n).filter(|i| guide[*i] < NOTHING) {
+                let (x, y) = (i % width, i / width);
+                let (mut sums, mut totals) = ([0.0_f64; MEANS], [0.0_f64; 2]);
+                for j in (0..n).filter(|j| *j != i) {
+                    let (dx, dy) = ((j % width).abs_diff(x), (j / width).abs_diff(y));
+                    let d2 = dx * dx + dy * dy;
+                    if d2 > REACH * REACH || d2 > NEAR && (dx + dy) % 2 != 0 {
+                        continue;
+                    }
+                    let of = |p: &[f32]| f64::from(p[i] - p[j]).powi(2);
+                    let apart = features.iter().map(|(p, scale)| f64::from(*scale) * of(p)).sum::<f64>()
+                        + f64::from(precision[i]) * of(&guide);
+                    let alike = (1.0 - apart / 8.0).max(0.0).powi(8);
+                    for (k, sigma) in SIGMAS.into_iter().enumerate() {
+                        let share = if d2 <= NEAR { 1.0 } else { 2.0 * k as f64 };
+                        let weight = share * alike * (-0.5 * d2 as f64 / f64::from(sigma * sigma)).exp();
+                        totals[k] += weight;
+                        (0..3).for_each(|c| sums[3 * k + c] += weight * f64::from(values[c * n + j]));
+                    }
+                }
+                // At the least sum of weights rounding decides.
+                if totals.iter().any(|t| (t / f64::from(LEAST) - 1.0).abs() < 0.01) {
+                    continue;
+                }
+                for c in 0..3 {
+                    let mean = |k: usize, otherwise: f64| match totals[k] > f64::from(LEAST) {
+                        true => sums[3 * k + c] / totals[k],
+                        false => otherwise,
+                    };
+                    let wide = mean(1, 0.0);
+                    for (k, wanted) in [mean(0, wide), wide].into_iter().enumerate() {
+                        let got = f64::from(found[(y * MEANS + 3 * k + c) * width + x]);
+                        assert!((got - wanted).abs() < 1e-3, "{width}: {got}, not {wanted} at {x}, {y}, {k}");
+                    }
+                }
+            }
         }
     }
 

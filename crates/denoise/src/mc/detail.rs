@@ -2,9 +2,10 @@
 //!
 //! With `u` the estimate and `y` the noisy irradiance, the residual `r = (y - u) / level` is averaged over the pixels around
 //! whose features and whose residual, smoothed by a Gaussian, are alike ([`Bilateral`]): `w` in a wide window, `m` in a narrow one.
-//! Neither holds the pixel itself, so that the noise of `r` is independent of both. `g w + h (m - w)` is added, with `g` and `h`
-//! between 0 and 1 that fit `r` best in the window around: where the means are noise, they explain nothing of `r`, and `g = h = 0`;
-//! no variance is needed, and none that few samples tell badly is trusted.
+//! Neither averages the pixel itself; only the likeness knows it, by about a twelfth of it in the smoothed residual. So the noise of
+//! `r` is nearly, not wholly, independent of both. `g w + h (m - w)` is added, with `g` and `h` between 0 and 1 that fit `r` best in
+//! the window around: where the means are noise, they explain next to nothing of `r`, and `g` and `h` are near 0; no variance is
+//! needed, and none that few samples tell badly is trusted.
 //! Of the noise `v` the share `1 - v / e` of the rest is added then, `e` the mean square of that rest around the pixel (Wiener's filter
 //! with a local estimate of the signal [@lee1980]). Relative residuals keep what is bright from reaching into what is dark.
 //! Where the noise is not known pixel by pixel, Gaussian means take the place of the bilateral ones ([`significant`]).
@@ -362,17 +363,28 @@ impl Residual {
 /// Added to the smoothed residual of pixels apart: no other is as large.
 const APART: f32 = 256.0;
 
-/// The shares of the wide mean and of what the narrow one has more that fit the residual best.
-fn gains([ww, rw, dd, rd, wd]: [f32; 5]) -> [f32; 2] {
-    let (mut g, mut h) = (0.0_f32, 0.0_f32);
-    if ww <= 1e-12 {
-        return [g, h];
+/// The shares `g`, `h` in 0..=1 of the wide mean `w` and of what the narrow one has more, `d`, that fit the residual `r` best:
+/// the least squares of `r - g w - h d`, inside of the square or on one of its edges.
+fn gains(products: [f32; 5]) -> [f32; 2] {
+    let [ww, rw, dd, rd, wd] = products.map(f64::from);
+    let ratio = |a: f64, b: f64| if b > 1e-12 { a / b } else { 0.0 };
+    let determinant = ww * dd - wd * wd;
+    if determinant > 1e-6 * ww * dd {
+        let inside = [(rw * dd - rd * wd) / determinant, (rd * ww - rw * wd) / determinant];
+        if inside.iter().all(|share| (0.0..=1.0).contains(share)) {
+            return inside.map(|share| share as f32);
+        }
     }
-    for _ in 0..3 {
-        g = ((rw - h * wd) / ww).clamp(0.0, 1.0);
-        h = if dd > 1e-12 { ((rd - g * wd) / dd).clamp(0.0, 1.0) } else { 0.0 };
+    let across = |h: f64| [ratio(rw - h * wd, ww).clamp(0.0, 1.0), h];
+    let along = |g: f64| [g, ratio(rd - g * wd, dd).clamp(0.0, 1.0)];
+    let error = |[g, h]: [f64; 2]| g * (g * ww - 2.0 * rw) + h * (h * dd - 2.0 * rd) + 2.0 * g * h * wd;
+    let mut best = across(0.0);
+    for edge in [along(0.0), along(1.0), across(1.0)] {
+        if error(edge) < error(best) {
+            best = edge;
+        }
     }
-    [g, h]
+    best.map(|share| share as f32)
 }
 
 /// A row as `N` runs.
@@ -460,6 +472,33 @@ mod tests {
         weight[hole] = 0.0;
         let u = restored(&holed, &weight, Some(&variance), &flat);
         assert!(u[hole] == 0.8 && (u[hole + 1] - 0.5).abs() < 0.2, "{} {}", u[hole], u[hole + 1]);
+    }
+
+    #[test]
+    fn gains_fit_as_well_as_the_best_of_a_grid() {
+        let mut rng = Rng::new(11, 0);
+        for case in 0..400 {
+            // Samples of w, d and r, of all correlations; parallel and absent means too.
+            let mut products = [0.0_f32; 5];
+            let [a, b, c] = [0; 3].map(|_| rng.uniform(-2.0, 2.0));
+            for _ in 0..8 {
+                let w = if case % 10 == 0 { 0.0 } else { rng.normal() };
+                let own = if case % 10 < 3 { 0.0 } else { rng.normal() };
+                let d = if case % 10 == 1 { 0.0 } else { c * w + own };
+                let r = a * w + b * d + rng.normal();
+                for (sum, v) in products.iter_mut().zip([w * w, r * w, d * d, r * d, w * d]) {
+                    *sum += v;
+                }
+            }
+            let [ww, rw, dd, rd, wd] = products.map(f64::from);
+            let error = |g: f64, h: f64| g * (g * ww - 2.0 * rw) + h * (h * dd - 2.0 * rd) + 2.0 * g * h * wd;
+            let [g, h] = gains(products).map(f64::from);
+            assert!((0.0..=1.0).contains(&g) && (0.0..=1.0).contains(&h), "{g} {h}");
+            let steps = || (0..=100).map(|k| f64::from(k) / 100.0);
+            let least = steps().flat_map(|g| steps().map(move |h| error(g, h))).fold(f64::MAX, f64::min);
+            let rounding = 1e-5 * (1.0 + ww + dd + rw.abs() + rd.abs());
+            assert!(error(g, h) <= least + rounding, "{products:?}: {} above {least}", error(g, h));
+        }
     }
 
     #[test]

@@ -67,33 +67,44 @@ pub(crate) fn share_of_variance(color: &[f32], variance: &[f32], width: usize) -
     let mean = |b: usize| usual.at(0, b) / usual.at(1, b);
     let least = 1e-3 * (0..usual.blocks()).map(mean).sum::<f32>() / usual.blocks() as f32 + f32::MIN_POSITIVE;
     // Half the squared differences of neighbours and the variance, in units of the level around, so that bright pixels do not stand
-    // for dark ones.
+    // for dark ones. A difference to a hole, or across the border, is NaN: neither it nor its share of the variance counts.
     let mut sums = Pooled::<2>::new(width, height);
-    let scratch = || (vec![0.0; 2 * width], vec![0.0; width], Scratch::default());
+    let scratch = || (vec![0.0; 3 * width], vec![0.0; width], Scratch::default());
     sums.rows().enumerate().for_each_init(scratch, |(row, scale, scratch), (block, sums)| {
         for y in SIDE * block..(SIDE * (block + 1)).min(height) {
             row.fill(0.0);
-            let (apart, own) = row.split_at_mut(width);
+            let (right, rest) = row.split_at_mut(width);
+            let (below, own) = rest.split_at_mut(width);
+            right[width - 1] = f32::NAN;
+            if y + 1 == height {
+                below.fill(f32::NAN);
+            }
             for c in 0..3 {
-                let at = |y: usize| &color[c * n + y * width..][..width];
-                let (here, below) = (at(y), at((y + 1).min(height - 1)));
-                for ((o, a), b) in apart.iter_mut().zip(here).zip(below) {
-                    *o += 0.25 * (a - b) * (a - b);
+                let plane = &color[c * n..][..n];
+                let here = &plane[y * width..][..width];
+                for ((o, a), b) in below.iter_mut().zip(here).zip(&plane[((y + 1) * width).min(n)..]) {
+                    *o += 0.5 * (a - b) * (a - b);
                 }
-                for ((o, a), b) in apart.iter_mut().zip(here).zip(&here[1.min(width)..]) {
-                    *o += 0.25 * (a - b) * (a - b);
+                for ((o, a), b) in right.iter_mut().zip(here).zip(&here[1..]) {
+                    *o += 0.5 * (a - b) * (a - b);
                 }
                 for (o, v) in own.iter_mut().zip(&variance[c * n + y * width..]) {
                     *o += v;
                 }
             }
             usual.mean_row(0, 1, y, scratch, scale);
-            for ((apart, own), level) in apart.iter_mut().zip(own).zip(&*scale) {
+            for (((right, below), own), level) in right.iter_mut().zip(below).zip(own).zip(&*scale) {
                 let weight = 1.0 / ((level + least) * (level + least));
-                *apart = finite(weight * *apart);
-                *own = finite(weight * *own);
+                let variance = weight * *own;
+                let (mut apart, mut explained) = (0.0, 0.0);
+                for difference in [weight * *right, weight * *below] {
+                    let valid = difference.is_finite() && variance.is_finite();
+                    apart += if valid { difference } else { 0.0 };
+                    explained += if valid { variance } else { 0.0 };
+                }
+                (*right, *below) = (apart, explained);
             }
-            add_row(sums, row, width);
+            add_row(sums, &row[..2 * width], width);
         }
     });
     sums.smooth_blocks(NOISE);
@@ -472,6 +483,53 @@ fn add(
 mod tests {
     use super::*;
     use photofit_sampling::Rng;
+
+    #[test]
+    fn the_variance_is_compared_alike_at_borders_and_holes() {
+        // All neighbours differ by .2; the variance is .925 of half the square of it, in the middle of what is noise in part.
+        for (width, height) in [(1, 9), (9, 1), (16, 16), (13, 17), (33, 9)] {
+            let n = width * height;
+            let mut color: Vec<f32> =
+                (0..3 * n).map(|i| 1.0 + 0.1 * ((i % n % width + i % n / width) % 2) as f32 * 2.0).collect();
+            let variance = vec![0.925 * 0.5 * 0.2 * 0.2; 3 * n];
+            for holes in [false, true] {
+                if holes {
+                    (0..3 * n).filter(|i| i % n % 7 == 3).for_each(|i| color[i] = f32::NAN);
+                }
+                let found = share_of_variance(&color, &variance, width).sums;
+                let right = found.iter().all(|share| (share - 0.5).abs() < 1e-3);
+                assert!(right, "{width} x {height}, holes {holes}: {found:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn tiles_hold_the_picture_and_repeat_its_border() {
+        let height = 37;
+        for width in [1, 63, 64, 65, 135, 139, 140, 200] {
+            let (n, mut rng) = (width * height, Rng::new(3, 0));
+            let mut plane = || (0..3 * n).map(|_| rng.normal()).collect::<Vec<f32>>();
+            let given = [plane(), plane(), plane()];
+            let [albedo, normal, position] = given.each_ref().map(|f| Some(f.into()));
+            let features = Features { albedo, normal, position, ..Features::default() };
+            let mut tile = Tile::default();
+            for (y, x) in
+                (0..height).step_by(TILE[1]).flat_map(|y| (0..width).step_by(TILE[0]).map(move |x| (y, x)))
+            {
+                tile.load(&features, [x, y], Shape::new(width, height, 3));
+                for (k, found) in tile.features.iter().enumerate() {
+                    let (plane, row, column) = (k / AREA, k % AREA / STRIDE, k % STRIDE);
+                    let v = (y + row).saturating_sub(OUTER).min(height - 1);
+                    let u = (x + column).saturating_sub(OUTER).min(width - 1);
+                    let wanted = given[plane / 3][plane % 3 * n + v * width + u];
+                    assert_eq!(
+                        *found, wanted,
+                        "width {width}, tile {x}, {y}: plane {plane}, {column}, {row}"
+                    );
+                }
+            }
+        }
+    }
 
     #[test]
     fn noise_goes_and_the_edge_between_two_mixtures_stays() {

@@ -34,8 +34,9 @@ pub(crate) struct Fireflies {
 }
 
 /// Spreads rare samples where the `variance` (mean over the channels) tells them ([`spread`]), then scales pixels whose mean over the
-/// channels exceeds `over mean + 0.5`, with the local mean of the blocks around, down to it; the hue stays. Units: exposure. Pixels of
-/// `weight` 0 stay and do not count.
+/// channels exceeds `over mean + 0.5`, with the local mean of the blocks around, down to it; the hue stays. Both the pixel and the local
+/// mean are judged without the light that was just spread onto them, so that no pixel is cut for what others gave it; with that
+/// light a pixel may end above the limit. Units: exposure. Pixels of `weight` 0 stay and do not count.
 pub(crate) fn tame_fireflies(
     irradiance: &mut [f32],
     weight: &[f32],
@@ -69,7 +70,7 @@ pub(crate) fn tame_fireflies(
     Fireflies { spread, cut: cut(planes, &mean, weight, width, over, &local) }
 }
 
-/// Scales pixels beyond the limit down to it; how many.
+/// Scales pixels whose `mean`, without light that was spread onto them, is beyond the limit by what that is above it; how many.
 fn cut(
     planes: [&mut [f32]; 3],
     mean: &[f32],

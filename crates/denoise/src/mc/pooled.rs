@@ -164,21 +164,25 @@ mod tests {
 
     #[test]
     fn means_keep_constants_and_ramps_and_have_the_width_asked_for() {
-        for (width, height) in [(1, 1), (3, 2), (64, 48), (63, 45), (65, 47), (66, 46)] {
-            let mut pooled = Pooled::<2>::of(width, height, |y, row| {
+        for (width, height) in [(1, 1), (3, 2), (5, 9), (64, 48), (63, 45), (65, 47), (66, 46)] {
+            let mut pooled = Pooled::<3>::of(width, height, |y, row| {
                 for x in 0..width {
-                    (row[x], row[width + x]) = (3.0 + 0.5 * x as f32 + 0.25 * y as f32, 1.0);
+                    row[x] = 3.0 + 0.5 * x as f32 + 0.25 * y as f32;
+                    (row[width + x], row[2 * width + x]) = (3.0, 1.0);
                 }
             });
             pooled.smooth(3.0);
             let (mut scratch, mut out) = (Scratch::default(), vec![0.0; width]);
             for y in 0..height {
-                pooled.mean_row(0, 1, y, &mut scratch, &mut out);
-                for (x, v) in out.iter().enumerate() {
-                    let inner = x.min(width - 1 - x).min(y).min(height - 1 - y) >= 12;
+                pooled.mean_row(1, 2, y, &mut scratch, &mut out);
+                let constant = out.iter().all(|v| (v - 3.0).abs() < 1e-5);
+                assert!(constant, "{width} x {height}, row {y}: {out:?}");
+                // Ramps away from the border, beyond which nothing counts.
+                pooled.mean_row(0, 2, y, &mut scratch, &mut out);
+                let inner = |x: &usize| x.min(&(width - 1 - x)).min(&y).min(&(height - 1 - y)) >= &12;
+                for x in (0..width).filter(inner) {
                     let wanted = 3.0 + 0.5 * x as f32 + 0.25 * y as f32;
-                    let off = (v - wanted).abs();
-                    assert!(off < if inner { 1e-3 } else { 6.0 }, "{width} x {height}: {v} at {x}, {y}");
+                    assert!((out[x] - wanted).abs() < 1e-3, "{width} x {height}: {} at {x}, {y}", out[x]);
                 }
             }
         }

@@ -368,7 +368,7 @@ impl Samples<'_> {
         }
     }
 
-    /// The estimate in the cells that are `needed`.
+    /// The estimate, 0 between cells that are not `needed`.
     fn evaluate(&self, coefficients: &[f32], needed: &[bool]) -> Vec<f32> {
         let (width, n) = (self.shape.width, self.shape.pixels());
         let mut out = vec![0.0; 3 * n];
@@ -403,7 +403,7 @@ impl Samples<'_> {
         (x0 < x1).then_some(Interval { left: i.saturating_sub(1), right: i.min(cw - 1), x0, x1, first })
     }
 
-    /// One row of the estimate in the cells that are `needed`, 3 runs of `width` values; `line` is scratch.
+    /// One row of the estimate, 3 runs of `width` values, 0 between cells that are not `needed`; `line` is scratch.
     fn evaluate_row(
         &self,
         coefficients: &[f32],
@@ -417,6 +417,7 @@ impl Samples<'_> {
         for i in 0..=self.cells[1] {
             let Some(Interval { left, right, x0, x1, first }) = self.interval(i) else { continue };
             if !needed[left] && !needed[right] {
+                out.chunks_mut(width).for_each(|run| run[x0..x1].fill(0.0));
                 continue;
             }
             let mut part = [[0.0_f32; CELL]; 3];
@@ -510,4 +511,40 @@ fn solve_cell(k: usize, moments: &[f64], out: &mut [f32]) -> bool {
         }
     }
     true
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mc::frame::Features;
+    use photofit_sampling::Rng;
+
+    #[test]
+    fn the_estimate_of_a_part_is_the_same_for_any_number_of_threads_and_0_elsewhere() {
+        let shape = Shape::new(64, 96, 3);
+        let n = shape.pixels();
+        let mut rng = Rng::new(2, 0);
+        let irradiance: Vec<f32> = (0..3 * n).map(|_| rng.uniform(0.5, 1.5)).collect();
+        // Two corners hold samples; the rows of cells between them none.
+        let weight: Vec<f32> = (0..n)
+            .map(|i| {
+                let (x, y) = (i % 64, i / 64);
+                if (x < 24 && y < 24) || (x >= 40 && y >= 72) { 1.0 } else { 0.0 }
+            })
+            .collect();
+        let basis = Basis::of(&Features::default(), shape);
+        let estimates = [1, 4].map(|threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            pool.install(|| regress(shape, &basis, &irradiance, &weight, None, None, false).estimate)
+        });
+        assert!(estimates[0] == estimates[1]);
+        for i in 0..n {
+            let y = i / 64;
+            if weight[i] > 0.0 {
+                assert!((0.5..1.5).contains(&estimates[0][i]), "{} at {i}", estimates[0][i]);
+            } else if (24..72).contains(&y) {
+                assert_eq!(estimates[0][i], 0.0, "at {}, {y}", i % 64);
+            }
+        }
+    }
 }
