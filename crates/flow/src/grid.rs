@@ -156,7 +156,7 @@ mod tests {
         let mut random = Uniform::new(3);
         for coarsest in [1, 2, 3, 5, 7, 16, 25, 50] {
             for tenths in 10..30 {
-                let grid = Grid { levels: 6, coarsest, growth: f64::from(tenths) * 0.1, entries: 64 };
+                let grid = Grid { levels: 6, coarsest, growth: f64::from(tenths) / 10.0, entries: 64 };
                 let table: Vec<f64> = random.vec(grid.len(), -1.0, 1.0);
                 let p: [f64; 3] = std::array::from_fn(|_| random.range(0.0, 1.0));
                 let g = random.vec(grid.features(), -1.0, 1.0);
