@@ -342,17 +342,66 @@ pub(crate) mod tests {
             for _ in 0..200 {
                 let c: Vec<f32> = random.vec(6, -1.0, 1.0).iter().map(|c| *c as f32).collect();
                 let x = [random.range(0.0, 1.0) as f32, random.range(0.0, 1.0) as f32];
-                let (narrow, wide) = (shape.under_any(&w, &c), shape.under(&w, &c));
-                assert_eq!(narrow.0, wide.0);
-                let bits = |(x, density): ([f32; 2], f32)| [x[0], x[1], density].map(f32::to_bits);
-                assert_eq!(
-                    bits(shape.forward(&w, &wide, x)),
-                    bits(shape.warp_any::<f32, true>(&w, &wide, x))
+                let at = shape.under_any(&w, &c);
+                let plain = bits(
+                    &at,
+                    [shape.warp_any::<_, true>(&w, &at, x), shape.warp_any::<_, false>(&w, &at, x)],
                 );
-                assert_eq!(
-                    bits(shape.inverse(&w, &wide, x)),
-                    bits(shape.warp_any::<f32, false>(&w, &wide, x))
-                );
+                let at = shape.under(&w, &c);
+                assert_eq!(plain, bits(&at, [shape.forward(&w, &at, x), shape.inverse(&w, &at, x)]));
+                #[cfg(target_arch = "x86_64")]
+                {
+                    if std::arch::is_x86_feature_detected!("avx2") {
+                        #[expect(unsafe_code, reason = "calling functions compiled for AVX2")]
+                        // SAFETY: the feature was just detected.
+                        let wide = unsafe {
+                            let at = shape.under_avx2(&w, &c);
+                            let forward = shape.warp_avx2::<_, true>(&w, &at, x);
+                            bits(&at, [forward, shape.warp_avx2::<_, false>(&w, &at, x)])
+                        };
+                        assert_eq!(plain, wide, "AVX2");
+                    }
+                    if std::arch::is_x86_feature_detected!("avx512f") {
+                        #[expect(unsafe_code, reason = "calling functions compiled for AVX-512")]
+                        // SAFETY: the feature was just detected.
+                        let wide = unsafe {
+                            let at = shape.under_avx512(&w, &c);
+                            let forward = shape.warp_avx512::<_, true>(&w, &at, x);
+                            bits(&at, [forward, shape.warp_avx512::<_, false>(&w, &at, x)])
+                        };
+                        assert_eq!(plain, wide, "AVX-512");
+                    }
+                }
+            }
+        }
+    }
+
+    /// Bits of what a width answers.
+    fn bits(at: &Conditioned<f32>, answers: [([f32; 2], f32); 2]) -> Vec<u32> {
+        let answers = answers.into_iter().flat_map(|(x, density)| [x[0], x[1], density]);
+        at.0.iter().flatten().copied().chain(answers).map(f32::to_bits).collect()
+    }
+
+    #[test]
+    fn gradients_in_single_precision_are_near_those_in_double() {
+        let mut random = Uniform::new(5);
+        let narrow = |v: &[f64]| v.iter().map(|v| *v as f32).collect::<Vec<f32>>();
+        let wide = |v: &[f32]| v.iter().map(|v| f64::from(*v)).collect::<Vec<f64>>();
+        for shape in shapes() {
+            for _ in 0..20 {
+                let (w, c) = (narrow(&weights(&shape, &mut random)), narrow(&random.vec(6, -1.0, 1.0)));
+                let x = [random.range(0.0, 1.0) as f32, random.range(0.0, 1.0) as f32];
+                let (mut g_w, mut g_c) = (vec![0.0_f32; shape.len()], vec![0.0_f32; 6]);
+                let log = shape.log_density_vjp(&w, &c, x, |_| 0.7, &mut g_w, &mut g_c);
+                let (mut d_w, mut d_c) = (vec![0.0; shape.len()], vec![0.0; 6]);
+                let (w, c, x) = (wide(&w), wide(&c), x.map(f64::from));
+                let exact = shape.log_density_vjp(&w, &c, x, |_| 0.7, &mut d_w, &mut d_c);
+                assert!((f64::from(log) - exact).abs() < 1e-4, "{log} {exact}");
+                for (name, g, d) in [("weights", wide(&g_w), d_w), ("condition", wide(&g_c), d_c)] {
+                    let error = g.iter().zip(&d).map(|(g, d)| (g - d).powi(2)).sum::<f64>().sqrt();
+                    let size = d.iter().map(|d| d * d).sum::<f64>().sqrt();
+                    assert!(error < 1e-3 * size, "{shape:?}, {name}: {error:.1e} of {size:.1e}");
+                }
             }
         }
     }

@@ -5,7 +5,7 @@ use photofit_scalar::Real;
 use std::f32::consts::{LN_2, LOG2_E};
 use std::f64::consts::PI;
 
-/// `e^x` for `x` up to 80, with a relative error below 3e-7; below -87 what it is there.
+/// `e^x` for `x` up to 80, with a relative error below 3e-7; below -87 what it is there. NaN stays NaN.
 #[inline(always)]
 pub(crate) fn exp<T: Real>(x: T) -> T {
     if size_of::<T>() != size_of::<f32>() {
@@ -17,7 +17,9 @@ pub(crate) fn exp<T: Real>(x: T) -> T {
     const LN_2_HIGH: f32 = 0.693_359_4;
     const LN_2_LOW: f32 = LN_2 - LN_2_HIGH - 1.904_654_3e-9;
     // There and back without a change: the compiler knows.
-    let x = (x.f64() as f32).max(-87.0);
+    let x = x.f64() as f32;
+    // Not `max`, which would make a number of NaN.
+    let x = if x < -87.0 { -87.0 } else { x };
     let shifted = x * LOG2_E + SHIFT;
     let n = shifted - SHIFT;
     let r = x - n * LN_2_HIGH - n * LN_2_LOW;
@@ -55,6 +57,7 @@ mod tests {
         assert!(worst < 3e-7, "{worst:.1e}");
         assert!(exp(-1e30_f32) < 2e-38 && exp(f32::NEG_INFINITY) < 2e-38 && exp(0.0_f32) == 1.0);
         assert_eq!(exp(1.3_f64), 1.3_f64.exp());
+        assert!(exp(f32::NAN).is_nan() && exp(-f32::NAN).is_nan());
     }
 
     #[test]

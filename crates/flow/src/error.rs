@@ -16,6 +16,14 @@ pub enum FlowError {
         /// What it must be.
         rule: &'static str,
     },
+    /// Parameters are NaN or infinite after so many steps of training; those that answer are the ones before.
+    #[error(
+        "training diverged: after {steps} steps parameters are NaN or infinite, but must be finite (lower rates help)"
+    )]
+    Diverged {
+        /// Steps of training.
+        steps: u64,
+    },
     /// A step of training failed; parameters are unchanged.
     #[error(transparent)]
     Step(#[from] OptimError),

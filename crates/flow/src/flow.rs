@@ -170,6 +170,19 @@ impl FlowGuide {
         self.frozen = self.live.clone();
     }
 
+    /// Lets the parameters in training answer, if all of them are numbers.
+    ///
+    /// # Errors
+    /// [`FlowError::Diverged`]; the copy that answers is unchanged then.
+    fn refresh(&mut self) -> Result<(), FlowError> {
+        let Parameters { network, table } = &self.live;
+        if !network.iter().chain(table).all(|p| p.is_finite()) {
+            return Err(FlowError::Diverged { steps: self.steps });
+        }
+        self.frozen.clone_from(&self.live);
+        Ok(())
+    }
+
     /// Mean of `-ln q` over records with the weights `value / pdf`, for the density that answers; records that it cannot
     /// represent are left out. Not a number where no record counts.
     pub fn cross_entropy(&self, records: &[Record]) -> f64 {
@@ -218,7 +231,9 @@ impl FlowGuide {
 /// The share of a logit: [`SHARE`] apart.
 #[inline]
 fn share(logit: f32) -> f32 {
-    SHARE[0] + (SHARE[1] - SHARE[0]) / (1.0 + exp((-logit).min(80.0)))
+    // NaN stays NaN, as it would not by `min`.
+    let x = if logit < -80.0 { 80.0 } else { -logit };
+    SHARE[0] + (SHARE[1] - SHARE[0]) / (1.0 + exp(x))
 }
 
 impl Guide for FlowGuide {

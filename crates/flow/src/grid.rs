@@ -17,7 +17,7 @@ pub struct Grid {
     pub coarsest: usize,
     /// Growth of that number from level to level.
     pub growth: f64,
-    /// Entries of the table of a level, a power of two.
+    /// Entries of the table of a level: a power of two, or the functions of a grid panic.
     pub entries: usize,
 }
 
@@ -47,8 +47,21 @@ impl Grid {
         self.levels * WIDTH
     }
 
-    fn cells(&self, level: usize) -> usize {
-        (self.coarsest as f64 * self.growth.powi(level as i32)) as usize
+    /// Cells along an edge, level by level without an end.
+    fn cells(&self) -> impl Iterator<Item = usize> {
+        let growth = self.growth;
+        std::iter::successors(Some(self.coarsest as f64), move |cells| Some(cells * growth))
+            .map(|cells| cells as usize)
+    }
+
+    /// Entries are masked: with another number of them, corners would share entries unseen.
+    #[inline(always)]
+    fn assert_entries(&self) {
+        assert!(
+            self.entries.is_power_of_two(),
+            "a grid level has {} entries, but must have a power of two",
+            self.entries
+        );
     }
 
     /// The corners around `p` at a level, with entries of its table.
@@ -81,28 +94,34 @@ impl Grid {
     }
 
     /// Features at `p` in the unit cube (clamped to it) into `out`.
+    ///
+    /// # Panics
+    /// If the number of entries is no power of two.
     #[inline]
     pub fn forward<T: Real>(&self, table: &[T], p: [T; 3], out: &mut [T]) {
-        let mut cells = self.coarsest as f64;
+        self.assert_entries();
         let tables = table.as_chunks::<WIDTH>().0.chunks_exact(self.entries);
-        for (table, out) in tables.zip(out.as_chunks_mut::<WIDTH>().0) {
+        for ((table, out), cells) in tables.zip(out.as_chunks_mut::<WIDTH>().0).zip(self.cells()) {
             *out = [T::zero(); WIDTH];
-            for (entry, weight) in self.corners(cells as usize, p) {
+            for (entry, weight) in self.corners(cells, p) {
                 let [a, b] = table[entry];
                 out[0] += a * weight;
                 out[1] += b * weight;
             }
-            cells *= self.growth;
         }
     }
 
     /// Adds to the gradients of the table for those of the features. (Positions get none: they are not learned.)
+    ///
+    /// # Panics
+    /// If the number of entries is no power of two.
     pub fn forward_vjp<T: Real>(&self, p: [T; 3], g: &[T], g_table: &mut [T]) {
-        for (level, g) in g.as_chunks::<WIDTH>().0.iter().enumerate().take(self.levels) {
-            for (entry, weight) in self.corners(self.cells(level), p) {
-                let at = WIDTH * (level * self.entries + entry);
-                g_table[at] += g[0] * weight;
-                g_table[at + 1] += g[1] * weight;
+        self.assert_entries();
+        let tables = g_table.as_chunks_mut::<WIDTH>().0.chunks_exact_mut(self.entries);
+        for ((table, g), cells) in tables.zip(g.as_chunks::<WIDTH>().0).zip(self.cells()) {
+            for (entry, weight) in self.corners(cells, p) {
+                table[entry][0] += g[0] * weight;
+                table[entry][1] += g[1] * weight;
             }
         }
     }
@@ -129,6 +148,33 @@ mod tests {
                 out.iter().zip(&g).map(|(a, b)| a * b).sum()
             });
         }
+    }
+
+    #[test]
+    fn features_and_gradients_read_the_same_cells_for_all_settings() {
+        // Features are linear in the table: those of a table are its product with the gradient.
+        let mut random = Uniform::new(3);
+        for coarsest in [1, 2, 3, 5, 7, 16, 25, 50] {
+            for tenths in 10..30 {
+                let grid = Grid { levels: 6, coarsest, growth: f64::from(tenths) / 10.0, entries: 64 };
+                let table: Vec<f64> = random.vec(grid.len(), -1.0, 1.0);
+                let p: [f64; 3] = std::array::from_fn(|_| random.range(0.0, 1.0));
+                let g = random.vec(grid.features(), -1.0, 1.0);
+                let (mut out, mut gradient) = (vec![0.0; grid.features()], vec![0.0; grid.len()]);
+                grid.forward(&table, p, &mut out);
+                grid.forward_vjp(p, &g, &mut gradient);
+                let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+                let (a, b) = (dot(&out, &g), dot(&table, &gradient));
+                assert!((a - b).abs() < 1e-12, "{grid:?}: {a} {b}");
+            }
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "1000 entries")]
+    fn entries_that_are_no_power_of_two_are_refused() {
+        let grid = Grid { entries: 1000, ..Grid::default() };
+        grid.forward(&vec![0.0_f32; grid.len()], [0.5; 3], &mut vec![0.0; grid.features()]);
     }
 
     #[test]

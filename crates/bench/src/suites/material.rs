@@ -58,7 +58,7 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
     Ok(())
 }
 
-/// Filters of the steps on scenes and seeds that no setting was chosen on.
+/// Filters of the steps in the scenes of the suite `material`, with seeds that no setting was chosen on.
 pub(crate) fn filters(ctx: &mut Context) -> Result<()> {
     std::fs::create_dir_all(FOLDER).with_context(|| format!("{FOLDER}: cannot create"))?;
     for (name, asset, views) in [scenes::open(), scenes::room()] {

@@ -109,8 +109,10 @@ impl GuidingOptions {
     /// 3 to 7 rounds, where a tenth is enough for three. The rehearsal walks 8 paths a pixel with the guide and 8 without
     /// it, from 5 rounds on 16.
     ///
-    /// A guide that loses clearly has cost its training and half of its rehearsal: less than an eighth of the picture from 256
-    /// samples a pixel at 96 pixels a side on, a third with 64 samples. A flow learns from fewer records for the same reason.
+    /// A guide that loses clearly has walked the paths of its training and of half of its rehearsal: less than an eighth of the
+    /// paths of the picture from 256 samples a pixel at 96 pixels a side on, less than a quarter with 64 samples. Guided paths take
+    /// longer than plain ones ([`Guiding::cost`]). A flow learns from one record for 48 paths of the picture at most, but from up to
+    /// 1,024 in each round.
     pub fn for_picture(guiding: Guiding, options: &RenderOptions) -> Self {
         let own = Self::new(guiding);
         let (width, height) = (options.width.max(1) as f64, options.height.max(1) as f64);
@@ -217,7 +219,7 @@ impl Guidance {
         let (mut plain, mut guided) = (Trial::default(), Trial::default());
         let mut judged = None;
         for (first, count) in [(0, look), (look, most - look)] {
-            let lost = judged.as_ref().is_some_and(GuidingReport::is_lost);
+            let lost = judged.as_ref().is_some_and(|j: &GuidingReport| j.is_lost(options));
             if count == 0 || lost {
                 break;
             }
@@ -227,7 +229,8 @@ impl Guidance {
             let one = all(&stage, &|r| state.run(&part(r, first, count)));
             let Some(one) = one else { return Ok(Self::off()) };
             guided = guided.then(one, first, count);
-            judged = Some(GuidingReport::judge(&plain, &guided, options));
+            let half = first + count < most;
+            judged = Some(GuidingReport { half, ..GuidingReport::judge(&plain, &guided, options) });
         }
         let report = judged.map(|judged| GuidingReport {
             paths: paths + plain.paths + guided.paths,

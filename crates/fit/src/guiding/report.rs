@@ -3,6 +3,9 @@
 use super::rehearsal::Trial;
 use super::{Guiding, GuidingOptions};
 
+/// Part of the gain that is asked for below which half of a rehearsal is enough: .85 where 1.15 is asked for.
+const LOST: f64 = 0.85 / 1.15;
+
 /// What training came to.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GuidingReport {
@@ -19,6 +22,8 @@ pub struct GuidingReport {
     pub variance_ratio: f64,
     /// Work of a path with the guide over that of one without.
     pub work_ratio: f64,
+    /// Whether gain and ratios are from half of the rehearsal, where the guide clearly lost, and not from all of it.
+    pub half: bool,
     /// Paths of training and rehearsal.
     pub paths: u64,
     /// Records learned from.
@@ -28,7 +33,7 @@ pub struct GuidingReport {
 }
 
 impl GuidingReport {
-    /// Compares the two trials of a rehearsal; counts and seconds of training are left at 0.
+    /// Compares the two trials of a whole rehearsal; counts and seconds of training are left at 0.
     ///
     /// A sampler that finds no light has no variance, which is no merit: it loses against one that finds some. Where both
     /// find none there is nothing that speaks for a guide.
@@ -44,13 +49,24 @@ impl GuidingReport {
         let work_ratio = guiding.cost() * guided.work as f64 / plain.work as f64;
         let gain = variance_ratio / work_ratio;
         let used = options.least_gain <= 0.0 || gain >= options.least_gain;
-        Self { guiding, used, found, gain, variance_ratio, work_ratio, paths: 0, records: 0, seconds: 0.0 }
+        Self {
+            guiding,
+            used,
+            found,
+            gain,
+            variance_ratio,
+            work_ratio,
+            half: false,
+            paths: 0,
+            records: 0,
+            seconds: 0.0,
+        }
     }
 
     /// Whether a first look is enough: the guide loses clearly, and would have to gain. (Few paths tell too little of the variance
-    /// where light is rare, which is where guides pay: the bound lies well below 1.)
-    pub(super) fn is_lost(&self) -> bool {
-        !self.used && self.found == [true; 2] && self.gain < 0.85
+    /// where light is rare, which is where guides pay: the bound is [`LOST`] times the gain that is asked for.)
+    pub(super) fn is_lost(&self, options: &GuidingOptions) -> bool {
+        !self.used && self.found == [true; 2] && self.gain < LOST * options.least_gain
     }
 
     /// One sentence for people.
@@ -62,7 +78,10 @@ impl GuidingReport {
             [true, false] => "the rehearsal found light without it alone".to_owned(),
             [true, true] if gain.is_nan() => "the rehearsal found no noise".to_owned(),
             [true, true] if gain.is_infinite() => "the rehearsal found no noise with it".to_owned(),
-            [true, true] => format!("variance / {variance_ratio:.2}, work x {work_ratio:.2}: gain {gain:.2}"),
+            [true, true] => {
+                let half = if self.half { "in half of the rehearsal " } else { "" };
+                format!("{half}variance / {variance_ratio:.2}, work x {work_ratio:.2}: gain {gain:.2}")
+            }
         };
         let state = match self.used {
             true => "is on",

@@ -42,12 +42,11 @@ impl FlowGuide {
             for batch in examples.chunks(self.options.batch) {
                 self.step(batch)?;
                 if self.steps.is_multiple_of(u64::from(self.options.refresh)) {
-                    self.frozen.clone_from(&self.live);
+                    self.refresh()?;
                 }
             }
         }
-        self.frozen.clone_from(&self.live);
-        Ok(())
+        self.refresh()
     }
 
     /// What the scattering function alone would have done: the guide's part is taken out of the density of the mixture.
@@ -157,5 +156,44 @@ impl FlowGuide {
             }
         }
         out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{records, trained};
+    use super::*;
+    use crate::flow::FlowOptions;
+    use crate::spline::Family;
+
+    fn bits(g: &Gradient) -> Vec<u32> {
+        g.network.iter().chain(g.features.iter().flatten()).map(|v| v.to_bits()).collect()
+    }
+
+    #[test]
+    fn gradients_of_all_widths_have_the_same_bits() {
+        for (family, bins) in [(Family::Quadratic, 15), (Family::Rational, 10)] {
+            let data = records(2000, 3);
+            let guide = trained(FlowOptions { family, bins, ..FlowOptions::default() }, &data);
+            let chunk: Vec<Example> = data[..CHUNK].iter().map(|r| guide.example(r)).collect();
+            let plain = bits(&guide.gradient_any(&chunk, 0.5, CHUNK));
+            assert!(plain.iter().any(|b| f32::from_bits(*b) != 0.0));
+            assert!(plain == bits(&guide.gradient(&chunk, 0.5, CHUNK)), "{family:?}");
+            #[cfg(target_arch = "x86_64")]
+            {
+                if std::arch::is_x86_feature_detected!("avx2") {
+                    #[expect(unsafe_code, reason = "calling a function compiled for AVX2")]
+                    // SAFETY: the feature was just detected.
+                    let wide = unsafe { guide.gradient_avx2(&chunk, 0.5, CHUNK) };
+                    assert!(plain == bits(&wide), "{family:?}, AVX2");
+                }
+                if std::arch::is_x86_feature_detected!("avx512f") {
+                    #[expect(unsafe_code, reason = "calling a function compiled for AVX-512")]
+                    // SAFETY: the feature was just detected.
+                    let wide = unsafe { guide.gradient_avx512(&chunk, 0.5, CHUNK) };
+                    assert!(plain == bits(&wide), "{family:?}, AVX-512");
+                }
+            }
+        }
     }
 }

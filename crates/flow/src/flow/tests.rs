@@ -90,7 +90,7 @@ fn samples_have_the_density_that_is_stated() {
 }
 
 /// Light that turns with the position, on a glossy surface that is seen from many sides.
-fn records(n: usize, seed: u64) -> Vec<Record> {
+pub(super) fn records(n: usize, seed: u64) -> Vec<Record> {
     (0..n as u64)
         .map(|i| {
             let mut rng = Rng::new(seed, i);
@@ -111,7 +111,7 @@ fn records(n: usize, seed: u64) -> Vec<Record> {
         .collect()
 }
 
-fn trained(options: FlowOptions, data: &[Record]) -> FlowGuide {
+pub(super) fn trained(options: FlowOptions, data: &[Record]) -> FlowGuide {
     let mut guide = guide(options);
     guide.learn(data).unwrap();
     guide
@@ -253,6 +253,40 @@ fn extreme_records_leave_a_usable_guide() {
     let mut flat = FlowGuide::new(Vec3f::zero(), Vec3f::zero(), FlowOptions::default()).unwrap();
     flat.learn(&records(2000, 6)).unwrap();
     usable("no extent", &flat);
+}
+
+#[test]
+fn weights_that_are_not_numbers_show() {
+    let at = query(Vec3f::splat(0.5), 0.4);
+    for (family, bins) in [(Family::Quadratic, 15), (Family::Rational, 10)] {
+        for bad in [f32::NAN, f32::INFINITY] {
+            let mut guide = guide(FlowOptions { family, bins, ..FlowOptions::default() });
+            guide.learn(&records(1000, 3)).unwrap();
+            let before = guide.pdf(&guide.local(&at), at.normal);
+            guide.live.network.fill(bad);
+            // They are kept from answering ...
+            assert!(matches!(guide.refresh(), Err(FlowError::Diverged { .. })));
+            let after = guide.pdf(&guide.local(&at), at.normal);
+            assert!(after.to_bits() == before.to_bits() && after > 0.0);
+            // ... and would give no density and no share that pass for true ones.
+            guide.frozen = guide.live.clone();
+            let local = guide.local(&at);
+            assert!(guide.pdf(&local, at.normal).is_nan(), "{family:?}, {bad}");
+            let sample = guide.sample(&local, [0.3, 0.6]);
+            assert!(sample.is_none_or(|(_, pdf)| pdf.is_nan()), "{family:?}, {bad}: {sample:?}");
+            assert!(bad.is_infinite() || guide.share(&local).is_nan());
+        }
+    }
+}
+
+#[test]
+fn training_that_diverges_is_an_error_and_the_copy_before_answers() {
+    let at = query(Vec3f::splat(0.5), 0.4);
+    let mut guide = guide(FlowOptions { rates: [f32::MAX, f32::MAX], ..FlowOptions::default() });
+    let error = guide.learn(&records(4000, 3)).unwrap_err();
+    assert!(matches!(error, FlowError::Diverged { .. } | FlowError::Step(_)), "{error}");
+    let pdf = guide.pdf(&guide.local(&at), at.normal);
+    assert!(pdf > 0.0 && pdf.is_finite(), "{pdf}");
 }
 
 #[test]

@@ -105,7 +105,8 @@ fn padded<T: Real>(logits: &[T]) -> Logits<T> {
     out
 }
 
-/// Exponentials of the `n` logits from `first` on, over that of the largest, at least `e^least`, and zeros behind them.
+/// Exponentials of the `n` logits from `first` on, over that of the largest, at least `e^least`, and zeros behind them. NaN
+/// stays NaN; an infinite logit gives NaN.
 #[inline(always)]
 fn exponentials<T: Real>(logits: &Logits<T>, first: usize, n: usize, least: T, out: &mut [T; KNOTS]) {
     let vectors = n.div_ceil(LANES);
@@ -128,7 +129,7 @@ fn exponentials<T: Real>(logits: &Logits<T>, first: usize, n: usize, least: T, o
         let from = &logits[first + c * LANES..][..LANES];
         for k in 0..LANES {
             let l = from[k] - largest[0];
-            let e = exp(if l > least { l } else { least });
+            let e = exp(if l < least { least } else { l });
             out[k] = if c * LANES + k < n { e } else { T::zero() };
         }
     }
