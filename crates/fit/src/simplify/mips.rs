@@ -4,6 +4,7 @@ use super::options::rule;
 use super::{FitRenderer, SimplifyOptions, Surfacing};
 use crate::FitError;
 use crate::engine::classes::MaterialClass;
+use crate::engine::trainer::Measure;
 use crate::engine::views::Orbit;
 use photofit_scene::{AlphaMode, TextureEncoding};
 
@@ -24,6 +25,14 @@ impl Mips {
         match self {
             Self::Classic => "classic",
             Self::Free => "free",
+        }
+    }
+
+    /// What held-out pictures are judged by: those of several sizes count alike.
+    pub(super) fn measure(self) -> Measure {
+        match self {
+            Self::Classic => Measure::Psnr,
+            Self::Free => Measure::PsnrOfViews,
         }
     }
 }

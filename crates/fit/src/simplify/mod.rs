@@ -44,7 +44,7 @@ use crate::engine::fingerprint::Fingerprint;
 use crate::engine::judge::Stage;
 use crate::engine::loss;
 use crate::engine::surface::{POSITIONS, Surface, fade_over, group_of_level, rate_of_maps, samples_of};
-use crate::engine::trainer::{self, HeldOut, Job, Measure, Phase};
+use crate::engine::trainer::{self, HeldOut, Job, Phase};
 use crate::engine::views::{Moment, Orbit};
 use crate::visibility::Visibility;
 use crate::{FitError, Progress};
@@ -139,8 +139,7 @@ pub(crate) fn simplify_asset(
         return kept::simplify(asset, output, options, began, progress);
     }
     through_path::begin(options, progress);
-    let reference = options.rasterized_against().reference(scene, n, rays, options)?;
-    let reference = &*reference;
+    let reference = &*options.rasterized_against().reference(scene, n, rays, options)?;
     let moment = Moment::default();
     let Some(surface) = reference.surface(moment) else {
         return Err(FitError::Setting { field: "reference", rule: "has no surface to start from".into() });
@@ -150,11 +149,8 @@ pub(crate) fn simplify_asset(
     let views = Orbit { bounds: reference.bounds(moment), moment, ..options.orbit(options.picture_size()) };
     let sampling = options.sampling();
     let held_out = HeldOut::new(reference, &views, sampling, options.held_out_views(), options.seed)?;
+    let held_out = held_out.measured_by(options.mips.measure());
     held_out.warn_unseen(progress);
-    let held_out = match options.mips {
-        Mips::Classic => held_out,
-        Mips::Free => held_out.measured_by(Measure::PsnrOfViews),
-    };
     let start = choice::best_start(&starts, &held_out);
     let loss = loss::choose(&held_out);
     let plan = options.plan(scene, reference.kind());

@@ -51,7 +51,7 @@ fn coarse_texels_of_several_kinds_of_surfaces_are_refused() {
     let refused =
         |classes: &[MaterialClass]| check_classes(&free(), classes).map_err(|e| e.to_string()).err();
     assert_eq!(refused(&[lit.clone(), glass.clone()]), None);
-    assert_eq!(refused(&[unlit.clone()]), None);
+    assert_eq!(refused(std::slice::from_ref(&unlit)), None);
     assert!(refused(&[lit.clone(), unlit.clone()]).is_some_and(|e| e.contains("all lit or all unlit")));
     assert!(refused(&[glass.clone(), leaf.clone()]).is_some_and(|e| e.contains("without glass")));
     check_classes(&SimplifyOptions::default(), &[lit, unlit, glass, leaf]).unwrap();
