@@ -5,6 +5,7 @@ use crate::elementary::sin_cos_pi;
 use crate::network::{HIDDEN, Hidden, LANES, Network};
 use crate::spline::{BINS_MAX, Family, Spline};
 use photofit_scalar::Real;
+use photofit_scalar::wide::{Kernel, Width, run_up_to};
 
 /// Numbers that encode the kept coordinate: itself, sines and cosines of three octaves.
 const KEPT: usize = 7;
@@ -79,42 +80,7 @@ impl Couplings {
     /// What all answers under one condition share.
     #[inline]
     pub fn under<T: Real>(&self, weights: &[T], condition: &[T]) -> Conditioned<T> {
-        #[cfg(target_arch = "x86_64")]
-        {
-            if std::arch::is_x86_feature_detected!("avx512f") {
-                #[expect(unsafe_code, reason = "calling a function compiled for AVX-512")]
-                // SAFETY: the feature was just detected.
-                return unsafe { self.under_avx512(weights, condition) };
-            }
-            if std::arch::is_x86_feature_detected!("avx2") {
-                #[expect(unsafe_code, reason = "calling a function compiled for AVX2")]
-                // SAFETY: the feature was just detected.
-                return unsafe { self.under_avx2(weights, condition) };
-            }
-        }
-        self.under_any(weights, condition)
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx512f")]
-    fn under_avx512<T: Real>(&self, weights: &[T], condition: &[T]) -> Conditioned<T> {
-        self.under_any(weights, condition)
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    fn under_avx2<T: Real>(&self, weights: &[T], condition: &[T]) -> Conditioned<T> {
-        self.under_any(weights, condition)
-    }
-
-    #[inline(always)]
-    fn under_any<T: Real>(&self, weights: &[T], condition: &[T]) -> Conditioned<T> {
-        let network = self.network();
-        let mut first = [[T::zero(); HIDDEN]; LAYERS_MAX];
-        for (first, weights) in first.iter_mut().zip(weights.chunks_exact(network.len())).take(self.layers) {
-            *first = network.first(weights, &condition[..self.condition]);
-        }
-        Conditioned(first)
+        run_up_to(Width::Avx512, Under { couplings: self, weights, condition })
     }
 
     /// The spline of a layer.
@@ -139,7 +105,7 @@ impl Couplings {
         self.warp::<T, false>(weights, at, z)
     }
 
-    /// [`Self::forward`] or [`Self::inverse`], compiled for the widest vectors of the processor: the same bits with any.
+    /// [`Self::forward`] or [`Self::inverse`].
     #[inline]
     fn warp<T: Real, const FORWARD: bool>(
         &self,
@@ -147,61 +113,7 @@ impl Couplings {
         at: &Conditioned<T>,
         x: [T; 2],
     ) -> ([T; 2], T) {
-        #[cfg(target_arch = "x86_64")]
-        {
-            if std::arch::is_x86_feature_detected!("avx512f") {
-                #[expect(unsafe_code, reason = "calling a function compiled for AVX-512")]
-                // SAFETY: the feature was just detected.
-                return unsafe { self.warp_avx512::<T, FORWARD>(weights, at, x) };
-            }
-            if std::arch::is_x86_feature_detected!("avx2") {
-                #[expect(unsafe_code, reason = "calling a function compiled for AVX2")]
-                // SAFETY: the feature was just detected.
-                return unsafe { self.warp_avx2::<T, FORWARD>(weights, at, x) };
-            }
-        }
-        self.warp_any::<T, FORWARD>(weights, at, x)
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx512f")]
-    fn warp_avx512<T: Real, const FORWARD: bool>(
-        &self,
-        weights: &[T],
-        at: &Conditioned<T>,
-        x: [T; 2],
-    ) -> ([T; 2], T) {
-        self.warp_any::<T, FORWARD>(weights, at, x)
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    fn warp_avx2<T: Real, const FORWARD: bool>(
-        &self,
-        weights: &[T],
-        at: &Conditioned<T>,
-        x: [T; 2],
-    ) -> ([T; 2], T) {
-        self.warp_any::<T, FORWARD>(weights, at, x)
-    }
-
-    #[inline(always)]
-    fn warp_any<T: Real, const FORWARD: bool>(
-        &self,
-        weights: &[T],
-        at: &Conditioned<T>,
-        mut x: [T; 2],
-    ) -> ([T; 2], T) {
-        let mut density = T::one();
-        for step in 0..self.layers {
-            let layer = if FORWARD { step } else { self.layers - 1 - step };
-            let (kept, warped) = (layer % 2, 1 - layer % 2);
-            let spline = self.spline(weights, layer, at, x[kept]);
-            let (to, slope) = if FORWARD { spline.forward(x[warped]) } else { spline.inverse(x[warped]) };
-            x[warped] = to;
-            density *= slope;
-        }
-        (x, density)
+        run_up_to(Width::Avx512, Warp::<T, FORWARD> { couplings: self, weights, at, x })
     }
 
     /// A layer with all that its vector-Jacobian product needs.
@@ -290,6 +202,57 @@ fn encode_vjp<T: Real>(x: T, g: &[T]) -> T {
     })
 }
 
+/// [`Couplings::under`], for one width.
+struct Under<'a, T> {
+    couplings: &'a Couplings,
+    weights: &'a [T],
+    condition: &'a [T],
+}
+
+impl<T: Real> Kernel for Under<'_, T> {
+    type Output = Conditioned<T>;
+
+    #[inline(always)]
+    fn run(self) -> Conditioned<T> {
+        let Self { couplings, weights, condition } = self;
+        let network = couplings.network();
+        let mut first = [[T::zero(); HIDDEN]; LAYERS_MAX];
+        for (first, weights) in
+            first.iter_mut().zip(weights.chunks_exact(network.len())).take(couplings.layers)
+        {
+            *first = network.first(weights, &condition[..couplings.condition]);
+        }
+        Conditioned(first)
+    }
+}
+
+/// [`Couplings::warp`], for one width.
+struct Warp<'a, T, const FORWARD: bool> {
+    couplings: &'a Couplings,
+    weights: &'a [T],
+    at: &'a Conditioned<T>,
+    x: [T; 2],
+}
+
+impl<T: Real, const FORWARD: bool> Kernel for Warp<'_, T, FORWARD> {
+    type Output = ([T; 2], T);
+
+    #[inline(always)]
+    fn run(self) -> ([T; 2], T) {
+        let Self { couplings, weights, at, mut x } = self;
+        let mut density = T::one();
+        for step in 0..couplings.layers {
+            let layer = if FORWARD { step } else { couplings.layers - 1 - step };
+            let (kept, warped) = (layer % 2, 1 - layer % 2);
+            let spline = couplings.spline(weights, layer, at, x[kept]);
+            let (to, slope) = if FORWARD { spline.forward(x[warped]) } else { spline.inverse(x[warped]) };
+            x[warped] = to;
+            density *= slope;
+        }
+        (x, density)
+    }
+}
+
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
@@ -342,36 +305,20 @@ pub(crate) mod tests {
             for _ in 0..200 {
                 let c: Vec<f32> = random.vec(6, -1.0, 1.0).iter().map(|c| *c as f32).collect();
                 let x = [random.range(0.0, 1.0) as f32, random.range(0.0, 1.0) as f32];
-                let at = shape.under_any(&w, &c);
-                let plain = bits(
-                    &at,
-                    [shape.warp_any::<_, true>(&w, &at, x), shape.warp_any::<_, false>(&w, &at, x)],
-                );
+                let answers = |width| {
+                    let (couplings, weights) = (&shape, &w[..]);
+                    let at = run_up_to(width, Under { couplings, weights, condition: &c });
+                    let forward = run_up_to(width, Warp::<_, true> { couplings, weights, at: &at, x });
+                    let inverse = run_up_to(width, Warp::<_, false> { couplings, weights, at: &at, x });
+                    bits(&at, [forward, inverse])
+                };
+                let plain = answers(Width::Base);
+                // Where the machine lacks a width, a narrower one answers.
+                for width in Width::ALL {
+                    assert_eq!(plain, answers(width), "{width:?}");
+                }
                 let at = shape.under(&w, &c);
                 assert_eq!(plain, bits(&at, [shape.forward(&w, &at, x), shape.inverse(&w, &at, x)]));
-                #[cfg(target_arch = "x86_64")]
-                {
-                    if std::arch::is_x86_feature_detected!("avx2") {
-                        #[expect(unsafe_code, reason = "calling functions compiled for AVX2")]
-                        // SAFETY: the feature was just detected.
-                        let wide = unsafe {
-                            let at = shape.under_avx2(&w, &c);
-                            let forward = shape.warp_avx2::<_, true>(&w, &at, x);
-                            bits(&at, [forward, shape.warp_avx2::<_, false>(&w, &at, x)])
-                        };
-                        assert_eq!(plain, wide, "AVX2");
-                    }
-                    if std::arch::is_x86_feature_detected!("avx512f") {
-                        #[expect(unsafe_code, reason = "calling functions compiled for AVX-512")]
-                        // SAFETY: the feature was just detected.
-                        let wide = unsafe {
-                            let at = shape.under_avx512(&w, &c);
-                            let forward = shape.warp_avx512::<_, true>(&w, &at, x);
-                            bits(&at, [forward, shape.warp_avx512::<_, false>(&w, &at, x)])
-                        };
-                        assert_eq!(plain, wide, "AVX-512");
-                    }
-                }
             }
         }
     }

@@ -12,6 +12,7 @@
 mod real;
 mod srgb;
 mod vector;
+pub mod wide;
 
 pub use real::{Real, halved_sum};
 pub use srgb::{linear_to_srgb_u8, srgb_decode, srgb_encode, srgb_table, srgb_u8_to_linear};

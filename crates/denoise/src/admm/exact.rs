@@ -17,7 +17,7 @@ use realfft::num_complex::Complex;
 use super::rows::{add_hessian_adjoint, subtract_divergence};
 use super::split::{Frame, Rows, SplitScratch, TERMS, Term, update_data, update_term};
 use crate::transform::{Block, RowScratch, Sample, StripSolver};
-use crate::wide::widest;
+use crate::wide::run_widest;
 
 /// Rows of a band.
 const BAND: usize = 32;
@@ -108,7 +108,7 @@ impl<T: Sample> Exact<T> {
         let pool = &self.pool;
         self.bands.par_iter_mut().for_each(|band| {
             with_scratch(pool, frame, &self.solver, |scratch| {
-                widest(
+                run_widest(
                     #[inline(always)]
                     || band.update(frame, &source, scratch),
                 );

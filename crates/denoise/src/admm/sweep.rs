@@ -18,7 +18,7 @@ use rayon::prelude::{
 use super::rows::{half_sweep, subtract_divergence};
 use super::split::{Frame, Rows, SplitScratch, TERMS, Term, update_data, update_term};
 use crate::transform::Sample;
-use crate::wide::widest;
+use crate::wide::run_widest;
 
 /// Rows of a band.
 const BAND: usize = 48;
@@ -106,7 +106,7 @@ impl<T: Sample> Sweep<T> {
         self.bands.par_iter_mut().zip(self.next.par_chunks_mut(stride)).for_each(|(band, out)| {
             let kept = pool.lock().unwrap_or_else(PoisonError::into_inner).pop();
             let mut scratch = kept.unwrap_or_else(|| Scratch::new(frame));
-            widest(
+            run_widest(
                 #[inline(always)]
                 || band.update(frame, u, out, &mut scratch),
             );

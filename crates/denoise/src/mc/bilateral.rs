@@ -167,6 +167,8 @@ struct Row<'a> {
 }
 
 impl Kernel for Row<'_> {
+    type Output = ();
+
     #[inline(always)]
     fn run(self) {
         let Self { pixels, own, taps, precision, sums } = self;

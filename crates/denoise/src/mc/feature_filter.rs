@@ -418,6 +418,8 @@ struct Blur<'a> {
 }
 
 impl Kernel for Blur<'_> {
+    type Output = ();
+
     #[inline(always)]
     fn run(self) {
         self.tile.blur(self.albedo, self.taps);
@@ -435,6 +437,8 @@ struct Row<'a> {
 }
 
 impl Kernel for Row<'_> {
+    type Output = ();
+
     #[inline(always)]
     fn run(self) {
         for tap in self.taps {

@@ -6,7 +6,7 @@ use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSliceMut
 use super::layout::{BAND, add_dx, add_dx_backward, add_dy, add_dy_backward, lane, to_planes, to_rows};
 use crate::Shape;
 use crate::admm::{Coupling, Weight};
-use crate::wide::widest;
+use crate::wide::run_widest;
 
 /// The proximal map of `sigma F*` on the vectors of the pixels.
 #[derive(Clone, Copy, Debug)]
@@ -61,7 +61,7 @@ impl<T: Real> Saddle<T> {
         let (shape, coupling, extrapolated) = (self.shape, self.coupling, &self.extrapolated);
         self.dual.par_chunks_mut(BAND * 2 * channels * width).enumerate().for_each(|(band, y)| {
             let mut norm = vec![T::zero(); width];
-            widest(
+            run_widest(
                 #[inline(always)]
                 || {
                     for (k, y) in y.chunks_exact_mut(2 * channels * width).enumerate() {
@@ -76,7 +76,7 @@ impl<T: Real> Saddle<T> {
         bands.zip(self.extrapolated.par_chunks_mut(BAND * channels * width)).enumerate().for_each(
             |(band, (u, extrapolated))| {
                 let mut sum = vec![T::zero(); width];
-                widest(
+                run_widest(
                     #[inline(always)]
                     || {
                         let lanes = u.chunks_exact_mut(width).zip(extrapolated.chunks_exact_mut(width));

@@ -5,7 +5,7 @@ use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSliceMut
 
 use super::layout::{BAND, add_dx, add_dx_backward, add_dy, add_dy_backward, lane, to_planes, to_rows};
 use crate::admm::{Coupling, DataTerm, Problem, Weight, contrast};
-use crate::wide::widest;
+use crate::wide::run_widest;
 use crate::{DenoiseError, Shape};
 
 /// TGV2 (Bredies, Kunisch and Pock 2010): `min_w lambda/2 (u-u0)^2 + a1 |grad u - w| + a0 |E w|`, `E` the symmetrised derivative (its
@@ -93,7 +93,7 @@ impl<T: Real> Tgv2<T> {
         let stride = BAND * PRIMAL * channels * width;
         let bands = self.primal.par_chunks_mut(stride).zip(self.extrapolated.par_chunks_mut(stride));
         bands.enumerate().for_each(|(band, (x, extrapolated))| {
-            widest(
+            run_widest(
                 #[inline(always)]
                 || {
                     let lanes =
@@ -109,7 +109,7 @@ impl<T: Real> Tgv2<T> {
             (&self.extrapolated, self.coupling, self.weights, self.sigma);
         self.dual.par_chunks_mut(BAND * DUAL * channels * width).enumerate().for_each(|(band, y)| {
             let mut scratch = vec![T::zero(); (DUAL * channels + 1) * width];
-            widest(
+            run_widest(
                 #[inline(always)]
                 || {
                     for (k, y) in y.chunks_exact_mut(DUAL * channels * width).enumerate() {

@@ -1,7 +1,7 @@
 //! Splat depth and the removal of points that lie behind it.
 
 use super::{Pinhole, Samples};
-use crate::wide::widest;
+use crate::wide::run_widest;
 use photofit_scalar::Vec3f;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -47,7 +47,7 @@ pub fn splat_depth(samples: &Samples, camera: &Pinhole, radius: SplatRadius) -> 
     let mut depth = Vec::with_capacity(samples.z.len());
     depth.resize_with(samples.z.len(), || AtomicU32::new(infinity));
     (0..samples.height).into_par_iter().for_each(|y| {
-        widest(
+        run_widest(
             #[inline(always)]
             || {
                 for x in (0..samples.width).filter(|x| samples.is_valid(y * samples.width + x)) {

@@ -11,7 +11,7 @@ use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 
 use super::banded::BandedFactors;
 use super::{Sample, Symbol, eigenvalue};
-use crate::wide::widest;
+use crate::wide::run_widest;
 
 /// Frequencies solved by one task.
 const WIDTH: usize = 64;
@@ -123,7 +123,7 @@ impl<T: Sample> StripSolver<T> {
     where
         T: 'a,
     {
-        widest(
+        run_widest(
             #[inline(always)]
             || self.sweep(block, source),
         );
@@ -171,7 +171,7 @@ impl<T: Sample> StripSolver<T> {
     /// Gathers row `i` from the blocks of one channel and transforms it back.
     pub(crate) fn inverse_row(&self, blocks: &[Block<T>], i: usize, out: &mut [T], s: &mut RowScratch<T>) {
         let spectrum = &mut s.spectrum[..];
-        widest(
+        run_widest(
             #[inline(always)]
             || gather(blocks, i, spectrum),
         );

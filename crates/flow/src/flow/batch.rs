@@ -5,6 +5,7 @@ use crate::FlowError;
 use crate::coupling::CONDITION_MAX;
 use crate::guide::{Guide, Record};
 use photofit_sampling::Rng;
+use photofit_scalar::wide::{Kernel, Width, run_up_to};
 use rayon::prelude::*;
 
 /// Records of a chunk: gradients are summed within chunks, then over chunks in order, whatever the number of threads.
@@ -91,46 +92,34 @@ impl FlowGuide {
 
     /// Gradient of `-w ln q / n` with `w` detached: half of it for the flow, half for its mixture.
     fn gradient(&self, chunk: &[Example], scale: f32, n: usize) -> Gradient {
-        #[cfg(target_arch = "x86_64")]
-        {
-            if std::arch::is_x86_feature_detected!("avx512f") {
-                #[expect(unsafe_code, reason = "calling a function compiled for AVX-512")]
-                // SAFETY: the feature was just detected.
-                return unsafe { self.gradient_avx512(chunk, scale, n) };
-            }
-            if std::arch::is_x86_feature_detected!("avx2") {
-                #[expect(unsafe_code, reason = "calling a function compiled for AVX2")]
-                // SAFETY: the feature was just detected.
-                return unsafe { self.gradient_avx2(chunk, scale, n) };
-            }
-        }
-        self.gradient_any(chunk, scale, n)
+        run_up_to(Width::Avx512, OfChunk { guide: self, chunk, scale, n })
     }
+}
 
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx512f")]
-    fn gradient_avx512(&self, chunk: &[Example], scale: f32, n: usize) -> Gradient {
-        self.gradient_any(chunk, scale, n)
-    }
+/// [`FlowGuide::gradient`], for one width.
+struct OfChunk<'a> {
+    guide: &'a FlowGuide,
+    chunk: &'a [Example],
+    scale: f32,
+    n: usize,
+}
 
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    fn gradient_avx2(&self, chunk: &[Example], scale: f32, n: usize) -> Gradient {
-        self.gradient_any(chunk, scale, n)
-    }
+impl Kernel for OfChunk<'_> {
+    type Output = Gradient;
 
     #[inline(always)]
-    fn gradient_any(&self, chunk: &[Example], scale: f32, n: usize) -> Gradient {
-        let couplings = &self.couplings;
+    fn run(self) -> Gradient {
+        let Self { guide, chunk, scale, n } = self;
+        let couplings = &guide.couplings;
         let mut out = Gradient {
-            network: vec![0.0; self.live.network.len()],
+            network: vec![0.0; guide.live.network.len()],
             features: vec![[0.0; CONDITION_MAX]; chunk.len()],
         };
         let (g_network, g_head) = out.network.split_at_mut(couplings.len());
-        let (network, head) = self.live.network.split_at(couplings.len());
+        let (network, head) = guide.live.network.split_at(couplings.len());
         for (e, g_features) in chunk.iter().zip(&mut out.features) {
             let weight = (e.weight * scale).min(WEIGHT_MAX) / n as f32;
-            let local = self.features(&self.live, &e.record.query);
+            let local = guide.features(&guide.live, &e.record.query);
             let share = local.share;
             let flow = local.chart.point(e.record.wi).map_or(0.0, |(x, density)| {
                 let towards = |log: f32| {
@@ -176,24 +165,16 @@ mod tests {
             let data = records(2000, 3);
             let guide = trained(FlowOptions { family, bins, ..FlowOptions::default() }, &data);
             let chunk: Vec<Example> = data[..CHUNK].iter().map(|r| guide.example(r)).collect();
-            let plain = bits(&guide.gradient_any(&chunk, 0.5, CHUNK));
+            let of = |width| {
+                bits(&run_up_to(width, OfChunk { guide: &guide, chunk: &chunk, scale: 0.5, n: CHUNK }))
+            };
+            let plain = of(Width::Base);
             assert!(plain.iter().any(|b| f32::from_bits(*b) != 0.0));
-            assert!(plain == bits(&guide.gradient(&chunk, 0.5, CHUNK)), "{family:?}");
-            #[cfg(target_arch = "x86_64")]
-            {
-                if std::arch::is_x86_feature_detected!("avx2") {
-                    #[expect(unsafe_code, reason = "calling a function compiled for AVX2")]
-                    // SAFETY: the feature was just detected.
-                    let wide = unsafe { guide.gradient_avx2(&chunk, 0.5, CHUNK) };
-                    assert!(plain == bits(&wide), "{family:?}, AVX2");
-                }
-                if std::arch::is_x86_feature_detected!("avx512f") {
-                    #[expect(unsafe_code, reason = "calling a function compiled for AVX-512")]
-                    // SAFETY: the feature was just detected.
-                    let wide = unsafe { guide.gradient_avx512(&chunk, 0.5, CHUNK) };
-                    assert!(plain == bits(&wide), "{family:?}, AVX-512");
-                }
+            // Where the machine lacks a width, a narrower one answers.
+            for width in Width::ALL {
+                assert!(plain == of(width), "{family:?}, {width:?}");
             }
+            assert!(plain == bits(&guide.gradient(&chunk, 0.5, CHUNK)), "{family:?}");
         }
     }
 }
