@@ -75,7 +75,7 @@ pub(crate) fn has_option(command: &[&str], name: &str) -> bool {
     // What a command shares with others is a part of it only then.
     cli.build();
     let within = command.iter().try_fold(&cli, |c, word| c.find_subcommand(word));
-    within.is_some_and(|c| c.get_opts().any(|o| o.get_long() == Some(name)))
+    within.is_some_and(|c| c.get_arguments().any(|a| a.get_long() == Some(name)))
 }
 
 #[derive(Debug, Subcommand)]
@@ -271,8 +271,8 @@ pub(crate) struct Simplify {
     /// Budget: at most N triangles, no more than the asset has [range: at least 1] [default: --ratio].
     #[arg(long, value_name = "N", value_parser = whole::<usize>(1..))]
     pub(crate) triangles: Option<usize>,
-    /// Budget: at most this share of the asset's triangles [range: more than 0, at most 1] [default: 0.03 when no budget
-    /// is given, nor --max-bytes].
+    /// Budget: at most this share of the asset's triangles, but no fewer than 64 of them [range: more than 0, at most 1]
+    /// [default: 0.03 when no budget is given, nor --max-bytes].
     #[arg(long, value_name = "R", value_parser = number(above_to(0.0, 1.0)))]
     pub(crate) ratio: Option<f64>,
     /// Budget: as few triangles as keep the geometric error below this share of the bounding diagonal [range: more than

@@ -25,6 +25,15 @@ fn option(command: Command, field: &str) -> String {
     if has_option(command, &name) { format!("--{name}") } else { field.replace('_', " ") }
 }
 
+/// What a setting breaks; an option without a value is not said to be true.
+fn broken(command: Command, field: &str, rule: &str) -> String {
+    let option = option(command, field);
+    match rule.strip_prefix("is true; it ").filter(|_| option.starts_with("--")) {
+        Some(rule) => format!("{option} {rule}"),
+        None => format!("{option} {rule}"),
+    }
+}
+
 /// Turns the fields that a refused checkpoint differs in into options.
 pub(crate) fn name_options(command: Command, error: FitError) -> FitError {
     let FitError::OtherFit { path, mut differences } = error else { return error };
@@ -37,7 +46,7 @@ pub(crate) fn name_options(command: Command, error: FitError) -> FitError {
 /// A setting that no asset allows is a wrong command line.
 pub(crate) fn misuse(command: Command, error: FitError) -> Error {
     match error {
-        FitError::Setting { field, rule } => Misuse(format!("{} {rule}", option(command, field))).into(),
+        FitError::Setting { field, rule } => Misuse(broken(command, field, &rule)).into(),
         error => error.into(),
     }
 }
@@ -46,7 +55,7 @@ pub(crate) fn misuse(command: Command, error: FitError) -> Error {
 pub(crate) fn explain_error(command: Command, input: &Path, error: FitError) -> Error {
     let error = name_options(command, error);
     if let FitError::Setting { field, rule } = &error {
-        return anyhow!("{}: {} {rule}", input.display(), option(command, field));
+        return anyhow!("{}: {}", input.display(), broken(command, field, rule));
     }
     let named = matches!(
         &error,
@@ -71,6 +80,9 @@ mod tests {
     fn fields_are_options_of_the_command_that_runs() {
         assert_eq!(option(SIMPLIFY, "reference"), "--reference");
         assert_eq!(option(RETEXTURE, "reference"), "reference", "an argument without a name there");
+        assert_eq!(option(SIMPLIFY, "keep_uvs"), "--keep-uvs", "an option without a value");
+        assert_eq!(broken(SIMPLIFY, "keep_uvs", "is true; it goes with x"), "--keep-uvs goes with x");
+        assert_eq!(broken(SIMPLIFY, "batch", "is 0; it must be 1 to 64"), "--batch is 0; it must be 1 to 64");
         assert_eq!(option(RETEXTURE, "texture_size"), "--texture-size");
         assert_eq!(option(DEMO, "texture_size"), "texture size");
         assert_eq!(option(RECOVER_MESH, "optimizer"), "--optimizer");

@@ -9,6 +9,7 @@ mod angle;
 mod error;
 mod incidence;
 mod mesh;
+mod opposed;
 mod split;
 
 pub mod adjacency;
@@ -29,5 +30,6 @@ pub use csr::{Csr, CsrMatrix};
 pub use error::{GeometryError, check_triangles};
 pub use incidence::Incidence;
 pub use mesh::Mesh;
+pub use opposed::opposed;
 pub use split::Split;
 pub use weld::Weld;

@@ -10,7 +10,7 @@ use crate::plan::{self, Features, RenderPlan};
 use crate::random::{PathRandom, PixelRandom};
 use crate::world::{World, WorldRay};
 use photofit_image::Image;
-use photofit_sampling::DirectionSampler;
+use photofit_sampling::{DirectionSampler, SobolPoint};
 use photofit_scalar::vec2;
 use rayon::prelude::*;
 
@@ -452,12 +452,28 @@ impl<K: Fn(&World, &WorldRay, &PathRandom, &PathOptions) -> PathSample> Job<'_, 
 pub(crate) fn primary_ray(
     options: &RenderOptions,
     camera: &Prepared,
-    [x, y]: [usize; 2],
+    pixel: [usize; 2],
     random: &PathRandom,
 ) -> WorldRay {
-    let (w, h) = (options.width as f32, options.height as f32);
     let numbers = random.camera();
+    ray_through(options, camera, film_point(options, pixel, &numbers), &numbers)
+}
+
+/// Where a sample of a pixel lies, in pixels from the upper left corner.
+#[inline(always)]
+pub(crate) fn film_point(options: &RenderOptions, [x, y]: [usize; 2], numbers: &SobolPoint) -> [f32; 2] {
     let [dx, dy] = numbers.pair().map(|u| 0.5 + options.filter.offset(u));
-    let at = vec2((x as f32 + dx) / w, (y as f32 + dy) / h);
+    [x as f32 + dx, y as f32 + dy]
+}
+
+/// The camera's ray through such a place.
+#[inline(always)]
+pub(crate) fn ray_through(
+    options: &RenderOptions,
+    camera: &Prepared,
+    [x, y]: [f32; 2],
+    numbers: &SobolPoint,
+) -> WorldRay {
+    let at = vec2(x / options.width as f32, y / options.height as f32);
     camera.ray(at, || [numbers.get(2), numbers.get(3)])
 }

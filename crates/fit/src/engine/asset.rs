@@ -4,7 +4,6 @@ use super::animated::Animated;
 use super::classes::{MaterialClass, drawn};
 use super::frame::FitFrame;
 use super::light_asset::LightAsset;
-use super::opposed::opposed;
 use super::views::Moment;
 use crate::FitError;
 use crate::bake;

@@ -34,7 +34,6 @@ pub mod judge;
 mod light_asset;
 pub mod loss;
 pub mod model;
-mod opposed;
 pub mod plan;
 mod pool;
 pub mod posed;

@@ -441,7 +441,8 @@ impl SimplifyOptions {
             Target::Ratio(r) if ((triangles as f64 * r) as usize) < floor => {
                 let meant = (triangles as f64 * r) as usize;
                 let text = format!(
-                    "{r} of {triangles} triangles are {meant}, too few for a shape: the budget is {floor} triangles"
+                    "the asset has {triangles} triangles, and a share of {r} would leave {meant}: {floor} stay, so that a \
+                     shape is left"
                 );
                 (Target::Triangles(floor), Some(text))
             }

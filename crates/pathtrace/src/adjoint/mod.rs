@@ -7,6 +7,7 @@
 //!
 //! - Picture and gradient take different random numbers. With the same ones, the gradient of a loss that is not linear in
 //!   the picture would be biased by the covariance of the two.
+//! - Where pixel filters overlap, a sample counts for every pixel that its place is in the reach of.
 //! - Derivatives are those of the radiance that surfaces send out: what moves edges (positions, coverage) has none.
 //! - Media are differentiated by what they let through and by what they scatter, each where its density is small as well
 //!   as where it is large (`volume`).
@@ -25,12 +26,12 @@ pub use parameter::{MaterialValue, Parameter};
 use crate::PathtraceError;
 use crate::camera::View;
 use crate::error::invalid;
-use crate::film::TILE;
+use crate::film::{Filter, TILE};
 use crate::integrator::PathOptions;
 use crate::integrator::path::walk;
 use crate::plan::{self, Features};
 use crate::random::{PathRandom, PixelRandom};
-use crate::render::{RenderOptions, Renderer, primary_ray};
+use crate::render::{RenderOptions, Renderer, film_point, ray_through};
 use crate::world::{World, WorldRay};
 use accumulate::Accumulator;
 use layout::Layout;
@@ -281,6 +282,8 @@ impl<'a> Adjoint<'a> {
             Task { x: tile % columns * TILE, y: tile / columns * TILE, first }
         };
         let camera = self.view.prepare(self.world);
+        // Boxes do not overlap.
+        let alone = self.options.filter == Filter::Box;
         let ranges = &self.layout.ranges;
         let mut totals: Vec<Vec<[f64; 3]>> = ranges.iter().map(|r| vec![[0.0; 3]; r.cells]).collect();
         let (mut residual, mut not_finite) = (0.0_f64, 0);
@@ -305,15 +308,22 @@ impl<'a> Adjoint<'a> {
                 };
                 for y in task.y..(task.y + TILE).min(h) {
                     for x in task.x..(task.x + TILE).min(w) {
-                        let g = loss.pixel(x, y);
-                        replay.loss = Vec3f { x: g[0], y: g[1], z: g[2] } * (1.0 / spp as f32);
-                        if replay.loss == Vec3f::zero() {
+                        let own = loss.pixel(x, y);
+                        let own = Vec3f { x: own[0], y: own[1], z: own[2] };
+                        if alone && own == Vec3f::zero() {
                             continue;
                         }
                         let mut pixel = PixelRandom::new(seed, (y * w + x) as u64);
                         for sample in task.first..last {
                             let random = pixel.sample(sample);
-                            let ray = primary_ray(&self.options, &camera, [x, y], &random);
+                            let numbers = random.camera();
+                            let at = film_point(&self.options, [x, y], &numbers);
+                            let g = if alone { own } else { self.options.filter.shared(loss, at) };
+                            replay.loss = g * (1.0 / spp as f32);
+                            if replay.loss == Vec3f::zero() {
+                                continue;
+                            }
+                            let ray = ray_through(&self.options, &camera, at, &numbers);
                             kernel(self.world, &ray, &random, &self.options.path, &mut replay);
                         }
                     }

@@ -1,7 +1,10 @@
 //! Pixel filters, applied by importance sampling: a sample is placed with the filter's density and counts for its pixel
-//! alone (Ernst, Stamminger and Greiner 2006), so that pixels stay independent of each other.
+//! alone (Ernst, Stamminger and Greiner 2006), so that pixels stay independent of each other. In a sum over pixels, as
+//! the gradient of a loss is one, it counts for all pixels that the filter reaches ([`Filter::shared`]).
 
+use photofit_image::Image;
 use photofit_sampling::inverse_normal_cdf;
+use photofit_scalar::Vec3f;
 
 /// The weight of light around the centre of a pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -22,6 +25,50 @@ pub enum Filter {
 }
 
 impl Filter {
+    /// Half of its width, in pixels: no light counts that lies farther from the centre along an axis.
+    fn reach(self) -> f32 {
+        match self {
+            Self::Box => 0.5,
+            Self::Tent { radius } => radius,
+            Self::Gaussian { sigma } => 4.0 * sigma,
+        }
+    }
+
+    /// Its value along one axis at a distance within [`Self::reach`], up to a factor.
+    #[inline]
+    fn value(self, distance: f32) -> f32 {
+        match self {
+            Self::Box => 1.0,
+            Self::Tent { radius } => (1.0 - distance.abs() / radius).max(0.0),
+            Self::Gaussian { sigma } => (-0.5 * (distance / sigma).powi(2)).exp(),
+        }
+    }
+
+    /// What a sample at `at` (pixels from the upper left corner of the picture) counts in the sum of all pixels times
+    /// `weights`: their mean over the pixels whose filters place samples there, by the density with which they do. That is the
+    /// balance heuristic over pixels: the sum has the same expectation as with samples that count for
+    /// their own pixel, and less noise where weights of neighbours differ.
+    pub(crate) fn shared(self, weights: &Image, at: [f32; 2]) -> Vec3f {
+        let reach = self.reach();
+        // Centres lie at halves.
+        let range = |at: f32, size: usize| {
+            let first = (at - 0.5 - reach).ceil().max(0.0) as usize;
+            let last = (at - 0.5 + reach).floor().max(0.0) as usize;
+            first..=last.min(size - 1)
+        };
+        let (mut sum, mut density) = (Vec3f::zero(), 0.0);
+        for y in range(at[1], weights.height) {
+            let row = self.value(at[1] - 0.5 - y as f32);
+            for x in range(at[0], weights.width) {
+                let share = row * self.value(at[0] - 0.5 - x as f32);
+                let w = weights.pixel(x, y);
+                sum += Vec3f { x: w[0], y: w[1], z: w[2] } * share;
+                density += share;
+            }
+        }
+        if density > 0.0 { sum * (1.0 / density) } else { Vec3f::zero() }
+    }
+
     /// Whether the widths are positive and finite.
     pub(crate) fn is_valid(self) -> bool {
         match self {
@@ -51,6 +98,22 @@ impl Filter {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_sample_counts_for_the_pixels_around_it() {
+        // Two pixels in a row: weights 1 and 3.
+        let weights = Image::from_fn(2, 1, 3, |x, _, _| if x == 0 { 1.0 } else { 3.0 });
+        let shared = |filter: Filter, x: f32| filter.shared(&weights, [x, 0.5]).x;
+        let tent = Filter::Tent { radius: 1.5 };
+        assert!((shared(tent, 1.0) - 2.0).abs() < 1e-6, "half way");
+        // A third of the first one's filter and all of the second one's.
+        assert!((shared(tent, 1.5) - (1.0 / 3.0 + 3.0) / (4.0 / 3.0)).abs() < 1e-6);
+        assert!((shared(tent, 2.5) - 3.0).abs() < 1e-6, "beyond the reach of the first one");
+        assert_eq!(shared(Filter::Box, 0.7), 1.0);
+        let gaussian = Filter::Gaussian { sigma: 0.5 };
+        let far = (-2.0_f32).exp();
+        assert!((shared(gaussian, 1.5) - (far + 3.0) / (far + 1.0)).abs() < 1e-6);
+    }
 
     #[test]
     fn offsets_have_the_moments_of_the_filter() {

@@ -1,5 +1,6 @@
 //! Gradients of path replay against central differences of renders with paired seeds.
 
+mod filters;
 mod samplers;
 mod sharing;
 mod tapes;

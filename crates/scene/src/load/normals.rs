@@ -1,4 +1,4 @@
-//! Normals that a file lacks.
+//! Normals that a file lacks, and those that oppose its faces.
 
 use photofit_geometry::normals::{Weighting, split_creases, vertex_normals};
 use photofit_geometry::weld::weld_exact;
@@ -56,6 +56,19 @@ pub(crate) fn repair(mesh: &mut Mesh) -> usize {
         }
     }
     found
+}
+
+/// Turns the faces whose normals point to their back; returns how many there were. OBJ and PLY say nothing of sides, so that
+/// the normals of a file tell more of its surface than an order of corners that a mirroring exporter left as it was.
+pub(crate) fn turn_opposed(mesh: &mut Mesh) -> usize {
+    let opposed = photofit_geometry::opposed(mesh);
+    let turned = mesh.triangles.iter_mut().zip(opposed).filter(|(_, o)| *o);
+    turned.map(|(t, _)| t.swap(1, 2)).count()
+}
+
+/// What [`turn_opposed`] did.
+pub(crate) fn turned(count: usize) -> Option<String> {
+    (count > 0).then(|| format!("faces that look away from their normals: {count}, which are turned"))
 }
 
 fn area_normal(p: [Vec3f; 3]) -> Vec3f {

@@ -118,6 +118,10 @@ pub(crate) fn parse(text: &[u8], folder: &Folder, limits: &Limits, missing: Miss
     }
     statements.fill_normals(missing);
     statements.build(&mut scene, &mut budget, clay.unwrap_or(0))?;
+    if missing == Missing::Creased {
+        let turned = scene.primitives.iter_mut().map(|p| normals::turn_opposed(&mut p.mesh)).sum();
+        scene.warnings.extend(normals::turned(turned));
+    }
     scene.images = textures.decode()?;
     let colored = !statements.colors.is_empty();
     if let (Some(clay), true) = (clay, colored) {

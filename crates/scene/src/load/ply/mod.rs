@@ -22,7 +22,8 @@ use photofit_scalar::{Vec2f, Vec3f, vec2, vec3, vec4};
 use std::collections::HashMap;
 
 /// Loads a PLY file: vertices with normals, colours (8 and 16 bit ones are sRGB) and texture coordinates (turned to
-/// the upper left origin), faces of any number of corners with optional corner coordinates, and triangle strips.
+/// the upper left origin), faces of any number of corners with optional corner coordinates, and triangle strips. Faces that
+/// look away from their normals are turned.
 /// Without faces the vertices are kept as a point cloud.
 pub(crate) fn parse(bytes: &[u8], folder: &Folder, limits: &Limits) -> Result<Scene, Fault> {
     let header = Header::parse(bytes)?;
@@ -32,9 +33,12 @@ pub(crate) fn parse(bytes: &[u8], folder: &Folder, limits: &Limits) -> Result<Sc
         let (split, computed) = normals::creased(&mesh.positions, &mesh.triangles);
         mesh = split.apply(&mesh);
         mesh.normals = computed;
-    } else if mesh.normals.contains(&Vec3f::zero()) {
-        let found = normals::repair(&mut mesh);
-        scene.warnings.push(format!("normals without a direction: {found}, which are computed"));
+    } else {
+        if mesh.normals.contains(&Vec3f::zero()) {
+            let found = normals::repair(&mut mesh);
+            scene.warnings.push(format!("normals without a direction: {found}, which are computed"));
+        }
+        scene.warnings.extend(normals::turned(normals::turn_opposed(&mut mesh)));
     }
     let mut material = super::clay();
     if !mesh.colors.is_empty() {

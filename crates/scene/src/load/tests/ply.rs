@@ -88,6 +88,30 @@ fn corner_coordinates_split_vertices() {
 }
 
 #[test]
+fn faces_look_where_their_normals_point() {
+    // Two triangles of one plane, the second one wound the other way round.
+    let header = "ply\nformat ascii 1.0\nelement vertex 6\nproperty float x\nproperty float y\nproperty float z\n\
+        property float nx\nproperty float ny\nproperty float nz\nelement face 2\n\
+        property list uchar int vertex_indices\nend_header\n";
+    let vertices = "0 0 0 0 0 1\n1 0 0 0 0 1\n0 1 0 0 0 1\n4 0 0 0 0 1\n5 0 0 0 0 1\n4 1 0 0 0 1\n";
+    let ply = format!("{header}{vertices}3 0 1 2\n3 3 5 4\n");
+    let obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 4 0 0\nv 5 0 0\nv 4 1 0\nvn 0 0 1\nf 1//1 2//1 3//1\nf 4//1 6//1 5//1\n";
+    for (name, text) in [("a.ply", ply.as_str()), ("a.obj", obj)] {
+        let scene = load_files(&[(name, text.as_bytes())]).unwrap();
+        let mesh = &scene.primitives[0].mesh;
+        for t in 0..2 {
+            let [a, b, c] = mesh.corners(t);
+            assert!((b - a).cross(c - a).z > 0.0, "{name}, triangle {t}: {:?}", mesh.triangles);
+        }
+        let told = scene
+            .warnings
+            .iter()
+            .any(|w| w == "faces that look away from their normals: 1, which are turned");
+        assert!(told, "{name}: {:?}", scene.warnings);
+    }
+}
+
+#[test]
 fn clouds_are_loadable_and_found_by_the_check() {
     let text = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n1 2 3\n";
     let scene = load_files(&[("a.ply", text.as_bytes())]).unwrap();

@@ -1,20 +1,21 @@
 //! Triangles whose vertex normals point to their back.
 //!
-//! Renderers tell front from back by the winding and shade with the normals that a file has
-//! ([`photofit_shading::face_viewer`]): where the two oppose each other, light from behind counts. No normal map turns the
-//! normals that follow from the winding that far, so that a light asset needs vertex normals of the same kind.
+//! Renderers tell front from back by the winding and shade with the normals that a file has: where the two oppose each
+//! other, light from behind counts. No normal map turns the normals that follow from the winding that far.
 
-use photofit_geometry::{Edges, Mesh, NONE, weld::weld_exact};
+use crate::weld::weld_exact;
+use crate::{Edges, Mesh, NONE};
 use photofit_scalar::Vec3f;
 
 /// Share of the asset's area below which such triangles are flaws of single faces: they stay as they are.
 const LEAST_SHARE: f64 = 1e-3;
 
-/// One flag per triangle of a mesh with normals; empty where there are none of any weight.
+/// Whether the normals of each triangle of a mesh, which has one per vertex, point to its back; empty where that holds for
+/// none of any weight (a thousandth of the area).
 ///
 /// What decides is the sum over a piece of the mesh, all that edges join whose two triangles turn the same way: a single
 /// triangle at the rim of a smooth surface may lean away from its normals.
-pub(crate) fn opposed(mesh: &Mesh) -> Vec<bool> {
+pub fn opposed(mesh: &Mesh) -> Vec<bool> {
     let facing: Vec<[f64; 2]> = (0..mesh.triangles.len()).map(|t| facing(mesh, t)).collect();
     if facing.iter().all(|[along, _]| *along >= 0.0) {
         return Vec::new();
@@ -74,7 +75,7 @@ fn pieces(mesh: &Mesh) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use photofit_geometry::shapes;
+    use crate::shapes;
     use photofit_scalar::vec3;
 
     fn turned(mut mesh: Mesh) -> Mesh {
