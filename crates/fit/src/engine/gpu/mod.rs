@@ -87,6 +87,11 @@ fn model_error(e: OptimError) -> ModelError {
     }
 }
 
+/// What a device says.
+fn itself(e: &GpuError) -> Option<&GpuError> {
+    Some(e)
+}
+
 /// What a device says, where it is that.
 fn of_device(e: &OptimError) -> Option<&GpuError> {
     if let OptimError::Device(e) = e { Some(e) } else { None }
@@ -151,7 +156,7 @@ impl<S: Posable> GpuSurface<S> {
             pending: 0,
             losses: Vec::new(),
         };
-        model.in_bands(shots, Some, |_| Ok(())).map_err(NoRoom::pictures)?;
+        model.in_bands(shots, itself, |_| Ok(())).map_err(NoRoom::pictures)?;
         Ok(model)
     }
 
@@ -161,7 +166,7 @@ impl<S: Posable> GpuSurface<S> {
     /// # Errors
     /// If there is none for those of a step.
     pub fn keeping(mut self, shown: Shown) -> Result<(Self, Residence), NoRoom> {
-        let made = self.in_bands(&[], Some, |model| References::new(&model.gpu, shown));
+        let made = self.in_bands(&[], itself, |model| References::new(&model.gpu, shown));
         let (references, residence) = made.map_err(NoRoom::pictures)?;
         self.references = references;
         Ok((self, residence))
@@ -206,7 +211,7 @@ impl<S: Posable> GpuSurface<S> {
         let made = |m: Moment| Ok((m, asset.posed(m).map_err(|e| ModelError::Picture(Box::new(e)))?));
         let made: Vec<(Moment, Vertices)> =
             missing.into_iter().map(made).collect::<Result<_, ModelError>>()?;
-        let put = self.in_bands(shots, Some, |model| {
+        let put = self.in_bands(shots, itself, |model| {
             let Some(poses) = &mut model.poses else { return Ok(()) };
             made.iter().try_for_each(|(moment, vertices)| poses.put(&model.gpu, *moment, vertices))
         });
@@ -355,7 +360,7 @@ impl<S: Posable> Model for GpuSurface<S> {
     fn pictures(&mut self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, ModelError> {
         self.pose(shots)?;
         let room = Room::of(shots);
-        self.in_bands(shots, Some, |model| {
+        self.in_bands(shots, itself, |model| {
             if let Some(stage) =
                 model.stage.as_ref().filter(|_| !model.forward.as_ref().is_some_and(|l| l.serves(room)))
             {

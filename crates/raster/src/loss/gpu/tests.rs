@@ -198,7 +198,7 @@ fn parts_of_a_picture_add_up_to_it() {
         // With rows around those that count, and without some of them.
         let added = |reach: usize| {
             let (mut sum, mut gradient) = (0.0, vec![[0.0; 4]; n]);
-            for counted in [0..3, 3..17, 17..18, 18..18, 18..40] {
+            for counted in [0..3_usize, 3..17, 17..18, 18..18, 18..40] {
                 let drawn = counted.start.saturating_sub(reach)..(counted.end + reach).min(height);
                 let inside = counted.start - drawn.start..counted.end - drawn.start;
                 let part = Part { size: [width, drawn.len()], counted: inside, rows: height };
