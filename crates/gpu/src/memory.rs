@@ -56,14 +56,14 @@ impl Gpu {
         self.memory().held.load(Ordering::Relaxed)
     }
 
-    /// A buffer of the driver, or that there is no room for it.
+    /// A buffer of the driver, or that there is no room for it. One to be read is memory of the processor: it does not count.
     pub(crate) fn create(&self, name: &str, bytes: u64, usage: wgpu::BufferUsages) -> Result<Raw, GpuError> {
         self.check()?;
         let memory = self.memory();
         let full = || GpuError::OutOfMemory { name: name.into(), bytes };
-        memory.held.fetch_add(bytes, Ordering::Relaxed);
-        let given_back = || memory.held.fetch_sub(bytes, Ordering::Relaxed);
-        if self.held() > memory.most {
+        let counted = if usage.contains(wgpu::BufferUsages::MAP_READ) { 0 } else { bytes };
+        let given_back = || memory.held.fetch_sub(counted, Ordering::Relaxed);
+        if memory.held.fetch_add(counted, Ordering::Relaxed).saturating_add(counted) > memory.most {
             given_back();
             return Err(full());
         }
@@ -78,7 +78,7 @@ impl Gpu {
             given_back();
             return Err(full());
         }
-        Ok(Raw(Arc::new(Taken { buffer, bytes, held: memory.held.clone() })))
+        Ok(Raw(Arc::new(Taken { buffer, bytes: counted, held: memory.held.clone() })))
     }
 }
 
