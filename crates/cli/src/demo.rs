@@ -29,6 +29,7 @@ pub(crate) fn run(a: &Demo) -> Result<Ending> {
         .fills("--out", Some(&a.out.join("report")), &[PAGE])
         .check()?;
     threads::set(a.threads)?;
+    let device = device::choose(&a.device)?;
     std::fs::create_dir_all(&a.out).with_context(|| format!("{}: cannot be made", a.out.display()))?;
     let (heavy, light) = (a.out.join("heavy.glb"), a.out.join("light.glb"));
     let scene = demo_asset();
@@ -41,7 +42,7 @@ pub(crate) fn run(a: &Demo) -> Result<Ending> {
         time_limit: Some(a.time_limit),
         texture_size: 1024,
         report_views: 6,
-        device: device::choose(&a.device)?,
+        device,
         ..SimplifyOptions::default()
     };
     let report = a.out.join("report");

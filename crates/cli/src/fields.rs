@@ -34,13 +34,23 @@ fn broken(command: Command, field: &str, rule: &str) -> String {
     }
 }
 
-/// Turns the fields that a refused checkpoint differs in into options.
+/// Turns the fields that a refused checkpoint differs in, and the one that makes a fit smaller, into options.
 pub(crate) fn name_options(command: Command, error: FitError) -> FitError {
-    let FitError::OtherFit { path, mut differences } = error else { return error };
-    for d in &mut differences {
-        d.field = option(command, &d.field);
+    match error {
+        FitError::OtherFit { path, mut differences } => {
+            for d in &mut differences {
+                d.field = option(command, &d.field);
+            }
+            FitError::OtherFit { path, differences }
+        }
+        #[cfg(feature = "gpu")]
+        FitError::NoRoom { device, mut source } => {
+            let named = source.option.take().map(|field| option(command, &field));
+            source.option = named.filter(|name| name.starts_with("--")).map(Into::into);
+            FitError::NoRoom { device, source }
+        }
+        error => error,
     }
-    FitError::OtherFit { path, differences }
 }
 
 /// A setting that no asset allows is a wrong command line.

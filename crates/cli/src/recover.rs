@@ -7,7 +7,7 @@ use crate::progress::{Terminal, say_warnings};
 use crate::recovery::Recovery;
 use crate::simplify::{CHECKPOINT_FILE, name};
 use crate::status::Ending;
-use crate::{interrupt, memory, output, threads};
+use crate::{device, interrupt, memory, output, threads};
 use anyhow::Result;
 use photofit_fit::footprint::Task;
 use photofit_fit::pictures::named_files;
@@ -36,11 +36,13 @@ fn texture(a: &RecoverTexture) -> Result<Ending> {
     places.check()?;
     places.check_against("PICTURES", &named_files(&a.pictures))?;
     threads::set(a.course.running.threads)?;
+    let device = device::choose(&a.device)?;
     let options = RecoverOptions {
         texture_size: a.texture_size,
         steps: a.steps,
         batch: a.course.batch,
         loss: a.loss,
+        device,
         seed: a.course.running.seed,
         keeping: a.course.keeping(),
     };
@@ -84,6 +86,7 @@ fn to_json(a: &RecoverTexture, r: &Recovered) -> Value {
         "pictures_without_alpha": r.without_alpha,
         "lit": r.lit,
         "triangles": r.triangles,
+        "device": r.device,
         "steps": r.steps,
     })
 }

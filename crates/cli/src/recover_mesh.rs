@@ -7,7 +7,7 @@ use crate::progress::{Terminal, say_warnings};
 use crate::recovery::Recovery;
 use crate::simplify::name;
 use crate::status::Ending;
-use crate::{interrupt, memory, output, threads};
+use crate::{device, interrupt, memory, output, threads};
 use anyhow::Result;
 use photofit_fit::engine::chain::checkpoint_files;
 use photofit_fit::footprint::Task;
@@ -36,6 +36,7 @@ pub(crate) fn run(a: &RecoverMesh) -> Result<Ending> {
         places.check_against("PICTURES", &named_files(pictures))?;
     }
     threads::set(a.course.running.threads)?;
+    let device = device::choose(&a.device)?;
     let load = |option: &'static str, path: &Option<PathBuf>| {
         let scene = path.as_ref().map(photofit_scene::load).transpose()?;
         if let Some(scene) = &scene {
@@ -54,6 +55,7 @@ pub(crate) fn run(a: &RecoverMesh) -> Result<Ending> {
     };
     let options = RecoverMeshOptions {
         optimizer: a.optimizer,
+        device,
         triangles: a.triangles,
         texture_size: a.texture_size,
         steps: a.steps,
@@ -123,6 +125,7 @@ fn to_json(a: &RecoverMesh, r: &RecoveredMesh) -> Value {
         "pictures_held_out": r.pictures[1],
         "lit": r.lit,
         "triangles": r.triangles[1],
+        "device": r.device,
         "steps": r.steps,
     })
 }

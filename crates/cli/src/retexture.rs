@@ -7,7 +7,7 @@ use crate::progress::{Terminal, say, say_warnings};
 use crate::recovery::Recovery;
 use crate::simplify::{CHECKPOINT_FILE, name};
 use crate::status::Ending;
-use crate::{animation, interrupt, light, memory, output, threads};
+use crate::{animation, device, interrupt, light, memory, output, threads};
 use anyhow::Result;
 use photofit_fit::FitError;
 use photofit_fit::engine::Normalised;
@@ -33,6 +33,7 @@ pub(crate) fn run(a: &Retexture) -> Result<Ending> {
         .fills("--checkpoint", a.course.running.checkpoint.as_deref(), &[CHECKPOINT_FILE]);
     places.check()?;
     threads::set(a.course.running.threads)?;
+    let device = device::choose(&a.device)?;
     let lighting = light::lighting(&a.lighting)?;
     let [reference, asset] = [("REFERENCE", &a.reference), ("LIGHT", &a.light_asset)].map(|(name, file)| {
         let scene = photofit_scene::load(file)?;
@@ -53,6 +54,7 @@ pub(crate) fn run(a: &Retexture) -> Result<Ending> {
         batch: a.course.batch,
         lighting,
         seed: a.course.running.seed,
+        device,
         keeping: a.course.keeping(),
         ..RetextureOptions::default()
     };
@@ -146,6 +148,7 @@ fn to_json(a: &Retexture, options: &RetextureOptions, r: &Retextured) -> Value {
             Judged::Rasterized | Judged::RasterizedAgainst(_) => "rasterized",
         },
         "written": r.written.name(),
+        "device": r.device,
         "steps": r.steps,
     })
 }

@@ -5,7 +5,7 @@
 //! it with the pictures that were held out. Where the light of the pictures is known, base colour and roughness are
 //! fitted; else what the pictures show on average becomes an unlit colour.
 
-use crate::engine::cpu::Cpu;
+use crate::engine::device::{Device, train_on};
 use crate::engine::export::to_scene;
 use crate::engine::fingerprint::Fingerprint;
 use crate::engine::judge::{Quality, ReportView, Stage};
@@ -14,7 +14,7 @@ use crate::engine::plan::rows::{self, Work};
 use crate::engine::plan::{Item, PlanRows};
 use crate::engine::reference::{ENERGY, Rasterized, Reference};
 use crate::engine::surface::{MAPS, PositionOptimizer, SMOOTHNESS, Surface};
-use crate::engine::trainer::{HistoryPoint, Job, Keeping, Measure, Phase, train};
+use crate::engine::trainer::{HistoryPoint, Job, Keeping, Measure, Phase};
 use crate::engine::unwrap::unwrapped;
 use crate::engine::views::Sampling;
 use crate::engine::{LightAsset, Normalised};
@@ -47,13 +47,23 @@ pub struct RecoverOptions {
     pub loss: Option<PictureLoss>,
     /// Seed of all random choices.
     pub seed: u64,
+    /// Where the fit runs.
+    pub device: Device,
     /// Checkpoints and limits.
     pub keeping: Keeping,
 }
 
 impl Default for RecoverOptions {
     fn default() -> Self {
-        Self { texture_size: 1024, steps: 400, batch: 2, loss: None, seed: 0, keeping: Keeping::default() }
+        Self {
+            texture_size: 1024,
+            steps: 400,
+            batch: 2,
+            loss: None,
+            seed: 0,
+            device: Device::default(),
+            keeping: Keeping::default(),
+        }
     }
 }
 
@@ -82,6 +92,8 @@ pub struct Recovered {
     pub without_alpha: usize,
     /// What `mesh` holds besides its surface and the written file does not, one line each.
     pub left_out: Vec<String>,
+    /// Where the fit ran.
+    pub device: String,
     /// What ran and what was skipped.
     pub plan: PlanRows,
 }
@@ -159,19 +171,22 @@ pub fn recover_texture(
             .option("seed", options.seed)
             .digest("pictures, cameras, lights or shape", format!("{:016x}", topology.value())),
     };
-    let phase = Phase {
-        name: "maps",
-        first: 0,
-        steps: options.steps,
-        shrink: 1,
-        rates: vec![(MAPS.into(), MAP_RATE)],
-        fade: None,
-        reinitialised: None,
+    let phases = |_| {
+        vec![Phase {
+            name: "maps",
+            first: 0,
+            steps: options.steps,
+            shrink: 1,
+            rates: vec![(MAPS.into(), MAP_RATE)],
+            fade: None,
+            reinitialised: None,
+        }]
     };
-    let phases = vec![phase];
     let row = options.loss.map_or_else(|| rows::loss(loss, held_out.noise), rows::asked_loss);
-    let plan = PlanRows::new(items(&model.work(options.steps), &photos, row, held_out.measure), &phases);
-    let trained = train(Cpu::new(model)?, &job, |_| phases, progress)?;
+    let items = items(&model.work(options.steps), &photos, row, held_out.measure);
+    let plan = PlanRows::new(items, &phases(0.0));
+    let (trained, device) = train_on(&options.device, model, &job, phases, progress)?;
+    let plan = plan.with_device(device.told());
 
     let mut painted = to_scene(&trained.model.candidate, &n.light_asset);
     painted.inherit(mesh);
@@ -194,6 +209,7 @@ pub fn recover_texture(
         lit: photos.lit,
         without_alpha: photos.without_alpha,
         left_out,
+        device: device.name(),
         plan,
     })
 }

@@ -14,14 +14,14 @@ pub use shape_error::ShapeError;
 use crate::engine::LightAsset;
 use crate::engine::chain::FitChain;
 use crate::engine::checkpoint::Digest;
-use crate::engine::cpu::Cpu;
+use crate::engine::device::{Device, train_on};
 use crate::engine::export::to_scene;
 use crate::engine::fingerprint::Fingerprint;
 use crate::engine::judge::{Quality, ReportView, Stage};
 use crate::engine::loss::PictureLoss;
 use crate::engine::plan::{PlanRows, rows};
 use crate::engine::surface::{MAPS, POSITIONS, PositionOptimizer, Surface};
-use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Phase, Trained, train};
+use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Phase, Trained};
 use crate::engine::views::Sampling;
 use crate::error::in_ranges;
 use crate::pictures::PictureFolder;
@@ -58,6 +58,8 @@ pub struct RecoverMeshOptions {
     pub batch: usize,
     /// Seed of all random choices.
     pub seed: u64,
+    /// Where the fit runs.
+    pub device: Device,
     /// Checkpoints and limits.
     pub keeping: Keeping,
 }
@@ -71,6 +73,7 @@ impl Default for RecoverMeshOptions {
             steps: 600,
             batch: 2,
             seed: 0,
+            device: Device::default(),
             keeping: Keeping::default(),
         }
     }
@@ -119,6 +122,8 @@ pub struct RecoveredMesh {
     pub lit: bool,
     /// What the mesh to begin with holds besides its surface and the written file does not, one line each.
     pub left_out: Vec<String>,
+    /// Where the fit ran, its last level.
+    pub device: String,
     /// What ran and what was skipped.
     pub plan: PlanRows,
 }
@@ -156,15 +161,16 @@ pub fn recover_mesh(
         phases: Vec::new(),
     };
     let mut chain = FitChain::new(&options.keeping, progress);
-    let (mut steps, mut stopped) = (0, false);
+    let (mut steps, mut stopped, mut device) = (0, false, options.device.clone());
     for level in 0..start.levels {
         if level > 0 {
             model = finer(model, &light_asset)?;
         }
         model.optimizer = options.optimizer;
         model.smoothness = PositionOptimizer::for_vertices(model.candidate.positions.len());
-        let (trained, rows) = chain
+        let (trained, ran, rows) = chain
             .fit(1, progress, |keeping| fit.level(model.clone(), (level, start.levels), keeping, progress))?;
+        device = ran;
         chain.add(&trained.history, fit.steps(level, start.levels));
         plan.phases.extend(rows.phases);
         steps += trained.steps;
@@ -208,7 +214,8 @@ pub fn recover_mesh(
         pictures: [photos.given.pictures().len(), photos.given.held_out()],
         lit: photos.lit,
         left_out,
-        plan,
+        device: device.name(),
+        plan: plan.with_device(device.told()),
     })
 }
 
@@ -237,7 +244,7 @@ impl Fit<'_> {
         (level, levels): (u32, u32),
         keeping: &Keeping,
         progress: &dyn Progress,
-    ) -> Result<(Trained<Surface>, PlanRows), FitError> {
+    ) -> Result<(Trained<Surface>, Device, PlanRows), FitError> {
         let Self { photos, held_out, options } = self;
         let steps = self.steps(level, levels);
         let mut topology = Digest::new();
@@ -264,18 +271,20 @@ impl Fit<'_> {
                 .digest("topology", format!("{:016x}", topology.value())),
         };
         let rate = options.optimizer.peak_rate() * RATE_OF_NEXT.powi(level as i32);
-        let phase = Phase {
-            name: if level + 1 == levels { "full budget" } else { "coarse" },
-            first: 0,
-            steps,
-            shrink: 1,
-            rates: vec![(POSITIONS.into(), rate), (MAPS.into(), MAP_RATE)],
-            fade: None,
-            reinitialised: None,
+        let phases = |_| {
+            vec![Phase {
+                name: if level + 1 == levels { "full budget" } else { "coarse" },
+                first: 0,
+                steps,
+                shrink: 1,
+                rates: vec![(POSITIONS.into(), rate), (MAPS.into(), MAP_RATE)],
+                fade: None,
+                reinitialised: None,
+            }]
         };
-        let phases = vec![phase];
-        let rows = PlanRows::new(Vec::new(), &phases);
-        Ok((train(Cpu::new(model)?, &job, |_| phases, progress)?, rows))
+        let rows = PlanRows::new(Vec::new(), &phases(0.0));
+        let (trained, device) = train_on(&options.device, model, &job, phases, progress)?;
+        Ok((trained, device, rows))
     }
 }
 

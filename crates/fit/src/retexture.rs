@@ -12,7 +12,7 @@ use crate::candidate::Candidate;
 use crate::engine::Normalised;
 use crate::engine::animated::Animated;
 use crate::engine::checkpoint::Digest;
-use crate::engine::cpu::Cpu;
+use crate::engine::device::{Device, train_on};
 use crate::engine::export::to_scene;
 use crate::engine::fingerprint::Fingerprint;
 use crate::engine::judge::{self, Judge, JudgeRenderer, Judged, Quality, ReportView, Stage};
@@ -21,7 +21,7 @@ use crate::engine::plan::{FitPlan, Item, PlanRows, rows};
 use crate::engine::posed::Posed;
 use crate::engine::reference::{Rasterized, Reference, SAMPLES, SUPERSAMPLE};
 use crate::engine::surface::{MAPS, Surface, fade_over, rate_of_maps};
-use crate::engine::trainer::{self, HeldOut, HistoryPoint, Job, Keeping, Phase, train};
+use crate::engine::trainer::{self, HeldOut, HistoryPoint, Job, Keeping, Phase};
 use crate::engine::views::{Lighting, Moment, Orbit, OverMoments, Sampling};
 use crate::error::in_ranges;
 use crate::simplify::Written;
@@ -56,6 +56,8 @@ pub struct RetextureOptions {
     pub seed: u64,
     /// Views of the report.
     pub report_views: u64,
+    /// Where the fit runs.
+    pub device: Device,
     /// Checkpoints and limits.
     pub keeping: Keeping,
 }
@@ -71,6 +73,7 @@ impl Default for RetextureOptions {
             lighting: Lighting::default(),
             seed: 0,
             report_views: 8,
+            device: Device::default(),
             keeping: Keeping::default(),
         }
     }
@@ -99,6 +102,8 @@ pub struct Retextured {
     pub left_out: Vec<String>,
     /// What of them is in the written file, but was not drawn while fitting, one line each.
     pub not_fitted: Vec<String>,
+    /// Where the fit ran.
+    pub device: String,
     /// What ran and what was skipped.
     pub plan: PlanRows,
 }
@@ -164,16 +169,17 @@ pub fn retexture(
         keeping: &options.keeping,
         fingerprint: fingerprint(options, &n, &model.surface().candidate),
     };
-    let mut plan = PlanRows::default();
+    let mut told = Vec::new();
     let phases = |psnr: f64| {
         let rates = vec![(MAPS.into(), rate_of_maps(psnr))];
         let (steps, fade) = (options.steps, fade_over(fades, [0.0, 1.0]));
         let phase = Phase { name: "maps", first: 0, steps, shrink: 1, rates, fade, reinitialised: None };
         let phases = vec![phase];
-        plan = PlanRows::new(items, &phases);
+        told = PlanRows::new(Vec::new(), &phases).phases;
         phases
     };
-    let trained = train(Cpu::new(model)?, &job, phases, progress)?;
+    let (trained, device) = train_on(&options.device, model, &job, phases, progress)?;
+    let plan = PlanRows { items, phases: told }.with_device(device.told());
 
     let fitted = dressed(light, &trained.model.surface().candidate, &n);
     // The fit judged itself at half the size, by its own textures; what is written is chosen as it will be seen.
@@ -221,6 +227,7 @@ pub fn retexture(
         stopped: trained.stopped || progress.is_cancelled(),
         left_out: lost_extensions(reference, file).into_iter().collect(),
         not_fitted: not_fitted(reference, file, false),
+        device: device.name(),
         plan,
     })
 }

@@ -75,6 +75,8 @@ pub struct AdapterReport {
     pub driver: String,
     /// Largest buffer that a kernel can bind, in bytes.
     pub largest_binding: u64,
+    /// Largest buffer at all, in bytes.
+    pub largest_buffer: u64,
     /// Storage buffers that a kernel can bind.
     pub storage_buffers: u32,
     /// Shared memory of a workgroup, in bytes.
@@ -118,6 +120,7 @@ impl AdapterReport {
             driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
             name: info.name,
             largest_binding: limits.max_storage_buffer_binding_size,
+            largest_buffer: limits.max_buffer_size,
             storage_buffers: limits.max_storage_buffers_per_shader_stage,
             workgroup_memory: limits.max_compute_workgroup_storage_size,
             subgroups: [info.subgroup_min_size, info.subgroup_max_size],

@@ -1,5 +1,6 @@
 //! Buffers of one element type.
 
+use crate::memory::Raw;
 use crate::{Gpu, GpuError};
 use std::marker::PhantomData;
 use std::ops::Range;
@@ -10,7 +11,7 @@ const EMPTY: u64 = 16;
 /// A storage buffer of `T` on a device.
 #[derive(Clone, Debug)]
 pub struct Buffer<T> {
-    pub(crate) raw: wgpu::Buffer,
+    pub(crate) raw: Raw,
     name: String,
     len: usize,
     element: PhantomData<T>,
@@ -19,7 +20,7 @@ pub struct Buffer<T> {
 /// A buffer, or part of it, as a kernel sees it.
 #[derive(Clone, Debug)]
 pub struct Bind {
-    pub(crate) raw: wgpu::Buffer,
+    pub(crate) raw: Raw,
     pub(crate) offset: u64,
     pub(crate) bytes: u64,
 }
@@ -86,30 +87,36 @@ impl Gpu {
     /// # Errors
     /// As [`Self::upload`].
     pub fn zeros<T: bytemuck::Pod>(&self, name: &str, len: usize) -> Result<Buffer<T>, GpuError> {
+        self.made(name, len, Some((self.report().largest_binding, "maxStorageBufferBindingSize")))
+    }
+
+    /// [`Self::zeros`] to copy from, that no kernel binds: it may be larger than what can be bound.
+    ///
+    /// # Errors
+    /// If the device cannot hold it.
+    pub fn store<T: bytemuck::Pod>(&self, name: &str, len: usize) -> Result<Buffer<T>, GpuError> {
+        self.made(name, len, None)
+    }
+
+    /// A buffer below a limit of its own, if there is one, and that of all buffers.
+    fn made<T: bytemuck::Pod>(
+        &self,
+        name: &str,
+        len: usize,
+        own: Option<(u64, &'static str)>,
+    ) -> Result<Buffer<T>, GpuError> {
         let bytes = (len as u64).saturating_mul(size_of::<T>() as u64);
-        let limits = self.device().limits();
-        let all = [
-            (limits.max_storage_buffer_binding_size, "maxStorageBufferBindingSize"),
-            (limits.max_buffer_size, "maxBufferSize"),
-        ];
-        if let Some((limit, which)) = all.into_iter().find(|(limit, _)| bytes > *limit) {
+        let mut all = own.into_iter().chain([(self.report().largest_buffer, "maxBufferSize")]);
+        if let Some((limit, which)) = all.find(|(limit, _)| bytes > *limit) {
             let device = self.report().name.clone();
             return Err(GpuError::TooLarge { name: name.into(), bytes, limit, which, device });
         }
-        self.check()?;
-        let scope = self.device().push_error_scope(wgpu::ErrorFilter::OutOfMemory);
-        let raw = self.device().create_buffer(&wgpu::BufferDescriptor {
-            label: Some(name),
-            size: if bytes == 0 { EMPTY } else { bytes.next_multiple_of(4) },
-            usage: wgpu::BufferUsages::STORAGE
-                | wgpu::BufferUsages::COPY_SRC
-                | wgpu::BufferUsages::COPY_DST
-                | wgpu::BufferUsages::INDIRECT,
-            mapped_at_creation: false,
-        });
-        if pollster::block_on(scope.pop()).is_some() {
-            return Err(GpuError::OutOfMemory { name: name.into(), bytes });
-        }
+        let size = if bytes == 0 { EMPTY } else { bytes.next_multiple_of(4) };
+        let usage = wgpu::BufferUsages::STORAGE
+            | wgpu::BufferUsages::COPY_SRC
+            | wgpu::BufferUsages::COPY_DST
+            | wgpu::BufferUsages::INDIRECT;
+        let raw = self.create(name, size, usage)?;
         Ok(Buffer { raw, name: name.into(), len, element: PhantomData })
     }
 
@@ -142,12 +149,8 @@ impl Gpu {
             return Ok(Vec::new());
         }
         let padded = bytes.next_multiple_of(4);
-        let staging = self.device().create_buffer(&wgpu::BufferDescriptor {
-            label: Some("readback"),
-            size: padded,
-            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
-            mapped_at_creation: false,
-        });
+        let usage = wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ;
+        let staging = self.create("readback", padded, usage)?;
         let mut encoder = self.device().create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         encoder.copy_buffer_to_buffer(&buffer.raw, 0, &staging, 0, padded);
         self.submit(encoder)?;

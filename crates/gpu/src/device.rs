@@ -3,6 +3,7 @@
 use crate::GpuError;
 use crate::adapter::{AdapterReport, Choice, choose};
 use crate::kernel::{Kernel, Reflection};
+use crate::memory::{Caps, Memory};
 use std::collections::{HashMap, VecDeque};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -20,6 +21,7 @@ struct Shared {
     queue: wgpu::Queue,
     report: AdapterReport,
     timestamps: bool,
+    memory: Memory,
     /// Compiled kernels by name and entry point.
     compiled: Mutex<HashMap<(&'static str, &'static str), Compiled>>,
     /// The first error that no call could return.
@@ -56,17 +58,29 @@ impl Gpu {
     /// # Errors
     /// [`GpuError::NoAdapter`] or [`GpuError::NoDevice`].
     pub fn new(choice: &Choice) -> Result<Self, GpuError> {
-        let (report, adapter) = choose(choice)?;
+        Self::within(choice, Caps::NONE)
+    }
+
+    /// [`Self::new`] for a device that is to be used in part, as if it had no more.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn within(choice: &Choice, caps: Caps) -> Result<Self, GpuError> {
+        let (mut report, adapter) = choose(choice)?;
         let no_device = |reason: String| GpuError::NoDevice { adapter: report.name.clone(), reason };
         if let Some(lack) = report.missing() {
             return Err(no_device(format!("it lacks {lack}")));
         }
         let timestamps = adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY);
         let features = if timestamps { wgpu::Features::TIMESTAMP_QUERY } else { wgpu::Features::empty() };
+        let mut limits = adapter.limits();
+        let binding = &mut limits.max_storage_buffer_binding_size;
+        *binding = caps.binding.min(*binding);
+        report.largest_binding = *binding;
         let request = adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("photofit"),
             required_features: features,
-            required_limits: adapter.limits(),
+            required_limits: limits,
             ..wgpu::DeviceDescriptor::default()
         });
         let (device, queue) = pollster::block_on(request).map_err(|e| no_device(e.to_string()))?;
@@ -85,6 +99,7 @@ impl Gpu {
             queue,
             report,
             timestamps,
+            memory: Memory::new(caps.memory),
             compiled: Mutex::default(),
             failure,
             in_flight: Mutex::default(),
@@ -143,7 +158,11 @@ impl Gpu {
         self.0.read.fetch_add(bytes, Ordering::Relaxed);
     }
 
-    /// The adapter behind the device.
+    pub(crate) fn memory(&self) -> &Memory {
+        &self.0.memory
+    }
+
+    /// The adapter behind the device, with the limits that the device was opened with.
     pub fn report(&self) -> &AdapterReport {
         &self.0.report
     }

@@ -73,3 +73,10 @@ pub enum GpuError {
     #[error("the device was lost: {0}")]
     Lost(String),
 }
+
+impl GpuError {
+    /// Whether something is larger than the device takes or than it has room for: less might fit.
+    pub fn is_of_size(&self) -> bool {
+        matches!(self, Self::TooLarge { .. } | Self::OutOfMemory { .. })
+    }
+}

@@ -38,6 +38,7 @@ mod buffer;
 mod device;
 mod error;
 mod kernel;
+mod memory;
 mod record;
 mod testing;
 
@@ -46,8 +47,9 @@ pub use buffer::{Bind, Buffer};
 pub use device::{Gpu, Traffic};
 pub use error::GpuError;
 pub use kernel::{FIXED, FIXED_READ, INDEX, Kernel, fixed_words, validate};
+pub use memory::Caps;
 pub use record::{Inlet, KernelReport, Recorder, Recording, Slot};
-pub use testing::{run_device_tests, test_device};
+pub use testing::{assert_twin, run_device_tests, test_device};
 
 #[cfg(test)]
 mod tests;

@@ -1,7 +1,9 @@
 //! Lists of commands that are recorded once and run many times.
 
 use crate::kernel::Kernel;
+use crate::memory::Raw;
 use crate::{Bind, Buffer, Gpu, GpuError};
+use std::ops::Range;
 
 /// Offsets of parameters are multiples of this.
 const ALIGNMENT: usize = 256;
@@ -26,7 +28,7 @@ pub struct Slot {
 enum Groups {
     Counted([u32; 2]),
     /// Read from a buffer at an offset in bytes.
-    Indirect(wgpu::Buffer, u64),
+    Indirect(Raw, u64),
 }
 
 #[derive(Debug)]
@@ -43,11 +45,11 @@ enum Command {
         /// Invocations of a workgroup.
         lanes: u32,
     },
-    Clear(wgpu::Buffer),
+    Clear(Raw),
     Copy {
-        /// None until an [`Inlet`] is set.
-        from: Option<wgpu::Buffer>,
-        to: wgpu::Buffer,
+        /// Source and where it is read from, in bytes; none until an [`Inlet`] is set.
+        from: Option<(Raw, u64)>,
+        to: Raw,
         bytes: u64,
     },
 }
@@ -168,7 +170,11 @@ impl Recorder {
             )));
         }
         if bytes > 0 {
-            self.commands.push(Command::Copy { from: Some(from.raw.clone()), to: to.raw.clone(), bytes });
+            self.commands.push(Command::Copy {
+                from: Some((from.raw.clone(), 0)),
+                to: to.raw.clone(),
+                bytes,
+            });
         }
         Ok(())
     }
@@ -191,16 +197,12 @@ impl Recorder {
     /// Ends the list.
     ///
     /// # Errors
-    /// If the device refuses a binding.
+    /// If the device refuses a binding, or has no room for the parameters.
     pub fn finish(self) -> Result<Recording, GpuError> {
         let Self { gpu, name, mut commands, params } = self;
         let device = gpu.device();
-        let uniforms = device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some(&name),
-            size: params.len().max(ALIGNMENT) as u64,
-            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
+        let usage = wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST;
+        let uniforms = gpu.create(&name, params.len().max(ALIGNMENT) as u64, usage)?;
         for command in &mut commands {
             let Command::Dispatch { name, layout, buffers, params, group, .. } = command else { continue };
             let of = |buffer, offset, bytes| {
@@ -258,7 +260,7 @@ pub struct Recording {
     name: String,
     commands: Vec<Command>,
     params: Vec<u8>,
-    uniforms: wgpu::Buffer,
+    uniforms: Raw,
     changed: bool,
 }
 
@@ -274,25 +276,34 @@ impl Recording {
         self.changed = true;
     }
 
-    /// Names the buffer that a copy reads in the next runs: as long as the one that it fills, or longer.
+    /// Names the buffer that a copy reads in the next runs, and which of its elements: no more than the one that it fills
+    /// has.
     ///
     /// # Errors
-    /// If it is shorter, or the buffer that is filled.
+    /// If they are too many, outside of the buffer, or of the buffer that is filled.
     ///
     /// # Panics
     /// If the copy belongs to another recording.
-    pub fn set_source<T: bytemuck::Pod>(&mut self, inlet: Inlet, source: &Buffer<T>) -> Result<(), GpuError> {
+    pub fn set_source<T: bytemuck::Pod>(
+        &mut self,
+        inlet: Inlet,
+        source: &Buffer<T>,
+        elements: Range<usize>,
+    ) -> Result<(), GpuError> {
         let Some(Command::Copy { from, to, bytes }) = self.commands.get_mut(inlet.command) else {
             panic!("a copy of this recording");
         };
-        assert_eq!(*bytes, inlet.bytes, "a copy of this recording");
-        if source.bytes() < *bytes || source.raw == *to {
+        let size = size_of::<T>();
+        let [offset, length] = [elements.start, elements.len()].map(|n| (n * size) as u64);
+        if elements.end > source.len() || length > inlet.bytes || source.raw == *to {
             return Err(source.error(format!(
-                "has {} bytes; what a copy of {bytes} bytes reads has as many, and is another buffer",
-                source.bytes()
+                "has {} elements of {size} bytes; of a copy of at most {} bytes {elements:?} cannot be read, or it is the \
+                 buffer that is filled",
+                source.len(),
+                inlet.bytes
             )));
         }
-        *from = Some(source.raw.clone());
+        (*from, *bytes) = (Some((source.raw.clone(), offset)), length);
         Ok(())
     }
 
@@ -450,8 +461,8 @@ impl Recording {
 fn copy(command: &Command, encoder: &mut wgpu::CommandEncoder) {
     match command {
         Command::Clear(buffer) => encoder.clear_buffer(buffer, 0, None),
-        Command::Copy { from: Some(from), to, bytes } if *bytes > 0 => {
-            encoder.copy_buffer_to_buffer(from, 0, to, 0, *bytes);
+        Command::Copy { from: Some((from, at)), to, bytes } if *bytes > 0 => {
+            encoder.copy_buffer_to_buffer(from, *at, to, 0, *bytes);
         }
         Command::Copy { .. } | Command::Dispatch { .. } => {}
     }

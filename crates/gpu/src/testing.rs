@@ -1,6 +1,8 @@
 //! The device that tests of kernels share, and the test of a crate that runs them.
 
 use crate::{Choice, Gpu, GpuError};
+use std::collections::BTreeMap;
+use std::fmt::Display;
 use std::io::Write;
 use std::process::{Command, Output};
 use std::sync::OnceLock;
@@ -30,7 +32,34 @@ fn open() -> Result<Gpu, GpuError> {
     Gpu::new(&std::env::var("PHOTOFIT_TEST_GPU").map_or(Choice::Any, Choice::Named))
 }
 
+/// How a line of [`assert_twin`] begins.
+const TWIN: &str = "twin ";
+
+/// Asserts that a twin is within its bound, whose name is `bound`, and tells how far it is, for the table of
+/// [`run_device_tests`]. `what` says which case it is.
+///
+/// # Panics
+/// If the error is larger, or not a number.
+pub fn assert_twin(bound: &str, what: impl Display, error: f64, most: f64) {
+    println!("{TWIN}{bound} {error:e} {most:e}");
+    assert!(error <= most, "{what}: differs by {error:.2e}, more than {bound}, {most:.1e}");
+}
+
+/// The worst error of each bound of the lines of [`assert_twin`], and the bound itself.
+fn worst_errors(text: &str) -> String {
+    let mut worst: BTreeMap<&str, [f64; 2]> = BTreeMap::new();
+    for line in text.lines().filter_map(|l| l.strip_prefix(TWIN)) {
+        let mut words = line.split(' ');
+        let (Some(name), mut numbers) = (words.next(), words.flat_map(str::parse::<f64>)) else { continue };
+        let (Some(error), Some(most)) = (numbers.next(), numbers.next()) else { continue };
+        let entry = worst.entry(name).or_insert([error, most]);
+        *entry = [entry[0].max(error), entry[1].max(most)];
+    }
+    worst.iter().map(|(name, [error, most])| format!("\n  {name}: {error:.1e} of {most:.1e}")).collect()
+}
+
 /// Runs the tests of this binary that are ignored for want of a device, in a process of their own, and tells how many ran;
+/// with the worst error of each bound of [`assert_twin`];
 /// without an adapter they stay ignored, and it tells how many. Every crate with such tests calls it from a test. With
 /// `PHOTOFIT_REQUIRE_GPU` set to `1` there must be an adapter.
 ///
@@ -45,12 +74,14 @@ pub fn run_device_tests() {
         Ok(gpu) => {
             let adapter = gpu.report().name.clone();
             drop(gpu);
-            let run = run(&mut this_binary(&[&["--ignored", "--exact"], &strs(&names)[..]].concat()));
+            let run = run(&mut this_binary(
+                &[&["--ignored", "--exact", "--show-output"], &strs(&names)[..]].concat(),
+            ));
             let text = text(&run);
             assert!(run.status.success(), "tests on {adapter} failed:\n{text}");
             let all = format!("ok. {} passed", names.len());
             assert!(text.contains(&all), "not all of {} tests ran:\n{text}", names.len());
-            format!("{crate_name}: {} tests ran on {adapter}", names.len())
+            format!("{crate_name}: {} tests ran on {adapter}{}", names.len(), worst_errors(&text))
         }
         Err(e) if required => panic!("{REQUIRED}=1, but {} tests cannot run: {e}", names.len()),
         Err(e @ GpuError::NoAdapter { .. }) => {
@@ -122,6 +153,14 @@ mod tests {
             .is_err(),
             !asked()
         );
+    }
+
+    #[test]
+    fn the_worst_error_of_a_bound_is_told() {
+        let text = "twin A 1e-7 2e-6\nanother line\ntwin B 0e0 1e0\ntwin A 1.5e-6 2e-6\ntwin A 3e-9 2e-6\n";
+        assert_eq!(worst_errors(text), "\n  A: 1.5e-6 of 2.0e-6\n  B: 0.0e0 of 1.0e0");
+        assert!(std::panic::catch_unwind(|| assert_twin("A", "a case", 2.1, 2.0)).is_err());
+        assert!(std::panic::catch_unwind(|| assert_twin("A", "a case", f64::NAN, 2.0)).is_err());
     }
 
     #[test]

@@ -220,15 +220,40 @@ fn sources_of_copies_change_from_run_to_run() {
     let mut recording = r.finish().expect("recorded");
     recording.run().expect("runs");
     assert_eq!(gpu.read(&to).expect("read"), [0.0; 2], "no source yet");
-    for (source, expected) in [(&a, [1.0, 2.0]), (&b, [4.0, 5.0]), (&a, [1.0, 2.0])] {
-        recording.set_source(inlet, source).expect("fits");
+    let cases =
+        [(&a, 0..2, [1.0, 2.0]), (&b, 1..3, [5.0, 6.0]), (&b, 0..1, [4.0, 6.0]), (&a, 0..2, [1.0, 2.0])];
+    for (source, elements, expected) in cases {
+        recording.set_source(inlet, source, elements).expect("fits");
         recording.run().expect("runs");
         assert_eq!(gpu.read(&to).expect("read"), expected);
     }
-    let short = gpu.zeros::<f32>("short", 1).expect("made");
-    for wrong in [&short, &to] {
-        assert!(matches!(recording.set_source(inlet, wrong), Err(GpuError::Buffer { .. })));
+    for (wrong, elements) in [(&a, 2..4), (&a, 0..3), (&to, 0..2)] {
+        let refused = recording.set_source(inlet, wrong, elements);
+        assert!(matches!(refused, Err(GpuError::Buffer { .. })), "{refused:?}");
     }
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn a_device_that_is_used_in_part_has_no_more() {
+    let choice = Choice::Named(test_device().report().name.clone());
+    let gpu = &Gpu::within(&choice, Caps { binding: 1 << 10, memory: 4 << 10 }).expect("opens");
+    let large = gpu.zeros::<u32>("large", 257).expect_err("larger than a binding");
+    assert!(matches!(large, GpuError::TooLarge { bytes: 1028, limit: 1024, .. }) && large.is_of_size());
+    assert!(large.to_string().contains("maxStorageBufferBindingSize"), "{large}");
+    let store = gpu.store::<u32>("store", 257).expect("is not bound");
+    assert_eq!(gpu.held(), 1028);
+    let some: Vec<_> = (0..3).map(|_| gpu.zeros::<u32>("some", 250).expect("fits")).collect();
+    let full = gpu.zeros::<u32>("one more", 25).expect_err("no room");
+    assert!(matches!(full, GpuError::OutOfMemory { bytes: 100, .. }) && full.is_of_size(), "{full:?}");
+    assert_eq!(gpu.held(), 4028, "what is refused takes nothing");
+    // What a recording binds is there as long as the recording.
+    let mut r = gpu.record("keeps");
+    r.clear(&store);
+    drop((store, some));
+    assert_eq!(gpu.held(), 1028);
+    drop(r);
+    assert_eq!(gpu.held(), 0);
 }
 
 #[test]

@@ -126,7 +126,8 @@ fn steps(ctx: &mut Context, gpu: &Gpu, surface: &Surface, size: usize) -> Result
     };
     let uploaded = |made: u32| (gpu.traffic().uploaded - before.uploaded) as f64 / f64::from(made.max(1));
     let (timing, ()) = crate::timing::time(work);
-    let figures = vec![("error", error), ("kB uploaded", 1e-3 * uploaded(made))];
+    let held = 1e-6 * gpu.held() as f64;
+    let figures = vec![("error", error), ("kB uploaded", 1e-3 * uploaded(made)), ("MB held", held)];
     ctx.record("step, device", &case, size, timing, figures);
     if let Some(e) = failed {
         return Err(e);

@@ -1,10 +1,13 @@
 //! Where a fit runs.
 
-use super::cpu::Cpu;
+use super::cpu::{Chain, Cpu};
 #[cfg(feature = "gpu")]
-use super::gpu::{GpuSurface, Residence, Shown};
+use super::gpu::{BandCount, GpuSurface, Residence, Shown};
+use super::posed::Posed;
 use super::surface::Surface;
 use super::trainer::{Job, Phase, Trained, train};
+use super::views::Moment;
+use crate::candidate::Vertices;
 use crate::{FitError, Progress};
 #[cfg(feature = "gpu")]
 use photofit_gpu::Gpu;
@@ -59,11 +62,14 @@ impl Device {
         }
     }
 
-    /// With where the pictures of the reference are, where a reason is told.
+    /// With where the pictures of the reference are and how pictures are drawn, where a reason is told.
     #[cfg(feature = "gpu")]
-    fn with(&self, residence: Option<Residence>) -> Self {
-        let why = match residence {
-            Some(r) if !self.why.is_empty() => format!("{}; {r}", self.why),
+    fn with(&self, told: Option<(Residence, BandCount)>) -> Self {
+        let why = match told {
+            Some((r, bands)) if !self.why.is_empty() => {
+                let bands = if bands.get() > 1 { format!("; {bands}") } else { String::new() };
+                format!("{}; {r}{bands}", self.why)
+            }
             _ => self.why.clone(),
         };
         Self { kind: self.kind.clone(), why }
@@ -75,22 +81,72 @@ impl Device {
     }
 }
 
+/// What a device fits: a surface, as it stands or at moments of an animation.
+pub trait Posable: Chain + Clone {
+    /// Whether every picture has vertices of its own.
+    const POSED: bool;
+
+    /// The surface.
+    fn surface(&self) -> &Surface;
+
+    /// The same to be changed.
+    fn surface_mut(&mut self) -> &mut Surface;
+
+    /// Its vertices at a moment.
+    ///
+    /// # Errors
+    /// A moment that it does not have, or one at which it cannot be drawn.
+    fn posed(&self, moment: Moment) -> Result<Vertices, FitError>;
+}
+
+impl Posable for Surface {
+    const POSED: bool = false;
+
+    fn surface(&self) -> &Surface {
+        self
+    }
+
+    fn surface_mut(&mut self) -> &mut Surface {
+        self
+    }
+
+    fn posed(&self, _: Moment) -> Result<Vertices, FitError> {
+        Ok(self.candidate.vertices())
+    }
+}
+
+impl Posable for Posed<'_> {
+    const POSED: bool = true;
+
+    fn surface(&self) -> &Surface {
+        Posed::surface(self)
+    }
+
+    fn surface_mut(&mut self) -> &mut Surface {
+        Posed::surface_mut(self)
+    }
+
+    fn posed(&self, moment: Moment) -> Result<Vertices, FitError> {
+        self.vertices(moment)
+    }
+}
+
 /// Runs a fit of a surface there; see [`train`]. Also tells the device that it ran on: where a GPU was not required and
 /// cannot hold the fit, or fails before its first step is done, that is the CPU.
-pub(crate) fn train_on<'p>(
+pub(crate) fn train_on<'p, S: Posable + 'p>(
     device: &Device,
-    surface: Surface,
+    surface: S,
     job: &Job<'_>,
-    phases: impl FnMut(f64) -> Vec<Phase<'p, Surface>>,
+    phases: impl FnMut(f64) -> Vec<Phase<'p, S>>,
     progress: &dyn Progress,
-) -> Result<(Trained<Surface>, Device), FitError> {
+) -> Result<(Trained<S>, Device), FitError> {
     #[cfg(feature = "gpu")]
     if let Kind::Gpu { gpu, required } = &device.kind {
         let (mut phases, mut told) = (phases, None);
         let model = GpuSurface::new(gpu, surface.clone(), job.held_out.shots());
         let trained = match model.and_then(|m| m.keeping(Shown::by(job))) {
             Ok((model, residence)) => {
-                told = Some(residence);
+                told = Some((residence, model.bands()));
                 train(model, job, &mut phases, progress)
             }
             Err(source) => Err(FitError::NoRoom { device: device.name(), source }),

@@ -334,9 +334,7 @@ impl FitPlan {
         }
         items.extend(self.judgement.as_ref().map(Judgement::item));
         items.extend(self.mips.map(rows::free_mips));
-        if let Some(why) = &self.device {
-            items.push(Item { what: "device", runs: Runs::Yes, why: why.clone() });
-        }
+        items.extend(self.device.clone().map(rows::device));
         items
     }
 

@@ -14,7 +14,7 @@ use photofit_optim::Optimizer;
 use photofit_raster::deferred::Masks;
 
 /// A surface with its poses.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Posed<'a> {
     surface: Surface,
     animated: &'a Animated<'a>,
@@ -30,6 +30,10 @@ impl<'a> Posed<'a> {
     /// The surface with the present maps.
     pub fn surface(&self) -> &Surface {
         &self.surface
+    }
+
+    pub(super) fn surface_mut(&mut self) -> &mut Surface {
+        &mut self.surface
     }
 
     /// The vertices at a moment of the reference.

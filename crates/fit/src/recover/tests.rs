@@ -155,6 +155,65 @@ fn a_robust_loss_passes_over_what_stood_before_a_few_cameras() {
     assert_eq!(run(None).plan.runs("loss"), None);
 }
 
+#[cfg(feature = "gpu")]
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn every_loss_recovers_on_a_device_what_it_does_on_the_cpu() {
+    let gpu = photofit_gpu::test_device();
+    let dir = tempfile::tempdir().unwrap();
+    let scene = sphere(true);
+    photograph(&scene, dir.path(), false);
+    let output = dir.path().join("out.glb");
+    let run = |loss, device| {
+        let few = RecoverOptions { steps: 40, loss, device, ..options() };
+        recover_texture(dir.path(), &scene, &output, &few, &Silent).unwrap()
+    };
+    let all = PictureLoss::ALL.map(Some);
+    let psnr = all.map(|loss| {
+        let [cpu, there] =
+            [Device::default(), Device::gpu(gpu.clone(), true, "asked for")].map(|d| run(loss, d));
+        assert!(there.device.contains(&gpu.report().name) && cpu.device == "CPU", "{}", there.device);
+        let plan = there.plan.to_string();
+        assert!(plan.contains("device") && plan.contains("asked for"), "{plan}");
+        let name = loss.map_or("", |l| l.name());
+        println!("{name}: {:.3} dB on the CPU, {:.3} dB on the device", cpu.quality.psnr, there.quality.psnr);
+        assert!((cpu.quality.psnr - there.quality.psnr).abs() < 0.1, "{name}");
+        there.quality.psnr
+    });
+    let spread = psnr.iter().fold(f64::MIN, |m, p| m.max(*p)) - psnr.iter().fold(f64::MAX, |m, p| m.min(*p));
+    assert!(spread > 0.1, "losses differ: {psnr:?}");
+}
+
+#[cfg(feature = "gpu")]
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn a_device_with_less_memory_draws_bands_and_the_plan_says_so() {
+    let name = photofit_gpu::Choice::Named(photofit_gpu::test_device().report().name.clone());
+    let dir = tempfile::tempdir().unwrap();
+    let scene = sphere(true);
+    photograph(&scene, dir.path(), false);
+    let output = dir.path().join("out.glb");
+    let within = |memory: u64| {
+        let caps = photofit_gpu::Caps { binding: u64::MAX, memory };
+        let device = Device::gpu(photofit_gpu::Gpu::within(&name, caps).unwrap(), true, "asked for");
+        let few = RecoverOptions { texture_size: 16, steps: 8, device, ..options() };
+        recover_texture(dir.path(), &scene, &output, &few, &Silent)
+    };
+    let whole = within(u64::MAX).unwrap();
+    assert!(!whole.plan.to_string().contains("bands of rows"), "{}", whole.plan);
+    let mut memory = 32 << 20;
+    let parts = loop {
+        // Refused before pictures are drawn in bands: there is no room for what does not get smaller.
+        let r = within(memory).unwrap();
+        if r.plan.to_string().contains("pictures are drawn in 2 bands of rows") {
+            break r;
+        }
+        memory = memory * 9 / 10;
+    };
+    println!("bands at {memory} bytes: {:.3} and {:.3} dB", whole.quality.psnr, parts.quality.psnr);
+    assert!((whole.quality.psnr - parts.quality.psnr).abs() < 0.1);
+}
+
 #[test]
 fn recovery_resumes_and_checks_its_options() {
     let dir = tempfile::tempdir().unwrap();

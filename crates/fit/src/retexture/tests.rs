@@ -3,6 +3,7 @@
 use super::*;
 use crate::Silent;
 use crate::engine::animated::arm::arm;
+use crate::engine::cpu::Cpu;
 use crate::engine::plan::Runs;
 use crate::engine::reference::Reference;
 use crate::engine::views::{Set, Views};
@@ -225,4 +226,85 @@ fn maps_are_painted_where_the_textures_of_the_light_asset_are_read() {
     let mut rounded = light();
     rounded.primitives[1].mesh.uvs[0].x = -1e-6;
     assert_eq!(bare(&rounded).unwrap().primitives[1].mesh.uvs[0].x, 0.0);
+}
+
+#[cfg(feature = "gpu")]
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn poses_on_a_device_are_those_of_the_cpu() {
+    use crate::engine::gpu::GpuSurface;
+    use crate::engine::model::Model;
+    use crate::engine::views::Shot;
+    let scene = arm(12, 16);
+    let n = Normalised::over(&scene, &moments()).unwrap();
+    let bare = bare(&scene).unwrap();
+    let poses = Animated::new(&bare, &n).playing(&n.light_asset.animations);
+    let candidate = candidate(&n, &poses.flat(Moment::default()).unwrap(), 64).unwrap();
+    let plan = FitPlan::new(&scene)
+        .with_options(10, crate::engine::reference::ReferenceKind::RASTERIZED, &Lighting::Point)
+        .with_maps(&candidate);
+    let model = Posed::new(Surface::new(candidate, &plan), &poses);
+    let rays = n.surface().unwrap();
+    let theirs = Animated::new(&scene, &n);
+    let reference = Rasterized::of(&n, &rays).animated(&theirs);
+    let views = OverMoments { views: Orbit::new(5, &Lighting::Point, 48), moments: moments() };
+    let shots = |still: bool| -> Vec<Shot> {
+        let one = |i: u64| {
+            let s = views.setup(Set::Train, i, 4);
+            let mut shot = Shot::new(&s, reference.picture(&s).unwrap().image, Sampling::SUPERSAMPLED, 0, i);
+            shot.moment = if still { Moment::default() } else { shot.moment };
+            shot
+        };
+        (0..4).map(one).collect()
+    };
+    let loss = loss::PictureLoss::RELATIVE_SQUARES;
+    let (moving, still) = (shots(false), shots(true));
+    let mut cpu = Cpu::new(model.clone()).unwrap();
+    let mut device = GpuSurface::new(photofit_gpu::test_device(), model, &moving).unwrap();
+    let start = cpu.values(0).unwrap().into_owned();
+    let mut off = |shots: &[Shot], device: &mut GpuSurface<Posed<'_>>| {
+        let (a, b) = (cpu.pictures(&moving).unwrap(), device.pictures(shots).unwrap());
+        let pairs: Vec<_> = a.iter().flatten().zip(b.iter().flatten()).collect();
+        let far = pairs.iter().filter(|(a, b)| (0..4).any(|k| (a[k] - b[k]).abs() > 1e-3)).count();
+        far as f64 / pairs.len() as f64
+    };
+    let (same, other) = (off(&moving, &mut device), off(&still, &mut device));
+    println!("{same:.1e} of the pixels differ; of the asset as it stands {other:.1e}");
+    assert!(same < 2e-3 && other > 0.02, "{same:e} {other:e}");
+    for step in 0..6 {
+        // Two of the four pictures in each: poses come again.
+        let shots = [moving[step % 4].clone(), moving[(step + 1) % 4].clone()];
+        cpu.step(&shots, loss, &[0.01]).unwrap();
+        device.step(&shots, loss, &[0.01]).unwrap();
+    }
+    let (a, b) = (cpu.losses().unwrap(), device.losses().unwrap());
+    assert!(a.len() == 6 && a.iter().zip(&b).all(|(a, b)| (a / b - 1.0).abs() < 1e-3), "{a:?} {b:?}");
+    let difference =
+        |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>().sqrt();
+    let (x, y) = (cpu.values(0).unwrap(), device.values(0).unwrap());
+    let [moved, apart] = [difference(&start, &x), difference(&x, &y)];
+    println!("losses {a:?}; moved {moved:.2e}, apart {apart:.1e}");
+    assert!(apart < 0.02 * moved, "{apart:e} of {moved:e}");
+    // A step without motion is another one.
+    device.step(&still[1..3], loss, &[0.0]).unwrap();
+    cpu.step(&moving[1..3], loss, &[0.0]).unwrap();
+    let (a, b) = (cpu.losses().unwrap()[0], device.losses().unwrap()[0]);
+    assert!((a / b - 1.0).abs() > 0.01, "{a} {b}");
+}
+
+#[cfg(feature = "gpu")]
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn an_arm_that_bends_is_fitted_on_a_device_as_on_the_cpu() {
+    let dir = tempfile::tempdir().unwrap();
+    let gpu = photofit_gpu::test_device();
+    let run = |device: Device| {
+        let few = RetextureOptions { steps: 40, device, ..options() };
+        retexture(&arm(24, 32), &light(), &dir.path().join("arm.glb"), &few, &Silent).unwrap()
+    };
+    let (cpu, there) = (run(Device::default()), run(Device::gpu(gpu.clone(), true, "asked for")));
+    assert!(there.device.contains(&gpu.report().name), "{}", there.device);
+    assert!(there.plan.to_string().contains("asked for"), "{}", there.plan);
+    println!("{:.3} dB on the CPU, {:.3} dB on the device", cpu.quality.psnr, there.quality.psnr);
+    assert!((cpu.quality.psnr - there.quality.psnr).abs() < 0.1 && cpu.written == there.written);
 }

@@ -3,6 +3,7 @@
 mod similarity;
 
 use super::Loss;
+use super::ssim::RADIUS;
 use photofit_gpu::{Buffer, Gpu, GpuError, INDEX, Kernel, Recorder, Recording, Slot};
 pub(crate) use similarity::KERNELS as SIMILARITY;
 use similarity::{Planes, SimilarityParams};
@@ -30,6 +31,32 @@ struct LossParams {
     weighted: u32,
     accumulates: u32,
     place: u32,
+    /// Pixels that count: from one up to another.
+    from: u32,
+    to: u32,
+    pad: [u32; 2],
+}
+
+/// The rows that are drawn of a picture, and those of them that count: the rows around those are what filters and windows
+/// reach. Values and gradients of parts that count each row once add up to those of the picture.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Part {
+    /// Columns and rows that are drawn.
+    pub size: [usize; 2],
+    /// Which of the drawn rows count.
+    pub counted: Range<usize>,
+    /// Rows of the whole picture.
+    pub rows: usize,
+}
+
+impl Part {
+    /// Drawn rows on either side of those that count, where the picture has them, that any loss reaches.
+    pub const REACH: usize = RADIUS;
+
+    /// A whole picture of some columns and rows.
+    pub fn whole([width, height]: [usize; 2]) -> Self {
+        Self { size: [width, height], counted: 0..height, rows: height }
+    }
 }
 
 /// A loss of pictures of four channels.
@@ -58,20 +85,25 @@ impl Term {
         }
     }
 
-    /// The parameters for a picture of some columns and rows.
-    fn params(&self, [width, height]: [usize; 2], weighted: bool, place: usize) -> LossParams {
+    /// The parameters for a part of a picture.
+    fn params(&self, part: &Part, weighted: bool, place: usize) -> LossParams {
         let Range { start, end } = self.read;
         assert!(start < end && end <= 4, "a range of existing channels");
-        let pixels = width * height;
+        let Part { size: [width, height], counted, rows } = part;
+        assert!(counted.start <= counted.end && counted.end <= *height, "rows that are drawn count");
+        let (pixels, whole) = (width * height, width * rows);
         LossParams {
             pixels: pixels as u32,
             kind: self.kind().unwrap_or_default(),
             first: start as u32,
             end: end as u32,
-            scale: (self.factor / (pixels.max(1) * (end - start)) as f64) as f32,
+            scale: (self.factor / (whole.max(1) * (end - start)) as f64) as f32,
             weighted: u32::from(weighted),
             accumulates: u32::from(self.accumulates),
             place: place as u32,
+            from: (counted.start * width) as u32,
+            to: (counted.end * width) as u32,
+            pad: [0; 2],
         }
     }
 }
@@ -127,15 +159,15 @@ pub struct RecordedLoss {
 }
 
 impl RecordedLoss {
-    /// Sets the loss and the columns and rows of the picture for the next run.
+    /// Sets the loss and the part of a picture for the next run.
     ///
     /// # Panics
     /// If the channels do not exist, or it was recorded for [`Loss::Ssim`] and that is another loss, or the other way round.
-    pub fn set(&self, recording: &mut Recording, term: &Term, size: [usize; 2]) {
+    pub fn set(&self, recording: &mut Recording, term: &Term, part: &Part) {
         assert_eq!(term.kind().is_none(), !self.window.is_empty(), "a loss of the kind that was recorded");
-        let params = term.params(size, self.weighted, self.place);
+        let params = term.params(part, self.weighted, self.place);
         self.slots.iter().for_each(|slot| recording.set(*slot, &params));
-        let params = SimilarityParams::new(&params, size);
+        let params = SimilarityParams::new(&params, part.size);
         self.window.iter().for_each(|slot| recording.set(*slot, &params));
     }
 }
@@ -158,7 +190,7 @@ pub fn value_and_gradient(
     place: usize,
 ) -> Result<RecordedLoss, GpuError> {
     let weighted = !buffers.weights.is_empty();
-    let params = term.params([pixels, 1], weighted, place);
+    let params = term.params(&Part::whole([pixels, 1]), weighted, place);
     let LossBuffers { reference, weights, values, partial, planes } = buffers;
     let (mut slots, mut window) = (Vec::new(), Vec::new());
     if term.kind().is_some() {

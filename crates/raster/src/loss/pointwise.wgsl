@@ -15,6 +15,11 @@ struct Loss {
     accumulates: u32,
     // Place of the value.
     place: u32,
+    // Pixels that count: from one up to another.
+    counted_from: u32,
+    counted_to: u32,
+    pad_a: u32,
+    pad_b: u32,
 }
 
 @group(0) @binding(0) var<uniform> params: Loss;
@@ -86,7 +91,7 @@ fn terms(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) group
         if params.accumulates != 0u {
             g = gradient[i];
         }
-        if weight != 0.0 {
+        if weight != 0.0 && i >= params.counted_from && i < params.counted_to {
             let a = x[i];
             let b = y[i];
             for (var c = params.first; c < params.end; c++) {

@@ -13,7 +13,7 @@ use rayon::prelude::{IndexedParallelIterator, IntoParallelIterator, ParallelIter
 use std::ops::Range;
 
 /// Reach of the window.
-const RADIUS: usize = 5;
+pub(super) const RADIUS: usize = 5;
 pub(super) const TAPS: usize = 2 * RADIUS + 1;
 /// Standard deviation of the window.
 const SIGMA: f64 = 1.5;

@@ -12,7 +12,12 @@ struct Similarity {
     weighted: u32,
     // 1: adds to the gradient, else overwrites it.
     accumulates: u32,
-    pad: u32,
+    // Pixels that count: from one up to another.
+    counted_from: u32,
+    counted_to: u32,
+    pad_a: u32,
+    pad_b: u32,
+    pad_c: u32,
     // Of the window; those beyond TAPS are 0.
     taps: array<vec4<f32>, 3>,
 }
@@ -152,11 +157,17 @@ fn similarity(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) 
         let b2 = 1.0 / ((m[2] - m[0] * m[0]) + (m[3] - m[1] * m[1]) + C2);
         let s = a1 * a2 * (b1 * b2);
         let by_mean = 2.0 * (m[1] * (a2 - a1) * (b1 * b2) + m[0] * s * (b2 - b1));
-        let scale = -(normal * weight) * mask();
-        derivatives[3u * i] = scale * by_mean;
-        derivatives[3u * i + 1u] = scale * (-s * b2);
-        derivatives[3u * i + 2u] = scale * (2.0 * a1 * (b1 * b2));
-        sum = weight * dot(mask(), 1.0 - s);
+        if i >= params.counted_from && i < params.counted_to {
+            let scale = -(normal * weight) * mask();
+            derivatives[3u * i] = scale * by_mean;
+            derivatives[3u * i + 1u] = scale * (-s * b2);
+            derivatives[3u * i + 2u] = scale * (2.0 * a1 * (b1 * b2));
+            sum = weight * dot(mask(), 1.0 - s);
+        } else {
+            derivatives[3u * i] = vec4<f32>(0.0);
+            derivatives[3u * i + 1u] = vec4<f32>(0.0);
+            derivatives[3u * i + 2u] = vec4<f32>(0.0);
+        }
     }
     lanes[lane] = sum;
     for (var n = 128u; n > 0u; n >>= 1u) {

@@ -111,12 +111,12 @@ const NAMES: [&str; 6] =
     ["radiance", "base colour", "roughness, metallic, gamma", "position", "normal", "viewer"];
 
 /// Compares quantity by quantity: their sizes differ.
-fn compare(what: &str, found: &[f32], expected: &[f32], bound: f64) {
+fn compare(what: &str, found: &[f32], expected: &[f32], (of, bound): (&str, f64)) {
     for (k, name) in NAMES.iter().enumerate() {
         let of =
             |x: &[f32]| -> Vec<f32> { x.chunks(18).flat_map(|x| x[3 * k..3 * k + 3].to_vec()).collect() };
         let error = worst_difference(&of(found), &of(expected));
-        assert!(error <= bound, "{what}, {name}: differs by {error:.2e}, more than {bound:.1e}");
+        photofit_gpu::assert_twin(of, format!("{what}, {name}"), error, bound);
     }
 }
 
@@ -150,7 +150,9 @@ fn radiance_and_gradients_agree_for_every_light() {
     let number = |map: &Environment<f32>| usize::from(!std::ptr::eq(map, &raw const maps[0]));
     let lights = lights(&maps[0], &maps[1]);
     let mut rng = Uniform::new(3);
-    for (roughness, bound) in [((0.3, 1.0), tolerances::ROUGH), ((0.0, 0.3), tolerances::SMOOTH)] {
+    for (roughness, bound) in
+        [((0.3, 1.0), ("ROUGH", tolerances::ROUGH)), ((0.0, 0.3), ("SMOOTH", tolerances::SMOOTH))]
+    {
         let items = random_items(1500, roughness, &mut rng);
         for energy in [Energy::Single, Energy::Compensated] {
             let sets = lights.iter().map(std::slice::from_ref).chain([&lights[..]]);
@@ -180,7 +182,7 @@ fn as_many_lights_as_there_is_room_for_agree() {
     let items = random_items(300, (0.3, 1.0), &mut Uniform::new(7));
     let expected = expected(&items, Energy::Compensated, &lights);
     let of = |lights: &[Light<'_>]| found(gpu, &tables, &items, Energy::Compensated, lights, |_| 0);
-    compare("all lights", &of(&lights), &expected, tolerances::ROUGH);
+    compare("all lights", &of(&lights), &expected, ("ROUGH", tolerances::ROUGH));
     let fewer = worst_difference(&of(&lights[..LIGHTS_MAX - 1]), &expected);
     assert!(fewer > tolerances::ROUGH, "a missing light is noticed: {fewer:e}");
     let more = [&lights[..], &lights[..1]].concat();
@@ -224,7 +226,7 @@ fn extremes_agree() {
             let found = found(gpu, &tables, &items, energy, std::slice::from_ref(light), |_| 0);
             let expected = expected(&items, energy, std::slice::from_ref(light));
             assert!(expected.iter().all(|x| x.is_finite()), "{light:?}");
-            compare(&format!("{energy:?}"), &found, &expected, tolerances::SMOOTH);
+            compare(&format!("{energy:?}"), &found, &expected, ("SMOOTH", tolerances::SMOOTH));
         }
         assert!(found(gpu, &tables, &items, energy, &[], |_| 0).iter().all(|x| *x == 0.0), "no light");
     }
@@ -282,7 +284,12 @@ fn shading_normals_agree() {
                 wanted.flat_map(|(_, x)| x[3 * k..3 * k + 3].to_vec()).collect()
             };
             let error = worst_difference(&of(&found), &of(&expected));
-            assert!(error <= tolerances::NORMALS, "vector {k}, {special:?}: differs by {error:.2e}");
+            photofit_gpu::assert_twin(
+                "NORMALS",
+                format!("vector {k}, {special:?}"),
+                error,
+                tolerances::NORMALS,
+            );
         }
     }
 }

@@ -35,9 +35,8 @@ fn words(gpu: &Gpu, b: &Buffer<[f32; 4]>) -> Vec<f32> {
     gpu.read(b).expect("read").concat()
 }
 
-fn assert_close(what: &str, found: &[f32], expected: &[f32], bound: f64) {
-    let error = worst_difference(found, expected);
-    assert!(error <= bound, "{what}: differs by {error:.2e}, more than {bound:.1e}");
+fn assert_close(name: &str, what: &str, found: &[f32], expected: &[f32], bound: f64) {
+    photofit_gpu::assert_twin(name, what, worst_difference(found, expected), bound);
 }
 
 #[test]
@@ -67,7 +66,13 @@ fn chains_agree() {
             assert_eq!(maps.read(gpu).expect("read").levels[0], expected.levels[0]);
             run(gpu, |r| maps.record_rebuild(r));
             let found = flat(&maps.read(gpu).expect("read"));
-            assert_close(&format!("{size:?} {rule:?}"), &found, &flat(&expected), tolerances::LEVELS);
+            assert_close(
+                "LEVELS",
+                &format!("{size:?} {rule:?}"),
+                &found,
+                &flat(&expected),
+                tolerances::LEVELS,
+            );
         }
     }
 }
@@ -92,7 +97,7 @@ fn adjoints_of_chains_agree() {
                 let mut at = 0;
                 for l in &expected.levels {
                     let level = l.texels.as_flattened();
-                    assert_close(&what, &found[at..at + level.len()], level, tolerances::LEVELS);
+                    assert_close("LEVELS", &what, &found[at..at + level.len()], level, tolerances::LEVELS);
                     at += level.len();
                 }
             }

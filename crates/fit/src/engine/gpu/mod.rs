@@ -3,8 +3,11 @@
 //!
 //! It does what [`Surface`] does in main memory, operation by operation. Gradients are sums that do not depend on the order
 //! of their terms: the same fit gives the same bits on the same device. Pictures of the reference come from the CPU, each of
-//! them once where the device has room for all that are shown again; their noise is made on the device.
+//! them once where the device has room for all that are shown again; their noise is made on the device. Pictures of a step
+//! share their buffers, one after the other; where there is no room for a whole one, it is drawn in bands of rows.
 
+mod bands;
+mod poses;
 mod recorded;
 mod references;
 mod resident;
@@ -13,17 +16,22 @@ mod stage;
 mod weights;
 
 use super::cpu::Chain;
+use super::device::Posable;
 use super::loss::PictureLoss;
 use super::model::{Group, Model, ModelError, Snapshot};
 use super::surface::{MAPS, POSITIONS, PositionOptimizer, Surface, temporal};
-use super::views::Shot;
+use super::views::{Moment, Shot};
 use crate::FitError;
+use crate::candidate::Vertices;
+pub use bands::BandCount;
+use bands::Bands;
 use photofit_gpu::{Buffer, Gpu, GpuError, Kernel, KernelReport, Recording};
 use photofit_optim::OptimError;
 use photofit_optim::gpu::{DeviceOptimizer, LargeStepsSolver};
 use photofit_raster::CHANNELS;
 use photofit_raster::deferred::{Masks, Passes};
 use photofit_raster::texture::MipRule;
+use poses::Poses;
 use recorded::{COURSE, Forward, Step};
 use references::References;
 pub use references::{Residence, Shown};
@@ -36,16 +44,23 @@ use std::borrow::Cow;
 pub const KERNELS: &[Kernel] =
     &[resident::HOLD, resident::ADD_LOSSES, references::OVER_NOISE, weights::KERNELS[0], weights::KERNELS[1]];
 
-/// A [`Surface`] on a device.
+/// A [`Surface`] on a device, as it stands or in poses.
 #[derive(Debug)]
-pub struct GpuSurface {
+pub struct GpuSurface<S = Surface> {
     gpu: Gpu,
-    surface: Surface,
+    asset: S,
+    /// Those of a surface that is seen in some.
+    poses: Option<Poses>,
     groups: Vec<Group>,
     on: Resident,
     optimizers: Vec<DeviceOptimizer>,
     skies: Skies,
     references: References,
+    /// The largest picture so far, the most pictures at once, and the bands that they are drawn in.
+    room: Room,
+    most: usize,
+    bands: Bands,
+    told: BandCount,
     stage: Option<Stage>,
     step: Option<Step>,
     forward: Option<Forward>,
@@ -72,13 +87,23 @@ fn model_error(e: OptimError) -> ModelError {
     }
 }
 
-impl GpuSurface {
+/// What a device says.
+fn itself(e: &GpuError) -> Option<&GpuError> {
+    Some(e)
+}
+
+/// What a device says, where it is that.
+fn of_device(e: &OptimError) -> Option<&GpuError> {
+    if let OptimError::Device(e) = e { Some(e) } else { None }
+}
+
+impl<S: Posable> GpuSurface<S> {
     /// Uploads a surface, and makes room for pictures such as `shots`.
     ///
     /// # Errors
     /// If the device cannot hold it, or does not run its optimizer.
-    pub fn new(gpu: &Gpu, surface: Surface, shots: &[Shot]) -> Result<Self, NoRoom> {
-        let groups = Chain::groups(&surface);
+    pub fn new(gpu: &Gpu, asset: S, shots: &[Shot]) -> Result<Self, NoRoom> {
+        let (groups, surface) = (asset.groups(), asset.surface());
         if surface.candidate.maps.rule == MipRule::Free {
             let (group, what) = (MAPS.into(), "mip levels with texels of their own");
             let source = OptimError::Combination { group, what, with: "a device, which builds them anew" };
@@ -114,10 +139,15 @@ impl GpuSurface {
             references: References::default(),
             course: gpu.zeros("losses of steps", COURSE)?,
             gpu: gpu.clone(),
-            surface,
+            poses: S::POSED.then(Poses::default),
+            asset,
             groups,
             on,
             optimizers,
+            room: Room::default(),
+            most: 0,
+            bands: Bands::default(),
+            told: BandCount::new(Bands::default()),
             stage: None,
             step: None,
             forward: None,
@@ -126,7 +156,7 @@ impl GpuSurface {
             pending: 0,
             losses: Vec::new(),
         };
-        model.prepare(shots).map_err(NoRoom::pictures)?;
+        model.in_bands(shots, itself, |_| Ok(())).map_err(NoRoom::pictures)?;
         Ok(model)
     }
 
@@ -136,9 +166,15 @@ impl GpuSurface {
     /// # Errors
     /// If there is none for those of a step.
     pub fn keeping(mut self, shown: Shown) -> Result<(Self, Residence), NoRoom> {
-        let (references, residence) = References::new(&self.gpu, shown).map_err(NoRoom::pictures)?;
+        let made = self.in_bands(&[], itself, |model| References::new(&model.gpu, shown));
+        let (references, residence) = made.map_err(NoRoom::pictures)?;
         self.references = references;
         Ok((self, residence))
+    }
+
+    /// In how many bands of rows pictures are drawn: as many as the device needs to have room.
+    pub fn bands(&self) -> BandCount {
+        self.told.clone()
     }
 
     /// Makes the last step once more, with a timestamp around each dispatch, and tells the work of its kernels; empty before
@@ -152,13 +188,14 @@ impl GpuSurface {
 
     /// Makes room for shots and their environments. What was recorded for less is dropped.
     fn prepare(&mut self, shots: &[Shot]) -> Result<(), GpuError> {
-        let room = Room::of(shots);
-        let before = self.stage.as_ref().map(|s| s.room).unwrap_or_default();
-        if self.stage.is_none() || before.and(room) != before || self.places() < shots.len() {
+        self.room = self.room.and(Room::of(shots));
+        self.most = self.most.max(shots.len());
+        let serves = |s: &Stage| s.room == self.room && s.bands == self.bands && s.places() >= self.most;
+        if !self.stage.as_ref().is_some_and(serves) {
             (self.stage, self.step, self.forward) = (None, None, None);
-            let pictures = shots.len().max(self.places());
-            let room = before.and(room);
-            self.stage = Some(Stage::new(&self.gpu, &self.on, room, &self.surface.passes, pictures)?);
+            let drawn = (self.room, self.bands);
+            self.stage =
+                Some(Stage::new(&self.gpu, &self.on, drawn, &self.asset.surface().passes, self.most)?);
         }
         if self.skies.add(&self.gpu, shots)? {
             (self.step, self.forward) = (None, None);
@@ -166,13 +203,42 @@ impl GpuSurface {
         Ok(())
     }
 
-    /// [`Self::prepare`]; where there is no room, once more without the pictures beyond those of a step.
-    fn prepare_or_give_back(&mut self, shots: &[Shot]) -> Result<(), GpuError> {
-        match self.prepare(shots) {
-            Err(GpuError::OutOfMemory { .. }) if self.references.give_back(shots.len()) => {
-                self.prepare(shots)
+    /// Uploads the poses of shots that are not there.
+    fn pose(&mut self, shots: &[Shot]) -> Result<(), ModelError> {
+        let Some(poses) = &mut self.poses else { return Ok(()) };
+        let missing = poses.begin(shots.iter().map(|s| s.moment));
+        let asset = &self.asset;
+        let made = |m: Moment| Ok((m, asset.posed(m).map_err(|e| ModelError::Picture(Box::new(e)))?));
+        let made: Vec<(Moment, Vertices)> =
+            missing.into_iter().map(made).collect::<Result<_, ModelError>>()?;
+        let put = self.in_bands(shots, itself, |model| {
+            let Some(poses) = &mut model.poses else { return Ok(()) };
+            made.iter().try_for_each(|(moment, vertices)| poses.put(&model.gpu, *moment, vertices))
+        });
+        Ok(put?)
+    }
+
+    /// Does `work` once there is room for shots. Where there is none, once more without the pictures of the reference beyond
+    /// those of a step, then with pictures in more and more bands, as long as something is missing for want of room.
+    fn in_bands<T, E: From<GpuError>>(
+        &mut self,
+        shots: &[Shot],
+        device: impl Fn(&E) -> Option<&GpuError>,
+        mut work: impl FnMut(&mut Self) -> Result<T, E>,
+    ) -> Result<T, E> {
+        loop {
+            match self.prepare(shots).map_err(E::from).and_then(|()| work(self)) {
+                Err(e) if device(&e).is_some_and(GpuError::is_of_size) => {
+                    let full = matches!(device(&e), Some(GpuError::OutOfMemory { .. }));
+                    if full && self.references.give_back(shots.len()) {
+                        continue;
+                    }
+                    (self.stage, self.step, self.forward) = (None, None, None);
+                    self.bands = self.bands.finer(self.room).ok_or(e)?;
+                    self.told.tell(self.bands);
+                }
+                done => return done,
             }
-            done => done,
         }
     }
 
@@ -187,12 +253,8 @@ impl GpuSurface {
         let Some(stage) = &self.stage else { return Ok(None) };
         let on = (stage, &self.skies, &self.course);
         let groups = (&self.groups[..], &self.optimizers[..]);
-        Step::new(&self.gpu, &self.on, on, (room, pictures, loss), groups, with).map(Some)
-    }
-
-    /// Pictures whose losses have room.
-    fn places(&self) -> usize {
-        self.stage.as_ref().map_or(0, |s| s.loss.values.len())
+        Step::new(&self.gpu, &self.on, on, (room, pictures, loss), groups, (with.0, with.1, S::POSED))
+            .map(Some)
     }
 
     /// Takes the losses of the steps since they were read from the device.
@@ -207,7 +269,7 @@ impl GpuSurface {
 
     fn read_group(&self, group: usize, best: bool) -> Result<Vec<f32>, GpuError> {
         let on = &self.on;
-        if self.surface.is_positions(group) {
+        if self.asset.surface().is_positions(group) {
             let positions = if best { &on.best.0 } else { &on.welded };
             return Ok(self.gpu.read(positions)?.into_flattened());
         }
@@ -217,7 +279,7 @@ impl GpuSurface {
     }
 
     fn write_group(&mut self, group: usize, values: &[f32]) -> Result<(), GpuError> {
-        if self.surface.is_positions(group) {
+        if self.asset.surface().is_positions(group) {
             return self.gpu.write(&self.on.welded, bytemuck::cast_slice(values));
         }
         self.gpu.write(&self.on.maps.texels, bytemuck::cast_slice(values))?;
@@ -228,49 +290,45 @@ impl GpuSurface {
     fn download(&mut self) -> Result<(), GpuError> {
         for group in 0..self.groups.len() {
             let values = self.read_group(group, false)?;
-            self.surface.values_mut(group).copy_from_slice(&values);
-            self.surface.update(group);
+            let surface = self.asset.surface_mut();
+            surface.values_mut(group).copy_from_slice(&values);
+            surface.update(group);
         }
         Ok(())
     }
 }
 
-impl Model for GpuSurface {
-    type Asset = Surface;
+impl<S: Posable> Model for GpuSurface<S> {
+    type Asset = S;
 
     fn groups(&self) -> &[Group] {
         &self.groups
     }
 
     fn step_masks(&mut self, masks: Masks) {
-        self.surface.masks = masks;
+        self.asset.surface_mut().masks = masks;
     }
 
     fn step(&mut self, shots: &[Shot], loss: PictureLoss, rates: &[f64]) -> Result<(), ModelError> {
-        self.prepare_or_give_back(shots)?;
         let (room, moving) = (Room::of(shots), rates.iter().map(|r| *r > 0.0).collect::<Vec<_>>());
         let rates: Vec<Vec<f32>> = self.groups.iter().zip(rates).map(|(g, r)| g.rates_at(*r)).collect();
-        let passes = self.surface.moving_passes(&moving);
-        self.references.make_room(&self.gpu, shots.len(), room.pixel_count())?;
-        if !self.step.as_ref().is_some_and(|s| s.serves(room, (shots.len(), loss), (&moving, passes.masks))) {
-            self.step = None;
-            let step = self.record(room, shots.len(), loss, (&moving, &passes));
-            let step = match step {
-                // What stays there takes the room of what a step needs.
-                Err(OptimError::Device(GpuError::OutOfMemory { .. }))
-                    if self.references.give_back(shots.len()) =>
-                {
-                    self.record(room, shots.len(), loss, (&moving, &passes))
-                }
-                step => step,
-            };
-            self.step = step.map_err(model_error)?;
-        }
+        let passes = self.asset.surface().moving_passes(&moving);
+        self.pose(shots)?;
+        let recorded = self.in_bands(shots, of_device, |model| {
+            model.references.make_room(&model.gpu, shots.len(), room.pixel_count())?;
+            let with = (&moving[..], passes.masks);
+            if !model.step.as_ref().is_some_and(|s| s.serves(room, (shots.len(), loss), with)) {
+                model.step = None;
+                model.step = model.record(room, shots.len(), loss, (&moving, &passes))?;
+            }
+            Ok(())
+        });
+        recorded.map_err(model_error)?;
         if self.pending == COURSE {
             self.read_course()?;
         }
         if let Some(step) = &mut self.step {
-            let on = (&self.on, &self.skies, &mut self.references);
+            let on = (&self.on, &self.skies, &mut self.references, self.poses.as_ref());
             let optimizers = (&mut self.optimizers[..], &rates[..]);
             step.run(&self.gpu, on, (shots, passes.masks), optimizers, self.pending).map_err(model_error)?;
             self.pending += 1;
@@ -300,15 +358,20 @@ impl Model for GpuSurface {
     }
 
     fn pictures(&mut self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, ModelError> {
-        self.prepare_or_give_back(shots)?;
-        let Some(stage) = &self.stage else { return Ok(Vec::new()) };
+        self.pose(shots)?;
         let room = Room::of(shots);
-        if !self.forward.as_ref().is_some_and(|l| l.serves(room)) {
-            let passes = &self.surface.passes;
-            self.forward = Some(Forward::new(&self.gpu, &self.on, (stage, &self.skies), room, passes)?);
-        }
+        self.in_bands(shots, itself, |model| {
+            if let Some(stage) =
+                model.stage.as_ref().filter(|_| !model.forward.as_ref().is_some_and(|l| l.serves(room)))
+            {
+                let with = (&model.asset.surface().passes, S::POSED);
+                model.forward = Some(Forward::new(&model.gpu, &model.on, (stage, &model.skies), room, with)?);
+            }
+            Ok(())
+        })?;
+        let Some(stage) = &self.stage else { return Ok(Vec::new()) };
         let Some(forward) = &mut self.forward else { return Ok(Vec::new()) };
-        let with = (&self.on, stage, &self.skies);
+        let with = (&self.on, stage, &self.skies, self.poses.as_ref());
         Ok(shots.iter().map(|s| forward.run(&self.gpu, with, s)).collect::<Result<_, _>>()?)
     }
 
@@ -326,7 +389,7 @@ impl Model for GpuSurface {
 
     fn go_to_best(&mut self, group: usize) -> Result<(), ModelError> {
         let mut r = self.gpu.record("go to best");
-        if self.surface.is_positions(group) {
+        if self.asset.surface().is_positions(group) {
             r.copy(&self.on.best.0, &self.on.welded)?;
         } else {
             r.copy(&self.on.best.1, &self.on.maps.texels)?;
@@ -351,7 +414,7 @@ impl Model for GpuSurface {
         // The best maps are kept with their levels: by way of the present ones.
         self.write_group(group, &saved.best)?;
         let mut r = self.gpu.record("keep a group");
-        if self.surface.is_positions(group) {
+        if self.asset.surface().is_positions(group) {
             r.copy(&self.on.welded, &self.on.best.0)?;
         } else {
             r.copy(&self.on.maps.texels, &self.on.best.1)?;
@@ -360,14 +423,14 @@ impl Model for GpuSurface {
         Ok(self.write_group(group, &saved.values)?)
     }
 
-    fn asset(&mut self) -> Result<&Surface, ModelError> {
+    fn asset(&mut self) -> Result<&S, ModelError> {
         self.download()?;
-        Ok(&self.surface)
+        Ok(&self.asset)
     }
 
-    fn into_asset(mut self) -> Result<Surface, ModelError> {
+    fn into_asset(mut self) -> Result<S, ModelError> {
         self.download()?;
-        Ok(self.surface)
+        Ok(self.asset)
     }
 }
 

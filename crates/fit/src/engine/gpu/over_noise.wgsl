@@ -6,8 +6,9 @@ struct Params {
     pixels: u32,
     // Largest radiance of the noise.
     most: f32,
-    pad_a: u32,
-    pad_b: u32,
+    // Number of the first pixel in the whole picture.
+    first: u32,
+    pad: u32,
 }
 
 @group(0) @binding(0) var<uniform> params: Params;
@@ -26,9 +27,10 @@ fn over_noise(
     if i >= params.pixels {
         return;
     }
-    let x = uniform_draw(params.keys, 3u * i);
-    let y = uniform_draw(params.keys, 3u * i + 1u);
-    let z = uniform_draw(params.keys, 3u * i + 2u);
+    let at = 3u * (params.first + i);
+    let x = uniform_draw(params.keys, at);
+    let y = uniform_draw(params.keys, at + 1u);
+    let z = uniform_draw(params.keys, at + 2u);
     let b = params.most * vec3<f32>(x, y, z);
     let p = reference[i];
     background[i] = vec4<f32>(b, 0.0);

@@ -1,5 +1,7 @@
 //! The two lists of commands of a fit: a whole step, and a picture.
 
+use super::bands::Bands;
+use super::poses::{FromPose, Poses};
 use super::references::{FromHeld, References};
 use super::resident::{ADD_LOSSES, Resident};
 use super::stage::{Drawn, Room, Skies, Stage, aim, largest, padded};
@@ -13,7 +15,7 @@ use photofit_optim::OptimError;
 use photofit_optim::gpu::{DeviceOptimizer, Recorded, constrain};
 use photofit_raster::deferred::gpu::MapShading;
 use photofit_raster::deferred::{Masks, Passes};
-use photofit_raster::gpu::{PictureBuffers, render, render_vjp};
+use photofit_raster::gpu::{render, render_vjp};
 use photofit_raster::loss::Loss;
 use photofit_raster::loss::gpu::{RecordedLoss, Term, value_and_gradient};
 use photofit_raster::texture::gpu::{SUM_SCALE, sum_scale};
@@ -21,22 +23,26 @@ use photofit_raster::texture::gpu::{SUM_SCALE, sum_scale};
 /// Losses that are kept on the device until they are read.
 pub(super) const COURSE: usize = 1024;
 
-/// One picture of a step.
+/// One band of a picture of a step.
 #[derive(Debug)]
 struct Place {
     drawn: Drawn,
     loss: RecordedLoss,
     weights: Option<RelativeWeights>,
     from: FromHeld,
+    /// Of the first band of a picture, where pictures have poses.
+    pose: Option<FromPose>,
 }
 
-/// A step: all pictures of a batch, forward and in reverse, and the moves.
+/// A step: all pictures of a batch one after the other, each band by band, forward and in reverse, and the moves.
 #[derive(Debug)]
 pub(super) struct Step {
     recording: Recording,
     /// What it was recorded for.
     pub(super) room: Room,
     pub(super) moving: Vec<bool>,
+    bands: Bands,
+    pictures: usize,
     loss: PictureLoss,
     passes: Passes,
     shading: MapShading,
@@ -60,16 +66,20 @@ impl Step {
         (stage, skies, course): (&Stage, &Skies, &Buffer<f32>),
         (room, pictures, compare): (Room, usize, PictureLoss),
         (groups, optimizers): (&[Group], &[DeviceOptimizer]),
-        (moving, passes): (&[bool], &Passes),
+        (moving, passes, posed): (&[bool], &Passes, bool),
     ) -> Result<Self, OptimError> {
         let mut r = gpu.record("step");
         let g = &stage.gradients;
         let triangles = on.mesh.triangles();
         let mut shading = MapShading::new(gpu, on.maps.clone(), skies.tables.clone(), triangles, passes)?;
-        let params = largest(on, room, passes);
+        let bands = stage.bands;
+        let band = bands.room(room);
+        let params = largest(on, band, passes);
         on.record_clear(&mut r, g);
-        on.record_vertices(&mut r)?;
-        let (term, pixels) = (term(compare.loss, pictures), room.pixel_count());
+        if !posed {
+            on.record_vertices(&mut r)?;
+        }
+        let (term, pixels) = (term(compare.loss, pictures), band.pixel_count());
         let mut shared = stage.loss.clone().serving(gpu, compare.loss, pixels)?;
         let relative = compare.weights == Weights::Relative;
         if relative {
@@ -77,24 +87,22 @@ impl Step {
         }
         let rows = gpu.zeros("mean light along rows", if relative { pixels } else { 0 })?;
         let mut places = Vec::new();
-        for place in 0..pictures {
-            let background = gpu.zeros("background", room.pixel_count())?;
-            let reference = gpu.zeros("reference", room.pixel_count())?;
-            let from = FromHeld::record(&mut r, &reference, &background)?;
-            let picture = PictureBuffers { background, ..stage.picture.clone() };
-            let mut compared = shared.clone();
-            compared.reference = reference;
-            let weights = relative
-                .then(|| RelativeWeights::record(&mut r, &compared.reference, &rows, &compared.weights));
+        let picture = &stage.picture;
+        for place in 0..pictures * bands.count() {
+            let first = place % bands.count() == 0;
+            let pose = (posed && first).then(|| FromPose::record(&mut r, &on.mesh)).transpose()?;
+            let from = FromHeld::record(&mut r, &shared.reference, &picture.background)?;
+            let weights =
+                relative.then(|| RelativeWeights::record(&mut r, &shared.reference, &rows, &shared.weights));
             let weights = weights.transpose()?;
-            let forward = render(&mut r, &on.mesh, &picture, passes, &params, &mut shading)?;
-            let loss = value_and_gradient(&mut r, &term, pixels, &picture.color, &compared, &g.color, place)?;
-            let reverse = render_vjp(&mut r, &on.mesh, &picture, passes, &params, &mut shading, g)?;
+            let forward = render(&mut r, &on.mesh, picture, passes, &params, &mut shading)?;
+            let loss = value_and_gradient(&mut r, &term, pixels, &picture.color, &shared, &g.color, place)?;
+            let reverse = render_vjp(&mut r, &on.mesh, picture, passes, &params, &mut shading, g)?;
             let drawn = Drawn { slots: vec![forward, reverse], shading: shading.take_slots() };
-            places.push(Place { drawn, loss, weights, from });
+            places.push(Place { drawn, loss, weights, from, pose });
         }
         let buffers = [stage.loss.values.bind(), course.bind()];
-        let losses = r.dispatch(&ADD_LOSSES, &[pictures as u32, 0, 0, 0], &buffers, 1)?;
+        let losses = r.dispatch(&ADD_LOSSES, &[places.len() as u32, 0, 0, 0], &buffers, 1)?;
         let collected = on.record_vjp(&mut r, g, passes)?;
         let mut recorded = Vec::new();
         for ((group, optimizer), moves) in groups.iter().zip(optimizers).zip(moving) {
@@ -115,7 +123,20 @@ impl Step {
         let (moving, passes) = (moving.to_vec(), *passes);
         let recording = r.finish()?;
         let (loss, optimizers) = (compare, recorded);
-        Ok(Self { recording, room, moving, loss, passes, shading, places, optimizers, losses, collected })
+        Ok(Self {
+            recording,
+            room,
+            bands,
+            pictures,
+            moving,
+            loss,
+            passes,
+            shading,
+            places,
+            optimizers,
+            losses,
+            collected,
+        })
     }
 
     /// Whether it serves a batch: the same number of pictures that are compared alike and move the same groups, with masks
@@ -129,7 +150,7 @@ impl Step {
         self.room.and(room) == self.room
             && self.loss == loss
             && 2 * room.pixel_count() > self.room.pixel_count()
-            && self.places.len() == pictures
+            && self.pictures == pictures
             && self.moving == moving
             && (self.passes.masks == Masks::Cut) == (masks == Masks::Cut)
     }
@@ -138,7 +159,7 @@ impl Step {
     pub(super) fn run(
         &mut self,
         gpu: &Gpu,
-        (on, skies, references): (&Resident, &Skies, &mut References),
+        (on, skies, references, poses): (&Resident, &Skies, &mut References, Option<&Poses>),
         (shots, masks): (&[Shot], Masks),
         (optimizers, rates): (&mut [DeviceOptimizer], &[Vec<f32>]),
         at: usize,
@@ -152,21 +173,27 @@ impl Step {
             self.recording.set(slot, &on.maps.collected(scale));
         }
         references.begin();
-        for (place, shot) in self.places.iter().zip(shots) {
-            place.from.set(gpu, &mut self.recording, references, shot)?;
-            let size = [shot.width, shot.height];
-            place.loss.set(&mut self.recording, &term, size);
-            if let Some(weights) = &place.weights {
-                weights.set(&mut self.recording, size);
+        let bands = self.bands;
+        let all = shots.iter().flat_map(|shot| bands.of(shot.height).map(move |band| (shot, band)));
+        for (place, (shot, band)) in self.places.iter().zip(all) {
+            let recording = &mut self.recording;
+            if let (Some(pose), Some(poses)) = (place.pose, poses) {
+                pose.set(recording, poses, shot.moment)?;
             }
-            aim(&mut self.recording, &place.drawn, &self.shading, (on, skies), (shot, scale), &self.passes);
+            place.from.set(gpu, recording, references, shot, band.pixels(shot.width))?;
+            let part = band.part(shot.width);
+            place.loss.set(recording, &term, &part);
+            if let Some(weights) = &place.weights {
+                weights.set(recording, part.size);
+            }
+            aim(recording, &place.drawn, &self.shading, (on, skies), (shot, &band, scale), &self.passes);
         }
         for ((optimizer, rates), recorded) in optimizers.iter_mut().zip(rates).zip(&self.optimizers) {
             if let Some(recorded) = recorded {
                 optimizer.prepare(&mut self.recording, recorded, rates)?;
             }
         }
-        self.recording.set(self.losses, &[shots.len() as u32, at as u32, 0, 0]);
+        self.recording.set(self.losses, &[self.places.len() as u32, at as u32, 0, 0]);
         Ok(self.recording.run()?)
     }
 }
@@ -178,14 +205,16 @@ impl Step {
     }
 }
 
-/// A picture without gradients.
+/// A band of a picture without gradients.
 #[derive(Debug)]
 pub(super) struct Forward {
     recording: Recording,
+    bands: Bands,
     room: Room,
     passes: Passes,
     shading: MapShading,
     drawn: Drawn,
+    pose: Option<FromPose>,
 }
 
 impl Forward {
@@ -194,16 +223,20 @@ impl Forward {
         on: &Resident,
         (stage, skies): (&Stage, &Skies),
         room: Room,
-        passes: &Passes,
+        (passes, posed): (&Passes, bool),
     ) -> Result<Self, GpuError> {
         let mut r = gpu.record("forward");
         let triangles = on.mesh.triangles();
         let mut shading = MapShading::new(gpu, on.maps.clone(), skies.tables.clone(), triangles, passes)?;
-        on.record_vertices(&mut r)?;
-        let params = largest(on, room, passes);
+        let pose = posed.then(|| FromPose::record(&mut r, &on.mesh)).transpose()?;
+        if !posed {
+            on.record_vertices(&mut r)?;
+        }
+        let bands = stage.bands;
+        let params = largest(on, bands.room(room), passes);
         let forward = render(&mut r, &on.mesh, &stage.picture, passes, &params, &mut shading)?;
         let drawn = Drawn { slots: vec![forward], shading: shading.take_slots() };
-        Ok(Self { recording: r.finish()?, room, passes: *passes, shading, drawn })
+        Ok(Self { recording: r.finish()?, bands, room, passes: *passes, shading, drawn, pose })
     }
 
     /// Whether pictures of some size can be drawn.
@@ -211,18 +244,26 @@ impl Forward {
         self.room.and(room) == self.room
     }
 
-    /// Draws a picture.
+    /// Draws a picture, band by band.
     pub(super) fn run(
         &mut self,
         gpu: &Gpu,
-        (on, stage, skies): (&Resident, &Stage, &Skies),
+        (on, stage, skies, poses): (&Resident, &Stage, &Skies, Option<&Poses>),
         shot: &Shot,
     ) -> Result<Vec<[f32; 4]>, GpuError> {
-        gpu.write(&stage.picture.background, &padded(&shot.background()))?;
-        aim(&mut self.recording, &self.drawn, &self.shading, (on, skies), (shot, SUM_SCALE), &self.passes);
-        self.recording.run()?;
-        let mut color = gpu.read(&stage.picture.color)?;
-        color.truncate(shot.width * shot.height);
-        Ok(color)
+        let (background, mut picture) = (padded(&shot.background()), Vec::new());
+        if let (Some(pose), Some(poses)) = (self.pose, poses) {
+            pose.set(&mut self.recording, poses, shot.moment)?;
+        }
+        for band in self.bands.of(shot.height) {
+            gpu.write(&stage.picture.background, &background[band.pixels(shot.width)])?;
+            let (recording, of) = (&mut self.recording, (shot, &band, SUM_SCALE));
+            aim(recording, &self.drawn, &self.shading, (on, skies), of, &self.passes);
+            recording.run()?;
+            let color = gpu.read(&stage.picture.color)?;
+            let inside = band.inside();
+            picture.extend_from_slice(&color[inside.start * shot.width..inside.end * shot.width]);
+        }
+        Ok(picture)
     }
 }

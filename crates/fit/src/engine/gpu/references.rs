@@ -8,6 +8,7 @@ use photofit_gpu::{Buffer, Gpu, GpuError, INDEX, Inlet, Kernel, Recorder, Record
 use photofit_image::Image;
 use photofit_sampling::Rng;
 use std::fmt;
+use std::ops::Range;
 use std::sync::Weak;
 
 /// Puts a picture over noise.
@@ -27,18 +28,20 @@ struct Params {
     keys: [u32; 4],
     pixels: u32,
     most: f32,
-    pad: [u32; 2],
+    first: u32,
+    pad: u32,
 }
 
 impl Params {
-    fn new(noise: &Rng, pixels: usize) -> Self {
+    fn new(noise: &Rng, pixels: &Range<usize>) -> Self {
         let words = |key: u64| [key as u32, (key >> 32) as u32];
         let [first, second] = noise.keys().map(words);
         Self {
             keys: [first[0], first[1], second[0], second[1]],
-            pixels: pixels as u32,
+            pixels: pixels.len() as u32,
             most: BACKGROUND_MAX,
-            pad: [0; 2],
+            first: pixels.start as u32,
+            pad: 0,
         }
     }
 }
@@ -153,7 +156,7 @@ impl References {
             (self.held, self.pixels) = (Vec::new(), pixels);
         }
         while self.held.len() < places {
-            let texels = gpu.zeros("picture of the reference", self.pixels)?;
+            let texels = gpu.store("picture of the reference", self.pixels)?;
             self.held.push(Held { picture: Weak::new(), batch: 0, texels });
         }
         Ok(())
@@ -205,21 +208,22 @@ impl FromHeld {
         background: &Buffer<[f32; 4]>,
     ) -> Result<Self, GpuError> {
         let picture = r.copy_in(reference)?;
-        let params = Params::new(&Rng::new(0, 0), reference.len());
+        let params = Params::new(&Rng::new(0, 0), &(0..reference.len()));
         let noise =
             r.dispatch(&OVER_NOISE, &params, &[reference.bind(), background.bind()], reference.len())?;
         Ok(Self { picture, noise })
     }
 
-    /// Names the picture of a shot for the next run.
+    /// Names these pixels of the picture of a shot for the next run.
     pub(super) fn set(
         &self,
         gpu: &Gpu,
         recording: &mut Recording,
         references: &mut References,
         shot: &Shot,
+        pixels: Range<usize>,
     ) -> Result<(), GpuError> {
-        recording.set(self.noise, &Params::new(&shot.noise, shot.width * shot.height));
-        recording.set_source(self.picture, references.texels(gpu, shot)?)
+        recording.set(self.noise, &Params::new(&shot.noise, &pixels));
+        recording.set_source(self.picture, references.texels(gpu, shot)?, pixels)
     }
 }

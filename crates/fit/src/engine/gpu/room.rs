@@ -2,6 +2,7 @@
 
 use photofit_gpu::GpuError;
 use photofit_optim::OptimError;
+use std::borrow::Cow;
 
 /// What a device cannot hold, or does not run.
 #[derive(Debug, thiserror::Error)]
@@ -10,27 +11,27 @@ pub struct NoRoom {
     /// What the device says: the limit, what is needed and what it has.
     pub source: OptimError,
     /// The option that what is needed grows with; none where it is not a matter of size.
-    pub option: Option<&'static str>,
+    pub option: Option<Cow<'static, str>>,
 }
 
-fn advice(option: &Option<&'static str>) -> String {
-    option.map_or(String::new(), |option| format!("; a smaller `{option}` needs less"))
+fn advice(option: &Option<Cow<'static, str>>) -> String {
+    option.as_ref().map_or(String::new(), |option| format!("; a smaller `{option}` needs less"))
 }
 
 impl NoRoom {
     /// Pictures.
     pub(super) fn pictures(e: GpuError) -> Self {
-        Self { source: e.into(), option: Some("resolution") }
+        Self { source: e.into(), option: Some("resolution".into()) }
     }
 
     /// Maps and what belongs to their texels.
     pub(super) fn maps(e: impl Into<OptimError>) -> Self {
-        Self { source: e.into(), option: Some("texture_size") }
+        Self { source: e.into(), option: Some("texture_size".into()) }
     }
 
     /// What has an entry per vertex or triangle.
     pub(super) fn mesh(e: impl Into<OptimError>) -> Self {
-        Self { source: e.into(), option: Some("triangles") }
+        Self { source: e.into(), option: Some("triangles".into()) }
     }
 }
 

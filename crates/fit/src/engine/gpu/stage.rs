@@ -1,11 +1,12 @@
 //! Where pictures of a surface are drawn on a device: buffers for the largest one, and the parameters of each.
 
+use super::bands::{Band, Bands};
 use super::resident::Resident;
 use crate::candidate::view;
 use crate::engine::views::{Shot, ViewLight};
 use photofit_gpu::{Gpu, GpuError, Recording};
-use photofit_raster::deferred::Passes;
 use photofit_raster::deferred::gpu::{MapShading, ShadeSlots};
+use photofit_raster::deferred::{Passes, View};
 use photofit_raster::gpu::{self as device, FrameParams, GradientBuffers, PictureBuffers, Slots};
 use photofit_raster::loss::gpu::LossBuffers;
 use photofit_raster::texture::gpu::SUM_SCALE;
@@ -81,7 +82,9 @@ impl Skies {
 /// Buffers that all pictures of a fit share.
 #[derive(Debug)]
 pub(super) struct Stage {
+    /// The largest picture, and the bands that it is drawn in.
     pub(super) room: Room,
+    pub(super) bands: Bands,
     pub(super) picture: PictureBuffers,
     pub(super) gradients: GradientBuffers,
     pub(super) loss: LossBuffers,
@@ -91,30 +94,38 @@ impl Stage {
     pub(super) fn new(
         gpu: &Gpu,
         on: &Resident,
-        room: Room,
+        (room, bands): (Room, Bands),
         passes: &Passes,
         pictures: usize,
     ) -> Result<Self, GpuError> {
-        let pixels = room.pixel_count();
+        let pixels = bands.room(room).pixel_count();
         let samples = pixels * room.side * room.side;
         let layers = on.mesh.layers(passes);
         Ok(Self {
             room,
+            bands,
             picture: PictureBuffers::new(gpu, &on.mesh, samples, pixels, layers, passes.antialias)?,
             gradients: GradientBuffers::new(gpu, &on.mesh, samples, pixels)?,
-            loss: LossBuffers::new(gpu, pixels, false, pictures)?,
+            loss: LossBuffers::new(gpu, pixels, false, pictures * bands.count())?,
         })
     }
 }
 
-/// The kernels of one picture in a recording.
+impl Stage {
+    /// Pictures of a step that have room for their losses.
+    pub(super) fn places(&self) -> usize {
+        self.loss.values.len() / self.bands.count()
+    }
+}
+
+/// The kernels of one band of a picture in a recording.
 #[derive(Debug)]
 pub(super) struct Drawn {
     pub(super) slots: Vec<Slots>,
     pub(super) shading: ShadeSlots,
 }
 
-/// Parameters of the largest picture.
+/// Parameters of the largest band.
 pub(super) fn largest(on: &Resident, room: Room, passes: &Passes) -> FrameParams {
     let shot = device::Shot {
         view_projection: [[0.0; 4]; 4],
@@ -127,17 +138,22 @@ pub(super) fn largest(on: &Resident, room: Room, passes: &Passes) -> FrameParams
     FrameParams::new(&shot, on.mesh.vertices(), on.mesh.triangles(), passes, fits_alpha)
 }
 
-/// Sets the parameters of a picture for the next run; `scale` is that of sums.
+/// Sets the parameters of a band of a picture for the next run; `scale` is that of sums.
 pub(super) fn aim(
     recording: &mut Recording,
     drawn: &Drawn,
     shading: &MapShading,
     (on, skies): (&Resident, &Skies),
-    (shot, scale): (&Shot, f32),
+    (shot, band, scale): (&Shot, &Band, f32),
     passes: &Passes,
 ) {
     let lights = shot.lights.lights();
-    let view = view(shot, &lights);
+    let whole = view(shot, &lights);
+    let view = View {
+        view_projection: band.projection(whole.view_projection),
+        height: band.rows() * whole.samples,
+        ..whole
+    };
     let of = device::Shot {
         view_projection: view.view_projection,
         width: view.width,

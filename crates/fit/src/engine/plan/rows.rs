@@ -57,6 +57,12 @@ impl PlanRows {
         Self { items, phases: self::phases(phases) }
     }
 
+    /// Adds where the fit runs and why; nothing is told without it.
+    pub(crate) fn with_device(mut self, told: Option<String>) -> Self {
+        self.items.extend(told.map(device));
+        self
+    }
+
     /// Whether what goes by this name runs; `None` where the plan does not speak of it.
     pub fn runs(&self, what: &str) -> Option<Runs> {
         self.items.iter().find(|i| i.what == what).map(|i| i.runs)
@@ -98,6 +104,11 @@ pub(crate) fn loss(loss: PictureLoss, noise: Option<f64>) -> Item {
         },
     };
     Item { what: "logarithmic loss", runs: (loss.loss != Loss::Mse).into(), why }
+}
+
+/// The row of where a fit runs, and why there.
+pub(crate) fn device(why: String) -> Item {
+    Item { what: "device", runs: Runs::Yes, why }
 }
 
 /// The row of mip levels with texels of their own, and the sizes of the pictures that they are fitted to.

@@ -7,7 +7,7 @@ use crate::normals::{Weighting, vertex_normals, vertex_normals_vjp};
 use crate::tangents::{UvFrames, vertex_tangents, vertex_tangents_vjp};
 use crate::weld::{Weld, weld_exact, weld_rows};
 use crate::{Incidence, Mesh, shapes};
-use photofit_gpu::{Gpu, GpuError, test_device, validate};
+use photofit_gpu::{Gpu, GpuError, assert_twin, test_device, validate};
 use photofit_gradcheck::Uniform;
 use photofit_scalar::{Vec3f, Vec4f, vec2, vec3};
 use tolerances::{EXACT, FORWARD, GRADIENT, SLIVER};
@@ -132,9 +132,16 @@ fn check(name: &str, mesh: &Mesh, smooth: &Weld, unique: &Weld, gradient: f64) {
     let gpu = test_device();
     for (what, a, b) in cpu_and_gpu(gpu, mesh, smooth, unique).unwrap() {
         let bound = if what.contains("by") { gradient } else { FORWARD };
+        let of = if bound == FORWARD {
+            "FORWARD"
+        } else if bound == SLIVER {
+            "SLIVER"
+        } else {
+            "GRADIENT"
+        };
         let width = if what == "tangents" { 4 } else { 3 };
         let worst = error(&a, &b, width);
-        assert!(worst <= bound, "{name}: {what}: {worst:e} above {bound:e}");
+        assert_twin(of, format!("{name}: {what}"), worst, bound);
         let size = a.iter().filter(|x| x.is_finite()).fold(0.0, |a, x| f32::max(a, x.abs()));
         let mut bent = b.clone();
         let k = a.iter().position(|x| x.abs() == size).unwrap();
@@ -205,8 +212,8 @@ fn welding_agrees_and_runs_repeat_to_the_bit() {
         Ok::<_, GpuError>((gpu.read(&v)?.into_flattened(), gpu.read(&dw)?.into_flattened()))
     };
     let (expanded, summed) = run().unwrap();
-    assert!(error(&of_cpu, &expanded, 3) <= EXACT);
-    assert!(error(bytemuck::cast_slice(&sums), &summed, 3) <= EXACT);
+    assert_twin("EXACT", "welded", error(&of_cpu, &expanded, 3), EXACT);
+    assert_twin("EXACT", "sums", error(bytemuck::cast_slice(&sums), &summed, 3), EXACT);
     assert_eq!(run().unwrap(), (expanded, summed));
     let twice = || cpu_and_gpu(gpu, &mesh, &weld, &identity(&mesh)).unwrap();
     assert!(twice().iter().zip(&twice()).all(|(a, b)| a.2 == b.2), "the same bits in two runs");

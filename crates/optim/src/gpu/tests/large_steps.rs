@@ -4,7 +4,7 @@ use super::tolerances::{LARGE_STEPS, SOLVE};
 use super::{distance, largest, random};
 use crate::gpu::{DeviceOptimizer, LargeStepsSolver};
 use crate::{LargeSteps, Optimizer, Placement, Temporal};
-use photofit_gpu::{Gpu, test_device};
+use photofit_gpu::{Gpu, assert_twin, test_device};
 
 /// A grid of triangles, a vertex joined to a hundred of them, and one without neighbours.
 fn edges() -> (usize, Vec<[u32; 2]>) {
@@ -60,7 +60,7 @@ fn solves_agree_with_the_factor() {
         );
         // Rounding grows with the condition number.
         let bound = SOLVE * (1.0 + solver.condition().sqrt() / 50.0);
-        assert!(worst <= bound, "{lambda}: {worst:e}");
+        assert_twin("SOLVE", lambda, worst, bound);
         recording.run().unwrap();
         assert!(gpu.read(&x).unwrap() == ours, "the same bits again");
         if lambda > 0.0 {
@@ -102,7 +102,7 @@ fn fifty_steps_agree() {
         let worst = distance(&x, &gpu.read(&on_device).unwrap()) / moved;
         println!("lambda {lambda}, gradients {size:e}: moved {moved:.2}, error {worst:.1e}");
         assert!(moved > 0.02, "{moved}");
-        assert!(worst <= LARGE_STEPS, "{worst:e}");
+        assert_twin("LARGE_STEPS", lambda, worst, LARGE_STEPS);
         assert!(device.check().unwrap().is_none());
         let (ours, theirs) = (cpu.state(), device.state().unwrap());
         assert_eq!((ours.step, ours.scale_exponent), (theirs.step, theirs.scale_exponent));

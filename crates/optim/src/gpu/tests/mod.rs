@@ -50,9 +50,8 @@ fn constraints_agree() {
     let theirs = gpu.read(&buffer).unwrap();
     assert!(x.iter().chain(&theirs).all(|x| x.is_finite()));
     let worst = distance(&x, &theirs);
-    println!("constraints: {worst:.1e}");
     // The largest entry is that of a range.
-    assert!(worst <= tolerances::CONSTRAIN, "{worst:e}");
+    photofit_gpu::assert_twin("CONSTRAIN", "constraints", worst, tolerances::CONSTRAIN);
     normalize_vectors(&mut x, width, 3);
     assert!(distance(&x, &theirs) > tolerances::CONSTRAIN, "another vector is noticed");
 }

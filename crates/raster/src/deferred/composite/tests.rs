@@ -8,7 +8,7 @@ use crate::gpu::tolerances::COMPOSITE;
 use crate::gpu::{FrameParams, Shot};
 use crate::rasterize::{NONE, Visibility};
 use photofit_gpu::Gpu;
-use photofit_gpu::test_device;
+use photofit_gpu::{assert_twin, test_device};
 use photofit_gradcheck::{Uniform, worst_difference};
 use photofit_scalar::Vec3;
 use photofit_texture::AlphaMode;
@@ -182,7 +182,7 @@ fn layers_and_samples_are_those_of_the_cpu() {
                 let found = on_device(gpu, &input, &passes, fits_alpha, last);
                 let expected = on_cpu(&input, &passes, fits_alpha, last);
                 let error = worst(&found, &expected);
-                assert!(error < COMPOSITE, "{passes:?} {fits_alpha} {last}: {error:.1e}");
+                assert_twin("COMPOSITE", format!("{passes:?} {fits_alpha} {last}"), error, COMPOSITE);
                 assert_eq!(found.front, expected.front, "{passes:?} {fits_alpha}");
                 assert!(found.seen && expected.seen, "something lets see what lies behind");
             }

@@ -9,7 +9,7 @@ use crate::gpu::{VERTEX_SUMS, vertex_sum};
 use crate::maps::channel;
 use crate::project::project_vjp;
 use crate::rasterize::NONE;
-use photofit_gpu::test_device;
+use photofit_gpu::{assert_twin, test_device};
 use photofit_gradcheck::{Uniform, worst_difference};
 use photofit_scalar::{Vec3f, Vec4f, vec3, vec4};
 use photofit_texture::gpu::SUM_SCALE;
@@ -150,10 +150,10 @@ fn check_scaled(gpu: &Gpu, what: &str, s: &Scene, passes: &Passes, size: f32) {
     let covered = expected.color.iter().filter(|c| c[3] > 0.0).count();
     assert!(covered > expected.color.len() / 5, "{what}: {covered} pixels are covered");
     let error = worst_difference(found.color.as_flattened(), expected.color.as_flattened());
-    assert!(error <= SHADED, "{what}: radiance differs by {error:.2e}");
+    assert_twin("SHADED", format!("{what}: radiance"), error, SHADED);
     for (k, (found, expected)) in found.gradients.iter().zip(&expected.gradients).enumerate() {
         let error = worst_difference(found, expected);
-        assert!(error <= SHADED_VJP, "{what}, {}: differs by {error:.2e}", NAMES[k]);
+        assert_twin("SHADED_VJP", format!("{what}, {}", NAMES[k]), error, SHADED_VJP);
     }
 }
 
@@ -235,9 +235,9 @@ fn broken_meshes_agree() {
     assert!(expected.color.as_flattened().iter().all(|c| c.is_finite()), "the CPU's picture is finite");
     assert!(found.color.as_flattened().iter().all(|c| c.is_finite()), "and the device's");
     let error = worst_difference(found.color.as_flattened(), expected.color.as_flattened());
-    assert!(error <= SHADED_BROKEN, "radiance differs by {error:.2e}");
+    assert_twin("SHADED_BROKEN", "radiance", error, SHADED_BROKEN);
     let error = worst_difference(&found.gradients[3], &expected.gradients[3]);
-    assert!(error <= SHADED_BROKEN, "texels differ by {error:.2e}");
+    assert_twin("SHADED_BROKEN", "texels", error, SHADED_BROKEN);
 }
 
 #[test]

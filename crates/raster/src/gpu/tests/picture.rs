@@ -11,7 +11,7 @@ use crate::gpu::{
 use crate::maps::{CHANNELS, Maps, channel};
 use crate::texture::Pyramid;
 use photofit_geometry::{Mesh, shapes};
-use photofit_gpu::{Gpu, Recording, test_device};
+use photofit_gpu::{Gpu, Recording, assert_twin, test_device};
 use photofit_gradcheck::Uniform;
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3, vec4};
 use photofit_shading::gpu::ShadingTables;
@@ -263,9 +263,9 @@ fn agree(what: &str, found: &Result, expected: &Result) {
     let (off, gradients) = differences(found, expected);
     println!("{what}: {} layers, {off:.1e} of the pixels differ, gradients by {gradients:?}", found.layers);
     assert_eq!(found.color.len(), expected.color.len(), "{what}");
-    assert!(off <= PICTURE_PIXELS, "{what}: {off:.1e} of the pixels differ");
+    assert_twin("PICTURE_PIXELS", what, off, PICTURE_PIXELS);
     for (k, error) in gradients.into_iter().enumerate() {
-        assert!(error <= GRADIENT, "{what}: gradients of {} differ by {error:.1e}", NAMES[k]);
+        assert_twin("GRADIENT", format!("{what}: gradients of {}", NAMES[k]), error, GRADIENT);
     }
 }
 

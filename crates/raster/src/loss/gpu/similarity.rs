@@ -25,7 +25,9 @@ pub(super) struct SimilarityParams {
     scale: f32,
     weighted: u32,
     accumulates: u32,
-    pad: u32,
+    from: u32,
+    to: u32,
+    pad: [u32; 3],
     taps: [f32; 12],
 }
 
@@ -40,7 +42,9 @@ impl SimilarityParams {
             scale: loss.scale,
             weighted: loss.weighted,
             accumulates: loss.accumulates,
-            pad: 0,
+            from: loss.from,
+            to: loss.to,
+            pad: [0; 3],
             taps: padded,
         }
     }

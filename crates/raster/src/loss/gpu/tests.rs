@@ -3,7 +3,7 @@
 use super::*;
 use crate::gpu::tolerances::{LOSS, LOSS_GRADIENT, SIMILARITY, SIMILARITY_GRADIENT};
 use crate::loss::PictureLayout;
-use photofit_gpu::test_device;
+use photofit_gpu::{assert_twin, test_device};
 use photofit_gradcheck::Uniform;
 
 const POINTWISE: [Loss; 5] = [Loss::LogSrgbL1, Loss::LogSrgbL2, Loss::Mse, Loss::Smape, Loss::RelativeL2];
@@ -28,7 +28,7 @@ fn images(n: usize, seed: u64) -> (Image, Image) {
 }
 
 struct Setup<'a> {
-    size: [usize; 2],
+    part: Part,
     term: Term,
     weights: &'a [f32],
     before: &'a Image,
@@ -51,7 +51,7 @@ fn on_device(gpu: &Gpu, (x, y): (&Image, &Image), setup: &Setup<'_>) -> (f32, Im
     let recorded =
         value_and_gradient(&mut r, &setup.term, room, &candidate, &buffers, &gradient, 1).expect("recorded");
     let mut recording = r.finish().expect("recorded");
-    recorded.set(&mut recording, &setup.term, setup.size);
+    recorded.set(&mut recording, &setup.term, &setup.part);
     recording.run().expect("runs");
     let values = gpu.read(&buffers.values).expect("read");
     assert_eq!([values[0], values[2]], [5.0; 2], "other places are not touched");
@@ -65,7 +65,6 @@ fn on_device(gpu: &Gpu, (x, y): (&Image, &Image), setup: &Setup<'_>) -> (f32, Im
 #[ignore = "gpu: needs an adapter"]
 fn values_and_gradients_are_those_of_the_cpu() {
     let gpu = test_device();
-    let mut worst = [0.0_f64; 2];
     for (n, read) in [(1, 0..1), (7 * 9, 0..3), (256, 1..4), (150_001, 0..3), (1000, 3..4)] {
         let (x, y) = images(n, n as u64);
         let mut rng = Uniform::new(3);
@@ -75,7 +74,7 @@ fn values_and_gradients_are_those_of_the_cpu() {
         for loss in POINTWISE {
             for (weights, accumulates) in [(&[][..], false), (&weights[..], true)] {
                 let setup = Setup {
-                    size: [n, 1],
+                    part: Part::whole([n, 1]),
                     term: Term { loss, read: read.clone(), factor: 0.7 * n as f64, accumulates },
                     weights,
                     before: &before,
@@ -100,13 +99,11 @@ fn values_and_gradients_are_those_of_the_cpu() {
                 let floor = if accumulates { 1.0 } else { share * largest.max(1e-9) };
                 let pairs = g.as_flattened().iter().zip(expected.as_flattened());
                 let off = pairs.fold(0.0_f32, |m, (a, b)| m.max((a - b).abs() / b.abs().max(floor)));
-                worst = [worst[0].max(error), worst[1].max(f64::from(off))];
-                assert!(error < LOSS, "{loss:?} of {n}: {value} {size}, {error:.1e}");
-                assert!(off < LOSS_GRADIENT, "{loss:?} of {n}: gradients differ by {off:.1e}");
+                assert_twin("LOSS", format!("{loss:?} of {n}: {value} {size}"), error, LOSS);
+                assert_twin("LOSS_GRADIENT", format!("{loss:?} of {n}"), off.into(), LOSS_GRADIENT.into());
             }
         }
     }
-    println!("losses differ by at most {:.1e}, gradients by {:.1e}", worst[0], worst[1]);
 }
 
 #[test]
@@ -119,7 +116,7 @@ fn runs_agree_and_changes_are_noticed() {
     let before = vec![[0.0; 4]; x.len()];
     for loss in POINTWISE.into_iter().chain([Loss::Ssim]) {
         let setup = Setup {
-            size: [200, 200],
+            part: Part::whole([200, 200]),
             term: Term { loss, read: 0..4, factor: 1.0, accumulates: false },
             weights: &[],
             before: &before,
@@ -152,7 +149,8 @@ fn similarity_is_that_of_the_cpu() {
         for (weights, accumulates) in [(&[][..], false), (&weights[..], true)] {
             let factor = 0.7 * n as f64;
             let term = Term { loss: Loss::Ssim, read: read.clone(), factor, accumulates };
-            let (value, g) = on_device(gpu, (&x, &y), &Setup { size, term, weights, before: &before });
+            let part = Part::whole(size);
+            let (value, g) = on_device(gpu, (&x, &y), &Setup { part, term, weights, before: &before });
             // In f64: of both sides in f32 none is the truth, for variances are differences of larger numbers.
             let wide = |image: &Image| image.as_flattened().iter().map(|x| f64::from(*x)).collect::<Vec<_>>();
             let weights: Vec<f64> = weights.iter().map(|w| f64::from(*w)).collect();
@@ -167,9 +165,58 @@ fn similarity_is_that_of_the_cpu() {
             let largest = expected.iter().fold(floor, |m, g| m.max(g.abs()));
             let pairs = g.as_flattened().iter().zip(&expected);
             let off = pairs.fold(0.0_f64, |m, (a, b)| m.max((f64::from(*a) - b).abs() / largest));
-            println!("{width} x {height}: {error:.1e}, {off:.1e}");
-            assert!(error < SIMILARITY, "{width} x {height}: {value} {whole}");
-            assert!(off < SIMILARITY_GRADIENT, "{width} x {height}: gradients differ by {off:.1e}");
+            assert_twin("SIMILARITY", format!("{width} x {height}: {value} {whole}"), error, SIMILARITY);
+            assert_twin("SIMILARITY_GRADIENT", format!("{width} x {height}"), off, SIMILARITY_GRADIENT);
+        }
+    }
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn parts_of_a_picture_add_up_to_it() {
+    let gpu = test_device();
+    let ([width, height], read) = ([23, 40], 0..3);
+    let n = width * height;
+    let (x, y) = pictures(n, 5);
+    let mut rng = Uniform::new(4);
+    let weights: Vec<f32> = (0..n).map(|_| rng.range(0.1, 2.0) as f32).collect();
+    let before = vec![[0.0; 4]; n];
+    for loss in POINTWISE.into_iter().chain([Loss::Ssim]) {
+        let term = Term { loss, read: read.clone(), factor: 3.0, accumulates: false };
+        let of = |part: Part, rows: Range<usize>| {
+            let pixels = rows.start * width..rows.end * width;
+            let part_of = |image: &Image| image[pixels.clone()].to_vec();
+            let setup = Setup {
+                part,
+                term: term.clone(),
+                weights: &weights[pixels.clone()],
+                before: &part_of(&before),
+            };
+            on_device(gpu, (&part_of(&x), &part_of(&y)), &setup)
+        };
+        let (value, g) = of(Part::whole([width, height]), 0..height);
+        // With rows around those that count, and without some of them.
+        let added = |reach: usize| {
+            let (mut sum, mut gradient) = (0.0, vec![[0.0; 4]; n]);
+            for counted in [0..3_usize, 3..17, 17..18, 18..18, 18..40] {
+                let drawn = counted.start.saturating_sub(reach)..(counted.end + reach).min(height);
+                let inside = counted.start - drawn.start..counted.end - drawn.start;
+                let part = Part { size: [width, drawn.len()], counted: inside, rows: height };
+                let (value, g) = of(part, drawn.clone());
+                sum += value;
+                let rows = gradient[drawn.start * width..].iter_mut().zip(&g);
+                rows.for_each(|(sum, g)| (0..4).for_each(|c| sum[c] += g[c]));
+            }
+            let largest = g.as_flattened().iter().fold(0.0_f32, |m, g| m.max(g.abs()));
+            let pairs = g.as_flattened().iter().zip(gradient.as_flattened());
+            let off = pairs.fold(0.0_f32, |m, (a, b)| m.max((a - b).abs() / largest));
+            [(sum / value - 1.0).abs(), off]
+        };
+        let [error, off] = added(Part::REACH);
+        println!("{loss:?}: values differ by {error:.1e}, gradients by {off:.1e}");
+        assert!(f64::from(error) < LOSS && off < LOSS_GRADIENT, "{loss:?}: {error:e}, {off:e}");
+        if loss == Loss::Ssim {
+            assert!(added(Part::REACH - 1)[1] > LOSS_GRADIENT, "a row less is noticed");
         }
     }
 }

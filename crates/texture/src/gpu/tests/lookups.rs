@@ -131,13 +131,25 @@ fn check(gpu: &Gpu, size: (usize, usize), places: &[Place], g: &[f32], fitted: [
             let found = on_device(gpu, &p, &s, places, g, fitted);
             let expected = on_cpu(&p, &s, places, g, fitted);
             assert_eq!(found.status, 0, "{what}");
-            assert_close(&format!("{what} values"), &found.values, &expected.values, tolerances::LOOKUP);
+            assert_close(
+                "LOOKUP",
+                &format!("{what} values"),
+                &found.values,
+                &expected.values,
+                tolerances::LOOKUP,
+            );
             for k in 0..3 {
                 let of = |l: &Lookups| l.derivatives.iter().map(|d| d[k]).collect::<Vec<_>>();
                 let what = format!("{what} derivative {k}");
-                assert_close(&what, &of(&found), &of(&expected), tolerances::LOOKUP_VJP);
+                assert_close("LOOKUP_VJP", &what, &of(&found), &of(&expected), tolerances::LOOKUP_VJP);
             }
-            assert_close(&format!("{what} texels"), &found.texels, &expected.texels, tolerances::SCATTER);
+            assert_close(
+                "SCATTER",
+                &format!("{what} texels"),
+                &found.texels,
+                &expected.texels,
+                tolerances::SCATTER,
+            );
         }
     }
 }
