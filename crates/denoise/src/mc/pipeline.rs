@@ -15,7 +15,13 @@ use super::variational::VariationalModel;
 use super::window::blur_mean;
 use super::{Plan, Stage, remodulate};
 use crate::DenoiseError;
+use rayon::prelude::{
+    IndexedParallelIterator, IntoParallelRefMutIterator, ParallelIterator, ParallelSliceMut,
+};
 use std::borrow::Cow;
+
+/// Samples that one thread takes at a time.
+const RUN: usize = 1 << 14;
 
 /// What the plan says of a stage that the settings leave out, and of one that the other models do not have.
 pub(super) const LEFT_OUT: &str = "left out by the settings";
@@ -271,7 +277,8 @@ fn filter(mut prepared: Prepared<'_>, settings: &Settings, mut plan: Plan) -> Re
     let variance = variance.map(|mut v| {
         if let Some(d) = &prepared.divisor {
             let n = v.len();
-            v.iter_mut()
+            v.par_iter_mut()
+                .with_min_len(RUN)
                 .enumerate()
                 .for_each(|(i, v)| *v *= (d[i].powi(2) + d[n + i].powi(2) + d[2 * n + i].powi(2)) / 3.0);
         }
@@ -293,11 +300,10 @@ fn filter(mut prepared: Prepared<'_>, settings: &Settings, mut plan: Plan) -> Re
         soften(prepared.shape, &mut estimate, share);
     }
     let scale = 1.0 / prepared.key;
-    estimate.iter_mut().for_each(|v| *v = (*v * scale).max(0.0));
-    let n = prepared.shape.pixels();
-    for (i, color) in &prepared.exact {
-        (0..3).for_each(|c| estimate[c * n + i] = color[c]);
-    }
+    estimate.par_iter_mut().with_min_len(RUN).for_each(|v| *v = (*v * scale).max(0.0));
+    estimate.par_chunks_mut(prepared.shape.pixels()).enumerate().for_each(|(c, plane)| {
+        prepared.exact.iter().for_each(|(i, color)| plane[*i] = color[c]);
+    });
     let (holes, fireflies) = (prepared.holes, prepared.fireflies);
     Ok(Denoised { color: estimate, holes, fireflies, strength, plan })
 }
