@@ -87,7 +87,7 @@ pub(crate) fn run(a: &Denoise) -> Result<()> {
         model: model(a.model),
         restore_mean: !a.keep_darkening,
         fireflies: !a.keep_fireflies,
-        without: Stage::ALL.into_iter().find(|stage| a.without.as_deref() == Some(stage.name())),
+        without: Stage::ALL.into_iter().filter(|s| a.without.iter().any(|name| name == s.name())).collect(),
         ..Settings::default()
     };
     let reference =

@@ -61,7 +61,7 @@ impl<'a> Prepared<'a> {
     ) -> Result<Self, DenoiseError> {
         frame.check()?;
         let without = settings.without;
-        let frame = &Stage::taken_from(without, frame);
+        let frame = &without.taken_from(frame);
         let shape = frame.shape;
         let mut features = Features::of(&frame.guides, shape.pixels(), plan);
         let (mut sides, mut weight, holes) = plan.stage("holes", || {
@@ -69,15 +69,15 @@ impl<'a> Prepared<'a> {
             let why = format!("{holes} pixels with NaN or infinity");
             ((sides, weight, holes), why)
         });
-        let exact = match without {
-            Some(Stage::Exact) => {
+        let exact = match without.has(Stage::Exact) {
+            true => {
                 plan.skip("exact", LEFT_OUT);
                 Vec::new()
             }
-            _ => exact(frame, &features, &mut weight, plan),
+            false => exact(frame, &features, &mut weight, plan),
         };
         let jagged = smoothed(frame, &mut features, settings, plan);
-        let demodulated = features.albedo.as_ref().filter(|_| without != Some(Stage::Demodulation));
+        let demodulated = features.albedo.as_ref().filter(|_| !without.has(Stage::Demodulation));
         let divisor = match demodulated {
             Some(albedo) => Some(plan.stage("demodulation", || {
                 let d = divisor(albedo);
@@ -90,12 +90,12 @@ impl<'a> Prepared<'a> {
                 None
             }
         };
-        let apart = features.albedo.as_ref().filter(|_| without != Some(Stage::Black));
+        let apart = features.albedo.as_ref().filter(|_| !without.has(Stage::Black));
         let black = apart.map_or(Vec::new(), |a| black_pixels(a, &weight));
         // The automatic model has a stage of its own for them.
-        match (settings.model, without, black.len()) {
+        match (settings.model, without.has(Stage::Black), black.len()) {
             (Model::Auto, ..) => {}
-            (_, Some(Stage::Black), _) => plan.skip("black", LEFT_OUT),
+            (_, true, _) => plan.skip("black", LEFT_OUT),
             (_, _, 0) => plan.skip("black", NO_BLACK),
             (_, _, n) => {
                 plan.run("black", format!("{n} pixels without diffuse reflectance: means by themselves"));
@@ -207,7 +207,7 @@ fn smoothed(
     let layer = frame.variance.filter(|_| frame.half.is_none());
     let skipped = match settings {
         Settings { model: Model::Variational(_) | Model::Atrous, .. } => Some(PART_OF_AUTO),
-        Settings { without: Some(Stage::Jagged), .. } => Some(LEFT_OUT),
+        _ if settings.without.has(Stage::Jagged) => Some(LEFT_OUT),
         _ if layer.is_none() => Some("no variance layer, which would tell noise from textures"),
         _ if features.albedo.is_none() && features.normal.is_none() => Some("neither albedo nor normal"),
         _ => None,
