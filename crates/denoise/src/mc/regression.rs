@@ -535,7 +535,9 @@ mod tests {
         let basis = Basis::of(&Features::default(), shape);
         let estimates = [1, 4].map(|threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-            pool.install(|| regress(shape, &basis, &irradiance, &weight, None, Stages::default(), false).estimate)
+            pool.install(|| {
+                regress(shape, &basis, &irradiance, &weight, None, Stages::default(), false).estimate
+            })
         });
         assert!(estimates[0] == estimates[1]);
         for i in 0..n {
