@@ -1,9 +1,10 @@
 //! Which layer of a file holds the colour, the albedo, the normals and so on.
 
 use anyhow::{Result, bail};
-use photofit_image::{Image, read, read_exr_layers, srgb_encode};
+use photofit_image::{ExrLayer, Image, read, read_exr_planes, srgb_encode};
 use std::fmt;
 use std::path::Path;
+use std::sync::Arc;
 
 /// What a layer holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,6 +20,8 @@ pub(crate) enum Kind {
 impl Kind {
     pub(crate) const GUIDES: [Self; 5] =
         [Self::Albedo, Self::Normal, Self::Depth, Self::Position, Self::Variance];
+    const ALL: [Self; 6] =
+        [Self::Color, Self::Albedo, Self::Normal, Self::Depth, Self::Position, Self::Variance];
 
     fn name(self) -> &'static str {
         match self {
@@ -69,11 +72,71 @@ impl fmt::Display for Kind {
     }
 }
 
+/// Some planes of a file's layer.
+#[derive(Clone, Debug)]
+pub(crate) struct Planes {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    all: Arc<Vec<f32>>,
+    /// The first plane, and how many there are.
+    first: usize,
+    pub(crate) count: usize,
+}
+
+impl Planes {
+    /// The samples, plane by plane.
+    pub(crate) fn samples(&self) -> &[f32] {
+        self.first_planes(self.count)
+    }
+
+    /// Those of the first planes.
+    pub(crate) fn first_planes(&self, count: usize) -> &[f32] {
+        let n = self.width * self.height;
+        &self.all[self.first * n..(self.first + count) * n]
+    }
+
+    /// Those of the last plane, where there are more than three: alpha.
+    pub(crate) fn alpha(&self) -> Option<&[f32]> {
+        self.samples().chunks(self.width * self.height).nth(3)
+    }
+
+    /// Others in their place, as many.
+    #[must_use]
+    pub(crate) fn with(&self, samples: Vec<f32>) -> Self {
+        Self { all: Arc::new(samples), first: 0, ..*self }
+    }
+
+    /// As an image of the first three.
+    pub(crate) fn to_rgb(&self) -> Image {
+        Image::from_planes(self.width, self.height, self.first_planes(3))
+    }
+}
+
+/// A layer, its planes apart.
+struct Layer {
+    head: ExrLayer,
+    planes: Arc<Vec<f32>>,
+}
+
+impl From<ExrLayer> for Layer {
+    fn from(mut head: ExrLayer) -> Self {
+        let planes = Arc::new(std::mem::take(&mut head.planes));
+        Self { head, planes }
+    }
+}
+
+impl Layer {
+    fn planes(&self, first: usize, count: usize) -> Planes {
+        let ExrLayer { width, height, .. } = self.head;
+        Planes { width, height, all: self.planes.clone(), first, count }
+    }
+}
+
 /// The layers of one file, in linear light.
 pub(crate) struct Layers {
     file: String,
     encoded: bool,
-    layers: Vec<(String, Image, Vec<String>)>,
+    layers: Vec<Layer>,
 }
 
 impl Layers {
@@ -82,36 +145,55 @@ impl Layers {
     /// # Errors
     /// If the file cannot be read.
     pub(crate) fn read(path: &Path) -> Result<Self> {
+        Self::read_wanted(path, |layers| vec![true; layers.len()])
+    }
+
+    /// The same without the samples of layers whose names say that they are of no kind.
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub(crate) fn read_known(path: &Path) -> Result<Self> {
+        let named = |layer: &ExrLayer| {
+            let names = Kind::ALL.iter().flat_map(|kind| kind.names());
+            layer.name.is_empty() || names.into_iter().any(|wanted| matches(&layer.name, wanted))
+        };
+        // A single layer is the picture, whatever its name.
+        Self::read_wanted(path, |layers| layers.iter().map(|l| layers.len() == 1 || named(l)).collect())
+    }
+
+    fn read_wanted(path: &Path, wanted: impl FnOnce(&[ExrLayer]) -> Vec<bool>) -> Result<Self> {
         let exr = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
         let encoded = path.extension().is_some_and(|e| !exr && !e.eq_ignore_ascii_case("hdr"));
         let layers = match exr {
-            true => read_exr_layers(path)?,
+            true => read_exr_planes(path, wanted)?,
             false => {
                 let image = read(path)?;
-                let names =
-                    ["R", "G", "B", "A"][..image.channels.min(4)].iter().map(ToString::to_string).collect();
-                vec![(String::new(), image, names)]
+                let names = ["R", "G", "B", "A"][..image.channels.min(4)].iter().map(ToString::to_string);
+                vec![ExrLayer::of_image(String::new(), &image, names.collect())]
             }
         };
+        let layers = layers.into_iter().map(Layer::from).collect();
         Ok(Self { file: path.display().to_string(), encoded, layers })
     }
 
     /// The layer of a kind: its name, and its channels in order (3, or 1 for a depth; 4 for a colour with alpha).
     /// A plain `Z` beside R, G, B is a depth.
-    pub(crate) fn find(&self, kind: Kind) -> Option<(String, Image)> {
+    pub(crate) fn find(&self, kind: Kind) -> Option<(String, Planes)> {
         for wanted in kind.names() {
-            for (name, image, channels) in &self.layers {
-                if matches(name, wanted) && image.channels >= kind.channels() && !only_alpha(channels) {
-                    return Some((name.clone(), self.take(kind, image)));
+            for layer in &self.layers {
+                let ExrLayer { name, channels, .. } = &layer.head;
+                if matches(name, wanted) && channels.len() >= kind.channels() && !only_alpha(channels) {
+                    return Some((name.clone(), self.take(kind, layer)));
                 }
             }
         }
-        let (_, image, channels) = self.layers.iter().find(|(name, ..)| name.is_empty())?;
+        let plain = self.layers.iter().find(|l| l.head.name.is_empty())?;
+        let channels = &plain.head.channels;
         match kind {
-            Kind::Color if image.channels >= 3 => Some((String::new(), self.take(kind, image))),
-            Kind::Depth if image.channels > 1 => {
+            Kind::Color if channels.len() >= 3 => Some((String::new(), self.take(kind, plain))),
+            Kind::Depth if channels.len() > 1 => {
                 let z = channels.iter().position(|c| c == "Z")?;
-                (channels[0] == "R").then(|| ("Z".to_owned(), image.select(&[z])))
+                (channels[0] == "R").then(|| ("Z".to_owned(), plain.planes(z, 1)))
             }
             _ => None,
         }
@@ -121,9 +203,9 @@ impl Layers {
     ///
     /// # Errors
     /// If none has.
-    pub(crate) fn guide(&self, kind: Kind) -> Result<(String, Image)> {
-        let first = || self.layers.iter().find(|(_, image, _)| image.channels >= kind.channels());
-        match self.find(kind).or_else(|| first().map(|(n, i, _)| (n.clone(), self.take(kind, i)))) {
+    pub(crate) fn guide(&self, kind: Kind) -> Result<(String, Planes)> {
+        let first = || self.layers.iter().find(|l| l.head.channels.len() >= kind.channels());
+        match self.find(kind).or_else(|| first().map(|l| (l.head.name.clone(), self.take(kind, l)))) {
             Some(found) => Ok(found),
             None => bail!(
                 "{}: no layer that could be the {kind}: {} channels are needed, found {}",
@@ -138,16 +220,16 @@ impl Layers {
     ///
     /// # Errors
     /// If there is none; the message lists what there is.
-    pub(crate) fn color(&self) -> Result<(String, Image)> {
+    pub(crate) fn color(&self) -> Result<(String, Planes)> {
         if let Some(found) = self.find(Kind::Color) {
             return Ok(found);
         }
         // One layer of an unknown name is the picture unless its name says that it is a guide.
-        if let [(name, image, _)] = &self.layers[..]
-            && image.channels >= 3
+        if let [layer] = &self.layers[..]
+            && layer.head.channels.len() >= 3
             && Kind::GUIDES.iter().all(|k| self.find(*k).is_none())
         {
-            return Ok((name.clone(), self.take(Kind::Color, image)));
+            return Ok((layer.head.name.clone(), self.take(Kind::Color, layer)));
         }
         bail!(
             "{}: no layer with a colour (R, G, B; or a name such as color, beauty, Combined), found {}",
@@ -156,17 +238,20 @@ impl Layers {
         )
     }
 
-    fn take(&self, kind: Kind, image: &Image) -> Image {
+    fn take(&self, kind: Kind, layer: &Layer) -> Planes {
         match kind {
-            Kind::Depth => image.select(&[0]),
-            Kind::Color if image.channels >= 4 => image.select(&[0, 1, 2, 3]),
-            Kind::Normal => signed(image.select(&[0, 1, 2]), self.encoded),
-            _ => image.select(&[0, 1, 2]),
+            Kind::Depth => layer.planes(0, 1),
+            Kind::Color => {
+                let alpha = layer.head.channels.get(3).is_some_and(|c| c.eq_ignore_ascii_case("a"));
+                layer.planes(0, 3 + usize::from(alpha))
+            }
+            Kind::Normal => signed(layer.planes(0, 3), self.encoded),
+            _ => layer.planes(0, 3),
         }
     }
 
     fn list(&self) -> String {
-        let shown = self.layers.iter().map(|(name, _, channels)| {
+        let shown = self.layers.iter().map(|Layer { head: ExrLayer { name, channels, .. }, .. }| {
             let name = if name.is_empty() { "(no name)" } else { name.as_str() };
             format!("{name}: {}", channels.join(" "))
         });
@@ -188,20 +273,22 @@ fn only_alpha(channels: &[String]) -> bool {
 }
 
 /// Normals as `2 v - 1` where they are stored as `v` in `[0, 1]`; PNG values are used as stored.
-fn signed(image: Image, encoded: bool) -> Image {
-    let image = if encoded { image.map(srgb_encode) } else { image };
-    let negative = image.data.iter().any(|v| *v < -0.01);
+fn signed(planes: Planes, encoded: bool) -> Planes {
+    let map =
+        |planes: &Planes, f: fn(f32) -> f32| planes.with(planes.samples().iter().map(|v| f(*v)).collect());
+    let planes = if encoded { map(&planes, srgb_encode) } else { planes };
+    let stored = planes.samples();
+    if stored.iter().any(|v| *v < -0.01) {
+        return planes;
+    }
     // Unit vectors of which no component is negative would have a mean length of 1 as stored.
+    let n = stored.len() / 3;
     let length = |map: fn(f32) -> f32| {
-        let sum: f64 = image
-            .data
-            .chunks_exact(3)
-            .map(|p| f64::from(p.iter().map(|v| map(*v) * map(*v)).sum::<f32>().sqrt()))
-            .map(|l| (l - 1.0).abs().min(1.0))
-            .sum();
+        let squares = |i: usize| (0..3).map(|c| map(stored[c * n + i]).powi(2)).sum::<f32>();
+        let sum: f64 = (0..n).map(|i| f64::from(squares(i).sqrt())).map(|l| (l - 1.0).abs().min(1.0)).sum();
         sum
     };
-    if !negative && length(|v| 2.0 * v - 1.0) < length(|v| v) { image.map(|v| 2.0 * v - 1.0) } else { image }
+    if length(|v| 2.0 * v - 1.0) < length(|v| v) { map(&planes, |v| 2.0 * v - 1.0) } else { planes }
 }
 
 #[cfg(test)]
@@ -212,11 +299,8 @@ mod tests {
         let layer = |(name, channels): &(&str, &str)| {
             let channels: Vec<String> = channels.split(' ').map(str::to_owned).collect();
             let value = name.len() as f32;
-            (
-                (*name).to_owned(),
-                Image::from_fn(2, 2, channels.len(), |_, _, c| value + 100.0 * c as f32),
-                channels,
-            )
+            let image = Image::from_fn(2, 2, channels.len(), |_, _, c| value + 100.0 * c as f32);
+            ExrLayer::of_image((*name).to_owned(), &image, channels).into()
         };
         Layers { file: "a.exr".into(), encoded: false, layers: list.iter().map(layer).collect() }
     }
@@ -268,6 +352,7 @@ mod tests {
             }
         }
         assert_eq!(found(&[("", "R G B Z")], Kind::Depth).as_deref(), Some("Z"));
+        assert!(layers(&[("", "R G B Z")]).color().unwrap().1.alpha().is_none(), "depth is no alpha");
         assert_eq!(found(&[("", "R G B")], Kind::Depth), None);
         assert_eq!(found(&blender, Kind::Variance), None);
         assert_eq!(found(&[("", "R G B"), ("animal", "R G B"), ("mist", "Z")], Kind::Normal), None);
@@ -283,10 +368,39 @@ mod tests {
     }
 
     #[test]
+    fn layers_of_no_kind_are_not_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        let image = Image::from_fn(4, 3, 4, |x, y, c| (x + 10 * y + 100 * c) as f32);
+        let (rgb, rgba) = (image.select(&[0, 1, 2]), ["R", "G", "B", "A"]);
+        let direct = ("direct", &rgb, &rgba[..3]);
+        let all = [("color", &image, &rgba[..]), ("albedo", &rgb, &rgba[..3]), direct];
+        photofit_image::write_exr(&path, &all).unwrap();
+        let read = |layers: Layers| {
+            let (_, color) = layers.color().unwrap();
+            assert_eq!(color.to_rgb(), rgb);
+            assert_eq!(color.alpha(), Some(&image.planes()[36..]));
+            assert_eq!(layers.find(Kind::Albedo).unwrap().1.to_rgb(), rgb);
+            let samples = |l: &Layer| (l.head.name.clone(), l.planes.len());
+            layers.layers.iter().map(samples).collect::<Vec<_>>()
+        };
+        let sizes =
+            |direct| [("color", 48), ("albedo", 36), ("direct", direct)].map(|(n, s)| (n.to_owned(), s));
+        assert_eq!(read(Layers::read(&path).unwrap()), sizes(36));
+        assert_eq!(read(Layers::read_known(&path).unwrap()), sizes(0));
+        photofit_image::write_exr(&path, &[direct]).unwrap();
+        assert_eq!(Layers::read_known(&path).unwrap().color().unwrap().1.to_rgb(), rgb, "a single layer is");
+    }
+
+    #[test]
     fn normals_are_signed_again() {
+        let planes = |image: &Image| {
+            let names = ["X", "Y", "Z"].map(str::to_owned).to_vec();
+            Layer::from(ExrLayer::of_image(String::new(), image, names)).planes(0, 3)
+        };
         let stored = Image::from_data(2, 1, 3, vec![0.5, 0.5, 1.0, 1.0, 0.5, 0.5]);
-        assert_eq!(signed(stored, false).data, [0.0, 0.0, 1.0, 1.0, 0.0, 0.0]);
+        assert_eq!(signed(planes(&stored), false).to_rgb().data, [0.0, 0.0, 1.0, 1.0, 0.0, 0.0]);
         let plain = Image::from_data(2, 1, 3, vec![0.0, 0.0, 1.0, 0.6, 0.8, 0.0]);
-        assert_eq!(signed(plain.clone(), false), plain);
+        assert_eq!(signed(planes(&plain), false).to_rgb(), plain);
     }
 }

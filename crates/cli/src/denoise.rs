@@ -1,6 +1,6 @@
 //! `photofit denoise`: a clean picture from a noisy rendering and its feature layers.
 
-use crate::aov::{Kind, Layers};
+use crate::aov::{Kind, Layers, Planes};
 use crate::args::{Denoise, DenoiseModel};
 use crate::output::{self, print};
 use crate::preflight::Places;
@@ -13,7 +13,8 @@ use photofit_denoise::mc::{
 };
 use photofit_fit::Progress;
 use photofit_image::{
-    DEFAULT_PIXELS_PER_DEGREE, Image, flip, psnr_from_mse, rmse, ssim, to_display, write_exr, write_png,
+    DEFAULT_PIXELS_PER_DEGREE, ExrLayer, Image, flip, psnr_from_mse, rmse, ssim, to_display,
+    write_exr_planes, write_png,
 };
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -31,24 +32,23 @@ pub(crate) struct Files {
 struct Loaded {
     width: usize,
     height: usize,
-    color: Vec<f32>,
-    alpha: Option<Vec<f32>>,
-    half: Option<Vec<f32>>,
-    guides: Vec<(Kind, Vec<f32>)>,
+    color: Planes,
+    half: Option<Planes>,
+    guides: Vec<(Kind, Planes)>,
     sources: Vec<(Kind, String)>,
 }
 
 impl Loaded {
     fn frame(&self) -> Frame<'_> {
-        let get = |kind: Kind| self.guides.iter().find(|(k, _)| *k == kind).map(|(_, v)| v.as_slice());
+        let get = |kind: Kind| self.guides.iter().find(|(k, _)| *k == kind).map(|(_, v)| v.samples());
         let guides = Guides {
             albedo: get(Kind::Albedo),
             normal: get(Kind::Normal),
             depth: get(Kind::Depth),
             position: get(Kind::Position),
         };
-        let mut frame = Frame::new(self.width, self.height, &self.color).with_guides(guides);
-        frame.half = self.half.as_deref();
+        let mut frame = Frame::new(self.width, self.height, self.color.first_planes(3)).with_guides(guides);
+        frame.half = self.half.as_ref().map(|half| half.first_planes(3));
         frame.variance = get(Kind::Variance);
         frame
     }
@@ -87,14 +87,16 @@ pub(crate) fn run(a: &Denoise) -> Result<()> {
         model: model(a.model),
         restore_mean: !a.keep_darkening,
         fireflies: !a.keep_fireflies,
-        without: Stage::ALL.into_iter().find(|stage| a.without.as_deref() == Some(stage.name())),
+        without: Stage::ALL.into_iter().filter(|s| a.without.iter().any(|name| name == s.name())).collect(),
         ..Settings::default()
     };
     let reference =
         a.compare.as_ref().map(|path| Ok::<_, anyhow::Error>((path, read_rgb(path)?))).transpose()?;
     // What cannot be compared is said before the work.
     let check = |loaded: &Loaded| match &reference {
-        Some((path, image)) => same_size(image, &path.display().to_string(), loaded.width, loaded.height),
+        Some((path, image)) => {
+            same_size((image.width, image.height), &path.display().to_string(), (loaded.width, loaded.height))
+        }
         None => Ok(()),
     };
     let progress = Terminal::new();
@@ -111,7 +113,6 @@ pub(crate) fn run(a: &Denoise) -> Result<()> {
         }
     };
     progress.finish();
-    let image = interleaved(&result.color, last.width, last.height);
     let mut text = String::new();
     if a.explain {
         text += &result.plan.to_string();
@@ -120,13 +121,14 @@ pub(crate) fn run(a: &Denoise) -> Result<()> {
     let mut value = json_of(a, &last, &result, seconds);
     if let Some((_, reference)) = &reference {
         progress.report("compare", 0, 1, "");
-        text += &compare(&mut value, reference, &interleaved(&last.color, last.width, last.height), &image);
+        let clean = Image::from_planes(last.width, last.height, &result.color);
+        text += &compare(&mut value, reference, &last.color.to_rgb(), &clean);
         progress.finish();
     }
     if result.holes > 0 {
         text += &format!("{} pixels with NaN or infinity were filled\n", output::count(result.holes));
     }
-    write(&a.output, &image, last.alpha.as_deref())?;
+    write(&a.output, result.color, &last.color)?;
     if let Some(file) = &a.json {
         output::write_json(file, &value)?;
     }
@@ -182,11 +184,10 @@ fn over_sequence(
             loaded.guides.iter_mut().find(|(kind, _)| frame.axial && *kind == Kind::Depth)
         {
             let rule = "world_to_pixel has no inverse";
-            let near = depth.iter().map(|z| if *z < 1e9 { *z } else { 0.0 }).collect::<Vec<f32>>();
-            *depth = frame
-                .camera
-                .distances(&near, width)
-                .ok_or_else(|| anyhow!("{}: {rule}", cameras.display()))?;
+            let near = |z: &f32| if *z < 1e9 { *z } else { 0.0 };
+            let near: Vec<f32> = depth.samples().iter().map(near).collect();
+            let distances = frame.camera.distances(&near, width);
+            *depth = depth.with(distances.ok_or_else(|| anyhow!("{}: {rule}", cameras.display()))?);
         }
         let began = Instant::now();
         history
@@ -206,26 +207,26 @@ fn over_sequence(
 
 /// Reads the files of a frame; guides that have no file of their own are looked for beside the colour.
 fn load(files: &Files) -> Result<Loaded> {
-    let layers = Layers::read(&files.color)?;
+    let layers = Layers::read_known(&files.color)?;
     let (name, color) = layers.color()?;
     let place = |path: &Path, layer: &str| match layer {
         "" => path.display().to_string(),
         _ => format!("{}, layer {layer}", path.display()),
     };
+    let size = (color.width, color.height);
     let mut loaded = Loaded {
         width: color.width,
         height: color.height,
-        color: planes(&color, 3),
-        alpha: (color.channels == 4).then(|| planes(&color.select(&[3]), 1)),
+        color,
         half: None,
         guides: Vec::new(),
         sources: vec![(Kind::Color, place(&files.color, &name))],
     };
     if let Some(path) = &files.half {
-        let (name, half) = Layers::read(path)?.color()?;
-        same_size(&half, &place(path, &name), color.width, color.height)?;
-        let half = planes(&half, 3);
-        if half.iter().zip(&loaded.color).all(|(a, b)| a.to_bits() == b.to_bits()) {
+        let (name, half) = Layers::read_known(path)?.color()?;
+        same_size((half.width, half.height), &place(path, &name), size)?;
+        let pairs = half.first_planes(3).iter().zip(loaded.color.first_planes(3));
+        if pairs.into_iter().all(|(a, b)| a.to_bits() == b.to_bits()) {
             let place = place(path, &name);
             bail!(Misuse(format!(
                 "{place}: --half holds the same picture; it must be one with samples of its own"
@@ -236,60 +237,42 @@ fn load(files: &Files) -> Result<Loaded> {
     for kind in Kind::GUIDES {
         let found = match files.guides.iter().find(|(k, _)| *k == kind) {
             Some((_, path)) => {
-                let (name, image) = Layers::read(path)?.guide(kind)?;
-                Some((place(path, &name), image))
+                let (name, planes) = Layers::read(path)?.guide(kind)?;
+                Some((place(path, &name), planes))
             }
-            None => layers.find(kind).map(|(name, image)| (place(&files.color, &name), image)),
+            None => layers.find(kind).map(|(name, planes)| (place(&files.color, &name), planes)),
         };
-        if let Some((from, image)) = found {
-            same_size(&image, &from, color.width, color.height)?;
-            let channels = image.channels;
-            loaded.guides.push((kind, planes(&image, channels)));
+        if let Some((from, planes)) = found {
+            same_size((planes.width, planes.height), &from, size)?;
+            loaded.guides.push((kind, planes));
             loaded.sources.push((kind, from));
         }
     }
     Ok(loaded)
 }
 
-fn same_size(image: &Image, from: &str, width: usize, height: usize) -> Result<()> {
-    if (image.width, image.height) != (width, height) {
-        bail!("{from}: {} x {}, but the colour is {width} x {height}", image.width, image.height);
+fn same_size((w, h): (usize, usize), from: &str, (width, height): (usize, usize)) -> Result<()> {
+    if (w, h) != (width, height) {
+        bail!("{from}: {w} x {h}, but the colour is {width} x {height}");
     }
     Ok(())
 }
 
-/// The first channels as planes.
-fn planes(image: &Image, channels: usize) -> Vec<f32> {
-    (0..channels).flat_map(|c| image.data.iter().skip(c).step_by(image.channels).copied()).collect()
-}
-
-fn interleaved(planes: &[f32], width: usize, height: usize) -> Image {
-    let n = width * height;
-    Image::from_data(width, height, 3, (0..3 * n).map(|i| planes[i % 3 * n + i / 3]).collect())
-}
-
 /// Linear RGB of a picture file.
 fn read_rgb(path: &Path) -> Result<Image> {
-    let (_, image) = Layers::read(path)?.color()?;
-    Ok(image.select(&[0, 1, 2]))
+    Ok(Layers::read_known(path)?.color()?.1.to_rgb())
 }
 
-/// Writes the picture with its alpha; a PNG is encoded for a display.
-fn write(path: &Path, image: &Image, alpha: Option<&[f32]>) -> Result<()> {
-    let with_alpha = alpha.map(|alpha| {
-        let pixels = image.data.chunks_exact(3).zip(alpha);
-        Image::from_data(
-            image.width,
-            image.height,
-            4,
-            pixels.flat_map(|(p, a)| [p[0], p[1], p[2], *a]).collect(),
-        )
-    });
-    let image = with_alpha.as_ref().unwrap_or(image);
+/// Writes the picture with the alpha of the noisy one; a PNG is encoded for a display.
+fn write(path: &Path, mut planes: Vec<f32>, noisy: &Planes) -> Result<()> {
+    let Planes { width, height, .. } = *noisy;
+    planes.extend_from_slice(noisy.alpha().unwrap_or_default());
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
-        return Ok(write_png(path, image)?);
+        return Ok(write_png(path, &Image::from_planes(width, height, &planes))?);
     }
-    Ok(write_exr(path, &[("", image, &["R", "G", "B", "A"][..image.channels])])?)
+    let names = &["R", "G", "B", "A"][..planes.len() / (width * height)];
+    let channels = names.iter().map(ToString::to_string).collect();
+    Ok(write_exr_planes(path, &[ExrLayer { name: String::new(), width, height, channels, planes }])?)
 }
 
 fn json_of(a: &Denoise, last: &Loaded, result: &Denoised, seconds: f64) -> Value {

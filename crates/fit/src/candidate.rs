@@ -97,6 +97,8 @@ pub struct CandidateView<'a, T = f32> {
     pub background: &'a [[T; 3]],
     /// The vertices in this picture, where the positions do not say them: those of a pose. Positions have no gradients then.
     pub vertices: Option<&'a Vertices<T>>,
+    /// Whether backs of single-sided triangles are drawn, too.
+    pub backs: bool,
 }
 
 /// Gradients of the parameters, and scratch of the chain.
@@ -237,7 +239,7 @@ impl<T: LossScalar> Candidate<T> {
         vertex_normals(&round, &self.weld.expand(&single(&self.positions)), Weighting::Angle)
     }
 
-    fn geometry<'a>(&'a self, v: &'a Vertices<T>) -> Geometry<'a, T> {
+    fn geometry<'a>(&'a self, v: &'a Vertices<T>, backs: bool) -> Geometry<'a, T> {
         Geometry {
             positions: &v.positions,
             normals: &v.normals,
@@ -249,7 +251,7 @@ impl<T: LossScalar> Candidate<T> {
                 neighbour: &self.neighbour,
             },
             alpha: &self.alpha,
-            sides: &self.sides,
+            sides: if backs { &[] } else { &self.sides },
         }
     }
 
@@ -265,7 +267,13 @@ impl<T: LossScalar> Candidate<T> {
 
     /// Draws one picture.
     pub fn draw(&self, vertices: &Vertices<T>, picture: &CandidateView<'_, T>, passes: &Passes) -> Frame<T> {
-        deferred::render(&self.geometry(vertices), &self.maps, &picture.view, picture.background, passes)
+        deferred::render(
+            &self.geometry(vertices, picture.backs),
+            &self.maps,
+            &picture.view,
+            picture.background,
+            passes,
+        )
     }
 
     /// Draws all pictures, asks `value` for each, and pulls its gradients back to the parameters (overwriting `out`).
@@ -287,10 +295,10 @@ impl<T: LossScalar> Candidate<T> {
         out.rendered.clear();
         let own = LazyCell::new(|| self.vertices());
         let mut total = 0.0;
-        for (i, CandidateView { view, background, vertices }) in pictures.into_iter().enumerate() {
+        for (i, CandidateView { view, background, vertices, backs }) in pictures.into_iter().enumerate() {
             let posed = vertices.is_some() && passes.position_gradients;
             assert!(!posed, "vertices of a pose pass no gradient to positions");
-            let geometry = self.geometry(vertices.unwrap_or_else(|| &own));
+            let geometry = self.geometry(vertices.unwrap_or_else(|| &own), backs);
             let ParameterGradients { frame, pixels, rendered, .. } = out;
             deferred::render_into(&geometry, &self.maps, &view, background, passes, frame);
             pixels.clear();
@@ -373,7 +381,8 @@ impl Candidate {
     pub fn render(&self, vertices: &Vertices, shot: &Shot, passes: &Passes) -> Frame<f32> {
         let lights = shot.lights.lights();
         let background = shot.background();
-        let picture = CandidateView { view: view(shot, &lights), background: &background, vertices: None };
+        let (view, backs) = (view(shot, &lights), shot.backs);
+        let picture = CandidateView { view, background: &background, vertices: None, backs };
         self.draw(vertices, &picture, passes)
     }
 
@@ -404,6 +413,7 @@ impl Candidate {
             view: view(shot, lights),
             background: &over[i].background,
             vertices: vertices(i),
+            backs: shot.backs,
         });
         let weight = 1.0 / shots.len().max(1) as f64;
         let value = |i: usize, pixels: &[[f32; 4]], g: &mut [[f32; 4]]| {

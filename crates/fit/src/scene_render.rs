@@ -22,7 +22,7 @@ const AREA: usize = TILE * TILE;
 pub struct SceneRenderer<'a> {
     flat: &'a FlatScene,
     library: &'a SurfaceLibrary,
-    /// What is drawn of each triangle.
+    /// What is drawn of each triangle; both sides where nothing is said.
     sides: Vec<Sides>,
     opaque: bool,
 }
@@ -37,8 +37,15 @@ impl<'a> SceneRenderer<'a> {
         Self { flat, library, sides, opaque: seen.iter().all(|m| library.is_opaque(*m as usize)) }
     }
 
+    /// The same with the backs of single-sided materials, as renderers draw them that know no sides.
+    #[must_use]
+    pub fn with_backs(self) -> Self {
+        Self { sides: Vec::new(), ..self }
+    }
+
     /// Renders linear, premultiplied RGBA of `width` x `height` pixels, each the average of `supersample`^2 samples
-    /// (1, 2, 4 or 8 per axis) that all are shaded. The backs of single-sided materials are not drawn ([`Sides`]).
+    /// (1, 2, 4 or 8 per axis) that all are shaded. The backs of single-sided materials are not drawn ([`Sides`]), unless
+    /// [`Self::with_backs`] asks for them.
     ///
     /// # Panics
     /// If `supersample` is none of 1, 2, 4, 8, or the scene has an index out of range.

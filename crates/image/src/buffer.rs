@@ -1,5 +1,10 @@
 //! The image buffer.
 
+use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSliceMut};
+
+/// Pixels that one thread takes at a time where channels are moved.
+const RUN: usize = 1 << 14;
+
 /// An image of `f32` samples, interleaved, row-major, row 0 at the top.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Image {
@@ -92,6 +97,41 @@ impl Image {
             data.extend(channels.iter().map(|c| pixel[*c]));
         }
         Self { width: self.width, height: self.height, channels: channels.len(), data }
+    }
+
+    /// The channels one after the other, `width * height` samples each.
+    ///
+    /// ```
+    /// use photofit_image::Image;
+    /// let image = Image::from_data(2, 1, 2, vec![0.1, 0.2, 0.3, 0.4]);
+    /// assert_eq!(image.planes(), [0.1, 0.3, 0.2, 0.4]);
+    /// assert_eq!(Image::from_planes(2, 1, &image.planes()), image);
+    /// ```
+    pub fn planes(&self) -> Vec<f32> {
+        let mut planes = vec![0.0; self.data.len()];
+        planes.par_chunks_mut(self.pixels().max(1)).enumerate().for_each(|(c, plane)| {
+            let samples = self.data[c..].iter().step_by(self.channels);
+            plane.iter_mut().zip(samples).for_each(|(p, v)| *p = *v);
+        });
+        planes
+    }
+
+    /// The inverse of [`Self::planes`].
+    ///
+    /// # Panics
+    /// If these are not whole planes.
+    pub fn from_planes(width: usize, height: usize, planes: &[f32]) -> Self {
+        let n = width * height;
+        let channels = planes.len() / n.max(1);
+        let mut image = Self::new(width, height, channels);
+        assert_eq!(image.data.len(), planes.len(), "whole planes");
+        image.data.par_chunks_mut((RUN * channels).max(1)).enumerate().for_each(|(k, run)| {
+            for (c, plane) in planes.chunks(n.max(1)).enumerate() {
+                let samples = run[c..].iter_mut().step_by(channels);
+                samples.zip(&plane[k * RUN..]).for_each(|(s, v)| *s = *v);
+            }
+        });
+        image
     }
 
     /// The rectangle of `width x height` pixels whose upper left pixel is `(x, y)`.

@@ -12,6 +12,9 @@
 /// - Surfaces of solids that let light through (transmission with a volume of some thickness) are seen by the path tracer
 ///   from within as well: light refracts there. Transmission without a volume exempts nothing.
 /// - Where a side is seen from behind, its shading normal is turned to the viewer.
+///
+/// Path tracers and viewers that know no sides draw backs all the same. Some views of a fit do so, of the asset and of the
+/// light asset alike, where such backs are seen; no other picture does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Sides {
     /// The front alone: glTF's default.

@@ -63,9 +63,9 @@ pub(crate) struct Denoise {
     /// Do not clamp rare huge samples.
     #[arg(long)]
     pub(crate) keep_fireflies: bool,
-    /// Leave out an input or a stage, to see what it brings [default: none].
-    #[arg(long, value_name = "STAGE", value_parser = PossibleValuesParser::new(Stage::ALL.map(Stage::name)))]
-    pub(crate) without: Option<String>,
+    /// Leave out inputs or stages, separated by commas, to see what they bring [default: none].
+    #[arg(long, value_name = "STAGE", value_delimiter = ',', value_parser = PossibleValuesParser::new(Stage::ALL.map(Stage::name)))]
+    pub(crate) without: Vec<String>,
     /// A clean picture to compare with: PSNR, SSIM, FLIP, RMSE.
     #[arg(long, value_name = "REF")]
     pub(crate) compare: Option<PathBuf>,
@@ -83,6 +83,9 @@ pub(crate) struct Denoise {
 impl Denoise {
     /// Whether the options belong to the model.
     pub(super) fn check(&self) -> Result<(), String> {
+        if let Some(twice) = self.without.iter().enumerate().find(|(k, s)| self.without[..*k].contains(s)) {
+            return Err(format!("--without names {} twice; each stage must be named once", twice.1));
+        }
         match (self.keep_darkening, self.model) {
             (true, DenoiseModel::Auto | DenoiseModel::Atrous) => {
                 Err("--keep-darkening needs --model rof, tvl1, hybrid or tgv: the others do not darken"

@@ -246,6 +246,11 @@ fn options_that_do_not_go_together_show_the_usage_of_their_command() {
             "photofit compare ",
         ),
         (
+            &["denoise", "a.exr", "-o", "b.exr", "--without", "edges,detail", "--without", "edges"],
+            "--without names edges twice",
+            "photofit denoise ",
+        ),
+        (
             &["denoise", "a.exr", "-o", "b.exr", "--keep-darkening"],
             "--keep-darkening needs --model rof",
             "photofit denoise ",

@@ -20,10 +20,11 @@ impl Basis {
     pub(crate) fn of(features: &Features<'_>, shape: Shape) -> Self {
         let n = shape.pixels();
         let mut names = Vec::new();
-        let mut planes: Vec<Vec<f32>> = Vec::new();
-        let mut add = |name, data: &[f32]| {
+        let mut planes: Vec<&[f32]> = Vec::new();
+        let axes: Vec<f32>;
+        let mut add = |name, data| {
             names.push(name);
-            planes.extend(data.chunks(n).map(<[f32]>::to_vec));
+            planes.extend(<[f32]>::chunks(data, n));
         };
         if let Some(normal) = &features.normal {
             add("normal", normal);
@@ -32,7 +33,8 @@ impl Basis {
             (Some(position), _) => add("position", position),
             (None, depth) => {
                 let axis = |f: &dyn Fn(usize) -> usize| (0..n).map(|i| f(i) as f32).collect::<Vec<_>>();
-                add("pixel", &[axis(&|i| i % shape.width), axis(&|i| i / shape.width)].concat());
+                axes = [axis(&|i| i % shape.width), axis(&|i| i / shape.width)].concat();
+                add("pixel", &axes);
                 if let Some(depth) = depth {
                     add("depth", depth);
                 }
@@ -44,7 +46,7 @@ impl Basis {
 }
 
 /// The plane with mean 0 and deviation 1; `None` if it is constant.
-fn standardised(mut plane: Vec<f32>) -> Option<Vec<f32>> {
+fn standardised(plane: &[f32]) -> Option<Vec<f32>> {
     let n = plane.len() as f64;
     // Sums of short runs in single precision, with the first value taken off, so that no offset costs digits.
     let origin = plane.first().copied()?;
@@ -56,10 +58,7 @@ fn standardised(mut plane: Vec<f32>) -> Option<Vec<f32>> {
         return None;
     }
     let scale = 1.0 / deviation;
-    for v in &mut plane {
-        *v = (*v - mean) * scale;
-    }
-    Some(plane)
+    Some(plane.iter().map(|v| (v - mean) * scale).collect())
 }
 
 /// Values that are summed in single precision.

@@ -3,7 +3,7 @@
 //! Their light divided by the floor of the albedo is up to a hundred times that of the pixels around, and follows other
 //! laws: the two classes are filtered each by itself, so that lamps do not shine onto what is around them.
 
-use super::Stage;
+use super::Stages;
 use super::basis::Basis;
 use super::demodulate::ALBEDO_FLOOR;
 use super::prepare::Prepared;
@@ -33,7 +33,7 @@ pub(crate) fn regress_black(
     p: &Prepared<'_>,
     basis: &Basis,
     own: &[f32],
-    without: Option<Stage>,
+    without: Stages,
     estimate: &mut [f32],
 ) {
     let part = Part::around(&p.black, p.shape);

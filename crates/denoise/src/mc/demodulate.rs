@@ -1,6 +1,11 @@
 //! Division by the reflectance and its inverse: textures leave the picture before it is filtered.
 
-use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSlice, ParallelSliceMut};
+use rayon::prelude::{
+    IndexedParallelIterator, IntoParallelRefIterator, ParallelIterator, ParallelSlice, ParallelSliceMut,
+};
+
+/// Samples that one thread takes at a time.
+const RUN: usize = 1 << 14;
 
 /// The smallest divisor. A lower one amplifies noise on black texels that the product takes back anyway.
 pub const ALBEDO_FLOOR: f32 = 0.01;
@@ -19,7 +24,7 @@ pub const ALBEDO_FLOOR: f32 = 0.01;
 /// }
 /// ```
 pub fn divisor(albedo: &[f32]) -> Vec<f32> {
-    albedo.iter().map(|a| a.max(ALBEDO_FLOOR)).collect()
+    albedo.par_iter().with_min_len(RUN).map(|a| a.max(ALBEDO_FLOOR)).collect()
 }
 
 /// `color / d`, sample by sample.
@@ -28,7 +33,7 @@ pub fn divisor(albedo: &[f32]) -> Vec<f32> {
 /// If the lengths differ.
 pub fn demodulate(color: &mut [f32], d: &[f32]) {
     assert_eq!(color.len(), d.len(), "one divisor per sample");
-    color.par_chunks_mut(1 << 14).zip(d.par_chunks(1 << 14)).for_each(|(c, d)| {
+    color.par_chunks_mut(RUN).zip(d.par_chunks(RUN)).for_each(|(c, d)| {
         for (c, d) in c.iter_mut().zip(d) {
             *c /= *d;
         }
@@ -41,7 +46,7 @@ pub fn demodulate(color: &mut [f32], d: &[f32]) {
 /// If the lengths differ.
 pub fn remodulate(irradiance: &mut [f32], d: &[f32]) {
     assert_eq!(irradiance.len(), d.len(), "one divisor per sample");
-    irradiance.par_chunks_mut(1 << 14).zip(d.par_chunks(1 << 14)).for_each(|(u, d)| {
+    irradiance.par_chunks_mut(RUN).zip(d.par_chunks(RUN)).for_each(|(u, d)| {
         for (u, d) in u.iter_mut().zip(d) {
             *u *= *d;
         }

@@ -3,7 +3,9 @@
 
 use super::frame::{Features, Frame};
 use super::window::{blur_sums, gaussian_taps};
-use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSlice, ParallelSliceMut};
+use rayon::prelude::{
+    IndexedParallelIterator, IntoParallelIterator, ParallelIterator, ParallelSlice, ParallelSliceMut,
+};
 
 /// Deviation over the level of a pixel below which it has no noise: half precision files round by as much.
 const SILENT: f32 = 1e-3;
@@ -25,6 +27,9 @@ const RIM: f32 = 0.1;
 const NOISES: f32 = 4.0;
 /// Pixels on each side of the window whose median is what lies beside an emitter.
 const BESIDE: usize = 4;
+
+/// Pixels that one thread takes at a time.
+const RUN: usize = 1 << 14;
 
 /// A pixel and its radiance.
 pub(crate) type ExactPixel = (usize, [f32; 3]);
@@ -64,14 +69,15 @@ pub(crate) fn exact_pixels(frame: &Frame<'_>, features: &Features<'_>, weight: &
     let (sum, count) = sums.iter().fold((0.0, 0), |(s, k), (sum, count)| (s + sum, k + count));
     let bright = OUTSTANDING * (sum / count.max(1) as f64) as f32;
     let is_exact = |i: usize| silent[i] > 0 && (windows[i] > 0 || level(i) > bright);
-    let exact: Vec<bool> = (0..n).map(is_exact).collect();
+    let exact: Vec<bool> = (0..n).into_par_iter().with_min_len(RUN).map(is_exact).collect();
     let emitted = |i: usize| if exact[i] && !missed(features, i) { level(i) } else { 0.0 };
     let noise = |i: usize| ((0..3).map(|c| variance(frame, c * n + i)).sum::<f32>() / 3.0).sqrt();
     let rims = rims(&exact, weight, width, &emitted, &level, &noise);
-    (0..n)
-        .filter(|i| exact[*i] || rims[*i])
-        .map(|i| (i, [color(0, i).max(0.0), color(1, i).max(0.0), color(2, i).max(0.0)]))
-        .collect()
+    let kept = |i: usize| exact[i] || rims[i];
+    let mut out = Vec::with_capacity((0..n).into_par_iter().with_min_len(RUN).filter(|i| kept(*i)).count());
+    let pixels = (0..n).filter(|i| kept(*i));
+    out.extend(pixels.map(|i| (i, [0, 1, 2].map(|c| color(c, i).max(0.0)))));
+    out
 }
 
 /// Pixels that show a part of an emitter: their light is that of the emitter, so that it must not reach what is beside,
@@ -96,7 +102,8 @@ fn rims(
         let middle = values.len() / 2;
         *values.select_nth_unstable_by(middle, f32::total_cmp).1
     };
-    let emitters: Vec<u8> = (0..exact.len()).map(|i| u8::from(emitted(i) > 0.0)).collect();
+    let all = (0..exact.len()).into_par_iter().with_min_len(RUN);
+    let emitters: Vec<u8> = all.map(|i| u8::from(emitted(i) > 0.0)).collect();
     let mut rims = vec![false; exact.len()];
     if !emitters.contains(&1) {
         return rims;
@@ -156,7 +163,8 @@ fn textured(frame: &Frame<'_>, shown: &[u8], color: &(impl Fn(usize, usize) -> f
     );
     let taps = gaussian_taps(TEXTURE_WINDOW);
     let (own, between) = (blur_sums(&own, width, &taps), blur_sums(&between, width, &taps));
-    (0..n).map(|i| shown[i] > 0 && own[i] <= TEXTURE * between[i]).collect()
+    let like = |i: usize| shown[i] > 0 && own[i] <= TEXTURE * between[i];
+    (0..n).into_par_iter().with_min_len(RUN).map(like).collect()
 }
 
 /// Variance of the mean of a sample.

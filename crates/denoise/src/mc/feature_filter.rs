@@ -11,7 +11,7 @@ use super::frame::Features;
 use super::pooled::{Pooled, SIDE, Scratch, add_row};
 use crate::Shape;
 use crate::wide::{Kernel, run_widest};
-use rayon::prelude::{IndexedParallelIterator, IntoParallelRefIterator, ParallelIterator};
+use rayon::prelude::{IndexedParallelIterator, IntoParallelRefIterator, ParallelIterator, ParallelSliceMut};
 use std::borrow::Cow;
 
 /// Deviation in pixels of the Gaussian whose means are compared, and of the average; pixels on each side of both.
@@ -35,6 +35,8 @@ const LEVEL: f32 = 4.0;
 const RANGE: [f32; 2] = [0.5, 0.8];
 /// Weight of a block beside another in the window of that: a deviation of 3 pixels with the block itself.
 const BESIDE: f32 = 0.35;
+/// Samples that one thread copies at a time.
+const RUN: usize = 1 << 14;
 /// Least share of noise in a tile that is worked on.
 const NOTICED: f32 = 0.02;
 
@@ -130,19 +132,23 @@ pub(crate) fn smooth_features(features: &mut Features<'_>, shape: Shape, share: 
         .map_init(Tile::default, |tile, origin| tile.smooth(given, share, *origin, shape, &taps))
         .collect();
     let slots = [&mut features.albedo, &mut features.normal, &mut features.position];
-    for (k, feature) in slots.into_iter().enumerate() {
-        let Some(feature) = feature else { continue };
-        let planes: &mut Vec<f32> = Cow::to_mut(feature);
-        for (c, plane) in planes.chunks_mut(shape.pixels()).enumerate() {
-            for ([x, y], (values, _)) in tiles.iter().zip(&smoothed) {
-                let count = TILE[0].min(width - x);
-                for (r, run) in values[(3 * k + c) * TILE[0] * TILE[1]..].chunks(TILE[0]).enumerate() {
-                    if r < TILE[1].min(height - y) {
-                        plane[(y + r) * width + x..][..count].copy_from_slice(&run[..count]);
-                    }
+    let write = |p: usize, plane: &mut [f32]| {
+        for ([x, y], (values, _)) in tiles.iter().zip(&smoothed) {
+            let count = TILE[0].min(width - x);
+            for (r, run) in values[p * TILE[0] * TILE[1]..].chunks(TILE[0]).enumerate() {
+                if r < TILE[1].min(height - y) {
+                    plane[(y + r) * width + x..][..count].copy_from_slice(&run[..count]);
                 }
             }
         }
+    };
+    for (k, feature) in slots.into_iter().enumerate() {
+        let Some(feature) = feature else { continue };
+        if let Cow::Borrowed(given) = feature {
+            *feature = Cow::Owned(given.par_iter().with_min_len(RUN).copied().collect());
+        }
+        let planes = Cow::to_mut(feature).par_chunks_mut(shape.pixels());
+        planes.enumerate().for_each(|(c, plane)| write(3 * k + c, plane));
     }
     smoothed.iter().map(|(_, changed)| changed).sum::<f32>() / shape.pixels() as f32
 }

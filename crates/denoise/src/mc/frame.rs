@@ -2,6 +2,7 @@
 
 use super::plan::Plan;
 use crate::{DenoiseError, Shape};
+use rayon::prelude::{IndexedParallelIterator, IntoParallelRefIterator, ParallelIterator, ParallelSlice};
 use std::borrow::Cow;
 
 /// Noise-free (or nearly so) first-hit features of each pixel. All are optional; what is there is used.
@@ -82,6 +83,41 @@ pub(crate) struct Features<'a> {
     pub(crate) position: Option<Cow<'a, [f32]>>,
 }
 
+/// What a look at the planes of a guide tells.
+#[derive(Clone, Copy)]
+struct Seen {
+    /// Values that are not finite.
+    bad: usize,
+    /// Whether some plane is not constant.
+    varies: bool,
+    /// Whether no value is larger than the most, or not a number.
+    within: bool,
+}
+
+/// Samples that one thread takes at a time.
+const RUN: usize = 1 << 14;
+
+fn seen(planes: &[f32], pixels: usize, most: f32) -> Seen {
+    let one = |run: &[f32], first: f32| {
+        let mut seen = Seen { bad: 0, varies: false, within: true };
+        for v in run {
+            seen.bad += usize::from(!v.is_finite());
+            seen.varies |= *v != first;
+            seen.within &= v.abs() <= most;
+        }
+        seen
+    };
+    let of_plane = |plane: &[f32]| plane.par_chunks(RUN).map(|run| one(run, plane[0])).reduce(NOTHING, both);
+    planes.chunks(pixels).map(of_plane).fold(NOTHING(), both)
+}
+
+/// Before anything is looked at.
+const NOTHING: fn() -> Seen = || Seen { bad: 0, varies: false, within: true };
+
+fn both(a: Seen, b: Seen) -> Seen {
+    Seen { bad: a.bad + b.bad, varies: a.varies || b.varies, within: a.within && b.within }
+}
+
 /// Depths beyond count as nothing hit: renderers write 1e10 and the like.
 const FARTHEST: f32 = 1e9;
 
@@ -93,9 +129,8 @@ impl<'a> Features<'a> {
                 plan.skip(name, "not given");
                 return None;
             };
-            let bad = plane.iter().filter(|v| !v.is_finite()).count();
-            let constant = plane.chunks(pixels).all(|p| p.iter().all(|v| *v == p[0]));
-            if constant {
+            let Seen { bad, varies, within } = seen(plane, pixels, most);
+            if !varies {
                 plan.skip(name, "constant");
                 return None;
             }
@@ -103,11 +138,11 @@ impl<'a> Features<'a> {
                 0 => plan.run(name, "guide"),
                 _ => plan.run(name, format!("guide; {bad} values that are not finite became 0")),
             }
-            let good = |v: &f32| v.abs() <= most;
-            if plane.iter().all(good) {
+            if within {
                 return Some(Cow::Borrowed(plane));
             }
-            Some(plane.iter().map(|v| if good(v) { *v } else { 0.0 }).collect::<Vec<f32>>().into())
+            let good = |v: &f32| if v.abs() <= most { *v } else { 0.0 };
+            Some(plane.par_iter().with_min_len(RUN).map(good).collect::<Vec<f32>>().into())
         };
         Self {
             albedo: take("albedo", guides.albedo, f32::MAX),

@@ -26,8 +26,8 @@ pub(super) fn variational(
     let mask = sampled.as_deref().unwrap_or(&p.weight);
     let target =
         plan.stage("logarithm", || (logarithm(&p.irradiance), "log(1 + irradiance), after all sums"));
-    let auxiliary = match settings.without {
-        Some(Stage::Coherence) => {
+    let auxiliary = match settings.without.has(Stage::Coherence) {
+        true => {
             plan.skip("coherence", LEFT_OUT);
             vec![1.0; p.shape.pixels()]
         }
@@ -66,7 +66,7 @@ pub(super) fn variational(
         let u = minimise(model, p.shape, Cow::Owned(target), mask, alpha, iterations);
         (u, format!("{iterations} steps"))
     })?;
-    let demodulated = p.features.albedo.as_deref().filter(|_| settings.without != Some(Stage::Demodulation));
+    let demodulated = p.features.albedo.as_deref().filter(|_| !settings.without.has(Stage::Demodulation));
     p.divisor = demodulated.map(divisor);
     u.iter_mut().for_each(|v| *v = v.max(0.0).exp_m1());
     match settings.restore_mean {

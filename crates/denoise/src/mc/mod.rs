@@ -50,5 +50,5 @@ pub use frame::{Frame, Guides};
 pub use noise::{log_sigma, mad_sigma};
 pub use pipeline::{Denoised, Model, Sequence, Settings, denoise};
 pub use plan::{Plan, Step};
-pub use stage::Stage;
+pub use stage::{Stage, Stages};
 pub use variational::{VariationalModel, adaptive_weight, choose_by_halves, solve_variational};

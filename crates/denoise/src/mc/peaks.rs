@@ -68,6 +68,9 @@ fn blurred(samples: &Samples<'_>, basis: &Basis, gauss: &[f32], x: usize, y: usi
     for v in y.saturating_sub(REACH)..(y + REACH + 1).min(height) {
         for u in x.saturating_sub(REACH)..(x + REACH + 1).min(width) {
             let i = v * width + u;
+            if samples.weight[i] <= 0.0 {
+                continue;
+            }
             let distance: f32 = basis.planes.iter().map(|p| (p[i] - p[own]).powi(2)).sum();
             let near = 1.0 / (1.0 + (distance / (FEATURE * FEATURE)).powi(2));
             let weight = samples.weight[i] * gauss[v.abs_diff(y)] * gauss[u.abs_diff(x)] * near;

@@ -13,9 +13,15 @@ use super::prepare::Prepared;
 use super::regression::regress;
 use super::variational::VariationalModel;
 use super::window::blur_mean;
-use super::{Plan, Stage, remodulate};
+use super::{Plan, Stage, Stages, remodulate};
 use crate::DenoiseError;
+use rayon::prelude::{
+    IndexedParallelIterator, IntoParallelRefMutIterator, ParallelIterator, ParallelSliceMut,
+};
 use std::borrow::Cow;
+
+/// Samples that one thread takes at a time.
+const RUN: usize = 1 << 14;
 
 /// What the plan says of a stage that the settings leave out, and of one that the other models do not have.
 pub(super) const LEFT_OUT: &str = "left out by the settings";
@@ -49,8 +55,8 @@ pub struct Settings {
     pub strength: Option<f32>,
     /// Steps of a convex model.
     pub iterations: usize,
-    /// An input or a stage that is left out, to see what it brings.
-    pub without: Option<Stage>,
+    /// Inputs and stages that are left out, to see what they bring.
+    pub without: Stages,
     /// When history is kept.
     pub temporal: TemporalSettings,
 }
@@ -63,7 +69,7 @@ impl Default for Settings {
             restore_mean: true,
             strength: None,
             iterations: 20,
-            without: None,
+            without: Stages::default(),
             temporal: TemporalSettings::default(),
         }
     }
@@ -271,7 +277,8 @@ fn filter(mut prepared: Prepared<'_>, settings: &Settings, mut plan: Plan) -> Re
     let variance = variance.map(|mut v| {
         if let Some(d) = &prepared.divisor {
             let n = v.len();
-            v.iter_mut()
+            v.par_iter_mut()
+                .with_min_len(RUN)
                 .enumerate()
                 .for_each(|(i, v)| *v *= (d[i].powi(2) + d[n + i].powi(2) + d[2 * n + i].powi(2)) / 3.0);
         }
@@ -279,7 +286,7 @@ fn filter(mut prepared: Prepared<'_>, settings: &Settings, mut plan: Plan) -> Re
     });
     let sampled = [&prepared.features.albedo, &prepared.features.normal];
     match settings.model {
-        Model::Auto if settings.without == Some(Stage::Edges) => plan.skip("edges", LEFT_OUT),
+        Model::Auto if settings.without.has(Stage::Edges) => plan.skip("edges", LEFT_OUT),
         Model::Auto if sampled.iter().any(|f| f.is_some()) => plan.stage("edges", || {
             let s = correct_edges(prepared.shape, &mut estimate, &noisy, &weight, variance.as_deref());
             let list = |v: &[f32]| v.iter().map(|v| format!("{v:.2}")).collect::<Vec<_>>().join(" ");
@@ -293,16 +300,15 @@ fn filter(mut prepared: Prepared<'_>, settings: &Settings, mut plan: Plan) -> Re
         soften(prepared.shape, &mut estimate, share);
     }
     let scale = 1.0 / prepared.key;
-    estimate.iter_mut().for_each(|v| *v = (*v * scale).max(0.0));
-    let n = prepared.shape.pixels();
-    for (i, color) in &prepared.exact {
-        (0..3).for_each(|c| estimate[c * n + i] = color[c]);
-    }
+    estimate.par_iter_mut().with_min_len(RUN).for_each(|v| *v = (*v * scale).max(0.0));
+    estimate.par_chunks_mut(prepared.shape.pixels()).enumerate().for_each(|(c, plane)| {
+        prepared.exact.iter().for_each(|(i, color)| plane[*i] = color[c]);
+    });
     let (holes, fireflies) = (prepared.holes, prepared.fireflies);
     Ok(Denoised { color: estimate, holes, fireflies, strength, plan })
 }
 
-fn regression<'a>(p: &'a Prepared<'_>, without: Option<Stage>, plan: &mut Plan) -> Vec<f32> {
+fn regression<'a>(p: &'a Prepared<'_>, without: Stages, plan: &mut Plan) -> Vec<f32> {
     let basis = plan.stage("regressors", || {
         let basis = Basis::of(&p.features, p.shape);
         let names = basis.names.clone();
@@ -315,22 +321,22 @@ fn regression<'a>(p: &'a Prepared<'_>, without: Option<Stage>, plan: &mut Plan) 
         let shares = r.shares.map(|s| format!("{:.0}%", 100.0 * s)).join(" ");
         let mut why =
             format!("widths of 3, 5, 8, 16 pixels in {shares} of {} cells; {} flat", r.cells, r.flat);
-        if let Some(stage @ (Stage::Widths | Stage::Highlights)) = without {
+        for stage in [Stage::Widths, Stage::Highlights].into_iter().filter(|stage| without.has(*stage)) {
             why += &format!("; {stage} left out");
         }
         (r.estimate, why)
     });
     match &split {
-        None if without == Some(Stage::Black) => plan.skip("black", LEFT_OUT),
+        None if without.has(Stage::Black) => plan.skip("black", LEFT_OUT),
         None => plan.skip("black", NO_BLACK),
         Some([_, own]) => plan.stage("black", || {
             regress_black(p, &basis, own, without, &mut estimate);
             ((), format!("{} pixels without diffuse reflectance by themselves", p.black.len()))
         }),
     }
-    match without {
-        Some(Stage::Detail) => plan.skip("detail", LEFT_OUT),
-        _ => plan.stage("detail", || {
+    match without.has(Stage::Detail) {
+        true => plan.skip("detail", LEFT_OUT),
+        false => plan.stage("detail", || {
             // Two halves tell too little of one pixel, and samples of a history hang together.
             let single = p.halves.is_none() && p.last.is_none();
             let variance = p.variance.as_deref().filter(|_| single);

@@ -10,10 +10,15 @@ use super::pipeline::{LEFT_OUT, NO_BLACK, PART_OF_AUTO};
 use super::pooled::Pooled;
 use super::{Model, Plan, Settings, Stage, demodulate, divisor};
 use crate::{DenoiseError, Shape};
-use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSliceMut};
+use rayon::prelude::{
+    IndexedParallelIterator, IntoParallelIterator, IntoParallelRefIterator, IntoParallelRefMutIterator,
+    ParallelIterator, ParallelSliceMut,
+};
 
 /// Mean irradiance that every picture is scaled to: logarithms and thresholds then mean the same for all.
 const EXPOSURE: f32 = 0.35;
+/// Samples that one thread takes at a time.
+const RUN: usize = 1 << 14;
 
 /// A picture ready to be filtered.
 #[derive(Clone, Debug)]
@@ -56,7 +61,7 @@ impl<'a> Prepared<'a> {
     ) -> Result<Self, DenoiseError> {
         frame.check()?;
         let without = settings.without;
-        let frame = &Stage::taken_from(without, frame);
+        let frame = &without.taken_from(frame);
         let shape = frame.shape;
         let mut features = Features::of(&frame.guides, shape.pixels(), plan);
         let (mut sides, mut weight, holes) = plan.stage("holes", || {
@@ -64,15 +69,15 @@ impl<'a> Prepared<'a> {
             let why = format!("{holes} pixels with NaN or infinity");
             ((sides, weight, holes), why)
         });
-        let exact = match without {
-            Some(Stage::Exact) => {
+        let exact = match without.has(Stage::Exact) {
+            true => {
                 plan.skip("exact", LEFT_OUT);
                 Vec::new()
             }
-            _ => exact(frame, &features, &mut weight, plan),
+            false => exact(frame, &features, &mut weight, plan),
         };
         let jagged = smoothed(frame, &mut features, settings, plan);
-        let demodulated = features.albedo.as_ref().filter(|_| without != Some(Stage::Demodulation));
+        let demodulated = features.albedo.as_ref().filter(|_| !without.has(Stage::Demodulation));
         let divisor = match demodulated {
             Some(albedo) => Some(plan.stage("demodulation", || {
                 let d = divisor(albedo);
@@ -85,12 +90,12 @@ impl<'a> Prepared<'a> {
                 None
             }
         };
-        let apart = features.albedo.as_ref().filter(|_| without != Some(Stage::Black));
+        let apart = features.albedo.as_ref().filter(|_| !without.has(Stage::Black));
         let black = apart.map_or(Vec::new(), |a| black_pixels(a, &weight));
         // The automatic model has a stage of its own for them.
-        match (settings.model, without, black.len()) {
+        match (settings.model, without.has(Stage::Black), black.len()) {
             (Model::Auto, ..) => {}
-            (_, Some(Stage::Black), _) => plan.skip("black", LEFT_OUT),
+            (_, true, _) => plan.skip("black", LEFT_OUT),
             (_, _, 0) => plan.skip("black", NO_BLACK),
             (_, _, n) => {
                 plan.run("black", format!("{n} pixels without diffuse reflectance: means by themselves"));
@@ -102,7 +107,7 @@ impl<'a> Prepared<'a> {
         let key = plan.stage("exposure", || {
             let key = key.unwrap_or_else(|| key_of(&sides[0], others));
             for side in &mut sides {
-                side.iter_mut().for_each(|v| *v = (*v * key).max(0.0));
+                side.par_iter_mut().with_min_len(RUN).for_each(|v| *v = (*v * key).max(0.0));
             }
             (key, format!("irradiance times {key:.4e}"))
         });
@@ -202,7 +207,7 @@ fn smoothed(
     let layer = frame.variance.filter(|_| frame.half.is_none());
     let skipped = match settings {
         Settings { model: Model::Variational(_) | Model::Atrous, .. } => Some(PART_OF_AUTO),
-        Settings { without: Some(Stage::Jagged), .. } => Some(LEFT_OUT),
+        _ if settings.without.has(Stage::Jagged) => Some(LEFT_OUT),
         _ if layer.is_none() => Some("no variance layer, which would tell noise from textures"),
         _ if features.albedo.is_none() && features.normal.is_none() => Some("neither albedo nor normal"),
         _ => None,
@@ -243,13 +248,12 @@ fn exact(frame: &Frame<'_>, features: &Features<'_>, weight: &mut [f32], plan: &
 /// The one or two halves with zeros at pixels where any of them is not finite.
 fn holes(frame: &Frame<'_>) -> (Vec<Vec<f32>>, Vec<f32>, usize) {
     let n = frame.shape.pixels();
-    let mut sides: Vec<Vec<f32>> =
-        std::iter::once(frame.color).chain(frame.half).map(<[f32]>::to_vec).collect();
+    let copy = |planes: &[f32]| planes.par_iter().with_min_len(RUN).copied().collect();
+    let mut sides: Vec<Vec<f32>> = std::iter::once(frame.color).chain(frame.half).map(copy).collect();
     // Larger values would overflow when they are squared.
     let sound = |v: f32| v.abs() < 1e15;
     let known = |i: usize| frame.variance.is_none_or(|v| (0..3).all(|c| v[c * n + i].is_finite()));
     let mut weight = vec![1.0_f32; n];
-    const RUN: usize = 1 << 14;
     let count = weight.par_chunks_mut(RUN).enumerate().map(|(k, run)| {
         let from = k * RUN;
         for plane in sides.iter().flat_map(|side| side.chunks(n)) {
@@ -296,5 +300,6 @@ fn scaled(variance: &[f32], divisor: Option<&[f32]>, key: f32) -> Vec<f32> {
         let v = if variance[i].is_finite() { variance[i].max(0.0) } else { 0.0 };
         v * (key / divisor.map_or(1.0, |d| d[i])).powi(2)
     };
-    (0..n).map(|i| (of(i) + of(n + i) + of(2 * n + i)) * (1.0 / 3.0)).collect()
+    let mean = |i: usize| (of(i) + of(n + i) + of(2 * n + i)) * (1.0 / 3.0);
+    (0..n).into_par_iter().with_min_len(RUN).map(mean).collect()
 }

@@ -10,10 +10,10 @@
 //! The width minimises Mallows' criterion [@mallows1973] in each cell, `RSS_k + 2 s^2 S_k` in relative units, with `S_k` the leverage
 //! of a sample and `s^2` the residual of a middle width, or the variance if it is known.
 
-use super::Stage;
 use super::basis::{Basis, MAX_REGRESSORS};
 use super::peaks::replace_peaks;
 use super::window::{blur_columns, blur_rows, gaussian_taps};
+use super::{Stage, Stages};
 use crate::Shape;
 use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSliceMut};
 
@@ -92,7 +92,7 @@ pub(crate) fn regress(
     irradiance: &[f32],
     weight: &[f32],
     variance: Option<&[f32]>,
-    without: Option<Stage>,
+    without: Stages,
     fill: bool,
 ) -> Regression {
     let cells = [shape.height.div_ceil(CELL), shape.width.div_ceil(CELL)];
@@ -114,9 +114,9 @@ pub(crate) fn regress(
             samples.solve(&blurred, &flat, &solved)
         })
         .collect();
-    let choice = match without {
-        Some(Stage::Widths) => vec![MIDDLE; flat.len()],
-        _ => samples.choose(&fits, variance, &used),
+    let choice = match without.has(Stage::Widths) {
+        true => vec![MIDDLE; flat.len()],
+        false => samples.choose(&fits, variance, &used),
     };
     let mean = samples.mean();
     let per_cell = 3 * k;
@@ -131,7 +131,7 @@ pub(crate) fn regress(
     }
     let needed = if fill { &solved } else { &used };
     let mut estimate = samples.evaluate(&chosen, needed);
-    if without != Some(Stage::Highlights) {
+    if !without.has(Stage::Highlights) {
         replace_peaks(&samples, basis, &samples.contrast(&fits), &mut estimate);
     }
     Regression { estimate, shares, flat: flat.iter().filter(|f| **f).count(), cells: flat.len() }
@@ -535,7 +535,9 @@ mod tests {
         let basis = Basis::of(&Features::default(), shape);
         let estimates = [1, 4].map(|threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-            pool.install(|| regress(shape, &basis, &irradiance, &weight, None, None, false).estimate)
+            pool.install(|| {
+                regress(shape, &basis, &irradiance, &weight, None, Stages::default(), false).estimate
+            })
         });
         assert!(estimates[0] == estimates[1]);
         for i in 0..n {

@@ -3,7 +3,7 @@
 use super::frame::{Frame, Guides};
 use std::fmt;
 
-/// An input or a stage of [`super::denoise`] that [`super::Settings::without`] leaves out. Fireflies have a switch of
+/// An input or a stage of [`super::denoise`] that [`super::Settings::without`] may leave out. Fireflies have a switch of
 /// their own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
@@ -73,15 +73,51 @@ impl Stage {
     }
 
     /// The frame without this input.
-    pub(crate) fn taken_from<'a>(stage: Option<Self>, frame: &Frame<'a>) -> Frame<'a> {
+    fn taken_from<'a>(self, frame: &Frame<'a>) -> Frame<'a> {
         let g = frame.guides;
-        match stage {
-            Some(Self::Albedo) => frame.with_guides(Guides { albedo: None, ..g }),
-            Some(Self::Normal) => frame.with_guides(Guides { normal: None, ..g }),
-            Some(Self::Position) => frame.with_guides(Guides { position: None, depth: None, ..g }),
-            Some(Self::Variance) => Frame { variance: None, ..*frame },
+        match self {
+            Self::Albedo => frame.with_guides(Guides { albedo: None, ..g }),
+            Self::Normal => frame.with_guides(Guides { normal: None, ..g }),
+            Self::Position => frame.with_guides(Guides { position: None, depth: None, ..g }),
+            Self::Variance => Frame { variance: None, ..*frame },
             _ => *frame,
         }
+    }
+}
+
+/// Some stages, each there or not.
+///
+/// ```
+/// use photofit_denoise::mc::{Stage, Stages};
+/// let some = Stages::from_iter([Stage::Detail, Stage::Edges]);
+/// assert!(some.has(Stage::Edges) && !some.has(Stage::Albedo));
+/// assert_eq!(Stages::from(Stage::Edges), Stages::from_iter([Stage::Edges; 2]));
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stages(u16);
+
+impl Stages {
+    /// Whether a stage is among them.
+    pub fn has(self, stage: Stage) -> bool {
+        self.0 & (1 << stage as u16) != 0
+    }
+
+    /// The frame without the inputs among them.
+    pub(crate) fn taken_from<'a>(self, frame: &Frame<'a>) -> Frame<'a> {
+        let out = Stage::ALL.into_iter().filter(|stage| self.has(*stage));
+        out.fold(*frame, |frame, stage| stage.taken_from(&frame))
+    }
+}
+
+impl From<Stage> for Stages {
+    fn from(stage: Stage) -> Self {
+        Self(1 << stage as u16)
+    }
+}
+
+impl FromIterator<Stage> for Stages {
+    fn from_iter<I: IntoIterator<Item = Stage>>(stages: I) -> Self {
+        Self(stages.into_iter().fold(0, |all, stage| all | Self::from(stage).0))
     }
 }
 

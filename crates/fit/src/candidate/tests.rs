@@ -215,7 +215,9 @@ impl Setting {
                 shade_per_pixel: self.sampling.shade_per_pixel,
                 lod_bias: self.lod_bias,
             };
-            CandidateView { view, background: &self.backgrounds[i], vertices: posed.as_ref() }
+            let (background, vertices) = (&self.backgrounds[i][..], posed.as_ref());
+            // The second camera sees backs, too.
+            CandidateView { view, background, vertices, backs: i == 1 }
         };
         f([0, 1].map(picture))
     }

@@ -81,6 +81,7 @@ impl GivenPicture {
             width: self.image.width,
             height: self.image.height,
             picture: Some(number),
+            backs: false,
         }
     }
 }

@@ -153,6 +153,8 @@ pub struct FitPlan {
     surfacing: Surfacing,
     /// Smallest and largest picture that mip levels with texels of their own are fitted to, pixels.
     mips: Option<[usize; 2]>,
+    /// Shares of pixels and of views that show the backs of single-sided surfaces.
+    backs: Option<(f64, f32)>,
 }
 
 impl FitPlan {
@@ -169,6 +171,7 @@ impl FitPlan {
             occlusion: Occlusion::default(),
             surfacing: Surfacing::default(),
             mips: None,
+            backs: None,
         }
     }
 
@@ -261,6 +264,13 @@ impl FitPlan {
         Self { mips, ..self }
     }
 
+    /// Adds the share of the asset's pixels that the backs of single-sided surfaces change, where it is measured, and of the
+    /// views that show them; nothing is told without.
+    #[must_use]
+    pub fn with_backs(self, seen: Option<f64>, share: f32) -> Self {
+        Self { backs: seen.map(|seen| (seen, share)), ..self }
+    }
+
     /// Adds the phases of the fit.
     #[must_use]
     pub fn with_phases<M>(self, phases: &[Phase<'_, M>]) -> Self {
@@ -333,6 +343,7 @@ impl FitPlan {
             items.push(Item { what: "path traced maps", runs: Runs::Yes, why });
         }
         items.extend(self.judgement.as_ref().map(Judgement::item));
+        items.extend(self.backs.map(|(seen, share)| rows::backs(seen, share)));
         items.extend(self.mips.map(rows::free_mips));
         items.extend(self.device.clone().map(rows::device));
         items

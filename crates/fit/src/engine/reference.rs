@@ -171,6 +171,7 @@ impl Reference for Rasterized<'_> {
     fn picture(&self, setup: &Setup) -> Result<ReferencePicture, FitError> {
         let posed = moving(self.animated, setup.moment)?.map(|a| a.flat(setup.moment)).transpose()?;
         let renderer = SceneRenderer::new(posed.as_deref().unwrap_or(self.flat), self.library);
+        let renderer = if setup.backs { renderer.with_backs() } else { renderer };
         let lights = setup.lights.lights();
         // Many samples are those of several smaller pixels.
         let samples = match self.samples {

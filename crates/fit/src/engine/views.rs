@@ -21,6 +21,7 @@ const STREAM_HELD_OUT: u64 = 2 << 32;
 const STREAM_REPORT: u64 = 3 << 32;
 const STREAM_BACKGROUND: u64 = 4 << 32;
 const STREAM_SIZE: u64 = 5 << 32;
+const STREAM_BACKS: u64 = 6 << 32;
 /// Fractional parts of the multiples of this number, sqrt(2), spread evenly whatever their count. The cameras of held-out views
 /// turn by multiples of the golden angle: sizes must follow another number, or each size would have its direction.
 const SPREAD: f64 = std::f64::consts::SQRT_2;
@@ -210,6 +211,8 @@ pub struct Setup {
     pub height: usize,
     /// The finished picture that shows this view, where views come with pictures.
     pub picture: Option<usize>,
+    /// Backs of single-sided surfaces are drawn, too, as renderers do that know no sides. The rasterizer alone does so.
+    pub backs: bool,
 }
 
 impl Setup {
@@ -290,6 +293,8 @@ pub struct Orbit {
     pub judged_distance: f32,
     /// The moment of its animation.
     pub moment: Moment,
+    /// Share of the views of [`Set::Train`] that show the backs of single-sided surfaces.
+    pub backs: f32,
 }
 
 impl Orbit {
@@ -304,6 +309,7 @@ impl Orbit {
             distance: [0.72, 1.1],
             judged_distance: 1.01,
             moment: Moment::default(),
+            backs: 0.0,
         }
     }
 }
@@ -359,7 +365,8 @@ impl Views for Orbit {
         }
         let lights = lights(&mut rng, &self.bounds, direction, &self.lighting, index);
         let (width, height) = [self.size_of(set, index); 2].into();
-        Setup { camera: camera.into(), lights, moment: self.moment, width, height, picture: None }
+        let backs = set == Set::Train && Rng::new(self.seed, STREAM_BACKS + index).next_f32() < self.backs;
+        Setup { camera: camera.into(), lights, moment: self.moment, width, height, picture: None, backs }
     }
 }
 
@@ -460,6 +467,8 @@ pub struct Shot {
     pub height: usize,
     /// How the candidate is sampled.
     pub sampling: Sampling,
+    /// Whether backs of single-sided surfaces are drawn, too ([`Setup::backs`]).
+    pub backs: bool,
     /// The picture of the reference, linear premultiplied RGBA, `[H*W*4]`; other shots may show it, too.
     pub shown: Arc<Image>,
     /// Draws the background: three numbers per pixel, each up to .8.
@@ -498,6 +507,7 @@ impl Shot {
             width: shown.width,
             height: shown.height,
             sampling,
+            backs: setup.backs,
             shown,
             noise: Rng::new(seed, STREAM_BACKGROUND + index),
         }

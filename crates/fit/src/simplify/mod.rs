@@ -3,6 +3,7 @@
 //! load -> normalise -> decimate -> shrink-wrap -> atlas -> bake -> fit by rendering -> bake again on the fitted shape -> fit
 //! the maps -> export -> reload the file and compare it with the reference on views and lights that the fit never saw.
 
+mod backs;
 mod byte_budget;
 mod choice;
 mod coverage;
@@ -45,7 +46,7 @@ use crate::engine::judge::Stage;
 use crate::engine::loss;
 use crate::engine::surface::{POSITIONS, Surface, fade_over, group_of_level, rate_of_maps, samples_of};
 use crate::engine::trainer::{self, HeldOut, Job, Phase};
-use crate::engine::views::{Moment, Orbit};
+use crate::engine::views::Moment;
 use crate::visibility::Visibility;
 use crate::{FitError, Progress};
 use outcome::Times;
@@ -146,14 +147,14 @@ pub(crate) fn simplify_asset(
     };
     let starts = prepare::prepare(n, surface, visibility, from, options, progress)?;
 
-    let views = Orbit { bounds: reference.bounds(moment), moment, ..options.orbit(options.picture_size()) };
+    let (views, backs) = backs::views(n, reference, moment, options)?;
     let sampling = options.sampling();
     let held_out = HeldOut::new(reference, &views, sampling, options.held_out_views(), options.seed)?;
     let held_out = held_out.measured_by(options.mips.measure());
     held_out.warn_unseen(progress);
     let start = choice::best_start(&starts, &held_out);
     let loss = loss::choose(&held_out);
-    let plan = options.plan(scene, reference.kind());
+    let plan = options.plan(scene, reference.kind()).with_backs(backs.seen, backs.share);
     let plan = plan.with_loss(loss, held_out.noise).with_maps(&start.candidate);
     let keeping = through_path::keeping_before(options);
     let job = Job {
@@ -167,7 +168,7 @@ pub(crate) fn simplify_asset(
         fresh: options.batch.div_ceil(2),
         steps: options.steps,
         keeping: &keeping,
-        fingerprint: fingerprint(options, &start.candidate),
+        fingerprint: fingerprint(options, backs.share, &start.candidate),
     };
     let fit_began = Instant::now();
     let rebake = |s: &Surface| {
@@ -283,8 +284,8 @@ fn stages(
     stages
 }
 
-/// The options and the topology that steer a fit.
-fn fingerprint(o: &SimplifyOptions, start: &Candidate) -> Fingerprint {
+/// The options and the topology that steer a fit, a share of whose views shows backs.
+fn fingerprint(o: &SimplifyOptions, backs: f32, start: &Candidate) -> Fingerprint {
     let mut digest = crate::engine::checkpoint::Digest::new();
     digest.add(start.triangles.as_flattened());
     digest.add(&start.uvs);
@@ -306,6 +307,7 @@ fn fingerprint(o: &SimplifyOptions, start: &Candidate) -> Fingerprint {
         .option("seed", o.seed)
         .option("light", o.lighting.name())
         .option("occlusion", o.occlusion.name())
+        .option("single-sided backs", backs)
         .option("reference", format!("{:?}", o.reference).to_lowercase())
         .digest("shape that the fit starts from", format!("{:016x}", digest.value()))
 }

@@ -1,13 +1,17 @@
 //! OpenEXR: named layers of named channels.
 
+mod planes;
+
+pub use planes::{ExrLayer, read_exr_planes};
+
 use super::limits::MAX_RATIO;
 use super::{Format, Limits, atomic, file_bytes};
 use crate::{Image, ImageError};
-use exr::image::{AnyChannel, AnyChannels, Encoding, FlatImage, FlatSamples, Layer};
+use exr::image::{AnyChannel, AnyChannels, Encoding, FlatSamples, Layer};
 use exr::meta::MetaData;
 use exr::meta::attribute::{LineOrder, SampleType, Text};
 use exr::meta::header::{ImageAttributes, LayerAttributes};
-use exr::prelude::{IntegerBounds, ReadChannels, ReadLayers, WritableImage};
+use exr::prelude::{IntegerBounds, WritableImage};
 use std::collections::BTreeSet;
 use std::io::Cursor;
 use std::path::Path;
@@ -25,41 +29,22 @@ const ENCODING: Encoding = Encoding { line_order: LineOrder::Increasing, ..Encod
 /// # Errors
 /// If the file cannot be read, is no valid OpenEXR file, holds deep or subsampled data, or is larger than the limits.
 pub fn read_exr_layers(path: impl AsRef<Path>) -> Result<Vec<(String, Image, Vec<String>)>, ImageError> {
-    let path = path.as_ref();
-    let place = path.display().to_string();
-    let limits = Limits::default();
-    let bytes = file_bytes(path, limits.max_file_bytes)?;
-    if Format::of(&bytes) != Some(Format::Exr) {
-        return Err(ImageError::invalid(&place, "not an OpenEXR file"));
-    }
-    decode_layers(&bytes, &place, &limits)
+    Ok(interleaved(read_exr_planes(path, every)?))
+}
+
+/// Wants every layer.
+fn every(layers: &[ExrLayer]) -> Vec<bool> {
+    vec![true; layers.len()]
+}
+
+fn interleaved(layers: Vec<ExrLayer>) -> Vec<(String, Image, Vec<String>)> {
+    layers.into_iter().map(|l| (l.to_image(), l)).map(|(image, l)| (l.name, image, l.channels)).collect()
 }
 
 pub(super) fn decode_first(bytes: &[u8], place: &str, limits: &Limits) -> Result<Image, ImageError> {
-    let layers = decode_layers(bytes, place, limits)?;
-    layers.into_iter().next().map(|(_, image, _)| image).ok_or_else(|| ImageError::invalid(place, "no layer"))
-}
-
-fn decode_layers(
-    bytes: &[u8],
-    place: &str,
-    limits: &Limits,
-) -> Result<Vec<(String, Image, Vec<String>)>, ImageError> {
-    check_header(bytes, place, limits)?;
-    let file: FlatImage = exr::image::read::read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .all_layers()
-        .all_attributes()
-        .from_buffered(Cursor::new(bytes))
-        .map_err(|e| invalid(place, &e))?;
-    let mut out = Vec::new();
-    for layer in file.layer_data {
-        let part = layer.attributes.layer_name.as_ref().map(ToString::to_string).unwrap_or_default();
-        split_layer(&part, layer.size.0, layer.size.1, &layer.channel_data.list, &mut out);
-    }
-    Ok(out)
+    let first = |layers: &[ExrLayer]| (0..layers.len()).map(|k| k == 0).collect();
+    let layers = planes::decode_planes(bytes, place, limits, first)?;
+    layers.first().map(ExrLayer::to_image).ok_or_else(|| ImageError::invalid(place, "no layer"))
 }
 
 fn invalid(place: &str, e: &exr::error::Error) -> ImageError {
@@ -67,7 +52,7 @@ fn invalid(place: &str, e: &exr::error::Error) -> ImageError {
 }
 
 /// The decoder takes the memory that the header claims and aborts where there is none: the claim is checked first.
-fn check_header(bytes: &[u8], place: &str, limits: &Limits) -> Result<(), ImageError> {
+fn check_header(bytes: &[u8], place: &str, limits: &Limits) -> Result<MetaData, ImageError> {
     let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|e| invalid(place, &e))?;
     let mut left = *limits;
     let mut file_left = bytes.len();
@@ -94,51 +79,13 @@ fn check_header(bytes: &[u8], place: &str, limits: &Limits) -> Result<(), ImageE
         }
         file_left = file_left.saturating_sub(16 * blocks as usize);
     }
-    Ok(())
+    Ok(meta)
 }
 
 /// Rank of a channel within its layer: colour, then vectors, then the rest.
 fn rank(channel: &str) -> usize {
     let known = ["R", "r", "G", "g", "B", "b", "A", "a", "X", "x", "Y", "y", "Z", "z"];
     known.iter().position(|k| *k == channel).unwrap_or(known.len())
-}
-
-fn split_layer(
-    part: &str,
-    width: usize,
-    height: usize,
-    channels: &[AnyChannel<FlatSamples>],
-    out: &mut Vec<(String, Image, Vec<String>)>,
-) {
-    let names: Vec<String> = channels.iter().map(|c| c.name.to_string()).collect();
-    let split = |name: &str| match name.rsplit_once('.') {
-        Some((prefix, channel)) => (prefix.to_owned(), channel.to_owned()),
-        None => (String::new(), name.to_owned()),
-    };
-    // The plain group sorts first.
-    let groups: BTreeSet<String> = names.iter().map(|n| split(n).0).collect();
-    for prefix in groups {
-        let mut members: Vec<(String, &FlatSamples)> = names
-            .iter()
-            .zip(channels)
-            .filter(|(name, _)| split(name).0 == prefix)
-            .map(|(name, c)| (split(name).1, &c.sample_data))
-            .collect();
-        members.sort_by_key(|(name, _)| rank(name));
-        let mut image = Image::new(width, height, members.len());
-        for (c, (_, samples)) in members.iter().enumerate() {
-            let target = image.data.iter_mut().skip(c).step_by(members.len());
-            for (t, v) in target.zip(samples.values_as_f32()) {
-                *t = v;
-            }
-        }
-        let name = match (part.is_empty(), prefix.is_empty()) {
-            (true, _) => prefix,
-            (false, true) => part.to_owned(),
-            (false, false) => format!("{part}.{prefix}"),
-        };
-        out.push((name, image, members.into_iter().map(|(n, _)| n).collect()));
-    }
 }
 
 /// Writes images of one size as the layers of an OpenEXR file: `(layer name, image, channel names)`.
@@ -160,30 +107,47 @@ fn split_layer(
 /// # Panics
 /// If a layer has not one name per channel.
 pub fn write_exr(path: impl AsRef<Path>, layers: &[(&str, &Image, &[&str])]) -> Result<(), ImageError> {
+    let of = |(name, image, channels): &(&str, &Image, &[&str])| {
+        ExrLayer::of_image((*name).to_owned(), image, channels.iter().map(ToString::to_string).collect())
+    };
+    write_exr_planes(path, &layers.iter().map(of).collect::<Vec<_>>())
+}
+
+/// As [`write_exr`], from planes.
+///
+/// # Errors
+/// As [`write_exr`].
+///
+/// # Panics
+/// If a layer has not one plane per channel.
+pub fn write_exr_planes(path: impl AsRef<Path>, layers: &[ExrLayer]) -> Result<(), ImageError> {
     let path = path.as_ref();
     let place = path.display().to_string();
     let bad = |rule: String| Err(ImageError::invalid(&place, rule));
-    let Some((_, first, _)) = layers.first() else { return bad("an OpenEXR file needs a layer".into()) };
+    let Some(first) = layers.first() else { return bad("an OpenEXR file needs a layer".into()) };
     let mut names = BTreeSet::new();
-    for (name, image, channels) in layers {
-        assert_eq!(channels.len(), image.channels, "one name per channel of layer {name:?}");
-        if image.data.is_empty() || (image.width, image.height) != (first.width, first.height) {
+    for ExrLayer { name, width, height, channels, planes } in layers {
+        assert_eq!(planes.len(), channels.len() * width * height, "one plane per channel of layer {name:?}");
+        if planes.is_empty() || (*width, *height) != (first.width, first.height) {
             return bad(format!("layer {name:?}: pixels are needed, and all layers of one size"));
         }
-        if (layers.len() > 1 && name.is_empty()) || !names.insert(*name) {
+        if (layers.len() > 1 && name.is_empty()) || !names.insert(name) {
             return bad(format!("layer {name:?}: the layers of a file need distinct names"));
         }
-        let distinct: BTreeSet<&str> = channels.iter().copied().collect();
+        let distinct: BTreeSet<&str> = channels.iter().map(String::as_str).collect();
         if distinct.len() != channels.len() || distinct.contains("") {
             return bad(format!("layer {name:?}: channels need distinct names"));
         }
     }
     let mut parts = exr::image::Layers::new();
-    for (name, image, channels) in layers {
-        let Some(layer) = exr_layer(name, image, channels) else {
-            return bad(format!("layer {name:?}: names are Latin-1 without zeros and at most 255 long"));
+    for layer in layers {
+        let Some(part) = part_of(layer) else {
+            return bad(format!(
+                "layer {:?}: names are Latin-1 without zeros and at most 255 long",
+                layer.name
+            ));
         };
-        parts.push(layer);
+        parts.push(part);
     }
     let bounds = IntegerBounds::from_dimensions((first.width, first.height));
     let file = exr::image::Image::from_layers(ImageAttributes::new(bounds), parts);
@@ -251,20 +215,19 @@ fn text(s: &str) -> Option<Text> {
     Text::new_or_none(s).filter(|t| t.as_slice().len() <= 255 && !t.as_slice().contains(&0))
 }
 
-fn exr_layer(name: &str, image: &Image, channels: &[&str]) -> Option<Layer<AnyChannels<FlatSamples>>> {
-    let list = channels
+fn part_of(layer: &ExrLayer) -> Option<Layer<AnyChannels<FlatSamples>>> {
+    let planes = layer.planes.chunks(layer.width * layer.height);
+    let list = layer
+        .channels
         .iter()
-        .enumerate()
-        .map(|(c, channel)| {
-            let samples = image.data.iter().skip(c).step_by(image.channels).copied().collect();
-            Some(AnyChannel::new(text(channel)?, FlatSamples::F32(samples)))
-        })
+        .zip(planes)
+        .map(|(channel, plane)| Some(AnyChannel::new(text(channel)?, FlatSamples::F32(plane.to_vec()))))
         .collect::<Option<_>>()?;
     let mut attributes = LayerAttributes::default();
-    if !name.is_empty() {
-        attributes.layer_name = Some(text(name)?);
+    if !layer.name.is_empty() {
+        attributes.layer_name = Some(text(&layer.name)?);
     }
-    Some(Layer::new((image.width, image.height), attributes, ENCODING, AnyChannels::sort(list)))
+    Some(Layer::new((layer.width, layer.height), attributes, ENCODING, AnyChannels::sort(list)))
 }
 
 #[cfg(test)]

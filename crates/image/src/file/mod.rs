@@ -9,7 +9,9 @@ mod radiance;
 mod webp;
 
 pub use atomic::{link_target, set_aside, write_atomically};
-pub use exr_file::{read_exr_layers, write_exr, write_exr_channels};
+pub use exr_file::{
+    ExrLayer, read_exr_layers, read_exr_planes, write_exr, write_exr_channels, write_exr_planes,
+};
 pub use limits::Limits;
 pub use png_jpeg::{
     PngCompression, decode_texture, encode_jpeg, encode_png, encode_srgb_png, texture_size, write_png,

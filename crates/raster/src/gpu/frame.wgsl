@@ -17,8 +17,9 @@ struct Frame {
     slope: f32,
     // 1 where alpha has a gradient.
     fits_alpha: u32,
-    pad0: u32,
-    pad1: u32,
+    // 1 where backs of single-sided triangles are drawn, too.
+    backs: u32,
+    pad: u32,
 }
 
 @group(0) @binding(0) var<uniform> params: Frame;

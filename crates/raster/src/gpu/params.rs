@@ -29,8 +29,10 @@ pub struct FrameParams {
     pub slope: f32,
     /// 1 where alpha has a gradient.
     pub fits_alpha: u32,
+    /// 1 where backs of single-sided triangles are drawn, too.
+    pub backs: u32,
     /// Fills whole vectors.
-    pub pad: [u32; 2],
+    pub pad: u32,
 }
 
 /// What changes from picture to picture.
@@ -59,7 +61,7 @@ impl FrameParams {
         (self.width / self.side) as usize * (self.height / self.side) as usize
     }
 
-    /// Parameters of a shot of a mesh, of the first layer; `fits_alpha` says whether some alpha has a gradient.
+    /// Parameters of a shot of a mesh, of the first layer, without the backs of single-sided triangles; `fits_alpha` says whether some alpha has a gradient.
     ///
     /// # Panics
     /// If the samples do not fill whole pixels, or an axis has more than 65,535 of them.
@@ -79,7 +81,8 @@ impl FrameParams {
             scale: shot.scale,
             slope: if let Masks::Faded { slope } = passes.masks { slope } else { 0.0 },
             fits_alpha: u32::from(fits_alpha),
-            pad: [0; 2],
+            backs: 0,
+            pad: 0,
         }
     }
 }

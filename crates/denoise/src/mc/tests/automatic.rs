@@ -140,7 +140,8 @@ fn stages_can_be_left_out() {
     let known = Frame { variance: Some(&variance), ..Frame::new(96, 64, &mean).with_guides(scene.guides()) };
     let zeros = vec![0.0; n];
     let unknown = Frame { variance: Some(&zeros), ..known };
-    let run = |frame: &Frame<'_>, model, without| {
+    let run = |frame: &Frame<'_>, model, without: Option<Stage>| {
+        let without = without.into_iter().collect();
         denoise(frame, &Settings { without, ..with(model) }).expect("sound")
     };
     let hybrid = Model::Variational(VariationalModel::Hybrid);

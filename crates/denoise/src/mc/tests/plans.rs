@@ -54,7 +54,8 @@ const OWN_LINES: [Stage; 7] = [
 #[test]
 fn what_a_plan_says_of_a_stage_is_so() {
     let case = case();
-    let run = |frame: &Frame<'_>, model, without| {
+    let run = |frame: &Frame<'_>, model, without: Option<Stage>| {
+        let without = without.into_iter().collect();
         denoise(frame, &Settings { without, ..with(model) }).expect("a sound frame")
     };
     for (name, frame) in case.frames() {
@@ -89,6 +90,25 @@ fn what_a_plan_says_of_a_stage_is_so() {
     };
     assert!(cells(Stage::Widths).ends_with("widths left out"));
     assert!(cells(Stage::Highlights).ends_with("highlights left out"));
+}
+
+#[test]
+fn several_stages_are_left_out_at_once() {
+    let case = case();
+    let frame = Frame::new(96, 64, &case.mean).with_guides(case.scene.guides());
+    let run = |frame: &Frame<'_>, stages: &[Stage]| {
+        let without = stages.iter().copied().collect();
+        denoise(frame, &Settings { without, ..Settings::default() }).expect("a sound frame")
+    };
+    let stages = [Stage::Normal, Stage::Widths, Stage::Highlights, Stage::Detail];
+    let less = run(&frame, &stages);
+    let regression = &less.plan.step("regression").expect("a line").why;
+    assert!(regression.ends_with("; widths left out; highlights left out"), "{regression}");
+    assert!(!less.plan.runs("normal") && !less.plan.runs("detail"), "{}", less.plan);
+    // As where the input is not there.
+    let guides = Guides { normal: None, ..frame.guides };
+    assert!(less.color == run(&frame.with_guides(guides), &stages[1..]).color);
+    assert!(less.color != run(&frame, &stages[..3]).color, "detail makes a difference");
 }
 
 #[test]

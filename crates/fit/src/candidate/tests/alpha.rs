@@ -76,7 +76,7 @@ fn the_outline_of_a_mask_is_found() {
         shade_per_pixel: false,
         lod_bias: 0.0,
     };
-    let picture = CandidateView { view, background: &background, vertices: None };
+    let picture = CandidateView { view, background: &background, vertices: None, backs: false };
     let cut = |c: &Candidate<f64>| c.draw(&c.vertices(), &picture, &Passes::default()).color;
     let covered = |c: &Candidate<f64>| cut(c).iter().map(|p| p[3]).sum::<f64>();
     let truth = candidate(0.7);

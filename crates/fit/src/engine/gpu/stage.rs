@@ -162,7 +162,10 @@ pub(super) fn aim(
         scale,
     };
     let fits_alpha = on.mesh.fits_alpha(passes);
-    let params = FrameParams::new(&of, on.mesh.vertices(), on.mesh.triangles(), passes, fits_alpha);
+    let params = FrameParams {
+        backs: u32::from(shot.backs),
+        ..FrameParams::new(&of, on.mesh.vertices(), on.mesh.triangles(), passes, fits_alpha)
+    };
     drawn.slots.iter().for_each(|slots| slots.set(recording, &params));
     let params = shading.params(&view, passes, scale, |map| skies.number(map));
     drawn.shading.set(recording, &params);

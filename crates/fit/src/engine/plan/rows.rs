@@ -117,6 +117,21 @@ pub(crate) fn free_mips([least, most]: [usize; 2]) -> Item {
     Item { what: "free mip levels", runs: Runs::Yes, why }
 }
 
+/// The row of views that show the backs of single-sided surfaces: the share of the asset's pixels that these change, and of the
+/// views.
+pub(crate) fn backs(seen: f64, share: f32) -> Item {
+    let percent = 100.0 * seen;
+    let shown = format!(
+        "renderers that know no sides show them in {percent:.1}% of the asset's pixels: {:.0}% of the views do",
+        100.0 * share
+    );
+    let why_not = match seen {
+        0.0 => "none is seen".to_owned(),
+        _ => format!("they are seen in {percent:.2}% of the asset's pixels alone"),
+    };
+    Item::of("single-sided backs", share > 0.0, shown, why_not)
+}
+
 /// The row of a loss that the options ask for.
 pub(crate) fn asked_loss(loss: PictureLoss) -> Item {
     let why = format!("{} is asked for: {}", loss.name(), loss.about());

@@ -77,6 +77,25 @@ fn passes_follow_from_the_materials() {
 }
 
 #[test]
+fn backs_are_told_once_they_are_measured() {
+    let plan = FitPlan::new(&scene(Material::clay()));
+    assert!(plan.items().iter().all(|i| i.what != "single-sided backs"));
+    let told = |seen, share| {
+        let plan = plan.clone().with_backs(Some(seen), share);
+        plan.items().into_iter().find(|i| i.what == "single-sided backs").expect("a row")
+    };
+    assert_eq!((told(0.0, 0.0).runs, &*told(0.0, 0.0).why), (Runs::No, "none is seen"));
+    let some = told(0.0004, 0.0);
+    assert!(some.runs == Runs::No && some.why.contains("0.04%"), "{}", some.why);
+    let shown = told(0.034, 0.25);
+    assert!(
+        shown.runs == Runs::Yes && shown.why.contains("3.4%") && shown.why.contains("25%"),
+        "{}",
+        shown.why
+    );
+}
+
+#[test]
 fn an_opaque_scene_runs_one_layer_and_no_blending() {
     let plan = fit(&scene(Material::clay()), &candidate(AlphaMode::Opaque, |_, _| {}));
     assert_eq!(plan.passes().max_layers, 1);

@@ -37,6 +37,23 @@ fn a_view_without_its_picture_is_an_error() {
 }
 
 #[test]
+fn a_share_of_training_views_shows_backs_and_changes_nothing_else() {
+    let of = |backs| Orbit { backs, ..Orbit::new(2, &Lighting::Mixed, 8) };
+    let (some, none) = (of(0.25), of(0.0));
+    let shown = |set, parity: u64| (0..2000).filter(|i| some.setup(set, 2 * i + parity, 0).backs).count();
+    // Of views under both kinds of light.
+    for parity in [0, 1] {
+        let count = shown(Set::Train, parity);
+        assert!((440..560).contains(&count), "{count} of 2000");
+        assert_eq!(shown(Set::HeldOut, parity) + shown(Set::Report, parity), 0);
+    }
+    let all = (0..100).map(|i| (some.setup(Set::Train, i, 0), none.setup(Set::Train, i, 0)));
+    for (a, b) in all {
+        assert!(!b.backs && a.camera == b.camera && format!("{:?}", a.lights) == format!("{:?}", b.lights));
+    }
+}
+
+#[test]
 fn logarithms_of_sizes_are_spread_evenly() {
     let of = |smallest| Orbit { smallest, ..Orbit::new(4, &Lighting::Point, 512) };
     let width = |o: &Orbit, set, i| o.setup(set, i, 9).width;

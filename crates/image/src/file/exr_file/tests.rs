@@ -44,12 +44,49 @@ fn layers_round_trip_with_names_and_channel_order() {
 fn channel_prefixes_become_layers() {
     let image = pattern(4, 3, 5);
     let bytes = written(&[("", &image, &["albedo.G", "B", "R", "albedo.R", "G"])]);
-    let layers = decode_layers(&bytes, "x", &Limits::default()).unwrap();
+    let layers = interleaved(planes::decode_planes(&bytes, "x", &Limits::default(), every).unwrap());
     assert_eq!(layers[0].0, "");
     assert_eq!(layers[0].2, ["R", "G", "B"]);
     assert_eq!(layers[0].1, image.select(&[2, 4, 1]));
     assert_eq!(layers[1].0, "albedo");
     assert_eq!(layers[1].1, image.select(&[3, 0]));
+}
+
+#[test]
+fn planes_are_read_of_wanted_layers_alone_and_written_alike() {
+    let folder = tempfile::tempdir().unwrap();
+    let [path, again] = ["a.exr", "b.exr"].map(|name| folder.path().join(name));
+    let image = pattern(13, 40, 5);
+    write_exr(&path, &[("", &image, &["albedo.G", "B", "R", "albedo.R", "G"])]).unwrap();
+    let wanted = |layers: &[ExrLayer]| {
+        assert!(layers.iter().all(|l| l.planes.is_empty() && (l.width, l.height) == (13, 40)));
+        layers.iter().map(|l| l.name == "albedo").collect()
+    };
+    let [plain, albedo] = &read_exr_planes(&path, wanted).unwrap()[..] else { panic!("two layers") };
+    assert!(plain.planes.is_empty() && plain.channels == ["R", "G", "B"]);
+    assert_eq!(albedo.channels, ["R", "G"]);
+    assert_eq!(albedo.to_image(), image.select(&[3, 0]));
+    write_exr_planes(&again, std::slice::from_ref(albedo)).unwrap();
+    let layers = read_exr_layers(&again).unwrap();
+    assert_eq!((&layers[0].0, &layers[0].1), (&"albedo".to_owned(), &image.select(&[3, 0])));
+}
+
+#[test]
+fn halves_and_integers_become_singles() {
+    let samples = [
+        FlatSamples::F16((0..12).map(|i| exr::prelude::f16::from_f32(0.5 * i as f32 - 1.0)).collect()),
+        FlatSamples::U32((0..12).map(|i| 100_000 * i).collect()),
+    ];
+    let list = samples.into_iter().zip(["H", "U"]).map(|(s, name)| AnyChannel::new(text(name).unwrap(), s));
+    let layer = Layer::new((4, 3), LayerAttributes::default(), ENCODING, AnyChannels::sort(list.collect()));
+    let mut bytes = Cursor::new(Vec::new());
+    exr::image::Image::from_layer(layer).write().to_buffered(&mut bytes).unwrap();
+    let image = decode(bytes.get_ref(), "x", &Limits::default()).unwrap();
+    let wanted = Image::from_fn(4, 3, 2, |x, y, c| {
+        let i = (4 * y + x) as f32;
+        if c == 0 { 0.5 * i - 1.0 } else { 1e5 * i }
+    });
+    assert_eq!(image, wanted);
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Rasterization on a device against the CPU's, and by itself.
 
 use super::*;
+use crate::gpu::FrameParams;
 use crate::gpu::tests::{params, picture, soup};
 use crate::gpu::tolerances::{DEPTH, EDGE, FEW, OTHER_TRIANGLES, ROUNDING, TILE_ROUNDING};
 use crate::rasterize::{NONE, Visibility, rasterize_into};
@@ -12,15 +13,27 @@ use photofit_shading::Sides;
 /// Layers by the device, each strictly behind the whole of the one before.
 fn peel(
     gpu: &Gpu,
+    input: (&[Vec4f], &[[u32; 3]], &[Sides]),
+    size: (usize, usize),
+    layers: usize,
+) -> Vec<Visibility> {
+    peel_with(gpu, input, size, layers, false)
+}
+
+/// The same; `backs`: also those of single-sided triangles.
+fn peel_with(
+    gpu: &Gpu,
     (clip, triangles, sides): (&[Vec4f], &[[u32; 3]], &[Sides]),
     (width, height): (usize, usize),
     layers: usize,
+    backs: bool,
 ) -> Vec<Visibility> {
     let mesh = soup(gpu, clip.len(), triangles, sides);
     let picture = picture(gpu, &mesh, clip, width * height, layers.max(2));
     gpu.write(&picture.live, &vec![1; layers]).expect("written");
     let mut r = gpu.record("layers");
-    let mut s = Steps::new(&mut r, &params(&mesh, width, height, 1));
+    let params = FrameParams { backs: u32::from(backs), ..params(&mesh, width, height, 1) };
+    let mut s = Steps::new(&mut r, &params);
     bin(&mut s, &mesh, &picture).expect("recorded");
     for k in 0..layers {
         rasterize(&mut s, &mesh, &picture, k).expect("recorded");
@@ -189,6 +202,22 @@ fn layers_are_those_of_the_cpu() {
             assert!(covered > 0, "{name} shows something");
         }
     }
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn backs_of_single_sided_triangles_are_drawn_where_they_are_asked_for() {
+    let gpu = test_device();
+    let (clip, mut triangles) = sphere(10);
+    // Every third triangle looks inwards.
+    triangles.iter_mut().step_by(3).for_each(|t| t.swap(1, 2));
+    let sides = vec![Sides::Front; triangles.len()];
+    let c = peel_cpu((&clip, &triangles, &[]), (200, 160), 3);
+    let g = peel_with(gpu, (&clip, &triangles, &sides), (200, 160), 3, true);
+    compare("backs", (&clip, &triangles), &c, &g);
+    let culled = peel(gpu, (&clip, &triangles, &sides), (200, 160), 3);
+    let seen = std::panic::catch_unwind(|| compare("fronts alone", (&clip, &triangles), &c, &culled));
+    assert!(seen.is_err(), "fronts alone are another picture");
 }
 
 #[test]
