@@ -153,6 +153,8 @@ pub struct FitPlan {
     surfacing: Surfacing,
     /// Smallest and largest picture that mip levels with texels of their own are fitted to, pixels.
     mips: Option<[usize; 2]>,
+    /// Whether outlines count in where triangles are.
+    outline: Option<Item>,
 }
 
 impl FitPlan {
@@ -169,6 +171,7 @@ impl FitPlan {
             occlusion: Occlusion::default(),
             surfacing: Surfacing::default(),
             mips: None,
+            outline: None,
         }
     }
 
@@ -261,6 +264,12 @@ impl FitPlan {
         Self { mips, ..self }
     }
 
+    /// Adds whether outlines count in where triangles are; nothing is told without.
+    #[must_use]
+    pub(crate) fn with_outline(self, outline: Item) -> Self {
+        Self { outline: Some(outline), ..self }
+    }
+
     /// Adds the phases of the fit.
     #[must_use]
     pub fn with_phases<M>(self, phases: &[Phase<'_, M>]) -> Self {
@@ -333,6 +342,7 @@ impl FitPlan {
             items.push(Item { what: "path traced maps", runs: Runs::Yes, why });
         }
         items.extend(self.judgement.as_ref().map(Judgement::item));
+        items.extend(self.outline.clone());
         items.extend(self.mips.map(rows::free_mips));
         if let Some(why) = &self.device {
             items.push(Item { what: "device", runs: Runs::Yes, why: why.clone() });

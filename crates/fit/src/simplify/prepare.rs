@@ -35,11 +35,11 @@ pub(crate) fn visibility(
 
 /// What a fit can start from, decimated, unwrapped and baked: first the mesh that was drawn onto the reference, then, if it
 /// was a decimated one, the same as decimation left it. What is decimated is the reference, or, where there is one, the
-/// candidate `from` of an earlier fit.
+/// candidate `from` of an earlier fit. `importance` says how much each triangle of the reference counts in that.
 pub(super) fn prepare(
     n: &Normalised,
     reference: &ReferenceSurface<'_>,
-    seen: &Visibility,
+    (seen, importance): (&Visibility, &[f32]),
     from: Option<&Candidate>,
     options: &SimplifyOptions,
     progress: &dyn Progress,
@@ -51,18 +51,21 @@ pub(super) fn prepare(
     let (mesh, class, decimated) = match (options.init, from) {
         (Init::Sphere, None) => {
             let mut mesh = sphere(n, seen, options.target)?;
-            shrink_wrap::FROM_AFAR.run(&mut mesh, &[], reference, seen, progress)?;
+            shrink_wrap::FROM_AFAR.run(&mut mesh, &[], reference, (seen, &[]), progress)?;
             let class = closest_classes(n, reference, seen, &mesh);
             (mesh, class, None)
         }
         (_, from) => {
             let d = match from {
                 Some(candidate) => decimate_candidate(n, candidate, options.target, lock, progress)?,
-                None => decimate_reference(n, seen, options.target, lock, progress)?,
+                None => {
+                    let (mesh, class) = (&n.flat.mesh, n.triangle_classes());
+                    decimated(n, mesh, &class, importance, (options.target, lock), progress)?
+                }
             };
             locked = locks::locked(&d);
             let mut mesh = d.mesh.clone();
-            shrink_wrap::NEARBY.run(&mut mesh, &d.locked, reference, seen, progress)?;
+            shrink_wrap::NEARBY.run(&mut mesh, &d.locked, reference, (seen, importance), progress)?;
             (mesh, d.group, Some(d.mesh))
         }
     };
@@ -108,22 +111,14 @@ fn unwrap_and_bake(
 }
 
 /// A callback that shows the finished share of a stage and passes on the wish to stop.
-fn heard<'a>(stage: &'static str, progress: &'a dyn Progress) -> impl Fn(f32) -> ControlFlow<()> + Sync + 'a {
+pub(super) fn heard<'a>(
+    stage: &'static str,
+    progress: &'a dyn Progress,
+) -> impl Fn(f32) -> ControlFlow<()> + Sync + 'a {
     move |share| {
         progress.report(stage, (share * 1000.0) as u64, 1000, "");
         if progress.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
-}
-
-/// Decimates the reference with its visible triangles first.
-fn decimate_reference(
-    n: &Normalised,
-    seen: &Visibility,
-    target: Target,
-    lock_borders: bool,
-    progress: &dyn Progress,
-) -> Result<Decimated, FitError> {
-    decimated(n, &n.flat.mesh, &n.triangle_classes(), &importance(n, seen), (target, lock_borders), progress)
 }
 
 /// How much each triangle of the reference counts: by the share of the sky that sees it, 0 where nothing does.
