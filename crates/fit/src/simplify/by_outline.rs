@@ -4,7 +4,7 @@
 //! What decimation does to an outline no map mends, so that it may hold most of the error that is left. The budget stays; a
 //! part that is on the outline of many views gets triangles of parts that are on it in few ([`crate::outline`]).
 
-use super::prepare::{self, Start};
+use super::prepare::{self, Start, Weights};
 use super::{Init, SimplifyOptions, choice};
 use crate::bake::ReferenceSurface;
 use crate::candidate::Candidate;
@@ -21,8 +21,8 @@ use std::time::Instant;
 
 /// The row of the plan.
 const ROW: &str = "triangles by outline";
-/// How much outlines count in the importance of a triangle, of 1; the rest is what can be seen of it.
-const SHARE: f64 = 0.5;
+/// How much outlines count in the importance of a triangle, of 1; the rest is what can be seen of it. Each is tried.
+const SHARES: [f64; 2] = [0.9, 0.5];
 /// Share of the squared error at the outline below which nothing is tried.
 const LEAST_AT_OUTLINE: f64 = 0.3;
 /// Rings over which outlines are smoothed, in sides of a triangle of the light asset.
@@ -42,7 +42,14 @@ pub(super) fn starts(
     progress: &dyn Progress,
 ) -> Result<(Vec<Start>, Item), FitError> {
     let visible = prepare::importance(n, seen);
-    let starts = prepare::prepare(n, reference, (seen, &visible), from, options, progress)?;
+    let starts = prepare::prepare(
+        n,
+        reference,
+        (seen, Weights { decimated: &visible, drawn: &[] }),
+        from,
+        options,
+        progress,
+    )?;
     let skipped = |starts, why: String| Ok((starts, Item { what: ROW, runs: Runs::No, why }));
     if let Some(why) = needless(from, options) {
         return skipped(starts, why.into());
@@ -59,18 +66,23 @@ pub(super) fn starts(
         );
     }
     let began = Instant::now();
-    let importance = importance(n, reference, seen, starts[0].candidate.triangles.len(), progress)?;
-    let others = prepare::prepare(n, reference, (seen, &importance), None, options, progress)?;
-    let second = choice::best_start(&others, held_out);
-    let other = held_out.psnr(&surface::pictures(&second.candidate, held_out.shots(), &Passes::default()));
-    let seconds = began.elapsed().as_secs_f64();
-    let why = format!(
-        "{percent:.0}% of the squared error lies at the outline: with outlines counting {other:.2} dB, without {quality:.2} dB \
-         ({seconds:.0} s)"
-    );
-    let taken = other > quality;
-    let item = Item { what: ROW, runs: taken.into(), why };
-    Ok((if taken { others } else { starts }, item))
+    let density = density(reference, starts[0].candidate.triangles.len(), progress)?;
+    let (mut best, mut most, mut taken) = (starts, quality, None);
+    let mut told = format!("{percent:.0}% of the squared error lies at the outline: {quality:.2} dB;");
+    for share in SHARES {
+        let importance = importance(reference, &visible, &density, share);
+        let weights = Weights { decimated: &importance, drawn: &importance };
+        let others = prepare::prepare(n, reference, (seen, weights), None, options, progress)?;
+        let other = &choice::best_start(&others, held_out).candidate;
+        let quality = held_out.psnr(&surface::pictures(other, held_out.shots(), &Passes::default()));
+        told += &format!(" {quality:.2} where it counts {share},");
+        if quality > most {
+            (best, most, taken) = (others, quality, Some(share));
+        }
+    }
+    let how = taken.map_or("it does not count".to_owned(), |share| format!("it counts {share}"));
+    let why = format!("{told} in {:.0} s: {how}", began.elapsed().as_secs_f64());
+    Ok((best, Item { what: ROW, runs: taken.is_some().into(), why }))
 }
 
 /// The row of the plan before anything is drawn.
@@ -98,11 +110,9 @@ fn needless(from: Option<&Candidate>, options: &SimplifyOptions) -> Option<&'sta
     }
 }
 
-/// How much each triangle of the reference counts where outlines do, in a mesh of `budget` triangles.
-fn importance(
-    n: &Normalised,
+/// Length of outline per area of each triangle of the reference, as smooth as a mesh of `budget` triangles can follow.
+fn density(
     reference: &ReferenceSurface<'_>,
-    seen: &Visibility,
     budget: usize,
     progress: &dyn Progress,
 ) -> Result<Vec<f32>, FitError> {
@@ -111,19 +121,21 @@ fn importance(
     let lengths = lengths.ok_or(FitError::Interrupted)?;
     let sides = (reference.mesh().triangles.len() as f64 / budget.max(1) as f64).sqrt();
     let rings = (RINGS * sides).clamp(1.0, MOST_RINGS).round() as usize;
-    let density = smoothed(reference, &lengths, rings);
-    let mut importance = prepare::importance(n, seen);
-    let mean = |of: &[f32]| {
+    Ok(smoothed(reference, &lengths, rings))
+}
+
+/// How much each triangle of the reference counts where outlines have a share in it.
+fn importance(reference: &ReferenceSurface<'_>, visible: &[f32], density: &[f32], share: f64) -> Vec<f32> {
+    let sum = |of: &[f32]| {
         let weighted = |(t, w): (usize, &f32)| f64::from(reference.area_normal(t as u32).length() * w);
         of.iter().enumerate().map(weighted).sum::<f64>()
     };
-    let (visible, outlines) = (mean(&importance), mean(&density));
-    if outlines > 0.0 {
-        for (w, d) in importance.iter_mut().zip(&density).filter(|(w, _)| **w > 0.0) {
-            *w = ((1.0 - SHARE) * f64::from(*w) + SHARE * f64::from(*d) * visible / outlines) as f32;
-        }
-    }
-    Ok(importance)
+    let (all, outlines) = (sum(visible), sum(density));
+    let scale = if outlines > 0.0 { share * all / outlines } else { 0.0 };
+    let one = |(w, d): (&f32, &f32)| {
+        if *w > 0.0 { ((1.0 - share) * f64::from(*w) + scale * f64::from(*d)) as f32 } else { 0.0 }
+    };
+    visible.iter().zip(density).map(one).collect()
 }
 
 #[cfg(test)]

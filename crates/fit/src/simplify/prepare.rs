@@ -35,11 +35,12 @@ pub(crate) fn visibility(
 
 /// What a fit can start from, decimated, unwrapped and baked: first the mesh that was drawn onto the reference, then, if it
 /// was a decimated one, the same as decimation left it. What is decimated is the reference, or, where there is one, the
-/// candidate `from` of an earlier fit. `importance` says how much each triangle of the reference counts in that.
+/// candidate `from` of an earlier fit. `weights` say how much each triangle of the
+/// reference counts.
 pub(super) fn prepare(
     n: &Normalised,
     reference: &ReferenceSurface<'_>,
-    (seen, importance): (&Visibility, &[f32]),
+    (seen, weights): (&Visibility, Weights<'_>),
     from: Option<&Candidate>,
     options: &SimplifyOptions,
     progress: &dyn Progress,
@@ -60,12 +61,12 @@ pub(super) fn prepare(
                 Some(candidate) => decimate_candidate(n, candidate, options.target, lock, progress)?,
                 None => {
                     let (mesh, class) = (&n.flat.mesh, n.triangle_classes());
-                    decimated(n, mesh, &class, importance, (options.target, lock), progress)?
+                    decimated(n, mesh, &class, weights.decimated, (options.target, lock), progress)?
                 }
             };
             locked = locks::locked(&d);
             let mut mesh = d.mesh.clone();
-            shrink_wrap::NEARBY.run(&mut mesh, &d.locked, reference, (seen, importance), progress)?;
+            shrink_wrap::NEARBY.run(&mut mesh, &d.locked, reference, (seen, weights.drawn), progress)?;
             (mesh, d.group, Some(d.mesh))
         }
     };
@@ -80,6 +81,15 @@ pub(super) fn prepare(
         starts.push(start(&mesh, class)?);
     }
     Ok(starts)
+}
+
+/// How much each triangle of the reference counts.
+#[derive(Clone, Copy)]
+pub(super) struct Weights<'a> {
+    /// In the decimation.
+    pub(super) decimated: &'a [f32],
+    /// When the decimated mesh is drawn onto it, beside the area; empty: all alike.
+    pub(super) drawn: &'a [f32],
 }
 
 /// A candidate with an atlas of its own and what was baked into it.

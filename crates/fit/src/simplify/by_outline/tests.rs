@@ -50,14 +50,16 @@ fn triangles_go_where_outlines_are_on_any_number_of_threads() {
     let seen = prepare::visibility(&rays, &Silent).unwrap();
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| importance(&n, &rays, &seen, 500, &Silent).unwrap())
+        pool.install(|| density(&rays, 500, &Silent).unwrap())
     };
-    let counting = on(1);
-    assert_eq!(counting, on(4));
+    let lengths = on(1);
+    assert_eq!(lengths, on(4));
+    let visible = prepare::importance(&n, &seen);
+    let counting = importance(&rays, &visible, &lengths, 0.9);
     let made = |importance: &[f32]| {
         decimate(&n.flat.mesh, &[], importance, &Options::new(Target::Triangles(500))).unwrap().mesh
     };
-    let [plain, outlined] = [prepare::importance(&n, &seen), counting].map(|w| made(&w));
+    let [plain, outlined] = [visible, counting].map(|w| made(&w));
     assert_eq!([plain.triangles.len(), outlined.triangles.len()], [500; 2], "the budget stays");
     let [before, after] = [at_the_hole(&plain), at_the_hole(&outlined)];
     assert!(
