@@ -15,6 +15,7 @@ mod error;
 pub mod footprint;
 pub mod guiding;
 pub mod lod;
+pub mod outline;
 pub mod pictures;
 mod progress;
 pub mod recover;

@@ -187,25 +187,37 @@ impl Probe<'_> {
     }
 
     fn occluded(&self, origin: Vec3f, direction: Vec3f) -> bool {
-        let reference = self.reference;
-        reference.accel().occluded_where(&Ray::new(origin, direction), |hit| {
-            let material = reference.material(hit.triangle);
-            // A view from outside sees the other side of what the ray meets.
-            let seen = Sides::of(material.double_sided).shows(!hit.front);
-            let drawn = seen || !self.settings.cull_back_faces;
-            drawn
-                && hit.triangle != self.triangle
-                && match material.alpha_mode {
-                    AlphaMode::Opaque => true,
-                    AlphaMode::Mask { .. } => !reference.is_cut(&hit.into()),
-                    AlphaMode::Blend => false,
-                }
-        })
+        // A view from outside sees the other side of what the ray meets.
+        let seen = |front: bool| !front;
+        let cull = self.settings.cull_back_faces;
+        is_occluded(self.reference, &Ray::new(origin, direction), |t| t == self.triangle, seen, cull)
     }
 }
 
+/// Whether something that is drawn lies on a ray, but for triangles that are `left_out`. `seen` says, from the side that the ray
+/// meets, whether the viewer looks at a front; only fronts of single-sided surfaces are drawn where back faces are culled.
+pub(crate) fn is_occluded(
+    reference: &ReferenceSurface<'_>,
+    ray: &Ray,
+    left_out: impl Fn(u32) -> bool,
+    seen: impl Fn(bool) -> bool,
+    cull_back_faces: bool,
+) -> bool {
+    reference.accel().occluded_where(ray, |hit| {
+        let material = reference.material(hit.triangle);
+        let drawn = Sides::of(material.double_sided).shows(seen(hit.front)) || !cull_back_faces;
+        drawn
+            && !left_out(hit.triangle)
+            && match material.alpha_mode {
+                AlphaMode::Opaque => true,
+                AlphaMode::Mask { .. } => !reference.is_cut(&hit.into()),
+                AlphaMode::Blend => false,
+            }
+    })
+}
+
 /// Point `i` of the four-dimensional additive sequence with the generalised golden ratio, in [0, 1)^4.
-fn sequence(start: [f64; 4], i: usize) -> [f32; 4] {
+pub(crate) fn sequence(start: [f64; 4], i: usize) -> [f32; 4] {
     // Powers of the inverse of the root of x^5 = x + 1.
     const STEP: [f64; 4] =
         [0.856_674_883_854_502_9, 0.733_891_856_627_126, 0.628_706_721_037_808_6, 0.538_597_257_223_61];

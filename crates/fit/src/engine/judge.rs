@@ -29,7 +29,7 @@ const BACKGROUND: f32 = 0.5;
 const MARGIN: usize = 6;
 const SMALL: usize = 256;
 /// Coverages of a pixel that differ by more than this are another outline.
-const OUTLINE: f32 = 0.1;
+pub(crate) const OUTLINE: f32 = 0.1;
 /// Pixels per degree of the FLIP viewer.
 const PIXELS_PER_DEGREE: f32 = 67.02;
 /// Largest PSNR of a [`Quality`], and that of equal pictures: what 8 bits can tell apart, rounded up.

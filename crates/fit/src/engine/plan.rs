@@ -155,6 +155,8 @@ pub struct FitPlan {
     mips: Option<[usize; 2]>,
     /// Shares of pixels and of views that show the backs of single-sided surfaces.
     backs: Option<(f64, f32)>,
+    /// Whether outlines count in where triangles are.
+    outline: Option<Item>,
 }
 
 impl FitPlan {
@@ -172,6 +174,7 @@ impl FitPlan {
             surfacing: Surfacing::default(),
             mips: None,
             backs: None,
+            outline: None,
         }
     }
 
@@ -271,6 +274,12 @@ impl FitPlan {
         Self { backs: seen.map(|seen| (seen, share)), ..self }
     }
 
+    /// Adds whether outlines count in where triangles are; nothing is told without.
+    #[must_use]
+    pub(crate) fn with_outline(self, outline: Item) -> Self {
+        Self { outline: Some(outline), ..self }
+    }
+
     /// Adds the phases of the fit.
     #[must_use]
     pub fn with_phases<M>(self, phases: &[Phase<'_, M>]) -> Self {
@@ -344,6 +353,7 @@ impl FitPlan {
         }
         items.extend(self.judgement.as_ref().map(Judgement::item));
         items.extend(self.backs.map(|(seen, share)| rows::backs(seen, share)));
+        items.extend(self.outline.clone());
         items.extend(self.mips.map(rows::free_mips));
         items.extend(self.device.clone().map(rows::device));
         items

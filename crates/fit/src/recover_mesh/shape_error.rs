@@ -37,8 +37,8 @@ impl ShapeError {
     pub(super) fn between(truth: &Truth, mesh: &Mesh, progress: &dyn Progress) -> Result<Self, FitError> {
         progress.report("shape error", 0, 1, "");
         let all = Visibility::everything(mesh.triangles.len());
-        let there = one_way(&sample(&truth.mesh, &truth.seen, POINTS), mesh, "recovered")?;
-        let back = one_way(&sample(mesh, &all, POINTS), &truth.mesh, "true")?;
+        let there = one_way(&sample(&truth.mesh, (&truth.seen, &[]), POINTS), mesh, "recovered")?;
+        let back = one_way(&sample(mesh, (&all, &[]), POINTS), &truth.mesh, "true")?;
         let (mut distances, angles): (Vec<f64>, Vec<f64>) = there.into_iter().chain(back).unzip();
         distances.sort_unstable_by(f64::total_cmp);
         let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len().max(1) as f64;

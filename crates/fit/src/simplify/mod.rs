@@ -4,6 +4,7 @@
 //! the maps -> export -> reload the file and compare it with the reference on views and lights that the fit never saw.
 
 mod backs;
+mod by_outline;
 mod byte_budget;
 mod choice;
 mod coverage;
@@ -145,17 +146,17 @@ pub(crate) fn simplify_asset(
     let Some(surface) = reference.surface(moment) else {
         return Err(FitError::Setting { field: "reference", rule: "has no surface to start from".into() });
     };
-    let starts = prepare::prepare(n, surface, visibility, from, options, progress)?;
 
     let (views, backs) = backs::views(n, reference, moment, options)?;
     let sampling = options.sampling();
     let held_out = HeldOut::new(reference, &views, sampling, options.held_out_views(), options.seed)?;
     let held_out = held_out.measured_by(options.mips.measure());
     held_out.warn_unseen(progress);
+    let (starts, row) = by_outline::starts(n, surface, visibility, from, &held_out, options, progress)?;
     let start = choice::best_start(&starts, &held_out);
     let loss = loss::choose(&held_out);
     let plan = options.plan(scene, reference.kind()).with_backs(backs.seen, backs.share);
-    let plan = plan.with_loss(loss, held_out.noise).with_maps(&start.candidate);
+    let plan = plan.with_loss(loss, held_out.noise).with_maps(&start.candidate).with_outline(row);
     let keeping = through_path::keeping_before(options);
     let job = Job {
         reference,

@@ -1,6 +1,6 @@
 //! What the user chooses.
 
-use super::{Effort, Mips, Normalised, ReferenceRenderer, mips};
+use super::{Effort, Mips, Normalised, ReferenceRenderer, by_outline, mips};
 use crate::bake::{BakeSettings, Occlusion};
 use crate::candidate::Candidate;
 use crate::engine::device::Device;
@@ -212,12 +212,13 @@ impl SimplifyOptions {
 
     /// What a fit of an asset against pictures of a kind does, as far as the options tell.
     pub fn plan(&self, scene: &Scene, reference: ReferenceKind) -> FitPlan {
-        FitPlan::new(scene)
+        let plan = FitPlan::new(scene)
             .with_options(self.fit_steps(), reference, &self.lighting)
             .with_surfacing(self.surfacing)
             .with_judgement(self.judgement(scene))
             .with_occlusion(self.occlusion)
-            .with_mips(self.mip_sizes())
+            .with_mips(self.mip_sizes());
+        if self.surfacing == Surfacing::Kept { plan } else { plan.with_outline(by_outline::planned(self)) }
     }
 
     /// Steps that are made at most.

@@ -35,11 +35,12 @@ pub(crate) fn visibility(
 
 /// What a fit can start from, decimated, unwrapped and baked: first the mesh that was drawn onto the reference, then, if it
 /// was a decimated one, the same as decimation left it. What is decimated is the reference, or, where there is one, the
-/// candidate `from` of an earlier fit.
+/// candidate `from` of an earlier fit. `weights` say how much each triangle of the
+/// reference counts.
 pub(super) fn prepare(
     n: &Normalised,
     reference: &ReferenceSurface<'_>,
-    seen: &Visibility,
+    (seen, weights): (&Visibility, Weights<'_>),
     from: Option<&Candidate>,
     options: &SimplifyOptions,
     progress: &dyn Progress,
@@ -51,18 +52,21 @@ pub(super) fn prepare(
     let (mesh, class, decimated) = match (options.init, from) {
         (Init::Sphere, None) => {
             let mut mesh = sphere(n, seen, options.target)?;
-            shrink_wrap::FROM_AFAR.run(&mut mesh, &[], reference, seen, progress)?;
+            shrink_wrap::FROM_AFAR.run(&mut mesh, &[], reference, (seen, &[]), progress)?;
             let class = closest_classes(n, reference, seen, &mesh);
             (mesh, class, None)
         }
         (_, from) => {
             let d = match from {
                 Some(candidate) => decimate_candidate(n, candidate, options.target, lock, progress)?,
-                None => decimate_reference(n, seen, options.target, lock, progress)?,
+                None => {
+                    let (mesh, class) = (&n.flat.mesh, n.triangle_classes());
+                    decimated(n, mesh, &class, weights.decimated, (options.target, lock), progress)?
+                }
             };
             locked = locks::locked(&d);
             let mut mesh = d.mesh.clone();
-            shrink_wrap::NEARBY.run(&mut mesh, &d.locked, reference, seen, progress)?;
+            shrink_wrap::NEARBY.run(&mut mesh, &d.locked, reference, (seen, weights.drawn), progress)?;
             (mesh, d.group, Some(d.mesh))
         }
     };
@@ -77,6 +81,15 @@ pub(super) fn prepare(
         starts.push(start(&mesh, class)?);
     }
     Ok(starts)
+}
+
+/// How much each triangle of the reference counts.
+#[derive(Clone, Copy)]
+pub(super) struct Weights<'a> {
+    /// In the decimation.
+    pub(super) decimated: &'a [f32],
+    /// When the decimated mesh is drawn onto it, beside the area; empty: all alike.
+    pub(super) drawn: &'a [f32],
 }
 
 /// A candidate with an atlas of its own and what was baked into it.
@@ -108,22 +121,14 @@ fn unwrap_and_bake(
 }
 
 /// A callback that shows the finished share of a stage and passes on the wish to stop.
-fn heard<'a>(stage: &'static str, progress: &'a dyn Progress) -> impl Fn(f32) -> ControlFlow<()> + Sync + 'a {
+pub(super) fn heard<'a>(
+    stage: &'static str,
+    progress: &'a dyn Progress,
+) -> impl Fn(f32) -> ControlFlow<()> + Sync + 'a {
     move |share| {
         progress.report(stage, (share * 1000.0) as u64, 1000, "");
         if progress.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
-}
-
-/// Decimates the reference with its visible triangles first.
-fn decimate_reference(
-    n: &Normalised,
-    seen: &Visibility,
-    target: Target,
-    lock_borders: bool,
-    progress: &dyn Progress,
-) -> Result<Decimated, FitError> {
-    decimated(n, &n.flat.mesh, &n.triangle_classes(), &importance(n, seen), (target, lock_borders), progress)
 }
 
 /// How much each triangle of the reference counts: by the share of the sky that sees it, 0 where nothing does.

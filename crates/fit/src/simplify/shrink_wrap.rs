@@ -65,7 +65,7 @@ impl Wrap {
         mesh: &mut Mesh,
         locked: &[bool],
         reference: &ReferenceSurface<'_>,
-        seen: &Visibility,
+        (seen, weights): (&Visibility, &[f32]),
         progress: &dyn Progress,
     ) -> Result<(), FitError> {
         let weld = weld_exact(&mesh.positions);
@@ -77,7 +77,7 @@ impl Wrap {
         let triangles = weld.triangles(&mesh.triangles);
         let edges = Edges::new(&mesh.triangles, &weld);
         let count = (self.samples_per_vertex * positions.len()).min(MOST_SAMPLES);
-        let samples = sample(reference.mesh(), seen, count);
+        let samples = sample(reference.mesh(), (seen, weights), count);
         let total = self.lambda.len() as u64 * self.steps;
         for (stage, lambda) in self.lambda.iter().enumerate() {
             let smooth = LargeSteps::new(positions.len(), &edges.vertices, *lambda)
@@ -150,14 +150,15 @@ impl Gone {
     }
 }
 
-/// Points on the visible triangles, evenly by area.
-pub(crate) fn sample(mesh: &Mesh, seen: &Visibility, count: usize) -> Vec<Sample> {
+/// Points on the visible triangles, evenly by area times weight (empty: 1 everywhere).
+pub(crate) fn sample(mesh: &Mesh, (seen, weights): (&Visibility, &[f32]), count: usize) -> Vec<Sample> {
     let mut sum = 0.0;
     let visible: Vec<(usize, f64)> = (0..mesh.triangles.len())
         .filter(|t| seen.is_visible(*t))
         .map(|t| {
             let [a, b, c] = mesh.corners(t);
-            sum += f64::from((b - a).cross(c - a).length());
+            let weight = weights.get(t).copied().unwrap_or(1.0);
+            sum += f64::from((b - a).cross(c - a).length() * weight);
             (t, sum)
         })
         .collect();
@@ -203,7 +204,7 @@ mod tests {
             (shape.positions.iter().map(squared).sum::<f64>() / shape.positions.len() as f64).sqrt()
         };
         let before = distance(&mesh);
-        world.with(|r| NEARBY.run(&mut mesh, &[], r, &seen, &Silent).unwrap());
+        world.with(|r| NEARBY.run(&mut mesh, &[], r, (&seen, &[]), &Silent).unwrap());
         assert!(distance(&mesh) < 0.99 * before, "rms distance {before} became {}", distance(&mesh));
     }
 
@@ -216,7 +217,7 @@ mod tests {
         let farthest = |wrap: &Wrap| {
             let mut mesh = shapes::icosphere(4);
             mesh.normals.clear();
-            world.with(|r| wrap.run(&mut mesh, &[], r, &seen, &Silent).unwrap());
+            world.with(|r| wrap.run(&mut mesh, &[], r, (&seen, &[]), &Silent).unwrap());
             mesh.positions.iter().map(|p| p.length()).fold(0.0, f32::max)
         };
         let kept = farthest(&NEARBY);
@@ -238,7 +239,7 @@ mod tests {
             let mut mesh = shapes::icosphere(8);
             mesh.normals.clear();
             let distance = world.with(|r| {
-                FROM_AFAR.run(&mut mesh, &[], r, &seen, &Silent).unwrap();
+                FROM_AFAR.run(&mut mesh, &[], r, (&seen, &[]), &Silent).unwrap();
                 let reach = |p: &Vec3f| r.accel().closest_point(*p, 10.0).unwrap().distance;
                 mesh.positions.iter().map(reach).sum::<f32>() / mesh.positions.len() as f32
             });

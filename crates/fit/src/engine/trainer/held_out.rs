@@ -1,5 +1,6 @@
 //! The views that a fit is judged by and never moved by, and how its pictures of them are judged.
 
+use crate::engine::judge::OUTLINE;
 use crate::engine::loss::relative_weights;
 use crate::engine::reference::Reference;
 use crate::engine::views::{Sampling, Set, Shot, Views};
@@ -141,14 +142,31 @@ impl HeldOut {
         -10.0 * mean((0..pictures.len()).into_par_iter().map(one).collect()).log10()
     }
 
+    /// Share of the squared error of pictures of these views, in [0, 1], in pixels that they cover otherwise than the reference.
+    pub fn at_outline(&self, pictures: &[Vec<[f32; 4]>]) -> f64 {
+        let one = |(picture, reference): (&Vec<[f32; 4]>, &Vec<[f32; 4]>)| {
+            let (mut at, mut all) = (0.0, 0.0);
+            for (c, r) in picture.iter().zip(reference) {
+                let e = squared_error(c, r);
+                all += e;
+                if (c[3] - r[3]).abs() > OUTLINE {
+                    at += e;
+                }
+            }
+            [at, all]
+        };
+        let sums: Vec<[f64; 2]> = pictures.par_iter().zip(self.references()).map(one).collect();
+        let [at, all] = sums.iter().fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+        if all > 0.0 { at / all } else { 0.0 }
+    }
+
     /// PSNR (sRGB, foreground) of pictures of these views, over all their pixels; over the views where these count alike.
     pub fn psnr(&self, pictures: &[Vec<[f32; 4]>]) -> f64 {
         let one = |(picture, reference): (&Vec<[f32; 4]>, &Vec<[f32; 4]>)| {
             let (mut squares, mut count) = (0.0, 0.0);
             for (c, r) in picture.iter().zip(reference) {
                 if c[3] > 0.0 || r[3] > 0.0 {
-                    let e = |x: f32| photofit_image::srgb_encode(x.clamp(0.0, 1.0));
-                    squares += (0..3).map(|k| f64::from(e(c[k]) - e(r[k])).powi(2)).sum::<f64>() / 3.0;
+                    squares += squared_error(c, r);
                     count += 1.0;
                 }
             }
@@ -159,6 +177,12 @@ impl HeldOut {
         };
         psnr_from_mse(mean(pictures.par_iter().zip(self.references()).map(one).collect()))
     }
+}
+
+/// Mean squared difference of two colours as a screen shows them.
+fn squared_error(c: &[f32; 4], r: &[f32; 4]) -> f64 {
+    let e = |x: f32| photofit_image::srgb_encode(x.clamp(0.0, 1.0));
+    (0..3).map(|k| f64::from(e(c[k]) - e(r[k])).powi(2)).sum::<f64>() / 3.0
 }
 
 /// The mean of what pictures have: sums and counts, added in the order of the pictures.
