@@ -1,5 +1,5 @@
 //! The backs of single-sided surfaces, where cameras see them: glTF leaves them out, path tracers and viewers that know no
-//! sides draw them. A light asset that was fitted to views of both kinds is right in renderers of both kinds.
+//! sides draw them. A light asset is fitted to views of both kinds, so that it suits renderers of both kinds.
 
 use super::SimplifyOptions;
 use crate::FitError;

@@ -26,7 +26,7 @@ pub use parameter::{MaterialValue, Parameter};
 use crate::PathtraceError;
 use crate::camera::View;
 use crate::error::invalid;
-use crate::film::{Filter, TILE};
+use crate::film::TILE;
 use crate::integrator::PathOptions;
 use crate::integrator::path::walk;
 use crate::plan::{self, Features};
@@ -282,8 +282,7 @@ impl<'a> Adjoint<'a> {
             Task { x: tile % columns * TILE, y: tile / columns * TILE, first }
         };
         let camera = self.view.prepare(self.world);
-        // Boxes do not overlap.
-        let alone = self.options.filter == Filter::Box;
+        let alone = !self.options.filter.is_shared();
         let ranges = &self.layout.ranges;
         let mut totals: Vec<Vec<[f64; 3]>> = ranges.iter().map(|r| vec![[0.0; 3]; r.cells]).collect();
         let (mut residual, mut not_finite) = (0.0_f64, 0);

@@ -44,6 +44,11 @@ impl Filter {
         }
     }
 
+    /// Whether the filters of pixels overlap, and not over so many that telling the shares of all costs more than a path.
+    pub(crate) fn is_shared(self) -> bool {
+        self != Self::Box && self.reach() <= 8.0
+    }
+
     /// What a sample at `at` (pixels from the upper left corner of the picture) counts in the sum of all pixels times
     /// `weights`: their mean over the pixels whose filters place samples there, by the density with which they do. That is the
     /// balance heuristic over pixels: the sum has the same expectation as with samples that count for

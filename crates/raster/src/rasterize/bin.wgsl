@@ -95,7 +95,7 @@ fn box_of(t: u32) -> vec4<i32> {
     if columns.x > columns.y || rows.x > rows.y {
         return none;
     }
-    let front_only = params.backs == 0u && (surfaces[t].x & 4u) == 0u && all(w > vec3<f32>(0.0));
+    let front_only = shows_front_only(surfaces[t].x) && all(w > vec3<f32>(0.0));
     if front_only && turns_away(load_triangle(t), centre(u32(columns.x), u32(rows.x))) {
         return none;
     }

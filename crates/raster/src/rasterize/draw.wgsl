@@ -50,7 +50,7 @@ fn small(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) group
         return;
     }
     let t = load_triangle(id);
-    let front_only = (surfaces[id].x & 4u) == 0u;
+    let front_only = shows_front_only(surfaces[id].x);
     for (var y = b.y; y <= b.w; y++) {
         for (var x = b.x; x <= b.z; x++) {
             draw_sample(t, id, x, y, front_only);
@@ -70,7 +70,7 @@ fn medium(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) grou
     let b = unpacked(boxes[id]);
     let size = b.zw - b.xy + 1u;
     let t = load_triangle(id);
-    let front_only = (surfaces[id].x & 4u) == 0u;
+    let front_only = shows_front_only(surfaces[id].x);
     for (var k = lane; k < size.x * size.y; k += 64u) {
         draw_sample(t, id, b.x + k % size.x, b.y + k / size.x, front_only);
     }
@@ -119,7 +119,7 @@ fn large(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) group
     let b = unpacked(boxes[id]);
     let tiles = b.zw / TILE - b.xy / TILE + 1u;
     let t = load_triangle(id);
-    let front_only = (surfaces[id].x & 4u) == 0u;
+    let front_only = shows_front_only(surfaces[id].x);
     for (var tile = slice % SLICES; tile < tiles.x * tiles.y; tile += SLICES) {
         let corner = (b.xy / TILE + vec2<u32>(tile % tiles.x, tile / tiles.x)) * TILE;
         if misses(t, corner, front_only) {

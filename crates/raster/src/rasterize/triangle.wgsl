@@ -71,6 +71,11 @@ fn owns(s: vec3<f32>, t: vec3<f32>, sign: f32) -> bool {
     return turned > 0.0;
 }
 
+// Whether the backs of a triangle with these flags are not drawn.
+fn shows_front_only(flags: u32) -> bool {
+    return params.backs == 0u && (flags & 4u) == 0u;
+}
+
 // z/w in [0, 1] where a triangle covers a pixel centre, else `NOTHING`.
 fn cover(t: Triangle, n: vec2<f32>, front_only: bool) -> f32 {
     let e = vec3<f32>(edge(t.p[1], t.p[2], n), edge(t.p[2], t.p[0], n), edge(t.p[0], t.p[1], n));

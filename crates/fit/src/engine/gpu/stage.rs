@@ -57,18 +57,20 @@ impl Skies {
 
     /// Uploads the environments of shots that are not there yet; whether there were any.
     pub(super) fn add(&mut self, gpu: &Gpu, shots: &[Shot]) -> Result<bool, GpuError> {
-        let before = self.environments.len();
+        let mut environments = self.environments.clone();
         for light in shots.iter().flat_map(|s| &s.lights.0) {
             if let ViewLight::Environment { map, .. } = light
-                && !self.environments.iter().any(|e| Arc::ptr_eq(e, map))
+                && !environments.iter().any(|e| Arc::ptr_eq(e, map))
             {
-                self.environments.push(map.clone());
+                environments.push(map.clone());
             }
         }
-        let new = self.environments.len() > before;
+        let new = environments.len() > self.environments.len();
         if new {
-            let all: Vec<&Environment> = self.environments.iter().map(|e| &**e).collect();
+            // Where there is no room for the tables, those before still belong to their list.
+            let all: Vec<&Environment> = environments.iter().map(|e| &**e).collect();
             self.tables = ShadingTables::new(gpu, &all)?;
+            self.environments = environments;
         }
         Ok(new)
     }

@@ -52,7 +52,11 @@ fn candidate(sheets: bool) -> Candidate {
     let (mesh, _) = atlas.build_mesh(&mesh.positions, &mesh.triangles);
     let alpha = [AlphaMode::Opaque, AlphaMode::Blend, AlphaMode::Mask { cutoff: 0.5 }];
     let classes = alpha
-        .map(|alpha| SurfaceClass { alpha, sides: Sides::Both, opposed: alpha == AlphaMode::Blend })
+        .map(|alpha| SurfaceClass {
+            alpha,
+            sides: if alpha == AlphaMode::Opaque { Sides::Both } else { Sides::Front },
+            opposed: alpha == AlphaMode::Blend,
+        })
         .to_vec();
     let mut rng = Uniform::new(3);
     let texel = |_| {
@@ -86,7 +90,9 @@ fn shots(sampling: Sampling, size: usize) -> Vec<Shot> {
     let mut rng = Uniform::new(8);
     (0..2)
         .map(|i| {
-            let setup = views.setup(Set::Train, i, 0);
+            let mut setup = views.setup(Set::Train, i, 0);
+            // One view that shows backs, one that does not.
+            setup.backs = i == 1;
             let picture = Image::from_fn(setup.width, setup.height, 4, |_, _, _| rng.range(0.0, 1.0) as f32);
             Shot::new(&setup, picture, sampling, 1, i)
         })

@@ -42,7 +42,8 @@ fn every_pixel_has_its_filter_at_borders_too() {
             let found: Vec<f64> = estimates(&empty(), filter, &one, 64, 32).iter().map(|v| v[0]).collect();
             let (mean, error) = statistics(&found);
             assert!((mean - 1.0).abs() < 4.0 * error + 1e-4, "{filter:?} at {place:?}: {mean} +- {error}");
-            assert!(error < 0.02, "{filter:?} at {place:?}: {error}");
+            // With samples that count for their own pixel alone there is no spread at all.
+            assert!(error > 1e-6 && error < 0.02, "{filter:?} at {place:?}: {error}");
         }
     }
 }

@@ -34,11 +34,11 @@ pub(crate) fn parse(bytes: &[u8], folder: &Folder, limits: &Limits) -> Result<Sc
         mesh = split.apply(&mesh);
         mesh.normals = computed;
     } else {
+        scene.warnings.extend(normals::turned(normals::turn_opposed(&mut mesh)));
         if mesh.normals.contains(&Vec3f::zero()) {
             let found = normals::repair(&mut mesh);
             scene.warnings.push(format!("normals without a direction: {found}, which are computed"));
         }
-        scene.warnings.extend(normals::turned(normals::turn_opposed(&mut mesh)));
     }
     let mut material = super::clay();
     if !mesh.colors.is_empty() {
