@@ -307,7 +307,7 @@ pub(crate) struct Simplify {
     /// Keep the asset's texture coordinates, materials and textures, tiling ones too, all as they are: triangles alone are fewer,
     /// in the way that looks best of several, and nothing is fitted. Textures are stored as they were read unless --textures or
     /// --jpeg says otherwise. An asset without texture coordinates is refused.
-    #[arg(long, conflicts_with_all = ["new_maps", "steps", "batch", "texture_size", "fit_with"])]
+    #[arg(long, conflicts_with_all = ["new_maps", "steps", "batch", "texture_size", "effort", "fit_with"])]
     pub(crate) keep_uvs: bool,
     /// Leave vertices on open borders where they are, to the bit, in the decimation and in the fit: parts of a larger asset that
     /// are simplified apart meet without cracks. Where borders leave no room for the budget there are more triangles. The fit

@@ -242,13 +242,14 @@ impl Job<'_> {
         say_warnings(self.input, scene);
         if self.explain {
             let plan = options.plan(scene, options.rasterized_against().kind());
-            let (effort, steps) = (options.effort, options.fit_steps());
-            let asked = if options.surfacing == Surfacing::Kept {
-                effort.about_choice()
-            } else {
-                format!("{}; {steps} steps are asked for", effort.about())
-            };
-            print(&format!("effort {}: {asked}\n", effort.name()))?;
+            if options.surfacing != Surfacing::Kept {
+                let (effort, steps) = (options.effort, options.fit_steps());
+                print(&format!(
+                    "effort {}: {}; {steps} steps are asked for\n",
+                    effort.name(),
+                    effort.about()
+                ))?;
+            }
             print(&format!("what the asset asks for:\n{plan}\n\n"))?;
         }
         let judgement = options.judgement(scene);

@@ -10,7 +10,7 @@ mod tests;
 
 use super::options::FEWEST;
 use super::plain::reduced;
-use super::{Normalised, SimplifyOptions, dressed};
+use super::{Normalised, SimplifyOptions};
 use crate::engine::judge::{self, Stage};
 use crate::engine::reference::Reference;
 use crate::{FitError, Progress};
@@ -30,8 +30,6 @@ const IMAGES_MAX: usize = 8;
 const HALVINGS: usize = 4;
 /// Least loss that a halving is thought to have, and one that was not measured, decibels: few views do not see all.
 const LEAST_LOSS: [f64; 2] = [0.01, 0.2];
-/// Lead in score, PSNR and FLIP in decibels, from which on no fit is made: twice what fits were seen to gain.
-const OUT_OF_REACH: f64 = 6.0;
 /// Bytes of padding and JSON by which one encoding of an image may differ from another beside its own.
 const AROUND: usize = 128;
 
@@ -65,16 +63,9 @@ struct Files {
 }
 
 /// An asset and the bytes of its file.
-pub(super) struct Made {
-    pub(super) scene: Scene,
+struct Made {
+    scene: Scene,
     bytes: u64,
-}
-
-/// The file within a budget that a fit stands against.
-pub(super) struct Rival {
-    pub(super) made: Made,
-    /// Whether it leads what the fit would start from, which no budget binds, by more than fits gain.
-    pub(super) is_out_of_reach: bool,
 }
 
 impl Made {
@@ -85,7 +76,7 @@ impl Made {
     }
 
     /// Tells that the file has more than `most` bytes, if it has.
-    pub(super) fn warn(&self, most: u64, progress: &dyn Progress) {
+    fn warn(&self, most: u64, progress: &dyn Progress) {
         let Self { scene, bytes } = self;
         if *bytes <= most {
             return;
@@ -99,132 +90,93 @@ impl Made {
     }
 }
 
-/// A budget of bytes, and what stands for looks within it.
-#[derive(Clone, Copy)]
-pub(super) struct Budget<'a> {
-    pub(super) most: u64,
-    pub(super) scene: &'a Scene,
-    pub(super) n: &'a Normalised,
-    pub(super) reference: &'a dyn Reference,
-    pub(super) options: &'a SimplifyOptions,
-    pub(super) progress: &'a dyn Progress,
+/// The file of at most `most` bytes of an asset; where there is none, that of the asset with its `own` textures, and of the
+/// `whole` source as it is. Also whether it is one of these. Warns if none fits, and gives the smallest.
+///
+/// # Errors
+/// If a file cannot be encoded.
+pub(super) fn best_within(
+    light: Scene,
+    (own, whole): (Option<Scene>, Option<&Scene>),
+    most: u64,
+    judged_by: (&Normalised, &dyn Reference),
+    options: &SimplifyOptions,
+    progress: &dyn Progress,
+) -> Result<(Scene, bool), FitError> {
+    let mut made = within(light, most, judged_by, options, progress)?;
+    let mut is_other = false;
+    // What looked best may take more bytes than the asset's own textures.
+    if let Some(own) = own.filter(|_| made.bytes > most) {
+        let own = within(own, most, judged_by, options, progress)?;
+        if own.bytes < made.bytes {
+            (made, is_other) = (own, true);
+        }
+    }
+    // Decimation splits vertices where attributes differ, so that all triangles may take more bytes than the source did.
+    if let Some(whole) = whole.filter(|_| made.bytes > most) {
+        let whole = Made::new(whole.clone(), options.compression)?;
+        if whole.bytes <= most {
+            (made, is_other) = (whole, true);
+        }
+    }
+    made.warn(most, progress);
+    Ok((made.scene, is_other))
 }
 
-impl Budget<'_> {
-    /// Of the file of the asset `light` within the budget and of `own`, that of its own textures on fewer triangles, the one that
-    /// looks better; where neither fits the `whole` source as it is, if it does, else the smaller. Also whether it is
-    /// another than `light`. Warns if none fits.
-    ///
-    /// # Errors
-    /// If a file cannot be encoded.
-    pub(super) fn best(
-        &self,
-        light: Scene,
-        own: Option<Made>,
-        whole: Option<&Scene>,
-    ) -> Result<(Scene, bool), FitError> {
-        let mut made = self.within(light)?;
-        let mut is_other = false;
-        if let Some(own) = own {
-            let fits = [&made, &own].map(|m| m.bytes <= self.most);
-            let better = match fits {
-                [true, true] => judge::highest(&self.scores(&[&made.scene, &own.scene])?) == 1,
-                [false, false] => own.bytes < made.bytes,
-                [_, own] => own,
-            };
-            if better {
-                (made, is_other) = (own, true);
-            }
-        }
-        // Decimation splits vertices where attributes differ, so that all triangles may take more bytes than the source did.
-        if let Some(whole) = whole.filter(|_| made.bytes > self.most) {
-            let whole = Made::new(whole.clone(), self.options.compression)?;
-            if whole.bytes <= self.most {
-                (made, is_other) = (whole, true);
-            }
-        }
-        made.warn(self.most, self.progress);
-        Ok((made.scene, is_other))
+/// The asset with the textures that look best among those with which the file has at most `most` bytes. Where none fits, the
+/// smallest file.
+///
+/// # Errors
+/// If a file cannot be encoded.
+fn within(
+    light: Scene,
+    most: u64,
+    (n, reference): (&Normalised, &dyn Reference),
+    options: &SimplifyOptions,
+    progress: &dyn Progress,
+) -> Result<Made, FitError> {
+    let made = Made::new(light, options.compression)?;
+    if made.bytes <= most || made.scene.images.is_empty() {
+        return Ok(made);
     }
-
-    /// The file of the asset's `own` textures on fewer triangles within the budget, where it may be written; `start` is what
-    /// a fit begins with.
-    ///
-    /// # Errors
-    /// If a file cannot be encoded or a picture not be made.
-    pub(super) fn rival(
-        &self,
-        own: Option<Scene>,
-        start: impl FnOnce() -> Scene,
-    ) -> Result<Option<Rival>, FitError> {
-        let Some(own) = own else { return Ok(None) };
-        let made = self.within(dressed(own, self.scene, self.options))?;
-        let no_fit_to_spare = self.options.steps == 0 || self.progress.is_cancelled();
-        let is_out_of_reach = made.bytes <= self.most && !no_fit_to_spare && {
-            let scores = self.scores(&[&start(), &made.scene])?;
-            scores[1] - scores[0] > OUT_OF_REACH
-        };
-        if is_out_of_reach {
-            self.progress.warn(&format!(
-                "nothing is fitted: within {} bytes the asset's own textures look so much better than new ones of any size \
-                 that no fit makes up for it",
-                self.most
-            ));
-        }
-        Ok(Some(Rival { made, is_out_of_reach }))
-    }
-
-    /// How good assets look in held-out views, drawn as the report draws them.
-    fn scores(&self, scenes: &[&Scene]) -> Result<Vec<f64>, FitError> {
-        let o = self.options;
-        let stages: Vec<Stage> = scenes.iter().map(|s| Stage::new("", (*s).clone())).collect();
-        let judge = o.judge_of(self.scene, self.n, self.reference);
-        judge.scores(&stages, (o.choice_views(), o.smallest_picture()), o.choice_samples(), self.progress)
-    }
-
-    /// The asset with the textures that look best among those with which the file fits. Where none does, the smallest file.
-    ///
-    /// # Errors
-    /// If a file cannot be encoded.
-    pub(super) fn within(&self, light: Scene) -> Result<Made, FitError> {
-        let Self { most, n, reference, options, progress, .. } = *self;
-        let made = Made::new(light, options.compression)?;
-        if made.bytes <= most || made.scene.images.is_empty() {
-            return Ok(made);
-        }
-        let files = Files::new(made.scene, options, progress)?;
-        let views = options.orbit(options.resolution);
-        let (count, samples) = (options.choice_views(), options.choice_samples());
-        let texels: usize = files.light.images.iter().map(|i| i.texels.len()).sum();
-        let at_once = (TEXELS_AT_ONCE / texels.max(1)).max(1);
-        let judged = |count_of: usize,
-                      scene: &dyn Fn(usize) -> Result<Scene, FitError>|
-         -> Result<Vec<f64>, FitError> {
+    let files = Files::new(made.scene, options, progress)?;
+    let views = options.orbit(options.resolution);
+    let (count, samples) = (options.choice_views(), options.choice_samples());
+    let texels: usize = files.light.images.iter().map(|i| i.texels.len()).sum();
+    let at_once = (TEXELS_AT_ONCE / texels.max(1)).max(1);
+    let judged =
+        |count_of: usize, scene: &dyn Fn(usize) -> Result<Scene, FitError>| -> Result<Vec<f64>, FitError> {
             let mut scores = Vec::new();
             for first in (0..count_of).step_by(at_once) {
                 let some = (first..count_of.min(first + at_once)).map(|i| Ok(Stage::new("", scene(i)?)));
                 let stages = some.collect::<Result<Vec<Stage>, FitError>>()?;
-                let light = &n.light_asset;
-                scores.extend(judge::scores(light, reference, &stages, &views, count, samples, progress)?);
+                scores.extend(judge::scores(
+                    &n.light_asset,
+                    reference,
+                    &stages,
+                    &views,
+                    count,
+                    samples,
+                    progress,
+                )?);
             }
             Ok(scores)
         };
-        let mut fitting = files.alike(most)?;
-        if (2..=IMAGES_MAX).contains(&files.images.len()) && !progress.is_cancelled() {
-            let trials = files.trials();
-            let ways = files.ways(&judged(trials.len(), &|i| files.trial(&trials[i]))?);
-            fitting.extend(files.apart(&ways, most)?);
-        }
-        let scene = match fitting.len() {
-            0 => files.with(&files.smallest())?,
-            1 => fitting.swap_remove(0),
-            _ => {
-                let best = judge::highest(&judged(fitting.len(), &|i| Ok(fitting[i].clone()))?);
-                fitting.swap_remove(best)
-            }
-        };
-        Made::new(scene, options.compression)
+    let mut fitting = files.alike(most)?;
+    if (2..=IMAGES_MAX).contains(&files.images.len()) && !progress.is_cancelled() {
+        let trials = files.trials();
+        let ways = files.ways(&judged(trials.len(), &|i| files.trial(&trials[i]))?);
+        fitting.extend(files.apart(&ways, most)?);
     }
+    let scene = match fitting.len() {
+        0 => files.with(&files.smallest())?,
+        1 => fitting.swap_remove(0),
+        _ => {
+            let best = judge::highest(&judged(fitting.len(), &|i| Ok(fitting[i].clone()))?);
+            fitting.swap_remove(best)
+        }
+    };
+    Made::new(scene, options.compression)
 }
 
 /// Part of a file's bytes that geometry may take where the budget of triangles follows from bytes: a convention, which no

@@ -1,9 +1,7 @@
 //! An asset with its own texture coordinates, materials and textures on fewer triangles, in place of a fit.
 
 use super::outcome::Times;
-use super::{
-    Asset, FILE, Outcome, SimplifyOptions, Written, byte_budget, dressed, locks, outcome, plain, prepare,
-};
+use super::{Asset, FILE, Outcome, SimplifyOptions, Written, byte_budget, locks, outcome, plain, prepare};
 use crate::candidate::{Candidate, SurfaceClass};
 use crate::engine::FitFrame;
 use crate::engine::judge::Stage;
@@ -47,10 +45,11 @@ pub(super) fn simplify(
     let reference = &*reference;
     let first = plain::decimated(scene, n, &[], &plain::own(options.target, options.lock_borders))?;
     let best = plain::best(asset, first, reference, options.target, options, progress)?;
-    let mut light = dressed(plain::kept(&best, n, options), scene, options);
+    let mut light = plain::kept(&best, n, options);
+    light.inherit(scene);
+    light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
     if let Some(most) = options.max_bytes {
-        let budget = byte_budget::Budget { most, scene, n, reference, options, progress };
-        light = budget.best(light, None, None)?.0;
+        light = byte_budget::best_within(light, (None, None), most, (n, reference), options, progress)?.0;
     }
     if options.lock_borders {
         locks::restore(&mut light, scene, n);
@@ -147,32 +146,6 @@ mod tests {
         }
         assert!(made.shipped().unwrap().psnr > 30.0, "{:?}", made.stages);
         assert!(crate::report::Verdict::of(&made).better.is_none());
-    }
-
-    /// Tiles need few texels, which new maps of as many bytes do not have for all of them.
-    #[test]
-    fn a_budget_of_bytes_knows_the_own_textures_and_what_no_fit_reaches() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("a.glb");
-        let scene = tiled();
-        let whole =
-            photofit_scene::to_glb_with(&scene, photofit_scene::Compression::None).unwrap().len() as u64;
-        let bounded = |own_textures| {
-            let (surfacing, max_bytes) = (Surfacing::Maps, Some(whole * 6 / 10));
-            let o = SimplifyOptions { surfacing, max_bytes, own_textures, texture_size: 64, ..kept() };
-            let heard = Heard::default();
-            let made = simplify(&scene, &path, &SimplifyOptions { steps: 6, ..o }, &heard).unwrap();
-            let told = heard.0.into_inner().unwrap().join("; ");
-            assert!(std::fs::metadata(&path).unwrap().len() <= whole * 6 / 10, "{told}");
-            (made, told)
-        };
-        let (own, told) = bounded(true);
-        assert_eq!((own.written, own.triangles_out), (Written::Decimated, 200), "{told}");
-        assert_eq!((own.steps, told.contains("nothing is fitted")), (0, true), "{told}");
-        let (new, told) = bounded(false);
-        assert!(new.steps == 6 && new.written != Written::Decimated && !told.contains("nothing is fitted"));
-        let psnr = |o: &Outcome| o.shipped().unwrap().psnr;
-        assert!(psnr(&own) > psnr(&new) + 3.0, "{} {}", psnr(&own), psnr(&new));
     }
 
     #[test]

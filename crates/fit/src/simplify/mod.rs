@@ -50,7 +50,6 @@ use crate::engine::trainer::{self, HeldOut, Job, Phase};
 use crate::engine::views::Moment;
 use crate::visibility::Visibility;
 use crate::{FitError, Progress};
-use byte_budget::Budget;
 use outcome::Times;
 use photofit_geometry::decimate::Target;
 use photofit_scene::Scene;
@@ -155,16 +154,6 @@ pub(crate) fn simplify_asset(
     held_out.warn_unseen(progress);
     let (starts, row) = by_outline::starts(n, surface, visibility, from, &held_out, options, progress)?;
     let start = choice::best_start(&starts, &held_out);
-    let as_many = Target::Triangles(start.candidate.triangles.len());
-    let plain = plain::decimated(scene, n, &[], &plain::own(as_many, options.lock_borders))?;
-    let own = plain::candidate(asset, &plain, reference, as_many, options, progress)?;
-    let budget = options.max_bytes.map(|most| Budget { most, scene, n, reference, options, progress });
-    let (own, rival) = match &budget {
-        Some(b) => (None, b.rival(own, || options.exported(&start.candidate, n))?),
-        None => (own, None),
-    };
-    let unfitted = SimplifyOptions { steps: 0, ..options.clone() };
-    let options = if rival.as_ref().is_some_and(|r| r.is_out_of_reach) { &unfitted } else { options };
     let loss = loss::choose(&held_out);
     let plan = options.plan(scene, reference.kind()).with_backs(backs.seen, backs.share);
     let plan = plan.with_loss(loss, held_out.noise).with_maps(&start.candidate).with_outline(row);
@@ -201,7 +190,10 @@ pub(crate) fn simplify_asset(
         progress,
     )?;
     let plan = plan_with_phases.unwrap_or(plan).with_device(device.told());
-    let choice::Chosen { trained, light, mut written, mut fitted } =
+    let as_many = Target::Triangles(start.candidate.triangles.len());
+    let plain = plain::decimated(scene, n, &[], &plain::own(as_many, options.lock_borders))?;
+    let own = plain::candidate(asset, &plain, reference, as_many, options, progress)?;
+    let choice::Chosen { trained, light, mut written, mut fitted, own } =
         choice::best(trained, own, surface, visibility, &starts, (scene, n), reference, options, progress)?;
 
     if options.surfacing == Surfacing::VertexColors {
@@ -210,16 +202,30 @@ pub(crate) fn simplify_asset(
     let spent = fit_began.elapsed();
     let done = (written, trained.stopped, spent);
     let (light, mut traced_maps) = through_path::fit_maps(asset, light, done, options, progress);
-    let mut light = dressed(light, scene, options);
-    if let Some(budget) = budget {
-        let other;
-        (light, other) =
-            budget.best(light, rival.map(|r| r.made), options.keeps_all(scene).then_some(scene))?;
+    let dressed = |mut light: Scene| {
+        light.inherit(scene);
+        light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
+        light
+    };
+    let mut light = dressed(light);
+    if let Some(most) = options.max_bytes {
+        let whole = options.keeps_all(scene).then_some(scene);
+        let (made, other) = byte_budget::best_within(
+            light,
+            (own.map(dressed), whole),
+            most,
+            (n, reference),
+            options,
+            progress,
+        )?;
         if other {
-            let was = written == Written::Fitted && trained.steps > 0;
-            fitted = if was { Some(options.exported(&trained.model.candidate, n)) } else { fitted };
-            (written, traced_maps) = (Written::Decimated, None);
+            if written == Written::Fitted && trained.steps > 0 {
+                fitted = Some(options.exported(&trained.model.candidate, n));
+            }
+            written = Written::Decimated;
+            traced_maps = None;
         }
+        light = made;
     }
     if options.lock_borders {
         locks::restore(&mut light, scene, n);
@@ -245,15 +251,12 @@ pub(crate) fn simplify_asset(
         outcome::not_fitted(scene, light, written == Written::Decimated),
     );
     outcome.stopped |= progress.is_cancelled();
-    outcome.add_traced(traced_maps);
+    if let Some(traced) = traced_maps {
+        outcome.stopped |= traced.stopped;
+        outcome.fit_stopped |= traced.stopped;
+        outcome.traced_maps = Some(traced);
+    }
     Ok(outcome)
-}
-
-/// What is to be written, with what the asset has beside its surface and textures encoded as asked.
-fn dressed(mut light: Scene, scene: &Scene, options: &SimplifyOptions) -> Scene {
-    light.inherit(scene);
-    light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
-    light
 }
 
 /// What the report compares, in this order: the asset itself where an engine draws it, the decimated one, the starts, what was

@@ -140,14 +140,6 @@ impl Outcome {
         }
     }
 
-    /// Adds the fit of the maps through the path tracer, where there was one.
-    pub(super) fn add_traced(&mut self, course: Option<MapsCourse>) {
-        let stopped = course.as_ref().is_some_and(|c| c.stopped);
-        self.stopped |= stopped;
-        self.fit_stopped |= stopped;
-        self.traced_maps = course;
-    }
-
     pub(super) fn new(
         [triangles_in, triangles_out]: [usize; 2],
         trained: Trained<Surface>,

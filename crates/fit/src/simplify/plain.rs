@@ -9,17 +9,13 @@ use crate::engine::reference::Reference;
 use crate::{FitError, Progress};
 use photofit_geometry::decimate::{Options, Target};
 use photofit_raster::texture::{MipLayout, MipRule, MipTexture, Texels};
-use photofit_scene::{AlphaMode, Extensions, Material, Scene, TextureEncoding, TextureImage, TextureSlot};
-use rayon::prelude::*;
+use photofit_scene::{AlphaMode, Scene, TextureEncoding, TextureImage, TextureSlot};
 
 /// Textures of a fitted asset at most: base colour, roughness with metalness, normals, emission.
 const MAPS: usize = 4;
 
-/// Extensions that lie over a core which the rasterizer draws: what they add changes little with the number of triangles.
+/// Extensions that lie over a core which the rasterizer draws of both sides of the choice alike.
 const OVER_THE_CORE: [&str; 4] = ["specular", "clearcoat", "sheen", "anisotropy"];
-
-/// How many times as much triangles count that bend light: what is seen through them moves with their normals.
-const REFRACTING: f32 = 4.0;
 
 /// How to decimate an asset with its own texture coordinates.
 pub(super) fn own(target: Target, lock_border: bool) -> Options {
@@ -42,9 +38,9 @@ pub(super) fn decimated(
     decimated_only("decimated", scene, n, importance, how)
 }
 
-/// Of `first` and of decimations to as many triangles that other weights make (mild ones, with what can be seen counting
-/// more, and with what bends light counting more), the one that looks best; path traced where the rasterizer does not draw what
-/// they differ in. Other budgets than of triangles mean other numbers under other weights: `first` alone counts then.
+/// Of `first` and of decimations to as many triangles that other weights make (mild ones, and with what can be seen counting
+/// more), the one that looks best. Other budgets than of triangles mean other numbers under other weights: `first` alone
+/// counts then.
 pub(super) fn best(
     asset: Asset<'_>,
     first: Stage,
@@ -58,36 +54,14 @@ pub(super) fn best(
         return Ok(first);
     }
     let how = own(target, options.lock_borders);
-    let mild = mild(&how);
-    let mut ways = vec![(Vec::new(), &mild), (importance(n, visibility), &how)];
-    if let Some(weights) = refracting(n) {
-        ways.extend([(weights.clone(), &how), (weights, &mild)]);
-    }
-    let made = ways.par_iter().map(|(weights, how)| decimated(scene, n, weights, how));
-    let mut stages = vec![first];
-    stages.extend(made.collect::<Result<Vec<Stage>, FitError>>()?);
+    let seen = importance(n, visibility);
+    let (mild, seen) =
+        rayon::join(|| decimated(scene, n, &[], &mild(&how)), || decimated(scene, n, &seen, &how));
+    let mut stages = vec![first, mild?, seen?];
+    let views = options.orbit(options.resolution);
     let (count, samples) = (options.choice_views(), options.choice_samples());
-    let scores = if beyond_rasterizer(scene).iter().all(|name| OVER_THE_CORE.contains(name)) {
-        let views = options.orbit(options.resolution);
-        judge::scores(&n.light_asset, reference, &stages, &views, count, samples, progress)?
-    } else {
-        let judge = options.judge_of(scene, n, reference);
-        judge.scores(&stages, (count, options.smallest_picture()), samples, progress)?
-    };
+    let scores = judge::scores(&n.light_asset, reference, &stages, &views, count, samples, progress)?;
     Ok(stages.swap_remove(judge::highest(&scores)))
-}
-
-/// Weights of an asset's triangles where those of solids that light passes through count more; `None` where there are none, or
-/// no others.
-fn refracting(n: &Normalised) -> Option<Vec<f32>> {
-    let solid = |e: &Extensions| {
-        e.acting().contains(&"volume") && e.volume.as_ref().is_some_and(|v| v.thickness > 0.0)
-    };
-    let bends = |m: &Material| !m.unlit && m.extensions.as_deref().is_some_and(solid);
-    let bends: Vec<bool> = n.materials.iter().map(bends).collect();
-    let weight = |m: &u32| if bends[*m as usize] { REFRACTING } else { 1.0 };
-    let weights: Vec<f32> = n.flat.triangle_material.iter().map(weight).collect();
-    (weights.contains(&REFRACTING) && weights.contains(&1.0)).then_some(weights)
 }
 
 /// The asset with all of its textures and materials as they are.
@@ -110,26 +84,32 @@ pub(super) fn candidate(
     options: &SimplifyOptions,
     progress: &dyn Progress,
 ) -> Result<Option<Scene>, FitError> {
-    if !options.keeps_textures() {
+    if !options.keeps_textures() || !may_be_written(asset.scene) {
         return Ok(None);
     }
     let best = best(asset, plain.clone(), reference, target, options, progress)?;
-    Ok(Some(written(&best, asset.n, options)))
+    Ok(written(&best, asset.n, options))
+}
+
+/// Whether an asset with its own materials may be written in place of a fitted one: the rasterizer, which puts decimations in
+/// order, draws the core of all of them.
+pub(super) fn may_be_written(asset: &Scene) -> bool {
+    beyond_rasterizer(asset).iter().all(|name| OVER_THE_CORE.contains(name))
 }
 
 /// The same as it may be written in place of a fitted asset: in the asset's frame, with textures that together have no
 /// more texels than the maps of a fitted one; the largest are halved until they do, and each until its sides are no longer than
-/// [`SimplifyOptions::own_texture_size`]. Where the budget is mild and textures may stay whole, they do; a budget of bytes,
-/// which halves them by itself, leaves them their texels, too.
-pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) -> Scene {
+/// [`SimplifyOptions::own_texture_size`]. `None` where it has materials whose core the rasterizer does not draw. Where the
+/// budget is mild and textures may stay whole, they do.
+pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) -> Option<Scene> {
+    if !may_be_written(&stage.scene) {
+        return None;
+    }
     let mut light = kept(stage, n, options);
     if options.whole_textures && light.triangle_count() as f64 >= MILD * n.flat.mesh.triangles.len() as f64 {
-        return light;
+        return Some(light);
     }
-    let most = match options.max_bytes {
-        Some(_) => usize::MAX,
-        None => MAPS * options.texture_size * options.texture_size,
-    };
+    let most = MAPS * options.texture_size * options.texture_size;
     let size = |i: &TextureImage| i.width * i.height;
     let mut halvings = vec![0_u32; light.images.len()];
     let left = |k: usize, h: u32| (size(&light.images[k]) >> (2 * h)).max(1);
@@ -140,8 +120,10 @@ pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) 
         }
     }
     while (0..halvings.len()).map(|k| left(k, halvings[k])).sum::<usize>() > most {
-        let largest = (0..halvings.len()).max_by_key(|k| (left(*k, halvings[*k]), usize::MAX - k));
-        let Some(largest) = largest.filter(|k| left(*k, halvings[*k]) > 1) else { break };
+        let largest = (0..halvings.len()).max_by_key(|k| (left(*k, halvings[*k]), usize::MAX - k))?;
+        if left(largest, halvings[largest]) == 1 {
+            break;
+        }
         halvings[largest] += 1;
     }
     for (k, h) in halvings.into_iter().enumerate().filter(|(_, h)| *h > 0) {
@@ -151,7 +133,7 @@ pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) 
             light.images[k].mips.clear();
         }
     }
-    light
+    Some(light)
 }
 
 /// Drops primitives without triangles, and materials and images that nothing shows.
@@ -181,7 +163,7 @@ fn keep_used(scene: &mut Scene) {
 }
 
 /// The textures of a material's core, and whether their colour is sRGB.
-fn slots(m: &Material) -> impl Iterator<Item = (&TextureSlot, bool)> {
+fn slots(m: &photofit_scene::Material) -> impl Iterator<Item = (&TextureSlot, bool)> {
     [
         (&m.base_color_texture, true),
         (&m.emissive_texture, true),
@@ -228,7 +210,7 @@ pub(super) fn reduced(scene: &Scene, image: usize, halvings: usize) -> TextureIm
 mod tests {
     use super::*;
     use photofit_geometry::shapes;
-    use photofit_scene::{Instance, Primitive, Sampler};
+    use photofit_scene::{Instance, Material, Primitive, Sampler};
 
     #[test]
     fn an_image_with_levels_of_its_own_becomes_one_of_them() {
@@ -243,33 +225,6 @@ mod tests {
         assert_eq!((least.width, least.texels, least.mips.len()), (1, vec![[2; 4]], 0));
         let plain = reduced(&Scene { images: vec![whole], ..Scene::default() }, 0, 1);
         assert_eq!(plain.texels, [[9; 4]; 8]);
-    }
-
-    #[test]
-    fn what_bends_light_counts_more() {
-        let solid = |volume| Extensions {
-            transmission: Some(photofit_scene::Transmission { factor: 1.0, texture: None }),
-            volume,
-            ..Extensions::default()
-        };
-        let glass = |volume| Material { extensions: Some(Box::new(solid(volume))), ..Material::clay() };
-        let weights = |a: Material, b: Material| {
-            let instance = |primitive| Instance { primitive, transform: glam::Affine3A::IDENTITY };
-            let primitive = |n, material| Primitive { mesh: shapes::uv_sphere(n, 4), material };
-            let scene = Scene {
-                primitives: vec![primitive(8, 0), primitive(6, 1)],
-                instances: vec![instance(0), instance(1)],
-                materials: vec![a, b],
-                ..Scene::default()
-            };
-            let n = Normalised::new(&scene).unwrap();
-            let of_first = n.flat.triangle_material.iter().filter(|m| **m == 0).count();
-            refracting(&n).map(|w| (w[..of_first].iter().all(|w| *w == 1.0), w[of_first..].contains(&1.0)))
-        };
-        let volume = || Some(photofit_scene::Volume { thickness: 1.0, ..photofit_scene::Volume::default() });
-        assert_eq!(weights(Material::clay(), glass(volume())), Some((true, false)));
-        assert_eq!(weights(Material::clay(), glass(None)), None, "thin walls bend nothing");
-        assert_eq!(weights(glass(volume()), glass(volume())), None, "nothing else to count less");
     }
 
     #[test]
@@ -304,7 +259,7 @@ mod tests {
         let n = Normalised::new(&scene).unwrap();
         let stage = decimated(&scene, &n, &[], &own(Target::Triangles(100), false)).unwrap();
         let options = SimplifyOptions { texture_size: 16, ..SimplifyOptions::default() };
-        let light = written(&stage, &n, &options);
+        let light = written(&stage, &n, &options).unwrap();
         let sizes: Vec<(usize, usize)> = light.images.iter().map(|i| (i.width, i.height)).collect();
         assert_eq!(
             (light.materials.len(), &sizes[..]),
@@ -317,11 +272,12 @@ mod tests {
         assert!((far - 3.0).abs() < 0.3, "in the asset's frame: {far}");
         assert!(light.triangle_count() <= 100);
         // They stay whole where that is wanted and the budget is mild: 100 of 224 triangles.
-        let whole = written(&stage, &n, &SimplifyOptions { whole_textures: true, ..options.clone() });
+        let whole =
+            written(&stage, &n, &SimplifyOptions { whole_textures: true, ..options.clone() }).unwrap();
         let sizes: Vec<usize> = whole.images.iter().map(|i| i.width).collect();
         assert_eq!(sizes, [64, 32]);
         let few = decimated(&scene, &n, &[], &own(Target::Triangles(40), false)).unwrap();
-        let few = written(&few, &n, &SimplifyOptions { whole_textures: true, ..options });
+        let few = written(&few, &n, &SimplifyOptions { whole_textures: true, ..options }).unwrap();
         assert_eq!(few.images[0].width, 16);
         // The texels of four maps in a single texture, unless a side is to be no longer than one of theirs.
         let mut single = scene.clone();
@@ -331,7 +287,7 @@ mod tests {
         for (own_texture_size, side) in [(None, 32), (Some(16), 16), (Some(17), 16)] {
             let options =
                 SimplifyOptions { own_texture_size, texture_size: 16, ..SimplifyOptions::default() };
-            let light = written(&stage, &n, &options);
+            let light = written(&stage, &n, &options).unwrap();
             assert_eq!((light.images[0].width, light.images.len()), (side, 1), "{own_texture_size:?}");
         }
     }
