@@ -207,7 +207,7 @@ fn sums_carry_small_and_large_gradients() {
         assert_eq!(found.status, 0, "{size}");
         // Half a unit of 2^-44 a term.
         let bound = 1e-6 + 400.0 * 0.5 * f64::from(SUM_SCALE).recip() / (size * 10.0);
-        assert_close(&format!("{size}"), &found.texels[..16 * CHANNELS], &expected, bound);
+        assert_close("SUMS", &format!("{size}"), &found.texels[..16 * CHANNELS], &expected, bound);
     }
     for bad in [3e3, f32::NAN, f32::INFINITY] {
         let mut g = vec![1.0; at.len() * CHANNELS];
