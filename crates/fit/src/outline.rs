@@ -5,7 +5,7 @@
 //! and turning by the angle `a`, adds `l a / 4` to the mean length of projected contours (Cauchy: over a convex body they sum to
 //! its mean perimeter); an open border turns by half a turn. Rays from the edge towards the viewer and away from it tell how
 //! much of that is hidden, how much lies before the asset itself, and how much before the background. No pictures are
-//! drawn: the figure has no size of pixels in it, and every edge counts.
+//! drawn: the figure has no size of pixels in it, and every edge counts (one of three triangles or more by the first two of them).
 //!
 //! Pictures miss what decimation does to a contour and no map mends it, so these lengths say where triangles are worth most.
 
@@ -91,8 +91,11 @@ pub fn outline_reporting(
 /// An edge that some directions see as a contour.
 struct Fold<'a> {
     reference: &'a ReferenceSurface<'a>,
-    /// One triangle on it, or two.
-    triangles: [Option<u32>; 2],
+    edges: &'a Edges,
+    /// Its number.
+    edge: u32,
+    /// One of the triangles on it.
+    triangle: u32,
     /// Place of the first end among the corners of the first triangle.
     corner: usize,
     ends: [Vec3f; 2],
@@ -107,7 +110,7 @@ struct Fold<'a> {
 }
 
 impl<'a> Fold<'a> {
-    fn new(reference: &'a ReferenceSurface<'a>, edges: &Edges, e: usize) -> Option<Self> {
+    fn new(reference: &'a ReferenceSurface<'a>, edges: &'a Edges, e: usize) -> Option<Self> {
         let mesh = reference.mesh();
         let triangles = edges.triangles(e);
         let t = triangles[0]?;
@@ -129,7 +132,8 @@ impl<'a> Fold<'a> {
             let m = if agree { m } else { -m };
             let (sin, cos) = (m.dot(out), m.dot(normal));
             turn = sin.abs().atan2(cos);
-            if sin < 0.0 {
+            // A half turn is a border, whatever rounding makes of its sign.
+            if sin < 0.0 && turn < PI - FLAT {
                 // A valley is no contour, but from behind.
                 if !double(t) {
                     return None;
@@ -145,7 +149,20 @@ impl<'a> Fold<'a> {
         }
         let size = a.to_array().into_iter().fold(0.0, |m: f32, x| m.max(x.abs()));
         let lift = (1e-5 * reference.diagonal()).max(4.0 * f32::EPSILON * size);
-        Some(Self { reference, triangles, corner, ends: [a, b], length, axes, turn, front, lift })
+        let edge = e as u32;
+        Some(Self {
+            reference,
+            edges,
+            edge,
+            triangle: t,
+            corner,
+            ends: [a, b],
+            length,
+            axes,
+            turn,
+            front,
+            lift,
+        })
     }
 
     /// What the contour counts from one direction: 0 where it is hidden, 1 before the background.
@@ -165,12 +182,12 @@ impl<'a> Fold<'a> {
         // Corners of the triangle have the weights 1 - u - v, u, v.
         let mut weights = [0.0; 3];
         (weights[self.corner], weights[(self.corner + 1) % 3]) = (1.0 - x3, x3);
-        let place = SurfacePoint { triangle: self.triangles[0].unwrap_or(0), u: weights[1], v: weights[2] };
+        let place = SurfacePoint { triangle: self.triangle, u: weights[1], v: weights[2] };
         if self.reference.is_cut(&place) {
             return 0.0;
         }
         let origin = a + (b - a) * x3 + normal * self.lift;
-        let own = |t: u32| self.triangles.contains(&Some(t));
+        let own = |t: u32| self.edges.of_triangle[t as usize].contains(&self.edge);
         if is_occluded(self.reference, &Ray::new(origin, v), own, |front| !front, true) {
             return 0.0;
         }

@@ -7,7 +7,7 @@ use super::light_asset::LightAsset;
 use super::views::Moment;
 use crate::FitError;
 use crate::bake;
-use photofit_geometry::Mesh;
+use photofit_geometry::{Mesh, opposed};
 use photofit_scene::{FlatScene, Material, Scene, SurfaceLibrary, TextureImage};
 use std::borrow::Cow;
 

@@ -142,17 +142,32 @@ fn kept(scene: &Scene, material: usize) -> Option<Box<Extensions>> {
     let points = if textured { scene.surface_points(material) } else { SurfacePoints::default() };
     let mut kept = extensions.averaged(&scene.images, &points);
     if let Some(volume) = &mut kept.volume {
-        // Thickness is in the units of a mesh; the light asset's mesh is not scaled.
-        let placed = scene.instances.iter().find(|i| scene.primitives[i.primitive].material == material);
-        let scale = placed.map_or(1.0, |i| i.transform.matrix3.determinant().abs().cbrt());
-        volume.thickness *= scale;
+        volume.thickness *= placed_scale(scene, material);
     }
     (!kept.names().is_empty()).then(|| Box::new(kept))
+}
+
+/// By how much a material's first instance scales its mesh, in whose units thickness is: that of a light asset is not scaled.
+fn placed_scale(scene: &Scene, material: usize) -> f32 {
+    let placed = scene.instances.iter().find(|i| scene.primitives[i.primitive].material == material);
+    placed.map_or(1.0, |i| i.transform.matrix3.determinant().abs().cbrt())
+}
+
+/// The materials of a scene for a mesh that is not scaled.
+pub(super) fn placed_materials(scene: &Scene) -> Vec<Material> {
+    let mut materials = scene.materials.clone();
+    for (i, m) in materials.iter_mut().enumerate() {
+        if let Some(volume) = m.extensions.as_mut().and_then(|e| e.volume.as_mut()) {
+            volume.thickness *= placed_scale(scene, i);
+        }
+    }
+    materials
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use photofit_geometry::Mesh;
     use photofit_scene::{Clearcoat, Instance, Primitive, TextureImage, Transmission, Volume};
 
     fn with(extensions: Extensions) -> Material {
@@ -204,6 +219,9 @@ mod tests {
         assert_eq!(classes.len(), 5);
         let thickness = classes[1].extensions.as_ref().unwrap().volume.as_ref().unwrap().thickness;
         assert!((thickness - 1.0).abs() < 1e-6, "scaled as it is placed");
+        let stage = crate::engine::judge::Stage::of_mesh("own", &scene(), &Mesh::default(), &[]);
+        let own = stage.scene.materials[1].extensions.as_ref().unwrap().volume.as_ref().unwrap().thickness;
+        assert!((own - 1.0).abs() < 1e-6, "in files with the asset's own materials too");
         assert_eq!(
             classes[3].written,
             AlphaMode::Mask { cutoff: 0.5 },

@@ -10,7 +10,7 @@ pub use flicker::flicker;
 
 use super::animated::Animated;
 use super::asset::Normalised;
-use super::classes::drawn;
+use super::classes::{drawn, placed_materials};
 use super::light_asset::LightAsset;
 use super::reference::{
     MaterialFeatures, PathTraced, Rasterized, Reference, ReferenceKind, ReferencePicture,
@@ -183,7 +183,7 @@ impl Stage {
         let scene = Scene {
             instances: (0..primitives.len()).map(place).collect(),
             primitives,
-            materials: scene.materials.clone(),
+            materials: placed_materials(scene),
             images: scene.images.clone(),
             ..Scene::default()
         };

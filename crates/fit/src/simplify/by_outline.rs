@@ -17,7 +17,6 @@ use crate::visibility::Visibility;
 use crate::{FitError, Progress};
 use photofit_geometry::decimate::Target;
 use photofit_raster::deferred::Passes;
-use std::time::Instant;
 
 /// The row of the plan.
 const ROW: &str = "triangles by outline";
@@ -54,6 +53,9 @@ pub(super) fn starts(
     if let Some(why) = needless(from, options) {
         return skipped(starts, why.into());
     }
+    if starts[0].candidate.triangles.len() >= reference.mesh().triangles.len() {
+        return skipped(starts, "no triangle is taken away".into());
+    }
     let first = choice::best_start(&starts, held_out);
     let pictures = surface::pictures(&first.candidate, held_out.shots(), &Passes::default());
     let (quality, at_outline) = (held_out.psnr(&pictures), held_out.at_outline(&pictures));
@@ -65,7 +67,6 @@ pub(super) fn starts(
             format!("{percent:.0}% of the squared error lies at the outline, less than {least:.0}%"),
         );
     }
-    let began = Instant::now();
     let density = density(reference, starts[0].candidate.triangles.len(), progress)?;
     let (mut best, mut most, mut taken) = (starts, quality, None);
     let mut told = format!("{percent:.0}% of the squared error lies at the outline: {quality:.2} dB;");
@@ -81,8 +82,8 @@ pub(super) fn starts(
         }
     }
     let how = taken.map_or("it does not count".to_owned(), |share| format!("it counts {share}"));
-    let why = format!("{told} in {:.0} s: {how}", began.elapsed().as_secs_f64());
-    Ok((best, Item { what: ROW, runs: taken.is_some().into(), why }))
+    let told = told.trim_end_matches(',');
+    Ok((best, Item { what: ROW, runs: taken.is_some().into(), why: format!("{told}: {how}") }))
 }
 
 /// The row of the plan before anything is drawn.

@@ -113,9 +113,9 @@ const NAMES: [&str; 6] =
 /// Compares quantity by quantity: their sizes differ.
 fn compare(what: &str, found: &[f32], expected: &[f32], (of, bound): (&str, f64)) {
     for (k, name) in NAMES.iter().enumerate() {
-        let of =
+        let part =
             |x: &[f32]| -> Vec<f32> { x.chunks(18).flat_map(|x| x[3 * k..3 * k + 3].to_vec()).collect() };
-        let error = worst_difference(&of(found), &of(expected));
+        let error = worst_difference(&part(found), &part(expected));
         photofit_gpu::assert_twin(of, format!("{what}, {name}"), error, bound);
     }
 }

@@ -72,13 +72,21 @@ fn triangles_go_where_outlines_are_on_any_number_of_threads() {
 fn the_plan_tells_whether_outlines_count_and_why() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.glb");
-    let row = |options: &SimplifyOptions| {
+    let row_of = |scene: &photofit_scene::Scene, options: &SimplifyOptions| {
         let outcome =
-            simplify(&rock(), &path, &SimplifyOptions { steps: 0, ..options.clone() }, &Silent).unwrap();
+            simplify(scene, &path, &SimplifyOptions { steps: 0, ..options.clone() }, &Silent).unwrap();
         let rows = outcome.plan.items();
         let row = rows.iter().find(|i| i.what == ROW).expect("a row").clone();
         (row.runs, row.why)
     };
+    let row = |options: &SimplifyOptions| row_of(&rock(), options);
+    // Of what is tried the best one is taken.
+    let few = SimplifyOptions { target: Target::Triangles(200), ..options() };
+    let (runs, why) = row_of(&of(ring(), Material::clay()), &few);
+    let numbers: Vec<f64> = why.split([' ', ':', ',']).filter_map(|w| w.parse().ok()).collect();
+    let [plain, most, _, half, _, taken] = numbers[..] else { panic!("{why}") };
+    assert!(runs == Runs::Yes && taken == if most >= half { 0.9 } else { 0.5 }, "{why}");
+    assert!(most.max(half) > plain, "{why}");
     let (runs, why) = row(&options());
     assert!(runs != Runs::Open && why.contains("of the squared error"), "{why}");
     let (runs, why) = row(&options().with_effort(Effort::Fast));
