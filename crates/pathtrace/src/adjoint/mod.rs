@@ -313,15 +313,11 @@ impl<'a> Adjoint<'a> {
                             continue;
                         }
                         let mut pixel = PixelRandom::new(seed, (y * w + x) as u64);
-                        for sample in task.first..last {
-                            let random = pixel.sample(sample);
+                        for random in (task.first..last).map(|sample| pixel.sample(sample)) {
                             let numbers = random.camera();
                             let at = film_point(&self.options, [x, y], &numbers);
-                            let g = if alone { own } else { self.options.filter.shared(loss, at) };
-                            replay.loss = g * (1.0 / spp as f32);
-                            if replay.loss == Vec3f::zero() {
-                                continue;
-                            }
+                            let shared = (!alone).then(|| self.options.filter.shared(loss, at));
+                            replay.loss = shared.unwrap_or(own) * (1.0 / spp as f32);
                             let ray = ray_through(&self.options, &camera, at, &numbers);
                             kernel(self.world, &ray, &random, &self.options.path, &mut replay);
                         }
