@@ -66,7 +66,7 @@ pub enum FitError {
         /// The device.
         device: String,
         /// What it says, and which option makes the fit smaller.
-        source: crate::engine::gpu::NoRoom,
+        source: Box<crate::engine::gpu::NoRoom>,
     },
     /// An optimizer or its preconditioner could not be set up.
     #[error("preconditioner: {0}")]

@@ -149,7 +149,7 @@ pub(crate) fn train_on<'p, S: Posable + 'p>(
                 told = Some((residence, model.bands()));
                 train(model, job, &mut phases, progress)
             }
-            Err(source) => Err(FitError::NoRoom { device: device.name(), source }),
+            Err(source) => Err(FitError::NoRoom { device: device.name(), source: Box::new(source) }),
         };
         let name = device.name();
         let why = match trained {
