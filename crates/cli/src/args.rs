@@ -232,6 +232,10 @@ pub(crate) struct Running {
 // How maps are fitted to pictures, and what is told of it; a doc comment would become that of the command.
 #[derive(Args, Debug)]
 pub(crate) struct Course {
+    /// Where the fit runs: cpu, gpu (hardware), gpu:NAME (the first adapter whose name or driver holds NAME, also one in
+    /// software), or auto: a GPU in hardware if there is one, else the CPU.
+    #[arg(long, value_name = "DEVICE", default_value = "cpu", value_parser = device)]
+    pub(crate) device: Device,
     /// Pictures per step [range: 1 to 64].
     #[arg(long, value_name = "B", default_value_t = 2, value_parser = whole::<usize>(1..=64))]
     pub(crate) batch: usize,

@@ -36,7 +36,7 @@ fn texture(a: &RecoverTexture) -> Result<Ending> {
     places.check()?;
     places.check_against("PICTURES", &named_files(&a.pictures))?;
     threads::set(a.course.running.threads)?;
-    let device = device::choose(&a.device)?;
+    let device = device::choose(&a.course.device)?;
     let options = RecoverOptions {
         texture_size: a.texture_size,
         steps: a.steps,

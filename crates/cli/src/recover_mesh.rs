@@ -36,7 +36,7 @@ pub(crate) fn run(a: &RecoverMesh) -> Result<Ending> {
         places.check_against("PICTURES", &named_files(pictures))?;
     }
     threads::set(a.course.running.threads)?;
-    let device = device::choose(&a.device)?;
+    let device = device::choose(&a.course.device)?;
     let load = |option: &'static str, path: &Option<PathBuf>| {
         let scene = path.as_ref().map(photofit_scene::load).transpose()?;
         if let Some(scene) = &scene {

@@ -33,7 +33,7 @@ pub(crate) fn run(a: &Retexture) -> Result<Ending> {
         .fills("--checkpoint", a.course.running.checkpoint.as_deref(), &[CHECKPOINT_FILE]);
     places.check()?;
     threads::set(a.course.running.threads)?;
-    let device = device::choose(&a.device)?;
+    let device = device::choose(&a.course.device)?;
     let lighting = light::lighting(&a.lighting)?;
     let [reference, asset] = [("REFERENCE", &a.reference), ("LIGHT", &a.light_asset)].map(|(name, file)| {
         let scene = photofit_scene::load(file)?;

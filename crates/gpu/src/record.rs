@@ -51,6 +51,8 @@ enum Command {
         from: Option<(Raw, u64)>,
         to: Raw,
         bytes: u64,
+        /// Most of them.
+        room: u64,
     },
 }
 
@@ -174,6 +176,7 @@ impl Recorder {
                 from: Some((from.raw.clone(), 0)),
                 to: to.raw.clone(),
                 bytes,
+                room: bytes,
             });
         }
         Ok(())
@@ -190,7 +193,7 @@ impl Recorder {
             return Err(to.error("elements that are copied fill words of 4 bytes".into()));
         }
         let inlet = Inlet { command: self.commands.len(), bytes };
-        self.commands.push(Command::Copy { from: None, to: to.raw.clone(), bytes });
+        self.commands.push(Command::Copy { from: None, to: to.raw.clone(), bytes, room: bytes });
         Ok(inlet)
     }
 
@@ -290,9 +293,10 @@ impl Recording {
         source: &Buffer<T>,
         elements: Range<usize>,
     ) -> Result<(), GpuError> {
-        let Some(Command::Copy { from, to, bytes }) = self.commands.get_mut(inlet.command) else {
+        let Some(Command::Copy { from, to, bytes, room }) = self.commands.get_mut(inlet.command) else {
             panic!("a copy of this recording");
         };
+        assert_eq!(*room, inlet.bytes, "a copy of this recording");
         let size = size_of::<T>();
         let [offset, length] = [elements.start, elements.len()].map(|n| (n * size) as u64);
         if elements.end > source.len() || length > inlet.bytes || source.raw == *to {
@@ -461,7 +465,7 @@ impl Recording {
 fn copy(command: &Command, encoder: &mut wgpu::CommandEncoder) {
     match command {
         Command::Clear(buffer) => encoder.clear_buffer(buffer, 0, None),
-        Command::Copy { from: Some((from, at)), to, bytes } if *bytes > 0 => {
+        Command::Copy { from: Some((from, at)), to, bytes, .. } if *bytes > 0 => {
             encoder.copy_buffer_to_buffer(from, *at, to, 0, *bytes);
         }
         Command::Copy { .. } | Command::Dispatch { .. } => {}

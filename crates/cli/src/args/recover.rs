@@ -1,7 +1,7 @@
 //! The options of `photofit recover`.
 
-use super::values::{Numbers, above_to, between, device, ending, number, numbers, of_key, seconds, whole};
-use super::{Course, Device, ParameterScene, RenderGuiding, Running, STATUSES};
+use super::values::{Numbers, above_to, between, ending, number, numbers, of_key, seconds, whole};
+use super::{Course, ParameterScene, RenderGuiding, Running, STATUSES};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand, ValueEnum};
 use photofit_fit::engine::loss::PictureLoss;
@@ -50,10 +50,6 @@ pub(crate) struct RecoverTexture {
     /// How pictures are compared in the steps [default: squares, relative ones where pictures hold light above 1].
     #[arg(long, value_name = "HOW", value_parser = losses())]
     pub(crate) loss: Option<PictureLoss>,
-    /// Where the fit runs: cpu, gpu (hardware), gpu:NAME (the first adapter whose name or driver holds NAME, also one in
-    /// software), or auto: a GPU in hardware if there is one, else the CPU.
-    #[arg(long, value_name = "DEVICE", default_value = "cpu", value_parser = device)]
-    pub(crate) device: Device,
     #[command(flatten)]
     pub(crate) course: Course,
 }
@@ -95,7 +91,7 @@ pub(crate) struct RecoverMesh {
     /// The file to write.
     #[arg(short, long, value_name = "OUT.glb", value_parser = ending(&["glb"]))]
     pub(crate) output: PathBuf,
-    /// How vertices move.
+    /// How vertices move; bilateral does so on the CPU alone.
     #[arg(long, value_name = "HOW", default_value = PositionOptimizer::default().name(), value_parser = optimizers())]
     pub(crate) optimizer: PositionOptimizer,
     /// Most triangles of the result; a --mesh of more keeps its own [range: 80 to 4194304].
@@ -107,10 +103,6 @@ pub(crate) struct RecoverMesh {
     /// Steps of the fit; fewer are made when held-out pictures stop improving [range: at least 0].
     #[arg(long, value_name = "N", default_value_t = 600, value_parser = whole::<u64>(0..))]
     pub(crate) steps: u64,
-    /// Where the fit runs: cpu, gpu (hardware), gpu:NAME (the first adapter whose name or driver holds NAME, also one in
-    /// software), or auto: a GPU in hardware if there is one, else the CPU. A bilateral --optimizer runs on the CPU alone.
-    #[arg(long, value_name = "DEVICE", default_value = "cpu", value_parser = device)]
-    pub(crate) device: Device,
     #[command(flatten)]
     pub(crate) course: Course,
 }

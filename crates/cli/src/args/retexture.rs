@@ -1,7 +1,7 @@
 //! The options of `photofit retexture`.
 
-use super::values::{device, ending, whole};
-use super::{Course, Device, FitLighting};
+use super::values::{ending, whole};
+use super::{Course, FitLighting};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -36,10 +36,6 @@ pub(crate) struct Retexture {
     /// Steps of the fit; fewer are made when held-out views stop improving [range: at least 0].
     #[arg(long, value_name = "N", default_value_t = 400, value_parser = whole::<u64>(0..))]
     pub(crate) steps: u64,
-    /// Where the fit runs: cpu, gpu (hardware), gpu:NAME (the first adapter whose name or driver holds NAME, also one in
-    /// software), or auto: a GPU in hardware if there is one, else the CPU. Poses come from the CPU.
-    #[arg(long, value_name = "DEVICE", default_value = "cpu", value_parser = device)]
-    pub(crate) device: Device,
     #[command(flatten)]
     pub(crate) lighting: FitLighting,
     #[command(flatten)]

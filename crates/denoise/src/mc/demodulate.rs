@@ -1,11 +1,9 @@
 //! Division by the reflectance and its inverse: textures leave the picture before it is filtered.
 
+use super::RUN;
 use rayon::prelude::{
     IndexedParallelIterator, IntoParallelRefIterator, ParallelIterator, ParallelSlice, ParallelSliceMut,
 };
-
-/// Samples that one thread takes at a time.
-const RUN: usize = 1 << 14;
 
 /// The smallest divisor. A lower one amplifies noise on black texels that the product takes back anyway.
 pub const ALBEDO_FLOOR: f32 = 0.01;

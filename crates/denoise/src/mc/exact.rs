@@ -1,6 +1,7 @@
 //! Pixels without noise: a shown environment, emitters. They are kept as they are and do not reach their neighbours; nor
 //! do the pixels around an emitter that show a part of it.
 
+use super::RUN;
 use super::frame::{Features, Frame};
 use super::window::{blur_sums, gaussian_taps};
 use rayon::prelude::{
@@ -27,9 +28,6 @@ const RIM: f32 = 0.1;
 const NOISES: f32 = 4.0;
 /// Pixels on each side of the window whose median is what lies beside an emitter.
 const BESIDE: usize = 4;
-
-/// Pixels that one thread takes at a time.
-const RUN: usize = 1 << 14;
 
 /// A pixel and its radiance.
 pub(crate) type ExactPixel = (usize, [f32; 3]);
@@ -74,10 +72,8 @@ pub(crate) fn exact_pixels(frame: &Frame<'_>, features: &Features<'_>, weight: &
     let noise = |i: usize| ((0..3).map(|c| variance(frame, c * n + i)).sum::<f32>() / 3.0).sqrt();
     let rims = rims(&exact, weight, width, &emitted, &level, &noise);
     let kept = |i: usize| exact[i] || rims[i];
-    let mut out = Vec::with_capacity((0..n).into_par_iter().with_min_len(RUN).filter(|i| kept(*i)).count());
-    let pixels = (0..n).filter(|i| kept(*i));
-    out.extend(pixels.map(|i| (i, [0, 1, 2].map(|c| color(c, i).max(0.0)))));
-    out
+    let pixels = (0..n).into_par_iter().with_min_len(RUN).filter(|i| kept(*i));
+    pixels.map(|i| (i, [0, 1, 2].map(|c| color(c, i).max(0.0)))).collect()
 }
 
 /// Pixels that show a part of an emitter: their light is that of the emitter, so that it must not reach what is beside,

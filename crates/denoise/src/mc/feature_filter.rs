@@ -5,6 +5,7 @@
 //! where the features are noise, and differ across edges, along which they are averaged. The range follows from the variance that the
 //! noise around leaves in such a mean. Tiles without noise are not looked at.
 
+use super::RUN;
 use super::demodulate::ALBEDO_FLOOR;
 use super::feature_noise::noise_share;
 use super::frame::Features;
@@ -35,8 +36,6 @@ const LEVEL: f32 = 4.0;
 const RANGE: [f32; 2] = [0.5, 0.8];
 /// Weight of a block beside another in the window of that: a deviation of 3 pixels with the block itself.
 const BESIDE: f32 = 0.35;
-/// Samples that one thread copies at a time.
-const RUN: usize = 1 << 14;
 /// Least share of noise in a tile that is worked on.
 const NOTICED: f32 = 0.02;
 

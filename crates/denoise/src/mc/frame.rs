@@ -1,5 +1,6 @@
 //! A noisy picture with its guides, as planes.
 
+use super::RUN;
 use super::plan::Plan;
 use crate::{DenoiseError, Shape};
 use rayon::prelude::{IndexedParallelIterator, IntoParallelRefIterator, ParallelIterator, ParallelSlice};
@@ -93,9 +94,6 @@ struct Seen {
     /// Whether no value is larger than the most, or not a number.
     within: bool,
 }
-
-/// Samples that one thread takes at a time.
-const RUN: usize = 1 << 14;
 
 fn seen(planes: &[f32], pixels: usize, most: f32) -> Seen {
     let one = |run: &[f32], first: f32| {

@@ -42,6 +42,9 @@ mod window;
 #[cfg(test)]
 mod tests;
 
+/// Samples that one thread takes at a time where planes are copied or scaled.
+const RUN: usize = 1 << 14;
+
 pub use accumulate::{Accumulator, TemporalFrame, TemporalSettings};
 pub use camera::Camera;
 pub use coherence::{SHARPNESS, blended_weight, curvature};

@@ -13,15 +13,12 @@ use super::prepare::Prepared;
 use super::regression::regress;
 use super::variational::VariationalModel;
 use super::window::blur_mean;
-use super::{Plan, Stage, Stages, remodulate};
+use super::{Plan, RUN, Stage, Stages, remodulate};
 use crate::DenoiseError;
 use rayon::prelude::{
     IndexedParallelIterator, IntoParallelRefMutIterator, ParallelIterator, ParallelSliceMut,
 };
 use std::borrow::Cow;
-
-/// Samples that one thread takes at a time.
-const RUN: usize = 1 << 14;
 
 /// What the plan says of a stage that the settings leave out, and of one that the other models do not have.
 pub(super) const LEFT_OUT: &str = "left out by the settings";

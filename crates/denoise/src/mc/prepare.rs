@@ -8,7 +8,7 @@ use super::frame::{Features, Frame};
 use super::noise::half_variance;
 use super::pipeline::{LEFT_OUT, NO_BLACK, PART_OF_AUTO};
 use super::pooled::Pooled;
-use super::{Model, Plan, Settings, Stage, demodulate, divisor};
+use super::{Model, Plan, RUN, Settings, Stage, demodulate, divisor};
 use crate::{DenoiseError, Shape};
 use rayon::prelude::{
     IndexedParallelIterator, IntoParallelIterator, IntoParallelRefIterator, IntoParallelRefMutIterator,
@@ -17,8 +17,6 @@ use rayon::prelude::{
 
 /// Mean irradiance that every picture is scaled to: logarithms and thresholds then mean the same for all.
 const EXPOSURE: f32 = 0.35;
-/// Samples that one thread takes at a time.
-const RUN: usize = 1 << 14;
 
 /// A picture ready to be filtered.
 #[derive(Clone, Debug)]

@@ -4,19 +4,18 @@
 //! What decimation does to an outline no map mends, so that it may hold most of the error that is left. The budget stays; a
 //! part that is on the outline of many views gets triangles of parts that are on it in few ([`crate::outline`]).
 
+use super::choice::{Look, best_start};
 use super::prepare::{self, Start, Weights};
-use super::{Init, SimplifyOptions, choice};
+use super::{Init, SimplifyOptions};
 use crate::bake::ReferenceSurface;
 use crate::candidate::Candidate;
 use crate::engine::Normalised;
 use crate::engine::plan::{Item, Runs};
-use crate::engine::surface;
 use crate::engine::trainer::HeldOut;
 use crate::outline::{OutlineSettings, outline_reporting, smoothed};
 use crate::visibility::Visibility;
 use crate::{FitError, Progress};
 use photofit_geometry::decimate::Target;
-use photofit_raster::deferred::Passes;
 
 /// The row of the plan.
 const ROW: &str = "triangles by outline";
@@ -29,8 +28,17 @@ const RINGS: f64 = 0.5;
 /// Most rings.
 const MOST_RINGS: f64 = 24.0;
 
+/// What a fit can start from.
+pub(super) struct Starts {
+    pub(super) all: Vec<Start>,
+    /// Which of them looks best.
+    pub(super) best: usize,
+    /// The row of the plan.
+    pub(super) row: Item,
+}
+
 /// What the fit can start from ([`prepare::prepare`]): of the asset decimated by what can be seen of it and, where the outline
-/// holds much of the error of that, by outlines too, what looks better in the held-out views. And the row of the plan.
+/// holds much of the error of that, by outlines too, what looks better in the held-out views.
 pub(super) fn starts(
     n: &Normalised,
     reference: &ReferenceSurface<'_>,
@@ -39,7 +47,7 @@ pub(super) fn starts(
     held_out: &HeldOut,
     options: &SimplifyOptions,
     progress: &dyn Progress,
-) -> Result<(Vec<Start>, Item), FitError> {
+) -> Result<Starts, FitError> {
     let visible = prepare::importance(n, seen);
     let starts = prepare::prepare(
         n,
@@ -49,41 +57,37 @@ pub(super) fn starts(
         options,
         progress,
     )?;
-    let skipped = |starts, why: String| Ok((starts, Item { what: ROW, runs: Runs::No, why }));
-    if let Some(why) = needless(from, options) {
-        return skipped(starts, why.into());
+    let skipped = |all, best, why| Ok(Starts { all, best, row: Item { what: ROW, runs: Runs::No, why } });
+    let whole = starts[0].candidate.triangles.len() >= reference.mesh().triangles.len();
+    if let Some(why) = needless(from, options).or(whole.then_some("no triangle is taken away")) {
+        // A single one need not be looked at.
+        let best = if starts.len() > 1 { best_start(&starts, held_out).0 } else { 0 };
+        return skipped(starts, best, why.into());
     }
-    if starts[0].candidate.triangles.len() >= reference.mesh().triangles.len() {
-        return skipped(starts, "no triangle is taken away".into());
-    }
-    let first = choice::best_start(&starts, held_out);
-    let pictures = surface::pictures(&first.candidate, held_out.shots(), &Passes::default());
-    let (quality, at_outline) = (held_out.psnr(&pictures), held_out.at_outline(&pictures));
+    let (first, Look { psnr, at_outline }) = best_start(&starts, held_out);
     let percent = 100.0 * at_outline;
     if at_outline < LEAST_AT_OUTLINE {
         let least = 100.0 * LEAST_AT_OUTLINE;
-        return skipped(
-            starts,
-            format!("{percent:.0}% of the squared error lies at the outline, less than {least:.0}%"),
-        );
+        let why = format!("{percent:.0}% of the squared error lies at the outline, less than {least:.0}%");
+        return skipped(starts, first, why);
     }
     let density = density(reference, starts[0].candidate.triangles.len(), progress)?;
-    let (mut best, mut most, mut taken) = (starts, quality, None);
-    let mut told = format!("{percent:.0}% of the squared error lies at the outline: {quality:.2} dB;");
+    let (mut all, mut best, mut most, mut taken) = (starts, first, psnr, None);
+    let mut told = format!("{percent:.0}% of the squared error lies at the outline: {psnr:.2} dB;");
     for share in SHARES {
         let importance = importance(reference, &visible, &density, share);
         let weights = Weights { decimated: &importance, drawn: &importance };
         let others = prepare::prepare(n, reference, (seen, weights), None, options, progress)?;
-        let other = &choice::best_start(&others, held_out).candidate;
-        let quality = held_out.psnr(&surface::pictures(other, held_out.shots(), &Passes::default()));
-        told += &format!(" {quality:.2} where it counts {share},");
-        if quality > most {
-            (best, most, taken) = (others, quality, Some(share));
+        let (other, Look { psnr, .. }) = best_start(&others, held_out);
+        told += &format!(" {psnr:.2} where it counts {share},");
+        if psnr > most {
+            (all, best, most, taken) = (others, other, psnr, Some(share));
         }
     }
     let how = taken.map_or("it does not count".to_owned(), |share| format!("it counts {share}"));
     let told = told.trim_end_matches(',');
-    Ok((best, Item { what: ROW, runs: taken.is_some().into(), why: format!("{told}: {how}") }))
+    let row = Item { what: ROW, runs: taken.is_some().into(), why: format!("{told}: {how}") };
+    Ok(Starts { all, best, row })
 }
 
 /// The row of the plan before anything is drawn.

@@ -27,14 +27,25 @@ pub(super) fn rebaked(
     bake_candidate(surface, seen, candidate, options, progress).map(|(maps, _)| maps)
 }
 
-/// The start that looks best in the views of the early stop; the first wins a tie.
-pub(super) fn best_start<'a>(starts: &'a [Start], held_out: &HeldOut) -> &'a Start {
-    let quality =
-        |s: &Start| held_out.psnr(&surface::pictures(&s.candidate, held_out.shots(), &Passes::default()));
-    match starts {
-        [first, second] if quality(second) > quality(first) => second,
-        _ => &starts[0],
-    }
+/// How a start looks in the views of the early stop.
+#[derive(Clone, Copy)]
+pub(super) struct Look {
+    pub(super) psnr: f64,
+    /// Share of the squared error at the outline, in [0, 1].
+    pub(super) at_outline: f64,
+}
+
+/// The start that looks best in the views of the early stop, of which the first wins a tie, and how it looks.
+pub(super) fn best_start(starts: &[Start], held_out: &HeldOut) -> (usize, Look) {
+    let look = |start: &Start| {
+        let pictures = surface::pictures(&start.candidate, held_out.shots(), &Passes::default());
+        Look { psnr: held_out.psnr(&pictures), at_outline: held_out.at_outline(&pictures) }
+    };
+    let first = (0, look(&starts[0]));
+    starts.iter().enumerate().skip(1).fold(first, |best, (k, start)| {
+        let look = look(start);
+        if look.psnr > best.1.psnr { (k, look) } else { best }
+    })
 }
 
 /// What is written.

@@ -152,11 +152,11 @@ pub(crate) fn simplify_asset(
     let held_out = HeldOut::new(reference, &views, sampling, options.held_out_views(), options.seed)?;
     let held_out = held_out.measured_by(options.mips.measure());
     held_out.warn_unseen(progress);
-    let (starts, row) = by_outline::starts(n, surface, visibility, from, &held_out, options, progress)?;
-    let start = choice::best_start(&starts, &held_out);
+    let starts = by_outline::starts(n, surface, visibility, from, &held_out, options, progress)?;
+    let (all, start) = (&starts.all, &starts.all[starts.best]);
     let loss = loss::choose(&held_out);
     let plan = options.plan(scene, reference.kind()).with_backs(backs.seen, backs.share);
-    let plan = plan.with_loss(loss, held_out.noise).with_maps(&start.candidate).with_outline(row);
+    let plan = plan.with_loss(loss, held_out.noise).with_maps(&start.candidate).with_outline(starts.row);
     let keeping = through_path::keeping_before(options);
     let job = Job {
         reference,
@@ -194,7 +194,7 @@ pub(crate) fn simplify_asset(
     let plain = plain::decimated(scene, n, &[], &plain::own(as_many, options.lock_borders))?;
     let own = plain::candidate(asset, &plain, reference, as_many, options, progress)?;
     let choice::Chosen { trained, light, mut written, mut fitted, own } =
-        choice::best(trained, own, surface, visibility, &starts, (scene, n), reference, options, progress)?;
+        choice::best(trained, own, surface, visibility, all, (scene, n), reference, options, progress)?;
 
     if options.surfacing == Surfacing::VertexColors {
         outcome::tell_detail(&trained.model.candidate, n, progress);
@@ -236,7 +236,7 @@ pub(crate) fn simplify_asset(
     let to_file = began.elapsed().as_secs_f64();
     let file = photofit_scene::load(output)?;
     let triangles = [scene.triangle_count(), file.triangle_count()];
-    let stages = stages(asset, plain, &starts, (fitted, written, file), options);
+    let stages = stages(asset, plain, all, (fitted, written, file), options);
     let judge = options.judge_of(scene, n, reference);
     let pictures = judge.views(&stages, options.report_views, progress)?;
     let names: Vec<&'static str> = stages.iter().map(|s| s.name).collect();

@@ -35,8 +35,7 @@ pub(crate) fn visibility(
 
 /// What a fit can start from, decimated, unwrapped and baked: first the mesh that was drawn onto the reference, then, if it
 /// was a decimated one, the same as decimation left it. What is decimated is the reference, or, where there is one, the
-/// candidate `from` of an earlier fit. `weights` say how much each triangle of the
-/// reference counts.
+/// candidate `from` of an earlier fit. `weights` say how much each triangle of the reference counts.
 pub(super) fn prepare(
     n: &Normalised,
     reference: &ReferenceSurface<'_>,

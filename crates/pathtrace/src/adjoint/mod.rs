@@ -283,6 +283,16 @@ impl<'a> Adjoint<'a> {
         };
         let camera = self.view.prepare(self.world);
         let alone = !self.options.filter.is_shared();
+        let trace = |replay: &mut Replay<'_>, place: [usize; 2], own: Vec3f, random: &PathRandom| {
+            let numbers = random.camera();
+            let at = film_point(&self.options, place, &numbers);
+            let weight = if alone { own } else { self.options.filter.shared(loss, at) };
+            replay.loss = weight * (1.0 / spp as f32);
+            if replay.loss != Vec3f::zero() {
+                let ray = ray_through(&self.options, &camera, at, &numbers);
+                kernel(self.world, &ray, random, &self.options.path, replay);
+            }
+        };
         let ranges = &self.layout.ranges;
         let mut totals: Vec<Vec<[f64; 3]>> = ranges.iter().map(|r| vec![[0.0; 3]; r.cells]).collect();
         let (mut residual, mut not_finite) = (0.0_f64, 0);
@@ -313,13 +323,8 @@ impl<'a> Adjoint<'a> {
                             continue;
                         }
                         let mut pixel = PixelRandom::new(seed, (y * w + x) as u64);
-                        for random in (task.first..last).map(|sample| pixel.sample(sample)) {
-                            let numbers = random.camera();
-                            let at = film_point(&self.options, [x, y], &numbers);
-                            let shared = (!alone).then(|| self.options.filter.shared(loss, at));
-                            replay.loss = shared.unwrap_or(own) * (1.0 / spp as f32);
-                            let ray = ray_through(&self.options, &camera, at, &numbers);
-                            kernel(self.world, &ray, &random, &self.options.path, &mut replay);
+                        for sample in task.first..last {
+                            trace(&mut replay, [x, y], own, &pixel.sample(sample));
                         }
                     }
                 }

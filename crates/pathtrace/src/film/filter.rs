@@ -6,6 +6,9 @@ use photofit_image::Image;
 use photofit_sampling::inverse_normal_cdf;
 use photofit_scalar::Vec3f;
 
+/// Pixels up to which samples are shared.
+const MOST_REACH: usize = 8;
+
 /// The weight of light around the centre of a pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Filter {
@@ -46,13 +49,13 @@ impl Filter {
 
     /// Whether the filters of pixels overlap, and not over so many that telling the shares of all costs more than a path.
     pub(crate) fn is_shared(self) -> bool {
-        self != Self::Box && self.reach() <= 8.0
+        self != Self::Box && self.reach() <= MOST_REACH as f32
     }
 
     /// What a sample at `at` (pixels from the upper left corner of the picture) counts in the sum of all pixels times
     /// `weights`: their mean over the pixels whose filters place samples there, by the density with which they do. That is the
     /// balance heuristic over pixels: the sum has the same expectation as with samples that count for
-    /// their own pixel, and less noise where weights of neighbours differ.
+    /// their own pixel, and less noise where weights of neighbours differ. For filters that [`Self::is_shared`] tells.
     pub(crate) fn shared(self, weights: &Image, at: [f32; 2]) -> Vec3f {
         let reach = self.reach();
         // Centres lie at halves.
@@ -61,11 +64,16 @@ impl Filter {
             let last = (at - 0.5 + reach).floor().max(0.0) as usize;
             first..=last.min(size - 1)
         };
+        let mut columns = [0.0; 2 * MOST_REACH + 1];
+        let xs = range(at[0], weights.width);
+        for (share, x) in columns.iter_mut().zip(xs.clone()) {
+            *share = self.value(at[0] - 0.5 - x as f32);
+        }
         let (mut sum, mut density) = (Vec3f::zero(), 0.0);
         for y in range(at[1], weights.height) {
             let row = self.value(at[1] - 0.5 - y as f32);
-            for x in range(at[0], weights.width) {
-                let share = row * self.value(at[0] - 0.5 - x as f32);
+            for (x, column) in xs.clone().zip(columns) {
+                let share = row * column;
                 let w = weights.pixel(x, y);
                 sum += Vec3f { x: w[0], y: w[1], z: w[2] } * share;
                 density += share;

@@ -61,7 +61,8 @@ impl FrameParams {
         (self.width / self.side) as usize * (self.height / self.side) as usize
     }
 
-    /// Parameters of a shot of a mesh, of the first layer, without the backs of single-sided triangles; `fits_alpha` says whether some alpha has a gradient.
+    /// Parameters of a shot of a mesh, of the first layer, without the backs of single-sided triangles; `fits_alpha` says
+    /// whether some alpha has a gradient.
     ///
     /// # Panics
     /// If the samples do not fill whole pixels, or an axis has more than 65,535 of them.

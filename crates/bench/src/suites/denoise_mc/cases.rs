@@ -121,10 +121,10 @@ fn sequences(folder: &Path) -> Result<Vec<Case>> {
             let mut views = Vec::new();
             for k in 0..=last {
                 views.push(View {
-                    color: planes(&rgb(&file(k, layer))?),
-                    albedo: optional(k, "albedo")?.as_ref().map(planes),
-                    normal: optional(k, "normal")?.as_ref().map(planes),
-                    position: optional(k, "position")?.as_ref().map(planes),
+                    color: rgb(&file(k, layer))?.planes(),
+                    albedo: optional(k, "albedo")?.as_ref().map(Image::planes),
+                    normal: optional(k, "normal")?.as_ref().map(Image::planes),
+                    position: optional(k, "position")?.as_ref().map(Image::planes),
                     camera: camera(&list[k]),
                 });
             }
@@ -142,7 +142,7 @@ impl Case {
             spp,
             height,
             width,
-            reference: planes(reference),
+            reference: reference.planes(),
             views,
         }
     }
@@ -155,10 +155,10 @@ fn display_pictures(folder: &Path) -> Result<Vec<Case>> {
     let reference = file("reference")?;
     let case = |spp: u32| {
         let view = View {
-            color: planes(&file(&format!("spp{spp}"))?),
-            albedo: Some(planes(&file("albedo")?)),
+            color: file(&format!("spp{spp}"))?.planes(),
+            albedo: Some(file("albedo")?.planes()),
             // The bytes hold (n + 1) / 2 as it is.
-            normal: Some(planes(&file("normal")?.map(|v| 2.0 * srgb_encode(v) - 1.0))),
+            normal: Some(file("normal")?.map(|v| 2.0 * srgb_encode(v) - 1.0).planes()),
             position: None,
             camera: None,
         };
@@ -171,9 +171,9 @@ fn display_pictures(folder: &Path) -> Result<Vec<Case>> {
 fn radiance_pictures(folder: &Path) -> Result<Case> {
     let file = |path: &str| rgb(&folder.join(path));
     let view = View {
-        color: planes(&file("cornell_1spp/color.hdr")?),
-        albedo: Some(planes(&file("cornell_1spp/albedo.hdr")?)),
-        normal: Some(planes(&file("cornell_1spp/normal.hdr")?.map(|v| 2.0 * v - 1.0))),
+        color: file("cornell_1spp/color.hdr")?.planes(),
+        albedo: Some(file("cornell_1spp/albedo.hdr")?.planes()),
+        normal: Some(file("cornell_1spp/normal.hdr")?.map(|v| 2.0 * v - 1.0).planes()),
         position: None,
         camera: None,
     };
@@ -197,8 +197,4 @@ fn rgb(path: &Path) -> Result<Image> {
         bail!("{}: {} channels, three are needed", path.display(), image.channels);
     }
     Ok(image.select(&[0, 1, 2]))
-}
-
-fn planes(image: &Image) -> Vec<f32> {
-    (0..3).flat_map(|c| image.data.iter().skip(c).step_by(3).copied()).collect()
 }

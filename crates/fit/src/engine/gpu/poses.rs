@@ -107,7 +107,7 @@ impl FromPose {
         poses: &Poses,
         moment: Moment,
     ) -> Result<(), GpuError> {
-        let Some(p) = poses.held.iter().find(|p| p.moment == moment) else { return Ok(()) };
+        let p = poses.held.iter().find(|p| p.moment == moment).expect("poses are put before they are drawn");
         let [positions, normals, tangents] = self.0;
         recording.set_source(positions, &p.positions, 0..p.positions.len())?;
         recording.set_source(normals, &p.normals, 0..p.normals.len())?;
