@@ -345,7 +345,8 @@ pub(crate) struct Simplify {
     /// software), or auto: a GPU in hardware if there is one, else the CPU.
     #[arg(long, value_name = "DEVICE", default_value = "cpu", value_parser = device)]
     pub(crate) device: Device,
-    /// Width and height of new textures, texels, and longest side of the asset's own where those are written. Those have together
+    /// Width and height of new textures, texels (with --textures none: of the maps that are fitted and then become colours of
+    /// vertices), and longest side of the asset's own where those are written. Those have together
     /// no more texels than four new ones, but for budgets of a quarter of the triangles and more, where they stay whole unless
     /// this is given [range: 16 to 8192] [default: 1024, or what the size on screen needs].
     #[arg(long, value_name = "N", value_parser = whole::<usize>(16..=8192))]
@@ -518,7 +519,7 @@ mod tests {
 
     /// The options of all commands that take a value which is no path, with what the command needs to be parsed.
     fn valued() -> Vec<(Vec<&'static str>, Arg)> {
-        let needed: [&[&str]; 13] = [
+        let needed: [&[&str]; 14] = [
             &["simplify", "a.glb", "-o", "b.glb"],
             &["render", "a.glb", "-o", "b.png"],
             &["compare", "a.png", "b.png"],
@@ -529,6 +530,7 @@ mod tests {
             &["recover", "mesh", "--self-test", "a.glb", "-o", "b.glb"],
             &["recover", "scene", "a.xml", "--self-test", "--parameter", "k", "-o", "b"],
             &["recover", "volume", "--self-test", "a.vol", "-o", "b"],
+            &["recover", "material", "--self-test", "a.glb", "-o", "b"],
             &["retexture", "a.glb", "b.glb", "-o", "c.glb"],
             &["gradient", "a.xml", "--parameter", "k"],
             &["demo"],

@@ -21,17 +21,23 @@ pub(crate) const RECOVER_VOLUME: Command = &["recover", "volume"];
 
 /// The option of a field, or what the field is where the command has no such option.
 fn option(command: Command, field: &str) -> String {
-    let name = field.replace('_', "-");
+    let name = match field {
+        "lighting" => "light".into(),
+        _ => field.replace('_', "-"),
+    };
     if has_option(command, &name) { format!("--{name}") } else { field.replace('_', " ") }
 }
 
-/// What a setting breaks; an option without a value is not said to be true.
+/// What a setting breaks. The kinds of surfaces have an option each.
 fn broken(command: Command, field: &str, rule: &str) -> String {
-    let option = option(command, field);
-    match rule.strip_prefix("is true; it ").filter(|_| option.starts_with("--")) {
-        Some(rule) => format!("{option} {rule}"),
-        None => format!("{option} {rule}"),
+    let surfacing = |value: &str| rule.strip_prefix(value).filter(|_| field == "surfacing");
+    if let Some(rule) = surfacing("is kept; it ") {
+        return format!("--keep-uvs {rule}");
     }
+    if let Some(rule) = surfacing("is vertex colours; it ") {
+        return format!("--textures is none; it {rule}");
+    }
+    format!("{} {rule}", option(command, field))
 }
 
 /// Turns the fields that a refused checkpoint differs in, and the one that makes a fit smaller, into options.
@@ -90,8 +96,10 @@ mod tests {
     fn fields_are_options_of_the_command_that_runs() {
         assert_eq!(option(SIMPLIFY, "reference"), "--reference");
         assert_eq!(option(RETEXTURE, "reference"), "reference", "an argument without a name there");
-        assert_eq!(option(SIMPLIFY, "keep_uvs"), "--keep-uvs", "an option without a value");
-        assert_eq!(broken(SIMPLIFY, "keep_uvs", "is true; it goes with x"), "--keep-uvs goes with x");
+        assert_eq!(broken(SIMPLIFY, "surfacing", "is kept; it goes with x"), "--keep-uvs goes with x");
+        let colors = "is vertex colours; it must be an image";
+        assert_eq!(broken(SIMPLIFY, "surfacing", colors), "--textures is none; it must be an image");
+        assert_eq!(option(SIMPLIFY, "lighting"), "--light");
         assert_eq!(broken(SIMPLIFY, "batch", "is 0; it must be 1 to 64"), "--batch is 0; it must be 1 to 64");
         assert_eq!(option(RETEXTURE, "texture_size"), "--texture-size");
         assert_eq!(option(DEMO, "texture_size"), "texture size");

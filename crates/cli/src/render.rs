@@ -3,7 +3,7 @@
 use crate::args::{Render, RenderIntegrator, RenderLight};
 use crate::output;
 use crate::preflight::Places;
-use crate::progress::{say, say_warnings};
+use crate::progress::{Terminal, say, say_warnings};
 use crate::status::Ending;
 use crate::{animation, camera, light, memory, mitsuba, path_render, threads};
 use anyhow::{Result, anyhow};
@@ -11,6 +11,7 @@ use glam::Vec3;
 use photofit_fit::engine::judge::count_beyond_rasterizer;
 use photofit_fit::footprint::Task;
 use photofit_fit::scene_render::SceneRenderer;
+use photofit_fit::{Progress, Silent};
 use photofit_image::Image;
 use photofit_pathtrace::View;
 use photofit_scalar::{Vec3f, vec3};
@@ -79,7 +80,8 @@ pub(crate) fn run(a: &Render) -> Result<Ending> {
     };
     // The command line admits squares alone.
     let supersample = a.spp.unwrap_or(16).isqrt() as usize;
-    let picture = render(&scene, &camera, &lights, (a.width() as usize, a.height() as usize), supersample);
+    let size = (a.width() as usize, a.height() as usize);
+    let picture = render(&scene, &camera, &lights, size, supersample, &Terminal::new());
     write(&a.output, &picture)?;
     warn_unseen(&a.input, &picture);
     let spp = supersample * supersample;
@@ -171,6 +173,7 @@ pub(crate) fn render(
     lights: &[Light<'_>],
     (width, height): (usize, usize),
     supersample: usize,
+    progress: &dyn Progress,
 ) -> Image {
     let (mut flat, library) = (scene.flatten(), SurfaceLibrary::new(scene));
     let radius = scene.bounding_sphere().map_or(1.0, |(_, radius)| radius);
@@ -179,7 +182,7 @@ pub(crate) fn render(
     flat.mesh.positions.iter_mut().for_each(|p| *p *= scale);
     let lights: Vec<Light<'_>> = lights.iter().map(|l| scaled_light(*l, scale)).collect();
     let camera = scaled_camera(camera, scale);
-    SceneRenderer::new(&flat, &library).render(&camera, &lights, width, height, supersample)
+    SceneRenderer::new(&flat, &library).render_with(&camera, &lights, (width, height), supersample, progress)
 }
 
 /// The same camera where all lengths are multiplied by `scale`.
@@ -209,7 +212,7 @@ pub(crate) fn framing(scene: &Scene, aspect: f32) -> Option<Camera> {
 pub(crate) fn portrait(scene: &Scene, side: usize) -> Option<Image> {
     let (center, radius) = scene.bounding_sphere()?;
     let camera = framing(scene, 1.0)?;
-    Some(render(scene, &camera, &point_light(&camera, center, radius), (side, side), 4))
+    Some(render(scene, &camera, &point_light(&camera, center, radius), (side, side), 4, &Silent))
 }
 
 /// A point light above the camera's left shoulder and a weak constant environment.
@@ -260,6 +263,7 @@ pub(crate) fn straight(picture: &Image) -> Image {
 #[cfg(test)]
 mod tests {
     use super::{framing, point_light, render, straight};
+    use photofit_fit::Silent;
     use photofit_geometry::shapes::icosphere;
     use photofit_image::Image;
     use photofit_scene::{Instance, Material, Primitive, Scene};
@@ -277,7 +281,7 @@ mod tests {
             };
             let camera = framing(&scene, 1.0).unwrap();
             let (center, radius) = scene.bounding_sphere().unwrap();
-            render(&scene, &camera, &point_light(&camera, center, radius), (32, 32), 2)
+            render(&scene, &camera, &point_light(&camera, center, radius), (32, 32), 2, &Silent)
         };
         let unit = picture(1.0);
         for size in [1e-15, 1e-10, 1e-6, 3e3, 1e10, 1e15] {

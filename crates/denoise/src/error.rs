@@ -42,6 +42,11 @@ pub enum DenoiseError {
         /// What it must be.
         rule: &'static str,
     },
+    /// A frame of a sequence does not say where its pixels lie, so that no history can follow them.
+    #[error(
+        "has neither positions nor depths of a camera that can be inverted; a frame of a sequence must have one of them"
+    )]
+    Unplaced,
     /// The image has no pixels or too many.
     #[error("an image of {shape} has no pixels, no channels or more than 2^31 samples")]
     Size {

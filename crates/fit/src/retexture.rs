@@ -339,7 +339,7 @@ fn fingerprint(o: &RetextureOptions, n: &Normalised, candidate: &Candidate) -> F
         .option("texture_size", o.texture_size)
         .option("batch", o.batch)
         .option("seed", o.seed)
-        .option("light", o.lighting.name())
+        .option("lighting", o.lighting.name())
         .option("moments", format!("{:?}", o.moments))
         .digest("light asset", format!("{:016x}", shape.value()))
         .digest("reference", format!("{:016x}", asset.value()))

@@ -3,18 +3,18 @@
 
 mod fragments;
 
+use crate::progress::{Progress, Silent};
 use fragments::{Corners, Fragments, MOST};
 use photofit_image::Image;
-use photofit_raster::deferred::MOST_LAYERS;
+use photofit_raster::deferred::{LEAST_TRANSMITTANCE, MOST_LAYERS};
 use photofit_raster::project::{matrix_rows, project};
 use photofit_raster::rasterize::{Bins, Layer, NONE, PixelGrid, TILE, Tile};
 use photofit_scalar::{Vec3f, Vec4f, vec3};
 use photofit_scene::{Camera, FlatScene, SurfaceLibrary};
 use photofit_shading::{Light, Sides};
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Transmittance below which nothing behind a pixel is looked for.
-const NEGLIGIBLE: f32 = 1.0 / 512.0;
 const AREA: usize = TILE * TILE;
 
 /// A scene ready to be rendered.
@@ -57,6 +57,21 @@ impl<'a> SceneRenderer<'a> {
         height: usize,
         supersample: usize,
     ) -> Image {
+        self.render_with(camera, lights, (width, height), supersample, &Silent)
+    }
+
+    /// [`Self::render`] that tells the rows of tiles that are done (stage `render`).
+    ///
+    /// # Panics
+    /// As [`Self::render`].
+    pub fn render_with(
+        &self,
+        camera: &Camera,
+        lights: &[Light<'_, f32>],
+        (width, height): (usize, usize),
+        supersample: usize,
+        progress: &dyn Progress,
+    ) -> Image {
         assert!([1, 2, 4, 8].contains(&supersample), "1, 2, 4 or 8 samples per axis");
         let (w, h) = (width * supersample, height * supersample);
         let mesh = &self.flat.mesh;
@@ -67,6 +82,7 @@ impl<'a> SceneRenderer<'a> {
         let grid = PixelGrid::new(w, h);
         let mut image = Image::new(width, height, 4);
         let strip = (width * 4 * TILE / supersample).max(1);
+        let (done, strips) = (AtomicU64::new(0), image.data.len().div_ceil(strip) as u64);
         image.data.par_chunks_mut(strip).enumerate().for_each(|(row, out)| {
             let mut work = TileWork::default();
             for column in 0..bins.columns() {
@@ -78,6 +94,7 @@ impl<'a> SceneRenderer<'a> {
                 shading.tile(&tile, &mut work);
                 resolve(&work, &tile, supersample, width, out);
             }
+            progress.report("render", done.fetch_add(1, Ordering::Relaxed) + 1, strips, "");
         });
         image
     }
@@ -207,7 +224,7 @@ impl Shading<'_> {
                 work.rgb[i] += radiance * (t * alpha);
             }
             work.transmittance[i] = t * (1.0 - alpha);
-            if work.transmittance[i] > NEGLIGIBLE {
+            if work.transmittance[i] >= LEAST_TRANSMITTANCE {
                 more = true;
             } else {
                 work.transmittance[i] = 0.0;

@@ -128,7 +128,7 @@ pub fn traced_maps(
     maps.retain(|m| m.kind != MapKind::Normal);
     if maps.is_empty() {
         return Err(FitError::Setting {
-            field: "light",
+            field: "light asset",
             rule: "has no map of base colour, roughness or metalness; one is needed".into(),
         });
     }
@@ -250,7 +250,7 @@ fn fingerprint(o: &TracedMapsOptions, light: &Scene) -> Fingerprint {
         .option("spp", o.spp)
         .option("gradient_spp", o.gradient_spp)
         .option("reference_spp", o.reference_spp)
-        .option("light", o.lighting.name())
+        .option("lighting", o.lighting.name())
         .option("seed", o.seed)
         .digest("shape of the light asset", format!("{:016x}", shape.value()))
 }

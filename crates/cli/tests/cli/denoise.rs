@@ -212,6 +212,11 @@ fn sequences_and_halves_lower_the_error() {
         &["none.json", "has neither `frames` nor `scenes`; it must have one"],
     );
     refused(&["--sequence", "missing.json"], &["missing.json"]);
+    write(&d.join("plain_003.exr"), &[("", &f.noisy(1, 7), RGB)]);
+    let only = json!({ "frames": [frames[3]] }).to_string();
+    std::fs::write(d.join("only.json"), only).unwrap();
+    let o = photofit(d, &["denoise", "plain_003.exr", "-o", "p.exr", "--sequence", "only.json"]);
+    assert_one_error(&o, "colour alone", &["plain_003.exr", "has neither positions nor depths"]);
     std::fs::write(d.join("odd.json"), json!({ "frames": frames, "depth": "inverse" }).to_string()).unwrap();
     refused(
         &["--sequence", "odd.json"],

@@ -146,10 +146,7 @@ impl Sequence {
             (None, Some(depth)) => camera.positions(depth, shape.width).map(Cow::Owned),
             (None, None) => None,
         };
-        let rule = "positions, or depths and an invertible camera";
-        let Some(position) = position else {
-            return Err(DenoiseError::Setting { setting: "the history", value: 0.0, rule });
-        };
+        let Some(position) = position else { return Err(DenoiseError::Unplaced) };
         let normal = prepared.features.normal.clone();
         let normal = normal.unwrap_or_else(|| facing(&position, shape.width).into());
         let settings = self.settings.temporal;

@@ -19,7 +19,7 @@ use photofit_pathtrace::{
 };
 use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::{FlatScene, Scene, SurfaceLibrary};
-use photofit_shading::{Energy, Environment, Light};
+use photofit_shading::{Energy, Light};
 use std::borrow::Cow;
 use std::sync::{Mutex, PoisonError};
 
@@ -385,38 +385,58 @@ fn placed_world(scene: &Scene, to_frame: DAffine3, radius: f32, energy: Energy) 
     Ok(World::with_options(parts, options)?)
 }
 
-/// The lights of a picture as the path tracer takes them.
+/// The lights of a picture as the path tracer takes them, which knows one environment: light from all around is added up.
 pub(crate) fn path_lights(lights: &[Light<'_, f32>]) -> (Vec<LightSource>, Option<EnvironmentMap>) {
-    let (mut sources, mut environment) = (Vec::new(), None);
-    for light in lights {
-        match light {
-            Light::Point { .. } | Light::Directional { .. } => sources.extend(LightSource::of(light)),
-            Light::Ambient { radiance } => environment = Some(EnvironmentMap::constant(*radiance)),
-            Light::Environment { map, rotation, scale } => {
-                let x = rotation.apply(vec3(1.0, 0.0, 0.0));
-                let turn = Quat::from_rotation_y((-x.z).atan2(x.x));
-                let mut out = EnvironmentMap::new(equirectangular(map));
-                (out.scale, out.rotation) = (*scale, turn);
-                environment = Some(out);
-            }
+    let sources = lights.iter().filter_map(LightSource::of).collect();
+    let mut around = lights.iter().filter(|l| matches!(l, Light::Ambient { .. } | Light::Environment { .. }));
+    let environment = match (around.next(), around.next()) {
+        (None, _) => None,
+        (Some(Light::Environment { map, rotation, scale }), None) => {
+            let x = rotation.apply(vec3(1.0, 0.0, 0.0));
+            let turn = Quat::from_rotation_y((-x.z).atan2(x.x));
+            let mut out = EnvironmentMap::new(equirectangular(|d| map.specular(d, 0.0)));
+            (out.scale, out.rotation) = (*scale, turn);
+            Some(out)
         }
-    }
+        (Some(_), _) => {
+            let constant = lights.iter().fold(Vec3f::zero(), |sum, light| match light {
+                Light::Ambient { radiance } => sum + *radiance,
+                _ => sum,
+            });
+            let maps = lights.iter().any(|l| matches!(l, Light::Environment { .. }));
+            let all = |d| {
+                lights.iter().fold(constant, |sum, light| match light {
+                    Light::Environment { map, rotation, scale } => {
+                        sum + map.specular(rotation.invert(d), 0.0) * *scale
+                    }
+                    _ => sum,
+                })
+            };
+            Some(if maps {
+                EnvironmentMap::new(equirectangular(all))
+            } else {
+                EnvironmentMap::constant(constant)
+            })
+        }
+    };
     (sources, environment)
 }
 
-/// The unfiltered level of an environment, laid out as [`EnvironmentMap`] says.
-fn equirectangular(map: &Environment<f32>) -> Image {
+/// Radiance from all directions, laid out as [`EnvironmentMap`] says.
+fn equirectangular(radiance: impl Fn(Vec3f) -> Vec3f) -> Image {
     let (width, height) = (2 * ROWS, ROWS);
     let texel = |i: usize| {
         let theta = ((i / width) as f32 + 0.5) / height as f32 * std::f32::consts::PI;
         let phi = (((i % width) as f32 + 0.5) / width as f32 - 0.5) * std::f32::consts::TAU;
         let d = vec3(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin());
-        map.specular(d, 0.0).map(|x| x.max(0.0)).to_array()
+        radiance(d).map(|x| x.max(0.0)).to_array()
     };
     let data: Vec<[f32; 3]> = (0..width * height).map(texel).collect();
     Image::from_data(width, height, 3, data.into_flattened())
 }
 
+#[cfg(test)]
+mod agreement;
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -426,7 +446,7 @@ mod tests {
     use photofit_scene::{Clearcoat, Extensions, Instance, Material, Primitive, Sheen, Transmission, Volume};
 
     /// Spheres of clay at the given places, with radius 1.
-    fn spheres(places: &[f32]) -> Scene {
+    pub(super) fn spheres(places: &[f32]) -> Scene {
         let mut mesh: Mesh = shapes::icosphere(24);
         mesh.normals = mesh.positions.clone();
         Scene {
@@ -458,7 +478,7 @@ mod tests {
         [raster.image, path.image]
     }
 
-    fn mean(image: &Image, k: usize) -> f64 {
+    pub(super) fn mean(image: &Image, k: usize) -> f64 {
         image.data.chunks_exact(4).map(|p| f64::from(p[k])).sum::<f64>() / image.pixels() as f64
     }
 

@@ -148,7 +148,7 @@ fn one_by_one(
                         (0..3).for_each(|k| pixel[k] += radiance.to_array()[k] * (through[i] * alpha));
                     }
                     through[i] *= 1.0 - alpha;
-                    if through[i] <= NEGLIGIBLE {
+                    if through[i] < LEAST_TRANSMITTANCE {
                         (through[i], layer.triangle[i]) = (0.0, NONE);
                     }
                     pixel[3] = 1.0 - through[i];
@@ -181,5 +181,39 @@ fn samples_that_are_shaded_together_are_those_that_are_shaded_alone() {
         for (i, (a, b)) in together.data.iter().zip(&alone.data).enumerate() {
             assert!((a - b).abs() <= 1e-6 * b.abs().max(1.0), "{a} against {b} at {i}");
         }
+    }
+}
+
+#[test]
+fn what_lies_behind_glass_of_any_alpha_is_seen() {
+    let card = |z: f32| {
+        let mut mesh = shapes::quad_grid(1, 1);
+        mesh.positions.iter_mut().for_each(|p| p.z = z);
+        mesh
+    };
+    let glass = |alpha: f32| Material {
+        base_color: [0.0, 0.0, 0.0, alpha],
+        alpha_mode: AlphaMode::Blend,
+        unlit: true,
+        ..Material::default()
+    };
+    let lamp = Material { base_color: [1000.0, 1000.0, 1000.0, 1.0], unlit: true, ..Material::default() };
+    for alpha in [0.5_f32, 0.99, 0.999, 0.9999, 1.0] {
+        let scene = Scene {
+            primitives: vec![
+                Primitive { mesh: card(1.0), material: 0 },
+                Primitive { mesh: card(0.0), material: 1 },
+            ],
+            instances: (0..2)
+                .map(|primitive| Instance { primitive, transform: Affine3A::IDENTITY })
+                .collect(),
+            materials: vec![glass(alpha), lamp.clone()],
+            ..Scene::default()
+        };
+        let (flat, library) = (scene.flatten(), SurfaceLibrary::new(&scene));
+        let camera = Camera::look_at(Vec3::new(0.0, 0.0, 4.0), Vec3::ZERO, Vec3::Y, 0.1, 1.0, 0.1, 20.0);
+        let picture = SceneRenderer::new(&flat, &library).render(&camera, &[], 8, 8, 1);
+        let (seen, expected) = (picture.pixel(4, 4)[0], 1000.0 * (1.0 - alpha));
+        assert!((seen - expected).abs() <= 1e-3 * expected, "alpha {alpha}: {seen} for {expected}");
     }
 }

@@ -23,8 +23,9 @@ fn check(scene: &Scene) -> Result<(), FitError> {
         return Ok(());
     }
     let rule =
-        "needs texture coordinates; the asset has none: without it the light asset gets new ones".into();
-    Err(FitError::Setting { field: "keep_uvs", rule })
+        "is kept; it needs texture coordinates, and the asset has none: without it the light asset gets new ones"
+            .into();
+    Err(FitError::Setting { field: "surfacing", rule })
 }
 
 /// Decimates an asset in several ways, and writes what looks best.
@@ -154,9 +155,9 @@ mod tests {
         scene.primitives[0].mesh.uvs.clear();
         let path = std::env::temp_dir().join("never-written.glb");
         let refused = simplify(&scene, &path, &kept(), &Silent).unwrap_err().to_string();
-        assert!(refused.contains("keep_uvs") && refused.contains("the asset has none"), "{refused}");
+        assert!(refused.contains("surfacing") && refused.contains("the asset has none"), "{refused}");
         let sphere = SimplifyOptions { init: Init::Sphere, ..kept() };
-        assert!(simplify(&tiled(), &path, &sphere, &Silent).unwrap_err().to_string().contains("keep_uvs"));
+        assert!(simplify(&tiled(), &path, &sphere, &Silent).unwrap_err().to_string().contains("surfacing"));
         assert!(!path.exists());
     }
 

@@ -306,7 +306,7 @@ fn fingerprint(o: &SimplifyOptions, backs: f32, start: &Candidate) -> Fingerprin
         .option("lock_borders", o.lock_borders)
         .option("effort", o.effort.name())
         .option("seed", o.seed)
-        .option("light", o.lighting.name())
+        .option("lighting", o.lighting.name())
         .option("occlusion", o.occlusion.name())
         .option("single-sided backs", backs)
         .option("reference", format!("{:?}", o.reference).to_lowercase())

@@ -470,13 +470,13 @@ fn surfacing_rule(o: &SimplifyOptions) -> Result<(), FitError> {
         Surfacing::Kept => {
             let plain = o.reference == ReferenceRenderer::Raster && o.init == Init::Decimate && !baked;
             let must = "goes with rasterized pictures of the asset, the decimated asset as the start and no baked occlusion";
-            rule("keep_uvs", true, plain, must)
+            rule("surfacing", "kept", plain, must)
         }
         Surfacing::VertexColors => {
             let plain = o.fit_with == FitRenderer::Raster && !baked;
             let must =
                 "must be a kind of image where maps are fitted through the path tracer or occlusion is baked";
-            rule("textures", "none", plain, must)
+            rule("surfacing", "vertex colours", plain, must)
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::pixel::attribute;
 use super::tile::{Strip, StripGradients, StripPixels};
-use super::{Geometry, Masks, Passes, View};
+use super::{Geometry, LEAST_TRANSMITTANCE, Masks, Passes, View};
 use crate::antialias::{Pair, antialias, antialias_vjp, silhouettes};
 use crate::maps::CHANNELS;
 use crate::project::{project, project_vjp};
@@ -12,8 +12,6 @@ use photofit_scalar::{Real, Vec3, Vec4, vec3};
 use photofit_texture::AlphaMode;
 use rayon::prelude::*;
 
-/// Transparency below which nothing behind a pixel is looked for.
-const OPAQUE_ENOUGH: f64 = 1.0 - 1.0 / 512.0;
 /// Samples handled by one task where tiles do not matter.
 const CHUNK: usize = 1 << 14;
 
@@ -236,7 +234,7 @@ pub(super) fn hides<T: Real>(passes: &Passes, fits_alpha: bool) -> impl Fn(Alpha
     move |alpha, drawn| match (alpha, masks) {
         (AlphaMode::Blend, _) if fits_alpha => false,
         (AlphaMode::Mask { .. }, Masks::Faded { slope }) if fits_alpha => slope > 1.0 && drawn >= T::one(),
-        _ => drawn > T::of(OPAQUE_ENOUGH),
+        _ => T::one() - drawn < T::of(f64::from(LEAST_TRANSMITTANCE)),
     }
 }
 

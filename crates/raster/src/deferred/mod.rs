@@ -25,6 +25,10 @@ use photofit_texture::AlphaMode;
 /// Most transparent layers that are drawn of a pixel.
 pub const MOST_LAYERS: usize = 16;
 
+/// Transmittance of what lies in front below which nothing behind it is looked for: what rounding leaves of an alpha of 1
+/// that was interpolated between texels, not what an asset asks for.
+pub const LEAST_TRANSMITTANCE: f32 = 1.0 / (1 << 20) as f32;
+
 /// A mesh as the renderer sees it; all arrays have one entry per vertex or per triangle.
 #[derive(Clone, Copy, Debug)]
 pub struct Geometry<'a, T> {

@@ -3,7 +3,7 @@
 //!
 //! Files are mutated in their structure: JSON values, lines and numbers of text, attributes of XML, words of binary files
 //! inside of valid containers; most mutants of bytes alone are refused at the door. What a mutant is follows from the
-//! target's name and its number. `PHOTOFIT_FUZZ_SECONDS` is the time of each target in the slow suite (30),
+//! target's name and its number. `PHOTOFIT_FUZZ_MINUTES` is the time of all targets in the slow suite (60),
 //! `PHOTOFIT_FUZZ_CORPUS` a folder whose files are seeds too.
 
 mod corpus;
@@ -184,11 +184,13 @@ fn mutants_are_read_or_refused() {
 }
 
 #[test]
-#[ignore = "slow: mutants of each reader for PHOTOFIT_FUZZ_SECONDS"]
+#[ignore = "slow: mutants of each reader for an hour, or PHOTOFIT_FUZZ_MINUTES"]
 fn many_mutants_are_read_or_refused() {
-    let seconds = std::env::var("PHOTOFIT_FUZZ_SECONDS").ok().and_then(|s| s.parse().ok()).unwrap_or(30);
-    for target in targets() {
-        let end = Instant::now() + Duration::from_secs(seconds);
+    let minutes = std::env::var("PHOTOFIT_FUZZ_MINUTES").ok().and_then(|s| s.parse().ok()).unwrap_or(60.0);
+    let targets = targets();
+    let share = Duration::from_secs_f64(60.0 * minutes / targets.len() as f64);
+    for target in targets {
+        let end = Instant::now() + share;
         let (count, read) = fuzz(&target, |_| Instant::now() >= end);
         println!("{}: {read} of {count} mutants are read", target.name);
     }

@@ -53,6 +53,10 @@ fn modes() -> Vec<Mode> {
     vec![
         mode("shaded once per pixel and triangle", Kind::Transparent, logarithmic, &all, engine),
         mode("the same, opaque", Kind::Opaque, logarithmic, &LIT, engine),
+        mode("the same, masks fade", Kind::Transparent, logarithmic, &all, |s| {
+            s.sampling = Sampling::ENGINE;
+            s.passes.masks = Masks::Faded { slope: 2.0 };
+        }),
         mode("free mip levels", Kind::Transparent, logarithmic, &all, |s| {
             s.sampling = Sampling::ENGINE;
             s.passes.masks = Masks::Faded { slope: 2.0 };

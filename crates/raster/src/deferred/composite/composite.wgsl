@@ -58,8 +58,8 @@ fn blend_vjp(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) g
 @group(0) @binding(4) var<storage, read_write> front: array<u32>;
 @group(0) @binding(5) var<storage, read_write> seen: array<atomic<u32>>;
 
-// Transparency below which nothing behind a sample is looked for.
-const OPAQUE_ENOUGH: f32 = 0.998046875;
+// 2^-20: LEAST_TRANSMITTANCE of deferred/mod.rs.
+const LEAST_TRANSMITTANCE: f32 = 9.5367431640625e-7;
 
 fn hides(surface: vec2<u32>, drawn: f32) -> bool {
     let mode = surface.x & 3u;
@@ -71,7 +71,7 @@ fn hides(surface: vec2<u32>, drawn: f32) -> bool {
             return params.slope > 1.0 && drawn >= 1.0;
         }
     }
-    return drawn > OPAQUE_ENOUGH;
+    return 1.0 - drawn < LEAST_TRANSMITTANCE;
 }
 
 // One invocation per sample: the layer restricted to samples that do not hide what lies behind; the next layer is drawn

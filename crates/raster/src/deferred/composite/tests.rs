@@ -46,7 +46,9 @@ impl Input {
         let triangle = (0..SAMPLES).map(|_| id(rng.range(0.0, 1.0))).collect();
         let mut shaded = colors(SAMPLES, &mut rng);
         for s in &mut shaded {
-            s[3] = [0.0, 1.0, 0.9985, 0.9975, s[3].clamp(0.0, 1.0)][(rng.range(0.0, 5.0) as usize).min(4)];
+            s[3] =
+                [0.0, 1.0, 1.0 - 1.0 / (1 << 21) as f32, 1.0 - 1.0 / (1 << 19) as f32, s[3].clamp(0.0, 1.0)]
+                    [(rng.range(0.0, 5.0) as usize).min(4)];
         }
         let mut background = colors(PIXELS, &mut rng);
         background.iter_mut().for_each(|b| b[3] = f32::NAN);
