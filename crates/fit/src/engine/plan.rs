@@ -45,12 +45,22 @@ struct Asset {
     volumes: usize,
     vertex_colors: bool,
     animations: usize,
-    /// Per set of texture coordinates: there is one, a texture reads it.
-    uvs: [(bool, bool); 2],
-    /// Images that are read, out of those in the file.
-    textures: (usize, usize),
+    /// Whether there is each set of texture coordinates.
+    uvs: [bool; 2],
+    /// Images in the file.
+    images: usize,
+    /// The textures of all materials of something visible.
+    slots: Vec<Slot>,
     /// Material extensions that are not fitted.
     extensions: Vec<&'static str>,
+}
+
+/// A texture of a material, and whether it is of occlusion.
+#[derive(Clone, Debug, PartialEq)]
+struct Slot {
+    image: usize,
+    set: u32,
+    occlusion: bool,
 }
 
 /// What the options say.
@@ -420,8 +430,6 @@ impl Asset {
         let materials: Vec<&Material> = used.iter().map(|m| &scene.materials[*m]).collect();
         let count = |f: &dyn Fn(&Material) -> bool| materials.iter().filter(|m| f(m)).count();
         let with = |m: &Material, name: &str| !m.unlit && names(m).contains(&name);
-        let read: BTreeSet<usize> = materials.iter().flat_map(|m| slots(m)).map(|s| s.image).collect();
-        let sets: BTreeSet<u32> = materials.iter().flat_map(|m| slots(m)).map(|s| s.tex_coord).collect();
         let meshes = || scene.instances.iter().map(|i| &scene.primitives[i.primitive].mesh);
         // What lets light pass is drawn blended.
         let drawn = |m: &Material, name: &str| name == "transmission" && transmits(m);
@@ -442,11 +450,9 @@ impl Asset {
             volumes: count(&|m| with(m, "volume")),
             animations: scene.hierarchy.as_ref().map_or(0, |h| h.animations.len()),
             vertex_colors: meshes().any(|m| !m.colors.is_empty()),
-            uvs: [
-                (meshes().any(|m| !m.uvs.is_empty()), sets.contains(&0)),
-                (meshes().any(|m| !m.uvs1.is_empty()), sets.contains(&1)),
-            ],
-            textures: (read.len(), scene.images.len()),
+            uvs: [meshes().any(|m| !m.uvs.is_empty()), meshes().any(|m| !m.uvs1.is_empty())],
+            images: scene.images.len(),
+            slots: materials.iter().flat_map(|m| slots(m)).collect(),
             extensions: extensions.into_iter().collect(),
         }
     }
@@ -476,9 +482,11 @@ impl Asset {
             },
         );
         item("vertex colours", self.vertex_colors, why.into());
-        for (what, (there, read)) in
-            ["texture coordinates 0", "texture coordinates 1"].into_iter().zip(self.uvs)
-        {
+        // Baked occlusion comes from rays, and is no map of the asset's.
+        let read = || self.slots.iter().filter(|s| !s.occlusion || occlusion == Occlusion::Maps);
+        let sets = [("texture coordinates 0", 0), ("texture coordinates 1", 1)];
+        for ((what, set), there) in sets.into_iter().zip(self.uvs) {
+            let read = read().any(|s| s.set == set);
             let why = match (there, read) {
                 (true, true) if kept => "read by textures, and kept",
                 (true, true) => "read by textures; an atlas has new ones",
@@ -488,12 +496,13 @@ impl Asset {
             };
             item(what, there && read, why.into());
         }
-        let why = match self.textures {
+        let images: BTreeSet<usize> = read().map(|s| s.image).collect();
+        let why = match (images.len(), self.images) {
             (0, 0) => "none".into(),
             (0, n) => format!("none of {n} images is read"),
             (r, n) => format!("{r} of {n} images are read"),
         };
-        item("textures", self.textures.0 > 0, why);
+        item("textures", !images.is_empty(), why);
         let why = "have one: carried over, not drawn here, since they darken indirect light alone";
         let (runs, why) = match occlusion {
             Occlusion::Maps => (self.occluded > 0, some(self.occluded, why, "none")),
@@ -546,11 +555,13 @@ fn names(m: &Material) -> Vec<&'static str> {
     m.extensions.as_ref().map_or_else(Vec::new, |e| e.acting())
 }
 
-/// The texture slots that a fit reads.
-fn slots(m: &Material) -> Vec<&TextureSlot> {
+/// The textures of a material: the fit reads those of its core and of occlusion, and the mean values of those of extensions.
+fn slots(m: &Material) -> Vec<Slot> {
+    let of = |occlusion| move |s: &TextureSlot| Slot { image: s.image, set: s.tex_coord, occlusion };
     let lit = [&m.metallic_roughness_texture, &m.normal_texture, &m.emissive_texture];
-    let lit = lit.into_iter().filter(|_| !m.unlit);
-    [&m.base_color_texture].into_iter().chain(lit).flatten().collect()
+    let lit = lit.into_iter().flatten().chain(m.extensions.iter().flat_map(|e| e.textures().map(|(_, s)| s)));
+    let drawn = m.base_color_texture.iter().chain(lit.filter(|_| !m.unlit)).map(of(false));
+    drawn.chain(m.occlusion_texture.iter().map(of(true))).collect()
 }
 
 impl From<&FitPlan> for PlanRows {

@@ -5,7 +5,7 @@ use crate::candidate::SurfaceClass;
 use photofit_geometry::{Weld, shapes};
 use photofit_raster::Maps as Texels;
 use photofit_raster::loss::Loss;
-use photofit_scene::{Extensions, Instance, Primitive, Sheen, Transmission, Volume};
+use photofit_scene::{Extensions, Instance, Primitive, Sampler, Sheen, TextureImage, Transmission, Volume};
 use photofit_shading::Sides;
 
 fn scene(material: Material) -> Scene {
@@ -195,6 +195,30 @@ fn where_occlusion_comes_from_is_told() {
         assert_eq!(runs(&plan, "occlusion textures"), expected, "{occlusion:?}");
         assert_eq!(plan.to_string().contains("77 rays a texel"), expected == Runs::Yes, "{plan}");
     }
+}
+
+#[test]
+fn textures_of_occlusion_and_extensions_are_read() {
+    let slot = |tex_coord| {
+        let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        Some(TextureSlot { image: 0, sampler: Sampler::default(), tex_coord, transform })
+    };
+    let told = |material, occlusion| {
+        let mut s = scene(material);
+        s.primitives[0].mesh.uvs1 = s.primitives[0].mesh.uvs.clone();
+        s.images = vec![TextureImage { width: 1, height: 1, texels: vec![[9; 4]], ..TextureImage::default() }];
+        let plan = FitPlan::new(&s).with_occlusion(occlusion);
+        ["texture coordinates 0", "texture coordinates 1", "textures"].map(|what| runs(&plan, what))
+    };
+    let occluded = || Material { occlusion_texture: slot(1), ..Material::clay() };
+    assert_eq!(told(occluded(), Occlusion::Maps), [Runs::No, Runs::Yes, Runs::Yes]);
+    assert_eq!(told(occluded(), Occlusion::Open), [Runs::No; 3], "where its maps are left out, nothing reads them");
+    let sheen = Sheen { color: [1.0; 3], color_texture: slot(1), ..Sheen::default() };
+    let extensions = Extensions { sheen: Some(sheen), ..Extensions::default() };
+    let velvet = Material { extensions: Some(Box::new(extensions)), ..Material::clay() };
+    assert_eq!(told(velvet.clone(), Occlusion::Open), [Runs::No, Runs::Yes, Runs::Yes]);
+    let unlit = Material { unlit: true, ..velvet };
+    assert_eq!(told(unlit, Occlusion::Maps), [Runs::No; 3], "unlit surfaces have no sheen");
 }
 
 #[test]
