@@ -11,7 +11,7 @@ use super::classes::transmits;
 use super::judge::JudgeRenderer;
 use super::loss::PictureLoss;
 use super::reference::{ENERGY, ReferenceKind};
-use super::surface::rates_of;
+use super::surface::{coarse_rates, rates_of};
 use super::trainer::Phase;
 use super::views::Lighting;
 use crate::bake::Occlusion;
@@ -83,6 +83,8 @@ struct Maps {
     /// The outlines of masks are fitted: they fade in the steps.
     fades: bool,
     fitted: [bool; CHANNELS],
+    /// Coarse mip levels have texels of their own.
+    free_mips: bool,
 }
 
 /// Who draws the pictures of a judgement, why, and how many there are.
@@ -238,7 +240,8 @@ impl FitPlan {
         let emissive = (0..3).any(|k| any(channel::EMISSIVE + k, &|x| x > 1e-4));
         fitted[channel::EMISSIVE..channel::EMISSIVE + 3].fill(emissive);
         let layers = if blend || mask { Passes::default().max_layers } else { 1 };
-        Self { maps: Some(Maps { layers, fades, fitted }), ..self }
+        let free_mips = candidate.fitted_levels() > 1;
+        Self { maps: Some(Maps { layers, fades, fitted, free_mips }), ..self }
     }
 
     /// Adds how the result is judged.
@@ -347,10 +350,11 @@ impl FitPlan {
                 items.push(Item { what: "colours of vertices", runs: Runs::Yes, why });
             }
         }
-        if self.maps.is_some() {
-            let rates = rates_of(self.fitted());
+        if let Some(maps) = &self.maps {
+            let rates = rates_of(maps.fitted);
+            let coarse = maps.free_mips.then(|| coarse_rates(rates));
             let moves = self.choices.as_ref().is_none_or(|c| c.positions);
-            let work = Work { passes: self.passes(), rates, moves, steps: !self.is_still() };
+            let work = Work { passes: self.passes(), rates, coarse, moves, steps: !self.is_still() };
             items.extend(rows::surface(&work));
         } else {
             self.asset_items(&mut items);

@@ -269,6 +269,31 @@ fn a_plan_tells_the_rows_of_the_surface_that_is_fitted() {
 }
 
 #[test]
+fn what_coarse_mip_levels_fit_beyond_the_base_is_told() {
+    use crate::engine::cpu::Chain as _;
+    let clay = scene(Material::clay());
+    let mut sheet = candidate(AlphaMode::Opaque, |_, _| {});
+    let row = |plan: &FitPlan, what| plan.items().into_iter().find(|i| i.what == what).unwrap();
+    for free in [false, true] {
+        if free {
+            sheet.free_mips();
+        }
+        let plan = fit(&clay, &sheet).with_mips(free.then_some([16, 64]));
+        let surface = super::super::surface::Surface::new(sheet.clone(), &plan);
+        let told = rows::surface(&surface.work(100));
+        assert_eq!(plan.items()[..told.len()], told, "free: {free}");
+        let groups = surface.groups();
+        let moved = groups.iter().any(|g| g.rates.get(channel::ROUGHNESS).is_some_and(|r| *r > 0.0));
+        assert_eq!(moved, free, "its rates say what is fitted");
+        let roughness = row(&plan, "roughness gradients");
+        assert_eq!(roughness.runs, free.into(), "{roughness:?}");
+        let maps = row(&plan, "map gradients").why;
+        assert!(maps.contains("3 of 16") && maps.contains("4 in coarse mip levels") == free, "{maps}");
+        assert_eq!(plan.to_string().contains("coarse ones at 5 times the rate"), free, "{plan}");
+    }
+}
+
+#[test]
 fn shadows_in_maps_are_not_judged_twice() {
     let sheen =
         Extensions { sheen: Some(Sheen { color: [1.0; 3], ..Sheen::default() }), ..Extensions::default() };
