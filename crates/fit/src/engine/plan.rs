@@ -16,7 +16,7 @@ use super::trainer::Phase;
 use super::views::Lighting;
 use crate::bake::Occlusion;
 use crate::candidate::Candidate;
-use crate::simplify::Surfacing;
+use crate::simplify::{Surfacing, Written};
 use photofit_raster::deferred::{Masks, Passes};
 use photofit_raster::{CHANNELS, channel};
 use photofit_scene::{AlphaMode, Material, Scene, TextureSlot};
@@ -96,7 +96,7 @@ pub struct Judgement {
     pub renderer: JudgeRenderer,
     /// What pictures of the asset are in the fit.
     pub reference: ReferenceKind,
-    /// The maps are fitted through the path tracer.
+    /// A fit of the maps through the path tracer is asked for.
     pub traced_maps: bool,
     /// What of the asset's materials the rasterizer lacks.
     pub beyond: Vec<&'static str>,
@@ -120,10 +120,10 @@ impl Judgement {
                 "as asked; shadows that the fitted maps hold count twice".to_owned()
             }
             (true, JudgeRenderer::Path) => "as asked".to_owned(),
-            (true, _) if self.traced_maps => "the maps are fitted through the path tracer".to_owned(),
+            (true, _) if self.traced_maps => "maps fitted through the path tracer are asked for".to_owned(),
             (true, _) => format!("the rasterizer does not draw {names}"),
             (false, JudgeRenderer::Raster) if self.traced_maps => {
-                "as asked; shadows that the maps hold are not in these pictures".to_owned()
+                "as asked; shadows, which the path tracer fits maps to, are not in these pictures".to_owned()
             }
             (false, JudgeRenderer::Raster) if !self.beyond.is_empty() => {
                 format!("as asked; {names} are not drawn")
@@ -169,6 +169,31 @@ pub struct FitPlan {
     backs: Option<(f64, f32)>,
     /// Whether outlines count in where triangles are.
     outline: Option<Item>,
+    /// Whether maps are fitted through the path tracer, where that is asked for.
+    traced_maps: Option<Item>,
+    /// What came of it.
+    result: Option<Ended>,
+}
+
+/// What a fit came to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Ended {
+    written: Written,
+    /// Steps made.
+    steps: u64,
+}
+
+/// What a light asset has of the asset's surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Dress {
+    /// Its own texture coordinates, materials and textures.
+    Own,
+    /// New maps.
+    New,
+    /// Colours of vertices.
+    Colors,
+    /// Its own or new maps: pictures decide.
+    Open,
 }
 
 impl FitPlan {
@@ -187,6 +212,8 @@ impl FitPlan {
             mips: None,
             backs: None,
             outline: None,
+            traced_maps: None,
+            result: None,
         }
     }
 
@@ -293,6 +320,19 @@ impl FitPlan {
         Self { outline: Some(outline), ..self }
     }
 
+    /// Adds whether maps are fitted through the path tracer; nothing is told without.
+    #[must_use]
+    pub(crate) fn with_traced_maps(self, row: Option<Item>) -> Self {
+        Self { traced_maps: row, ..self }
+    }
+
+    /// Adds what the fit came to: what was written, the steps that were made, and whether maps were fitted through the path
+    /// tracer.
+    #[must_use]
+    pub(crate) fn with_result(self, written: Written, steps: u64, traced_maps: Option<Item>) -> Self {
+        Self { traced_maps, result: Some(Ended { written, steps }), ..self }
+    }
+
     /// Adds the phases of the fit.
     #[must_use]
     pub fn with_phases<M>(self, phases: &[Phase<'_, M>]) -> Self {
@@ -350,21 +390,13 @@ impl FitPlan {
                 items.push(Item { what: "colours of vertices", runs: Runs::Yes, why });
             }
         }
-        if let Some(maps) = &self.maps {
-            let rates = rates_of(maps.fitted);
-            let coarse = maps.free_mips.then(|| coarse_rates(rates));
-            let moves = self.choices.as_ref().is_none_or(|c| c.positions);
-            let work = Work { passes: self.passes(), rates, coarse, moves, steps: !self.is_still() };
-            items.extend(rows::surface(&work));
-        } else {
-            self.asset_items(&mut items);
+        if self.surfacing != Surfacing::Kept {
+            items.extend(self.result.map(|r| written(r.written, r.steps)));
+            items.extend(self.surface_items());
         }
-        self.asset.data_items(self.occlusion, self.surfacing == Surfacing::Kept, &mut items);
+        self.asset.data_items(self.occlusion, self.dress(), &mut items);
         self.option_items(&mut items);
-        if self.judgement.as_ref().is_some_and(|j| j.traced_maps) {
-            let why = "fitted once more, after the rasterizer".to_owned();
-            items.push(Item { what: "path traced maps", runs: Runs::Yes, why });
-        }
+        items.extend(self.traced_maps.clone());
         items.extend(self.judgement.as_ref().map(Judgement::item));
         items.extend(self.backs.map(|(seen, share)| rows::backs(seen, share)));
         items.extend(self.outline.clone());
@@ -373,9 +405,32 @@ impl FitPlan {
         items
     }
 
-    /// Whether the options ask for no steps.
+    /// What the fit does with a surface: what the asset alone says, once the maps are known what its passes and rates say.
+    fn surface_items(&self) -> Vec<Item> {
+        let Some(maps) = &self.maps else {
+            let mut items = Vec::new();
+            self.asset_items(&mut items);
+            return items;
+        };
+        let rates = rates_of(maps.fitted);
+        let coarse = maps.free_mips.then(|| coarse_rates(rates));
+        let moves = self.choices.as_ref().is_none_or(|c| c.positions);
+        rows::surface(&Work { passes: self.passes(), rates, coarse, moves, steps: !self.is_still() })
+    }
+
+    /// What the light asset has of the asset's surface, as far as it is known.
+    fn dress(&self) -> Dress {
+        match (self.surfacing, self.result.map(|r| r.written)) {
+            (Surfacing::Kept, _) | (_, Some(Written::Decimated | Written::Kept)) => Dress::Own,
+            (Surfacing::VertexColors, _) => Dress::Colors,
+            (Surfacing::Maps, Some(_)) => Dress::New,
+            (Surfacing::Maps, None) => Dress::Open,
+        }
+    }
+
+    /// Whether no steps are made: the options ask for none, or it came to none.
     fn is_still(&self) -> bool {
-        self.choices.as_ref().is_some_and(|c| !c.steps)
+        self.choices.as_ref().is_some_and(|c| !c.steps) || self.result.is_some_and(|r| r.steps == 0)
     }
 
     /// What the asset alone says of the passes of a fit.
@@ -465,17 +520,17 @@ impl Asset {
         format!("{n} of {} materials {what}", self.materials)
     }
 
-    /// `kept`: the asset's own surface stays.
-    fn data_items(&self, occlusion: Occlusion, kept: bool, items: &mut Vec<Item>) {
+    fn data_items(&self, occlusion: Occlusion, dress: Dress, items: &mut Vec<Item>) {
         let mut item = |what, runs: bool, why: String| items.push(Item { what, runs: runs.into(), why });
         let some = |n: usize, what: &str, none: &str| if n > 0 { self.of(n, what) } else { none.to_owned() };
         item("unlit surfaces", self.unlit > 0, self.of(self.unlit, "show their base colour as it is"));
         let why = some(self.normal_mapped, "have a normal map", "no material has a normal map");
         item("reference tangents", self.normal_mapped > 0, why);
-        let why = match (self.vertex_colors, kept) {
+        let why = match (self.vertex_colors, dress) {
             (false, _) => "none",
-            (true, false) => "read, and baked into the base colour",
-            (true, true) => "read, and kept",
+            (true, Dress::Own) => "read, and kept",
+            (true, Dress::New | Dress::Colors) => "read, and baked into the base colour",
+            (true, Dress::Open) => "read; where maps are new, baked into the base colour",
         };
         item(
             "animation",
@@ -492,8 +547,12 @@ impl Asset {
         for ((what, set), there) in sets.into_iter().zip(self.uvs) {
             let read = read().any(|s| s.set == set);
             let why = match (there, read) {
-                (true, true) if kept => "read by textures, and kept",
-                (true, true) => "read by textures; an atlas has new ones",
+                (true, true) => match dress {
+                    Dress::Own => "read by textures, and kept",
+                    Dress::New => "read by textures; an atlas has new ones",
+                    Dress::Colors => "read by textures; colours of vertices need none",
+                    Dress::Open => "read by textures; where maps are new, an atlas has new ones",
+                },
                 (true, false) => "no texture reads them",
                 (false, true) => "missing though a texture reads them: the texel at (0, 0) is shown",
                 (false, false) => "none",
@@ -526,15 +585,31 @@ impl Asset {
             false,
             some(self.volumes, "enclose one: kept as it is, not drawn while fitting", none),
         );
+        let how = match dress {
+            Dress::Own => "kept as they are; not drawn by the rasterizer",
+            Dress::New | Dress::Colors => "kept, their textures as mean values; not drawn while fitting",
+            Dress::Open => "kept; where maps are new, their textures as mean values; not drawn while fitting",
+        };
         let why = match &self.extensions[..] {
             [] => "none".into(),
-            names if kept => format!("{}: kept as they are", names.join(", ")),
-            names => {
-                format!("{}: kept, their textures as mean values; not drawn while fitting", names.join(", "))
-            }
+            names => format!("{}: {how}", names.join(", ")),
         };
         item("material extensions", false, why);
     }
+}
+
+/// The row of what is written, after so many steps.
+fn written(written: Written, steps: u64) -> Item {
+    let why = match written {
+        Written::Fitted if steps == 0 => "what the fit was to start from",
+        Written::Fitted => "what was fitted",
+        Written::Rebaked => "the fitted shape, its maps baked anew",
+        Written::Wrapped => "the start that was drawn onto the asset's surface",
+        Written::Baked => "the decimated start with baked maps",
+        Written::Decimated => "the decimated asset with its own materials",
+        Written::Kept => "the asset's own surface on fewer triangles",
+    };
+    Item { what: "written asset", runs: Runs::Yes, why: why.into() }
 }
 
 /// Which surfaces light passes, as the asset says.
@@ -570,7 +645,9 @@ fn slots(m: &Material) -> Vec<Slot> {
 
 impl From<&FitPlan> for PlanRows {
     fn from(plan: &FitPlan) -> Self {
-        Self { items: plan.items(), phases: plan.phases.clone() }
+        // Of a fit that came to no step no phase began.
+        let ran = plan.result.is_none_or(|r| r.steps > 0);
+        Self { items: plan.items(), phases: if ran { plan.phases.clone() } else { Vec::new() } }
     }
 }
 

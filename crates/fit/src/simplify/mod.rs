@@ -223,7 +223,7 @@ pub(crate) fn simplify_asset(
                 fitted = Some(options.exported(&trained.model.candidate, n));
             }
             written = Written::Decimated;
-            traced_maps = None;
+            traced_maps = traced_maps.lost();
         }
         light = made;
     }
@@ -241,6 +241,7 @@ pub(crate) fn simplify_asset(
     let pictures = judge.views(&stages, options.report_views, progress)?;
     let names: Vec<&'static str> = stages.iter().map(|s| s.name).collect();
     let times = Times { all: began.elapsed().as_secs_f64(), to_file };
+    let plan = plan.with_result(written, trained.steps, traced_maps.row());
     let judged = judge.method(&stages);
     let mut outcome = Outcome::new(triangles, trained, plan, &names, pictures, judged, times, options);
     outcome.device = device.name();
@@ -251,10 +252,8 @@ pub(crate) fn simplify_asset(
         outcome::not_fitted(scene, light, written == Written::Decimated),
     );
     outcome.stopped |= progress.is_cancelled();
-    if let Some(traced) = traced_maps {
-        outcome.stopped |= traced.stopped;
-        outcome.fit_stopped |= traced.stopped;
-        outcome.traced_maps = Some(traced);
+    if let Some(traced) = traced_maps.course() {
+        outcome.add_traced_maps(traced);
     }
     Ok(outcome)
 }

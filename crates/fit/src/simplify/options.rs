@@ -1,5 +1,6 @@
 //! What the user chooses.
 
+use super::through_path::TracedMaps;
 use super::{Effort, Mips, Normalised, ReferenceRenderer, by_outline, mips};
 use crate::bake::{BakeSettings, Occlusion};
 use crate::candidate::Candidate;
@@ -217,6 +218,7 @@ impl SimplifyOptions {
             .with_surfacing(self.surfacing)
             .with_judgement(self.judgement(scene))
             .with_occlusion(self.occlusion)
+            .with_traced_maps(TracedMaps::planned(self).row())
             .with_mips(self.mip_sizes());
         if self.surfacing == Surfacing::Kept { plan } else { plan.with_outline(by_outline::planned(self)) }
     }

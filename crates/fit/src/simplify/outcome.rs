@@ -133,11 +133,18 @@ impl Outcome {
             }
             Judged::PathTraced => {
                 let side = self.resolution.min(WIDEST_TRACED);
-                let twice =
-                    if self.plan.holds_shadows() { "; shadows that its maps hold count twice" } else { "" };
+                let shadows = self.plan.holds_shadows() && self.written != Written::Decimated;
+                let twice = if shadows { "; shadows that its maps hold count twice" } else { "" };
                 format!("judged by path traced pictures of {side} x {side} pixels, {spp} samples each{twice}")
             }
         }
+    }
+
+    /// Adds the fit of the maps through the path tracer.
+    pub(super) fn add_traced_maps(&mut self, course: MapsCourse) {
+        self.stopped |= course.stopped;
+        self.fit_stopped |= course.stopped;
+        self.traced_maps = Some(course);
     }
 
     pub(super) fn new(

@@ -269,6 +269,50 @@ fn a_plan_tells_the_rows_of_the_surface_that_is_fitted() {
 }
 
 #[test]
+fn what_was_written_is_what_the_plan_tells() {
+    let slot = TextureSlot {
+        image: 0,
+        sampler: Sampler::default(),
+        tex_coord: 0,
+        transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+    };
+    let sheen = Sheen { color: [1.0; 3], color_texture: Some(slot), ..Sheen::default() };
+    let extensions = Extensions { sheen: Some(sheen), ..Extensions::default() };
+    let mut velvet = scene(Material { extensions: Some(Box::new(extensions)), ..Material::clay() });
+    velvet.images = vec![TextureImage { width: 1, height: 1, texels: vec![[9; 4]], ..TextureImage::default() }];
+    let mesh = &mut velvet.primitives[0].mesh;
+    mesh.colors = vec![photofit_scalar::vec4(1.0, 0.5, 0.2, 1.0); mesh.positions.len()];
+    let planned = fit(&velvet, &candidate(AlphaMode::Opaque, |_, _| {}));
+    let told = |written, steps| planned.clone().with_result(written, steps, None).to_string();
+    let (new, own) = (
+        ["an atlas has new ones", "their textures as mean values", "baked into the base colour"],
+        ["read by textures, and kept", "sheen: kept as they are", "read, and kept"],
+    );
+    for (text, has, has_not) in [
+        (told(Written::Fitted, 9), new, own),
+        (told(Written::Baked, 9), new, own),
+        (told(Written::Decimated, 9), own, new),
+    ] {
+        assert!(has.iter().all(|part| text.contains(part)), "{text}");
+        assert!(!has_not.iter().any(|part| text.contains(part)), "{text}");
+        assert!(text.contains("run  position gradients"), "{text}");
+    }
+    let open = planned.to_string();
+    assert_eq!(open.matches("where maps are new").count(), 3, "pictures decide: {open}");
+    let still = told(Written::Baked, 0);
+    assert!(still.contains("skip position gradients     no steps are made"), "{still}");
+    // Nothing is baked or fitted where the asset keeps its surface.
+    let kept = FitPlan::new(&velvet).with_surfacing(Surfacing::Kept);
+    let kept = kept.with_options(0, ReferenceKind::RASTERIZED, &Lighting::Mixed);
+    for plan in [kept.clone(), kept.with_result(Written::Kept, 0, None)] {
+        let text = plan.to_string();
+        assert!(own.iter().all(|part| text.contains(part)), "{text}");
+        let fitted = ["gradients", "transparent layers", "open "];
+        assert!(!fitted.iter().any(|part| text.contains(part)), "{text}");
+    }
+}
+
+#[test]
 fn what_coarse_mip_levels_fit_beyond_the_base_is_told() {
     use crate::engine::cpu::Chain as _;
     let clay = scene(Material::clay());
