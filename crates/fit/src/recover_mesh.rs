@@ -155,7 +155,7 @@ pub fn recover_mesh(
         items: items(
             &model.work(options.steps),
             &photos,
-            rows::loss(LOSS.into(), held_out.noise),
+            rows::own_loss(LOSS.into()),
             held_out.measure,
         ),
         phases: Vec::new(),

@@ -472,8 +472,14 @@ impl FitPlan {
                     views => (Runs::Yes, views),
                 };
                 item("environment light", runs, why.into());
-                let why = format!("pictures of the reference are {}", c.reference.name);
-                item("indirect light", c.reference.indirect_light.into(), why);
+                let (mut runs, mut why) = (
+                    c.reference.indirect_light,
+                    format!("pictures of the reference are {}", c.reference.name),
+                );
+                if self.traced_maps.as_ref().is_some_and(|row| row.runs == Runs::Yes) {
+                    (runs, why) = (true, why + "; those that the path tracer fits maps to are path traced");
+                }
+                item("indirect light", runs.into(), why);
             }
         }
         if let Some((loss, noise)) = self.loss {
@@ -619,11 +625,16 @@ fn items_of_alpha(a: &Asset, still: bool, item: &mut dyn FnMut(&'static str, Run
         n => a.of(n, "are cut out, blended or let light pass"),
     };
     item("transparent layers", (a.through > 0).into(), why);
-    let why = match (a.masked + a.blended, a.blended == 0 && a.transmitting > 0) {
-        (0, _) => "nothing is cut out or blended".into(),
+    let fades = "masks fade in the steps, so that their outline is fitted";
+    let why = match (a.masked, a.blended) {
+        (0, 0) => "nothing is cut out or blended".into(),
         _ if still => NO_STEPS.into(),
-        (_, true) => "what lets light pass is drawn blended, and its alpha is not fitted".into(),
-        (n, _) => a.of(n, "are cut out or blended: masks fade in the steps, so that their outline is fitted"),
+        (_, 0) if a.transmitting > 0 => {
+            "what lets light pass is drawn blended, and its alpha is not fitted".into()
+        }
+        (0, n) => a.of(n, "are blended"),
+        (n, 0) => a.of(n, &format!("are cut out: {fades}")),
+        (m, n) => a.of(m + n, &format!("are cut out or blended: {fades}")),
     };
     let runs = !still && a.masked + a.blended > 0 && (a.blended > 0 || a.transmitting == 0);
     item("alpha gradients", runs.into(), why);

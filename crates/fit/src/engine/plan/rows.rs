@@ -142,6 +142,12 @@ pub(crate) fn asked_loss(loss: PictureLoss) -> Item {
     Item { what: "loss", runs: Runs::Yes, why }
 }
 
+/// The row of a loss that a task has, whatever its pictures are.
+pub(crate) fn own_loss(loss: PictureLoss) -> Item {
+    let why = format!("{}, the only one of this task: {}", loss.name(), loss.about());
+    Item { what: "loss", runs: Runs::Yes, why }
+}
+
 /// Why nothing is fitted where the options ask for no steps.
 pub(crate) const NO_STEPS: &str = "no steps are made";
 /// Why only one layer is drawn.

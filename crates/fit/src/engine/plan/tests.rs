@@ -269,6 +269,36 @@ fn a_plan_tells_the_rows_of_the_surface_that_is_fitted() {
 }
 
 #[test]
+fn masks_alone_are_said_to_fade() {
+    let of = |alpha_mode| Material { alpha_mode, ..Material::clay() };
+    let (mask, blend) = (of(AlphaMode::Mask { cutoff: 0.5 }), of(AlphaMode::Blend));
+    let told = |materials: &[&Material]| {
+        let mut s = scene(materials[0].clone());
+        for (k, m) in materials.iter().enumerate().skip(1) {
+            s.materials.push((*m).clone());
+            s.primitives.push(Primitive { mesh: shapes::cube(), material: k });
+            s.instances.push(Instance { primitive: k, transform: glam::Affine3A::IDENTITY });
+        }
+        let row = FitPlan::new(&s).items().into_iter().find(|i| i.what == "alpha gradients").unwrap();
+        assert_eq!(row.runs, Runs::Yes);
+        row.why
+    };
+    assert!(told(&[&mask]).contains("fade") && told(&[&mask, &blend]).contains("cut out or blended: masks fade"));
+    assert_eq!(told(&[&blend]), "1 of 1 materials are blended");
+}
+
+#[test]
+fn light_of_the_fit_through_the_path_tracer_is_told() {
+    use crate::simplify::{FitRenderer, ReferenceRenderer, SimplifyOptions};
+    let clay = scene(Material::clay());
+    let reference = ReferenceRenderer::Path;
+    let options = SimplifyOptions { reference, fit_with: FitRenderer::Path, ..SimplifyOptions::default() };
+    let told = |o: &SimplifyOptions| runs(&o.plan(&clay, o.rasterized_against().kind()), "indirect light");
+    assert_eq!(told(&options), Runs::Yes);
+    assert_eq!(told(&SimplifyOptions { steps: 0, ..options }), Runs::No, "no map is fitted");
+}
+
+#[test]
 fn what_was_written_is_what_the_plan_tells() {
     let slot = TextureSlot {
         image: 0,
