@@ -59,7 +59,7 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, view: &View, key: &
         Guiding::Off => key.to_owned(),
         guide => format!("{key}|guiding {}", guide.name()),
     };
-    if a.path.explain {
+    if a.path.explain && guiding(a) == Guiding::Off {
         print(&format!("path tracing\n{}", renderer.plan()))?;
     }
     let mut keeper = Keeper { file: &state, key, refusal: String::new(), kept: false };
@@ -353,6 +353,13 @@ fn work(a: &Render, renderer: &mut Renderer<'_>, keeper: &mut Keeper<'_>) -> Res
         Some(report) => say(&report.sentence()),
         None if guiding(a) != Guiding::Off => say("guiding is off: the time limit leaves none for training"),
         None => {}
+    }
+    if a.path.explain && guiding(a) != Guiding::Off {
+        print(&format!("paths that a guide learns from\n{}", renderer.sampled_plan()))?;
+        match guidance.is_on() {
+            true => print("guided path tracing\n  as these paths\n")?,
+            false => print(&format!("path tracing, not guided\n{}", renderer.plan()))?,
+        }
     }
     let mut saved = Instant::now();
     let every = a.path.save_every.unwrap_or(SAVE_EVERY);
