@@ -66,8 +66,8 @@ struct Slot {
 /// What the options say.
 #[derive(Clone, Debug, PartialEq)]
 struct Choices {
-    /// Steps are made.
-    steps: bool,
+    /// Steps that are made at most.
+    steps: u64,
     /// Positions move in them.
     positions: bool,
     /// What pictures of the reference are.
@@ -102,7 +102,7 @@ pub struct Judgement {
     pub beyond: Vec<&'static str>,
     /// Pictures of all views, of the asset and of what is compared with it, at most.
     pub pictures: u64,
-    /// Width and height of each, pixels.
+    /// Width and height of each where it is path traced, pixels.
     pub side: usize,
     /// Samples of a path traced pixel.
     pub spp: u32,
@@ -137,12 +137,10 @@ impl Judgement {
             (false, _) if shadows => "but for pictures of the asset, as in the fit".to_owned(),
             (false, _) => "the rasterizer draws all materials".to_owned(),
         };
-        let cost = match self.traced {
-            true => format!(
-                ": at most {pictures} pictures of {side} x {side} pixels, {spp} samples each, {million:.0} million samples"
-            ),
-            false => String::new(),
-        };
+        let cost = format!(
+            "at most {pictures} pictures of {side} x {side} pixels, {spp} samples each, {million:.0} million samples"
+        );
+        let cost = if self.traced { format!(": {cost}") } else { format!("; saved: {cost}") };
         Item { what: "path traced judgement", runs: self.traced.into(), why: why + &cost }
     }
 }
@@ -169,6 +167,8 @@ pub struct FitPlan {
     backs: Option<(f64, f32)>,
     /// Whether outlines count in where triangles are.
     outline: Option<Item>,
+    /// Triangles of the asset that nobody sees, and all.
+    unseen: Option<[usize; 2]>,
     /// Whether maps are fitted through the path tracer, where that is asked for.
     traced_maps: Option<Item>,
     /// What came of it.
@@ -212,6 +212,7 @@ impl FitPlan {
             mips: None,
             backs: None,
             outline: None,
+            unseen: None,
             traced_maps: None,
             result: None,
         }
@@ -225,7 +226,7 @@ impl FitPlan {
             Lighting::Point => "",
             Lighting::Environment(_) => "every view",
         };
-        let (steps, positions) = (steps > 0, steps > 0);
+        let positions = steps > 0;
         Self { choices: Some(Choices { steps, positions, reference, environment }), ..self }
     }
 
@@ -320,6 +321,12 @@ impl FitPlan {
         Self { outline: Some(outline), ..self }
     }
 
+    /// Adds how many triangles of the asset nobody sees, of all; nothing is told without.
+    #[must_use]
+    pub(crate) fn with_unseen(self, unseen: [usize; 2]) -> Self {
+        Self { unseen: Some(unseen), ..self }
+    }
+
     /// Adds whether maps are fitted through the path tracer; nothing is told without.
     #[must_use]
     pub(crate) fn with_traced_maps(self, row: Option<Item>) -> Self {
@@ -348,7 +355,7 @@ impl FitPlan {
     /// The passes of the renderer; everything that may run, before the maps are known.
     pub fn passes(&self) -> Passes {
         let positions = self.choices.as_ref().is_none_or(|c| c.positions);
-        let steps = self.choices.as_ref().is_none_or(|c| c.steps);
+        let steps = self.choices.as_ref().is_none_or(|c| c.steps > 0);
         let Some(m) = &self.maps else { return Passes::default() };
         Passes {
             masks: Masks::Cut,
@@ -392,6 +399,9 @@ impl FitPlan {
         }
         if self.surfacing != Surfacing::Kept {
             items.extend(self.result.map(|r| written(r.written, r.steps)));
+            let steps = self.choices.as_ref().zip(self.result).filter(|(c, _)| c.steps > 0);
+            items.extend(steps.map(|(c, r)| rows::steps(r.steps, c.steps)));
+            items.extend(self.unseen.map(rows::unseen));
             items.extend(self.surface_items());
         }
         self.asset.data_items(self.occlusion, self.dress(), &mut items);
@@ -430,7 +440,7 @@ impl FitPlan {
 
     /// Whether no steps are made: the options ask for none, or it came to none.
     fn is_still(&self) -> bool {
-        self.choices.as_ref().is_some_and(|c| !c.steps) || self.result.is_some_and(|r| r.steps == 0)
+        self.choices.as_ref().is_some_and(|c| c.steps == 0) || self.result.is_some_and(|r| r.steps == 0)
     }
 
     /// What the asset alone says of the passes of a fit.
@@ -621,7 +631,7 @@ fn written(written: Written, steps: u64) -> Item {
 /// Which surfaces light passes, as the asset says.
 fn items_of_alpha(a: &Asset, still: bool, item: &mut dyn FnMut(&'static str, Runs, String)) {
     let why = match a.through {
-        0 => rows::OPAQUE.to_owned(),
+        0 => rows::opaque(),
         n => a.of(n, "are cut out, blended or let light pass"),
     };
     item("transparent layers", (a.through > 0).into(), why);

@@ -156,6 +156,7 @@ pub(crate) fn simplify_asset(
     let (all, start) = (&starts.all, &starts.all[starts.best]);
     let loss = loss::choose(&held_out);
     let plan = options.plan(scene, reference.kind()).with_backs(backs.seen, backs.share);
+    let plan = plan.with_unseen([visibility.hidden(), n.flat.mesh.triangles.len()]);
     let plan = plan.with_loss(loss, held_out.noise).with_maps(&start.candidate).with_outline(starts.row);
     let keeping = through_path::keeping_before(options);
     let job = Job {
@@ -242,8 +243,8 @@ pub(crate) fn simplify_asset(
     let names: Vec<&'static str> = stages.iter().map(|s| s.name).collect();
     let times = Times { all: began.elapsed().as_secs_f64(), to_file };
     let plan = plan.with_result(written, trained.steps, traced_maps.row());
-    let judged = judge.method(&stages);
-    let mut outcome = Outcome::new(triangles, trained, plan, &names, pictures, judged, times, options);
+    let mut outcome =
+        Outcome::new(triangles, trained, plan, &names, pictures, judge.method(&stages), times, options);
     outcome.device = device.name();
     (outcome.written, outcome.textures) = (written, textures);
     let light = &stages[stages.len() - 1].scene;

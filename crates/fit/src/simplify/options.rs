@@ -331,7 +331,6 @@ impl SimplifyOptions {
     /// Who draws the pictures of the report of an asset, why, and how many there are.
     pub fn judgement(&self, scene: &Scene) -> Judgement {
         let traced = self.is_judged_by_path_tracing(scene);
-        let side = if traced { self.resolution.min(WIDEST_TRACED) } else { self.resolution };
         // Decimated, baked, wrapped where the fit starts from a decimated asset, fitted, and the file where that is something
         // else; the original where engines draw it.
         let starts = self.init == Init::Decimate && self.effort.work().compares_starts;
@@ -345,7 +344,7 @@ impl SimplifyOptions {
             traced_maps: self.fit_with == FitRenderer::Path,
             beyond,
             pictures: self.report_views * (1 + stages),
-            side,
+            side: self.resolution.min(WIDEST_TRACED),
             spp: self.judge_spp,
         }
     }

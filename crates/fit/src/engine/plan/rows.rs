@@ -150,8 +150,22 @@ pub(crate) fn own_loss(loss: PictureLoss) -> Item {
 
 /// Why nothing is fitted where the options ask for no steps.
 pub(crate) const NO_STEPS: &str = "no steps are made";
+
 /// Why only one layer is drawn.
-pub(crate) const OPAQUE: &str = "every surface is opaque: one layer, no blending";
+pub(crate) fn opaque() -> String {
+    format!("every surface is opaque: one layer of {}, no blending", Passes::default().max_layers)
+}
+
+/// The row of the steps that were made, of those that were to be made at most.
+pub(crate) fn steps(made: u64, most: u64) -> Item {
+    Item::of("steps", made > 0, format!("{made} of at most {most}"), format!("none of at most {most}"))
+}
+
+/// The row of triangles of the asset that nobody sees, of so many.
+pub(crate) fn unseen([unseen, all]: [usize; 2]) -> Item {
+    let why = format!("{unseen} of {all}: the decimation spends nothing on them");
+    Item { what: "unseen triangles", runs: Runs::No, why }
+}
 
 /// What a fit does with a surface: all that its rows are told from.
 #[derive(Clone, Copy, Debug)]
@@ -182,7 +196,7 @@ pub(crate) fn surface(work: &Work) -> Vec<Item> {
             "where neighbouring samples show different triangles",
             not("positions are frozen"),
         ),
-        Item::of("transparent layers", p.max_layers > 1, layers, OPAQUE),
+        Item::of("transparent layers", p.max_layers > 1, layers, opaque()),
         Item::of("normal map", p.normal_map, "it is drawn", "it is flat"),
         Item::of("emission", p.emissive, "it is drawn", "nothing emits"),
     ];

@@ -299,6 +299,25 @@ fn light_of_the_fit_through_the_path_tracer_is_told() {
 }
 
 #[test]
+fn what_can_be_counted_is_told_as_saved() {
+    let clay = scene(Material::clay());
+    let plan = fit(&clay, &candidate(AlphaMode::Opaque, |_, _| {})).with_unseen([3, 12]);
+    let options = crate::simplify::SimplifyOptions { report_views: 2, judge_spp: 5, ..Default::default() };
+    let plan = plan.with_judgement(options.judgement(&clay));
+    let text = plan.with_result(Written::Fitted, 40, None).to_string();
+    let most = Passes::default().max_layers;
+    for part in [
+        "unseen triangles       3 of 12",
+        "steps                  40 of at most 100",
+        &format!("one layer of {most}"),
+        "3 of 16 samples of a texel",
+        "saved: at most 12 pictures of 256 x 256 pixels, 5 samples each, 4 million samples",
+    ] {
+        assert!(text.contains(part), "{part:?} in\n{text}");
+    }
+}
+
+#[test]
 fn what_was_written_is_what_the_plan_tells() {
     let slot = TextureSlot {
         image: 0,
