@@ -267,7 +267,8 @@ pub fn count_beyond_rasterizer(scene: &Scene) -> (BTreeMap<&'static str, usize>,
     (counts, visible.len())
 }
 
-fn visible_materials(scene: &Scene) -> BTreeSet<usize> {
+/// The materials that something shows.
+pub(crate) fn visible_materials(scene: &Scene) -> BTreeSet<usize> {
     scene.instances.iter().map(|i| scene.primitives[i.primitive].material).collect()
 }
 

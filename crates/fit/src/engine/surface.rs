@@ -3,7 +3,7 @@
 use super::cpu::Chain;
 use super::loss::PictureLoss;
 use super::model::{Group, GroupName, ModelError};
-use super::plan::FitPlan;
+use super::plan::SurfacePlan;
 use super::plan::rows::Work;
 use super::views::Shot;
 use crate::FitError;
@@ -184,11 +184,11 @@ pub(super) fn temporal(group: &str) -> Temporal {
 
 impl Surface {
     /// A candidate that is fitted as a plan says.
-    pub fn new(candidate: Candidate, plan: &FitPlan) -> Self {
+    pub fn new(candidate: Candidate, plan: &SurfacePlan) -> Self {
         Self {
             candidate,
-            passes: plan.passes(),
-            rates: rates_of(plan.fitted()),
+            passes: plan.passes,
+            rates: rates_of(plan.fitted),
             moves: true,
             optimizer: PositionOptimizer::default(),
             smoothness: SMOOTHNESS,

@@ -1,13 +1,13 @@
 //! What the user chooses.
 
 use super::through_path::TracedMaps;
-use super::{Effort, Mips, Normalised, ReferenceRenderer, by_outline, mips};
+use super::{Effort, FitPlan, Judgement, Mips, Normalised, ReferenceRenderer, by_outline, mips};
 use crate::bake::{BakeSettings, Occlusion};
 use crate::candidate::Candidate;
 use crate::engine::device::Device;
 use crate::engine::export::to_scene;
 use crate::engine::judge::{Judge, JudgeRenderer, WIDEST_TRACED, beyond_rasterizer};
-use crate::engine::plan::{FitPlan, Judgement};
+use crate::engine::plan::Asked;
 use crate::engine::reference::{Reference, ReferenceKind, SAMPLES, SUPERSAMPLE, samples_for};
 use crate::engine::trainer::{HELD_OUT, Keeping};
 use crate::engine::vertex_colors::colored;
@@ -221,6 +221,12 @@ impl SimplifyOptions {
             .with_traced_maps(TracedMaps::planned(self).row())
             .with_mips(self.mip_sizes());
         if self.surfacing == Surfacing::Kept { plan } else { plan.with_outline(by_outline::planned(self)) }
+    }
+
+    /// What is asked of the surface that is fitted to pictures of a kind.
+    pub(super) fn asked(&self, reference: ReferenceKind) -> Asked {
+        let steps = self.fit_steps();
+        Asked { steps, moves: true, reference }
     }
 
     /// Steps that are made at most.

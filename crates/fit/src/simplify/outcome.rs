@@ -1,10 +1,9 @@
 //! What a simplification gives back.
 
-use super::{Effort, Normalised, SimplifyOptions, Surfacing};
+use super::{Effort, FitPlan, Normalised, SimplifyOptions, Surfacing};
 use crate::Progress;
 use crate::candidate::Candidate;
 use crate::engine::judge::{Judged, Quality, ReportView, WIDEST_TRACED, beyond_rasterizer};
-use crate::engine::plan::FitPlan;
 use crate::engine::surface::Surface;
 use crate::engine::trainer::{HistoryPoint, Trained};
 use crate::engine::vertex_colors::colored;

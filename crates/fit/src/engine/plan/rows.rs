@@ -240,7 +240,7 @@ pub(crate) fn evaluation(measure: Measure, why: &str) -> Item {
 }
 
 /// One line for each phase that has steps.
-pub(super) fn phases<M>(phases: &[Phase<'_, M>]) -> Vec<String> {
+pub(crate) fn phases<M>(phases: &[Phase<'_, M>]) -> Vec<String> {
     let mut groups: Vec<&str> = Vec::new();
     for (name, _) in phases.iter().flat_map(|p| &p.rates) {
         if !groups.contains(&&**name) {
