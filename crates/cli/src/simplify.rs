@@ -258,7 +258,7 @@ impl Job<'_> {
             print(&format!("what the asset asks for:\n{plan}\n\n"))?;
         }
         let judgement = options.judgement(scene);
-        if judgement.traced && options.judge == JudgeRenderer::Auto {
+        if judgement.is_traced() && options.judge == JudgeRenderer::Auto {
             say(&format!(
                 "the result will be judged by path tracing: {}; --judge raster takes no time, a smaller --judge-spp less",
                 judgement.item().why

@@ -6,7 +6,7 @@ use crate::bake::{BakeSettings, Occlusion};
 use crate::candidate::Candidate;
 use crate::engine::device::Device;
 use crate::engine::export::to_scene;
-use crate::engine::judge::{Judge, JudgeRenderer, WIDEST_TRACED, beyond_rasterizer};
+use crate::engine::judge::{self, Judge, JudgeRenderer, Judged, WIDEST_TRACED, beyond_rasterizer};
 use crate::engine::plan::Asked;
 use crate::engine::reference::{Reference, ReferenceKind, SAMPLES, SUPERSAMPLE, samples_for};
 use crate::engine::trainer::{HELD_OUT, Keeping};
@@ -307,15 +307,7 @@ impl SimplifyOptions {
 
     /// Whether the report of an asset is path traced.
     pub fn is_judged_by_path_tracing(&self, scene: &Scene) -> bool {
-        match self.judge {
-            // The maps of what is fitted to shadows hold them.
-            JudgeRenderer::Auto => {
-                let shadows = self.rasterized_against().kind().indirect_light;
-                self.fit_with == FitRenderer::Path || !shadows && !beyond_rasterizer(scene).is_empty()
-            }
-            JudgeRenderer::Raster => false,
-            JudgeRenderer::Path => true,
-        }
+        self.judged(scene).0 == Judged::PathTraced
     }
 
     /// What the fit by the rasterizer is compared with.
@@ -326,29 +318,37 @@ impl SimplifyOptions {
         }
     }
 
-    /// Who draws the pictures of the report.
-    pub(super) fn judge_renderer(&self) -> JudgeRenderer {
+    /// Who is asked to draw the pictures of the report.
+    fn judge_renderer(&self) -> JudgeRenderer {
         match (self.judge, self.fit_with) {
             (JudgeRenderer::Auto, FitRenderer::Path) => JudgeRenderer::Path,
             (judge, _) => judge,
         }
     }
 
+    /// Who draws the pictures of the report of an asset, and why.
+    fn judged(&self, scene: &Scene) -> (Judged, String) {
+        let reference = self.rasterized_against().kind();
+        let (judged, why) = judge::method(self.judge_renderer(), reference, &beyond_rasterizer(scene));
+        let why = match (self.judge, self.fit_with) {
+            (JudgeRenderer::Auto, FitRenderer::Path) => "a fit through the path tracer is asked for".into(),
+            (JudgeRenderer::Raster, FitRenderer::Path) => why + "; what the path tracer alone sees is not drawn",
+            _ => why,
+        };
+        (judged, why)
+    }
+
     /// Who draws the pictures of the report of an asset, why, and how many there are.
     pub fn judgement(&self, scene: &Scene) -> Judgement {
-        let traced = self.is_judged_by_path_tracing(scene);
+        let (judged, why) = self.judged(scene);
         // Decimated, baked, wrapped where the fit starts from a decimated asset, fitted, and the file where that is something
         // else; the original where engines draw it.
         let starts = self.init == Init::Decimate && self.effort.work().compares_starts;
         let fitted = if self.surfacing == Surfacing::Kept { 1 } else { 4 + u64::from(starts) };
-        let stages = fitted + u64::from(self.as_engine && !traced);
-        let beyond = beyond_rasterizer(scene).into_iter().collect();
+        let stages = fitted + u64::from(self.as_engine && judged != Judged::PathTraced);
         Judgement {
-            traced,
-            renderer: self.judge,
-            reference: self.rasterized_against().kind(),
-            traced_maps: self.fit_with == FitRenderer::Path,
-            beyond,
+            judged,
+            why,
             pictures: self.report_views * (1 + stages),
             side: self.resolution.min(WIDEST_TRACED),
             spp: self.judge_spp,

@@ -314,6 +314,36 @@ fn what_was_written_is_what_the_plan_tells() {
 }
 
 #[test]
+fn the_plan_says_what_the_judge_does() {
+    let sheen = Sheen { color: [1.0; 3], ..Sheen::default() };
+    let velvet = Extensions { sheen: Some(sheen), ..Extensions::default() };
+    let velvet = Material { extensions: Some(Box::new(velvet)), ..Material::clay() };
+    let mut seen = BTreeSet::new();
+    for scene in [scene(Material::clay()), scene(velvet)] {
+        let n = crate::engine::Normalised::new(&scene).unwrap();
+        let rays = n.surface().unwrap();
+        for (judge, reference, fit_with) in [
+            (JudgeRenderer::Auto, ReferenceRenderer::Raster, FitRenderer::Raster),
+            (JudgeRenderer::Auto, ReferenceRenderer::Path, FitRenderer::Raster),
+            (JudgeRenderer::Auto, ReferenceRenderer::Path, FitRenderer::Path),
+            (JudgeRenderer::Raster, ReferenceRenderer::Path, FitRenderer::Path),
+            (JudgeRenderer::Path, ReferenceRenderer::Raster, FitRenderer::Raster),
+        ] {
+            let options = SimplifyOptions { judge, reference, fit_with, ..SimplifyOptions::default() };
+            let told = options.judgement(&scene);
+            let reference = options.rasterized_against().reference(&scene, &n, &rays, &options).unwrap();
+            let stages = [crate::engine::judge::Stage::new("light", scene.clone())];
+            let judged = options.judge_of(&scene, &n, &*reference).method(&stages);
+            assert_eq!(told.judged, judged, "{told:?}");
+            let runs = judged == crate::engine::judge::Judged::PathTraced;
+            assert_eq!((told.item().runs, options.is_judged_by_path_tracing(&scene)), (runs.into(), runs));
+            seen.insert(format!("{judged:?}"));
+        }
+    }
+    assert_eq!(seen.len(), 3, "all kinds: {seen:?}");
+}
+
+#[test]
 fn shadows_in_maps_are_not_judged_twice() {
     let sheen =
         Extensions { sheen: Some(Sheen { color: [1.0; 3], ..Sheen::default() }), ..Extensions::default() };
