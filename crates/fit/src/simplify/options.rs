@@ -398,7 +398,7 @@ impl SimplifyOptions {
             rule(
                 "fit_with",
                 format!("{:?}", self.fit_with).to_lowercase(),
-                self.fit_with == FitRenderer::Raster || self.reference == ReferenceRenderer::Path,
+                self.fit_with == FitRenderer::Raster || self.reference.kind().indirect_light,
                 "needs path as the reference, too",
             ),
             surfacing_rule(self),
@@ -475,8 +475,9 @@ fn surfacing_rule(o: &SimplifyOptions) -> Result<(), FitError> {
     match o.surfacing {
         Surfacing::Maps => Ok(()),
         Surfacing::Kept => {
-            let plain = o.reference == ReferenceRenderer::Raster && o.init == Init::Decimate && !baked;
-            let must = "goes with rasterized pictures of the asset, the decimated asset as the start and no baked occlusion";
+            let plain = !o.reference.kind().indirect_light && o.init == Init::Decimate && !baked;
+            let must = "goes with pictures of the asset without indirect light, the decimated asset as the start and no baked \
+                        occlusion";
             rule("keep_uvs", true, plain, must)
         }
         Surfacing::VertexColors => {
