@@ -287,14 +287,7 @@ impl<'a> Renderer<'a> {
         if self.plan.needs.contains(Features(plan::VOLUMES)) {
             walk::<{ plan::ALL }, _, _>(self.world, &ray, &random, &options.path, sampler, sink);
         } else {
-            walk::<{ plan::SAMPLED }, _, _>(
-                self.world,
-                &ray,
-                &random,
-                &options.path,
-                sampler,
-                sink,
-            );
+            walk::<{ plan::SAMPLED }, _, _>(self.world, &ray, &random, &options.path, sampler, sink);
         }
     }
 

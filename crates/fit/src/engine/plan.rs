@@ -60,7 +60,8 @@ impl SurfacePlan {
         // Shadows and light between surfaces go into the base colour.
         fitted[..3].fill(asked.reference.indirect_light || (0..3).any(varies));
         // Alpha of glass is drawn, but not written: it must not move.
-        let written = visible_materials(scene).iter().any(|m| scene.materials[*m].alpha_mode == AlphaMode::Blend);
+        let written =
+            visible_materials(scene).iter().any(|m| scene.materials[*m].alpha_mode == AlphaMode::Blend);
         fitted[channel::ALPHA] = (!blend || written) && (blend || mask);
         let fades = mask && fitted[channel::ALPHA];
         fitted[channel::ROUGHNESS] = varies(channel::ROUGHNESS);

@@ -50,7 +50,8 @@ pub struct ReferenceKind {
 
 impl ReferenceKind {
     /// As the candidate's: direct light without shadows.
-    pub const RASTERIZED: Self = Self { name: "rasterized", indirect_light: false, draws_backs: true, spp: None };
+    pub const RASTERIZED: Self =
+        Self { name: "rasterized", indirect_light: false, draws_backs: true, spp: None };
     /// Finished pictures; what light they hold is not known.
     pub const GIVEN: Self = Self { name: "given", indirect_light: false, draws_backs: false, spp: None };
 

@@ -257,9 +257,7 @@ pub(crate) fn simplify_asset(
         outcome::not_fitted(scene, light, written == Written::Decimated),
     );
     outcome.stopped |= progress.is_cancelled();
-    if let Some(traced) = traced_maps.course() {
-        outcome.add_traced_maps(traced);
-    }
+    outcome.add_traced_maps(traced_maps.course());
     Ok(outcome)
 }
 

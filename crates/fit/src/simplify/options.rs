@@ -332,7 +332,9 @@ impl SimplifyOptions {
         let (judged, why) = judge::method(self.judge_renderer(), reference, &beyond_rasterizer(scene));
         let why = match (self.judge, self.fit_with) {
             (JudgeRenderer::Auto, FitRenderer::Path) => "a fit through the path tracer is asked for".into(),
-            (JudgeRenderer::Raster, FitRenderer::Path) => why + "; what the path tracer alone sees is not drawn",
+            (JudgeRenderer::Raster, FitRenderer::Path) => {
+                why + "; what the path tracer alone sees is not drawn"
+            }
             _ => why,
         };
         (judged, why)

@@ -139,11 +139,12 @@ impl Outcome {
         }
     }
 
-    /// Adds the fit of the maps through the path tracer.
-    pub(super) fn add_traced_maps(&mut self, course: MapsCourse) {
-        self.stopped |= course.stopped;
-        self.fit_stopped |= course.stopped;
-        self.traced_maps = Some(course);
+    /// Adds the fit of the maps through the path tracer, where there was one.
+    pub(super) fn add_traced_maps(&mut self, course: Option<MapsCourse>) {
+        let stopped = course.as_ref().is_some_and(|c| c.stopped);
+        self.stopped |= stopped;
+        self.fit_stopped |= stopped;
+        self.traced_maps = course;
     }
 
     pub(super) fn new(

@@ -84,7 +84,10 @@ fn what_a_sampler_directs_has_everything_compiled_in() {
     assert_eq!(sampled.has, Features(plan::SAMPLED));
     let sampled = sampled.to_string();
     assert!(plain.matches("skipped").count() > 4, "{plain}");
-    assert!(sampled.matches("skipped").count() == 1 && sampled.contains("skipped: there are no volumes"), "{sampled}");
+    assert!(
+        sampled.matches("skipped").count() == 1 && sampled.contains("skipped: there are no volumes"),
+        "{sampled}"
+    );
     let sky = EnvironmentMap::constant(Vec3f::splat(1.0));
     let mut parts = Parts { environment: Some(sky), ..Parts::default() };
     parts.add(Shape::Mesh(photofit_geometry::shapes::icosphere(2)), Material::new(Bsdf::Null(Null)));

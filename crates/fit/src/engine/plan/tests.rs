@@ -79,7 +79,10 @@ fn flat_normals_and_constant_maps_are_skipped() {
     let sheet = candidate(AlphaMode::Opaque, |_, _| {});
     let flat = planned(&clay, &sheet, 0).passes;
     assert!(!flat.normal_map && !flat.map_gradients);
-    assert!(planned(&clay, &sheet, 100).passes.normal_map, "a shape that moves does not keep its normals flat");
+    assert!(
+        planned(&clay, &sheet, 100).passes.normal_map,
+        "a shape that moves does not keep its normals flat"
+    );
     let paint = |i: usize, t: &mut [f32; CHANNELS]| t[channel::NORMAL] = 0.1 * (i % 2) as f32;
     let bent = planned(&clay, &candidate(AlphaMode::Opaque, paint), 100);
     assert!(bent.passes.normal_map && bent.passes.map_gradients);

@@ -160,13 +160,18 @@ fn textures_of_occlusion_and_extensions_are_read() {
     let told = |material, occlusion| {
         let mut s = scene(material);
         s.primitives[0].mesh.uvs1 = s.primitives[0].mesh.uvs.clone();
-        s.images = vec![TextureImage { width: 1, height: 1, texels: vec![[9; 4]], ..TextureImage::default() }];
+        s.images =
+            vec![TextureImage { width: 1, height: 1, texels: vec![[9; 4]], ..TextureImage::default() }];
         let plan = FitPlan::new(&s).with_occlusion(occlusion);
         ["texture coordinates 0", "texture coordinates 1", "textures"].map(|what| runs(&plan, what))
     };
     let occluded = || Material { occlusion_texture: slot(1), ..Material::clay() };
     assert_eq!(told(occluded(), Occlusion::Maps), [Runs::No, Runs::Yes, Runs::Yes]);
-    assert_eq!(told(occluded(), Occlusion::Open), [Runs::No; 3], "where its maps are left out, nothing reads them");
+    assert_eq!(
+        told(occluded(), Occlusion::Open),
+        [Runs::No; 3],
+        "where its maps are left out, nothing reads them"
+    );
     let sheen = Sheen { color: [1.0; 3], color_texture: slot(1), ..Sheen::default() };
     let extensions = Extensions { sheen: Some(sheen), ..Extensions::default() };
     let velvet = Material { extensions: Some(Box::new(extensions)), ..Material::clay() };
@@ -236,7 +241,9 @@ fn masks_alone_are_said_to_fade() {
         assert_eq!(row.runs, Runs::Yes);
         row.why
     };
-    assert!(told(&[&mask]).contains("fade") && told(&[&mask, &blend]).contains("cut out or blended: masks fade"));
+    assert!(
+        told(&[&mask]).contains("fade") && told(&[&mask, &blend]).contains("cut out or blended: masks fade")
+    );
     assert_eq!(told(&[&blend]), "1 of 1 materials are blended");
 }
 
@@ -280,7 +287,8 @@ fn what_was_written_is_what_the_plan_tells() {
     let sheen = Sheen { color: [1.0; 3], color_texture: Some(slot), ..Sheen::default() };
     let extensions = Extensions { sheen: Some(sheen), ..Extensions::default() };
     let mut velvet = scene(Material { extensions: Some(Box::new(extensions)), ..Material::clay() });
-    velvet.images = vec![TextureImage { width: 1, height: 1, texels: vec![[9; 4]], ..TextureImage::default() }];
+    velvet.images =
+        vec![TextureImage { width: 1, height: 1, texels: vec![[9; 4]], ..TextureImage::default() }];
     let mesh = &mut velvet.primitives[0].mesh;
     mesh.colors = vec![photofit_scalar::vec4(1.0, 0.5, 0.2, 1.0); mesh.positions.len()];
     let planned = fit(&velvet, &candidate(AlphaMode::Opaque, |_, _| {}));
@@ -351,8 +359,7 @@ fn shadows_in_maps_are_not_judged_twice() {
     let told = |options: &SimplifyOptions| options.judgement(&velvet).item();
     let raster = SimplifyOptions::default();
     assert_eq!(told(&raster).runs, Runs::Yes);
-    let path =
-        SimplifyOptions { reference: ReferenceRenderer::Path, ..raster };
+    let path = SimplifyOptions { reference: ReferenceRenderer::Path, ..raster };
     let item = told(&path);
     assert!(item.runs == Runs::No && item.why.contains("sheen are not drawn"), "{item:?}");
     let asked = SimplifyOptions { judge: JudgeRenderer::Path, ..path };
