@@ -52,7 +52,7 @@ fn textures(m: &Material) -> Vec<(&'static str, usize)> {
     .collect()
 }
 
-/// Names of the extensions that a material uses; a fit leaves them out.
+/// Names of the extensions that a material uses; the plan says what a fit does with them.
 fn extensions(m: &Material) -> Vec<&'static str> {
     m.extensions.as_ref().map_or_else(Vec::new, |e| e.names())
 }
@@ -116,7 +116,7 @@ fn text(path: &Path, scene: &Scene) -> String {
         out += &format!("  material {i}{}: {}{flags}; {kinds}\n", named(&m.name), alpha(m));
         let extensions = extensions(m);
         if !extensions.is_empty() {
-            out += &format!("    extensions: {} (path tracer only)\n", extensions.join(", "));
+            out += &format!("    extensions: {}\n", extensions.join(", "));
         }
     }
     for (i, image) in scene.images.iter().enumerate() {

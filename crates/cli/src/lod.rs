@@ -5,7 +5,7 @@ use crate::fields::{SIMPLIFY, explain_error, misuse};
 use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::Terminal;
-use crate::simplify::{CHECKPOINT_FILE, Job, ending, load, name, options, steps};
+use crate::simplify::{CHECKPOINT_FILE, Job, SUITE, ending, load, name, options, steps};
 use crate::status::Ending;
 use crate::threads;
 use anyhow::{Error, Result};
@@ -67,6 +67,9 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
     progress.finish();
     let summary = summary_path(&a.output);
     let (figures, unwritten) = tell(a, &scene, &chain)?;
+    if a.explain {
+        output::name_suite(SUITE)?;
+    }
     // What cannot be written keeps nothing else from being written.
     let summarised = output::write_json(&summary, &summarised(&chain));
     if summarised.is_ok() {

@@ -20,6 +20,14 @@ pub(crate) fn print(text: &str) -> Result<()> {
     }
 }
 
+/// Ends what is explained: which benchmark measures what skipped passes save.
+///
+/// # Errors
+/// As [`print`].
+pub(crate) fn name_suite(suite: &str) -> Result<()> {
+    print(&format!("what skipped passes save is measured by `cargo xtask bench {suite}`\n"))
+}
+
 /// Writes JSON under a temporary name and renames it.
 ///
 /// # Errors

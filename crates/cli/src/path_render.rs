@@ -21,6 +21,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+/// The benchmark that measures what the plan skips.
+const SUITE: &str = "pathtrace";
 /// Samples per pixel when nothing else ends the render.
 const SPP: u32 = 64;
 /// Scattering events of a path.
@@ -59,8 +61,9 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, view: &View, key: &
         Guiding::Off => key.to_owned(),
         guide => format!("{key}|guiding {}", guide.name()),
     };
-    if a.path.explain {
+    if a.path.explain && guiding(a) == Guiding::Off {
         print(&format!("path tracing\n{}", renderer.plan()))?;
+        output::name_suite(SUITE)?;
     }
     let mut keeper = Keeper { file: &state, key, refusal: String::new(), kept: false };
     if a.path.resume {
@@ -353,6 +356,14 @@ fn work(a: &Render, renderer: &mut Renderer<'_>, keeper: &mut Keeper<'_>) -> Res
         Some(report) => say(&report.sentence()),
         None if guiding(a) != Guiding::Off => say("guiding is off: the time limit leaves none for training"),
         None => {}
+    }
+    if a.path.explain && guiding(a) != Guiding::Off {
+        print(&format!("paths that a guide learns from\n{}", renderer.sampled_plan()))?;
+        match guidance.is_on() {
+            true => print("guided path tracing\n  as these paths\n")?,
+            false => print(&format!("path tracing, not guided\n{}", renderer.plan()))?,
+        }
+        output::name_suite(SUITE)?;
     }
     let mut saved = Instant::now();
     let every = a.path.save_every.unwrap_or(SAVE_EVERY);

@@ -4,6 +4,7 @@ use crate::args::Course;
 use crate::interrupt;
 use crate::output::{self, print};
 use crate::progress::say;
+use crate::simplify::SUITE;
 use crate::status::Ending;
 use anyhow::{Result, anyhow};
 use photofit_fit::engine::judge::ReportView;
@@ -44,7 +45,9 @@ impl Recovery<'_> {
             say("the fit was ended early; what was reached is written");
         }
         if course.explain {
-            print(&format!("what ran:\n{}\n\n", self.plan))?;
+            print(&format!("what ran:\n{}\n", self.plan))?;
+            output::name_suite(SUITE)?;
+            print("\n")?;
         }
         let (file, lines) = self.left_out;
         lines.iter().for_each(|line| say(&format!("warning: {}: left out: {line}", file.display())));

@@ -31,6 +31,8 @@ const DEFAULT_RATIO: f64 = 0.03;
 const TEXTURE_QUALITY: u8 = 90;
 /// Name of the state in the folder of --checkpoint.
 pub(crate) const CHECKPOINT_FILE: &str = "fit.ckpt";
+/// The benchmark that measures what the plan skips.
+pub(crate) const SUITE: &str = "raster";
 /// The steps of the job, each with the stages that it reports.
 const STEPS: &[&[&str]] =
     &[&["visibility"], &["decimate"], &["wrap"], &["atlas", "bake"], &["fit"], &["choose", "report"]];
@@ -226,6 +228,9 @@ impl Job<'_> {
             _ => None,
         };
         let (json, unwritten) = self.tell(scene, screen_size, &outcome)?;
+        if self.explain {
+            output::name_suite(SUITE)?;
+        }
         Ok(Done { ending: ending(outcome.stopped), outcome, json, unwritten })
     }
 
@@ -253,7 +258,7 @@ impl Job<'_> {
             print(&format!("what the asset asks for:\n{plan}\n\n"))?;
         }
         let judgement = options.judgement(scene);
-        if judgement.traced && options.judge == JudgeRenderer::Auto {
+        if judgement.is_traced() && options.judge == JudgeRenderer::Auto {
             say(&format!(
                 "the result will be judged by path tracing: {}; --judge raster takes no time, a smaller --judge-spp less",
                 judgement.item().why

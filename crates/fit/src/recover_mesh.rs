@@ -152,12 +152,7 @@ pub fn recover_mesh(
     let held_out = photos.evaluation(options.seed)?;
     let fit = Fit { photos: &photos, held_out: &held_out, options };
     let mut plan = PlanRows {
-        items: items(
-            &model.work(options.steps),
-            &photos,
-            rows::loss(LOSS.into(), held_out.noise),
-            held_out.measure,
-        ),
+        items: items(&model.work(options.steps), &photos, rows::own_loss(LOSS.into()), held_out.measure),
         phases: Vec::new(),
     };
     let mut chain = FitChain::new(&options.keeping, progress);

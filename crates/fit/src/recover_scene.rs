@@ -11,7 +11,7 @@ use crate::engine::checkpoint::Digest;
 use crate::engine::cpu::Cpu;
 use crate::engine::fingerprint::Fingerprint;
 use crate::engine::given::{GivenPicture, GivenPictures, Order};
-use crate::engine::loss::{self, PictureLoss};
+use crate::engine::loss;
 use crate::engine::plan::{Item, PlanRows, rows};
 use crate::engine::traced::{ComparedPixels, Smoothing, Traced, TracedParameter, WHOLE};
 use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
@@ -179,7 +179,10 @@ pub fn recover_scene(
     let (steps, fade, reinitialised) = (options.steps, None, None);
     let phase = Phase { name: "parameters", first: 0, steps, shrink: 1, rates, fade, reinitialised };
     let phases = vec![phase];
-    let plan = PlanRows::new(items(&model, held_out, options.steps), &phases);
+    let mut items = items(&model, held_out, options.steps);
+    items.push(rows::loss(job.loss, evaluation.noise));
+    items.push(rows::evaluation(evaluation.measure, "light has no upper bound"));
+    let plan = PlanRows::new(items, &phases);
     let trained = train(Cpu::new(model)?, &job, |_| phases, progress)?;
     Ok(RecoveredScene {
         model: trained.model,
@@ -192,7 +195,7 @@ pub fn recover_scene(
     })
 }
 
-/// The rows of the plan.
+/// The rows of the plan that the model gives.
 fn items(model: &Traced, held_out: Option<usize>, steps: u64) -> Vec<Item> {
     const MATERIALS: &str = "material gradients";
     const TEXTURES: &str = "texture gradients";
@@ -233,8 +236,6 @@ fn items(model: &Traced, held_out: Option<usize>, steps: u64) -> Vec<Item> {
         "the last one: the fit is judged by it alone",
         format!("there are fewer than {FEWEST_TO_HOLD_OUT}: the fit is judged by what it is fitted to"),
     ));
-    items.push(rows::loss(PictureLoss::RELATIVE_SQUARES, None));
-    items.push(rows::evaluation(Measure::Relative, "light has no upper bound"));
     items
 }
 

@@ -17,7 +17,7 @@ use crate::engine::export::to_scene;
 use crate::engine::fingerprint::Fingerprint;
 use crate::engine::judge::{self, Judge, JudgeRenderer, Judged, Quality, ReportView, Stage};
 use crate::engine::loss;
-use crate::engine::plan::{FitPlan, Item, PlanRows, rows};
+use crate::engine::plan::{Asked, Item, PlanRows, SurfacePlan, rows};
 use crate::engine::posed::Posed;
 use crate::engine::reference::{Rasterized, Reference, SAMPLES, SUPERSAMPLE};
 use crate::engine::surface::{MAPS, Surface, fade_over, rate_of_maps};
@@ -136,12 +136,9 @@ pub fn retexture(
     let mut candidate = candidate(&n, &rest, options.texture_size)?;
     candidate.set_maps(baked(&n, &rays, &candidate, &rest, progress)?);
     let start = dressed(light, &candidate, &n);
-    let plan = FitPlan::new(reference)
-        .with_options(options.steps, reference_pictures.kind(), &options.lighting)
-        .with_fixed_shape()
-        .with_maps(&candidate);
-    let fades = plan.fades();
-    let model = Posed::new(Surface::new(candidate, &plan), &own);
+    let asked = Asked { steps: options.steps, moves: false, reference: reference_pictures.kind() };
+    let fitted = SurfacePlan::new(reference, &candidate, asked);
+    let model = Posed::new(Surface::new(candidate, &fitted), &own);
 
     let size = options.resolution / Sampling::SUPERSAMPLED.per_axis;
     let seen = OverMoments {
@@ -172,7 +169,7 @@ pub fn retexture(
     let mut told = Vec::new();
     let phases = |psnr: f64| {
         let rates = vec![(MAPS.into(), rate_of_maps(psnr))];
-        let (steps, fade) = (options.steps, fade_over(fades, [0.0, 1.0]));
+        let (steps, fade) = (options.steps, fade_over(fitted.fades, [0.0, 1.0]));
         let phase = Phase { name: "maps", first: 0, steps, shrink: 1, rates, fade, reinitialised: None };
         let phases = vec![phase];
         told = PlanRows::new(Vec::new(), &phases).phases;

@@ -363,6 +363,9 @@ fn own_materials_are_kept_with_their_sheen() {
     assert_eq!((outcome.written, outcome.judged), (Written::Decimated, Judged::PathTraced));
     assert_eq!(light.materials[0].extensions, asset.materials[0].extensions);
     assert_eq!(outcome.not_fitted, ["material extensions, as the asset has them: sheen"]);
+    let told = outcome.plan.to_string();
+    assert!(told.contains("sheen: kept as they are") && told.contains("own materials"), "{told}");
+    assert!(!told.contains("mean values") && !told.contains("new ones"), "{told}");
 }
 
 #[test]
@@ -395,6 +398,8 @@ fn maps_may_be_fitted_through_the_path_tracer() {
     let limit = Some(std::time::Duration::from_millis(1));
     let (cut, _) = run(&asset, &SimplifyOptions { time_limit: limit, ..kept.clone() });
     assert!(cut.fit_stopped && cut.traced_maps.is_none(), "the first fit goes on before the second begins");
+    let (ran, not) = (outcome.plan.to_string(), cut.plan.to_string());
+    assert!(ran.contains("run  path traced maps") && not.contains("skip path traced maps"), "{ran}\n{not}");
     for _ in 0..2 {
         let (end, again) = run(&asset, &SimplifyOptions { resume: true, ..kept.clone() });
         assert_eq!(end.traced_maps.map(|m| m.steps), Some(40));

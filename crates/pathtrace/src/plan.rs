@@ -26,6 +26,9 @@ pub(crate) const VOLUMES: u32 = 1 << 6;
 pub(crate) const ABSORPTION: u32 = 1 << 7;
 /// Everything.
 pub(crate) const ALL: u32 = (1 << 8) - 1;
+/// What paths have whose directions a sampler chooses, in worlds without media; in others they have everything. Sets are many,
+/// and each of them would be compiled for each sampler.
+pub(crate) const SAMPLED: u32 = ALL & !VOLUMES;
 
 /// Names and what is left out, in the order of the bits.
 const NAMES: [(&str, &str); 8] = [
@@ -89,7 +92,7 @@ const SETS: [u32; 12] = {
         STANDARD | ALPHA,
         STANDARD | TWO_LEVEL,
         STANDARD | ALPHA | TWO_LEVEL,
-        ALL & !VOLUMES,
+        SAMPLED,
         ALL,
     ]
 };
@@ -125,6 +128,11 @@ impl RenderPlan {
     /// The smallest compiled integrator that has all that `world` needs.
     pub fn new(world: &World) -> Self {
         Self::with_at_least(world, Features::default())
+    }
+
+    /// Of paths in `world` whose directions a sampler chooses ([`crate::Renderer::pass_with`], [`crate::Renderer::walk`]).
+    pub fn sampled(world: &World) -> Self {
+        Self::with_at_least(world, Features(SAMPLED))
     }
 
     /// As [`Self::new`], with further features that nothing needs: to measure what they cost.

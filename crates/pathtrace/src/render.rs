@@ -181,9 +181,14 @@ impl<'a> Renderer<'a> {
         Self::new(self.world, &self.view, options)
     }
 
-    /// The integrator that was chosen.
+    /// The integrator that was chosen for [`Self::pass`].
     pub fn plan(&self) -> &RenderPlan {
         &self.plan
+    }
+
+    /// That of [`Self::pass_with`] and [`Self::walk`].
+    pub fn sampled_plan(&self) -> RenderPlan {
+        RenderPlan::sampled(self.world)
     }
 
     /// Adds samples to all tiles that want more, on all threads, and says how far the render is.
@@ -222,7 +227,7 @@ impl<'a> Renderer<'a> {
         }
         self.pass_by(
             |world: &World, ray: &WorldRay, random: &PathRandom, options: &PathOptions| {
-                trace_with::<{ plan::ALL & !plan::VOLUMES }, D>(world, ray, random, options, sampler, aovs)
+                trace_with::<{ plan::SAMPLED }, D>(world, ray, random, options, sampler, aovs)
             },
             stop,
         )
@@ -282,14 +287,7 @@ impl<'a> Renderer<'a> {
         if self.plan.needs.contains(Features(plan::VOLUMES)) {
             walk::<{ plan::ALL }, _, _>(self.world, &ray, &random, &options.path, sampler, sink);
         } else {
-            walk::<{ plan::ALL & !plan::VOLUMES }, _, _>(
-                self.world,
-                &ray,
-                &random,
-                &options.path,
-                sampler,
-                sink,
-            );
+            walk::<{ plan::SAMPLED }, _, _>(self.world, &ray, &random, &options.path, sampler, sink);
         }
     }
 

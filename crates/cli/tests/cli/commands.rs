@@ -125,6 +125,7 @@ fn inspect_lists_extensions_and_lights() {
     for part in ["extensions: ior, clearcoat", "light 0 \"lamp\": point, 8 4 2 candela"] {
         assert!(text.contains(part), "{part} in {text}");
     }
+    assert!(!text.contains("path tracer only"), "what a fit does with each is told by its plan: {text}");
     let i = json(&d.join("i.json"));
     assert_eq!(i["materials"][0]["extensions"], serde_json::json!(["ior", "clearcoat"]));
     assert_eq!(i["lights"][0]["kind"], "point");

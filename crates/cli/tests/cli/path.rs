@@ -61,6 +61,22 @@ fn layers_and_the_plan_are_written() {
 }
 
 #[test]
+fn the_plan_of_guided_paths_tells_what_they_run() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 8, true);
+    let more = ["-o", "a.png", "--spp", "4", "--guiding", "lobes", "--explain"];
+    let text = stdout(&succeeds(d, &[&SMALL[..], &more].concat()));
+    let (guided, rest) = text.split_once("path tracing").expect("the picture");
+    assert!(guided.starts_with("paths that a guide learns from"), "{text}");
+    // All sets of features are not compiled for each guide.
+    let guide_line = |name: &str| guided.lines().find(|l| l.trim().starts_with(name)).expect("a line");
+    assert!(guide_line("alpha tests").contains("idle: every surface is opaque"), "{text}");
+    assert!(guide_line("media").contains("skipped: there are no volumes"), "{text}");
+    assert!(rest.contains("as these paths") || rest.contains("alpha tests            skipped"), "{text}");
+}
+
+#[test]
 fn noise_and_time_end_a_render() {
     let dir = tempfile::tempdir().unwrap();
     let d = dir.path();

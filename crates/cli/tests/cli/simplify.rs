@@ -397,6 +397,11 @@ fn an_effort_is_told_and_what_is_said_beside_it_counts() {
     assert_eq!((f["effort"].as_str(), f["steps"].as_u64()), (Some("fast"), Some(3)));
     assert_eq!(f["views"].as_array().map(Vec::len), Some(2));
     assert!(!text.contains("wrapped"), "one start: {text}");
+    assert!(
+        text.contains("steps                  3 of at most 3") && text.contains("unseen triangles"),
+        "{text}"
+    );
+    assert_eq!(text.matches("cargo xtask bench raster").count(), 1, "{text}");
 }
 
 #[test]

@@ -122,7 +122,7 @@ pub(crate) fn drawn(scene: &Scene) -> Cow<'_, Scene> {
 }
 
 /// Whether light passes through a material, which an alpha mask does not cut out.
-pub(super) fn transmits(m: &Material) -> bool {
+pub(crate) fn transmits(m: &Material) -> bool {
     transmission(m) > 0.0 && !m.unlit && !matches!(m.alpha_mode, AlphaMode::Mask { .. })
 }
 

@@ -4,9 +4,11 @@
 //! traced, extensions included.
 
 mod flicker;
+mod method;
 mod moments;
 
 pub use flicker::flicker;
+pub(crate) use method::method;
 
 use super::animated::Animated;
 use super::asset::Normalised;
@@ -267,7 +269,8 @@ pub fn count_beyond_rasterizer(scene: &Scene) -> (BTreeMap<&'static str, usize>,
     (counts, visible.len())
 }
 
-fn visible_materials(scene: &Scene) -> BTreeSet<usize> {
+/// The materials that something shows.
+pub(crate) fn visible_materials(scene: &Scene) -> BTreeSet<usize> {
     scene.instances.iter().map(|i| scene.primitives[i.primitive].material).collect()
 }
 
@@ -314,16 +317,8 @@ impl std::fmt::Debug for Judge<'_> {
 impl Judge<'_> {
     /// How pictures of the reference and of `stages` are made.
     pub fn method(&self, stages: &[Stage]) -> Judged {
-        let mut scenes = stages.iter().map(|s| &s.scene).chain([self.scene]);
-        match self.renderer {
-            JudgeRenderer::Path => Judged::PathTraced,
-            JudgeRenderer::Raster => Judged::Rasterized,
-            JudgeRenderer::Auto if self.reference.kind().indirect_light => {
-                Judged::RasterizedAgainst(self.reference.kind())
-            }
-            JudgeRenderer::Auto if scenes.any(|s| !beyond_rasterizer(s).is_empty()) => Judged::PathTraced,
-            JudgeRenderer::Auto => Judged::Rasterized,
-        }
+        let scenes = stages.iter().map(|s| &s.scene).chain([self.scene]);
+        method(self.renderer, self.reference.kind(), &scenes.flat_map(beyond_rasterizer).collect()).0
     }
 
     /// Compares stages with the reference in the `views` views of a report; in fewer, but one at least, when the user stops

@@ -15,7 +15,7 @@
 //! - [`classes`]: materials that become one material of the light asset, and how a fit draws them; [`export`]: a fitted
 //!   surface as a scene, [`vertex_colors`] as one without textures; `unwrap`: a mesh as a surface with an atlas.
 //! - [`judge`]: quality of what was written, drawn as other programs draw it.
-//! - [`plan`]: what of all this runs for an asset, and why.
+//! - [`plan`]: what a fit of a surface runs, and the rows in which tasks tell what they run, and why.
 
 pub mod animated;
 mod asset;

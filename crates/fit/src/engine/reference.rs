@@ -42,19 +42,22 @@ pub struct ReferenceKind {
     pub name: &'static str,
     /// Whether they hold shadows and light between surfaces, which go into the maps of what is fitted to them.
     pub indirect_light: bool,
+    /// Whether they show the backs of single-sided surfaces in views that ask for them ([`Setup::backs`]).
+    pub draws_backs: bool,
     /// Samples of a pixel, where they are path traced.
     pub spp: Option<u32>,
 }
 
 impl ReferenceKind {
     /// As the candidate's: direct light without shadows.
-    pub const RASTERIZED: Self = Self { name: "rasterized", indirect_light: false, spp: None };
+    pub const RASTERIZED: Self =
+        Self { name: "rasterized", indirect_light: false, draws_backs: true, spp: None };
     /// Finished pictures; what light they hold is not known.
-    pub const GIVEN: Self = Self { name: "given", indirect_light: false, spp: None };
+    pub const GIVEN: Self = Self { name: "given", indirect_light: false, draws_backs: false, spp: None };
 
     /// With all light, by so many samples of a pixel.
     pub fn path_traced(spp: u32) -> Self {
-        Self { name: "path traced", indirect_light: true, spp: Some(spp) }
+        Self { name: "path traced", indirect_light: true, draws_backs: false, spp: Some(spp) }
     }
 }
 

@@ -3,7 +3,7 @@
 use super::cpu::Chain;
 use super::loss::PictureLoss;
 use super::model::{Group, GroupName, ModelError};
-use super::plan::FitPlan;
+use super::plan::SurfacePlan;
 use super::plan::rows::Work;
 use super::views::Shot;
 use crate::FitError;
@@ -149,7 +149,16 @@ pub(super) fn rates_of(fitted: [bool; CHANNELS]) -> [f32; CHANNELS] {
 
 /// Rates of coarse mip levels that are free, relative to the base: they start farther from where they go, and only some pictures
 /// read each of them. Chosen on one ball (docs/crates/fit.md).
-const COARSE_RATE: f32 = 5.0;
+pub(super) const COARSE_RATE: f32 = 5.0;
+
+/// Relative rates of the samples of coarse mip levels that are free, from those of the base. They lose normals, which roughness
+/// takes up, also where that of the base is constant.
+pub(super) fn coarse_rates(mut rates: [f32; CHANNELS]) -> [f32; CHANNELS] {
+    if rates[channel::NORMAL] > 0.0 {
+        rates[channel::ROUGHNESS] = 1.0;
+    }
+    rates.map(|r| r * COARSE_RATE)
+}
 
 /// Slopes of masks that fade, at the first and after the last step of a fit (docs/crates/fit.md).
 const FADE: [f32; 2] = [2.0, 8.0];
@@ -175,11 +184,11 @@ pub(super) fn temporal(group: &str) -> Temporal {
 
 impl Surface {
     /// A candidate that is fitted as a plan says.
-    pub fn new(candidate: Candidate, plan: &FitPlan) -> Self {
+    pub fn new(candidate: Candidate, plan: &SurfacePlan) -> Self {
         Self {
             candidate,
-            passes: plan.passes(),
-            rates: rates_of(plan.fitted()),
+            passes: plan.passes,
+            rates: rates_of(plan.fitted),
             moves: true,
             optimizer: PositionOptimizer::default(),
             smoothness: SMOOTHNESS,
@@ -189,7 +198,8 @@ impl Surface {
 
     /// What a fit of so many steps does with it.
     pub(crate) fn work(&self, steps: u64) -> Work {
-        Work { passes: self.passes, rates: self.rates, moves: self.moves, steps: steps > 0 }
+        let coarse = (self.candidate.fitted_levels() > 1).then(|| coarse_rates(self.rates));
+        Work { passes: self.passes, rates: self.rates, coarse, moves: self.moves, steps: steps > 0 }
     }
 
     /// Whether the positions are fitted too. Silhouettes are blended for their gradients alone.
@@ -236,19 +246,6 @@ impl Surface {
     fn level_of(&self, group: usize) -> usize {
         group - usize::from(self.moves)
     }
-
-    /// Relative rates of the samples of a mip level. Coarse levels that are free lose normals, which roughness takes up, also
-    /// where that of the base is constant.
-    fn rates_of_level(&self, level: usize) -> Vec<f32> {
-        let mut rates = self.rates;
-        if level > 0 {
-            if rates[channel::NORMAL] > 0.0 {
-                rates[channel::ROUGHNESS] = 1.0;
-            }
-            rates.iter_mut().for_each(|r| *r *= COARSE_RATE);
-        }
-        rates.to_vec()
-    }
 }
 
 impl Chain for Surface {
@@ -263,13 +260,16 @@ impl Chain for Surface {
             unit: None,
             rates: Vec::new(),
         };
-        let level = |k: usize| Group {
-            name: group_of_level(k),
-            rows: self.candidate.maps.levels[k].texels.len(),
-            columns: CHANNELS,
-            ranges: RANGES.to_vec(),
-            unit: Some(channel::NORMAL),
-            rates: self.rates_of_level(k),
+        let level = |k: usize| {
+            let rates = if k == 0 { self.rates } else { coarse_rates(self.rates) };
+            Group {
+                name: group_of_level(k),
+                rows: self.candidate.maps.levels[k].texels.len(),
+                columns: CHANNELS,
+                ranges: RANGES.to_vec(),
+                unit: Some(channel::NORMAL),
+                rates: rates.to_vec(),
+            }
         };
         let positions = self.moves.then_some(positions);
         positions.into_iter().chain((0..self.candidate.fitted_levels()).map(level)).collect()

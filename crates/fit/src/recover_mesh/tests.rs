@@ -86,6 +86,7 @@ fn shapes_are_recovered_from_their_pictures() {
             assert!(last.normals < 0.6 * first.normals, "{optimizer:?}: {first:?} became {last:?}");
             assert!(r.quality.psnr > r.start.psnr + 3.0, "{optimizer:?}: {:?} from {:?}", r.quality, r.start);
             assert_eq!((r.pictures, r.lit, r.triangles), ([24, 3], true, [80, 1280]));
+            assert!(r.plan.to_string().contains("log-l1, the only one of this task"), "{}", r.plan);
             if std::ptr::eq(asset, &raw const cube) {
                 edges.push(distance_near_edges(&mesh));
             }

@@ -7,6 +7,7 @@ mod volume;
 use super::*;
 use crate::Silent;
 use crate::engine::cpu::Chain;
+use crate::engine::loss::PictureLoss;
 use crate::engine::traced::{Smoothing, TracedParameter};
 use crate::engine::views::Shot;
 use glam::Vec3;

@@ -81,9 +81,8 @@ fn the_candidate_is_drawn_at_the_moment_of_the_shot() {
     let mut candidate = candidate(&n, &rest, 256).unwrap();
     let rays = n.surface().unwrap();
     candidate.set_maps(baked(&n, &rays, &candidate, &rest, &Silent).unwrap());
-    let plan = FitPlan::new(&scene)
-        .with_options(10, crate::engine::reference::ReferenceKind::RASTERIZED, &Lighting::Point)
-        .with_maps(&candidate);
+    let reference = crate::engine::reference::ReferenceKind::RASTERIZED;
+    let plan = SurfacePlan::new(&scene, &candidate, Asked { steps: 10, moves: true, reference });
     let mut model = Cpu::new(Posed::new(Surface::new(candidate, &plan), &poses)).unwrap();
     let theirs = Animated::new(&scene, &n);
     let reference = Rasterized::of(&n, &rays).animated(&theirs);
@@ -240,9 +239,8 @@ fn poses_on_a_device_are_those_of_the_cpu() {
     let bare = bare(&scene).unwrap();
     let poses = Animated::new(&bare, &n).playing(&n.light_asset.animations);
     let candidate = candidate(&n, &poses.flat(Moment::default()).unwrap(), 64).unwrap();
-    let plan = FitPlan::new(&scene)
-        .with_options(10, crate::engine::reference::ReferenceKind::RASTERIZED, &Lighting::Point)
-        .with_maps(&candidate);
+    let reference = crate::engine::reference::ReferenceKind::RASTERIZED;
+    let plan = SurfacePlan::new(&scene, &candidate, Asked { steps: 10, moves: true, reference });
     let model = Posed::new(Surface::new(candidate, &plan), &poses);
     let rays = n.surface().unwrap();
     let theirs = Animated::new(&scene, &n);

@@ -28,9 +28,9 @@ pub(super) struct Backs {
 }
 
 impl Backs {
-    /// What they do to the fit of an asset to pictures of a kind; path traced ones show fronts alone.
+    /// What they do to the fit of an asset to pictures of a kind, which may show fronts alone.
     pub(super) fn of(n: &Normalised, kind: ReferenceKind, steps: u64) -> Result<Self, FitError> {
-        if steps == 0 || kind != ReferenceKind::RASTERIZED {
+        if steps == 0 || !kind.draws_backs {
             return Ok(Self { seen: None, share: 0.0 });
         }
         let single = n.light_asset.classes.iter().any(|c| c.sides == Sides::Front);
@@ -93,6 +93,9 @@ mod tests {
             "{seen:?} {share}"
         );
         assert_eq!(backs(sheet(), true, raster, 9), none);
+        // Whatever the pictures are called, what they show counts.
+        let other = ReferenceKind { name: "of another kind", ..raster };
+        assert_eq!(backs(sheet(), false, other, 9), Backs { seen, share });
         let unknown = Backs { seen: None, share: 0.0 };
         assert_eq!(backs(sheet(), false, traced, 9), unknown);
         assert_eq!(backs(sheet(), false, raster, 0), unknown);

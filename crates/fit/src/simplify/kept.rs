@@ -5,6 +5,7 @@ use super::{Asset, FILE, Outcome, SimplifyOptions, Written, byte_budget, locks, 
 use crate::candidate::{Candidate, SurfaceClass};
 use crate::engine::FitFrame;
 use crate::engine::judge::Stage;
+use crate::engine::plan::SurfacePlan;
 use crate::engine::surface::Surface;
 use crate::engine::trainer::{Trained, UNSEEN};
 use crate::{FitError, Progress};
@@ -66,12 +67,14 @@ pub(super) fn simplify(
     stages.push(Stage::new(FILE, written));
     let judge = options.judge_of(scene, n, reference);
     let views = judge.views(&stages, options.report_views, progress)?;
-    let plan = options.plan(scene, reference.kind());
+    let plan = options.plan(scene, reference.kind()).with_result(Written::Kept, 0, None);
     let names: Vec<&'static str> = stages.iter().map(|s| s.name).collect();
     let written = &stages[stages.len() - 1].scene;
     let triangles = [scene.triangle_count(), written.triangle_count()];
     let stopped = progress.is_cancelled();
-    let model = Surface::new(stand_in(written, n.frame()), &plan);
+    let shape = stand_in(written, n.frame());
+    let fitted = SurfacePlan::new(scene, &shape, options.asked(reference.kind()));
+    let model = Surface::new(shape, &fitted);
     let trained =
         Trained { model, history: Vec::new(), steps: 0, resumed: 0, mpix_per_s: 0.0, stopped: false };
     let times = Times { all: began.elapsed().as_secs_f64(), to_file };
@@ -147,6 +150,8 @@ mod tests {
         }
         assert!(made.shipped().unwrap().psnr > 30.0, "{:?}", made.stages);
         assert!(crate::report::Verdict::of(&made).better.is_none());
+        let told = made.plan.to_string();
+        assert!(!told.contains("baked") && !told.contains("open ") && !told.contains("gradients"), "{told}");
     }
 
     #[test]

@@ -15,6 +15,7 @@ mod mips;
 mod options;
 pub(crate) mod outcome;
 mod plain;
+mod plan;
 pub(crate) mod prepare;
 mod reference;
 pub(crate) mod shrink_wrap;
@@ -28,7 +29,7 @@ pub use crate::engine::classes::MaterialClass;
 pub use crate::engine::device::Device;
 pub use crate::engine::export::to_scene;
 pub use crate::engine::judge::{JudgeRenderer, Judged, Quality, ReportView, ViewQuality};
-pub use crate::engine::plan::{FitPlan, Runs};
+pub use crate::engine::plan::Runs;
 pub use crate::engine::trainer::HistoryPoint;
 pub use effort::Effort;
 pub use mips::Mips;
@@ -36,6 +37,7 @@ pub use options::{
     FEWEST, FitRenderer, Init, LARGEST_ENGINE_PICTURE, MILD, MOST_REPLAYS, SimplifyOptions, Surfacing,
 };
 pub use outcome::{Outcome, Written};
+pub use plan::{FitPlan, Judgement};
 pub use reference::ReferenceRenderer;
 pub use through_path::TRACED_FOLDER;
 
@@ -45,6 +47,7 @@ use crate::engine::device::train_on;
 use crate::engine::fingerprint::Fingerprint;
 use crate::engine::judge::Stage;
 use crate::engine::loss;
+use crate::engine::plan::SurfacePlan;
 use crate::engine::surface::{POSITIONS, Surface, fade_over, group_of_level, rate_of_maps, samples_of};
 use crate::engine::trainer::{self, HeldOut, Job, Phase};
 use crate::engine::views::Moment;
@@ -156,7 +159,9 @@ pub(crate) fn simplify_asset(
     let (all, start) = (&starts.all, &starts.all[starts.best]);
     let loss = loss::choose(&held_out);
     let plan = options.plan(scene, reference.kind()).with_backs(backs.seen, backs.share);
-    let plan = plan.with_loss(loss, held_out.noise).with_maps(&start.candidate).with_outline(starts.row);
+    let plan = plan.with_unseen([visibility.hidden(), n.flat.mesh.triangles.len()]);
+    let fitted = SurfacePlan::new(scene, &start.candidate, options.asked(reference.kind()));
+    let plan = plan.with_loss(loss, held_out.noise).with_maps(fitted.clone()).with_outline(starts.row);
     let keeping = through_path::keeping_before(options);
     let job = Job {
         reference,
@@ -180,10 +185,10 @@ pub(crate) fn simplify_asset(
     let mut plan_with_phases = None;
     let (trained, device) = train_on(
         &options.device_of_fit(progress),
-        Surface::new(start.candidate.clone(), &plan),
+        Surface::new(start.candidate.clone(), &fitted),
         &job,
         |psnr| {
-            let phases = phases(options, (start.distance, plan.fades()), (psnr, levels), &rebake);
+            let phases = phases(options, (start.distance, fitted.fades), (psnr, levels), &rebake);
             plan_with_phases = Some(plan.clone().with_phases(&phases));
             phases
         },
@@ -223,7 +228,7 @@ pub(crate) fn simplify_asset(
                 fitted = Some(options.exported(&trained.model.candidate, n));
             }
             written = Written::Decimated;
-            traced_maps = None;
+            traced_maps = traced_maps.lost();
         }
         light = made;
     }
@@ -241,8 +246,9 @@ pub(crate) fn simplify_asset(
     let pictures = judge.views(&stages, options.report_views, progress)?;
     let names: Vec<&'static str> = stages.iter().map(|s| s.name).collect();
     let times = Times { all: began.elapsed().as_secs_f64(), to_file };
-    let judged = judge.method(&stages);
-    let mut outcome = Outcome::new(triangles, trained, plan, &names, pictures, judged, times, options);
+    let plan = plan.with_result(written, trained.steps, traced_maps.row());
+    let mut outcome =
+        Outcome::new(triangles, trained, plan, &names, pictures, judge.method(&stages), times, options);
     outcome.device = device.name();
     (outcome.written, outcome.textures) = (written, textures);
     let light = &stages[stages.len() - 1].scene;
@@ -251,11 +257,7 @@ pub(crate) fn simplify_asset(
         outcome::not_fitted(scene, light, written == Written::Decimated),
     );
     outcome.stopped |= progress.is_cancelled();
-    if let Some(traced) = traced_maps {
-        outcome.stopped |= traced.stopped;
-        outcome.fit_stopped |= traced.stopped;
-        outcome.traced_maps = Some(traced);
-    }
+    outcome.add_traced_maps(traced_maps.course());
     Ok(outcome)
 }
 

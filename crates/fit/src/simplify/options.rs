@@ -1,12 +1,13 @@
 //! What the user chooses.
 
-use super::{Effort, Mips, Normalised, ReferenceRenderer, by_outline, mips};
+use super::through_path::TracedMaps;
+use super::{Effort, FitPlan, Judgement, Mips, Normalised, ReferenceRenderer, by_outline, mips};
 use crate::bake::{BakeSettings, Occlusion};
 use crate::candidate::Candidate;
 use crate::engine::device::Device;
 use crate::engine::export::to_scene;
-use crate::engine::judge::{Judge, JudgeRenderer, WIDEST_TRACED, beyond_rasterizer};
-use crate::engine::plan::{FitPlan, Judgement};
+use crate::engine::judge::{self, Judge, JudgeRenderer, Judged, WIDEST_TRACED, beyond_rasterizer};
+use crate::engine::plan::Asked;
 use crate::engine::reference::{Reference, ReferenceKind, SAMPLES, SUPERSAMPLE, samples_for};
 use crate::engine::trainer::{HELD_OUT, Keeping};
 use crate::engine::vertex_colors::colored;
@@ -217,8 +218,15 @@ impl SimplifyOptions {
             .with_surfacing(self.surfacing)
             .with_judgement(self.judgement(scene))
             .with_occlusion(self.occlusion)
+            .with_traced_maps(TracedMaps::planned(self).row())
             .with_mips(self.mip_sizes());
         if self.surfacing == Surfacing::Kept { plan } else { plan.with_outline(by_outline::planned(self)) }
+    }
+
+    /// What is asked of the surface that is fitted to pictures of a kind.
+    pub(super) fn asked(&self, reference: ReferenceKind) -> Asked {
+        let steps = self.fit_steps();
+        Asked { steps, moves: true, reference }
     }
 
     /// Steps that are made at most.
@@ -299,15 +307,7 @@ impl SimplifyOptions {
 
     /// Whether the report of an asset is path traced.
     pub fn is_judged_by_path_tracing(&self, scene: &Scene) -> bool {
-        match self.judge {
-            // The maps of what is fitted to shadows hold them.
-            JudgeRenderer::Auto => {
-                let shadows = self.rasterized_against().kind().indirect_light;
-                self.fit_with == FitRenderer::Path || !shadows && !beyond_rasterizer(scene).is_empty()
-            }
-            JudgeRenderer::Raster => false,
-            JudgeRenderer::Path => true,
-        }
+        self.judged(scene).0 == Judged::PathTraced
     }
 
     /// What the fit by the rasterizer is compared with.
@@ -318,32 +318,41 @@ impl SimplifyOptions {
         }
     }
 
-    /// Who draws the pictures of the report.
-    pub(super) fn judge_renderer(&self) -> JudgeRenderer {
+    /// Who is asked to draw the pictures of the report.
+    fn judge_renderer(&self) -> JudgeRenderer {
         match (self.judge, self.fit_with) {
             (JudgeRenderer::Auto, FitRenderer::Path) => JudgeRenderer::Path,
             (judge, _) => judge,
         }
     }
 
+    /// Who draws the pictures of the report of an asset, and why.
+    fn judged(&self, scene: &Scene) -> (Judged, String) {
+        let reference = self.rasterized_against().kind();
+        let (judged, why) = judge::method(self.judge_renderer(), reference, &beyond_rasterizer(scene));
+        let why = match (self.judge, self.fit_with) {
+            (JudgeRenderer::Auto, FitRenderer::Path) => "a fit through the path tracer is asked for".into(),
+            (JudgeRenderer::Raster, FitRenderer::Path) => {
+                why + "; what the path tracer alone sees is not drawn"
+            }
+            _ => why,
+        };
+        (judged, why)
+    }
+
     /// Who draws the pictures of the report of an asset, why, and how many there are.
     pub fn judgement(&self, scene: &Scene) -> Judgement {
-        let traced = self.is_judged_by_path_tracing(scene);
-        let side = if traced { self.resolution.min(WIDEST_TRACED) } else { self.resolution };
+        let (judged, why) = self.judged(scene);
         // Decimated, baked, wrapped where the fit starts from a decimated asset, fitted, and the file where that is something
         // else; the original where engines draw it.
         let starts = self.init == Init::Decimate && self.effort.work().compares_starts;
         let fitted = if self.surfacing == Surfacing::Kept { 1 } else { 4 + u64::from(starts) };
-        let stages = fitted + u64::from(self.as_engine && !traced);
-        let beyond = beyond_rasterizer(scene).into_iter().collect();
+        let stages = fitted + u64::from(self.as_engine && judged != Judged::PathTraced);
         Judgement {
-            traced,
-            renderer: self.judge,
-            reference: self.rasterized_against().kind(),
-            traced_maps: self.fit_with == FitRenderer::Path,
-            beyond,
+            judged,
+            why,
             pictures: self.report_views * (1 + stages),
-            side,
+            side: self.resolution.min(WIDEST_TRACED),
             spp: self.judge_spp,
         }
     }
@@ -391,7 +400,7 @@ impl SimplifyOptions {
             rule(
                 "fit_with",
                 format!("{:?}", self.fit_with).to_lowercase(),
-                self.fit_with == FitRenderer::Raster || self.reference == ReferenceRenderer::Path,
+                self.fit_with == FitRenderer::Raster || self.reference.kind().indirect_light,
                 "needs path as the reference, too",
             ),
             surfacing_rule(self),
@@ -468,8 +477,9 @@ fn surfacing_rule(o: &SimplifyOptions) -> Result<(), FitError> {
     match o.surfacing {
         Surfacing::Maps => Ok(()),
         Surfacing::Kept => {
-            let plain = o.reference == ReferenceRenderer::Raster && o.init == Init::Decimate && !baked;
-            let must = "goes with rasterized pictures of the asset, the decimated asset as the start and no baked occlusion";
+            let plain = !o.reference.kind().indirect_light && o.init == Init::Decimate && !baked;
+            let must = "goes with pictures of the asset without indirect light, the decimated asset as the start and no baked \
+                        occlusion";
             rule("surfacing", "kept", plain, must)
         }
         Surfacing::VertexColors => {

@@ -1,10 +1,9 @@
 //! What a simplification gives back.
 
-use super::{Effort, Normalised, SimplifyOptions, Surfacing};
+use super::{Effort, FitPlan, Normalised, SimplifyOptions, Surfacing};
 use crate::Progress;
 use crate::candidate::Candidate;
 use crate::engine::judge::{Judged, Quality, ReportView, WIDEST_TRACED, beyond_rasterizer};
-use crate::engine::plan::FitPlan;
 use crate::engine::surface::Surface;
 use crate::engine::trainer::{HistoryPoint, Trained};
 use crate::engine::vertex_colors::colored;
@@ -133,11 +132,19 @@ impl Outcome {
             }
             Judged::PathTraced => {
                 let side = self.resolution.min(WIDEST_TRACED);
-                let twice =
-                    if self.plan.holds_shadows() { "; shadows that its maps hold count twice" } else { "" };
+                let shadows = self.plan.holds_shadows() && self.written != Written::Decimated;
+                let twice = if shadows { "; shadows that its maps hold count twice" } else { "" };
                 format!("judged by path traced pictures of {side} x {side} pixels, {spp} samples each{twice}")
             }
         }
+    }
+
+    /// Adds the fit of the maps through the path tracer, where there was one.
+    pub(super) fn add_traced_maps(&mut self, course: Option<MapsCourse>) {
+        let stopped = course.as_ref().is_some_and(|c| c.stopped);
+        self.stopped |= stopped;
+        self.fit_stopped |= stopped;
+        self.traced_maps = course;
     }
 
     pub(super) fn new(

@@ -4,6 +4,8 @@ use super::{Asset, FitRenderer, SimplifyOptions, Written};
 use crate::Progress;
 use crate::engine::chain::fit_after_another;
 use crate::engine::checkpoint;
+use crate::engine::plan::Item;
+use crate::engine::plan::rows::NO_STEPS;
 use crate::engine::trainer::Keeping;
 use crate::traced_maps::{MapsCourse, TracedMapsOptions, traced_maps};
 use photofit_scene::Scene;
@@ -31,6 +33,56 @@ pub(super) fn keeping_before(options: &SimplifyOptions) -> Keeping {
     Keeping { time_limit: keeping.time_limit.map(|limit| limit / share), ..keeping }
 }
 
+/// What comes, or came, of the fit.
+#[derive(Debug)]
+pub(super) enum TracedMaps {
+    /// It is not asked for.
+    NotAsked,
+    /// It is asked for.
+    Planned,
+    /// It is not made, and why.
+    Skipped(String),
+    /// It was made.
+    Made(MapsCourse),
+    /// It was made, and something else is written.
+    Lost,
+}
+
+impl TracedMaps {
+    /// Before any work.
+    pub(super) fn planned(options: &SimplifyOptions) -> Self {
+        match options.fit_with {
+            FitRenderer::Raster => Self::NotAsked,
+            FitRenderer::Path if options.steps == 0 => Self::Skipped(NO_STEPS.into()),
+            FitRenderer::Path => Self::Planned,
+        }
+    }
+
+    /// The same where something else is written.
+    pub(super) fn lost(self) -> Self {
+        if matches!(self, Self::Made(_)) { Self::Lost } else { self }
+    }
+
+    /// The row of the plan.
+    pub(super) fn row(&self) -> Option<Item> {
+        let (runs, why) = match self {
+            Self::NotAsked => return None,
+            Self::Skipped(why) => (false, why.as_str()),
+            Self::Planned => (true, "fitted once more, after the rasterizer"),
+            Self::Made(course) if course.steps == 0 => (false, "the work was ended before the first step"),
+            Self::Made(course) if course.gained() => (true, "fitted once more, after the rasterizer"),
+            Self::Made(_) => (true, "fitted once more; none looked better, and those before are written"),
+            Self::Lost => (true, "fitted once more; the asset's own materials are written"),
+        };
+        Some(Item { what: "path traced maps", runs: runs.into(), why: why.into() })
+    }
+
+    /// How the fit of what is written went.
+    pub(super) fn course(self) -> Option<MapsCourse> {
+        if let Self::Made(course) = self { Some(course) } else { None }
+    }
+}
+
 /// What is to be written, with its maps fitted through the path tracer where that is asked for and time is left. What
 /// fails is told, and the maps stay as they are.
 pub(super) fn fit_maps(
@@ -39,17 +91,20 @@ pub(super) fn fit_maps(
     (written, stopped, spent): (Written, bool, Duration),
     options: &SimplifyOptions,
     progress: &dyn Progress,
-) -> (Scene, Option<MapsCourse>) {
-    if options.fit_with == FitRenderer::Raster || options.steps == 0 || progress.is_cancelled() {
-        return (light, None);
+) -> (Scene, TracedMaps) {
+    match TracedMaps::planned(options) {
+        TracedMaps::Planned if progress.is_cancelled() => {
+            return (light, TracedMaps::Skipped("the work was ended before".into()));
+        }
+        TracedMaps::Planned => {}
+        not => return (light, not),
     }
     let mut fit = fit_options(options, spent);
     // A fit that the time limit ended goes on first, and these maps would follow from another shape then.
     if stopped && fit.keeping.checkpoint.is_some() {
-        progress.warn(
-            "its maps are not fitted through the path tracer: the fit before was ended by the time limit",
-        );
-        return (light, None);
+        let why = "the fit before was ended by the time limit";
+        progress.warn(&format!("its maps are not fitted through the path tracer: {why}"));
+        return (light, TracedMaps::Skipped(why.into()));
     }
     // Texture coordinates of the asset's own may show one texel in many places.
     fit.new_map = fit.new_map.filter(|_| written != Written::Decimated);
@@ -61,12 +116,12 @@ pub(super) fn fit_maps(
         // Written again they would be rounded, too.
         Ok(made) if !made.course.gained() => {
             progress.warn("no maps fitted through the path tracer looked better: those before are written");
-            (light, Some(made.course))
+            (light, TracedMaps::Made(made.course))
         }
-        Ok(made) => (made.light, Some(made.course)),
+        Ok(made) => (made.light, TracedMaps::Made(made.course)),
         Err(e) => {
             progress.warn(&format!("its maps are not fitted through the path tracer: {e}"));
-            (light, None)
+            (light, TracedMaps::Skipped(e.to_string()))
         }
     }
 }
@@ -85,5 +140,44 @@ fn fit_options(o: &SimplifyOptions, spent: Duration) -> TracedMapsOptions {
             time_limit: o.time_limit.map(|limit| limit.saturating_sub(spent)),
         },
         ..TracedMapsOptions::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::plan::{PlanRows, Runs};
+    use crate::engine::trainer::HistoryPoint;
+    use crate::simplify::ReferenceRenderer;
+
+    #[test]
+    fn the_row_tells_whether_maps_were_fitted() {
+        let options = |fit_with, steps| SimplifyOptions {
+            reference: ReferenceRenderer::Path,
+            fit_with,
+            steps,
+            ..SimplifyOptions::default()
+        };
+        let point = |quality| HistoryPoint { step: 0, seconds: 0.0, loss: 0.0, quality };
+        let made = |steps, end| MapsCourse {
+            history: vec![point(20.0), point(end)],
+            steps,
+            stopped: false,
+            plan: PlanRows::default(),
+        };
+        let made = |steps, end| TracedMaps::Made(made(steps, end));
+        assert!(TracedMaps::planned(&options(FitRenderer::Raster, 9)).row().is_none());
+        for (came, runs, part) in [
+            (TracedMaps::planned(&options(FitRenderer::Path, 9)), Runs::Yes, "once more"),
+            (TracedMaps::planned(&options(FitRenderer::Path, 0)), Runs::No, "no steps are made"),
+            (TracedMaps::Skipped("the asset has no map".into()), Runs::No, "the asset has no map"),
+            (made(9, 21.0), Runs::Yes, "once more"),
+            (made(9, 20.0), Runs::Yes, "those before are written"),
+            (made(0, 20.0), Runs::No, "before the first step"),
+            (made(9, 21.0).lost(), Runs::Yes, "the asset's own materials are written"),
+        ] {
+            let row = came.row().expect("it is asked for");
+            assert!(row.runs == runs && row.why.contains(part), "{came:?}: {row:?}");
+        }
     }
 }

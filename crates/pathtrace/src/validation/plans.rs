@@ -77,6 +77,26 @@ fn lines_of_a_plan_are_true() {
 }
 
 #[test]
+fn what_a_sampler_directs_has_everything_compiled_in() {
+    let world = World::new(cornell()).unwrap();
+    let renderer = Renderer::new(&world, &cornell_view(), square(8, 1)).unwrap();
+    let (plain, sampled) = (renderer.plan().to_string(), renderer.sampled_plan());
+    assert_eq!(sampled.has, Features(plan::SAMPLED));
+    let sampled = sampled.to_string();
+    assert!(plain.matches("skipped").count() > 4, "{plain}");
+    assert!(
+        sampled.matches("skipped").count() == 1 && sampled.contains("skipped: there are no volumes"),
+        "{sampled}"
+    );
+    let sky = EnvironmentMap::constant(Vec3f::splat(1.0));
+    let mut parts = Parts { environment: Some(sky), ..Parts::default() };
+    parts.add(Shape::Mesh(photofit_geometry::shapes::icosphere(2)), Material::new(Bsdf::Null(Null)));
+    parts.media.push(BoundedMedium::homogeneous(Vec3f::splat(1.0), Vec3f::splat(0.5), 0.0));
+    parts.boundaries.push(Boundary { instance: 0, interior: Some(0), exterior: None });
+    assert_eq!(RenderPlan::sampled(&World::new(parts).unwrap()).has, Features::ALL);
+}
+
+#[test]
 fn films_are_bounded_by_their_bytes() {
     let world = World::new(cornell()).unwrap();
     let new = |width, height, aovs: &[Aov]| {

@@ -1,6 +1,7 @@
 //! The rows of a plan: what runs, what is skipped, and why. Every task tells its plan in them.
 
 use crate::engine::loss::{PictureLoss, Weights};
+use crate::engine::surface::COARSE_RATE;
 use crate::engine::trainer::{Measure, Phase};
 use photofit_raster::deferred::Passes;
 use photofit_raster::loss::Loss;
@@ -113,7 +114,10 @@ pub(crate) fn device(why: String) -> Item {
 
 /// The row of mip levels with texels of their own, and the sizes of the pictures that they are fitted to.
 pub(crate) fn free_mips([least, most]: [usize; 2]) -> Item {
-    let why = format!("each level has texels of its own, fitted to pictures of {least} to {most} pixels");
+    let why = format!(
+        "each level has texels of its own, fitted to pictures of {least} to {most} pixels, coarse ones at {COARSE_RATE} times the \
+         rate of maps"
+    );
     Item { what: "free mip levels", runs: Runs::Yes, why }
 }
 
@@ -138,10 +142,30 @@ pub(crate) fn asked_loss(loss: PictureLoss) -> Item {
     Item { what: "loss", runs: Runs::Yes, why }
 }
 
+/// The row of a loss that a task has, whatever its pictures are.
+pub(crate) fn own_loss(loss: PictureLoss) -> Item {
+    let why = format!("{}, the only one of this task: {}", loss.name(), loss.about());
+    Item { what: "loss", runs: Runs::Yes, why }
+}
+
 /// Why nothing is fitted where the options ask for no steps.
 pub(crate) const NO_STEPS: &str = "no steps are made";
+
 /// Why only one layer is drawn.
-pub(crate) const OPAQUE: &str = "every surface is opaque: one layer, no blending";
+pub(crate) fn opaque() -> String {
+    format!("every surface is opaque: one layer of {}, no blending", Passes::default().max_layers)
+}
+
+/// The row of the steps that were made, of those that were to be made at most.
+pub(crate) fn steps(made: u64, most: u64) -> Item {
+    Item::of("steps", made > 0, format!("{made} of at most {most}"), format!("none of at most {most}"))
+}
+
+/// The row of triangles of the asset that nobody sees, of so many.
+pub(crate) fn unseen([unseen, all]: [usize; 2]) -> Item {
+    let why = format!("{unseen} of {all}: the decimation spends nothing on them");
+    Item { what: "unseen triangles", runs: Runs::No, why }
+}
 
 /// What a fit does with a surface: all that its rows are told from.
 #[derive(Clone, Copy, Debug)]
@@ -150,6 +174,8 @@ pub(crate) struct Work {
     pub(crate) passes: Passes,
     /// Relative rates of the samples of a texel.
     pub(crate) rates: [f32; CHANNELS],
+    /// The same in coarse mip levels that have texels of their own, where there are some.
+    pub(crate) coarse: Option<[f32; CHANNELS]>,
     /// Whether positions may move.
     pub(crate) moves: bool,
     /// Whether steps are made.
@@ -158,7 +184,7 @@ pub(crate) struct Work {
 
 /// The rows of a surface, as its passes and rates say.
 pub(crate) fn surface(work: &Work) -> Vec<Item> {
-    let Work { passes: p, rates, moves, steps } = work;
+    let Work { passes: p, rates, coarse, moves, steps } = work;
     let not = |why: &str| if *steps { why.to_owned() } else { NO_STEPS.to_owned() };
     let positions = *steps && *moves && p.position_gradients;
     let layers = format!("until nothing shows through, at most {} layers", p.max_layers);
@@ -170,15 +196,18 @@ pub(crate) fn surface(work: &Work) -> Vec<Item> {
             "where neighbouring samples show different triangles",
             not("positions are frozen"),
         ),
-        Item::of("transparent layers", p.max_layers > 1, layers, OPAQUE),
+        Item::of("transparent layers", p.max_layers > 1, layers, opaque()),
         Item::of("normal map", p.normal_map, "it is drawn", "it is flat"),
         Item::of("emission", p.emissive, "it is drawn", "nothing emits"),
     ];
-    let fitted = if *steps && p.map_gradients { rates.iter().filter(|r| **r > 0.0).count() } else { 0 };
+    let of = |rates: &[f32; CHANNELS]| rates.iter().filter(|r| **r > 0.0).count();
+    let fitted = if *steps && p.map_gradients { of(rates) } else { 0 };
+    let more = coarse.as_ref().map(of).filter(|n| *n > fitted);
+    let more = more.map_or_else(String::new, |n| format!(" and {n} in coarse mip levels"));
     items.push(Item::of(
         "map gradients",
         fitted > 0,
-        format!("{fitted} of {CHANNELS} samples of a texel; the others are constant or unused"),
+        format!("{fitted} of {CHANNELS} samples of a texel{more}; the others are constant or unused"),
         not("all samples of texels are constant or unused"),
     ));
     let gradients = [
@@ -191,8 +220,13 @@ pub(crate) fn surface(work: &Work) -> Vec<Item> {
     ];
     for (what, channel, drawn) in gradients {
         let rate = rates[channel];
-        let flows = fitted > 0 && drawn && rate > 0.0;
-        let why = if rate < 1.0 { format!("at {rate:.1} of the rate of maps") } else { "fitted".into() };
+        let in_coarse = coarse.is_some_and(|rates| rates[channel] > 0.0);
+        let flows = fitted > 0 && drawn && (rate > 0.0 || in_coarse);
+        let why = match rate {
+            r if r <= 0.0 => "fitted in coarse mip levels alone, which lose normals".into(),
+            r if r < 1.0 => format!("at {r:.1} of the rate of maps"),
+            _ => "fitted".into(),
+        };
         items.push(Item::of(what, flows, why, not("not fitted: constant or unused")));
     }
     items
@@ -206,7 +240,7 @@ pub(crate) fn evaluation(measure: Measure, why: &str) -> Item {
 }
 
 /// One line for each phase that has steps.
-pub(super) fn phases<M>(phases: &[Phase<'_, M>]) -> Vec<String> {
+pub(crate) fn phases<M>(phases: &[Phase<'_, M>]) -> Vec<String> {
     let mut groups: Vec<&str> = Vec::new();
     for (name, _) in phases.iter().flat_map(|p| &p.rates) {
         if !groups.contains(&&**name) {

@@ -1,14 +1,15 @@
-//! What plans say, against assets and options that make each line true or false.
+//! Passes and rates against maps and options that need them or not.
 
 use super::*;
 use crate::candidate::SurfaceClass;
+use crate::engine::cpu::Chain as _;
+use crate::engine::surface::Surface;
 use photofit_geometry::{Weld, shapes};
 use photofit_raster::Maps as Texels;
-use photofit_raster::loss::Loss;
-use photofit_scene::{Extensions, Instance, Primitive, Sheen, Transmission, Volume};
+use photofit_scene::{Extensions, Instance, Material, Primitive, Transmission};
 use photofit_shading::Sides;
 
-fn scene(material: Material) -> Scene {
+pub(crate) fn scene(material: Material) -> Scene {
     Scene {
         primitives: vec![Primitive { mesh: shapes::cube(), material: 0 }],
         instances: vec![Instance { primitive: 0, transform: glam::Affine3A::IDENTITY }],
@@ -18,7 +19,7 @@ fn scene(material: Material) -> Scene {
 }
 
 /// A sheet with texels that `paint` changes, from the number of the texel.
-fn candidate(mode: AlphaMode, paint: impl Fn(usize, &mut [f32; CHANNELS])) -> Candidate {
+pub(crate) fn candidate(mode: AlphaMode, paint: impl Fn(usize, &mut [f32; CHANNELS])) -> Candidate {
     let mesh = shapes::quad_grid(2, 2);
     let mut maps = Texels::filled(4, 4, crate::bake::blank_texel());
     maps.texels.iter_mut().enumerate().for_each(|(i, t)| paint(i, t));
@@ -33,99 +34,42 @@ fn candidate(mode: AlphaMode, paint: impl Fn(usize, &mut [f32; CHANNELS])) -> Ca
     )
 }
 
-fn runs(plan: &FitPlan, what: &str) -> Runs {
-    plan.items().into_iter().find(|i| i.what == what).unwrap_or_else(|| panic!("no item {what}")).runs
-}
-
-fn fit(scene: &Scene, candidate: &Candidate) -> FitPlan {
-    FitPlan::new(scene).with_options(100, ReferenceKind::RASTERIZED, &Lighting::Mixed).with_maps(candidate)
-}
-
-/// One line of a plan and what makes it so.
-type Case<'a> = (&'a str, Material, AlphaMode, fn(usize, &mut [f32; CHANNELS]));
-
-#[test]
-fn passes_follow_from_the_materials() {
-    let glow = Material { emissive: [1.0, 0.0, 0.0], ..Material::clay() };
-    let cases: [Case<'_>; 4] = [
-        (
-            "transparent layers",
-            Material { alpha_mode: AlphaMode::Blend, ..Material::clay() },
-            AlphaMode::Blend,
-            |_, _| {},
-        ),
-        (
-            "alpha gradients",
-            Material { alpha_mode: AlphaMode::Blend, ..Material::clay() },
-            AlphaMode::Blend,
-            |_, _| {},
-        ),
-        ("emission", glow, AlphaMode::Opaque, |_, t| t[channel::EMISSIVE] = 1.0),
-        ("metalness gradients", Material { metallic: 1.0, ..Material::clay() }, AlphaMode::Opaque, |i, t| {
-            t[channel::METALLIC] = (i % 2) as f32;
-        }),
-    ];
-    let clay = scene(Material::clay());
-    let plain = fit(&clay, &candidate(AlphaMode::Opaque, |_, _| {}));
-    for (what, material, mode, paint) in cases {
-        assert_eq!(runs(&FitPlan::new(&clay), what), Runs::No, "clay skips {what}");
-        assert_eq!(runs(&plain, what), Runs::No, "clay skips {what}");
-        let with = scene(material);
-        assert_ne!(runs(&FitPlan::new(&with), what), Runs::No, "{what} may run");
-        assert_eq!(runs(&fit(&with, &candidate(mode, paint)), what), Runs::Yes, "{what} runs");
-    }
-}
-
-#[test]
-fn backs_are_told_once_they_are_measured() {
-    let plan = FitPlan::new(&scene(Material::clay()));
-    assert!(plan.items().iter().all(|i| i.what != "single-sided backs"));
-    let told = |seen, share| {
-        let plan = plan.clone().with_backs(Some(seen), share);
-        plan.items().into_iter().find(|i| i.what == "single-sided backs").expect("a row")
-    };
-    assert_eq!((told(0.0, 0.0).runs, &*told(0.0, 0.0).why), (Runs::No, "none is seen"));
-    let some = told(0.0004, 0.0);
-    assert!(some.runs == Runs::No && some.why.contains("0.04%"), "{}", some.why);
-    let shown = told(0.034, 0.25);
-    assert!(
-        shown.runs == Runs::Yes && shown.why.contains("3.4%") && shown.why.contains("25%"),
-        "{}",
-        shown.why
-    );
+/// The plan of 100 steps against rasterized pictures, or of none.
+pub(crate) fn planned(scene: &Scene, candidate: &Candidate, steps: u64) -> SurfacePlan {
+    SurfacePlan::new(scene, candidate, Asked { steps, moves: true, reference: ReferenceKind::RASTERIZED })
 }
 
 #[test]
 fn an_opaque_scene_runs_one_layer_and_no_blending() {
+    let fit = |scene: &Scene, candidate: &Candidate| planned(scene, candidate, 100);
     let plan = fit(&scene(Material::clay()), &candidate(AlphaMode::Opaque, |_, _| {}));
-    assert_eq!(plan.passes().max_layers, 1);
-    assert!(!plan.fitted()[channel::ALPHA]);
+    assert_eq!(plan.passes.max_layers, 1);
+    assert!(!plan.fitted[channel::ALPHA]);
     let mask = AlphaMode::Mask { cutoff: 0.5 };
     let leaf = Material { alpha_mode: mask, ..Material::clay() };
     let masked = fit(&scene(leaf), &candidate(mask, |_, _| {}));
-    assert!(masked.fades() && masked.fitted()[channel::ALPHA] && !plan.fades());
+    assert!(masked.fades && masked.fitted[channel::ALPHA] && !plan.fades);
     // Glass beside masks is drawn by an alpha that is not written.
     let glass = Extensions {
         transmission: Some(Transmission { factor: 1.0, texture: None }),
         ..Extensions::default()
     };
     let glass = scene(Material { extensions: Some(Box::new(glass)), ..Material::clay() });
-    assert!(!fit(&glass, &candidate(AlphaMode::Blend, |_, _| {})).fitted()[channel::ALPHA]);
+    assert!(!fit(&glass, &candidate(AlphaMode::Blend, |_, _| {})).fitted[channel::ALPHA]);
     let glass = Material { alpha_mode: AlphaMode::Blend, ..Material::clay() };
     let plan = fit(&scene(glass), &candidate(AlphaMode::Blend, |_, _| {}));
-    assert!(!plan.fades());
-    assert!(plan.passes().max_layers > 1 && plan.fitted()[channel::ALPHA]);
+    assert!(!plan.fades);
+    assert!(plan.passes.max_layers > 1 && plan.fitted[channel::ALPHA]);
 }
 
 #[test]
 fn frozen_positions_run_no_silhouettes() {
     let (clay, sheet) = (scene(Material::clay()), candidate(AlphaMode::Opaque, |_, _| {}));
-    let frozen =
-        FitPlan::new(&clay).with_options(0, ReferenceKind::RASTERIZED, &Lighting::Point).with_maps(&sheet);
-    let passes = frozen.passes();
-    assert!(!passes.position_gradients && !passes.antialias);
-    assert_eq!(runs(&frozen, "silhouette gradients"), Runs::No);
-    let passes = fit(&clay, &sheet).passes();
+    let asked = Asked { steps: 100, moves: false, reference: ReferenceKind::RASTERIZED };
+    for frozen in [planned(&clay, &sheet, 0), SurfacePlan::new(&clay, &sheet, asked)] {
+        assert!(!frozen.passes.position_gradients && !frozen.passes.antialias);
+    }
+    let passes = planned(&clay, &sheet, 100).passes;
     assert!(passes.position_gradients && passes.antialias);
 }
 
@@ -133,129 +77,37 @@ fn frozen_positions_run_no_silhouettes() {
 fn flat_normals_and_constant_maps_are_skipped() {
     let clay = scene(Material::clay());
     let sheet = candidate(AlphaMode::Opaque, |_, _| {});
-    let flat =
-        FitPlan::new(&clay).with_options(0, ReferenceKind::RASTERIZED, &Lighting::Mixed).with_maps(&sheet);
-    assert!(!flat.passes().normal_map && !flat.passes().map_gradients);
-    assert_eq!((runs(&flat, "normal map"), runs(&flat, "map gradients")), (Runs::No, Runs::No));
-    assert!(fit(&clay, &sheet).passes().normal_map, "a shape that moves does not keep its normals flat");
-    let bent = fit(&clay, &candidate(AlphaMode::Opaque, |i, t| t[channel::NORMAL] = 0.1 * (i % 2) as f32));
-    assert!(bent.passes().normal_map && bent.passes().map_gradients);
-    assert_eq!(runs(&bent, "normal map"), Runs::Yes);
-    assert!(bent.fitted()[channel::NORMAL + 2] && !bent.fitted()[0]);
-    assert_eq!(runs(&FitPlan::new(&clay), "normal map"), Runs::Open);
+    let flat = planned(&clay, &sheet, 0).passes;
+    assert!(!flat.normal_map && !flat.map_gradients);
+    assert!(
+        planned(&clay, &sheet, 100).passes.normal_map,
+        "a shape that moves does not keep its normals flat"
+    );
+    let paint = |i: usize, t: &mut [f32; CHANNELS]| t[channel::NORMAL] = 0.1 * (i % 2) as f32;
+    let bent = planned(&clay, &candidate(AlphaMode::Opaque, paint), 100);
+    assert!(bent.passes.normal_map && bent.passes.map_gradients);
+    assert!(bent.fitted[channel::NORMAL + 2] && !bent.fitted[0]);
 }
 
 #[test]
-fn light_and_reference_are_told_as_they_are() {
+fn what_coarse_mip_levels_fit_beyond_the_base_is_told() {
     let clay = scene(Material::clay());
-    let with = |path, lighting: &Lighting| {
-        let kind = if path { ReferenceKind::path_traced(64) } else { ReferenceKind::RASTERIZED };
-        FitPlan::new(&clay).with_options(10, kind, lighting)
-    };
-    assert_eq!(runs(&with(false, &Lighting::Mixed), "environment light"), Runs::Yes, "the default uses one");
-    assert_eq!(runs(&with(false, &Lighting::Point), "environment light"), Runs::No);
-    let studio = Lighting::Environment(crate::views::studio());
-    assert_eq!(runs(&with(false, &studio), "environment light"), Runs::Yes);
-    assert_eq!(runs(&with(true, &studio), "indirect light"), Runs::Yes);
-    assert_eq!(runs(&with(false, &studio), "indirect light"), Runs::No);
-    let noisy = with(true, &studio).with_loss(Loss::Mse.into(), Some(0.4));
-    assert!(noisy.to_string().contains("0.400"), "{noisy}");
-}
-
-#[test]
-fn what_is_in_the_file_is_not_denied() {
-    let extensions = Extensions {
-        transmission: Some(Transmission { factor: 1.0, texture: None }),
-        volume: Some(Volume { thickness: 1.0, ..Volume::default() }),
-        sheen: Some(Sheen { color: [1.0; 3], ..Sheen::default() }),
-        ..Extensions::default()
-    };
-    let glass = scene(Material { extensions: Some(Box::new(extensions)), ..Material::default() });
-    let text = FitPlan::new(&glass).to_string();
-    for part in [
-        "volumes                1 of 1 materials enclose one",
-        "sheen, volume: kept",
-        "run  transmission           1 of 1 materials let light pass: drawn blended",
-    ] {
-        assert!(text.contains(part), "{part:?} in\n{text}");
-    }
-    let text = FitPlan::new(&scene(Material::clay())).to_string();
-    assert!(text.contains("no material encloses one"), "{text}");
-}
-
-#[test]
-fn where_occlusion_comes_from_is_told() {
-    use crate::bake::{Occlusion, OcclusionRays};
-    let clay = FitPlan::new(&scene(Material::clay()));
-    let rays = OcclusionRays { rays: 77, ..OcclusionRays::default() };
-    for (occlusion, expected) in
-        [(Occlusion::Maps, Runs::No), (Occlusion::Open, Runs::No), (Occlusion::Rays(rays), Runs::Yes)]
-    {
-        let plan = clay.clone().with_occlusion(occlusion);
-        assert_eq!(runs(&plan, "occlusion textures"), expected, "{occlusion:?}");
-        assert_eq!(plan.to_string().contains("77 rays a texel"), expected == Runs::Yes, "{plan}");
-    }
-}
-
-#[test]
-fn unplaced_materials_do_not_count() {
-    let mut s = scene(Material::clay());
-    s.materials.push(Material { alpha_mode: AlphaMode::Blend, ..Material::clay() });
-    assert_eq!(runs(&FitPlan::new(&s), "transparent layers"), Runs::No);
-    assert_eq!(runs(&FitPlan::new(&s), "texture coordinates 0"), Runs::No, "no texture reads them");
-}
-
-#[test]
-fn phases_say_what_moves_at_which_rate() {
-    let phase = |name, shrink, positions: f64| {
-        let rates = vec![("positions".into(), positions), ("maps".into(), 0.002)];
-        Phase::<()> { name, first: 0, steps: 40, shrink, rates, fade: None, reinitialised: None }
-    };
-    let phases = [phase("coarse", 2, 0.01), phase("fine", 1, 0.004)];
-    let text = FitPlan::new(&scene(Material::clay())).with_phases(&phases).to_string();
-    for part in
-        ["coarse: 40 steps", "pictures 1/2 as wide", "fine: 40 steps", "positions at 0.4 of their rate"]
-    {
-        assert!(text.contains(part), "{part:?} in\n{text}");
-    }
-    let frozen = [phase("maps", 1, 0.0)];
-    let text = FitPlan::new(&scene(Material::clay())).with_phases(&frozen).to_string();
-    assert!(text.contains("positions frozen"), "{text}");
-}
-
-#[test]
-fn a_plan_tells_the_rows_of_the_surface_that_is_fitted() {
-    let blend = scene(Material { alpha_mode: AlphaMode::Blend, ..Material::clay() });
-    let sheet = candidate(AlphaMode::Blend, |i, t| t[channel::ALPHA] = 0.1 * (i % 3) as f32);
-    for steps in [0, 10] {
-        let plan = FitPlan::new(&blend).with_options(steps, ReferenceKind::RASTERIZED, &Lighting::Point);
-        let plan = plan.with_maps(&sheet);
-        let surface = super::super::surface::Surface::new(sheet.clone(), &plan);
-        let told = rows::surface(&surface.moving(steps > 0).work(steps));
-        assert_eq!(plan.items()[..told.len()], told, "{steps} steps");
-        let names: BTreeSet<&str> = plan.items().iter().map(|i| i.what).collect();
-        assert_eq!(names.len(), plan.items().len(), "each row stands once");
-        for what in ["base colour gradients", "alpha gradients", "position gradients", "map gradients"] {
-            let row = told.iter().find(|i| i.what == what).unwrap();
-            let flows = steps > 0 && what != "base colour gradients";
-            assert_eq!(row.runs, flows.into(), "{what}, {steps} steps");
-            assert_eq!(row.why.contains("no steps are made"), steps == 0, "{row:?}");
+    let mut sheet = candidate(AlphaMode::Opaque, |_, _| {});
+    for free in [false, true] {
+        if free {
+            sheet.free_mips();
         }
+        let plan = planned(&clay, &sheet, 100);
+        let surface = Surface::new(sheet.clone(), &plan);
+        let told = rows::surface(&surface.work(100));
+        assert_eq!(rows::surface(&plan.work(100)), told, "free: {free}");
+        let groups = surface.groups();
+        let moved = groups.iter().any(|g| g.rates.get(channel::ROUGHNESS).is_some_and(|r| *r > 0.0));
+        assert_eq!(moved, free, "its rates say what is fitted");
+        let row = |what| told.iter().find(|i| i.what == what).expect("a row");
+        assert_eq!(row("roughness gradients").runs, free.into(), "{told:?}");
+        let maps = &row("map gradients").why;
+        assert!(maps.contains("3 of 16") && maps.contains("4 in coarse mip levels") == free, "{maps}");
     }
-}
-
-#[test]
-fn shadows_in_maps_are_not_judged_twice() {
-    let sheen =
-        Extensions { sheen: Some(Sheen { color: [1.0; 3], ..Sheen::default() }), ..Extensions::default() };
-    let velvet = scene(Material { extensions: Some(Box::new(sheen)), ..Material::default() });
-    let told = |options: &crate::simplify::SimplifyOptions| options.judgement(&velvet).item();
-    let raster = crate::simplify::SimplifyOptions::default();
-    assert_eq!(told(&raster).runs, Runs::Yes);
-    let path =
-        crate::simplify::SimplifyOptions { reference: crate::simplify::ReferenceRenderer::Path, ..raster };
-    let item = told(&path);
-    assert!(item.runs == Runs::No && item.why.contains("sheen are not drawn"), "{item:?}");
-    let asked = crate::simplify::SimplifyOptions { judge: JudgeRenderer::Path, ..path };
-    assert!(told(&asked).why.contains("count twice"), "{:?}", told(&asked));
+    assert!(rows::free_mips([16, 64]).why.contains("coarse ones at 5 times the rate"));
 }

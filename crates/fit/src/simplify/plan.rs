@@ -1,0 +1,300 @@
+//! The plan of the main job: which passes run, which gradients flow, what is written, and why.
+//!
+//! One value, filled in as facts become known: the asset, then the options, then the baked maps, then the phases, then the
+//! result. What is printed says only what these facts say.
+
+mod asset;
+mod judgement;
+
+pub use judgement::Judgement;
+
+use super::{Surfacing, Written};
+use crate::bake::Occlusion;
+use crate::engine::loss::PictureLoss;
+use crate::engine::plan::{Item, PlanRows, Runs, SurfacePlan, rows};
+use crate::engine::reference::ReferenceKind;
+use crate::engine::trainer::Phase;
+use crate::engine::views::Lighting;
+use asset::{Asset, Dress};
+use photofit_scene::Scene;
+use std::fmt;
+
+/// What the options say.
+#[derive(Clone, Debug, PartialEq)]
+struct Choices {
+    /// Steps that are made at most.
+    steps: u64,
+    /// What pictures of the reference are.
+    reference: ReferenceKind,
+    /// Views under an environment map: none, every other, all.
+    environment: &'static str,
+}
+
+/// What runs; printable and comparable.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FitPlan {
+    asset: Asset,
+    choices: Option<Choices>,
+    maps: Option<SurfacePlan>,
+    /// The loss with the noise of the pictures that it was chosen by.
+    loss: Option<(PictureLoss, Option<f64>)>,
+    phases: Vec<String>,
+    judgement: Option<Judgement>,
+    /// Where the fit runs, and why there.
+    device: Option<String>,
+    /// Where occlusion maps come from.
+    occlusion: Occlusion,
+    /// What the light asset has in place of the asset's surface.
+    surfacing: Surfacing,
+    /// Smallest and largest picture that mip levels with texels of their own are fitted to, pixels.
+    mips: Option<[usize; 2]>,
+    /// Shares of pixels and of views that show the backs of single-sided surfaces.
+    backs: Option<(f64, f32)>,
+    /// Whether outlines count in where triangles are.
+    outline: Option<Item>,
+    /// Triangles of the asset that nobody sees, and all.
+    unseen: Option<[usize; 2]>,
+    /// Whether maps are fitted through the path tracer, where that is asked for.
+    traced_maps: Option<Item>,
+    /// What came of it.
+    result: Option<Ended>,
+}
+
+/// What a fit came to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Ended {
+    written: Written,
+    /// Steps made.
+    steps: u64,
+}
+
+impl FitPlan {
+    /// What the asset alone says.
+    pub fn new(scene: &Scene) -> Self {
+        Self {
+            asset: Asset::new(scene),
+            choices: None,
+            maps: None,
+            loss: None,
+            phases: Vec::new(),
+            judgement: None,
+            device: None,
+            occlusion: Occlusion::default(),
+            surfacing: Surfacing::default(),
+            mips: None,
+            backs: None,
+            outline: None,
+            unseen: None,
+            traced_maps: None,
+            result: None,
+        }
+    }
+
+    /// Adds the options: steps of the fit, what pictures of the reference are, and the light.
+    #[must_use]
+    pub fn with_options(self, steps: u64, reference: ReferenceKind, lighting: &Lighting) -> Self {
+        let environment = match lighting {
+            Lighting::Mixed => "every other view",
+            Lighting::Point => "",
+            Lighting::Environment(_) => "every view",
+        };
+        Self { choices: Some(Choices { steps, reference, environment }), ..self }
+    }
+
+    /// Adds what the baked maps of the start say.
+    #[must_use]
+    pub fn with_maps(self, maps: SurfacePlan) -> Self {
+        Self { maps: Some(maps), ..self }
+    }
+
+    /// Adds how the result is judged.
+    #[must_use]
+    pub fn with_judgement(self, judgement: Judgement) -> Self {
+        Self { judgement: Some(judgement), ..self }
+    }
+
+    /// Adds the loss and the noise that it was chosen by.
+    #[must_use]
+    pub fn with_loss(self, loss: PictureLoss, noise: Option<f64>) -> Self {
+        Self { loss: Some((loss, noise)), ..self }
+    }
+
+    /// Adds where the fit runs and why; nothing is told without it.
+    #[must_use]
+    pub fn with_device(self, device: Option<String>) -> Self {
+        Self { device, ..self }
+    }
+
+    /// Adds where occlusion maps come from; without it from those of the asset.
+    #[must_use]
+    pub fn with_occlusion(self, occlusion: Occlusion) -> Self {
+        Self { occlusion, ..self }
+    }
+
+    /// Adds what the light asset has in place of the asset's surface; without it new maps.
+    #[must_use]
+    pub fn with_surfacing(self, surfacing: Surfacing) -> Self {
+        Self { surfacing, ..self }
+    }
+
+    /// Adds the sizes that mip levels with texels of their own are fitted to; nothing is told without.
+    #[must_use]
+    pub fn with_mips(self, mips: Option<[usize; 2]>) -> Self {
+        Self { mips, ..self }
+    }
+
+    /// Adds the share of the asset's pixels that the backs of single-sided surfaces change, where it is measured, and of the
+    /// views that show them; nothing is told without.
+    #[must_use]
+    pub fn with_backs(self, seen: Option<f64>, share: f32) -> Self {
+        Self { backs: seen.map(|seen| (seen, share)), ..self }
+    }
+
+    /// Adds whether outlines count in where triangles are; nothing is told without.
+    #[must_use]
+    pub(crate) fn with_outline(self, outline: Item) -> Self {
+        Self { outline: Some(outline), ..self }
+    }
+
+    /// Adds how many triangles of the asset nobody sees, of all; nothing is told without.
+    #[must_use]
+    pub(crate) fn with_unseen(self, unseen: [usize; 2]) -> Self {
+        Self { unseen: Some(unseen), ..self }
+    }
+
+    /// Adds whether maps are fitted through the path tracer; nothing is told without.
+    #[must_use]
+    pub(crate) fn with_traced_maps(self, row: Option<Item>) -> Self {
+        Self { traced_maps: row, ..self }
+    }
+
+    /// Adds what the fit came to: what was written, the steps that were made, and whether maps were fitted through the path
+    /// tracer.
+    #[must_use]
+    pub(crate) fn with_result(self, written: Written, steps: u64, traced_maps: Option<Item>) -> Self {
+        Self { traced_maps, result: Some(Ended { written, steps }), ..self }
+    }
+
+    /// Adds the phases of the fit.
+    #[must_use]
+    pub fn with_phases<M>(self, phases: &[Phase<'_, M>]) -> Self {
+        Self { phases: rows::phases(phases), ..self }
+    }
+
+    /// Whether shadows and light between surfaces go into the maps of what is fitted.
+    pub(crate) fn holds_shadows(&self) -> bool {
+        self.choices.as_ref().is_some_and(|c| c.reference.indirect_light)
+    }
+
+    /// Everything that runs, is skipped, or is not decided yet. Once the maps are known, what the fit does is told by its
+    /// passes and rates.
+    pub fn items(&self) -> Vec<Item> {
+        let mut items = Vec::new();
+        match self.surfacing {
+            Surfacing::Maps => {}
+            Surfacing::Kept => {
+                let why =
+                    "triangles alone are fewer; texture coordinates, materials and textures stay".to_owned();
+                items.push(Item { what: "own surface", runs: Runs::Yes, why });
+            }
+            Surfacing::VertexColors => {
+                let why = "fitted maps become colours of vertices and factors of materials; normal maps are left out".to_owned();
+                items.push(Item { what: "colours of vertices", runs: Runs::Yes, why });
+            }
+        }
+        if self.surfacing != Surfacing::Kept {
+            items.extend(self.result.map(|r| written(r.written, r.steps)));
+            let steps = self.choices.as_ref().zip(self.result).filter(|(c, _)| c.steps > 0);
+            items.extend(steps.map(|(c, r)| rows::steps(r.steps, c.steps)));
+            items.extend(self.unseen.map(rows::unseen));
+            match &self.maps {
+                Some(maps) => items.extend(rows::surface(&maps.work(self.steps().unwrap_or(1)))),
+                None => self.asset.surface_items(self.steps(), &mut items),
+            }
+        }
+        self.asset.data_items(self.occlusion, self.dress(), &mut items);
+        self.option_items(&mut items);
+        items.extend(self.traced_maps.clone());
+        items.extend(self.judgement.as_ref().map(Judgement::item));
+        items.extend(self.backs.map(|(seen, share)| rows::backs(seen, share)));
+        items.extend(self.outline.clone());
+        items.extend(self.mips.map(rows::free_mips));
+        items.extend(self.device.clone().map(rows::device));
+        items
+    }
+
+    /// What the light asset has of the asset's surface, as far as it is known.
+    fn dress(&self) -> Dress {
+        match (self.surfacing, self.result.map(|r| r.written)) {
+            (Surfacing::Kept, _) | (_, Some(Written::Decimated | Written::Kept)) => Dress::Own,
+            (Surfacing::VertexColors, _) => Dress::Colors,
+            (Surfacing::Maps, Some(_)) => Dress::New,
+            (Surfacing::Maps, None) => Dress::Open,
+        }
+    }
+
+    /// Steps that the options ask for, 0 where it came to none; `None` where nothing is known of them.
+    fn steps(&self) -> Option<u64> {
+        let none = self.result.filter(|r| r.steps == 0).map(|_| 0);
+        none.or(self.choices.as_ref().map(|c| c.steps))
+    }
+
+    fn option_items(&self, items: &mut Vec<Item>) {
+        let mut item = |what, runs, why: String| items.push(Item { what, runs, why });
+        match &self.choices {
+            None => {
+                item("environment light", Runs::Open, "as the options say".into());
+                item("indirect light", Runs::Open, "where pictures of the reference are path traced".into());
+            }
+            Some(c) => {
+                let (runs, why) = match c.environment {
+                    "" => (Runs::No, "point lights and a constant surrounding"),
+                    views => (Runs::Yes, views),
+                };
+                item("environment light", runs, why.into());
+                let (mut runs, mut why) = (
+                    c.reference.indirect_light,
+                    format!("pictures of the reference are {}", c.reference.name),
+                );
+                if self.traced_maps.as_ref().is_some_and(|row| row.runs == Runs::Yes) {
+                    (runs, why) = (true, why + "; those that the path tracer fits maps to are path traced");
+                }
+                item("indirect light", runs.into(), why);
+            }
+        }
+        if let Some((loss, noise)) = self.loss {
+            items.push(rows::loss(loss, noise));
+        }
+    }
+}
+
+/// The row of what is written, after so many steps.
+fn written(written: Written, steps: u64) -> Item {
+    let why = match written {
+        Written::Fitted if steps == 0 => "what the fit was to start from",
+        Written::Fitted => "what was fitted",
+        Written::Rebaked => "the fitted shape, its maps baked anew",
+        Written::Wrapped => "the start that was drawn onto the asset's surface",
+        Written::Baked => "the decimated start with baked maps",
+        Written::Decimated => "the decimated asset with its own materials",
+        Written::Kept => "the asset's own surface on fewer triangles",
+    };
+    Item { what: "written asset", runs: Runs::Yes, why: why.into() }
+}
+
+impl From<&FitPlan> for PlanRows {
+    fn from(plan: &FitPlan) -> Self {
+        // Of a fit that came to no step no phase began.
+        let ran = plan.result.is_none_or(|r| r.steps > 0);
+        Self { items: plan.items(), phases: if ran { plan.phases.clone() } else { Vec::new() } }
+    }
+}
+
+impl fmt::Display for FitPlan {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(&PlanRows::from(self), f)
+    }
+}
+
+#[cfg(test)]
+mod tests;

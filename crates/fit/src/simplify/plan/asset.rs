@@ -1,0 +1,235 @@
+//! What an asset alone says of a fit: the passes that its materials ask for, and what becomes of its data.
+
+use crate::bake::Occlusion;
+use crate::engine::classes::transmits;
+use crate::engine::judge::visible_materials;
+use crate::engine::plan::rows::{self, NO_STEPS};
+use crate::engine::plan::{Item, Runs};
+use photofit_scene::{AlphaMode, Material, Scene, TextureSlot};
+use std::collections::BTreeSet;
+
+/// What a light asset has of the asset's surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Dress {
+    /// Its own texture coordinates, materials and textures.
+    Own,
+    /// New maps.
+    New,
+    /// Colours of vertices.
+    Colors,
+    /// Its own or new maps: pictures decide.
+    Open,
+}
+
+/// What the asset says.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Asset {
+    /// Materials of something visible.
+    materials: usize,
+    masked: usize,
+    blended: usize,
+    transmitting: usize,
+    /// Cut out, blended or transmitting.
+    through: usize,
+    normal_mapped: usize,
+    metallic: usize,
+    emitting: usize,
+    unlit: usize,
+    occluded: usize,
+    volumes: usize,
+    vertex_colors: bool,
+    animations: usize,
+    /// Whether there is each set of texture coordinates.
+    uvs: [bool; 2],
+    /// Images in the file.
+    images: usize,
+    /// The textures of all materials of something visible.
+    slots: Vec<Slot>,
+    /// Material extensions that are not fitted.
+    extensions: Vec<&'static str>,
+}
+
+/// A texture of a material, and whether it is of occlusion.
+#[derive(Clone, Debug, PartialEq)]
+struct Slot {
+    image: usize,
+    set: u32,
+    occlusion: bool,
+}
+
+impl Asset {
+    pub(super) fn new(scene: &Scene) -> Self {
+        let materials: Vec<&Material> =
+            visible_materials(scene).into_iter().map(|m| &scene.materials[m]).collect();
+        let count = |f: &dyn Fn(&Material) -> bool| materials.iter().filter(|m| f(m)).count();
+        let with = |m: &Material, name: &str| !m.unlit && names(m).contains(&name);
+        let meshes = || scene.instances.iter().map(|i| &scene.primitives[i.primitive].mesh);
+        // What lets light pass is drawn blended.
+        let drawn = |m: &Material, name: &str| name == "transmission" && transmits(m);
+        let lit = materials.iter().filter(|m| !m.unlit);
+        let extensions: BTreeSet<&str> =
+            lit.flat_map(|m| names(m).into_iter().filter(|n| !drawn(m, n))).collect();
+        Self {
+            materials: materials.len(),
+            masked: count(&|m| matches!(m.alpha_mode, AlphaMode::Mask { .. })),
+            blended: count(&|m| m.alpha_mode == AlphaMode::Blend),
+            transmitting: count(&|m| transmits(m)),
+            through: count(&|m| m.alpha_mode != AlphaMode::Opaque || transmits(m)),
+            normal_mapped: count(&|m| m.normal_texture.is_some() && !m.unlit),
+            metallic: count(&|m| m.metallic > 0.0 && !m.unlit),
+            emitting: count(&|m| !m.unlit && m.emissive.iter().any(|e| *e > 0.0)),
+            unlit: count(&|m| m.unlit),
+            occluded: count(&|m| m.occlusion_texture.is_some()),
+            volumes: count(&|m| with(m, "volume")),
+            animations: scene.hierarchy.as_ref().map_or(0, |h| h.animations.len()),
+            vertex_colors: meshes().any(|m| !m.colors.is_empty()),
+            uvs: [meshes().any(|m| !m.uvs.is_empty()), meshes().any(|m| !m.uvs1.is_empty())],
+            images: scene.images.len(),
+            slots: materials.iter().flat_map(|m| slots(m)).collect(),
+            extensions: extensions.into_iter().collect(),
+        }
+    }
+
+    /// What the asset alone says of what a fit of so many steps does with a surface.
+    pub(super) fn surface_items(&self, steps: Option<u64>, items: &mut Vec<Item>) {
+        let still = steps == Some(0);
+        let mut item = |what, runs, why: String| items.push(Item { what, runs, why });
+        self.alpha_items(still, &mut item);
+        let (runs, why) = match steps {
+            None => (Runs::Open, "where the fit makes steps"),
+            Some(0) => (Runs::No, NO_STEPS),
+            Some(_) => (Runs::Yes, "the shape is fitted"),
+        };
+        item("position gradients", runs, why.into());
+        item("normal map", Runs::Open, "decided on the baked maps: flat ones are left out".into());
+        let (runs, why) = match self.metallic {
+            0 => (Runs::No, "no material is metallic".into()),
+            _ if still => (Runs::No, NO_STEPS.into()),
+            n => (Runs::Open, self.of(n, "may be metallic: decided on the baked maps")),
+        };
+        item("metalness gradients", runs, why);
+        let (runs, why) = match self.emitting + self.unlit {
+            0 => (Runs::No, "nothing emits".into()),
+            n => (Runs::Yes, self.of(n, "emit or are unlit")),
+        };
+        item("emission", runs, why);
+    }
+
+    /// Which surfaces light passes.
+    fn alpha_items(&self, still: bool, item: &mut dyn FnMut(&'static str, Runs, String)) {
+        let why = match self.through {
+            0 => rows::opaque(),
+            n => self.of(n, "are cut out, blended or let light pass"),
+        };
+        item("transparent layers", (self.through > 0).into(), why);
+        let fades = "masks fade in the steps, so that their outline is fitted";
+        let why = match (self.masked, self.blended) {
+            (0, 0) => "nothing is cut out or blended".into(),
+            _ if still => NO_STEPS.into(),
+            (_, 0) if self.transmitting > 0 => {
+                "what lets light pass is drawn blended, and its alpha is not fitted".into()
+            }
+            (0, n) => self.of(n, "are blended"),
+            (n, 0) => self.of(n, &format!("are cut out: {fades}")),
+            (m, n) => self.of(m + n, &format!("are cut out or blended: {fades}")),
+        };
+        let runs = !still && self.masked + self.blended > 0 && (self.blended > 0 || self.transmitting == 0);
+        item("alpha gradients", runs.into(), why);
+    }
+
+    fn of(&self, n: usize, what: &str) -> String {
+        format!("{n} of {} materials {what}", self.materials)
+    }
+
+    /// What is read of the asset's data, and what becomes of it.
+    pub(super) fn data_items(&self, occlusion: Occlusion, dress: Dress, items: &mut Vec<Item>) {
+        let mut item = |what, runs: bool, why: String| items.push(Item { what, runs: runs.into(), why });
+        let some = |n: usize, what: &str, none: &str| if n > 0 { self.of(n, what) } else { none.to_owned() };
+        item("unlit surfaces", self.unlit > 0, self.of(self.unlit, "show their base colour as it is"));
+        let why = some(self.normal_mapped, "have a normal map", "no material has a normal map");
+        item("reference tangents", self.normal_mapped > 0, why);
+        let why = match (self.vertex_colors, dress) {
+            (false, _) => "none",
+            (true, Dress::Own) => "read, and kept",
+            (true, Dress::New | Dress::Colors) => "read, and baked into the base colour",
+            (true, Dress::Open) => "read; where maps are new, baked into the base colour",
+        };
+        item(
+            "animation",
+            false,
+            match self.animations {
+                0 => "none".into(),
+                n => format!("{n} of the asset: it is fitted as it stands"),
+            },
+        );
+        item("vertex colours", self.vertex_colors, why.into());
+        // Baked occlusion comes from rays, and is no map of the asset's.
+        let read = || self.slots.iter().filter(|s| !s.occlusion || occlusion == Occlusion::Maps);
+        let sets = [("texture coordinates 0", 0), ("texture coordinates 1", 1)];
+        for ((what, set), there) in sets.into_iter().zip(self.uvs) {
+            let read = read().any(|s| s.set == set);
+            let why = match (there, read) {
+                (true, true) => match dress {
+                    Dress::Own => "read by textures, and kept",
+                    Dress::New => "read by textures; an atlas has new ones",
+                    Dress::Colors => "read by textures; colours of vertices need none",
+                    Dress::Open => "read by textures; where maps are new, an atlas has new ones",
+                },
+                (true, false) => "no texture reads them",
+                (false, true) => "missing though a texture reads them: the texel at (0, 0) is shown",
+                (false, false) => "none",
+            };
+            item(what, there && read, why.into());
+        }
+        let images: BTreeSet<usize> = read().map(|s| s.image).collect();
+        let why = match (images.len(), self.images) {
+            (0, 0) => "none".into(),
+            (0, n) => format!("none of {n} images is read"),
+            (r, n) => format!("{r} of {n} images are read"),
+        };
+        item("textures", !images.is_empty(), why);
+        let why = "have one: carried over, not drawn here, since they darken indirect light alone";
+        let (runs, why) = match occlusion {
+            Occlusion::Maps => (self.occluded > 0, some(self.occluded, why, "none")),
+            Occlusion::Rays(r) => (true, format!("baked by {} rays a texel, not drawn here", r.rays)),
+            Occlusion::Open => (false, "none, as asked".to_owned()),
+        };
+        item("occlusion textures", runs, why);
+        let why = some(
+            self.transmitting,
+            "let light pass: drawn blended, their alpha is not fitted",
+            "no material lets light pass",
+        );
+        item("transmission", self.transmitting > 0, why);
+        let none = "no material encloses one";
+        item(
+            "volumes",
+            false,
+            some(self.volumes, "enclose one: kept as it is, not drawn while fitting", none),
+        );
+        let how = match dress {
+            Dress::Own => "kept as they are; not drawn by the rasterizer",
+            Dress::New | Dress::Colors => "kept, their textures as mean values; not drawn while fitting",
+            Dress::Open => "kept; where maps are new, their textures as mean values; not drawn while fitting",
+        };
+        let why = match &self.extensions[..] {
+            [] => "none".into(),
+            names => format!("{}: {how}", names.join(", ")),
+        };
+        item("material extensions", false, why);
+    }
+}
+
+/// Extensions of a material, without their prefix.
+fn names(m: &Material) -> Vec<&'static str> {
+    m.extensions.as_ref().map_or_else(Vec::new, |e| e.acting())
+}
+
+/// The textures of a material: the fit reads those of its core and of occlusion, and the mean values of those of extensions.
+fn slots(m: &Material) -> Vec<Slot> {
+    let of = |occlusion| move |s: &TextureSlot| Slot { image: s.image, set: s.tex_coord, occlusion };
+    let lit = [&m.metallic_roughness_texture, &m.normal_texture, &m.emissive_texture];
+    let lit = lit.into_iter().flatten().chain(m.extensions.iter().flat_map(|e| e.textures().map(|(_, s)| s)));
+    let drawn = m.base_color_texture.iter().chain(lit.filter(|_| !m.unlit)).map(of(false));
+    drawn.chain(m.occlusion_texture.iter().map(of(true))).collect()
+}
