@@ -83,6 +83,11 @@ impl Normalised {
         (self, count)
     }
 
+    /// Whether the vertex normals of each triangle point to its back; empty where those of none do.
+    pub(crate) fn opposed(&self) -> &[bool] {
+        &self.opposed
+    }
+
     /// The frame of the fit.
     pub fn frame(&self) -> FitFrame {
         self.light_asset.frame

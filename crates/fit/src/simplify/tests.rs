@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::Silent;
+pub(super) use crate::progress::Heard;
 use photofit_geometry::shapes::{cube, displaced_sphere};
 use photofit_scene::{AlphaMode, Instance, Material, Primitive};
 use std::sync::Mutex;
@@ -99,20 +100,6 @@ fn occlusion_is_kept_baked_or_left_out() {
         let (least, most) = written(Occlusion::Rays(OcclusionRays::default()), own).unwrap();
         // The top of the ball sees all of the sky; where it meets the floor there is none.
         assert!(least < 120 && most == 255, "{least} to {most}");
-    }
-}
-
-/// Keeps the warnings.
-#[derive(Default)]
-pub(super) struct Heard(pub(super) Mutex<Vec<String>>);
-
-impl Progress for Heard {
-    fn report(&self, _: &'static str, _: u64, _: u64, _: &str) {}
-    fn warn(&self, text: &str) {
-        self.0.lock().unwrap().push(text.into());
-    }
-    fn is_cancelled(&self) -> bool {
-        false
     }
 }
 

@@ -1,6 +1,7 @@
 //! Every kind of parameter, several views, high dynamic range, starts in the dark.
 
 use super::*;
+use crate::progress::Heard;
 use photofit_pathtrace::LightSource;
 use photofit_scene::{
     Instance, MapKind, Material as SceneMaterial, Primitive, Sampler, Scene, TextureImage, TextureSlot,
@@ -141,20 +142,6 @@ fn the_last_of_four_views_is_held_out() {
     assert_ne!(a.history[0].quality.to_bits(), b.history[0].quality.to_bits(), "the evaluations see it");
     targets[1].data.iter_mut().for_each(|v| *v *= 1.01);
     assert_ne!(losses(&a), losses(&fit(&targets)), "the losses see the others");
-}
-
-/// Keeps the warnings.
-#[derive(Default)]
-struct Heard(std::sync::Mutex<Vec<String>>);
-
-impl Progress for Heard {
-    fn report(&self, _: &'static str, _: u64, _: u64, _: &str) {}
-    fn warn(&self, text: &str) {
-        self.0.lock().expect("not poisoned").push(text.into());
-    }
-    fn is_cancelled(&self) -> bool {
-        false
-    }
 }
 
 #[test]
