@@ -41,6 +41,7 @@ pub use through_path::TRACED_FOLDER;
 
 use crate::bake;
 use crate::candidate::Candidate;
+use crate::engine::classes::apart_by_scale;
 use crate::engine::device::train_on;
 use crate::engine::fingerprint::Fingerprint;
 use crate::engine::judge::Stage;
@@ -112,6 +113,7 @@ pub(crate) fn with_asset<R>(
     work: impl FnOnce(Asset<'_>) -> Result<R, FitError>,
 ) -> Result<R, FitError> {
     scene.validate_for_fit()?;
+    let scene = &*apart_by_scale(scene);
     let (n, opposed) = Normalised::new(scene)?.with_opposed_normals();
     if opposed > 0 {
         let of = n.flat.mesh.triangles.len();

@@ -336,6 +336,38 @@ fn vertex_normals_that_point_to_the_back_are_baked_as_they_are_drawn() {
 }
 
 #[test]
+fn glass_keeps_its_thickness_at_each_scale() {
+    use photofit_scene::{Extensions, Transmission, Volume};
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.glb");
+    let glass = Extensions {
+        transmission: Some(Transmission { factor: 1.0, texture: None }),
+        volume: Some(Volume { thickness: 0.5, ..Volume::default() }),
+        ..Extensions::default()
+    };
+    let glass = Material { name: "glass".into(), extensions: Some(Box::new(glass)), ..Material::clay() };
+    let mut scene = of(photofit_geometry::shapes::uv_sphere(16, 8), glass);
+    let transform = glam::Affine3A::from_translation(glam::Vec3::X * 4.0)
+        * glam::Affine3A::from_scale(glam::Vec3::splat(2.0));
+    scene.instances.push(Instance { primitive: 0, transform });
+    for surfacing in [Surfacing::Maps, Surfacing::Kept] {
+        let few = SimplifyOptions { steps: 0, judge_spp: 1, surfacing, ..options() };
+        simplify(&scene, &path, &few, &Silent).unwrap();
+        let light = photofit_scene::load(&path).unwrap();
+        // The small ball and the large one.
+        let mut found: Vec<(bool, f32)> = Vec::new();
+        for p in &light.primitives {
+            let volume = light.materials[p.material].extensions.as_ref().unwrap().volume.as_ref().unwrap();
+            found.push((p.mesh.positions.iter().all(|p| p.x > 1.5), volume.thickness));
+            assert_eq!(light.materials[p.material].name, "glass");
+        }
+        found.sort_by(|a, b| a.1.total_cmp(&b.1));
+        let [(false, small), (true, large)] = found[..] else { panic!("{surfacing:?}: {found:?}") };
+        assert!((small - 0.5).abs() < 1e-3 && (large - 1.0).abs() < 1e-3, "{surfacing:?}: {found:?}");
+    }
+}
+
+#[test]
 fn an_asset_that_no_camera_sees_is_told() {
     let dir = tempfile::tempdir().unwrap();
     let told = |material: Material| {
