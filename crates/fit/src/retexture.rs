@@ -215,6 +215,7 @@ pub fn retexture(
         seed: options.seed,
     };
     let views = judge.at_moments(&stages, &options.moments, options.report_views, progress)?;
+    n.not_finite.tell(progress);
     let [start, quality] = Quality::of_two_stages(&views);
     let file = &stages[1].scene;
     Ok(Retextured {

@@ -4,6 +4,7 @@ use super::animated::Animated;
 use super::classes::{MaterialClass, drawn};
 use super::frame::FitFrame;
 use super::light_asset::LightAsset;
+use super::not_finite::NotFinite;
 use super::views::Moment;
 use crate::FitError;
 use crate::bake;
@@ -28,6 +29,8 @@ pub struct Normalised {
     triangle_class: Vec<u32>,
     /// Whether the vertex normals of each triangle point to its back; empty where those of none do.
     opposed: Vec<bool>,
+    /// What path traced pictures of it and of what stands for it leave out.
+    pub(crate) not_finite: NotFinite,
 }
 
 impl Normalised {
@@ -64,7 +67,8 @@ impl Normalised {
         };
         let triangle_class = flat.triangle_material.iter().map(|m| material_class[*m as usize]).collect();
         let opposed = opposed(&flat.mesh);
-        Ok(Self { light_asset, flat, materials, images, triangle_class, opposed, library })
+        let not_finite = NotFinite::default();
+        Ok(Self { light_asset, flat, materials, images, triangle_class, opposed, library, not_finite })
     }
 
     /// The same with classes of their own for triangles whose vertex normals point to their back; also says how many there

@@ -213,7 +213,7 @@ impl Stage {
 
     fn traced(&self, n: &Normalised, seed: u64) -> Result<PathTraced<'static>, FitError> {
         if self.normalised {
-            PathTraced::in_frame(&self.scene, n.frame().radius, MaterialFeatures::All, seed)
+            PathTraced::in_frame(&self.scene, n, MaterialFeatures::All, seed)
         } else {
             PathTraced::new(&self.scene, n, MaterialFeatures::All, seed)
         }

@@ -9,6 +9,7 @@ use super::animated::{Animated, WorldPose};
 use super::asset::Normalised;
 use super::classes::drawn;
 use super::frame::FitFrame;
+use super::not_finite::NotFinite;
 use super::views::{Moment, Setup, Sphere};
 use crate::scene_render::SceneRenderer;
 use crate::{FitError, bake};
@@ -227,6 +228,7 @@ pub struct PathTraced<'a> {
     world: Mutex<(World, Moment)>,
     animated: Option<&'a Animated<'a>>,
     surface: Option<&'a bake::ReferenceSurface<'a>>,
+    not_finite: NotFinite,
     seed: u64,
     spp: u32,
 }
@@ -247,26 +249,27 @@ impl<'a> PathTraced<'a> {
             world: Mutex::new((world(&shown, n.frame(), ENERGY)?, Moment::default())),
             animated: None,
             surface: None,
+            not_finite: n.not_finite.clone(),
             seed,
             spp: SAMPLES,
         })
     }
 
-    /// Pictures of a scene whose geometry lies in the normalised frame already; its materials are those of an asset of
-    /// the given radius.
+    /// Pictures of a scene whose geometry lies in the frame of the asset `n` already; its materials are those of the asset.
     ///
     /// # Errors
     /// If the path tracer refuses the scene.
     pub fn in_frame(
         scene: &Scene,
-        radius: f32,
+        n: &Normalised,
         features: MaterialFeatures,
         seed: u64,
     ) -> Result<Self, FitError> {
         let shown = features.of(scene);
         let (identity, start) = (DAffine3::IDENTITY, Moment::default());
-        let world = Mutex::new((placed_world(&shown, identity, radius, ENERGY)?, start));
-        Ok(Self { world, animated: None, surface: None, seed, spp: SAMPLES })
+        let world = Mutex::new((placed_world(&shown, identity, n.frame().radius, ENERGY)?, start));
+        let not_finite = n.not_finite.clone();
+        Ok(Self { world, animated: None, surface: None, not_finite, seed, spp: SAMPLES })
     }
 
     /// The same at the moments of an animated asset's animations, too.
@@ -331,6 +334,7 @@ impl Reference for PathTraced<'_> {
         let noise = loop {
             let progress = renderer.pass(stop);
             if progress.done {
+                self.not_finite.add(progress.not_finite);
                 break progress.noise;
             }
             if stop() {

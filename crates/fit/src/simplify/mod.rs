@@ -124,7 +124,9 @@ pub(crate) fn with_asset<R>(
     }
     let rays = n.surface()?;
     let visibility = prepare::visibility(&rays, progress)?;
-    work(Asset { scene, n: &n, rays: &rays, visibility: &visibility })
+    let made = work(Asset { scene, n: &n, rays: &rays, visibility: &visibility });
+    n.not_finite.tell(progress);
+    made
 }
 
 /// One fit of an asset. Its shape starts from the asset, or from a candidate that was fitted to it before. `began` is when

@@ -1,7 +1,6 @@
 //! Every kind of parameter, several views, high dynamic range, starts in the dark.
 
 use super::*;
-use crate::progress::Heard;
 use photofit_pathtrace::LightSource;
 use photofit_scene::{
     Instance, MapKind, Material as SceneMaterial, Primitive, Sampler, Scene, TextureImage, TextureSlot,
