@@ -194,11 +194,8 @@ pub(crate) fn simplify_asset(
         progress,
     )?;
     let plan = plan_with_phases.unwrap_or(plan).with_device(device.told());
-    let as_many = Target::Triangles(start.candidate.triangles.len());
-    let plain = plain::decimated(scene, n, &[], &plain::own(as_many, options.lock_borders))?;
-    let own = plain::candidate(asset, &plain, reference, as_many, options, progress)?;
-    let choice::Chosen { trained, light, mut written, mut fitted, own } =
-        choice::best(trained, own, surface, visibility, all, (scene, n), reference, options, progress)?;
+    let choice::Chosen { trained, light, mut written, mut fitted, own, plain } =
+        choice::best(asset, trained, (&all[..], starts.best), surface, reference, options, progress)?;
 
     if options.surfacing == Surfacing::VertexColors {
         outcome::tell_detail(&trained.model.candidate, n, progress);
@@ -263,11 +260,11 @@ pub(crate) fn simplify_asset(
     Ok(outcome)
 }
 
-/// What the report compares, in this order: the asset itself where an engine draws it, the decimated one, the starts, what was
-/// fitted where something else was written, and the written file.
+/// What the report compares, in this order: the asset itself where an engine draws it, the decimated one where something was
+/// compared with it, the starts, what was fitted where something else was written, and the written file.
 fn stages(
     Asset { scene, n, .. }: Asset<'_>,
-    plain: Stage,
+    plain: Option<Stage>,
     starts: &[Start],
     (fitted, written, file): (Option<Scene>, Written, Scene),
     options: &SimplifyOptions,
@@ -277,7 +274,7 @@ fn stages(
     if options.as_engine && !options.is_judged_by_path_tracing(scene) {
         stages.push(Stage::new("original", scene.clone()));
     }
-    stages.push(plain);
+    stages.extend(plain);
     if let [wrapped, baked] = starts {
         stages.push(Stage::new("baked", options.exported(&baked.candidate, n)));
         stages.push(Stage::new("wrapped", options.exported(&wrapped.candidate, n)));

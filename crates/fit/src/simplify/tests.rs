@@ -5,6 +5,7 @@ use crate::Silent;
 pub(super) use crate::progress::Heard;
 use photofit_geometry::shapes::{cube, displaced_sphere};
 use photofit_scene::{AlphaMode, Instance, Material, Primitive};
+use std::collections::BTreeSet;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -122,10 +123,16 @@ struct Watching {
     fitting: AtomicUsize,
     stop_at: Option<usize>,
     warnings: Mutex<Vec<String>>,
+    /// Stages that were reported after the stop.
+    after: Mutex<BTreeSet<&'static str>>,
 }
 
 impl Progress for Watching {
     fn report(&self, stage: &'static str, _: u64, _: u64, _: &str) {
+        let asked = self.fitting.load(Ordering::Relaxed);
+        if self.stop_at.is_some_and(|n| asked > n + 1) {
+            self.after.lock().unwrap().insert(stage);
+        }
         if stage == "fit" {
             self.fitting.fetch_max(1, Ordering::Relaxed);
         }
@@ -169,6 +176,31 @@ fn a_fit_stopped_at_any_step_resumes_to_the_same_file() {
         let (stopped, resumed) = file("resumed.glb", &SimplifyOptions { resume: true, ..kept }, &Silent);
         assert!(!stopped && resumed == *whole, "{}, stopped at question {stop_at}", options.mips.name());
     }
+}
+
+#[test]
+fn nothing_is_compared_with_what_a_stopped_fit_had_reached() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.glb");
+    let own = SimplifyOptions { own_textures: true, report_views: 8, ..options() };
+    for stop_at in [3, 30] {
+        let progress = Watching { stop_at: Some(stop_at), ..Watching::default() };
+        let made = simplify(&rock(), &path, &own, &progress).unwrap();
+        let after = progress.after.into_inner().unwrap();
+        assert!(
+            after.contains("report") && !after.contains("choose") && !after.contains("decimate"),
+            "{after:?}"
+        );
+        assert!(made.stopped && made.fit_stopped && !made.was_chosen(), "{:?}", made.stages);
+        let first = made.history[0].quality;
+        let gained = made.history.iter().any(|h| h.quality > first);
+        assert_eq!(made.written == Written::Fitted, gained, "{:?}", made.written);
+        assert!(photofit_scene::load(&path).unwrap().triangle_count() > 0);
+    }
+    // The time limit ends the fit alone.
+    let limited = SimplifyOptions { time_limit: Some(std::time::Duration::ZERO), ..own };
+    let made = simplify(&rock(), &path, &limited, &Silent).unwrap();
+    assert!(made.fit_stopped && made.was_chosen(), "{:?}", made.stages);
 }
 
 #[test]

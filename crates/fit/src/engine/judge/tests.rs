@@ -169,7 +169,7 @@ fn rmse_goes_below_what_the_psnr_tells_apart() {
     assert!((compared.rmse / (e(0.5001) - e(0.5)) - 1.0).abs() < 1e-2, "{}", compared.rmse);
 }
 
-/// Asks for the stop while the first picture of view `view` is made.
+/// Asks for the stop while the first picture of view `view` is made, in reports and choices.
 struct StopsWithin {
     view: u64,
     asked: std::sync::Mutex<Option<u32>>,
@@ -177,7 +177,7 @@ struct StopsWithin {
 
 impl Progress for StopsWithin {
     fn report(&self, stage: &'static str, done: u64, _: u64, _: &str) {
-        if stage == "report" && done == self.view {
+        if ["report", "choose"].contains(&stage) && done == self.view {
             *self.asked.lock().unwrap() = Some(0);
         }
     }
@@ -211,6 +211,12 @@ fn a_stop_within_a_path_traced_view_does_not_wait_for_it() {
         assert_eq!(whole.len() as u64, view, "the view at work is dropped, those before count");
     }
     // One view there must be: the first is finished.
-    let progress = StopsWithin { view: 0, asked: std::sync::Mutex::new(Some(1)) };
-    assert_eq!(judge.views(&stages, 4, &progress).unwrap().len(), 1);
+    let at_once = || StopsWithin { view: 0, asked: std::sync::Mutex::new(Some(1)) };
+    assert_eq!(judge.views(&stages, 4, &at_once()).unwrap().len(), 1);
+    // A choice, too, does not wait for the view at work.
+    let scores = |progress: &dyn Progress| judge.scores(&stages, (4, None), 2, progress).unwrap();
+    let within = |view| scores(&StopsWithin { view, asked: std::sync::Mutex::default() });
+    let first = scores(&at_once());
+    assert_eq!(within(1), first);
+    assert_ne!(within(2), first, "the second view counts");
 }
