@@ -424,6 +424,7 @@ fn equirectangular(map: &Environment<f32>) -> Image {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::engine::judge::Stage;
     use crate::engine::views::{Lighting, Orbit, Set, Views};
     use glam::{Affine3A, Vec3};
     use photofit_geometry::{Mesh, shapes};
@@ -549,12 +550,18 @@ mod tests {
             scene.instances[0].transform = Affine3A::from_scale(Vec3::splat(scale));
             let n = Normalised::new(&scene).unwrap();
             let s = Orbit::new(0, &Lighting::Mixed, 32).setup(Set::Report, 0, 4);
-            PathTraced::new(&scene, &n, MaterialFeatures::All, 0).unwrap().picture(&s).unwrap().image
+            let placed = PathTraced::new(&scene, &n, MaterialFeatures::All, 0).unwrap();
+            // The same with its geometry in the frame of the fit already.
+            let stage = Stage::of_mesh("own", &scene, &n.flat.mesh, &n.flat.triangle_material);
+            let in_frame = PathTraced::in_frame(&stage.scene, &n, MaterialFeatures::All, 0).unwrap();
+            [placed, in_frame].map(|p| p.picture(&s).unwrap().image)
         };
-        let (large, small) = (glass(1.0), glass(0.01));
-        for k in 0..3 {
-            let (a, b) = (mean(&large, k), mean(&small, k));
-            assert!(a > 0.0 && (a / b - 1.0).abs() < 0.01, "channel {k}: {a} against {b}");
+        let ([large, large_in_frame], [small, small_in_frame]) = (glass(1.0), glass(0.01));
+        for (k, other) in [large_in_frame, small, small_in_frame].iter().enumerate() {
+            for c in 0..3 {
+                let (a, b) = (mean(&large, c), mean(other, c));
+                assert!(a > 0.0 && (a / b - 1.0).abs() < 0.01, "picture {k}, channel {c}: {a} against {b}");
+            }
         }
     }
 }

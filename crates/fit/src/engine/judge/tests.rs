@@ -4,7 +4,7 @@ use super::*;
 use crate::Silent;
 use crate::engine::reference::SUPERSAMPLE;
 use photofit_geometry::shapes::icosphere;
-use photofit_scene::{Clearcoat, Extensions, Material, Sheen};
+use photofit_scene::{Clearcoat, Extensions, Material, Sheen, Specular, Transmission};
 
 /// A black sphere with what `extensions` say.
 fn sphere(extensions: Option<Extensions>) -> Scene {
@@ -55,7 +55,7 @@ fn a_brighter_asset_has_the_luminance_ratio_of_its_light() {
 }
 
 #[test]
-fn a_lost_sheen_or_coat_is_seen() {
+fn a_lost_extension_is_seen() {
     let velvet = Extensions {
         sheen: Some(Sheen { color: [0.2, 0.3, 1.0], roughness: 0.4, ..Sheen::default() }),
         ..Extensions::default()
@@ -64,11 +64,21 @@ fn a_lost_sheen_or_coat_is_seen() {
         clearcoat: Some(Clearcoat { factor: 1.0, ..Clearcoat::default() }),
         ..Extensions::default()
     };
-    for extensions in [velvet, coated] {
+    let dull = Extensions {
+        specular: Some(Specular { factor: 0.0, ..Specular::default() }),
+        ..Extensions::default()
+    };
+    let glass = Extensions {
+        transmission: Some(Transmission { factor: 1.0, texture: None }),
+        ..Extensions::default()
+    };
+    for extensions in [velvet, coated, dull, glass] {
+        let names = extensions.names();
         let kept = sphere(Some(extensions));
         let (method, psnr) = psnr(&kept, vec![kept.clone(), sphere(None)]);
         assert_eq!(method, Judged::PathTraced);
-        assert!(psnr[0] > psnr[1] + 10.0 && psnr[1] < 35.0, "kept {}, lost {}", psnr[0], psnr[1]);
+        let found = psnr[0] > psnr[1] + 10.0 && psnr[1] < 35.0;
+        assert!(found, "{names:?}: kept {}, lost {}", psnr[0], psnr[1]);
     }
     assert_eq!(psnr(&sphere(None), vec![sphere(None)]), (Judged::Rasterized, vec![BEST_PSNR]));
 }
