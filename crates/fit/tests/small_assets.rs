@@ -237,7 +237,7 @@ fn outlines_of_masks_are_fitted() {
 
 #[test]
 fn a_sphere_takes_the_classes_of_what_it_is_drawn_onto() {
-    let kind = |alpha_mode, transmits| {
+    let kind = |alpha_mode, transmits: bool| {
         let transmission = Some(Transmission { factor: 1.0, texture: None });
         let glass = || Box::new(Extensions { transmission, ..Extensions::default() });
         let base_color = [0.9, 0.2, 0.2, if alpha_mode == AlphaMode::Blend { 0.5 } else { 1.0 }];

@@ -87,9 +87,7 @@ pub(super) fn best(
     let own = plain::candidate(asset, &plain, reference, as_many, options, progress)?;
     let trained_steps = trained.steps;
     let mut models = vec![trained.model.clone(), trained.model];
-    if let Ok(maps) = rebaked(surface, seen, &models[1].candidate, options, &Silent) {
-        models[1].candidate.maps = maps;
-    }
+    models[1].candidate.maps = rebaked(surface, seen, &models[1].candidate, options, &Silent)?;
     for start in starts {
         models.push(Surface { candidate: start.candidate.clone(), ..models[0].clone() });
     }
