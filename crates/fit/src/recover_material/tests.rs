@@ -3,7 +3,6 @@
 use super::*;
 use crate::Silent;
 use crate::engine::chain::part_folder;
-use crate::progress::Heard;
 use photofit_geometry::{Mesh, shapes};
 use photofit_image::downsample;
 use photofit_scalar::{vec2, vec3};
@@ -228,21 +227,4 @@ fn what_cannot_be_used_is_refused() {
     let none = RecoverMaterialOptions { keep_environment: true, steps: 1, rounds: 1, ..options() };
     let kept = found(&asset, &known, &none);
     assert!(kept.environment.data.iter().all(|v| *v == kept.environment.data[0]), "it stays even");
-}
-
-#[test]
-fn light_that_is_no_number_is_told_once_for_all_rounds() {
-    let asset = asset();
-    let known = known(&asset, false);
-    let told = |sky: f32| {
-        let environment = Some(Image::from_fn(8, 4, 3, |_, _, _| sky));
-        let given =
-            RecoverMaterialOptions { environment, keep_environment: true, steps: 0, rounds: 2, ..options() };
-        let heard = Heard::default();
-        recover_material(&asset, &known.views, &known.pictures, &given, &heard).expect("fits");
-        heard.0.into_inner().expect("not poisoned")
-    };
-    assert_eq!(told(1.0), [""; 0]);
-    let told = told(3e38);
-    assert!(told.len() == 1 && told[0].contains("contributions were not finite"), "{told:?}");
 }

@@ -413,6 +413,8 @@ fn light_that_is_no_number_in_the_pictures_of_a_fit_is_told_once() {
         let heard = Heard::default();
         let few = SimplifyOptions {
             reference: ReferenceRenderer::Path,
+            // Averages of such emission are no number either.
+            surfacing: Surfacing::Kept,
             judge: JudgeRenderer::Path,
             judge_spp: 1,
             steps: 0,

@@ -224,6 +224,9 @@ fn a_stop_within_a_path_traced_view_does_not_wait_for_it() {
     let at_once = || StopsWithin { view: 0, asked: std::sync::Mutex::new(Some(1)) };
     assert_eq!(judge.views(&stages, 4, &at_once()).unwrap().len(), 1);
     // A choice, too, does not wait for the view at work.
+    let mut other = scene.clone();
+    other.materials[0].base_color = [0.1, 0.02, 0.02, 1.0];
+    let stages = [Stage::new("stage", other)];
     let scores = |progress: &dyn Progress| judge.scores(&stages, (4, None), 2, progress).unwrap();
     let within = |view| scores(&StopsWithin { view, asked: std::sync::Mutex::default() });
     let first = scores(&at_once());
