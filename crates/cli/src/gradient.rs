@@ -7,6 +7,7 @@ use crate::preflight::Places;
 use crate::status::{Ending, Misuse};
 use crate::threads;
 use anyhow::{Result, anyhow, bail};
+use photofit_fit::engine::not_finite_told;
 use photofit_image::Image;
 use photofit_pathtrace::{Adjoint, GradientSamples, ParameterGradient, RenderOptions, World};
 use serde_json::{Value, json};
@@ -80,10 +81,7 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
     }
     print(&text(&key, &values))?;
     if gradient.not_finite > 0 {
-        crate::progress::say(&format!(
-            "{} contributions were not finite and are left out",
-            gradient.not_finite
-        ));
+        crate::progress::say(&not_finite_told(gradient.not_finite));
     }
     Ok(Ending::Done)
 }

@@ -9,6 +9,7 @@ use crate::status::{Ending, Misuse};
 use crate::{camera, interrupt, render};
 use anyhow::{Context, Result, anyhow, bail};
 use photofit_fit::Progress as _;
+use photofit_fit::engine::not_finite_told;
 use photofit_fit::guiding::{Guidance, Guiding, GuidingOptions};
 use photofit_image::{Image, luminance, tone_map};
 use photofit_pathtrace::{
@@ -95,7 +96,7 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, view: &View, key: &
     }
     let left_out = renderer.progress().not_finite;
     if left_out > 0 {
-        say(&format!("{left_out} contributions were not finite and are left out: the scene is faulty"));
+        say(&not_finite_told(left_out));
     }
     let stopped = !finished && interrupt::is_stopping();
     Ok(if stopped { Ending::Stopped } else { Ending::Done })

@@ -278,7 +278,12 @@ impl Job<'_> {
         outcome: &Outcome,
     ) -> Result<(Value, Option<Error>)> {
         if outcome.fit_stopped {
-            say("the fit was ended early; what was reached is written");
+            let alone = if outcome.was_chosen() { "" } else { ", and nothing else was compared with it" };
+            say(&format!("the fit was ended early; what was reached is written{alone}"));
+        } else if !outcome.was_chosen() {
+            say(
+                "the work was ended after the fit: what it reached is written, and nothing else was compared with it",
+            );
         } else if outcome.stopped {
             say("the judgement was ended early: what is written is complete, fewer views are judged");
         }

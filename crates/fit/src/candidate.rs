@@ -6,6 +6,7 @@
 
 mod mips;
 
+use crate::bake::BakeClass;
 use crate::engine::loss::PictureLoss;
 use crate::views::{Sampling, Shot};
 use photofit_geometry::atlas::mesh_coverage;
@@ -34,6 +35,12 @@ pub struct SurfaceClass {
     pub sides: Sides,
     /// Vertex normals point to the back.
     pub opposed: bool,
+}
+
+impl From<SurfaceClass> for BakeClass {
+    fn from(class: SurfaceClass) -> Self {
+        Self { alpha: class.alpha.into(), opposed: class.opposed }
+    }
 }
 
 /// Topology and parameters of a fitted mesh.

@@ -44,6 +44,7 @@ pub fn compare_assets(
     let stages = [Stage::new("candidate", candidate.clone())];
     let method = judge.method(&stages);
     let judged = judge.views(&stages, views, progress)?;
+    n.not_finite.tell(progress);
     let views = judged.into_iter().flat_map(|v| v.quality);
     Ok(Comparison { views: views.collect(), method })
 }
@@ -52,6 +53,7 @@ pub fn compare_assets(
 mod tests {
     use super::*;
     use crate::Silent;
+    use crate::progress::Heard;
     use photofit_geometry::shapes::icosphere;
     use photofit_scene::{Clearcoat, Extensions, Instance, Material, Primitive};
 
@@ -102,5 +104,26 @@ mod tests {
         }
         let same = compare_assets(&coated, &coated, 1, 48, &Silent).unwrap();
         assert_eq!(same.views[0].rmse.to_bits(), 0);
+    }
+
+    #[test]
+    fn light_that_is_no_number_is_told_once() {
+        let mut shining = sphere(8, 1.0);
+        let coat = Clearcoat { factor: 1.0, ..Clearcoat::default() };
+        let m = &mut shining.materials[0];
+        m.extensions = Some(Box::new(Extensions { clearcoat: Some(coat), ..Extensions::default() }));
+        let beside = glam::Affine3A::from_translation(glam::Vec3::X * 2.1);
+        shining.instances.push(Instance { primitive: 0, transform: beside });
+        // Each lights the other, more than numbers can hold.
+        let mut glaring = shining.clone();
+        glaring.materials[0].emissive = [3e38; 3];
+        let told = |asset: &Scene| {
+            let heard = Heard::default();
+            compare_assets(asset, asset, 2, 32, &heard).unwrap();
+            heard.0.into_inner().unwrap()
+        };
+        assert_eq!(told(&shining), [""; 0]);
+        let told = told(&glaring);
+        assert!(told.len() == 1 && told[0].contains("contributions were not finite"), "{told:?}");
     }
 }

@@ -26,3 +26,19 @@ impl Progress for Silent {
         false
     }
 }
+
+/// Keeps the warnings.
+#[cfg(test)]
+#[derive(Default)]
+pub(crate) struct Heard(pub(crate) std::sync::Mutex<Vec<String>>);
+
+#[cfg(test)]
+impl Progress for Heard {
+    fn report(&self, _: &'static str, _: u64, _: u64, _: &str) {}
+    fn warn(&self, text: &str) {
+        self.0.lock().unwrap().push(text.into());
+    }
+    fn is_cancelled(&self) -> bool {
+        false
+    }
+}

@@ -14,15 +14,15 @@ mod known;
 mod surface;
 mod task;
 
-use crate::engine::FitFrame;
 use crate::engine::chain::{FitChain, MOST_PARTS, OfPart};
 use crate::engine::plan::{Item, PlanRows};
 use crate::engine::reference::{ENERGY, MaterialFeatures, world};
 use crate::engine::traced::{Smoothing, Traced};
 use crate::engine::trainer::{HistoryPoint, Keeping};
+use crate::engine::{FitFrame, NotFinite};
 use crate::guiding::{Guiding, GuidingOptions, GuidingReport};
 use crate::recover::left_out;
-use crate::recover_scene::{RecoverSceneOptions, RecoveredScene, recover_scene};
+use crate::recover_scene::{self, RecoverSceneOptions, RecoveredScene};
 use crate::{FitError, Progress};
 use photofit_image::Image;
 use photofit_pathtrace::{EnvironmentMap, View, World};
@@ -162,7 +162,7 @@ pub fn recover_material(
     let (mut phases, mut guides) = (Vec::new(), Vec::new());
     let (mut made, mut resumed) = (0, 0);
     let mut chain = FitChain::new(&options.keeping, progress);
-    let told = Mutex::default();
+    let (told, not_finite) = (Mutex::default(), NotFinite::default());
     let mut before = None;
     for round in 0..options.rounds {
         let done = chain.steps();
@@ -172,6 +172,7 @@ pub fn recover_material(
         let mut guide = None;
         let fitted = chain.fit(1, &shown, |keeping| {
             let mut model = task.model(values.as_deref())?;
+            model.not_finite = not_finite.clone();
             // Rounds have noise of their own: values follow that of the round before.
             let seed = if round > 0 { hash(options.seed, ROUND, round as u64) } else { options.seed };
             model.options.seed = seed;
@@ -185,7 +186,7 @@ pub fn recover_material(
             }
             let own =
                 RecoverSceneOptions { steps: end - done, rate: options.rate, seed, keeping: keeping.clone() };
-            recover_scene(model, views, pictures, &own, &shown)
+            recover_scene::fit(model, views, pictures, &own, &shown)
         });
         let r = match (fitted, before.take()) {
             // Stopped while the guide learned: the round before is what was reached.
@@ -207,6 +208,7 @@ pub fn recover_material(
             before = Some(r);
             continue;
         }
+        not_finite.tell(progress);
         let asset = task.asset(&r.model)?;
         let items = [r.plan.items, vec![task.guide_row(&guides), atlas_row(unwrapped)]].concat();
         return Ok(RecoveredMaterial {

@@ -82,6 +82,20 @@ pub struct RecoveredScene {
 /// See [`FitError`]: pictures of another size or number than the model's, values that are not finite; lights and emission
 /// that start at 0, where they have no derivative; a step at which the scene has no light.
 pub fn recover_scene(
+    model: Traced,
+    views: &[View],
+    pictures: &[Image],
+    options: &RecoverSceneOptions,
+    progress: &dyn Progress,
+) -> Result<RecoveredScene, FitError> {
+    let not_finite = model.not_finite.clone();
+    let recovered = fit(model, views, pictures, options, progress);
+    not_finite.tell(progress);
+    recovered
+}
+
+/// The same without telling what pictures and gradients leave out.
+pub(crate) fn fit(
     mut model: Traced,
     views: &[View],
     pictures: &[Image],

@@ -3,13 +3,14 @@
 //! Coarse grids first, each finer one from what the last one found: a voxel of a coarse grid is seen by more samples, so
 //! that large shapes are found from few of them. Each grid is a fit of [`recover_scene`](mod@crate::recover_scene) of its own.
 
+use crate::engine::NotFinite;
 use crate::engine::chain::{FitChain, OfPart};
 use crate::engine::plan::PlanRows;
 use crate::engine::reference::path_lights;
 use crate::engine::traced::{Smoothing, Traced, TracedParameter};
 use crate::engine::trainer::{HistoryPoint, Keeping};
 use crate::engine::views::ViewLights;
-use crate::recover_scene::{RecoverSceneOptions, recover_scene};
+use crate::recover_scene::{self, RecoverSceneOptions};
 use crate::{FitError, Progress};
 use glam::{DAffine3, DMat3, DVec3};
 use photofit_image::Image;
@@ -182,7 +183,7 @@ pub fn recover_volume(
     let (mut grids, mut phases) = (Vec::new(), Vec::new());
     let (mut made, mut resumed) = (0, 0);
     let mut chain = FitChain::new(&options.keeping, progress);
-    let told = Mutex::default();
+    let (told, not_finite) = (Mutex::default(), NotFinite::default());
     for (level, side) in longest.iter().enumerate() {
         grid = grid.resampled(size_of(&bounds, *side));
         let done = chain.steps();
@@ -191,10 +192,11 @@ pub fn recover_volume(
         let name = format!("{x} x {y} x {z} voxels");
         let shown = OfPart { progress, done, steps: options.steps, name, told: &told };
         let r = chain.fit(1, &shown, |keeping| {
-            let model = grid.model(surroundings, &bounds, options, [first.width, first.height])?;
+            let mut model = grid.model(surroundings, &bounds, options, [first.width, first.height])?;
+            model.not_finite = not_finite.clone();
             let (rate, seed, keeping) = (options.rate, options.seed, keeping.clone());
             let own = RecoverSceneOptions { steps: end - done, rate, seed, keeping };
-            recover_scene(model, views, pictures, &own, &shown)
+            recover_scene::fit(model, views, pictures, &own, &shown)
         })?;
         grids.push((done, *side));
         phases.extend(r.plan.phases.iter().map(|p| format!("{side} voxels: {p}")));
@@ -205,6 +207,7 @@ pub fn recover_volume(
         }
         (made, resumed) = (made + r.steps, resumed + r.resumed);
         if level + 1 == longest.len() || r.stopped {
+            not_finite.tell(progress);
             return Ok(RecoveredVolume {
                 size: grid.size,
                 bounds,

@@ -30,7 +30,7 @@ use crate::visibility::{VisibilitySettings, visibility};
 use crate::{FitError, Progress};
 use bare::bare;
 use photofit_geometry::weld::weld_rows;
-use photofit_geometry::{Mesh, Weld};
+use photofit_geometry::{Mesh, Weld, opposed};
 use photofit_raster::Maps;
 use photofit_scene::{FlatScene, Scene};
 use std::ops::ControlFlow;
@@ -133,6 +133,7 @@ pub fn retexture(
     let reference_pictures = Rasterized::of(&n, &rays).animated(&theirs);
 
     let rest = own.flat(Moment::default())?;
+    warn_of_normals(&n, &rest, progress);
     let mut candidate = candidate(&n, &rest, options.texture_size)?;
     candidate.set_maps(baked(&n, &rays, &candidate, &rest, progress)?);
     let start = dressed(light, &candidate, &n);
@@ -211,6 +212,7 @@ pub fn retexture(
         seed: options.seed,
     };
     let views = judge.at_moments(&stages, &options.moments, options.report_views, progress)?;
+    n.not_finite.tell(progress);
     let [start, quality] = Quality::of_two_stages(&views);
     let file = &stages[1].scene;
     Ok(Retextured {
@@ -250,6 +252,24 @@ fn animation(options: &RetextureOptions, n: &Normalised) -> Item {
     }
     let why = format!("{} moments of {}", options.moments.len(), names.join(", "));
     Item::of("animation", !names.is_empty(), why, "both assets are compared as they stand")
+}
+
+/// Warns where vertex normals of one asset point to the back of its triangles and those of the other do not.
+fn warn_of_normals(n: &Normalised, rest: &FlatScene, progress: &dyn Progress) {
+    let own = opposed(&rest.mesh);
+    let count = |opposed: &[bool]| opposed.iter().filter(|o| **o).count();
+    let [theirs, own] = [(n.opposed(), &n.flat.mesh), (&own, &rest.mesh)]
+        .map(|(opposed, mesh)| [count(opposed), mesh.triangles.len()]);
+    let kinds = |[opposed, all]: [usize; 2]| [opposed > 0, opposed < all];
+    if kinds(theirs) != kinds(own) {
+        let told = |[opposed, all]: [usize; 2]| format!("{opposed} of {all} triangles");
+        progress.warn(&format!(
+            "vertex normals point to the back of {} of the reference and of {} of the light asset: no map turns normals that \
+             far, so that the light asset is shaded from the other side where they differ",
+            told(theirs),
+            told(own)
+        ));
+    }
 }
 
 /// The light asset at rest with blank maps.
@@ -302,7 +322,9 @@ fn baked(
         progress.report("bake", (share * 1000.0) as u64, 1000, n.light_asset.name.as_str());
         if progress.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
-    let mut baked = bake(rays, &seen, &Target::new(&mesh), &settings, &heard).map_err(|e| match e {
+    let round = candidate.round_normals();
+    let target = Target { directions: Some(&round), ..Target::new(&mesh) };
+    let mut baked = bake(rays, &seen, &target, &settings, &heard).map_err(|e| match e {
         crate::bake::BakeError::Stopped => FitError::Interrupted,
         e => e.into(),
     })?;

@@ -133,7 +133,8 @@ pub fn traced_maps(
         });
     }
     let parameters = maps.iter().map(|m| m.parameter(&light)).collect();
-    let model = model(world, parameters, options)?;
+    let mut model = model(world, parameters, options)?;
+    model.not_finite = n.not_finite.clone();
     let starts: Vec<Vec<f32>> = (0..maps.len()).map(|k| model.of(k).to_vec()).collect();
     let target =
         PathTraced::new(scene, n, MaterialFeatures::Core, options.seed)?.sampled(options.reference_spp);

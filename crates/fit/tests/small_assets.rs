@@ -13,7 +13,7 @@ use photofit_image::Image;
 use photofit_scalar::{Vec3f, vec2, vec3, vec4};
 use photofit_scene::{
     AlphaMode, Camera, Extensions, Filter, Instance, Material, Primitive, Sampler, Scene, Sheen,
-    SurfaceLibrary, TextureImage, TextureSlot, Wrap,
+    SurfaceLibrary, TextureImage, TextureSlot, Transmission, Wrap,
 };
 use photofit_shading::Light;
 
@@ -237,25 +237,35 @@ fn outlines_of_masks_are_fitted() {
 
 #[test]
 fn a_sphere_takes_the_classes_of_what_it_is_drawn_onto() {
-    let half = |sign: f32| {
-        let mut mesh = shapes::icosphere(12);
-        mesh.positions.iter_mut().for_each(|p| p.x += sign * 1.05);
-        mesh
+    let kind = |alpha_mode, transmits: bool| {
+        let transmission = Some(Transmission { factor: 1.0, texture: None });
+        let glass = || Box::new(Extensions { transmission, ..Extensions::default() });
+        let base_color = [0.9, 0.2, 0.2, if alpha_mode == AlphaMode::Blend { 0.5 } else { 1.0 }];
+        Material { base_color, alpha_mode, extensions: transmits.then(glass), ..Material::clay() }
     };
-    let glass = Material { alpha_mode: AlphaMode::Blend, ..paint([0.9, 0.2, 0.2], false) };
-    let glass = Material { base_color: [0.9, 0.2, 0.2, 0.5], ..glass };
-    let asset = scene(vec![
-        (half(-1.0), paint([0.2, 0.9, 0.2], false), vec![Affine3A::IDENTITY]),
-        (half(1.0), glass, vec![Affine3A::IDENTITY]),
-    ]);
-    let options = SimplifyOptions { init: Init::Sphere, ..quick(Target::Triangles(500), 0) };
+    let kinds = [
+        (AlphaMode::Opaque, false),
+        (AlphaMode::Mask { cutoff: 0.5 }, false),
+        (AlphaMode::Blend, false),
+        (AlphaMode::Opaque, true),
+    ];
+    // A ball of each, beside one another.
+    let ball = |k: usize| {
+        let at = Vec3::new([-1.05, 1.05][k % 2], [-1.05, 1.05][k / 2], 0.0);
+        (shapes::icosphere(12), kind(kinds[k].0, kinds[k].1), vec![Affine3A::from_translation(at)])
+    };
+    let asset = scene((0..kinds.len()).map(ball).collect());
+    let options = SimplifyOptions { init: Init::Sphere, judge_spp: 1, ..quick(Target::Triangles(1000), 0) };
     let (_, light) = run(&asset, &options);
-    let triangles = |mode: AlphaMode| {
-        let of = |p: &&Primitive| light.materials[p.material].alpha_mode == mode;
-        light.primitives.iter().filter(of).map(|p| p.mesh.triangles.len()).sum::<usize>()
-    };
-    let (opaque, blended) = (triangles(AlphaMode::Opaque), triangles(AlphaMode::Blend));
-    assert!(opaque > 150 && blended > 150, "{opaque} opaque and {blended} blended triangles");
+    for (mode, transmits) in kinds {
+        let of = |p: &&Primitive| {
+            let m = &light.materials[p.material];
+            let glass = m.extensions.as_ref().is_some_and(|e| e.transmission.is_some());
+            (m.alpha_mode, glass) == (mode, transmits)
+        };
+        let triangles: usize = light.primitives.iter().filter(of).map(|p| p.mesh.triangles.len()).sum();
+        assert!(triangles > 150, "{mode:?}, glass {transmits}: {triangles} triangles");
+    }
 }
 
 #[test]

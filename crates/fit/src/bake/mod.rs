@@ -57,6 +57,22 @@ impl From<AlphaMode> for AlphaClass {
     }
 }
 
+/// Which surfaces of the reference a triangle of the target stands for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BakeClass {
+    /// Their materials.
+    pub alpha: AlphaClass,
+    /// Whether their vertex normals point to the back of their triangles.
+    pub opposed: bool,
+}
+
+impl From<AlphaClass> for BakeClass {
+    /// Surfaces whose vertex normals are on the front.
+    fn from(alpha: AlphaClass) -> Self {
+        Self { alpha, opposed: false }
+    }
+}
+
 /// How to bake.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BakeSettings {
@@ -106,7 +122,7 @@ pub struct Target<'a> {
     /// the normals, or what lies between the two sides is not seen.
     pub directions: Option<&'a [Vec3f]>,
     /// One per triangle, which then takes surfaces of that class alone.
-    pub classes: Option<&'a [AlphaClass]>,
+    pub classes: Option<&'a [BakeClass]>,
 }
 
 impl<'a> Target<'a> {
@@ -280,7 +296,7 @@ pub fn blank_texel() -> [f32; CHANNELS] {
 /// let scene = Scene { materials: vec![Material::clay()], ..Scene::default() };
 /// let flat = FlatScene { mesh: shapes::icosphere(8), triangle_material: vec![0; 20 * 64] };
 /// let surfaces = SurfaceLibrary::new(&scene);
-/// let reference = ReferenceSurface::new(&flat, &scene.materials, &surfaces)?;
+/// let reference = ReferenceSurface::new(&flat, &scene.materials, &surfaces, &[])?;
 /// let seen = visibility(&reference, &VisibilitySettings { rays: 100_000, ..Default::default() });
 ///
 /// let mut target = shapes::quad_grid(1, 1);

@@ -1,6 +1,6 @@
 //! The reference as rays see it: geometry, materials, and what lies where a triangle is met.
 
-use super::BakeError;
+use super::{BakeClass, BakeError};
 use photofit_geometry::Mesh;
 use photofit_rays::{Accel, Hit};
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec4};
@@ -12,6 +12,7 @@ pub struct ReferenceSurface<'a> {
     scene: &'a FlatScene,
     materials: &'a [Material],
     surfaces: &'a SurfaceLibrary,
+    opposed: &'a [bool],
     accel: Accel,
     diagonal: f32,
 }
@@ -55,7 +56,8 @@ impl From<&Hit> for SurfacePoint {
 }
 
 impl<'a> ReferenceSurface<'a> {
-    /// Checks the scene and builds its acceleration structure.
+    /// Checks the scene and builds its acceleration structure. `opposed` says of each triangle whether its vertex normals point
+    /// to its back; empty: those of none do ([`photofit_geometry::opposed`]).
     ///
     /// # Errors
     /// An empty scene, an attribute of the wrong length, a material index out of range, or geometry that
@@ -64,6 +66,7 @@ impl<'a> ReferenceSurface<'a> {
         scene: &'a FlatScene,
         materials: &'a [Material],
         surfaces: &'a SurfaceLibrary,
+        opposed: &'a [bool],
     ) -> Result<Self, BakeError> {
         let mesh = &scene.mesh;
         if mesh.triangles.is_empty() {
@@ -75,6 +78,7 @@ impl<'a> ReferenceSurface<'a> {
         attribute("reference", "uvs1", mesh.uvs1.len(), n, false)?;
         attribute("reference", "tangents", mesh.tangents.len(), n, false)?;
         attribute("reference", "colors", mesh.colors.len(), n, false)?;
+        attribute("reference", "opposed flags", opposed.len(), mesh.triangles.len(), false)?;
         if scene.triangle_material.len() != mesh.triangles.len() {
             return Err(BakeError::Length {
                 mesh: "reference",
@@ -91,7 +95,7 @@ impl<'a> ReferenceSurface<'a> {
         let accel = Accel::build(&mesh.positions, &mesh.triangles)
             .map_err(|source| BakeError::Geometry { mesh: "reference", source })?;
         let diagonal = diagonal(mesh);
-        Ok(Self { scene, materials, surfaces, accel, diagonal })
+        Ok(Self { scene, materials, surfaces, opposed, accel, diagonal })
     }
 
     /// World-space geometry.
@@ -113,6 +117,13 @@ impl<'a> ReferenceSurface<'a> {
     #[inline]
     pub fn material(&self, triangle: u32) -> &Material {
         &self.materials[self.scene.triangle_material[triangle as usize] as usize]
+    }
+
+    /// Which surfaces a triangle belongs to.
+    #[inline]
+    pub(crate) fn class(&self, triangle: u32) -> BakeClass {
+        let opposed = self.opposed.get(triangle as usize).is_some_and(|o| *o);
+        BakeClass { alpha: self.material(triangle).alpha_mode.into(), opposed }
     }
 
     /// Normal of a triangle times twice its area.

@@ -1,6 +1,6 @@
 //! Which place of the reference a point of the target stands for.
 
-use super::AlphaClass;
+use super::BakeClass;
 use super::reference::{ReferenceSurface, SurfacePoint};
 use super::target::Point;
 use crate::visibility::Visibility;
@@ -58,7 +58,7 @@ struct Along {
 
 impl Selector<'_> {
     /// The place for `point`, first looked for within `cage`.
-    pub(super) fn choose(&self, point: &Point, cage: f32, class: Option<AlphaClass>) -> Choice {
+    pub(super) fn choose(&self, point: &Point, cage: f32, class: Option<BakeClass>) -> Choice {
         let near = self.along(point, cage.min(self.limit), class);
         if let Some(pick) = near.visible {
             return surface(pick, Found::Ray);
@@ -89,7 +89,7 @@ impl Selector<'_> {
     }
 
     /// The nearest candidates on the line through `point` along its normal, up to `reach` on either side.
-    fn along(&self, point: &Point, reach: f32, class: Option<AlphaClass>) -> Along {
+    fn along(&self, point: &Point, reach: f32, class: Option<BakeClass>) -> Along {
         let mut along = Along::default();
         let ray = Ray::new(point.position + point.normal * reach, -point.normal).within(0.0, 2.0 * reach);
         self.reference.accel().for_each_hit(&ray, |hit| {
@@ -113,7 +113,7 @@ impl Selector<'_> {
         along
     }
 
-    fn suits(&self, point: &Point, c: &NearestPoint, class: Option<AlphaClass>, least_cosine: f32) -> bool {
+    fn suits(&self, point: &Point, c: &NearestPoint, class: Option<BakeClass>, least_cosine: f32) -> bool {
         let normal = self.reference.area_normal(c.triangle);
         let cosine = normal.dot(point.normal);
         let front = cosine > 0.0;
@@ -129,8 +129,8 @@ impl Selector<'_> {
         Sides::of(self.reference.material(triangle).double_sided).shows(front)
     }
 
-    fn in_class(&self, triangle: u32, class: Option<AlphaClass>) -> bool {
-        class.is_none_or(|c| c == self.reference.material(triangle).alpha_mode.into())
+    fn in_class(&self, triangle: u32, class: Option<BakeClass>) -> bool {
+        class.is_none_or(|c| c == self.reference.class(triangle))
     }
 }
 

@@ -3,7 +3,7 @@
 use super::reference::ReferenceSurface;
 use super::select::{Choice, Found, Pick, Selector};
 use super::target::{Frame, point};
-use super::{AlphaClass, BakeSettings, BakeStatistics, Occlusion};
+use super::{BakeClass, BakeSettings, BakeStatistics, Occlusion};
 use photofit_geometry::{Mesh, atlas::Coverage};
 use photofit_raster::{CHANNELS, channel};
 use photofit_sampling::Sobol;
@@ -20,7 +20,7 @@ pub(super) struct Job<'a> {
     pub(super) target: &'a Mesh,
     /// Where to look, one per vertex.
     pub(super) directions: &'a [Vec3f],
-    pub(super) classes: Option<&'a [AlphaClass]>,
+    pub(super) classes: Option<&'a [BakeClass]>,
     pub(super) settings: &'a BakeSettings,
     pub(super) coverage: &'a Coverage,
     /// Distance to look at each vertex.
@@ -133,7 +133,7 @@ impl Job<'_> {
 
     /// Triangle and weights for a point of the atlas (in texels) inside the texel `(x, y)`.
     ///
-    /// Outside of the texel's owner it may lie in the triangle of a texel nearby; else it is moved onto the owner.
+    /// Outside of the texel's owner it may lie in the triangle of a texel nearby that is of the same class; else it is moved onto the owner.
     fn locate(&self, x: usize, y: usize, owner: usize, p: Vec2f) -> (usize, [f32; 3]) {
         let w = self.weights(owner, p);
         let Some(w) = w else {
@@ -146,7 +146,8 @@ impl Job<'_> {
         for ny in y.saturating_sub(1)..(y + 2).min(self.settings.height) {
             for nx in x.saturating_sub(1)..(x + 2).min(self.settings.width) {
                 let other = self.coverage.triangle[ny * self.settings.width + nx];
-                if other == u32::MAX || other as usize == owner {
+                let foreign = |c: &[BakeClass]| c[other as usize] != c[owner];
+                if other == u32::MAX || other as usize == owner || self.classes.is_some_and(foreign) {
                     continue;
                 }
                 if let Some(w) = self.weights(other as usize, p).filter(|&w| least(w) >= 0.0) {

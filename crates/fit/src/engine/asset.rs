@@ -4,6 +4,7 @@ use super::animated::Animated;
 use super::classes::{MaterialClass, drawn};
 use super::frame::FitFrame;
 use super::light_asset::LightAsset;
+use super::not_finite::NotFinite;
 use super::views::Moment;
 use crate::FitError;
 use crate::bake;
@@ -26,6 +27,10 @@ pub struct Normalised {
     pub images: Vec<TextureImage>,
     /// The class of each triangle.
     triangle_class: Vec<u32>,
+    /// Whether the vertex normals of each triangle point to its back; empty where those of none do.
+    opposed: Vec<bool>,
+    /// What path traced pictures of it and of what stands for it leave out.
+    pub(crate) not_finite: NotFinite,
 }
 
 impl Normalised {
@@ -61,24 +66,30 @@ impl Normalised {
             Cow::Owned(scene) => (scene.materials, scene.images),
         };
         let triangle_class = flat.triangle_material.iter().map(|m| material_class[*m as usize]).collect();
-        Ok(Self { light_asset, flat, materials, images, triangle_class, library })
+        let opposed = opposed(&flat.mesh);
+        let not_finite = NotFinite::default();
+        Ok(Self { light_asset, flat, materials, images, triangle_class, opposed, library, not_finite })
     }
 
     /// The same with classes of their own for triangles whose vertex normals point to their back; also says how many there
     /// are. What is baked from the asset onto such a class is shaded as the asset is.
     pub(crate) fn with_opposed_normals(mut self) -> (Self, usize) {
-        let opposed = opposed(&self.flat.mesh);
         let classes = &mut self.light_asset.classes;
         let mut twins = vec![None; classes.len()];
-        for (class, _) in self.triangle_class.iter_mut().zip(&opposed).filter(|(_, o)| **o) {
+        for (class, _) in self.triangle_class.iter_mut().zip(&self.opposed).filter(|(_, o)| **o) {
             let of = *class as usize;
             *class = *twins[of].get_or_insert_with(|| {
                 classes.push(MaterialClass { opposed: true, ..classes[of].clone() });
                 classes.len() as u32 - 1
             });
         }
-        let count = opposed.iter().filter(|o| **o).count();
+        let count = self.opposed.iter().filter(|o| **o).count();
         (self, count)
+    }
+
+    /// Whether the vertex normals of each triangle point to its back; empty where those of none do.
+    pub(crate) fn opposed(&self) -> &[bool] {
+        &self.opposed
     }
 
     /// The frame of the fit.
@@ -91,7 +102,7 @@ impl Normalised {
     /// # Errors
     /// Geometry that cannot be ray cast.
     pub fn surface(&self) -> Result<bake::ReferenceSurface<'_>, FitError> {
-        Ok(bake::ReferenceSurface::new(&self.flat, &self.materials, &self.library)?)
+        Ok(bake::ReferenceSurface::new(&self.flat, &self.materials, &self.library, &self.opposed)?)
     }
 
     /// Class of each triangle of the reference.

@@ -5,9 +5,13 @@
 //! fitted (base colour, roughness, metalness, normals, emission) lies below them on both sides. Surfaces that transmit
 //! light are drawn blended, so that what lies behind them is seen and kept.
 
-use photofit_scene::{AlphaMode, Extensions, Material, Scene, SurfacePoints};
+use photofit_scene::{AlphaMode, Extensions, Instance, Material, Primitive, Scene, SurfacePoints};
 use photofit_shading::Sides;
 use std::borrow::Cow;
+use std::collections::BTreeMap;
+
+/// Scales that differ by no more than this share are one: nobody sees such a difference in the thickness of glass.
+const SAME_SCALE: f32 = 0.05;
 
 /// Share of a surface's light that is drawn although it transmits all of it: its reflections are there.
 const LEAST_OPACITY: f32 = 0.25;
@@ -147,10 +151,57 @@ fn kept(scene: &Scene, material: usize) -> Option<Box<Extensions>> {
     (!kept.names().is_empty()).then(|| Box::new(kept))
 }
 
-/// By how much a material's first instance scales its mesh, in whose units thickness is: that of a light asset is not scaled.
+/// By how much an instance scales its mesh, in whose units thickness is: that of a light asset is not scaled.
+fn scale(instance: &Instance) -> f32 {
+    instance.transform.matrix3.determinant().abs().cbrt()
+}
+
+/// The same of a material's first instance.
 fn placed_scale(scene: &Scene, material: usize) -> f32 {
     let placed = scene.instances.iter().find(|i| scene.primitives[i.primitive].material == material);
-    placed.map_or(1.0, |i| i.transform.matrix3.determinant().abs().cbrt())
+    placed.map_or(1.0, scale)
+}
+
+/// A scene that looks the same, in which no material whose thickness matters is placed at several scales: each further scale
+/// has a copy of it and of the meshes. What animations name is the scene as it was.
+pub(crate) fn apart_by_scale(scene: &Scene) -> Cow<'_, Scene> {
+    let mut out = Cow::Borrowed(scene);
+    // Each material with a scale, and what stands for it there.
+    let mut materials: Vec<(usize, f32, usize)> = Vec::new();
+    let mut primitives = BTreeMap::new();
+    for (i, instance) in scene.instances.iter().enumerate() {
+        let Primitive { material, .. } = scene.primitives[instance.primitive];
+        if !has_thickness(&scene.materials[material]) {
+            continue;
+        }
+        let at = scale(instance);
+        let same = |of: &&(usize, f32, usize)| of.0 == material && (of.1 - at).abs() <= SAME_SCALE * of.1;
+        let copy = materials.iter().find(same).map(|of| of.2).unwrap_or_else(|| {
+            let copy = if materials.iter().all(|of| of.0 != material) {
+                material
+            } else {
+                out.to_mut().materials.push(scene.materials[material].clone());
+                out.materials.len() - 1
+            };
+            materials.push((material, at, copy));
+            copy
+        });
+        if copy != material {
+            let primitive = *primitives.entry((instance.primitive, copy)).or_insert_with(|| {
+                let copied = Primitive { material: copy, ..scene.primitives[instance.primitive].clone() };
+                out.to_mut().primitives.push(copied);
+                out.primitives.len() - 1
+            });
+            out.to_mut().instances[i].primitive = primitive;
+        }
+    }
+    out
+}
+
+/// Whether light passes through a material by a way that its thickness says.
+fn has_thickness(m: &Material) -> bool {
+    let volume = m.extensions.as_ref().and_then(|e| e.volume.as_ref());
+    transmits(m) && volume.is_some_and(|v| v.thickness > 0.0)
 }
 
 /// The materials of a scene for a mesh that is not scaled.
@@ -230,6 +281,30 @@ mod tests {
         assert!(classes[4].unlit && classes[4].extensions.is_none() && !classes[3].unlit);
         let see_through: Vec<bool> = classes.iter().map(MaterialClass::is_see_through).collect();
         assert_eq!(see_through, [false, true, false, false, false]);
+    }
+
+    #[test]
+    fn glass_has_a_class_for_each_scale() {
+        assert!(matches!(apart_by_scale(&scene()), Cow::Borrowed(_)), "all is at one scale");
+        let mut scene = scene();
+        // The coat of a clay has no thickness; glass has.
+        for (primitive, by) in [(1, 1.0), (1, 2.04), (1, 1.02), (2, 1.0)] {
+            let transform = glam::Affine3A::from_scale(glam::Vec3::splat(by));
+            scene.instances.push(Instance { primitive, transform });
+        }
+        let apart = apart_by_scale(&scene);
+        assert_eq!((apart.materials.len(), apart.primitives.len()), (9, 9));
+        let (classes, of) = classes(&apart);
+        let thickness = |m: usize| {
+            classes[of[m] as usize].extensions.as_ref().unwrap().volume.as_ref().unwrap().thickness
+        };
+        assert!((thickness(1) - 1.0).abs() < 1e-6 && (thickness(8) - 0.5).abs() < 1e-6);
+        let shown = |scene: &Scene| {
+            let of =
+                |i: &Instance| (i.transform, scene.materials[scene.primitives[i.primitive].material].clone());
+            scene.instances.iter().map(of).collect::<Vec<_>>()
+        };
+        assert_eq!(shown(&apart), shown(&scene));
     }
 
     #[test]

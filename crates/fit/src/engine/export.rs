@@ -14,7 +14,7 @@ use photofit_shading::Sides;
 /// Differences below this are one step of 8 bits: a map that varies less becomes a factor.
 const FLAT: f32 = 0.75 / 255.0;
 
-/// Turns a candidate into a scene: one primitive and material per class, all sharing one set of maps, with their mip levels
+/// Turns a candidate into a scene: one primitive and material for all classes that are written alike, all sharing one set of maps, with their mip levels
 /// where these have texels of their own. Maps that are constant become factors, a flat normal map and absent emission are left out. Materials are named after those that
 /// they stand for.
 pub fn to_scene(candidate: &Candidate, light: &LightAsset) -> Scene {
@@ -29,19 +29,27 @@ pub fn to_scene(candidate: &Candidate, light: &LightAsset) -> Scene {
     let written = |class: &u32| light.classes[*class as usize].written;
     let transparent = candidate.class.iter().any(|c| written(c) != AlphaMode::Opaque);
     let template = material(&mut scene, &levels, transparent);
-    for (class, material) in light.classes.iter().enumerate() {
-        let part = part(&mesh, &candidate.class, class as u32);
+    let materials: Vec<Material> = light
+        .classes
+        .iter()
+        .map(|class| Material {
+            name: class.name.clone(),
+            alpha_mode: class.written,
+            double_sided: class.sides == Sides::Both,
+            unlit: class.unlit,
+            extensions: class.extensions.clone(),
+            ..template.clone()
+        })
+        .collect();
+    // Of classes that differ in their normals alone, which vertices have, the first stands for all.
+    let first = |m: &Material| materials.iter().position(|other| other == m);
+    let first: Vec<Option<usize>> = materials.iter().map(first).collect();
+    for (k, material) in materials.iter().enumerate() {
+        let part = part(&mesh, &candidate.class, |class| first[class as usize] == Some(k));
         if part.triangles.is_empty() {
             continue;
         }
-        scene.materials.push(Material {
-            name: material.name.clone(),
-            alpha_mode: material.written,
-            double_sided: material.sides == Sides::Both,
-            unlit: material.unlit,
-            extensions: material.extensions.clone(),
-            ..template.clone()
-        });
+        scene.materials.push(material.clone());
         let primitive = scene.primitives.len();
         scene.primitives.push(Primitive { mesh: part, material: scene.materials.len() - 1 });
         scene.instances.push(Instance { primitive, transform: glam::Affine3A::IDENTITY });
@@ -119,12 +127,12 @@ fn show_unlit(
     );
 }
 
-/// The triangles of one class with the vertices that they use; tangents are left to the reader, which derives the same
+/// The triangles of some classes with the vertices that they use; tangents are left to the reader, which derives the same
 /// ones by `MikkTSpace`.
-fn part(mesh: &Mesh, class: &[u32], wanted: u32) -> Mesh {
+fn part(mesh: &Mesh, class: &[u32], wanted: impl Fn(u32) -> bool) -> Mesh {
     let mut map = vec![u32::MAX; mesh.positions.len()];
     let mut out = Mesh::default();
-    for (t, _) in mesh.triangles.iter().zip(class).filter(|(_, c)| **c == wanted) {
+    for (t, _) in mesh.triangles.iter().zip(class).filter(|(_, c)| wanted(**c)) {
         out.triangles.push(t.map(|v| {
             let at = &mut map[v as usize];
             if *at == u32::MAX {

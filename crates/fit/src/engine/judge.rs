@@ -215,7 +215,7 @@ impl Stage {
 
     fn traced(&self, n: &Normalised, seed: u64) -> Result<PathTraced<'static>, FitError> {
         if self.normalised {
-            PathTraced::in_frame(&self.scene, n.frame().radius, MaterialFeatures::All, seed)
+            PathTraced::in_frame(&self.scene, n, MaterialFeatures::All, seed)
         } else {
             PathTraced::new(&self.scene, n, MaterialFeatures::All, seed)
         }
@@ -513,15 +513,21 @@ fn scored(
     let mut taken = 0.0_f64;
     for i in 0..count {
         progress.report("choose", i, count, "");
-        if i >= least && progress.is_cancelled() {
+        let stop = || i >= least && progress.is_cancelled();
+        if stop() {
             break;
         }
         let s = views.setup(Set::HeldOut, i, count);
-        let picture = reference.picture(&s)?.image;
-        for (score, c) in score.iter_mut().zip(stages) {
-            let q = view_quality(&picture, &c.picture(&s)?.image).quality;
-            *score += q.psnr - 20.0 * q.flip.max(1e-6).log10();
-        }
+        let picture = |of: &dyn Reference| of.picture_unless(&s, &stop);
+        let Some(ReferencePicture { image, .. }) = picture(reference)? else { break };
+        let of = |p: ReferencePicture| {
+            let q = view_quality(&image, &p.image).quality;
+            q.psnr - 20.0 * q.flip.max(1e-6).log10()
+        };
+        let scores = stages.iter().map(|c| Ok(picture(*c)?.map(of)));
+        // A view that was stopped half way counts for none.
+        let Some(scores) = scores.collect::<Result<Option<Vec<f64>>, FitError>>()? else { break };
+        score.iter_mut().zip(scores).for_each(|(sum, s)| *sum += s);
         taken += 1.0;
     }
     score.iter_mut().for_each(|s| *s /= taken.max(1.0));

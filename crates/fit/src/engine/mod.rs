@@ -11,6 +11,7 @@
 //! - [`posed`]: maps of a mesh that is seen at moments of an animation.
 //! - [`loss`]: chosen by the noise of the reference's pictures.
 //! - [`chain`]: fits one after the other, with a checkpoint for each.
+//! - `not_finite`: light that is not a number, counted and told.
 //! - [`trainer`]: one loop: phases, evaluation of held-out views, best state, patience, checkpoints, cancellation.
 //! - [`classes`]: materials that become one material of the light asset, and how a fit draws them; [`export`]: a fitted
 //!   surface as a scene, [`vertex_colors`] as one without textures; `unwrap`: a mesh as a surface with an atlas.
@@ -34,6 +35,7 @@ pub mod judge;
 mod light_asset;
 pub mod loss;
 pub mod model;
+mod not_finite;
 pub mod plan;
 mod pool;
 pub mod posed;
@@ -48,3 +50,4 @@ pub mod views;
 pub use asset::Normalised;
 pub use frame::FitFrame;
 pub use light_asset::LightAsset;
+pub use not_finite::{NotFinite, not_finite_told};

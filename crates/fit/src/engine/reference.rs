@@ -9,6 +9,7 @@ use super::animated::{Animated, WorldPose};
 use super::asset::Normalised;
 use super::classes::drawn;
 use super::frame::FitFrame;
+use super::not_finite::NotFinite;
 use super::views::{Moment, Setup, Sphere};
 use crate::scene_render::SceneRenderer;
 use crate::{FitError, bake};
@@ -230,6 +231,7 @@ pub struct PathTraced<'a> {
     world: Mutex<(World, Moment)>,
     animated: Option<&'a Animated<'a>>,
     surface: Option<&'a bake::ReferenceSurface<'a>>,
+    not_finite: NotFinite,
     seed: u64,
     spp: u32,
 }
@@ -250,26 +252,27 @@ impl<'a> PathTraced<'a> {
             world: Mutex::new((world(&shown, n.frame(), ENERGY)?, Moment::default())),
             animated: None,
             surface: None,
+            not_finite: n.not_finite.clone(),
             seed,
             spp: SAMPLES,
         })
     }
 
-    /// Pictures of a scene whose geometry lies in the normalised frame already; its materials are those of an asset of
-    /// the given radius.
+    /// Pictures of a scene whose geometry lies in the frame of the asset `n` already; its materials are those of the asset.
     ///
     /// # Errors
     /// If the path tracer refuses the scene.
     pub fn in_frame(
         scene: &Scene,
-        radius: f32,
+        n: &Normalised,
         features: MaterialFeatures,
         seed: u64,
     ) -> Result<Self, FitError> {
         let shown = features.of(scene);
         let (identity, start) = (DAffine3::IDENTITY, Moment::default());
-        let world = Mutex::new((placed_world(&shown, identity, radius, ENERGY)?, start));
-        Ok(Self { world, animated: None, surface: None, seed, spp: SAMPLES })
+        let world = Mutex::new((placed_world(&shown, identity, n.frame().radius, ENERGY)?, start));
+        let not_finite = n.not_finite.clone();
+        Ok(Self { world, animated: None, surface: None, not_finite, seed, spp: SAMPLES })
     }
 
     /// The same at the moments of an animated asset's animations, too.
@@ -334,6 +337,7 @@ impl Reference for PathTraced<'_> {
         let noise = loop {
             let progress = renderer.pass(stop);
             if progress.done {
+                self.not_finite.add(progress.not_finite);
                 break progress.noise;
             }
             if stop() {
@@ -443,6 +447,7 @@ mod agreement;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::engine::judge::Stage;
     use crate::engine::views::{Lighting, Orbit, Set, Views};
     use glam::{Affine3A, Vec3};
     use photofit_geometry::{Mesh, shapes};
@@ -568,12 +573,18 @@ mod tests {
             scene.instances[0].transform = Affine3A::from_scale(Vec3::splat(scale));
             let n = Normalised::new(&scene).unwrap();
             let s = Orbit::new(0, &Lighting::Mixed, 32).setup(Set::Report, 0, 4);
-            PathTraced::new(&scene, &n, MaterialFeatures::All, 0).unwrap().picture(&s).unwrap().image
+            let placed = PathTraced::new(&scene, &n, MaterialFeatures::All, 0).unwrap();
+            // The same with its geometry in the frame of the fit already.
+            let stage = Stage::of_mesh("own", &scene, &n.flat.mesh, &n.flat.triangle_material);
+            let in_frame = PathTraced::in_frame(&stage.scene, &n, MaterialFeatures::All, 0).unwrap();
+            [placed, in_frame].map(|p| p.picture(&s).unwrap().image)
         };
-        let (large, small) = (glass(1.0), glass(0.01));
-        for k in 0..3 {
-            let (a, b) = (mean(&large, k), mean(&small, k));
-            assert!(a > 0.0 && (a / b - 1.0).abs() < 0.01, "channel {k}: {a} against {b}");
+        let ([large, large_in_frame], [small, small_in_frame]) = (glass(1.0), glass(0.01));
+        for (k, other) in [large_in_frame, small, small_in_frame].iter().enumerate() {
+            for c in 0..3 {
+                let (a, b) = (mean(&large, c), mean(other, c));
+                assert!(a > 0.0 && (a / b - 1.0).abs() < 0.01, "picture {k}, channel {c}: {a} against {b}");
+            }
         }
     }
 }

@@ -7,6 +7,7 @@
 use super::cpu::Chain;
 use super::loss::PictureLoss;
 use super::model::{Group, ModelError};
+use super::not_finite::NotFinite;
 use super::reference::path_lights;
 use super::views::Shot;
 use crate::FitError;
@@ -97,6 +98,8 @@ pub struct Traced {
     pub compared: ComparedPixels,
     /// What directions of the paths of a step are chosen by; evaluations have no guide.
     pub guidance: Guidance,
+    /// What pictures and gradients leave out.
+    pub(crate) not_finite: NotFinite,
     values: Vec<Vec<f32>>,
     /// Logarithms of the values of parameters that move in them.
     logarithms: Vec<Option<Vec<f32>>>,
@@ -131,6 +134,7 @@ impl Traced {
         let (guidance, logarithms) = (Guidance::off(), vec![None; parameters.len()]);
         Ok(Self {
             guidance,
+            not_finite: NotFinite::default(),
             logarithms,
             world,
             options,
@@ -280,6 +284,7 @@ impl Traced {
         let options = RenderOptions { width, height, spp, seed, ..self.options.clone() };
         let mut renderer = Renderer::new(world, view, options)?;
         guidance.finish(&mut renderer);
+        self.not_finite.add(renderer.progress().not_finite);
         Ok(renderer.picture())
     }
 
@@ -323,6 +328,7 @@ impl Traced {
             let adjoint = Adjoint::new(world, &view, options, &places)?;
             let samples = GradientSamples { spp: self.gradient_spp, seed: Some(seed(GRADIENT)) };
             let gradient = self.guidance.gradient(&adjoint, &g, samples)?;
+            self.not_finite.add(gradient.not_finite);
             for (k, found) in which.into_iter().zip(&gradient.parameters) {
                 let channels = self.parameters[k].channels();
                 let cells = found.values.chunks_exact(found.channels);

@@ -6,7 +6,6 @@
 
 mod held_out;
 
-pub(crate) use held_out::UNSEEN;
 pub use held_out::{HeldOut, Measure, relative_error};
 
 use super::checkpoint::{self, Course, Digest, Saved};

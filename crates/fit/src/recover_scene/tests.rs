@@ -10,10 +10,11 @@ use crate::engine::cpu::Chain;
 use crate::engine::loss::PictureLoss;
 use crate::engine::traced::{Smoothing, TracedParameter};
 use crate::engine::views::Shot;
+use crate::progress::Heard;
 use glam::Vec3;
 use photofit_geometry::shapes;
 use photofit_pathtrace::{
-    EnvironmentMap, Material, MaterialValue, Parameter, Parts, RenderOptions, Shape, View, World,
+    EnvironmentMap, LightSource, Material, MaterialValue, Parameter, Parts, RenderOptions, Shape, View, World,
 };
 use photofit_scalar::{Vec3f, vec2, vec3};
 use photofit_scene::Camera;
@@ -178,4 +179,24 @@ fn pictures_that_do_not_fit_are_refused() {
     let mut nan = Image::new(SIDE, SIDE, 4);
     nan.data[4 * 30 + 1] = f32::NAN;
     assert!(fails(&[nan]).contains("(6, 1)"));
+}
+
+#[test]
+fn light_that_is_no_number_is_told_once() {
+    let target = model(Smoothing::None).picture(&view(), 8, 99).expect("rendered");
+    let told = |intensity: f32| {
+        let mut model = model(Smoothing::None);
+        let lamp = LightSource::Point {
+            position: glam::DVec3::new(0.0, 0.1, 0.0),
+            intensity: Vec3f::splat(intensity),
+        };
+        model.world_mut().relight(&[lamp], None).expect("valid");
+        let options = RecoverSceneOptions { steps: 0, ..RecoverSceneOptions::default() };
+        let heard = Heard::default();
+        recover_scene(model, &[view()], &[target.clone()], &options, &heard).expect("fits");
+        heard.0.into_inner().expect("not poisoned")
+    };
+    assert_eq!(told(1.0), [""; 0]);
+    let told = told(3e38);
+    assert!(told.len() == 1 && told[0].contains("contributions were not finite"), "{told:?}");
 }

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::Silent;
+use crate::progress::Heard;
 use core::sync::atomic::{AtomicU64, Ordering};
 use glam::Vec3;
 use photofit_scalar::vec3;
@@ -206,4 +207,20 @@ fn wrong_options_are_named() {
         assert!(error.contains(text), "{error}");
     }
     assert!(fails(&Surroundings::default(), &options(8, 1)).contains("have no light"));
+}
+
+#[test]
+fn light_that_is_no_number_is_told_once_for_all_grids() {
+    let views: Vec<View> = (0..2).map(view).collect();
+    let pictures = pictures(&views);
+    let told = |intensity: f32| {
+        let mut light = surroundings();
+        light.lights.push(LightSource::Point { position: CENTER, intensity: Vec3f::splat(intensity) });
+        let heard = Heard::default();
+        recover_volume(&light, &views, &pictures, &options(16, 0), &heard).expect("found");
+        heard.0.into_inner().expect("not poisoned")
+    };
+    assert_eq!(told(1.0), [""; 0]);
+    let told = told(3e38);
+    assert!(told.len() == 1 && told[0].contains("contributions were not finite"), "{told:?}");
 }

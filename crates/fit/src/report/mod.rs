@@ -131,10 +131,16 @@ fn header(o: &Outcome, info: &ReportInfo<'_>, light: &Scene, bytes_out: u64) -> 
     }
     let tiles: String =
         tiles.iter().map(|(name, value)| format!("<div><b>{value}</b>{name}</div>\n")).collect();
-    let stopped = if o.fit_stopped {
-        "<p class=note>The fit was ended early; this is what it had reached.</p>\n"
-    } else {
-        ""
+    let stopped = match (o.fit_stopped, o.was_chosen()) {
+        (true, true) => "<p class=note>The fit was ended early; this is what it had reached.</p>\n",
+        (true, false) => {
+            "<p class=note>The fit was ended early; this is the best of its course, which nothing else was compared with.</p>\n"
+        }
+        (false, false) => {
+            "<p class=note>The work was ended after the fit; this is the best of its course, which nothing else was compared \
+             with.</p>\n"
+        }
+        (false, true) => "",
     };
     let beyond = if verdict.original.is_some() { " beyond that of the asset itself, drawn so," } else { "" };
     format!(

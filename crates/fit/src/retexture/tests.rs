@@ -7,6 +7,7 @@ use crate::engine::cpu::Cpu;
 use crate::engine::plan::Runs;
 use crate::engine::reference::Reference;
 use crate::engine::views::{Set, Views};
+use crate::progress::Heard;
 use photofit_scalar::vec2;
 use photofit_scene::{Extensions, Material, Sampler, Sheen, TextureSlot};
 
@@ -225,6 +226,62 @@ fn maps_are_painted_where_the_textures_of_the_light_asset_are_read() {
     let mut rounded = light();
     rounded.primitives[1].mesh.uvs[0].x = -1e-6;
     assert_eq!(bare(&rounded).unwrap().primitives[1].mesh.uvs[0].x, 0.0);
+}
+
+/// An asset with normals that point to the back of its triangles.
+fn turned(mut scene: Scene) -> Scene {
+    let turn = |mesh: &mut Mesh| mesh.normals.iter_mut().for_each(|n| *n = -*n);
+    scene.primitives.iter_mut().for_each(|p| turn(&mut p.mesh));
+    let hierarchy = std::sync::Arc::make_mut(scene.hierarchy.as_mut().unwrap());
+    let parts = hierarchy.meshes.iter_mut().flat_map(|m| &mut m.primitives);
+    parts.filter_map(|p| p.bind.as_mut()).for_each(|b| turn(&mut b.mesh));
+    scene
+}
+
+#[test]
+fn rays_do_not_follow_normals_that_point_to_the_back() {
+    let heavy = arm(24, 32);
+    let colors = |light: &Scene| {
+        let n = Normalised::over(&heavy, &[]).unwrap();
+        let bare = bare(light).unwrap();
+        let rest = Animated::new(&bare, &n).flat(Moment::default()).unwrap();
+        let candidate = candidate(&n, &rest, 64).unwrap();
+        let maps = baked(&n, &n.surface().unwrap(), &candidate, &rest, &Silent).unwrap();
+        maps.texels.iter().map(|t| [t[0], t[1], t[2]]).collect::<Vec<_>>()
+    };
+    let (right, opposed) = (colors(&light()), colors(&turned(light())));
+    let others = right.iter().zip(&opposed).filter(|(a, b)| a != b).count();
+    assert_eq!(others, 0, "of {} texels", right.len());
+}
+
+#[test]
+fn assets_whose_normals_point_to_other_sides_are_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let few =
+        RetextureOptions { resolution: 48, steps: 0, report_views: 1, moments: Vec::new(), ..options() };
+    let told = |heavy: &Scene, light: &Scene| {
+        let heard = Heard::default();
+        let made = retexture(heavy, light, &dir.path().join("arm.glb"), &few, &heard).unwrap();
+        (heard.0.into_inner().unwrap(), made.quality.psnr)
+    };
+    let (right, heavy) = (arm(24, 32), turned(arm(24, 32)));
+    let (none, psnr) = told(&right, &light());
+    assert_eq!(none, [""; 0]);
+    let (none, both) = told(&heavy, &turned(light()));
+    assert_eq!(none, [""; 0]);
+    assert!(both > psnr - 3.0, "{both} and {psnr} dB");
+    let wanted = |heavy: u32, light: u32| {
+        format!(
+            "back of {heavy} of 1664 triangles of the reference and of {light} of 320 triangles of the light asset"
+        )
+    };
+    for (heavy, light, wanted) in
+        [(&heavy, light(), wanted(1664, 0)), (&right, turned(light()), wanted(0, 320))]
+    {
+        let (told, other) = told(heavy, &light);
+        assert!(told.len() == 1 && told[0].contains(&wanted), "{told:?}, expected {wanted}");
+        assert!(other < psnr - 3.0, "{other} and {psnr} dB");
+    }
 }
 
 #[cfg(feature = "gpu")]

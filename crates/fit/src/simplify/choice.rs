@@ -1,7 +1,7 @@
 //! Which candidate goes on: the start of the fit, and what is written.
 
 use super::prepare::{Start, bake_candidate};
-use super::{SimplifyOptions, Written};
+use super::{Asset, SimplifyOptions, Written, plain};
 use crate::bake;
 use crate::candidate::Candidate;
 use crate::engine::Normalised;
@@ -11,6 +11,7 @@ use crate::engine::surface::{self, Surface};
 use crate::engine::trainer::{HeldOut, Trained};
 use crate::visibility::Visibility;
 use crate::{FitError, Progress, Silent};
+use photofit_geometry::decimate::Target;
 use photofit_raster::CHANNELS;
 use photofit_raster::deferred::Passes;
 use photofit_raster::texture::Pyramid;
@@ -60,31 +61,33 @@ pub(super) struct Chosen {
     pub(super) fitted: Option<Scene>,
     /// The decimated asset with its own materials, where it may be written and something else looked better.
     pub(super) own: Option<Scene>,
+    /// The asset with its own materials on as many triangles; `None` where nothing was compared, since the user stopped the work.
+    pub(super) plain: Option<Stage>,
 }
 
 /// The fit judged itself by its own renderer; the choice among the fitted asset, the same with maps baked anew, the
-/// starts, and `own`, the decimated asset with its own materials, where it may be written, is made by pictures as those of the
-/// report are made.
+/// starts, and the decimated asset with its own materials, where it may be written, is made by pictures as those of the
+/// report are made. Who stopped the work does not wait for it.
 pub(super) fn best(
+    asset: Asset<'_>,
     trained: Trained<Surface>,
-    own: Option<Scene>,
+    (starts, start): (&[Start], usize),
     surface: &bake::ReferenceSurface<'_>,
-    seen: &Visibility,
-    starts: &[Start],
-    (scene, n): (&Scene, &Normalised),
     reference: &dyn Reference,
     options: &SimplifyOptions,
     progress: &dyn Progress,
 ) -> Result<Chosen, FitError> {
+    let Asset { scene, n, visibility: seen, .. } = asset;
+    if progress.is_cancelled() {
+        return Ok(reached(trained, (starts, start), n, options));
+    }
+    progress.report("choose", 0, options.choice_views(), "fewer triangles alone");
+    let as_many = Target::Triangles(starts[start].candidate.triangles.len());
+    let plain = plain::decimated(scene, n, &[], &plain::own(as_many, options.lock_borders))?;
+    let own = plain::candidate(asset, &plain, reference, as_many, options, progress)?;
     let trained_steps = trained.steps;
     let mut models = vec![trained.model.clone(), trained.model];
-    // Who stopped the fit does not wait for another bake.
-    let again = (!progress.is_cancelled())
-        .then(|| rebaked(surface, seen, &models[1].candidate, options, &Silent))
-        .and_then(Result::ok);
-    if let Some(maps) = again {
-        models[1].candidate.maps = maps;
-    }
+    models[1].candidate.maps = rebaked(surface, seen, &models[1].candidate, options, &Silent)?;
     for start in starts {
         models.push(Surface { candidate: start.candidate.clone(), ..models[0].clone() });
     }
@@ -112,5 +115,23 @@ pub(super) fn best(
         written,
         fitted,
         own,
+        plain: Some(plain),
     })
+}
+
+/// What a fit had reached: by the held-out views it is the best of its course, in which the start counts.
+fn reached(
+    trained: Trained<Surface>,
+    (starts, start): (&[Start], usize),
+    n: &Normalised,
+    options: &SimplifyOptions,
+) -> Chosen {
+    let first = trained.history.first().map_or(f64::INFINITY, |h| h.quality);
+    let written = match start + 1 {
+        _ if trained.history.iter().any(|h| h.quality > first) => Written::Fitted,
+        last if last == starts.len() => Written::Baked,
+        _ => Written::Wrapped,
+    };
+    let light = options.exported(&trained.model.candidate, n);
+    Chosen { trained, light, written, fitted: None, own: None, plain: None }
 }

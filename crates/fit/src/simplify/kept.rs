@@ -7,7 +7,7 @@ use crate::engine::FitFrame;
 use crate::engine::judge::Stage;
 use crate::engine::plan::SurfacePlan;
 use crate::engine::surface::Surface;
-use crate::engine::trainer::{Trained, UNSEEN};
+use crate::engine::trainer::{HeldOut, Trained};
 use crate::{FitError, Progress};
 use photofit_geometry::Mesh;
 use photofit_geometry::weld::weld_exact;
@@ -37,14 +37,12 @@ pub(super) fn simplify(
     began: Instant,
     progress: &dyn Progress,
 ) -> Result<Outcome, FitError> {
-    let Asset { scene, n, rays, visibility } = asset;
+    let Asset { scene, n, rays, .. } = asset;
     check(scene)?;
-    if visibility.hidden() == n.flat.mesh.triangles.len() {
-        progress.warn(UNSEEN);
-    }
+    let reference = &*options.rasterized_against().reference(scene, n, rays, options)?;
+    let (views, count) = (options.orbit(options.resolution), options.choice_views());
+    HeldOut::new(reference, &views, options.sampling(), count, options.seed)?.warn_unseen(progress);
     progress.report("decimate", 0, 1, "");
-    let reference = options.rasterized_against().reference(scene, n, rays, options)?;
-    let reference = &*reference;
     let first = plain::decimated(scene, n, &[], &plain::own(options.target, options.lock_borders))?;
     let best = plain::best(asset, first, reference, options.target, options, progress)?;
     let mut light = plain::kept(&best, n, options);

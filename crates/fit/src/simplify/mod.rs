@@ -43,6 +43,7 @@ pub use through_path::TRACED_FOLDER;
 
 use crate::bake;
 use crate::candidate::Candidate;
+use crate::engine::classes::apart_by_scale;
 use crate::engine::device::train_on;
 use crate::engine::fingerprint::Fingerprint;
 use crate::engine::judge::Stage;
@@ -115,6 +116,7 @@ pub(crate) fn with_asset<R>(
     work: impl FnOnce(Asset<'_>) -> Result<R, FitError>,
 ) -> Result<R, FitError> {
     scene.validate_for_fit()?;
+    let scene = &*apart_by_scale(scene);
     let (n, opposed) = Normalised::new(scene)?.with_opposed_normals();
     if opposed > 0 {
         let of = n.flat.mesh.triangles.len();
@@ -125,7 +127,9 @@ pub(crate) fn with_asset<R>(
     }
     let rays = n.surface()?;
     let visibility = prepare::visibility(&rays, progress)?;
-    work(Asset { scene, n: &n, rays: &rays, visibility: &visibility })
+    let made = work(Asset { scene, n: &n, rays: &rays, visibility: &visibility });
+    n.not_finite.tell(progress);
+    made
 }
 
 /// One fit of an asset. Its shape starts from the asset, or from a candidate that was fitted to it before. `began` is when
@@ -195,11 +199,8 @@ pub(crate) fn simplify_asset(
         progress,
     )?;
     let plan = plan_with_phases.unwrap_or(plan).with_device(device.told());
-    let as_many = Target::Triangles(start.candidate.triangles.len());
-    let plain = plain::decimated(scene, n, &[], &plain::own(as_many, options.lock_borders))?;
-    let own = plain::candidate(asset, &plain, reference, as_many, options, progress)?;
-    let choice::Chosen { trained, light, mut written, mut fitted, own } =
-        choice::best(trained, own, surface, visibility, all, (scene, n), reference, options, progress)?;
+    let choice::Chosen { trained, light, mut written, mut fitted, own, plain } =
+        choice::best(asset, trained, (&all[..], starts.best), surface, reference, options, progress)?;
 
     if options.surfacing == Surfacing::VertexColors {
         outcome::tell_detail(&trained.model.candidate, n, progress);
@@ -261,11 +262,11 @@ pub(crate) fn simplify_asset(
     Ok(outcome)
 }
 
-/// What the report compares, in this order: the asset itself where an engine draws it, the decimated one, the starts, what was
-/// fitted where something else was written, and the written file.
+/// What the report compares, in this order: the asset itself where an engine draws it, the decimated one where something was
+/// compared with it, the starts, what was fitted where something else was written, and the written file.
 fn stages(
     Asset { scene, n, .. }: Asset<'_>,
-    plain: Stage,
+    plain: Option<Stage>,
     starts: &[Start],
     (fitted, written, file): (Option<Scene>, Written, Scene),
     options: &SimplifyOptions,
@@ -275,7 +276,7 @@ fn stages(
     if options.as_engine && !options.is_judged_by_path_tracing(scene) {
         stages.push(Stage::new("original", scene.clone()));
     }
-    stages.push(plain);
+    stages.extend(plain);
     if let [wrapped, baked] = starts {
         stages.push(Stage::new("baked", options.exported(&baked.candidate, n)));
         stages.push(Stage::new("wrapped", options.exported(&wrapped.candidate, n)));

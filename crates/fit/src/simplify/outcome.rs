@@ -34,9 +34,9 @@ pub struct Outcome {
     /// Whether that ended the fit; else it ended the judgement alone, and what is written is complete.
     pub fit_stopped: bool,
     /// Names of the stages with their mean quality, in the order of [`ReportView::quality`]: `decimated` (fewer
-    /// triangles, the asset's own materials), `baked` (a new atlas and maps from the asset: nothing is fitted), `wrapped`
+    /// triangles, the asset's own materials; absent where the user stopped the work before the choice), `baked` (a new atlas and maps from the asset: nothing is fitted), `wrapped`
     /// (the same, first drawn onto the asset's surface; absent where there is but one start), `fitted` (what was fitted;
-    /// absent where no step was made and something else was written) and `file` (the written file, loaded again; absent
+    /// absent where no step was made, or the user stopped the work before the choice, and something else was written) and `file` (the written file, loaded again; absent
     /// where that is the fitted one). The last is the written file.
     pub stages: Vec<(&'static str, Quality)>,
     /// Every view of the report.
@@ -117,6 +117,12 @@ impl Outcome {
     /// Mean quality of the written file, the last of the stages.
     pub fn shipped(&self) -> Option<&Quality> {
         self.stages.last().map(|(_, q)| q)
+    }
+
+    /// Whether what was written was compared with what else could be. Where the user stopped the work before, it is the best of
+    /// the fit's own course.
+    pub fn was_chosen(&self) -> bool {
+        self.written == Written::Kept || self.stage("decimated").is_some()
     }
 
     /// How the pictures of the report were made, in words.

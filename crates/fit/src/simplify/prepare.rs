@@ -2,7 +2,7 @@
 
 use super::{Init, Mips, SimplifyOptions};
 use super::{coverage, locks, shrink_wrap};
-use crate::bake::{self, AlphaClass, BakeSettings, ReferenceSurface, bake};
+use crate::bake::{self, BakeClass, BakeSettings, ReferenceSurface, bake};
 use crate::candidate::Candidate;
 use crate::engine::Normalised;
 use crate::engine::judge::Stage;
@@ -254,8 +254,8 @@ pub(super) fn bake_candidate(
 ) -> Result<(Pyramid<f32, CHANNELS>, f64), FitError> {
     let base = &candidate.maps.levels[0];
     let settings = BakeSettings { width: base.width, height: base.height, ..options.bake_settings() };
-    let classes: Vec<AlphaClass> =
-        candidate.class.iter().map(|c| candidate.classes[*c as usize].alpha.into()).collect();
+    let classes: Vec<BakeClass> =
+        candidate.class.iter().map(|c| candidate.classes[*c as usize].into()).collect();
     let (mesh, round) = (candidate.mesh(), candidate.round_normals());
     let target = bake::Target { mesh: &mesh, directions: Some(&round), classes: Some(&classes) };
     let mut baked =

@@ -2,8 +2,10 @@
 
 use super::*;
 use crate::Silent;
+pub(super) use crate::progress::Heard;
 use photofit_geometry::shapes::{cube, displaced_sphere};
 use photofit_scene::{AlphaMode, Instance, Material, Primitive};
+use std::collections::BTreeSet;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -102,20 +104,6 @@ fn occlusion_is_kept_baked_or_left_out() {
     }
 }
 
-/// Keeps the warnings.
-#[derive(Default)]
-pub(super) struct Heard(pub(super) Mutex<Vec<String>>);
-
-impl Progress for Heard {
-    fn report(&self, _: &'static str, _: u64, _: u64, _: &str) {}
-    fn warn(&self, text: &str) {
-        self.0.lock().unwrap().push(text.into());
-    }
-    fn is_cancelled(&self) -> bool {
-        false
-    }
-}
-
 pub(super) fn options() -> SimplifyOptions {
     SimplifyOptions {
         target: Target::Triangles(150),
@@ -135,10 +123,16 @@ struct Watching {
     fitting: AtomicUsize,
     stop_at: Option<usize>,
     warnings: Mutex<Vec<String>>,
+    /// Stages that were reported after the stop.
+    after: Mutex<BTreeSet<&'static str>>,
 }
 
 impl Progress for Watching {
     fn report(&self, stage: &'static str, _: u64, _: u64, _: &str) {
+        let asked = self.fitting.load(Ordering::Relaxed);
+        if self.stop_at.is_some_and(|n| asked > n + 1) {
+            self.after.lock().unwrap().insert(stage);
+        }
         if stage == "fit" {
             self.fitting.fetch_max(1, Ordering::Relaxed);
         }
@@ -182,6 +176,31 @@ fn a_fit_stopped_at_any_step_resumes_to_the_same_file() {
         let (stopped, resumed) = file("resumed.glb", &SimplifyOptions { resume: true, ..kept }, &Silent);
         assert!(!stopped && resumed == *whole, "{}, stopped at question {stop_at}", options.mips.name());
     }
+}
+
+#[test]
+fn nothing_is_compared_with_what_a_stopped_fit_had_reached() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.glb");
+    let own = SimplifyOptions { own_textures: true, report_views: 8, ..options() };
+    for stop_at in [3, 30] {
+        let progress = Watching { stop_at: Some(stop_at), ..Watching::default() };
+        let made = simplify(&rock(), &path, &own, &progress).unwrap();
+        let after = progress.after.into_inner().unwrap();
+        assert!(
+            after.contains("report") && !after.contains("choose") && !after.contains("decimate"),
+            "{after:?}"
+        );
+        assert!(made.stopped && made.fit_stopped && !made.was_chosen(), "{:?}", made.stages);
+        let first = made.history[0].quality;
+        let gained = made.history.iter().any(|h| h.quality > first);
+        assert_eq!(made.written == Written::Fitted, gained, "{:?}", made.written);
+        assert!(photofit_scene::load(&path).unwrap().triangle_count() > 0);
+    }
+    // The time limit ends the fit alone.
+    let limited = SimplifyOptions { time_limit: Some(std::time::Duration::ZERO), ..own };
+    let made = simplify(&rock(), &path, &limited, &Silent).unwrap();
+    assert!(made.fit_stopped && made.was_chosen(), "{:?}", made.stages);
 }
 
 #[test]
@@ -345,25 +364,85 @@ fn vertex_normals_that_point_to_the_back_are_baked_as_they_are_drawn() {
     let told = heard.0.lock().unwrap().join("\n");
     assert!(told.contains("960 of 1920 triangles point to their back"), "{told}");
     let light = photofit_scene::load(dir.path().join("a.glb")).unwrap();
-    assert_eq!(light.materials.len(), 2, "one for each kind, which both have the asset's name");
+    assert_eq!((light.materials.len(), light.primitives.len()), (1, 1), "normals alone tell the kinds apart");
+    let opposed = photofit_geometry::opposed(&light.flatten().mesh);
+    let count = opposed.iter().filter(|o| **o).count();
+    assert!(count > 200 && count < opposed.len() - 200, "{count} of {}", opposed.len());
+}
+
+#[test]
+fn glass_keeps_its_thickness_at_each_scale() {
+    use photofit_scene::{Extensions, Transmission, Volume};
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.glb");
+    let glass = Extensions {
+        transmission: Some(Transmission { factor: 1.0, texture: None }),
+        volume: Some(Volume { thickness: 0.5, ..Volume::default() }),
+        ..Extensions::default()
+    };
+    let glass = Material { name: "glass".into(), extensions: Some(Box::new(glass)), ..Material::clay() };
+    let mut scene = of(photofit_geometry::shapes::uv_sphere(16, 8), glass);
+    let transform = glam::Affine3A::from_translation(glam::Vec3::X * 4.0)
+        * glam::Affine3A::from_scale(glam::Vec3::splat(2.0));
+    scene.instances.push(Instance { primitive: 0, transform });
+    for surfacing in [Surfacing::Maps, Surfacing::Kept] {
+        let few = SimplifyOptions { steps: 0, judge_spp: 1, surfacing, ..options() };
+        simplify(&scene, &path, &few, &Silent).unwrap();
+        let light = photofit_scene::load(&path).unwrap();
+        // The small ball and the large one.
+        let mut found: Vec<(bool, f32)> = Vec::new();
+        for p in &light.primitives {
+            let volume = light.materials[p.material].extensions.as_ref().unwrap().volume.as_ref().unwrap();
+            found.push((p.mesh.positions.iter().all(|p| p.x > 1.5), volume.thickness));
+            assert_eq!(light.materials[p.material].name, "glass");
+        }
+        found.sort_by(|a, b| a.1.total_cmp(&b.1));
+        let [(false, small), (true, large)] = found[..] else { panic!("{surfacing:?}: {found:?}") };
+        assert!((small - 0.5).abs() < 1e-3 && (large - 1.0).abs() < 1e-3, "{surfacing:?}: {found:?}");
+    }
+}
+
+#[test]
+fn light_that_is_no_number_in_the_pictures_of_a_fit_is_told_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let told = |emissive: f32| {
+        let shining = Material { emissive: [emissive; 3], ..Material::clay() };
+        let mut scene = of(photofit_geometry::shapes::uv_sphere(16, 8), shining);
+        let transform = glam::Affine3A::from_translation(glam::Vec3::X * 2.1);
+        scene.instances.push(Instance { primitive: 0, transform });
+        let heard = Heard::default();
+        let few = SimplifyOptions {
+            reference: ReferenceRenderer::Path,
+            // Averages of such emission are no number either.
+            surfacing: Surfacing::Kept,
+            judge: JudgeRenderer::Path,
+            judge_spp: 1,
+            steps: 0,
+            ..options()
+        };
+        simplify(&scene, &dir.path().join("a.glb"), &few, &heard).unwrap();
+        let told = heard.0.into_inner().unwrap();
+        told.iter().filter(|t| t.contains("contributions were not finite")).count()
+    };
+    // Each ball lights the other.
+    assert_eq!((told(3e38), told(1.0)), (1, 0));
 }
 
 #[test]
 fn an_asset_that_no_camera_sees_is_told() {
     let dir = tempfile::tempdir().unwrap();
-    let told = |material: Material| {
-        let heard = Heard::default();
-        let few = SimplifyOptions { steps: 0, target: Target::Triangles(200), ..options() };
-        simplify(&of(cube_like(), material), &dir.path().join("a.glb"), &few, &heard).unwrap();
-        let told = heard.0.into_inner().unwrap();
-        told.iter().filter(|t| t.contains("no camera sees anything")).count()
-    };
     let clear = |alpha_mode| Material { base_color: [1.0, 1.0, 1.0, 0.0], alpha_mode, ..Material::clay() };
-    assert_eq!(told(clear(AlphaMode::Mask { cutoff: 0.5 })), 1);
-    assert_eq!(told(clear(AlphaMode::Blend)), 1);
-    assert_eq!(told(clear(AlphaMode::Opaque)), 0, "alpha has no meaning there");
-}
-
-fn cube_like() -> photofit_geometry::Mesh {
-    displaced_sphere(8, 0.1, 2, 1)
+    for surfacing in [Surfacing::Maps, Surfacing::Kept] {
+        let told = |alpha_mode: AlphaMode| {
+            let heard = Heard::default();
+            let few = SimplifyOptions { steps: 0, target: Target::Triangles(200), surfacing, ..options() };
+            let scene = of(photofit_geometry::shapes::uv_sphere(24, 12), clear(alpha_mode));
+            simplify(&scene, &dir.path().join("a.glb"), &few, &heard).unwrap();
+            let told = heard.0.into_inner().unwrap();
+            told.iter().filter(|t| t.contains("no camera sees anything")).count()
+        };
+        assert_eq!(told(AlphaMode::Mask { cutoff: 0.5 }), 1, "{surfacing:?}");
+        assert_eq!(told(AlphaMode::Blend), 1, "{surfacing:?}");
+        assert_eq!(told(AlphaMode::Opaque), 0, "{surfacing:?}: alpha has no meaning there");
+    }
 }

@@ -2,7 +2,7 @@
 
 use super::{World, color_of, go_on, moved, painted, sheet, size};
 use crate::bake::reference::SurfacePoint;
-use crate::bake::{AlphaClass, BakeSettings, Target, bake};
+use crate::bake::{AlphaClass, BakeClass, BakeSettings, Target, bake};
 use crate::visibility::Visibility;
 use photofit_raster::channel;
 use photofit_scalar::vec3;
@@ -22,12 +22,12 @@ fn masks_are_sampled_and_holes_give_no_colour() {
     world.add(&moved(&sheet(1), 1.0, vec3(0.0, 0.0, -0.01)), painted([0.8, 0.1, 0.1]));
     let seen = world.visibility();
     let target = sheet(1);
-    let ask = |classes: Option<&[AlphaClass]>| {
+    let ask = |classes: Option<&[BakeClass]>| {
         world
             .with(|r| bake(r, &seen, &Target { classes, ..Target::new(&target) }, &size(20), &go_on))
             .unwrap()
     };
-    let baked = ask(Some(&[AlphaClass::Mask; 2]));
+    let baked = ask(Some(&[AlphaClass::Mask.into(); 2]));
     let alpha: f32 = baked.maps.texels.iter().map(|t| t[channel::ALPHA]).sum::<f32>() / 400.0;
     assert!((alpha - 0.5).abs() < 0.03, "coverage {alpha}");
     assert!(baked.cut.iter().filter(|&&c| c).count() > 50, "texels inside of the holes");
@@ -46,7 +46,7 @@ fn masks_are_sampled_and_holes_give_no_colour() {
         assert_eq!(filled.maps.texels[i][channel::ALPHA], baked.maps.texels[i][channel::ALPHA]);
     }
     // The opaque class sees only the sheet behind; without classes the holes show it.
-    for t in ask(Some(&[AlphaClass::Opaque; 2])).maps.texels {
+    for t in ask(Some(&[AlphaClass::Opaque.into(); 2])).maps.texels {
         assert_eq!((color_of(&t), t[channel::ALPHA]), ([0.8, 0.1, 0.1], 1.0));
     }
     let mixed = ask(None);

@@ -7,7 +7,7 @@ mod surface;
 
 use super::{BakeSettings, Baked, ReferenceSurface, Target, bake};
 use crate::visibility::{Visibility, VisibilitySettings, visibility};
-use photofit_geometry::{Mesh, shapes};
+use photofit_geometry::{Mesh, opposed, shapes};
 use photofit_raster::channel;
 use photofit_scalar::{Vec3f, vec2, vec3};
 use photofit_scene::{
@@ -59,8 +59,8 @@ impl World {
     }
 
     pub(crate) fn with<R>(&self, ask: impl FnOnce(&ReferenceSurface<'_>) -> R) -> R {
-        let library = SurfaceLibrary::new(&self.scene);
-        ask(&ReferenceSurface::new(&self.flat, &self.scene.materials, &library).unwrap())
+        let (library, opposed) = (SurfaceLibrary::new(&self.scene), opposed(&self.flat.mesh));
+        ask(&ReferenceSurface::new(&self.flat, &self.scene.materials, &library, &opposed).unwrap())
     }
 
     pub(crate) fn visibility(&self) -> Visibility {

@@ -67,7 +67,7 @@ fn bad_input_is_refused() {
         let mut flat = world.flat.clone();
         edit(&mut flat);
         let library = SurfaceLibrary::new(&world.scene);
-        ReferenceSurface::new(&flat, &world.scene.materials, &library).unwrap_err()
+        ReferenceSurface::new(&flat, &world.scene.materials, &library, &[]).unwrap_err()
     };
     assert_eq!(
         refuse(|f| f.mesh.positions[3].z = f32::NAN),

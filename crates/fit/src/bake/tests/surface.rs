@@ -1,7 +1,7 @@
 //! Colours, normals and which surface is chosen.
 
-use super::{World, color_of, degrees, moved, noise, painted, patches, shaded, sheet, size};
-use crate::bake::{BakeSettings, Baked};
+use super::{World, color_of, degrees, go_on, moved, noise, painted, patches, shaded, sheet, size};
+use crate::bake::{AlphaClass, BakeClass, BakeSettings, Baked, Target, bake};
 use crate::visibility::Visibility;
 use photofit_geometry::{Mesh, atlas, shapes};
 use photofit_raster::channel;
@@ -187,4 +187,45 @@ fn unlit_surfaces_become_emission() {
     assert_eq!((&t[channel::EMISSIVE..channel::USED], t[channel::GAMMA]), (&[0.5, 0.25, 0.75][..], 1.0));
     let kept = BakeSettings { unlit_as_emission: false, ..size(2) };
     assert_eq!(color_of(&world.bake(&seen, &sheet(1), &kept).maps.texels[0]), [0.5, 0.25, 0.75]);
+}
+
+#[test]
+fn opposed_surfaces_and_right_ones_are_not_mixed() {
+    let half = |[lo, hi]: [f32; 2], cells, [u, width]: [f32; 2], side: f32| {
+        let mut mesh = sheet(cells);
+        mesh.positions.iter_mut().for_each(|p| p.x = lo + (hi - lo) * 0.5 * (p.x + 1.0));
+        mesh.uvs.iter_mut().for_each(|uv| uv.x = u + width * uv.x);
+        mesh.normals.iter_mut().for_each(|n| *n = *n * side);
+        mesh
+    };
+    let whole = [0.0, 1.0];
+    // Two sheets that touch without a common edge, the right one with normals that point to its back.
+    let mut world = World::default();
+    world.add(&half([-1.0, 0.0], 1, whole, 1.0), Material::clay());
+    world.add(&half([0.0, 1.0], 2, whole, -1.0), Material::clay());
+    // The seam of the target lies elsewhere, and within a texel of the atlas.
+    let (x, u) = (0.05, 0.5025);
+    let mut target = half([-1.0, x], 1, [0.0, u], 1.0);
+    let right = half([x, 1.0], 1, [u, 1.0 - u], -1.0);
+    let base = target.positions.len() as u32;
+    target.positions.extend(&right.positions);
+    target.normals.extend(&right.normals);
+    target.tangents.extend(&right.tangents);
+    target.uvs.extend(&right.uvs);
+    target.triangles.extend(right.triangles.iter().map(|t| t.map(|v| v + base)));
+    let directions = vec![vec3(0.0, 0.0, 1.0); target.positions.len()];
+    let of = |opposed| BakeClass { alpha: AlphaClass::Opaque, opposed };
+    let classes = [of(false), of(false), of(true), of(true)];
+    let onto = Target { mesh: &target, directions: Some(&directions), classes: Some(&classes) };
+    let settings = BakeSettings { widen_roughness: true, ..size(41) };
+    let seen = Visibility::everything(10);
+    let baked = world.with(|r| bake(r, &seen, &onto, &settings, &go_on)).unwrap();
+    let texels = shaded(&target, &baked);
+    assert_eq!(texels.len(), 41 * 41);
+    for (i, n, p) in texels {
+        let wanted = vec3(0.0, 0.0, if p.x < x { 1.0 } else { -1.0 });
+        assert!(degrees(n, wanted) < 0.1, "at x = {}: {n:?}, expected {wanted:?}", p.x);
+        let roughness = baked.maps.texels[i][channel::ROUGHNESS];
+        assert!((roughness - Material::clay().roughness).abs() < 1e-3, "spread at x = {}: {roughness}", p.x);
+    }
 }

@@ -4,7 +4,7 @@ use super::*;
 use crate::Silent;
 use crate::engine::reference::SUPERSAMPLE;
 use photofit_geometry::shapes::icosphere;
-use photofit_scene::{Clearcoat, Extensions, Material, Sheen};
+use photofit_scene::{Clearcoat, Extensions, Material, Sheen, Specular, Transmission};
 
 /// A black sphere with what `extensions` say.
 fn sphere(extensions: Option<Extensions>) -> Scene {
@@ -55,7 +55,7 @@ fn a_brighter_asset_has_the_luminance_ratio_of_its_light() {
 }
 
 #[test]
-fn a_lost_sheen_or_coat_is_seen() {
+fn a_lost_extension_is_seen() {
     let velvet = Extensions {
         sheen: Some(Sheen { color: [0.2, 0.3, 1.0], roughness: 0.4, ..Sheen::default() }),
         ..Extensions::default()
@@ -64,11 +64,21 @@ fn a_lost_sheen_or_coat_is_seen() {
         clearcoat: Some(Clearcoat { factor: 1.0, ..Clearcoat::default() }),
         ..Extensions::default()
     };
-    for extensions in [velvet, coated] {
+    let dull = Extensions {
+        specular: Some(Specular { factor: 0.0, ..Specular::default() }),
+        ..Extensions::default()
+    };
+    let glass = Extensions {
+        transmission: Some(Transmission { factor: 1.0, texture: None }),
+        ..Extensions::default()
+    };
+    for extensions in [velvet, coated, dull, glass] {
+        let names = extensions.names();
         let kept = sphere(Some(extensions));
         let (method, psnr) = psnr(&kept, vec![kept.clone(), sphere(None)]);
         assert_eq!(method, Judged::PathTraced);
-        assert!(psnr[0] > psnr[1] + 10.0 && psnr[1] < 35.0, "kept {}, lost {}", psnr[0], psnr[1]);
+        let found = psnr[0] > psnr[1] + 10.0 && psnr[1] < 35.0;
+        assert!(found, "{names:?}: kept {}, lost {}", psnr[0], psnr[1]);
     }
     assert_eq!(psnr(&sphere(None), vec![sphere(None)]), (Judged::Rasterized, vec![BEST_PSNR]));
 }
@@ -169,7 +179,7 @@ fn rmse_goes_below_what_the_psnr_tells_apart() {
     assert!((compared.rmse / (e(0.5001) - e(0.5)) - 1.0).abs() < 1e-2, "{}", compared.rmse);
 }
 
-/// Asks for the stop while the first picture of view `view` is made.
+/// Asks for the stop while the first picture of view `view` is made, in reports and choices.
 struct StopsWithin {
     view: u64,
     asked: std::sync::Mutex<Option<u32>>,
@@ -177,7 +187,7 @@ struct StopsWithin {
 
 impl Progress for StopsWithin {
     fn report(&self, stage: &'static str, done: u64, _: u64, _: &str) {
-        if stage == "report" && done == self.view {
+        if ["report", "choose"].contains(&stage) && done == self.view {
             *self.asked.lock().unwrap() = Some(0);
         }
     }
@@ -211,6 +221,15 @@ fn a_stop_within_a_path_traced_view_does_not_wait_for_it() {
         assert_eq!(whole.len() as u64, view, "the view at work is dropped, those before count");
     }
     // One view there must be: the first is finished.
-    let progress = StopsWithin { view: 0, asked: std::sync::Mutex::new(Some(1)) };
-    assert_eq!(judge.views(&stages, 4, &progress).unwrap().len(), 1);
+    let at_once = || StopsWithin { view: 0, asked: std::sync::Mutex::new(Some(1)) };
+    assert_eq!(judge.views(&stages, 4, &at_once()).unwrap().len(), 1);
+    // A choice, too, does not wait for the view at work.
+    let mut other = scene.clone();
+    other.materials[0].base_color = [0.1, 0.02, 0.02, 1.0];
+    let stages = [Stage::new("stage", other)];
+    let scores = |progress: &dyn Progress| judge.scores(&stages, (4, None), 2, progress).unwrap();
+    let within = |view| scores(&StopsWithin { view, asked: std::sync::Mutex::default() });
+    let first = scores(&at_once());
+    assert_eq!(within(1), first);
+    assert_ne!(within(2), first, "the second view counts");
 }

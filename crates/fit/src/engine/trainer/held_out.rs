@@ -38,7 +38,7 @@ pub fn relative_error(quality: f64) -> f64 {
 }
 
 /// The warning about an asset that no picture shows.
-pub(crate) const UNSEEN: &str = "no camera sees anything of the asset (transparent all over, or too small beside its bounds): whatever is written \
+const UNSEEN: &str = "no camera sees anything of the asset (transparent all over, or too small beside its bounds): whatever is written \
                       looks the same";
 
 /// The views of the early stop.

@@ -143,20 +143,6 @@ fn the_last_of_four_views_is_held_out() {
     assert_ne!(losses(&a), losses(&fit(&targets)), "the losses see the others");
 }
 
-/// Keeps the warnings.
-#[derive(Default)]
-struct Heard(std::sync::Mutex<Vec<String>>);
-
-impl Progress for Heard {
-    fn report(&self, _: &'static str, _: u64, _: u64, _: &str) {}
-    fn warn(&self, text: &str) {
-        self.0.lock().expect("not poisoned").push(text.into());
-    }
-    fn is_cancelled(&self) -> bool {
-        false
-    }
-}
-
 #[test]
 fn pictures_that_changed_places_are_told() {
     let mut targets: Vec<Image> =
