@@ -359,7 +359,9 @@ fn work(a: &Render, renderer: &mut Renderer<'_>, keeper: &mut Keeper<'_>) -> Res
         None => {}
     }
     if a.path.explain && guiding(a) != Guiding::Off {
-        print(&format!("paths that a guide learns from\n{}", renderer.sampled_plan()))?;
+        if guidance.report().is_some() {
+            print(&format!("paths that a guide learns from\n{}", renderer.sampled_plan()))?;
+        }
         match guidance.is_on() {
             true => print("guided path tracing\n  as these paths\n")?,
             false => print(&format!("path tracing, not guided\n{}", renderer.plan()))?,

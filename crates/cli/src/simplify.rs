@@ -396,6 +396,7 @@ impl Job<'_> {
             "bytes_out": self.bytes_out(),
             "verdict": Verdict::of(o).likeness.to_string(),
             "written": o.written.name(),
+            "compared": o.was_chosen(),
             "textures": o.textures,
             "seconds": o.seconds,
             "fit_seconds": o.fit_seconds,

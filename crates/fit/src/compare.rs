@@ -30,6 +30,7 @@ pub fn compare_assets(
     progress: &dyn Progress,
 ) -> Result<Comparison, FitError> {
     let n = Normalised::new(reference)?;
+    let _told = n.not_finite.told_at_the_end(progress);
     let judge = Judge {
         scene: reference,
         n: &n,
@@ -44,7 +45,6 @@ pub fn compare_assets(
     let stages = [Stage::new("candidate", candidate.clone())];
     let method = judge.method(&stages);
     let judged = judge.views(&stages, views, progress)?;
-    n.not_finite.tell(progress);
     let views = judged.into_iter().flat_map(|v| v.quality);
     Ok(Comparison { views: views.collect(), method })
 }

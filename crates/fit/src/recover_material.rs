@@ -163,6 +163,7 @@ pub fn recover_material(
     let (mut made, mut resumed) = (0, 0);
     let mut chain = FitChain::new(&options.keeping, progress);
     let (told, not_finite) = (Mutex::default(), NotFinite::default());
+    let _told = not_finite.told_at_the_end(progress);
     let mut before = None;
     for round in 0..options.rounds {
         let done = chain.steps();
@@ -208,7 +209,6 @@ pub fn recover_material(
             before = Some(r);
             continue;
         }
-        not_finite.tell(progress);
         let asset = task.asset(&r.model)?;
         let items = [r.plan.items, vec![task.guide_row(&guides), atlas_row(unwrapped)]].concat();
         return Ok(RecoveredMaterial {

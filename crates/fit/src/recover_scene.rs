@@ -88,9 +88,8 @@ pub fn recover_scene(
     options: &RecoverSceneOptions,
     progress: &dyn Progress,
 ) -> Result<RecoveredScene, FitError> {
-    let not_finite = model.not_finite.clone();
+    let _told = model.not_finite.told_at_the_end(progress);
     let recovered = fit(model, views, pictures, options, progress);
-    not_finite.tell(progress);
     recovered
 }
 

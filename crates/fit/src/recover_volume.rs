@@ -184,6 +184,7 @@ pub fn recover_volume(
     let (mut made, mut resumed) = (0, 0);
     let mut chain = FitChain::new(&options.keeping, progress);
     let (told, not_finite) = (Mutex::default(), NotFinite::default());
+    let _told = not_finite.told_at_the_end(progress);
     for (level, side) in longest.iter().enumerate() {
         grid = grid.resampled(size_of(&bounds, *side));
         let done = chain.steps();
@@ -207,7 +208,6 @@ pub fn recover_volume(
         }
         (made, resumed) = (made + r.steps, resumed + r.resumed);
         if level + 1 == longest.len() || r.stopped {
-            not_finite.tell(progress);
             return Ok(RecoveredVolume {
                 size: grid.size,
                 bounds,

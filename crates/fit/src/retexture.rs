@@ -125,6 +125,7 @@ pub fn retexture(
     reference.validate_for_fit()?;
     light.validate_for_fit()?;
     let n = Normalised::over(reference, &options.moments)?;
+    let _told = n.not_finite.told_at_the_end(progress);
     let bare = bare(light)?;
     let own = Animated::new(&bare, &n).playing(&n.light_asset.animations);
     options.moments.iter().try_for_each(|m| own.flat(*m).map(drop))?;
@@ -212,7 +213,6 @@ pub fn retexture(
         seed: options.seed,
     };
     let views = judge.at_moments(&stages, &options.moments, options.report_views, progress)?;
-    n.not_finite.tell(progress);
     let [start, quality] = Quality::of_two_stages(&views);
     let file = &stages[1].scene;
     Ok(Retextured {
@@ -322,8 +322,9 @@ fn baked(
         progress.report("bake", (share * 1000.0) as u64, 1000, n.light_asset.name.as_str());
         if progress.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
-    let round = candidate.round_normals();
-    let target = Target { directions: Some(&round), ..Target::new(&mesh) };
+    // Vertex normals that point to the back would lead rays away from the surface.
+    let round = opposed(&rest.mesh).contains(&true).then(|| candidate.round_normals());
+    let target = Target { directions: round.as_deref(), ..Target::new(&mesh) };
     let mut baked = bake(rays, &seen, &target, &settings, &heard).map_err(|e| match e {
         crate::bake::BakeError::Stopped => FitError::Interrupted,
         e => e.into(),

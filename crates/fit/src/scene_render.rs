@@ -13,7 +13,7 @@ use photofit_scalar::{Vec3f, Vec4f, vec3};
 use photofit_scene::{Camera, FlatScene, SurfaceLibrary};
 use photofit_shading::{Light, Sides};
 use rayon::prelude::*;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 const AREA: usize = TILE * TILE;
 
@@ -82,7 +82,7 @@ impl<'a> SceneRenderer<'a> {
         let grid = PixelGrid::new(w, h);
         let mut image = Image::new(width, height, 4);
         let strip = (width * 4 * TILE / supersample).max(1);
-        let (done, strips) = (AtomicU64::new(0), image.data.len().div_ceil(strip) as u64);
+        let (done, strips) = (Mutex::new(0), image.data.len().div_ceil(strip) as u64);
         image.data.par_chunks_mut(strip).enumerate().for_each(|(row, out)| {
             let mut work = TileWork::default();
             for column in 0..bins.columns() {
@@ -94,7 +94,9 @@ impl<'a> SceneRenderer<'a> {
                 shading.tile(&tile, &mut work);
                 resolve(&work, &tile, supersample, width, out);
             }
-            progress.report("render", done.fetch_add(1, Ordering::Relaxed) + 1, strips, "");
+            let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
+            *done += 1;
+            progress.report("render", *done, strips, "");
         });
         image
     }

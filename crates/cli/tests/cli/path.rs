@@ -65,7 +65,7 @@ fn the_plan_of_guided_paths_tells_what_they_run() {
     let dir = tempfile::tempdir().unwrap();
     let d = dir.path();
     write_rock(d, 8, true);
-    let more = ["-o", "a.png", "--spp", "4", "--guiding", "lobes", "--explain"];
+    let more = ["-o", "a.png", "--spp", "4", "--guiding", "lobes", "--explain", "--json", "a.json"];
     let text = stdout(&succeeds(d, &[&SMALL[..], &more].concat()));
     let (guided, rest) = text.split_once("path tracing").expect("the picture");
     assert!(guided.starts_with("paths that a guide learns from"), "{text}");
@@ -73,7 +73,16 @@ fn the_plan_of_guided_paths_tells_what_they_run() {
     let guide_line = |name: &str| guided.lines().find(|l| l.trim().starts_with(name)).expect("a line");
     assert!(guide_line("alpha tests").contains("idle: every surface is opaque"), "{text}");
     assert!(guide_line("media").contains("skipped: there are no volumes"), "{text}");
-    assert!(rest.contains("as these paths") || rest.contains("alpha tests            skipped"), "{text}");
+    let figures: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(d.join("a.json")).unwrap()).unwrap();
+    let used = figures["guide"]["used"].as_bool().expect("a guide was trained");
+    let line = if used { "as these paths" } else { "alpha tests            skipped" };
+    assert!(rest.contains(line), "{used}: {text}");
+    // Where no time is left for training, no guide learns.
+    let more = ["-o", "b.png", "--guiding", "lobes", "--explain", "--time-limit", "0.000001"];
+    let text = stdout(&succeeds(d, &[&SMALL[..], &more].concat()));
+    assert!(!text.contains("paths that a guide learns from"), "{text}");
+    assert!(text.contains("path tracing, not guided"), "{text}");
 }
 
 #[test]

@@ -133,7 +133,8 @@ impl Job<'_> {
 
     /// Triangle and weights for a point of the atlas (in texels) inside the texel `(x, y)`.
     ///
-    /// Outside of the texel's owner it may lie in the triangle of a texel nearby that is of the same class; else it is moved onto the owner.
+    /// Outside of the texel's owner it may lie in the triangle of a texel nearby whose normals are on the same side; else it
+    /// is moved onto the owner.
     fn locate(&self, x: usize, y: usize, owner: usize, p: Vec2f) -> (usize, [f32; 3]) {
         let w = self.weights(owner, p);
         let Some(w) = w else {
@@ -146,7 +147,7 @@ impl Job<'_> {
         for ny in y.saturating_sub(1)..(y + 2).min(self.settings.height) {
             for nx in x.saturating_sub(1)..(x + 2).min(self.settings.width) {
                 let other = self.coverage.triangle[ny * self.settings.width + nx];
-                let foreign = |c: &[BakeClass]| c[other as usize] != c[owner];
+                let foreign = |c: &[BakeClass]| c[other as usize].opposed != c[owner].opposed;
                 if other == u32::MAX || other as usize == owner || self.classes.is_some_and(foreign) {
                     continue;
                 }

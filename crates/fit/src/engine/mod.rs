@@ -50,4 +50,5 @@ pub mod views;
 pub use asset::Normalised;
 pub use frame::FitFrame;
 pub use light_asset::LightAsset;
-pub use not_finite::{NotFinite, not_finite_told};
+pub(crate) use not_finite::NotFinite;
+pub use not_finite::not_finite_told;

@@ -6,7 +6,7 @@ use crate::bake;
 use crate::candidate::Candidate;
 use crate::engine::Normalised;
 use crate::engine::judge::{self, Stage};
-use crate::engine::reference::Reference;
+use crate::engine::reference::{ENERGY, Reference};
 use crate::engine::surface::{self, Surface};
 use crate::engine::trainer::{HeldOut, Trained};
 use crate::visibility::Visibility;
@@ -38,8 +38,9 @@ pub(super) struct Look {
 
 /// The start that looks best in the views of the early stop, of which the first wins a tie, and how it looks.
 pub(super) fn best_start(starts: &[Start], held_out: &HeldOut) -> (usize, Look) {
+    let passes = Passes { energy: ENERGY, ..Passes::default() };
     let look = |start: &Start| {
-        let pictures = surface::pictures(&start.candidate, held_out.shots(), &Passes::default());
+        let pictures = surface::pictures(&start.candidate, held_out.shots(), &passes);
         Look { psnr: held_out.psnr(&pictures), at_outline: held_out.at_outline(&pictures) }
     };
     let first = (0, look(&starts[0]));
@@ -87,7 +88,10 @@ pub(super) fn best(
     let own = plain::candidate(asset, &plain, reference, as_many, options, progress)?;
     let trained_steps = trained.steps;
     let mut models = vec![trained.model.clone(), trained.model];
-    models[1].candidate.maps = rebaked(surface, seen, &models[1].candidate, options, &Silent)?;
+    // A bake that fails costs no fit: the maps stay as they were fitted.
+    if let Ok(maps) = rebaked(surface, seen, &models[1].candidate, options, &Silent) {
+        models[1].candidate.maps = maps;
+    }
     for start in starts {
         models.push(Surface { candidate: start.candidate.clone(), ..models[0].clone() });
     }

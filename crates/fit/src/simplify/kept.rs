@@ -37,7 +37,7 @@ pub(super) fn simplify(
     began: Instant,
     progress: &dyn Progress,
 ) -> Result<Outcome, FitError> {
-    let Asset { scene, n, rays, .. } = asset;
+    let Asset { given, scene, n, rays, .. } = asset;
     check(scene)?;
     let reference = &*options.rasterized_against().reference(scene, n, rays, options)?;
     let (views, count) = (options.orbit(options.resolution), options.choice_views());
@@ -65,7 +65,7 @@ pub(super) fn simplify(
     stages.push(Stage::new(FILE, written));
     let judge = options.judge_of(scene, n, reference);
     let views = judge.views(&stages, options.report_views, progress)?;
-    let plan = options.plan(scene, reference.kind()).with_result(Written::Kept, 0, None);
+    let plan = options.plan(given, reference.kind()).with_result(Written::Kept, 0, None);
     let names: Vec<&'static str> = stages.iter().map(|s| s.name).collect();
     let written = &stages[stages.len() - 1].scene;
     let triangles = [scene.triangle_count(), written.triangle_count()];
@@ -79,7 +79,7 @@ pub(super) fn simplify(
     let judged = judge.method(&stages);
     let mut made = Outcome::new(triangles, trained, plan, &names, views, judged, times, options);
     (made.written, made.textures, made.stopped) = (Written::Kept, textures, stopped);
-    (made.left_out, made.not_fitted) = (outcome::left_out(scene, written, options.surfacing), Vec::new());
+    (made.left_out, made.not_fitted) = (outcome::left_out(given, written, options.surfacing), Vec::new());
     prepare::tell_budget(options, triangles, progress);
     Ok(made)
 }

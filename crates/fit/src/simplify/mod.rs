@@ -103,6 +103,9 @@ pub fn simplify(
 /// An asset with what every fit of it needs.
 #[derive(Clone, Copy)]
 pub(crate) struct Asset<'a> {
+    /// As it was given.
+    pub(crate) given: &'a Scene,
+    /// The same where glass of several scales has a material for each: [`apart_by_scale`].
     pub(crate) scene: &'a Scene,
     pub(crate) n: &'a Normalised,
     rays: &'a bake::ReferenceSurface<'a>,
@@ -116,6 +119,7 @@ pub(crate) fn with_asset<R>(
     work: impl FnOnce(Asset<'_>) -> Result<R, FitError>,
 ) -> Result<R, FitError> {
     scene.validate_for_fit()?;
+    let given = scene;
     let scene = &*apart_by_scale(scene);
     let (n, opposed) = Normalised::new(scene)?.with_opposed_normals();
     if opposed > 0 {
@@ -127,9 +131,8 @@ pub(crate) fn with_asset<R>(
     }
     let rays = n.surface()?;
     let visibility = prepare::visibility(&rays, progress)?;
-    let made = work(Asset { scene, n: &n, rays: &rays, visibility: &visibility });
-    n.not_finite.tell(progress);
-    made
+    let _told = n.not_finite.told_at_the_end(progress);
+    work(Asset { given, scene, n: &n, rays: &rays, visibility: &visibility })
 }
 
 /// One fit of an asset. Its shape starts from the asset, or from a candidate that was fitted to it before. `began` is when
@@ -142,7 +145,7 @@ pub(crate) fn simplify_asset(
     began: Instant,
     progress: &dyn Progress,
 ) -> Result<Outcome, FitError> {
-    let Asset { scene, n, rays, visibility } = asset;
+    let Asset { given, scene, n, rays, visibility } = asset;
     mips::check_classes(options, &n.light_asset.classes)?;
     if options.surfacing == Surfacing::Kept {
         return kept::simplify(asset, output, options, began, progress);
@@ -162,8 +165,9 @@ pub(crate) fn simplify_asset(
     let starts = by_outline::starts(n, surface, visibility, from, &held_out, options, progress)?;
     let (all, start) = (&starts.all, &starts.all[starts.best]);
     let loss = loss::choose(&held_out);
-    let plan = options.plan(scene, reference.kind()).with_backs(backs.seen, backs.share);
-    let plan = plan.with_unseen([visibility.hidden(), n.flat.mesh.triangles.len()]);
+    let plan = options.plan(given, reference.kind()).with_backs(backs.seen, backs.share);
+    let decimates = from.is_none() && options.init == Init::Decimate;
+    let plan = plan.with_unseen(decimates.then(|| [visibility.hidden(), n.flat.mesh.triangles.len()]));
     let fitted = SurfacePlan::new(scene, &start.candidate, options.asked(reference.kind()));
     let plan = plan.with_loss(loss, held_out.noise).with_maps(fitted.clone()).with_outline(starts.row);
     let keeping = through_path::keeping_before(options);
@@ -215,7 +219,7 @@ pub(crate) fn simplify_asset(
     };
     let mut light = dressed(light);
     if let Some(most) = options.max_bytes {
-        let whole = options.keeps_all(scene).then_some(scene);
+        let whole = (options.keeps_all(given) && plain.is_some()).then_some(given);
         let (made, other) = byte_budget::best_within(
             light,
             (own.map(dressed), whole),
@@ -254,8 +258,8 @@ pub(crate) fn simplify_asset(
     (outcome.written, outcome.textures) = (written, textures);
     let light = &stages[stages.len() - 1].scene;
     (outcome.left_out, outcome.not_fitted) = (
-        outcome::left_out(scene, light, options.surfacing),
-        outcome::not_fitted(scene, light, written == Written::Decimated),
+        outcome::left_out(given, light, options.surfacing),
+        outcome::not_fitted(given, light, written == Written::Decimated),
     );
     outcome.stopped |= progress.is_cancelled();
     outcome.add_traced_maps(traced_maps.course());

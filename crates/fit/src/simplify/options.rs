@@ -344,14 +344,14 @@ impl SimplifyOptions {
     pub fn judgement(&self, scene: &Scene) -> Judgement {
         let (judged, why) = self.judged(scene);
         // Decimated, baked, wrapped where the fit starts from a decimated asset, fitted, and the file where that is something
-        // else; the original where engines draw it.
+        // else.
         let starts = self.init == Init::Decimate && self.effort.work().compares_starts;
         let fitted = if self.surfacing == Surfacing::Kept { 1 } else { 4 + u64::from(starts) };
-        let stages = fitted + u64::from(self.as_engine && judged != Judged::PathTraced);
+        let asset = u64::from(!matches!(judged, Judged::RasterizedAgainst(_)));
         Judgement {
             judged,
             why,
-            pictures: self.report_views * (1 + stages),
+            pictures: self.report_views * (asset + fitted),
             side: self.resolution.min(WIDEST_TRACED),
             spp: self.judge_spp,
         }

@@ -156,10 +156,10 @@ impl FitPlan {
         Self { outline: Some(outline), ..self }
     }
 
-    /// Adds how many triangles of the asset nobody sees, of all; nothing is told without.
+    /// Adds how many triangles of the asset nobody sees, of all, where the start is decimated from it.
     #[must_use]
-    pub(crate) fn with_unseen(self, unseen: [usize; 2]) -> Self {
-        Self { unseen: Some(unseen), ..self }
+    pub(crate) fn with_unseen(self, unseen: Option<[usize; 2]>) -> Self {
+        Self { unseen, ..self }
     }
 
     /// Adds whether maps are fitted through the path tracer; nothing is told without.

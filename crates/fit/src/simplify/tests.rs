@@ -387,7 +387,9 @@ fn glass_keeps_its_thickness_at_each_scale() {
     scene.instances.push(Instance { primitive: 0, transform });
     for surfacing in [Surfacing::Maps, Surfacing::Kept] {
         let few = SimplifyOptions { steps: 0, judge_spp: 1, surfacing, ..options() };
-        simplify(&scene, &path, &few, &Silent).unwrap();
+        let told = simplify(&scene, &path, &few, &Silent).unwrap();
+        let plan = told.plan.to_string();
+        assert!(!plan.contains("of 2 materials"), "the asset has one material: {plan}");
         let light = photofit_scene::load(&path).unwrap();
         // The small ball and the large one.
         let mut found: Vec<(bool, f32)> = Vec::new();

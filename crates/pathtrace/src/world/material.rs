@@ -47,6 +47,13 @@ pub(crate) struct CompiledMaterial {
 }
 
 impl CompiledMaterial {
+    /// Whether normals of vertices on the other side than that of the triangle are turned. Those of glTF materials are not, as
+    /// rasterizers do not, but for glass, through which light must find its way.
+    #[inline(always)]
+    pub(crate) fn turns_normals(&self) -> bool {
+        self.library.is_none() || self.transmits
+    }
+
     pub(crate) fn new(
         index: usize,
         material: &Material,

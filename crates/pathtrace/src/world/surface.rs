@@ -23,7 +23,8 @@ pub struct Interaction {
     pub p: Vec3f,
     /// Unit geometric normal of the front.
     pub ng: Vec3f,
-    /// Unit interpolated normal: on the side of `ng`, but for materials of glTF, whose vertex normals are taken as they are.
+    /// Unit interpolated normal, on the side of `ng` but for materials of glTF without transmission: their vertex normals are
+    /// taken as they are, as the rasterizer takes them.
     pub ns: Vec3f,
     /// Both sets of texture coordinates.
     pub uv: [Vec2f; 2],
@@ -132,8 +133,11 @@ impl World {
         if !mesh.normals.is_empty() {
             let n = placed.normal(at.vec3(&mesh.normals)).normalize_or_zero();
             if n != Vec3f::zero() {
-                let turned = n.dot(ng) < 0.0 && self.materials[placed.material as usize].library.is_none();
-                ns = if turned { -n } else { n };
+                ns = if n.dot(ng) < 0.0 && self.materials[placed.material as usize].turns_normals() {
+                    -n
+                } else {
+                    n
+                };
             }
         }
         let mut out = Interaction {

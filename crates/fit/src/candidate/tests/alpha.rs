@@ -37,6 +37,61 @@ fn alpha_of_one_and_zero_has_a_gradient() {
 }
 
 #[test]
+fn what_lies_behind_a_candidate_of_any_alpha_is_drawn() {
+    let n = 32;
+    // A lamp, and a sheet in front of it; one half of the maps each.
+    let card = |z: f32, left: f32| {
+        let mut mesh = shapes::quad_grid(1, 1);
+        mesh.positions.iter_mut().for_each(|p| p.z = z);
+        mesh.uvs = mesh.positions.iter().map(|p| vec2(left + 0.1 * p.x, 0.5 - 0.1 * p.y)).collect();
+        mesh
+    };
+    let mut both = card(-0.5, 0.75);
+    let front = card(0.5, 0.25);
+    let first = both.positions.len() as u32;
+    both.triangles.extend(front.triangles.iter().map(|t| t.map(|i| i + first)));
+    both.positions.extend(&front.positions);
+    both.normals.extend(&front.normals);
+    both.uvs.extend(&front.uvs);
+    let blend = SurfaceClass { alpha: AlphaMode::Blend, sides: Sides::Both, ..SurfaceClass::default() };
+    let camera =
+        Camera::look_at(glam::vec3(0.0, 0.0, 3.0), glam::Vec3::ZERO, glam::Vec3::Y, 0.2, 1.0, 0.1, 10.0);
+    let view = View {
+        view_projection: matrix_rows(&camera.view_projection()),
+        eye: vec3(0.0, 0.0, 3.0),
+        lights: &[],
+        width: SIZE * SAMPLES,
+        height: SIZE * SAMPLES,
+        samples: SAMPLES,
+        shade_per_pixel: false,
+        lod_bias: 0.0,
+    };
+    for alpha in [0.5, 0.99, 0.999, 0.9999, 1.0] {
+        let texel = |i: usize| {
+            let lamp = i % n >= n / 2;
+            let mut t = [0.0; CHANNELS];
+            t[channel::NORMAL + 2] = 1.0;
+            t[channel::ROUGHNESS] = 1.0;
+            t[channel::EMISSIVE..channel::USED].fill(if lamp { 1000.0 } else { 0.0 });
+            t[channel::ALPHA] = if lamp { 1.0 } else { alpha };
+            t
+        };
+        let maps = Maps { width: n, height: n, texels: (0..n * n).map(texel).collect() };
+        let class = vec![0; both.triangles.len()];
+        let smoothing = weld_exact(&both.positions);
+        let candidate = Candidate::<f64>::new(&both, &smoothing, class, vec![blend], maps);
+        let background = vec![[0.0; 3]; SIZE * SIZE];
+        let picture = CandidateView { view, background: &background, vertices: None, backs: false };
+        // As the asset's own alpha, and pictures that are judged, are drawn: nothing of it is fitted.
+        let passes = Passes { alpha_gradients: false, ..Passes::default() };
+        let seen =
+            candidate.draw(&candidate.vertices(), &picture, &passes).color[SIZE * (SIZE / 2) + SIZE / 2];
+        let expected = 1000.0 * (1.0 - alpha);
+        assert!((seen[0] - expected).abs() <= 1e-6 * expected, "alpha {alpha}: {} for {expected}", seen[0]);
+    }
+}
+
+#[test]
 fn the_outline_of_a_mask_is_found() {
     let n = 32;
     let mut card = shapes::quad_grid(2, 2);

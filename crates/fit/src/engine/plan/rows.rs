@@ -163,7 +163,7 @@ pub(crate) fn steps(made: u64, most: u64) -> Item {
 
 /// The row of triangles of the asset that nobody sees, of so many.
 pub(crate) fn unseen([unseen, all]: [usize; 2]) -> Item {
-    let why = format!("{unseen} of {all}: the decimation spends nothing on them");
+    let why = format!("{unseen} of {all}: the decimation of the start spends nothing on them");
     Item { what: "unseen triangles", runs: Runs::No, why }
 }
 

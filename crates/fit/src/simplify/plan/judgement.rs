@@ -10,7 +10,8 @@ pub struct Judgement {
     pub judged: Judged,
     /// Why.
     pub why: String,
-    /// Pictures of all views, of the asset and of what is compared with it, at most.
+    /// Pictures of all views that the path tracer makes, or would make, of the asset and of what is compared with it, at most;
+    /// without those of the asset where they are path traced in any case.
     pub pictures: u64,
     /// Width and height of each where it is path traced, pixels.
     pub side: usize,

@@ -260,7 +260,7 @@ fn light_of_the_fit_through_the_path_tracer_is_told() {
 #[test]
 fn what_can_be_counted_is_told_as_saved() {
     let clay = scene(Material::clay());
-    let plan = fit(&clay, &candidate(AlphaMode::Opaque, |_, _| {})).with_unseen([3, 12]);
+    let plan = fit(&clay, &candidate(AlphaMode::Opaque, |_, _| {})).with_unseen(Some([3, 12]));
     let options = SimplifyOptions { report_views: 2, judge_spp: 5, ..Default::default() };
     let plan = plan.with_judgement(options.judgement(&clay));
     let text = plan.with_result(Written::Fitted, 40, None).to_string();
