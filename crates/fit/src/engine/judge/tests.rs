@@ -221,7 +221,7 @@ fn a_stop_within_a_path_traced_view_does_not_wait_for_it() {
         assert_eq!(whole.len() as u64, view, "the view at work is dropped, those before count");
     }
     // One view there must be: the first is finished.
-    let at_once = || StopsWithin { view: 0, asked: std::sync::Mutex::new(Some(1)) };
+    let at_once = || StopsWithin { view: u64::MAX, asked: std::sync::Mutex::new(Some(1)) };
     assert_eq!(judge.views(&stages, 4, &at_once()).unwrap().len(), 1);
     // A choice, too, does not wait for the view at work.
     let mut other = scene.clone();
