@@ -58,8 +58,6 @@ pub(super) struct Chosen {
     pub(super) written: Written,
     /// What was fitted, where something else is written.
     pub(super) fitted: Option<Scene>,
-    /// The decimated asset with its own materials, where it may be written and something else looked better.
-    pub(super) own: Option<Scene>,
 }
 
 /// The fit judged itself by its own renderer; the choice among the fitted asset, the same with maps baked anew, the
@@ -95,7 +93,7 @@ pub(super) fn best(
     let (count, samples) = (options.choice_views(), options.choice_samples());
     let scores = judge.scores(&stages, (count, options.smallest_picture()), samples, progress)?;
     let best = judge::highest(&scores);
-    let (models_made, baked) = (models.len(), models.len() - 1);
+    let baked = models.len() - 1;
     let written = match best {
         0 => Written::Fitted,
         1 => Written::Rebaked,
@@ -105,12 +103,5 @@ pub(super) fn best(
     };
     let fitted = (written != Written::Fitted && trained_steps > 0).then(|| scenes[0].clone());
     let model = models.swap_remove(judge::highest(&scores[..models.len()]));
-    let own = (scenes.len() > models_made && written != Written::Decimated).then(|| scenes.pop()).flatten();
-    Ok(Chosen {
-        trained: Trained { model, ..trained },
-        light: scenes.swap_remove(best),
-        written,
-        fitted,
-        own,
-    })
+    Ok(Chosen { trained: Trained { model, ..trained }, light: scenes.swap_remove(best), written, fitted })
 }

@@ -9,6 +9,7 @@ mod byte_budget;
 mod choice;
 mod coverage;
 mod effort;
+mod finish;
 mod kept;
 mod locks;
 mod mips;
@@ -50,6 +51,7 @@ use crate::engine::trainer::{self, HeldOut, Job, Phase};
 use crate::engine::views::Moment;
 use crate::visibility::Visibility;
 use crate::{FitError, Progress};
+use finish::Finished;
 use outcome::Times;
 use photofit_geometry::decimate::Target;
 use photofit_scene::Scene;
@@ -193,43 +195,16 @@ pub(crate) fn simplify_asset(
     let as_many = Target::Triangles(start.candidate.triangles.len());
     let plain = plain::decimated(scene, n, &[], &plain::own(as_many, options.lock_borders))?;
     let own = plain::candidate(asset, &plain, reference, as_many, options, progress)?;
-    let choice::Chosen { trained, light, mut written, mut fitted, own } =
-        choice::best(trained, own, surface, visibility, all, (scene, n), reference, options, progress)?;
-
+    // Within a budget of bytes own materials meet the others as the files that both would be.
+    let now = own.as_ref().filter(|_| options.max_bytes.is_none()).map(|own| own.scene(0));
+    let chosen =
+        choice::best(trained, now, surface, visibility, all, (scene, n), reference, options, progress)?;
     if options.surfacing == Surfacing::VertexColors {
-        outcome::tell_detail(&trained.model.candidate, n, progress);
+        outcome::tell_detail(&chosen.trained.model.candidate, n, progress);
     }
     let spent = fit_began.elapsed();
-    let done = (written, trained.stopped, spent);
-    let (light, mut traced_maps) = through_path::fit_maps(asset, light, done, options, progress);
-    let dressed = |mut light: Scene| {
-        light.inherit(scene);
-        light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
-        light
-    };
-    let mut light = dressed(light);
-    if let Some(most) = options.max_bytes {
-        let whole = options.keeps_all(scene).then_some(scene);
-        let (made, other) = byte_budget::best_within(
-            light,
-            (own.map(dressed), whole),
-            most,
-            (n, reference),
-            options,
-            progress,
-        )?;
-        if other {
-            if written == Written::Fitted && trained.steps > 0 {
-                fitted = Some(options.exported(&trained.model.candidate, n));
-            }
-            written = Written::Decimated;
-            traced_maps = None;
-        }
-        light = made;
-    }
-    if options.lock_borders {
-        locks::restore(&mut light, scene, n);
-    }
+    let Finished { trained, light, written, fitted, traced_maps } =
+        finish::finish(asset, chosen, own.as_ref(), spent, reference, options, progress)?;
     prepare::tell_budget(options, [scene.triangle_count(), light.triangle_count()], progress);
     let textures = byte_budget::told(&light);
     photofit_scene::save_glb_with(output, &light, options.compression)?;
@@ -257,6 +232,13 @@ pub(crate) fn simplify_asset(
         outcome.traced_maps = Some(traced);
     }
     Ok(outcome)
+}
+
+/// What is to be written, with what the asset has beside its surface, its textures encoded as asked.
+fn dressed(mut light: Scene, scene: &Scene, options: &SimplifyOptions) -> Scene {
+    light.inherit(scene);
+    light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
+    light
 }
 
 /// What the report compares, in this order: the asset itself where an engine draws it, the decimated one, the starts, what was
