@@ -189,8 +189,8 @@ impl Budget<'_> {
             out.push((made.bytes <= most || asked.is_empty()).then_some(made));
         }
         if out.iter().any(Option::is_none) {
-            let geometry = bare.iter().zip(&out).filter(|(_, made)| made.is_none());
-            let bytes = geometry.map(|(s, _)| Ok(to_glb_with(s, options.compression)?.len() as u64));
+            let large = bare.iter().zip(&out).filter(|(_, made)| made.is_none());
+            let bytes = large.map(|(s, _)| Ok(geometry(s, options.compression)?[1] as u64));
             let least = bytes.collect::<Result<Vec<u64>, FitError>>()?.into_iter().min().unwrap_or(0);
             let files = Files::new(light, &asked, most.saturating_sub(least), options, progress)?;
             let ways = self.ways(&files)?;
@@ -212,19 +212,22 @@ impl Budget<'_> {
 
     /// A shape with the textures that look best among those with which the file fits.
     fn fitted(&self, files: &Files, ways: Option<&[Vec<Way>]>, bare: &Scene) -> Result<Made, FitError> {
-        let mut choices = files.alike(bare, self.most)?;
-        if let Some(ways) = ways {
-            choices.extend(files.apart(bare, ways, self.most)?);
-        }
-        let best = match choices.len() {
-            0 => return Made::new(files.with(bare, &files.smallest())?, files.compression),
+        let made = |choice: &Choice| Made::new(files.with(bare, choice)?, files.compression);
+        let smallest = files.smallest();
+        let least = made(&smallest)?;
+        let others = least.bytes.saturating_sub(files.bytes(&smallest)) + (AROUND * smallest.len()) as u64;
+        let room = self.most.saturating_sub(others);
+        let mut choices = files.alike(room);
+        choices.extend(ways.and_then(|ways| files.apart(ways, room)));
+        let fitting = choices.iter().map(|choice| Ok((choice, made(choice)?)));
+        let mut fitting = fitting.collect::<Result<Vec<(&Choice, Made)>, FitError>>()?;
+        fitting.retain(|(_, made)| made.bytes <= self.most);
+        let best = match fitting.len() {
+            0 => return Ok(least),
             1 => 0,
-            count => {
-                let scores = self.rasterized(files, count, &|i| files.with(bare, &choices[i]))?;
-                judge::highest(&scores)
-            }
+            count => judge::highest(&self.rasterized(files, count, &|i| Ok(fitting[i].1.scene.clone()))?),
         };
-        files.refined(bare, &choices[best], self.most)
+        files.refined(fitting.swap_remove(best), self.most)
     }
 
     /// How good `count` assets look in held-out views, by the rasterizer, which draws what textures of cores lose: they differ in
@@ -368,9 +371,9 @@ impl Files {
         Ok(Scene { images: images.collect::<Result<_, _>>()?, ..bare.clone() })
     }
 
-    /// Bytes of the whole file.
-    fn bytes(&self, scene: &Scene) -> Result<u64, FitError> {
-        Ok(to_glb_with(scene, self.compression)?.len() as u64)
+    /// Bytes of some files.
+    fn bytes(&self, choice: &Choice) -> u64 {
+        choice.iter().zip(&self.images).map(|([s, w], sizes)| sizes[*s].files[*w].bytes).sum()
     }
 
     /// The smallest file of every image.
@@ -385,8 +388,8 @@ impl Files {
         all.collect()
     }
 
-    /// All images alike: of each size, by halves, the encoding that loses least of those that fit.
-    fn alike(&self, bare: &Scene, most: u64) -> Result<Vec<Choice>, FitError> {
+    /// All images alike: of each size, by halves, the encoding that loses least of those that have at most `room` bytes.
+    fn alike(&self, room: u64) -> Vec<Choice> {
         let mut out: Vec<Choice> = Vec::new();
         let last = self.images.iter().flatten().map(|s| s.halvings).max().unwrap_or(0);
         for halvings in 0..=last {
@@ -400,16 +403,10 @@ impl Files {
             };
             let mut ways: Vec<usize> = (0..self.encodings).collect();
             ways.sort_by(|a, b| error(*a).total_cmp(&error(*b)));
-            for way in ways {
-                let choice = choice(way);
-                if self.bytes(&self.with(bare, &choice)?)? <= most {
-                    out.push(choice);
-                    break;
-                }
-            }
+            out.extend(ways.into_iter().map(choice).find(|choice| self.bytes(choice) <= room));
         }
         out.dedup();
-        Ok(out)
+        out
     }
 
     /// The asset as it is; then for each image, the others as they are, in its coarsest encoding and in smaller sizes.
@@ -440,34 +437,29 @@ impl Files {
         self.images.iter().map(one).collect()
     }
 
-    /// Each image in the size and encoding that together lose least; none if that does not fit.
-    fn apart(&self, bare: &Scene, ways: &[Vec<Way>], most: u64) -> Result<Option<Choice>, FitError> {
-        let least = self.smallest();
-        let own: u64 = least.iter().zip(&self.images).map(|([s, w], sizes)| sizes[*s].files[*w].bytes).sum();
-        let whole = self.bytes(&self.with(bare, &least)?)?;
-        let rest = whole.saturating_sub(own) + (AROUND * ways.len()) as u64;
-        let Some(choice) = allocation::least_loss(ways, most.saturating_sub(rest)) else { return Ok(None) };
+    /// Each image in the size and encoding that together lose least within `room` bytes.
+    fn apart(&self, ways: &[Vec<Way>], room: u64) -> Option<Choice> {
+        let choice = allocation::least_loss(ways, room)?;
         let file = |(way, sizes): (&usize, &Vec<Size>)| {
-            let files =
+            let mut files =
                 sizes.iter().enumerate().flat_map(|(s, size)| (0..size.files.len()).map(move |w| [s, w]));
-            files.clone().nth(*way).expect("a way for each file")
+            files.nth(*way).expect("a way for each file")
         };
-        let choice: Choice = choice.iter().zip(&self.images).map(file).collect();
-        Ok((self.bytes(&self.with(bare, &choice)?)? <= most).then_some(choice))
+        Some(choice.iter().zip(&self.images).map(file).collect())
     }
 
-    /// The asset `bare` with these files, which fit, the lossy ones of better quality, all by as much, as far as the bytes go: seven
-    /// encodings of each at most.
-    fn refined(&self, bare: &Scene, choice: &Choice, most: u64) -> Result<Made, FitError> {
-        let mut best = Made::new(self.with(bare, choice)?, self.compression)?;
-        let quality = |k: usize| quality(best.scene.images[k].encoding);
-        let lossy: Vec<(usize, u8)> = (0..choice.len()).filter_map(|k| Some((k, quality(k)?))).collect();
-        let exact = |(k, [size, _]): (usize, &[usize; 2])| match size {
-            0 => self.light.images[k].clone(),
-            size => reduced(&self.light, k, *size),
-        };
-        let images = choice.iter().enumerate().map(exact).collect();
-        let exact = Scene { images, ..bare.clone() };
+    /// A file that fits with its lossy images of better quality, all by as much, as far as the bytes go: seven encodings of each at
+    /// most.
+    fn refined(&self, (choice, mut best): (&Choice, Made), most: u64) -> Result<Made, FitError> {
+        let lossy = best.scene.images.iter().enumerate().filter_map(|(k, i)| Some((k, quality(i.encoding)?)));
+        let lossy: Vec<(usize, u8)> = lossy.collect();
+        let mut exact = best.scene.clone();
+        for (k, [size, _]) in choice.iter().enumerate() {
+            exact.images[k] = match size {
+                0 => self.light.images[k].clone(),
+                size => reduced(&self.light, k, *size),
+            };
+        }
         let (mut low, mut high) = (0, 100 - lossy.iter().map(|(_, q)| *q).min().unwrap_or(100));
         while low < high {
             let more = low + (high - low).div_ceil(2);
