@@ -35,45 +35,56 @@ pub(super) fn finish(
     progress: &dyn Progress,
 ) -> Result<Finished, FitError> {
     let Asset { scene, n, .. } = asset;
-    let Chosen { trained, light, mut written, mut fitted } = chosen;
+    let Chosen { trained, light: new, written: was, mut fitted } = chosen;
     let with_maps = |light, written| {
         through_path::fit_maps(asset, light, (written, trained.stopped, spent), options, progress)
     };
-    let (mut light, mut traced_maps);
-    if let Some(most) = options.max_bytes {
-        let budget = Budget { most, asset, reference, options, progress };
-        let new = Shapes::new(light);
-        let mut made = budget.within(&new)?;
-        if let Some(own) = own {
-            made.extend(budget.within(own)?);
+    let (mut light, written, traced_maps) = match options.max_bytes {
+        None => {
+            let (light, course) = with_maps(new, was);
+            (dressed(light, scene, options), was, course)
         }
-        let best = budget.best(&made)?;
-        let own = own.filter(|_| best > 0);
-        let was = written;
-        written = if own.is_some() { Written::Decimated } else { written };
-        let start = own.map_or_else(|| new.scene(0), |own| own.scene(best - 1));
-        let (start, course) = with_maps(start, written);
-        let mut made = vec![made.swap_remove(best)];
-        if course.as_ref().is_some_and(MapsCourse::gained) {
-            made.extend(budget.within(&Shapes::new(start))?);
+        Some(most) => {
+            let budget = Budget { most, asset, reference, options, progress };
+            within(&budget, (&Shapes::new(new), was), own, &with_maps)?
         }
-        let best = budget.best(&made)?;
-        let whole = options.keeps_all(scene).then_some(scene);
-        let is_whole;
-        (light, is_whole) = budget.or_whole(made.swap_remove(best), whole)?;
-        traced_maps = course;
-        if is_whole {
-            (written, traced_maps) = (Written::Decimated, None);
-        }
-        if written != was && was == Written::Fitted && trained.steps > 0 {
-            fitted = Some(options.exported(&trained.model.candidate, n));
-        }
-    } else {
-        (light, traced_maps) = with_maps(light, written);
-        light = dressed(light, scene, options);
+    };
+    if written != was && was == Written::Fitted && trained.steps > 0 {
+        fitted = Some(options.exported(&trained.model.candidate, n));
     }
     if options.lock_borders {
         locks::restore(&mut light, scene, n);
     }
     Ok(Finished { trained, light, written, fitted, traced_maps })
+}
+
+/// The better of the files within a budget that the asset with `new` maps and that with its `own` materials come to; what that is; and how
+/// the fit of its maps `with_maps` went.
+fn within(
+    budget: &Budget<'_>,
+    (new, was): (&Shapes, Written),
+    own: Option<&Shapes>,
+    with_maps: &dyn Fn(Scene, Written) -> (Scene, Option<MapsCourse>),
+) -> Result<(Scene, Written, Option<MapsCourse>), FitError> {
+    let mut made = budget.within(new)?;
+    if let Some(own) = own {
+        made.extend(budget.within(own)?);
+    }
+    let best = budget.best(&made)?;
+    let (start, written) = match own.filter(|_| best > 0) {
+        Some(own) => (own.scene(best - 1), Written::Decimated),
+        None => (new.scene(0), was),
+    };
+    let (start, course) = with_maps(start, written);
+    let mut made = vec![made.swap_remove(best)];
+    if course.as_ref().is_some_and(MapsCourse::gained) {
+        made.extend(budget.within(&Shapes::new(start))?);
+    }
+    let best = budget.best(&made)?;
+    let scene = budget.asset.scene;
+    let whole = budget.options.keeps_all(scene).then_some(scene);
+    Ok(match budget.or_whole(made.swap_remove(best), whole)? {
+        (light, true) => (light, Written::Decimated, None),
+        (light, false) => (light, written, course),
+    })
 }
