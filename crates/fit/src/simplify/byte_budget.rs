@@ -9,15 +9,17 @@
 mod allocation;
 #[cfg(test)]
 mod tests;
+mod triangles;
 
-use super::options::FEWEST;
+pub(super) use triangles::{other_triangles, triangles_within};
+
 use super::plain::reduced;
 use super::{Asset, SimplifyOptions};
 use crate::engine::judge::{self, Stage};
 use crate::engine::reference::Reference;
 use crate::{FitError, Progress};
 use allocation::Way;
-use photofit_scene::{Compression, Material, Scene, TextureEncoding, TextureImage, to_glb_with};
+use photofit_scene::{Compression, Scene, TextureEncoding, TextureImage, to_glb_with};
 use rayon::prelude::*;
 
 /// Qualities of lossy encodings that are tried where exact textures are too large, best first.
@@ -190,7 +192,7 @@ impl Budget<'_> {
         }
         if out.iter().any(Option::is_none) {
             let large = bare.iter().zip(&out).filter(|(_, made)| made.is_none());
-            let bytes = large.map(|(s, _)| Ok(geometry(s, options.compression)?[1] as u64));
+            let bytes = large.map(|(s, _)| Ok(triangles::geometry(s, options.compression)?[1] as u64));
             let least = bytes.collect::<Result<Vec<u64>, FitError>>()?.into_iter().min().unwrap_or(0);
             let files = Files::new(light, &asked, most.saturating_sub(least), options, progress)?;
             let ways = self.ways(&files)?;
@@ -269,63 +271,6 @@ fn as_asked(scene: &Scene) -> Result<Vec<TextureImage>, FitError> {
         Ok(TextureImage { texels: Vec::new(), mips: Vec::new(), ..stored })
     });
     stored.collect()
-}
-
-/// Part of a file's bytes that geometry may take where the budget of triangles follows from bytes: a convention, which no
-/// measurement chose.
-const GEOMETRY: f64 = 0.5;
-/// Other parts that the asset's own textures are tried with, which cost no fit: in even steps.
-const OTHER_PARTS: [f64; 2] = [0.25, 0.75];
-
-/// The triangles of an asset that a file of `most` bytes holds: all where the asset as it is fits, and otherwise as many as
-/// take [`GEOMETRY`] of it. Bytes are taken to follow the number of triangles, each instance with its own.
-///
-/// # Errors
-/// If the geometry cannot be written.
-pub(super) fn triangles_within(
-    scene: &Scene,
-    most: u64,
-    compression: Compression,
-) -> Result<usize, FitError> {
-    let [geometry, stored] = geometry(scene, compression)?;
-    let textures = to_glb_with(scene, compression)?.len() as f64 - stored;
-    if geometry + textures <= most as f64 {
-        return Ok(scene.triangle_count().max(1));
-    }
-    Ok(triangles_in(scene, GEOMETRY * most as f64, geometry))
-}
-
-/// Other numbers of triangles than `first` that the asset's own textures are tried with within a file of `most` bytes: as many as take
-/// each of [`OTHER_PARTS`] of it.
-///
-/// # Errors
-/// If the geometry cannot be written.
-pub(super) fn other_triangles(
-    scene: &Scene,
-    (most, first): (u64, usize),
-    compression: Compression,
-) -> Result<Vec<usize>, FitError> {
-    let [geometry, _] = geometry(scene, compression)?;
-    let mut all = OTHER_PARTS.map(|part| triangles_in(scene, part * most as f64, geometry)).to_vec();
-    all.dedup();
-    all.retain(|n| *n != first);
-    Ok(all)
-}
-
-/// Bytes of the geometry of a scene, each instance with its own, and of what is stored of it.
-fn geometry(scene: &Scene, compression: Compression) -> Result<[f64; 2], FitError> {
-    let mut bare = scene.clone();
-    bare.materials.iter_mut().for_each(|m| *m = Material::default());
-    bare.images.clear();
-    let shared: usize = scene.primitives.iter().map(|p| p.mesh.triangles.len()).sum();
-    let stored = to_glb_with(&bare, compression)?.len() as f64;
-    Ok([stored * (scene.triangle_count() as f64 / shared.max(1) as f64).max(1.0), stored])
-}
-
-/// The triangles of a scene that so many bytes hold, where all take `geometry`.
-fn triangles_in(scene: &Scene, bytes: f64, geometry: f64) -> usize {
-    let all = scene.triangle_count().max(1);
-    ((all as f64 * bytes / geometry) as usize).clamp(FEWEST.min(all), all)
 }
 
 /// The encoding that loses most: JPEG does not where it cannot hold alpha.

@@ -149,8 +149,14 @@ pub(super) fn options() -> SimplifyOptions {
 #[derive(Default)]
 pub(super) struct Watching {
     fitting: AtomicUsize,
-    pub(super) stop_at: Option<usize>,
+    stop_at: Option<usize>,
     warnings: Mutex<Vec<String>>,
+}
+
+impl Watching {
+    pub(super) fn stopping_at(question: usize) -> Self {
+        Self { stop_at: Some(question), ..Self::default() }
+    }
 }
 
 impl Progress for Watching {
@@ -192,7 +198,7 @@ fn a_fit_stopped_at_any_step_resumes_to_the_same_file() {
     for (options, whole, stop_at) in all.into_iter().chain([3, 17, 30].map(|at| (&free, &whole[1], at))) {
         let checkpoint = Some(dir.path().join(format!("{}{stop_at}", options.mips.name())));
         let kept = SimplifyOptions { checkpoint, ..options.clone() };
-        let progress = Watching { stop_at: Some(stop_at), ..Watching::default() };
+        let progress = Watching::stopping_at(stop_at);
         let (stopped, _) = file("stopped.glb", &kept, &progress);
         assert!(stopped, "question {stop_at}");
         let (stopped, resumed) = file("resumed.glb", &SimplifyOptions { resume: true, ..kept }, &Silent);
@@ -275,7 +281,7 @@ fn a_fit_on_a_device_ends_like_one_on_the_cpu_and_resumes_to_the_same_file() {
     for stop_at in [3, 17, 30] {
         let checkpoint = Some(dir.path().join(format!("state{stop_at}")));
         let kept = SimplifyOptions { checkpoint, ..on_device.clone() };
-        let progress = Watching { stop_at: Some(stop_at), ..Watching::default() };
+        let progress = Watching::stopping_at(stop_at);
         assert!(fit("stopped.glb", &kept, &progress).0.stopped, "question {stop_at}");
         let (resumed, bytes) = fit("resumed.glb", &SimplifyOptions { resume: true, ..kept }, &Silent);
         assert!(!resumed.stopped && bytes == whole, "stopped at question {stop_at}");

@@ -53,7 +53,7 @@ fn budgeted(asset: &Scene, max_bytes: Option<u64>, texture_encoding: TextureEnco
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1, "no trial is left");
     let limits = photofit_scene::Limits { keep_encoded: true, ..Default::default() };
     let images = photofit_scene::load_with(&path, &limits).unwrap().images;
-    let encoding = |i: &photofit_scene::TextureImage| match i.encoded.as_deref() {
+    let encoding = |i: &TextureImage| match i.encoded.as_deref() {
         Some([0xff, 0xd8, ..]) => "JPEG",
         Some([b'R', ..]) => "WebP",
         Some([0xab, ..]) => "KTX2",
@@ -252,7 +252,7 @@ fn a_stopped_run_within_bytes_goes_on_to_the_same_file() {
     };
     let (whole, bytes) = file(&o, &Silent);
     assert_eq!((whole.written, bytes.len() <= 8_000), (Written::Decimated, true), "{:?}", whole.stages);
-    let fitting = |stop_at| Watching { stop_at: Some(stop_at), ..Watching::default() };
+    let fitting = Watching::stopping_at;
     let at = |stage| StopsAt { stage, reached: AtomicBool::new(false) };
     let stops: [&dyn Progress; 5] = [&fitting(0), &fitting(17), &at("choose"), &at("encode"), &at("report")];
     for (k, stop) in stops.into_iter().enumerate() {
