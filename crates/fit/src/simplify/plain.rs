@@ -100,7 +100,9 @@ pub(super) fn shapes(
     written: &dyn Fn(&Stage) -> Scene,
 ) -> Result<Shapes, FitError> {
     let mut shapes = Shapes::new(written(best));
-    if let Some(most) = options.max_bytes.filter(|_| options.triangles_by_bytes) {
+    // Where all triangles fit none is missing.
+    let all = Target::Triangles(asset.scene.triangle_count());
+    if let Some(most) = options.max_bytes.filter(|_| options.triangles_by_bytes && options.target != all) {
         let first = best.scene.triangle_count();
         for triangles in other_triangles(asset.scene, (most, first), options.compression)? {
             shapes.add(written(&way.decimated(asset, Target::Triangles(triangles), options)?));

@@ -1,5 +1,6 @@
 //! Whole jobs within a budget of bytes.
 
+use super::{Files, Made, as_asked};
 use crate::simplify::tests::{Heard, Watching, of, options, rock, tiled};
 use crate::simplify::{
     FitRenderer, Judged, Outcome, ReferenceRenderer, SimplifyOptions, Surfacing, Written, simplify,
@@ -245,13 +246,13 @@ fn a_stopped_run_within_bytes_goes_on_to_the_same_file() {
     let path = dir.path().join("a.glb");
     let (asset, o) =
         (tiled(), SimplifyOptions { target: Target::Triangles(60), texture_size: 128, ..options() });
-    let o = SimplifyOptions { max_bytes: Some(8_000), own_textures: true, ..o };
+    let o = SimplifyOptions { max_bytes: Some(4_500), own_textures: true, ..o };
     let file = |o: &SimplifyOptions, progress: &dyn Progress| {
         let outcome = simplify(&asset, &path, o, progress).unwrap();
         (outcome, std::fs::read(&path).unwrap())
     };
     let (whole, bytes) = file(&o, &Silent);
-    assert_eq!((whole.written, bytes.len() <= 8_000), (Written::Decimated, true), "{:?}", whole.stages);
+    assert_eq!((whole.written, bytes.len() <= 4_500), (Written::Decimated, true), "{:?}", whole.stages);
     let fitting = Watching::stopping_at;
     let at = |stage| StopsAt { stage, reached: AtomicBool::new(false) };
     let stops: [&dyn Progress; 5] = [&fitting(0), &fitting(17), &at("choose"), &at("encode"), &at("report")];
@@ -277,12 +278,12 @@ fn maps_of_what_is_written_within_bytes_are_fitted_through_the_path_tracer() {
         fit_with: FitRenderer::Path,
         ..options()
     };
-    let (made, _) = with_own(&tiled(), &path, Some(8_000), o);
+    let (made, _) = with_own(&tiled(), &path, Some(4_500), o);
     assert_eq!(made.written, Written::Decimated, "{:?}", made.stages);
     assert_eq!(made.traced_maps.map(|m| m.steps), Some(4));
 }
 
-/// Where a texture must be coarser, it takes what the bytes leave: the next quality or size would be too large.
+/// The quality of what is stored with loss is the best with which the file fits.
 #[test]
 fn the_bytes_of_a_budget_are_used() {
     let mut asset = tiled();
@@ -293,12 +294,17 @@ fn the_bytes_of_a_budget_are_used() {
     };
     let texels = (0..128 * 128).map(|_| [noise(), noise(), noise(), 255]).collect();
     asset.images = vec![TextureImage { width: 128, height: 128, texels, ..TextureImage::default() }];
-    let dir = tempfile::tempdir().unwrap();
-    let kept = SimplifyOptions { surfacing: Surfacing::Kept, ..options() };
-    for most in [40_000, 20_000] {
-        let (made, file) = with_own(&asset, &dir.path().join("a.glb"), Some(most), kept.clone());
-        assert!(file.len() as u64 > most * 95 / 100, "{} of {most}: {}", file.len(), made.textures);
-    }
+    let asked = as_asked(&asset).unwrap();
+    let files = Files::new(asset.clone(), &asked, u64::MAX, &options(), &Silent).unwrap();
+    let choice = vec![[0, files.encodings - 1]];
+    let coarse = || Made::new(files.with(&asset, &choice).unwrap(), files.compression).unwrap();
+    let most = coarse().bytes * 5 / 4;
+    let made = files.refined((&choice, coarse()), most).unwrap();
+    let TextureEncoding::Jpeg { quality } = made.scene.images[0].encoding else { panic!("a JPEG") };
+    let mut next = asset.clone();
+    next.images[0] = asset.stored_as(0, TextureEncoding::Jpeg { quality: quality + 1 }).unwrap();
+    let next = Made::new(next, files.compression).unwrap();
+    assert!(quality > 50 && made.bytes <= most && next.bytes > most, "{quality}: {} of {most}", made.bytes);
 }
 
 /// A file that the asset had is among what fits, as it is.
