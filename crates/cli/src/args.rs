@@ -311,7 +311,7 @@ pub(crate) struct Simplify {
     /// Keep the asset's texture coordinates, materials and textures, tiling ones too, all as they are: triangles alone are fewer,
     /// in the way that looks best of several, and nothing is fitted. Textures are stored as they were read unless --textures or
     /// --jpeg says otherwise. An asset without texture coordinates is refused.
-    #[arg(long, conflicts_with_all = ["new_maps", "steps", "batch", "texture_size", "effort", "fit_with"])]
+    #[arg(long, conflicts_with_all = ["new_maps", "steps", "batch", "texture_size", "fit_with"])]
     pub(crate) keep_uvs: bool,
     /// Leave vertices on open borders where they are, to the bit, in the decimation and in the fit: parts of a larger asset that
     /// are simplified apart meet without cracks. Where borders leave no room for the budget there are more triangles. The fit
@@ -327,7 +327,8 @@ pub(crate) struct Simplify {
     /// 512, or the size on screen].
     #[arg(long, value_name = "PX", conflicts_with = "screen_size", value_parser = whole::<usize>(16..=4096))]
     pub(crate) resolution: Option<usize>,
-    /// How much work is done; what --steps and other options say counts before it.
+    /// How much work is done; what --steps and other options say counts before it. With --keep-uvs, where nothing is fitted, it says in
+    /// how many views and samples the decimation and textures are chosen and the report is made.
     #[arg(long, value_enum, default_value = "normal")]
     pub(crate) effort: FitEffort,
     /// Pictures per step [range: 1 to 64].
@@ -372,8 +373,10 @@ pub(crate) struct Simplify {
     #[arg(long, value_name = "Q", conflicts_with = "jpeg", value_parser = whole::<u8>(1..=100))]
     pub(crate) texture_quality: Option<u8>,
     /// Most bytes of the file, of each level of --lod: textures are halved and stored with loss as far as is needed, in the way
-    /// that looks best in held-out views; as JPEG, or also as WebP with --textures webp, or as KTX 2.0 with --textures ktx2. Without
-    /// another budget the asset keeps as many triangles as fit into half of the bytes [range: at least 1] [default: no limit].
+    /// that looks best in held-out views; as JPEG, or also as WebP with --textures webp, or as KTX 2.0 with --textures ktx2. Unless
+    /// --new-maps is given, the asset's own textures on fewer triangles are made to fit, too, and written where they look better. Without
+    /// another budget the asset keeps as many triangles as fit into half of the bytes, and its own textures are also tried with those of a
+    /// quarter and of three quarters [range: at least 1] [default: no limit].
     #[arg(long, value_name = "N", conflicts_with_all = ["jpeg", "texture_quality"], value_parser = whole::<u64>(1..))]
     pub(crate) max_bytes: Option<u64>,
     #[command(flatten)]

@@ -247,14 +247,12 @@ impl Job<'_> {
         say_warnings(self.input, scene);
         if self.explain {
             let plan = options.plan(scene, options.rasterized_against().kind());
-            if options.surfacing != Surfacing::Kept {
-                let (effort, steps) = (options.effort, options.fit_steps());
-                print(&format!(
-                    "effort {}: {}; {steps} steps are asked for\n",
-                    effort.name(),
-                    effort.about()
-                ))?;
-            }
+            let (effort, steps) = (options.effort, options.fit_steps());
+            let asked = match options.surfacing {
+                Surfacing::Kept => effort.about_choice(),
+                _ => format!("{}; {steps} steps are asked for", effort.about()),
+            };
+            print(&format!("effort {}: {asked}\n", effort.name()))?;
             print(&format!("what the asset asks for:\n{plan}\n\n"))?;
         }
         let judgement = options.judgement(scene);

@@ -437,14 +437,18 @@ fn own_surfaces_vertex_colours_and_locked_borders_are_written_and_read_again() {
         let o = succeeds(d, &[&budget[..], more].concat());
         (photofit_scene::load(d.join(output)).unwrap(), json(&d.join("f.json")), stdout(&o))
     };
-    let (kept, figures, text) = run("kept.glb", &["--keep-uvs", "--explain"]);
+    let (kept, figures, text) = run("kept.glb", &["--keep-uvs", "--effort", "fast", "--explain"]);
     assert!(
         kept.triangle_count() * 2 < heavy.triangle_count()
             && kept.primitives.iter().all(|p| !p.mesh.uvs.is_empty())
     );
     assert_eq!(kept.images.len(), heavy.images.len());
     assert!(kept.images.iter().zip(&heavy.images).all(|(a, b)| a.texels == b.texels), "the same textures");
-    assert!(figures["written"] == "kept" && !text.contains("effort"), "{figures} {text}");
+    assert!(
+        figures["written"] == "kept" && text.contains("effort fast: 2 views of the choice, 2 of the report"),
+        "{figures} {text}"
+    );
+    assert_eq!(figures["views"].as_array().map(Vec::len), Some(2), "{figures}");
     let (colored, ..) = run("colors.glb", &["--textures", "none", "--steps", "4", "--batch", "1"]);
     assert!(colored.images.is_empty() && colored.primitives.iter().all(|p| !p.mesh.colors.is_empty()));
     let (locked, ..) =

@@ -1,21 +1,25 @@
 //! Textures that fit a file into a budget of bytes, with the least loss.
 //!
-//! Of every image the files of several sizes and encodings are made. What one of them costs in pictures is estimated from
-//! few: rendered with that image halved up to [`HALVINGS`] times or coarsely encoded, the others as they are. The sizes and encodings
-//! of least loss within the budget ([`allocation`]) then meet those that treat all images alike, in held-out views.
+//! Of every image the files of several sizes and encodings are made, from the largest size on of which one fits. What one of them
+//! costs in pictures is estimated from few: rendered with that image halved up to [`HALVINGS`] times or coarsely encoded, the others as
+//! they are. The sizes and encodings of least loss within the budget ([`allocation`]) then meet those that treat all images alike, in
+//! held-out views; what looks best gets the quality that the bytes leave, by bisection. Assets that are made to fit meet as the files
+//! that they would be ([`Budget::best`]).
 
 mod allocation;
 #[cfg(test)]
 mod tests;
+mod triangles;
 
-use super::options::FEWEST;
+pub(super) use triangles::{other_triangles, triangles_within};
+
 use super::plain::reduced;
-use super::{Normalised, SimplifyOptions};
+use super::{Asset, SimplifyOptions};
 use crate::engine::judge::{self, Stage};
 use crate::engine::reference::Reference;
 use crate::{FitError, Progress};
 use allocation::Way;
-use photofit_scene::{Compression, Material, Scene, TextureEncoding, TextureImage, to_glb_with};
+use photofit_scene::{Compression, Scene, TextureEncoding, TextureImage, to_glb_with};
 use rayon::prelude::*;
 
 /// Qualities of lossy encodings that are tried where exact textures are too large, best first.
@@ -35,6 +39,8 @@ const AROUND: usize = 128;
 
 /// An image in one size: its file in each encoding.
 struct Size {
+    /// How many times the whole image is halved.
+    halvings: usize,
     files: Vec<File>,
 }
 
@@ -47,24 +53,51 @@ struct File {
     error: f64,
 }
 
-/// Which file of each image is taken: its size by halvings, and its encoding.
+/// Which file of each image is taken: its size and its encoding.
 type Choice = Vec<[usize; 2]>;
 /// One image replaced by one of its files.
 type Trial = Option<(usize, [usize; 2])>;
 
 /// An asset and the files that its images could be.
 struct Files {
+    /// The asset with its images in the first of their sizes.
     light: Scene,
-    /// The asset without images.
-    bare: Scene,
     images: Vec<Vec<Size>>,
     compression: Compression,
+    /// Encodings that all sizes have; after them the first may have the file that was read.
     encodings: usize,
 }
 
+/// An asset on one or several numbers of triangles, with the same materials and images.
+#[derive(Clone)]
+pub(super) struct Shapes {
+    images: Vec<TextureImage>,
+    /// The asset without images.
+    bare: Vec<Scene>,
+}
+
+impl Shapes {
+    pub(super) fn new(mut light: Scene) -> Self {
+        Self { images: std::mem::take(&mut light.images), bare: vec![light] }
+    }
+
+    /// Adds the asset on another number of triangles, unless that shows other materials.
+    pub(super) fn add(&mut self, mut light: Scene) {
+        let images = std::mem::take(&mut light.images);
+        if light.materials == self.bare[0].materials && images == self.images {
+            self.bare.push(light);
+        }
+    }
+
+    /// One of them.
+    pub(super) fn scene(&self, k: usize) -> Scene {
+        Scene { images: self.images.clone(), ..self.bare[k].clone() }
+    }
+}
+
 /// An asset and the bytes of its file.
-struct Made {
-    scene: Scene,
+pub(super) struct Made {
+    pub(super) scene: Scene,
     bytes: u64,
 }
 
@@ -74,137 +107,170 @@ impl Made {
     fn new(scene: Scene, compression: Compression) -> Result<Self, FitError> {
         Ok(Self { bytes: to_glb_with(&scene, compression)?.len() as u64, scene })
     }
+}
 
-    /// Tells that the file has more than `most` bytes, if it has.
-    fn warn(&self, most: u64, progress: &dyn Progress) {
-        let Self { scene, bytes } = self;
-        if *bytes <= most {
-            return;
+/// A budget of bytes, and what stands for looks within it.
+#[derive(Clone, Copy)]
+pub(super) struct Budget<'a> {
+    pub(super) most: u64,
+    pub(super) asset: Asset<'a>,
+    pub(super) reference: &'a dyn Reference,
+    pub(super) options: &'a SimplifyOptions,
+    pub(super) progress: &'a dyn Progress,
+}
+
+impl Budget<'_> {
+    /// Index of the file that looks best in held-out views, drawn as the report draws them, of those within the budget; of the
+    /// smallest where none is.
+    ///
+    /// # Errors
+    /// If a picture cannot be made.
+    ///
+    /// # Panics
+    /// If there is none.
+    pub(super) fn best(&self, made: &[Made]) -> Result<usize, FitError> {
+        let fit: Vec<usize> = (0..made.len()).filter(|k| made[*k].bytes <= self.most).collect();
+        match fit[..] {
+            [] => {
+                let smallest = (0..made.len()).min_by_key(|k| made[*k].bytes);
+                return Ok(smallest.expect("something to choose from"));
+            }
+            [one] => return Ok(one),
+            _ => {}
         }
+        let Self { asset: Asset { scene, n, .. }, reference, options, progress, .. } = *self;
+        let stages: Vec<Stage> = fit.iter().map(|k| Stage::new("", made[*k].scene.clone())).collect();
+        let views = (options.choice_views(), options.smallest_picture());
+        let judge = options.judge_of(scene, n, reference);
+        let scores = judge.scores(&stages, views, options.choice_samples(), progress)?;
+        Ok(fit[judge::highest(&scores)])
+    }
+
+    /// The file that was chosen; where it is too large the `whole` source as it is, if that fits. Also whether it is the source. Warns
+    /// where neither fits.
+    ///
+    /// # Errors
+    /// If a file cannot be encoded.
+    pub(super) fn or_whole(&self, made: Made, whole: Option<&Scene>) -> Result<(Scene, bool), FitError> {
+        if made.bytes <= self.most {
+            return Ok((made.scene, false));
+        }
+        // Decimation splits vertices where attributes differ, so that all triangles may take more bytes than the source did.
+        if let Some(whole) = whole {
+            let whole = Made::new(whole.clone(), self.options.compression)?;
+            if whole.bytes <= self.most {
+                return Ok((whole.scene, true));
+            }
+        }
+        let Made { scene, bytes } = made;
         let why = if scene.images.is_empty() {
             "the asset has no textures to reduce".to_owned()
         } else {
             format!("the smallest has {bytes}; fewer triangles or compressed geometry make it smaller")
         };
-        progress.warn(&format!("no file of {most} bytes can be made: {why}"));
+        self.progress.warn(&format!("no file of {} bytes can be made: {why}", self.most));
+        Ok((scene, false))
     }
-}
 
-/// The file of at most `most` bytes of an asset; where there is none, that of the asset with its `own` textures, and of the
-/// `whole` source as it is. Also whether it is one of these. Warns if none fits, and gives the smallest.
-///
-/// # Errors
-/// If a file cannot be encoded.
-pub(super) fn best_within(
-    light: Scene,
-    (own, whole): (Option<Scene>, Option<&Scene>),
-    most: u64,
-    judged_by: (&Normalised, &dyn Reference),
-    options: &SimplifyOptions,
-    progress: &dyn Progress,
-) -> Result<(Scene, bool), FitError> {
-    let mut made = within(light, most, judged_by, options, progress)?;
-    let mut is_other = false;
-    // What looked best may take more bytes than the asset's own textures.
-    if let Some(own) = own.filter(|_| made.bytes > most) {
-        let own = within(own, most, judged_by, options, progress)?;
-        if own.bytes < made.bytes {
-            (made, is_other) = (own, true);
+    /// Each of `shapes` with the textures that look best among those with which the file fits; where none does, the
+    /// smallest file.
+    ///
+    /// # Errors
+    /// If a file cannot be encoded or a picture not be made.
+    pub(super) fn within(&self, shapes: &Shapes) -> Result<Vec<Made>, FitError> {
+        let Self { most, asset, options, progress, .. } = *self;
+        let bare: Vec<Scene> =
+            shapes.bare.iter().map(|s| super::dressed(s.clone(), asset.scene, options)).collect();
+        let images = shapes.images.clone();
+        let light = super::dressed(Scene { images, ..bare[0].clone() }, asset.scene, options);
+        let asked = as_asked(&light)?;
+        let mut out: Vec<Option<Made>> = Vec::new();
+        for shape in &bare {
+            let images = asked.iter().map(|i| i.clone().read_again()).collect::<Result<_, _>>()?;
+            let made = Made::new(Scene { images, ..shape.clone() }, options.compression)?;
+            out.push((made.bytes <= most || asked.is_empty()).then_some(made));
         }
-    }
-    // Decimation splits vertices where attributes differ, so that all triangles may take more bytes than the source did.
-    if let Some(whole) = whole.filter(|_| made.bytes > most) {
-        let whole = Made::new(whole.clone(), options.compression)?;
-        if whole.bytes <= most {
-            (made, is_other) = (whole, true);
-        }
-    }
-    made.warn(most, progress);
-    Ok((made.scene, is_other))
-}
-
-/// The asset with the textures that look best among those with which the file has at most `most` bytes. Where none fits, the
-/// smallest file.
-///
-/// # Errors
-/// If a file cannot be encoded.
-fn within(
-    light: Scene,
-    most: u64,
-    (n, reference): (&Normalised, &dyn Reference),
-    options: &SimplifyOptions,
-    progress: &dyn Progress,
-) -> Result<Made, FitError> {
-    let made = Made::new(light, options.compression)?;
-    if made.bytes <= most || made.scene.images.is_empty() {
-        return Ok(made);
-    }
-    let files = Files::new(made.scene, options, progress)?;
-    let views = options.orbit(options.resolution);
-    let (count, samples) = (options.choice_views(), options.choice_samples());
-    let texels: usize = files.light.images.iter().map(|i| i.texels.len()).sum();
-    let at_once = (TEXELS_AT_ONCE / texels.max(1)).max(1);
-    let judged =
-        |count_of: usize, scene: &dyn Fn(usize) -> Result<Scene, FitError>| -> Result<Vec<f64>, FitError> {
-            let mut scores = Vec::new();
-            for first in (0..count_of).step_by(at_once) {
-                let some = (first..count_of.min(first + at_once)).map(|i| Ok(Stage::new("", scene(i)?)));
-                let stages = some.collect::<Result<Vec<Stage>, FitError>>()?;
-                scores.extend(judge::scores(
-                    &n.light_asset,
-                    reference,
-                    &stages,
-                    &views,
-                    count,
-                    samples,
-                    progress,
-                )?);
+        if out.iter().any(Option::is_none) {
+            let large = bare.iter().zip(&out).filter(|(_, made)| made.is_none());
+            let bytes = large.map(|(s, _)| Ok(triangles::geometry(s, options.compression)?[1] as u64));
+            let least = bytes.collect::<Result<Vec<u64>, FitError>>()?.into_iter().min().unwrap_or(0);
+            let files = Files::new(light, &asked, most.saturating_sub(least), options, progress)?;
+            let ways = self.ways(&files)?;
+            for (made, shape) in out.iter_mut().zip(&bare).filter(|(made, _)| made.is_none()) {
+                *made = Some(self.fitted(&files, ways.as_deref(), shape)?);
             }
-            Ok(scores)
-        };
-    let mut fitting = files.alike(most)?;
-    if (2..=IMAGES_MAX).contains(&files.images.len()) && !progress.is_cancelled() {
-        let trials = files.trials();
-        let ways = files.ways(&judged(trials.len(), &|i| files.trial(&trials[i]))?);
-        fitting.extend(files.apart(&ways, most)?);
-    }
-    let scene = match fitting.len() {
-        0 => files.with(&files.smallest())?,
-        1 => fitting.swap_remove(0),
-        _ => {
-            let best = judge::highest(&judged(fitting.len(), &|i| Ok(fitting[i].clone()))?);
-            fitting.swap_remove(best)
         }
-    };
-    Made::new(scene, options.compression)
+        Ok(out.into_iter().flatten().collect())
+    }
+
+    /// What the files of each image cost and lose, where images are few and there is time to measure it.
+    fn ways(&self, files: &Files) -> Result<Option<Vec<Vec<Way>>>, FitError> {
+        if !(2..=IMAGES_MAX).contains(&files.images.len()) || self.progress.is_cancelled() {
+            return Ok(None);
+        }
+        let trials = files.trials();
+        Ok(Some(files.ways(&self.rasterized(files, trials.len(), &|i| files.trial(&trials[i]))?)))
+    }
+
+    /// A shape with the textures that look best among those with which the file fits.
+    fn fitted(&self, files: &Files, ways: Option<&[Vec<Way>]>, bare: &Scene) -> Result<Made, FitError> {
+        let made = |choice: &Choice| Made::new(files.with(bare, choice)?, files.compression);
+        let smallest = files.smallest();
+        let least = made(&smallest)?;
+        let others = least.bytes.saturating_sub(files.bytes(&smallest)) + (AROUND * smallest.len()) as u64;
+        let room = self.most.saturating_sub(others);
+        let mut choices = files.alike(room);
+        choices.extend(ways.and_then(|ways| files.apart(ways, room)));
+        let fitting = choices.iter().map(|choice| Ok((choice, made(choice)?)));
+        let mut fitting = fitting.collect::<Result<Vec<(&Choice, Made)>, FitError>>()?;
+        fitting.retain(|(_, made)| made.bytes <= self.most);
+        let best = match fitting.len() {
+            0 => return Ok(least),
+            1 => 0,
+            count => judge::highest(&self.rasterized(files, count, &|i| Ok(fitting[i].1.scene.clone()))?),
+        };
+        files.refined(fitting.swap_remove(best), self.most)
+    }
+
+    /// How good `count` assets look in held-out views, by the rasterizer, which draws what textures of cores lose: they differ in
+    /// nothing else.
+    fn rasterized(
+        &self,
+        files: &Files,
+        count: usize,
+        scene: &dyn Fn(usize) -> Result<Scene, FitError>,
+    ) -> Result<Vec<f64>, FitError> {
+        let Self { asset, reference, options, progress, .. } = *self;
+        let views = options.orbit(options.resolution);
+        let texels: usize = files.light.images.iter().map(|i| i.texels.len()).sum();
+        let at_once = (TEXELS_AT_ONCE / texels.max(1)).max(1);
+        let mut scores = Vec::new();
+        for first in (0..count).step_by(at_once) {
+            let some = (first..count.min(first + at_once)).map(|i| Ok(Stage::new("", scene(i)?)));
+            let stages = some.collect::<Result<Vec<Stage>, FitError>>()?;
+            scores.extend(judge::scores(
+                &asset.n.light_asset,
+                reference,
+                &stages,
+                &views,
+                options.choice_views(),
+                options.choice_samples(),
+                progress,
+            )?);
+        }
+        Ok(scores)
+    }
 }
 
-/// Part of a file's bytes that geometry may take where the budget of triangles follows from bytes: a convention, which no
-/// measurement chose.
-const GEOMETRY: f64 = 0.5;
-
-/// The triangles of an asset that a file of `most` bytes holds: all where the asset as it is fits, and otherwise as many as
-/// take [`GEOMETRY`] of it. Bytes are taken to follow the number of triangles, each instance with its own.
-///
-/// # Errors
-/// If the geometry cannot be written.
-pub(super) fn triangles_within(
-    scene: &Scene,
-    most: u64,
-    compression: Compression,
-) -> Result<usize, FitError> {
-    let all = scene.triangle_count().max(1);
-    let mut bare = scene.clone();
-    bare.materials.iter_mut().for_each(|m| *m = Material::default());
-    bare.images.clear();
-    let shared: usize = scene.primitives.iter().map(|p| p.mesh.triangles.len()).sum();
-    let stored = to_glb_with(&bare, compression)?.len() as f64;
-    let geometry = stored * (all as f64 / shared.max(1) as f64).max(1.0);
-    let textures = to_glb_with(scene, compression)?.len() as f64 - stored;
-    if geometry + textures <= most as f64 {
-        return Ok(all);
-    }
-    Ok(((all as f64 * GEOMETRY * most as f64 / geometry) as usize).clamp(FEWEST.min(all), all))
+/// The images of a scene without texels, with the files that they have where no budget binds them.
+fn as_asked(scene: &Scene) -> Result<Vec<TextureImage>, FitError> {
+    let stored = (0..scene.images.len()).into_par_iter().map(|k| -> Result<TextureImage, FitError> {
+        let image = &scene.images[k];
+        let stored =
+            if image.encoded.is_some() { image.clone() } else { scene.stored_as(k, image.encoding)? };
+        Ok(TextureImage { texels: Vec::new(), mips: Vec::new(), ..stored })
+    });
+    stored.collect()
 }
 
 /// The encoding that loses most: JPEG does not where it cannot hold alpha.
@@ -219,28 +285,40 @@ fn image(sizes: &[Size], [size, way]: [usize; 2]) -> Result<TextureImage, FitErr
 }
 
 impl Files {
-    fn new(light: Scene, options: &SimplifyOptions, progress: &dyn Progress) -> Result<Self, FitError> {
+    /// The files of the images of `light` from the largest size on of which one has at most `room` bytes; `asked` are those of the
+    /// whole images.
+    fn new(
+        mut light: Scene,
+        asked: &[TextureImage],
+        room: u64,
+        options: &SimplifyOptions,
+        progress: &dyn Progress,
+    ) -> Result<Self, FitError> {
         let encodings = encodings(options.texture_encoding);
         let count = light.images.len();
-        let sizes = |k: usize| {
+        let mut images = Vec::new();
+        for (k, asked) in asked.iter().enumerate() {
             progress.report("encode", k as u64, count as u64, "");
-            sizes(&light, k, &encodings)
-        };
-        let images = (0..count).map(sizes).collect::<Result<_, FitError>>()?;
-        let mut bare = light.clone();
-        bare.images.clear();
-        Ok(Self { light, bare, images, compression: options.compression, encodings: encodings.len() })
+            let mut sizes = sizes(&mut light, k, &encodings, room)?;
+            if let (true, Some(read)) = (sizes[0].halvings == 0, light.images[k].encoded.take()) {
+                let bytes = read.len().next_multiple_of(4) as u64;
+                let image = TextureImage { encoding: TextureEncoding::Png, ..asked.clone() };
+                sizes[0].files.push(File { image, bytes, error: 0.0 });
+            }
+            images.push(sizes);
+        }
+        Ok(Self { light, images, compression: options.compression, encodings: encodings.len() })
     }
 
-    /// The asset with these files.
-    fn with(&self, choice: &Choice) -> Result<Scene, FitError> {
+    /// The asset `bare` with these files.
+    fn with(&self, bare: &Scene, choice: &Choice) -> Result<Scene, FitError> {
         let images = choice.iter().zip(&self.images).map(|(file, sizes)| image(sizes, *file));
-        Ok(Scene { images: images.collect::<Result<_, _>>()?, ..self.bare.clone() })
+        Ok(Scene { images: images.collect::<Result<_, _>>()?, ..bare.clone() })
     }
 
-    /// Bytes of the whole file.
-    fn bytes(&self, scene: &Scene) -> Result<u64, FitError> {
-        Ok(to_glb_with(scene, self.compression)?.len() as u64)
+    /// Bytes of some files.
+    fn bytes(&self, choice: &Choice) -> u64 {
+        choice.iter().zip(&self.images).map(|([s, w], sizes)| sizes[*s].files[*w].bytes).sum()
     }
 
     /// The smallest file of every image.
@@ -255,12 +333,14 @@ impl Files {
         all.collect()
     }
 
-    /// All images alike: of each size, by halves, the encoding that loses least of those that fit.
-    fn alike(&self, most: u64) -> Result<Vec<Scene>, FitError> {
-        let mut out = Vec::new();
-        for size in 0..self.images.iter().map(Vec::len).max().unwrap_or(0) {
+    /// All images alike: of each size, by halves, the encoding that loses least of those that have at most `room` bytes.
+    fn alike(&self, room: u64) -> Vec<Choice> {
+        let mut out: Vec<Choice> = Vec::new();
+        let last = self.images.iter().flatten().map(|s| s.halvings).max().unwrap_or(0);
+        for halvings in 0..=last {
             let choice = |way: usize| -> Choice {
-                self.images.iter().map(|sizes| [size.min(sizes.len() - 1), way]).collect()
+                let at = |sizes: &Vec<Size>| halvings.saturating_sub(sizes[0].halvings).min(sizes.len() - 1);
+                self.images.iter().map(|sizes| [at(sizes), way]).collect()
             };
             let error = |way: usize| {
                 let each = choice(way).into_iter().zip(&self.images);
@@ -268,15 +348,10 @@ impl Files {
             };
             let mut ways: Vec<usize> = (0..self.encodings).collect();
             ways.sort_by(|a, b| error(*a).total_cmp(&error(*b)));
-            for way in ways {
-                let scene = self.with(&choice(way))?;
-                if self.bytes(&scene)? <= most {
-                    out.push(scene);
-                    break;
-                }
-            }
+            out.extend(ways.into_iter().map(choice).find(|choice| self.bytes(choice) <= room));
         }
-        Ok(out)
+        out.dedup();
+        out
     }
 
     /// The asset as it is; then for each image, the others as they are, in its coarsest encoding and in smaller sizes.
@@ -307,15 +382,68 @@ impl Files {
         self.images.iter().map(one).collect()
     }
 
-    /// Each image in the size and encoding that together lose least; none if that does not fit.
-    fn apart(&self, ways: &[Vec<Way>], most: u64) -> Result<Option<Scene>, FitError> {
-        let least = self.smallest();
-        let own: u64 = least.iter().zip(&self.images).map(|([s, w], sizes)| sizes[*s].files[*w].bytes).sum();
-        let rest = self.bytes(&self.with(&least)?)?.saturating_sub(own) + (AROUND * ways.len()) as u64;
-        let Some(choice) = allocation::least_loss(ways, most.saturating_sub(rest)) else { return Ok(None) };
-        let choice = choice.iter().map(|i| [i / self.encodings, i % self.encodings]).collect();
-        let scene = self.with(&choice)?;
-        Ok((self.bytes(&scene)? <= most).then_some(scene))
+    /// Each image in the size and encoding that together lose least within `room` bytes.
+    fn apart(&self, ways: &[Vec<Way>], room: u64) -> Option<Choice> {
+        let choice = allocation::least_loss(ways, room)?;
+        let file = |(way, sizes): (&usize, &Vec<Size>)| {
+            let mut files =
+                sizes.iter().enumerate().flat_map(|(s, size)| (0..size.files.len()).map(move |w| [s, w]));
+            files.nth(*way).expect("a way for each file")
+        };
+        Some(choice.iter().zip(&self.images).map(file).collect())
+    }
+
+    /// A file that fits with its lossy images of better quality, all by as much, as far as the bytes go: seven encodings of each at
+    /// most.
+    fn refined(&self, (choice, mut best): (&Choice, Made), most: u64) -> Result<Made, FitError> {
+        let lossy = best.scene.images.iter().enumerate().filter_map(|(k, i)| Some((k, quality(i.encoding)?)));
+        let lossy: Vec<(usize, u8)> = lossy.collect();
+        let mut exact = best.scene.clone();
+        for (k, [size, _]) in choice.iter().enumerate() {
+            exact.images[k] = match size {
+                0 => self.light.images[k].clone(),
+                size => reduced(&self.light, k, *size),
+            };
+        }
+        let (mut low, mut high) = (0, 100 - lossy.iter().map(|(_, q)| *q).min().unwrap_or(100));
+        while low < high {
+            let more = low + (high - low).div_ceil(2);
+            let better = lossy.par_iter().map(|(k, q)| {
+                let encoding = with_quality(best.scene.images[*k].encoding, (q + more).min(100));
+                Ok((*k, exact.stored_as(*k, encoding)?))
+            });
+            let mut scene = best.scene.clone();
+            for (k, image) in better.collect::<Result<Vec<_>, FitError>>()? {
+                scene.images[k] = image;
+            }
+            let made = Made::new(scene, self.compression)?;
+            if made.bytes <= most {
+                (best, low) = (made, more);
+            } else {
+                high = more - 1;
+            }
+        }
+        Ok(best)
+    }
+}
+
+/// Quality of a lossy encoding.
+fn quality(encoding: TextureEncoding) -> Option<u8> {
+    match encoding {
+        TextureEncoding::Jpeg { quality }
+        | TextureEncoding::LossyWebP { quality }
+        | TextureEncoding::Ktx2 { quality } => Some(quality),
+        TextureEncoding::Png | TextureEncoding::WebP => None,
+    }
+}
+
+/// The same encoding with another quality.
+fn with_quality(encoding: TextureEncoding, quality: u8) -> TextureEncoding {
+    match encoding {
+        TextureEncoding::Jpeg { .. } => TextureEncoding::Jpeg { quality },
+        TextureEncoding::LossyWebP { .. } => TextureEncoding::LossyWebP { quality },
+        TextureEncoding::Ktx2 { .. } => TextureEncoding::Ktx2 { quality },
+        TextureEncoding::Png | TextureEncoding::WebP => encoding,
     }
 }
 
@@ -334,17 +462,34 @@ fn encodings(wanted: TextureEncoding) -> Vec<TextureEncoding> {
     }
 }
 
-/// Image `k` of a scene, whole and by halves, in each encoding.
-fn sizes(scene: &Scene, k: usize, encodings: &[TextureEncoding]) -> Result<Vec<Size>, FitError> {
+/// Image `k` of a scene, by halves, in each encoding: from the largest size on of which a file has at most `room` bytes, in which the
+/// scene is left with it; only the exact encoding and the coarsest ones tell of sizes before it.
+fn sizes(
+    scene: &mut Scene,
+    k: usize,
+    encodings: &[TextureEncoding],
+    room: u64,
+) -> Result<Vec<Size>, FitError> {
+    let made = |scene: &Scene, which: &[TextureEncoding]| {
+        which.par_iter().map(|e| File::new(scene, k, *e)).collect::<Result<Vec<File>, FitError>>()
+    };
+    let is_last = |scene: &Scene| scene.images[k].width.max(scene.images[k].height) <= SMALLEST;
+    let lowest = encodings.iter().filter_map(|e| quality(*e)).min();
+    let telling: Vec<TextureEncoding> =
+        encodings.iter().copied().filter(|e| quality(*e).is_none_or(|q| Some(q) == lowest)).collect();
+    let mut halvings = 0;
+    while !is_last(scene) && made(scene, &telling)?.iter().all(|f| f.bytes > room) {
+        scene.images[k] = reduced(scene, k, 1);
+        halvings += 1;
+    }
     let (mut own, mut out) = (scene.clone(), Vec::new());
     loop {
-        let files = encodings.par_iter().map(|e| File::new(&own, k, *e));
-        out.push(Size { files: files.collect::<Result<_, FitError>>()? });
-        let image = &own.images[k];
-        if image.width.max(image.height) <= SMALLEST {
+        out.push(Size { halvings, files: made(&own, encodings)? });
+        if is_last(&own) {
             return Ok(out);
         }
         own.images[k] = reduced(&own, k, 1);
+        halvings += 1;
     }
 }
 

@@ -1,5 +1,6 @@
 //! Which candidate goes on: the start of the fit, and what is written.
 
+use super::byte_budget::Shapes;
 use super::prepare::{Start, bake_candidate};
 use super::{Asset, SimplifyOptions, Written, plain};
 use crate::bake;
@@ -60,8 +61,9 @@ pub(super) struct Chosen {
     pub(super) written: Written,
     /// What was fitted, where something else is written.
     pub(super) fitted: Option<Scene>,
-    /// The decimated asset with its own materials, where it may be written and something else looked better.
-    pub(super) own: Option<Scene>,
+    /// Within a budget of bytes: the decimated asset with its own materials, where it may be written. It was not compared, since it is
+    /// as the file that it would be.
+    pub(super) own: Option<Shapes>,
     /// The asset with its own materials on as many triangles; `None` where nothing was compared, since the user stopped the work.
     pub(super) plain: Option<Stage>,
 }
@@ -85,7 +87,7 @@ pub(super) fn best(
     progress.report("choose", 0, options.choice_views(), "fewer triangles alone");
     let as_many = Target::Triangles(starts[start].candidate.triangles.len());
     let plain = plain::decimated(scene, n, &[], &plain::own(as_many, options.lock_borders))?;
-    let own = plain::candidate(asset, &plain, reference, as_many, options, progress)?;
+    let mut own = plain::candidate(asset, &plain, reference, as_many, options, progress)?;
     let trained_steps = trained.steps;
     let mut models = vec![trained.model.clone(), trained.model];
     // A bake that fails costs no fit: the maps stay as they were fitted.
@@ -96,13 +98,16 @@ pub(super) fn best(
         models.push(Surface { candidate: start.candidate.clone(), ..models[0].clone() });
     }
     let mut scenes: Vec<Scene> = models.iter().map(|m| options.exported(&m.candidate, n)).collect();
-    scenes.extend(own);
+    // Within a budget of bytes own materials meet the others as the files that both would be.
+    if options.max_bytes.is_none() {
+        scenes.extend(own.take().map(|own| own.scene(0)));
+    }
     let stages: Vec<Stage> = scenes.iter().map(|s| Stage::new("", s.clone())).collect();
     let judge = options.judge_of(scene, n, reference);
     let (count, samples) = (options.choice_views(), options.choice_samples());
     let scores = judge.scores(&stages, (count, options.smallest_picture()), samples, progress)?;
     let best = judge::highest(&scores);
-    let (models_made, baked) = (models.len(), models.len() - 1);
+    let baked = models.len() - 1;
     let written = match best {
         0 => Written::Fitted,
         1 => Written::Rebaked,
@@ -112,7 +117,6 @@ pub(super) fn best(
     };
     let fitted = (written != Written::Fitted && trained_steps > 0).then(|| scenes[0].clone());
     let model = models.swap_remove(judge::highest(&scores[..models.len()]));
-    let own = (scenes.len() > models_made && written != Written::Decimated).then(|| scenes.pop()).flatten();
     Ok(Chosen {
         trained: Trained { model, ..trained },
         light: scenes.swap_remove(best),

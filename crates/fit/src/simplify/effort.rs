@@ -58,17 +58,19 @@ impl Effort {
 
     /// What it sets, in words.
     pub fn about(self) -> String {
-        let Work { steps, choice_views, report_views, coarser, compares_starts } = self.work();
+        let Work { steps, compares_starts, .. } = self.work();
+        let starts = if compares_starts { "the better of two starts" } else { "one start" };
+        format!("{steps} steps at most, {starts}, {}", self.about_choice())
+    }
+
+    /// What it sets where nothing is fitted, in words.
+    pub fn about_choice(self) -> String {
+        let Work { choice_views, report_views, coarser, .. } = self.work();
         let samples = match coarser {
             1 => String::new(),
-            n => format!(
-                ", 1/{n} of the samples per axis in pictures of the asset that the fit and the choice see"
-            ),
+            n => format!(", 1/{n} of the samples per axis in pictures of the asset that the choice sees"),
         };
-        let starts = if compares_starts { "the better of two starts" } else { "one start" };
-        format!(
-            "{steps} steps at most, {starts}, {choice_views} views of the choice, {report_views} of the report{samples}"
-        )
+        format!("{choice_views} views of the choice, {report_views} of the report{samples}")
     }
 }
 

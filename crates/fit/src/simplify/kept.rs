@@ -1,7 +1,10 @@
 //! An asset with its own texture coordinates, materials and textures on fewer triangles, in place of a fit.
 
+use super::byte_budget::Budget;
 use super::outcome::Times;
-use super::{Asset, FILE, Outcome, SimplifyOptions, Written, byte_budget, locks, outcome, plain, prepare};
+use super::{
+    Asset, FILE, Outcome, SimplifyOptions, Written, byte_budget, dressed, locks, outcome, plain, prepare,
+};
 use crate::candidate::{Candidate, SurfaceClass};
 use crate::engine::FitFrame;
 use crate::engine::judge::Stage;
@@ -45,12 +48,16 @@ pub(super) fn simplify(
     progress.report("decimate", 0, 1, "");
     let first = plain::decimated(scene, n, &[], &plain::own(options.target, options.lock_borders))?;
     let best = plain::best(asset, first, reference, options.target, options, progress)?;
-    let mut light = plain::kept(&best, n, options);
-    light.inherit(scene);
-    light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
-    if let Some(most) = options.max_bytes {
-        light = byte_budget::best_within(light, (None, None), most, (n, reference), options, progress)?.0;
-    }
+    let mut light = match options.max_bytes {
+        None => dressed(plain::kept(&best.0, n, options), scene, options),
+        Some(most) => {
+            let budget = Budget { most, asset, reference, options, progress };
+            let shapes = plain::shapes(asset, &best, options, &|stage| plain::kept(stage, n, options))?;
+            let mut made = budget.within(&shapes)?;
+            let best = budget.best(&made)?;
+            budget.or_whole(made.swap_remove(best), None)?.0
+        }
+    };
     if options.lock_borders {
         locks::restore(&mut light, scene, n);
     }
@@ -97,30 +104,12 @@ fn stand_in(light: &Scene, frame: FitFrame) -> Candidate {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{Heard, of, options};
+    use super::super::tests::{Heard, options, tiled};
     use super::super::{Init, Surfacing, simplify};
     use super::*;
     use crate::Silent;
     use photofit_geometry::decimate::Target;
-    use photofit_geometry::shapes;
     use photofit_scalar::vec3;
-    use photofit_scene::{Material, Sampler, TextureImage, TextureSlot};
-
-    /// A bumpy grid that shows a small texture four times each way, with a file of its texels.
-    fn tiled() -> Scene {
-        let mut mesh = shapes::quad_grid(20, 20);
-        for p in &mut mesh.positions {
-            *p = vec3(p.x, p.y, 0.1 * (3.0 * p.x).sin() * (2.0 * p.y).cos());
-        }
-        mesh.uvs.iter_mut().for_each(|uv| *uv = vec2(uv.x * 4.0, uv.y * 4.0));
-        mesh.normals = photofit_geometry::normals::mesh_normals(&mesh);
-        let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-        let slot = TextureSlot { image: 0, sampler: Sampler::default(), tex_coord: 0, transform };
-        let material = Material { base_color_texture: Some(slot), double_sided: true, ..Material::clay() };
-        let texels = (0..64).map(|k| [(k * 4) as u8, 255 - (k * 3) as u8, (k % 8 * 30) as u8, 255]).collect();
-        let image = TextureImage { width: 8, height: 8, texels, ..TextureImage::default() };
-        Scene { images: vec![image], ..of(mesh, material) }
-    }
 
     fn kept() -> SimplifyOptions {
         SimplifyOptions { surfacing: Surfacing::Kept, target: Target::Ratio(0.25), ..options() }

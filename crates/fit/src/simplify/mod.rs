@@ -9,6 +9,7 @@ mod byte_budget;
 mod choice;
 mod coverage;
 mod effort;
+mod finish;
 mod kept;
 mod locks;
 mod mips;
@@ -54,6 +55,7 @@ use crate::engine::trainer::{self, HeldOut, Job, Phase};
 use crate::engine::views::Moment;
 use crate::visibility::Visibility;
 use crate::{FitError, Progress};
+use finish::Finished;
 use outcome::Times;
 use photofit_geometry::decimate::Target;
 use photofit_scene::Scene;
@@ -203,43 +205,14 @@ pub(crate) fn simplify_asset(
         progress,
     )?;
     let plan = plan_with_phases.unwrap_or(plan).with_device(device.told());
-    let choice::Chosen { trained, light, mut written, mut fitted, own, plain } =
+    let chosen =
         choice::best(asset, trained, (&all[..], starts.best), surface, reference, options, progress)?;
-
     if options.surfacing == Surfacing::VertexColors {
-        outcome::tell_detail(&trained.model.candidate, n, progress);
+        outcome::tell_detail(&chosen.trained.model.candidate, n, progress);
     }
     let spent = fit_began.elapsed();
-    let done = (written, trained.stopped, spent);
-    let (light, mut traced_maps) = through_path::fit_maps(asset, light, done, options, progress);
-    let dressed = |mut light: Scene| {
-        light.inherit(scene);
-        light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
-        light
-    };
-    let mut light = dressed(light);
-    if let Some(most) = options.max_bytes {
-        let whole = (options.keeps_all(given) && plain.is_some()).then_some(given);
-        let (made, other) = byte_budget::best_within(
-            light,
-            (own.map(dressed), whole),
-            most,
-            (n, reference),
-            options,
-            progress,
-        )?;
-        if other {
-            if written == Written::Fitted && trained.steps > 0 {
-                fitted = Some(options.exported(&trained.model.candidate, n));
-            }
-            written = Written::Decimated;
-            traced_maps = traced_maps.lost();
-        }
-        light = made;
-    }
-    if options.lock_borders {
-        locks::restore(&mut light, scene, n);
-    }
+    let Finished { trained, light, written, fitted, traced_maps, plain } =
+        finish::finish(asset, chosen, spent, reference, options, progress)?;
     prepare::tell_budget(options, [scene.triangle_count(), light.triangle_count()], progress);
     let textures = byte_budget::told(&light);
     photofit_scene::save_glb_with(output, &light, options.compression)?;
@@ -264,6 +237,13 @@ pub(crate) fn simplify_asset(
     outcome.stopped |= progress.is_cancelled();
     outcome.add_traced_maps(traced_maps.course());
     Ok(outcome)
+}
+
+/// What is to be written, with what the asset has beside its surface, its textures encoded as asked.
+fn dressed(mut light: Scene, scene: &Scene, options: &SimplifyOptions) -> Scene {
+    light.inherit(scene);
+    light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
+    light
 }
 
 /// What the report compares, in this order: the asset itself where an engine draws it, the decimated one where something was

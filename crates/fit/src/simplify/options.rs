@@ -99,15 +99,16 @@ pub struct SimplifyOptions {
     /// Goes on from the checkpoint.
     pub resume: bool,
     /// Most bytes of the written file: sizes of textures and their encoding ([`Self::texture_encoding`], or JPEG where that
-    /// is too large) are chosen so that it fits with the least loss.
+    /// is too large) are chosen so that it fits with the least loss. Own textures ([`Self::own_textures`]) and new maps are each
+    /// made to fit, and what looks best then is written.
     pub max_bytes: Option<u64>,
     /// Whether the triangles follow from [`Self::max_bytes`] instead of [`Self::target`]: as many as fit into half of it, all
-    /// where they do.
+    /// where they do; own textures are also tried with those of a quarter and of three quarters.
     pub triangles_by_bytes: bool,
     /// Views of the report.
     pub report_views: u64,
     /// Whether the asset's own texture coordinates, textures and materials on fewer triangles, the textures reduced to
-    /// the texels that new maps would have, may be written where they look better than what was fitted; else there are
+    /// the texels that new maps would have or to [`Self::max_bytes`], may be written where they look better than what was fitted; else there are
     /// always new maps, one set for all.
     pub own_textures: bool,
     /// Whether the asset's own textures keep their texels where they are written and [`MILD`] of the triangles or more are

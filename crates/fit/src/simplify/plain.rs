@@ -1,5 +1,6 @@
 //! The asset's own texture coordinates, textures and materials on fewer triangles: what a plain decimation gives.
 
+use super::byte_budget::{Shapes, other_triangles};
 use super::options::MILD;
 use super::prepare::{decimated_only, importance};
 use super::{Asset, Normalised, SimplifyOptions};
@@ -14,7 +15,7 @@ use photofit_scene::{AlphaMode, Scene, TextureEncoding, TextureImage, TextureSlo
 /// Textures of a fitted asset at most: base colour, roughness with metalness, normals, emission.
 const MAPS: usize = 4;
 
-/// Extensions that lie over a core which the rasterizer draws of both sides of the choice alike.
+/// Extensions that lie over a core which the rasterizer draws: it puts decimations in order that have no others.
 const OVER_THE_CORE: [&str; 4] = ["specular", "clearcoat", "sheen", "anisotropy"];
 
 /// How to decimate an asset with its own texture coordinates.
@@ -38,9 +39,30 @@ pub(super) fn decimated(
     decimated_only("decimated", scene, n, importance, how)
 }
 
+/// How decimations to the same number of triangles differ.
+#[derive(Clone, Default)]
+pub(super) struct Way {
+    /// How much each triangle counts; empty: all alike.
+    importance: Vec<f32>,
+    is_mild: bool,
+}
+
+impl Way {
+    fn decimated(
+        &self,
+        asset: Asset<'_>,
+        target: Target,
+        options: &SimplifyOptions,
+    ) -> Result<Stage, FitError> {
+        let own = own(target, options.lock_borders);
+        let how = if self.is_mild { mild(&own) } else { own };
+        decimated(asset.scene, asset.n, &self.importance, &how)
+    }
+}
+
 /// Of `first` and of decimations to as many triangles that other weights make (mild ones, and with what can be seen counting
-/// more), the one that looks best. Other budgets than of triangles mean other numbers under other weights: `first` alone
-/// counts then.
+/// more), the one that looks best, and how it was made; path traced where the rasterizer does not draw what they differ in. Other
+/// budgets than of triangles mean other numbers under other weights: `first` alone counts then.
 pub(super) fn best(
     asset: Asset<'_>,
     first: Stage,
@@ -48,20 +70,45 @@ pub(super) fn best(
     target: Target,
     options: &SimplifyOptions,
     progress: &dyn Progress,
-) -> Result<Stage, FitError> {
+) -> Result<(Stage, Way), FitError> {
     let Asset { scene, n, visibility, .. } = asset;
     if !matches!(target, Target::Triangles(_) | Target::Ratio(_)) || progress.is_cancelled() {
-        return Ok(first);
+        return Ok((first, Way::default()));
     }
-    let how = own(target, options.lock_borders);
-    let seen = importance(n, visibility);
-    let (mild, seen) =
-        rayon::join(|| decimated(scene, n, &[], &mild(&how)), || decimated(scene, n, &seen, &how));
-    let mut stages = vec![first, mild?, seen?];
-    let views = options.orbit(options.resolution);
+    let mild = Way { is_mild: true, ..Way::default() };
+    let seen = Way { importance: importance(n, visibility), ..Way::default() };
+    let made =
+        rayon::join(|| mild.decimated(asset, target, options), || seen.decimated(asset, target, options));
+    let mut stages = vec![first, made.0?, made.1?];
     let (count, samples) = (options.choice_views(), options.choice_samples());
-    let scores = judge::scores(&n.light_asset, reference, &stages, &views, count, samples, progress)?;
-    Ok(stages.swap_remove(judge::highest(&scores)))
+    let scores = if beyond_rasterizer(scene).iter().all(|name| OVER_THE_CORE.contains(name)) {
+        let views = options.orbit(options.resolution);
+        judge::scores(&n.light_asset, reference, &stages, &views, count, samples, progress)?
+    } else {
+        let judge = options.judge_of(scene, n, reference);
+        judge.scores(&stages, (count, options.smallest_picture()), samples, progress)?
+    };
+    let best = judge::highest(&scores);
+    Ok((stages.swap_remove(best), vec![Way::default(), mild, seen].swap_remove(best)))
+}
+
+/// The decimation that looks best, as it is written, and, where triangles follow from bytes, others made in the same way.
+pub(super) fn shapes(
+    asset: Asset<'_>,
+    (best, way): &(Stage, Way),
+    options: &SimplifyOptions,
+    written: &dyn Fn(&Stage) -> Scene,
+) -> Result<Shapes, FitError> {
+    let mut shapes = Shapes::new(written(best));
+    // Where all triangles fit none is missing.
+    let all = Target::Triangles(asset.scene.triangle_count());
+    if let Some(most) = options.max_bytes.filter(|_| options.triangles_by_bytes && options.target != all) {
+        let first = best.scene.triangle_count();
+        for triangles in other_triangles(asset.scene, (most, first), options.compression)? {
+            shapes.add(written(&way.decimated(asset, Target::Triangles(triangles), options)?));
+        }
+    }
+    Ok(shapes)
 }
 
 /// The asset with all of its textures and materials as they are.
@@ -74,7 +121,7 @@ pub(super) fn kept(stage: &Stage, n: &Normalised, options: &SimplifyOptions) -> 
     light
 }
 
-/// The asset with its own materials that may be written in place of a fitted one, if one may: the best of several
+/// The asset with its own materials that may be written in place of a fitted one, if it may: the best of several
 /// decimations, the first of which is `plain`.
 pub(super) fn candidate(
     asset: Asset<'_>,
@@ -83,33 +130,27 @@ pub(super) fn candidate(
     target: Target,
     options: &SimplifyOptions,
     progress: &dyn Progress,
-) -> Result<Option<Scene>, FitError> {
-    if !options.keeps_textures() || !may_be_written(asset.scene) {
+) -> Result<Option<Shapes>, FitError> {
+    if !options.keeps_textures() {
         return Ok(None);
     }
     let best = best(asset, plain.clone(), reference, target, options, progress)?;
-    Ok(written(&best, asset.n, options))
-}
-
-/// Whether an asset with its own materials may be written in place of a fitted one: the rasterizer, which puts decimations in
-/// order, draws the core of all of them.
-pub(super) fn may_be_written(asset: &Scene) -> bool {
-    beyond_rasterizer(asset).iter().all(|name| OVER_THE_CORE.contains(name))
+    shapes(asset, &best, options, &|stage| written(stage, asset.n, options)).map(Some)
 }
 
 /// The same as it may be written in place of a fitted asset: in the asset's frame, with textures that together have no
 /// more texels than the maps of a fitted one; the largest are halved until they do, and each until its sides are no longer than
-/// [`SimplifyOptions::own_texture_size`]. `None` where it has materials whose core the rasterizer does not draw. Where the
-/// budget is mild and textures may stay whole, they do.
-pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) -> Option<Scene> {
-    if !may_be_written(&stage.scene) {
-        return None;
-    }
+/// [`SimplifyOptions::own_texture_size`]. Where the budget is mild and textures may stay whole, they do; a budget of bytes, which
+/// halves them as far as it needs, leaves them their texels, too.
+pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) -> Scene {
     let mut light = kept(stage, n, options);
     if options.whole_textures && light.triangle_count() as f64 >= MILD * n.flat.mesh.triangles.len() as f64 {
-        return Some(light);
+        return light;
     }
-    let most = MAPS * options.texture_size * options.texture_size;
+    let most = match options.max_bytes {
+        Some(_) => usize::MAX,
+        None => MAPS * options.texture_size * options.texture_size,
+    };
     let size = |i: &TextureImage| i.width * i.height;
     let mut halvings = vec![0_u32; light.images.len()];
     let left = |k: usize, h: u32| (size(&light.images[k]) >> (2 * h)).max(1);
@@ -120,10 +161,8 @@ pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) 
         }
     }
     while (0..halvings.len()).map(|k| left(k, halvings[k])).sum::<usize>() > most {
-        let largest = (0..halvings.len()).max_by_key(|k| (left(*k, halvings[*k]), usize::MAX - k))?;
-        if left(largest, halvings[largest]) == 1 {
-            break;
-        }
+        let largest = (0..halvings.len()).max_by_key(|k| (left(*k, halvings[*k]), usize::MAX - k));
+        let Some(largest) = largest.filter(|k| left(*k, halvings[*k]) > 1) else { break };
         halvings[largest] += 1;
     }
     for (k, h) in halvings.into_iter().enumerate().filter(|(_, h)| *h > 0) {
@@ -133,7 +172,7 @@ pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) 
             light.images[k].mips.clear();
         }
     }
-    Some(light)
+    light
 }
 
 /// Drops primitives without triangles, and materials and images that nothing shows.
@@ -259,7 +298,7 @@ mod tests {
         let n = Normalised::new(&scene).unwrap();
         let stage = decimated(&scene, &n, &[], &own(Target::Triangles(100), false)).unwrap();
         let options = SimplifyOptions { texture_size: 16, ..SimplifyOptions::default() };
-        let light = written(&stage, &n, &options).unwrap();
+        let light = written(&stage, &n, &options);
         let sizes: Vec<(usize, usize)> = light.images.iter().map(|i| (i.width, i.height)).collect();
         assert_eq!(
             (light.materials.len(), &sizes[..]),
@@ -272,12 +311,11 @@ mod tests {
         assert!((far - 3.0).abs() < 0.3, "in the asset's frame: {far}");
         assert!(light.triangle_count() <= 100);
         // They stay whole where that is wanted and the budget is mild: 100 of 224 triangles.
-        let whole =
-            written(&stage, &n, &SimplifyOptions { whole_textures: true, ..options.clone() }).unwrap();
+        let whole = written(&stage, &n, &SimplifyOptions { whole_textures: true, ..options.clone() });
         let sizes: Vec<usize> = whole.images.iter().map(|i| i.width).collect();
         assert_eq!(sizes, [64, 32]);
         let few = decimated(&scene, &n, &[], &own(Target::Triangles(40), false)).unwrap();
-        let few = written(&few, &n, &SimplifyOptions { whole_textures: true, ..options }).unwrap();
+        let few = written(&few, &n, &SimplifyOptions { whole_textures: true, ..options });
         assert_eq!(few.images[0].width, 16);
         // The texels of four maps in a single texture, unless a side is to be no longer than one of theirs.
         let mut single = scene.clone();
@@ -287,7 +325,7 @@ mod tests {
         for (own_texture_size, side) in [(None, 32), (Some(16), 16), (Some(17), 16)] {
             let options =
                 SimplifyOptions { own_texture_size, texture_size: 16, ..SimplifyOptions::default() };
-            let light = written(&stage, &n, &options).unwrap();
+            let light = written(&stage, &n, &options);
             assert_eq!((light.images[0].width, light.images.len()), (side, 1), "{own_texture_size:?}");
         }
     }

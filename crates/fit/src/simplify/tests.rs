@@ -4,7 +4,8 @@ use super::*;
 use crate::Silent;
 pub(super) use crate::progress::Heard;
 use photofit_geometry::shapes::{cube, displaced_sphere};
-use photofit_scene::{AlphaMode, Instance, Material, Primitive};
+use photofit_scalar::{vec2, vec3};
+use photofit_scene::{AlphaMode, Instance, Material, Primitive, Sampler, TextureImage, TextureSlot};
 use std::collections::BTreeSet;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -21,6 +22,22 @@ pub(super) fn of(mesh: photofit_geometry::Mesh, material: Material) -> Scene {
 
 pub(super) fn rock() -> Scene {
     of(displaced_sphere(8, 0.25, 4, 3), Material { name: "stone".into(), ..Material::clay() })
+}
+
+/// A bumpy grid that shows a small texture four times each way, with a file of its texels.
+pub(super) fn tiled() -> Scene {
+    let mut mesh = photofit_geometry::shapes::quad_grid(20, 20);
+    for p in &mut mesh.positions {
+        *p = vec3(p.x, p.y, 0.1 * (3.0 * p.x).sin() * (2.0 * p.y).cos());
+    }
+    mesh.uvs.iter_mut().for_each(|uv| *uv = vec2(uv.x * 4.0, uv.y * 4.0));
+    mesh.normals = photofit_geometry::normals::mesh_normals(&mesh);
+    let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    let slot = TextureSlot { image: 0, sampler: Sampler::default(), tex_coord: 0, transform };
+    let material = Material { base_color_texture: Some(slot), double_sided: true, ..Material::clay() };
+    let texels = (0..64).map(|k| [(k * 4) as u8, 255 - (k * 3) as u8, (k % 8 * 30) as u8, 255]).collect();
+    let image = TextureImage { width: 8, height: 8, texels, ..TextureImage::default() };
+    Scene { images: vec![image], ..of(mesh, material) }
 }
 
 #[test]
@@ -72,7 +89,6 @@ fn occlusion_of(path: &Path) -> Option<(u8, u8)> {
 #[test]
 fn occlusion_is_kept_baked_or_left_out() {
     use crate::bake::{Occlusion, OcclusionRays};
-    use photofit_scene::{Sampler, TextureImage, TextureSlot};
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.glb");
     // A ball on a floor; the map of both says .6 everywhere.
@@ -81,7 +97,7 @@ fn occlusion_is_kept_baked_or_left_out() {
     let occluded = Material { occlusion_texture: Some(slot), ..Material::clay() };
     let mut scene = of(photofit_geometry::shapes::uv_sphere(24, 12), occluded);
     let mut floor = photofit_geometry::shapes::quad_grid(4, 4);
-    floor.positions.iter_mut().for_each(|p| *p = *p * 2.0 + photofit_scalar::vec3(0.0, 0.0, -1.0));
+    floor.positions.iter_mut().for_each(|p| *p = *p * 2.0 + vec3(0.0, 0.0, -1.0));
     scene.primitives.push(Primitive { mesh: floor, material: 0 });
     scene.instances.push(Instance { primitive: 1, transform: glam::Affine3A::IDENTITY });
     scene.images = vec![TextureImage {
@@ -119,12 +135,18 @@ pub(super) fn options() -> SimplifyOptions {
 
 /// Says stop at the n-th question within the fit, and keeps the warnings.
 #[derive(Default)]
-struct Watching {
+pub(super) struct Watching {
     fitting: AtomicUsize,
     stop_at: Option<usize>,
     warnings: Mutex<Vec<String>>,
     /// Stages that were reported after the stop.
     after: Mutex<BTreeSet<&'static str>>,
+}
+
+impl Watching {
+    pub(super) fn stopping_at(question: usize) -> Self {
+        Self { stop_at: Some(question), ..Self::default() }
+    }
 }
 
 impl Progress for Watching {
@@ -170,7 +192,7 @@ fn a_fit_stopped_at_any_step_resumes_to_the_same_file() {
     for (options, whole, stop_at) in all.into_iter().chain([3, 17, 30].map(|at| (&free, &whole[1], at))) {
         let checkpoint = Some(dir.path().join(format!("{}{stop_at}", options.mips.name())));
         let kept = SimplifyOptions { checkpoint, ..options.clone() };
-        let progress = Watching { stop_at: Some(stop_at), ..Watching::default() };
+        let progress = Watching::stopping_at(stop_at);
         let (stopped, _) = file("stopped.glb", &kept, &progress);
         assert!(stopped, "question {stop_at}");
         let (stopped, resumed) = file("resumed.glb", &SimplifyOptions { resume: true, ..kept }, &Silent);
@@ -278,7 +300,7 @@ fn a_fit_on_a_device_ends_like_one_on_the_cpu_and_resumes_to_the_same_file() {
     for stop_at in [3, 17, 30] {
         let checkpoint = Some(dir.path().join(format!("state{stop_at}")));
         let kept = SimplifyOptions { checkpoint, ..on_device.clone() };
-        let progress = Watching { stop_at: Some(stop_at), ..Watching::default() };
+        let progress = Watching::stopping_at(stop_at);
         assert!(fit("stopped.glb", &kept, &progress).0.stopped, "question {stop_at}");
         let (resumed, bytes) = fit("resumed.glb", &SimplifyOptions { resume: true, ..kept }, &Silent);
         assert!(!resumed.stopped && bytes == whole, "stopped at question {stop_at}");

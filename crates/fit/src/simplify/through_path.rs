@@ -63,6 +63,11 @@ impl TracedMaps {
         if matches!(self, Self::Made(_)) { Self::Lost } else { self }
     }
 
+    /// Whether maps were made that look better than those before.
+    pub(super) fn gained(&self) -> bool {
+        matches!(self, Self::Made(course) if course.gained())
+    }
+
     /// The row of the plan.
     pub(super) fn row(&self) -> Option<Item> {
         let (runs, why) = match self {
@@ -70,7 +75,7 @@ impl TracedMaps {
             Self::Skipped(why) => (false, why.as_str()),
             Self::Planned => (true, "fitted once more, after the rasterizer"),
             Self::Made(course) if course.steps == 0 => (false, "the work was ended before the first step"),
-            Self::Made(course) if course.gained() => (true, "fitted once more, after the rasterizer"),
+            Self::Made(_) if self.gained() => (true, "fitted once more, after the rasterizer"),
             Self::Made(_) => (true, "fitted once more; none looked better, and those before are written"),
             Self::Lost => (true, "fitted once more; the asset's own materials are written"),
         };

@@ -1,11 +1,19 @@
 //! Whole jobs within a budget of bytes.
 
-use crate::Silent;
-use crate::simplify::tests::{Heard, of, options, rock};
-use crate::simplify::{SimplifyOptions, simplify};
-use photofit_geometry::shapes::displaced_sphere;
+use super::{Files, Made, as_asked};
+use crate::simplify::tests::{Heard, Watching, of, options, rock, tiled};
+use crate::simplify::{
+    FitRenderer, Judged, Outcome, ReferenceRenderer, SimplifyOptions, Surfacing, Written, simplify,
+};
+use crate::{Progress, Silent};
+use photofit_geometry::decimate::Target;
+use photofit_geometry::shapes::{displaced_sphere, uv_sphere};
 use photofit_scalar::vec4;
-use photofit_scene::{Instance, Material, Primitive, Scene, TextureEncoding};
+use photofit_scene::{
+    Extensions, Instance, Material, Primitive, Scene, TextureEncoding, TextureImage, Transmission, Volume,
+};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// A rock with stripes in vertex colours beside one that is smooth: colours, normals and roughness have images.
 fn striped() -> Scene {
@@ -46,7 +54,7 @@ fn budgeted(asset: &Scene, max_bytes: Option<u64>, texture_encoding: TextureEnco
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1, "no trial is left");
     let limits = photofit_scene::Limits { keep_encoded: true, ..Default::default() };
     let images = photofit_scene::load_with(&path, &limits).unwrap().images;
-    let encoding = |i: &photofit_scene::TextureImage| match i.encoded.as_deref() {
+    let encoding = |i: &TextureImage| match i.encoded.as_deref() {
         Some([0xff, 0xd8, ..]) => "JPEG",
         Some([b'R', ..]) => "WebP",
         Some([0xab, ..]) => "KTX2",
@@ -137,4 +145,180 @@ fn triangles_follow_from_bytes_and_whole_assets_are_not_fitted() {
     assert!((all / 4..all).contains(&outcome.triangles_out), "{} of {all}", outcome.triangles_out);
     let alone = SimplifyOptions { triangles_by_bytes: true, ..options() };
     assert!(alone.check(all).unwrap_err().to_string().contains("needs max_bytes"));
+}
+
+/// What a job within `max_bytes` that may write the asset's own textures comes to, and the bytes of its file.
+fn with_own(asset: &Scene, path: &Path, max_bytes: Option<u64>, o: SimplifyOptions) -> (Outcome, Vec<u8>) {
+    let o = SimplifyOptions { max_bytes, own_textures: true, ..o };
+    let outcome = simplify(asset, path, &o, &Silent).unwrap();
+    let file = std::fs::read(path).unwrap();
+    assert!(max_bytes.is_none_or(|most| file.len() as u64 <= most), "{} of {max_bytes:?}", file.len());
+    (outcome, file)
+}
+
+/// New maps look better where nothing bounds them. Tiles need few texels, which maps of as many bytes do not have for all of them.
+#[test]
+fn own_textures_are_written_where_they_look_better_within_the_bytes() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.glb");
+    let asset = tiled();
+    let o =
+        SimplifyOptions { target: Target::Triangles(60), texture_size: 256, report_views: 4, ..options() };
+    let (free, whole) = with_own(&asset, &path, None, o.clone());
+    assert_ne!(free.written, Written::Decimated, "{:?}", free.stages);
+    let most = Some(whole.len() as u64 / 8);
+    let (own, _) = with_own(&asset, &path, most, o.clone());
+    assert_eq!(own.written, Written::Decimated, "{:?}", own.stages);
+    assert!(own.stage("fitted").is_some(), "what was fitted has a row of its own: {:?}", own.stages);
+    let new = SimplifyOptions { max_bytes: most, own_textures: false, ..o };
+    let new = simplify(&asset, &path, &new, &Silent).unwrap();
+    assert_ne!(new.written, Written::Decimated);
+    let psnr = |o: &Outcome| o.shipped().unwrap().psnr;
+    assert!(psnr(&own) > psnr(&new) + 0.5, "{} and {}", psnr(&own), psnr(&new));
+}
+
+/// Tiles under a ball of glass whose mesh is twice as large as it is placed.
+fn glazed() -> Scene {
+    let mut scene = tiled();
+    let glass = Extensions {
+        transmission: Some(Transmission { factor: 1.0, texture: None }),
+        volume: Some(Volume { thickness: 0.8, ..Volume::default() }),
+        ..Extensions::default()
+    };
+    let glass = Material { roughness: 0.0, extensions: Some(Box::new(glass)), ..Material::clay() };
+    scene.materials.push(glass);
+    scene.primitives.push(Primitive { mesh: uv_sphere(16, 8), material: 1 });
+    let placed = glam::Affine3A::from_scale_rotation_translation(
+        glam::Vec3::splat(0.5),
+        glam::Quat::IDENTITY,
+        glam::vec3(0.0, 0.0, 0.8),
+    );
+    scene.instances.push(Instance { primitive: 1, transform: placed });
+    scene
+}
+
+fn of_glass() -> SimplifyOptions {
+    SimplifyOptions {
+        target: Target::Triangles(400),
+        texture_size: 256,
+        judge_spp: 16,
+        steps: 6,
+        ..options()
+    }
+}
+
+#[test]
+fn own_textures_of_an_asset_with_glass_are_written_too() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.glb");
+    let (made, file) = with_own(&glazed(), &path, Some(22_000), of_glass());
+    assert_eq!((made.written, made.judged), (Written::Decimated, Judged::PathTraced), "{:?}", made.stages);
+    let light = photofit_scene::load(&path).unwrap();
+    assert_eq!(light.images[0].texels, tiled().images[0].texels, "a texture of 8 x 8 is not reduced");
+    let volume = |m: &Material| Some(m.extensions.as_ref()?.volume.as_ref()?.thickness);
+    let thickness = light.materials.iter().find_map(volume).unwrap();
+    assert!((thickness - 0.4).abs() < 1e-6, "{thickness} in the units of the written mesh");
+    let kept = SimplifyOptions { surfacing: Surfacing::Kept, ..of_glass() };
+    let (kept, as_kept) = with_own(&glazed(), &path, Some(22_000), kept);
+    assert_eq!(kept.written, Written::Kept);
+    assert!(as_kept == file, "the same decimation and textures without a fit");
+}
+
+/// Says stop once a stage is reported.
+struct StopsAt {
+    stage: &'static str,
+    reached: AtomicBool,
+}
+
+impl Progress for StopsAt {
+    fn report(&self, stage: &'static str, _: u64, _: u64, _: &str) {
+        self.reached.fetch_or(stage == self.stage, Ordering::Relaxed);
+    }
+    fn warn(&self, _: &str) {}
+    fn is_cancelled(&self) -> bool {
+        self.reached.load(Ordering::Relaxed)
+    }
+}
+
+#[test]
+fn a_stopped_run_within_bytes_goes_on_to_the_same_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.glb");
+    let (asset, o) =
+        (tiled(), SimplifyOptions { target: Target::Triangles(60), texture_size: 128, ..options() });
+    let o = SimplifyOptions { max_bytes: Some(4_500), own_textures: true, ..o };
+    let file = |o: &SimplifyOptions, progress: &dyn Progress| {
+        let outcome = simplify(&asset, &path, o, progress).unwrap();
+        (outcome, std::fs::read(&path).unwrap())
+    };
+    let (whole, bytes) = file(&o, &Silent);
+    assert_eq!((whole.written, bytes.len() <= 4_500), (Written::Decimated, true), "{:?}", whole.stages);
+    let fitting = Watching::stopping_at;
+    let at = |stage| StopsAt { stage, reached: AtomicBool::new(false) };
+    let stops: [&dyn Progress; 5] = [&fitting(0), &fitting(17), &at("choose"), &at("encode"), &at("report")];
+    for (k, stop) in stops.into_iter().enumerate() {
+        let checkpoint = Some(dir.path().join(format!("state{k}")));
+        let kept = SimplifyOptions { checkpoint, ..o.clone() };
+        assert!(file(&kept, stop).0.stopped, "{k}");
+        let (resumed, again) = file(&SimplifyOptions { resume: true, ..kept }, &Silent);
+        assert!(!resumed.stopped && again == bytes, "stop {k}");
+    }
+}
+
+#[test]
+fn maps_of_what_is_written_within_bytes_are_fitted_through_the_path_tracer() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.glb");
+    let o = SimplifyOptions {
+        target: Target::Triangles(60),
+        texture_size: 128,
+        steps: 4,
+        judge_spp: 16,
+        reference: ReferenceRenderer::Path,
+        fit_with: FitRenderer::Path,
+        ..options()
+    };
+    let (made, _) = with_own(&tiled(), &path, Some(4_500), o);
+    assert_eq!(made.written, Written::Decimated, "{:?}", made.stages);
+    assert_eq!(made.traced_maps.map(|m| m.steps), Some(4));
+}
+
+/// The quality of what is stored with loss is the best with which the file fits.
+#[test]
+fn the_bytes_of_a_budget_are_used() {
+    let mut asset = tiled();
+    let mut state = 7_u32;
+    let mut noise = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 24) as u8
+    };
+    let texels = (0..128 * 128).map(|_| [noise(), noise(), noise(), 255]).collect();
+    asset.images = vec![TextureImage { width: 128, height: 128, texels, ..TextureImage::default() }];
+    let asked = as_asked(&asset).unwrap();
+    let files = Files::new(asset.clone(), &asked, u64::MAX, &options(), &Silent).unwrap();
+    let choice = vec![[0, files.encodings - 1]];
+    let coarse = || Made::new(files.with(&asset, &choice).unwrap(), files.compression).unwrap();
+    let most = coarse().bytes * 5 / 4;
+    let made = files.refined((&choice, coarse()), most).unwrap();
+    let TextureEncoding::Jpeg { quality } = made.scene.images[0].encoding else { panic!("a JPEG") };
+    let mut next = asset.clone();
+    next.images[0] = asset.stored_as(0, TextureEncoding::Jpeg { quality: quality + 1 }).unwrap();
+    let next = Made::new(next, files.compression).unwrap();
+    assert!(quality > 50 && made.bytes <= most && next.bytes > most, "{quality}: {} of {most}", made.bytes);
+}
+
+/// A file that the asset had is among what fits, as it is.
+#[test]
+fn textures_that_fit_stay_as_they_were_read() {
+    let mut asset = tiled();
+    let texels: Vec<[u8; 4]> =
+        (0..64 * 64).map(|k| [(k % 64 * 4) as u8, (k / 64 * 4) as u8, 90, 255]).collect();
+    let image = TextureImage { width: 64, height: 64, texels, ..TextureImage::default() };
+    asset.images = vec![image];
+    asset.images[0] = asset.stored_as(0, TextureEncoding::Jpeg { quality: 70 }).unwrap();
+    asset.images[0].encoding = TextureEncoding::Png;
+    let dir = tempfile::tempdir().unwrap();
+    let kept = SimplifyOptions { surfacing: Surfacing::Kept, ..options() };
+    let (made, _) = with_own(&asset, &dir.path().join("a.glb"), Some(40_000), kept);
+    assert!(made.textures.contains("JPEG, as in the asset"), "{}", made.textures);
 }

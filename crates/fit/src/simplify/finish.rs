@@ -1,0 +1,92 @@
+//! What is written of what was chosen: with maps fitted through the path tracer where that is asked for, and within the bytes that the
+//! file may have.
+
+use super::byte_budget::{Budget, Shapes};
+use super::choice::Chosen;
+use super::through_path::{TracedMaps, fit_maps};
+use super::{Asset, SimplifyOptions, Written, dressed, locks};
+use crate::engine::judge::Stage;
+use crate::engine::reference::Reference;
+use crate::engine::surface::Surface;
+use crate::engine::trainer::Trained;
+use crate::{FitError, Progress};
+use photofit_scene::Scene;
+use std::time::Duration;
+
+/// What is written, and how it came about.
+pub(super) struct Finished {
+    pub(super) trained: Trained<Surface>,
+    pub(super) light: Scene,
+    pub(super) written: Written,
+    /// What was fitted, where something else is written.
+    pub(super) fitted: Option<Scene>,
+    /// What came of the fit of its maps through the path tracer.
+    pub(super) traced_maps: TracedMaps,
+    /// The asset with its own materials on as many triangles, where something was compared with it.
+    pub(super) plain: Option<Stage>,
+}
+
+/// What is written of `chosen` and, where the file may have so many bytes only, of the asset with its own materials, which was not
+/// among what that was chosen from: each is made to fit, and what looks best then is written. `spent` is the time of the fit.
+pub(super) fn finish(
+    asset: Asset<'_>,
+    chosen: Chosen,
+    spent: Duration,
+    reference: &dyn Reference,
+    options: &SimplifyOptions,
+    progress: &dyn Progress,
+) -> Result<Finished, FitError> {
+    let Asset { scene, n, .. } = asset;
+    let Chosen { trained, light: new, written: was, mut fitted, own, plain } = chosen;
+    let with_maps =
+        |light, written| fit_maps(asset, light, (written, trained.stopped, spent), options, progress);
+    let (mut light, written, traced_maps) = match options.max_bytes {
+        None => {
+            let (light, course) = with_maps(new, was);
+            (dressed(light, scene, options), was, course)
+        }
+        Some(most) => {
+            let budget = Budget { most, asset, reference, options, progress };
+            within(&budget, (&Shapes::new(new), was), own.as_ref(), plain.is_some(), &with_maps)?
+        }
+    };
+    if written != was && was == Written::Fitted && trained.steps > 0 {
+        fitted = Some(options.exported(&trained.model.candidate, n));
+    }
+    if options.lock_borders {
+        locks::restore(&mut light, scene, n);
+    }
+    Ok(Finished { trained, light, written, fitted, traced_maps, plain })
+}
+
+/// The better of the files within a budget that the asset with `new` maps and that with its `own` materials come to; what that is; and how
+/// the fit of its maps `with_maps` went. The asset as it was given is looked at where the work `compares` anything.
+fn within(
+    budget: &Budget<'_>,
+    (new, was): (&Shapes, Written),
+    own: Option<&Shapes>,
+    compares: bool,
+    with_maps: &dyn Fn(Scene, Written) -> (Scene, TracedMaps),
+) -> Result<(Scene, Written, TracedMaps), FitError> {
+    let mut made = budget.within(new)?;
+    if let Some(own) = own {
+        made.extend(budget.within(own)?);
+    }
+    let best = budget.best(&made)?;
+    let (start, written) = match own.filter(|_| best > 0) {
+        Some(own) => (own.scene(best - 1), Written::Decimated),
+        None => (new.scene(0), was),
+    };
+    let (start, course) = with_maps(start, written);
+    let mut made = vec![made.swap_remove(best)];
+    if course.gained() {
+        made.extend(budget.within(&Shapes::new(start))?);
+    }
+    let best = budget.best(&made)?;
+    let given = budget.asset.given;
+    let whole = (budget.options.keeps_all(given) && compares).then_some(given);
+    Ok(match budget.or_whole(made.swap_remove(best), whole)? {
+        (light, true) => (light, Written::Decimated, course.lost()),
+        (light, false) => (light, written, course),
+    })
+}
