@@ -14,10 +14,15 @@ pub(crate) fn index(file: &Path, scene: &Scene, wanted: &str) -> Result<usize> {
     let number = || wanted.parse().ok().filter(|n: &usize| *n < animations.len());
     named.or_else(number).ok_or_else(|| {
         let names: Vec<String> = animations.iter().map(|n| format!("\"{}\"", n.name)).collect();
-        let has = match names.len() {
-            0 => "no animations".to_owned(),
-            n => format!("{n} animations: {}", names.join(", ")),
-        };
-        anyhow!("{}: has {has}; --animation is \"{wanted}\", it must be one of them", file.display())
+        let file = file.display();
+        match names.len() {
+            0 => anyhow!("{file}: has no animations, and --animation must not be given"),
+            n => {
+                let names = names.join(", ");
+                anyhow!(
+                    "{file}: has {n} animations: {names}; --animation is \"{wanted}\", it must be one of them"
+                )
+            }
+        }
     })
 }

@@ -328,7 +328,7 @@ pub(crate) struct Simplify {
     #[arg(long, value_name = "PX", conflicts_with = "screen_size", value_parser = whole::<usize>(16..=4096))]
     pub(crate) resolution: Option<usize>,
     /// How much work is done; what --steps and other options say counts before it. With --keep-uvs, where nothing is fitted, it says in
-    /// how many views and samples the decimation and textures are chosen and the report is made.
+    /// how many views and samples the decimation and textures are chosen, and how many views the report has; best is as normal there.
     #[arg(long, value_enum, default_value = "normal")]
     pub(crate) effort: FitEffort,
     /// Pictures per step [range: 1 to 64].

@@ -10,6 +10,7 @@ use crate::status::Ending;
 use crate::{device, interrupt, memory, output, threads};
 use anyhow::Result;
 use photofit_fit::engine::chain::checkpoint_files;
+use photofit_fit::engine::trainer::HistoryPoint;
 use photofit_fit::footprint::Task;
 use photofit_fit::pictures::named_files;
 use photofit_fit::recover_mesh::{
@@ -108,10 +109,12 @@ fn told(a: &RecoverMesh, r: &RecoveredMesh) -> String {
 fn to_json(a: &RecoverMesh, r: &RecoveredMesh) -> Value {
     let path = |p: &Option<PathBuf>| p.as_ref().map(|p| p.display().to_string());
     let error = |e: &ShapeError| json!({ "mean_percent": e.mean, "p95_percent": e.p95, "normals_degrees": e.normals });
-    // The first evaluation comes before the first step and has no loss.
-    let losses: Vec<f64> = r.history.iter().filter(|h| h.step > 0).map(|h| h.loss).collect();
-    let history: Vec<Value> =
-        r.history.iter().map(|h| json!({ "step": h.step, "loss": h.loss, "quality": h.quality })).collect();
+    let losses: Vec<f64> = r.history.iter().filter_map(HistoryPoint::training_loss).collect();
+    let history: Vec<Value> = r
+        .history
+        .iter()
+        .map(|h| json!({ "step": h.step, "loss": h.training_loss(), "quality": h.quality }))
+        .collect();
     json!({
         "pictures": path(&a.pictures),
         "self_test": path(&a.self_test),

@@ -146,7 +146,10 @@ fn own_camera(a: &Render, scene: &Scene, index: usize, center: Vec3, radius: f32
 /// What is said about a camera that an asset does not have.
 pub(crate) fn no_camera(input: &Path, scene: &Scene, index: usize) -> anyhow::Error {
     let (file, n) = (input.display(), scene.cameras.len());
-    anyhow!("{file}: has {n} cameras; --camera is {index}, it must be below that number")
+    match n {
+        0 => anyhow!("{file}: has no cameras, and --camera must not be given"),
+        n => anyhow!("{file}: has {n} cameras; --camera is {index}, it must be below that number"),
+    }
 }
 
 /// Centre and radius of the asset.

@@ -189,7 +189,7 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
 
 /// The fit of the maps through the path tracer.
 fn traced_maps(course: &MapsCourse) -> Value {
-    let point = |h: &HistoryPoint| json!({ "step": h.step, "seconds": h.seconds, "loss": h.loss, "held_out_psnr": h.quality });
+    let point = |h: &HistoryPoint| json!({ "step": h.step, "seconds": h.seconds, "loss": h.training_loss(), "held_out_psnr": h.quality });
     json!({
         "steps": course.steps,
         "stopped": course.stopped,
@@ -382,7 +382,7 @@ impl Job<'_> {
         let history: Vec<Value> = o
             .history
             .iter()
-            .map(|h| json!({ "step": h.step, "seconds": h.seconds, "loss": h.loss, "held_out_psnr": h.quality }))
+            .map(|h| json!({ "step": h.step, "seconds": h.seconds, "loss": h.training_loss(), "held_out_psnr": h.quality }))
             .collect();
         let mut out = json!({
             "input": self.input.display().to_string(),

@@ -63,7 +63,7 @@ pub(crate) fn judged(held_out: Option<usize>, pictures: usize) -> String {
 
 /// The course of a fit as JSON.
 pub(crate) fn course(history: &[HistoryPoint]) -> Vec<Value> {
-    let point = |h: &HistoryPoint| json!({ "step": h.step, "loss": h.loss, "relative_error": relative_error(h.quality) });
+    let point = |h: &HistoryPoint| json!({ "step": h.step, "loss": h.training_loss(), "relative_error": relative_error(h.quality) });
     history.iter().map(point).collect()
 }
 

@@ -186,7 +186,7 @@ fn figures(
     errors: [Option<f64>; 2],
     seconds: f64,
 ) -> Value {
-    let told: Vec<&HistoryPoint> = r.history.iter().filter(|h| h.loss > 0.0).collect();
+    let told: Vec<&HistoryPoint> = r.history.iter().filter(|h| h.training_loss().is_some()).collect();
     let loss = |h: Option<&&HistoryPoint>| h.map(|h| h.loss);
     // The steps of this run, which took these seconds.
     let own = r.steps.saturating_sub(r.resumed);

@@ -42,6 +42,14 @@ pub struct HistoryPoint {
     pub quality: f64,
 }
 
+impl HistoryPoint {
+    /// The mean training loss since the last evaluation; `None` where no step was made since.
+    pub fn training_loss(&self) -> Option<f64> {
+        // The sum of no losses is -0.
+        self.loss.is_sign_positive().then_some(self.loss)
+    }
+}
+
 /// Where and how a fit keeps its state.
 #[derive(Clone, Debug, Default)]
 pub struct Keeping {

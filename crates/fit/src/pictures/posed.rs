@@ -161,7 +161,8 @@ fn read(file: &Path) -> Result<Transforms, FitError> {
     let fail = |rule| Err(FitError::Pictures { path: file.into(), rule });
     let bytes = photofit_image::file_bytes(file, MOST_BYTES)?;
     let place = || not_finite::place(&bytes).or_else(|| faulty_frame(&bytes));
-    serde_json::from_slice(&bytes).or_else(|e| fail(place().unwrap_or_else(|| e.to_string())))
+    serde_json::from_slice(&bytes)
+        .or_else(|e| fail(place().unwrap_or_else(|| format!("is not what transforms.json must be: {e}"))))
 }
 
 /// The first frame that cannot be read, and why; `None` where all can, or the text is no JSON.

@@ -20,7 +20,7 @@ pub(super) fn section(history: &[HistoryPoint], quality: &'static str) -> Result
     let value: [Axis; 2] = [
         (quality, |h| Some(h.quality)),
         // An evaluation before the first step has no loss.
-        ("training loss", |h| (h.loss > 0.0).then_some(h.loss)),
+        ("training loss", |h| h.training_loss().filter(|l| *l > 0.0)),
     ];
     let mut plots = String::new();
     for ((title, y), color) in value.into_iter().zip([QUALITY, LOSS]) {

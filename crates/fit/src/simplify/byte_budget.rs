@@ -3,8 +3,8 @@
 //! Of every image the files of several sizes and encodings are made, from the largest size on of which one fits. What one of them
 //! costs in pictures is estimated from few: rendered with that image halved up to [`HALVINGS`] times or coarsely encoded, the others as
 //! they are. The sizes and encodings of least loss within the budget ([`allocation`]) then meet those that treat all images alike, in
-//! held-out views; what looks best gets the quality that the bytes leave, by bisection. Assets that are made to fit meet as the files
-//! that they would be ([`Budget::best`]).
+//! held-out views; what looks best gets the quality that the bytes leave, by bisection. Assets that are made to fit meet with the
+//! textures that their files would have ([`Budget::best`]).
 
 mod allocation;
 #[cfg(test)]
@@ -136,6 +136,8 @@ impl Budget<'_> {
                 return Ok(smallest.expect("something to choose from"));
             }
             [one] => return Ok(one),
+            // Who stopped the work does not wait for a comparison.
+            [first, ..] if self.progress.is_cancelled() => return Ok(first),
             _ => {}
         }
         let Self { asset: Asset { scene, n, .. }, reference, options, progress, .. } = *self;
@@ -179,8 +181,15 @@ impl Budget<'_> {
     /// If a file cannot be encoded or a picture not be made.
     pub(super) fn within(&self, shapes: &Shapes) -> Result<Vec<Made>, FitError> {
         let Self { most, asset, options, progress, .. } = *self;
-        let bare: Vec<Scene> =
-            shapes.bare.iter().map(|s| super::dressed(s.clone(), asset.scene, options)).collect();
+        let dressed = |shape: &Scene| {
+            let mut light = super::dressed(shape.clone(), asset.scene, options);
+            if options.lock_borders {
+                // Before bytes are counted: bounds of positions are text in the file.
+                super::locks::restore(&mut light, asset.scene, asset.n);
+            }
+            light
+        };
+        let bare: Vec<Scene> = shapes.bare.iter().map(dressed).collect();
         let images = shapes.images.clone();
         let light = super::dressed(Scene { images, ..bare[0].clone() }, asset.scene, options);
         let asked = as_asked(&light)?;
@@ -227,6 +236,7 @@ impl Budget<'_> {
         let best = match fitting.len() {
             0 => return Ok(least),
             1 => 0,
+            _ if self.progress.is_cancelled() => 0,
             count => judge::highest(&self.rasterized(files, count, &|i| Ok(fitting[i].1.scene.clone()))?),
         };
         files.refined(fitting.swap_remove(best), self.most)
@@ -478,7 +488,11 @@ fn sizes(
     let telling: Vec<TextureEncoding> =
         encodings.iter().copied().filter(|e| quality(*e).is_none_or(|q| Some(q) == lowest)).collect();
     let mut halvings = 0;
-    while !is_last(scene) && made(scene, &telling)?.iter().all(|f| f.bytes > room) {
+    let read_fits = |i: &TextureImage| i.encoded.as_ref().is_some_and(|b| b.len() as u64 <= room);
+    while !is_last(scene)
+        && !read_fits(&scene.images[k])
+        && made(scene, &telling)?.iter().all(|f| f.bytes > room)
+    {
         scene.images[k] = reduced(scene, k, 1);
         halvings += 1;
     }

@@ -60,15 +60,19 @@ impl Effort {
     pub fn about(self) -> String {
         let Work { steps, compares_starts, .. } = self.work();
         let starts = if compares_starts { "the better of two starts" } else { "one start" };
-        format!("{steps} steps at most, {starts}, {}", self.about_choice())
+        format!("{steps} steps at most, {starts}, {}", self.views_and_samples("the fit and the choice see"))
     }
 
     /// What it sets where nothing is fitted, in words.
     pub fn about_choice(self) -> String {
+        self.views_and_samples("the choice sees")
+    }
+
+    fn views_and_samples(self, who: &str) -> String {
         let Work { choice_views, report_views, coarser, .. } = self.work();
         let samples = match coarser {
             1 => String::new(),
-            n => format!(", 1/{n} of the samples per axis in pictures of the asset that the choice sees"),
+            n => format!(", 1/{n} of the samples per axis in pictures of the asset that {who}"),
         };
         format!("{choice_views} views of the choice, {report_views} of the report{samples}")
     }

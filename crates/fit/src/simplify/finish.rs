@@ -69,6 +69,8 @@ fn within(
     with_maps: &dyn Fn(Scene, Written) -> (Scene, TracedMaps),
 ) -> Result<(Scene, Written, TracedMaps), FitError> {
     let mut made = budget.within(new)?;
+    // Who stopped the work waits for no other files.
+    let own = own.filter(|_| !budget.progress.is_cancelled());
     if let Some(own) = own {
         made.extend(budget.within(own)?);
     }
@@ -83,10 +85,14 @@ fn within(
         made.extend(budget.within(&Shapes::new(start))?);
     }
     let best = budget.best(&made)?;
+    let course =
+        if best == 0 { course.beaten_by("within the bytes those before look better") } else { course };
     let given = budget.asset.given;
     let whole = (budget.options.keeps_all(given) && compares).then_some(given);
     Ok(match budget.or_whole(made.swap_remove(best), whole)? {
-        (light, true) => (light, Written::Decimated, course.lost()),
+        (light, true) => {
+            (light, Written::Decimated, course.beaten_by("the asset as it was given is written"))
+        }
         (light, false) => (light, written, course),
     })
 }

@@ -44,8 +44,8 @@ pub(super) enum TracedMaps {
     Skipped(String),
     /// It was made.
     Made(MapsCourse),
-    /// It was made, and something else is written.
-    Lost,
+    /// It was made, and something else is written, as is told.
+    Beaten(&'static str),
 }
 
 impl TracedMaps {
@@ -58,9 +58,9 @@ impl TracedMaps {
         }
     }
 
-    /// The same where something else is written.
-    pub(super) fn lost(self) -> Self {
-        if matches!(self, Self::Made(_)) { Self::Lost } else { self }
+    /// The same where something else is written than maps that looked better: what, or why.
+    pub(super) fn beaten_by(self, what: &'static str) -> Self {
+        if self.gained() { Self::Beaten(what) } else { self }
     }
 
     /// Whether maps were made that look better than those before.
@@ -77,7 +77,10 @@ impl TracedMaps {
             Self::Made(course) if course.steps == 0 => (false, "the work was ended before the first step"),
             Self::Made(_) if self.gained() => (true, "fitted once more, after the rasterizer"),
             Self::Made(_) => (true, "fitted once more; none looked better, and those before are written"),
-            Self::Lost => (true, "fitted once more; the asset's own materials are written"),
+            Self::Beaten(what) => {
+                let why = format!("fitted once more; {what}");
+                return Some(Item { what: "path traced maps", runs: true.into(), why });
+            }
         };
         Some(Item { what: "path traced maps", runs: runs.into(), why: why.into() })
     }
@@ -179,7 +182,7 @@ mod tests {
             (made(9, 21.0), Runs::Yes, "once more"),
             (made(9, 20.0), Runs::Yes, "those before are written"),
             (made(0, 20.0), Runs::No, "before the first step"),
-            (made(9, 21.0).lost(), Runs::Yes, "the asset's own materials are written"),
+            (made(9, 21.0).beaten_by("the asset as it was given is written"), Runs::Yes, "as it was given"),
         ] {
             let row = came.row().expect("it is asked for");
             assert!(row.runs == runs && row.why.contains(part), "{came:?}: {row:?}");
