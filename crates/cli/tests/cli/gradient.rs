@@ -127,5 +127,5 @@ fn what_cannot_be_differentiated_is_refused_in_one_line() {
     assert_one_error(&o, "no such key", &[&format!("{key}, "), ".emissive (0 in this scene)"]);
     assert!(keys.lines().any(|l| l.contains(".emissive") && l.ends_with("3 (0 in this scene)")), "{keys}");
     let o = photofit(d, &[&lit[..], &["--camera", "1"]].concat());
-    assert_one_error(&o, "no camera", &["rock.glb", "0 cameras", "--camera"]);
+    assert_one_error(&o, "no camera", &["rock.glb", "no cameras", "--camera"]);
 }

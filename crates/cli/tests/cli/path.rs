@@ -55,7 +55,7 @@ fn layers_and_the_plan_are_written() {
     let o = photofit(d, &[&SMALL[..], &["-o", "b.exr", "--aov", "depht"]].concat());
     assert_misuse(&o, "a misspelt layer", &["depht", "depth"]);
     let o = photofit(d, &[&SMALL[..], &["-o", "b.exr", "--camera", "2"]].concat());
-    assert_one_error(&o, "a camera that is not there", &["rock.glb", "0 cameras"]);
+    assert_one_error(&o, "a camera that is not there", &["rock.glb", "no cameras"]);
     let o = photofit(d, &[&SMALL[..], &["-o", "b.exr", "--light", "asset"]].concat());
     assert_one_error(&o, "nothing glows", &["rock.glb", "no light"]);
 }

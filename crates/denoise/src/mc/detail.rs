@@ -43,6 +43,9 @@ pub(crate) struct Detail<'a> {
     pub(crate) weight: &'a [f32],
     /// Of the irradiance, mean over the channels; `None` where it is not known pixel by pixel.
     pub(crate) variance: Option<&'a [f32]>,
+    /// Pixels are samples of their own. Those of a history that was moved between pixels hang together, and of two halves too
+    /// little is known of each.
+    pub(crate) independent: bool,
     /// Planes and the factors of their squared differences in the exponent of a likeness.
     pub(crate) features: &'a [(&'a [f32], f32)],
     /// Above 0 in pixels that are like no other pixels; empty if there are none.
@@ -59,20 +62,22 @@ pub(crate) enum Shares {
 
 /// Adds to `estimate` (3 planes) what is significant in `irradiance - estimate`.
 pub(crate) fn restore_detail(detail: &Detail<'_>, estimate: &mut [f32]) -> Shares {
-    match detail.variance {
+    match detail.variance.filter(|_| detail.independent) {
         Some(variance) => Residual::of(detail, estimate, variance).restore(detail, estimate),
         None => restore_gaussian(detail, estimate),
     }
 }
 
-/// Without the noise of each pixel.
+/// By Gaussian means alone.
 fn restore_gaussian(detail: &Detail<'_>, estimate: &mut [f32]) -> Shares {
     let (n, width) = (detail.weight.len(), detail.width);
     let level: Vec<f32> = (0..n).map(|i| mean(estimate, i) + RELATIVE_FLOOR).collect();
     let known: Vec<f32> = detail.weight.iter().map(|w| if *w > 0.0 { 1.0 } else { 0.0 }).collect();
     let residual: Vec<f32> =
         (0..3 * n).map(|i| known[i % n] * (detail.irradiance[i] - estimate[i]) / level[i % n]).collect();
-    let (added, share) = significant(residual, &known, width);
+    let relative = |v: &[f32]| (0..n).map(|i| v[i] / (level[i] * level[i])).collect::<Vec<f32>>();
+    let noise = detail.variance.map(relative);
+    let (added, share) = significant(residual, &known, noise.as_deref(), width);
     for (i, (u, r)) in estimate.iter_mut().zip(&added).enumerate() {
         let i = i % n;
         *u = (*u + known[i] * r * level[i]).max(0.0);
@@ -437,7 +442,15 @@ mod tests {
     }
 
     fn restored(noisy: &[f32], weight: &[f32], variance: Option<&[f32]>, start: &[f32]) -> Vec<f32> {
-        let detail = Detail { width: WIDTH, irradiance: noisy, weight, variance, features: &[], apart: &[] };
+        let detail = Detail {
+            width: WIDTH,
+            irradiance: noisy,
+            weight,
+            variance,
+            independent: true,
+            features: &[],
+            apart: &[],
+        };
         let mut u = start.to_vec();
         let shares = restore_detail(&detail, &mut u);
         match shares {

@@ -2,7 +2,8 @@
 //!
 //! The residual is smoothed by Gaussians from wide to narrow. Of each mean `m` the share `1 - k v / e` is added to the estimate and
 //! taken from the residual: `e` is the local mean of `m^2`, `v` that of the variance which the noise alone gives `m` (Wiener's
-//! filter with a local estimate of the signal [@lee1980]). The noise is what a Gaussian mean leaves of the residual.
+//! filter with a local estimate of the signal [@lee1980]). The noise is what a Gaussian mean leaves of the residual, or what
+//! the frames of a history differ by where that is more.
 
 use super::window::{blur_sums, gaussian_taps};
 
@@ -14,8 +15,14 @@ const WINDOW: f32 = 3.0;
 const FACTOR: f32 = 1.5;
 
 /// What is significant in a residual (3 planes, 0 at holes; `known` is 0 there and 1 elsewhere), and the mean share of the
-/// narrowest mean.
-pub(crate) fn significant(mut residual: Vec<f32>, known: &[f32], width: usize) -> (Vec<f32>, f32) {
+/// narrowest mean. `noise` is the variance of each pixel where it is known by other means: pixels of a history that was moved between
+/// pixels hang together, and differ from their mean by less than their noise.
+pub(crate) fn significant(
+    mut residual: Vec<f32>,
+    known: &[f32],
+    noise: Option<&[f32]>,
+    width: usize,
+) -> (Vec<f32>, f32) {
     let n = known.len();
     let (mut added, mut share) = (vec![0.0; 3 * n], 0.0);
     for sigma in SIGMAS {
@@ -27,7 +34,7 @@ pub(crate) fn significant(mut residual: Vec<f32>, known: &[f32], width: usize) -
             let square = |c: usize| (residual[c * n + i] - means[c * n + i]).powi(2);
             known[i] * (square(0) + square(1) + square(2)) * (1.0 / 3.0)
         };
-        let noise: Vec<f32> = (0..n).map(own).collect();
+        let noise: Vec<f32> = (0..n).map(|i| noise.map_or(0.0, |v| known[i] * v[i]).max(own(i))).collect();
         let squares: Vec<f32> = taps.iter().map(|t| t * t).collect();
         let mut variance = blur_sums(&noise, width, &squares);
         variance.iter_mut().zip(&total).zip(known).for_each(|((v, t), k)| *v *= k / t.max(1e-6).powi(2));

@@ -331,9 +331,10 @@ fn regression<'a>(p: &'a Prepared<'_>, without: Stages, plan: &mut Plan) -> Vec<
     match without.has(Stage::Detail) {
         true => plan.skip("detail", LEFT_OUT),
         false => plan.stage("detail", || {
-            // Two halves tell too little of one pixel, and samples of a history hang together.
-            let single = p.halves.is_none() && p.last.is_none();
-            let variance = p.variance.as_deref().filter(|_| single);
+            let independent = p.halves.is_none() && p.last.is_none();
+            // Two halves tell too little of one pixel; a history tells the noise of each over its frames.
+            let variance = p.variance.as_deref().filter(|_| p.halves.is_none());
+            let bilateral = variance.filter(|_| independent);
             // Lamps by themselves: their residual must not reach what is around them.
             let own =
                 split.as_ref().map(|[_, own]| own.iter().map(|w| f32::from(*w > 0.0)).collect::<Vec<_>>());
@@ -345,13 +346,13 @@ fn regression<'a>(p: &'a Prepared<'_>, without: Stages, plan: &mut Plan) -> Vec<
                 planes(&p.features.normal, 5.5).chain(planes(&p.features.albedo, 50.0)).collect();
             let apart = own.as_deref().unwrap_or_default();
             // Bilateral means tell the classes apart; others take them one by one.
-            let classes: Vec<&[f32]> = match (&split, variance) {
+            let classes: Vec<&[f32]> = match (&split, bilateral) {
                 (Some([others, own]), None) => vec![others, own],
                 _ => vec![&p.trust],
             };
             let restored = classes.into_iter().map(|weight| {
                 let (width, irradiance, features) = (p.shape.width, &p.irradiance[..], &features[..]);
-                let detail = Detail { width, irradiance, weight, variance, features, apart };
+                let detail = Detail { width, irradiance, weight, variance, independent, features, apart };
                 restore_detail(&detail, &mut estimate)
             });
             let mut gaussian = 0.0;
