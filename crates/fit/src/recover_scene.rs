@@ -89,8 +89,7 @@ pub fn recover_scene(
     progress: &dyn Progress,
 ) -> Result<RecoveredScene, FitError> {
     let _told = model.not_finite.told_at_the_end(progress);
-    let recovered = fit(model, views, pictures, options, progress);
-    recovered
+    fit(model, views, pictures, options, progress)
 }
 
 /// The same without telling what pictures and gradients leave out.

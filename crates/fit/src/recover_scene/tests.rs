@@ -193,7 +193,7 @@ fn light_that_is_no_number_is_told_once() {
         model.world_mut().relight(&[lamp], None).expect("valid");
         let options = RecoverSceneOptions { steps: 0, ..RecoverSceneOptions::default() };
         let heard = Heard::default();
-        recover_scene(model, &[view()], &[target.clone()], &options, &heard).expect("fits");
+        recover_scene(model, &[view()], std::slice::from_ref(&target), &options, &heard).expect("fits");
         heard.0.into_inner().expect("not poisoned")
     };
     assert_eq!(told(1.0), [""; 0]);

@@ -195,7 +195,7 @@ fn opposed_surfaces_and_right_ones_are_not_mixed() {
         let mut mesh = sheet(cells);
         mesh.positions.iter_mut().for_each(|p| p.x = lo + (hi - lo) * 0.5 * (p.x + 1.0));
         mesh.uvs.iter_mut().for_each(|uv| uv.x = u + width * uv.x);
-        mesh.normals.iter_mut().for_each(|n| *n = *n * side);
+        mesh.normals.iter_mut().for_each(|n| *n *= side);
         mesh
     };
     let whole = [0.0, 1.0];
