@@ -23,7 +23,7 @@ pub(crate) fn print(text: &str) -> Result<()> {
 /// Ends what is explained: which benchmark measures what skipped passes save.
 ///
 /// # Errors
-/// As [`print`].
+/// As [`print()`].
 pub(crate) fn name_suite(suite: &str) -> Result<()> {
     print(&format!("what skipped passes save is measured by `cargo xtask bench {suite}`\n"))
 }
