@@ -181,17 +181,10 @@ impl Budget<'_> {
     /// If a file cannot be encoded or a picture not be made.
     pub(super) fn within(&self, shapes: &Shapes) -> Result<Vec<Made>, FitError> {
         let Self { most, asset, options, progress, .. } = *self;
-        let dressed = |shape: &Scene| {
-            let mut light = super::dressed(shape.clone(), asset.scene, options);
-            if options.lock_borders {
-                // Before bytes are counted: bounds of positions are text in the file.
-                super::locks::restore(&mut light, asset.scene, asset.n);
-            }
-            light
-        };
-        let bare: Vec<Scene> = shapes.bare.iter().map(dressed).collect();
-        let images = shapes.images.clone();
-        let light = super::dressed(Scene { images, ..bare[0].clone() }, asset.scene, options);
+        // Locked borders move before bytes are counted: bounds of positions are text in the file.
+        let bare: Vec<Scene> =
+            shapes.bare.iter().map(|s| super::dressed(s.clone(), asset, options)).collect();
+        let light = super::dressed(shapes.scene(0), asset, options);
         let asked = as_asked(&light)?;
         let mut out: Vec<Option<Made>> = Vec::new();
         for shape in &bare {

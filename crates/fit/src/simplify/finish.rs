@@ -4,7 +4,7 @@
 use super::byte_budget::{Budget, Shapes};
 use super::choice::Chosen;
 use super::through_path::{TracedMaps, fit_maps};
-use super::{Asset, SimplifyOptions, Written, dressed, locks};
+use super::{Asset, SimplifyOptions, Written, dressed};
 use crate::engine::judge::Stage;
 use crate::engine::reference::Reference;
 use crate::engine::surface::Surface;
@@ -36,14 +36,13 @@ pub(super) fn finish(
     options: &SimplifyOptions,
     progress: &dyn Progress,
 ) -> Result<Finished, FitError> {
-    let Asset { scene, n, .. } = asset;
     let Chosen { trained, light: new, written: was, mut fitted, own, plain } = chosen;
     let with_maps =
         |light, written| fit_maps(asset, light, (written, trained.stopped, spent), options, progress);
-    let (mut light, written, traced_maps) = match options.max_bytes {
+    let (light, written, traced_maps) = match options.max_bytes {
         None => {
             let (light, course) = with_maps(new, was);
-            (dressed(light, scene, options), was, course)
+            (dressed(light, asset, options), was, course)
         }
         Some(most) => {
             let budget = Budget { most, asset, reference, options, progress };
@@ -51,10 +50,7 @@ pub(super) fn finish(
         }
     };
     if written != was && was == Written::Fitted && trained.steps > 0 {
-        fitted = Some(options.exported(&trained.model.candidate, n));
-    }
-    if options.lock_borders {
-        locks::restore(&mut light, scene, n);
+        fitted = Some(options.exported(&trained.model.candidate, asset.n));
     }
     Ok(Finished { trained, light, written, fitted, traced_maps, plain })
 }

@@ -2,9 +2,7 @@
 
 use super::byte_budget::Budget;
 use super::outcome::Times;
-use super::{
-    Asset, FILE, Outcome, SimplifyOptions, Written, byte_budget, dressed, locks, outcome, plain, prepare,
-};
+use super::{Asset, FILE, Outcome, SimplifyOptions, Written, byte_budget, dressed, outcome, plain, prepare};
 use crate::candidate::{Candidate, SurfaceClass};
 use crate::engine::FitFrame;
 use crate::engine::judge::Stage;
@@ -48,8 +46,8 @@ pub(super) fn simplify(
     progress.report("decimate", 0, 1, "");
     let first = plain::decimated(scene, n, &[], &plain::own(options.target, options.lock_borders))?;
     let best = plain::best(asset, first, reference, options.target, options, progress)?;
-    let mut light = match options.max_bytes {
-        None => dressed(plain::kept(&best.0, n, options), scene, options),
+    let light = match options.max_bytes {
+        None => dressed(plain::kept(&best.0, n, options), asset, options),
         Some(most) => {
             let budget = Budget { most, asset, reference, options, progress };
             let shapes = plain::shapes(asset, &best, options, &|stage| plain::kept(stage, n, options))?;
@@ -58,9 +56,6 @@ pub(super) fn simplify(
             budget.or_whole(made.swap_remove(best), None)?.0
         }
     };
-    if options.lock_borders {
-        locks::restore(&mut light, scene, n);
-    }
     let textures = byte_budget::told(&light);
     photofit_scene::save_glb_with(output, &light, options.compression)?;
     let to_file = began.elapsed().as_secs_f64();
@@ -105,7 +100,7 @@ fn stand_in(light: &Scene, frame: FitFrame) -> Candidate {
 #[cfg(test)]
 mod tests {
     use super::super::tests::{Heard, options, tiled};
-    use super::super::{Init, Surfacing, simplify};
+    use super::super::{Init, Surfacing, locks, simplify};
     use super::*;
     use crate::Silent;
     use photofit_geometry::decimate::Target;

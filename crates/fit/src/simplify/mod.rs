@@ -239,10 +239,14 @@ pub(crate) fn simplify_asset(
     Ok(outcome)
 }
 
-/// What is to be written, with what the asset has beside its surface, its textures encoded as asked.
-fn dressed(mut light: Scene, scene: &Scene, options: &SimplifyOptions) -> Scene {
-    light.inherit(scene);
+/// What is to be written, with what the asset has beside its surface, its textures encoded as asked and locked borders where they
+/// are in the asset.
+fn dressed(mut light: Scene, asset: Asset<'_>, options: &SimplifyOptions) -> Scene {
+    light.inherit(asset.scene);
     light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
+    if options.lock_borders {
+        locks::restore(&mut light, asset.scene, asset.n);
+    }
     light
 }
 

@@ -2,6 +2,22 @@
 
 use super::*;
 
+/// Unlit, with this field of view.
+fn from_the_front(field_of_view: f32) -> View<'static, f64> {
+    let (eye, to) = (glam::vec3(0.0, 0.0, 3.0), glam::Vec3::ZERO);
+    let camera = Camera::look_at(eye, to, glam::Vec3::Y, field_of_view, 1.0, 0.1, 10.0);
+    View {
+        view_projection: matrix_rows(&camera.view_projection()),
+        eye: vec3(0.0, 0.0, 3.0),
+        lights: &[],
+        width: SIZE * SAMPLES,
+        height: SIZE * SAMPLES,
+        samples: SAMPLES,
+        shade_per_pixel: false,
+        lod_bias: 0.0,
+    }
+}
+
 #[test]
 fn alpha_of_one_and_zero_has_a_gradient() {
     // One sheet in front of the background, all of it at one alpha: brighter or darker than what lies behind.
@@ -54,18 +70,7 @@ fn what_lies_behind_a_candidate_of_any_alpha_is_drawn() {
     both.normals.extend(&front.normals);
     both.uvs.extend(&front.uvs);
     let blend = SurfaceClass { alpha: AlphaMode::Blend, sides: Sides::Both, ..SurfaceClass::default() };
-    let camera =
-        Camera::look_at(glam::vec3(0.0, 0.0, 3.0), glam::Vec3::ZERO, glam::Vec3::Y, 0.2, 1.0, 0.1, 10.0);
-    let view = View {
-        view_projection: matrix_rows(&camera.view_projection()),
-        eye: vec3(0.0, 0.0, 3.0),
-        lights: &[],
-        width: SIZE * SAMPLES,
-        height: SIZE * SAMPLES,
-        samples: SAMPLES,
-        shade_per_pixel: false,
-        lod_bias: 0.0,
-    };
+    let view = from_the_front(0.2);
     for alpha in [0.5, 0.99, 0.999, 0.9999, 1.0] {
         let texel = |i: usize| {
             let lamp = i % n >= n / 2;
@@ -119,18 +124,7 @@ fn the_outline_of_a_mask_is_found() {
     let candidate =
         |radius| Candidate::<f64>::new(&card, &smoothing, class.clone(), vec![mask], disc(radius));
     let background = vec![[0.1; 3]; SIZE * SIZE];
-    let camera =
-        Camera::look_at(glam::vec3(0.0, 0.0, 3.0), glam::Vec3::ZERO, glam::Vec3::Y, 0.8, 1.0, 0.1, 10.0);
-    let view = View {
-        view_projection: matrix_rows(&camera.view_projection()),
-        eye: vec3(0.0, 0.0, 3.0),
-        lights: &[],
-        width: SIZE * SAMPLES,
-        height: SIZE * SAMPLES,
-        samples: SAMPLES,
-        shade_per_pixel: false,
-        lod_bias: 0.0,
-    };
+    let view = from_the_front(0.8);
     let picture = CandidateView { view, background: &background, vertices: None, backs: false };
     let cut = |c: &Candidate<f64>| c.draw(&c.vertices(), &picture, &Passes::default()).color;
     let covered = |c: &Candidate<f64>| cut(c).iter().map(|p| p[3]).sum::<f64>();
