@@ -136,10 +136,30 @@ impl Engine<'_> {
         })
     }
 
-    /// Whether a triangle at the loaded edge's ends touches an open border.
-    pub(super) fn is_near_border(&self) -> bool {
+    /// Whether the collapse of the loaded edge would take the last triangle of a vertex that stays.
+    pub(super) fn strands_fixed(&mut self, u: u32, v: u32) -> bool {
+        let apex = |c: &u32| {
+            let (a, b) = self.topology.others(*c);
+            let far = if a == v { b } else { a };
+            ((a == v || b == v) && self.fixed[far as usize]).then_some(far)
+        };
+        let apexes: Vec<u32> = self.scratch.first.iter().filter_map(apex).collect();
+        apexes.into_iter().any(|w| {
+            let mut near = std::mem::take(&mut self.scratch.near);
+            self.topology.corners(w, &mut near);
+            let stranded = near.iter().all(|c| {
+                let triangle = &self.topology.triangles[*c as usize / 3];
+                triangle.contains(&u) && triangle.contains(&v)
+            });
+            self.scratch.near = near;
+            stranded
+        })
+    }
+
+    /// Whether a triangle at the loaded edge's ends touches a vertex that stays.
+    pub(super) fn is_near_fixed(&self) -> bool {
         let touches =
-            |c: &u32| self.topology.triangles[*c as usize / 3].iter().any(|&v| self.border[v as usize]);
+            |c: &u32| self.topology.triangles[*c as usize / 3].iter().any(|&v| self.fixed[v as usize]);
         self.scratch.first.iter().chain(&self.scratch.second).any(touches)
     }
 

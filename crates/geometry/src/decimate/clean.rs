@@ -25,6 +25,8 @@ pub(super) struct Soup {
     pub(super) positions: Vec<DVec3>,
     /// An input vertex at each distinct position.
     pub(super) origin: Vec<u32>,
+    /// Positions that stay, see [`Options::locked`].
+    pub(super) locked: Vec<bool>,
     /// Triangles over the distinct positions.
     pub(super) triangles: Vec<[u32; 3]>,
     /// Input triangle of each triangle.
@@ -33,7 +35,7 @@ pub(super) struct Soup {
     pub(super) cleaned: usize,
 }
 
-fn lengths(mesh: &Mesh, group: &[u32], importance: &[f32]) -> Result<(), DecimateError> {
+fn lengths(mesh: &Mesh, group: &[u32], importance: &[f32], options: &Options) -> Result<(), DecimateError> {
     let (v, t) = (mesh.positions.len(), mesh.triangles.len());
     if v > LIMIT || t > LIMIT {
         return Err(DecimateError::TooLarge);
@@ -43,6 +45,7 @@ fn lengths(mesh: &Mesh, group: &[u32], importance: &[f32]) -> Result<(), Decimat
         ("uvs", mesh.uvs.len(), v),
         ("uvs1", mesh.uvs1.len(), v),
         ("colors", mesh.colors.len(), v),
+        ("locked", options.locked.len(), v),
         ("group", group.len(), t),
         ("importance", importance.len(), t),
     ];
@@ -93,7 +96,7 @@ pub(super) fn validate(
     options: &Options,
 ) -> Result<(), DecimateError> {
     numbers(options)?;
-    lengths(mesh, group, importance)?;
+    lengths(mesh, group, importance, options)?;
     if mesh.triangles.is_empty() {
         return Err(DecimateError::Empty);
     }
@@ -148,6 +151,10 @@ pub(super) fn clean(mesh: &Mesh, group: &[u32], options: &Options) -> Result<Sou
     let tolerance = (options.merge_tolerance * diagonal).min(f64::from(f32::MAX)) as f32;
     let used_positions: Vec<Vec3f> = origin.iter().map(|&i| mesh.positions[i as usize]).collect();
     let map = weld_within(&used_positions, tolerance);
+    let mut locked = vec![false; map.count()];
+    for (group, i) in map.ids.iter().zip(&origin) {
+        locked[*group as usize] |= options.locked.get(*i as usize).copied().unwrap_or(false);
+    }
     let origin = map.pick(&origin);
     let positions = origin.iter().map(|&i| (point(i) - centre) / diagonal).collect();
     let double = |t: usize| {
@@ -172,7 +179,7 @@ pub(super) fn clean(mesh: &Mesh, group: &[u32], options: &Options) -> Result<Sou
         return Err(DecimateError::Empty);
     }
     let cleaned = mesh.triangles.len() - triangles.len();
-    let mut soup = Soup { centre, diagonal, positions, origin, triangles, source, cleaned };
+    let mut soup = Soup { centre, diagonal, positions, origin, locked, triangles, source, cleaned };
     split_hubs(&mut soup, if options.keep_uvs { HUB_WITH_ATTRIBUTES } else { HUB });
     Ok(soup)
 }
@@ -189,6 +196,7 @@ fn split_hubs(soup: &mut Soup, most: u32) {
             copy[hub] = soup.positions.len() as u32;
             soup.positions.push(soup.positions[hub]);
             soup.origin.push(soup.origin[hub]);
+            soup.locked.push(soup.locked[hub]);
         }
         *v = copy[hub];
     }

@@ -42,6 +42,8 @@ pub(super) struct Engine<'a> {
     pub(super) version: Vec<u32>,
     /// Whether a vertex lies on an open border.
     pub(super) border: Vec<bool>,
+    /// Whether a vertex stays where it is under all rules.
+    pub(super) fixed: Vec<bool>,
     /// Group of each triangle.
     pub(super) group: Vec<u32>,
     /// Component of each triangle.
@@ -121,12 +123,16 @@ impl Engine<'_> {
         q
     }
 
+    /// Whether a vertex must stay where it is; those on borders where these do.
+    pub(super) fn is_pinned(&self, v: u32, pin_border: bool) -> bool {
+        self.fixed[v as usize] || (pin_border && self.border[v as usize])
+    }
+
     /// Price of a collapse of the loaded edge to a place.
     pub(super) fn price(&mut self, u: u32, v: u32, place: Place, pin_border: bool) -> Priced {
         let q = self.quadric(u, v);
         let (p, r) = (self.positions[u as usize], self.positions[v as usize]);
-        let pinned = |i: u32| pin_border && self.border[i as usize];
-        let at = match (place, pinned(u), pinned(v)) {
+        let at = match (place, self.is_pinned(u, pin_border), self.is_pinned(v, pin_border)) {
             (_, true, false) => p,
             (_, false, true) => r,
             (Place::First, ..) => p,
@@ -198,6 +204,7 @@ impl Engine<'_> {
         self.quadrics[u as usize].c += priced.extra;
         self.area[u as usize] += self.area[v as usize];
         self.border[u as usize] |= self.border[v as usize];
+        self.fixed[u as usize] |= self.fixed[v as usize];
         self.worst = self.worst.max(priced.error2);
         self.version[u as usize] += 1;
         self.version[v as usize] += 1;

@@ -5,7 +5,8 @@ use crate::Mesh;
 /// When to stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Target {
-    /// At most this many triangles (at least 1); more only where [`Options::lock_border`] leaves no choice.
+    /// At most this many triangles (at least 1); more only where [`Options::lock_border`] or [`Options::locked`] leaves no
+    /// choice.
     Triangles(usize),
     /// At most this share of the input triangles, in `(0, 1]`; never fewer than one.
     Ratio(f64),
@@ -52,6 +53,9 @@ pub struct Options {
     /// Never moves or drops vertices on open borders of the cleaned input, whatever the budget is: where they leave no
     /// room, the result has more triangles. Nothing unseen is dropped then, which would open new borders.
     pub lock_border: bool,
+    /// Vertices of the input that are neither moved nor dropped, in the same way, as `true`: one entry each, or empty. A vertex
+    /// that others are welded to is locked when any of them is.
+    pub locked: Vec<bool>,
     /// Smallest cosine between a triangle's normals before and after a collapse.
     pub min_normal_cosine: f64,
     /// Smallest `4 sqrt(3) area / (sum of squared edges)` (1 for an equilateral triangle) that a collapse may make.
@@ -89,6 +93,7 @@ impl Options {
             keep_manifold: false,
             keep_border: false,
             lock_border: false,
+            locked: Vec::new(),
             min_normal_cosine: 0.2,
             min_compactness: 0.01,
             max_error: None,
@@ -136,7 +141,7 @@ pub struct Decimated {
     pub group: Vec<u32>,
     /// For each triangle the input triangle that it descends from.
     pub source: Vec<u32>,
-    /// Vertices that [`Options::lock_border`] kept, as `true`; empty without it.
+    /// Vertices that [`Options::lock_border`] and [`Options::locked`] kept, as `true`; empty without them.
     pub locked: Vec<bool>,
     /// Largest estimated error of a collapse (root mean square plane distance), in the units of the positions.
     pub error: f64,

@@ -13,7 +13,7 @@ pub(super) struct Output {
     pub(super) group: Vec<u32>,
     /// Input triangle of each triangle.
     pub(super) source: Vec<u32>,
-    /// Vertices on locked borders; empty where none is locked.
+    /// Vertices that were locked; empty where none was to be.
     pub(super) locked: Vec<bool>,
 }
 
@@ -29,8 +29,8 @@ pub(super) fn output(
     let mut mesh = Mesh::default();
     let mut locked = Vec::new();
     let mut lock = |v: u32| {
-        if engine.options.lock_border {
-            locked.push(engine.border[v as usize]);
+        if engine.options.lock_border || !engine.options.locked.is_empty() {
+            locked.push(engine.fixed[v as usize]);
         }
     };
     let mut triangles = Vec::with_capacity(live.len());

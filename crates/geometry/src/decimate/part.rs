@@ -16,7 +16,7 @@ pub(super) struct Part {
     pub(super) extent2: f64,
     /// Whether its removal is in the queue.
     pub(super) queued: bool,
-    /// Whether it has a locked border and must not be removed.
+    /// Whether it has a vertex that stays, and must not be removed.
     pub(super) held: bool,
 }
 
@@ -151,6 +151,7 @@ mod tests {
             diagonal: 1.0,
             positions: Vec::new(),
             origin: Vec::new(),
+            locked: Vec::new(),
             triangles: Vec::new(),
             source: Vec::new(),
             cleaned: 0,

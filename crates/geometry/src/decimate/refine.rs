@@ -147,7 +147,7 @@ pub(super) fn refine(
         return Ok(());
     }
     let held = held(engine);
-    let hold_border = engine.options.keep_border || engine.options.lock_border;
+    let hold_border = engine.options.keep_border;
     let live: Vec<u32> =
         (0..engine.topology.triangles.len() as u32).filter(|&t| engine.topology.is_live(t)).collect();
     let mut slot = vec![NONE; engine.topology.triangles.len()];
@@ -178,7 +178,7 @@ pub(super) fn refine(
         }
         for _ in 0..SWEEPS {
             for &v in &vertices {
-                if !(hold_border && engine.border[v as usize]) {
+                if !engine.is_pinned(v, hold_border) {
                     relax(engine, v, held[v as usize], of);
                 }
             }

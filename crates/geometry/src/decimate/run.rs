@@ -75,7 +75,7 @@ pub(super) fn run(
     stats.after_relaxed = engine.topology.live;
     if goal.forced {
         stage(engine, goal, &Rules { min_cosine: -2.0, ..relaxed }, stats, &report)?;
-        if !o.lock_border {
+        if !engine.fixed.contains(&true) {
             truncate(engine, goal.triangles, stats);
         }
     }
@@ -129,7 +129,7 @@ fn fill(engine: &mut Engine<'_>, rules: &Rules) -> Queue {
 
 /// Entry for the loaded edge; none where the rules refuse it whatever happens.
 fn price_loaded(engine: &mut Engine<'_>, u: u32, v: u32, rules: &Rules) -> Option<(f64, Entry)> {
-    if rules.keep_border && engine.border[u as usize] && engine.border[v as usize] {
+    if engine.is_pinned(u, rules.keep_border) && engine.is_pinned(v, rules.keep_border) {
         return None;
     }
     let priced = engine.price(u, v, Place::Best, rules.keep_border);
@@ -204,12 +204,13 @@ enum Verdict {
 
 fn decide(engine: &mut Engine<'_>, priced_at: f64, top: Entry, rules: &Rules) -> Verdict {
     let (u, v) = (top.u, top.v);
-    if engine.scratch.first.is_empty() || engine.scratch.second.is_empty() || engine.vanishes(v) {
+    if engine.scratch.first.is_empty() || engine.scratch.second.is_empty() || engine.vanishes(v) || engine.strands_fixed(u, v)
+    {
         return Verdict::Never;
     }
     let pinches = engine.pinches(u, v);
-    // Pinched triangles fall together, and a locked border with them.
-    let is_held = engine.options.lock_border && engine.is_near_border();
+    // Pinched triangles fall together, and what is locked with them.
+    let is_held = engine.is_near_fixed();
     if pinches && (rules.keep_manifold || is_held) {
         return Verdict::Never;
     }

@@ -35,11 +35,11 @@ fn relative_importance(soup: &Soup, importance: &[f32]) -> Vec<f64> {
     (0..soup.triangles.len()).map(|k| (of(k) / mean).max(LEAST_IMPORTANCE)).collect()
 }
 
-/// Drops triangles of importance zero none of whose vertices is on a visible triangle; returns how many.
+/// Drops triangles of importance zero none of whose vertices is locked or on a visible triangle; returns how many.
 pub(super) fn drop_unseen(soup: &mut Soup, importance: &[f32]) -> usize {
     let seen: Vec<bool> =
         soup.source.iter().map(|&s| importance.get(s as usize).is_none_or(|&w| w > 0.0)).collect();
-    let mut near = vec![false; soup.positions.len()];
+    let mut near = soup.locked.clone();
     for (t, _) in soup.triangles.iter().zip(&seen).filter(|(_, s)| **s) {
         for &v in t {
             near[v as usize] = true;
@@ -109,6 +109,7 @@ pub(super) fn engine<'a>(
         area: areas,
         version: vec![0; n],
         border: vec![false; n],
+        fixed: soup.locked,
         group,
         members: Members::new(&part, parts.len()),
         part,
@@ -119,6 +120,7 @@ pub(super) fn engine<'a>(
         scratch: Scratch { mark: vec![0; n], ..Scratch::default() },
     };
     hold_edges(&mut engine, &edges, &weight);
+    hold_parts(&mut engine);
     (engine, original)
 }
 
@@ -127,10 +129,10 @@ fn hold_edges(engine: &mut Engine<'_>, edges: &[(u64, u32)], weight: &[f64]) {
     for faces in edges.chunk_by(|a, b| a.0 == b.0) {
         let (a, b) = ((faces[0].0 >> 32) as u32, faces[0].0 as u32);
         if faces.len() == 1 {
-            engine.border[a as usize] = true;
-            engine.border[b as usize] = true;
-            let part = engine.part[faces[0].1 as usize] as usize;
-            engine.parts[part].held |= engine.options.lock_border;
+            for v in [a, b].map(|v| v as usize) {
+                engine.border[v] = true;
+                engine.fixed[v] |= engine.options.lock_border;
+            }
         }
         let strength = edge_weight(engine, a, b, faces);
         if strength <= 0.0 {
@@ -145,6 +147,15 @@ fn hold_edges(engine: &mut Engine<'_>, edges: &[(u64, u32)], weight: &[f64]) {
             let q = Quadric::linear(side, -side.dot(p), w);
             engine.quadrics[a as usize].add(&q);
             engine.quadrics[b as usize].add(&q);
+        }
+    }
+}
+
+/// Components with a vertex that stays are not removed.
+fn hold_parts(engine: &mut Engine<'_>) {
+    for (t, triangle) in engine.topology.triangles.iter().enumerate() {
+        if triangle.iter().any(|v| engine.fixed[*v as usize]) {
+            engine.parts[engine.part[t] as usize].held = true;
         }
     }
 }

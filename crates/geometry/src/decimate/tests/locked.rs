@@ -67,3 +67,35 @@ fn halves_with_locked_borders_meet() {
     assert!(both.triangles.len() < whole.triangles.len() / 2);
     assert_eq!(loops(&both), loops(&all), "no open border between the halves");
 }
+
+#[test]
+fn locked_vertices_stay_to_the_bit_under_any_budget() {
+    let mut mesh = grid(20, |x, y| 0.1 * (6.0 * x).sin() * (5.0 * y).cos());
+    append(&mut mesh, &sphere(4), vec3(0.2, 0.2, 0.2), vec3(0.5, 0.5, 1.0));
+    mesh.uvs.resize(mesh.positions.len(), vec2(0.0, 0.0));
+    let corner = mesh.triangles[0][0] as usize;
+    let locked: Vec<bool> = (0..mesh.positions.len()).map(|v| v == corner || v % 37 == 5).collect();
+    let bits = |p: &Vec3f| p.to_array().map(f32::to_bits);
+    let wanted: std::collections::BTreeSet<_> =
+        mesh.positions.iter().zip(&locked).filter(|(_, l)| **l).map(|(p, _)| bits(p)).collect();
+    // Nothing of the sphere is seen, but what is locked is not dropped.
+    let of_grid = 2 * 20 * 20;
+    let seen: Vec<f32> = (0..mesh.triangles.len()).map(|t| if t < of_grid { 1.0 } else { 0.0 }).collect();
+    for keep_uvs in [false, true] {
+        for budget in [500, 60, 1] {
+            let how = Options { locked: locked.clone(), keep_uvs, ..Options::new(Target::Triangles(budget)) };
+            let d = decimate(&mesh, &[], &seen, &how).expect("valid");
+            let used: std::collections::BTreeSet<u32> = d.mesh.triangles.iter().flatten().copied().collect();
+            let told = d.mesh.positions.iter().zip(&d.locked).enumerate();
+            let told: std::collections::BTreeSet<_> = told
+                .filter(|(v, (_, l))| **l && used.contains(&(*v as u32)))
+                .map(|(_, (p, _))| bits(p))
+                .collect();
+            assert_eq!(told, wanted, "budget {budget}, uvs {keep_uvs}");
+            assert!(d.mesh.triangles.len() <= budget.max(4 * wanted.len()), "{}", d.mesh.triangles.len());
+        }
+    }
+    let short = Options { locked: vec![true], ..Options::new(Target::Triangles(1)) };
+    let refused = decimate(&mesh, &[], &[], &short);
+    assert!(matches!(refused, Err(DecimateError::Length { name: "locked", found: 1, .. })), "{refused:?}");
+}
