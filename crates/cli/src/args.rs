@@ -318,6 +318,10 @@ pub(crate) struct Simplify {
     /// runs on the CPU then.
     #[arg(long)]
     pub(crate) lock_borders: bool,
+    /// Leave vertices where they are in the same way whose attribute of this name is above one half: `_NAME` of a glTF file, as
+    /// Blender writes a vertex group that was turned into an attribute.
+    #[arg(long, value_name = "NAME")]
+    pub(crate) lock: Option<String>,
     /// Occlusion map of the light asset, the red channel beside roughness and metalness: it darkens indirect light in engines;
     /// the pictures of the fit and of the report do not show it.
     #[arg(long, value_enum, default_value = "keep")]

@@ -167,6 +167,7 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
             _ => Surfacing::Maps,
         },
         lock_borders: a.lock_borders,
+        lock: a.lock.as_ref().map(|name| name.trim_start_matches('_').to_owned()),
         occlusion: match a.occlusion {
             OcclusionMaps::Keep => Occlusion::Maps,
             OcclusionMaps::Bake => Occlusion::Rays(OcclusionRays::default()),

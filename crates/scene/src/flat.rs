@@ -51,6 +51,28 @@ impl Scene {
         flat
     }
 
+    /// The world-space positions, as [`Self::flatten`] has them, of the vertices whose attribute `name` (see
+    /// [`Self::vertex_attributes`]; upper and lower case count alike) is above one half; `None` where no vertex has it.
+    ///
+    /// # Panics
+    /// If the scene is not valid (see [`Scene::validate`]).
+    pub fn positions_with(&self, name: &str) -> Option<Vec<Vec3f>> {
+        let named: Vec<_> =
+            self.vertex_attributes.iter().filter(|a| a.name.eq_ignore_ascii_case(name)).collect();
+        if named.is_empty() {
+            return None;
+        }
+        let mut out = Vec::new();
+        for instance in &self.instances {
+            let positions = &self.primitives[instance.primitive].mesh.positions;
+            for a in named.iter().filter(|a| a.primitive == instance.primitive) {
+                let marked = positions.iter().zip(&a.values).filter(|(_, x)| **x > 0.5);
+                out.extend(marked.map(|(p, _)| in_world(&instance.transform, *p)));
+            }
+        }
+        Some(out)
+    }
+
     /// The mesh of a primitive in its own frame, with normals, and with tangents where its material has a normal map
     /// or is anisotropic.
     ///
@@ -111,10 +133,7 @@ fn append(flat: &mut Mesh, mesh: &Mesh, transform: &Affine3A, wants: Wants) {
     let base = flat.positions.len() as u32;
     let n = mesh.positions.len();
     let normals = Normals::of(transform);
-    flat.positions.extend(mesh.positions.iter().map(|p| {
-        let p = transform.transform_point3a(glam::vec3a(p.x, p.y, p.z));
-        vec3(p.x, p.y, p.z)
-    }));
+    flat.positions.extend(mesh.positions.iter().map(|p| in_world(transform, *p)));
     flat.normals.extend(mesh.normals.iter().map(|&n| normals.apply(n)));
     if wants.uvs {
         fill(&mut flat.uvs, &mesh.uvs, n, vec2(0.0, 0.0));
@@ -138,6 +157,11 @@ fn append(flat: &mut Mesh, mesh: &Mesh, transform: &Affine3A, wants: Wants) {
         let [a, b, c] = t.map(|i| i + base);
         if normals.mirrored { [a, c, b] } else { [a, b, c] }
     }));
+}
+
+fn in_world(transform: &Affine3A, p: Vec3f) -> Vec3f {
+    let p = transform.transform_point3a(glam::vec3a(p.x, p.y, p.z));
+    vec3(p.x, p.y, p.z)
 }
 
 fn fill<T: Copy>(out: &mut Vec<T>, from: &[T], n: usize, default: T) {

@@ -77,6 +77,13 @@ impl Scene {
         if extras > 0 {
             out.push(format!("application data (extras) of {}", count(extras, "object")));
         }
+        let mut attributes: Vec<&str> = self.vertex_attributes.iter().map(|a| a.name.as_str()).collect();
+        attributes.sort_unstable();
+        attributes.dedup();
+        if light.vertex_attributes.is_empty() && !attributes.is_empty() {
+            let names = names(attributes.iter().copied());
+            out.push(format!("{}{names}", count(attributes.len(), "vertex attribute")));
+        }
         if !self.ignored_extensions.is_empty() {
             let names = names(self.ignored_extensions.iter().map(String::as_str));
             out.push(format!(

@@ -33,7 +33,9 @@ pub use flat::FlatScene;
 pub use light::{LightKind, LightPicture, PunctualLight};
 pub use load::{Limits, MAX_COORDINATE, Points, Sensor, load, load_points, load_points_with, load_with};
 pub use material::{AlphaMode, Filter, Material, Sampler, TextureSlot, Wrap};
-pub use model::{Instance, MAX_FLAT, Memory, Primitive, Scene, TextureEncoding, TextureImage};
+pub use model::{
+    Instance, MAX_FLAT, Memory, Primitive, Scene, TextureEncoding, TextureImage, VertexAttribute,
+};
 pub use nodes::{
     About, Hierarchy, Lens, Node, NodeCamera, NodeLight, NodeMesh, NodePrimitive, NodeTransform, Placement,
 };

@@ -68,6 +68,17 @@ pub struct Primitive {
     pub material: usize,
 }
 
+/// One number per vertex of a primitive that glTF has no meaning for.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct VertexAttribute {
+    /// Its name, without the `_` that glTF puts before it.
+    pub name: String,
+    /// Index into [`Scene::primitives`].
+    pub primitive: usize,
+    /// Finite values, one per vertex.
+    pub values: Vec<f32>,
+}
+
 /// A placed primitive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Instance {
@@ -88,6 +99,8 @@ pub struct Scene {
     pub primitives: Vec<Primitive>,
     /// Placements; the same primitive may appear many times.
     pub instances: Vec<Instance>,
+    /// Attributes of vertices with names of their own (`_NAME` of a glTF file, one number each), in the order of the primitives.
+    pub vertex_attributes: Vec<VertexAttribute>,
     /// Materials.
     pub materials: Vec<Material>,
     /// Texture images.
@@ -236,6 +249,16 @@ impl Scene {
                     self.materials.len()
                 );
                 return Err(fault(format!("primitive {p}"), rule));
+            }
+        }
+        for a in &self.vertex_attributes {
+            let vertices = self.primitives.get(a.primitive).map_or(0, |p| p.mesh.positions.len());
+            if a.values.len() != vertices || !a.values.iter().all(|x| x.is_finite()) {
+                let rule = format!(
+                    "must have {vertices} finite values, one for each vertex of primitive {}",
+                    a.primitive
+                );
+                return Err(fault(format!("vertex attribute {}", a.name), rule));
             }
         }
         for (i, instance) in self.instances.iter().enumerate() {

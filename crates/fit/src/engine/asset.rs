@@ -9,8 +9,15 @@ use super::views::Moment;
 use crate::FitError;
 use crate::bake;
 use photofit_geometry::{Mesh, opposed};
+use photofit_scalar::Vec3f;
 use photofit_scene::{FlatScene, Material, Scene, SurfaceLibrary, TextureImage};
 use std::borrow::Cow;
+use std::collections::{BTreeMap, HashSet};
+
+/// A position as a key.
+pub(crate) fn bits(p: Vec3f) -> [u32; 3] {
+    p.to_array().map(f32::to_bits)
+}
 
 /// The reference in the frame of the fit: its bounding sphere has radius 1 about the origin.
 #[derive(Debug)]
@@ -29,6 +36,8 @@ pub struct Normalised {
     triangle_class: Vec<u32>,
     /// Whether the vertex normals of each triangle point to its back; empty where those of none do.
     opposed: Vec<bool>,
+    /// Positions of vertices by the names of the attributes that mark them ([`Scene::vertex_attributes`]), lower case.
+    marked: BTreeMap<String, HashSet<[u32; 3]>>,
     /// What path traced pictures of it and of what stands for it leave out.
     pub(crate) not_finite: NotFinite,
 }
@@ -65,10 +74,27 @@ impl Normalised {
             Cow::Borrowed(scene) => (scene.materials.clone(), scene.images.clone()),
             Cow::Owned(scene) => (scene.materials, scene.images),
         };
+        let mut marked = BTreeMap::new();
+        for a in &scene.vertex_attributes {
+            marked.entry(a.name.to_ascii_lowercase()).or_insert_with_key(|name| {
+                let positions = scene.positions_with(name).unwrap_or_default();
+                positions.into_iter().map(|p| bits(frame.to_frame(p))).collect()
+            });
+        }
         let triangle_class = flat.triangle_material.iter().map(|m| material_class[*m as usize]).collect();
         let opposed = opposed(&flat.mesh);
         let not_finite = NotFinite::default();
-        Ok(Self { light_asset, flat, materials, images, triangle_class, opposed, library, not_finite })
+        Ok(Self {
+            light_asset,
+            flat,
+            materials,
+            images,
+            triangle_class,
+            opposed,
+            library,
+            marked,
+            not_finite,
+        })
     }
 
     /// The same with classes of their own for triangles whose vertex normals point to their back; also says how many there
@@ -90,6 +116,17 @@ impl Normalised {
     /// Whether the vertex normals of each triangle point to its back; empty where those of none do.
     pub(crate) fn opposed(&self) -> &[bool] {
         &self.opposed
+    }
+
+    /// The positions, as keys ([`bits`]), of vertices whose attribute `name` is above one half; `None` where the asset has no such
+    /// attribute.
+    pub(crate) fn marked(&self, name: &str) -> Option<&HashSet<[u32; 3]>> {
+        self.marked.get(&name.to_ascii_lowercase())
+    }
+
+    /// The names of the attributes that mark vertices.
+    pub(crate) fn marks(&self) -> Vec<&str> {
+        self.marked.keys().map(String::as_str).collect()
     }
 
     /// The frame of the fit.

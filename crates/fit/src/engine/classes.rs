@@ -5,7 +5,9 @@
 //! fitted (base colour, roughness, metalness, normals, emission) lies below them on both sides. Surfaces that transmit
 //! light are drawn blended, so that what lies behind them is seen and kept.
 
-use photofit_scene::{AlphaMode, Extensions, Instance, Material, Primitive, Scene, SurfacePoints};
+use photofit_scene::{
+    AlphaMode, Extensions, Instance, Material, Primitive, Scene, SurfacePoints, VertexAttribute,
+};
 use photofit_shading::Sides;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -190,7 +192,13 @@ pub(crate) fn apart_by_scale(scene: &Scene) -> Cow<'_, Scene> {
             let primitive = *primitives.entry((instance.primitive, copy)).or_insert_with(|| {
                 let copied = Primitive { material: copy, ..scene.primitives[instance.primitive].clone() };
                 out.to_mut().primitives.push(copied);
-                out.primitives.len() - 1
+                let copy = out.primitives.len() - 1;
+                let of = |a: &&VertexAttribute| a.primitive == instance.primitive;
+                let attributes = scene.vertex_attributes.iter().filter(of).cloned();
+                out.to_mut()
+                    .vertex_attributes
+                    .extend(attributes.map(|a| VertexAttribute { primitive: copy, ..a }));
+                copy
             });
             out.to_mut().instances[i].primitive = primitive;
         }

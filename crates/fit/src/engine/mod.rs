@@ -19,7 +19,7 @@
 //! - [`plan`]: what a fit of a surface runs, and the rows in which tasks tell what they run, and why.
 
 pub mod animated;
-mod asset;
+pub(crate) mod asset;
 pub mod chain;
 pub(crate) mod checkpoint;
 pub mod classes;

@@ -86,7 +86,7 @@ pub(super) fn best(
     }
     progress.report("choose", 0, options.choice_views(), "fewer triangles alone");
     let as_many = Target::Triangles(starts[start].candidate.triangles.len());
-    let plain = plain::decimated(scene, n, &[], &plain::own(as_many, options.lock_borders))?;
+    let plain = plain::decimated(scene, n, &[], &plain::own(as_many, n, options))?;
     let mut own = plain::candidate(asset, &plain, reference, as_many, options, progress)?;
     let trained_steps = trained.steps;
     let mut models = vec![trained.model.clone(), trained.model];

@@ -44,7 +44,7 @@ pub(super) fn simplify(
     let (views, count) = (options.orbit(options.resolution), options.choice_views());
     HeldOut::new(reference, &views, options.sampling(), count, options.seed)?.warn_unseen(progress);
     progress.report("decimate", 0, 1, "");
-    let first = plain::decimated(scene, n, &[], &plain::own(options.target, options.lock_borders))?;
+    let first = plain::decimated(scene, n, &[], &plain::own(options.target, n, options))?;
     let best = plain::best(asset, first, reference, options.target, options, progress)?;
     let light = match options.max_bytes {
         None => dressed(plain::kept(&best.0, n, options), asset, options),
@@ -100,11 +100,14 @@ fn stand_in(light: &Scene, frame: FitFrame) -> Candidate {
 #[cfg(test)]
 mod tests {
     use super::super::tests::{Heard, options, tiled};
-    use super::super::{Init, Surfacing, locks, simplify};
+    use super::super::{Init, Surfacing, simplify};
     use super::*;
     use crate::Silent;
+    use crate::engine::asset::bits;
     use photofit_geometry::decimate::Target;
     use photofit_scalar::vec3;
+    use photofit_scene::VertexAttribute;
+    use std::collections::HashSet;
 
     fn kept() -> SimplifyOptions {
         SimplifyOptions { surfacing: Surfacing::Kept, target: Target::Ratio(0.25), ..options() }
@@ -164,7 +167,7 @@ mod tests {
             let mut uses = vec![0; edges.vertices.len()];
             edges.of_triangle.iter().flatten().for_each(|e| uses[*e as usize] += 1);
             let open = edges.vertices.iter().zip(uses).filter(|(_, n)| *n == 1).flat_map(|(e, _)| *e);
-            let mut bits: Vec<_> = open.map(|v| locks::bits(positions[v as usize])).collect();
+            let mut bits: Vec<_> = open.map(|v| bits(positions[v as usize])).collect();
             bits.sort_unstable();
             bits.dedup();
             bits
@@ -182,10 +185,48 @@ mod tests {
             let few = SimplifyOptions { target: Target::Triangles(64), steps: 4, ..o };
             let made = simplify(&scene, &path, &few, &heard).unwrap();
             let told = heard.0.lock().unwrap().join("\n");
-            assert!(made.triangles_out > 64 && told.contains("locked borders"), "{told}");
+            assert!(made.triangles_out > 64 && told.contains("locked vertices"), "{told}");
         }
         let free = SimplifyOptions { target: Target::Triangles(64), ..kept() };
         simplify(&scene, &path, &free, &Silent).unwrap();
         assert_ne!(border(&photofit_scene::load(&path).unwrap().flatten().mesh), before);
+    }
+
+    #[test]
+    fn vertices_that_an_attribute_marks_stay_to_the_bit_in_the_file() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.glb");
+        let mut scene = tiled();
+        for p in &mut scene.primitives[0].mesh.positions {
+            *p = *p * 1.37 + vec3(0.71, -3.3, 0.13);
+        }
+        let marks: Vec<f32> =
+            (0..scene.primitives[0].mesh.positions.len()).map(|v| (v % 29 == 3).into()).collect();
+        let attribute = |name: &str, values| VertexAttribute { name: name.into(), primitive: 0, values };
+        scene.vertex_attributes = vec![attribute("Seam", marks.clone())];
+        let wanted = scene.positions_with("seam").unwrap();
+        assert_eq!(wanted.len(), marks.iter().filter(|m| **m > 0.5).count());
+        let there = |light: &Scene| {
+            let mesh = light.flatten().mesh;
+            let all: HashSet<_> =
+                mesh.triangles.iter().flatten().map(|v| bits(mesh.positions[*v as usize])).collect();
+            wanted.iter().filter(|p| all.contains(&bits(**p))).count()
+        };
+        for surfacing in [Surfacing::Kept, Surfacing::Maps] {
+            let free = SimplifyOptions { surfacing, ..kept() };
+            simplify(&scene, &path, &free, &Silent).unwrap();
+            assert!(there(&photofit_scene::load(&path).unwrap()) < wanted.len(), "{surfacing:?}");
+            let locked = SimplifyOptions { lock: Some("SEAM".into()), ..free };
+            let made = simplify(&scene, &path, &locked, &Silent).unwrap();
+            assert!(made.triangles_out <= 200, "{}", made.triangles_out);
+            assert_eq!(there(&photofit_scene::load(&path).unwrap()), wanted.len(), "{surfacing:?}");
+            assert!(made.left_out.iter().any(|l| l.contains("vertex attribute")), "{:?}", made.left_out);
+        }
+        let other = SimplifyOptions { lock: Some("hem".into()), ..kept() };
+        let refused = simplify(&scene, &path, &other, &Silent).unwrap_err().to_string();
+        assert!(["lock", "\"hem\"", "seam"].iter().all(|w| refused.contains(w)), "{refused}");
+        scene.vertex_attributes.clear();
+        let refused = simplify(&scene, &path, &other, &Silent).unwrap_err().to_string();
+        assert!(refused.contains("have none"), "{refused}");
     }
 }

@@ -1,14 +1,46 @@
-//! Vertices on open borders that stay where they are: those of one part of a larger asset meet their neighbours.
+//! Vertices that stay where they are, to the bit: those on open borders, where parts of a larger asset meet, and those that an
+//! attribute of the asset marks.
 
-use super::Normalised;
-use photofit_geometry::decimate::Decimated;
+use super::{Normalised, SimplifyOptions, options};
+use crate::FitError;
+use crate::engine::asset::bits;
+use photofit_geometry::Mesh;
+use photofit_geometry::decimate::{Decimated, Options};
 use photofit_scalar::Vec3f;
 use photofit_scene::Scene;
 use std::collections::{HashMap, HashSet};
 
-/// A position as a key.
-pub(super) fn bits(p: Vec3f) -> [u32; 3] {
-    p.to_array().map(f32::to_bits)
+impl SimplifyOptions {
+    /// Whether any vertex stays where it is.
+    pub(super) fn locks(&self) -> bool {
+        self.lock_borders || self.lock.is_some()
+    }
+}
+
+/// The rule that whoever locks vertices must keep.
+pub(super) fn rule(options: &SimplifyOptions, holds: bool, must: &str) -> Result<(), FitError> {
+    match &options.lock {
+        Some(name) => options::rule("lock", name, holds, must),
+        None => options::rule("lock_borders", options.lock_borders, holds || !options.lock_borders, must),
+    }
+}
+
+/// Refuses a name that no attribute of the asset has.
+pub(super) fn check(n: &Normalised, options: &SimplifyOptions) -> Result<(), FitError> {
+    let Some(name) = options.lock.as_deref().filter(|name| n.marked(name).is_none()) else { return Ok(()) };
+    let has = match n.marks().as_slice() {
+        [] => "the asset's vertices have none".to_owned(),
+        names => format!("it must be one of {}", names.join(", ")),
+    };
+    let rule = format!("is {name:?}, no attribute of one number per vertex (_NAME in glTF); {has}");
+    Err(FitError::Setting { field: "lock", rule })
+}
+
+/// `how`, with the vertices of `mesh` locked that the options name.
+pub(super) fn locking(how: Options, mesh: &Mesh, n: &Normalised, options: &SimplifyOptions) -> Options {
+    let marked = options.lock.as_deref().and_then(|name| n.marked(name));
+    let locked = marked.map(|set| mesh.positions.iter().map(|p| set.contains(&bits(*p))).collect());
+    Options { lock_border: options.lock_borders, locked: locked.unwrap_or_default(), ..how }
 }
 
 /// The positions that a decimation has locked.

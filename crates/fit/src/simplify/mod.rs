@@ -149,6 +149,7 @@ pub(crate) fn simplify_asset(
 ) -> Result<Outcome, FitError> {
     let Asset { given, scene, n, rays, visibility } = asset;
     mips::check_classes(options, &n.light_asset.classes)?;
+    locks::check(n, options)?;
     if options.surfacing == Surfacing::Kept {
         return kept::simplify(asset, output, options, began, progress);
     }
@@ -239,12 +240,12 @@ pub(crate) fn simplify_asset(
     Ok(outcome)
 }
 
-/// What is to be written, with what the asset has beside its surface, its textures encoded as asked and locked borders where they
-/// are in the asset.
+/// What is to be written, with what the asset has beside its surface, its textures encoded as asked and locked vertices where
+/// they are in the asset.
 fn dressed(mut light: Scene, asset: Asset<'_>, options: &SimplifyOptions) -> Scene {
     light.inherit(asset.scene);
     light.images.iter_mut().for_each(|i| i.encoding = options.texture_encoding);
-    if options.lock_borders {
+    if options.locks() {
         locks::restore(&mut light, asset.scene, asset.n);
     }
     light
@@ -295,6 +296,7 @@ fn fingerprint(o: &SimplifyOptions, backs: f32, start: &Candidate) -> Fingerprin
         .option("mips", o.mips.name())
         .option("smallest_size", if o.mips == Mips::Free { o.smallest_size } else { 0 })
         .option("lock_borders", o.lock_borders)
+        .option("lock", o.lock.as_deref().unwrap_or_default())
         .option("effort", o.effort.name())
         .option("seed", o.seed)
         .option("lighting", o.lighting.name())

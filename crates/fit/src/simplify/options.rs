@@ -1,7 +1,7 @@
 //! What the user chooses.
 
 use super::through_path::TracedMaps;
-use super::{Effort, FitPlan, Judgement, Mips, Normalised, ReferenceRenderer, by_outline, mips};
+use super::{Effort, FitPlan, Judgement, Mips, Normalised, ReferenceRenderer, by_outline, locks, mips};
 use crate::bake::{BakeSettings, Occlusion};
 use crate::candidate::Candidate;
 use crate::engine::device::Device;
@@ -121,6 +121,9 @@ pub struct SimplifyOptions {
     pub surfacing: Surfacing,
     /// Whether vertices on open borders stay where they are, in the decimation and in the fit, to the bit.
     pub lock_borders: bool,
+    /// The attribute (`_NAME` of a glTF file, without the underscore) whose vertices of more than one half stay where they are in
+    /// the same way.
+    pub lock: Option<String>,
     /// Where the occlusion map of the light asset comes from: the asset's maps, rays against the asset (then there are always
     /// new maps), or nowhere: there is none.
     pub occlusion: Occlusion,
@@ -162,6 +165,7 @@ impl Default for SimplifyOptions {
             own_texture_size: None,
             surfacing: Surfacing::default(),
             lock_borders: false,
+            lock: None,
             occlusion: Occlusion::Maps,
             judge: JudgeRenderer::Auto,
             judge_spp: SAMPLES,
@@ -246,9 +250,9 @@ impl SimplifyOptions {
     /// Where the fit runs: locked vertices are put back after each step, and mip levels have texels of their own, which a GPU
     /// does not do.
     pub(super) fn device_of_fit(&self, progress: &dyn Progress) -> Device {
-        let why = match (self.lock_borders, self.mips) {
+        let why = match (self.locks(), self.mips) {
             _ if self.device.is_cpu() => return self.device.clone(),
-            (true, _) => "locked borders are held on the CPU alone",
+            (true, _) => "locked vertices are held on the CPU alone",
             (_, Mips::Free) => "free mip levels are fitted on the CPU alone",
             (false, Mips::Classic) => return self.device.clone(),
         };
@@ -406,18 +410,12 @@ impl SimplifyOptions {
             ),
             surfacing_rule(self),
             mips::check(self),
-            rule(
-                "lock_borders",
-                self.lock_borders,
-                !self.lock_borders || self.compression == Compression::None,
+            locks::rule(
+                self,
+                self.compression == Compression::None,
                 "needs exact positions, which compressed geometry has not",
             ),
-            rule(
-                "lock_borders",
-                self.lock_borders,
-                !self.lock_borders || self.init == Init::Decimate,
-                "needs the decimated asset as the start",
-            ),
+            locks::rule(self, self.init == Init::Decimate, "needs the decimated asset as the start"),
             rule(
                 "resume",
                 self.resume,

@@ -3,7 +3,7 @@
 use super::byte_budget::{Shapes, other_triangles};
 use super::options::MILD;
 use super::prepare::{decimated_only, importance};
-use super::{Asset, Normalised, SimplifyOptions};
+use super::{Asset, Normalised, SimplifyOptions, locks};
 use crate::bake::Occlusion;
 use crate::engine::judge::{self, Stage, beyond_rasterizer};
 use crate::engine::reference::Reference;
@@ -19,8 +19,9 @@ const MAPS: usize = 4;
 const OVER_THE_CORE: [&str; 4] = ["specular", "clearcoat", "sheen", "anisotropy"];
 
 /// How to decimate an asset with its own texture coordinates.
-pub(super) fn own(target: Target, lock_border: bool) -> Options {
-    Options { keep_uvs: true, lock_border, ..Options::new(target) }
+pub(super) fn own(target: Target, n: &Normalised, options: &SimplifyOptions) -> Options {
+    let own = Options { keep_uvs: true, ..Options::new(target) };
+    locks::locking(own, &n.flat.mesh, n, options)
 }
 
 /// The same where most triangles stay: quadrics of texture coordinates and normals keep what is there, and positions that are
@@ -54,7 +55,7 @@ impl Way {
         target: Target,
         options: &SimplifyOptions,
     ) -> Result<Stage, FitError> {
-        let own = own(target, options.lock_borders);
+        let own = own(target, asset.n, options);
         let how = if self.is_mild { mild(&own) } else { own };
         decimated(asset.scene, asset.n, &self.importance, &how)
     }
@@ -296,7 +297,8 @@ mod tests {
             ..Scene::default()
         };
         let n = Normalised::new(&scene).unwrap();
-        let stage = decimated(&scene, &n, &[], &own(Target::Triangles(100), false)).unwrap();
+        let stage = decimated(&scene, &n, &[], &own(Target::Triangles(100), &n, &SimplifyOptions::default()))
+            .unwrap();
         let options = SimplifyOptions { texture_size: 16, ..SimplifyOptions::default() };
         let light = written(&stage, &n, &options);
         let sizes: Vec<(usize, usize)> = light.images.iter().map(|i| (i.width, i.height)).collect();
@@ -314,14 +316,16 @@ mod tests {
         let whole = written(&stage, &n, &SimplifyOptions { whole_textures: true, ..options.clone() });
         let sizes: Vec<usize> = whole.images.iter().map(|i| i.width).collect();
         assert_eq!(sizes, [64, 32]);
-        let few = decimated(&scene, &n, &[], &own(Target::Triangles(40), false)).unwrap();
+        let few =
+            decimated(&scene, &n, &[], &own(Target::Triangles(40), &n, &SimplifyOptions::default())).unwrap();
         let few = written(&few, &n, &SimplifyOptions { whole_textures: true, ..options });
         assert_eq!(few.images[0].width, 16);
         // The texels of four maps in a single texture, unless a side is to be no longer than one of theirs.
         let mut single = scene.clone();
         single.images[1] = image(32, [10, 20, 30, 255]);
         single.materials[1].normal_texture = None;
-        let stage = decimated(&single, &n, &[], &own(Target::Triangles(40), false)).unwrap();
+        let stage = decimated(&single, &n, &[], &own(Target::Triangles(40), &n, &SimplifyOptions::default()))
+            .unwrap();
         for (own_texture_size, side) in [(None, 32), (Some(16), 16), (Some(17), 16)] {
             let options =
                 SimplifyOptions { own_texture_size, texture_size: 16, ..SimplifyOptions::default() };

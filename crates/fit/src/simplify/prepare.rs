@@ -5,6 +5,7 @@ use super::{coverage, locks, shrink_wrap};
 use crate::bake::{self, BakeClass, BakeSettings, ReferenceSurface, bake};
 use crate::candidate::Candidate;
 use crate::engine::Normalised;
+use crate::engine::asset::bits;
 use crate::engine::judge::Stage;
 use crate::engine::unwrap::unwrapped;
 use crate::visibility::{Visibility, VisibilitySettings, visibility_reporting};
@@ -46,7 +47,6 @@ pub(super) fn prepare(
 ) -> Result<Vec<Start>, FitError> {
     let go_on = || if progress.is_cancelled() { Err(FitError::Interrupted) } else { Ok(()) };
     go_on()?;
-    let lock = options.lock_borders;
     let mut locked = HashSet::new();
     let (mesh, class, decimated) = match (options.init, from) {
         (Init::Sphere, None) => {
@@ -57,10 +57,10 @@ pub(super) fn prepare(
         }
         (_, from) => {
             let d = match from {
-                Some(candidate) => decimate_candidate(n, candidate, options.target, lock, progress)?,
+                Some(candidate) => decimated(n, &candidate.mesh(), &candidate.class, &[], options, progress)?,
                 None => {
                     let (mesh, class) = (&n.flat.mesh, n.triangle_classes());
-                    decimated(n, mesh, &class, weights.decimated, (options.target, lock), progress)?
+                    decimated(n, mesh, &class, weights.decimated, options, progress)?
                 }
             };
             locked = locks::locked(&d);
@@ -72,7 +72,7 @@ pub(super) fn prepare(
     go_on()?;
     let start = |mesh: &Mesh, class| {
         let mut start = unwrap_and_bake(n, reference, seen, mesh, class, options, progress)?;
-        start.candidate.lock(|p| locked.contains(&locks::bits(*p)));
+        start.candidate.lock(|p| locked.contains(&bits(*p)));
         Ok::<Start, FitError>(start)
     };
     let mut starts = vec![start(&mesh, class.clone())?];
@@ -137,27 +137,16 @@ pub(super) fn importance(n: &Normalised, seen: &Visibility) -> Vec<f32> {
         .collect()
 }
 
-/// Decimates the shape of a candidate.
-fn decimate_candidate(
-    n: &Normalised,
-    candidate: &Candidate,
-    target: Target,
-    lock_borders: bool,
-    progress: &dyn Progress,
-) -> Result<Decimated, FitError> {
-    decimated(n, &candidate.mesh(), &candidate.class, &[], (target, lock_borders), progress)
-}
-
 /// Decimates a mesh whose triangles have the given classes.
 fn decimated(
     n: &Normalised,
     mesh: &Mesh,
     class: &[u32],
     importance: &[f32],
-    (target, lock_border): (Target, bool),
+    options: &SimplifyOptions,
     progress: &dyn Progress,
 ) -> Result<Decimated, FitError> {
-    let mut options = Options { lock_border, ..Options::new(target) };
+    let mut options = locks::locking(Options::new(options.target), mesh, n, options);
     options.double_sided = n.light_asset.classes.iter().map(|c| c.sides == Sides::Both).collect();
     let report = heard("decimate", progress);
     decimate_reporting(mesh, class, importance, &options, &report).map_err(|e| match e {
@@ -182,7 +171,7 @@ pub(super) fn decimated_only(
     Ok(Stage::of_mesh(name, scene, &mesh, &d.group))
 }
 
-/// Tells that locked borders left no room for the budget, where they did not.
+/// Tells that locked vertices left no room for the budget, where they did not.
 pub(super) fn tell_budget(options: &SimplifyOptions, [of, made]: [usize; 2], progress: &dyn Progress) {
     let most = match options.target {
         // Three quarters of the bytes may be triangles, where half of them were planned.
@@ -191,9 +180,9 @@ pub(super) fn tell_budget(options: &SimplifyOptions, [of, made]: [usize; 2], pro
         Target::Ratio(r) => (of as f64 * r) as usize,
         Target::Error(_) | Target::ScreenSize(_) => made,
     };
-    if options.lock_borders && made > most.max(1) {
+    if options.locks() && made > most.max(1) {
         progress.warn(&format!(
-            "locked borders leave no room for a budget of {most} triangles: there are {made}"
+            "locked vertices leave no room for a budget of {most} triangles: there are {made}"
         ));
     }
 }

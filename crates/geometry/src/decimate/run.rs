@@ -204,7 +204,10 @@ enum Verdict {
 
 fn decide(engine: &mut Engine<'_>, priced_at: f64, top: Entry, rules: &Rules) -> Verdict {
     let (u, v) = (top.u, top.v);
-    if engine.scratch.first.is_empty() || engine.scratch.second.is_empty() || engine.vanishes(v) || engine.strands_fixed(u, v)
+    if engine.scratch.first.is_empty()
+        || engine.scratch.second.is_empty()
+        || engine.vanishes(v)
+        || engine.strands_fixed(u, v)
     {
         return Verdict::Never;
     }

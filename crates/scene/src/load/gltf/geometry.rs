@@ -11,13 +11,25 @@ use gltf::json::validation::Checked;
 use photofit_geometry::Mesh;
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec3, vec4};
 
-/// The triangle primitives of mesh `m` as the file has them, each with its material.
+/// Vertex attributes of one number with their names.
+pub(super) type Attributes = Vec<(String, Vec<f32>)>;
+
+/// A triangle primitive as the file has it.
+#[derive(Debug)]
+pub(super) struct Part {
+    pub(super) bind: Bind,
+    pub(super) material: Option<usize>,
+    /// What glTF has no meaning for.
+    pub(super) attributes: Attributes,
+}
+
+/// The triangle primitives of mesh `m`.
 pub(super) fn mesh(
     document: &Document<'_>,
     m: usize,
     budget: &mut Budget<'_>,
     warnings: &mut Vec<String>,
-) -> Result<Vec<(Bind, Option<usize>)>, Fault> {
+) -> Result<Vec<Part>, Fault> {
     let json = &document.root.meshes[m];
     let mut out = Vec::with_capacity(json.primitives.len());
     for (p, primitive) in json.primitives.iter().enumerate() {
@@ -33,7 +45,8 @@ pub(super) fn mesh(
         };
         let elements = Elements::of(document, m, p, &place, budget, warnings)?;
         let bind = read(&elements, primitive, mode, &place, budget, warnings)?;
-        out.push((bind, primitive.material.map(|m| m.value())));
+        let attributes = custom(&elements, primitive, bind.mesh.positions.len(), &place, budget)?;
+        out.push(Part { bind, material: primitive.material.map(|m| m.value()), attributes });
     }
     Ok(out)
 }
@@ -88,6 +101,30 @@ fn read(
     mesh.triangles = triangles(elements, primitive, mode, mesh.positions.len(), place, budget)?;
     clean(&mut mesh, place, warnings)?;
     Ok(Bind { mesh, influences, targets })
+}
+
+/// The attributes `_NAME` of one number; what is no number becomes 0.
+fn custom(
+    elements: &Elements<'_>,
+    primitive: &Primitive,
+    vertices: usize,
+    place: &str,
+    budget: &mut Budget<'_>,
+) -> Result<Attributes, Fault> {
+    let mut out = Attributes::new();
+    for (semantic, accessor) in &primitive.attributes {
+        let Checked::Valid(Semantic::Extras(name)) = semantic else { continue };
+        let what = format!("{place} _{name}");
+        if elements.components(accessor.value(), &what)? != 1 {
+            continue;
+        }
+        budget.vertices(vertices as u64, || what.clone())?;
+        let values = elements.floats::<1>(accessor.value(), &what, Need::Exactly(vertices))?;
+        let finite = |[x]: [f32; 1]| if x.is_finite() { x } else { 0.0 };
+        out.push((name.clone(), values.into_iter().map(finite).collect()));
+    }
+    out.sort_by(|a, b| a.0.cmp(&b.0));
+    Ok(out)
 }
 
 fn colors(elements: &Elements<'_>, a: usize, place: &str, n: Need) -> Result<Vec<Vec4f>, Fault> {

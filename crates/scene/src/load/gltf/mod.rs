@@ -21,12 +21,14 @@ use super::texture::Textures;
 use super::{Budget, Limits, normals};
 use crate::error::{Fault, fault};
 use crate::nodes::{Hierarchy, Lens, NodeMesh, NodePrimitive, Placement};
-use crate::skin::{Bind, Skin};
-use crate::{Instance, MAX_COORDINATE, Material, Primitive, Scene};
+use crate::skin::Skin;
+use crate::{Instance, MAX_COORDINATE, Material, Primitive, Scene, VertexAttribute};
 use document::Document;
+use geometry::{Attributes, Part};
 use glam::Affine3A;
 use gltf::json::animation::Property;
 use gltf::json::validation::Checked;
+use photofit_geometry::Mesh;
 use std::collections::hash_map::Entry;
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
@@ -142,8 +144,8 @@ fn place_meshes<'a>(
                     let bind = bind.as_ref().ok_or_else(|| fault(place(), UNBOUND))?;
                     budget.vertices(bind.posed_vertices() as u64, place)?;
                     let mesh = bind.posed(weights, matrices);
-                    scene.primitives.push(Primitive { mesh, material: known.materials[part] });
-                    scene.primitives.len() - 1
+                    let attributes = corner_values(&known.attributes[part], &bind.mesh, &mesh);
+                    add(scene, Primitive { mesh, material: known.materials[part] }, attributes)
                 }
             };
             if known.shared[part].is_none() && !own_pose {
@@ -185,6 +187,8 @@ struct Known {
     shared: Vec<Option<usize>>,
     /// The part has been placed.
     placed: Vec<bool>,
+    /// Attributes of the vertices of parts that deform.
+    attributes: Vec<Attributes>,
 }
 
 /// A mesh of the file; its rigid parts become primitives.
@@ -192,7 +196,7 @@ fn read_mesh<'a>(
     document: &'a Document<'_>,
     m: usize,
     json: &gltf::json::Mesh,
-    parts: Vec<(Bind, Option<usize>)>,
+    parts: Vec<Part>,
     materials: &mut Materials,
     budget: &mut Budget<'_>,
     scene: &mut Scene,
@@ -204,7 +208,7 @@ fn read_mesh<'a>(
     }
     let mut primitives = Vec::with_capacity(parts.len());
     let mut known = Known { placed: vec![false; parts.len()], ..Known::default() };
-    for (p, (bind, material)) in parts.into_iter().enumerate() {
+    for (p, Part { bind, material, attributes }) in parts.into_iter().enumerate() {
         let place = || format!("mesh {m} primitive {p}");
         let material = materials.index(document, material, scene, textures)?;
         bind.check().map_err(|rule| fault(place(), rule))?;
@@ -212,20 +216,43 @@ fn read_mesh<'a>(
         known.materials.push(material);
         known.shared.push((!deforms).then_some(scene.primitives.len()));
         if deforms {
+            known.attributes.push(attributes);
             primitives.push(NodePrimitive { primitive: 0, bind: Some(bind) });
             continue;
         }
-        let mesh = if bind.mesh.normals.is_empty() {
+        known.attributes.push(Attributes::new());
+        let (mesh, attributes) = if bind.mesh.normals.is_empty() {
             budget.vertices(bind.posed_vertices() as u64, place)?;
-            normals::flat(&bind.mesh)
+            let mesh = normals::flat(&bind.mesh);
+            let attributes = corner_values(&attributes, &bind.mesh, &mesh);
+            (mesh, attributes)
         } else {
-            bind.mesh
+            (bind.mesh, attributes)
         };
         primitives.push(NodePrimitive { primitive: scene.primitives.len(), bind: None });
-        scene.primitives.push(Primitive { mesh, material });
+        add(scene, Primitive { mesh, material }, attributes);
     }
     let extras = document.extras(&json.extras, || format!("mesh {m}"))?;
     Ok((NodeMesh { name: json.name.clone().unwrap_or_default(), extras, weights, primitives }, known))
+}
+
+/// Adds a primitive with the attributes of its vertices; its index.
+fn add(scene: &mut Scene, primitive: Primitive, attributes: Attributes) -> usize {
+    let index = scene.primitives.len();
+    let of = |(name, values)| VertexAttribute { name, primitive: index, values };
+    scene.vertex_attributes.extend(attributes.into_iter().map(of));
+    scene.primitives.push(primitive);
+    index
+}
+
+/// The attributes of the vertices of `from` for `mesh`, which has the same vertices, or one for each corner where faces have
+/// normals of their own.
+fn corner_values(attributes: &Attributes, from: &Mesh, mesh: &Mesh) -> Attributes {
+    if from.positions.len() == mesh.positions.len() && from.triangles == mesh.triangles {
+        return attributes.clone();
+    }
+    let corners = |values: &[f32]| from.triangles.iter().flatten().map(|v| values[*v as usize]).collect();
+    attributes.iter().map(|(name, values)| (name.clone(), corners(values))).collect()
 }
 
 /// Materials in the order of their first use.

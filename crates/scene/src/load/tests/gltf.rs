@@ -330,3 +330,42 @@ fn tangents_are_made_where_a_normal_map_needs_them() {
     let bitangent = vec3(0.0, 0.0, 1.0).cross(t.xyz()) * t.w;
     assert!((bitangent - vec3(-1.0, 0.0, 0.0)).length() < 1e-6, "{bitangent:?}");
 }
+
+#[test]
+fn attributes_with_names_of_their_own_are_read() {
+    let mut b = triangle();
+    let floats = b.floats(&[0.0, 0.75, f32::NAN], "SCALAR", 3);
+    // Four bytes a vertex, as the alignment of the specification asks for.
+    let bytes = b.view(&[255, 0, 0, 0, 0, 0, 0, 0, 255, 0, 0, 0]);
+    b.json["bufferViews"][bytes]["byteStride"] = json!(4);
+    b.json["accessors"].as_array_mut().unwrap().push(json!({
+        "bufferView": bytes, "componentType": 5121, "normalized": true, "count": 3, "type": "SCALAR",
+    }));
+    let bytes = b.json["accessors"].as_array().unwrap().len() - 1;
+    let pairs = b.floats(&[0.0; 6], "VEC2", 3);
+    let attributes = &mut b.json["meshes"][0]["primitives"][0]["attributes"];
+    (attributes["_SEAM"], attributes["_Hem"], attributes["_PAIRS"]) =
+        (json!(floats), json!(bytes), json!(pairs));
+    b.json["nodes"] = json!([{"mesh": 0, "translation": [0, 0, 2]}]);
+    let scene = b.load();
+    let read: Vec<_> =
+        scene.vertex_attributes.iter().map(|a| (a.name.as_str(), a.primitive, a.values.as_slice())).collect();
+    assert_eq!(read, [("Hem", 0, &[1.0, 0.0, 1.0][..]), ("SEAM", 0, &[0.0, 0.75, 0.0][..])]);
+    let flat = scene.flatten().mesh;
+    assert_eq!(scene.positions_with("seam"), Some(vec![flat.positions[1]]));
+    assert_eq!(scene.positions_with("HEM"), Some(vec![flat.positions[0], flat.positions[2]]));
+    assert_eq!(scene.positions_with("pairs"), None);
+    assert!(scene.left_out(&Scene::default()).iter().any(|l| l.contains("2 vertex attributes")));
+    // Without normals each corner has a vertex of its own, with what its vertex has.
+    let primitive = &mut b.json["meshes"][0]["primitives"][0];
+    primitive["attributes"].as_object_mut().unwrap().remove("NORMAL");
+    let (more, few) = (b.accessor(&[0, 0, 1, 0, 2, 0, 2, 0, 1, 0, 0, 0], 5123, "SCALAR", 6), scene);
+    b.json["meshes"][0]["primitives"][0]["indices"] = json!(more);
+    let scene = b.load();
+    assert_eq!(scene.vertex_attributes[0].values, [1.0, 0.0, 1.0, 1.0, 0.0, 1.0]);
+    assert!(scene.validate().is_ok() && few.vertex_attributes.len() == 2);
+    // One number for each vertex.
+    let short = b.floats(&[1.0, 1.0], "SCALAR", 2);
+    b.json["meshes"][0]["primitives"][0]["attributes"]["_SEAM"] = json!(short);
+    b.refused(&["mesh 0 primitive 0 _SEAM", "3"]);
+}
