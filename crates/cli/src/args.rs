@@ -318,8 +318,8 @@ pub(crate) struct Simplify {
     /// runs on the CPU then.
     #[arg(long)]
     pub(crate) lock_borders: bool,
-    /// Leave vertices where they are in the same way whose attribute of this name is above one half: `_NAME` of a glTF file, as
-    /// Blender writes a vertex group that was turned into an attribute.
+    /// Leave vertices where they are, to the bit, at which the attribute `_NAME` of a glTF file is above one half. Blender writes such
+    /// attributes, and turns vertex groups into them. As with --lock-borders, there may be more triangles, and the fit runs on the CPU.
     #[arg(long, value_name = "NAME")]
     pub(crate) lock: Option<String>,
     /// Occlusion map of the light asset, the red channel beside roughness and metalness: it darkens indirect light in engines;

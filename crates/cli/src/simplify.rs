@@ -106,7 +106,13 @@ fn within(output: &Path, most: Option<u64>) -> Result<()> {
 /// The asset. Textures that are written as they were read keep their files, unless another encoding is asked for.
 pub(crate) fn load(a: &Simplify) -> Result<Scene> {
     let keep_encoded = a.textures.is_none() && a.jpeg.is_none();
-    Ok(photofit_scene::load_with(&a.input, &Limits { keep_encoded, ..Limits::default() })?)
+    let limits = Limits { keep_encoded, vertex_attribute: lock(a), ..Limits::default() };
+    Ok(photofit_scene::load_with(&a.input, &limits)?)
+}
+
+/// The attribute of locked vertices, as glTF means its name.
+fn lock(a: &Simplify) -> Option<String> {
+    a.lock.as_ref().map(|name| name.strip_prefix('_').unwrap_or(name).to_owned())
 }
 
 pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
@@ -167,7 +173,7 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
             _ => Surfacing::Maps,
         },
         lock_borders: a.lock_borders,
-        lock: a.lock.as_ref().map(|name| name.trim_start_matches('_').to_owned()),
+        lock: lock(a),
         occlusion: match a.occlusion {
             OcclusionMaps::Keep => Occlusion::Maps,
             OcclusionMaps::Bake => Occlusion::Rays(OcclusionRays::default()),

@@ -6,7 +6,7 @@
 
 use crate::engine::chain::{FitChain, MOST_PARTS, part_folder};
 use crate::engine::judge::{Quality, Stage, popping};
-use crate::simplify::{Asset, Outcome, SimplifyOptions, simplify_asset, with_asset};
+use crate::simplify::{Asset, Outcome, SimplifyOptions, locks, simplify_asset, with_asset};
 use crate::{FitError, Progress};
 use photofit_geometry::decimate::Target;
 use photofit_scene::{Limits, Scene};
@@ -229,6 +229,7 @@ pub fn simplify_chain(
     progress: &dyn Progress,
 ) -> Result<LodChain, FitError> {
     options.check(scene.triangle_count())?;
+    locks::check(scene, &options.fit, progress)?;
     let began = Instant::now();
     with_asset(scene, progress, |asset| {
         let keeping = options.fit.keeping();

@@ -7,6 +7,7 @@ use photofit_geometry::weld::weld_rows;
 use photofit_geometry::{Incidence, Mesh};
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3, vec4};
 use std::borrow::Cow;
+use std::collections::HashMap;
 
 /// All instances of a scene as one world-space mesh; built by [`crate::Scene::flatten`].
 ///
@@ -57,18 +58,17 @@ impl Scene {
     /// # Panics
     /// If the scene is not valid (see [`Scene::validate`]).
     pub fn positions_with(&self, name: &str) -> Option<Vec<Vec3f>> {
-        let named: Vec<_> =
-            self.vertex_attributes.iter().filter(|a| a.name.eq_ignore_ascii_case(name)).collect();
+        let named = self.vertex_attributes.iter().filter(|a| a.name.eq_ignore_ascii_case(name));
+        let named: HashMap<usize, &[f32]> = named.map(|a| (a.primitive, a.values.as_slice())).collect();
         if named.is_empty() {
             return None;
         }
         let mut out = Vec::new();
         for instance in &self.instances {
             let positions = &self.primitives[instance.primitive].mesh.positions;
-            for a in named.iter().filter(|a| a.primitive == instance.primitive) {
-                let marked = positions.iter().zip(&a.values).filter(|(_, x)| **x > 0.5);
-                out.extend(marked.map(|(p, _)| in_world(&instance.transform, *p)));
-            }
+            let values = named.get(&instance.primitive).copied().unwrap_or_default();
+            let marked = positions.iter().zip(values).filter(|(_, x)| **x > 0.5);
+            out.extend(marked.map(|(p, _)| in_world(&instance.transform, *p)));
         }
         Some(out)
     }

@@ -77,10 +77,10 @@ impl Scene {
         if extras > 0 {
             out.push(format!("application data (extras) of {}", count(extras, "object")));
         }
-        let mut attributes: Vec<&str> = self.vertex_attributes.iter().map(|a| a.name.as_str()).collect();
-        attributes.sort_unstable();
-        attributes.dedup();
-        if light.vertex_attributes.is_empty() && !attributes.is_empty() {
+        let read = self.vertex_attributes.iter().filter(|_| light.vertex_attributes.is_empty());
+        let ignored = self.ignored_attributes.iter().map(String::as_str);
+        let attributes: BTreeSet<&str> = read.map(|a| a.name.as_str()).chain(ignored).collect();
+        if !attributes.is_empty() {
             let names = names(attributes.iter().copied());
             out.push(format!("{}{names}", count(attributes.len(), "vertex attribute")));
         }

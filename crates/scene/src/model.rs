@@ -99,8 +99,10 @@ pub struct Scene {
     pub primitives: Vec<Primitive>,
     /// Placements; the same primitive may appear many times.
     pub instances: Vec<Instance>,
-    /// Attributes of vertices with names of their own (`_NAME` of a glTF file, one number each), in the order of the primitives.
+    /// The attribute of vertices that was asked for ([`crate::Limits::vertex_attribute`]), in the order of the primitives.
     pub vertex_attributes: Vec<VertexAttribute>,
+    /// Names of attributes `_NAME` that were not asked for, sorted.
+    pub ignored_attributes: Vec<String>,
     /// Materials.
     pub materials: Vec<Material>,
     /// Texture images.

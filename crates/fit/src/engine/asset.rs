@@ -124,9 +124,9 @@ impl Normalised {
         self.marked.get(&name.to_ascii_lowercase())
     }
 
-    /// The names of the attributes that mark vertices.
-    pub(crate) fn marks(&self) -> Vec<&str> {
-        self.marked.keys().map(String::as_str).collect()
+    /// Whether an attribute marks a vertex at this position.
+    pub(crate) fn is_marked(&self, p: Vec3f) -> bool {
+        self.marked.values().any(|set| set.contains(&bits(p)))
     }
 
     /// The frame of the fit.

@@ -181,7 +181,7 @@ impl Budget<'_> {
     /// If a file cannot be encoded or a picture not be made.
     pub(super) fn within(&self, shapes: &Shapes) -> Result<Vec<Made>, FitError> {
         let Self { most, asset, options, progress, .. } = *self;
-        // Locked borders move before bytes are counted: bounds of positions are text in the file.
+        // Locked vertices move before bytes are counted: bounds of positions are text in the file.
         let bare: Vec<Scene> =
             shapes.bare.iter().map(|s| super::dressed(s.clone(), asset, options)).collect();
         let light = super::dressed(shapes.scene(0), asset, options);

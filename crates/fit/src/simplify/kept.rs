@@ -104,6 +104,7 @@ mod tests {
     use super::*;
     use crate::Silent;
     use crate::engine::asset::bits;
+    use crate::lod::{LodOptions, simplify_chain};
     use photofit_geometry::decimate::Target;
     use photofit_scalar::vec3;
     use photofit_scene::VertexAttribute;
@@ -219,14 +220,37 @@ mod tests {
             let locked = SimplifyOptions { lock: Some("SEAM".into()), ..free };
             let made = simplify(&scene, &path, &locked, &Silent).unwrap();
             assert!(made.triangles_out <= 200, "{}", made.triangles_out);
+            let kept = surfacing == Surfacing::Kept;
+            assert_eq!((made.written == Written::Kept, made.steps > 0), (kept, !kept));
             assert_eq!(there(&photofit_scene::load(&path).unwrap()), wanted.len(), "{surfacing:?}");
             assert!(made.left_out.iter().any(|l| l.contains("vertex attribute")), "{:?}", made.left_out);
         }
+        // From level to level, too.
+        let fit = SimplifyOptions { lock: Some("seam".into()), surfacing: Surfacing::Maps, ..kept() };
+        let chain = LodOptions {
+            sizes: vec![64.0, 32.0, 16.0],
+            triangles: vec![300, 200, 100],
+            fit,
+            ..LodOptions::default()
+        };
+        let made = simplify_chain(&scene, &path, &chain, &Silent).unwrap();
+        for level in &made.levels {
+            assert_eq!(there(&photofit_scene::load(&level.path).unwrap()), wanted.len(), "{:?}", level.path);
+        }
+        assert_eq!(made.levels.len(), 3);
+        // The fit holds them, and is not what happens to leave them there.
+        let fitted = &made.levels[0].outcome.candidate;
+        assert_eq!(fitted.locked.len(), wanted.len());
         let other = SimplifyOptions { lock: Some("hem".into()), ..kept() };
         let refused = simplify(&scene, &path, &other, &Silent).unwrap_err().to_string();
         assert!(["lock", "\"hem\"", "seam"].iter().all(|w| refused.contains(w)), "{refused}");
         scene.vertex_attributes.clear();
         let refused = simplify(&scene, &path, &other, &Silent).unwrap_err().to_string();
-        assert!(refused.contains("have none"), "{refused}");
+        assert!(refused.contains("the asset has none"), "{refused}");
+        scene.vertex_attributes = vec![attribute("hem", vec![0.5; marks.len()])];
+        let heard = Heard::default();
+        simplify(&scene, &path, &other, &heard).unwrap();
+        let told = heard.0.lock().unwrap().join("\n");
+        assert!(told.contains("no vertex is locked") && told.contains("hem"), "{told}");
     }
 }

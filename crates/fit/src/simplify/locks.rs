@@ -2,13 +2,13 @@
 //! attribute of the asset marks.
 
 use super::{Normalised, SimplifyOptions, options};
-use crate::FitError;
 use crate::engine::asset::bits;
+use crate::{FitError, Progress};
 use photofit_geometry::Mesh;
 use photofit_geometry::decimate::{Decimated, Options};
 use photofit_scalar::Vec3f;
 use photofit_scene::Scene;
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeSet, HashMap, HashSet};
 
 impl SimplifyOptions {
     /// Whether any vertex stays where it is.
@@ -25,15 +25,29 @@ pub(super) fn rule(options: &SimplifyOptions, holds: bool, must: &str) -> Result
     }
 }
 
-/// Refuses a name that no attribute of the asset has.
-pub(super) fn check(n: &Normalised, options: &SimplifyOptions) -> Result<(), FitError> {
-    let Some(name) = options.lock.as_deref().filter(|name| n.marked(name).is_none()) else { return Ok(()) };
-    let has = match n.marks().as_slice() {
-        [] => "the asset's vertices have none".to_owned(),
-        names => format!("it must be one of {}", names.join(", ")),
-    };
-    let rule = format!("is {name:?}, no attribute of one number per vertex (_NAME in glTF); {has}");
-    Err(FitError::Setting { field: "lock", rule })
+/// Refuses a name that no attribute of the asset has; warns where it marks no vertex.
+pub(crate) fn check(
+    scene: &Scene,
+    options: &SimplifyOptions,
+    progress: &dyn Progress,
+) -> Result<(), FitError> {
+    let Some(name) = &options.lock else { return Ok(()) };
+    let mut of = scene.vertex_attributes.iter().filter(|a| a.name.eq_ignore_ascii_case(name)).peekable();
+    if of.peek().is_none() {
+        let read = scene.vertex_attributes.iter().map(|a| a.name.as_str());
+        let there: BTreeSet<&str> = read.chain(scene.ignored_attributes.iter().map(String::as_str)).collect();
+        let has = match there.len() {
+            0 => "the asset has none".to_owned(),
+            _ => format!("the asset has {}", there.into_iter().take(8).collect::<Vec<_>>().join(", ")),
+        };
+        let rule =
+            format!("is {name:?}; it must be an attribute of one number per vertex (_NAME in glTF): {has}");
+        return Err(FitError::Setting { field: "lock", rule });
+    }
+    if !of.any(|a| a.values.iter().any(|x| *x > 0.5)) {
+        progress.warn(&format!("no vertex is locked: the attribute {name:?} is above one half nowhere"));
+    }
+    Ok(())
 }
 
 /// `how`, with the vertices of `mesh` locked that the options name.
@@ -53,7 +67,11 @@ pub(super) fn locked(d: &Decimated) -> HashSet<[u32; 3]> {
 pub(super) fn restore(light: &mut Scene, scene: &Scene, n: &Normalised) {
     let own = scene.flatten().mesh.positions;
     let back = |p: &Vec3f| bits(n.frame().to_world(*p));
-    let exact: HashMap<[u32; 3], Vec3f> = n.flat.mesh.positions.iter().map(back).zip(own).collect();
+    let mut exact: HashMap<[u32; 3], Vec3f> =
+        n.flat.mesh.positions.iter().map(back).zip(own.iter().copied()).collect();
+    // Where vertices round to one, what is marked is meant.
+    let marked = n.flat.mesh.positions.iter().zip(own).filter(|(p, _)| n.is_marked(**p));
+    exact.extend(marked.map(|(p, own)| (back(p), own)));
     for p in light.primitives.iter_mut().flat_map(|p| &mut p.mesh.positions) {
         *p = exact.get(&bits(*p)).copied().unwrap_or(*p);
     }

@@ -11,7 +11,7 @@ mod coverage;
 mod effort;
 mod finish;
 mod kept;
-mod locks;
+pub(crate) mod locks;
 mod mips;
 mod options;
 pub(crate) mod outcome;
@@ -91,6 +91,7 @@ pub fn simplify(
     if let Some(most) = options.max_bytes.filter(|_| options.triangles_by_bytes) {
         options.target = Target::Triangles(byte_budget::triangles_within(scene, most, options.compression)?);
     }
+    locks::check(scene, &options, progress)?;
     let (target, told) = options.sane_target(scene.triangle_count());
     told.iter().for_each(|t| progress.warn(t));
     options.target = target;
@@ -149,7 +150,6 @@ pub(crate) fn simplify_asset(
 ) -> Result<Outcome, FitError> {
     let Asset { given, scene, n, rays, visibility } = asset;
     mips::check_classes(options, &n.light_asset.classes)?;
-    locks::check(n, options)?;
     if options.surfacing == Surfacing::Kept {
         return kept::simplify(asset, output, options, began, progress);
     }

@@ -121,8 +121,8 @@ pub struct SimplifyOptions {
     pub surfacing: Surfacing,
     /// Whether vertices on open borders stay where they are, in the decimation and in the fit, to the bit.
     pub lock_borders: bool,
-    /// The attribute (`_NAME` of a glTF file, without the underscore) whose vertices of more than one half stay where they are in
-    /// the same way.
+    /// The attribute (`_NAME` of a glTF file, without the underscore, read by [`photofit_scene::Limits::vertex_attribute`]) that marks
+    /// vertices which stay where they are, to the bit: those where it is above one half.
     pub lock: Option<String>,
     /// Where the occlusion map of the light asset comes from: the asset's maps, rays against the asset (then there are always
     /// new maps), or nowhere: there is none.

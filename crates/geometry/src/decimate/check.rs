@@ -136,21 +136,27 @@ impl Engine<'_> {
         })
     }
 
-    /// Whether the collapse of the loaded edge would take the last triangle of a vertex that stays.
+    /// Whether the collapse of the loaded edge would take the last triangle of a vertex that stays: at an end, or opposite.
     pub(super) fn strands_fixed(&mut self, u: u32, v: u32) -> bool {
         let apex = |c: &u32| {
             let (a, b) = self.topology.others(*c);
             let far = if a == v { b } else { a };
             ((a == v || b == v) && self.fixed[far as usize]).then_some(far)
         };
+        let dies = |triangles: &[[u32; 3]], c: u32| {
+            let triangle = &triangles[c as usize / 3];
+            triangle.contains(&u) && triangle.contains(&v)
+        };
+        let mut ends = self.scratch.first.iter().chain(&self.scratch.second);
+        let fixed = self.fixed[u as usize] || self.fixed[v as usize];
+        if fixed && ends.all(|c| dies(&self.topology.triangles, *c)) {
+            return true;
+        }
         let apexes: Vec<u32> = self.scratch.first.iter().filter_map(apex).collect();
         apexes.into_iter().any(|w| {
             let mut near = std::mem::take(&mut self.scratch.near);
             self.topology.corners(w, &mut near);
-            let stranded = near.iter().all(|c| {
-                let triangle = &self.topology.triangles[*c as usize / 3];
-                triangle.contains(&u) && triangle.contains(&v)
-            });
+            let stranded = near.iter().all(|c| dies(&self.topology.triangles, *c));
             self.scratch.near = near;
             stranded
         })

@@ -151,11 +151,16 @@ pub(super) fn clean(mesh: &Mesh, group: &[u32], options: &Options) -> Result<Sou
     let tolerance = (options.merge_tolerance * diagonal).min(f64::from(f32::MAX)) as f32;
     let used_positions: Vec<Vec3f> = origin.iter().map(|&i| mesh.positions[i as usize]).collect();
     let map = weld_within(&used_positions, tolerance);
+    let is_locked = |i: u32| options.locked.get(i as usize).copied().unwrap_or(false);
     let mut locked = vec![false; map.count()];
-    for (group, i) in map.ids.iter().zip(&origin) {
-        locked[*group as usize] |= options.locked.get(*i as usize).copied().unwrap_or(false);
+    let mut picked = map.pick(&origin);
+    for (group, &i) in map.ids.iter().zip(&origin) {
+        // A locked vertex stands for all that are welded to it.
+        if is_locked(i) && !std::mem::replace(&mut locked[*group as usize], true) {
+            picked[*group as usize] = i;
+        }
     }
-    let origin = map.pick(&origin);
+    let origin = picked;
     let positions = origin.iter().map(|&i| (point(i) - centre) / diagonal).collect();
     let double = |t: usize| {
         let g = group.get(t).copied().unwrap_or(0) as usize;

@@ -44,6 +44,8 @@ pub(super) struct Engine<'a> {
     pub(super) border: Vec<bool>,
     /// Whether a vertex stays where it is under all rules.
     pub(super) fixed: Vec<bool>,
+    /// Whether any does.
+    pub(super) any_fixed: bool,
     /// Group of each triangle.
     pub(super) group: Vec<u32>,
     /// Component of each triangle.

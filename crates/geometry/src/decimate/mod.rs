@@ -13,7 +13,7 @@
 //!
 //! Silhouettes go with the length of a part, not with its area, so thin components (ropes, straps) count more
 //! ([`Options::thin_power`]). Dropping a whole small component competes in the same queue at the price of collapsing
-//! it onto its axis. A budget is always reached: by collapses under full checks, then with relaxed ones, then without,
+//! it onto its axis. But for locked vertices a budget is always reached: by collapses under full checks, then with relaxed ones, then without,
 //! and in the end by dropping components. Errors are estimates from the quadrics.
 //!
 //! ```

@@ -53,8 +53,8 @@ pub struct Options {
     /// Never moves or drops vertices on open borders of the cleaned input, whatever the budget is: where they leave no
     /// room, the result has more triangles. Nothing unseen is dropped then, which would open new borders.
     pub lock_border: bool,
-    /// Vertices of the input that are neither moved nor dropped, in the same way, as `true`: one entry each, or empty. A vertex
-    /// that others are welded to is locked when any of them is.
+    /// Vertices of the input that are neither moved nor dropped, whatever the budget is, as `true`: one entry each, or empty. Of
+    /// vertices that are welded a locked one gives the position (the first of several). Unseen triangles that touch none are dropped.
     pub locked: Vec<bool>,
     /// Smallest cosine between a triangle's normals before and after a collapse.
     pub min_normal_cosine: f64,

@@ -75,7 +75,8 @@ pub(super) fn run(
     stats.after_relaxed = engine.topology.live;
     if goal.forced {
         stage(engine, goal, &Rules { min_cosine: -2.0, ..relaxed }, stats, &report)?;
-        if !engine.fixed.contains(&true) {
+        // Triangles that are taken out leave holes, which a locked part must not have.
+        if !engine.any_fixed {
             truncate(engine, goal.triangles, stats);
         }
     }
@@ -204,17 +205,15 @@ enum Verdict {
 
 fn decide(engine: &mut Engine<'_>, priced_at: f64, top: Entry, rules: &Rules) -> Verdict {
     let (u, v) = (top.u, top.v);
-    if engine.scratch.first.is_empty()
-        || engine.scratch.second.is_empty()
-        || engine.vanishes(v)
-        || engine.strands_fixed(u, v)
-    {
+    if engine.scratch.first.is_empty() || engine.scratch.second.is_empty() || engine.vanishes(v) {
+        return Verdict::Never;
+    }
+    if engine.any_fixed && engine.strands_fixed(u, v) {
         return Verdict::Never;
     }
     let pinches = engine.pinches(u, v);
     // Pinched triangles fall together, and what is locked with them.
-    let is_held = engine.is_near_fixed();
-    if pinches && (rules.keep_manifold || is_held) {
+    if pinches && (rules.keep_manifold || (engine.any_fixed && engine.is_near_fixed())) {
         return Verdict::Never;
     }
     let factor = if pinches { engine.options.pinch_weight.max(1.0) } else { 1.0 };

@@ -47,7 +47,7 @@ pub(super) fn drop_unseen(soup: &mut Soup, importance: &[f32]) -> usize {
     }
     let keep: Vec<bool> = soup.triangles.iter().map(|t| t.iter().any(|&v| near[v as usize])).collect();
     let before = soup.triangles.len();
-    if !keep.contains(&true) {
+    if !seen.contains(&true) {
         return 0;
     }
     let mut k = keep.iter().copied();
@@ -110,6 +110,7 @@ pub(super) fn engine<'a>(
         version: vec![0; n],
         border: vec![false; n],
         fixed: soup.locked,
+        any_fixed: false,
         group,
         members: Members::new(&part, parts.len()),
         part,
@@ -120,6 +121,7 @@ pub(super) fn engine<'a>(
         scratch: Scratch { mark: vec![0; n], ..Scratch::default() },
     };
     hold_edges(&mut engine, &edges, &weight);
+    engine.any_fixed = engine.fixed.contains(&true);
     hold_parts(&mut engine);
     (engine, original)
 }
@@ -153,6 +155,9 @@ fn hold_edges(engine: &mut Engine<'_>, edges: &[(u64, u32)], weight: &[f64]) {
 
 /// Components with a vertex that stays are not removed.
 fn hold_parts(engine: &mut Engine<'_>) {
+    if !engine.any_fixed {
+        return;
+    }
     for (t, triangle) in engine.topology.triangles.iter().enumerate() {
         if triangle.iter().any(|v| engine.fixed[*v as usize]) {
             engine.parts[engine.part[t] as usize].held = true;

@@ -25,7 +25,7 @@ pub use points::{Points, Sensor, load_points, load_points_with};
 use std::path::Path;
 
 /// What a loader accepts; anything larger is an error before memory is taken.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Bytes of one file; of all buffers of an asset; of all textures, as encoded.
     pub file_bytes: u64,
@@ -46,6 +46,9 @@ pub struct Limits {
     /// Keeps the files of textures beside their texels ([`crate::TextureImage::encoded`]), so that they are written again as
     /// they are.
     pub keep_encoded: bool,
+    /// The attribute of one number per vertex that is read beside those of glTF: `_NAME`, without the underscore and whatever the
+    /// case; it counts as vertices do. The names of others are listed alone ([`Scene::ignored_attributes`]).
+    pub vertex_attribute: Option<String>,
 }
 
 impl Default for Limits {
@@ -62,6 +65,7 @@ impl Default for Limits {
             texture_side: 16_384,
             texels: 1 << 29,
             keep_encoded: false,
+            vertex_attribute: None,
         }
     }
 }

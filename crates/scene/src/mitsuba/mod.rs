@@ -169,7 +169,7 @@ pub fn load_mitsuba(path: impl AsRef<Path>, options: &MitsubaOptions) -> Result<
     let document = Document::read(path, options)?;
     let mut importer = Importer {
         reader: Reader::new(document),
-        limits: options.limits,
+        limits: options.limits.clone(),
         size: options.size,
         sensor: options.sensor,
         scene: MitsubaScene::default(),

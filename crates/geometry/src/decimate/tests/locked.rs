@@ -1,4 +1,4 @@
-//! Borders that stay where they are.
+//! Borders and vertices that stay where they are.
 
 use super::*;
 
@@ -98,4 +98,42 @@ fn locked_vertices_stay_to_the_bit_under_any_budget() {
     let short = Options { locked: vec![true], ..Options::new(Target::Triangles(1)) };
     let refused = decimate(&mesh, &[], &[], &short);
     assert!(matches!(refused, Err(DecimateError::Length { name: "locked", found: 1, .. })), "{refused:?}");
+}
+
+#[test]
+fn a_locked_vertex_keeps_a_triangle_that_hangs_at_another_vertex() {
+    let mut mesh = grid(8, |_, _| 0.0);
+    mesh.uvs.clear();
+    let base = mesh.positions.len() as u32;
+    let w = mesh.positions[40];
+    mesh.positions.extend([w + vec3(0.0, 0.0, 0.4), w + vec3(0.05, 0.0, 0.4)]);
+    mesh.triangles.push([40, base, base + 1]);
+    for end in [base, base + 1] {
+        let locked = (0..mesh.positions.len() as u32).map(|v| v == end).collect();
+        let how = Options { locked, ..Options::new(Target::Triangles(1)) };
+        let d = decimate(&mesh, &[], &[], &how).expect("valid");
+        let at = mesh.positions[end as usize];
+        assert!(d.mesh.triangles.iter().flatten().any(|v| d.mesh.positions[*v as usize] == at), "{end}");
+    }
+}
+
+#[test]
+fn of_welded_vertices_the_locked_one_gives_the_position() {
+    let mut mesh = grid(8, |_, _| 0.0);
+    mesh.uvs.clear();
+    // A seam of two vertices that differ by rounding.
+    let (at, near) = (40, mesh.positions.len() as u32);
+    let moved = mesh.positions[at] + vec3(1e-7, 0.0, 0.0);
+    assert_ne!(moved, mesh.positions[at]);
+    mesh.positions.push(moved);
+    let first = mesh.triangles.iter_mut().rev().find(|t| t.contains(&(at as u32))).unwrap();
+    first.iter_mut().filter(|v| **v == at as u32).for_each(|v| *v = near);
+    for locked in [at as u32, near] {
+        let d = to(&mesh, 10, |o| o.locked = (0..=near).map(|v| v == locked).collect());
+        let wanted = mesh.positions[locked as usize];
+        let all: Vec<Vec3f> =
+            d.mesh.triangles.iter().flatten().map(|v| d.mesh.positions[*v as usize]).collect();
+        assert!(all.contains(&wanted), "{locked}");
+        assert!(all.iter().all(|p| *p == wanted || (*p - wanted).length() > 1e-6), "{locked}: they are one");
+    }
 }

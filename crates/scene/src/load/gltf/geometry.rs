@@ -4,12 +4,17 @@ use super::accessor::Need;
 use super::document::Document;
 use super::draco::Elements;
 use crate::error::{Fault, fault};
+use crate::load::file::clip;
 use crate::load::{Budget, normals};
 use crate::skin::{Bind, Influences, MorphTarget, unit_tangent};
 use gltf::json::mesh::{Mode, Primitive, Semantic};
 use gltf::json::validation::Checked;
 use photofit_geometry::Mesh;
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec3, vec4};
+use std::collections::BTreeSet;
+
+/// Names of attributes that are not read: so many are listed.
+const MOST_NAMES: usize = 64;
 
 /// Vertex attributes of one number with their names.
 pub(super) type Attributes = Vec<(String, Vec<f32>)>;
@@ -29,6 +34,7 @@ pub(super) fn mesh(
     m: usize,
     budget: &mut Budget<'_>,
     warnings: &mut Vec<String>,
+    ignored: &mut BTreeSet<String>,
 ) -> Result<Vec<Part>, Fault> {
     let json = &document.root.meshes[m];
     let mut out = Vec::with_capacity(json.primitives.len());
@@ -45,7 +51,8 @@ pub(super) fn mesh(
         };
         let elements = Elements::of(document, m, p, &place, budget, warnings)?;
         let bind = read(&elements, primitive, mode, &place, budget, warnings)?;
-        let attributes = custom(&elements, primitive, bind.mesh.positions.len(), &place, budget)?;
+        let vertices = (bind.mesh.positions.len(), bind.posed_vertices());
+        let attributes = custom(document, &elements, primitive, vertices, &place, budget, ignored)?;
         out.push(Part { bind, material: primitive.material.map(|m| m.value()), attributes });
     }
     Ok(out)
@@ -103,27 +110,32 @@ fn read(
     Ok(Bind { mesh, influences, targets })
 }
 
-/// The attributes `_NAME` of one number; what is no number becomes 0.
+/// The attribute `_NAME` that is asked for; what is no number becomes 0. The names of others are noted in `ignored`.
 fn custom(
+    document: &Document<'_>,
     elements: &Elements<'_>,
     primitive: &Primitive,
-    vertices: usize,
+    (vertices, posed): (usize, usize),
     place: &str,
     budget: &mut Budget<'_>,
+    ignored: &mut BTreeSet<String>,
 ) -> Result<Attributes, Fault> {
     let mut out = Attributes::new();
+    let asked = document.limits.vertex_attribute.as_deref();
     for (semantic, accessor) in &primitive.attributes {
         let Checked::Valid(Semantic::Extras(name)) = semantic else { continue };
-        let what = format!("{place} _{name}");
-        if elements.components(accessor.value(), &what)? != 1 {
+        if asked.is_none_or(|asked| !asked.eq_ignore_ascii_case(name)) {
+            if ignored.len() < MOST_NAMES {
+                ignored.insert(clip(name));
+            }
             continue;
         }
-        budget.vertices(vertices as u64, || what.clone())?;
+        let what = format!("{place} _{}", clip(name));
+        budget.vertices((vertices + posed) as u64, || what.clone())?;
         let values = elements.floats::<1>(accessor.value(), &what, Need::Exactly(vertices))?;
         let finite = |[x]: [f32; 1]| if x.is_finite() { x } else { 0.0 };
         out.push((name.clone(), values.into_iter().map(finite).collect()));
     }
-    out.sort_by(|a, b| a.0.cmp(&b.0));
     Ok(out)
 }
 

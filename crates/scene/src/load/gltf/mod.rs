@@ -30,7 +30,7 @@ use gltf::json::animation::Property;
 use gltf::json::validation::Checked;
 use photofit_geometry::Mesh;
 use std::collections::hash_map::Entry;
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeSet, HashMap, HashSet};
 use std::sync::Arc;
 
 /// Loads a binary container.
@@ -100,6 +100,7 @@ fn place_meshes<'a>(
     let wanted: Vec<Option<usize>> = hierarchy.nodes.iter_mut().map(|n| n.mesh.take()).collect();
     let mut known: HashMap<usize, Known> = HashMap::new();
     let shown = hierarchy.shown();
+    let mut ignored = BTreeSet::new();
     let meshes = wanted.iter().flatten().count();
     let hidden = meshes - shown.iter().filter(|&&n| wanted[n].is_some()).count();
     if hidden > 0 {
@@ -119,7 +120,7 @@ fn place_meshes<'a>(
         let known = match known.entry(m) {
             Entry::Occupied(e) => e.into_mut(),
             Entry::Vacant(e) => {
-                let parts = geometry::mesh(document, m, &mut budget, &mut scene.warnings)?;
+                let parts = geometry::mesh(document, m, &mut budget, &mut scene.warnings, &mut ignored)?;
                 let (mesh, known) =
                     read_mesh(document, m, json, parts, &mut materials, &mut budget, scene, textures)?;
                 hierarchy.meshes.push(mesh);
@@ -144,7 +145,9 @@ fn place_meshes<'a>(
                     let bind = bind.as_ref().ok_or_else(|| fault(place(), UNBOUND))?;
                     budget.vertices(bind.posed_vertices() as u64, place)?;
                     let mesh = bind.posed(weights, matrices);
-                    let attributes = corner_values(&known.attributes[part], &bind.mesh, &mesh);
+                    let of = &known.attributes[part];
+                    budget.vertices((of.len() * mesh.positions.len()) as u64, place)?;
+                    let attributes = corner_values(of, &bind.mesh, &mesh);
                     add(scene, Primitive { mesh, material: known.materials[part] }, attributes)
                 }
             };
@@ -165,6 +168,7 @@ fn place_meshes<'a>(
             return Err(fault(format!("node {node}"), rule));
         }
     }
+    scene.ignored_attributes = ignored.into_iter().collect();
     Ok(())
 }
 

@@ -1,7 +1,7 @@
 //! glTF features with known results.
 
-use super::{load_files, png, refused};
-use crate::{AlphaMode, Filter, Scene, Wrap};
+use super::{load_files, load_files_with, png, refused};
+use crate::{AlphaMode, Filter, Limits, Scene, Wrap};
 use base64::Engine;
 use photofit_scalar::{vec2, vec3, vec4};
 use serde_json::{Value, json};
@@ -332,7 +332,7 @@ fn tangents_are_made_where_a_normal_map_needs_them() {
 }
 
 #[test]
-fn attributes_with_names_of_their_own_are_read() {
+fn an_attribute_with_a_name_of_its_own_is_read_where_it_is_asked_for() {
     let mut b = triangle();
     let floats = b.floats(&[0.0, 0.75, f32::NAN], "SCALAR", 3);
     // Four bytes a vertex, as the alignment of the specification asks for.
@@ -343,29 +343,61 @@ fn attributes_with_names_of_their_own_are_read() {
     }));
     let bytes = b.json["accessors"].as_array().unwrap().len() - 1;
     let pairs = b.floats(&[0.0; 6], "VEC2", 3);
-    let attributes = &mut b.json["meshes"][0]["primitives"][0]["attributes"];
-    (attributes["_SEAM"], attributes["_Hem"], attributes["_PAIRS"]) =
-        (json!(floats), json!(bytes), json!(pairs));
-    b.json["nodes"] = json!([{"mesh": 0, "translation": [0, 0, 2]}]);
-    let scene = b.load();
-    let read: Vec<_> =
-        scene.vertex_attributes.iter().map(|a| (a.name.as_str(), a.primitive, a.values.as_slice())).collect();
-    assert_eq!(read, [("Hem", 0, &[1.0, 0.0, 1.0][..]), ("SEAM", 0, &[0.0, 0.75, 0.0][..])]);
-    let flat = scene.flatten().mesh;
-    assert_eq!(scene.positions_with("seam"), Some(vec![flat.positions[1]]));
-    assert_eq!(scene.positions_with("HEM"), Some(vec![flat.positions[0], flat.positions[2]]));
-    assert_eq!(scene.positions_with("pairs"), None);
-    assert!(scene.left_out(&Scene::default()).iter().any(|l| l.contains("2 vertex attributes")));
-    // Without normals each corner has a vertex of its own, with what its vertex has.
-    let primitive = &mut b.json["meshes"][0]["primitives"][0];
-    primitive["attributes"].as_object_mut().unwrap().remove("NORMAL");
-    let (more, few) = (b.accessor(&[0, 0, 1, 0, 2, 0, 2, 0, 1, 0, 0, 0], 5123, "SCALAR", 6), scene);
-    b.json["meshes"][0]["primitives"][0]["indices"] = json!(more);
-    let scene = b.load();
-    assert_eq!(scene.vertex_attributes[0].values, [1.0, 0.0, 1.0, 1.0, 0.0, 1.0]);
-    assert!(scene.validate().is_ok() && few.vertex_attributes.len() == 2);
-    // One number for each vertex.
     let short = b.floats(&[1.0, 1.0], "SCALAR", 2);
-    b.json["meshes"][0]["primitives"][0]["attributes"]["_SEAM"] = json!(short);
-    b.refused(&["mesh 0 primitive 0 _SEAM", "3"]);
+    let attributes = &mut b.json["meshes"][0]["primitives"][0]["attributes"];
+    (attributes["_SEAM"], attributes["_Hem"]) = (json!(floats), json!(bytes));
+    (attributes["_PAIRS"], attributes["__SHORT"]) = (json!(pairs), json!(short));
+    b.json["nodes"] = json!([{"mesh": 0, "translation": [0, 0, 2]}, {"mesh": 0, "scale": [2, 2, 2]}]);
+    b.json["scenes"] = json!([{"nodes": [0, 1]}]);
+    let limits = |name: &str| Limits { vertex_attribute: Some(name.into()), ..Limits::default() };
+    let load = |b: &Builder, name| load_files_with(&[("a.glb", &b.glb())], &limits(name));
+    // What nobody asks for is listed, and refuses nothing.
+    let plain = b.load();
+    assert!(plain.vertex_attributes.is_empty());
+    assert_eq!(plain.ignored_attributes, ["Hem", "PAIRS", "SEAM", "_SHORT"]);
+    assert!(plain.left_out(&Scene::default()).iter().any(|l| l.contains("4 vertex attributes")));
+    for (name, values, at) in [("seam", [0.0, 0.75, 0.0], vec![1]), ("HEM", [1.0, 0.0, 1.0], vec![0, 2])] {
+        let scene = load(&b, name).unwrap();
+        assert_eq!((scene.vertex_attributes.len(), scene.ignored_attributes.len()), (1, 3));
+        assert_eq!(scene.vertex_attributes[0].values, values);
+        // At both places.
+        let flat = scene.flatten().mesh.positions;
+        let want: Vec<_> =
+            [0, 3].iter().flat_map(|base| at.iter().map(move |v| base + v)).map(|v| flat[v]).collect();
+        assert_eq!(scene.positions_with(name), Some(want));
+        assert_eq!(scene.positions_with("pairs"), None);
+        assert!(scene.validate().is_ok());
+    }
+    for (name, word) in [("pairs", "2 components"), ("_short", "3")] {
+        let refused = load(&b, name).unwrap_err().to_string();
+        assert!(refused.contains("mesh 0 primitive 0 _") && refused.contains(word), "{refused}");
+    }
+    // Without normals each corner has a vertex of its own, with what its vertex has; all of them count.
+    b.json["meshes"][0]["primitives"][0]["attributes"].as_object_mut().unwrap().remove("NORMAL");
+    let more = b.accessor(&[0, 0, 1, 0, 2, 0, 2, 0, 1, 0, 0, 0], 5123, "SCALAR", 6);
+    b.json["meshes"][0]["primitives"][0]["indices"] = json!(more);
+    let scene = load(&b, "hem").unwrap();
+    assert_eq!(scene.vertex_attributes[0].values, [1.0, 0.0, 1.0, 1.0, 0.0, 1.0]);
+    let few = Limits { vertices: 3 + 6 + 8, ..limits("hem") };
+    let refused = load_files_with(&[("a.glb", &b.glb())], &few).unwrap_err().to_string();
+    assert!(refused.contains("vertices"), "{refused}");
+    let few = Limits { vertices: 3 + 6 + 9, ..limits("hem") };
+    assert!(load_files_with(&[("a.glb", &b.glb())], &few).is_ok());
+}
+
+#[test]
+fn attributes_of_parts_that_deform_go_to_each_pose() {
+    let mut b = triangle();
+    let lift = b.floats(&[0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0], "VEC3", 3);
+    let seam = b.floats(&[0.0, 1.0, 0.0], "SCALAR", 3);
+    let primitive = &mut b.json["meshes"][0]["primitives"][0];
+    primitive["targets"] = json!([{"POSITION": lift}]);
+    primitive["attributes"]["_SEAM"] = json!(seam);
+    b.json["nodes"] = json!([{"mesh": 0, "weights": [0.5]}, {"mesh": 0, "weights": [1.0]}]);
+    b.json["scenes"] = json!([{"nodes": [0, 1]}]);
+    let limits = Limits { vertex_attribute: Some("seam".into()), ..Limits::default() };
+    let scene = load_files_with(&[("a.glb", &b.glb())], &limits).unwrap();
+    let flat = scene.flatten().mesh.positions;
+    assert_eq!(scene.positions_with("seam"), Some(vec![flat[1], flat[4]]));
+    assert_eq!((flat[1].y, flat[4].y), (0.5, 1.0));
 }
