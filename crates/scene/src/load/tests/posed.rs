@@ -307,12 +307,20 @@ fn vertices_of_the_bind_pose_are_moved_as_poses_say() {
     let told = scene.check_bind_vertices().unwrap_err();
     assert_eq!(told, "primitive 2 has no normals");
     let hierarchy = std::sync::Arc::make_mut(scene.hierarchy.as_mut().unwrap());
-    hierarchy.meshes[2].primitives[0].bind.as_mut().unwrap().mesh.normals = vec![vec3(0.0, 0.6, 0.8); 3];
+    let parts = hierarchy.meshes.iter_mut().flat_map(|m| &mut m.primitives);
+    let binds = parts.filter_map(|p| p.bind.as_mut()).filter(|b| b.mesh.normals.is_empty());
+    binds.for_each(|b| b.mesh.normals = vec![vec3(0.0, 0.6, 0.8); 3]);
     scene.check_bind_vertices().unwrap();
     let bind = |scene: &Scene| {
         let hierarchy = scene.hierarchy.as_ref().unwrap();
-        let [soft, morph] = [1, 2].map(|m| &hierarchy.meshes[m].primitives[0].bind.as_ref().unwrap().mesh);
-        let meshes = [soft, &scene.primitives[1].mesh, morph].map(Clone::clone);
+        let placed = scene.instances.iter().zip(&hierarchy.placements);
+        let meshes: Vec<_> = placed
+            .map(|(instance, placement)| {
+                let mesh = &hierarchy.meshes[hierarchy.nodes[placement.node].mesh.unwrap()];
+                let bind = mesh.primitives[placement.part].bind.as_ref();
+                bind.map_or(&scene.primitives[instance.primitive].mesh, |b| &b.mesh).clone()
+            })
+            .collect();
         let of = |f: fn(&photofit_geometry::Mesh) -> &Vec<photofit_scalar::Vec3f>| {
             meshes.iter().flat_map(f).copied().collect::<Vec<_>>()
         };
