@@ -51,6 +51,7 @@ pub(crate) fn run(a: &Retexture) -> Result<Ending> {
         resolution: a.resolution,
         texture_size: a.texture_size,
         steps: a.steps,
+        fit_shape: a.fit_shape,
         batch: a.course.batch,
         lighting,
         seed: a.course.running.seed,
@@ -149,6 +150,7 @@ fn to_json(a: &Retexture, options: &RetextureOptions, r: &Retextured) -> Value {
         },
         "written": r.written.name(),
         "device": r.device,
+        "fit_shape": a.fit_shape,
         "steps": r.steps,
     })
 }

@@ -1,10 +1,13 @@
 //! The asset being fitted: welded vertex positions and material maps, and the chain from them to a loss.
 //!
-//! The data of a fit goes one way: positions -> normals -> tangents -> rasterize -> shade -> mean of each pixel's samples
-//! -> loss; [`Candidate::pull_back`] writes it forward and, reversed line by line, backward. The whole chain is generic
-//! over the scalar: `f32` in production, `f64` in its gradient check.
+//! The data of a fit goes one way: positions -> normals -> stages of the picture (a pose) -> tangents -> rasterize -> shade
+//! -> mean of each pixel's samples -> loss; [`Candidate::pull_back`] writes it forward and, reversed line by line, backward.
+//! The whole chain is generic over the scalar: `f32` in production, `f64` in its gradient check.
 
 mod mips;
+mod stages;
+
+pub use stages::{Placed, VertexStage};
 
 use crate::bake::BakeClass;
 use crate::engine::loss::PictureLoss;
@@ -95,6 +98,20 @@ pub struct Vertices<T = f32> {
     pub tangents: Vec<Vec4<T>>,
 }
 
+/// Where the vertices of a picture come from.
+#[derive(Clone, Copy, Debug)]
+pub enum VertexSource<'a, T = f32> {
+    /// From the positions through these stages; none: the shape as it stands.
+    Stages(&'a [&'a dyn VertexStage<T>]),
+    /// They are given, and positions have no gradients.
+    Given(&'a Vertices<T>),
+}
+
+impl<T> VertexSource<'_, T> {
+    /// The shape as it stands.
+    pub const SHAPE: Self = Self::Stages(&[]);
+}
+
 /// A picture that a candidate draws: camera, lights and what stands behind the asset.
 #[derive(Clone, Copy, Debug)]
 pub struct CandidateView<'a, T = f32> {
@@ -102,8 +119,8 @@ pub struct CandidateView<'a, T = f32> {
     pub view: View<'a, T>,
     /// Radiance behind the asset, one per pixel.
     pub background: &'a [[T; 3]],
-    /// The vertices in this picture, where the positions do not say them: those of a pose. Positions have no gradients then.
-    pub vertices: Option<&'a Vertices<T>>,
+    /// Where its vertices come from.
+    pub vertices: VertexSource<'a, T>,
     /// Whether backs of single-sided triangles are drawn, too.
     pub backs: bool,
 }
@@ -119,6 +136,32 @@ pub struct ParameterGradients<T = f32> {
     frame: Frame<T>,
     /// The gradient of its pixels.
     pixels: Vec<[T; 4]>,
+    /// The gradient of its vertices, where they come through stages.
+    staged: VertexGradients<T>,
+}
+
+/// Gradients of vertex arrays.
+#[derive(Debug, Default)]
+struct VertexGradients<T> {
+    placed: Placed<T>,
+    tangents: Vec<Vec3<T>>,
+}
+
+impl<T: Real> VertexGradients<T> {
+    /// Zeros for so many vertices.
+    fn clear(&mut self, vertices: usize) {
+        for g in [&mut self.placed.positions, &mut self.placed.normals, &mut self.tangents] {
+            g.clear();
+            g.resize(vertices, Vec3::zero());
+        }
+    }
+
+    /// Changes places with those that the renderer adds to.
+    fn swap(&mut self, rendered: &mut Gradients<T>) {
+        std::mem::swap(&mut self.placed.positions, &mut rendered.positions);
+        std::mem::swap(&mut self.placed.normals, &mut rendered.normals);
+        std::mem::swap(&mut self.tangents, &mut rendered.tangents);
+    }
 }
 
 impl<T: LossScalar> Candidate<T> {
@@ -211,17 +254,26 @@ impl<T: LossScalar> Candidate<T> {
 
     /// The vertex arrays for the present positions.
     pub fn vertices(&self) -> Vertices<T> {
-        let positions = self.weld.expand(&self.positions);
-        let normals = vertex_normals(&self.smooth, &positions, Weighting::Angle);
-        let tangents = vertex_tangents(&self.unique, &self.frames, &positions, &normals);
-        Vertices { positions, normals, tangents }
+        self.vertices_of(self.shape())
     }
 
-    /// The vertex arrays for positions and unit normals of a pose, one of each per vertex.
+    /// The vertex arrays for the present positions after these stages.
+    pub fn vertices_through(&self, stages: &[&dyn VertexStage<T>]) -> Vertices<T> {
+        self.vertices_of(stages.iter().fold(self.shape(), |placed, stage| stage.forward(&placed)))
+    }
+
+    /// Positions and normals of the vertices for the present positions.
+    pub fn shape(&self) -> Placed<T> {
+        let positions = self.weld.expand(&self.positions);
+        let normals = vertex_normals(&self.smooth, &positions, Weighting::Angle);
+        Placed { positions, normals }
+    }
+
+    /// The vertex arrays for positions and unit normals.
     ///
     /// # Panics
     /// If their numbers differ from that of the vertices.
-    pub fn posed_vertices(&self, positions: Vec<Vec3<T>>, normals: Vec<Vec3<T>>) -> Vertices<T> {
+    pub fn vertices_of(&self, Placed { positions, normals }: Placed<T>) -> Vertices<T> {
         assert!([positions.len(), normals.len()] == [self.uvs.len(); 2], "one of each per vertex");
         let tangents = vertex_tangents(&self.unique, &self.frames, &positions, &normals);
         Vertices { positions, normals, tangents }
@@ -269,6 +321,7 @@ impl<T: LossScalar> Candidate<T> {
             rendered: Gradients::new(self.uvs.len(), &self.maps),
             frame: Frame::default(),
             pixels: Vec::new(),
+            staged: VertexGradients::default(),
         }
     }
 
@@ -290,7 +343,7 @@ impl<T: LossScalar> Candidate<T> {
     /// which is zero.
     ///
     /// # Panics
-    /// If positions are to have gradients in a picture whose vertices are those of a pose.
+    /// If positions are to have gradients in a picture whose vertices are given.
     pub fn pull_back<'a>(
         &self,
         pictures: impl IntoIterator<Item = CandidateView<'a, T>>,
@@ -300,21 +353,44 @@ impl<T: LossScalar> Candidate<T> {
     ) -> f64 {
         out.positions.fill(Vec3::zero());
         out.rendered.clear();
-        let own = LazyCell::new(|| self.vertices());
+        let shape = LazyCell::new(|| self.shape());
+        let own = LazyCell::new(|| self.vertices_of(shape.clone()));
         let mut total = 0.0;
         for (i, CandidateView { view, background, vertices, backs }) in pictures.into_iter().enumerate() {
-            let posed = vertices.is_some() && passes.position_gradients;
-            assert!(!posed, "vertices of a pose pass no gradient to positions");
-            let geometry = self.geometry(vertices.unwrap_or_else(|| &own), backs);
-            let ParameterGradients { frame, pixels, rendered, .. } = out;
+            let (stages, given) = match vertices {
+                VertexSource::Stages(stages) => (stages, None),
+                VertexSource::Given(given) => (&[][..], Some(given)),
+            };
+            assert!(
+                given.is_none() || !passes.position_gradients,
+                "given vertices pass no gradient to positions"
+            );
+            let staged = (!stages.is_empty()).then(|| stages::through(stages, &shape));
+            let posed = staged.as_ref().map(|s| self.vertices_of(s[stages.len()].clone()));
+            let drawn = posed.as_ref().or(given).unwrap_or_else(|| &own);
+            let geometry = self.geometry(drawn, backs);
+            let ParameterGradients { frame, pixels, rendered, staged: own_gradients, .. } = &mut *out;
             deferred::render_into(&geometry, &self.maps, &view, background, passes, frame);
             pixels.clear();
             pixels.resize(frame.color.len(), [T::zero(); 4]);
             total += value(i, &frame.color, pixels);
+            let apart = posed.is_some() && passes.position_gradients;
+            if apart {
+                own_gradients.clear(drawn.positions.len());
+                own_gradients.swap(rendered);
+            }
             deferred::render_vjp(&geometry, &self.maps, &view, passes, frame, pixels, rendered);
+            if let Some(passed) = staged.filter(|_| apart) {
+                own_gradients.swap(rendered);
+                let VertexGradients { placed, tangents } = own_gradients;
+                self.tangents_vjp(drawn, tangents, placed);
+                let g = stages::through_vjp(stages, &passed, std::mem::take(placed));
+                add(&mut rendered.positions, &g.positions);
+                add(&mut rendered.normals, &g.normals);
+            }
         }
         if passes.position_gradients {
-            self.vertices_vjp(&own, out);
+            self.shape_vjp(&own, out);
         }
         if passes.map_gradients {
             self.maps.collapse_vjp(&mut out.rendered.maps, self.mip_adjoint);
@@ -323,27 +399,34 @@ impl<T: LossScalar> Candidate<T> {
         total
     }
 
+    /// Adds to the gradients of positions and normals what those of the tangents say: adjoint of [`Self::vertices_of`].
+    fn tangents_vjp(&self, v: &Vertices<T>, d_tangents: &[Vec3<T>], g: &mut Placed<T>) {
+        let d_tangents: Vec<Vec4<T>> = d_tangents.iter().map(|t| t.extend(T::zero())).collect();
+        let to = (&mut g.positions, &mut g.normals);
+        vertex_tangents_vjp(&self.unique, &self.frames, &v.positions, &v.normals, &d_tangents, to.0, to.1);
+    }
+
     /// Adjoint of [`Self::vertices`].
-    fn vertices_vjp(&self, v: &Vertices<T>, out: &mut ParameterGradients<T>) {
-        let g = &mut out.rendered;
-        let tangents: Vec<Vec4<T>> = g.tangents.iter().map(|t| t.extend(T::zero())).collect();
-        vertex_tangents_vjp(
-            &self.unique,
-            &self.frames,
-            &v.positions,
-            &v.normals,
-            &tangents,
-            &mut g.positions,
-            &mut g.normals,
-        );
+    fn shape_vjp(&self, v: &Vertices<T>, out: &mut ParameterGradients<T>) {
+        let rendered = &mut out.rendered;
+        let mut g = Placed {
+            positions: std::mem::take(&mut rendered.positions),
+            normals: std::mem::take(&mut rendered.normals),
+        };
+        self.tangents_vjp(v, &rendered.tangents, &mut g);
         vertex_normals_vjp(&self.smooth, &v.positions, Weighting::Angle, &g.normals, &mut g.positions);
         self.weld.expand_vjp(&g.positions, &mut out.positions);
+        (rendered.positions, rendered.normals) = (g.positions, g.normals);
     }
 
     /// Uniform differential coordinates of the present shape.
     pub fn differential(&self) -> Vec<Vec3<T>> {
         laplacian::differential(&self.rings, &self.positions)
     }
+}
+
+fn add<T: Real>(to: &mut [Vec3<T>], what: &[Vec3<T>]) {
+    to.iter_mut().zip(what).for_each(|(t, w)| *t += *w);
 }
 
 /// Takes the gradient of alpha from the texels that are marked.
@@ -389,7 +472,7 @@ impl Candidate {
         let lights = shot.lights.lights();
         let background = shot.background();
         let (view, backs) = (view(shot, &lights), shot.backs);
-        let picture = CandidateView { view, background: &background, vertices: None, backs };
+        let picture = CandidateView { view, background: &background, vertices: VertexSource::SHAPE, backs };
         self.draw(vertices, &picture, passes)
     }
 
@@ -402,14 +485,14 @@ impl Candidate {
         passes: &Passes,
         out: &mut ParameterGradients,
     ) -> f64 {
-        self.step_at(shots, |_| None, loss, passes, out)
+        self.step_at(shots, |_| VertexSource::SHAPE, loss, passes, out)
     }
 
-    /// The same; `vertices(i)` are those of shot `i` where the positions do not say them (see [`CandidateView::vertices`]).
+    /// The same; `vertices(i)` says where those of shot `i` come from.
     pub fn step_at<'a>(
         &self,
         shots: &'a [Shot],
-        vertices: impl Fn(usize) -> Option<&'a Vertices>,
+        vertices: impl Fn(usize) -> VertexSource<'a>,
         loss: PictureLoss,
         passes: &Passes,
         out: &mut ParameterGradients,

@@ -3,12 +3,13 @@
 //!
 //! One frame for all moments -> bake at rest onto the light asset's own texture coordinates -> fit the maps by rendering
 //! both at many moments -> export with the light asset's nodes, skins and animations -> reload the file and compare it with
-//! the reference at these moments, in views that the fit never saw. Shapes and motions stay what they are.
+//! the reference at these moments, in views that the fit never saw. Motions stay what they are, and so does the shape unless
+//! [`RetextureOptions::fit_shape`] asks for its fit.
 
 mod bare;
 
 use crate::bake::{BakeSettings, Target, bake, blank_texel};
-use crate::candidate::Candidate;
+use crate::candidate::{Candidate, Placed, Vertices};
 use crate::engine::Normalised;
 use crate::engine::animated::Animated;
 use crate::engine::checkpoint::Digest;
@@ -20,7 +21,7 @@ use crate::engine::loss;
 use crate::engine::plan::{Asked, Item, PlanRows, SurfacePlan, rows};
 use crate::engine::posed::Posed;
 use crate::engine::reference::{Rasterized, Reference, SAMPLES, SUPERSAMPLE};
-use crate::engine::surface::{MAPS, Surface, fade_over, rate_of_maps};
+use crate::engine::surface::{MAPS, POSITIONS, Surface, fade_over, rate_of_maps, rate_of_positions};
 use crate::engine::trainer::{self, HeldOut, HistoryPoint, Job, Keeping, Phase};
 use crate::engine::views::{Lighting, Moment, Orbit, OverMoments, Sampling};
 use crate::error::in_ranges;
@@ -48,6 +49,9 @@ pub struct RetextureOptions {
     pub texture_size: usize,
     /// Steps of the fit.
     pub steps: u64,
+    /// Whether the shape of the light asset is fitted, too: the vertices of its bind pose, which its skins, morph targets and
+    /// nodes move as before.
+    pub fit_shape: bool,
     /// Pictures per step, 1 to 64.
     pub batch: usize,
     /// The light while fitting.
@@ -69,6 +73,7 @@ impl Default for RetextureOptions {
             resolution: 256,
             texture_size: 1024,
             steps: 400,
+            fit_shape: false,
             batch: 2,
             lighting: Lighting::default(),
             seed: 0,
@@ -136,11 +141,18 @@ pub fn retexture(
     let rest = own.flat(Moment::default())?;
     warn_of_normals(&n, &rest, progress);
     let mut candidate = candidate(&n, &rest, options.texture_size)?;
-    candidate.set_maps(baked(&n, &rays, &candidate, &rest, progress)?);
-    let start = dressed(light, &candidate, &n);
-    let asked = Asked { steps: options.steps, moves: false, reference: reference_pictures.kind() };
+    let moves = options.fit_shape && options.steps > 0;
+    let to_bind = moves.then(|| own.to_bind()).transpose()?;
+    let at_rest = match &to_bind {
+        Some(to_bind) => candidate.vertices_through(&[&**to_bind, &*own.deformation(Moment::default())?]),
+        None => candidate.vertices_of(placed(&rest)),
+    };
+    let (maps, distance) = baked(&n, &rays, &candidate, at_rest, progress)?;
+    candidate.set_maps(maps);
+    let asked = Asked { steps: options.steps, moves, reference: reference_pictures.kind() };
     let fitted = SurfacePlan::new(reference, &candidate, asked);
-    let model = Posed::new(Surface::new(candidate, &fitted), &own);
+    let model = Posed::new(Surface::new(candidate, &fitted), &own, to_bind);
+    let start = dressed(light, &model, &n);
 
     let size = options.resolution / Sampling::SUPERSAMPLED.per_axis;
     let seen = OverMoments {
@@ -170,9 +182,11 @@ pub fn retexture(
     };
     let mut told = Vec::new();
     let phases = |psnr: f64| {
-        let rates = vec![(MAPS.into(), rate_of_maps(psnr))];
+        let mut rates = vec![(MAPS.into(), rate_of_maps(psnr))];
+        rates.extend(moves.then(|| (POSITIONS.into(), rate_of_positions(distance))));
         let (steps, fade) = (options.steps, fade_over(fitted.fades, [0.0, 1.0]));
-        let phase = Phase { name: "maps", first: 0, steps, shrink: 1, rates, fade, reinitialised: None };
+        let name = if moves { "shape and maps" } else { "maps" };
+        let phase = Phase { name, first: 0, steps, shrink: 1, rates, fade, reinitialised: None };
         let phases = vec![phase];
         told = PlanRows::new(Vec::new(), &phases).phases;
         phases
@@ -180,7 +194,7 @@ pub fn retexture(
     let (trained, device) = train_on(&options.device, model, &job, phases, progress)?;
     let plan = PlanRows { items, phases: told }.with_device(device.told());
 
-    let fitted = dressed(light, &trained.model.surface().candidate, &n);
+    let fitted = dressed(light, &trained.model, &n);
     // The fit judged itself at half the size, by its own textures; what is written is chosen as it will be seen.
     let mut stages = [Stage::new("start", start), Stage::new("fitted", fitted)];
     let larger =
@@ -298,16 +312,20 @@ fn candidate(n: &Normalised, rest: &FlatScene, size: usize) -> Result<Candidate,
     ))
 }
 
-/// Maps of the reference at rest.
+/// Where vertices are.
+fn placed(flat: &FlatScene) -> Placed {
+    Placed { positions: flat.mesh.positions.clone(), normals: flat.mesh.normals.clone() }
+}
+
+/// Maps of the reference at rest onto these vertices, and the mean distance to it.
 fn baked(
     n: &Normalised,
     rays: &crate::bake::ReferenceSurface<'_>,
     candidate: &Candidate,
-    rest: &FlatScene,
+    vertices: Vertices,
     progress: &dyn Progress,
-) -> Result<Maps, FitError> {
+) -> Result<(Maps, f64), FitError> {
     let seen = visibility(rays, &VisibilitySettings::default());
-    let vertices = candidate.posed_vertices(rest.mesh.positions.clone(), rest.mesh.normals.clone());
     let mesh = Mesh {
         positions: vertices.positions,
         normals: vertices.normals,
@@ -323,25 +341,26 @@ fn baked(
         if progress.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
     // Vertex normals that point to the back would lead rays away from the surface.
-    let round = opposed(&rest.mesh).contains(&true).then(|| candidate.round_normals());
+    let round = opposed(&mesh).contains(&true).then(|| candidate.round_normals());
     let target = Target { directions: round.as_deref(), ..Target::new(&mesh) };
     let mut baked = bake(rays, &seen, &target, &settings, &heard).map_err(|e| match e {
         crate::bake::BakeError::Stopped => FitError::Interrupted,
         e => e.into(),
     })?;
     baked.fill(None);
-    Ok(baked.maps)
+    Ok((baked.maps, baked.statistics.mean_distance))
 }
 
-/// The light asset with the maps of a candidate. Its vertex colours belong to the materials that these replace: kept, they
+/// The light asset with the maps of a model, and its shape where that is fitted. Its vertex colours belong to the materials that these replace: kept, they
 /// would be multiplied with the new maps, which hold the whole colour.
-fn dressed(light: &Scene, candidate: &Candidate, n: &Normalised) -> Scene {
-    let made = to_scene(candidate, &n.light_asset);
+fn dressed(light: &Scene, model: &Posed<'_>, n: &Normalised) -> Scene {
+    let made = to_scene(&model.surface().candidate, &n.light_asset);
     let mut out = Scene { materials: made.materials, images: made.images, ..light.clone() };
     for p in &mut out.primitives {
         p.material = 0;
         p.mesh.colors.clear();
     }
+    model.write_shape(&mut out);
     out
 }
 
@@ -357,6 +376,7 @@ fn fingerprint(o: &RetextureOptions, n: &Normalised, candidate: &Candidate) -> F
     Fingerprint::default()
         .option("resolution", o.resolution)
         .option("texture_size", o.texture_size)
+        .option("fit_shape", o.fit_shape)
         .option("batch", o.batch)
         .option("seed", o.seed)
         .option("lighting", o.lighting.name())

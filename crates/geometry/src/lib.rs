@@ -3,7 +3,7 @@
 //! Meshes are indexed triangles ([`Mesh`]). Topology is taken on welded positions ([`weld`]), so that uv seams and hard
 //! edges do not open the surface; [`adjacency`] finds edges, neighbours and one-rings; [`Incidence`] holds the gather
 //! lists on which [`normals`] and [`tangents`] (forward and vector-Jacobian product) run deterministically for any
-//! number of threads. With the feature `gpu` these have twins on a device.
+//! number of threads; [`skinning`] poses their results. With the feature `gpu` these have twins on a device.
 
 mod angle;
 mod error;
@@ -21,6 +21,7 @@ pub mod gpu;
 pub mod laplacian;
 pub mod normals;
 pub mod shapes;
+pub mod skinning;
 pub mod subdivide;
 pub mod tangents;
 pub mod weld;

@@ -2,10 +2,11 @@
 
 use crate::{Material, Primitive, Scene};
 use glam::Affine3A;
+use photofit_geometry::skinning::Affine;
 use photofit_geometry::tangents::{UvFrames, split_mirrored, vertex_tangents};
 use photofit_geometry::weld::weld_rows;
 use photofit_geometry::{Incidence, Mesh};
-use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3, vec4};
+use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec4};
 use std::borrow::Cow;
 use std::collections::HashMap;
 
@@ -67,8 +68,9 @@ impl Scene {
         for instance in &self.instances {
             let positions = &self.primitives[instance.primitive].mesh.positions;
             let values = named.get(&instance.primitive).copied().unwrap_or_default();
+            let transform = Affine::from(instance.transform);
             let marked = positions.iter().zip(values).filter(|(_, x)| **x > 0.5);
-            out.extend(marked.map(|(p, _)| in_world(&instance.transform, *p)));
+            out.extend(marked.map(|(p, _)| transform.point(*p)));
         }
         Some(out)
     }
@@ -132,8 +134,9 @@ impl Wants {
 fn append(flat: &mut Mesh, mesh: &Mesh, transform: &Affine3A, wants: Wants) {
     let base = flat.positions.len() as u32;
     let n = mesh.positions.len();
-    let normals = Normals::of(transform);
-    flat.positions.extend(mesh.positions.iter().map(|p| in_world(transform, *p)));
+    let transform = Affine::from(*transform);
+    let normals = transform.normals();
+    flat.positions.extend(mesh.positions.iter().map(|p| transform.point(*p)));
     flat.normals.extend(mesh.normals.iter().map(|&n| normals.apply(n)));
     if wants.uvs {
         fill(&mut flat.uvs, &mesh.uvs, n, vec2(0.0, 0.0));
@@ -148,7 +151,7 @@ fn append(flat: &mut Mesh, mesh: &Mesh, transform: &Affine3A, wants: Wants) {
         let from = flat.normals.len() - n;
         let unit = &flat.normals[from..];
         let tangents = (0..n).map(|v| match mesh.tangents.get(v) {
-            Some(t) => normals.tangent(transform, *t, unit[v]),
+            Some(t) => moved_tangent(&transform, normals.mirrored, *t, unit[v]),
             None => unit[v].orthonormal_pair().0.extend(1.0),
         });
         flat.tangents.extend(tangents);
@@ -159,11 +162,6 @@ fn append(flat: &mut Mesh, mesh: &Mesh, transform: &Affine3A, wants: Wants) {
     }));
 }
 
-fn in_world(transform: &Affine3A, p: Vec3f) -> Vec3f {
-    let p = transform.transform_point3a(glam::vec3a(p.x, p.y, p.z));
-    vec3(p.x, p.y, p.z)
-}
-
 fn fill<T: Copy>(out: &mut Vec<T>, from: &[T], n: usize, default: T) {
     if from.is_empty() {
         out.extend(std::iter::repeat_n(default, n));
@@ -172,43 +170,11 @@ fn fill<T: Copy>(out: &mut Vec<T>, from: &[T], n: usize, default: T) {
     }
 }
 
-/// How normals go with a transform: by the inverse transpose, up to a positive factor.
-///
-/// The matrix of cofactors is used, which exists for singular transforms too.
-#[derive(Debug)]
-pub(crate) struct Normals {
-    cofactors: glam::Mat3A,
-    /// The transform turns handedness around.
-    pub(crate) mirrored: bool,
-}
-
-impl Normals {
-    pub(crate) fn of(transform: &Affine3A) -> Self {
-        let m = transform.matrix3;
-        // Scaled to the order of one, so that products neither overflow nor vanish.
-        let size = m.x_axis.abs().max(m.y_axis.abs()).max(m.z_axis.abs()).max_element();
-        let s = if size > 0.0 && size.is_finite() { 1.0 / size } else { 1.0 };
-        let [x, y, z] = [m.x_axis * s, m.y_axis * s, m.z_axis * s];
-        let mirrored = x.cross(y).dot(z) < 0.0;
-        let sign = if mirrored { -1.0 } else { 1.0 };
-        let cofactors = glam::Mat3A::from_cols(y.cross(z) * sign, z.cross(x) * sign, x.cross(y) * sign);
-        Self { cofactors, mirrored }
-    }
-
-    pub(crate) fn apply(&self, n: Vec3f) -> Vec3f {
-        let m = self.cofactors * glam::vec3a(n.x, n.y, n.z);
-        let unit = vec3(m.x, m.y, m.z).normalize_or_zero();
-        // A flattened shape has no such normal; the old one keeps the arithmetic finite.
-        if unit == Vec3f::zero() { n } else { unit }
-    }
-
-    /// The moved tangent, with the handedness of the moved frame.
-    pub(crate) fn tangent(&self, transform: &Affine3A, t: Vec4f, normal: Vec3f) -> Vec4f {
-        let m = transform.matrix3 * glam::vec3a(t.x, t.y, t.z);
-        let unit = vec3(m.x, m.y, m.z).normalize_or_zero();
-        let unit = if unit == Vec3f::zero() { normal.orthonormal_pair().0 } else { unit };
-        unit.extend(if self.mirrored { -t.w } else { t.w })
-    }
+/// A tangent moved by a transform, with the handedness of the moved frame; `normal` is the moved normal.
+pub(crate) fn moved_tangent(transform: &Affine, mirrored: bool, t: Vec4f, normal: Vec3f) -> Vec4f {
+    let unit = transform.direction(t.xyz()).normalize_or_zero();
+    let unit = if unit == Vec3f::zero() { normal.orthonormal_pair().0 } else { unit };
+    unit.extend(if mirrored { -t.w } else { t.w })
 }
 
 /// The mesh as a file should hold it: with tangents exactly where a normal map needs them.
@@ -279,6 +245,7 @@ mod tests {
     use super::*;
     use crate::{Instance, TextureSlot};
     use glam::{Mat3A, Quat, Vec3};
+    use photofit_scalar::vec3;
 
     fn scene(transform: Affine3A) -> Scene {
         let mesh = Mesh {

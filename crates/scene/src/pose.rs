@@ -1,6 +1,9 @@
 //! A scene at a moment of an animation.
 
-use crate::nodes::{Hierarchy, Lens, NodeTransform};
+mod vertices;
+
+use crate::nodes::{Hierarchy, Lens, NodeTransform, Placement};
+use crate::skin::Bind;
 use crate::{Camera, Instance, LightPicture, PunctualLight, Scene};
 use glam::{Affine3A, Vec3};
 use photofit_geometry::Mesh;
@@ -38,26 +41,17 @@ impl Scene {
             assert!(animation.is_none(), "the scene has no animations");
             return pose;
         };
-        let mut transforms: Vec<NodeTransform> = hierarchy.nodes.iter().map(|n| n.transform).collect();
-        let mut weights = hierarchy.weights();
-        if let Some(a) = animation {
-            hierarchy.animations[a].apply(time, &mut transforms, &mut weights);
-        }
-        let local: Vec<Affine3A> = transforms.iter().map(NodeTransform::affine).collect();
-        let world = hierarchy.worlds(&local);
-        let joints: Vec<Vec<Affine3A>> = hierarchy.skins.iter().map(|s| s.matrices(&world)).collect();
+        let at = NodesAt::new(hierarchy, animation, time);
         let mut done = vec![false; self.primitives.len()];
         for (instance, placement) in pose.instances.iter_mut().zip(&hierarchy.placements) {
-            let node = &hierarchy.nodes[placement.node];
-            instance.transform = if node.skin.is_some() { Affine3A::IDENTITY } else { world[placement.node] };
-            let part = node.mesh.map(|m| &hierarchy.meshes[m].primitives[placement.part]);
-            let Some(bind) = part.and_then(|p| p.bind.as_ref()) else { continue };
+            let (transform, bind) = at.part(placement);
+            instance.transform = transform;
+            let Some((bind, weights, joints)) = bind else { continue };
             if !std::mem::replace(&mut done[instance.primitive], true) {
-                let joints = node.skin.map(|s| joints[s].as_slice());
-                pose.meshes.push((instance.primitive, bind.posed(&weights[placement.node], joints)));
+                pose.meshes.push((instance.primitive, bind.posed(weights, joints)));
             }
         }
-        let (cameras, lights) = hierarchy.cameras_and_lights(&world);
+        let (cameras, lights) = hierarchy.cameras_and_lights(&at.world);
         pose.cameras.splice(..cameras.len().min(pose.cameras.len()), cameras);
         pose.lights.splice(..lights.len().min(pose.lights.len()), lights);
         pose
@@ -81,7 +75,55 @@ impl Scene {
     }
 }
 
+/// A part that is deformed: its bind pose, the weights of its morph targets and the matrices of its joints.
+type Deformed<'a> = (&'a Bind, &'a [f32], Option<&'a [Affine3A]>);
+
+/// The nodes of a hierarchy at a moment.
+struct NodesAt<'a> {
+    hierarchy: &'a Hierarchy,
+    /// World transforms.
+    world: Vec<Affine3A>,
+    /// Matrices of the joints of each skin.
+    joints: Vec<Vec<Affine3A>>,
+    /// Morph weights of each node.
+    weights: Vec<Vec<f32>>,
+}
+
+impl<'a> NodesAt<'a> {
+    fn new(hierarchy: &'a Hierarchy, animation: Option<usize>, time: f32) -> Self {
+        let mut transforms: Vec<NodeTransform> = hierarchy.nodes.iter().map(|n| n.transform).collect();
+        let mut weights = hierarchy.weights();
+        if let Some(a) = animation {
+            hierarchy.animations[a].apply(time, &mut transforms, &mut weights);
+        }
+        let local: Vec<Affine3A> = transforms.iter().map(NodeTransform::affine).collect();
+        let world = hierarchy.worlds(&local);
+        let joints = hierarchy.skins.iter().map(|s| s.matrices(&world)).collect();
+        Self { hierarchy, world, joints, weights }
+    }
+
+    /// Where a part stands, and how it is deformed there.
+    fn part(&self, placement: &Placement) -> (Affine3A, Option<Deformed<'_>>) {
+        let node = &self.hierarchy.nodes[placement.node];
+        let transform = if node.skin.is_some() { Affine3A::IDENTITY } else { self.world[placement.node] };
+        let bind = self.hierarchy.bind(placement);
+        let joints = node.skin.map(|s| self.joints[s].as_slice());
+        (transform, bind.map(|bind| (bind, self.weights[placement.node].as_slice(), joints)))
+    }
+}
+
 impl Hierarchy {
+    /// The bind pose of a part; `None` for rigid ones.
+    fn bind(&self, placement: &Placement) -> Option<&Bind> {
+        self.meshes[self.nodes[placement.node].mesh?].primitives[placement.part].bind.as_ref()
+    }
+
+    /// The bind pose of the part of a placement.
+    fn bind_mut(&mut self, placement: usize) -> Option<&mut Bind> {
+        let Placement { node, part } = *self.placements.get(placement)?;
+        self.meshes[self.nodes[node].mesh?].primitives[part].bind.as_mut()
+    }
+
     /// Morph weights of each node in the default pose.
     pub(crate) fn weights(&self) -> Vec<Vec<f32>> {
         let of_mesh = |mesh: Option<usize>| mesh.map_or_else(Vec::new, |m| self.meshes[m].weights.clone());

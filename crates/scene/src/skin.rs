@@ -1,9 +1,9 @@
 //! Skins and morph targets: how the vertices of a mesh move.
 
-use crate::flat::Normals;
 use crate::load::flat_normals;
-use glam::{Affine3A, Mat4};
+use glam::Affine3A;
 use photofit_geometry::Mesh;
+use photofit_geometry::skinning::{Affine, Deformation, blend, morph};
 use photofit_scalar::{Vec3f, Vec4f};
 use rayon::prelude::*;
 use serde_json::Value;
@@ -94,66 +94,61 @@ impl Bind {
     /// The geometry under weights of the morph targets (missing ones are zero) and joint matrices; without these it
     /// stays in its own frame, with them it stands in the world.
     ///
-    /// Morph targets are added first, then positions go by the mean of the joint matrices, normals by its inverse
-    /// transpose, tangents by its linear part. Every vertex is computed alone: the bits do not depend on threads.
+    /// Positions and normals go by [`Self::deformation`], tangents by the linear part of its maps. Every vertex is computed
+    /// alone: the bits do not depend on threads.
     ///
     /// # Panics
     /// If a joint of a weight other than zero has no matrix.
     pub fn posed(&self, weights: &[f32], joints: Option<&[Affine3A]>) -> Mesh {
+        let deformation = self.deformation(weights, joints);
         let mut mesh = self.mesh.clone();
-        for (target, &w) in self.targets.iter().zip(weights).filter(|(_, w)| **w != 0.0) {
-            add(&mut mesh.positions, &target.positions, w);
-            add(&mut mesh.normals, &target.normals, w);
-            for (t, d) in mesh.tangents.iter_mut().zip(&target.tangents) {
-                *t += d.extend(0.0) * w;
-            }
-        }
-        if let Some(joints) = joints {
-            let moves: Vec<Affine3A> =
-                (0..mesh.positions.len()).into_par_iter().map(|v| self.blend(joints, v)).collect();
-            mesh.positions.par_iter_mut().zip(&moves).for_each(|(p, m)| {
-                let q = m.transform_point3a(glam::vec3a(p.x, p.y, p.z));
-                *p = photofit_scalar::vec3(q.x, q.y, q.z);
-            });
-            mesh.normals.par_iter_mut().zip(&moves).for_each(|(n, m)| *n = Normals::of(m).apply(*n));
-            mesh.tangents.par_iter_mut().zip(&moves).for_each(|(t, m)| {
-                let d = m.transform_vector3a(glam::vec3a(t.x, t.y, t.z));
-                *t = photofit_scalar::vec4(d.x, d.y, d.z, t.w);
-            });
-        }
+        mesh.positions = deformation.positions(&mesh.positions);
         if mesh.normals.is_empty() {
             return flat_normals(&mesh);
         }
-        // What a pose flattens keeps its direction of the bind pose.
-        for (n, bind) in mesh.normals.iter_mut().zip(&self.mesh.normals) {
-            let unit = n.normalize_or_zero();
-            *n = if unit == Vec3f::zero() { *bind } else { unit };
-        }
-        for (t, n) in mesh.tangents.iter_mut().zip(&mesh.normals) {
-            *t = unit_tangent(*t, *n);
+        mesh.normals = deformation.normals(&mesh.normals);
+        let added = self.added(weights, mesh.tangents.len(), |t| &t.tangents);
+        for (v, t) in mesh.tangents.iter_mut().enumerate() {
+            let d = added.get(v).map_or(t.xyz(), |a| t.xyz() + *a);
+            let d = deformation.moves.get(v).map_or(d, |m| m.direction(d));
+            *t = unit_tangent(d.extend(t.w), mesh.normals[v]);
         }
         mesh
+    }
+
+    /// What a pose does to positions and normals: morph targets are added, then the mean of the joint matrices of each
+    /// vertex, without these in the frame of the mesh.
+    ///
+    /// # Panics
+    /// If a joint of a weight other than zero has no matrix.
+    pub fn deformation(&self, weights: &[f32], joints: Option<&[Affine3A]>) -> Deformation {
+        let moves = joints.map_or_else(Vec::new, |joints| {
+            let joints: Vec<Affine> = joints.iter().map(|j| (*j).into()).collect();
+            let of = |set: &Influences, v: usize| set.joints[v].into_iter().zip(set.weights[v]);
+            let blended = |v: usize| {
+                let influences = self.influences.iter().flat_map(|set| of(set, v));
+                blend(influences, &joints)
+            };
+            (0..self.mesh.positions.len()).into_par_iter().map(blended).collect()
+        });
+        Deformation {
+            positions: self.added(weights, self.mesh.positions.len(), |t| &t.positions),
+            normals: self.added(weights, self.mesh.normals.len(), |t| &t.normals),
+            moves,
+        }
+    }
+
+    /// What morph targets of these weights add to `count` vertices.
+    fn added(&self, weights: &[f32], count: usize, of: fn(&MorphTarget) -> &Vec<Vec3f>) -> Vec<Vec3f> {
+        if count == 0 {
+            return Vec::new();
+        }
+        morph(count, self.targets.iter().map(|t| of(t).as_slice()).zip(weights.iter().copied()))
     }
 
     /// Vertices of [`Self::posed`].
     pub(crate) fn posed_vertices(&self) -> usize {
         if self.mesh.normals.is_empty() { self.mesh.triangles.len() * 3 } else { self.mesh.positions.len() }
-    }
-
-    /// The weighted mean of the joint matrices of vertex `v`.
-    fn blend(&self, joints: &[Affine3A], v: usize) -> Affine3A {
-        let (mut sum, mut total) = (Mat4::ZERO, 0.0);
-        for set in &self.influences {
-            for (&j, &w) in set.joints[v].iter().zip(&set.weights[v]).filter(|(_, w)| **w != 0.0) {
-                sum += Mat4::from(joints[j as usize]) * w;
-                total += w;
-            }
-        }
-        // A vertex without weights stays where the first joint puts it, as in common viewers.
-        if total == 0.0 {
-            return joints.first().copied().unwrap_or(Affine3A::IDENTITY);
-        }
-        Affine3A::from_mat4(sum * (1.0 / total))
     }
 
     pub(crate) fn check(&self) -> Result<(), String> {
@@ -198,10 +193,6 @@ impl Bind {
         }
         Ok(())
     }
-}
-
-fn add(to: &mut [Vec3f], deltas: &[Vec3f], weight: f32) {
-    to.iter_mut().zip(deltas).for_each(|(p, d)| *p += *d * weight);
 }
 
 /// A tangent of unit length; where it has no direction any one across the normal.

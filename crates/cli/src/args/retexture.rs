@@ -5,8 +5,8 @@ use super::{Course, FitLighting};
 use clap::Args;
 use std::path::PathBuf;
 
-/// Texture coordinates, shape, nodes, skins and animations of LIGHT stay as they are; its materials become one with new
-/// maps. Both assets must stand in the same place. What moves is compared at moments of the animations that both have by
+/// Texture coordinates, nodes, skins and animations of LIGHT stay as they are, and so does its shape without --fit-shape; its
+/// materials become one with new maps. Both assets must stand in the same place. What moves is compared at moments of the animations that both have by
 /// name.
 #[derive(Args, Debug)]
 pub(crate) struct Retexture {
@@ -36,6 +36,10 @@ pub(crate) struct Retexture {
     /// Steps of the fit; fewer are made when held-out views stop improving [range: at least 0].
     #[arg(long, value_name = "N", default_value_t = 400, value_parser = whole::<u64>(0..))]
     pub(crate) steps: u64,
+    /// Fit the shape, too: the vertices of LIGHT in its bind pose, which its skins, morph targets and nodes move as before.
+    /// Vertex normals are computed anew from the shape. Runs on the CPU.
+    #[arg(long)]
+    pub(crate) fit_shape: bool,
     #[command(flatten)]
     pub(crate) lighting: FitLighting,
     #[command(flatten)]

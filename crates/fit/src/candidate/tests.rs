@@ -8,6 +8,7 @@ use super::*;
 use crate::engine::views::Sampling;
 use photofit_geometry::atlas::{UnwrapOptions, unwrap};
 use photofit_geometry::shapes;
+use photofit_geometry::skinning::{Affine, Deformation};
 use photofit_gradcheck::Uniform;
 use photofit_raster::channel;
 use photofit_raster::deferred::Masks;
@@ -60,8 +61,34 @@ struct Setting {
     passes: Passes,
     sampling: Sampling,
     lod_bias: f64,
-    /// The pictures show vertices of a pose.
+    /// The pictures show vertices of a pose, which are given.
     posed: bool,
+    /// What the stages of each picture do, one after the other.
+    poses: [Vec<Deformation<f64>>; 2],
+}
+
+/// A pose of a skin with two joints and a morph target: the vertices turn about y, the more the higher they are, and are
+/// stretched; a bulge with normals of its own is added before.
+fn pose(positions: &[Vec3<f64>], angle: f64) -> Deformation<f64> {
+    let joint = |angle: f64, stretch: f64| {
+        let (s, c) = angle.sin_cos();
+        let axes = [vec3(c, 0.05, -s), vec3(0.1, stretch, 0.0), vec3(s, 0.0, c)];
+        Affine { axes, translation: vec3(0.1 * s, -0.03, 0.05) }
+    };
+    let joints = [joint(0.2 * angle, 1.0), joint(angle, 0.9)];
+    let blended = |p: &Vec3<f64>| {
+        let w = (0.5 + 0.4 * p.y).clamp(0.0, 1.0);
+        let mean = |a: Vec3<f64>, b: Vec3<f64>| a * (1.0 - w) + b * w;
+        let axes = std::array::from_fn(|k| mean(joints[0].axes[k], joints[1].axes[k]));
+        Affine { axes, translation: mean(joints[0].translation, joints[1].translation) }
+    };
+    let bulge = |p: &Vec3<f64>| vec3(0.03 * (2.0 * p.y).sin(), 0.02 * p.x, 0.04 * p.x * p.y);
+    let turned = |p: &Vec3<f64>| vec3(0.05 * p.y, -0.04 * p.x, 0.03);
+    Deformation {
+        positions: positions.iter().map(bulge).collect(),
+        normals: positions.iter().map(turned).collect(),
+        moves: positions.iter().map(blended).collect(),
+    }
 }
 
 /// What is made of the pixels.
@@ -176,7 +203,18 @@ impl Setting {
             sampling,
             lod_bias: LOD_BIAS,
             posed: false,
+            poses: [Vec::new(), Vec::new()],
         }
+    }
+
+    /// Lets each picture show a pose of its own: the shape is taken to its bind pose, and from there on.
+    fn bend(&mut self) {
+        let positions = self.candidate.vertices().positions;
+        let rest = pose(&positions, 0.1).moves;
+        let moves = rest.iter().map(|m| m.inverse().unwrap()).collect();
+        let to_bind = Deformation { moves, ..Deformation::default() };
+        let bind = to_bind.positions(&positions);
+        self.poses = [0.35, -0.25].map(|angle| vec![to_bind.clone(), pose(&bind, angle)]);
     }
 
     /// Camera and lights of picture `i`.
@@ -201,8 +239,11 @@ impl Setting {
         let posed = self.posed.then(|| {
             let v = self.candidate.vertices();
             let bend = |p: &Vec3<f64>| vec3(p.x + 0.1 * p.y * p.y, p.y - 0.07 * p.x, p.z + 0.05 * p.x);
-            self.candidate.posed_vertices(v.positions.iter().map(bend).collect(), v.normals)
+            let positions = v.positions.iter().map(bend).collect();
+            self.candidate.vertices_of(Placed { positions, normals: v.normals })
         });
+        let list = self.poses.each_ref().map(|p| p.iter());
+        let stages: [Vec<_>; 2] = list.map(|p| p.map(|d| d as &dyn VertexStage<f64>).collect());
         let picture = |i: usize| {
             let (view_projection, eye, lights) = &views[i];
             let view = View {
@@ -215,7 +256,8 @@ impl Setting {
                 shade_per_pixel: self.sampling.shade_per_pixel,
                 lod_bias: self.lod_bias,
             };
-            let (background, vertices) = (&self.backgrounds[i][..], posed.as_ref());
+            let background = &self.backgrounds[i][..];
+            let vertices = posed.as_ref().map_or(VertexSource::Stages(&stages[i]), VertexSource::Given);
             // The second camera sees backs, too.
             CandidateView { view, background, vertices, backs: i == 1 }
         };
@@ -242,11 +284,14 @@ impl Setting {
 
     /// The value alone, and which triangles the layers of both pictures show.
     fn evaluate(&self, value: Value) -> (f64, Vec<Vec<u32>>) {
-        let vertices = self.candidate.vertices();
         let (mut sum, mut seen, mut g) = (0.0, Vec::new(), vec![[0.0; 4]; SIZE * SIZE]);
         self.with(|pictures| {
             for (i, p) in pictures.iter().enumerate() {
-                let frame = self.candidate.draw(p.vertices.unwrap_or(&vertices), p, &self.passes);
+                let vertices = match p.vertices {
+                    VertexSource::Given(v) => v.clone(),
+                    VertexSource::Stages(stages) => self.candidate.vertices_through(stages),
+                };
+                let frame = self.candidate.draw(&vertices, p, &self.passes);
                 sum += self.value(value, i, &frame.color, &mut g);
                 seen.extend(frame.layers.into_iter().map(|l| l.visibility.triangle));
             }

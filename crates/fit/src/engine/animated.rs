@@ -7,7 +7,9 @@ use super::asset::Normalised;
 use super::frame::FitFrame;
 use super::views::{Moment, Sphere};
 use crate::FitError;
+use photofit_geometry::skinning::{Affine, Deformation};
 use photofit_pathtrace::{Instance, Parts, Shape};
+use photofit_scalar::Vec3;
 use photofit_scene::{FlatScene, Scene};
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -38,6 +40,21 @@ struct State {
     /// The scene in the pose asked for last.
     posed: Option<Scene>,
     kept: VecDeque<(Moment, Arc<FlatScene>)>,
+    /// What moments do to the vertices of the bind pose.
+    poses: VecDeque<(Moment, Arc<Deformation>)>,
+}
+
+/// What is kept of a moment, or made and kept in place of what was kept first.
+fn keep<T>(kept: &mut VecDeque<(Moment, Arc<T>)>, moment: Moment, make: impl FnOnce() -> T) -> Arc<T> {
+    if let Some((_, found)) = kept.iter().find(|k| k.0 == moment) {
+        return found.clone();
+    }
+    let made = Arc::new(make());
+    if kept.len() == KEPT {
+        kept.pop_front();
+    }
+    kept.push_back((moment, made.clone()));
+    made
 }
 
 impl<'a> Animated<'a> {
@@ -103,19 +120,57 @@ impl<'a> Animated<'a> {
     pub fn flat(&self, moment: Moment) -> Result<Arc<FlatScene>, FitError> {
         let moment = self.own(moment)?;
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, flat)) = state.kept.iter().find(|k| k.0 == moment) {
-            return Ok(flat.clone());
-        }
-        let mut flat = state.pose(self.scene, moment).1.flatten();
-        for p in &mut flat.mesh.positions {
-            *p = self.frame.to_frame(*p);
-        }
-        let flat = Arc::new(flat);
-        if state.kept.len() == KEPT {
-            state.kept.pop_front();
-        }
-        state.kept.push_back((moment, flat.clone()));
-        Ok(flat)
+        let State { posed, kept, .. } = &mut *state;
+        Ok(keep(kept, moment, || {
+            let mut flat = pose(posed, self.scene, moment).1.flatten();
+            flat.mesh.positions.iter_mut().for_each(|p| *p = self.frame.to_frame(*p));
+            flat
+        }))
+    }
+
+    /// What a moment does to the vertices of [`Self::flat`]: from their bind pose to the frame of the fit.
+    ///
+    /// # Errors
+    /// A moment that the asset does not have.
+    pub fn deformation(&self, moment: Moment) -> Result<Arc<Deformation>, FitError> {
+        let moment = self.own(moment)?;
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        Ok(keep(&mut state.poses, moment, || {
+            let mut deformation = self.scene.deformation(moment.animation, moment.time);
+            let frame = self.to_frame();
+            let moves = &mut deformation.moves;
+            moves.iter_mut().for_each(|m| *m = m.cast::<f64>().then(&frame).cast());
+            deformation
+        }))
+    }
+
+    /// The way of vertices from where they stand at rest, in the frame of the fit, back to the bind pose.
+    ///
+    /// # Errors
+    /// If they cannot be moved there (see [`Scene::check_bind_vertices`]), or the pose at rest flattens some.
+    pub fn to_bind(&self) -> Result<Arc<Deformation>, FitError> {
+        let wrong = |rule: String| FitError::Setting { field: "light_asset", rule };
+        let fixed = |rule: String| wrong(format!("{rule}; its shape cannot be fitted"));
+        self.scene.check_bind_vertices().map_err(fixed)?;
+        let Moment { animation, time } = Moment::default();
+        let rest = self.scene.deformation(animation, time);
+        let frame = self.to_frame();
+        let back = |(v, m): (usize, &Affine)| {
+            let added: Vec3<f64> = rest.positions.get(v).map_or(Vec3::zero(), |d| d.cast());
+            let inverse = m.cast::<f64>().then(&frame).inverse()?;
+            Some(Affine { translation: inverse.translation - added, ..inverse }.cast())
+        };
+        let moves: Option<Vec<Affine>> = rest.moves.iter().enumerate().map(back).collect();
+        let moves = moves.ok_or_else(|| fixed("is flat where it stands at rest".into()))?;
+        Ok(Arc::new(Deformation { moves, ..Deformation::default() }))
+    }
+
+    /// The map from the world to the frame of the fit.
+    fn to_frame(&self) -> Affine<f64> {
+        let frame = self.frame.transform();
+        let column = |c: glam::DVec3| Vec3::from_array(c.to_array());
+        let m = frame.matrix3;
+        Affine { axes: [m.x_axis, m.y_axis, m.z_axis].map(column), translation: column(frame.translation) }
     }
 
     /// The shapes that the animations deform and all instances at a moment, in the frame of the fit, as
@@ -123,7 +178,7 @@ impl<'a> Animated<'a> {
     pub(super) fn parts(&self, moment: Moment) -> Result<WorldPose, FitError> {
         let moment = self.own(moment)?;
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        let (deformed, scene) = state.pose(self.scene, moment);
+        let (deformed, scene) = pose(&mut state.posed, self.scene, moment);
         let shape = |i| (i, Shape::Mesh(scene.complete_mesh(i).into_owned()));
         let shapes = deformed.into_iter().map(shape).collect();
         let frame = self.frame.transform();
@@ -150,24 +205,22 @@ fn check(scene: &Scene, moment: Moment) -> Result<(), FitError> {
     }
 }
 
-impl State {
-    /// Poses the scene; also the primitives that may have been deformed.
-    fn pose(&mut self, scene: &Scene, moment: Moment) -> (Vec<usize>, &Scene) {
-        // Without images: geometry alone is read.
-        let posed = self.posed.get_or_insert_with(|| Scene {
-            primitives: scene.primitives.clone(),
-            instances: scene.instances.clone(),
-            materials: scene.materials.clone(),
-            cameras: scene.cameras.clone(),
-            lights: scene.lights.clone(),
-            hierarchy: scene.hierarchy.clone(),
-            ..Scene::default()
-        });
-        let pose = posed.pose(moment.animation, moment.time);
-        let deformed = pose.meshes.iter().map(|m| m.0).collect();
-        posed.set_pose(pose);
-        (deformed, posed)
-    }
+/// Poses a scene, in a copy of its own; also the primitives that may have been deformed.
+fn pose<'s>(posed: &'s mut Option<Scene>, scene: &Scene, moment: Moment) -> (Vec<usize>, &'s Scene) {
+    // Without images: geometry alone is read.
+    let posed = posed.get_or_insert_with(|| Scene {
+        primitives: scene.primitives.clone(),
+        instances: scene.instances.clone(),
+        materials: scene.materials.clone(),
+        cameras: scene.cameras.clone(),
+        lights: scene.lights.clone(),
+        hierarchy: scene.hierarchy.clone(),
+        ..Scene::default()
+    });
+    let pose = posed.pose(moment.animation, moment.time);
+    let deformed = pose.meshes.iter().map(|m| m.0).collect();
+    posed.set_pose(pose);
+    (deformed, posed)
 }
 
 #[cfg(test)]

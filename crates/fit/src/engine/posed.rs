@@ -1,6 +1,8 @@
-//! A surface that is seen at moments of an animation: its maps are fitted, its vertices are those of the pose.
+//! A surface that is seen at moments of an animation: its maps are fitted, and its shape where it is asked for.
 //!
-//! The stages are those of [`Surface`] but for the first: what the shape does is not a parameter, [`Animated`] says it.
+//! The stages are those of [`Surface`] with two more between the shape and the pictures, where the shape is fitted: from
+//! where vertices stand at rest, which are the parameters, back to the bind pose, and from there to the pose of a moment, as
+//! whoever plays the written file takes them. Where the shape stays, [`Animated`] says where the vertices are.
 
 use super::animated::Animated;
 use super::cpu::Chain;
@@ -9,25 +11,30 @@ use super::model::{Group, ModelError};
 use super::surface::Surface;
 use super::views::{Moment, Shot};
 use crate::FitError;
-use crate::candidate::{ParameterGradients, Vertices};
+use crate::candidate::{ParameterGradients, Placed, VertexSource, VertexStage, Vertices};
+use photofit_geometry::skinning::Deformation;
 use photofit_optim::Optimizer;
 use photofit_raster::deferred::Masks;
+use photofit_scene::Scene;
+use std::sync::Arc;
 
 /// A surface with its poses.
 #[derive(Clone, Debug)]
 pub struct Posed<'a> {
     surface: Surface,
     animated: &'a Animated<'a>,
+    /// From the shape at rest to the bind pose, where the shape is fitted.
+    to_bind: Option<Arc<Deformation>>,
 }
 
 impl<'a> Posed<'a> {
-    /// The surface of an asset with its poses, which have the same vertices and triangles.
-    pub fn new(surface: Surface, animated: &'a Animated<'a>) -> Self {
-        // Poses pass no gradients to positions.
-        Self { surface: surface.moving(false), animated }
+    /// The surface of an asset with its poses, which have the same vertices and triangles. Where there is a way back to the
+    /// bind pose ([`Animated::to_bind`]) its shape is fitted, else it stays.
+    pub fn new(surface: Surface, animated: &'a Animated<'a>, to_bind: Option<Arc<Deformation>>) -> Self {
+        Self { surface: surface.moving(to_bind.is_some()), animated, to_bind }
     }
 
-    /// The surface with the present maps.
+    /// The surface with the present parameters.
     pub fn surface(&self) -> &Surface {
         &self.surface
     }
@@ -41,17 +48,34 @@ impl<'a> Posed<'a> {
     /// # Errors
     /// A moment that the asset does not have; a pose that turns triangles inside out.
     pub fn vertices(&self, moment: Moment) -> Result<Vertices, FitError> {
-        let flat = self.animated.flat(moment)?;
         let candidate = &self.surface.candidate;
+        let flat = self.animated.flat(moment)?;
         if flat.mesh.triangles != candidate.triangles {
             let rule = format!("at {} s turns triangles inside out; it must not", moment.time);
             return Err(FitError::Setting { field: "moment", rule });
         }
-        Ok(candidate.posed_vertices(flat.mesh.positions.clone(), flat.mesh.normals.clone()))
+        let Some(to_bind) = &self.to_bind else {
+            let (positions, normals) = (flat.mesh.positions.clone(), flat.mesh.normals.clone());
+            return Ok(candidate.vertices_of(Placed { positions, normals }));
+        };
+        Ok(candidate.vertices_through(&[&**to_bind, &*self.animated.deformation(moment)?]))
     }
 
-    fn all(&self, shots: &[Shot]) -> Result<Vec<Vertices>, ModelError> {
-        let one = |shot: &Shot| self.vertices(shot.moment).map_err(|e| ModelError::Picture(Box::new(e)));
+    /// Puts the shape in place of the bind pose of the asset, where it is fitted.
+    pub fn write_shape(&self, asset: &mut Scene) {
+        if let Some(to_bind) = &self.to_bind {
+            let Placed { positions, normals } = to_bind.forward(&self.surface.candidate.shape());
+            asset.set_bind_vertices(&positions, &normals);
+        }
+    }
+
+    /// What `of` says of each shot.
+    fn all<T>(
+        &self,
+        shots: &[Shot],
+        of: impl Fn(Moment) -> Result<T, FitError>,
+    ) -> Result<Vec<T>, ModelError> {
+        let one = |shot: &Shot| of(shot.moment).map_err(|e| ModelError::Picture(Box::new(e)));
         shots.iter().map(one).collect()
     }
 }
@@ -65,6 +89,10 @@ impl Chain for Posed<'_> {
 
     fn optimizer(&self, group: &Group) -> Result<Optimizer<f32>, FitError> {
         self.surface.optimizer(group)
+    }
+
+    fn guide(&self, group: usize) -> Vec<f32> {
+        self.surface.guide(group)
     }
 
     fn step_masks(&mut self, masks: Masks) {
@@ -102,13 +130,21 @@ impl Chain for Posed<'_> {
         moving: &[bool],
         gradients: &mut ParameterGradients,
     ) -> Result<f64, ModelError> {
-        let vertices = self.all(shots)?;
         let passes = self.surface.moving_passes(moving);
-        Ok(self.surface.candidate.step_at(shots, |i| Some(&vertices[i]), loss, &passes, gradients))
+        let candidate = &self.surface.candidate;
+        let Some(to_bind) = self.to_bind.as_deref() else {
+            let vertices = self.all(shots, |m| self.vertices(m))?;
+            let given = |i: usize| VertexSource::Given(&vertices[i]);
+            return Ok(candidate.step_at(shots, given, loss, &passes, gradients));
+        };
+        let poses = self.all(shots, |m| self.animated.deformation(m))?;
+        let stages: Vec<[&dyn VertexStage<f32>; 2]> =
+            poses.iter().map(|p| [to_bind as _, &**p as _]).collect();
+        Ok(candidate.step_at(shots, |i| VertexSource::Stages(&stages[i]), loss, &passes, gradients))
     }
 
     fn pictures(&self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, ModelError> {
-        let vertices = self.all(shots)?;
+        let vertices = self.all(shots, |m| self.vertices(m))?;
         let picture = |(shot, v)| self.surface.candidate.render(v, shot, &self.surface.passes).color;
         Ok(shots.iter().zip(&vertices).map(picture).collect())
     }

@@ -173,6 +173,11 @@ pub(crate) fn rate_of_maps(start_psnr: f64) -> f64 {
     (0.04 * 10f64.powf(-start_psnr / 20.0)).clamp(2e-4, 5e-3)
 }
 
+/// Peak rate of positions that start from a shape at this mean distance of the reference, in the unit of the frame.
+pub(crate) fn rate_of_positions(distance: f64) -> f64 {
+    distance.clamp(1e-4, 1.5e-2)
+}
+
 /// The temporal filter of a group's optimizer.
 pub(super) fn temporal(group: &str) -> Temporal {
     if group == POSITIONS {

@@ -81,10 +81,11 @@ fn the_candidate_is_drawn_at_the_moment_of_the_shot() {
     let rest = poses.flat(Moment::default()).unwrap();
     let mut candidate = candidate(&n, &rest, 256).unwrap();
     let rays = n.surface().unwrap();
-    candidate.set_maps(baked(&n, &rays, &candidate, &rest, &Silent).unwrap());
+    let at_rest = candidate.vertices_of(placed(&rest));
+    candidate.set_maps(baked(&n, &rays, &candidate, at_rest, &Silent).unwrap().0);
     let reference = crate::engine::reference::ReferenceKind::RASTERIZED;
     let plan = SurfacePlan::new(&scene, &candidate, Asked { steps: 10, moves: true, reference });
-    let mut model = Cpu::new(Posed::new(Surface::new(candidate, &plan), &poses)).unwrap();
+    let mut model = Cpu::new(Posed::new(Surface::new(candidate, &plan), &poses, None)).unwrap();
     let theirs = Animated::new(&scene, &n);
     let reference = Rasterized::of(&n, &rays).animated(&theirs);
     let shots = |at: Option<Moment>| {
@@ -168,6 +169,96 @@ fn what_cannot_be_fitted_is_an_error() {
     assert_eq!(text(&heavy, &light(), &small), "texture_size is 4; it must be 16 to 8192");
 }
 
+/// An asset with other positions in its bind pose, and the normals that go with them.
+fn reshaped(mut scene: Scene, to: impl Fn(photofit_scalar::Vec3f) -> photofit_scalar::Vec3f) -> Scene {
+    let (mut positions, mut normals) = (Vec::new(), Vec::new());
+    let hierarchy = scene.hierarchy.clone().unwrap();
+    for (primitive, mesh) in scene.primitives.iter().zip(&hierarchy.meshes) {
+        let bind = mesh.primitives[0].bind.as_ref().map_or(&primitive.mesh, |b| &b.mesh);
+        let moved: Vec<_> = bind.positions.iter().map(|p| to(*p)).collect();
+        let weld = photofit_geometry::weld::weld_exact(&bind.positions);
+        let incidence = photofit_geometry::Incidence::new(&bind.triangles, &weld);
+        normals.extend(photofit_geometry::normals::vertex_normals(
+            &incidence,
+            &moved,
+            photofit_geometry::normals::Weighting::Angle,
+        ));
+        positions.extend(moved);
+    }
+    scene.set_bind_vertices(&positions, &normals);
+    scene
+}
+
+/// Where the vertices of an asset are at a moment of its first animation of a name.
+fn positions_at(scene: &Scene, name: &str, time: f32) -> Vec<photofit_scalar::Vec3f> {
+    let mut posed = scene.clone();
+    posed.set_pose(scene.pose(scene.hierarchy.as_ref().unwrap().animation(name), time));
+    posed.flatten().mesh.positions
+}
+
+#[test]
+fn the_shape_at_rest_is_found_in_pictures_of_poses() {
+    // The light asset is the heavy one with a thinner tube, and a waist in it; pictures show it bent alone.
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("arm.glb");
+    let heavy = arm(12, 16);
+    let waist = |p: photofit_scalar::Vec3f| {
+        let thin = 0.88 - 0.08 * (3.0 * p.y).sin();
+        photofit_scalar::vec3(thin * p.x, p.y, thin * p.z)
+    };
+    let light = reshaped(heavy.clone(), waist);
+    let moments = [0.5, 0.8, 1.0].map(|time| Moment { animation: Some(0), time }).to_vec();
+    let o = RetextureOptions { fit_shape: true, moments, resolution: 128, steps: 250, batch: 4, ..options() };
+    let r = retexture(&heavy, &light, &file, &o, &Silent).unwrap();
+    let written = photofit_scene::load(&file).unwrap();
+    // Files may hold vertices in another order: the mean distance to the nearest one of the truth, in the bind pose and in
+    // poses that no picture showed.
+    let off = |scene: &Scene, time: f32| {
+        let (found, truth) = (positions_at(scene, "bend", time), positions_at(&heavy, "bend", time));
+        let nearest = |p: &photofit_scalar::Vec3f| {
+            truth.iter().map(|q| (*p - *q).length()).fold(f32::INFINITY, f32::min)
+        };
+        found.iter().map(nearest).sum::<f32>() / found.len() as f32
+    };
+    println!("start {:?}\nfitted {:?}\n{}", r.start, r.quality, r.plan);
+    for time in [0.0, 0.3, 1.0] {
+        let [before, after] = [&light, &written].map(|s| off(s, time));
+        println!("at {time} s: mean distance {before:.4} became {after:.4}");
+        assert!(after < 0.4 * before, "at {time} s: {before} became {after}");
+    }
+    assert!(
+        r.written == Written::Fitted && r.quality.psnr > r.start.psnr + 3.0,
+        "{:?} {:?}",
+        r.start,
+        r.quality
+    );
+    assert_eq!(r.plan.runs("position gradients"), Some(Runs::Yes));
+    assert_eq!(r.plan.runs("silhouette gradients"), Some(Runs::Yes));
+}
+
+#[test]
+fn a_shape_that_cannot_be_moved_is_an_error() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("x.glb");
+    let o = RetextureOptions { fit_shape: true, steps: 2, ..options() };
+    let mut twice = light();
+    let hierarchy = std::sync::Arc::make_mut(twice.hierarchy.as_mut().unwrap());
+    hierarchy.placements.push(hierarchy.placements[1]);
+    twice.instances.push(twice.instances[1].clone());
+    let told = retexture(&arm(6, 8), &twice, &file, &o, &Silent).unwrap_err().to_string();
+    assert_eq!(told, "light_asset primitive 1 is placed more than once; its shape cannot be fitted");
+    let mut flat = light();
+    let hierarchy = std::sync::Arc::make_mut(flat.hierarchy.as_mut().unwrap());
+    hierarchy.nodes[4].transform =
+        photofit_scene::NodeTransform::Matrix(glam::Affine3A::from_scale(glam::vec3(1.0, 0.0, 1.0)));
+    hierarchy.animations[1].channels.truncate(1);
+    let pose = flat.pose(None, 0.0);
+    flat.set_pose(pose);
+    let told = retexture(&arm(6, 8), &flat, &file, &o, &Silent).unwrap_err().to_string();
+    assert_eq!(told, "light_asset is flat where it stands at rest; its shape cannot be fitted");
+    assert!(!file.exists());
+}
+
 #[test]
 fn a_bake_that_no_fit_improves_is_written() {
     // The asset itself: its bake is all but exact, and what is fitted to pictures of half the size is less so.
@@ -246,7 +337,8 @@ fn rays_do_not_follow_normals_that_point_to_the_back() {
         let bare = bare(light).unwrap();
         let rest = Animated::new(&bare, &n).flat(Moment::default()).unwrap();
         let candidate = candidate(&n, &rest, 64).unwrap();
-        let maps = baked(&n, &n.surface().unwrap(), &candidate, &rest, &Silent).unwrap();
+        let at_rest = candidate.vertices_of(placed(&rest));
+        let (maps, _) = baked(&n, &n.surface().unwrap(), &candidate, at_rest, &Silent).unwrap();
         maps.texels.iter().flat_map(|t| [t[0], t[1], t[2]]).collect::<Vec<_>>()
     };
     // Rays go along the surface where vertex normals cannot be followed, which finds nearly the same.
@@ -299,7 +391,7 @@ fn poses_on_a_device_are_those_of_the_cpu() {
     let candidate = candidate(&n, &poses.flat(Moment::default()).unwrap(), 64).unwrap();
     let reference = crate::engine::reference::ReferenceKind::RASTERIZED;
     let plan = SurfacePlan::new(&scene, &candidate, Asked { steps: 10, moves: true, reference });
-    let model = Posed::new(Surface::new(candidate, &plan), &poses);
+    let model = Posed::new(Surface::new(candidate, &plan), &poses, None);
     let rays = n.surface().unwrap();
     let theirs = Animated::new(&scene, &n);
     let reference = Rasterized::of(&n, &rays).animated(&theirs);

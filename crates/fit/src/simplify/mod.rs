@@ -50,7 +50,9 @@ use crate::engine::fingerprint::Fingerprint;
 use crate::engine::judge::Stage;
 use crate::engine::loss;
 use crate::engine::plan::SurfacePlan;
-use crate::engine::surface::{POSITIONS, Surface, fade_over, group_of_level, rate_of_maps, samples_of};
+use crate::engine::surface::{
+    POSITIONS, Surface, fade_over, group_of_level, rate_of_maps, rate_of_positions, samples_of,
+};
 use crate::engine::trainer::{self, HeldOut, Job, Phase};
 use crate::engine::views::Moment;
 use crate::visibility::Visibility;
@@ -67,8 +69,6 @@ use std::time::Instant;
 pub(crate) const FITTED: &str = "fitted";
 pub(crate) const FILE: &str = "file";
 
-/// Step of the positions, relative to the distance between the start and the reference.
-const POSITION_RATE: f64 = 1.0;
 /// Rate of the positions in the last phase, relative to the first.
 const LAST_POSITION_RATE: f64 = 0.4;
 
@@ -317,7 +317,7 @@ fn phases<'a>(
     let n = options.steps;
     let a = n * 4 / 10;
     let share = a as f32 / n.max(1) as f32;
-    let rate = (POSITION_RATE * distance).clamp(1e-4, 1.5e-2);
+    let rate = rate_of_positions(distance);
     let map_rate = rate_of_maps(start_psnr);
     let maps = || (0..levels).map(group_of_level);
     let rates = |positions: f64| {

@@ -4,11 +4,12 @@ use super::compress::{Compression, Rounding};
 use super::order::ordered;
 use super::{INDICES, VERTICES, Writer};
 use crate::error::{Fault, fault};
-use crate::flat::{Normals, for_file};
+use crate::flat::{for_file, moved_tangent};
 use crate::skin::{Bind, unit_tangent};
 use crate::{Instance, Scene};
 use glam::{Affine3A, Quat, Vec3};
 use photofit_geometry::Mesh;
+use photofit_geometry::skinning::Affine;
 use photofit_scalar::{Vec3f, Vec4f, vec3};
 use serde_json::{Map, Value, json};
 use std::collections::HashMap;
@@ -104,15 +105,13 @@ impl Trs {
 }
 
 fn transformed(mesh: &Mesh, transform: &Affine3A) -> Mesh {
-    let normals = Normals::of(transform);
+    let transform = Affine::from(*transform);
+    let normals = transform.normals();
     let mut out = mesh.clone();
-    for p in &mut out.positions {
-        let q = transform.transform_point3(Vec3::new(p.x, p.y, p.z));
-        *p = vec3(q.x, q.y, q.z);
-    }
+    out.positions.iter_mut().for_each(|p| *p = transform.point(*p));
     out.normals.iter_mut().for_each(|n| *n = normals.apply(*n));
     for v in 0..out.tangents.len().min(out.normals.len()) {
-        out.tangents[v] = normals.tangent(transform, out.tangents[v], out.normals[v]);
+        out.tangents[v] = moved_tangent(&transform, normals.mirrored, out.tangents[v], out.normals[v]);
     }
     if normals.mirrored {
         out.triangles.iter_mut().for_each(|t| t.swap(1, 2));

@@ -86,7 +86,8 @@ fn what_lies_behind_a_candidate_of_any_alpha_is_drawn() {
         let smoothing = weld_exact(&both.positions);
         let candidate = Candidate::<f64>::new(&both, &smoothing, class, vec![blend], maps);
         let background = vec![[0.0; 3]; SIZE * SIZE];
-        let picture = CandidateView { view, background: &background, vertices: None, backs: false };
+        let picture =
+            CandidateView { view, background: &background, vertices: VertexSource::SHAPE, backs: false };
         // As the asset's own alpha, and pictures that are judged, are drawn: nothing of it is fitted.
         let passes = Passes { alpha_gradients: false, ..Passes::default() };
         let seen =
@@ -125,7 +126,8 @@ fn the_outline_of_a_mask_is_found() {
         |radius| Candidate::<f64>::new(&card, &smoothing, class.clone(), vec![mask], disc(radius));
     let background = vec![[0.1; 3]; SIZE * SIZE];
     let view = from_the_front(0.8);
-    let picture = CandidateView { view, background: &background, vertices: None, backs: false };
+    let picture =
+        CandidateView { view, background: &background, vertices: VertexSource::SHAPE, backs: false };
     let cut = |c: &Candidate<f64>| c.draw(&c.vertices(), &picture, &Passes::default()).color;
     let covered = |c: &Candidate<f64>| cut(c).iter().map(|p| p[3]).sum::<f64>();
     let truth = candidate(0.7);

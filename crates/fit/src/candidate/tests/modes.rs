@@ -76,6 +76,12 @@ fn modes() -> Vec<Mode> {
         mode("a pose", Kind::Transparent, logarithmic, &all, |s| {
             (s.passes.position_gradients, s.passes.antialias, s.posed) = (false, false, true);
         }),
+        mode("two poses of a shape that moves", Kind::Transparent, logarithmic, &all, Setting::bend),
+        mode("the same, opaque", Kind::Opaque, logarithmic, &LIT, Setting::bend),
+        mode("the same, shaded once per pixel and triangle", Kind::Opaque, squares, &LIT, |s| {
+            s.sampling = Sampling::ENGINE;
+            s.bend();
+        }),
         mode("no normal map, no emission", Kind::Opaque, squares, &LIT, |s| {
             (s.passes.normal_map, s.passes.emissive) = (false, false);
         }),

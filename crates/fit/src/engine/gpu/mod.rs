@@ -109,6 +109,12 @@ impl<S: Posable> GpuSurface<S> {
             let source = OptimError::Combination { group, what, with: "a device, which builds them anew" };
             return Err(NoRoom { source, option: None });
         }
+        if S::POSED && surface.moves {
+            let (group, what) = (POSITIONS.into(), "the shape of an asset that is seen in poses");
+            let source =
+                OptimError::Combination { group, what, with: "a device, where poses have no gradient" };
+            return Err(NoRoom { source, option: None });
+        }
         let fitted = surface.rates.map(|r| r > 0.0);
         let on = Resident::new(gpu, &surface.candidate, fitted)?;
         if !surface.optimizer.runs_on_device() {

@@ -300,3 +300,58 @@ fn a_node_with_instances_places_its_mesh_as_often() {
     let few = Limits { instances: 2, ..Limits::default() };
     refused_with(&[("a.glb", &b.glb())], &few, &["3 times", "at most 2"]);
 }
+
+#[test]
+fn vertices_of_the_bind_pose_are_moved_as_poses_say() {
+    let mut scene = moving().load();
+    let told = scene.check_bind_vertices().unwrap_err();
+    assert_eq!(told, "primitive 2 has no normals");
+    let hierarchy = std::sync::Arc::make_mut(scene.hierarchy.as_mut().unwrap());
+    let parts = hierarchy.meshes.iter_mut().flat_map(|m| &mut m.primitives);
+    let binds = parts.filter_map(|p| p.bind.as_mut()).filter(|b| b.mesh.normals.is_empty());
+    binds.for_each(|b| b.mesh.normals = vec![vec3(0.0, 0.6, 0.8); 3]);
+    scene.check_bind_vertices().unwrap();
+    let bind = |scene: &Scene| {
+        let hierarchy = scene.hierarchy.as_ref().unwrap();
+        let placed = scene.instances.iter().zip(&hierarchy.placements);
+        let meshes: Vec<_> = placed
+            .map(|(instance, placement)| {
+                let mesh = &hierarchy.meshes[hierarchy.nodes[placement.node].mesh.unwrap()];
+                let bind = mesh.primitives[placement.part].bind.as_ref();
+                bind.map_or(&scene.primitives[instance.primitive].mesh, |b| &b.mesh).clone()
+            })
+            .collect();
+        let of = |f: fn(&photofit_geometry::Mesh) -> &Vec<photofit_scalar::Vec3f>| {
+            meshes.iter().flat_map(f).copied().collect::<Vec<_>>()
+        };
+        (of(|m| &m.positions), of(|m| &m.normals))
+    };
+    let check = |scene: &Scene| {
+        let (positions, normals) = bind(scene);
+        for (animation, time) in [(None, 0.0), (Some(0), 1.0), (Some(0), 1.5), (Some(0), 9.0)] {
+            let mut posed = scene.clone();
+            posed.set_pose(posed.pose(animation, time));
+            let (flat, deformation) = (posed.flatten().mesh, scene.deformation(animation, time));
+            let near = |a: &[photofit_scalar::Vec3f], b: &[photofit_scalar::Vec3f]| {
+                a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (*a - *b).length() < 1e-5)
+            };
+            assert!(near(&flat.positions, &deformation.positions(&positions)), "{animation:?} {time}");
+            assert!(near(&flat.normals, &deformation.normals(&normals)), "{animation:?} {time}");
+        }
+    };
+    check(&scene);
+    // Other vertices move alike, from their default pose on.
+    let (mut positions, mut normals) = bind(&scene);
+    let before = scene.flatten().mesh;
+    positions.iter_mut().for_each(|p| *p += vec3(0.25, -0.5, 0.125));
+    normals.iter_mut().for_each(|n| *n = vec3(n.z, n.x, n.y));
+    scene.set_bind_vertices(&positions, &normals);
+    assert_eq!(bind(&scene), (positions, normals));
+    let after = scene.flatten().mesh;
+    assert_eq!(before.triangles, after.triangles);
+    assert!(before.positions.iter().zip(&after.positions).all(|(a, b)| (*a - *b).length() > 0.2));
+    check(&again(&scene));
+    let mut twice = scene.clone();
+    twice.instances.push(twice.instances[1].clone());
+    assert_eq!(twice.check_bind_vertices().unwrap_err(), "primitive 1 is placed more than once");
+}
