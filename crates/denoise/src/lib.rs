@@ -20,6 +20,8 @@
 pub mod admm;
 mod error;
 mod field;
+#[cfg(feature = "gpu")]
+mod gpu;
 pub mod mc;
 pub mod models;
 pub mod operators;
@@ -29,4 +31,6 @@ pub mod transform;
 mod wide;
 
 pub use error::DenoiseError;
+#[cfg(feature = "gpu")]
+pub use gpu::KERNELS;
 pub use field::{Shape, check_finite, mask_non_finite};

@@ -10,6 +10,8 @@
 //! sweeps of a few multiplications, and does not care about the number of rows.
 
 mod banded;
+#[cfg(feature = "gpu")]
+pub(crate) mod gpu;
 mod line;
 mod spectral;
 mod strip;
@@ -17,6 +19,8 @@ mod strip;
 pub use line::LineTransform;
 pub use spectral::SpectralSolver;
 pub use strip::StripSolver;
+#[cfg(feature = "gpu")]
+pub(crate) use gpu::DeviceStrip;
 pub(crate) use strip::{Block, RowScratch};
 
 use photofit_scalar::Real;
