@@ -31,6 +31,6 @@ pub mod transform;
 mod wide;
 
 pub use error::DenoiseError;
+pub use field::{Shape, check_finite, mask_non_finite};
 #[cfg(feature = "gpu")]
 pub use gpu::KERNELS;
-pub use field::{Shape, check_finite, mask_non_finite};

@@ -356,7 +356,11 @@ fn a_device_gives_what_the_cpu_gives_or_is_refused() {
     let report = |model: &str, device: &str, out: &str| {
         let o = ["denoise", "c.exr", "-o", out, "--model", model, "--device", device, "--json", "o.json"];
         let text = stdout(&succeeds(d, &o));
-        (text, json_file(&d.join("o.json"))["device"].as_str().unwrap().to_owned(), read(d.join(out)).unwrap())
+        (
+            text,
+            json_file(&d.join("o.json"))["device"].as_str().unwrap().to_owned(),
+            read(d.join(out)).unwrap(),
+        )
     };
     let (text, told, cpu) = report("hybrid", "cpu", "cpu.exr");
     assert!(!text.contains("device:") && told == "CPU: as --device says", "{text}{told}");

@@ -43,8 +43,6 @@ struct Params {
 pub struct DeviceAdmm {
     shape: Shape,
     params: Params,
-    /// Relaxation of the steps after the first.
-    relaxation: f32,
     /// For each plane of the solution the solved channel, none for a constant one, and its offset.
     lanes: Vec<(Option<usize>, f32)>,
     strip: DeviceStrip,
@@ -134,7 +132,6 @@ impl DeviceAdmm {
         let device = Self {
             shape,
             params,
-            relaxation: p.relaxation as f32,
             lanes: lanes.collect(),
             strip: DeviceStrip::new(gpu, [padded, shape.height], count.div_ceil(2), system)?,
             picture: gpu.zeros("estimate", count.div_ceil(2) * samples)?,
@@ -167,7 +164,7 @@ impl DeviceAdmm {
         let begin = [self.picture.bind(), target.clone(), first.clone(), second.clone()];
         r.dispatch(&BEGIN, &self.params, &begin, threads)?;
         for k in 0..iterations {
-            let params = Params { gain: if k == 0 { 1.0 } else { self.relaxation }, ..self.params };
+            let params = Params { gain: if k == 0 { 1.0 } else { self.params.relaxation }, ..self.params };
             let splits = [&self.picture, &self.kept, &self.reflected].map(Buffer::bind);
             let alpha = [&splits[..], &[self.alpha.bind()]].concat();
             r.dispatch(&GRADIENT, &params, &alpha, threads)?;

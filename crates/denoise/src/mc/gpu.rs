@@ -12,7 +12,8 @@ use photofit_gpu::{Buffer, Gpu, INDEX, Kernel, Recorder, Recording};
 use std::time::Instant;
 
 const SOURCE: &[&str] = &[INDEX, include_str!("mean.wgsl")];
-pub(crate) const EXPONENTIAL: Kernel = Kernel { name: "mean: exponential", source: SOURCE, entry: "exponential" };
+pub(crate) const EXPONENTIAL: Kernel =
+    Kernel { name: "mean: exponential", source: SOURCE, entry: "exponential" };
 pub(crate) const MEAN_ROWS: Kernel = Kernel { name: "mean: rows", source: SOURCE, entry: "mean_rows" };
 pub(crate) const MEAN_COLUMNS: Kernel =
     Kernel { name: "mean: columns", source: SOURCE, entry: "mean_columns" };

@@ -9,9 +9,9 @@ use super::gpu::{Means, solve_model};
 use super::noise::{log_sigma, mad_sigma};
 use super::pipeline::{Gpu, LEFT_OUT, Settings};
 use super::prepare::Prepared;
-use super::variational::{VariationalModel, adaptive_weight, choose_by_halves, minimise};
 #[cfg(feature = "gpu")]
 use super::variational::problem;
+use super::variational::{VariationalModel, adaptive_weight, choose_by_halves, minimise};
 use super::window::blur_mean;
 use super::{Plan, Stage, divisor};
 use crate::DenoiseError;
@@ -64,8 +64,8 @@ pub(super) fn variational(
         let wide: Vec<f32> = sigma.iter().map(|s| s * std::f32::consts::SQRT_2).collect();
         let alpha = adaptive_weight(c, &wide, &auxiliary);
         #[cfg(feature = "gpu")]
-        if let Some(Ok(u)) = gpu
-            .map(|gpu| solve_on(gpu, &problem(model, p.shape, target, mask, alpha.clone()), iterations))
+        if let Some(Ok(u)) =
+            gpu.map(|gpu| solve_on(gpu, &problem(model, p.shape, target, mask, alpha.clone()), iterations))
         {
             return Ok(u);
         }
@@ -83,7 +83,9 @@ pub(super) fn variational(
     if let Some(gpu) = gpu {
         let problem = problem(model, p.shape, &target, mask, alpha.clone());
         let means = Means { noisy: &p.irradiance, weight: mask, black: &p.black, sigma: SIGMA };
-        if let Some(u) = solve_model(gpu, &problem, iterations, settings.restore_mean.then_some(&means), plan)? {
+        if let Some(u) =
+            solve_model(gpu, &problem, iterations, settings.restore_mean.then_some(&means), plan)?
+        {
             return Ok((u, strength));
         }
     }

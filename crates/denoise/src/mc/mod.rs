@@ -52,9 +52,9 @@ pub use camera::Camera;
 pub use coherence::{SHARPNESS, blended_weight, curvature};
 pub use demodulate::{ALBEDO_FLOOR, demodulate, divisor, remodulate};
 pub use frame::{Frame, Guides};
-pub use noise::{log_sigma, mad_sigma};
 #[cfg(all(test, feature = "gpu"))]
 pub(crate) use log_domain::way_back;
+pub use noise::{log_sigma, mad_sigma};
 #[cfg(feature = "gpu")]
 pub use pipeline::denoise_on;
 pub use pipeline::{Denoised, Model, Sequence, Settings, denoise};

@@ -29,7 +29,7 @@ const fn column(name: &'static str, entry: &'static str) -> Kernel {
 }
 
 #[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 struct Params {
     width: u32,
     height: u32,

@@ -16,11 +16,11 @@ mod line;
 mod spectral;
 mod strip;
 
+#[cfg(feature = "gpu")]
+pub(crate) use gpu::DeviceStrip;
 pub use line::LineTransform;
 pub use spectral::SpectralSolver;
 pub use strip::StripSolver;
-#[cfg(feature = "gpu")]
-pub(crate) use gpu::DeviceStrip;
 pub(crate) use strip::{Block, RowScratch};
 
 use photofit_scalar::Real;

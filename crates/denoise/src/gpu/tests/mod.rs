@@ -13,14 +13,19 @@ fn random(seed: u64, n: usize, size: f32) -> Vec<f32> {
     (0..n).map(|_| rng.uniform(-size, size)).collect()
 }
 
+/// The largest of some numbers that are not negative; infinity where one is not a number.
+fn worst(of: impl Iterator<Item = f64>) -> f64 {
+    of.fold(0.0, |most, v| if v.is_nan() { f64::INFINITY } else { v.max(most) })
+}
+
 /// The largest difference.
 fn distance(a: &[f32], b: &[f32]) -> f64 {
     assert_eq!(a.len(), b.len(), "as many values");
-    a.iter().zip(b).map(|(a, b)| f64::from(a - b).abs()).fold(0.0, f64::max)
+    worst(a.iter().zip(b).map(|(a, b)| f64::from(a - b).abs()))
 }
 
 fn largest(a: &[f32]) -> f64 {
-    a.iter().map(|a| f64::from(a.abs())).fold(0.0, f64::max)
+    worst(a.iter().map(|a| f64::from(a.abs())))
 }
 
 fn bits(a: &[f32]) -> Vec<u32> {

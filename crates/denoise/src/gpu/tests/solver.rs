@@ -10,8 +10,19 @@ use photofit_gpu::{assert_twin, test_device};
 #[ignore = "gpu: needs an adapter"]
 fn linear_steps_agree() {
     let gpu = test_device();
-    let sizes =
-        [[2, 1], [2, 2], [4, 16], [6, 17], [30, 15], [50, 31], [128, 32], [90, 33], [1024, 5], [1280, 40], [2048, 3]];
+    let sizes = [
+        [2, 1],
+        [2, 2],
+        [4, 16],
+        [6, 17],
+        [30, 15],
+        [50, 31],
+        [128, 32],
+        [90, 33],
+        [1024, 5],
+        [1280, 40],
+        [2048, 3],
+    ];
     for (seed, [width, height]) in sizes.into_iter().enumerate() {
         for (c0, c1) in [(1.0, 0.0), (2.0, 1.0), (0.05, 3.0), (1e-3, 1.0)] {
             let symbol = Symbol { c0, c1, c2: 0.0 };
@@ -53,7 +64,9 @@ fn maps(shape: Shape, seed: u64, planes: usize, holes: bool) -> Weight<f32> {
 /// The problems of the twin: data terms, weights, couplings, holes, sizes.
 fn check(each: impl Fn(&str, Problem<'_, f32>, usize)) {
     for (k, (width, height, channels)) in
-        [(1, 1, 1), (1, 9, 3), (17, 1, 3), (31, 33, 3), (64, 48, 2), (97, 50, 1), (40, 64, 5)].into_iter().enumerate()
+        [(1, 1, 1), (1, 9, 3), (17, 1, 3), (31, 33, 3), (64, 48, 2), (97, 50, 1), (40, 64, 5)]
+            .into_iter()
+            .enumerate()
     {
         let (shape, seed) = (Shape::new(width, height, channels), 10 * k as u64);
         let target = picture(shape, seed, 1.0);
