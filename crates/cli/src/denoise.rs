@@ -1,13 +1,17 @@
 //! `photofit denoise`: a clean picture from a noisy rendering and its feature layers.
 
 use crate::aov::{Kind, Layers, Planes};
-use crate::args::{Denoise, DenoiseModel};
+use crate::args::{Denoise, DenoiseModel, Device};
+use crate::device::{self, Gpu};
 use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::Terminal;
 use crate::status::Misuse;
 use crate::{sequence, threads};
 use anyhow::{Result, anyhow, bail};
+use photofit_denoise::DenoiseError;
+#[cfg(feature = "gpu")]
+use photofit_denoise::mc::denoise_on;
 use photofit_denoise::mc::{
     Denoised, Frame, Guides, Model, Sequence, Settings, Stage, VariationalModel, denoise,
 };
@@ -69,6 +73,8 @@ pub(crate) fn run(a: &Denoise) -> Result<()> {
         .writes("--json", a.json.as_deref());
     places.check()?;
     threads::set(a.threads)?;
+    let (gpu, why) = device::gpu(&a.device)?;
+    let gpu = gpu.as_ref();
     let files = Files {
         color: a.input.clone(),
         guides: [
@@ -101,14 +107,14 @@ pub(crate) fn run(a: &Denoise) -> Result<()> {
     };
     let progress = Terminal::new();
     let (last, result, seconds) = match &a.sequence {
-        Some(cameras) => over_sequence(&files, cameras, settings, &places, &progress, check)?,
+        Some(cameras) => over_sequence(gpu, &files, cameras, settings, &places, &progress, check)?,
         None => {
             let loaded = load(&files)?;
             check(&loaded)?;
             progress.report("denoise", 0, 1, "");
             let began = Instant::now();
             let result =
-                denoise(&loaded.frame(), &settings).map_err(|e| anyhow!("{}: {e}", a.input.display()))?;
+                one(gpu, &loaded.frame(), &settings).map_err(|e| anyhow!("{}: {e}", a.input.display()))?;
             (loaded, result, began.elapsed().as_secs_f64())
         }
     };
@@ -118,7 +124,12 @@ pub(crate) fn run(a: &Denoise) -> Result<()> {
         text += &result.plan.to_string();
         last.sources.iter().for_each(|(kind, from)| text += &format!("{kind} from {from}\n"));
     }
+    let told = told(gpu, &why, &result);
+    if a.device != Device::Cpu {
+        text += &format!("device: {told}\n");
+    }
     let mut value = json_of(a, &last, &result, seconds);
+    value["device"] = json!(told);
     if let Some((_, reference)) = &reference {
         progress.report("compare", 0, 1, "");
         let clean = Image::from_planes(last.width, last.height, &result.color);
@@ -142,6 +153,36 @@ pub(crate) fn run(a: &Denoise) -> Result<()> {
     print(&text)
 }
 
+/// Denoises one picture.
+fn one(gpu: Option<&Gpu>, frame: &Frame<'_>, settings: &Settings) -> Result<Denoised, DenoiseError> {
+    match gpu {
+        #[cfg(feature = "gpu")]
+        Some(gpu) => denoise_on(gpu, frame, settings),
+        #[cfg(not(feature = "gpu"))]
+        Some(never) => match *never {},
+        None => denoise(frame, settings),
+    }
+}
+
+/// Denoises the last frame of a sequence.
+fn last_of(gpu: Option<&Gpu>, history: &Sequence) -> Option<Result<Denoised, DenoiseError>> {
+    match gpu {
+        #[cfg(feature = "gpu")]
+        Some(gpu) => history.denoise_on(gpu),
+        #[cfg(not(feature = "gpu"))]
+        Some(never) => match *never {},
+        None => history.denoise(),
+    }
+}
+
+/// Where it ran, and why.
+fn told(gpu: Option<&Gpu>, why: &str, result: &Denoised) -> String {
+    match result.plan.step("device").filter(|_| gpu.is_some()) {
+        Some(step) => step.why.clone(),
+        None => format!("CPU: {why}"),
+    }
+}
+
 fn model(m: DenoiseModel) -> Model {
     match m {
         DenoiseModel::Auto => Model::Auto,
@@ -155,6 +196,7 @@ fn model(m: DenoiseModel) -> Model {
 
 /// Denoises the last of the frames that lead to it.
 fn over_sequence(
+    gpu: Option<&Gpu>,
     files: &Files,
     cameras: &Path,
     settings: Settings,
@@ -198,7 +240,7 @@ fn over_sequence(
     }
     progress.report("denoise", 0, 1, "");
     let began = Instant::now();
-    let (Some(loaded), Some(result)) = (last, history.denoise()) else {
+    let (Some(loaded), Some(result)) = (last, last_of(gpu, &history)) else {
         bail!("{}: no frame up to {}", cameras.display(), files.color.display());
     };
     let result = result.map_err(|e| anyhow!("{}: {e}", files.color.display()))?;

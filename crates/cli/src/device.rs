@@ -1,4 +1,4 @@
-//! `--device` and `inspect --devices`: where a fit runs, and what there is to choose from.
+//! `--device` and `inspect --devices`: where a fit or a denoiser runs, and what there is to choose from.
 
 use crate::args::Device as Choice;
 #[cfg(feature = "gpu")]
@@ -7,41 +7,59 @@ use crate::output::{self, print};
 use crate::status::Misuse;
 use anyhow::Result;
 use photofit_fit::simplify::Device;
+#[cfg(feature = "gpu")]
+pub(crate) use photofit_gpu::Gpu;
 use serde_json::{Value, json};
 use std::path::Path;
+
+/// A program without GPUs never has one.
+#[cfg(not(feature = "gpu"))]
+pub(crate) type Gpu = std::convert::Infallible;
 
 /// What is told without asking drivers.
 #[cfg(feature = "gpu")]
 const NO_HARDWARE: &str = "--device gpu: no GPU adapter in hardware: this machine has no GPU; inspect --devices lists adapters in \
                            software, which --device gpu:NAME takes";
 
-/// The device of a choice. One that was asked for and cannot be had is a wrong command line.
-#[cfg(feature = "gpu")]
+/// The device of a fit. One that was asked for and cannot be had is a wrong command line.
 pub(crate) fn choose(choice: &Choice) -> Result<Device> {
-    use photofit_gpu::{Choice as Adapter, Gpu};
+    Ok(match gpu(choice)? {
+        #[cfg(feature = "gpu")]
+        (Some(gpu), why) => Device::gpu(gpu, *choice != Choice::Auto, &why),
+        #[cfg(not(feature = "gpu"))]
+        (Some(never), _) => match never {},
+        (None, why) => Device::cpu(&why),
+    })
+}
+
+/// The GPU of a choice, none for the CPU; and why it is that. One that was asked for and cannot be had is a wrong command line.
+#[cfg(feature = "gpu")]
+pub(crate) fn gpu(choice: &Choice) -> Result<(Option<Gpu>, String)> {
+    use photofit_gpu::Choice as Adapter;
+    let said = || "as --device says".to_owned();
     let required = |option: &str, adapter: Adapter| {
         let gpu = Gpu::new(&adapter).map_err(|e| Misuse(format!("--device {option}: {e}")))?;
-        Ok(Device::gpu(gpu, true, "as --device says"))
+        Ok((Some(gpu), said()))
     };
     match choice {
-        Choice::Cpu => Ok(Device::cpu("as --device says")),
+        Choice::Cpu => Ok((None, said())),
         Choice::Gpu if !may_have_hardware() => Err(Misuse(NO_HARDWARE.into()).into()),
         Choice::Gpu => required("gpu", Adapter::Hardware),
         Choice::Named(name) => required(&format!("gpu:{name}"), Adapter::Named(name.clone())),
-        Choice::Auto if !may_have_hardware() => Ok(Device::cpu("this machine has no GPU")),
+        Choice::Auto if !may_have_hardware() => Ok((None, "this machine has no GPU".into())),
         Choice::Auto => Ok(match Gpu::new(&Adapter::Hardware) {
-            Ok(gpu) => Device::gpu(gpu, false, "the first GPU in hardware"),
-            Err(e) => Device::cpu(&e.to_string()),
+            Ok(gpu) => (Some(gpu), "the first GPU in hardware".into()),
+            Err(e) => (None, e.to_string()),
         }),
     }
 }
 
-/// The device of a choice, of a program that knows the CPU alone.
+/// The GPU of a choice, of a program that knows the CPU alone.
 #[cfg(not(feature = "gpu"))]
-pub(crate) fn choose(choice: &Choice) -> Result<Device> {
+pub(crate) fn gpu(choice: &Choice) -> Result<(Option<Gpu>, String)> {
     match choice {
-        Choice::Auto => Ok(Device::cpu("this program was built without GPUs")),
-        Choice::Cpu => Ok(Device::cpu("as --device says")),
+        Choice::Auto => Ok((None, "this program was built without GPUs".into())),
+        Choice::Cpu => Ok((None, "as --device says".into())),
         Choice::Gpu => Err(Misuse("--device gpu: this program was built without GPUs".into()).into()),
         Choice::Named(name) => {
             Err(Misuse(format!("--device gpu:{name}: this program was built without GPUs")).into())

@@ -47,6 +47,17 @@ pub enum DenoiseError {
         "has neither positions nor depths of a camera that can be inverted; a frame of a sequence must have one of them"
     )]
     Unplaced,
+    /// A problem has parts that no kernel solves.
+    #[cfg(feature = "gpu")]
+    #[error("{what} have no kernels")]
+    NotOnDevice {
+        /// The parts.
+        what: String,
+    },
+    /// The device failed or refused a buffer or a kernel.
+    #[cfg(feature = "gpu")]
+    #[error(transparent)]
+    Device(#[from] photofit_gpu::GpuError),
     /// The image has no pixels or too many.
     #[error("an image of {shape} has no pixels, no channels or more than 2^31 samples")]
     Size {

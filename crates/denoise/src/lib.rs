@@ -20,6 +20,8 @@
 pub mod admm;
 mod error;
 mod field;
+#[cfg(feature = "gpu")]
+mod gpu;
 pub mod mc;
 pub mod models;
 pub mod operators;
@@ -30,3 +32,5 @@ mod wide;
 
 pub use error::DenoiseError;
 pub use field::{Shape, check_finite, mask_non_finite};
+#[cfg(feature = "gpu")]
+pub use gpu::KERNELS;

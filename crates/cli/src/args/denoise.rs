@@ -1,6 +1,7 @@
 //! The options of `photofit denoise`.
 
-use super::values::{ending, whole};
+use super::Device;
+use super::values::{device, ending, whole};
 use clap::builder::PossibleValuesParser;
 use clap::{Args, ValueEnum};
 use photofit_denoise::mc::Stage;
@@ -69,6 +70,11 @@ pub(crate) struct Denoise {
     /// A clean picture to compare with: PSNR, SSIM, FLIP, RMSE.
     #[arg(long, value_name = "REF")]
     pub(crate) compare: Option<PathBuf>,
+    /// Where it runs: cpu, gpu (hardware), gpu:NAME (the first adapter whose name or driver holds NAME, also one in
+    /// software), or auto: a GPU in hardware if there is one, else the CPU. A GPU solves rof, tvl1 and hybrid; what it
+    /// cannot do runs on the CPU, and the report says so.
+    #[arg(long, value_name = "DEVICE", default_value = "cpu", value_parser = device)]
+    pub(crate) device: Device,
     /// Threads; the picture is the same for any number [range: 1 to 1024] [default: all cores].
     #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
     pub(crate) threads: Option<u16>,

@@ -104,7 +104,7 @@ pub(crate) fn seconds(text: &str) -> Result<Duration, String> {
     number(above_to(0.0, MOST_SECONDS))(text).map(Duration::from_secs_f64)
 }
 
-/// Where a fit runs.
+/// Where a fit or a denoiser runs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Device {
     /// A GPU in hardware, else the CPU.

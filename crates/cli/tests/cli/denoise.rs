@@ -343,3 +343,41 @@ fn bad_input_is_named() {
     assert_eq!(json_file(&d.join("o.json"))["holes"], json!(2));
     assert!(read(d.join("o.exr")).unwrap().is_finite());
 }
+
+#[test]
+fn a_device_gives_what_the_cpu_gives_or_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    let scene = SyntheticFrame::new(COLS, ROWS, 0.0);
+    write(&d.join("c.exr"), &[("", &scene.noisy(4, 1), RGB)]);
+    let none = ["denoise", "c.exr", "-o", "o.exr", "--device", "gpu:no such GPU"];
+    assert_misuse(&photofit(d, &none), "no such GPU", &["--device gpu:no such GPU"]);
+    assert!(!names(d).contains(&"o.exr".to_owned()), "nothing was written");
+    let report = |model: &str, device: &str, out: &str| {
+        let o = ["denoise", "c.exr", "-o", out, "--model", model, "--device", device, "--json", "o.json"];
+        let text = stdout(&succeeds(d, &o));
+        (
+            text,
+            json_file(&d.join("o.json"))["device"].as_str().unwrap().to_owned(),
+            read(d.join(out)).unwrap(),
+        )
+    };
+    let (text, told, cpu) = report("hybrid", "cpu", "cpu.exr");
+    assert!(!text.contains("device:") && told == "CPU: as --device says", "{text}{told}");
+    // With any hardware or none.
+    assert!(report("hybrid", "auto", "auto.exr").0.contains("device: "));
+    // In software where Mesa is there.
+    let software = ["denoise", "c.exr", "-o", "o.exr", "--model", "hybrid", "--device", "gpu:llvmpipe"];
+    let o = photofit(d, &software);
+    if !o.status.success() {
+        assert_misuse(&o, "no software driver", &["--device gpu:llvmpipe", "no GPU adapter"]);
+        return;
+    }
+    let (text, told, gpu) = report("hybrid", "gpu:llvmpipe", "gpu.exr");
+    assert!(text.contains("device: llvmpipe") && told.contains("one submission"), "{text}{told}");
+    assert!(rmse(&cpu, &gpu) < 1e-5, "{}", rmse(&cpu, &gpu));
+    // A model without kernels.
+    let (text, told, auto) = report("auto", "gpu:llvmpipe", "gpu.exr");
+    assert!(text.contains("no kernels") && told.contains("CPU"), "{text}{told}");
+    assert_eq!(auto, report("auto", "cpu", "cpu.exr").2);
+}

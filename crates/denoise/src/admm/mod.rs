@@ -16,6 +16,8 @@
 
 mod energy;
 mod exact;
+#[cfg(feature = "gpu")]
+pub(crate) mod gpu;
 mod penalties;
 mod plan;
 mod problem;
@@ -26,6 +28,8 @@ mod stop;
 mod survey;
 mod sweep;
 
+#[cfg(feature = "gpu")]
+pub use gpu::{DeviceAdmm, solve_on};
 pub use penalties::{LinearStep, Penalties, contrast};
 pub use plan::{AdmmPlan, ChannelPlan};
 pub use problem::{Coupling, DataTerm, Guide, Problem, Weight};

@@ -36,24 +36,24 @@ const FLAT: f64 = 1e-2;
 /// # Ok::<(), photofit_denoise::DenoiseError>(())
 /// ```
 pub struct Admm<T: Sample> {
-    shape: Shape,
-    plan: AdmmPlan,
-    penalties: Penalties,
-    coupling: Coupling,
-    channels: Vec<usize>,
+    pub(super) shape: Shape,
+    pub(super) plan: AdmmPlan,
+    pub(super) penalties: Penalties,
+    pub(super) coupling: Coupling,
+    pub(super) channels: Vec<usize>,
     frozen: Vec<bool>,
     /// Added back to each channel of the solution.
-    offsets: Vec<T>,
-    target: Vec<T>,
-    data: DataTerm<T>,
-    weights: [Option<Weight<T>>; 3],
+    pub(super) offsets: Vec<T>,
+    pub(super) target: Vec<T>,
+    pub(super) data: DataTerm<T>,
+    pub(super) weights: [Option<Weight<T>>; 3],
     guide: Vec<T>,
     /// Squared norm of the target of each solved channel without its mean, over the samples that are read.
     contrast: Vec<f64>,
     /// Samples of the target that are not finite, and so must stay holes.
     unreadable: Vec<usize>,
     /// `1 / sqrt(k)` where `k` equal coupled channels are solved as one.
-    merged: f64,
+    pub(super) merged: f64,
     /// The estimate before the first step, if it is not the target.
     start: Option<Vec<T>>,
     /// `None` if no channel is solved.
@@ -121,7 +121,55 @@ impl<T: Sample> Admm<T> {
         Self::build(problem.clone(), penalties, start, linear, Survey::new(problem))
     }
 
+    /// As [`Self::owning`] with the exact step, without what takes the steps.
+    #[cfg(feature = "gpu")]
+    pub(super) fn without_engine(problem: &Problem<'_, T>) -> Result<Self, DenoiseError> {
+        problem.check()?;
+        let survey = Survey::new(problem);
+        let penalties = Penalties::at_contrast(problem, survey.contrast);
+        Self::stated(problem.clone(), penalties, None, LinearStep::Exact, survey)
+    }
+
     fn build(
+        problem: Problem<'_, T>,
+        penalties: Penalties,
+        start: Option<&[T]>,
+        linear: LinearStep,
+        survey: Survey,
+    ) -> Result<Self, DenoiseError> {
+        let mut admm = Self::stated(problem, penalties, start, linear, survey)?;
+        if !admm.channels.is_empty() {
+            let engine = if admm.plan.sweep {
+                Engine::Sweep(Sweep::new(&admm.frame(false)))
+            } else {
+                let solver = StripSolver::new(admm.plan.padded_width, admm.shape.height, admm.symbol());
+                Engine::Exact(Exact::new(&admm.frame(false), solver))
+            };
+            admm.engine = Some(engine);
+        }
+        admm.plan.bytes = size_of_val(admm.target.as_slice())
+            + size_of_val(admm.guide.as_slice())
+            + match &admm.engine {
+                Some(Engine::Exact(exact)) => exact.bytes(),
+                Some(Engine::Sweep(sweep)) => sweep.bytes(),
+                None => 0,
+            };
+        Ok(admm)
+    }
+
+    /// The system of the linear step.
+    pub(super) fn symbol(&self) -> Symbol {
+        let (plan, p) = (&self.plan, self.penalties);
+        let used = |on: bool, t: f64| if on { t } else { 0.0 };
+        Symbol {
+            c0: p.data,
+            c1: used(plan.gradient, p.gradient) + used(plan.guide, p.guide),
+            c2: used(plan.hessian, p.hessian),
+        }
+    }
+
+    /// The state before the first step, without what takes the steps.
+    fn stated(
         problem: Problem<'_, T>,
         penalties: Penalties,
         start: Option<&[T]>,
@@ -144,8 +192,6 @@ impl<T: Sample> Admm<T> {
             };
             DenoiseError::setting(setting, t, "positive where the term is on", !on || t > 0.0)?;
         }
-        let used = |k: usize| if on[k] { t[k] } else { 0.0 };
-        let symbol = Symbol { c0: penalties.data, c1: used(0) + used(2), c2: used(1) };
         let channels = plan.solved();
         let same = plan.channels.iter().filter(|c| matches!(c, ChannelPlan::SameAs(_))).count();
         let merged = match problem.coupling {
@@ -160,10 +206,14 @@ impl<T: Sample> Admm<T> {
             plane.iter().enumerate().filter(|(i, _)| read(*c, *i)).map(|(_, v)| square(v)).sum()
         };
         let contrast = channels.iter().zip(target.chunks(n)).map(contrast_of).collect();
+        let stiffness = if plan.gradient { penalties.gradient } else { 0.0 }
+            + if plan.guide { penalties.guide } else { 0.0 };
         let sweep = match linear {
             LinearStep::Exact => false,
             LinearStep::Sweep => true,
-            LinearStep::Auto => !plan.hessian && full(&problem.data) && symbol.c1 <= STIFFEST * symbol.c0,
+            LinearStep::Auto => {
+                !plan.hessian && full(&problem.data) && stiffness <= STIFFEST * penalties.data
+            }
         };
         let hessian = f64::from(u8::from(plan.hessian));
         DenoiseError::setting("the Hessian", hessian, "off for the sweep", !(sweep && plan.hessian))?;
@@ -175,7 +225,7 @@ impl<T: Sample> Admm<T> {
         };
         let weights =
             [problem.alpha.filter(|_| plan.gradient), problem.beta.filter(|_| plan.hessian), guide_weight];
-        let mut admm = Self {
+        Ok(Self {
             shape,
             penalties,
             coupling: problem.coupling,
@@ -192,26 +242,8 @@ impl<T: Sample> Admm<T> {
             engine: None,
             steps: 0,
             channels,
-            plan: plan.clone(),
-        };
-        if !admm.channels.is_empty() {
-            let engine = if sweep {
-                Engine::Sweep(Sweep::new(&admm.frame(false)))
-            } else {
-                let solver = StripSolver::new(plan.padded_width, shape.height, symbol);
-                Engine::Exact(Exact::new(&admm.frame(false), solver))
-            };
-            admm.engine = Some(engine);
-        }
-        plan.bytes = size_of_val(admm.target.as_slice())
-            + size_of_val(admm.guide.as_slice())
-            + match &admm.engine {
-                Some(Engine::Exact(exact)) => exact.bytes(),
-                Some(Engine::Sweep(sweep)) => sweep.bytes(),
-                None => 0,
-            };
-        admm.plan = plan;
-        Ok(admm)
+            plan,
+        })
     }
 
     /// What the problem needed.
@@ -406,7 +438,7 @@ impl<T: Sample> Admm<T> {
     }
 
     /// The solved channel that a channel of the solution is taken from, and its place in the problem.
-    fn lane_of(&self, plane: usize) -> Option<(usize, usize)> {
+    pub(super) fn lane_of(&self, plane: usize) -> Option<(usize, usize)> {
         let source = match self.plan.channels[plane] {
             ChannelPlan::SameAs(source) => source,
             ChannelPlan::Solved | ChannelPlan::Constant => plane,

@@ -4,17 +4,30 @@
 
 use super::black::classes;
 use super::coherence::{SHARPNESS, auxiliary_weight};
+#[cfg(feature = "gpu")]
+use super::gpu::{Means, solve_model};
 use super::noise::{log_sigma, mad_sigma};
-use super::pipeline::{LEFT_OUT, Settings};
+use super::pipeline::{Gpu, LEFT_OUT, Settings};
 use super::prepare::Prepared;
+#[cfg(feature = "gpu")]
+use super::variational::problem;
 use super::variational::{VariationalModel, adaptive_weight, choose_by_halves, minimise};
 use super::window::blur_mean;
 use super::{Plan, Stage, divisor};
 use crate::DenoiseError;
+#[cfg(feature = "gpu")]
+use crate::admm::solve_on;
 use std::borrow::Cow;
+
+/// Deviation of the window of the means in pixels.
+const SIGMA: f32 = 8.0;
+
+/// What the plan says where they are not restored.
+pub(super) const NOT_RESTORED: &str = "restoring it is switched off";
 
 /// Irradiance by a convex model, and its `c`.
 pub(super) fn variational(
+    gpu: Option<&Gpu>,
     model: VariationalModel,
     p: &mut Prepared<'_>,
     settings: &Settings,
@@ -50,6 +63,12 @@ pub(super) fn variational(
         // A half has twice the variance of the mean.
         let wide: Vec<f32> = sigma.iter().map(|s| s * std::f32::consts::SQRT_2).collect();
         let alpha = adaptive_weight(c, &wide, &auxiliary);
+        #[cfg(feature = "gpu")]
+        if let Some(Ok(u)) =
+            gpu.map(|gpu| solve_on(gpu, &problem(model, p.shape, target, mask, alpha.clone()), iterations))
+        {
+            return Ok(u);
+        }
         minimise(model, p.shape, Cow::Borrowed(target), mask, alpha, iterations)
     })?;
     DenoiseError::setting(
@@ -60,6 +79,20 @@ pub(super) fn variational(
     )?;
     let alpha = adaptive_weight(strength, &sigma, &auxiliary);
     drop((sigma, auxiliary));
+    #[cfg(feature = "gpu")]
+    if let Some(gpu) = gpu {
+        let problem = problem(model, p.shape, &target, mask, alpha.clone());
+        let means = Means { noisy: &p.irradiance, weight: mask, black: &p.black, sigma: SIGMA };
+        if let Some(u) =
+            solve_model(gpu, &problem, iterations, settings.restore_mean.then_some(&means), plan)?
+        {
+            return Ok((u, strength));
+        }
+    }
+    #[cfg(not(feature = "gpu"))]
+    if let Some(never) = gpu {
+        match *never {}
+    }
     // Made again from the albedo afterwards.
     p.divisor = None;
     let mut u = plan.stage("solver", || {
@@ -68,20 +101,29 @@ pub(super) fn variational(
     })?;
     let demodulated = p.features.albedo.as_deref().filter(|_| !settings.without.has(Stage::Demodulation));
     p.divisor = demodulated.map(divisor);
-    u.iter_mut().for_each(|v| *v = v.max(0.0).exp_m1());
     match settings.restore_mean {
         true => plan.stage("mean", || {
-            // A lamp in the mean of what is around would show as a frame.
-            let [others, own] = classes(mask, &p.black);
-            restore_mean(&mut u, &p.irradiance, &others, p.shape.width, |i| own[i] == 0.0);
-            if !p.black.is_empty() {
-                restore_mean(&mut u, &p.irradiance, &own, p.shape.width, |i| own[i] > 0.0);
-            }
+            way_back(&mut u, p.shape.width, Some((&p.irradiance, mask, &p.black)));
             ((), "local means of the noisy picture")
         }),
-        false => plan.skip("mean", "restoring it is switched off"),
+        false => {
+            way_back(&mut u, p.shape.width, None);
+            plan.skip("mean", NOT_RESTORED);
+        }
     }
     Ok((u, strength))
+}
+
+/// From logarithms to irradiance; with the noisy irradiance, its mask and the black pixels the local means are restored.
+pub(crate) fn way_back(u: &mut [f32], width: usize, means: Option<(&[f32], &[f32], &[usize])>) {
+    u.iter_mut().for_each(|v| *v = v.max(0.0).exp_m1());
+    let Some((noisy, mask, black)) = means else { return };
+    // A lamp in the mean of what is around would show as a frame.
+    let [others, own] = classes(mask, black);
+    restore_mean(u, noisy, &others, width, |i| own[i] == 0.0);
+    if !black.is_empty() {
+        restore_mean(u, noisy, &own, width, |i| own[i] > 0.0);
+    }
 }
 
 /// 1 where there is a sample, 0 at holes; `None` where the weights are that already.
@@ -139,7 +181,6 @@ fn strength(
 /// `u G(L)/G(u)` with a Gaussian of sigma 8: total variation of logarithms darkens, for the logarithm is concave. Only
 /// pixels that are `of` the class with `weight`.
 fn restore_mean(u: &mut [f32], noisy: &[f32], weight: &[f32], width: usize, of: impl Fn(usize) -> bool) {
-    const SIGMA: f32 = 8.0;
     let n = weight.len();
     for (u, l) in u.chunks_mut(n).zip(noisy.chunks(n)) {
         let (bright, dark) = (blur_mean(l, weight, width, SIGMA), blur_mean(u, weight, width, SIGMA));

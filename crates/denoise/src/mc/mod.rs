@@ -26,6 +26,8 @@ mod feature_noise;
 mod firefly;
 mod frame;
 mod gaussian;
+#[cfg(feature = "gpu")]
+pub(crate) mod gpu;
 mod log_domain;
 mod noise;
 mod peaks;
@@ -50,7 +52,11 @@ pub use camera::Camera;
 pub use coherence::{SHARPNESS, blended_weight, curvature};
 pub use demodulate::{ALBEDO_FLOOR, demodulate, divisor, remodulate};
 pub use frame::{Frame, Guides};
+#[cfg(all(test, feature = "gpu"))]
+pub(crate) use log_domain::way_back;
 pub use noise::{log_sigma, mad_sigma};
+#[cfg(feature = "gpu")]
+pub use pipeline::denoise_on;
 pub use pipeline::{Denoised, Model, Sequence, Settings, denoise};
 pub use plan::{Plan, Step};
 pub use stage::{Stage, Stages};

@@ -20,6 +20,12 @@ use rayon::prelude::{
 };
 use std::borrow::Cow;
 
+#[cfg(feature = "gpu")]
+pub(super) use photofit_gpu::Gpu;
+/// Without the feature there is no device.
+#[cfg(not(feature = "gpu"))]
+pub(super) type Gpu = std::convert::Infallible;
+
 /// What the plan says of a stage that the settings leave out, and of one that the other models do not have.
 pub(super) const LEFT_OUT: &str = "left out by the settings";
 pub(super) const PART_OF_AUTO: &str = "part of the automatic model";
@@ -100,10 +106,25 @@ pub struct Denoised {
 /// # Errors
 /// If a plane has a wrong length, or a setting is out of range.
 pub fn denoise(frame: &Frame<'_>, settings: &Settings) -> Result<Denoised, DenoiseError> {
+    denoise_at(None, frame, settings)
+}
+
+/// [`denoise`] with what a device has kernels for on that device: the solver, the exponential and the local means of the models
+/// with total variation (`rof`, `tvl1`, `hybrid`). What it has none for, or no room, runs on the CPU; the line `device` of
+/// the plan tells it.
+///
+/// # Errors
+/// As [`denoise`].
+#[cfg(feature = "gpu")]
+pub fn denoise_on(gpu: &Gpu, frame: &Frame<'_>, settings: &Settings) -> Result<Denoised, DenoiseError> {
+    denoise_at(Some(gpu), frame, settings)
+}
+
+fn denoise_at(gpu: Option<&Gpu>, frame: &Frame<'_>, settings: &Settings) -> Result<Denoised, DenoiseError> {
     let mut plan = Plan::default();
     let prepared = Prepared::of(frame, settings, None, &mut plan)?;
     plan.skip("history", "a single frame");
-    filter(prepared, settings, plan)
+    filter(gpu, prepared, settings, plan)
 }
 
 /// A sequence of frames of a static scene under a moving camera.
@@ -179,6 +200,19 @@ impl Sequence {
     /// # Errors
     /// If a setting is out of range.
     pub fn denoise(&self) -> Option<Result<Denoised, DenoiseError>> {
+        self.denoise_at(None)
+    }
+
+    /// [`Self::denoise`] on a device, as [`denoise_on`].
+    ///
+    /// # Errors
+    /// If a setting is out of range.
+    #[cfg(feature = "gpu")]
+    pub fn denoise_on(&self, gpu: &Gpu) -> Option<Result<Denoised, DenoiseError>> {
+        self.denoise_at(Some(gpu))
+    }
+
+    fn denoise_at(&self, gpu: Option<&Gpu>) -> Option<Result<Denoised, DenoiseError>> {
         let (last, plan) = self.last.as_ref()?;
         let history = self.accumulator.as_ref()?;
         let (mut prepared, mut plan) = (last.copy(), plan.clone());
@@ -197,7 +231,7 @@ impl Sequence {
                 if known { "from the history" } else { "not known: no pixel has two frames" },
             );
         }
-        Some(filter(prepared, &self.settings, plan))
+        Some(filter(gpu, prepared, &self.settings, plan))
     }
 }
 
@@ -238,12 +272,24 @@ fn facing(position: &[f32], width: usize) -> Vec<f32> {
 }
 
 /// Runs the model and returns to radiance.
-fn filter(mut prepared: Prepared<'_>, settings: &Settings, mut plan: Plan) -> Result<Denoised, DenoiseError> {
+fn filter(
+    gpu: Option<&Gpu>,
+    mut prepared: Prepared<'_>,
+    settings: &Settings,
+    mut plan: Plan,
+) -> Result<Denoised, DenoiseError> {
+    let convex = match settings.model {
+        Model::Variational(model) => model != VariationalModel::Tgv,
+        Model::Auto | Model::Atrous => false,
+    };
+    if gpu.is_some() && !convex {
+        plan.skip("device", "this model has no kernels: it runs on the CPU");
+    }
     let mut strength = None;
     let mut estimate = match settings.model {
         Model::Auto => regression(&prepared, settings.without, &mut plan),
         Model::Variational(model) => {
-            let (u, c) = variational(model, &mut prepared, settings, &mut plan)?;
+            let (u, c) = variational(gpu.filter(|_| convex), model, &mut prepared, settings, &mut plan)?;
             strength = Some(c);
             u
         }

@@ -40,9 +40,14 @@ impl Plan {
     ) -> R {
         let began = Instant::now();
         let (result, why) = work();
+        self.timed(name, why, began);
+        result
+    }
+
+    /// A stage that ran since `began`.
+    pub(crate) fn timed(&mut self, name: &'static str, why: impl Into<String>, began: Instant) {
         let seconds = Some(began.elapsed().as_secs_f64());
         self.steps.push(Step { name, runs: true, why: why.into(), seconds });
-        result
     }
 
     /// Says anew what a stage that ran did, where later work changed it.

@@ -95,12 +95,23 @@ pub(super) fn minimise(
         solver.iterate(TGV_STEPS * iterations);
         return Ok(solver.solution());
     }
-    let problem = Problem::new(shape, &target, model.data(weight)).with_gradient(alpha).vectorial();
+    let problem = problem(model, shape, &target, weight, alpha);
     // Few steps: the absolute terms are stiff, for which sweeps take more of them.
     let mut admm = Admm::owning(problem, LinearStep::Exact)?;
     drop(target);
     admm.solve(Stop::Iterations(iterations));
     Ok(admm.into_solution())
+}
+
+/// What all models but TGV2 minimise.
+pub(super) fn problem<'a>(
+    model: VariationalModel,
+    shape: Shape,
+    target: &'a [f32],
+    weight: &[f32],
+    alpha: Vec<f32>,
+) -> Problem<'a, f32> {
+    Problem::new(shape, target, model.data(weight)).with_gradient(alpha).vectorial()
 }
 
 /// The entry of `grid` with the least error across two halves `A` and `B` of the samples:

@@ -10,10 +10,14 @@
 //! sweeps of a few multiplications, and does not care about the number of rows.
 
 mod banded;
+#[cfg(feature = "gpu")]
+pub(crate) mod gpu;
 mod line;
 mod spectral;
 mod strip;
 
+#[cfg(feature = "gpu")]
+pub(crate) use gpu::DeviceStrip;
 pub use line::LineTransform;
 pub use spectral::SpectralSolver;
 pub use strip::StripSolver;
