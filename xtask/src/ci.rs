@@ -9,6 +9,6 @@ pub(crate) fn run(no_test: bool) -> Result<()> {
     tidy::run()?;
     lint::run()?;
     shaders::run()?;
-    web::run()?;
+    web::run(false)?;
     if no_test { Ok(()) } else { tasks::test(false, false) }
 }

@@ -26,7 +26,8 @@ cargo xtask <task>
   tidy                      formatting, layers, module docs, file length, ARCHITECTURE.md, one glam
   lint                      clippy and rustdoc without warnings, the features of each library one by one, cargo-deny
   shaders                   the kernels of all crates, parsed and validated without a device
-  web                       compile the crates that work on arrays for browsers, where that target is installed
+  web [--browser]           compile the crates that work on arrays, with and without their kernels, for browsers, where
+                            that target is installed; --browser runs twins in headless Chromium
   test [--gpu] [--slow]     cargo test --workspace; --slow adds the ignored suites, --gpu requires an adapter
   golden report             compare all golden images, write target/golden/report.html
   golden accept NAME...     write the golden images named, by the CPU path
@@ -62,7 +63,7 @@ fn run(args: &[String]) -> Result<()> {
         "tidy" => no_args(rest).and_then(|()| tidy::run()),
         "lint" => no_args(rest).and_then(|()| lint::run()),
         "shaders" => no_args(rest).and_then(|()| shaders::run()),
-        "web" => no_args(rest).and_then(|()| web::run()),
+        "web" => web::run(flag(rest, &["--browser"])?.contains(&"--browser")),
         "test" => {
             let flags = flag(rest, &["--gpu", "--slow"])?;
             tasks::test(flags.contains(&"--gpu"), flags.contains(&"--slow"))

@@ -1,4 +1,6 @@
-//! Compiles the crates that work on arrays, with their kernels, for browsers.
+//! Compiles the crates that work on arrays, with their kernels, for browsers, and runs their twins in one.
+
+mod browser;
 
 use std::path::Path;
 use std::process::Command;
@@ -9,30 +11,39 @@ use crate::shell::run_cargo;
 
 const TARGET: &str = "wasm32-unknown-unknown";
 
-/// What needs neither files nor a blocking wait for a device.
-const CRATES: [&str; 10] = [
+/// What needs no files.
+const CRATES: [&str; 12] = [
     "photofit-scalar",
     "photofit-ktx2",
     "photofit-image",
     "photofit-texture",
     "photofit-sampling",
+    "photofit-gpu",
     "photofit-geometry",
     "photofit-rays",
     "photofit-shading",
     "photofit-optim",
     "photofit-denoise",
+    "photofit-raster",
 ];
 
-/// Checks the crates; says that it does not where the target is not installed.
-pub(crate) fn run() -> Result<()> {
+/// Packages that have kernels behind a feature `gpu`.
+const WITH_KERNELS: [&str; 5] =
+    ["photofit-geometry", "photofit-texture", "photofit-shading", "photofit-optim", "photofit-raster"];
+
+/// Checks the crates, and runs twins in a browser if asked; says that it does not where the target is not installed.
+pub(crate) fn run(in_browser: bool) -> Result<()> {
     if !is_installed()? {
         println!("SKIPPED: crates for browsers: `rustup target add {TARGET}`");
         return Ok(());
     }
     let packages = CRATES.iter().flat_map(|name| ["-p", *name]);
+    let features = WITH_KERNELS.map(|name| format!("{name}/gpu")).join(",");
     let args: Vec<&str> =
         ["check", "--target", TARGET, "--no-default-features"].into_iter().chain(packages).collect();
-    run_cargo(&args)
+    run_cargo(&args)?;
+    run_cargo(&[&args[..], &["--features", &features]].concat())?;
+    if in_browser { browser::run() } else { Ok(()) }
 }
 
 /// Whether the target's standard library is there.

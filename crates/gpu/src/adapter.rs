@@ -1,6 +1,8 @@
 //! The adapters of a machine, and the choice among them.
 
 use crate::GpuError;
+#[cfg(not(target_arch = "wasm32"))]
+use crate::wait::block_on;
 
 /// Which adapter a device is made from.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -69,7 +71,7 @@ pub struct AdapterReport {
     pub name: String,
     /// Kind of device.
     pub kind: AdapterKind,
-    /// Vulkan, Metal or DirectX 12.
+    /// Vulkan, Metal, DirectX 12, or WebGPU in a browser.
     pub backend: String,
     /// Driver and its version.
     pub driver: String,
@@ -118,7 +120,8 @@ impl AdapterReport {
             kind: AdapterKind::of(info.device_type),
             backend: info.backend.to_string(),
             driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
-            name: info.name,
+            // Browsers tell none.
+            name: if info.name.is_empty() { "an adapter without a name".into() } else { info.name },
             largest_binding: limits.max_storage_buffer_binding_size,
             largest_buffer: limits.max_buffer_size,
             storage_buffers: limits.max_storage_buffers_per_shader_stage,
@@ -131,28 +134,34 @@ impl AdapterReport {
 
 /// Drivers that are asked for adapters. OpenGL is left out: it lacks what kernels need.
 fn instance() -> wgpu::Instance {
-    let backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
+    let backends = wgpu::Backends::PRIMARY;
     wgpu::Instance::new(wgpu::InstanceDescriptor {
         backends,
         ..wgpu::InstanceDescriptor::new_without_display_handle()
     })
 }
 
-fn enumerate() -> Vec<(AdapterReport, wgpu::Adapter)> {
-    let adapters = pollster::block_on(instance().enumerate_adapters(wgpu::Backends::all()));
+async fn enumerate() -> Vec<(AdapterReport, wgpu::Adapter)> {
+    let adapters = instance().enumerate_adapters(wgpu::Backends::all()).await;
     let mut found: Vec<_> = adapters.into_iter().map(|a| (AdapterReport::new(&a), a)).collect();
     found.sort_by_key(|(report, _)| report.kind.rank());
     found
 }
 
-/// All adapters, the preferred kinds first.
+/// All adapters, the preferred kinds first. A browser is asked by [`adapters_found`].
+#[cfg(not(target_arch = "wasm32"))]
 pub fn adapters() -> Vec<AdapterReport> {
-    enumerate().into_iter().map(|(report, _)| report).collect()
+    block_on(adapters_found())
+}
+
+/// [`adapters()`] without blocking the thread.
+pub async fn adapters_found() -> Vec<AdapterReport> {
+    enumerate().await.into_iter().map(|(report, _)| report).collect()
 }
 
 /// The adapter of a choice.
-pub(crate) fn choose(choice: &Choice) -> Result<(AdapterReport, wgpu::Adapter), GpuError> {
-    let all = enumerate();
+pub(crate) async fn choose(choice: &Choice) -> Result<(AdapterReport, wgpu::Adapter), GpuError> {
+    let all = enumerate().await;
     let names: Vec<_> = all.iter().map(|(r, _)| format!("{} ({:?})", r.name, r.kind)).collect();
     let fits = |r: &AdapterReport| match choice {
         Choice::Hardware => r.kind != AdapterKind::Software,

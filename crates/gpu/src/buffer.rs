@@ -1,6 +1,7 @@
 //! Buffers of one element type.
 
 use crate::memory::Raw;
+use crate::wait::Answer;
 use crate::{Gpu, GpuError};
 use std::marker::PhantomData;
 use std::ops::Range;
@@ -139,11 +140,21 @@ impl Gpu {
         self.check()
     }
 
-    /// Waits for what was submitted and copies the elements back.
+    /// Waits for what was submitted and copies the elements back. A browser is asked by [`Self::fetch`].
     ///
     /// # Errors
     /// If a submitted command was refused or the device is lost.
+    #[cfg(not(target_arch = "wasm32"))]
     pub fn read<T: bytemuck::Pod>(&self, buffer: &Buffer<T>) -> Result<Vec<T>, GpuError> {
+        crate::wait::block_on(self.fetch(buffer))
+    }
+
+    /// [`Self::read`] as a future. It blocks the thread nowhere but outside of browsers, where drivers move on only when they
+    /// are waited for.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub async fn fetch<T: bytemuck::Pod>(&self, buffer: &Buffer<T>) -> Result<Vec<T>, GpuError> {
         let bytes = buffer.bytes();
         if bytes == 0 {
             return Ok(Vec::new());
@@ -157,19 +168,18 @@ impl Gpu {
         let mut out = vec![T::zeroed(); buffer.len];
         self.map(&staging, |data| {
             bytemuck::cast_slice_mut::<T, u8>(&mut out).copy_from_slice(&data[..bytes as usize]);
-        })?;
+        })
+        .await?;
         Ok(out)
     }
 
     /// Waits for the device and hands over the bytes of a staging buffer.
-    pub(crate) fn map(&self, staging: &wgpu::Buffer, take: impl FnOnce(&[u8])) -> Result<(), GpuError> {
-        let (sender, receiver) = std::sync::mpsc::channel();
-        staging.slice(..).map_async(wgpu::MapMode::Read, move |result| {
-            // The receiver lives until the answer is there.
-            drop(sender.send(result));
-        });
-        self.wait()?;
-        let mapped = receiver.recv().map_err(|e| GpuError::Device(e.to_string()))?;
+    pub(crate) async fn map(&self, staging: &wgpu::Buffer, take: impl FnOnce(&[u8])) -> Result<(), GpuError> {
+        let answer = Answer::new();
+        staging.slice(..).map_async(wgpu::MapMode::Read, answer.sender());
+        self.poll()?;
+        let mapped = answer.value().await;
+        self.check()?;
         mapped.map_err(|e| GpuError::Device(e.to_string()))?;
         let view = staging.slice(..).get_mapped_range().map_err(|e| GpuError::Device(e.to_string()))?;
         take(&view);

@@ -4,6 +4,7 @@ use crate::GpuError;
 use crate::adapter::{AdapterReport, Choice, choose};
 use crate::kernel::{Kernel, Reflection};
 use crate::memory::{Caps, Memory};
+use crate::wait::{Answer, refused, refused_in_time};
 use std::collections::{HashMap, VecDeque};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -53,10 +54,11 @@ pub(crate) struct Compiled {
 }
 
 impl Gpu {
-    /// Opens a device.
+    /// Opens a device. In a browser, [`Self::open`] does.
     ///
     /// # Errors
     /// [`GpuError::NoAdapter`] or [`GpuError::NoDevice`].
+    #[cfg(not(target_arch = "wasm32"))]
     pub fn new(choice: &Choice) -> Result<Self, GpuError> {
         Self::within(choice, Caps::NONE)
     }
@@ -65,8 +67,17 @@ impl Gpu {
     ///
     /// # Errors
     /// As [`Self::new`].
+    #[cfg(not(target_arch = "wasm32"))]
     pub fn within(choice: &Choice, caps: Caps) -> Result<Self, GpuError> {
-        let (mut report, adapter) = choose(choice)?;
+        crate::wait::block_on(Self::open(choice, caps))
+    }
+
+    /// [`Self::within`] without blocking the thread.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub async fn open(choice: &Choice, caps: Caps) -> Result<Self, GpuError> {
+        let (mut report, adapter) = choose(choice).await?;
         let no_device = |reason: String| GpuError::NoDevice { adapter: report.name.clone(), reason };
         if let Some(lack) = report.missing() {
             return Err(no_device(format!("it lacks {lack}")));
@@ -83,7 +94,7 @@ impl Gpu {
             required_limits: limits,
             ..wgpu::DeviceDescriptor::default()
         });
-        let (device, queue) = pollster::block_on(request).map_err(|e| no_device(e.to_string()))?;
+        let (device, queue) = request.await.map_err(|e| no_device(e.to_string()))?;
         let failure = Arc::new(Mutex::new(None));
         let keep = |failure: &Arc<Mutex<Option<GpuError>>>, error: GpuError| {
             failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
@@ -167,11 +178,30 @@ impl Gpu {
         &self.0.report
     }
 
-    /// Waits until everything submitted is done.
+    /// Waits until everything submitted is done. In a browser, [`Self::done`] does.
     ///
     /// # Errors
     /// If a command was refused or the device is lost.
+    #[cfg(not(target_arch = "wasm32"))]
     pub fn wait(&self) -> Result<(), GpuError> {
+        self.poll()
+    }
+
+    /// [`Self::wait`] as a future, which blocks the thread outside of browsers only.
+    ///
+    /// # Errors
+    /// As [`Self::wait`].
+    pub async fn done(&self) -> Result<(), GpuError> {
+        let answer = Answer::new();
+        let send = answer.sender();
+        self.0.queue.on_submitted_work_done(move || send(()));
+        self.poll()?;
+        answer.value().await;
+        self.check()
+    }
+
+    /// Lets the driver do everything submitted and call back; browsers do that by themselves, and this returns at once.
+    pub(crate) fn poll(&self) -> Result<(), GpuError> {
         let polled = self.0.device.poll(wgpu::PollType::wait_indefinitely());
         self.check()?;
         polled.map(|_| ()).map_err(|e| GpuError::Device(e.to_string()))
@@ -203,22 +233,43 @@ impl Gpu {
             return Ok(found.clone());
         }
         self.check()?;
-        let made = self.compile(kernel)?;
+        let reflection = self.fitting(kernel)?;
+        let make = || self.compile(kernel, reflection);
+        let made = refused(&self.0.device, wgpu::ErrorFilter::Validation, make)
+            .map_err(|e| kernel.error(e.to_string()))?;
         compiled.insert(key, made.clone());
         Ok(made)
     }
 
-    fn compile(&self, kernel: &Kernel) -> Result<Compiled, GpuError> {
+    /// Compiles a kernel before its first use. In a browser, what is wrong with it is told by name here alone: at its first use
+    /// it would be [`GpuError::Device`] of a later call.
+    ///
+    /// # Errors
+    /// If the kernel does not compile.
+    pub async fn prepare(&self, kernel: &Kernel) -> Result<(), GpuError> {
+        self.check()?;
+        let reflection = self.fitting(kernel)?;
+        let make = || self.compile(kernel, reflection);
+        let made = refused_in_time(&self.0.device, wgpu::ErrorFilter::Validation, make).await;
+        let made = made.map_err(|e| kernel.error(e.to_string()))?;
+        let mut compiled = self.0.compiled.lock().unwrap_or_else(PoisonError::into_inner);
+        compiled.entry((kernel.name, kernel.entry)).or_insert(made);
+        Ok(())
+    }
+
+    /// The bindings of a kernel, which the device can hold.
+    fn fitting(&self, kernel: &Kernel) -> Result<Reflection, GpuError> {
         let reflection = kernel.reflect()?;
-        let refuse = |reason: String| GpuError::Kernel { kernel: kernel.name.into(), reason };
         let limits = self.0.device.limits();
         let (bound, most) = (reflection.storage.len(), limits.max_storage_buffers_per_shader_stage);
         if bound > most as usize {
-            return Err(refuse(format!(
-                "binds {bound} storage buffers; {} takes {most}",
-                self.report().name
-            )));
+            let device = &self.report().name;
+            return Err(kernel.error(format!("binds {bound} storage buffers; {device} takes {most}")));
         }
+        Ok(reflection)
+    }
+
+    fn compile(&self, kernel: &Kernel, reflection: Reflection) -> Compiled {
         let uniform = wgpu::BindingType::Buffer {
             ty: wgpu::BufferBindingType::Uniform,
             has_dynamic_offset: true,
@@ -239,7 +290,6 @@ impl Gpu {
         let buffers = reflection.storage.iter().map(|(binding, written)| entry(*binding, storage(*written)));
         let entries: Vec<_> = params.into_iter().chain(buffers).collect();
         let device = &self.0.device;
-        let scope = device.push_error_scope(wgpu::ErrorFilter::Validation);
         let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some(kernel.name),
             entries: &entries,
@@ -261,9 +311,6 @@ impl Gpu {
             compilation_options: wgpu::PipelineCompilationOptions::default(),
             cache: None,
         });
-        match pollster::block_on(scope.pop()) {
-            Some(e) => Err(refuse(e.to_string())),
-            None => Ok(Compiled { pipeline, layout, reflection }),
-        }
+        Compiled { pipeline, layout, reflection }
     }
 }

@@ -2,7 +2,6 @@
 
 use crate::GpuError;
 use crate::adapter::STORAGE_BUFFERS;
-use wgpu::naga;
 
 /// Numbers the invocations of a dispatch: put first into [`Kernel::source`].
 pub const INDEX: &str = include_str!("wgsl/index.wgsl");
@@ -44,7 +43,7 @@ impl Kernel {
         self.source.join("\n")
     }
 
-    fn error(&self, reason: impl Into<String>) -> GpuError {
+    pub(crate) fn error(&self, reason: impl Into<String>) -> GpuError {
         GpuError::Kernel { kernel: self.name.into(), reason: reason.into() }
     }
 

@@ -39,16 +39,23 @@ mod device;
 mod error;
 mod kernel;
 mod memory;
+mod profile;
 mod record;
+#[cfg(not(target_arch = "wasm32"))]
 mod testing;
+mod wait;
 
-pub use adapter::{AdapterKind, AdapterReport, Choice, adapters};
+#[cfg(not(target_arch = "wasm32"))]
+pub use adapter::adapters;
+pub use adapter::{AdapterKind, AdapterReport, Choice, adapters_found};
 pub use buffer::{Bind, Buffer};
 pub use device::{Gpu, Traffic};
 pub use error::GpuError;
 pub use kernel::{FIXED, FIXED_READ, INDEX, Kernel, fixed_words, validate};
 pub use memory::Caps;
-pub use record::{Inlet, KernelReport, Recorder, Recording, Slot};
+pub use profile::KernelReport;
+pub use record::{Inlet, Recorder, Recording, Slot};
+#[cfg(not(target_arch = "wasm32"))]
 pub use testing::{assert_twin, run_device_tests, test_device};
 
 #[cfg(test)]

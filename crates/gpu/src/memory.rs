@@ -1,5 +1,6 @@
 //! What buffers take of a device's memory, and how much they may.
 
+use crate::wait::refused;
 use crate::{Gpu, GpuError};
 use std::ops::Deref;
 use std::sync::Arc;
@@ -67,17 +68,13 @@ impl Gpu {
             given_back();
             return Err(full());
         }
-        let scope = self.device().push_error_scope(wgpu::ErrorFilter::OutOfMemory);
-        let buffer = self.device().create_buffer(&wgpu::BufferDescriptor {
-            label: Some(name),
-            size: bytes,
-            usage,
-            mapped_at_creation: false,
-        });
-        if pollster::block_on(scope.pop()).is_some() {
+        let descriptor =
+            wgpu::BufferDescriptor { label: Some(name), size: bytes, usage, mapped_at_creation: false };
+        let make = || self.device().create_buffer(&descriptor);
+        let buffer = refused(self.device(), wgpu::ErrorFilter::OutOfMemory, make).map_err(|_| {
             given_back();
-            return Err(full());
-        }
+            full()
+        })?;
         Ok(Raw(Arc::new(Taken { buffer, bytes: counted, held: memory.held.clone() })))
     }
 }

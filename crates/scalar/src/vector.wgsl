@@ -2,7 +2,7 @@
 // normalisation with its adjoint.
 
 const MIN_POSITIVE: f32 = 1.17549435e-38;
-const MAX_FINITE: f32 = 3.40282347e+38;
+const MAX_FINITE: f32 = 0x1.fffffep+127;
 
 fn relu(x: f32) -> f32 {
     return select(0.0, x, x > 0.0);

@@ -32,7 +32,7 @@ fn channels(first: u32, end: u32) -> mat4x4<f32> {
     var out: mat4x4<f32>;
     for (var q = 0u; q < 4u; q++) {
         let c = 4u * q + vec4<u32>(0u, 1u, 2u, 3u);
-        out[q] = select(vec4<f32>(0.0), vec4<f32>(1.0), c >= vec4<u32>(first) & c < vec4<u32>(end));
+        out[q] = select(vec4<f32>(0.0), vec4<f32>(1.0), (c >= vec4<u32>(first)) & (c < vec4<u32>(end)));
     }
     return out;
 }

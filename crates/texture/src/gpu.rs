@@ -162,18 +162,30 @@ impl MipBuffers {
         gpu.write(&self.texels, bytemuck::cast_slice(&flat))
     }
 
-    /// Waits for the device and copies all levels back.
+    /// Waits for the device and copies all levels back. In a browser, [`Self::fetch`] does.
     ///
     /// # Errors
     /// If the device is lost.
+    #[cfg(not(target_arch = "wasm32"))]
     pub fn read(&self, gpu: &Gpu) -> Result<Pyramid<f32, CHANNELS>, GpuError> {
-        let flat = gpu.read(&self.texels)?;
-        let texels: &[[f32; CHANNELS]] = bytemuck::cast_slice(&flat);
+        Ok(self.pyramid(&gpu.read(&self.texels)?))
+    }
+
+    /// [`Self::read`] as a future, as [`Gpu::fetch`] is one.
+    ///
+    /// # Errors
+    /// If the device is lost.
+    pub async fn fetch(&self, gpu: &Gpu) -> Result<Pyramid<f32, CHANNELS>, GpuError> {
+        Ok(self.pyramid(&gpu.fetch(&self.texels).await?))
+    }
+
+    fn pyramid(&self, flat: &[[f32; 4]]) -> Pyramid<f32, CHANNELS> {
+        let texels: &[[f32; CHANNELS]] = bytemuck::cast_slice(flat);
         let level = |l: &Level| {
             let (width, height) = (l.width as usize, l.height as usize);
             Texture { width, height, texels: texels[l.offset as usize..][..width * height].to_vec() }
         };
-        Ok(Pyramid { levels: self.layout.levels().iter().map(level).collect(), rule: self.rule })
+        Pyramid { levels: self.layout.levels().iter().map(level).collect(), rule: self.rule }
     }
 
     /// Places and sizes of the levels.

@@ -46,6 +46,7 @@ const PLACES: &[Place] = &[
     place(6, "cli"),
     place(6, "bench"),
     place(6, "tests"),
+    place(6, "web-tests"),
     narrow(6, "xtask", &[]),
 ];
 

@@ -2,7 +2,7 @@
 
 use super::{COLUMNS, Columns, LargeStepsSolver};
 use crate::{OptimError, SecondMoment, State, Temporal};
-use photofit_gpu::{Buffer, Gpu, GpuError, INDEX, Kernel, Recorder, Recording, Slot};
+use photofit_gpu::{Buffer, Gpu, INDEX, Kernel, Recorder, Recording, Slot};
 
 const STATE: &str = include_str!("../optimizer/state.wgsl");
 const SCAN: &[&str] = &[INDEX, STATE, include_str!("../scan.wgsl")];
@@ -274,38 +274,64 @@ impl DeviceOptimizer {
         }
     }
 
-    /// Reads whether a gradient was not finite: from that step on, nothing moves. Gives the number of steps since then.
+    /// Reads whether a gradient was not finite: from that step on, nothing moves. Gives the number of steps since then. In a
+    /// browser, [`Self::fetch_check`] does.
     ///
     /// # Errors
     /// [`OptimError::Device`].
+    #[cfg(not(target_arch = "wasm32"))]
     pub fn check(&self) -> Result<Option<(u64, OptimError)>, OptimError> {
-        let words = self.words()?;
-        Ok((words.halted != 0).then(|| {
+        Ok(self.halt(&self.gpu.read(&self.state)?))
+    }
+
+    /// [`Self::check`] as a future, as [`Gpu::fetch`] is one.
+    ///
+    /// # Errors
+    /// [`OptimError::Device`].
+    pub async fn fetch_check(&self) -> Result<Option<(u64, OptimError)>, OptimError> {
+        Ok(self.halt(&self.gpu.fetch(&self.state).await?))
+    }
+
+    fn halt(&self, words: &[Words]) -> Option<(u64, OptimError)> {
+        let words = words.first().copied().unwrap_or_default();
+        (words.halted != 0).then(|| {
             let value = f64::from(f32::from_bits(words.bad_bits));
             let index = words.bad_index as usize;
             let error = OptimError::NonFiniteGradient { group: self.group.clone(), index, value };
             (u64::from((self.steps as u32).wrapping_sub(words.bad_step)), error)
-        }))
+        })
     }
 
-    fn words(&self) -> Result<Words, GpuError> {
-        Ok(self.gpu.read(&self.state)?.first().copied().unwrap_or_default())
-    }
-
-    /// What a checkpoint has to keep; the optimizers of the CPU read it, too.
+    /// What a checkpoint has to keep; the optimizers of the CPU read it, too. In a browser, [`Self::fetch_state`] does.
     ///
     /// # Errors
     /// [`OptimError::Device`].
+    #[cfg(not(target_arch = "wasm32"))]
     pub fn state(&self) -> Result<State<f32>, OptimError> {
-        let words = self.words()?;
-        Ok(State {
-            m: self.gpu.read(&self.m)?,
-            v: self.gpu.read(&self.v)?,
+        let gpu = &self.gpu;
+        Ok(self.saved(&gpu.read(&self.state)?, gpu.read(&self.m)?, gpu.read(&self.v)?))
+    }
+
+    /// [`Self::state`] as a future, as [`Gpu::fetch`] is one.
+    ///
+    /// # Errors
+    /// [`OptimError::Device`].
+    pub async fn fetch_state(&self) -> Result<State<f32>, OptimError> {
+        let gpu = &self.gpu;
+        let (words, m) = (gpu.fetch(&self.state).await?, gpu.fetch(&self.m).await?);
+        Ok(self.saved(&words, m, gpu.fetch(&self.v).await?))
+    }
+
+    fn saved(&self, words: &[Words], m: Vec<f32>, v: Vec<f32>) -> State<f32> {
+        let words = words.first().copied().unwrap_or_default();
+        State {
+            m,
+            v,
             step: self.steps,
             scale_exponent: words.scale_exponent,
             mean_square: f64::from(words.mean) * f64::from(2 * words.mean_exponent).exp2(),
             row_steps: Vec::new(),
-        })
+        }
     }
 
     /// Continues from a saved state, to the same bits where a device saved it.

@@ -12,8 +12,9 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Rows on either side of those that count: the loss reaches some, and silhouettes blend with the one beyond. The weights of
-/// pixels reach no farther.
+/// Rows on either side of those that count: the loss reaches some, and silhouettes blend with the one beyond: no farther where
+/// silhouettes lie beside each other, since all blend the colours from before ([`photofit_raster::antialias`]). The weights
+/// of pixels reach no farther.
 const HALO: usize = Part::REACH + 1;
 /// Fewest rows that count of a band of the largest picture: of fewer most of the work would be for the rows around them.
 const FEWEST: usize = 2 * HALO;

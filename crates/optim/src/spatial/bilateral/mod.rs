@@ -81,7 +81,7 @@ impl<T: Real> GridBilateral<T> {
             OptimError::setting(group, "asinh scale", s, "finite and positive", s > 0.0 && s.is_finite())?;
         }
         let count = grid.sites();
-        let good = count.checked_mul(channels).is_some_and(|n| n < 1 << 40);
+        let good = count.checked_mul(channels).is_some_and(|n| (n as u64) < 1 << 40);
         OptimError::setting(group, "number of sites", count as f64, "below 2^40 samples", good)?;
         Ok(Self {
             config,
