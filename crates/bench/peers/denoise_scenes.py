@@ -20,7 +20,7 @@ SIZE = (192, 144)
 FRAMES = 6
 #: Samples a pixel of the noisy pictures, and of the references of each set.
 SAMPLES = (1, 4, 16)
-REFERENCE_SAMPLES = {"choosing": 512, "judging": 512, "fresh": 4096}
+REFERENCE_SAMPLES = {"choosing": 512, "judging": 512, "fresh": 1024}
 #: What is rendered beside the colour.
 LAYERS = "albedo,normal,position,variance"
 

@@ -32,6 +32,7 @@ use bare::bare;
 use photofit_geometry::weld::weld_rows;
 use photofit_geometry::{Mesh, Weld, opposed};
 use photofit_raster::Maps;
+use photofit_scalar::Vec3f;
 use photofit_scene::{FlatScene, Scene};
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -134,9 +135,12 @@ pub fn retexture(
     let reference_pictures = Rasterized::of(&n, &rays).animated(&theirs);
 
     let rest = own.flat(Moment::default())?;
-    warn_of_normals(&n, &rest, progress);
+    let turned = opposed(&rest.mesh);
+    warn_of_normals(&n, (&rest, &turned), progress);
     let mut candidate = candidate(&n, &rest, options.texture_size)?;
-    candidate.set_maps(baked(&n, &rays, &candidate, &rest, progress)?);
+    // Vertex normals that point to the back would lead rays away from the surface.
+    let round = turned.contains(&true).then(|| candidate.round_normals());
+    candidate.set_maps(baked(&n, &rays, &candidate, (&rest, round.as_deref()), progress)?);
     let start = dressed(light, &candidate, &n);
     let asked = Asked { steps: options.steps, moves: false, reference: reference_pictures.kind() };
     let fitted = SurfacePlan::new(reference, &candidate, asked);
@@ -254,11 +258,11 @@ fn animation(options: &RetextureOptions, n: &Normalised) -> Item {
     Item::of("animation", !names.is_empty(), why, "both assets are compared as they stand")
 }
 
-/// Warns where vertex normals of one asset point to the back of its triangles and those of the other do not.
-fn warn_of_normals(n: &Normalised, rest: &FlatScene, progress: &dyn Progress) {
-    let own = opposed(&rest.mesh);
+/// Warns where vertex normals of one asset point to the back of its triangles and those of the other do not; `turned` says
+/// of which triangles of the light asset they do.
+fn warn_of_normals(n: &Normalised, (rest, turned): (&FlatScene, &[bool]), progress: &dyn Progress) {
     let count = |opposed: &[bool]| opposed.iter().filter(|o| **o).count();
-    let [theirs, own] = [(n.opposed(), &n.flat.mesh), (&own, &rest.mesh)]
+    let [theirs, own] = [(n.opposed(), &n.flat.mesh), (turned, &rest.mesh)]
         .map(|(opposed, mesh)| [count(opposed), mesh.triangles.len()]);
     let kinds = |[opposed, all]: [usize; 2]| [opposed > 0, opposed < all];
     if kinds(theirs) != kinds(own) {
@@ -298,12 +302,12 @@ fn candidate(n: &Normalised, rest: &FlatScene, size: usize) -> Result<Candidate,
     ))
 }
 
-/// Maps of the reference at rest.
+/// Maps of the reference at rest. Rays go along `directions` of the vertices, where they are not their normals.
 fn baked(
     n: &Normalised,
     rays: &crate::bake::ReferenceSurface<'_>,
     candidate: &Candidate,
-    rest: &FlatScene,
+    (rest, directions): (&FlatScene, Option<&[Vec3f]>),
     progress: &dyn Progress,
 ) -> Result<Maps, FitError> {
     let seen = visibility(rays, &VisibilitySettings::default());
@@ -322,9 +326,7 @@ fn baked(
         progress.report("bake", (share * 1000.0) as u64, 1000, n.light_asset.name.as_str());
         if progress.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
-    // Vertex normals that point to the back would lead rays away from the surface.
-    let round = opposed(&rest.mesh).contains(&true).then(|| candidate.round_normals());
-    let target = Target { directions: round.as_deref(), ..Target::new(&mesh) };
+    let target = Target { directions, ..Target::new(&mesh) };
     let mut baked = bake(rays, &seen, &target, &settings, &heard).map_err(|e| match e {
         crate::bake::BakeError::Stopped => FitError::Interrupted,
         e => e.into(),
