@@ -18,9 +18,9 @@ from harness import ROOT, WORK, program, sphere as bumpy, write_ply
 SIZE = (192, 144)
 #: Frames of a sequence; the last one is judged.
 FRAMES = 6
-#: Samples a pixel of the noisy pictures, and of the references of each set.
+#: Samples a pixel of the noisy pictures, and of the references.
 SAMPLES = (1, 4, 16)
-REFERENCE_SAMPLES = {"choosing": 512, "judging": 512, "fresh": 1024}
+REFERENCE_SAMPLES = 512
 #: What is rendered beside the colour.
 LAYERS = "albedo,normal,position,variance"
 
@@ -550,7 +550,7 @@ def world_to_pixel(file):
 def render(folder):
     """Renders what `folder` lacks: SCENE/sppN_FRAME.exr with layers, SCENE/truth.exr and, for moving cameras,
     SCENE/cameras.json; `set.json` lists the sets, samples and frames. Returns what `set.json` holds."""
-    for name, scene in ((name, scene) for name, members in SETS.items() for scene in members):
+    for scene in (scene for members in SETS.values() for scene in members):
         out = folder / scene.__name__
         frames = range(FRAMES) if scene in MOVING else range(1)
         files = [write(scene, folder / "scenes", k) for k in frames]
@@ -564,7 +564,7 @@ def render(folder):
                 if not picture.exists():
                     program("render", file, "-o", picture, "--spp", samples, "--seed", 101 * k + samples, "--aov", LAYERS)
         if not (out / "truth.exr").exists():
-            program("render", files[-1], "-o", out / "truth.exr", "--spp", REFERENCE_SAMPLES[name], "--seed", 99991)
+            program("render", files[-1], "-o", out / "truth.exr", "--spp", REFERENCE_SAMPLES, "--seed", 99991)
     found = {
         "sets": {name: [scene.__name__ for scene in members] for name, members in SETS.items()},
         "samples": SAMPLES,

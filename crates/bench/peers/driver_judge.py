@@ -108,12 +108,12 @@ def decimated(path, budget, out):
         bpy.ops.export_scene.gltf(filepath=str(out), export_format="GLB", export_apply=True)
 
 
-def packed(path, budget, out):
-    """By gltfpack, which looks at attributes, across seams and beyond the usual limit of the error; False where it is missing."""
+def packed(path, budget, out, *flags):
+    """By gltfpack, which looks at attributes, beyond the usual limit of the error; False where it is missing."""
     if not tool("gltfpack"):
         return False
     share = budget / in_cycles.triangles(in_cycles.load(path))
-    quiet(tool("gltfpack"), "-noq", "-si", share, "-se", "1", "-sp", "-sv", "-i", path, "-o", out)
+    quiet(tool("gltfpack"), "-noq", "-si", share, "-se", "1", "-sv", *flags, "-i", path, "-o", out)
 
 
 def compressed(path, out):
@@ -163,7 +163,8 @@ def at_triangles(name, path, budget):
     ways = {
         "ours": lambda out: program("simplify", path, "-o", out, "--triangles", budget) and None,
         "Decimate": lambda out: decimated(path, budget, out),
-        "gltfpack": lambda out: packed(glb, budget, out),
+        "gltfpack -sv": lambda out: packed(glb, budget, out),
+        "gltfpack -sv -sp": lambda out: packed(glb, budget, out, "-sp"),
     }
     made = {way: folder / f"{way}.glb" for way, make in ways.items() if once(folder / f"{way}.glb", make)}
     return {way: judged(name, path, file, file) for way, file in made.items()}
@@ -195,11 +196,9 @@ def cells(figures):
 
 
 def rows_of(results):
-    """A line for each file; of peers those beneath ours."""
-    rows = []
-    for (name, budget), made in results.items():
-        rows += [[name, budget, way, *cells(figures)] for way, figures in made.items()]
-    return rows
+    """A line for each file that has triangles."""
+    shown = lambda made: {way: figures for way, figures in made.items() if figures["triangles"]}
+    return [[name, budget, way, *cells(f)] for (name, budget), made in results.items() for way, f in shown(made).items()]
 
 
 def standing():

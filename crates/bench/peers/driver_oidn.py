@@ -71,10 +71,9 @@ def table():
         for samples in SAMPLES
         if "sequence" in all_of[name, samples]
     ]
-    references = ", ".join(f"{samples} ({which})" for which, samples in REFERENCE_SAMPLES.items())
     each = "PSNR, dB", "SSIM", "FLIP"
     return "\n\n".join([
-        f"Pictures of {SIZE[0]} x {SIZE[1]} pixels at gamma 2.2 against {references} samples a pixel. Triples are photofit /"
+        f"Pictures of {SIZE[0]} x {SIZE[1]} pixels at gamma 2.2 against {REFERENCE_SAMPLES} samples a pixel. Triples are photofit /"
         " Open Image Denoise fast / high, means over the scenes of a set; the last three columns are photofit less fast, dB.",
         markdown(["set", "samples", *each, "mean", "worst scene", "best scene"], summary),
         "Each picture of the judging and the fresh set:",
