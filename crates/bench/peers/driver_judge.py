@@ -228,7 +228,8 @@ def tables():
     by_bytes = rows_of({key: made for key, made in results.items() if key[1] == "bytes"})
     about = (
         f"{VIEWS} views of {SIZE} x {SIZE} pixels, {SAMPLES} samples ({SAMPLES * in_cycles.REFERENCE_FACTOR} of the reference), under"
-        f" {ENVIRONMENT} and a sun by turns. PSNR without Monte Carlo noise, FLIP with it; both over the foreground."
+        f" {ENVIRONMENT} and a sun by turns. PSNR without Monte Carlo noise, FLIP with it; both over the foreground. Peers"
+        " that come to more or fewer triangles than the budget are listed as they are, those that leave none are not."
     )
     parts = [about, markdown(head, by_triangles)]
     if by_bytes:
