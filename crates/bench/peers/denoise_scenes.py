@@ -1,7 +1,7 @@
-"""Scenes for denoisers, made when they are needed: two halves of different content, as Mitsuba 3 scenes.
+"""Scenes for denoisers, made when they are needed: three sets of different content, as Mitsuba 3 scenes.
 
-`CHOOSING` holds the scenes that constants of a denoiser may be chosen on, `JUDGING` those that only judge. Each scene is a
-function that returns the elements of its XML file; what it names (meshes, textures, environments, grids) is written
+`CHOOSING` holds the scenes that constants of a denoiser may be chosen on, `JUDGING` those that only judge. `FRESH` were made
+after every stage and constant stood: nothing was ever chosen by them or mended because of them. Each scene is a function that returns the elements of its XML file; what it names (meshes, textures, environments, grids) is written
 beside it. All numbers are fixed: two machines make the same files.
 """
 
@@ -427,10 +427,101 @@ def smoke(folder, t):
     ])
 
 
+# Scenes that nothing was chosen by.
+
+
+def kitchen(folder, t):
+    """Glossy tiles, copper pots and a board under a strip lamp and a spot."""
+    y, x = coordinates(256)
+    joints = ((x * 12) % 1 < 0.06) | ((y * 12) % 1 < 0.06)
+    pfm(folder / "kitchen-tiles.pfm", mix(joints, (0.25, 0.24, 0.22), (0.8, 0.82, 0.78)) * (0.85 + 0.15 * smooth((256, 256), 12, 41))[..., None])
+    grain = 0.5 + 0.5 * np.sin(90 * y + 10 * smooth((256, 256), 4, 42))
+    pfm(folder / "kitchen-board.pfm", mix(grain, (0.5, 0.3, 0.15), (0.62, 0.42, 0.24)))
+    tiles = bsdf("plastic", bitmap("diffuse_reflectance", "kitchen-tiles.pfm"))
+    copper = metal(0.14, 0.95, 0.6, 0.45)
+    look = '<lookat origin="-1.4, 2.6, 1.6" target="0.1, 0.2, 0" up="0, 1, 0"/>'
+    spot = f'<emitter type="spot">{rgb("intensity", 30, 26, 20)}{number("cutoff_angle", 28)}<transform name="to_world">{look}</transform></emitter>'
+    return "".join([
+        path(12),
+        camera((0.3, 1.35, 3.3), (0, 0.5, -0.2), 36),
+        placed("rectangle", scale(2.6, 1.6, 1) + move(0, 1.6, -1.2), tiles),
+        floor(3, bsdf("roughplastic", rgb("diffuse_reflectance", 0.18, 0.2, 0.22), number("alpha", 0.15))),
+        placed("cube", scale(0.55, 0.03, 0.35) + turn("y", 12) + move(0.5, 0.03, 0.6), painted("kitchen-board.pfm")),
+        rod((-0.7, 0, -0.2), (-0.7, 0.5, -0.2), 0.36, bsdf("twosided", copper)), rod((0.35, 0, -0.5), (0.35, 0.35, -0.5), 0.25, bsdf("twosided", metal(0.05, 0.8))),
+        ball((0.45, 0.17, 0.6), 0.11, bsdf("principled", rgb("base_color", 0.75, 0.12, 0.05), number("roughness", 0.25), number("specular", 0.5))),
+        ball((0.7, 0.16, 0.5), 0.1, diffuse(0.35, 0.55, 0.12)), ball((1.2, 0.3, -0.4), 0.3, bsdf("dielectric")),
+        placed("rectangle", scale(1.5, 0.05, 1) + turn("x", 90) + move(0, 2.4, -0.6), diffuse(0.5), emitter(30, 30, 27)),
+        spot,
+    ])
+
+
+def stairs(folder, t):
+    """Steps and railings that a lamp behind a baffle lights by way of the ceiling alone."""
+    wall, wood = diffuse(0.72, 0.7, 0.66), diffuse(0.4, 0.24, 0.12)
+    parts = [path(16), camera((-0.9, 1.5, 3.4), (0.15, 0.95, -0.3), 44), floor(2, diffuse(0.35, 0.36, 0.38)), walls(1.8, 3.0, 2.0, diffuse(0.55, 0.25, 0.2), wall, wall)]
+    for k in range(8):
+        parts.append(placed("cube", scale(0.5, 0.03, 0.14) + move(0.9, 0.2 + 0.2 * k, 1.0 - 0.26 * k), wood))
+        parts.append(bar((0.42, 0.22 + 0.2 * k, 1.0 - 0.26 * k), (0.42, 0.9 + 0.2 * k, 1.0 - 0.26 * k), 0.012, metal(0.3, 0.6)))
+    parts += [bar((0.42, 0.9, 1.0), (0.42, 2.3, -0.82), 0.02, wood), ball((-0.8, 0.35, 0.2), 0.35, bsdf("roughplastic", rgb("diffuse_reflectance", 0.2, 0.4, 0.55), number("alpha", 0.2)))]
+    up = placed("rectangle", scale(0.9, 0.15, 1) + turn("x", -90) + move(-0.7, 2.3, -1.7), diffuse(0.5), emitter(60, 54, 44))
+    return "".join([*parts, up, placed("cube", scale(0.95, 0.15, 0.02) + move(-0.7, 2.35, -1.5), wall), placed("cube", scale(0.95, 0.02, 0.25) + move(-0.7, 2.24, -1.75), wall)])
+
+
+def shelf(folder, t):
+    """Books with printed backs between two coloured lamps; a sequence."""
+    random = np.random.default_rng(29)
+    y, x = coordinates(128)
+    print_ = (smooth((128, 128), 24, 43) > 0.62) & ((x * 9) % 1 < 0.6)
+    for k in range(4):
+        pfm(folder / f"shelf-back-{k}.pfm", mix(print_, (0.85, 0.75, 0.4), random.uniform(0.03, 0.5, 3)))
+    parts = [path(), camera((0.7 - 0.03 * t, 1.05, 2.7 - 0.015 * t), (0.05, 0.75, -0.5), 40), floor(2.4, diffuse(0.3, 0.2, 0.13)), walls(2.2, 2.5, 2.2, diffuse(0.5), diffuse(0.45, 0.5, 0.5), diffuse(0.6, 0.58, 0.52))]
+    for row in range(3):
+        parts.append(placed("cube", scale(1.2, 0.025, 0.25) + move(0, 0.12 + 0.55 * row, -0.8), diffuse(0.42, 0.28, 0.16)))
+        at = -1.1
+        while at < 1.0:
+            half, high = random.uniform(0.025, 0.06), random.uniform(0.16, 0.23)
+            lean = turn("z", round(random.uniform(-2, 2), 2))
+            book = painted(f"shelf-back-{random.integers(4)}.pfm") if random.uniform() < 0.7 else diffuse(*random.uniform(0.05, 0.6, 3).round(3))
+            parts.append(placed("cube", scale(round(half, 4), round(high, 4), 0.17) + lean + move(round(at + half, 4), round(0.15 + high + 0.55 * row, 4), -0.78), book))
+            at += 2 * half + random.uniform(0.004, 0.03)
+    parts += [ball((0.8, 0.2, 0.3), 0.2, metal(0.05, 0.9, 0.85, 0.7)), ball((-0.9, 0.25, 0.2), 0.25, bsdf("plastic", rgb("diffuse_reflectance", 0.1, 0.35, 0.2)))]
+    return "".join([*parts, lamp(-1.2, 2.4, 0.6, 0.2, 45, 24, 10), lamp(1.3, 2.4, 0.2, 0.2, 10, 18, 40)])
+
+
+def lantern(folder, t):
+    """Small lamps in globes of rough and clear glass in a mist, over wet ground."""
+    air = '<medium type="homogeneous" name="interior">' + rgb("sigma_t", 0.1) + rgb("albedo", 0.95) + '<phase type="hg"><float name="g" value="0.6"/></phase></medium>'
+    wet = bsdf("principled", rgb("base_color", 0.12, 0.13, 0.15), number("roughness", 0.12), number("specular", 0.6))
+    parts = [path(24, "volpath"), camera((0, 1.2, 4.6), (0, 0.7, 0), 34), floor(6, wet), '<emitter type="constant">' + rgb("radiance", 0.03, 0.04, 0.07) + "</emitter>"]
+    parts += [placed("cube", scale(2.6, 1.6, 2.2) + move(0, 1.62, 0), bsdf("null"), air), placed("rectangle", scale(2.5, 1.5, 1) + move(0, 1.5, -2), diffuse(0.45, 0.4, 0.36))]
+    for k, (at, tint) in enumerate((((-1.0, 0.9, 0.1), (60, 36, 14)), ((0.25, 1.3, -0.6), (50, 44, 36)), ((1.1, 0.7, 0.5), (16, 30, 60)))):
+        glass = bsdf("roughdielectric", number("alpha", 0.2)) if k % 2 == 0 else bsdf("thindielectric")
+        parts += [ball(at, 0.22, glass), ball(at, 0.09, diffuse(0.5), emitter(*tint)), bar((at[0], 0, at[2]), (at[0], at[1] - 0.22, at[2]), 0.02, metal(0.3, 0.5))]
+    return "".join([*parts, placed("cube", scale(0.3, 0.25, 0.25) + turn("y", 25) + move(-0.2, 0.25, 0.9), diffuse(0.6, 0.3, 0.2))])
+
+
+def court(folder, t):
+    """Columns, a mesh of bumps and a fence of masks under a bright sky with a directional sun."""
+    write_ply(folder / "court.ply", *(lambda v, f: (0.5 * v, f))(*bumpy(24, 0.2, 13)))
+    y, x = coordinates(64)
+    pfm(folder / "court-fence.pfm", np.repeat((((x + y) * 6 % 1 < 0.25) | ((x - y) * 6 % 1 < 0.25)).astype(float)[..., None], 3, 2))
+    pfm(folder / "court-sand.pfm", mix(smooth((256, 256), 64, 44), (0.6, 0.5, 0.35), (0.4, 0.33, 0.24)))
+    fence = bsdf("mask", bitmap("opacity", "court-fence.pfm", 3), bsdf("twosided", metal(0.3, 0.55)))
+    parts = [path(12), camera((1.6, 1.3, 4.0), (0, 0.75, -0.2), 38), environment(sky(folder, "court-sky.pfm", strength=0.0), 70, 0.8), floor(6, painted("court-sand.pfm", 4))]
+    parts += [f'<emitter type="directional"><vector name="direction" x="0.55" y="-0.75" z="-0.35"/>{rgb("irradiance", 4.5, 4.0, 3.2)}</emitter>']
+    for k in range(5):
+        parts.append(rod((-1.6 + 0.8 * k, 0, -1.1), (-1.6 + 0.8 * k, 1.8, -1.1), 0.14, diffuse(0.7, 0.66, 0.58)))
+    parts += [placed("cube", scale(1.9, 0.12, 0.2) + move(0, 1.9, -1.1), diffuse(0.65, 0.6, 0.52)), placed("cube", scale(0.35, 0.2, 0.35) + move(0, 0.2, 0.2), diffuse(0.5))]
+    parts += [f'<shape type="ply"><string name="filename" value="court.ply"/><transform name="to_world">{move(0, 0.88, 0.2)}</transform>{bsdf("roughplastic", rgb("diffuse_reflectance", 0.3, 0.42, 0.36), number("alpha", 0.15))}</shape>']
+    return "".join([*parts, placed("rectangle", scale(0.7, 0.4, 1) + turn("y", -30) + move(1.2, 0.4, 0.6), fence)])
+
+
 CHOOSING = [box, gallery, spheres, reeds, glasses, fog, row, bulbs]
 JUDGING = [window, workshop, bottles, carpet, stone, hedge, bokeh, smoke]
+FRESH = [kitchen, stairs, shelf, lantern, court]
+SETS = {"choosing": CHOOSING, "judging": JUDGING, "fresh": FRESH}
 #: Scenes whose camera moves with the frame.
-MOVING = [gallery, window, carpet]
+MOVING = [gallery, window, carpet, shelf]
 
 
 def write(scene, folder, frame=0):
@@ -458,9 +549,8 @@ def world_to_pixel(file):
 
 def render(folder):
     """Renders what `folder` lacks: SCENE/sppN_FRAME.exr with layers, SCENE/truth.exr and, for moving cameras,
-    SCENE/cameras.json; `set.json` lists the halves, samples and frames. Returns what `set.json` holds."""
-    halves = {"choosing": CHOOSING, "judging": JUDGING}
-    for scene in CHOOSING + JUDGING:
+    SCENE/cameras.json; `set.json` lists the sets, samples and frames. Returns what `set.json` holds."""
+    for scene in (scene for members in SETS.values() for scene in members):
         out = folder / scene.__name__
         frames = range(FRAMES) if scene in MOVING else range(1)
         files = [write(scene, folder / "scenes", k) for k in frames]
@@ -476,9 +566,9 @@ def render(folder):
         if not (out / "truth.exr").exists():
             program("render", files[-1], "-o", out / "truth.exr", "--spp", REFERENCE_SAMPLES, "--seed", 99991)
     found = {
-        "halves": {half: [scene.__name__ for scene in scenes] for half, scenes in halves.items()},
+        "sets": {name: [scene.__name__ for scene in members] for name, members in SETS.items()},
         "samples": SAMPLES,
-        "frames": {scene.__name__: FRAMES if scene in MOVING else 1 for scene in CHOOSING + JUDGING},
+        "frames": {scene.__name__: FRAMES if scene in MOVING else 1 for members in SETS.values() for scene in members},
     }
     (folder / "set.json").write_text(json.dumps(found, indent=1))
     return found

@@ -20,7 +20,7 @@ MODELS = ["rof", "tvl1", "hybrid", "tgv", "atrous"]
 
 def table():
     folder, found = rendered()
-    truth = {name: display(pictures(folder / name / "truth.exr")["color"]) for names in found["halves"].values() for name in names}
+    truth = {name: display(pictures(folder / name / "truth.exr")["color"]) for names in found["sets"].values() for name in names}
     clean = WORK / "stages.exr"
 
     def run(options):
@@ -32,27 +32,27 @@ def table():
         return out
 
     base = run([])
-    mean = lambda values, half, samples=SAMPLES: np.mean([values[n, s] for n in found["halves"][half] for s in samples])
+    mean = lambda values, which, samples=SAMPLES: np.mean([values[n, s] for n in found["sets"][which] for s in samples])
 
     def change(label, options):
         values = run(options)
         change = {key: values[key] - base[key] for key in base}
-        judged = {key: v for key, v in change.items() if key[0] in found["halves"]["judging"]}
+        judged = {key: v for key, v in change.items() if key[0] not in found["sets"]["choosing"]}
         least, most = min(judged, key=judged.get), max(judged, key=judged.get)
-        by_samples = [f"{mean(change, 'judging', [s]):+.2f}" for s in SAMPLES]
+        by_samples = [f"{np.mean([v for key, v in judged.items() if key[1] == s]):+.2f}" for s in SAMPLES]
         ends = [f"{name} {samples}: {judged[name, samples]:+.1f}" for name, samples in (least, most)]
-        return [label, f"{mean(change, 'choosing'):+.2f}", f"{mean(change, 'judging'):+.2f}", *by_samples, *ends]
+        return [label, *(f"{mean(change, which):+.2f}" for which in found["sets"]), *by_samples, *ends]
 
-    head = ["choosing", "judging", *(f"at {s}" for s in SAMPLES), "least, scene and samples", "most"]
+    head = [*found["sets"], *(f"at {s}" for s in SAMPLES), "least, scene and samples", "most"]
     stages = [change(f"without {stage}", options) for stage, options in WITHOUT.items()]
     models = []
     for model in MODELS:
         models.append(change(model, ["--model", model]))
         if model != "atrous":
             models.append(change(f"{model} without coherence", ["--model", model, "--without", "coherence"]))
-    absolute = ", ".join(f"{half} {mean(base, half):.2f}" for half in found["halves"])
+    absolute = ", ".join(f"{which} {mean(base, which):.2f}" for which in found["sets"])
     return "\n\n".join([
-        f"PSNR less that of the automatic model ({absolute} dB), means over scenes and samples, and over the judging half at each"
+        f"PSNR less that of the automatic model ({absolute} dB), means over scenes and samples, and over the judging and fresh sets at each"
         " number of samples: what is negative is lost without the stage.",
         markdown(["automatic model", *head], stages),
         markdown(["model", *head], models),

@@ -1,146 +1,237 @@
-"""The judge: light assets beside the heavy one in Blender Cycles, which knows nothing of us."""
+"""The judge: light assets beside the heavy one in Blender Cycles, which knows nothing of us; at equal triangles and at equal bytes.
 
-import math
+`PHOTOFIT_JUDGE_ASSETS` names a folder in which the files of ROWS are looked for, at any depth, and ENVIRONMENT. What is made
+stands in out/bench/peers/work/judge, one folder a row: files, figures and references that are there are not made again.
+`PHOTOFIT_JUDGE_ROWS=YcbBanana:500,spot:bytes` makes some rows alone; the table has all that stand there.
+"""
+
+import json
 import os
+import pathlib
 import shutil
 import subprocess
 
 import numpy as np
 
+import in_cycles
 from harness import WORK, markdown, program
 
-ABOUT = "Light assets in Blender Cycles: ours, by Blender's Decimate modifier, by gltfpack"
-NEEDS = ["numpy", "bpy", "flip-evaluator"]
+ABOUT = "Light assets in Blender Cycles: ours, by Blender's Decimate modifier, by gltfpack, by gltf-transform"
+NEEDS = ["numpy", "scipy", "bpy", "flip-evaluator"]
 
+ENVIRONMENT = "venice_sunset_1k.hdr"
+#: File and budgets of triangles; `bytes` is the budget that gltf-transform (lossy WebP) and gltfpack (meshopt) come to.
+ROWS = {
+    "DamagedHelmet": ("DamagedHelmet.glb", [500, 1545, "bytes"]),
+    "FlightHelmet": ("FlightHelmet.gltf", [947, 2842, "bytes"]),
+    "DutchShipMedium": ("dutch_ship_medium_1k.gltf", [2075]),
+    "YcbBanana": ("textured_simple_reoriented.obj", [500]),
+    "igea": ("igea.ply", [9000, 3000]),
+    "spot": ("spot.obj", ["bytes"]),
+}
 VIEWS = 8
-SIZE = 256
-RATIO = 0.1
+SIZE = 512
+SAMPLES = 16
+HERE = WORK / "judge"
+#: Programs of peers: their variable, or what PATH finds.
+TOOLS = {"gltfpack": "PHOTOFIT_GLTFPACK", "gltf-transform": "PHOTOFIT_GLTF_TRANSFORM", "node": "PHOTOFIT_NODE"}
 
 
-def assets():
-    """The .glb files that PHOTOFIT_PEER_ASSETS names, separated by colons."""
-    return list(filter(None, os.environ.get("PHOTOFIT_PEER_ASSETS", "").split(":")))
+def tool(name):
+    return os.environ.get(TOOLS[name]) or shutil.which(name)
+
+
+def found(file):
+    """A file of the folder of assets; None where it is not there."""
+    folder = os.environ.get("PHOTOFIT_JUDGE_ASSETS")
+    return next(iter(sorted(pathlib.Path(folder).rglob(file))), None) if folder else None
+
+
+def wanted():
+    """The rows that are asked for and whose assets are there: name, file, budget."""
+    only = list(filter(None, os.environ.get("PHOTOFIT_JUDGE_ROWS", "").split(",")))
+    rows = [(name, found(file), budget) for name, (file, budgets) in ROWS.items() for budget in budgets]
+    return [(n, f, b) for n, f, b in rows if f and (not only or f"{n}:{b}" in only)]
 
 
 def ready():
-    """There is nothing to judge without assets."""
-    return None if assets() else "PHOTOFIT_PEER_ASSETS=A.glb:B.glb names no assets"
+    """There is nothing to judge without assets and light."""
+    if not wanted() or not found(ENVIRONMENT):
+        return f"PHOTOFIT_JUDGE_ASSETS=FOLDER has none of the assets that are asked for, or no {ENVIRONMENT}"
+    return None
 
 
-def stage():
-    """An empty Blender file with Cycles, an even sky and a sun."""
-    import bpy
-
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    scene = bpy.context.scene
-    scene.render.engine = "CYCLES"
-    scene.cycles.samples, scene.cycles.use_denoising, scene.cycles.seed = 64, False, 1
-    scene.render.resolution_x = scene.render.resolution_y = SIZE
-    scene.render.film_transparent = True
-    scene.view_settings.view_transform = "Standard"
-    world = bpy.data.worlds.new("sky")
-    scene.world = world
-    world.use_nodes = True
-    world.node_tree.nodes["Background"].inputs["Color"].default_value = (0.5, 0.55, 0.6, 1)
-    sun = bpy.data.objects.new("sun", bpy.data.lights.new("sun", "SUN"))
-    sun.data.energy, sun.rotation_euler = 2.0, (0.7, 0.2, 0.4)
-    scene.collection.objects.link(sun)
-    camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
-    scene.collection.objects.link(camera)
-    scene.camera = camera
-    return scene, camera
-
-
-def bounds():
-    """Centre and radius of the meshes in the file."""
-    import bpy
-    import mathutils
-
-    corners = [o.matrix_world @ mathutils.Vector(c) for o in bpy.data.objects if o.type == "MESH" for c in o.bound_box]
-    points = np.array(corners)
-    low, high = points.min(0), points.max(0)
-    return (low + high) / 2, float(np.linalg.norm(high - low) / 2)
-
-
-def pictures(path, frame=None):
-    """VIEWS pictures (float32, RGB over grey), and the frame (centre, radius) that they were taken in."""
-    import bpy
-    import mathutils
-
-    scene, camera = stage()
-    bpy.ops.import_scene.gltf(filepath=str(path))
-    center, radius = frame or bounds()
-    camera.data.angle = 0.7
-    out = []
-    for k in range(VIEWS):
-        # Directions that no fit chose: turns by the golden angle, heights from below to above.
-        z, turn = -0.35 + 1.2 * (k + 0.5) / VIEWS, 2.399963 * k
-        side = math.sqrt(1 - z * z)
-        direction = mathutils.Vector((side * math.cos(turn), side * math.sin(turn), z))
-        camera.location = mathutils.Vector(center) + direction * (radius / math.sin(0.35))
-        camera.rotation_euler = direction.to_track_quat("Z", "Y").to_euler()
-        file = WORK / "judge.png"
-        scene.render.filepath = str(file)
-        bpy.ops.render.render(write_still=True)
-        image = bpy.data.images.load(str(file))
-        pixels = np.array(image.pixels[:], np.float32).reshape(SIZE, SIZE, 4)
-        bpy.data.images.remove(image)
-        out.append(np.ascontiguousarray(pixels[..., :3] * pixels[..., 3:] + 0.5 * (1 - pixels[..., 3:])))
-    return out, (center, radius)
-
-
-def decimated(path, out):
-    """The asset by Blender's Decimate modifier, which keeps materials and texture coordinates."""
-    import bpy
-
-    stage()
-    bpy.ops.import_scene.gltf(filepath=str(path))
-    for thing in [o for o in bpy.data.objects if o.type == "MESH"]:
-        if len(thing.data.polygons) >= 20:
-            thing.modifiers.new("decimate", "DECIMATE").ratio = RATIO
-    bpy.ops.export_scene.gltf(filepath=str(out), export_format="GLB", export_apply=True)
-
-
-def packed(path, out):
-    """The asset by gltfpack, which looks at attributes; False where it is not installed."""
-    tool = os.environ.get("PHOTOFIT_GLTFPACK") or shutil.which("gltfpack")
-    if not tool:
-        return False
-    # Attributes weigh, across seams and beyond the usual limit of the error, as far as the budget asks for.
-    subprocess.run([tool, "-noq", "-si", str(RATIO), "-se", "1", "-sp", "-sv", "-i", path, "-o", out], check=True)
+def once(path, make):
+    """Makes a file under another name and gives it its own when it is complete, unless it is there; whether it is."""
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part = path.with_name("part-" + path.name)
+        if make(part) is False:
+            return False
+        part.rename(path)
     return True
 
 
-def triangles(path):
+def quiet(*command):
+    """Runs a peer; an error where it refuses."""
+    subprocess.run(list(map(str, command)), check=True, stdout=subprocess.DEVNULL)
+
+
+def as_glb(name, path):
+    """The asset as a GLB file that all peers read."""
+    if path.suffix in (".glb", ".gltf"):
+        return path
+    out = HERE / f"{name}.glb"
+
+    def export(part):
+        import bpy
+
+        in_cycles.load(path)
+        with in_cycles.quiet():
+            bpy.ops.export_scene.gltf(filepath=str(part), export_format="GLB")
+
+    once(out, export)
+    return out
+
+
+def decimated(path, budget, out):
+    """By Blender's Decimate modifier, which keeps materials and texture coordinates."""
     import bpy
 
-    stage()
-    bpy.ops.import_scene.gltf(filepath=str(path))
-    return sum(len(o.data.polygons) for o in bpy.data.objects if o.type == "MESH")
+    meshes = in_cycles.load(path)
+    share = budget / in_cycles.triangles(meshes)
+    for thing in meshes:
+        # Of a few triangles the modifier leaves none.
+        if len(thing.data.polygons) >= 20:
+            thing.modifiers.new("decimate", "DECIMATE").ratio = share
+    with in_cycles.quiet():
+        bpy.ops.export_scene.gltf(filepath=str(out), export_format="GLB", export_apply=True)
+
+
+def packed(path, budget, out, *flags):
+    """By gltfpack, which looks at attributes, beyond the usual limit of the error; False where it is missing."""
+    if not tool("gltfpack"):
+        return False
+    share = budget / in_cycles.triangles(in_cycles.load(path))
+    quiet(tool("gltfpack"), "-noq", "-si", share, "-se", "1", "-sv", *flags, "-i", path, "-o", out)
+
+
+def compressed(path, out):
+    """All triangles, textures as lossy WebP by gltf-transform, geometry by gltfpack."""
+    webp = out.with_suffix(".webp.glb")
+    quiet(tool("gltf-transform"), "webp", path, webp)
+    quiet(tool("gltfpack"), "-c", "-i", webp, "-o", out)
+    webp.unlink()
+
+
+def uncompressed(path, out):
+    """The same file without meshopt compression, which Blender does not read."""
+    script = pathlib.Path(__file__).parent / "judge" / "plain.mjs"
+    quiet(tool("node"), script, pathlib.Path(tool("gltf-transform")).resolve(), path, out)
+
+
+def reference(name, path):
+    """Pictures of the asset and what its candidates are seen like; kept."""
+    kept = HERE / f"{name}-reference.npz"
+
+    def render(part):
+        seen, around, count = in_cycles.pictures(path, found(ENVIRONMENT), VIEWS, SIZE, SAMPLES * in_cycles.REFERENCE_FACTOR, 0)
+        with open(part, "wb") as file:
+            np.savez_compressed(file, seen=seen.astype(np.float16), center=around[0], radius=around[1], triangles=count)
+
+    once(kept, render)
+    held = np.load(kept)
+    return held["seen"].astype(np.float32), (held["center"].tolist(), float(held["radius"])), int(held["triangles"])
+
+
+def judged(name, path, file, shown):
+    """The figures of a file, whose geometry stands in `shown` without compression; kept."""
+    kept = file.with_suffix(".json")
+
+    def measure(part):
+        truth, around, _ = reference(name, path)
+        seen, _, count = in_cycles.pictures(shown, found(ENVIRONMENT), VIEWS, SIZE, SAMPLES, 1, around)
+        part.write_text(json.dumps({"views": in_cycles.likeness(truth, seen), "triangles": count, "bytes": file.stat().st_size}))
+
+    once(kept, measure)
+    return json.loads(kept.read_text())
+
+
+def at_triangles(name, path, budget):
+    """Files with at most `budget` triangles."""
+    folder, glb = HERE / f"{name}-{budget}", as_glb(name, path)
+    ways = {
+        "ours": lambda out: program("simplify", path, "-o", out, "--triangles", budget) and None,
+        "Decimate": lambda out: decimated(path, budget, out),
+        "gltfpack -sv": lambda out: packed(glb, budget, out),
+        "gltfpack -sv -sp": lambda out: packed(glb, budget, out, "-sp"),
+    }
+    made = {way: folder / f"{way}.glb" for way, make in ways.items() if once(folder / f"{way}.glb", make)}
+    return {way: judged(name, path, file, file) for way, file in made.items()}
+
+
+def at_bytes(name, path):
+    """The whole asset compressed by peers, and ours within as many bytes; nothing where a peer is missing."""
+    if not all(map(tool, TOOLS)):
+        return {}
+    folder, glb = HERE / f"{name}-bytes", as_glb(name, path)
+    peer, ours = folder / "WebP and meshopt.glb", folder / "ours.glb"
+    once(peer, lambda out: compressed(glb, out))
+    most = peer.stat().st_size
+    small = ["--max-bytes", most, "--textures", "webp", "--compress", "meshopt"]
+    once(ours, lambda out: program("simplify", path, "-o", out, *small) and None)
+    out = {}
+    for file in (ours, peer):
+        shown = file.with_suffix(".plain.glb")
+        once(shown, lambda part: uncompressed(file, part))
+        out[file.stem] = judged(name, path, file, shown)
+    return out
+
+
+def cells(figures):
+    """Triangles, kilobytes, PSNR in the mean (in the worst view), FLIP."""
+    psnr, flip = np.array(figures["views"]).T
+    kb = f"{figures['bytes'] / 1e3:.0f}"
+    return [figures["triangles"], kb, f"{psnr.mean():.2f} ({psnr.min():.2f})", f"{flip.mean():.4f}"]
+
+
+def rows_of(results):
+    """A line for each file that has triangles."""
+    shown = lambda made: {way: figures for way, figures in made.items() if figures["triangles"]}
+    return [[name, budget, way, *cells(f)] for (name, budget), made in results.items() for way, f in shown(made).items()]
+
+
+def standing():
+    """The rows whose figures stand in the folder, in the order of ROWS."""
+    out = {}
+    for name, (_, budgets) in ROWS.items():
+        for budget in budgets:
+            files = sorted((HERE / f"{name}-{budget}").glob("*.json"), key=lambda f: (f.stem != "ours", f.stem))
+            made = {f.stem: json.loads(f.read_text()) for f in files if not f.name.startswith("part-")}
+            if made:
+                out[name, budget] = made
+    return out
 
 
 def table():
-    import flip_evaluator
+    for name, path, budget in wanted():
+        at_bytes(name, path) if budget == "bytes" else at_triangles(name, path, budget)
+        # A row takes from minutes to an hour: what stands is told after each.
+        (HERE / "table.md").write_text(tables())
+    return tables()
 
-    rows = []
-    for path in map(str, assets()):
-        name = path.rsplit("/", 1)[-1]
-        ours, theirs = WORK / f"judge-{name}", WORK / f"judge-decimated-{name}"
-        light, pack = WORK / f"judge-light-{name}", WORK / f"judge-packed-{name}"
-        program("simplify", path, "-o", ours, "--ratio", RATIO, "--seed", 0)
-        decimated(path, theirs)
-        made = [("ours", ours), ("Blender Decimate", theirs)]
-        if packed(path, pack):
-            made.append(("gltfpack", pack))
-        # At as many bytes as the smallest of the others.
-        most = min(file.stat().st_size for _, file in made[1:])
-        program("simplify", path, "-o", light, "--ratio", RATIO, "--seed", 0, "--max-bytes", most)
-        made.insert(1, ("ours, as many bytes", light))
-        truth, frame = pictures(path)
-        for tool, file in made:
-            shown, _ = pictures(file, frame)
-            psnr = float(np.mean([-10 * np.log10(((a - b) ** 2).mean()) for a, b in zip(shown, truth)]))
-            flip = [flip_evaluator.evaluate(a, b, "LDR", applyMagma=False)[1] for a, b in zip(truth, shown)]
-            rows.append([name, tool, triangles(file), file.stat().st_size >> 10, f"{psnr:.2f}", f"{float(np.mean(flip)):.4f}"])
-    head = ["asset", "made by", "triangles", "KiB", "PSNR, dB", "FLIP"]
-    return f"{markdown(head, rows)}\n\n{VIEWS} views of {SIZE} x {SIZE} pixels under an even sky and a sun, 64 samples."
+
+def tables():
+    results = standing()
+    head = ["asset", "budget", "made by", "triangles", "kB", "PSNR, dB (worst view)", "FLIP"]
+    by_triangles = rows_of({key: made for key, made in results.items() if key[1] != "bytes"})
+    by_bytes = rows_of({key: made for key, made in results.items() if key[1] == "bytes"})
+    about = (
+        f"{VIEWS} views of {SIZE} x {SIZE} pixels, {SAMPLES} samples ({SAMPLES * in_cycles.REFERENCE_FACTOR} of the reference), under"
+        f" {ENVIRONMENT} and a sun by turns. PSNR without Monte Carlo noise, FLIP with it; both over the foreground. Peers"
+        " that come to more or fewer triangles than the budget are listed as they are, those that leave none are not."
+    )
+    parts = [about, markdown(head, by_triangles)]
+    if by_bytes:
+        parts += ["At equal bytes: all triangles as lossy WebP and meshopt by the peers, and ours within as many bytes:", markdown(head, by_bytes)]
+    return "\n\n".join(parts)

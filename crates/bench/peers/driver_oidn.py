@@ -32,7 +32,7 @@ def denoised(folder, found, name, samples):
     program("denoise", noisy, "-o", clean)
     out = {"noisy": layers["color"], OURS: pictures(clean)["color"]}
     for label, quality in ((FAST, oidn.Quality.Fast), (HIGH, oidn.Quality.High)):
-        # Guides of few samples are noisy. What it is told is what suits it best on the choosing half.
+        # Guides of few samples are noisy. What it is told is what suits it best on the choosing set.
         guides = {"albedo": layers["albedo"], "normal": layers["normal"], "clean_aux": samples >= 16}
         out[label] = oidn.denoise(layers["color"], hdr=True, quality=quality, **guides)
     if found["frames"][name] > 1:
@@ -45,28 +45,28 @@ def table():
     folder, found = rendered()
     all_of = {
         (name, samples): denoised(folder, found, name, samples)
-        for names in found["halves"].values()
+        for names in found["sets"].values()
         for name in names
         for samples in SAMPLES
     }
     tools = [OURS, FAST, HIGH]
     rows, summary = [], []
-    for name in found["halves"]["judging"]:
+    for name in found["sets"]["judging"] + found["sets"]["fresh"]:
         for samples in SAMPLES:
             s = all_of[name, samples]
             cells = [" / ".join(f"{s[t][k]:{form}}" for t in tools) for k, form in ((0, ".1f"), (1, ".3f"), (2, ".3f"))]
             rows.append([name, samples, f"{s['noisy'][0]:.1f}", *cells, f"{s[OURS][0] - s[FAST][0]:+.1f}"])
-    for half, names in found["halves"].items():
+    for which, names in found["sets"].items():
         for samples in SAMPLES:
             gap = {name: all_of[name, samples][OURS][0] - all_of[name, samples][FAST][0] for name in names}
             mean = lambda tool, k: np.mean([all_of[name, samples][tool][k] for name in names])
             worst, best = min(gap, key=gap.get), max(gap, key=gap.get)
             cells = [" / ".join(f"{mean(t, k):{form}}" for t in tools) for k, form in ((0, ".2f"), (1, ".3f"), (2, ".3f"))]
             ends = [f"{worst} {gap[worst]:+.1f}", f"{best} {gap[best]:+.1f}"]
-            summary.append([half, samples, *cells, f"{np.mean(list(gap.values())):+.2f}", *ends])
+            summary.append([which, samples, *cells, f"{np.mean(list(gap.values())):+.2f}", *ends])
     moving = [
-        [half, name, samples, *(f"{all_of[name, samples][t][0]:.1f}" for t in (OURS, "sequence", FAST, HIGH))]
-        for half, names in found["halves"].items()
+        [which, name, samples, *(f"{all_of[name, samples][t][0]:.1f}" for t in (OURS, "sequence", FAST, HIGH))]
+        for which, names in found["sets"].items()
         for name in names
         for samples in SAMPLES
         if "sequence" in all_of[name, samples]
@@ -74,10 +74,10 @@ def table():
     each = "PSNR, dB", "SSIM", "FLIP"
     return "\n\n".join([
         f"Pictures of {SIZE[0]} x {SIZE[1]} pixels at gamma 2.2 against {REFERENCE_SAMPLES} samples a pixel. Triples are photofit /"
-        " Open Image Denoise fast / high, means over the scenes of a half; the last three columns are photofit less fast, dB.",
-        markdown(["half", "samples", *each, "mean", "worst scene", "best scene"], summary),
-        "Each picture of the judging half:",
+        " Open Image Denoise fast / high, means over the scenes of a set; the last three columns are photofit less fast, dB.",
+        markdown(["set", "samples", *each, "mean", "worst scene", "best scene"], summary),
+        "Each picture of the judging and the fresh set:",
         markdown(["scene", "samples", "noisy", *each, "less fast"], rows),
         "The sixth frame of a moving camera, PSNR: from one frame, from six; Open Image Denoise from one:",
-        markdown(["half", "scene", "samples", "photofit", "photofit, six frames", FAST, HIGH], moving),
+        markdown(["set", "scene", "samples", "photofit", "photofit, six frames", FAST, HIGH], moving),
     ])

@@ -8,6 +8,7 @@ packages are missing is skipped with one line that says how to install them; wit
 import ast
 import importlib
 import importlib.metadata
+import os
 import pathlib
 import sys
 import time
@@ -83,4 +84,7 @@ def main(arguments):
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    status = main(sys.argv[1:])
+    sys.stdout.flush()
+    # Blender as a module may crash while the interpreter ends.
+    os._exit(status) if "bpy" in sys.modules else sys.exit(status)

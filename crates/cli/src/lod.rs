@@ -5,7 +5,7 @@ use crate::fields::{SIMPLIFY, explain_error, misuse};
 use crate::output::{self, print};
 use crate::preflight::Places;
 use crate::progress::Terminal;
-use crate::simplify::{CHECKPOINT_FILE, Job, SUITE, ending, load, name, options, steps};
+use crate::simplify::{CHECKPOINT_FILE, Job, SUITE, ending, load, name, options, steps, within};
 use crate::status::Ending;
 use crate::threads;
 use anyhow::{Error, Result};
@@ -16,7 +16,7 @@ use photofit_fit::lod::{
     Level, LodChain, LodOptions, combined_path, level_path, report_folder, simplify_chain, summary_path,
 };
 use photofit_fit::report::PAGE;
-use photofit_fit::simplify::TRACED_FOLDER;
+use photofit_fit::simplify::{TRACED_FOLDER, too_large_path};
 use photofit_scene::Scene;
 use serde_json::{Value, json};
 use std::path::Path;
@@ -35,8 +35,10 @@ fn places(a: &Simplify, levels: usize) -> Places {
     for k in 0..levels {
         let report = a.report.as_ref().map(|f| report_folder(f, k));
         let checkpoint = a.running.checkpoint.as_ref().map(|f| part_folder(f, k));
+        let level = level_path(&a.output, k);
         places = places
-            .writes(if k == 0 { "--output" } else { "--lod" }, Some(&level_path(&a.output, k)))
+            .writes(if k == 0 { "--output" } else { "--lod" }, Some(&level))
+            .writes("--max-bytes", a.max_bytes.map(|_| too_large_path(&level)).as_deref())
             .fills("--report", report.as_deref(), &[PAGE])
             .fills("--checkpoint", checkpoint.as_deref(), &[CHECKPOINT_FILE, &traced]);
     }
@@ -80,6 +82,9 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
     unwritten.map_or(Ok(()), Err)?;
     summarised?;
     written?;
+    for (k, level) in chain.levels.iter().enumerate() {
+        within(a, &level_path(&a.output, k), &level.path)?;
+    }
     Ok(ending(chain.stopped))
 }
 

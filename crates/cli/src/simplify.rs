@@ -17,7 +17,7 @@ use photofit_fit::footprint::Task;
 use photofit_fit::report::{PAGE as REPORT_PAGE, ReportInfo, Verdict, write_report};
 use photofit_fit::simplify::{
     Effort, FitRenderer, Init, JudgeRenderer, Judged, Mips, Outcome, Quality, ReferenceRenderer,
-    SimplifyOptions, Surfacing, TRACED_FOLDER, Written, simplify,
+    SimplifyOptions, Surfacing, TRACED_FOLDER, Written, simplify, too_large_path,
 };
 use photofit_fit::traced_maps::MapsCourse;
 use photofit_geometry::decimate::Target;
@@ -64,6 +64,7 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
         .reads("IN", Some(&a.input))
         .reads("--env", a.lighting.env.as_deref())
         .writes("--output", Some(&a.output))
+        .writes("--max-bytes", a.max_bytes.map(|_| too_large_path(&a.output)).as_deref())
         .writes("--json", a.json.as_deref())
         .fills("--report", a.report.as_deref(), &[REPORT_PAGE])
         .fills("--checkpoint", a.running.checkpoint.as_deref(), &[CHECKPOINT_FILE, &traced]);
@@ -86,21 +87,22 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
     let written = a.json.as_ref().map_or(Ok(()), |path| output::write_json(path, &done.json));
     done.unwritten.map_or(Ok(()), Err)?;
     written?;
-    within(&a.output, a.max_bytes)?;
+    within(a, &a.output, &done.outcome.file)?;
     Ok(done.ending)
 }
 
 /// # Errors
-/// If a file has more bytes than `--max-bytes` asks for: it is the lightest that was found, but a script must see it.
-fn within(output: &Path, most: Option<u64>) -> Result<()> {
-    let bytes = std::fs::metadata(output).map_or(0, |m| m.len());
-    match most {
-        Some(most) if bytes > most => bail!(
-            "{}: has {bytes} bytes; --max-bytes asks for at most {most}, and no lighter file was found",
-            output.display()
-        ),
-        _ => Ok(()),
-    }
+/// If what was written to `file` has more bytes than `--max-bytes` asks for, so that it does not stand at `output`.
+pub(crate) fn within(a: &Simplify, output: &Path, file: &Path) -> Result<()> {
+    let Some(most) = a.max_bytes.filter(|_| file != output) else { return Ok(()) };
+    let bytes = std::fs::metadata(file).map_or(0, |m| m.len());
+    let before = if output.exists() { "; what was there is left as it was" } else { "" };
+    bail!(
+        "{}: is not written{before}: --max-bytes asks for at most {most} bytes, and the lightest file that was found has {bytes}: it \
+         stands in {}; --max-bytes {bytes}, fewer triangles or compressed geometry would fit",
+        output.display(),
+        file.display()
+    )
 }
 
 /// The asset. Textures that are written as they were read keep their files, unless another encoding is asked for.
@@ -307,7 +309,7 @@ impl Job<'_> {
         self.print_summary(scene, outcome)?;
         let (report, unwritten) = match self.write_report(scene, screen_size, outcome) {
             Ok(report) => (report, None),
-            Err(e) => (None, Some(anyhow!("{e}: the report is not written; {} is", self.output.display()))),
+            Err(e) => (None, Some(anyhow!("{e}: the report is not written; {} is", outcome.file.display()))),
         };
         if let Some(page) = &report {
             print(&format!("wrote {}\n", page.display()))?;
@@ -330,7 +332,7 @@ impl Job<'_> {
         let Some(folder) = self.report else { return Ok(None) };
         let info = ReportInfo {
             scene,
-            light: self.output,
+            light: &outcome.file,
             title: name(self.input),
             command: output::command_line(),
             bytes_in: Some(scene.source_bytes),
@@ -349,32 +351,27 @@ impl Job<'_> {
             output::count(o.triangles_in),
             output::counted(o.triangles_out, "triangle"),
             output::bytes(scene.source_bytes),
-            self.bytes_out().map_or_else(|| "?".into(), output::bytes),
+            bytes_of(o).map_or_else(|| "?".into(), output::bytes),
             output::counted(o.steps as usize, "step"),
             o.seconds,
             o.fit_seconds
         );
-        let lighter = self.bytes_out().is_some_and(|b| b <= scene.source_bytes);
+        let lighter = bytes_of(o).is_some_and(|b| b <= scene.source_bytes);
         let finer = scene.images.iter().map(|i| i.width * i.height).max()
             > Some(o.candidate.maps.levels[0].texels.len());
         // More texels help where there are more to take, and the file may still grow.
         if lighter && finer && Verdict::of(o).better.is_some_and(|(name, _)| name == "decimated") {
             text += "the asset's own materials on as many triangles score better: a larger --texture-size may help\n";
         }
-        if let Some(bytes) = self.bytes_out().filter(|b| *b > scene.source_bytes && scene.source_bytes > 0) {
+        if let Some(bytes) = bytes_of(o).filter(|b| *b > scene.source_bytes && scene.source_bytes > 0) {
             let (written, read) = (output::bytes(bytes), output::bytes(scene.source_bytes));
             let ways = lighter_by(o).join(", ");
             text += &format!(
                 "the written file is larger than the asset, {written} against {read}; {ways} may make it lighter\n"
             );
         }
-        text += &format!("wrote {}; textures: {}\n", self.output.display(), o.textures);
+        text += &format!("wrote {}; textures: {}\n", o.file.display(), o.textures);
         print(&text)
-    }
-
-    /// Bytes of the written file.
-    fn bytes_out(&self) -> Option<u64> {
-        std::fs::metadata(self.output).ok().map(|m| m.len())
     }
 
     fn json(&self, scene: &Scene, o: &Outcome, report: Option<&Path>) -> Value {
@@ -393,12 +390,12 @@ impl Job<'_> {
             .collect();
         let mut out = json!({
             "input": self.input.display().to_string(),
-            "output": self.output.display().to_string(),
+            "output": o.file.display().to_string(),
             "report": report.map(|p| p.display().to_string()),
             "triangles_in": o.triangles_in,
             "triangles_out": o.triangles_out,
             "bytes_in": scene.source_bytes,
-            "bytes_out": self.bytes_out(),
+            "bytes_out": bytes_of(o),
             "verdict": Verdict::of(o).likeness.to_string(),
             "written": o.written.name(),
             "compared": o.was_chosen(),
@@ -434,6 +431,11 @@ impl Job<'_> {
         }
         out
     }
+}
+
+/// Bytes of the written file.
+fn bytes_of(o: &Outcome) -> Option<u64> {
+    std::fs::metadata(&o.file).ok().map(|m| m.len())
 }
 
 /// What may make a written file lighter, of what it holds.

@@ -6,6 +6,7 @@
 
 use crate::engine::chain::{FitChain, MOST_PARTS, part_folder};
 use crate::engine::judge::{Quality, Stage, popping};
+use crate::simplify::outcome::beside;
 use crate::simplify::{Asset, Outcome, SimplifyOptions, locks, simplify_asset, with_asset};
 use crate::{FitError, Progress};
 use photofit_geometry::decimate::Target;
@@ -183,14 +184,6 @@ pub fn report_folder(folder: &Path, level: usize) -> PathBuf {
     if level == 0 { folder.to_owned() } else { folder.join(format!("lod{level}")) }
 }
 
-/// `output` with another ending.
-fn beside(output: &Path, ending: &str) -> PathBuf {
-    let mut name = output.file_stem().unwrap_or_default().to_owned();
-    name.push(".");
-    name.push(ending);
-    output.with_file_name(name)
-}
-
 /// Progress of one level of a chain.
 struct OfLevel<'a> {
     progress: &'a dyn Progress,
@@ -300,6 +293,7 @@ fn level(
         };
         simplify_asset(asset, from, &path, &fit, began, progress).map_err(of_chain)
     })?;
+    let path = outcome.file.clone();
     let bytes = std::fs::metadata(&path).map_err(|source| FitError::Io { path: path.clone(), source })?.len();
     let (size, switch_size) = (options.sizes[k], options.switch_size(k));
     Ok(Level { path, bytes, size, switch_size, popping: None, outcome })

@@ -33,6 +33,7 @@ use bare::bare;
 use photofit_geometry::weld::weld_rows;
 use photofit_geometry::{Mesh, Weld, opposed};
 use photofit_raster::Maps;
+use photofit_scalar::Vec3f;
 use photofit_scene::{FlatScene, Scene};
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -139,15 +140,18 @@ pub fn retexture(
     let reference_pictures = Rasterized::of(&n, &rays).animated(&theirs);
 
     let rest = own.flat(Moment::default())?;
-    warn_of_normals(&n, &rest, progress);
+    let turned = opposed(&rest.mesh);
+    warn_of_normals(&n, (&rest, &turned), progress);
     let mut candidate = candidate(&n, &rest, options.texture_size)?;
+    // Vertex normals that point to the back would lead rays away from the surface.
+    let round = turned.contains(&true).then(|| candidate.round_normals());
     let moves = options.fit_shape && options.steps > 0;
     let to_bind = moves.then(|| own.to_bind()).transpose()?;
     let at_rest = match &to_bind {
         Some(to_bind) => candidate.vertices_through(&[&**to_bind, &*own.deformation(Moment::default())?]),
         None => candidate.vertices_of(placed(&rest)),
     };
-    let (maps, distance) = baked(&n, &rays, &candidate, at_rest, progress)?;
+    let (maps, distance) = baked(&n, &rays, &candidate, (at_rest, round.as_deref()), progress)?;
     candidate.set_maps(maps);
     let asked = Asked { steps: options.steps, moves, reference: reference_pictures.kind() };
     let fitted = SurfacePlan::new(reference, &candidate, asked);
@@ -268,11 +272,11 @@ fn animation(options: &RetextureOptions, n: &Normalised) -> Item {
     Item::of("animation", !names.is_empty(), why, "both assets are compared as they stand")
 }
 
-/// Warns where vertex normals of one asset point to the back of its triangles and those of the other do not.
-fn warn_of_normals(n: &Normalised, rest: &FlatScene, progress: &dyn Progress) {
-    let own = opposed(&rest.mesh);
+/// Warns where vertex normals of one asset point to the back of its triangles and those of the other do not; `turned` says
+/// of which triangles of the light asset they do.
+fn warn_of_normals(n: &Normalised, (rest, turned): (&FlatScene, &[bool]), progress: &dyn Progress) {
     let count = |opposed: &[bool]| opposed.iter().filter(|o| **o).count();
-    let [theirs, own] = [(n.opposed(), &n.flat.mesh), (&own, &rest.mesh)]
+    let [theirs, own] = [(n.opposed(), &n.flat.mesh), (turned, &rest.mesh)]
         .map(|(opposed, mesh)| [count(opposed), mesh.triangles.len()]);
     let kinds = |[opposed, all]: [usize; 2]| [opposed > 0, opposed < all];
     if kinds(theirs) != kinds(own) {
@@ -317,12 +321,13 @@ fn placed(flat: &FlatScene) -> Placed {
     Placed { positions: flat.mesh.positions.clone(), normals: flat.mesh.normals.clone() }
 }
 
-/// Maps of the reference at rest onto these vertices, and the mean distance to it.
+/// Maps of the reference at rest onto these vertices, and the mean distance to it. Rays go along `directions` of the vertices,
+/// where they are not their normals.
 fn baked(
     n: &Normalised,
     rays: &crate::bake::ReferenceSurface<'_>,
     candidate: &Candidate,
-    vertices: Vertices,
+    (vertices, directions): (Vertices, Option<&[Vec3f]>),
     progress: &dyn Progress,
 ) -> Result<(Maps, f64), FitError> {
     let seen = visibility(rays, &VisibilitySettings::default());
@@ -340,9 +345,7 @@ fn baked(
         progress.report("bake", (share * 1000.0) as u64, 1000, n.light_asset.name.as_str());
         if progress.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
-    // Vertex normals that point to the back would lead rays away from the surface.
-    let round = opposed(&mesh).contains(&true).then(|| candidate.round_normals());
-    let target = Target { directions: round.as_deref(), ..Target::new(&mesh) };
+    let target = Target { directions, ..Target::new(&mesh) };
     let mut baked = bake(rays, &seen, &target, &settings, &heard).map_err(|e| match e {
         crate::bake::BakeError::Stopped => FitError::Interrupted,
         e => e.into(),

@@ -405,15 +405,32 @@ fn an_effort_is_told_and_what_is_said_beside_it_counts() {
 }
 
 #[test]
-fn a_budget_of_bytes_that_no_file_meets_is_a_failure_that_keeps_the_lightest() {
+fn a_budget_of_bytes_that_no_file_meets_is_a_failure_that_loses_nothing() {
     let dir = tempfile::tempdir().unwrap();
     let d = dir.path();
     write_rock(d, 6, false);
+    std::fs::write(d.join("out.glb"), "of last week").unwrap();
     let o = photofit(d, &fit("out.glb", &["--steps", "2", "--max-bytes", "500", "--json", "f.json"]));
     let told = stderr(&o);
     assert_eq!(o.status.code(), Some(1), "{told}");
     assert!(told.contains("--max-bytes asks for at most 500") && told.contains("out.glb"), "{told}");
-    assert!(photofit_scene::load(d.join("out.glb")).is_ok() && d.join("f.json").is_file());
+    assert_eq!(std::fs::read(d.join("out.glb")).unwrap(), b"of last week", "what was there stays");
+    // The lightest file that was found stands beside it, and the bytes that are named take it.
+    let beside = d.join("out.too-large.glb");
+    assert!(photofit_scene::load(&beside).is_ok());
+    let f = json(&d.join("f.json"));
+    assert!(f["output"].as_str().unwrap().ends_with("out.too-large.glb"), "{f}");
+    let bytes = std::fs::metadata(&beside).unwrap().len();
+    assert!(told.contains(&format!("--max-bytes {bytes}")), "{told}");
+    let o = photofit(d, &fit("out.glb", &["--steps", "2", "--max-bytes", &bytes.to_string()]));
+    assert!(o.status.success(), "{}", stderr(&o));
+    assert_eq!(std::fs::metadata(d.join("out.glb")).unwrap().len(), bytes);
+    // A file of that name is no input to be lost.
+    std::fs::copy(d.join("rock.glb"), d.join("o.too-large.glb")).unwrap();
+    let over = ["simplify", "o.too-large.glb", "-o", "o.glb", "--triangles", "20", "--max-bytes", "500"];
+    let o = photofit(d, &over);
+    assert!(!o.status.success() && stderr(&o).contains("--max-bytes"), "{}", stderr(&o));
+    assert_eq!(std::fs::read(d.join("o.too-large.glb")).unwrap(), std::fs::read(d.join("rock.glb")).unwrap());
 }
 
 #[test]

@@ -395,36 +395,29 @@ fn placed_world(scene: &Scene, to_frame: DAffine3, radius: f32, energy: Energy) 
 /// The lights of a picture as the path tracer takes them, which knows one environment: light from all around is added up.
 pub(crate) fn path_lights(lights: &[Light<'_, f32>]) -> (Vec<LightSource>, Option<EnvironmentMap>) {
     let sources = lights.iter().filter_map(LightSource::of).collect();
-    let mut around = lights.iter().filter(|l| matches!(l, Light::Ambient { .. } | Light::Environment { .. }));
-    let environment = match (around.next(), around.next()) {
-        (None, _) => None,
-        (Some(Light::Environment { map, rotation, scale }), None) => {
+    let (mut even, mut maps) = (None, Vec::new());
+    for light in lights {
+        match light {
+            Light::Ambient { radiance } => even = Some(even.unwrap_or_else(Vec3f::zero) + *radiance),
+            Light::Environment { map, rotation, scale } => maps.push((map, rotation, *scale)),
+            _ => {}
+        }
+    }
+    let environment = match (even, &maps[..]) {
+        (None, []) => None,
+        (Some(radiance), []) => Some(EnvironmentMap::constant(radiance)),
+        (None, [(map, rotation, scale)]) => {
             let x = rotation.apply(vec3(1.0, 0.0, 0.0));
             let turn = Quat::from_rotation_y((-x.z).atan2(x.x));
             let mut out = EnvironmentMap::new(equirectangular(|d| map.specular(d, 0.0)));
             (out.scale, out.rotation) = (*scale, turn);
             Some(out)
         }
-        (Some(_), _) => {
-            let constant = lights.iter().fold(Vec3f::zero(), |sum, light| match light {
-                Light::Ambient { radiance } => sum + *radiance,
-                _ => sum,
-            });
-            let maps = lights.iter().any(|l| matches!(l, Light::Environment { .. }));
-            let all = |d| {
-                lights.iter().fold(constant, |sum, light| match light {
-                    Light::Environment { map, rotation, scale } => {
-                        sum + map.specular(rotation.invert(d), 0.0) * *scale
-                    }
-                    _ => sum,
-                })
-            };
-            Some(if maps {
-                EnvironmentMap::new(equirectangular(all))
-            } else {
-                EnvironmentMap::constant(constant)
+        (even, maps) => Some(EnvironmentMap::new(equirectangular(|d| {
+            maps.iter().fold(even.unwrap_or_else(Vec3f::zero), |sum, (map, rotation, scale)| {
+                sum + map.specular(rotation.invert(d), 0.0) * *scale
             })
-        }
+        }))),
     };
     (sources, environment)
 }

@@ -57,9 +57,9 @@ pub(super) fn simplify(
         }
     };
     let textures = byte_budget::told(&light);
-    photofit_scene::save_glb_with(output, &light, options.compression)?;
+    let path = outcome::save(output, &light, options)?;
     let to_file = began.elapsed().as_secs_f64();
-    let written = photofit_scene::load(output)?;
+    let written = photofit_scene::load(&path)?;
     let mut stages = Vec::new();
     if options.as_engine && !options.is_judged_by_path_tracing(scene) {
         stages.push(Stage::new("original", scene.clone()));
@@ -80,7 +80,7 @@ pub(super) fn simplify(
     let times = Times { all: began.elapsed().as_secs_f64(), to_file };
     let judged = judge.method(&stages);
     let mut made = Outcome::new(triangles, trained, plan, &names, views, judged, times, options);
-    (made.written, made.textures, made.stopped) = (Written::Kept, textures, stopped);
+    (made.file, made.written, made.textures, made.stopped) = (path, Written::Kept, textures, stopped);
     (made.left_out, made.not_fitted) = (outcome::left_out(given, written, options.surfacing), Vec::new());
     prepare::tell_budget(options, triangles, progress);
     Ok(made)

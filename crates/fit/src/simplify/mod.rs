@@ -37,7 +37,7 @@ pub use mips::Mips;
 pub use options::{
     FEWEST, FitRenderer, Init, LARGEST_ENGINE_PICTURE, MILD, MOST_REPLAYS, SimplifyOptions, Surfacing,
 };
-pub use outcome::{Outcome, Written};
+pub use outcome::{Outcome, Written, too_large_path};
 pub use plan::{FitPlan, Judgement};
 pub use reference::ReferenceRenderer;
 pub use through_path::TRACED_FOLDER;
@@ -74,7 +74,8 @@ const LAST_POSITION_RATE: f64 = 0.4;
 
 /// Simplifies `scene` and writes the result to `output` (.glb).
 ///
-/// When the user stops the fit, what has been reached is exported and reported like a finished fit.
+/// When the user stops the fit, what has been reached is exported and reported like a finished fit. A file of more bytes than
+/// [`SimplifyOptions::max_bytes`] replaces nothing: it is written to [`too_large_path`] instead ([`Outcome::file`]).
 ///
 /// # Errors
 /// See [`FitError`]; nothing is written then.
@@ -216,9 +217,9 @@ pub(crate) fn simplify_asset(
         finish::finish(asset, chosen, spent, reference, options, progress)?;
     prepare::tell_budget(options, [scene.triangle_count(), light.triangle_count()], progress);
     let textures = byte_budget::told(&light);
-    photofit_scene::save_glb_with(output, &light, options.compression)?;
+    let path = outcome::save(output, &light, options)?;
     let to_file = began.elapsed().as_secs_f64();
-    let file = photofit_scene::load(output)?;
+    let file = photofit_scene::load(&path)?;
     let triangles = [scene.triangle_count(), file.triangle_count()];
     let stages = stages(asset, plain, all, (fitted, written, file), options);
     let judge = options.judge_of(scene, n, reference);
@@ -229,7 +230,7 @@ pub(crate) fn simplify_asset(
     let mut outcome =
         Outcome::new(triangles, trained, plan, &names, pictures, judge.method(&stages), times, options);
     outcome.device = device.name();
-    (outcome.written, outcome.textures) = (written, textures);
+    (outcome.file, outcome.written, outcome.textures) = (path, written, textures);
     let light = &stages[stages.len() - 1].scene;
     (outcome.left_out, outcome.not_fitted) = (
         outcome::left_out(given, light, options.surfacing),

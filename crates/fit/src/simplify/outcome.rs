@@ -1,14 +1,15 @@
 //! What a simplification gives back.
 
 use super::{Effort, FitPlan, Normalised, SimplifyOptions, Surfacing};
-use crate::Progress;
 use crate::candidate::Candidate;
 use crate::engine::judge::{Judged, Quality, ReportView, WIDEST_TRACED, beyond_rasterizer};
 use crate::engine::surface::Surface;
 use crate::engine::trainer::{HistoryPoint, Trained};
 use crate::engine::vertex_colors::colored;
 use crate::traced_maps::MapsCourse;
+use crate::{FitError, Progress};
 use photofit_scene::Scene;
+use std::path::{Path, PathBuf};
 
 /// Figures and pictures of a finished simplification.
 #[derive(Debug)]
@@ -55,6 +56,8 @@ pub struct Outcome {
     pub left_out: Vec<String>,
     /// What of the asset is in the written file, but was not drawn while fitting, one line each.
     pub not_fitted: Vec<String>,
+    /// Where it was written: what was asked for, or [`too_large_path`] of it.
+    pub file: PathBuf,
     /// What was written.
     pub written: Written,
     /// What it has in place of the asset's surface.
@@ -68,6 +71,30 @@ pub struct Outcome {
     pub resolution: usize,
     /// Where the fit ran.
     pub device: String,
+}
+
+/// `output` with another ending.
+pub(crate) fn beside(output: &Path, ending: &str) -> PathBuf {
+    let mut name = output.file_stem().unwrap_or_default().to_owned();
+    name.push(".");
+    name.push(ending);
+    output.with_file_name(name)
+}
+
+/// Where a light asset is written that has more bytes than were asked for: `out.too-large.glb`.
+pub fn too_large_path(output: &Path) -> PathBuf {
+    beside(output, "too-large.glb")
+}
+
+/// Writes a light asset and returns where: one of more bytes than are asked for replaces nothing.
+pub(super) fn save(output: &Path, light: &Scene, options: &SimplifyOptions) -> Result<PathBuf, FitError> {
+    let fits = match options.max_bytes {
+        None => true,
+        Some(most) => photofit_scene::to_glb_with(light, options.compression)?.len() as u64 <= most,
+    };
+    let path = if fits { output.to_owned() } else { too_large_path(output) };
+    photofit_scene::save_glb_with(&path, light, options.compression)?;
+    Ok(path)
 }
 
 /// What of a fit was written: what looked best in the views of the choice.
@@ -189,6 +216,7 @@ impl Outcome {
             traced_maps: None,
             left_out: Vec::new(),
             not_fitted: Vec::new(),
+            file: PathBuf::new(),
             written: Written::Fitted,
             surfacing: options.surfacing,
             textures: String::new(),

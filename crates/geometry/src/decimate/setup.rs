@@ -72,7 +72,7 @@ pub(super) fn engine<'a>(
     let group: Vec<u32> = soup.source.iter().map(|&s| group.get(s as usize).copied().unwrap_or(0)).collect();
     let mut wedges = options
         .keep_uvs
-        .then(|| Wedges::new(mesh, &soup, options.normal_weight, options.uv_weight))
+        .then(|| Wedges::new(mesh, &soup, &group, options.normal_weight, options.uv_weight))
         .filter(|w| w.width > 0);
     let n = soup.positions.len();
     let mut quadrics = vec![Quadric::default(); n];

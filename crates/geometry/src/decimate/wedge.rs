@@ -8,6 +8,8 @@ use super::clean::Soup;
 use super::quadric::Quadric;
 use crate::Mesh;
 use glam::DVec3;
+use std::collections::BTreeMap;
+use std::ops::Range;
 
 /// Attributes per corner, scaled so that one unit counts as one bounding diagonal.
 #[derive(Debug)]
@@ -22,6 +24,8 @@ pub(super) struct Wedges {
     forms: Vec<f64>,
     /// Where the uvs start within a wedge.
     pub(super) uv: Option<usize>,
+    /// Per value: whether it stays in [0, 1], as all of its group in the input are. Texture coordinates alone do.
+    bounded: Vec<bool>,
     scale: Vec<f64>,
 }
 
@@ -36,9 +40,38 @@ pub(super) struct Pairing {
     pub(super) second: bool,
 }
 
+/// Which values of wedges are `coordinates` of a group all of whose corners have that one in [0, 1].
+fn bounded(
+    values: &[f64],
+    scale: &[f64],
+    coordinates: Range<usize>,
+    corners: &[[u32; 3]],
+    group: &[u32],
+) -> Vec<bool> {
+    let width = scale.len();
+    let mut inside: BTreeMap<u32, Vec<bool>> = BTreeMap::new();
+    for (corners, g) in corners.iter().zip(group) {
+        let inside = inside.entry(*g).or_insert_with(|| vec![true; width]);
+        for w in corners {
+            for j in coordinates.clone() {
+                inside[j] &= (0.0..=scale[j]).contains(&values[*w as usize * width + j]);
+            }
+        }
+    }
+    let mut out = vec![false; values.len()];
+    for (corners, g) in corners.iter().zip(group) {
+        for w in corners {
+            for j in coordinates.clone() {
+                out[*w as usize * width + j] |= inside[g][j];
+            }
+        }
+    }
+    out
+}
+
 impl Wedges {
     /// Wedges of a cleaned mesh: input vertices with equal position and attributes share one.
-    pub(super) fn new(mesh: &Mesh, soup: &Soup, normal_weight: f64, uv_weight: f64) -> Self {
+    pub(super) fn new(mesh: &Mesh, soup: &Soup, group: &[u32], normal_weight: f64, uv_weight: f64) -> Self {
         let mut scale = Vec::new();
         let floor = |w: f64| w.max(1e-6);
         if !mesh.normals.is_empty() {
@@ -87,7 +120,7 @@ impl Wedges {
         }
         named.sort_unstable();
         let find = |v: u32, i: u32| named.binary_search_by_key(&(v, i), |e| e.0).map_or(0, |k| named[k].1);
-        let corners = soup
+        let corners: Vec<[u32; 3]> = soup
             .triangles
             .iter()
             .zip(&soup.source)
@@ -97,7 +130,11 @@ impl Wedges {
             })
             .collect();
         let width = scale.len();
-        Self { width, corners, values, forms: vec![0.0; count as usize * (1 + 4 * width)], uv, scale }
+        let coordinates = usize::from(!mesh.uvs.is_empty()) + usize::from(!mesh.uvs1.is_empty());
+        let first = if mesh.normals.is_empty() { 0 } else { 3 };
+        let bounded = bounded(&values, &scale, first..first + 2 * coordinates, &corners, group);
+        let forms = vec![0.0; count as usize * (1 + 4 * width)];
+        Self { width, corners, values, forms, uv, bounded, scale }
     }
 
     /// Value of attribute `j` of a wedge.
@@ -203,7 +240,10 @@ impl Wedges {
                     (mean, n) = (mean + s, n + 1.0);
                 }
                 let best = if area > 0.0 { (g.dot(x) + f[3]) / area } else { mean / n };
-                out.push(best.clamp(lo, hi));
+                let best = best.clamp(lo, hi);
+                let mut class = pairs.iter().filter(|m| m.class == p.class);
+                let stays = class.any(|m| self.bounded[m.wedge as usize * self.width + j]);
+                out.push(if stays { best.clamp(0.0, self.scale[j]) } else { best });
             }
         }
     }
@@ -211,6 +251,12 @@ impl Wedges {
     /// Merges every class into its first wedge with the values of [`Self::solve`].
     pub(super) fn merge(&mut self, pairs: &[Pairing], solved: &[f64], scratch: &mut Vec<f64>) {
         let n = 1 + 4 * self.width;
+        for p in pairs.iter().filter(|p| p.class != p.wedge) {
+            for j in 0..self.width {
+                let stays = self.bounded[p.wedge as usize * self.width + j];
+                self.bounded[p.class as usize * self.width + j] |= stays;
+            }
+        }
         for (k, p) in pairs.iter().filter(|p| p.class == p.wedge).enumerate() {
             self.gather(pairs, p.class, scratch);
             self.forms[p.class as usize * n..][..n].copy_from_slice(scratch);

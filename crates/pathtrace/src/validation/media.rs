@@ -3,7 +3,9 @@
 use super::scenes::{diffuse, looking, render, square, with_strategy};
 use super::statistics::{agree, chi_square, mean_of};
 use crate::volume::{phase, sample_phase};
-use crate::{EnvironmentMap, Material, Parts, RenderOptions, Shape, Strategy, View, Volume, World};
+use crate::{
+    EnvironmentMap, Material, Parts, PathOptions, RenderOptions, Shape, Strategy, View, Volume, World,
+};
 use glam::{DAffine3, DVec3};
 use photofit_sampling::Rng;
 use photofit_scalar::{Vec3f, vec3};
@@ -131,6 +133,47 @@ fn media_that_only_scatter_vanish_in_a_white_environment() {
         let (picture, variance) = render(&world, &view, options);
         let (mean, error) = mean_of(&picture, &variance, 64, 1);
         assert!((mean - 1.0).abs() < 4.0 * error + 1e-4, "g = {g}: {mean} +- {error}");
+    }
+}
+
+/// A cloud of coloured albedo around a ball, on a floor beside a lamp and under a sky, and a coloured pane that is crossed.
+fn cloudy() -> World {
+    let mut cloud = cube(3.0, 1.0, 0.5);
+    cloud.albedo = vec3(0.98, 0.85, 0.6);
+    let density = (0..4 * 4 * 4).map(|i| (i * 7919 % 13) as f32 / 6.0).collect();
+    let cloud = Volume { size: [4, 4, 4], density, ..cloud };
+    let sky = EnvironmentMap::constant(vec3(0.2, 0.3, 0.5));
+    let mut parts = Parts { environment: Some(sky), volumes: vec![cloud], ..Parts::default() };
+    let floor = super::scenes::quad(vec3(-4.0, -1.2, -4.0), vec3(0.0, 0.0, 8.0), vec3(8.0, 0.0, 0.0));
+    super::scenes::place(&mut parts, floor, Material::new(diffuse(0.8, 0.7, 0.6)));
+    parts.add(Shape::Sphere { center: Vec3f::zero(), radius: 0.4 }, Material::new(diffuse(0.9, 0.9, 0.9)));
+    let mut pane = Material::new(Bsdf::Null(Null));
+    pane.absorption = vec3(0.8, 0.1, 0.4);
+    parts.add(Shape::Sphere { center: vec3(0.9, -0.6, 0.9), radius: 0.5 }, pane);
+    let lamp = Shape::Sphere { center: vec3(-1.8, 1.6, 0.5), radius: 0.5 };
+    parts.add(lamp, Material::new(diffuse(0.5, 0.5, 0.5)).emitting(Vec3f::splat(6.0)));
+    World::new(parts).unwrap()
+}
+
+#[test]
+fn roulette_in_media_keeps_the_mean() {
+    let world = cloudy();
+    let view = looking([1.2, 0.8, 3.2], [0.0, -0.2, 0.0], 0.8);
+    let shot = |strategy, roulette_depth, seed, spp| {
+        let path = PathOptions { roulette_depth, ..with_strategy(strategy, 48) };
+        render(&world, &view, RenderOptions { path, seed, ..square(12, spp) })
+    };
+    for strategy in [Strategy::Mis, Strategy::Light, Strategy::Bsdf] {
+        let (never, n) = (shot(strategy, u32::MAX, 1, 2048), 2048);
+        // From the first event on that the schedule allows, and later.
+        for (depth, seed) in [(1, 2), (12, 3)] {
+            let played = shot(strategy, depth, seed, n);
+            let name = format!("{strategy:?} from event {depth} on");
+            agree(&name, (&never.0, &never.1, n), (&played.0, &played.1, n));
+        }
+        // It does end paths: with the same random numbers, the same picture would come out else.
+        let (with, without) = (shot(strategy, 1, 4, 16), shot(strategy, u32::MAX, 4, 16));
+        assert_ne!(with.0.data, without.0.data, "{strategy:?}");
     }
 }
 

@@ -62,6 +62,7 @@ impl Library {
         };
         let mut ignored: Vec<String> = Vec::new();
         let mut begun = false;
+        let mut beyond: Vec<Beyond> = Vec::new();
         for (line, text) in lines(&text) {
             let place = format!("{} line {line}", clip(file));
             let (keyword, rest) = split_keyword(&text);
@@ -93,7 +94,8 @@ impl Library {
                     Ok(None)
                 }
             };
-            let known = match statements.statement(keyword, rest, &place, &mut map) {
+            let mut told = None;
+            let known = match statements.statement(keyword, rest, &place, &mut map, &mut told) {
                 Err(f) if statements::may_be_left_out(keyword) => {
                     warning = Some(format!("{}: {}: `{keyword}` is left out", f.place, f.rule));
                     true
@@ -101,10 +103,24 @@ impl Library {
                 other => other?,
             };
             scene.warnings.extend(warning);
+            if let Some(rule) = told {
+                match beyond.iter_mut().find(|b| b.keyword == keyword) {
+                    Some(b) => b.more += 1,
+                    None => beyond.push(Beyond {
+                        keyword: keyword.to_owned(),
+                        first: format!("{place}: {rule}"),
+                        more: 0,
+                    }),
+                }
+            }
             if !known && !ignored.iter().any(|k| k == keyword) && ignored.len() < 16 {
                 ignored.push(clip(keyword));
             }
         }
+        scene.warnings.extend(beyond.into_iter().map(|b| match b.more {
+            0 => b.first,
+            n => format!("{} (and {n} more of `{}`)", b.first, b.keyword),
+        }));
         if !ignored.is_empty() {
             scene.warnings.push(format!("{}: ignored statements: {}", clip(file), ignored.join(", ")));
         }
@@ -128,6 +144,14 @@ impl Library {
     }
 }
 
+/// Statements of one keyword whose numbers lie out of its range.
+struct Beyond {
+    keyword: String,
+    /// Place and rule of the first one.
+    first: String,
+    more: usize,
+}
+
 /// A texture of a statement.
 #[derive(Clone, Copy, Debug)]
 struct Map {
@@ -135,6 +159,9 @@ struct Map {
     /// `-bm`: strength of a bump map.
     strength: f32,
 }
+
+/// Most of a number among the options of a texture: beyond it coordinates and slopes lose all their digits.
+const MOST: f32 = 1e6;
 
 /// A texture statement: options, then the file's name to the end of the line; and what to tell of it.
 fn map(
@@ -147,6 +174,7 @@ fn map(
     let mut rest = rest;
     let (mut scale, mut offset, mut wrap) = ([1.0_f32; 2], [0.0_f32; 2], Wrap::Repeat);
     let mut strength = 1.0;
+    let mut told = None;
     while rest.starts_with('-') {
         let (option, after) = split_keyword(rest);
         let (most, numeric) = match option {
@@ -162,9 +190,14 @@ fn map(
         for k in 0..most {
             let (word, next) = split_keyword(after);
             if numeric {
-                match word.parse::<f32>().ok().filter(|x| x.is_finite()) {
-                    Some(x) => values[k] = x,
-                    None => break,
+                // `nan` and `inf` are numbers.
+                match word.parse::<f32>() {
+                    Ok(x) if x.abs() <= MOST && (x >= 0.0 || option != "-bm") => values[k] = x,
+                    Ok(_) => {
+                        let [option, word] = [option, word].map(clip);
+                        told = Some(format!("{place}: `{option} {word}` has no meaning: it is left out"));
+                    }
+                    Err(_) => break,
                 }
             } else if option == "-clamp" && word == "on" {
                 wrap = Wrap::ClampToEdge;
@@ -181,13 +214,12 @@ fn map(
         match option {
             "-s" => pick(&mut scale),
             "-o" => pick(&mut offset),
-            "-bm" if values[0].is_finite() => strength = values[0].max(0.0),
+            "-bm" if values[0].is_finite() => strength = values[0],
             _ => {}
         }
         rest = after;
     }
     let key = format!("texture {rest}");
-    let mut told = None;
     let image = match textures.known(&key) {
         Some(image) => image,
         None => {

@@ -56,32 +56,63 @@ pub(super) fn may_be_left_out(keyword: &str) -> bool {
     )
 }
 
+/// Least and most of the numbers of a statement, and whether one beyond is taken as the bound; else the statement is left
+/// out.
+fn range(keyword: &str) -> (f32, f32, bool) {
+    match keyword {
+        "Ns" => (0.0, 1000.0, true),
+        "Ni" => (1.0, 10.0, false),
+        "illum" => (0.0, 10.0, false),
+        "Ke" => (0.0, f32::MAX, true),
+        "Pc" => (0.0, 4.0, true),
+        "anisor" => (-1.0, 1.0, true),
+        _ => (0.0, 1.0, true),
+    }
+}
+
+/// How far beyond its range a number may lie in silence: what exporters lose by rounding.
+const ROUNDING: f32 = 1e-3;
+
+/// The numbers of a statement within its range, `None` where it is left out; `told` hears the rule that they broke.
+fn within<const N: usize>(keyword: &str, values: [f32; N], told: &mut Option<String>) -> Option<[f32; N]> {
+    let (least, most, bounded) = range(keyword);
+    let out = values.map(|x| x.clamp(least, most));
+    let beyond = values.iter().zip(&out).find(|(x, y)| (*x - *y).abs() > ROUNDING);
+    let Some((beyond, _)) = beyond else { return Some(out) };
+    let must = if most == f32::MAX { format!("at least {least}") } else { format!("{least} to {most}") };
+    let done = if bounded { "the nearest bound is taken" } else { "the statement is left out" };
+    *told = Some(format!("`{keyword}` is {beyond:?}; it must be {must}; {done}"));
+    bounded.then_some(out)
+}
+
+/// One number stands for all three.
+fn color(rest: &str) -> Result<[f32; 3], String> {
+    let c: [f32; 3] = numbers(rest, &[f32::MAX; 3], 1)?;
+    Ok(if c[1] == f32::MAX { [c[0]; 3] } else { c.map(|x| if x == f32::MAX { 0.0 } else { x }) })
+}
+
 impl Statements {
     /// Takes a statement; whether it has a meaning here (or none that is worth a warning). `map` reads a texture, which
-    /// may be needed.
+    /// may be needed; `told` hears of numbers out of range.
     pub(super) fn statement(
         &mut self,
         keyword: &str,
         rest: &str,
         place: &str,
         map: &mut ReadMap<'_>,
+        told: &mut Option<String>,
     ) -> Result<bool, Fault> {
         let rule = |rule: String| fault(place, rule);
-        let number = |rest: &str| -> Result<Option<f32>, Fault> {
-            numbers::<1>(rest, &[0.0], 1).map(|n| Some(n[0])).map_err(rule)
-        };
-        let color = || -> Result<Option<[f32; 3]>, Fault> {
-            let c: [f32; 3] = numbers(rest, &[f32::MAX; 3], 1).map_err(rule)?;
-            // One number stands for all three.
-            let c = if c[1] == f32::MAX { [c[0]; 3] } else { c.map(|x| if x == f32::MAX { 0.0 } else { x }) };
-            Ok(Some(c.map(|x| x.max(0.0))))
+        let mut number = |rest: &str| -> Result<Option<f32>, Fault> {
+            let n = numbers::<1>(rest, &[0.0], 1).map_err(rule)?;
+            Ok(within(keyword, n, told).map(|n| n[0]))
         };
         match keyword {
-            "Kd" => self.diffuse = color()?,
-            "Ka" => self.ambient = color()?,
-            "Ks" => self.specular = color()?,
-            "Ke" => self.emission = color()?,
-            "Tf" => self.filter = color()?,
+            "Kd" => self.diffuse = within(keyword, color(rest).map_err(rule)?, told),
+            "Ka" => self.ambient = within(keyword, color(rest).map_err(rule)?, told),
+            "Ks" => self.specular = within(keyword, color(rest).map_err(rule)?, told),
+            "Ke" => self.emission = within(keyword, color(rest).map_err(rule)?, told),
+            "Tf" => self.filter = within(keyword, color(rest).map_err(rule)?, told),
             "Ns" => self.exponent = number(rest)?,
             "Ni" => self.ior = number(rest)?,
             "d" => self.alpha = number(rest.strip_prefix("-halo").unwrap_or(rest))?,
@@ -124,22 +155,21 @@ impl Statements {
 
     /// The material without its maps.
     pub(super) fn material(&self, colored: bool) -> Material {
-        let unit = |x: f32| x.clamp(0.0, 1.0);
         let mean = |c: [f32; 3]| (c[0] + c[1] + c[2]) / 3.0;
         let illumination = self.illumination();
         let unset = if colored && self.diffuse_map.is_none() { 1.0 } else { 0.8 };
-        let base = self.diffuse.unwrap_or([unset; 3]).map(unit);
-        let alpha = unit(self.alpha.unwrap_or(1.0));
+        let base = self.diffuse.unwrap_or([unset; 3]);
+        let alpha = self.alpha.unwrap_or(1.0);
         let by_exponent = match self.exponent {
-            Some(n) => 1.0 - (n.clamp(0.0, 1000.0) / 1000.0).sqrt(),
+            Some(n) => 1.0 - (n / 1000.0).sqrt(),
             None if illumination.highlight => 0.0,
             None => 1.0,
         };
         let mirror = if illumination.reflection { self.ambient.map_or(1.0, mean) } else { 0.0 };
         Material {
             base_color: [base[0], base[1], base[2], alpha],
-            metallic: unit(self.metallic.unwrap_or(mirror)),
-            roughness: unit(self.roughness.unwrap_or(by_exponent)),
+            metallic: self.metallic.unwrap_or(mirror),
+            roughness: self.roughness.unwrap_or(by_exponent),
             emissive: self.emission.unwrap_or_default(),
             alpha_mode: if alpha < 1.0 { AlphaMode::Blend } else { AlphaMode::Opaque },
             extensions: self.extensions(illumination),
@@ -148,7 +178,6 @@ impl Statements {
     }
 
     fn extensions(&self, illumination: Illumination) -> Option<Box<Extensions>> {
-        let unit = |x: f32| x.clamp(0.0, 1.0);
         let mean = |c: [f32; 3]| (c[0] + c[1] + c[2]) / 3.0;
         let mut out = Extensions::default();
         let ior = self.ior.or(match (illumination.glass, illumination.transparency) {
@@ -156,30 +185,29 @@ impl Statements {
             (false, true) => Some(1.0),
             _ => None,
         });
-        if let Some(ior) = ior.filter(|n| *n >= 1.0) {
+        if let Some(ior) = ior {
             out.ior = ior;
         }
         // One half is the reflection that the index of refraction gives, one is twice as much.
-        let level = self.specular.map_or(if illumination.highlight { 1.0 } else { 0.0 }, mean).min(1.0);
+        let level = self.specular.map_or(if illumination.highlight { 1.0 } else { 0.0 }, mean);
         if level != 0.5 && self.specular_map.is_none() {
             let color = [(2.0 * level).max(1.0); 3];
             out.specular = Some(Specular { factor: (2.0 * level).min(1.0), color, ..Specular::default() });
         }
         if let Some(weight) = self.sheen.filter(|w| *w > 0.0) {
-            out.sheen = Some(Sheen { color: [unit(weight); 3], roughness: 0.5, ..Sheen::default() });
+            out.sheen = Some(Sheen { color: [weight; 3], roughness: 0.5, ..Sheen::default() });
         }
         if let Some(weight) = self.coat.filter(|w| *w > 0.0) {
-            let roughness = unit(self.coat_roughness.unwrap_or(0.03));
-            out.clearcoat =
-                Some(Clearcoat { factor: unit(0.25 * weight), roughness, ..Clearcoat::default() });
+            let roughness = self.coat_roughness.unwrap_or(0.03);
+            out.clearcoat = Some(Clearcoat { factor: 0.25 * weight, roughness, ..Clearcoat::default() });
         }
         if let Some(strength) = self.anisotropy.filter(|a| *a > 0.0) {
             let rotation = self.anisotropy_rotation.unwrap_or(0.0) * std::f32::consts::TAU;
-            out.anisotropy = Some(Anisotropy { strength: unit(strength), rotation, texture: None });
+            out.anisotropy = Some(Anisotropy { strength, rotation, texture: None });
         }
         // Opaque materials of some exporters have a filter of one too.
         if let (Some(filter), true) = (self.filter, illumination.transparency) {
-            out.transmission = Some(Transmission { factor: unit(mean(filter)), texture: None });
+            out.transmission = Some(Transmission { factor: mean(filter), texture: None });
         }
         (out != Extensions::default()).then(|| Box::new(out))
     }

@@ -193,6 +193,51 @@ fn numbers_are_read_as_blender_reads_them() {
 }
 
 #[test]
+fn numbers_out_of_their_range_are_told_with_file_line_and_rule() {
+    // Statement, what it must be, and what it is read as.
+    let clamped = [
+        ("Kd 1 -2 7", "0 to 1", "Kd 1 0 1"),
+        ("Ks 9", "0 to 1", "Ks 1"),
+        ("Ke -1 2 3", "at least 0", "Ke 0 2 3"),
+        ("Ns 1e30", "0 to 1000", "Ns 1000"),
+        ("Ns -3", "0 to 1000", "Ns 0"),
+        ("Pr -0.5", "0 to 1", "Pr 0"),
+        ("Pm 1e30", "0 to 1", "Pm 1"),
+        ("d -4", "0 to 1", "d 0"),
+        ("Tr 7", "0 to 1", "Tr 1"),
+        ("Pc 1e30", "0 to 4", "Pc 4"),
+        ("aniso -2", "0 to 1", "aniso 0"),
+        ("Ni 1e30", "1 to 10", ""),
+        ("Ni 0", "1 to 10", ""),
+        ("illum 1e30", "0 to 10", ""),
+        ("Pr nan", "finite", ""),
+        ("Ns inf", "finite", ""),
+    ];
+    for (statement, must, same) in clamped {
+        let (m, scene) = material(&format!("{statement}\n"));
+        assert_eq!(m, material(&format!("{same}\n")).0, "{statement}");
+        let [told] = &scene.warnings[..] else { panic!("{statement}: {:?}", scene.warnings) };
+        assert!(told.contains("a.mtl line 2") && told.contains(must), "{statement}: {told}");
+    }
+    for fine in ["Kd 1.0001 0 0", "Ns 1000", "Ns 0", "Pr 1", "Ni 1", "illum 10", "Ke 90 0 0", "anisor -0.25"]
+    {
+        let (m, scene) = material(&format!("{fine}\n"));
+        assert!(scene.warnings.is_empty() && m.base_color[0] <= 1.0, "{fine}: {:?}", scene.warnings);
+    }
+    // One line of warnings for a statement that a whole library has wrong.
+    let (m, scene) = material("Pr 2\nNs 4000\nPr 3\nPr 4\n");
+    assert_eq!((m.roughness, scene.warnings.len()), (1.0, 2), "{:?}", scene.warnings);
+    assert!(scene.warnings[0].ends_with("(and 2 more of `Pr`)"), "{:?}", scene.warnings);
+    for (options, plain) in [("-bm -1", ""), ("-bm nan", ""), ("-bm 1e30", ""), ("-s inf 2", "-s 1 2")] {
+        let (m, scene) = material(&format!("norm {options} color.png\n"));
+        assert_eq!(m, material(&format!("norm {plain} color.png\n")).0, "{options}");
+        let told = |w: &String| w.contains("a.mtl line 2") && w.contains("is left out");
+        assert!(scene.warnings.iter().any(told), "{options}: {:?}", scene.warnings);
+        assert!(m.normal_texture.is_some(), "{options}");
+    }
+}
+
+#[test]
 fn maps_are_joined_as_gltf_keeps_them() {
     let texel = |scene: &crate::Scene, slot: Option<crate::TextureSlot>| {
         let image = &scene.images[slot.unwrap().image];
