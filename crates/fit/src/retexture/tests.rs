@@ -65,8 +65,7 @@ fn a_light_arm_looks_like_a_heavy_one_while_both_bend() {
             posed.flatten().mesh.positions
         };
         let (w, g) = (mesh(&written), mesh(&given));
-        let far =
-            |p: &photofit_scalar::Vec3f| g.iter().map(|q| (*p - *q).length()).fold(f32::INFINITY, f32::min);
+        let far = |p: &Vec3f| g.iter().map(|q| (*p - *q).length()).fold(f32::INFINITY, f32::min);
         assert!(w.iter().all(|p| far(p) < 1e-5), "at {time} s");
     }
 }
@@ -82,7 +81,7 @@ fn the_candidate_is_drawn_at_the_moment_of_the_shot() {
     let mut candidate = candidate(&n, &rest, 256).unwrap();
     let rays = n.surface().unwrap();
     let at_rest = candidate.vertices_of(placed(&rest));
-    candidate.set_maps(baked(&n, &rays, &candidate, at_rest, &Silent).unwrap().0);
+    candidate.set_maps(baked(&n, &rays, &candidate, (at_rest, None), &Silent).unwrap().0);
     let reference = crate::engine::reference::ReferenceKind::RASTERIZED;
     let plan = SurfacePlan::new(&scene, &candidate, Asked { steps: 10, moves: true, reference });
     let mut model = Cpu::new(Posed::new(Surface::new(candidate, &plan), &poses, None)).unwrap();
@@ -170,7 +169,7 @@ fn what_cannot_be_fitted_is_an_error() {
 }
 
 /// An asset with other positions in its bind pose, and the normals that go with them.
-fn reshaped(mut scene: Scene, to: impl Fn(photofit_scalar::Vec3f) -> photofit_scalar::Vec3f) -> Scene {
+fn reshaped(mut scene: Scene, to: impl Fn(Vec3f) -> Vec3f) -> Scene {
     let (mut positions, mut normals) = (Vec::new(), Vec::new());
     let hierarchy = scene.hierarchy.clone().unwrap();
     for (primitive, mesh) in scene.primitives.iter().zip(&hierarchy.meshes) {
@@ -190,7 +189,7 @@ fn reshaped(mut scene: Scene, to: impl Fn(photofit_scalar::Vec3f) -> photofit_sc
 }
 
 /// Where the vertices of an asset are at a moment of its first animation of a name.
-fn positions_at(scene: &Scene, name: &str, time: f32) -> Vec<photofit_scalar::Vec3f> {
+fn positions_at(scene: &Scene, name: &str, time: f32) -> Vec<Vec3f> {
     let mut posed = scene.clone();
     posed.set_pose(scene.pose(scene.hierarchy.as_ref().unwrap().animation(name), time));
     posed.flatten().mesh.positions
@@ -202,7 +201,7 @@ fn the_shape_at_rest_is_found_in_pictures_of_poses() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("arm.glb");
     let heavy = arm(12, 16);
-    let waist = |p: photofit_scalar::Vec3f| {
+    let waist = |p: Vec3f| {
         let thin = 0.88 - 0.08 * (3.0 * p.y).sin();
         photofit_scalar::vec3(thin * p.x, p.y, thin * p.z)
     };
@@ -215,9 +214,7 @@ fn the_shape_at_rest_is_found_in_pictures_of_poses() {
     // poses that no picture showed.
     let off = |scene: &Scene, time: f32| {
         let (found, truth) = (positions_at(scene, "bend", time), positions_at(&heavy, "bend", time));
-        let nearest = |p: &photofit_scalar::Vec3f| {
-            truth.iter().map(|q| (*p - *q).length()).fold(f32::INFINITY, f32::min)
-        };
+        let nearest = |p: &Vec3f| truth.iter().map(|q| (*p - *q).length()).fold(f32::INFINITY, f32::min);
         found.iter().map(nearest).sum::<f32>() / found.len() as f32
     };
     println!("start {:?}\nfitted {:?}\n{}", r.start, r.quality, r.plan);
@@ -338,7 +335,9 @@ fn rays_do_not_follow_normals_that_point_to_the_back() {
         let rest = Animated::new(&bare, &n).flat(Moment::default()).unwrap();
         let candidate = candidate(&n, &rest, 64).unwrap();
         let at_rest = candidate.vertices_of(placed(&rest));
-        let (maps, _) = baked(&n, &n.surface().unwrap(), &candidate, at_rest, &Silent).unwrap();
+        let round = opposed(&rest.mesh).contains(&true).then(|| candidate.round_normals());
+        let vertices = (at_rest, round.as_deref());
+        let (maps, _) = baked(&n, &n.surface().unwrap(), &candidate, vertices, &Silent).unwrap();
         maps.texels.iter().flat_map(|t| [t[0], t[1], t[2]]).collect::<Vec<_>>()
     };
     // Rays go along the surface where vertex normals cannot be followed, which finds nearly the same.

@@ -25,6 +25,7 @@ const BYTES: usize = 256 << 20;
 
 /// Small enough that what is within the limits stays within [`BYTES`].
 const LIMITS: Limits = Limits {
+    vertex_attribute: None,
     file_bytes: 1 << 20,
     json_bytes: 1 << 20,
     json_items: 50_000,
