@@ -69,6 +69,7 @@ fn bounds(
     group: &[u32],
 ) -> Vec<[f64; 2]> {
     let (width, first, count) = (scale.len(), coordinates.start, coordinates.len());
+    let scales = &scale[coordinates];
     let mut tiles: BTreeMap<u32, Vec<[f64; 2]>> = BTreeMap::new();
     for (corners, g) in corners.iter().zip(group) {
         let reach = tiles.entry(*g).or_insert_with(|| vec![[f64::INFINITY, f64::NEG_INFINITY]; count]);
@@ -80,7 +81,7 @@ fn bounds(
         }
     }
     for reach in tiles.values_mut() {
-        for (reach, scale) in reach.iter_mut().zip(&scale[coordinates.clone()]) {
+        for (reach, scale) in reach.iter_mut().zip(scales) {
             *reach = tile(*reach, *scale);
         }
     }
