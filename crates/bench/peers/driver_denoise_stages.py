@@ -37,7 +37,8 @@ def table():
     def change(label, options):
         values = run(options)
         change = {key: values[key] - base[key] for key in base}
-        judged = {key: v for key, v in change.items() if key[0] not in found["sets"]["choosing"]}
+        # The fresh set is shown by its mean alone: what is read of single scenes and samples is an occasion to choose.
+        judged = {key: v for key, v in change.items() if key[0] in found["sets"]["judging"]}
         least, most = min(judged, key=judged.get), max(judged, key=judged.get)
         by_samples = [f"{np.mean([v for key, v in judged.items() if key[1] == s]):+.2f}" for s in SAMPLES]
         ends = [f"{name} {samples}: {judged[name, samples]:+.1f}" for name, samples in (least, most)]
@@ -52,8 +53,8 @@ def table():
             models.append(change(f"{model} without coherence", ["--model", model, "--without", "coherence"]))
     absolute = ", ".join(f"{which} {mean(base, which):.2f}" for which in found["sets"])
     return "\n\n".join([
-        f"PSNR less that of the automatic model ({absolute} dB), means over scenes and samples, and over the judging and fresh sets at each"
-        " number of samples: what is negative is lost without the stage.",
+        f"PSNR less that of the automatic model ({absolute} dB), means over scenes and samples, and over the judging set at each number of"
+        " samples, as are the extremes: what is negative is lost without the stage.",
         markdown(["automatic model", *head], stages),
         markdown(["model", *head], models),
     ])

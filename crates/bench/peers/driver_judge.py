@@ -1,22 +1,28 @@
 """The judge: light assets beside the heavy one in Blender Cycles, which knows nothing of us; at equal triangles and at equal bytes.
 
 `PHOTOFIT_JUDGE_ASSETS` names a folder in which the files of ROWS are looked for, at any depth, and ENVIRONMENT. What is made
-stands in out/bench/peers/work/judge, one folder a row: files, figures and references that are there are not made again.
-`PHOTOFIT_JUDGE_ROWS=YcbBanana:500,spot:bytes` makes some rows alone; the table has all that stand there.
+stands in out/bench/peers/work/judge, one folder a row. Beside each file stands its key: digests of the asset and of the
+environment, versions of the programs, settings; what is there under the same key is not made again.
+`PHOTOFIT_JUDGE_ROWS=YcbBanana:500,spot:bytes` makes some rows alone; the table has all that stand there with this judge and
+these assets, each with the version that made it.
 """
 
+import functools
+import hashlib
 import json
 import os
 import pathlib
 import shutil
 import subprocess
+import traceback
+import urllib.parse
 
 import numpy as np
 
 import in_cycles
-from harness import WORK, markdown, program
+from harness import ROOT, WORK, built, markdown, program
 
-ABOUT = "Light assets in Blender Cycles: ours, by Blender's Decimate modifier, by gltfpack, by gltf-transform"
+ABOUT = "Light assets in Blender Cycles, ours and those of peers"
 NEEDS = ["numpy", "scipy", "bpy", "flip-evaluator"]
 
 ENVIRONMENT = "venice_sunset_1k.hdr"
@@ -61,20 +67,91 @@ def ready():
     return None
 
 
-def once(path, make):
-    """Makes a file under another name and gives it its own when it is complete, unless it is there; whether it is."""
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name("part-" + path.name)
-        if make(part) is False:
-            return False
-        part.rename(path)
-    return True
+class Refused(Exception):
+    """A program that made nothing, and why."""
+
+
+def digest(files):
+    """SHA-256 of the contents of files."""
+    sums = [hashlib.sha256(pathlib.Path(file).read_bytes()).hexdigest() for file in files]
+    return hashlib.sha256("".join(sums).encode()).hexdigest()
+
+
+def parts(path):
+    """A file, and what it names of those in its folder."""
+    out, beside = [path], sorted(f for f in path.parent.rglob("*") if f.is_file())
+    for file in out:
+        if file.suffix in (".gltf", ".obj", ".mtl"):
+            text = urllib.parse.unquote(file.read_text(errors="replace"))
+            out += [f for f in beside if f.name in text and f not in out]
+    return out
+
+
+@functools.cache
+def digest_of(path):
+    return digest(parts(path))
+
+
+def first_line(*command):
+    """What a program says first; empty where it says nothing."""
+    try:
+        done = subprocess.run(list(map(str, command)), cwd=ROOT, capture_output=True, text=True)
+    except OSError:
+        return ""
+    return next(iter((done.stdout + done.stderr).strip().splitlines()), "").strip()
+
+
+@functools.cache
+def version(name):
+    """A peer with its version."""
+    found = first_line(tool(name), {"gltfpack": "-v"}.get(name, "--version"))
+    return found if found.startswith(name) else f"{name} {found or 'of an unknown version'}"
+
+
+@functools.cache
+def our_version():
+    """`photofit --version` and the version of the sources, or the digest of a program that they do not tell."""
+    exe = built()
+    sources = "" if os.environ.get("PHOTOFIT_PEER_PROGRAM") else first_line("git", "describe", "--always", "--dirty")
+    if not sources or sources.endswith("-dirty"):
+        sources = f"{sources} program {digest([exe])[:8]}".strip()
+    return f"{first_line(exe, '--version')}, {sources}"
+
+
+def blender():
+    import bpy
+
+    return f"Blender {bpy.app.version_string}"
+
+
+def judge():
+    """What the figures of all rows have in common."""
+    settings = {"views": VIEWS, "size": SIZE, "samples": SAMPLES, "reference": SAMPLES * in_cycles.REFERENCE_FACTOR}
+    return {**settings, "environment": digest_of(found(ENVIRONMENT)), "by": blender()}
+
+
+def once(path, key, make):
+    """Makes a file under another name and gives it its own when it is complete, unless it is there under this key."""
+    of_file, text = path.with_name(path.name + ".key"), json.dumps(key, sort_keys=True)
+    if path.exists() and of_file.exists() and of_file.read_text() == text:
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name("part-" + path.name)
+    make(part)
+    of_file.unlink(missing_ok=True)
+    part.rename(path)
+    of_file.write_text(text)
 
 
 def quiet(*command):
-    """Runs a peer; an error where it refuses."""
-    subprocess.run(list(map(str, command)), check=True, stdout=subprocess.DEVNULL)
+    """Runs a peer; `Refused` where it refuses."""
+    name = pathlib.Path(command[0]).name
+    try:
+        done = subprocess.run(list(map(str, command)), stdout=subprocess.DEVNULL)
+    except OSError as e:
+        raise Refused(f"{name} does not start: {e.strerror}") from e
+    if done.returncode:
+        raise Refused(f"{name} ended with {done.returncode}")
 
 
 def as_glb(name, path):
@@ -90,7 +167,7 @@ def as_glb(name, path):
         with in_cycles.quiet():
             bpy.ops.export_scene.gltf(filepath=str(part), export_format="GLB")
 
-    once(out, export)
+    once(out, {"asset": digest_of(path), "by": blender()}, export)
     return out
 
 
@@ -109,9 +186,7 @@ def decimated(path, budget, out):
 
 
 def packed(path, budget, out, *flags):
-    """By gltfpack, which looks at attributes, beyond the usual limit of the error; False where it is missing."""
-    if not tool("gltfpack"):
-        return False
+    """By gltfpack, which looks at attributes, beyond the usual limit of the error."""
     share = budget / in_cycles.triangles(in_cycles.load(path))
     quiet(tool("gltfpack"), "-noq", "-si", share, "-se", "1", "-sv", *flags, "-i", path, "-o", out)
 
@@ -139,53 +214,98 @@ def reference(name, path):
         with open(part, "wb") as file:
             np.savez_compressed(file, seen=seen.astype(np.float16), center=around[0], radius=around[1], triangles=count)
 
-    once(kept, render)
+    once(kept, {"asset": digest_of(path), "judge": judge()}, render)
     held = np.load(kept)
     return held["seen"].astype(np.float32), (held["center"].tolist(), float(held["radius"])), int(held["triangles"])
 
 
-def judged(name, path, file, shown):
-    """The figures of a file, whose geometry stands in `shown` without compression; kept."""
-    kept = file.with_suffix(".json")
+def judged(name, path, file, shown, key):
+    """Keeps the figures of a file, whose geometry stands in `shown` without compression."""
+    key = {**key, "judge": judge()}
 
     def measure(part):
         truth, around, _ = reference(name, path)
         seen, _, count = in_cycles.pictures(shown, found(ENVIRONMENT), VIEWS, SIZE, SAMPLES, 1, around)
-        part.write_text(json.dumps({"views": in_cycles.likeness(truth, seen), "triangles": count, "bytes": file.stat().st_size}))
+        figures = {"views": in_cycles.likeness(truth, seen), "triangles": count, "bytes": file.stat().st_size}
+        part.write_text(json.dumps({"key": key, **figures}))
 
-    once(kept, measure)
-    return json.loads(kept.read_text())
+    once(file.with_suffix(".json"), key, measure)
+
+
+def attempt(folder, way, key, make):
+    """Whether the file or the figures of a way are made; else why not is kept in place of its figures."""
+    try:
+        make()
+        return True
+    except Exception as e:
+        if not isinstance(e, Refused):
+            traceback.print_exc()
+        why = str(e) if isinstance(e, Refused) else f"{type(e).__name__}: {e}"
+    folder.mkdir(parents=True, exist_ok=True)
+    # Without a key of its own it is tried again.
+    (folder / f"{way}.json.key").unlink(missing_ok=True)
+    (folder / f"{way}.json").write_text(json.dumps({"key": {**key, "judge": judge()}, "refused": why}))
+    return False
 
 
 def at_triangles(name, path, budget):
     """Files with at most `budget` triangles."""
-    folder, glb = HERE / f"{name}-{budget}", as_glb(name, path)
+    folder, asset = HERE / f"{name}-{budget}", {"asset": digest_of(path), "budget": budget}
     ways = {
-        "ours": lambda out: program("simplify", path, "-o", out, "--triangles", budget) and None,
-        "Decimate": lambda out: decimated(path, budget, out),
-        "gltfpack -sv": lambda out: packed(glb, budget, out),
-        "gltfpack -sv -sp": lambda out: packed(glb, budget, out, "-sp"),
+        "ours": (our_version(), lambda out: program("simplify", path, "-o", out, "--triangles", budget)),
+        "Decimate": (blender(), lambda out: decimated(path, budget, out)),
     }
-    made = {way: folder / f"{way}.glb" for way, make in ways.items() if once(folder / f"{way}.glb", make)}
-    return {way: judged(name, path, file, file) for way, file in made.items()}
+    if tool("gltfpack"):
+        by = version("gltfpack")
+        ways["gltfpack -sv"] = (by, lambda out: packed(as_glb(name, path), budget, out))
+        ways["gltfpack -sv -sp"] = (by, lambda out: packed(as_glb(name, path), budget, out, "-sp"))
+    for way, (by, make) in ways.items():
+        file, key = folder / f"{way}.glb", {**asset, "by": by}
+
+        def whole():
+            once(file, key, make)
+            judged(name, path, file, file, key)
+
+        attempt(folder, way, key, whole)
+
+
+def within(path, most, out):
+    """Ours within as many bytes."""
+    large = out.with_name(out.stem + ".too-large.glb")
+    large.unlink(missing_ok=True)
+    try:
+        program("simplify", path, "-o", out, "--max-bytes", most, "--textures", "webp", "--compress", "meshopt")
+    except subprocess.CalledProcessError as e:
+        if not large.exists():
+            raise
+        lightest = large.stat().st_size
+        large.unlink()
+        raise Refused(f"none fits: the lightest has {lightest / 1e3:.0f} of {most / 1e3:.0f} kB") from e
 
 
 def at_bytes(name, path):
     """The whole asset compressed by peers, and ours within as many bytes; nothing where a peer is missing."""
     if not all(map(tool, TOOLS)):
-        return {}
-    folder, glb = HERE / f"{name}-bytes", as_glb(name, path)
-    peer, ours = folder / "WebP and meshopt.glb", folder / "ours.glb"
-    once(peer, lambda out: compressed(glb, out))
-    most = peer.stat().st_size
-    small = ["--max-bytes", most, "--textures", "webp", "--compress", "meshopt"]
-    once(ours, lambda out: program("simplify", path, "-o", out, *small) and None)
-    out = {}
-    for file in (ours, peer):
+        return
+    folder, asset = HERE / f"{name}-bytes", {"asset": digest_of(path), "budget": "bytes"}
+    plain = [version("node"), version("gltf-transform")]
+
+    def whole(way, key, make):
+        file = folder / f"{way}.glb"
         shown = file.with_suffix(".plain.glb")
-        once(shown, lambda part: uncompressed(file, part))
-        out[file.stem] = judged(name, path, file, shown)
-    return out
+
+        def work():
+            once(file, key, make)
+            once(shown, {**key, "plain": plain}, lambda part: uncompressed(file, part))
+            judged(name, path, file, shown, {**key, "plain": plain})
+
+        return attempt(folder, way, key, work)
+
+    peer = "WebP and meshopt"
+    by = f"{version('gltf-transform')}, {version('gltfpack')}"
+    if whole(peer, {**asset, "by": by}, lambda out: compressed(as_glb(name, path), out)):
+        most = (folder / f"{peer}.glb").stat().st_size
+        whole("ours", {**asset, "by": our_version(), "bytes": most}, lambda out: within(path, most, out))
 
 
 def cells(figures):
@@ -196,26 +316,48 @@ def cells(figures):
 
 
 def rows_of(results):
-    """A line for each file that has triangles."""
-    shown = lambda made: {way: figures for way, figures in made.items() if figures["triangles"]}
-    return [[name, budget, way, *cells(f)] for (name, budget), made in results.items() for way, f in shown(made).items()]
+    """A line for each file that has triangles, and for each that was not made."""
+    out = []
+    for (name, budget), made in results.items():
+        for way, figures in made.items():
+            by = figures["key"]["by"]
+            if "refused" in figures:
+                why = " ".join(figures["refused"].replace("|", "/").split())[:200]
+                out.append([name, budget, way, by, why, "", "", ""])
+            elif figures["triangles"]:
+                out.append([name, budget, way, by, *cells(figures)])
+    return out
 
 
 def standing():
-    """The rows whose figures stand in the folder, in the order of ROWS."""
-    out = {}
-    for name, (_, budgets) in ROWS.items():
+    """The rows that stand in the folder, of this judge and these assets, in the order of ROWS."""
+    now, out = judge(), {}
+    for name, (file, budgets) in ROWS.items():
+        asset = found(file)
         for budget in budgets:
             files = sorted((HERE / f"{name}-{budget}").glob("*.json"), key=lambda f: (f.stem != "ours", f.stem))
             made = {f.stem: json.loads(f.read_text()) for f in files if not f.name.startswith("part-")}
+            same = lambda key: key.get("judge") == now and (not asset or key["asset"] == digest_of(asset))
+            made = {way: figures for way, figures in made.items() if same(figures.get("key", {}))}
             if made:
                 out[name, budget] = made
     return out
 
 
+def title():
+    """By what stands in the table."""
+    ways = dict.fromkeys(way for made in standing().values() for way, figures in made.items() if "views" in figures)
+    return "Light assets in Blender Cycles" + (f": {', '.join(ways)}" if ways else "")
+
+
 def table():
+    HERE.mkdir(parents=True, exist_ok=True)
     for name, path, budget in wanted():
-        at_bytes(name, path) if budget == "bytes" else at_triangles(name, path, budget)
+        try:
+            at_bytes(name, path) if budget == "bytes" else at_triangles(name, path, budget)
+        except Exception:
+            traceback.print_exc()
+            print(f"judge: {name}:{budget} is not made", flush=True)
         # A row takes from minutes to an hour: what stands is told after each.
         (HERE / "table.md").write_text(tables())
     return tables()
@@ -223,15 +365,20 @@ def table():
 
 def tables():
     results = standing()
-    head = ["asset", "budget", "made by", "triangles", "kB", "PSNR, dB (worst view)", "FLIP"]
+    head = ["asset", "budget", "made by", "version", "triangles", "kB", "PSNR, dB (worst view)", "FLIP"]
     by_triangles = rows_of({key: made for key, made in results.items() if key[1] != "bytes"})
     by_bytes = rows_of({key: made for key, made in results.items() if key[1] == "bytes"})
     about = (
         f"{VIEWS} views of {SIZE} x {SIZE} pixels, {SAMPLES} samples ({SAMPLES * in_cycles.REFERENCE_FACTOR} of the reference), under"
-        f" {ENVIRONMENT} and a sun by turns. PSNR without Monte Carlo noise, FLIP with it; both over the foreground. Peers"
+        f" {ENVIRONMENT} and a sun by turns. PSNR without the variance of Monte Carlo noise, FLIP with it; both over the foreground. Peers"
         " that come to more or fewer triangles than the budget are listed as they are, those that leave none are not."
     )
-    parts = [about, markdown(head, by_triangles)]
+    missing = [f"{name} ({variable})" for name, variable in TOOLS.items() if not tool(name)]
+    there = [version(name) for name in TOOLS if tool(name)]
+    programs = f"{blender()} judges; peers: {', '.join(there) or 'none'}."
+    if missing:
+        programs += f" Not found, so that what needs them is not made: {', '.join(missing)}."
+    out = [about, programs, markdown(head, by_triangles)]
     if by_bytes:
-        parts += ["At equal bytes: all triangles as lossy WebP and meshopt by the peers, and ours within as many bytes:", markdown(head, by_bytes)]
-    return "\n\n".join(parts)
+        out += ["At equal bytes: all triangles as lossy WebP and meshopt by the peers, and ours within as many bytes:", markdown(head, by_bytes)]
+    return "\n\n".join(out)

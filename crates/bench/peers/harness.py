@@ -16,17 +16,19 @@ WORK = ROOT / "out" / "bench" / "peers" / "work"
 WORK.mkdir(parents=True, exist_ok=True)
 
 
-def program(*arguments, **environment):
-    """Runs `photofit ARGUMENTS`; returns the CPU seconds of the process, start and end included.
+def built():
+    """The program that `PHOTOFIT_PEER_PROGRAM` names, which is built already; without it the release build, which is made."""
+    named = os.environ.get("PHOTOFIT_PEER_PROGRAM")
+    if named:
+        return named
+    subprocess.run(["cargo", "build", "--release", "--quiet", "-p", "photofit-cli"], cwd=ROOT, check=True)
+    return pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "release" / "photofit"
 
-    `PHOTOFIT_PEER_PROGRAM` names a program that is built already; without it the release build is made and run.
-    """
-    built = os.environ.get("PHOTOFIT_PEER_PROGRAM")
-    if not built:
-        subprocess.run(["cargo", "build", "--release", "--quiet", "-p", "photofit-cli"], cwd=ROOT, check=True)
-        built = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "release" / "photofit"
+
+def program(*arguments, **environment):
+    """Runs `photofit ARGUMENTS`; returns the CPU seconds of the process, start and end included."""
+    command = [built(), *map(str, arguments)]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    command = [built, *map(str, arguments)]
     subprocess.run(command, cwd=ROOT, check=True, env={**os.environ, **environment}, stdout=subprocess.DEVNULL)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime

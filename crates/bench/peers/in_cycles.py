@@ -2,8 +2,9 @@
 
 Cameras look from a Fibonacci sphere at the reference's bounding sphere. Every other view is lit by an environment, scaled
 so that a white matte sphere has a mean of .7, the others by a sun within 20 to 60 degrees of the camera and a weak even
-light. Each view is rendered twice with half of the samples: the mean of (C1 - R1) (C2 - R2) is the squared difference without
-Monte Carlo noise, and PSNR is taken of that. FLIP is of the mean of both and holds noise. Both are means over the foreground.
+light. Each view is rendered twice with half of the samples, and PSNR is taken of the mean of (C1 - R1) (C2 - R2), in sRGB: the variance of
+Monte Carlo noise drops out of it. What stays is that the mean of a noisy colour moves where sRGB bends and clips. FLIP is of the mean of
+both and holds noise. Both are means over the foreground.
 """
 
 import contextlib

@@ -1,7 +1,8 @@
 """Tables against other programs: `cargo xtask bench peers [NAME...]`, or `python3 crates/bench/peers/run.py [NAME...]`.
 
 Each driver is one file beside this one with a line ABOUT, the packages it NEEDS (at the versions of requirements.txt)
-and a function `table()` that returns Markdown; `ready()`, where there is one, says what the system lacks. What it returns is written to out/bench/peers/NAME.md. A driver whose
+and a function `table()` that returns Markdown; `ready()`, where there is one, says what the system lacks, and `title()`, asked after
+the table, what stands in place of ABOUT above it. What it returns is written to out/bench/peers/NAME.md. A driver whose
 packages are missing is skipped with one line that says how to install them; with `--strict` that is an error.
 """
 
@@ -76,7 +77,8 @@ def main(arguments):
             failed = True
             continue
         versions = ", ".join(f"{p} {pins()[p]}" for p in driver.NEEDS)
-        text = f"# {driver.ABOUT}\n\n`cargo xtask bench peers {name}`; {versions}.\n\n{body}\n"
+        title = getattr(driver, "title", lambda: driver.ABOUT)()
+        text = f"# {title}\n\n`cargo xtask bench peers {name}`; {versions}.\n\n{body}\n"
         (folder / f"{name}.md").write_text(text)
         print(text)
         print(f"wrote {folder / (name + '.md')} after {time.perf_counter() - start:.0f} s", flush=True)

@@ -4,8 +4,8 @@ use crate::args::Simplify;
 use crate::fields::{SIMPLIFY, explain_error, misuse};
 use crate::output::{self, print};
 use crate::preflight::Places;
-use crate::progress::Terminal;
-use crate::simplify::{CHECKPOINT_FILE, Job, SUITE, ending, load, name, options, steps, within};
+use crate::progress::{Terminal, say};
+use crate::simplify::{CHECKPOINT_FILE, Job, SUITE, end, ending, load, name, options, steps, within};
 use crate::status::Ending;
 use crate::threads;
 use anyhow::{Error, Result};
@@ -78,14 +78,20 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
         print(&format!("wrote {}\n", summary.display()))?;
     }
     let written = a.json.as_ref().map_or(Ok(()), |path| output::write_json(path, &figures));
-    chain.failed.map_or(Ok(()), |e| Err(told(e)))?;
-    unwritten.map_or(Ok(()), Err)?;
-    summarised?;
-    written?;
-    for (k, level) in chain.levels.iter().enumerate() {
-        within(a, &level_path(&a.output, k), &level.path)?;
+    let levels = chain.levels.iter().enumerate();
+    let too_large: Vec<Error> =
+        levels.filter_map(|(k, level)| within(a, &level_path(&a.output, k), &level.path).err()).collect();
+    if a.msft_lod && !too_large.is_empty() {
+        let combined = combined_path(&a.output);
+        say(&format!("{}: is not written: a level has too many bytes", combined.display()));
     }
-    Ok(ending(chain.stopped))
+    let failed = chain.failed.map_or(Ok(()), |e| Err(told(e)));
+    let failed = failed.and(unwritten.map_or(Ok(()), Err)).and(summarised).and(written);
+    if let Err(e) = failed {
+        too_large.iter().for_each(|e| say(&e.to_string()));
+        return Err(e);
+    }
+    end(ending(chain.stopped), too_large)
 }
 
 /// An error with the options of a chain in place of the fields.
@@ -135,7 +141,7 @@ fn tell(a: &Simplify, scene: &Scene, chain: &LodChain) -> Result<(Value, Option<
     }
     if chain.levels.len() < a.lod.len() && chain.failed.is_none() {
         let made = chain.levels.len();
-        crate::progress::say(&format!("{made} of {} levels are written: the chain was stopped", a.lod.len()));
+        say(&format!("{made} of {} levels are written: the chain was stopped", a.lod.len()));
     }
     let combined = chain.combined.as_deref().map(shown);
     Ok((json!({ "levels": levels, "stopped": chain.stopped, "combined": combined }), unwritten))

@@ -87,8 +87,23 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
     let written = a.json.as_ref().map_or(Ok(()), |path| output::write_json(path, &done.json));
     done.unwritten.map_or(Ok(()), Err)?;
     written?;
-    within(a, &a.output, &done.outcome.file)?;
-    Ok(done.ending)
+    end(done.ending, within(a, &a.output, &done.outcome.file).err().into_iter().collect())
+}
+
+/// The ending of work with files that are `too_large`: all are told. A signal that ended it goes before them.
+///
+/// # Errors
+/// The last of them, where no signal ended the work.
+pub(crate) fn end(ending: Ending, mut too_large: Vec<Error>) -> Result<Ending> {
+    let last = if ending == Ending::Stopped { None } else { too_large.pop() };
+    too_large.iter().for_each(|e| say(&e.to_string()));
+    last.map_or(Ok(ending), Err)
+}
+
+/// Whether anything but the bytes says how many triangles there are.
+fn has_budget(a: &Simplify) -> bool {
+    let budget = [a.triangles.is_some(), a.ratio.is_some(), a.error.is_some(), a.screen_size.is_some()];
+    budget.contains(&true) || !a.lod.is_empty()
 }
 
 /// # Errors
@@ -97,9 +112,18 @@ pub(crate) fn within(a: &Simplify, output: &Path, file: &Path) -> Result<()> {
     let Some(most) = a.max_bytes.filter(|_| file != output) else { return Ok(()) };
     let bytes = std::fs::metadata(file).map_or(0, |m| m.len());
     let before = if output.exists() { "; what was there is left as it was" } else { "" };
+    let ways = [
+        ("fewer triangles", has_budget(a)),
+        ("--compress meshopt", matches!(a.compress, GeometryFormat::None)),
+    ];
+    let ways: Vec<&str> = ways.into_iter().filter(|(_, helps)| *helps).map(|(way, _)| way).collect();
+    let lighter = match ways.join(" or ") {
+        ways if ways.is_empty() => ways,
+        ways => format!("; {ways} may make it lighter"),
+    };
     bail!(
         "{}: is not written{before}: --max-bytes asks for at most {most} bytes, and the lightest file that was found has {bytes}: it \
-         stands in {}; --max-bytes {bytes}, fewer triangles or compressed geometry would fit",
+         stands in {}; --max-bytes {bytes} would take it{lighter}",
         output.display(),
         file.display()
     )
@@ -134,11 +158,9 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
     if let Target::ScreenSize(pixels) = target {
         default = default.for_screen_size(pixels);
     }
-    let budget = [a.triangles.is_some(), a.ratio.is_some(), a.error.is_some(), a.screen_size.is_some()];
-    let given = budget.contains(&true) || !a.lod.is_empty();
     Ok(SimplifyOptions {
         target,
-        triangles_by_bytes: a.max_bytes.is_some() && !given,
+        triangles_by_bytes: a.max_bytes.is_some() && !has_budget(a),
         init: match a.init {
             Start::Decimate => Init::Decimate,
             Start::Sphere => Init::Sphere,
@@ -468,5 +490,18 @@ fn texture_encoding(a: &Simplify) -> TextureEncoding {
         (Some(TextureFormat::Ktx2), _) => TextureEncoding::Ktx2 { quality },
         (Some(TextureFormat::Jpeg), _) | (None, Some(_)) => TextureEncoding::Jpeg { quality },
         (Some(TextureFormat::Png | TextureFormat::None) | None, _) => TextureEncoding::Png,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_signal_goes_before_files_that_are_too_large() {
+        let large = || vec![anyhow!("a: is not written"), anyhow!("b: is not written")];
+        assert_eq!(end(Ending::Stopped, large()).unwrap(), Ending::Stopped);
+        assert_eq!(end(Ending::Done, large()).unwrap_err().to_string(), "b: is not written");
+        assert_eq!(end(Ending::Done, Vec::new()).unwrap(), Ending::Done);
     }
 }

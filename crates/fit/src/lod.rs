@@ -74,7 +74,7 @@ pub struct LodChain {
     pub levels: Vec<Level>,
     /// Fewer levels than were asked for: the user stopped the chain.
     pub stopped: bool,
-    /// The file with all levels, where one was asked for.
+    /// The file with all levels, where one was asked for and no level has more bytes than are asked for.
     pub combined: Option<PathBuf>,
     /// Why a level could not be made, or what follows from all; the levels before it are written.
     pub failed: Option<FitError>,
@@ -211,7 +211,8 @@ impl Progress for OfLevel<'_> {
 ///
 /// When the user stops the work, the fit at work is exported and reported like a finished one, and later levels are not
 /// begun. A chain that goes on from its checkpoints makes the levels before again, without the steps that they hold. Once the
-/// first level is written, the summary of an older chain ([`summary_path`]) is removed.
+/// first level is written, the summary of an older chain ([`summary_path`]) is removed. A level of more bytes than are asked for stands
+/// in [`crate::simplify::too_large_path`] of its file, and there is no file with all levels then: older files stay as they were.
 ///
 /// # Errors
 /// See [`FitError`], where not even the first level could be made; else [`LodChain::failed`].
@@ -299,7 +300,7 @@ fn level(
     Ok(Level { path, bytes, size, switch_size, popping: None, outcome })
 }
 
-/// Compares neighbouring levels, and writes the file with all of them; its path.
+/// Compares neighbouring levels, and writes the file with all of them, unless one is too large; its path.
 fn finish(
     asset: Asset<'_>,
     output: &Path,
@@ -317,7 +318,8 @@ fn finish(
             popping(&asset.n.light_asset, [&fine, &coarse], &options.fit.lighting, size, options.fit.seed)?;
         levels[k - 1].popping = Some(flip);
     }
-    let combined = options.combined.then(|| combined_path(output));
+    let fit = levels.iter().enumerate().all(|(k, level)| level.path == level_path(output, k));
+    let combined = (options.combined && fit).then(|| combined_path(output));
     if let Some(path) = &combined {
         let last = levels.len() - 1;
         let coverage = |k: usize| match levels[k].switch_size {

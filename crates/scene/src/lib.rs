@@ -40,7 +40,7 @@ pub use nodes::{
     About, Hierarchy, Lens, Node, NodeCamera, NodeLight, NodeMesh, NodePrimitive, NodeTransform, Placement,
 };
 pub use pose::Pose;
-pub use save::{Compression, save_glb, save_glb_lods, save_glb_with, to_glb, to_glb_with};
+pub use save::{Compression, save_glb, save_glb_lods, save_glb_with, to_glb, to_glb_with, write_glb};
 pub use skin::{Bind, Influences, MorphTarget, Skin};
 pub use surface::{
     ExtensionSample, MapKind, SampleGradient, SampleSink, SurfaceLibrary, SurfacePacket, SurfaceSample,

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::Silent;
+use crate::simplify::too_large_path;
 use photofit_geometry::shapes::displaced_sphere;
 use photofit_scene::{Instance, Material, Primitive};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -127,6 +128,29 @@ fn a_level_that_cannot_be_written_keeps_those_before() {
     let text = chain.failed.unwrap().to_string();
     assert!(text.contains("out.lod1.glb"), "{text}");
     assert!(output.exists() && chain.levels[0].quality().psnr > 10.0);
+}
+
+#[test]
+fn levels_above_their_bytes_replace_nothing_and_there_is_no_file_with_all() {
+    let dir = tempfile::tempdir().unwrap();
+    let output = dir.path().join("out.glb");
+    let older =
+        [level_path(&output, 0), level_path(&output, 1), level_path(&output, 2), combined_path(&output)];
+    for path in &older {
+        std::fs::write(path, "of last week").unwrap();
+    }
+    let mut small = options();
+    (small.fit.max_bytes, small.fit.steps) = (Some(500), 2);
+    let chain = simplify_chain(&rock(), &output, &small, &Silent).unwrap();
+    assert!(chain.combined.is_none() && chain.failed.is_none() && !chain.stopped);
+    assert_eq!(chain.levels.len(), 3);
+    for (k, level) in chain.levels.iter().enumerate() {
+        assert_eq!(level.path, too_large_path(&level_path(&output, k)));
+        assert!(level.bytes > 500 && photofit_scene::load(&level.path).is_ok(), "level {k}");
+    }
+    for path in &older {
+        assert_eq!(std::fs::read(path).unwrap(), b"of last week", "{}", path.display());
+    }
 }
 
 #[test]

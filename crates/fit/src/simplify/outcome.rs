@@ -88,12 +88,10 @@ pub fn too_large_path(output: &Path) -> PathBuf {
 
 /// Writes a light asset and returns where: one of more bytes than are asked for replaces nothing.
 pub(super) fn save(output: &Path, light: &Scene, options: &SimplifyOptions) -> Result<PathBuf, FitError> {
-    let fits = match options.max_bytes {
-        None => true,
-        Some(most) => photofit_scene::to_glb_with(light, options.compression)?.len() as u64 <= most,
-    };
+    let bytes = photofit_scene::to_glb_with(light, options.compression)?;
+    let fits = options.max_bytes.is_none_or(|most| bytes.len() as u64 <= most);
     let path = if fits { output.to_owned() } else { too_large_path(output) };
-    photofit_scene::save_glb_with(&path, light, options.compression)?;
+    photofit_scene::write_glb(&path, &bytes)?;
     Ok(path)
 }
 

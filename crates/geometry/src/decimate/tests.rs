@@ -1,6 +1,7 @@
 //! Quality and robustness on procedural meshes.
 
 mod locked;
+mod tiles;
 
 use super::*;
 use photofit_scalar::{Vec3f, vec2, vec3};
@@ -276,46 +277,6 @@ fn uv_seams_are_carried() {
     assert!(out.normals.iter().all(|n| (n.z - 1.0).abs() < 1e-6));
     let free = to(&mesh, 40, |_| {});
     assert!(free.mesh.uvs.is_empty() && free.mesh.normals.is_empty());
-}
-
-#[test]
-fn uvs_of_a_group_that_lie_in_the_unit_square_stay_there() {
-    // A bumpy disc whose coordinates touch the unit square's border all around, at curved edges; the same beyond it.
-    let disc = |scale: f32| {
-        let mut mesh = grid(24, |x, y| 0.08 * (9.0 * x).sin() * (7.0 * y).cos());
-        for (p, uv) in mesh.positions.iter_mut().zip(&mut mesh.uvs) {
-            let (x, y) = (2.0 * p.x - 1.0, 2.0 * p.y - 1.0);
-            let (x, y) = (x * (1.0 - 0.5 * y * y).sqrt(), y * (1.0 - 0.5 * x * x).sqrt());
-            (p.x, p.y) = (x, y);
-            *uv = vec2((0.5 + 0.5 * x) * scale, 0.5 + 0.5 * y);
-        }
-        mesh
-    };
-    let outside = |mesh: &Mesh, group: &[u32], g: u32| {
-        let of = (0..mesh.triangles.len()).filter(|t| group[*t] == g).flat_map(|t| mesh.triangles[t]);
-        let mut far = [0.0_f32; 2];
-        for uv in of.map(|v| mesh.uvs[v as usize]) {
-            for (far, x) in far.iter_mut().zip([uv.x, uv.y]) {
-                *far = far.max(x - 1.0).max(-x);
-            }
-        }
-        far
-    };
-    let mut mesh = disc(1.0);
-    let first = mesh.triangles.len();
-    let base = mesh.positions.len() as u32;
-    let tiled = disc(3.0);
-    mesh.positions.extend(tiled.positions.iter().map(|p| *p + vec3(3.0, 0.0, 0.0)));
-    mesh.uvs.extend(&tiled.uvs);
-    mesh.triangles.extend(tiled.triangles.iter().map(|t| t.map(|v| v + base)));
-    let group: Vec<u32> = (0..mesh.triangles.len()).map(|t| u32::from(t >= first)).collect();
-    for n in [900, 300, 100, 40] {
-        let options = Options { keep_uvs: true, ..Options::new(Target::Triangles(n)) };
-        let d = decimate(&mesh, &group, &[], &options).unwrap();
-        assert_eq!(outside(&d.mesh, &d.group, 0), [0.0; 2], "{n} triangles");
-        let [u, v] = outside(&d.mesh, &d.group, 1);
-        assert!(u > 1.5 && v <= 0.0, "{n} triangles: u is tiled, v is not: {u} {v}");
-    }
 }
 
 #[test]

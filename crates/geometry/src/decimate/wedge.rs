@@ -24,8 +24,10 @@ pub(super) struct Wedges {
     forms: Vec<f64>,
     /// Where the uvs start within a wedge.
     pub(super) uv: Option<usize>,
-    /// Per value: whether it stays in [0, 1], as all of its group in the input are. Texture coordinates alone do.
-    bounded: Vec<bool>,
+    /// Which values are texture coordinates.
+    coordinates: Range<usize>,
+    /// Bounds of the texture coordinates of each wedge: where all of a group lie in one tile of the texture, they stay there.
+    bounds: Vec<[f64; 2]>,
     scale: Vec<f64>,
 }
 
@@ -40,29 +42,56 @@ pub(super) struct Pairing {
     pub(super) second: bool,
 }
 
-/// Which values of wedges are `coordinates` of a group all of whose corners have that one in [0, 1].
-fn bounded(
+/// Bounds of a value that may be any.
+const FREE: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
+/// How far coordinates may reach beyond a tile of the texture: what exporters lose by rounding.
+const ROUNDING: f64 = 1e-3;
+
+/// What lies within both bounds; where nothing does, neither holds.
+fn meet(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+    let both = [a[0].max(b[0]), a[1].min(b[1])];
+    if both[0] <= both[1] { both } else { FREE }
+}
+
+/// The tile that coordinates of this `reach` lie in, widened to the reach; free where they need more than one tile.
+pub(super) fn tile(reach: [f64; 2], scale: f64) -> [f64; 2] {
+    let least = (reach[0] / scale + ROUNDING).floor();
+    let most = (reach[1] / scale - ROUNDING).ceil();
+    if most - least > 1.0 { FREE } else { [reach[0].min(least * scale), reach[1].max(most * scale)] }
+}
+
+/// Bounds of the `coordinates` of wedges: the tiles of the groups that use them.
+fn bounds(
     values: &[f64],
     scale: &[f64],
     coordinates: Range<usize>,
     corners: &[[u32; 3]],
     group: &[u32],
-) -> Vec<bool> {
-    let width = scale.len();
-    let mut inside: BTreeMap<u32, Vec<bool>> = BTreeMap::new();
+) -> Vec<[f64; 2]> {
+    let (width, first, count) = (scale.len(), coordinates.start, coordinates.len());
+    let scales = &scale[coordinates];
+    let mut tiles: BTreeMap<u32, Vec<[f64; 2]>> = BTreeMap::new();
     for (corners, g) in corners.iter().zip(group) {
-        let inside = inside.entry(*g).or_insert_with(|| vec![true; width]);
+        let reach = tiles.entry(*g).or_insert_with(|| vec![[f64::INFINITY, f64::NEG_INFINITY]; count]);
         for w in corners {
-            for j in coordinates.clone() {
-                inside[j] &= (0.0..=scale[j]).contains(&values[*w as usize * width + j]);
+            for (j, reach) in reach.iter_mut().enumerate() {
+                let x = values[*w as usize * width + first + j];
+                *reach = [reach[0].min(x), reach[1].max(x)];
             }
         }
     }
-    let mut out = vec![false; values.len()];
+    for reach in tiles.values_mut() {
+        for (reach, scale) in reach.iter_mut().zip(scales) {
+            *reach = tile(*reach, *scale);
+        }
+    }
+    let wedges = values.len().checked_div(width).unwrap_or(0);
+    let mut out = vec![FREE; wedges * count];
     for (corners, g) in corners.iter().zip(group) {
         for w in corners {
-            for j in coordinates.clone() {
-                out[*w as usize * width + j] |= inside[g][j];
+            let of_wedge = &mut out[*w as usize * count..][..count];
+            for (bound, tile) in of_wedge.iter_mut().zip(&tiles[g]) {
+                *bound = meet(*bound, *tile);
             }
         }
     }
@@ -130,17 +159,26 @@ impl Wedges {
             })
             .collect();
         let width = scale.len();
-        let coordinates = usize::from(!mesh.uvs.is_empty()) + usize::from(!mesh.uvs1.is_empty());
+        let sets = usize::from(!mesh.uvs.is_empty()) + usize::from(!mesh.uvs1.is_empty());
         let first = if mesh.normals.is_empty() { 0 } else { 3 };
-        let bounded = bounded(&values, &scale, first..first + 2 * coordinates, &corners, group);
+        let coordinates = first..first + 2 * sets;
+        let bounds = bounds(&values, &scale, coordinates.clone(), &corners, group);
         let forms = vec![0.0; count as usize * (1 + 4 * width)];
-        Self { width, corners, values, forms, uv, bounded, scale }
+        Self { width, corners, values, forms, uv, coordinates, bounds, scale }
     }
 
     /// Value of attribute `j` of a wedge.
     #[inline]
     fn value(&self, wedge: u32, j: usize) -> f64 {
         self.values[wedge as usize * self.width + j]
+    }
+
+    /// Bounds of attribute `j` of a wedge.
+    fn bound(&self, wedge: u32, j: usize) -> [f64; 2] {
+        if !self.coordinates.contains(&j) {
+            return FREE;
+        }
+        self.bounds[wedge as usize * self.coordinates.len() + j - self.coordinates.start]
     }
 
     #[inline]
@@ -241,9 +279,9 @@ impl Wedges {
                 }
                 let best = if area > 0.0 { (g.dot(x) + f[3]) / area } else { mean / n };
                 let best = best.clamp(lo, hi);
-                let mut class = pairs.iter().filter(|m| m.class == p.class);
-                let stays = class.any(|m| self.bounded[m.wedge as usize * self.width + j]);
-                out.push(if stays { best.clamp(0.0, self.scale[j]) } else { best });
+                let class = pairs.iter().filter(|m| m.class == p.class);
+                let [lo, hi] = class.fold(FREE, |both, m| meet(both, self.bound(m.wedge, j)));
+                out.push(best.clamp(lo, hi));
             }
         }
     }
@@ -252,9 +290,10 @@ impl Wedges {
     pub(super) fn merge(&mut self, pairs: &[Pairing], solved: &[f64], scratch: &mut Vec<f64>) {
         let n = 1 + 4 * self.width;
         for p in pairs.iter().filter(|p| p.class != p.wedge) {
-            for j in 0..self.width {
-                let stays = self.bounded[p.wedge as usize * self.width + j];
-                self.bounded[p.class as usize * self.width + j] |= stays;
+            let count = self.coordinates.len();
+            for j in 0..count {
+                let (class, wedge) = (p.class as usize * count + j, p.wedge as usize * count + j);
+                self.bounds[class] = meet(self.bounds[class], self.bounds[wedge]);
             }
         }
         for (k, p) in pairs.iter().filter(|p| p.class == p.wedge).enumerate() {

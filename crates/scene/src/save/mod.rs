@@ -64,6 +64,14 @@ pub fn save_glb_with(
     write(path.as_ref(), &to_glb_with(scene, compression)?)
 }
 
+/// Writes what [`to_glb_with`] made as a file, which appears under its name only when it is complete.
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn write_glb(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), SceneError> {
+    write(path.as_ref(), bytes)
+}
+
 /// Writes a file under its name when it is complete.
 fn write(path: &Path, bytes: &[u8]) -> Result<(), SceneError> {
     photofit_image::write_atomically(path, bytes).map_err(|e| {

@@ -62,7 +62,7 @@ impl Library {
         };
         let mut ignored: Vec<String> = Vec::new();
         let mut begun = false;
-        let mut beyond: Vec<Beyond> = Vec::new();
+        let mut notes = Notes::default();
         for (line, text) in lines(&text) {
             let place = format!("{} line {line}", clip(file));
             let (keyword, rest) = split_keyword(&text);
@@ -82,45 +82,34 @@ impl Library {
                 }
                 continue;
             }
-            let mut warning = None;
-            let mut map = |rest: &str, needed: bool| match map(rest, folder, limits, &place, textures) {
-                Ok((map, told)) => {
-                    warning = told;
-                    Ok(Some(map))
-                }
+            let mut map = |rest: &str, needed: bool| match map(
+                keyword, rest, folder, limits, &place, textures, &mut notes,
+            ) {
                 Err(f) if needed && f.kind == FaultKind::Content => Err(f),
                 Err(f) => {
-                    warning = Some(format!("{}: {}: the map is left out", f.place, f.rule));
+                    let line = format!("{}: {}: the map is left out", f.place, f.rule);
+                    notes.add(Kind::Map, keyword, line);
                     Ok(None)
                 }
+                Ok(map) => Ok(Some(map)),
             };
             let mut told = None;
             let known = match statements.statement(keyword, rest, &place, &mut map, &mut told) {
                 Err(f) if statements::may_be_left_out(keyword) => {
-                    warning = Some(format!("{}: {}: `{keyword}` is left out", f.place, f.rule));
+                    let line = format!("{}: {}: `{keyword}` is left out", f.place, f.rule);
+                    notes.add(Kind::Unread, keyword, line);
                     true
                 }
                 other => other?,
             };
-            scene.warnings.extend(warning);
             if let Some(rule) = told {
-                match beyond.iter_mut().find(|b| b.keyword == keyword) {
-                    Some(b) => b.more += 1,
-                    None => beyond.push(Beyond {
-                        keyword: keyword.to_owned(),
-                        first: format!("{place}: {rule}"),
-                        more: 0,
-                    }),
-                }
+                notes.add(Kind::Range, keyword, format!("{place}: {rule}"));
             }
             if !known && !ignored.iter().any(|k| k == keyword) && ignored.len() < 16 {
                 ignored.push(clip(keyword));
             }
         }
-        scene.warnings.extend(beyond.into_iter().map(|b| match b.more {
-            0 => b.first,
-            n => format!("{} (and {n} more of `{}`)", b.first, b.keyword),
-        }));
+        scene.warnings.extend(notes.lines());
         if !ignored.is_empty() {
             scene.warnings.push(format!("{}: ignored statements: {}", clip(file), ignored.join(", ")));
         }
@@ -144,12 +133,59 @@ impl Library {
     }
 }
 
-/// Statements of one keyword whose numbers lie out of its range.
-struct Beyond {
-    keyword: String,
-    /// Place and rule of the first one.
-    first: String,
+/// What warnings of statements are about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    /// Numbers out of range.
+    Range,
+    /// Values that cannot be read.
+    Unread,
+    /// Options of a map.
+    Option,
+    /// A map that is not there, or another file in its place.
+    Map,
+}
+
+impl Kind {
+    /// How many of a kind are told in full; those of maps name their files.
+    fn most(self) -> usize {
+        if self == Self::Map { 8 } else { 1 }
+    }
+}
+
+/// Warnings of one kind about one sort of statements.
+#[derive(Debug)]
+struct Note {
+    kind: Kind,
+    /// The keyword; of options with their name.
+    of: String,
+    /// The first ones.
+    lines: Vec<String>,
+    /// How many follow.
     more: usize,
+}
+
+/// Warnings of a library: a few of each kind and keyword in full, the others by their number.
+#[derive(Debug, Default)]
+struct Notes(Vec<Note>);
+
+impl Notes {
+    fn add(&mut self, kind: Kind, of: &str, line: String) {
+        match self.0.iter_mut().find(|n| n.kind == kind && n.of == of) {
+            Some(note) if note.lines.len() < kind.most() => note.lines.push(line),
+            Some(note) => note.more += 1,
+            None => self.0.push(Note { kind, of: of.to_owned(), lines: vec![line], more: 0 }),
+        }
+    }
+
+    fn lines(self) -> impl Iterator<Item = String> {
+        self.0.into_iter().flat_map(|mut note| {
+            if let Some(last) = note.lines.last_mut().filter(|_| note.more > 0) {
+                *last += &format!(" (and {} more of `{}`)", note.more, note.of);
+            }
+            note.lines
+        })
+    }
 }
 
 /// A texture of a statement.
@@ -163,18 +199,19 @@ struct Map {
 /// Most of a number among the options of a texture: beyond it coordinates and slopes lose all their digits.
 const MOST: f32 = 1e6;
 
-/// A texture statement: options, then the file's name to the end of the line; and what to tell of it.
+/// A texture statement: options, then the file's name to the end of the line; `notes` hears what to tell of it.
 fn map(
+    keyword: &str,
     rest: &str,
     folder: &Folder,
     limits: &Limits,
     place: &str,
     textures: &mut Textures<'_>,
-) -> Result<(Map, Option<String>), Fault> {
+    notes: &mut Notes,
+) -> Result<Map, Fault> {
     let mut rest = rest;
     let (mut scale, mut offset, mut wrap) = ([1.0_f32; 2], [0.0_f32; 2], Wrap::Repeat);
     let mut strength = 1.0;
-    let mut told = None;
     while rest.starts_with('-') {
         let (option, after) = split_keyword(rest);
         let (most, numeric) = match option {
@@ -191,13 +228,16 @@ fn map(
             let (word, next) = split_keyword(after);
             if numeric {
                 // `nan` and `inf` are numbers.
-                match word.parse::<f32>() {
-                    Ok(x) if x.abs() <= MOST && (x >= 0.0 || option != "-bm") => values[k] = x,
-                    Ok(_) => {
-                        let [option, word] = [option, word].map(clip);
-                        told = Some(format!("{place}: `{option} {word}` has no meaning: it is left out"));
-                    }
-                    Err(_) => break,
+                let Ok(x) = word.parse::<f32>() else { break };
+                let (value, wrong) = match option {
+                    "-bm" if x.is_finite() && x < 0.0 => (0.0, Some("is below 0: 0 is taken")),
+                    _ if x.abs() <= MOST => (x, None),
+                    _ => (f32::NAN, Some("has no meaning: it is left out")),
+                };
+                values[k] = value;
+                if let Some(wrong) = wrong {
+                    let line = format!("{place}: `{option} {}` {wrong}", clip(word));
+                    notes.add(Kind::Option, &format!("{keyword} {option}"), line);
                 }
             } else if option == "-clamp" && word == "on" {
                 wrap = Wrap::ClampToEdge;
@@ -233,8 +273,9 @@ fn map(
                         })
                         .map_err(|()| f)?;
                     let [from, name] = [rest, name].map(clip);
-                    told =
-                        Some(format!("{place}: `{from}` is not there; `{name}` beside the library is taken"));
+                    let line =
+                        format!("{place}: `{from}` is not there; `{name}` beside the library is taken");
+                    notes.add(Kind::Map, keyword, line);
                     bytes
                 }
                 other => other?,
@@ -245,5 +286,5 @@ fn map(
     // The file's v points up: v' = 1 - (scale (1 - v) + offset).
     let transform = [[scale[0], 0.0, offset[0]], [0.0, scale[1], 1.0 - scale[1] - offset[1]]];
     let sampler = Sampler { wrap_u: wrap, wrap_v: wrap, ..Sampler::default() };
-    Ok((Map { slot: TextureSlot { image, sampler, tex_coord: 0, transform }, strength }, told))
+    Ok(Map { slot: TextureSlot { image, sampler, tex_coord: 0, transform }, strength })
 }

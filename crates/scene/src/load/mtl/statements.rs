@@ -107,6 +107,7 @@ impl Statements {
             let n = numbers::<1>(rest, &[0.0], 1).map_err(rule)?;
             Ok(within(keyword, n, told).map(|n| n[0]))
         };
+        // What is left out takes nothing from a statement before it.
         match keyword {
             "Kd" => self.diffuse = within(keyword, color(rest).map_err(rule)?, told),
             "Ka" => self.ambient = within(keyword, color(rest).map_err(rule)?, told),
@@ -114,10 +115,10 @@ impl Statements {
             "Ke" => self.emission = within(keyword, color(rest).map_err(rule)?, told),
             "Tf" => self.filter = within(keyword, color(rest).map_err(rule)?, told),
             "Ns" => self.exponent = number(rest)?,
-            "Ni" => self.ior = number(rest)?,
+            "Ni" => self.ior = number(rest)?.or(self.ior),
             "d" => self.alpha = number(rest.strip_prefix("-halo").unwrap_or(rest))?,
             "Tr" => self.alpha = number(rest)?.map(|t| 1.0 - t),
-            "illum" => self.illumination = number(rest)?,
+            "illum" => self.illumination = number(rest)?.or(self.illumination),
             "Pr" => self.roughness = number(rest)?,
             "Pm" => self.metallic = number(rest)?,
             "Ps" => self.sheen = number(rest)?,
@@ -125,17 +126,19 @@ impl Statements {
             "Pcr" => self.coat_roughness = number(rest)?,
             "aniso" => self.anisotropy = number(rest)?,
             "anisor" => self.anisotropy_rotation = number(rest)?,
-            "map_Kd" => self.diffuse_map = map(rest, true)?,
-            "map_Ks" => self.specular_map = map(rest, false)?,
+            "map_Kd" => self.diffuse_map = map(rest, true)?.or(self.diffuse_map),
+            "map_Ks" => self.specular_map = map(rest, false)?.or(self.specular_map),
             // Roughness in both, as Blender reads them.
             "map_Ns" if self.roughness_map.is_none() => self.roughness_map = map(rest, false)?,
             "map_Ns" => drop(map(rest, false)?),
-            "map_Pr" => self.roughness_map = map(rest, false)?,
-            "map_Pm" => self.metallic_map = map(rest, false)?,
-            "map_Ke" => self.emission_map = map(rest, true)?,
-            "map_d" => self.alpha_map = map(rest, false)?,
-            "norm" | "map_Norm" | "map_norm" | "map_Kn" => self.normal_map = map(rest, false)?,
-            "bump" | "map_bump" | "map_Bump" => self.bump_map = map(rest, false)?,
+            "map_Pr" => self.roughness_map = map(rest, false)?.or(self.roughness_map),
+            "map_Pm" => self.metallic_map = map(rest, false)?.or(self.metallic_map),
+            "map_Ke" => self.emission_map = map(rest, true)?.or(self.emission_map),
+            "map_d" => self.alpha_map = map(rest, false)?.or(self.alpha_map),
+            "norm" | "map_Norm" | "map_norm" | "map_Kn" => {
+                self.normal_map = map(rest, false)?.or(self.normal_map);
+            }
+            "bump" | "map_bump" | "map_Bump" => self.bump_map = map(rest, false)?.or(self.bump_map),
             "" | "#" => {}
             _ => return Ok(false),
         }

@@ -228,13 +228,51 @@ fn numbers_out_of_their_range_are_told_with_file_line_and_rule() {
     let (m, scene) = material("Pr 2\nNs 4000\nPr 3\nPr 4\n");
     assert_eq!((m.roughness, scene.warnings.len()), (1.0, 2), "{:?}", scene.warnings);
     assert!(scene.warnings[0].ends_with("(and 2 more of `Pr`)"), "{:?}", scene.warnings);
-    for (options, plain) in [("-bm -1", ""), ("-bm nan", ""), ("-bm 1e30", ""), ("-s inf 2", "-s 1 2")] {
+    let options = [
+        ("-bm -1", "-bm 0", "`-bm -1` is below 0: 0 is taken"),
+        ("-bm nan", "", "`-bm nan` has no meaning: it is left out"),
+        ("-bm 1e30", "", "`-bm 1e30` has no meaning: it is left out"),
+        ("-s inf 2", "-s 1 2", "`-s inf` has no meaning: it is left out"),
+    ];
+    for (options, plain, what) in options {
         let (m, scene) = material(&format!("norm {options} color.png\n"));
         assert_eq!(m, material(&format!("norm {plain} color.png\n")).0, "{options}");
-        let told = |w: &String| w.contains("a.mtl line 2") && w.contains("is left out");
+        let told = |w: &String| w.contains("a.mtl line 2") && w.contains(what);
         assert!(scene.warnings.iter().any(told), "{options}: {:?}", scene.warnings);
         assert!(m.normal_texture.is_some(), "{options}");
     }
+    let (_, scene) = material("norm -bm nan -s inf 2 -o 1 1e30 color.png\n");
+    for option in ["`-bm nan`", "`-s inf`", "`-o 1e30`"] {
+        assert!(scene.warnings.iter().any(|w| w.contains(option)), "{option}: {:?}", scene.warnings);
+    }
+}
+
+#[test]
+fn what_is_left_out_takes_nothing_from_a_statement_before_it() {
+    for (good, bad) in [("Ni 1.25", "Ni 0"), ("illum 2", "illum 11"), ("norm color.png", "norm none.png")] {
+        let (m, scene) = material(&format!("{good}\n{bad}\n"));
+        assert_eq!(m, material(&format!("{good}\n")).0, "{bad}");
+        assert_ne!(m, material("").0, "{good}");
+        let told = |w: &String| w.contains("a.mtl line 3") && w.contains("left out");
+        assert!(scene.warnings.iter().any(told), "{bad}: {:?}", scene.warnings);
+    }
+}
+
+#[test]
+fn what_a_whole_library_has_wrong_is_told_once_with_its_number() {
+    let wrong = "Pr x\nPm 2\nnorm -bm nan color.png\nmap_Pr none.png\n";
+    let (_, scene) = material(&wrong.repeat(50));
+    let told =
+        |word: &str| scene.warnings.iter().filter(|w| w.contains(word)).cloned().collect::<Vec<String>>();
+    for (word, line, of) in [("`Pr` is left", 2, "Pr"), ("0 to 1", 3, "Pm"), ("-bm nan", 4, "norm -bm")] {
+        let lines = told(word);
+        let [one] = &lines[..] else { panic!("{word}: {:?}", scene.warnings) };
+        assert!(one.contains(&format!("a.mtl line {line}:")), "{one}");
+        assert!(one.ends_with(&format!("(and 49 more of `{of}`)")), "{one}");
+    }
+    let maps = told("none.png");
+    assert_eq!(maps.len(), 8, "{:?}", scene.warnings);
+    assert!(maps[7].ends_with("(and 42 more of `map_Pr`)"), "{:?}", scene.warnings);
 }
 
 #[test]
