@@ -81,7 +81,7 @@ fn the_candidate_is_drawn_at_the_moment_of_the_shot() {
     let rest = poses.flat(Moment::default()).unwrap();
     let mut candidate = candidate(&n, &rest, 256).unwrap();
     let rays = n.surface().unwrap();
-    let at_rest = candidate.vertices_of(placed(&rest));
+    let at_rest = candidate.vertices_of(points(&rest));
     candidate.set_maps(baked(&n, &rays, &candidate, at_rest, &Silent).unwrap().0);
     let reference = crate::engine::reference::ReferenceKind::RASTERIZED;
     let plan = SurfacePlan::new(&scene, &candidate, Asked { steps: 10, moves: true, reference });
@@ -337,7 +337,7 @@ fn rays_do_not_follow_normals_that_point_to_the_back() {
         let bare = bare(light).unwrap();
         let rest = Animated::new(&bare, &n).flat(Moment::default()).unwrap();
         let candidate = candidate(&n, &rest, 64).unwrap();
-        let at_rest = candidate.vertices_of(placed(&rest));
+        let at_rest = candidate.vertices_of(points(&rest));
         let (maps, _) = baked(&n, &n.surface().unwrap(), &candidate, at_rest, &Silent).unwrap();
         maps.texels.iter().flat_map(|t| [t[0], t[1], t[2]]).collect::<Vec<_>>()
     };
