@@ -197,11 +197,7 @@ pub fn retexture(
     let plan = PlanRows { items, phases: told }.with_device(device.told());
 
     // Without a step they are the same.
-    let mut fitted = start.clone();
-    if trained.steps > 0 {
-        fitted = dressed(light, &trained.model.surface().candidate, &n);
-        trained.model.write_shape(&mut fitted);
-    }
+    let fitted = if trained.steps > 0 { outcome(light, &trained.model, &n) } else { start.clone() };
     // The fit judged itself at half the size, by its own textures; what is written is chosen as it will be seen.
     let mut stages = [Stage::new("start", start), Stage::new("fitted", fitted)];
     let larger =
@@ -376,6 +372,13 @@ fn dressed(light: &Scene, candidate: &Candidate, n: &Normalised) -> Scene {
     for bind in meshes.flat_map(|m| &mut m.primitives).filter_map(|p| p.bind.as_mut()) {
         bind.mesh.colors.clear();
     }
+    out
+}
+
+/// The light asset with the maps of a model, and its shape where that is fitted.
+fn outcome(light: &Scene, model: &Posed<'_>, n: &Normalised) -> Scene {
+    let mut out = dressed(light, &model.surface().candidate, n);
+    model.write_shape(&mut out);
     out
 }
 

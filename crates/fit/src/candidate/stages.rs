@@ -33,7 +33,10 @@ pub trait VertexStage<T>: Debug + Sync {
 /// A pose: positions and normals go as those of a skin with morph targets.
 impl<T: Real> VertexStage<T> for Deformation<T> {
     fn forward(&self, vertices: &OrientedPoints<T>) -> OrientedPoints<T> {
-        OrientedPoints { positions: self.positions(&vertices.positions), normals: self.normals(&vertices.normals) }
+        OrientedPoints {
+            positions: self.positions(&vertices.positions),
+            normals: self.normals(&vertices.normals),
+        }
     }
 
     fn vjp(&self, vertices: &OrientedPoints<T>, d: &OrientedPoints<T>, g: &mut OrientedPoints<T>) {
@@ -43,7 +46,10 @@ impl<T: Real> VertexStage<T> for Deformation<T> {
 }
 
 /// What each stage of a list is given, and the last of all: what comes out.
-pub(super) fn through<T: Real>(stages: &[&dyn VertexStage<T>], shape: &OrientedPoints<T>) -> Vec<OrientedPoints<T>> {
+pub(super) fn through<T: Real>(
+    stages: &[&dyn VertexStage<T>],
+    shape: &OrientedPoints<T>,
+) -> Vec<OrientedPoints<T>> {
     let mut all = vec![shape.clone()];
     for stage in stages {
         let next = stage.forward(&all[all.len() - 1]);

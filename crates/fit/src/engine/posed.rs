@@ -11,7 +11,7 @@ use super::model::{Group, ModelError};
 use super::surface::Surface;
 use super::views::{Moment, Shot};
 use crate::FitError;
-use crate::candidate::{ParameterGradients, OrientedPoints, VertexSource, VertexStage, Vertices};
+use crate::candidate::{OrientedPoints, ParameterGradients, VertexSource, VertexStage, Vertices};
 use photofit_geometry::skinning::Deformation;
 use photofit_optim::Optimizer;
 use photofit_raster::deferred::Masks;

@@ -256,6 +256,10 @@ fn a_shape_that_cannot_be_moved_is_an_error() {
     flat.set_pose(pose);
     let told = retexture(&arm(6, 8), &flat, &file, &o, &Silent).unwrap_err().to_string();
     assert_eq!(told, "light_asset is flat where it stands at rest; its shape cannot be fitted");
+    let told = retexture(&arm(6, 8), &turned(light()), &file, &o, &Silent).unwrap_err().to_string();
+    let backs =
+        "light_asset has vertex normals that point to the back of 320 triangles; its shape cannot be fitted";
+    assert_eq!(told, backs);
     assert!(!file.exists());
 }
 
@@ -285,6 +289,10 @@ fn vertex_colours_of_the_light_asset_go_with_its_materials() {
     for p in &mut colored.primitives {
         p.mesh.colors = vec![photofit_scalar::vec4(0.1, 0.5, 0.9, 1.0); p.mesh.positions.len()];
     }
+    // Those of a skinned mesh are written from its bind pose.
+    let hierarchy = std::sync::Arc::make_mut(colored.hierarchy.as_mut().unwrap());
+    let bind = hierarchy.meshes[0].primitives[0].bind.as_mut().unwrap();
+    bind.mesh.colors = colored.primitives[0].mesh.colors.clone();
     let (written, quality) = made(&colored);
     assert!(written.primitives.iter().all(|p| p.mesh.colors.is_empty()));
     assert_eq!(quality, made(&light()).1, "as without colours");

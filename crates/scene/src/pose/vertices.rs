@@ -40,7 +40,7 @@ impl Scene {
             let (transform, bind) = part.unwrap_or((instance.transform, None));
             let at_rest = rest.as_ref().zip(placement).map(|(at, placement)| at.part(placement).0);
             if at_rest.is_some_and(|at_rest| mirrored(at_rest) != mirrored(transform)) {
-                return Err(format!("primitive {primitive} is turned inside out at {time} s; it must not be"));
+                return Err(format!("primitive {primitive} is turned inside out at {time} s"));
             }
             let own = bind.map_or_else(Deformation::default, |(bind, w, joints)| bind.deformation(w, joints));
             let first = all.moves.len();
