@@ -319,7 +319,8 @@ pub(crate) struct Simplify {
     #[arg(long)]
     pub(crate) lock_borders: bool,
     /// Leave vertices where they are, to the bit, at which the attribute `_NAME` of a glTF file is above one half. Blender writes such
-    /// attributes, and turns vertex groups into them. As with --lock-borders, there may be more triangles, and the fit runs on the CPU.
+    /// attributes, and turns vertex groups into them. As with --lock-borders, there may be more triangles, and the fit runs on the CPU
+    /// [default: none].
     #[arg(long, value_name = "NAME")]
     pub(crate) lock: Option<String>,
     /// Occlusion map of the light asset, the red channel beside roughness and metalness: it darkens indirect light in engines;

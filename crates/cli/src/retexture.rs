@@ -150,7 +150,7 @@ fn to_json(a: &Retexture, options: &RetextureOptions, r: &Retextured) -> Value {
         },
         "written": r.written.name(),
         "device": r.device,
-        "fit_shape": a.fit_shape,
+        "fit_shape": a.fit_shape && r.steps > 0,
         "steps": r.steps,
     })
 }

@@ -7,7 +7,7 @@
 mod mips;
 mod stages;
 
-pub use stages::{Placed, VertexStage};
+pub use stages::{OrientedPoints, VertexStage};
 
 use crate::bake::BakeClass;
 use crate::engine::loss::PictureLoss;
@@ -143,7 +143,7 @@ pub struct ParameterGradients<T = f32> {
 /// Gradients of vertex arrays.
 #[derive(Debug, Default)]
 struct VertexGradients<T> {
-    placed: Placed<T>,
+    placed: OrientedPoints<T>,
     tangents: Vec<Vec3<T>>,
 }
 
@@ -263,17 +263,17 @@ impl<T: LossScalar> Candidate<T> {
     }
 
     /// Positions and normals of the vertices for the present positions.
-    pub fn shape(&self) -> Placed<T> {
+    pub fn shape(&self) -> OrientedPoints<T> {
         let positions = self.weld.expand(&self.positions);
         let normals = vertex_normals(&self.smooth, &positions, Weighting::Angle);
-        Placed { positions, normals }
+        OrientedPoints { positions, normals }
     }
 
     /// The vertex arrays for positions and unit normals.
     ///
     /// # Panics
     /// If their numbers differ from that of the vertices.
-    pub fn vertices_of(&self, Placed { positions, normals }: Placed<T>) -> Vertices<T> {
+    pub fn vertices_of(&self, OrientedPoints { positions, normals }: OrientedPoints<T>) -> Vertices<T> {
         assert!([positions.len(), normals.len()] == [self.uvs.len(); 2], "one of each per vertex");
         let tangents = vertex_tangents(&self.unique, &self.frames, &positions, &normals);
         Vertices { positions, normals, tangents }
@@ -400,7 +400,7 @@ impl<T: LossScalar> Candidate<T> {
     }
 
     /// Adds to the gradients of positions and normals what those of the tangents say: adjoint of [`Self::vertices_of`].
-    fn tangents_vjp(&self, v: &Vertices<T>, d_tangents: &[Vec3<T>], g: &mut Placed<T>) {
+    fn tangents_vjp(&self, v: &Vertices<T>, d_tangents: &[Vec3<T>], g: &mut OrientedPoints<T>) {
         let d_tangents: Vec<Vec4<T>> = d_tangents.iter().map(|t| t.extend(T::zero())).collect();
         let to = (&mut g.positions, &mut g.normals);
         vertex_tangents_vjp(&self.unique, &self.frames, &v.positions, &v.normals, &d_tangents, to.0, to.1);
@@ -409,7 +409,7 @@ impl<T: LossScalar> Candidate<T> {
     /// Adjoint of [`Self::vertices`].
     fn shape_vjp(&self, v: &Vertices<T>, out: &mut ParameterGradients<T>) {
         let rendered = &mut out.rendered;
-        let mut g = Placed {
+        let mut g = OrientedPoints {
             positions: std::mem::take(&mut rendered.positions),
             normals: std::mem::take(&mut rendered.normals),
         };

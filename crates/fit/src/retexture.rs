@@ -9,7 +9,7 @@
 mod bare;
 
 use crate::bake::{BakeSettings, Target, bake, blank_texel};
-use crate::candidate::{Candidate, Placed, Vertices};
+use crate::candidate::{Candidate, OrientedPoints, Vertices};
 use crate::engine::Normalised;
 use crate::engine::animated::Animated;
 use crate::engine::checkpoint::Digest;
@@ -37,6 +37,7 @@ use photofit_scalar::Vec3f;
 use photofit_scene::{FlatScene, Scene};
 use std::ops::ControlFlow;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Options of [`retexture`].
 #[derive(Clone, Debug)]
@@ -147,16 +148,17 @@ pub fn retexture(
     let round = turned.contains(&true).then(|| candidate.round_normals());
     let moves = options.fit_shape && options.steps > 0;
     let to_bind = moves.then(|| own.to_bind()).transpose()?;
-    let at_rest = match &to_bind {
-        Some(to_bind) => candidate.vertices_through(&[&**to_bind, &*own.deformation(Moment::default())?]),
-        None => candidate.vertices_of(placed(&rest)),
-    };
-    let (maps, distance) = baked(&n, &rays, &candidate, (at_rest, round.as_deref()), progress)?;
+    let (maps, distance) = baked(&n, &rays, &candidate, (candidate.vertices_of(points(&rest)), round.as_deref()), progress)?;
     candidate.set_maps(maps);
+    let start = dressed(light, &candidate, &n);
+    if let Some(to_bind) = &to_bind {
+        // A fitted shape has normals of its own, which the asset need not have.
+        let at_rest = candidate.vertices_through(&[&**to_bind, &*own.deformation(Moment::default())?]);
+        candidate.set_maps(baked(&n, &rays, &candidate, (at_rest, None), progress)?.0);
+    }
     let asked = Asked { steps: options.steps, moves, reference: reference_pictures.kind() };
     let fitted = SurfacePlan::new(reference, &candidate, asked);
     let model = Posed::new(Surface::new(candidate, &fitted), &own, to_bind);
-    let start = dressed(light, &model, &n);
 
     let size = options.resolution / Sampling::SUPERSAMPLED.per_axis;
     let seen = OverMoments {
@@ -182,7 +184,7 @@ pub fn retexture(
         fresh: options.batch.div_ceil(2),
         steps: options.steps,
         keeping: &options.keeping,
-        fingerprint: fingerprint(options, &n, &model.surface().candidate),
+        fingerprint: fingerprint(options, &n, &model.surface().candidate, &own)?,
     };
     let mut told = Vec::new();
     let phases = |psnr: f64| {
@@ -198,12 +200,12 @@ pub fn retexture(
     let (trained, device) = train_on(&options.device, model, &job, phases, progress)?;
     let plan = PlanRows { items, phases: told }.with_device(device.told());
 
-    let fitted = dressed(light, &trained.model, &n);
+    // Without a step they are the same.
+    let fitted = if trained.steps > 0 { outcome(light, &trained.model, &n) } else { start.clone() };
     // The fit judged itself at half the size, by its own textures; what is written is chosen as it will be seen.
     let mut stages = [Stage::new("start", start), Stage::new("fitted", fitted)];
     let larger =
         OverMoments { views: Orbit { size: options.resolution, ..seen.views.clone() }, ..seen.clone() };
-    // Without a step they are the same.
     let is_baked_better = trained.steps > 0 && {
         let score = judge::scores(
             &n.light_asset,
@@ -256,7 +258,12 @@ impl RetextureOptions {
             ("texture_size", self.texture_size, 16..=8192),
             ("batch", self.batch, 1..=64),
         ];
-        in_ranges(rules)
+        in_ranges(rules)?;
+        if self.fit_shape && self.steps > 0 && self.device.requires_gpu() {
+            let rule = "is a GPU; the shape of an asset that is seen in poses is fitted on the CPU".into();
+            return Err(FitError::Setting { field: "device", rule });
+        }
+        Ok(())
     }
 }
 
@@ -316,9 +323,9 @@ fn candidate(n: &Normalised, rest: &FlatScene, size: usize) -> Result<Candidate,
     ))
 }
 
-/// Where vertices are.
-fn placed(flat: &FlatScene) -> Placed {
-    Placed { positions: flat.mesh.positions.clone(), normals: flat.mesh.normals.clone() }
+/// Vertices with their normals.
+fn points(flat: &FlatScene) -> OrientedPoints {
+    OrientedPoints { positions: flat.mesh.positions.clone(), normals: flat.mesh.normals.clone() }
 }
 
 /// Maps of the reference at rest onto these vertices, and the mean distance to it. Rays go along `directions` of the vertices,
@@ -354,21 +361,37 @@ fn baked(
     Ok((baked.maps, baked.statistics.mean_distance))
 }
 
-/// The light asset with the maps of a model, and its shape where that is fitted. Its vertex colours belong to the materials that these replace: kept, they
+/// The light asset with the maps of a candidate. Its vertex colours belong to the materials that these replace: kept, they
 /// would be multiplied with the new maps, which hold the whole colour.
-fn dressed(light: &Scene, model: &Posed<'_>, n: &Normalised) -> Scene {
-    let made = to_scene(&model.surface().candidate, &n.light_asset);
+fn dressed(light: &Scene, candidate: &Candidate, n: &Normalised) -> Scene {
+    let made = to_scene(candidate, &n.light_asset);
     let mut out = Scene { materials: made.materials, images: made.images, ..light.clone() };
     for p in &mut out.primitives {
         p.material = 0;
         p.mesh.colors.clear();
     }
+    // Meshes with skins or morph targets are written from their bind poses.
+    let meshes = out.hierarchy.iter_mut().flat_map(|h| &mut Arc::make_mut(h).meshes);
+    for bind in meshes.flat_map(|m| &mut m.primitives).filter_map(|p| p.bind.as_mut()) {
+        bind.mesh.colors.clear();
+    }
+    out
+}
+
+/// The light asset with the maps of a model, and its shape where that is fitted.
+fn outcome(light: &Scene, model: &Posed<'_>, n: &Normalised) -> Scene {
+    let mut out = dressed(light, &model.surface().candidate, n);
     model.write_shape(&mut out);
     out
 }
 
 /// The options and what is fitted: a checkpoint of others is refused.
-fn fingerprint(o: &RetextureOptions, n: &Normalised, candidate: &Candidate) -> Fingerprint {
+fn fingerprint(
+    o: &RetextureOptions,
+    n: &Normalised,
+    candidate: &Candidate,
+    own: &Animated<'_>,
+) -> Result<Fingerprint, FitError> {
     let mut shape = Digest::new();
     shape.add(candidate.triangles.as_flattened());
     shape.add(&candidate.uvs);
@@ -376,7 +399,7 @@ fn fingerprint(o: &RetextureOptions, n: &Normalised, candidate: &Candidate) -> F
     let mut asset = Digest::new();
     asset.add(&n.flat.mesh.positions);
     asset.add(n.flat.mesh.triangles.as_flattened());
-    Fingerprint::default()
+    let fingerprint = Fingerprint::default()
         .option("resolution", o.resolution)
         .option("texture_size", o.texture_size)
         .option("fit_shape", o.fit_shape)
@@ -385,7 +408,16 @@ fn fingerprint(o: &RetextureOptions, n: &Normalised, candidate: &Candidate) -> F
         .option("lighting", o.lighting.name())
         .option("moments", format!("{:?}", o.moments))
         .digest("light asset", format!("{:016x}", shape.value()))
-        .digest("reference", format!("{:016x}", asset.value()))
+        .digest("reference", format!("{:016x}", asset.value()));
+    if !o.fit_shape {
+        return Ok(fingerprint);
+    }
+    // A shape is fitted through what moves it.
+    let mut poses = Digest::new();
+    for moment in &o.moments {
+        poses.add(&own.flat(*moment)?.mesh.positions);
+    }
+    Ok(fingerprint.digest("poses of the light asset", format!("{:016x}", poses.value())))
 }
 
 #[cfg(test)]

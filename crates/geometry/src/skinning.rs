@@ -7,7 +7,7 @@
 //! factor, which singular matrices have too. Every vertex is computed alone: the bits do not depend on threads. Matrices,
 //! weights and targets are constants; a normal that a pose flattens passes no gradient.
 
-use crate::angle::{unit, unit_vjp};
+use crate::angle::unit;
 use photofit_scalar::{Real, Vec3, Vec3f};
 use rayon::prelude::*;
 
@@ -124,7 +124,7 @@ impl<T: Real> NormalMap<T> {
     /// The gradient of `n` from that of [`Self::apply`]; zero where the map flattens.
     #[inline(always)]
     pub fn apply_vjp(&self, n: Vec3<T>, g: Vec3<T>) -> Vec3<T> {
-        let g = unit_vjp(self.raw(n), g);
+        let g = self.raw(n).normalize_vjp(g);
         Vec3::from_array(self.cofactors.map(|c| c.dot(g)))
     }
 }
@@ -226,7 +226,7 @@ impl<T: Real> Deformation<T> {
         self.check(d.len());
         let of = |(v, (g, (before, d))): (usize, (&mut Vec3<T>, (&Vec3<T>, &Vec3<T>)))| {
             let n = self.normals.get(v).map_or(*before, |e| *before + *e);
-            *g += self.moves.get(v).map_or_else(|| unit_vjp(n, *d), |m| m.normals().apply_vjp(n, *d));
+            *g += self.moves.get(v).map_or_else(|| n.normalize_vjp(*d), |m| m.normals().apply_vjp(n, *d));
         };
         g.par_iter_mut().zip(normals.par_iter().zip(d)).enumerate().with_min_len(GRAIN).for_each(of);
     }

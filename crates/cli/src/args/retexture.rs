@@ -6,8 +6,8 @@ use clap::Args;
 use std::path::PathBuf;
 
 /// Texture coordinates, nodes, skins and animations of LIGHT stay as they are, and so does its shape without --fit-shape; its
-/// materials become one with new maps. Both assets must stand in the same place. What moves is compared at moments of the animations that both have by
-/// name.
+/// materials become one with new maps. Both assets must stand in the same place. What moves is compared at moments of the
+/// animations that both have by name.
 #[derive(Args, Debug)]
 pub(crate) struct Retexture {
     /// The asset that shows what is wanted: .glb, .gltf, .obj or .ply.

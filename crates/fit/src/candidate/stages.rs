@@ -5,16 +5,16 @@ use photofit_geometry::skinning::Deformation;
 use photofit_scalar::{Real, Vec3};
 use std::fmt::Debug;
 
-/// Positions and unit normals, one of each per vertex; or their gradients.
+/// Oriented points: positions and unit normals, one of each per vertex; or their gradients.
 #[derive(Clone, Debug, Default)]
-pub struct Placed<T = f32> {
+pub struct OrientedPoints<T = f32> {
     /// Positions.
     pub positions: Vec<Vec3<T>>,
     /// Unit normals.
     pub normals: Vec<Vec3<T>>,
 }
 
-impl<T: Real> Placed<T> {
+impl<T: Real> OrientedPoints<T> {
     /// Zero gradients.
     pub fn zeros(vertices: usize) -> Self {
         Self { positions: vec![Vec3::zero(); vertices], normals: vec![Vec3::zero(); vertices] }
@@ -24,26 +24,32 @@ impl<T: Real> Placed<T> {
 /// One step of the way from the shape to the vertices of a picture.
 pub trait VertexStage<T>: Debug + Sync {
     /// What becomes of vertices.
-    fn forward(&self, vertices: &Placed<T>) -> Placed<T>;
+    fn forward(&self, vertices: &OrientedPoints<T>) -> OrientedPoints<T>;
 
     /// Adds to `g` the gradient of `vertices` from that of what became of them.
-    fn vjp(&self, vertices: &Placed<T>, d: &Placed<T>, g: &mut Placed<T>);
+    fn vjp(&self, vertices: &OrientedPoints<T>, d: &OrientedPoints<T>, g: &mut OrientedPoints<T>);
 }
 
 /// A pose: positions and normals go as those of a skin with morph targets.
 impl<T: Real> VertexStage<T> for Deformation<T> {
-    fn forward(&self, vertices: &Placed<T>) -> Placed<T> {
-        Placed { positions: self.positions(&vertices.positions), normals: self.normals(&vertices.normals) }
+    fn forward(&self, vertices: &OrientedPoints<T>) -> OrientedPoints<T> {
+        OrientedPoints {
+            positions: self.positions(&vertices.positions),
+            normals: self.normals(&vertices.normals),
+        }
     }
 
-    fn vjp(&self, vertices: &Placed<T>, d: &Placed<T>, g: &mut Placed<T>) {
+    fn vjp(&self, vertices: &OrientedPoints<T>, d: &OrientedPoints<T>, g: &mut OrientedPoints<T>) {
         self.positions_vjp(&d.positions, &mut g.positions);
         self.normals_vjp(&vertices.normals, &d.normals, &mut g.normals);
     }
 }
 
 /// What each stage of a list is given, and the last of all: what comes out.
-pub(super) fn through<T: Real>(stages: &[&dyn VertexStage<T>], shape: &Placed<T>) -> Vec<Placed<T>> {
+pub(super) fn through<T: Real>(
+    stages: &[&dyn VertexStage<T>],
+    shape: &OrientedPoints<T>,
+) -> Vec<OrientedPoints<T>> {
     let mut all = vec![shape.clone()];
     for stage in stages {
         let next = stage.forward(&all[all.len() - 1]);
@@ -56,11 +62,11 @@ pub(super) fn through<T: Real>(stages: &[&dyn VertexStage<T>], shape: &Placed<T>
 /// given.
 pub(super) fn through_vjp<T: Real>(
     stages: &[&dyn VertexStage<T>],
-    passed: &[Placed<T>],
-    mut d: Placed<T>,
-) -> Placed<T> {
+    passed: &[OrientedPoints<T>],
+    mut d: OrientedPoints<T>,
+) -> OrientedPoints<T> {
     for (stage, vertices) in stages.iter().zip(passed).rev() {
-        let mut g = Placed::zeros(vertices.positions.len());
+        let mut g = OrientedPoints::zeros(vertices.positions.len());
         stage.vjp(vertices, &d, &mut g);
         d = g;
     }

@@ -240,7 +240,7 @@ impl Setting {
             let v = self.candidate.vertices();
             let bend = |p: &Vec3<f64>| vec3(p.x + 0.1 * p.y * p.y, p.y - 0.07 * p.x, p.z + 0.05 * p.x);
             let positions = v.positions.iter().map(bend).collect();
-            self.candidate.vertices_of(Placed { positions, normals: v.normals })
+            self.candidate.vertices_of(OrientedPoints { positions, normals: v.normals })
         });
         let list = self.poses.each_ref().map(|p| p.iter());
         let stages: [Vec<_>; 2] = list.map(|p| p.map(|d| d as &dyn VertexStage<f64>).collect());

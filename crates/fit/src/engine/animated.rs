@@ -7,6 +7,7 @@ use super::asset::Normalised;
 use super::frame::FitFrame;
 use super::views::{Moment, Sphere};
 use crate::FitError;
+use photofit_geometry::opposed;
 use photofit_geometry::skinning::{Affine, Deformation};
 use photofit_pathtrace::{Instance, Parts, Shape};
 use photofit_scalar::Vec3;
@@ -45,16 +46,20 @@ struct State {
 }
 
 /// What is kept of a moment, or made and kept in place of what was kept first.
-fn keep<T>(kept: &mut VecDeque<(Moment, Arc<T>)>, moment: Moment, make: impl FnOnce() -> T) -> Arc<T> {
+fn keep<T>(
+    kept: &mut VecDeque<(Moment, Arc<T>)>,
+    moment: Moment,
+    make: impl FnOnce() -> Result<T, FitError>,
+) -> Result<Arc<T>, FitError> {
     if let Some((_, found)) = kept.iter().find(|k| k.0 == moment) {
-        return found.clone();
+        return Ok(found.clone());
     }
-    let made = Arc::new(make());
+    let made = Arc::new(make()?);
     if kept.len() == KEPT {
         kept.pop_front();
     }
     kept.push_back((moment, made.clone()));
-    made
+    Ok(made)
 }
 
 impl<'a> Animated<'a> {
@@ -121,39 +126,44 @@ impl<'a> Animated<'a> {
         let moment = self.own(moment)?;
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         let State { posed, kept, .. } = &mut *state;
-        Ok(keep(kept, moment, || {
+        keep(kept, moment, || {
             let mut flat = pose(posed, self.scene, moment).1.flatten();
             flat.mesh.positions.iter_mut().for_each(|p| *p = self.frame.to_frame(*p));
-            flat
-        }))
+            Ok(flat)
+        })
     }
 
     /// What a moment does to the vertices of [`Self::flat`]: from their bind pose to the frame of the fit.
     ///
     /// # Errors
-    /// A moment that the asset does not have.
+    /// A moment that the asset does not have, or that turns triangles inside out; an asset without normals (see
+    /// [`Scene::deformation`]).
     pub fn deformation(&self, moment: Moment) -> Result<Arc<Deformation>, FitError> {
         let moment = self.own(moment)?;
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        Ok(keep(&mut state.poses, moment, || {
-            let mut deformation = self.scene.deformation(moment.animation, moment.time);
+        keep(&mut state.poses, moment, || {
+            let mut deformation = self.scene.deformation(moment.animation, moment.time).map_err(unfit)?;
             let frame = self.to_frame();
             let moves = &mut deformation.moves;
             moves.iter_mut().for_each(|m| *m = m.cast::<f64>().then(&frame).cast());
-            deformation
-        }))
+            Ok(deformation)
+        })
     }
 
-    /// The way of vertices from where they stand at rest, in the frame of the fit, back to the bind pose.
+    /// The way of vertices from where they stand at rest, in the frame of the fit, back to the bind pose: what
+    /// [`Self::deformation`] makes of its results is where they stand at a moment.
     ///
     /// # Errors
-    /// If they cannot be moved there (see [`Scene::check_bind_vertices`]), or the pose at rest flattens some.
+    /// If they cannot be moved there (see [`Scene::check_bind_vertices`]), the pose at rest flattens some, morph targets add
+    /// to its normals, or these point to the back of triangles: normals of a fitted shape are those of its front.
     pub fn to_bind(&self) -> Result<Arc<Deformation>, FitError> {
-        let wrong = |rule: String| FitError::Setting { field: "light_asset", rule };
-        let fixed = |rule: String| wrong(format!("{rule}; its shape cannot be fitted"));
-        self.scene.check_bind_vertices().map_err(fixed)?;
+        self.scene.check_bind_vertices().map_err(unfit)?;
         let Moment { animation, time } = Moment::default();
-        let rest = self.scene.deformation(animation, time);
+        let rest = self.scene.deformation(animation, time).map_err(unfit)?;
+        // Only the direction of a normal at rest is known, from which a sum of vectors cannot be taken off.
+        if rest.normals.iter().any(|added| *added != Vec3::zero()) {
+            return Err(unfit("has morph targets that change its normals where it stands at rest".into()));
+        }
         let frame = self.to_frame();
         let back = |(v, m): (usize, &Affine)| {
             let added: Vec3<f64> = rest.positions.get(v).map_or(Vec3::zero(), |d| d.cast());
@@ -161,7 +171,11 @@ impl<'a> Animated<'a> {
             Some(Affine { translation: inverse.translation - added, ..inverse }.cast())
         };
         let moves: Option<Vec<Affine>> = rest.moves.iter().enumerate().map(back).collect();
-        let moves = moves.ok_or_else(|| fixed("is flat where it stands at rest".into()))?;
+        let moves = moves.ok_or_else(|| unfit("is flat where it stands at rest".into()))?;
+        let backs = opposed(&self.flat(Moment::default())?.mesh).into_iter().filter(|o| *o).count();
+        if backs > 0 {
+            return Err(unfit(format!("has vertex normals that point to the back of {backs} triangles")));
+        }
         Ok(Arc::new(Deformation { moves, ..Deformation::default() }))
     }
 
@@ -192,6 +206,11 @@ impl<'a> Animated<'a> {
         let found = self.flat(moment).ok().and_then(|flat| FitFrame::around(&[&flat.mesh]));
         found.map_or(Sphere::UNIT, |f| Sphere { center: f.center, radius: f.radius })
     }
+}
+
+/// Why the shape of an asset cannot be fitted.
+fn unfit(rule: String) -> FitError {
+    FitError::Setting { field: "light_asset", rule: format!("{rule}; its shape cannot be fitted") }
 }
 
 /// Whether a scene has a moment.

@@ -53,6 +53,15 @@ impl Device {
         matches!(self.kind, Kind::Cpu)
     }
 
+    /// Whether it is a GPU, and nothing else will do.
+    pub(crate) fn requires_gpu(&self) -> bool {
+        match &self.kind {
+            Kind::Cpu => false,
+            #[cfg(feature = "gpu")]
+            Kind::Gpu { required, .. } => *required,
+        }
+    }
+
     /// What it is, for people.
     pub fn name(&self) -> String {
         match &self.kind {

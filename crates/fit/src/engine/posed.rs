@@ -1,8 +1,8 @@
 //! A surface that is seen at moments of an animation: its maps are fitted, and its shape where it is asked for.
 //!
 //! The stages are those of [`Surface`] with two more between the shape and the pictures, where the shape is fitted: from
-//! where vertices stand at rest, which are the parameters, back to the bind pose, and from there to the pose of a moment, as
-//! whoever plays the written file takes them. Where the shape stays, [`Animated`] says where the vertices are.
+//! where vertices stand at rest, which are the parameters, back to the bind pose, and from there to the pose of a moment, by
+//! the skins, morph targets and nodes of the written file. Where the shape stays, [`Animated`] says where the vertices are.
 
 use super::animated::Animated;
 use super::cpu::Chain;
@@ -11,7 +11,7 @@ use super::model::{Group, ModelError};
 use super::surface::Surface;
 use super::views::{Moment, Shot};
 use crate::FitError;
-use crate::candidate::{ParameterGradients, Placed, VertexSource, VertexStage, Vertices};
+use crate::candidate::{OrientedPoints, ParameterGradients, VertexSource, VertexStage, Vertices};
 use photofit_geometry::skinning::Deformation;
 use photofit_optim::Optimizer;
 use photofit_raster::deferred::Masks;
@@ -46,7 +46,7 @@ impl<'a> Posed<'a> {
     /// The vertices at a moment of the reference.
     ///
     /// # Errors
-    /// A moment that the asset does not have; a pose that turns triangles inside out.
+    /// A moment that the asset does not have, or that turns triangles inside out.
     pub fn vertices(&self, moment: Moment) -> Result<Vertices, FitError> {
         let candidate = &self.surface.candidate;
         let flat = self.animated.flat(moment)?;
@@ -56,7 +56,7 @@ impl<'a> Posed<'a> {
         }
         let Some(to_bind) = &self.to_bind else {
             let (positions, normals) = (flat.mesh.positions.clone(), flat.mesh.normals.clone());
-            return Ok(candidate.vertices_of(Placed { positions, normals }));
+            return Ok(candidate.vertices_of(OrientedPoints { positions, normals }));
         };
         Ok(candidate.vertices_through(&[&**to_bind, &*self.animated.deformation(moment)?]))
     }
@@ -64,7 +64,7 @@ impl<'a> Posed<'a> {
     /// Puts the shape in place of the bind pose of the asset, where it is fitted.
     pub fn write_shape(&self, asset: &mut Scene) {
         if let Some(to_bind) = &self.to_bind {
-            let Placed { positions, normals } = to_bind.forward(&self.surface.candidate.shape());
+            let OrientedPoints { positions, normals } = to_bind.forward(&self.surface.candidate.shape());
             asset.set_bind_vertices(&positions, &normals);
         }
     }

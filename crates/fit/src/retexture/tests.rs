@@ -80,7 +80,7 @@ fn the_candidate_is_drawn_at_the_moment_of_the_shot() {
     let rest = poses.flat(Moment::default()).unwrap();
     let mut candidate = candidate(&n, &rest, 256).unwrap();
     let rays = n.surface().unwrap();
-    let at_rest = candidate.vertices_of(placed(&rest));
+    let at_rest = candidate.vertices_of(points(&rest));
     candidate.set_maps(baked(&n, &rays, &candidate, (at_rest, None), &Silent).unwrap().0);
     let reference = crate::engine::reference::ReferenceKind::RASTERIZED;
     let plan = SurfacePlan::new(&scene, &candidate, Asked { steps: 10, moves: true, reference });
@@ -253,6 +253,10 @@ fn a_shape_that_cannot_be_moved_is_an_error() {
     flat.set_pose(pose);
     let told = retexture(&arm(6, 8), &flat, &file, &o, &Silent).unwrap_err().to_string();
     assert_eq!(told, "light_asset is flat where it stands at rest; its shape cannot be fitted");
+    let told = retexture(&arm(6, 8), &turned(light()), &file, &o, &Silent).unwrap_err().to_string();
+    let backs =
+        "light_asset has vertex normals that point to the back of 320 triangles; its shape cannot be fitted";
+    assert_eq!(told, backs);
     assert!(!file.exists());
 }
 
@@ -282,6 +286,10 @@ fn vertex_colours_of_the_light_asset_go_with_its_materials() {
     for p in &mut colored.primitives {
         p.mesh.colors = vec![photofit_scalar::vec4(0.1, 0.5, 0.9, 1.0); p.mesh.positions.len()];
     }
+    // Those of a skinned mesh are written from its bind pose.
+    let hierarchy = std::sync::Arc::make_mut(colored.hierarchy.as_mut().unwrap());
+    let bind = hierarchy.meshes[0].primitives[0].bind.as_mut().unwrap();
+    bind.mesh.colors = colored.primitives[0].mesh.colors.clone();
     let (written, quality) = made(&colored);
     assert!(written.primitives.iter().all(|p| p.mesh.colors.is_empty()));
     assert_eq!(quality, made(&light()).1, "as without colours");
@@ -334,7 +342,7 @@ fn rays_do_not_follow_normals_that_point_to_the_back() {
         let bare = bare(light).unwrap();
         let rest = Animated::new(&bare, &n).flat(Moment::default()).unwrap();
         let candidate = candidate(&n, &rest, 64).unwrap();
-        let at_rest = candidate.vertices_of(placed(&rest));
+        let at_rest = candidate.vertices_of(points(&rest));
         let round = opposed(&rest.mesh).contains(&true).then(|| candidate.round_normals());
         let vertices = (at_rest, round.as_deref());
         let (maps, _) = baked(&n, &n.surface().unwrap(), &candidate, vertices, &Silent).unwrap();

@@ -243,7 +243,7 @@ mod tests {
         assert_eq!(fitted.locked.len(), wanted.len());
         let other = SimplifyOptions { lock: Some("hem".into()), ..kept() };
         let refused = simplify(&scene, &path, &other, &Silent).unwrap_err().to_string();
-        assert!(["lock", "\"hem\"", "seam"].iter().all(|w| refused.contains(w)), "{refused}");
+        assert!(["lock", "\"hem\"", "Seam"].iter().all(|w| refused.contains(w)), "{refused}");
         scene.vertex_attributes.clear();
         let refused = simplify(&scene, &path, &other, &Silent).unwrap_err().to_string();
         assert!(refused.contains("the asset has none"), "{refused}");

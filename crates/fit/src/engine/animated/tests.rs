@@ -160,3 +160,78 @@ fn moments_that_are_not_there_are_errors() {
     assert!(still.flat(first).unwrap_err().to_string().contains("the asset has 0"));
     assert_eq!(still.flat(Moment::default()).unwrap().mesh.positions, n.flat.mesh.positions);
 }
+
+/// That vertices which stand as an asset does at rest are taken to where it is at these moments, by way of its bind pose.
+fn check_way_to_bind(mut scene: Scene, moments: &[Moment]) {
+    scene.set_pose(scene.pose(None, 0.0));
+    let n = Normalised::new(&scene).unwrap();
+    let animated = Animated::new(&scene, &n);
+    let to_bind = animated.to_bind().unwrap();
+    let rest = animated.flat(Moment::default()).unwrap();
+    let (positions, normals) = (to_bind.positions(&rest.mesh.positions), to_bind.normals(&rest.mesh.normals));
+    for moment in moments.iter().copied().chain([Moment::default()]) {
+        let (flat, pose) = (animated.flat(moment).unwrap(), animated.deformation(moment).unwrap());
+        let farthest = |a: &[photofit_scalar::Vec3f], b: &[photofit_scalar::Vec3f]| {
+            assert_eq!(a.len(), b.len());
+            a.iter().zip(b).map(|(a, b)| (*a - *b).length()).fold(0.0, f32::max)
+        };
+        let off = [
+            farthest(&pose.positions(&positions), &flat.mesh.positions),
+            farthest(&pose.normals(&normals), &flat.mesh.normals),
+        ];
+        assert!(off.iter().all(|o| *o < 1e-4), "{moment:?}: {off:?}");
+    }
+}
+
+#[test]
+fn the_way_to_the_bind_pose_is_that_of_the_pose_at_rest() {
+    let at = |times: [f32; 3]| times.map(|time| Moment { animation: Some(0), time });
+    let parts = |x: f32, y: f32, rotation, scale| photofit_scene::NodeTransform::Parts {
+        translation: Vec3::new(x, y, 0.0),
+        rotation,
+        scale,
+    };
+    // Two joints that are bent at rest.
+    let mut bent = arm::arm(8, 10);
+    let turn = glam::Quat::from_rotation_z(1.0);
+    Arc::make_mut(bent.hierarchy.as_mut().unwrap()).nodes[3].transform = parts(0.0, 1.0, turn, Vec3::ONE);
+    check_way_to_bind(bent, &at([0.0, 0.4, 1.0]));
+    // A node that mirrors.
+    let mut mirrored = arm::arm(8, 10);
+    let scale = Vec3::new(-1.0, 1.0, 2.0);
+    Arc::make_mut(mirrored.hierarchy.as_mut().unwrap()).nodes[4].transform =
+        parts(1.0, -0.5, glam::Quat::IDENTITY, scale);
+    check_way_to_bind(mirrored, &at([0.0, 0.4, 1.0]));
+    // Morph targets that are there at rest.
+    let mut morphed = moving();
+    Arc::make_mut(morphed.hierarchy.as_mut().unwrap()).meshes[1].weights = vec![0.5];
+    check_way_to_bind(morphed, &at([0.0, 0.7, 2.0]));
+}
+
+#[test]
+fn shapes_that_cannot_be_fitted_are_refused() {
+    let told = |scene: &Scene, moment: Moment| {
+        let n = Normalised::new(scene).unwrap();
+        let animated = Animated::new(scene, &n);
+        let done = animated.to_bind().and_then(|_| animated.deformation(moment).map(drop));
+        done.map_err(|e| e.to_string())
+    };
+    let end = Moment { animation: Some(0), time: 2.0 };
+    let mut scene = moving();
+    let hierarchy = Arc::make_mut(scene.hierarchy.as_mut().unwrap());
+    let bind = hierarchy.meshes[1].primitives[0].bind.as_mut().unwrap();
+    bind.targets[0].normals = vec![photofit_scalar::vec3(0.1, 0.0, 0.2); bind.mesh.positions.len()];
+    assert_eq!(told(&scene, end), Ok(()), "no weight at rest");
+    Arc::make_mut(scene.hierarchy.as_mut().unwrap()).meshes[1].weights = vec![0.5];
+    scene.set_pose(scene.pose(None, 0.0));
+    let normals = "light_asset has morph targets that change its normals where it stands at rest; its shape cannot be fitted";
+    assert_eq!(told(&scene, end).unwrap_err(), normals);
+    let mut turning = moving();
+    let animation = &mut Arc::make_mut(turning.hierarchy.as_mut().unwrap()).animations[0];
+    animation.channels.push(Channel { node: 0, property: Property::Scale, curve: 2 });
+    let values = vec![1.0, 1.0, 1.0, -1.0, 1.0, 1.0];
+    animation.curves.push(Curve { values, ..animation.curves[0].clone() });
+    assert_eq!(told(&turning, Moment { time: 0.5, ..end }), Ok(()));
+    let inside_out = "light_asset primitive 0 is turned inside out at 2 s; its shape cannot be fitted";
+    assert_eq!(told(&turning, end).unwrap_err(), inside_out);
+}

@@ -2,7 +2,7 @@
 
 use super::gltf::{Builder, push, triangle};
 use super::{load_files, refused, refused_with};
-use crate::{Curve, Interpolation, Limits, Property, Scene, to_glb};
+use crate::{Curve, Interpolation, Limits, Property, Sampler, Scene, TextureSlot, to_glb};
 use glam::Quat;
 use photofit_scalar::vec3;
 use serde_json::{Value, json};
@@ -306,6 +306,7 @@ fn vertices_of_the_bind_pose_are_moved_as_poses_say() {
     let mut scene = moving().load();
     let told = scene.check_bind_vertices().unwrap_err();
     assert_eq!(told, "primitive 2 has no normals");
+    assert_eq!(scene.deformation(None, 0.0).unwrap_err(), told, "every pose has vertices of its own then");
     let hierarchy = std::sync::Arc::make_mut(scene.hierarchy.as_mut().unwrap());
     let parts = hierarchy.meshes.iter_mut().flat_map(|m| &mut m.primitives);
     let binds = parts.filter_map(|p| p.bind.as_mut()).filter(|b| b.mesh.normals.is_empty());
@@ -331,7 +332,7 @@ fn vertices_of_the_bind_pose_are_moved_as_poses_say() {
         for (animation, time) in [(None, 0.0), (Some(0), 1.0), (Some(0), 1.5), (Some(0), 9.0)] {
             let mut posed = scene.clone();
             posed.set_pose(posed.pose(animation, time));
-            let (flat, deformation) = (posed.flatten().mesh, scene.deformation(animation, time));
+            let (flat, deformation) = (posed.flatten().mesh, scene.deformation(animation, time).unwrap());
             let near = |a: &[photofit_scalar::Vec3f], b: &[photofit_scalar::Vec3f]| {
                 a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (*a - *b).length() < 1e-5)
             };
@@ -345,7 +346,16 @@ fn vertices_of_the_bind_pose_are_moved_as_poses_say() {
     let before = scene.flatten().mesh;
     positions.iter_mut().for_each(|p| *p += vec3(0.25, -0.5, 0.125));
     normals.iter_mut().for_each(|n| *n = vec3(n.z, n.x, n.y));
+    let targets = |scene: &mut Scene| {
+        let hierarchy = std::sync::Arc::make_mut(scene.hierarchy.as_mut().unwrap());
+        let parts = hierarchy.meshes.iter_mut().flat_map(|m| &mut m.primitives);
+        let tangents = parts.filter_map(|p| p.bind.as_mut()).flat_map(|b| &mut b.targets);
+        tangents.map(|t| std::mem::replace(&mut t.tangents, vec![vec3(1.0, 0.0, 0.0); 3]).len()).collect()
+    };
+    let _: Vec<usize> = targets(&mut scene);
     scene.set_bind_vertices(&positions, &normals);
+    let left: Vec<usize> = targets(&mut scene.clone());
+    assert_eq!(left, [0, 0], "targets add nothing to tangents that are not there");
     assert_eq!(bind(&scene), (positions, normals));
     let after = scene.flatten().mesh;
     assert_eq!(before.triangles, after.triangles);
@@ -354,4 +364,25 @@ fn vertices_of_the_bind_pose_are_moved_as_poses_say() {
     let mut twice = scene.clone();
     twice.instances.push(twice.instances[1].clone());
     assert_eq!(twice.check_bind_vertices().unwrap_err(), "primitive 1 is placed more than once");
+    let mut mapped = scene.clone();
+    let slot = TextureSlot {
+        image: 0,
+        sampler: Sampler::default(),
+        tex_coord: 0,
+        transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+    };
+    mapped.materials.iter_mut().for_each(|m| m.normal_texture = Some(slot));
+    let told = mapped.deformation(None, 0.0).unwrap_err();
+    assert_eq!(told, "primitive 0 has a normal map, but no tangents");
+}
+
+#[test]
+fn nodes_that_deform_the_same_mesh_share_its_bind_pose() {
+    let mut b = moving();
+    push(&mut b.json["nodes"], json!({"mesh": 1, "skin": 0}));
+    b.json["nodes"][0]["children"] = json!([1, 7, 2, 4, 5]);
+    let scene = b.load();
+    let primitives: std::collections::BTreeSet<_> = scene.instances.iter().map(|i| i.primitive).collect();
+    assert_eq!((primitives.len(), scene.instances.len()), (4, 4), "each has a primitive of its own");
+    assert_eq!(scene.check_bind_vertices().unwrap_err(), "primitive 0 of mesh 0 is placed more than once");
 }
