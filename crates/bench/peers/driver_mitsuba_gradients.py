@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from driver_mitsuba import ready, variant
+from driver_mitsuba import FILTERS, SAMPLERS, ready, variant
 from harness import ROOT, WORK, markdown, program
 
 ABOUT = "Variance and time of path-traced gradients against Mitsuba"
@@ -18,7 +18,6 @@ SPP = 4
 SEEDS = 4
 # Samples of a run whose time is taken off, so that reading and building do not count.
 SHORT = 16
-FILTERS = ["as it is", "box"]
 WEIGHTS = ["random", "1"]
 BOX = "assets/box.xml"
 PLATE = "out/bench/recover/plate.xml"
@@ -84,11 +83,9 @@ def ours(mi, path, key, events, weights):
     return np.mean(gradients, 0), np.sqrt(np.square(errors).sum(0)) / SEEDS, float(seconds)
 
 
-def compared(mi, dr, file, our_key, their_key, events, weights):
+def compared(found, each, own, own_error, seconds):
     """Cells of a row: values, variances, times, their product, and the mean squared z."""
-    found, each = theirs(mi, dr, file, their_key, events, weights)
     mean, error = found.mean(0), found.std(0, ddof=1) / ESTIMATES**0.5
-    own, own_error, seconds = ours(mi, file, our_key, events, weights)
     seen = (error > 0) & (own_error > 0)
     chi = float(((own - mean)[seen] ** 2 / (own_error**2 + error**2)[seen]).mean())
     variance = [float((e[seen] ** 2).sum()) for e in (own_error, error)]
@@ -97,37 +94,47 @@ def compared(mi, dr, file, our_key, their_key, events, weights):
     return [own.size, ratio, seconds, time_of_theirs, ratio * seconds / time_of_theirs, chi]
 
 
+def of_case(mi, dr, case, reconstruction, kind):
+    """Rows of one case, filter and kind of weights, by Mitsuba's samplers."""
+    path, our_key, their_key, events, _ = case
+    with variant(ROOT / path, reconstruction) as file:
+        size = mi.load_file(file).sensors()[0].film().size()
+        shape = (size[1], size[0], 3)
+        weights = np.random.default_rng(1).normal(size=shape) if kind == "random" else np.ones(shape)
+        weights = weights.astype(np.float32)
+        own = ours(mi, file, our_key, events, weights)
+    for sampler in SAMPLERS:
+        with variant(ROOT / path, reconstruction, sampler) as file:
+            found, each = theirs(mi, dr, file, their_key, events, weights)
+        row = [path.rsplit("/", 1)[-1], our_key, reconstruction, kind, sampler, *compared(found, each, *own)]
+        print(row, flush=True)
+        yield row
+
+
 def table():
     import mitsuba as mi
 
     mi.set_variant("llvm_ad_rgb")
     import drjit as dr
 
-    rows, left_out, apart = [], [], []
-    for path, our_key, their_key, events, filters in CASES:
-        if not (ROOT / path).exists():
-            left_out.append(path)
+    rows, left_out = [], []
+    for case in CASES:
+        if not (ROOT / case[0]).exists():
+            left_out.append(case[0])
             continue
-        for reconstruction in filters:
-            with variant(ROOT / path, reconstruction) as file:
-                size = mi.load_file(file).sensors()[0].film().size()
-                for kind in WEIGHTS:
-                    shape = (size[1], size[0], 3)
-                    weights = np.random.default_rng(1).normal(size=shape) if kind == "random" else np.ones(shape)
-                    cells = compared(mi, dr, file, our_key, their_key, events, weights.astype(np.float32))
-                    rows.append([path.rsplit("/", 1)[-1], our_key, reconstruction, kind, *cells])
-                    print(rows[-1], flush=True)
-                    if not cells[-1] <= limit(cells[0]):
-                        apart.append(f"{our_key} (filter {reconstruction}, weights {kind}): {cells[-1]:.3g}")
+        for reconstruction in case[-1]:
+            for kind in WEIGHTS:
+                rows += of_case(mi, dr, case, reconstruction, kind)
+    apart = [", ".join(map(str, [*row[1:5], row[-1]])) for row in rows if not row[-1] <= limit(row[5])]
     head = [
-        "scene", "parameter", "filter", "weights", "values", "variance, ours / Mitsuba", "ours: CPU s", "Mitsuba: CPU s",
+        "scene", "parameter", "filter", "weights", "Mitsuba's sampler", "values", "variance, ours / Mitsuba", "ours: CPU s", "Mitsuba: CPU s",
         "variance x time, ours / Mitsuba", "mean squared z",
     ]
     worst = max(rows, key=lambda row: row[-2])
     note = (
         f"{ESTIMATES} estimates of {SPP} samples a pixel. Times without reading, building and compiling."
         " The mean squared z is that of the difference of both gradients over their standard errors: about 1 where they"
-        f" agree. Worst variance x time: {worst[-2]:.3g}, {worst[1]}, filter {worst[2]}, weights {worst[3]}."
+        f" agree. Worst variance x time: {worst[-2]:.3g}, {worst[1]}, filter {worst[2]}, weights {worst[3]}, {worst[4]}."
     )
     if left_out:
         note += f"\n\nLeft out: {', '.join(left_out)}."
