@@ -1,8 +1,11 @@
 """Path tracing: the same scenes by Mitsuba (llvm_ad_rgb) and by `photofit render`, error against CPU time."""
 
+import contextlib
 import glob
 import os
+import pathlib
 import re
+import tempfile
 import time
 
 import numpy as np
@@ -12,8 +15,13 @@ from harness import ROOT, WORK, markdown, program
 ABOUT = "Error of a path traced picture against Mitsuba"
 NEEDS = ["numpy", "mitsuba"]
 
-REFERENCE = 4096
+# The reference: pictures of 64 samples a pixel by Mitsuba's multijittered sampler, and how many.
+PART, PARTS = 64, 32
 SPP = [4, 16, 64]
+# Pictures of each program whose errors are averaged.
+SEEDS = 3
+SAMPLERS = ["independent", "multijitter"]
+FILTERS = ["as it is", "box"]
 
 
 def ready():
@@ -29,8 +37,71 @@ def ready():
 
 
 def scenes():
-    """assets/box.xml, and the files that PHOTOFIT_PEER_SCENES names, separated by colons."""
-    return [ROOT / "assets" / "box.xml", *filter(None, os.environ.get("PHOTOFIT_PEER_SCENES", "").split(":"))]
+    """assets/box.xml, and the files, or those of the folders, that PHOTOFIT_PEER_SCENES names, separated by colons."""
+    found = [ROOT / "assets" / "box.xml"]
+    for named in filter(None, os.environ.get("PHOTOFIT_PEER_SCENES", "").split(":")):
+        path = pathlib.Path(named)
+        found += sorted(path.glob("*.xml")) if path.is_dir() else [path]
+    return found
+
+
+@contextlib.contextmanager
+def variant(path, reconstruction, sampler=None):
+    """A file with another filter or sampler for the time of a `with`: beside the scene, for the files that it names."""
+    if reconstruction == "as it is" and sampler is None:
+        yield str(path)
+        return
+    text = pathlib.Path(path).read_text()
+    drop = lambda tag, text: re.sub(rf"<{tag}\b[^>]*?(/>|>.*?</{tag}>)", "", text, flags=re.S)
+    if sampler:
+        text = drop("sampler", text).replace("<film", f'<sampler type="{sampler}"/><film')
+    if reconstruction != "as it is":
+        inside = f'<rfilter type="{reconstruction}"/>'
+        opened = lambda film: f"{film[1]}>{inside}" + ("</film>" if film[2] == "/>" else "")
+        text = re.sub(r"(<film\b[^>]*?)(/>|>)", opened, drop("rfilter", text))
+    with tempfile.NamedTemporaryFile("w", dir=pathlib.Path(path).parent, prefix=".peer-", suffix=".xml") as file:
+        file.write(text)
+        file.flush()
+        yield file.name
+
+
+def compared(mi, path, reconstruction):
+    """Rows of a scene with one filter, and the ratio of the means."""
+    loaded = {}
+    for sampler in SAMPLERS:
+        with variant(path, reconstruction, sampler) as file:
+            loaded[sampler] = mi.load_file(file)
+    picture = lambda sampler, spp, seed: np.array(mi.render(loaded[sampler], spp=spp, seed=seed))[..., :3]
+    # In parts: one kernel over all samples would need gigabytes.
+    parts = np.array([picture("multijitter", PART, 1000 + k) for k in range(PARTS)])
+    truth = parts.mean(0)
+    # The brightest thousandth is left out, which one rare path may decide.
+    keep = (truth <= np.quantile(truth, 0.999)).all(-1)
+    own_noise = float((parts.var(0, ddof=1) / PARTS)[keep].mean())
+    error = lambda image: float(((image - truth)[keep] ** 2).mean()) - own_noise
+    rows, out, ratios = [], WORK / f"mitsuba-{os.getpid()}.exr", []
+    for spp in SPP:
+        found, seconds = [], []
+        for seed in range(SEEDS):
+            with variant(path, reconstruction) as file:
+                seconds.append(program("render", file, "-o", out, "--spp", spp, "--seed", seed, "--allow-parent-paths"))
+            image = np.array(mi.Bitmap(str(out)), np.float32)[..., :3]
+            found.append(error(image))
+            ratios.append(float(image[keep].mean() / truth[keep].mean()))
+        a, own = float(np.mean(found)), float(np.median(seconds))
+        for sampler in SAMPLERS:
+            picture(sampler, spp, 1)
+            found, seconds = [], []
+            for seed in range(SEEDS):
+                start = time.process_time()
+                image = picture(sampler, spp, 2 + seed)
+                seconds.append(time.process_time() - start)
+                found.append(error(image))
+            b, other = float(np.mean(found)), float(np.median(seconds))
+            name = pathlib.Path(path).name
+            rows.append([name, reconstruction, spp, sampler, a, own, b, other, a * own / (b * other)])
+            print(rows[-1], flush=True)
+    return rows, f"{pathlib.Path(path).name}, filter {reconstruction}: {ratios[-1]:.4f}"
 
 
 def table():
@@ -38,29 +109,19 @@ def table():
 
     mi.set_variant("llvm_ad_rgb")
     rows, means = [], []
-    for path in map(str, scenes()):
-        name = path.rsplit("/", 1)[-1]
-        scene = mi.load_file(path)
-        picture = lambda spp, seed: np.array(mi.render(scene, spp=spp, seed=seed))[..., :3]
-        # In parts: one kernel over all samples would need gigabytes.
-        truth = np.mean([picture(64, 1000 + k) for k in range(REFERENCE // 64)], 0)
-        # Root mean square over the picture; the brightest thousandth is left out, which one rare path may decide.
-        limit = np.quantile(truth, 0.999)
-        keep = (truth <= limit).all(-1)
-        error = lambda image: float(np.sqrt(((image - truth)[keep] ** 2).mean()))
-        out = WORK / "mitsuba.exr"
-        for spp in SPP:
-            picture(spp, 1)
-            start = time.process_time()
-            theirs = picture(spp, 2)
-            their_seconds = time.process_time() - start
-            our_seconds = program("render", path, "-o", out, "--spp", spp)
-            ours = np.array(mi.Bitmap(str(out)), np.float32)[..., :3]
-            a, b = error(ours), error(theirs)
-            rows.append([name, spp, a, our_seconds, b, their_seconds, a * a * our_seconds / (b * b * their_seconds)])
-        means.append(f"{name} {float(ours[keep].mean() / truth[keep].mean()):.4f}")
-    head = ["scene", "samples", "ours: RMSE", "CPU s", "Mitsuba: RMSE", "CPU s", "error^2 x time, ours / Mitsuba"]
+    for path in scenes():
+        for reconstruction in FILTERS:
+            more, mean = compared(mi, path, reconstruction)
+            rows += more
+            means.append(mean)
+    rows.sort(key=lambda row: -row[-1])
+    head = [
+        "scene", "filter", "samples", "Mitsuba's sampler", "ours: MSE", "CPU s", "Mitsuba: MSE", "CPU s",
+        "error x time, ours / Mitsuba",
+    ]
     return (
-        f"{markdown(head, rows)}\n\nAgainst {REFERENCE} samples of Mitsuba. Our time is that of the whole process (reading, building,"
-        f" writing), Mitsuba's that of the second render.\n\nRatio of the means, ours / reference: {', '.join(means)}."
+        f"{markdown(head, rows)}\n\nThe worst row first. Mean squared error, the mean of {SEEDS} pictures, against"
+        f" {PART * PARTS} multijittered samples of Mitsuba, corrected for the noise of these. Our time is that of the whole"
+        " process (reading, building, writing), Mitsuba's that of a render after the first; medians."
+        f"\n\nRatio of the means of the last picture, ours / reference: {'; '.join(means)}."
     )

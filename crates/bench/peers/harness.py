@@ -35,9 +35,13 @@ def program(*arguments, **environment):
 
 
 def suite(name, baseline=False, **environment):
-    """Runs a suite of photofit-bench; returns its rows from out/bench/NAME.json."""
-    command = ["cargo", "run", "--release", "--quiet", "-p", "photofit-bench", "--", name]
-    command += ["--baseline"] if baseline else []
+    """Runs a suite of photofit-bench; returns its rows from out/bench/NAME.json.
+
+    `PHOTOFIT_PEER_BENCH` names a photofit-bench that is built already; without it the release build is made and run.
+    """
+    built = os.environ.get("PHOTOFIT_PEER_BENCH")
+    command = [built] if built else ["cargo", "run", "--release", "--quiet", "-p", "photofit-bench", "--"]
+    command += [name, "--baseline"] if baseline else [name]
     environment = {k: str(v) for k, v in environment.items()}
     subprocess.run(command, cwd=ROOT, check=True, env={**os.environ, **environment}, stdout=subprocess.DEVNULL)
     return json.loads((ROOT / "out" / "bench" / f"{name}.json").read_text())
@@ -50,14 +54,32 @@ def suite_with_python(name):
     return "\n".join(line for line in lines if not line.startswith("# ")).strip()
 
 
-def median_seconds(work, repetitions=5):
-    """Median wall seconds of `work()` after one run that is not counted."""
+def compiled(source, *flags):
+    """The path of what the C or C++ compiler makes of a file of this folder."""
+    out = WORK / f"{source.replace('.', '-')}-{os.getpid()}"
+    compiler = "c++" if source.endswith(".cpp") else "cc"
+    subprocess.run([compiler, "-O2", *flags, "-o", out, pathlib.Path(__file__).with_name(source), "-ldl"], check=True)
+    return out
+
+
+def suite_by_cpu(name, **environment):
+    """A suite whose times are CPU seconds of the process: for rows of one thread, where other programs share the cores.
+
+    Returns the rows as (method, case) -> (seconds, metrics).
+    """
+    clock = compiled("cpu_clock.c", "-shared", "-fPIC")
+    rows = suite(name, LD_PRELOAD=clock, **environment)["rows"]
+    return {(row["method"], row["case"]): row for row in rows}
+
+
+def median_seconds(work, repetitions=5, clock=time.perf_counter):
+    """Median seconds of `work()` by the clock after one run that is not counted."""
     work()
     times = []
     for _ in range(repetitions):
-        start = time.perf_counter()
+        start = clock()
         work()
-        times.append(time.perf_counter() - start)
+        times.append(clock() - start)
     return statistics.median(times)
 
 

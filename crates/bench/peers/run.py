@@ -27,7 +27,7 @@ def pins():
 def needs(name):
     """The packages of a driver, without importing it: that would need them."""
     tree = ast.parse((HERE / f"driver_{name}.py").read_text())
-    found = [s.value for s in tree.body if isinstance(s, ast.Assign) and s.targets[0].id == "NEEDS"]
+    found = [s.value for s in tree.body if isinstance(s, ast.Assign) and getattr(s.targets[0], "id", "") == "NEEDS"]
     return ast.literal_eval(found[0])
 
 

@@ -142,7 +142,8 @@ fn cloudy() -> World {
     cloud.albedo = vec3(0.98, 0.85, 0.6);
     let density = (0..4 * 4 * 4).map(|i| (i * 7919 % 13) as f32 / 6.0).collect();
     let cloud = Volume { size: [4, 4, 4], density, ..cloud };
-    let sky = EnvironmentMap::constant(vec3(0.2, 0.3, 0.5));
+    // Compensated, light sampling alone would miss some of it.
+    let sky = EnvironmentMap { compensate: false, ..EnvironmentMap::constant(vec3(0.2, 0.3, 0.5)) };
     let mut parts = Parts { environment: Some(sky), volumes: vec![cloud], ..Parts::default() };
     let floor = super::scenes::quad(vec3(-4.0, -1.2, -4.0), vec3(0.0, 0.0, 8.0), vec3(8.0, 0.0, 0.0));
     super::scenes::place(&mut parts, floor, Material::new(diffuse(0.8, 0.7, 0.6)));

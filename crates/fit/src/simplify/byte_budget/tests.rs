@@ -53,7 +53,7 @@ fn budgeted(asset: &Scene, max_bytes: Option<u64>, texture_encoding: TextureEnco
     let outcome = simplify(asset, &path, &o, &heard).unwrap();
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1, "no trial is left");
     let limits = photofit_scene::Limits { keep_encoded: true, ..Default::default() };
-    let images = photofit_scene::load_with(&path, &limits).unwrap().images;
+    let images = photofit_scene::load_with(&outcome.file, &limits).unwrap().images;
     let encoding = |i: &TextureImage| match i.encoded.as_deref() {
         Some([0xff, 0xd8, ..]) => "JPEG",
         Some([b'R', ..]) => "WebP",
@@ -61,7 +61,7 @@ fn budgeted(asset: &Scene, max_bytes: Option<u64>, texture_encoding: TextureEnco
         _ => "PNG",
     };
     Budgeted {
-        bytes: std::fs::metadata(&path).unwrap().len(),
+        bytes: std::fs::metadata(&outcome.file).unwrap().len(),
         psnr: outcome.shipped().unwrap().psnr,
         told: outcome.textures,
         warnings: heard.0.into_inner().unwrap().join("; "),
