@@ -148,7 +148,8 @@ pub fn retexture(
     let round = turned.contains(&true).then(|| candidate.round_normals());
     let moves = options.fit_shape && options.steps > 0;
     let to_bind = moves.then(|| own.to_bind()).transpose()?;
-    let (maps, distance) = baked(&n, &rays, &candidate, (candidate.vertices_of(points(&rest)), round.as_deref()), progress)?;
+    let (maps, distance) =
+        baked(&n, &rays, &candidate, (candidate.vertices_of(points(&rest)), round.as_deref()), progress)?;
     candidate.set_maps(maps);
     let start = dressed(light, &candidate, &n);
     if let Some(to_bind) = &to_bind {

@@ -49,8 +49,7 @@ fn assert_one_line(o: &Output, status: i32, what: &str, parts: &[&str]) {
     assert_eq!(o.status.code(), Some(status), "{what}: {text}");
     // A driver for Vulkan speaks for itself where there is no desktop.
     let of_driver = |l: &str| l.contains("XDG_RUNTIME_DIR");
-    let errors: Vec<&str> =
-        text.lines().filter(|l| !l.starts_with("warning:") && !of_driver(l)).collect();
+    let errors: Vec<&str> = text.lines().filter(|l| !l.starts_with("warning:") && !of_driver(l)).collect();
     assert_eq!(errors.len(), 1, "{what}: one line, found {text}");
     assert!(errors[0].starts_with("error: "), "{what}: {text}");
     assert!(!text.contains("panicked"), "{what}: {text}");

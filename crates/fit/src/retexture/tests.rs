@@ -23,7 +23,7 @@ fn light() -> Scene {
     scene.name = "light".into();
     scene.materials = vec![Material::clay()];
     scene.images.clear();
-    std::sync::Arc::make_mut(scene.hierarchy.as_mut().unwrap()).animations.reverse();
+    Arc::make_mut(scene.hierarchy.as_mut().unwrap()).animations.reverse();
     scene
 }
 
@@ -149,7 +149,7 @@ fn what_cannot_be_fitted_is_an_error() {
     };
     let heavy = arm(6, 8);
     let mut none = light();
-    std::sync::Arc::make_mut(none.hierarchy.as_mut().unwrap()).animations.remove(1);
+    Arc::make_mut(none.hierarchy.as_mut().unwrap()).animations.remove(1);
     assert_eq!(
         text(&heavy, &none, &options()),
         "moment is in animation 0 of the reference; light must have it, by name"
@@ -239,13 +239,13 @@ fn a_shape_that_cannot_be_moved_is_an_error() {
     let file = dir.path().join("x.glb");
     let o = RetextureOptions { fit_shape: true, steps: 2, ..options() };
     let mut twice = light();
-    let hierarchy = std::sync::Arc::make_mut(twice.hierarchy.as_mut().unwrap());
+    let hierarchy = Arc::make_mut(twice.hierarchy.as_mut().unwrap());
     hierarchy.placements.push(hierarchy.placements[1]);
     twice.instances.push(twice.instances[1].clone());
     let told = retexture(&arm(6, 8), &twice, &file, &o, &Silent).unwrap_err().to_string();
     assert_eq!(told, "light_asset primitive 1 is placed more than once; its shape cannot be fitted");
     let mut flat = light();
-    let hierarchy = std::sync::Arc::make_mut(flat.hierarchy.as_mut().unwrap());
+    let hierarchy = Arc::make_mut(flat.hierarchy.as_mut().unwrap());
     hierarchy.nodes[4].transform =
         photofit_scene::NodeTransform::Matrix(glam::Affine3A::from_scale(glam::vec3(1.0, 0.0, 1.0)));
     hierarchy.animations[1].channels.truncate(1);
@@ -287,7 +287,7 @@ fn vertex_colours_of_the_light_asset_go_with_its_materials() {
         p.mesh.colors = vec![photofit_scalar::vec4(0.1, 0.5, 0.9, 1.0); p.mesh.positions.len()];
     }
     // Those of a skinned mesh are written from its bind pose.
-    let hierarchy = std::sync::Arc::make_mut(colored.hierarchy.as_mut().unwrap());
+    let hierarchy = Arc::make_mut(colored.hierarchy.as_mut().unwrap());
     let bind = hierarchy.meshes[0].primitives[0].bind.as_mut().unwrap();
     bind.mesh.colors = colored.primitives[0].mesh.colors.clone();
     let (written, quality) = made(&colored);
@@ -302,7 +302,7 @@ fn maps_are_painted_where_the_textures_of_the_light_asset_are_read() {
     let pack =
         |mesh: &mut Mesh| mesh.uvs.iter_mut().for_each(|uv| *uv = vec2(8.0 * uv.x - 3.0, 8.0 * uv.y - 3.0));
     packed.primitives.iter_mut().for_each(|p| pack(&mut p.mesh));
-    let hierarchy = std::sync::Arc::make_mut(packed.hierarchy.as_mut().unwrap());
+    let hierarchy = Arc::make_mut(packed.hierarchy.as_mut().unwrap());
     let parts = hierarchy.meshes.iter_mut().flat_map(|m| &mut m.primitives);
     parts.filter_map(|p| p.bind.as_mut()).for_each(|b| pack(&mut b.mesh));
     let transform = [[0.125, 0.0, 0.375], [0.0, 0.125, 0.375]];
@@ -328,7 +328,7 @@ fn maps_are_painted_where_the_textures_of_the_light_asset_are_read() {
 fn turned(mut scene: Scene) -> Scene {
     let turn = |mesh: &mut Mesh| mesh.normals.iter_mut().for_each(|n| *n = -*n);
     scene.primitives.iter_mut().for_each(|p| turn(&mut p.mesh));
-    let hierarchy = std::sync::Arc::make_mut(scene.hierarchy.as_mut().unwrap());
+    let hierarchy = Arc::make_mut(scene.hierarchy.as_mut().unwrap());
     let parts = hierarchy.meshes.iter_mut().flat_map(|m| &mut m.primitives);
     parts.filter_map(|p| p.bind.as_mut()).for_each(|b| turn(&mut b.mesh));
     scene
