@@ -224,11 +224,12 @@ impl<T: Real> Deformation<T> {
     pub fn normals_vjp(&self, normals: &[Vec3<T>], d: &[Vec3<T>], g: &mut [Vec3<T>]) {
         assert!([d.len(), g.len()] == [normals.len(); 2], "one gradient per vertex");
         self.check(d.len());
-        let of = |(v, (g, (before, d))): (usize, (&mut Vec3<T>, (&Vec3<T>, &Vec3<T>)))| {
+        let of = |v: usize, g: &mut Vec3<T>, before: &Vec3<T>, d: &Vec3<T>| {
             let n = self.normals.get(v).map_or(*before, |e| *before + *e);
             *g += self.moves.get(v).map_or_else(|| n.normalize_vjp(*d), |m| m.normals().apply_vjp(n, *d));
         };
-        g.par_iter_mut().zip(normals.par_iter().zip(d)).enumerate().with_min_len(GRAIN).for_each(of);
+        let all = g.par_iter_mut().zip(normals.par_iter().zip(d)).enumerate().with_min_len(GRAIN);
+        all.for_each(|(v, (g, (before, d)))| of(v, g, before, d));
     }
 
     fn check(&self, count: usize) {

@@ -71,10 +71,10 @@ impl Gpu {
         let descriptor =
             wgpu::BufferDescriptor { label: Some(name), size: bytes, usage, mapped_at_creation: false };
         let make = || self.device().create_buffer(&descriptor);
-        let buffer = refused(self.device(), wgpu::ErrorFilter::OutOfMemory, make).map_err(|_| {
+        let Ok(buffer) = refused(self.device(), wgpu::ErrorFilter::OutOfMemory, make) else {
             given_back();
-            full()
-        })?;
+            return Err(full());
+        };
         Ok(Raw(Arc::new(Taken { buffer, bytes: counted, held: memory.held.clone() })))
     }
 }

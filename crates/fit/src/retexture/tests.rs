@@ -241,7 +241,7 @@ fn a_shape_that_cannot_be_moved_is_an_error() {
     let mut twice = light();
     let hierarchy = Arc::make_mut(twice.hierarchy.as_mut().unwrap());
     hierarchy.placements.push(hierarchy.placements[1]);
-    twice.instances.push(twice.instances[1].clone());
+    twice.instances.push(twice.instances[1]);
     let told = retexture(&arm(6, 8), &twice, &file, &o, &Silent).unwrap_err().to_string();
     assert_eq!(told, "light_asset primitive 1 is placed more than once; its shape cannot be fitted");
     let mut flat = light();

@@ -195,7 +195,6 @@ fn sequences_agree() {
 
 #[test]
 #[ignore = "gpu: needs an adapter"]
-#[expect(clippy::print_stdout, reason = "figures of the documentation")]
 fn work_of_a_frame() {
     let gpu = test_device();
     let size =

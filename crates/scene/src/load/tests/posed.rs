@@ -362,7 +362,7 @@ fn vertices_of_the_bind_pose_are_moved_as_poses_say() {
     assert!(before.positions.iter().zip(&after.positions).all(|(a, b)| (*a - *b).length() > 0.2));
     check(&again(&scene));
     let mut twice = scene.clone();
-    twice.instances.push(twice.instances[1].clone());
+    twice.instances.push(twice.instances[1]);
     assert_eq!(twice.check_bind_vertices().unwrap_err(), "primitive 1 is placed more than once");
     let mut mapped = scene.clone();
     let slot = TextureSlot {
