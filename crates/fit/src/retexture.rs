@@ -8,7 +8,7 @@
 
 mod bare;
 
-use crate::bake::{BakeSettings, Target, bake, blank_texel};
+use crate::bake::{BakeSettings, ReferenceSurface, Target, bake, blank_texel};
 use crate::candidate::{Candidate, OrientedPoints, Vertices};
 use crate::engine::Normalised;
 use crate::engine::animated::Animated;
@@ -27,7 +27,7 @@ use crate::engine::views::{Lighting, Moment, Orbit, OverMoments, Sampling};
 use crate::error::in_ranges;
 use crate::simplify::Written;
 use crate::simplify::outcome::{lost_extensions, not_fitted};
-use crate::visibility::{VisibilitySettings, visibility};
+use crate::visibility::{Visibility, VisibilitySettings, visibility};
 use crate::{FitError, Progress};
 use bare::bare;
 use photofit_geometry::weld::weld_rows;
@@ -148,14 +148,15 @@ pub fn retexture(
     let round = turned.contains(&true).then(|| candidate.round_normals());
     let moves = options.fit_shape && options.steps > 0;
     let to_bind = moves.then(|| own.to_bind()).transpose()?;
-    let (maps, distance) =
-        baked(&n, &rays, &candidate, (candidate.vertices_of(points(&rest)), round.as_deref()), progress)?;
+    let surface = (&rays, &visibility(&rays, &VisibilitySettings::default()));
+    let at_rest = candidate.vertices_of(OrientedPoints::of(&rest.mesh));
+    let (maps, distance) = baked(&n, surface, &candidate, (at_rest, round.as_deref()), progress)?;
     candidate.set_maps(maps);
     let start = dressed(light, &candidate, &n);
     if let Some(to_bind) = &to_bind {
         // A fitted shape has normals of its own, which the asset need not have.
         let at_rest = candidate.vertices_through(&[&**to_bind, &*own.deformation(Moment::default())?]);
-        candidate.set_maps(baked(&n, &rays, &candidate, (at_rest, None), progress)?.0);
+        candidate.set_maps(baked(&n, surface, &candidate, (at_rest, None), progress)?.0);
     }
     let asked = Asked { steps: options.steps, moves, reference: reference_pictures.kind() };
     let fitted = SurfacePlan::new(reference, &candidate, asked);
@@ -324,21 +325,15 @@ fn candidate(n: &Normalised, rest: &FlatScene, size: usize) -> Result<Candidate,
     ))
 }
 
-/// Vertices with their normals.
-fn points(flat: &FlatScene) -> OrientedPoints {
-    OrientedPoints { positions: flat.mesh.positions.clone(), normals: flat.mesh.normals.clone() }
-}
-
 /// Maps of the reference at rest onto these vertices, and the mean distance to it. Rays go along `directions` of the vertices,
 /// where they are not their normals.
 fn baked(
     n: &Normalised,
-    rays: &crate::bake::ReferenceSurface<'_>,
+    (rays, seen): (&ReferenceSurface<'_>, &Visibility),
     candidate: &Candidate,
     (vertices, directions): (Vertices, Option<&[Vec3f]>),
     progress: &dyn Progress,
 ) -> Result<(Maps, f64), FitError> {
-    let seen = visibility(rays, &VisibilitySettings::default());
     let mesh = Mesh {
         positions: vertices.positions,
         normals: vertices.normals,
@@ -354,7 +349,7 @@ fn baked(
         if progress.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
     let target = Target { directions, ..Target::new(&mesh) };
-    let mut baked = bake(rays, &seen, &target, &settings, &heard).map_err(|e| match e {
+    let mut baked = bake(rays, seen, &target, &settings, &heard).map_err(|e| match e {
         crate::bake::BakeError::Stopped => FitError::Interrupted,
         e => e.into(),
     })?;

@@ -72,15 +72,15 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
 fn builders(ctx: &mut Context) -> Result<()> {
     let rays = chords();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
-    for frequency in [71, 158] {
-        let mesh = shapes::displaced_sphere(frequency, 0.2, 4, 1);
+    let even = |frequency| ("even", shapes::displaced_sphere(frequency, 0.2, 4, 1));
+    for (kind, mesh) in [even(71), even(158), ("on ground", on_ground()), ("slivers", slivers())] {
         let count = mesh.triangles.len();
         for (name, builder) in [
             ("binned", Builder::Binned),
             ("obvhs clustered", Builder::Clustered),
             ("obvhs reinserted", Builder::Reinserted),
         ] {
-            let case = format!("{count} triangles, {name}");
+            let case = format!("{kind}, {count} triangles, {name}");
             let build = || Accel::build_with(&mesh.positions, &mesh.triangles, builder);
             let (timing, accel) = pool.install(|| crate::timing::time(build));
             let accel = accel?;
@@ -99,6 +99,22 @@ fn builders(ctx: &mut Context) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// A small sphere of many triangles and four large ones below it.
+fn on_ground() -> Mesh {
+    let mut mesh = shapes::displaced_sphere(71, 0.2, 4, 1);
+    mesh.positions.iter_mut().for_each(|p| *p = *p * 0.2);
+    let first = mesh.positions.len() as u32;
+    let ground = shapes::quad_grid(2, 1);
+    mesh.positions.extend(ground.positions.iter().map(|p| vec3(4.0 * p.x, -0.3, 4.0 * p.y)));
+    mesh.triangles.extend(ground.triangles.iter().map(|t| t.map(|v| v + first)));
+    mesh
+}
+
+/// A sphere of triangles that are a thousand times as long as wide.
+fn slivers() -> Mesh {
+    shapes::uv_sphere(12_500, 5)
 }
 
 /// Rays that another program cast, in its order.

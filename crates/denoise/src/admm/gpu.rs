@@ -103,7 +103,7 @@ impl DeviceAdmm {
         let (alpha, alpha_steps) = weight(gpu, "alpha", admm.weights[0].as_ref(), shape, channels)?;
         let (first, first_steps) = weight(gpu, "first weight", w0, shape, channels)?;
         let (second, second_steps) = weight(gpu, "second weight", w1, shape, channels)?;
-        let system = admm.symbol();
+        let system = plan.symbol(p);
         let params = Params {
             width: shape.width as u32,
             padded: padded as u32,

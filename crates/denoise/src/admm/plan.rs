@@ -2,8 +2,8 @@
 
 use std::fmt;
 
-use super::{Coupling, Problem, Weight};
-use crate::transform::Sample;
+use super::{Coupling, Penalties, Problem, Weight};
+use crate::transform::{Sample, Symbol};
 
 /// Where a channel of the solution comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,6 +46,16 @@ pub struct AdmmPlan {
 }
 
 impl AdmmPlan {
+    /// The system of the linear step: penalties of terms that are off count for nothing.
+    pub(super) fn symbol(&self, p: Penalties) -> Symbol {
+        let used = |on: bool, t: f64| if on { t } else { 0.0 };
+        Symbol {
+            c0: p.data,
+            c1: used(self.gradient, p.gradient) + used(self.guide, p.guide),
+            c2: used(self.hessian, p.hessian),
+        }
+    }
+
     pub(crate) fn new<T: Sample>(problem: &Problem<'_, T>, padded_width: usize) -> Self {
         let on = |w: Option<&Weight<T>>| match w {
             None => false,

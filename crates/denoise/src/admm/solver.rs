@@ -11,7 +11,7 @@ use super::stop::{Report, Stop};
 use super::survey::{Survey, full};
 use super::sweep::Sweep;
 use super::{Coupling, DataTerm, LinearStep, Penalties, Problem, Weight};
-use crate::transform::{Sample, StripSolver, Symbol, fast_length};
+use crate::transform::{Sample, StripSolver, fast_length};
 use crate::{DenoiseError, Shape};
 
 /// Stiffest system `(t1+t3) / t0` that the sweep takes by default.
@@ -142,7 +142,11 @@ impl<T: Sample> Admm<T> {
             let engine = if admm.plan.sweep {
                 Engine::Sweep(Sweep::new(&admm.frame(false)))
             } else {
-                let solver = StripSolver::new(admm.plan.padded_width, admm.shape.height, admm.symbol());
+                let solver = StripSolver::new(
+                    admm.plan.padded_width,
+                    admm.shape.height,
+                    admm.plan.symbol(admm.penalties),
+                );
                 Engine::Exact(Exact::new(&admm.frame(false), solver))
             };
             admm.engine = Some(engine);
@@ -155,17 +159,6 @@ impl<T: Sample> Admm<T> {
                 None => 0,
             };
         Ok(admm)
-    }
-
-    /// The system of the linear step.
-    pub(super) fn symbol(&self) -> Symbol {
-        let (plan, p) = (&self.plan, self.penalties);
-        let used = |on: bool, t: f64| if on { t } else { 0.0 };
-        Symbol {
-            c0: p.data,
-            c1: used(plan.gradient, p.gradient) + used(plan.guide, p.guide),
-            c2: used(plan.hessian, p.hessian),
-        }
     }
 
     /// The state before the first step, without what takes the steps.
@@ -206,14 +199,11 @@ impl<T: Sample> Admm<T> {
             plane.iter().enumerate().filter(|(i, _)| read(*c, *i)).map(|(_, v)| square(v)).sum()
         };
         let contrast = channels.iter().zip(target.chunks(n)).map(contrast_of).collect();
-        let stiffness = if plan.gradient { penalties.gradient } else { 0.0 }
-            + if plan.guide { penalties.guide } else { 0.0 };
+        let symbol = plan.symbol(penalties);
         let sweep = match linear {
             LinearStep::Exact => false,
             LinearStep::Sweep => true,
-            LinearStep::Auto => {
-                !plan.hessian && full(&problem.data) && stiffness <= STIFFEST * penalties.data
-            }
+            LinearStep::Auto => !plan.hessian && full(&problem.data) && symbol.c1 <= STIFFEST * symbol.c0,
         };
         let hessian = f64::from(u8::from(plan.hessian));
         DenoiseError::setting("the Hessian", hessian, "off for the sweep", !(sweep && plan.hessian))?;

@@ -104,23 +104,28 @@ fn gradient(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) gr
     }
 }
 
+// Both weights of the data term of a channel at a pixel.
+fn data_weights(c: u32, k: u32) -> vec2<f32> {
+    return vec2<f32>(first_weight[params.first_step * k + params.first_plane * c],
+                     second_weight[params.second_step * k + params.second_plane * c]);
+}
+
 // The data split of a channel at a pixel, and its part of the right-hand side.
 fn data_step(c: u32, i: u32, j: u32, at: u32) -> f32 {
     let q = data[at] + params.gain * estimate(c, i, j);
     var p = q;
     if j < params.width {
         let k = i * params.width + j;
-        let w0 = first_weight[params.first_step * k + params.first_plane * c];
-        let w1 = second_weight[params.second_step * k + params.second_plane * c];
+        let w = data_weights(c, k);
         let wanted = goal[sample(c, i, j)];
         let s = q - wanted;
         if params.huber != 0u {
-            let curved = s * params.t0 / (w0 + params.t0);
-            let straight = s + w0 * w1 / params.t0;
-            p = wanted + select(straight, curved, curved >= -w1);
+            let curved = s * params.t0 / (w.x + params.t0);
+            let straight = s + w.x * w.y / params.t0;
+            p = wanted + select(straight, curved, curved >= -w.y);
         } else {
-            let clipped = min(max(params.t0 * s, -w0), w0);
-            p = wanted + (params.t0 * s - clipped) / (w1 + params.t0);
+            let clipped = min(max(params.t0 * s, -w.x), w.x);
+            p = wanted + (params.t0 * s - clipped) / (w.y + params.t0);
         }
     }
     data[at] = q - params.relaxation * p;
@@ -160,9 +165,8 @@ fn right_hand_sides(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgr
 // The target without its holes; of Huber's function a second weight of 0 is no hole.
 fn begun(c: u32, i: u32, j: u32) -> f32 {
     let k = i * params.width + j;
-    let w0 = first_weight[params.first_step * k + params.first_plane * c];
-    let w1 = second_weight[params.second_step * k + params.second_plane * c];
-    let hole = w0 == 0.0 && (w1 == 0.0 || params.huber != 0u);
+    let w = data_weights(c, k);
+    let hole = w.x == 0.0 && (w.y == 0.0 || params.huber != 0u);
     return select(goal[sample(c, i, j)], 0.0, hole);
 }
 

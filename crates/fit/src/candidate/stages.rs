@@ -1,6 +1,7 @@
 //! The stages from the shape to the vertices of a picture: positions and normals go through a list of them, their gradients
 //! through the same list reversed. Without any a picture shows the shape as it stands.
 
+use photofit_geometry::Mesh;
 use photofit_geometry::skinning::Deformation;
 use photofit_scalar::{Real, Vec3};
 use std::fmt::Debug;
@@ -18,6 +19,13 @@ impl<T: Real> OrientedPoints<T> {
     /// Zero gradients.
     pub fn zeros(vertices: usize) -> Self {
         Self { positions: vec![Vec3::zero(); vertices], normals: vec![Vec3::zero(); vertices] }
+    }
+}
+
+impl OrientedPoints {
+    /// The vertices of a mesh with normals.
+    pub fn of(mesh: &Mesh) -> Self {
+        Self { positions: mesh.positions.clone(), normals: mesh.normals.clone() }
     }
 }
 

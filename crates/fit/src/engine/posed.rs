@@ -55,8 +55,7 @@ impl<'a> Posed<'a> {
             return Err(FitError::Setting { field: "moment", rule });
         }
         let Some(to_bind) = &self.to_bind else {
-            let (positions, normals) = (flat.mesh.positions.clone(), flat.mesh.normals.clone());
-            return Ok(candidate.vertices_of(OrientedPoints { positions, normals }));
+            return Ok(candidate.vertices_of(OrientedPoints::of(&flat.mesh)));
         };
         Ok(candidate.vertices_through(&[&**to_bind, &*self.animated.deformation(moment)?]))
     }

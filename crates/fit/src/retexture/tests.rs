@@ -80,8 +80,9 @@ fn the_candidate_is_drawn_at_the_moment_of_the_shot() {
     let rest = poses.flat(Moment::default()).unwrap();
     let mut candidate = candidate(&n, &rest, 256).unwrap();
     let rays = n.surface().unwrap();
-    let at_rest = candidate.vertices_of(points(&rest));
-    candidate.set_maps(baked(&n, &rays, &candidate, (at_rest, None), &Silent).unwrap().0);
+    let seen = visibility(&rays, &VisibilitySettings::default());
+    let at_rest = candidate.vertices_of(OrientedPoints::of(&rest.mesh));
+    candidate.set_maps(baked(&n, (&rays, &seen), &candidate, (at_rest, None), &Silent).unwrap().0);
     let reference = crate::engine::reference::ReferenceKind::RASTERIZED;
     let plan = SurfacePlan::new(&scene, &candidate, Asked { steps: 10, moves: true, reference });
     let mut model = Cpu::new(Posed::new(Surface::new(candidate, &plan), &poses, None)).unwrap();
@@ -342,10 +343,12 @@ fn rays_do_not_follow_normals_that_point_to_the_back() {
         let bare = bare(light).unwrap();
         let rest = Animated::new(&bare, &n).flat(Moment::default()).unwrap();
         let candidate = candidate(&n, &rest, 64).unwrap();
-        let at_rest = candidate.vertices_of(points(&rest));
+        let at_rest = candidate.vertices_of(OrientedPoints::of(&rest.mesh));
         let round = opposed(&rest.mesh).contains(&true).then(|| candidate.round_normals());
         let vertices = (at_rest, round.as_deref());
-        let (maps, _) = baked(&n, &n.surface().unwrap(), &candidate, vertices, &Silent).unwrap();
+        let rays = n.surface().unwrap();
+        let seen = visibility(&rays, &VisibilitySettings::default());
+        let (maps, _) = baked(&n, (&rays, &seen), &candidate, vertices, &Silent).unwrap();
         maps.texels.iter().flat_map(|t| [t[0], t[1], t[2]]).collect::<Vec<_>>()
     };
     // Rays go along the surface where vertex normals cannot be followed, which finds nearly the same.

@@ -13,8 +13,8 @@
 //!
 //! Silhouettes go with the length of a part, not with its area, so thin components (ropes, straps) count more
 //! ([`Options::thin_power`]). Dropping a whole small component competes in the same queue at the price of collapsing
-//! it onto its axis. But for locked vertices a budget is always reached: by collapses under full checks, then with relaxed ones, then without,
-//! and in the end by dropping components. Errors are estimates from the quadrics.
+//! it onto its axis. But for locked vertices a budget is always reached: by collapses under full checks, then with
+//! relaxed ones, then without, and in the end by dropping components. Errors are estimates from the quadrics.
 //!
 //! ```
 //! use photofit_geometry::{Mesh, decimate::{Options, Target, decimate}};

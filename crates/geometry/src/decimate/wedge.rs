@@ -106,13 +106,15 @@ impl Wedges {
         if !mesh.normals.is_empty() {
             scale.extend([floor(normal_weight); 3]);
         }
-        let uv = (!mesh.uvs.is_empty()).then_some(scale.len());
+        let first = scale.len();
+        let uv = (!mesh.uvs.is_empty()).then_some(first);
         if !mesh.uvs.is_empty() {
             scale.extend([floor(uv_weight); 2]);
         }
         if !mesh.uvs1.is_empty() {
             scale.extend([floor(uv_weight); 2]);
         }
+        let coordinates = first..scale.len();
         if !mesh.colors.is_empty() {
             scale.extend([floor(normal_weight); 4]);
         }
@@ -159,9 +161,6 @@ impl Wedges {
             })
             .collect();
         let width = scale.len();
-        let sets = usize::from(!mesh.uvs.is_empty()) + usize::from(!mesh.uvs1.is_empty());
-        let first = if mesh.normals.is_empty() { 0 } else { 3 };
-        let coordinates = first..first + 2 * sets;
         let bounds = bounds(&values, &scale, coordinates.clone(), &corners, group);
         let forms = vec![0.0; count as usize * (1 + 4 * width)];
         Self { width, corners, values, forms, uv, coordinates, bounds, scale }
