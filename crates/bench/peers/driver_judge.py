@@ -2,13 +2,14 @@
 
 `PHOTOFIT_JUDGE_ASSETS` names a folder in which the files of ROWS are looked for, at any depth, and ENVIRONMENT. What is made
 stands in out/bench/peers/work/judge, one folder a row. Beside each file stands its key: digests of the asset and of the
-environment, versions of the programs, settings; what is there under the same key is not made again.
+environment, versions of the programs, the code that runs them, settings; what is there under the same key is not made again.
 `PHOTOFIT_JUDGE_ROWS=YcbBanana:500,spot:bytes` makes some rows alone; the table has all that stand there with this judge and
 these assets, each with the version that made it.
 """
 
 import functools
 import hashlib
+import inspect
 import json
 import os
 import pathlib
@@ -116,6 +117,11 @@ def our_version():
     if not sources or sources.endswith("-dirty"):
         sources = f"{sources} program {digest([exe])[:8]}".strip()
     return f"{first_line(exe, '--version')}, {sources}"
+
+
+def how(*functions):
+    """The digest of the code that makes a file, its flags included."""
+    return hashlib.sha256("".join(map(inspect.getsource, functions)).encode()).hexdigest()[:16]
 
 
 def blender():
@@ -248,19 +254,24 @@ def attempt(folder, way, key, make):
     return False
 
 
+def ours(path, budget, out):
+    program("simplify", path, "-o", out, "--triangles", budget)
+
+
 def at_triangles(name, path, budget):
     """Files with at most `budget` triangles."""
     folder, asset = HERE / f"{name}-{budget}", {"asset": digest_of(path), "budget": budget}
     ways = {
-        "ours": (our_version(), lambda out: program("simplify", path, "-o", out, "--triangles", budget)),
-        "Decimate": (blender(), lambda out: decimated(path, budget, out)),
+        "ours": (our_version(), (ours,), lambda out: ours(path, budget, out)),
+        "Decimate": (blender(), (decimated,), lambda out: decimated(path, budget, out)),
     }
     if tool("gltfpack"):
         by = version("gltfpack")
-        ways["gltfpack -sv"] = (by, lambda out: packed(as_glb(name, path), budget, out))
-        ways["gltfpack -sv -sp"] = (by, lambda out: packed(as_glb(name, path), budget, out, "-sp"))
-    for way, (by, make) in ways.items():
-        file, key = folder / f"{way}.glb", {**asset, "by": by}
+        code = (packed, as_glb)
+        ways["gltfpack -sv"] = (by, code, lambda out: packed(as_glb(name, path), budget, out))
+        ways["gltfpack -sv -sp"] = (by, code, lambda out: packed(as_glb(name, path), budget, out, "-sp"))
+    for way, (by, code, make) in ways.items():
+        file, key = folder / f"{way}.glb", {**asset, "by": by, "how": how(*code)}
 
         def whole():
             once(file, key, make)
@@ -288,7 +299,7 @@ def at_bytes(name, path):
     if not all(map(tool, TOOLS)):
         return
     folder, asset = HERE / f"{name}-bytes", {"asset": digest_of(path), "budget": "bytes"}
-    plain = [version("node"), version("gltf-transform")]
+    plain = [version("node"), version("gltf-transform"), how(uncompressed)]
 
     def whole(way, key, make):
         file = folder / f"{way}.glb"
@@ -303,9 +314,11 @@ def at_bytes(name, path):
 
     peer = "WebP and meshopt"
     by = f"{version('gltf-transform')}, {version('gltfpack')}"
-    if whole(peer, {**asset, "by": by}, lambda out: compressed(as_glb(name, path), out)):
+    theirs = {**asset, "by": by, "how": how(compressed, as_glb)}
+    if whole(peer, theirs, lambda out: compressed(as_glb(name, path), out)):
         most = (folder / f"{peer}.glb").stat().st_size
-        whole("ours", {**asset, "by": our_version(), "bytes": most}, lambda out: within(path, most, out))
+        own = {**asset, "by": our_version(), "how": how(within), "bytes": most}
+        whole("ours", own, lambda out: within(path, most, out))
 
 
 def cells(figures):

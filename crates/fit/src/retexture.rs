@@ -19,7 +19,7 @@ use crate::engine::fingerprint::Fingerprint;
 use crate::engine::judge::{self, Judge, JudgeRenderer, Judged, Quality, ReportView, Stage};
 use crate::engine::loss;
 use crate::engine::plan::{Asked, Item, PlanRows, SurfacePlan, rows};
-use crate::engine::posed::Posed;
+use crate::engine::posed::{Posed, same_triangles};
 use crate::engine::reference::{Rasterized, Reference, SAMPLES, SUPERSAMPLE};
 use crate::engine::surface::{MAPS, POSITIONS, Surface, fade_over, rate_of_maps, rate_of_positions};
 use crate::engine::trainer::{self, HeldOut, HistoryPoint, Job, Keeping, Phase};
@@ -135,12 +135,12 @@ pub fn retexture(
     let _told = n.not_finite.told_at_the_end(progress);
     let bare = bare(light)?;
     let own = Animated::new(&bare, &n).playing(&n.light_asset.animations);
-    options.moments.iter().try_for_each(|m| own.flat(*m).map(drop))?;
     let theirs = Animated::new(reference, &n);
     let rays = n.surface()?;
     let reference_pictures = Rasterized::of(&n, &rays).animated(&theirs);
 
     let rest = own.flat(Moment::default())?;
+    options.moments.iter().try_for_each(|m| same_triangles(&rest.mesh.triangles, &own.flat(*m)?.mesh, *m))?;
     let turned = opposed(&rest.mesh);
     warn_of_normals(&n, (&rest, &turned), progress);
     let mut candidate = candidate(&n, &rest, options.texture_size)?;
@@ -405,10 +405,6 @@ fn fingerprint(
         .option("moments", format!("{:?}", o.moments))
         .digest("light asset", format!("{:016x}", shape.value()))
         .digest("reference", format!("{:016x}", asset.value()));
-    if !o.fit_shape {
-        return Ok(fingerprint);
-    }
-    // A shape is fitted through what moves it.
     let mut poses = Digest::new();
     for moment in &o.moments {
         poses.add(&own.flat(*moment)?.mesh.positions);

@@ -373,6 +373,7 @@ impl Map {
             };
         }
         image.encoded = None;
+        image.texels16.clear();
         image.mips.clear();
     }
 }

@@ -33,10 +33,10 @@ pub use color::{linear_to_srgb_u8, luminance, srgb_decode, srgb_encode, srgb_u8_
 pub use error::ImageError;
 #[cfg(feature = "files")]
 pub use file::{
-    ExrLayer, Limits, PngCompression, decode, decode_texture, encode_jpeg, encode_png, encode_srgb_png,
-    encode_webp, encode_webp_lossy, file_bytes, link_target, read, read_exr_layers, read_exr_planes,
-    read_with_limits, set_aside, texture_size, write_atomically, write_exr, write_exr_channels,
-    write_exr_planes, write_png,
+    ExrLayer, Limits, PngCompression, TextureTexels, decode, decode_texture, decode_texture_texels,
+    encode_jpeg, encode_png, encode_png16, encode_srgb_png, encode_webp, encode_webp_lossy, file_bytes,
+    link_target, read, read_exr_layers, read_exr_planes, read_with_limits, set_aside, texture_is_deep,
+    texture_size, write_atomically, write_exr, write_exr_channels, write_exr_planes, write_png,
 };
 pub use heatmap::{heatmap, heatmap_color};
 pub use metrics::{

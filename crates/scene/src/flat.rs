@@ -60,17 +60,20 @@ impl Scene {
     /// If the scene is not valid (see [`Scene::validate`]).
     pub fn positions_with(&self, name: &str) -> Option<Vec<Vec3f>> {
         let named = self.vertex_attributes.iter().filter(|a| a.name.eq_ignore_ascii_case(name));
-        let named: HashMap<usize, &[f32]> = named.map(|a| (a.primitive, a.values.as_slice())).collect();
-        if named.is_empty() {
+        // Of names that differ in case a primitive may have several.
+        let mut of: HashMap<usize, Vec<&[f32]>> = HashMap::new();
+        named.for_each(|a| of.entry(a.primitive).or_default().push(&a.values));
+        if of.is_empty() {
             return None;
         }
         let mut out = Vec::new();
         for instance in &self.instances {
             let positions = &self.primitives[instance.primitive].mesh.positions;
-            let values = named.get(&instance.primitive).copied().unwrap_or_default();
+            let values = of.get(&instance.primitive).map_or(&[][..], Vec::as_slice);
             let transform = Affine::from(instance.transform);
-            let marked = positions.iter().zip(values).filter(|(_, x)| **x > 0.5);
-            out.extend(marked.map(|(p, _)| transform.point(*p)));
+            let is_marked = |v: &usize| values.iter().any(|values| values[*v] > 0.5);
+            let marked = (0..positions.len()).filter(is_marked);
+            out.extend(marked.map(|v| transform.point(positions[v])));
         }
         Some(out)
     }

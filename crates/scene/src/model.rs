@@ -10,7 +10,7 @@ use photofit_texture::MipLayout;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// An 8-bit image of a texture, RGBA, row 0 at the top; its encoding follows from the slot that uses it.
+/// An image of a texture, RGBA, row 0 at the top; its encoding follows from the slot that uses it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TextureImage {
     /// Name in the file.
@@ -21,6 +21,9 @@ pub struct TextureImage {
     pub height: usize,
     /// `height * width` texels.
     pub texels: Vec<[u8; 4]>,
+    /// The same in 16 bits a channel, where a file has more than 8: textures that hold data are read from these, colours from
+    /// `texels`; a PNG is written with them. Empty: `texels` are all. Who changes texels empties it.
+    pub texels16: Vec<[u16; 4]>,
     /// Mip levels of its own beside `texels`, each halved and rounded down, where there are some: those of a file that holds
     /// them (KTX 2.0), or to be written into one. Empty: they follow from `texels`. Who changes texels empties it.
     pub mips: Vec<Vec<[u8; 4]>>,
@@ -214,7 +217,8 @@ impl Scene {
                 + bytes(&m.triangles)
         };
         let levels = |i: &TextureImage| i.mips.iter().map(|l| bytes(l)).sum::<usize>();
-        let images: usize = self.images.iter().map(|i| bytes(&i.texels) + levels(i)).sum();
+        let images: usize =
+            self.images.iter().map(|i| bytes(&i.texels) + bytes(&i.texels16) + levels(i)).sum();
         let of_bind = |b: &Bind| {
             let sets = b.influences.iter().map(|s| bytes(&s.joints) + bytes(&s.weights));
             let targets = b.targets.iter();
@@ -291,6 +295,18 @@ impl Scene {
                     image.height
                 );
                 return Err(fault(format!("image {i}"), rule));
+            }
+            if ![0, image.texels.len()].contains(&image.texels16.len()) {
+                let (found, wanted) = (image.texels16.len(), image.texels.len());
+                let rule = format!("has {found} texels of 16 bits; it must have none or {wanted}");
+                return Err(fault(format!("image {i}"), rule));
+            }
+            // Rounded, whichever way.
+            let same = |(deep, texel): (&u16, &u8)| deep.abs_diff(u16::from(*texel) * 257) <= 257;
+            if !image.texels16.as_flattened().iter().zip(image.texels.as_flattened()).all(same) {
+                let rule =
+                    "has texels of 16 bits that are not its texels of 8; who changes these empties those";
+                return Err(fault(format!("image {i}"), rule.to_string()));
             }
             let sizes = MipLayout::full(image.width, image.height);
             let wanted = sizes.levels()[1..].iter().map(|l| l.width as usize * l.height as usize);

@@ -12,6 +12,7 @@ use super::surface::Surface;
 use super::views::{Moment, Shot};
 use crate::FitError;
 use crate::candidate::{OrientedPoints, ParameterGradients, VertexSource, VertexStage, Vertices};
+use photofit_geometry::Mesh;
 use photofit_geometry::skinning::Deformation;
 use photofit_optim::Optimizer;
 use photofit_raster::deferred::Masks;
@@ -50,10 +51,7 @@ impl<'a> Posed<'a> {
     pub fn vertices(&self, moment: Moment) -> Result<Vertices, FitError> {
         let candidate = &self.surface.candidate;
         let flat = self.animated.flat(moment)?;
-        if flat.mesh.triangles != candidate.triangles {
-            let rule = format!("at {} s turns triangles inside out; it must not", moment.time);
-            return Err(FitError::Setting { field: "moment", rule });
-        }
+        same_triangles(&candidate.triangles, &flat.mesh, moment)?;
         let Some(to_bind) = &self.to_bind else {
             return Ok(candidate.vertices_of(OrientedPoints::of(&flat.mesh)));
         };
@@ -77,6 +75,18 @@ impl<'a> Posed<'a> {
         let one = |shot: &Shot| of(shot.moment).map_err(|e| ModelError::Picture(Box::new(e)));
         shots.iter().map(one).collect()
     }
+}
+
+/// That the triangles of a moment are those at rest.
+///
+/// # Errors
+/// A node with a mirroring scale turns them inside out.
+pub(crate) fn same_triangles(rest: &[[u32; 3]], at: &Mesh, moment: Moment) -> Result<(), FitError> {
+    if at.triangles == rest {
+        return Ok(());
+    }
+    let rule = format!("at {} s turns triangles inside out; it must not", moment.time);
+    Err(FitError::Setting { field: "moment", rule })
 }
 
 impl Chain for Posed<'_> {

@@ -267,3 +267,38 @@ fn what_shows_colours_without_light_is_written_so() {
     let material = &photofit_scene::load(&output).unwrap().materials[0];
     assert!(material.unlit && material.emissive_texture.is_none(), "{material:?}");
 }
+
+/// The large bumps come back on a device as on the CPU, in a level and in the next, finer one; and the same bytes again.
+#[test]
+#[cfg(feature = "gpu")]
+#[ignore = "gpu: needs an adapter"]
+fn a_device_recovers_what_the_cpu_does() {
+    let gpu = photofit_gpu::test_device();
+    let asset = scene(shapes::displaced_sphere(16, 0.25, 3, 5));
+    let dir = tempfile::tempdir().unwrap();
+    let run = |optimizer, device: Device, name: &str| {
+        let (triangles, steps) = (320, 60);
+        let few = RecoverMeshOptions { triangles, steps, device, ..options(optimizer) };
+        let (source, file) =
+            (PictureSource::Asset { asset: &asset, views: 12, size: 32 }, dir.path().join(name));
+        recover_mesh(source, None, &file, &few, &Silent).map(|r| (r, std::fs::read(&file).unwrap()))
+    };
+    for optimizer in [PositionOptimizer::LargeSteps, PositionOptimizer::Adam] {
+        assert!(optimizer.runs_on_device());
+        let on_device = || Device::gpu(gpu.clone(), true, "asked for");
+        let (cpu, _) = run(optimizer, Device::default(), "cpu.glb").unwrap();
+        let [(there, bytes), (_, again)] =
+            ["a.glb", "b.glb"].map(|n| run(optimizer, on_device(), n).unwrap());
+        assert!(there.device.contains(&gpu.report().name) && cpu.device == "CPU", "{}", there.device);
+        let [errors, start] = [1, 0].map(|k| [&cpu, &there].map(|r| r.shape_error.unwrap()[k].mean));
+        println!("{}: {start:?} became {errors:?}, {:?} {:?}", optimizer.name(), cpu.quality, there.quality);
+        assert!(errors[1] < 0.75 * start[1], "{errors:?} of {start:?}");
+        assert!((errors[1] - errors[0]).abs() < 0.1 * errors[0], "{errors:?}");
+        assert!((there.quality.psnr - cpu.quality.psnr).abs() < 0.3, "{:?} {:?}", there.quality, cpu.quality);
+        assert!(bytes == again, "the same bytes from run to run");
+    }
+    let refused = run(PositionOptimizer::Bilateral, Device::gpu(gpu.clone(), true, "asked for"), "c.glb");
+    let told = refused.unwrap_err().to_string();
+    println!("{told}");
+    assert!(told.contains("bilateral"), "{told}");
+}

@@ -466,3 +466,54 @@ fn an_arm_that_bends_is_fitted_on_a_device_as_on_the_cpu() {
     println!("{:.3} dB on the CPU, {:.3} dB on the device", cpu.quality.psnr, there.quality.psnr);
     assert!((cpu.quality.psnr - there.quality.psnr).abs() < 0.1 && cpu.written == there.written);
 }
+
+/// An animation in which a node mirrors the small tube at its end.
+fn mirroring(mut scene: Scene) -> Scene {
+    let animation = &mut Arc::make_mut(scene.hierarchy.as_mut().unwrap()).animations[1];
+    let node = animation.channels.iter().map(|c| c.node).max().unwrap();
+    let scale =
+        photofit_scene::Curve { values: vec![1.0, 1.0, 1.0, -1.0, 1.0, 1.0], ..animation.curves[0].clone() };
+    animation.channels.push(photofit_scene::Channel {
+        node,
+        property: photofit_scene::Property::Scale,
+        curve: animation.curves.len(),
+    });
+    animation.curves.push(scale);
+    scene
+}
+
+#[test]
+fn a_moment_that_turns_triangles_inside_out_is_refused_before_work() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("x.glb");
+    for steps in [0, 4] {
+        let o =
+            RetextureOptions { steps, moments: vec![Moment { animation: Some(0), time: 1.0 }], ..options() };
+        let told = retexture(&arm(6, 8), &mirroring(light()), &file, &o, &Silent).unwrap_err().to_string();
+        assert_eq!(told, "moment at 1 s turns triangles inside out; it must not");
+    }
+    assert!(!file.exists());
+}
+
+#[test]
+fn a_checkpoint_of_other_poses_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("x.glb");
+    let keeping =
+        |resume| Keeping { checkpoint: Some(dir.path().join("state")), resume, ..Keeping::default() };
+    let moments = vec![Moment { animation: Some(0), time: 1.0 }];
+    let o = |resume| RetextureOptions {
+        steps: 2,
+        report_views: 2,
+        moments: moments.clone(),
+        keeping: keeping(resume),
+        ..options()
+    };
+    retexture(&arm(6, 8), &light(), &file, &o(false), &Silent).unwrap();
+    let mut other = light();
+    let animation = &mut Arc::make_mut(other.hierarchy.as_mut().unwrap()).animations[1];
+    let last = animation.curves[0].values.len() - 4;
+    animation.curves[0].values[last..].copy_from_slice(&[0.0, 0.0, 0.0, 1.0]);
+    let told = retexture(&arm(6, 8), &other, &file, &o(true), &Silent).unwrap_err().to_string();
+    assert!(told.contains("poses of the light asset"), "{told}");
+}

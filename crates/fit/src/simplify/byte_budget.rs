@@ -271,7 +271,7 @@ fn as_asked(scene: &Scene) -> Result<Vec<TextureImage>, FitError> {
         let image = &scene.images[k];
         let stored =
             if image.encoded.is_some() { image.clone() } else { scene.stored_as(k, image.encoding)? };
-        Ok(TextureImage { texels: Vec::new(), mips: Vec::new(), ..stored })
+        Ok(TextureImage { texels: Vec::new(), texels16: Vec::new(), mips: Vec::new(), ..stored })
     });
     stored.collect()
 }
@@ -508,7 +508,11 @@ impl File {
         let squares = squares.map(|(a, b)| (f64::from(a.abs_diff(*b)) / 255.0).powi(2));
         let error = squares.sum::<f64>() / (4 * image.texels.len()) as f64;
         let bytes = stored.encoded.as_ref().map_or(0, |b| b.len().next_multiple_of(4) as u64);
-        Ok(Self { image: TextureImage { texels: Vec::new(), mips: Vec::new(), ..stored }, bytes, error })
+        Ok(Self {
+            image: TextureImage { texels: Vec::new(), texels16: Vec::new(), mips: Vec::new(), ..stored },
+            bytes,
+            error,
+        })
     }
 }
 

@@ -20,6 +20,7 @@ mod plan;
 pub(crate) mod prepare;
 mod reference;
 pub(crate) mod shrink_wrap;
+mod texture_space;
 mod through_path;
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! From the reference to the start of the fit: normalise, decimate, unwrap, bake.
 
+use super::texture_space::TextureSpaces;
 use super::{Init, Mips, SimplifyOptions};
 use super::{coverage, locks, shrink_wrap};
 use crate::bake::{self, BakeClass, BakeSettings, ReferenceSurface, bake};
@@ -163,12 +164,15 @@ pub(super) fn decimated_only(
     importance: &[f32],
     options: &Options,
 ) -> Result<Stage, FitError> {
-    let d = decimate(&n.flat.mesh, &n.flat.triangle_material, importance, options)?;
+    let spaces = TextureSpaces::of(scene);
+    let d = decimate(&spaces.read(&n.flat), &n.flat.triangle_material, importance, options)?;
     let mut mesh = d.mesh;
     if mesh.normals.is_empty() {
         mesh.normals = photofit_geometry::normals::mesh_normals(&mesh);
     }
-    Ok(Stage::of_mesh(name, scene, &mesh, &d.group))
+    let mut stage = Stage::of_mesh(name, scene, &mesh, &d.group);
+    stage.scene.primitives.iter_mut().for_each(|p| spaces.store(p.material, &mut p.mesh));
+    Ok(stage)
 }
 
 /// Tells that locked vertices left no room for the budget, where they did not.

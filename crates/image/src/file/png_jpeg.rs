@@ -5,7 +5,9 @@ use super::{Format, Limits, ktx2, write_atomically};
 use crate::{Image, ImageError, color};
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageFormat, ImageReader};
+use image::{
+    ColorType, DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageFormat, ImageReader,
+};
 use rayon::prelude::*;
 use std::io::Cursor;
 use std::path::Path;
@@ -28,12 +30,70 @@ pub enum PngCompression {
 /// # Errors
 /// If the bytes are no complete file of these formats, or the image is larger than the limits.
 pub fn decode_texture(bytes: &[u8], limits: &Limits) -> Result<(usize, usize, Vec<[u8; 4]>), ImageError> {
+    let TextureTexels { width, height, texels, .. } = decode_texture_texels(bytes, limits)?;
+    Ok((width, height, texels))
+}
+
+/// The texels of a texture in 8 bits a channel, and in 16 where its file has more than 8.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct TextureTexels {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// RGBA, row-major from the top.
+    pub texels: Vec<[u8; 4]>,
+    /// The same in 16 bits; empty where `texels` say all that the file does.
+    pub texels16: Vec<[u16; 4]>,
+}
+
+/// [`decode_texture`] with all bits of a 16-bit PNG.
+///
+/// ```
+/// use photofit_image::{Limits, PngCompression, decode_texture_texels, encode_png16};
+/// let png = encode_png16(2, 1, 3, &[1, 2, 3, 257, 514, 65535], PngCompression::Fast)?;
+/// let read = decode_texture_texels(&png, &Limits::default())?;
+/// assert_eq!(read.texels16, [[1, 2, 3, 65535], [257, 514, 65535, 65535]]);
+/// assert_eq!(read.texels, [[0, 0, 0, 255], [1, 2, 255, 255]]);
+/// # Ok::<(), photofit_image::ImageError>(())
+/// ```
+///
+/// # Errors
+/// As [`decode_texture`].
+pub fn decode_texture_texels(bytes: &[u8], limits: &Limits) -> Result<TextureTexels, ImageError> {
     if Format::of(bytes) == Some(Format::Ktx2) {
-        return ktx2::decode(bytes, "texture", limits);
+        let (width, height, texels) = ktx2::decode(bytes, "texture", limits)?;
+        return Ok(TextureTexels { width, height, texels, texels16: Vec::new() });
     }
-    let image = decode_dynamic(bytes, "texture", limits)?.into_rgba8();
+    let image = decode_dynamic(bytes, "texture", limits)?;
+    let mut texels16 = Vec::new();
+    if is_deep(image.color()) {
+        // Multiples of 257 are the numbers of 8 bits.
+        let wide = image.to_rgba16().into_raw();
+        if wide.iter().any(|s| s % 257 != 0) {
+            texels16 = wide.as_chunks::<4>().0.to_vec();
+        }
+    }
+    let image = image.into_rgba8();
     let (width, height) = (image.width() as usize, image.height() as usize);
-    Ok((width, height, image.into_raw().as_chunks::<4>().0.to_vec()))
+    Ok(TextureTexels { width, height, texels: image.into_raw().as_chunks::<4>().0.to_vec(), texels16 })
+}
+
+/// Whether a texture has more than 8 bits a channel, from its header.
+///
+/// # Errors
+/// As [`texture_size`].
+pub fn texture_is_deep(bytes: &[u8]) -> Result<bool, ImageError> {
+    if Format::of(bytes) == Some(Format::Ktx2) {
+        return Ok(false);
+    }
+    let place = "texture";
+    let decoder = reader(bytes, place)?.into_decoder().map_err(|e| invalid(place, e))?;
+    Ok(is_deep(decoder.color_type()))
+}
+
+fn is_deep(color: ColorType) -> bool {
+    color.bytes_per_pixel() > color.channel_count()
 }
 
 /// Width and height of a PNG, JPEG, WebP or KTX 2.0 texture from its header, without decoding it.
@@ -174,9 +234,38 @@ pub fn encode_png(
 ) -> Result<Vec<u8>, ImageError> {
     assert_eq!(data.len(), width * height * channels, "one sample per pixel and channel");
     assert!((1..=4).contains(&channels), "1 to 4 channels");
-    let color =
-        [ExtendedColorType::L8, ExtendedColorType::La8, ExtendedColorType::Rgb8, ExtendedColorType::Rgba8]
-            [channels - 1];
+    let color = [ColorType::L8, ColorType::La8, ColorType::Rgb8, ColorType::Rgba8][channels - 1];
+    png((width, height), color, data, compression)
+}
+
+/// [`encode_png`] with samples of 16 bits.
+///
+/// # Errors
+/// As [`encode_png`].
+///
+/// # Panics
+/// As [`encode_png`].
+pub fn encode_png16(
+    width: usize,
+    height: usize,
+    channels: usize,
+    data: &[u16],
+    compression: PngCompression,
+) -> Result<Vec<u8>, ImageError> {
+    assert_eq!(data.len(), width * height * channels, "one sample per pixel and channel");
+    assert!((1..=4).contains(&channels), "1 to 4 channels");
+    let color = [ColorType::L16, ColorType::La16, ColorType::Rgb16, ColorType::Rgba16][channels - 1];
+    let bytes: Vec<u8> = data.iter().flat_map(|s| s.to_ne_bytes()).collect();
+    png((width, height), color, &bytes, compression)
+}
+
+/// A PNG of samples in the byte order of the machine.
+fn png(
+    (width, height): (usize, usize),
+    color: ColorType,
+    data: &[u8],
+    compression: PngCompression,
+) -> Result<Vec<u8>, ImageError> {
     let mut out = Vec::new();
     let too_large = |_| ImageError::invalid("PNG", "a side that does not fit 31 bits");
     let (w, h) = (u32::try_from(width).map_err(too_large)?, u32::try_from(height).map_err(too_large)?);
@@ -185,7 +274,7 @@ pub fn encode_png(
         PngCompression::Small => CompressionType::Best,
     };
     PngEncoder::new_with_quality(&mut out, level, FilterType::Adaptive)
-        .write_image(data, w, h, color)
+        .write_image(data, w, h, color.into())
         .map_err(|e| ImageError::invalid("PNG", e.to_string()))?;
     Ok(out)
 }

@@ -41,7 +41,7 @@ pub struct Limits {
     pub instances: usize,
     /// Columns or rows of one texture.
     pub texture_side: usize,
-    /// Texels of all textures together.
+    /// Texels of all textures together; one of 16 bits a channel counts as three.
     pub texels: u64,
     /// Keeps the files of textures beside their texels ([`crate::TextureImage::encoded`]), so that they are written again as
     /// they are.

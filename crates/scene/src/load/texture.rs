@@ -3,6 +3,7 @@
 use super::Limits;
 use crate::TextureImage;
 use crate::error::{Fault, fault};
+use photofit_image::{TextureTexels, decode_texture_texels};
 use photofit_ktx2::{Ktx2Error, level_count};
 use photofit_texture::MipLayout;
 use rayon::prelude::*;
@@ -65,8 +66,10 @@ impl<'a> Textures<'a> {
             ));
         }
         let levels = file_levels(&bytes).map_err(|rule| fault(&place, rule))?;
-        let texels = MipLayout::first(width, height, levels).texels();
-        self.texels = self.texels.saturating_add(texels as u64);
+        let texels = MipLayout::first(width, height, levels).texels() as u64;
+        // Of 16 bits there are copies in 8, too.
+        let deep = photofit_image::texture_is_deep(&bytes).map_err(|e| fault(&place, image_rule(e)))?;
+        self.texels = self.texels.saturating_add(if deep { texels.saturating_mul(3) } else { texels });
         if self.texels > self.limits.texels {
             return Err(fault(
                 place,
@@ -92,11 +95,11 @@ impl<'a> Textures<'a> {
             .pending
             .into_par_iter()
             .map(|p| {
-                let (width, height, texels) = photofit_image::decode_texture(&p.bytes, &limits)
-                    .map_err(|e| fault(&p.place, image_rule(e)))?;
+                let TextureTexels { width, height, texels, texels16 } =
+                    decode_texture_texels(&p.bytes, &limits).map_err(|e| fault(&p.place, image_rule(e)))?;
                 let mips = mip_levels(&p.bytes).map_err(|rule| fault(&p.place, rule))?;
                 let encoded = keep.then(|| p.bytes.as_ref().into());
-                let image = TextureImage { width, height, texels, mips, ..TextureImage::default() };
+                let image = TextureImage { width, height, texels, texels16, mips, ..TextureImage::default() };
                 Ok(TextureImage { name: p.name, encoded, ..image })
             })
             .collect();

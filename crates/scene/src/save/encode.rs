@@ -5,7 +5,8 @@ use crate::error::fault;
 use crate::load::texture::mip_levels;
 use crate::{Scene, SceneError, TextureEncoding, TextureImage};
 use photofit_image::{
-    PngCompression, decode_texture, encode_jpeg, encode_png, encode_webp, encode_webp_lossy,
+    PngCompression, TextureTexels, decode_texture_texels, encode_jpeg, encode_png, encode_png16, encode_webp,
+    encode_webp_lossy,
 };
 
 pub(super) const WEBP: &str = "image/webp";
@@ -48,10 +49,12 @@ impl TextureImage {
     /// If that is no PNG, JPEG, WebP or KTX 2.0 texture.
     pub fn read_again(self) -> Result<Self, SceneError> {
         let Some(bytes) = &self.encoded else { return Ok(self) };
-        let read = decode_texture(bytes, &photofit_image::Limits::default());
+        let read = decode_texture_texels(bytes, &photofit_image::Limits::default());
         let read = read.map_err(|e| e.to_string()).and_then(|base| Ok((base, mip_levels(bytes)?)));
         match read {
-            Ok(((width, height, texels), mips)) => Ok(Self { width, height, texels, mips, ..self }),
+            Ok((TextureTexels { width, height, texels, texels16 }, mips)) => {
+                Ok(Self { width, height, texels, texels16, mips, ..self })
+            }
             Err(rule) => Err(fault(format!("image {:?}", self.name), rule).in_scene()),
         }
     }
@@ -85,6 +88,10 @@ pub(super) fn encode(
         return Ok((encode_ktx2(image, used, quality)?, KTX2));
     }
     let (width, height) = (image.width, image.height);
+    if image.encoding == TextureEncoding::Png && !image.texels16.is_empty() {
+        let bytes = encode_deep(image).map_err(|e| e.to_string())?;
+        return Ok((bytes, "image/png"));
+    }
     let opaque = image.texels.iter().all(|t| t[3] == 255);
     let samples: Vec<u8> = if opaque {
         image.texels.iter().flat_map(|t| [t[0], t[1], t[2]]).collect()
@@ -103,4 +110,13 @@ pub(super) fn encode(
         _ => (encode_png(width, height, channels, &samples, PngCompression::Small), "image/png"),
     };
     Ok((bytes.map_err(|e| e.to_string())?, mime))
+}
+
+/// The PNG of an image with texels of 16 bits.
+fn encode_deep(image: &TextureImage) -> Result<Vec<u8>, photofit_image::ImageError> {
+    let texels = &image.texels16;
+    let opaque = texels.iter().all(|t| t[3] == u16::MAX);
+    let channels = if opaque { 3 } else { 4 };
+    let samples: Vec<u16> = texels.iter().flat_map(|t| &t[..channels]).copied().collect();
+    encode_png16(image.width, image.height, channels, &samples, PngCompression::Small)
 }

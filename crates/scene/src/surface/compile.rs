@@ -50,6 +50,9 @@ impl Wanted {
             let image = &scene.images[want.image];
             let layout = layout(image, want.mips);
             let rule = if want.encoding.weighted { MipTexture::COVERAGE } else { MipRule::Area };
+            if !want.encoding.srgb && !image.texels16.is_empty() {
+                return MipTexture::new(Texels::Unorm16(image.texels16.clone()), layout, rule);
+            }
             let encoded = if want.encoding.srgb { Texels::Srgb8 } else { Texels::Unorm8 };
             if !want.mips || image.mips.is_empty() {
                 return MipTexture::new(encoded(image.texels.clone()), layout, rule);

@@ -96,7 +96,7 @@ struct Compiled {
 
 /// The materials of a scene, ready to be looked up from many threads.
 ///
-/// Textures are kept in 8 bits with their mip chains (box filter, averaged in linear light where the slot is sRGB; by
+/// Textures are kept in 8 bits, data in 16 where the file has them, with their mip chains (box filter, averaged in linear light where the slot is sRGB; by
 /// alpha where the material is not opaque), or in floating point once [`Self::set_texels`] has replaced them; those
 /// without a slot that is read, or whose factor is zero, are left out. Occlusion is not a property of the surface and is
 /// read by [`Self::with_occlusion`] alone.

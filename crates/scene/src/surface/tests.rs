@@ -222,3 +222,46 @@ fn points_looked_up_together_are_those_looked_up_one_by_one() {
         }
     }
 }
+
+#[test]
+fn data_of_16_bits_keep_their_steps() {
+    const WIDTH: usize = 1024;
+    // Roughness and metalness in steps of an eighth of those of 8 bits, in a file.
+    let ramp: Vec<u16> =
+        (0..WIDTH).flat_map(|x| [0, 20_000 + 32 * x as u16, 60_000 - 32 * x as u16]).collect();
+    let png = photofit_image::encode_png16(WIDTH, 1, 3, &ramp, photofit_image::PngCompression::Fast).unwrap();
+    let image = TextureImage { encoded: Some(png.into()), ..TextureImage::default() }.read_again().unwrap();
+    let material = Material {
+        metallic_roughness_texture: Some(slot(0, Filter::Nearest)),
+        base_color_texture: Some(slot(0, Filter::Nearest)),
+        metallic: 1.0,
+        roughness: 1.0,
+        ..Material::default()
+    };
+    let steps = |image: &TextureImage| {
+        let library = SurfaceLibrary::new(&scene(material.clone(), vec![image.clone()]));
+        let of = |x: usize| at(&library, (x as f32 + 0.5) / WIDTH as f32, 0.5);
+        (0..WIDTH).map(of).collect::<Vec<_>>()
+    };
+    let distinct = |samples: &[SurfaceSample]| {
+        samples.windows(2).filter(|w| w[0].roughness != w[1].roughness).count() + 1
+    };
+    let read = steps(&image);
+    assert_eq!(distinct(&read), WIDTH);
+    for (x, s) in read.iter().enumerate() {
+        let wanted = [20_000.0 + 32.0 * x as f32, 60_000.0 - 32.0 * x as f32].map(|v| v / 65535.0);
+        assert!(
+            (s.roughness - wanted[0]).abs() < 1e-6 && (s.metallic - wanted[1]).abs() < 1e-6,
+            "{x}: {s:?}"
+        );
+    }
+    // Without them there are the steps of 8 bits.
+    let eight = TextureImage { texels16: Vec::new(), ..image.clone() };
+    assert!(distinct(&steps(&eight)) < 140, "{}", distinct(&steps(&eight)));
+    // Written without the file that was read, and read again: the same.
+    let written = scene(material, vec![TextureImage { encoded: None, ..image.clone() }]);
+    let again = written.stored_as(0, crate::TextureEncoding::Png).unwrap();
+    assert_eq!((&again.texels16, &again.texels), (&image.texels16, &image.texels));
+    let lossy = written.stored_as(0, crate::TextureEncoding::WebP).unwrap();
+    assert!(lossy.texels16.is_empty() && lossy.texels == image.texels);
+}

@@ -372,6 +372,12 @@ fn an_attribute_with_a_name_of_its_own_is_read_where_it_is_asked_for() {
         let refused = load(&b, name).unwrap_err().to_string();
         assert!(refused.contains("mesh 0 primitive 0 _") && refused.contains(word), "{refused}");
     }
+    // Names that differ in case alone mark vertices together.
+    let attributes = &mut b.json["meshes"][0]["primitives"][0]["attributes"];
+    attributes["_Seam"] = attributes["_Hem"].clone();
+    let both = load(&b, "seam").unwrap();
+    assert_eq!((both.vertex_attributes.len(), both.positions_with("seam").unwrap().len()), (2, 6));
+    b.json["meshes"][0]["primitives"][0]["attributes"].as_object_mut().unwrap().remove("_Seam");
     // Without normals each corner has a vertex of its own, with what its vertex has; all of them count.
     b.json["meshes"][0]["primitives"][0]["attributes"].as_object_mut().unwrap().remove("NORMAL");
     let more = b.accessor(&[0, 0, 1, 0, 2, 0, 2, 0, 1, 0, 0, 0], 5123, "SCALAR", 6);
