@@ -3,6 +3,7 @@
 
 use bytemuck::Pod;
 use rayon::prelude::*;
+#[cfg(target_os = "linux")]
 use std::marker::PhantomData;
 use std::ops::{Deref, DerefMut};
 

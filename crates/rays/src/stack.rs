@@ -51,6 +51,7 @@ impl<T: Copy + Default + PartialOrd> Stack<T> {
     }
 
     /// Sets eight entries from a place with room for them.
+    #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub(super) fn set_all(&mut self, at: usize, entries: [T; ROOM]) {
         let at = at.min(INLINE - ROOM);

@@ -39,7 +39,4 @@ pub(crate) trait Width: Copy {
         limit: f32,
         leaf: impl FnMut(u32) -> bool,
     );
-
-    /// Runs a job that is compiled for these instructions as far as it is inlined.
-    fn run<R>(self, job: impl FnOnce() -> R) -> R;
 }

@@ -16,6 +16,17 @@ impl Avx2 {
     }
 }
 
+impl Avx2 {
+    /// Runs a job that is compiled for these instructions as far as it is inlined.
+    #[inline(always)]
+    pub(crate) fn run<R>(self, job: impl FnOnce() -> R) -> R {
+        #[expect(unsafe_code, reason = "a value of this type exists only where the instructions do")]
+        unsafe {
+            wide::run(job)
+        }
+    }
+}
+
 impl Width for Avx2 {
     #[inline(always)]
     fn walk_near<L>(
@@ -44,14 +55,6 @@ impl Width for Avx2 {
         #[expect(unsafe_code, reason = "a value of this type exists only where the instructions do")]
         unsafe {
             wide::walk_any(nodes, leaves, ray, limit, leaf);
-        }
-    }
-
-    #[inline(always)]
-    fn run<R>(self, job: impl FnOnce() -> R) -> R {
-        #[expect(unsafe_code, reason = "a value of this type exists only where the instructions do")]
-        unsafe {
-            wide::run(job)
         }
     }
 }

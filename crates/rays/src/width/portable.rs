@@ -41,11 +41,6 @@ impl Width for Portable {
         };
         any_order(nodes, |node| boxes.test(node, limit).0, push, |_| (), leaf);
     }
-
-    #[inline(always)]
-    fn run<R>(self, job: impl FnOnce() -> R) -> R {
-        job()
-    }
 }
 
 /// A ray against the boxes of a node.
