@@ -173,7 +173,7 @@ def as_glb(name, path):
         with in_cycles.quiet():
             bpy.ops.export_scene.gltf(filepath=str(part), export_format="GLB")
 
-    once(out, {"asset": digest_of(path), "by": blender()}, export)
+    once(out, {"asset": digest_of(path), "by": blender(), "how": how(as_glb)}, export)
     return out
 
 
@@ -268,8 +268,10 @@ def at_triangles(name, path, budget):
     if tool("gltfpack"):
         by = version("gltfpack")
         code = (packed, as_glb)
-        ways["gltfpack -sv"] = (by, code, lambda out: packed(as_glb(name, path), budget, out))
-        ways["gltfpack -sv -sp"] = (by, code, lambda out: packed(as_glb(name, path), budget, out, "-sp"))
+        for flags in [], ["-sp"]:
+            # The flags are in the name.
+            way = " ".join(["gltfpack -sv", *flags])
+            ways[way] = (by, code, lambda out, flags=flags: packed(as_glb(name, path), budget, out, *flags))
     for way, (by, code, make) in ways.items():
         file, key = folder / f"{way}.glb", {**asset, "by": by, "how": how(*code)}
 

@@ -142,7 +142,7 @@ def table():
     ]
     worst = max(rows, key=lambda row: row[-3])
     note = (
-        f"{ESTIMATES} estimates of {SPP} samples a pixel. Times without reading and compiling."
+        f"{ESTIMATES} estimates of {SPP} samples a pixel. Times without reading and, of Mitsuba, compiling and building; ours build what rays are cast into in each run."
         " The mean squared z is that of the difference of both gradients over their standard errors: about 1 where they"
         f" agree; the last column is that of Mitsuba's two samplers. Worst variance x time: {worst[-3]:.3g},"
         f" {worst[1]}, filter {worst[2]}, weights {worst[3]}, {worst[4]}."

@@ -5,7 +5,7 @@
 //! gradients and by the optimizer; textures of assets in bytes, by every renderer. The bytes per texel are those that the peak
 //! of the resident set (`peak_rss_mb` in the JSON of `photofit simplify`) grew by from 1024 to 2048 texels a side, rounded up.
 
-use photofit_scene::Scene;
+use photofit_scene::{Scene, TextureImage};
 
 /// Tasks by what they keep of a texel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,7 +45,10 @@ impl Task {
     /// Bytes of the textures of assets, with mip levels and the copies of what draws them.
     pub fn textures(self, assets: &[&Scene]) -> u64 {
         let images = assets.iter().flat_map(|a| &a.images);
-        let texels: u64 = images.map(|i| i.width as u64 * i.height as u64).sum();
+        // 16 bits take three times as much, 8 bytes here and as many where they are looked up.
+        let of =
+            |i: &TextureImage| (i.width as u64 * i.height as u64) * if i.texels16.is_empty() { 1 } else { 3 };
+        let texels: u64 = images.map(of).sum();
         self.bytes_per_texel()[1].saturating_mul(texels)
     }
 }
@@ -53,7 +56,6 @@ impl Task {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use photofit_scene::TextureImage;
 
     #[test]
     fn bytes_follow_the_texels() {

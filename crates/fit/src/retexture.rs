@@ -186,7 +186,7 @@ pub fn retexture(
         fresh: options.batch.div_ceil(2),
         steps: options.steps,
         keeping: &options.keeping,
-        fingerprint: fingerprint(options, &n, &model.surface().candidate, &own)?,
+        fingerprint: fingerprint(options, &n, &model.surface().candidate, [&own, &theirs])?,
     };
     let mut told = Vec::new();
     let phases = |psnr: f64| {
@@ -386,7 +386,7 @@ fn fingerprint(
     o: &RetextureOptions,
     n: &Normalised,
     candidate: &Candidate,
-    own: &Animated<'_>,
+    [own, theirs]: [&Animated<'_>; 2],
 ) -> Result<Fingerprint, FitError> {
     let mut shape = Digest::new();
     shape.add(candidate.triangles.as_flattened());
@@ -405,11 +405,14 @@ fn fingerprint(
         .option("moments", format!("{:?}", o.moments))
         .digest("light asset", format!("{:016x}", shape.value()))
         .digest("reference", format!("{:016x}", asset.value()));
-    let mut poses = Digest::new();
-    for moment in &o.moments {
-        poses.add(&own.flat(*moment)?.mesh.positions);
-    }
-    Ok(fingerprint.digest("poses of the light asset", format!("{:016x}", poses.value())))
+    let of = |asset: &Animated<'_>| -> Result<String, FitError> {
+        let mut poses = Digest::new();
+        for moment in &o.moments {
+            poses.add(&asset.flat(*moment)?.mesh.positions);
+        }
+        Ok(format!("{:016x}", poses.value()))
+    };
+    Ok(fingerprint.digest("poses of the light asset", of(own)?).digest("poses of the reference", of(theirs)?))
 }
 
 #[cfg(test)]

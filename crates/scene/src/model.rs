@@ -308,6 +308,11 @@ impl Scene {
                     "has texels of 16 bits that are not its texels of 8; who changes these empties those";
                 return Err(fault(format!("image {i}"), rule.to_string()));
             }
+            if !image.texels16.is_empty() && !image.mips.is_empty() {
+                let rule =
+                    "has texels of 16 bits and mip levels of its own; it must have one of them at most";
+                return Err(fault(format!("image {i}"), rule.to_string()));
+            }
             let sizes = MipLayout::full(image.width, image.height);
             let wanted = sizes.levels()[1..].iter().map(|l| l.width as usize * l.height as usize);
             let wanted: Vec<usize> = wanted.take(image.mips.len()).collect();

@@ -6,8 +6,7 @@
 //!
 //! Rounds of training double in length; each walks paths with what the rounds before it learned. Whether the guide pays is
 //! judged by variance times work on paths of their own, where work is counted in path vertices, weighted by the costs of
-//! [`Guiding::cost`], so that the decision does not depend on the machine. Where light that no direction is chosen for has most of
-//! the noise, no guide can pay: the first paths tell, and nothing is trained.
+//! [`Guiding::cost`], so that the decision does not depend on the machine.
 
 mod rehearsal;
 mod report;
@@ -22,7 +21,7 @@ use photofit_pathtrace::{
 use photofit_sampling::ScatteringSampler;
 use photofit_scalar::Vec3f;
 use rehearsal::{Rehearsal, Trial};
-pub use report::{GuidingReport, JudgedBy};
+pub use report::GuidingReport;
 use std::time::Instant;
 
 /// Tells the seeds of training and rehearsal from that of the picture.
@@ -34,9 +33,6 @@ const TRAINING: f64 = 10.0;
 const LEARNING: f64 = 48.0;
 /// The first look of the rehearsal takes this part of its paths.
 const LOOK: u32 = 2;
-
-/// Paths a pixel of the first round, which no guide leads: the fewest whose variance tells whether one may pay.
-const FIRST: u32 = 2;
 
 /// Which guide.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -78,7 +74,7 @@ pub struct GuidingOptions {
     pub guiding: Guiding,
     /// Largest side of the pictures that are trained on, pixels.
     pub side: usize,
-    /// Rounds of training, which walk 2, 2, 4, 8... paths a pixel.
+    /// Rounds of training; round `r` walks `2^r` paths a pixel.
     pub rounds: u32,
     /// Paths a pixel of the rehearsal, with the guide and without.
     pub rehearsal: u32,
@@ -113,8 +109,8 @@ impl GuidingOptions {
     /// 3 to 7 rounds, where a tenth is enough for three. The rehearsal walks 8 paths a pixel with the guide and 8 without
     /// it, from 5 rounds on 16.
     ///
-    /// A guide that cannot pay is off after 2 paths a pixel. One that loses clearly has walked the paths of its training and of half of its rehearsal: less than an eighth of the
-    /// paths of the picture from 256 samples a pixel at 96 pixels a side on, a quarter with 64 samples. Guided paths take
+    /// A guide that loses clearly has walked the paths of its training and of half of its rehearsal: less than an eighth of the
+    /// paths of the picture from 256 samples a pixel at 96 pixels a side on, less than a quarter with 64 samples. Guided paths take
     /// longer than plain ones ([`Guiding::cost`]). A flow learns from one record for 48 paths of the picture at most, but from up to
     /// 1,024 in each round.
     pub fn for_picture(guiding: Guiding, options: &RenderOptions) -> Self {
@@ -122,8 +118,8 @@ impl GuidingOptions {
         let (width, height) = (options.width.max(1) as f64, options.height.max(1) as f64);
         let scale = (own.side as f64 / width.max(height)).min(1.0);
         let share = f64::from(options.spp) / (TRAINING * scale * scale);
-        // Rounds up to r walk 2^r paths a pixel.
-        let rounds = share.log2().clamp(3.0, 7.0) as u32;
+        // Rounds up to r walk 2^r - 1 paths a pixel.
+        let rounds = (share + 1.0).log2().clamp(3.0, 7.0) as u32;
         let rehearsal = (1 << (rounds - 1)).clamp(8, 16);
         let learned = width * height * f64::from(options.spp) / (LEARNING * f64::from(rounds));
         let records = match guiding {
@@ -197,12 +193,8 @@ impl Guidance {
             }
             Some(trial)
         };
-        let first = all(&stage(0)?, &|r| Rehearsal::new(r, 0, FIRST).run(&ScatteringSampler));
+        let first = all(&stage(0)?, &|r| Rehearsal::new(r, 0, 1).run(&ScatteringSampler));
         let Some(first) = first else { return Ok(Self::off()) };
-        if let Some(lost) = GuidingReport::at_start(&first, options) {
-            let seconds = began.elapsed().as_secs_f64();
-            return Ok(Self { trained: None, report: Some(GuidingReport { seconds, ..lost }) });
-        }
         paths += first.paths;
         let (lo, hi) = first.bounds();
         let mut state = match options.guiding {
@@ -237,8 +229,8 @@ impl Guidance {
             let one = all(&stage, &|r| state.run(&part(r, first, count)));
             let Some(one) = one else { return Ok(Self::off()) };
             guided = guided.then(one, first, count);
-            let by = if first + count < most { JudgedBy::Half } else { JudgedBy::Whole };
-            judged = Some(GuidingReport { judged: by, ..GuidingReport::judge(&plain, &guided, options) });
+            let half = first + count < most;
+            judged = Some(GuidingReport { half, ..GuidingReport::judge(&plain, &guided, options) });
         }
         let report = judged.map(|judged| GuidingReport {
             paths: paths + plain.paths + guided.paths,

@@ -34,8 +34,6 @@ pub(super) struct Trial {
     pub(super) columns: usize,
     /// Mean luminance and variance of single samples, pixel by pixel.
     pub(super) pixels: Vec<[f64; 2]>,
-    /// Variance of what of a sample arrives before its path chooses a direction.
-    pub(super) unguided: Vec<f64>,
 }
 
 /// Reports to the picture and to training.
@@ -44,29 +42,11 @@ struct Observer {
     picture: PictureSink,
     training: Option<TrainingSink>,
     vertices: u64,
-    /// Luminance of the path before it chose a direction; `None` as long as it has not.
-    unguided: Option<f64>,
-}
-
-impl Observer {
-    fn begin(&mut self) {
-        (self.picture, self.unguided) = (PictureSink::default(), None);
-        if let Some(training) = &mut self.training {
-            training.begin();
-        }
-    }
-
-    fn luminance(&self) -> f64 {
-        f64::from(luminance(self.picture.radiance.to_array()))
-    }
 }
 
 impl Sink for Observer {
     fn vertex(&mut self, vertex: &PathVertex) {
         self.vertices += 1;
-        if self.unguided.is_none() {
-            self.unguided = Some(self.luminance());
-        }
         if let Some(training) = &mut self.training {
             training.vertex(vertex);
         }
@@ -110,7 +90,6 @@ impl<'a> Rehearsal<'a> {
         for part in parts {
             all.records.extend(part.records);
             all.pixels.extend(part.pixels);
-            all.unguided.extend(part.unguided);
             all.paths += part.paths;
             all.work += part.work;
         }
@@ -122,19 +101,19 @@ impl<'a> Rehearsal<'a> {
         let training = self.records.then(TrainingSink::weighted);
         let mut sink = Observer { training, ..Observer::default() };
         for x in 0..columns {
-            let (mut all, mut unguided) = ([0.0; 2], [0.0; 2]);
+            let (mut sum, mut squares) = (0.0, 0.0);
             for sample in self.first..self.first + self.count {
-                sink.begin();
-                self.renderer.walk([x, y], sample, sampler, &mut sink);
-                let value = sink.luminance();
-                for (sums, x) in [(&mut all, value), (&mut unguided, sink.unguided.unwrap_or(value))] {
-                    *sums = [sums[0] + x, sums[1] + x * x];
+                sink.picture = PictureSink::default();
+                if let Some(training) = &mut sink.training {
+                    training.begin();
                 }
+                self.renderer.walk([x, y], sample, sampler, &mut sink);
+                let value = f64::from(luminance(sink.picture.radiance.to_array()));
+                (sum, squares) = (sum + value, squares + value * value);
             }
             let n = f64::from(self.count);
-            let variance = |[sum, squares]: [f64; 2]| (squares - sum * sum / n).max(0.0) / (n - 1.0).max(1.0);
-            out.pixels.push([all[0] / n, variance(all)]);
-            out.unguided.push(variance(unguided));
+            let variance = (squares - sum * sum / n).max(0.0) / (n - 1.0).max(1.0);
+            out.pixels.push([sum / n, variance]);
         }
         out.paths = columns as u64 * u64::from(self.count);
         out.work = out.paths + sink.vertices;
@@ -160,7 +139,6 @@ impl Trial {
     pub(super) fn beside(mut self, other: Self) -> Self {
         self.records.extend(other.records);
         self.pixels.extend(other.pixels);
-        self.unguided.extend(other.unguided);
         self.paths += other.paths;
         self.work += other.work;
         self
@@ -196,20 +174,8 @@ impl Trial {
         self.pixels.iter().any(|[mean, _]| *mean > 0.0)
     }
 
-    /// Variance over that part of it which is there before paths choose directions, at least 1: no guide divides it by more.
-    /// Infinite where there is no such part.
-    pub(super) fn reach(&self) -> f64 {
-        // Both parts may make up for each other, as where an even sky is found by either strategy.
-        (self.variance(self) / self.relative(self, |i| self.unguided[i])).max(1.0)
-    }
-
     /// Mean over the pixels of the variance of single samples over the squared luminance around, which both trials tell.
     pub(super) fn variance(&self, other: &Self) -> f64 {
-        self.relative(other, |i| self.pixels[i][1])
-    }
-
-    /// Mean over the pixels of a variance over the squared luminance around.
-    fn relative(&self, other: &Self, variance: impl Fn(usize) -> f64) -> f64 {
         let both: Vec<f64> =
             self.pixels.iter().zip(&other.pixels).map(|(a, b)| 0.5 * (a[0] + b[0])).collect();
         let n = both.len().max(1) as f64;
@@ -221,9 +187,9 @@ impl Trial {
             let sum = &mut blocks[block(i)];
             *sum = [sum[0] + v, sum[1] + 1.0];
         }
-        let relative = (0..both.len()).map(|i| {
+        let relative = self.pixels.iter().enumerate().map(|(i, [_, variance])| {
             let [sum, count] = blocks[block(i)];
-            variance(i) / (sum / count + DARKNESS * mean).powi(2)
+            variance / (sum / count + DARKNESS * mean).powi(2)
         });
         relative.sum::<f64>() / n
     }

@@ -6,19 +6,6 @@ use super::{Guiding, GuidingOptions};
 /// Part of the gain that is asked for below which half of a rehearsal is enough: .85 where 1.15 is asked for.
 const LOST: f64 = 0.85 / 1.15;
 
-/// How far a guide came before it was judged.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum JudgedBy {
-    /// The first paths, from which nothing was learned yet: most of the noise is there before paths choose directions, and the
-    /// ratios are the best that any guide could reach.
-    Start,
-    /// Half of the rehearsal, where the guide clearly lost.
-    Half,
-    /// The whole rehearsal.
-    #[default]
-    Whole,
-}
-
 /// What training came to.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GuidingReport {
@@ -35,8 +22,8 @@ pub struct GuidingReport {
     pub variance_ratio: f64,
     /// Work of a path with the guide over that of one without.
     pub work_ratio: f64,
-    /// What they are from.
-    pub judged: JudgedBy,
+    /// Whether gain and ratios are from half of the rehearsal, where the guide clearly lost, and not from all of it.
+    pub half: bool,
     /// Paths of training and rehearsal.
     pub paths: u64,
     /// Records learned from.
@@ -46,29 +33,6 @@ pub struct GuidingReport {
 }
 
 impl GuidingReport {
-    /// Judges any guide by paths without one, some of them for each pixel; `None` where one may pay.
-    ///
-    /// Next-event estimation at the first vertex does not ask the guide; what varies of it stays.
-    pub(super) fn at_start(plain: &Trial, options: &GuidingOptions) -> Option<Self> {
-        let guiding = options.guiding;
-        let (variance_ratio, work_ratio) = (plain.reach(), guiding.cost());
-        let gain = variance_ratio / work_ratio;
-        let found = [plain.found_light(); 2];
-        let report = Self {
-            guiding,
-            used: false,
-            found,
-            gain,
-            variance_ratio,
-            work_ratio,
-            judged: JudgedBy::Start,
-            paths: plain.paths,
-            records: 0,
-            seconds: 0.0,
-        };
-        (options.least_gain > 0.0 && report.is_lost(options)).then_some(report)
-    }
-
     /// Compares the two trials of a whole rehearsal; counts and seconds of training are left at 0.
     ///
     /// A sampler that finds no light has no variance, which is no merit: it loses against one that finds some. Where both
@@ -92,7 +56,7 @@ impl GuidingReport {
             gain,
             variance_ratio,
             work_ratio,
-            judged: JudgedBy::Whole,
+            half: false,
             paths: 0,
             records: 0,
             seconds: 0.0,
@@ -115,14 +79,8 @@ impl GuidingReport {
             [true, true] if gain.is_nan() => "the rehearsal found no noise".to_owned(),
             [true, true] if gain.is_infinite() => "the rehearsal found no noise with it".to_owned(),
             [true, true] => {
-                let by = match self.judged {
-                    JudgedBy::Start => {
-                        "light that no direction is chosen for has most of the noise; at best "
-                    }
-                    JudgedBy::Half => "in half of the rehearsal ",
-                    JudgedBy::Whole => "",
-                };
-                format!("{by}variance / {variance_ratio:.2}, work x {work_ratio:.2}: gain {gain:.2}")
+                let half = if self.half { "in half of the rehearsal " } else { "" };
+                format!("{half}variance / {variance_ratio:.2}, work x {work_ratio:.2}: gain {gain:.2}")
             }
         };
         let state = match self.used {

@@ -252,42 +252,41 @@ fn training_is_a_part_of_the_picture() {
         assert_eq!(found.rounds, rounds, "{side} pixels, {spp} samples");
         let pixels = |side: usize| (side * side) as f64;
         let tenth = f64::from(spp) * pixels(side) / TRAINING;
-        let trained = f64::from(1 << rounds) * pixels(side.min(found.side));
+        let trained = f64::from((1 << rounds) - 1) * pixels(side.min(found.side));
         assert!(
             trained <= tenth || rounds == 3,
             "{side} pixels, {spp} samples: {trained}, a tenth is {tenth}"
         );
     }
-    // Small pictures pay three rounds and a rehearsal, 8 and twice 8 paths a pixel.
+    // Small pictures pay three rounds and a rehearsal, 7 and twice 8 paths a pixel.
     let world = rooms();
     let renderer = Renderer::new(&world, &inside(), options(16, 4, 1)).unwrap();
     let least = GuidingOptions::for_picture(Guiding::Lobes, renderer.options());
     let guidance = Guidance::train(&renderer, &least, || false).unwrap();
-    assert_eq!(guidance.report().unwrap().paths, (8 + 16) * 16 * 16);
+    assert_eq!(guidance.report().unwrap().paths, (7 + 16) * 16 * 16);
 }
 
 #[test]
 fn a_guide_that_loses_walks_less_than_an_eighth_of_the_paths() {
-    // What a flow gains here is less than it costs.
-    let world = rooms();
-    let guiding = Guiding::Flow;
-    for (spp, part) in [(64, 4), (256, 9), (512, 9)] {
-        let renderer = Renderer::new(&world, &inside(), options(96, spp, 1)).unwrap();
+    let world = open();
+    let view = {
+        let eye = Vec3::new(0.0, 1.0, 2.0);
+        View::pinhole(&Camera::look_at(eye, Vec3::ZERO, Vec3::Y, 0.8, 1.0, 0.01, 10.0))
+    };
+    for (guiding, spp, part) in
+        [(Guiding::Lobes, 64, 4), (Guiding::Lobes, 256, 8), (Guiding::Lobes, 512, 8), (Guiding::Flow, 256, 8)]
+    {
+        let renderer = Renderer::new(&world, &view, options(96, spp, 1)).unwrap();
         let stage = GuidingOptions::for_picture(guiding, renderer.options());
         let guidance = Guidance::train(&renderer, &stage, || false).unwrap();
         let report = guidance.report().unwrap();
         let all = u64::from(spp) * 96 * 96;
-        println!("{}", report.sentence());
-        assert!(
-            !report.used && report.judged == JudgedBy::Half && report.gain < 0.85,
-            "{}",
-            report.sentence()
-        );
+        assert!(!report.used && report.half && report.gain < 0.85, "{}", report.sentence());
         assert!(report.sentence().contains("in half of the rehearsal"), "{}", report.sentence());
-        assert!(part * report.paths <= all, "{guiding:?}: {} of {all} paths", report.paths);
+        assert!(part * report.paths < all, "{guiding:?}: {} of {all} paths", report.paths);
         let look = u64::from(stage.rehearsal / LOOK);
         let side = stage.side as u64;
-        assert_eq!(report.paths, ((1 << stage.rounds) + 2 * look) * side * side, "{}", report.sentence());
+        assert_eq!(report.paths, ((1 << stage.rounds) - 1 + 2 * look) * side * side, "{}", report.sentence());
     }
 }
 
@@ -411,37 +410,5 @@ fn light_through_a_gap_is_found_with_less_variance() {
         let report = guidance.report().unwrap();
         // Roulette that saw the small weights of guided directions would undo the guide.
         assert!(report.variance_ratio > 1.5, "{}", report.sentence());
-    }
-}
-
-#[test]
-fn where_direct_light_has_the_noise_nothing_is_trained() {
-    // A floor under a small lamp and a large one: what varies is the place on the lamps, which next-event estimation draws.
-    let mut parts = Parts::default();
-    let (x, z) = (vec3(2.0, 0.0, 0.0), vec3(0.0, 0.0, 2.0));
-    parts.add(Shape::Mesh(parallelogram(vec3(-1.0, 0.0, -1.0), z, x)), grey(0.5));
-    let blocker = parallelogram(vec3(-0.2, 0.3, -0.2), z * 0.2, x * 0.2);
-    parts.add(Shape::Mesh(blocker), grey(0.0));
-    let lamp = grey(0.0).emitting(Vec3f::splat(5.0));
-    parts.add(Shape::Mesh(parallelogram(vec3(-0.5, 1.0, -0.5), x * 0.5, z * 0.5)), lamp);
-    let world = World::new(parts).unwrap();
-    let eye = Vec3::new(0.0, 1.5, 3.0);
-    let view = View::pinhole(&Camera::look_at(eye, Vec3::ZERO, Vec3::Y, 0.8, 1.0, 0.01, 10.0));
-    for guiding in [Guiding::Lobes, Guiding::Flow] {
-        let renderer = Renderer::new(&world, &view, options(32, 64, 1)).unwrap();
-        let stage = GuidingOptions::for_picture(guiding, renderer.options());
-        let guidance = Guidance::train(&renderer, &stage, || false).unwrap();
-        let report = guidance.report().unwrap();
-        println!("{}", report.sentence());
-        assert!(!guidance.is_on() && report.judged == JudgedBy::Start, "{}", report.sentence());
-        assert_eq!((report.paths, report.records), (2 * 32 * 32, 0));
-        assert!(
-            report.variance_ratio >= 1.0 && report.sentence().contains("at best"),
-            "{}",
-            report.sentence()
-        );
-        // Who wants a guide whatever comes gets one.
-        let forced = GuidingOptions { least_gain: 0.0, ..stage };
-        assert!(Guidance::train(&renderer, &forced, || false).unwrap().is_on());
     }
 }

@@ -26,6 +26,16 @@ struct Pending<'a> {
     place: String,
     name: String,
     bytes: Cow<'a, [u8]>,
+    kept: Depth,
+}
+
+/// Bits of a channel that are kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Depth {
+    /// All of more than 8.
+    All,
+    /// 8, whether there are more (`deep`) or not.
+    Eight { deep: bool },
 }
 
 impl<'a> Textures<'a> {
@@ -67,9 +77,11 @@ impl<'a> Textures<'a> {
         }
         let levels = file_levels(&bytes).map_err(|rule| fault(&place, rule))?;
         let texels = MipLayout::first(width, height, levels).texels() as u64;
-        // Of 16 bits there are copies in 8, too.
         let deep = photofit_image::texture_is_deep(&bytes).map_err(|e| fault(&place, image_rule(e)))?;
-        self.texels = self.texels.saturating_add(if deep { texels.saturating_mul(3) } else { texels });
+        // Of 16 bits there is a copy in 8, too.
+        let whole = self.texels.saturating_add(texels.saturating_mul(3));
+        let kept = if deep && whole <= self.limits.texels { Depth::All } else { Depth::Eight { deep } };
+        self.texels = if kept == Depth::All { whole } else { self.texels.saturating_add(texels) };
         if self.texels > self.limits.texels {
             return Err(fault(
                 place,
@@ -80,12 +92,17 @@ impl<'a> Textures<'a> {
             ));
         }
         self.known.insert(key, self.pending.len());
-        self.pending.push(Pending { place, name, bytes });
+        self.pending.push(Pending { place, name, bytes, kept });
         Ok(self.pending.len() - 1)
     }
 
-    /// All textures, in the order of their requests.
-    pub(crate) fn decode(self) -> Result<Vec<TextureImage>, Fault> {
+    /// All textures, in the order of their requests; those whose 16 bits there is no room for are told.
+    pub(crate) fn decode(self, warnings: &mut Vec<String>) -> Result<Vec<TextureImage>, Fault> {
+        let narrowed = self.pending.iter().filter(|p| p.kept == Depth::Eight { deep: true });
+        warnings.extend(narrowed.map(|p| {
+            let most = self.limits.texels;
+            format!("{}: is read in 8 bits; there is no room for its 16 in {most} texels", p.place)
+        }));
         let limits = photofit_image::Limits {
             max_side: self.limits.texture_side as u32,
             ..photofit_image::Limits::default()
@@ -95,8 +112,11 @@ impl<'a> Textures<'a> {
             .pending
             .into_par_iter()
             .map(|p| {
-                let TextureTexels { width, height, texels, texels16 } =
+                let TextureTexels { width, height, texels, mut texels16 } =
                     decode_texture_texels(&p.bytes, &limits).map_err(|e| fault(&p.place, image_rule(e)))?;
+                if p.kept != Depth::All {
+                    texels16 = Vec::new();
+                }
                 let mips = mip_levels(&p.bytes).map_err(|rule| fault(&p.place, rule))?;
                 let encoded = keep.then(|| p.bytes.as_ref().into());
                 let image = TextureImage { width, height, texels, texels16, mips, ..TextureImage::default() };
@@ -138,4 +158,35 @@ fn image_rule(error: photofit_image::ImageError) -> String {
 pub(crate) fn affine_of_transform(offset: [f32; 2], rotation: f32, scale: [f32; 2]) -> [[f32; 3]; 2] {
     let (s, c) = rotation.sin_cos();
     [[c * scale[0], s * scale[1], offset[0]], [-s * scale[0], c * scale[1], offset[1]]]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn textures_of_16_bits_are_read_in_8_where_there_is_no_room() {
+        let png = |value: u16| {
+            let texels: Vec<u16> = (0..12).map(|k| value + 7 * k).collect();
+            photofit_image::encode_png16(2, 2, 3, &texels, photofit_image::PngCompression::Fast).unwrap()
+        };
+        let read = |texels: u64| {
+            let limits = Limits { texels, ..Limits::default() };
+            let mut textures = Textures::new(&limits);
+            for (k, bytes) in [png(20_000), png(30_000)].into_iter().enumerate() {
+                textures
+                    .request(format!("{k}"), format!("image {k}"), String::new(), bytes.into())
+                    .map_err(|f| f.rule)?;
+            }
+            let mut warnings = Vec::new();
+            let images = textures.decode(&mut warnings).map_err(|f| f.rule)?;
+            Ok::<_, String>((images.iter().map(|i| i.texels16.len()).collect::<Vec<_>>(), warnings))
+        };
+        assert_eq!(read(24), Ok((vec![4, 4], Vec::new())));
+        let (kept, told) = read(23).unwrap();
+        assert_eq!((kept, told.len()), (vec![4, 0], 1));
+        assert_eq!(told[0], "image 1: is read in 8 bits; there is no room for its 16 in 23 texels");
+        assert_eq!(read(11).unwrap().0, [0, 0]);
+        assert!(read(7).unwrap_err().contains("8 texels"));
+    }
 }

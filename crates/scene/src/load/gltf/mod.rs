@@ -74,7 +74,7 @@ fn parse_document(
             return Err(fault(format!("light `{}`", clip(&light.name)), rule));
         }
     }
-    scene.images = textures.decode()?;
+    scene.images = textures.decode(&mut scene.warnings)?;
     scene.hierarchy = Some(Arc::new(hierarchy));
     Ok(scene)
 }
