@@ -8,9 +8,9 @@ use crate::progress::{Terminal, say};
 use crate::status::{Ending, Misuse};
 use crate::{camera, interrupt, render};
 use anyhow::{Context, Result, anyhow, bail};
-use photofit_fit::Progress as _;
 use photofit_fit::engine::not_finite_told;
 use photofit_fit::guiding::{Guidance, Guiding, GuidingOptions};
+use photofit_fit::{FitError, Progress as _};
 use photofit_image::{Image, luminance, tone_map};
 use photofit_pathtrace::{
     Aov, EnvironmentMap, LightSource, Parts, PathOptions, Progress, RenderOptions, Renderer, View, World,
@@ -34,6 +34,8 @@ const SAVE_EVERY: Duration = Duration::from_secs(20);
 const TRAINING_SHARE: f64 = 0.3;
 /// Largest state of another picture that is read, bytes.
 const OTHER_STATE: u64 = 1 << 30;
+/// Why nothing was written.
+const NO_SAMPLE: &str = "no sample was made within --time-limit; nothing is written";
 /// Bound on the samples when noise or time ends it.
 const SPP_MAX: u32 = 4096;
 
@@ -80,6 +82,11 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, view: &View, key: &
             pool.install(|| work(a, &mut renderer, &mut keeper))?
         }
     };
+    if renderer.progress().samples == 0 {
+        // What stands under the name of the output stays.
+        let stopped = interrupt::is_stopping();
+        bail!(if stopped { FitError::Interrupted.into() } else { anyhow!("{NO_SAMPLE}") });
+    }
     write(a, &renderer)?;
     if finished && state.is_file() {
         fs::remove_file(&state).with_context(|| format!("{}: cannot be removed", state.display()))?;
@@ -355,7 +362,9 @@ fn work(a: &Render, renderer: &mut Renderer<'_>, keeper: &mut Keeper<'_>) -> Res
     let guidance = Guidance::train(renderer, &options, tired)?;
     match guidance.report() {
         Some(report) => say(&report.sentence()),
-        None if guiding(a) != Guiding::Off => say("guiding is off: the time limit leaves none for training"),
+        None if guiding(a) != Guiding::Off && !terminal.is_cancelled() => {
+            say("guiding is off: the time limit leaves none for training")
+        }
         None => {}
     }
     if a.path.explain && guiding(a) != Guiding::Off {

@@ -84,6 +84,32 @@ fn a_terminated_render_goes_on_to_the_same_bytes() {
     assert!(bytes("whole.exr") == bytes("cut.exr"), "the same file to the bit");
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn a_render_without_a_sample_leaves_what_stands_there() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 8, true);
+    std::fs::write(d.join("a.png"), "an earlier picture").unwrap();
+    let kept = || std::fs::read_to_string(d.join("a.png")).is_ok_and(|s| s == "an earlier picture");
+    for guide in ["off", "lobes"] {
+        let o = photofit(d, &render("a.png", &["--time-limit", "0.000001", "--guiding", guide]));
+        assert!(o.status.code() == Some(1) && kept(), "{guide}: {}", stderr(&o));
+        assert!(stderr(&o).contains("no sample was made within --time-limit"), "{}", stderr(&o));
+    }
+    // While a guide learns, which takes longer here than the signal.
+    let size =
+        ["--width", "1024", "--height", "1024", "--spp", "4096", "--guiding", "flow", "--integrator", "path"];
+    let line = [&["render", "rock.glb", "-o", "a.png"][..], &size].concat();
+    let mut child = command(d, &line).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let id = child.id();
+    until("a handler", &mut child, || listens(id));
+    terminate(&child);
+    let o = child.wait_with_output().unwrap();
+    assert!(o.status.code() == Some(130) && kept(), "{:?}: {}", o.status, stderr(&o));
+    assert!(!stderr(&o).contains("time limit"), "{}", stderr(&o));
+}
+
 #[cfg(unix)]
 #[test]
 fn a_state_that_cannot_be_saved_does_not_end_a_render() {
