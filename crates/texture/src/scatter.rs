@@ -7,6 +7,7 @@
 use super::filter::add_scaled;
 use super::{Lookup, Pyramid, Taps, Texture};
 use photofit_scalar::Real;
+use photofit_scalar::wide::{Kernel, Width, run_up_to};
 use rayon::prelude::*;
 
 /// Bands of texel rows.
@@ -34,8 +35,25 @@ impl<T: Real, const C: usize> Default for ScatterQueue<T, C> {
 
 /// Band of a row.
 #[inline(always)]
-fn band(row: usize, height: usize) -> usize {
-    row * BANDS / height
+fn band(row: u32, height: usize) -> u32 {
+    row * BANDS as u32 / height as u32
+}
+
+/// Bands of the upper and the lower row of taps.
+#[inline(always)]
+fn bands<T, const C: usize>(taps: &Taps<T>, t: &Texture<T, C>) -> [u32; 2] {
+    let [upper, _, lower, _] = taps.index;
+    let width = t.width as u32;
+    let row = upper / width;
+    let first = band(row, t.height);
+    let second = if lower == upper {
+        first
+    } else if lower == upper + width {
+        band(row + 1, t.height)
+    } else {
+        band(lower / width, t.height)
+    };
+    [first, second]
 }
 
 impl<T: Real, const C: usize> ScatterQueue<T, C> {
@@ -50,21 +68,20 @@ impl<T: Real, const C: usize> ScatterQueue<T, C> {
     pub fn push(&mut self, texture: &Pyramid<T, C>, at: &Lookup<T>, g: &[T; C]) {
         let id = self.entries.len() as u32;
         self.entries.push(Entry { at: *at, g: *g });
-        let mut seen = [usize::MAX; 4];
-        let mut note = |k: usize, taps: &Taps<T>, t: &Texture<T, C>, low: usize| {
-            let row = taps.index[low] as usize / t.width;
-            seen[k] = band(row, t.height);
+        let [a, b] = bands(&at.fine, &texture.levels[at.level]);
+        let [c, d] = match &at.coarse {
+            Some((taps, _)) => bands(taps, &texture.levels[at.level + 1]),
+            None => [a, b],
         };
-        note(0, &at.fine, &texture.levels[at.level], 0);
-        note(1, &at.fine, &texture.levels[at.level], 2);
-        if let Some((taps, _)) = &at.coarse {
-            note(2, taps, &texture.levels[at.level + 1], 0);
-            note(3, taps, &texture.levels[at.level + 1], 2);
+        self.bands[a as usize].push(id);
+        if b != a {
+            self.bands[b as usize].push(id);
         }
-        for k in 0..4 {
-            if seen[k] != usize::MAX && !seen[..k].contains(&seen[k]) {
-                self.bands[seen[k]].push(id);
-            }
+        if c != a && c != b {
+            self.bands[c as usize].push(id);
+        }
+        if d != a && d != b && d != c {
+            self.bands[d as usize].push(id);
         }
     }
 }
@@ -98,19 +115,36 @@ impl Scatter {
             }
         }
         bands.par_iter_mut().enumerate().for_each(|(b, rows)| {
-            for q in queues {
-                for &id in &q.bands[b] {
-                    let e = &q.entries[id as usize];
-                    match &e.at.coarse {
-                        None => add(&mut rows[e.at.level], &e.at.fine, &e.g, T::one()),
-                        Some((taps, share)) => {
-                            add(&mut rows[e.at.level], &e.at.fine, &e.g, T::one() - *share);
-                            add(&mut rows[e.at.level + 1], taps, &e.g, *share);
-                        }
+            run_up_to(Width::Avx512, AddBand { queues, band: b, rows });
+        });
+    }
+}
+
+/// Adds what lies in one band.
+struct AddBand<'a, 'b, T, const C: usize> {
+    queues: &'a [&'a ScatterQueue<T, C>],
+    band: usize,
+    rows: &'a mut [Rows<'b, T, C>],
+}
+
+impl<T: Real, const C: usize> Kernel for AddBand<'_, '_, T, C> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { queues, band, rows } = self;
+        for q in queues {
+            for &id in &q.bands[band] {
+                let e = &q.entries[id as usize];
+                match &e.at.coarse {
+                    None => add(&mut rows[e.at.level], &e.at.fine, &e.g, T::one()),
+                    Some((taps, share)) => {
+                        add(&mut rows[e.at.level], &e.at.fine, &e.g, T::one() - *share);
+                        add(&mut rows[e.at.level + 1], taps, &e.g, *share);
                     }
                 }
             }
-        });
+        }
     }
 }
 

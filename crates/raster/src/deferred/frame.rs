@@ -1,14 +1,13 @@
 //! One image: layers, blending, antialiasing; and the reverse pass.
 
-use super::pixel::attribute;
-use super::tile::{Strip, StripGradients, StripPixels};
+use super::tile::{Strip, StripGradients, StripSpans};
 use super::{Geometry, LEAST_TRANSMITTANCE, Masks, Passes, View};
 use crate::antialias::{Pair, antialias, antialias_vjp, silhouettes};
 use crate::maps::CHANNELS;
 use crate::project::{project, project_vjp};
 use crate::rasterize::{NONE, TILE, Visibility, rasterize_into};
 use crate::texture::{Pyramid, Scatter};
-use photofit_scalar::{Real, Vec3, Vec4, vec3};
+use photofit_scalar::{Real, Vec3, Vec4, vec3, vec4};
 use photofit_texture::AlphaMode;
 use rayon::prelude::*;
 
@@ -27,7 +26,7 @@ pub struct FrameLayer<T> {
     blended: Vec<[T; 4]>,
     /// What lies behind the layer, where alpha has gradients; else empty.
     behind: Vec<[T; 4]>,
-    strips: Vec<StripPixels<T>>,
+    strips: Vec<StripSpans>,
 }
 
 impl<T> Default for FrameLayer<T> {
@@ -166,7 +165,7 @@ pub fn render_into<T: Real>(
         }
         layer.shaded.resize(n, [T::zero(); 4]);
         let FrameLayer { visibility, shaded, strips, .. } = &mut layer;
-        strips.resize_with(view.height.div_ceil(TILE), StripPixels::default);
+        strips.resize_with(view.height.div_ceil(TILE), StripSpans::default);
         let parts = shaded.par_chunks_mut(view.width.max(1) * TILE).zip(strips);
         parts.enumerate().for_each(|(s, (out, kept))| {
             let strip = Strip { geometry, view, passes, maps, clip, visibility, y: s * TILE };
@@ -221,6 +220,11 @@ pub(super) fn magnify<P: Sync, T: Real>(
     let (s, w) = (view.samples.max(1), view.width);
     assert!(w.is_multiple_of(s) && view.height.is_multiple_of(s), "whole pixels");
     assert_eq!(pixels.len() * s * s, out.len(), "one value per pixel");
+    if s == 1 {
+        let chunks = out.par_chunks_mut(CHUNK).zip(pixels.par_chunks(CHUNK));
+        chunks.for_each(|(out, pixels)| out.iter_mut().zip(pixels).for_each(|(o, p)| *o = value(p)));
+        return;
+    }
     out.par_chunks_mut(w.max(1)).enumerate().for_each(|(y, row)| {
         for (o, p) in row.chunks_mut(s).zip(&pixels[(y / s) * (w / s)..]) {
             o.fill(value(p));
@@ -382,19 +386,19 @@ fn shade_vjp<T: Real>(
     let (strips, triangles) = (&*strips, geometry.topology.triangles);
     let (positions, normals, tangents) = (&mut out.positions, &mut out.normals, &mut out.tangents);
     let add = |g: &mut [Vec3<T>], at: usize| {
-        for (triangle, c) in strips.iter().flat_map(|s| &s.corners) {
-            for (i, a) in triangles[*triangle as usize].iter().zip(&c.attributes) {
+        for ((triangle, _), c) in strips.iter().flat_map(|s| s.clips.iter().zip(&s.attributes)) {
+            for (i, a) in triangles[*triangle as usize].iter().zip(c) {
                 g[*i as usize] += vec3(a[at], a[at + 1], a[at + 2]);
             }
         }
     };
     rayon::scope(|s| {
-        s.spawn(|_| add(positions, attribute::POSITION));
-        s.spawn(|_| add(normals, attribute::NORMAL));
-        s.spawn(|_| add(tangents, attribute::TANGENT));
-        for (triangle, c) in strips.iter().flat_map(|s| &s.corners) {
-            for (i, p) in triangles[*triangle as usize].iter().zip(c.clip) {
-                g_clip[*i as usize] += p;
+        s.spawn(|_| add(positions, 0));
+        s.spawn(|_| add(normals, 3));
+        s.spawn(|_| add(tangents, 6));
+        for (triangle, c) in strips.iter().flat_map(|s| &s.clips) {
+            for (k, i) in triangles[*triangle as usize].iter().enumerate() {
+                g_clip[*i as usize] += vec4(c[3 * k], c[3 * k + 1], T::zero(), c[3 * k + 2]);
             }
         }
     });
