@@ -20,16 +20,28 @@ struct Entry<T, const C: usize> {
     g: [T; C],
 }
 
+/// What pixels side by side that read the same texels of one level hand back to these: the texture seen enlarged.
+#[derive(Clone, Copy, Debug)]
+struct Shared<T, const C: usize> {
+    level: usize,
+    index: [u32; 4],
+    g: [[T; C]; 4],
+}
+
+/// Marks the ids of what is shared.
+const SHARED: u32 = 1 << 31;
+
 /// The pixels of one task.
 #[derive(Clone, Debug)]
 pub struct ScatterQueue<T, const C: usize> {
     entries: Vec<Entry<T, C>>,
+    shared: Vec<Shared<T, C>>,
     bands: Vec<Vec<u32>>,
 }
 
 impl<T: Real, const C: usize> Default for ScatterQueue<T, C> {
     fn default() -> Self {
-        Self { entries: Vec::new(), bands: vec![Vec::new(); BANDS] }
+        Self { entries: Vec::new(), shared: Vec::new(), bands: vec![Vec::new(); BANDS] }
     }
 }
 
@@ -41,8 +53,7 @@ fn band(row: u32, height: usize) -> u32 {
 
 /// Bands of the upper and the lower row of taps.
 #[inline(always)]
-fn bands<T, const C: usize>(taps: &Taps<T>, t: &Texture<T, C>) -> [u32; 2] {
-    let [upper, _, lower, _] = taps.index;
+fn bands<T, const C: usize>([upper, _, lower, _]: [u32; 4], t: &Texture<T, C>) -> [u32; 2] {
     let width = t.width as u32;
     let row = upper / width;
     let first = band(row, t.height);
@@ -60,17 +71,44 @@ impl<T: Real, const C: usize> ScatterQueue<T, C> {
     /// Forgets all pixels and keeps the memory.
     pub fn clear(&mut self) {
         self.entries.clear();
+        self.shared.clear();
         self.bands.iter_mut().for_each(Vec::clear);
     }
 
-    /// Queues the adjoint of one lookup.
-    #[inline]
-    pub fn push(&mut self, texture: &Pyramid<T, C>, at: &Lookup<T>, g: &[T; C]) {
+    /// Queues the adjoints of lookups `[n]` for the gradients `g` `[n]` of their values.
+    ///
+    /// # Panics
+    /// If `g` is shorter, or a lookup is not of the texture.
+    #[inline(always)]
+    pub fn push(&mut self, texture: &Pyramid<T, C>, at: &[Lookup<T>], g: &[[T; C]]) {
+        let mut i = 0;
+        while i < at.len() {
+            let first = &at[i];
+            let mut end = i + 1;
+            if first.coarse.is_none() {
+                let same = |o: &Lookup<T>| {
+                    o.coarse.is_none() && o.level == first.level && o.fine.index == first.fine.index
+                };
+                while end < at.len() && same(&at[end]) {
+                    end += 1;
+                }
+            }
+            if end == i + 1 {
+                self.push_one(texture, first, &g[i]);
+            } else {
+                self.push_shared(texture, &at[i..end], &g[i..end]);
+            }
+            i = end;
+        }
+    }
+
+    #[inline(always)]
+    fn push_one(&mut self, texture: &Pyramid<T, C>, at: &Lookup<T>, g: &[T; C]) {
         let id = self.entries.len() as u32;
         self.entries.push(Entry { at: *at, g: *g });
-        let [a, b] = bands(&at.fine, &texture.levels[at.level]);
+        let [a, b] = bands(at.fine.index, &texture.levels[at.level]);
         let [c, d] = match &at.coarse {
-            Some((taps, _)) => bands(taps, &texture.levels[at.level + 1]),
+            Some((taps, _)) => bands(taps.index, &texture.levels[at.level + 1]),
             None => [a, b],
         };
         self.bands[a as usize].push(id);
@@ -82,6 +120,25 @@ impl<T: Real, const C: usize> ScatterQueue<T, C> {
         }
         if d != a && d != b && d != c {
             self.bands[d as usize].push(id);
+        }
+    }
+
+    #[inline(always)]
+    fn push_shared(&mut self, texture: &Pyramid<T, C>, at: &[Lookup<T>], g: &[[T; C]]) {
+        let (level, index) = (at[0].level, at[0].fine.index);
+        let mut sum = [[T::zero(); C]; 4];
+        for (at, g) in at.iter().zip(g) {
+            let w = at.fine.weights();
+            for k in 0..4 {
+                add_scaled(&mut sum[k], g, w[k]);
+            }
+        }
+        let id = self.shared.len() as u32 | SHARED;
+        self.shared.push(Shared { level, index, g: sum });
+        let [a, b] = bands(index, &texture.levels[level]);
+        self.bands[a as usize].push(id);
+        if b != a {
+            self.bands[b as usize].push(id);
         }
     }
 }
@@ -135,6 +192,11 @@ impl<T: Real, const C: usize> Kernel for AddBand<'_, '_, T, C> {
         let Self { queues, band, rows } = self;
         for q in queues {
             for &id in &q.bands[band] {
+                if id & SHARED != 0 {
+                    let s = &q.shared[(id & !SHARED) as usize];
+                    add_shared(&mut rows[s.level], s);
+                    continue;
+                }
                 let e = &q.entries[id as usize];
                 match &e.at.coarse {
                     None => add(&mut rows[e.at.level], &e.at.fine, &e.g, T::one()),
@@ -156,6 +218,17 @@ fn add<T: Real, const C: usize>(rows: &mut Rows<'_, T, C>, taps: &Taps<T>, g: &[
         let i = (taps.index[k] as usize).wrapping_sub(rows.first);
         if let Some(t) = rows.texels.get_mut(i) {
             add_scaled(t, g, w[k] * scale);
+        }
+    }
+}
+
+/// Adds the texels that fall into the band's rows.
+#[inline(always)]
+fn add_shared<T: Real, const C: usize>(rows: &mut Rows<'_, T, C>, s: &Shared<T, C>) {
+    for k in 0..4 {
+        let i = (s.index[k] as usize).wrapping_sub(rows.first);
+        if let Some(t) = rows.texels.get_mut(i) {
+            add_scaled(t, &s.g[k], T::one());
         }
     }
 }

@@ -38,13 +38,15 @@ const POSITION: usize = 0;
 const NORMAL: usize = 3;
 const TANGENT: usize = 6;
 const UV: usize = 9;
+/// Room for the gradients of a lane side by side.
+const WIDTH: usize = 16;
 /// Components that have gradients for the vertices: those of uv are not used by anyone, the atlas is fixed.
 const FITTED: usize = 9;
 
-/// Gradients of the corners of one triangle: x, y and w in clip space, corner by corner.
-pub(super) type ClipGradient<T> = [T; 9];
-/// Gradients of position, normal and tangent of the three corners.
-pub(super) type AttributeGradient<T> = [[T; FITTED]; 3];
+/// Gradients of the corners of one triangle: x, y and w in clip space, corner by corner, and room.
+pub(super) type ClipGradient<T> = [T; WIDTH];
+/// Gradients of position, normal and tangent of the three corners, and room.
+pub(super) type AttributeGradient<T> = [[T; WIDTH]; 3];
 
 /// The samples of a triangle in a packet.
 #[derive(Clone, Copy, Debug, Default)]
@@ -318,10 +320,18 @@ impl<T: Real> Packet<T> {
         for lane in 0..self.len {
             self.by_lane[lane] = sample(scene.maps, &self.at[lane]);
         }
-        for lane in 0..self.len {
-            for c in 0..channel::USED {
-                self.texel[c][lane] = self.by_lane[lane][c];
+        let mut gather = |from: usize, end: usize| {
+            for lane in 0..self.len {
+                for c in from..end {
+                    self.texel[c][lane] = self.by_lane[lane][c];
+                }
             }
+        };
+        if scene.is_lit() {
+            gather(0, channel::USED);
+        } else {
+            gather(channel::ALPHA, channel::ALPHA + 1);
+            gather(channel::EMISSIVE, channel::EMISSIVE + 3);
         }
     }
 
@@ -402,8 +412,8 @@ impl<T: Real> Packet<T> {
 
     /// Where the lanes read the maps, and the gradients of what they read.
     #[inline(always)]
-    pub(super) fn lookups(&self) -> impl Iterator<Item = (&Lookup<T>, &[T; CHANNELS])> {
-        self.at[..self.len].iter().zip(&self.by_lane)
+    pub(super) fn lookups(&self) -> (&[Lookup<T>], &[[T; CHANNELS]]) {
+        (&self.at[..self.len], &self.by_lane[..self.len])
     }
 
     /// Adjoint of [`Self::shade`] and [`Self::color`] for the gradients in `g`, from the places of the samples alone:
@@ -418,9 +428,13 @@ impl<T: Real> Packet<T> {
         } else {
             self.look_up(scene);
         }
-        self.g_texel = [[T::zero(); LANES + STEP]; channel::USED];
+        if is_lit || transparent {
+            self.g_texel[..channel::EMISSIVE].fill([T::zero(); LANES + STEP]);
+        }
         if passes.emissive {
             self.g_texel[channel::EMISSIVE..][..3].copy_from_slice(&self.g[..3]);
+        } else {
+            self.g_texel[channel::EMISSIVE..][..3].fill([T::zero(); LANES + STEP]);
         }
         if transparent && passes.alpha_gradients {
             for lane in 0..self.len {
@@ -434,18 +448,27 @@ impl<T: Real> Packet<T> {
             self.light_vjp(scene);
             self.orient_vjp(scene);
         }
-        for lane in 0..self.len {
-            for c in 0..channel::USED {
-                self.by_lane[lane][c] = self.g_texel[c][lane];
-            }
-            self.by_lane[lane][channel::USED..].fill(T::zero());
-        }
+        self.spread(if is_lit || transparent { 0 } else { channel::EMISSIVE });
         if passes.position_gradients {
             for lane in 0..self.len {
                 let (g_uv, _) = sample_vjp(scene.maps, &self.at[lane], &self.by_lane[lane]);
                 (self.g_attributes[UV][lane], self.g_attributes[UV + 1][lane]) = (g_uv.x, g_uv.y);
             }
             self.place_vjp(if is_lit { 0 } else { UV });
+        }
+    }
+
+    /// Writes the gradients of the texels lane by lane: those of the channels from `first` on; the others have
+    /// none.
+    #[inline(always)]
+    fn spread(&mut self, first: usize) {
+        for lane in 0..self.len {
+            self.by_lane[lane] = [T::zero(); CHANNELS];
+        }
+        for lane in 0..self.len {
+            for c in first..channel::USED {
+                self.by_lane[lane][c] = self.g_texel[c][lane];
+            }
         }
     }
 
@@ -551,8 +574,7 @@ impl<T: Real> Packet<T> {
         }
     }
 
-    /// Sums up the gradients of corners triangle by triangle: adds to those of the last triangle, which may have begun in
-    /// an earlier packet. Attributes have some where light falls on them.
+    /// Adds the sums of the gradients of corners, triangle by triangle; attributes have some where light falls on them.
     #[inline(always)]
     pub(super) fn reduce(
         &self,
@@ -560,28 +582,47 @@ impl<T: Real> Packet<T> {
         clips: &mut Vec<(u32, ClipGradient<T>)>,
         attributes: &mut Vec<AttributeGradient<T>>,
     ) {
+        // Lane by lane side by side, so that sums are vectors.
+        let mut clip = [[T::zero(); WIDTH]; LANES];
+        for lane in 0..self.len {
+            for k in 0..9 {
+                clip[lane][k] = self.g_clip[k][lane];
+            }
+        }
         for s in self.segments() {
-            if clips.last().is_none_or(|(triangle, _)| *triangle != s.triangle) {
-                clips.push((s.triangle, [T::zero(); 9]));
-                if is_lit {
-                    attributes.push([[T::zero(); FITTED]; 3]);
+            let mut sum = [T::zero(); WIDTH];
+            for g in &clip[s.first..s.end] {
+                for k in 0..WIDTH {
+                    sum[k] += g[k];
                 }
             }
-            if let Some((_, sum)) = clips.last_mut() {
-                for (sum, row) in sum.iter_mut().zip(&self.g_clip) {
-                    row[s.first..s.end].iter().for_each(|g| *sum += *g);
-                }
-            }
-            let Some(sum) = attributes.last_mut() else { continue };
+            clips.push((s.triangle, sum));
+        }
+        if is_lit {
+            self.reduce_attributes(attributes);
+        }
+    }
+
+    #[inline(always)]
+    fn reduce_attributes(&self, attributes: &mut Vec<AttributeGradient<T>>) {
+        let mut by_lane = [[T::zero(); WIDTH]; LANES];
+        for lane in 0..self.len {
             for c in 0..FITTED {
-                let g = &self.g_attributes[c];
-                for lane in s.first..s.end {
-                    let (u, v) = (self.weights[0][lane], self.weights[1][lane]);
-                    sum[0][c] += u * g[lane];
-                    sum[1][c] += v * g[lane];
-                    sum[2][c] += (T::one() - u - v) * g[lane];
+                by_lane[lane][c] = self.g_attributes[c][lane];
+            }
+        }
+        for s in self.segments() {
+            let mut sum = [[T::zero(); WIDTH]; 3];
+            for lane in s.first..s.end {
+                let (u, v) = (self.weights[0][lane], self.weights[1][lane]);
+                let weights = [u, v, T::one() - u - v];
+                for k in 0..3 {
+                    for c in 0..WIDTH {
+                        sum[k][c] += weights[k] * by_lane[lane][c];
+                    }
                 }
             }
+            attributes.push(sum);
         }
     }
 }

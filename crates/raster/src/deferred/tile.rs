@@ -345,9 +345,8 @@ impl<T: Real> Kernel for ShadeVjp<'_, T> {
         while packing.fill(&mut packet, &mut places) {
             packet.shade_vjp(&scene, !geometry.alpha.is_empty());
             if passes.map_gradients {
-                for (at, g) in packet.lookups() {
-                    out.texels.push(maps, at, g);
-                }
+                let (at, g) = packet.lookups();
+                out.texels.push(maps, at, g);
             }
             if passes.position_gradients {
                 packet.reduce(!view.lights.is_empty(), &mut out.clips, &mut out.attributes);
