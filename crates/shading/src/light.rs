@@ -217,6 +217,30 @@ fn point_vjp<T: Real>(wi: Vec3<T>, inverse: T, g_wi: Vec3<T>, g_falloff: T) -> V
     (wi * (g_falloff + g_falloff) - g_wi) * inverse
 }
 
+/// What [`shade`] adds up for ambient light by single scattering, where [`split_sum()`] of `n.wo` and the roughness is known:
+/// without calls, as [`shade_beam`].
+#[inline(always)]
+pub fn shade_ambient<T: Real>(surface: &Surface<T>, viewer: &SplitSum<T>, radiance: Vec3<T>) -> Vec3<T> {
+    ambient(&surface.lobes(), None, viewer).mul(radiance)
+}
+
+/// Adjoint of [`shade_ambient`] for the gradient `g` of the radiance.
+#[inline(always)]
+pub fn shade_ambient_vjp<T: Real>(
+    surface: &Surface<T>,
+    viewer: &SplitSum<T>,
+    n: Vec3<T>,
+    wo: Vec3<T>,
+    radiance: Vec3<T>,
+    g: Vec3<T>,
+) -> ShadeGradient<T> {
+    let mut sum = Sum::default();
+    ambient_vjp(&surface.lobes(), None, viewer, n, wo, g.mul(radiance), &mut sum);
+    let Sum { diffuse, f0, roughness, position, n, wo } = sum;
+    let lobes = Lobes { diffuse, f0, f90: T::zero(), roughness };
+    ShadeGradient { surface: surface.lobes_vjp(&lobes), position, n, wo }
+}
+
 /// Out of the way of the other policy, whose loops it must not slow down.
 #[inline(never)]
 fn shade_compensated<T: Real>(
@@ -262,7 +286,9 @@ fn shade_lobes<T: Real>(
             Light::Directional { direction, irradiance } => {
                 eval_lobes(lobes, compensation, n, wo, direction).mul(irradiance)
             }
-            Light::Ambient { radiance } => ambient(lobes, compensation, n, wo).mul(radiance),
+            Light::Ambient { radiance } => {
+                ambient(lobes, compensation, &viewer(lobes, compensation, n, wo)).mul(radiance)
+            }
             Light::Environment { map, rotation, scale } => {
                 environment(lobes, compensation, n, wo, map, rotation) * scale
             }
@@ -300,7 +326,8 @@ fn shade_lobes_vjp<T: Real>(
                 sum.wo += d.wo;
             }
             Light::Ambient { radiance } => {
-                ambient_vjp(lobes, compensation, n, wo, g.mul(radiance), &mut sum);
+                let viewer = viewer(lobes, compensation, n, wo);
+                ambient_vjp(lobes, compensation, &viewer, n, wo, g.mul(radiance), &mut sum);
             }
             Light::Environment { map, rotation, scale } => {
                 environment_vjp(lobes, compensation, n, wo, map, rotation, g * scale, &mut sum);
@@ -390,23 +417,22 @@ fn broad_albedo_vjp<T: Real>(
 fn ambient<T: Real>(
     lobes: &Lobes<T>,
     compensation: Option<&Compensation<T>>,
-    n: Vec3<T>,
-    wo: Vec3<T>,
+    viewer: &SplitSum<T>,
 ) -> Vec3<T> {
-    let s = viewer(lobes, compensation, n, wo);
-    broad_albedo(lobes, compensation) + lobes.f0 * s.scale + Vec3::splat(lobes.f90 * s.bias)
+    broad_albedo(lobes, compensation) + lobes.f0 * viewer.scale + Vec3::splat(lobes.f90 * viewer.bias)
 }
 
 #[inline(always)]
 fn ambient_vjp<T: Real>(
     lobes: &Lobes<T>,
     compensation: Option<&Compensation<T>>,
+    viewer: &SplitSum<T>,
     n: Vec3<T>,
     wo: Vec3<T>,
     g: Vec3<T>,
     sum: &mut Sum<T>,
 ) {
-    let s = viewer(lobes, compensation, n, wo);
+    let s = viewer;
     let (g_scale, g_bias) = (g.dot(lobes.f0), g.sum() * lobes.f90);
     let g_cosine = g_scale * s.d_scale[0] + g_bias * s.d_bias[0];
     let g_cosine = g_cosine + broad_albedo_vjp(lobes, compensation, g, sum);

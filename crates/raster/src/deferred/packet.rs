@@ -5,6 +5,8 @@
 //! branches or calls, which the compiler turns into vector instructions. Texels are read and gathered lane by lane, all
 //! channels at once. Lanes past the end hold numbers of earlier samples, which nobody reads.
 
+mod light;
+
 use super::alpha::{drawn_alpha, drawn_alpha_vjp};
 use super::{Geometry, Passes, View};
 use crate::maps::{CHANNELS, channel};
@@ -12,8 +14,7 @@ use crate::rasterize::{PixelGrid, barycentrics, barycentrics_vjp};
 use crate::texture::{LevelOfDetail, Lookup, Pyramid, Taps, level_of_detail, lookup, sample, sample_vjp};
 use photofit_scalar::{Real, Vec3, Vec4, vec2, vec3, vec4};
 use photofit_shading::{
-    Beam, Energy, Light, ShadeGradient, Surface, face_viewer, face_viewer_vjp, perturb, perturb_vjp, shade,
-    shade_beam, shade_beam_vjp, shade_vjp, view_direction, view_direction_vjp,
+    Surface, face_viewer, face_viewer_vjp, perturb, perturb_vjp, view_direction, view_direction_vjp,
 };
 use photofit_texture::{AlphaMode, Filter, Sampler, Wrap};
 
@@ -102,6 +103,8 @@ pub(super) struct Packet<T> {
     perturbed: Rows<T, 3>,
     normal: Rows<T, 3>,
     wo: Rows<T, 3>,
+    /// [`SplitSum`] of the viewer.
+    viewer: Rows<T, 6>,
     /// Gradients of the texel, of the shading normal, of the direction to the viewer, and of the interpolated attributes.
     g_texel: Rows<T, { channel::USED }>,
     g_normal: Rows<T, 3>,
@@ -174,6 +177,7 @@ impl<T: Real> Packet<T> {
             perturbed: [zero; 3],
             normal: [zero; 3],
             wo: [zero; 3],
+            viewer: [zero; 6],
             g_texel: [zero; channel::USED],
             g_normal: [zero; 3],
             g_wo: [zero; 3],
@@ -375,41 +379,6 @@ impl<T: Real> Packet<T> {
         (corner(1) - corner(0)).cross(corner(2) - corner(0))
     }
 
-    /// Radiance of the lights, one after the other.
-    #[inline(always)]
-    fn light(&mut self, scene: &Scene<'_, T>) {
-        self.rgb = [[T::zero(); LANES + STEP]; 3];
-        for light in scene.view.lights {
-            match (*light, scene.passes.energy) {
-                (Light::Point { position, intensity }, Energy::Single) => {
-                    self.add_beam(|p| Beam::of_point(position, intensity, p));
-                }
-                (Light::Directional { direction, irradiance }, Energy::Single) => {
-                    self.add_beam(|_| Beam::of_direction(direction, irradiance));
-                }
-                (light, energy) => self.add_light(energy, light),
-            }
-        }
-    }
-
-    #[inline(always)]
-    fn add_beam(&mut self, beam: impl Fn(Vec3<T>) -> Beam<T>) {
-        for lane in 0..LANES {
-            let (s, beam) = (surface(&self.texel, lane), beam(triple(&self.surface, POSITION, lane)));
-            let (n, wo) = (triple(&self.normal, 0, lane), triple(&self.wo, 0, lane));
-            add(&mut self.rgb, 0, lane, shade_beam(&s, n, wo, &beam));
-        }
-    }
-
-    #[inline(always)]
-    fn add_light(&mut self, energy: Energy, light: Light<'_, T>) {
-        for lane in 0..self.len {
-            let (s, p) = (surface(&self.texel, lane), triple(&self.surface, POSITION, lane));
-            let (n, wo) = (triple(&self.normal, 0, lane), triple(&self.wo, 0, lane));
-            add(&mut self.rgb, 0, lane, shade(&s, energy, p, n, wo, &[light]));
-        }
-    }
-
     /// Where the lanes read the maps, and the gradients of what they read.
     #[inline(always)]
     pub(super) fn lookups(&self) -> (&[Lookup<T>], &[[T; CHANNELS]]) {
@@ -470,56 +439,6 @@ impl<T: Real> Packet<T> {
                 self.by_lane[lane][c] = self.g_texel[c][lane];
             }
         }
-    }
-
-    /// Adjoint of [`Self::light`].
-    #[inline(always)]
-    fn light_vjp(&mut self, scene: &Scene<'_, T>) {
-        let zero = [[T::zero(); LANES + STEP]; 3];
-        (self.g_normal, self.g_wo) = (zero, zero);
-        self.g_attributes[POSITION..][..3].copy_from_slice(&zero);
-        for light in scene.view.lights {
-            match (*light, scene.passes.energy) {
-                (Light::Point { position, intensity }, Energy::Single) => {
-                    self.add_beam_vjp(|p| Beam::of_point(position, intensity, p));
-                }
-                (Light::Directional { direction, irradiance }, Energy::Single) => {
-                    self.add_beam_vjp(|_| Beam::of_direction(direction, irradiance));
-                }
-                (light, energy) => self.add_light_vjp(energy, light),
-            }
-        }
-    }
-
-    #[inline(always)]
-    fn add_beam_vjp(&mut self, beam: impl Fn(Vec3<T>) -> Beam<T>) {
-        for lane in 0..LANES {
-            let (s, beam) = (surface(&self.texel, lane), beam(triple(&self.surface, POSITION, lane)));
-            let (n, wo) = (triple(&self.normal, 0, lane), triple(&self.wo, 0, lane));
-            let d = shade_beam_vjp(&s, n, wo, &beam, triple(&self.g, 0, lane));
-            self.add_gradient(lane, &d);
-        }
-    }
-
-    #[inline(always)]
-    fn add_light_vjp(&mut self, energy: Energy, light: Light<'_, T>) {
-        for lane in 0..self.len {
-            let (s, p) = (surface(&self.texel, lane), triple(&self.surface, POSITION, lane));
-            let (n, wo) = (triple(&self.normal, 0, lane), triple(&self.wo, 0, lane));
-            let d = shade_vjp(&s, energy, p, n, wo, &[light], triple(&self.g, 0, lane));
-            self.add_gradient(lane, &d);
-        }
-    }
-
-    #[inline(always)]
-    fn add_gradient(&mut self, lane: usize, d: &ShadeGradient<T>) {
-        add(&mut self.g_texel, channel::BASE_COLOR, lane, d.surface.base_color);
-        self.g_texel[channel::ROUGHNESS][lane] += d.surface.roughness;
-        self.g_texel[channel::METALLIC][lane] += d.surface.metallic;
-        self.g_texel[channel::GAMMA][lane] += d.surface.gamma;
-        add(&mut self.g_attributes, POSITION, lane, d.position);
-        add(&mut self.g_normal, 0, lane, d.n);
-        add(&mut self.g_wo, 0, lane, d.wo);
     }
 
     /// Adjoint of [`Self::orient`].
