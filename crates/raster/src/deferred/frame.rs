@@ -7,6 +7,7 @@ use crate::maps::CHANNELS;
 use crate::project::{project, project_vjp};
 use crate::rasterize::{NONE, TILE, Visibility, rasterize_into};
 use crate::texture::{Pyramid, Scatter};
+use photofit_scalar::wide::Width;
 use photofit_scalar::{Real, Vec3, Vec4, vec3, vec4};
 use photofit_texture::AlphaMode;
 use rayon::prelude::*;
@@ -166,7 +167,7 @@ pub fn render_into<T: Real>(
         let parts = shaded.par_chunks_mut(view.width.max(1) * TILE).zip(strips);
         parts.enumerate().for_each(|(s, (out, kept))| {
             let strip = Strip { geometry, view, passes, maps, clip, visibility, y: s * TILE };
-            strip.shade(kept, out);
+            strip.shade(Width::Avx512, kept, out);
         });
         let visibility = &layer.visibility;
         layer.pairs.clear();
@@ -391,12 +392,13 @@ fn shade_vjp<T: Real>(
     let Scratch { g, shaded, clip: g_clip, strips } = &mut out.scratch;
     let rows = view.width.max(1) * TILE;
     strips.resize_with(shaded.len().div_ceil(rows), StripGradients::default);
-    let parts = strips.par_iter_mut().zip(&layer.strips).zip(g.par_chunks_mut(rows).zip(shaded.par_chunks_mut(rows)));
+    let parts =
+        strips.par_iter_mut().zip(&layer.strips).zip(g.par_chunks_mut(rows).zip(shaded.par_chunks_mut(rows)));
     parts.enumerate().for_each(|(s, ((strip_out, kept), (front, g)))| {
         let v = &layer.visibility;
         blend_vjp(layer, s * rows, front, g);
         let strip = Strip { geometry, view, passes, maps, clip: &frame.clip, visibility: v, y: s * TILE };
-        strip.shade_vjp(kept, g, strip_out);
+        strip.shade_vjp(Width::Avx512, kept, g, strip_out);
     });
     if passes.map_gradients {
         let queues: Vec<_> = strips.iter().map(|s| &s.texels).collect();

@@ -144,22 +144,28 @@ impl<'a, T: Real> Strip<'a, T> {
     }
 
     /// Writes radiance and alpha of every covered pixel of the strip, and keeps in `kept` what [`Self::shade_vjp`]
-    /// needs.
-    pub(super) fn shade(&self, kept: &mut StripSpans, out: &mut [[T; 4]]) {
+    /// needs. The bits are the same for any width.
+    pub(super) fn shade(&self, most: Width, kept: &mut StripSpans, out: &mut [[T; 4]]) {
         self.collect(kept);
         out.fill([T::zero(); 4]);
         if !kept.spans.is_empty() {
-            run_up_to(Width::Avx512, Shade { strip: self, kept, out });
+            run_up_to(most, Shade { strip: self, kept, out });
         }
     }
 
     /// Adjoint of [`Self::shade`] for the gradients `g` of the strip's rows.
-    pub(super) fn shade_vjp(&self, kept: &StripSpans, g: &[[T; 4]], out: &mut StripGradients<T>) {
+    pub(super) fn shade_vjp(
+        &self,
+        most: Width,
+        kept: &StripSpans,
+        g: &[[T; 4]],
+        out: &mut StripGradients<T>,
+    ) {
         out.clips.clear();
         out.attributes.clear();
         out.texels.clear();
         if !kept.spans.is_empty() {
-            run_up_to(Width::Avx512, ShadeVjp { strip: self, kept, g, out });
+            run_up_to(most, ShadeVjp { strip: self, kept, g, out });
         }
     }
 
