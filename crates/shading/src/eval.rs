@@ -8,7 +8,7 @@ use crate::energy::{Energy, SpecularAlbedo};
 use crate::ggx::{Half, Terms};
 use crate::split_sum::{SplitSum, split_sum};
 use crate::surface::{Lobes, LobesGradient, Surface, SurfaceGradient};
-use photofit_scalar::{Real, Vec3};
+use photofit_scalar::{Real, Vec3, vec3};
 
 /// Gradient of [`eval`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -136,6 +136,46 @@ pub(crate) fn value<T: Real>(
     broad + t.specular(lobes)
 }
 
+/// Value and adjoint of [`value`] by single scattering.
+#[inline(always)]
+fn single_vjp<T: Real>(
+    lobes: &Lobes<T>,
+    t: &Terms<T>,
+    half: &Half<T>,
+    n: Vec3<T>,
+    wo: Vec3<T>,
+    wi: Vec3<T>,
+    g: Vec3<T>,
+) -> (Vec3<T>, LobesEvalGradient<T>) {
+    let inv_pi = T::of(std::f64::consts::FRAC_1_PI);
+    let value = lobes.diffuse * (t.nl * inv_pi) + t.specular(lobes);
+    let g_nl = g.dot(lobes.diffuse) * inv_pi;
+    let mut d = t.specular_vjp(lobes, n, wo, wi, half, g, g_nl);
+    d.lobes.diffuse = g * (t.nl * inv_pi);
+    (value, d)
+}
+
+/// [`eval_lobes_vjp`] by single scattering without a branch, for many points side by side: where no light arrives the
+/// gradient `g` counts as zero, and so does the value.
+#[inline(always)]
+pub(crate) fn eval_single_vjp<T: Real>(
+    lobes: &Lobes<T>,
+    n: Vec3<T>,
+    wo: Vec3<T>,
+    wi: Vec3<T>,
+    g: Vec3<T>,
+) -> (Vec3<T>, LobesEvalGradient<T>) {
+    let nl = n.dot(wi);
+    let arrives = nl > T::zero();
+    let keep = |x: T| if arrives { x } else { T::zero() };
+    // Any positive cosine will do where the gradient is zero.
+    let nl = if arrives { nl } else { T::one() };
+    let half = Half::new(n, wo, wi);
+    let t = Terms::in_world(lobes.roughness, n, wo, nl, &half);
+    let (value, d) = single_vjp(lobes, &t, &half, n, wo, wi, vec3(keep(g.x), keep(g.y), keep(g.z)));
+    (vec3(keep(value.x), keep(value.y), keep(value.z)), d)
+}
+
 /// Value and adjoint of [`eval_lobes`] for the gradient `g` of the value.
 #[inline(always)]
 pub(crate) fn eval_lobes_vjp<T: Real>(
@@ -153,14 +193,7 @@ pub(crate) fn eval_lobes_vjp<T: Real>(
     let half = Half::new(n, wo, wi);
     let t = Terms::in_world(lobes.roughness, n, wo, nl, &half);
     match compensation {
-        None => {
-            let inv_pi = T::of(std::f64::consts::FRAC_1_PI);
-            let value = lobes.diffuse * (nl * inv_pi) + t.specular(lobes);
-            let g_nl = g.dot(lobes.diffuse) * inv_pi;
-            let mut d = t.specular_vjp(lobes, n, wo, wi, &half, g, g_nl);
-            d.lobes.diffuse = g * (nl * inv_pi);
-            (value, d)
-        }
+        None => single_vjp(lobes, &t, &half, n, wo, wi, g),
         Some(c) => {
             let light = split_sum(nl, lobes.roughness);
             let broad = c.albedo.broad(lobes.diffuse, &c.viewer, &light);

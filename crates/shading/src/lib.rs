@@ -49,7 +49,10 @@ pub use environment::{Environment, EnvironmentError};
 pub use equirectangular::{EquirectangularTaps, equirectangular};
 pub use eval::{EvalGradient, LobesEvalGradient, eval, eval_vjp};
 pub use ggx::{COSINE_MIN, ROUGHNESS_MIN};
-pub use light::{Light, ShadeGradient, Yaw, shade, shade_vjp, view_direction, view_direction_vjp};
+pub use light::{
+    Beam, Light, ShadeGradient, Yaw, shade, shade_ambient, shade_ambient_vjp, shade_beam, shade_beam_vjp,
+    shade_vjp, view_direction, view_direction_vjp,
+};
 pub use normal_map::{
     BEND_START, FaceViewerGradient, PerturbGradient, face_viewer, face_viewer_vjp, perturb, perturb_vjp,
 };

@@ -2,7 +2,7 @@
 
 use crate::energy::Energy;
 use crate::environment::Environment;
-use crate::eval::{Compensation, eval_lobes, eval_lobes_vjp};
+use crate::eval::{Compensation, eval_lobes, eval_lobes_vjp, eval_single_vjp};
 use crate::split_sum::{SplitSum, split_sum};
 use crate::surface::{Lobes, LobesGradient, Surface, SurfaceGradient};
 use photofit_scalar::{Real, Vec3, vec3};
@@ -160,6 +160,87 @@ pub fn shade_vjp<T: Real>(
     ShadeGradient { surface: surface.lobes_vjp(&lobes), position, n, wo }
 }
 
+/// Light from one direction at a point.
+#[derive(Clone, Copy, Debug)]
+pub struct Beam<T = f32> {
+    /// Unit direction towards the light.
+    wi: Vec3<T>,
+    /// Irradiance on a surface that faces the light.
+    irradiance: Vec3<T>,
+    /// Inverse of the distance to the light; 0 where that is infinite.
+    inverse: T,
+}
+
+impl<T: Real> Beam<T> {
+    /// That of [`Light::Point`] at a position.
+    #[inline(always)]
+    pub fn of_point(at: Vec3<T>, intensity: Vec3<T>, position: Vec3<T>) -> Self {
+        let (wi, falloff, inverse) = towards(at, position);
+        Self { wi, irradiance: intensity * falloff, inverse }
+    }
+
+    /// That of [`Light::Directional`].
+    #[inline(always)]
+    pub fn of_direction(wi: Vec3<T>, irradiance: Vec3<T>) -> Self {
+        Self { wi, irradiance, inverse: T::zero() }
+    }
+}
+
+/// What [`shade`] adds up for one beam by single scattering. Without calls and branches that matter: loops over many points
+/// become vector instructions.
+#[inline(always)]
+pub fn shade_beam<T: Real>(surface: &Surface<T>, n: Vec3<T>, wo: Vec3<T>, beam: &Beam<T>) -> Vec3<T> {
+    eval_lobes(&surface.lobes(), None, n, wo, beam.wi).mul(beam.irradiance)
+}
+
+/// Adjoint of [`shade_beam`] for the gradient `g` of the radiance, the position included that a beam of a point depends on.
+#[inline(always)]
+pub fn shade_beam_vjp<T: Real>(
+    surface: &Surface<T>,
+    n: Vec3<T>,
+    wo: Vec3<T>,
+    beam: &Beam<T>,
+    g: Vec3<T>,
+) -> ShadeGradient<T> {
+    let Beam { wi, irradiance, inverse } = *beam;
+    let g = g.mul(irradiance);
+    let (f, d) = eval_single_vjp(&surface.lobes(), n, wo, wi, g);
+    let position = point_vjp(wi, inverse, d.wi, g.dot(f));
+    ShadeGradient { surface: surface.lobes_vjp(&d.lobes), position, n: d.n, wo: d.wo }
+}
+
+/// Adjoint of `wi = v / |v|` and `falloff = 1 / |v|^2`, `v = at - position`, for the gradients of `wi` and of the
+/// falloff's logarithm; returns that of the position.
+#[inline(always)]
+fn point_vjp<T: Real>(wi: Vec3<T>, inverse: T, g_wi: Vec3<T>, g_falloff: T) -> Vec3<T> {
+    let g_wi = g_wi - wi * wi.dot(g_wi);
+    (wi * (g_falloff + g_falloff) - g_wi) * inverse
+}
+
+/// What [`shade`] adds up for ambient light by single scattering, where [`split_sum()`] of `n.wo` and the roughness is known:
+/// without calls, as [`shade_beam`].
+#[inline(always)]
+pub fn shade_ambient<T: Real>(surface: &Surface<T>, viewer: &SplitSum<T>, radiance: Vec3<T>) -> Vec3<T> {
+    ambient(&surface.lobes(), None, viewer).mul(radiance)
+}
+
+/// Adjoint of [`shade_ambient`] for the gradient `g` of the radiance.
+#[inline(always)]
+pub fn shade_ambient_vjp<T: Real>(
+    surface: &Surface<T>,
+    viewer: &SplitSum<T>,
+    n: Vec3<T>,
+    wo: Vec3<T>,
+    radiance: Vec3<T>,
+    g: Vec3<T>,
+) -> ShadeGradient<T> {
+    let mut sum = Sum::default();
+    ambient_vjp(&surface.lobes(), None, viewer, n, wo, g.mul(radiance), &mut sum);
+    let Sum { diffuse, f0, roughness, position, n, wo } = sum;
+    let lobes = Lobes { diffuse, f0, f90: T::zero(), roughness };
+    ShadeGradient { surface: surface.lobes_vjp(&lobes), position, n, wo }
+}
+
 /// Out of the way of the other policy, whose loops it must not slow down.
 #[inline(never)]
 fn shade_compensated<T: Real>(
@@ -205,7 +286,9 @@ fn shade_lobes<T: Real>(
             Light::Directional { direction, irradiance } => {
                 eval_lobes(lobes, compensation, n, wo, direction).mul(irradiance)
             }
-            Light::Ambient { radiance } => ambient(lobes, compensation, n, wo).mul(radiance),
+            Light::Ambient { radiance } => {
+                ambient(lobes, compensation, &viewer(lobes, compensation, n, wo)).mul(radiance)
+            }
             Light::Environment { map, rotation, scale } => {
                 environment(lobes, compensation, n, wo, map, rotation) * scale
             }
@@ -234,10 +317,7 @@ fn shade_lobes_vjp<T: Real>(
                 sum.add_lobes(&d.lobes);
                 sum.n += d.n;
                 sum.wo += d.wo;
-                // wi = v / |v| and falloff = 1 / |v|^2 with v = at - position.
-                let g_wi = d.wi - wi * wi.dot(d.wi);
-                let g_falloff = g.dot(f) * falloff;
-                sum.position += (wi * (g_falloff + g_falloff) - g_wi) * inverse;
+                sum.position += point_vjp(wi, inverse, d.wi, g.dot(f) * falloff);
             }
             Light::Directional { direction, irradiance } => {
                 let (_, d) = eval_lobes_vjp(lobes, compensation, n, wo, direction, g.mul(irradiance));
@@ -246,7 +326,8 @@ fn shade_lobes_vjp<T: Real>(
                 sum.wo += d.wo;
             }
             Light::Ambient { radiance } => {
-                ambient_vjp(lobes, compensation, n, wo, g.mul(radiance), &mut sum);
+                let viewer = viewer(lobes, compensation, n, wo);
+                ambient_vjp(lobes, compensation, &viewer, n, wo, g.mul(radiance), &mut sum);
             }
             Light::Environment { map, rotation, scale } => {
                 environment_vjp(lobes, compensation, n, wo, map, rotation, g * scale, &mut sum);
@@ -336,23 +417,22 @@ fn broad_albedo_vjp<T: Real>(
 fn ambient<T: Real>(
     lobes: &Lobes<T>,
     compensation: Option<&Compensation<T>>,
-    n: Vec3<T>,
-    wo: Vec3<T>,
+    viewer: &SplitSum<T>,
 ) -> Vec3<T> {
-    let s = viewer(lobes, compensation, n, wo);
-    broad_albedo(lobes, compensation) + lobes.f0 * s.scale + Vec3::splat(lobes.f90 * s.bias)
+    broad_albedo(lobes, compensation) + lobes.f0 * viewer.scale + Vec3::splat(lobes.f90 * viewer.bias)
 }
 
 #[inline(always)]
 fn ambient_vjp<T: Real>(
     lobes: &Lobes<T>,
     compensation: Option<&Compensation<T>>,
+    viewer: &SplitSum<T>,
     n: Vec3<T>,
     wo: Vec3<T>,
     g: Vec3<T>,
     sum: &mut Sum<T>,
 ) {
-    let s = viewer(lobes, compensation, n, wo);
+    let s = viewer;
     let (g_scale, g_bias) = (g.dot(lobes.f0), g.sum() * lobes.f90);
     let g_cosine = g_scale * s.d_scale[0] + g_bias * s.d_bias[0];
     let g_cosine = g_cosine + broad_albedo_vjp(lobes, compensation, g, sum);

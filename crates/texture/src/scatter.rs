@@ -7,6 +7,7 @@
 use super::filter::add_scaled;
 use super::{Lookup, Pyramid, Taps, Texture};
 use photofit_scalar::Real;
+use photofit_scalar::wide::{Kernel, Width, run_up_to};
 use rayon::prelude::*;
 
 /// Bands of texel rows.
@@ -19,52 +20,125 @@ struct Entry<T, const C: usize> {
     g: [T; C],
 }
 
+/// What pixels side by side that read the same texels of one level hand back to these: the texture seen enlarged.
+#[derive(Clone, Copy, Debug)]
+struct Shared<T, const C: usize> {
+    level: usize,
+    index: [u32; 4],
+    g: [[T; C]; 4],
+}
+
+/// Marks the ids of what is shared.
+const SHARED: u32 = 1 << 31;
+
 /// The pixels of one task.
 #[derive(Clone, Debug)]
 pub struct ScatterQueue<T, const C: usize> {
     entries: Vec<Entry<T, C>>,
+    shared: Vec<Shared<T, C>>,
     bands: Vec<Vec<u32>>,
 }
 
 impl<T: Real, const C: usize> Default for ScatterQueue<T, C> {
     fn default() -> Self {
-        Self { entries: Vec::new(), bands: vec![Vec::new(); BANDS] }
+        Self { entries: Vec::new(), shared: Vec::new(), bands: vec![Vec::new(); BANDS] }
     }
 }
 
 /// Band of a row.
 #[inline(always)]
-fn band(row: usize, height: usize) -> usize {
-    row * BANDS / height
+fn band(row: u32, height: usize) -> u32 {
+    row * BANDS as u32 / height as u32
+}
+
+/// Bands of the upper and the lower row of taps.
+#[inline(always)]
+fn bands<T, const C: usize>([upper, _, lower, _]: [u32; 4], t: &Texture<T, C>) -> [u32; 2] {
+    let width = t.width as u32;
+    let row = upper / width;
+    let first = band(row, t.height);
+    let second = if lower == upper {
+        first
+    } else if lower == upper + width {
+        band(row + 1, t.height)
+    } else {
+        band(lower / width, t.height)
+    };
+    [first, second]
 }
 
 impl<T: Real, const C: usize> ScatterQueue<T, C> {
     /// Forgets all pixels and keeps the memory.
     pub fn clear(&mut self) {
         self.entries.clear();
+        self.shared.clear();
         self.bands.iter_mut().for_each(Vec::clear);
     }
 
-    /// Queues the adjoint of one lookup.
-    #[inline]
-    pub fn push(&mut self, texture: &Pyramid<T, C>, at: &Lookup<T>, g: &[T; C]) {
+    /// Queues the adjoints of lookups `[n]` for the gradients `g` `[n]` of their values.
+    ///
+    /// # Panics
+    /// If `g` is shorter, or a lookup is not of the texture.
+    #[inline(always)]
+    pub fn push(&mut self, texture: &Pyramid<T, C>, at: &[Lookup<T>], g: &[[T; C]]) {
+        let mut i = 0;
+        while i < at.len() {
+            let first = &at[i];
+            let mut end = i + 1;
+            if first.coarse.is_none() {
+                let same = |o: &Lookup<T>| {
+                    o.coarse.is_none() && o.level == first.level && o.fine.index == first.fine.index
+                };
+                while end < at.len() && same(&at[end]) {
+                    end += 1;
+                }
+            }
+            if end == i + 1 {
+                self.push_one(texture, first, &g[i]);
+            } else {
+                self.push_shared(texture, &at[i..end], &g[i..end]);
+            }
+            i = end;
+        }
+    }
+
+    #[inline(always)]
+    fn push_one(&mut self, texture: &Pyramid<T, C>, at: &Lookup<T>, g: &[T; C]) {
         let id = self.entries.len() as u32;
         self.entries.push(Entry { at: *at, g: *g });
-        let mut seen = [usize::MAX; 4];
-        let mut note = |k: usize, taps: &Taps<T>, t: &Texture<T, C>, low: usize| {
-            let row = taps.index[low] as usize / t.width;
-            seen[k] = band(row, t.height);
+        let [a, b] = bands(at.fine.index, &texture.levels[at.level]);
+        let [c, d] = match &at.coarse {
+            Some((taps, _)) => bands(taps.index, &texture.levels[at.level + 1]),
+            None => [a, b],
         };
-        note(0, &at.fine, &texture.levels[at.level], 0);
-        note(1, &at.fine, &texture.levels[at.level], 2);
-        if let Some((taps, _)) = &at.coarse {
-            note(2, taps, &texture.levels[at.level + 1], 0);
-            note(3, taps, &texture.levels[at.level + 1], 2);
+        self.bands[a as usize].push(id);
+        if b != a {
+            self.bands[b as usize].push(id);
         }
-        for k in 0..4 {
-            if seen[k] != usize::MAX && !seen[..k].contains(&seen[k]) {
-                self.bands[seen[k]].push(id);
+        if c != a && c != b {
+            self.bands[c as usize].push(id);
+        }
+        if d != a && d != b && d != c {
+            self.bands[d as usize].push(id);
+        }
+    }
+
+    #[inline(always)]
+    fn push_shared(&mut self, texture: &Pyramid<T, C>, at: &[Lookup<T>], g: &[[T; C]]) {
+        let (level, index) = (at[0].level, at[0].fine.index);
+        let mut sum = [[T::zero(); C]; 4];
+        for (at, g) in at.iter().zip(g) {
+            let w = at.fine.weights();
+            for k in 0..4 {
+                add_scaled(&mut sum[k], g, w[k]);
             }
+        }
+        let id = self.shared.len() as u32 | SHARED;
+        self.shared.push(Shared { level, index, g: sum });
+        let [a, b] = bands(index, &texture.levels[level]);
+        self.bands[a as usize].push(id);
+        if b != a {
+            self.bands[b as usize].push(id);
         }
     }
 }
@@ -98,19 +172,41 @@ impl Scatter {
             }
         }
         bands.par_iter_mut().enumerate().for_each(|(b, rows)| {
-            for q in queues {
-                for &id in &q.bands[b] {
-                    let e = &q.entries[id as usize];
-                    match &e.at.coarse {
-                        None => add(&mut rows[e.at.level], &e.at.fine, &e.g, T::one()),
-                        Some((taps, share)) => {
-                            add(&mut rows[e.at.level], &e.at.fine, &e.g, T::one() - *share);
-                            add(&mut rows[e.at.level + 1], taps, &e.g, *share);
-                        }
+            run_up_to(Width::Avx512, AddBand { queues, band: b, rows });
+        });
+    }
+}
+
+/// Adds what lies in one band.
+struct AddBand<'a, 'b, T, const C: usize> {
+    queues: &'a [&'a ScatterQueue<T, C>],
+    band: usize,
+    rows: &'a mut [Rows<'b, T, C>],
+}
+
+impl<T: Real, const C: usize> Kernel for AddBand<'_, '_, T, C> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { queues, band, rows } = self;
+        for q in queues {
+            for &id in &q.bands[band] {
+                if id & SHARED != 0 {
+                    let s = &q.shared[(id & !SHARED) as usize];
+                    add_shared(&mut rows[s.level], s);
+                    continue;
+                }
+                let e = &q.entries[id as usize];
+                match &e.at.coarse {
+                    None => add(&mut rows[e.at.level], &e.at.fine, &e.g, T::one()),
+                    Some((taps, share)) => {
+                        add(&mut rows[e.at.level], &e.at.fine, &e.g, T::one() - *share);
+                        add(&mut rows[e.at.level + 1], taps, &e.g, *share);
                     }
                 }
             }
-        });
+        }
     }
 }
 
@@ -122,6 +218,17 @@ fn add<T: Real, const C: usize>(rows: &mut Rows<'_, T, C>, taps: &Taps<T>, g: &[
         let i = (taps.index[k] as usize).wrapping_sub(rows.first);
         if let Some(t) = rows.texels.get_mut(i) {
             add_scaled(t, g, w[k] * scale);
+        }
+    }
+}
+
+/// Adds the texels that fall into the band's rows.
+#[inline(always)]
+fn add_shared<T: Real, const C: usize>(rows: &mut Rows<'_, T, C>, s: &Shared<T, C>) {
+    for k in 0..4 {
+        let i = (s.index[k] as usize).wrapping_sub(rows.first);
+        if let Some(t) = rows.texels.get_mut(i) {
+            add_scaled(t, &s.g[k], T::one());
         }
     }
 }

@@ -75,7 +75,7 @@ fn gradients_of_trilinear_lookup() {
         let (g_uv, g_level) = sample_vjp(&t, &at, &g);
         let g_duv = level_of_detail_vjp(&duv, 13, 9, &lod, max, g_level);
         g_x.extend([g_uv.x, g_uv.y, g_duv[0].x, g_duv[0].y, g_duv[1].x, g_duv[1].y]);
-        queues[k % 2].push(&t, &at, &g);
+        queues[k % 2].push(&t, &[at], &[g]);
     }
     check("uv and derivatives", &x, &g_x, 1e-7, 1e-5, |x| trilinear(&base, x, &w));
     let mut g = Pyramid::zeros_like(&t);
@@ -113,7 +113,7 @@ fn scatter_has_the_same_bits_for_any_thread_count() {
             for i in 0..4000 {
                 let uv = vec2(rng.range(0.0, 1.0) as f32, rng.range(0.0, 1.0) as f32);
                 let lod = LevelOfDetail { level: rng.range(-1.0, 4.0) as f32 };
-                queues[i % 5].push(&t, &lookup(&t, uv, Some(&lod), &s), &[1.1, -0.3]);
+                queues[i % 5].push(&t, &[lookup(&t, uv, Some(&lod), &s)], &[[1.1, -0.3]]);
             }
             let mut g = Pyramid::zeros_like(&t);
             Scatter::accumulate(&queues.iter().collect::<Vec<_>>(), &mut g);
@@ -124,6 +124,33 @@ fn scatter_has_the_same_bits_for_any_thread_count() {
     assert_eq!(a, b);
     let sum: f32 = a.levels.iter().flat_map(|l| &l.texels).map(|t| t[0]).sum();
     assert!((sum - 4400.0).abs() < 1.0, "every lookup's weights sum to one: {sum}");
+}
+
+#[test]
+fn lookups_side_by_side_give_what_they_give_alone() {
+    let t = Pyramid::new(random(8, 8, 5));
+    let s = sampler(Wrap::ClampToEdge, Filter::Trilinear);
+    let mut rng = Uniform::new(3);
+    // Ten to a texel along a row of an enlarged texture, with a few that read two levels between them.
+    let at: Vec<_> = (0..80)
+        .map(|i| {
+            let lod = LevelOfDetail { level: if i % 17 == 0 { 0.4 } else { 0.0 } };
+            lookup(&t, vec2((f64::from(i) + 0.5) / 80.0, 0.47), Some(&lod), &s)
+        })
+        .collect();
+    let g: Vec<[f64; 2]> = at.iter().map(|_| [rng.range(-1.0, 1.0), rng.range(-1.0, 1.0)]).collect();
+    let (mut together, mut alone) = (ScatterQueue::default(), ScatterQueue::default());
+    together.push(&t, &at, &g);
+    at.iter().zip(&g).for_each(|(at, g)| alone.push(&t, &[*at], &[*g]));
+    let [a, b] = [together, alone].map(|queue| {
+        let mut g = Pyramid::zeros_like(&t);
+        Scatter::accumulate(&[&queue], &mut g);
+        g.levels.iter().flat_map(|l| l.texels.concat()).collect::<Vec<f64>>()
+    });
+    assert!(a.iter().filter(|x| x.abs() > 1e-3).count() > 20, "texels have gradients");
+    for (a, b) in a.iter().zip(&b) {
+        assert!((a - b).abs() < 1e-12, "{a} together, {b} alone");
+    }
 }
 
 const COVERAGE: MipRule = MipRule::Coverage { colors: 3, alpha: 3 };

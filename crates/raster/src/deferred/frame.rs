@@ -1,19 +1,16 @@
 //! One image: layers, blending, antialiasing; and the reverse pass.
 
-use super::pixel::attribute;
-use super::tile::{Strip, StripGradients, StripPixels};
+use super::tile::{Strip, StripGradients, StripSpans};
 use super::{Geometry, LEAST_TRANSMITTANCE, Masks, Passes, View};
 use crate::antialias::{Pair, antialias, antialias_vjp, silhouettes};
 use crate::maps::CHANNELS;
 use crate::project::{project, project_vjp};
 use crate::rasterize::{NONE, TILE, Visibility, rasterize_into};
 use crate::texture::{Pyramid, Scatter};
-use photofit_scalar::{Real, Vec3, Vec4, vec3};
+use photofit_scalar::wide::Width;
+use photofit_scalar::{Real, Vec3, Vec4, vec3, vec4};
 use photofit_texture::AlphaMode;
 use rayon::prelude::*;
-
-/// Samples handled by one task where tiles do not matter.
-const CHUNK: usize = 1 << 14;
 
 /// One depth layer of an image.
 #[derive(Clone, Debug)]
@@ -27,7 +24,7 @@ pub struct FrameLayer<T> {
     blended: Vec<[T; 4]>,
     /// What lies behind the layer, where alpha has gradients; else empty.
     behind: Vec<[T; 4]>,
-    strips: Vec<StripPixels<T>>,
+    strips: Vec<StripSpans>,
 }
 
 impl<T> Default for FrameLayer<T> {
@@ -166,11 +163,11 @@ pub fn render_into<T: Real>(
         }
         layer.shaded.resize(n, [T::zero(); 4]);
         let FrameLayer { visibility, shaded, strips, .. } = &mut layer;
-        strips.resize_with(view.height.div_ceil(TILE), StripPixels::default);
+        strips.resize_with(view.height.div_ceil(TILE), StripSpans::default);
         let parts = shaded.par_chunks_mut(view.width.max(1) * TILE).zip(strips);
         parts.enumerate().for_each(|(s, (out, kept))| {
             let strip = Strip { geometry, view, passes, maps, clip, visibility, y: s * TILE };
-            strip.shade(kept, out);
+            strip.shade(Width::Avx512, kept, out);
         });
         let visibility = &layer.visibility;
         layer.pairs.clear();
@@ -186,9 +183,14 @@ pub fn render_into<T: Real>(
     let several = view.samples > 1;
     let out = if several { &mut *samples } else { &mut *color };
     out.resize(n, [T::zero(); 4]);
-    magnify(background, view, out, |b| [b[0], b[1], b[2], T::zero()]);
-    for layer in layers.iter_mut().rev() {
-        blend(layer, fits_alpha, out);
+    assert_pixels(background, view, out);
+    for (i, layer) in layers.iter_mut().rev().enumerate() {
+        let under = |y: usize, rows: &mut [[T; 4]]| {
+            if i == 0 {
+                magnify_rows(background, view, y, rows, |b| [b[0], b[1], b[2], T::zero()]);
+            }
+        };
+        blend(layer, fits_alpha, view.width, out, under);
         antialias(&layer.pairs, &layer.blended, out);
     }
     if several {
@@ -218,14 +220,34 @@ pub(super) fn magnify<P: Sync, T: Real>(
     out: &mut [[T; 4]],
     value: impl Fn(&P) -> [T; 4] + Sync,
 ) {
-    let (s, w) = (view.samples.max(1), view.width);
-    assert!(w.is_multiple_of(s) && view.height.is_multiple_of(s), "whole pixels");
+    assert_pixels(pixels, view, out);
+    let strips = out.par_chunks_mut(view.width.max(1) * TILE).enumerate();
+    strips.for_each(|(s, rows)| magnify_rows(pixels, view, s * TILE, rows, &value));
+}
+
+fn assert_pixels<P, T: Real>(pixels: &[P], view: &View<'_, T>, out: &[[T; 4]]) {
+    let s = view.samples.max(1);
+    assert!(view.width.is_multiple_of(s) && view.height.is_multiple_of(s), "whole pixels");
     assert_eq!(pixels.len() * s * s, out.len(), "one value per pixel");
-    out.par_chunks_mut(w.max(1)).enumerate().for_each(|(y, row)| {
+}
+
+/// [`magnify`] of whole rows of samples from row `y` on.
+fn magnify_rows<P, T: Real>(
+    pixels: &[P],
+    view: &View<'_, T>,
+    y: usize,
+    out: &mut [[T; 4]],
+    value: impl Fn(&P) -> [T; 4],
+) {
+    let (s, w) = (view.samples.max(1), view.width);
+    if s == 1 {
+        return out.iter_mut().zip(&pixels[y * w..]).for_each(|(o, p)| *o = value(p));
+    }
+    for (y, row) in (y..).zip(out.chunks_mut(w.max(1))) {
         for (o, p) in row.chunks_mut(s).zip(&pixels[(y / s) * (w / s)..]) {
             o.fill(value(p));
         }
-    });
+    }
 }
 
 /// Whether a fragment of a class with some drawn alpha hides what lies behind, where alpha has a gradient or not.
@@ -261,18 +283,28 @@ pub(super) fn transparent_part<T: Real>(
 }
 
 /// `color = alpha (rgb, 1) + (1 - alpha) color` where the layer has a fragment; kept as the layer's blended colour, and
-/// what it was before too if alpha has gradients.
-pub(super) fn blend<T: Real>(layer: &mut FrameLayer<T>, keep_behind: bool, color: &mut [[T; 4]]) {
+/// what it was before too if alpha has gradients. `under(y, rows)` may write what lies behind into rows from row `y` on
+/// before.
+pub(super) fn blend<T: Real>(
+    layer: &mut FrameLayer<T>,
+    keep_behind: bool,
+    width: usize,
+    color: &mut [[T; 4]],
+    under: impl Fn(usize, &mut [[T; 4]]) + Sync,
+) {
     let FrameLayer { visibility, shaded, blended, behind, .. } = layer;
+    let strip = width.max(1) * TILE;
     blended.resize(color.len(), [T::zero(); 4]);
-    if keep_behind {
-        color.par_iter().copied().collect_into_vec(behind);
-    } else {
-        behind.clear();
-    }
-    let fragments = shaded.par_chunks(CHUNK).zip(visibility.triangle.par_chunks(CHUNK));
-    let colors = color.par_chunks_mut(CHUNK).zip(blended.par_chunks_mut(CHUNK));
-    colors.zip(fragments).for_each(|((color, blended), (shaded, triangle))| {
+    behind.resize(if keep_behind { color.len() } else { 0 }, [T::zero(); 4]);
+    let mut kept: Vec<Option<&mut [[T; 4]]>> = behind.chunks_mut(strip).map(Some).collect();
+    kept.resize_with(color.len().div_ceil(strip), || None);
+    let fragments = shaded.par_chunks(strip).zip(visibility.triangle.par_chunks(strip));
+    let colors = color.par_chunks_mut(strip).zip(blended.par_chunks_mut(strip)).zip(kept);
+    colors.zip(fragments).enumerate().for_each(|(s, (((color, blended), behind), (shaded, triangle)))| {
+        under(s * TILE, color);
+        if let Some(behind) = behind {
+            behind.copy_from_slice(color);
+        }
         for ((c, s), t) in color.iter_mut().zip(shaded).zip(triangle) {
             if *t != NONE {
                 let a = s[3];
@@ -309,10 +341,9 @@ pub fn render_vjp<T: Real>(
     let share = T::one() / T::of((view.samples * view.samples).max(1) as f64);
     magnify(g, view, g_color, |g| g.map(|g| g * share));
     for layer in &frame.layers {
-        let Scratch { g: g_color, shaded: g_shaded, clip: g_clip, .. } = &mut out.scratch;
+        let Scratch { g: g_color, clip: g_clip, .. } = &mut out.scratch;
         let size = (view.width, view.height);
         antialias_vjp(&layer.pairs, &frame.clip, size, &layer.blended, g_color, g_clip);
-        blend_vjp(layer, g_color, g_shaded);
         shade_vjp(geometry, maps, view, passes, frame, layer, out);
     }
     if passes.position_gradients {
@@ -320,21 +351,17 @@ pub fn render_vjp<T: Real>(
     }
 }
 
-/// Adjoint of [`blend`]: writes the gradient of the layer's fragments and turns `g` into that of what lies behind. Alpha
-/// has a gradient where `blend` kept what lies behind.
-pub(super) fn blend_vjp<T: Real>(layer: &FrameLayer<T>, g: &mut [[T; 4]], out: &mut [[T; 4]]) {
-    let fragments = layer.shaded.par_chunks(CHUNK).zip(layer.visibility.triangle.par_chunks(CHUNK));
-    let gradients = g.par_chunks_mut(CHUNK).zip(out.par_chunks_mut(CHUNK));
-    gradients.zip(fragments).enumerate().for_each(|(chunk, ((g, out), (shaded, triangle)))| {
-        let behind = layer.behind.get(chunk * CHUNK..).unwrap_or_default();
-        let fragments = shaded.iter().zip(triangle).zip(g.iter_mut().zip(out)).enumerate();
-        for (i, ((s, t), (g, o))) in fragments {
-            *o = [T::zero(); 4];
-            if *t != NONE {
-                fragment_vjp(s, behind.get(i), g, o);
-            }
+/// Adjoint of [`blend`] for the samples from number `first` on: writes the gradient of the layer's fragments and turns `g`
+/// into that of what lies behind. Alpha has a gradient where `blend` kept what lies behind.
+pub(super) fn blend_vjp<T: Real>(layer: &FrameLayer<T>, first: usize, g: &mut [[T; 4]], out: &mut [[T; 4]]) {
+    let behind = layer.behind.get(first..).unwrap_or_default();
+    let fragments = layer.shaded[first..].iter().zip(&layer.visibility.triangle[first..]);
+    for (i, ((s, t), (g, o))) in fragments.zip(g.iter_mut().zip(out)).enumerate() {
+        *o = [T::zero(); 4];
+        if *t != NONE {
+            fragment_vjp(s, behind.get(i), g, o);
         }
-    });
+    }
 }
 
 #[inline(always)]
@@ -352,7 +379,7 @@ fn fragment_vjp<T: Real>(s: &[T; 4], behind: Option<&[T; 4]>, g: &mut [T; 4], o:
     }
 }
 
-/// Adjoint of shading one layer, whose fragments' gradient is in the scratch memory.
+/// Adjoint of shading and of [`blend`] for one layer; the gradient of the colours in front is in the scratch memory.
 fn shade_vjp<T: Real>(
     geometry: &Geometry<'_, T>,
     maps: &Pyramid<T, CHANNELS>,
@@ -362,14 +389,16 @@ fn shade_vjp<T: Real>(
     layer: &FrameLayer<T>,
     out: &mut Gradients<T>,
 ) {
-    let Scratch { shaded, clip: g_clip, strips, .. } = &mut out.scratch;
+    let Scratch { g, shaded, clip: g_clip, strips } = &mut out.scratch;
     let rows = view.width.max(1) * TILE;
     strips.resize_with(shaded.len().div_ceil(rows), StripGradients::default);
-    let parts = strips.par_iter_mut().zip(&layer.strips).zip(shaded.par_chunks(rows));
-    parts.enumerate().for_each(|(s, ((strip_out, kept), g))| {
+    let parts =
+        strips.par_iter_mut().zip(&layer.strips).zip(g.par_chunks_mut(rows).zip(shaded.par_chunks_mut(rows)));
+    parts.enumerate().for_each(|(s, ((strip_out, kept), (front, g)))| {
         let v = &layer.visibility;
+        blend_vjp(layer, s * rows, front, g);
         let strip = Strip { geometry, view, passes, maps, clip: &frame.clip, visibility: v, y: s * TILE };
-        strip.shade_vjp(kept, g, strip_out);
+        strip.shade_vjp(Width::Avx512, kept, g, strip_out);
     });
     if passes.map_gradients {
         let queues: Vec<_> = strips.iter().map(|s| &s.texels).collect();
@@ -382,19 +411,19 @@ fn shade_vjp<T: Real>(
     let (strips, triangles) = (&*strips, geometry.topology.triangles);
     let (positions, normals, tangents) = (&mut out.positions, &mut out.normals, &mut out.tangents);
     let add = |g: &mut [Vec3<T>], at: usize| {
-        for (triangle, c) in strips.iter().flat_map(|s| &s.corners) {
-            for (i, a) in triangles[*triangle as usize].iter().zip(&c.attributes) {
+        for ((triangle, _), c) in strips.iter().flat_map(|s| s.clips.iter().zip(&s.attributes)) {
+            for (i, a) in triangles[*triangle as usize].iter().zip(c) {
                 g[*i as usize] += vec3(a[at], a[at + 1], a[at + 2]);
             }
         }
     };
     rayon::scope(|s| {
-        s.spawn(|_| add(positions, attribute::POSITION));
-        s.spawn(|_| add(normals, attribute::NORMAL));
-        s.spawn(|_| add(tangents, attribute::TANGENT));
-        for (triangle, c) in strips.iter().flat_map(|s| &s.corners) {
-            for (i, p) in triangles[*triangle as usize].iter().zip(c.clip) {
-                g_clip[*i as usize] += p;
+        s.spawn(|_| add(positions, 0));
+        s.spawn(|_| add(normals, 3));
+        s.spawn(|_| add(tangents, 6));
+        for (triangle, c) in strips.iter().flat_map(|s| &s.clips) {
+            for (k, i) in triangles[*triangle as usize].iter().enumerate() {
+                g_clip[*i as usize] += vec4(c[3 * k], c[3 * k + 1], T::zero(), c[3 * k + 2]);
             }
         }
     });

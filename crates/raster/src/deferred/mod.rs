@@ -1,20 +1,20 @@
 //! Deferred shading of a fitted mesh: visibility, then interpolate, texture, normal map and shade per pixel, then
 //! blending of layers and antialiasing; forward, and the whole list reversed.
 //!
-//! The per-pixel stages run tile by tile, sorted by triangle. Where gradients are asked for, what a covered pixel
-//! computed is kept for the reverse pass (about 220 bytes each): reading it back costs less than computing it again. The
-//! mip level passes no gradient to positions.
+//! The per-pixel stages run tile by tile, sorted by triangle, packets of pixels at a time. The reverse pass computes the
+//! forward one again: that costs less than reading it back. The mip level passes no gradient to positions.
 
+mod alpha;
 #[cfg(feature = "gpu")]
 pub mod composite;
 mod frame;
 #[cfg(feature = "gpu")]
 pub mod gpu;
-mod pixel;
+mod packet;
 mod tile;
 
 pub use frame::{Frame, FrameLayer, Gradients, render, render_into, render_vjp};
-pub use pixel::SAMPLER;
+pub use packet::SAMPLER;
 
 use crate::antialias::Topology;
 use crate::project::Matrix4;

@@ -1,4 +1,4 @@
-// One pixel: interpolate, texture, normal map, shade; forward and adjoint: twin of `pixel.rs`. The kernel declares
+// One pixel: interpolate, texture, normal map, shade; forward and adjoint: twin of `packet.rs`. The kernel declares
 //     var<storage, read> corners: array<vec4<u32>>;
 // and says whether scattering is compensated and what gets gradients:
 //     const COMPENSATED: bool

@@ -2,10 +2,13 @@
 
 use super::*;
 use crate::maps::{CHANNELS, Maps, channel};
-use crate::rasterize::NONE;
-use crate::texture::{MipAdjoint, Pyramid};
+use crate::project::project;
+use crate::rasterize::{NONE, TILE, rasterize};
+use crate::texture::{MipAdjoint, Pyramid, Scatter};
 use photofit_gradcheck::{Uniform, check, max_relative_error};
+use photofit_scalar::wide::Width;
 use photofit_scalar::{vec2, vec3, vec4};
+use tile::{Strip, StripGradients, StripSpans};
 
 const SIZE: usize = 20;
 const TRIANGLES: [[u32; 3]; 4] = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]];
@@ -96,6 +99,35 @@ impl Patch {
             lod_bias: self.lod_bias,
         };
         f(&geometry, &view)
+    }
+
+    /// Bits of the samples and of the gradients of the corners and texels of the first layer, by vectors up to `most`.
+    fn bits(&self, most: Width, g: &[[f64; 4]]) -> Vec<u64> {
+        let maps = self.maps();
+        self.with(|geometry, view| {
+            let (passes, size) = (&Passes::default(), (view.width, view.height));
+            let mut clip = vec![Vec4::zero(); geometry.positions.len()];
+            project(&view.view_projection, geometry.positions, &mut clip);
+            let clip32: Vec<Vec4<f32>> = clip.iter().map(|c| c.cast()).collect();
+            let visibility = &rasterize(&clip32, geometry.topology.triangles, size.0, size.1, None);
+            let mut out = Gradients::new(5, &maps);
+            let mut bits = Vec::new();
+            for y in (0..size.1).step_by(TILE) {
+                let rows = y * size.0..(y + TILE).min(size.1) * size.0;
+                let strip = Strip { geometry, view, passes, maps: &maps, clip: &clip, visibility, y };
+                let (mut kept, mut color) = (StripSpans::default(), vec![[0.0; 4]; rows.len()]);
+                strip.shade(most, &mut kept, &mut color);
+                let mut back = StripGradients::default();
+                strip.shade_vjp(most, &kept, &g[rows], &mut back);
+                Scatter::accumulate(&[&back.texels], &mut out.maps);
+                bits.extend(color.as_flattened().iter().map(|x| x.to_bits()));
+                bits.extend(back.clips.iter().flat_map(|(_, c)| c.map(f64::to_bits)));
+                bits.extend(back.attributes.as_flattened().as_flattened().iter().map(|x| x.to_bits()));
+            }
+            let texels = out.maps.levels.iter().flat_map(|l| l.texels.as_flattened());
+            bits.extend(texels.map(|x| x.to_bits()));
+            bits
+        })
     }
 
     fn loss(&self, weights: &[[f64; 4]], background: &[[f64; 3]], passes: &Passes) -> f64 {
@@ -296,5 +328,20 @@ fn a_pixel_inside_of_a_triangle_is_shaded_as_with_one_sample() {
         let (x, y) = (i % SIZE, i / SIZE);
         let covered = |k: &usize| triangles[(4 * y + k / 4) * SIZE * 4 + 4 * x + k % 4] != NONE;
         assert!((c[3] - (0..16).filter(covered).count() as f64 / 16.0).abs() < 1e-12, "pixel {i}");
+    }
+}
+
+#[test]
+fn bits_are_the_same_for_any_width() {
+    for (samples, shade_per_pixel) in [(1, false), (2, false), (2, true)] {
+        let patch = Patch { samples, shade_per_pixel, lod_bias: 0.3, ..Patch::new(9, 4) };
+        let mut rng = Uniform::new(6);
+        let g: Vec<[f64; 4]> =
+            (0..(SIZE * samples).pow(2)).map(|_| std::array::from_fn(|_| rng.range(-1.0, 1.0))).collect();
+        let base = patch.bits(Width::Base, &g);
+        assert!(base.iter().filter(|b| **b << 1 != 0).count() > 1000, "something is drawn");
+        for width in Width::ALL {
+            assert!(patch.bits(width, &g) == base, "{samples} samples a side, {width:?}");
+        }
     }
 }

@@ -1,13 +1,12 @@
 //! One strip of tiles: the covered samples, sorted by triangle, through the stages of shading. What is shaded at once is
 //! a sample, or all samples of a triangle in a pixel ([`View::shade_per_pixel`]).
 
-use super::pixel::{CornerGradients, Corners, Pixel};
+use super::packet::{AttributeGradient, ClipGradient, LANES, Packet, Scene};
 use super::{Geometry, Passes, View};
-#[cfg(target_arch = "x86_64")]
-use crate::cpu::has_avx2;
 use crate::maps::CHANNELS;
 use crate::rasterize::{NONE, PixelGrid, TILE, Visibility};
 use crate::texture::{Pyramid, ScatterQueue};
+use photofit_scalar::wide::{Kernel, Width, run_up_to};
 use photofit_scalar::{Real, Vec2, Vec4};
 
 /// Inputs of a strip.
@@ -23,208 +22,340 @@ pub(super) struct Strip<'a, T> {
 }
 
 /// The covered samples of a strip, sorted by triangle tile by tile, as the forward pass left them.
-#[derive(Clone, Debug)]
-pub(super) struct StripPixels<T> {
-    /// `triangle << 32 | place of the sample` (see [`Groups`]).
-    keys: Vec<u64>,
-    /// One per group of keys where a reverse pass is to follow: it reads them instead of computing them again.
-    pixels: Vec<Pixel<T>>,
+#[derive(Clone, Debug, Default)]
+pub(super) struct StripSpans {
+    spans: Vec<Span>,
+    /// The end of each tile in `spans`.
+    ends: Vec<usize>,
 }
 
-impl<T> Default for StripPixels<T> {
-    fn default() -> Self {
-        Self { keys: Vec::new(), pixels: Vec::new() }
+/// Samples of a triangle side by side in a row of a block: `triangle << 32 | place of the first << 16 | number` (see
+/// [`Blocks`]).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Span(u64);
+
+impl Span {
+    fn new(triangle: u32, place: usize, len: usize) -> Self {
+        Self(u64::from(triangle) << 32 | (place << 16 | len) as u64)
+    }
+
+    #[inline(always)]
+    fn triangle(self) -> u32 {
+        (self.0 >> 32) as u32
+    }
+
+    #[inline(always)]
+    fn place(self) -> usize {
+        (self.0 >> 16) as usize & 0xffff
+    }
+
+    #[inline(always)]
+    fn len(self) -> usize {
+        self.0 as usize & 0xffff
     }
 }
 
 /// What the reverse pass of a strip collects.
 #[derive(Clone, Debug)]
 pub(super) struct StripGradients<T> {
-    pub corners: Vec<(u32, CornerGradients<T>)>,
+    pub clips: Vec<(u32, ClipGradient<T>)>,
+    /// Of the same triangles; empty without lights.
+    pub attributes: Vec<AttributeGradient<T>>,
     pub texels: ScatterQueue<T, CHANNELS>,
 }
 
 impl<T: Real> Default for StripGradients<T> {
     fn default() -> Self {
-        Self { corners: Vec::new(), texels: ScatterQueue::default() }
+        Self { clips: Vec::new(), attributes: Vec::new(), texels: ScatterQueue::default() }
     }
 }
 
-/// The samples that are shaded at once: blocks of `side` x `side` samples, in which places are counted block by block.
+/// Blocks of `side` x `side` samples of a tile, in which places are counted block by block; what is shaded at once lies in
+/// one.
 #[derive(Clone, Copy)]
-struct Groups {
+struct Blocks {
     side: usize,
-    /// Columns of samples.
-    width: usize,
 }
 
-impl Groups {
+impl Blocks {
+    #[inline(always)]
     fn place(self, x: usize, y: usize) -> usize {
         let s = self.side;
-        ((y / s) * (self.width / s) + x / s) * s * s + (y % s) * s + x % s
+        if s == 1 { y * TILE + x } else { ((y / s) * (TILE / s) + x / s) * s * s + (y % s) * s + x % s }
     }
 
     /// Column and row of a place.
     #[inline(always)]
     fn at(self, place: usize) -> (usize, usize) {
         if self.side == 1 {
-            return (place % self.width, place / self.width);
+            return (place % TILE, place / TILE);
         }
         let (s, area) = (self.side, self.side * self.side);
         let (block, inside) = (place / area, place % area);
-        let columns = self.width / s;
+        let columns = TILE / s;
         ((block % columns) * s + inside % s, (block / columns) * s + inside / s)
     }
 
-    /// Number of the block of a key.
+    /// Number of the block of a span.
     #[inline(always)]
-    fn block(self, key: u64) -> usize {
-        (key & 0xffff_ffff) as usize / (self.side * self.side)
-    }
-
-    /// Mean of the samples' places in normalized device coordinates.
-    #[inline(always)]
-    fn centroid<T: Real>(self, keys: &[u64], grid: &PixelGrid<T>) -> Vec2<T> {
-        let sum = keys.iter().fold(Vec2::zero(), |sum, key| {
-            let (x, y) = self.at((key & 0xffff_ffff) as usize);
-            sum + grid.ndc(x, y)
-        });
-        if keys.len() == 1 { sum } else { sum * (T::one() / T::of(keys.len() as f64)) }
+    fn of(self, span: Span) -> usize {
+        span.place() / (self.side * self.side)
     }
 }
 
-impl<T: Real> Strip<'_, T> {
-    fn groups(&self) -> Groups {
+impl<'a, T: Real> Strip<'a, T> {
+    fn blocks(&self) -> Blocks {
         let side = if self.view.shade_per_pixel { self.view.samples.max(1) } else { 1 };
         assert!(TILE.is_multiple_of(side), "pixels of {side} x {side} samples do not fill tiles of {TILE}");
-        Groups { side, width: self.view.width }
+        Blocks { side }
     }
 
-    /// The grid by whose cells texture footprints are measured.
-    fn footprint(&self, groups: Groups) -> PixelGrid<T> {
-        PixelGrid::new(self.view.width / groups.side, self.view.height / groups.side)
-    }
-
-    fn rows(&self) -> usize {
-        TILE.min(self.view.height - self.y)
+    fn scene(&self, blocks: Blocks) -> Scene<'a, T> {
+        let (view, side) = (self.view, blocks.side);
+        let footprint = PixelGrid::new(view.width / side, view.height / side);
+        Scene { view, passes: self.passes, maps: self.maps, footprint }
     }
 
     /// Collects the covered samples of the strip, each tile's sorted by triangle.
-    fn collect(&self, groups: Groups, keys: &mut Vec<u64>) {
-        let w = self.view.width;
-        keys.clear();
+    fn collect(&self, out: &mut StripSpans) {
+        let (w, blocks) = (self.view.width, self.blocks());
+        let rows = TILE.min(self.view.height - self.y);
+        let StripSpans { spans, ends } = out;
+        spans.clear();
+        ends.clear();
+        let longest = if blocks.side == 1 { TILE } else { blocks.side };
         for x0 in (0..w).step_by(TILE) {
-            let first = keys.len();
-            for y in self.y..self.y + self.rows() {
-                let row = &self.visibility.triangle[y * w..][x0..(x0 + TILE).min(w)];
-                for (x, id) in row.iter().enumerate().filter(|(_, id)| **id != NONE) {
-                    keys.push(u64::from(*id) << 32 | groups.place(x0 + x, y) as u64);
+            let first = spans.len();
+            for y in 0..rows {
+                let row = &self.visibility.triangle[(self.y + y) * w..][x0..(x0 + TILE).min(w)];
+                for (k, part) in row.chunks(longest).enumerate() {
+                    let mut x = k * longest;
+                    for run in part.chunk_by(|a, b| a == b) {
+                        if run[0] != NONE {
+                            spans.push(Span::new(run[0], blocks.place(x, y), run.len()));
+                        }
+                        x += run.len();
+                    }
                 }
             }
-            keys[first..].sort_unstable();
+            spans[first..].sort_unstable();
+            ends.push(spans.len());
         }
     }
 
     /// Writes radiance and alpha of every covered pixel of the strip, and keeps in `kept` what [`Self::shade_vjp`]
-    /// needs, if gradients are asked for.
-    pub(super) fn shade(&self, kept: &mut StripPixels<T>, out: &mut [[T; 4]]) {
-        self.collect(self.groups(), &mut kept.keys);
-        kept.pixels.clear();
-        #[cfg(target_arch = "x86_64")]
-        if has_avx2() {
-            #[expect(unsafe_code, reason = "calling a function compiled for AVX2 and FMA")]
-            // SAFETY: both features were just detected.
-            return unsafe { self.shade_avx2(kept, out) };
+    /// needs. The bits are the same for any width.
+    pub(super) fn shade(&self, most: Width, kept: &mut StripSpans, out: &mut [[T; 4]]) {
+        self.collect(kept);
+        out.fill([T::zero(); 4]);
+        if !kept.spans.is_empty() {
+            run_up_to(most, Shade { strip: self, kept, out });
         }
-        self.shade_any(kept, out);
     }
 
     /// Adjoint of [`Self::shade`] for the gradients `g` of the strip's rows.
-    pub(super) fn shade_vjp(&self, kept: &StripPixels<T>, g: &[[T; 4]], out: &mut StripGradients<T>) {
-        #[cfg(target_arch = "x86_64")]
-        if has_avx2() {
-            #[expect(unsafe_code, reason = "calling a function compiled for AVX2 and FMA")]
-            // SAFETY: both features were just detected.
-            return unsafe { self.shade_vjp_avx2(kept, g, out) };
+    pub(super) fn shade_vjp(
+        &self,
+        most: Width,
+        kept: &StripSpans,
+        g: &[[T; 4]],
+        out: &mut StripGradients<T>,
+    ) {
+        out.clips.clear();
+        out.attributes.clear();
+        out.texels.clear();
+        if !kept.spans.is_empty() {
+            run_up_to(most, ShadeVjp { strip: self, kept, g, out });
         }
-        self.shade_vjp_any(kept, g, out);
     }
 
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2,fma")]
-    fn shade_avx2(&self, kept: &mut StripPixels<T>, out: &mut [[T; 4]]) {
-        self.shade_any(kept, out);
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2,fma")]
-    fn shade_vjp_avx2(&self, kept: &StripPixels<T>, g: &[[T; 4]], out: &mut StripGradients<T>) {
-        self.shade_vjp_any(kept, g, out);
-    }
-
+    /// The samples of the strip, to be packed; with `g`, gradients of the strip's rows.
     #[inline(always)]
-    fn shade_any(&self, kept: &mut StripPixels<T>, out: &mut [[T; 4]]) {
-        let (w, first) = (self.view.width, self.y * self.view.width);
-        let grid = PixelGrid::new(w, self.view.height);
-        let groups = self.groups();
-        let footprint = self.footprint(groups);
-        let keep = self.passes.position_gradients || self.passes.map_gradients;
-        let StripPixels { keys, pixels } = kept;
-        if keep && !self.view.shade_per_pixel {
-            pixels.reserve(keys.len());
-        }
-        out.fill([T::zero(); 4]);
-        for run in keys.chunk_by(|a, b| a >> 32 == b >> 32) {
-            let corners = Corners::load(self.geometry, self.clip, (run[0] >> 32) as usize);
-            for group in run.chunk_by(|a, b| groups.block(*a) == groups.block(*b)) {
-                let f = groups.centroid(group, &grid);
-                let p = Pixel::new(&corners, f, &footprint, self.maps, self.view, self.passes);
-                let color = p.color(&corners, self.view, self.passes);
-                for key in group {
-                    let (x, y) = groups.at((key & 0xffff_ffff) as usize);
-                    out[y * w + x - first] = color;
-                }
-                if keep {
-                    pixels.push(p);
+    fn packing(&'a self, kept: &'a StripSpans, g: Option<&'a [[T; 4]]>) -> Packing<'a, T> {
+        let grid = PixelGrid::new(self.view.width, self.view.height);
+        Packing { strip: self, kept, blocks: self.blocks(), grid, g, tile: 0, span: 0, offset: 0 }
+    }
+}
+
+/// Where the samples of a lane lie.
+#[derive(Clone, Copy, Default)]
+struct Place {
+    /// The sample by its number in the strip; of several the first span.
+    first: u32,
+    /// Number of spans; 0: one sample.
+    spans: u32,
+    /// The tile's first column.
+    column: u32,
+}
+
+/// What is shaded at once, one after the other.
+struct Packing<'a, T> {
+    strip: &'a Strip<'a, T>,
+    kept: &'a StripSpans,
+    blocks: Blocks,
+    grid: PixelGrid<T>,
+    g: Option<&'a [[T; 4]]>,
+    tile: usize,
+    span: usize,
+    /// Samples of the span that are done.
+    offset: usize,
+}
+
+impl<T: Real> Packing<'_, T> {
+    /// Fills a packet with what comes next; false at the end. Sums of gradients are the packet's, and what has none costs
+    /// nothing (equal to the reference, or outside of a mask).
+    #[inline(always)]
+    fn fill(&mut self, packet: &mut Packet<T>, places: &mut [Place; LANES]) -> bool {
+        let Strip { geometry, view, clip, .. } = *self.strip;
+        packet.clear();
+        while packet.len < LANES && self.span < self.kept.spans.len() {
+            while self.span >= self.kept.ends[self.tile] {
+                self.tile += 1;
+            }
+            let spans = &self.kept.spans[..self.kept.ends[self.tile]];
+            let (triangle, first) = (spans[self.span].triangle(), packet.len);
+            while packet.len < LANES && spans.get(self.span).is_some_and(|s| s.triangle() == triangle) {
+                if self.blocks.side == 1 {
+                    self.take_samples(spans[self.span], packet, places);
+                } else {
+                    self.take_block(spans, packet, places);
                 }
             }
+            packet.cover(geometry, clip, !view.lights.is_empty(), triangle, first);
         }
+        packet.len > 0
     }
 
+    /// Takes samples of a span, as many as there is room for.
     #[inline(always)]
-    fn shade_vjp_any(&self, kept: &StripPixels<T>, g: &[[T; 4]], out: &mut StripGradients<T>) {
-        let (w, first) = (self.view.width, self.y * self.view.width);
-        let grid = PixelGrid::new(w, self.view.height);
-        let groups = self.groups();
-        let StripGradients { corners: out_corners, texels } = out;
-        out_corners.clear();
-        texels.clear();
-        let mut pixels = kept.pixels.iter();
-        for run in kept.keys.chunk_by(|a, b| a >> 32 == b >> 32) {
-            let triangle = (run[0] >> 32) as u32;
-            let corners = Corners::load(self.geometry, self.clip, triangle as usize);
-            let mut sum = CornerGradients::default();
-            let blocks = run.chunk_by(|a, b| groups.block(*a) == groups.block(*b));
-            for (group, p) in blocks.zip(&mut pixels) {
-                let mut sum_g = [T::zero(); 4];
-                for key in group {
-                    let (x, y) = groups.at((key & 0xffff_ffff) as usize);
-                    let g = &g[y * w + x - first];
-                    (0..4).for_each(|k| sum_g[k] += g[k]);
-                }
-                let g = &sum_g;
-                // A pixel whose colour does not matter costs nothing (equal to the reference, or outside of a mask).
-                if g.iter().all(|g| *g == T::zero()) {
+    fn take_samples(&mut self, span: Span, packet: &mut Packet<T>, places: &mut [Place; LANES]) {
+        let (x, y) = (self.tile * TILE + span.place() % TILE, span.place() / TILE);
+        let end = span.len().min(self.offset + LANES - packet.len);
+        let row = y * self.strip.view.width;
+        for x in x + self.offset..x + end {
+            let (at, lane) = (row + x, packet.len);
+            if let Some(g) = self.g {
+                let g = g[at];
+                if g[0] == T::zero() && g[1] == T::zero() && g[2] == T::zero() && g[3] == T::zero() {
                     continue;
                 }
-                let f = groups.centroid(group, &grid);
-                let (at, g_texel) = p.vjp(&corners, f, self.maps, self.view, self.passes, g, &mut sum);
-                if self.passes.map_gradients {
-                    texels.push(self.maps, &at, &g_texel);
+                for k in 0..4 {
+                    packet.g[k][lane] = g[k];
                 }
             }
-            if self.passes.position_gradients {
-                out_corners.push((triangle, sum));
+            let f = self.grid.ndc(x, self.strip.y + y);
+            (packet.f[0][lane], packet.f[1][lane]) = (f.x, f.y);
+            places[lane] = Place { first: at as u32, spans: 0, column: 0 };
+            packet.len += 1;
+        }
+        self.offset = end;
+        if end == span.len() {
+            (self.span, self.offset) = (self.span + 1, 0);
+        }
+    }
+
+    /// Takes the samples of the triangle in a block as one, at the mean of their places.
+    #[inline(always)]
+    fn take_block(&mut self, spans: &[Span], packet: &mut Packet<T>, places: &mut [Place; LANES]) {
+        let (first, block) = (self.span, self.blocks.of(spans[self.span]));
+        let (column, width, lane) = (self.tile * TILE, self.strip.view.width, packet.len);
+        let triangle = spans[first].triangle();
+        let (mut f, mut g_sum, mut count) = (Vec2::zero(), [T::zero(); 4], 0);
+        while let Some(span) = spans.get(self.span).copied() {
+            if span.triangle() != triangle || self.blocks.of(span) != block {
+                break;
+            }
+            let (x, y) = self.blocks.at(span.place());
+            for x in column + x..column + x + span.len() {
+                f += self.grid.ndc(x, self.strip.y + y);
+                if let Some(g) = self.g {
+                    for (sum, g) in g_sum.iter_mut().zip(&g[y * width + x]) {
+                        *sum += *g;
+                    }
+                }
+            }
+            count += span.len();
+            self.span += 1;
+        }
+        if self.g.is_some() && g_sum.iter().all(|g| *g == T::zero()) {
+            return;
+        }
+        let share = T::one() / T::of(count as f64);
+        (packet.f[0][lane], packet.f[1][lane]) = (f.x * share, f.y * share);
+        for k in 0..4 {
+            packet.g[k][lane] = g_sum[k];
+        }
+        places[lane] =
+            Place { first: first as u32, spans: (self.span - first) as u32, column: column as u32 };
+        packet.len += 1;
+    }
+
+    /// Writes the colour of a lane to its samples.
+    #[inline(always)]
+    fn write(&self, place: Place, color: [T; 4], out: &mut [[T; 4]]) {
+        if place.spans == 0 {
+            out[place.first as usize] = color;
+            return;
+        }
+        for span in &self.kept.spans[place.first as usize..][..place.spans as usize] {
+            let (x, y) = self.blocks.at(span.place());
+            let first = y * self.strip.view.width + place.column as usize + x;
+            out[first..first + span.len()].fill(color);
+        }
+    }
+}
+
+/// [`Strip::shade`].
+struct Shade<'a, T> {
+    strip: &'a Strip<'a, T>,
+    kept: &'a StripSpans,
+    out: &'a mut [[T; 4]],
+}
+
+impl<T: Real> Kernel for Shade<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { strip, kept, out } = self;
+        let scene = strip.scene(strip.blocks());
+        let (mut packet, mut places) = (Packet::new(), [Place::default(); LANES]);
+        let mut packing = strip.packing(kept, None);
+        while packing.fill(&mut packet, &mut places) {
+            packet.shade(&scene);
+            for lane in 0..packet.len {
+                packing.write(places[lane], packet.color(&scene, lane), out);
+            }
+        }
+    }
+}
+
+/// [`Strip::shade_vjp`].
+struct ShadeVjp<'a, T> {
+    strip: &'a Strip<'a, T>,
+    kept: &'a StripSpans,
+    g: &'a [[T; 4]],
+    out: &'a mut StripGradients<T>,
+}
+
+impl<T: Real> Kernel for ShadeVjp<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { strip, kept, g, out } = self;
+        let Strip { geometry, view, passes, maps, .. } = *strip;
+        let scene = strip.scene(strip.blocks());
+        let (mut packet, mut places) = (Packet::new(), [Place::default(); LANES]);
+        let mut packing = strip.packing(kept, Some(g));
+        while packing.fill(&mut packet, &mut places) {
+            packet.shade_vjp(&scene, !geometry.alpha.is_empty());
+            if passes.map_gradients {
+                let (at, g) = packet.lookups();
+                out.texels.push(maps, at, g);
+            }
+            if passes.position_gradients {
+                packet.reduce(!view.lights.is_empty(), &mut out.clips, &mut out.attributes);
             }
         }
     }

@@ -139,9 +139,9 @@ fn on_cpu(input: &Input, passes: &Passes, fits_alpha: bool, last: bool) -> Outpu
     }
     let mut layer = FrameLayer::default();
     (layer.visibility, layer.shaded) = (visibility, input.shaded.clone());
-    frame::blend(&mut layer, fits_alpha, &mut color);
+    frame::blend(&mut layer, fits_alpha, view.width, &mut color, |_, _| ());
     let (mut g_behind, mut g_shaded) = (input.g.clone(), vec![[0.0; 4]; SAMPLES]);
-    frame::blend_vjp(&layer, &mut g_behind, &mut g_shaded);
+    frame::blend_vjp(&layer, 0, &mut g_behind, &mut g_shaded);
     let hides = frame::hides(passes, fits_alpha);
     let front = frame::transparent_part(&geometry, &layer.visibility, &layer.shaded, hides);
     let mut average = Vec::new();

@@ -101,7 +101,7 @@ fn on_cpu(
         out.derivatives.push([uv.x, uv.y, level]);
         let mut g = *g;
         g.iter_mut().zip(fitted).filter(|(_, f)| !f).for_each(|(g, _)| *g = 0.0);
-        queue.push(p, &at, &g);
+        queue.push(p, &[at], &[g]);
     }
     let mut texels = Pyramid::zeros_like(p);
     Scatter::accumulate(&[&queue], &mut texels);
