@@ -1,6 +1,6 @@
 //! A level that becomes the next one: a morph target that moves its vertices onto the surface of the next level.
 //!
-//! Geomorphs (`hoppe1996progressive`, `hoppe1997view`): a viewer raises the weight of the target from 0 to 1 while the asset
+//! Geomorphs (`hoppe1996`, `hoppe1997`): a viewer raises the weight of the target from 0 to 1 while the asset
 //! shrinks towards the size of the switch, where the next level takes over without a jump of its shape. Vertices keep their texture
 //! coordinates: what the textures of both levels differ in still changes at the switch.
 
@@ -246,7 +246,8 @@ fn with_target(level: &Scene, moves: &Moves, name: &str) -> Scene {
 pub fn weighted(level: &Scene, weight: f32) -> Scene {
     let mut scene = level.clone();
     if let Some(hierarchy) = scene.hierarchy.as_mut().map(Arc::make_mut) {
-        hierarchy.meshes.iter_mut().for_each(|mesh| mesh.weights = vec![weight]);
+        let moving = hierarchy.meshes.iter_mut().filter(|mesh| mesh.targets() > 0);
+        moving.for_each(|mesh| mesh.weights = vec![weight]);
     }
     let pose = scene.pose(None, 0.0);
     scene.set_pose(pose);

@@ -1,8 +1,9 @@
 //! Where the vertices of a level go on the surface of the next one.
 //!
-//! Each goes to the closest point of the next level on the same connected part that faces the same way, those on open
-//! borders and between materials to the closest point of such a line. Corners and edges of the next level that the moved surface would miss draw the nearest
-//! of its vertices, unless a triangle would turn over.
+//! Each goes to the closest point of the next level on a matching connected part that faces the same way, those on open borders
+//! and between materials to the closest point of such a line. Sharp corners that the moved surface would miss draw the nearest of
+//! its vertices; then vertices move along their normals until both surfaces lie about each other. Texels hardly move along the
+//! surface, and no triangle turns over.
 
 use super::surface::{NONE, Surface, accel, area_normal};
 use crate::FitError;
