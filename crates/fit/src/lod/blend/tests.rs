@@ -74,7 +74,7 @@ fn moved(level: &Scene, moves: &Moves, primitive: usize) -> Vec<Vec3f> {
 fn a_rock_comes_onto_the_next_level_and_no_triangle_turns_over() {
     let whole = shapes::displaced_sphere(10, 0.25, 4, 3);
     let fine = decimated(&whole, 600);
-    let (fine, coarse) = (level(&[fine.clone()]), level(&[decimated(&fine, 150)]));
+    let (fine, coarse) = (level(std::slice::from_ref(&fine)), level(&[decimated(&fine, 150)]));
     let made = moves(&fine, &coarse, QUARTER).unwrap();
     let (before, after) = (made.before, made.after);
     assert!(after.mean < 0.6 * before.mean, "{before:?} {after:?}");
@@ -165,7 +165,7 @@ fn borders_stay_borders_and_vertices_that_stay_stay_to_the_bit() {
 fn layers_and_the_sides_of_thin_parts_are_not_confused() {
     let sphere = |radius: f32, frequency: u32| {
         let mut mesh = shapes::icosphere(frequency);
-        mesh.positions.iter_mut().for_each(|p| *p = *p * radius);
+        mesh.positions.iter_mut().for_each(|p| *p *= radius);
         mesh
     };
     // The next level's faces of the outer sphere lie inside of the inner one.
@@ -183,7 +183,7 @@ fn layers_and_the_sides_of_thin_parts_are_not_confused() {
     let mut lens = shapes::uv_sphere(24, 12);
     lens.positions.iter_mut().for_each(|p| p.y *= 0.02);
     let lens = with_normals(lens);
-    let (fine, coarse) = (level(&[lens.clone()]), level(&[decimated(&lens, 80)]));
+    let (fine, coarse) = (level(std::slice::from_ref(&lens)), level(&[decimated(&lens, 80)]));
     let made = moves(&fine, &coarse, QUARTER).unwrap();
     let above = |p: &Vec3f| if p.y.abs() > 0.008 { p.y.signum() } else { 0.0 };
     let sides = lens.positions.iter().zip(moved(&fine, &made, 0));
@@ -224,7 +224,7 @@ fn normals_become_those_of_the_next_level() {
 fn the_target_is_read_back_and_normals_are_taken_where_they_help() {
     let whole = shapes::displaced_sphere(8, 0.25, 4, 3);
     let fine = decimated(&whole, 400);
-    let (fine, coarse) = (level(&[fine.clone()]), level(&[decimated(&fine, 100)]));
+    let (fine, coarse) = (level(std::slice::from_ref(&fine)), level(&[decimated(&fine, 100)]));
     for helps in [true, false] {
         let better = |scene: &Scene| {
             let normals = scene.primitives[0].mesh.normals.iter().zip(&fine.primitives[0].mesh.normals);
