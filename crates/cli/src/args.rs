@@ -301,6 +301,11 @@ pub(crate) struct Simplify {
     /// Also write all levels of --lod as one file with `MSFT_lod` and `MSFT_screencoverage`: OUT.lods.glb.
     #[arg(long, requires = "lod")]
     pub(crate) msft_lod: bool,
+    /// Give each level of --lod but the last a morph target that turns its shape into that of the next level: a viewer that raises
+    /// the weight from 0 at the size of the level to 1 at the size of the switch (OUT.lods.json has both) sees no jump of the shape there.
+    /// Needs two levels or more; does not go with --max-bytes.
+    #[arg(long, requires = "lod")]
+    pub(crate) continuous: bool,
     /// What the fit starts from.
     #[arg(long, value_enum, default_value = "decimate")]
     pub(crate) init: Start,
@@ -419,6 +424,9 @@ impl Simplify {
     fn check(&self) -> Result<(), String> {
         if self.fit_with == FitWith::Path && self.reference != FitReference::Path {
             return Err("--fit-with is path, but --reference is raster; it must be path, too".into());
+        }
+        if self.continuous && self.max_bytes.is_some() {
+            return Err("--continuous adds morph targets to a level once the next one is there, and --max-bytes bounds the file before; leave one of them out".into());
         }
         self.lighting.check()?;
         match (self.textures, self.jpeg.or(self.texture_quality)) {

@@ -122,6 +122,14 @@ fn text(path: &Path, scene: &Scene) -> String {
     for (i, image) in scene.images.iter().enumerate() {
         out += &format!("  image {i}{}: {} x {}\n", named(&image.name), image.width, image.height);
     }
+    for (i, mesh) in scene.hierarchy.iter().flat_map(|h| &h.meshes).enumerate() {
+        if mesh.targets() > 0 {
+            let targets = counted(mesh.targets(), "morph target");
+            let names = mesh.target_names().map(|name| format!("{name:?}")).collect::<Vec<_>>().join(", ");
+            let names = if names.is_empty() { names } else { format!(": {names}") };
+            out += &format!("  mesh {i}{}: {targets}{names}\n", named(&mesh.name));
+        }
+    }
     for (i, a) in scene.hierarchy.iter().flat_map(|h| &h.animations).enumerate() {
         out += &format!("  animation {i}{}: {:.3} s\n", named(&a.name), a.duration());
     }
@@ -214,6 +222,9 @@ fn to_json(path: &Path, scene: &Scene) -> Value {
         "primitives": primitives,
         "materials": materials,
         "images": images,
+        "morph_targets": scene.hierarchy.iter().flat_map(|h| &h.meshes).map(|mesh| json!({
+            "mesh": mesh.name, "count": mesh.targets(), "names": mesh.target_names().collect::<Vec<_>>(),
+        })).filter(|mesh| mesh["count"] != 0).collect::<Vec<_>>(),
         "animations": scene.hierarchy.iter().flat_map(|h| &h.animations).map(|a| json!({
             "name": a.name, "seconds": a.duration(),
         })).collect::<Vec<_>>(),

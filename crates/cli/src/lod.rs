@@ -13,7 +13,8 @@ use photofit_fit::FitError;
 use photofit_fit::engine::chain::part_folder;
 use photofit_fit::engine::judge::Judged;
 use photofit_fit::lod::{
-    Level, LodChain, LodOptions, combined_path, level_path, report_folder, simplify_chain, summary_path,
+    Apart, Blend, Level, LodChain, LodOptions, combined_path, level_path, report_folder, simplify_chain,
+    summary_path,
 };
 use photofit_fit::report::PAGE;
 use photofit_fit::simplify::{TRACED_FOLDER, too_large_path};
@@ -54,6 +55,7 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
         sizes: a.lod.clone(),
         triangles: a.lod_triangles.clone(),
         combined: a.msft_lod,
+        continuous: a.continuous,
         fit: options(a)?,
         texture_size: a.texture_size,
     };
@@ -132,7 +134,12 @@ fn tell(a: &Simplify, scene: &Scene, chain: &LodChain) -> Result<(Value, Option<
         unwritten = unwritten.or(failed);
         figures["size"] = json!(level.size);
         figures["switch_size"] = json!(level.switch_size);
-        figures["popping_flip"] = json!(level.popping);
+        figures["popping_flip"] = json!(level.popping.map(|p| p.flip));
+        figures["popping_outline"] = json!(level.popping.map(|p| p.outline));
+        if let Some(blend) = &level.blend {
+            figures["blend"] = blended(blend);
+            print(&told(level, blend))?;
+        }
         levels.push(figures);
         print("\n")?;
     }
@@ -145,6 +152,49 @@ fn tell(a: &Simplify, scene: &Scene, chain: &LodChain) -> Result<(Value, Option<
     }
     let combined = chain.combined.as_deref().map(shown);
     Ok((json!({ "levels": levels, "stopped": chain.stopped, "combined": combined }), unwritten))
+}
+
+/// How a level becomes the next one.
+fn blended(b: &Blend) -> Value {
+    let apart = |a: &Apart| {
+        json!({
+            "max": a.largest,
+            "mean": a.mean,
+            "max_back": a.largest_back,
+            "mean_back": a.mean_back,
+        })
+    };
+    json!({
+        "target": b.target,
+        "weight_0_size": b.sizes[0],
+        "weight_1_size": b.sizes[1],
+        "normals": b.normals,
+        "popping_flip": b.popping.flip,
+        "popping_outline": b.popping.outline,
+        "distance_weight_0": apart(&b.before),
+        "distance_weight_1": apart(&b.after),
+        "turned_triangles": b.turned,
+        "flattened_triangles": b.flattened,
+    })
+}
+
+/// The same in a line.
+fn told(level: &Level, b: &Blend) -> String {
+    let (was, is) = (level.popping.unwrap_or_default(), b.popping);
+    let mean = |a: &Apart| 100.0 * a.mean.max(a.mean_back);
+    format!(
+        "turns into {} from {:.0} to {:.0} pixels; at the switch {:.1}% of the covered pixels change in place of {:.1}%, FLIP is {:.3} in \
+         place of {:.3}, the mean distance {:.3}% of the diagonal in place of {:.3}%\n",
+        b.target,
+        b.sizes[0],
+        b.sizes[1],
+        100.0 * is.outline,
+        100.0 * was.outline,
+        is.flip,
+        was.flip,
+        mean(&b.after),
+        mean(&b.before),
+    )
 }
 
 fn shown(path: &Path) -> String {
@@ -173,7 +223,9 @@ fn summarised(chain: &LodChain) -> Value {
             "luminance_ratio": q.luminance,
             "original_psnr": original.map(|q| q.psnr),
             "original_flip": original.map(|q| q.flip),
-            "popping_flip": l.popping,
+            "popping_flip": l.popping.map(|p| p.flip),
+            "popping_outline": l.popping.map(|p| p.outline),
+            "blend": l.blend.as_ref().map(blended),
             "seconds": l.outcome.seconds,
         })
     };

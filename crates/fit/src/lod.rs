@@ -4,8 +4,12 @@
 //! asset, and it is fitted and judged as an engine shows it at its size. What a viewer notices when one level replaces the
 //! next is measured where it happens: FLIP between the two at the size of the switch.
 
+mod blend;
+
+pub use blend::{Apart, Blend, weighted};
+
 use crate::engine::chain::{FitChain, MOST_PARTS, part_folder};
-use crate::engine::judge::{Quality, Stage, popping};
+use crate::engine::judge::{Popping, Quality, Stage, popping};
 use crate::simplify::outcome::beside;
 use crate::simplify::{Asset, Outcome, SimplifyOptions, locks, simplify_asset, with_asset};
 use crate::{FitError, Progress};
@@ -35,6 +39,9 @@ pub struct LodOptions {
     pub triangles: Vec<usize>,
     /// Also writes one file with all levels ([`combined_path`]).
     pub combined: bool,
+    /// Each level but the last gets a morph target that turns it into the next one ([`Blend`]); their bytes are known only when
+    /// the next level is fitted, so that this does not go with [`SimplifyOptions::max_bytes`].
+    pub continuous: bool,
     /// Options of every level. Its budget, size and, where [`Self::texture_size`] gives none, textures are those of the
     /// level; steps are those of the first level, the others, whose shape is fitted already, make half as many; the time
     /// limit is for all fits together: each may take an equal share of what is left.
@@ -54,8 +61,10 @@ pub struct Level {
     pub size: f64,
     /// Size below which the next level replaces it; `None` for the last that was asked for.
     pub switch_size: Option<f64>,
-    /// Mean FLIP between it and the next level at the size of the switch; `None` where there is no next level.
-    pub popping: Option<f64>,
+    /// Change to the next level at the size of the switch; `None` where there is no next level.
+    pub popping: Option<Popping>,
+    /// How it becomes the next level, where that is asked for.
+    pub blend: Option<Blend>,
     /// Figures and pictures.
     pub outcome: Outcome,
 }
@@ -107,7 +116,21 @@ impl LodOptions {
         if budgets.windows(2).any(|w| w[0] <= w[1]) {
             return of_budgets("budgets must fall".into());
         }
+        if self.continuous {
+            self.check_continuous()?;
+        }
         (0..sizes.len()).try_for_each(|k| self.level(k).check(triangles).map_err(of_chain))
+    }
+
+    fn check_continuous(&self) -> Result<(), FitError> {
+        let fail = |rule: &str| Err(FitError::Setting { field: "continuous", rule: rule.into() });
+        if self.sizes.len() < 2 {
+            return fail("blends each level into the next; it needs two levels at least");
+        }
+        if self.fit.max_bytes.is_some() {
+            return fail("adds to levels that are written already; it does not go with most bytes of a file");
+        }
+        Ok(())
     }
 
     /// The options of a level, of which the first is 0.
@@ -295,12 +318,13 @@ fn level(
         simplify_asset(asset, from, &path, &fit, began, progress).map_err(of_chain)
     })?;
     let path = outcome.file.clone();
-    let bytes = std::fs::metadata(&path).map_err(|source| FitError::Io { path: path.clone(), source })?.len();
+    let bytes = bytes(&path)?;
     let (size, switch_size) = (options.sizes[k], options.switch_size(k));
-    Ok(Level { path, bytes, size, switch_size, popping: None, outcome })
+    Ok(Level { path, bytes, size, switch_size, popping: None, blend: None, outcome })
 }
 
-/// Compares neighbouring levels, and writes the file with all of them, unless one is too large; its path.
+/// Compares neighbouring levels, gives them morph targets where that is asked for, and writes the file with all of them, unless one
+/// is too large; its path.
 fn finish(
     asset: Asset<'_>,
     output: &Path,
@@ -309,14 +333,28 @@ fn finish(
 ) -> Result<Option<PathBuf>, FitError> {
     // The file with all levels holds their textures as they are: a second lossy encoding would change them.
     let limits = Limits { keep_encoded: true, ..Limits::default() };
-    let scenes: Vec<Scene> =
+    let mut scenes: Vec<Scene> =
         levels.iter().map(|l| photofit_scene::load_with(&l.path, &limits)).collect::<Result<_, _>>()?;
+    let light = &asset.n.light_asset;
     for k in 1..levels.len() {
-        let size = levels[k - 1].switch_size.unwrap_or(SMALLEST).round() as usize;
-        let [fine, coarse] = [k - 1, k].map(|i| Stage::new("level", scenes[i].clone()));
-        let flip =
-            popping(&asset.n.light_asset, [&fine, &coarse], &options.fit.lighting, size, options.fit.seed)?;
-        levels[k - 1].popping = Some(flip);
+        let size = levels[k - 1].switch_size.unwrap_or(SMALLEST);
+        let popping = |fine: &Scene| {
+            let stages = [fine, &scenes[k]].map(|s| Stage::new("level", s.clone()));
+            let pixels = size.round() as usize;
+            popping(light, [&stages[0], &stages[1]], &options.fit.lighting, pixels, options.fit.seed)
+        };
+        levels[k - 1].popping = Some(popping(&scenes[k - 1])?);
+        if options.continuous {
+            let (fine, coarse) = (&scenes[k - 1], &scenes[k]);
+            let tolerance = blend::TOLERANCE * 2.0 * f64::from(light.frame.radius) / size;
+            let level = &mut levels[k - 1];
+            let sizes = [level.size, size];
+            let (moving, blend) =
+                blend::blend((fine, coarse), &format!("lod{k}"), sizes, tolerance as f32, &popping)?;
+            photofit_scene::save_glb_with(&level.path, &moving, options.fit.compression)?;
+            (level.blend, level.bytes) = (Some(blend), bytes(&level.path)?);
+            scenes[k - 1] = moving;
+        }
     }
     let fit = levels.iter().enumerate().all(|(k, level)| level.path == level_path(output, k));
     let combined = (options.combined && fit).then(|| combined_path(output));
@@ -330,6 +368,11 @@ fn finish(
         photofit_scene::save_glb_lods(path, &scenes, &coverage, options.fit.compression)?;
     }
     Ok(combined)
+}
+
+fn bytes(path: &Path) -> Result<u64, FitError> {
+    let read = std::fs::metadata(path).map_err(|source| FitError::Io { path: path.to_owned(), source });
+    Ok(read?.len())
 }
 
 #[cfg(test)]

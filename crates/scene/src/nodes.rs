@@ -122,6 +122,12 @@ impl NodeMesh {
     pub fn targets(&self) -> usize {
         self.primitives.iter().filter_map(|p| p.bind.as_ref()).map(|b| b.targets.len()).max().unwrap_or(0)
     }
+
+    /// Names of the morph targets, where [`Self::extras`] hold some: those that are text.
+    pub fn target_names(&self) -> impl Iterator<Item = &str> {
+        let names = self.extras.as_ref().and_then(|extras| extras.get("targetNames")?.as_array());
+        names.into_iter().flatten().filter_map(Value::as_str).take(self.targets())
+    }
 }
 
 /// A part of a mesh.

@@ -48,6 +48,64 @@ fn a_chain_in_one_command() {
 }
 
 #[test]
+fn a_continuous_chain_has_targets_that_inspect_shows() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 10, true);
+    let more = ["--steps", "4", "--continuous", "--msft-lod", "--compress", "meshopt", "--json", "f.json"];
+    let o = succeeds(d, &chain("out.glb", &more));
+    assert!(stdout(&o).contains("turns into lod1 from 48 to 34 pixels"), "{}", stdout(&o));
+    let (summary, all) = (json(&d.join("out.lods.json")), json(&d.join("f.json")));
+    for (k, level) in summary["levels"].as_array().unwrap().iter().enumerate() {
+        let blend = &level["blend"];
+        assert_eq!(*blend, all["levels"][k]["blend"]);
+        let file = d.join(level["file"].as_str().unwrap());
+        assert_eq!(level["bytes"].as_u64(), Some(std::fs::metadata(&file).unwrap().len()));
+        let told = stdout(&succeeds(d, &["inspect", level["file"].as_str().unwrap(), "--json", "i.json"]));
+        let inspected = json(&d.join("i.json"));
+        if k == 2 {
+            assert!(blend.is_null() && !told.contains("morph target"), "{told}");
+            assert_eq!(inspected["morph_targets"], serde_json::json!([]));
+            continue;
+        }
+        let name = format!("lod{}", k + 1);
+        assert!(told.contains(&format!("1 morph target: {name:?}")), "{told}");
+        assert_eq!(
+            (&inspected["morph_targets"][0]["names"][0], &blend["target"]),
+            (&name.clone().into(), &name.into())
+        );
+        assert_eq!(
+            (&blend["weight_0_size"], &blend["weight_1_size"]),
+            (&level["size"], &level["switch_size"])
+        );
+        let number = |v: &Value| v.as_f64().unwrap();
+        assert!(number(&blend["popping_outline"]) < number(&level["popping_outline"]), "{level}");
+        let mean = |when: &str| number(&blend[when]["mean"]);
+        assert!(mean("distance_weight_1") < mean("distance_weight_0"), "{level}");
+        assert_eq!(blend["turned_triangles"], 0);
+    }
+    assert!(stdout(&succeeds(d, &["inspect", "out.lods.glb"])).contains("1 morph target: \"lod1\""));
+}
+
+#[test]
+fn continuous_chains_go_with_what_else_levels_have() {
+    for more in [&["--textures", "none"][..], &["--keep-uvs"], &["--lock-borders"], &["--jpeg"]] {
+        let dir = tempfile::tempdir().unwrap();
+        let d = dir.path();
+        write_rock(d, 8, true);
+        let line = ["simplify", "rock.glb", "-o", "out.glb", "--lod", "32,16", "--lod-triangles", "200,80"];
+        let steps = if more == ["--keep-uvs"] { &[][..] } else { &["--steps", "1", "--batch", "1"] };
+        succeeds(d, &[&line[..], &["--continuous"], steps, more].concat());
+        let level = photofit_scene::load(d.join("out.glb")).unwrap();
+        let meshes = &level.hierarchy.as_ref().unwrap().meshes;
+        assert!(!meshes.is_empty() && meshes.iter().all(|m| m.targets() == 1), "{more:?}");
+        let blend = &json(&d.join("out.lods.json"))["levels"][0]["blend"];
+        let mean = |when: &str| blend[when]["mean"].as_f64().unwrap();
+        assert!(mean("distance_weight_1") < mean("distance_weight_0"), "{more:?}: {blend}");
+    }
+}
+
+#[test]
 fn no_level_replaces_an_input_or_another_output() {
     let dir = tempfile::tempdir().unwrap();
     let d = dir.path();
@@ -82,6 +140,17 @@ fn sizes_and_budgets_are_checked() {
         (&["--lod", "64,8"], 2, "16 to 1024"),
         (&["--lod", "64", "--ratio", "0.1"], 2, "cannot be used with"),
         (&["--msft-lod"], 2, "--lod"),
+        (&["--continuous"], 2, "--lod"),
+        (
+            &["--continuous", "--lod", "64"],
+            2,
+            "--continuous blends each level into the next; it needs two levels at least",
+        ),
+        (
+            &["--continuous", "--lod", "64,32", "--max-bytes", "90000"],
+            2,
+            "--continuous adds morph targets to a level once the next one is there, and --max-bytes",
+        ),
     ] {
         let o = photofit(d, &[&["simplify", "rock.glb", "-o", "out.glb"], more].concat());
         assert_eq!(o.status.code(), Some(status), "{more:?}: {}", stderr(&o));

@@ -44,6 +44,12 @@ struct Attributes {
 }
 
 impl SurfacePoint {
+    /// A corner of a triangle.
+    pub(crate) fn corner(triangle: u32, k: usize) -> Self {
+        let [u, v] = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]][k];
+        Self { triangle, u, v }
+    }
+
     fn weights(&self) -> [f32; 3] {
         [1.0 - self.u - self.v, self.u, self.v]
     }

@@ -4,7 +4,7 @@ use super::*;
 use crate::Silent;
 use crate::simplify::too_large_path;
 use photofit_geometry::shapes::displaced_sphere;
-use photofit_scene::{Instance, Material, Primitive};
+use photofit_scene::{Compression, Instance, Material, Primitive};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 fn rock() -> Scene {
@@ -22,6 +22,7 @@ fn options() -> LodOptions {
         sizes: vec![48.0, 24.0, 16.0],
         triangles: vec![400, 150, 60],
         combined: true,
+        continuous: false,
         fit: SimplifyOptions {
             steps: 12,
             batch: 1,
@@ -68,7 +69,7 @@ fn levels_fall_in_triangles_and_bytes_and_are_judged_at_their_size() {
         assert_eq!(level.outcome.stages[0].0, "original");
         let q = level.quality();
         assert!(q.psnr > 18.0 && (q.luminance - 1.0).abs() < 0.1, "level {k}: {q:?}");
-        let seen = level.popping.is_some_and(|flip| flip > 0.0 && flip < 0.5);
+        let seen = level.popping.is_some_and(|p| p.flip > 0.0 && p.flip < 0.5 && p.outline < 0.2);
         assert_eq!(seen, k < 2, "level {k}: {:?}", level.popping);
     }
     assert!(chain.levels.windows(2).all(|w| w[1].bytes < w[0].bytes));
@@ -76,6 +77,57 @@ fn levels_fall_in_triangles_and_bytes_and_are_judged_at_their_size() {
     assert_eq!(chain.levels[2].switch_size, None);
     let combined = photofit_scene::load(chain.combined.unwrap()).unwrap();
     assert_eq!(combined.triangle_count(), chain.levels[0].outcome.triangles_out, "the finest level is shown");
+}
+
+#[test]
+fn a_continuous_chain_turns_each_level_into_the_next() {
+    let dir = tempfile::tempdir().unwrap();
+    let [plain, turning] = ["plain.glb", "turning.glb"].map(|name| dir.path().join(name));
+    let continuous = |compression| {
+        let fit = SimplifyOptions { compression, ..options().fit };
+        LodOptions { continuous: true, fit, ..options() }
+    };
+    let before = simplify_chain(&rock(), &plain, &options(), &Silent).unwrap();
+    let chain = simplify_chain(&rock(), &turning, &continuous(Compression::None), &Silent).unwrap();
+    let file = |path: &Path| photofit_scene::load(path).unwrap();
+    for (k, (level, was)) in chain.levels.iter().zip(&before.levels).enumerate() {
+        assert_eq!((level.popping, level.quality()), (was.popping, was.quality()));
+        let scene = file(&level.path);
+        let rest = |scene: &Scene| -> Vec<_> {
+            let all = scene.primitives.iter().map(|p| &p.mesh);
+            all.map(|m| (m.positions.clone(), m.uvs.clone(), m.triangles.clone())).collect()
+        };
+        assert_eq!(rest(&scene), rest(&file(&was.path)), "at rest it is the same to the bit");
+        let mesh = &scene.hierarchy.as_ref().unwrap().meshes[0];
+        let names: Vec<&str> = mesh.target_names().collect();
+        assert_eq!(level.bytes, std::fs::metadata(&level.path).unwrap().len());
+        let (Some(blend), Some(popping)) = (&level.blend, level.popping) else {
+            assert_eq!((k, mesh.targets()), (2, 0), "the coarsest level turns into nothing");
+            assert_eq!(std::fs::read(&level.path).unwrap(), std::fs::read(&was.path).unwrap());
+            continue;
+        };
+        assert_eq!((mesh.targets(), names), (1, vec![blend.target.as_str()]));
+        assert_eq!(blend.target, format!("lod{}", k + 1));
+        assert_eq!(blend.sizes, [level.size, level.switch_size.unwrap()]);
+        assert!(level.bytes > was.bytes);
+        assert!(blend.popping.outline < popping.outline, "{k}: {popping:?} {blend:?}");
+        assert!(blend.popping.flip < popping.flip, "{k}: {popping:?} {blend:?}");
+        assert!(blend.after.mean < 0.7 * blend.before.mean, "{k}: {blend:?}");
+        assert_eq!(blend.turned, 0);
+    }
+    let combined = file(&chain.combined.unwrap());
+    assert_eq!(combined.hierarchy.as_ref().unwrap().meshes[0].targets(), 1);
+    // Compressed, the target is on the grid of the positions.
+    let small = dir.path().join("small.glb");
+    let chain = simplify_chain(&rock(), &small, &continuous(Compression::Meshopt), &Silent).unwrap();
+    for (name, k) in [("turning.glb", 0), ("turning.lod1.glb", 1)] {
+        let [a, b] =
+            [&dir.path().join(name), &chain.levels[k].path].map(|p| weighted(&file(p), 1.0).flatten());
+        let accel = photofit_rays::Accel::build(&a.mesh.positions, &a.mesh.triangles).unwrap();
+        let away = |p: &photofit_scalar::Vec3f| accel.closest_point(*p, f32::INFINITY).unwrap().distance;
+        let mean = b.mesh.positions.iter().map(away).sum::<f32>() / b.mesh.positions.len() as f32;
+        assert!(mean < 2e-3, "level {k}: {mean}");
+    }
 }
 
 #[test]
@@ -172,6 +224,14 @@ fn errors_name_the_field_what_it_is_and_what_it_must_be() {
         assert_eq!(with(sizes, triangles).check(500).unwrap_err().to_string(), message);
     }
     assert!(with(&[512.0, 128.0, 32.0], &[400, 100, 50]).check(500).is_ok());
+    let continuous = |sizes: &[f64], max_bytes| {
+        let fit = SimplifyOptions { max_bytes, ..SimplifyOptions::default() };
+        LodOptions { continuous: true, fit, ..with(sizes, &[]) }
+    };
+    assert!(continuous(&[64.0, 32.0], None).check(500).is_ok());
+    let refused = |options: LodOptions| options.check(500).unwrap_err().to_string();
+    assert!(refused(continuous(&[64.0], None)).contains("continuous blends each level into the next"));
+    assert!(refused(continuous(&[64.0, 32.0], Some(9000))).contains("does not go with most bytes"));
 }
 
 #[test]

@@ -2,9 +2,10 @@
 
 use super::compress::{Compression, Rounding};
 use super::order::ordered;
-use super::{INDICES, VERTICES, Writer};
+use super::{INDICES, VERTICES, Writer, named, with_extras};
 use crate::error::{Fault, fault};
 use crate::flat::{for_file, moved_tangent};
+use crate::nodes::NodeMesh;
 use crate::skin::{Bind, unit_tangent};
 use crate::{Instance, Scene};
 use glam::{Affine3A, Quat, Vec3};
@@ -12,10 +13,22 @@ use photofit_geometry::Mesh;
 use photofit_geometry::skinning::Affine;
 use photofit_scalar::{Vec3f, Vec4f, vec3};
 use serde_json::{Map, Value, json};
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
-/// Writes placed primitives as meshes and these instances of them as nodes.
-pub(super) fn write(scene: &Scene, instances: &[Instance], writer: &mut Writer) -> Result<(), Fault> {
+/// A primitive with morph targets, and the mesh that it is a part of.
+#[derive(Clone, Copy)]
+pub(super) struct Morphed<'a> {
+    pub(super) bind: &'a Bind,
+    pub(super) mesh: &'a NodeMesh,
+}
+
+/// Writes placed primitives as meshes and these instances of them as nodes; those of `morphed`, by index, with their targets.
+pub(super) fn write(
+    scene: &Scene,
+    instances: &[Instance],
+    morphed: &BTreeMap<usize, Morphed<'_>>,
+    writer: &mut Writer,
+) -> Result<(), Fault> {
     let mut meshes: HashMap<usize, usize> = HashMap::new();
     for instance in instances {
         let primitive = &scene.primitives[instance.primitive];
@@ -26,11 +39,13 @@ pub(super) fn write(scene: &Scene, instances: &[Instance], writer: &mut Writer) 
         check_finite(&primitive.mesh, &instance.transform)
             .map_err(|rule| fault(format!("primitive {}", instance.primitive), rule))?;
         let mesh = || for_file(primitive, &scene.materials[primitive.material]);
+        let morphed = morphed.get(&instance.primitive);
         match Trs::of(&instance.transform) {
             Some(trs) => {
-                let mesh = *meshes
-                    .entry(instance.primitive)
-                    .or_insert_with(|| write_mesh(&mesh(), primitive.material, writer));
+                let mesh = *meshes.entry(instance.primitive).or_insert_with(|| match morphed {
+                    Some(morphed) => write_morphed(*morphed, primitive.material, writer),
+                    None => write_mesh(&mesh(), primitive.material, writer),
+                });
                 writer.top(trs.node(mesh));
             }
             None => {
@@ -122,6 +137,16 @@ fn transformed(mesh: &Mesh, transform: &Affine3A) -> Mesh {
 fn write_mesh(mesh: &Mesh, material: usize, writer: &mut Writer) -> usize {
     let primitive = primitive_value(mesh, material, writer);
     writer.meshes.push(json!({"primitives": [primitive]}));
+    writer.meshes.len() - 1
+}
+
+fn write_morphed(Morphed { bind, mesh }: Morphed<'_>, material: usize, writer: &mut Writer) -> usize {
+    let primitive = bind_primitive(bind, material, writer);
+    let mut value = json!({"primitives": [primitive]});
+    if !mesh.weights.is_empty() {
+        value["weights"] = json!(mesh.weights);
+    }
+    writer.meshes.push(with_extras(named(value, &mesh.name), &mesh.extras));
     writer.meshes.len() - 1
 }
 

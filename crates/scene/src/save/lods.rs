@@ -2,13 +2,17 @@
 
 use super::{Compression, Writer, extensions, geometry, material, write, write_camera};
 use crate::error::{Fault, fault};
+use crate::nodes::Hierarchy;
 use crate::{Scene, SceneError};
+use geometry::Morphed;
 use serde_json::json;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Writes levels of detail of one asset as one `.glb`, finest first, with `MSFT_lod`: the scene lists the node of the
 /// finest level, which names those of the others. Readers without the extension show the finest level alone. Cameras,
-/// lights and what the file says about itself are those of the finest level; node hierarchies are not written.
+/// lights and what the file says about itself are those of the finest level; of node hierarchies morph targets alone are written,
+/// with the weights, names and extras of their meshes, where no skin moves them.
 ///
 /// `coverage` goes into the extras `MSFT_screencoverage`: for each level the smallest share of the screen that the asset
 /// covers while this level is shown, falling; 0 for the last: it never vanishes.
@@ -42,9 +46,10 @@ fn encode(levels: &[Scene], coverage: &[f64], compression: Compression) -> Resul
     }
     let (merged, ends) = merged(levels);
     let mut writer = Writer::new(compression, merged.primitives.iter().map(|p| &p.mesh));
+    let morphed = morphed(levels);
     let (mut nodes, mut first) = (Vec::with_capacity(levels.len()), 0);
     for (k, end) in ends.into_iter().enumerate() {
-        geometry::write(&merged, &merged.instances[first..end], &mut writer)?;
+        geometry::write(&merged, &merged.instances[first..end], &morphed, &mut writer)?;
         // The node of a level stands for all of it; the scene does not list its parts.
         let parts = std::mem::take(&mut writer.roots);
         nodes.push(writer.nodes.len());
@@ -65,6 +70,27 @@ fn encode(levels: &[Scene], coverage: &[f64], compression: Compression) -> Resul
     extensions::write_lights(&finest.lights, &mut writer)?;
     material::write(&merged, &mut writer)?;
     writer.finish(&merged)
+}
+
+/// The primitives of all levels as one scene that have morph targets and no skin.
+fn morphed(levels: &[Scene]) -> BTreeMap<usize, Morphed<'_>> {
+    let (mut out, mut first) = (BTreeMap::new(), 0);
+    for level in levels {
+        let placed = level.hierarchy.iter().flat_map(|h| level.instances.iter().zip(placed(h)));
+        out.extend(placed.filter_map(|(i, morphed)| Some((first + i.primitive, morphed?))));
+        first += level.primitives.len();
+    }
+    out
+}
+
+/// What nodes place, where it has morph targets and no skin.
+fn placed(hierarchy: &Hierarchy) -> impl Iterator<Item = Option<Morphed<'_>>> {
+    hierarchy.placements.iter().map(|place| {
+        let node = &hierarchy.nodes[place.node];
+        let mesh = &hierarchy.meshes[node.mesh.filter(|_| node.skin.is_none())?];
+        let bind = mesh.primitives[place.part].bind.as_ref()?;
+        (!bind.targets.is_empty()).then_some(Morphed { bind, mesh })
+    })
 }
 
 /// All levels as one scene, and where the instances of each end.
@@ -91,7 +117,7 @@ fn merged(levels: &[Scene]) -> (Scene, Vec<usize>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Instance, Material, Primitive, Sampler, TextureImage, TextureSlot, load};
+    use crate::{Bind, Instance, Material, MorphTarget, Primitive, Sampler, TextureImage, TextureSlot, load};
     use photofit_geometry::shapes;
     use serde_json::Value;
 
@@ -120,6 +146,53 @@ mod tests {
     fn document(bytes: &[u8]) -> Value {
         let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
         serde_json::from_slice(&bytes[20..20 + length]).unwrap()
+    }
+
+    #[test]
+    fn morph_targets_of_levels_are_written() {
+        for compression in [Compression::None, Compression::Meshopt] {
+            let dir = tempfile::tempdir().unwrap();
+            let path = dir.path().join("a.glb");
+            // Through a file, which has a hierarchy.
+            let mut levels = [level(3, 10, 2), level(1, 20, 1)].map(|scene| {
+                crate::save_glb(&path, &scene).unwrap();
+                load(&path).unwrap()
+            });
+            let outward = |scene: &mut Scene, weight: f32| {
+                let hierarchy = std::sync::Arc::make_mut(scene.hierarchy.as_mut().unwrap());
+                for mesh in &mut hierarchy.meshes {
+                    (mesh.weights, mesh.extras) = (vec![weight], Some(json!({"targetNames": ["out"]})));
+                    for part in &mut mesh.primitives {
+                        let mesh = scene.primitives[part.primitive].mesh.clone();
+                        let positions = mesh.positions.iter().map(|p| *p * 0.5).collect();
+                        let targets = vec![MorphTarget { positions, ..MorphTarget::default() }];
+                        part.bind = Some(Bind { mesh, targets, ..Bind::default() });
+                    }
+                }
+            };
+            outward(&mut levels[0], 0.0);
+            save_glb_lods(&path, &levels, &[0.1, 0.0], compression).unwrap();
+            let json = document(&std::fs::read(&path).unwrap());
+            let targets: Vec<usize> = json["meshes"]
+                .as_array()
+                .unwrap()
+                .iter()
+                .map(|m| m["primitives"][0]["targets"].as_array().map_or(0, Vec::len))
+                .collect();
+            assert_eq!(targets, [1, 1, 0], "both parts of the first level, and not the second");
+            assert_eq!(json["meshes"][1]["extras"]["targetNames"], json!(["out"]));
+            let mut read = load(&path).unwrap();
+            let radius = |scene: &Scene| {
+                let mesh = &scene.primitives[scene.instances[1].primitive].mesh;
+                mesh.positions.iter().map(|p| p.length()).fold(0.0, f32::max)
+            };
+            assert!((radius(&read) - 1.0).abs() < 1e-3);
+            let hierarchy = std::sync::Arc::make_mut(read.hierarchy.as_mut().unwrap());
+            hierarchy.meshes.iter_mut().for_each(|m| m.weights = vec![1.0]);
+            let pose = read.pose(None, 0.0);
+            read.set_pose(pose);
+            assert!((radius(&read) - 1.5).abs() < 1e-3, "{}", radius(&read));
+        }
     }
 
     #[test]

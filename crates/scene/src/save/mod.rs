@@ -19,7 +19,7 @@ pub use lods::save_glb_lods;
 use crate::error::{Fault, fault};
 use crate::{Camera, Scene, SceneError};
 use serde_json::{Map, Value, json};
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::Path;
 
 /// Writes a scene as a `.glb` file that holds everything: geometry, materials and textures (see [`crate::TextureEncoding`]).
@@ -108,7 +108,7 @@ fn encode(scene: &Scene, compression: Compression) -> Result<Vec<u8>, Fault> {
         let (c, l) = hierarchy.cameras_and_lights(&hierarchy.locals());
         (instances, cameras, lights) = (hierarchy.placements.len(), c.len(), l.len());
     }
-    geometry::write(scene, &scene.instances[instances..], &mut writer)?;
+    geometry::write(scene, &scene.instances[instances..], &BTreeMap::new(), &mut writer)?;
     for camera in scene.cameras.iter().skip(cameras) {
         write_camera(camera, &mut writer);
     }
