@@ -4,6 +4,7 @@
 //! device.
 #![cfg(feature = "gpu")]
 
+mod denoised;
 mod mips;
 mod normals;
 
@@ -54,6 +55,7 @@ fn difference(a: &[f32], b: &[f32]) -> f64 {
 /// The kernels of all crates that a browser runs.
 fn kernels() -> impl Iterator<Item = &'static Kernel> {
     let all = [
+        photofit_denoise::KERNELS,
         photofit_geometry::gpu::KERNELS,
         photofit_optim::gpu::KERNELS,
         photofit_raster::gpu::KERNELS,
@@ -79,7 +81,7 @@ pub async fn check(gpu: &Gpu) -> Result<(usize, Vec<Twin>), GpuError> {
         return Err(GpuError::Kernel { kernel: names.join(", "), reason: reasons.join("\n") });
     }
     let mut out = Vec::new();
-    for twins in [normals::twins(gpu).await?, mips::twins(gpu).await?] {
+    for twins in [normals::twins(gpu).await?, mips::twins(gpu).await?, denoised::twins(gpu).await?] {
         out.extend(twins);
     }
     Ok((compiled, out))

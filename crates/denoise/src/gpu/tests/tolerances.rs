@@ -14,3 +14,5 @@ pub(super) const WAY_BACK: f64 = 2e-5;
 /// Denoised radiance, relative to the value and a floor of a hundredth of the mean: logarithms that differ by `SPLITTING`, made
 /// exponentials. Seen: 2.2e-4 for pictures of few pixels with guides, 8.0e-6 for a sequence of three frames.
 pub(super) const DENOISED: f64 = 5e-4;
+/// Scores of strengths, relative: 64 terms of squares in single precision, added up in double.
+pub(super) const SCORE: f64 = 2e-6;
