@@ -74,7 +74,9 @@ pub(crate) fn run(a: &Denoise) -> Result<()> {
     let model = a.model.model();
     let (gpu, why) = match a.device {
         // No driver is asked for what it is not needed for.
-        Device::Auto if !model.has_kernels() => (None, format!("there are no kernels for the model {}", a.model.name())),
+        Device::Auto if !model.has_kernels() => {
+            (None, format!("there are no kernels for the model {}", a.model.name()))
+        }
         _ => device::gpu(&a.device)?,
     };
     let gpu = gpu.as_ref();
@@ -117,8 +119,7 @@ pub(crate) fn run(a: &Denoise) -> Result<()> {
             check(&loaded)?;
             progress.report("denoise", 0, 1, "");
             let began = Instant::now();
-            let result =
-                one(gpu, &loaded.frame(), &settings).map_err(|e| failure(a, &a.input, &e))?;
+            let result = one(gpu, &loaded.frame(), &settings).map_err(|e| failure(a, &a.input, &e))?;
             (loaded, result, began.elapsed().as_secs_f64())
         }
     };
@@ -197,7 +198,9 @@ fn failure(a: &Denoise, file: &Path, e: &DenoiseError) -> anyhow::Error {
         #[cfg(feature = "gpu")]
         DenoiseError::NotOnDevice { .. } | DenoiseError::Device(_) => {
             let (device, model) = (&a.device, a.model.name());
-            anyhow!("{file}: --model {model} --device {device}: {e}; --device auto runs on the CPU what a GPU cannot do")
+            anyhow!(
+                "{file}: --model {model} --device {device}: {e}; --device auto runs on the CPU what a GPU cannot do"
+            )
         }
         e => anyhow!("{file}: {e}"),
     }

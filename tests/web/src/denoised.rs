@@ -29,7 +29,9 @@ pub(crate) async fn twins(gpu: &Gpu) -> Result<[Twin; 2], GpuError> {
         ..Settings::default()
     };
     let mut out = Vec::new();
-    for (what, frame) in [("denoised picture", frame), ("the same of halves", Frame { half: Some(&other), ..frame })] {
+    for (what, frame) in
+        [("denoised picture", frame), ("the same of halves", Frame { half: Some(&other), ..frame })]
+    {
         let ours = denoise(&frame, &settings).map_err(failed)?;
         let theirs = fetch_denoised(gpu, &frame, &settings).await.map_err(failed)?;
         out.push(Twin::new(what, &ours.color, &theirs.color, DENOISED));

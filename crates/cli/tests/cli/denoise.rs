@@ -1,6 +1,8 @@
 //! `denoise`: layers, sequences, figures, refusals.
 
-use crate::support::{assert_misuse, assert_one_error, names, photofit, stderr, stdout, succeeds, write_rock};
+use crate::support::{
+    assert_misuse, assert_one_error, names, photofit, stderr, stdout, succeeds, write_rock,
+};
 use photofit_denoise::mc::synthetic::SyntheticFrame;
 use photofit_image::{Image, read, rmse, srgb_decode, write_exr, write_png};
 use serde_json::{Value, json};
@@ -353,11 +355,14 @@ fn a_device_gives_what_the_cpu_gives_or_is_refused() {
     let none = ["denoise", "c.exr", "-o", "o.exr", "--model", "hybrid", "--device", "gpu:no such GPU"];
     assert_misuse(&photofit(d, &none), "no such GPU", &["--device gpu:no such GPU"]);
     // A GPU that is asked for has kernels for the model, whether there is one or not.
-    for (model, device) in [("auto", "gpu"), ("tgv", "gpu"), ("atrous", "gpu:llvmpipe"), ("auto", "gpu:llvmpipe")] {
+    for (model, device) in
+        [("auto", "gpu"), ("tgv", "gpu"), ("atrous", "gpu:llvmpipe"), ("auto", "gpu:llvmpipe")]
+    {
         let line = ["denoise", "c.exr", "-o", "o.exr", "--model", model, "--device", device];
         let o = photofit(d, &line);
         assert_eq!(o.status.code(), Some(2), "{model}, {device}");
-        let rule = format!("--device {device} needs --model hybrid, rof or tvl1: there are no kernels for {model}");
+        let rule =
+            format!("--device {device} needs --model hybrid, rof or tvl1: there are no kernels for {model}");
         assert!(stderr(&o).contains(&rule) && stderr(&o).contains("--device auto"), "{}", stderr(&o));
     }
     assert!(!names(d).contains(&"o.exr".to_owned()), "nothing was written");
