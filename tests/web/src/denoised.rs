@@ -9,7 +9,7 @@ use photofit_gpu::{Gpu, GpuError};
 /// Logarithms after 20 steps, made exponentials, over the largest radiance.
 const DENOISED: f64 = 2e-5;
 
-pub(crate) async fn twins(gpu: &Gpu) -> Result<[Twin; 2], GpuError> {
+pub(crate) async fn twins(gpu: &Gpu) -> Result<Vec<Twin>, GpuError> {
     let scene = SyntheticFrame::new(48, 32, 0.0);
     let (noisy, other) = (scene.noisy(4, 3), scene.noisy(4, 4));
     let frame = Frame::new(48, 32, &noisy).with_guides(scene.guides());
@@ -36,5 +36,5 @@ pub(crate) async fn twins(gpu: &Gpu) -> Result<[Twin; 2], GpuError> {
         let theirs = fetch_denoised(gpu, &frame, &settings).await.map_err(failed)?;
         out.push(Twin::new(what, &ours.color, &theirs.color, DENOISED));
     }
-    out.try_into().map_err(|_: Vec<Twin>| GpuError::Device("two twins".into()))
+    Ok(out)
 }

@@ -81,9 +81,10 @@ pub async fn check(gpu: &Gpu) -> Result<(usize, Vec<Twin>), GpuError> {
         return Err(GpuError::Kernel { kernel: names.join(", "), reason: reasons.join("\n") });
     }
     let mut out = Vec::new();
-    for twins in [normals::twins(gpu).await?, mips::twins(gpu).await?, denoised::twins(gpu).await?] {
+    for twins in [normals::twins(gpu).await?, mips::twins(gpu).await?] {
         out.extend(twins);
     }
+    out.extend(denoised::twins(gpu).await?);
     Ok((compiled, out))
 }
 
