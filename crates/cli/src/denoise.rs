@@ -194,16 +194,16 @@ fn told(gpu: Option<&Gpu>, why: &str, result: &Denoised) -> String {
 /// Why a frame was refused; where a GPU did that was asked for, with what to do.
 fn failure(a: &Denoise, file: &Path, e: &DenoiseError) -> anyhow::Error {
     let file = file.display();
-    match e {
-        #[cfg(feature = "gpu")]
-        DenoiseError::NotOnDevice { .. } | DenoiseError::Device(_) => {
-            let (device, model) = (&a.device, a.model.name());
-            anyhow!(
-                "{file}: --model {model} --device {device}: {e}; --device auto runs on the CPU what a GPU cannot do"
-            )
-        }
-        e => anyhow!("{file}: {e}"),
+    #[cfg(feature = "gpu")]
+    if matches!(e, DenoiseError::NotOnDevice { .. } | DenoiseError::Device(_)) {
+        let (device, model) = (&a.device, a.model.name());
+        return anyhow!(
+            "{file}: --model {model} --device {device}: {e}; --device auto runs on the CPU what a GPU cannot do"
+        );
     }
+    #[cfg(not(feature = "gpu"))]
+    let _ = a;
+    anyhow!("{file}: {e}")
 }
 
 /// Denoises the last of the frames that lead to it.
