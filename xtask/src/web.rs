@@ -28,8 +28,14 @@ const CRATES: [&str; 12] = [
 ];
 
 /// Packages that have kernels behind a feature `gpu`.
-const WITH_KERNELS: [&str; 5] =
-    ["photofit-geometry", "photofit-texture", "photofit-shading", "photofit-optim", "photofit-raster"];
+const WITH_KERNELS: [&str; 6] = [
+    "photofit-geometry",
+    "photofit-texture",
+    "photofit-shading",
+    "photofit-optim",
+    "photofit-denoise",
+    "photofit-raster",
+];
 
 /// Checks the crates, and runs twins in a browser if asked; says that it does not where the target is not installed.
 pub(crate) fn run(in_browser: bool) -> Result<()> {
@@ -55,4 +61,20 @@ fn is_installed() -> Result<bool> {
         bail!("{}: does not know the target {TARGET}", rustc.display());
     }
     Ok(Path::new(String::from_utf8_lossy(&output.stdout).trim()).is_dir())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_crate_with_kernels_is_compiled_with_them() {
+        let crates = Path::new(env!("CARGO_MANIFEST_DIR")).join("../crates");
+        for name in CRATES {
+            let file = crates.join(name.trim_start_matches("photofit-")).join("Cargo.toml");
+            let manifest = std::fs::read_to_string(&file).expect("a manifest");
+            let has_kernels = manifest.lines().any(|line| line.starts_with("gpu = ["));
+            assert_eq!(has_kernels, WITH_KERNELS.contains(&name), "{name}");
+        }
+    }
 }

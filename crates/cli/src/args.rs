@@ -9,7 +9,7 @@ mod stored;
 mod surface;
 mod values;
 
-pub(crate) use denoise::{Denoise, DenoiseModel};
+pub(crate) use denoise::Denoise;
 pub(crate) use gradient::{Gradient, ParameterScene};
 pub(crate) use recover::{
     Recover, RecoverMaterial, RecoverMesh, RecoverScene, RecoverTexture, RecoverVolume, TextureSmoothing,

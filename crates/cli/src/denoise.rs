@@ -1,7 +1,7 @@
 //! `photofit denoise`: a clean picture from a noisy rendering and its feature layers.
 
 use crate::aov::{Kind, Layers, Planes};
-use crate::args::{Denoise, DenoiseModel, Device};
+use crate::args::{Denoise, Device};
 use crate::device::{self, Gpu};
 use crate::output::{self, print};
 use crate::preflight::Places;
@@ -12,9 +12,7 @@ use anyhow::{Result, anyhow, bail};
 use photofit_denoise::DenoiseError;
 #[cfg(feature = "gpu")]
 use photofit_denoise::mc::denoise_on;
-use photofit_denoise::mc::{
-    Denoised, Frame, Guides, Model, Sequence, Settings, Stage, VariationalModel, denoise,
-};
+use photofit_denoise::mc::{Denoised, Frame, Guides, Sequence, Settings, Stage, denoise};
 use photofit_fit::Progress;
 use photofit_image::{
     DEFAULT_PIXELS_PER_DEGREE, ExrLayer, Image, flip, psnr_from_mse, rmse, ssim, to_display,
@@ -73,7 +71,14 @@ pub(crate) fn run(a: &Denoise) -> Result<()> {
         .writes("--json", a.json.as_deref());
     places.check()?;
     threads::set(a.threads)?;
-    let (gpu, why) = device::gpu(&a.device)?;
+    let model = a.model.model();
+    let (gpu, why) = match a.device {
+        // No driver is asked for what it is not needed for.
+        Device::Auto if !model.has_kernels() => {
+            (None, format!("there are no kernels for the model {}", a.model.name()))
+        }
+        _ => device::gpu(&a.device)?,
+    };
     let gpu = gpu.as_ref();
     let files = Files {
         color: a.input.clone(),
@@ -90,7 +95,8 @@ pub(crate) fn run(a: &Denoise) -> Result<()> {
         half: a.half.clone(),
     };
     let settings = Settings {
-        model: model(a.model),
+        model,
+        device_required: matches!(a.device, Device::Gpu | Device::Named(_)),
         restore_mean: !a.keep_darkening,
         fireflies: !a.keep_fireflies,
         without: Stage::ALL.into_iter().filter(|s| a.without.iter().any(|name| name == s.name())).collect(),
@@ -107,14 +113,13 @@ pub(crate) fn run(a: &Denoise) -> Result<()> {
     };
     let progress = Terminal::new();
     let (last, result, seconds) = match &a.sequence {
-        Some(cameras) => over_sequence(gpu, &files, cameras, settings, &places, &progress, check)?,
+        Some(cameras) => over_sequence(a, gpu, &files, cameras, settings, &places, &progress, check)?,
         None => {
             let loaded = load(&files)?;
             check(&loaded)?;
             progress.report("denoise", 0, 1, "");
             let began = Instant::now();
-            let result =
-                one(gpu, &loaded.frame(), &settings).map_err(|e| anyhow!("{}: {e}", a.input.display()))?;
+            let result = one(gpu, &loaded.frame(), &settings).map_err(|e| failure(a, &a.input, &e))?;
             (loaded, result, began.elapsed().as_secs_f64())
         }
     };
@@ -125,6 +130,9 @@ pub(crate) fn run(a: &Denoise) -> Result<()> {
         last.sources.iter().for_each(|(kind, from)| text += &format!("{kind} from {from}\n"));
     }
     let told = told(gpu, &why, &result);
+    if gpu.is_some() && !result.plan.runs("device") {
+        progress.warn(&told);
+    }
     if a.device != Device::Cpu {
         text += &format!("device: {told}\n");
     }
@@ -183,19 +191,24 @@ fn told(gpu: Option<&Gpu>, why: &str, result: &Denoised) -> String {
     }
 }
 
-fn model(m: DenoiseModel) -> Model {
-    match m {
-        DenoiseModel::Auto => Model::Auto,
-        DenoiseModel::Rof => Model::Variational(VariationalModel::Rof),
-        DenoiseModel::Tvl1 => Model::Variational(VariationalModel::TvL1),
-        DenoiseModel::Hybrid => Model::Variational(VariationalModel::Hybrid),
-        DenoiseModel::Tgv => Model::Variational(VariationalModel::Tgv),
-        DenoiseModel::Atrous => Model::Atrous,
+/// Why a frame was refused; where a GPU did that was asked for, with what to do.
+fn failure(a: &Denoise, file: &Path, e: &DenoiseError) -> anyhow::Error {
+    let file = file.display();
+    #[cfg(feature = "gpu")]
+    if matches!(e, DenoiseError::NotOnDevice { .. } | DenoiseError::Device(_)) {
+        let (device, model) = (&a.device, a.model.name());
+        return anyhow!(
+            "{file}: --model {model} --device {device}: {e}; --device auto runs on the CPU what a GPU cannot do"
+        );
     }
+    #[cfg(not(feature = "gpu"))]
+    let _ = a;
+    anyhow!("{file}: {e}")
 }
 
 /// Denoises the last of the frames that lead to it.
 fn over_sequence(
+    a: &Denoise,
     gpu: Option<&Gpu>,
     files: &Files,
     cameras: &Path,
@@ -243,7 +256,7 @@ fn over_sequence(
     let (Some(loaded), Some(result)) = (last, last_of(gpu, &history)) else {
         bail!("{}: no frame up to {}", cameras.display(), files.color.display());
     };
-    let result = result.map_err(|e| anyhow!("{}: {e}", files.color.display()))?;
+    let result = result.map_err(|e| failure(a, &files.color, &e))?;
     Ok((loaded, result, seconds + began.elapsed().as_secs_f64()))
 }
 
@@ -331,7 +344,7 @@ fn json_of(a: &Denoise, last: &Loaded, result: &Denoised, seconds: f64) -> Value
         "output": a.output.display().to_string(),
         "width": last.width,
         "height": last.height,
-        "model": format!("{:?}", a.model).to_ascii_lowercase(),
+        "model": a.model.name(),
         "seconds": seconds,
         "holes": result.holes,
         "fireflies": result.fireflies,

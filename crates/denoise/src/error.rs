@@ -47,11 +47,11 @@ pub enum DenoiseError {
         "has neither positions nor depths of a camera that can be inverted; a frame of a sequence must have one of them"
     )]
     Unplaced,
-    /// A problem has parts that no kernel solves.
+    /// No kernel does this.
     #[cfg(feature = "gpu")]
-    #[error("{what} have no kernels")]
+    #[error("there are no kernels for {what}")]
     NotOnDevice {
-        /// The parts.
+        /// The model or the parts of a problem.
         what: String,
     },
     /// The device failed or refused a buffer or a kernel.

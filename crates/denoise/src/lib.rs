@@ -20,6 +20,7 @@
 pub mod admm;
 mod error;
 mod field;
+mod future;
 #[cfg(feature = "gpu")]
 mod gpu;
 pub mod mc;

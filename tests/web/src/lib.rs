@@ -4,6 +4,7 @@
 //! device.
 #![cfg(feature = "gpu")]
 
+mod denoised;
 mod mips;
 mod normals;
 
@@ -51,15 +52,18 @@ fn difference(a: &[f32], b: &[f32]) -> f64 {
         / most(&mut a.iter().copied()).max(f64::from(f32::MIN_POSITIVE))
 }
 
-/// The kernels of all crates that a browser runs.
-fn kernels() -> impl Iterator<Item = &'static Kernel> {
+/// The kernels of all crates that a browser runs. That of the longest rows of the denoiser takes 32 KiB of workgroup memory, which
+/// many browsers do not give; the crate does not use it there.
+fn kernels(gpu: &Gpu) -> impl Iterator<Item = &'static Kernel> + use<> {
+    let long = gpu.report().workgroup_memory >= 1 << 15;
     let all = [
+        photofit_denoise::KERNELS,
         photofit_geometry::gpu::KERNELS,
         photofit_optim::gpu::KERNELS,
         photofit_raster::gpu::KERNELS,
         photofit_texture::gpu::KERNELS,
     ];
-    all.into_iter().flatten()
+    all.into_iter().flatten().filter(move |k| long || k.name != "strip: rows up to 2048")
 }
 
 /// Compiles all kernels and runs all twins. Gives the number of kernels, and the twins.
@@ -68,7 +72,7 @@ fn kernels() -> impl Iterator<Item = &'static Kernel> {
 /// If a kernel does not compile, or the device refuses a command.
 pub async fn check(gpu: &Gpu) -> Result<(usize, Vec<Twin>), GpuError> {
     let (mut compiled, mut refused) = (0, Vec::new());
-    for kernel in kernels() {
+    for kernel in kernels(gpu) {
         match gpu.prepare(kernel).await {
             Ok(()) => compiled += 1,
             Err(e) => refused.push((kernel.name, e.to_string())),
@@ -82,6 +86,7 @@ pub async fn check(gpu: &Gpu) -> Result<(usize, Vec<Twin>), GpuError> {
     for twins in [normals::twins(gpu).await?, mips::twins(gpu).await?] {
         out.extend(twins);
     }
+    out.extend(denoised::twins(gpu).await?);
     Ok((compiled, out))
 }
 

@@ -4,7 +4,7 @@ use super::Device;
 use super::values::{device, ending, whole};
 use clap::builder::PossibleValuesParser;
 use clap::{Args, ValueEnum};
-use photofit_denoise::mc::Stage;
+use photofit_denoise::mc::{Model, Stage, VariationalModel};
 use std::path::PathBuf;
 
 /// What removes the noise.
@@ -22,6 +22,24 @@ pub(crate) enum DenoiseModel {
     Tgv,
     /// Edge-stopping wavelets (SVGF), for comparison.
     Atrous,
+}
+
+impl DenoiseModel {
+    pub(crate) fn model(self) -> Model {
+        match self {
+            Self::Auto => Model::Auto,
+            Self::Rof => Model::Variational(VariationalModel::Rof),
+            Self::Tvl1 => Model::Variational(VariationalModel::TvL1),
+            Self::Hybrid => Model::Variational(VariationalModel::Hybrid),
+            Self::Tgv => Model::Variational(VariationalModel::Tgv),
+            Self::Atrous => Model::Atrous,
+        }
+    }
+
+    /// As `--model` takes it.
+    pub(crate) fn name(self) -> String {
+        format!("{self:?}").to_ascii_lowercase()
+    }
 }
 
 #[derive(Args, Debug)]
@@ -71,8 +89,8 @@ pub(crate) struct Denoise {
     #[arg(long, value_name = "REF")]
     pub(crate) compare: Option<PathBuf>,
     /// Where it runs: cpu, gpu (hardware), gpu:NAME (the first adapter whose name or driver holds NAME, also one in
-    /// software), or auto: a GPU in hardware if there is one, else the CPU. A GPU solves rof, tvl1 and hybrid; what it
-    /// cannot do runs on the CPU, and the report says so.
+    /// software), or auto: a GPU in hardware if there is one, else the CPU. A GPU solves rof, tvl1 and hybrid; with auto,
+    /// what it cannot do runs on the CPU, and the report says so.
     #[arg(long, value_name = "DEVICE", default_value = "cpu", value_parser = device)]
     pub(crate) device: Device,
     /// Threads; the picture is the same for any number [range: 1 to 1024] [default: all cores].
@@ -91,6 +109,13 @@ impl Denoise {
     pub(super) fn check(&self) -> Result<(), String> {
         if let Some(twice) = self.without.iter().enumerate().find(|(k, s)| self.without[..*k].contains(s)) {
             return Err(format!("--without names {} twice; each stage must be named once", twice.1));
+        }
+        if matches!(self.device, Device::Gpu | Device::Named(_)) && !self.model.model().has_kernels() {
+            let (device, model) = (&self.device, self.model.name());
+            return Err(format!(
+                "--device {device} needs --model hybrid, rof or tvl1: there are no kernels for {model}, which --device auto \
+                 runs on the CPU"
+            ));
         }
         match (self.keep_darkening, self.model) {
             (true, DenoiseModel::Auto | DenoiseModel::Atrous) => {

@@ -4,7 +4,7 @@
 
 use clap::builder::{PathBufValueParser, TypedValueParser};
 use clap::{Arg, Command};
-use std::fmt::Display;
+use std::fmt::{self, Display};
 use std::ops::{Bound, RangeBounds};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -115,6 +115,18 @@ pub(crate) enum Device {
     Gpu,
     /// The first adapter whose name or driver holds this.
     Named(String),
+}
+
+/// As `--device` takes it.
+impl Display for Device {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Auto => f.write_str("auto"),
+            Self::Cpu => f.write_str("cpu"),
+            Self::Gpu => f.write_str("gpu"),
+            Self::Named(name) => write!(f, "gpu:{name}"),
+        }
+    }
 }
 
 /// A [`Device`].

@@ -1,6 +1,8 @@
 //! `denoise`: layers, sequences, figures, refusals.
 
-use crate::support::{assert_misuse, assert_one_error, names, photofit, stdout, succeeds, write_rock};
+use crate::support::{
+    assert_misuse, assert_one_error, names, photofit, stderr, stdout, succeeds, write_rock,
+};
 use photofit_denoise::mc::synthetic::SyntheticFrame;
 use photofit_image::{Image, read, rmse, srgb_decode, write_exr, write_png};
 use serde_json::{Value, json};
@@ -350,8 +352,19 @@ fn a_device_gives_what_the_cpu_gives_or_is_refused() {
     let d = dir.path();
     let scene = SyntheticFrame::new(COLS, ROWS, 0.0);
     write(&d.join("c.exr"), &[("", &scene.noisy(4, 1), RGB)]);
-    let none = ["denoise", "c.exr", "-o", "o.exr", "--device", "gpu:no such GPU"];
+    let none = ["denoise", "c.exr", "-o", "o.exr", "--model", "hybrid", "--device", "gpu:no such GPU"];
     assert_misuse(&photofit(d, &none), "no such GPU", &["--device gpu:no such GPU"]);
+    // A GPU that is asked for has kernels for the model, whether there is one or not.
+    for (model, device) in
+        [("auto", "gpu"), ("tgv", "gpu"), ("atrous", "gpu:llvmpipe"), ("auto", "gpu:llvmpipe")]
+    {
+        let line = ["denoise", "c.exr", "-o", "o.exr", "--model", model, "--device", device];
+        let o = photofit(d, &line);
+        assert_eq!(o.status.code(), Some(2), "{model}, {device}");
+        let rule =
+            format!("--device {device} needs --model hybrid, rof or tvl1: there are no kernels for {model}");
+        assert!(stderr(&o).contains(&rule) && stderr(&o).contains("--device auto"), "{}", stderr(&o));
+    }
     assert!(!names(d).contains(&"o.exr".to_owned()), "nothing was written");
     let report = |model: &str, device: &str, out: &str| {
         let o = ["denoise", "c.exr", "-o", out, "--model", model, "--device", device, "--json", "o.json"];
@@ -366,6 +379,10 @@ fn a_device_gives_what_the_cpu_gives_or_is_refused() {
     assert!(!text.contains("device:") && told == "CPU: as --device says", "{text}{told}");
     // With any hardware or none.
     assert!(report("hybrid", "auto", "auto.exr").0.contains("device: "));
+    let (text, told, auto) = report("auto", "auto", "auto.exr");
+    let rule = "CPU: there are no kernels for the model auto";
+    assert!(text.contains(&format!("device: {rule}")) && told == rule, "{text}{told}");
+    assert_eq!(auto, report("auto", "cpu", "auto.exr").2);
     // In software where Mesa is there.
     let software = ["denoise", "c.exr", "-o", "o.exr", "--model", "hybrid", "--device", "gpu:llvmpipe"];
     let o = photofit(d, &software);
@@ -376,8 +393,15 @@ fn a_device_gives_what_the_cpu_gives_or_is_refused() {
     let (text, told, gpu) = report("hybrid", "gpu:llvmpipe", "gpu.exr");
     assert!(text.contains("device: llvmpipe") && told.contains("one submission"), "{text}{told}");
     assert!(rmse(&cpu, &gpu) < 1e-5, "{}", rmse(&cpu, &gpu));
-    // A model without kernels.
-    let (text, told, auto) = report("auto", "gpu:llvmpipe", "gpu.exr");
-    assert!(text.contains("no kernels") && told.contains("CPU"), "{text}{told}");
-    assert_eq!(auto, report("auto", "cpu", "cpu.exr").2);
+    // Trials of the strength, there as well.
+    write(&d.join("h.exr"), &[("", &scene.noisy(4, 2), RGB)]);
+    let halves = [&software[..], &["--half", "h.exr", "--explain"]].concat();
+    let text = stdout(&succeeds(d, &halves));
+    assert!(text.contains("10 trials of the strength") && text.contains("11 submissions"), "{text}");
+    // What it cannot do.
+    let row = Image::from_data(2050, 1, 3, (0..3 * 2050).map(|i| (i % 7) as f32).collect());
+    write_exr(&d.join("c.exr"), &[("", &row, RGB)]).unwrap();
+    let o = photofit(d, &software);
+    let parts = ["c.exr", "--model hybrid", "--device gpu:llvmpipe", "rows of 2050 pixels", "--device auto"];
+    assert_one_error(&o, "too wide", &parts);
 }

@@ -1,9 +1,11 @@
 //! [`Admm`] on a device: total variation under any data term, with the exact linear step.
 
 use super::{Admm, DataTerm, Problem, Weight};
-use crate::DenoiseError;
-use crate::Shape;
+#[cfg(not(target_arch = "wasm32"))]
+use crate::future::at_once;
+use crate::gpu::{filled, room};
 use crate::transform::DeviceStrip;
+use crate::{DenoiseError, Shape};
 use photofit_gpu::{Bind, Buffer, Gpu, GpuError, INDEX, Kernel, Recorder};
 
 const SOURCE: &[&str] = &[INDEX, include_str!("split.wgsl")];
@@ -58,6 +60,7 @@ pub struct DeviceAdmm {
 /// A weight on the device: its buffer, and the steps from pixel to pixel and from channel to channel.
 fn weight(
     gpu: &Gpu,
+    former: Option<&Buffer<f32>>,
     name: &str,
     weight: Option<&Weight<f32>>,
     shape: Shape,
@@ -65,12 +68,12 @@ fn weight(
 ) -> Result<(Buffer<f32>, [u32; 2]), GpuError> {
     let n = shape.pixels();
     match weight {
-        None => Ok((gpu.upload(name, &[0.0])?, [0, 0])),
-        Some(Weight::Uniform(v)) => Ok((gpu.upload(name, &[*v])?, [0, 0])),
-        Some(Weight::Map(values)) if values.len() == n => Ok((gpu.upload(name, values)?, [1, 0])),
+        None => Ok((filled(gpu, former, name, &[0.0])?, [0, 0])),
+        Some(Weight::Uniform(v)) => Ok((filled(gpu, former, name, &[*v])?, [0, 0])),
+        Some(Weight::Map(values)) if values.len() == n => Ok((filled(gpu, former, name, values)?, [1, 0])),
         Some(Weight::Map(values)) => {
             let planes: Vec<f32> = channels.iter().flat_map(|c| &values[c * n..][..n]).copied().collect();
-            Ok((gpu.upload(name, &planes)?, [1, n as u32]))
+            Ok((filled(gpu, former, name, &planes)?, [1, n as u32]))
         }
     }
 }
@@ -82,6 +85,18 @@ impl DeviceAdmm {
     /// If the problem does not pass [`Problem::check`], [`DenoiseError::NotOnDevice`] if it has a Hessian or a guide or rows
     /// that are too long, and what the device says.
     pub fn new(gpu: &Gpu, problem: &Problem<'_, f32>) -> Result<Self, DenoiseError> {
+        Self::build(gpu, None, problem)
+    }
+
+    /// Another problem in the buffers of this one, as far as they have the size. What this one recorded must have been run.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn again(self, gpu: &Gpu, problem: &Problem<'_, f32>) -> Result<Self, DenoiseError> {
+        Self::build(gpu, Some(&self), problem)
+    }
+
+    fn build(gpu: &Gpu, former: Option<&Self>, problem: &Problem<'_, f32>) -> Result<Self, DenoiseError> {
         let admm = Admm::without_engine(problem)?;
         let (shape, plan, p) = (admm.shape, &admm.plan, admm.penalties);
         let cannot = |what: String| Err(DenoiseError::NotOnDevice { what });
@@ -100,9 +115,10 @@ impl DeviceAdmm {
             DataTerm::L1 { .. } | DataTerm::Hybrid { .. } => ([first, second], 0),
             DataTerm::Huber { .. } => ([first, second], 1),
         };
-        let (alpha, alpha_steps) = weight(gpu, "alpha", admm.weights[0].as_ref(), shape, channels)?;
-        let (first, first_steps) = weight(gpu, "first weight", w0, shape, channels)?;
-        let (second, second_steps) = weight(gpu, "second weight", w1, shape, channels)?;
+        let upload = |former, name, w| weight(gpu, former, name, w, shape, channels);
+        let (alpha, alpha_steps) = upload(former.map(|f| &f.alpha), "alpha", admm.weights[0].as_ref())?;
+        let (first, first_steps) = upload(former.map(|f| &f.weights[0]), "first weight", w0)?;
+        let (second, second_steps) = upload(former.map(|f| &f.weights[1]), "second weight", w1)?;
         let system = plan.symbol(p);
         let params = Params {
             width: shape.width as u32,
@@ -129,20 +145,27 @@ impl DeviceAdmm {
             Some((c, source)) => (Some(c), admm.offsets[source]),
             None => (None, admm.offsets[plane]),
         });
-        let device = Self {
+        let pictures = count.div_ceil(2);
+        let strip =
+            DeviceStrip::new(gpu, former.map(|f| &f.strip), [padded, shape.height], pictures, system)?;
+        Ok(Self {
             shape,
             params,
             lanes: lanes.collect(),
-            strip: DeviceStrip::new(gpu, [padded, shape.height], count.div_ceil(2), system)?,
-            picture: gpu.zeros("estimate", count.div_ceil(2) * samples)?,
-            kept: gpu.zeros("splits of the gradient", count * samples)?,
-            reflected: gpu.zeros("reflections of the gradient", count * samples)?,
+            strip,
+            picture: room(gpu, former.map(|f| &f.picture), "estimate", pictures * samples)?,
+            kept: room(gpu, former.map(|f| &f.kept), "splits of the gradient", count * samples)?,
+            reflected: room(
+                gpu,
+                former.map(|f| &f.reflected),
+                "reflections of the gradient",
+                count * samples,
+            )?,
             alpha,
-            data: gpu.zeros("split of the data term", count * samples)?,
-            target: gpu.upload("target", &admm.target)?,
+            data: room(gpu, former.map(|f| &f.data), "split of the data term", count * samples)?,
+            target: filled(gpu, former.map(|f| &f.target), "target", &admm.target)?,
             weights: [first, second],
-        };
-        Ok(device)
+        })
     }
 
     fn weights(&self) -> [Bind; 3] {
@@ -191,16 +214,29 @@ impl DeviceAdmm {
     }
 }
 
-/// The estimate after some iterations on a device, as [`Admm::solution`] gives it.
+/// The estimate after some iterations on a device, as [`Admm::solution`] gives it. In a browser, [`fetch_solution`] gives it.
 ///
 /// # Errors
 /// Those of [`DeviceAdmm::new`], and what the device says.
+#[cfg(not(target_arch = "wasm32"))]
 pub fn solve_on(gpu: &Gpu, problem: &Problem<'_, f32>, iterations: usize) -> Result<Vec<f32>, DenoiseError> {
+    at_once(fetch_solution(gpu, problem, iterations))
+}
+
+/// [`solve_on`] as a future, which blocks the thread outside of browsers only.
+///
+/// # Errors
+/// As [`solve_on`].
+pub async fn fetch_solution(
+    gpu: &Gpu,
+    problem: &Problem<'_, f32>,
+    iterations: usize,
+) -> Result<Vec<f32>, DenoiseError> {
     let admm = DeviceAdmm::new(gpu, problem)?;
     let planes = gpu.zeros("solution", problem.shape.len())?;
     let mut r = gpu.record("admm");
     admm.record(&mut r, iterations)?;
     admm.unpack(&mut r, &planes)?;
     r.finish()?.run()?;
-    Ok(gpu.read(&planes)?)
+    Ok(gpu.fetch(&planes).await?)
 }

@@ -28,8 +28,10 @@ mod stop;
 mod survey;
 mod sweep;
 
+#[cfg(all(feature = "gpu", not(target_arch = "wasm32")))]
+pub use gpu::solve_on;
 #[cfg(feature = "gpu")]
-pub use gpu::{DeviceAdmm, solve_on};
+pub use gpu::{DeviceAdmm, fetch_solution};
 pub use penalties::{LinearStep, Penalties, contrast};
 pub use plan::{AdmmPlan, ChannelPlan};
 pub use problem::{Coupling, DataTerm, Guide, Problem, Weight};

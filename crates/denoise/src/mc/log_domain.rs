@@ -5,18 +5,17 @@
 use super::black::classes;
 use super::coherence::{SHARPNESS, auxiliary_weight};
 #[cfg(feature = "gpu")]
-use super::gpu::{Means, solve_model};
+use super::gpu::{Means, OnDevice};
 use super::noise::{log_sigma, mad_sigma};
 use super::pipeline::{Gpu, LEFT_OUT, Settings};
+use super::plan::now;
 use super::prepare::Prepared;
 #[cfg(feature = "gpu")]
 use super::variational::problem;
-use super::variational::{VariationalModel, adaptive_weight, choose_by_halves, minimise};
+use super::variational::{VariationalModel, adaptive_weight, choose_by_halves, least, minimise};
 use super::window::blur_mean;
 use super::{Plan, Stage, divisor};
 use crate::DenoiseError;
-#[cfg(feature = "gpu")]
-use crate::admm::solve_on;
 use std::borrow::Cow;
 
 /// Deviation of the window of the means in pixels.
@@ -26,7 +25,7 @@ const SIGMA: f32 = 8.0;
 pub(super) const NOT_RESTORED: &str = "restoring it is switched off";
 
 /// Irradiance by a convex model, and its `c`.
-pub(super) fn variational(
+pub(super) async fn variational(
     gpu: Option<&Gpu>,
     model: VariationalModel,
     p: &mut Prepared<'_>,
@@ -59,18 +58,52 @@ pub(super) fn variational(
         None => (deviation(p, &target), "median of the finest diagonal wavelets"),
     });
     let iterations = settings.iterations;
-    let strength = strength(model, p, mask, settings, plan, |c, target| {
-        // A half has twice the variance of the mean.
-        let wide: Vec<f32> = sigma.iter().map(|s| s * std::f32::consts::SQRT_2).collect();
-        let alpha = adaptive_weight(c, &wide, &auxiliary);
-        #[cfg(feature = "gpu")]
-        if let Some(Ok(u)) =
-            gpu.map(|gpu| solve_on(gpu, &problem(model, p.shape, target, mask, alpha.clone()), iterations))
-        {
-            return Ok(u);
+    #[cfg(feature = "gpu")]
+    let mut device = gpu.map(|gpu| OnDevice::new(gpu, settings.device_required));
+    #[cfg(not(feature = "gpu"))]
+    if let Some(never) = gpu {
+        match *never {}
+    }
+    let strength = match (settings.strength, &p.halves) {
+        (Some(c), _) => {
+            plan.run("strength", format!("c = {c}, given"));
+            c
         }
-        minimise(model, p.shape, Cow::Borrowed(target), mask, alpha, iterations)
-    })?;
+        (None, Some([a, b])) => {
+            let began = now();
+            let halves = [&logarithm(a)[..], &logarithm(b)[..]];
+            let grid = VariationalModel::GRID.map(|f| f * model.strength());
+            // A half has twice the variance of the mean.
+            let alpha = |c: f32| adaptive_weight(std::f32::consts::SQRT_2 * c, &sigma, &auxiliary);
+            let scores: Option<Vec<f64>>;
+            #[cfg(feature = "gpu")]
+            {
+                let of = |c, target| problem(model, p.shape, target, mask, alpha(c));
+                scores = match &mut device {
+                    Some(device) => device.scores(&grid, halves, mask, iterations, of).await?,
+                    None => None,
+                };
+            }
+            #[cfg(not(feature = "gpu"))]
+            {
+                scores = None;
+            }
+            let on_cpu = |c: f32, target: &[f32]| {
+                minimise(model, p.shape, Cow::Borrowed(target), mask, alpha(c), iterations)
+            };
+            let c = match scores {
+                Some(scores) => least(&grid, &scores),
+                None => choose_by_halves(&grid, halves, mask, on_cpu)?.0,
+            };
+            plan.timed("strength", format!("c = {c}, by cross-validation of the halves"), began);
+            c
+        }
+        (None, None) => {
+            let c = model.strength();
+            plan.run("strength", format!("c = {c}, the default for pictures without halves"));
+            c
+        }
+    };
     DenoiseError::setting(
         "the strength",
         f64::from(strength),
@@ -80,18 +113,13 @@ pub(super) fn variational(
     let alpha = adaptive_weight(strength, &sigma, &auxiliary);
     drop((sigma, auxiliary));
     #[cfg(feature = "gpu")]
-    if let Some(gpu) = gpu {
+    if let Some(device) = &mut device {
         let problem = problem(model, p.shape, &target, mask, alpha.clone());
         let means = Means { noisy: &p.irradiance, weight: mask, black: &p.black, sigma: SIGMA };
-        if let Some(u) =
-            solve_model(gpu, &problem, iterations, settings.restore_mean.then_some(&means), plan)?
-        {
+        let means = settings.restore_mean.then_some(&means);
+        if let Some(u) = device.solve(&problem, iterations, means, plan).await? {
             return Ok((u, strength));
         }
-    }
-    #[cfg(not(feature = "gpu"))]
-    if let Some(never) = gpu {
-        match *never {}
     }
     // Made again from the albedo afterwards.
     p.divisor = None;
@@ -146,36 +174,6 @@ fn deviation(p: &Prepared<'_>, target: &[f32]) -> Vec<f32> {
     }
     sum.iter_mut().for_each(|s| *s = s.sqrt());
     sum
-}
-
-/// `c`: given, by cross-validation of the halves with `solve`, or the default of the model.
-fn strength(
-    model: VariationalModel,
-    p: &Prepared<'_>,
-    mask: &[f32],
-    settings: &Settings,
-    plan: &mut Plan,
-    solve: impl FnMut(f32, &[f32]) -> Result<Vec<f32>, DenoiseError>,
-) -> Result<f32, DenoiseError> {
-    match (settings.strength, &p.halves) {
-        (Some(c), _) => {
-            plan.run("strength", format!("c = {c}, given"));
-            Ok(c)
-        }
-        (None, Some([a, b])) => plan.stage("strength", || {
-            let grid = VariationalModel::GRID.map(|f| f * model.strength());
-            let halves = [&logarithm(a)[..], &logarithm(b)[..]];
-            match choose_by_halves(&grid, halves, mask, solve) {
-                Ok((c, _)) => (Ok(c), format!("c = {c}, by cross-validation of the halves")),
-                Err(e) => (Err(e), String::new()),
-            }
-        }),
-        (None, None) => {
-            let c = model.strength();
-            plan.run("strength", format!("c = {c}, the default for pictures without halves"));
-            Ok(c)
-        }
-    }
 }
 
 /// `u G(L)/G(u)` with a Gaussian of sigma 8: total variation of logarithms darkens, for the logarithm is concave. Only

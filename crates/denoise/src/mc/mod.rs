@@ -55,9 +55,13 @@ pub use frame::{Frame, Guides};
 #[cfg(all(test, feature = "gpu"))]
 pub(crate) use log_domain::way_back;
 pub use noise::{log_sigma, mad_sigma};
-#[cfg(feature = "gpu")]
+#[cfg(all(feature = "gpu", not(target_arch = "wasm32")))]
 pub use pipeline::denoise_on;
+#[cfg(feature = "gpu")]
+pub use pipeline::fetch_denoised;
 pub use pipeline::{Denoised, Model, Sequence, Settings, denoise};
 pub use plan::{Plan, Step};
 pub use stage::{Stage, Stages};
 pub use variational::{VariationalModel, adaptive_weight, choose_by_halves, solve_variational};
+#[cfg(all(test, feature = "gpu"))]
+pub(crate) use variational::{problem, score};

@@ -15,6 +15,7 @@ use super::variational::VariationalModel;
 use super::window::blur_mean;
 use super::{Plan, RUN, Stage, Stages, remodulate};
 use crate::DenoiseError;
+use crate::future::at_once;
 use rayon::prelude::{
     IndexedParallelIterator, IntoParallelRefMutIterator, ParallelIterator, ParallelSliceMut,
 };
@@ -44,6 +45,16 @@ pub enum Model {
     Atrous,
 }
 
+impl Model {
+    /// Whether a device has kernels for it: the models with total variation, `rof`, `tvl1` and `hybrid`.
+    pub fn has_kernels(self) -> bool {
+        match self {
+            Self::Variational(model) => model != VariationalModel::Tgv,
+            Self::Auto | Self::Atrous => false,
+        }
+    }
+}
+
 /// Choices that have good defaults.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
@@ -62,6 +73,8 @@ pub struct Settings {
     pub without: Stages,
     /// When history is kept.
     pub temporal: TemporalSettings,
+    /// Whether it is an error if a device cannot do its part of the model, which otherwise runs on the CPU.
+    pub device_required: bool,
 }
 
 impl Default for Settings {
@@ -74,7 +87,19 @@ impl Default for Settings {
             iterations: 20,
             without: Stages::default(),
             temporal: TemporalSettings::default(),
+            device_required: false,
         }
+    }
+}
+
+#[cfg(feature = "gpu")]
+impl Settings {
+    /// Whether a device has kernels for the model, if it is required.
+    fn check_kernels(&self) -> Result<(), DenoiseError> {
+        if self.device_required && !self.model.has_kernels() {
+            return Err(DenoiseError::NotOnDevice { what: "this model".into() });
+        }
+        Ok(())
     }
 }
 
@@ -106,25 +131,44 @@ pub struct Denoised {
 /// # Errors
 /// If a plane has a wrong length, or a setting is out of range.
 pub fn denoise(frame: &Frame<'_>, settings: &Settings) -> Result<Denoised, DenoiseError> {
-    denoise_at(None, frame, settings)
+    at_once(denoise_at(None, frame, settings))
 }
 
 /// [`denoise`] with what a device has kernels for on that device: the solver, the exponential and the local means of the models
-/// with total variation (`rof`, `tvl1`, `hybrid`). What it has none for, or no room, runs on the CPU; the line `device` of
-/// the plan tells it.
+/// with total variation (`rof`, `tvl1`, `hybrid`), with halves also the trials of the strength. What it has none for, or no room,
+/// runs on the CPU, and the line `device` of the plan tells it; with [`Settings::device_required`] it is an error. In a browser,
+/// [`fetch_denoised`] does it.
 ///
 /// # Errors
-/// As [`denoise`].
-#[cfg(feature = "gpu")]
+/// As [`denoise`]; [`DenoiseError::NotOnDevice`] and what the device says where it is required.
+#[cfg(all(feature = "gpu", not(target_arch = "wasm32")))]
 pub fn denoise_on(gpu: &Gpu, frame: &Frame<'_>, settings: &Settings) -> Result<Denoised, DenoiseError> {
-    denoise_at(Some(gpu), frame, settings)
+    at_once(fetch_denoised(gpu, frame, settings))
 }
 
-fn denoise_at(gpu: Option<&Gpu>, frame: &Frame<'_>, settings: &Settings) -> Result<Denoised, DenoiseError> {
+/// [`denoise_on`] as a future, which blocks the thread for the device outside of browsers only.
+///
+/// # Errors
+/// As [`denoise_on`].
+#[cfg(feature = "gpu")]
+pub async fn fetch_denoised(
+    gpu: &Gpu,
+    frame: &Frame<'_>,
+    settings: &Settings,
+) -> Result<Denoised, DenoiseError> {
+    settings.check_kernels()?;
+    denoise_at(Some(gpu), frame, settings).await
+}
+
+async fn denoise_at(
+    gpu: Option<&Gpu>,
+    frame: &Frame<'_>,
+    settings: &Settings,
+) -> Result<Denoised, DenoiseError> {
     let mut plan = Plan::default();
     let prepared = Prepared::of(frame, settings, None, &mut plan)?;
     plan.skip("history", "a single frame");
-    filter(gpu, prepared, settings, plan)
+    filter(gpu, prepared, settings, plan).await
 }
 
 /// A sequence of frames of a static scene under a moving camera.
@@ -200,19 +244,31 @@ impl Sequence {
     /// # Errors
     /// If a setting is out of range.
     pub fn denoise(&self) -> Option<Result<Denoised, DenoiseError>> {
-        self.denoise_at(None)
+        at_once(self.denoise_at(None))
     }
 
-    /// [`Self::denoise`] on a device, as [`denoise_on`].
+    /// [`Self::denoise`] on a device, as [`denoise_on`]. In a browser, [`Self::fetch_denoised`] does it.
     ///
     /// # Errors
-    /// If a setting is out of range.
-    #[cfg(feature = "gpu")]
+    /// If a setting is out of range, and what the device says where it is required.
+    #[cfg(all(feature = "gpu", not(target_arch = "wasm32")))]
     pub fn denoise_on(&self, gpu: &Gpu) -> Option<Result<Denoised, DenoiseError>> {
-        self.denoise_at(Some(gpu))
+        at_once(self.fetch_denoised(gpu))
     }
 
-    fn denoise_at(&self, gpu: Option<&Gpu>) -> Option<Result<Denoised, DenoiseError>> {
+    /// [`Self::denoise_on`] as a future, as [`fetch_denoised`].
+    ///
+    /// # Errors
+    /// As [`Self::denoise_on`].
+    #[cfg(feature = "gpu")]
+    pub async fn fetch_denoised(&self, gpu: &Gpu) -> Option<Result<Denoised, DenoiseError>> {
+        if let Err(e) = self.settings.check_kernels() {
+            return Some(Err(e));
+        }
+        self.denoise_at(Some(gpu)).await
+    }
+
+    async fn denoise_at(&self, gpu: Option<&Gpu>) -> Option<Result<Denoised, DenoiseError>> {
         let (last, plan) = self.last.as_ref()?;
         let history = self.accumulator.as_ref()?;
         let (mut prepared, mut plan) = (last.copy(), plan.clone());
@@ -231,7 +287,7 @@ impl Sequence {
                 if known { "from the history" } else { "not known: no pixel has two frames" },
             );
         }
-        Some(filter(gpu, prepared, &self.settings, plan))
+        Some(filter(gpu, prepared, &self.settings, plan).await)
     }
 }
 
@@ -272,24 +328,22 @@ fn facing(position: &[f32], width: usize) -> Vec<f32> {
 }
 
 /// Runs the model and returns to radiance.
-fn filter(
+async fn filter(
     gpu: Option<&Gpu>,
     mut prepared: Prepared<'_>,
     settings: &Settings,
     mut plan: Plan,
 ) -> Result<Denoised, DenoiseError> {
-    let convex = match settings.model {
-        Model::Variational(model) => model != VariationalModel::Tgv,
-        Model::Auto | Model::Atrous => false,
-    };
-    if gpu.is_some() && !convex {
-        plan.skip("device", "this model has no kernels: it runs on the CPU");
+    let has_kernels = settings.model.has_kernels();
+    if gpu.is_some() && !has_kernels {
+        plan.skip("device", "there are no kernels for this model: it runs on the CPU");
     }
     let mut strength = None;
     let mut estimate = match settings.model {
         Model::Auto => regression(&prepared, settings.without, &mut plan),
         Model::Variational(model) => {
-            let (u, c) = variational(gpu.filter(|_| convex), model, &mut prepared, settings, &mut plan)?;
+            let gpu = gpu.filter(|_| has_kernels);
+            let (u, c) = variational(gpu, model, &mut prepared, settings, &mut plan).await?;
             strength = Some(c);
             u
         }

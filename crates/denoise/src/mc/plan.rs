@@ -3,6 +3,11 @@
 use std::fmt;
 use std::time::Instant;
 
+/// The time; none where the standard library has no clock, as in a browser.
+pub(crate) fn now() -> Option<Instant> {
+    (!cfg!(all(target_family = "wasm", target_os = "unknown"))).then(Instant::now)
+}
+
 /// One line of a [`Plan`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
@@ -12,7 +17,7 @@ pub struct Step {
     pub runs: bool,
     /// What it does, or why it is skipped.
     pub why: String,
-    /// Seconds, for stages that ran.
+    /// Seconds, for stages that ran where there is a clock.
     pub seconds: Option<f64>,
 }
 
@@ -38,15 +43,15 @@ impl Plan {
         name: &'static str,
         work: impl FnOnce() -> (R, W),
     ) -> R {
-        let began = Instant::now();
+        let began = now();
         let (result, why) = work();
         self.timed(name, why, began);
         result
     }
 
     /// A stage that ran since `began`.
-    pub(crate) fn timed(&mut self, name: &'static str, why: impl Into<String>, began: Instant) {
-        let seconds = Some(began.elapsed().as_secs_f64());
+    pub(crate) fn timed(&mut self, name: &'static str, why: impl Into<String>, began: Option<Instant>) {
+        let seconds = began.map(|began| began.elapsed().as_secs_f64());
         self.steps.push(Step { name, runs: true, why: why.into(), seconds });
     }
 

@@ -104,7 +104,7 @@ pub(super) fn minimise(
 }
 
 /// What all models but TGV2 minimise.
-pub(super) fn problem<'a>(
+pub(crate) fn problem<'a>(
     model: VariationalModel,
     shape: Shape,
     target: &'a [f32],
@@ -130,14 +130,22 @@ pub fn choose_by_halves<E>(
     mut solve: impl FnMut(f32, &[f32]) -> Result<Vec<f32>, E>,
 ) -> Result<(f32, Vec<f64>), E> {
     assert!(!grid.is_empty() && a.len() == b.len(), "a grid, and halves of one size");
-    let distance = |u: &[f32], v: &[f32]| {
-        let pairs = u.iter().zip(v).zip(weight.iter().cycle());
-        pairs.map(|((u, v), w)| f64::from(w * (u - v) * (u - v))).sum::<f64>()
-    };
     let mut scores = Vec::with_capacity(grid.len());
     for c in grid {
-        scores.push(0.5 * (distance(&solve(*c, a)?, b) + distance(&solve(*c, b)?, a)));
+        let errors = [score(&solve(*c, a)?, b, weight), score(&solve(*c, b)?, a, weight)];
+        scores.push(0.5 * (errors[0] + errors[1]));
     }
+    Ok((least(grid, &scores), scores))
+}
+
+/// The squared distance of an estimate from the other half over the pixels with weight.
+pub(crate) fn score(u: &[f32], other: &[f32], weight: &[f32]) -> f64 {
+    let pairs = u.iter().zip(other).zip(weight.iter().cycle());
+    pairs.map(|((u, v), w)| f64::from(w * (u - v) * (u - v))).sum()
+}
+
+/// The entry of a grid that is not empty with the least score.
+pub(super) fn least(grid: &[f32], scores: &[f64]) -> f32 {
     let best = (0..grid.len()).min_by(|i, j| scores[*i].total_cmp(&scores[*j])).unwrap_or(0);
-    Ok((grid[best], scores))
+    grid[best]
 }

@@ -1,6 +1,7 @@
 //! [`StripSolver`](super::StripSolver) on a device, for systems without `c2`.
 
 use super::{Symbol, eigenvalue};
+use crate::gpu::{filled, room};
 use photofit_gpu::{Buffer, Gpu, GpuError, INDEX, Kernel, Recorder};
 
 /// Rows of a part of a column.
@@ -63,9 +64,11 @@ impl DeviceStrip {
         if gpu.report().workgroup_memory as usize >= 2 * LONG * size_of::<[f32; 2]>() { LONG } else { SHORT }
     }
 
-    /// For rows of `width` samples, at most [`Self::longest`], which only has the factors 2, 3 and 5.
+    /// For rows of `width` samples, at most [`Self::longest`], which only has the factors 2, 3 and 5; in the buffers of a
+    /// former one, as far as they have the size.
     pub(crate) fn new(
         gpu: &Gpu,
+        former: Option<&Self>,
         [width, height]: [usize; 2],
         pictures: usize,
         symbol: Symbol,
@@ -95,10 +98,15 @@ impl DeviceStrip {
         Ok(Self {
             params,
             rows: if width <= SHORT { SHORT_ROWS } else { LONG_ROWS },
-            roots: gpu.upload("roots of unity", &roots)?,
-            eigenvalues: gpu.upload("eigenvalues", &single)?,
-            factors: gpu.upload("factors of rows between parts", &factors(&eigenvalues, height, symbol))?,
-            ends: gpu.zeros("ends of parts", pictures * parts * width)?,
+            roots: filled(gpu, former.map(|f| &f.roots), "roots of unity", &roots)?,
+            eigenvalues: filled(gpu, former.map(|f| &f.eigenvalues), "eigenvalues", &single)?,
+            factors: filled(
+                gpu,
+                former.map(|f| &f.factors),
+                "factors of rows between parts",
+                &factors(&eigenvalues, height, symbol),
+            )?,
+            ends: room(gpu, former.map(|f| &f.ends), "ends of parts", pictures * parts * width)?,
         })
     }
 

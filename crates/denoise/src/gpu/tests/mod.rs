@@ -1,11 +1,12 @@
 //! Twins against the CPU.
 
 mod denoised;
+mod refusals;
 mod solver;
 mod tolerances;
 
 use super::KERNELS;
-use photofit_gpu::validate;
+use photofit_gpu::{Choice, Gpu, validate};
 use photofit_sampling::Rng;
 
 fn random(seed: u64, n: usize, size: f32) -> Vec<f32> {
@@ -26,6 +27,16 @@ fn distance(a: &[f32], b: &[f32]) -> f64 {
 
 fn largest(a: &[f32]) -> f64 {
     worst(a.iter().map(|a| f64::from(a.abs())))
+}
+
+/// Which adapter the tests choose.
+fn choice() -> Choice {
+    std::env::var("PHOTOFIT_TEST_GPU").map_or(Choice::Any, Choice::Named)
+}
+
+/// A device that no other test uses.
+fn own_device() -> Gpu {
+    Gpu::new(&choice()).expect("a device")
 }
 
 fn bits(a: &[f32]) -> Vec<u32> {

@@ -1,10 +1,12 @@
 //! The linear step and the splitting.
 
 use super::{bits, distance, largest, random, tolerances};
-use crate::admm::{Admm, Coupling, DataTerm, LinearStep, Problem, Stop, Weight, solve_on};
+use crate::admm::{
+    Admm, ChannelPlan, Coupling, DataTerm, DeviceAdmm, LinearStep, Problem, Stop, Weight, solve_on,
+};
 use crate::transform::{DeviceStrip, StripSolver, Symbol};
 use crate::{DenoiseError, Shape};
-use photofit_gpu::{assert_twin, test_device};
+use photofit_gpu::{Gpu, assert_twin, test_device};
 
 #[test]
 #[ignore = "gpu: needs an adapter"]
@@ -26,21 +28,55 @@ fn linear_steps_agree() {
     for (seed, [width, height]) in sizes.into_iter().enumerate() {
         for (c0, c1) in [(1.0, 0.0), (2.0, 1.0), (0.05, 3.0), (1e-3, 1.0)] {
             let symbol = Symbol { c0, c1, c2: 0.0 };
-            let n = width * height;
-            let mut both = random(seed as u64, 2 * n, 1.0);
-            let packed: Vec<[f32; 2]> = (0..n).map(|i| [both[i], both[n + i]]).collect();
-            let picture = gpu.upload("picture", &packed).expect("room");
-            let strip = DeviceStrip::new(gpu, [width, height], 1, symbol).expect("a solver");
-            let mut r = gpu.record("strip");
-            strip.solve(&mut r, &picture).expect("kernels");
-            r.finish().expect("a recording").run().expect("a run");
-            let theirs = gpu.read(&picture).expect("values").concat();
-            let solver = StripSolver::new(width, height, symbol);
-            both.chunks_mut(n).for_each(|plane| solver.solve(plane));
-            let ours: Vec<f32> = (0..n).flat_map(|i| [both[i], both[n + i]]).collect();
-            let error = distance(&ours, &theirs) / (largest(&ours) * (c0 + 8.0 * c1) / c0);
+            let sides = random(seed as u64, 2 * width * height, 1.0);
+            let error = strip_error(gpu, [width, height], [symbol; 2], [sides.clone(), sides]);
             assert_twin("STRIP", format!("{width} x {height}, {c0}, {c1}"), error, tolerances::STRIP);
         }
+    }
+}
+
+/// How far solutions of the CPU and of a device differ, each of a system and right-hand sides of its own.
+fn strip_error(
+    gpu: &Gpu,
+    [width, height]: [usize; 2],
+    [cpu, device]: [Symbol; 2],
+    sides: [Vec<f32>; 2],
+) -> f64 {
+    let n = width * height;
+    let [mut both, sides] = sides;
+    let packed: Vec<[f32; 2]> = (0..n).map(|i| [sides[i], sides[n + i]]).collect();
+    let picture = gpu.upload("picture", &packed).expect("room");
+    let strip = DeviceStrip::new(gpu, None, [width, height], 1, device).expect("a solver");
+    let mut r = gpu.record("strip");
+    strip.solve(&mut r, &picture).expect("kernels");
+    r.finish().expect("a recording").run().expect("a run");
+    let theirs = gpu.read(&picture).expect("values").concat();
+    let solver = StripSolver::new(width, height, cpu);
+    both.chunks_mut(n).for_each(|plane| solver.solve(plane));
+    let ours: Vec<f32> = (0..n).flat_map(|i| [both[i], both[n + i]]).collect();
+    distance(&ours, &theirs) / (largest(&ours) * (cpu.c0 + 8.0 * cpu.c1) / cpu.c0)
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn another_system_is_noticed() {
+    let gpu = test_device();
+    let size = [90, 33];
+    let (symbol, sides) = (Symbol { c0: 2.0, c1: 1.0, c2: 0.0 }, random(1, 2 * 90 * 33, 1.0));
+    let error =
+        |device: Symbol, theirs: Vec<f32>| strip_error(gpu, size, [symbol, device], [sides.clone(), theirs]);
+    let mut entry = sides.clone();
+    entry[1234] += 1e-4;
+    let mut moved = sides.clone();
+    moved.swap(40 * 33 + 2, 40 * 33 + 3);
+    assert!(error(symbol, sides.clone()) <= tolerances::STRIP, "the same");
+    for (what, error) in [
+        ("c0", error(Symbol { c0: 2.0001, ..symbol }, sides.clone())),
+        ("c1", error(Symbol { c1: 1.0001, ..symbol }, sides.clone())),
+        ("an entry of a right-hand side", error(symbol, entry)),
+        ("its place", error(symbol, moved)),
+    ] {
+        assert!(error > tolerances::STRIP, "{what} is noticed: {error:.1e}");
     }
 }
 
@@ -111,6 +147,67 @@ fn splittings_agree() {
         let (ours, theirs) = (on_cpu(&problem, 0), solve_on(gpu, &problem, 0).expect("a device"));
         assert_twin("SPLITTING", what, error(&problem, &ours, &theirs), tolerances::SPLITTING);
     });
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn equal_and_constant_channels_agree() {
+    let gpu = test_device();
+    for (width, height) in [(31, 33), (40, 17)] {
+        let (shape, n) = (Shape::new(width, height, 3), width * height);
+        let grey = picture(Shape::new(width, height, 1), 7, 1.0).repeat(3);
+        let mut constant = grey.clone();
+        constant[n..2 * n].fill(0.4);
+        let hybrid = || DataTerm::Hybrid { l1: maps(shape, 2, 1, true), l2: maps(shape, 2, 1, true) };
+        let absolute = || DataTerm::L1 { lambda: 2.0.into() };
+        let of = |target, data| Problem::new(shape, target, data).with_gradient(maps(shape, 3, 1, false));
+        use ChannelPlan::{Constant, SameAs, Solved};
+        for (what, problem, plan) in [
+            ("coupled", of(&grey, hybrid()).vectorial(), [Solved, SameAs(0), SameAs(0)]),
+            ("separate", of(&grey, hybrid()), [Solved, SameAs(0), SameAs(0)]),
+            ("coupled, one constant", of(&constant, absolute()).vectorial(), [Solved, Constant, SameAs(0)]),
+            ("separate, one constant", of(&constant, absolute()), [Solved, Constant, SameAs(0)]),
+        ] {
+            assert_eq!(Admm::new(&problem).expect("a good problem").plan().channels, plan, "{what}");
+            let (ours, theirs) = (on_cpu(&problem, 20), solve_on(gpu, &problem, 20).expect("a device"));
+            assert_twin("SPLITTING", what, error(&problem, &ours, &theirs), tolerances::SPLITTING);
+        }
+    }
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn a_solver_takes_another_problem_as_a_new_one() {
+    let gpu = test_device();
+    let (shape, other) = (Shape::new(31, 33, 3), Shape::new(40, 17, 2));
+    let targets = [picture(shape, 1, 1.0), picture(shape, 2, 3.0), picture(other, 3, 1.0)];
+    let quadratic = |shape, target, alpha: f32| {
+        Problem::new(shape, target, DataTerm::L2 { lambda: 4.0.into() }).with_gradient(alpha)
+    };
+    let holes = DataTerm::Hybrid { l1: maps(shape, 2, 1, true), l2: maps(shape, 2, 1, true) };
+    let problems = [
+        quadratic(shape, &targets[0], 0.5).vectorial(),
+        quadratic(shape, &targets[0], 1.5).vectorial(),
+        Problem::new(shape, &targets[1], holes).with_gradient(maps(shape, 3, 1, false)),
+        quadratic(other, &targets[2], 0.5),
+        quadratic(shape, &targets[1], 0.5),
+    ];
+    let mut former: Option<DeviceAdmm> = None;
+    for (k, problem) in problems.iter().enumerate() {
+        let admm = match former.take() {
+            Some(former) => former.again(gpu, problem),
+            None => DeviceAdmm::new(gpu, problem),
+        };
+        let admm = admm.expect("room");
+        let planes = gpu.zeros("solution", problem.shape.len()).expect("room");
+        let mut r = gpu.record("admm");
+        admm.record(&mut r, 20).expect("kernels");
+        admm.unpack(&mut r, &planes).expect("kernels");
+        r.finish().expect("a recording").run().expect("a run");
+        let fresh = solve_on(gpu, problem, 20).expect("a device");
+        assert_eq!(bits(&gpu.read(&planes).expect("values")), bits(&fresh), "problem {k}");
+        former = Some(admm);
+    }
 }
 
 #[test]
