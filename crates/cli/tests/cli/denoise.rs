@@ -400,7 +400,7 @@ fn a_device_gives_what_the_cpu_gives_or_is_refused() {
     assert!(text.contains("10 trials of the strength") && text.contains("11 submissions"), "{text}");
     // What it cannot do.
     let row = Image::from_data(2050, 1, 3, (0..3 * 2050).map(|i| (i % 7) as f32).collect());
-    write_exr(&d.join("c.exr"), &[("", &row, RGB)]).unwrap();
+    write_exr(d.join("c.exr"), &[("", &row, RGB)]).unwrap();
     let o = photofit(d, &software);
     let parts = ["c.exr", "--model hybrid", "--device gpu:llvmpipe", "rows of 2050 pixels", "--device auto"];
     assert_one_error(&o, "too wide", &parts);
