@@ -6,6 +6,7 @@ mod decimate;
 mod denoise;
 mod denoise_mc;
 mod denoise_peer;
+#[cfg(feature = "gpu")]
 mod device;
 mod effort;
 mod flow;
@@ -42,6 +43,7 @@ pub(crate) const SUITES: &[Suite] = &[
         about: "differentiable rasterizer, time against pixels and triangles",
         run: raster::run,
     },
+    #[cfg(feature = "gpu")]
     Suite {
         name: "device",
         about: "steps and whole fits on a GPU (PHOTOFIT_DEVICE=NAME, else any) beside the CPU, and the work of each kernel",
