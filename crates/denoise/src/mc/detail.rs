@@ -35,6 +35,7 @@ const EXPLAINED: f32 = 3.6;
 const OWN: f32 = 1.0;
 
 /// What is known of the picture.
+#[derive(Clone, Copy)]
 pub(crate) struct Detail<'a> {
     pub(crate) width: usize,
     /// 3 planes.
