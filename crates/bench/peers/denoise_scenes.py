@@ -282,9 +282,9 @@ def row(folder, t):
 
 
 def bulbs(folder, t):
-    """Many small coloured lamps in a closed room."""
+    """Many small coloured lamps in a closed room; a sequence."""
     random = np.random.default_rng(8)
-    parts = [path(), camera((0, 1.2, 2.6), (0, 0.8, 0), 50), floor(2.7, diffuse(0.55, 0.5, 0.45)), walls(2, 2.4, 2.7, diffuse(0.6), diffuse(0.6), diffuse(0.65), diffuse(0.5))]
+    parts = [path(), camera((0.03 * before(t), 1.2, 2.6), (0, 0.8, 0), 50), floor(2.7, diffuse(0.55, 0.5, 0.45)), walls(2, 2.4, 2.7, diffuse(0.6), diffuse(0.6), diffuse(0.65), diffuse(0.5))]
     for k in range(14):
         color = np.round(random.uniform(0.2, 1, 3) * 40, 3)
         parts.append(ball((-1.7 + 3.4 * (k % 7) / 6, 1.6 + 0.4 * (k // 7), -1.8 + 1.3 * (k // 7)), 0.05, diffuse(0.5), emitter(*color)))
@@ -526,7 +526,7 @@ JUDGING = [window, workshop, bottles, carpet, stone, hedge, bokeh, smoke]
 FRESH = [kitchen, stairs, shelf, lantern, court]
 SETS = {"choosing": CHOOSING, "judging": JUDGING, "fresh": FRESH}
 #: Scenes whose camera moves with the frame.
-MOVING = [gallery, spheres, reeds, window, workshop, carpet, hedge, shelf, court]
+MOVING = [gallery, spheres, reeds, bulbs, window, workshop, carpet, hedge, shelf, court]
 
 
 def write(scene, folder, frame=0):

@@ -5,6 +5,7 @@
 //! samples of its own pixels, and their noise has next to no part in an estimate from the history: what is still missing is judged
 //! and brought back by them, as if it were a picture by itself.
 
+use super::black::classes;
 use super::detail::{Detail, Shares, restore_detail};
 use super::prepare::Prepared;
 
@@ -22,34 +23,38 @@ pub(crate) fn restore(p: &Prepared<'_>, split: Option<&[Vec<f32>; 2]>, estimate:
         width: p.shape.width,
         irradiance: &p.irradiance,
         weight: &p.trust,
-        variance: p.variance.as_deref(),
+        // Two halves tell too little of one pixel; a history tells the noise of each over its frames.
+        variance: p.variance.as_deref().filter(|_| p.halves.is_none()),
         independent: p.last.is_none() && p.halves.is_none(),
         features: &features,
         apart: apart.as_deref().unwrap_or_default(),
+        history: None,
     };
-    // Two halves tell too little of one pixel; a history tells the noise of each over its frames.
-    let variance = picture.variance.filter(|_| p.halves.is_none());
-    let picture = Detail { variance, ..picture };
-    // Bilateral means tell the classes apart; others take them one by one.
-    let mut why = match (split, picture.variance.filter(|_| picture.independent)) {
-        (Some([others, own]), None) => {
-            told([others, own].map(|weight| restore_detail(&Detail { weight, ..picture }, estimate)))
-        }
-        _ => told([restore_detail(&picture, estimate)]),
-    };
-    if let Some(last) = &p.last
-        && let Some(variance) = &last.variance
-    {
+    let mut why = by_classes(&picture, split, estimate);
+    if let Some(last) = &p.last {
         let own = Detail {
             irradiance: &last.irradiance,
             weight: &last.weight,
-            variance: Some(variance),
+            variance: last.variance.as_deref(),
             independent: true,
+            history: p.variance.as_deref().map(|variance| [&p.irradiance[..], variance]),
             ..picture
         };
-        why += &format!("; of the last frame {}", told([restore_detail(&own, estimate)]));
+        let split = split.map(|_| classes(&last.weight, &p.black));
+        why += &format!("; of the last frame {}", by_classes(&own, split.as_ref(), estimate));
     }
     why
+}
+
+/// Adds what one picture shows. Bilateral means tell the classes of `split` apart; others take them one by one.
+fn by_classes(detail: &Detail<'_>, split: Option<&[Vec<f32>; 2]>, estimate: &mut [f32]) -> String {
+    let bilateral = detail.independent && detail.variance.is_some();
+    match split {
+        Some([others, own]) if !bilateral => {
+            told([others, own].map(|weight| restore_detail(&Detail { weight, ..*detail }, estimate)))
+        }
+        _ => told([restore_detail(detail, estimate)]),
+    }
 }
 
 /// The shares of one or two classes in words.
