@@ -8,8 +8,9 @@
 //! needed, and none that few samples tell badly is trusted.
 //! Of the noise `v` the share `1 - v / e` of the rest is added then, `e` the mean square of that rest around the pixel (Wiener's filter
 //! with a local estimate of the signal [@lee1980]). Relative residuals keep what is bright from reaching into what is dark.
-//! In a sequence the residual of the history, which has less noise than the last frame and little of the same, tells likeness, and
-//! products that are not above [`DOUBT`] of their chance count as 0.
+//! In a sequence the residual of the history, which has less noise than the last frame and little of the same, tells likeness. What the
+//! history explains is there already, and heavy-tailed noise of neighbours agrees by chance: of each sum of products `p` only
+//! `p (1 - s / p^2)` counts, `s` its squared standard error (positive-part shrinkage).
 //! Where the noise is not known pixel by pixel, Gaussian means take the place of the bilateral ones ([`significant`]).
 
 use super::bilateral::{Bilateral, MEANS, NOTHING, ROWS, Taps, Tile};
@@ -35,9 +36,9 @@ const VARIANCE: [f32; 2] = [1e-4, 1e3];
 const EXPLAINED: f32 = 3.6;
 /// Deviation of the window in which a pixel's own noise is judged; the larger of that and of [`POOL`] counts.
 const OWN: f32 = 1.0;
-/// What the sum of products must be above in a sequence, in roots of the sum of their squares: about .7 standard errors. What the
-/// history holds is there already, and heavy-tailed noise of neighbours agrees by chance.
-const DOUBT: f32 = 0.5;
+/// The squared standard error of a windowed sum of products over the windowed sum of their squares: of a Gaussian window, the share of its
+/// squared weights in its weights.
+const CHANCE: f32 = 0.5;
 
 /// What is known of the picture.
 #[derive(Clone, Copy)]
@@ -266,10 +267,11 @@ impl Residual {
                 }
             });
         products.smooth(EXPLAINED);
-        let doubt = if detail.history.is_some() { DOUBT } else { 0.0 };
+        let chance = if detail.history.is_some() { CHANCE } else { 0.0 };
         let gains = products.map(|[ww, rw, dd, rd, wd, rw2, rd2]| {
-            let beyond = |sum: f32, squares: f32| {
-                sum.signum() * (sum.abs() - doubt * squares.max(0.0).sqrt()).max(0.0)
+            let beyond = |sum: f32, squares: f32| match sum * sum > chance * squares {
+                true => sum - chance * squares / sum,
+                false => 0.0,
             };
             gains([ww, beyond(rw, rw2), dd, beyond(rd, rd2), wd])
         });
