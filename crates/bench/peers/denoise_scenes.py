@@ -179,6 +179,11 @@ def lens(radius, distance):
     return number("aperture_radius", radius) + number("focus_distance", distance)
 
 
+def before(t):
+    """Frame `t` counted from the last one, which is the view of a scene that does not move."""
+    return t - FRAMES + 1
+
+
 def path(depth=10, kind="path"):
     return f'<integrator type="{kind}"><integer name="max_depth" value="{depth}"/></integrator>'
 
@@ -212,8 +217,8 @@ def gallery(folder, t):
 
 
 def spheres(folder, t):
-    """Metals and plastics of rising roughness under a sky with a sun."""
-    parts = [path(), camera((0, 1.6, 5.5), (0, 0.45, 0), 30), environment(sky(folder, "spheres-sky.pfm"))]
+    """Metals and plastics of rising roughness under a sky with a sun; a sequence."""
+    parts = [path(), camera((0.06 * before(t), 1.6, 5.5), (0.02 * before(t), 0.45, 0), 30), environment(sky(folder, "spheres-sky.pfm"))]
     for k in range(5):
         parts.append(ball((1.1 * (k - 2), 0.5, 0.3), 0.48, metal(0.02 + 0.12 * k, 0.9, 0.85, 0.75)))
         plastic = bsdf("principled", rgb("base_color", 0.15 + 0.15 * k, 0.3, 0.7 - 0.12 * k), number("roughness", 0.1 + 0.2 * k), number("specular", 0.6))
@@ -223,9 +228,9 @@ def spheres(folder, t):
 
 
 def reeds(folder, t):
-    """Rods a pixel or two wide before a wall, under a small lamp and weak sky."""
+    """Rods a pixel or two wide before a wall, under a small lamp and weak sky; a sequence."""
     random = np.random.default_rng(3)
-    parts = [path(), camera((0, 1.0, 4.2), (0, 0.85, 0), 34), '<emitter type="constant">' + rgb("radiance", 0.15, 0.2, 0.3) + "</emitter>"]
+    parts = [path(), camera((0.03 * before(t), 1.0, 4.2), (0, 0.85, 0), 34), '<emitter type="constant">' + rgb("radiance", 0.15, 0.2, 0.3) + "</emitter>"]
     for _ in range(90):
         x, z = random.uniform(-1.8, 1.8), random.uniform(-0.8, 0.8)
         lean = random.uniform(-0.25, 0.25, 2)
@@ -277,9 +282,9 @@ def row(folder, t):
 
 
 def bulbs(folder, t):
-    """Many small coloured lamps in a closed room."""
+    """Many small coloured lamps in a closed room; a sequence."""
     random = np.random.default_rng(8)
-    parts = [path(), camera((0, 1.2, 2.6), (0, 0.8, 0), 50), floor(2.7, diffuse(0.55, 0.5, 0.45)), walls(2, 2.4, 2.7, diffuse(0.6), diffuse(0.6), diffuse(0.65), diffuse(0.5))]
+    parts = [path(), camera((0.03 * before(t), 1.2, 2.6), (0, 0.8, 0), 50), floor(2.7, diffuse(0.55, 0.5, 0.45)), walls(2, 2.4, 2.7, diffuse(0.6), diffuse(0.6), diffuse(0.65), diffuse(0.5))]
     for k in range(14):
         color = np.round(random.uniform(0.2, 1, 3) * 40, 3)
         parts.append(ball((-1.7 + 3.4 * (k % 7) / 6, 1.6 + 0.4 * (k // 7), -1.8 + 1.3 * (k // 7)), 0.05, diffuse(0.5), emitter(*color)))
@@ -315,8 +320,8 @@ def window(folder, t):
 
 
 def workshop(folder, t):
-    """Rough metals and a polished floor under two long lamps."""
-    parts = [path(), camera((0.6, 1.5, 4.0), (0, 0.5, -0.2), 36), floor(4, bsdf("principled", rgb("base_color", 0.2, 0.18, 0.16), number("roughness", 0.2), number("specular", 0.7)))]
+    """Rough metals and a polished floor under two long lamps; a sequence."""
+    parts = [path(), camera((0.6 + 0.04 * before(t), 1.5, 4.0), (0, 0.5, -0.2), 36), floor(4, bsdf("principled", rgb("base_color", 0.2, 0.18, 0.16), number("roughness", 0.2), number("specular", 0.7)))]
     parts += [placed("rectangle", scale(4, 2, 1) + move(0, 2, -2), diffuse(0.4, 0.42, 0.45))]
     parts += [placed("rectangle", scale(1.2, 0.12, 1) + turn("x", 90) + move(0, 2.8, z), diffuse(0.5), emitter(14, 14, 13)) for z in (-0.9, 1.0)]
     parts += [placed("cube", scale(0.4, 0.25, 0.3) + turn("y", 30) + move(-0.9, 0.25, 0.1), metal(0.3, 0.9, 0.6, 0.4)), ball((0.0, 0.4, -0.4), 0.4, metal(0.08, 0.85)), ball((0.95, 0.3, 0.3), 0.3, metal(0.2, 0.95, 0.8, 0.5))]
@@ -377,12 +382,12 @@ def stone(folder, t):
 
 
 def hedge(folder, t):
-    """Leaves cut out of quads by masks, behind wires."""
+    """Leaves cut out of quads by masks, behind wires; a sequence."""
     y, x = coordinates(64)
     leaf = (((x - 0.5) / 0.22) ** 2 + ((y - 0.5) / 0.45) ** 2 < 1).astype(float)
     pfm(folder / "hedge-leaf.pfm", np.repeat(leaf[..., None], 3, 2))
     random = np.random.default_rng(17)
-    parts = [path(), camera((0, 1.0, 3.6), (0, 0.9, 0), 36), environment(sky(folder, "hedge-sky.pfm", (0.7, 0.2), 120, 0.04))]
+    parts = [path(), camera((0.025 * before(t), 1.0, 3.6), (0, 0.9, 0), 36), environment(sky(folder, "hedge-sky.pfm", (0.7, 0.2), 120, 0.04))]
     for _ in range(220):
         tint = np.round(np.array([0.12, 0.35, 0.08]) * random.uniform(0.5, 1.6), 3)
         leafy = bsdf("mask", bitmap("opacity", "hedge-leaf.pfm"), bsdf("twosided", diffuse(*tint)))
@@ -501,13 +506,13 @@ def lantern(folder, t):
 
 
 def court(folder, t):
-    """Columns, a mesh of bumps and a fence of masks under a bright sky with a directional sun."""
+    """Columns, a mesh of bumps and a fence of masks under a bright sky with a directional sun; a sequence."""
     write_ply(folder / "court.ply", *(lambda v, f: (0.5 * v, f))(*bumpy(24, 0.2, 13)))
     y, x = coordinates(64)
     pfm(folder / "court-fence.pfm", np.repeat((((x + y) * 6 % 1 < 0.25) | ((x - y) * 6 % 1 < 0.25)).astype(float)[..., None], 3, 2))
     pfm(folder / "court-sand.pfm", mix(smooth((256, 256), 64, 44), (0.6, 0.5, 0.35), (0.4, 0.33, 0.24)))
     fence = bsdf("mask", bitmap("opacity", "court-fence.pfm", 3), bsdf("twosided", metal(0.3, 0.55)))
-    parts = [path(12), camera((1.6, 1.3, 4.0), (0, 0.75, -0.2), 38), environment(sky(folder, "court-sky.pfm", strength=0.0), 70, 0.8), floor(6, painted("court-sand.pfm", 4))]
+    parts = [path(12), camera((1.6 + 0.03 * before(t), 1.3, 4.0), (0, 0.75, -0.2), 38), environment(sky(folder, "court-sky.pfm", strength=0.0), 70, 0.8), floor(6, painted("court-sand.pfm", 4))]
     parts += [f'<emitter type="directional"><vector name="direction" x="0.55" y="-0.75" z="-0.35"/>{rgb("irradiance", 4.5, 4.0, 3.2)}</emitter>']
     for k in range(5):
         parts.append(rod((-1.6 + 0.8 * k, 0, -1.1), (-1.6 + 0.8 * k, 1.8, -1.1), 0.14, diffuse(0.7, 0.66, 0.58)))
@@ -521,7 +526,7 @@ JUDGING = [window, workshop, bottles, carpet, stone, hedge, bokeh, smoke]
 FRESH = [kitchen, stairs, shelf, lantern, court]
 SETS = {"choosing": CHOOSING, "judging": JUDGING, "fresh": FRESH}
 #: Scenes whose camera moves with the frame.
-MOVING = [gallery, window, carpet, shelf]
+MOVING = [gallery, spheres, reeds, bulbs, window, workshop, carpet, hedge, shelf, court]
 
 
 def write(scene, folder, frame=0):

@@ -8,6 +8,9 @@
 //! needed, and none that few samples tell badly is trusted.
 //! Of the noise `v` the share `1 - v / e` of the rest is added then, `e` the mean square of that rest around the pixel (Wiener's filter
 //! with a local estimate of the signal [@lee1980]). Relative residuals keep what is bright from reaching into what is dark.
+//! In a sequence the residual of the history, which has less noise than the last frame and little of the same, tells likeness. What the
+//! history explains is there already, and heavy-tailed noise of neighbours agrees by chance: of each sum of products `p` only
+//! `p (1 - s / p^2)` counts, `s` its squared standard error (positive-part shrinkage).
 //! Where the noise is not known pixel by pixel, Gaussian means take the place of the bilateral ones ([`significant`]).
 
 use super::bilateral::{Bilateral, MEANS, NOTHING, ROWS, Taps, Tile};
@@ -33,8 +36,12 @@ const VARIANCE: [f32; 2] = [1e-4, 1e3];
 const EXPLAINED: f32 = 3.6;
 /// Deviation of the window in which a pixel's own noise is judged; the larger of that and of [`POOL`] counts.
 const OWN: f32 = 1.0;
+/// The squared standard error of a windowed sum of products over the windowed sum of their squares: of a Gaussian window, the share of its
+/// squared weights in its weights.
+const CHANCE: f32 = 0.5;
 
 /// What is known of the picture.
+#[derive(Clone, Copy)]
 pub(crate) struct Detail<'a> {
     pub(crate) width: usize,
     /// 3 planes.
@@ -50,6 +57,8 @@ pub(crate) struct Detail<'a> {
     pub(crate) features: &'a [(&'a [f32], f32)],
     /// Above 0 in pixels that are like no other pixels; empty if there are none.
     pub(crate) apart: &'a [f32],
+    /// Irradiance and variance of the history of which `irradiance` is the last frame.
+    pub(crate) history: Option<[&'a [f32]; 2]>,
 }
 
 /// What was added.
@@ -185,15 +194,15 @@ impl Residual {
         );
     }
 
-    /// The Gaussian mean of the mean over the channels; [`NOTHING`] at holes, [`APART`] more where pixels are apart.
-    fn guide(&self, detail: &Detail<'_>) -> Vec<f32> {
+    /// The Gaussian mean of the mean of `values` (3 planes) over the channels; [`NOTHING`] at holes, [`APART`] more where pixels are apart.
+    fn guide(&self, detail: &Detail<'_>, values: &[f32]) -> Vec<f32> {
         let taps = &gaussian_taps(GUIDE)[..];
         let (width, n) = (self.width, self.noise.len());
         let (mut along, mut count) = (vec![0.0; n], vec![0.0; n]);
         let rows = along.par_chunks_mut(width).zip(count.par_chunks_mut(width));
         let scratch = || (vec![0.0; width], vec![0.0; width]);
         rows.enumerate().with_min_len(8).for_each_init(scratch, |(part, known), (y, (along, count))| {
-            let [r, g, b] = row_of(&self.values, y, width);
+            let [r, g, b] = row_of(values, y, width);
             for x in 0..width {
                 part[x] = (r[x] + g[x] + b[x]) * (1.0 / 3.0);
                 known[x] = if detail.weight[y * width + x] > 0.0 { 1.0 } else { 0.0 };
@@ -222,15 +231,19 @@ impl Residual {
 
     fn restore(self, detail: &Detail<'_>, estimate: &mut [f32]) -> Shares {
         let (width, height) = (self.width, self.height);
-        let guide = self.guide(detail);
+        let history = detail
+            .history
+            .map(|[irradiance, variance]| Self::of(&Detail { irradiance, ..*detail }, estimate, variance));
+        let alike = history.as_ref().unwrap_or(&self);
+        let guide = self.guide(detail, &alike.values);
         let bilateral = Bilateral { width, features: detail.features, guide: &guide, values: &self.values };
         // Half the squared difference over twice the variance of the smoothed residual.
         let pixels = std::f32::consts::PI * GUIDE * GUIDE;
         let taps = Taps::new();
         let mut means = vec![0.0; MEANS * self.noise.len()];
-        let mut products = Pooled::<5>::new(width, height);
-        let per_run = 5 * products.columns * (ROWS / SIDE);
-        let scratch = || (Tile::default(), Scratch::default(), vec![0.0; ROWS * width], vec![0.0; 5 * width]);
+        let mut products = Pooled::<7>::new(width, height);
+        let per_run = 7 * products.columns * (ROWS / SIDE);
+        let scratch = || (Tile::default(), Scratch::default(), vec![0.0; ROWS * width], vec![0.0; 7 * width]);
         means
             .par_chunks_mut(MEANS * ROWS * width)
             .zip(products.sums.par_chunks_mut(per_run))
@@ -239,7 +252,7 @@ impl Residual {
                 let y = k * ROWS;
                 let rows = means.len() / (MEANS * width);
                 for (r, precision) in precision.chunks_mut(width).enumerate().take(rows) {
-                    self.pooled.mean_row(0, 1, y + r, scratch, precision);
+                    alike.pooled.mean_row(0, 1, y + r, scratch, precision);
                     precision.iter_mut().for_each(|v| *v = pixels / v.clamp(VARIANCE[0], VARIANCE[1]));
                 }
                 bilateral.rows(y, &taps, precision, tile, means);
@@ -254,7 +267,14 @@ impl Residual {
                 }
             });
         products.smooth(EXPLAINED);
-        let gains = products.map(gains);
+        let chance = if detail.history.is_some() { CHANCE } else { 0.0 };
+        let gains = products.map(|[ww, rw, dd, rd, wd, rw2, rd2]| {
+            let beyond = |sum: f32, squares: f32| match sum * sum > chance * squares {
+                true => sum - chance * squares / sum,
+                false => 0.0,
+            };
+            gains([ww, beyond(rw, rw2), dd, beyond(rd, rd2), wd])
+        });
         self.mix(&gains, &mut means);
         let shares = [0, 1].map(|k| {
             let all = (0..gains.blocks()).map(|b| f64::from(gains.at(k, b))).sum::<f64>();
@@ -264,11 +284,12 @@ impl Residual {
         Shares::Bilateral { means: shares, own }
     }
 
-    /// The products of the residual `r`, the wide mean `w` and `d`, what the narrow one has more: `ww, rw, dd, rd, wd` of a row.
+    /// The products of the residual `r`, the wide mean `w` and `d`, what the narrow one has more: `ww, rw, dd, rd, wd` of a row,
+    /// summed over the channels, and the squares of `rw` and `rd`.
     fn products(&self, y: usize, detail: &Detail<'_>, means: &[f32], out: &mut [f32]) {
         let width = self.width;
         out.fill(0.0);
-        let [ww, rw, dd, rd, wd] = cut::<5>(out, width);
+        let [ww, rw, dd, rd, wd, rw2, rd2] = cut::<7>(out, width);
         let weight = &detail.weight[y * width..][..width];
         for (c, r) in row_of(&self.values, y, width).into_iter().enumerate() {
             let (narrow, wide) = (&means[c * width..][..width], &means[(3 + c) * width..][..width]);
@@ -281,6 +302,10 @@ impl Residual {
                 rd[x] += r[x] * d;
                 wd[x] += w * d;
             }
+        }
+        for x in 0..width {
+            rw2[x] = rw[x] * rw[x];
+            rd2[x] = rd[x] * rd[x];
         }
     }
 
@@ -450,6 +475,7 @@ mod tests {
             independent: true,
             features: &[],
             apart: &[],
+            history: None,
         };
         let mut u = start.to_vec();
         let shares = restore_detail(&detail, &mut u);

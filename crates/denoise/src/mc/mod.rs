@@ -36,6 +36,7 @@ mod plan;
 mod pooled;
 mod prepare;
 mod regression;
+mod restore;
 mod stage;
 pub mod synthetic;
 mod variational;

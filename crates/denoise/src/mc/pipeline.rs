@@ -6,11 +6,11 @@ use super::atrous::{atrous, spatial_variance};
 use super::basis::Basis;
 use super::black::{classes, regress_black};
 use super::camera::Camera;
-use super::detail::{Detail, Shares, restore_detail};
 use super::frame::Frame;
 use super::log_domain::variational;
-use super::prepare::Prepared;
+use super::prepare::{LastFrame, Prepared};
 use super::regression::regress;
+use super::restore::restore;
 use super::variational::VariationalModel;
 use super::window::blur_mean;
 use super::{Plan, RUN, Stage, Stages, remodulate};
@@ -228,7 +228,10 @@ impl Sequence {
             (reset, format!("frame {} of the sequence", self.frames + 1))
         })?;
         drop((position, normal));
-        prepared.halves = None;
+        // A history tells more of the noise than two halves, which tell too little of each pixel.
+        if self.frames > 0 && prepared.halves.take().is_some() {
+            prepared.variance = None;
+        }
         self.last = Some((prepared.into_owned(), plan));
         (self.frames, self.reset) = (self.frames + 1, reset);
         Ok(())
@@ -275,7 +278,7 @@ impl Sequence {
         if self.frames > 1 {
             let irradiance = std::mem::replace(&mut prepared.irradiance, history.mean());
             let weight = std::mem::replace(&mut prepared.weight, history.effective());
-            prepared.last = Some([irradiance, weight]);
+            prepared.last = Some(LastFrame { irradiance, weight, variance: prepared.variance.take() });
             prepared.trust =
                 prepared.weight.iter().zip(history.counts()).map(|(w, count)| w.min(count)).collect();
             let mean = prepared.weight.iter().sum::<f32>() / prepared.weight.len() as f32;
@@ -358,7 +361,7 @@ async fn filter(
     };
     // Only samples of the pixel itself show how its edge is covered: those of a history were divided by other albedos.
     let (mut noisy, weight, variance) = match prepared.last {
-        Some([irradiance, weight]) => (irradiance, weight, None),
+        Some(LastFrame { irradiance, weight, variance }) => (irradiance, weight, variance),
         None => (prepared.irradiance, prepared.weight, prepared.variance),
     };
     if let Some(d) = &prepared.divisor {
@@ -402,7 +405,7 @@ async fn filter(
     Ok(Denoised { color: estimate, holes, fireflies, strength, plan })
 }
 
-fn regression<'a>(p: &'a Prepared<'_>, without: Stages, plan: &mut Plan) -> Vec<f32> {
+fn regression(p: &Prepared<'_>, without: Stages, plan: &mut Plan) -> Vec<f32> {
     let basis = plan.stage("regressors", || {
         let basis = Basis::of(&p.features, p.shape);
         let names = basis.names.clone();
@@ -430,48 +433,7 @@ fn regression<'a>(p: &'a Prepared<'_>, without: Stages, plan: &mut Plan) -> Vec<
     }
     match without.has(Stage::Detail) {
         true => plan.skip("detail", LEFT_OUT),
-        false => plan.stage("detail", || {
-            let independent = p.halves.is_none() && p.last.is_none();
-            // Two halves tell too little of one pixel; a history tells the noise of each over its frames.
-            let variance = p.variance.as_deref().filter(|_| p.halves.is_none());
-            let bilateral = variance.filter(|_| independent);
-            // Lamps by themselves: their residual must not reach what is around them.
-            let own =
-                split.as_ref().map(|[_, own]| own.iter().map(|w| f32::from(*w > 0.0)).collect::<Vec<_>>());
-            let n = p.shape.pixels();
-            let planes = |f: &'a Option<Cow<'_, [f32]>>, scale: f32| {
-                f.iter().flat_map(move |f| f.chunks(n)).map(move |plane| (plane, scale))
-            };
-            let features: Vec<(&[f32], f32)> =
-                planes(&p.features.normal, 5.5).chain(planes(&p.features.albedo, 50.0)).collect();
-            let apart = own.as_deref().unwrap_or_default();
-            // Bilateral means tell the classes apart; others take them one by one.
-            let classes: Vec<&[f32]> = match (&split, bilateral) {
-                (Some([others, own]), None) => vec![others, own],
-                _ => vec![&p.trust],
-            };
-            let restored = classes.into_iter().map(|weight| {
-                let (width, irradiance, features) = (p.shape.width, &p.irradiance[..], &features[..]);
-                let detail = Detail { width, irradiance, weight, variance, independent, features, apart };
-                restore_detail(&detail, &mut estimate)
-            });
-            let mut gaussian = 0.0;
-            let mut why = None;
-            for shares in restored {
-                match shares {
-                    Shares::Gaussian(share) => gaussian += share,
-                    Shares::Bilateral { means, own } => {
-                        let [wide, narrow] = means.map(|m| 100.0 * m);
-                        let own = 100.0 * own;
-                        why =
-                            Some(format!("{wide:.0}% of wide, {narrow:.0}% of narrow means, {own:.0}% own"));
-                    }
-                }
-            }
-            let why =
-                why.unwrap_or_else(|| format!("{:.0}% of the residual as Gaussian means", 100.0 * gaussian));
-            ((), why)
-        }),
+        false => plan.stage("detail", || ((), restore(p, split.as_ref(), &mut estimate))),
     }
     estimate
 }

@@ -31,8 +31,8 @@ pub(crate) struct Prepared<'a> {
     pub(crate) key: f32,
     /// 3 planes; 0 at holes.
     pub(crate) irradiance: Vec<f32>,
-    /// Irradiance and weight of the last frame alone, if `irradiance` has a history.
-    pub(crate) last: Option<[Vec<f32>; 2]>,
+    /// The last frame alone, if `irradiance` has a history.
+    pub(crate) last: Option<LastFrame>,
     /// The two halves, if they are given.
     pub(crate) halves: Option<[Vec<f32>; 2]>,
     /// Variance of the irradiance, mean over the channels, if it is known.
@@ -47,6 +47,17 @@ pub(crate) struct Prepared<'a> {
     pub(crate) exact: Vec<ExactPixel>,
     pub(crate) holes: usize,
     pub(crate) fireflies: usize,
+}
+
+/// What the last frame of a sequence holds without its history: samples of its own pixels, which hang together with no others.
+#[derive(Clone, Debug)]
+pub(crate) struct LastFrame {
+    /// 3 planes; 0 at holes.
+    pub(crate) irradiance: Vec<f32>,
+    /// 0 at holes.
+    pub(crate) weight: Vec<f32>,
+    /// Of the irradiance, mean over the channels, if a variance layer tells it.
+    pub(crate) variance: Option<Vec<f32>>,
 }
 
 impl<'a> Prepared<'a> {

@@ -158,7 +158,8 @@ fn a_sequence_is_better_than_its_last_frame() {
     let one = run(&f, &noisy, true, Model::Auto);
     let (many_error, one_error) =
         (display_rmse(&many.color, &f.reference), display_rmse(&one.color, &f.reference));
-    assert!(many_error < 0.9 * one_error, "{many_error} against {one_error}");
+    // One sample in a thousand is 40 times as bright, and no variance tells it: of that noise the last frame brings some back.
+    assert!(many_error < 0.95 * one_error, "{many_error} against {one_error}");
     assert!(many.plan.runs("history") && !one.plan.runs("history"), "{}", many.plan);
     // Another size, and no way to find positions.
     let small = SyntheticFrame::new(20, 20, 0.0);
@@ -166,6 +167,69 @@ fn a_sequence_is_better_than_its_last_frame() {
     assert!(sequence.push(&Frame::new(20, 20, &noisy).with_guides(small.guides()), small.camera).is_err());
     let error = Sequence::new(Settings::default()).push(&Frame::new(20, 20, &noisy), small.camera);
     assert!(error.expect_err("no positions").to_string().contains("positions"));
+}
+
+/// A view of the scene under light that `factor` of the pixel multiplies: the mean of 16 samples, and its variance.
+fn sampled(f: &SyntheticFrame, seed: u64, factor: impl Fn(usize) -> f32) -> [Vec<f32>; 2] {
+    let n = f.shape.pixels();
+    let (mut mean, mut square) = (vec![0.0_f32; 3 * n], vec![0.0_f32; 3 * n]);
+    for k in 0..16 {
+        for (i, v) in f.noisy(1, 16 * seed + k).into_iter().enumerate() {
+            let v = factor(i % n) * v / 16.0;
+            mean[i] += v;
+            square[i] += v * v;
+        }
+    }
+    let variance = mean.iter().zip(&square).map(|(m, s)| (s - m * m / 16.0).max(0.0) * 16.0 / 15.0).collect();
+    [mean, variance]
+}
+
+#[test]
+fn a_sequence_is_not_behind_a_clean_last_frame() {
+    let (width, height) = (128, 96);
+    let mut sequence = Sequence::new(Settings::default());
+    let (mut one, mut truth) = (Vec::new(), Vec::new());
+    for k in 0..6_u32 {
+        let f = SyntheticFrame::new(width, height, 0.02 * f64::from(k));
+        let [color, variance] = sampled(&f, 40 + u64::from(k), |_| 1.0);
+        let mut frame = Frame::new(width, height, &color).with_guides(f.guides());
+        frame.variance = Some(&variance);
+        sequence.push(&frame, f.camera).expect("sound");
+        one = crate::mc::denoise(&frame, &Settings::default()).expect("sound").color;
+        truth = f.reference;
+    }
+    let many = sequence.denoise().expect("frames").expect("sound").color;
+    let (many, one) = (display_rmse(&many, &truth), display_rmse(&one, &truth));
+    println!("six frames {many:.5}, the last {one:.5}");
+    assert!(many < one, "{many} against {one}");
+}
+
+#[test]
+fn what_only_the_last_frame_shows_comes_back() {
+    let (width, height) = (128, 96);
+    // Stripes of light, too fine for the test of what changed.
+    let stripes = |i: usize| 1.0 + 0.4 * ((i % width) as f32 * std::f32::consts::TAU / 12.0).sin();
+    let f = SyntheticFrame::new(width, height, 0.0);
+    let n = f.shape.pixels();
+    for known in [true, false] {
+        let mut sequence = Sequence::new(Settings::default());
+        for k in 0..6 {
+            let [color, variance] = sampled(&f, 70 + k, |i| if k == 5 { stripes(i) } else { 1.0 });
+            let mut frame = Frame::new(width, height, &color).with_guides(f.guides());
+            frame.variance = Some(&variance).filter(|_| known).map(|v| &v[..]);
+            sequence.push(&frame, f.camera).expect("sound");
+        }
+        let found = sequence.denoise().expect("frames").expect("sound").color;
+        // The amplitude of the stripes that is there, of 1.
+        let (mut there, mut all) = (0.0, 0.0);
+        for i in 0..3 * n {
+            let s = stripes(i % n) - 1.0;
+            there += (found[i] - f.reference[i]) * s;
+            all += f.reference[i] * s * s;
+        }
+        println!("stripes {:.3}", there / all);
+        assert!(there > 0.5 * all, "{} of the stripes, variance {known}", there / all);
+    }
 }
 
 #[test]
