@@ -158,12 +158,7 @@ fn flat_map(scene: &Scene, n: &Normalised) -> Displaced {
     let classes = vec![SurfaceClass::default()];
     let candidate = Candidate::new(&mesh, &weld, class, classes, Maps::filled(8, 8, texel));
 
-    let sampler = Sampler {
-        wrap_u: Wrap::Repeat,
-        wrap_v: Wrap::ClampToEdge,
-        filter: Filter::Bilinear,
-        ..Sampler::default()
-    };
+    let sampler = Sampler { wrap_u: Wrap::Repeat, wrap_v: Wrap::ClampToEdge, filter: Filter::Bilinear };
     let level = Level { offset: 0, width: TEXELS[0], height: TEXELS[1] };
     let first = weld.pick(&(0..mesh.positions.len()).collect::<Vec<usize>>());
     let up = |v: &usize| frame.to_frame(sphere.positions[*v] * 2.0) - frame.to_frame(sphere.positions[*v]);

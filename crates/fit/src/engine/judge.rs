@@ -6,9 +6,11 @@
 mod flicker;
 mod method;
 mod moments;
+mod popping;
 
 pub use flicker::flicker;
 pub(crate) use method::method;
+pub use popping::{Popping, popping};
 
 use super::animated::Animated;
 use super::asset::Normalised;
@@ -36,8 +38,6 @@ pub(crate) const OUTLINE: f32 = 0.1;
 const PIXELS_PER_DEGREE: f32 = 67.02;
 /// Largest PSNR of a [`Quality`], and that of equal pictures: what 8 bits can tell apart, rounded up.
 pub const BEST_PSNR: f64 = 60.0;
-/// Views in which neighbouring levels of detail are compared.
-const POPPING_VIEWS: u64 = 16;
 /// Widest path traced picture of the judge.
 pub const WIDEST_TRACED: usize = 256;
 
@@ -455,44 +455,6 @@ fn compared(
 fn after_stop(stages: &[&dyn Reference]) -> u64 {
     let traced = stages.iter().any(|s| s.kind().spp.is_some());
     if traced { TRACED_AFTER_STOP } else { AFTER_STOP }
-}
-
-/// What a viewer sees when one level of detail takes the place of another.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Popping {
-    /// Mean FLIP over the foreground.
-    pub flip: f64,
-    /// Share of the pixels that either covers, in [0, 1], that one of the two alone covers: how much the outline jumps.
-    pub outline: f64,
-}
-
-/// The change between two stages as an engine shows them, with one sample a pixel, in pictures of `size` pixels a side.
-///
-/// # Errors
-/// If a picture cannot be made.
-pub fn popping(
-    light: &LightAsset,
-    stages: [&Stage; 2],
-    lighting: &Lighting,
-    size: usize,
-    seed: u64,
-) -> Result<Popping, FitError> {
-    let [a, b] = stages.map(|s| s.drawn(light));
-    let [a, b] = [&a, &b].map(|d| d.sampled(1));
-    let orbit = Orbit::new(seed, lighting, size);
-    let (mut flip, mut changed, mut covered) = (0.0, 0.0, 0.0);
-    for i in 0..POPPING_VIEWS {
-        let s = orbit.setup(Set::Report, i, POPPING_VIEWS);
-        let (a, b) = (a.picture(&s)?.image, b.picture(&s)?.image);
-        flip += view_quality(&a, &b).quality.flip;
-        for (a, b) in a.data.chunks_exact(4).zip(b.data.chunks_exact(4)) {
-            let (a, b) = (f64::from(a[3]), f64::from(b[3]));
-            changed += (a - b).abs();
-            covered += a.max(b);
-        }
-    }
-    let outline = if covered > 0.0 { changed / covered } else { 0.0 };
-    Ok(Popping { flip: flip / POPPING_VIEWS as f64, outline })
 }
 
 /// How good the pictures of each stage are in `count` held-out views, drawn by the rasterizer with `samples` samples

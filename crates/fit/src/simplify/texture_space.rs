@@ -81,7 +81,7 @@ mod tests {
         // As programs that quantise store them, and turned.
         let transform = [[0.0, -16.0, 3.0], [16.0, 0.0, 0.25]];
         let mut plain = tiled();
-        plain.primitives[0].mesh.uvs.iter_mut().for_each(|uv| *uv = *uv * 0.25);
+        plain.primitives[0].mesh.uvs.iter_mut().for_each(|uv| *uv *= 0.25);
         let mut packed = plain.clone();
         packed.materials[0].base_color_texture.as_mut().unwrap().transform = transform;
         let pack = |uv: &Vec2f| vec2((uv.y - 0.25) / 16.0, (uv.x - 3.0) / -16.0);
