@@ -104,7 +104,7 @@ fn builders(ctx: &mut Context) -> Result<()> {
 /// A small sphere of many triangles and four large ones below it.
 fn on_ground() -> Mesh {
     let mut mesh = shapes::displaced_sphere(71, 0.2, 4, 1);
-    mesh.positions.iter_mut().for_each(|p| *p = *p * 0.2);
+    mesh.positions.iter_mut().for_each(|p| *p *= 0.2);
     let first = mesh.positions.len() as u32;
     let ground = shapes::quad_grid(2, 1);
     mesh.positions.extend(ground.positions.iter().map(|p| vec3(4.0 * p.x, -0.3, 4.0 * p.y)));
