@@ -195,7 +195,7 @@ fn a_sequence_is_not_behind_a_clean_last_frame() {
         let mut frame = Frame::new(width, height, &color).with_guides(f.guides());
         frame.variance = Some(&variance);
         sequence.push(&frame, f.camera).expect("sound");
-        one = crate::mc::denoise(&frame, &Settings::default()).expect("sound").color;
+        one = denoise(&frame, &Settings::default()).expect("sound").color;
         truth = f.reference;
     }
     let many = sequence.denoise().expect("frames").expect("sound").color;
