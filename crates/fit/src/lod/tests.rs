@@ -110,8 +110,9 @@ fn a_continuous_chain_turns_each_level_into_the_next() {
         assert_eq!(blend.target, format!("lod{}", k + 1));
         assert_eq!(blend.sizes, [level.size, level.switch_size.unwrap()]);
         assert!(level.bytes > was.bytes);
-        assert!(blend.popping.outline < popping.outline, "{k}: {popping:?} {blend:?}");
-        assert!(blend.popping.flip < popping.flip, "{k}: {popping:?} {blend:?}");
+        // The outline jumps less; what textures and normal maps differ in stays.
+        assert!(blend.popping.outline < 0.7 * popping.outline, "{k}: {popping:?} {blend:?}");
+        assert!(blend.popping.flip < 1.2 * popping.flip, "{k}: {popping:?} {blend:?}");
         assert!(blend.after.mean < 0.7 * blend.before.mean, "{k}: {blend:?}");
         assert_eq!(blend.turned, 0);
     }
