@@ -1,10 +1,13 @@
 """Scenes for denoisers, made when they are needed: three sets of different content, as Mitsuba 3 scenes.
 
 `CHOOSING` holds the scenes that constants of a denoiser may be chosen on, `JUDGING` those that only judge. `FRESH` were made
-after every stage and constant stood: nothing was ever chosen by them or mended because of them. Each scene is a function that returns the elements of its XML file; what it names (meshes, textures, environments, grids) is written
+after the stages and constants of single frames stood; no constant was chosen by them. The stage that brings back from the last frame
+of a sequence is younger (and `court` moves since then): its figures on `FRESH` were seen while it was made.
+Each scene is a function that returns the elements of its XML file; what it names (meshes, textures, environments, grids) is written
 beside it. All numbers are fixed: two machines make the same files.
 """
 
+import hashlib
 import json
 import os
 import pathlib
@@ -553,7 +556,7 @@ def world_to_pixel(file):
 
 
 def render(folder):
-    """Renders what `folder` lacks: SCENE/sppN_FRAME.exr with layers, SCENE/truth.exr and, for moving cameras,
+    """Renders what `folder` lacks, or has of another text of a scene: SCENE/sppN_FRAME.exr with layers, SCENE/truth.exr and, for moving cameras,
     SCENE/cameras.json; `set.json` lists the sets, samples and frames. Returns what `set.json` holds."""
     for scene in (scene for members in SETS.values() for scene in members):
         out = folder / scene.__name__
@@ -561,6 +564,11 @@ def render(folder):
         files = [write(scene, folder / "scenes", k) for k in frames]
         cameras = [{"frame": k, "world_to_pixel": world_to_pixel(file)} for k, file in enumerate(files)]
         out.mkdir(parents=True, exist_ok=True)
+        key, text = out / "scenes.sha256", hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+        if not key.exists() or key.read_text() != text:
+            for picture in out.glob("*.exr"):
+                picture.unlink()
+            key.write_text(text)
         if scene in MOVING:
             (out / "cameras.json").write_text(json.dumps({"frames": cameras}))
         for samples in SAMPLES:

@@ -2,8 +2,8 @@
 
 use super::{at, at_cosine, flatten, join, material, unflatten, unit, vector};
 use crate::{
-    Energy, Environment, Light, ROUGHNESS_MIN, Surface, Yaw, eval, shade, shade_vjp, view_direction,
-    view_direction_vjp,
+    Beam, Energy, Environment, Light, ROUGHNESS_MIN, ShadeGradient, Surface, Yaw, eval, shade, shade_ambient,
+    shade_ambient_vjp, shade_beam, shade_beam_vjp, shade_vjp, split_sum, view_direction, view_direction_vjp,
 };
 use photofit_gradcheck::{Uniform, check};
 use photofit_scalar::{Vec3, vec3};
@@ -95,6 +95,51 @@ fn gradients_of_every_light() {
         // A light in front of the surface in any case.
         let sure = [Light::Ambient { radiance: vec3(0.1, 0.2, 0.3) }, point, sun];
         check_shade(&format!("point and sun {k} {energy:?}"), energy, &sure, &mut random, 1e-7, 1e-5);
+    }
+}
+
+/// What loops over many points add up light by light is what [`shade`] adds up, its gradient included; also where the light is
+/// behind the surface, or opposite to the viewer, and for normals of length zero.
+#[test]
+fn one_light_at_a_time_is_what_shade_adds_up() {
+    let mut random = Uniform::new(33);
+    for k in 0..400 {
+        let roughness = random.range(0.05, 1.0);
+        let s = material(&mut random, roughness);
+        let (position, seed, color) = (vector(&mut random) * 0.2, vector(&mut random), vector(&mut random));
+        let n = if k % 17 == 0 { Vec3::zero() } else { unit(&mut random) };
+        let wo = unit(&mut random);
+        let wi = if k % 13 == 0 { -wo } else { unit(&mut random) };
+        let whole = |light: Light<'_, f64>| {
+            let value = shade(&s, Energy::Single, position, n, wo, &[light]);
+            (value, shade_vjp(&s, Energy::Single, position, n, wo, &[light], seed))
+        };
+        let one = |beam: &Beam<f64>| (shade_beam(&s, n, wo, beam), shade_beam_vjp(&s, n, wo, beam, seed));
+        let at = position + wi * random.range(0.5, 2.0);
+        let viewer = split_sum(n.dot(wo), s.roughness);
+        let ambient = (shade_ambient(&s, &viewer, color), shade_ambient_vjp(&s, &viewer, n, wo, color, seed));
+        for (name, (a, g), (b, h)) in [
+            (
+                "sun",
+                one(&Beam::of_direction(wi, color)),
+                whole(Light::Directional { direction: wi, irradiance: color }),
+            ),
+            (
+                "point",
+                one(&Beam::of_point(at, color, position)),
+                whole(Light::Point { position: at, intensity: color }),
+            ),
+            ("ambient", ambient, whole(Light::Ambient { radiance: color })),
+        ] {
+            let row = |v: Vec3<f64>, g: ShadeGradient<f64>| {
+                // That of a direction is not one of a position.
+                let position = if name == "point" { g.position } else { Vec3::zero() };
+                join(&flatten(&g.surface), &[v, position, g.n, g.wo])
+            };
+            for (a, b) in row(a, g).iter().zip(row(b, h)) {
+                assert!((a - b).abs() <= 1e-11 * (1.0 + b.abs()), "{name} {k}: {a} and {b}");
+            }
+        }
     }
 }
 
