@@ -273,8 +273,12 @@ pub fn simplify_chain(
             }
             levels.push(level);
         }
-        let combined = if failed.is_none() { finish(asset, output, options, &mut levels) } else { Ok(None) };
-        let stopped = levels.len() < options.sizes.len() || levels.iter().any(|l| l.outcome.stopped);
+        let combined =
+            if failed.is_none() { finish(asset, output, options, &mut levels, progress) } else { Ok(None) };
+        // A signal may have come while levels got their morph targets.
+        let stopped = levels.len() < options.sizes.len()
+            || levels.iter().any(|l| l.outcome.stopped)
+            || options.continuous && progress.is_cancelled();
         let (combined, failed) = combined.map_or_else(|e| (None, Some(e)), |c| (c, failed));
         Ok(LodChain { levels, stopped, combined, failed })
     })
@@ -330,6 +334,7 @@ fn finish(
     output: &Path,
     options: &LodOptions,
     levels: &mut [Level],
+    progress: &dyn Progress,
 ) -> Result<Option<PathBuf>, FitError> {
     // The file with all levels holds their textures as they are: a second lossy encoding would change them.
     let limits = Limits { keep_encoded: true, ..Limits::default() };
@@ -343,14 +348,24 @@ fn finish(
             let pixels = size.round() as usize;
             popping(light, [&stages[0], &stages[1]], &options.fit.lighting, pixels, options.fit.seed)
         };
-        levels[k - 1].popping = Some(popping(&scenes[k - 1])?);
-        if options.continuous {
+        let before = popping(&scenes[k - 1])?;
+        levels[k - 1].popping = Some(before);
+        // Whoever asked to stop gets the levels as they are.
+        if options.continuous && !progress.is_cancelled() {
+            progress.report("morph targets", k as u64, levels.len() as u64 - 1, "");
             let (fine, coarse) = (&scenes[k - 1], &scenes[k]);
             let tolerance = blend::TOLERANCE * 2.0 * f64::from(light.frame.radius) / size;
             let level = &mut levels[k - 1];
             let sizes = [level.size, size];
             let (moving, blend) =
                 blend::blend((fine, coarse), &format!("lod{k}"), sizes, tolerance as f32, &popping)?;
+            if blend.popping.outline > before.outline {
+                progress.warn(&format!(
+                    "level {k} has no morph target: with it the outline would jump more at the switch ({:.4}, {:.4} without)",
+                    blend.popping.outline, before.outline
+                ));
+                continue;
+            }
             photofit_scene::save_glb_with(&level.path, &moving, options.fit.compression)?;
             (level.blend, level.bytes) = (Some(blend), bytes(&level.path)?);
             scenes[k - 1] = moving;

@@ -275,7 +275,11 @@ impl Sequence {
         let (last, plan) = self.last.as_ref()?;
         let history = self.accumulator.as_ref()?;
         let (mut prepared, mut plan) = (last.copy(), plan.clone());
-        if self.frames > 1 {
+        let averaged = history.variance().iter().any(Option::is_some);
+        if self.frames > 1 && !averaged {
+            plan.skip("mean", "no pixel was seen before: the last frame stands alone");
+        }
+        if averaged {
             let irradiance = std::mem::replace(&mut prepared.irradiance, history.mean());
             let weight = std::mem::replace(&mut prepared.weight, history.effective());
             prepared.last = Some(LastFrame { irradiance, weight, variance: prepared.variance.take() });
@@ -283,28 +287,32 @@ impl Sequence {
                 prepared.weight.iter().zip(history.counts()).map(|(w, count)| w.min(count)).collect();
             let mean = prepared.weight.iter().sum::<f32>() / prepared.weight.len() as f32;
             plan.run("mean", format!("{mean:.2} effective samples per pixel, {} pixels new", self.reset));
-            prepared.variance = accumulated_variance(history, prepared.shape.width);
-            let known = prepared.variance.is_some();
-            plan.restate(
-                "noise",
-                if known { "from the history" } else { "not known: no pixel has two frames" },
-            );
+            let of_last = prepared.last.as_ref().and_then(|last| last.variance.as_deref());
+            prepared.variance = Some(accumulated_variance(history, prepared.shape.width, of_last));
+            let layer = if of_last.is_some() { "; of the last frame from its layer" } else { "" };
+            plan.restate("noise", format!("from the history{layer}"));
         }
         Some(filter(gpu, prepared, &self.settings, plan).await)
     }
 }
 
-/// Variance of the accumulated means; single samples take that of their neighbourhood. `None` when no pixel has two.
-fn accumulated_variance(history: &Accumulator, width: usize) -> Option<Vec<f32>> {
+/// Variance of the accumulated means; single samples take that of their neighbourhood. Where that has none either, that of the
+/// last frame, if it is given, else the mean over the picture.
+fn accumulated_variance(history: &Accumulator, width: usize, of_last: Option<&[f32]>) -> Vec<f32> {
     let (known, effective) = (history.variance(), history.effective());
-    if known.iter().all(Option::is_none) {
-        return None;
-    }
     // Per sample, so that pixels with short histories can borrow it.
     let sample: Vec<f32> = known.iter().zip(&effective).map(|(v, n)| v.unwrap_or(0.0) * n).collect();
     let weight: Vec<f32> = known.iter().map(|v| if v.is_some() { 1.0 } else { 0.0 }).collect();
     let blurred = blur_mean(&sample, &weight, width, 2.0);
-    Some(blurred.iter().zip(&effective).map(|(v, n)| if *n > 0.0 { v / n } else { 0.0 }).collect())
+    let (sum, count) = sample.iter().zip(&weight).fold((0.0, 0.0), |(s, c), (v, w)| (s + v, c + w));
+    let anywhere: f32 = if count > 0.0 { sum / count } else { 0.0 };
+    let near = blur_mean(&weight, &vec![1.0; weight.len()], width, 2.0);
+    let of = |i: usize| match (effective[i] > 0.0, near[i] > 1e-6) {
+        (false, _) => 0.0,
+        (true, true) => blurred[i] / effective[i],
+        (true, false) => of_last.map_or(anywhere / effective[i], |last| last[i]),
+    };
+    (0..effective.len()).map(of).collect()
 }
 
 /// Normals from differences of positions, for histories without a normal guide.

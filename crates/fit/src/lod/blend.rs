@@ -53,11 +53,11 @@ pub struct Blend {
 /// How far two surfaces are from each other, as shares of the diagonal of the level's box.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Apart {
-    /// Largest distance from the level to the next.
+    /// Largest distance from the level to the next, of 15 points a triangle.
     pub largest: f64,
     /// Mean distance from the level to the next, by area.
     pub mean: f64,
-    /// Largest distance from the next level to this one.
+    /// Largest distance from the next level to this one, of as many.
     pub largest_back: f64,
     /// Mean distance from the next level to this one, by area.
     pub mean_back: f64,

@@ -134,7 +134,7 @@ fn one_light_at_a_time_is_what_shade_adds_up() {
             let row = |v: Vec3<f64>, g: ShadeGradient<f64>| {
                 // That of a direction is not one of a position.
                 let position = if name == "point" { g.position } else { Vec3::zero() };
-                join(&flatten(&g.surface), &[v, position, g.n, g.wo])
+                join(flatten(&g.surface), &[v, position, g.n, g.wo])
             };
             for (a, b) in row(a, g).iter().zip(row(b, h)) {
                 assert!((a - b).abs() <= 1e-11 * (1.0 + b.abs()), "{name} {k}: {a} and {b}");

@@ -233,6 +233,41 @@ fn what_only_the_last_frame_shows_comes_back() {
 }
 
 #[test]
+fn what_was_not_seen_before_is_denoised_as_a_single_frame() {
+    let (width, height) = (128, 96);
+    let f = SyntheticFrame::new(width, height, 0.0);
+    let n = f.shape.pixels();
+    let frames = [1, 2].map(|seed| sampled(&f, 90 + seed, |_| 1.0));
+    let frame = |k: usize| {
+        let mut frame = Frame::new(width, height, &frames[k][0]).with_guides(f.guides());
+        frame.variance = Some(&frames[k][1]);
+        frame
+    };
+    let one = denoise(&frame(1), &Settings::default()).expect("sound").color;
+    // The first frame saw another place from this column on.
+    let after = |column: usize| {
+        let mut elsewhere = f.position.clone();
+        (0..3 * n).filter(|i| i % width >= column).for_each(|i| elsewhere[i] += 1000.0);
+        let mut sequence = Sequence::new(Settings::default());
+        let guides = crate::mc::Guides { position: Some(&elsewhere), ..f.guides() };
+        sequence.push(&frame(0).with_guides(guides), f.camera).expect("sound");
+        sequence.push(&frame(1), f.camera).expect("sound");
+        sequence.denoise().expect("frames").expect("sound")
+    };
+    let cut = after(0);
+    assert!(cut.color == one && !cut.plan.runs("mean"), "{}", cut.plan);
+    let pan = after(width / 2).color;
+    // Beyond the reach of what is known of the other half.
+    let error = |color: &[f32]| {
+        let new = |i: &usize| i % width > width / 2 + 24;
+        let squares = (0..3 * n).filter(new).map(|i| f64::from(color[i] - f.reference[i]).powi(2));
+        squares.sum::<f64>().sqrt()
+    };
+    println!("new half {:.4}, of a single frame {:.4}", error(&pan), error(&one));
+    assert!(error(&pan) < 1.05 * error(&one), "{} and {}", error(&pan), error(&one));
+}
+
+#[test]
 fn logarithms_of_single_samples_are_too_dark() {
     // Bernoulli noise of mean 1: the mean of log(1 + x) returns .60 after the exponential, the log of the mean 1.
     let p = 0.25_f64;

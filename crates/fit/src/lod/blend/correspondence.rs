@@ -5,7 +5,7 @@
 //! its vertices; then vertices move along their normals until both surfaces lie about each other. Texels hardly move along the
 //! surface, and no triangle turns over.
 
-use super::surface::{NONE, Surface, accel, area_normal};
+use super::surface::{NONE, Surface, accel, area_normal, nearest_where};
 use crate::FitError;
 use crate::engine::asset::bits;
 use photofit_geometry::Csr;
@@ -16,6 +16,8 @@ use std::collections::{BTreeMap, HashSet};
 
 /// A part of the next level stands for each part that at least this share of its vertices is nearest to.
 const LEAST_SHARE: f64 = 0.25;
+/// Fewest votes that make a partner of a part that has none by [`LEAST_SHARE`].
+const FEWEST_VOTES: usize = 3;
 /// Triangles lower than this share of their longest edge count as without area.
 const FLAT: f32 = 1e-3;
 /// Rounds in which vertices of triangles that turn over stay behind.
@@ -121,7 +123,7 @@ fn partners(fine: &Surface, coarse: &Surface) -> Vec<Vec<u32>> {
             return None;
         }
         let facing = |at: &NearestPoint| fine.face[at.triangle as usize].dot(n) > 0.0;
-        let found = fine.accel.closest_point_where(p, f32::INFINITY, facing);
+        let found = nearest_where(&fine.accel, p, fine.reach, facing);
         let found = found.or_else(|| fine.accel.closest_point(p, f32::INFINITY))?;
         Some((part, fine.part[found.triangle as usize]))
     };
@@ -132,9 +134,26 @@ fn partners(fine: &Surface, coarse: &Surface) -> Vec<Vec<u32>> {
         all[c as usize] += 1;
     }
     let mut partners = vec![Vec::new(); fine.parts];
+    for ((c, f), n) in &count {
+        if *n as f64 >= LEAST_SHARE * all[*c as usize] as f64 {
+            partners[*f as usize].push(*c);
+        }
+    }
+    // One part of the next level may stand for many: of those without a partner, the one that gives a part the most votes, if these
+    // are a fair share for the part's vertices.
+    let mut vertices = vec![0_usize; fine.parts];
+    fine.part_of.iter().filter(|p| **p != NONE).for_each(|p| vertices[*p as usize] += 1);
+    let mut most = vec![(0_usize, NONE); fine.parts];
     for ((c, f), n) in count {
-        if n as f64 >= LEAST_SHARE * all[c as usize] as f64 {
-            partners[f as usize].push(c);
+        if n > most[f as usize].0 {
+            most[f as usize] = (n, c);
+        }
+    }
+    let (total, votes) = (fine.positions.len().max(1) as f64, all.iter().sum::<usize>() as f64);
+    for (f, (n, c)) in most.into_iter().enumerate() {
+        let fair = LEAST_SHARE * votes * vertices[f] as f64 / total;
+        if partners[f].is_empty() && n >= FEWEST_VOTES && n as f64 >= fair {
+            partners[f].push(c);
         }
     }
     partners
@@ -197,7 +216,8 @@ impl<'a> Correspondence<'a> {
         let part = |at: &NearestPoint| allowed(coarse.part[at.triangle as usize]);
         let facing =
             |at: &NearestPoint| part(at) && coarse.face[at.triangle as usize].dot(fine.normals[v]) > 0.0;
-        let found = coarse.accel.closest_point_where(p, f32::INFINITY, facing);
+        let found = nearest_where(&coarse.accel, p, coarse.reach, facing);
+        // There are such parts: `vanished` has the others.
         let found = found.or_else(|| coarse.accel.closest_point_where(p, f32::INFINITY, part));
         found.map_or(p, |at| coarse.point(&at))
     }
@@ -253,6 +273,8 @@ impl<'a> Correspondence<'a> {
                 SPREAD.map(|[u, v, w]| (a * u + b * v + c * w, *part, *n))
             })
             .collect();
+        let mut is_partner = vec![false; coarse.parts];
+        self.partners.iter().flatten().for_each(|c| is_partner[*c as usize] = true);
         let free: Vec<bool> = (0..fine.positions.len())
             .map(|v| !self.fixed[v] && fine.lines.kinds(v as u32).next().is_none())
             .collect();
@@ -273,7 +295,10 @@ impl<'a> Correspondence<'a> {
                     let t = at.triangle as usize;
                     self.partners[fine.part[t] as usize].binary_search(part).is_ok() && face[t].dot(*n) > 0.0
                 };
-                let at = moved.closest_point_where(*p, f32::INFINITY, same)?;
+                if !is_partner[*part as usize] || *n == Vec3f::zero() {
+                    return None;
+                }
+                let at = nearest_where(&moved, *p, fine.reach, same)?;
                 let weights = [1.0 - at.u - at.v, at.u, at.v];
                 let m = mixed(&self.to, &fine.triangles[at.triangle as usize], weights);
                 Some((at.triangle, weights, *p - m))
@@ -282,12 +307,15 @@ impl<'a> Correspondence<'a> {
                 let partners = &self.partners[fine.part[t] as usize];
                 let n = face[t];
                 SPREAD.map(|weights| {
+                    if partners.is_empty() || n == Vec3f::zero() {
+                        return None;
+                    }
                     let m = mixed(&self.to, triangle, weights);
                     let facing = |at: &NearestPoint| {
                         let k = at.triangle as usize;
                         partners.binary_search(&coarse.part[k]).is_ok() && coarse.face[k].dot(n) > 0.0
                     };
-                    let at = coarse.accel.closest_point_where(m, f32::INFINITY, facing)?;
+                    let at = nearest_where(&coarse.accel, m, coarse.reach, facing)?;
                     Some((t as u32, weights, coarse.point(&at) - m))
                 })
             };
@@ -335,7 +363,7 @@ impl<'a> Correspondence<'a> {
             let same = |at: &NearestPoint| {
                 self.partners[fine.part[at.triangle as usize] as usize].binary_search(&c.part).is_ok()
             };
-            let at = moved.closest_point_where(c.point, f32::INFINITY, same)?;
+            let at = nearest_where(&moved, c.point, fine.reach, same)?;
             let on_line = |v: u32| fine.lines.kinds(v).next().is_some();
             let free = |v: &u32| !self.fixed[*v as usize] && (c.on_line || !on_line(*v));
             let near = |v: &u32| (self.to[*v as usize] - c.point).length_squared();

@@ -9,6 +9,11 @@ use photofit_rays::{Accel, NearestPoint};
 use photofit_scalar::Vec3f;
 use photofit_scene::{FlatScene, Scene};
 
+/// How far a point may be that is looked for, in distances of the nearest one, beyond [`Surface::reach`].
+const FARTHER: f32 = 4.0;
+/// [`Surface::reach`] as a share of the diagonal.
+const REACH: f32 = 0.05;
+
 /// No part, no material.
 pub(super) const NONE: u32 = u32::MAX;
 
@@ -33,6 +38,23 @@ pub(super) struct Surface {
     pub(super) part_of: Vec<u32>,
     pub(super) accel: Accel,
     pub(super) lines: Lines,
+    /// Farther than this beyond the nearest point no other one is looked for.
+    pub(super) reach: f32,
+}
+
+/// The closest point to `p` that `accept` lets pass and that is not much farther than the closest of all: what is asked for need
+/// not be anywhere, and a search for it would visit every triangle.
+pub(super) fn nearest_where(
+    accel: &Accel,
+    p: Vec3f,
+    reach: f32,
+    accept: impl Fn(&NearestPoint) -> bool,
+) -> Option<NearestPoint> {
+    let nearest = accel.closest_point(p, f32::INFINITY)?;
+    if accept(&nearest) {
+        return Some(nearest);
+    }
+    accel.closest_point_where(p, FARTHER * nearest.distance + reach, accept)
 }
 
 /// Edges at which a surface ends or another material begins.
@@ -75,15 +97,20 @@ impl Surface {
         let accel = accel(&positions, &triangles)?;
         let name = |m: &u32| {
             let name = &scene.materials[*m as usize].name;
-            names.iter().position(|n| n == name).unwrap_or_else(|| {
-                names.push(name.clone());
+            // Names are optional.
+            let name = if name.is_empty() { format!("#{m}") } else { name.clone() };
+            names.iter().position(|n| *n == name).unwrap_or_else(|| {
+                names.push(name);
                 names.len() - 1
             }) as u32
         };
         let material: Vec<u32> = flat.triangle_material.iter().map(name).collect();
         let lines = Lines::new(&positions, &edges, &material, &part)?;
         let face = area.iter().map(|a| a.normalize_or_zero()).collect();
-        Ok(Self { edges, positions, triangles, face, normals, part, parts, part_of, accel, lines })
+        let first = positions.first().copied().unwrap_or_default();
+        let (lo, hi) = positions.iter().fold((first, first), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
+        let reach = REACH * (hi - lo).length();
+        Ok(Self { edges, positions, triangles, face, normals, part, parts, part_of, accel, lines, reach })
     }
 
     /// The largest coordinate.

@@ -257,3 +257,36 @@ fn the_target_is_read_back_and_normals_are_taken_where_they_help() {
         }
     }
 }
+
+#[test]
+fn one_part_of_the_next_level_may_stand_for_many() {
+    let boxes: Vec<Mesh> = (0..8)
+        .map(|k| {
+            let sign = |bit: u32| if k >> bit & 1 == 1 { 0.6 } else { -0.6 };
+            let mut mesh = shapes::cube();
+            mesh.positions.iter_mut().for_each(|p| *p = *p * 0.4 + vec3(sign(0), sign(1), sign(2)));
+            mesh
+        })
+        .collect();
+    let (fine, coarse) = (level(&boxes), level(&[shapes::icosphere(4)]));
+    let made = moves(&fine, &coarse, QUARTER).unwrap();
+    for k in 0..8 {
+        let at = moved(&fine, &made, k);
+        let widest = at.iter().map(|p| (*p - at[0]).length()).fold(0.0, f32::max);
+        assert!(widest > 0.2, "box {k} shrinks to {widest}");
+    }
+}
+
+#[test]
+fn parts_that_are_far_from_any_other_take_no_search_of_all() {
+    // Sheets that face up, over a floor that faces down: no triangle of one is what those of the other look for.
+    let mut floor = shapes::quad_grid(40, 40);
+    floor.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    floor.normals.iter_mut().for_each(|n| *n = -*n);
+    let mut sheet = shapes::quad_grid(40, 40);
+    sheet.positions.iter_mut().for_each(|p| p.z += 0.02);
+    let (fine, coarse) = (level(&[sheet]), level(&[floor]));
+    let made = moves(&fine, &coarse, QUARTER).unwrap();
+    // They come onto it from whichever side.
+    assert!(made.after.mean < 0.2 * made.before.mean, "{:?} {:?}", made.before, made.after);
+}
