@@ -80,7 +80,9 @@ fn the_plan_of_guided_paths_tells_what_they_run() {
     assert!(rest.contains(line), "{used}: {text}");
     // Where no time is left for training, no guide learns.
     let more = ["-o", "b.png", "--guiding", "lobes", "--explain", "--time-limit", "0.000001"];
-    let text = stdout(&succeeds(d, &[&SMALL[..], &more].concat()));
+    let o = photofit(d, &[&SMALL[..], &more].concat());
+    let text = stdout(&o);
+    assert!(o.status.code() == Some(1) && !d.join("b.png").exists(), "{text}");
     assert!(!text.contains("paths that a guide learns from"), "{text}");
     assert!(text.contains("path tracing, not guided"), "{text}");
 }

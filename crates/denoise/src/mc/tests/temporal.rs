@@ -255,7 +255,10 @@ fn what_was_not_seen_before_is_denoised_as_a_single_frame() {
         sequence.denoise().expect("frames").expect("sound")
     };
     let cut = after(0);
-    assert!(cut.color == one && !cut.plan.runs("mean"), "{}", cut.plan);
+    // But for the exposure, which is that of the first frame.
+    let (apart, own) = (display_rmse(&cut.color, &one), display_rmse(&one, &f.reference));
+    println!("cut {apart:.6}, error {own:.6}");
+    assert!(apart < 0.05 * own && !cut.plan.runs("mean"), "{apart} {own} {}", cut.plan);
     let pan = after(width / 2).color;
     // Beyond the reach of what is known of the other half.
     let error = |color: &[f32]| {
