@@ -92,6 +92,13 @@ fn shapes_are_recovered_from_their_pictures() {
             }
         }
     }
+    // The error near edges of one course is much a matter of chance (.62 to 1.16 over four seeds of Large Steps): two of each count.
+    for (k, optimizer) in
+        [PositionOptimizer::LargeSteps, PositionOptimizer::Bilateral].into_iter().enumerate()
+    {
+        let (_, mesh) = recovered(&cube, &RecoverMeshOptions { seed: 1, ..options(optimizer) });
+        edges[k] += distance_near_edges(&mesh);
+    }
     assert!(edges[1] < 0.85 * edges[0], "bilateral steps keep edges better than Large Steps: {edges:?}");
 }
 
