@@ -155,9 +155,7 @@ pub fn shade_vjp<T: Real>(
         Energy::Single => shade_lobes_vjp(&lobes, None, position, n, wo, lights, g),
         Energy::Compensated => shade_compensated_vjp(&lobes, position, n, wo, lights, g),
     };
-    let Sum { diffuse, f0, roughness, position, n, wo } = sum;
-    let lobes = Lobes { diffuse, f0, f90: T::zero(), roughness };
-    ShadeGradient { surface: surface.lobes_vjp(&lobes), position, n, wo }
+    sum.gradient(surface)
 }
 
 /// Light from one direction at a point.
@@ -236,9 +234,7 @@ pub fn shade_ambient_vjp<T: Real>(
 ) -> ShadeGradient<T> {
     let mut sum = Sum::default();
     ambient_vjp(&surface.lobes(), None, viewer, n, wo, g.mul(radiance), &mut sum);
-    let Sum { diffuse, f0, roughness, position, n, wo } = sum;
-    let lobes = Lobes { diffuse, f0, f90: T::zero(), roughness };
-    ShadeGradient { surface: surface.lobes_vjp(&lobes), position, n, wo }
+    sum.gradient(surface)
 }
 
 /// Out of the way of the other policy, whose loops it must not slow down.
@@ -354,6 +350,13 @@ impl<T: Real> Sum<T> {
         self.diffuse += d.diffuse;
         self.f0 += d.f0;
         self.roughness += d.roughness;
+    }
+
+    #[inline(always)]
+    fn gradient(self, surface: &Surface<T>) -> ShadeGradient<T> {
+        let Self { diffuse, f0, roughness, position, n, wo } = self;
+        let lobes = Lobes { diffuse, f0, f90: T::zero(), roughness };
+        ShadeGradient { surface: surface.lobes_vjp(&lobes), position, n, wo }
     }
 }
 

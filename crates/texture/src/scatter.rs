@@ -194,7 +194,11 @@ impl<T: Real, const C: usize> Kernel for AddBand<'_, '_, T, C> {
             for &id in &q.bands[band] {
                 if id & SHARED != 0 {
                     let s = &q.shared[(id & !SHARED) as usize];
-                    add_shared(&mut rows[s.level], s);
+                    for (index, g) in s.index.iter().zip(&s.g) {
+                        if let Some(t) = rows[s.level].texel(*index) {
+                            add_scaled(t, g, T::one());
+                        }
+                    }
                     continue;
                 }
                 let e = &q.entries[id as usize];
@@ -210,25 +214,21 @@ impl<T: Real, const C: usize> Kernel for AddBand<'_, '_, T, C> {
     }
 }
 
+impl<T, const C: usize> Rows<'_, T, C> {
+    /// A texel by its index in the level, if it lies in these rows.
+    #[inline(always)]
+    fn texel(&mut self, index: u32) -> Option<&mut [T; C]> {
+        self.texels.get_mut((index as usize).wrapping_sub(self.first))
+    }
+}
+
 /// Adds the taps that fall into the band's rows.
 #[inline(always)]
 fn add<T: Real, const C: usize>(rows: &mut Rows<'_, T, C>, taps: &Taps<T>, g: &[T; C], scale: T) {
     let w = taps.weights();
     for k in 0..4 {
-        let i = (taps.index[k] as usize).wrapping_sub(rows.first);
-        if let Some(t) = rows.texels.get_mut(i) {
+        if let Some(t) = rows.texel(taps.index[k]) {
             add_scaled(t, g, w[k] * scale);
-        }
-    }
-}
-
-/// Adds the texels that fall into the band's rows.
-#[inline(always)]
-fn add_shared<T: Real, const C: usize>(rows: &mut Rows<'_, T, C>, s: &Shared<T, C>) {
-    for k in 0..4 {
-        let i = (s.index[k] as usize).wrapping_sub(rows.first);
-        if let Some(t) = rows.texels.get_mut(i) {
-            add_scaled(t, &s.g[k], T::one());
         }
     }
 }

@@ -275,7 +275,8 @@ impl Sequence {
         let (last, plan) = self.last.as_ref()?;
         let history = self.accumulator.as_ref()?;
         let (mut prepared, mut plan) = (last.copy(), plan.clone());
-        let averaged = history.variance().iter().any(Option::is_some);
+        let known = history.variance();
+        let averaged = known.iter().any(Option::is_some);
         if self.frames > 1 && !averaged {
             plan.skip("mean", "no pixel was seen before: the last frame stands alone");
         }
@@ -288,7 +289,8 @@ impl Sequence {
             let mean = prepared.weight.iter().sum::<f32>() / prepared.weight.len() as f32;
             plan.run("mean", format!("{mean:.2} effective samples per pixel, {} pixels new", self.reset));
             let of_last = prepared.last.as_ref().and_then(|last| last.variance.as_deref());
-            prepared.variance = Some(accumulated_variance(history, prepared.shape.width, of_last));
+            prepared.variance =
+                Some(accumulated_variance(&known, &prepared.weight, prepared.shape.width, of_last));
             let layer = if of_last.is_some() { "; of the last frame from its layer" } else { "" };
             plan.restate("noise", format!("from the history{layer}"));
         }
@@ -296,12 +298,16 @@ impl Sequence {
     }
 }
 
-/// Variance of the accumulated means; single samples take that of their neighbourhood. Where that has none either, that of the
+/// Variance of the accumulated means, where it is `known`, of so many `effective` frames; single samples take that of their neighbourhood. Where that has none either, that of the
 /// last frame, if it is given, else the mean over the picture.
-fn accumulated_variance(history: &Accumulator, width: usize, of_last: Option<&[f32]>) -> Vec<f32> {
-    let (known, effective) = (history.variance(), history.effective());
+fn accumulated_variance(
+    known: &[Option<f32>],
+    effective: &[f32],
+    width: usize,
+    of_last: Option<&[f32]>,
+) -> Vec<f32> {
     // Per sample, so that pixels with short histories can borrow it.
-    let sample: Vec<f32> = known.iter().zip(&effective).map(|(v, n)| v.unwrap_or(0.0) * n).collect();
+    let sample: Vec<f32> = known.iter().zip(effective).map(|(v, n)| v.unwrap_or(0.0) * n).collect();
     let weight: Vec<f32> = known.iter().map(|v| if v.is_some() { 1.0 } else { 0.0 }).collect();
     let blurred = blur_mean(&sample, &weight, width, 2.0);
     let (sum, count) = sample.iter().zip(&weight).fold((0.0, 0.0), |(s, c), (v, w)| (s + v, c + w));

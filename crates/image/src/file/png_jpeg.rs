@@ -232,10 +232,8 @@ pub fn encode_png(
     data: &[u8],
     compression: PngCompression,
 ) -> Result<Vec<u8>, ImageError> {
-    assert_eq!(data.len(), width * height * channels, "one sample per pixel and channel");
-    assert!((1..=4).contains(&channels), "1 to 4 channels");
-    let color = [ColorType::L8, ColorType::La8, ColorType::Rgb8, ColorType::Rgba8][channels - 1];
-    png((width, height), color, data, compression)
+    let colors = [ColorType::L8, ColorType::La8, ColorType::Rgb8, ColorType::Rgba8];
+    png((width, height, channels), colors, (data.len(), data), compression)
 }
 
 /// [`encode_png`] with samples of 16 bits.
@@ -252,20 +250,20 @@ pub fn encode_png16(
     data: &[u16],
     compression: PngCompression,
 ) -> Result<Vec<u8>, ImageError> {
-    assert_eq!(data.len(), width * height * channels, "one sample per pixel and channel");
-    assert!((1..=4).contains(&channels), "1 to 4 channels");
-    let color = [ColorType::L16, ColorType::La16, ColorType::Rgb16, ColorType::Rgba16][channels - 1];
+    let colors = [ColorType::L16, ColorType::La16, ColorType::Rgb16, ColorType::Rgba16];
     let bytes: Vec<u8> = data.iter().flat_map(|s| s.to_ne_bytes()).collect();
-    png((width, height), color, &bytes, compression)
+    png((width, height, channels), colors, (data.len(), &bytes), compression)
 }
 
-/// A PNG of samples in the byte order of the machine.
+/// A PNG of so many samples in the byte order of the machine; `colors` are its types with 1 to 4 channels.
 fn png(
-    (width, height): (usize, usize),
-    color: ColorType,
-    data: &[u8],
+    (width, height, channels): (usize, usize, usize),
+    colors: [ColorType; 4],
+    (samples, bytes): (usize, &[u8]),
     compression: PngCompression,
 ) -> Result<Vec<u8>, ImageError> {
+    assert_eq!(samples, width * height * channels, "one sample per pixel and channel");
+    assert!((1..=4).contains(&channels), "1 to 4 channels");
     let mut out = Vec::new();
     let too_large = |_| ImageError::invalid("PNG", "a side that does not fit 31 bits");
     let (w, h) = (u32::try_from(width).map_err(too_large)?, u32::try_from(height).map_err(too_large)?);
@@ -274,7 +272,7 @@ fn png(
         PngCompression::Small => CompressionType::Best,
     };
     PngEncoder::new_with_quality(&mut out, level, FilterType::Adaptive)
-        .write_image(data, w, h, color.into())
+        .write_image(bytes, w, h, colors[channels - 1].into())
         .map_err(|e| ImageError::invalid("PNG", e.to_string()))?;
     Ok(out)
 }

@@ -1,5 +1,6 @@
 //! One image: layers, blending, antialiasing; and the reverse pass.
 
+use super::packet::{NORMAL, POSITION, TANGENT};
 use super::tile::{Strip, StripGradients, StripSpans};
 use super::{Geometry, LEAST_TRANSMITTANCE, Masks, Passes, View};
 use crate::antialias::{Pair, antialias, antialias_vjp, silhouettes};
@@ -418,9 +419,9 @@ fn shade_vjp<T: Real>(
         }
     };
     rayon::scope(|s| {
-        s.spawn(|_| add(positions, 0));
-        s.spawn(|_| add(normals, 3));
-        s.spawn(|_| add(tangents, 6));
+        s.spawn(|_| add(positions, POSITION));
+        s.spawn(|_| add(normals, NORMAL));
+        s.spawn(|_| add(tangents, TANGENT));
         for (triangle, c) in strips.iter().flat_map(|s| &s.clips) {
             for (k, i) in triangles[*triangle as usize].iter().enumerate() {
                 g_clip[*i as usize] += vec4(c[3 * k], c[3 * k + 1], T::zero(), c[3 * k + 2]);

@@ -35,9 +35,9 @@ type Rows<T, const R: usize> = [Row<T>; R];
 /// Components of vertex attributes: position, normal and tangent, then uv.
 const ATTRIBUTES: usize = 11;
 /// Where each attribute starts.
-const POSITION: usize = 0;
-const NORMAL: usize = 3;
-const TANGENT: usize = 6;
+pub(super) const POSITION: usize = 0;
+pub(super) const NORMAL: usize = 3;
+pub(super) const TANGENT: usize = 6;
 const UV: usize = 9;
 /// Room for the gradients of a lane side by side.
 const WIDTH: usize = 16;
@@ -391,14 +391,13 @@ impl<T: Real> Packet<T> {
     #[inline(always)]
     pub(super) fn shade_vjp(&mut self, scene: &Scene<'_, T>, transparent: bool) {
         let (is_lit, passes) = (scene.is_lit(), scene.passes);
+        let reads = is_lit || transparent;
         self.place(scene);
-        if is_lit || transparent {
+        if reads {
             self.read(scene);
+            self.g_texel[..channel::EMISSIVE].fill([T::zero(); LANES + STEP]);
         } else {
             self.look_up(scene);
-        }
-        if is_lit || transparent {
-            self.g_texel[..channel::EMISSIVE].fill([T::zero(); LANES + STEP]);
         }
         if passes.emissive {
             self.g_texel[channel::EMISSIVE..][..3].copy_from_slice(&self.g[..3]);
@@ -417,7 +416,7 @@ impl<T: Real> Packet<T> {
             self.light_vjp(scene);
             self.orient_vjp(scene);
         }
-        self.spread(if is_lit || transparent { 0 } else { channel::EMISSIVE });
+        self.spread(if reads { 0 } else { channel::EMISSIVE });
         if passes.position_gradients {
             for lane in 0..self.len {
                 let (g_uv, _) = sample_vjp(scene.maps, &self.at[lane], &self.by_lane[lane]);

@@ -89,22 +89,17 @@ pub(super) fn encode(
     }
     let (width, height) = (image.width, image.height);
     if image.encoding == TextureEncoding::Png && !image.texels16.is_empty() {
-        let bytes = encode_deep(image).map_err(|e| e.to_string())?;
-        return Ok((bytes, "image/png"));
+        let (channels, samples) = samples(&image.texels16, u16::MAX);
+        let bytes = encode_png16(width, height, channels, &samples, PngCompression::Small);
+        return Ok((bytes.map_err(|e| e.to_string())?, "image/png"));
     }
-    let opaque = image.texels.iter().all(|t| t[3] == 255);
-    let samples: Vec<u8> = if opaque {
-        image.texels.iter().flat_map(|t| [t[0], t[1], t[2]]).collect()
-    } else {
-        image.texels.iter().flatten().copied().collect()
-    };
-    let channels = if opaque { 3 } else { 4 };
+    let (channels, samples) = samples(&image.texels, u8::MAX);
     let (bytes, mime) = match image.encoding {
         TextureEncoding::WebP => (encode_webp(width, height, channels, &samples), WEBP),
         TextureEncoding::LossyWebP { quality } => {
             (encode_webp_lossy(width, height, channels, &samples, quality), WEBP)
         }
-        TextureEncoding::Jpeg { quality } if opaque => {
+        TextureEncoding::Jpeg { quality } if channels == 3 => {
             (encode_jpeg(width, height, &samples, quality), "image/jpeg")
         }
         _ => (encode_png(width, height, channels, &samples, PngCompression::Small), "image/png"),
@@ -112,11 +107,8 @@ pub(super) fn encode(
     Ok((bytes.map_err(|e| e.to_string())?, mime))
 }
 
-/// The PNG of an image with texels of 16 bits.
-fn encode_deep(image: &TextureImage) -> Result<Vec<u8>, photofit_image::ImageError> {
-    let texels = &image.texels16;
-    let opaque = texels.iter().all(|t| t[3] == u16::MAX);
-    let channels = if opaque { 3 } else { 4 };
-    let samples: Vec<u16> = texels.iter().flat_map(|t| &t[..channels]).copied().collect();
-    encode_png16(image.width, image.height, channels, &samples, PngCompression::Small)
+/// Number of channels and samples: without alpha where all of it is `opaque`.
+fn samples<S: Copy + PartialEq>(texels: &[[S; 4]], opaque: S) -> (usize, Vec<S>) {
+    let channels = if texels.iter().all(|t| t[3] == opaque) { 3 } else { 4 };
+    (channels, texels.iter().flat_map(|t| &t[..channels]).copied().collect())
 }
