@@ -1,4 +1,4 @@
-//! Clippy, rustdoc, features one by one and licences, all without a warning.
+//! Clippy, rustdoc and licences, all without a warning; the features of the crates one by one.
 
 use anyhow::Result;
 
@@ -10,7 +10,6 @@ pub(crate) fn run() -> Result<()> {
     run_cargo(&["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"])?;
     // `RUSTDOCFLAGS` leaves the compiled dependencies alone, `RUSTFLAGS` would rebuild them.
     run_cargo_with(&["doc", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "-D warnings")])?;
-    features_one_by_one()?;
     if is_installed("cargo-deny", &[]) {
         // Advisories come over the network and change from day to day: `cargo deny check advisories` by hand.
         run_cargo(&["deny", "check", "bans", "licenses", "sources"])
@@ -22,7 +21,7 @@ pub(crate) fn run() -> Result<()> {
 
 /// Clippy on each library with features (the facade among them): with none, and with each feature alone. What the
 /// workspace joins by the features of all its members hides what is missing or unused in one crate alone.
-fn features_one_by_one() -> Result<()> {
+pub(crate) fn features_one_by_one() -> Result<()> {
     for found in Workspace::read()?.crates {
         // Nobody builds the benchmarks for another program.
         if found.features.is_empty() || found.name == "photofit-bench" {

@@ -24,11 +24,12 @@ cargo xtask <task>
 
   ci [--no-test]            everything CI runs, in order: tidy, lint, shaders, web, test
   tidy                      formatting, layers, module docs, file length, ARCHITECTURE.md, one glam
-  lint                      clippy and rustdoc without warnings, the features of each library one by one, cargo-deny
+  lint                      clippy and rustdoc without warnings, cargo-deny
+  features                  clippy on each library with none of its features and with each of them alone, some minutes
   shaders                   the kernels of all crates, parsed and validated without a device
   web [--browser]           compile the crates that work on arrays, with and without their kernels, for browsers, where
                             that target is installed; --browser runs twins in headless Chromium
-  test [--gpu] [--slow]     cargo test --workspace; --slow adds the ignored suites, --gpu requires an adapter
+  test [--gpu] [--slow]     cargo test --workspace; --slow adds the ignored suites and `features`, --gpu requires an adapter
   golden report             compare all golden images, write target/golden/report.html
   golden accept NAME...     write the golden images named, by the CPU path
   golden prune              delete golden files that no case names
@@ -62,6 +63,7 @@ fn run(args: &[String]) -> Result<()> {
         "ci" => ci::run(flag(rest, &["--no-test"])?.contains(&"--no-test")),
         "tidy" => no_args(rest).and_then(|()| tidy::run()),
         "lint" => no_args(rest).and_then(|()| lint::run()),
+        "features" => no_args(rest).and_then(|()| lint::features_one_by_one()),
         "shaders" => no_args(rest).and_then(|()| shaders::run()),
         "web" => web::run(flag(rest, &["--browser"])?.contains(&"--browser")),
         "test" => {

@@ -2,17 +2,20 @@
 
 use anyhow::{Context, Result, bail};
 
+use crate::lint;
 use crate::shell::{run_cargo, run_cargo_with};
 
 /// `cargo test --workspace`, the test command of the README.
 ///
-/// `slow` runs the ignored suites afterwards, those on a device among them, which need an adapter; `gpu` makes a missing
+/// `slow` runs the ignored suites afterwards, those on a device among them, which need an adapter, and checks the features
+/// of each crate; `gpu` makes a missing
 /// adapter an error. Without one, the tests on a device stay ignored, and each crate tells how many.
 pub(crate) fn test(gpu: bool, slow: bool) -> Result<()> {
     let env: &[(&str, &str)] = if gpu { &[("PHOTOFIT_REQUIRE_GPU", "1")] } else { &[] };
     run_cargo_with(&["test", "--workspace"], env)?;
     if slow {
         run_cargo_with(&["test", "--workspace", "--", "--ignored"], env)?;
+        lint::features_one_by_one()?;
     }
     Ok(())
 }
