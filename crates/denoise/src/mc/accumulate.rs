@@ -37,7 +37,7 @@ impl Default for TemporalSettings {
 #[derive(Clone, Copy, Debug, Default)]
 struct Pixel {
     mean: [f32; 3],
-    /// First and second moment of the mean over the channels.
+    /// The mean over the channels, and the mean over the channels of the squares.
     moments: [f32; 2],
     /// Sum of the weights of the frames, and the sum of their squared shares of the mean.
     count: f32,
@@ -120,13 +120,14 @@ impl Accumulator {
         }
         let now: [f32; 3] = std::array::from_fn(|c| frame.irradiance[c * n + i]);
         let level = frame.level(i);
+        let square = (now[0] * now[0] + now[1] * now[1] + now[2] * now[2]) * (1.0 / 3.0);
         let weight = frame.weight[i];
         let count = old.count + weight;
         let a = (weight / count).max(self.settings.minimum * weight).min(1.0);
         let mix = |old: f32, new: f32| old + a * (new - old);
         Pixel {
             mean: std::array::from_fn(|c| mix(old.mean[c], now[c])),
-            moments: [mix(old.moments[0], level), mix(old.moments[1], level * level)],
+            moments: [mix(old.moments[0], level), mix(old.moments[1], square)],
             count,
             squares: (1.0 - a) * (1.0 - a) * old.squares + a * a,
         }
@@ -202,11 +203,12 @@ impl Accumulator {
         self.pixels.iter().map(|p| if p.squares > 0.0 { 1.0 / p.squares } else { 0.0 }).collect()
     }
 
-    /// Variance of the mean over the channels, `(m2 - m1^2) S/(1-S)` with `S` the sum of the squared weights; `None`
-    /// where a single frame was seen.
+    /// Variance of the mean, averaged over the channels, `(m2 - m1^2) S/(1-S)` with `S` the sum of the squared weights;
+    /// `None` where a single frame was seen.
     pub fn variance(&self) -> Vec<Option<f32>> {
         let of = |p: &Pixel| {
-            let spread = (p.moments[1] - p.moments[0] * p.moments[0]).max(0.0);
+            let [r, g, b] = p.mean;
+            let spread = (p.moments[1] - (r * r + g * g + b * b) * (1.0 / 3.0)).max(0.0);
             (p.squares > 0.0 && p.squares < 0.999).then(|| spread * p.squares / (1.0 - p.squares))
         };
         self.pixels.iter().map(of).collect()

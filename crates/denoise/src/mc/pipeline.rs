@@ -194,7 +194,7 @@ impl Sequence {
     pub fn push(&mut self, frame: &Frame<'_>, camera: Camera) -> Result<(), DenoiseError> {
         let mut plan = Plan::default();
         let key = self.last.as_ref().map(|(p, _)| p.key);
-        let mut prepared = Prepared::of(frame, &self.settings, key, &mut plan)?;
+        let prepared = Prepared::of(frame, &self.settings, key, &mut plan)?;
         let shape = prepared.shape;
         if let Some((last, _)) = &self.last
             && last.shape != shape
@@ -228,10 +228,6 @@ impl Sequence {
             (reset, format!("frame {} of the sequence", self.frames + 1))
         })?;
         drop((position, normal));
-        // A history tells more of the noise than two halves, which tell too little of each pixel.
-        if self.frames > 0 && prepared.halves.take().is_some() {
-            prepared.variance = None;
-        }
         self.last = Some((prepared.into_owned(), plan));
         (self.frames, self.reset) = (self.frames + 1, reset);
         Ok(())
@@ -281,6 +277,10 @@ impl Sequence {
             plan.skip("mean", "no pixel was seen before: the last frame stands alone");
         }
         if averaged {
+            // A history tells more of the noise than two halves, which tell too little of each pixel.
+            if prepared.halves.take().is_some() {
+                prepared.variance = None;
+            }
             let irradiance = std::mem::replace(&mut prepared.irradiance, history.mean());
             let weight = std::mem::replace(&mut prepared.weight, history.effective());
             prepared.last = Some(LastFrame { irradiance, weight, variance: prepared.variance.take() });
@@ -298,8 +298,9 @@ impl Sequence {
     }
 }
 
-/// Variance of the accumulated means, where it is `known`, of so many `effective` frames; single samples take that of their neighbourhood. Where that has none either, that of the
-/// last frame, if it is given, else the mean over the picture.
+/// Variance of the accumulated means of so many `effective` frames: that which is `known`, as a mean over the pixels around, for few
+/// frames tell little of one pixel. Pixels of a single frame have the variance of the last frame where it is given, else that of what is
+/// around, else the mean over the picture.
 fn accumulated_variance(
     known: &[Option<f32>],
     effective: &[f32],
@@ -313,10 +314,11 @@ fn accumulated_variance(
     let (sum, count) = sample.iter().zip(&weight).fold((0.0, 0.0), |(s, c), (v, w)| (s + v, c + w));
     let anywhere: f32 = if count > 0.0 { sum / count } else { 0.0 };
     let near = blur_mean(&weight, &vec![1.0; weight.len()], width, 2.0);
-    let of = |i: usize| match (effective[i] > 0.0, near[i] > 1e-6) {
-        (false, _) => 0.0,
-        (true, true) => blurred[i] / effective[i],
-        (true, false) => of_last.map_or(anywhere / effective[i], |last| last[i]),
+    let of = |i: usize| match (of_last, effective[i] > 0.0) {
+        (_, false) => 0.0,
+        (Some(last), true) if known[i].is_none() => last[i],
+        _ if near[i] > 1e-6 => blurred[i] / effective[i],
+        _ => anywhere / effective[i],
     };
     (0..effective.len()).map(of).collect()
 }

@@ -6,7 +6,7 @@
 //! and brought back by them, as if it were a picture by itself.
 
 use super::black::classes;
-use super::detail::{Detail, Shares, restore_detail};
+use super::detail::{Detail, History, Shares, restore_detail};
 use super::prepare::Prepared;
 
 /// Adds to `estimate` what is significant in the samples, and tells the shares. `split` holds the weights of the two classes of pixels where
@@ -23,7 +23,7 @@ pub(crate) fn restore(p: &Prepared<'_>, split: Option<&[Vec<f32>; 2]>, estimate:
         width: p.shape.width,
         irradiance: &p.irradiance,
         weight: &p.trust,
-        // Two halves tell too little of one pixel; a history tells the noise of each over its frames.
+        // Two halves tell too little of one pixel; a history tells the noise of those around over their frames.
         variance: p.variance.as_deref().filter(|_| p.halves.is_none()),
         independent: p.last.is_none() && p.halves.is_none(),
         features: &features,
@@ -37,7 +37,11 @@ pub(crate) fn restore(p: &Prepared<'_>, split: Option<&[Vec<f32>; 2]>, estimate:
             weight: &last.weight,
             variance: last.variance.as_deref(),
             independent: true,
-            history: p.variance.as_deref().map(|variance| [&p.irradiance[..], variance]),
+            history: p.variance.as_deref().map(|variance| History {
+                irradiance: &p.irradiance,
+                variance,
+                frames: &p.weight,
+            }),
             ..picture
         };
         let split = split.map(|_| classes(&last.weight, &p.black));

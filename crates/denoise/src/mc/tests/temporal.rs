@@ -259,10 +259,27 @@ fn what_was_not_seen_before_is_denoised_as_a_single_frame() {
     let (apart, own) = (display_rmse(&cut.color, &one), display_rmse(&one, &f.reference));
     println!("cut {apart:.6}, error {own:.6}");
     assert!(apart < 0.05 * own && !cut.plan.runs("mean"), "{apart} {own} {}", cut.plan);
+    // Two halves are its own then, too.
+    let halves = [0, 1].map(|k| [0, 1].map(|half| sampled(&f, 94 + 2 * k + half, |_| 1.0)[0].clone()));
+    let frame_of = |k: usize| {
+        let [color, half] = &halves[k];
+        let mut frame = Frame::new(width, height, color).with_guides(f.guides());
+        frame.half = Some(half);
+        frame
+    };
+    let alone = denoise(&frame_of(1), &Settings::default()).expect("sound").color;
+    let mut sequence = Sequence::new(Settings::default());
+    let elsewhere: Vec<f32> = f.position.iter().map(|p| p + 1000.0).collect();
+    let guides = crate::mc::Guides { position: Some(&elsewhere), ..f.guides() };
+    sequence.push(&frame_of(0).with_guides(guides), f.camera).expect("sound");
+    sequence.push(&frame_of(1), f.camera).expect("sound");
+    let cut = sequence.denoise().expect("frames").expect("sound").color;
+    let (apart, own) = (display_rmse(&cut, &alone), display_rmse(&alone, &f.reference));
+    println!("cut with halves {apart:.6}, error {own:.6}");
+    assert!(apart < 0.05 * own, "{apart} {own}");
     let pan = after(width / 2).color;
-    // Beyond the reach of what is known of the other half.
     let error = |color: &[f32]| {
-        let new = |i: &usize| i % width > width / 2 + 24;
+        let new = |i: &usize| i % width >= width / 2;
         let squares = (0..3 * n).filter(new).map(|i| f64::from(color[i] - f.reference[i]).powi(2));
         squares.sum::<f64>().sqrt()
     };

@@ -208,8 +208,9 @@ impl<'a> Correspondence<'a> {
         let partners = &self.partners[fine.part_of[v] as usize];
         let allowed = |part: u32| partners.binary_search(&part).is_ok();
         let kinds: Vec<_> = fine.lines.kinds(v as u32).collect();
+        let lengths = [fine.lines.longest(&fine.positions, v as u32), coarse.reach];
         if !kinds.is_empty()
-            && let Some(at) = coarse.lines.closest(&coarse.positions, p, &kinds, allowed)
+            && let Some(at) = coarse.lines.closest(&coarse.positions, p, lengths, &kinds, allowed)
         {
             return at;
         }

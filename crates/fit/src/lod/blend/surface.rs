@@ -173,11 +173,22 @@ impl Lines {
         self.at[vertex as usize].iter().map(|l| self.keys[*l as usize])
     }
 
-    /// The closest point, of lines of these kinds on `allowed` parts, to `p`.
+    /// The length of the longest line at a vertex.
+    pub(super) fn longest(&self, positions: &[Vec3f], vertex: u32) -> f32 {
+        let length = |l: &u32| {
+            let [a, b] = self.ends[*l as usize].map(|v| positions[v as usize]);
+            (b - a).length()
+        };
+        self.at[vertex as usize].iter().map(length).fold(0.0, f32::max)
+    }
+
+    /// The closest point, of lines of these kinds on `allowed` parts, to `p`, which lies at lines of the length `own`; not much farther
+    /// than the closest of all lines ([`nearest_where`]).
     pub(super) fn closest(
         &self,
         positions: &[Vec3f],
         p: Vec3f,
+        [own, reach]: [f32; 2],
         kinds: &[Key],
         allowed: impl Fn(u32) -> bool,
     ) -> Option<Vec3f> {
@@ -185,9 +196,9 @@ impl Lines {
             let l = n.triangle as usize;
             allowed(self.part[l]) && kinds.contains(&self.keys[l])
         };
-        let found = self.accel.closest_point_where(p, f32::INFINITY, wanted)?;
+        let found = nearest_where(&self.accel, p, reach.max(own), wanted)?;
         let [a, b] = self.ends[found.triangle as usize].map(|v| positions[v as usize]);
-        // What is farther than the line is long is another line, such as that of a hole that was closed.
+        // What is farther than both are long is another line, such as that of a hole that was closed.
         let t = found.u + found.v;
         let at = if t <= 0.0 {
             a
@@ -196,6 +207,6 @@ impl Lines {
         } else {
             a + (b - a) * t
         };
-        (found.distance <= (b - a).length()).then_some(at)
+        (found.distance <= (b - a).length().max(own)).then_some(at)
     }
 }

@@ -162,6 +162,21 @@ fn borders_stay_borders_and_vertices_that_stay_stay_to_the_bit() {
 }
 
 #[test]
+fn borders_find_a_border_that_is_divided_more_finely() {
+    // Farther than a segment of the next level is long, nearer than one of this level.
+    let mut wide = shapes::quad_grid(32, 32);
+    wide.positions.iter_mut().for_each(|p| *p = *p * 1.1);
+    let (fine, coarse) = (level(&[shapes::quad_grid(4, 4)]), level(&[wide]));
+    let made = moves(&fine, &coarse, QUARTER).unwrap();
+    let mesh = &fine.primitives[0].mesh;
+    let border = |p: &Vec3f, r: f32| (p.x.abs().max(p.y.abs()) - r).abs() < 1e-5;
+    let moved = moved(&fine, &made, 0);
+    let of_border: Vec<_> = mesh.positions.iter().zip(&moved).filter(|(p, _)| border(p, 1.0)).collect();
+    assert_eq!(of_border.len(), 16);
+    assert!(of_border.iter().all(|(_, at)| border(at, 1.1)), "{of_border:?}");
+}
+
+#[test]
 fn layers_and_the_sides_of_thin_parts_are_not_confused() {
     let sphere = |radius: f32, frequency: u32| {
         let mut mesh = shapes::icosphere(frequency);
