@@ -61,6 +61,8 @@ def variant(path, reconstruction, sampler=None):
         yield str(path)
         return
     text = pathlib.Path(path).read_text()
+    if "<film" not in text:
+        raise ValueError(f"{path}: has its film in another file, so that its filter and sampler cannot be changed")
     drop = lambda tag, text: re.sub(rf"<{tag}\b[^>]*?(/>|>.*?</{tag}>)", "", text, flags=re.S)
     if sampler:
         text = drop("sampler", text).replace("<film", f'<sampler type="{sampler}"/><film')
