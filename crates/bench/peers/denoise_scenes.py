@@ -7,15 +7,16 @@ Each scene is a function that returns the elements of its XML file; what it name
 beside it. All numbers are fixed: two machines make the same files.
 """
 
-import hashlib
 import json
 import os
 import pathlib
 import re
+import shutil
+import tempfile
 
 import numpy as np
 
-from harness import ROOT, WORK, program, sphere as bumpy, write_ply
+from harness import ROOT, WORK, digest, our_version, program, sphere as bumpy, write_ply
 
 #: Pixels of all pictures.
 SIZE = (192, 144)
@@ -528,16 +529,19 @@ CHOOSING = [box, gallery, spheres, reeds, glasses, fog, row, bulbs]
 JUDGING = [window, workshop, bottles, carpet, stone, hedge, bokeh, smoke]
 FRESH = [kitchen, stairs, shelf, lantern, court]
 SETS = {"choosing": CHOOSING, "judging": JUDGING, "fresh": FRESH}
+ALL = CHOOSING + JUDGING + FRESH
 #: Scenes whose camera moves with the frame.
 MOVING = [gallery, spheres, reeds, bulbs, window, workshop, carpet, hedge, shelf, court]
 
 
-def write(scene, folder, frame=0):
-    """Writes the scene's file for one frame, and all that it names; returns its path."""
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / f"{scene.__name__}-{frame}.xml"
-    file.write_text(f'<scene version="3.0.0">\n{scene(folder, frame)}\n</scene>\n')
-    return file
+def write(scene, folder):
+    """Writes the files of a scene's frames, and all that they name, into a folder that holds nothing else; the paths of the frames."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    files = [folder / f"{scene.__name__}-{k}.xml" for k in range(FRAMES if scene in MOVING else 1)]
+    for k, file in enumerate(files):
+        file.write_text(f'<scene version="3.0.0">\n{scene(folder, k)}\n</scene>\n')
+    return files
 
 
 def world_to_pixel(file):
@@ -555,21 +559,32 @@ def world_to_pixel(file):
     return (pixel @ np.concatenate([axes, -(axes @ origin)[:, None]], 1)).tolist()
 
 
+def content(folder):
+    """What pictures of the scene that :func:`write` put into a folder show."""
+    return {"scene": digest(sorted(folder.iterdir())), "layers": LAYERS, "reference": REFERENCE_SAMPLES}
+
+
+def kept(folder):
+    """The key of the pictures in a folder: their content, and who rendered them."""
+    file = folder / "key.json"
+    return json.loads(file.read_text()) if file.exists() else {}
+
+
 def render(folder):
-    """Renders what `folder` lacks, or has of another text of a scene: SCENE/sppN_FRAME.exr with layers, SCENE/truth.exr and, for moving cameras,
-    SCENE/cameras.json; `set.json` lists the sets, samples and frames. Returns what `set.json` holds."""
-    for scene in (scene for members in SETS.values() for scene in members):
+    """Renders what `folder` lacks, or has of another content or by another version: SCENE/sppN_FRAME.exr with layers, SCENE/truth.exr
+    and, for moving cameras, SCENE/cameras.json; `set.json` lists the sets, samples and frames."""
+    for scene in ALL:
         out = folder / scene.__name__
-        frames = range(FRAMES) if scene in MOVING else range(1)
-        files = [write(scene, folder / "scenes", k) for k in frames]
-        cameras = [{"frame": k, "world_to_pixel": world_to_pixel(file)} for k, file in enumerate(files)]
+        files = write(scene, folder / "scenes" / scene.__name__)
         out.mkdir(parents=True, exist_ok=True)
-        key, text = out / "scenes.sha256", hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
-        if not key.exists() or key.read_text() != text:
+        key = {**content(files[0].parent), "by": our_version()}
+        if kept(out) != key:
+            print(f"denoise set: {scene.__name__} by {key['by']}, in place of {kept(out).get('by', 'none')}", flush=True)
             for picture in out.glob("*.exr"):
                 picture.unlink()
-            key.write_text(text)
+            (out / "key.json").write_text(json.dumps(key))
         if scene in MOVING:
+            cameras = [{"frame": k, "world_to_pixel": world_to_pixel(file)} for k, file in enumerate(files)]
             (out / "cameras.json").write_text(json.dumps({"frames": cameras}))
         for samples in SAMPLES:
             for k, file in enumerate(files):
@@ -581,16 +596,32 @@ def render(folder):
     found = {
         "sets": {name: [scene.__name__ for scene in members] for name, members in SETS.items()},
         "samples": SAMPLES,
-        "frames": {scene.__name__: FRAMES if scene in MOVING else 1 for members in SETS.values() for scene in members},
+        "frames": {scene.__name__: FRAMES if scene in MOVING else 1 for scene in ALL},
     }
     (folder / "set.json").write_text(json.dumps(found, indent=1))
-    return found
 
 
 def rendered():
-    """The folder of the rendered set and what its `set.json` holds; `PHOTOFIT_DENOISE_SET` names another folder."""
-    folder = pathlib.Path(os.environ.get("PHOTOFIT_DENOISE_SET", WORK / "denoise-set"))
-    return folder, render(folder)
+    """The folder of the rendered set, what its `set.json` holds, and a line for the table on who rendered it.
+
+    `PHOTOFIT_DENOISE_SET` names a finished set in another folder, which is taken as it is.
+    """
+    named = os.environ.get("PHOTOFIT_DENOISE_SET")
+    folder = pathlib.Path(named or WORK / "denoise-set")
+    if not named:
+        render(folder)
+    keys, other = {scene.__name__: kept(folder / scene.__name__) for scene in ALL}, []
+    with tempfile.TemporaryDirectory(dir=WORK) as work:
+        for scene in ALL:
+            now, key = content(write(scene, pathlib.Path(work) / scene.__name__)[0].parent), keys[scene.__name__]
+            if key and key != {**now, "by": key["by"]}:
+                other.append(scene.__name__)
+    by = sorted({key.get("by", "a version that left no keys") for key in keys.values()})
+    told = f"Pictures rendered by {'; '.join(by)}."
+    if other:
+        told += f" Of other contents than those of `denoise_scenes.py`: {', '.join(other)}."
+    print(told, flush=True)
+    return folder, json.loads((folder / "set.json").read_text()), told
 
 
 def last_frame(folder, found, name, samples):

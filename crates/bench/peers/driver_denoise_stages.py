@@ -19,7 +19,7 @@ MODELS = ["rof", "tvl1", "hybrid", "tgv", "atrous"]
 
 
 def table():
-    folder, found = rendered()
+    folder, found, told = rendered()
     truth = {name: display(pictures(folder / name / "truth.exr")["color"]) for names in found["sets"].values() for name in names}
     clean = WORK / "stages.exr"
 
@@ -57,12 +57,18 @@ def table():
     sets = list(found["sets"])
     absolute = ", ".join(f"{which} {mean(base, which):.2f}" for which in sets)
     # A hundredth of a decibel is chance.
-    idle = [label for label, change in stages.items() if all(mean(change, which) > -0.01 for which in sets)]
+    idle = {
+        which: [label.removeprefix("without ") for label, change in stages.items() if mean(change, which) > -0.01]
+        for which in sets
+        if which != "choosing"
+    }
     return "\n\n".join([
         f"PSNR less that of the automatic model ({absolute} dB), means over the scenes of a set, and the pictures that change most: what is"
         " negative is lost without the stage.",
         *(of_set(which, stages) for which in sets),
-        f"Stages whose absence loses less than .01 dB in the mean of every set: {', '.join(idle) or 'none'}.",
+        "Stages whose absence loses less than .01 dB in the mean of a set that nothing is chosen on: "
+        + "; ".join(f"{which}: {', '.join(labels) or 'none'}" for which, labels in idle.items()) + ".",
         "The other models:",
         *(of_set(which, models) for which in sets),
+        told,
     ])

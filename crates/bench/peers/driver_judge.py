@@ -21,7 +21,7 @@ import urllib.parse
 import numpy as np
 
 import in_cycles
-from harness import ROOT, WORK, built, markdown, program
+from harness import ROOT, WORK, digest, first_line, markdown, our_version, program
 
 ABOUT = "Light assets in Blender Cycles, ours and those of peers"
 NEEDS = ["numpy", "scipy", "bpy", "flip-evaluator"]
@@ -40,12 +40,14 @@ VIEWS = 8
 SIZE = 512
 SAMPLES = 16
 HERE = WORK / "judge"
-#: Programs of peers: their variable, or what PATH finds.
+#: Programs of peers: their variable, or what PATH or package.json's folder finds.
 TOOLS = {"gltfpack": "PHOTOFIT_GLTFPACK", "gltf-transform": "PHOTOFIT_GLTF_TRANSFORM", "node": "PHOTOFIT_NODE"}
 
 
 def tool(name):
-    return os.environ.get(TOOLS[name]) or shutil.which(name)
+    """The path of a peer; None where it is not installed."""
+    places = [os.environ.get("PATH", ""), str(ROOT / "target" / "peers" / "node_modules" / ".bin")]
+    return os.environ.get(TOOLS[name]) or shutil.which(name, path=os.pathsep.join(places))
 
 
 def found(file):
@@ -72,12 +74,6 @@ class Refused(Exception):
     """A program that made nothing, and why."""
 
 
-def digest(files):
-    """SHA-256 of the contents of files."""
-    sums = [hashlib.sha256(pathlib.Path(file).read_bytes()).hexdigest() for file in files]
-    return hashlib.sha256("".join(sums).encode()).hexdigest()
-
-
 def parts(path):
     """A file, and what it names of those in its folder."""
     out, beside = [path], sorted(f for f in path.parent.rglob("*") if f.is_file())
@@ -93,15 +89,6 @@ def digest_of(path):
     return digest(parts(path))
 
 
-def first_line(*command):
-    """What a program says first; empty where it says nothing."""
-    try:
-        done = subprocess.run(list(map(str, command)), cwd=ROOT, capture_output=True, text=True)
-    except OSError:
-        return ""
-    return next(iter((done.stdout + done.stderr).strip().splitlines()), "").strip()
-
-
 @functools.cache
 def version(name):
     """A peer with its version."""
@@ -109,14 +96,12 @@ def version(name):
     return found if found.startswith(name) else f"{name} {found or 'of an unknown version'}"
 
 
-@functools.cache
-def our_version():
-    """`photofit --version` and the version of the sources, or the digest of a program that they do not tell."""
-    exe = built()
-    sources = "" if os.environ.get("PHOTOFIT_PEER_PROGRAM") else first_line("git", "describe", "--always", "--dirty")
-    if not sources or sources.endswith("-dirty"):
-        sources = f"{sources} program {digest([exe])[:8]}".strip()
-    return f"{first_line(exe, '--version')}, {sources}"
+def unpinned():
+    """The peers that are installed at another version than that of package.json, in words."""
+    pins = json.loads(pathlib.Path(__file__).with_name("package.json").read_text())["dependencies"]
+    wanted = {package.removeprefix("@").removesuffix("/cli"): pin for package, pin in pins.items()}
+    # gltfpack leaves out the last number where it is 0.
+    return [f"{name} {pin}" for name, pin in wanted.items() if tool(name) and not pin.startswith(version(name).split()[-1])]
 
 
 def how(*functions):
@@ -254,6 +239,18 @@ def attempt(folder, way, key, make):
     return False
 
 
+def made(name, path, folder, way, key, make):
+    """Makes and judges the file of a way; its figures, or why there is none."""
+    file = folder / f"{way}.glb"
+
+    def whole():
+        once(file, key, make)
+        judged(name, path, file, file, key)
+
+    attempt(folder, way, key, whole)
+    return json.loads(file.with_suffix(".json").read_text())
+
+
 def ours(path, budget, out):
     program("simplify", path, "-o", out, "--triangles", budget)
 
@@ -273,13 +270,7 @@ def at_triangles(name, path, budget):
             way = " ".join(["gltfpack -sv", *flags])
             ways[way] = (by, code, lambda out, flags=flags: packed(as_glb(name, path), budget, out, *flags))
     for way, (by, code, make) in ways.items():
-        file, key = folder / f"{way}.glb", {**asset, "by": by, "how": how(*code)}
-
-        def whole():
-            once(file, key, make)
-            judged(name, path, file, file, key)
-
-        attempt(folder, way, key, whole)
+        made(name, path, folder, way, {**asset, "by": by, "how": how(*code)}, make)
 
 
 def within(path, most, out):
@@ -323,11 +314,15 @@ def at_bytes(name, path):
         whole("ours", own, lambda out: within(path, most, out))
 
 
-def cells(figures):
-    """Triangles, kilobytes, PSNR in the mean (in the worst view), FLIP."""
+def likeness(figures):
+    """PSNR in the mean (in the worst view), FLIP."""
     psnr, flip = np.array(figures["views"]).T
-    kb = f"{figures['bytes'] / 1e3:.0f}"
-    return [figures["triangles"], kb, f"{psnr.mean():.2f} ({psnr.min():.2f})", f"{flip.mean():.4f}"]
+    return [f"{psnr.mean():.2f} ({psnr.min():.2f})", f"{flip.mean():.4f}"]
+
+
+def cells(figures):
+    """Triangles, kilobytes, likeness."""
+    return [figures["triangles"], f"{figures['bytes'] / 1e3:.0f}", *likeness(figures)]
 
 
 def rows_of(results):
@@ -378,21 +373,29 @@ def table():
     return tables()
 
 
+def terms():
+    """How is judged, in words."""
+    return (
+        f"{VIEWS} views of {SIZE} x {SIZE} pixels, {SAMPLES} samples ({SAMPLES * in_cycles.REFERENCE_FACTOR} of the reference), under"
+        f" {ENVIRONMENT} and a sun by turns. PSNR without the variance of Monte Carlo noise, FLIP with it; both over the foreground."
+    )
+
+
 def tables():
     results = standing()
     head = ["asset", "budget", "made by", "version", "triangles", "kB", "PSNR, dB (worst view)", "FLIP"]
     by_triangles = rows_of({key: made for key, made in results.items() if key[1] != "bytes"})
     by_bytes = rows_of({key: made for key, made in results.items() if key[1] == "bytes"})
     about = (
-        f"{VIEWS} views of {SIZE} x {SIZE} pixels, {SAMPLES} samples ({SAMPLES * in_cycles.REFERENCE_FACTOR} of the reference), under"
-        f" {ENVIRONMENT} and a sun by turns. PSNR without the variance of Monte Carlo noise, FLIP with it; both over the foreground. Peers"
-        " that come to more or fewer triangles than the budget are listed as they are, those that leave none are not."
+        f"{terms()} Peers that come to more or fewer triangles than the budget are listed as they are, those that leave none are not."
     )
     missing = [f"{name} ({variable})" for name, variable in TOOLS.items() if not tool(name)]
     there = [version(name) for name in TOOLS if tool(name)]
     programs = f"{blender()} judges; peers: {', '.join(there) or 'none'}."
     if missing:
         programs += f" Not found, so that what needs them is not made: {', '.join(missing)}."
+    if unpinned():
+        programs += f" Those of package.json are {', '.join(unpinned())}."
     out = [about, programs, markdown(head, by_triangles)]
     if by_bytes:
         out += ["At equal bytes: all triangles as lossy WebP and meshopt by the peers, and ours within as many bytes:", markdown(head, by_bytes)]

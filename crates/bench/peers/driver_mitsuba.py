@@ -1,12 +1,14 @@
 """Path tracing: the same scenes by Mitsuba (llvm_ad_rgb) and by `photofit render`, error against CPU time."""
 
 import contextlib
+import ctypes
 import glob
 import os
 import pathlib
 import re
 import tempfile
 import time
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -36,6 +38,13 @@ def ready():
     return None
 
 
+def versions():
+    """The LLVM that Dr.Jit compiles with."""
+    numbers = [ctypes.c_uint() for _ in range(3)]
+    ctypes.CDLL(os.environ["DRJIT_LIBLLVM_PATH"]).LLVMGetVersion(*map(ctypes.byref, numbers))
+    return ["LLVM " + ".".join(str(n.value) for n in numbers)]
+
+
 def scenes():
     """assets/box.xml, and the files, or those of the folders, that PHOTOFIT_PEER_SCENES names, separated by colons."""
     found = [ROOT / "assets" / "box.xml"]
@@ -47,11 +56,13 @@ def scenes():
 
 @contextlib.contextmanager
 def variant(path, reconstruction, sampler=None):
-    """A file with another filter or sampler for the time of a `with`: beside the scene, for the files that it names."""
+    """A file with another filter or sampler for the time of a `with`, which finds what the scene names."""
     if reconstruction == "as it is" and sampler is None:
         yield str(path)
         return
     text = pathlib.Path(path).read_text()
+    if "<film" not in text:
+        raise ValueError(f"{path}: has its film in another file, so that its filter and sampler cannot be changed")
     drop = lambda tag, text: re.sub(rf"<{tag}\b[^>]*?(/>|>.*?</{tag}>)", "", text, flags=re.S)
     if sampler:
         text = drop("sampler", text).replace("<film", f'<sampler type="{sampler}"/><film')
@@ -59,10 +70,12 @@ def variant(path, reconstruction, sampler=None):
         inside = f'<rfilter type="{reconstruction}"/>'
         opened = lambda film: f"{film[1]}>{inside}" + ("</film>" if film[2] == "/>" else "")
         text = re.sub(r"(<film\b[^>]*?)(/>|>)", opened, drop("rfilter", text))
-    with tempfile.NamedTemporaryFile("w", dir=pathlib.Path(path).parent, prefix=".peer-", suffix=".xml") as file:
-        file.write(text)
-        file.flush()
-        yield file.name
+    with tempfile.TemporaryDirectory(dir=WORK) as folder:
+        # Ours takes no absolute paths.
+        beside = os.path.relpath(os.path.realpath(pathlib.Path(path).parent), os.path.realpath(folder))
+        file = pathlib.Path(folder, pathlib.Path(path).name)
+        file.write_text(re.sub(r"<scene\b[^>]*>", lambda scene: f"{scene[0]}<path value={quoteattr(beside)}/>", text, count=1))
+        yield str(file)
 
 
 def compared(mi, path, reconstruction):

@@ -1,112 +1,100 @@
-"""Fewer triangles by ratio: ours with the asset's own texture coordinates, gltfpack and gltf-transform, by our own pictures."""
+"""Fewer triangles by ratio: ours with the asset's own texture coordinates, gltfpack and gltf-transform, in Blender Cycles as `judge` has it.
 
-import json
+`PHOTOFIT_PEER_ASSETS` names the assets, separated by colons, `PHOTOFIT_JUDGE_ASSETS` the folder of the judge's environment. What is
+made is kept as that of the judge is.
+"""
+
 import os
-import shutil
-import subprocess
+import pathlib
 
-from harness import WORK, markdown, program
+import numpy as np
+
+import in_cycles
+from driver_judge import (
+    ENVIRONMENT, HERE, TOOLS, Refused, as_glb, blender, digest_of, found, how, likeness, made, packed, quiet, reference, terms,
+    tool, unpinned, version,
+)
+from harness import markdown, our_version, program
 
 ABOUT = "Shares of the triangles: ours with the asset's own textures, gltfpack, gltf-transform"
-NEEDS = ["numpy"]
+NEEDS = ["numpy", "scipy", "bpy", "flip-evaluator"]
 
 RATIOS = ["0.7", "0.5", "0.3", "0.1", "0.03", "0.01"]
-TOOLS = {"gltfpack": "PHOTOFIT_GLTFPACK", "gltf-transform": "PHOTOFIT_GLTF_TRANSFORM"}
-# Runs side by side do not share files.
-RUN = os.getpid()
+PEERS = [name for name in TOOLS if name != "node"]
 # How many more triangles than the budget still count as reaching it.
 OVER = 1.05
 
 
 def assets():
-    """The assets that PHOTOFIT_PEER_ASSETS names, separated by colons."""
-    return list(filter(None, os.environ.get("PHOTOFIT_PEER_ASSETS", "").split(":")))
-
-
-def tool(name):
-    """The path of a peer: its variable, or what PATH finds; None where it is not installed."""
-    return os.environ.get(TOOLS[name]) or shutil.which(name)
+    return [pathlib.Path(path) for path in os.environ.get("PHOTOFIT_PEER_ASSETS", "").split(":") if path]
 
 
 def ready():
-    """There is nothing to compare without assets and peers."""
+    """There is nothing to compare without assets, light and peers."""
     if not assets():
         return "PHOTOFIT_PEER_ASSETS=A.glb:B.glb names no assets"
-    missing = [f"{name} ({TOOLS[name]} or PATH)" for name in TOOLS if not tool(name)]
-    return f"not installed: {', '.join(missing)}" if missing else None
+    if not found(ENVIRONMENT):
+        return f"PHOTOFIT_JUDGE_ASSETS=FOLDER has no {ENVIRONMENT}"
+    lacking = [f"{name} ({TOOLS[name]} or PATH)" for name in PEERS if not tool(name)] + unpinned()
+    return f"not installed, see package.json beside this driver: {', '.join(lacking)}" if lacking else None
 
 
-def quiet(*command):
-    """Runs a peer; False where it refuses."""
-    return subprocess.run(list(map(str, command)), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode == 0
-
-
-def packed(path, ratio, out, *flags):
-    # -se 1: no limit of the error stops it before the ratio.
-    return quiet(tool("gltfpack"), "-noq", "-si", ratio, "-se", 1, *flags, "-i", path, "-o", out)
-
-
-def transformed(path, ratio, out):
-    welded = WORK / f"ratios-welded-{RUN}.glb"
-    simplify = ["simplify", welded, out, "--ratio", ratio, "--error", 1]
-    return quiet(tool("gltf-transform"), "weld", path, welded) and quiet(tool("gltf-transform"), *simplify)
+def versions():
+    return [*map(version, PEERS), blender()]
 
 
 def ours(path, ratio, out):
     program("simplify", path, "-o", out, "--ratio", ratio, "--keep-uvs", "--seed", 0)
-    return True
 
 
-WAYS = {
-    "ours": ours,
-    "gltfpack -sv": lambda path, ratio, out: packed(path, ratio, out, "-sv"),
-    "gltfpack -sv -sp": lambda path, ratio, out: packed(path, ratio, out, "-sv", "-sp"),
-    "gltf-transform": transformed,
-}
+def transformed(path, ratio, out):
+    welded = out.with_suffix(".welded.glb")
+    quiet(tool("gltf-transform"), "weld", path, welded)
+    quiet(tool("gltf-transform"), "simplify", welded, out, "--ratio", ratio, "--error", 1)
+    welded.unlink()
 
 
-def figures(path, out, most):
-    """Triangles, and PSNR and FLIP of the mean and of the worst view; None for what has no triangles or too many."""
-    seen = WORK / f"ratios-{RUN}.json"
-    try:
-        program("inspect", out, "--json", seen)
-        triangles = json.loads(seen.read_text())["triangles"]
-        if not 0 < triangles <= OVER * most:
-            return None
-        program("compare", path, out, "--json", seen)
-    except subprocess.CalledProcessError:
-        return None
-    found = json.loads(seen.read_text())
-    views = found["views"]
-    worst = min(v["psnr"] for v in views)
-    return triangles, found["psnr"], worst, found["flip"]
+def within(most, make, out):
+    """Refuses what has no triangles or too many."""
+    make(out)
+    count = in_cycles.triangles(in_cycles.load(out))
+    if not 0 < count <= OVER * most:
+        out.unlink()
+        raise Refused(f"{count} triangles in place of {most:.0f}")
 
 
 def table():
     rows, least = [], {}
     for path in assets():
-        name = path.rsplit("/", 1)[-1].rsplit(".", 1)[0]
-        seen = WORK / f"ratios-{RUN}.json"
-        program("inspect", path, "--json", seen)
-        all_triangles = json.loads(seen.read_text())["triangles"]
+        name, glb = path.stem, as_glb(path.stem, path)
+        triangles = reference(name, path)[2]
         for ratio in RATIOS:
-            cells, own = [], None
-            for way, make in WAYS.items():
-                out = WORK / f"ratios-{RUN}.glb"
-                out.unlink(missing_ok=True)
-                made = make(path, ratio, out) and out.exists()
-                found = figures(path, out, float(ratio) * all_triangles) if made else None
-                cells.append("-" if found is None else f"{found[1]:.2f} ({found[2]:.2f}), {found[3]:.4f}")
+            most = float(ratio) * triangles
+            ways = {
+                "ours": (our_version(), (ours,), lambda out: ours(path, ratio, out)),
+                "gltfpack -sv": (version("gltfpack"), (packed,), lambda out: packed(glb, most, out)),
+                "gltfpack -sv -sp": (version("gltfpack"), (packed,), lambda out: packed(glb, most, out, "-sp")),
+                "gltf-transform": (version("gltf-transform"), (transformed,), lambda out: transformed(glb, ratio, out)),
+            }
+            cells, psnr = [], {}
+            for way, (by, code, make) in ways.items():
+                key = {"asset": digest_of(path), "ratio": ratio, "by": by, "how": how(*code, within), "over": OVER}
+                figures = made(name, path, HERE / f"{name}-{ratio}", way, key, lambda out: within(most, make, out))
+                if "views" not in figures:
+                    cells.append("-")
+                    continue
+                cells.append(", ".join(likeness(figures)))
+                psnr[way] = np.mean(figures["views"], 0)[0]
                 if way == "ours":
-                    own = found
-                elif found and own:
-                    gain = own[1] - found[1]
-                    least[way] = min(least.get(way, gain), gain)
-            rows.append([name, ratio, own[0] if own else "-", *cells])
-    head = ["asset", "ratio", "triangles of ours", *WAYS]
+                    count = figures["triangles"]
+                elif "ours" in psnr:
+                    least[way] = min(least.get(way, np.inf), psnr["ours"] - psnr[way])
+            rows.append([name, ratio, count if "ours" in psnr else "-", *cells])
+            print(rows[-1], flush=True)
+    head = ["asset", "ratio", "triangles of ours", *ways]
     gains = ", ".join(f"{gain:+.2f} dB against {way}" for way, gain in least.items())
     return (
-        f"{markdown(head, rows)}\n\nPSNR in decibels, in the mean of 8 views of 512 x 512 pixels (in the worst view), and mean FLIP, "
-        f"by `photofit compare`. A dash: the tool writes nothing, or more than {OVER} times the budget. "
-        f"Least lead of ours over all assets and ratios: {gains}."
+        f"{terms()}\n\n{markdown(head, rows)}\n\nPSNR in decibels, in the mean of the views (in the worst view), and mean FLIP, by"
+        f" {blender()}. A dash: the tool writes nothing, or more than {OVER} times the budget. Least lead of ours over all assets and"
+        f" ratios: {gains}."
     )

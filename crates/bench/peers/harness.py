@@ -1,5 +1,7 @@
 """What several drivers share: our programs, meshes, medians, tables."""
 
+import functools
+import hashlib
 import json
 import os
 import pathlib
@@ -14,19 +16,60 @@ import numpy as np
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 WORK = ROOT / "out" / "bench" / "peers" / "work"
 WORK.mkdir(parents=True, exist_ok=True)
+#: The versions of our programs that were asked for or ran, for the head of the table.
+RAN = set()
 
 
+def digest(files):
+    """SHA-256 of the contents of files."""
+    sums = [hashlib.sha256(pathlib.Path(file).read_bytes()).hexdigest() for file in files]
+    return hashlib.sha256("".join(sums).encode()).hexdigest()
+
+
+@functools.cache
+def first_line(*command):
+    """What a program says first; empty where it says nothing."""
+    try:
+        done = subprocess.run(list(map(str, command)), cwd=ROOT, capture_output=True, text=True)
+    except OSError:
+        return ""
+    return next(iter((done.stdout + done.stderr).strip().splitlines()), "").strip()
+
+
+@functools.cache
+def version_of(exe, variable):
+    """The version of the sources, or the SHA-256 of a program that they do not tell: one that `variable` names."""
+    sources = "" if os.environ.get(variable) else first_line("git", "describe", "--always", "--dirty")
+    if not sources or sources.endswith("-dirty"):
+        sources = f"{sources} program {hashlib.sha256(pathlib.Path(exe).read_bytes()).hexdigest()[:8]}".strip()
+    return sources
+
+
+def our_version():
+    """`photofit --version` and :func:`version_of` it."""
+    version = f"{first_line(built(), '--version')}, {version_of(built(), 'PHOTOFIT_PEER_PROGRAM')}"
+    RAN.add(version)
+    return version
+
+
+def released(name):
+    """Where cargo puts a release build."""
+    return pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "release" / name
+
+
+@functools.cache
 def built():
     """The program that `PHOTOFIT_PEER_PROGRAM` names, which is built already; without it the release build, which is made."""
     named = os.environ.get("PHOTOFIT_PEER_PROGRAM")
     if named:
         return named
     subprocess.run(["cargo", "build", "--release", "--quiet", "-p", "photofit-cli"], cwd=ROOT, check=True)
-    return pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "release" / "photofit"
+    return released("photofit")
 
 
 def program(*arguments, **environment):
     """Runs `photofit ARGUMENTS`; returns the CPU seconds of the process, start and end included."""
+    our_version()
     command = [built(), *map(str, arguments)]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run(command, cwd=ROOT, check=True, env={**os.environ, **environment}, stdout=subprocess.DEVNULL)
@@ -39,11 +82,12 @@ def suite(name, baseline=False, **environment):
 
     `PHOTOFIT_PEER_BENCH` names a photofit-bench that is built already; without it the release build is made and run.
     """
-    built = os.environ.get("PHOTOFIT_PEER_BENCH")
-    command = [built] if built else ["cargo", "run", "--release", "--quiet", "-p", "photofit-bench", "--"]
+    named = os.environ.get("PHOTOFIT_PEER_BENCH")
+    command = [named] if named else ["cargo", "run", "--release", "--quiet", "-p", "photofit-bench", "--"]
     command += [name, "--baseline"] if baseline else [name]
     environment = {k: str(v) for k, v in environment.items()}
     subprocess.run(command, cwd=ROOT, check=True, env={**os.environ, **environment}, stdout=subprocess.DEVNULL)
+    RAN.add(f"photofit-bench, {version_of(named or released('photofit-bench'), 'PHOTOFIT_PEER_BENCH')}")
     return json.loads((ROOT / "out" / "bench" / f"{name}.json").read_text())
 
 

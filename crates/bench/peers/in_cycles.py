@@ -48,7 +48,7 @@ def load(path):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     with quiet():
         if path.endswith((".gltf", ".glb")):
-            bpy.ops.import_scene.gltf(filepath=path)
+            bpy.ops.import_scene.gltf(filepath=path, disable_bone_shape=True)
         elif path.endswith(".obj"):
             bpy.ops.wm.obj_import(filepath=path)
         else:

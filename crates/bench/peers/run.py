@@ -1,9 +1,10 @@
 """Tables against other programs: `cargo xtask bench peers [NAME...]`, or `python3 crates/bench/peers/run.py [NAME...]`.
 
 Each driver is one file beside this one with a line ABOUT, the packages it NEEDS (at the versions of requirements.txt)
-and a function `table()` that returns Markdown; `ready()`, where there is one, says what the system lacks, and `title()`, asked after
-the table, what stands in place of ABOUT above it. What it returns is written to out/bench/peers/NAME.md. A driver whose
-packages are missing is skipped with one line that says how to install them; with `--strict` that is an error.
+and a function `table()` that returns Markdown; `ready()`, where there is one, says what the system lacks, `title()`, asked after
+the table, what stands in place of ABOUT above it, and `versions()` what else it ran. What it returns is written to
+out/bench/peers/NAME.md, below the versions of all programs. A driver whose packages are missing is skipped with one line that
+says how to install them; with `--strict` that is an error.
 """
 
 import ast
@@ -63,6 +64,8 @@ def main(arguments):
             continue
         # The files have a prefix: a driver may be called like the package that it drives.
         driver = importlib.import_module(f"driver_{name}")
+        # Not above: it needs numpy.
+        harness = importlib.import_module("harness")
         hint = getattr(driver, "ready", lambda: None)()
         if hint:
             print(f"peers: {name} skipped: {hint}")
@@ -70,13 +73,15 @@ def main(arguments):
             continue
         print(f"# {name}: {driver.ABOUT}", flush=True)
         start = time.perf_counter()
+        harness.RAN.clear()
         try:
             body = driver.table()
         except Exception:
             traceback.print_exc()
             failed = True
             continue
-        versions = ", ".join(f"{p} {pins()[p]}" for p in driver.NEEDS)
+        packages = [f"{p} {pins()[p]}" for p in driver.NEEDS]
+        versions = "; ".join([*sorted(harness.RAN), ", ".join([*packages, *getattr(driver, "versions", list)()])])
         title = getattr(driver, "title", lambda: driver.ABOUT)()
         text = f"# {title}\n\n`cargo xtask bench peers {name}`; {versions}.\n\n{body}\n"
         (folder / f"{name}.md").write_text(text)
