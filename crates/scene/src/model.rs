@@ -21,8 +21,9 @@ pub struct TextureImage {
     pub height: usize,
     /// `height * width` texels.
     pub texels: Vec<[u8; 4]>,
-    /// The same in 16 bits a channel, where a file has more than 8: textures that hold data are read from these, colours from
-    /// `texels`; a PNG is written with them. Empty: `texels` are all. Who changes texels empties it.
+    /// The same in 16 bits a channel, rounded to `texels`, where a file has more than 8 and materials read data from it; they are
+    /// read from these, colours from `texels`, and a PNG is written with them. Empty: `texels` are all. Who changes texels empties
+    /// it.
     pub texels16: Vec<[u16; 4]>,
     /// Mip levels of its own beside `texels`, each halved and rounded down, where there are some: those of a file that holds
     /// them (KTX 2.0), or to be written into one. Empty: they follow from `texels`. Who changes texels empties it.
@@ -32,6 +33,16 @@ pub struct TextureImage {
     /// The file (PNG, JPEG, WebP or KTX 2.0) that it was read from, where [`crate::Limits::keep_encoded`] asked for it: it is written in place
     /// of `texels`, which must be what it decodes to.
     pub encoded: Option<Arc<[u8]>>,
+}
+
+impl TextureImage {
+    /// The texels, 0 to 1, as materials read data from them: not decoded, in all the bits that there are.
+    pub fn data(&self) -> Vec<[f32; 4]> {
+        if self.texels16.is_empty() {
+            return self.texels.iter().map(|t| t.map(|v| f32::from(v) / 255.0)).collect();
+        }
+        self.texels16.iter().map(|t| t.map(|v| f32::from(v) / 65535.0)).collect()
+    }
 }
 
 /// How an image is stored in a written file.
@@ -301,8 +312,8 @@ impl Scene {
                 let rule = format!("has {found} texels of 16 bits; it must have none or {wanted}");
                 return Err(fault(format!("image {i}"), rule));
             }
-            // Rounded, whichever way.
-            let same = |(deep, texel): (&u16, &u8)| deep.abs_diff(u16::from(*texel) * 257) <= 257;
+            // Rounded, with a step for arithmetic in floating point.
+            let same = |(deep, texel): (&u16, &u8)| deep.abs_diff(u16::from(*texel) * 257) <= 129;
             if !image.texels16.as_flattened().iter().zip(image.texels.as_flattened()).all(same) {
                 let rule =
                     "has texels of 16 bits that are not its texels of 8; who changes these empties those";
@@ -374,6 +385,14 @@ impl Material {
         ];
         let more = self.extensions.iter().flat_map(|e| e.textures().map(|(_, slot)| slot));
         core.into_iter().flatten().chain(more)
+    }
+
+    /// Whether it reads data from this image: what is not decoded from sRGB.
+    pub(crate) fn reads_data(&self, image: usize) -> bool {
+        let core = [&self.metallic_roughness_texture, &self.normal_texture, &self.occlusion_texture];
+        let more = self.extensions.iter().flat_map(|e| e.textures());
+        let more = more.filter(|(name, _)| !name.ends_with("colour")).map(|(_, slot)| slot);
+        core.into_iter().flatten().chain(more).any(|slot| slot.image == image)
     }
 
     /// The same, to be changed.

@@ -8,7 +8,7 @@ use crate::energy::{Energy, SpecularAlbedo};
 use crate::ggx::{Half, Terms};
 use crate::split_sum::{SplitSum, split_sum};
 use crate::surface::{Lobes, LobesGradient, Surface, SurfaceGradient};
-use photofit_scalar::{Real, Vec3, vec3};
+use photofit_scalar::{Real, Vec3};
 
 /// Gradient of [`eval`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -155,8 +155,8 @@ fn single_vjp<T: Real>(
     (value, d)
 }
 
-/// [`eval_lobes_vjp`] by single scattering without a branch, for many points side by side: where no light arrives the
-/// gradient `g` counts as zero, and so does the value.
+/// [`eval_lobes_vjp`] by single scattering without a branch, for many points side by side: where no light arrives, or it
+/// cannot be told because a direction is not a number, value and gradients are zero.
 #[inline(always)]
 pub(crate) fn eval_single_vjp<T: Real>(
     lobes: &Lobes<T>,
@@ -167,13 +167,16 @@ pub(crate) fn eval_single_vjp<T: Real>(
 ) -> (Vec3<T>, LobesEvalGradient<T>) {
     let nl = n.dot(wi);
     let arrives = nl > T::zero();
-    let keep = |x: T| if arrives { x } else { T::zero() };
-    // Any positive cosine will do where the gradient is zero.
-    let nl = if arrives { nl } else { T::one() };
     let half = Half::new(n, wo, wi);
-    let t = Terms::in_world(lobes.roughness, n, wo, nl, &half);
-    let (value, d) = single_vjp(lobes, &t, &half, n, wo, wi, vec3(keep(g.x), keep(g.y), keep(g.z)));
-    (vec3(keep(value.x), keep(value.y), keep(value.z)), d)
+    // Any positive cosine will do where nothing is kept.
+    let t = Terms::in_world(lobes.roughness, n, wo, if arrives { nl } else { T::one() }, &half);
+    let (value, d) = single_vjp(lobes, &t, &half, n, wo, wi, g);
+    let kept = |x: T| if arrives { x } else { T::zero() };
+    let Lobes { diffuse, f0, f90, roughness } = d.lobes;
+    let (f90, roughness) = (kept(f90), kept(roughness));
+    let lobes = Lobes { diffuse: diffuse.map(kept), f0: f0.map(kept), f90, roughness };
+    let d = LobesEvalGradient { lobes, n: d.n.map(kept), wo: d.wo.map(kept), wi: d.wi.map(kept) };
+    (value.map(kept), d)
 }
 
 /// Value and adjoint of [`eval_lobes`] for the gradient `g` of the value.

@@ -7,9 +7,6 @@ use crate::split_sum::{SplitSum, split_sum};
 use crate::surface::{Lobes, LobesGradient, Surface, SurfaceGradient};
 use photofit_scalar::{Real, Vec3, vec3};
 
-/// Smallest squared distance to a point light.
-const DISTANCE_SQUARED_MIN: f64 = 1e-8;
-
 /// A light, without visibility: nothing casts a shadow here.
 #[derive(Clone, Copy, Debug)]
 pub enum Light<'a, T = f32> {
@@ -360,13 +357,12 @@ impl<T: Real> Sum<T> {
     }
 }
 
-/// Unit direction to a point light, inverse squared distance and inverse distance.
+/// Unit direction to a point light, inverse squared distance and inverse distance; zero on the spot, as in the path tracer.
 #[inline(always)]
 fn towards<T: Real>(at: Vec3<T>, position: Vec3<T>) -> (Vec3<T>, T, T) {
     let v = at - position;
-    let d2 = v.length_squared();
-    let floor = T::of(DISTANCE_SQUARED_MIN);
-    let falloff = T::one() / if d2 > floor { d2 } else { floor };
+    let falloff = T::one() / v.length_squared();
+    let falloff = if falloff.is_finite() { falloff } else { T::zero() };
     let inverse = falloff.sqrt();
     (v * inverse, falloff, inverse)
 }

@@ -2,7 +2,8 @@
 // `lights: Lights`.
 
 const LIGHT_POINT: u32 = 0u;
-const DISTANCE_SQUARED_MIN: f32 = 1e-8;
+// The least normal number: its inverse is finite.
+const DISTANCE_SQUARED_MIN: f32 = 1.1754944e-38;
 
 struct Light {
     // A point light has 0.
@@ -50,11 +51,11 @@ struct Towards {
     inverse: f32,
 }
 
-// Unit direction to a point light, inverse squared distance and inverse distance.
+// Unit direction to a point light, inverse squared distance and inverse distance; zero on the spot.
 fn towards(at: vec3<f32>, position: vec3<f32>) -> Towards {
     let v = at - position;
     let d2 = dot(v, v);
-    let falloff = 1.0 / select(DISTANCE_SQUARED_MIN, d2, d2 > DISTANCE_SQUARED_MIN);
+    let falloff = select(0.0, 1.0 / max(d2, DISTANCE_SQUARED_MIN), d2 >= DISTANCE_SQUARED_MIN);
     let inverse = sqrt(falloff);
     return Towards(v * inverse, falloff, inverse);
 }

@@ -15,7 +15,7 @@ pub(crate) struct Octahedral<T> {
 }
 
 /// Where a direction lies in the image.
-struct Place<T> {
+struct Taps<T> {
     index: usize,
     fx: T,
     fy: T,
@@ -110,7 +110,7 @@ impl<T: Real> Octahedral<T> {
     }
 
     #[inline(always)]
-    fn place(&self, d: Vec3<T>) -> Place<T> {
+    fn taps(&self, d: Vec3<T>) -> Taps<T> {
         let (zero, one, half) = (T::zero(), T::one(), T::of(0.5));
         let sign = d.map(|v| if v < zero { -one } else { one });
         let l1 = d.x.abs() + d.y.abs() + d.z.abs();
@@ -125,7 +125,7 @@ impl<T: Real> Octahedral<T> {
         let i = (x.f64() as usize).min(self.size);
         let j = (y.f64() as usize).min(self.size);
         let (fx, fy) = (x - T::of(i as f64), y - T::of(j as f64));
-        Place { index: j * (self.size + 2) + i, fx, fy, p: [px, pz], inv, sign }
+        Taps { index: j * (self.size + 2) + i, fx, fy, p: [px, pz], inv, sign }
     }
 
     #[inline(always)]
@@ -138,7 +138,7 @@ impl<T: Real> Octahedral<T> {
     /// Bilinear lookup in the direction `d` (any length but zero).
     #[inline(always)]
     pub(crate) fn lookup(&self, d: Vec3<T>) -> Vec3<T> {
-        let at = self.place(d);
+        let at = self.taps(d);
         let [a, b, c, e] = self.corners(at.index);
         let (low, high) = (a + (b - a) * at.fx, c + (e - c) * at.fx);
         low + (high - low) * at.fy
@@ -147,7 +147,7 @@ impl<T: Real> Octahedral<T> {
     /// [`Self::lookup`] and its adjoint with respect to `d`; `seed` maps the value to its gradient.
     #[inline(always)]
     pub(crate) fn lookup_vjp(&self, d: Vec3<T>, seed: impl FnOnce(Vec3<T>) -> Vec3<T>) -> (Vec3<T>, Vec3<T>) {
-        let at = self.place(d);
+        let at = self.taps(d);
         let [a, b, c, e] = self.corners(at.index);
         let (low, high) = (a + (b - a) * at.fx, c + (e - c) * at.fx);
         let value = low + (high - low) * at.fy;

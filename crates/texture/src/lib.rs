@@ -26,7 +26,7 @@ mod tests;
 mod texture;
 
 pub use layout::{Level, MipLayout, MipSizes, mip_levels, mip_size};
-pub use level::{LevelOfDetail, level_of_detail, level_of_detail_vjp};
+pub use level::{LevelOfDetail, level_of_detail};
 pub use lookup::{Lookup, lookup, sample, sample_vjp};
 pub use pyramid::{MipAdjoint, MipRule, Pyramid};
 pub use sampler::{AlphaMode, Filter, Sampler, Wrap};

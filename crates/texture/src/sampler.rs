@@ -1,5 +1,7 @@
 //! How a texture is read, and what its alpha means.
 
+use photofit_scalar::Real;
+
 /// How a texture continues outside of 0 to 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Wrap {
@@ -52,13 +54,14 @@ pub enum AlphaMode {
 
 impl AlphaMode {
     /// The part of what lies behind that an alpha hides: 1 for opaque surfaces, 0 or 1 for masks, else alpha within
-    /// `[0, 1]`.
+    /// `[0, 1]`; 0 where it is not a number.
     #[inline(always)]
-    pub fn coverage(self, alpha: f32) -> f32 {
+    pub fn coverage<T: Real>(self, alpha: T) -> T {
         match self {
-            Self::Opaque => 1.0,
-            Self::Mask { cutoff } => f32::from(u8::from(alpha >= cutoff)),
-            Self::Blend => alpha.clamp(0.0, 1.0),
+            Self::Opaque => T::one(),
+            Self::Mask { cutoff } if alpha >= T::of(f64::from(cutoff)) => T::one(),
+            Self::Mask { .. } => T::zero(),
+            Self::Blend => alpha.clamp_to(T::zero(), T::one()),
         }
     }
 }

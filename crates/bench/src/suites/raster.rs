@@ -2,6 +2,7 @@
 
 use crate::context::Context;
 use anyhow::Result;
+use photofit_fit::views::Sampling;
 use photofit_geometry::{Mesh, normals::mesh_normals, shapes};
 use photofit_raster::antialias::MeshTopology;
 use photofit_raster::deferred::{Frame, Geometry, Gradients, Passes, View, render_into, render_vjp};
@@ -13,11 +14,8 @@ use photofit_scene::{AlphaMode, Camera};
 use photofit_shading::Light;
 use rayon::prelude::*;
 
-/// Samples per axis of a pixel, as in the fit.
-const SAMPLES: usize = 2;
-
 pub(crate) fn run(ctx: &mut Context) -> Result<()> {
-    let item = Item::new(22, 1024);
+    let mut item = Item::new(22, 1024);
     for threads in [1_usize, 2] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
         pool.install(|| {
@@ -44,7 +42,9 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
     }
     let blend = vec![AlphaMode::Blend; item.mesh.triangles.len()];
     item.measure(ctx, "with transparent layers", 512, &all, true, &blend);
-    ctx.note("One picture of a displaced sphere (its samples, 2 x 2 to a pixel) with GGX, normal map, a point and an ambient light, 1024^2 maps of 16 samples; `both` is forward and reverse.");
+    item.sampling = Sampling::ENGINE;
+    item.measure(ctx, "shaded once per pixel and triangle", 512, &all, true, &[]);
+    ctx.note("One picture of a displaced sphere (its samples, 2 x 2 to a pixel, 4 x 4 where these are shaded once) with GGX, normal map, a point and an ambient light, 1024^2 maps of 16 samples; `both` is forward and reverse.");
     Ok(())
 }
 
@@ -55,6 +55,7 @@ struct Item {
     uvs: Vec<Vec2f>,
     topology: MeshTopology,
     maps: Pyramid<f32, CHANNELS>,
+    sampling: Sampling,
 }
 
 impl Item {
@@ -70,6 +71,7 @@ impl Item {
             maps: Pyramid::new(Maps::filled(texture, texture, texel)),
             normals,
             mesh,
+            sampling: Sampling::SUPERSAMPLED,
         }
     }
 
@@ -103,11 +105,11 @@ impl Item {
             lights: &lights,
             width: size,
             height: size,
-            samples: SAMPLES,
-            shade_per_pixel: false,
+            samples: self.sampling.per_axis,
+            shade_per_pixel: self.sampling.shade_per_pixel,
             lod_bias: 0.0,
         };
-        let background = vec![[0.2; 3]; (size / SAMPLES).pow(2)];
+        let background = vec![[0.2; 3]; (size / self.sampling.per_axis).pow(2)];
         let mut gradients = Gradients::new(self.mesh.positions.len(), &self.maps);
         let (mut frame, mut g) = (Frame::default(), Vec::new());
         let case = format!("{} tri, {size}^2", self.mesh.triangles.len());

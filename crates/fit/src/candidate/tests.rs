@@ -61,6 +61,8 @@ struct Setting {
     passes: Passes,
     sampling: Sampling,
     lod_bias: f64,
+    /// Lights fall on the surfaces, which show their emission alone without.
+    lit: bool,
     /// The pictures show vertices of a pose, which are given.
     posed: bool,
     /// What the stages of each picture do, one after the other.
@@ -202,6 +204,7 @@ impl Setting {
             passes,
             sampling,
             lod_bias: LOD_BIAS,
+            lit: true,
             posed: false,
             poses: [Vec::new(), Vec::new()],
         }
@@ -229,6 +232,7 @@ impl Setting {
         } else {
             lights.push(Light::Environment { map: &self.environment, rotation: Yaw::new(0.7), scale: 0.8 });
         }
+        lights.retain(|_| self.lit);
         let [x, y, z] = eye.to_array().map(f64::from);
         (matrix_rows(&camera.view_projection()), vec3(x, y, z), lights)
     }

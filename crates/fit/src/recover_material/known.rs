@@ -222,9 +222,7 @@ fn property(scene: &Scene, kind: MapKind) -> Result<World, FitError> {
         // These images are linear, colours are not.
         let texture = world.library().and_then(|l| l.texture_of(i, MapKind::BaseColor));
         if let Some((texture, slot)) = texture.zip(m.base_color_texture) {
-            let texels = shown.images[slot.image].texels.iter();
-            let linear: Vec<[f32; 4]> = texels.map(|t| t.map(|v| f32::from(v) / 255.0)).collect();
-            world.set_texels(texture, &linear)?;
+            world.set_texels(texture, &shown.images[slot.image].data())?;
         }
     }
     Ok(world)

@@ -234,16 +234,25 @@ pub(super) fn reduced(scene: &Scene, image: usize, halvings: usize) -> TextureIm
     });
     let old = &scene.images[image];
     let layout = MipLayout::full(old.width, old.height);
-    let encoded = if srgb { Texels::Srgb8 } else { Texels::Unorm8 };
+    let whole = match srgb {
+        true => Texels::Srgb8(old.texels.clone()),
+        false if old.texels16.is_empty() => Texels::Unorm8(old.texels.clone()),
+        false => Texels::Unorm16(old.texels16.clone()),
+    };
     let rule = if coverage { MipTexture::COVERAGE } else { MipRule::Area };
-    let chain = MipTexture::new(encoded(old.texels.clone()), layout, rule);
+    let chain = MipTexture::new(whole, layout, rule);
     let level = chain.layout().levels()[halvings.min(chain.layout().levels().len() - 1)];
     let (width, height, first) = (level.width as usize, level.height as usize, level.offset as usize);
-    let (Texels::Srgb8(texels) | Texels::Unorm8(texels)) = chain.texels() else {
-        unreachable!("eight bits stay eight bits")
+    let here = first..first + width * height;
+    let (texels, texels16) = match chain.texels() {
+        Texels::Srgb8(t) | Texels::Unorm8(t) => (t[here].to_vec(), Vec::new()),
+        Texels::Unorm16(t) => {
+            let rounded = |t: &[u16; 4]| t.map(|v| ((u32::from(v) + 128) / 257) as u8);
+            (t[here.clone()].iter().map(rounded).collect(), t[here].to_vec())
+        }
+        Texels::F32(_) => unreachable!("texels keep their type"),
     };
-    let texels = texels[first..first + width * height].to_vec();
-    TextureImage { name: old.name.clone(), width, height, texels, ..TextureImage::default() }
+    TextureImage { name: old.name.clone(), width, height, texels, texels16, ..TextureImage::default() }
 }
 
 #[cfg(test)]
@@ -265,6 +274,31 @@ mod tests {
         assert_eq!((least.width, least.texels, least.mips.len()), (1, vec![[2; 4]], 0));
         let plain = reduced(&Scene { images: vec![whole], ..Scene::default() }, 0, 1);
         assert_eq!(plain.texels, [[9; 4]; 8]);
+    }
+
+    /// Data in 16 bits are halved in 16, and in 8 beside them; colours in 8.
+    #[test]
+    fn data_of_16_bits_stay_so() {
+        let texels16 = vec![[1000, 20_001, 3, 65_535], [1003, 20_002, 60_000, 65_535]];
+        let texels = vec![[4, 78, 0, 255], [4, 78, 233, 255]];
+        let image = TextureImage { width: 2, height: 1, texels, texels16, ..TextureImage::default() };
+        let slot = {
+            let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+            Some(TextureSlot { image: 0, sampler: Sampler::default(), tex_coord: 0, transform })
+        };
+        let data = Material { normal_texture: slot, ..Material::clay() };
+        let scene = Scene { images: vec![image], materials: vec![data], ..Scene::default() };
+        scene.validate().unwrap();
+        let half = reduced(&scene, 0, 1);
+        // Means, either way from the middle.
+        let near = |found: u16, twice: u16| (2 * found).abs_diff(twice) <= 1;
+        let [r, g, b, a] = half.texels16[0];
+        assert!(near(r, 2003) && near(g, 40_003) && near(b, 60_003) && a == 65_535, "{:?}", half.texels16);
+        assert_eq!(half.texels, [[4, 78, 117, 255]]);
+        Scene { images: vec![half], ..scene.clone() }.validate().unwrap();
+        let color = Material { base_color_texture: slot, ..Material::clay() };
+        let color = Scene { materials: vec![color], ..scene };
+        assert!(reduced(&color, 0, 1).texels16.is_empty());
     }
 
     #[test]

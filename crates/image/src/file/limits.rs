@@ -23,7 +23,7 @@ pub struct Limits {
     /// Largest width and height, in pixels.
     pub max_side: u32,
     /// Largest number of samples (`width * height * channels`, summed over the layers of a file). Decoding takes
-    /// about 8 bytes per sample at its peak.
+    /// about 8 bytes per sample of colour at its peak, of grey, which becomes RGB or RGBA, up to 18.
     pub max_samples: u64,
     /// Largest file, in bytes.
     pub max_file_bytes: u64,

@@ -30,7 +30,7 @@ pub enum PngCompression {
 /// # Errors
 /// If the bytes are no complete file of these formats, or the image is larger than the limits.
 pub fn decode_texture(bytes: &[u8], limits: &Limits) -> Result<(usize, usize, Vec<[u8; 4]>), ImageError> {
-    let TextureTexels { width, height, texels, .. } = decode_texture_texels(bytes, limits)?;
+    let TextureTexels { width, height, texels, .. } = texels(bytes, limits, false)?;
     Ok((width, height, texels))
 }
 
@@ -61,22 +61,41 @@ pub struct TextureTexels {
 /// # Errors
 /// As [`decode_texture`].
 pub fn decode_texture_texels(bytes: &[u8], limits: &Limits) -> Result<TextureTexels, ImageError> {
+    texels(bytes, limits, true)
+}
+
+/// The texels of a texture; those of 16 bits where they are `wanted`.
+fn texels(bytes: &[u8], limits: &Limits, wanted: bool) -> Result<TextureTexels, ImageError> {
     if Format::of(bytes) == Some(Format::Ktx2) {
         let (width, height, texels) = ktx2::decode(bytes, "texture", limits)?;
         return Ok(TextureTexels { width, height, texels, texels16: Vec::new() });
     }
     let image = decode_dynamic(bytes, "texture", limits)?;
-    let mut texels16 = Vec::new();
-    if is_deep(image.color()) {
-        // Multiples of 257 are the numbers of 8 bits.
-        let wide = image.to_rgba16().into_raw();
-        if wide.iter().any(|s| s % 257 != 0) {
-            texels16 = wide.as_chunks::<4>().0.to_vec();
-        }
-    }
-    let image = image.into_rgba8();
     let (width, height) = (image.width() as usize, image.height() as usize);
-    Ok(TextureTexels { width, height, texels: image.into_raw().as_chunks::<4>().0.to_vec(), texels16 })
+    if wanted && is_deep(image.color()) {
+        let texels16: Vec<[u16; 4]> = by_four(image.into_rgba16().into_raw());
+        let texels = texels16.iter().map(|t| t.map(narrow)).collect();
+        // Multiples of 257 are the numbers of 8 bits.
+        let more = texels16.as_flattened().iter().any(|s| s % 257 != 0);
+        return Ok(TextureTexels {
+            width,
+            height,
+            texels,
+            texels16: if more { texels16 } else { Vec::new() },
+        });
+    }
+    let texels = by_four(image.into_rgba8().into_raw());
+    Ok(TextureTexels { width, height, texels, texels16: Vec::new() })
+}
+
+/// The same memory as texels.
+fn by_four<S: bytemuck::Pod>(samples: Vec<S>) -> Vec<[S; 4]> {
+    bytemuck::try_cast_vec(samples).unwrap_or_else(|(_, samples)| samples.as_chunks().0.to_vec())
+}
+
+/// A sample of 16 bits rounded to 8.
+fn narrow(sample: u16) -> u8 {
+    ((u32::from(sample) + 128) / 257) as u8
 }
 
 /// Whether a texture has more than 8 bits a channel, from its header.

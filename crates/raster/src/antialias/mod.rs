@@ -159,7 +159,7 @@ pub fn antialias<T: Real, const C: usize>(pairs: &[Pair<T>], color: &[[T; C]], o
 }
 
 /// Adjoint of [`antialias`]: turns `g`, the gradient of its output, into that of its input colours, and accumulates
-/// the gradients of the clip-space positions.
+/// the gradients of the clip-space positions, where they are asked for.
 ///
 /// # Panics
 /// If the slices differ in length or a pair is out of range.
@@ -169,20 +169,19 @@ pub fn antialias_vjp<T: Real, const C: usize>(
     (width, height): (usize, usize),
     color: &[[T; C]],
     g: &mut [[T; C]],
-    g_clip: &mut [Vec4<T>],
+    mut g_clip: Option<&mut [Vec4<T>]>,
 ) {
     assert_eq!(color.len(), g.len(), "one gradient per pixel");
     // All pairs read the gradient of the output, also where others have changed it.
     let g_out: Vec<[T; C]> = pairs.iter().map(|p| g[p.written()]).collect();
     for (p, g_out) in pairs.iter().zip(&g_out) {
         let (i0, i1) = (p.first as usize, p.second as usize);
-        let mut d = T::zero();
         for c in 0..C {
-            d += g_out[c] * (color[i1][c] - color[i0][c]);
             g[i1][c] += p.alpha * g_out[c];
             g[i0][c] -= p.alpha * g_out[c];
         }
-        if p.alpha.abs() < T::of(0.5) {
+        if let Some(g_clip) = g_clip.as_deref_mut().filter(|_| p.alpha.abs() < T::of(0.5)) {
+            let d = (0..C).fold(T::zero(), |d, c| d + g_out[c] * (color[i1][c] - color[i0][c]));
             p.crossing.vjp(-d, clip, width, height, g_clip);
         }
     }

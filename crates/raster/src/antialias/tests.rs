@@ -66,7 +66,10 @@ fn gradients_of_positions_and_colours() {
     let mut rng = Uniform::new(2);
     let g: Vec<[f64; 1]> = out.iter().map(|_| [rng.range(-1.0, 1.0)]).collect();
     let (mut g_color, mut g_clip) = (g.clone(), vec![Vec4::zero(); 4]);
-    antialias_vjp(&pairs, &quad(&x), (24, 24), &color, &mut g_color, &mut g_clip);
+    antialias_vjp(&pairs, &quad(&x), (24, 24), &color, &mut g_color, Some(&mut g_clip));
+    let mut alone = g.clone();
+    antialias_vjp(&pairs, &quad(&x), (24, 24), &color, &mut alone, None);
+    assert_eq!(alone, g_color, "colours have the same gradients where positions have none");
     // Visibility is held fixed: the operator's own derivative.
     let loss = |clip: &[Vec4<f64>], color: &[[f64; 1]]| {
         let pairs = silhouettes(&v, clip, &TOPOLOGY);
@@ -90,7 +93,7 @@ fn moving_a_quad_changes_the_coverage_by_its_border() {
     let g = vec![[1.0]; out.len()];
     let mut g_color = g.clone();
     let mut g_clip = vec![Vec4::zero(); 4];
-    antialias_vjp(&pairs, &quad(&x), (32, 32), &color, &mut g_color, &mut g_clip);
+    antialias_vjp(&pairs, &quad(&x), (32, 32), &color, &mut g_color, Some(&mut g_clip));
     let right = g_clip[1].x + g_clip[2].x;
     let left = g_clip[0].x + g_clip[3].x;
     // 16 rows, 16 pixels per unit of x.

@@ -8,17 +8,14 @@ use photofit_texture::AlphaMode;
 #[inline(always)]
 pub(super) fn drawn_alpha<T: Real>(alpha: T, mode: AlphaMode, masks: Masks) -> T {
     match (mode, masks) {
-        (AlphaMode::Opaque, _) => T::one(),
-        (AlphaMode::Blend, _) => alpha,
-        (AlphaMode::Mask { cutoff }, Masks::Cut) if alpha >= T::of(f64::from(cutoff)) => T::one(),
-        (AlphaMode::Mask { .. }, Masks::Cut) => T::zero(),
         (AlphaMode::Mask { cutoff }, Masks::Faded { slope }) => {
             faded(alpha, cutoff, slope).clamp_to(T::zero(), T::one())
         }
+        _ => mode.coverage(alpha),
     }
 }
 
-/// Adjoint of [`drawn_alpha`] with respect to the map's alpha.
+/// Adjoint of [`drawn_alpha`] with respect to the map's alpha, which lies in `[0, 1]` but for the rounding of lookups.
 #[inline(always)]
 pub(super) fn drawn_alpha_vjp<T: Real>(alpha: T, mode: AlphaMode, masks: Masks, g: T) -> T {
     match (mode, masks) {

@@ -146,6 +146,8 @@ pub fn render_into<T: Real>(
     frame: &mut Frame<T>,
 ) {
     let n = view.width * view.height;
+    let triangles = geometry.topology.triangles.len();
+    assert!([0, triangles].contains(&geometry.alpha.len()), "alpha modes: one per triangle, or none");
     let Frame { color, layers, clip, clip32, samples, spare } = frame;
     let fits_alpha = passes.fits_alpha() && geometry.alpha.iter().any(|a| passes.masks.fades(*a));
     spare.append(layers);
@@ -344,6 +346,7 @@ pub fn render_vjp<T: Real>(
     for layer in &frame.layers {
         let Scratch { g: g_color, clip: g_clip, .. } = &mut out.scratch;
         let size = (view.width, view.height);
+        let g_clip = passes.position_gradients.then_some(&mut g_clip[..]);
         antialias_vjp(&layer.pairs, &frame.clip, size, &layer.blended, g_color, g_clip);
         shade_vjp(geometry, maps, view, passes, frame, layer, out);
     }

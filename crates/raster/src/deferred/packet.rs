@@ -9,6 +9,7 @@ mod light;
 
 use super::alpha::{drawn_alpha, drawn_alpha_vjp};
 use super::{Geometry, Passes, View};
+use crate::interpolate::{slope, value, value_vjp, weights};
 use crate::maps::{CHANNELS, channel};
 use crate::rasterize::{PixelGrid, barycentrics, barycentrics_vjp};
 use crate::texture::{LevelOfDetail, Lookup, Pyramid, Taps, level_of_detail, lookup, sample, sample_vjp};
@@ -141,6 +142,12 @@ fn add<T: Real, const R: usize>(rows: &mut Rows<T, R>, at: usize, lane: usize, v
     rows[at + 2][lane] += v.z;
 }
 
+/// An attribute of the three corners at a lane.
+#[inline(always)]
+fn corners_at<T: Real>([p, q, r]: &Rows<T, 3>, lane: usize) -> [T; 3] {
+    [p[lane], q[lane], r[lane]]
+}
+
 /// The material of a texel.
 #[inline(always)]
 fn surface<T: Real>(t: &Rows<T, { channel::USED }>, lane: usize) -> Surface<T> {
@@ -262,7 +269,7 @@ impl<T: Real> Packet<T> {
     /// Radiance and alpha of all lanes; [`Self::color`] reads them.
     #[inline(always)]
     pub(super) fn shade(&mut self, scene: &Scene<'_, T>) {
-        self.place(scene);
+        self.locate(scene);
         self.read(scene);
         if scene.is_lit() {
             self.orient(scene);
@@ -287,17 +294,16 @@ impl<T: Real> Packet<T> {
 
     /// Barycentrics, uv and level of detail.
     #[inline(always)]
-    fn place(&mut self, scene: &Scene<'_, T>) {
+    fn locate(&mut self, scene: &Scene<'_, T>) {
         let base = &scene.maps.levels[0];
         let (width, height, max) = (base.width, base.height, scene.maps.levels.len() - 1);
         let (footprint, bias) = (scene.footprint, scene.view.lod_bias);
         for lane in 0..LANES {
             let f = vec2(self.f[0][lane], self.f[1][lane]);
             let b = barycentrics(&self.clip_at(lane), f, &footprint);
-            let w = T::one() - b.u - b.v;
-            let of = |[p, q, r]: &Rows<T, 3>| {
-                let (p, q, r) = (p[lane], q[lane], r[lane]);
-                (p * b.u + q * b.v + r * w, b.du * (p - r) + b.dv * (q - r))
+            let of = |corners: &Rows<T, 3>| {
+                let a = corners_at(corners, lane);
+                (value(a, b.u, b.v), slope(a, &b))
             };
             let ((u, du), (v, dv)) = (of(&self.corners[UV]), of(&self.corners[UV + 1]));
             let level = level_of_detail(&[du, dv], width, height, bias, max).level;
@@ -345,8 +351,7 @@ impl<T: Real> Packet<T> {
         for c in 0..FITTED {
             for lane in 0..LANES {
                 let (u, v) = (self.weights[0][lane], self.weights[1][lane]);
-                let [p, q, r] = &self.corners[c];
-                self.surface[c][lane] = p[lane] * u + q[lane] * v + r[lane] * (T::one() - u - v);
+                self.surface[c][lane] = value(corners_at(&self.corners[c], lane), u, v);
             }
         }
         if scene.passes.normal_map {
@@ -392,7 +397,7 @@ impl<T: Real> Packet<T> {
     pub(super) fn shade_vjp(&mut self, scene: &Scene<'_, T>, transparent: bool) {
         let (is_lit, passes) = (scene.is_lit(), scene.passes);
         let reads = is_lit || transparent;
-        self.place(scene);
+        self.locate(scene);
         if reads {
             self.read(scene);
             self.g_texel[..channel::EMISSIVE].fill([T::zero(); LANES + STEP]);
@@ -422,7 +427,7 @@ impl<T: Real> Packet<T> {
                 let (g_uv, _) = sample_vjp(scene.maps, &self.at[lane], &self.by_lane[lane]);
                 (self.g_attributes[UV][lane], self.g_attributes[UV + 1][lane]) = (g_uv.x, g_uv.y);
             }
-            self.place_vjp(if is_lit { 0 } else { UV });
+            self.locate_vjp(if is_lit { 0 } else { UV });
         }
     }
 
@@ -474,13 +479,13 @@ impl<T: Real> Packet<T> {
 
     /// Adjoint of the interpolation of the attributes from number `first` on with respect to the corners in clip space.
     #[inline(always)]
-    fn place_vjp(&mut self, first: usize) {
+    fn locate_vjp(&mut self, first: usize) {
         let mut g_weights: Rows<T, 2> = [[T::zero(); LANES + STEP]; 2];
         for c in first..ATTRIBUTES {
-            let ([p, q, r], g) = (&self.corners[c], &self.g_attributes[c]);
             for lane in 0..LANES {
-                g_weights[0][lane] += g[lane] * (p[lane] - r[lane]);
-                g_weights[1][lane] += g[lane] * (q[lane] - r[lane]);
+                let [u, v] = value_vjp(corners_at(&self.corners[c], lane), self.g_attributes[c][lane]);
+                g_weights[0][lane] += u;
+                g_weights[1][lane] += v;
             }
         }
         for lane in 0..LANES {
@@ -532,8 +537,7 @@ impl<T: Real> Packet<T> {
         for s in self.segments() {
             let mut sum = [[T::zero(); WIDTH]; 3];
             for lane in s.first..s.end {
-                let (u, v) = (self.weights[0][lane], self.weights[1][lane]);
-                let weights = [u, v, T::one() - u - v];
+                let weights = weights(self.weights[0][lane], self.weights[1][lane]);
                 for k in 0..3 {
                     for c in 0..WIDTH {
                         sum[k][c] += weights[k] * by_lane[lane][c];
@@ -544,3 +548,6 @@ impl<T: Real> Packet<T> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -123,7 +123,7 @@ fn drawn_alpha(alpha: f32, c: Corners) -> f32 {
         return 1.0;
     }
     if c.alpha == ALPHA_BLEND {
-        return alpha;
+        return clamp_to(alpha, 0.0, 1.0);
     }
     if runs(FADED_MASKS) {
         return clamp_to(faded(alpha, c.cutoff), 0.0, 1.0);

@@ -7,7 +7,8 @@ use crate::rasterize::{NONE, TILE, rasterize};
 use crate::texture::{MipAdjoint, Pyramid, Scatter};
 use photofit_gradcheck::{Uniform, check, max_relative_error};
 use photofit_scalar::wide::Width;
-use photofit_scalar::{vec2, vec3, vec4};
+use photofit_scalar::{Real, vec2, vec3, vec4};
+use photofit_shading::{Environment, Yaw};
 use tile::{Strip, StripGradients, StripSpans};
 
 const SIZE: usize = 20;
@@ -16,7 +17,7 @@ const OPPOSITE: [[u32; 3]; 4] = [[NONE, 2, 3], [NONE, 3, 0], [NONE, 0, 1], [NONE
 const NEIGHBOUR: [[u32; 3]; 4] = [[NONE, 1, 3], [NONE, 2, 0], [NONE, 3, 1], [NONE, 0, 2]];
 
 /// A pyramid-shaped patch with random attributes.
-struct Patch {
+pub(super) struct Patch {
     positions: Vec<f64>,
     normals: Vec<f64>,
     tangents: Vec<f64>,
@@ -27,11 +28,23 @@ struct Patch {
     /// Samples per axis of a pixel.
     samples: usize,
     shade_per_pixel: bool,
-    lod_bias: f64,
+    pub(super) lod_bias: f64,
+    lights: Lights,
+    passes: Passes,
+}
+
+/// What falls on the patch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Lights {
+    None,
+    /// A point and ambient light.
+    Lamp,
+    /// A sun and an environment.
+    Sky,
 }
 
 impl Patch {
-    fn new(size: usize, seed: u64) -> Self {
+    pub(super) fn new(size: usize, seed: u64) -> Self {
         let mut rng = Uniform::new(seed);
         let flat = [[-0.83, -0.71], [0.77, -0.69], [0.74, 0.81], [-0.79, 0.76], [0.03, 0.05]];
         let mut positions = vec![];
@@ -59,53 +72,69 @@ impl Patch {
             samples: 1,
             shade_per_pixel: false,
             lod_bias: -8.0,
+            lights: Lights::Lamp,
+            passes: Passes::default(),
         }
     }
 
-    fn maps(&self) -> Pyramid<f64, CHANNELS> {
-        let texels = self.texels.chunks(CHANNELS).map(|t| std::array::from_fn(|c| t[c])).collect();
+    pub(super) fn maps<T: Real>(&self) -> Pyramid<T, CHANNELS> {
+        let texels = self.texels.chunks(CHANNELS).map(|t| std::array::from_fn(|c| T::of(t[c]))).collect();
         Pyramid::new(Maps { width: self.size, height: self.size, texels })
     }
 
     /// Runs `f` with the geometry and the view.
-    fn with<R>(&self, f: impl FnOnce(&Geometry<'_, f64>, &View<'_, f64>) -> R) -> R {
-        let tangents: Vec<Vec4<f64>> = self.tangents.chunks(3).map(|t| vec4(t[0], t[1], t[2], 1.0)).collect();
+    pub(super) fn with<T: Real, R>(&self, f: impl FnOnce(&Geometry<'_, T>, &View<'_, T>) -> R) -> R {
+        let vector = |v: &[f64]| vec3(v[0], v[1], v[2]).cast::<T>();
+        let vectors = |v: &[f64]| v.chunks(3).map(vector).collect::<Vec<_>>();
+        let (positions, normals) = (vectors(&self.positions), vectors(&self.normals));
+        let tangents: Vec<Vec4<T>> =
+            vectors(&self.tangents).iter().map(|t| vec4(t.x, t.y, t.z, T::one())).collect();
+        let uvs: Vec<Vec2<T>> = self.uvs.iter().map(|uv| uv.cast()).collect();
         let geometry = Geometry {
-            positions: bytemuck::cast_slice(&self.positions),
-            normals: bytemuck::cast_slice(&self.normals),
+            positions: &positions,
+            normals: &normals,
             tangents: &tangents,
-            uvs: &self.uvs,
+            uvs: &uvs,
             topology: Topology { triangles: &TRIANGLES, opposite: &OPPOSITE, neighbour: &NEIGHBOUR },
             alpha: &self.alpha,
             sides: &[],
         };
-        let lights = [
-            Light::Point { position: vec3(1.0, 1.5, 3.0), intensity: vec3(20.0, 18.0, 15.0) },
-            Light::Ambient { radiance: vec3(0.3, 0.3, 0.4) },
-        ];
-        let view = View {
-            view_projection: [
-                [1.3, 0.0, 0.0, 0.0],
-                [0.0, 1.3, 0.0, 0.0],
-                [0.0, 0.0, -1.2, 1.8],
-                [0.0, 0.0, -1.0, 2.5],
+        let sky: Vec<f32> = (0..8 * 4 * 3).map(|i| 0.1 + (i * 7 % 11) as f32 / 9.0).collect();
+        let sky = Environment::from_equirectangular(8, 4, &sky).unwrap().cast();
+        let vector = |x: f64, y: f64, z: f64| vec3(x, y, z).cast::<T>();
+        let lights = match self.lights {
+            Lights::None => vec![],
+            Lights::Lamp => vec![
+                Light::Point { position: vector(1.0, 1.5, 3.0), intensity: vector(20.0, 18.0, 15.0) },
+                Light::Ambient { radiance: vector(0.3, 0.3, 0.4) },
             ],
-            eye: vec3(0.0, 0.0, 2.5),
+            Lights::Sky => vec![
+                Light::Directional { direction: vector(0.6, 0.0, 0.8), irradiance: vector(2.0, 1.8, 1.5) },
+                Light::Environment { map: &sky, rotation: Yaw::new(T::of(0.4)), scale: T::of(0.9) },
+            ],
+        };
+        let projection =
+            [[1.3, 0.0, 0.0, 0.0], [0.0, 1.3, 0.0, 0.0], [0.0, 0.0, -1.2, 1.8], [0.0, 0.0, -1.0, 2.5]];
+        let view = View {
+            view_projection: projection.map(|row: [f64; 4]| row.map(T::of)),
+            eye: vector(0.0, 0.0, 2.5),
             lights: &lights,
             width: SIZE * self.samples,
             height: SIZE * self.samples,
             samples: self.samples,
             shade_per_pixel: self.shade_per_pixel,
-            lod_bias: self.lod_bias,
+            lod_bias: T::of(self.lod_bias),
         };
         f(&geometry, &view)
     }
 
     /// Bits of the samples and of the gradients of the corners and texels of the first layer, by vectors up to `most`.
-    fn bits(&self, most: Width, g: &[[f64; 4]]) -> Vec<u64> {
-        let maps = self.maps();
+    fn bits<T: Real>(&self, most: Width, g: &[[f64; 4]]) -> Vec<u64> {
+        let (maps, passes) = (self.maps::<T>(), &self.passes);
+        let g: Vec<[T; 4]> = g.iter().map(|g| g.map(T::of)).collect();
+        let bits_of = |x: &T| x.f64().to_bits();
         self.with(|geometry, view| {
-            let (passes, size) = (&Passes::default(), (view.width, view.height));
+            let size = (view.width, view.height);
             let mut clip = vec![Vec4::zero(); geometry.positions.len()];
             project(&view.view_projection, geometry.positions, &mut clip);
             let clip32: Vec<Vec4<f32>> = clip.iter().map(|c| c.cast()).collect();
@@ -115,17 +144,17 @@ impl Patch {
             for y in (0..size.1).step_by(TILE) {
                 let rows = y * size.0..(y + TILE).min(size.1) * size.0;
                 let strip = Strip { geometry, view, passes, maps: &maps, clip: &clip, visibility, y };
-                let (mut kept, mut color) = (StripSpans::default(), vec![[0.0; 4]; rows.len()]);
+                let (mut kept, mut color) = (StripSpans::default(), vec![[T::zero(); 4]; rows.len()]);
                 strip.shade(most, &mut kept, &mut color);
                 let mut back = StripGradients::default();
                 strip.shade_vjp(most, &kept, &g[rows], &mut back);
                 Scatter::accumulate(&[&back.texels], &mut out.maps);
-                bits.extend(color.as_flattened().iter().map(|x| x.to_bits()));
-                bits.extend(back.clips.iter().flat_map(|(_, c)| c.map(f64::to_bits)));
-                bits.extend(back.attributes.as_flattened().as_flattened().iter().map(|x| x.to_bits()));
+                bits.extend(color.as_flattened().iter().map(bits_of));
+                bits.extend(back.clips.iter().flat_map(|(_, c)| c.each_ref().map(bits_of)));
+                bits.extend(back.attributes.as_flattened().as_flattened().iter().map(bits_of));
             }
             let texels = out.maps.levels.iter().flat_map(|l| l.texels.as_flattened());
-            bits.extend(texels.map(|x| x.to_bits()));
+            bits.extend(texels.map(bits_of));
             bits
         })
     }
@@ -226,49 +255,18 @@ fn frozen_parts_get_no_gradient_and_opaque_scenes_one_layer() {
 fn production_precision_agrees_with_double() {
     let patch = Patch::new(16, 15);
     let (w, b) = weights(7);
-    let g = patch.gradients(&w, &b, &Passes::default());
-    let maps = patch.maps();
-    let maps32 = Pyramid::new(Maps {
-        width: 16,
-        height: 16,
-        texels: maps.levels[0].texels.iter().map(|t| t.map(|x| x as f32)).collect(),
+    let passes = Passes::default();
+    let g = patch.gradients(&w, &b, &passes);
+    let maps = patch.maps::<f32>();
+    let b: Vec<[f32; 3]> = b.iter().map(|b| b.map(|x| x as f32)).collect();
+    let w: Vec<[f32; 4]> = w.iter().map(|b| b.map(|x| x as f32)).collect();
+    let mut single = Gradients::new(5, &maps);
+    patch.with(|geometry, view| {
+        let frame = render(geometry, &maps, view, &b, &passes);
+        render_vjp(geometry, &maps, view, &passes, &frame, &w, &mut single);
     });
-    let cast3 =
-        |v: &[f64]| v.chunks(3).map(|c| vec3(c[0] as f32, c[1] as f32, c[2] as f32)).collect::<Vec<_>>();
-    let (positions, normals) = (cast3(&patch.positions), cast3(&patch.normals));
-    let tangents: Vec<_> =
-        patch.tangents.chunks(3).map(|t| vec4(t[0] as f32, t[1] as f32, t[2] as f32, 1.0)).collect();
-    let uvs: Vec<_> = patch.uvs.iter().map(|u| u.cast::<f32>()).collect();
-    let geometry = Geometry {
-        positions: &positions,
-        normals: &normals,
-        tangents: &tangents,
-        uvs: &uvs,
-        topology: Topology { triangles: &TRIANGLES, opposite: &OPPOSITE, neighbour: &NEIGHBOUR },
-        alpha: &[],
-        sides: &[],
-    };
-    let lights = [
-        Light::Point { position: vec3(1.0, 1.5, 3.0_f32), intensity: vec3(20.0, 18.0, 15.0) },
-        Light::Ambient { radiance: vec3(0.3, 0.3, 0.4) },
-    ];
-    let view = patch.with(|_, v| View {
-        view_projection: v.view_projection.map(|r| r.map(|x| x as f32)),
-        eye: v.eye.cast(),
-        lights: &lights,
-        width: SIZE,
-        height: SIZE,
-        samples: 1,
-        shade_per_pixel: false,
-        lod_bias: -8.0,
-    });
-    let b32: Vec<[f32; 3]> = b.iter().map(|b| b.map(|x| x as f32)).collect();
-    let w32: Vec<[f32; 4]> = w.iter().map(|b| b.map(|x| x as f32)).collect();
-    let frame = render(&geometry, &maps32, &view, &b32, &Passes::default());
-    let mut g32 = Gradients::new(5, &maps32);
-    render_vjp(&geometry, &maps32, &view, &Passes::default(), &frame, &w32, &mut g32);
     let scale = g.positions.iter().fold(0.0, |m: f64, p| m.max(p.length()));
-    for (a, e) in g32.positions.iter().zip(&g.positions) {
+    for (a, e) in single.positions.iter().zip(&g.positions) {
         assert!((a.cast::<f64>() - *e).length() < 2e-4 * scale, "{a:?} against {e:?}");
     }
 }
@@ -333,15 +331,35 @@ fn a_pixel_inside_of_a_triangle_is_shaded_as_with_one_sample() {
 
 #[test]
 fn bits_are_the_same_for_any_width() {
-    for (samples, shade_per_pixel) in [(1, false), (2, false), (2, true)] {
-        let patch = Patch { samples, shade_per_pixel, lod_bias: 0.3, ..Patch::new(9, 4) };
+    let mask = AlphaMode::Mask { cutoff: 0.5 };
+    let classes = [vec![], vec![AlphaMode::Blend, mask, AlphaMode::Opaque, AlphaMode::Blend]];
+    let faded = Passes { masks: Masks::Faded { slope: 2.0 }, ..Passes::default() };
+    let compensated = Passes { energy: Energy::Compensated, ..faded };
+    let mut cases = vec![];
+    for sampling in [(1, false), (2, false), (2, true)] {
+        for alpha in &classes {
+            cases.push((sampling, alpha, Lights::Lamp, Passes::default()));
+        }
+        cases.push((sampling, &classes[1], Lights::Sky, faded));
+        cases.push((sampling, &classes[0], Lights::None, Passes::default()));
+    }
+    cases.push(((1, false), &classes[1], Lights::Lamp, compensated));
+    cases.push(((2, true), &classes[0], Lights::Sky, compensated));
+    for ((samples, shade_per_pixel), alpha, lights, passes) in cases {
+        let alpha = alpha.clone();
+        let patch =
+            Patch { samples, shade_per_pixel, lod_bias: 0.3, alpha, lights, passes, ..Patch::new(9, 4) };
         let mut rng = Uniform::new(6);
         let g: Vec<[f64; 4]> =
             (0..(SIZE * samples).pow(2)).map(|_| std::array::from_fn(|_| rng.range(-1.0, 1.0))).collect();
-        let base = patch.bits(Width::Base, &g);
-        assert!(base.iter().filter(|b| **b << 1 != 0).count() > 1000, "something is drawn");
-        for width in Width::ALL {
-            assert!(patch.bits(width, &g) == base, "{samples} samples a side, {width:?}");
-        }
+        let each = |bits: &dyn Fn(Width) -> Vec<u64>, name: &str| {
+            let base = bits(Width::Base);
+            assert!(base.iter().filter(|b| **b << 1 != 0).count() > 1000, "something is drawn");
+            for width in Width::ALL {
+                assert!(bits(width) == base, "{name}: {samples} samples a side, {lights:?}, {width:?}");
+            }
+        };
+        each(&|width| patch.bits::<f64>(width, &g), "f64");
+        each(&|width| patch.bits::<f32>(width, &g), "f32");
     }
 }

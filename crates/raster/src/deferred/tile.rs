@@ -29,14 +29,14 @@ pub(super) struct StripSpans {
     ends: Vec<usize>,
 }
 
-/// Samples of a triangle side by side in a row of a block: `triangle << 32 | place of the first << 16 | number` (see
-/// [`Blocks`]).
+/// Samples of a triangle side by side in a row of a block: `triangle << 32 | first << 16 | number`, the first by its number in the
+/// tile (see [`Blocks`]).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Span(u64);
 
 impl Span {
-    fn new(triangle: u32, place: usize, len: usize) -> Self {
-        Self(u64::from(triangle) << 32 | (place << 16 | len) as u64)
+    fn new(triangle: u32, first: usize, len: usize) -> Self {
+        Self(u64::from(triangle) << 32 | (first << 16 | len) as u64)
     }
 
     #[inline(always)]
@@ -45,7 +45,7 @@ impl Span {
     }
 
     #[inline(always)]
-    fn place(self) -> usize {
+    fn first(self) -> usize {
         (self.0 >> 16) as usize & 0xffff
     }
 
@@ -70,7 +70,7 @@ impl<T: Real> Default for StripGradients<T> {
     }
 }
 
-/// Blocks of `side` x `side` samples of a tile, in which places are counted block by block; what is shaded at once lies in
+/// Blocks of `side` x `side` samples of a tile, in which samples are counted block by block; what is shaded at once lies in
 /// one.
 #[derive(Clone, Copy)]
 struct Blocks {
@@ -79,19 +79,19 @@ struct Blocks {
 
 impl Blocks {
     #[inline(always)]
-    fn place(self, x: usize, y: usize) -> usize {
+    fn number(self, x: usize, y: usize) -> usize {
         let s = self.side;
         if s == 1 { y * TILE + x } else { ((y / s) * (TILE / s) + x / s) * s * s + (y % s) * s + x % s }
     }
 
-    /// Column and row of a place.
+    /// Column and row of a sample by its number.
     #[inline(always)]
-    fn at(self, place: usize) -> (usize, usize) {
+    fn at(self, number: usize) -> (usize, usize) {
         if self.side == 1 {
-            return (place % TILE, place / TILE);
+            return (number % TILE, number / TILE);
         }
         let (s, area) = (self.side, self.side * self.side);
-        let (block, inside) = (place / area, place % area);
+        let (block, inside) = (number / area, number % area);
         let columns = TILE / s;
         ((block % columns) * s + inside % s, (block / columns) * s + inside / s)
     }
@@ -99,7 +99,7 @@ impl Blocks {
     /// Number of the block of a span.
     #[inline(always)]
     fn of(self, span: Span) -> usize {
-        span.place() / (self.side * self.side)
+        span.first() / (self.side * self.side)
     }
 }
 
@@ -132,7 +132,7 @@ impl<'a, T: Real> Strip<'a, T> {
                     let mut x = k * longest;
                     for run in part.chunk_by(|a, b| a == b) {
                         if run[0] != NONE {
-                            spans.push(Span::new(run[0], blocks.place(x, y), run.len()));
+                            spans.push(Span::new(run[0], blocks.number(x, y), run.len()));
                         }
                         x += run.len();
                     }
@@ -179,7 +179,7 @@ impl<'a, T: Real> Strip<'a, T> {
 
 /// Where the samples of a lane lie.
 #[derive(Clone, Copy, Default)]
-struct Place {
+struct LaneSamples {
     /// The sample by its number in the strip; of several the first span.
     first: u32,
     /// Number of spans; 0: one sample.
@@ -205,7 +205,7 @@ impl<T: Real> Packing<'_, T> {
     /// Fills a packet with what comes next; false at the end. Sums of gradients are the packet's, and what has none costs
     /// nothing (equal to the reference, or outside of a mask).
     #[inline(always)]
-    fn fill(&mut self, packet: &mut Packet<T>, places: &mut [Place; LANES]) -> bool {
+    fn fill(&mut self, packet: &mut Packet<T>, lanes: &mut [LaneSamples; LANES]) -> bool {
         let Strip { geometry, view, clip, .. } = *self.strip;
         packet.clear();
         while packet.len < LANES && self.span < self.kept.spans.len() {
@@ -216,9 +216,9 @@ impl<T: Real> Packing<'_, T> {
             let (triangle, first) = (spans[self.span].triangle(), packet.len);
             while packet.len < LANES && spans.get(self.span).is_some_and(|s| s.triangle() == triangle) {
                 if self.blocks.side == 1 {
-                    self.take_samples(spans[self.span], packet, places);
+                    self.take_samples(spans[self.span], packet, lanes);
                 } else {
-                    self.take_block(spans, packet, places);
+                    self.take_block(spans, packet, lanes);
                 }
             }
             packet.cover(geometry, clip, !view.lights.is_empty(), triangle, first);
@@ -228,8 +228,8 @@ impl<T: Real> Packing<'_, T> {
 
     /// Takes samples of a span, as many as there is room for.
     #[inline(always)]
-    fn take_samples(&mut self, span: Span, packet: &mut Packet<T>, places: &mut [Place; LANES]) {
-        let (x, y) = (self.tile * TILE + span.place() % TILE, span.place() / TILE);
+    fn take_samples(&mut self, span: Span, packet: &mut Packet<T>, lanes: &mut [LaneSamples; LANES]) {
+        let (x, y) = (self.tile * TILE + span.first() % TILE, span.first() / TILE);
         let end = span.len().min(self.offset + LANES - packet.len);
         let row = y * self.strip.view.width;
         for x in x + self.offset..x + end {
@@ -245,7 +245,7 @@ impl<T: Real> Packing<'_, T> {
             }
             let f = self.grid.ndc(x, self.strip.y + y);
             (packet.f[0][lane], packet.f[1][lane]) = (f.x, f.y);
-            places[lane] = Place { first: at as u32, spans: 0, column: 0 };
+            lanes[lane] = LaneSamples { first: at as u32, spans: 0, column: 0 };
             packet.len += 1;
         }
         self.offset = end;
@@ -256,7 +256,7 @@ impl<T: Real> Packing<'_, T> {
 
     /// Takes the samples of the triangle in a block as one, at the mean of their places.
     #[inline(always)]
-    fn take_block(&mut self, spans: &[Span], packet: &mut Packet<T>, places: &mut [Place; LANES]) {
+    fn take_block(&mut self, spans: &[Span], packet: &mut Packet<T>, lanes: &mut [LaneSamples; LANES]) {
         let (first, block) = (self.span, self.blocks.of(spans[self.span]));
         let (column, width, lane) = (self.tile * TILE, self.strip.view.width, packet.len);
         let triangle = spans[first].triangle();
@@ -265,7 +265,7 @@ impl<T: Real> Packing<'_, T> {
             if span.triangle() != triangle || self.blocks.of(span) != block {
                 break;
             }
-            let (x, y) = self.blocks.at(span.place());
+            let (x, y) = self.blocks.at(span.first());
             for x in column + x..column + x + span.len() {
                 f += self.grid.ndc(x, self.strip.y + y);
                 if let Some(g) = self.g {
@@ -285,21 +285,21 @@ impl<T: Real> Packing<'_, T> {
         for k in 0..4 {
             packet.g[k][lane] = g_sum[k];
         }
-        places[lane] =
-            Place { first: first as u32, spans: (self.span - first) as u32, column: column as u32 };
+        lanes[lane] =
+            LaneSamples { first: first as u32, spans: (self.span - first) as u32, column: column as u32 };
         packet.len += 1;
     }
 
     /// Writes the colour of a lane to its samples.
     #[inline(always)]
-    fn write(&self, place: Place, color: [T; 4], out: &mut [[T; 4]]) {
-        if place.spans == 0 {
-            out[place.first as usize] = color;
+    fn write(&self, samples: LaneSamples, color: [T; 4], out: &mut [[T; 4]]) {
+        if samples.spans == 0 {
+            out[samples.first as usize] = color;
             return;
         }
-        for span in &self.kept.spans[place.first as usize..][..place.spans as usize] {
-            let (x, y) = self.blocks.at(span.place());
-            let first = y * self.strip.view.width + place.column as usize + x;
+        for span in &self.kept.spans[samples.first as usize..][..samples.spans as usize] {
+            let (x, y) = self.blocks.at(span.first());
+            let first = y * self.strip.view.width + samples.column as usize + x;
             out[first..first + span.len()].fill(color);
         }
     }
@@ -319,12 +319,12 @@ impl<T: Real> Kernel for Shade<'_, T> {
     fn run(self) {
         let Self { strip, kept, out } = self;
         let scene = strip.scene(strip.blocks());
-        let (mut packet, mut places) = (Packet::new(), [Place::default(); LANES]);
+        let (mut packet, mut lanes) = (Packet::new(), [LaneSamples::default(); LANES]);
         let mut packing = strip.packing(kept, None);
-        while packing.fill(&mut packet, &mut places) {
+        while packing.fill(&mut packet, &mut lanes) {
             packet.shade(&scene);
             for lane in 0..packet.len {
-                packing.write(places[lane], packet.color(&scene, lane), out);
+                packing.write(lanes[lane], packet.color(&scene, lane), out);
             }
         }
     }
@@ -346,9 +346,9 @@ impl<T: Real> Kernel for ShadeVjp<'_, T> {
         let Self { strip, kept, g, out } = self;
         let Strip { geometry, view, passes, maps, .. } = *strip;
         let scene = strip.scene(strip.blocks());
-        let (mut packet, mut places) = (Packet::new(), [Place::default(); LANES]);
+        let (mut packet, mut lanes) = (Packet::new(), [LaneSamples::default(); LANES]);
         let mut packing = strip.packing(kept, Some(g));
-        while packing.fill(&mut packet, &mut places) {
+        while packing.fill(&mut packet, &mut lanes) {
             packet.shade_vjp(&scene, !geometry.alpha.is_empty());
             if passes.map_gradients {
                 let (at, g) = packet.lookups();

@@ -41,8 +41,8 @@ pub struct Limits {
     pub instances: usize,
     /// Columns or rows of one texture.
     pub texture_side: usize,
-    /// Texels of all textures together; one of 16 bits a channel counts as three, or, where there is no
-    /// room for that, is read in 8.
+    /// Texels of all textures together; one of data in 16 bits a channel counts as three, or, where there is no
+    /// room for that beside the others, is read in 8.
     pub texels: u64,
     /// Keeps the files of textures beside their texels ([`crate::TextureImage::encoded`]), so that they are written again as
     /// they are.

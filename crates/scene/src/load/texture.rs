@@ -3,7 +3,7 @@
 use super::Limits;
 use crate::TextureImage;
 use crate::error::{Fault, fault};
-use photofit_image::{TextureTexels, decode_texture_texels};
+use photofit_image::{TextureTexels, decode_texture, decode_texture_texels};
 use photofit_ktx2::{Ktx2Error, level_count};
 use photofit_texture::MipLayout;
 use rayon::prelude::*;
@@ -26,16 +26,9 @@ struct Pending<'a> {
     place: String,
     name: String,
     bytes: Cow<'a, [u8]>,
-    kept: Depth,
-}
-
-/// Bits of a channel that are kept.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Depth {
-    /// All of more than 8.
-    All,
-    /// 8, whether there are more (`deep`) or not.
-    Eight { deep: bool },
+    texels: u64,
+    /// More than 8 bits a channel.
+    deep: bool,
 }
 
 impl<'a> Textures<'a> {
@@ -78,10 +71,7 @@ impl<'a> Textures<'a> {
         let levels = file_levels(&bytes).map_err(|rule| fault(&place, rule))?;
         let texels = MipLayout::first(width, height, levels).texels() as u64;
         let deep = photofit_image::texture_is_deep(&bytes).map_err(|e| fault(&place, image_rule(e)))?;
-        // Of 16 bits there is a copy in 8, too.
-        let whole = self.texels.saturating_add(texels.saturating_mul(3));
-        let kept = if deep && whole <= self.limits.texels { Depth::All } else { Depth::Eight { deep } };
-        self.texels = if kept == Depth::All { whole } else { self.texels.saturating_add(texels) };
+        self.texels = self.texels.saturating_add(texels);
         if self.texels > self.limits.texels {
             return Err(fault(
                 place,
@@ -92,17 +82,32 @@ impl<'a> Textures<'a> {
             ));
         }
         self.known.insert(key, self.pending.len());
-        self.pending.push(Pending { place, name, bytes, kept });
+        self.pending.push(Pending { place, name, bytes, texels, deep });
         Ok(self.pending.len() - 1)
     }
 
-    /// All textures, in the order of their requests; those whose 16 bits there is no room for are told.
-    pub(crate) fn decode(self, warnings: &mut Vec<String>) -> Result<Vec<TextureImage>, Fault> {
-        let narrowed = self.pending.iter().filter(|p| p.kept == Depth::Eight { deep: true });
-        warnings.extend(narrowed.map(|p| {
-            let most = self.limits.texels;
-            format!("{}: is read in 8 bits; there is no room for its 16 in {most} texels", p.place)
-        }));
+    /// All textures, in the order of their requests. Of more than 8 bits those that hold data keep all, as long as there is
+    /// room beside the 8 bits of every texture; those for which there is none are told. Nothing reads colours in more than 8.
+    pub(crate) fn decode(
+        mut self,
+        holds_data: impl Fn(usize) -> bool,
+        warnings: &mut Vec<String>,
+    ) -> Result<Vec<TextureImage>, Fault> {
+        let most = self.limits.texels;
+        let mut room = most - self.texels;
+        for (i, p) in self.pending.iter_mut().enumerate().filter(|(_, p)| p.deep) {
+            // Twice the bytes of 8 bits, which are kept, too.
+            let more = p.texels.saturating_mul(2);
+            p.deep = holds_data(i);
+            if p.deep && more > room {
+                p.deep = false;
+                let place = &p.place;
+                warnings.push(format!(
+                    "{place}: is read in 8 bits; there is no room for its 16 in {most} texels"
+                ));
+            }
+            room -= if p.deep { more } else { 0 };
+        }
         let limits = photofit_image::Limits {
             max_side: self.limits.texture_side as u32,
             ..photofit_image::Limits::default()
@@ -112,11 +117,18 @@ impl<'a> Textures<'a> {
             .pending
             .into_par_iter()
             .map(|p| {
-                let TextureTexels { width, height, texels, mut texels16 } =
-                    decode_texture_texels(&p.bytes, &limits).map_err(|e| fault(&p.place, image_rule(e)))?;
-                if p.kept != Depth::All {
-                    texels16 = Vec::new();
-                }
+                let read = if p.deep {
+                    decode_texture_texels(&p.bytes, &limits)
+                } else {
+                    decode_texture(&p.bytes, &limits).map(|(width, height, texels)| TextureTexels {
+                        width,
+                        height,
+                        texels,
+                        texels16: Vec::new(),
+                    })
+                };
+                let TextureTexels { width, height, texels, texels16 } =
+                    read.map_err(|e| fault(&p.place, image_rule(e)))?;
                 let mips = mip_levels(&p.bytes).map_err(|rule| fault(&p.place, rule))?;
                 let encoded = keep.then(|| p.bytes.as_ref().into());
                 let image = TextureImage { width, height, texels, texels16, mips, ..TextureImage::default() };
@@ -166,27 +178,38 @@ mod tests {
 
     #[test]
     fn textures_of_16_bits_are_read_in_8_where_there_is_no_room() {
-        let png = |value: u16| {
+        let fast = photofit_image::PngCompression::Fast;
+        let deep = |value: u16| {
             let texels: Vec<u16> = (0..12).map(|k| value + 7 * k).collect();
-            photofit_image::encode_png16(2, 2, 3, &texels, photofit_image::PngCompression::Fast).unwrap()
+            photofit_image::encode_png16(2, 2, 3, &texels, fast).unwrap()
         };
-        let read = |texels: u64| {
+        let plain = photofit_image::encode_png(2, 2, 3, &[9; 12], fast).unwrap();
+        let read = |files: [&[u8]; 2], texels: u64, holds_data: fn(usize) -> bool| {
             let limits = Limits { texels, ..Limits::default() };
             let mut textures = Textures::new(&limits);
-            for (k, bytes) in [png(20_000), png(30_000)].into_iter().enumerate() {
+            for (k, bytes) in files.into_iter().enumerate() {
                 textures
                     .request(format!("{k}"), format!("image {k}"), String::new(), bytes.into())
                     .map_err(|f| f.rule)?;
             }
             let mut warnings = Vec::new();
-            let images = textures.decode(&mut warnings).map_err(|f| f.rule)?;
+            let images = textures.decode(holds_data, &mut warnings).map_err(|f| f.rule)?;
             Ok::<_, String>((images.iter().map(|i| i.texels16.len()).collect::<Vec<_>>(), warnings))
         };
-        assert_eq!(read(24), Ok((vec![4, 4], Vec::new())));
-        let (kept, told) = read(23).unwrap();
+        let [first, second] = [deep(20_000), deep(30_000)];
+        let both = [&first[..], &second];
+        assert_eq!(read(both, 24, |_| true), Ok((vec![4, 4], Vec::new())));
+        let (kept, told) = read(both, 23, |_| true).unwrap();
         assert_eq!((kept, told.len()), (vec![4, 0], 1));
         assert_eq!(told[0], "image 1: is read in 8 bits; there is no room for its 16 in 23 texels");
-        assert_eq!(read(11).unwrap().0, [0, 0]);
-        assert!(read(7).unwrap_err().contains("8 texels"));
+        assert_eq!(read(both, 15, |_| true).unwrap().0, [0, 0]);
+        assert!(read(both, 7, |_| true).unwrap_err().contains("8 texels"));
+        // Colours take no room of data.
+        assert_eq!(read(both, 16, |i| i == 1), Ok((vec![0, 4], Vec::new())));
+        // What comes first takes no room of what follows.
+        let mixed = [&first[..], &plain];
+        assert_eq!(read(mixed, 16, |_| true), Ok((vec![4, 0], Vec::new())));
+        assert_eq!(read(mixed, 15, |_| true).unwrap().0, [0, 0]);
+        assert_eq!(read(mixed, 8, |_| true).unwrap().1.len(), 1);
     }
 }

@@ -88,23 +88,24 @@ pub(super) fn encode(
         return Ok((encode_ktx2(image, used, quality)?, KTX2));
     }
     let (width, height) = (image.width, image.height);
-    if image.encoding == TextureEncoding::Png && !image.texels16.is_empty() {
-        let (channels, samples) = samples(&image.texels16, u16::MAX);
-        let bytes = encode_png16(width, height, channels, &samples, PngCompression::Small);
-        return Ok((bytes.map_err(|e| e.to_string())?, "image/png"));
-    }
-    let (channels, samples) = samples(&image.texels, u8::MAX);
-    let (bytes, mime) = match image.encoding {
-        TextureEncoding::WebP => (encode_webp(width, height, channels, &samples), WEBP),
+    let (channels, bytes) = samples(&image.texels, u8::MAX);
+    let (file, mime) = match image.encoding {
+        TextureEncoding::WebP => (encode_webp(width, height, channels, &bytes), WEBP),
         TextureEncoding::LossyWebP { quality } => {
-            (encode_webp_lossy(width, height, channels, &samples, quality), WEBP)
+            (encode_webp_lossy(width, height, channels, &bytes, quality), WEBP)
         }
         TextureEncoding::Jpeg { quality } if channels == 3 => {
-            (encode_jpeg(width, height, &samples, quality), "image/jpeg")
+            (encode_jpeg(width, height, &bytes, quality), "image/jpeg")
         }
-        _ => (encode_png(width, height, channels, &samples, PngCompression::Small), "image/png"),
+        _ if image.texels16.is_empty() => {
+            (encode_png(width, height, channels, &bytes, PngCompression::Small), "image/png")
+        }
+        _ => {
+            let (channels, samples) = samples(&image.texels16, u16::MAX);
+            (encode_png16(width, height, channels, &samples, PngCompression::Small), "image/png")
+        }
     };
-    Ok((bytes.map_err(|e| e.to_string())?, mime))
+    Ok((file.map_err(|e| e.to_string())?, mime))
 }
 
 /// Number of channels and samples: without alpha where all of it is `opaque`.

@@ -6,7 +6,7 @@ use crate::{
     shade_ambient_vjp, shade_beam, shade_beam_vjp, shade_vjp, split_sum, view_direction, view_direction_vjp,
 };
 use photofit_gradcheck::{Uniform, check};
-use photofit_scalar::{Vec3, vec3};
+use photofit_scalar::{Real, Vec3, vec3};
 use std::f64::consts::{PI, TAU};
 use std::sync::LazyLock;
 
@@ -181,6 +181,51 @@ fn a_point_light_falls_with_the_square_of_the_distance() {
     assert!((a - eval(&s, Energy::Single, n, wo, d).mul(vec3(1.0, 2.0, 3.0))).length() < 1e-12);
     let inside = Light::Point { position: Vec3::zero(), intensity: vec3(1.0, 1.0, 1.0) };
     assert_eq!(shade(&s, Energy::Single, Vec3::zero(), n, wo, &[inside]), Vec3::zero());
+}
+
+#[test]
+fn a_point_light_has_its_gradient_however_near_it_is() {
+    let s = Surface { base_color: vec3(0.5, 0.6, 0.7), roughness: 0.4, metallic: 0.2, gamma: 0.0 };
+    let (n, wo, seed) = (vec3(0.0, 1.0, 0.0), vec3(0.6, 0.8, 0.0), vec3(1.0, -0.4, 0.3));
+    for distance in [1.0, 1e-3, 1e-5, 1e-7] {
+        let at_light = vec3(0.1, 0.8, 0.6) * distance;
+        let lights = [Light::Point { position: at_light, intensity: vec3(1.0, 2.0, 3.0) }];
+        let f = |x: &[f64]| shade(&s, Energy::Single, at(x, 0), n, wo, &lights).dot(seed);
+        let g = shade_vjp(&s, Energy::Single, Vec3::zero(), n, wo, &lights, seed).position;
+        check(&format!("from {distance}"), &[0.0; 3], &g.to_array(), 1e-5 * distance, 1e-7, f);
+    }
+}
+
+fn dark<T: Real>() {
+    let [n, wo, wi] =
+        [[0.0, 1.0, 0.0], [0.6, 0.8, 0.0], [0.0, 0.6, 0.8]].map(|v| Vec3::<f64>::from_array(v).cast::<T>());
+    let (seed, color, nan) = (Vec3::splat(T::one()), Vec3::splat(T::of(2.0)), Vec3::splat(T::of(f64::NAN)));
+    let s = Surface { base_color: color, roughness: T::of(0.4), metallic: T::of(0.2), gamma: T::zero() };
+    let none = ShadeGradient::default();
+    let on_the_spot = Beam::of_point(wo, color, wo);
+    let sun = Beam::of_direction(wi, color);
+    for (name, n, wo, beam) in [
+        ("a light on the spot", n, wo, on_the_spot),
+        ("a light behind", n, wo, Beam::of_direction(-wi, color)),
+        ("a normal that is none", nan, wo, sun),
+        ("a direction that is none", n, wo, Beam::of_direction(nan, color)),
+    ] {
+        assert_eq!(shade_beam(&s, n, wo, &beam), Vec3::zero(), "{name}");
+        let g = shade_beam_vjp(&s, n, wo, &beam, seed);
+        assert_eq!((g.surface, g.n, g.wo), (none.surface, none.n, none.wo), "{name}");
+    }
+    let lamp = [Light::Point { position: wi, intensity: color }];
+    for energy in [Energy::Single, Energy::Compensated] {
+        assert_eq!(shade_vjp(&s, energy, wi, n, wo, &lamp, seed), none, "on the spot, {energy:?}");
+        assert_eq!(shade_vjp(&s, energy, wo, nan, wo, &lamp, seed), none, "no normal, {energy:?}");
+    }
+    assert_eq!(shade_beam_vjp(&s, nan, wo, &Beam::of_point(wi, color, wo), seed), none);
+}
+
+#[test]
+fn where_no_light_arrives_nothing_has_a_gradient() {
+    dark::<f64>();
+    dark::<f32>();
 }
 
 #[test]

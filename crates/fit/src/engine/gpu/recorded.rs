@@ -25,7 +25,7 @@ pub(super) const COURSE: usize = 1024;
 
 /// One band of a picture of a step.
 #[derive(Debug)]
-struct Place {
+struct RecordedBand {
     drawn: Drawn,
     loss: RecordedLoss,
     weights: Option<RelativeWeights>,
@@ -46,7 +46,7 @@ pub(super) struct Step {
     loss: PictureLoss,
     passes: Passes,
     shading: MapShading,
-    places: Vec<Place>,
+    places: Vec<RecordedBand>,
     optimizers: Vec<Option<Recorded>>,
     losses: Slot,
     /// Takes the scale of the sums of texels.
@@ -99,7 +99,7 @@ impl Step {
             let loss = value_and_gradient(&mut r, &term, pixels, &picture.color, &shared, &g.color, place)?;
             let reverse = render_vjp(&mut r, &on.mesh, picture, passes, &params, &mut shading, g)?;
             let drawn = Drawn { slots: vec![forward, reverse], shading: shading.take_slots() };
-            places.push(Place { drawn, loss, weights, from, pose });
+            places.push(RecordedBand { drawn, loss, weights, from, pose });
         }
         let buffers = [stage.loss.values.bind(), course.bind()];
         let losses = r.dispatch(&ADD_LOSSES, &[places.len() as u32, 0, 0, 0], &buffers, 1)?;

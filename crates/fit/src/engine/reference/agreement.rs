@@ -26,6 +26,31 @@ fn light_from_all_around_adds_up_in_both() {
 }
 
 #[test]
+fn points_of_light_fall_off_alike_in_both() {
+    let clay = spheres(&[0.0]);
+    let n = Normalised::new(&clay).unwrap();
+    let path = PathTraced::new(&clay, &n, MaterialFeatures::Core, 0).unwrap();
+    let mut means = Vec::new();
+    // From near, where every point of the surface has a distance of its own, and from twice as far.
+    for distance in [1.8, 3.6] {
+        let mut s = Orbit::new(0, &Lighting::Mixed, 64).setup(Set::Report, 0, 4);
+        let eye = s.camera.pinhole().eye.normalize();
+        let position = vec3(eye.x + 0.3, eye.y - 0.2, eye.z).normalize_or_zero() * distance;
+        s.lights = ViewLights(vec![ViewLight::Point { position, intensity: vec3(6.0, 5.0, 4.0) }]);
+        let rasterized = Rasterized::new(&n.flat, &n.library).picture(&s).unwrap().image;
+        let traced = path.picture(&s).unwrap().image;
+        for k in 0..3 {
+            let (a, b) = (mean(&rasterized, k), mean(&traced, k));
+            assert!((a / b - 1.0).abs() < 0.01, "channel {k} from {distance}: {a} against {b}");
+        }
+        let rmse = photofit_image::rmse(&rasterized, &traced);
+        assert!(rmse < 0.02, "{rmse}");
+        means.push(mean(&rasterized, 1));
+    }
+    assert!(means[0] > 3.0 * means[1], "{means:?}");
+}
+
+#[test]
 fn vertex_normals_that_point_to_the_back_are_dark_in_both() {
     let right = spheres(&[0.0]);
     let mut opposed = right.clone();

@@ -140,7 +140,7 @@ fn silhouettes_colours_and_gradients_are_those_of_the_cpu() {
             size,
             &scene.color,
             &mut g_color,
-            &mut g_clip,
+            Some(&mut g_clip),
         );
         let g_clip: Vec<[f32; 4]> = g_clip.iter().map(|g| g.to_array()).collect();
         let errors = [

@@ -74,7 +74,8 @@ fn parse_document(
             return Err(fault(format!("light `{}`", clip(&light.name)), rule));
         }
     }
-    scene.images = textures.decode(&mut scene.warnings)?;
+    let holds_data = |i: usize| scene.materials.iter().any(|m| m.reads_data(i));
+    scene.images = textures.decode(holds_data, &mut scene.warnings)?;
     scene.hierarchy = Some(Arc::new(hierarchy));
     Ok(scene)
 }

@@ -116,6 +116,12 @@ impl Library {
         Ok(())
     }
 
+    /// Whether a material takes normals from this image, which are read as they are; other data are joined in 8 bits.
+    pub(super) fn reads_normals(&self, image: usize) -> bool {
+        let maps = self.statements.iter().flat_map(|(_, s)| [&s.normal_map, &s.bump_map]);
+        maps.flatten().any(|m| m.slot.image == image)
+    }
+
     /// Completes the materials; the scene has its images. Maps that glTF keeps in one image are joined, at most
     /// `limits.texels` texels in all. Where vertices are `colored`, colours that no statement gives are theirs.
     pub(super) fn finish(self, scene: &mut Scene, colored: bool, limits: &Limits) -> Result<(), Fault> {

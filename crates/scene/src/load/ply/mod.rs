@@ -61,7 +61,7 @@ pub(crate) fn parse(bytes: &[u8], folder: &Folder, limits: &Limits) -> Result<Sc
     if !mesh.positions.is_empty() {
         place(&mut scene, Primitive { mesh, material: 0 });
     }
-    scene.images = textures.decode(&mut scene.warnings)?;
+    scene.images = textures.decode(|_| false, &mut scene.warnings)?;
     Ok(scene)
 }
 

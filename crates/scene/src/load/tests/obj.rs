@@ -139,13 +139,28 @@ fn materials_and_maps() {
     );
 }
 
+#[test]
+fn normals_keep_16_bits_where_colours_and_joined_maps_have_8() {
+    let kept = |mtl: &str, slot: fn(&Material) -> Option<crate::TextureSlot>| {
+        let (m, scene) = material(mtl);
+        scene.images[slot(&m).unwrap().image].texels16.len()
+    };
+    assert_eq!(kept("norm deep.png\n", |m| m.normal_texture), 4);
+    assert_eq!(kept("bump deep.png\n", |m| m.normal_texture), 4);
+    assert_eq!(kept("map_Kd deep.png\n", |m| m.base_color_texture), 0);
+    assert_eq!(kept("map_Pr deep.png\n", |m| m.metallic_roughness_texture), 0);
+}
+
 /// The material of these statements, with maps of 2 x 2 texels by name.
 fn material(mtl: &str) -> (Material, crate::Scene) {
     let mtl = format!("newmtl m\n{mtl}");
     let text = format!("mtllib a.mtl\n{QUAD}vt 0 0\nusemtl m\nf 1/1 2/1 3/1\n");
     let (color, grey) = (png(2, 2, [10, 200, 30, 255]), png(1, 2, [51, 51, 51, 255]));
     let (holes, bright) = (png(2, 2, [0, 0, 0, 77]), png(2, 1, [255, 255, 255, 255]));
-    let files: [(&str, &[u8]); 6] = [
+    let samples: Vec<u16> = (1..13).map(|i| 5000 * i).collect();
+    let deep = photofit_image::encode_png16(2, 2, 3, &samples, photofit_image::PngCompression::Fast).unwrap();
+    let files: [(&str, &[u8]); 7] = [
+        ("deep.png", &deep),
         ("a.obj", text.as_bytes()),
         ("a.mtl", mtl.as_bytes()),
         ("color.png", &color),
