@@ -141,6 +141,9 @@ fn text(path: &Path, scene: &Scene) -> String {
         let [r, g, b] = light.intensity;
         out += &format!("  light {i}{}: {}, {r} {g} {b} {unit}\n", named(&light.name), kind(light));
     }
+    if !scene.ignored_attributes.is_empty() {
+        out += &format!("  vertex attributes that are not read: {}\n", scene.ignored_attributes.join(", "));
+    }
     let m = scene.memory();
     let [geometry, images, flattened, surfaces] =
         [m.geometry, m.images, m.flattened, m.surfaces].map(|b| bytes(b as u64));

@@ -277,6 +277,7 @@ pub(crate) fn left_out(mesh: &Scene, written: &Scene) -> Vec<String> {
         about: mesh.about.clone(),
         hierarchy: mesh.hierarchy.clone(),
         ignored_extensions: mesh.ignored_extensions.clone(),
+        ignored_extras: mesh.ignored_extras,
         ..Scene::default()
     };
     without_surfaces.left_out(written)

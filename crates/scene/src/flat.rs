@@ -78,18 +78,15 @@ impl Scene {
         Some(out)
     }
 
-    /// The mesh of a primitive in its own frame, with normals, and with tangents where its material has a normal map
-    /// or is anisotropic.
+    /// The mesh of a primitive in its own frame, with normals, and with tangents where its material needs them
+    /// ([`Material::needs_tangents`]).
     ///
     /// # Panics
     /// If there is no such primitive, or the scene is not valid.
     pub fn complete_mesh(&self, primitive: usize) -> Cow<'_, Mesh> {
         let p = &self.primitives[primitive];
         let material = &self.materials[p.material];
-        let frames = material.extensions.as_deref().is_some_and(|e| {
-            e.anisotropy.is_some() || e.clearcoat.as_ref().is_some_and(|c| c.normal_texture.is_some())
-        });
-        let tangents = p.mesh.tangents.is_empty() && (frames || material.normal_texture.is_some());
+        let tangents = p.mesh.tangents.is_empty() && material.needs_tangents();
         let normals = p.mesh.normals.is_empty() && !p.mesh.positions.is_empty();
         if normals || tangents { Cow::Owned(complete(p, material, tangents)) } else { Cow::Borrowed(&p.mesh) }
     }
@@ -180,16 +177,20 @@ pub(crate) fn moved_tangent(transform: &Affine, mirrored: bool, t: Vec4f, normal
     unit.extend(if mirrored { -t.w } else { t.w })
 }
 
-/// The mesh as a file should hold it: with tangents exactly where a normal map needs them.
+/// The mesh as a file holds it: with tangents where its material needs them.
 pub(crate) fn for_file<'a>(primitive: &'a Primitive, material: &Material) -> Cow<'a, Mesh> {
-    let mapped = material.normal_texture.is_some() && !material.unlit;
-    if mapped && primitive.mesh.tangents.is_empty() {
+    if material.needs_tangents() && primitive.mesh.tangents.is_empty() {
         return Cow::Owned(complete(primitive, material, true));
     }
-    if !mapped && !primitive.mesh.tangents.is_empty() {
-        return Cow::Owned(Mesh { tangents: Vec::new(), ..primitive.mesh.clone() });
-    }
     Cow::Borrowed(&primitive.mesh)
+}
+
+/// The same without tangents that its material has no use for.
+pub(crate) fn lean_for_file<'a>(primitive: &'a Primitive, material: &Material) -> Cow<'a, Mesh> {
+    if material.needs_tangents() || primitive.mesh.tangents.is_empty() {
+        return for_file(primitive, material);
+    }
+    Cow::Owned(Mesh { tangents: Vec::new(), ..primitive.mesh.clone() })
 }
 
 /// The primitive's mesh with normals, and with tangents where asked.

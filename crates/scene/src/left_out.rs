@@ -73,15 +73,16 @@ impl Scene {
         if occluded > 0 && light.materials.iter().all(|m| m.occlusion_texture.is_none()) {
             out.push(format!("occlusion maps of {}", count(occluded, "material")));
         }
-        let extras = self.extras();
+        let of = |scene: &Self| scene.extras() - scene.about.extras();
+        let extras = (of(self) + self.ignored_extras).saturating_sub(of(light));
         if extras > 0 {
             out.push(format!("application data (extras) of {}", count(extras, "object")));
         }
         let read = self.vertex_attributes.iter().filter(|_| light.vertex_attributes.is_empty());
-        let ignored = self.ignored_attributes.iter().map(String::as_str);
-        let attributes: BTreeSet<&str> = read.map(|a| a.name.as_str()).chain(ignored).collect();
+        let read = read.map(|a| format!("_{}", a.name));
+        let attributes: BTreeSet<String> = read.chain(self.ignored_attributes.iter().cloned()).collect();
         if !attributes.is_empty() {
-            let names = names(attributes.iter().copied());
+            let names = names(attributes.iter().map(String::as_str));
             out.push(format!("{}{names}", count(attributes.len(), "vertex attribute")));
         }
         if !self.ignored_extensions.is_empty() {
@@ -94,19 +95,29 @@ impl Scene {
         out
     }
 
-    /// Objects with application data besides the file, its asset and its scene.
-    fn extras(&self) -> usize {
+    /// Objects with application data.
+    pub(crate) fn extras(&self) -> usize {
         let of_materials = self.materials.iter().filter(|m| m.extras.is_some()).count();
-        let Some(h) = self.hierarchy.as_deref() else { return of_materials };
+        let of_images = self.images.iter().filter(|i| i.extras.is_some()).count();
+        let of_scene = self.about.extras() + of_materials + of_images;
+        let Some(h) = self.hierarchy.as_deref() else { return of_scene };
         let lists = [
             h.nodes.iter().filter(|n| n.extras.is_some()).count(),
             h.meshes.iter().filter(|m| m.extras.is_some()).count(),
+            h.meshes.iter().flat_map(|m| &m.primitives).filter(|p| p.extras.is_some()).count(),
             h.skins.iter().filter(|s| s.extras.is_some()).count(),
             h.animations.iter().filter(|a| a.extras.is_some()).count(),
             h.cameras.iter().filter(|c| c.extras.is_some()).count(),
             h.lights.iter().filter(|l| l.extras.is_some()).count(),
         ];
-        of_materials + lists.iter().sum::<usize>()
+        of_scene + lists.iter().sum::<usize>()
+    }
+}
+
+impl About {
+    /// Those of the file, its asset and its scene that have application data.
+    fn extras(&self) -> usize {
+        [&self.asset_extras, &self.root_extras, &self.scene_extras].into_iter().flatten().count()
     }
 }
 

@@ -90,4 +90,12 @@ impl Material {
             ..Self::default()
         }
     }
+
+    /// Whether the surface has directions of its own, so that its mesh needs tangents: it has a normal map, of its clear coat
+    /// too, or is anisotropic.
+    pub fn needs_tangents(&self) -> bool {
+        let coat = |e: &Extensions| e.clearcoat.as_ref().is_some_and(|c| c.normal_texture.is_some());
+        let added = self.extensions.as_deref().is_some_and(|e| e.anisotropy.is_some() || coat(e));
+        !self.unlit && (self.normal_texture.is_some() || added)
+    }
 }

@@ -15,6 +15,8 @@ use std::sync::Arc;
 pub struct TextureImage {
     /// Name in the file.
     pub name: String,
+    /// Application data of the file.
+    pub extras: Option<serde_json::Value>,
     /// Columns.
     pub width: usize,
     /// Rows.
@@ -115,7 +117,8 @@ pub struct Scene {
     pub instances: Vec<Instance>,
     /// The attribute of vertices that was asked for ([`crate::Limits::vertex_attribute`]), in the order of the primitives.
     pub vertex_attributes: Vec<VertexAttribute>,
-    /// Names of attributes `_NAME` that were not asked for, sorted.
+    /// Names of attributes of vertices and morph targets that are not read, sorted: those of glTF that a scene has no place
+    /// for, and `_NAME`s that were not asked for.
     pub ignored_attributes: Vec<String>,
     /// Materials.
     pub materials: Vec<Material>,
@@ -138,6 +141,8 @@ pub struct Scene {
     pub about: About,
     /// Names of the extensions that the file uses and the loader does not read.
     pub ignored_extensions: Vec<String>,
+    /// Objects of the file whose application data is not kept.
+    pub ignored_extras: usize,
 }
 
 /// Bytes that a scene takes; see [`Scene::memory`].

@@ -137,6 +137,8 @@ pub struct NodePrimitive {
     pub primitive: usize,
     /// The part before it is deformed; `None` for rigid parts.
     pub bind: Option<Bind>,
+    /// Application data of the file.
+    pub extras: Option<Value>,
 }
 
 /// Where an instance comes from.

@@ -17,7 +17,8 @@ pub struct Skin {
     pub extras: Option<Value>,
     /// Indices into [`crate::Hierarchy::nodes`].
     pub joints: Vec<usize>,
-    /// The frame of the bind pose to the frame of each joint: one for each joint, invertible.
+    /// The frame of the bind pose to the frame of each joint: one for each joint, finite. A singular one
+    /// collapses what follows its joint.
     pub inverse_binds: Vec<Affine3A>,
     /// The node that the file calls the root of the skeleton; it has no part in posing.
     pub skeleton: Option<usize>,
@@ -42,20 +43,11 @@ impl Skin {
                 "has {binds} inverse bind matrices; it must have one for each of {joints} joints"
             ));
         }
-        match self.inverse_binds.iter().position(|m| !invertible(m)) {
-            Some(k) => {
-                Err(format!("the inverse bind matrix {k} is singular; it must be invertible and finite"))
-            }
+        match self.inverse_binds.iter().position(|m| !m.is_finite()) {
+            Some(k) => Err(format!("the inverse bind matrix {k} is not finite; it must be")),
             None => Ok(()),
         }
     }
-}
-
-/// The axes are finite and span a volume, relative to their lengths.
-fn invertible(m: &Affine3A) -> bool {
-    let m3 = m.matrix3;
-    let unit = [m3.x_axis, m3.y_axis, m3.z_axis].map(|a| a.as_dvec3().normalize_or_zero());
-    m.is_finite() && unit[0].cross(unit[1]).dot(unit[2]).abs() > 1e-6
 }
 
 /// Four joints of each vertex, as places in [`Skin::joints`], and their weights.

@@ -140,7 +140,7 @@ fn what_a_painted_asset_does_not_keep_is_told() {
         nodes: vec![Node { name: "stone".into(), mesh: Some(0), ..Node::default() }],
         roots: vec![0],
         meshes: vec![NodeMesh {
-            primitives: vec![NodePrimitive { primitive: 0, bind: None }],
+            primitives: vec![NodePrimitive { primitive: 0, bind: None, extras: None }],
             ..NodeMesh::default()
         }],
         placements: vec![Placement { node: 0, part: 0 }],

@@ -19,7 +19,7 @@ fn sliding(frequency: u32, animation: &str) -> Scene {
         nodes: vec![Node { mesh: Some(0), transform: parts, ..Node::default() }],
         roots: vec![0],
         meshes: vec![NodeMesh {
-            primitives: vec![NodePrimitive { primitive: 0, bind: None }],
+            primitives: vec![NodePrimitive { primitive: 0, bind: None, extras: None }],
             ..NodeMesh::default()
         }],
         animations: vec![Animation {

@@ -35,7 +35,8 @@ pub(crate) fn check(
     let mut of = scene.vertex_attributes.iter().filter(|a| a.name.eq_ignore_ascii_case(name)).peekable();
     if of.peek().is_none() {
         let read = scene.vertex_attributes.iter().map(|a| a.name.as_str());
-        let there: BTreeSet<&str> = read.chain(scene.ignored_attributes.iter().map(String::as_str)).collect();
+        let there: BTreeSet<&str> =
+            read.chain(scene.ignored_attributes.iter().filter_map(|name| name.strip_prefix('_'))).collect();
         let has = match there.len() {
             0 => "the asset has none".to_owned(),
             _ => format!("the asset has {}", there.into_iter().take(8).collect::<Vec<_>>().join(", ")),

@@ -7,6 +7,7 @@ use photofit_image::{TextureTexels, decode_texture, decode_texture_texels};
 use photofit_ktx2::{Ktx2Error, level_count};
 use photofit_texture::MipLayout;
 use rayon::prelude::*;
+use serde_json::Value;
 use std::borrow::Cow;
 use std::collections::HashMap;
 
@@ -25,6 +26,7 @@ pub(crate) struct Textures<'a> {
 struct Pending<'a> {
     place: String,
     name: String,
+    extras: Option<Value>,
     bytes: Cow<'a, [u8]>,
     texels: u64,
     /// More than 8 bits a channel.
@@ -82,8 +84,13 @@ impl<'a> Textures<'a> {
             ));
         }
         self.known.insert(key, self.pending.len());
-        self.pending.push(Pending { place, name, bytes, texels, deep });
+        self.pending.push(Pending { place, name, extras: None, bytes, texels, deep });
         Ok(self.pending.len() - 1)
+    }
+
+    /// Application data of a texture that was requested.
+    pub(crate) fn set_extras(&mut self, index: usize, extras: Option<Value>) {
+        self.pending[index].extras = extras;
     }
 
     /// All textures, in the order of their requests. Of more than 8 bits those that hold data keep all, as long as there is
@@ -132,7 +139,7 @@ impl<'a> Textures<'a> {
                 let mips = mip_levels(&p.bytes).map_err(|rule| fault(&p.place, rule))?;
                 let encoded = keep.then(|| p.bytes.as_ref().into());
                 let image = TextureImage { width, height, texels, texels16, mips, ..TextureImage::default() };
-                Ok(TextureImage { name: p.name, encoded, ..image })
+                Ok(TextureImage { name: p.name, extras: p.extras, encoded, ..image })
             })
             .collect();
         // The first error in the file's order, whichever thread met one first.

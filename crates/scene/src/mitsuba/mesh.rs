@@ -31,7 +31,9 @@ impl Importer {
         let name = name.ok_or_else(|| fault(&place, "the shape has no filename; it must have one"))?;
         let path = self.reader.document.resolve(&name, &place)?;
         let mut flat = self.reader.boolean(element, "face_normals", false)?;
-        let flip_uv = self.reader.boolean(element, "flip_tex_coords", kind == "obj")?;
+        // The loaders of the others turn the coordinates to the upper left origin.
+        let turn_back =
+            kind != "serialized" && !self.reader.boolean(element, "flip_tex_coords", kind == "obj")?;
         let bytes =
             load::read_file(&path, self.limits.file_bytes).map_err(|e| fault(&place, e.to_string()))?;
         let named = |f: Fault| fault(format!("{place}: {}: {}", path.display(), f.place), f.rule);
@@ -43,11 +45,9 @@ impl Importer {
                 let index = usize::try_from(index).ok().ok_or_else(|| {
                     fault(&place, format!("shape_index is {index}; it must not be negative"))
                 })?;
-                let (mut mesh, own) = serialized::read(&bytes, index, &self.limits)
+                let (mesh, own) = serialized::read(&bytes, index, &self.limits)
                     .map_err(|rule| fault(format!("{place}: {}", path.display()), rule))?;
                 flat |= own;
-                // As the other loaders leave them.
-                mesh.uvs.iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
                 let has_normals = !mesh.normals.is_empty();
                 load::Geometry { mesh, has_normals, vertices: HashMap::new(), faces: HashMap::new() }
             }
@@ -57,8 +57,7 @@ impl Importer {
         if self.vertices > (self.limits.vertices + self.limits.triangles) as u64 {
             return Err(fault(place, "the scene has more vertices and triangles than its limits allow"));
         }
-        // The loaders turn the coordinates to the upper left origin.
-        if !flip_uv {
+        if turn_back {
             mesh.uvs.iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
         }
         mesh.colors.clear();

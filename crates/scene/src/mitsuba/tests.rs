@@ -2,6 +2,7 @@
 
 mod distances;
 mod projected;
+mod uvs;
 
 use super::*;
 use crate::graph::{SurfaceNode, SurfacePoint, Texture};

@@ -4,7 +4,7 @@ use super::compress::{Compression, Rounding};
 use super::order::ordered;
 use super::{INDICES, VERTICES, Writer, named, with_extras};
 use crate::error::{Fault, fault};
-use crate::flat::{for_file, moved_tangent};
+use crate::flat::{lean_for_file, moved_tangent};
 use crate::nodes::NodeMesh;
 use crate::skin::{Bind, unit_tangent};
 use crate::{Instance, Scene};
@@ -38,7 +38,7 @@ pub(super) fn write(
         }
         check_finite(&primitive.mesh, &instance.transform)
             .map_err(|rule| fault(format!("primitive {}", instance.primitive), rule))?;
-        let mesh = || for_file(primitive, &scene.materials[primitive.material]);
+        let mesh = || lean_for_file(primitive, &scene.materials[primitive.material]);
         let morphed = morphed.get(&instance.primitive);
         match Trs::of(&instance.transform) {
             Some(trs) => {

@@ -25,7 +25,7 @@ pub(super) fn write(scene: &Scene, writer: &mut Writer) -> Result<(), Fault> {
         let view = writer.view(&bytes, None);
         images.insert(i, writer.images.len());
         let image = json!({"bufferView": view, "mimeType": mime});
-        writer.images.push(named(image, &scene.images[i].name));
+        writer.images.push(with_extras(named(image, &scene.images[i].name), &scene.images[i].extras));
     }
     let mut tables = Tables { images, samplers: Vec::new(), textures: Vec::new() };
     for (m, material) in scene.materials.iter().enumerate() {

@@ -24,7 +24,8 @@ use std::path::Path;
 
 /// Writes a scene as a `.glb` file that holds everything: geometry, materials and textures (see [`crate::TextureEncoding`]).
 ///
-/// Tangents are written exactly where a normal map needs them, and computed when they are missing.
+/// Tangents that a material needs ([`crate::Material::needs_tangents`]) are computed when they are missing; those that none needs
+/// are written for the meshes of a [`Scene::hierarchy`] alone.
 /// A scene with a [`Scene::hierarchy`] is written with its nodes, skins, morph targets and animations; what the scene holds
 /// beyond that follows as further nodes. Without one, primitives keep their sharing, instances become nodes (transforms that shear, which glTF nodes cannot, are worked
 /// into the vertices), factors above one of the emission become `KHR_materials_emissive_strength`. Images that no

@@ -84,13 +84,14 @@ fn write_mesh(
         }
         check_finite(geometry, &Affine3A::IDENTITY)
             .map_err(|rule| fault(format!("mesh {m} primitive {p}"), rule))?;
-        primitives.push(match &part.bind {
+        let value = match &part.bind {
             Some(bind) => bind_primitive(bind, primitive.material, writer),
             None => {
                 let mesh = for_file(primitive, &scene.materials[primitive.material]);
                 primitive_value(&mesh, primitive.material, writer)
             }
-        });
+        };
+        primitives.push(with_extras(value, &part.extras));
     }
     if primitives.is_empty() {
         return Ok(None);

@@ -175,7 +175,9 @@ impl SurfaceLibrary {
         self.materials[material].constant
     }
 
-    /// Replaces base colour, roughness, metalness and emission of [`Self::factors`]; the rest stays.
+    /// Replaces base colour, roughness, metalness and emission of [`Self::factors`]; the rest stays. An emission that was black, or
+    /// roughness and metalness that were both zero, when the library was built have lost their map, which nothing would
+    /// have read: raised from there they are the same everywhere. Whoever wants the map builds the library with a small factor.
     ///
     /// # Panics
     /// If there is no such material.

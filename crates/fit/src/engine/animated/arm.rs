@@ -75,10 +75,14 @@ pub(crate) fn arm(rings: usize, around: usize) -> Scene {
                         influences: vec![influences],
                         targets: Vec::new(),
                     }),
+                    extras: None,
                 }],
                 ..NodeMesh::default()
             },
-            NodeMesh { primitives: vec![NodePrimitive { primitive: 1, bind: None }], ..NodeMesh::default() },
+            NodeMesh {
+                primitives: vec![NodePrimitive { primitive: 1, bind: None, extras: None }],
+                ..NodeMesh::default()
+            },
         ],
         skins: vec![Skin {
             joints: vec![2, 3],

@@ -31,7 +31,7 @@ fn moving() -> Scene {
         ..Node::default()
     };
     let mesh = |primitive: usize, bind: Option<Bind>| NodeMesh {
-        primitives: vec![NodePrimitive { primitive, bind }],
+        primitives: vec![NodePrimitive { primitive, bind, extras: None }],
         ..NodeMesh::default()
     };
     let curve = |values: &[f32]| Curve {

@@ -1,7 +1,8 @@
 //! The JSON document and its buffers.
 
 use super::compressed::{self, RawBuffer, RawView};
-use super::draco::{self, RawMesh, Stream};
+use super::draco::{self, RawMesh, RawPrimitive, Stream};
+use super::inventory::Inventory;
 use crate::Scene;
 use crate::error::{Fault, fault};
 use crate::load::Limits;
@@ -10,7 +11,7 @@ use crate::nodes::About;
 use gltf::json;
 use serde_json::Value;
 use std::borrow::Cow;
-use std::collections::{BTreeSet, HashMap, HashSet};
+use std::collections::{HashMap, HashSet};
 
 /// Extensions whose meaning is read here.
 const SUPPORTED: &[&str] = &[
@@ -55,6 +56,10 @@ pub(super) struct Document<'a> {
     pub(super) streams: HashMap<(usize, usize), Stream>,
     /// Whether the file says that it cannot be read without decoding them.
     pub(super) draco_required: bool,
+    /// The meshes with all names of attributes.
+    meshes: Vec<RawMesh>,
+    /// Objects with application data, anywhere in the file.
+    pub(super) extras: usize,
     /// The `textures` array as it stands.
     pub(super) textures: Vec<Value>,
     pub(super) folder: &'a Folder,
@@ -66,6 +71,8 @@ pub(super) struct Document<'a> {
 struct Raw {
     #[serde(default)]
     materials: Vec<Value>,
+    #[serde(default)]
+    animations: Vec<RawAnimation>,
     #[serde(default)]
     meshes: Vec<RawMesh>,
     #[serde(default)]
@@ -80,6 +87,22 @@ struct Raw {
 }
 
 #[derive(serde::Deserialize)]
+struct RawAnimation {
+    #[serde(default)]
+    channels: Vec<RawChannel>,
+}
+
+#[derive(serde::Deserialize)]
+struct RawChannel {
+    target: RawTarget,
+}
+
+#[derive(serde::Deserialize)]
+struct RawTarget {
+    node: Option<serde::de::IgnoredAny>,
+}
+
+#[derive(serde::Deserialize)]
 struct RawNode {
     extensions: Option<NodeExtensions>,
 }
@@ -90,8 +113,6 @@ struct NodeExtensions {
     light: Option<LightIndex>,
     #[serde(rename = "EXT_mesh_gpu_instancing")]
     instancing: Option<Instancing>,
-    #[serde(flatten)]
-    others: HashMap<String, serde::de::IgnoredAny>,
 }
 
 /// The accessors that place the mesh of a node.
@@ -128,16 +149,18 @@ impl<'a> Document<'a> {
     ) -> Result<Self, Fault> {
         check_size(text, limits)?;
         let syntax = |e: serde_json::Error| fault("the JSON", e.to_string());
-        let root: json::Root = serde_json::from_slice(text).map_err(syntax)?;
         let raw: Raw = serde_json::from_slice(text).map_err(syntax)?;
-        let Raw { materials, meshes, nodes, textures, buffers, views, extensions } = raw;
+        let Raw { materials, animations, meshes, nodes, textures, buffers, views, extensions } = raw;
+        let inventory = Inventory::of(text).map_err(syntax)?;
+        let text = with_nodes(text, &animations, &mut scene.warnings).map_err(syntax)?;
+        let root: json::Root = serde_json::from_slice(&text).map_err(syntax)?;
         if !root.asset.version.starts_with("2.") {
             return Err(fault(
                 "asset.version",
                 format!("the version is `{}`; it must be 2.x", clip(&root.asset.version)),
             ));
         }
-        check_extensions(&root, &nodes, &materials, scene)?;
+        check_extensions(&root, &inventory, scene)?;
         let lights = extensions.and_then(|e| e.lights).map_or_else(Vec::new, |l| l.lights);
         let node_lights = nodes.iter().enumerate();
         let node_lights =
@@ -154,8 +177,10 @@ impl<'a> Document<'a> {
             instancing,
             buffers: Vec::new(),
             decoded: HashMap::new(),
-            streams: draco::streams(meshes),
+            streams: draco::streams(&meshes),
             draco_required,
+            meshes,
+            extras: inventory.extras,
             textures,
             folder,
             limits,
@@ -181,6 +206,11 @@ impl<'a> Document<'a> {
     /// Index of the light of a node.
     pub(super) fn light(&self, node: usize) -> Option<usize> {
         self.node_lights.get(&node).copied()
+    }
+
+    /// Primitive `p` of mesh `m` as it stands.
+    pub(super) fn primitive(&self, m: usize, p: usize) -> Option<&RawPrimitive> {
+        self.meshes.get(m)?.primitives.get(p)
     }
 
     /// What places the mesh of a node more than once.
@@ -329,14 +359,34 @@ fn instead(name: &str) -> &'static str {
     }
 }
 
+/// The text without channels of animations that name no node, as those of `KHR_animation_pointer`, for which the typed document
+/// has no place.
+fn with_nodes<'a>(
+    text: &'a [u8],
+    animations: &[RawAnimation],
+    warnings: &mut Vec<String>,
+) -> Result<Cow<'a, [u8]>, serde_json::Error> {
+    let named = |a: &RawAnimation| a.channels.iter().map(|c| c.target.node.is_some()).collect::<Vec<_>>();
+    let named: Vec<Vec<bool>> = animations.iter().map(named).collect();
+    if named.iter().flatten().all(|named| *named) {
+        return Ok(text.into());
+    }
+    let mut json: Value = serde_json::from_slice(text)?;
+    for (a, named) in named.iter().enumerate() {
+        let lost = named.iter().filter(|named| !**named).count();
+        let channels = json.pointer_mut(&format!("/animations/{a}/channels")).and_then(Value::as_array_mut);
+        if let (Some(channels), 1..) = (channels, lost) {
+            let mut named = named.iter();
+            channels.retain(|_| named.next().is_none_or(|named| *named));
+            warnings.push(format!("animation {a}: channels that name no node are ignored: {lost}"));
+        }
+    }
+    serde_json::to_vec(&json).map(Cow::from)
+}
+
 /// Refuses required extensions that are not read, and lists the others: those that the file declares and those that its
-/// nodes and materials have undeclared.
-fn check_extensions(
-    root: &json::Root,
-    nodes: &[RawNode],
-    materials: &[Value],
-    scene: &mut Scene,
-) -> Result<(), Fault> {
+/// objects have undeclared.
+fn check_extensions(root: &json::Root, inventory: &Inventory, scene: &mut Scene) -> Result<(), Fault> {
     for name in &root.extensions_required {
         if !SUPPORTED.contains(&name.as_str()) {
             return Err(fault(
@@ -345,12 +395,8 @@ fn check_extensions(
             ));
         }
     }
-    let of_nodes = nodes.iter().filter_map(|n| n.extensions.as_ref()).flat_map(|e| e.others.keys());
-    let of_materials =
-        materials.iter().filter_map(|m| m.get("extensions")?.as_object()).flat_map(|e| e.keys());
-    let undeclared: BTreeSet<&String> = of_nodes.chain(of_materials).collect();
     let mut known: HashSet<&str> = SUPPORTED.iter().copied().collect();
-    for name in root.extensions_used.iter().chain(undeclared) {
+    for name in root.extensions_used.iter().chain(&inventory.extensions) {
         if known.insert(name) {
             scene.warnings.push(format!("the extension {} is ignored", clip(name)));
             scene.ignored_extensions.push(clip(name));

@@ -9,30 +9,33 @@ use draco_core::{
 };
 use gltf::json::accessor::ComponentType;
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 use std::collections::{BTreeMap, HashMap};
 
 /// What the typed document leaves out of a mesh.
-#[derive(Deserialize)]
+#[derive(Debug, Deserialize)]
 pub(super) struct RawMesh {
     #[serde(default)]
-    primitives: Vec<RawPrimitive>,
+    pub(super) primitives: Vec<RawPrimitive>,
 }
 
-#[derive(Deserialize)]
-struct RawPrimitive {
+#[derive(Debug, Deserialize)]
+pub(super) struct RawPrimitive {
     #[serde(default)]
-    attributes: BTreeMap<String, usize>,
+    pub(super) attributes: BTreeMap<String, usize>,
+    /// What each morph target moves.
+    pub(super) targets: Option<Vec<BTreeMap<String, IgnoredAny>>>,
     indices: Option<usize>,
     extensions: Option<PrimitiveExtensions>,
 }
 
-#[derive(Deserialize)]
+#[derive(Debug, Deserialize)]
 struct PrimitiveExtensions {
     #[serde(rename = "KHR_draco_mesh_compression")]
     draco: Option<RawStream>,
 }
 
-#[derive(Deserialize)]
+#[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 struct RawStream {
     buffer_view: usize,
@@ -49,13 +52,13 @@ pub(super) struct Stream {
 }
 
 /// The streams of all compressed primitives, by mesh and primitive.
-pub(super) fn streams(meshes: Vec<RawMesh>) -> HashMap<(usize, usize), Stream> {
+pub(super) fn streams(meshes: &[RawMesh]) -> HashMap<(usize, usize), Stream> {
     let mut out = HashMap::new();
-    for (m, mesh) in meshes.into_iter().enumerate() {
-        for (p, primitive) in mesh.primitives.into_iter().enumerate() {
-            let Some(draco) = primitive.extensions.and_then(|e| e.draco) else { continue };
-            let of_accessor = |(name, id): (String, u32)| Some((*primitive.attributes.get(&name)?, id));
-            let attributes = draco.attributes.into_iter().filter_map(of_accessor).collect();
+    for (m, mesh) in meshes.iter().enumerate() {
+        for (p, primitive) in mesh.primitives.iter().enumerate() {
+            let Some(draco) = primitive.extensions.as_ref().and_then(|e| e.draco.as_ref()) else { continue };
+            let of_accessor = |(name, id): (&String, &u32)| Some((*primitive.attributes.get(name)?, *id));
+            let attributes = draco.attributes.iter().filter_map(of_accessor).collect();
             let stream = Stream { view: draco.buffer_view, attributes, indices: primitive.indices };
             out.insert((m, p), stream);
         }

@@ -2,7 +2,7 @@
 
 use super::accessor::Need;
 use super::document::Document;
-use super::draco::Elements;
+use super::draco::{Elements, RawPrimitive};
 use crate::error::{Fault, fault};
 use crate::load::file::clip;
 use crate::load::{Budget, normals};
@@ -11,7 +11,8 @@ use gltf::json::mesh::{Mode, Primitive, Semantic};
 use gltf::json::validation::Checked;
 use photofit_geometry::Mesh;
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec3, vec4};
-use std::collections::BTreeSet;
+use serde_json::Value;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Names of attributes that are not read: so many are listed.
 const MOST_NAMES: usize = 64;
@@ -24,6 +25,8 @@ pub(super) type Attributes = Vec<(String, Vec<f32>)>;
 pub(super) struct Part {
     pub(super) bind: Bind,
     pub(super) material: Option<usize>,
+    /// Application data.
+    pub(super) extras: Option<Value>,
     /// What glTF has no meaning for.
     pub(super) attributes: Attributes,
 }
@@ -53,7 +56,11 @@ pub(super) fn mesh(
         let bind = read(&elements, primitive, mode, &place, budget, warnings)?;
         let vertices = (bind.mesh.positions.len(), bind.posed_vertices());
         let attributes = custom(document, &elements, primitive, vertices, &place, budget, ignored)?;
-        out.push(Part { bind, material: primitive.material.map(|m| m.value()), attributes });
+        let unread = document.primitive(m, p).map(|json| unread(json, bind.influences.len()));
+        let names = unread.iter().flatten().map(|name| clip(name));
+        ignored.extend(names.take(MOST_NAMES.saturating_sub(ignored.len())));
+        let extras = document.extras(&primitive.extras, || place)?;
+        out.push(Part { bind, material: primitive.material.map(|m| m.value()), extras, attributes });
     }
     Ok(out)
 }
@@ -126,7 +133,7 @@ fn custom(
         let Checked::Valid(Semantic::Extras(name)) = semantic else { continue };
         if asked.is_none_or(|asked| !asked.eq_ignore_ascii_case(name)) {
             if ignored.len() < MOST_NAMES {
-                ignored.insert(clip(name));
+                ignored.insert(format!("_{}", clip(name)));
             }
             continue;
         }
@@ -137,6 +144,28 @@ fn custom(
         out.push((name.clone(), values.into_iter().map(finite).collect()));
     }
     Ok(out)
+}
+
+/// Names of glTF's own attributes that are not read, those of morph targets included; `sets` of joints and weights are.
+fn unread(primitive: &RawPrimitive, sets: usize) -> BTreeSet<String> {
+    let has = |name| primitive.attributes.contains_key(name);
+    let read = |name: &str| match name {
+        "POSITION" | "NORMAL" | "TEXCOORD_0" | "TEXCOORD_1" | "COLOR_0" => true,
+        "TANGENT" => has("NORMAL"),
+        _ => {
+            name.starts_with('_')
+                || (0..sets).any(|s| [format!("JOINTS_{s}"), format!("WEIGHTS_{s}")].contains(&name.into()))
+        }
+    };
+    let moved = |name: &str| match name {
+        "POSITION" => true,
+        "NORMAL" => has("NORMAL"),
+        "TANGENT" => has("NORMAL") && has("TANGENT"),
+        _ => false,
+    };
+    let names = primitive.attributes.keys().filter(|name| !read(name)).cloned();
+    let targets = primitive.targets.iter().flatten().flat_map(BTreeMap::keys).filter(|name| !moved(name));
+    names.chain(targets.map(|name| format!("{name} of morph targets"))).collect()
 }
 
 fn colors(elements: &Elements<'_>, a: usize, place: &str, n: Need) -> Result<Vec<Vec4f>, Fault> {

@@ -238,6 +238,7 @@ fn image<'a>(
         )
     })?;
     let place = format!("image {i}");
+    let extras = document.extras(&json.extras, || place.clone())?;
     // By source, so that images that share one are decoded once.
     let key = match (&json.buffer_view, &json.uri) {
         (Some(view), _) => format!("bufferView {view}"),
@@ -253,5 +254,7 @@ fn image<'a>(
         (None, Some(uri)) => document.folder.read_uri(uri, document.limits.file_bytes, &place)?.into(),
         (None, None) => return Err(fault(place, "has neither bufferView nor URI; it must have one of them")),
     };
-    textures.request(key, place, name.unwrap_or_default(), bytes)
+    let image = textures.request(key, place, name.unwrap_or_default(), bytes)?;
+    textures.set_extras(image, extras);
+    Ok(image)
 }

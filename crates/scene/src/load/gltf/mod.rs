@@ -9,6 +9,7 @@ mod draco;
 mod extensions;
 mod geometry;
 mod instancing;
+mod inventory;
 mod lights;
 mod material;
 mod nodes;
@@ -77,6 +78,11 @@ fn parse_document(
     let holds_data = |i: usize| scene.materials.iter().any(|m| m.reads_data(i));
     scene.images = textures.decode(holds_data, &mut scene.warnings)?;
     scene.hierarchy = Some(Arc::new(hierarchy));
+    scene.ignored_extras = document.extras.saturating_sub(scene.extras());
+    if scene.ignored_extras > 0 {
+        let what = "application data (extras) of objects that a scene has no place for, or does not show, are ignored";
+        scene.warnings.push(format!("{what}: {}", scene.ignored_extras));
+    }
     Ok(scene)
 }
 
@@ -213,7 +219,7 @@ fn read_mesh<'a>(
     }
     let mut primitives = Vec::with_capacity(parts.len());
     let mut known = Known { placed: vec![false; parts.len()], ..Known::default() };
-    for (p, Part { bind, material, attributes }) in parts.into_iter().enumerate() {
+    for (p, Part { bind, material, extras, attributes }) in parts.into_iter().enumerate() {
         let place = || format!("mesh {m} primitive {p}");
         let material = materials.index(document, material, scene, textures)?;
         bind.check().map_err(|rule| fault(place(), rule))?;
@@ -222,7 +228,7 @@ fn read_mesh<'a>(
         known.shared.push((!deforms).then_some(scene.primitives.len()));
         if deforms {
             known.attributes.push(attributes);
-            primitives.push(NodePrimitive { primitive: 0, bind: Some(bind) });
+            primitives.push(NodePrimitive { primitive: 0, bind: Some(bind), extras });
             continue;
         }
         known.attributes.push(Attributes::new());
@@ -234,7 +240,7 @@ fn read_mesh<'a>(
         } else {
             (bind.mesh, attributes)
         };
-        primitives.push(NodePrimitive { primitive: scene.primitives.len(), bind: None });
+        primitives.push(NodePrimitive { primitive: scene.primitives.len(), bind: None, extras });
         add(scene, Primitive { mesh, material }, attributes);
     }
     let extras = document.extras(&json.extras, || format!("mesh {m}"))?;

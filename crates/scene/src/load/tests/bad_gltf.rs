@@ -32,6 +32,10 @@ fn containers() {
     refused(&[("bad.glb", &text)], &["JSON", "line 1"]);
     refused(&[("bad.gltf", b"{\"asset\": {\"version\": \"1.0\"}}")], &["asset.version", "1.0"]);
     refused(&[("bad.gltf", "{\"a\":".repeat(100_000).as_bytes())], &["JSON"]);
+    // However deep what is not read may be, it refuses nothing.
+    let deep = format!("{}0{}", "[{\"extensions\":".repeat(10_000), "}]".repeat(10_000));
+    let text = format!("{{\"asset\":{{\"version\":\"2.0\"}},\"extras\":0,\"x\":{deep}}}");
+    assert_eq!(super::load_files(&[("a.gltf", text.as_bytes())]).unwrap().triangle_count(), 0);
     let many = Limits { json_items: 100, ..Limits::default() };
     let text = format!("{{\"asset\":{{\"version\":\"2.0\"}},\"nodes\":[{}{{}}]}}", "{},".repeat(100));
     refused_with(&[("bad.gltf", text.as_bytes())], &many, &["at most 100 objects"]);
@@ -376,7 +380,15 @@ fn skins() {
     }});
     let bind = push(&mut b.json["accessors"], zeros);
     b.json["skins"] = json!([{"joints": [1], "inverseBindMatrices": bind}]);
-    b.refused(&["skin 0", "inverse bind matrix 0 is singular"]);
+    b.json["nodes"][1]["translation"] = json!([1, 2, 3]);
+    // The singular one collapses what follows the joint, as in other programs.
+    let flat = b.load().flatten().mesh;
+    assert_eq!(flat.positions, [vec3(1.0, 2.0, 3.0); 3]);
+    assert!(flat.normals.iter().all(|n| (n.length() - 1.0).abs() < 1e-6), "{:?}", flat.normals);
+    let mut b = skinned();
+    let broken = b.floats(&[f32::NAN; 16], "MAT4", 1);
+    b.json["skins"] = json!([{"joints": [1], "inverseBindMatrices": broken}]);
+    b.refused(&["skin 0", "not finite"]);
     let mut b = skinned();
     b.json["skins"] = json!([{"joints": [1, 1], "inverseBindMatrices": 0}]);
     b.refused(&["accessor 0", "16 components"]);

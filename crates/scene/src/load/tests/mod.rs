@@ -5,6 +5,7 @@ mod compressed;
 mod draco;
 mod extensions;
 mod gltf;
+mod kept;
 mod obj;
 mod ply;
 mod posed;

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 /// A skinned triangle with a morph target below two joints, a rigid one below a named node, a camera, a light and
 /// animations of every interpolation.
-fn moving() -> Builder {
+pub(super) fn moving() -> Builder {
     let mut b = triangle();
     let joints = b.accessor(&[0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0], 5121, "VEC4", 3);
     let weights = b.floats(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.5, 0.5, 0.0, 0.0], "VEC4", 3);
@@ -81,7 +81,7 @@ fn moving() -> Builder {
     b
 }
 
-fn again(scene: &Scene) -> Scene {
+pub(super) fn again(scene: &Scene) -> Scene {
     load_files(&[("a.glb", &to_glb(scene).unwrap())]).unwrap()
 }
 
