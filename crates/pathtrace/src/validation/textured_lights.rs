@@ -4,9 +4,9 @@
 use super::library::{scene, slot};
 use super::scenes::{looking, quad, render, square, with_strategy};
 use super::statistics::mean_of;
-use crate::{MaterialValue, Parameter, Parts, RenderOptions, Strategy, World};
+use crate::{EnvironmentMap, MaterialValue, Parameter, Parts, RenderOptions, Strategy, World};
 use photofit_geometry::shapes;
-use photofit_scalar::vec3;
+use photofit_scalar::{Vec3f, vec2, vec3};
 use photofit_scene::{Instance, MapKind, Material, Primitive, Scene, TextureImage, TextureSlot};
 
 /// A picture of `side` squared that is black but for some texels.
@@ -25,7 +25,7 @@ fn under_a_spot() -> Scene {
         ..Material::clay()
     };
     let mut lamp = quad(vec3(-0.5, 1.0, -0.5), vec3(1.0, 0.0, 0.0), vec3(0.0, 0.0, 1.0));
-    lamp.uvs = lamp.positions.iter().map(|p| photofit_scalar::vec2(p.x + 0.5, p.z + 0.5)).collect();
+    lamp.uvs = lamp.positions.iter().map(|p| vec2(p.x + 0.5, p.z + 0.5)).collect();
     let mut out = scene(lamp, glowing);
     out.images.push(dots(32, &[32 * 10 + 20]));
     let floor = quad(vec3(-1.0, 0.0, -1.0), vec3(0.0, 0.0, 2.0), vec3(2.0, 0.0, 0.0));
@@ -46,7 +46,7 @@ fn light_sampling_finds_a_spot_between_the_probes() {
     };
     let (light, bsdf) = (run(Strategy::Light, 1), run(Strategy::Bsdf, 2));
     let error = light.1.hypot(bsdf.1);
-    assert!(error < 0.1 * bsdf.0, "{light:?} {bsdf:?}");
+    assert!(error < 0.2 * bsdf.0, "{light:?} {bsdf:?}");
     assert!((light.0 - bsdf.0).abs() < 4.0 * error, "{light:?} {bsdf:?}");
 }
 
@@ -78,8 +78,11 @@ fn mapped_ball() -> Scene {
 fn edits_of_what_is_not_emitted_leave_the_lights_alone() {
     let view = looking([0.0, 0.0, 3.0], [0.0; 3], 0.7);
     let picture = |world: &World| render(world, &view, square(8, 4)).0.data;
-    let fresh = || World::new(Parts::from_scene(&mapped_ball())).unwrap();
-    let mut world = fresh();
+    let parts = || {
+        let environment = Some(EnvironmentMap::constant(Vec3f::splat(1.0)));
+        Parts { environment, ..Parts::from_scene(&mapped_ball()) }
+    };
+    let mut world = World::new(parts()).unwrap();
     let texels: Vec<[f32; 4]> = (0..256).map(|i| [0.5, 0.4, 0.3 + 0.001 * i as f32, 1.0]).collect();
     for (map, shines) in [
         (MapKind::BaseColor, false),
@@ -94,10 +97,10 @@ fn edits_of_what_is_not_emitted_leave_the_lights_alone() {
         assert!(before.1 != picture(&world), "{map:?}");
     }
     // As in a world that is built with all of them.
-    let mut parts = Parts::from_scene(&mapped_ball());
-    let library = parts.library.as_mut().unwrap();
+    let mut new = parts();
+    let library = new.library.as_mut().unwrap();
     (0..4).for_each(|texture| library.set_texels(texture, &texels));
-    assert!(picture(&world) == picture(&World::new(parts).unwrap()), "texels");
+    assert!(picture(&world) == picture(&World::new(new).unwrap()), "texels");
     for (value, values, shines) in [
         (MaterialValue::Roughness, &[0.4][..], false),
         (MaterialValue::BaseColor, &[0.4; 3], false),
@@ -107,12 +110,11 @@ fn edits_of_what_is_not_emitted_leave_the_lights_alone() {
         world.set_parameter(&Parameter::Material { materials: vec![0], value }, values).unwrap();
         assert_eq!(table != world.lights.table(), shines, "{value:?}");
     }
-    let mut parts = Parts::from_scene(&mapped_ball());
-    let library = parts.library.as_mut().unwrap();
+    let mut new = parts();
+    let library = new.library.as_mut().unwrap();
     (0..4).for_each(|texture| library.set_texels(texture, &texels));
     let mut factors = library.factors(0);
-    (factors.roughness, factors.base_color, factors.emissive) =
-        (0.4, photofit_scalar::Vec3f::splat(0.4), vec3(0.5, 1.0, 3.0));
+    (factors.roughness, factors.base_color, factors.emissive) = (0.4, Vec3f::splat(0.4), vec3(0.5, 1.0, 3.0));
     library.set_factors(0, &factors);
-    assert!(picture(&world) == picture(&World::new(parts).unwrap()), "factors");
+    assert!(picture(&world) == picture(&World::new(new).unwrap()), "factors");
 }
