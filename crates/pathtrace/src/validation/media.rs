@@ -98,9 +98,9 @@ fn fog_under_a_lamp(roulette_depth: u32) -> [f64; 3] {
 fn roulette_adds_little_noise_to_fog() {
     let ([mean, noise, events], [sure_mean, sure_noise, sure_events]) =
         (fog_under_a_lamp(1), fog_under_a_lamp(u32::MAX));
-    println!("{mean} {noise} {events} / {sure_mean} {sure_noise} {sure_events}");
     assert!((mean - sure_mean).abs() < 0.02 * mean, "{mean} {sure_mean}");
-    assert!(noise < 1.15 * sure_noise, "variance {noise}, {sure_noise} without roulette");
+    // 1.25 times; 1.28 where roulette begins after the second event, 1.31 after the first.
+    assert!(noise < 1.265 * sure_noise, "variance {noise}, {sure_noise} without roulette");
     assert!(events < 0.9 * sure_events, "{events} scattering events a path, {sure_events} without roulette");
 }
 
