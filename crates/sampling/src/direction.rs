@@ -69,7 +69,8 @@ pub struct Vertex<'a, S> {
     pub scattering: &'a S,
 }
 
-/// Chooses directions at the vertices of a path.
+/// Chooses directions at the surfaces that a path meets. Directions in media are those of the phase function, whatever the
+/// sampler.
 pub trait DirectionSampler {
     /// What the answers at one vertex share.
     type Local;

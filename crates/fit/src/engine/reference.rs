@@ -382,10 +382,7 @@ fn placed_world(scene: &Scene, to_frame: DAffine3, radius: f32, energy: Energy) 
     for instance in &mut parts.instances {
         instance.transform = to_frame * instance.transform;
     }
-    for material in &mut parts.materials {
-        // Per length of the frame, which is `radius` of the asset's units.
-        material.absorption *= radius;
-    }
+    parts.scale_densities(radius);
     // A world is never without light; every picture brings its own.
     parts.environment = Some(EnvironmentMap::constant(Vec3f::splat(1.0)));
     let options = WorldOptions { energy, ..WorldOptions::default() };

@@ -7,6 +7,7 @@ use crate::PathtraceError;
 use crate::error::invalid;
 use crate::world::{BsdfSource, Material, World};
 use photofit_scalar::{Vec3f, vec3};
+use photofit_scene::SurfaceLibrary;
 use photofit_scene::graph::{SurfaceGraph, Texture};
 use photofit_shading::bsdf::Bsdf;
 use std::sync::Arc;
@@ -129,7 +130,7 @@ impl World {
         if let Some(m) = library_material(&self.given[index])
             && !matches!(value, MaterialValue::Emission | MaterialValue::Absorption)
         {
-            return self.edit_library(|library| {
+            let edit = |library: &mut SurfaceLibrary| {
                 let mut f = library.factors(m);
                 match value {
                     MaterialValue::BaseColor => f.base_color = triple(values),
@@ -138,7 +139,8 @@ impl World {
                     _ => f.metallic = values[0],
                 }
                 library.set_factors(m, &f);
-            });
+            };
+            return self.edit_library_where(edit, |_, i| i == m && value == MaterialValue::Emissive);
         }
         let mut material = self.uniform_material(index);
         match (value, &mut material.scattering) {

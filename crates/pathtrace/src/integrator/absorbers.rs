@@ -3,7 +3,7 @@
 use crate::world::World;
 use photofit_scalar::Vec3f;
 
-/// Solids within one another that are told apart; entering further ones changes nothing.
+/// Solids within one another that are told apart; further ones are counted alone, so that leaving them changes nothing.
 const CAPACITY: usize = 8;
 
 /// The solids around a path, outermost first, each by its material.
@@ -11,10 +11,12 @@ const CAPACITY: usize = 8;
 pub(crate) struct Absorbers {
     materials: [u32; CAPACITY],
     len: u32,
+    /// Solids further in.
+    further: u32,
 }
 
 impl Absorbers {
-    pub(super) const NONE: Self = Self { materials: [0; CAPACITY], len: 0 };
+    pub(super) const NONE: Self = Self { materials: [0; CAPACITY], len: 0, further: 0 };
 
     #[inline(always)]
     pub(super) fn is_empty(&self) -> bool {
@@ -31,10 +33,15 @@ impl Absorbers {
         }
         let len = self.len as usize % (CAPACITY + 1);
         if inwards {
-            if let Some(place) = self.materials.get_mut(len) {
-                *place = material;
-                self.len += 1;
+            match self.materials.get_mut(len) {
+                Some(place) => {
+                    *place = material;
+                    self.len += 1;
+                }
+                None => self.further += 1,
             }
+        } else if self.further > 0 {
+            self.further -= 1;
         } else if let Some(at) = self.materials[..len].iter().rposition(|m| *m == material) {
             self.materials.copy_within(at + 1..len, at);
             self.len -= 1;

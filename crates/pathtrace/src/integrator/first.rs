@@ -67,6 +67,13 @@ pub(super) fn seen_through<const F: u32>(
     Some(FirstHit { albedo, ..best })
 }
 
+/// Whether the camera sees the surface at a hit: neither the back of a single-sided one nor a light that is not shown.
+#[inline(always)]
+pub(super) fn camera_sees<const F: u32>(world: &World, options: &PathOptions, hit: &WorldHit) -> bool {
+    let hidden = F & plan::EMITTERS != 0 && !options.show_emitters && world.emits(hit.instance);
+    !hidden && !world.culls(hit)
+}
+
 /// The first surface behind a distance of which anything is seen.
 fn next_surface<const F: u32>(
     world: &World,
@@ -76,9 +83,8 @@ fn next_surface<const F: u32>(
 ) -> Option<WorldHit> {
     let seen = |hit: &WorldHit| {
         hit.t > beyond
-            && !world.culls(hit)
+            && camera_sees::<F>(world, options, hit)
             && !(F & plan::ABSORPTION != 0 && world.is_invisible(hit.instance))
-            && (options.show_emitters || !world.emits(hit.instance))
             && world.coverage(hit) > 0.0
     };
     match F & plan::TWO_LEVEL != 0 {

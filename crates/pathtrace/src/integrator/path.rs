@@ -2,7 +2,7 @@
 //! roulette, stochastic opacity, media.
 
 use super::absorbers::Absorbers;
-use super::first::{first_hit, seen_through};
+use super::first::{camera_sees, first_hit, seen_through};
 use super::medium::Event;
 use super::sink::{AovSink, Contribution, Found, PathVertex, PictureSink, Sink, SurfaceVisit};
 use super::visibility::{Around, Passed, closest, transmittance};
@@ -199,8 +199,8 @@ impl<'a, const F: u32, S: Sink, D: DirectionSampler> Path<'a, F, S, D> {
                 }
                 break;
             };
-            let hidden = F & plan::EMITTERS != 0 && !self.options.show_emitters && world.emits(hit.instance);
-            if self.depth == 0 && (hidden || world.culls(&hit)) && crossings <= MAX_CROSSINGS {
+            let seen = self.depth > 0 || camera_sees::<F>(world, self.options, &hit);
+            if !seen && crossings <= MAX_CROSSINGS {
                 self.pass_unseen(&hit);
                 crossings += 1;
                 continue;
@@ -285,6 +285,11 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
     #[inline(always)]
     fn found(&mut self, found: Found, light: LightOrigin, radiance: Vec3f, weight: f32) {
         let one = Vec3f::splat(1.0);
+        let value = self.throughput.mul(radiance) * weight;
+        if !value.is_finite() {
+            self.sink.not_finite();
+            return;
+        }
         self.sink.contribution(&Contribution {
             found,
             depth: self.depth,
@@ -297,7 +302,7 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
             wi: self.ray.direction,
             light,
             instance: u32::MAX,
-            value: self.throughput.mul(radiance) * weight,
+            value,
         });
     }
 

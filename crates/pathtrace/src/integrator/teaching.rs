@@ -1,5 +1,5 @@
 //! The smallest path tracer that is right: plain recursion, uniform directions, no light sampling, no weights. It is the
-//! oracle of the tests and the baseline of the benchmarks.
+//! oracle of the tests and the baseline of the benchmarks, which alone run it.
 
 use super::{PathOptions, PathSample};
 use crate::random::PathRandom;

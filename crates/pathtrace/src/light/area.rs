@@ -7,10 +7,14 @@ use crate::error::invalid;
 use crate::world::{Interaction, Kind, Placed, World, WorldHit, WorldRay, from_glam, to_glam};
 use photofit_sampling::{uniform_sphere, uniform_triangle};
 use photofit_scalar::{Vec3f, vec2, vec3};
+use photofit_scene::MapKind;
 use std::f32::consts::PI;
 
 /// Points of a triangle at which emission that varies is looked at, to estimate its power.
 const PROBES: u32 = 32;
+/// Share of the choice among the triangles of an instance whose emission varies that goes by area: light that all probes
+/// miss is found, too.
+const EVEN_SHARE: f32 = 0.02;
 
 /// A sphere, triangle or parallelogram that emits.
 #[derive(Clone, Copy, Debug)]
@@ -55,6 +59,7 @@ pub(crate) fn collect(world: &mut World) -> Result<Emitters, PathtraceError> {
             ));
         }
         world.placed[i].emitter = out.of_piece.len() as u32;
+        let first = out.list.len();
         let (mut piece, pieces) = (0, pieces as u32);
         while piece < pieces {
             let patch = if even { patch(world, i as u32, piece, pieces) } else { None };
@@ -67,8 +72,39 @@ pub(crate) fn collect(world: &mut World) -> Result<Emitters, PathtraceError> {
             out.of_piece.extend((0..covered).map(|_| index));
             piece += covered;
         }
+        if !even {
+            share_evenly(world, &out.list[first..], &mut out.weights[first..]);
+        }
     }
     Ok(out)
+}
+
+/// Lets a share of the power of an instance, whose emitters these are, count by area.
+fn share_evenly(world: &World, list: &[Emitter], weights: &mut [f32]) {
+    let sum = |values: &mut dyn Iterator<Item = f32>| values.map(f64::from).sum::<f64>() as f32;
+    let area = sum(&mut list.iter().map(|e| e.area));
+    let Some(emitter) = list.first().filter(|_| area > 0.0) else { return };
+    let found = sum(&mut weights.iter().copied());
+    let power = if found > 0.0 { found } else { PI * area * mean_emission(world, emitter.instance) };
+    for (weight, emitter) in weights.iter_mut().zip(list) {
+        let even = power * (emitter.area / area);
+        *weight += EVEN_SHARE * (even - *weight);
+    }
+}
+
+/// Mean luminance of what a material emits over its texture; the largest of a tree.
+fn mean_emission(world: &World, instance: u32) -> f32 {
+    let material = &world.materials[world.placed[instance as usize].material as usize];
+    let map = match (material.library, &world.library) {
+        (Some(index), Some(library)) => library.texture_of(index, MapKind::Emissive).map(|texture| {
+            let (factor, texels) = (library.factors(index).emissive, library.texture(texture).linear_base());
+            let one = |t: &[f32; 4]| luminance(factor.mul(vec3(t[0], t[1], t[2])));
+            texels.iter().map(one).sum::<f32>() / texels.len() as f32
+        }),
+        _ => None,
+    };
+    let tree = material.graph.as_ref().and_then(|g| g.emission.as_ref());
+    map.or_else(|| tree?.largest().map(luminance)).unwrap_or(1.0)
 }
 
 /// The parallelogram that a triangle makes up with the next one, or else the triangle; `None` for spheres.

@@ -170,10 +170,8 @@ impl Lights {
 
     /// Takes up that the world has another size, or another origin.
     pub(crate) fn see_from(&mut self, world: &World) -> Result<(), PathtraceError> {
-        let given = std::mem::take(&mut self.given);
-        self.set_sources(world, &given)?;
-        self.weigh(world.radius);
-        Ok(())
+        let given = self.given.clone();
+        self.replace_sources(world, &given)
     }
 
     /// Works out how probable each light is.
@@ -234,6 +232,12 @@ impl Lights {
     #[inline(always)]
     pub(crate) fn is_single(&self) -> bool {
         self.single
+    }
+
+    /// Where the table of emitting triangles lies: another place where it was made anew.
+    #[cfg(test)]
+    pub(crate) fn table(&self) -> *const u32 {
+        self.emitters.of_piece.as_ptr()
     }
 
     /// Bytes of the tables.

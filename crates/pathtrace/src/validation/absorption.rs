@@ -66,6 +66,24 @@ fn nested_absorbers_come_back_when_one_is_left() {
     }
 }
 
+#[test]
+fn a_ninth_solid_within_others_hides_none_of_them_when_it_is_left() {
+    // Balls around each other, each absorbing as its letter says; the ninth is not told from the eighth.
+    let mut parts =
+        Parts { environment: Some(EnvironmentMap::constant(Vec3f::splat(1.0))), ..Parts::default() };
+    let letters = [0, 1, 2, 2, 2, 2, 2, 2, 1];
+    let sigma = [0.0, 1.0, 0.25];
+    parts.materials = sigma.map(|s| absorber(Vec3f::splat(s))).to_vec();
+    for (i, material) in letters.into_iter().enumerate() {
+        parts.shapes.push(ball(1.0 - 0.1 * i as f32));
+        parts.instances.push(crate::Instance { shape: i, material, transform: Default::default() });
+    }
+    let view = looking([0.0, 0.0, 3.0], [0.0; 3], 1e-3);
+    let found = render(&World::new(parts).unwrap(), &view, square(2, 1)).0.pixel(0, 0)[0];
+    let expected = (-(0.2 * sigma[1] + 1.6 * sigma[2])).exp();
+    assert!((found - expected).abs() < 2e-5 * expected, "{found}, expected {expected}");
+}
+
 /// Rough glass of radius 1 that absorbs, with a lamp inside.
 fn lantern() -> Parts {
     let mut parts = Parts::default();

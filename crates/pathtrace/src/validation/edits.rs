@@ -7,7 +7,7 @@ use crate::{
 };
 use glam::{DAffine3, DVec3};
 use photofit_scalar::{Vec3f, vec3};
-use photofit_shading::bsdf::{Bsdf, Energy, Null};
+use photofit_shading::bsdf::{Bsdf, Energy, Null, ThinDielectric};
 
 /// Parts of every kind.
 fn parts() -> Parts {
@@ -66,12 +66,74 @@ fn edited_worlds_render_as_new_ones() {
     let density = cloud(0.3).density;
     check("voxels", &parts, &|w| w.set_density(0, &density), &|p| p.volumes[0].density.clone_from(&density));
     check("medium", &parts, &|w| w.set_medium(0, fogs(7.0)), &|p| p.media[0] = fogs(7.0));
+    let sheet = || {
+        let one = Vec3f::splat(1.0);
+        let glass = Bsdf::ThinDielectric(ThinDielectric { ior: 1.5, reflectance: one, transmittance: one });
+        let mut all = parts().materials;
+        (all[3], all[5]) = (Material::new(glass), Material::new(diffuse(0.1, 0.1, 0.1)));
+        all.push(metal());
+        all
+    };
+    check("materials", &parts, &|w| w.set_materials(sheet(), None), &|p| p.materials = sheet());
+    let boundary = |p: &Parts| Boundary { interior: Some(1), ..p.boundaries[0] };
+    check(
+        "media",
+        &parts,
+        &|w| w.set_media(vec![cloud(2.0)], vec![fogs(1.0), fogs(5.0)], &[boundary(&parts())], None),
+        &|p| {
+            p.volumes = vec![cloud(2.0)];
+            p.media = vec![fogs(1.0), fogs(5.0)];
+            p.boundaries = vec![boundary(p)];
+        },
+    );
+    let glass = || Parts { materials: sheet(), ..parts() };
+    check("no media", &glass, &|w| w.set_media(Vec::new(), Vec::new(), &[], None), &|p| {
+        (p.volumes, p.media, p.boundaries) = Default::default();
+    });
     let lamp = [LightSource::Directional { direction: vec3(0.1, 0.2, 1.0), irradiance: Vec3f::splat(2.0) }];
     let sky = || Some(EnvironmentMap::constant(vec3(0.1, 0.5, 0.2)));
     check("lights", &parts, &|w| w.relight(&lamp, sky()), &|p| {
         p.lights = lamp.to_vec();
         p.environment = sky();
     });
+}
+
+#[test]
+fn edits_of_materials_media_and_lights_leave_all_hierarchies_where_they_are() {
+    let slot = super::library::slot();
+    let textured =
+        photofit_scene::Material { base_color_texture: Some(slot), ..photofit_scene::Material::clay() };
+    let mut scene = super::library::scene(photofit_geometry::shapes::uv_sphere(12, 6), textured);
+    scene.images.push(photofit_scene::TextureImage {
+        width: 2,
+        height: 2,
+        texels: vec![[9; 4]; 4],
+        ..Default::default()
+    });
+    let mut with_library = parts();
+    let ball = Shape::Mesh(scene.primitives[0].mesh.clone());
+    with_library.library = Some(photofit_scene::SurfaceLibrary::new(&scene));
+    with_library.add(ball, Material::from_library(0));
+    let mut world = World::new(with_library).unwrap();
+    let allocations = |world: &World| -> Vec<*const photofit_rays::Accel> {
+        world.hierarchy.accels.iter().map(std::sync::Arc::as_ptr).collect()
+    };
+    let before = allocations(&world);
+    let glowing = Material::new(diffuse(0.2, 0.2, 0.2)).emitting(vec3(0.3, 0.5, 1.0));
+    world.set_material(1, &glowing).unwrap();
+    world.set_texels(0, &[[0.5; 4]; 4]).unwrap();
+    world.set_density(0, &cloud(0.3).density).unwrap();
+    world.set_medium(0, fogs(7.0)).unwrap();
+    world.relight(&[], Some(EnvironmentMap::constant(vec3(0.1, 0.5, 0.2)))).unwrap();
+    assert!(!before.is_empty() && allocations(&world) == before);
+    // A pose in which nothing moves keeps them, too; new geometry does not.
+    let p = parts();
+    let mut world = World::new(parts()).unwrap();
+    let before = allocations(&world);
+    world.set_pose(Vec::new(), &p.instances).unwrap();
+    assert_eq!(allocations(&world), before);
+    world.set_geometry(p.shapes, &p.instances).unwrap();
+    assert!(allocations(&world) != before, "the comparison notices a new hierarchy");
 }
 
 #[test]
@@ -176,6 +238,35 @@ fn a_pose_builds_what_changed_alone() {
 }
 
 #[test]
+fn grids_of_a_pose_pass_through_as_many_cells_as_those_of_a_world() {
+    // Signs take turns: there is surface in every cell.
+    let grid = |side: usize| Shape::DistanceGrid {
+        size: [side; 3],
+        values: (0..side.pow(3))
+            .map(|i| (i % side + i / side % side + i / side / side) % 2)
+            .map(|odd| 1.0 - 2.0 * odd as f32)
+            .collect(),
+        smooth: false,
+    };
+    let two = || {
+        let mut parts = Parts { environment: parts().environment, ..Parts::default() };
+        for _ in 0..2 {
+            parts.add(grid(3), Material::new(diffuse(0.5, 0.5, 0.5)));
+        }
+        parts
+    };
+    let mut world = World::new(two()).unwrap();
+    let picture = |world: &World| render(world, &cornell_view(), square(8, 2)).0.data;
+    let before = picture(&world);
+    let large = vec![(0, grid(130)), (1, grid(130))];
+    let text = world.set_pose(large, &two().instances).unwrap_err().to_string();
+    assert!(text.starts_with("shape 1") && text.contains("they may pass through"), "{text}");
+    assert!(picture(&world) == before, "an edit that fails changes nothing");
+    assert!(world.set_pose(vec![(0, grid(4))], &two().instances).is_ok());
+    assert!(picture(&world) != before);
+}
+
+#[test]
 fn bad_edits_change_nothing() {
     let mut world = World::new(parts()).unwrap();
     let picture = |world: &World| render(world, &cornell_view(), square(8, 2)).0.data;
@@ -191,6 +282,10 @@ fn bad_edits_change_nothing() {
         (world.set_material(99, &Material::new(diffuse(0.5, 0.5, 0.5))), "99 is not there"),
         (world.set_material(0, &negative), "emission"),
         (world.set_material(0, &Material::from_library(0)), "library material 0"),
+        (world.set_materials(p.materials[..3].to_vec(), None), "material 3 is not there"),
+        (world.set_materials(vec![Material::from_library(0); 9], None), "library material 0"),
+        (world.set_media(vec![cloud(-1.0)], Vec::new(), &[], None), "volume 0"),
+        (world.set_media(Vec::new(), Vec::new(), &p.boundaries, None), "medium 0"),
         (world.set_volume(3, cloud(1.0)), "3 is not there; the index must be below 1"),
         (world.set_density(0, &[1.0]), "there are 1 densities"),
         (world.set_density(0, &[f32::NAN; 210]), "finite"),

@@ -1,19 +1,23 @@
 //! Materials of assets: normal maps, single-sided surfaces, light sampling that would miss light, faulty light.
 
 use super::scenes::{looking, render, square, with_strategy};
+use super::statistics::mean_of;
+use crate::random::PixelRandom;
+use crate::render::primary_ray;
 use crate::{
     Aov, EnvironmentMap, LightSource, Parts, PathtraceError, RenderOptions, Renderer, Strategy, View, World,
 };
 use glam::DVec3;
 use photofit_geometry::{Mesh, shapes};
 use photofit_image::Image;
-use photofit_scalar::{Vec3f, vec3};
+use photofit_scalar::{Vec3, Vec3f, vec3};
 use photofit_scene::{
-    Instance, MapKind, Material, Primitive, Sampler, Scene, SurfaceLibrary, TextureImage, TextureSlot,
+    Clearcoat, Extensions, Instance, MapKind, Material, Primitive, Sampler, Scene, SurfaceLibrary,
+    TextureImage, TextureSlot,
 };
 
 /// A scene of one mesh.
-fn scene(mesh: Mesh, material: Material) -> Scene {
+pub(super) fn scene(mesh: Mesh, material: Material) -> Scene {
     Scene {
         primitives: vec![Primitive { mesh, material: 0 }],
         instances: vec![Instance { primitive: 0, transform: Default::default() }],
@@ -41,7 +45,7 @@ fn bumps() -> TextureImage {
 }
 
 /// The first image, as it is.
-fn slot() -> TextureSlot {
+pub(super) fn slot() -> TextureSlot {
     let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
     TextureSlot { image: 0, sampler: Sampler::default(), tex_coord: 0, transform }
 }
@@ -62,12 +66,93 @@ fn mirrors_with_normal_maps_are_nowhere_black() {
     // What the narrow lobe scatters below the surface is lost.
     assert!(least > 0.9 && mean > 0.99, "darkest pixel {least}, mean {mean}");
     assert!(values.iter().all(|v| *v < 1.001), "a mirror makes no light");
-    // Rough ones lose what they scatter below the surface, and no more.
-    scene.materials[0].roughness = 0.4;
-    let options = RenderOptions { path: with_strategy(Strategy::Mis, 8), ..square(48, 64) };
-    let (picture, _) = render(&lit(&scene, 1.0), &view, options);
-    let least = picture.data.iter().step_by(4).fold(f32::INFINITY, |a, b| a.min(*b));
-    assert!(least > 0.5, "darkest rough pixel {least}");
+    // Rough ones lose what they scatter below the surface and what microfacets hide from each other, and no more.
+    for roughness in [0.1, 0.2, 0.4] {
+        scene.materials[0].roughness = roughness;
+        let world = lit(&scene, 1.0);
+        let options = RenderOptions { path: with_strategy(Strategy::Mis, 8), ..square(24, 64) };
+        let expected = expected_furnace(&world, &view, &options, 8, f64::from(roughness));
+        let (picture, variance) = render(&world, &view, options);
+        let (mean, error) = mean_of(&picture, &variance, 64, 0);
+        assert!(
+            (mean - expected).abs() < 4.0 * error + 1e-3,
+            "roughness {roughness}: {mean} +- {error}, expected {expected}"
+        );
+        assert!(error < 2e-3 && expected < 0.9999, "roughness {roughness}: +- {error}, expected {expected}");
+    }
+}
+
+/// Mean over the picture of what a convex white metal shows in a white furnace, from the geometry and the normals of the
+/// world alone: its GGX lobe integrated by quadrature over half vectors, without what goes below the surface.
+fn expected_furnace(world: &World, view: &View, options: &RenderOptions, spp: u32, roughness: f64) -> f64 {
+    let camera = view.prepare(world);
+    let pixels = options.width * options.height;
+    let mut sum = 0.0;
+    for pixel in 0..pixels {
+        let mut numbers = PixelRandom::new(options.seed, pixel as u64);
+        for sample in 0..spp {
+            let at = [pixel % options.width, pixel / options.width];
+            let ray = primary_ray(options, &camera, at, &numbers.sample(sample));
+            sum += world.closest_where::<true>(&ray, |_| true).map_or(1.0, |hit| {
+                let at = world.interaction::<true>(&ray, &hit);
+                let wo = -ray.direction;
+                let mut found = None;
+                let material = world.material_at::<true>(&at, wo, &mut found);
+                reflected(
+                    roughness * roughness,
+                    material.to_local(wo).cast(),
+                    material.to_local(at.ng).cast(),
+                )
+            });
+        }
+    }
+    sum / (pixels as f64 * f64::from(spp))
+}
+
+/// Part of uniform light above the normal `ng` that a perfectly reflecting GGX surface of roughness `alpha` around +z sends
+/// to `wo` at once (Walter et al. 2007, Heitz 2014).
+fn reflected(alpha: f64, wo: Vec3<f64>, ng: Vec3<f64>) -> f64 {
+    const STEPS: [usize; 2] = [32, 64];
+    let lambda = |w: Vec3<f64>| {
+        let tan2 = (1.0 - w.z * w.z).max(0.0) / (w.z * w.z);
+        0.5 * ((1.0 + alpha * alpha * tan2).sqrt() - 1.0)
+    };
+    let mut sum = 0.0;
+    for i in 0..STEPS[0] * STEPS[1] {
+        let u = ((i % STEPS[0]) as f64 + 0.5) / STEPS[0] as f64;
+        let phi = std::f64::consts::TAU * ((i / STEPS[0]) as f64 + 0.5) / STEPS[1] as f64;
+        let cosine = (1.0 + alpha * alpha * u / (1.0 - u)).recip().sqrt();
+        let sine = (1.0 - cosine * cosine).sqrt();
+        let h = vec3(sine * phi.cos(), sine * phi.sin(), cosine);
+        let wi = h * (2.0 * h.dot(wo)) - wo;
+        if h.dot(wo) > 0.0 && wi.z > 0.0 && wi.dot(ng) > 0.0 {
+            sum += h.dot(wo) / (wo.z * h.z * (1.0 + lambda(wo) + lambda(wi)));
+        }
+    }
+    sum / (STEPS[0] * STEPS[1]) as f64
+}
+
+#[test]
+fn smooth_mirrors_of_few_triangles_have_no_dark_rims() {
+    let mut mesh = shapes::icosphere(2);
+    mesh.normals = mesh.positions.clone();
+    let view = looking([0.0, 0.0, 3.0], [0.0; 3], 0.75);
+    for clearcoat in [false, true] {
+        let mut material = Material { roughness: 0.0, ..Material::default() };
+        if clearcoat {
+            let coat = Clearcoat { factor: 1.0, ..Clearcoat::default() };
+            material.extensions =
+                Some(Box::new(Extensions { clearcoat: Some(coat), ..Extensions::default() }));
+        }
+        let world = lit(&scene(mesh.clone(), material), 1.0);
+        let options = RenderOptions { path: with_strategy(Strategy::Mis, 8), ..square(48, 16) };
+        let (picture, _) = render(&world, &view, options);
+        let values: Vec<f32> = (0..picture.pixels()).map(|i| picture.data[4 * i]).collect();
+        let least = values.iter().fold(f32::INFINITY, |a, b| a.min(*b));
+        let mean = values.iter().sum::<f32>() / values.len() as f32;
+        assert!(least > 0.9 && mean > 0.99, "coat {clearcoat}: darkest pixel {least}, mean {mean}");
+        assert!(values.iter().all(|v| *v < 1.001), "a mirror makes no light");
+    }
 }
 
 #[test]
@@ -260,6 +345,16 @@ fn an_edited_library_renders_as_a_new_one() {
     parts.environment = Some(EnvironmentMap::constant(Vec3f::splat(1.0)));
     assert!(after == picture(&World::new(parts).unwrap()), "other bits than a new world");
     assert!(after != before, "nothing changed");
+    for (texture, texels, words) in [
+        (9, &texels[..], "9 is not there"),
+        (texture, &texels[1..], "4095 texels for 64 x 64"),
+        (texture, &[[0.5, f32::NAN, 0.5, 1.0]; 64 * 64][..], "texel 0 is [0.5, NaN"),
+        (texture, &[[0.5, 0.5, f32::INFINITY, 1.0]; 64 * 64][..], "must be finite"),
+    ] {
+        let text = world.set_texels(texture, texels).expect_err(words).to_string();
+        assert!(text.contains(words), "{words} in {text}");
+    }
+    assert!(after == picture(&world), "an edit that fails changes nothing");
     let mut plain = World::new(super::scenes::cornell()).unwrap();
     assert!(plain.edit_library(|_| ()).is_err(), "there is no library");
 }

@@ -4,10 +4,11 @@ use super::scenes::{diffuse, looking, render, square, with_strategy};
 use super::statistics::{agree, chi_square, mean_of};
 use crate::volume::{phase, sample_phase};
 use crate::{
-    EnvironmentMap, Material, Parts, PathOptions, RenderOptions, Shape, Strategy, View, Volume, World,
+    EnvironmentMap, Material, Parts, PathOptions, RenderOptions, Renderer, Shape, Strategy, TrainingSink,
+    View, Volume, World,
 };
 use glam::{DAffine3, DVec3};
-use photofit_sampling::Rng;
+use photofit_sampling::{Rng, ScatteringSampler};
 use photofit_scalar::{Vec3f, vec3};
 use photofit_shading::bsdf::{Bsdf, Null};
 
@@ -64,6 +65,43 @@ fn shadow_rays_see_the_same_absorption() {
         let (b, m) = scene(strategy);
         agree(&format!("{strategy:?}"), (&a.0, &a.1, n), (&b.0, &b.1, m));
     }
+}
+
+/// Mean and variance of the samples of a picture of a small box of fog under a lamp, and scattering events a path.
+fn fog_under_a_lamp(roulette_depth: u32) -> [f64; 3] {
+    let mut parts = Parts::default();
+    let (low, high) = (DVec3::new(-0.5, 0.0, -0.5), DVec3::new(0.5, 1.0, 0.5));
+    parts.volumes.push(Volume::homogeneous(low, high, 6.0, vec3(0.95, 0.9, 0.8), 0.0));
+    let lamp = super::scenes::quad(vec3(-0.3, 1.5, -0.3), vec3(0.6, 0.0, 0.0), vec3(0.0, 0.0, 0.6));
+    let light = Material::new(diffuse(0.0, 0.0, 0.0)).emitting(Vec3f::splat(5.0));
+    super::scenes::place(&mut parts, lamp, light);
+    let world = World::new(parts).unwrap();
+    let path = PathOptions { max_depth: 64, roulette_depth, ..PathOptions::default() };
+    let options = RenderOptions { path, ..square(12, 256) };
+    let view = looking([0.0, 0.5, 3.0], [0.0, 0.5, 0.0], 0.3);
+    let (picture, variance) = render(&world, &view, options.clone());
+    let mean = |i: &photofit_image::Image, stride: usize| {
+        let sum: f64 = i.data.chunks_exact(stride).map(|p| f64::from(p[0] + p[1] + p[2])).sum();
+        sum / (3 * i.pixels()) as f64
+    };
+    let renderer = Renderer::new(&world, &view, options).unwrap();
+    let mut sink = TrainingSink::default();
+    for path in 0..144 * 64 {
+        let pixel = [path / 64 % 12, path / 64 / 12];
+        sink.begin();
+        renderer.walk(pixel, path as u32 % 64, &ScatteringSampler, &mut sink);
+    }
+    [mean(&picture, 4), mean(&variance, 3), sink.vertices.len() as f64 / (144.0 * 64.0)]
+}
+
+#[test]
+fn roulette_adds_little_noise_to_fog() {
+    let ([mean, noise, events], [sure_mean, sure_noise, sure_events]) =
+        (fog_under_a_lamp(1), fog_under_a_lamp(u32::MAX));
+    assert!((mean - sure_mean).abs() < 0.02 * mean, "{mean} {sure_mean}");
+    // 1.25 times; 1.28 where roulette begins after the second event, 1.31 after the first.
+    assert!(noise < 1.265 * sure_noise, "variance {noise}, {sure_noise} without roulette");
+    assert!(events < 0.9 * sure_events, "{events} scattering events a path, {sure_events} without roulette");
 }
 
 #[test]

@@ -25,5 +25,6 @@ mod seen_through;
 mod sinks;
 mod statistics;
 mod stress;
+mod textured_lights;
 mod thrown;
 mod volume_gradients;

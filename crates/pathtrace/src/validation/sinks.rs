@@ -3,13 +3,14 @@
 use super::scenes::{cornell, cornell_view, diffuse, glossy, looking, place, quad, square};
 use super::statistics::agree;
 use crate::{
-    Boundary, BoundedMedium, Contribution, EnvironmentMap, Found, Material, Parts, PathVertex, RenderOptions,
-    Renderer, Shape, Sink, TrainingSink, View, World,
+    Boundary, BoundedMedium, Contribution, EnvironmentMap, Found, Material, Parts, PathVertex, PictureSink,
+    RenderOptions, Renderer, Shape, Sink, TrainingSink, View, World,
 };
 use photofit_flow::{FlowError, Guide, Guided, Query, Record as Learned};
 use photofit_image::Image;
 use photofit_sampling::{DirectionSampler, ScatteringSampler, uniform_sphere, uniform_sphere_pdf};
 use photofit_scalar::{Vec3f, vec3};
+use photofit_scene::SurfaceLibrary;
 use photofit_shading::bsdf::{
     Bsdf, Dielectric, Distribution, Energy, Microfacet, Null, RoughDielectric, TransportMode,
 };
@@ -155,6 +156,37 @@ fn contributions_sum_up_to_the_picture() {
 }
 
 #[test]
+fn light_that_is_met_and_not_finite_is_left_out_of_all_sinks() {
+    // A lamp whose two parts of emission overflow, above a floor under a sky.
+    let glowing = photofit_scene::Material { emissive: [3e38; 3], ..photofit_scene::Material::clay() };
+    let scene = photofit_scene::Scene { materials: vec![glowing], ..Default::default() };
+    let mut parts = Parts { library: Some(SurfaceLibrary::new(&scene)), ..Parts::default() };
+    parts.environment = Some(EnvironmentMap::constant(Vec3f::splat(1.0)));
+    let lamp = Shape::Sphere { center: vec3(0.0, 1.0, 0.0), radius: 0.5 };
+    parts.add(lamp, Material::from_library(0).emitting(Vec3f::splat(3e38)));
+    let floor = quad(vec3(-3.0, 0.0, -3.0), vec3(0.0, 0.0, 6.0), vec3(6.0, 0.0, 0.0));
+    place(&mut parts, floor, Material::new(diffuse(0.5, 0.5, 0.5)));
+    let world = World::new(parts).unwrap();
+    let view = looking([0.0, 2.0, 4.0], [0.0, 0.0, 0.0], 0.5);
+    let renderer = Renderer::new(&world, &view, square(16, 16)).unwrap();
+    let (mut seen, mut picture, mut sink) = (0.0, PictureSink::default(), TrainingSink::default());
+    for pixel in 0..16 * 16 {
+        let at = [pixel % 16, pixel / 16];
+        let before = picture.not_finite;
+        picture.radiance = Vec3f::zero();
+        renderer.walk(at, 0, &ScatteringSampler, &mut picture);
+        // Light of the same path that is finite stays.
+        seen += if picture.not_finite > before { picture.radiance.x } else { 0.0 };
+        sink.begin();
+        renderer.walk(at, 0, &ScatteringSampler, &mut sink);
+        assert!(picture.radiance.is_finite(), "pixel {at:?}");
+    }
+    assert!(picture.not_finite > 10, "{}", picture.not_finite);
+    assert!(seen > 0.0, "the rest of such paths is seen");
+    assert!(sink.vertices.iter().all(|v| v.radiance.is_finite()), "nothing to train with that is not finite");
+}
+
+#[test]
 fn recorded_radiance_is_what_arrives() {
     // Inside of a glowing sphere with Le = Kd = 1/2 radiance is 1 everywhere and from everywhere.
     let mut parts = Parts::default();
@@ -215,7 +247,7 @@ fn rendered_with(
         for x in 0..side {
             let mut sums = [[0.0_f64; 2]; 3];
             for sample in 0..spp {
-                let mut sink = crate::PictureSink::default();
+                let mut sink = PictureSink::default();
                 renderer.walk([x, y], sample, sampler, &mut sink);
                 for (sum, v) in sums.iter_mut().zip(sink.radiance.to_array().map(f64::from)) {
                     *sum = [sum[0] + v, sum[1] + v * v];

@@ -57,9 +57,8 @@ fn map_vjp(at: &Interaction, viewer: Vec3f, map: Vec3f, g: Vec3f) -> Vec3f {
         return Vec3f::zero();
     }
     let normal = mapped(at, map);
-    let facing = if at.ng.dot(viewer) < 0.0 { -at.ng } else { at.ng };
     let n = face_viewer(normal, at.ng, viewer);
-    let g = reflecting_upwards_vjp(n, facing, viewer, g);
+    let g = reflecting_upwards_vjp(n, at.facing(viewer), viewer, g);
     let g = face_viewer_vjp(normal, at.ng, viewer, g).normal;
     perturb_vjp(at.ns, tangent, at.tangent.w, map, g).map
 }

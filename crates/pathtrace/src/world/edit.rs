@@ -7,11 +7,11 @@ use super::instance::Placed;
 use super::material::CompiledMaterial;
 use super::shape::Stored;
 use super::top::Earlier;
-use super::{BsdfSource, Geometry, Instance, Material, Shape, World, check_indices, radius};
+use super::{BsdfSource, Geometry, Instance, Material, Shape, World, check_indices, count_cells, radius};
 use crate::PathtraceError;
 use crate::error::{absent, invalid};
-use crate::volume::{BoundedMedium, InteriorMedium, Medium, MediumRef, MediumValue, Volume};
-use photofit_scene::SurfaceLibrary;
+use crate::volume::{Boundary, BoundedMedium, InteriorMedium, Media, Medium, MediumRef, MediumValue, Volume};
+use photofit_scene::{MapKind, SurfaceLibrary};
 
 impl World {
     /// Replaces all shapes and where they stand; materials, lights and media stay.
@@ -26,8 +26,7 @@ impl World {
             let rule = format!("{found}; boundaries of media name instances, so there must be {count}");
             return Err(invalid("instances", rule));
         }
-        let new = Geometry::new(shapes, instances, self.merge)?;
-        self.take_geometry(new)
+        self.take_geometry(&mut Geometry::new(shapes, instances, self.merge)?)
     }
 
     /// From the next pose on, every shape has a hierarchy of its own ([`crate::WorldOptions::merge`]): that pose builds
@@ -70,31 +69,86 @@ impl World {
         };
         swap(&mut self.shapes);
         let earlier = Earlier { hierarchy: &self.hierarchy, placed: &self.placed, changed: &changed };
-        match Geometry::place(&self.shapes, instances, self.merge, Some(&earlier)) {
-            Ok(placed) => {
-                let built = placed.hierarchy.built;
-                let shapes = std::mem::take(&mut self.shapes);
-                self.take_geometry(Geometry { shapes, ..placed }).map(|()| built)
+        let cells = self.shapes.iter().enumerate().try_fold(0, |cells, (i, s)| count_cells(cells, i, s));
+        let placed = cells.and_then(|_| Geometry::place(&self.shapes, instances, self.merge, Some(&earlier)));
+        let taken = placed.and_then(|placed| {
+            let built = placed.hierarchy.built;
+            let mut new = Geometry { shapes: std::mem::take(&mut self.shapes), ..placed };
+            let taken = self.take_geometry(&mut new);
+            if taken.is_err() {
+                self.shapes = new.shapes;
             }
-            Err(e) => {
-                swap(&mut self.shapes);
-                Err(e)
-            }
+            taken.map(|()| built)
+        });
+        if taken.is_err() {
+            swap(&mut self.shapes);
         }
+        taken
     }
 
-    fn take_geometry(&mut self, mut new: Geometry) -> Result<(), PathtraceError> {
+    /// Takes other geometry up; on an error both are as they were.
+    fn take_geometry(&mut self, new: &mut Geometry) -> Result<(), PathtraceError> {
         new.take_materials(&self.materials);
         if let Some(i) = (0..new.placed.len()).find(|i| new.placed[*i].alpha && self.media.bounds_medium(*i))
         {
-            let rule = "it has cut-outs and bounds a medium; surfaces that bound media must be whole";
-            return Err(invalid(format!("instance {i}"), rule));
+            return Err(invalid(format!("instance {i}"), CUT_OUTS));
         }
-        (self.origin, self.bounds) = (new.origin, new.bounds);
-        (self.shapes, self.placed, self.hierarchy) = (new.shapes, new.placed, new.hierarchy);
+        self.exchange(new);
+        let taken = self.measure().and_then(|()| self.collect_emitters());
+        if taken.is_err() {
+            self.exchange(new);
+            self.measure()?;
+        }
+        taken
+    }
+
+    fn exchange(&mut self, other: &mut Geometry) {
+        std::mem::swap(&mut self.origin, &mut other.origin);
+        std::mem::swap(&mut self.bounds, &mut other.bounds);
+        std::mem::swap(&mut self.shapes, &mut other.shapes);
+        std::mem::swap(&mut self.placed, &mut other.placed);
+        std::mem::swap(&mut self.hierarchy, &mut other.hierarchy);
         self.media.see_from(self.origin);
-        self.measure()?;
-        self.collect_emitters()
+    }
+
+    /// Replaces all materials, with the library that they name; instances keep the indices of theirs.
+    ///
+    /// # Errors
+    /// As [`World::new`] for materials, or if an instance has a material that is no longer there, or one with cut-outs bounds
+    /// a medium; the world is then as it was.
+    pub fn set_materials(
+        &mut self,
+        materials: Vec<Material>,
+        library: Option<SurfaceLibrary>,
+    ) -> Result<(), PathtraceError> {
+        let new = CompiledMaterial::all(&materials, library.as_ref(), self.energy, self.media.is_bounded())?;
+        for (i, placed) in self.placed.iter().enumerate() {
+            let (index, place) = (placed.material as usize, || format!("instance {i}"));
+            let Some(material) = new.get(index) else {
+                return Err(invalid(place(), absent(format!("material {index}"), new.len())));
+            };
+            if material.alpha && self.media.bounds_medium(i) {
+                return Err(invalid(place(), CUT_OUTS));
+            }
+        }
+        let mut other = (new, materials, library);
+        self.exchange_materials(&mut other);
+        let taken = self.collect_emitters();
+        if taken.is_err() {
+            self.exchange_materials(&mut other);
+            self.collect_emitters()?;
+        }
+        taken
+    }
+
+    fn exchange_materials(
+        &mut self,
+        other: &mut (Vec<CompiledMaterial>, Vec<Material>, Option<SurfaceLibrary>),
+    ) {
+        std::mem::swap(&mut self.materials, &mut other.0);
+        std::mem::swap(&mut self.given, &mut other.1);
+        std::mem::swap(&mut self.library, &mut other.2);
+        (0..self.materials.len()).for_each(|i| self.place_material(i));
     }
 
     /// Replaces a material on all instances that have it; what it emits becomes or ceases to be a light.
@@ -107,22 +161,21 @@ impl World {
         if index >= count {
             return Err(invalid("material", absent(index, count)));
         }
-        if self.replace(index, material)? { self.collect_emitters() } else { Ok(()) }
+        if self.replace(index, material, true)? { self.collect_emitters() } else { Ok(()) }
     }
 
-    /// As [`Self::set_material`]; whether lights have to be collected anew.
-    fn replace(&mut self, index: usize, material: &Material) -> Result<bool, PathtraceError> {
+    /// As [`Self::set_material`]; whether lights have to be collected anew. Textures that it emits through changed if
+    /// `textures`.
+    fn replace(&mut self, index: usize, material: &Material, textures: bool) -> Result<bool, PathtraceError> {
         let mut new = CompiledMaterial::new(index, material, self.library.as_ref(), self.energy)?;
-        if self.media.is_bounded() {
-            new.find_pane();
-        }
+        new.find_pane(self.media.is_bounded());
         let mut users = (0..self.placed.len()).filter(|i| self.placed[*i].material as usize == index);
         if let Some(i) = users.find(|i| new.alpha && self.media.bounds_medium(*i)) {
-            let rule = "it has cut-outs and bounds a medium; surfaces that bound media must be whole";
-            return Err(invalid(format!("instance {i}"), rule));
+            return Err(invalid(format!("instance {i}"), CUT_OUTS));
         }
-        let gives_light = |m: &CompiledMaterial| m.emits || m.unlit;
-        let lights_change = gives_light(&self.materials[index]) || gives_light(&new);
+        let old = &self.materials[index];
+        let lights_change = (old.emits || new.emits)
+            && (old.shining() != new.shining() || (textures && (old.varies || new.varies)));
         self.materials[index] = new;
         self.given[index] = material.clone();
         self.place_material(index);
@@ -135,16 +188,23 @@ impl World {
     /// If there is no library, or a library material became invalid: masked though it bounds a medium. The library keeps
     /// its changes.
     pub fn edit_library(&mut self, edit: impl FnOnce(&mut SurfaceLibrary)) -> Result<(), PathtraceError> {
-        let library = self
-            .library
-            .as_mut()
-            .ok_or_else(|| invalid("library", "the world has none; it must have one"))?;
+        self.edit_library_where(edit, |_, _| true)
+    }
+
+    /// As [`Self::edit_library`]; `glows` tells which materials of the library emit through something that is edited.
+    pub(crate) fn edit_library_where(
+        &mut self,
+        edit: impl FnOnce(&mut SurfaceLibrary),
+        glows: impl Fn(&SurfaceLibrary, usize) -> bool,
+    ) -> Result<(), PathtraceError> {
+        let library = self.library.as_mut().ok_or_else(no_library)?;
         edit(library);
         let mut lights_change = false;
         for index in 0..self.given.len() {
-            if matches!(self.given[index].scattering, BsdfSource::Library { .. }) {
+            if let BsdfSource::Library { index: m } = self.given[index].scattering {
+                let textures = self.library.as_ref().is_some_and(|l| m < l.materials() && glows(l, m));
                 let material = self.given[index].clone();
-                lights_change |= self.replace(index, &material)?;
+                lights_change |= self.replace(index, &material, textures)?;
             }
         }
         if lights_change { self.collect_emitters() } else { Ok(()) }
@@ -158,12 +218,62 @@ impl World {
     /// Replaces all texels of a texture of the library: row 0 at v = 0, linear light, 32-bit floating point.
     ///
     /// # Errors
-    /// As [`Self::edit_library`].
-    ///
-    /// # Panics
-    /// If there is no such texture or it has another number of texels.
+    /// If there is no library or no such texture in it, their number is another, or one is not finite; the world is then
+    /// as it was.
     pub fn set_texels(&mut self, texture: usize, linear: &[[f32; 4]]) -> Result<(), PathtraceError> {
-        self.edit_library(|library| library.set_texels(texture, linear))
+        let library = self.library.as_ref().ok_or_else(no_library)?;
+        let count = library.textures();
+        if texture >= count {
+            return Err(invalid("texture", absent(texture, count)));
+        }
+        let place = || format!("texture {texture}");
+        let base = library.texture(texture).layout().levels()[0];
+        if linear.len() != base.width as usize * base.height as usize {
+            let (found, [w, h]) = (linear.len(), [base.width, base.height]);
+            return Err(invalid(
+                place(),
+                format!("{found} texels for {w} x {h}; there must be one for each place"),
+            ));
+        }
+        if let Some(i) = linear.as_flattened().iter().position(|v| !v.is_finite()) {
+            return Err(invalid(
+                place(),
+                format!("texel {} is {:?}; it must be finite", i / 4, linear[i / 4]),
+            ));
+        }
+        let emissive = |l: &SurfaceLibrary, m: usize| l.texture_of(m, MapKind::Emissive) == Some(texture);
+        self.edit_library_where(|library| library.set_texels(texture, linear), emissive)
+    }
+
+    /// Replaces all media of both kinds, the surfaces that bound them, and the medium around cameras (see
+    /// [`crate::Parts`]).
+    ///
+    /// # Errors
+    /// As [`World::new`] for media; the world is then as it was.
+    pub fn set_media(
+        &mut self,
+        volumes: Vec<Volume>,
+        media: Vec<BoundedMedium>,
+        boundaries: &[Boundary],
+        medium_around_camera: Option<usize>,
+    ) -> Result<(), PathtraceError> {
+        let holes: Vec<bool> = self.placed.iter().map(|p| p.alpha).collect();
+        let frame = (self.origin, self.majorant_factor);
+        let boxes = Media::boxes(volumes, frame.0, frame.1)?;
+        let mut other = boxes.with_bounded(media, boundaries, medium_around_camera, &holes, frame)?;
+        self.exchange_media(&mut other);
+        let measured = self.measure();
+        if measured.is_err() {
+            self.exchange_media(&mut other);
+            self.measure()?;
+        }
+        measured
+    }
+
+    fn exchange_media(&mut self, other: &mut Media) {
+        std::mem::swap(&mut self.media, other);
+        let bounded = self.media.is_bounded();
+        self.materials.iter_mut().for_each(|m| m.find_pane(bounded));
     }
 
     /// Replaces a volume in a box.
@@ -172,10 +282,17 @@ impl World {
     /// If there is no such volume or the new one is not valid; the world is then as it was.
     pub fn set_volume(&mut self, index: usize, volume: Volume) -> Result<(), PathtraceError> {
         let count = self.media.boxes.len();
-        let new = Medium::new(index, volume, self.origin, self.majorant_factor)?;
-        let place = self.media.boxes.get_mut(index);
-        *place.ok_or_else(|| invalid("volume", absent(index, count)))? = new;
-        self.measure()
+        if index >= count {
+            return Err(invalid("volume", absent(index, count)));
+        }
+        let mut other = Medium::new(index, volume, self.origin, self.majorant_factor)?;
+        std::mem::swap(&mut self.media.boxes[index], &mut other);
+        let measured = self.measure();
+        if measured.is_err() {
+            self.media.boxes[index] = other;
+            self.measure()?;
+        }
+        measured
     }
 
     /// Replaces a medium that surfaces bound.
@@ -249,4 +366,11 @@ impl World {
         self.lights = lights;
         result
     }
+}
+
+/// What is wrong with a surface that light may pass.
+const CUT_OUTS: &str = "it has cut-outs and bounds a medium; surfaces that bound media must be whole";
+
+fn no_library() -> PathtraceError {
+    invalid("library", "the world has none; it must have one")
 }

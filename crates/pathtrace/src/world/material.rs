@@ -54,6 +54,21 @@ impl CompiledMaterial {
         self.library.is_none() || self.transmits
     }
 
+    /// All materials of a world; `bounded`: in which surfaces bound media.
+    pub(super) fn all(
+        materials: &[Material],
+        library: Option<&SurfaceLibrary>,
+        energy: Energy,
+        bounded: bool,
+    ) -> Result<Vec<Self>, PathtraceError> {
+        let compile = |(i, m)| {
+            let mut out = Self::new(i, m, library, energy)?;
+            out.find_pane(bounded);
+            Ok(out)
+        };
+        materials.iter().enumerate().map(compile).collect()
+    }
+
     pub(crate) fn new(
         index: usize,
         material: &Material,
@@ -150,19 +165,25 @@ impl CompiledMaterial {
         }
     }
 
-    /// Marks a pane of thin glass as one.
-    pub(crate) fn find_pane(&mut self) {
-        self.pane = match &self.graph {
-            None => self.library.is_none() && matches!(self.bsdf, Bsdf::ThinDielectric(_)),
-            Some(graph) => {
-                matches!(graph.root, SurfaceNode::Dielectric { base: Bsdf::ThinDielectric(_), .. })
-            }
-        };
+    /// Marks a pane of thin glass as one, if surfaces of the world bound media.
+    pub(crate) fn find_pane(&mut self, bounded: bool) {
+        self.pane = bounded
+            && match &self.graph {
+                None => self.library.is_none() && matches!(self.bsdf, Bsdf::ThinDielectric(_)),
+                Some(graph) => {
+                    matches!(graph.root, SurfaceNode::Dielectric { base: Bsdf::ThinDielectric(_), .. })
+                }
+            };
     }
 
     /// The BSDF everywhere, where nothing varies.
     pub(crate) fn uniform(&self) -> &Bsdf<f32> {
         &self.bsdf
+    }
+
+    /// What the table of emitting triangles knows of it, the textures aside.
+    pub(crate) fn shining(&self) -> (bool, bool, bool, bool, Vec3f) {
+        (self.emits, self.both_sides, self.varies, self.unlit, self.emission)
     }
 
     /// Whether the path through it has to be followed: it absorbs, or is a boundary alone.

@@ -103,15 +103,8 @@ impl World {
             return Err(invalid("majorant factor", format!("is {factor}; it must lie in [1, 1000]")));
         }
         let mut geometry = Geometry::new(parts.shapes, &parts.instances, options.merge)?;
-        let mut materials: Vec<CompiledMaterial> = parts
-            .materials
-            .iter()
-            .enumerate()
-            .map(|(i, m)| CompiledMaterial::new(i, m, parts.library.as_ref(), options.energy))
-            .collect::<Result<_, _>>()?;
-        if !parts.media.is_empty() {
-            materials.iter_mut().for_each(CompiledMaterial::find_pane);
-        }
+        let (library, bounded) = (parts.library.as_ref(), !parts.media.is_empty());
+        let materials = CompiledMaterial::all(&parts.materials, library, options.energy, bounded)?;
         geometry.take_materials(&materials);
         let Geometry { origin, bounds, shapes, placed, hierarchy } = geometry;
         let holes: Vec<bool> = placed.iter().map(|p| p.alpha).collect();
@@ -251,16 +244,7 @@ impl Geometry {
         let mut cells = 0;
         let store = |(i, shape)| {
             let stored = Stored::new(i, shape)?;
-            if let Kind::DistanceGrid { grid, .. } = &stored.kind {
-                cells += grid.cells();
-                if cells > DistanceGrid::MAX_CELLS {
-                    let most = DistanceGrid::MAX_CELLS;
-                    let rule = format!(
-                        "the surfaces of grids pass through {cells} cells up to here; they may pass through {most}"
-                    );
-                    return Err(invalid(format!("shape {i}"), rule));
-                }
-            }
+            cells = count_cells(cells, i, &stored)?;
             Ok(stored)
         };
         let shapes: Vec<Stored> = shapes.into_iter().enumerate().map(store).collect::<Result<_, _>>()?;
@@ -296,6 +280,19 @@ impl Geometry {
             p.take_material(&materials[p.material as usize], &self.shapes[p.shape as usize]);
         }
     }
+}
+
+/// The cells that the surfaces of grids pass through, up to a shape: those before it and its own.
+fn count_cells(before: usize, i: usize, shape: &Stored) -> Result<usize, PathtraceError> {
+    let Kind::DistanceGrid { grid, .. } = &shape.kind else { return Ok(before) };
+    let (cells, most) = (before + grid.cells(), DistanceGrid::MAX_CELLS);
+    if cells > most {
+        let rule = format!(
+            "the surfaces of grids pass through {cells} cells up to here; they may pass through {most}"
+        );
+        return Err(invalid(format!("shape {i}"), rule));
+    }
+    Ok(cells)
 }
 
 fn check_indices(instances: &[Instance], shapes: usize, materials: usize) -> Result<(), PathtraceError> {

@@ -177,9 +177,9 @@ impl Parts {
     pub fn scale(&mut self, factor: f64, translation: DVec3) {
         assert!(factor > 0.0 && factor.is_finite(), "the factor is {factor}; it must be positive and finite");
         let moved = DAffine3::from_translation(translation) * DAffine3::from_scale(DVec3::splat(factor));
-        let (per_length, square) = ((1.0 / factor) as f32, (factor * factor) as f32);
+        let square = (factor * factor) as f32;
         self.instances.iter_mut().for_each(|i| i.transform = moved * i.transform);
-        self.materials.iter_mut().for_each(|m| m.absorption *= per_length);
+        self.scale_densities((1.0 / factor) as f32);
         for light in &mut self.lights {
             if let LightSource::Point { position, intensity }
             | LightSource::Spot { position, intensity, .. }
@@ -189,14 +189,18 @@ impl Parts {
                 *intensity *= square;
             }
         }
-        for volume in &mut self.volumes {
-            volume.transform = moved * volume.transform;
-            volume.scale *= per_length;
-        }
+        self.volumes.iter_mut().for_each(|v| v.transform = moved * v.transform);
         for medium in &mut self.media {
-            medium.scale *= per_length;
             medium.extinction.transform = moved * medium.extinction.transform;
             medium.albedo.transform = moved * medium.albedo.transform;
         }
+    }
+
+    /// Multiplies all that is measured per length (extinction, absorption): for shapes that were moved to another unit of
+    /// length by other means than [`Self::scale`].
+    pub fn scale_densities(&mut self, factor: f32) {
+        self.materials.iter_mut().for_each(|m| m.absorption *= factor);
+        self.volumes.iter_mut().for_each(|v| v.scale *= factor);
+        self.media.iter_mut().for_each(|m| m.scale *= factor);
     }
 }

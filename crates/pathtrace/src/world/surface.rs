@@ -49,6 +49,18 @@ impl Interaction {
         WorldRay { origin: self.beside(direction), direction, t_max }
     }
 
+    /// Whether the interpolated normal is another one than that of the facet, on its side.
+    #[inline(always)]
+    fn is_smooth(&self) -> bool {
+        self.ns != self.ng && self.ns.dot(self.ng) > 0.0
+    }
+
+    /// The geometric normal on the side of `wo`.
+    #[inline(always)]
+    pub(super) fn facing(&self, wo: Vec3f) -> Vec3f {
+        if self.ng.dot(wo) < 0.0 { -self.ng } else { self.ng }
+    }
+
     /// The point moved off the surface to the side of `direction`.
     #[inline(always)]
     pub fn beside(&self, direction: Vec3f) -> Vec3f {
@@ -223,7 +235,12 @@ impl World {
         };
         if !TEXTURES || !placed.varies {
             let n = face_viewer(at.ns, at.ng, wo);
-            out.n = if material.transmits && !at.front { -n } else { n };
+            out.n = match (material.transmits, at.front) {
+                (true, false) => -n,
+                (true, true) => n,
+                (false, _) if at.is_smooth() => reflecting_upwards(n, at.facing(wo), wo),
+                (false, _) => n,
+            };
             (out.s, out.t) = axes(out.n, tangent);
             return out;
         }
@@ -251,8 +268,8 @@ impl World {
         let normal = if has_map { mapped(at, sample.normal) } else { at.ns };
         let mut n = face_viewer(normal, at.ng, wo);
         let transmits = extensions.is_some_and(|e| e.transmission > 0.0) && sample.metallic < 1.0;
-        if has_map && !transmits {
-            n = reflecting_upwards(n, if at.ng.dot(wo) < 0.0 { -at.ng } else { at.ng }, wo);
+        if !transmits && (has_map || at.is_smooth()) {
+            n = reflecting_upwards(n, at.facing(wo), wo);
         }
         out.n = if transmits && !at.front { -n } else { n };
         (out.s, out.t) = axes(out.n, tangent);
@@ -462,8 +479,8 @@ pub(super) fn coat_normal(
     }
     let coat = if e.clearcoat_normal == up { at.ns } else { mapped(at, e.clearcoat_normal) };
     let mut coat = if at.front || transmits { coat } else { -coat };
-    if e.clearcoat_normal != up && !transmits {
-        coat = reflecting_upwards(coat, if at.ng.dot(wo) < 0.0 { -at.ng } else { at.ng }, wo);
+    if !transmits && (e.clearcoat_normal != up || at.is_smooth()) {
+        coat = reflecting_upwards(coat, at.facing(wo), wo);
     }
     let local = below.to_local(coat);
     if local.z > 0.0 { local } else { up }
@@ -475,8 +492,8 @@ const REFLECTED_COSINE: f32 = 0.01;
 /// The shading normal `n`, bent as little as it takes for the mirror direction of `wo` to stay above the surface with the
 /// geometric normal `ng`; all are unit vectors with `wo` above both.
 ///
-/// A mapped normal may send the mirror direction below the surface, where nothing arrives: mirrors would be black there.
-/// The mirror direction is lifted, within the plane of it and `ng`, to a small cosine, and the normal becomes the half
+/// A mapped or interpolated normal may send the mirror direction below the surface, where nothing arrives: mirrors would be
+/// black there. The mirror direction is lifted, within the plane of it and `ng`, to a small cosine, and the normal becomes the half
 /// vector. Reference renderers bend normals to the same effect.
 #[inline]
 fn reflecting_upwards(n: Vec3f, ng: Vec3f, wo: Vec3f) -> Vec3f {

@@ -1,0 +1,120 @@
+//! Surfaces whose emission varies: small bright spots are found, and edits of anything else leave the table of emitting
+//! triangles alone.
+
+use super::library::{scene, slot};
+use super::scenes::{looking, quad, render, square, with_strategy};
+use super::statistics::mean_of;
+use crate::{EnvironmentMap, MaterialValue, Parameter, Parts, RenderOptions, Strategy, World};
+use photofit_geometry::shapes;
+use photofit_scalar::{Vec3f, vec2, vec3};
+use photofit_scene::{Instance, MapKind, Material, Primitive, Scene, TextureImage, TextureSlot};
+
+/// A picture of `side` squared that is black but for some texels.
+fn dots(side: usize, white: &[usize]) -> TextureImage {
+    let mut texels = vec![[0, 0, 0, 255]; side * side];
+    white.iter().for_each(|i| texels[*i] = [255; 4]);
+    TextureImage { width: side, height: side, texels, ..Default::default() }
+}
+
+/// A floor and a lamp above it, of which one texel of 1024 glows.
+fn under_a_spot() -> Scene {
+    let glowing = Material {
+        base_color: [0.0, 0.0, 0.0, 1.0],
+        emissive: [1000.0; 3],
+        emissive_texture: Some(slot()),
+        ..Material::clay()
+    };
+    let mut lamp = quad(vec3(-0.5, 1.0, -0.5), vec3(1.0, 0.0, 0.0), vec3(0.0, 0.0, 1.0));
+    lamp.uvs = lamp.positions.iter().map(|p| vec2(p.x + 0.5, p.z + 0.5)).collect();
+    let mut out = scene(lamp, glowing);
+    out.images.push(dots(32, &[32 * 10 + 20]));
+    let floor = quad(vec3(-1.0, 0.0, -1.0), vec3(0.0, 0.0, 2.0), vec3(2.0, 0.0, 0.0));
+    out.materials.push(Material::clay());
+    out.primitives.push(Primitive { mesh: floor, material: 1 });
+    out.instances.push(Instance { primitive: 1, transform: Default::default() });
+    out
+}
+
+#[test]
+fn light_sampling_finds_a_spot_between_the_probes() {
+    let world = World::new(Parts::from_scene(&under_a_spot())).unwrap();
+    let view = looking([0.0, 0.6, 1.5], [0.0, 0.0, 0.0], 0.6);
+    let run = |strategy: Strategy, seed: u64| {
+        let options = RenderOptions { path: with_strategy(strategy, 1), seed, ..square(16, 1024) };
+        let (picture, variance) = render(&world, &view, options);
+        mean_of(&picture, &variance, 1024, 0)
+    };
+    let (light, bsdf) = (run(Strategy::Light, 1), run(Strategy::Bsdf, 2));
+    let error = light.1.hypot(bsdf.1);
+    assert!(error < 0.2 * bsdf.0, "{light:?} {bsdf:?}");
+    assert!((light.0 - bsdf.0).abs() < 4.0 * error, "{light:?} {bsdf:?}");
+}
+
+#[test]
+fn a_lamp_whose_texture_is_black_gives_no_light() {
+    let mut scene = under_a_spot();
+    scene.images[0] = dots(32, &[]);
+    let world = World::new(Parts::from_scene(&scene)).unwrap();
+    assert!(world.lights.is_dark());
+}
+
+/// A ball with one texture for each kind of map.
+fn mapped_ball() -> Scene {
+    let map = |image: usize| Some(TextureSlot { image, ..slot() });
+    let material = Material {
+        emissive: [2.0; 3],
+        base_color_texture: map(0),
+        metallic_roughness_texture: map(1),
+        normal_texture: map(2),
+        emissive_texture: map(3),
+        ..Material::clay()
+    };
+    let mut out = scene(shapes::uv_sphere(24, 12), material);
+    out.images = (0..4).map(|i| dots(16, &[3 * i, 100 + i, 200])).collect();
+    out
+}
+
+#[test]
+fn edits_of_what_is_not_emitted_leave_the_lights_alone() {
+    let view = looking([0.0, 0.0, 3.0], [0.0; 3], 0.7);
+    let picture = |world: &World| render(world, &view, square(8, 4)).0.data;
+    let parts = || {
+        let environment = Some(EnvironmentMap::constant(Vec3f::splat(1.0)));
+        Parts { environment, ..Parts::from_scene(&mapped_ball()) }
+    };
+    let mut world = World::new(parts()).unwrap();
+    let texels: Vec<[f32; 4]> = (0..256).map(|i| [0.5, 0.4, 0.3 + 0.001 * i as f32, 1.0]).collect();
+    for (map, shines) in [
+        (MapKind::BaseColor, false),
+        (MapKind::MetallicRoughness, false),
+        (MapKind::Normal, false),
+        (MapKind::Emissive, true),
+    ] {
+        let before = (world.lights.table(), picture(&world));
+        let texture = world.library().and_then(|l| l.texture_of(0, map)).unwrap();
+        world.set_texels(texture, &texels).unwrap();
+        assert_eq!(before.0 != world.lights.table(), shines, "{map:?}");
+        assert!(before.1 != picture(&world), "{map:?}");
+    }
+    // As in a world that is built with all of them.
+    let mut new = parts();
+    let library = new.library.as_mut().unwrap();
+    (0..4).for_each(|texture| library.set_texels(texture, &texels));
+    assert!(picture(&world) == picture(&World::new(new).unwrap()), "texels");
+    for (value, values, shines) in [
+        (MaterialValue::Roughness, &[0.4][..], false),
+        (MaterialValue::BaseColor, &[0.4; 3], false),
+        (MaterialValue::Emissive, &[0.5, 1.0, 3.0], true),
+    ] {
+        let table = world.lights.table();
+        world.set_parameter(&Parameter::Material { materials: vec![0], value }, values).unwrap();
+        assert_eq!(table != world.lights.table(), shines, "{value:?}");
+    }
+    let mut new = parts();
+    let library = new.library.as_mut().unwrap();
+    (0..4).for_each(|texture| library.set_texels(texture, &texels));
+    let mut factors = library.factors(0);
+    (factors.roughness, factors.base_color, factors.emissive) = (0.4, Vec3f::splat(0.4), vec3(0.5, 1.0, 3.0));
+    library.set_factors(0, &factors);
+    assert!(picture(&world) == picture(&World::new(new).unwrap()), "factors");
+}
